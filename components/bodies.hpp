@@ -1,0 +1,62 @@
+#pragma once
+#include <string>
+#include <vector>
+
+#include "components/entity.hpp"
+#include "components/math.hpp"
+namespace trocar {
+
+enum class Motion : uint8_t {
+    kStatic,      // never moves
+    kKinematic,   // rigid, follows a scripted path
+    kHand,        // rigid, follows a device through the virtual coupling
+    kDeformable,  // particles and springs
+};
+
+enum class AnchorFrame : uint8_t {
+    kWorld,  // goals are rest positions under the body's rest pose: tissue held by what surrounds it
+    kShape,  // goals are the best-fit rigid copy of the rest shape: a free body that keeps its shape
+};
+
+// Material of a deformable body. SI units.
+struct Tissue {
+    double youngs_modulus = 10e3;  // Pa
+    double density = 1050;         // kg/m^3
+    double wall = 2e-3;            // m, thickness of the elastic wall that the surface springs stand for
+    double depth = 40e-3;          // m, depth of the elastic bed behind the wall that the anchors stand for
+    double damping = 2;            // 1/s, decay rate of the velocity relative to the anchor frame
+    double friction = 0.1;         // Coulomb coefficient
+};
+
+// Who a body is and what it is made of. Constant while a scene runs (spawn and removal aside). One row per body.
+struct Bodies {
+    std::vector<Entity> entity;
+    std::vector<std::string> name;
+    std::vector<uint32_t> mesh;               // prototype
+    std::vector<Motion> motion;
+    std::vector<Range> particles;             // deformable: rows of Particles; else empty
+    std::vector<uint32_t> tree;               // row of World::trees
+    std::vector<AnchorFrame> anchor_frame;
+    std::vector<Tissue> tissue;
+    std::vector<float> spring_stiffness;      // N/m, one k per body
+    std::vector<double> inv_mass;             // 1/kg, rigid: of the translation; 0 = cannot be pushed
+    std::vector<double> stable_dt;            // s, computed limit of the explicit step; infinity for rigid bodies
+    std::vector<double> thickness;            // m, sheets only
+};
+
+// Where bodies are. Rigid: position and orientation of the body frame. Deformable: origin is the origin of the
+// particle offsets and orientation the rest orientation of the anchors. One row per body.
+struct Poses {
+    std::vector<Vec3d> origin;            // m
+    std::vector<Quat> orientation;
+    std::vector<Vec3d> velocity;          // m/s, rigid
+    std::vector<Vec3d> angular_velocity;  // rad/s, rigid, world axes
+};
+
+// Box of every body this pass, enlarged by its margin.
+struct BodyBoxes {
+    std::vector<Box> box;
+    std::vector<double> margin;  // m, fastest vertex * period + 0.05 mean edge
+};
+
+}  // namespace trocar

@@ -1,0 +1,91 @@
+#pragma once
+#include <array>
+#include <vector>
+
+#include "components/math.hpp"
+#include "components/mesh.hpp"
+namespace trocar {
+
+enum class ResponseShare : uint8_t { kMass, kStiffness, kHalf };
+enum class ResponseDirection : uint8_t { kLocal, kThesis };
+
+// What a scene may set under [contact].
+struct ContactParams {
+    double tolerance = 1e-4;        // m, deepest point along an edge is found to this
+    double cell_edges = 2.5;        // cell size of the occupancy grid in mean edges of the surviving triangles
+    double push_speed = 0.1;        // m/s, fastest removal of remaining overlap
+    uint32_t iterations = 2;        // velocity passes over the rows of an island per substep
+    ResponseShare share = ResponseShare::kMass;
+    ResponseDirection direction = ResponseDirection::kLocal;
+};
+
+// Pairs of bodies whose enlarged boxes overlap, a < b, ascending. Static-static pairs are left out.
+struct CandidatePairs {
+    std::vector<uint32_t> a, b;  // body rows
+};
+
+// The occupancy grid (thesis: OHC) as three flat layers. Only cells shared by two or more bodies are filled.
+struct Occupancy {
+    double cell_size = 0;                 // m
+    Vec3d origin = Vec3d::Zero();         // corner of cell (0, 0, 0)
+    std::vector<uint64_t> cell_key;       // cell layer: packed 21-bit x, y, z, ascending
+    std::vector<uint32_t> object_first;   // cell -> rows of object; cell_key.size() + 1
+    std::vector<uint32_t> object;         // object layer: body
+    std::vector<uint32_t> primitive_first;// object row -> rows of primitive; object.size() + 1
+    std::vector<uint32_t> primitive;      // primitive layer: local triangle, ascending
+};
+
+// What the shared cells say about each candidate pair: the triangle pairs whose enlarged boxes meet, each once.
+struct CandidateTriangles {
+    std::vector<Range> pair;                             // per candidate pair: rows of triangle
+    std::vector<std::array<uint32_t, 2>> triangle;       // local triangle of a, of b; ascending
+};
+
+// Points of one body's surface near or inside another body. Ascending (pair, side, vertex before edge, index).
+struct Contacts {
+    std::vector<uint32_t> pair;                  // row of CandidatePairs
+    std::vector<uint32_t> body;                  // whose point it is
+    std::vector<uint32_t> other;                 // whose surface it is near
+    std::vector<std::array<uint32_t, 2>> vertex; // local vertices of body; equal for a vertex point
+    std::vector<float> along;                    // point = (1 - along) * vertex[0] + along * vertex[1]
+    std::vector<Vec3d> point;                    // world, m
+    std::vector<Vec3d> closest;                  // nearest surface point of other, world, m
+    std::vector<Vec3d> normal;                   // unit, outward from other
+    std::vector<double> distance;                // m, signed, < 0 inside
+    std::vector<uint32_t> triangle;              // local triangle of other that holds `closest`
+};
+
+// Depth of every candidate pair that overlaps. `depth` is the thesis depth: the largest of the shortest distances.
+struct Penetrations {
+    std::vector<uint32_t> pair;            // row of CandidatePairs
+    std::vector<double> depth;             // m
+    std::vector<Vec3d> direction;          // unit, the way b must go to leave a
+    std::vector<uint32_t> witness;         // row of Contacts
+    std::vector<uint32_t> vertices_a_in_b;
+    std::vector<uint32_t> vertices_b_in_a;
+    std::vector<uint32_t> edge_contacts;
+};
+
+// One-sided constraints for the substeps of this period: a point of `body` stays outside a plane that rides on a
+// triangle of `other`. Same order as Contacts.
+struct ContactRows {
+    std::vector<uint32_t> body, other;
+    std::vector<std::array<uint32_t, 2>> vertex;   // local vertices of body
+    std::vector<float> along;
+    std::vector<Triangle> triangle;                // local vertices of the triangle of other
+    std::vector<std::array<float, 3>> weight;      // barycentric coordinates of the plane point, sum 1
+    std::vector<Vec3d> normal;                     // unit, outward from other; in the body frame if other is rigid
+    std::vector<double> distance;                  // m, at the start of the period
+    std::vector<float> friction;
+    std::vector<Vec3d> impulse;                    // N s, on body, summed over the period (written by response)
+};
+
+// Bodies joined by contact rows. Islands ascend by their smallest body; bodies and rows inside ascend.
+struct Islands {
+    std::vector<Range> bodies;     // per island: rows of body
+    std::vector<uint32_t> body;
+    std::vector<Range> rows;       // per island: rows of row
+    std::vector<uint32_t> row;     // rows of ContactRows
+};
+
+}  // namespace trocar

@@ -1,0 +1,12 @@
+#pragma once
+#include <cstdint>
+namespace trocar {
+
+// Name of a body that stays valid, or is seen to be stale, when bodies come and go.
+struct Entity {
+    uint32_t index = UINT32_MAX;
+    uint32_t generation = 0;
+    friend bool operator==(const Entity&, const Entity&) = default;
+};
+
+}  // namespace trocar

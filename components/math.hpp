@@ -1,0 +1,41 @@
+#pragma once
+#include <Eigen/Core>
+#include <cstdint>
+#include <limits>
+namespace trocar {
+
+using Vec3 = Eigen::Vector3f;
+using Vec3d = Eigen::Vector3d;
+
+// "No row": absent triangle, neighbour, texture, body.
+inline constexpr uint32_t kNone = UINT32_MAX;
+
+// One contiguous slice of a flat array, [first, first + count).
+struct Range {
+    uint32_t first = 0;
+    uint32_t count = 0;
+    uint32_t end() const { return first + count; }
+};
+
+// Sixteen bytes that one vector load brings in. Positions keep the inverse mass in w.
+struct alignas(16) Float4 {
+    float x = 0, y = 0, z = 0, w = 0;
+};
+
+// Unit quaternion w + xi + yj + zk. Ours, because Eigen's changes its alignment with the instruction set.
+struct Quat {
+    double w = 1, x = 0, y = 0, z = 0;
+};
+
+// Axis-aligned box, m. Empty when min > max.
+struct Box {
+    Vec3d min = Vec3d::Constant(std::numeric_limits<double>::infinity());
+    Vec3d max = Vec3d::Constant(-std::numeric_limits<double>::infinity());
+};
+
+// Texture coordinate.
+struct Vec2 {
+    float u = 0, v = 0;
+};
+
+}  // namespace trocar

@@ -1,0 +1,20 @@
+#pragma once
+#include <vector>
+
+#include "components/math.hpp"
+namespace trocar {
+
+// Point masses of every deformable body, one array per field; a body owns a range padded to a multiple of 16.
+struct Particles {
+    std::vector<Float4> offset;      // m, from the body's origin; w = inverse mass 1/kg, 0 = fixed or padding
+    std::vector<float> velocity_x;   // m/s, half a step behind the offset (leapfrog)
+    std::vector<float> velocity_y;
+    std::vector<float> velocity_z;
+};
+
+// Anchors of deformable bodies: a spring of rest length zero from a particle to its goal. Constant after load.
+struct Anchors {
+    std::vector<float> stiffness;    // N/m, one per particle; 0 = none
+};
+
+}  // namespace trocar

@@ -1,0 +1,34 @@
+#pragma once
+#include <cstdint>
+namespace trocar {
+
+// Energy of all deformable bodies and the work done on them since the start. J.
+// Balance: kinetic + elastic + gravity - (work_*) = its value at the start.
+struct Energy {
+    double kinetic = 0;
+    double elastic = 0;        // surface springs and anchors
+    double gravity = 0;        // potential
+    double work_hand = 0;      // of hands and scripts, through contact rows
+    double work_contact = 0;   // of inelastic impact and friction, <= 0
+    double work_damping = 0;   // <= 0
+    double work_push = 0;      // of push-out moves
+    double balance = 0;        // kinetic + elastic + gravity - works - value at the start
+};
+
+// Trouble is counted here; frames never throw and never print.
+struct Report {
+    uint64_t contact_passes = 0;
+    uint64_t contact_events = 0;          // passes with at least one overlapping pair
+    uint64_t dropped_contacts = 0;        // beyond capacity, shallowest first
+    uint64_t oversize_triangles = 0;      // spanned more than 64 cells
+    uint64_t tie_overflows = 0;           // closest-point queries restarted in double
+    uint64_t sign_disagreements = 0;      // distance jumped by more than the relative motion allows
+    uint64_t ended_rows = 0;              // planes left behind by a sliding vertex
+    uint64_t opposing_planes = 0;         // vertices pressed from both sides
+    uint64_t nonfinite_particles = 0;     // restored
+    uint64_t dropped_pictures = 0;        // live mode
+    uint64_t late_passes = 0;             // live mode
+    double deepest_residual = 0;          // m, deepest overlap at the end of a period
+};
+
+}  // namespace trocar

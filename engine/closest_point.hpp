@@ -1,0 +1,68 @@
+#pragma once
+#include <memory>
+#include <span>
+
+#include "components/math.hpp"
+#include "engine/mesh_view.hpp"
+namespace trocar {
+
+// Part of a triangle that a closest point lies on. Edge k runs from corner k to corner k+1.
+enum class Feature : uint8_t { kVertex0, kVertex1, kVertex2, kEdge0, kEdge1, kEdge2, kFace };
+
+// Nearest surface point. triangle == kNone when nothing lies within the radius asked for.
+struct SurfacePoint {
+    Vec3d point = Vec3d::Zero();   // m, frame of the tree
+    Vec3d normal = Vec3d::Zero();  // unit, outward: sign * (query - point) / distance, or the pseudonormal when on the surface
+    double distance = 0;           // m, signed: < 0 inside. Unsigned (>= 0) for sheets
+    uint32_t triangle = kNone;     // local triangle
+    Feature feature = Feature::kFace;
+};
+
+// Counters of one batch, to be added to Report by the caller.
+struct QueryCounters {
+    uint64_t tie_overflows = 0;
+};
+
+// Signed closest-point queries on one triangle mesh, exact to double rounding: Embree finds candidates in float in a
+// recentred frame, every triangle within a proven error bound of the best is evaluated again in double, and the least
+// (squared distance, triangle id) wins. Sign: angle-weighted pseudonormal of the winning feature (Baerentzen & Aanaes,
+// TVCG 11(3), 2005) for solids, generalised winding number (Jacobson et al. 2013) for kWinding meshes, none for sheets.
+// Answers do not depend on hints, on earlier refits, or on the instruction set.
+class ClosestPointTree {
+   public:
+    // Rigid or imported surface: doubles in the body frame. The view must outlive the tree.
+    explicit ClosestPointTree(const MeshView& mesh);
+    // Deformable surface: float offsets, one per vertex (more rows may follow).
+    ClosestPointTree(const MeshView& mesh, std::span<const Float4> offset);
+    ~ClosestPointTree();
+    ClosestPointTree(const ClosestPointTree&) = delete;
+    ClosestPointTree& operator=(const ClosestPointTree&) = delete;
+
+    // Takes new vertex positions. Different trees may be refitted at the same time.
+    void refit(std::span<const Float4> offset);
+    // Builds afresh from the present positions (same answers, faster queries after large deformation).
+    void rebuild();
+
+    // Answers point i into out[i]. radius[i] (m, may be infinite) bounds the search: a surface at exactly that
+    // distance may or may not be found, anything nearer is. hint[i] = a triangle likely to be near, or kNone; an empty
+    // span means no hints. Thread-safe against other queries.
+    void query(std::span<const Vec3d> points, std::span<const double> radius, std::span<const uint32_t> hint,
+               std::span<SurfacePoint> out, QueryCounters& counters) const;
+    SurfacePoint query(const Vec3d& point, double radius = std::numeric_limits<double>::infinity()) const;
+
+    // Generalised winding number of the present surface, double, direct sum: 1 inside a closed outward surface.
+    double winding_number(const Vec3d& point) const;
+
+    // Position of a vertex as the answers see it.
+    Vec3d vertex(uint32_t v) const;
+
+   private:
+    struct Impl;
+    std::unique_ptr<Impl> impl_;
+};
+
+// Instruction set the kernels of this process run with: "avx512" or "avx2". Chosen once; force_avx2() is for tests.
+const char* instruction_set();
+void force_avx2(bool on);
+
+}  // namespace trocar

@@ -1,0 +1,34 @@
+#pragma once
+#include <Eigen/Geometry>
+#include <cmath>
+
+#include "components/math.hpp"
+namespace trocar {
+
+// v turned by q.
+inline Vec3d rotate(const Quat& q, const Vec3d& v) {
+    const Vec3d u(q.x, q.y, q.z);
+    const Vec3d t = 2.0 * u.cross(v);
+    return v + q.w * t + u.cross(t);
+}
+inline Quat conjugate(const Quat& q) { return {q.w, -q.x, -q.y, -q.z}; }
+inline Vec3d rotate_back(const Quat& q, const Vec3d& v) { return rotate(conjugate(q), v); }
+
+// First b, then a.
+inline Quat multiply(const Quat& a, const Quat& b) {
+    return {a.w * b.w - a.x * b.x - a.y * b.y - a.z * b.z, a.w * b.x + a.x * b.w + a.y * b.z - a.z * b.y,
+            a.w * b.y - a.x * b.z + a.y * b.w + a.z * b.x, a.w * b.z + a.x * b.y - a.y * b.x + a.z * b.w};
+}
+inline Quat normalized(const Quat& q) {
+    const double n = std::sqrt(q.w * q.w + q.x * q.x + q.y * q.y + q.z * q.z);
+    return n > 0 ? Quat{q.w / n, q.x / n, q.y / n, q.z / n} : Quat{};
+}
+// Rotation by |v| radians about v.
+inline Quat from_rotation_vector(const Vec3d& v) {
+    const double angle = v.norm();
+    if (angle < 1e-300) return {};
+    const double s = std::sin(0.5 * angle) / angle;
+    return {std::cos(0.5 * angle), v.x() * s, v.y() * s, v.z() * s};
+}
+
+}  // namespace trocar

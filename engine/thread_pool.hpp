@@ -1,0 +1,28 @@
+#pragma once
+#include <cstdint>
+#include <functional>
+#include <memory>
+namespace trocar {
+
+// Flush-to-zero and denormals-are-zero for the calling thread. First statement of every main and of every thread we
+// start: Embree sets it inside a commit and the scheduler remembers the mode of its first user.
+void set_float_mode();
+
+// The process's worker threads. Made once, before the first parallel loop.
+class ThreadPool {
+   public:
+    explicit ThreadPool(uint32_t threads);  // 0 = all cores
+    ~ThreadPool();
+    // Runs work inside the pool; parallel_for and run_parallel called by it use its threads.
+    void run(const std::function<void()>& work);
+    uint32_t threads() const;
+
+   private:
+    struct Impl;
+    std::unique_ptr<Impl> impl_;
+};
+
+// Threads of the pool the caller runs in; 1 outside any pool.
+uint32_t thread_count();
+
+}  // namespace trocar
