@@ -32,12 +32,12 @@ void run_serial(std::span<const Stage> stages, FrameState& state, const StageObs
 
 // The graph of a list of stages, built once and run every frame. Same result as run_serial, bit for bit.
 class JobGraph {
-   public:
+ public:
     JobGraph(std::span<const Stage> stages, FrameState& state, const StageObserver& observer = {});
     ~JobGraph();
     void run();
 
-   private:
+ private:
     struct Impl;
     std::unique_ptr<Impl> impl_;
 };

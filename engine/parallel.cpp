@@ -18,8 +18,7 @@ void parallel_for_chunks(uint32_t count, uint32_t grain, void (*call)(const void
         return;
     }
     // isolate: while this stage waits it must not pick up another stage
-    tbb::this_task_arena::isolate(
-        [&] { tbb::parallel_for(0u, chunks, run_chunk, tbb::simple_partitioner()); });
+    tbb::this_task_arena::isolate([&] { tbb::parallel_for(0u, chunks, run_chunk, tbb::simple_partitioner()); });
 }
 
 }  // namespace trocar

@@ -43,7 +43,8 @@ uint32_t ThreadPool::threads() const { return static_cast<uint32_t>(impl_->arena
 
 uint32_t thread_count() {
     const int index = tbb::this_task_arena::current_thread_index();
-    return index == tbb::task_arena::not_initialized ? 1u : static_cast<uint32_t>(tbb::this_task_arena::max_concurrency());
+    return index == tbb::task_arena::not_initialized ? 1u
+                                                     : static_cast<uint32_t>(tbb::this_task_arena::max_concurrency());
 }
 
 uint32_t thread_index() {

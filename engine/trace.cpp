@@ -25,11 +25,10 @@ std::string Trace::to_json(const std::vector<std::string>& thread_names) const {
     for (size_t i = 0; i < count; ++i) first = std::min(first, events_[i].begin_ns);
     for (size_t i = 0; i < count; ++i) {
         const TraceEvent& e = events_[i];
-        std::snprintf(line, sizeof line,
-                      "{\"name\":\"%.*s\",\"ph\":\"X\",\"pid\":1,\"tid\":%u,\"ts\":%.3f,\"dur\":%.3f}%s\n",
-                      static_cast<int>(e.name.size()), e.name.data(), e.thread,
-                      static_cast<double>(e.begin_ns - first) * 1e-3, static_cast<double>(e.duration_ns) * 1e-3,
-                      i + 1 < count ? "," : "");
+        std::snprintf(
+            line, sizeof line, "{\"name\":\"%.*s\",\"ph\":\"X\",\"pid\":1,\"tid\":%u,\"ts\":%.3f,\"dur\":%.3f}%s\n",
+            static_cast<int>(e.name.size()), e.name.data(), e.thread, static_cast<double>(e.begin_ns - first) * 1e-3,
+            static_cast<double>(e.duration_ns) * 1e-3, i + 1 < count ? "," : "");
         out += line;
     }
     if (count == 0 && !thread_names.empty()) out.erase(out.size() - 2, 1);  // no comma after the last entry

@@ -21,7 +21,7 @@ struct TraceEvent {
 
 // Spans of a run in a buffer of fixed capacity: beyond it events are counted, not kept. Threads may add at once.
 class Trace {
-   public:
+ public:
     explicit Trace(size_t capacity) : events_(capacity) {}
     void add(const TraceEvent& event) {
         const size_t row = count_.fetch_add(1, std::memory_order_relaxed);
@@ -34,7 +34,7 @@ class Trace {
     // chrome://tracing and speedscope.
     std::string to_json(const std::vector<std::string>& thread_names) const;
 
-   private:
+ private:
     std::vector<TraceEvent> events_;
     std::atomic<size_t> count_{0};
 };
