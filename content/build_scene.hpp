@@ -8,7 +8,8 @@
 namespace trocar {
 
 // Appends a body of a prototype at the world origin, with a tree of its own when deformable and a shared one otherwise.
-// A deformable body gets its particles, springs and anchors from `tissue`; see engine/deformable_setup.hpp. Returns its row.
+// A deformable body gets its particles, springs and anchors from `tissue`; see engine/deformable_setup.hpp. Returns its
+// row.
 uint32_t add_body(World& world, const std::string& name, uint32_t prototype, Motion motion, const Tissue& tissue = {},
                   AnchorFrame anchor_frame = AnchorFrame::kWorld);
 
@@ -17,7 +18,7 @@ struct BuiltScene {
     World world;
     Camera camera;
     PictureParams picture;
-    std::vector<std::string> notes;      // one line per body: what it is and what import changed
+    std::vector<std::string> notes;  // one line per body: what it is and what import changed
     std::vector<std::string> warnings;
 };
 

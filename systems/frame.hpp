@@ -20,10 +20,10 @@ std::span<const FrameStage> advance_stages();  // at the contact rate
 std::span<const FrameStage> end_stages();      // at the display rate
 
 struct FrameOptions {
-    bool serial = false;             // run_serial instead of the job graph
-    bool clear_caches = false;       // forget hints, sweep orders and trees' shapes before every pass (tests)
+    bool serial = false;        // run_serial instead of the job graph
+    bool clear_caches = false;  // forget hints, sweep orders and trees' shapes before every pass (tests)
     bool account_energy = true;
-    bool external_ticks = false;     // live: the haptic thread ticks, the frame does not
+    bool external_ticks = false;  // live: the haptic thread ticks, the frame does not
     Trace* trace = nullptr;
 };
 
@@ -36,11 +36,16 @@ struct FrameTimes {
 
 // A world and the stages that its scene needs. Make and use it inside ThreadPool::run.
 class Frame {
-   public:
+ public:
     Frame(World world, const FrameOptions& options);
     ~Frame();
     // One contact pass: begin, advance, and end when a picture is due at the end of the pass.
     void step();
+    // For tests of the table: the stages of this frame in serial order; everything of a pass before stage `row`; that
+    // stage alone.
+    std::span<const Stage> stages() const;
+    void step_until(uint32_t row);
+    void run_stage(uint32_t row);
     World& world();
     const World& world() const;
     const std::vector<std::string>& stage_names() const;
@@ -48,7 +53,7 @@ class Frame {
     // Rows of stage_names that count as detection (body boxes to islands).
     std::span<const uint32_t> detection_stages() const;
 
-   private:
+ private:
     std::unique_ptr<struct FrameState> state_;
     struct Graphs;
     std::unique_ptr<Graphs> graphs_;
