@@ -21,6 +21,19 @@ inline bool contains(const Box& box, const Vec3d& p) {
     return (box.min.array() <= p.array()).all() && (p.array() <= box.max.array()).all();
 }
 
+inline void resize_contacts(Contacts& contacts, size_t rows) {
+    contacts.pair.resize(rows);
+    contacts.body.resize(rows);
+    contacts.other.resize(rows);
+    contacts.vertex.resize(rows);
+    contacts.along.resize(rows);
+    contacts.point.resize(rows);
+    contacts.closest.resize(rows);
+    contacts.normal.resize(rows);
+    contacts.distance.resize(rows);
+    contacts.triangle.resize(rows);
+}
+
 // Present vertices of one body relative to a base point, four doubles at a time (x, y, z, 0). m
 class BodyPoints {
  public:
