@@ -25,18 +25,25 @@ struct CandidatePairs {
     std::vector<uint32_t> a, b;  // body rows
 };
 
+// Box in eight floats, so that one comparison of a vector register tells whether two boxes meet.
+struct alignas(32) PackedBox {
+    std::array<float, 4> min{};      // x, y, z, 0; m
+    std::array<float, 4> neg_max{};  // -x, -y, -z, 0; m
+};
+
 // Triangles that can matter this pass: their box, enlarged by the reach of their body (margin, and half the thickness
 // of a sheet), meets the overlap of two enlarged body boxes. Non-finite triangles are left out.
 struct ScreenedTriangles {
+    Vec3d origin = Vec3d::Zero();         // m, world: boxes are relative to it
     std::vector<Range> body;              // per body: rows of triangle; empty for a body in no pair
     std::vector<uint32_t> triangle;       // local, ascending within a body
-    std::vector<Box> box;                 // world, enlarged, m
+    std::vector<PackedBox> box;           // enlarged, rounded outward
 };
 
 // The occupancy grid (thesis: OHC) as three flat layers. Only cells shared by two or more bodies are filled.
 struct Occupancy {
     double cell_size = 0;                 // m
-    Vec3d origin = Vec3d::Zero();         // corner of cell (0, 0, 0)
+    Vec3d origin = Vec3d::Zero();         // corner of cell (0, 0, 0), m, world
     std::vector<uint64_t> cell_key;       // cell layer: packed 21-bit x, y, z, ascending
     std::vector<uint32_t> object_first;   // cell -> rows of object; cell_key.size() + 1
     std::vector<uint32_t> object;         // object layer: body

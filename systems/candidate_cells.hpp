@@ -1,14 +1,15 @@
 #pragma once
 #include <array>
+#include <span>
 #include <vector>
 
 #include "components/contacts.hpp"
 namespace trocar {
 
 struct CandidateCellsScratch {
-    std::vector<uint32_t> pair_first;                    // per body a: first pair
-    std::vector<uint32_t> found_pair;                    // per find, in cell order
-    std::vector<std::array<uint32_t, 2>> found, sorted;  // ScreenedTriangles rows of a and b
+    std::vector<uint32_t> pair_first;  // per body: its first pair as a
+    // one row per find, in cell order, then by (row of a, row of b), then by pair
+    std::vector<std::array<uint32_t, 3>> found, by_row;  // ScreenedTriangles rows of a and b, pair
     std::vector<uint32_t> first;                         // counting sort
     std::vector<uint32_t> sweep_a, sweep_b;              // rows of a crowded cell by lower x
 };

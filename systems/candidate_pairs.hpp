@@ -9,7 +9,9 @@ namespace trocar {
 // Memory of the sweep. A cache: any content gives the same pairs.
 struct CandidatePairsScratch {
     std::vector<uint32_t> order;  // bodies by lower x of their boxes, kept between passes
-    std::vector<uint64_t> found;  // a << 32 | b
+    std::vector<Box> sorted;      // boxes in that order
+    std::vector<std::array<uint32_t, 2>> found;
+    std::vector<uint32_t> first;
 };
 
 // Pairs of bodies whose enlarged boxes meet, ascending (a, b), by sort-and-sweep along x. A pair is left out when

@@ -13,23 +13,25 @@ namespace trocar {
 
 // The deepest point of one edge, before it becomes a row of Contacts.
 struct EdgeContact {
-    uint32_t edge = 0;  // local edge of body
-    double along = 0;
-    SurfacePoint answer;  // in the frame of other
+    std::array<uint32_t, 2> vertex{};  // of body
+    float along = 0;
+    Vec3d point = Vec3d::Zero();  // frame of the other body, m
+    SurfacePoint answer;          // frame of the other body
 };
 
-// Working arrays of one side of one candidate pair.
-struct EdgeSide {
-    std::vector<uint32_t> near_row;                  // per vertex of body: row of NearVertices; valid where marked
-    std::vector<uint32_t> edge;                      // edges to look at, ascending
-    std::vector<uint64_t> seen;                      // one bit per edge of body, clean between passes
-    std::vector<uint32_t> opposite_first, opposite;  // candidate triangles of other, per near triangle of body
-    std::vector<EdgeContact> found;
+// Working arrays of a run of sides; bit sets and per-vertex or per-triangle rows are of the body at hand.
+struct EdgeChunk {
+    std::vector<uint64_t> near_triangle, near_edge;
+    std::vector<uint32_t> near_row;        // per vertex: row of NearVertices
+    std::vector<uint32_t> opposite_first;  // per triangle: rows of opposite
+    std::vector<uint32_t> opposite;        // candidate triangles of the other body
+    std::vector<EdgeContact> found;        // of all sides of the run
     QueryCounters counters;
 };
 
 struct EdgePassScratch {
-    std::vector<EdgeSide> side;  // two per candidate pair
+    std::vector<EdgeChunk> chunk;
+    std::vector<Range> side;  // two per candidate pair: rows of the chunk's found
     Contacts merged;
 };
 

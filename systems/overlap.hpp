@@ -10,22 +10,36 @@
 #include "engine/surfaces.hpp"
 namespace trocar {
 
-// Working arrays of one side of one candidate pair.
+// What is known of one side of one candidate pair.
 struct OverlapSide {
-    std::vector<uint32_t> near;    // near triangles of body, ascending
-    std::vector<uint32_t> mark;    // per vertex of body, clean between passes
-    std::vector<uint32_t> vertex;  // vertices to query, ascending
-    std::vector<uint32_t> hint;
-    std::vector<Vec3d> point;  // in the frame of other, m
-    std::vector<double> radius;
+    Range answers;      // rows of the chunk's vertex and answer
+    uint32_t near = 0;  // of these, how many are nearer than the margin or inside
+};
+
+// Working arrays of a run of sides. Bit sets and per-vertex rows are of the body at hand.
+struct OverlapChunk {
+    std::vector<uint64_t> near_triangle, near_vertex, region_vertex;
+    std::vector<uint32_t> hint;    // per vertex: a triangle of the other body close by
+    std::vector<uint32_t> parent;  // per vertex: union-find over triangles that nothing crosses
+    std::vector<uint8_t> piece;    // per root vertex: which side of the other surface it is on
+    std::vector<uint32_t> row;     // per vertex: row of answer
+    // queries of the side at hand
+    std::vector<uint32_t> query_vertex, query_hint;
+    std::vector<Vec3d> query_point;  // frame of the other body, m
+    std::vector<double> query_radius;
+    std::vector<SurfacePoint> query_answer;
+    std::vector<QueryCounters> query_counters;
+    // results of all sides of the run
+    std::vector<uint32_t> vertex;  // ascending within a side
+    std::vector<Vec3d> point;      // frame of the other body, m
     std::vector<SurfacePoint> answer;
-    std::vector<uint32_t> root, piece, piece_vertex, members;
     uint64_t sign_disagreements = 0;
-    QueryCounters counters;
+    uint64_t tie_overflows = 0;
 };
 
 // Memory of the overlap phase. `hint_*` is a cache: any content gives the same answers.
 struct OverlapScratch {
+    std::vector<OverlapChunk> chunk;
     std::vector<OverlapSide> side;        // two per candidate pair
     std::vector<uint32_t> vertex_first;   // per body: row of its first vertex in hint_*
     std::vector<uint32_t> hint_other;     // body that the vertex was near in the last pass

@@ -1,4 +1,5 @@
 #pragma once
+#include <array>
 #include <vector>
 
 #include "components/bodies.hpp"
@@ -14,18 +15,26 @@ struct CountedCell {
     uint32_t shared = 0;  // 0 while only one body did, then 1 + row of the shared cell
 };
 
+// What the screening of one body found.
+struct BodyScreen {
+    std::vector<uint8_t> outcode;  // per vertex: sides of the region it lies beyond
+    std::vector<uint32_t> triangle;
+    std::vector<PackedBox> box;
+    double edge_sum = 0;  // m
+};
+
 struct RasteriseScratch {
-    std::vector<Box> region;               // overlap box of each candidate pair
-    std::vector<uint32_t> region_first;    // per body: rows of region_pair
-    std::vector<uint32_t> region_pair;     // pairs of a body, ascending
-    std::vector<uint8_t> outcode;          // per vertex of one body
-    std::vector<Vec3d> position;           // of one body, world
-    std::vector<CountedCell> table;        // open addressing, a power of two
-    std::vector<uint32_t> reference_slot;  // one per (triangle, cell) of pass 1
-    std::vector<uint32_t> reference_row;   // ScreenedTriangles row of the same
-    std::vector<uint32_t> used_slot;       // to clear the table
-    std::vector<uint64_t> shared_key;
-    std::vector<uint32_t> shared_slot, order, order_next, cell_first, row_body, cell_row;
+    std::vector<Box> region;                                              // overlap box of each candidate pair, world
+    std::vector<uint32_t> region_first;                                   // per body: rows of region_pair
+    std::vector<uint32_t> region_pair;                                    // pairs of a body
+    std::vector<uint32_t> body;                                           // bodies in a pair, ascending
+    std::vector<BodyScreen> screen;                                       // per row of body
+    std::vector<CountedCell> table;                                       // open addressing, a power of two
+    std::vector<uint32_t> used_slot;                                      // to clear the table
+    std::vector<uint32_t> reference_slot, reference_row, reference_body;  // per (triangle, cell) of pass 1
+    std::vector<std::array<uint64_t, 2>> shared;                          // key, row in order of discovery
+    std::vector<uint32_t> rank;                                           // of a shared cell by key
+    std::vector<uint32_t> cell_first, next, cell_body;
 };
 
 // OHC construction (thesis 3.3.1): rasterises the triangles that lie in the overlap of two enlarged body boxes into a
