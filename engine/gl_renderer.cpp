@@ -48,24 +48,41 @@ struct BodyBuffers {
     std::vector<RenderGroup> patched_groups;
 };
 
+// Choices that hold for a whole draw call; each combination is a program of its own, see gl_shaders.hpp.
+constexpr uint32_t kTextured = 1, kDepthColours = 2, kScope = 4, kVariants = 8;
+uint32_t variant_of(bool textured, bool depth_colours, bool scope) {
+    return (textured ? kTextured : 0) | (depth_colours ? kDepthColours : 0) | (scope ? kScope : 0);
+}
+
 struct SurfaceProgram {
     GLuint name = 0;
-    GLint clip_from_body, eye_from_body, normal_from_body;
-    GLint diffuse, specular, shine, opacity, textured, depth_colours, light_at_eye, inv_depth_scale, light_distance;
+    GLint clip_from_body, eye_from_body, normal_from_body, size;
+    GLint diffuse, specular, shine, opacity, inv_depth_scale, light_distance;
     GLint key, fill, sky, forward, image, palette;
 };
 
-struct Programs {
-    SurfaceProgram surface;
-    GLuint wire = 0, background = 0, ground = 0, mask = 0;
-    GLint wire_clip, wire_plain, wire_pull, background_size, background_scope, mask_size;
-    GLint ground_view, ground_centre, ground_x, ground_y, ground_radius, ground_shadows, ground_shape, ground_rest;
+struct WireProgram {
+    GLuint name = 0;
+    GLint clip_from_body, pull, plain, size;
+};
+
+struct GroundProgram {
+    GLuint name = 0;
+    GLint view_projection, centre, axis_x, axis_y, rectangle, radius, shape;
 };
 
 struct Target {
-    uint32_t width = 0, height = 0, samples = 0;
-    GLuint drawn = 0, drawn_colour = 0, drawn_depth = 0;  // where we draw
-    GLuint resolved = 0, resolved_colour = 0;             // one sample a pixel; unused without multisampling
+    uint32_t width = 0, height = 0;
+    GLuint frame = 0, colour = 0, depth = 0;
+    GLuint backdrop_frame = 0, backdrop_colour = 0;  // background and floor as last drawn
+};
+
+// All that the backdrop depends on besides the size of the picture.
+struct BackdropKey {
+    bool drawn = false, scope = false, floor = false;
+    Matrix4 view_projection{};
+    std::array<double, 13> place{};  // eye, centre, axes, radius
+    friend bool operator==(const BackdropKey&, const BackdropKey&) = default;
 };
 
 struct MarkerMesh {
@@ -73,9 +90,15 @@ struct MarkerMesh {
     GLsizei sphere_count = 0, shaft_count = 0, head_count = 0;
 };
 
-GLuint compile(GLenum kind, const char* text) {
+GLuint compile(GLenum kind, uint32_t variant, const char* text) {
+    const std::array<const char*, 6> parts = {shaders::kVersion,
+                                              variant & kTextured ? "#define TEXTURED\n" : "",
+                                              variant & kDepthColours ? "#define DEPTH_COLOURS\n" : "",
+                                              variant & kScope ? "#define SCOPE\n" : "",
+                                              kind == GL_FRAGMENT_SHADER ? shaders::kMask : "",
+                                              text};
     const GLuint shader = glCreateShader(kind);
-    glShaderSource(shader, 1, &text, nullptr);
+    glShaderSource(shader, static_cast<GLsizei>(parts.size()), parts.data(), nullptr);
     glCompileShader(shader);
     GLint compiled = 0;
     glGetShaderiv(shader, GL_COMPILE_STATUS, &compiled);
@@ -87,10 +110,10 @@ GLuint compile(GLenum kind, const char* text) {
     return shader;
 }
 
-GLuint link(const char* vertex_text, const char* fragment_text) {
+GLuint link(uint32_t variant, const char* vertex_text, const char* fragment_text) {
     const GLuint program = glCreateProgram();
-    const GLuint vertex = compile(GL_VERTEX_SHADER, vertex_text);
-    const GLuint fragment = compile(GL_FRAGMENT_SHADER, fragment_text);
+    const GLuint vertex = compile(GL_VERTEX_SHADER, variant, vertex_text);
+    const GLuint fragment = compile(GL_FRAGMENT_SHADER, variant, fragment_text);
     glAttachShader(program, vertex);
     glAttachShader(program, fragment);
     glLinkProgram(program);
@@ -102,20 +125,18 @@ GLuint link(const char* vertex_text, const char* fragment_text) {
     return program;
 }
 
-SurfaceProgram make_surface_program() {
+SurfaceProgram make_surface_program(uint32_t variant) {
     SurfaceProgram p;
-    p.name = link(shaders::kSurfaceVertex, shaders::kSurfaceFragment);
+    p.name = link(variant, shaders::kSurfaceVertex, shaders::kSurfaceFragment);
     const auto at = [&p](const char* name) { return glGetUniformLocation(p.name, name); };
     p.clip_from_body = at("clip_from_body");
     p.eye_from_body = at("eye_from_body");
     p.normal_from_body = at("normal_from_body");
+    p.size = at("size");
     p.diffuse = at("diffuse");
     p.specular = at("specular");
     p.shine = at("shine");
     p.opacity = at("opacity");
-    p.textured = at("textured");
-    p.depth_colours = at("depth_colours");
-    p.light_at_eye = at("light_at_eye");
     p.inv_depth_scale = at("inv_depth_scale");
     p.light_distance = at("light_distance");
     p.key = at("key");
@@ -127,27 +148,28 @@ SurfaceProgram make_surface_program() {
     return p;
 }
 
-Programs make_programs() {
-    Programs p;
-    p.surface = make_surface_program();
-    p.wire = link(shaders::kWireVertex, shaders::kPlainFragment);
-    p.wire_clip = glGetUniformLocation(p.wire, "clip_from_body");
-    p.wire_pull = glGetUniformLocation(p.wire, "pull");
-    p.wire_plain = glGetUniformLocation(p.wire, "plain");
-    p.background = link(shaders::kCoverVertex, shaders::kBackgroundFragment);
-    p.background_size = glGetUniformLocation(p.background, "size");
-    p.background_scope = glGetUniformLocation(p.background, "light_at_eye");
-    p.mask = link(shaders::kCoverVertex, shaders::kMaskFragment);
-    p.mask_size = glGetUniformLocation(p.mask, "size");
-    p.ground = link(shaders::kGroundVertex, shaders::kGroundFragment);
-    p.ground_view = glGetUniformLocation(p.ground, "view_projection");
-    p.ground_centre = glGetUniformLocation(p.ground, "centre");
-    p.ground_x = glGetUniformLocation(p.ground, "axis_x");
-    p.ground_y = glGetUniformLocation(p.ground, "axis_y");
-    p.ground_radius = glGetUniformLocation(p.ground, "radius");
-    p.ground_shadows = glGetUniformLocation(p.ground, "shadows");
-    p.ground_shape = glGetUniformLocation(p.ground, "shadow_shape");
-    p.ground_rest = glGetUniformLocation(p.ground, "shadow_rest");
+WireProgram make_wire_program(uint32_t variant) {
+    WireProgram p;
+    p.name = link(variant, shaders::kWireVertex, shaders::kPlainFragment);
+    const auto at = [&p](const char* name) { return glGetUniformLocation(p.name, name); };
+    p.clip_from_body = at("clip_from_body");
+    p.pull = at("pull");
+    p.plain = at("plain");
+    p.size = at("size");
+    return p;
+}
+
+GroundProgram make_ground_program(const char* fragment) {
+    GroundProgram p;
+    p.name = link(0, shaders::kGroundVertex, fragment);
+    const auto at = [&p](const char* name) { return glGetUniformLocation(p.name, name); };
+    p.view_projection = at("view_projection");
+    p.centre = at("centre");
+    p.axis_x = at("axis_x");
+    p.axis_y = at("axis_y");
+    p.rectangle = at("rectangle");
+    p.radius = at("radius");
+    p.shape = at("shape");
     return p;
 }
 
@@ -270,8 +292,8 @@ GLuint make_texture(const Image& image) {
     GLuint name = 0;
     glGenTextures(1, &name);
     glBindTexture(GL_TEXTURE_2D, name);
-    glTexImage2D(GL_TEXTURE_2D, 0, GL_SRGB8_ALPHA8, static_cast<GLsizei>(fitted.width),
-                 static_cast<GLsizei>(fitted.height), 0, GL_RGBA, GL_UNSIGNED_BYTE, fitted.rgba.data());
+    glTexImage2D(GL_TEXTURE_2D, 0, GL_RGBA8, static_cast<GLsizei>(fitted.width), static_cast<GLsizei>(fitted.height), 0,
+                 GL_RGBA, GL_UNSIGNED_BYTE, fitted.rgba.data());
     glGenerateMipmap(GL_TEXTURE_2D);
     glTexParameteri(GL_TEXTURE_2D, GL_TEXTURE_MIN_FILTER, GL_LINEAR_MIPMAP_LINEAR);
     glTexParameteri(GL_TEXTURE_2D, GL_TEXTURE_MAG_FILTER, GL_LINEAR);
@@ -353,8 +375,12 @@ struct GlRenderer::Impl {
     const Meshes& meshes;
     const Material plain;  // of triangles whose material is not there
     OffscreenContext context;
-    Programs programs;
+    std::array<SurfaceProgram, kVariants> surface_programs;  // made when first used
+    std::array<WireProgram, 2> wire_programs;                // by laparoscope
+    std::array<GLuint, 2> background_programs{};             // by laparoscope
+    GroundProgram floor_program, shadow_program;
     Target target;
+    BackdropKey backdrop;
     MarkerMesh marker;
     GLuint empty_array = 0, palette = 0;
     std::vector<StaticMesh> soft, rigid;  // by prototype
@@ -371,53 +397,43 @@ struct GlRenderer::Impl {
     void make_body(BodyBuffers& buffers, uint32_t mesh, bool is_rigid);
     void upload_shape(BodyBuffers& buffers, const PictureSnapshot& snapshot, const PictureBody& from);
     void upload_depths(BodyBuffers& buffers, const PictureSnapshot& snapshot, const PictureBody& from);
-    void set_pose(const View& view, const Matrix4& pose);
-    void set_material(const Material& material, GLuint image);
+    const SurfaceProgram& use_surface_program(uint32_t variant, const PictureParams& params, const View& view);
+    void set_pose(const SurfaceProgram& p, const View& view, const Matrix4& pose);
+    void set_material(const SurfaceProgram& p, const Material& material, GLuint image);
     Matrix4 body_pose(const View& view, const PictureBody& from, uint32_t row);
-    void begin_surfaces(const PictureParams& params, const View& view);
-    void draw_background(const PictureParams& params, const View& view, const Ground& ground);
+    void draw_body(const PictureParams& params, const View& view, const PictureBody& from, uint32_t row, bool opaque);
+    void draw_backdrop(const PictureParams& params, const View& view, const Ground& ground);
+    void use_ground_program(const GroundProgram& p, const View& view, const Ground& ground);
+    void draw_shadows(const View& view, const Ground& ground);
     void draw_surfaces(const PictureParams& params, const View& view, const PictureSnapshot& snapshot, bool opaque);
-    void draw_wires(const View& view, const PictureSnapshot& snapshot);
+    void draw_wires(const PictureParams& params, const View& view, const PictureSnapshot& snapshot);
     void draw_markers(const PictureParams& params, const View& view, std::span<const Marker> markers);
-    void draw_marker(const View& view, const Marker& marker_row);
+    void draw_marker(const SurfaceProgram& p, const View& view, const Marker& marker_row);
     void read_back(Image& out);
 };
 
-void GlRenderer::Impl::free_target() {
-    glDeleteFramebuffers(1, &target.drawn);
-    glDeleteFramebuffers(1, &target.resolved);
-    glDeleteRenderbuffers(1, &target.drawn_colour);
-    glDeleteRenderbuffers(1, &target.drawn_depth);
-    glDeleteRenderbuffers(1, &target.resolved_colour);
-    target = {};
-}
-
 void GlRenderer::Impl::resize(const PictureParams& params) {
     TROCAR_ASSERT(params.width > 0 && params.height > 0);
-    if (target.width == params.width && target.height == params.height && target.samples == params.samples) return;
-    free_target();
-    target.width = params.width;
-    target.height = params.height;
-    target.samples = params.samples;
-    const GLsizei width = static_cast<GLsizei>(params.width), height = static_cast<GLsizei>(params.height);
-    const GLsizei samples = params.samples > 1 ? 4 : 0;
-    const auto storage = [&](GLuint& name, GLenum format, GLsizei count) {
+    if (target.width == params.width && target.height == params.height) return;
+    for (const GLuint frame : {target.frame, target.backdrop_frame}) glDeleteFramebuffers(1, &frame);
+    for (const GLuint store : {target.colour, target.depth, target.backdrop_colour}) glDeleteRenderbuffers(1, &store);
+    target = {params.width, params.height};
+    backdrop = {};
+    const auto attach = [&](GLuint& name, GLenum attachment, GLenum format) {
         glGenRenderbuffers(1, &name);
         glBindRenderbuffer(GL_RENDERBUFFER, name);
-        glRenderbufferStorageMultisample(GL_RENDERBUFFER, count, format, width, height);
+        glRenderbufferStorage(GL_RENDERBUFFER, format, static_cast<GLsizei>(params.width),
+                              static_cast<GLsizei>(params.height));
+        glFramebufferRenderbuffer(GL_FRAMEBUFFER, attachment, GL_RENDERBUFFER, name);
     };
-    storage(target.drawn_colour, GL_SRGB8_ALPHA8, samples);
-    storage(target.drawn_depth, GL_DEPTH_COMPONENT32F, samples);
-    glGenFramebuffers(1, &target.drawn);
-    glBindFramebuffer(GL_FRAMEBUFFER, target.drawn);
-    glFramebufferRenderbuffer(GL_FRAMEBUFFER, GL_COLOR_ATTACHMENT0, GL_RENDERBUFFER, target.drawn_colour);
-    glFramebufferRenderbuffer(GL_FRAMEBUFFER, GL_DEPTH_ATTACHMENT, GL_RENDERBUFFER, target.drawn_depth);
+    glGenFramebuffers(1, &target.frame);
+    glBindFramebuffer(GL_FRAMEBUFFER, target.frame);
+    attach(target.colour, GL_COLOR_ATTACHMENT0, GL_SRGB8_ALPHA8);
+    attach(target.depth, GL_DEPTH_ATTACHMENT, GL_DEPTH_COMPONENT32F);
     TROCAR_ASSERT(glCheckFramebufferStatus(GL_FRAMEBUFFER) == GL_FRAMEBUFFER_COMPLETE);
-    if (samples == 0) return;
-    storage(target.resolved_colour, GL_SRGB8_ALPHA8, 0);
-    glGenFramebuffers(1, &target.resolved);
-    glBindFramebuffer(GL_FRAMEBUFFER, target.resolved);
-    glFramebufferRenderbuffer(GL_FRAMEBUFFER, GL_COLOR_ATTACHMENT0, GL_RENDERBUFFER, target.resolved_colour);
+    glGenFramebuffers(1, &target.backdrop_frame);
+    glBindFramebuffer(GL_FRAMEBUFFER, target.backdrop_frame);
+    attach(target.backdrop_colour, GL_COLOR_ATTACHMENT0, GL_SRGB8_ALPHA8);
     TROCAR_ASSERT(glCheckFramebufferStatus(GL_FRAMEBUFFER) == GL_FRAMEBUFFER_COMPLETE);
 }
 
@@ -548,127 +564,159 @@ Matrix4 GlRenderer::Impl::body_pose(const View& view, const PictureBody& from, u
     return pose_matrix(rotate(q, Vec3d::UnitX()), rotate(q, Vec3d::UnitY()), rotate(q, Vec3d::UnitZ()), origin);
 }
 
-void GlRenderer::Impl::set_pose(const View& view, const Matrix4& pose) {
-    const SurfaceProgram& p = programs.surface;
+void GlRenderer::Impl::set_pose(const SurfaceProgram& p, const View& view, const Matrix4& pose) {
     glUniformMatrix4fv(p.clip_from_body, 1, GL_FALSE, multiply(view.view_projection, pose).data());
     glUniformMatrix4fv(p.eye_from_body, 1, GL_FALSE, pose.data());
     glUniformMatrix3fv(p.normal_from_body, 1, GL_FALSE, normal_matrix(pose).data());
 }
 
-void GlRenderer::Impl::set_material(const Material& material, GLuint image) {
-    const SurfaceProgram& p = programs.surface;
+void GlRenderer::Impl::set_material(const SurfaceProgram& p, const Material& material, GLuint image) {
     // tissue and steel are never quite dull: a floor under the highlight keeps shapes readable
     const auto wet = [](float s) { return std::clamp(s, 0.06f, 1.0f); };
     glUniform3f(p.diffuse, material.diffuse[0], material.diffuse[1], material.diffuse[2]);
     glUniform3f(p.specular, wet(material.specular[0]), wet(material.specular[1]), wet(material.specular[2]));
     glUniform1f(p.shine, 12.0f + 116.0f * std::clamp(material.shininess, 0.0f, 1.0f));
     glUniform1f(p.opacity, 1.0f - std::clamp(material.transparency, 0.0f, 1.0f));
-    glUniform1i(p.textured, image != 0);
     if (image) glBindTexture(GL_TEXTURE_2D, image);
 }
 
-void GlRenderer::Impl::begin_surfaces(const PictureParams& params, const View& view) {
-    const SurfaceProgram& p = programs.surface;
+const SurfaceProgram& GlRenderer::Impl::use_surface_program(uint32_t variant, const PictureParams& params,
+                                                            const View& view) {
+    SurfaceProgram& p = surface_programs[variant];
+    if (!p.name) p = make_surface_program(variant);
     const auto basis = [&](float x, float y, float z) {
-        Vec3 v = x * Vec3(view.right.data()) + y * Vec3(view.up.data()) + z * Vec3(view.forward.data());
+        const Vec3 v = x * Vec3(view.right.data()) + y * Vec3(view.up.data()) + z * Vec3(view.forward.data());
         return Vec3(v.normalized());
     };
     const Vec3 key = basis(-0.45f, 0.80f, -0.65f), fill = basis(0.85f, 0.10f, -0.35f);
     glUseProgram(p.name);
+    glUniform2f(p.size, static_cast<float>(params.width), static_cast<float>(params.height));
     glUniform3fv(p.key, 1, key.data());
     glUniform3fv(p.fill, 1, fill.data());
     glUniform3fv(p.sky, 1, view.sky.data());
     glUniform3fv(p.forward, 1, view.forward.data());
-    glUniform1i(p.light_at_eye, view.light_at_eye);
     glUniform1f(p.light_distance, view.light_distance);
-    glUniform1i(p.depth_colours, params.depth_colours);
     glUniform1f(p.inv_depth_scale, static_cast<float>(1.0 / std::max(params.depth_scale, 1e-12)));
     glUniform1i(p.image, 0);
     glUniform1i(p.palette, 1);
+    return p;
+}
+
+void GlRenderer::Impl::use_ground_program(const GroundProgram& p, const View& view, const Ground& ground) {
+    glUseProgram(p.name);
+    glUniformMatrix4fv(p.view_projection, 1, GL_FALSE, view.view_projection.data());
+    glUniform3fv(p.centre, 1, floats(ground.centre - view.eye).data());
+    glUniform3fv(p.axis_x, 1, floats(ground.axis_x).data());
+    glUniform3fv(p.axis_y, 1, floats(ground.axis_y).data());
+    glUniform1f(p.radius, static_cast<float>(ground.radius));
+}
+
+// Background and floor cost more than the organs before them, so they are kept until camera or floor move.
+void GlRenderer::Impl::draw_backdrop(const PictureParams& params, const View& view, const Ground& ground) {
+    BackdropKey key{true, view.light_at_eye, ground.on, view.view_projection, {}};
+    for (uint32_t k = 0; k < 3 && ground.on; ++k) {
+        key.place[k] = view.eye[k];
+        key.place[3 + k] = ground.centre[k];
+        key.place[6 + k] = ground.axis_x[k];
+        key.place[9 + k] = ground.axis_y[k];
+    }
+    if (ground.on) key.place[12] = ground.radius;
+    if (!(key == backdrop)) {
+        backdrop = key;
+        glBindFramebuffer(GL_FRAMEBUFFER, target.backdrop_frame);
+        glBindVertexArray(empty_array);
+        GLuint& program = background_programs[view.light_at_eye];
+        if (!program)
+            program =
+                link(variant_of(false, false, view.light_at_eye), shaders::kCoverVertex, shaders::kBackgroundFragment);
+        glUseProgram(program);
+        glUniform2f(glGetUniformLocation(program, "size"), static_cast<float>(params.width),
+                    static_cast<float>(params.height));
+        glDrawArrays(GL_TRIANGLES, 0, 3);
+        if (ground.on) {
+            const float radius = static_cast<float>(ground.radius);
+            use_ground_program(floor_program, view, ground);
+            glUniform4f(floor_program.rectangle, 0, 0, radius, radius);
+            glEnable(GL_BLEND);
+            glDrawArrays(GL_TRIANGLE_STRIP, 0, 4);
+            glDisable(GL_BLEND);
+        }
+    }
+    const GLint width = static_cast<GLint>(params.width), height = static_cast<GLint>(params.height);
+    glBindFramebuffer(GL_READ_FRAMEBUFFER, target.backdrop_frame);
+    glBindFramebuffer(GL_DRAW_FRAMEBUFFER, target.frame);
+    glBlitFramebuffer(0, 0, width, height, 0, 0, width, height, GL_COLOR_BUFFER_BIT, GL_NEAREST);
+    glBindFramebuffer(GL_FRAMEBUFFER, target.frame);
+}
+
+void GlRenderer::Impl::draw_shadows(const View& view, const Ground& ground) {
+    const GroundProgram& p = shadow_program;
+    use_ground_program(p, view, ground);
+    glBindVertexArray(empty_array);
+    glEnable(GL_BLEND);
+    for (const GroundShadow& s : ground.shadows) {
+        const float area = s.xx * s.yy - s.xy * s.xy;
+        if (!(area > 0) || !(s.darkness > 0)) continue;
+        // three deviations along both axes
+        glUniform4f(p.rectangle, s.x, s.y, 3 * std::sqrt(s.yy / area), 3 * std::sqrt(s.xx / area));
+        glUniform4f(p.shape, s.xx, s.xy, s.yy, s.darkness);
+        glDrawArrays(GL_TRIANGLE_STRIP, 0, 4);
+    }
+    glDisable(GL_BLEND);
+}
+
+void GlRenderer::Impl::draw_body(const PictureParams& params, const View& view, const PictureBody& from, uint32_t row,
+                                 bool opaque) {
+    const std::vector<RenderGroup>& groups =
+        body[row].damaged ? body[row].patched_groups : static_mesh(from.mesh, body[row].rigid).mesh.groups;
+    const Range materials = meshes.materials[from.mesh];
+    glBindVertexArray(body[row].array);
+    for (const RenderGroup& group : groups) {
+        const bool known = group.material < materials.count;
+        const Material& material = known ? meshes.material[materials.first + group.material] : plain;
+        const GLuint image = known ? texture[materials.first + group.material] : 0;
+        if (group.count == 0 || (material.transparency <= 0) != opaque) continue;
+        const uint32_t variant = variant_of(image != 0, params.depth_colours, view.light_at_eye);
+        const SurfaceProgram& p = use_surface_program(variant, params, view);
+        set_pose(p, view, body_pose(view, from, row));
+        set_material(p, material, image);
+        glDrawElements(GL_TRIANGLES, static_cast<GLsizei>(group.count), GL_UNSIGNED_INT,
+                       reinterpret_cast<const void*>(size_t{4} * group.first));
+    }
+}
+
+void GlRenderer::Impl::draw_surfaces(const PictureParams& params, const View& view, const PictureSnapshot& snapshot,
+                                     bool opaque) {
     glActiveTexture(GL_TEXTURE1);
     glBindTexture(GL_TEXTURE_2D, palette);
     glActiveTexture(GL_TEXTURE0);
     glVertexAttrib1f(kDepth, 0);
     glVertexAttrib2f(kTextureUv, 0, 0);
+    for (uint32_t row = 0; row < snapshot.body.size(); ++row)
+        if (snapshot.body[row].mesh != kNone) draw_body(params, view, snapshot.body[row], row, opaque);
 }
 
-void GlRenderer::Impl::draw_background(const PictureParams& params, const View& view, const Ground& ground) {
-    const float width = static_cast<float>(params.width), height = static_cast<float>(params.height);
-    glBindVertexArray(empty_array);
-    glDisable(GL_DEPTH_TEST);
-    glUseProgram(programs.background);
-    glUniform2f(programs.background_size, width, height);
-    glUniform1i(programs.background_scope, view.light_at_eye);
-    glDrawArrays(GL_TRIANGLES, 0, 3);
-    if (!ground.on) return;
-    const uint32_t count = std::min(kGroundShadows, static_cast<uint32_t>(ground.shadows.size()));
-    std::array<float, 4 * kGroundShadows> shape{};
-    std::array<float, 2 * kGroundShadows> rest{};
-    for (uint32_t i = 0; i < count; ++i) {
-        const GroundShadow& s = ground.shadows[i];
-        std::copy_n(std::array{s.x, s.y, s.xx, s.xy}.begin(), 4, shape.begin() + 4 * i);
-        std::copy_n(std::array{s.yy, s.darkness}.begin(), 2, rest.begin() + 2 * i);
-    }
-    glEnable(GL_BLEND);
-    glEnable(GL_DEPTH_CLAMP);  // the floor reaches beyond the planes that enclose the scene
-    glUseProgram(programs.ground);
-    glUniformMatrix4fv(programs.ground_view, 1, GL_FALSE, view.view_projection.data());
-    glUniform3fv(programs.ground_centre, 1, floats(ground.centre - view.eye).data());
-    glUniform3fv(programs.ground_x, 1, floats(ground.axis_x).data());
-    glUniform3fv(programs.ground_y, 1, floats(ground.axis_y).data());
-    glUniform1f(programs.ground_radius, static_cast<float>(ground.radius));
-    glUniform1i(programs.ground_shadows, static_cast<GLint>(count));
-    glUniform4fv(programs.ground_shape, kGroundShadows, shape.data());
-    glUniform2fv(programs.ground_rest, kGroundShadows, rest.data());
-    glDrawArrays(GL_TRIANGLE_STRIP, 0, 4);
-    glDisable(GL_DEPTH_CLAMP);
-    glDisable(GL_BLEND);
-}
-
-void GlRenderer::Impl::draw_surfaces(const PictureParams& params, const View& view, const PictureSnapshot& snapshot,
-                                     bool opaque) {
-    begin_surfaces(params, view);
-    for (uint32_t row = 0; row < snapshot.body.size(); ++row) {
-        const PictureBody& from = snapshot.body[row];
-        if (from.mesh == kNone) continue;
-        const std::vector<RenderGroup>& groups =
-            body[row].damaged ? body[row].patched_groups : static_mesh(from.mesh, body[row].rigid).mesh.groups;
-        const Range materials = meshes.materials[from.mesh];
-        bool posed = false;
-        for (const RenderGroup& group : groups) {
-            const bool known = group.material < materials.count;
-            const Material& material = known ? meshes.material[materials.first + group.material] : plain;
-            if (group.count == 0 || (material.transparency <= 0) != opaque) continue;
-            if (!posed) {
-                set_pose(view, body_pose(view, from, row));
-                glBindVertexArray(body[row].array);
-                posed = true;
-            }
-            set_material(material, known ? texture[materials.first + group.material] : 0);
-            glDrawElements(GL_TRIANGLES, static_cast<GLsizei>(group.count), GL_UNSIGNED_INT,
-                           reinterpret_cast<const void*>(size_t{4} * group.first));
-        }
-    }
-}
-
-void GlRenderer::Impl::draw_wires(const View& view, const PictureSnapshot& snapshot) {
-    glUseProgram(programs.wire);
-    glUniform1f(programs.wire_pull, view.view_projection[14] * (1.0f / 0.999f - 1.0f));
+void GlRenderer::Impl::draw_wires(const PictureParams& params, const View& view, const PictureSnapshot& snapshot) {
+    WireProgram& p = wire_programs[view.light_at_eye];
+    if (!p.name) p = make_wire_program(variant_of(false, false, view.light_at_eye));
+    glUseProgram(p.name);
+    glUniform2f(p.size, static_cast<float>(params.width), static_cast<float>(params.height));
+    glUniform1f(p.pull, view.view_projection[14] * (1.0f / 0.999f - 1.0f));
+    glUniform4f(p.plain, 0.008f, 0.012f, 0.02f, 0.42f);
     for (uint32_t row = 0; row < snapshot.body.size(); ++row) {
         const PictureBody& from = snapshot.body[row];
         if (from.mesh == kNone || body[row].damaged) continue;
         const RenderMesh& mesh = static_mesh(from.mesh, body[row].rigid).mesh;
         if (mesh.line.empty()) continue;
-        glUniformMatrix4fv(programs.wire_clip, 1, GL_FALSE,
-                           multiply(view.view_projection, body_pose(view, from, row)).data());
-        glUniform4f(programs.wire_plain, 0.008f, 0.012f, 0.02f, 0.42f);
+        const Matrix4 clip = multiply(view.view_projection, body_pose(view, from, row));
+        glUniformMatrix4fv(p.clip_from_body, 1, GL_FALSE, clip.data());
         glBindVertexArray(body[row].array);
         glDrawElements(GL_LINES, static_cast<GLsizei>(mesh.line.size()), GL_UNSIGNED_INT,
                        reinterpret_cast<const void*>(size_t{4} * mesh.index.size()));
     }
 }
 
-void GlRenderer::Impl::draw_marker(const View& view, const Marker& m) {
+void GlRenderer::Impl::draw_marker(const SurfaceProgram& p, const View& view, const Marker& m) {
     const Vec3d from = m.from - view.eye;
     if (!from.allFinite() || !m.to.allFinite() || !(m.radius > 0)) return;
     const auto draw = [](GLsizei count, GLsizei first) {
@@ -677,7 +725,7 @@ void GlRenderer::Impl::draw_marker(const View& view, const Marker& m) {
     };
     if (m.kind == Marker::Kind::kSphere) {
         const Vec3d x = m.radius * Vec3d::UnitX(), y = m.radius * Vec3d::UnitY(), z = m.radius * Vec3d::UnitZ();
-        set_pose(view, pose_matrix(x, y, z, from));
+        set_pose(p, view, pose_matrix(x, y, z, from));
         draw(marker.sphere_count, 0);
         return;
     }
@@ -688,16 +736,14 @@ void GlRenderer::Impl::draw_marker(const View& view, const Marker& m) {
     Vec3d x, y;
     perpendicular_axes(z, x, y);
     const double head = std::min(0.5 * length, 5 * m.radius), shaft = length - head;
-    set_pose(view, pose_matrix(m.radius * x, m.radius * y, shaft * z, from));
+    set_pose(p, view, pose_matrix(m.radius * x, m.radius * y, shaft * z, from));
     draw(marker.shaft_count, marker.sphere_count);
-    set_pose(view, pose_matrix(2.4 * m.radius * x, 2.4 * m.radius * y, head * z, from + shaft * z));
+    set_pose(p, view, pose_matrix(2.4 * m.radius * x, 2.4 * m.radius * y, head * z, from + shaft * z));
     draw(marker.head_count, marker.sphere_count + marker.shaft_count);
 }
 
 void GlRenderer::Impl::draw_markers(const PictureParams& params, const View& view, std::span<const Marker> markers) {
-    PictureParams plain = params;
-    plain.depth_colours = false;
-    begin_surfaces(plain, view);
+    const SurfaceProgram& p = use_surface_program(variant_of(false, false, view.light_at_eye), params, view);
     glBindVertexArray(marker.array);
     // faint where tissue hides them, then full where nothing does
     for (const bool hidden : {true, false}) {
@@ -709,8 +755,8 @@ void GlRenderer::Impl::draw_markers(const PictureParams& params, const View& vie
             material.specular = {0.2f, 0.2f, 0.2f};
             material.shininess = 0.5f;
             material.transparency = 1.0f - m.colour[3] * (hidden ? 0.30f : 1.0f);
-            set_material(material, 0);
-            draw_marker(view, m);
+            set_material(p, material, 0);
+            draw_marker(p, view, m);
         }
     }
     glDepthFunc(GL_LESS);
@@ -718,12 +764,6 @@ void GlRenderer::Impl::draw_markers(const PictureParams& params, const View& vie
 
 void GlRenderer::Impl::read_back(Image& out) {
     const GLsizei width = static_cast<GLsizei>(target.width), height = static_cast<GLsizei>(target.height);
-    if (target.resolved) {
-        glBindFramebuffer(GL_READ_FRAMEBUFFER, target.drawn);
-        glBindFramebuffer(GL_DRAW_FRAMEBUFFER, target.resolved);
-        glBlitFramebuffer(0, 0, width, height, 0, 0, width, height, GL_COLOR_BUFFER_BIT, GL_NEAREST);
-    }
-    glBindFramebuffer(GL_FRAMEBUFFER, target.resolved ? target.resolved : target.drawn);
     out.width = target.width;
     out.height = target.height;
     const size_t row = size_t{4} * target.width;
@@ -743,7 +783,8 @@ void GlRenderer::Impl::read_back(Image& out) {
 
 GlRenderer::GlRenderer(const Meshes& meshes) : impl_(std::make_unique<Impl>(meshes)) {
     impl_->context.make_current();
-    impl_->programs = make_programs();
+    impl_->floor_program = make_ground_program(shaders::kGroundFragment);
+    impl_->shadow_program = make_ground_program(shaders::kShadowFragment);
     impl_->marker = make_marker_mesh();
     impl_->palette = make_palette();
     glGenVertexArrays(1, &impl_->empty_array);
@@ -758,31 +799,24 @@ void GlRenderer::draw(const PictureParams& params, const View& view, const Pictu
     gl.context.make_current();
     gl.resize(params);
     gl.upload(snapshot, params);
-    glBindFramebuffer(GL_FRAMEBUFFER, gl.target.drawn);
     glViewport(0, 0, static_cast<GLsizei>(params.width), static_cast<GLsizei>(params.height));
     glEnable(GL_FRAMEBUFFER_SRGB);
-    glColorMask(GL_TRUE, GL_TRUE, GL_TRUE, GL_TRUE);
-    glDepthMask(GL_TRUE);
-    glClearColor(0, 0, 0, 1);
-    glClear(GL_COLOR_BUFFER_BIT | GL_DEPTH_BUFFER_BIT);
-    glColorMask(GL_TRUE, GL_TRUE, GL_TRUE, GL_FALSE);  // the picture stays opaque whatever is blended into it
-    glBlendFunc(GL_SRC_ALPHA, GL_ONE_MINUS_SRC_ALPHA);
-    gl.draw_background(params, view, ground);
+    glEnable(GL_DEPTH_CLAMP);  // floor and markers may reach beyond the planes that enclose the bodies
+    glDisable(GL_DEPTH_TEST);
+    // the picture stays opaque whatever is blended into it
+    glBlendFuncSeparate(GL_SRC_ALPHA, GL_ONE_MINUS_SRC_ALPHA, GL_ZERO, GL_ONE);
+    gl.draw_backdrop(params, view, ground);
+    if (ground.on) gl.draw_shadows(view, ground);
     glEnable(GL_DEPTH_TEST);
     glDepthFunc(GL_LESS);
+    glDepthMask(GL_TRUE);
+    glClear(GL_DEPTH_BUFFER_BIT);
     gl.draw_surfaces(params, view, snapshot, true);
     glEnable(GL_BLEND);
     glDepthMask(GL_FALSE);
-    if (params.wireframe) gl.draw_wires(view, snapshot);
+    if (params.wireframe) gl.draw_wires(params, view, snapshot);
     gl.draw_surfaces(params, view, snapshot, false);
     if (!markers.empty()) gl.draw_markers(params, view, markers);
-    if (view.light_at_eye) {
-        glDisable(GL_DEPTH_TEST);
-        glBindVertexArray(gl.empty_array);
-        glUseProgram(gl.programs.mask);
-        glUniform2f(gl.programs.mask_size, static_cast<float>(params.width), static_cast<float>(params.height));
-        glDrawArrays(GL_TRIANGLES, 0, 3);
-    }
     glDisable(GL_BLEND);
     gl.read_back(out);
     glBindVertexArray(0);

@@ -14,12 +14,12 @@ using Matrix4 = std::array<float, 16>;
 // A camera in numbers. Everything is relative to `eye` (double, world), so floats lose nothing far from the origin.
 struct View {
     Vec3d eye = Vec3d::Zero();
-    Matrix4 view_projection{};  // of points relative to eye
+    Matrix4 view_projection{};                      // of points relative to eye
     std::array<float, 3> forward{}, right{}, up{};  // unit, world axes
     std::array<float, 3> sky{};                     // unit, against gravity
-    float near_plane = 0, far_plane = 0;  // m
-    bool light_at_eye = false;            // laparoscope: one light beside the lens, quadratic fall-off, round mask
-    float light_distance = 0.1f;          // m, where the light at the eye has its nominal brightness
+    float near_plane = 0, far_plane = 0;            // m
+    bool light_at_eye = false;    // laparoscope: one light beside the lens, quadratic fall-off, round mask
+    float light_distance = 0.1f;  // m, where the light at the eye has its nominal brightness
 };
 
 // Shape drawn beside the surfaces. Lit like plastic, linear colour with opacity.
@@ -33,21 +33,20 @@ struct Marker {
 
 // Soft elliptic shadow on the floor: darkness * exp(-d' S d / 2) at the offset d from its centre.
 struct GroundShadow {
-    float x = 0, y = 0;             // m, from the floor's centre along its two axes
-    float xx = 0, xy = 0, yy = 0;   // 1/m^2, S: inverse covariance
-    float darkness = 0;             // 0..1
+    float x = 0, y = 0;            // m, from the floor's centre along its two axes
+    float xx = 0, xy = 0, yy = 0;  // 1/m^2, S: inverse covariance
+    float darkness = 0;            // 0..1
 };
 
-// Floor seen by the orbit camera: a disc that fades into the background.
+// Floor: a disc that fades into the background.
 struct Ground {
     bool on = false;
     Vec3d centre = Vec3d::Zero();   // m, world
     Vec3d axis_x = Vec3d::UnitX();  // unit, in the plane
     Vec3d axis_y = Vec3d::UnitY();
-    double radius = 0;              // m
-    std::vector<GroundShadow> shadows;  // the first kGroundShadows are drawn
+    double radius = 0;  // m
+    std::vector<GroundShadow> shadows;
 };
-inline constexpr uint32_t kGroundShadows = 8;
 
 // Draws triangle meshes into memory with OpenGL. Static data (indices, texture coordinates, rest shapes, textures) go
 // up once per prototype; per picture only the positions and normals of deformable bodies follow. Keeps its own context;

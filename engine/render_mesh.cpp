@@ -1,5 +1,6 @@
 #include "engine/render_mesh.hpp"
 
+#include <Eigen/Geometry>
 #include <algorithm>
 #include <bit>
 #include <cmath>

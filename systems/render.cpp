@@ -102,23 +102,18 @@ GroundShadow make_shadow(const PictureBody& body, const Ground& ground, const Ve
             f(0.8 * std::sqrt(std::min(1.0, (bare + 0.3 * soft * std::sqrt(bare)) / std::sqrt(area))))};
 }
 
-void place_ground(const PictureParams& params, const Camera& camera, const Box& box, const PictureSnapshot& snapshot,
-                  Ground& ground) {
+void place_ground(const PictureParams& params, const Camera& camera, const PictureSnapshot& snapshot, Ground& ground) {
     ground.shadows.clear();
-    const Vec3d sky = unit_or(camera.up, Vec3d::UnitZ());
-    ground.on = params.ground && camera.kind == CameraKind::kOrbit && holds_something(box);
+    ground.on = params.ground && camera.kind == CameraKind::kOrbit && camera.floor_radius > 0;
     if (!ground.on) return;
-    const Vec3d middle = 0.5 * (box.min + box.max);
-    const double size = (box.max - box.min).norm();
-    double lowest = 0;
-    for (uint32_t k = 0; k < 8; ++k) lowest = std::min(lowest, (corner_of(box, k) - middle).dot(sky));
-    ground.centre = middle + (lowest - 0.01 * size) * sky;
+    const Vec3d sky = unit_or(camera.up, Vec3d::UnitZ());
+    ground.centre = camera.floor;
     ground.axis_x = perpendicular_to(sky);
     ground.axis_y = sky.cross(ground.axis_x);
-    ground.radius = 2.5 * size;
+    ground.radius = camera.floor_radius;
     for (const PictureBody& body : snapshot.body)
-        if (body.mesh != kNone && holds_something(body.box) && ground.shadows.size() < kGroundShadows)
-            ground.shadows.push_back(make_shadow(body, ground, sky, 0.03 * size));
+        if (body.mesh != kNone && holds_something(body.box))
+            ground.shadows.push_back(make_shadow(body, ground, sky, 0.012 * ground.radius));
 }
 
 void place_markers(const PictureParams& params, const Box& box, const PictureSnapshot& snapshot,
@@ -204,6 +199,12 @@ void fit_camera(const Box& box, uint32_t width, uint32_t height, Camera& camera)
             {distance, nearer + std::abs(c.dot(frame.right)) / tan_x, nearer + std::abs(c.dot(frame.up)) / tan_y});
     }
     camera.distance = distance;
+    const Vec3d sky = unit_or(camera.up, Vec3d::UnitZ());
+    const double size = (box.max - box.min).norm();
+    double lowest = 0;
+    for (uint32_t k = 0; k < 8; ++k) lowest = std::min(lowest, (corner_of(box, k) - camera.target).dot(sky));
+    camera.floor = camera.target + (lowest - 0.02 * size) * sky;
+    camera.floor_radius = 2.5 * size;
 }
 
 View make_view(const Camera& camera, const Box& box, uint32_t width, uint32_t height) {
@@ -246,7 +247,7 @@ View make_view(const Camera& camera, const Box& box, uint32_t width, uint32_t he
 void render_picture(const PictureParams& params, const Camera& camera, const PictureSnapshot& snapshot,
                     GlRenderer& renderer, RenderScratch& scratch, Image& out) {
     Box box = drawn_box(snapshot);
-    place_ground(params, camera, box, snapshot, scratch.ground);
+    place_ground(params, camera, snapshot, scratch.ground);
     place_markers(params, box, snapshot, scratch.markers);
     if (params.tools)
         for (const PictureTool& tool : snapshot.tool) {
@@ -255,6 +256,7 @@ void render_picture(const PictureParams& params, const Camera& camera, const Pic
         }
     const View view = make_view(camera, box, params.width, params.height);
     renderer.draw(params, view, snapshot, scratch.markers, scratch.ground, out);
+    if (params.smooth_edges) smooth_edges(scratch.smooth, out);
     if (params.depth_colours) draw_legend(params, out);
     if (params.text) draw_status(snapshot, out);
 }
