@@ -65,20 +65,22 @@ struct Camera {
     double distance = 0.5;                   // m, orbit
     Vec3d position = Vec3d(0, -0.15, 0.15);  // m, laparoscope
     double field_of_view = 0.6;              // vertical; laparoscopes have about 1.22
+    Vec3d floor = Vec3d::Zero();             // m, point of the floor in the middle of the scene
+    double floor_radius = 0;                 // m, the floor fades out towards it; 0 = no floor
 };
 
 // What a picture shows besides the surfaces.
 struct PictureParams {
     uint32_t width = 640;
     uint32_t height = 480;
-    uint32_t samples = 4;  // per pixel: 1 or 4
+    bool smooth_edges = true;  // post-process against jagged edges
     bool wireframe = false;
     bool depth_colours = false;  // surfaces coloured by contact depth, with a legend
     double depth_scale = 0.010;  // m, depth at the top of the colour scale
     bool witnesses = true;       // arrow from the deepest point of each pair to the other surface
     bool tools = true;           // spheres at device and proxy
     bool text = true;            // time, depth, force
-    bool ground = true;          // floor with soft shadows; orbit camera only
+    bool ground = true;          // floor with soft shadows, where an orbit camera has one
 };
 
 }  // namespace trocar

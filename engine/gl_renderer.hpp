@@ -14,11 +14,12 @@ using Matrix4 = std::array<float, 16>;
 // A camera in numbers. Everything is relative to `eye` (double, world), so floats lose nothing far from the origin.
 struct View {
     Vec3d eye = Vec3d::Zero();
-    Matrix4 view_projection{};  // of points relative to eye
-    std::array<float, 3> forward{}, right{}, up{};
-    float near_plane = 0, far_plane = 0;  // m
-    bool light_at_eye = false;            // laparoscope: one light beside the lens, quadratic fall-off, round mask
-    float light_distance = 0.1f;          // m, where the light at the eye has its nominal brightness
+    Matrix4 view_projection{};                      // of points relative to eye
+    std::array<float, 3> forward{}, right{}, up{};  // unit, world axes
+    std::array<float, 3> sky{};                     // unit, against gravity
+    float near_plane = 0, far_plane = 0;            // m
+    bool light_at_eye = false;    // laparoscope: one light beside the lens, quadratic fall-off, round mask
+    float light_distance = 0.1f;  // m, where the light at the eye has its nominal brightness
 };
 
 // Shape drawn beside the surfaces. Lit like plastic, linear colour with opacity.
@@ -30,14 +31,21 @@ struct Marker {
     std::array<float, 4> colour{1, 1, 1, 1};
 };
 
-// Floor seen by the orbit camera: a disc that fades into the background, darkened by soft shadows.
+// Soft elliptic shadow on the floor: darkness * exp(-d' S d / 2) at the offset d from its centre.
+struct GroundShadow {
+    float x = 0, y = 0;            // m, from the floor's centre along its two axes
+    float xx = 0, xy = 0, yy = 0;  // 1/m^2, S: inverse covariance
+    float darkness = 0;            // 0..1
+};
+
+// Floor: a disc that fades into the background.
 struct Ground {
     bool on = false;
-    Vec3d centre = Vec3d::Zero();  // m, world
-    Vec3d up = Vec3d::UnitZ();
+    Vec3d centre = Vec3d::Zero();   // m, world
+    Vec3d axis_x = Vec3d::UnitX();  // unit, in the plane
+    Vec3d axis_y = Vec3d::UnitY();
     double radius = 0;  // m
-    std::vector<std::array<double, 4>>
-        shadows;  // m: world x, y, z of the centre and radius of each caster; the first 8 count
+    std::vector<GroundShadow> shadows;
 };
 
 // Draws triangle meshes into memory with OpenGL. Static data (indices, texture coordinates, rest shapes, textures) go
@@ -45,7 +53,8 @@ struct Ground {
 // may be used from any one thread at a time. The same calls give the same bytes for any number of Mesa threads.
 class GlRenderer {
  public:
-    // Throws InputError when no context is to be had.
+    // Throws InputError when no context is to be had. The meshes must outlive the renderer and stay as they are while
+    // it draws; a prototype goes up when a body that has it is first drawn.
     explicit GlRenderer(const Meshes& meshes);
     ~GlRenderer();
     GlRenderer(const GlRenderer&) = delete;

@@ -1,15 +1,18 @@
 #pragma once
 #include "components/picture.hpp"
 #include "engine/gl_renderer.hpp"
+#include "engine/smooth_edges.hpp"
 namespace trocar {
 
 struct RenderScratch {
     std::vector<Marker> markers;
     Ground ground;
+    SmoothEdgesScratch smooth;
 };
 
-// Aims an orbit camera at the middle of a world box and backs off until the box's sphere fills the picture (height /
-// width decides which way it binds). Other cameras and empty boxes are left alone.
+// Aims an orbit camera at the middle of a world box, keeps its direction, backs off until the box's corners just stay
+// in the picture, and lays the floor under the box. Done once, not per picture, so that the view does not breathe with
+// the tissue. Other cameras and empty boxes are left alone.
 void fit_camera(const Box& box, uint32_t width, uint32_t height, Camera& camera);
 
 // Camera to matrices. near and far planes enclose the world box.
