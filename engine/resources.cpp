@@ -9,7 +9,7 @@ namespace {
 template <typename T>
 constexpr bool is_plain_row =
     std::is_arithmetic_v<T> || std::is_enum_v<T> || std::is_same_v<T, Vec3> || std::is_same_v<T, Vec3d> ||
-    std::is_same_v<T, Float4> || std::is_same_v<T, Quat> || std::is_same_v<T, Range> || std::is_same_v<T, Box> ||
+    std::is_same_v<T, Float4> || std::is_same_v<T, Quat> || std::is_same_v<T, Range> || std::is_same_v<T, Box> || std::is_same_v<T, PackedBox> ||
     std::is_same_v<T, Entity> || std::is_same_v<T, Triangle> || std::is_same_v<T, std::array<uint32_t, 2>> ||
     std::is_same_v<T, std::array<float, 3>> || std::is_same_v<T, std::array<Vec2, 3>> || std::is_same_v<T, Tissue> ||
     std::is_same_v<T, Keyframe>;

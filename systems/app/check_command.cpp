@@ -6,6 +6,7 @@
 #include "engine/error.hpp"
 #include "engine/whole_file.hpp"
 #include "systems/app/commands.hpp"
+#include "systems/app/standard_streams.hpp"
 namespace trocar {
 namespace {
 

@@ -8,6 +8,7 @@
 #include "engine/trace.hpp"
 #include "engine/whole_file.hpp"
 #include "systems/app/commands.hpp"
+#include "systems/app/standard_streams.hpp"
 #include "systems/frame.hpp"
 namespace trocar {
 namespace {

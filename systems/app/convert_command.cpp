@@ -6,6 +6,7 @@
 #include "content/save_mesh.hpp"
 #include "engine/whole_file.hpp"
 #include "systems/app/commands.hpp"
+#include "systems/app/standard_streams.hpp"
 namespace trocar {
 
 int convert_command(const ConvertOptions& options) {
