@@ -1,0 +1,29 @@
+#pragma once
+#include <string>
+#include <vector>
+
+#include "components/picture.hpp"
+#include "content/scene_file.hpp"
+#include "engine/world.hpp"
+namespace trocar {
+
+// Appends a body of a prototype at the world origin, with a tree of its own when deformable and a shared one otherwise.
+// A deformable body gets its particles, springs and anchors from `tissue`; see engine/deformable_setup.hpp. Returns its
+// row.
+uint32_t add_body(World& world, const std::string& name, uint32_t prototype, Motion motion, const Tissue& tissue = {},
+                  AnchorFrame anchor_frame = AnchorFrame::kWorld);
+
+// A scene ready to run: the world, how it is looked at, and what had to be done to its meshes.
+struct BuiltScene {
+    World world;
+    Camera camera;
+    PictureParams picture;
+    std::vector<std::string> notes;  // one line per body: what it is and what import changed
+    std::vector<std::string> warnings;
+};
+
+// Loads or generates every mesh of a scene, cleans and judges it, and places the bodies. Throws InputError that names
+// the scene's line or the mesh file.
+BuiltScene build_scene(const SceneFile& scene);
+
+}  // namespace trocar
