@@ -180,8 +180,8 @@ MeshJudgement judge_mesh(const Mesh& mesh, bool test_self_crossing) {
     out.bow_tie_vertices = count_bow_ties(faces, table);
     out.duplicate = count_duplicates(faces);
     measure(mesh, out);
-    const PieceTurns turns = find_inside_out_pieces(faces, table, piece, out.components);
-    out.inside_out = static_cast<uint32_t>(std::count(turns.inside_out.begin(), turns.inside_out.end(), 1));
+    const PieceTurns turns = find_inside_out_pieces(faces, table);
+    out.inside_out = turns.pieces;
     out.doubly_inside = turns.doubly_inside;
     out.manifold = out.non_manifold_edges == 0 && out.bow_tie_vertices == 0;
     out.oriented = out.flipped_edges == 0 && (balanced || out.boundary_edges > 0) && out.inside_out == 0;
