@@ -175,10 +175,10 @@ ImplicitShape liver_shape(uint64_t seed) {
         const double below = smooth_union(smooth_union(bowel, bevel, 14 * kMm), stomach, 14 * kMm);
         // it presses deeper in the beds of the gallbladder, of the round ligament (which notches the edge) and of the
         // vessels that enter between the two
-        const double beds = 7 * kMm * groove(p, mm(-20, -80, 0), mm(0, -12, 0), 20 * kMm) +
-                            8 * kMm * groove(p, mm(34, -60, 0), mm(27, 2, 0), 13 * kMm) +
-                            6 * kMm * groove(p, mm(0, -12, 0), mm(27, 2, 0), 13 * kMm);
-        f = smooth_subtraction(f, below - beds, 11 * kMm);
+        const double beds = 7 * kMm * groove(p, mm(-20, -80, 0), mm(0, -12, 0), 26 * kMm) +
+                            8 * kMm * groove(p, mm(34, -60, 0), mm(27, 2, 0), 15 * kMm) +
+                            6 * kMm * groove(p, mm(0, -12, 0), mm(27, 2, 0), 17 * kMm);
+        f = smooth_subtraction(f, below - beds, 15 * kMm);
         const double wavelength = 42 * kMm;
         return f + 1.0 * kMm * lattice_noise(p / wavelength, seed) +
                0.35 * kMm * lattice_noise(p / (0.4 * wavelength), seed + 1);

@@ -3,6 +3,8 @@
 #include <Eigen/Geometry>
 #include <algorithm>
 #include <cmath>
+#include <utility>
+#include <vector>
 
 #include "content/implicit_shapes.hpp"
 namespace trocar {
@@ -98,25 +100,30 @@ Image paint_picture(const Paint& paint) {
 
 Image paint_liver(uint64_t seed) {
     return paint_picture([seed](double u, double v) {
-        const double patches = cloud(u, v, 4, 4, seed);
-        const auto [centre, other] = nearest_points(u, v, 40, seed + 100);
-        const double rim = 1 - ramp(other - centre, 0.0, 0.25);
-        Colour c = blend(Colour(108, 38, 30), Colour(146, 62, 48), 0.5 + 0.8 * patches);
-        c = blend(c, Colour(168, 92, 70), 0.28 * rim);
-        c = blend(c, Colour(88, 26, 24), 0.35 * ramp(0.35 - centre, 0.0, 0.3));
-        c = blend(c, Colour(70, 16, 22), 0.55 * vessels(u, v, 3, 0.05, seed + 200));
-        return Colour(c * (1 + 0.05 * periodic_noise(u, v, 256, 256, seed + 300)));
+        const double patches = cloud(u, v, 5, 5, seed);
+        // lobules: cells with bent rims, each a little lighter or darker
+        const double bend = 0.012;
+        const double bent_u = u + bend * cloud(u, v, 24, 2, seed + 400);
+        const double bent_v = v + bend * cloud(u, v, 24, 2, seed + 500);
+        const auto [centre, other] = nearest_points(bent_u, bent_v, 36, seed + 100);
+        const double rim = 1 - ramp(other - centre, 0.0, 0.35);
+        const double fade = ramp(cloud(u, v, 10, 2, seed + 600), -0.3, 0.5);
+        Colour c = blend(Colour(110, 40, 31), Colour(144, 60, 46), 0.5 + 0.55 * patches);
+        c = blend(c, Colour(172, 98, 74), 0.24 * rim * fade);
+        c = blend(c, Colour(84, 24, 24), 0.16 * ramp(0.45 - centre, 0.0, 0.4));
+        c = blend(c, Colour(64, 14, 20), 0.4 * vessels(u, v, 4, 0.05, seed + 200));
+        return Colour(c * (1 + 0.05 * periodic_noise(u, v, 170, 170, seed + 300)));
     });
 }
 
 Image paint_kidney(uint64_t seed) {
     return paint_picture([seed](double u, double v) {
-        const double patches = cloud(u, v, 3, 4, seed);
-        const auto [centre, other] = nearest_points(u, v, 12, seed + 100);
-        Colour c = blend(Colour(134, 44, 38), Colour(172, 76, 62), 0.5 + 0.7 * patches);
-        c = blend(c, Colour(188, 104, 84), 0.15 * (1 - ramp(other - centre, 0.0, 0.3)));
-        c = blend(c, Colour(104, 22, 30), 0.6 * vessels(u, v, 5, 0.045, seed + 200));
-        return Colour(c * (1 + 0.04 * periodic_noise(u, v, 200, 200, seed + 300)));
+        const double patches = cloud(u, v, 6, 5, seed);
+        const double fine = cloud(u, v, 40, 3, seed + 50);
+        Colour c = blend(Colour(136, 46, 40), Colour(166, 70, 58), 0.5 + 0.5 * patches + 0.25 * fine);
+        c = blend(c, Colour(98, 20, 28), 0.45 * vessels(u, v, 4, 0.05, seed + 200));
+        c = blend(c, Colour(98, 20, 28), 0.3 * vessels(u, v, 9, 0.07, seed + 250));
+        return Colour(c * (1 + 0.04 * periodic_noise(u, v, 170, 170, seed + 300)));
     });
 }
 
@@ -142,17 +149,32 @@ Image paint_drape(uint64_t seed) {
 }
 
 void project_uv(double tile, Mesh& mesh) {
-    mesh.uv.resize(mesh.triangle.size());
+    // the axis follows a normal averaged over the neighbourhood: the borders between axes become smooth lines
+    std::vector<Vec3d> facing(mesh.triangle.size());
     for (size_t t = 0; t < mesh.triangle.size(); ++t) {
         const Triangle& corner = mesh.triangle[t];
-        const Vec3d &a = mesh.position[corner[0]], &b = mesh.position[corner[1]], &c = mesh.position[corner[2]];
-        const Vec3d normal = (b - a).cross(c - a);
+        const Vec3d& a = mesh.position[corner[0]];
+        facing[t] = (mesh.position[corner[1]] - a).cross(mesh.position[corner[2]] - a);
+    }
+    std::vector<Vec3d> around(mesh.position.size());
+    for (int round = 0; round < 3; ++round) {
+        std::fill(around.begin(), around.end(), Vec3d::Zero());
+        for (size_t t = 0; t < facing.size(); ++t) {
+            for (const uint32_t v : mesh.triangle[t]) around[v] += facing[t];
+        }
+        for (size_t t = 0; t < facing.size(); ++t) {
+            const Triangle& corner = mesh.triangle[t];
+            facing[t] += (around[corner[0]] + around[corner[1]] + around[corner[2]]) / 18;
+        }
+    }
+    mesh.uv.resize(mesh.triangle.size());
+    for (size_t t = 0; t < mesh.triangle.size(); ++t) {
         int axis = 0;
-        normal.cwiseAbs().maxCoeff(&axis);
+        facing[t].cwiseAbs().maxCoeff(&axis);
         for (int k = 0; k < 3; ++k) {
-            const Vec3d p = mesh.position[corner[k]] / tile;
+            const Vec3d p = mesh.position[mesh.triangle[t][k]] / tile;
             // mirrored on the far side, so that the picture reads the same way from outside everywhere
-            const double u = p[(axis + 1) % 3] * (normal[axis] < 0 ? -1 : 1);
+            const double u = p[(axis + 1) % 3] * (facing[t][axis] < 0 ? -1 : 1);
             mesh.uv[t][k] = {static_cast<float>(u), static_cast<float>(p[(axis + 2) % 3])};
         }
     }
