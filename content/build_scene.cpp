@@ -11,6 +11,7 @@
 #include "content/make_prototype.hpp"
 #include "content/shape_library.hpp"
 #include "engine/deformable_setup.hpp"
+#include "engine/device.hpp"
 #include "engine/error.hpp"
 #include "engine/mesh_topology.hpp"
 namespace trocar {
@@ -121,8 +122,14 @@ void add_tool(const SceneFile& scene, const ToolSpec& spec, World& world) {
     tool.coupling_damping = spec.damping;
     tool.max_force = spec.max_force;
     tool.friction = spec.friction;
-    tool.path = static_cast<uint32_t>(world.paths.body.size());
-    add_path(world.paths, kNone, spec.path);
+    if (world.haptics.tool.size() == kMaxTools) throw InputError(at(scene, spec.line) + "more than " + std::to_string(kMaxTools) + " tools");
+    if (!spec.trace.empty()) {
+        tool.trace = static_cast<uint32_t>(world.haptics.trace.size());
+        world.haptics.trace.push_back(read_device_trace(find_file(scene, spec.trace)));
+    } else {
+        tool.path = static_cast<uint32_t>(world.paths.body.size());
+        add_path(world.paths, kNone, spec.path);
+    }
     world.haptics.tool.push_back(tool);
     world.haptics.state.emplace_back();
 }

@@ -4,6 +4,7 @@
 #include <string>
 
 #include "engine/check.hpp"
+#include "engine/device.hpp"
 #include "engine/keyframe_path.hpp"
 #include "engine/parallel.hpp"
 #include "engine/thread_pool.hpp"
@@ -13,8 +14,11 @@
 #include "systems/candidate_pairs.hpp"
 #include "systems/contact_rows.hpp"
 #include "systems/deformable_energy.hpp"
+#include "systems/device_input.hpp"
 #include "systems/edge_pass.hpp"
+#include "systems/haptic_tick.hpp"
 #include "systems/islands.hpp"
+#include "systems/local_contact_model.hpp"
 #include "systems/overlap.hpp"
 #include "systems/penetration.hpp"
 #include "systems/picture_snapshot.hpp"
@@ -40,6 +44,9 @@ struct FrameScratch {
     std::vector<AdvanceResult> advance_result;  // per island
     std::vector<uint64_t> response_ns;          // per island
     std::vector<DeviceState> device;            // tools * (period + 1): every millisecond of the pass
+    LocalContactScratch local_contact;
+    std::array<HapticScratch, kMaxTools> haptic;
+    std::vector<uint64_t> tick_ns;              // tools * period
 };
 
 struct FrameState {
@@ -61,21 +68,10 @@ double pass_seconds(const World& w) { return static_cast<double>(w.clock.tick) *
 // Where every device will be at each millisecond of the pass; the first is now.
 void device_input(FrameState& f) {
     World& w = f.world;
-    const size_t tools = w.haptics.tool.size(), per_tool = w.clock.period + 1;
-    f.scratch.device.resize(tools * per_tool);
-    for (size_t t = 0; t < tools; ++t) {
-        const Range keys = w.paths.keys[w.haptics.tool[t].path];
-        for (size_t ms = 0; ms < per_tool; ++ms) {
-            DeviceState& device = f.scratch.device[t * per_tool + ms];
-            device.time = static_cast<double>(w.clock.tick + ms) * 1e-3;
-            const PathPoint point = sample_path(std::span(w.paths.key).subspan(keys.first, keys.count), device.time);
-            device.position = point.position;
-            device.orientation = point.orientation;
-            device.velocity = point.velocity;
-        }
-        w.haptics.state[t].device = f.scratch.device[t * per_tool];
-        w.haptics.state[t].contact_impulse = Vec3d::Zero();
-    }
+    std::array<Device, kMaxTools> device;
+    for (size_t t = 0; t < w.haptics.tool.size(); ++t) device[t] = device_of(w.haptics, w.paths, w.haptics.tool[t]);
+    read_devices(std::span(device).first(w.haptics.tool.size()), w.clock.tick, w.clock.period, f.scratch.device);
+    for (ToolState& state : w.haptics.state) state.contact_impulse = Vec3d::Zero();
 }
 void rigid_motion(FrameState& f) { follow_paths(f.world.paths, pass_seconds(f.world), f.world.poses); }
 void body_boxes(FrameState& f) {
@@ -84,7 +80,7 @@ void body_boxes(FrameState& f) {
     f.scratch.coming = w.poses;
     for (size_t t = 0; t < w.haptics.tool.size(); ++t) {
         Vec3d& velocity = f.scratch.coming.velocity[w.haptics.tool[t].body];
-        velocity = Vec3d(velocity.norm() + w.haptics.state[t].device.velocity.norm(), 0, 0);
+        velocity = Vec3d(velocity.norm() + f.scratch.device[t * (w.clock.period + 1)].velocity.norm(), 0, 0);
     }
     compute_body_boxes(period_seconds(w), {w.meshes, w.bodies, f.scratch.coming, w.particles}, w.boxes);
 }
@@ -115,6 +111,13 @@ void contact_rows(FrameState& f) {
     make_contact_rows(w.settings.contact, surfaces_of(w), w.pairs, w.contacts, w.penetrations, f.scratch.rows, w.report, w.rows);
 }
 void islands(FrameState& f) { find_islands(f.world.bodies, f.world.rows, f.scratch.islands, f.world.islands); }
+void local_contact(FrameState& f) {
+    World& w = f.world;
+    w.local_contact.resize(w.haptics.tool.size());
+    for (size_t t = 0; t < w.haptics.tool.size(); ++t)
+        publish_local_contact(HapticParams{}, surfaces_of(w), w.haptics.tool[t], w.haptics.state[t], pass_seconds(w),
+                              w.clock.pass, f.scratch.local_contact, w.local_contact[t]);
+}
 
 // ---- advance ----
 
@@ -125,6 +128,19 @@ bool island_has_tool(const World& w, std::span<const uint32_t> bodies) {
     for (const uint32_t body : bodies)
         if (w.bodies.motion[body] == Motion::kHand) return true;
     return false;
+}
+
+// One millisecond of force rendering for the tools whose bodies are in the island.
+void haptic_ticks(FrameState& f, std::span<const uint32_t> bodies, uint32_t ms) {
+    World& w = f.world;
+    const size_t per_tool = w.clock.period + 1;
+    for (size_t t = 0; t < w.haptics.tool.size(); ++t) {
+        if (std::find(bodies.begin(), bodies.end(), w.haptics.tool[t].body) == bodies.end()) continue;
+        const uint64_t start = now_ns();
+        haptic_tick(HapticParams{}, w.local_contact[t], static_cast<double>(w.clock.tick + ms) * 1e-3, w.haptics.tool[t],
+                    f.scratch.device[t * per_tool + ms], f.scratch.haptic[t], w.haptics.state[t]);
+        f.scratch.tick_ns[t * w.clock.period + ms] = now_ns() - start;
+    }
 }
 
 // One island through the whole pass; with a tool, millisecond by millisecond with the haptic tick between.
@@ -139,8 +155,7 @@ void advance_one_island(FrameState& f, uint32_t island, AdvanceScratch& scratch)
     params.account_energy = f.options.account_energy;
     params.observer = {begin_response, end_response, &f.scratch.response_ns[island]};
     const size_t tools = w.haptics.tool.size(), per_tool = w.clock.period + 1;
-    std::array<DeviceInterval, 8> device;
-    TROCAR_ASSERT(tools <= device.size());
+    std::array<DeviceInterval, kMaxTools> device;
     const AdvanceInputs inputs{w.meshes, w.springs, w.bodies, w.anchors, w.paths, w.haptics.tool, std::span(device).first(tools)};
     AdvanceResult& result = f.scratch.advance_result[island];
     const bool with_tool = tools > 0 && island_has_tool(w, bodies);
@@ -149,6 +164,7 @@ void advance_one_island(FrameState& f, uint32_t island, AdvanceScratch& scratch)
     for (uint32_t ms = 0; ms < w.clock.period; ms += params.ticks) {
         for (size_t t = 0; t < tools; ++t) device[t] = {f.scratch.device[t * per_tool + ms], f.scratch.device[t * per_tool + ms + params.ticks]};
         params.tick = w.clock.tick + ms;
+        if (with_tool && !f.options.external_ticks) haptic_ticks(f, bodies, ms);
         advance_island(params, inputs, bodies, rows, scratch, w.particles, w.poses, w.rows, w.haptics.state, result);
     }
 }
@@ -166,6 +182,7 @@ void advance(FrameState& f) {
     f.scratch.advance.resize(std::max<size_t>(f.scratch.advance.size(), thread_count()));
     f.scratch.advance_result.assign(count, {});
     f.scratch.response_ns.assign(count, 0);
+    f.scratch.tick_ns.assign(w.haptics.tool.size() * w.clock.period, 0);
     parallel_for(count, island_grain(w), [&](uint32_t begin, uint32_t end) {
         for (uint32_t i = begin; i < end; ++i) advance_one_island(f, i, f.scratch.advance[thread_index()]);
     });
@@ -175,6 +192,9 @@ void advance(FrameState& f) {
         add_advance_result(f.scratch.advance_result[i], w.energy, w.report);
         f.times.response_ns += f.scratch.response_ns[i];
     }
+    if (w.haptics.tool.empty() || f.options.external_ticks) return;
+    sum_tool_counters(w.haptics);
+    for (const uint64_t ns : f.scratch.tick_ns) f.times.tick_us.push_back(static_cast<double>(ns) * 1e-3);
 }
 
 // ---- end ----
@@ -220,10 +240,11 @@ constexpr FrameStage kBegin[] = {
     {{"penetration",     penetration,     mask(R::kPairs, R::kContacts),                                     mask(R::kPenetrations, R::kReport)}, any_pair},
     {{"contact rows",    contact_rows,    kShapes | mask(R::kSettings, R::kPairs, R::kContacts, R::kPenetrations), mask(R::kRows, R::kReport)}, any_pair},
     {{"islands",         islands,         mask(R::kBodies, R::kRows),                                        mask(R::kIslands)}, any_mover},
+    {{"local contact",   local_contact,   kShapes | mask(R::kClock, R::kTools, R::kToolState),               mask(R::kLocalContact)}, any_tool},
 };
 
 constexpr FrameStage kAdvance[] = {
-    {{"advance", advance, mask(R::kSettings, R::kMeshes, R::kSprings, R::kBodies, R::kAnchors, R::kPaths, R::kTools, R::kClock, R::kIslands),
+    {{"advance", advance, mask(R::kSettings, R::kMeshes, R::kSprings, R::kBodies, R::kAnchors, R::kPaths, R::kTools, R::kClock, R::kIslands, R::kLocalContact),
       mask(R::kPoses, R::kParticles, R::kRows, R::kToolState, R::kEnergy, R::kReport)}, any_mover},
 };
 
@@ -233,7 +254,7 @@ constexpr FrameStage kEnd[] = {
     {{"picture",         picture,         kShapes | mask(R::kClock, R::kNormals, R::kContacts, R::kPenetrations, R::kTools, R::kToolState), mask(R::kPicture)}, any_body},
 };
 
-constexpr std::string_view kFirstDetection = "body boxes";
+constexpr std::string_view kFirstDetection = "body boxes", kAfterDetection = "local contact";
 
 }  // namespace
 
@@ -301,7 +322,7 @@ Frame::Frame(World world, const FrameOptions& options) : state_(new FrameState),
     g.add(kBegin);
     for (uint32_t s = 0; s < g.stages.size(); ++s) {
         const bool started = !g.detection.empty() || g.stages[s].name == kFirstDetection;
-        if (started) g.detection.push_back(s);
+        if (started && g.stages[s].name != kAfterDetection) g.detection.push_back(s);
     }
     g.add(kAdvance);
     g.end_first = static_cast<uint32_t>(g.stages.size());
@@ -373,7 +394,7 @@ void detect_contacts(World& world) {
     FrameState state;
     std::swap(state.world, world);
     const auto first = std::find_if(std::begin(kBegin), std::end(kBegin), [](const FrameStage& row) { return row.stage.name == kFirstDetection; });
-    for (auto row = first; row != std::end(kBegin); ++row) row->stage.run(state);
+    for (auto row = first; row->stage.name != kAfterDetection; ++row) row->stage.run(state);
     std::swap(state.world, world);
 }
 
