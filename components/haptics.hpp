@@ -37,8 +37,6 @@ struct HandTool {
     double max_force = 3.3;          // N, of the device
     double friction = 0.1;
     uint32_t path = kNone;           // row of Paths: the scripted hand
-<<<<<<< HEAD
-=======
     uint32_t trace = kNone;          // row of Haptics::trace: the recorded hand
 };
 
@@ -55,7 +53,6 @@ struct HapticParams {
     double fall_time = 0.01;      // s, from full force to none on a timeout
     double rise_time = 0.05;      // s, back to full force after trouble
     double force_slew = 200;      // N/s, change of force beyond what the motion of the device explains
->>>>>>> haptics
 };
 
 // Surface within reach of a tool, frozen at one contact pass. Immutable once published; the tick reads nothing else.
