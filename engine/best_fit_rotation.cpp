@@ -32,7 +32,7 @@ bool solve_symmetric(const std::array<double, 6>& m, const Vec3d& b, Vec3d& x) {
 
 Quat best_fit_rotation(const std::array<Vec3d, 3>& a, const Quat& start) {
     constexpr int kMostSteps = 100;
-    constexpr double kConverged = 1e-14;  // rad
+    constexpr double kConverged = 1e-9;  // rad, of the step just taken: Newton's next error is its square
     Quat q = start;
     for (int step = 0; step < kMostSteps; ++step) {
         // S = A R^T in world axes: trace(exp(-w) S) is largest at the rotation vector w

@@ -30,15 +30,6 @@ Vec3d key_velocity(std::span<const Keyframe> keys, size_t k) {
     return velocity;
 }
 
-// Rotation from one orientation to another, the short way, as a vector in world axes.
-Vec3d rotation_between(const Quat& from, const Quat& to) {
-    Quat d = multiply(to, conjugate(from));
-    if (d.w < 0) d = {-d.w, -d.x, -d.y, -d.z};
-    const Vec3d axis(d.x, d.y, d.z);
-    const double sine = axis.norm();
-    return sine < 1e-300 ? Vec3d::Zero() : Vec3d(axis * (2 * std::atan2(sine, d.w) / sine));
-}
-
 }  // namespace
 
 PathPoint sample_path(std::span<const Keyframe> keys, double time) {
@@ -56,7 +47,7 @@ PathPoint sample_path(std::span<const Keyframe> keys, double time) {
     const double u2 = u * u, rise = u2 * (3 - 2 * u), rise_rate = 6 * u * (1 - u);
     at.position = a.position + rise * chord + (u * (1 - u) * (1 - u)) * va + (u2 * (u - 1)) * vb;
     at.velocity = (rise_rate * chord + ((1 - u) * (1 - 3 * u)) * va + (u * (3 * u - 2)) * vb) / length;
-    const Vec3d turn = rotation_between(a.orientation, b.orientation);
+    const Vec3d turn = rotation_vector(a.orientation, b.orientation);
     at.orientation = normalized(multiply(from_rotation_vector(rise * turn), a.orientation));
     at.angular_velocity = turn * (rise_rate / length);
     return at;

@@ -146,6 +146,7 @@ void shape_sums(const SpringStep* body, unsigned first, unsigned last, double* s
                 const int j = (i + 1) % 3, l = (i + 2) % 3;
                 const __m256d kx = _mm256_mul_pd(k, x[i]), mx = _mm256_mul_pd(m, x[i]), mv = _mm256_mul_pd(m, v[i]);
                 total[kSumKx + i] = _mm256_add_pd(total[kSumKx + i], kx);
+                total[kSumKr + i] = _mm256_fmadd_pd(k, r[i], total[kSumKr + i]);
                 total[kSumMx + i] = _mm256_add_pd(total[kSumMx + i], mx);
                 total[kSumMv + i] = _mm256_add_pd(total[kSumMv + i], mv);
 #pragma GCC unroll 3
