@@ -7,7 +7,9 @@
 namespace trocar {
 namespace {
 
-constexpr int32_t kReach = 16;      // pixels searched along an edge to either side
+constexpr int32_t kReach = 16;           // pixels searched along an edge to either side
+constexpr float kCornerStrength = 0.5f;  // more blurs shallow edges, less leaves steep ones jagged
+constexpr float kLeastShare = 0.02f;
 constexpr int32_t kLeastJump = 14;  // of 255: below, no edge
 
 struct Step {
@@ -57,6 +59,16 @@ float edge_share(const uint8_t* here, const Step& step, int32_t room_back, int32
     return 0.5f - static_cast<float>(std::min(back, ahead)) / static_cast<float>(back + ahead);
 }
 
+// Share of the neighbour for steep edges, whose steps are too short to walk along: how far the 3 x 3 average lies off.
+float corner_share(const uint8_t* here, int32_t width, int32_t range) {
+    const int32_t cross = here[-1] + here[1] + here[-width] + here[width];
+    const int32_t corners = here[-width - 1] + here[-width + 1] + here[width - 1] + here[width + 1];
+    const float average = static_cast<float>(2 * cross + corners) / 12.0f;
+    const float off = std::min(std::abs(average - static_cast<float>(here[0])) / static_cast<float>(range), 1.0f);
+    const float eased = off * off * (3 - 2 * off);
+    return kCornerStrength * eased * eased;
+}
+
 void find_luma(const Image& image, std::vector<uint8_t>& luma) {
     luma.resize(size_t{image.width} * image.height);
     const uint8_t* rgba = image.rgba.data();
@@ -79,8 +91,9 @@ void smooth_edges(SmoothEdgesScratch& scratch, Image& image) {
             if (high - low < kLeastJump || 8 * (high - low) < high) continue;
             const Step step = find_step(here, width);
             const bool level = step.along == 1;
-            const float share = edge_share(here, step, level ? x : y, level ? width - 1 - x : height - 1 - y);
-            if (!(share > 0)) continue;
+            float share = edge_share(here, step, level ? x : y, level ? width - 1 - x : height - 1 - y);
+            share = std::max(share, corner_share(here, width, high - low));
+            if (!(share > kLeastShare)) continue;
             const uint8_t* from = &image.rgba[4 * static_cast<size_t>(pixel)];
             const uint8_t* other = from + 4 * static_cast<ptrdiff_t>(step.across);
             SmoothEdgesScratch::Change change{static_cast<uint32_t>(pixel), {}};
