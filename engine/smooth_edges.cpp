@@ -9,8 +9,8 @@ namespace {
 
 constexpr int32_t kReach = 16;           // pixels searched along an edge to either side
 constexpr float kCornerStrength = 0.5f;  // more blurs shallow edges, less leaves steep ones jagged
-constexpr float kLeastShare = 0.02f;
-constexpr int32_t kLeastJump = 14;  // of 255: below, no edge
+constexpr float kLeastShare = 0.05f;     // a straight level or upright edge stays sharp
+constexpr int32_t kLeastJump = 14;       // of 255: below, no edge
 
 struct Step {
     int32_t across = 0;  // index step to the pixel on the other side
