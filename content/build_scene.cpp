@@ -75,7 +75,7 @@ void place_above(const SceneFile& scene, const BodySpec& spec, World& world, uin
     world.poses.origin[body] += shift + Vec3d(spec.position.x(), spec.position.y(), 0);
 }
 
-std::string body_note(const World& world, uint32_t body, const PrototypeResult& made) {
+std::string body_note(const World& world, uint32_t body, const Prototype& made) {
     constexpr const char* kMotions[] = {"static", "kinematic", "hand", "deformable"};
     const MeshInfo& info = world.meshes.info[world.bodies.mesh[body]];
     char text[256];
@@ -88,7 +88,8 @@ std::string body_note(const World& world, uint32_t body, const PrototypeResult& 
                       world.bodies.tissue[body].youngs_modulus, world.bodies.stable_dt[body] * 1e3);
         note += text;
     }
-    for (const std::string& change : describe(made.cleaned)) note += "; " + change;
+    const std::string changes = describe_cleaning(made.cleaning);
+    if (!changes.empty()) note += "; " + changes;
     return note;
 }
 

@@ -7,11 +7,14 @@
 #include "engine/world.hpp"
 namespace trocar {
 
-// Appends a body of a prototype at the world origin, with a tree of its own when deformable and a shared one otherwise.
-// A deformable body gets its particles, springs and anchors from `tissue`; see engine/deformable_setup.hpp. Returns its
+// Appends a body of a prototype at the world origin. A deformable body gets its particles, springs and anchors from `tissue`; see engine/deformable_setup.hpp. Returns its
 // row.
 uint32_t add_body(World& world, const std::string& name, uint32_t prototype, Motion motion, const Tissue& tissue = {},
                   AnchorFrame anchor_frame = AnchorFrame::kWorld);
+
+// Makes the closest-point trees: one per deformable body, one per prototype for all its rigid bodies. Call it once all
+// prototypes are there: trees look at their rows.
+void make_trees(World& world);
 
 // A scene ready to run: the world, how it is looked at, and what had to be done to its meshes.
 struct BuiltScene {

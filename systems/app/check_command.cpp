@@ -6,22 +6,9 @@
 #include "engine/error.hpp"
 #include "engine/whole_file.hpp"
 #include "systems/app/commands.hpp"
+#include "systems/app/standard_streams.hpp"
 namespace trocar {
 namespace {
-
-const char* admission_name(Admission admission) {
-    switch (admission) {
-        case Admission::kSolid:
-            return "solid";
-        case Admission::kWinding:
-            return "winding";
-        case Admission::kSheet:
-            return "sheet";
-        case Admission::kRefused:
-            break;
-    }
-    return "refused";
-}
 
 nlohmann::ordered_json to_json(const std::string& file, const MeshJudgement& j) {
     const auto row = [](const Vec3d& v) { return nlohmann::ordered_json{v.x(), v.y(), v.z()}; };

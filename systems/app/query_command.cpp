@@ -12,6 +12,7 @@
 #include "engine/text_file.hpp"
 #include "engine/whole_file.hpp"
 #include "systems/app/commands.hpp"
+#include "systems/app/standard_streams.hpp"
 namespace trocar {
 namespace {
 

@@ -7,6 +7,7 @@
 #include "engine/offscreen.hpp"
 #include "engine/whole_file.hpp"
 #include "systems/app/commands.hpp"
+#include "systems/app/standard_streams.hpp"
 namespace trocar {
 namespace fs = std::filesystem;
 
