@@ -62,6 +62,7 @@ struct LocalContactModel {
     Vec3d from = Vec3d::Zero();          // m, world: every surface nearer than reach to the segment from -> to is here
     Vec3d to = Vec3d::Zero();            // m
     double reach = 0;                    // m, from the segment; 0 = nothing was looked at yet
+    double fastest = 0;                  // m/s, of its vertices
     std::vector<Vec3d> position;         // m, world
     std::vector<Vec3d> velocity;         // m/s
     std::vector<Triangle> triangle;
@@ -82,6 +83,7 @@ struct ToolState {
     uint64_t ticks = 0;
     double model_age = 0;               // s, of the surface under the force at the last tick
     double gain = 1;                    // share of the force let through, 0..1: timeouts and recovery
+    double largest_force = 0;           // N, commanded so far
     uint64_t rejected_samples = 0;      // refused: not finite, out of order, farther than a hand can move
     Vec3d coupling_force = Vec3d::Zero();  // N, of the coupling on the simulated tool, last substep
     Vec3d contact_impulse = Vec3d::Zero(); // N s, of the tissue on the simulated tool, summed over the period
