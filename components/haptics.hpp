@@ -6,6 +6,8 @@
 #include "components/mesh.hpp"
 namespace trocar {
 
+inline constexpr size_t kMaxTools = 8;
+
 // What a hand device reports.
 struct DeviceState {
     double time = 0;                       // s

@@ -40,12 +40,12 @@ struct Hasher {
     void value(const DeviceState& d) {
         value(d.time), value(d.position), value(d.orientation), value(d.velocity), value(d.buttons);
     }
+    void value(const DeviceTrace& t) { array(t.sample); }
     void value(const ToolState& t) {
         value(t.device), value(t.proxy), value(t.proxy_valid), value(t.contacts), value(t.command.force);
         value(t.coupling_force), value(t.contact_impulse), value(t.device_valid), value(t.time), value(t.ticks);
         value(t.model_age), value(t.gain), value(t.largest_force), value(t.rejected_samples);
     }
-    void value(const DeviceTrace& t) { array(t.sample); }
     void value(const HandTool& t) {
         value(t.body), value(t.tip), value(t.tip_radius), value(t.coupling_stiffness), value(t.coupling_damping);
         value(t.max_force), value(t.friction), value(t.path), value(t.trace);
