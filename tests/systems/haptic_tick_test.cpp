@@ -611,7 +611,7 @@ TEST(HapticTick, DampingIsNormalBoundedAndNeverPulls) {
 
 // A device of 0.1 kg and 0.5 N s/m that is pushed against a wall with 1 N, rung by a light blow once it rests.
 struct WallTrial {
-    std::array<double, 3> swing{};   // m, peak to peak in each second after the blow
+    std::array<double, 3> swing{};  // m, peak to peak in each second after the blow
 };
 WallTrial push_against_wall(double stiffness, double damping) {
     Rig rig = still_rig(make_patch(make_plane()));
