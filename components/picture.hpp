@@ -60,7 +60,7 @@ struct Camera {
     CameraKind kind = CameraKind::kOrbit;
     Vec3d target = Vec3d::Zero();            // m, what it looks at (both kinds)
     Vec3d up = Vec3d::UnitZ();               // against gravity
-    double azimuth = 0.6;                    // orbit: about up
+    double azimuth = -1.1;                   // orbit: about up, counter-clockwise; 0 = seen from +x
     double elevation = 0.45;                 // orbit: above the horizon
     double distance = 0.5;                   // m, orbit
     Vec3d position = Vec3d(0, -0.15, 0.15);  // m, laparoscope

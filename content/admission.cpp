@@ -88,6 +88,13 @@ uint32_t count_duplicates(const Mesh& mesh) {
     return count;
 }
 
+// Height of a face over its longest edge, by that edge's length.
+double relative_height(const Mesh& mesh, const Triangle& t) {
+    const Vec3d &a = mesh.position[t[0]], &b = mesh.position[t[1]], &c = mesh.position[t[2]];
+    const double longest = std::max({(b - a).squaredNorm(), (c - b).squaredNorm(), (a - c).squaredNorm()});
+    return (b - a).cross(c - a).norm() / longest;
+}
+
 // Edge counts; true when every edge is used equally in both directions.
 bool count_edges(const Mesh& mesh, const EdgeTable& table, MeshJudgement& out) {
     bool balanced = true;
@@ -117,7 +124,7 @@ std::string describe_defects(const MeshJudgement& j) {
     add_reason(text, j.bow_tie_vertices, "vertices with several fans");
     add_reason(text, j.inside_out, "pieces inside out");
     add_reason(text, j.doubly_inside, "pieces inside another solid piece");
-    add_reason(text, j.degenerate, "faces without area");
+    add_reason(text, j.zero_area, "faces without area");
     add_reason(text, j.duplicate, "doubled faces");
     add_reason(text, j.self_crossing, "pairs of faces that cross");
     add_reason(text, j.self_touching, "pairs of faces that touch");
@@ -161,7 +168,9 @@ MeshJudgement judge_mesh(const Mesh& mesh, bool test_self_crossing) {
     faces.position = mesh.position;
     for (const Triangle& t : mesh.triangle) {
         const bool repeated = t[0] == t[1] || t[1] == t[2] || t[2] == t[0];
-        out.degenerate += repeated || are_collinear(mesh.position[t[0]], mesh.position[t[1]], mesh.position[t[2]]);
+        const bool flat = repeated || are_collinear(mesh.position[t[0]], mesh.position[t[1]], mesh.position[t[2]]);
+        out.zero_area += flat;
+        out.degenerate += flat || relative_height(mesh, t) <= 1e-7;
         if (!repeated) faces.triangle.push_back(t);
     }
     const EdgeTable table = make_edge_table(faces.triangle, out.vertices);
@@ -171,8 +180,8 @@ MeshJudgement judge_mesh(const Mesh& mesh, bool test_self_crossing) {
     out.bow_tie_vertices = count_bow_ties(faces, table);
     out.duplicate = count_duplicates(faces);
     measure(mesh, out);
-    const PieceTurns turns = find_inside_out_pieces(faces, table, piece, out.components);
-    out.inside_out = static_cast<uint32_t>(std::count(turns.inside_out.begin(), turns.inside_out.end(), 1));
+    const PieceTurns turns = find_inside_out_pieces(faces, table);
+    out.inside_out = turns.pieces;
     out.doubly_inside = turns.doubly_inside;
     out.manifold = out.non_manifold_edges == 0 && out.bow_tie_vertices == 0;
     out.oriented = out.flipped_edges == 0 && (balanced || out.boundary_edges > 0) && out.inside_out == 0;

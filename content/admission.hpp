@@ -12,7 +12,8 @@ struct MeshJudgement {
     bool manifold = false;  // at most two faces an edge, one fan a vertex
     bool oriented = false;  // every edge with two or more faces is used equally in both directions, no piece inside out
     uint32_t components = 0;          // edge-connected pieces
-    uint32_t degenerate = 0;          // faces without area, or that name a vertex twice
+    uint32_t degenerate = 0;          // faces lower than 1e-7 of their longest edge, a float's unit, or less
+    uint32_t zero_area = 0;           // of those: corners exactly in a line, or a vertex named twice
     uint32_t duplicate = 0;           // faces with the corners of a lower face, in either winding
     uint32_t boundary_edges = 0;      // one face
     uint32_t non_manifold_edges = 0;  // three faces or more

@@ -263,18 +263,15 @@ void drop_zero_area_faces(Mesh& mesh, CleanReport& report) {
 
 void orient(Mesh& mesh, CleanReport& report) {
     const uint32_t vertices = static_cast<uint32_t>(mesh.position.size());
-    const uint32_t faces = static_cast<uint32_t>(mesh.triangle.size());
     const OrientationReport agreed = agree_orientation(mesh, make_edge_table(mesh.triangle, vertices));
     report.faces_turned = agreed.faces_turned;
     report.unorientable_patches = agreed.unorientable;
     const EdgeTable table = make_edge_table(mesh.triangle, vertices);
-    std::vector<uint32_t> piece;
-    const uint32_t pieces = number_pieces(table, faces, piece);
-    const PieceTurns turns = find_inside_out_pieces(mesh, table, piece, pieces);
+    const PieceTurns turns = find_inside_out_pieces(mesh, table);
     report.cavities = turns.cavities;
-    report.pieces_turned = count_marked(turns.inside_out);
-    for (uint32_t t = 0; t < faces; ++t) {
-        if (turns.inside_out[piece[t]]) turn_face(mesh, t);
+    report.pieces_turned = turns.pieces;
+    for (uint32_t t = 0; t < mesh.triangle.size(); ++t) {
+        if (turns.inside_out[t]) turn_face(mesh, t);
     }
 }
 

@@ -16,10 +16,57 @@ struct Piece {
     bool flat = false;
 };
 
-std::vector<Piece> gather_pieces(const Mesh& mesh, const EdgeTable& table, const std::vector<uint32_t>& piece_of,
-                                 uint32_t count) {
-    std::vector<Piece> pieces(count);
+// Calls visit(one member's face, balance) for every set that uses an edge: uses along minus uses against it.
+template <typename Visit>
+void for_each_balance(const Mesh& mesh, const EdgeTable& table, uint32_t e, std::vector<uint32_t>& sets,
+                      const Visit& visit) {
+    const auto users = table.users(e);
+    for (size_t i = 0; i < users.size(); ++i) {
+        const uint32_t set = find_set(sets, users[i] / 3);
+        int balance = 0;
+        bool first = true;
+        for (size_t k = 0; k < users.size(); ++k) {
+            if (find_set(sets, users[k] / 3) != set) continue;
+            first &= k >= i;
+            balance += half_edge_start(mesh.triangle, users[k]) == table.edge[e][0] ? 1 : -1;
+        }
+        if (first) visit(set, balance);
+    }
+}
+
+// Sets of faces, each named by its lowest, as find_inside_out_pieces describes them.
+std::vector<uint32_t> partition_pieces(const Mesh& mesh, const EdgeTable& table) {
+    const uint32_t faces = static_cast<uint32_t>(mesh.triangle.size());
+    std::vector<uint32_t> sets = make_sets(faces);
+    for (uint32_t e = 0; e < table.edge.size(); ++e) {
+        const auto users = table.users(e);
+        if (users.size() == 2) join_sets(sets, users[0] / 3, users[1] / 3);
+    }
+    std::vector<uint8_t> open(faces, 0);
+    for (uint32_t e = 0; e < table.edge.size(); ++e) {
+        for_each_balance(mesh, table, e, sets, [&](uint32_t set, int balance) { open[set] |= balance != 0; });
+    }
+    // marked for every face, because joining renames the sets
+    for (uint32_t t = 0; t < faces; ++t) open[t] = open[find_set(sets, t)];
+    for (uint32_t e = 0; e < table.edge.size(); ++e) {
+        uint32_t last = kNone;
+        for (const uint32_t h : table.users(e)) {
+            if (!open[h / 3]) continue;
+            if (last != kNone) join_sets(sets, last, h / 3);
+            last = h / 3;
+        }
+    }
+    return sets;
+}
+
+std::vector<Piece> gather_pieces(const Mesh& mesh, const EdgeTable& table) {
+    std::vector<uint32_t> sets = partition_pieces(mesh, table);
+    std::vector<Piece> pieces;
+    std::vector<uint32_t> piece_of(mesh.triangle.size());
     for (uint32_t t = 0; t < mesh.triangle.size(); ++t) {
+        const uint32_t lowest = find_set(sets, t);
+        piece_of[t] = lowest == t ? static_cast<uint32_t>(pieces.size()) : piece_of[lowest];
+        if (lowest == t) pieces.emplace_back();
         Piece& piece = pieces[piece_of[t]];
         piece.face.push_back(t);
         for (const uint32_t v : mesh.triangle[t]) {
@@ -28,11 +75,8 @@ std::vector<Piece> gather_pieces(const Mesh& mesh, const EdgeTable& table, const
         }
     }
     for (uint32_t e = 0; e < table.edge.size(); ++e) {
-        int balance = 0;
-        for (const uint32_t h : table.users(e)) {
-            balance += half_edge_start(mesh.triangle, h) == table.edge[e][0] ? 1 : -1;
-        }
-        if (balance != 0) pieces[piece_of[table.users(e)[0] / 3]].closed = false;
+        for_each_balance(mesh, table, e, sets,
+                         [&](uint32_t set, int balance) { pieces[piece_of[set]].closed &= balance == 0; });
     }
     for (Piece& piece : pieces) {
         const Vec3d middle = 0.5 * (piece.box.min + piece.box.max);
@@ -139,20 +183,19 @@ OrientationReport agree_orientation(Mesh& mesh, const EdgeTable& table) {
     return report;
 }
 
-PieceTurns find_inside_out_pieces(const Mesh& mesh, const EdgeTable& table, const std::vector<uint32_t>& piece_of,
-                                  uint32_t count) {
+PieceTurns find_inside_out_pieces(const Mesh& mesh, const EdgeTable& table) {
     PieceTurns out;
-    out.inside_out.assign(count, 0);
-    const std::vector<Piece> pieces = gather_pieces(mesh, table, piece_of, count);
-    const auto counts = [&](uint32_t p) { return pieces[p].closed && !pieces[p].flat; };
+    out.inside_out.assign(mesh.triangle.size(), 0);
+    const std::vector<Piece> pieces = gather_pieces(mesh, table);
     // from the outside in: what surrounds a piece has the larger volume
     std::vector<uint32_t> order;
-    for (uint32_t p = 0; p < count; ++p) {
-        if (counts(p)) order.push_back(p);
+    for (uint32_t p = 0; p < pieces.size(); ++p) {
+        if (pieces[p].closed && !pieces[p].flat) order.push_back(p);
     }
     std::stable_sort(order.begin(), order.end(),
                      [&](uint32_t a, uint32_t b) { return std::abs(pieces[a].volume) > std::abs(pieces[b].volume); });
-    std::vector<int> inside(count, 0);  // winding number just inside the piece, once all point the right way
+    std::vector<uint8_t> turned(pieces.size(), 0);
+    std::vector<int> inside(pieces.size(), 0);  // winding number just inside, once all point the right way
     for (uint32_t i = 0; i < order.size(); ++i) {
         const uint32_t p = order[i];
         const bool outward = pieces[p].volume > 0;
@@ -160,15 +203,14 @@ PieceTurns find_inside_out_pieces(const Mesh& mesh, const EdgeTable& table, cons
         for (uint32_t k = i; k-- > 0 && around == kNone;) {
             if (lies_within(mesh, pieces[p], pieces[order[k]])) around = order[k];
         }
-        bool wanted = true;
-        if (around != kNone) {
-            wanted = outward != static_cast<bool>(out.inside_out[around]);
-            wanted |= inside[around] == 0;
-        }
-        inside[p] = (around == kNone ? 0 : inside[around]) + (wanted ? 1 : -1);
-        out.inside_out[p] = wanted != outward;
+        const int outside = around == kNone ? 0 : inside[around];
+        const bool wanted = outside == 0 || outward != static_cast<bool>(turned[around]);
+        inside[p] = outside + (wanted ? 1 : -1);
+        turned[p] = wanted != outward;
+        out.pieces += turned[p];
         out.cavities += !wanted;
         out.doubly_inside += inside[p] > 1;
+        for (const uint32_t t : pieces[p].face) out.inside_out[t] = turned[p];
     }
     return out;
 }

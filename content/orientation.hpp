@@ -15,18 +15,20 @@ struct OrientationReport {
 // faces that disagree with its lowest). Texture coordinates follow.
 OrientationReport agree_orientation(Mesh& mesh, const EdgeTable& table);
 
-// A closed piece of a mesh: every edge is used equally often in both directions.
+// Which closed pieces of a mesh point the wrong way, and how the rest nests.
 struct PieceTurns {
-    std::vector<uint8_t> inside_out;  // per piece: 1 = its faces point the wrong way
+    std::vector<uint8_t> inside_out;  // per face: 1 = it belongs to a piece that points the wrong way
+    uint32_t pieces = 0;              // of those
     uint32_t cavities = 0;            // pieces that rightly point inward
     uint32_t doubly_inside = 0;       // outward pieces that lie in what is inside already: winding number 2 and more
 };
 
-// Decides which closed pieces point the wrong way. A piece inside no other must have a positive volume. A piece inside
-// another keeps its direction relative to the one around it (a hollow stays a hollow when both were inside out), unless
-// that would make the winding number inside it negative. Open and flat pieces are left alone.
-PieceTurns find_inside_out_pieces(const Mesh& mesh, const EdgeTable& table, const std::vector<uint32_t>& piece,
-                                  uint32_t pieces);
+// Decides which closed pieces point the wrong way. A piece here is what hangs together across two-face edges and is
+// closed by itself; patches that only together close around non-manifold edges are one. A piece inside no other must
+// have a positive volume. A piece inside another keeps its direction relative to the one around it (a hollow stays a
+// hollow when both were inside out), unless that would make the winding number inside it negative. Open and flat
+// pieces are left alone.
+PieceTurns find_inside_out_pieces(const Mesh& mesh, const EdgeTable& table);
 
 // Swaps two corners of a face, and their texture coordinates.
 void turn_face(Mesh& mesh, uint32_t face);

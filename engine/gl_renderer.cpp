@@ -576,7 +576,7 @@ void GlRenderer::Impl::set_material(const SurfaceProgram& p, const Material& mat
     const auto wet = [](float s) { return std::clamp(s, 0.06f, 1.0f); };
     glUniform3f(p.diffuse, material.diffuse[0], material.diffuse[1], material.diffuse[2]);
     glUniform3f(p.specular, wet(material.specular[0]), wet(material.specular[1]), wet(material.specular[2]));
-    glUniform1f(p.shine, 12.0f + 116.0f * std::clamp(material.shininess, 0.0f, 1.0f));
+    glUniform1f(p.shine, 16.0f + 176.0f * std::clamp(material.shininess, 0.0f, 1.0f));
     glUniform1f(p.opacity, 1.0f - std::clamp(material.transparency, 0.0f, 1.0f));
     if (image) glBindTexture(GL_TEXTURE_2D, image);
 }

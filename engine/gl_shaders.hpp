@@ -74,7 +74,7 @@ vec3 highlight(vec3 n, vec3 to_light, vec3 to_eye) {
     float grazing = 1.0 - max(dot(h, to_eye), 0.0);
     float grazing2 = grazing * grazing;
     float fresnel = grazing2 * grazing2 * grazing;
-    float size = shine * 0.045 + 0.4;
+    float size = shine * 0.022 + 0.4;
     return (specular + (1.0 - specular) * fresnel) * (size * exp2(1.442695 * shine * (dot(n, h) - 1.0)));
 }
 
@@ -198,8 +198,9 @@ out vec4 colour;
 void main() {
     vec2 d = floor_at;
     float q = shape.x * d.x * d.x + 2.0 * shape.y * d.x * d.y + shape.z * d.y * d.y;
-    // e^-q/2 lowered so that it ends at three deviations, where the rectangle ends
-    colour = vec4(vec3(0.0), shape.w * max(exp2(-0.721348 * q) - 0.0111, 0.0));
+    float t = max(1.0 - q / 9.0, 0.0);
+    t *= t;
+    colour = vec4(0.0, 0.0, 0.0, shape.w * (t * t));
 }
 )";
 

@@ -39,17 +39,18 @@ struct CameraFrame {
     Vec3d eye, forward, right, up;
 };
 
-// At azimuth 0 an orbit camera looks along the horizontal axis `ahead` made from up alone, so it never flips.
+// Azimuth 0: the eye is on the side of the world's x axis (y, where up is x), whatever the elevation.
 CameraFrame camera_frame(const Camera& camera) {
     CameraFrame frame;
     const Vec3d sky = unit_or(camera.up, Vec3d::UnitZ());
     if (camera.kind == CameraKind::kOrbit) {
-        const Vec3d side = -perpendicular_to(sky), ahead = sky.cross(side);
+        const Vec3d axis = std::abs(sky.x()) < 0.9 ? Vec3d(Vec3d::UnitX()) : Vec3d(Vec3d::UnitY());
+        const Vec3d ahead = (axis - axis.dot(sky) * sky).normalized(), side = sky.cross(ahead);
         const Vec3d flat = std::cos(camera.azimuth) * ahead + std::sin(camera.azimuth) * side;
         const Vec3d back = std::cos(camera.elevation) * flat + std::sin(camera.elevation) * sky;
         frame.forward = -back;
         frame.eye = camera.target + camera.distance * back;
-        frame.right = unit_or(sky.cross(flat), side);
+        frame.right = sky.cross(flat);
     } else {
         frame.eye = camera.position;
         frame.forward = unit_or(camera.target - camera.position, -sky);
