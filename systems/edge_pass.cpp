@@ -1,0 +1,352 @@
+#include "systems/edge_pass.hpp"
+
+#include <algorithm>
+#include <cmath>
+#include <utility>
+
+#include "engine/geometry/contact_kernels.hpp"
+#include "engine/parallel.hpp"
+namespace trocar {
+namespace {
+
+constexpr uint32_t kMostChunks = 64;
+constexpr uint32_t kMostQueries = 48;  // of one edge; 2^-48 of it is far below any tolerance
+
+void set_bit(std::vector<uint64_t>& bits, uint32_t i) { bits[i >> 6] |= uint64_t{1} << (i & 63); }
+bool has_bit(const std::vector<uint64_t>& bits, uint32_t i) { return bits[i >> 6] >> (i & 63) & 1; }
+
+template <typename Visit>
+void for_each_bit(const std::vector<uint64_t>& bits, const Visit& visit) {
+    for (uint32_t word = 0; word < bits.size(); ++word) {
+        for (uint64_t left = bits[word]; left != 0; left &= left - 1) {
+            visit(word * 64 + uint32_t(__builtin_ctzll(left)));
+        }
+    }
+}
+
+struct EdgeInput {
+    const ContactParams& params;
+    const Surfaces& surfaces;
+    const CandidateTriangles& candidates;
+    const NearVertices& near;
+};
+
+// One side of one pair: the edges of `body` against the surface of `other`.
+struct Side {
+    uint32_t row, body, other;
+    bool reversed;  // body is the pair's b
+    Range candidates;
+    MeshView mesh, other_mesh;
+    const ClosestPointTree* tree;
+};
+
+// A place on the edge where something is known of the depth.
+struct Sample {
+    double s = 0;               // m from the first vertex
+    double depth = 0;           // m; an upper bound at the ends of an interval, exact where a query was made
+    uint32_t triangle = kNone;  // of other, nearest there
+};
+
+// One edge under search, in the frame of the other body.
+struct EdgeSearch {
+    const EdgeInput& in;
+    const Side& side;
+    Vec3d start, direction;  // direction unit
+    double length;           // m
+    std::array<Sample, kMostQueries + 2> sample;
+    std::array<std::array<Sample, 2>, kMostQueries + 2> interval;
+    std::array<double, kMostQueries + 2> bound;
+    uint32_t intervals = 0;
+
+    Vec3d at(double s) const { return start + s * direction; }
+    double distance_to(uint32_t t, double s) const {
+        const Triangle& c = side.other_mesh.triangle[t];
+        return distance_to_triangle(at(s), side.tree->vertex(c[0]), side.tree->vertex(c[1]), side.tree->vertex(c[2]));
+    }
+    // Depth that nothing between two samples exceeds: depth is 1-Lipschitz, and it is no more than the distance to any
+    // triangle, which is convex along the edge.
+    double bound_between(const Sample& a, const Sample& b) const {
+        double most = 0.5 * (b.s - a.s + a.depth + b.depth);
+        if (a.triangle != kNone) most = std::min(most, std::max(std::abs(a.depth), distance_to(a.triangle, b.s)));
+        if (b.triangle != kNone && b.triangle != a.triangle) {
+            most = std::min(most, std::max(std::abs(b.depth), distance_to(b.triangle, a.s)));
+        }
+        return most;
+    }
+    void add(const Sample& a, const Sample& b) {
+        if (!(b.s > a.s)) return;
+        interval[intervals] = {a, b};
+        bound[intervals++] = bound_between(a, b);
+    }
+};
+
+// Piyavskii-Shubert search of the deepest point on the intervals added, to the tolerance; `deepest` is what must be
+// beaten. Of equal bounds the first interval is split first. True when found.
+bool search(EdgeSearch& e, double deepest, EdgeContact& best, QueryCounters& counters) {
+    bool found = false;
+    for (uint32_t query = 0; query < kMostQueries && e.intervals > 0; ++query) {
+        const uint32_t pick =
+            uint32_t(std::max_element(e.bound.begin(), e.bound.begin() + e.intervals) - e.bound.begin());
+        // an edge that surely passes the surface gets one look, however short its way inside
+        const double slack = found || deepest > 0 ? e.in.params.tolerance : 0.01 * e.in.params.tolerance;
+        if (e.bound[pick] <= deepest + slack && (query > 0 || deepest > 0)) break;
+        const auto [a, b] = e.interval[pick];
+        e.interval[pick] = e.interval[e.intervals - 1];
+        e.bound[pick] = e.bound[--e.intervals];
+        const double width = b.s - a.s;
+        const double peak = 0.5 * (a.s + b.s + b.depth - a.depth);
+        const float along = float(std::clamp(peak, a.s + 0.1 * width, b.s - 0.1 * width) / e.length);
+        const double s = double(along) * e.length;
+        if (!(s > a.s && s < b.s)) continue;
+        const Vec3d p = e.at(s);
+        SurfacePoint answer;
+        const double radius = std::numeric_limits<double>::infinity();
+        const uint32_t hint = a.triangle != kNone ? a.triangle : b.triangle;
+        e.side.tree->query({&p, 1}, {&radius, 1}, {&hint, 1}, {&answer, 1}, counters);
+        if (answer.triangle == kNone) break;
+        if (-answer.distance > deepest) {
+            found = true;
+            deepest = -answer.distance;
+            best.along = along;
+            best.point = p;
+            best.answer = answer;
+        }
+        const Sample middle{s, -answer.distance, answer.triangle};
+        e.add(a, middle);
+        e.add(middle, b);
+    }
+    return found;
+}
+
+// Where the edge from p to q passes triangle abc, as a part of the way; -1 if it surely does not. Wrong only towards
+// "yes": everything is compared with a bound on its rounding.
+double crossing(const Vec3d& p, const Vec3d& q, const Vec3d& a, const Vec3d& b, const Vec3d& c) {
+    const Vec3d n = (b - a).cross(c - a);
+    const double size = std::max({(a - p).norm(), (b - p).norm(), (c - p).norm(), (q - p).norm()});
+    const double slack = 1e-13 * size * size * size;
+    const double at_p = n.dot(p - a), at_q = n.dot(q - a);
+    if ((at_p > slack && at_q > slack) || (at_p < -slack && at_q < -slack)) return -1;
+    const Vec3d pa = a - p, pb = b - p, pc = c - p, pq = q - p;
+    const double u = pq.dot(pa.cross(pb)), v = pq.dot(pb.cross(pc)), w = pq.dot(pc.cross(pa));
+    const bool left = u >= -slack && v >= -slack && w >= -slack, right = u <= slack && v <= slack && w <= slack;
+    if (!left && !right) return -1;
+    const double change = at_p - at_q;
+    return std::abs(change) > slack ? std::clamp(at_p / change, 0.0, 1.0) : 0.5;
+}
+
+struct Crossings {
+    uint32_t count = 0;
+    Sample first, last;
+};
+
+// First and last place where the edge passes the other surface, among the candidate triangles of its own triangles.
+Crossings find_crossings(const EdgeSearch& e, const std::array<uint32_t, 2>& triangles, const EdgeChunk& c) {
+    Crossings found;
+    const Vec3d p = e.start, q = e.at(e.length);
+    for (const uint32_t own : triangles) {
+        if (own == kNone || !has_bit(c.near_triangle, own)) continue;
+        for (uint32_t i = c.opposite_first[own]; i < c.opposite_first[own + 1]; ++i) {
+            const Triangle& corner = e.side.other_mesh.triangle[c.opposite[i]];
+            const ClosestPointTree& tree = *e.side.tree;
+            const double part = crossing(p, q, tree.vertex(corner[0]), tree.vertex(corner[1]), tree.vertex(corner[2]));
+            if (part < 0) continue;
+            const Sample sample{part * e.length, 0, c.opposite[i]};
+            const auto before = [](const Sample& x, const Sample& y) {
+                return x.s < y.s || (x.s == y.s && x.triangle < y.triangle);
+            };
+            if (found.count == 0 || before(sample, found.first)) found.first = sample;
+            if (found.count == 0 || before(found.last, sample)) found.last = sample;
+            ++found.count;
+        }
+    }
+    return found;
+}
+
+// Both ends outside: inside is at most what lies between the first and the last crossing.
+bool search_outside_edge(EdgeSearch& e, const Sample& a, const Sample& b, const std::array<uint32_t, 2>& triangles,
+                         EdgeChunk& c, EdgeContact& best) {
+    if (0.5 * (e.length + a.depth + b.depth) < 0) return false;
+    Crossings x = find_crossings(e, triangles, c);
+    if (x.count == 0) return false;
+    // a place computed for a crossing is off by its rounding, more where the edge grazes: half of a grazed edge is
+    // searched
+    const double pad = 1e-9 * e.length;
+    const bool single = x.last.s - x.first.s <= pad;
+    x.first.s = single ? -a.depth : std::max(x.first.s - pad, 0.0);
+    x.last.s = single ? e.length + b.depth : std::min(x.last.s + pad, e.length);
+    if (single) x.first.triangle = x.last.triangle = kNone;
+    e.add(x.first, x.last);
+    return search(e, 0, best, c.counters);
+}
+
+// One end inside (a), the other outside: nothing within the outside end's distance of it is inside.
+bool search_crossing_edge(EdgeSearch& e, const Sample& a, const Sample& b, EdgeChunk& c, EdgeContact& best) {
+    const double enough = std::abs(a.depth) + e.in.params.tolerance;
+    if (0.5 * (e.length + a.depth + b.depth) <= enough) return false;
+    // beyond `reach` the outside end bounds the depth to `enough`; before it the nearest triangle of the inside end may
+    const bool forward = a.s < b.s;
+    const double reach = e.length + b.depth - enough;
+    if (e.distance_to(a.triangle, forward ? reach : e.length - reach) <= enough) return false;
+    const Sample limit{forward ? e.length + b.depth : -b.depth, 0, kNone};
+    forward ? e.add(a, limit) : e.add(limit, a);
+    return search(e, a.depth, best, c.counters);
+}
+
+// Both ends inside: only when the edge leaves the other body and can be deeper on the way than at its ends.
+bool search_inside_edge(EdgeSearch& e, const Sample& a, const Sample& b, const std::array<uint32_t, 2>& triangles,
+                        EdgeChunk& c, EdgeContact& best) {
+    const double deepest = std::max(a.depth, b.depth);
+    e.add(a, b);
+    if (e.intervals == 0 || e.bound[0] <= deepest + e.in.params.tolerance) return false;
+    if (find_crossings(e, triangles, c).count == 0) return false;
+    return search(e, deepest, best, c.counters);
+}
+
+bool search_edge(const EdgeInput& in, const Side& side, const BodyPoints& points, uint32_t edge, EdgeChunk& c,
+                 EdgeContact& best) {
+    const auto [v0, v1] = side.mesh.edge[edge];
+    const uint32_t row0 = c.near_row[v0], row1 = c.near_row[v1];
+    if (row0 == kNone || row1 == kNone) return false;
+    Sample a{0, -in.near.distance[row0], in.near.triangle[row0]};
+    Sample b{0, -in.near.distance[row1], in.near.triangle[row1]};
+    const auto in_frame = [&](uint32_t v) {
+        const Vec3d p = points.point(v);
+        return is_deformable(in.surfaces.bodies, side.other)
+                   ? p
+                   : rotate_back(in.surfaces.poses.orientation[side.other], p);
+    };
+    const Vec3d p = in_frame(v0), q = in_frame(v1);
+    const double length = (q - p).norm();
+    if (!(length > 0)) return false;
+    b.s = length;
+    EdgeSearch e{in, side, p, (q - p) / length, length, {}, {}, {}, 0};
+    best.vertex = {v0, v1};
+    const auto& triangles = side.mesh.edge_triangle[edge];
+    if (a.depth <= 0 && b.depth <= 0) return search_outside_edge(e, a, b, triangles, c, best);
+    if (a.depth > 0 && b.depth > 0) return search_inside_edge(e, a, b, triangles, c, best);
+    return a.depth > 0 ? search_crossing_edge(e, a, b, c, best) : search_crossing_edge(e, b, a, c, best);
+}
+
+// Candidate triangles of the other body per triangle of this one, and the edges of the latter.
+void collect_edges(const EdgeInput& in, const Side& side, EdgeChunk& c) {
+    const uint32_t count = uint32_t(side.mesh.triangle.size());
+    c.near_triangle.assign((count + 63) / 64, 0);
+    c.near_edge.assign((side.mesh.edge.size() + 63) / 64, 0);
+    c.opposite_first.assign(count + 2, 0);
+    c.opposite.resize(side.candidates.count);
+    const auto rows = std::span(in.candidates.triangle).subspan(side.candidates.first, side.candidates.count);
+    for (const auto& pair : rows) {
+        const uint32_t own = pair[side.reversed];
+        ++c.opposite_first[own + 2];
+        if (has_bit(c.near_triangle, own)) continue;
+        set_bit(c.near_triangle, own);
+        for (const uint32_t edge : side.mesh.triangle_edge[own]) set_bit(c.near_edge, edge);
+    }
+    for (uint32_t t = 0; t < count; ++t) c.opposite_first[t + 2] += c.opposite_first[t + 1];
+    for (const auto& pair : rows) c.opposite[c.opposite_first[pair[side.reversed] + 1]++] = pair[!side.reversed];
+    c.near_row.assign(side.mesh.position.size(), kNone);
+    const Range vertices = in.near.side[side.row];
+    for (uint32_t i = vertices.first; i < vertices.end(); ++i) c.near_row[in.near.vertex[i]] = i;
+}
+
+void find_side(const EdgeInput& in, const Side& side, Range& found, EdgeChunk& c) {
+    found = {uint32_t(c.found.size()), 0};
+    if (side.tree == nullptr || side.candidates.count == 0) return;
+    collect_edges(in, side, c);
+    const BodyPoints points(in.surfaces, side.body, in.surfaces.poses.origin[side.other]);
+    for_each_bit(c.near_edge, [&](uint32_t edge) {
+        EdgeContact best;
+        if (search_edge(in, side, points, edge, c, best)) c.found.push_back(best);
+    });
+    found.count = uint32_t(c.found.size()) - found.first;
+}
+
+Side make_side(const EdgeInput& in, const CandidatePairs& pairs,
+               std::span<const std::unique_ptr<ClosestPointTree>> trees, uint32_t row) {
+    const uint32_t pair = row / 2;
+    const bool reversed = row % 2 != 0;
+    const uint32_t body = reversed ? pairs.b[pair] : pairs.a[pair], other = reversed ? pairs.a[pair] : pairs.b[pair];
+    const Bodies& bodies = in.surfaces.bodies;
+    const Admission admission = in.surfaces.meshes.info[bodies.mesh[other]].admission;
+    const bool closed = admission == Admission::kSolid || admission == Admission::kWinding;
+    return {row,
+            body,
+            other,
+            reversed,
+            in.candidates.pair[pair],
+            mesh_view(in.surfaces.meshes, bodies.mesh[body]),
+            mesh_view(in.surfaces.meshes, bodies.mesh[other]),
+            closed ? trees[bodies.tree[other]].get() : nullptr};
+}
+
+void copy_row(const Contacts& from, uint32_t i, Contacts& to, uint32_t row) {
+    to.pair[row] = from.pair[i];
+    to.body[row] = from.body[i];
+    to.other[row] = from.other[i];
+    to.vertex[row] = from.vertex[i];
+    to.along[row] = from.along[i];
+    to.point[row] = from.point[i];
+    to.closest[row] = from.closest[i];
+    to.normal[row] = from.normal[i];
+    to.distance[row] = from.distance[i];
+    to.triangle[row] = from.triangle[i];
+}
+
+void write_row(const Surfaces& s, uint32_t pair, uint32_t body, uint32_t other, const EdgeContact& e, Contacts& to,
+               uint32_t row) {
+    to.pair[row] = pair;
+    to.body[row] = body;
+    to.other[row] = other;
+    to.vertex[row] = e.vertex;
+    to.along[row] = e.along;
+    to.point[row] = frame_to_world(s, other, e.point);
+    to.closest[row] = frame_to_world(s, other, e.answer.point);
+    to.normal[row] = direction_to_world(s, other, e.answer.normal);
+    to.distance[row] = e.answer.distance;
+    to.triangle[row] = e.answer.triangle;
+}
+
+}  // namespace
+
+void find_edge_contacts(const ContactParams& params, const Surfaces& surfaces, const CandidatePairs& pairs,
+                        const CandidateTriangles& candidates, const NearVertices& near,
+                        std::span<const std::unique_ptr<ClosestPointTree>> trees, EdgePassScratch& scratch,
+                        Report& report, Contacts& contacts) {
+    const EdgeInput in{params, surfaces, candidates, near};
+    const uint32_t sides = 2 * uint32_t(pairs.a.size());
+    const uint32_t grain = std::max(1u, chunk_count(sides, kMostChunks));
+    scratch.side.resize(sides);
+    if (scratch.chunk.size() < chunk_count(sides, grain)) scratch.chunk.resize(chunk_count(sides, grain));
+    parallel_for(sides, grain, [&](uint32_t begin, uint32_t end) {
+        EdgeChunk& chunk = scratch.chunk[begin / grain];
+        chunk.found.clear();
+        chunk.counters = {};
+        for (uint32_t row = begin; row < end; ++row) {
+            find_side(in, make_side(in, pairs, trees, row), scratch.side[row], chunk);
+        }
+    });
+    size_t rows = contacts.pair.size();
+    for (uint32_t i = 0; i < chunk_count(sides, grain); ++i) {
+        rows += scratch.chunk[i].found.size();
+        report.tie_overflows += scratch.chunk[i].counters.tie_overflows;
+    }
+    if (rows == contacts.pair.size()) return;
+
+    // merge: the vertex rows of a side, then its edges
+    resize_contacts(scratch.merged, rows);
+    uint32_t from = 0, to = 0;
+    for (uint32_t row = 0; row < sides; ++row) {
+        const uint32_t pair = row / 2, body = row % 2 ? pairs.b[pair] : pairs.a[pair];
+        const uint32_t other = row % 2 ? pairs.a[pair] : pairs.b[pair];
+        while (from < contacts.pair.size() && contacts.pair[from] == pair && contacts.body[from] == body) {
+            copy_row(contacts, from++, scratch.merged, to++);
+        }
+        const EdgeContact* found = scratch.chunk[row / grain].found.data() + scratch.side[row].first;
+        for (uint32_t i = 0; i < scratch.side[row].count; ++i) {
+            write_row(surfaces, pair, body, other, found[i], scratch.merged, to++);
+        }
+    }
+    std::swap(contacts, scratch.merged);
+}
+
+}  // namespace trocar
