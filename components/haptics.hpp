@@ -29,6 +29,7 @@ struct HandTool {
     double coupling_damping = 5;     // N s/m
     double max_force = 3.3;          // N, of the device
     double friction = 0.1;
+    uint32_t path = kNone;           // row of Paths: the scripted hand
 };
 
 // Surface within reach of a tool, frozen at one contact pass. Immutable once published; the tick reads nothing else.

@@ -56,9 +56,9 @@ uint32_t variant_of(bool textured, bool depth_colours, bool scope) {
 
 struct SurfaceProgram {
     GLuint name = 0;
-    GLint clip_from_body, eye_from_body, normal_from_body, size;
+    GLint clip_from_body, normal_from_body, size;
     GLint diffuse, specular, shine, opacity, inv_depth_scale, light_distance;
-    GLint key, fill, sky, forward, image, palette;
+    GLint key, fill, sky, forward, ray_corner, ray_x, ray_y, image, palette;
 };
 
 struct WireProgram {
@@ -130,7 +130,6 @@ SurfaceProgram make_surface_program(uint32_t variant) {
     p.name = link(variant, shaders::kSurfaceVertex, shaders::kSurfaceFragment);
     const auto at = [&p](const char* name) { return glGetUniformLocation(p.name, name); };
     p.clip_from_body = at("clip_from_body");
-    p.eye_from_body = at("eye_from_body");
     p.normal_from_body = at("normal_from_body");
     p.size = at("size");
     p.diffuse = at("diffuse");
@@ -143,6 +142,9 @@ SurfaceProgram make_surface_program(uint32_t variant) {
     p.fill = at("fill");
     p.sky = at("sky");
     p.forward = at("forward");
+    p.ray_corner = at("ray_corner");
+    p.ray_x = at("ray_x");
+    p.ray_y = at("ray_y");
     p.image = at("image");
     p.palette = at("palette");
     return p;
@@ -566,7 +568,6 @@ Matrix4 GlRenderer::Impl::body_pose(const View& view, const PictureBody& from, u
 
 void GlRenderer::Impl::set_pose(const SurfaceProgram& p, const View& view, const Matrix4& pose) {
     glUniformMatrix4fv(p.clip_from_body, 1, GL_FALSE, multiply(view.view_projection, pose).data());
-    glUniformMatrix4fv(p.eye_from_body, 1, GL_FALSE, pose.data());
     glUniformMatrix3fv(p.normal_from_body, 1, GL_FALSE, normal_matrix(pose).data());
 }
 
@@ -595,6 +596,13 @@ const SurfaceProgram& GlRenderer::Impl::use_surface_program(uint32_t variant, co
     glUniform3fv(p.fill, 1, fill.data());
     glUniform3fv(p.sky, 1, view.sky.data());
     glUniform3fv(p.forward, 1, view.forward.data());
+    const Vec3 half_x = view.tan_x * Vec3(view.right.data()), half_y = view.tan_y * Vec3(view.up.data());
+    const Vec3 corner = Vec3(view.forward.data()) - half_x - half_y;
+    const Vec3 step_x = half_x * (2.0f / static_cast<float>(params.width));
+    const Vec3 step_y = half_y * (2.0f / static_cast<float>(params.height));
+    glUniform3fv(p.ray_corner, 1, corner.data());
+    glUniform3fv(p.ray_x, 1, step_x.data());
+    glUniform3fv(p.ray_y, 1, step_y.data());
     glUniform1f(p.light_distance, view.light_distance);
     glUniform1f(p.inv_depth_scale, static_cast<float>(1.0 / std::max(params.depth_scale, 1e-12)));
     glUniform1i(p.image, 0);
@@ -671,6 +679,10 @@ void GlRenderer::Impl::draw_body(const PictureParams& params, const View& view, 
         body[row].damaged ? body[row].patched_groups : static_mesh(from.mesh, body[row].rigid).mesh.groups;
     const Range materials = meshes.materials[from.mesh];
     glBindVertexArray(body[row].array);
+    // the far side of a closed, outward body never shows
+    const MeshInfo& info = meshes.info[from.mesh];
+    const bool closed = info.admission == Admission::kSolid && info.volume > 0;
+    (closed && opaque ? glEnable : glDisable)(GL_CULL_FACE);
     for (const RenderGroup& group : groups) {
         const bool known = group.material < materials.count;
         const Material& material = known ? meshes.material[materials.first + group.material] : plain;
@@ -694,6 +706,7 @@ void GlRenderer::Impl::draw_surfaces(const PictureParams& params, const View& vi
     glVertexAttrib2f(kTextureUv, 0, 0);
     for (uint32_t row = 0; row < snapshot.body.size(); ++row)
         if (snapshot.body[row].mesh != kNone) draw_body(params, view, snapshot.body[row], row, opaque);
+    glDisable(GL_CULL_FACE);
 }
 
 void GlRenderer::Impl::draw_wires(const PictureParams& params, const View& view, const PictureSnapshot& snapshot) {
@@ -702,7 +715,6 @@ void GlRenderer::Impl::draw_wires(const PictureParams& params, const View& view,
     glUseProgram(p.name);
     glUniform2f(p.size, static_cast<float>(params.width), static_cast<float>(params.height));
     glUniform1f(p.pull, view.view_projection[14] * (1.0f / 0.999f - 1.0f));
-    glUniform4f(p.plain, 0.008f, 0.012f, 0.02f, 0.42f);
     for (uint32_t row = 0; row < snapshot.body.size(); ++row) {
         const PictureBody& from = snapshot.body[row];
         if (from.mesh == kNone || body[row].damaged) continue;
@@ -710,6 +722,10 @@ void GlRenderer::Impl::draw_wires(const PictureParams& params, const View& view,
         if (mesh.line.empty()) continue;
         const Matrix4 clip = multiply(view.view_projection, body_pose(view, from, row));
         glUniformMatrix4fv(p.clip_from_body, 1, GL_FALSE, clip.data());
+        // lines a few pixels apart would paint the body black: fade them with their spacing
+        const double distance = std::max(static_cast<double>(clip[15]), 1e-6);
+        const double pixels = meshes.info[from.mesh].mean_edge * params.height / (2.0 * view.tan_y * distance);
+        glUniform4f(p.plain, 0.008f, 0.012f, 0.02f, 0.45f * static_cast<float>(std::clamp(pixels / 9.0, 0.12, 1.0)));
         glBindVertexArray(body[row].array);
         glDrawElements(GL_LINES, static_cast<GLsizei>(mesh.line.size()), GL_UNSIGNED_INT,
                        reinterpret_cast<const void*>(size_t{4} * mesh.index.size()));

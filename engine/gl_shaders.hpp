@@ -21,42 +21,50 @@ float mask() {
 )";
 
 // Surfaces and markers. All vectors are in world axes relative to the eye; colours are linear.
-inline constexpr const char* kSurfaceVertex = R"(layout(location = 0) in vec3 position;
+// Few varyings: each costs triangle set-up. The direction to the eye comes from the pixel instead.
+inline constexpr const char* kSurfaceVertex = R"(
+layout(location = 0) in vec3 position;
 layout(location = 1) in vec3 normal;
 layout(location = 2) in vec2 uv;
 layout(location = 3) in float depth;
-uniform mat4 clip_from_body, eye_from_body;
+uniform mat4 clip_from_body;
 uniform mat3 normal_from_body;
-out vec3 at, outward;
+out vec3 outward;
+#ifdef TEXTURED
 out vec2 texture_uv;
+#endif
+#ifdef DEPTH_COLOURS
 out float contact_depth;
+#endif
 void main() {
-    at = (eye_from_body * vec4(position, 1.0)).xyz;
     outward = normal_from_body * normal;
+#ifdef TEXTURED
     texture_uv = uv;
+#endif
+#ifdef DEPTH_COLOURS
     contact_depth = depth;
+#endif
     gl_Position = clip_from_body * vec4(position, 1.0);
 }
 )";
 
 inline constexpr const char* kSurfaceFragment = R"(
-in vec3 at, outward;
+in vec3 outward;
+#ifdef TEXTURED
 in vec2 texture_uv;
+uniform sampler2D image;
+#endif
+#ifdef DEPTH_COLOURS
 in float contact_depth;
+uniform float inv_depth_scale;
+uniform sampler2D palette;
+#endif
 uniform vec3 diffuse, specular;
 uniform float shine, opacity;
-uniform float inv_depth_scale, light_distance;
+uniform float light_distance;
 uniform vec3 key, fill, sky, forward;
-uniform sampler2D image, palette;
+uniform vec3 ray_corner, ray_x, ray_y;  // a pixel at distance 1 along forward, relative to the eye
 out vec4 colour;
-
-vec3 facing_normal(vec3 to_eye) {
-    vec3 flat_normal = cross(dFdx(at), dFdy(at));
-    flat_normal = dot(flat_normal, to_eye) < 0.0 ? -flat_normal : flat_normal;
-    vec3 smooth_normal = gl_FrontFacing ? outward : -outward;
-    vec3 n = dot(outward, outward) > 0.05 ? smooth_normal : flat_normal + 1e-30 * to_eye;
-    return n * inversesqrt(max(dot(n, n), 1e-38));
-}
 
 // Blinn 1977 with the power written as a Gaussian of the same width, scaled so that a tighter highlight is a brighter
 // one, and Schlick's 1994 Fresnel factor.
@@ -66,13 +74,12 @@ vec3 highlight(vec3 n, vec3 to_light, vec3 to_eye) {
     float grazing = 1.0 - max(dot(h, to_eye), 0.0);
     float grazing2 = grazing * grazing;
     float fresnel = grazing2 * grazing2 * grazing;
-    float size = shine * 0.06 + 0.4;
+    float size = shine * 0.045 + 0.4;
     return (specular + (1.0 - specular) * fresnel) * (size * exp2(1.442695 * shine * (dot(n, h) - 1.0)));
 }
 
 #ifdef SCOPE
-vec3 light(vec3 n, vec3 to_eye, vec3 base) {
-    float distance2 = max(dot(at, at), 1e-12);
+vec3 light(vec3 n, vec3 to_eye, float distance2, vec3 base) {
     float falloff = min(light_distance * light_distance / distance2, 2.2);
     float cone = smoothstep(0.55, 0.98, dot(forward, -to_eye));
     float facing = max(dot(n, to_eye), 0.0);
@@ -80,7 +87,7 @@ vec3 light(vec3 n, vec3 to_eye, vec3 base) {
     return base * (lamp * (0.08 + 0.92 * facing) + vec3(0.012)) + lamp * highlight(n, to_eye, to_eye);
 }
 #else
-vec3 light(vec3 n, vec3 to_eye, vec3 base) {
+vec3 light(vec3 n, vec3 to_eye, float distance2, vec3 base) {
     float key_cosine = dot(n, key);
     float up = dot(n, sky) * 0.5 + 0.5;
     vec3 ambient = mix(vec3(0.10, 0.085, 0.08), vec3(0.24, 0.26, 0.29), up);
@@ -94,8 +101,13 @@ vec3 light(vec3 n, vec3 to_eye, vec3 base) {
 #endif
 
 void main() {
-    vec3 to_eye = -at * inversesqrt(max(dot(at, at), 1e-38));
-    vec3 n = facing_normal(to_eye);
+    vec3 ray = ray_corner + gl_FragCoord.x * ray_x + gl_FragCoord.y * ray_y;
+    float ray2 = dot(ray, ray);
+    vec3 to_eye = -ray * inversesqrt(ray2);
+    // a vertex without a normal is lit as if it faced the eye
+    vec3 n = gl_FrontFacing ? outward : -outward;
+    float n2 = dot(n, n);
+    n = n2 > 0.05 ? n * inversesqrt(n2) : to_eye;
     vec3 base = diffuse;
     float cover = opacity;
 #ifdef TEXTURED
@@ -110,7 +122,7 @@ void main() {
     vec3 calm = vec3(0.15, 0.165, 0.18) + 0.3 * sqrt(grey);
     base = mix(calm, texture(palette, vec2(t * 0.99609375 + 0.001953125, 0.5)).rgb, clamp(t * 40.0, 0.0, 1.0));
 #endif
-    vec3 c = light(n, to_eye, base);
+    vec3 c = light(n, to_eye, ray2 / (gl_FragCoord.w * gl_FragCoord.w), base);
     // highlights roll off instead of clipping: c up to 0.75, then towards 1 with the same slope
     vec3 over = max(c - 0.75, 0.0);
     c = min(c, 0.75) + over / (1.0 + 4.0 * over);

@@ -7,98 +7,41 @@
 #include <utility>
 
 #include "engine/check.hpp"
+#include "engine/edge_table.hpp"
 #include "engine/geometry/space_curve.hpp"
 #include "engine/mesh_view.hpp"
 namespace trocar {
 namespace {
-
-constexpr uint32_t next_corner(uint32_t k) { return k == 2 ? 0 : k + 1; }
 
 Range grow(size_t size, size_t count) {
     TROCAR_ASSERT(size + count < kNone);
     return {static_cast<uint32_t>(size), static_cast<uint32_t>(count)};
 }
 
-// Half-edges 3 * triangle + corner, grouped by undirected edge, groups ascending by (lower vertex, higher vertex).
-struct SortedHalfEdges {
-    std::vector<uint32_t> first;   // vertex -> rows of the edges it is the lower end of
-    std::vector<uint64_t> packed;  // higher vertex << 32 | half-edge
-};
-
-// Counting sort on the lower end, then a tiny sort a vertex: linear for every mesh of bounded degree.
-SortedHalfEdges sort_half_edges(const Mesh& mesh) {
-    SortedHalfEdges sorted;
-    sorted.first.assign(mesh.position.size() + 1, 0);
-    sorted.packed.resize(3 * mesh.triangle.size());
-    const auto each = [&](auto&& visit) {
-        for (uint32_t t = 0; t < mesh.triangle.size(); ++t) {
-            for (uint32_t k = 0; k < 3; ++k) {
-                const uint32_t a = mesh.triangle[t][k], b = mesh.triangle[t][next_corner(k)];
-                visit(std::min(a, b), uint64_t{std::max(a, b)} << 32 | (3 * t + k));
-            }
-        }
-    };
-    each([&](uint32_t lower, uint64_t) { ++sorted.first[lower + 1]; });
-    std::partial_sum(sorted.first.begin(), sorted.first.end(), sorted.first.begin());
-    std::vector<uint32_t> fill(sorted.first.begin(), sorted.first.end() - 1);
-    each([&](uint32_t lower, uint64_t packed) { sorted.packed[fill[lower]++] = packed; });
-    for (size_t v = 0; v + 1 < sorted.first.size(); ++v) {
-        std::sort(sorted.packed.begin() + sorted.first[v], sorted.packed.begin() + sorted.first[v + 1]);
-    }
-    return sorted;
-}
-
-uint32_t find_root(std::vector<uint32_t>& parent, uint32_t i) {
-    while (parent[i] != i) i = parent[i] = parent[parent[i]];
-    return i;
-}
-
-// Appends edge, edge_triangle, neighbour and triangle_edge; returns, per triangle, the lowest triangle of its piece.
-std::vector<uint32_t> append_edges(Meshes& meshes, const Mesh& mesh, MeshInfo& info) {
-    const SortedHalfEdges sorted = sort_half_edges(mesh);
-    const size_t first_edge = meshes.edge.size();
-    const size_t triangles = mesh.triangle.size();
-    meshes.neighbour.resize(info.triangles.first + triangles, {kNone, kNone, kNone});
-    meshes.triangle_edge.resize(info.triangles.first + triangles, {kNone, kNone, kNone});
+// Appends edge, edge_triangle, neighbour, triangle_edge and component.
+void append_edges(Meshes& meshes, const Mesh& mesh, MeshInfo& info) {
+    const EdgeTable table = make_edge_table(mesh.triangle, info.vertices.count);
+    info.edges = grow(meshes.edge.size(), table.edge.size());
+    meshes.edge.insert(meshes.edge.end(), table.edge.begin(), table.edge.end());
+    meshes.neighbour.resize(info.triangles.end(), {kNone, kNone, kNone});
+    meshes.triangle_edge.resize(info.triangles.end());
     auto* neighbour = meshes.neighbour.data() + info.triangles.first;
     auto* triangle_edge = meshes.triangle_edge.data() + info.triangles.first;
-    std::vector<uint32_t> piece(triangles);
-    std::iota(piece.begin(), piece.end(), 0u);
-    for (uint32_t lower = 0; lower < mesh.position.size(); ++lower) {
-        for (uint32_t i = sorted.first[lower], j; i < sorted.first[lower + 1]; i = j) {
-            const uint64_t higher = sorted.packed[i] >> 32;
-            for (j = i; j < sorted.first[lower + 1] && sorted.packed[j] >> 32 == higher; ++j) {
-            }
-            const auto half_edge = [&](uint32_t row) { return static_cast<uint32_t>(sorted.packed[row]); };
-            const uint32_t first = half_edge(i);
-            for (uint32_t row = i; row < j; ++row) {
-                triangle_edge[half_edge(row) / 3][half_edge(row) % 3] =
-                    static_cast<uint32_t>(meshes.edge.size() - first_edge);
-                const uint32_t a = find_root(piece, first / 3), b = find_root(piece, half_edge(row) / 3);
-                piece[std::max(a, b)] = std::min(a, b);
-            }
-            if (j - i == 2) {
-                const uint32_t second = half_edge(i + 1);
-                neighbour[first / 3][first % 3] = second / 3;
-                neighbour[second / 3][second % 3] = first / 3;
-            }
-            meshes.edge.push_back({lower, static_cast<uint32_t>(higher)});
-            meshes.edge_triangle.push_back({first / 3, j - i > 1 ? half_edge(i + 1) / 3 : kNone});
+    for (uint32_t e = 0; e < table.edge.size(); ++e) {
+        const auto users = table.users(e);
+        for (const uint32_t h : users) triangle_edge[h / 3][h % 3] = e;
+        if (users.size() == 2) {
+            neighbour[users[0] / 3][users[0] % 3] = users[1] / 3;
+            neighbour[users[1] / 3][users[1] % 3] = users[0] / 3;
         }
+        meshes.edge_triangle.push_back({users[0] / 3, users.size() > 1 ? users[1] / 3 : kNone});
     }
-    info.edges = grow(first_edge, meshes.edge.size() - first_edge);
-    for (uint32_t t = 0; t < triangles; ++t) piece[t] = find_root(piece, t);
-    return piece;
-}
-
-// Pieces are numbered by their lowest triangle; a vertex two pieces share belongs to the lower one, an isolated
-// vertex to none.
-void append_components(Meshes& meshes, const Mesh& mesh, std::vector<uint32_t> piece, MeshInfo& info) {
-    meshes.component.resize(info.vertices.first + mesh.position.size(), kNone);
+    // a vertex that two pieces share belongs to the lower one
+    std::vector<uint32_t> piece;
+    info.components = number_pieces(table, info.triangles.count, piece);
+    meshes.component.resize(info.vertices.end(), kNone);
     uint32_t* component = meshes.component.data() + info.vertices.first;
-    for (uint32_t t = 0; t < piece.size(); ++t) {
-        // the lowest triangle of a piece comes first, so its slot already holds the piece's number
-        piece[t] = piece[t] == t ? info.components++ : piece[piece[t]];
+    for (uint32_t t = 0; t < info.triangles.count; ++t) {
         for (const uint32_t v : mesh.triangle[t]) component[v] = std::min(component[v], piece[t]);
     }
 }
@@ -243,7 +186,7 @@ uint32_t add_prototype(Meshes& meshes, const Mesh& mesh, Admission admission) {
     meshes.name.push_back(mesh.name);
     meshes.position.insert(meshes.position.end(), mesh.position.begin(), mesh.position.end());
     meshes.triangle.insert(meshes.triangle.end(), mesh.triangle.begin(), mesh.triangle.end());
-    append_components(meshes, mesh, append_edges(meshes, mesh, info), info);
+    append_edges(meshes, mesh, info);
     append_incident(meshes, mesh, info);
     append_looks(meshes, mesh, info);
     meshes.info.push_back(info);

@@ -101,7 +101,8 @@ void visit_resource(World& w, Resource resource, Visitor& v) {
                 v.array(w.bodies.stable_dt), v.array(w.bodies.thickness);
             break;
         case Resource::kAnchors:
-            v.array(w.anchors.stiffness);
+            v.array(w.anchors.stiffness), v.array(w.anchors.rest_x), v.array(w.anchors.rest_y),
+                v.array(w.anchors.rest_z);
             break;
         case Resource::kPaths:
             v.array(w.paths.body), v.array(w.paths.keys), v.array(w.paths.key);
@@ -119,7 +120,7 @@ void visit_resource(World& w, Resource resource, Visitor& v) {
             break;
         case Resource::kParticles:
             v.array(w.particles.offset), v.array(w.particles.velocity_x), v.array(w.particles.velocity_y),
-                v.array(w.particles.velocity_z);
+                v.array(w.particles.velocity_z), v.array(w.particles.last_dt);
             break;
         case Resource::kToolState:
             v.array(w.haptics.state), v.value(w.haptics.ticks), v.value(w.haptics.max_force),

@@ -87,8 +87,9 @@ bool search(EdgeSearch& e, double deepest, EdgeContact& best, QueryCounters& cou
     for (uint32_t query = 0; query < kMostQueries && e.intervals > 0; ++query) {
         const uint32_t pick =
             uint32_t(std::max_element(e.bound.begin(), e.bound.begin() + e.intervals) - e.bound.begin());
-        const double slack = found || deepest > 0 ? e.in.params.tolerance : 0.0;
-        if (e.bound[pick] <= deepest + slack) break;
+        // an edge that surely passes the surface gets one look, however short its way inside
+        const double slack = found || deepest > 0 ? e.in.params.tolerance : 0.01 * e.in.params.tolerance;
+        if (e.bound[pick] <= deepest + slack && (query > 0 || deepest > 0)) break;
         const auto [a, b] = e.interval[pick];
         e.interval[pick] = e.interval[e.intervals - 1];
         e.bound[pick] = e.bound[--e.intervals];

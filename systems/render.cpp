@@ -63,6 +63,40 @@ std::array<float, 3> floats(const Vec3d& v) {
     return {static_cast<float>(v.x()), static_cast<float>(v.y()), static_cast<float>(v.z())};
 }
 
+constexpr double kFill = 0.88;             // share of the picture that a fitted scene spans
+constexpr double kFillWithRoom = 0.72;     // with room for instruments
+constexpr double kNearestDistance = 1e-3;  // m
+
+double half_tangent(const Camera& camera) { return std::tan(0.5 * std::clamp(camera.field_of_view, 0.01, 3.0)); }
+
+// Least distance from the camera's target, along its direction, at which a point stays in the picture.
+double distance_for(const Vec3d& p, const Camera& camera, const CameraFrame& frame, double tan_x, double tan_y) {
+    const Vec3d c = p - camera.target;
+    const double nearer = -c.dot(frame.forward);
+    return nearer + std::max(std::abs(c.dot(frame.right)) / tan_x, std::abs(c.dot(frame.up)) / tan_y);
+}
+
+// Calls visit(world point) for the vertices of deformable bodies, or the box corners of rigid ones.
+template <typename Visit>
+void visit_points(const PictureSnapshot& snapshot, bool deformable, const Visit& visit) {
+    for (const PictureBody& body : snapshot.body) {
+        if (body.mesh == kNone || (body.vertices.count > 0) != deformable) continue;
+        for (uint32_t v = body.vertices.first; v < body.vertices.end(); ++v)
+            if (snapshot.position[v].allFinite()) visit(body.origin + snapshot.position[v].cast<double>());
+        for (uint32_t k = 0; k < 8 && !deformable && holds_something(body.box); ++k)
+            visit(body.origin + rotate(body.orientation, corner_of(body.box, k)));
+    }
+}
+
+void lay_floor(const Box& box, Camera& camera) {
+    const Vec3d sky = unit_or(camera.up, Vec3d::UnitZ());
+    const double size = (box.max - box.min).norm();
+    double lowest = 0;
+    for (uint32_t k = 0; k < 8; ++k) lowest = std::min(lowest, (corner_of(box, k) - camera.target).dot(sky));
+    camera.floor = camera.target + (lowest - 0.02 * size) * sky;
+    camera.floor_radius = 2.5 * size;
+}
+
 // Everything that must lie between the near and the far plane.
 Box drawn_box(const PictureSnapshot& snapshot) {
     Box box;
@@ -122,7 +156,7 @@ void place_markers(const PictureParams& params, const Box& box, const PictureSna
     const double size = holds_something(box) ? (box.max - box.min).norm() : 0.1;
     if (params.witnesses)
         for (const PictureWitness& w : snapshot.witness) {
-            const double radius = std::clamp(0.05 * w.depth, 0.0012 * size, 0.004 * size);
+            const double radius = std::clamp(0.08 * w.depth, 0.002 * size, 0.006 * size);
             markers.push_back({Marker::Kind::kArrow, w.point, w.closest, radius, {0.95f, 0.72f, 0.08f, 1.0f}});
             markers.push_back({Marker::Kind::kSphere, w.point, w.point, 1.8 * radius, {0.95f, 0.72f, 0.08f, 1.0f}});
         }
@@ -188,23 +222,29 @@ void fit_camera(const Box& box, uint32_t width, uint32_t height, Camera& camera)
     if (camera.kind != CameraKind::kOrbit || !holds_something(box)) return;
     camera.target = 0.5 * (box.min + box.max);
     const CameraFrame frame = camera_frame(camera);
-    const double margin = 0.88;
-    const double tan_y = margin * std::tan(0.5 * camera.field_of_view);
-    const double tan_x = tan_y * width / height;
-    double distance = 1e-3;
-    for (uint32_t k = 0; k < 8; ++k) {
-        const Vec3d c = corner_of(box, k) - camera.target;
-        const double nearer = -c.dot(frame.forward);
-        distance = std::max(
-            {distance, nearer + std::abs(c.dot(frame.right)) / tan_x, nearer + std::abs(c.dot(frame.up)) / tan_y});
-    }
-    camera.distance = distance;
-    const Vec3d sky = unit_or(camera.up, Vec3d::UnitZ());
-    const double size = (box.max - box.min).norm();
-    double lowest = 0;
-    for (uint32_t k = 0; k < 8; ++k) lowest = std::min(lowest, (corner_of(box, k) - camera.target).dot(sky));
-    camera.floor = camera.target + (lowest - 0.02 * size) * sky;
-    camera.floor_radius = 2.5 * size;
+    const double tan_y = kFill * half_tangent(camera), tan_x = tan_y * width / height;
+    camera.distance = kNearestDistance;
+    for (uint32_t k = 0; k < 8; ++k)
+        camera.distance = std::max(camera.distance, distance_for(corner_of(box, k), camera, frame, tan_x, tan_y));
+    lay_floor(box, camera);
+}
+
+void fit_camera(const PictureSnapshot& snapshot, uint32_t width, uint32_t height, Camera& camera) {
+    if (camera.kind != CameraKind::kOrbit) return;
+    Box soft, hard;
+    visit_points(snapshot, true, [&](const Vec3d& p) { grow(soft, p); });
+    visit_points(snapshot, false, [&](const Vec3d& p) { grow(hard, p); });
+    const bool deformable = holds_something(soft);
+    const Box& box = deformable ? soft : hard;
+    if (!holds_something(box)) return;
+    camera.target = 0.5 * (box.min + box.max);
+    const CameraFrame frame = camera_frame(camera);
+    const double tan_y = (deformable ? kFillWithRoom : kFill) * half_tangent(camera), tan_x = tan_y * width / height;
+    camera.distance = kNearestDistance;
+    visit_points(snapshot, deformable, [&](const Vec3d& p) {
+        camera.distance = std::max(camera.distance, distance_for(p, camera, frame, tan_x, tan_y));
+    });
+    lay_floor(box, camera);
 }
 
 View make_view(const Camera& camera, const Box& box, uint32_t width, uint32_t height) {
@@ -231,12 +271,13 @@ View make_view(const Camera& camera, const Box& box, uint32_t width, uint32_t he
     nearest = std::clamp(0.9 * nearest, 2e-3 * farthest, 0.5 * farthest);
     view.near_plane = static_cast<float>(nearest);
     view.far_plane = static_cast<float>(farthest);
-    const double scale_y = 1.0 / std::tan(0.5 * std::clamp(camera.field_of_view, 0.01, 3.0));
-    const double scale_x = scale_y * height / width;
+    const double tan_y = half_tangent(camera), tan_x = tan_y * width / height;
+    view.tan_x = static_cast<float>(tan_x);
+    view.tan_y = static_cast<float>(tan_y);
     const double a = (farthest + nearest) / (farthest - nearest), b = -2 * farthest * nearest / (farthest - nearest);
     for (uint32_t axis = 0; axis < 3; ++axis) {
-        view.view_projection[4 * axis + 0] = static_cast<float>(scale_x * frame.right[axis]);
-        view.view_projection[4 * axis + 1] = static_cast<float>(scale_y * frame.up[axis]);
+        view.view_projection[4 * axis + 0] = static_cast<float>(frame.right[axis] / tan_x);
+        view.view_projection[4 * axis + 1] = static_cast<float>(frame.up[axis] / tan_y);
         view.view_projection[4 * axis + 2] = static_cast<float>(a * frame.forward[axis]);
         view.view_projection[4 * axis + 3] = static_cast<float>(frame.forward[axis]);
     }

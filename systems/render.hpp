@@ -15,6 +15,10 @@ struct RenderScratch {
 // the tissue. Other cameras and empty boxes are left alone.
 void fit_camera(const Box& box, uint32_t width, uint32_t height, Camera& camera);
 
+// The same for a whole snapshot: the vertices of its deformable bodies fill the picture with room for what comes near
+// them, and rigid ones (instruments) may run out of it. A scene of rigid bodies alone is fitted by their boxes.
+void fit_camera(const PictureSnapshot& snapshot, uint32_t width, uint32_t height, Camera& camera);
+
 // Camera to matrices. near and far planes enclose the world box.
 View make_view(const Camera& camera, const Box& box, uint32_t width, uint32_t height);
 

@@ -10,20 +10,6 @@
 namespace trocar {
 namespace {
 
-const char* admission_name(Admission admission) {
-    switch (admission) {
-        case Admission::kSolid:
-            return "solid";
-        case Admission::kWinding:
-            return "winding";
-        case Admission::kSheet:
-            return "sheet";
-        case Admission::kRefused:
-            break;
-    }
-    return "refused";
-}
-
 nlohmann::ordered_json to_json(const std::string& file, const MeshJudgement& j) {
     const auto row = [](const Vec3d& v) { return nlohmann::ordered_json{v.x(), v.y(), v.z()}; };
     return {{"file", file},

@@ -1,6 +1,7 @@
 #include <cstdio>
 #include <nlohmann/json.hpp>
 
+#include "content/build_scene.hpp"
 #include "content/load_mesh.hpp"
 #include "content/make_prototype.hpp"
 #include "engine/closest_point.hpp"
@@ -13,15 +14,16 @@
 namespace trocar {
 namespace {
 
-uint32_t add_rigid_body(World& world, const std::string& file, Motion motion) {
+uint32_t load_prototype(World& world, const std::string& file) {
     LoadedMesh loaded = load_mesh(file);
-    for (const std::string& warning : loaded.warnings) std::fprintf(stderr, "trocar: warning: %s\n", warning.c_str());
-    PrototypeOptions options;  // file units stand for metres; nothing is moved
-    const PrototypeResult made = make_prototype(world.meshes, loaded.mesh, options);
-    if (made.judgement.admitted_as == Admission::kRefused) throw InputError(file + ": " + made.judgement.reason);
+    for (const std::string& warning : loaded.warnings)
+        std::fprintf(stderr, "trocar: warning: %s\n", warning.c_str());
+    // file units stand for metres; nothing is moved
+    const Prototype made = make_prototype(world.meshes, std::move(loaded.mesh), PrototypeOptions{});
+    if (made.row == kNone) throw InputError(file + ": " + made.judgement.reason);
     if (made.judgement.admitted_as != Admission::kSolid)
         std::fprintf(stderr, "trocar: warning: %s: %s\n", file.c_str(), made.judgement.reason.c_str());
-    return add_body(world, file, made.prototype, motion);
+    return made.row;
 }
 
 nlohmann::ordered_json row(const Vec3d& v) { return {v.x(), v.y(), v.z()}; }
@@ -38,6 +40,7 @@ int collide_command(const CollideOptions& options) {
         const Box& box = world.meshes.info[world.bodies.mesh[body]].box;
         return (box.max - box.min).norm();
     };
+    make_trees(world);
     world.settings.contact.tolerance =
         options.tolerance > 0 ? options.tolerance : 1e-4 * std::min(diagonal(0), diagonal(1));
     world.settings.contact.row_capacity = UINT32_MAX;

@@ -20,12 +20,13 @@ int convert_command(const ConvertOptions& options) {
                                           {"format", loaded.format},
                                           {"vertices", loaded.mesh.position.size()},
                                           {"triangles", loaded.mesh.triangle.size()},
-                                          {"changes", describe(cleaned)}};
+                                          {"changes", describe_cleaning(cleaned)}};
         write_standard_output(j.dump() + "\n");
     } else {
         std::string text = options.out + ": " + std::to_string(loaded.mesh.position.size()) + " vertices, " +
                            std::to_string(loaded.mesh.triangle.size()) + " triangles";
-        for (const std::string& change : describe(cleaned)) text += "; " + change;
+        const std::string changes = describe_cleaning(cleaned);
+        if (!changes.empty()) text += "; " + changes;
         write_standard_output(text + "\n");
     }
     return kDone;

@@ -34,7 +34,8 @@ fs::path find_scene(const std::string& name) {
     std::error_code error;
     if (fs::exists(name, error) || name.find('/') != std::string::npos || name.ends_with(".toml")) return name;
     const fs::path file = scenes_folder() / (name + ".toml");
-    if (!fs::exists(file, error)) throw InputError(name + ": neither a scene file nor a scene that comes with the program (see `trocar scenes`)");
+    if (!fs::exists(file, error))
+        throw InputError(name + ": neither a scene file nor a scene that comes with the program (see `trocar scenes`)");
     return file;
 }
 
@@ -46,7 +47,8 @@ void prepare_folder(const fs::path& folder) {
     const fs::path probe = folder / ".trocar_probe";
     {
         std::ofstream stream(probe);
-        if (!stream || !(stream << "x").flush()) throw InputError(folder.string() + ": cannot be written (" + std::strerror(errno) + ")");
+        if (!stream || !(stream << "x").flush())
+            throw InputError(folder.string() + ": cannot be written (" + std::strerror(errno) + ")");
     }
     fs::remove(probe, error);
 }
@@ -71,7 +73,8 @@ Mesh body_surface(const World& world, uint32_t body) {
     Mesh mesh;
     mesh.name = world.bodies.name[body];
     mesh.triangle.assign(view.triangle.begin(), view.triangle.end());
-    for (uint32_t v = 0; v < view.position.size(); ++v) mesh.position.push_back(vertex_position(surfaces_of(world), body, v));
+    for (uint32_t v = 0; v < view.position.size(); ++v)
+        mesh.position.push_back(vertex_position(surfaces_of(world), body, v));
     return mesh;
 }
 
@@ -87,7 +90,8 @@ PassFigures pass_figures(const Frame& frame, double time) {
     const World& w = frame.world();
     PassFigures p;
     p.time = time;
-    for (const uint32_t row : frame.detection_stages()) p.detection_ms += static_cast<double>(frame.times().stage_ns[row]) * 1e-6;
+    for (const uint32_t row : frame.detection_stages())
+        p.detection_ms += static_cast<double>(frame.times().stage_ns[row]) * 1e-6;
     p.response_ms = static_cast<double>(frame.times().response_ns) * 1e-6;
     p.contacts = static_cast<uint32_t>(w.contacts.point.size());
     p.pairs = static_cast<uint32_t>(w.penetrations.pair.size());
@@ -105,7 +109,7 @@ PassFigures pass_figures(const Frame& frame, double time) {
 
 // Draws pictures and keeps them, as PNG files and as a film.
 class PictureWriter {
-   public:
+ public:
     PictureWriter(const BuiltScene& scene, const World& world, const fs::path& out)
         : params_(scene.picture), camera_(scene.camera), out_(out), renderer_(world.meshes) {
         if (out_.empty()) return;
@@ -139,7 +143,7 @@ class PictureWriter {
     }
     const std::vector<std::string>& files() const { return files_; }
 
-   private:
+ private:
     PictureParams params_;
     Camera camera_;
     fs::path out_;
@@ -157,7 +161,8 @@ void add_stage_times(const Frame& frame, RunFigures& figures) {
         if (times.stage_ns[s] > 0) figures.stage[s].ms.push_back(static_cast<double>(times.stage_ns[s]) * 1e-6);
 }
 
-void start_figures(const BuiltScene& scene, const SceneFile& file, const Frame& frame, const RunOptions& options, RunFigures& figures) {
+void start_figures(const BuiltScene& scene, const SceneFile& file, const Frame& frame, const RunOptions& options,
+                   RunFigures& figures) {
     figures.scene = file.settings.name;
     figures.description = file.settings.description;
     figures.version = TROCAR_VERSION;
@@ -182,7 +187,8 @@ void finish_figures(const Frame& frame, RunFigures& figures) {
 }
 
 // Everything in one deterministic order, as fast as the machine goes.
-void run_lockstep(const RunOptions& options, double seconds, Frame& frame, PictureWriter* pictures, RunFigures& figures) {
+void run_lockstep(const RunOptions& options, double seconds, Frame& frame, PictureWriter* pictures,
+                  RunFigures& figures) {
     Progress progress(figures.scene);
     const uint64_t start = now_ns();
     while (static_cast<double>(frame.world().clock.tick) < seconds * 1000) {
@@ -197,7 +203,8 @@ void run_lockstep(const RunOptions& options, double seconds, Frame& frame, Pictu
                 pass.frame_ms += pass.render_ms;
                 figures.render_ms.push_back(pass.render_ms);
             }
-            if (options.export_every > 0 && !options.out.empty() && (frame.world().clock.picture - 1) % options.export_every == 0)
+            if (options.export_every > 0 && !options.out.empty() &&
+                (frame.world().clock.picture - 1) % options.export_every == 0)
                 export_bodies(frame.world(), options.out / "meshes", frame.world().clock.picture - 1);
         }
         add_stage_times(frame, figures);
@@ -219,13 +226,16 @@ void print_summary(const RunFigures& f, const fs::path& out) {
     }
     char text[1024];
     std::snprintf(text, sizeof text,
-                  "%s: %.2f s simulated in %.2f s, %u thread%s, %s\n  contact events %zu, %.3f ms mean, %.3f ms p99; deepest %.2f mm\n"
+                  "%s: %.2f s simulated in %.2f s, %u thread%s, %s\n  contact events %zu, %.3f ms mean, %.3f ms p99; "
+                  "deepest %.2f mm\n"
                   "  haptic ticks %llu, largest force %.2f N; state hash %016llx\n",
-                  f.scene.c_str(), f.simulated_s, f.wall_s, f.threads, f.threads == 1 ? "" : "s", f.instruction_set.c_str(), total.size(),
-                  mean(total), quantile(total, 0.99), depth * 1e3, static_cast<unsigned long long>(f.ticks), f.max_force,
-                  static_cast<unsigned long long>(f.state_hash));
+                  f.scene.c_str(), f.simulated_s, f.wall_s, f.threads, f.threads == 1 ? "" : "s",
+                  f.instruction_set.c_str(), total.size(), mean(total), quantile(total, 0.99), depth * 1e3,
+                  static_cast<unsigned long long>(f.ticks), f.max_force, static_cast<unsigned long long>(f.state_hash));
     write_standard_output(text);
-    if (!out.empty()) write_standard_output("  wrote " + out.string() + "/: report.html, metrics.json, trace.json, meshes/" + std::string(f.render_ms.empty() ? "" : ", frames/") + "\n");
+    if (!out.empty())
+        write_standard_output("  wrote " + out.string() + "/: report.html, metrics.json, trace.json, meshes/" +
+                              std::string(f.render_ms.empty() ? "" : ", frames/") + "\n");
 }
 
 }  // namespace
@@ -238,7 +248,8 @@ int run_command(const RunOptions& options) {
     RunFigures figures;
     pool.run([&] {
         BuiltScene scene = build_scene(file);
-        for (const std::string& warning : scene.warnings) std::fprintf(stderr, "trocar: warning: %s\n", warning.c_str());
+        for (const std::string& warning : scene.warnings)
+            std::fprintf(stderr, "trocar: warning: %s\n", warning.c_str());
         Trace trace(options.out.empty() ? 0 : kTraceCapacity);
         FrameOptions frame_options;
         frame_options.trace = options.out.empty() ? nullptr : &trace;
@@ -246,7 +257,8 @@ int run_command(const RunOptions& options) {
         Frame frame(std::move(scene.world), frame_options);
         start_figures(scene, file, frame, options, figures);
         std::optional<PictureWriter> pictures;
-        if (options.render && file.settings.render && !options.out.empty()) pictures.emplace(scene, frame.world(), options.out);
+        if (options.render && file.settings.render && !options.out.empty())
+            pictures.emplace(scene, frame.world(), options.out);
         const double seconds = options.seconds > 0 ? options.seconds : file.settings.seconds;
         run_lockstep(options, seconds, frame, pictures ? &*pictures : nullptr, figures);
         finish_figures(frame, figures);
@@ -255,10 +267,13 @@ int run_command(const RunOptions& options) {
         const std::string film = pictures ? pictures->finish_film() : "";
         write_whole_file(options.out / "metrics.json", metrics_json(figures));
         write_whole_file(options.out / "trace.json", trace.to_json({"main"}));
-        write_whole_file(options.out / "report.html", report_html(figures, pictures ? pictures->files() : std::vector<std::string>{}, film));
+        write_whole_file(options.out / "report.html",
+                         report_html(figures, pictures ? pictures->files() : std::vector<std::string>{}, film));
     });
-    if (options.json) write_standard_output(metrics_json(figures));
-    else print_summary(figures, options.out);
+    if (options.json)
+        write_standard_output(metrics_json(figures));
+    else
+        print_summary(figures, options.out);
     return kDone;
 }
 

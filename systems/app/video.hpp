@@ -10,7 +10,8 @@ bool ffmpeg_present();
 
 // Writes pictures of one size to an .mp4 through the external program ffmpeg: H.264 (libx264, yuv420p) where it has it,
 // else MPEG-4. The file appears under its name when finish() has succeeded, never before and never in part. Every call
-// returns false once something failed; error() is then one line.
+// returns false once something failed; error() is then one line. ffmpeg works beside us while pictures arrive: where a
+// haptic thread runs, write the pictures first and the video afterwards.
 class VideoWriter {
  public:
     VideoWriter(std::filesystem::path file, uint32_t width, uint32_t height, double pictures_per_second);
@@ -27,6 +28,7 @@ class VideoWriter {
     uint32_t width_ = 0, height_ = 0;
     int child_ = -1;  // process
     int input_ = -1;  // its standard input
+    int log_ = -1;    // what it says
     bool finished_ = false;
     std::string error_;
 };
