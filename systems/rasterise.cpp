@@ -121,11 +121,12 @@ double gather_screens(uint32_t bodies, const RasteriseScratch& scratch, Screened
     return screened.triangle.empty() ? 0 : edge_sum / (3.0 * double(screened.triangle.size()));
 }
 
-// Cells grow when the region would need more than 21 bits an axis, or when fast bodies make boxes larger than a cell.
+// Cells grow when the region would need more than 21 bits an axis, or when speed makes most boxes larger than a cell.
 double choose_cell_size(const ContactParams& params, double mean_edge, const BodyBoxes& boxes, const Surfaces& s,
-                        const Vec3d& extent, const RasteriseScratch& scratch) {
+                        const Vec3d& extent, const ScreenedTriangles& screened, const RasteriseScratch& scratch) {
     double reach = 0;
-    for (const uint32_t body : scratch.body) reach = std::max(reach, reach_of(s.bodies, boxes, body));
+    for (const uint32_t body : scratch.body) reach += screened.body[body].count * reach_of(s.bodies, boxes, body);
+    if (!screened.triangle.empty()) reach /= double(screened.triangle.size());
     const double size = std::max({params.cell_edges * mean_edge, 2 * reach, extent.maxCoeff() / kGridCells});
     return size > 0 && std::isfinite(size) ? size : 1.0;
 }
@@ -274,7 +275,7 @@ void rasterise(const ContactParams& params, const Surfaces& surfaces, const Body
     const double mean_edge = gather_screens(uint32_t(boxes.box.size()), scratch, screened);
     const Vec3d extent = pairs.a.empty() ? Vec3d(Vec3d::Zero()) : Vec3d(all.max - all.min);
     occupancy.origin = screened.origin;
-    occupancy.cell_size = choose_cell_size(params, mean_edge, boxes, surfaces, extent, scratch);
+    occupancy.cell_size = choose_cell_size(params, mean_edge, boxes, surfaces, extent, screened, scratch);
     count_objects(screened, 1.0f / float(occupancy.cell_size), scratch, occupancy);
     report.oversize_triangles += occupancy.oversize.size();
     fill_layers(screened, scratch, occupancy);
