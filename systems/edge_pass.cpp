@@ -81,15 +81,15 @@ struct EdgeSearch {
 };
 
 // Piyavskii-Shubert search of the deepest point on the intervals added, to the tolerance; `deepest` is what must be
-// beaten. Of equal bounds the first interval is split first. True when found.
-bool search(EdgeSearch& e, double deepest, EdgeContact& best, QueryCounters& counters) {
+// beaten. `look`: the edge surely passes the surface and gets one query however short its way inside. Of equal bounds
+// the first interval is split first. True when found.
+bool search(EdgeSearch& e, double deepest, bool look, EdgeContact& best, QueryCounters& counters) {
     bool found = false;
     for (uint32_t query = 0; query < kMostQueries && e.intervals > 0; ++query) {
         const uint32_t pick =
             uint32_t(std::max_element(e.bound.begin(), e.bound.begin() + e.intervals) - e.bound.begin());
-        // an edge that surely passes the surface gets one look, however short its way inside
-        const double slack = found || deepest > 0 ? e.in.params.tolerance : 0.01 * e.in.params.tolerance;
-        if (e.bound[pick] <= deepest + slack && (query > 0 || deepest > 0)) break;
+        const double slack = (look && !found ? 0.01 : 1.0) * e.in.params.tolerance;
+        if (e.bound[pick] <= deepest + slack && !(look && query == 0)) break;
         const auto [a, b] = e.interval[pick];
         e.interval[pick] = e.interval[e.intervals - 1];
         e.bound[pick] = e.bound[--e.intervals];
@@ -176,7 +176,7 @@ bool search_outside_edge(EdgeSearch& e, const Sample& a, const Sample& b, const 
     x.last.s = single ? e.length + b.depth : std::min(x.last.s + pad, e.length);
     if (single) x.first.triangle = x.last.triangle = kNone;
     e.add(x.first, x.last);
-    return search(e, 0, best, c.counters);
+    return search(e, 1e-12 * e.length, true, best, c.counters);  // less is rounding: two surfaces that only touch
 }
 
 // One end inside (a), the other outside: nothing within the outside end's distance of it is inside.
@@ -189,7 +189,7 @@ bool search_crossing_edge(EdgeSearch& e, const Sample& a, const Sample& b, EdgeC
     if (e.distance_to(a.triangle, forward ? reach : e.length - reach) <= enough) return false;
     const Sample limit{forward ? e.length + b.depth : -b.depth, 0, kNone};
     forward ? e.add(a, limit) : e.add(limit, a);
-    return search(e, a.depth, best, c.counters);
+    return search(e, a.depth, false, best, c.counters);
 }
 
 // Both ends inside: only when the edge leaves the other body and can be deeper on the way than at its ends.
@@ -199,7 +199,7 @@ bool search_inside_edge(EdgeSearch& e, const Sample& a, const Sample& b, const s
     e.add(a, b);
     if (e.intervals == 0 || e.bound[0] <= deepest + e.in.params.tolerance) return false;
     if (find_crossings(e, triangles, c).count == 0) return false;
-    return search(e, deepest, best, c.counters);
+    return search(e, deepest, false, best, c.counters);
 }
 
 bool search_edge(const EdgeInput& in, const Side& side, const BodyPoints& points, uint32_t edge, EdgeChunk& c,
