@@ -100,30 +100,32 @@ void measure(const char* name, ContactScene& scene, uint32_t passes) {
 
 }  // namespace
 
-// Cost of every contact stage on one core: contact_pipeline_bench [passes]
+// Cost of every contact stage on one core: contact_pipeline_bench [passes] [first word of one scene]
 int main(int argc, char** argv) {
     set_float_mode();
     const uint32_t passes = argc > 1 ? uint32_t(std::max(1, std::atoi(argv[1]))) : 200;
-    {
+    const std::string only = argc > 2 ? argv[2] : "";
+    const auto wanted = [&](const char* name) { return only.empty() || only == name; };
+    if (wanted("kidney")) {
         ContactScene scene({{ellipsoid(29, {0.10, 0.075, 0.045}, 0.03), Motion::kDeformable, Vec3d::Zero(), {}},
                             {ellipsoid(29, {0.03, 0.055, 0.028}, 0.03), Motion::kDeformable, Vec3d(0.01, 0.005, 0.0655),
                              turn(Vec3d(0, 0, 1), 0.4)}});
-        scene.params = {};
+        if (argc > 3) scene.params.cell_edges = std::atof(argv[3]);
         measure("kidney on liver", scene, passes);
     }
-    {
+    if (wanted("probe")) {
         ContactScene scene(
             {{ellipsoid(29, {0.10, 0.075, 0.045}, 0.03), Motion::kDeformable, Vec3d::Zero(), {}},
              {ellipsoid(12, {0.004, 0.004, 0.06}, 0), Motion::kHand, Vec3d(0.01, 0.005, 0.095), turn({1, 0, 0}, 0.3)}});
         measure("probe on liver", scene, passes);
     }
-    {
+    if (wanted("deep")) {
         ContactScene scene(
             {{ellipsoid(29, {0.10, 0.075, 0.045}, 0.03), Motion::kDeformable, Vec3d::Zero(), {}},
              {ellipsoid(29, {0.06, 0.055, 0.035}, 0.03), Motion::kDeformable, Vec3d(0.01, 0, 0.03), {}}});
         measure("deep overlap", scene, passes / 2);
     }
-    {
+    if (wanted("pile")) {
         std::vector<BodyInput> pile;
         for (uint32_t i = 0; i < 1000; ++i) {
             pile.push_back({ellipsoid(9, Vec3d(0.01, 0.01, 0.01), 0.05),

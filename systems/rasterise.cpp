@@ -177,15 +177,16 @@ bool count_body(const ScreenedTriangles& screened, uint32_t body, __m256 clip, f
             occupancy.oversize.push_back(row);
             continue;
         }
+        const size_t first = scratch.reference.size();
+        scratch.reference.resize(first + x * y * z);
+        CellReference* next = scratch.reference.data() + first;
         for (uint32_t i = cells.first[0]; i <= cells.last[0]; ++i) {
             for (uint32_t j = cells.first[1]; j <= cells.last[1]; ++j) {
                 for (uint32_t k = cells.first[2]; k <= cells.last[2]; ++k) {
-                    scratch.reference_slot.push_back(count_cell(pack_cell(i, j, k), body, shift, scratch));
-                    scratch.reference_row.push_back(row);
+                    *next++ = {count_cell(pack_cell(i, j, k), body, shift, scratch), row, body};
                 }
             }
         }
-        scratch.reference_body.resize(scratch.reference_slot.size(), body);
     }
     return true;
 }
@@ -193,9 +194,7 @@ bool count_body(const ScreenedTriangles& screened, uint32_t body, __m256 clip, f
 void count_objects(const ScreenedTriangles& screened, float inv_size, RasteriseScratch& scratch, Occupancy& occupancy) {
     if (scratch.table.empty()) grow_table(scratch);
     for (bool done = false; !done;) {
-        scratch.reference_slot.clear();
-        scratch.reference_row.clear();
-        scratch.reference_body.clear();
+        scratch.reference.clear();
         scratch.shared.clear();
         occupancy.oversize.clear();
         done = true;
@@ -223,14 +222,12 @@ void fill_layers(const ScreenedTriangles& screened, RasteriseScratch& scratch, O
     }
     scratch.cell_first.assign(cells + 1, 0);
     size_t kept = 0;
-    for (size_t i = 0; i < scratch.reference_slot.size(); ++i) {
-        const uint32_t shared = scratch.table[scratch.reference_slot[i]].shared;
+    for (const CellReference& reference : scratch.reference) {
+        const uint32_t shared = scratch.table[reference.slot].shared;
         if (shared == 0) continue;
         const uint32_t cell = scratch.rank[shared - 1];
         ++scratch.cell_first[cell + 1];
-        scratch.reference_slot[kept] = cell;
-        scratch.reference_row[kept] = scratch.reference_row[i];
-        scratch.reference_body[kept++] = scratch.reference_body[i];
+        scratch.reference[kept++] = {cell, reference.row, reference.body};
     }
     for (uint32_t i = 0; i < cells; ++i) scratch.cell_first[i + 1] += scratch.cell_first[i];
     occupancy.primitive.resize(kept);
@@ -238,10 +235,11 @@ void fill_layers(const ScreenedTriangles& screened, RasteriseScratch& scratch, O
     scratch.cell_body.resize(kept);
     scratch.next.assign(scratch.cell_first.begin(), scratch.cell_first.end());
     for (size_t i = 0; i < kept; ++i) {
-        const uint32_t place = scratch.next[scratch.reference_slot[i]]++;
-        occupancy.primitive_row[place] = scratch.reference_row[i];
-        occupancy.primitive[place] = screened.triangle[scratch.reference_row[i]];
-        scratch.cell_body[place] = scratch.reference_body[i];
+        const CellReference& reference = scratch.reference[i];
+        const uint32_t place = scratch.next[reference.slot]++;
+        occupancy.primitive_row[place] = reference.row;
+        occupancy.primitive[place] = screened.triangle[reference.row];
+        scratch.cell_body[place] = reference.body;
     }
     occupancy.object_first.clear();
     occupancy.object.clear();

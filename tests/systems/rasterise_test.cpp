@@ -152,7 +152,7 @@ TEST(Rasterise, WarmPassesReuseMemory) {
                             scene.occupancy.primitive.data(),
                             scene.screened.box.data(),
                             scene.rasterise_scratch.table.data(),
-                            scene.rasterise_scratch.reference_slot.data(),
+                            scene.rasterise_scratch.reference.data(),
                             scene.candidates.triangle.data(),
                             scene.cells_scratch.by_row.data()};
     scene.run();
@@ -160,7 +160,7 @@ TEST(Rasterise, WarmPassesReuseMemory) {
                            scene.occupancy.primitive.data(),
                            scene.screened.box.data(),
                            scene.rasterise_scratch.table.data(),
-                           scene.rasterise_scratch.reference_slot.data(),
+                           scene.rasterise_scratch.reference.data(),
                            scene.candidates.triangle.data(),
                            scene.cells_scratch.by_row.data()};
     for (size_t i = 0; i < std::size(before); ++i) EXPECT_EQ(before[i], after[i]) << i;
