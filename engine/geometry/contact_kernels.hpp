@@ -132,12 +132,14 @@ inline double distance_to_segment(const Vec3d& p, const Vec3d& a, const Vec3d& b
     const double t = length > 0 ? std::clamp(ap.dot(ab) / length, 0.0, 1.0) : 0.0;
     return (ap - t * ab).norm();
 }
-// Distance of a point to a triangle: the plane where the foot lies inside all three edges, else the nearest edge. m
+// Distance of a point to a triangle, or an upper bound: the plane where the foot lies inside all three edges, else the
+// nearest edge; slivers, whose plane is lost in rounding, count by their edges. m
 inline double distance_to_triangle(const Vec3d& p, const Vec3d& a, const Vec3d& b, const Vec3d& c) {
     const Vec3d n = (b - a).cross(c - a);
     const double area = n.norm();
+    const double longest = std::max({(b - a).squaredNorm(), (c - b).squaredNorm(), (a - c).squaredNorm()});
     const Vec3d pa = a - p, pb = b - p, pc = c - p;
-    if (area > 0 && pa.cross(pb).dot(n) >= 0 && pb.cross(pc).dot(n) >= 0 && pc.cross(pa).dot(n) >= 0) {
+    if (area > 1e-6 * longest && pa.cross(pb).dot(n) >= 0 && pb.cross(pc).dot(n) >= 0 && pc.cross(pa).dot(n) >= 0) {
         return std::abs(pa.dot(n)) / area;
     }
     return std::min({distance_to_segment(p, a, b), distance_to_segment(p, b, c), distance_to_segment(p, c, a)});
