@@ -7,10 +7,13 @@
 #include "engine/world.hpp"
 namespace trocar {
 
-// Appends a body of a prototype at the world origin. A deformable body gets its particles, springs and anchors from `tissue`; see engine/deformable_setup.hpp. Returns its
-// row.
+// Appends a body of a prototype at the world origin. Returns its row.
 uint32_t add_body(World& world, const std::string& name, uint32_t prototype, Motion motion, const Tissue& tissue = {},
                   AnchorFrame anchor_frame = AnchorFrame::kWorld);
+
+// Gives a deformable body that stands at its pose its springs, particles and anchors (engine/deformable_setup.hpp);
+// vertices whose rest z (m, body frame) lies below `fixed_below` are fixed.
+void make_deformable(World& world, uint32_t body, double fixed_below = -std::numeric_limits<double>::infinity());
 
 // Makes the closest-point trees: one per deformable body, one per prototype for all its rigid bodies. Call it once all
 // prototypes are there: trees look at their rows.

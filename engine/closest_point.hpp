@@ -66,4 +66,7 @@ class ClosestPointTree {
 const char* instruction_set();
 void force_avx2(bool on);
 
+// Version of the library that searches, e.g. "3.13.5".
+const char* closest_point_library();
+
 }  // namespace trocar

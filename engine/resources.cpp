@@ -40,16 +40,19 @@ struct Hasher {
     void value(const DeviceState& d) {
         value(d.time), value(d.position), value(d.orientation), value(d.velocity), value(d.buttons);
     }
+    void value(const DeviceTrace& t) { array(t.sample); }
     void value(const ToolState& t) {
         value(t.device), value(t.proxy), value(t.proxy_valid), value(t.contacts), value(t.command.force);
-        value(t.coupling_force), value(t.contact_impulse);
+        value(t.device_valid), value(t.time), value(t.ticks), value(t.gain), value(t.largest_force);
+        value(t.rejected_samples), value(t.coupling_force), value(t.contact_impulse);
     }
     void value(const HandTool& t) {
         value(t.body), value(t.tip), value(t.tip_radius), value(t.coupling_stiffness), value(t.coupling_damping);
-        value(t.max_force), value(t.friction);
+        value(t.max_force), value(t.friction), value(t.path), value(t.trace);
     }
     void value(const LocalContactModel& m) {
-        value(m.time), array(m.position), array(m.velocity), array(m.triangle), array(m.neighbour);
+        value(m.time), value(m.sequence), value(m.from), value(m.to), value(m.reach), array(m.position);
+        array(m.velocity), array(m.triangle), array(m.neighbour), array(m.body), array(m.half_thickness);
     }
     void value(const PictureBody& b) {
         value(b.mesh), value(b.origin), value(b.orientation), value(b.box), value(b.vertices), value(b.depths);
@@ -108,7 +111,7 @@ void visit_resource(World& w, Resource resource, Visitor& v) {
             v.array(w.paths.body), v.array(w.paths.keys), v.array(w.paths.key);
             break;
         case Resource::kTools:
-            v.array(w.haptics.tool);
+            v.array(w.haptics.tool), v.array(w.haptics.trace);
             break;
         case Resource::kClock:
             v.value(w.clock.tick), v.value(w.clock.pass), v.value(w.clock.picture), v.value(w.clock.contact_rate),

@@ -29,7 +29,8 @@ struct SpringStep {
 enum ShapeSum {
     kSumK,
     kSumKx,
-    kSumKxr = kSumKx + 3,
+    kSumKr = kSumKx + 3,
+    kSumKxr = kSumKr + 3,
     kSumM = kSumKxr + 9,
     kSumMx,
     kSumMv = kSumMx + 3,

@@ -32,6 +32,7 @@ struct FrameTimes {
     std::vector<uint64_t> stage_ns;  // 0 where a stage did not run in this pass
     uint64_t response_ns = 0;        // contact rows in all substeps
     bool picture = false;            // the end list ran
+    std::vector<double> tick_us;     // compute time of every haptic tick of the run
 };
 
 // A world and the stages that its scene needs. Make and use it inside ThreadPool::run.
@@ -58,5 +59,8 @@ class Frame {
     struct Graphs;
     std::unique_ptr<Graphs> graphs_;
 };
+
+// Detection alone (body boxes to islands) on a world at rest: what a contact report of two meshes needs.
+void detect_contacts(World& world);
 
 }  // namespace trocar

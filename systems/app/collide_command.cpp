@@ -32,8 +32,9 @@ nlohmann::ordered_json row(const Vec3d& v) { return {v.x(), v.y(), v.z()}; }
 
 int collide_command(const CollideOptions& options) {
     World world;
-    add_rigid_body(world, options.a, Motion::kStatic);
-    const uint32_t b = add_rigid_body(world, options.b, Motion::kHand);  // can be pushed, so the pair is looked at
+    const uint32_t mesh_a = load_prototype(world, options.a), mesh_b = load_prototype(world, options.b);
+    add_body(world, options.a, mesh_a, Motion::kStatic);
+    const uint32_t b = add_body(world, options.b, mesh_b, Motion::kHand);  // can be pushed, so the pair is looked at
     world.poses.origin[b] = options.move_b;
     world.poses.orientation[b] = options.rotate_b;
     const auto diagonal = [&](uint32_t body) {

@@ -17,11 +17,11 @@
 #include "engine/whole_file.hpp"
 #include "systems/app/commands.hpp"
 #include "systems/app/figures.hpp"
-#include "systems/app/live_run.hpp"
 #include "systems/app/progress.hpp"
 #include "systems/app/standard_streams.hpp"
 #include "systems/app/video.hpp"
 #include "systems/frame.hpp"
+#include "systems/picture_snapshot.hpp"
 #include "systems/render.hpp"
 namespace trocar {
 namespace fs = std::filesystem;

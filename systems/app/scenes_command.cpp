@@ -50,7 +50,7 @@ int scenes_command(bool json) {
 
 std::string version_text() {
     std::string text = std::string("trocar ") + TROCAR_VERSION + " (" + instruction_set() + ")\n";
-    text += "Embree " + closest_point_library() + "\n";
+    text += std::string("Embree ") + closest_point_library() + "\n";
     text += "compiler " + std::string(__VERSION__) + "\n";
     OffscreenContext context;
     text += "drawing " + offscreen_library(context);
