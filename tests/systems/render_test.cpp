@@ -457,6 +457,24 @@ TEST(Render, FitsTheOrganAndFillsThePicture) {
     }
 }
 
+// the floor lies just below the lowest body, rigid ones included, wherever the camera was put
+TEST(Render, LaysTheFloorUnderEverything) {
+    PictureScene scene;
+    scene.add_body(scene.add_mesh(reference::make_sphere({0, 0, 0}, 0.07, 3)), Motion::kDeformable, {1, 2, 3});
+    scene.add_body(scene.add_mesh(reference::make_box({-0.3, -0.3, -0.02}, {0.3, 0.3, 0})), Motion::kStatic,
+                   {1, 2, 2.93});
+    for (const bool fitted : {true, false}) {
+        Camera camera;
+        if (fitted) fit_camera(scene.snapshot(), 640, 480, camera);
+        if (!fitted) lay_floor(scene.snapshot(), camera);
+        EXPECT_NEAR(camera.floor.x(), 1, 1e-6);
+        EXPECT_NEAR(camera.floor.y(), 2, 1e-6);
+        EXPECT_LT(camera.floor.z(), 2.91);
+        EXPECT_GT(camera.floor.z(), 2.90);
+        EXPECT_GT(camera.floor_radius, 0.1);
+    }
+}
+
 TEST(Render, WritesTextAndLegendOnlyWhenAsked) {
     PictureScene scene = busy_scene();
     PictureParams params = bare();
