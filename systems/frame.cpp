@@ -115,7 +115,7 @@ void local_contact(FrameState& f) {
     World& w = f.world;
     w.local_contact.resize(w.haptics.tool.size());
     for (size_t t = 0; t < w.haptics.tool.size(); ++t)
-        publish_local_contact(HapticParams{}, surfaces_of(w), w.haptics.tool[t], w.haptics.state[t], pass_seconds(w),
+        publish_local_contact(HapticParams{}, surfaces_of(w), w.boxes.box, w.haptics.tool[t], w.haptics.state[t], pass_seconds(w),
                               w.clock.pass, f.scratch.local_contact, w.local_contact[t]);
 }
 
@@ -240,7 +240,7 @@ constexpr FrameStage kBegin[] = {
     {{"penetration",     penetration,     mask(R::kPairs, R::kContacts),                                     mask(R::kPenetrations, R::kReport)}, any_pair},
     {{"contact rows",    contact_rows,    kShapes | mask(R::kSettings, R::kPairs, R::kContacts, R::kPenetrations), mask(R::kRows, R::kReport)}, any_pair},
     {{"islands",         islands,         mask(R::kBodies, R::kRows),                                        mask(R::kIslands)}, any_mover},
-    {{"local contact",   local_contact,   kShapes | mask(R::kClock, R::kTools, R::kToolState),               mask(R::kLocalContact)}, any_tool},
+    {{"local contact",   local_contact,   kShapes | mask(R::kClock, R::kTools, R::kToolState, R::kBoxes),     mask(R::kLocalContact)}, any_tool},
 };
 
 constexpr FrameStage kAdvance[] = {
