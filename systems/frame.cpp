@@ -211,7 +211,9 @@ void picture(FrameState& f) {
     write_picture_snapshot(w.clock.picture, pass_seconds(w), surfaces_of(w), w.normals, w.contacts, w.penetrations, w.haptics, w.picture);
 }
 
-bool any_path(const World& w) { return !w.paths.body.empty(); }
+bool any_path(const World& w) {
+    return std::any_of(w.paths.body.begin(), w.paths.body.end(), [](uint32_t body) { return body != kNone; });
+}
 bool any_tool(const World& w) { return !w.haptics.tool.empty(); }
 bool any_pair(const World& w) {
     const auto can_be_pushed = [](Motion m) { return m == Motion::kDeformable || m == Motion::kHand; };
