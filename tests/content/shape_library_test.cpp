@@ -164,7 +164,7 @@ TEST(ShapeLibrary, ProbeHasItsTipAtTheOriginAndItsShaftAlongZ) {
         if (a.z() > 0.05 && a.z() < 0.1) coarse = std::max(coarse, (b - a).norm());
     }
     EXPECT_LT(2 * fine, coarse);
-    // pieces of an ellipse of revolution: hemispheres, cones by the cosine, cylinders
+    // closed forms of the pieces: half balls, tapers along a cosine, cylinders
     const auto taper = [](double a, double b, double h) {
         return M_PI * h * ((a + b) * (a + b) / 4 + (a - b) * (a - b) / 8);
     };
