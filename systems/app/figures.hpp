@@ -60,6 +60,9 @@ double mean(const std::vector<double>& values);
 // metrics.json as text; fields as README names them.
 std::string metrics_json(const RunFigures& figures);
 
+// One line per contact pass, for spreadsheets: SI units and ms as the header says.
+std::string passes_csv(const RunFigures& figures);
+
 // A self-contained page with SVG plots; `pictures` are file names relative to the page.
 std::string report_html(const RunFigures& figures, const std::vector<std::string>& pictures, const std::string& film);
 

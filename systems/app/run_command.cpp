@@ -269,6 +269,7 @@ int run_command(const RunOptions& options) {
         export_bodies(frame.world(), options.out / "meshes", frame.world().clock.picture);
         const std::string film = pictures ? pictures->finish_film() : "";
         write_whole_file(options.out / "metrics.json", metrics_json(figures));
+        write_whole_file(options.out / "passes.csv", passes_csv(figures));
         write_whole_file(options.out / "trace.json", trace.to_json({"main"}));
         write_whole_file(options.out / "report.html",
                          report_html(figures, pictures ? pictures->files() : std::vector<std::string>{}, film));
