@@ -913,4 +913,6 @@ Vec3d ClosestPointTree::vertex(uint32_t v) const { return impl_->position(v); }
 const char* instruction_set() { return chosen_kernels().name; }
 void force_avx2(bool on) { avx2_forced().store(on, std::memory_order_relaxed); }
 
+const char* closest_point_library() { return RTC_VERSION_STRING; }
+
 }  // namespace trocar
