@@ -1,0 +1,98 @@
+#include "content/load_mesh.hpp"
+
+#include <algorithm>
+#include <cstring>
+
+#include "content/obj_file.hpp"
+#include "content/stl_file.hpp"
+#include "content/vrml/flatten.hpp"
+#include "content/vrml/parser.hpp"
+#include "content/weld_exact.hpp"
+#include "engine/error.hpp"
+#include "engine/text_file.hpp"
+namespace trocar {
+namespace {
+
+enum class Format { kUnknown, kVrml, kObj, kStlAscii, kStlBinary };
+
+std::string lower(std::string_view text) {
+    std::string out(text);
+    for (char& c : out) c = c >= 'A' && c <= 'Z' ? static_cast<char>(c | 0x20) : c;
+    return out;
+}
+
+// Whether one of the first lines begins the way only OBJ lines do.
+bool looks_like_obj(std::string_view text) {
+    constexpr std::string_view kKeys[] = {"v", "vt", "vn", "f",      "o",      "g",    "s",  "l",
+                                          "p", "vp", "mg", "usemtl", "mtllib", "curv", "deg"};
+    if (text.starts_with("\xef\xbb\xbf")) text.remove_prefix(3);
+    int lines = 0;
+    while (!text.empty() && lines < 20) {
+        const size_t stop = std::min(text.find_first_of("\r\n"), text.size());
+        std::string_view line = text.substr(0, stop);
+        text.remove_prefix(std::min(stop + 1, text.size()));
+        const size_t first = line.find_first_not_of(" \t");
+        if (first == std::string_view::npos || line[first] == '#') continue;
+        line.remove_prefix(first);
+        const std::string_view key = line.substr(0, line.find_first_of(" \t"));
+        if (key.size() < line.size() && std::find(std::begin(kKeys), std::end(kKeys), key) != std::end(kKeys)) {
+            return true;
+        }
+        ++lines;
+    }
+    return false;
+}
+
+bool looks_like_ascii_stl(std::string_view text) {
+    const std::string head = lower(text.substr(0, 4096));
+    const size_t first = head.find_first_not_of(" \t\r\n");
+    if (first == std::string::npos || head.compare(first, 5, "solid") != 0) return false;
+    return head.find("facet", first) != std::string::npos || head.find("endsolid", first) != std::string::npos;
+}
+
+Format sniff(const std::string& bytes, const std::filesystem::path& path) {
+    if (is_binary_stl(bytes)) return Format::kStlBinary;
+    if (looks_like_ascii_stl(bytes)) return Format::kStlAscii;
+    if (vrml::looks_like_vrml(bytes)) return Format::kVrml;
+    if (looks_like_obj(bytes)) return Format::kObj;
+    // a binary STL of the wrong length cannot be told by its content; its reader gives the better message
+    return lower(path.extension().string()) == ".stl" ? Format::kStlBinary : Format::kUnknown;
+}
+
+LoadedMesh read_vrml(std::string bytes, const std::filesystem::path& path) {
+    return vrml::flatten_document(vrml::parse_document(std::move(bytes), path));
+}
+
+}  // namespace
+
+LoadedMesh load_mesh(std::string bytes, const std::filesystem::path& path) {
+    if (bytes.empty()) throw InputError(path.string() + ": empty file");
+    const Format format = sniff(bytes, path);
+    LoadedMesh loaded = format == Format::kVrml        ? read_vrml(std::move(bytes), path)
+                        : format == Format::kObj       ? read_obj(bytes, path)
+                        : format == Format::kStlAscii  ? read_ascii_stl(bytes, path)
+                        : format == Format::kStlBinary ? read_binary_stl(bytes, path)
+                                                       : LoadedMesh{};
+    if (format == Format::kUnknown) {
+        throw InputError(path.string() +
+                         ": not a format this program reads (VRML 1.0 and 97, plain or gzip; OBJ; STL)");
+    }
+    if (loaded.mesh.triangle.empty()) {
+        // the first thing passed over is most likely why
+        std::string reason = ": " + loaded.format + " without a face";
+        if (!loaded.warnings.empty()) reason += " (" + loaded.warnings.back() + ")";
+        throw InputError(path.string() + reason);
+    }
+    weld_exact(loaded.mesh);
+    Mesh& mesh = loaded.mesh;
+    mesh.name = path.stem().string();
+    const auto is_first = [](uint16_t row) { return row == 0; };
+    if (std::all_of(mesh.triangle_material.begin(), mesh.triangle_material.end(), is_first)) {
+        mesh.triangle_material.clear();
+    }
+    return loaded;
+}
+
+LoadedMesh load_mesh(const std::filesystem::path& path) { return load_mesh(read_text_file(path), path); }
+
+}  // namespace trocar

@@ -1,0 +1,26 @@
+#pragma once
+#include <filesystem>
+#include <string>
+#include <vector>
+
+#include "components/mesh.hpp"
+namespace trocar {
+
+// What a surface file gave.
+struct LoadedMesh {
+    Mesh mesh;                          // all its surfaces as one, in file units; v of the texture runs upwards
+    std::vector<std::string> warnings;  // one line each, "file:line:column: what" where there is a place
+    std::string format;                 // "VRML 1.0", "VRML97", "OBJ", "STL ascii", "STL binary", ...
+    uint64_t points = 0;                // points the file lists for its surfaces, used by a face or not, before welding
+};
+
+// Reads a surface: VRML 1.0 or VRML97 (plain or gzip), OBJ, STL (ascii or binary), told by content, not by name.
+// Vertices at exactly the same place are joined, vertices without a face dropped; nothing else is repaired. Pictures of
+// textures are loaded from beside the file; a missing one is a warning. Throws InputError "file:line:column: reason",
+// also when there is not a single triangle.
+LoadedMesh load_mesh(const std::filesystem::path& path);
+
+// The same from bytes already in memory (gzip unpacked); `path` names them in messages and gives the folder.
+LoadedMesh load_mesh(std::string bytes, const std::filesystem::path& path);
+
+}  // namespace trocar

@@ -1,0 +1,257 @@
+#include "content/vrml/scene.hpp"
+
+#include <algorithm>
+
+#include "content/vrml/flatten.hpp"
+#include "content/vrml/lexer.hpp"
+#include "content/vrml/parser.hpp"
+#include "engine/error.hpp"
+#include "engine/text_file.hpp"
+namespace trocar::vrml {
+namespace {
+
+namespace fs = std::filesystem;
+
+struct Header {
+    Language language = Language::kBoth;
+    std::string format;
+};
+
+std::string lower(std::string_view text) {
+    std::string out(text);
+    for (char& c : out) c = c >= 'A' && c <= 'Z' ? static_cast<char>(c | 0x20) : c;
+    return out;
+}
+
+// What the first line says, whatever its case; empty format when it is not a header.
+Header read_header(std::string_view text) {
+    if (text.starts_with("\xef\xbb\xbf")) text.remove_prefix(3);
+    while (!text.empty() && static_cast<unsigned char>(text[0]) <= ' ') text.remove_prefix(1);
+    const std::string line = lower(text.substr(0, 32));
+    if (line.starts_with("#vrml v1")) return {Language::kOne, "VRML 1.0"};
+    if (line.starts_with("#vrml v2")) return {Language::k97, "VRML97"};
+    if (line.starts_with("#x3d v")) return {Language::k97, "X3D (classic)"};
+    if (line.starts_with("#inventor v")) return {Language::kOne, "Inventor"};
+    if (line.starts_with("#vrml")) return {Language::kBoth, "VRML"};
+    return {};
+}
+
+const Prototype* find_prototype(const SceneFile& file, std::string_view name, uint32_t& row) {
+    const auto found = file.prototype.find(name);
+    if (found == file.prototype.end()) return nullptr;
+    row = found->second;
+    return &file.document.prototype[row];
+}
+
+// A type VRML 1.0 does not know may say which known one it is (isA).
+Role role_by_kinship(const Document& document, const Node& node) {
+    for (uint32_t f = node.fields.first; f < node.fields.end(); ++f) {
+        const Field& field = document.field[f];
+        if (text_of(document, field.name) != "isA") continue;
+        for (uint32_t w = field.words.first; w < field.words.end(); ++w) {
+            const NodeType type = find_node_type(text_of(document, document.word[w].bytes));
+            if (type.role != Role::kUnknown) return type.role;
+        }
+    }
+    return Role::kUnknown;
+}
+
+void warn_about_fields(Scene& scene, const Document& document, const Node& node, const NodeType& type) {
+    for (uint32_t f = node.fields.first; f < node.fields.end(); ++f) {
+        const Field& field = document.field[f];
+        const std::string_view name = text_of(document, field.name);
+        if (has_field(type, name)) continue;
+        const std::string shown = std::string(type.name) + "." + printable(name);
+        if (!first_time(scene, "field " + shown)) continue;
+        scene.warnings.push_back(describe_place(document, field.offset) + ": unknown field " + shown);
+    }
+}
+
+void judge_nodes(Scene& scene, SceneFile& file) {
+    const Document& document = file.document;
+    uint32_t old_nodes = 0, new_nodes = 0;
+    for (size_t i = 0; i < document.prototype.size(); ++i) {
+        file.prototype[text_of(document, document.prototype[i].name)] = static_cast<uint32_t>(i);
+    }
+    for (const Node& node : document.node) {
+        const NodeType type = find_node_type(text_of(document, node.type));
+        Role role = type.role;
+        old_nodes += type.language == Language::kOne;
+        new_nodes += type.language == Language::k97;
+        if (role != Role::kUnknown) {
+            warn_about_fields(scene, document, node, type);
+        } else if (!file.prototype.contains(text_of(document, node.type))) {
+            role = role_by_kinship(document, node);
+            const std::string name = printable(text_of(document, node.type));
+            if (role == Role::kUnknown && first_time(scene, "node " + name)) {
+                scene.warnings.push_back(describe_place(document, node.offset) + ": unknown node " + name +
+                                         " is passed over");
+            }
+        }
+        file.role.push_back(role);
+    }
+    const Header header = read_header(document.text);
+    file.language = old_nodes == new_nodes ? header.language : old_nodes > new_nodes ? Language::kOne : Language::k97;
+    const std::string name = file.language == Language::kOne ? "VRML 1.0" : "VRML97";
+    file.format = header.format.empty() ? name : header.format;
+    if (header.format.empty()) {
+        scene.warnings.push_back(document.path.string() + ":1:1: no VRML header; read as " + name);
+    } else if (header.language != Language::kBoth && header.language != file.language) {
+        scene.warnings.push_back(document.path.string() + ":1:1: the header says " + header.format +
+                                 " but the nodes are of " + name + "; read as " + name);
+        file.format = name;
+    }
+}
+
+}  // namespace
+
+bool first_time(Scene& scene, const std::string& key) {
+    constexpr size_t kLimit = 200;
+    return scene.warned.size() < kLimit && scene.warned.insert(key).second;
+}
+
+uint32_t add_file(Scene& scene, Document document) {
+    if (scene.scope.empty()) scene.scope.emplace_back();
+    for (std::string& warning : document.warnings) scene.warnings.push_back(std::move(warning));
+    scene.file.push_back(std::make_unique<SceneFile>());
+    scene.file.back()->document = std::move(document);
+    judge_nodes(scene, *scene.file.back());
+    return static_cast<uint32_t>(scene.file.size() - 1);
+}
+
+uint32_t load_file(Scene& scene, uint32_t from, const std::string& url, uint32_t offset) {
+    const Document& document = scene.file[from]->document;
+    const auto pass_over = [&](const std::string& reason) {
+        if (first_time(scene, "file " + url)) {
+            scene.warnings.push_back(describe_place(document, offset) + ": file '" + printable(url) +
+                                     "' is not read: " + reason);
+        }
+        return kNone;
+    };
+    std::string name = url;
+    std::replace(name.begin(), name.end(), '\\', '/');
+    if (name.empty() || name.find("://") != std::string::npos) return pass_over("it is not on this machine");
+    if (scene.file.size() > 1000) return pass_over("more than 1000 files");
+    std::error_code fault;
+    const fs::path folder = fs::weakly_canonical(scene.file[0]->document.path.parent_path() / ".", fault);
+    const fs::path path = fs::weakly_canonical(document.path.parent_path() / name, fault);
+    const fs::path inside = path.lexically_relative(folder);
+    if (inside.empty() || *inside.begin() == "..") return pass_over("it lies outside the folder of the scene");
+    const auto known = scene.file_of_path.find(path.string());
+    if (known != scene.file_of_path.end()) return known->second;
+    uint32_t row = kNone;
+    if (!fs::is_regular_file(path, fault)) {
+        pass_over("there is no such file");
+    } else if (std::string text = read_text_file(document.path.parent_path() / name); looks_like_vrml(text)) {
+        row = add_file(scene, parse_document(std::move(text), document.path.parent_path() / name));
+    } else {
+        pass_over("it is not VRML");
+    }
+    scene.file_of_path[path.string()] = row;
+    return row;
+}
+
+const Node& node_of(const Scene& scene, NodeId id) { return scene.file[id.document]->document.node[id.node]; }
+
+Role role_of(const Scene& scene, NodeId id) { return scene.file[id.document]->role[id.node]; }
+
+std::string type_of(const Scene& scene, NodeId id) {
+    return printable(text_of(scene.file[id.document]->document, node_of(scene, id).type));
+}
+
+std::string place_of(const Scene& scene, NodeId id) {
+    return describe_place(scene.file[id.document]->document, node_of(scene, id).offset);
+}
+
+NodeId resolve(Scene& scene, NodeId id) {
+    while (role_of(scene, id) == Role::kUnknown) {
+        const Document* document = &scene.file[id.document]->document;
+        uint32_t row = 0, holder = id.document;
+        const std::string name(text_of(*document, node_of(scene, id).type));
+        const Prototype* prototype = find_prototype(*scene.file[holder], name, row);
+        for (int hop = 0; prototype && prototype->url.count > 0; ++hop) {
+            const std::string url = unescape(text_of(*document, document->word[prototype->url.first].bytes));
+            const size_t hash = url.find('#');
+            holder = hop > 8 ? kNone : load_file(scene, holder, url.substr(0, hash), prototype->offset);
+            if (holder == kNone) return id;
+            document = &scene.file[holder]->document;
+            if (hash == std::string::npos) {
+                row = 0;
+                prototype = document->prototype.empty() ? nullptr : document->prototype.data();
+            } else {
+                prototype = find_prototype(*scene.file[holder], url.substr(hash + 1), row);
+            }
+        }
+        if (!prototype || prototype->body.count == 0) return id;
+        const uint32_t depth = scene.scope[id.scope].depth + 1;
+        if (depth > kInlineLimit) {
+            throw InputError(place_of(scene, id) + ": prototypes nested deeper than the limit of " +
+                             std::to_string(kInlineLimit));
+        }
+        const auto [found, fresh] = scene.scope_of_instance.try_emplace(id, static_cast<uint32_t>(scene.scope.size()));
+        if (fresh) scene.scope.push_back({id, holder, row, depth});
+        id = {holder, document->ref[prototype->body.first].node, found->second};
+    }
+    return id;
+}
+
+Value find_value(const Scene& scene, NodeId id, std::string_view name) {
+    const auto search = [](const Document& document, Range rows, std::string_view wanted) -> const Field* {
+        for (uint32_t f = rows.first; f < rows.end(); ++f) {
+            if (text_of(document, document.field[f].name) == wanted) return &document.field[f];
+        }
+        return nullptr;
+    };
+    const Document* document = &scene.file[id.document]->document;
+    const Field* field = search(*document, node_of(scene, id).fields, name);
+    while (field && field->is) {
+        if (id.scope == 0 || field->words.count == 0) return {};
+        const std::string_view outer = text_of(*document, document->word[field->words.first].bytes);
+        const Scope& scope = scene.scope[id.scope];
+        id = scope.instance;
+        document = &scene.file[id.document]->document;
+        field = search(*document, node_of(scene, id).fields, outer);
+        if (!field) {
+            id.document = scope.document;
+            document = &scene.file[scope.document]->document;
+            field = search(*document, document->prototype[scope.prototype].interface, outer);
+            if (field && field->is) return {};
+        }
+    }
+    return field ? Value{document, field, id.document, id.scope} : Value{};
+}
+
+std::span<const double> numbers_of(const Value& value) {
+    if (!value) return {};
+    return std::span(value.document->number).subspan(value.field->numbers.first, value.field->numbers.count);
+}
+
+std::string text_of(const Value& value) {
+    if (!value || value.field->words.count == 0) return "";
+    const Word& word = value.document->word[value.field->words.first];
+    const std::string_view text = text_of(*value.document, word.bytes);
+    return word.quoted ? unescape(text) : std::string(text);
+}
+
+NodeId first_node(Scene& scene, const Value& value) {
+    if (!value || value.field->nodes.count == 0) return {};
+    return resolve(scene, {value.file, value.document->ref[value.field->nodes.first].node, value.scope});
+}
+
+bool flag_of(const Value& value, bool otherwise) {
+    const std::string text = lower(text_of(value));
+    return text == "true" ? true : text == "false" ? false : otherwise;
+}
+
+std::string place_of_number(const Value& value, uint32_t k) {
+    Lexer lexer{value.document->text, value.field->offset};
+    try {
+        for (Token token = next_token(lexer); token.kind != TokenKind::kEnd; token = next_token(lexer)) {
+            if (token.kind == TokenKind::kNumber && k-- == 0) return describe_place(*value.document, token.offset);
+        }
+    } catch (const LexicalFault&) {  // cannot be: the text was read to its end before
+    }
+    return describe_place(*value.document, value.field->offset);
+}
+
+}  // namespace trocar::vrml

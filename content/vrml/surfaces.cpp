@@ -1,0 +1,456 @@
+#include "content/vrml/surfaces.hpp"
+
+#include <algorithm>
+#include <cmath>
+
+#include "content/texture.hpp"
+#include "content/vrml/primitives.hpp"
+#include "engine/error.hpp"
+#include "engine/text_file.hpp"
+namespace trocar::vrml {
+namespace {
+
+constexpr size_t kMaterialLimit = 65535;
+constexpr uint64_t kImageBytesLimit = uint64_t{1} << 30;
+
+Vec3d apply(const Placement& p, const Vec3d& x) {
+    const auto& m = p.m;
+    return {m[0] * x[0] + m[1] * x[1] + m[2] * x[2] + m[3], m[4] * x[0] + m[5] * x[1] + m[6] * x[2] + m[7],
+            m[8] * x[0] + m[9] * x[1] + m[10] * x[2] + m[11]};
+}
+
+double determinant(const Placement& p) {
+    const auto& m = p.m;
+    return m[0] * (m[5] * m[10] - m[6] * m[9]) - m[1] * (m[4] * m[10] - m[6] * m[8]) +
+           m[2] * (m[4] * m[9] - m[5] * m[8]);
+}
+
+std::span<const double> numbers_at(const Scene& scene, NodeId id, std::string_view name) {
+    return id.node == kNone ? std::span<const double>{} : numbers_of(find_value(scene, id, name));
+}
+
+// Appends a vertex under the surface's placement.
+uint32_t add_vertex(SurfaceBuilder& b, const Instance& instance, const Vec3d& local) {
+    const Vec3d p = apply(instance.state.placement, local);
+    if (!p.allFinite()) {
+        throw InputError(place_of(b.scene, instance.geometry) + ": a point that its transforms make too large" +
+                         describe_path({type_of(b.scene, instance.geometry)}));
+    }
+    b.mesh.position.push_back(p);
+    return static_cast<uint32_t>(b.mesh.position.size() - 1);
+}
+
+// --- looks
+
+// Entry k of a colour field, repeated when there are fewer; nan and values beyond 0..1 are brought back.
+void read_colour(std::span<const double> numbers, uint32_t entry, std::array<float, 3>& colour) {
+    const size_t entries = numbers.size() / 3;
+    if (entries == 0) return;
+    for (size_t c = 0; c < 3; ++c) {
+        const double value = numbers[3 * (entry % entries) + c];
+        colour[c] = value >= 0 ? static_cast<float>(std::min(value, 1.0)) : 0.0f;
+    }
+}
+
+void read_share(std::span<const double> numbers, uint32_t entry, float& share) {
+    if (numbers.empty()) return;
+    const double value = numbers[entry % numbers.size()];
+    share = value >= 0 ? static_cast<float>(std::min(value, 1.0)) : 0.0f;
+}
+
+// The picture written into a Texture2 or PixelTexture: width, height, channels, then one number a pixel, bottom row
+// first.
+Image read_pixels(std::span<const double> numbers) {
+    Image image;
+    if (numbers.size() < 3) return image;
+    const double width = numbers[0], height = numbers[1], channels = numbers[2];
+    if (!(width >= 1 && height >= 1 && width * height <= static_cast<double>(numbers.size() - 3))) return image;
+    if (!(channels >= 1 && channels <= 4)) return image;
+    image.width = static_cast<uint32_t>(width);
+    image.height = static_cast<uint32_t>(height);
+    const int count = static_cast<int>(channels);
+    image.rgba.resize(size_t{4} * image.width * image.height);
+    for (uint32_t y = 0; y < image.height; ++y) {
+        for (uint32_t x = 0; x < image.width; ++x) {
+            const double number = numbers[3 + size_t{image.height - 1 - y} * image.width + x];
+            const auto packed = number >= 0 && number <= 4294967295.0 ? static_cast<uint32_t>(number) : 0u;
+            const auto byte = [&](int k) { return static_cast<uint8_t>(packed >> (8 * (count - 1 - k)) & 0xff); };
+            uint8_t* p = image.rgba.data() + 4 * (size_t{y} * image.width + x);
+            for (int c = 0; c < 3; ++c) p[c] = byte(count < 3 ? 0 : c);
+            p[3] = count == 2 ? byte(1) : count == 4 ? byte(3) : 255;
+        }
+    }
+    return image;
+}
+
+// File name and pixels of a texture node, loaded once.
+const std::pair<std::string, Image>& texture_of(SurfaceBuilder& b, NodeId id) {
+    const auto [found, fresh] = b.texture.try_emplace(id);
+    if (!fresh || id.node == kNone || role_of(b.scene, id) != Role::kTexture) return found->second;
+    Value name = find_value(b.scene, id, "url");
+    if (!name) name = find_value(b.scene, id, "filename");
+    Material material;
+    material.texture = text_of(name);
+    if (material.texture.empty()) {
+        found->second.second = read_pixels(numbers_at(b.scene, id, "image"));
+        if (found->second.second.width > 0) found->second.first = "pixels";
+        return found->second;
+    }
+    const Document& document = b.scene.file[id.document]->document;
+    const std::string trouble = load_texture(document.path.parent_path(), material);
+    if (!trouble.empty() && first_time(b.scene, "texture " + material.texture)) {
+        b.scene.warnings.push_back(describe_place(document, name.field->offset) + ": " + trouble);
+    }
+    found->second = {material.texture, std::move(material.image)};
+    return found->second;
+}
+
+uint16_t add_material(SurfaceBuilder& b, Material material, NodeId texture) {
+    const std::array<float, 3>&d = material.diffuse, &s = material.specular;
+    const auto& [name, image] = b.texture.at(texture);
+    const std::array<float, 8> look{d[0], d[1], d[2], s[0], s[1], s[2], material.shininess, material.transparency};
+    const auto key = std::pair{look, name.empty() ? NodeId{} : texture};
+    const auto found = b.material_of_look.find(key);
+    if (found != b.material_of_look.end()) return found->second;
+    if (b.mesh.material.size() >= kMaterialLimit) {
+        if (first_time(b.scene, "materials")) {
+            b.scene.warnings.push_back(b.scene.file[0]->document.path.string() + ": more than " +
+                                       std::to_string(kMaterialLimit) + " materials; the rest look like the last");
+        }
+        return static_cast<uint16_t>(kMaterialLimit - 1);
+    }
+    material.texture = name;
+    // every material holds its own pixels, so many looks of one picture must not fill the memory
+    b.image_bytes += image.rgba.size();
+    if (b.image_bytes <= kImageBytesLimit) {
+        material.image = image;
+    } else if (first_time(b.scene, "image bytes")) {
+        b.scene.warnings.push_back(b.scene.file[0]->document.path.string() + ": textures need more than " +
+                                   describe_bytes(kImageBytesLimit) + "; the rest are left out");
+    }
+    b.mesh.material.push_back(std::move(material));
+    const auto row = static_cast<uint16_t>(b.mesh.material.size() - 1);
+    b.material_of_look.emplace(key, row);
+    return row;
+}
+
+// Row of the material a face gets: entry `entry` of the material node, or the colour given.
+uint16_t material_row(SurfaceBuilder& b, const State& state, uint32_t entry, NodeId colour_node) {
+    const NodeId source = colour_node.node != kNone ? colour_node : state.material;
+    const auto key = std::tuple{state.material, source, state.texture, entry};
+    const auto found = b.material_row.find(key);
+    if (found != b.material_row.end()) return found->second;
+    Material material;
+    const uint32_t base = colour_node.node != kNone ? 0 : entry;
+    if (state.material.node != kNone && role_of(b.scene, state.material) == Role::kMaterial) {
+        const NodeId id = state.material;
+        material.name = printable(text_of(b.scene.file[id.document]->document, node_of(b.scene, id).name));
+        read_colour(numbers_at(b.scene, id, "diffuseColor"), base, material.diffuse);
+        read_colour(numbers_at(b.scene, id, "specularColor"), base, material.specular);
+        read_share(numbers_at(b.scene, id, "shininess"), base, material.shininess);
+        read_share(numbers_at(b.scene, id, "transparency"), base, material.transparency);
+    }
+    if (colour_node.node != kNone) read_colour(numbers_at(b.scene, colour_node, "color"), entry, material.diffuse);
+    texture_of(b, state.texture);
+    const uint16_t row = add_material(b, std::move(material), state.texture);
+    b.material_row.emplace(key, row);
+    return row;
+}
+
+// How the faces of one surface choose their material.
+struct FaceLook {
+    bool per_face = false;
+    std::span<const double> index;  // entry of each face; empty = the face's number
+    uint32_t entries = 1;
+    NodeId colour;       // VRML97 Color node, or none
+    uint16_t whole = 0;  // material of all faces, unless per_face
+};
+
+FaceLook face_look(SurfaceBuilder& b, const Instance& instance) {
+    FaceLook look;
+    const NodeId id = instance.geometry;
+    const NodeId colour = first_node(b.scene, find_value(b.scene, id, "color"));
+    if (colour.node != kNone && role_of(b.scene, colour) == Role::kColor) {
+        if (flag_of(find_value(b.scene, id, "colorPerVertex"), true)) {
+            if (first_time(b.scene, "colours of vertices")) {
+                b.scene.warnings.push_back(place_of(b.scene, colour) + ": colours of vertices are passed over");
+            }
+        } else if (const size_t entries = numbers_at(b.scene, colour, "color").size() / 3; entries > 0) {
+            return {true, numbers_at(b.scene, id, "colorIndex"), static_cast<uint32_t>(entries), colour, 0};
+        }
+    }
+    look.whole = material_row(b, instance.state, 0, {});
+    if (instance.state.material_binding.node == kNone || instance.state.material.node == kNone) return look;
+    const std::string binding = text_of(find_value(b.scene, instance.state.material_binding, "value"));
+    if (binding.starts_with("PER_VERTEX") && first_time(b.scene, "materials of vertices")) {
+        b.scene.warnings.push_back(place_of(b.scene, instance.state.material_binding) +
+                                   ": materials of vertices are passed over; the first is used");
+    }
+    look.per_face = binding.starts_with("PER_FACE") || binding.starts_with("PER_PART");
+    if (binding.ends_with("_INDEXED")) look.index = numbers_at(b.scene, id, "materialIndex");
+    size_t entries = 1;
+    for (const char* name : {"diffuseColor", "specularColor"}) {
+        entries = std::max(entries, numbers_at(b.scene, instance.state.material, name).size() / 3);
+    }
+    entries = std::max(entries, numbers_at(b.scene, instance.state.material, "transparency").size());
+    look.entries = static_cast<uint32_t>(entries);
+    return look;
+}
+
+uint16_t material_of_face(SurfaceBuilder& b, const State& state, const FaceLook& look, uint64_t face) {
+    if (!look.per_face) return look.whole;
+    double entry = static_cast<double>(face);
+    if (!look.index.empty()) entry = face < look.index.size() ? look.index[face] : 0;
+    if (!(entry >= 0 && entry < 4294967296.0)) entry = 0;
+    return material_row(b, state, static_cast<uint32_t>(entry) % look.entries, look.colour);
+}
+
+// --- texture coordinates
+
+// Where the corners of one surface take their texture coordinates from.
+struct TextureMap {
+    bool active = false;
+    std::span<const double> points;  // u, v; empty = from the box of the surface
+    std::span<const double> index;   // like coordIndex; empty = the same numbers
+    std::array<double, 6> transform{1, 0, 0, 0, 1, 0};
+    // without points: u along the longest side of the box, v along the second (VRML97, section 6.23)
+    int axis_u = 0, axis_v = 1;
+    Vec3d origin = Vec3d::Zero();
+    double length = 1;
+};
+
+// -C S R C T of the VRML97 standard, section 6.49.
+std::array<double, 6> texture_transform(const Scene& scene, NodeId id) {
+    std::array<double, 6> m{1, 0, 0, 0, 1, 0};
+    if (id.node == kNone || role_of(scene, id) != Role::kTextureTransform) return m;
+    const auto pair_of = [&](std::string_view name, double otherwise) {
+        const std::span<const double> n = numbers_of(find_value(scene, id, name));
+        return n.size() < 2 ? std::array{otherwise, otherwise} : std::array{n[0], n[1]};
+    };
+    const auto t = pair_of("translation", 0), c = pair_of("center", 0);
+    const auto s = pair_of(find_value(scene, id, "scale") ? "scale" : "scaleFactor", 1);
+    const std::span<const double> turn = numbers_of(find_value(scene, id, "rotation"));
+    const double angle = turn.empty() ? 0 : turn[0];
+    const double cosine = std::cos(angle), sine = std::sin(angle);
+    const double x = t[0] + c[0], y = t[1] + c[1];
+    m = {s[0] * cosine, -s[0] * sine,  s[0] * (cosine * x - sine * y) - c[0],
+         s[1] * sine,   s[1] * cosine, s[1] * (sine * x + cosine * y) - c[1]};
+    return m;
+}
+
+TextureMap texture_map(SurfaceBuilder& b, const Instance& instance, std::span<const double> points) {
+    TextureMap map;
+    const State& state = instance.state;
+    map.points = numbers_at(b.scene, state.texture_coordinate, "point");
+    map.active = map.points.size() >= 2;
+    if (map.active) {
+        map.index = numbers_at(b.scene, instance.geometry, "textureCoordIndex");
+        if (map.index.empty()) map.index = numbers_at(b.scene, instance.geometry, "texCoordIndex");
+    } else if (state.texture.node != kNone && role_of(b.scene, state.texture) == Role::kTexture) {
+        map.points = {};
+        map.active = true;
+        Box box;
+        for (size_t k = 0; k + 3 <= points.size(); k += 3) {
+            const Vec3d p(points[k], points[k + 1], points[k + 2]);
+            box.min = box.min.cwiseMin(p);
+            box.max = box.max.cwiseMax(p);
+        }
+        const Vec3d size = box.max - box.min;
+        // ties choose x before y before z, as the standard says
+        for (int k = 1; k < 3; ++k) map.axis_u = size[k] > size[map.axis_u] ? k : map.axis_u;
+        map.axis_v = map.axis_u == 0 ? 1 : 0;
+        for (int k = 0; k < 3; ++k) {
+            if (k != map.axis_u && size[k] > size[map.axis_v]) map.axis_v = k;
+        }
+        map.origin = box.min;
+        map.length = size[map.axis_u] > 0 ? size[map.axis_u] : 1;
+    }
+    map.transform = texture_transform(b.scene, state.texture_transform);
+    return map;
+}
+
+Vec2 texture_coordinate(SurfaceBuilder& b, const TextureMap& map, const Vec3d& corner, uint32_t point, uint32_t place) {
+    std::array<double, 2> t{0, 0};
+    if (map.points.empty()) {
+        t = {(corner[map.axis_u] - map.origin[map.axis_u]) / map.length,
+             (corner[map.axis_v] - map.origin[map.axis_v]) / map.length};
+    } else {
+        double row = point;
+        if (!map.index.empty()) row = place < map.index.size() ? map.index[place] : -1;
+        if (row >= 0 && 2 * row + 2 <= static_cast<double>(map.points.size())) {
+            t = {map.points[2 * static_cast<size_t>(row)], map.points[2 * static_cast<size_t>(row) + 1]};
+        } else {
+            ++b.corners_without_uv;
+        }
+    }
+    const auto& m = map.transform;
+    const Vec2 uv{static_cast<float>(m[0] * t[0] + m[1] * t[1] + m[2]),
+                  static_cast<float>(m[3] * t[0] + m[4] * t[1] + m[5])};
+    if (std::isfinite(uv.u) && std::isfinite(uv.v)) return uv;
+    ++b.corners_without_uv;
+    return {};
+}
+
+// --- faces
+
+// Everything about one face set that its faces share.
+struct FaceSet {
+    const Instance& instance;
+    std::span<const double> points;
+    Value index;
+    TextureMap map;
+    bool flip = false;
+};
+
+uint32_t vertex_of(SurfaceBuilder& b, const FaceSet& set, uint32_t point) {
+    if (b.stamp[point] != b.surface) {
+        b.stamp[point] = b.surface;
+        const double* p = set.points.data() + size_t{3} * point;
+        b.vertex_of_point[point] = add_vertex(b, set.instance, {p[0], p[1], p[2]});
+    }
+    return b.vertex_of_point[point];
+}
+
+// Appends the face whose corners are in builder.corner_point, unless it must be dropped.
+void add_face(SurfaceBuilder& b, const FaceSet& set, const FaceLook& look, uint64_t face) {
+    const size_t n = b.corner_point.size();
+    if (n < 3) {
+        ++b.faces_short;
+        return;
+    }
+    b.corner.resize(n);
+    for (size_t k = 0; k < n; ++k) {
+        const double* p = set.points.data() + size_t{3} * b.corner_point[k];
+        b.corner[k] = {p[0], p[1], p[2]};
+    }
+    b.cut.clear();
+    if (!triangulate_polygon(b.corner, b.polygon, b.cut)) ++b.faces_fanned;
+    const uint16_t material = material_of_face(b, set.instance.state, look, face);
+    for (Triangle t : b.cut) {
+        if (set.flip) std::swap(t[1], t[2]);
+        Triangle vertices;
+        std::array<Vec2, 3> uv;
+        for (size_t k = 0; k < 3; ++k) {
+            vertices[k] = vertex_of(b, set, b.corner_point[t[k]]);
+            if (set.map.active) {
+                uv[k] = texture_coordinate(b, set.map, b.corner[t[k]], b.corner_point[t[k]], b.corner_place[t[k]]);
+            }
+        }
+        b.mesh.triangle.push_back(vertices);
+        b.mesh.triangle_material.push_back(material);
+        if (set.map.active) b.mesh.uv.push_back(uv);
+    }
+}
+
+void build_face_set(SurfaceBuilder& b, const Instance& instance) {
+    FaceSet set{instance,
+                numbers_at(b.scene, instance.state.coordinate, "point"),
+                find_value(b.scene, instance.geometry, "coordIndex"),
+                {},
+                false};
+    const size_t point_count = set.points.size() / 3;
+    set.map = texture_map(b, instance, set.points);
+    const bool clockwise = instance.state.clockwise || !flag_of(find_value(b.scene, instance.geometry, "ccw"), true);
+    // a mirror turns the outside in; faces keep facing outwards
+    set.flip = clockwise != (determinant(instance.state.placement) < 0);
+    const FaceLook look = face_look(b, instance);
+    ++b.surface;
+    if (b.stamp.size() < point_count) {
+        b.stamp.resize(point_count, 0);
+        b.vertex_of_point.resize(point_count);
+    }
+    if (set.map.active) b.mesh.uv.resize(b.mesh.triangle.size());
+
+    const std::span<const double> index = numbers_of(set.index);
+    uint64_t face = 0;
+    bool outside = false;
+    b.corner_point.clear();
+    b.corner_place.clear();
+    for (size_t k = 0; k <= index.size(); ++k) {
+        if (k < index.size() && index[k] != -1) {
+            // what is no number of a point, -5 or 1.5 or nan, is outside too
+            const bool inside =
+                index[k] >= 0 && index[k] < static_cast<double>(point_count) && index[k] == std::floor(index[k]);
+            if (!inside && b.first_outside.empty()) {
+                b.first_outside = place_of_number(set.index, static_cast<uint32_t>(k));
+            }
+            outside = outside || !inside;
+            b.corner_point.push_back(inside ? static_cast<uint32_t>(index[k]) : 0);
+            b.corner_place.push_back(static_cast<uint32_t>(k));
+            continue;
+        }
+        if (outside) {
+            ++b.faces_outside;
+        } else if (!b.corner_point.empty()) {
+            add_face(b, set, look, face);
+        }
+        face += !b.corner_point.empty();
+        outside = false;
+        b.corner_point.clear();
+        b.corner_place.clear();
+    }
+}
+
+void build_primitive(SurfaceBuilder& b, const Instance& instance) {
+    b.corner.clear();
+    b.cut.clear();
+    make_primitive(b.scene, instance.geometry, b.corner, b.cut);
+    const auto first = static_cast<uint32_t>(b.mesh.position.size());
+    for (const Vec3d& p : b.corner) add_vertex(b, instance, p);
+    const bool flip = determinant(instance.state.placement) < 0;
+    const uint16_t material = material_row(b, instance.state, 0, {});
+    for (Triangle t : b.cut) {
+        if (flip) std::swap(t[1], t[2]);
+        b.mesh.triangle.push_back({first + t[0], first + t[1], first + t[2]});
+        b.mesh.triangle_material.push_back(material);
+    }
+}
+
+}  // namespace
+
+Placement combine(const Placement& outer, const Placement& inner) {
+    Placement p;
+    for (size_t r = 0; r < 3; ++r) {
+        for (size_t c = 0; c < 4; ++c) {
+            double sum = c == 3 ? outer.m[4 * r + 3] : 0;
+            for (size_t k = 0; k < 3; ++k) sum += outer.m[4 * r + k] * inner.m[4 * k + c];
+            p.m[4 * r + c] = sum;
+        }
+    }
+    return p;
+}
+
+void check_points(const Scene& scene, NodeId coordinate, uint32_t width) {
+    const Value value = find_value(scene, coordinate, "point");
+    const std::span<const double> numbers = numbers_of(value);
+    for (size_t k = 0; k < numbers.size(); ++k) {
+        if (!std::isfinite(numbers[k])) {
+            throw InputError(place_of_number(value, static_cast<uint32_t>(k)) + ": a point that is not finite");
+        }
+    }
+    if (numbers.size() % width != 0) {
+        throw InputError(describe_place(*value.document, value.field->offset) + ": " + std::to_string(numbers.size()) +
+                         " numbers do not make points of " + std::to_string(width));
+    }
+}
+
+uint64_t count_triangles(const Scene& scene, NodeId geometry) {
+    if (role_of(scene, geometry) != Role::kFaceSet) return count_primitive_triangles(role_of(scene, geometry));
+    uint64_t triangles = 0, corners = 0;
+    for (const double index : numbers_of(find_value(scene, geometry, "coordIndex"))) {
+        corners = index == -1 ? 0 : corners + 1;
+        triangles += corners > 2;
+    }
+    return triangles;
+}
+
+void build_surface(SurfaceBuilder& builder, const Instance& instance) {
+    if (role_of(builder.scene, instance.geometry) == Role::kFaceSet) {
+        build_face_set(builder, instance);
+    } else {
+        build_primitive(builder, instance);
+    }
+    if (!builder.mesh.uv.empty()) builder.mesh.uv.resize(builder.mesh.triangle.size());
+}
+
+}  // namespace trocar::vrml

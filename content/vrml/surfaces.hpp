@@ -1,0 +1,62 @@
+#pragma once
+#include <array>
+#include <map>
+#include <tuple>
+
+#include "components/mesh.hpp"
+#include "content/polygon.hpp"
+#include "content/vrml/scene.hpp"
+namespace trocar::vrml {
+
+// Affine map of points, row by row; exact for the identity.
+struct Placement {
+    std::array<double, 12> m{1, 0, 0, 0, 0, 1, 0, 0, 0, 0, 1, 0};
+};
+
+// What a surface inherits from the nodes around and before it.
+struct State {
+    Placement placement;
+    NodeId coordinate, texture_coordinate, material, material_binding, texture, texture_transform;
+    bool clockwise = false;
+};
+
+// One surface to build: a geometry node and the state it stands in.
+struct Instance {
+    State state;
+    NodeId geometry;
+};
+
+// Building surfaces into one mesh. Caches make a node that is used often cost its building only.
+struct SurfaceBuilder {
+    Scene& scene;
+    Mesh& mesh;
+    std::map<std::tuple<NodeId, NodeId, NodeId, uint32_t>, uint16_t>
+        material_row{};                                                              // material, colour, texture, entry
+    std::map<std::pair<std::array<float, 8>, NodeId>, uint16_t> material_of_look{};  // look, texture
+    std::map<NodeId, std::pair<std::string, Image>> texture{};                       // file name and pixels
+    std::vector<uint32_t> vertex_of_point{}, stamp{};  // vertex made for a point by the surface with that stamp
+    uint32_t surface = 0;
+    uint64_t image_bytes = 0;  // of all materials
+    PolygonScratch polygon{};
+    std::vector<Vec3d> corner{};
+    std::vector<uint32_t> corner_point{}, corner_place{};  // point number and position in coordIndex
+    std::vector<Triangle> cut{};
+    uint64_t faces_outside = 0;  // dropped: a corner is not among the points
+    uint64_t faces_short = 0;    // dropped: fewer than three corners
+    uint64_t faces_fanned = 0;   // no ears found
+    uint64_t corners_without_uv = 0;
+    std::string first_outside{};  // place of the first such corner
+};
+
+Placement combine(const Placement& outer, const Placement& inner);
+
+// Throws InputError unless the node's `point` is whole and finite; `width` numbers make a point.
+void check_points(const Scene& scene, NodeId coordinate, uint32_t width);
+
+// Triangles a geometry node will give at most.
+uint64_t count_triangles(const Scene& scene, NodeId geometry);
+
+// Appends the triangles of one surface. The points were checked before.
+void build_surface(SurfaceBuilder& builder, const Instance& instance);
+
+}  // namespace trocar::vrml

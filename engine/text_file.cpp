@@ -1,0 +1,126 @@
+#include "engine/text_file.hpp"
+
+#include <fcntl.h>
+#include <sys/stat.h>
+#include <unistd.h>
+#include <zlib.h>
+
+#include <algorithm>
+#include <cerrno>
+#include <cstdio>
+#include <cstring>
+
+#include "engine/error.hpp"
+namespace trocar {
+namespace {
+
+constexpr size_t kChunk = size_t{1} << 20;
+constexpr uint64_t kStreamLimit = uint64_t{1} << 28;  // a pipe or device names no size, so it gets a smaller limit
+
+// File descriptor that closes itself.
+struct Descriptor {
+    int fd = -1;
+    ~Descriptor() {
+        if (fd >= 0) ::close(fd);
+    }
+};
+
+[[noreturn]] void fail(const std::filesystem::path& path, const std::string& reason) {
+    throw InputError(path.string() + ": " + reason);
+}
+
+bool is_gzip(std::string_view bytes) {
+    return bytes.size() >= 2 && static_cast<uint8_t>(bytes[0]) == 0x1f && static_cast<uint8_t>(bytes[1]) == 0x8b;
+}
+
+// inflate state that ends itself.
+struct Inflater {
+    z_stream stream{};
+    bool ready = false;
+    ~Inflater() {
+        if (ready) inflateEnd(&stream);
+    }
+};
+
+std::string unpack(const std::filesystem::path& path, std::string_view packed, uint64_t limit) {
+    Inflater inflater;
+    z_stream& stream = inflater.stream;
+    if (inflateInit2(&stream, 15 + 16) != Z_OK) fail(path, "cannot start unpacking gzip");
+    inflater.ready = true;
+    std::string text;
+    size_t used = 0, written = 0;
+    while (true) {
+        // zlib counts in 32 bits, so both sides are handed over in pieces
+        const size_t give = std::min(packed.size() - used, size_t{1} << 30);
+        stream.next_in = reinterpret_cast<Bytef*>(const_cast<char*>(packed.data() + used));
+        stream.avail_in = static_cast<uInt>(give);
+        if (text.size() - written < kChunk) text.resize(std::max(written + kChunk, written + written / 2));
+        const size_t room = std::min(text.size() - written, size_t{1} << 30);
+        stream.next_out = reinterpret_cast<Bytef*>(text.data() + written);
+        stream.avail_out = static_cast<uInt>(room);
+        const int status = inflate(&stream, Z_NO_FLUSH);
+        used += give - stream.avail_in;
+        written += room - stream.avail_out;
+        if (written > limit) fail(path, "unpacks to more than " + describe_bytes(limit));
+        if (status == Z_STREAM_END) {
+            if (!is_gzip(packed.substr(used))) break;
+            if (inflateReset(&stream) != Z_OK) fail(path, "cannot unpack gzip");
+        } else if (status == Z_BUF_ERROR || (status == Z_OK && used == packed.size() && stream.avail_out > 0)) {
+            fail(path, "gzip data is cut short after " + describe_bytes(written) + " of text");
+        } else if (status != Z_OK) {
+            fail(path, std::string("damaged gzip data: ") + (stream.msg ? stream.msg : "unknown fault"));
+        }
+    }
+    text.resize(written);
+    return text;
+}
+
+}  // namespace
+
+std::string describe_bytes(uint64_t bytes) {
+    char text[32];
+    if (bytes < 10000) {
+        std::snprintf(text, sizeof text, "%u bytes", static_cast<unsigned>(bytes));
+    } else if (bytes < uint64_t{1} << 30) {
+        std::snprintf(text, sizeof text, "%.1f MiB", static_cast<double>(bytes) / (1 << 20));
+    } else {
+        std::snprintf(text, sizeof text, "%.1f GiB", static_cast<double>(bytes) / (1 << 30));
+    }
+    return text;
+}
+
+std::string read_file_bytes(const std::filesystem::path& path, uint64_t limit) {
+    Descriptor file{::open(path.c_str(), O_RDONLY | O_CLOEXEC)};
+    if (file.fd < 0) fail(path, std::strerror(errno));
+    struct stat info {};
+    if (::fstat(file.fd, &info) != 0) fail(path, std::strerror(errno));
+    if (S_ISDIR(info.st_mode)) fail(path, "is a folder, not a file");
+    uint64_t expected = kChunk;
+    if (S_ISREG(info.st_mode)) {
+        expected = static_cast<uint64_t>(info.st_size);
+        if (expected > limit) fail(path, "has " + describe_bytes(expected) + ", the limit is " + describe_bytes(limit));
+    } else {
+        limit = std::min(limit, kStreamLimit);
+    }
+    std::string bytes;
+    size_t filled = 0;
+    while (true) {
+        // one byte more than the size given, so that the end is seen without growing
+        if (filled == bytes.size()) bytes.resize(std::max<uint64_t>(filled + filled / 2, expected) + 1);
+        const ssize_t got = ::read(file.fd, bytes.data() + filled, bytes.size() - filled);
+        if (got < 0 && errno == EINTR) continue;
+        if (got < 0) fail(path, std::strerror(errno));
+        if (got == 0) break;
+        filled += static_cast<size_t>(got);
+        if (filled > limit) fail(path, "is longer than the limit of " + describe_bytes(limit));
+    }
+    bytes.resize(filled);
+    return bytes;
+}
+
+std::string read_text_file(const std::filesystem::path& path, uint64_t limit) {
+    std::string bytes = read_file_bytes(path, limit);
+    return is_gzip(bytes) ? unpack(path, bytes, limit) : bytes;
+}
+
+}  // namespace trocar
