@@ -115,7 +115,7 @@ void local_contact(FrameState& f) {
     World& w = f.world;
     w.local_contact.resize(w.haptics.tool.size());
     for (size_t t = 0; t < w.haptics.tool.size(); ++t)
-        publish_local_contact(HapticParams{}, surfaces_of(w), w.haptics.tool[t], w.haptics.state[t], pass_seconds(w),
+        publish_local_contact(HapticParams{}, surfaces_of(w), w.boxes.box, w.haptics.tool[t], w.haptics.state[t], pass_seconds(w),
                               w.clock.pass, f.scratch.local_contact, w.local_contact[t]);
 }
 
@@ -211,7 +211,9 @@ void picture(FrameState& f) {
     write_picture_snapshot(w.clock.picture, pass_seconds(w), surfaces_of(w), w.normals, w.contacts, w.penetrations, w.haptics, w.picture);
 }
 
-bool any_path(const World& w) { return !w.paths.body.empty(); }
+bool any_path(const World& w) {
+    return std::any_of(w.paths.body.begin(), w.paths.body.end(), [](uint32_t body) { return body != kNone; });
+}
 bool any_tool(const World& w) { return !w.haptics.tool.empty(); }
 bool any_pair(const World& w) {
     const auto can_be_pushed = [](Motion m) { return m == Motion::kDeformable || m == Motion::kHand; };
@@ -240,7 +242,7 @@ constexpr FrameStage kBegin[] = {
     {{"penetration",     penetration,     mask(R::kPairs, R::kContacts),                                     mask(R::kPenetrations, R::kReport)}, any_pair},
     {{"contact rows",    contact_rows,    kShapes | mask(R::kSettings, R::kPairs, R::kContacts, R::kPenetrations), mask(R::kRows, R::kReport)}, any_pair},
     {{"islands",         islands,         mask(R::kBodies, R::kRows),                                        mask(R::kIslands)}, any_mover},
-    {{"local contact",   local_contact,   kShapes | mask(R::kClock, R::kTools, R::kToolState),               mask(R::kLocalContact)}, any_tool},
+    {{"local contact",   local_contact,   kShapes | mask(R::kClock, R::kTools, R::kToolState, R::kBoxes),     mask(R::kLocalContact)}, any_tool},
 };
 
 constexpr FrameStage kAdvance[] = {

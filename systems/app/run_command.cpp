@@ -123,7 +123,10 @@ class PictureWriter {
     // Returns the milliseconds of drawing and reading back; writing the file is not part of a frame.
     double take(const PictureSnapshot& snapshot) {
         const uint64_t start = now_ns();
-        if (camera_.distance <= 0) fit_camera(picture_box(snapshot), params_.width, params_.height, camera_);
+        if (files_.empty()) {
+            if (camera_.distance <= 0) fit_camera(snapshot, params_.width, params_.height, camera_);
+            else lay_floor(snapshot, camera_);
+        }
         render_picture(params_, camera_, snapshot, renderer_, scratch_, image_);
         const double ms = static_cast<double>(now_ns() - start) * 1e-6;
         if (!out_.empty()) {

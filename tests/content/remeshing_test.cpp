@@ -73,5 +73,40 @@ TEST(Remeshing, NeverCollapsesATetrahedronOrADoublePyramid) {
     EXPECT_EQ(reference::survey_surface(mesh).euler, 2);
 }
 
+// A three-sided tube: its short edges go around it, and the two ends of each have a third neighbour in common that is
+// in no triangle with both. Collapsing one would join four triangles at one edge.
+TEST(Remeshing, DoesNotPinchATubeOfThreeSides) {
+    Mesh mesh;
+    std::vector<Triangle>& t = mesh.triangle;
+    constexpr uint32_t kRings = 20;
+    for (uint32_t ring = 0; ring < kRings; ++ring) {
+        for (uint32_t k = 0; k < 3; ++k) {
+            const double turn = 2 * M_PI * k / 3;
+            mesh.position.push_back({0.2 * std::cos(turn), 0.2 * std::sin(turn), 0.5 * ring});
+            if (ring == 0) continue;
+            const uint32_t a = 3 * ring - 3 + k, b = 3 * ring - 3 + (k + 1) % 3;
+            t.push_back({a, b, b + 3});
+            t.push_back({a, b + 3, a + 3});
+        }
+    }
+    const uint32_t low = 3 * kRings, high = low + 1, last = 3 * kRings - 3;
+    mesh.position.push_back({0, 0, -0.4});
+    mesh.position.push_back({0, 0, 0.5 * kRings - 0.1});
+    for (uint32_t k = 0; k < 3; ++k) {
+        t.push_back({low, (k + 1) % 3, k});
+        t.push_back({high, last + k, last + (k + 1) % 3});
+    }
+    ASSERT_TRUE(reference::survey_surface(mesh).closed);
+    const double volume = reference::survey_surface(mesh).volume;
+    ASSERT_GT(volume, 0.0);
+    remesh_evenly(
+        {.triangles = 40, .rounds = 0}, [](const Vec3d& p) { return p; }, mesh.position, mesh.triangle);
+    const auto facts = reference::survey_surface(mesh);
+    EXPECT_TRUE(facts.closed && facts.one_fan);
+    EXPECT_EQ(facts.euler, 2);
+    EXPECT_LT(mesh.triangle.size(), 80u);
+    EXPECT_GT(facts.volume, 0.5 * volume);
+}
+
 }  // namespace
 }  // namespace trocar
