@@ -106,6 +106,13 @@ int main(int argc, char** argv) {
     const uint32_t passes = argc > 1 ? uint32_t(std::max(1, std::atoi(argv[1]))) : 200;
     const std::string only = argc > 2 ? argv[2] : "";
     const auto wanted = [&](const char* name) { return only.empty() || only == name; };
+    if (wanted("goal")) {
+        ContactScene scene({{ellipsoid(29, {0.10, 0.075, 0.045}, 0.03), Motion::kDeformable, Vec3d::Zero(), {}},
+                            {ellipsoid(29, {0.03, 0.055, 0.028}, 0.03), Motion::kDeformable, Vec3d(0.01, 0.005, 0.0688),
+                             turn(Vec3d(0, 0, 1), 0.4)}});
+        if (argc > 3) scene.params.cell_edges = std::atof(argv[3]);
+        measure("goal: 5 mm deep, 200 inside", scene, passes);
+    }
     if (wanted("kidney")) {
         ContactScene scene({{ellipsoid(29, {0.10, 0.075, 0.045}, 0.03), Motion::kDeformable, Vec3d::Zero(), {}},
                             {ellipsoid(29, {0.03, 0.055, 0.028}, 0.03), Motion::kDeformable, Vec3d(0.01, 0.005, 0.0655),

@@ -199,14 +199,13 @@ bool search_outside_edge(EdgeSearch& e, const Sample& a, const Sample& b, const 
     return search(e, 1e-12 * e.length, true, best, c.counters);  // less is rounding: two surfaces that only touch
 }
 
-// Farthest place up to `last` where a triangle is known to be nearer than `enough`, which it is at `s`: the distance is
-// convex along the edge. A few steps of bisection, rounded towards s.
-double covered_to(const EdgeSearch& e, uint32_t triangle, double s, double last, double enough) {
-    if (e.distance_to(triangle, last) <= enough) return last;
-    double good = s, bad = last;
-    for (int i = 0; i < 4; ++i) {
-        const double middle = 0.5 * (good + bad);
-        (e.distance_to(triangle, middle) <= enough ? good : bad) = middle;
+// A place short of `beyond`, which is not, where a triangle is still nearer than `enough`, as it is at `s`: the
+// distance is convex along the edge. A few steps of bisection, rounded towards s.
+double covered_to(const EdgeSearch& e, uint32_t triangle, double s, double beyond, double enough) {
+    double good = s;
+    for (int i = 0; i < 3; ++i) {
+        const double middle = 0.5 * (good + beyond);
+        (e.distance_to(triangle, middle) <= enough ? good : beyond) = middle;
     }
     return good;
 }
@@ -221,11 +220,17 @@ bool search_crossing_edge(EdgeSearch& e, const Sample& a, const Sample& b, EdgeC
     if ((last - a.s) * sign <= 0) return false;
     Sample at = a;
     for (int step = 0; step < 4; ++step) {
-        const double to = covered_to(e, at.triangle, at.s, last, enough);
-        if (to == last) return false;
-        for (const uint32_t next : e.side.other_mesh.neighbour[at.triangle]) {
-            if (next != kNone && e.distance_to(next, to) <= enough && e.distance_to(next, last) <= enough) return false;
+        if (e.distance_to(at.triangle, last) <= enough) return false;
+        const double middle = 0.5 * (at.s + last);
+        const bool covers_half = e.distance_to(at.triangle, middle) <= enough;
+        const auto goes_on = [&](uint32_t next) {
+            return next != kNone && e.distance_to(next, last) <= enough && e.distance_to(next, middle) <= enough;
+        };
+        if (covers_half) {
+            const auto& around = e.side.other_mesh.neighbour[at.triangle];
+            if (goes_on(b.triangle) || goes_on(around[0]) || goes_on(around[1]) || goes_on(around[2])) return false;
         }
+        const double to = covers_half ? middle : covered_to(e, at.triangle, at.s, middle, enough);
         const SurfacePoint answer = e.ask(to, at.triangle, c.counters);
         if (-answer.distance > enough) break;
         at = {to, -answer.distance, answer.triangle};

@@ -36,6 +36,10 @@ Box collect_regions(const BodyBoxes& boxes, const CandidatePairs& pairs, Rasteri
         scratch.region_pair[scratch.region_first[pairs.a[i] + 1]++] = i;
         scratch.region_pair[scratch.region_first[pairs.b[i] + 1]++] = i;
     }
+    scratch.packed_region.resize(2 * size_t(count));
+    for (uint32_t i = 0; i < 2 * count; ++i) {
+        scratch.packed_region[i] = pack_box(scratch.region[scratch.region_pair[i]], all.min);
+    }
     scratch.body.clear();
     for (uint32_t body = 0; body < bodies; ++body) {
         if (scratch.region_first[body + 1] > scratch.region_first[body]) scratch.body.push_back(body);
@@ -85,7 +89,6 @@ void screen_body(const Surfaces& s, const BodyBoxes& boxes, const Vec3d& origin,
     screen.box.clear();
     screen.edge_sum = 0;
     const __m256d grow = _mm256_setr_pd(reach, reach, reach, 0);
-    const PackedBox single = pack_box(scratch.region[scratch.region_pair[first]], origin);
     for (uint32_t t = 0; t < mesh.triangle.size(); ++t) {
         const Triangle& corner = mesh.triangle[t];
         const uint8_t c0 = screen.outcode[corner[0]], c1 = screen.outcode[corner[1]], c2 = screen.outcode[corner[2]];
@@ -94,10 +97,8 @@ void screen_body(const Surfaces& s, const BodyBoxes& boxes, const Vec3d& origin,
         const PackedBox box = pack_box(_mm256_sub_pd(_mm256_min_pd(_mm256_min_pd(p, q), r), grow),
                                        _mm256_add_pd(_mm256_max_pd(_mm256_max_pd(p, q), r), grow));
         const __m256 face = facing(load_box(box));
-        bool met = meets(face, load_box(single));
-        for (uint32_t i = first + 1; i < end && !met; ++i) {
-            met = meets(face, load_box(pack_box(scratch.region[scratch.region_pair[i]], origin)));
-        }
+        bool met = false;
+        for (uint32_t i = first; i < end && !met; ++i) met = meets(face, load_box(scratch.packed_region[i]));
         if (!met) continue;
         screen.triangle.push_back(t);
         screen.box.push_back(box);
@@ -177,9 +178,11 @@ bool count_body(const ScreenedTriangles& screened, uint32_t body, __m256 clip, f
             occupancy.oversize.push_back(row);
             continue;
         }
-        const size_t first = scratch.reference.size();
-        scratch.reference.resize(first + x * y * z);
-        CellReference* next = scratch.reference.data() + first;
+        if (scratch.reference.size() < scratch.references + kMostCells) {
+            scratch.reference.resize(2 * scratch.reference.size() + kMostCells);
+        }
+        CellReference* next = scratch.reference.data() + scratch.references;
+        scratch.references += uint32_t(x * y * z);
         for (uint32_t i = cells.first[0]; i <= cells.last[0]; ++i) {
             for (uint32_t j = cells.first[1]; j <= cells.last[1]; ++j) {
                 for (uint32_t k = cells.first[2]; k <= cells.last[2]; ++k) {
@@ -194,7 +197,7 @@ bool count_body(const ScreenedTriangles& screened, uint32_t body, __m256 clip, f
 void count_objects(const ScreenedTriangles& screened, float inv_size, RasteriseScratch& scratch, Occupancy& occupancy) {
     if (scratch.table.empty()) grow_table(scratch);
     for (bool done = false; !done;) {
-        scratch.reference.clear();
+        scratch.references = 0;
         scratch.shared.clear();
         occupancy.oversize.clear();
         done = true;
@@ -222,7 +225,8 @@ void fill_layers(const ScreenedTriangles& screened, RasteriseScratch& scratch, O
     }
     scratch.cell_first.assign(cells + 1, 0);
     size_t kept = 0;
-    for (const CellReference& reference : scratch.reference) {
+    for (uint32_t i = 0; i < scratch.references; ++i) {
+        const CellReference reference = scratch.reference[i];
         const uint32_t shared = scratch.table[reference.slot].shared;
         if (shared == 0) continue;
         const uint32_t cell = scratch.rank[shared - 1];

@@ -34,11 +34,13 @@ struct RasteriseScratch {
     std::vector<Box> region;                      // overlap box of each candidate pair, world
     std::vector<uint32_t> region_first;           // per body: rows of region_pair
     std::vector<uint32_t> region_pair;            // pairs of a body
+    std::vector<PackedBox> packed_region;         // in that order
     std::vector<uint32_t> body;                   // bodies in a pair, ascending
     std::vector<BodyScreen> screen;               // per row of body
     std::vector<CountedCell> table;               // open addressing, a power of two
     std::vector<uint32_t> used_slot;              // to clear the table
     std::vector<CellReference> reference;         // one per (triangle, cell) of pass 1, then of the shared cells
+    uint32_t references = 0;                      // rows of it in use
     std::vector<std::array<uint64_t, 2>> shared;  // key, row in order of discovery
     std::vector<uint32_t> rank;                   // of a shared cell by key
     std::vector<uint32_t> cell_first, next, cell_body;

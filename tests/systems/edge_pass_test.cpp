@@ -66,14 +66,14 @@ TEST(EdgePass, BladeOnADome) {
     double want = 0;
     for (const double x : {-0.0005, 0.0005}) {
         want = std::max(
-            want, reference::deepest_on_edge(dome, Vec3d(0.013 + x, -0.4, 0.98), Vec3d(0.013 + x, 0.4, 0.98), 400));
+            want, reference::deepest_on_edge(dome, Vec3d(0.013 + x, -0.3, 0.98), Vec3d(0.013 + x, 0.3, 0.98), 600));
     }
     double found = 0;
     for (uint32_t i = 0; i < scene.contacts.pair.size(); ++i) {
         if (scene.contacts.body[i] == 1) found = std::max(found, -scene.contacts.distance[i]);
     }
     EXPECT_GT(want, 0.015);
-    EXPECT_NEAR(found, want, scene.params.tolerance + 1e-3);
+    EXPECT_NEAR(found, want, scene.params.tolerance + 0.6 / (2 * 600));  // and half a sample
 }
 
 // Every edge row names an edge and a point on it, its distance is the brute force's, and rows keep the order.
