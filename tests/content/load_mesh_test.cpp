@@ -6,7 +6,7 @@
 #include <cstring>
 
 #include "engine/text_file.hpp"
-#include "mesh_sums.hpp"
+#include "tests/content/mesh_sums.hpp"
 namespace trocar {
 namespace {
 

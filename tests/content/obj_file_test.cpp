@@ -3,7 +3,7 @@
 #include <gtest/gtest.h>
 
 #include "engine/image_file.hpp"
-#include "mesh_sums.hpp"
+#include "tests/content/mesh_sums.hpp"
 namespace trocar {
 namespace {
 

@@ -5,7 +5,7 @@
 #include <cstring>
 #include <limits>
 
-#include "mesh_sums.hpp"
+#include "tests/content/mesh_sums.hpp"
 namespace trocar {
 namespace {
 

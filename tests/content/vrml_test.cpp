@@ -9,7 +9,7 @@
 #include "content/vrml/lexer.hpp"
 #include "content/vrml/parser.hpp"
 #include "engine/image_file.hpp"
-#include "mesh_sums.hpp"
+#include "tests/content/mesh_sums.hpp"
 namespace trocar {
 namespace {
 
