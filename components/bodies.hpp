@@ -45,7 +45,8 @@ struct Bodies {
 };
 
 // Where bodies are. Rigid: position and orientation of the body frame. Deformable: origin is the origin of the
-// particle offsets and orientation the rest orientation of the anchors. One row per body.
+// particle offsets and orientation that of the anchors: constant for kWorld, the best-fit rigid copy for kShape. One row
+// per body.
 struct Poses {
     std::vector<Vec3d> origin;            // m
     std::vector<Quat> orientation;

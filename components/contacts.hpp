@@ -15,6 +15,7 @@ struct ContactParams {
     double cell_edges = 2.5;        // cell size of the occupancy grid in mean edges of the surviving triangles
     double push_speed = 0.1;        // m/s, fastest removal of remaining overlap
     uint32_t iterations = 2;        // velocity passes over the rows of an island per substep
+    uint32_t row_capacity = 4096;   // rows kept per body; beyond it the shallowest go, counted
     ResponseShare share = ResponseShare::kMass;
     ResponseDirection direction = ResponseDirection::kLocal;
 };
@@ -24,21 +25,47 @@ struct CandidatePairs {
     std::vector<uint32_t> a, b;  // body rows
 };
 
+// Box in eight floats, so that one comparison of a vector register tells whether two boxes meet.
+struct alignas(32) PackedBox {
+    std::array<float, 4> min{};      // x, y, z, 0; m
+    std::array<float, 4> neg_max{};  // -x, -y, -z, 0; m
+};
+
+// Triangles that can matter this pass: their box, enlarged by the reach of their body (margin, and half the thickness
+// of a sheet), meets the overlap of two enlarged body boxes. Non-finite triangles are left out.
+struct ScreenedTriangles {
+    Vec3d origin = Vec3d::Zero();         // m, world: boxes are relative to it
+    std::vector<Range> body;              // per body: rows of triangle; empty for a body in no pair
+    std::vector<uint32_t> triangle;       // local, ascending within a body
+    std::vector<PackedBox> box;           // enlarged, rounded outward
+};
+
 // The occupancy grid (thesis: OHC) as three flat layers. Only cells shared by two or more bodies are filled.
 struct Occupancy {
     double cell_size = 0;                 // m
-    Vec3d origin = Vec3d::Zero();         // corner of cell (0, 0, 0)
+    Vec3d origin = Vec3d::Zero();         // corner of cell (0, 0, 0), m, world
     std::vector<uint64_t> cell_key;       // cell layer: packed 21-bit x, y, z, ascending
     std::vector<uint32_t> object_first;   // cell -> rows of object; cell_key.size() + 1
     std::vector<uint32_t> object;         // object layer: body
     std::vector<uint32_t> primitive_first;// object row -> rows of primitive; object.size() + 1
     std::vector<uint32_t> primitive;      // primitive layer: local triangle, ascending
+    std::vector<uint32_t> primitive_row;  // the same triangles as rows of ScreenedTriangles
+    std::vector<uint32_t> oversize;       // rows of ScreenedTriangles that span too many cells, ascending; tested by box
 };
 
 // What the shared cells say about each candidate pair: the triangle pairs whose enlarged boxes meet, each once.
 struct CandidateTriangles {
     std::vector<Range> pair;                             // per candidate pair: rows of triangle
     std::vector<std::array<uint32_t, 2>> triangle;       // local triangle of a, of b; ascending
+};
+
+// Signed distances that the overlap phase has worked out: every vertex of a triangle near the other surface, and every
+// vertex of a piece that lies inside it. Two sides per candidate pair: 2p = vertices of a against b, 2p + 1 the reverse.
+struct NearVertices {
+    std::vector<Range> side;            // rows of vertex
+    std::vector<uint32_t> vertex;       // local vertex, ascending within a side
+    std::vector<double> distance;       // m, signed, to the other surface (sheets: less half the thickness)
+    std::vector<uint32_t> triangle;     // local triangle of the other body that is nearest
 };
 
 // Points of one body's surface near or inside another body. Ascending (pair, side, vertex before edge, index).
@@ -69,13 +96,14 @@ struct Penetrations {
 // One-sided constraints for the substeps of this period: a point of `body` stays outside a plane that rides on a
 // triangle of `other`. Same order as Contacts.
 struct ContactRows {
+    std::vector<uint32_t> contact;                 // row of Contacts
     std::vector<uint32_t> body, other;
     std::vector<std::array<uint32_t, 2>> vertex;   // local vertices of body
     std::vector<float> along;
     std::vector<Triangle> triangle;                // local vertices of the triangle of other
     std::vector<std::array<float, 3>> weight;      // barycentric coordinates of the plane point, sum 1
     std::vector<Vec3d> normal;                     // unit, outward from other; in the body frame if other is rigid
-    std::vector<double> distance;                  // m, at the start of the period
+    std::vector<double> distance;                  // m, at the start of the period; infinity once the row has ended
     std::vector<float> friction;
     std::vector<Vec3d> impulse;                    // N s, on body, summed over the period (written by response)
 };

@@ -10,11 +10,15 @@ struct Particles {
     std::vector<float> velocity_x;   // m/s, half a step behind the offset (leapfrog)
     std::vector<float> velocity_y;
     std::vector<float> velocity_z;
+    std::vector<double> last_dt;     // s, one per body row: substep that the velocities are half of behind; 0 = not started
 };
 
 // Anchors of deformable bodies: a spring of rest length zero from a particle to its goal. Constant after load.
 struct Anchors {
     std::vector<float> stiffness;    // N/m, one per particle; 0 = none
+    std::vector<float> rest_x;       // m, goal of the particle: kWorld from the body's origin, world axes;
+    std::vector<float> rest_y;       //    kShape in the prototype's frame
+    std::vector<float> rest_z;
 };
 
 }  // namespace trocar

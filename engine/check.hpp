@@ -11,5 +11,7 @@ namespace trocar {
 }  // namespace trocar
 
 // Misuse by the programmer; on in every preset of ours.
-#define TROCAR_ASSERT(condition) \
-    do { if (!(condition)) ::trocar::fail_check(#condition, __FILE__, __LINE__); } while (false)
+#define TROCAR_ASSERT(condition)                                                \
+    do {                                                                        \
+        if (!(condition)) ::trocar::fail_check(#condition, __FILE__, __LINE__); \
+    } while (false)

@@ -11,10 +11,11 @@ enum class Feature : uint8_t { kVertex0, kVertex1, kVertex2, kEdge0, kEdge1, kEd
 
 // Nearest surface point. triangle == kNone when nothing lies within the radius asked for.
 struct SurfacePoint {
-    Vec3d point = Vec3d::Zero();   // m, frame of the tree
-    Vec3d normal = Vec3d::Zero();  // unit, outward: sign * (query - point) / distance, or the pseudonormal when on the surface
-    double distance = 0;           // m, signed: < 0 inside. Unsigned (>= 0) for sheets
-    uint32_t triangle = kNone;     // local triangle
+    Vec3d point = Vec3d::Zero();  // m, frame of the tree
+    Vec3d normal =
+        Vec3d::Zero();    // unit, outward: sign * (query - point) / distance, or the pseudonormal when on the surface
+    double distance = 0;  // m, signed: < 0 inside. Unsigned (>= 0) for sheets
+    uint32_t triangle = kNone;  // local triangle
     Feature feature = Feature::kFace;
 };
 
@@ -29,7 +30,7 @@ struct QueryCounters {
 // TVCG 11(3), 2005) for solids, generalised winding number (Jacobson et al. 2013) for kWinding meshes, none for sheets.
 // Answers do not depend on hints, on earlier refits, or on the instruction set.
 class ClosestPointTree {
-   public:
+ public:
     // Rigid or imported surface: doubles in the body frame. The view must outlive the tree.
     explicit ClosestPointTree(const MeshView& mesh);
     // Deformable surface: float offsets, one per vertex (more rows may follow).
@@ -56,7 +57,7 @@ class ClosestPointTree {
     // Position of a vertex as the answers see it.
     Vec3d vertex(uint32_t v) const;
 
-   private:
+ private:
     struct Impl;
     std::unique_ptr<Impl> impl_;
 };
@@ -64,5 +65,8 @@ class ClosestPointTree {
 // Instruction set the kernels of this process run with: "avx512" or "avx2". Chosen once; force_avx2() is for tests.
 const char* instruction_set();
 void force_avx2(bool on);
+
+// Version of the library that searches, e.g. "3.13.5".
+const char* closest_point_library();
 
 }  // namespace trocar

@@ -7,13 +7,13 @@
 #include <vector>
 namespace trocar {
 
-struct World;
+struct FrameState;              // what a stage works on; defined by whoever owns the frame
 using ResourceMask = uint64_t;  // one bit per World resource, see engine/world.hpp
 
 // One step of the frame. Stages are listed in the order of a serial run.
 struct Stage {
     std::string_view name;
-    void (*run)(World&);
+    void (*run)(FrameState&);
     ResourceMask reads = 0;
     ResourceMask writes = 0;
 };
@@ -28,16 +28,16 @@ struct StageObserver {
     void* user = nullptr;
 };
 
-void run_serial(std::span<const Stage> stages, World& world, const StageObserver& observer = {});
+void run_serial(std::span<const Stage> stages, FrameState& state, const StageObserver& observer = {});
 
 // The graph of a list of stages, built once and run every frame. Same result as run_serial, bit for bit.
 class JobGraph {
-   public:
-    JobGraph(std::span<const Stage> stages, World& world, const StageObserver& observer = {});
+ public:
+    JobGraph(std::span<const Stage> stages, FrameState& state, const StageObserver& observer = {});
     ~JobGraph();
     void run();
 
-   private:
+ private:
     struct Impl;
     std::unique_ptr<Impl> impl_;
 };

@@ -3,14 +3,19 @@
 #include "components/springs.hpp"
 namespace trocar {
 
-// Appends a mesh (metres, body frame, welded, refused faces already dropped) as a prototype: edges, neighbours, incident
-// triangles, pieces, measures. The admission is taken as judged by the caller. Returns its row.
+// Appends a mesh (metres, body frame, welded, no face that names a vertex twice) as a prototype: edges, neighbours,
+// incident triangles, pieces, measures. The admission is taken as judged by the caller. Where more than two triangles
+// share an edge, none of them is a neighbour there and edge_triangle names the lowest two. An isolated vertex belongs
+// to no piece (kNone). A mesh without a material gets the default one. Returns its row.
 uint32_t add_prototype(Meshes& meshes, const Mesh& mesh, Admission admission);
 
-// Appends the SELL-16 spring adjacency and vertex areas of the newest prototype of meshes. springs.info grows by one row.
+// Appends the SELL-16 spring adjacency and vertex areas of a prototype whose springs are not made yet; prototypes
+// passed over get an empty row. Columns are counted over all prototypes: row 16 * slice_column[...] of neighbour.
+// Within a vertex the columns ascend by neighbour. Padding lanes and columns name the lane's own vertex.
 void add_springs(Springs& springs, const Meshes& meshes, uint32_t prototype);
 
-// Reorders vertices and triangles so that neighbours in space are neighbours in memory. Geometry unchanged.
+// Reorders vertices (along a Hilbert curve) and triangles (by lowest, then highest vertex) so that neighbours in space
+// are neighbours in memory. Geometry, corner order, texture coordinates and materials of a triangle are unchanged.
 void order_for_locality(Mesh& mesh);
 
 }  // namespace trocar

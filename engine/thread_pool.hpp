@@ -10,14 +10,14 @@ void set_float_mode();
 
 // The process's worker threads. Made once, before the first parallel loop.
 class ThreadPool {
-   public:
+ public:
     explicit ThreadPool(uint32_t threads);  // 0 = all cores
     ~ThreadPool();
     // Runs work inside the pool; parallel_for and run_parallel called by it use its threads.
     void run(const std::function<void()>& work);
     uint32_t threads() const;
 
-   private:
+ private:
     struct Impl;
     std::unique_ptr<Impl> impl_;
 };

@@ -30,5 +30,14 @@ inline Quat from_rotation_vector(const Vec3d& v) {
     const double s = std::sin(0.5 * angle) / angle;
     return {std::cos(0.5 * angle), v.x() * s, v.y() * s, v.z() * s};
 }
+// Rotation vector (rad, world axes) that turns `from` into `to` the short way.
+inline Vec3d rotation_vector(const Quat& from, const Quat& to) {
+    Quat d = multiply(to, conjugate(from));
+    if (d.w < 0) d = {-d.w, -d.x, -d.y, -d.z};
+    const Vec3d axis(d.x, d.y, d.z);
+    const double sine = axis.norm();
+    if (sine < 1e-300) return Vec3d::Zero();
+    return axis * (2 * std::atan2(sine, d.w) / sine);
+}
 
 }  // namespace trocar

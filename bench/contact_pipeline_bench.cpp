@@ -1,0 +1,140 @@
+#include <time.h>
+
+#include <algorithm>
+#include <cmath>
+#include <cstdio>
+#include <functional>
+#include <string>
+#include <vector>
+
+#include "engine/thread_pool.hpp"
+#include "tests/systems/contact_scene.hpp"
+
+using namespace trocar;
+using namespace trocar::test;
+
+namespace {
+
+double thread_seconds() {
+    timespec t;
+    clock_gettime(CLOCK_THREAD_CPUTIME_ID, &t);
+    return double(t.tv_sec) + 1e-9 * double(t.tv_nsec);
+}
+
+Mesh ellipsoid(uint32_t n, const Vec3d& half, double bumps) {
+    Mesh mesh = make_sphere(n, [&](const Vec3d& p) {
+        const double r = 1 + bumps * std::sin(5 * p.x()) * std::cos(4 * p.y());
+        return Vec3d(half.cwiseProduct(p) * r);
+    });
+    order_for_locality(mesh);
+    return mesh;
+}
+
+// Runs the ten stages for `passes` passes while body 1 moves a little, and prints the median of each.
+void measure(const char* name, ContactScene& scene, uint32_t passes) {
+    const char* stage_name[] = {"body boxes", "candidate pairs", "refit trees", "rasterise",    "candidate cells",
+                                "overlap",    "edge pass",       "penetration", "contact rows", "islands"};
+    std::vector<std::vector<double>> cost(11);
+    const Vec3d start = scene.poses.origin[1];
+    for (uint32_t pass = 0; pass < passes + 5; ++pass) {
+        scene.poses.origin[1] = start + Vec3d(0.3e-3 * std::sin(0.1 * pass), 0.3e-3 * std::cos(0.07 * pass), 0);
+        const Surfaces s = scene.surfaces();
+        const std::function<void()> stage[] = {
+            [&] { compute_body_boxes(scene.period, s, scene.boxes); },
+            [&] { find_candidate_pairs(scene.bodies, scene.boxes, {}, scene.pairs_scratch, scene.pairs); },
+            [&] { refit_trees(scene.bodies, scene.particles, scene.pairs, scene.refit_scratch, scene.trees); },
+            [&] {
+                rasterise(scene.params, s, scene.boxes, scene.pairs, scene.rasterise_scratch, scene.report,
+                          scene.screened, scene.occupancy);
+            },
+            [&] {
+                find_candidate_triangles(scene.pairs, scene.screened, scene.occupancy, scene.cells_scratch,
+                                         scene.candidates);
+            },
+            [&] {
+                find_overlap(s, scene.boxes, scene.pairs, scene.screened, scene.candidates, scene.trees,
+                             scene.overlap_scratch, scene.report, scene.near, scene.contacts);
+            },
+            [&] {
+                find_edge_contacts(scene.params, s, scene.pairs, scene.candidates, scene.near, scene.trees,
+                                   scene.edge_scratch, scene.report, scene.contacts);
+            },
+            [&] { measure_penetrations(scene.pairs, scene.contacts, scene.penetrations); },
+            [&] {
+                make_contact_rows(scene.params, s, scene.pairs, scene.contacts, scene.penetrations, scene.rows_scratch,
+                                  scene.report, scene.rows);
+            },
+            [&] { find_islands(scene.bodies, scene.rows, scene.islands_scratch, scene.islands); }};
+        double total = 0;
+        for (uint32_t i = 0; i < 10; ++i) {
+            const double begin = thread_seconds();
+            stage[i]();
+            const double seconds = thread_seconds() - begin;
+            total += seconds;
+            if (pass >= 5) cost[i].push_back(seconds);
+        }
+        if (pass >= 5) cost[10].push_back(total);
+    }
+    const auto at = [](std::vector<double>& v, double part) {
+        std::sort(v.begin(), v.end());
+        return v[size_t(part * double(v.size() - 1))] * 1e6;
+    };
+    uint32_t inside = 0, edges = 0;
+    double depth = 0;
+    for (uint32_t i = 0; i < scene.penetrations.pair.size(); ++i) {
+        inside += scene.penetrations.vertices_a_in_b[i] + scene.penetrations.vertices_b_in_a[i];
+        edges += scene.penetrations.edge_contacts[i];
+        depth = std::max(depth, scene.penetrations.depth[i]);
+    }
+    std::printf(
+        "%s: bodies %zu, pairs %zu, screened %zu, shared cells %zu, triangle pairs %zu, queried vertices %zu, "
+        "contacts %zu, inside %u, edge rows %u, depth %.2f mm\n",
+        name, scene.bodies.mesh.size(), scene.pairs.a.size(), scene.screened.triangle.size(),
+        scene.occupancy.cell_key.size(), scene.candidates.triangle.size(), scene.near.vertex.size(),
+        scene.contacts.pair.size(), inside, edges, depth * 1e3);
+    for (uint32_t i = 0; i < 10; ++i) {
+        std::printf("  %-16s p50 %8.1f us   p99 %8.1f us\n", stage_name[i], at(cost[i], 0.5), at(cost[i], 0.99));
+    }
+    std::printf("  %-16s p50 %8.1f us   p99 %8.1f us\n", "all ten", at(cost[10], 0.5), at(cost[10], 0.99));
+}
+
+}  // namespace
+
+// Cost of every contact stage on one core: contact_pipeline_bench [passes] [first word of one scene]
+int main(int argc, char** argv) {
+    set_float_mode();
+    const uint32_t passes = argc > 1 ? uint32_t(std::max(1, std::atoi(argv[1]))) : 200;
+    const std::string only = argc > 2 ? argv[2] : "";
+    const auto wanted = [&](const char* name) { return only.empty() || only == name; };
+    if (wanted("kidney")) {
+        ContactScene scene({{ellipsoid(29, {0.10, 0.075, 0.045}, 0.03), Motion::kDeformable, Vec3d::Zero(), {}},
+                            {ellipsoid(29, {0.03, 0.055, 0.028}, 0.03), Motion::kDeformable, Vec3d(0.01, 0.005, 0.0655),
+                             turn(Vec3d(0, 0, 1), 0.4)}});
+        if (argc > 3) scene.params.cell_edges = std::atof(argv[3]);
+        measure("kidney on liver", scene, passes);
+    }
+    if (wanted("probe")) {
+        ContactScene scene(
+            {{ellipsoid(29, {0.10, 0.075, 0.045}, 0.03), Motion::kDeformable, Vec3d::Zero(), {}},
+             {ellipsoid(12, {0.004, 0.004, 0.06}, 0), Motion::kHand, Vec3d(0.01, 0.005, 0.095), turn({1, 0, 0}, 0.3)}});
+        measure("probe on liver", scene, passes);
+    }
+    if (wanted("deep")) {
+        ContactScene scene(
+            {{ellipsoid(29, {0.10, 0.075, 0.045}, 0.03), Motion::kDeformable, Vec3d::Zero(), {}},
+             {ellipsoid(29, {0.06, 0.055, 0.035}, 0.03), Motion::kDeformable, Vec3d(0.01, 0, 0.03), {}}});
+        measure("deep overlap", scene, passes / 2);
+    }
+    if (wanted("pile")) {
+        std::vector<BodyInput> pile;
+        for (uint32_t i = 0; i < 1000; ++i) {
+            pile.push_back({ellipsoid(9, Vec3d(0.01, 0.01, 0.01), 0.05),
+                            Motion::kDeformable,
+                            Vec3d(0.0195 * (i % 10), 0.0195 * (i / 10 % 10), 0.0195 * (i / 100)),
+                            {}});
+        }
+        ContactScene scene(pile);
+        measure("pile of 1000", scene, 10);
+    }
+    return 0;
+}

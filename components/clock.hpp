@@ -1,0 +1,19 @@
+#pragma once
+#include <cstdint>
+namespace trocar {
+
+// Simulated time in whole milliseconds. Contact pass k starts at tick floor(k * 1000 / contact_rate), picture k is
+// taken at tick floor(k * 1000 / display_rate): integers, so nothing drifts however long a run lasts.
+struct Clock {
+    uint64_t tick = 0;          // ms since the start, of the present contact pass
+    uint64_t pass = 0;          // contact passes begun
+    uint64_t picture = 0;       // pictures taken
+    uint32_t contact_rate = 30; // Hz
+    uint32_t display_rate = 30; // Hz
+    uint32_t period = 33;       // ms, of the present pass
+    double substep = 1e-3;      // s, upper bound of the explicit step; islands may take smaller ones
+};
+
+inline uint64_t pass_tick(uint64_t pass, uint32_t rate) { return pass * 1000 / rate; }
+
+}  // namespace trocar

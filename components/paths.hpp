@@ -1,0 +1,22 @@
+#pragma once
+#include <vector>
+
+#include "components/math.hpp"
+namespace trocar {
+
+// One key of a scripted motion.
+struct Keyframe {
+    double time = 0;                  // s
+    Vec3d position = Vec3d::Zero();   // m
+    Quat orientation;
+    uint64_t jump = 0;                // 1 = arrives at once instead of moving there from the key before
+};
+
+// Scripted motions of kinematic bodies. Constant after load.
+struct Paths {
+    std::vector<uint32_t> body;  // one per path
+    std::vector<Range> keys;     // one per path: rows of key
+    std::vector<Keyframe> key;   // ascending in time within a path
+};
+
+}  // namespace trocar

@@ -1,0 +1,86 @@
+#pragma once
+#include <vector>
+
+#include "components/math.hpp"
+namespace trocar {
+
+// Unit vertex normals of deformable bodies, body axes = world axes. Rows as Particles; zero where a vertex has no
+// triangle with an area. Derived at the display rate.
+struct SurfaceNormals {
+    std::vector<Vec3> normal;
+};
+
+// One body as it is drawn. A world point is origin + orientation * point of the body's frame.
+struct PictureBody {
+    uint32_t mesh = kNone;         // prototype; kNone = nothing is drawn
+    Vec3d origin = Vec3d::Zero();  // m, world
+    Quat orientation;              // identity for a deformable body: its offsets have world axes
+    Box box;                       // m, body frame
+    Range vertices;                // rows of position and normal; empty for a rigid body, drawn in its rest shape
+    Range depths;                  // rows of contact_depth, one per vertex; empty when nothing touches the body
+};
+
+// The deepest point of one overlapping pair.
+struct PictureWitness {
+    Vec3d point = Vec3d::Zero();    // m, world
+    Vec3d closest = Vec3d::Zero();  // m, world, on the other surface
+    double depth = 0;               // m
+};
+
+// One hand tool.
+struct PictureTool {
+    Vec3d device = Vec3d::Zero();  // m, world: where the hand holds the tip
+    Vec3d proxy = Vec3d::Zero();   // m, world: tip kept outside the surface; equals device while nothing is touched
+    double radius = 0;             // m, of the tip
+    Vec3d force = Vec3d::Zero();   // N, on the hand
+};
+
+// Everything a picture shows, copied once, so that whoever draws never reads World. Immutable once published. Float
+// positions are relative to each body's double origin: a scene far from the world origin looks the same.
+struct PictureSnapshot {
+    uint64_t number = 0;               // of the picture
+    double time = 0;                   // s
+    std::vector<PictureBody> body;     // rows as Bodies
+    std::vector<Vec3> position;        // m, body frame
+    std::vector<Vec3> normal;          // unit or zero, body frame
+    std::vector<float> contact_depth;  // m, >= 0
+    std::vector<PictureWitness> witness;
+    std::vector<PictureTool> tool;
+    double depth = 0;  // m, deepest penetration; 0 when nothing overlaps
+    double force = 0;  // N, largest commanded to a hand
+};
+
+enum class CameraKind : uint8_t {
+    kOrbit,        // looks at target from distance
+    kLaparoscope,  // at position, light beside the lens, round picture
+};
+
+// Where a picture is taken from. Angles in radians.
+struct Camera {
+    CameraKind kind = CameraKind::kOrbit;
+    Vec3d target = Vec3d::Zero();            // m, what it looks at (both kinds)
+    Vec3d up = Vec3d::UnitZ();               // against gravity
+    double azimuth = -1.1;                   // orbit: about up, counter-clockwise; 0 = seen from +x
+    double elevation = 0.45;                 // orbit: above the horizon
+    double distance = 0.5;                   // m, orbit
+    Vec3d position = Vec3d(0, -0.15, 0.15);  // m, laparoscope
+    double field_of_view = 0.6;              // vertical; laparoscopes have about 1.22
+    Vec3d floor = Vec3d::Zero();             // m, point of the floor in the middle of the scene
+    double floor_radius = 0;                 // m, the floor fades out towards it; 0 = no floor
+};
+
+// What a picture shows besides the surfaces.
+struct PictureParams {
+    uint32_t width = 640;
+    uint32_t height = 480;
+    bool smooth_edges = true;  // post-process against jagged edges
+    bool wireframe = false;
+    bool depth_colours = false;  // surfaces coloured by contact depth, with a legend
+    double depth_scale = 0.010;  // m, depth at the top of the colour scale
+    bool witnesses = true;       // arrow from the deepest point of each pair to the other surface
+    bool tools = true;           // spheres at device and proxy
+    bool text = true;            // time, depth, force
+    bool ground = true;          // floor with soft shadows, where an orbit camera has one
+};
+
+}  // namespace trocar

@@ -1,0 +1,20 @@
+#pragma once
+#include <string>
+#include <vector>
+
+#include "components/contacts.hpp"
+#include "components/math.hpp"
+namespace trocar {
+
+// What a scene sets for the whole run.
+struct SceneSettings {
+    std::string name;
+    std::string description;
+    double seconds = 3;                       // s, default length of a run
+    Vec3d gravity = Vec3d(0, 0, -9.81);       // m/s^2
+    double substep = 1e-3;                    // s, largest explicit step; the computed limit may ask for less
+    ContactParams contact;
+    bool render = true;
+};
+
+}  // namespace trocar

@@ -1,0 +1,266 @@
+#include "content/build_scene.hpp"
+
+#include <algorithm>
+#include <cmath>
+#include <map>
+#include <numbers>
+
+#include "content/admission.hpp"
+#include "content/clean_mesh.hpp"
+#include "content/load_mesh.hpp"
+#include "content/make_prototype.hpp"
+#include "content/shape_library.hpp"
+#include "engine/deformable_setup.hpp"
+#include "engine/device.hpp"
+#include "engine/error.hpp"
+#include "engine/mesh_topology.hpp"
+namespace trocar {
+namespace fs = std::filesystem;
+namespace {
+
+std::string at(const SceneFile& scene, uint32_t line) {
+    return scene.path.string() + ":" + std::to_string(line) + ":1: ";
+}
+
+fs::path find_file(const SceneFile& scene, const std::string& name) {
+    const fs::path given(name);
+    std::error_code error;
+    if (given.is_absolute() || fs::exists(given, error)) return given;
+    return scene.path.parent_path() / given;
+}
+
+Mesh load_body_mesh(const SceneFile& scene, const BodySpec& body, std::vector<std::string>& warnings) {
+    if (!body.file.empty()) {
+        LoadedMesh loaded = load_mesh(find_file(scene, body.file));
+        warnings.insert(warnings.end(), loaded.warnings.begin(), loaded.warnings.end());
+        return std::move(loaded.mesh);
+    }
+    const std::vector<std::string> names = shape_names();
+    if (std::find(names.begin(), names.end(), body.shape) == names.end()) {
+        std::string list;
+        for (const std::string& n : names) list += (list.empty() ? "" : ", ") + n;
+        throw InputError(at(scene, body.line) + "no shape \"" + body.shape + "\"; there are " + list);
+    }
+    return make_shape(body.shape, body.triangles, body.seed);
+}
+
+// Factor from file units to metres.
+double mesh_scale(const BodySpec& body, const Mesh& mesh) {
+    Box box;
+    for (const Vec3d& p : mesh.position) box.min = box.min.cwiseMin(p), box.max = box.max.cwiseMax(p);
+    const Vec3d extent = box.max - box.min;
+    if (body.size > 0) return body.size / std::max(extent.maxCoeff(), 1e-300);
+    if (body.scale > 0) return body.scale;
+    return extent.norm() > 3 ? 1e-3 : 1.0;  // an organ of three metres is one in millimetres
+}
+
+Box world_box(const World& world, uint32_t body) {
+    const MeshInfo& info = world.meshes.info[world.bodies.mesh[body]];
+    Box box;
+    for (uint32_t v = 0; v < info.vertices.count; ++v) {
+        const Vec3d p = world.poses.origin[body] +
+                        rotate(world.poses.orientation[body], world.meshes.position[info.vertices.first + v]);
+        box.min = box.min.cwiseMin(p), box.max = box.max.cwiseMax(p);
+    }
+    return box;
+}
+
+void place_above(const SceneFile& scene, const BodySpec& spec, World& world, uint32_t body) {
+    const auto& names = world.bodies.name;
+    const auto found = std::find(names.begin(), names.begin() + body, spec.above);
+    if (found == names.begin() + body)
+        throw InputError(at(scene, spec.line) + "above = \"" + spec.above + "\" names no body before \"" + spec.name +
+                         "\"");
+    const Box below = world_box(world, static_cast<uint32_t>(found - names.begin())), own = world_box(world, body);
+    Vec3d shift = 0.5 * (below.min + below.max - own.min - own.max);
+    shift.z() = below.max.z() + spec.gap - own.min.z();
+    world.poses.origin[body] += shift + Vec3d(spec.position.x(), spec.position.y(), 0);
+}
+
+std::string body_note(const World& world, uint32_t body, const Prototype& made) {
+    constexpr const char* kMotions[] = {"static", "kinematic", "hand", "deformable"};
+    const MeshInfo& info = world.meshes.info[world.bodies.mesh[body]];
+    char text[256];
+    std::snprintf(text, sizeof text, "%s: %u vertices, %u triangles, %s, %.1f ml", world.bodies.name[body].c_str(),
+                  info.vertices.count, info.triangles.count, kMotions[static_cast<size_t>(world.bodies.motion[body])],
+                  info.volume * 1e6);
+    std::string note = text;
+    if (is_deformable(world.bodies, body)) {
+        std::snprintf(text, sizeof text, ", E %.3g Pa, explicit step at most %.3g ms",
+                      world.bodies.tissue[body].youngs_modulus, world.bodies.stable_dt[body] * 1e3);
+        note += text;
+    }
+    const std::string changes = describe_cleaning(made.cleaning);
+    if (!changes.empty()) note += "; " + changes;
+    return note;
+}
+
+void fix_vertices_below(World& world, uint32_t body, double z) {
+    const MeshInfo& info = world.meshes.info[world.bodies.mesh[body]];
+    const Range particles = world.bodies.particles[body];
+    for (uint32_t v = 0; v < info.vertices.count; ++v)
+        if (world.meshes.position[info.vertices.first + v].z() < z) world.particles.offset[particles.first + v].w = 0;
+}
+
+void add_path(Paths& paths, uint32_t body, const std::vector<KeyframeSpec>& keys) {
+    paths.body.push_back(body);
+    paths.keys.push_back({static_cast<uint32_t>(paths.key.size()), static_cast<uint32_t>(keys.size())});
+    for (const KeyframeSpec& k : keys) paths.key.push_back({k.time, k.position, k.orientation, k.jump});
+}
+
+void add_tool(const SceneFile& scene, const ToolSpec& spec, World& world) {
+    const auto& names = world.bodies.name;
+    const auto found = std::find(names.begin(), names.end(), spec.body);
+    if (found == names.end()) throw InputError(at(scene, spec.line) + "no body is named \"" + spec.body + "\"");
+    HandTool tool;
+    tool.body = static_cast<uint32_t>(found - names.begin());
+    if (world.bodies.motion[tool.body] != Motion::kHand)
+        throw InputError(at(scene, spec.line) + "body \"" + spec.body + "\" of a tool must have motion = \"hand\"");
+    tool.tip = spec.tip;
+    tool.tip_radius = spec.tip_radius;
+    tool.coupling_stiffness = spec.stiffness;
+    tool.coupling_damping = spec.damping;
+    tool.max_force = spec.max_force;
+    tool.friction = spec.friction;
+    if (world.haptics.tool.size() == kMaxTools) throw InputError(at(scene, spec.line) + "more than " + std::to_string(kMaxTools) + " tools");
+    if (!spec.trace.empty()) {
+        tool.trace = static_cast<uint32_t>(world.haptics.trace.size());
+        world.haptics.trace.push_back(read_device_trace(find_file(scene, spec.trace)));
+    } else {
+        tool.path = static_cast<uint32_t>(world.paths.body.size());
+        add_path(world.paths, kNone, spec.path);
+    }
+    world.haptics.tool.push_back(tool);
+    world.haptics.state.emplace_back();
+}
+
+Camera make_camera(const CameraSpec& spec) {
+    Camera camera;
+    camera.kind = spec.kind == "laparoscope" ? CameraKind::kLaparoscope : CameraKind::kOrbit;
+    camera.target = spec.target;
+    camera.position = spec.position;
+    camera.azimuth = spec.azimuth * std::numbers::pi / 180;
+    camera.elevation = spec.elevation * std::numbers::pi / 180;
+    camera.field_of_view = spec.fov * std::numbers::pi / 180;
+    camera.distance = spec.distance;
+    return camera;
+}
+
+}  // namespace
+
+uint32_t add_body(World& world, const std::string& name, uint32_t prototype, Motion motion, const Tissue& tissue,
+                  AnchorFrame anchor_frame) {
+    Bodies& bodies = world.bodies;
+    const uint32_t body = static_cast<uint32_t>(bodies.mesh.size());
+    bodies.entity.push_back({body, 0});
+    bodies.name.push_back(name);
+    bodies.mesh.push_back(prototype);
+    bodies.motion.push_back(motion);
+    bodies.particles.push_back({});
+    bodies.tree.push_back(kNone);
+    bodies.anchor_frame.push_back(anchor_frame);
+    bodies.tissue.push_back(tissue);
+    bodies.spring_stiffness.push_back(0);
+    bodies.inv_mass.push_back(0);
+    bodies.stable_dt.push_back(std::numeric_limits<double>::infinity());
+    bodies.thickness.push_back(0);
+    world.poses.origin.push_back(Vec3d::Zero());
+    world.poses.orientation.push_back({});
+    world.poses.velocity.push_back(Vec3d::Zero());
+    world.poses.angular_velocity.push_back(Vec3d::Zero());
+    return body;
+}
+
+void make_deformable(World& world, uint32_t body, double fixed_below) {
+    const uint32_t prototype = world.bodies.mesh[body];
+    if (world.springs.info.size() <= prototype || world.springs.info[prototype].slices.count == 0)
+        add_springs(world.springs, world.meshes, prototype);
+    add_deformable(world.meshes, world.springs, world.poses, body, world.bodies, world.particles, world.anchors);
+    fix_vertices_below(world, body, fixed_below);
+    update_stable_dt(world.springs, body, world.particles, world.anchors, world.bodies);
+}
+
+void make_trees(World& world) {
+    world.trees.clear();
+    std::map<uint32_t, uint32_t> shared;  // prototype -> row of trees
+    for (uint32_t body = 0; body < world.bodies.mesh.size(); ++body) {
+        const uint32_t prototype = world.bodies.mesh[body];
+        const MeshView view = mesh_view(world.meshes, prototype);
+        if (is_deformable(world.bodies, body)) {
+            const Range rows = world.bodies.particles[body];
+            world.bodies.tree[body] = static_cast<uint32_t>(world.trees.size());
+            world.trees.push_back(std::make_unique<ClosestPointTree>(
+                view, std::span(world.particles.offset).subspan(rows.first, rows.count)));
+            continue;
+        }
+        const auto [found, fresh] = shared.try_emplace(prototype, static_cast<uint32_t>(world.trees.size()));
+        if (fresh) world.trees.push_back(std::make_unique<ClosestPointTree>(view));
+        world.bodies.tree[body] = found->second;
+    }
+}
+
+namespace {
+
+// Prototypes of a scene; bodies with the same source share one.
+struct PrototypeCache {
+    std::map<std::string, Prototype> made;
+
+    const Prototype& get(const SceneFile& scene, const BodySpec& spec, World& world, std::vector<std::string>& warnings) {
+        char key[512];
+        std::snprintf(key, sizeof key, "%s|%s|%u|%llu|%.17g|%.17g|%g,%g,%g", spec.file.c_str(), spec.shape.c_str(), spec.triangles,
+                      static_cast<unsigned long long>(spec.seed), spec.scale, spec.size, static_cast<double>(spec.color[0]),
+                      static_cast<double>(spec.color[1]), static_cast<double>(spec.color[2]));
+        if (const auto found = made.find(key); found != made.end()) return found->second;
+        Mesh mesh = load_body_mesh(scene, spec, warnings);
+        if (spec.color[0] >= 0) {
+            if (mesh.material.empty()) mesh.material.emplace_back();
+            for (Material& m : mesh.material) m.diffuse = spec.color, m.image = {}, m.texture.clear();
+        }
+        PrototypeOptions options;
+        options.scale = mesh_scale(spec, mesh);
+        options.recentre = spec.file.empty() ? Recentre::kNone : Recentre::kVolumeCentroid;
+        Prototype prototype = make_prototype(world.meshes, std::move(mesh), options);
+        const std::string source = spec.file.empty() ? "shape " + spec.shape : spec.file;
+        if (prototype.row == kNone) throw InputError(at(scene, spec.line) + "body \"" + spec.name + "\": " + source + ": " + prototype.judgement.reason);
+        if (prototype.judgement.admitted_as != Admission::kSolid)
+            warnings.push_back("body \"" + spec.name + "\" is treated as " + admission_name(prototype.judgement.admitted_as) + ": " + prototype.judgement.reason);
+        return made.emplace(key, std::move(prototype)).first->second;
+    }
+};
+
+void add_scene_body(const SceneFile& scene, const BodySpec& spec, const Prototype& prototype, BuiltScene& built) {
+    World& world = built.world;
+    const uint32_t body = add_body(world, spec.name, prototype.row, spec.motion, spec.tissue, spec.anchor_frame);
+    world.bodies.thickness[body] = prototype.judgement.admitted_as == Admission::kSheet ? spec.thickness : 0;
+    world.poses.origin[body] = spec.position;
+    world.poses.orientation[body] = spec.orientation;
+    if (!spec.above.empty()) place_above(scene, spec, world, body);
+    if (spec.motion == Motion::kHand) world.bodies.inv_mass[body] = 1 / spec.mass;
+    if (spec.motion == Motion::kKinematic) add_path(world.paths, body, spec.path);
+    if (spec.motion == Motion::kDeformable) make_deformable(world, body, spec.fixed_below);
+    built.notes.push_back(body_note(world, body, prototype));
+}
+
+}  // namespace
+
+BuiltScene build_scene(const SceneFile& scene) {
+    BuiltScene built;
+    World& world = built.world;
+    world.settings = scene.settings;
+    PrototypeCache prototypes;
+    for (const BodySpec& spec : scene.bodies)
+        add_scene_body(scene, spec, prototypes.get(scene, spec, world, built.warnings), built);
+    for (const ToolSpec& spec : scene.tools) add_tool(scene, spec, world);
+    for (uint32_t body = 0; body < world.bodies.mesh.size(); ++body) {
+        const bool held = std::any_of(world.haptics.tool.begin(), world.haptics.tool.end(), [&](const HandTool& t) { return t.body == body; });
+        if (world.bodies.motion[body] == Motion::kHand && !held)
+            throw InputError(at(scene, scene.bodies[body].line) + "body \"" + world.bodies.name[body] + "\" is hand-driven but no [[tool]] holds it");
+    }
+    make_trees(world);
+    built.camera = make_camera(scene.camera);
+    built.picture.wireframe = scene.camera.wireframe;
+    built.picture.depth_colours = scene.camera.depth_colors;
+    return built;
+}
+
+}  // namespace trocar

@@ -1,0 +1,35 @@
+#pragma once
+#include <string>
+#include <vector>
+
+#include "components/picture.hpp"
+#include "content/scene_file.hpp"
+#include "engine/world.hpp"
+namespace trocar {
+
+// Appends a body of a prototype at the world origin. Returns its row.
+uint32_t add_body(World& world, const std::string& name, uint32_t prototype, Motion motion, const Tissue& tissue = {},
+                  AnchorFrame anchor_frame = AnchorFrame::kWorld);
+
+// Gives a deformable body that stands at its pose its springs, particles and anchors (engine/deformable_setup.hpp);
+// vertices whose rest z (m, body frame) lies below `fixed_below` are fixed.
+void make_deformable(World& world, uint32_t body, double fixed_below = -std::numeric_limits<double>::infinity());
+
+// Makes the closest-point trees: one per deformable body, one per prototype for all its rigid bodies. Call it once all
+// prototypes are there: trees look at their rows.
+void make_trees(World& world);
+
+// A scene ready to run: the world, how it is looked at, and what had to be done to its meshes.
+struct BuiltScene {
+    World world;
+    Camera camera;
+    PictureParams picture;
+    std::vector<std::string> notes;  // one line per body: what it is and what import changed
+    std::vector<std::string> warnings;
+};
+
+// Loads or generates every mesh of a scene, cleans and judges it, and places the bodies. Throws InputError that names
+// the scene's line or the mesh file.
+BuiltScene build_scene(const SceneFile& scene);
+
+}  // namespace trocar

@@ -1,0 +1,53 @@
+#pragma once
+#include <functional>
+#include <string>
+
+#include "components/math.hpp"
+#include "content/marching_cubes.hpp"
+namespace trocar {
+
+// A solid given by a function that is negative inside and, near the surface, the distance in metres to first order.
+struct ImplicitShape {
+    std::string name;
+    Box box;                                       // m, holds the surface
+    double steepness = 3;                          // no slope of the function is larger
+    std::function<double(const Vec3d&)> distance;  // m, of a point in m
+};
+
+// Distance to the surface of an ellipsoid with the given half axes, exact to first order at the surface.
+double ellipsoid_distance(const Vec3d& point, const Vec3d& centre, const Vec3d& radii);
+
+// Distance to the surface of a capsule whose radius runs linearly from radius_a to radius_b.
+double capsule_distance(const Vec3d& point, const Vec3d& a, const Vec3d& b, double radius_a, double radius_b);
+
+// Union, common part and difference (a without b) of two solids; their distances are blended over a band of `blend`
+// metres with continuous curvature. Slopes stay within those of a and b.
+double smooth_union(double a, double b, double blend);
+double smooth_intersection(double a, double b, double blend);
+double smooth_subtraction(double a, double b, double blend);
+
+// Smooth values in [-1, 1] from a hash of the lattice points around `point`; one lattice step is 1. The same bits
+// everywhere for the same seed.
+double lattice_noise(const Vec3d& point, uint64_t seed);
+
+// A well-mixed 64-bit hash of a key.
+uint64_t mix_bits(uint64_t key);
+
+// Samples a shape on cubic cells over its box and a frame of at least one outside sample. Blocks that the steepness
+// proves free of surface are filled with one value, so the contour equals that of a full sampling. Throws InputError
+// when the grid would exceed 2^31 samples.
+ScalarGrid sample_shape(const ImplicitShape& shape, double spacing);
+
+// Moves a point to the surface along the gradient (Newton's method, at most `steps` steps, none longer than `reach`).
+Vec3d project_to_shape(const ImplicitShape& shape, const Vec3d& point, double reach, int steps);
+
+// A human liver lying on its back, about 0.21 x 0.15 x 0.12 m: right lobe towards -x, head towards +y, belly towards
+// +z. Large right lobe, tapering left lobe, hollow underside, rounded inferior edge. The seed changes its small
+// irregularities.
+ImplicitShape liver_shape(uint64_t seed);
+
+// A human kidney, about 0.11 x 0.06 x 0.045 m: poles along x, hilum towards -y. The seed changes its small
+// irregularities.
+ImplicitShape kidney_shape(uint64_t seed);
+
+}  // namespace trocar

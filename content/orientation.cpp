@@ -1,0 +1,236 @@
+#include "content/orientation.hpp"
+
+#include <Eigen/Geometry>
+#include <algorithm>
+#include <cmath>
+
+#include "engine/geometry/predicates.hpp"
+#include "engine/geometry/triangle_triangle.hpp"
+namespace trocar {
+namespace {
+
+struct Piece {
+    std::vector<uint32_t> face;
+    Box box;
+    double volume = 0;  // m^3, about the middle of the box
+    bool closed = true;
+    bool flat = false;
+};
+
+// Calls visit(one member's face, balance) for every set that uses an edge: uses along minus uses against it.
+template <typename Visit>
+void for_each_balance(const Mesh& mesh, const EdgeTable& table, uint32_t e, std::vector<uint32_t>& sets,
+                      const Visit& visit) {
+    const auto users = table.users(e);
+    for (size_t i = 0; i < users.size(); ++i) {
+        const uint32_t set = find_set(sets, users[i] / 3);
+        int balance = 0;
+        bool first = true;
+        for (size_t k = 0; k < users.size(); ++k) {
+            if (find_set(sets, users[k] / 3) != set) continue;
+            first &= k >= i;
+            balance += half_edge_start(mesh.triangle, users[k]) == table.edge[e][0] ? 1 : -1;
+        }
+        if (first) visit(set, balance);
+    }
+}
+
+// Sets of faces, each named by its lowest, as find_inside_out_pieces describes them.
+std::vector<uint32_t> partition_pieces(const Mesh& mesh, const EdgeTable& table) {
+    const uint32_t faces = static_cast<uint32_t>(mesh.triangle.size());
+    std::vector<uint32_t> sets = make_sets(faces);
+    for (uint32_t e = 0; e < table.edge.size(); ++e) {
+        const auto users = table.users(e);
+        if (users.size() == 2) join_sets(sets, users[0] / 3, users[1] / 3);
+    }
+    std::vector<uint8_t> open(faces, 0);
+    for (uint32_t e = 0; e < table.edge.size(); ++e) {
+        for_each_balance(mesh, table, e, sets, [&](uint32_t set, int balance) { open[set] |= balance != 0; });
+    }
+    // marked for every face, because joining renames the sets
+    for (uint32_t t = 0; t < faces; ++t) open[t] = open[find_set(sets, t)];
+    for (uint32_t e = 0; e < table.edge.size(); ++e) {
+        uint32_t last = kNone;
+        for (const uint32_t h : table.users(e)) {
+            if (!open[h / 3]) continue;
+            if (last != kNone) join_sets(sets, last, h / 3);
+            last = h / 3;
+        }
+    }
+    return sets;
+}
+
+std::vector<Piece> gather_pieces(const Mesh& mesh, const EdgeTable& table) {
+    std::vector<uint32_t> sets = partition_pieces(mesh, table);
+    std::vector<Piece> pieces;
+    std::vector<uint32_t> piece_of(mesh.triangle.size());
+    for (uint32_t t = 0; t < mesh.triangle.size(); ++t) {
+        const uint32_t lowest = find_set(sets, t);
+        piece_of[t] = lowest == t ? static_cast<uint32_t>(pieces.size()) : piece_of[lowest];
+        if (lowest == t) pieces.emplace_back();
+        Piece& piece = pieces[piece_of[t]];
+        piece.face.push_back(t);
+        for (const uint32_t v : mesh.triangle[t]) {
+            piece.box.min = piece.box.min.cwiseMin(mesh.position[v]);
+            piece.box.max = piece.box.max.cwiseMax(mesh.position[v]);
+        }
+    }
+    for (uint32_t e = 0; e < table.edge.size(); ++e) {
+        for_each_balance(mesh, table, e, sets,
+                         [&](uint32_t set, int balance) { pieces[piece_of[set]].closed &= balance == 0; });
+    }
+    for (Piece& piece : pieces) {
+        const Vec3d middle = 0.5 * (piece.box.min + piece.box.max);
+        double area = 0;
+        for (const uint32_t t : piece.face) {
+            const Vec3d a = mesh.position[mesh.triangle[t][0]] - middle,
+                        b = mesh.position[mesh.triangle[t][1]] - middle,
+                        c = mesh.position[mesh.triangle[t][2]] - middle;
+            piece.volume += a.dot(b.cross(c)) / 6;
+            area += 0.5 * (b - a).cross(c - a).norm();
+        }
+        // below the rounding of the sum the sign of the volume means nothing
+        piece.flat = std::abs(piece.volume) <= 1e-13 * area * (piece.box.max - piece.box.min).norm();
+    }
+    return pieces;
+}
+
+struct Flood {
+    std::vector<uint32_t> across;  // half-edge -> the other one of a two-face edge, or kNone
+    std::vector<uint8_t> seen;     // per face
+    std::vector<uint8_t> turned;   // per face: 1 = points otherwise than the seed of its patch
+    std::vector<uint32_t> patch;   // faces of the present patch
+};
+
+// Spreads the seed's direction over its patch; false when the patch meets itself the other way round.
+bool flood_patch(const Mesh& mesh, uint32_t seed, Flood& flood) {
+    bool orientable = true;
+    flood.patch.assign(1, seed);
+    flood.seen[seed] = 1;
+    for (uint32_t i = 0; i < flood.patch.size(); ++i) {
+        const uint32_t t = flood.patch[i];
+        for (uint32_t h = 3 * t; h < 3 * t + 3; ++h) {
+            if (flood.across[h] == kNone) continue;
+            const uint32_t u = flood.across[h] / 3;
+            // neighbours that agree run along their edge in opposite directions
+            const bool same_way = half_edge_start(mesh.triangle, h) == half_edge_start(mesh.triangle, flood.across[h]);
+            const uint8_t wanted = flood.turned[t] ^ static_cast<uint8_t>(same_way);
+            if (!flood.seen[u]) {
+                flood.seen[u] = 1;
+                flood.turned[u] = wanted;
+                flood.patch.push_back(u);
+            } else {
+                orientable &= flood.turned[u] == wanted;
+            }
+        }
+    }
+    return orientable;
+}
+
+bool lies_within(const Mesh& mesh, const Piece& inner, const Piece& outer) {
+    if ((inner.box.min.array() < outer.box.min.array()).any()) return false;
+    if ((inner.box.max.array() > outer.box.max.array()).any()) return false;
+    // three faces spread over the piece: pieces that cross each other are not nested
+    for (const size_t i : {size_t{0}, inner.face.size() / 2, inner.face.size() - 1}) {
+        const Vec3d& corner = mesh.position[mesh.triangle[inner.face[i]][0]];
+        int windings = 0;
+        if (!count_windings(mesh, outer.face, corner, windings) || windings == 0) return false;
+    }
+    return true;
+}
+
+}  // namespace
+
+void turn_face(Mesh& mesh, uint32_t face) {
+    std::swap(mesh.triangle[face][1], mesh.triangle[face][2]);
+    if (!mesh.uv.empty()) std::swap(mesh.uv[face][1], mesh.uv[face][2]);
+}
+
+bool count_windings(const Mesh& mesh, std::span<const uint32_t> faces, const Vec3d& point, int& windings) {
+    windings = 0;
+    for (const uint32_t t : faces) {
+        const Vec3d* corner[3];
+        for (int k = 0; k < 3; ++k) corner[k] = &mesh.position[mesh.triangle[t][k]];
+        const auto [low_y, high_y] = std::minmax({corner[0]->y(), corner[1]->y(), corner[2]->y()});
+        const auto [low_z, high_z] = std::minmax({corner[0]->z(), corner[1]->z(), corner[2]->z()});
+        if (point.y() < low_y || point.y() > high_y || point.z() < low_z || point.z() > high_z) continue;
+        const int side = orient3d(*corner[0], *corner[1], *corner[2], point);
+        if (side == 0 &&
+            meet_segment_triangle(point, point, {*corner[0], *corner[1], *corner[2]}) != Meeting::kDisjoint) {
+            return false;
+        }
+        // the point around the face's outline seen along x, edges half-open in y: neighbours agree on their common edge
+        int around = 0;
+        for (int k = 0; k < 3; ++k) {
+            const Vec3d &a = *corner[k], &b = *corner[(k + 1) % 3];
+            if ((a.y() <= point.y()) == (b.y() <= point.y())) continue;
+            const int turn = orient2d(a.y(), a.z(), b.y(), b.z(), point.y(), point.z());
+            if (a.y() <= point.y() && turn > 0) ++around;
+            if (a.y() > point.y() && turn < 0) --around;
+        }
+        if (around * side < 0) windings += around;
+    }
+    return true;
+}
+
+OrientationReport agree_orientation(Mesh& mesh, const EdgeTable& table) {
+    OrientationReport report;
+    const uint32_t faces = static_cast<uint32_t>(mesh.triangle.size());
+    Flood flood{
+        std::vector<uint32_t>(3 * faces, kNone), std::vector<uint8_t>(faces, 0), std::vector<uint8_t>(faces, 0), {}};
+    for (uint32_t e = 0; e < table.edge.size(); ++e) {
+        const auto users = table.users(e);
+        if (users.size() != 2) continue;
+        flood.across[users[0]] = users[1];
+        flood.across[users[1]] = users[0];
+    }
+    for (uint32_t seed = 0; seed < faces; ++seed) {
+        if (flood.seen[seed]) continue;
+        const bool orientable = flood_patch(mesh, seed, flood);
+        report.unorientable += !orientable;
+        const auto turns =
+            std::count_if(flood.patch.begin(), flood.patch.end(), [&](uint32_t t) { return flood.turned[t]; });
+        const uint8_t minority = 2 * static_cast<size_t>(turns) <= flood.patch.size();
+        for (const uint32_t t : flood.patch) flood.turned[t] = orientable && flood.turned[t] == minority;
+    }
+    for (uint32_t t = 0; t < faces; ++t) {
+        if (!flood.turned[t]) continue;
+        turn_face(mesh, t);
+        ++report.faces_turned;
+    }
+    return report;
+}
+
+PieceTurns find_inside_out_pieces(const Mesh& mesh, const EdgeTable& table) {
+    PieceTurns out;
+    out.inside_out.assign(mesh.triangle.size(), 0);
+    const std::vector<Piece> pieces = gather_pieces(mesh, table);
+    // from the outside in: what surrounds a piece has the larger volume
+    std::vector<uint32_t> order;
+    for (uint32_t p = 0; p < pieces.size(); ++p) {
+        if (pieces[p].closed && !pieces[p].flat) order.push_back(p);
+    }
+    std::stable_sort(order.begin(), order.end(),
+                     [&](uint32_t a, uint32_t b) { return std::abs(pieces[a].volume) > std::abs(pieces[b].volume); });
+    std::vector<uint8_t> turned(pieces.size(), 0);
+    std::vector<int> inside(pieces.size(), 0);  // winding number just inside, once all point the right way
+    for (uint32_t i = 0; i < order.size(); ++i) {
+        const uint32_t p = order[i];
+        const bool outward = pieces[p].volume > 0;
+        uint32_t around = kNone;
+        for (uint32_t k = i; k-- > 0 && around == kNone;) {
+            if (lies_within(mesh, pieces[p], pieces[order[k]])) around = order[k];
+        }
+        const int outside = around == kNone ? 0 : inside[around];
+        const bool wanted = outside == 0 || outward != static_cast<bool>(turned[around]);
+        inside[p] = outside + (wanted ? 1 : -1);
+        turned[p] = wanted != outward;
+        out.pieces += turned[p];
+        out.cavities += !wanted;
+        out.doubly_inside += inside[p] > 1;
+        for (const uint32_t t : pieces[p].face) out.inside_out[t] = turned[p];
+    }
+    return out;
+}
+
+}  // namespace trocar

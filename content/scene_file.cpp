@@ -1,0 +1,395 @@
+#include "content/scene_file.hpp"
+
+#include <toml++/toml.h>
+
+#include <algorithm>
+#include <cmath>
+#include <cstring>
+#include <fstream>
+#include <numbers>
+#include <sstream>
+
+#include "engine/error.hpp"
+#include "engine/geometry/quaternion.hpp"
+namespace trocar {
+namespace {
+
+std::string place(const std::string& file, const toml::source_region& source) {
+    if (source.begin.line == 0) return file + ": ";  // came from the command line
+    return file + ":" + std::to_string(source.begin.line) + ":" + std::to_string(source.begin.column) + ": ";
+}
+
+// Levenshtein distance, for suggestions.
+size_t edit_distance(std::string_view a, std::string_view b) {
+    std::vector<size_t> row(b.size() + 1);
+    for (size_t j = 0; j <= b.size(); ++j) row[j] = j;
+    for (size_t i = 1; i <= a.size(); ++i) {
+        size_t diagonal = row[0];
+        row[0] = i;
+        for (size_t j = 1; j <= b.size(); ++j) {
+            const size_t above = row[j];
+            row[j] = std::min({row[j] + 1, row[j - 1] + 1, diagonal + (a[i - 1] == b[j - 1] ? 0u : 1u)});
+            diagonal = above;
+        }
+    }
+    return row[b.size()];
+}
+
+std::string nearest(std::string_view word, const std::vector<std::string>& known) {
+    std::string best;
+    size_t best_distance = std::max<size_t>(2, word.size() / 2) + 1;
+    for (const std::string& k : known) {
+        const size_t d = edit_distance(word, k);
+        if (d < best_distance) best = k, best_distance = d;
+    }
+    return best;
+}
+
+// One table being read: remembers which keys were asked for, so that the rest can be refused.
+class Section {
+ public:
+    Section(const std::string& file, const toml::table& table, std::string name)
+        : file_(file), table_(table), name_(std::move(name)) {}
+
+    [[noreturn]] void fail(const toml::node& node, const std::string& reason) const {
+        throw InputError(place(file_, node.source()) + reason);
+    }
+    [[noreturn]] void fail(const std::string& reason) const { fail(table_, reason); }
+
+    const toml::node* find(std::string_view key) {
+        known_.emplace_back(key);
+        return table_.get(key);
+    }
+    void read(std::string_view key, double& value, double lowest = -1e300, double highest = 1e300) {
+        if (const toml::node* node = find(key)) value = number(*node, key, lowest, highest);
+    }
+    template <typename Int>
+    void read_count(std::string_view key, Int& value, double lowest, double highest) {
+        double d = static_cast<double>(value);
+        if (const toml::node* node = find(key)) {
+            d = number(*node, key, lowest, highest);
+            if (d != std::floor(d)) fail(*node, std::string(key) + " must be a whole number");
+            value = static_cast<Int>(d);
+        }
+    }
+    void read(std::string_view key, std::string& value) {
+        if (const toml::node* node = find(key)) {
+            const auto text = node->value<std::string>();
+            if (!node->is_string() || !text) fail(*node, std::string(key) + " must be a string");
+            value = *text;
+        }
+    }
+    void read(std::string_view key, bool& value) {
+        if (const toml::node* node = find(key)) {
+            if (!node->is_boolean()) fail(*node, std::string(key) + " must be true or false");
+            value = *node->value<bool>();
+        }
+    }
+    void read(std::string_view key, Vec3d& value) {
+        if (const toml::node* node = find(key)) {
+            const std::vector<double> v = numbers(*node, key, 3);
+            value = Vec3d(v[0], v[1], v[2]);
+        }
+    }
+    // rotation = [axis x, y, z, degrees]
+    void read(std::string_view key, Quat& value) {
+        if (const toml::node* node = find(key)) {
+            const std::vector<double> v = numbers(*node, key, 4);
+            const Vec3d axis(v[0], v[1], v[2]);
+            if (v[3] != 0 && axis.norm() == 0) fail(*node, std::string(key) + ": the axis has no length");
+            value = v[3] == 0 ? Quat{} : from_rotation_vector(axis.normalized() * (v[3] * std::numbers::pi / 180));
+        }
+    }
+    template <typename Enum>
+    void read_enum(std::string_view key, Enum& value, const std::vector<std::pair<std::string, Enum>>& names) {
+        std::string text;
+        read(key, text);
+        if (text.empty()) return;
+        std::vector<std::string> words;
+        for (const auto& [word, e] : names) {
+            if (word == text) {
+                value = e;
+                return;
+            }
+            words.push_back(word);
+        }
+        std::string list;
+        for (const std::string& w : words) list += (list.empty() ? "" : ", ") + w;
+        fail(*table_.get(key), std::string(key) + " \"" + text + "\" is none of " + list);
+    }
+    const toml::array* tables(std::string_view key) {
+        const toml::node* node = find(key);
+        if (!node) return nullptr;
+        const toml::array* array = node->as_array();
+        if (!array || !array->is_array_of_tables())
+            fail(*node, "write [[" + std::string(key) + "]] for each " + std::string(key));
+        return array;
+    }
+    const toml::table* table(std::string_view key) {
+        const toml::node* node = find(key);
+        if (!node) return nullptr;
+        if (!node->is_table()) fail(*node, std::string(key) + " must be a table");
+        return node->as_table();
+    }
+    void refuse_unknown() const {
+        for (const auto& [key, node] : table_) {
+            const std::string word(key.str());
+            if (std::find(known_.begin(), known_.end(), word) != known_.end()) continue;
+            const std::string guess = nearest(word, known_);
+            throw InputError(place(file_, key.source()) + "unknown key \"" + word + "\"" +
+                             (name_.empty() ? "" : " in " + name_) +
+                             (guess.empty() ? "" : "; did you mean \"" + guess + "\"?"));
+        }
+    }
+    uint32_t line() const { return table_.source().begin.line; }
+
+ private:
+    double number(const toml::node& node, std::string_view key, double lowest, double highest) const {
+        if (!node.is_number()) fail(node, std::string(key) + " must be a number");
+        const double d = *node.value<double>();
+        if (!std::isfinite(d) || d < lowest || d > highest) {
+            std::ostringstream text;
+            text << key << " = " << d << " is outside " << lowest << " to " << highest;
+            fail(node, text.str());
+        }
+        return d;
+    }
+    std::vector<double> numbers(const toml::node& node, std::string_view key, size_t count) const {
+        const toml::array* array = node.as_array();
+        if (!array || array->size() != count)
+            fail(node, std::string(key) + " must be a list of " + std::to_string(count) + " numbers");
+        std::vector<double> v;
+        for (const toml::node& element : *array) v.push_back(number(element, key, -1e300, 1e300));
+        return v;
+    }
+
+    const std::string& file_;
+    const toml::table& table_;
+    std::string name_;
+    std::vector<std::string> known_;
+};
+
+std::vector<KeyframeSpec> read_path(const std::string& file, Section& owner, std::string_view key) {
+    std::vector<KeyframeSpec> path;
+    const toml::array* array = owner.tables(key);
+    if (!array) return path;
+    for (const toml::node& node : *array) {
+        Section section(file, *node.as_table(), std::string(key));
+        KeyframeSpec frame;
+        if (!path.empty()) frame.position = path.back().position, frame.orientation = path.back().orientation;
+        section.read("time", frame.time, 0, 1e9);
+        section.read("position", frame.position);
+        section.read("rotation", frame.orientation);
+        section.read("jump", frame.jump);
+        section.refuse_unknown();
+        if (!path.empty() && frame.time <= path.back().time)
+            section.fail("time must be later than that of the key before");
+        path.push_back(frame);
+    }
+    return path;
+}
+
+void read_tissue(Section& section, Tissue& t) {
+    section.read("youngs_modulus", t.youngs_modulus, 1, 1e12);
+    section.read("density", t.density, 1e-3, 1e6);
+    section.read("wall", t.wall, 1e-9, 1e3);
+    section.read("depth", t.depth, 1e-9, 1e9);
+    section.read("damping", t.damping, 0, 1e6);
+    section.read("friction", t.friction, 0, 1e6);
+    section.refuse_unknown();
+}
+
+BodySpec read_body(const std::string& file, const toml::table& table) {
+    Section section(file, table, "[[body]]");
+    BodySpec body;
+    body.line = section.line();
+    section.read("name", body.name);
+    if (body.name.empty()) section.fail("a [[body]] needs a name");
+    section.read("shape", body.shape);
+    section.read("file", body.file);
+    if (body.shape.empty() && body.file.empty()) section.fail("body \"" + body.name + "\" needs a shape or a file");
+    section.read_count("triangles", body.triangles, 4, 2e7);
+    section.read_count("seed", body.seed, 0, 9e15);
+    if (const toml::node* node = section.find("scale")) {
+        if (node->is_string()) {
+            if (*node->value<std::string>() != "auto") section.fail(*node, "scale must be a number or \"auto\"");
+            body.scale = 0;
+        } else {
+            section.read("scale", body.scale, 1e-12, 1e12);
+        }
+    }
+    section.read("size", body.size, 1e-9, 1e9);
+    section.read_enum<Motion>("motion", body.motion,
+                              {{"static", Motion::kStatic},
+                               {"kinematic", Motion::kKinematic},
+                               {"hand", Motion::kHand},
+                               {"deformable", Motion::kDeformable}});
+    section.read("position", body.position);
+    section.read("rotation", body.orientation);
+    section.read("above", body.above);
+    section.read("gap", body.gap, -1e3, 1e3);
+    section.read_enum<AnchorFrame>("anchor", body.anchor_frame,
+                                   {{"world", AnchorFrame::kWorld}, {"shape", AnchorFrame::kShape}});
+    section.read("fixed_below", body.fixed_below);
+    section.read("thickness", body.thickness, 1e-9, 1e3);
+    section.read("mass", body.mass, 1e-6, 1e6);
+    if (const toml::node* node = section.find("color"); node) {
+        Vec3d c;
+        section.read("color", c);
+        body.color = {static_cast<float>(c.x()), static_cast<float>(c.y()), static_cast<float>(c.z())};
+    }
+    if (const toml::table* tissue = section.table("tissue")) {
+        Section inner(file, *tissue, "[body.tissue]");
+        read_tissue(inner, body.tissue);
+    }
+    body.path = read_path(file, section, "path");
+    section.refuse_unknown();
+    if (body.motion == Motion::kKinematic && body.path.empty())
+        section.fail("kinematic body \"" + body.name + "\" needs a [[body.path]]");
+    return body;
+}
+
+ToolSpec read_tool(const std::string& file, const toml::table& table) {
+    Section section(file, table, "[[tool]]");
+    ToolSpec tool;
+    tool.line = section.line();
+    section.read("body", tool.body);
+    if (tool.body.empty()) section.fail("a [[tool]] needs the name of its body");
+    section.read("tip", tool.tip);
+    section.read("tip_radius", tool.tip_radius, 0, 10);
+    section.read("stiffness", tool.stiffness, 0, 1e7);
+    section.read("damping", tool.damping, 0, 1e6);
+    section.read("max_force", tool.max_force, 0, 1e6);
+    section.read("friction", tool.friction, 0, 1e6);
+    section.read("trace", tool.trace);
+    tool.path = read_path(file, section, "path");
+    section.refuse_unknown();
+    if (tool.path.empty() && tool.trace.empty())
+        section.fail("tool \"" + tool.body + "\" needs a trace or a [[tool.path]]");
+    return tool;
+}
+
+void read_contact(Section section, ContactParams& contact) {
+    section.read("tolerance", contact.tolerance, 1e-12, 1e3);
+    section.read("cell_edges", contact.cell_edges, 0.01, 1000);
+    section.read("push_speed", contact.push_speed, 0, 1e3);
+    section.read_count("iterations", contact.iterations, 1, 100);
+    section.read_enum<ResponseShare>(
+        "share", contact.share,
+        {{"mass", ResponseShare::kMass}, {"stiffness", ResponseShare::kStiffness}, {"half", ResponseShare::kHalf}});
+    section.read_enum<ResponseDirection>(
+        "direction", contact.direction, {{"local", ResponseDirection::kLocal}, {"thesis", ResponseDirection::kThesis}});
+    section.refuse_unknown();
+}
+
+CameraSpec read_camera(Section section) {
+    CameraSpec camera;
+    section.read("kind", camera.kind);
+    if (camera.kind != "orbit" && camera.kind != "laparoscope")
+        section.fail("camera kind must be orbit or laparoscope");
+    section.read("target", camera.target);
+    section.read("position", camera.position);
+    section.read("azimuth", camera.azimuth);
+    section.read("elevation", camera.elevation, -90, 90);
+    section.read("distance", camera.distance, 0, 1e9);
+    section.read("fov", camera.fov, 1, 170);
+    section.read("wireframe", camera.wireframe);
+    section.read("depth_colors", camera.depth_colors);
+    section.refuse_unknown();
+    return camera;
+}
+
+// The value as TOML would read it; a bare word becomes a string.
+void insert_value(toml::table& table, const std::string& key, const std::string& value) {
+    try {
+        toml::table parsed = toml::parse("v = " + value);
+        parsed.get("v")->visit([&](auto& node) { table.insert_or_assign(key, node); });
+    } catch (const toml::parse_error&) {
+        table.insert_or_assign(key, value);
+    }
+}
+
+toml::table* named_table(toml::table& root, const char* list, const char* name_key, const std::string& name) {
+    toml::array* array = root.get_as<toml::array>(list);
+    if (!array) return nullptr;
+    for (toml::node& node : *array) {
+        toml::table* table = node.as_table();
+        if (table && table->get(name_key) && table->get(name_key)->value<std::string>() == name) return table;
+    }
+    return nullptr;
+}
+
+void apply_override(toml::table& root, const Override& o) {
+    std::vector<std::string> words;
+    std::istringstream stream(o.key);
+    for (std::string word; std::getline(stream, word, '.');) words.push_back(word);
+    if (words.empty() || std::any_of(words.begin(), words.end(), [](const std::string& w) { return w.empty(); }))
+        throw InputError("--set " + o.key + "=" + o.value + ": the key is empty");
+    toml::table* table = &root;
+    size_t next = 0;
+    if (words.size() > 2 && words[0] == "tool") {
+        table = named_table(root, "tool", "body", words[1]);
+        if (!table) throw InputError("--set " + o.key + ": the scene has no tool on a body named \"" + words[1] + "\"");
+        next = 2;
+    } else if (words.size() > 1) {
+        if (toml::table* body = named_table(root, "body", "name", words[0])) table = body, next = 1;
+    }
+    for (; next + 1 < words.size(); ++next) {
+        if (!table->contains(words[next])) {
+            if (table == &root && words[next] != "contact" && words[next] != "camera")
+                throw InputError("--set " + o.key + ": the scene has no body or table named \"" + words[next] + "\"");
+            table->insert(words[next], toml::table{});
+        }
+        table = table->get_as<toml::table>(words[next]);
+        if (!table) throw InputError("--set " + o.key + ": \"" + words[next] + "\" is not a table");
+    }
+    insert_value(*table, words.back(), o.value);
+}
+
+}  // namespace
+
+SceneFile read_scene_file(const std::filesystem::path& path, const std::vector<Override>& overrides) {
+    const std::string file = path.string();
+    std::error_code error;
+    if (std::filesystem::is_directory(path, error)) throw InputError(file + ": is a folder, not a scene");
+    std::ifstream stream(path, std::ios::binary);
+    if (!stream) throw InputError(file + ": cannot be opened (" + std::string(std::strerror(errno)) + ")");
+    std::ostringstream text;
+    text << stream.rdbuf();
+    toml::table root;
+    try {
+        root = toml::parse(text.str(), file);
+    } catch (const toml::parse_error& e) {
+        throw InputError(place(file, e.source()) + std::string(e.description()));
+    }
+    for (const Override& o : overrides) apply_override(root, o);
+
+    SceneFile scene;
+    scene.path = path;
+    Section top(file, root, "");
+    scene.settings.name = path.stem().string();
+    top.read("name", scene.settings.name);
+    top.read("description", scene.settings.description);
+    top.read("seconds", scene.settings.seconds, 0, 1e9);
+    top.read("gravity", scene.settings.gravity);
+    top.read("substep", scene.settings.substep, 1e-9, 1);
+    if (const toml::table* contact = top.table("contact"))
+        read_contact({file, *contact, "[contact]"}, scene.settings.contact);
+    if (const toml::table* camera = top.table("camera")) scene.camera = read_camera({file, *camera, "[camera]"});
+    if (const toml::array* bodies = top.tables("body"))
+        for (const toml::node& node : *bodies) scene.bodies.push_back(read_body(file, *node.as_table()));
+    if (const toml::array* tools = top.tables("tool"))
+        for (const toml::node& node : *tools) scene.tools.push_back(read_tool(file, *node.as_table()));
+    top.refuse_unknown();
+
+    for (size_t i = 0; i < scene.bodies.size(); ++i) {
+        for (size_t j = 0; j < i; ++j) {
+            if (scene.bodies[i].name == scene.bodies[j].name)
+                throw InputError(file + ":" + std::to_string(scene.bodies[i].line) + ":1: two bodies are named \"" +
+                                 scene.bodies[i].name + "\"");
+        }
+    }
+    return scene;
+}
+
+}  // namespace trocar

@@ -1,0 +1,88 @@
+#pragma once
+#include <array>
+#include <filesystem>
+#include <string>
+#include <vector>
+
+#include "components/bodies.hpp"
+#include "components/scene.hpp"
+namespace trocar {
+
+// One key of a scripted motion.
+struct KeyframeSpec {
+    double time = 0;                 // s
+    Vec3d position = Vec3d::Zero();  // m
+    Quat orientation;
+    bool jump = false;  // arrives at once instead of moving there from the key before
+};
+
+// One [[body]] of a scene file.
+struct BodySpec {
+    std::string name;
+    uint32_t line = 0;  // of the scene file, for errors
+    std::string shape;  // generated shape, used when `file` is empty
+    uint32_t triangles = 10000;
+    uint64_t seed = 1;
+    std::string file;  // mesh file, relative to the scene file or to the working folder
+    double scale = 1;  // m per file unit; 0 = guess (a diagonal above 3 is taken for mm)
+    double size = 0;   // m, wanted largest extent; 0 = leave
+    Motion motion = Motion::kStatic;
+    Vec3d position = Vec3d::Zero();  // m
+    Quat orientation;
+    std::string above;   // name of a body to be put on top of, centred, `gap` above it
+    double gap = 0.005;  // m
+    AnchorFrame anchor_frame = AnchorFrame::kWorld;
+    Tissue tissue;
+    double fixed_below = -1e300;             // m, vertices with rest z (body frame) below it are fixed
+    double thickness = 1e-3;                 // m, sheets
+    double mass = 0.05;                      // kg, hand-driven: what the coupling moves
+    std::vector<KeyframeSpec> path;          // kinematic
+    std::array<float, 3> color{-1, -1, -1};  // overrides the material's diffuse colour
+};
+
+// One [[tool]]: a device that drives a hand body.
+struct ToolSpec {
+    std::string body;
+    uint32_t line = 0;
+    Vec3d tip = Vec3d::Zero();  // m, body frame
+    double tip_radius = 0.006;  // m
+    double stiffness = 500;     // N/m, virtual coupling
+    double damping = 5;         // N s/m
+    double max_force = 3.3;     // N
+    double friction = 0.1;
+    std::string trace;  // recorded device trace; else path
+    std::vector<KeyframeSpec> path;
+};
+
+struct CameraSpec {
+    std::string kind = "orbit";      // orbit | laparoscope
+    Vec3d target = Vec3d::Zero();    // m
+    Vec3d position = Vec3d::Zero();  // m, laparoscope
+    double azimuth = 30;             // degrees
+    double elevation = 25;           // degrees
+    double distance = 0;             // m, 0 = fit the scene
+    double fov = 35;                 // degrees, vertical
+    bool wireframe = false;
+    bool depth_colors = false;
+};
+
+struct SceneFile {
+    std::filesystem::path path;
+    SceneSettings settings;
+    std::vector<BodySpec> bodies;
+    std::vector<ToolSpec> tools;
+    CameraSpec camera;
+};
+
+// One --set key=value: `seconds=2`, `contact.cell_edges=3`, `liver.tissue.youngs_modulus=2e4`, `a.file=kidney.wrl`.
+// The first word is a top-level key or table, or the name of a body; tools are named by their body as `tool.BODY.key`.
+struct Override {
+    std::string key;
+    std::string value;
+};
+
+// Reads and checks a scene. Throws InputError "file:line:column: reason"; an unknown key suggests the nearest known
+// one.
+SceneFile read_scene_file(const std::filesystem::path& path, const std::vector<Override>& overrides);
+
+}  // namespace trocar

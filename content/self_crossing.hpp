@@ -1,0 +1,18 @@
+#pragma once
+#include <array>
+
+#include "components/mesh.hpp"
+namespace trocar {
+
+// Pairs of faces of one mesh that meet elsewhere than at the corners and edges they share.
+struct SelfCrossings {
+    uint32_t crossing = 0;  // pairs with a common inner point: cuts, folds in a plane, doubled faces
+    uint32_t touching = 0;  // pairs that only touch: a corner on a face, an edge on an edge
+    std::array<uint32_t, 2> lowest_pair{kNone, kNone};  // first such pair by (lower, higher) face
+};
+
+// Counts them exactly (no tolerance). Faces without area are left out. Corners are shared when they are the same
+// vertex, so weld first. Expects finite coordinates.
+SelfCrossings count_self_crossings(const Mesh& mesh);
+
+}  // namespace trocar

@@ -1,0 +1,30 @@
+#pragma once
+#include <string>
+#include <string_view>
+#include <vector>
+
+#include "components/mesh.hpp"
+#include "content/implicit_shapes.hpp"
+namespace trocar {
+
+// Generated shapes, in metres, closed, manifold, outward, without self-crossing, textured.
+//   liver   about 0.21 x 0.15 x 0.12 m; right lobe -x, head +y, belly +z; centred at its volume's centroid
+//   kidney  about 0.11 x 0.06 x 0.045 m; poles along x, hilum -y; centred at its volume's centroid
+//   probe   palpation probe of steel, 0.167 m; centre of its 7 mm tip sphere at the origin, shaft along +z
+//   sphere  diameter 1 m, centred      box  1 x 1 x 1 m, centred
+//   table   slab 0.6 x 0.6 x 0.02 m, centred, thin along z; "plane" is another name for it
+std::vector<std::string> shape_names();
+
+// One line about a shape: what it is, its size, its frame. Empty for an unknown name.
+std::string_view describe_shape(std::string_view name);
+
+// Makes a shape of about `triangles` triangles (within 10 % from 1000 on). The seed changes irregularities and texture
+// of organs. The same bytes for the same arguments. Throws InputError for an unknown name or a number of triangles out
+// of range.
+Mesh make_shape(std::string_view name, uint32_t triangles, uint64_t seed = 1);
+
+// Triangulates any connected implicit shape evenly with about `triangles` triangles (at least 100), every vertex on its
+// surface, in the shape's own frame; no texture. Contour, Taubin smoothing, even remeshing, projection.
+Mesh mesh_implicit(const ImplicitShape& shape, uint32_t triangles);
+
+}  // namespace trocar

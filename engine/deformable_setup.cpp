@@ -1,0 +1,136 @@
+#include "engine/deformable_setup.hpp"
+
+#include <algorithm>
+#include <cmath>
+#include <limits>
+#include <span>
+#include <string>
+
+#include "engine/check.hpp"
+#include "engine/error.hpp"
+#include "engine/geometry/quaternion.hpp"
+namespace trocar {
+namespace {
+
+[[noreturn]] void refuse(const Bodies& bodies, uint32_t body, const std::string& reason) {
+    throw InputError((bodies.name[body].empty() ? "body " + std::to_string(body) : bodies.name[body]) + ": " + reason);
+}
+
+void check_tissue(const Bodies& bodies, uint32_t body) {
+    const Tissue& tissue = bodies.tissue[body];
+    const auto positive = [&](double value, const char* what) {
+        if (!(value > 0 && std::isfinite(value))) refuse(bodies, body, std::string(what) + " must be positive");
+    };
+    const auto not_negative = [&](double value, const char* what) {
+        if (!(value >= 0 && std::isfinite(value))) refuse(bodies, body, std::string(what) + " must not be negative");
+    };
+    positive(tissue.youngs_modulus, "Young's modulus");
+    positive(tissue.density, "density");
+    positive(tissue.wall, "wall");
+    positive(tissue.depth, "depth");
+    not_negative(tissue.damping, "damping");
+    not_negative(tissue.friction, "friction");
+}
+
+double body_mass(const MeshInfo& info, const Tissue& tissue, double thickness) {
+    if (info.admission == Admission::kSheet)
+        return tissue.density * info.area * (thickness > 0 ? thickness : tissue.wall);
+    return tissue.density * std::abs(info.volume);
+}
+
+// Goals of a free body are kept from their stiffness-weighted centroid: small numbers keep their float precision.
+void centre_goals(Anchors& anchors, Range rows) {
+    Vec3d sum = Vec3d::Zero();
+    double stiffness = 0;
+    for (uint32_t p = rows.first; p < rows.end(); ++p) {
+        sum += anchors.stiffness[p] * Vec3d(anchors.rest_x[p], anchors.rest_y[p], anchors.rest_z[p]);
+        stiffness += anchors.stiffness[p];
+    }
+    if (stiffness <= 0) return;
+    const Vec3d centre = sum / stiffness;
+    for (uint32_t p = rows.first; p < rows.end(); ++p) {
+        anchors.rest_x[p] = static_cast<float>(anchors.rest_x[p] - centre.x());
+        anchors.rest_y[p] = static_cast<float>(anchors.rest_y[p] - centre.y());
+        anchors.rest_z[p] = static_cast<float>(anchors.rest_z[p] - centre.z());
+    }
+}
+
+}  // namespace
+
+void add_deformable(const Meshes& meshes, const Springs& springs, const Poses& poses, uint32_t body, Bodies& bodies,
+                    Particles& particles, Anchors& anchors) {
+    check_tissue(bodies, body);
+    const uint32_t prototype = bodies.mesh[body];
+    TROCAR_ASSERT(prototype < springs.vertices.size());
+    const MeshInfo& info = meshes.info[prototype];
+    const Tissue& tissue = bodies.tissue[body];
+    const std::span share =
+        std::span(springs.area_share).subspan(springs.vertices[prototype].first, springs.vertices[prototype].count);
+    const double mass = body_mass(info, tissue, bodies.thickness[body]);
+    if (!(mass > 0 && std::isfinite(mass) && info.area > 0)) refuse(bodies, body, "a deformable body must have a mass");
+
+    bodies.spring_stiffness[body] = static_cast<float>(0.5 * std::sqrt(3.0) * tissue.youngs_modulus * tissue.wall);
+    bodies.inv_mass[body] = 0;
+    const Range rows{static_cast<uint32_t>(particles.offset.size()), static_cast<uint32_t>(share.size())};
+    bodies.particles[body] = rows;
+    particles.offset.resize(rows.end());
+    for (auto* field : {&particles.velocity_x, &particles.velocity_y, &particles.velocity_z, &anchors.stiffness,
+                        &anchors.rest_x, &anchors.rest_y, &anchors.rest_z}) {
+        field->resize(rows.end(), 0.0f);
+    }
+    if (particles.last_dt.size() <= body) particles.last_dt.resize(body + 1, 0.0);
+
+    const bool turned = bodies.anchor_frame[body] == AnchorFrame::kWorld;
+    for (uint32_t v = 0; v < info.vertices.count; ++v) {
+        const uint32_t p = rows.first + v;
+        const Vec3d rest = meshes.position[info.vertices.first + v];
+        const Vec3d placed = rotate(poses.orientation[body], rest);
+        Float4& offset = particles.offset[p];
+        offset = {static_cast<float>(placed.x()), static_cast<float>(placed.y()), static_cast<float>(placed.z()), 0.0f};
+        if (share[v] > 0) {
+            offset.w = static_cast<float>(1.0 / (mass * share[v] / info.area));
+            anchors.stiffness[p] = static_cast<float>(tissue.youngs_modulus * share[v] / tissue.depth);
+        }
+        anchors.rest_x[p] = turned ? offset.x : static_cast<float>(rest.x());
+        anchors.rest_y[p] = turned ? offset.y : static_cast<float>(rest.y());
+        anchors.rest_z[p] = turned ? offset.z : static_cast<float>(rest.z());
+    }
+    if (!turned) centre_goals(anchors, {rows.first, info.vertices.count});
+    update_stable_dt(springs, body, particles, anchors, bodies);
+}
+
+void update_stable_dt(const Springs& springs, uint32_t body, const Particles& particles, const Anchors& anchors,
+                      Bodies& bodies) {
+    const uint32_t prototype = bodies.mesh[body];
+    const Range slices = springs.info[prototype].slices;
+    const uint32_t* column = springs.slice_column.data() + slices.first + prototype;
+    const uint32_t first = bodies.particles[body].first;
+    const double k = bodies.spring_stiffness[body];
+    double omega_squared = 0;
+    for (uint32_t slice = 0; slice < slices.count; ++slice) {
+        for (uint32_t lane = 0; lane < kSliceWidth; ++lane) {
+            const uint32_t v = slice * kSliceWidth + lane;
+            double sum = anchors.stiffness[first + v];
+            for (uint32_t c = column[slice]; c < column[slice + 1]; ++c) {
+                const uint32_t far_end = springs.neighbour[c * kSliceWidth + lane];
+                if (far_end == v) continue;
+                // a fixed far end does not move against us: once, not twice
+                sum += particles.offset[first + far_end].w > 0 ? 2 * k : k;
+            }
+            omega_squared = std::max(omega_squared, sum * particles.offset[first + v].w);
+        }
+    }
+    const double damping = bodies.tissue[body].damping;
+    bodies.stable_dt[body] =
+        omega_squared > 0 ? kStableShare * (std::sqrt(damping * damping + 4 * omega_squared) - damping) / omega_squared
+                          : std::numeric_limits<double>::infinity();
+}
+
+uint32_t substeps_for(double seconds, double stable_dt, double largest) {
+    const double dt = std::min(stable_dt, largest);
+    TROCAR_ASSERT(dt > 0 && seconds >= 0);
+    // a quotient that is whole but for rounding is whole
+    return static_cast<uint32_t>(std::clamp(std::ceil(seconds / dt * (1 - 1e-12)), 1.0, 1e9));
+}
+
+}  // namespace trocar

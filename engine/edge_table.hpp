@@ -1,0 +1,46 @@
+#pragma once
+#include <array>
+#include <cstdint>
+#include <span>
+#include <vector>
+
+#include "components/mesh.hpp"
+namespace trocar {
+
+// Every undirected edge of some triangles with the half-edges that run along it. Half-edge 3 * t + k goes from corner k
+// of triangle t to the next corner.
+struct EdgeTable {
+    std::vector<std::array<uint32_t, 2>> edge;  // lower vertex first, ascending
+    std::vector<uint32_t> first;                // edge -> rows of half_edge, edge.size() + 1
+    std::vector<uint32_t> half_edge;            // ascending within an edge
+
+    std::span<const uint32_t> users(uint32_t e) const {
+        return std::span(half_edge).subspan(first[e], first[e + 1] - first[e]);
+    }
+};
+
+// Builds the table in linear time for meshes of bounded degree. No triangle may name a vertex twice.
+EdgeTable make_edge_table(std::span<const Triangle> triangles, uint32_t vertices);
+
+inline uint32_t half_edge_start(std::span<const Triangle> triangles, uint32_t half_edge) {
+    return triangles[half_edge / 3][half_edge % 3];
+}
+
+// Disjoint sets over 0..count-1 in one array, each named by its lowest member.
+inline uint32_t find_set(std::vector<uint32_t>& sets, uint32_t i) {
+    while (sets[i] != i) i = sets[i] = sets[sets[i]];
+    return i;
+}
+inline void join_sets(std::vector<uint32_t>& sets, uint32_t i, uint32_t j) {
+    i = find_set(sets, i);
+    j = find_set(sets, j);
+    if (i < j) sets[j] = i;
+    if (j < i) sets[i] = j;
+}
+std::vector<uint32_t> make_sets(uint32_t count);
+
+// Numbers the edge-connected pieces of a table's triangles, 0 for the piece of the lowest triangle and so on; returns
+// how many there are.
+uint32_t number_pieces(const EdgeTable& table, uint32_t triangles, std::vector<uint32_t>& piece_of_triangle);
+
+}  // namespace trocar

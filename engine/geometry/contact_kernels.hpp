@@ -1,0 +1,148 @@
+#pragma once
+#include <immintrin.h>
+
+#include <algorithm>
+#include <array>
+#include <cmath>
+
+#include "components/contacts.hpp"
+#include "engine/surfaces.hpp"
+namespace trocar {
+
+// What a body's boxes are enlarged by: its margin, and half the thickness of a sheet. m
+inline double reach_of(const Bodies& bodies, const BodyBoxes& boxes, uint32_t body) {
+    return boxes.margin[body] + 0.5 * bodies.thickness[body];
+}
+
+inline bool boxes_meet(const Box& a, const Box& b) {
+    return (a.min.array() <= b.max.array()).all() && (b.min.array() <= a.max.array()).all();
+}
+inline bool contains(const Box& box, const Vec3d& p) {
+    return (box.min.array() <= p.array()).all() && (p.array() <= box.max.array()).all();
+}
+
+inline void resize_contacts(Contacts& contacts, size_t rows) {
+    contacts.pair.resize(rows);
+    contacts.body.resize(rows);
+    contacts.other.resize(rows);
+    contacts.vertex.resize(rows);
+    contacts.along.resize(rows);
+    contacts.point.resize(rows);
+    contacts.closest.resize(rows);
+    contacts.normal.resize(rows);
+    contacts.distance.resize(rows);
+    contacts.triangle.resize(rows);
+}
+
+// Present vertices of one body relative to a base point, four doubles at a time (x, y, z, 0). m
+class BodyPoints {
+ public:
+    BodyPoints(const Surfaces& s, uint32_t body, const Vec3d& base) {
+        const MeshInfo& info = s.meshes.info[s.bodies.mesh[body]];
+        const Vec3d shift = s.poses.origin[body] - base;
+        origin_ = _mm256_setr_pd(shift.x(), shift.y(), shift.z(), 0);
+        if (is_deformable(s.bodies, body)) {
+            offset_ = s.particles.offset.data() + s.bodies.particles[body].first;
+            return;
+        }
+        rest_ = s.meshes.position.data() + info.vertices.first;
+        const auto column = [&](const Vec3d& axis) {
+            const Vec3d c = rotate(s.poses.orientation[body], axis);
+            return _mm256_setr_pd(c.x(), c.y(), c.z(), 0);
+        };
+        column_x_ = column(Vec3d::UnitX());
+        column_y_ = column(Vec3d::UnitY());
+        column_z_ = column(Vec3d::UnitZ());
+    }
+    __m256d operator()(uint32_t v) const {
+        if (offset_ != nullptr) {
+            const __m128 p = _mm_load_ps(&offset_[v].x);
+            return _mm256_add_pd(_mm256_cvtps_pd(_mm_blend_ps(p, _mm_setzero_ps(), 8)), origin_);
+        }
+        const double* p = rest_[v].data();
+        const __m256d xy = _mm256_add_pd(_mm256_mul_pd(_mm256_broadcast_sd(p), column_x_),
+                                         _mm256_mul_pd(_mm256_broadcast_sd(p + 1), column_y_));
+        return _mm256_add_pd(_mm256_add_pd(xy, _mm256_mul_pd(_mm256_broadcast_sd(p + 2), column_z_)), origin_);
+    }
+    Vec3d point(uint32_t v) const {
+        alignas(32) double p[4];
+        _mm256_store_pd(p, (*this)(v));
+        return {p[0], p[1], p[2]};
+    }
+
+ private:
+    const Float4* offset_ = nullptr;
+    const Vec3d* rest_ = nullptr;
+    __m256d origin_, column_x_, column_y_, column_z_;
+};
+
+// Every finite lane stays, the rest is marked: true when x, y and z are all finite.
+inline bool is_finite(__m256d p) {
+    return _mm256_movemask_pd(_mm256_cmp_pd(_mm256_sub_pd(p, p), p, _CMP_UNORD_Q)) == 0;
+}
+
+// Doubles to a packed box; both ends are moved outward by more than the rounding.
+inline PackedBox pack_box(__m256d min, __m256d max) {
+    const __m256 box = _mm256_set_m128(_mm_sub_ps(_mm_setzero_ps(), _mm256_cvtpd_ps(max)), _mm256_cvtpd_ps(min));
+    const __m256 size = _mm256_andnot_ps(_mm256_set1_ps(-0.0f), box);
+    const __m256 slack = _mm256_add_ps(_mm256_mul_ps(size, _mm256_set1_ps(0x1p-22f)), _mm256_set1_ps(1e-30f));
+    PackedBox packed;
+    _mm256_store_ps(packed.min.data(), _mm256_sub_ps(box, slack));
+    return packed;
+}
+inline PackedBox pack_box(const Box& box, const Vec3d& origin) {
+    const Vec3d a = box.min - origin, b = box.max - origin;
+    return pack_box(_mm256_setr_pd(a.x(), a.y(), a.z(), 0), _mm256_setr_pd(b.x(), b.y(), b.z(), 0));
+}
+inline __m256 load_box(const PackedBox& box) { return _mm256_load_ps(box.min.data()); }
+// The side that load_box of another box is compared with.
+inline __m256 facing(__m256 box) { return _mm256_sub_ps(_mm256_setzero_ps(), _mm256_permute2f128_ps(box, box, 1)); }
+inline bool meets(__m256 facing_a, __m256 b) {
+    return _mm256_movemask_ps(_mm256_cmp_ps(b, facing_a, _CMP_NLE_UQ)) == 0;
+}
+
+// Cells that a box covers. A cell is half-open: it holds its lower faces and not its upper ones.
+struct CellRange {
+    alignas(16) std::array<uint32_t, 4> first, last;
+};
+inline CellRange cells_of(__m256 box, float inv_size) {
+    const __m128 scale = _mm_set1_ps(inv_size), zero = _mm_setzero_ps();
+    const __m128 low = _mm_mul_ps(_mm256_castps256_ps128(box), scale);
+    const __m128 high = _mm_mul_ps(_mm_sub_ps(zero, _mm256_extractf128_ps(box, 1)), scale);
+    CellRange cells;
+    _mm_store_si128(reinterpret_cast<__m128i*>(cells.first.data()), _mm_cvttps_epi32(_mm_max_ps(low, zero)));
+    _mm_store_si128(reinterpret_cast<__m128i*>(cells.last.data()), _mm_cvttps_epi32(_mm_max_ps(high, zero)));
+    return cells;
+}
+inline uint64_t pack_cell(uint32_t x, uint32_t y, uint32_t z) {
+    return uint64_t(x) << 42 | uint64_t(y) << 21 | uint64_t(z);
+}
+// Cell of the larger of the lower corners of two boxes, by the same arithmetic as cells_of.
+inline uint64_t cell_of_meeting(__m256 a, __m256 b, float inv_size) {
+    const __m128 low = _mm_max_ps(_mm256_castps256_ps128(a), _mm256_castps256_ps128(b));
+    alignas(16) std::array<uint32_t, 4> cell;
+    _mm_store_si128(reinterpret_cast<__m128i*>(cell.data()),
+                    _mm_cvttps_epi32(_mm_max_ps(_mm_mul_ps(low, _mm_set1_ps(inv_size)), _mm_setzero_ps())));
+    return pack_cell(cell[0], cell[1], cell[2]);
+}
+
+inline double distance_to_segment(const Vec3d& p, const Vec3d& a, const Vec3d& b) {
+    const Vec3d ab = b - a, ap = p - a;
+    const double length = ab.squaredNorm();
+    const double t = length > 0 ? std::clamp(ap.dot(ab) / length, 0.0, 1.0) : 0.0;
+    return (ap - t * ab).norm();
+}
+// Distance of a point to a triangle, or an upper bound: the plane where the foot lies inside all three edges, else the
+// nearest edge; slivers, whose plane is lost in rounding, count by their edges. m
+inline double distance_to_triangle(const Vec3d& p, const Vec3d& a, const Vec3d& b, const Vec3d& c) {
+    const Vec3d n = (b - a).cross(c - a);
+    const double area = n.norm();
+    const double longest = std::max({(b - a).squaredNorm(), (c - b).squaredNorm(), (a - c).squaredNorm()});
+    const Vec3d pa = a - p, pb = b - p, pc = c - p;
+    if (area > 1e-6 * longest && pa.cross(pb).dot(n) >= 0 && pb.cross(pc).dot(n) >= 0 && pc.cross(pa).dot(n) >= 0) {
+        return std::abs(pa.dot(n)) / area;
+    }
+    return std::min({distance_to_segment(p, a, b), distance_to_segment(p, b, c), distance_to_segment(p, c, a)});
+}
+
+}  // namespace trocar

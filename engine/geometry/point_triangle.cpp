@@ -1,0 +1,87 @@
+#include "engine/geometry/point_triangle.hpp"
+
+#include <Eigen/Geometry>
+#include <cmath>
+namespace trocar {
+namespace {
+
+// x * y - z * w within 1.5 rounding units of the result
+double product_difference(double x, double y, double z, double w) {
+    const double zw = z * w;
+    const double error = std::fma(-z, w, zw);
+    return std::fma(x, y, -zw) + error;
+}
+Vec3d precise_cross(const Vec3d& u, const Vec3d& v) {
+    return {product_difference(u.y(), v.z(), u.z(), v.y()), product_difference(u.z(), v.x(), u.x(), v.z()),
+            product_difference(u.x(), v.y(), u.y(), v.x())};
+}
+// rounding error of the difference x - y (Knuth's two-sum)
+Vec3d difference_error(const Vec3d& x, const Vec3d& y, const Vec3d& difference) {
+    Vec3d error;
+    for (int k = 0; k < 3; ++k) {
+        const double t = x[k] - difference[k];
+        error[k] = (x[k] - (difference[k] + t)) + (t - y[k]);
+    }
+    return error;
+}
+
+struct SegmentPoint {
+    Vec3d offset;
+    double squared_distance;
+    int end;  // 0 start, 1 end, 2 between
+};
+
+// closest point to the origin on r + t e, 0 <= t <= 1, with r_end = r + e. Ends are taken from their own corner, so
+// that two edges that share it give the same bits.
+SegmentPoint closest_on_segment(const Vec3d& r, const Vec3d& r_end, const Vec3d& e) {
+    const double along = -r.dot(e);
+    const double length2 = e.squaredNorm();
+    if (!(along > 0)) return {r, r.squaredNorm(), 0};
+    if (!(along < length2)) return {r_end, r_end.squaredNorm(), 1};
+    // from the nearer end: the product t * e is then the shorter one
+    const Vec3d q =
+        along <= 0.5 * length2 ? Vec3d(r + (along / length2) * e) : Vec3d(r_end - ((r_end.dot(e)) / length2) * e);
+    return {q, q.squaredNorm(), 2};
+}
+
+}  // namespace
+
+Vec3d triangle_normal(const Vec3d& a, const Vec3d& b, const Vec3d& c) {
+    const Vec3d u = b - a, v = c - a;
+    Vec3d n = precise_cross(u, v);
+    // the roundings of u and v tilt the normal by (rounding unit) * u v / n: worth mending for slivers only
+    if (n.squaredNorm() < 1e-4 * (u.squaredNorm() * v.squaredNorm())) {
+        const Vec3d du = difference_error(b, a, u), dv = difference_error(c, a, v);
+        n += u.cross(dv) + du.cross(v);
+    }
+    return n;
+}
+
+TrianglePoint closest_point_on_triangle(const Vec3d& p, const Vec3d& a, const Vec3d& b, const Vec3d& c) {
+    const Vec3d ab = b - a, bc = c - b, ca = a - c;
+    const Vec3d ra = a - p, rb = b - p, rc = c - p;
+    const Vec3d n = triangle_normal(a, b, c);
+    const double n2 = n.squaredNorm();
+    if (n2 > 0 && n.cross(ab).dot(ra) < 0 && n.cross(bc).dot(rb) < 0 && n.cross(ca).dot(rc) < 0) {
+        // at a needle's tip rounding lets points far beyond it pass the three planes: ask the vertex regions too
+        const bool beyond_a = ra.dot(ab) > 0 && ra.dot(ca) < 0;
+        const bool beyond_b = rb.dot(bc) > 0 && rb.dot(ab) < 0;
+        const bool beyond_c = rc.dot(ca) > 0 && rc.dot(bc) < 0;
+        if (!beyond_a && !beyond_b && !beyond_c) {
+            const double h = n.dot(ra);
+            const double k = h / n2;
+            return {k * n, h * k, -h / std::sqrt(n2), Feature::kFace};
+        }
+    }
+    constexpr Feature kFeatures[3][3] = {{Feature::kVertex0, Feature::kVertex1, Feature::kEdge0},
+                                         {Feature::kVertex1, Feature::kVertex2, Feature::kEdge1},
+                                         {Feature::kVertex2, Feature::kVertex0, Feature::kEdge2}};
+    const SegmentPoint side[3] = {closest_on_segment(ra, rb, ab), closest_on_segment(rb, rc, bc),
+                                  closest_on_segment(rc, ra, ca)};
+    int best = 0;
+    for (int k = 1; k < 3; ++k)
+        if (side[k].squared_distance < side[best].squared_distance) best = k;
+    return {side[best].offset, side[best].squared_distance, 0, kFeatures[best][side[best].end]};
+}
+
+}  // namespace trocar

@@ -1,0 +1,24 @@
+#pragma once
+#include "components/math.hpp"
+#include "engine/closest_point.hpp"
+namespace trocar {
+
+// Closest point of a triangle, relative to the query point.
+struct TrianglePoint {
+    Vec3d offset = Vec3d::Zero();                                       // closest point - query point, m
+    double squared_distance = std::numeric_limits<double>::infinity();  // m^2
+    double height = 0;  // m, > 0 on the side the normal points to; faces only
+    Feature feature = Feature::kFace;
+};
+
+// (b - a) x (c - a), each component to a few rounding units of |(b - a) x (c - a)| even for slivers: differences keep
+// their rounding errors and products are subtracted by Kahan's method (Jeannerod, Louvet & Muller, Math. Comp. 82,
+// 2013).
+Vec3d triangle_normal(const Vec3d& a, const Vec3d& b, const Vec3d& c);
+
+// Closest point of triangle abc to p, for any shape of triangle down to a single point. The face wins where p projects
+// strictly inside its three edge planes, else the nearest of three clamped segments; on equal distances the lowest
+// edge. Error of the distance: a few rounding units of (distance + longest edge), whatever the aspect.
+TrianglePoint closest_point_on_triangle(const Vec3d& p, const Vec3d& a, const Vec3d& b, const Vec3d& c);
+
+}  // namespace trocar

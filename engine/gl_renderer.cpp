@@ -1,0 +1,842 @@
+#include "engine/gl_renderer.hpp"
+
+#define GL_GLEXT_PROTOTYPES
+#include <GL/osmesa.h>
+
+#include <algorithm>
+#include <cmath>
+#include <cstring>
+#include <numbers>
+
+#include "engine/check.hpp"
+#include "engine/depth_colours.hpp"
+#include "engine/geometry/quaternion.hpp"
+#include "engine/gl_shaders.hpp"
+#include "engine/offscreen.hpp"
+#include "engine/render_mesh.hpp"
+
+namespace trocar {
+namespace {
+
+enum Attribute : GLuint { kPosition = 0, kNormal = 1, kTextureUv = 2, kDepth = 3 };
+
+// Position and normal of a row, as they go up.
+struct Vertex {
+    float position[3];
+    float normal[3];
+};
+
+struct Buffer {
+    GLuint name = 0;
+    size_t bytes = 0;
+};
+
+// What all bodies of one prototype share.
+struct StaticMesh {
+    bool made = false;
+    RenderMesh mesh;
+    Vec3d centre = Vec3d::Zero();  // m, of the rest box; positions of rigid bodies are relative to it
+    GLuint uv = 0, index = 0, rest = 0;
+};
+
+struct BodyBuffers {
+    uint32_t mesh = kNone;
+    bool rigid = false;
+    bool damaged = false;  // some vertex is not finite: draw the triangles in `patched` only
+    GLuint array = 0;
+    Buffer vertex, depth, patched;
+    std::vector<RenderGroup> patched_groups;
+};
+
+// Choices that hold for a whole draw call; each combination is a program of its own, see gl_shaders.hpp.
+constexpr uint32_t kTextured = 1, kDepthColours = 2, kScope = 4, kVariants = 8;
+uint32_t variant_of(bool textured, bool depth_colours, bool scope) {
+    return (textured ? kTextured : 0) | (depth_colours ? kDepthColours : 0) | (scope ? kScope : 0);
+}
+
+struct SurfaceProgram {
+    GLuint name = 0;
+    GLint clip_from_body, normal_from_body, size;
+    GLint diffuse, specular, shine, opacity, inv_depth_scale, light_distance;
+    GLint key, fill, sky, forward, ray_corner, ray_x, ray_y, image, palette;
+};
+
+struct WireProgram {
+    GLuint name = 0;
+    GLint clip_from_body, pull, plain, size;
+};
+
+struct GroundProgram {
+    GLuint name = 0;
+    GLint view_projection, centre, axis_x, axis_y, rectangle, radius, shape;
+};
+
+struct Target {
+    uint32_t width = 0, height = 0;
+    GLuint frame = 0, colour = 0, depth = 0;
+    GLuint backdrop_frame = 0, backdrop_colour = 0;  // background and floor as last drawn
+};
+
+// All that the backdrop depends on besides the size of the picture.
+struct BackdropKey {
+    bool drawn = false, scope = false, floor = false;
+    Matrix4 view_projection{};
+    std::array<double, 13> place{};  // eye, centre, axes, radius
+    friend bool operator==(const BackdropKey&, const BackdropKey&) = default;
+};
+
+struct MarkerMesh {
+    GLuint array = 0, vertex = 0, index = 0;
+    GLsizei sphere_count = 0, shaft_count = 0, head_count = 0;
+};
+
+GLuint compile(GLenum kind, uint32_t variant, const char* text) {
+    const std::array<const char*, 6> parts = {shaders::kVersion,
+                                              variant & kTextured ? "#define TEXTURED\n" : "",
+                                              variant & kDepthColours ? "#define DEPTH_COLOURS\n" : "",
+                                              variant & kScope ? "#define SCOPE\n" : "",
+                                              kind == GL_FRAGMENT_SHADER ? shaders::kMask : "",
+                                              text};
+    const GLuint shader = glCreateShader(kind);
+    glShaderSource(shader, static_cast<GLsizei>(parts.size()), parts.data(), nullptr);
+    glCompileShader(shader);
+    GLint compiled = 0;
+    glGetShaderiv(shader, GL_COMPILE_STATUS, &compiled);
+    if (!compiled) {
+        char log[1024] = "";
+        glGetShaderInfoLog(shader, sizeof log, nullptr, log);
+        fail_check(log, __FILE__, __LINE__);
+    }
+    return shader;
+}
+
+GLuint link(uint32_t variant, const char* vertex_text, const char* fragment_text) {
+    const GLuint program = glCreateProgram();
+    const GLuint vertex = compile(GL_VERTEX_SHADER, variant, vertex_text);
+    const GLuint fragment = compile(GL_FRAGMENT_SHADER, variant, fragment_text);
+    glAttachShader(program, vertex);
+    glAttachShader(program, fragment);
+    glLinkProgram(program);
+    GLint linked = 0;
+    glGetProgramiv(program, GL_LINK_STATUS, &linked);
+    TROCAR_ASSERT(linked);
+    glDeleteShader(vertex);
+    glDeleteShader(fragment);
+    return program;
+}
+
+SurfaceProgram make_surface_program(uint32_t variant) {
+    SurfaceProgram p;
+    p.name = link(variant, shaders::kSurfaceVertex, shaders::kSurfaceFragment);
+    const auto at = [&p](const char* name) { return glGetUniformLocation(p.name, name); };
+    p.clip_from_body = at("clip_from_body");
+    p.normal_from_body = at("normal_from_body");
+    p.size = at("size");
+    p.diffuse = at("diffuse");
+    p.specular = at("specular");
+    p.shine = at("shine");
+    p.opacity = at("opacity");
+    p.inv_depth_scale = at("inv_depth_scale");
+    p.light_distance = at("light_distance");
+    p.key = at("key");
+    p.fill = at("fill");
+    p.sky = at("sky");
+    p.forward = at("forward");
+    p.ray_corner = at("ray_corner");
+    p.ray_x = at("ray_x");
+    p.ray_y = at("ray_y");
+    p.image = at("image");
+    p.palette = at("palette");
+    return p;
+}
+
+WireProgram make_wire_program(uint32_t variant) {
+    WireProgram p;
+    p.name = link(variant, shaders::kWireVertex, shaders::kPlainFragment);
+    const auto at = [&p](const char* name) { return glGetUniformLocation(p.name, name); };
+    p.clip_from_body = at("clip_from_body");
+    p.pull = at("pull");
+    p.plain = at("plain");
+    p.size = at("size");
+    return p;
+}
+
+GroundProgram make_ground_program(const char* fragment) {
+    GroundProgram p;
+    p.name = link(0, shaders::kGroundVertex, fragment);
+    const auto at = [&p](const char* name) { return glGetUniformLocation(p.name, name); };
+    p.view_projection = at("view_projection");
+    p.centre = at("centre");
+    p.axis_x = at("axis_x");
+    p.axis_y = at("axis_y");
+    p.rectangle = at("rectangle");
+    p.radius = at("radius");
+    p.shape = at("shape");
+    return p;
+}
+
+// Holds at least `bytes`; contents are lost when it grows.
+void reserve(Buffer& buffer, GLenum target, size_t bytes) {
+    if (!buffer.name) glGenBuffers(1, &buffer.name);
+    glBindBuffer(target, buffer.name);
+    if (buffer.bytes >= bytes) return;
+    glBufferData(target, static_cast<GLsizeiptr>(bytes), nullptr, GL_DYNAMIC_DRAW);
+    buffer.bytes = bytes;
+}
+
+// Writes `count` rows by fill(rows).
+template <typename Row, typename Fill>
+void stream(Buffer& buffer, size_t count, const Fill& fill) {
+    reserve(buffer, GL_ARRAY_BUFFER, count * sizeof(Row));
+    void* rows = glMapBufferRange(GL_ARRAY_BUFFER, 0, static_cast<GLsizeiptr>(count * sizeof(Row)),
+                                  GL_MAP_WRITE_BIT | GL_MAP_INVALIDATE_BUFFER_BIT);
+    TROCAR_ASSERT(rows);
+    fill(static_cast<Row*>(rows));
+    glUnmapBuffer(GL_ARRAY_BUFFER);
+}
+
+template <typename Row>
+GLuint make_buffer(GLenum target, const std::vector<Row>& rows) {
+    GLuint name = 0;
+    glGenBuffers(1, &name);
+    glBindBuffer(target, name);
+    glBufferData(target, static_cast<GLsizeiptr>(rows.size() * sizeof(Row)), rows.data(), GL_STATIC_DRAW);
+    return name;
+}
+
+void point_vertex_attributes() {
+    glEnableVertexAttribArray(kPosition);
+    glVertexAttribPointer(kPosition, 3, GL_FLOAT, GL_FALSE, sizeof(Vertex), nullptr);
+    glEnableVertexAttribArray(kNormal);
+    glVertexAttribPointer(kNormal, 3, GL_FLOAT, GL_FALSE, sizeof(Vertex),
+                          reinterpret_cast<const void*>(offsetof(Vertex, normal)));
+}
+
+Vertex make_vertex(const Vec3& p, const Vec3& n) { return {{p.x(), p.y(), p.z()}, {n.x(), n.y(), n.z()}}; }
+
+bool triangle_is_finite(const Vertex* row, const uint32_t* corner) {
+    for (uint32_t k = 0; k < 3; ++k)
+        for (const float x : row[corner[k]].position)
+            if (!std::isfinite(x)) return false;
+    return true;
+}
+
+// The index rows of the triangles whose corners are all finite.
+std::vector<uint32_t> finite_triangles(const RenderMesh& mesh, const Vertex* row, std::vector<RenderGroup>& groups) {
+    std::vector<uint32_t> index;
+    groups.clear();
+    for (const RenderGroup& group : mesh.groups) {
+        const uint32_t first = static_cast<uint32_t>(index.size());
+        for (uint32_t i = group.first; i < group.first + group.count; i += 3)
+            if (triangle_is_finite(row, &mesh.index[i]))
+                index.insert(index.end(), {mesh.index[i], mesh.index[i + 1], mesh.index[i + 2]});
+        groups.push_back({group.material, first, static_cast<uint32_t>(index.size()) - first});
+    }
+    return index;
+}
+
+Matrix4 multiply(const Matrix4& a, const Matrix4& b) {
+    Matrix4 c{};
+    for (uint32_t column = 0; column < 4; ++column)
+        for (uint32_t row = 0; row < 4; ++row)
+            for (uint32_t k = 0; k < 4; ++k) c[4 * column + row] += a[4 * k + row] * b[4 * column + k];
+    return c;
+}
+
+// Columns x, y, z (axes, scaled) and the translation of a pose.
+Matrix4 pose_matrix(const Vec3d& x, const Vec3d& y, const Vec3d& z, const Vec3d& t) {
+    const auto f = [](double d) { return static_cast<float>(d); };
+    return {f(x.x()), f(x.y()), f(x.z()), 0, f(y.x()), f(y.y()), f(y.z()), 0,
+            f(z.x()), f(z.y()), f(z.z()), 0, f(t.x()), f(t.y()), f(t.z()), 1};
+}
+
+// Inverse transpose of a matrix with perpendicular columns.
+std::array<float, 9> normal_matrix(const Matrix4& pose) {
+    std::array<float, 9> out{};
+    for (uint32_t column = 0; column < 3; ++column) {
+        const float* c = &pose[4 * column];
+        const float size = c[0] * c[0] + c[1] * c[1] + c[2] * c[2];
+        for (uint32_t row = 0; row < 3; ++row) out[3 * column + row] = size > 0 ? c[row] / size : 0;
+    }
+    return out;
+}
+
+std::array<float, 3> floats(const Vec3d& v) {
+    return {static_cast<float>(v.x()), static_cast<float>(v.y()), static_cast<float>(v.z())};
+}
+
+// Halves an image that is larger than `limit` until it fits (box filter on encoded values: a fallback, not a look).
+Image fit_image(const Image& image, uint32_t limit) {
+    Image out = image;
+    while (out.width > limit || out.height > limit) {
+        Image half{std::max(1u, out.width / 2), std::max(1u, out.height / 2), {}};
+        half.rgba.resize(size_t{4} * half.width * half.height);
+        for (uint32_t y = 0; y < half.height; ++y)
+            for (uint32_t x = 0; x < half.width; ++x)
+                for (uint32_t c = 0; c < 4; ++c) {
+                    const auto at = [&](uint32_t dx, uint32_t dy) {
+                        const size_t px = std::min(2 * x + dx, out.width - 1),
+                                     py = std::min(2 * y + dy, out.height - 1);
+                        return uint32_t{out.rgba[4 * (py * out.width + px) + c]};
+                    };
+                    half.rgba[4 * (size_t{y} * half.width + x) + c] =
+                        static_cast<uint8_t>((at(0, 0) + at(1, 0) + at(0, 1) + at(1, 1) + 2) / 4);
+                }
+        out = std::move(half);
+    }
+    return out;
+}
+
+GLuint make_texture(const Image& image) {
+    GLint limit = 0;
+    glGetIntegerv(GL_MAX_TEXTURE_SIZE, &limit);
+    const Image fitted = fit_image(image, static_cast<uint32_t>(limit));
+    GLuint name = 0;
+    glGenTextures(1, &name);
+    glBindTexture(GL_TEXTURE_2D, name);
+    glTexImage2D(GL_TEXTURE_2D, 0, GL_RGBA8, static_cast<GLsizei>(fitted.width), static_cast<GLsizei>(fitted.height), 0,
+                 GL_RGBA, GL_UNSIGNED_BYTE, fitted.rgba.data());
+    glGenerateMipmap(GL_TEXTURE_2D);
+    glTexParameteri(GL_TEXTURE_2D, GL_TEXTURE_MIN_FILTER, GL_LINEAR_MIPMAP_LINEAR);
+    glTexParameteri(GL_TEXTURE_2D, GL_TEXTURE_MAG_FILTER, GL_LINEAR);
+    return name;
+}
+
+GLuint make_palette() {
+    std::vector<float> rows;
+    for (uint32_t i = 0; i < 256; ++i) {
+        const auto c = depth_colour(i / 255.0);
+        rows.insert(rows.end(), c.begin(), c.end());
+    }
+    GLuint name = 0;
+    glGenTextures(1, &name);
+    glBindTexture(GL_TEXTURE_2D, name);
+    glTexImage2D(GL_TEXTURE_2D, 0, GL_RGB32F, 256, 1, 0, GL_RGB, GL_FLOAT, rows.data());
+    glTexParameteri(GL_TEXTURE_2D, GL_TEXTURE_MIN_FILTER, GL_LINEAR);
+    glTexParameteri(GL_TEXTURE_2D, GL_TEXTURE_MAG_FILTER, GL_LINEAR);
+    glTexParameteri(GL_TEXTURE_2D, GL_TEXTURE_WRAP_S, GL_CLAMP_TO_EDGE);
+    return name;
+}
+
+// Rings of a surface of revolution about z: radius, height and normal (radial, axial) of each ring.
+struct Ring {
+    float radius, height, radial, axial;
+};
+void add_rings(const std::vector<Ring>& rings, std::vector<Vertex>& vertex, std::vector<uint32_t>& index) {
+    constexpr uint32_t kSides = 24;
+    const uint32_t first = static_cast<uint32_t>(vertex.size());
+    for (const Ring& ring : rings)
+        for (uint32_t i = 0; i < kSides; ++i) {
+            const float angle = 2 * std::numbers::pi_v<float> * static_cast<float>(i) / kSides;
+            const float c = std::cos(angle), s = std::sin(angle);
+            vertex.push_back(
+                {{ring.radius * c, ring.radius * s, ring.height}, {ring.radial * c, ring.radial * s, ring.axial}});
+        }
+    for (uint32_t r = 0; r + 1 < rings.size(); ++r)
+        for (uint32_t i = 0; i < kSides; ++i) {
+            const uint32_t a = first + r * kSides + i, b = first + r * kSides + (i + 1) % kSides;
+            index.insert(index.end(), {a, b, b + kSides, a, b + kSides, a + kSides});
+        }
+}
+
+// Unit sphere, unit shaft (radius 1, z 0..1) and unit head (base radius 1 at z 0, tip at z 1) in one pair of buffers.
+MarkerMesh make_marker_mesh() {
+    std::vector<Vertex> vertex;
+    std::vector<uint32_t> index;
+    std::vector<Ring> sphere;
+    for (uint32_t i = 0; i <= 16; ++i) {
+        const float angle = std::numbers::pi_v<float> * (static_cast<float>(i) / 16 - 0.5f);
+        sphere.push_back({std::cos(angle), std::sin(angle), std::cos(angle), std::sin(angle)});
+    }
+    MarkerMesh out;
+    add_rings(sphere, vertex, index);
+    out.sphere_count = static_cast<GLsizei>(index.size());
+    add_rings({{0, 0, 0, -1}, {1, 0, 0, -1}, {1, 0, 1, 0}, {1, 1, 1, 0}}, vertex, index);
+    out.shaft_count = static_cast<GLsizei>(index.size()) - out.sphere_count;
+    add_rings({{0, 0, 0, -1}, {1, 0, 0, -1}, {1, 0, 0.8f, 0.6f}, {0, 1, 0.8f, 0.6f}}, vertex, index);
+    out.head_count = static_cast<GLsizei>(index.size()) - out.sphere_count - out.shaft_count;
+    glGenVertexArrays(1, &out.array);
+    glBindVertexArray(out.array);
+    out.vertex = make_buffer(GL_ARRAY_BUFFER, vertex);
+    point_vertex_attributes();
+    out.index = make_buffer(GL_ELEMENT_ARRAY_BUFFER, index);
+    glBindVertexArray(0);
+    return out;
+}
+
+// Axes of a marker standing along z.
+void perpendicular_axes(const Vec3d& z, Vec3d& x, Vec3d& y) {
+    const Vec3d helper = std::abs(z.x()) < 0.7 ? Vec3d(Vec3d::UnitX()) : Vec3d(Vec3d::UnitY());
+    x = z.cross(helper).normalized();
+    y = z.cross(x);
+}
+
+}  // namespace
+
+struct GlRenderer::Impl {
+    const Meshes& meshes;
+    const Material plain;  // of triangles whose material is not there
+    OffscreenContext context;
+    std::array<SurfaceProgram, kVariants> surface_programs;  // made when first used
+    std::array<WireProgram, 2> wire_programs;                // by laparoscope
+    std::array<GLuint, 2> background_programs{};             // by laparoscope
+    GroundProgram floor_program, shadow_program;
+    Target target;
+    BackdropKey backdrop;
+    MarkerMesh marker;
+    GLuint empty_array = 0, palette = 0;
+    std::vector<StaticMesh> soft, rigid;  // by prototype
+    std::vector<GLuint> texture;          // by material; 0 = not yet or none
+    std::vector<BodyBuffers> body;        // by row of the snapshot
+    std::vector<uint8_t> row_copy;        // one row of pixels
+
+    explicit Impl(const Meshes& m) : meshes(m) {}
+
+    void resize(const PictureParams& params);
+    void free_target();
+    StaticMesh& static_mesh(uint32_t mesh, bool is_rigid);
+    void upload(const PictureSnapshot& snapshot, const PictureParams& params);
+    void make_body(BodyBuffers& buffers, uint32_t mesh, bool is_rigid);
+    void upload_shape(BodyBuffers& buffers, const PictureSnapshot& snapshot, const PictureBody& from);
+    void upload_depths(BodyBuffers& buffers, const PictureSnapshot& snapshot, const PictureBody& from);
+    const SurfaceProgram& use_surface_program(uint32_t variant, const PictureParams& params, const View& view);
+    void set_pose(const SurfaceProgram& p, const View& view, const Matrix4& pose);
+    void set_material(const SurfaceProgram& p, const Material& material, GLuint image);
+    Matrix4 body_pose(const View& view, const PictureBody& from, uint32_t row);
+    void draw_body(const PictureParams& params, const View& view, const PictureBody& from, uint32_t row, bool opaque);
+    void draw_backdrop(const PictureParams& params, const View& view, const Ground& ground);
+    void use_ground_program(const GroundProgram& p, const View& view, const Ground& ground);
+    void draw_shadows(const View& view, const Ground& ground);
+    void draw_surfaces(const PictureParams& params, const View& view, const PictureSnapshot& snapshot, bool opaque);
+    void draw_wires(const PictureParams& params, const View& view, const PictureSnapshot& snapshot);
+    void draw_markers(const PictureParams& params, const View& view, std::span<const Marker> markers);
+    void draw_marker(const SurfaceProgram& p, const View& view, const Marker& marker_row);
+    void read_back(Image& out);
+};
+
+void GlRenderer::Impl::resize(const PictureParams& params) {
+    TROCAR_ASSERT(params.width > 0 && params.height > 0);
+    if (target.width == params.width && target.height == params.height) return;
+    for (const GLuint frame : {target.frame, target.backdrop_frame}) glDeleteFramebuffers(1, &frame);
+    for (const GLuint store : {target.colour, target.depth, target.backdrop_colour}) glDeleteRenderbuffers(1, &store);
+    target = {params.width, params.height};
+    backdrop = {};
+    const auto attach = [&](GLuint& name, GLenum attachment, GLenum format) {
+        glGenRenderbuffers(1, &name);
+        glBindRenderbuffer(GL_RENDERBUFFER, name);
+        glRenderbufferStorage(GL_RENDERBUFFER, format, static_cast<GLsizei>(params.width),
+                              static_cast<GLsizei>(params.height));
+        glFramebufferRenderbuffer(GL_FRAMEBUFFER, attachment, GL_RENDERBUFFER, name);
+    };
+    glGenFramebuffers(1, &target.frame);
+    glBindFramebuffer(GL_FRAMEBUFFER, target.frame);
+    attach(target.colour, GL_COLOR_ATTACHMENT0, GL_SRGB8_ALPHA8);
+    attach(target.depth, GL_DEPTH_ATTACHMENT, GL_DEPTH_COMPONENT32F);
+    TROCAR_ASSERT(glCheckFramebufferStatus(GL_FRAMEBUFFER) == GL_FRAMEBUFFER_COMPLETE);
+    glGenFramebuffers(1, &target.backdrop_frame);
+    glBindFramebuffer(GL_FRAMEBUFFER, target.backdrop_frame);
+    attach(target.backdrop_colour, GL_COLOR_ATTACHMENT0, GL_SRGB8_ALPHA8);
+    TROCAR_ASSERT(glCheckFramebufferStatus(GL_FRAMEBUFFER) == GL_FRAMEBUFFER_COMPLETE);
+}
+
+StaticMesh& GlRenderer::Impl::static_mesh(uint32_t mesh, bool is_rigid) {
+    std::vector<StaticMesh>& all = is_rigid ? rigid : soft;
+    if (all.size() <= mesh) all.resize(mesh + 1);
+    StaticMesh& out = all[mesh];
+    if (out.made) return out;
+    out.made = true;
+    const MeshView from = mesh_view(meshes, mesh);
+    out.mesh = split_vertices(from, is_rigid);
+    std::vector<Vertex> rest;
+    if (is_rigid) {
+        const Vec3d centre = 0.5 * (from.info->box.min + from.info->box.max);
+        if (centre.allFinite()) out.centre = centre;
+        for (size_t row = 0; row < out.mesh.source.size(); ++row)
+            rest.push_back(
+                make_vertex((from.position[out.mesh.source[row]] - out.centre).cast<float>(), out.mesh.normal[row]));
+        std::vector<RenderGroup> groups;
+        out.mesh.index = finite_triangles(out.mesh, rest.data(), groups);
+        out.mesh.groups = groups;
+    }
+    // lines follow the triangles in the same buffer
+    std::vector<uint32_t> index = out.mesh.index;
+    index.insert(index.end(), out.mesh.line.begin(), out.mesh.line.end());
+    glBindVertexArray(0);
+    out.uv = make_buffer(GL_ARRAY_BUFFER, out.mesh.uv);
+    if (is_rigid) out.rest = make_buffer(GL_ARRAY_BUFFER, rest);
+    glGenBuffers(1, &out.index);
+    glBindBuffer(GL_COPY_WRITE_BUFFER, out.index);
+    glBufferData(GL_COPY_WRITE_BUFFER, static_cast<GLsizeiptr>(index.size() * 4), index.data(), GL_STATIC_DRAW);
+
+    const Range materials = meshes.materials[mesh];
+    if (texture.size() < meshes.material.size()) texture.resize(meshes.material.size(), 0);
+    for (uint32_t m = materials.first; m < materials.end(); ++m) {
+        const Image& image = meshes.material[m].image;
+        const bool whole =
+            image.width > 0 && image.height > 0 && image.rgba.size() == size_t{4} * image.width * image.height;
+        if (whole && !texture[m]) texture[m] = make_texture(image);
+    }
+    return out;
+}
+
+void GlRenderer::Impl::make_body(BodyBuffers& buffers, uint32_t mesh, bool is_rigid) {
+    const StaticMesh& shape = static_mesh(mesh, is_rigid);
+    buffers.mesh = mesh;
+    buffers.rigid = is_rigid;
+    buffers.damaged = false;
+    if (!buffers.array) glGenVertexArrays(1, &buffers.array);
+    glBindVertexArray(buffers.array);
+    if (is_rigid) {
+        glBindBuffer(GL_ARRAY_BUFFER, shape.rest);
+    } else {
+        reserve(buffers.vertex, GL_ARRAY_BUFFER, shape.mesh.source.size() * sizeof(Vertex));
+    }
+    point_vertex_attributes();
+    glBindBuffer(GL_ARRAY_BUFFER, shape.uv);
+    glEnableVertexAttribArray(kTextureUv);
+    glVertexAttribPointer(kTextureUv, 2, GL_FLOAT, GL_FALSE, 0, nullptr);
+    glBindBuffer(GL_ELEMENT_ARRAY_BUFFER, shape.index);
+    glBindVertexArray(0);
+}
+
+void GlRenderer::Impl::upload_shape(BodyBuffers& buffers, const PictureSnapshot& snapshot, const PictureBody& from) {
+    const RenderMesh& mesh = static_mesh(from.mesh, false).mesh;
+    const Vec3* position = snapshot.position.data() + from.vertices.first;
+    const Vec3* normal = snapshot.normal.data() + from.vertices.first;
+    const uint32_t* source = mesh.source.data();
+    const size_t count = mesh.source.size();
+    const bool was_damaged = buffers.damaged;
+    stream<Vertex>(buffers.vertex, count, [&](Vertex* row) {
+        float trouble = 0;  // 0 * x is not a number when x is not finite
+        for (size_t i = 0; i < count; ++i) {
+            const Vec3& p = position[source[i]];
+            row[i] = make_vertex(p, normal[source[i]]);
+            trouble += 0.0f * p.x() + 0.0f * p.y() + 0.0f * p.z();
+        }
+        buffers.damaged = trouble != 0;
+    });
+    if (!buffers.damaged && !was_damaged) return;
+    glBindVertexArray(buffers.array);
+    if (buffers.damaged) {
+        std::vector<Vertex> row;
+        for (size_t i = 0; i < count; ++i) row.push_back(make_vertex(position[source[i]], normal[source[i]]));
+        const std::vector<uint32_t> index = finite_triangles(mesh, row.data(), buffers.patched_groups);
+        reserve(buffers.patched, GL_ELEMENT_ARRAY_BUFFER, std::max<size_t>(index.size(), 1) * 4);
+        glBufferSubData(GL_ELEMENT_ARRAY_BUFFER, 0, static_cast<GLsizeiptr>(index.size() * 4), index.data());
+    } else {
+        glBindBuffer(GL_ELEMENT_ARRAY_BUFFER, static_mesh(from.mesh, false).index);
+    }
+    glBindVertexArray(0);
+}
+
+void GlRenderer::Impl::upload_depths(BodyBuffers& buffers, const PictureSnapshot& snapshot, const PictureBody& from) {
+    glBindVertexArray(buffers.array);
+    if (from.depths.count == 0) {
+        glDisableVertexAttribArray(kDepth);
+        return;
+    }
+    const std::vector<uint32_t>& source = static_mesh(from.mesh, buffers.rigid).mesh.source;
+    const float* depth = snapshot.contact_depth.data() + from.depths.first;
+    stream<float>(buffers.depth, source.size(), [&](float* row) {
+        for (size_t i = 0; i < source.size(); ++i) row[i] = depth[source[i]];
+    });
+    glEnableVertexAttribArray(kDepth);
+    glVertexAttribPointer(kDepth, 1, GL_FLOAT, GL_FALSE, 0, nullptr);
+}
+
+void GlRenderer::Impl::upload(const PictureSnapshot& snapshot, const PictureParams& params) {
+    if (body.size() < snapshot.body.size()) body.resize(snapshot.body.size());
+    for (size_t row = 0; row < snapshot.body.size(); ++row) {
+        const PictureBody& from = snapshot.body[row];
+        if (from.mesh == kNone) continue;
+        const bool is_rigid = from.vertices.count == 0;
+        BodyBuffers& buffers = body[row];
+        if (buffers.mesh != from.mesh || buffers.rigid != is_rigid) make_body(buffers, from.mesh, is_rigid);
+        if (static_mesh(from.mesh, is_rigid).mesh.index.empty()) continue;
+        if (!is_rigid) upload_shape(buffers, snapshot, from);
+        if (params.depth_colours) upload_depths(buffers, snapshot, from);
+    }
+    glBindVertexArray(0);
+}
+
+Matrix4 GlRenderer::Impl::body_pose(const View& view, const PictureBody& from, uint32_t row) {
+    const Quat& q = from.orientation;
+    Vec3d origin = from.origin - view.eye;
+    if (body[row].rigid) origin += rotate(q, static_mesh(from.mesh, true).centre);
+    return pose_matrix(rotate(q, Vec3d::UnitX()), rotate(q, Vec3d::UnitY()), rotate(q, Vec3d::UnitZ()), origin);
+}
+
+void GlRenderer::Impl::set_pose(const SurfaceProgram& p, const View& view, const Matrix4& pose) {
+    glUniformMatrix4fv(p.clip_from_body, 1, GL_FALSE, multiply(view.view_projection, pose).data());
+    glUniformMatrix3fv(p.normal_from_body, 1, GL_FALSE, normal_matrix(pose).data());
+}
+
+void GlRenderer::Impl::set_material(const SurfaceProgram& p, const Material& material, GLuint image) {
+    // tissue and steel are never quite dull: a floor under the highlight keeps shapes readable
+    const auto wet = [](float s) { return std::clamp(s, 0.06f, 1.0f); };
+    glUniform3f(p.diffuse, material.diffuse[0], material.diffuse[1], material.diffuse[2]);
+    glUniform3f(p.specular, wet(material.specular[0]), wet(material.specular[1]), wet(material.specular[2]));
+    glUniform1f(p.shine, 16.0f + 176.0f * std::clamp(material.shininess, 0.0f, 1.0f));
+    glUniform1f(p.opacity, 1.0f - std::clamp(material.transparency, 0.0f, 1.0f));
+    if (image) glBindTexture(GL_TEXTURE_2D, image);
+}
+
+const SurfaceProgram& GlRenderer::Impl::use_surface_program(uint32_t variant, const PictureParams& params,
+                                                            const View& view) {
+    SurfaceProgram& p = surface_programs[variant];
+    if (!p.name) p = make_surface_program(variant);
+    const auto basis = [&](float x, float y, float z) {
+        const Vec3 v = x * Vec3(view.right.data()) + y * Vec3(view.up.data()) + z * Vec3(view.forward.data());
+        return Vec3(v.normalized());
+    };
+    const Vec3 key = basis(-0.45f, 0.80f, -0.65f), fill = basis(0.85f, 0.10f, -0.35f);
+    glUseProgram(p.name);
+    glUniform2f(p.size, static_cast<float>(params.width), static_cast<float>(params.height));
+    glUniform3fv(p.key, 1, key.data());
+    glUniform3fv(p.fill, 1, fill.data());
+    glUniform3fv(p.sky, 1, view.sky.data());
+    glUniform3fv(p.forward, 1, view.forward.data());
+    const Vec3 half_x = view.tan_x * Vec3(view.right.data()), half_y = view.tan_y * Vec3(view.up.data());
+    const Vec3 corner = Vec3(view.forward.data()) - half_x - half_y;
+    const Vec3 step_x = half_x * (2.0f / static_cast<float>(params.width));
+    const Vec3 step_y = half_y * (2.0f / static_cast<float>(params.height));
+    glUniform3fv(p.ray_corner, 1, corner.data());
+    glUniform3fv(p.ray_x, 1, step_x.data());
+    glUniform3fv(p.ray_y, 1, step_y.data());
+    glUniform1f(p.light_distance, view.light_distance);
+    glUniform1f(p.inv_depth_scale, static_cast<float>(1.0 / std::max(params.depth_scale, 1e-12)));
+    glUniform1i(p.image, 0);
+    glUniform1i(p.palette, 1);
+    return p;
+}
+
+void GlRenderer::Impl::use_ground_program(const GroundProgram& p, const View& view, const Ground& ground) {
+    glUseProgram(p.name);
+    glUniformMatrix4fv(p.view_projection, 1, GL_FALSE, view.view_projection.data());
+    glUniform3fv(p.centre, 1, floats(ground.centre - view.eye).data());
+    glUniform3fv(p.axis_x, 1, floats(ground.axis_x).data());
+    glUniform3fv(p.axis_y, 1, floats(ground.axis_y).data());
+    glUniform1f(p.radius, static_cast<float>(ground.radius));
+}
+
+// Background and floor cost more than the organs before them, so they are kept until camera or floor move.
+void GlRenderer::Impl::draw_backdrop(const PictureParams& params, const View& view, const Ground& ground) {
+    BackdropKey key{true, view.light_at_eye, ground.on, view.view_projection, {}};
+    for (uint32_t k = 0; k < 3 && ground.on; ++k) {
+        key.place[k] = view.eye[k];
+        key.place[3 + k] = ground.centre[k];
+        key.place[6 + k] = ground.axis_x[k];
+        key.place[9 + k] = ground.axis_y[k];
+    }
+    if (ground.on) key.place[12] = ground.radius;
+    if (!(key == backdrop)) {
+        backdrop = key;
+        glBindFramebuffer(GL_FRAMEBUFFER, target.backdrop_frame);
+        glBindVertexArray(empty_array);
+        GLuint& program = background_programs[view.light_at_eye];
+        if (!program)
+            program =
+                link(variant_of(false, false, view.light_at_eye), shaders::kCoverVertex, shaders::kBackgroundFragment);
+        glUseProgram(program);
+        glUniform2f(glGetUniformLocation(program, "size"), static_cast<float>(params.width),
+                    static_cast<float>(params.height));
+        glDrawArrays(GL_TRIANGLES, 0, 3);
+        if (ground.on) {
+            const float radius = static_cast<float>(ground.radius);
+            use_ground_program(floor_program, view, ground);
+            glUniform4f(floor_program.rectangle, 0, 0, radius, radius);
+            glEnable(GL_BLEND);
+            glDrawArrays(GL_TRIANGLE_STRIP, 0, 4);
+            glDisable(GL_BLEND);
+        }
+    }
+    const GLint width = static_cast<GLint>(params.width), height = static_cast<GLint>(params.height);
+    glBindFramebuffer(GL_READ_FRAMEBUFFER, target.backdrop_frame);
+    glBindFramebuffer(GL_DRAW_FRAMEBUFFER, target.frame);
+    glBlitFramebuffer(0, 0, width, height, 0, 0, width, height, GL_COLOR_BUFFER_BIT, GL_NEAREST);
+    glBindFramebuffer(GL_FRAMEBUFFER, target.frame);
+}
+
+void GlRenderer::Impl::draw_shadows(const View& view, const Ground& ground) {
+    const GroundProgram& p = shadow_program;
+    use_ground_program(p, view, ground);
+    glBindVertexArray(empty_array);
+    glEnable(GL_BLEND);
+    for (const GroundShadow& s : ground.shadows) {
+        const float area = s.xx * s.yy - s.xy * s.xy;
+        if (!(area > 0) || !(s.darkness > 0)) continue;
+        // two and a half deviations along both axes, where the shadow ends
+        glUniform4f(p.rectangle, s.x, s.y, 2.5f * std::sqrt(s.yy / area), 2.5f * std::sqrt(s.xx / area));
+        glUniform4f(p.shape, s.xx, s.xy, s.yy, s.darkness);
+        glDrawArrays(GL_TRIANGLE_STRIP, 0, 4);
+    }
+    glDisable(GL_BLEND);
+}
+
+void GlRenderer::Impl::draw_body(const PictureParams& params, const View& view, const PictureBody& from, uint32_t row,
+                                 bool opaque) {
+    const std::vector<RenderGroup>& groups =
+        body[row].damaged ? body[row].patched_groups : static_mesh(from.mesh, body[row].rigid).mesh.groups;
+    const Range materials = meshes.materials[from.mesh];
+    glBindVertexArray(body[row].array);
+    // the far side of a closed, outward body never shows
+    const MeshInfo& info = meshes.info[from.mesh];
+    const bool closed = info.admission == Admission::kSolid && info.volume > 0;
+    (closed && opaque ? glEnable : glDisable)(GL_CULL_FACE);
+    for (const RenderGroup& group : groups) {
+        const bool known = group.material < materials.count;
+        const Material& material = known ? meshes.material[materials.first + group.material] : plain;
+        const GLuint image = known ? texture[materials.first + group.material] : 0;
+        if (group.count == 0 || (material.transparency <= 0) != opaque) continue;
+        const uint32_t variant = variant_of(image != 0, params.depth_colours, view.light_at_eye);
+        const SurfaceProgram& p = use_surface_program(variant, params, view);
+        set_pose(p, view, body_pose(view, from, row));
+        set_material(p, material, image);
+        glDrawElements(GL_TRIANGLES, static_cast<GLsizei>(group.count), GL_UNSIGNED_INT,
+                       reinterpret_cast<const void*>(size_t{4} * group.first));
+    }
+}
+
+void GlRenderer::Impl::draw_surfaces(const PictureParams& params, const View& view, const PictureSnapshot& snapshot,
+                                     bool opaque) {
+    glActiveTexture(GL_TEXTURE1);
+    glBindTexture(GL_TEXTURE_2D, palette);
+    glActiveTexture(GL_TEXTURE0);
+    glVertexAttrib1f(kDepth, 0);
+    glVertexAttrib2f(kTextureUv, 0, 0);
+    for (uint32_t row = 0; row < snapshot.body.size(); ++row)
+        if (snapshot.body[row].mesh != kNone) draw_body(params, view, snapshot.body[row], row, opaque);
+    glDisable(GL_CULL_FACE);
+}
+
+void GlRenderer::Impl::draw_wires(const PictureParams& params, const View& view, const PictureSnapshot& snapshot) {
+    WireProgram& p = wire_programs[view.light_at_eye];
+    if (!p.name) p = make_wire_program(variant_of(false, false, view.light_at_eye));
+    glUseProgram(p.name);
+    glUniform2f(p.size, static_cast<float>(params.width), static_cast<float>(params.height));
+    glUniform1f(p.pull, view.view_projection[14] * (1.0f / 0.999f - 1.0f));
+    for (uint32_t row = 0; row < snapshot.body.size(); ++row) {
+        const PictureBody& from = snapshot.body[row];
+        if (from.mesh == kNone || body[row].damaged) continue;
+        const RenderMesh& mesh = static_mesh(from.mesh, body[row].rigid).mesh;
+        if (mesh.line.empty()) continue;
+        const Matrix4 clip = multiply(view.view_projection, body_pose(view, from, row));
+        glUniformMatrix4fv(p.clip_from_body, 1, GL_FALSE, clip.data());
+        // lines a few pixels apart would paint the body black: fade them with their spacing
+        const double distance = std::max(static_cast<double>(clip[15]), 1e-6);
+        const double pixels = meshes.info[from.mesh].mean_edge * params.height / (2.0 * view.tan_y * distance);
+        glUniform4f(p.plain, 0.008f, 0.012f, 0.02f, 0.45f * static_cast<float>(std::clamp(pixels / 9.0, 0.12, 1.0)));
+        glBindVertexArray(body[row].array);
+        glDrawElements(GL_LINES, static_cast<GLsizei>(mesh.line.size()), GL_UNSIGNED_INT,
+                       reinterpret_cast<const void*>(size_t{4} * mesh.index.size()));
+    }
+}
+
+void GlRenderer::Impl::draw_marker(const SurfaceProgram& p, const View& view, const Marker& m) {
+    const Vec3d from = m.from - view.eye;
+    if (!from.allFinite() || !m.to.allFinite() || !(m.radius > 0)) return;
+    const auto draw = [](GLsizei count, GLsizei first) {
+        glDrawElements(GL_TRIANGLES, count, GL_UNSIGNED_INT,
+                       reinterpret_cast<const void*>(size_t{4} * static_cast<size_t>(first)));
+    };
+    if (m.kind == Marker::Kind::kSphere) {
+        const Vec3d x = m.radius * Vec3d::UnitX(), y = m.radius * Vec3d::UnitY(), z = m.radius * Vec3d::UnitZ();
+        set_pose(p, view, pose_matrix(x, y, z, from));
+        draw(marker.sphere_count, 0);
+        return;
+    }
+    const Vec3d along = m.to - m.from;
+    const double length = along.norm();
+    if (!(length > 0)) return;
+    const Vec3d z = along / length;
+    Vec3d x, y;
+    perpendicular_axes(z, x, y);
+    const double head = std::min(0.5 * length, 5 * m.radius), shaft = length - head;
+    set_pose(p, view, pose_matrix(m.radius * x, m.radius * y, shaft * z, from));
+    draw(marker.shaft_count, marker.sphere_count);
+    set_pose(p, view, pose_matrix(2.4 * m.radius * x, 2.4 * m.radius * y, head * z, from + shaft * z));
+    draw(marker.head_count, marker.sphere_count + marker.shaft_count);
+}
+
+void GlRenderer::Impl::draw_markers(const PictureParams& params, const View& view, std::span<const Marker> markers) {
+    const SurfaceProgram& p = use_surface_program(variant_of(false, false, view.light_at_eye), params, view);
+    glBindVertexArray(marker.array);
+    // faint where tissue hides them, then full where nothing does
+    for (const bool hidden : {true, false}) {
+        glDepthFunc(hidden ? GL_GREATER : GL_LEQUAL);
+        glDepthMask(hidden ? GL_FALSE : GL_TRUE);
+        for (const Marker& m : markers) {
+            Material material;
+            material.diffuse = {m.colour[0], m.colour[1], m.colour[2]};
+            material.specular = {0.2f, 0.2f, 0.2f};
+            material.shininess = 0.5f;
+            material.transparency = 1.0f - m.colour[3] * (hidden ? 0.30f : 1.0f);
+            set_material(p, material, 0);
+            draw_marker(p, view, m);
+        }
+    }
+    glDepthFunc(GL_LESS);
+}
+
+void GlRenderer::Impl::read_back(Image& out) {
+    const GLsizei width = static_cast<GLsizei>(target.width), height = static_cast<GLsizei>(target.height);
+    out.width = target.width;
+    out.height = target.height;
+    const size_t row = size_t{4} * target.width;
+    out.rgba.resize(row * target.height);
+    glPixelStorei(GL_PACK_ALIGNMENT, 1);
+    glReadPixels(0, 0, width, height, GL_RGBA, GL_UNSIGNED_BYTE, out.rgba.data());
+    // OpenGL's first row is the lowest
+    row_copy.resize(row);
+    for (size_t top = 0, bottom = target.height - 1; top < bottom; ++top, --bottom) {
+        uint8_t* a = out.rgba.data() + top * row;
+        uint8_t* b = out.rgba.data() + bottom * row;
+        std::memcpy(row_copy.data(), a, row);
+        std::memcpy(a, b, row);
+        std::memcpy(b, row_copy.data(), row);
+    }
+}
+
+GlRenderer::GlRenderer(const Meshes& meshes) : impl_(std::make_unique<Impl>(meshes)) {
+    impl_->context.make_current();
+    impl_->floor_program = make_ground_program(shaders::kGroundFragment);
+    impl_->shadow_program = make_ground_program(shaders::kShadowFragment);
+    impl_->marker = make_marker_mesh();
+    impl_->palette = make_palette();
+    glGenVertexArrays(1, &impl_->empty_array);
+    impl_->context.release();
+}
+
+GlRenderer::~GlRenderer() = default;
+
+void GlRenderer::draw(const PictureParams& params, const View& view, const PictureSnapshot& snapshot,
+                      std::span<const Marker> markers, const Ground& ground, Image& out) {
+    Impl& gl = *impl_;
+    gl.context.make_current();
+    gl.resize(params);
+    gl.upload(snapshot, params);
+    glViewport(0, 0, static_cast<GLsizei>(params.width), static_cast<GLsizei>(params.height));
+    glEnable(GL_FRAMEBUFFER_SRGB);
+    glEnable(GL_DEPTH_CLAMP);  // floor and markers may reach beyond the planes that enclose the bodies
+    glDisable(GL_DEPTH_TEST);
+    // the picture stays opaque whatever is blended into it
+    glBlendFuncSeparate(GL_SRC_ALPHA, GL_ONE_MINUS_SRC_ALPHA, GL_ZERO, GL_ONE);
+    gl.draw_backdrop(params, view, ground);
+    if (ground.on) gl.draw_shadows(view, ground);
+    glEnable(GL_DEPTH_TEST);
+    glDepthFunc(GL_LESS);
+    glDepthMask(GL_TRUE);
+    glClear(GL_DEPTH_BUFFER_BIT);
+    gl.draw_surfaces(params, view, snapshot, true);
+    glEnable(GL_BLEND);
+    glDepthMask(GL_FALSE);
+    if (params.wireframe) gl.draw_wires(params, view, snapshot);
+    gl.draw_surfaces(params, view, snapshot, false);
+    if (!markers.empty()) gl.draw_markers(params, view, markers);
+    glDisable(GL_BLEND);
+    gl.read_back(out);
+    glBindVertexArray(0);
+    gl.context.release();
+}
+
+}  // namespace trocar

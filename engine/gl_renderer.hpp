@@ -1,0 +1,75 @@
+#pragma once
+#include <array>
+#include <memory>
+#include <span>
+#include <vector>
+
+#include "components/mesh.hpp"
+#include "components/picture.hpp"
+namespace trocar {
+
+// Column-major, as OpenGL takes it.
+using Matrix4 = std::array<float, 16>;
+
+// A camera in numbers. Everything is relative to `eye` (double, world), so floats lose nothing far from the origin.
+struct View {
+    Vec3d eye = Vec3d::Zero();
+    Matrix4 view_projection{};                      // of points relative to eye
+    std::array<float, 3> forward{}, right{}, up{};  // unit, world axes
+    std::array<float, 3> sky{};                     // unit, against gravity
+    float tan_x = 1, tan_y = 1;                     // of half the field of view
+    float near_plane = 0, far_plane = 0;            // m
+    bool light_at_eye = false;    // laparoscope: one light beside the lens, quadratic fall-off, round mask
+    float light_distance = 0.1f;  // m, where the light at the eye has its nominal brightness
+};
+
+// Shape drawn beside the surfaces. Lit like plastic, linear colour with opacity.
+struct Marker {
+    enum class Kind : uint8_t { kSphere, kArrow } kind = Kind::kSphere;
+    Vec3d from = Vec3d::Zero();  // m, world: centre, or tail
+    Vec3d to = Vec3d::Zero();    // m, world: tip of an arrow
+    double radius = 0;           // m, of the sphere or the shaft
+    std::array<float, 4> colour{1, 1, 1, 1};
+};
+
+// Soft elliptic shadow on the floor: darkness * (1 - q / 6.25)^3 with q = d' S d < 6.25 at the offset d from its
+// centre, nearly a Gaussian but ending at two and a half deviations.
+struct GroundShadow {
+    float x = 0, y = 0;            // m, from the floor's centre along its two axes
+    float xx = 0, xy = 0, yy = 0;  // 1/m^2, S: inverse covariance
+    float darkness = 0;            // 0..1
+};
+
+// Floor: a disc that fades into the background.
+struct Ground {
+    bool on = false;
+    Vec3d centre = Vec3d::Zero();   // m, world
+    Vec3d axis_x = Vec3d::UnitX();  // unit, in the plane
+    Vec3d axis_y = Vec3d::UnitY();
+    double radius = 0;  // m
+    std::vector<GroundShadow> shadows;
+};
+
+// Draws triangle meshes into memory with OpenGL. Static data (indices, texture coordinates, rest shapes, textures) go
+// up once per prototype; per picture only the positions and normals of deformable bodies follow. Keeps its own context;
+// may be used from any one thread at a time. The same calls give the same bytes for any number of Mesa threads.
+class GlRenderer {
+ public:
+    // Throws InputError when no context is to be had. The meshes must outlive the renderer and stay as they are while
+    // it draws; a prototype goes up when a body that has it is first drawn.
+    explicit GlRenderer(const Meshes& meshes);
+    ~GlRenderer();
+    GlRenderer(const GlRenderer&) = delete;
+    GlRenderer& operator=(const GlRenderer&) = delete;
+
+    // Draws and reads back; out has params.width x params.height pixels, rows top to bottom, opaque. Text and legend
+    // are not drawn here.
+    void draw(const PictureParams& params, const View& view, const PictureSnapshot& snapshot,
+              std::span<const Marker> markers, const Ground& ground, Image& out);
+
+ private:
+    struct Impl;
+    std::unique_ptr<Impl> impl_;
+};
+
+}  // namespace trocar

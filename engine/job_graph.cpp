@@ -1,0 +1,75 @@
+#include "engine/job_graph.hpp"
+
+#include <tbb/flow_graph.h>
+
+#include <deque>
+
+#include "engine/thread_pool.hpp"
+namespace trocar {
+namespace {
+
+void run_stage(const Stage& stage, uint32_t row, FrameState& state, const StageObserver& observer) {
+    if (observer.begin) observer.begin(observer.user, row);
+    stage.run(state);
+    if (observer.end) observer.end(observer.user, row);
+}
+
+}  // namespace
+
+std::vector<std::pair<uint32_t, uint32_t>> stage_edges(std::span<const Stage> stages) {
+    std::vector<std::pair<uint32_t, uint32_t>> edges;
+    for (uint32_t b = 0; b < stages.size(); ++b) {
+        for (uint32_t a = 0; a < b; ++a) {
+            const ResourceMask touched_b = stages[b].reads | stages[b].writes;
+            if ((stages[a].writes & touched_b) | (stages[a].reads & stages[b].writes)) edges.emplace_back(a, b);
+        }
+    }
+    return edges;
+}
+
+void run_serial(std::span<const Stage> stages, FrameState& state, const StageObserver& observer) {
+    for (uint32_t i = 0; i < stages.size(); ++i) run_stage(stages[i], i, state, observer);
+}
+
+struct JobGraph::Impl {
+    using Node = tbb::flow::continue_node<tbb::flow::continue_msg>;
+    std::vector<Stage> stages;
+    FrameState* state = nullptr;
+    StageObserver observer;
+    tbb::flow::graph graph;
+    std::deque<Node> nodes;
+    std::vector<uint32_t> first;  // rows of nodes that wait for nobody
+};
+
+JobGraph::JobGraph(std::span<const Stage> stages, FrameState& state, const StageObserver& observer) : impl_(new Impl) {
+    impl_->stages.assign(stages.begin(), stages.end());
+    impl_->state = &state;
+    impl_->observer = observer;
+    std::vector<uint32_t> in_degree(stages.size(), 0);
+    for (uint32_t i = 0; i < stages.size(); ++i) {
+        impl_->nodes.emplace_back(impl_->graph, [impl = impl_.get(), i](const tbb::flow::continue_msg&) {
+            run_stage(impl->stages[i], i, *impl->state, impl->observer);
+        });
+    }
+    for (const auto& [a, b] : stage_edges(stages)) {
+        tbb::flow::make_edge(impl_->nodes[a], impl_->nodes[b]);
+        ++in_degree[b];
+    }
+    for (uint32_t i = 0; i < stages.size(); ++i) {
+        if (in_degree[i] == 0) impl_->first.push_back(i);
+    }
+}
+
+JobGraph::~JobGraph() = default;
+
+void JobGraph::run() {
+    // one thread: the list itself is a valid order and costs nothing to schedule
+    if (thread_count() <= 1) {
+        run_serial(impl_->stages, *impl_->state, impl_->observer);
+        return;
+    }
+    for (const uint32_t i : impl_->first) impl_->nodes[i].try_put(tbb::flow::continue_msg());
+    impl_->graph.wait_for_all();
+}
+
+}  // namespace trocar

@@ -1,0 +1,244 @@
+#include "engine/mesh_topology.hpp"
+
+#include <Eigen/Geometry>
+#include <algorithm>
+#include <cmath>
+#include <numeric>
+#include <utility>
+
+#include "engine/check.hpp"
+#include "engine/edge_table.hpp"
+#include "engine/geometry/space_curve.hpp"
+#include "engine/mesh_view.hpp"
+namespace trocar {
+namespace {
+
+Range grow(size_t size, size_t count) {
+    TROCAR_ASSERT(size + count < kNone);
+    return {static_cast<uint32_t>(size), static_cast<uint32_t>(count)};
+}
+
+// Appends edge, edge_triangle, neighbour, triangle_edge and component.
+void append_edges(Meshes& meshes, const Mesh& mesh, MeshInfo& info) {
+    const EdgeTable table = make_edge_table(mesh.triangle, info.vertices.count);
+    info.edges = grow(meshes.edge.size(), table.edge.size());
+    meshes.edge.insert(meshes.edge.end(), table.edge.begin(), table.edge.end());
+    meshes.neighbour.resize(info.triangles.end(), {kNone, kNone, kNone});
+    meshes.triangle_edge.resize(info.triangles.end());
+    auto* neighbour = meshes.neighbour.data() + info.triangles.first;
+    auto* triangle_edge = meshes.triangle_edge.data() + info.triangles.first;
+    for (uint32_t e = 0; e < table.edge.size(); ++e) {
+        const auto users = table.users(e);
+        for (const uint32_t h : users) triangle_edge[h / 3][h % 3] = e;
+        if (users.size() == 2) {
+            neighbour[users[0] / 3][users[0] % 3] = users[1] / 3;
+            neighbour[users[1] / 3][users[1] % 3] = users[0] / 3;
+        }
+        meshes.edge_triangle.push_back({users[0] / 3, users.size() > 1 ? users[1] / 3 : kNone});
+    }
+    // a vertex that two pieces share belongs to the lower one
+    std::vector<uint32_t> piece;
+    info.components = number_pieces(table, info.triangles.count, piece);
+    meshes.component.resize(info.vertices.end(), kNone);
+    uint32_t* component = meshes.component.data() + info.vertices.first;
+    for (uint32_t t = 0; t < info.triangles.count; ++t) {
+        for (const uint32_t v : mesh.triangle[t]) component[v] = std::min(component[v], piece[t]);
+    }
+}
+
+void append_incident(Meshes& meshes, const Mesh& mesh, MeshInfo& info) {
+    const size_t first_row = meshes.incident_first.size();
+    meshes.incident_first.resize(first_row + mesh.position.size() + 1, 0);
+    uint32_t* first = meshes.incident_first.data() + first_row;
+    for (const Triangle& triangle : mesh.triangle) {
+        for (const uint32_t v : triangle) ++first[v + 1];
+    }
+    for (size_t v = 0; v < mesh.position.size(); ++v) first[v + 1] += first[v];
+    info.incident = grow(meshes.incident.size(), 3 * mesh.triangle.size());
+    meshes.incident.resize(info.incident.end());
+    std::vector<uint32_t> fill(first, first + mesh.position.size());
+    for (uint32_t t = 0; t < mesh.triangle.size(); ++t) {
+        for (const uint32_t v : mesh.triangle[t]) meshes.incident[info.incident.first + fill[v]++] = t;
+    }
+}
+
+// Corners uv and material of each triangle; a mesh that has none gets zeros and one default material.
+void append_looks(Meshes& meshes, const Mesh& mesh, const MeshInfo& info) {
+    TROCAR_ASSERT(mesh.uv.empty() || mesh.uv.size() == mesh.triangle.size());
+    TROCAR_ASSERT(mesh.triangle_material.empty() || mesh.triangle_material.size() == mesh.triangle.size());
+    meshes.uv.insert(meshes.uv.end(), mesh.uv.begin(), mesh.uv.end());
+    meshes.uv.resize(info.triangles.end());
+    meshes.triangle_material.insert(meshes.triangle_material.end(), mesh.triangle_material.begin(),
+                                    mesh.triangle_material.end());
+    meshes.triangle_material.resize(info.triangles.end(), 0);
+    const size_t first = meshes.material.size();
+    meshes.material.insert(meshes.material.end(), mesh.material.begin(), mesh.material.end());
+    if (mesh.material.empty()) meshes.material.emplace_back();
+    meshes.materials.push_back(grow(first, meshes.material.size() - first));
+    for (const uint16_t m : mesh.triangle_material) TROCAR_ASSERT(m < meshes.materials.back().count);
+}
+
+double edge_length(const MeshView& mesh, const std::array<uint32_t, 2>& edge) {
+    return (mesh.position[edge[0]] - mesh.position[edge[1]]).norm();
+}
+
+void measure(MeshInfo& info, const MeshView& mesh) {
+    for (const Vec3d& p : mesh.position) {
+        info.box.min = info.box.min.cwiseMin(p);
+        info.box.max = info.box.max.cwiseMax(p);
+        info.radius = std::max(info.radius, p.norm());
+    }
+    // the volume is summed about the middle of the box: about a far origin its cones would cancel each other away
+    const Vec3d middle = mesh.position.empty() ? Vec3d::Zero() : Vec3d(0.5 * (info.box.min + info.box.max));
+    for (const Triangle& t : mesh.triangle) {
+        const Vec3d a = mesh.position[t[0]] - middle, b = mesh.position[t[1]] - middle,
+                    c = mesh.position[t[2]] - middle;
+        info.volume += a.dot(b.cross(c)) / 6.0;
+        info.area += 0.5 * (b - a).cross(c - a).norm();
+    }
+    for (const auto& edge : mesh.edge) {
+        const double length = edge_length(mesh, edge);
+        info.mean_edge += length;
+        info.max_edge = std::max(info.max_edge, length);
+    }
+    if (!mesh.edge.empty()) info.mean_edge /= static_cast<double>(mesh.edge.size());
+}
+
+// Sixteen vertices of a slice and their columns of half-edges: the column count of a slice is its largest degree.
+struct VertexNeighbours {
+    std::vector<uint32_t> first;      // vertex -> rows of neighbour
+    std::vector<uint32_t> neighbour;  // ascending within a vertex
+};
+
+VertexNeighbours gather_neighbours(const MeshView& mesh) {
+    VertexNeighbours out;
+    out.first.assign(mesh.position.size() + 1, 0);
+    for (const auto& [a, b] : mesh.edge) {
+        ++out.first[a + 1];
+        ++out.first[b + 1];
+    }
+    std::partial_sum(out.first.begin(), out.first.end(), out.first.begin());
+    out.neighbour.resize(2 * mesh.edge.size());
+    std::vector<uint32_t> fill(out.first.begin(), out.first.end() - 1);
+    // edges ascend by lower end, then by higher end: writing all lower neighbours first keeps every row ascending
+    for (const auto& [a, b] : mesh.edge) out.neighbour[fill[b]++] = a;
+    for (const auto& [a, b] : mesh.edge) out.neighbour[fill[a]++] = b;
+    return out;
+}
+
+void append_slices(Springs& springs, const MeshView& mesh) {
+    const VertexNeighbours around = gather_neighbours(mesh);
+    const uint32_t vertices = static_cast<uint32_t>(mesh.position.size());
+    const auto degree = [&](uint32_t v) { return v < vertices ? around.first[v + 1] - around.first[v] : 0u; };
+    for (uint32_t begin = 0; begin < vertices; begin += kSliceWidth) {
+        const size_t column = springs.neighbour.size() / kSliceWidth;
+        uint32_t columns = 0;
+        for (uint32_t lane = 0; lane < kSliceWidth; ++lane) columns = std::max(columns, degree(begin + lane));
+        springs.slice_column.push_back(grow(column, columns).first);
+        springs.neighbour.resize((column + columns) * kSliceWidth);
+        springs.rest_length.resize((column + columns) * kSliceWidth, 0.0f);
+        for (uint32_t k = 0; k < columns; ++k) {
+            for (uint32_t lane = 0; lane < kSliceWidth; ++lane) {
+                const uint32_t v = begin + lane;
+                const size_t row = (column + k) * kSliceWidth + lane;
+                springs.neighbour[row] = k < degree(v) ? around.neighbour[around.first[v] + k] : v;
+                if (k < degree(v)) {
+                    springs.rest_length[row] = static_cast<float>(edge_length(mesh, {v, springs.neighbour[row]}));
+                }
+            }
+        }
+    }
+    springs.slice_column.push_back(grow(springs.neighbour.size() / kSliceWidth, 0).first);
+}
+
+void append_area_shares(Springs& springs, const MeshView& mesh, Range rows) {
+    std::vector<double> share(rows.count, 0.0);
+    for (const Triangle& t : mesh.triangle) {
+        const Vec3d& a = mesh.position[t[0]];
+        const double third = (mesh.position[t[1]] - a).cross(mesh.position[t[2]] - a).norm() / 6.0;
+        for (const uint32_t v : t) share[v] += third;
+    }
+    for (const double s : share) springs.area_share.push_back(static_cast<float>(s));
+}
+
+template <typename Row>
+void permute(std::vector<Row>& rows, const std::vector<uint32_t>& from) {
+    if (rows.empty()) return;
+    std::vector<Row> moved;
+    moved.reserve(from.size());
+    for (const uint32_t i : from) moved.push_back(rows[i]);
+    rows = std::move(moved);
+}
+
+}  // namespace
+
+uint32_t add_prototype(Meshes& meshes, const Mesh& mesh, Admission admission) {
+    for (const Triangle& t : mesh.triangle) {
+        TROCAR_ASSERT(t[0] < mesh.position.size() && t[1] < mesh.position.size() && t[2] < mesh.position.size());
+        TROCAR_ASSERT(t[0] != t[1] && t[1] != t[2] && t[2] != t[0]);
+    }
+    TROCAR_ASSERT(3 * mesh.triangle.size() < kNone);
+    const uint32_t row = static_cast<uint32_t>(meshes.info.size());
+    MeshInfo info;
+    info.admission = admission;
+    info.vertices = grow(meshes.position.size(), mesh.position.size());
+    info.triangles = grow(meshes.triangle.size(), mesh.triangle.size());
+    meshes.name.push_back(mesh.name);
+    meshes.position.insert(meshes.position.end(), mesh.position.begin(), mesh.position.end());
+    meshes.triangle.insert(meshes.triangle.end(), mesh.triangle.begin(), mesh.triangle.end());
+    append_edges(meshes, mesh, info);
+    append_incident(meshes, mesh, info);
+    append_looks(meshes, mesh, info);
+    meshes.info.push_back(info);
+    measure(meshes.info[row], mesh_view(meshes, row));
+    return row;
+}
+
+void add_springs(Springs& springs, const Meshes& meshes, uint32_t prototype) {
+    TROCAR_ASSERT(prototype < meshes.info.size() && springs.info.size() <= prototype);
+    // prototypes without springs (rigid bodies) before this one get an empty row
+    while (springs.info.size() < prototype) {
+        const size_t skipped = springs.info.size();
+        springs.info.push_back({grow(springs.slice_column.size() - skipped, 0), 0.0});
+        springs.slice_column.push_back(static_cast<uint32_t>(springs.neighbour.size() / kSliceWidth));
+        springs.vertices.push_back(grow(springs.area_share.size(), 0));
+    }
+    const MeshView mesh = mesh_view(meshes, prototype);
+    const size_t slices = (mesh.position.size() + kSliceWidth - 1) / kSliceWidth;
+    springs.info.push_back({grow(springs.slice_column.size() - prototype, slices), mesh.info->mean_edge});
+    springs.vertices.push_back(grow(springs.area_share.size(), slices * kSliceWidth));
+    append_slices(springs, mesh);
+    append_area_shares(springs, mesh, springs.vertices.back());
+}
+
+void order_for_locality(Mesh& mesh) {
+    Box box;
+    for (const Vec3d& p : mesh.position) {
+        box.min = box.min.cwiseMin(p);
+        box.max = box.max.cwiseMax(p);
+    }
+    const auto by_key = [](size_t count, auto&& key_of) {
+        std::vector<std::pair<uint64_t, uint32_t>> keyed(count);
+        for (uint32_t i = 0; i < count; ++i) keyed[i] = {key_of(i), i};
+        std::sort(keyed.begin(), keyed.end());
+        std::vector<uint32_t> from(count);
+        for (uint32_t i = 0; i < count; ++i) from[i] = keyed[i].second;
+        return from;
+    };
+    const auto vertex_from =
+        by_key(mesh.position.size(), [&](uint32_t v) { return hilbert_key(mesh.position[v], box); });
+    std::vector<uint32_t> vertex_to(vertex_from.size());
+    for (uint32_t v = 0; v < vertex_from.size(); ++v) vertex_to[vertex_from[v]] = v;
+    permute(mesh.position, vertex_from);
+    for (Triangle& t : mesh.triangle) t = {vertex_to[t[0]], vertex_to[t[1]], vertex_to[t[2]]};
+    const auto triangle_from = by_key(mesh.triangle.size(), [&](uint32_t t) {
+        const Triangle& c = mesh.triangle[t];
+        const auto [lowest, highest] = std::minmax({c[0], c[1], c[2]});
+        return uint64_t{lowest} << 32 | highest;
+    });
+    permute(mesh.triangle, triangle_from);
+    permute(mesh.uv, triangle_from);
+    permute(mesh.triangle_material, triangle_from);
+}
+
+}  // namespace trocar

@@ -1,0 +1,86 @@
+#pragma once
+#include <array>
+#include <atomic>
+#include <cstdint>
+#include <functional>
+#include <string>
+#include <thread>
+namespace trocar {
+
+// Durations counted in bins of 1/64 of their power of two: percentiles are exact to 1.6 %, counting costs a few
+// nanoseconds and never allocates.
+struct TimeHistogram {
+    static constexpr uint32_t kBins = 64 * 42;  // up to 2^47 ns
+    std::array<uint64_t, kBins> bin{};
+    uint64_t count = 0;
+    int64_t smallest = INT64_MAX;  // ns
+    int64_t largest = 0;           // ns
+    double sum = 0;                // ns
+
+    void add(int64_t ns);  // below zero counts as zero
+    // Value (ns) that a share q in [0, 1] of the durations does not exceed (nearest rank, upper end of its bin, never
+    // above the largest); 0 if empty.
+    int64_t percentile(double q) const;
+    double mean() const { return count ? sum / static_cast<double>(count) : 0; }
+};
+
+// ns on the clock that never jumps.
+int64_t monotonic_ns();
+// Sleeps until a time on that clock; returns at once if it has passed.
+void sleep_until_ns(int64_t deadline);
+
+// What the operating system granted the calling thread.
+struct RealTimeGrant {
+    bool fifo = false;    // SCHED_FIFO
+    bool locked = false;  // all memory of the process locked
+    int priority = 0;     // of SCHED_FIFO
+};
+
+// Asks for SCHED_FIFO at `priority` for the calling thread and, with `lock_memory`, for mlockall. Goes on without what
+// is refused.
+RealTimeGrant request_real_time(int priority, bool lock_memory);
+// Lowers the calling thread below all others (nice 19, SCHED_BATCH); for drawing in live mode.
+void request_low_priority();
+// "SCHED_FIFO 80, memory locked, Linux 6.1.0-18-amd64".
+std::string describe(const RealTimeGrant& grant);
+std::string kernel_name();
+
+struct PeriodicOptions {
+    int64_t period = 1'000'000;  // ns
+    bool real_time = true;       // ask for SCHED_FIFO and locked memory
+    int priority = 80;
+};
+
+// What a periodic thread measured. Read it after stop.
+struct PeriodicFigures {
+    TimeHistogram period;   // between the starts of successive runs
+    TimeHistogram late;     // start behind the deadline
+    TimeHistogram compute;  // of the work
+    uint64_t missed = 0;    // deadlines that passed while the thread was away; their runs are left out
+    RealTimeGrant grant;
+};
+
+// A thread that runs `work(deadline_index, start_ns)` at start + index * period: absolute deadlines, so lateness never
+// adds up, and an index left out means a missed deadline.
+class PeriodicThread {
+ public:
+    PeriodicThread() = default;
+    ~PeriodicThread() { stop(); }
+    PeriodicThread(const PeriodicThread&) = delete;
+    PeriodicThread& operator=(const PeriodicThread&) = delete;
+
+    // First run at `start` (ns, monotonic clock). Programmer error while it runs.
+    void start(const PeriodicOptions& options, int64_t start, std::function<void(uint64_t, int64_t)> work);
+    // Ends after the run in progress and joins.
+    void stop();
+    bool running() const { return thread_.joinable(); }
+    const PeriodicFigures& figures() const { return figures_; }
+
+ private:
+    void loop(const PeriodicOptions& options, int64_t start, const std::function<void(uint64_t, int64_t)>& work);
+    std::thread thread_;
+    std::atomic<bool> stop_{false};
+    PeriodicFigures figures_;
+};
+
+}  // namespace trocar

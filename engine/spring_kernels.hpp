@@ -1,0 +1,60 @@
+#pragma once
+namespace trocar {
+
+// One leapfrog substep of slices of one body, plain C types only: the kernels are compiled for their own instruction
+// set, and inline code in them would replace everyone's copy. All arrays are those of one body, 16 rows per slice.
+struct SpringStep {
+    const float* offset;                          // 4 per particle, m; w = inverse mass 1/kg
+    float* new_offset;                            // 4 per particle
+    float *velocity_x, *velocity_y, *velocity_z;  // m/s, half a step behind; replaced
+    const unsigned* slice_column;                 // slices + 1
+    const unsigned* neighbour;                    // 16 per column: particle at the far end, itself = padding
+    const float* rest_length;                     // 16 per column, m
+    const float* anchor_stiffness;                // N/m
+    const float *anchor_x, *anchor_y, *anchor_z;  // rest position, m
+    float turn[9];                                // rows: anchor goal = centre + turn * rest
+    float centre[3];                              // m, high part of the goal of a rest position of zero
+    float centre_rest[3];                         // m, what float left out of centre
+    float stiffness;                              // N/m, of every spring
+    float dt;                                     // s, of the drift
+    float kick_dt;                                // s, mean of this substep and the one before
+    float gravity[3];                             // m/s^2
+    float keep;              // share of the velocity relative to the drag velocity that is left, exp(-damping kick_dt)
+    float drag_velocity[3];  // m/s, drag velocity = drag_velocity + drag_turn x offset
+    float drag_turn[3];      // rad/s
+};
+
+// Sums over particles of a body that its best-fit rigid copy needs, per lane, double; m = mass, x = offset, v =
+// velocity, r = rest position of the anchor, k = anchor stiffness. Fixed particles (inverse mass 0) count with k only.
+enum ShapeSum {
+    kSumK,
+    kSumKx,
+    kSumKr = kSumKx + 3,
+    kSumKxr = kSumKr + 3,
+    kSumM = kSumKxr + 9,
+    kSumMx,
+    kSumMv = kSumMx + 3,
+    kSumL = kSumMv + 3,
+    kSumMxx = kSumL + 3,
+    kShapeSums = kSumMxx + 6  // xx yy zz xy xz yz
+};
+
+// One instruction set's versions; all give the same bits: same operations in the same order in every lane, exact square
+// root and division, fused multiply-add only where written.
+struct SpringKernels {
+    const char* name;
+    // Springs, anchors, gravity and damping, then kick and drift of slices [first, last). A spring of length zero and
+    // padding pull nowhere; a particle of inverse mass zero keeps its place and gets velocity zero.
+    // damping_work (16 doubles, J) is added to lane by lane: damping impulse times mean velocity; may be null.
+    void (*step)(const SpringStep* body, unsigned first, unsigned last, double* damping_work);
+    // Adds the sums of slices [first, last) to sums[kShapeSums][16].
+    void (*shape_sums)(const SpringStep* body, unsigned first, unsigned last, double* sums);
+};
+
+extern const SpringKernels kSpringKernelsAvx2;
+extern const SpringKernels kSpringKernelsAvx512;
+
+// The kernels this process runs with; follows instruction_set() of engine/closest_point.hpp.
+const SpringKernels& spring_kernels();
+
+}  // namespace trocar

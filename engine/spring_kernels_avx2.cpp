@@ -1,0 +1,172 @@
+#include <immintrin.h>
+
+#include "engine/spring_kernels.hpp"
+namespace trocar {
+namespace {
+
+// The same lanes and the same operations as the AVX-512 kernels, eight lanes at a time.
+struct Lanes {
+    __m256 x, y, z, w;
+};
+
+// Swaps rows and columns within each 128-bit group: rows of (x, y, z, w) become the four fields.
+inline __attribute__((always_inline)) Lanes transpose(__m256 a, __m256 b, __m256 c, __m256 d) {
+    const __m256 ab_low = _mm256_unpacklo_ps(a, b), ab_high = _mm256_unpackhi_ps(a, b);
+    const __m256 cd_low = _mm256_unpacklo_ps(c, d), cd_high = _mm256_unpackhi_ps(c, d);
+    return {_mm256_shuffle_ps(ab_low, cd_low, 0x44), _mm256_shuffle_ps(ab_low, cd_low, 0xEE),
+            _mm256_shuffle_ps(ab_high, cd_high, 0x44), _mm256_shuffle_ps(ab_high, cd_high, 0xEE)};
+}
+inline __attribute__((always_inline)) __m256 join(const float* low, const float* high) {
+    return _mm256_insertf128_ps(_mm256_castps128_ps256(_mm_load_ps(low)), _mm_load_ps(high), 1);
+}
+inline __attribute__((always_inline)) Lanes gather(const float* base, const unsigned* index) {
+    const auto rows = [&](int i) __attribute__((always_inline)) {
+        return join(base + 4ul * index[i], base + 4ul * index[i + 4]);
+    };
+    return transpose(rows(0), rows(1), rows(2), rows(3));
+}
+inline __attribute__((always_inline)) Lanes load(const float* rows) {
+    return transpose(join(rows, rows + 16), join(rows + 4, rows + 20), join(rows + 8, rows + 24),
+                     join(rows + 12, rows + 28));
+}
+inline __attribute__((always_inline)) void store(float* rows, const Lanes& lanes) {
+    const Lanes r = transpose(lanes.x, lanes.y, lanes.z, lanes.w);
+    _mm256_storeu_ps(rows, _mm256_permute2f128_ps(r.x, r.y, 0x20));
+    _mm256_storeu_ps(rows + 8, _mm256_permute2f128_ps(r.z, r.w, 0x20));
+    _mm256_storeu_ps(rows + 16, _mm256_permute2f128_ps(r.x, r.y, 0x31));
+    _mm256_storeu_ps(rows + 24, _mm256_permute2f128_ps(r.z, r.w, 0x31));
+}
+
+inline __attribute__((always_inline)) void add_doubles(double* sum, __m256 value) {
+    const __m256d low = _mm256_cvtps_pd(_mm256_castps256_ps128(value));
+    const __m256d high = _mm256_cvtps_pd(_mm256_extractf128_ps(value, 1));
+    _mm256_storeu_pd(sum, _mm256_add_pd(_mm256_loadu_pd(sum), low));
+    _mm256_storeu_pd(sum + 4, _mm256_add_pd(_mm256_loadu_pd(sum + 4), high));
+}
+
+void step(const SpringStep* body, unsigned first, unsigned last, double* damping_work) {
+    const __m256 one = _mm256_set1_ps(1.0f), zero = _mm256_setzero_ps();
+    const auto set = [](float v) { return _mm256_set1_ps(v); };
+    for (unsigned half_slice = 2 * first; half_slice < 2 * last; ++half_slice) {
+        const unsigned slice = half_slice / 2, lane = 8 * (half_slice % 2), row = 16 * slice + lane;
+        const Lanes p = load(body->offset + 4ul * row);
+
+        // springs
+        __m256 fx = zero, fy = zero, fz = zero;
+        const unsigned long end = 16ul * body->slice_column[slice + 1];
+        for (unsigned long h = 16ul * body->slice_column[slice]; h < end; h += 16) {
+            const Lanes q = gather(body->offset, body->neighbour + h + lane);
+            const __m256 dx = _mm256_sub_ps(q.x, p.x), dy = _mm256_sub_ps(q.y, p.y), dz = _mm256_sub_ps(q.z, p.z);
+            const __m256 squared = _mm256_fmadd_ps(dx, dx, _mm256_fmadd_ps(dy, dy, _mm256_mul_ps(dz, dz)));
+            const __m256 length = _mm256_sqrt_ps(squared);
+            const __m256 apart = _mm256_cmp_ps(length, zero, _CMP_GT_OQ);
+            const __m256 ratio = _mm256_div_ps(_mm256_loadu_ps(body->rest_length + h + lane), length);
+            const __m256 pull = _mm256_and_ps(apart, _mm256_sub_ps(one, ratio));
+            fx = _mm256_fmadd_ps(pull, dx, fx);
+            fy = _mm256_fmadd_ps(pull, dy, fy);
+            fz = _mm256_fmadd_ps(pull, dz, fz);
+        }
+
+        // anchors: goal - x = turn * rest - (x - centre); the small difference is taken first
+        const __m256 rx = _mm256_loadu_ps(body->anchor_x + row), ry = _mm256_loadu_ps(body->anchor_y + row),
+                     rz = _mm256_loadu_ps(body->anchor_z + row);
+        const auto to_goal = [&](const float* turn, __m256 x, float centre, float centre_rest) {
+            const __m256 turned =
+                _mm256_fmadd_ps(set(turn[0]), rx, _mm256_fmadd_ps(set(turn[1]), ry, _mm256_mul_ps(set(turn[2]), rz)));
+            return _mm256_sub_ps(turned, _mm256_sub_ps(_mm256_sub_ps(x, set(centre)), set(centre_rest)));
+        };
+        const __m256 anchor = _mm256_loadu_ps(body->anchor_stiffness + row), k = set(body->stiffness);
+        fx = _mm256_fmadd_ps(anchor, to_goal(body->turn, p.x, body->centre[0], body->centre_rest[0]),
+                             _mm256_mul_ps(k, fx));
+        fy = _mm256_fmadd_ps(anchor, to_goal(body->turn + 3, p.y, body->centre[1], body->centre_rest[1]),
+                             _mm256_mul_ps(k, fy));
+        fz = _mm256_fmadd_ps(anchor, to_goal(body->turn + 6, p.z, body->centre[2], body->centre_rest[2]),
+                             _mm256_mul_ps(k, fz));
+
+        // damping towards the drag velocity, then kick
+        const __m256 vx = _mm256_loadu_ps(body->velocity_x + row), vy = _mm256_loadu_ps(body->velocity_y + row),
+                     vz = _mm256_loadu_ps(body->velocity_z + row);
+        const __m256 wx = set(body->drag_turn[0]), wy = set(body->drag_turn[1]), wz = set(body->drag_turn[2]);
+        const __m256 ux = _mm256_add_ps(set(body->drag_velocity[0]), _mm256_fmsub_ps(wy, p.z, _mm256_mul_ps(wz, p.y)));
+        const __m256 uy = _mm256_add_ps(set(body->drag_velocity[1]), _mm256_fmsub_ps(wz, p.x, _mm256_mul_ps(wx, p.z)));
+        const __m256 uz = _mm256_add_ps(set(body->drag_velocity[2]), _mm256_fmsub_ps(wx, p.y, _mm256_mul_ps(wy, p.x)));
+        const __m256 keep_less_one = _mm256_sub_ps(set(body->keep), one);
+        const __m256 lost_x = _mm256_mul_ps(keep_less_one, _mm256_sub_ps(vx, ux));
+        const __m256 lost_y = _mm256_mul_ps(keep_less_one, _mm256_sub_ps(vy, uy));
+        const __m256 lost_z = _mm256_mul_ps(keep_less_one, _mm256_sub_ps(vz, uz));
+        const __m256 free = _mm256_cmp_ps(p.w, zero, _CMP_GT_OQ);
+        const auto kicked = [&](__m256 v, __m256 lost, __m256 f, float gravity) {
+            const __m256 a = _mm256_fmadd_ps(f, p.w, set(gravity));
+            const __m256 damped = _mm256_add_ps(v, lost);
+            return _mm256_and_ps(free, _mm256_fmadd_ps(a, set(body->kick_dt), damped));
+        };
+        const __m256 nx = kicked(vx, lost_x, fx, body->gravity[0]), ny = kicked(vy, lost_y, fy, body->gravity[1]),
+                     nz = kicked(vz, lost_z, fz, body->gravity[2]);
+        _mm256_storeu_ps(body->velocity_x + row, nx);
+        _mm256_storeu_ps(body->velocity_y + row, ny);
+        _mm256_storeu_ps(body->velocity_z + row, nz);
+        if (damping_work) {
+            const __m256 power = _mm256_fmadd_ps(
+                lost_x, _mm256_add_ps(vx, nx),
+                _mm256_fmadd_ps(lost_y, _mm256_add_ps(vy, ny), _mm256_mul_ps(lost_z, _mm256_add_ps(vz, nz))));
+            const __m256 half_mass = _mm256_and_ps(free, _mm256_div_ps(set(0.5f), p.w));
+            add_doubles(damping_work + lane, _mm256_mul_ps(power, half_mass));
+        }
+
+        // drift
+        const __m256 dt = set(body->dt);
+        store(body->new_offset + 4ul * row,
+              {_mm256_fmadd_ps(nx, dt, p.x), _mm256_fmadd_ps(ny, dt, p.y), _mm256_fmadd_ps(nz, dt, p.z), p.w});
+    }
+}
+
+void shape_sums(const SpringStep* body, unsigned first, unsigned last, double* sums) {
+    const __m256d one = _mm256_set1_pd(1.0), zero = _mm256_setzero_pd();
+    for (int lane = 0; lane < 16; lane += 4) {
+        __m256d total[kShapeSums];
+        for (int s = 0; s < kShapeSums; ++s) total[s] = _mm256_loadu_pd(sums + 16 * s + lane);
+        for (unsigned slice = first; slice < last; ++slice) {
+            const unsigned row = 16 * slice + lane;
+            __m128 px = _mm_load_ps(body->offset + 4ul * row), py = _mm_load_ps(body->offset + 4ul * row + 4),
+                   pz = _mm_load_ps(body->offset + 4ul * row + 8), pw = _mm_load_ps(body->offset + 4ul * row + 12);
+            _MM_TRANSPOSE4_PS(px, py, pz, pw);
+            const __m256d x[3] = {_mm256_cvtps_pd(px), _mm256_cvtps_pd(py), _mm256_cvtps_pd(pz)};
+            const auto wide = [&](const float* values) __attribute__((always_inline)) {
+                return _mm256_cvtps_pd(_mm_loadu_ps(values + row));
+            };
+            const __m256d k = wide(body->anchor_stiffness);
+            const __m256d r[3] = {wide(body->anchor_x), wide(body->anchor_y), wide(body->anchor_z)};
+            const __m256d v[3] = {wide(body->velocity_x), wide(body->velocity_y), wide(body->velocity_z)};
+            const __m256d inv_mass = _mm256_cvtps_pd(pw);
+            const __m256d m = _mm256_and_pd(_mm256_cmp_pd(inv_mass, zero, _CMP_GT_OQ), _mm256_div_pd(one, inv_mass));
+            total[kSumK] = _mm256_add_pd(total[kSumK], k);
+            total[kSumM] = _mm256_add_pd(total[kSumM], m);
+#pragma GCC unroll 3
+            for (int i = 0; i < 3; ++i) {
+                const int j = (i + 1) % 3, l = (i + 2) % 3;
+                const __m256d kx = _mm256_mul_pd(k, x[i]), mx = _mm256_mul_pd(m, x[i]), mv = _mm256_mul_pd(m, v[i]);
+                total[kSumKx + i] = _mm256_add_pd(total[kSumKx + i], kx);
+                total[kSumKr + i] = _mm256_fmadd_pd(k, r[i], total[kSumKr + i]);
+                total[kSumMx + i] = _mm256_add_pd(total[kSumMx + i], mx);
+                total[kSumMv + i] = _mm256_add_pd(total[kSumMv + i], mv);
+#pragma GCC unroll 3
+                for (int c = 0; c < 3; ++c) {
+                    total[kSumKxr + 3 * i + c] = _mm256_fmadd_pd(kx, r[c], total[kSumKxr + 3 * i + c]);
+                }
+                const __m256d turning = _mm256_fmsub_pd(x[j], v[l], _mm256_mul_pd(x[l], v[j]));
+                total[kSumL + i] = _mm256_fmadd_pd(m, turning, total[kSumL + i]);
+                total[kSumMxx + i] = _mm256_fmadd_pd(mx, x[i], total[kSumMxx + i]);
+                // xy, xz, yz
+                const int a = i == 2 ? 1 : 0, b = i == 0 ? 1 : 2;
+                total[kSumMxx + 3 + i] = _mm256_fmadd_pd(_mm256_mul_pd(m, x[a]), x[b], total[kSumMxx + 3 + i]);
+            }
+        }
+        for (int s = 0; s < kShapeSums; ++s) _mm256_storeu_pd(sums + 16 * s + lane, total[s]);
+    }
+}
+
+}  // namespace
+
+extern const SpringKernels kSpringKernelsAvx2 = {"avx2", step, shape_sums};
+
+}  // namespace trocar

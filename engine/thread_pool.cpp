@@ -1,0 +1,55 @@
+#include "engine/thread_pool.hpp"
+
+#include <tbb/global_control.h>
+#include <tbb/task_arena.h>
+#include <tbb/task_scheduler_observer.h>
+#include <xmmintrin.h>
+
+#include <algorithm>
+#include <thread>
+
+#include "engine/check.hpp"
+#include "engine/parallel.hpp"
+namespace trocar {
+
+void set_float_mode() {
+    _mm_setcsr(_mm_getcsr() | 0x8040);  // FTZ | DAZ
+}
+
+namespace {
+// the scheduler's workers take the float mode of whoever used it first; make sure of ours
+struct FloatModeObserver : tbb::task_scheduler_observer {
+    explicit FloatModeObserver(tbb::task_arena& arena) : tbb::task_scheduler_observer(arena) { observe(true); }
+    ~FloatModeObserver() override { observe(false); }
+    void on_scheduler_entry(bool) override { set_float_mode(); }
+};
+}  // namespace
+
+struct ThreadPool::Impl {
+    explicit Impl(uint32_t threads)
+        : limit(tbb::global_control::max_allowed_parallelism, std::max(threads, 1u)),
+          arena(static_cast<int>(threads), 1),
+          observer(arena) {}
+    tbb::global_control limit;
+    tbb::task_arena arena;
+    FloatModeObserver observer;
+};
+
+ThreadPool::ThreadPool(uint32_t threads)
+    : impl_(new Impl(threads == 0 ? std::max(1u, std::thread::hardware_concurrency()) : threads)) {}
+ThreadPool::~ThreadPool() = default;
+void ThreadPool::run(const std::function<void()>& work) { impl_->arena.execute(work); }
+uint32_t ThreadPool::threads() const { return static_cast<uint32_t>(impl_->arena.max_concurrency()); }
+
+uint32_t thread_count() {
+    const int index = tbb::this_task_arena::current_thread_index();
+    return index == tbb::task_arena::not_initialized ? 1u
+                                                     : static_cast<uint32_t>(tbb::this_task_arena::max_concurrency());
+}
+
+uint32_t thread_index() {
+    const int index = tbb::this_task_arena::current_thread_index();
+    return index < 0 ? 0u : static_cast<uint32_t>(index);
+}
+
+}  // namespace trocar

@@ -1,0 +1,42 @@
+#pragma once
+#include <algorithm>
+#include <atomic>
+#include <cstdint>
+#include <string>
+#include <string_view>
+#include <vector>
+namespace trocar {
+
+// Monotonic clock, nanoseconds.
+uint64_t now_ns();
+
+// One finished span of work.
+struct TraceEvent {
+    std::string_view name;  // of a string that outlives the trace
+    uint64_t begin_ns = 0;
+    uint64_t duration_ns = 0;
+    uint32_t thread = 0;
+    uint32_t pass = 0;
+};
+
+// Spans of a run in a buffer of fixed capacity: beyond it events are counted, not kept. Threads may add at once.
+class Trace {
+ public:
+    explicit Trace(size_t capacity) : events_(capacity) {}
+    void add(const TraceEvent& event) {
+        const size_t row = count_.fetch_add(1, std::memory_order_relaxed);
+        if (row < events_.size()) events_[row] = event;
+    }
+    size_t size() const { return std::min(count_.load(), events_.size()); }
+    size_t dropped() const { return count_.load() - size(); }
+    const TraceEvent& operator[](size_t row) const { return events_[row]; }
+    // Chrome trace format (X events without arguments, so that profilers merge spans of one name). Opens in Perfetto,
+    // chrome://tracing and speedscope.
+    std::string to_json(const std::vector<std::string>& thread_names) const;
+
+ private:
+    std::vector<TraceEvent> events_;
+    std::atomic<size_t> count_{0};
+};
+
+}  // namespace trocar

@@ -1,0 +1,219 @@
+#include "systems/advance.hpp"
+
+#include <algorithm>
+#include <cmath>
+
+#include "engine/check.hpp"
+#include "engine/deformable_setup.hpp"
+#include "engine/geometry/quaternion.hpp"
+#include "engine/parallel.hpp"
+#include "engine/surfaces.hpp"
+#include "systems/advance_parts.hpp"
+namespace trocar {
+namespace {
+
+// Farther than this from its origin (m) a particle counts as lost, like one that is not finite.
+constexpr float kLost = 1e6f;
+
+AdvanceBody make_body(const AdvanceIsland& island, uint32_t body, uint32_t buffer) {
+    const Bodies& bodies = island.inputs.bodies;
+    const Springs& springs = island.inputs.springs;
+    const Anchors& anchors = island.inputs.anchors;
+    const uint32_t prototype = bodies.mesh[body];
+    const SpringInfo& info = springs.info[prototype];
+    AdvanceBody b;
+    b.body = body;
+    b.particles = bodies.particles[body];
+    b.slices = info.slices.count;
+    b.buffer = buffer;
+    b.shape = bodies.anchor_frame[body] == AnchorFrame::kShape;
+    b.damping = bodies.tissue[body].damping;
+    b.last_dt = island.particles.last_dt[body];
+    b.origin = island.poses.origin[body];
+    b.orientation = island.poses.orientation[body];
+    b.now = island.particles.offset.data() + b.particles.first;
+    SpringStep& step = b.step;
+    step = {};
+    const uint32_t first = b.particles.first;
+    step.velocity_x = island.particles.velocity_x.data() + first;
+    step.velocity_y = island.particles.velocity_y.data() + first;
+    step.velocity_z = island.particles.velocity_z.data() + first;
+    step.slice_column = springs.slice_column.data() + info.slices.first + prototype;
+    step.neighbour = springs.neighbour.data();
+    step.rest_length = springs.rest_length.data();
+    step.anchor_stiffness = anchors.stiffness.data() + first;
+    step.anchor_x = anchors.rest_x.data() + first;
+    step.anchor_y = anchors.rest_y.data() + first;
+    step.anchor_z = anchors.rest_z.data() + first;
+    step.turn[0] = step.turn[4] = step.turn[8] = 1;
+    step.stiffness = bodies.spring_stiffness[body];
+    step.dt = static_cast<float>(island.dt);
+    for (int i = 0; i < 3; ++i) step.gravity[i] = static_cast<float>(island.params.gravity[i]);
+    return b;
+}
+
+void gather_bodies(AdvanceIsland& island, std::span<const uint32_t> island_bodies) {
+    AdvanceScratch& s = island.scratch;
+    s.body.clear();
+    s.rigid.clear();
+    s.node.clear();
+    s.change.clear();
+    s.slot_of_body.resize(island.inputs.bodies.mesh.size(), kNone);
+    uint32_t particles = 0;
+    for (const uint32_t body : island_bodies) {
+        if (is_deformable(island.inputs.bodies, body)) {
+            s.slot_of_body[body] = static_cast<uint32_t>(s.body.size());
+            s.body.push_back(make_body(island, body, particles));
+            particles += s.body.back().particles.count;
+        } else if (island.inputs.bodies.motion[body] == Motion::kHand) {
+            rigid_slot(island, body);
+        }
+    }
+    if (s.offset_a.size() < particles) s.offset_a.resize(particles), s.offset_b.resize(particles);
+}
+
+// Lanes of damping work, kept per chunk over the whole call.
+void clear_sums(AdvanceScratch& s) {
+    size_t chunks = 0;
+    for (const AdvanceBody& b : s.body) chunks += chunk_count(b.slices, kSlicesPerChunk);
+    s.sums.assign(chunks * kSliceWidth, 0.0);
+}
+
+void step_bodies(AdvanceIsland& island, const SpringKernels& kernels, uint32_t substep) {
+    AdvanceScratch& s = island.scratch;
+    size_t chunk = 0;
+    for (AdvanceBody& b : s.body) {
+        // the very first kick is half a one: velocities fall half a step behind
+        const double kick = 0.5 * (b.last_dt + island.dt);
+        b.last_dt = island.dt;
+        b.next = (substep % 2 == 0 ? s.offset_a : s.offset_b).data() + b.buffer;
+        b.step.kick_dt = static_cast<float>(kick);
+        b.step.keep = static_cast<float>(std::exp(-b.damping * kick));
+        b.step.offset = &b.now->x;
+        b.step.new_offset = &b.next->x;
+        if (b.shape) fit_shape(kernels, s.shape_sums, b, island.poses.orientation[b.body]);
+        double* work = island.params.account_energy && b.damping > 0 ? s.sums.data() + chunk * kSliceWidth : nullptr;
+        parallel_for(b.slices, kSlicesPerChunk, [&](uint32_t begin, uint32_t end) {
+            kernels.step(&b.step, begin, end, work ? work + begin / kSlicesPerChunk * kSliceWidth : nullptr);
+        });
+        chunk += chunk_count(b.slices, kSlicesPerChunk);
+    }
+}
+
+bool is_lost(const Float4& o) { return !(std::abs(o.x) < kLost && std::abs(o.y) < kLost && std::abs(o.z) < kLost); }
+
+uint32_t count_lost(const Float4* offsets, uint32_t count) {
+    uint32_t lost = 0;
+    for (uint32_t p = 0; p < count; ++p) lost += is_lost(offsets[p]);
+    return lost;
+}
+
+// Puts a body back to the start of the call, at rest. Particles that were already lost there go to their goals.
+void restore_body(AdvanceIsland& island, const AdvanceBody& b) {
+    Particles& particles = island.particles;
+    const Range rows = b.particles;
+    for (auto* field : {&particles.velocity_x, &particles.velocity_y, &particles.velocity_z}) {
+        std::fill_n(field->begin() + rows.first, rows.count, 0.0f);
+    }
+    particles.last_dt[b.body] = 0;
+    island.poses.orientation[b.body] = b.orientation;
+    Vec3d centre = Vec3d::Zero();
+    double weight = 0;
+    const Quat turn = b.shape ? b.orientation : Quat{};
+    const auto goal = [&](uint32_t p) {
+        const Anchors& a = island.inputs.anchors;
+        return rotate(turn, Vec3d(a.rest_x[p], a.rest_y[p], a.rest_z[p]));
+    };
+    if (b.shape) {
+        for (uint32_t p = rows.first; p < rows.end(); ++p) {
+            const Float4& o = particles.offset[p];
+            if (is_lost(o)) continue;
+            const double k = island.inputs.anchors.stiffness[p];
+            centre += k * (Vec3d(o.x, o.y, o.z) - goal(p));
+            weight += k;
+        }
+        if (weight > 0) centre /= weight;
+    }
+    for (uint32_t p = rows.first; p < rows.end(); ++p) {
+        Float4& o = particles.offset[p];
+        if (!is_lost(o)) continue;
+        const Vec3d g = centre + goal(p);
+        o = {static_cast<float>(g.x()), static_cast<float>(g.y()), static_cast<float>(g.z()), o.w};
+    }
+}
+
+void finish_bodies(AdvanceIsland& island) {
+    for (const AdvanceBody& b : island.scratch.body) {
+        const uint32_t lost = count_lost(b.now, b.particles.count);
+        if (lost > 0) {
+            island.result.nonfinite_particles += lost;
+            restore_body(island, b);
+            continue;
+        }
+        std::copy_n(b.now, b.particles.count, island.particles.offset.begin() + b.particles.first);
+        island.particles.last_dt[b.body] = b.last_dt;
+    }
+    for (const AdvanceRigid& rigid : island.scratch.rigid) {
+        if (rigid.node == kNone) continue;
+        const ContactNode& node = island.scratch.node[rigid.node];
+        island.poses.origin[rigid.body] = node.place;
+        island.poses.velocity[rigid.body] = node.velocity;
+        island.poses.orientation[rigid.body] = rigid.orientation[1];
+        island.poses.angular_velocity[rigid.body] =
+            rotation_vector(rigid.orientation[0], rigid.orientation[1]) / island.dt;
+    }
+}
+
+}  // namespace
+
+uint32_t count_substeps(const Bodies& bodies, std::span<const uint32_t> island_bodies, double seconds, double largest) {
+    double stable = std::numeric_limits<double>::infinity();
+    for (const uint32_t body : island_bodies) stable = std::min(stable, bodies.stable_dt[body]);
+    return substeps_for(seconds, stable, largest);
+}
+
+void add_advance_result(const AdvanceResult& result, Energy& energy, Report& report) {
+    energy.work_hand += result.work_hand;
+    energy.work_contact += result.work_contact;
+    energy.work_damping += result.work_damping;
+    energy.work_push += result.work_push;
+    report.ended_rows += result.ended_rows;
+    report.opposing_planes += result.opposing_planes;
+    report.nonfinite_particles += result.nonfinite_particles;
+    report.deepest_residual = std::max(report.deepest_residual, result.deepest_residual);
+}
+
+void advance_island(const AdvanceParams& params, const AdvanceInputs& inputs, std::span<const uint32_t> island_bodies,
+                    std::span<const uint32_t> island_rows, AdvanceScratch& scratch, Particles& particles, Poses& poses,
+                    ContactRows& rows, std::span<ToolState> tools, AdvanceResult& result) {
+    TROCAR_ASSERT(params.substeps > 0 && params.ticks > 0);
+    const double dt = 1e-3 * (static_cast<double>(params.ticks) / params.substeps);
+    result = {};
+    AdvanceIsland island{params, inputs, scratch, particles, poses, rows, tools, result, dt};
+    const SpringKernels& kernels = spring_kernels();
+    gather_bodies(island, island_bodies);
+    plan_contacts(island, island_rows);
+    clear_sums(scratch);
+    for (uint32_t substep = 0; substep < params.substeps; ++substep) {
+        const bool last = substep + 1 == params.substeps;
+        place_rigid_bodies(island, substep);
+        note_velocities(island);
+        step_bodies(island, kernels, substep);
+        pull_hands(island, substep);
+        if (!scratch.plan.empty()) {
+            if (params.observer.begin) params.observer.begin(params.observer.user);
+            apply_impulses(island);
+            move_hands(island);
+            push_out(island, last);
+            if (params.observer.end) params.observer.end(params.observer.user);
+        } else {
+            move_hands(island);
+        }
+        for (AdvanceBody& b : scratch.body) b.now = b.next;
+    }
+    for (const double work : scratch.sums) result.work_damping += work;
+    finish_bodies(island);
+    forget_contacts(island);
+}
+
+}  // namespace trocar

@@ -1,0 +1,81 @@
+#pragma once
+#include <span>
+#include <vector>
+
+#include "components/bodies.hpp"
+#include "components/contacts.hpp"
+#include "components/haptics.hpp"
+#include "components/mesh.hpp"
+#include "components/particles.hpp"
+#include "components/paths.hpp"
+#include "components/report.hpp"
+#include "components/springs.hpp"
+#include "systems/advance_scratch.hpp"
+namespace trocar {
+
+// Called around the contact response of every substep, on the thread that runs it; may be empty.
+struct ResponseObserver {
+    void (*begin)(void* user) = nullptr;
+    void (*end)(void* user) = nullptr;
+    void* user = nullptr;
+};
+
+// One call: `ticks` ms from `tick` in `substeps` equal steps. A call cut into shorter ones with the same step gives the
+// same bits (but for tools: their devices move linearly within a call).
+struct AdvanceParams {
+    uint64_t tick = 0;      // ms since the start
+    uint32_t ticks = 1;     // ms
+    uint32_t substeps = 1;  // of the whole call
+    Vec3d gravity = Vec3d(0, 0, -9.81);
+    ContactParams contact;
+    bool account_energy = true;
+    ResponseObserver observer;
+};
+
+// What a device did during a call; it moves linearly and turns evenly. `position` is where the hand holds the tip.
+struct DeviceInterval {
+    DeviceState from, to;
+};
+
+// The world as an island sees it; constant during the call but for the state of the island's own bodies.
+struct AdvanceInputs {
+    const Meshes& meshes;
+    const Springs& springs;
+    const Bodies& bodies;
+    const Anchors& anchors;
+    const Paths& paths;
+    std::span<const HandTool> tools;
+    std::span<const DeviceInterval> devices;  // one per tool
+};
+
+// What a call did to an island. Work in J on its deformable bodies.
+struct AdvanceResult {
+    double work_hand = 0;
+    double work_contact = 0;
+    double work_damping = 0;
+    double work_push = 0;
+    double deepest_residual = 0;  // m, deepest overlap of a row after the last substep
+    uint64_t active_rows = 0;     // rows that acted, summed over the substeps
+    uint64_t ended_rows = 0;
+    uint64_t opposing_planes = 0;
+    uint64_t nonfinite_particles = 0;
+};
+
+// Adds a call's works and counters to the books. Islands are added in their order.
+void add_advance_result(const AdvanceResult& result, Energy& energy, Report& report);
+
+// Whole number of substeps in `seconds` that the bodies of an island need: none longer than its stable step or
+// `largest`.
+uint32_t count_substeps(const Bodies& bodies, std::span<const uint32_t> island_bodies, double seconds, double largest);
+
+// Moves the bodies of one island (deformable and hand) through params.ticks ms by leapfrog under their springs,
+// anchors, damping, gravity and contact rows; DESIGN 5, 6.7, 6.8. Reads static and scripted bodies through poses and
+// paths and writes none of them. Adds to rows.impulse and to ToolState.contact_impulse of the island's rows and tools;
+// a row that a point has left behind gets rows.distance = infinity and rests from then on. A body that became
+// non-finite gets its state at the start of the call back, at rest. State is complete between calls. Same bits for any
+// number of threads. Distinct islands may run at the same time, each with its own scratch.
+void advance_island(const AdvanceParams& params, const AdvanceInputs& inputs, std::span<const uint32_t> island_bodies,
+                    std::span<const uint32_t> island_rows, AdvanceScratch& scratch, Particles& particles, Poses& poses,
+                    ContactRows& rows, std::span<ToolState> tools, AdvanceResult& result);
+
+}  // namespace trocar

@@ -1,0 +1,49 @@
+#pragma once
+#include "systems/advance.hpp"
+namespace trocar {
+
+// One call of advance_island as its parts see it.
+struct AdvanceIsland {
+    const AdvanceParams& params;
+    const AdvanceInputs& inputs;
+    AdvanceScratch& scratch;
+    Particles& particles;
+    Poses& poses;
+    ContactRows& rows;
+    std::span<ToolState> tools;
+    AdvanceResult& result;
+    double dt;  // s
+};
+
+// Time at the start of a substep, s: a quotient of integers, so that it does not depend on how calls are cut.
+double substep_time(const AdvanceParams& params, uint32_t substep);
+
+// Best-fit rigid copy of a free body: goal of its anchors and the rigid velocity its damping leaves alone.
+// `orientation` is turned to fit.
+void fit_shape(const SpringKernels& kernels, std::vector<double>& chunk_sums, AdvanceBody& body, Quat& orientation);
+
+// Finds the nodes, rigid sides and plans of the island's rows; rows that have ended are left out.
+void plan_contacts(AdvanceIsland& island, std::span<const uint32_t> island_rows);
+// Empties the look-up tables that plan_contacts filled.
+void forget_contacts(AdvanceIsland& island);
+// Row of scratch.rigid of a rigid body, added when it is new.
+uint32_t rigid_slot(AdvanceIsland& island, uint32_t body);
+
+// Rigid bodies: both ends of a substep; then hands pulled by their coupling; then where the hands went.
+void place_rigid_bodies(AdvanceIsland& island, uint32_t substep);
+void pull_hands(AdvanceIsland& island, uint32_t substep);
+void move_hands(AdvanceIsland& island);
+
+// Velocities of all particles that are nodes before the kick.
+void note_velocities(AdvanceIsland& island);
+// Finds the rows that are crossed or would be in this substep and gives them impulses; after kick and drift. Jacobi
+// with mass splitting (Tonge, Benevolenski, Voroshilov, ACM TOG 31(4), 2012): a particle of n active rows counts with
+// 1/n of its mass in each, so that all impulses of a pass may be applied at once; every impulse acts on both sides with
+// the true masses. Coulomb friction on the accumulated impulse.
+void apply_impulses(AdvanceIsland& island);
+// Moves remaining overlap of the active rows out without touching velocities; after move_hands.
+void push_out(AdvanceIsland& island, bool last_substep);
+
+inline constexpr uint32_t kSlicesPerChunk = 512;  // of a body in parallel, about 20 us
+
+}  // namespace trocar

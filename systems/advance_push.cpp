@@ -1,0 +1,168 @@
+#include <algorithm>
+#include <cmath>
+
+#include "engine/geometry/quaternion.hpp"
+#include "systems/advance_parts.hpp"
+namespace trocar {
+namespace {
+
+// Overlap left alone (m): far below anything seen or felt, above what rounding makes of a resting contact.
+constexpr double kRestingOverlap = 1e-6;
+
+Vec3d turned(const std::array<Vec3d, 3>& rows, const Vec3d& v) {
+    return {rows[0].dot(v), rows[1].dot(v), rows[2].dot(v)};
+}
+
+// World position of a node at the end of the substep, m.
+Vec3d place_after(const AdvanceScratch& s, uint32_t n) {
+    const ContactNode& node = s.node[n];
+    if (node.particle == kNone) return node.place;
+    const AdvanceBody& body = s.body[node.owner];
+    const Float4& o = body.next[node.particle - body.particles.first];
+    return body.origin + Vec3d(o.x, o.y, o.z);
+}
+
+// Gap of a row at the end of the substep, and its normal there.
+double gap_after(const AdvanceScratch& s, const ContactPlan& plan, Vec3d& normal) {
+    Vec3d apart = Vec3d::Zero();
+    if (plan.rigid_a == kNone) {
+        for (int i = 0; i < 2; ++i) apart += plan.weight_a[i] * place_after(s, plan.node_a[i]);
+    } else {
+        const AdvanceRigid& rigid = s.rigid[plan.rigid_a];
+        apart += rigid.origin[1] + turned(rigid.turn[1], plan.point_a);
+    }
+    if (plan.rigid_b == kNone) {
+        for (int k = 0; k < 3; ++k) apart -= plan.weight_b[k] * place_after(s, plan.node_b[k]);
+        normal = plan.normal;
+    } else {
+        const AdvanceRigid& rigid = s.rigid[plan.rigid_b];
+        apart -= rigid.origin[1] + turned(rigid.turn[1], plan.point_b);
+        normal = turned(rigid.turn[1], plan.normal);
+    }
+    return normal.dot(apart) - plan.offset;
+}
+
+bool can_move(const AdvanceScratch& s, uint32_t node) {
+    return s.node[node].particle != kNone && s.node[node].inv_mass > 0;
+}
+
+// Share of the way that the side of the point goes.
+double share_of_point(const AdvanceIsland& island, const ContactPlan& plan) {
+    if (plan.rigid_a != kNone) return 0;
+    if (plan.rigid_b != kNone) return 1;
+    if (island.params.contact.share == ResponseShare::kHalf) return 0.5;
+    const Bodies& bodies = island.inputs.bodies;
+    const double a = bodies.spring_stiffness[island.rows.body[plan.row]];
+    const double b = bodies.spring_stiffness[island.rows.other[plan.row]];
+    return b / (a + b);
+}
+
+// Moves both sides by their inverse masses, or each side by its share of the way; a node of n rows by 1/n of it.
+void add_push(AdvanceIsland& island, const ContactActive& row, const Vec3d& way) {
+    AdvanceScratch& s = island.scratch;
+    const bool by_mass = island.params.contact.share == ResponseShare::kMass;
+    double sum[2] = {0, 0};  // of the side of the point, of the plane
+    const auto unit = [&](uint32_t k) { return by_mass ? s.node[row.node[k]].inv_mass : 1.0; };
+    for (uint32_t k = 0; k < row.nodes; ++k) {
+        if (!can_move(s, row.node[k])) continue;
+        sum[k >= row.point_nodes] += row.weight[k] * row.weight[k] * s.change[row.node[k]].rows * unit(k);
+    }
+    double scale[2] = {0, 0};
+    if (by_mass) {
+        if (sum[0] + sum[1] > 0) scale[0] = scale[1] = 1 / (sum[0] + sum[1]);
+    } else {
+        const double point = share_of_point(island, s.plan[row.plan]);
+        if (sum[0] > 0) scale[0] = point / sum[0];
+        if (sum[1] > 0) scale[1] = (1 - point) / sum[1];
+    }
+    for (uint32_t k = 0; k < row.nodes; ++k) {
+        if (!can_move(s, row.node[k])) continue;
+        ContactNodeChange& change = s.change[row.node[k]];
+        change.change += row.weight[k] * unit(k) * scale[k >= row.point_nodes] * way;
+        change.pushed = true;
+    }
+}
+
+// Elastic and gravity energy that the moves of pushed nodes add: exactly what their springs, anchors and weight hold
+// more afterwards. Goals of a free body count as they were at the start of the substep.
+double push_work(const AdvanceIsland& island) {
+    const AdvanceScratch& s = island.scratch;
+    double work = 0;
+    for (const uint32_t n : s.touched) {
+        if (!s.change[n].pushed) continue;
+        const ContactNode& node = s.node[n];
+        const AdvanceBody& body = s.body[node.owner];
+        const SpringStep& step = body.step;
+        const uint32_t v = node.particle - body.particles.first;
+        const uint32_t slice = v / kSliceWidth, lane = v % kSliceWidth;
+        const Vec3d from = Vec3d(body.next[v].x, body.next[v].y, body.next[v].z), to = from + s.change[n].change;
+        double springs = 0;
+        for (uint32_t c = step.slice_column[slice]; c < step.slice_column[slice + 1]; ++c) {
+            const uint32_t q = step.neighbour[c * kSliceWidth + lane];
+            if (q == v) continue;
+            const double rest = step.rest_length[c * kSliceWidth + lane];
+            const Float4& o = body.next[q];
+            const Vec3d q_from(o.x, o.y, o.z);
+            const uint32_t other = s.node_of_particle[body.particles.first + q];
+            const bool both = other != kNone && s.change[other].rows > 0 && s.change[other].pushed;
+            const Vec3d q_to = both ? Vec3d(q_from + s.change[other].change) : q_from;
+            const double before = (q_from - from).norm() - rest, after = (q_to - to).norm() - rest;
+            springs += (both ? 0.5 : 1.0) * (after * after - before * before);
+        }
+        work += 0.5 * step.stiffness * springs;
+        const Vec3d rest(step.anchor_x[v], step.anchor_y[v], step.anchor_z[v]);
+        Vec3d goal;
+        for (int i = 0; i < 3; ++i) {
+            goal[i] = step.centre[i] + step.centre_rest[i] +
+                      Vec3d(step.turn[3 * i], step.turn[3 * i + 1], step.turn[3 * i + 2]).dot(rest);
+        }
+        work += 0.5 * step.anchor_stiffness[v] * ((to - goal).squaredNorm() - (from - goal).squaredNorm());
+        work -= island.params.gravity.dot(s.change[n].change) / node.inv_mass;
+    }
+    return work;
+}
+
+}  // namespace
+
+void push_out(AdvanceIsland& island, bool last_substep) {
+    AdvanceScratch& s = island.scratch;
+    if (last_substep) {
+        for (const uint32_t n : s.touched) island.result.opposing_planes += s.change[n].opposed;
+    }
+    bool any = false;
+    const double most = island.params.contact.push_speed * island.dt;
+    for (const ContactActive& row : s.active) {
+        Vec3d normal;
+        const double overlap = -gap_after(s, s.plan[row.plan], normal);
+        if (!(overlap > kRestingOverlap)) continue;
+        add_push(island, row, std::min(overlap, most) * normal);
+        any = true;
+    }
+    if (any) {
+        // the moves as the floats will hold them
+        for (const uint32_t n : s.touched) {
+            if (!s.change[n].pushed) continue;
+            const AdvanceBody& body = s.body[s.node[n].owner];
+            const Float4& o = body.next[s.node[n].particle - body.particles.first];
+            const Vec3d from(o.x, o.y, o.z);
+            s.change[n].change = (from + s.change[n].change).cast<float>().cast<double>() - from;
+        }
+        if (island.params.account_energy) island.result.work_push += push_work(island);
+        for (const uint32_t n : s.touched) {
+            if (!s.change[n].pushed) continue;
+            const AdvanceBody& body = s.body[s.node[n].owner];
+            Float4& o = body.next[s.node[n].particle - body.particles.first];
+            o.x = static_cast<float>(o.x + s.change[n].change.x());
+            o.y = static_cast<float>(o.y + s.change[n].change.y());
+            o.z = static_cast<float>(o.z + s.change[n].change.z());
+        }
+    }
+    if (!last_substep) return;
+    for (const ContactActive& row : s.active) {
+        Vec3d normal;
+        island.result.deepest_residual =
+            std::max(island.result.deepest_residual, -gap_after(s, s.plan[row.plan], normal));
+    }
+}
+
+}  // namespace trocar

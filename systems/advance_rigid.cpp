@@ -1,0 +1,138 @@
+#include <algorithm>
+
+#include "engine/best_fit_rotation.hpp"
+#include "engine/geometry/quaternion.hpp"
+#include "engine/keyframe_path.hpp"
+#include "systems/advance_parts.hpp"
+namespace trocar {
+namespace {
+
+std::span<const Keyframe> keys_of(const Paths& paths, uint32_t path) {
+    return std::span(paths.key).subspan(paths.keys[path].first, paths.keys[path].count);
+}
+
+void set_pose(AdvanceRigid& rigid, int end, const Vec3d& origin, const Quat& orientation) {
+    rigid.origin[end] = origin;
+    rigid.orientation[end] = orientation;
+    rigid.turn[end] = rotation_rows(orientation);
+}
+
+// Where the body frame of a tool would be if it were in the hand, `share` of the way through the call.
+struct HandPose {
+    Vec3d origin;
+    Quat orientation;
+};
+HandPose hand_pose(const HandTool& tool, const DeviceInterval& device, double share) {
+    const Vec3d tip = device.from.position + share * (device.to.position - device.from.position);
+    const Quat orientation = normalized(
+        multiply(from_rotation_vector(share * rotation_vector(device.from.orientation, device.to.orientation)),
+                 device.from.orientation));
+    return {tip - rotate(orientation, tool.tip), orientation};
+}
+double share_of_call(const AdvanceParams& params, uint32_t substep) {
+    return static_cast<double>(substep) / params.substeps;
+}
+
+}  // namespace
+
+double substep_time(const AdvanceParams& params, uint32_t substep) {
+    const uint64_t steps = params.tick * params.substeps + uint64_t{params.ticks} * substep;
+    return 1e-3 * (static_cast<double>(steps) / params.substeps);
+}
+
+uint32_t rigid_slot(AdvanceIsland& island, uint32_t body) {
+    AdvanceScratch& s = island.scratch;
+    if (s.slot_of_body[body] != kNone) return s.slot_of_body[body];
+    const uint32_t slot = static_cast<uint32_t>(s.rigid.size());
+    s.slot_of_body[body] = slot;
+    AdvanceRigid& rigid = s.rigid.emplace_back();
+    rigid.body = body;
+    rigid.velocity = Vec3d::Zero();
+    rigid.spin.fill(Vec3d::Zero());
+    const AdvanceInputs& in = island.inputs;
+    if (in.bodies.motion[body] == Motion::kKinematic) {
+        const auto path = std::find(in.paths.body.begin(), in.paths.body.end(), body);
+        if (path != in.paths.body.end()) rigid.path = static_cast<uint32_t>(path - in.paths.body.begin());
+    }
+    if (in.bodies.motion[body] == Motion::kHand) {
+        const auto tool =
+            std::find_if(in.tools.begin(), in.tools.end(), [&](const HandTool& t) { return t.body == body; });
+        if (tool != in.tools.end()) rigid.tool = static_cast<uint32_t>(tool - in.tools.begin());
+        rigid.node = static_cast<uint32_t>(s.node.size());
+        ContactNode& node = s.node.emplace_back();
+        node.owner = slot;
+        node.inv_mass = in.bodies.inv_mass[body];
+        node.place = island.poses.origin[body];
+        node.velocity = island.poses.velocity[body];
+        s.change.emplace_back();
+    }
+    if (rigid.path != kNone) {
+        const PathPoint at = sample_path(keys_of(in.paths, rigid.path), substep_time(island.params, 0));
+        set_pose(rigid, 1, at.position, at.orientation);
+    } else {
+        set_pose(rigid, 1, island.poses.origin[body], island.poses.orientation[body]);
+    }
+    set_pose(rigid, 0, rigid.origin[1], rigid.orientation[1]);
+    return slot;
+}
+
+void place_rigid_bodies(AdvanceIsland& island, uint32_t substep) {
+    const AdvanceInputs& in = island.inputs;
+    for (AdvanceRigid& rigid : island.scratch.rigid) {
+        if (rigid.path == kNone && rigid.tool == kNone) continue;
+        set_pose(rigid, 0, rigid.origin[1], rigid.orientation[1]);
+        if (rigid.tool != kNone) {
+            // the hand turns with the device; its translation follows in pull_hands
+            const HandPose pose =
+                hand_pose(in.tools[rigid.tool], in.devices[rigid.tool], share_of_call(island.params, substep + 1));
+            set_pose(rigid, 1, rigid.origin[0], pose.orientation);
+        } else {
+            const auto keys = keys_of(in.paths, rigid.path);
+            const double from = substep_time(island.params, substep), to = substep_time(island.params, substep + 1);
+            const PathPoint at = sample_path(keys, to);
+            set_pose(rigid, 1, at.position, at.orientation);
+            // a body that jumps is at its new place for the whole substep: a jump has no velocity
+            if (path_jumps(keys, from, to)) set_pose(rigid, 0, at.position, at.orientation);
+            rigid.velocity = (rigid.origin[1] - rigid.origin[0]) / island.dt;
+        }
+        for (int i = 0; i < 3; ++i) rigid.spin[i] = (rigid.turn[1][i] - rigid.turn[0][i]) / island.dt;
+    }
+}
+
+void pull_hands(AdvanceIsland& island, uint32_t substep) {
+    for (const AdvanceRigid& rigid : island.scratch.rigid) {
+        if (rigid.node == kNone) continue;
+        ContactNode& node = island.scratch.node[rigid.node];
+        ContactNodeChange& change = island.scratch.change[rigid.node];
+        change.before = node.velocity;
+        if (rigid.tool == kNone) {
+            node.velocity = Vec3d::Zero();  // nobody holds it
+            continue;
+        }
+        const HandTool& tool = island.inputs.tools[rigid.tool];
+        const DeviceInterval& device = island.inputs.devices[rigid.tool];
+        const Vec3d from = hand_pose(tool, device, share_of_call(island.params, substep)).origin;
+        const Vec3d to = hand_pose(tool, device, share_of_call(island.params, substep + 1)).origin;
+        const double dt = island.dt, w = node.inv_mass, k = tool.coupling_stiffness, b = tool.coupling_damping;
+        if (w > 0) {
+            // spring and damper act with their values at the end of the substep: stable for any dt, mass and stiffness
+            const Vec3d pull = k * (to - node.place) + b * (to - from) / dt;
+            node.velocity = (node.velocity + dt * w * pull) / (1 + dt * w * (b + k * dt));
+            island.tools[rigid.tool].coupling_force = (node.velocity - change.before) / (w * dt);
+        } else {
+            node.velocity = (to - node.place) / dt;
+            island.tools[rigid.tool].coupling_force = Vec3d::Zero();
+        }
+    }
+}
+
+void move_hands(AdvanceIsland& island) {
+    for (AdvanceRigid& rigid : island.scratch.rigid) {
+        if (rigid.node == kNone) continue;
+        ContactNode& node = island.scratch.node[rigid.node];
+        node.place += island.dt * node.velocity;
+        rigid.origin[1] = node.place;
+    }
+}
+
+}  // namespace trocar

@@ -1,0 +1,73 @@
+#include <cmath>
+
+#include "engine/best_fit_rotation.hpp"
+#include "engine/geometry/quaternion.hpp"
+#include "engine/parallel.hpp"
+#include "systems/advance_parts.hpp"
+namespace trocar {
+namespace {
+
+// Sums of a whole body, added up in the order of chunks and lanes.
+struct ShapeTotals {
+    std::array<double, kShapeSums> sum{};
+    double operator[](int s) const { return sum[s]; }
+    Vec3d vector(int s) const { return {sum[s], sum[s + 1], sum[s + 2]}; }
+};
+
+ShapeTotals sum_shape(const SpringKernels& kernels, std::vector<double>& chunk_sums, const AdvanceBody& body) {
+    constexpr uint32_t kRow = kShapeSums * kSliceWidth;
+    const uint32_t chunks = chunk_count(body.slices, kSlicesPerChunk);
+    chunk_sums.assign(static_cast<size_t>(chunks) * kRow, 0.0);
+    parallel_for(body.slices, kSlicesPerChunk, [&](uint32_t begin, uint32_t end) {
+        kernels.shape_sums(&body.step, begin, end, chunk_sums.data() + begin / kSlicesPerChunk * kRow);
+    });
+    ShapeTotals totals;
+    for (uint32_t chunk = 0; chunk < chunks; ++chunk) {
+        for (uint32_t i = 0; i < kRow; ++i) totals.sum[i / kSliceWidth] += chunk_sums[chunk * kRow + i];
+    }
+    return totals;
+}
+
+// Angular velocity of the rigid motion with the body's momentum; zero where it is not defined.
+Vec3d rigid_turning(const ShapeTotals& t, double mass, const Vec3d& centre, const Vec3d& velocity) {
+    const auto second = [&](int s, int i, int j) { return t[kSumMxx + s] - mass * centre[i] * centre[j]; };
+    const double xx = second(0, 0, 0), yy = second(1, 1, 1), zz = second(2, 2, 2);
+    const Vec3d angular = t.vector(kSumL) - mass * centre.cross(velocity);
+    Vec3d turning = Vec3d::Zero();
+    if (!solve_symmetric({yy + zz, xx + zz, xx + yy, -second(3, 0, 1), -second(4, 0, 2), -second(5, 1, 2)}, angular,
+                         turning)) {
+        return Vec3d::Zero();
+    }
+    return turning;
+}
+
+}  // namespace
+
+void fit_shape(const SpringKernels& kernels, std::vector<double>& chunk_sums, AdvanceBody& body, Quat& orientation) {
+    const ShapeTotals t = sum_shape(kernels, chunk_sums, body);
+    SpringStep& step = body.step;
+    if (t[kSumK] > 0) {
+        const Vec3d centre = t.vector(kSumKx) / t[kSumK], rest = t.vector(kSumKr) / t[kSumK];
+        std::array<Vec3d, 3> a;
+        for (int i = 0; i < 3; ++i) a[i] = t.vector(kSumKxr + 3 * i) - t[kSumK] * centre[i] * rest;
+        orientation = best_fit_rotation(a, orientation);
+        const std::array<Vec3d, 3> turn = rotation_rows(orientation);
+        for (int i = 0; i < 3; ++i) {
+            for (int j = 0; j < 3; ++j) step.turn[3 * i + j] = static_cast<float>(turn[i][j]);
+            const double goal = centre[i] - turn[i].dot(rest);
+            step.centre[i] = static_cast<float>(goal);
+            step.centre_rest[i] = static_cast<float>(goal - step.centre[i]);
+        }
+    }
+    if (t[kSumM] > 0) {
+        const Vec3d centre = t.vector(kSumMx) / t[kSumM], velocity = t.vector(kSumMv) / t[kSumM];
+        const Vec3d turning = rigid_turning(t, t[kSumM], centre, velocity);
+        const Vec3d at_origin = velocity - turning.cross(centre);
+        for (int i = 0; i < 3; ++i) {
+            step.drag_turn[i] = static_cast<float>(turning[i]);
+            step.drag_velocity[i] = static_cast<float>(at_origin[i]);
+        }
+    }
+}
+
+}  // namespace trocar

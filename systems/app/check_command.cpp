@@ -1,0 +1,69 @@
+#include <cstdio>
+#include <nlohmann/json.hpp>
+
+#include "content/admission.hpp"
+#include "content/load_mesh.hpp"
+#include "engine/error.hpp"
+#include "engine/whole_file.hpp"
+#include "systems/app/commands.hpp"
+#include "systems/app/standard_streams.hpp"
+namespace trocar {
+namespace {
+
+nlohmann::ordered_json to_json(const std::string& file, const MeshJudgement& j) {
+    const auto row = [](const Vec3d& v) { return nlohmann::ordered_json{v.x(), v.y(), v.z()}; };
+    return {{"file", file},
+            {"vertices", j.vertices},
+            {"triangles", j.triangles},
+            {"closed", j.closed},
+            {"manifold", j.manifold},
+            {"oriented", j.oriented},
+            {"components", j.components},
+            {"degenerate", j.degenerate},
+            {"duplicate", j.duplicate},
+            {"boundary_edges", j.boundary_edges},
+            {"non_manifold_edges", j.non_manifold_edges},
+            {"flipped_edges", j.flipped_edges},
+            {"self_crossing", j.self_crossing},
+            {"volume", j.volume},
+            {"area", j.area},
+            {"bbox_min", row(j.bbox_min)},
+            {"bbox_max", row(j.bbox_max)},
+            {"admitted_as", admission_name(j.admitted_as)},
+            {"reason", j.reason}};
+}
+
+std::string to_text(const std::string& file, const MeshJudgement& j) {
+    char text[1024];
+    std::snprintf(text, sizeof text,
+                  "%s: %s%s%s\n  %u vertices, %u triangles, %u component%s; closed %s, manifold %s, oriented %s; "
+                  "degenerate %u, self-crossing %u\n  volume %.6g, area %.6g, box %.6g x %.6g x %.6g\n",
+                  file.c_str(), admission_name(j.admitted_as), j.reason.empty() ? "" : ": ", j.reason.c_str(),
+                  j.vertices, j.triangles, j.components, j.components == 1 ? "" : "s", j.closed ? "yes" : "no",
+                  j.manifold ? "yes" : "no", j.oriented ? "yes" : "no", j.degenerate, j.self_crossing, j.volume, j.area,
+                  j.bbox_max.x() - j.bbox_min.x(), j.bbox_max.y() - j.bbox_min.y(), j.bbox_max.z() - j.bbox_min.z());
+    return text;
+}
+
+}  // namespace
+
+int check_command(const CheckOptions& options) {
+    bool sound = true, readable = true;
+    for (const std::string& file : options.files) {
+        try {
+            const LoadedMesh loaded = load_mesh(file);
+            for (const std::string& warning : loaded.warnings)
+                std::fprintf(stderr, "trocar: warning: %s\n", warning.c_str());
+            const MeshJudgement judgement = judge_mesh(loaded.mesh, true);
+            sound = sound && judgement.admitted_as == Admission::kSolid;
+            write_standard_output(options.json ? to_json(file, judgement).dump() + "\n" : to_text(file, judgement));
+        } catch (const InputError& e) {
+            // the other files still get their answer
+            std::fprintf(stderr, "trocar: %s\n", e.what());
+            readable = false;
+        }
+    }
+    return !readable ? kUsage : sound ? kDone : kNo;
+}
+
+}  // namespace trocar

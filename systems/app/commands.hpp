@@ -1,0 +1,63 @@
+#pragma once
+#include <cstdint>
+#include <filesystem>
+#include <string>
+#include <vector>
+
+#include "content/scene_file.hpp"
+namespace trocar {
+
+// Exit codes of the program.
+enum ExitCode : int { kDone = 0, kNo = 1, kUsage = 2, kFault = 3 };
+
+struct RunOptions {
+    std::string scene;  // path, or the name of a built-in scene
+    std::vector<Override> overrides;
+    double seconds = 0;         // 0 = the scene's
+    std::filesystem::path out;  // folder; empty = nothing is written
+    bool live = false;
+    bool render = true;
+    uint32_t threads = 0;       // 0 = all cores
+    uint32_t export_every = 0;  // write every body as OBJ at every n-th picture; 0 = at the end only
+    bool json = false;          // print metrics.json to standard output
+    double slow_render_ms = 0;  // live: delays every picture, to show that nothing else waits for it
+};
+int run_command(const RunOptions& options);
+
+struct CheckOptions {
+    std::vector<std::string> files;
+    bool json = false;
+};
+int check_command(const CheckOptions& options);
+
+struct QueryOptions {
+    std::string mesh;
+    std::string points;         // CSV x,y,z in file units; "-" = standard input
+    std::filesystem::path out;  // CSV; empty = standard output
+    bool json = false;
+};
+int query_command(const QueryOptions& options);
+
+struct CollideOptions {
+    std::string a, b;
+    Vec3d move_b = Vec3d::Zero();  // file units
+    Quat rotate_b;                 // about the origin of B's file, before the move
+    double tolerance = 0;          // file units; 0 = 1e-4 of the smaller diagonal
+    bool json = false;
+};
+int collide_command(const CollideOptions& options);
+
+struct ConvertOptions {
+    std::string in, out;
+    bool json = false;
+};
+int convert_command(const ConvertOptions& options);
+
+int scenes_command(bool json);
+// Library versions and the instruction set in use.
+std::string version_text();
+
+// Folder of the scenes that come with the program: beside the sources, or as installed.
+std::filesystem::path scenes_folder();
+
+}  // namespace trocar

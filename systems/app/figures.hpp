@@ -1,0 +1,66 @@
+#pragma once
+#include <cstdint>
+#include <string>
+#include <vector>
+
+#include "components/math.hpp"
+#include "components/report.hpp"
+namespace trocar {
+
+// What one contact pass found and cost.
+struct PassFigures {
+    double time = 0;          // s, simulated, at its start
+    double detection_ms = 0;  // begin stages from body boxes to islands
+    double response_ms = 0;   // contact rows in all its substeps
+    double frame_ms = 0;      // all stages of the pass, pictures included
+    double render_ms = 0;     // of the picture drawn in this pass, 0 if none
+    double depth = 0;         // m, deepest pair
+    uint32_t inside_vertices = 0;
+    uint32_t contacts = 0;
+    uint32_t pairs = 0;        // overlapping
+    double force = 0;          // N, commanded to the hand (largest tool)
+    double contact_force = 0;  // N, mean contact impulse / period on the hand tool
+    Energy energy;             // newest computed
+    double peak_elastic = 0;   // J so far
+    bool contact() const { return pairs > 0; }
+};
+
+// Durations of one stage.
+struct StageFigures {
+    std::string name;
+    std::vector<double> ms;
+};
+
+// Everything a run measured; input of metrics.json and report.html.
+struct RunFigures {
+    std::string scene, description, version, instruction_set, machine, started;
+    uint32_t threads = 1;
+    bool live = false;
+    uint64_t state_hash = 0;
+    uint64_t frames = 0;  // pictures (display rate), drawn or not
+    double simulated_s = 0;
+    double wall_s = 0;
+    std::vector<PassFigures> pass;
+    std::vector<StageFigures> stage;
+    std::vector<double> render_ms;
+    uint64_t ticks = 0;
+    double max_force = 0;                // N
+    std::vector<double> tick_us;         // compute time of every haptic tick
+    std::vector<double> tick_period_us;  // live only
+    std::vector<double> contact_age_ms;  // live only
+    std::string scheduling;              // live only: what priority was got, kernel
+    Report report;
+    std::vector<std::string> bodies;  // "liver: 5002 vertices, deformable, 1 substep"
+};
+
+// Value at quantile q in [0, 1] (nearest rank); 0 if empty.
+double quantile(std::vector<double> values, double q);
+double mean(const std::vector<double>& values);
+
+// metrics.json as text; fields as README names them.
+std::string metrics_json(const RunFigures& figures);
+
+// A self-contained page with SVG plots; `pictures` are file names relative to the page.
+std::string report_html(const RunFigures& figures, const std::vector<std::string>& pictures, const std::string& film);
+
+}  // namespace trocar

@@ -1,0 +1,67 @@
+#pragma once
+#include <memory>
+#include <span>
+#include <vector>
+
+#include "engine/device.hpp"
+#include "engine/latest.hpp"
+#include "engine/real_time.hpp"
+#include "systems/haptic_tick.hpp"
+namespace trocar {
+
+// What one live tick of one tool consumed and answered: enough to repeat it in lockstep.
+struct LiveTick {
+    uint64_t tick = 0;  // ms since the start
+    uint32_t tool = 0;
+    uint64_t model_sequence = 0;  // contact pass of the model it used
+    DeviceState sample;
+    Vec3d force = Vec3d::Zero();  // N
+};
+
+// Called on the haptic thread after every tick of every tool; must not wait or allocate. May be empty.
+struct LiveRecorder {
+    void (*record)(void* user, const LiveTick& tick) = nullptr;
+    void* user = nullptr;
+};
+
+struct LiveFigures {
+    TimeHistogram contact_age;  // of the surface under the force, ns
+    double max_force = 0;       // N
+};
+
+// Haptic ticks on an own 1 kHz thread. The simulation gives it surfaces and takes its states through newest-value
+// mailboxes; nobody waits for anybody.
+class LiveHaptics {
+ public:
+    // `devices` one per tool; what they view must outlive this.
+    LiveHaptics(const HapticParams& params, std::span<const HandTool> tools, std::span<const Device> devices,
+                LiveRecorder recorder = {});
+    ~LiveHaptics();
+
+    // Starts ticking: tick n at start_ns + n ms, simulated time n ms.
+    void start(const PeriodicOptions& options, int64_t start_ns);
+    void stop();
+
+    // Simulation thread: where to write the next model of a tool, and the word that it is complete.
+    LocalContactModel& model_to_fill(uint32_t tool);
+    void publish_model(uint32_t tool);
+    // Simulation thread: copies what the newest tick of each tool found into `haptics` (device, proxy, contacts,
+    // command, counters; never the coupling force or the impulse, which are the simulation's). False if no tick came
+    // since the last call.
+    bool take_states(Haptics& haptics);
+
+    // After stop.
+    const PeriodicFigures& timing() const { return thread_.figures(); }
+    const LiveFigures& figures() const { return figures_; }
+
+ private:
+    struct Tool;
+    void tick(uint64_t index);
+    HapticParams params_;
+    std::vector<std::unique_ptr<Tool>> tools_;
+    LiveRecorder recorder_;
+    LiveFigures figures_;
+    PeriodicThread thread_;
+};
+
+}  // namespace trocar

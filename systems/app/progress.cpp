@@ -1,0 +1,30 @@
+#include "systems/app/progress.hpp"
+
+#include <unistd.h>
+
+#include <algorithm>
+#include <cstdio>
+
+#include "engine/trace.hpp"
+namespace trocar {
+
+Progress::Progress(std::string title) : title_(std::move(title)), terminal_(isatty(STDERR_FILENO) == 1), start_ns_(now_ns()) {}
+
+Progress::~Progress() {
+    if (terminal_ && shown_ns_ > 0) std::fprintf(stderr, "\r\033[K");
+}
+
+void Progress::show(double done, const std::string& note) {
+    const unsigned long long now = now_ns();
+    if (!terminal_ || now - shown_ns_ < 100'000'000ull) return;
+    shown_ns_ = now;
+    constexpr int kWidth = 30;
+    const int filled = static_cast<int>(std::clamp(done, 0.0, 1.0) * kWidth);
+    const double elapsed = static_cast<double>(now - start_ns_) * 1e-9;
+    const double left = done > 0.01 ? elapsed * (1 - done) / done : 0;
+    std::fprintf(stderr, "\r\033[K%s [%.*s%.*s] %3.0f %% %s, %.0f s left", title_.c_str(), filled,
+                 "##############################", kWidth - filled, "..............................", done * 100, note.c_str(), left);
+    std::fflush(stderr);
+}
+
+}  // namespace trocar

@@ -1,0 +1,128 @@
+#include <charconv>
+#include <cmath>
+#include <cstdio>
+#include <nlohmann/json.hpp>
+
+#include "content/admission.hpp"
+#include "content/load_mesh.hpp"
+#include "engine/closest_point.hpp"
+#include "engine/error.hpp"
+#include "engine/mesh_topology.hpp"
+#include "engine/parallel.hpp"
+#include "engine/text_file.hpp"
+#include "engine/whole_file.hpp"
+#include "systems/app/commands.hpp"
+#include "systems/app/standard_streams.hpp"
+namespace trocar {
+namespace {
+
+constexpr const char* kFeatureNames[] = {"vertex0", "vertex1", "vertex2", "edge0", "edge1", "edge2", "face"};
+
+// One x,y,z a line; blanks, tabs and semicolons separate as well as commas; a first line of words is a header.
+std::vector<Vec3d> parse_points(const std::string& file, const std::string& text) {
+    std::vector<Vec3d> points;
+    size_t line_number = 0;
+    for (size_t begin = 0; begin < text.size();) {
+        const size_t end = std::min(text.find('\n', begin), text.size());
+        const char* p = text.data() + begin;
+        const char* stop = text.data() + end;
+        begin = end + 1;
+        ++line_number;
+        const auto skip = [&] {
+            while (p < stop && (*p == ' ' || *p == '\t' || *p == ',' || *p == ';' || *p == '\r')) ++p;
+        };
+        skip();
+        if (p == stop || *p == '#') continue;
+        Vec3d v;
+        for (int k = 0; k < 3; ++k) {
+            skip();
+            if (p < stop && *p == '+') ++p;
+            const auto [next, error] = std::from_chars(p, stop, v[k]);
+            if (error != std::errc() || !std::isfinite(v[k])) {
+                if (points.empty() && k == 0 && line_number == 1) break;  // header
+                throw InputError(file + ":" + std::to_string(line_number) + ": three finite numbers x,y,z are needed");
+            }
+            p = next;
+            if (k == 2) points.push_back(v);
+        }
+    }
+    return points;
+}
+
+std::string to_csv(const std::vector<SurfacePoint>& answers) {
+    std::string out = "distance,cx,cy,cz,triangle,feature\n";
+    char line[160];
+    for (const SurfacePoint& a : answers) {
+        std::snprintf(line, sizeof line, "%.17g,%.17g,%.17g,%.17g,%u,%s\n", a.distance, a.point.x(), a.point.y(),
+                      a.point.z(), a.triangle, kFeatureNames[static_cast<size_t>(a.feature)]);
+        out += line;
+    }
+    return out;
+}
+
+std::string to_json(const std::vector<SurfacePoint>& answers) {
+    nlohmann::ordered_json rows = nlohmann::ordered_json::array();
+    for (const SurfacePoint& a : answers)
+        rows.push_back({{"distance", a.distance},
+                        {"closest", {a.point.x(), a.point.y(), a.point.z()}},
+                        {"triangle", a.triangle},
+                        {"feature", kFeatureNames[static_cast<size_t>(a.feature)]}});
+    return rows.dump(1) + "\n";
+}
+
+// Triangles with three different corners, and their numbers in the file.
+std::vector<uint32_t> drop_repeated_corners(Mesh& mesh) {
+    std::vector<uint32_t> number;
+    std::vector<Triangle> kept;
+    for (uint32_t t = 0; t < mesh.triangle.size(); ++t) {
+        const Triangle& c = mesh.triangle[t];
+        if (c[0] == c[1] || c[1] == c[2] || c[2] == c[0]) continue;
+        kept.push_back(c);
+        number.push_back(t);
+    }
+    mesh.triangle = kept;
+    mesh.uv.clear();
+    mesh.triangle_material.clear();
+    return number;
+}
+
+}  // namespace
+
+int query_command(const QueryOptions& options) {
+    LoadedMesh loaded = load_mesh(options.mesh);
+    for (const std::string& warning : loaded.warnings) std::fprintf(stderr, "trocar: warning: %s\n", warning.c_str());
+    const std::vector<uint32_t> file_triangle = drop_repeated_corners(loaded.mesh);
+    MeshJudgement judgement = judge_mesh(loaded.mesh, true);
+    if (judgement.admitted_as == Admission::kRefused) throw InputError(options.mesh + ": " + judgement.reason);
+    if (judgement.closed && judgement.volume < 0) {
+        std::fprintf(stderr, "trocar: warning: %s: the surface faces inward; its triangles are turned round\n",
+                     options.mesh.c_str());
+        for (Triangle& t : loaded.mesh.triangle) std::swap(t[1], t[2]);
+        judgement = judge_mesh(loaded.mesh, true);
+    }
+    if (judgement.admitted_as != Admission::kSolid)
+        std::fprintf(stderr, "trocar: warning: %s: %s\n", options.mesh.c_str(), judgement.reason.c_str());
+    const std::string text = options.points == "-" ? read_standard_input() : read_text_file(options.points);
+    const std::vector<Vec3d> points = parse_points(options.points, text);
+
+    Meshes meshes;
+    const uint32_t prototype = add_prototype(meshes, loaded.mesh, judgement.admitted_as);
+    const ClosestPointTree tree(mesh_view(meshes, prototype));
+    std::vector<SurfacePoint> answers(points.size());
+    const std::vector<double> radius(points.size(), std::numeric_limits<double>::infinity());
+    parallel_for(static_cast<uint32_t>(points.size()), 256, [&](uint32_t begin, uint32_t end) {
+        QueryCounters counters;
+        tree.query(std::span(points).subspan(begin, end - begin), std::span(radius).subspan(begin, end - begin), {},
+                   std::span(answers).subspan(begin, end - begin), counters);
+    });
+    for (SurfacePoint& a : answers)
+        if (a.triangle != kNone) a.triangle = file_triangle[a.triangle];
+    const std::string out = options.json ? to_json(answers) : to_csv(answers);
+    if (options.out.empty())
+        write_standard_output(out);
+    else
+        write_whole_file(options.out, out);
+    return kDone;
+}
+
+}  // namespace trocar

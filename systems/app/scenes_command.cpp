@@ -1,0 +1,60 @@
+#include <algorithm>
+#include <cstdlib>
+#include <nlohmann/json.hpp>
+
+#include "engine/closest_point.hpp"
+#include "engine/error.hpp"
+#include "engine/offscreen.hpp"
+#include "engine/whole_file.hpp"
+#include "systems/app/commands.hpp"
+#include "systems/app/standard_streams.hpp"
+namespace trocar {
+namespace fs = std::filesystem;
+
+fs::path scenes_folder() {
+    std::error_code error;
+    // beside the sources while developing, beside the program once installed, or where the user says
+    if (const char* given = std::getenv("TROCAR_SCENES")) return given;
+    const fs::path program = fs::read_symlink("/proc/self/exe", error).parent_path();
+    for (const fs::path& candidate :
+         {fs::path("content/scenes"), program / "../../content/scenes", program / "../share/trocar/scenes"})
+        if (fs::is_directory(candidate, error)) return fs::weakly_canonical(candidate, error);
+    return "content/scenes";
+}
+
+int scenes_command(bool json) {
+    const fs::path folder = scenes_folder();
+    std::error_code error;
+    std::vector<fs::path> files;
+    for (const fs::directory_entry& entry : fs::directory_iterator(folder, error))
+        if (entry.path().extension() == ".toml") files.push_back(entry.path());
+    if (error) throw InputError(folder.string() + ": " + error.message());
+    std::sort(files.begin(), files.end());
+    nlohmann::ordered_json rows = nlohmann::ordered_json::array();
+    std::string text;
+    for (const fs::path& file : files) {
+        const SceneFile scene = read_scene_file(file, {});
+        rows.push_back({{"name", file.stem().string()},
+                        {"file", file.string()},
+                        {"description", scene.settings.description},
+                        {"seconds", scene.settings.seconds},
+                        {"bodies", scene.bodies.size()},
+                        {"tools", scene.tools.size()}});
+        text += file.stem().string() + "\n    " + scene.settings.description + "\n";
+    }
+    write_standard_output(json ? rows.dump(1) + "\n"
+                               : text + "\nRun one: trocar run " +
+                                     (files.empty() ? "SCENE" : files[0].stem().string()) + " --out out/run\n");
+    return kDone;
+}
+
+std::string version_text() {
+    std::string text = std::string("trocar ") + TROCAR_VERSION + " (" + instruction_set() + ")\n";
+    text += std::string("Embree ") + closest_point_library() + "\n";
+    text += "compiler " + std::string(__VERSION__) + "\n";
+    OffscreenContext context;
+    text += "drawing " + offscreen_library(context);
+    return text;
+}
+
+}  // namespace trocar

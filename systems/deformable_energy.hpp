@@ -1,0 +1,23 @@
+#pragma once
+#include "components/bodies.hpp"
+#include "components/mesh.hpp"
+#include "components/particles.hpp"
+#include "components/report.hpp"
+#include "components/springs.hpp"
+namespace trocar {
+
+// Sets energy.kinetic, elastic and gravity (J) from the state of all deformable bodies, and balance from `start`
+// (kinetic + elastic + gravity when the books were opened). Double, fixed order. Everything is taken at the time of the
+// velocities, half a substep before that of the offsets: there the leapfrog's kinetic energy needs no knowledge of the
+// contact impulses to come.
+void measure_energy(const Springs& springs, const Bodies& bodies, const Poses& poses, const Particles& particles,
+                    const Anchors& anchors, const Vec3d& gravity, double start, Energy& energy);
+
+// Linear momentum (kg m/s) and angular momentum about the world origin (kg m^2/s) of one deformable body.
+struct Momentum {
+    Vec3d linear = Vec3d::Zero();
+    Vec3d angular = Vec3d::Zero();
+};
+Momentum measure_momentum(const Bodies& bodies, const Poses& poses, const Particles& particles, uint32_t body);
+
+}  // namespace trocar

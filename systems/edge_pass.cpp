@@ -1,0 +1,401 @@
+#include "systems/edge_pass.hpp"
+
+#include <algorithm>
+#include <cmath>
+#include <utility>
+
+#include "engine/geometry/contact_kernels.hpp"
+#include "engine/parallel.hpp"
+namespace trocar {
+namespace {
+
+constexpr uint32_t kMostChunks = 64;
+constexpr uint32_t kMostQueries = 48;  // of one edge; 2^-48 of it is far below any tolerance
+
+void set_bit(std::vector<uint64_t>& bits, uint32_t i) { bits[i >> 6] |= uint64_t{1} << (i & 63); }
+bool has_bit(const std::vector<uint64_t>& bits, uint32_t i) { return bits[i >> 6] >> (i & 63) & 1; }
+
+void clear_set(RankedBits& set, size_t size) { set.word.assign((size + 63) / 64, 0); }
+void count_ranks(RankedBits& set) {
+    set.before.resize(set.word.size());
+    uint32_t before = 0;
+    for (size_t i = 0; i < set.word.size(); ++i) {
+        set.before[i] = before;
+        before += uint32_t(__builtin_popcountll(set.word[i]));
+    }
+}
+uint32_t rank_of(const RankedBits& set, uint32_t i) {
+    const uint64_t below = (uint64_t{1} << (i & 63)) - 1;
+    return set.before[i >> 6] + uint32_t(__builtin_popcountll(set.word[i >> 6] & below));
+}
+
+template <typename Visit>
+void for_each_bit(const std::vector<uint64_t>& bits, const Visit& visit) {
+    for (uint32_t word = 0; word < bits.size(); ++word) {
+        for (uint64_t left = bits[word]; left != 0; left &= left - 1) {
+            visit(word * 64 + uint32_t(__builtin_ctzll(left)));
+        }
+    }
+}
+
+struct EdgeInput {
+    const ContactParams& params;
+    const Surfaces& surfaces;
+    const CandidateTriangles& candidates;
+    const NearVertices& near;
+};
+
+// One side of one pair: the edges of `body` against the surface of `other`.
+struct Side {
+    uint32_t row, body, other;
+    bool reversed;  // body is the pair's b
+    Range candidates;
+    MeshView mesh, other_mesh;
+    const ClosestPointTree* tree;
+};
+
+// A place on the edge where something is known of the depth.
+struct Sample {
+    double s;           // m from the first vertex
+    double depth;       // m; an upper bound at the ends of an interval, exact where a query was made
+    uint32_t triangle;  // of other, nearest there, or kNone
+};
+
+// One edge under search, in the frame of the other body. The arrays are left as they are: most edges need none.
+struct EdgeSearch {
+    const EdgeInput& in;
+    const Side& side;
+    Vec3d start, direction;  // direction unit
+    double length;           // m
+
+    std::array<std::array<Sample, 2>, kMostQueries + 2> interval;
+    std::array<double, kMostQueries + 2> bound;
+    uint32_t intervals = 0;
+
+    EdgeSearch(const EdgeInput& input, const Side& of, const Vec3d& from, const Vec3d& way, double metres)
+        : in(input), side(of), start(from), direction(way), length(metres) {}
+    Vec3d at(double s) const { return start + s * direction; }
+    SurfacePoint ask(double s, uint32_t hint, QueryCounters& counters) const {
+        const Vec3d p = at(s);
+        const double radius = std::numeric_limits<double>::infinity();
+        SurfacePoint answer;
+        side.tree->query({&p, 1}, {&radius, 1}, {&hint, 1}, {&answer, 1}, counters);
+        return answer;
+    }
+    double distance_to(uint32_t t, double s) const {
+        const Triangle& c = side.other_mesh.triangle[t];
+        return distance_to_triangle(at(s), other_vertex(c[0]), other_vertex(c[1]), other_vertex(c[2]));
+    }
+    Vec3d other_vertex(uint32_t v) const { return vertex_in_frame(in.surfaces, side.other, v); }
+    // Depth that nothing between two samples exceeds: depth is 1-Lipschitz, and it is no more than the distance to any
+    // triangle, which is convex along the edge.
+    double bound_between(const Sample& a, const Sample& b) const {
+        double most = 0.5 * (b.s - a.s + a.depth + b.depth);
+        if (a.triangle != kNone) most = std::min(most, std::max(std::abs(a.depth), distance_to(a.triangle, b.s)));
+        if (b.triangle != kNone && b.triangle != a.triangle) {
+            most = std::min(most, std::max(std::abs(b.depth), distance_to(b.triangle, a.s)));
+        }
+        return most;
+    }
+    void add(const Sample& a, const Sample& b) {
+        if (!(b.s > a.s)) return;
+        interval[intervals] = {a, b};
+        bound[intervals++] = bound_between(a, b);
+    }
+};
+
+// Piyavskii-Shubert search of the deepest point on the intervals added, to the tolerance; `deepest` is what must be
+// beaten. `look`: the edge surely passes the surface and gets one query however short its way inside. Of equal bounds
+// the first interval is split first. True when found.
+bool search(EdgeSearch& e, double deepest, bool look, EdgeContact& best, QueryCounters& counters) {
+    bool found = false;
+    for (uint32_t query = 0; query < kMostQueries && e.intervals > 0; ++query) {
+        const uint32_t pick =
+            uint32_t(std::max_element(e.bound.begin(), e.bound.begin() + e.intervals) - e.bound.begin());
+        const double slack = (look && !found ? 0.01 : 1.0) * e.in.params.tolerance;
+        if (e.bound[pick] <= deepest + slack && !(look && query == 0)) break;
+        const auto [a, b] = e.interval[pick];
+        e.interval[pick] = e.interval[e.intervals - 1];
+        e.bound[pick] = e.bound[--e.intervals];
+        const double width = b.s - a.s;
+        const double peak = 0.5 * (a.s + b.s + b.depth - a.depth);
+        const float along = float(std::clamp(peak, a.s + 0.1 * width, b.s - 0.1 * width) / e.length);
+        const double s = double(along) * e.length;
+        if (!(s > a.s && s < b.s)) continue;
+        const SurfacePoint answer = e.ask(s, a.triangle != kNone ? a.triangle : b.triangle, counters);
+        if (answer.triangle == kNone) break;
+        if (-answer.distance > deepest) {
+            found = true;
+            deepest = -answer.distance;
+            best.along = along;
+            best.point = e.at(s);
+            best.answer = answer;
+        }
+        const Sample middle{s, -answer.distance, answer.triangle};
+        e.add(a, middle);
+        e.add(middle, b);
+    }
+    return found;
+}
+
+// Where the edge from p to q passes triangle abc, as a part of the way; -1 if it surely does not. Wrong only towards
+// "yes": everything is compared with a bound on its rounding.
+double crossing(const Vec3d& p, const Vec3d& q, const Vec3d& a, const Vec3d& b, const Vec3d& c) {
+    const Vec3d n = (b - a).cross(c - a), pa = a - p, pb = b - p, pc = c - p, pq = q - p;
+    const double size = pa.lpNorm<1>() + pb.lpNorm<1>() + pc.lpNorm<1>() + pq.lpNorm<1>();
+    const double slack = 1e-14 * size * size * size;
+    const double at_p = -n.dot(pa), at_q = at_p + n.dot(pq);
+    if ((at_p > slack && at_q > slack) || (at_p < -slack && at_q < -slack)) return -1;
+    const double u = pq.dot(pa.cross(pb)), v = pq.dot(pb.cross(pc)), w = pq.dot(pc.cross(pa));
+    const bool left = u >= -slack && v >= -slack && w >= -slack, right = u <= slack && v <= slack && w <= slack;
+    if (!left && !right) return -1;
+    const double change = at_p - at_q;
+    return std::abs(change) > slack ? std::clamp(at_p / change, 0.0, 1.0) : 0.5;
+}
+
+struct Crossings {
+    uint32_t count;
+    Sample first, last;
+};
+
+// First and last place where the edge passes the other surface, among the candidate triangles of its own triangles.
+Crossings find_crossings(const EdgeSearch& e, const std::array<uint32_t, 2>& triangles, const EdgeChunk& c) {
+    Crossings found{0, {}, {}};
+    const Vec3d p = e.start, q = e.at(e.length);
+    for (const uint32_t own : triangles) {
+        if (own == kNone || !has_bit(c.near_triangle.word, own)) continue;
+        const uint32_t rank = rank_of(c.near_triangle, own);
+        for (uint32_t i = c.opposite_first[rank]; i < c.opposite_first[rank + 1]; ++i) {
+            const Triangle& corner = e.side.other_mesh.triangle[c.opposite[i]];
+            const double part =
+                crossing(p, q, e.other_vertex(corner[0]), e.other_vertex(corner[1]), e.other_vertex(corner[2]));
+            if (part < 0) continue;
+            const Sample sample{part * e.length, 0, c.opposite[i]};
+            const auto before = [](const Sample& x, const Sample& y) {
+                return x.s < y.s || (x.s == y.s && x.triangle < y.triangle);
+            };
+            if (found.count == 0 || before(sample, found.first)) found.first = sample;
+            if (found.count == 0 || before(found.last, sample)) found.last = sample;
+            ++found.count;
+        }
+    }
+    return found;
+}
+
+// Both ends outside: inside is at most what lies between the first and the last crossing.
+bool search_outside_edge(EdgeSearch& e, const Sample& a, const Sample& b, const std::array<uint32_t, 2>& triangles,
+                         EdgeChunk& c, EdgeContact& best) {
+    if (0.5 * (e.length + a.depth + b.depth) < 0) return false;
+    Crossings x = find_crossings(e, triangles, c);
+    if (x.count == 0) return false;
+    // a place computed for a crossing is off by its rounding, more where the edge grazes: half of a grazed edge is
+    // searched
+    const double pad = 1e-9 * e.length;
+    const bool single = x.last.s - x.first.s <= pad;
+    x.first.s = single ? -a.depth : std::max(x.first.s - pad, 0.0);
+    x.last.s = single ? e.length + b.depth : std::min(x.last.s + pad, e.length);
+    if (single) x.first.triangle = x.last.triangle = kNone;
+    e.add(x.first, x.last);
+    return search(e, 1e-12 * e.length, true, best, c.counters);  // less is rounding: two surfaces that only touch
+}
+
+// Farthest place up to `last` where a triangle is known to be nearer than `enough`, which it is at `s`: the distance is
+// convex along the edge. A few steps of bisection, rounded towards s.
+double covered_to(const EdgeSearch& e, uint32_t triangle, double s, double last, double enough) {
+    if (e.distance_to(triangle, last) <= enough) return last;
+    double good = s, bad = last;
+    for (int i = 0; i < 4; ++i) {
+        const double middle = 0.5 * (good + bad);
+        (e.distance_to(triangle, middle) <= enough ? good : bad) = middle;
+    }
+    return good;
+}
+
+// One end inside (a), the other outside (b). Walks from a along triangles that stay nearer than what would matter; most
+// edges leave the other body by then. Where they do not, the whole way inside is searched.
+bool search_crossing_edge(EdgeSearch& e, const Sample& a, const Sample& b, EdgeChunk& c, EdgeContact& best) {
+    const double enough = a.depth + e.in.params.tolerance;
+    const double sign = a.s < b.s ? 1 : -1;
+    // beyond `last` the outside end bounds the depth to `enough`; beyond `limit` nothing is inside
+    const double last = b.s + sign * (b.depth - enough), limit = b.s + sign * b.depth;
+    if ((last - a.s) * sign <= 0) return false;
+    Sample at = a;
+    for (int step = 0; step < 4; ++step) {
+        const double to = covered_to(e, at.triangle, at.s, last, enough);
+        if (to == last) return false;
+        for (const uint32_t next : e.side.other_mesh.neighbour[at.triangle]) {
+            if (next != kNone && e.distance_to(next, to) <= enough && e.distance_to(next, last) <= enough) return false;
+        }
+        const SurfacePoint answer = e.ask(to, at.triangle, c.counters);
+        if (-answer.distance > enough) break;
+        at = {to, -answer.distance, answer.triangle};
+    }
+    const Sample out{limit, 0, kNone};
+    sign > 0 ? e.add(a, out) : e.add(out, a);
+    return search(e, a.depth, false, best, c.counters);
+}
+
+// Both ends inside: only when the edge leaves the other body and can be deeper on the way than at its ends.
+bool search_inside_edge(EdgeSearch& e, const Sample& a, const Sample& b, const std::array<uint32_t, 2>& triangles,
+                        EdgeChunk& c, EdgeContact& best) {
+    const double deepest = std::max(a.depth, b.depth);
+    e.add(a, b);
+    if (e.intervals == 0 || e.bound[0] <= deepest + e.in.params.tolerance) return false;
+    if (find_crossings(e, triangles, c).count == 0) return false;
+    return search(e, deepest, false, best, c.counters);
+}
+
+bool search_edge(const EdgeInput& in, const Side& side, const BodyPoints& points, uint32_t edge, EdgeChunk& c,
+                 EdgeContact& best) {
+    const auto [v0, v1] = side.mesh.edge[edge];
+    if (!has_bit(c.near_vertex.word, v0) || !has_bit(c.near_vertex.word, v1)) return false;
+    const uint32_t first = in.near.side[side.row].first;
+    const uint32_t row0 = first + rank_of(c.near_vertex, v0), row1 = first + rank_of(c.near_vertex, v1);
+    Sample a{0, -in.near.distance[row0], in.near.triangle[row0]};
+    Sample b{0, -in.near.distance[row1], in.near.triangle[row1]};
+    const auto in_frame = [&](uint32_t v) {
+        const Vec3d p = points.point(v);
+        return is_deformable(in.surfaces.bodies, side.other)
+                   ? p
+                   : rotate_back(in.surfaces.poses.orientation[side.other], p);
+    };
+    const Vec3d p = in_frame(v0), q = in_frame(v1);
+    const double length = (q - p).norm();
+    if (!(length > 0)) return false;
+    b.s = length;
+    EdgeSearch e(in, side, p, (q - p) / length, length);
+    best.vertex = {v0, v1};
+    const auto& triangles = side.mesh.edge_triangle[edge];
+    if (a.depth <= 0 && b.depth <= 0) return search_outside_edge(e, a, b, triangles, c, best);
+    if (a.depth > 0 && b.depth > 0) return search_inside_edge(e, a, b, triangles, c, best);
+    return a.depth > 0 ? search_crossing_edge(e, a, b, c, best) : search_crossing_edge(e, b, a, c, best);
+}
+
+// Candidate triangles of the other body per triangle of this one, and the edges of the latter.
+void collect_edges(const EdgeInput& in, const Side& side, EdgeChunk& c) {
+    clear_set(c.near_triangle, side.mesh.triangle.size());
+    clear_set(c.near_vertex, side.mesh.position.size());
+    c.near_edge.assign((side.mesh.edge.size() + 63) / 64, 0);
+    const auto rows = std::span(in.candidates.triangle).subspan(side.candidates.first, side.candidates.count);
+    for (const auto& pair : rows) {
+        const uint32_t own = pair[side.reversed];
+        if (has_bit(c.near_triangle.word, own)) continue;
+        set_bit(c.near_triangle.word, own);
+        for (const uint32_t edge : side.mesh.triangle_edge[own]) set_bit(c.near_edge, edge);
+    }
+    count_ranks(c.near_triangle);
+    const Range vertices = in.near.side[side.row];
+    for (uint32_t i = vertices.first; i < vertices.end(); ++i) set_bit(c.near_vertex.word, in.near.vertex[i]);
+    count_ranks(c.near_vertex);
+
+    // counting sort of the candidates by triangle of this body
+    c.opposite_first.assign(c.near_triangle.before.back() + 66, 0);
+    for (const auto& pair : rows) ++c.opposite_first[rank_of(c.near_triangle, pair[side.reversed]) + 2];
+    for (size_t i = 2; i < c.opposite_first.size(); ++i) c.opposite_first[i] += c.opposite_first[i - 1];
+    c.opposite.resize(rows.size());
+    for (const auto& pair : rows) {
+        c.opposite[c.opposite_first[rank_of(c.near_triangle, pair[side.reversed]) + 1]++] = pair[!side.reversed];
+    }
+}
+
+void find_side(const EdgeInput& in, const Side& side, Range& found, EdgeChunk& c) {
+    found = {uint32_t(c.found.size()), 0};
+    if (side.tree == nullptr || side.candidates.count == 0) return;
+    collect_edges(in, side, c);
+    const BodyPoints points(in.surfaces, side.body, in.surfaces.poses.origin[side.other]);
+    for_each_bit(c.near_edge, [&](uint32_t edge) {
+        EdgeContact best;
+        if (search_edge(in, side, points, edge, c, best)) c.found.push_back(best);
+    });
+    found.count = uint32_t(c.found.size()) - found.first;
+}
+
+Side make_side(const EdgeInput& in, const CandidatePairs& pairs,
+               std::span<const std::unique_ptr<ClosestPointTree>> trees, uint32_t row) {
+    const uint32_t pair = row / 2;
+    const bool reversed = row % 2 != 0;
+    const uint32_t body = reversed ? pairs.b[pair] : pairs.a[pair], other = reversed ? pairs.a[pair] : pairs.b[pair];
+    const Bodies& bodies = in.surfaces.bodies;
+    const Admission admission = in.surfaces.meshes.info[bodies.mesh[other]].admission;
+    const bool closed = admission == Admission::kSolid || admission == Admission::kWinding;
+    return {row,
+            body,
+            other,
+            reversed,
+            in.candidates.pair[pair],
+            mesh_view(in.surfaces.meshes, bodies.mesh[body]),
+            mesh_view(in.surfaces.meshes, bodies.mesh[other]),
+            closed ? trees[bodies.tree[other]].get() : nullptr};
+}
+
+void copy_row(const Contacts& from, uint32_t i, Contacts& to, uint32_t row) {
+    to.pair[row] = from.pair[i];
+    to.body[row] = from.body[i];
+    to.other[row] = from.other[i];
+    to.vertex[row] = from.vertex[i];
+    to.along[row] = from.along[i];
+    to.point[row] = from.point[i];
+    to.closest[row] = from.closest[i];
+    to.normal[row] = from.normal[i];
+    to.distance[row] = from.distance[i];
+    to.triangle[row] = from.triangle[i];
+}
+
+void write_row(const Surfaces& s, uint32_t pair, uint32_t body, uint32_t other, const EdgeContact& e, Contacts& to,
+               uint32_t row) {
+    to.pair[row] = pair;
+    to.body[row] = body;
+    to.other[row] = other;
+    to.vertex[row] = e.vertex;
+    to.along[row] = e.along;
+    to.point[row] = frame_to_world(s, other, e.point);
+    to.closest[row] = frame_to_world(s, other, e.answer.point);
+    to.normal[row] = direction_to_world(s, other, e.answer.normal);
+    to.distance[row] = e.answer.distance;
+    to.triangle[row] = e.answer.triangle;
+}
+
+}  // namespace
+
+void find_edge_contacts(const ContactParams& params, const Surfaces& surfaces, const CandidatePairs& pairs,
+                        const CandidateTriangles& candidates, const NearVertices& near,
+                        std::span<const std::unique_ptr<ClosestPointTree>> trees, EdgePassScratch& scratch,
+                        Report& report, Contacts& contacts) {
+    const EdgeInput in{params, surfaces, candidates, near};
+    const uint32_t sides = 2 * uint32_t(pairs.a.size());
+    const uint32_t grain = std::max(1u, chunk_count(sides, kMostChunks));
+    scratch.side.resize(sides);
+    if (scratch.chunk.size() < chunk_count(sides, grain)) scratch.chunk.resize(chunk_count(sides, grain));
+    parallel_for(sides, grain, [&](uint32_t begin, uint32_t end) {
+        EdgeChunk& chunk = scratch.chunk[begin / grain];
+        chunk.found.clear();
+        chunk.counters = {};
+        for (uint32_t row = begin; row < end; ++row) {
+            find_side(in, make_side(in, pairs, trees, row), scratch.side[row], chunk);
+        }
+    });
+    size_t rows = contacts.pair.size();
+    for (uint32_t i = 0; i < chunk_count(sides, grain); ++i) {
+        rows += scratch.chunk[i].found.size();
+        report.tie_overflows += scratch.chunk[i].counters.tie_overflows;
+    }
+    if (rows == contacts.pair.size()) return;
+
+    // merge: the vertex rows of a side, then its edges
+    resize_contacts(scratch.merged, rows);
+    uint32_t from = 0, to = 0;
+    for (uint32_t row = 0; row < sides; ++row) {
+        const uint32_t pair = row / 2, body = row % 2 ? pairs.b[pair] : pairs.a[pair];
+        const uint32_t other = row % 2 ? pairs.a[pair] : pairs.b[pair];
+        while (from < contacts.pair.size() && contacts.pair[from] == pair && contacts.body[from] == body) {
+            copy_row(contacts, from++, scratch.merged, to++);
+        }
+        const EdgeContact* found = scratch.chunk[row / grain].found.data() + scratch.side[row].first;
+        for (uint32_t i = 0; i < scratch.side[row].count; ++i) {
+            write_row(surfaces, pair, body, other, found[i], scratch.merged, to++);
+        }
+    }
+    std::swap(contacts, scratch.merged);
+}
+
+}  // namespace trocar

@@ -1,0 +1,53 @@
+#pragma once
+#include <array>
+#include <memory>
+#include <span>
+#include <vector>
+
+#include "components/bodies.hpp"
+#include "components/contacts.hpp"
+#include "components/report.hpp"
+#include "engine/closest_point.hpp"
+#include "engine/surfaces.hpp"
+namespace trocar {
+
+// The deepest point of one edge, before it becomes a row of Contacts.
+struct EdgeContact {
+    std::array<uint32_t, 2> vertex{};  // of body
+    float along = 0;
+    Vec3d point = Vec3d::Zero();  // frame of the other body, m
+    SurfacePoint answer;          // frame of the other body
+};
+
+// Set of row numbers that tells how many members lie before one of them.
+struct RankedBits {
+    std::vector<uint64_t> word;
+    std::vector<uint32_t> before;  // members in the words before
+};
+
+// Working arrays of a run of sides; sets are of the body at hand.
+struct EdgeChunk {
+    RankedBits near_triangle, near_vertex;
+    std::vector<uint64_t> near_edge;
+    std::vector<uint32_t> opposite_first;  // per near triangle by rank: rows of opposite
+    std::vector<uint32_t> opposite;        // candidate triangles of the other body
+    std::vector<EdgeContact> found;        // of all sides of the run
+    QueryCounters counters;
+};
+
+struct EdgePassScratch {
+    std::vector<EdgeChunk> chunk;
+    std::vector<Range> side;  // two per candidate pair: rows of the chunk's found
+    Contacts merged;
+};
+
+// Deepest inside point of edges that cross the other surface, to params.tolerance (m): every edge with both ends
+// outside; an edge with an end inside only when some point of it can be deeper than its ends by more than the
+// tolerance. Inserts edge rows into contacts, keeping the order pair, side, vertex before edge, index. Surfaces of
+// sheets have no inside and get none.
+void find_edge_contacts(const ContactParams& params, const Surfaces& surfaces, const CandidatePairs& pairs,
+                        const CandidateTriangles& candidates, const NearVertices& near,
+                        std::span<const std::unique_ptr<ClosestPointTree>> trees, EdgePassScratch& scratch,
+                        Report& report, Contacts& contacts);
+
+}  // namespace trocar

@@ -1,0 +1,403 @@
+#include "systems/frame.hpp"
+
+#include <algorithm>
+#include <string>
+
+#include "engine/check.hpp"
+#include "engine/device.hpp"
+#include "engine/keyframe_path.hpp"
+#include "engine/parallel.hpp"
+#include "engine/thread_pool.hpp"
+#include "systems/advance.hpp"
+#include "systems/body_boxes.hpp"
+#include "systems/candidate_cells.hpp"
+#include "systems/candidate_pairs.hpp"
+#include "systems/contact_rows.hpp"
+#include "systems/deformable_energy.hpp"
+#include "systems/device_input.hpp"
+#include "systems/edge_pass.hpp"
+#include "systems/haptic_tick.hpp"
+#include "systems/islands.hpp"
+#include "systems/local_contact_model.hpp"
+#include "systems/overlap.hpp"
+#include "systems/penetration.hpp"
+#include "systems/picture_snapshot.hpp"
+#include "systems/rasterise.hpp"
+#include "systems/refit_trees.hpp"
+#include "systems/rigid_motion.hpp"
+#include "systems/surface_normals.hpp"
+namespace trocar {
+
+// Reused buffers of the systems; their content means nothing between passes but speed.
+struct FrameScratch {
+    CandidatePairsScratch pairs;
+    RefitTreesScratch refit;
+    RasteriseScratch rasterise;
+    CandidateCellsScratch cells;
+    OverlapScratch overlap;
+    EdgePassScratch edges;
+    ContactRowsScratch rows;
+    IslandsScratch islands;
+    SurfaceNormalsScratch normals;
+    Poses coming;                               // poses with the coming speed of hands
+    std::vector<AdvanceScratch> advance;        // per thread
+    std::vector<AdvanceResult> advance_result;  // per island
+    std::vector<uint64_t> response_ns;          // per island
+    std::vector<DeviceState> device;            // tools * (period + 1): every millisecond of the pass
+    LocalContactScratch local_contact;
+    std::array<HapticScratch, kMaxTools> haptic;
+    std::vector<uint64_t> tick_ns;              // tools * period
+};
+
+struct FrameState {
+    World world;
+    FrameScratch scratch;
+    FrameOptions options;
+    FrameTimes times;
+    double energy_start = 0;  // J, when the books were opened
+    bool energy_open = false;
+};
+
+namespace {
+
+double period_seconds(const World& w) { return w.clock.period * 1e-3; }
+double pass_seconds(const World& w) { return static_cast<double>(w.clock.tick) * 1e-3; }
+
+// ---- begin ----
+
+// Where every device will be at each millisecond of the pass; the first is now.
+void device_input(FrameState& f) {
+    World& w = f.world;
+    std::array<Device, kMaxTools> device;
+    for (size_t t = 0; t < w.haptics.tool.size(); ++t) device[t] = device_of(w.haptics, w.paths, w.haptics.tool[t]);
+    read_devices(std::span(device).first(w.haptics.tool.size()), w.clock.tick, w.clock.period, f.scratch.device);
+    for (ToolState& state : w.haptics.state) state.contact_impulse = Vec3d::Zero();
+}
+void rigid_motion(FrameState& f) { follow_paths(f.world.paths, pass_seconds(f.world), f.world.poses); }
+void body_boxes(FrameState& f) {
+    World& w = f.world;
+    // a hand may come as fast as its device moves now
+    f.scratch.coming = w.poses;
+    for (size_t t = 0; t < w.haptics.tool.size(); ++t) {
+        Vec3d& velocity = f.scratch.coming.velocity[w.haptics.tool[t].body];
+        velocity = Vec3d(velocity.norm() + f.scratch.device[t * (w.clock.period + 1)].velocity.norm(), 0, 0);
+    }
+    compute_body_boxes(period_seconds(w), {w.meshes, w.bodies, f.scratch.coming, w.particles}, w.boxes);
+}
+void candidate_pairs(FrameState& f) { find_candidate_pairs(f.world.bodies, f.world.boxes, {}, f.scratch.pairs, f.world.pairs); }
+void refit(FrameState& f) { refit_trees(f.world.bodies, f.world.particles, f.world.pairs, f.scratch.refit, f.world.trees); }
+void rasterise_(FrameState& f) {
+    World& w = f.world;
+    rasterise(w.settings.contact, surfaces_of(w), w.boxes, w.pairs, f.scratch.rasterise, w.report, w.screened, w.occupancy);
+}
+void candidate_cells(FrameState& f) {
+    find_candidate_triangles(f.world.pairs, f.world.screened, f.world.occupancy, f.scratch.cells, f.world.candidates);
+}
+void overlap(FrameState& f) {
+    World& w = f.world;
+    find_overlap(surfaces_of(w), w.boxes, w.pairs, w.screened, w.candidates, w.trees, f.scratch.overlap, w.report, w.near, w.contacts);
+}
+void edge_pass(FrameState& f) {
+    World& w = f.world;
+    find_edge_contacts(w.settings.contact, surfaces_of(w), w.pairs, w.candidates, w.near, w.trees, f.scratch.edges, w.report, w.contacts);
+}
+void penetration(FrameState& f) {
+    measure_penetrations(f.world.pairs, f.world.contacts, f.world.penetrations);
+    ++f.world.report.contact_passes;
+    if (!f.world.penetrations.pair.empty()) ++f.world.report.contact_events;
+}
+void contact_rows(FrameState& f) {
+    World& w = f.world;
+    make_contact_rows(w.settings.contact, surfaces_of(w), w.pairs, w.contacts, w.penetrations, f.scratch.rows, w.report, w.rows);
+}
+void islands(FrameState& f) { find_islands(f.world.bodies, f.world.rows, f.scratch.islands, f.world.islands); }
+void local_contact(FrameState& f) {
+    World& w = f.world;
+    w.local_contact.resize(w.haptics.tool.size());
+    for (size_t t = 0; t < w.haptics.tool.size(); ++t)
+        publish_local_contact(HapticParams{}, surfaces_of(w), w.boxes.box, w.haptics.tool[t], w.haptics.state[t], pass_seconds(w),
+                              w.clock.pass, f.scratch.local_contact, w.local_contact[t]);
+}
+
+// ---- advance ----
+
+void begin_response(void* user) { *static_cast<uint64_t*>(user) -= now_ns(); }
+void end_response(void* user) { *static_cast<uint64_t*>(user) += now_ns(); }
+
+bool island_has_tool(const World& w, std::span<const uint32_t> bodies) {
+    for (const uint32_t body : bodies)
+        if (w.bodies.motion[body] == Motion::kHand) return true;
+    return false;
+}
+
+// One millisecond of force rendering for the tools whose bodies are in the island.
+void haptic_ticks(FrameState& f, std::span<const uint32_t> bodies, uint32_t ms) {
+    World& w = f.world;
+    const size_t per_tool = w.clock.period + 1;
+    for (size_t t = 0; t < w.haptics.tool.size(); ++t) {
+        if (std::find(bodies.begin(), bodies.end(), w.haptics.tool[t].body) == bodies.end()) continue;
+        const uint64_t start = now_ns();
+        haptic_tick(HapticParams{}, w.local_contact[t], static_cast<double>(w.clock.tick + ms) * 1e-3, w.haptics.tool[t],
+                    f.scratch.device[t * per_tool + ms], f.scratch.haptic[t], w.haptics.state[t]);
+        f.scratch.tick_ns[t * w.clock.period + ms] = now_ns() - start;
+    }
+}
+
+// One island through the whole pass; with a tool, millisecond by millisecond with the haptic tick between.
+void advance_one_island(FrameState& f, uint32_t island, AdvanceScratch& scratch) {
+    World& w = f.world;
+    const auto bodies = std::span(w.islands.body).subspan(w.islands.bodies[island].first, w.islands.bodies[island].count);
+    const auto rows = std::span(w.islands.row).subspan(w.islands.rows[island].first, w.islands.rows[island].count);
+    AdvanceParams params;
+    params.tick = w.clock.tick;
+    params.gravity = w.settings.gravity;
+    params.contact = w.settings.contact;
+    params.account_energy = f.options.account_energy;
+    params.observer = {begin_response, end_response, &f.scratch.response_ns[island]};
+    const size_t tools = w.haptics.tool.size(), per_tool = w.clock.period + 1;
+    std::array<DeviceInterval, kMaxTools> device;
+    const AdvanceInputs inputs{w.meshes, w.springs, w.bodies, w.anchors, w.paths, w.haptics.tool, std::span(device).first(tools)};
+    AdvanceResult& result = f.scratch.advance_result[island];
+    const bool with_tool = tools > 0 && island_has_tool(w, bodies);
+    params.ticks = with_tool ? 1 : w.clock.period;
+    params.substeps = count_substeps(w.bodies, bodies, params.ticks * 1e-3, w.settings.substep);
+    for (uint32_t ms = 0; ms < w.clock.period; ms += params.ticks) {
+        for (size_t t = 0; t < tools; ++t) device[t] = {f.scratch.device[t * per_tool + ms], f.scratch.device[t * per_tool + ms + params.ticks]};
+        params.tick = w.clock.tick + ms;
+        if (with_tool && !f.options.external_ticks) haptic_ticks(f, bodies, ms);
+        advance_island(params, inputs, bodies, rows, scratch, w.particles, w.poses, w.rows, w.haptics.state, result);
+    }
+}
+
+// Small islands share a job so that a job is worth its start (about 40 us).
+uint32_t island_grain(const World& w) {
+    const size_t count = std::max<size_t>(1, w.islands.bodies.size());
+    const double us_per_island = static_cast<double>(w.particles.offset.size()) * w.clock.period * 3e-3 / static_cast<double>(count);
+    return static_cast<uint32_t>(std::clamp(40.0 / std::max(us_per_island, 0.01), 1.0, 1024.0));
+}
+
+void advance(FrameState& f) {
+    World& w = f.world;
+    const uint32_t count = static_cast<uint32_t>(w.islands.bodies.size());
+    f.scratch.advance.resize(std::max<size_t>(f.scratch.advance.size(), thread_count()));
+    f.scratch.advance_result.assign(count, {});
+    f.scratch.response_ns.assign(count, 0);
+    f.scratch.tick_ns.assign(w.haptics.tool.size() * w.clock.period, 0);
+    parallel_for(count, island_grain(w), [&](uint32_t begin, uint32_t end) {
+        for (uint32_t i = begin; i < end; ++i) advance_one_island(f, i, f.scratch.advance[thread_index()]);
+    });
+    f.times.response_ns = 0;
+    w.report.deepest_residual = 0;
+    for (uint32_t i = 0; i < count; ++i) {
+        add_advance_result(f.scratch.advance_result[i], w.energy, w.report);
+        f.times.response_ns += f.scratch.response_ns[i];
+    }
+    if (w.haptics.tool.empty() || f.options.external_ticks) return;
+    sum_tool_counters(w.haptics);
+    for (const uint64_t ns : f.scratch.tick_ns) f.times.tick_us.push_back(static_cast<double>(ns) * 1e-3);
+}
+
+// ---- end ----
+
+void surface_normals(FrameState& f) { compute_surface_normals(surfaces_of(f.world), f.scratch.normals, f.world.normals); }
+void energy(FrameState& f) {
+    World& w = f.world;
+    measure_energy(w.springs, w.bodies, w.poses, w.particles, w.anchors, w.settings.gravity, 0, w.energy);
+    if (!f.energy_open) f.energy_start = w.energy.balance, f.energy_open = true;
+    w.energy.balance -= f.energy_start;
+}
+void picture(FrameState& f) {
+    World& w = f.world;
+    write_picture_snapshot(w.clock.picture, pass_seconds(w), surfaces_of(w), w.normals, w.contacts, w.penetrations, w.haptics, w.picture);
+}
+
+bool any_path(const World& w) {
+    return std::any_of(w.paths.body.begin(), w.paths.body.end(), [](uint32_t body) { return body != kNone; });
+}
+bool any_tool(const World& w) { return !w.haptics.tool.empty(); }
+bool any_pair(const World& w) {
+    const auto can_be_pushed = [](Motion m) { return m == Motion::kDeformable || m == Motion::kHand; };
+    return w.bodies.motion.size() > 1 && std::any_of(w.bodies.motion.begin(), w.bodies.motion.end(), can_be_pushed);
+}
+bool any_mover(const World& w) {
+    return any_tool(w) || std::find(w.bodies.motion.begin(), w.bodies.motion.end(), Motion::kDeformable) != w.bodies.motion.end();
+}
+bool any_deformable(const World& w) { return !w.particles.offset.empty(); }
+bool any_body(const World& w) { return !w.bodies.mesh.empty(); }
+
+using R = Resource;
+constexpr ResourceMask kShapes = mask(R::kMeshes, R::kBodies, R::kPoses, R::kParticles);
+
+constexpr FrameStage kBegin[] = {
+    // name              run              reads                                                              writes
+    {{"device input",    device_input,    mask(R::kClock, R::kPaths, R::kTools),                             mask(R::kToolState)}, any_tool},
+    {{"rigid motion",    rigid_motion,    mask(R::kClock, R::kPaths),                                        mask(R::kPoses)}, any_path},
+    {{"body boxes",      body_boxes,      kShapes | mask(R::kClock, R::kTools, R::kToolState),               mask(R::kBoxes)}, any_pair},
+    {{"candidate pairs", candidate_pairs, mask(R::kBodies, R::kBoxes),                                       mask(R::kPairs)}, any_pair},
+    {{"refit trees",     refit,           kShapes | mask(R::kPairs),                                         mask(R::kTrees)}, any_pair},
+    {{"rasterise",       rasterise_,      kShapes | mask(R::kSettings, R::kBoxes, R::kPairs),                mask(R::kScreened, R::kOccupancy, R::kReport)}, any_pair},
+    {{"candidate cells", candidate_cells, mask(R::kPairs, R::kScreened, R::kOccupancy),                      mask(R::kCandidates)}, any_pair},
+    {{"overlap",         overlap,         kShapes | mask(R::kBoxes, R::kPairs, R::kScreened, R::kCandidates, R::kTrees), mask(R::kNear, R::kContacts, R::kReport)}, any_pair},
+    {{"edge pass",       edge_pass,       kShapes | mask(R::kSettings, R::kPairs, R::kCandidates, R::kNear, R::kTrees), mask(R::kContacts, R::kReport)}, any_pair},
+    {{"penetration",     penetration,     mask(R::kPairs, R::kContacts),                                     mask(R::kPenetrations, R::kReport)}, any_pair},
+    {{"contact rows",    contact_rows,    kShapes | mask(R::kSettings, R::kPairs, R::kContacts, R::kPenetrations), mask(R::kRows, R::kReport)}, any_pair},
+    {{"islands",         islands,         mask(R::kBodies, R::kRows),                                        mask(R::kIslands)}, any_mover},
+    {{"local contact",   local_contact,   kShapes | mask(R::kClock, R::kTools, R::kToolState, R::kBoxes),     mask(R::kLocalContact)}, any_tool},
+};
+
+constexpr FrameStage kAdvance[] = {
+    {{"advance", advance, mask(R::kSettings, R::kMeshes, R::kSprings, R::kBodies, R::kAnchors, R::kPaths, R::kTools, R::kClock, R::kIslands, R::kLocalContact),
+      mask(R::kPoses, R::kParticles, R::kRows, R::kToolState, R::kEnergy, R::kReport)}, any_mover},
+};
+
+constexpr FrameStage kEnd[] = {
+    {{"surface normals", surface_normals, kShapes,                                                           mask(R::kNormals)}, any_deformable},
+    {{"energy",          energy,          mask(R::kSettings, R::kSprings, R::kBodies, R::kPoses, R::kParticles, R::kAnchors), mask(R::kEnergy)}, any_deformable},
+    {{"picture",         picture,         kShapes | mask(R::kClock, R::kNormals, R::kContacts, R::kPenetrations, R::kTools, R::kToolState), mask(R::kPicture)}, any_body},
+};
+
+constexpr std::string_view kFirstDetection = "body boxes", kAfterDetection = "local contact";
+
+}  // namespace
+
+std::span<const FrameStage> begin_stages() { return kBegin; }
+std::span<const FrameStage> advance_stages() { return kAdvance; }
+std::span<const FrameStage> end_stages() { return kEnd; }
+
+// The stages this scene wants, and the graphs over them: one for a pass, one for a picture.
+struct Frame::Graphs {
+    // What an observer needs to know of its list.
+    struct List {
+        Graphs* graphs = nullptr;
+        uint32_t first = 0;
+    };
+    FrameState* state = nullptr;
+    std::vector<Stage> stages;  // all, in serial order
+    std::vector<std::string> names;
+    std::vector<uint32_t> detection;
+    uint32_t end_first = 0;
+    std::vector<uint64_t> begin_ns;
+    List pass_list, end_list;
+    std::unique_ptr<JobGraph> pass, end;
+
+    static void begin_stage(void* user, uint32_t row) {
+        const List& list = *static_cast<List*>(user);
+        list.graphs->begin_ns[list.first + row] = now_ns();
+    }
+    static void end_stage(void* user, uint32_t row) {
+        const List& list = *static_cast<List*>(user);
+        Graphs& g = *list.graphs;
+        const uint32_t stage = list.first + row;
+        const uint64_t duration = now_ns() - g.begin_ns[stage];
+        g.state->times.stage_ns[stage] = duration;
+        if (g.state->options.trace)
+            g.state->options.trace->add({g.stages[stage].name, g.begin_ns[stage], duration, thread_index(),
+                                         static_cast<uint32_t>(g.state->world.clock.pass)});
+    }
+    void add(std::span<const FrameStage> list) {
+        for (const FrameStage& row : list) {
+            if (!row.wanted(state->world)) continue;
+            stages.push_back(row.stage);
+            names.emplace_back(row.stage.name);
+        }
+    }
+    void run(bool end_of_picture) {
+        const std::span<const Stage> all(stages);
+        List& list = end_of_picture ? end_list : pass_list;
+        const StageObserver observer{begin_stage, end_stage, &list};
+        if (state->options.serial) {
+            run_serial(end_of_picture ? all.subspan(end_first) : all.first(end_first), *state, observer);
+        } else {
+            (end_of_picture ? end : pass)->run();
+        }
+    }
+};
+
+Frame::Frame(World world, const FrameOptions& options) : state_(new FrameState), graphs_(new Graphs) {
+    state_->world = std::move(world);
+    state_->options = options;
+    World& w = state_->world;
+    w.clock.contact_rate = w.haptics.tool.empty() ? 30 : 60;
+    w.clock.display_rate = 30;
+    Graphs& g = *graphs_;
+    g.state = state_.get();
+    g.add(kBegin);
+    for (uint32_t s = 0; s < g.stages.size(); ++s) {
+        const bool started = !g.detection.empty() || g.stages[s].name == kFirstDetection;
+        if (started && g.stages[s].name != kAfterDetection) g.detection.push_back(s);
+    }
+    g.add(kAdvance);
+    g.end_first = static_cast<uint32_t>(g.stages.size());
+    g.add(kEnd);
+    g.begin_ns.assign(g.stages.size(), 0);
+    state_->times.stage_ns.assign(g.stages.size(), 0);
+    g.pass_list = {&g, 0};
+    g.end_list = {&g, g.end_first};
+    const std::span<const Stage> all(g.stages);
+    g.pass = std::make_unique<JobGraph>(all.first(g.end_first), *state_, StageObserver{Graphs::begin_stage, Graphs::end_stage, &g.pass_list});
+    g.end = std::make_unique<JobGraph>(all.subspan(g.end_first), *state_, StageObserver{Graphs::begin_stage, Graphs::end_stage, &g.end_list});
+    if (any_deformable(w) && options.account_energy) energy(*state_);  // opens the books
+}
+
+Frame::~Frame() = default;
+
+namespace {
+
+// Caches may change time, never results: tests forget them all.
+void clear_caches(FrameState& f) {
+    f.scratch = {};
+    for (const auto& tree : f.world.trees) tree->rebuild();
+}
+
+void begin_pass(FrameState& f) {
+    Clock& clock = f.world.clock;
+    clock.period = static_cast<uint32_t>(pass_tick(clock.pass + 1, clock.contact_rate) - clock.tick);
+    std::fill(f.times.stage_ns.begin(), f.times.stage_ns.end(), 0);
+    f.times.picture = false;
+    if (f.options.clear_caches) clear_caches(f);
+}
+
+// Moves the clock to the end of the pass; true when a picture is due there.
+bool end_pass(FrameState& f) {
+    Clock& clock = f.world.clock;
+    clock.tick += clock.period;
+    ++clock.pass;
+    return clock.tick >= pass_tick(clock.picture + 1, clock.display_rate);
+}
+
+}  // namespace
+
+void Frame::step() {
+    begin_pass(*state_);
+    graphs_->run(false);
+    if (!end_pass(*state_)) return;
+    graphs_->run(true);
+    ++state_->world.clock.picture;
+    state_->times.picture = true;
+}
+
+void Frame::step_until(uint32_t row) {
+    begin_pass(*state_);
+    for (uint32_t s = 0; s < row; ++s) {
+        run_stage(s);
+        if (s + 1 == graphs_->end_first) end_pass(*state_);
+    }
+}
+
+void Frame::run_stage(uint32_t row) { graphs_->stages[row].run(*state_); }
+std::span<const Stage> Frame::stages() const { return graphs_->stages; }
+World& Frame::world() { return state_->world; }
+const World& Frame::world() const { return state_->world; }
+const std::vector<std::string>& Frame::stage_names() const { return graphs_->names; }
+const FrameTimes& Frame::times() const { return state_->times; }
+std::span<const uint32_t> Frame::detection_stages() const { return graphs_->detection; }
+
+void detect_contacts(World& world) {
+    FrameState state;
+    std::swap(state.world, world);
+    const auto first = std::find_if(std::begin(kBegin), std::end(kBegin), [](const FrameStage& row) { return row.stage.name == kFirstDetection; });
+    for (auto row = first; row->stage.name != kAfterDetection; ++row) row->stage.run(state);
+    std::swap(state.world, world);
+}
+
+}  // namespace trocar

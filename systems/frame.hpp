@@ -1,0 +1,66 @@
+#pragma once
+#include <memory>
+#include <span>
+#include <vector>
+
+#include "engine/job_graph.hpp"
+#include "engine/trace.hpp"
+#include "engine/world.hpp"
+namespace trocar {
+
+// One row of the frame table.
+struct FrameStage {
+    Stage stage;
+    bool (*wanted)(const World&);  // a stage enters the frame only if the scene has what it works on
+};
+
+// The three lists, in the order of a serial run; see README for the table in words.
+std::span<const FrameStage> begin_stages();    // at the contact rate
+std::span<const FrameStage> advance_stages();  // at the contact rate
+std::span<const FrameStage> end_stages();      // at the display rate
+
+struct FrameOptions {
+    bool serial = false;        // run_serial instead of the job graph
+    bool clear_caches = false;  // forget hints, sweep orders and trees' shapes before every pass (tests)
+    bool account_energy = true;
+    bool external_ticks = false;  // live: the haptic thread ticks, the frame does not
+    Trace* trace = nullptr;
+};
+
+// How long the stages of one pass took, in the order of Frame::stage_names.
+struct FrameTimes {
+    std::vector<uint64_t> stage_ns;  // 0 where a stage did not run in this pass
+    uint64_t response_ns = 0;        // contact rows in all substeps
+    bool picture = false;            // the end list ran
+    std::vector<double> tick_us;     // compute time of every haptic tick of the run
+};
+
+// A world and the stages that its scene needs. Make and use it inside ThreadPool::run.
+class Frame {
+ public:
+    Frame(World world, const FrameOptions& options);
+    ~Frame();
+    // One contact pass: begin, advance, and end when a picture is due at the end of the pass.
+    void step();
+    // For tests of the table: the stages of this frame in serial order; everything of a pass before stage `row`; that
+    // stage alone.
+    std::span<const Stage> stages() const;
+    void step_until(uint32_t row);
+    void run_stage(uint32_t row);
+    World& world();
+    const World& world() const;
+    const std::vector<std::string>& stage_names() const;
+    const FrameTimes& times() const;
+    // Rows of stage_names that count as detection (body boxes to islands).
+    std::span<const uint32_t> detection_stages() const;
+
+ private:
+    std::unique_ptr<struct FrameState> state_;
+    struct Graphs;
+    std::unique_ptr<Graphs> graphs_;
+};
+
+// Detection alone (body boxes to islands) on a world at rest: what a contact report of two meshes needs.
+void detect_contacts(World& world);
+
+}  // namespace trocar

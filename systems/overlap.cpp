@@ -1,0 +1,354 @@
+#include "systems/overlap.hpp"
+
+#include <algorithm>
+
+#include "engine/geometry/contact_kernels.hpp"
+#include "engine/parallel.hpp"
+namespace trocar {
+namespace {
+
+constexpr uint32_t kQueriesPerChunk = 64;
+constexpr uint32_t kMostChunks = 64;
+enum Piece : uint8_t { kUnknown, kOutside, kInside };
+
+void set_bit(std::vector<uint64_t>& bits, uint32_t i) { bits[i >> 6] |= uint64_t{1} << (i & 63); }
+bool has_bit(const std::vector<uint64_t>& bits, uint32_t i) { return bits[i >> 6] >> (i & 63) & 1; }
+
+template <typename Visit>
+void for_each_bit(const std::vector<uint64_t>& bits, const Visit& visit) {
+    for (uint32_t word = 0; word < bits.size(); ++word) {
+        for (uint64_t left = bits[word]; left != 0; left &= left - 1) {
+            visit(word * 64 + uint32_t(__builtin_ctzll(left)));
+        }
+    }
+}
+
+uint32_t find_root(std::vector<uint32_t>& parent, uint32_t v) {
+    while (parent[v] != v) v = parent[v] = parent[parent[v]];
+    return v;
+}
+void join(std::vector<uint32_t>& parent, uint32_t a, uint32_t b) {
+    a = find_root(parent, a);
+    b = find_root(parent, b);
+    if (a < b) {
+        parent[b] = a;
+    } else {
+        parent[a] = b;
+    }
+}
+
+// One side of one pair: the vertices of `body` against the surface of `other`.
+struct Side {
+    uint32_t body, other;
+    bool reversed;  // body is the pair's b
+    Range candidates;
+    MeshView mesh;          // of body
+    double margin;          // m, of both together
+    double half_thickness;  // m, of other
+    bool solid, sheet;      // other
+    const ClosestPointTree* tree;
+};
+
+struct OverlapInput {
+    const Surfaces& surfaces;
+    const BodyBoxes& boxes;
+    const ScreenedTriangles& screened;
+    const CandidateTriangles& candidates;
+    const OverlapScratch& scratch;
+};
+
+// Marks the triangles in a candidate triangle pair and their corners; every corner gets a triangle close by as hint.
+void mark_near(const CandidateTriangles& candidates, const Side& side, OverlapChunk& c) {
+    c.near_triangle.assign((side.mesh.triangle.size() + 63) / 64, 0);
+    c.near_vertex.assign((side.mesh.position.size() + 63) / 64, 0);
+    if (c.hint.size() < side.mesh.position.size()) c.hint.resize(side.mesh.position.size());
+    for (uint32_t i = side.candidates.first; i < side.candidates.end(); ++i) {
+        const uint32_t own = candidates.triangle[i][side.reversed], across = candidates.triangle[i][!side.reversed];
+        if (has_bit(c.near_triangle, own)) continue;
+        set_bit(c.near_triangle, own);
+        for (const uint32_t v : side.mesh.triangle[own]) {
+            set_bit(c.near_vertex, v);
+            c.hint[v] = across;
+        }
+    }
+}
+
+// Joins the corners of screened triangles that are not near: nothing crosses them, so they lie on one side. A vertex
+// beyond the box of the other body settles its piece as outside.
+void flood_pieces(const OverlapInput& in, const Side& side, OverlapChunk& c) {
+    const uint32_t count = uint32_t(side.mesh.position.size());
+    c.region_vertex.assign((count + 63) / 64, 0);
+    if (c.parent.size() < count) {
+        c.parent.resize(count);
+        c.piece.resize(count);
+    }
+    for (uint32_t v = 0; v < count; ++v) c.parent[v] = v;
+    const Range rows = in.screened.body[side.body];
+    for (uint32_t row = rows.first; row < rows.end(); ++row) {
+        const uint32_t triangle = in.screened.triangle[row];
+        if (has_bit(c.near_triangle, triangle)) continue;
+        const Triangle& corner = side.mesh.triangle[triangle];
+        for (const uint32_t v : corner) set_bit(c.region_vertex, v);
+        join(c.parent, corner[0], corner[1]);
+        join(c.parent, corner[1], corner[2]);
+    }
+    const Vec3d origin = in.surfaces.poses.origin[side.body];
+    const BodyPoints points(in.surfaces, side.body, origin);
+    const Box box = in.boxes.box[side.other];
+    const Vec3d a = box.min - origin, b = box.max - origin;
+    const __m256d low = _mm256_setr_pd(a.x(), a.y(), a.z(), -1), high = _mm256_setr_pd(b.x(), b.y(), b.z(), 1);
+    for_each_bit(c.region_vertex, [&](uint32_t v) { c.piece[v] = kUnknown; });
+    for_each_bit(c.region_vertex, [&](uint32_t v) {
+        const __m256d p = points(v);
+        const __m256d beyond = _mm256_or_pd(_mm256_cmp_pd(p, low, _CMP_LT_OQ), _mm256_cmp_pd(p, high, _CMP_GT_OQ));
+        if (_mm256_movemask_pd(beyond) != 0) c.piece[find_root(c.parent, v)] = kOutside;
+    });
+}
+
+void add_query(const OverlapInput& in, const Side& side, const BodyPoints& points, uint32_t v, uint32_t hint,
+               OverlapChunk& c) {
+    const uint32_t memory = in.scratch.vertex_first[side.body] + v;
+    const uint32_t remembered = in.scratch.hint_other[memory] == side.other ? in.scratch.hint_triangle[memory] : kNone;
+    const uint32_t most = in.surfaces.meshes.info[in.surfaces.bodies.mesh[side.other]].triangles.count;
+    const Vec3d p = points.point(v);
+    c.query_vertex.push_back(v);
+    c.query_hint.push_back(remembered < most ? remembered : hint);
+    c.query_point.push_back(
+        is_deformable(in.surfaces.bodies, side.other) ? p : rotate_back(in.surfaces.poses.orientation[side.other], p));
+    c.query_radius.push_back(side.sheet ? side.margin + side.half_thickness : std::numeric_limits<double>::infinity());
+}
+
+void clear_queries(OverlapChunk& c) {
+    c.query_vertex.clear();
+    c.query_hint.clear();
+    c.query_point.clear();
+    c.query_radius.clear();
+}
+
+// Answers the queries from row `first` on. A sheet is as thick as its thickness.
+void run_queries(const Side& side, uint32_t first, OverlapChunk& c) {
+    const uint32_t count = uint32_t(c.query_vertex.size()) - first;
+    c.query_answer.resize(c.query_vertex.size());
+    c.query_counters.assign(chunk_count(count, kQueriesPerChunk), {});
+    parallel_for(count, kQueriesPerChunk, [&](uint32_t begin, uint32_t end) {
+        const uint32_t at = first + begin, n = end - begin;
+        side.tree->query(std::span(c.query_point).subspan(at, n), std::span(c.query_radius).subspan(at, n),
+                         std::span(c.query_hint).subspan(at, n), std::span(c.query_answer).subspan(at, n),
+                         c.query_counters[begin / kQueriesPerChunk]);
+        if (!side.sheet) return;
+        for (uint32_t i = at; i < at + n; ++i) {
+            SurfacePoint& answer = c.query_answer[i];
+            if (answer.triangle != kNone) answer.distance -= side.half_thickness;
+        }
+    });
+    for (const QueryCounters& counters : c.query_counters) c.tie_overflows += counters.tie_overflows;
+    for (uint32_t i = first; i < c.query_vertex.size(); ++i) c.row[c.query_vertex[i]] = i;
+}
+
+// Takes the winding number's word for the side of one vertex.
+void settle_sign(const Side& side, uint32_t row, OverlapChunk& c) {
+    SurfacePoint& answer = c.query_answer[row];
+    const bool inside = side.tree->winding_number(c.query_point[row]) > 0.5;
+    if (inside == (answer.distance < 0)) return;
+    answer.distance = -answer.distance;
+    answer.normal = -answer.normal;
+    ++c.sign_disagreements;
+}
+
+// Signed distance is 1-Lipschitz, so it changes along an edge by no more than the edge is long. Where it does, a sign
+// is wrong: the surface is folded there and pseudonormals do not tell.
+void check_signs(const Side& side, OverlapChunk& c) {
+    for_each_bit(c.near_triangle, [&](uint32_t t) {
+        const Triangle& corner = side.mesh.triangle[t];
+        for (uint32_t k = 0; k < 3; ++k) {
+            const uint32_t i = c.row[corner[k]], j = c.row[corner[(k + 1) % 3]];
+            const double a = c.query_answer[i].distance, b = c.query_answer[j].distance;
+            if (a * b >= 0) continue;
+            const double length = (c.query_point[i] - c.query_point[j]).norm();
+            if (std::abs(a - b) <= length * (1 + 1e-9)) continue;
+            settle_sign(side, i, c);
+            settle_sign(side, j, c);
+        }
+    });
+}
+
+// Which side every piece is on: of a near vertex of it, or of its first vertex by a query of its own.
+void decide_pieces(const OverlapInput& in, const Side& side, const BodyPoints& points, OverlapChunk& c) {
+    const uint32_t asked = uint32_t(c.query_vertex.size());
+    for (uint32_t row = 0; row < asked; ++row) {
+        const uint32_t v = c.query_vertex[row];
+        if (!has_bit(c.region_vertex, v)) continue;
+        uint8_t& piece = c.piece[find_root(c.parent, v)];
+        if (piece == kUnknown) piece = c.query_answer[row].distance < 0 ? kInside : kOutside;
+    }
+    for_each_bit(c.region_vertex, [&](uint32_t v) {
+        if (c.parent[v] == v && c.piece[v] == kUnknown) add_query(in, side, points, v, kNone, c);
+    });
+    if (c.query_vertex.size() == asked) return;
+    run_queries(side, asked, c);
+    for (uint32_t row = asked; row < c.query_vertex.size(); ++row) {
+        c.piece[c.query_vertex[row]] = c.query_answer[row].distance < 0 ? kInside : kOutside;
+    }
+}
+
+// Depth of every vertex of the pieces that are inside.
+void measure_inside(const OverlapInput& in, const Side& side, const BodyPoints& points, OverlapChunk& c) {
+    const uint32_t asked = uint32_t(c.query_vertex.size());
+    for (uint32_t row = 0; row < asked; ++row) set_bit(c.near_vertex, c.query_vertex[row]);
+    uint32_t hint = asked > 0 ? c.query_answer[0].triangle : kNone;
+    for_each_bit(c.region_vertex, [&](uint32_t v) {
+        if (c.piece[find_root(c.parent, v)] != kInside || has_bit(c.near_vertex, v)) return;
+        add_query(in, side, points, v, hint, c);
+    });
+    if (c.query_vertex.size() == asked) return;
+    run_queries(side, asked, c);
+    for (uint32_t row = asked; row < c.query_vertex.size(); ++row) {
+        set_bit(c.near_vertex, c.query_vertex[row]);
+        if (side.solid && c.query_answer[row].distance >= 0) settle_sign(side, row, c);
+    }
+}
+
+void find_side(const OverlapInput& in, const Side& side, OverlapSide& found, OverlapChunk& c) {
+    found = {{uint32_t(c.vertex.size()), 0}, 0};
+    if (side.tree == nullptr) return;
+    const BodyPoints points(in.surfaces, side.body, in.surfaces.poses.origin[side.other]);
+    if (c.row.size() < side.mesh.position.size()) c.row.resize(side.mesh.position.size());
+    clear_queries(c);
+    mark_near(in.candidates, side, c);
+    for_each_bit(c.near_vertex, [&](uint32_t v) { add_query(in, side, points, v, c.hint[v], c); });
+    run_queries(side, 0, c);
+    if (!side.sheet) {
+        if (side.solid) check_signs(side, c);
+        flood_pieces(in, side, c);
+        decide_pieces(in, side, points, c);
+        measure_inside(in, side, points, c);
+    }
+    for_each_bit(c.near_vertex, [&](uint32_t v) {
+        const SurfacePoint& answer = c.query_answer[c.row[v]];
+        if (answer.triangle == kNone) return;
+        c.vertex.push_back(v);
+        c.point.push_back(c.query_point[c.row[v]]);
+        c.answer.push_back(answer);
+        found.near += answer.distance < side.margin;
+    });
+    found.answers.count = uint32_t(c.vertex.size()) - found.answers.first;
+}
+
+Side make_side(const Surfaces& s, const BodyBoxes& boxes, const CandidatePairs& pairs,
+               const CandidateTriangles& candidates, std::span<const std::unique_ptr<ClosestPointTree>> trees,
+               uint32_t row) {
+    const uint32_t pair = row / 2, a = pairs.a[pair], b = pairs.b[pair];
+    const bool reversed = row % 2 != 0;
+    const uint32_t body = reversed ? b : a, other = reversed ? a : b;
+    const Admission admission = s.meshes.info[s.bodies.mesh[other]].admission;
+    return {body,
+            other,
+            reversed,
+            candidates.pair[pair],
+            mesh_view(s.meshes, s.bodies.mesh[body]),
+            boxes.margin[a] + boxes.margin[b],
+            admission == Admission::kSheet ? 0.5 * s.bodies.thickness[other] : 0.0,
+            admission == Admission::kSolid,
+            admission == Admission::kSheet,
+            admission == Admission::kRefused ? nullptr : trees[s.bodies.tree[other]].get()};
+}
+
+void prepare_hints(const Surfaces& s, OverlapScratch& scratch) {
+    const uint32_t bodies = uint32_t(s.bodies.mesh.size());
+    scratch.vertex_first.resize(bodies + 1);
+    uint32_t first = 0;
+    for (uint32_t body = 0; body < bodies; ++body) {
+        scratch.vertex_first[body] = first;
+        first += s.meshes.info[s.bodies.mesh[body]].vertices.count;
+    }
+    scratch.vertex_first[bodies] = first;
+    if (scratch.hint_other.size() == first) return;
+    scratch.hint_other.assign(first, kNone);
+    scratch.hint_triangle.assign(first, kNone);
+}
+
+// Copies one side's answers to their place in the outputs.
+void write_side(const Surfaces& s, const Side& side, uint32_t row, const OverlapSide& found, const OverlapChunk& c,
+                uint32_t contact, NearVertices& near, Contacts& out) {
+    for (uint32_t i = 0; i < found.answers.count; ++i) {
+        const uint32_t from = found.answers.first + i, to = near.side[row].first + i;
+        const SurfacePoint& answer = c.answer[from];
+        near.vertex[to] = c.vertex[from];
+        near.distance[to] = answer.distance;
+        near.triangle[to] = answer.triangle;
+        if (answer.distance >= side.margin) continue;
+        out.pair[contact] = row / 2;
+        out.body[contact] = side.body;
+        out.other[contact] = side.other;
+        out.vertex[contact] = {c.vertex[from], c.vertex[from]};
+        out.along[contact] = 0;
+        out.point[contact] = frame_to_world(s, side.other, c.point[from]);
+        out.closest[contact] = frame_to_world(s, side.other, answer.point);
+        out.normal[contact] = direction_to_world(s, side.other, answer.normal);
+        out.distance[contact] = answer.distance;
+        out.triangle[contact++] = answer.triangle;
+    }
+}
+
+void resize_outputs(uint32_t sides, OverlapScratch& scratch, NearVertices& near, Contacts& contacts) {
+    near.side.resize(sides);
+    scratch.contact_first.resize(sides + 1);
+    uint32_t answers = 0, rows = 0;
+    for (uint32_t i = 0; i < sides; ++i) {
+        near.side[i] = {answers, scratch.side[i].answers.count};
+        scratch.contact_first[i] = rows;
+        answers += scratch.side[i].answers.count;
+        rows += scratch.side[i].near;
+    }
+    near.vertex.resize(answers);
+    near.distance.resize(answers);
+    near.triangle.resize(answers);
+    resize_contacts(contacts, rows);
+}
+
+}  // namespace
+
+void find_overlap(const Surfaces& surfaces, const BodyBoxes& boxes, const CandidatePairs& pairs,
+                  const ScreenedTriangles& screened, const CandidateTriangles& candidates,
+                  std::span<const std::unique_ptr<ClosestPointTree>> trees, OverlapScratch& scratch, Report& report,
+                  NearVertices& near, Contacts& contacts) {
+    const uint32_t sides = 2 * uint32_t(pairs.a.size());
+    const uint32_t grain = std::max(1u, chunk_count(sides, kMostChunks));
+    prepare_hints(surfaces, scratch);
+    scratch.side.resize(sides);
+    if (scratch.chunk.size() < chunk_count(sides, grain)) scratch.chunk.resize(chunk_count(sides, grain));
+    const auto side_at = [&](uint32_t row) { return make_side(surfaces, boxes, pairs, candidates, trees, row); };
+
+    const OverlapInput in{surfaces, boxes, screened, candidates, scratch};
+    parallel_for(sides, grain, [&](uint32_t begin, uint32_t end) {
+        OverlapChunk& chunk = scratch.chunk[begin / grain];
+        chunk.vertex.clear();
+        chunk.point.clear();
+        chunk.answer.clear();
+        chunk.sign_disagreements = chunk.tie_overflows = 0;
+        for (uint32_t row = begin; row < end; ++row) find_side(in, side_at(row), scratch.side[row], chunk);
+    });
+
+    resize_outputs(sides, scratch, near, contacts);
+    parallel_for(sides, grain, [&](uint32_t begin, uint32_t end) {
+        for (uint32_t row = begin; row < end; ++row) {
+            write_side(surfaces, side_at(row), row, scratch.side[row], scratch.chunk[begin / grain],
+                       scratch.contact_first[row], near, contacts);
+        }
+    });
+    for (uint32_t i = 0; i < chunk_count(sides, grain); ++i) {
+        report.sign_disagreements += scratch.chunk[i].sign_disagreements;
+        report.tie_overflows += scratch.chunk[i].tie_overflows;
+    }
+    for (uint32_t row = 0; row < sides; ++row) {
+        const uint32_t pair = row / 2, body = row % 2 ? pairs.b[pair] : pairs.a[pair];
+        const uint32_t other = row % 2 ? pairs.a[pair] : pairs.b[pair];
+        for (uint32_t i = near.side[row].first; i < near.side[row].end(); ++i) {
+            const uint32_t memory = scratch.vertex_first[body] + near.vertex[i];
+            scratch.hint_other[memory] = other;
+            scratch.hint_triangle[memory] = near.triangle[i];
+        }
+    }
+}
+
+}  // namespace trocar

@@ -1,0 +1,116 @@
+#include "systems/picture_snapshot.hpp"
+
+#include <algorithm>
+
+namespace trocar {
+namespace {
+
+// Comparisons, not std::min of three: a coordinate that is not a number changes nothing.
+void grow(Box& box, const Vec3d& p) {
+    if (!p.allFinite()) return;
+    box.min = box.min.cwiseMin(p);
+    box.max = box.max.cwiseMax(p);
+}
+
+void copy_shape(const Surfaces& surfaces, const SurfaceNormals& normals, uint32_t row, PictureSnapshot& out) {
+    PictureBody& body = out.body[row];
+    const Range particles = surfaces.bodies.particles[row];
+    const uint32_t count = surfaces.meshes.info[body.mesh].vertices.count;
+    body.vertices = {static_cast<uint32_t>(out.position.size()), count};
+    body.box = {};
+    for (uint32_t v = 0; v < count; ++v) {
+        const Float4& o = surfaces.particles.offset[particles.first + v];
+        out.position.emplace_back(o.x, o.y, o.z);
+        grow(body.box, Vec3d(o.x, o.y, o.z));
+    }
+    const auto first = normals.normal.begin() + particles.first;
+    out.normal.insert(out.normal.end(), first, first + count);
+}
+
+void copy_bodies(const Surfaces& surfaces, const SurfaceNormals& normals, PictureSnapshot& out) {
+    const Bodies& bodies = surfaces.bodies;
+    out.body.assign(bodies.mesh.size(), {});
+    out.position.clear();
+    out.normal.clear();
+    for (uint32_t row = 0; row < out.body.size(); ++row) {
+        PictureBody& body = out.body[row];
+        body.mesh = bodies.mesh[row];
+        if (body.mesh == kNone) continue;
+        body.origin = surfaces.poses.origin[row];
+        if (is_deformable(bodies, row)) {
+            copy_shape(surfaces, normals, row, out);
+        } else {
+            body.orientation = surfaces.poses.orientation[row];
+            body.box = surfaces.meshes.info[body.mesh].box;
+        }
+    }
+}
+
+void copy_depths(const Surfaces& surfaces, const Contacts& contacts, PictureSnapshot& out) {
+    out.contact_depth.clear();
+    for (size_t row = 0; row < contacts.body.size(); ++row) {
+        const float depth = static_cast<float>(-contacts.distance[row]);
+        PictureBody& body = out.body[contacts.body[row]];
+        if (!(depth > 0) || body.mesh == kNone) continue;
+        if (body.depths.count == 0) {
+            body.depths = {static_cast<uint32_t>(out.contact_depth.size()),
+                           surfaces.meshes.info[body.mesh].vertices.count};
+            out.contact_depth.resize(out.contact_depth.size() + body.depths.count, 0.0f);
+        }
+        for (const uint32_t vertex : contacts.vertex[row]) {
+            float& deepest = out.contact_depth[body.depths.first + vertex];
+            deepest = std::max(deepest, depth);
+        }
+    }
+}
+
+void copy_witnesses(const Contacts& contacts, const Penetrations& penetrations, PictureSnapshot& out) {
+    out.witness.clear();
+    out.depth = 0;
+    for (size_t row = 0; row < penetrations.depth.size(); ++row) {
+        out.depth = std::max(out.depth, penetrations.depth[row]);
+        const uint32_t contact = penetrations.witness[row];
+        if (contact >= contacts.point.size()) continue;
+        out.witness.push_back({contacts.point[contact], contacts.closest[contact], penetrations.depth[row]});
+    }
+}
+
+void copy_tools(const Haptics& haptics, PictureSnapshot& out) {
+    out.tool.clear();
+    out.force = 0;
+    for (size_t row = 0; row < haptics.state.size(); ++row) {
+        const ToolState& state = haptics.state[row];
+        const Vec3d proxy = state.proxy_valid ? state.proxy : state.device.position;
+        out.tool.push_back({state.device.position, proxy, haptics.tool[row].tip_radius, state.command.force});
+        out.force = std::max(out.force, state.command.force.norm());
+    }
+}
+
+}  // namespace
+
+void write_picture_snapshot(uint64_t number, double time, const Surfaces& surfaces, const SurfaceNormals& normals,
+                            const Contacts& contacts, const Penetrations& penetrations, const Haptics& haptics,
+                            PictureSnapshot& out) {
+    out.number = number;
+    out.time = time;
+    copy_bodies(surfaces, normals, out);
+    copy_depths(surfaces, contacts, out);
+    copy_witnesses(contacts, penetrations, out);
+    copy_tools(haptics, out);
+}
+
+Box picture_box(const PictureSnapshot& snapshot) {
+    Box box;
+    for (const PictureBody& body : snapshot.body) {
+        if (body.mesh == kNone || !(body.box.min.array() <= body.box.max.array()).all()) continue;
+        for (uint32_t corner = 0; corner < 8; ++corner) {
+            const Vec3d p((corner & 1 ? body.box.max : body.box.min).x(),
+                          (corner & 2 ? body.box.max : body.box.min).y(),
+                          (corner & 4 ? body.box.max : body.box.min).z());
+            grow(box, body.origin + rotate(body.orientation, p));
+        }
+    }
+    return box;
+}
+
+}  // namespace trocar

@@ -1,0 +1,24 @@
+#include "systems/refit_trees.hpp"
+
+#include "engine/parallel.hpp"
+namespace trocar {
+
+void refit_trees(const Bodies& bodies, const Particles& particles, const CandidatePairs& pairs,
+                 RefitTreesScratch& scratch, std::span<const std::unique_ptr<ClosestPointTree>> trees) {
+    scratch.paired.assign(bodies.motion.size(), 0);
+    for (const uint32_t body : pairs.a) scratch.paired[body] = 1;
+    for (const uint32_t body : pairs.b) scratch.paired[body] = 1;
+    scratch.body.clear();
+    for (uint32_t body = 0; body < scratch.paired.size(); ++body) {
+        if (scratch.paired[body] && bodies.motion[body] == Motion::kDeformable) scratch.body.push_back(body);
+    }
+    parallel_for(uint32_t(scratch.body.size()), 1, [&](uint32_t begin, uint32_t end) {
+        for (uint32_t i = begin; i < end; ++i) {
+            const uint32_t body = scratch.body[i];
+            const Range rows = bodies.particles[body];
+            trees[bodies.tree[body]]->refit(std::span(particles.offset).subspan(rows.first, rows.count));
+        }
+    });
+}
+
+}  // namespace trocar

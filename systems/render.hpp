@@ -1,0 +1,34 @@
+#pragma once
+#include "components/picture.hpp"
+#include "engine/gl_renderer.hpp"
+#include "engine/smooth_edges.hpp"
+namespace trocar {
+
+struct RenderScratch {
+    std::vector<Marker> markers;
+    Ground ground;
+    SmoothEdgesScratch smooth;
+};
+
+// Aims an orbit camera at the middle of a world box, keeps its direction, backs off until the box's corners just stay
+// in the picture, and lays the floor under the box. Done once, not per picture, so that the view does not breathe with
+// the tissue. Other cameras and empty boxes are left alone.
+void fit_camera(const Box& box, uint32_t width, uint32_t height, Camera& camera);
+
+// The same for a whole snapshot: the vertices of its deformable bodies fill the picture with room for what comes near
+// them, and rigid ones (instruments) may run out of it. A scene of rigid bodies alone is fitted by their boxes.
+void fit_camera(const PictureSnapshot& snapshot, uint32_t width, uint32_t height, Camera& camera);
+
+// Lays the floor under everything in a snapshot, around its deformable bodies (around all, if there are none), for a
+// camera that was placed by hand. fit_camera does the same.
+void lay_floor(const PictureSnapshot& snapshot, Camera& camera);
+
+// Camera to matrices. near and far planes enclose the world box.
+View make_view(const Camera& camera, const Box& box, uint32_t width, uint32_t height);
+
+// Draws a snapshot as the camera sees it, with markers, legend and text as params ask. One picture, sRGB, opaque, rows
+// top to bottom; the same bytes every time.
+void render_picture(const PictureParams& params, const Camera& camera, const PictureSnapshot& snapshot,
+                    GlRenderer& renderer, RenderScratch& scratch, Image& out);
+
+}  // namespace trocar

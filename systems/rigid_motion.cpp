@@ -1,0 +1,20 @@
+#include "systems/rigid_motion.hpp"
+
+#include <span>
+
+#include "engine/keyframe_path.hpp"
+namespace trocar {
+
+void follow_paths(const Paths& paths, double time, Poses& poses) {
+    for (uint32_t i = 0; i < paths.body.size(); ++i) {
+        const PathPoint at = sample_path(std::span(paths.key).subspan(paths.keys[i].first, paths.keys[i].count), time);
+        const uint32_t body = paths.body[i];
+        if (body == kNone) continue;  // the path of a device
+        poses.origin[body] = at.position;
+        poses.orientation[body] = at.orientation;
+        poses.velocity[body] = at.velocity;
+        poses.angular_velocity[body] = at.angular_velocity;
+    }
+}
+
+}  // namespace trocar

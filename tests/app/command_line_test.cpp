@@ -1,0 +1,253 @@
+#include <gtest/gtest.h>
+#include <sys/wait.h>
+
+#include <array>
+#include <cstdio>
+#include <filesystem>
+#include <fstream>
+#include <nlohmann/json.hpp>
+#include <sstream>
+#include <string>
+
+// The program as its users meet it: exit codes, one-line errors that name the place, nothing half-written.
+namespace {
+namespace fs = std::filesystem;
+
+struct Outcome {
+    int code = -1;
+    std::string out, err;
+};
+
+class CommandLine : public testing::Test {
+ protected:
+    void SetUp() override {
+        const auto* info = testing::UnitTest::GetInstance()->current_test_info();
+        folder_ = fs::path(testing::TempDir()) / (std::string("trocar_") + info->name());
+        fs::remove_all(folder_);
+        fs::create_directories(folder_);
+    }
+    void TearDown() override { fs::remove_all(folder_); }
+
+    Outcome run(const std::string& arguments) const {
+        const fs::path err = folder_ / "stderr.txt";
+        const std::string command =
+            std::string("cd ") + TROCAR_SOURCE_DIR + " && " + TROCAR_PROGRAM + " " + arguments + " 2>" + err.string();
+        Outcome outcome;
+        FILE* pipe = popen(command.c_str(), "r");
+        std::array<char, 4096> block;
+        for (size_t n; (n = fread(block.data(), 1, block.size(), pipe)) > 0;) outcome.out.append(block.data(), n);
+        const int status = pclose(pipe);
+        outcome.code = WIFEXITED(status) ? WEXITSTATUS(status) : -1;
+        std::ifstream stream(err);
+        std::stringstream text;
+        text << stream.rdbuf();
+        outcome.err = text.str();
+        return outcome;
+    }
+    fs::path write(const std::string& name, const std::string& text) const {
+        std::ofstream(folder_ / name) << text;
+        return folder_ / name;
+    }
+    static std::string cube(double size = 1) {
+        std::ostringstream obj;
+        for (int i = 0; i < 8; ++i)
+            obj << "v " << (i & 1) * size << " " << (i >> 1 & 1) * size << " " << (i >> 2 & 1) * size << "\n";
+        obj << "f 1 3 4 2\nf 5 6 8 7\nf 1 2 6 5\nf 3 7 8 4\nf 1 5 7 3\nf 2 4 8 6\n";
+        return obj.str();
+    }
+    static void expect_one_line(const std::string& text) {
+        EXPECT_EQ(std::count(text.begin(), text.end(), '\n'), 1) << text;
+    }
+    fs::path folder_;
+};
+
+TEST_F(CommandLine, HelpTeachesAndEveryCommandHasAnExample) {
+    EXPECT_EQ(run("--help").code, 0);
+    for (const char* command : {"run", "check", "query", "collide", "convert", "scenes"}) {
+        const Outcome help = run(std::string(command) + " --help");
+        EXPECT_EQ(help.code, 0);
+        EXPECT_NE(help.out.find("Example:"), std::string::npos) << command;
+    }
+}
+
+TEST_F(CommandLine, VersionNamesLibrariesAndInstructionSet) {
+    const Outcome version = run("--version");
+    EXPECT_EQ(version.code, 0);
+    EXPECT_NE(version.out.find("Embree 3.13"), std::string::npos) << version.out;
+    EXPECT_NE(version.out.find("avx"), std::string::npos) << version.out;
+}
+
+TEST_F(CommandLine, UsageErrorsExitWithTwo) {
+    EXPECT_EQ(run("").code, 2);
+    EXPECT_EQ(run("fly").code, 2);
+    EXPECT_EQ(run("run").code, 2);
+    EXPECT_EQ(run("collide a.obj").code, 2);
+}
+
+TEST_F(CommandLine, MissingFilesAreNamed) {
+    for (const std::string& arguments :
+         {std::string("check nowhere.obj"), std::string("run nowhere.toml"), std::string("query nowhere.obj p.csv"),
+          std::string("collide nowhere.obj b.obj"), std::string("convert nowhere.obj b.obj")}) {
+        const Outcome outcome = run(arguments);
+        EXPECT_EQ(outcome.code, 2) << arguments;
+        EXPECT_NE(outcome.err.find("nowhere"), std::string::npos) << outcome.err;
+        expect_one_line(outcome.err);
+    }
+}
+
+TEST_F(CommandLine, UnknownKeySuggestsTheNearestWithLineAndColumn) {
+    const fs::path scene =
+        write("s.toml", "name = \"x\"\n[[body]]\nname = \"a\"\nshape = \"box\"\nmotoin = \"static\"\n");
+    const Outcome outcome = run("run " + scene.string());
+    EXPECT_EQ(outcome.code, 2);
+    EXPECT_NE(outcome.err.find(":5:1:"), std::string::npos) << outcome.err;
+    EXPECT_NE(outcome.err.find("did you mean \"motion\""), std::string::npos) << outcome.err;
+    expect_one_line(outcome.err);
+}
+
+TEST_F(CommandLine, WrongTypeNamesLineAndColumn) {
+    const fs::path scene = write("s.toml", "seconds = \"long\"\n");
+    const Outcome outcome = run("run " + scene.string());
+    EXPECT_EQ(outcome.code, 2);
+    EXPECT_NE(outcome.err.find("s.toml:1:11: seconds must be a number"), std::string::npos) << outcome.err;
+}
+
+TEST_F(CommandLine, SceneCutInHalfNamesItsLine) {
+    const fs::path scene = write("s.toml", "name = \"x\"\n[[body]]\nname = \"a");
+    const Outcome outcome = run("run " + scene.string());
+    EXPECT_EQ(outcome.code, 2);
+    EXPECT_NE(outcome.err.find("s.toml:3"), std::string::npos) << outcome.err;
+    expect_one_line(outcome.err);
+}
+
+TEST_F(CommandLine, SetOfAnUnknownBodyIsRefused) {
+    const Outcome outcome = run("run probe_on_liver --seconds 0.1 --set spleen.triangles=100");
+    EXPECT_EQ(outcome.code, 2);
+    EXPECT_NE(outcome.err.find("spleen"), std::string::npos);
+}
+
+TEST_F(CommandLine, MeshCutInHalfIsRefusedWithItsPlace) {
+    const fs::path whole = write("whole.obj", cube());
+    ASSERT_EQ(run("convert " + whole.string() + " " + (folder_ / "cube.stl").string()).code, 0);
+    ASSERT_EQ(run("convert " + whole.string() + " " + (folder_ / "cube.wrl").string()).code, 0);
+    fs::resize_file(folder_ / "cube.stl", fs::file_size(folder_ / "cube.stl") / 2);
+    fs::resize_file(folder_ / "cube.wrl", fs::file_size(folder_ / "cube.wrl") / 2);
+    for (const char* name : {"cube.stl", "cube.wrl"}) {
+        const Outcome outcome = run("check " + (folder_ / name).string());
+        EXPECT_EQ(outcome.code, 2) << name;
+        EXPECT_NE(outcome.err.find(name), std::string::npos) << outcome.err;
+        expect_one_line(outcome.err);
+    }
+}
+
+TEST_F(CommandLine, FullDiskAndUnwritableFolderLeaveNothingBehind) {
+    const fs::path whole = write("whole.obj", cube()), points = write("p.csv", "x,y,z\n0.5,0.5,0.5\n");
+    const Outcome full = run("query " + whole.string() + " " + points.string() + " --out /dev/full");
+    EXPECT_EQ(full.code, 2);
+    EXPECT_NE(full.err.find("/dev/full"), std::string::npos) << full.err;
+    const Outcome stdout_full = run("query " + whole.string() + " " + points.string() + " >/dev/full");
+    EXPECT_EQ(stdout_full.code, 2) << stdout_full.err;
+    const Outcome folder = run("run probe_on_liver --seconds 0.1 --out /proc/nothing");
+    EXPECT_EQ(folder.code, 2);
+    EXPECT_NE(folder.err.find("/proc/nothing"), std::string::npos) << folder.err;
+    expect_one_line(folder.err);
+    const Outcome convert = run("convert " + whole.string() + " " + (folder_ / "absent/x.obj").string());
+    EXPECT_EQ(convert.code, 2);
+    EXPECT_FALSE(fs::exists(folder_ / "absent"));
+}
+
+TEST_F(CommandLine, CheckNamesItsFields) {
+    const fs::path whole = write("whole.obj", cube(2));
+    const Outcome outcome = run("check --json " + whole.string());
+    ASSERT_EQ(outcome.code, 0) << outcome.err;
+    const nlohmann::json j = nlohmann::json::parse(outcome.out);
+    EXPECT_EQ(j["vertices"], 8);
+    EXPECT_EQ(j["triangles"], 12);
+    EXPECT_TRUE(j["closed"] && j["manifold"] && j["oriented"]);
+    EXPECT_EQ(j["components"], 1);
+    EXPECT_EQ(j["degenerate"], 0);
+    EXPECT_DOUBLE_EQ(j["volume"], 8);
+    EXPECT_DOUBLE_EQ(j["area"], 24);
+    EXPECT_EQ(j["bbox_min"], nlohmann::json({0.0, 0.0, 0.0}));
+    EXPECT_EQ(j["bbox_max"], nlohmann::json({2.0, 2.0, 2.0}));
+    EXPECT_EQ(j["admitted_as"], "solid");
+    EXPECT_TRUE(j.contains("reason") && j.contains("file"));
+}
+
+TEST_F(CommandLine, QueryAnswersInFileUnits) {
+    const fs::path whole = write("whole.obj", cube(2)), points = write("p.csv", "x,y,z\n1,1,0.25\n1,1,-3\n3,3,3\n");
+    const Outcome outcome = run("query " + whole.string() + " " + points.string());
+    ASSERT_EQ(outcome.code, 0) << outcome.err;
+    std::istringstream lines(outcome.out);
+    std::string line;
+    std::getline(lines, line);
+    EXPECT_EQ(line, "distance,cx,cy,cz,triangle,feature");
+    const double expected[][4] = {{-0.25, 1, 1, 0}, {3, 1, 1, 0}, {std::sqrt(3.0), 2, 2, 2}};
+    for (const auto& row : expected) {
+        std::getline(lines, line);
+        double d, x, y, z;
+        ASSERT_EQ(std::sscanf(line.c_str(), "%lf,%lf,%lf,%lf", &d, &x, &y, &z), 4) << line;
+        EXPECT_DOUBLE_EQ(d, row[0]);
+        EXPECT_DOUBLE_EQ(x, row[1]);
+        EXPECT_DOUBLE_EQ(y, row[2]);
+        EXPECT_DOUBLE_EQ(z, row[3]);
+    }
+}
+
+TEST_F(CommandLine, QueryRefusesABadRowWithItsLine) {
+    const fs::path whole = write("whole.obj", cube()), points = write("p.csv", "x,y,z\n1,1,1\n1,nan,1\n");
+    const Outcome outcome = run("query " + whole.string() + " " + points.string());
+    EXPECT_EQ(outcome.code, 2);
+    EXPECT_NE(outcome.err.find("p.csv:3:"), std::string::npos) << outcome.err;
+}
+
+TEST_F(CommandLine, CollideReportsTheDepthOfTwoCubes) {
+    // a small cube pushed 0.25 into the middle of a big one's top face: the thesis depth is 0.25, upwards
+    const fs::path big = write("big.obj", cube(4)), small = write("small.obj", cube(1));
+    const Outcome outcome = run("collide " + big.string() + " " + small.string() + " --move-b \"1.5 1.5 3.75\" --json");
+    ASSERT_EQ(outcome.code, 0) << outcome.err;
+    const nlohmann::json j = nlohmann::json::parse(outcome.out);
+    EXPECT_TRUE(j["overlap"]);
+    EXPECT_NEAR(j["depth"], 0.25, 1e-12);
+    EXPECT_NEAR(j["direction"][2], 1, 1e-9);
+    EXPECT_EQ(j["vertices_a_in_b"], 0);
+    EXPECT_EQ(j["vertices_b_in_a"], 4);
+    EXPECT_TRUE(j.contains("witness") && j.contains("edge_contacts") && j.contains("time_ms"));
+    const Outcome apart = run("collide " + big.string() + " " + small.string() + " --move-b \"1.5 1.5 4.25\" --json");
+    EXPECT_FALSE(nlohmann::json::parse(apart.out)["overlap"]);
+    // turned by 45 degrees about x and lowered onto an edge: sqrt(1/2) below its centre
+    const Outcome turned = run("collide " + big.string() + " " + small.string() +
+                               " --rotate-b \"1 0 0 45\" --move-b \"1.5 2 3.9\" --json");
+    EXPECT_NEAR(nlohmann::json::parse(turned.out)["depth"], 0.1, 1e-9) << turned.out;
+}
+
+TEST_F(CommandLine, RunWritesWhatItSays) {
+    const fs::path out = folder_ / "run";
+    const Outcome outcome = run(
+        "run probe_on_liver --seconds 0.2 --set liver.triangles=1000 --set probe.triangles=1000 --out " + out.string());
+    ASSERT_EQ(outcome.code, 0) << outcome.err;
+    std::ifstream metrics(out / "metrics.json"), trace(out / "trace.json");
+    const nlohmann::json m = nlohmann::json::parse(metrics), t = nlohmann::json::parse(trace);
+    EXPECT_EQ(m["frames"], 6);
+    for (const char* key : {"events", "max_depth_m", "total_ms_mean", "total_ms_p99", "response_ms_mean"})
+        EXPECT_TRUE(m["contact"].contains(key)) << key;
+    EXPECT_EQ(m["haptics"]["ticks"], 200);
+    EXPECT_TRUE(m["haptics"].contains("max_force_n") && m.contains("energy") && m.contains("report") &&
+                m.contains("state_hash"));
+    for (const auto& [name, stage] : m["stages"].items())
+        EXPECT_TRUE(stage.contains("p50_ms") && stage.contains("p99_ms") && stage.contains("max_ms")) << name;
+    EXPECT_GT(t["traceEvents"].size(), 10u);
+    EXPECT_TRUE(fs::exists(out / "report.html") && fs::exists(out / "frames" / "000000.png") &&
+                fs::exists(out / "meshes"));
+    for (const auto& entry : fs::recursive_directory_iterator(out))
+        EXPECT_EQ(entry.path().string().find("tmp"), std::string::npos) << entry.path();
+}
+
+TEST_F(CommandLine, ScenesAreListed) {
+    const Outcome outcome = run("scenes --json");
+    ASSERT_EQ(outcome.code, 0) << outcome.err;
+    const nlohmann::json j = nlohmann::json::parse(outcome.out);
+    EXPECT_GE(j.size(), 3u);
+}
+
+}  // namespace

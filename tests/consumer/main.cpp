@@ -1,0 +1,18 @@
+#include <cstdio>
+
+#include "content/make_prototype.hpp"
+#include "content/shape_library.hpp"
+#include "engine/closest_point.hpp"
+#include "engine/thread_pool.hpp"
+
+// What a program of somebody else's does with the installed library: is a point inside a generated liver?
+int main() {
+    trocar::set_float_mode();
+    trocar::Meshes meshes;
+    const auto liver = trocar::make_prototype(meshes, trocar::make_shape("liver", 1000), {});
+    const trocar::ClosestPointTree tree(trocar::mesh_view(meshes, liver.prototype));
+    const trocar::SurfacePoint inside = tree.query(trocar::Vec3d::Zero());
+    const trocar::SurfacePoint outside = tree.query(trocar::Vec3d(1, 0, 0));
+    std::printf("distance of the centre %.4f m, of a point outside %.4f m\n", inside.distance, outside.distance);
+    return inside.distance < 0 && outside.distance > 0.5 ? 0 : 1;
+}

@@ -1,0 +1,83 @@
+#include "content/make_prototype.hpp"
+
+#include <gtest/gtest.h>
+
+#include <limits>
+
+#include "engine/mesh_view.hpp"
+#include "tests/reference/sample_meshes.hpp"
+
+namespace trocar {
+namespace {
+
+using namespace reference;
+
+TEST(MakePrototype, ScalesRecentresAndReports) {
+    Meshes meshes;
+    Mesh soup = make_soup(make_box({100, 200, 300}, {110, 220, 330}));
+    soup.position.push_back({0, 0, 0});  // unused: neither box nor centre may see it
+    PrototypeOptions options;
+    options.scale = 1e-3;
+    options.recentre = Recentre::kBoxCentre;
+    const Prototype made = make_prototype(meshes, soup, options);
+    ASSERT_EQ(made.row, 0u);
+    EXPECT_EQ(made.judgement.admitted_as, Admission::kSolid);
+    EXPECT_EQ(made.cleaning.unused_vertices, 1u);
+    EXPECT_EQ(made.cleaning.welded_vertices, 28u);
+    EXPECT_NEAR((made.shift - Vec3d(0.105, 0.210, 0.315)).norm(), 0, 1e-15);
+    const MeshInfo& info = meshes.info[0];
+    EXPECT_EQ(info.admission, Admission::kSolid);
+    EXPECT_NEAR(info.volume, 6e-6, 1e-18);
+    EXPECT_NEAR(info.radius, Vec3d(5e-3, 10e-3, 15e-3).norm(), 1e-15);
+    EXPECT_NEAR((info.box.min + info.box.max).norm(), 0, 1e-15);
+}
+
+TEST(MakePrototype, VolumeCentroids) {
+    // a tetrahedron's lies at a quarter of its corners' sum, also with the mesh far away
+    Meshes meshes;
+    PrototypeOptions options;
+    options.recentre = Recentre::kVolumeCentroid;
+    const Prototype made = make_prototype(meshes, make_tetrahedron({1e4, 0, 0}, 1), options);
+    EXPECT_NEAR((made.shift - Vec3d(1e4 + 0.25, 0.25, 0.25)).norm(), 0, 1e-11);
+    // a ball with a hollow aside: (R^3 * 0 - r^3 * c) / (R^3 - r^3)
+    Mesh hollow = make_sphere({0, 0, 0}, 2, 4), inner = make_sphere({0.5, 0, 0}, 1, 4);
+    turn_inside_out(inner);
+    append(hollow, inner);
+    EXPECT_NEAR((find_centroid(hollow) - Vec3d(-0.5 / 7, 0, 0)).norm(), 0, 1e-12);
+    // open surfaces: the centre of their area
+    EXPECT_NEAR((find_centroid(make_sheet(3)) - Vec3d(0.5, 0.5, 0)).norm(), 0, 1e-15);
+    Mesh tray = make_box({0, 0, 0}, {1, 1, 1});
+    tray.triangle.erase(tray.triangle.begin() + 2, tray.triangle.begin() + 4);
+    EXPECT_NEAR((find_centroid(tray) - Vec3d(0.5, 0.5, (4 * 0.5 + 0) / 5)).norm(), 0, 1e-15);
+}
+
+TEST(MakePrototype, G31_G36_RefusedMeshesAppendNothing) {
+    Meshes meshes;
+    Mesh bad = make_tetrahedron();
+    bad.position[1].z() = std::numeric_limits<double>::quiet_NaN();
+    PrototypeOptions options;
+    options.recentre = Recentre::kVolumeCentroid;
+    Prototype made = make_prototype(meshes, bad, options);
+    EXPECT_EQ(made.row, kNone);
+    EXPECT_EQ(made.judgement.reason, "vertex 1: coordinate is not finite");
+    made = make_prototype(meshes, Mesh{}, options);
+    EXPECT_EQ(made.row, kNone);
+    EXPECT_EQ(made.judgement.reason, "no face");
+    EXPECT_TRUE(meshes.info.empty());
+    EXPECT_TRUE(meshes.position.empty());
+}
+
+// The same surface from another order of rows: same measures, same neighbourhoods in memory.
+TEST(MakePrototype, OrdersForLocality) {
+    Meshes meshes;
+    Mesh m = make_sphere({0, 0, 0}, 1, 3);
+    make_prototype(meshes, m, {});
+    shuffle(m, 2);
+    make_prototype(meshes, m, {});
+    const MeshView a = mesh_view(meshes, 0), b = mesh_view(meshes, 1);
+    for (size_t v = 0; v < a.position.size(); ++v) ASSERT_EQ(a.position[v], b.position[v]);
+    EXPECT_NEAR(a.info->volume, b.info->volume, 1e-14);
+}
+
+}  // namespace
+}  // namespace trocar

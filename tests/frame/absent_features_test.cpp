@@ -1,0 +1,70 @@
+#include <gtest/gtest.h>
+
+#include <algorithm>
+#include <filesystem>
+
+#include "engine/thread_pool.hpp"
+#include "systems/frame.hpp"
+#include "tests/frame/scenes_under_test.hpp"
+
+// What a scene does not use costs no bytes, no threads and no stages. Breaks when a system allocates for, or a stage
+// runs on, something the scene lacks.
+namespace {
+using namespace trocar;
+
+uint32_t threads_of_process() {
+    uint32_t count = 0;
+    for ([[maybe_unused]] const auto& entry : std::filesystem::directory_iterator("/proc/self/task")) ++count;
+    return count;
+}
+
+bool has_stage(const Frame& frame, const std::string& name) {
+    const auto& names = frame.stage_names();
+    return std::find(names.begin(), names.end(), name) != names.end();
+}
+
+TEST(AbsentFeatures, EmptySceneHasNoStagesButTheClock) {
+    World world;
+    Frame frame(std::move(world), {});
+    for (int i = 0; i < 10; ++i) frame.step();
+    EXPECT_TRUE(frame.stage_names().empty()) << frame.stage_names().front();
+    EXPECT_EQ(frame.world().clock.pass, 10u);
+}
+
+TEST(AbsentFeatures, SceneWithoutToolHasNoHapticStageAndNoHapticBytes) {
+    Frame frame(std::move(small_scene("kidney_on_liver").world), {});
+    for (int i = 0; i < 4; ++i) frame.step();
+    EXPECT_FALSE(has_stage(frame, "device input"));
+    EXPECT_FALSE(has_stage(frame, "publish local contact"));
+    EXPECT_FALSE(has_stage(frame, "rigid motion"));
+    EXPECT_EQ(frame.world().haptics.state.capacity() + frame.world().haptics.tool.capacity(), 0u);
+    EXPECT_EQ(frame.world().local_contact.capacity(), 0u);
+    EXPECT_EQ(frame.world().haptics.ticks, 0u);
+    EXPECT_EQ(frame.world().clock.contact_rate, 30u);
+}
+
+TEST(AbsentFeatures, OneBodyHasNoContactStages) {
+    BuiltScene scene = small_scene("kidney_on_liver");
+    World one;
+    one.meshes = scene.world.meshes;
+    one.springs = scene.world.springs;
+    add_body(one, "alone", 0, Motion::kDeformable);
+    Frame frame(std::move(one), {});
+    for (int i = 0; i < 4; ++i) frame.step();
+    EXPECT_FALSE(has_stage(frame, "overlap"));
+    EXPECT_FALSE(has_stage(frame, "rasterise"));
+    EXPECT_EQ(frame.world().contacts.point.capacity(), 0u);
+}
+
+TEST(AbsentFeatures, OneThreadStartsNoOther) {
+    const uint32_t before = threads_of_process();
+    ThreadPool pool(1);
+    pool.run([&] {
+        FrameOptions options;
+        Frame frame(std::move(small_scene("probe_on_liver").world), options);
+        for (int i = 0; i < 4; ++i) frame.step();
+    });
+    EXPECT_EQ(threads_of_process(), before);
+}
+
+}  // namespace

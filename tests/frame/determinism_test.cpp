@@ -1,0 +1,84 @@
+#include <gtest/gtest.h>
+
+#include <atomic>
+#include <chrono>
+#include <thread>
+
+#include "engine/closest_point.hpp"
+#include "engine/parallel.hpp"
+#include "engine/thread_pool.hpp"
+#include "systems/frame.hpp"
+#include "tests/frame/scenes_under_test.hpp"
+
+// Same bits whatever the threads, the order of running, the instruction set and the caches. Breaks when a system
+// merges in thread order, lets a cache change an answer, or contracts floating-point operations.
+namespace {
+using namespace trocar;
+
+struct Run {
+    uint32_t threads = 1;
+    bool serial = false;
+    bool clear_caches = false;
+    bool avx2 = false;
+    uint32_t passes = 90;
+};
+
+// Threads that really take part in a loop of the pool.
+uint32_t count_threads() {
+    std::vector<std::atomic<uint32_t>> seen(256);
+    const auto until = std::chrono::steady_clock::now() + std::chrono::milliseconds(200);
+    parallel_for(256, 1, [&](uint32_t, uint32_t) {
+        seen[thread_index()] = 1;
+        if (std::chrono::steady_clock::now() < until) std::this_thread::sleep_for(std::chrono::milliseconds(2));
+    });
+    uint32_t count = 0;
+    for (const auto& s : seen) count += s;
+    return count;
+}
+
+uint64_t run_scene(const std::string& name, const Run& run) {
+    force_avx2(run.avx2);
+    uint64_t hash = 0;
+    ThreadPool pool(run.threads);
+    pool.run([&] {
+        EXPECT_EQ(count_threads(), run.threads);
+        FrameOptions options;
+        options.serial = run.serial;
+        options.clear_caches = run.clear_caches;
+        Frame frame(std::move(small_scene(name).world), options);
+        for (uint32_t pass = 0; pass < run.passes; ++pass) frame.step();
+        hash = state_hash(frame.world());
+        EXPECT_GT(frame.world().report.contact_events, 0u) << name << " never touched: nothing was tested";
+    });
+    force_avx2(false);
+    return hash;
+}
+
+class Determinism : public testing::TestWithParam<std::string> {};
+
+TEST_P(Determinism, SameHashForAnyThreadsOrderInstructionSetAndCaches) {
+    const uint64_t reference = run_scene(GetParam(), {1, true, false, false, 90});
+    for (const uint32_t threads : {1u, 2u, 3u, 4u, 8u})
+        EXPECT_EQ(run_scene(GetParam(), {threads, false, false, false, 90}), reference) << threads << " threads";
+    EXPECT_EQ(run_scene(GetParam(), {2, true, false, false, 90}), reference) << "serial list on two threads";
+    EXPECT_EQ(run_scene(GetParam(), {1, false, true, false, 90}), reference) << "caches cleared";
+    if (std::string(instruction_set()) == "avx512")
+        EXPECT_EQ(run_scene(GetParam(), {1, false, false, true, 90}), reference) << "AVX2 kernels";
+}
+
+INSTANTIATE_TEST_SUITE_P(Scenes, Determinism, testing::ValuesIn(scene_names()),
+                         [](const auto& info) { return info.param; });
+
+class LongDeterminism : public testing::TestWithParam<std::string> {};
+
+// The issue's own measure: 300 pictures.
+TEST_P(LongDeterminism, SameHashAfter300Pictures) {
+    const uint64_t reference = run_scene(GetParam(), {1, true, false, false, 600});
+    for (const uint32_t threads : {1u, 2u, 4u, 8u})
+        EXPECT_EQ(run_scene(GetParam(), {threads, false, false, false, 600}), reference) << threads << " threads";
+}
+
+INSTANTIATE_TEST_SUITE_P(Scenes, LongDeterminism, testing::ValuesIn(scene_names()),
+                         [](const auto& info) { return info.param; });
+
+}  // namespace

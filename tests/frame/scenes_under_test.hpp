@@ -1,0 +1,23 @@
+#pragma once
+#include <string>
+#include <vector>
+
+#include "content/build_scene.hpp"
+#include "content/scene_file.hpp"
+namespace trocar {
+
+// A scene of content/scenes with organs of few triangles, so that tests are quick.
+inline BuiltScene small_scene(const std::string& name, const std::string& triangles = "1000") {
+    std::vector<Override> overrides;
+    const std::string path = std::string(TROCAR_SOURCE_DIR) + "/content/scenes/" + name + ".toml";
+    for (const BodySpec& body : read_scene_file(path, {}).bodies)
+        if (body.shape != "table") overrides.push_back({body.name + ".triangles", triangles});
+    return build_scene(read_scene_file(path, overrides));
+}
+
+inline const std::vector<std::string>& scene_names() {
+    static const std::vector<std::string> names{"probe_on_liver", "kidney_on_liver", "wrl_pair"};
+    return names;
+}
+
+}  // namespace trocar

@@ -1,0 +1,74 @@
+#!/usr/bin/env bash
+# Sets up a bare Debian 12 machine and runs Trocar's main jobs.
+set -euo pipefail
+cd "$(dirname "$0")"
+
+usage() {
+    cat <<'TXT'
+usage: ./trocar.sh COMMAND
+
+  demo   install what is missing, build, run the three scenes into out/demo/ (pictures, film, figures)
+  test   install what is missing, build, run every test but the long ones
+  long   build, run the long tests (sweeps, 10,000-frame books)
+  asan   build with address and undefined-behaviour sanitizers, run the unit tests
+  build  install what is missing, build
+TXT
+}
+
+packages=(g++ cmake ninja-build libembree-dev libeigen3-dev libtbb-dev libosmesa6-dev libtomlplusplus-dev libcli11-dev
+    nlohmann-json3-dev libpng-dev libjpeg-dev libgif-dev zlib1g-dev libmeshoptimizer-dev libgtest-dev assimp-testmodels)
+optional=(ffmpeg ccache)
+
+started=$SECONDS
+step() { printf '[%4d s] %s\n' $((SECONDS - started)) "$*"; }
+
+install_packages() {
+    local missing=() p
+    for p in "$@"; do dpkg-query -W -f='${Status}' "$p" 2>/dev/null | grep -q 'ok installed' || missing+=("$p"); done
+    [ ${#missing[@]} -eq 0 ] && return 0
+    step "installing ${missing[*]}"
+    local sudo=""
+    [ "$(id -u)" -eq 0 ] || sudo=sudo
+    export DEBIAN_FRONTEND=noninteractive
+    $sudo apt-get update -qq >/dev/null
+    $sudo apt-get install -y -qq --no-install-recommends "${missing[@]}" >/dev/null
+}
+
+setup() {
+    install_packages "${packages[@]}"
+    install_packages "${optional[@]}" || step "an optional package is not to be had (${optional[*]}): going on without"
+}
+
+build() {  # preset
+    setup
+    local launcher=()
+    command -v ccache >/dev/null && launcher=(-DCMAKE_CXX_COMPILER_LAUNCHER=ccache)
+    step "configuring ($1)"
+    cmake --preset "$1" "${launcher[@]}" >"build-$1.log" 2>&1 || { cat "build-$1.log"; exit 1; }
+    rm -f "build-$1.log"
+    step "building ($1)"
+    cmake --build --preset "$1" -- --quiet
+    step "built"
+}
+
+run_tests() {  # preset label
+    step "testing ($1)"
+    ctest --test-dir "build/$1" -j "$(nproc)" --output-on-failure "${@:2}"
+    step "done"
+}
+
+case "${1:-}" in
+    build) build release ;;
+    test) build release; run_tests release -LE long ;;
+    long) build release; run_tests release -L long ;;
+    asan) build asan; run_tests asan -L unit ;;
+    demo)
+        build release
+        for scene in probe_on_liver kidney_on_liver wrl_pair; do
+            step "running $scene"
+            build/release/trocar run "content/scenes/$scene.toml" --out "out/demo/$scene"
+        done
+        step "done: open out/demo/*/report.html, look at out/demo/*/frames/, load out/demo/*/trace.json in a trace viewer"
+        ;;
+    *) usage; [ -n "${1:-}" ] && exit 2 || exit 0 ;;
+esac
