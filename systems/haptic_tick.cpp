@@ -2,6 +2,7 @@
 
 #include <algorithm>
 #include <cmath>
+#include <tuple>
 
 #include "engine/check.hpp"
 #include "engine/geometry/point_triangle.hpp"
@@ -123,6 +124,7 @@ FeatureVertices feature_vertices(const Triangle& t, Feature feature) {
     }
     return {};
 }
+int dimension(Feature feature) { return feature == Feature::kFace ? 2 : feature >= Feature::kEdge0 ? 1 : 0; }
 bool holds(const Triangle& t, const FeatureVertices& f) {
     return has_vertex(t, f.a) && (f.b == kNone || has_vertex(t, f.b));
 }
@@ -168,19 +170,24 @@ void find_touched(const LocalContactModel& model, const Vec3d& centre, HapticScr
     const auto triangle = [&](const TouchedFeature& f) -> const Triangle& {
         return model.triangle[scratch.near[f.near].row];
     };
+    // faces before edges before vertices, then the nearer: the first of this order always stays, however rounding names
+    // the features around a point above a vertex
+    const auto comes_before = [](const TouchedFeature& f, const TouchedFeature& g) {
+        return std::make_tuple(-dimension(f.feature), f.distance, f.near) <
+               std::make_tuple(-dimension(g.feature), g.distance, g.near);
+    };
     // a triangle that holds the feature but whose own closest point is elsewhere comes nearer
     const auto is_shadowed = [&](const TouchedFeature& f) {
         const FeatureVertices mine = feature_vertices(triangle(f), f.feature);
         if (mine.a == kNone) return false;
         return std::any_of(touched.begin(), touched.end(), [&](const TouchedFeature& other) {
-            return holds(triangle(other), mine) &&
+            return holds(triangle(other), mine) && comes_before(other, f) &&
                    !same_feature(feature_vertices(triangle(other), other.feature), mine);
         });
     };
-    // marked by distance first: removing while looking would change what the later ones see
-    for (TouchedFeature& f : touched)
-        if (is_shadowed(f)) f.distance = -1 - f.distance;
-    std::erase_if(touched, [](const TouchedFeature& f) { return f.distance < 0; });
+    // marked first: removing while looking would change what the later ones see
+    for (TouchedFeature& f : touched) f.shadowed = is_shadowed(f);
+    std::erase_if(touched, [](const TouchedFeature& f) { return f.shadowed; });
 }
 
 // ---- planes ----

@@ -24,6 +24,7 @@ struct TouchedFeature {
     Feature feature = Feature::kFace;
     Vec3d offset = Vec3d::Zero();  // m, from the tip's centre to the closest point
     double distance = 0;           // m
+    bool shadowed = false;         // a neighbour is touched nearer
 };
 
 struct HapticScratch {
