@@ -29,8 +29,8 @@ LocalContactModel rising_plane(uint64_t sequence, double time) {
     model.sequence = sequence;
     model.time = time;
     model.velocity.assign(model.position.size(), Vec3d(0, 0, 0.01));
-    model.fastest = 0.01;
     for (Vec3d& p : model.position) p.z() += 0.01 * time;
+    group_triangles(model);
     return model;
 }
 

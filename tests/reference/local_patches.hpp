@@ -1,6 +1,7 @@
 #pragma once
 #include "components/haptics.hpp"
 #include "components/mesh.hpp"
+#include "systems/local_contact_model.hpp"
 namespace trocar::reference {
 
 // A model that shows the whole of a surface at rest.
@@ -13,6 +14,7 @@ inline LocalContactModel make_patch(const Mesh& mesh, double half_thickness = 0)
     model.neighbour.assign(mesh.triangle.size(), {kNone, kNone, kNone});
     model.body.assign(mesh.triangle.size(), 0);
     model.half_thickness.assign(mesh.triangle.size(), half_thickness);
+    group_triangles(model);
     return model;
 }
 
