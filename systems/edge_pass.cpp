@@ -88,14 +88,16 @@ struct EdgeSearch {
     }
     Vec3d other_vertex(uint32_t v) const { return vertex_in_frame(in.surfaces, side.other, v); }
     // Depth that nothing between two samples exceeds: depth is 1-Lipschitz, and it is no more than the distance to any
-    // triangle, which is convex along the edge.
+    // triangle, which is convex along the edge. The nearest triangles of the two ends may each cover a half.
     double bound_between(const Sample& a, const Sample& b) const {
         double most = 0.5 * (b.s - a.s + a.depth + b.depth);
         if (a.triangle != kNone) most = std::min(most, std::max(std::abs(a.depth), distance_to(a.triangle, b.s)));
-        if (b.triangle != kNone && b.triangle != a.triangle) {
-            most = std::min(most, std::max(std::abs(b.depth), distance_to(b.triangle, a.s)));
-        }
-        return most;
+        if (b.triangle == kNone || b.triangle == a.triangle) return most;
+        most = std::min(most, std::max(std::abs(b.depth), distance_to(b.triangle, a.s)));
+        const double ends = std::max(std::abs(a.depth), std::abs(b.depth));
+        if (a.triangle == kNone || most <= ends) return most;
+        const double middle = 0.5 * (a.s + b.s);
+        return std::min(most, std::max({ends, distance_to(a.triangle, middle), distance_to(b.triangle, middle)}));
     }
     void add(const Sample& a, const Sample& b) {
         if (!(b.s > a.s)) return;
@@ -199,45 +201,21 @@ bool search_outside_edge(EdgeSearch& e, const Sample& a, const Sample& b, const 
     return search(e, 1e-12 * e.length, true, best, c.counters);  // less is rounding: two surfaces that only touch
 }
 
-// A place short of `beyond`, which is not, where a triangle is still nearer than `enough`, as it is at `s`: the
-// distance is convex along the edge. A few steps of bisection, rounded towards s.
-double covered_to(const EdgeSearch& e, uint32_t triangle, double s, double beyond, double enough) {
-    double good = s;
-    for (int i = 0; i < 3; ++i) {
-        const double middle = 0.5 * (good + beyond);
-        (e.distance_to(triangle, middle) <= enough ? good : beyond) = middle;
-    }
-    return good;
-}
-
-// One end inside (a), the other outside (b). Walks from a along triangles that stay nearer than what would matter; most
-// edges leave the other body by then. Where they do not, the whole way inside is searched.
+// One end inside (a), the other outside (b): only when some point can be deeper than a by more than the tolerance.
 bool search_crossing_edge(EdgeSearch& e, const Sample& a, const Sample& b, EdgeChunk& c, EdgeContact& best) {
     const double enough = a.depth + e.in.params.tolerance;
     const double sign = a.s < b.s ? 1 : -1;
-    // beyond `last` the outside end bounds the depth to `enough`; beyond `limit` nothing is inside
-    const double last = b.s + sign * (b.depth - enough), limit = b.s + sign * b.depth;
-    if ((last - a.s) * sign <= 0) return false;
-    Sample at = a;
-    for (int step = 0; step < 4; ++step) {
-        if (e.distance_to(at.triangle, last) <= enough) return false;
-        const double middle = 0.5 * (at.s + last);
-        const bool covers_half = e.distance_to(at.triangle, middle) <= enough;
-        const auto goes_on = [&](uint32_t next) {
-            return next != kNone && e.distance_to(next, last) <= enough && e.distance_to(next, middle) <= enough;
-        };
-        if (covers_half) {
-            const auto& around = e.side.other_mesh.neighbour[at.triangle];
-            if (goes_on(b.triangle) || goes_on(around[0]) || goes_on(around[1]) || goes_on(around[2])) return false;
-        }
-        const double to = covers_half ? middle : covered_to(e, at.triangle, at.s, middle, enough);
-        const SurfacePoint answer = e.ask(to, at.triangle, c.counters);
-        if (-answer.distance > enough) break;
-        at = {to, -answer.distance, answer.triangle};
+    // beyond `last` nothing is deeper than enough; every look there that finds less brings it nearer to a
+    Sample at = b;
+    for (int look = 0; look < 4; ++look) {
+        const double last = at.s + sign * (at.depth - enough);
+        if ((last - a.s) * sign <= 0 || e.distance_to(a.triangle, last) <= enough) return false;
+        const SurfacePoint answer = e.ask(last, a.triangle, c.counters);
+        at = {last, -answer.distance, answer.triangle};
+        if (at.depth > 0) break;
     }
-    const Sample out{limit, 0, kNone};
-    sign > 0 ? e.add(a, out) : e.add(out, a);
-    return search(e, a.depth, false, best, c.counters);
+    sign > 0 ? e.add(a, at) : e.add(at, a);
+    return search(e, std::max(a.depth, 0.0), false, best, c.counters);
 }
 
 // Both ends inside: only when the edge leaves the other body and can be deeper on the way than at its ends.
