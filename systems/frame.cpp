@@ -47,6 +47,8 @@ struct FrameScratch {
     LocalContactScratch local_contact;
     std::array<HapticScratch, kMaxTools> haptic;
     std::vector<uint64_t> tick_ns;              // tools * period
+    std::array<DeviceState, kMaxTools> live_device;  // live: of the pass before
+    bool live_device_known = false;
 };
 
 struct FrameState {
@@ -54,6 +56,7 @@ struct FrameState {
     FrameScratch scratch;
     FrameOptions options;
     FrameTimes times;
+    ContactHook contact_hook;
     double energy_start = 0;  // J, when the books were opened
     bool energy_open = false;
 };
@@ -65,13 +68,36 @@ double pass_seconds(const World& w) { return static_cast<double>(w.clock.tick) *
 
 // ---- begin ----
 
+// Live: what the haptic thread saw last, reached evenly over the pass from what it saw before.
+void follow_live_devices(FrameState& f) {
+    World& w = f.world;
+    const size_t tools = w.haptics.tool.size(), per_tool = w.clock.period + 1;
+    f.scratch.device.resize(tools * per_tool);
+    for (size_t t = 0; t < tools; ++t) {
+        const DeviceState to = w.haptics.state[t].device;
+        const DeviceState from = f.scratch.live_device_known ? f.scratch.live_device[t] : to;
+        for (size_t ms = 0; ms < per_tool; ++ms) {
+            DeviceState& device = f.scratch.device[t * per_tool + ms];
+            const double share = static_cast<double>(ms) / static_cast<double>(per_tool - 1);
+            device = to;
+            device.position = from.position + share * (to.position - from.position);
+        }
+        f.scratch.live_device[t] = to;
+    }
+    f.scratch.live_device_known = true;
+}
+
 // Where every device will be at each millisecond of the pass; the first is now.
 void device_input(FrameState& f) {
     World& w = f.world;
+    for (ToolState& state : w.haptics.state) state.contact_impulse = Vec3d::Zero();
+    if (f.options.external_ticks) {
+        follow_live_devices(f);
+        return;
+    }
     std::array<Device, kMaxTools> device;
     for (size_t t = 0; t < w.haptics.tool.size(); ++t) device[t] = device_of(w.haptics, w.paths, w.haptics.tool[t]);
     read_devices(std::span(device).first(w.haptics.tool.size()), w.clock.tick, w.clock.period, f.scratch.device);
-    for (ToolState& state : w.haptics.state) state.contact_impulse = Vec3d::Zero();
 }
 void rigid_motion(FrameState& f) { follow_paths(f.world.paths, pass_seconds(f.world), f.world.poses); }
 void body_boxes(FrameState& f) {
@@ -117,6 +143,7 @@ void local_contact(FrameState& f) {
     for (size_t t = 0; t < w.haptics.tool.size(); ++t)
         publish_local_contact(HapticParams{}, surfaces_of(w), w.boxes.box, w.haptics.tool[t], w.haptics.state[t], pass_seconds(w),
                               w.clock.pass, f.scratch.local_contact, w.local_contact[t]);
+    if (f.contact_hook.published) f.contact_hook.published(f.contact_hook.user, w);
 }
 
 // ---- advance ----
@@ -397,6 +424,14 @@ void Frame::step_until(uint32_t row) {
         run_stage(s);
         if (s + 1 == graphs_->end_first) end_pass(*state_);
     }
+}
+
+void Frame::set_contact_hook(const ContactHook& hook) { state_->contact_hook = hook; }
+
+const PictureSnapshot& Frame::snapshot_now() {
+    if (any_deformable(state_->world)) surface_normals(*state_);
+    picture(*state_);
+    return state_->world.picture;
 }
 
 void Frame::run_stage(uint32_t row) { graphs_->stages[row].run(*state_); }

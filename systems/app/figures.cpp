@@ -139,6 +139,7 @@ std::string metrics_json(const RunFigures& f) {
     if (f.live) {
         j["haptics"]["period"] = percentiles(f.tick_period_us, "us");
         j["haptics"]["contact_age"] = percentiles(f.contact_age_ms, "ms");
+        j["haptics"]["missed_ticks"] = f.missed_ticks;
         j["haptics"]["scheduling"] = f.scheduling;
     }
     j["energy"] = energy_json(f);

@@ -48,6 +48,7 @@ struct RunFigures {
     std::vector<double> tick_us;         // compute time of every haptic tick
     std::vector<double> tick_period_us;  // live only
     std::vector<double> contact_age_ms;  // live only
+    uint64_t missed_ticks = 0;      // live only: deadlines that passed while the thread was away
     std::string scheduling;              // live only: what priority was got, kernel
     Report report;
     std::vector<std::string> bodies;  // "liver: 5002 vertices, deformable, 1 substep"
