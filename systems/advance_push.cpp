@@ -13,17 +13,27 @@ Vec3d turned(const std::array<Vec3d, 3>& rows, const Vec3d& v) {
     return {rows[0].dot(v), rows[1].dot(v), rows[2].dot(v)};
 }
 
+// World position of a node at the end of the substep, the pushes of earlier rows included, m.
+Vec3d place_after(const AdvanceScratch& s, uint32_t n) {
+    const ContactNode& node = s.node[n];
+    if (node.particle == kNone) return node.place;
+    const AdvanceBody& body = s.body[node.owner];
+    const Float4& o = body.next[node.particle - body.particles.first];
+    const Vec3d place = body.origin + Vec3d(o.x, o.y, o.z);
+    return s.change[n].pushed ? Vec3d(place + s.change[n].change) : place;
+}
+
 // Gap of a row at the end of the substep, and its normal there.
 double gap_after(const AdvanceScratch& s, const ContactPlan& plan, Vec3d& normal) {
     Vec3d apart = Vec3d::Zero();
     if (plan.rigid_a == kNone) {
-        for (int i = 0; i < 2; ++i) apart += plan.weight_a[i] * s.node[plan.node_a[i]].place;
+        for (int i = 0; i < 2; ++i) apart += plan.weight_a[i] * place_after(s, plan.node_a[i]);
     } else {
         const AdvanceRigid& rigid = s.rigid[plan.rigid_a];
         apart += rigid.origin[1] + turned(rigid.turn[1], plan.point_a);
     }
     if (plan.rigid_b == kNone) {
-        for (int k = 0; k < 3; ++k) apart -= plan.weight_b[k] * s.node[plan.node_b[k]].place;
+        for (int k = 0; k < 3; ++k) apart -= plan.weight_b[k] * place_after(s, plan.node_b[k]);
         normal = plan.normal;
     } else {
         const AdvanceRigid& rigid = s.rigid[plan.rigid_b];
@@ -48,7 +58,7 @@ double share_of_point(const AdvanceIsland& island, const ContactPlan& plan) {
     return b / (a + b);
 }
 
-// Moves both sides by their inverse masses, or each side by its share of the way; a node of n rows by 1/n of it.
+// Moves both sides by their inverse masses, or each side by its share of the way.
 void add_push(AdvanceIsland& island, const ContactActive& row, const Vec3d& way) {
     AdvanceScratch& s = island.scratch;
     const bool by_mass = island.params.contact.share == ResponseShare::kMass;
@@ -56,7 +66,7 @@ void add_push(AdvanceIsland& island, const ContactActive& row, const Vec3d& way)
     const auto unit = [&](uint32_t k) { return by_mass ? s.node[row.node[k]].inv_mass : 1.0; };
     for (uint32_t k = 0; k < row.nodes; ++k) {
         if (!can_move(s, row.node[k])) continue;
-        sum[k >= row.point_nodes] += row.weight[k] * row.weight[k] * s.change[row.node[k]].rows * unit(k);
+        sum[k >= row.point_nodes] += row.weight[k] * row.weight[k] * unit(k);
     }
     double scale[2] = {0, 0};
     if (by_mass) {
@@ -86,7 +96,7 @@ double push_work(const AdvanceIsland& island) {
         const SpringStep& step = body.step;
         const uint32_t v = node.particle - body.particles.first;
         const uint32_t slice = v / kSliceWidth, lane = v % kSliceWidth;
-        const Vec3d from = node.place - body.origin, to = from + s.change[n].change;
+        const Vec3d from = Vec3d(body.next[v].x, body.next[v].y, body.next[v].z), to = from + s.change[n].change;
         double springs = 0;
         for (uint32_t c = step.slice_column[slice]; c < step.slice_column[slice + 1]; ++c) {
             const uint32_t q = step.neighbour[c * kSliceWidth + lane];
@@ -117,13 +127,8 @@ double push_work(const AdvanceIsland& island) {
 
 void push_out(AdvanceIsland& island, bool last_substep) {
     AdvanceScratch& s = island.scratch;
-    for (const uint32_t n : s.touched) {
-        ContactNode& node = s.node[n];
-        if (node.particle == kNone) continue;
-        const AdvanceBody& body = s.body[node.owner];
-        const Float4& o = body.next[node.particle - body.particles.first];
-        node.place = body.origin + Vec3d(o.x, o.y, o.z);
-        if (last_substep) island.result.opposing_planes += s.change[n].opposed;
+    if (last_substep) {
+        for (const uint32_t n : s.touched) island.result.opposing_planes += s.change[n].opposed;
     }
     bool any = false;
     const double most = island.params.contact.push_speed * island.dt;
@@ -135,9 +140,11 @@ void push_out(AdvanceIsland& island, bool last_substep) {
         any = true;
     }
     if (any) {
-        // the moves as the floats will hold them
+        // no node faster than the push speed, however many rows push it; and the moves as the floats will hold them
         for (const uint32_t n : s.touched) {
             if (!s.change[n].pushed) continue;
+            const double size = s.change[n].change.norm();
+            if (size > most) s.change[n].change *= most / size;
             const AdvanceBody& body = s.body[s.node[n].owner];
             const Float4& o = body.next[s.node[n].particle - body.particles.first];
             const Vec3d from(o.x, o.y, o.z);
@@ -151,7 +158,7 @@ void push_out(AdvanceIsland& island, bool last_substep) {
             o.x = static_cast<float>(o.x + s.change[n].change.x());
             o.y = static_cast<float>(o.y + s.change[n].change.y());
             o.z = static_cast<float>(o.z + s.change[n].change.z());
-            s.node[n].place += s.change[n].change;
+            s.change[n].pushed = false;
         }
     }
     if (!last_substep) return;
