@@ -1,5 +1,6 @@
 #include "engine/best_fit_rotation.hpp"
 
+#include <algorithm>
 #include <cmath>
 
 #include "engine/geometry/quaternion.hpp"
@@ -30,33 +31,57 @@ bool solve_symmetric(const std::array<double, 6>& m, const Vec3d& b, Vec3d& x) {
     return true;
 }
 
+namespace {
+
+// The fit of a rotation: its value trace(R^T A), and that value's gradient and Hessian (negated) in the rotation
+// vector.
+struct Fit {
+    double value = 0;
+    Vec3d torque = Vec3d::Zero();
+    std::array<double, 6> hessian{};
+};
+
+Fit evaluate(const std::array<Vec3d, 3>& a, const Quat& q) {
+    // S = A R^T in world axes: trace(exp(-w) S) is the value after turning by w
+    const std::array<Vec3d, 3> r = rotation_rows(q);
+    double s[3][3];
+    for (int i = 0; i < 3; ++i) {
+        for (int j = 0; j < 3; ++j) s[i][j] = a[i].dot(r[j]);
+    }
+    const double trace = s[0][0] + s[1][1] + s[2][2];
+    return {trace,
+            Vec3d(s[2][1] - s[1][2], s[0][2] - s[2][0], s[1][0] - s[0][1]),
+            {trace - s[0][0], trace - s[1][1], trace - s[2][2], -0.5 * (s[0][1] + s[1][0]), -0.5 * (s[0][2] + s[2][0]),
+             -0.5 * (s[1][2] + s[2][1])}};
+}
+
+}  // namespace
+
 Quat best_fit_rotation(const std::array<Vec3d, 3>& a, const Quat& start) {
-    constexpr int kMostSteps = 100;
+    constexpr int kMostSteps = 200;
     constexpr double kConverged = 1e-9;  // rad, of the step just taken: Newton's next error is its square
+    const double size = a[0].norm() + a[1].norm() + a[2].norm();
+    if (!(size > 0) || !std::isfinite(size)) return start;
     Quat q = start;
+    Fit fit = evaluate(a, q);
+    double shift = 0;  // makes the Hessian positive definite and the step short enough to climb
     for (int step = 0; step < kMostSteps; ++step) {
-        // S = A R^T in world axes: trace(exp(-w) S) is largest at the rotation vector w
-        const std::array<Vec3d, 3> r = rotation_rows(q);
-        double s[3][3];
-        for (int i = 0; i < 3; ++i) {
-            for (int j = 0; j < 3; ++j) s[i][j] = a[i].dot(r[j]);
-        }
-        const double trace = s[0][0] + s[1][1] + s[2][2];
-        const Vec3d torque(s[2][1] - s[1][2], s[0][2] - s[2][0], s[1][0] - s[0][1]);
-        const double size = torque.norm() + std::abs(trace);
-        if (!(size > 0) || !std::isfinite(size)) return start;
+        std::array<double, 6> hessian = fit.hessian;
+        for (int i = 0; i < 3; ++i) hessian[i] += shift;
         Vec3d turn;
-        const std::array<double, 6> hessian = {trace - s[0][0],
-                                               trace - s[1][1],
-                                               trace - s[2][2],
-                                               -0.5 * (s[0][1] + s[1][0]),
-                                               -0.5 * (s[0][2] + s[2][0]),
-                                               -0.5 * (s[1][2] + s[2][1])};
-        if (!solve_symmetric(hessian, torque, turn)) turn = torque / (std::abs(trace) + 1e-9 * size);
-        const double angle = turn.norm();
-        if (angle > 1) turn /= angle;
-        q = normalized(multiply(from_rotation_vector(turn), q));
-        if (angle < kConverged) break;
+        if (solve_symmetric(hessian, fit.torque, turn)) {
+            const double angle = turn.norm();
+            const Quat next = normalized(multiply(from_rotation_vector(turn), q));
+            const Fit next_fit = evaluate(a, next);
+            if (angle < kConverged) return next;
+            if (angle < 2 && next_fit.value > fit.value - 1e-15 * size) {
+                q = next;
+                fit = next_fit;
+                shift = shift < 1e-2 * size ? 0 : 0.25 * shift;
+                continue;
+            }
+        }
+        shift = std::max(4 * shift, 1e-2 * size);
     }
     return q;
 }

@@ -8,9 +8,10 @@ namespace trocar {
 std::array<Vec3d, 3> rotation_rows(const Quat& q);
 
 // The rotation R that maximises trace(R^T A) for A given by rows: the best fit of rest positions r to positions x when
-// A = sum k x r^T about the centroids (Mueller, Heidelberger, Teschner, Gross, ACM TOG 24(3), 2005). Turns `start` by
-// Newton steps on the rotation vector, or by the step of Mueller, Bender, Chentanez, Macklin (MIG 2016) where Newton's
-// matrix is not positive definite; converged to rounding, deterministic. Returns start when A is zero or not finite.
+// A = sum k x r^T about the centroids (Mueller, Heidelberger, Teschner, Gross, ACM TOG 24(3), 2005). Turns `start`
+// by Newton steps on the rotation vector (as Mueller, Bender, Chentanez, Macklin, MIG 2016, whose step is Newton's for
+// a round A), Levenberg's where Newton's do not climb; converged to rounding, deterministic. Returns start when A is
+// zero or not finite.
 Quat best_fit_rotation(const std::array<Vec3d, 3>& a, const Quat& start);
 
 // Solves M x = b for a symmetric positive definite M (xx, yy, zz, xy, xz, yz). False if M is not.

@@ -832,7 +832,8 @@ void ClosestPointTree::Impl::query_batch(std::span<const Vec3d> points, std::spa
         }
         if (near != kNone) visit(search, near);
         search.first = near;
-        if (search.upper == INFINITY) search.upper = bound_by_box(q);
+        // Embree tests children against the radius it started with: never start with a needlessly large one
+        if (search.upper > 1) search.upper = std::min(search.upper, bound_by_box(q));
         select(search);
         if (search.nearest != kNone) previous = {points[i], search.upper, search.nearest};
         if (search.overflow) {

@@ -133,6 +133,8 @@ void PeriodicThread::loop(const PeriodicOptions& options, int64_t start,
         figures_.missed += next - (index + 1);
         index = next;
     }
+    // locked memory is the process's: it does not outlast the thread that needed it
+    if (figures_.grant.locked) munlockall();
 }
 
 }  // namespace trocar

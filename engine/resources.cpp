@@ -50,9 +50,12 @@ struct Hasher {
         value(t.body), value(t.tip), value(t.tip_radius), value(t.coupling_stiffness), value(t.coupling_damping);
         value(t.max_force), value(t.friction), value(t.path), value(t.trace);
     }
+    void value(const TriangleGroup& g) {
+        value(g.triangles), value(g.centre), value(g.radius), value(g.velocity), value(g.spread);
+    }
     void value(const LocalContactModel& m) {
         value(m.time), value(m.sequence), value(m.from), value(m.to), value(m.reach), value(m.fastest);
-        array(m.position), array(m.velocity), array(m.triangle), array(m.neighbour), array(m.body), array(m.half_thickness);
+        array(m.position), array(m.velocity), array(m.triangle), array(m.neighbour), array(m.body), array(m.half_thickness), array(m.group);
     }
     void value(const PictureBody& b) {
         value(b.mesh), value(b.origin), value(b.orientation), value(b.box), value(b.vertices), value(b.depths);

@@ -188,7 +188,8 @@ void advance_island(const AdvanceParams& params, const AdvanceInputs& inputs, st
                     ContactRows& rows, std::span<ToolState> tools, AdvanceResult& result) {
     TROCAR_ASSERT(params.substeps > 0 && params.ticks > 0);
     const double dt = 1e-3 * (static_cast<double>(params.ticks) / params.substeps);
-    result = {};
+    result.deepest_residual = 0;
+    result.opposing_planes = 0;
     AdvanceIsland island{params, inputs, scratch, particles, poses, rows, tools, result, dt};
     const SpringKernels& kernels = spring_kernels();
     gather_bodies(island, island_bodies);

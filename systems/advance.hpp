@@ -48,16 +48,16 @@ struct AdvanceInputs {
     std::span<const DeviceInterval> devices;  // one per tool
 };
 
-// What a call did to an island. Work in J on its deformable bodies.
+// What calls did to an island: added up over calls but for what is marked `last`. Work in J on its deformable bodies.
 struct AdvanceResult {
     double work_hand = 0;
     double work_contact = 0;
     double work_damping = 0;
     double work_push = 0;
-    double deepest_residual = 0;  // m, deepest overlap of a row after the last substep
+    double deepest_residual = 0;  // m, deepest overlap of a row after the last substep of the last call
     uint64_t active_rows = 0;     // rows that acted, summed over the substeps
     uint64_t ended_rows = 0;
-    uint64_t opposing_planes = 0;
+    uint64_t opposing_planes = 0;  // vertices pressed from both sides in the last substep of the last call
     uint64_t nonfinite_particles = 0;
 };
 

@@ -46,7 +46,9 @@ struct FrameScratch {
     std::vector<DeviceState> device;            // tools * (period + 1): every millisecond of the pass
     LocalContactScratch local_contact;
     std::array<HapticScratch, kMaxTools> haptic;
-    std::vector<uint64_t> tick_ns;  // tools * period
+    std::vector<uint64_t> tick_ns;              // tools * period
+    std::array<DeviceState, kMaxTools> live_device;  // live: of the pass before
+    bool live_device_known = false;
 };
 
 struct FrameState {
@@ -54,6 +56,7 @@ struct FrameState {
     FrameScratch scratch;
     FrameOptions options;
     FrameTimes times;
+    ContactHook contact_hook;
     double energy_start = 0;  // J, when the books were opened
     bool energy_open = false;
 };
@@ -65,13 +68,36 @@ double pass_seconds(const World& w) { return static_cast<double>(w.clock.tick) *
 
 // ---- begin ----
 
+// Live: what the haptic thread saw last, reached evenly over the pass from what it saw before.
+void follow_live_devices(FrameState& f) {
+    World& w = f.world;
+    const size_t tools = w.haptics.tool.size(), per_tool = w.clock.period + 1;
+    f.scratch.device.resize(tools * per_tool);
+    for (size_t t = 0; t < tools; ++t) {
+        const DeviceState to = w.haptics.state[t].device;
+        const DeviceState from = f.scratch.live_device_known ? f.scratch.live_device[t] : to;
+        for (size_t ms = 0; ms < per_tool; ++ms) {
+            DeviceState& device = f.scratch.device[t * per_tool + ms];
+            const double share = static_cast<double>(ms) / static_cast<double>(per_tool - 1);
+            device = to;
+            device.position = from.position + share * (to.position - from.position);
+        }
+        f.scratch.live_device[t] = to;
+    }
+    f.scratch.live_device_known = true;
+}
+
 // Where every device will be at each millisecond of the pass; the first is now.
 void device_input(FrameState& f) {
     World& w = f.world;
+    for (ToolState& state : w.haptics.state) state.contact_impulse = Vec3d::Zero();
+    if (f.options.external_ticks) {
+        follow_live_devices(f);
+        return;
+    }
     std::array<Device, kMaxTools> device;
     for (size_t t = 0; t < w.haptics.tool.size(); ++t) device[t] = device_of(w.haptics, w.paths, w.haptics.tool[t]);
     read_devices(std::span(device).first(w.haptics.tool.size()), w.clock.tick, w.clock.period, f.scratch.device);
-    for (ToolState& state : w.haptics.state) state.contact_impulse = Vec3d::Zero();
 }
 void rigid_motion(FrameState& f) { follow_paths(f.world.paths, pass_seconds(f.world), f.world.poses); }
 void body_boxes(FrameState& f) {
@@ -84,29 +110,22 @@ void body_boxes(FrameState& f) {
     }
     compute_body_boxes(period_seconds(w), {w.meshes, w.bodies, f.scratch.coming, w.particles}, w.boxes);
 }
-void candidate_pairs(FrameState& f) {
-    find_candidate_pairs(f.world.bodies, f.world.boxes, {}, f.scratch.pairs, f.world.pairs);
-}
-void refit(FrameState& f) {
-    refit_trees(f.world.bodies, f.world.particles, f.world.pairs, f.scratch.refit, f.world.trees);
-}
+void candidate_pairs(FrameState& f) { find_candidate_pairs(f.world.bodies, f.world.boxes, {}, f.scratch.pairs, f.world.pairs); }
+void refit(FrameState& f) { refit_trees(f.world.bodies, f.world.particles, f.world.pairs, f.scratch.refit, f.world.trees); }
 void rasterise_(FrameState& f) {
     World& w = f.world;
-    rasterise(w.settings.contact, surfaces_of(w), w.boxes, w.pairs, f.scratch.rasterise, w.report, w.screened,
-              w.occupancy);
+    rasterise(w.settings.contact, surfaces_of(w), w.boxes, w.pairs, f.scratch.rasterise, w.report, w.screened, w.occupancy);
 }
 void candidate_cells(FrameState& f) {
     find_candidate_triangles(f.world.pairs, f.world.screened, f.world.occupancy, f.scratch.cells, f.world.candidates);
 }
 void overlap(FrameState& f) {
     World& w = f.world;
-    find_overlap(surfaces_of(w), w.boxes, w.pairs, w.screened, w.candidates, w.trees, f.scratch.overlap, w.report,
-                 w.near, w.contacts);
+    find_overlap(surfaces_of(w), w.boxes, w.pairs, w.screened, w.candidates, w.trees, f.scratch.overlap, w.report, w.near, w.contacts);
 }
 void edge_pass(FrameState& f) {
     World& w = f.world;
-    find_edge_contacts(w.settings.contact, surfaces_of(w), w.pairs, w.candidates, w.near, w.trees, f.scratch.edges,
-                       w.report, w.contacts);
+    find_edge_contacts(w.settings.contact, surfaces_of(w), w.pairs, w.candidates, w.near, w.trees, f.scratch.edges, w.report, w.contacts);
 }
 void penetration(FrameState& f) {
     measure_penetrations(f.world.pairs, f.world.contacts, f.world.penetrations);
@@ -115,16 +134,16 @@ void penetration(FrameState& f) {
 }
 void contact_rows(FrameState& f) {
     World& w = f.world;
-    make_contact_rows(w.settings.contact, surfaces_of(w), w.pairs, w.contacts, w.penetrations, f.scratch.rows, w.report,
-                      w.rows);
+    make_contact_rows(w.settings.contact, surfaces_of(w), w.pairs, w.contacts, w.penetrations, f.scratch.rows, w.report, w.rows);
 }
 void islands(FrameState& f) { find_islands(f.world.bodies, f.world.rows, f.scratch.islands, f.world.islands); }
 void local_contact(FrameState& f) {
     World& w = f.world;
     w.local_contact.resize(w.haptics.tool.size());
     for (size_t t = 0; t < w.haptics.tool.size(); ++t)
-        publish_local_contact(HapticParams{}, surfaces_of(w), w.boxes.box, w.haptics.tool[t], w.haptics.state[t],
-                              pass_seconds(w), w.clock.pass, f.scratch.local_contact, w.local_contact[t]);
+        publish_local_contact(HapticParams{}, surfaces_of(w), w.boxes.box, w.haptics.tool[t], w.haptics.state[t], pass_seconds(w),
+                              w.clock.pass, f.scratch.local_contact, w.local_contact[t]);
+    if (f.contact_hook.published) f.contact_hook.published(f.contact_hook.user, w);
 }
 
 // ---- advance ----
@@ -145,17 +164,29 @@ void haptic_ticks(FrameState& f, std::span<const uint32_t> bodies, uint32_t ms) 
     for (size_t t = 0; t < w.haptics.tool.size(); ++t) {
         if (std::find(bodies.begin(), bodies.end(), w.haptics.tool[t].body) == bodies.end()) continue;
         const uint64_t start = now_ns();
-        haptic_tick(HapticParams{}, w.local_contact[t], static_cast<double>(w.clock.tick + ms) * 1e-3,
-                    w.haptics.tool[t], f.scratch.device[t * per_tool + ms], f.scratch.haptic[t], w.haptics.state[t]);
+        haptic_tick(HapticParams{}, w.local_contact[t], static_cast<double>(w.clock.tick + ms) * 1e-3, w.haptics.tool[t],
+                    f.scratch.device[t * per_tool + ms], f.scratch.haptic[t], w.haptics.state[t]);
         f.scratch.tick_ns[t * w.clock.period + ms] = now_ns() - start;
     }
+}
+
+// Adds a later call of the same pass.
+void add_part(const AdvanceResult& part, AdvanceResult& whole) {
+    whole.work_hand += part.work_hand;
+    whole.work_contact += part.work_contact;
+    whole.work_damping += part.work_damping;
+    whole.work_push += part.work_push;
+    whole.deepest_residual = part.deepest_residual;
+    whole.active_rows += part.active_rows;
+    whole.ended_rows += part.ended_rows;
+    whole.opposing_planes += part.opposing_planes;
+    whole.nonfinite_particles += part.nonfinite_particles;
 }
 
 // One island through the whole pass; with a tool, millisecond by millisecond with the haptic tick between.
 void advance_one_island(FrameState& f, uint32_t island, AdvanceScratch& scratch) {
     World& w = f.world;
-    const auto bodies =
-        std::span(w.islands.body).subspan(w.islands.bodies[island].first, w.islands.bodies[island].count);
+    const auto bodies = std::span(w.islands.body).subspan(w.islands.bodies[island].first, w.islands.bodies[island].count);
     const auto rows = std::span(w.islands.row).subspan(w.islands.rows[island].first, w.islands.rows[island].count);
     AdvanceParams params;
     params.tick = w.clock.tick;
@@ -165,26 +196,25 @@ void advance_one_island(FrameState& f, uint32_t island, AdvanceScratch& scratch)
     params.observer = {begin_response, end_response, &f.scratch.response_ns[island]};
     const size_t tools = w.haptics.tool.size(), per_tool = w.clock.period + 1;
     std::array<DeviceInterval, kMaxTools> device;
-    const AdvanceInputs inputs{
-        w.meshes, w.springs, w.bodies, w.anchors, w.paths, w.haptics.tool, std::span(device).first(tools)};
+    const AdvanceInputs inputs{w.meshes, w.springs, w.bodies, w.anchors, w.paths, w.haptics.tool, std::span(device).first(tools)};
     AdvanceResult& result = f.scratch.advance_result[island];
     const bool with_tool = tools > 0 && island_has_tool(w, bodies);
     params.ticks = with_tool ? 1 : w.clock.period;
     params.substeps = count_substeps(w.bodies, bodies, params.ticks * 1e-3, w.settings.substep);
     for (uint32_t ms = 0; ms < w.clock.period; ms += params.ticks) {
-        for (size_t t = 0; t < tools; ++t)
-            device[t] = {f.scratch.device[t * per_tool + ms], f.scratch.device[t * per_tool + ms + params.ticks]};
+        for (size_t t = 0; t < tools; ++t) device[t] = {f.scratch.device[t * per_tool + ms], f.scratch.device[t * per_tool + ms + params.ticks]};
         params.tick = w.clock.tick + ms;
         if (with_tool && !f.options.external_ticks) haptic_ticks(f, bodies, ms);
-        advance_island(params, inputs, bodies, rows, scratch, w.particles, w.poses, w.rows, w.haptics.state, result);
+        AdvanceResult part;
+        advance_island(params, inputs, bodies, rows, scratch, w.particles, w.poses, w.rows, w.haptics.state, part);
+        add_part(part, result);
     }
 }
 
 // Small islands share a job so that a job is worth its start (about 40 us).
 uint32_t island_grain(const World& w) {
     const size_t count = std::max<size_t>(1, w.islands.bodies.size());
-    const double us_per_island =
-        static_cast<double>(w.particles.offset.size()) * w.clock.period * 3e-3 / static_cast<double>(count);
+    const double us_per_island = static_cast<double>(w.particles.offset.size()) * w.clock.period * 3e-3 / static_cast<double>(count);
     return static_cast<uint32_t>(std::clamp(40.0 / std::max(us_per_island, 0.01), 1.0, 1024.0));
 }
 
@@ -211,9 +241,7 @@ void advance(FrameState& f) {
 
 // ---- end ----
 
-void surface_normals(FrameState& f) {
-    compute_surface_normals(surfaces_of(f.world), f.scratch.normals, f.world.normals);
-}
+void surface_normals(FrameState& f) { compute_surface_normals(surfaces_of(f.world), f.scratch.normals, f.world.normals); }
 void energy(FrameState& f) {
     World& w = f.world;
     measure_energy(w.springs, w.bodies, w.poses, w.particles, w.anchors, w.settings.gravity, 0, w.energy);
@@ -222,8 +250,7 @@ void energy(FrameState& f) {
 }
 void picture(FrameState& f) {
     World& w = f.world;
-    write_picture_snapshot(w.clock.picture, pass_seconds(w), surfaces_of(w), w.normals, w.contacts, w.penetrations,
-                           w.haptics, w.picture);
+    write_picture_snapshot(w.clock.picture, pass_seconds(w), surfaces_of(w), w.normals, w.contacts, w.penetrations, w.haptics, w.picture);
 }
 
 bool any_path(const World& w) {
@@ -235,8 +262,7 @@ bool any_pair(const World& w) {
     return w.bodies.motion.size() > 1 && std::any_of(w.bodies.motion.begin(), w.bodies.motion.end(), can_be_pushed);
 }
 bool any_mover(const World& w) {
-    return any_tool(w) ||
-           std::find(w.bodies.motion.begin(), w.bodies.motion.end(), Motion::kDeformable) != w.bodies.motion.end();
+    return any_tool(w) || std::find(w.bodies.motion.begin(), w.bodies.motion.end(), Motion::kDeformable) != w.bodies.motion.end();
 }
 bool any_deformable(const World& w) { return !w.particles.offset.empty(); }
 bool any_body(const World& w) { return !w.bodies.mesh.empty(); }
@@ -246,49 +272,30 @@ constexpr ResourceMask kShapes = mask(R::kMeshes, R::kBodies, R::kPoses, R::kPar
 
 constexpr FrameStage kBegin[] = {
     // name              run              reads                                                              writes
-    {{"device input", device_input, mask(R::kClock, R::kPaths, R::kTools), mask(R::kToolState)}, any_tool},
-    {{"rigid motion", rigid_motion, mask(R::kClock, R::kPaths), mask(R::kPoses)}, any_path},
-    {{"body boxes", body_boxes, kShapes | mask(R::kClock, R::kTools, R::kToolState), mask(R::kBoxes)}, any_pair},
-    {{"candidate pairs", candidate_pairs, mask(R::kBodies, R::kBoxes), mask(R::kPairs)}, any_pair},
-    {{"refit trees", refit, kShapes | mask(R::kPairs), mask(R::kTrees)}, any_pair},
-    {{"rasterise", rasterise_, kShapes | mask(R::kSettings, R::kBoxes, R::kPairs),
-      mask(R::kScreened, R::kOccupancy, R::kReport)},
-     any_pair},
-    {{"candidate cells", candidate_cells, mask(R::kPairs, R::kScreened, R::kOccupancy), mask(R::kCandidates)},
-     any_pair},
-    {{"overlap", overlap, kShapes | mask(R::kBoxes, R::kPairs, R::kScreened, R::kCandidates, R::kTrees),
-      mask(R::kNear, R::kContacts, R::kReport)},
-     any_pair},
-    {{"edge pass", edge_pass, kShapes | mask(R::kSettings, R::kPairs, R::kCandidates, R::kNear, R::kTrees),
-      mask(R::kContacts, R::kReport)},
-     any_pair},
-    {{"penetration", penetration, mask(R::kPairs, R::kContacts), mask(R::kPenetrations, R::kReport)}, any_pair},
-    {{"contact rows", contact_rows, kShapes | mask(R::kSettings, R::kPairs, R::kContacts, R::kPenetrations),
-      mask(R::kRows, R::kReport)},
-     any_pair},
-    {{"islands", islands, mask(R::kBodies, R::kRows), mask(R::kIslands)}, any_mover},
-    {{"local contact", local_contact, kShapes | mask(R::kClock, R::kTools, R::kToolState, R::kBoxes),
-      mask(R::kLocalContact)},
-     any_tool},
+    {{"device input",    device_input,    mask(R::kClock, R::kPaths, R::kTools),                             mask(R::kToolState)}, any_tool},
+    {{"rigid motion",    rigid_motion,    mask(R::kClock, R::kPaths),                                        mask(R::kPoses)}, any_path},
+    {{"body boxes",      body_boxes,      kShapes | mask(R::kClock, R::kTools, R::kToolState),               mask(R::kBoxes)}, any_pair},
+    {{"candidate pairs", candidate_pairs, mask(R::kBodies, R::kBoxes),                                       mask(R::kPairs)}, any_pair},
+    {{"refit trees",     refit,           kShapes | mask(R::kPairs),                                         mask(R::kTrees)}, any_pair},
+    {{"rasterise",       rasterise_,      kShapes | mask(R::kSettings, R::kBoxes, R::kPairs),                mask(R::kScreened, R::kOccupancy, R::kReport)}, any_pair},
+    {{"candidate cells", candidate_cells, mask(R::kPairs, R::kScreened, R::kOccupancy),                      mask(R::kCandidates)}, any_pair},
+    {{"overlap",         overlap,         kShapes | mask(R::kBoxes, R::kPairs, R::kScreened, R::kCandidates, R::kTrees), mask(R::kNear, R::kContacts, R::kReport)}, any_pair},
+    {{"edge pass",       edge_pass,       kShapes | mask(R::kSettings, R::kPairs, R::kCandidates, R::kNear, R::kTrees), mask(R::kContacts, R::kReport)}, any_pair},
+    {{"penetration",     penetration,     mask(R::kPairs, R::kContacts),                                     mask(R::kPenetrations, R::kReport)}, any_pair},
+    {{"contact rows",    contact_rows,    kShapes | mask(R::kSettings, R::kPairs, R::kContacts, R::kPenetrations), mask(R::kRows, R::kReport)}, any_pair},
+    {{"islands",         islands,         mask(R::kBodies, R::kRows),                                        mask(R::kIslands)}, any_mover},
+    {{"local contact",   local_contact,   kShapes | mask(R::kClock, R::kTools, R::kToolState, R::kBoxes),     mask(R::kLocalContact)}, any_tool},
 };
 
 constexpr FrameStage kAdvance[] = {
-    {{"advance", advance,
-      mask(R::kSettings, R::kMeshes, R::kSprings, R::kBodies, R::kAnchors, R::kPaths, R::kTools, R::kClock, R::kIslands,
-           R::kLocalContact),
-      mask(R::kPoses, R::kParticles, R::kRows, R::kToolState, R::kEnergy, R::kReport)},
-     any_mover},
+    {{"advance", advance, mask(R::kSettings, R::kMeshes, R::kSprings, R::kBodies, R::kAnchors, R::kPaths, R::kTools, R::kClock, R::kIslands, R::kLocalContact),
+      mask(R::kPoses, R::kParticles, R::kRows, R::kToolState, R::kEnergy, R::kReport)}, any_mover},
 };
 
 constexpr FrameStage kEnd[] = {
-    {{"surface normals", surface_normals, kShapes, mask(R::kNormals)}, any_deformable},
-    {{"energy", energy, mask(R::kSettings, R::kSprings, R::kBodies, R::kPoses, R::kParticles, R::kAnchors),
-      mask(R::kEnergy)},
-     any_deformable},
-    {{"picture", picture,
-      kShapes | mask(R::kClock, R::kNormals, R::kContacts, R::kPenetrations, R::kTools, R::kToolState),
-      mask(R::kPicture)},
-     any_body},
+    {{"surface normals", surface_normals, kShapes,                                                           mask(R::kNormals)}, any_deformable},
+    {{"energy",          energy,          mask(R::kSettings, R::kSprings, R::kBodies, R::kPoses, R::kParticles, R::kAnchors), mask(R::kEnergy)}, any_deformable},
+    {{"picture",         picture,         kShapes | mask(R::kClock, R::kNormals, R::kContacts, R::kPenetrations, R::kTools, R::kToolState), mask(R::kPicture)}, any_body},
 };
 
 constexpr std::string_view kFirstDetection = "body boxes", kAfterDetection = "local contact";
@@ -369,10 +376,8 @@ Frame::Frame(World world, const FrameOptions& options) : state_(new FrameState),
     g.pass_list = {&g, 0};
     g.end_list = {&g, g.end_first};
     const std::span<const Stage> all(g.stages);
-    g.pass = std::make_unique<JobGraph>(all.first(g.end_first), *state_,
-                                        StageObserver{Graphs::begin_stage, Graphs::end_stage, &g.pass_list});
-    g.end = std::make_unique<JobGraph>(all.subspan(g.end_first), *state_,
-                                       StageObserver{Graphs::begin_stage, Graphs::end_stage, &g.end_list});
+    g.pass = std::make_unique<JobGraph>(all.first(g.end_first), *state_, StageObserver{Graphs::begin_stage, Graphs::end_stage, &g.pass_list});
+    g.end = std::make_unique<JobGraph>(all.subspan(g.end_first), *state_, StageObserver{Graphs::begin_stage, Graphs::end_stage, &g.end_list});
     if (any_deformable(w) && options.account_energy) energy(*state_);  // opens the books
 }
 
@@ -421,6 +426,14 @@ void Frame::step_until(uint32_t row) {
     }
 }
 
+void Frame::set_contact_hook(const ContactHook& hook) { state_->contact_hook = hook; }
+
+const PictureSnapshot& Frame::snapshot_now() {
+    if (any_deformable(state_->world)) surface_normals(*state_);
+    picture(*state_);
+    return state_->world.picture;
+}
+
 void Frame::run_stage(uint32_t row) { graphs_->stages[row].run(*state_); }
 std::span<const Stage> Frame::stages() const { return graphs_->stages; }
 World& Frame::world() { return state_->world; }
@@ -432,8 +445,7 @@ std::span<const uint32_t> Frame::detection_stages() const { return graphs_->dete
 void detect_contacts(World& world) {
     FrameState state;
     std::swap(state.world, world);
-    const auto first = std::find_if(std::begin(kBegin), std::end(kBegin),
-                                    [](const FrameStage& row) { return row.stage.name == kFirstDetection; });
+    const auto first = std::find_if(std::begin(kBegin), std::end(kBegin), [](const FrameStage& row) { return row.stage.name == kFirstDetection; });
     for (auto row = first; row->stage.name != kAfterDetection; ++row) row->stage.run(state);
     std::swap(state.world, world);
 }

@@ -2,6 +2,7 @@
 
 #include <algorithm>
 #include <cmath>
+#include <tuple>
 
 #include "engine/check.hpp"
 #include "engine/geometry/point_triangle.hpp"
@@ -15,8 +16,9 @@ constexpr double kSkin = 1e-9;        // m, the sweep stops this much deeper tha
 constexpr double kConverged = 1e-10;  // m, a smaller step ends the search
 constexpr uint32_t kSteps = 32;       // of one search
 constexpr uint32_t kSweeps = 40;      // Newton steps to the first touch of one triangle
-constexpr double kProxySpeed = 4;     // m/s, above what hand and tissue do: a longer way round goes on in the next tick
-constexpr double kLongestGap = 0.1;   // s, ticks farther apart than this count as this far
+constexpr double kSlipSpeed = 1;     // m/s, of the proxy beyond twice that of the device: a longer way round goes on in
+                                     // the next tick
+constexpr double kLongestGap = 0.1;  // s, ticks farther apart than this count as this far
 
 // ---- device ----
 
@@ -54,45 +56,51 @@ double segment_distance(const Vec3d& p, const Vec3d& a, const Vec3d& b) {
     return (a + t * along - p).norm();
 }
 
-// Corners of a near triangle at `age` and what follows from them.
-void place(const LocalContactModel& model, double age, NearTriangle& near) {
-    for (int k = 0; k < 3; ++k) {
-        const uint32_t v = model.triangle[near.row][k];
-        near.corner[k] = model.position[v] + age * model.velocity[v];
+// Corners of near triangle k at `age` and what follows from them.
+void place(const LocalContactModel& model, double age, size_t k, HapticScratch& scratch) {
+    NearTriangle& near = scratch.near[k];
+    for (int c = 0; c < 3; ++c) {
+        const uint32_t v = scratch.corners[k][c];
+        near.corner[c] = model.position[v] + age * model.velocity[v];
     }
-    const auto& [a, b, c] = near.corner;
-    near.centre = (a + b + c) / 3;
-    near.radius = std::sqrt(
-        std::max({(a - near.centre).squaredNorm(), (b - near.centre).squaredNorm(), (c - near.centre).squaredNorm()}));
-    const Vec3d n = triangle_normal(a, b, c);
+    const auto& [p, q, r] = near.corner;
+    const Vec3d centre = (p + q + r) / 3;
+    const double radius2 =
+        std::max({(p - centre).squaredNorm(), (q - centre).squaredNorm(), (r - centre).squaredNorm()});
+    scratch.ball[k] = {centre, std::sqrt(radius2) + near.offset};
+    const Vec3d n = triangle_normal(p, q, r);
     const double length = n.norm();
     near.normal = length > 0 ? Vec3d(n / length) : Vec3d::Zero();
 }
 
-// Fills scratch.near with the triangles that come nearer than `reach` to `centre` (told by boxes), as they lie at
-// `age`.
-void gather_near(const LocalContactModel& model, double age, const HandTool& tool, const Vec3d& centre, double reach,
+bool within(const Vec3d& a, const Vec3d& b, double distance) { return (a - b).squaredNorm() <= distance * distance; }
+
+// Fills scratch.near with the triangles that a tip touches somewhere nearer than `travel` to `centre` (told by balls),
+// as they lie at `age`.
+void gather_near(const LocalContactModel& model, double age, const HandTool& tool, const Vec3d& centre, double travel,
                  HapticScratch& scratch) {
-    const size_t vertices = model.position.size();
-    scratch.beyond.resize(vertices);
-    const Vec3d low = centre.array() - reach, high = centre.array() + reach;
-    for (size_t v = 0; v < vertices; ++v) {
-        const Vec3d p = model.position[v] + age * model.velocity[v];
-        uint32_t sides = 0;
-        for (int k = 0; k < 3; ++k) sides |= (p[k] < low[k] ? 1u << k : 0u) | (p[k] > high[k] ? 8u << k : 0u);
-        scratch.beyond[v] = static_cast<uint8_t>(sides);
-    }
     scratch.near.clear();
-    for (uint32_t t = 0; t < model.triangle.size(); ++t) {
-        const Triangle& v = model.triangle[t];
-        if (scratch.beyond[v[0]] & scratch.beyond[v[1]] & scratch.beyond[v[2]]) continue;
-        NearTriangle near;
-        near.row = t;
-        near.offset = tool.tip_radius + model.half_thickness[t];
-        near.sheet = model.half_thickness[t] > 0;
-        place(model, age, near);
-        if ((near.centre - centre).squaredNorm() > (reach + near.radius) * (reach + near.radius)) continue;
-        scratch.near.push_back(near);
+    scratch.ball.clear();
+    scratch.corners.clear();
+    for (const TriangleGroup& group : model.group) {
+        const double offset = tool.tip_radius + model.half_thickness[group.triangles.first];
+        const double reach = group.radius + group.spread * std::abs(age) + offset + travel;
+        if (!within(group.centre + age * group.velocity, centre, reach)) continue;
+        for (uint32_t t = group.triangles.first; t < group.triangles.end(); ++t) {
+            const Triangle& v = model.triangle[t];
+            NearTriangle near;
+            near.row = t;
+            near.offset = offset;
+            near.sheet = model.half_thickness[t] > 0;
+            scratch.near.push_back(near);
+            scratch.ball.emplace_back();
+            scratch.corners.push_back(v);
+            place(model, age, scratch.near.size() - 1, scratch);
+            if (within(scratch.ball.back().centre, centre, scratch.ball.back().reach + travel)) continue;
+            scratch.near.pop_back();
+            scratch.ball.pop_back();
+            scratch.corners.pop_back();
+        }
     }
 }
 
@@ -123,6 +131,7 @@ FeatureVertices feature_vertices(const Triangle& t, Feature feature) {
     }
     return {};
 }
+int dimension(Feature feature) { return feature == Feature::kFace ? 2 : feature >= Feature::kEdge0 ? 1 : 0; }
 bool holds(const Triangle& t, const FeatureVertices& f) {
     return has_vertex(t, f.a) && (f.b == kNone || has_vertex(t, f.b));
 }
@@ -138,49 +147,52 @@ double corner_angle(const Triangle& t, const NearTriangle& near, uint32_t vertex
 
 // Whether the point that lies at -offset from a feature is behind it: angle-weighted pseudonormal (Baerentzen & Aanaes,
 // TVCG 11(3), 2005). Nothing is behind a sheet.
-bool is_behind(const LocalContactModel& model, const std::vector<NearTriangle>& near, uint32_t row, Feature feature,
-               const Vec3d& offset) {
-    if (near[row].sheet) return false;
-    const FeatureVertices f = feature_vertices(model.triangle[near[row].row], feature);
-    if (f.a == kNone) return near[row].normal.dot(offset) > 0;
+bool is_behind(const HapticScratch& scratch, uint32_t row, Feature feature, const Vec3d& offset) {
+    if (scratch.near[row].sheet) return false;
+    const FeatureVertices f = feature_vertices(scratch.corners[row], feature);
+    if (f.a == kNone) return scratch.near[row].normal.dot(offset) > 0;
     Vec3d pseudonormal = Vec3d::Zero();
-    for (const NearTriangle& other : near) {
-        const Triangle& t = model.triangle[other.row];
-        if (holds(t, f)) pseudonormal += (f.b == kNone ? corner_angle(t, other, f.a) : 1.0) * other.normal;
+    for (size_t k = 0; k < scratch.corners.size(); ++k) {
+        const Triangle& t = scratch.corners[k];
+        if (!holds(t, f)) continue;
+        pseudonormal += (f.b == kNone ? corner_angle(t, scratch.near[k], f.a) : 1.0) * scratch.near[k].normal;
     }
     return pseudonormal.dot(offset) > 0;
 }
 
 // Fills scratch.touched with the features nearer to `centre` than their offset, and only those that are nearest points
 // of the surface around them: the rest belong to a neighbour that is touched nearer.
-void find_touched(const LocalContactModel& model, const Vec3d& centre, HapticScratch& scratch) {
+void find_touched(const Vec3d& centre, HapticScratch& scratch) {
     std::vector<TouchedFeature>& touched = scratch.touched;
     touched.clear();
     for (uint32_t row = 0; row < scratch.near.size(); ++row) {
+        if (!within(scratch.ball[row].centre, centre, scratch.ball[row].reach + kSkin)) continue;
         const NearTriangle& near = scratch.near[row];
         const double most = near.offset + kSkin;
-        if ((near.centre - centre).squaredNorm() > (most + near.radius) * (most + near.radius)) continue;
         if (std::abs(near.normal.dot(centre - near.corner[0])) > most) continue;
         const TrianglePoint q = closest_point_on_triangle(centre, near.corner[0], near.corner[1], near.corner[2]);
         if (q.squared_distance > most * most) continue;
         touched.push_back({row, q.feature, q.offset, std::sqrt(q.squared_distance)});
     }
-    const auto triangle = [&](const TouchedFeature& f) -> const Triangle& {
-        return model.triangle[scratch.near[f.near].row];
+    const auto triangle = [&](const TouchedFeature& f) -> const Triangle& { return scratch.corners[f.near]; };
+    // faces before edges before vertices, then the nearer: the first of this order always stays, however rounding names
+    // the features around a point above a vertex
+    const auto comes_before = [](const TouchedFeature& f, const TouchedFeature& g) {
+        return std::make_tuple(-dimension(f.feature), f.distance, f.near) <
+               std::make_tuple(-dimension(g.feature), g.distance, g.near);
     };
     // a triangle that holds the feature but whose own closest point is elsewhere comes nearer
     const auto is_shadowed = [&](const TouchedFeature& f) {
         const FeatureVertices mine = feature_vertices(triangle(f), f.feature);
         if (mine.a == kNone) return false;
         return std::any_of(touched.begin(), touched.end(), [&](const TouchedFeature& other) {
-            return holds(triangle(other), mine) &&
+            return holds(triangle(other), mine) && comes_before(other, f) &&
                    !same_feature(feature_vertices(triangle(other), other.feature), mine);
         });
     };
-    // marked by distance first: removing while looking would change what the later ones see
-    for (TouchedFeature& f : touched)
-        if (is_shadowed(f)) f.distance = -1 - f.distance;
-    std::erase_if(touched, [](const TouchedFeature& f) { return f.distance < 0; });
+    // marked first: removing while looking would change what the later ones see
+    for (TouchedFeature& f : touched) f.shadowed = is_shadowed(f);
+    std::erase_if(touched, [](const TouchedFeature& f) { return f.shadowed; });
 }
 
 // ---- planes ----
@@ -193,19 +205,19 @@ struct Planes {
 // Tangent planes of the touched features, relative to `centre`. Every one leaves its triangle wholly on the other side,
 // so any step that keeps to them is safe. Features seen from behind hold nothing; but when the nearest one is, the
 // surface has passed over the centre, and the way out is through it.
-Planes gather_planes(const LocalContactModel& model, const Vec3d& centre, HapticScratch& scratch) {
-    find_touched(model, centre, scratch);
+Planes gather_planes(const Vec3d& centre, HapticScratch& scratch) {
+    find_touched(centre, scratch);
     Planes planes;
     for (NearTriangle& near : scratch.near) near.held = false;
     const TouchedFeature* nearest = nullptr;
     for (const TouchedFeature& f : scratch.touched)
         if (!nearest || f.distance < nearest->distance) nearest = &f;
     if (!nearest) return planes;
-    planes.inside = is_behind(model, scratch.near, nearest->near, nearest->feature, nearest->offset);
+    planes.inside = is_behind(scratch, nearest->near, nearest->feature, nearest->offset);
     for (const TouchedFeature& f : scratch.touched) {
         NearTriangle& near = scratch.near[f.near];
         const bool way_out = planes.inside && &f == nearest;
-        const bool behind = way_out || is_behind(model, scratch.near, f.near, f.feature, f.offset);
+        const bool behind = way_out || is_behind(scratch, f.near, f.feature, f.offset);
         if (behind && !way_out) continue;
         if (f.distance < 1e-12) {
             near.held = planes.half_spaces.add({near.normal, near.offset});
@@ -219,9 +231,9 @@ Planes gather_planes(const LocalContactModel& model, const Vec3d& centre, Haptic
 
 // Share of the way from `from` by `step` until the tip first touches a triangle: Newton's method on the distance, which
 // is convex along a line, so it comes from the free side and never passes. 1 if it does not touch.
-double sweep_to_triangle(const LocalContactModel& model, const std::vector<NearTriangle>& near, uint32_t row,
-                         const Vec3d& from, const Vec3d& step, double least) {
-    const NearTriangle& n = near[row];
+double sweep_to_triangle(const HapticScratch& scratch, uint32_t row, const Vec3d& from, const Vec3d& step,
+                         double least) {
+    const NearTriangle& n = scratch.near[row];
     const double target = n.offset - kSkin;
     double t = 0;
     for (uint32_t k = 0; k < kSweeps; ++k) {
@@ -233,7 +245,7 @@ double sweep_to_triangle(const LocalContactModel& model, const std::vector<NearT
         if (k == 0 && gap <= 0.5 * kSkin) return 1;
         const double approach = distance > 0 ? q.offset.dot(step) / distance : 0;
         if (!(approach > 0)) return 1;
-        if (gap <= 0.5 * kSkin) return is_behind(model, near, row, q.feature, q.offset) ? 1 : t;
+        if (gap <= 0.5 * kSkin) return is_behind(scratch, row, q.feature, q.offset) ? 1 : t;
         t += gap / approach;
         if (t >= least) return 1;
     }
@@ -241,19 +253,18 @@ double sweep_to_triangle(const LocalContactModel& model, const std::vector<NearT
 }
 
 // Share of `step` that is free.
-double sweep(const LocalContactModel& model, const std::vector<NearTriangle>& near, const Vec3d& from,
-             const Vec3d& step) {
-    const double length = step.norm();
+double sweep(const HapticScratch& scratch, const Vec3d& from, const Vec3d& step) {
+    const Vec3d middle = from + 0.5 * step;
+    const double half = 0.5 * step.norm();
     double least = 1;
-    for (uint32_t row = 0; row < near.size(); ++row) {
-        const NearTriangle& n = near[row];
+    for (uint32_t row = 0; row < scratch.near.size(); ++row) {
+        if (!within(scratch.ball[row].centre, middle, scratch.ball[row].reach + half)) continue;
+        const NearTriangle& n = scratch.near[row];
         if (n.held) continue;
-        const double reach = n.offset + n.radius;
-        if ((n.centre - from).squaredNorm() > (reach + length) * (reach + length)) continue;
         const double h0 = n.normal.dot(from - n.corner[0]), h1 = h0 + n.normal.dot(step);
         const double limit = n.offset - kSkin;
         if (std::min(h0, h1) > limit || std::max(h0, h1) < -limit) continue;
-        least = std::min(least, sweep_to_triangle(model, near, row, from, step, least));
+        least = std::min(least, sweep_to_triangle(scratch, row, from, step, least));
     }
     return least;
 }
@@ -262,64 +273,79 @@ double sweep(const LocalContactModel& model, const std::vector<NearTriangle>& ne
 
 struct Search {
     Vec3d proxy = Vec3d::Zero();
-    Vec3d first_touch = Vec3d::Zero();  // where a surface first held it
-    bool touched = false;
     uint32_t active = 0;  // planes that hold it
     bool inside = false;  // inside tissue, and nothing says that it was outside before
 };
 
-// Moves the tip from `start` to the point nearest to `goal` that it can slide to, not farther than `travel` from
-// `origin`.
-Search find_proxy(const LocalContactModel& model, const Vec3d& start, const Vec3d& goal, const Vec3d& origin,
-                  double travel, bool was_outside, HapticScratch& scratch) {
+// Where a proxy goes that friction holds: back from the point that it would slide to until the tangential pull of the
+// coupling is at most friction times its normal pull. Relative to the proxy, like `planes`.
+Vec3d held_by_friction(double friction, const HalfSpaces& planes, const Vec3d& slid, const Vec3d& goal) {
+    // where it is, or straight out of a surface that came too near
+    const Vec3d stuck = project_on_half_spaces(Vec3d::Zero(), planes).point;
+    const double slip = (stuck - slid).norm(), grip = friction * (slid - goal).norm();
+    return slip <= grip ? stuck : Vec3d(slid + grip / slip * (stuck - slid));
+}
+
+// Share of `step` from `from` that stays within `travel` of `origin`.
+double share_within(const Vec3d& from, const Vec3d& step, const Vec3d& origin, double travel) {
+    const Vec3d way = from - origin;
+    const double a = step.squaredNorm(), b = way.dot(step), c = way.squaredNorm() - travel * travel;
+    if (a + 2 * b + c <= 0) return 1;
+    return std::clamp((std::sqrt(std::max(0.0, b * b - a * c)) - b) / a, 0.0, 1.0);
+}
+
+// Room that the triangles at hand show: the proxy may go there in this tick, the rest of a longer way in the next.
+struct Room {
+    Vec3d origin = Vec3d::Zero();
+    double travel = 0;  // m
+};
+
+// Moves the tip from `start` to the point nearest to `goal` that it can slide to.
+Search find_proxy(const Vec3d& start, const Vec3d& goal, const Room& room, double friction, bool was_outside,
+                  HapticScratch& scratch) {
     Search s;
     s.proxy = start;
     for (uint32_t k = 0; k < kSteps; ++k) {
-        const Planes planes = gather_planes(model, s.proxy, scratch);
+        const Planes planes = gather_planes(s.proxy, scratch);
         if (planes.inside && !was_outside) {
             s.inside = true;
             return s;
         }
-        const Projection nearest = project_on_half_spaces(goal - s.proxy, planes.half_spaces);
+        const Vec3d pull = goal - s.proxy;
+        const Projection nearest = project_on_half_spaces(pull, planes.half_spaces);
         // squeezed from both sides: stay
         if (!nearest.feasible) {
             s.active = planes.half_spaces.count;
             break;
         }
         s.active = nearest.count;
-        if (nearest.count > 0 && !s.touched) s.touched = true, s.first_touch = s.proxy;
         Vec3d step = nearest.point;
-        const double length = step.norm();
-        if (length <= kConverged) break;
-        const double free = sweep(model, scratch.near, s.proxy, step);
-        step *= free;
-        s.proxy += step;
-        const Vec3d way = s.proxy - origin;
-        if (way.squaredNorm() > travel * travel) {
-            // back to the edge of what was looked at; the next tick goes on
-            s.proxy -= std::min(way.norm() - travel, step.norm()) / std::max(step.norm(), 1e-300) * step;
-            break;
-        }
+        if (friction > 0 && nearest.count > 0) step = held_by_friction(friction, planes.half_spaces, step, pull);
+        if (step.squaredNorm() <= kConverged * kConverged) break;
+        const double share = share_within(s.proxy, step, room.origin, room.travel);
+        step *= share;
+        s.proxy += sweep(scratch, s.proxy, step) * step;
+        if (share < 1 && step.squaredNorm() <= kConverged * kConverged) break;
     }
     return s;
 }
 
 // Velocity (m/s) of the surface where it is nearest to a point.
-Vec3d surface_velocity(const LocalContactModel& model, const std::vector<NearTriangle>& near, const Vec3d& point) {
+Vec3d surface_velocity(const LocalContactModel& model, const HapticScratch& scratch, const Vec3d& point) {
     double best = std::numeric_limits<double>::infinity();
     Vec3d velocity = Vec3d::Zero();
-    for (const NearTriangle& n : near) {
-        const double reach = (n.centre - point).norm() - n.radius;
-        if (reach > 0 && reach * reach >= best) continue;
+    for (size_t k = 0; k < scratch.near.size(); ++k) {
+        const NearTriangle& n = scratch.near[k];
+        if (!within(scratch.ball[k].centre, point, scratch.ball[k].reach - n.offset + best)) continue;
         const TrianglePoint q = closest_point_on_triangle(point, n.corner[0], n.corner[1], n.corner[2]);
-        if (q.squared_distance >= best) continue;
-        best = q.squared_distance;
+        if (q.squared_distance >= best * best) continue;
+        best = std::sqrt(q.squared_distance);
         const Vec3d u = n.corner[1] - n.corner[0], v = n.corner[2] - n.corner[0];
         const Vec3d w = point + q.offset - n.corner[0];
         const double uu = u.dot(u), uv = u.dot(v), vv = v.dot(v), area = uu * vv - uv * uv;
         const double b = area > 0 ? std::clamp((vv * u.dot(w) - uv * v.dot(w)) / area, 0.0, 1.0) : 0;
         const double c = area > 0 ? std::clamp((uu * v.dot(w) - uv * u.dot(w)) / area, 0.0, 1.0 - b) : 0;
-        const Triangle& t = model.triangle[n.row];
+        const Triangle& t = scratch.corners[k];
         velocity = (1 - b - c) * model.velocity[t[0]] + b * model.velocity[t[1]] + c * model.velocity[t[2]];
     }
     return velocity;
@@ -333,7 +359,7 @@ struct TickSpan {
 
 // Takes the proxy along with the surface that moved since the last tick, in steps shorter than half the tip's radius so
 // that the surface cannot pass over its centre.
-void carry_proxy(const LocalContactModel& model, const TickSpan& span, double radius, const Vec3d& origin,
+void carry_proxy(const LocalContactModel& model, const TickSpan& span, double radius, const Room& room,
                  HapticScratch& scratch, ToolState& state) {
     const double way = model.fastest * span.elapsed;
     if (way == 0 && state.contacts == 0) return;
@@ -341,10 +367,10 @@ void carry_proxy(const LocalContactModel& model, const TickSpan& span, double ra
     bool was_outside = state.contacts > 0;
     for (int k = 1; k <= steps; ++k) {
         const double age = span.age - span.elapsed * (steps - k) / steps;
-        if (was_outside && way > 0)
-            state.proxy += span.elapsed / steps * surface_velocity(model, scratch.near, state.proxy);
-        for (NearTriangle& near : scratch.near) place(model, age, near);
-        const Search s = find_proxy(model, state.proxy, state.proxy, origin, span.travel, was_outside, scratch);
+        if (was_outside && way > 0) state.proxy += span.elapsed / steps * surface_velocity(model, scratch, state.proxy);
+        if (steps > 1)
+            for (size_t row = 0; row < scratch.near.size(); ++row) place(model, age, row, scratch);
+        const Search s = find_proxy(state.proxy, state.proxy, room, 0, was_outside, scratch);
         state.proxy = s.proxy;
         was_outside = was_outside || s.active > 0;
         if (s.inside) {
@@ -356,8 +382,8 @@ void carry_proxy(const LocalContactModel& model, const TickSpan& span, double ra
 }
 
 // Whether a tip there is clear of all that is near.
-bool is_clear(const LocalContactModel& model, const Vec3d& centre, HapticScratch& scratch) {
-    find_touched(model, centre, scratch);
+bool is_clear(const Vec3d& centre, HapticScratch& scratch) {
+    find_touched(centre, scratch);
     return std::all_of(scratch.touched.begin(), scratch.touched.end(),
                        [&](const TouchedFeature& f) { return f.distance >= scratch.near[f.near].offset; });
 }
@@ -369,25 +395,13 @@ void update_proxy(const LocalContactModel& model, const TickSpan& span, const Ha
     if (!state.proxy_valid) {
         state.proxy = goal;
         state.contacts = 0;
-        state.proxy_valid = is_clear(model, goal, scratch);
+        state.proxy_valid = is_clear(goal, scratch);
         return;
     }
-    const Vec3d origin = state.proxy;
-    carry_proxy(model, span, tool.tip_radius, origin, scratch, state);
+    const Room room{state.proxy, span.travel};
+    carry_proxy(model, span, tool.tip_radius, room, scratch, state);
     if (!state.proxy_valid) return;
-    Search s = find_proxy(model, state.proxy, goal, origin, span.travel, state.contacts > 0, scratch);
-    if (s.touched && s.active > 0 && tool.friction > 0) {
-        // the tip stays where it touched as far as friction carries: the tangential pull of the coupling is at most
-        // friction times its normal pull
-        const double depth = (s.proxy - goal).norm(), slip = (s.first_touch - s.proxy).norm();
-        const double kept = slip > 0 ? std::min(1.0, tool.friction * depth / slip) : 1.0;
-        if (slip > kConverged) {
-            const Vec3d held = s.proxy + kept * (s.first_touch - s.proxy);
-            const uint32_t active = s.active;
-            s = find_proxy(model, s.first_touch, held, origin, span.travel, true, scratch);
-            s.active = std::max(s.active, active);
-        }
-    }
+    const Search s = find_proxy(state.proxy, goal, room, tool.friction, state.contacts > 0, scratch);
     state.proxy = s.proxy;
     state.proxy_valid = !s.inside;
     state.contacts = s.inside ? 0 : s.active;
@@ -442,26 +456,20 @@ void haptic_tick(const HapticParams& params, const LocalContactModel& model, dou
     state.gain = next_gain(params, accepted, time - state.device.time, span.age, span.elapsed, state.gain);
 
     const Vec3d centre = state.proxy_valid ? state.proxy : state.device.position;
-    span.travel = std::min((state.device.position - centre).norm(), kProxySpeed * span.elapsed) +
-                  model.fastest * span.elapsed + 10 * kSkin;
-    const double around = tool.tip_radius + span.travel + kSkin;
+    const double device_way = (state.device.position - last.position).norm();
+    span.travel = std::min((state.device.position - centre).norm(), kSlipSpeed * span.elapsed + 2 * device_way) +
+                  2 * model.fastest * span.elapsed + 10 * kSkin;
     // beyond what the model shows there may be anything
-    const bool seen = segment_distance(centre, model.from, model.to) + around <= model.reach;
+    const bool seen = segment_distance(centre, model.from, model.to) + tool.tip_radius + span.travel <= model.reach;
     if (seen) {
-        double thickest = 0;
-        for (const double h : model.half_thickness) thickest = std::max(thickest, h);
-        gather_near(model, span.age - (state.proxy_valid ? span.elapsed : 0), tool, centre,
-                    around + thickest + model.fastest * span.elapsed, scratch);
-        if (!state.proxy_valid)
-            for (NearTriangle& near : scratch.near) place(model, span.age, near);
+        gather_near(model, span.age, tool, centre, span.travel + model.fastest * span.elapsed, scratch);
         update_proxy(model, span, tool, scratch, state);
     } else {
         state.proxy_valid = false;
         state.contacts = 0;
     }
-    const Vec3d drift = seen && state.contacts > 0 && model.fastest > 0
-                            ? surface_velocity(model, scratch.near, state.proxy)
-                            : Vec3d(Vec3d::Zero());
+    const Vec3d drift = seen && state.contacts > 0 && model.fastest > 0 ? surface_velocity(model, scratch, state.proxy)
+                                                                        : Vec3d(Vec3d::Zero());
     const Vec3d wanted = state.gain * coupling_force(tool, state, drift);
     if (!accepted || first) {
         state.command.force = accepted ? wanted : Vec3d(Vec3d::Zero());

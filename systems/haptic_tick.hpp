@@ -10,12 +10,16 @@ namespace trocar {
 struct NearTriangle {
     uint32_t row = 0;              // of the model
     std::array<Vec3d, 3> corner;   // m
-    Vec3d centre = Vec3d::Zero();  // m, of a ball that holds it
-    double radius = 0;             // m
     Vec3d normal = Vec3d::Zero();  // unit, outward; zero for a triangle without area
     double offset = 0;             // m, tip radius + half thickness: how near the centre of the tip may come
     bool sheet = false;
     bool held = false;  // its plane is among the planes of the present step
+};
+
+// Ball around a near triangle: what is asked first, so it lies apart.
+struct NearBall {
+    Vec3d centre = Vec3d::Zero();  // m
+    double reach = 0;              // m, radius + offset: a tip farther away does not touch the triangle
 };
 
 // Part of a near triangle that the tip touches.
@@ -24,12 +28,13 @@ struct TouchedFeature {
     Feature feature = Feature::kFace;
     Vec3d offset = Vec3d::Zero();  // m, from the tip's centre to the closest point
     double distance = 0;           // m
+    bool shadowed = false;         // a neighbour is touched nearer
 };
 
 struct HapticScratch {
-    std::vector<Vec3d> position;     // of the model's vertices at the time of the tick
-    std::vector<uint8_t> beyond;     // per vertex: sides of the box of interest that it lies beyond
     std::vector<NearTriangle> near;  // ascending rows
+    std::vector<NearBall> ball;      // one per row of near
+    std::vector<Triangle> corners;   // the same: vertices of the model
     std::vector<TouchedFeature> touched;
 };
 

@@ -51,7 +51,6 @@ uint32_t add_vertex(const Surfaces& s, uint32_t body, uint32_t vertex, LocalCont
         row = static_cast<uint32_t>(out.position.size());
         out.position.push_back(vertex_position(s, body, vertex));
         out.velocity.push_back(vertex_velocity(s, body, vertex));
-        out.fastest = std::max(out.fastest, out.velocity.back().norm());
     }
     return row;
 }
@@ -89,7 +88,6 @@ void add_body(const Surfaces& s, uint32_t body, double half_thickness, LocalCont
 }
 
 void clear_model(LocalContactModel& model) {
-    model.fastest = 0;
     model.position.clear();
     model.velocity.clear();
     model.triangle.clear();
@@ -121,6 +119,39 @@ void publish_local_contact(const HapticParams& params, const Surfaces& surfaces,
             segment_box(world_to_frame(surfaces, body, out.from), world_to_frame(surfaces, body, out.to), reach);
         mark_vertices(surfaces, body, box, params.greatest_age, scratch.beyond);
         add_body(surfaces, body, half_thickness, scratch, out);
+    }
+    group_triangles(out);
+}
+
+void group_triangles(LocalContactModel& model) {
+    constexpr uint32_t kRun = 16;
+    model.group.clear();
+    model.fastest = 0;
+    for (const Vec3d& v : model.velocity) model.fastest = std::max(model.fastest, v.norm());
+    const uint32_t count = static_cast<uint32_t>(model.triangle.size());
+    for (uint32_t first = 0; first < count;) {
+        uint32_t end = first + 1;
+        while (end < count && end < first + kRun && model.body[end] == model.body[first]) ++end;
+        TriangleGroup group;
+        group.triangles = {first, end - first};
+        Box box;
+        for (uint32_t t = first; t < end; ++t) {
+            for (const uint32_t v : model.triangle[t]) {
+                box.min = box.min.cwiseMin(model.position[v]);
+                box.max = box.max.cwiseMax(model.position[v]);
+                group.velocity += model.velocity[v];
+            }
+        }
+        group.centre = 0.5 * (box.min + box.max);
+        group.velocity /= 3.0 * (end - first);
+        for (uint32_t t = first; t < end; ++t) {
+            for (const uint32_t v : model.triangle[t]) {
+                group.radius = std::max(group.radius, (model.position[v] - group.centre).norm());
+                group.spread = std::max(group.spread, (model.velocity[v] - group.velocity).norm());
+            }
+        }
+        model.group.push_back(group);
+        first = end;
     }
 }
 

@@ -22,4 +22,7 @@ void publish_local_contact(const HapticParams& params, const Surfaces& surfaces,
                            const HandTool& tool, const ToolState& state, double time, uint64_t sequence,
                            LocalContactScratch& scratch, LocalContactModel& out);
 
+// Makes model.group and model.fastest from the rest of a model: runs of up to 16 triangles of one body.
+void group_triangles(LocalContactModel& model);
+
 }  // namespace trocar

@@ -1,0 +1,163 @@
+#include "engine/spring_kernels.hpp"
+
+#include <gtest/gtest.h>
+
+#include <cstring>
+#include <random>
+
+#include "systems/advance_scene.hpp"
+namespace trocar {
+namespace {
+
+// Random arrays of one body: ragged slices, padding, fixed particles, springs of length zero and of rest length zero.
+struct RandomBody {
+    std::vector<Float4> offset, next;
+    std::vector<float> velocity[3], stiffness, rest[3], rest_length;
+    std::vector<unsigned> column, neighbour;
+    SpringStep step{};
+    unsigned slices;
+
+    explicit RandomBody(unsigned slices_, unsigned seed) : slices(slices_) {
+        std::mt19937 random(seed);
+        std::uniform_real_distribution<float> unit(-1, 1);
+        const unsigned n = 16 * slices;
+        for (unsigned i = 0; i < n; ++i) {
+            offset.push_back({unit(random), unit(random), unit(random), i % 7 == 3 ? 0.0f : 100 + 50 * unit(random)});
+            for (auto& v : velocity) v.push_back(unit(random));
+            stiffness.push_back(i % 5 == 0 ? 0.0f : 2 + unit(random));
+            for (auto& r : rest) r.push_back(unit(random));
+        }
+        for (unsigned i = 0; i + 9 < n; i += 40)
+            offset[i + 9] = {offset[i].x, offset[i].y, offset[i].z, offset[i + 9].w};
+        column.push_back(0);
+        for (unsigned s = 0; s < slices; ++s) {
+            const unsigned columns = random() % 9;
+            for (unsigned c = 0; c < columns; ++c) {
+                for (unsigned lane = 0; lane < 16; ++lane) {
+                    const unsigned self = 16 * s + lane;
+                    const unsigned far_end = c == 0 ? (self + 9) % n : random() % n;
+                    neighbour.push_back(random() % 4 == 0 ? self : far_end);
+                    rest_length.push_back(random() % 5 == 0 ? 0.0f : 0.5f + 0.3f * unit(random));
+                }
+            }
+            column.push_back(column.back() + columns);
+        }
+        next.resize(n);
+        step.slice_column = column.data();
+        step.neighbour = neighbour.data();
+        step.rest_length = rest_length.data();
+        step.anchor_stiffness = stiffness.data();
+        step.anchor_x = rest[0].data(), step.anchor_y = rest[1].data(), step.anchor_z = rest[2].data();
+        const float turn[9] = {0.36f, 0.48f, -0.8f, -0.8f, 0.6f, 0, 0.48f, 0.64f, 0.6f};
+        std::memcpy(step.turn, turn, sizeof turn);
+        for (int i = 0; i < 3; ++i) {
+            step.centre[i] = unit(random), step.centre_rest[i] = 1e-8f * unit(random);
+            step.drag_velocity[i] = unit(random), step.drag_turn[i] = unit(random), step.gravity[i] = 9 * unit(random);
+        }
+        step.stiffness = 20, step.dt = 1e-3f, step.kick_dt = 0.9e-3f, step.keep = 0.98f;
+    }
+    SpringStep bound() {
+        SpringStep s = step;
+        s.offset = &offset[0].x, s.new_offset = &next[0].x;
+        s.velocity_x = velocity[0].data(), s.velocity_y = velocity[1].data(), s.velocity_z = velocity[2].data();
+        return s;
+    }
+};
+
+bool have_avx512() { return __builtin_cpu_supports("avx512f") && __builtin_cpu_supports("avx512dq"); }
+
+// A different order of operations, a contraction by the compiler or an approximate root in one of the two breaks it.
+TEST(SpringKernels, Avx2AndAvx512GiveTheSameBits) {
+    if (!have_avx512()) GTEST_SKIP() << "no AVX-512 here";
+    for (unsigned seed = 1; seed <= 20; ++seed) {
+        RandomBody a(13, seed), b(13, seed);
+        std::vector<double> work_a(16, 0.0), work_b(16, 0.0), sums_a(kShapeSums * 16, 0.0),
+            sums_b(kShapeSums * 16, 0.0);
+        const SpringStep sa = a.bound(), sb = b.bound();
+        kSpringKernelsAvx2.shape_sums(&sa, 0, 13, sums_a.data());
+        kSpringKernelsAvx512.shape_sums(&sb, 0, 13, sums_b.data());
+        kSpringKernelsAvx2.step(&sa, 0, 13, work_a.data());
+        kSpringKernelsAvx512.step(&sb, 0, 13, work_b.data());
+        EXPECT_EQ(0, std::memcmp(a.next.data(), b.next.data(), a.next.size() * sizeof(Float4)));
+        for (int i = 0; i < 3; ++i) EXPECT_EQ(a.velocity[i], b.velocity[i]);
+        EXPECT_EQ(work_a, work_b);
+        EXPECT_EQ(sums_a, sums_b);
+    }
+}
+
+// Any cut of the slices gives the same particles: what parallel chunks rely on.
+TEST(SpringKernels, SlicesDoNotDependOnEachOther) {
+    RandomBody a(12, 3), b(12, 3);
+    const SpringStep sa = a.bound(), sb = b.bound();
+    spring_kernels().step(&sa, 0, 12, nullptr);
+    spring_kernels().step(&sb, 7, 12, nullptr);
+    spring_kernels().step(&sb, 0, 7, nullptr);
+    EXPECT_EQ(0, std::memcmp(a.next.data(), b.next.data(), a.next.size() * sizeof(Float4)));
+    EXPECT_EQ(a.velocity[2], b.velocity[2]);
+}
+
+// Every term against a plain loop in double. A dropped term, a wrong sign or a swapped axis breaks it.
+TEST(SpringKernels, StepAgreesWithDouble) {
+    RandomBody body(9, 5);
+    const RandomBody before(9, 5);
+    const SpringStep step = body.bound();
+    std::vector<double> work(16, 0.0);
+    spring_kernels().step(&step, 0, 9, work.data());
+    double expected_work = 0;
+    const auto row = [](const float* v) { return Vec3d(v[0], v[1], v[2]); };
+    for (unsigned i = 0; i < 16 * 9; ++i) {
+        const Float4& o = before.offset[i];
+        const Vec3d x(o.x, o.y, o.z), v(before.velocity[0][i], before.velocity[1][i], before.velocity[2][i]);
+        Vec3d f = Vec3d::Zero();
+        for (unsigned c = before.column[i / 16]; c < before.column[i / 16 + 1]; ++c) {
+            const unsigned j = before.neighbour[16 * c + i % 16];
+            const Vec3d d = Vec3d(before.offset[j].x, before.offset[j].y, before.offset[j].z) - x;
+            if (d.norm() > 0) f += step.stiffness * (1 - before.rest_length[16 * c + i % 16] / d.norm()) * d;
+        }
+        const Vec3d rest(before.rest[0][i], before.rest[1][i], before.rest[2][i]);
+        const Vec3d goal = Vec3d(row(step.turn).dot(rest), row(step.turn + 3).dot(rest), row(step.turn + 6).dot(rest)) +
+                           row(step.centre) + row(step.centre_rest);
+        f += before.stiffness[i] * (goal - x);
+        const Vec3d drag = row(step.drag_velocity) + row(step.drag_turn).cross(x);
+        const Vec3d lost = (step.keep - 1.0) * (v - drag);
+        Vec3d expected = v + lost + step.kick_dt * (f * o.w + row(step.gravity));
+        if (o.w == 0) expected.setZero();
+        const Vec3d got(body.velocity[0][i], body.velocity[1][i], body.velocity[2][i]);
+        EXPECT_LT((got - expected).norm(), 3e-5) << i;  // accelerations to 3e4 m/s^2, kicks to 30 m/s
+        const Float4& n = body.next[i];
+        EXPECT_LT((Vec3d(n.x, n.y, n.z) - (x + step.dt * got)).norm(), 3e-7) << i;
+        EXPECT_EQ(n.w, o.w);
+        if (o.w > 0) expected_work += lost.dot(v + expected) / (2 * o.w);
+    }
+    double total = 0;
+    for (const double w : work) total += w;
+    EXPECT_NEAR(total, expected_work, 1e-5 * std::abs(expected_work));
+}
+
+TEST(SpringKernels, ShapeSumsAgreeWithDouble) {
+    RandomBody body(6, 9);
+    const SpringStep step = body.bound();
+    std::vector<double> lanes(kShapeSums * 16, 0.0), expected(kShapeSums, 0.0), got(kShapeSums, 0.0);
+    spring_kernels().shape_sums(&step, 0, 6, lanes.data());
+    for (int s = 0; s < kShapeSums; ++s) {
+        for (int lane = 0; lane < 16; ++lane) got[s] += lanes[16 * s + lane];
+    }
+    for (unsigned i = 0; i < 96; ++i) {
+        const double k = body.stiffness[i], m = body.offset[i].w > 0 ? 1.0 / body.offset[i].w : 0;
+        const Vec3d x(body.offset[i].x, body.offset[i].y, body.offset[i].z);
+        const Vec3d v(body.velocity[0][i], body.velocity[1][i], body.velocity[2][i]), l = x.cross(v);
+        const Vec3d r(body.rest[0][i], body.rest[1][i], body.rest[2][i]);
+        expected[kSumK] += k, expected[kSumM] += m;
+        for (int a = 0; a < 3; ++a) {
+            expected[kSumKx + a] += k * x[a], expected[kSumKr + a] += k * r[a], expected[kSumMx + a] += m * x[a];
+            expected[kSumMv + a] += m * v[a], expected[kSumL + a] += m * l[a], expected[kSumMxx + a] += m * x[a] * x[a];
+            for (int b = 0; b < 3; ++b) expected[kSumKxr + 3 * a + b] += k * x[a] * r[b];
+        }
+        expected[kSumMxx + 3] += m * x[0] * x[1], expected[kSumMxx + 4] += m * x[0] * x[2];
+        expected[kSumMxx + 5] += m * x[1] * x[2];
+    }
+    for (int s = 0; s < kShapeSums; ++s) EXPECT_NEAR(got[s], expected[s], 1e-12) << s;
+}
+
+}  // namespace
+}  // namespace trocar

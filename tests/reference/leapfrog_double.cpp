@@ -1,0 +1,108 @@
+#include "leapfrog_double.hpp"
+
+#include <Eigen/Dense>
+#include <cmath>
+namespace trocar::reference {
+namespace {
+
+using Eigen::Matrix3d;
+
+// Goals of the anchors where the body is now: R (r - rest centroid) + centroid, R from the singular vectors of the
+// moment.
+std::vector<Vec3d> goals(const DoubleBody& b) {
+    if (!b.shape) return b.goal;
+    Vec3d centre = Vec3d::Zero(), rest = Vec3d::Zero();
+    double weight = 0;
+    for (size_t i = 0; i < b.place.size(); ++i) {
+        centre += b.anchor[i] * b.place[i];
+        rest += b.anchor[i] * b.goal[i];
+        weight += b.anchor[i];
+    }
+    centre /= weight;
+    rest /= weight;
+    Matrix3d moment = Matrix3d::Zero();
+    for (size_t i = 0; i < b.place.size(); ++i) {
+        moment += b.anchor[i] * (b.place[i] - centre) * (b.goal[i] - rest).transpose();
+    }
+    const Eigen::JacobiSVD<Matrix3d> svd(moment, Eigen::ComputeFullU | Eigen::ComputeFullV);
+    Matrix3d sign = Matrix3d::Identity();
+    sign(2, 2) = (svd.matrixU() * svd.matrixV().transpose()).determinant() > 0 ? 1 : -1;
+    const Matrix3d turn = svd.matrixU() * sign * svd.matrixV().transpose();
+    std::vector<Vec3d> out;
+    for (const Vec3d& r : b.goal) out.push_back(turn * (r - rest) + centre);
+    return out;
+}
+
+// Rigid motion with the momentum of the body.
+void rigid_motion(const DoubleBody& b, Vec3d& centre, Vec3d& velocity, Vec3d& turning) {
+    double mass = 0;
+    centre = velocity = Vec3d::Zero();
+    for (size_t i = 0; i < b.place.size(); ++i) {
+        if (b.inv_mass[i] <= 0) continue;
+        mass += 1 / b.inv_mass[i];
+        centre += b.place[i] / b.inv_mass[i];
+        velocity += b.velocity[i] / b.inv_mass[i];
+    }
+    centre /= mass;
+    velocity /= mass;
+    Matrix3d inertia = Matrix3d::Zero();
+    Vec3d angular = Vec3d::Zero();
+    for (size_t i = 0; i < b.place.size(); ++i) {
+        if (b.inv_mass[i] <= 0) continue;
+        const Vec3d r = b.place[i] - centre;
+        inertia += (r.squaredNorm() * Matrix3d::Identity() - r * r.transpose()) / b.inv_mass[i];
+        angular += r.cross(b.velocity[i] - velocity) / b.inv_mass[i];
+    }
+    turning = inertia.ldlt().solve(angular);
+}
+
+}  // namespace
+
+std::vector<Vec3d> forces(const DoubleBody& b) {
+    std::vector<Vec3d> f(b.place.size(), Vec3d::Zero());
+    for (size_t e = 0; e < b.spring.size(); ++e) {
+        const auto [i, j] = b.spring[e];
+        const Vec3d d = b.place[j] - b.place[i];
+        const double length = d.norm();
+        if (length == 0) continue;
+        const Vec3d pull = b.stiffness * (1 - b.rest_length[e] / length) * d;
+        f[i] += pull;
+        f[j] -= pull;
+    }
+    const std::vector<Vec3d> goal = goals(b);
+    for (size_t i = 0; i < f.size(); ++i) f[i] += b.anchor[i] * (goal[i] - b.place[i]);
+    return f;
+}
+
+void step(DoubleBody& b, double dt) {
+    const double kick = 0.5 * (b.last_dt + dt), keep = std::exp(-b.damping * kick);
+    b.last_dt = dt;
+    Vec3d centre = Vec3d::Zero(), velocity = Vec3d::Zero(), turning = Vec3d::Zero();
+    if (b.shape) rigid_motion(b, centre, velocity, turning);
+    const std::vector<Vec3d> f = forces(b);
+    for (size_t i = 0; i < b.place.size(); ++i) {
+        if (b.inv_mass[i] <= 0) {
+            b.velocity[i].setZero();
+            continue;
+        }
+        const Vec3d drag = velocity + turning.cross(b.place[i] - centre);
+        b.velocity[i] = drag + keep * (b.velocity[i] - drag) + kick * (f[i] * b.inv_mass[i] + b.gravity);
+    }
+    for (size_t i = 0; i < b.place.size(); ++i) b.place[i] += dt * b.velocity[i];
+}
+
+double potential_energy(const DoubleBody& b) {
+    double energy = 0;
+    for (size_t e = 0; e < b.spring.size(); ++e) {
+        const double stretch = (b.place[b.spring[e][1]] - b.place[b.spring[e][0]]).norm() - b.rest_length[e];
+        energy += 0.5 * b.stiffness * stretch * stretch;
+    }
+    const std::vector<Vec3d> goal = goals(b);
+    for (size_t i = 0; i < b.place.size(); ++i) {
+        energy += 0.5 * b.anchor[i] * (goal[i] - b.place[i]).squaredNorm();
+        if (b.inv_mass[i] > 0) energy -= b.gravity.dot(b.place[i]) / b.inv_mass[i];
+    }
+    return energy;
+}
+
+}  // namespace trocar::reference
