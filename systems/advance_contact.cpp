@@ -234,33 +234,28 @@ void find_active_rows(AdvanceIsland& island) {
     for (ContactActive& active : s.active) {
         double sum = 0;
         for (uint32_t k = 0; k < active.nodes; ++k) {
-            sum +=
-                active.weight[k] * active.weight[k] * s.change[active.node[k]].rows * s.node[active.node[k]].inv_mass;
+            sum += active.weight[k] * active.weight[k] * s.node[active.node[k]].inv_mass;
         }
         active.inv_sum = sum > 0 ? 1 / sum : 0;
     }
     island.result.active_rows += s.active.size();
 }
 
-void run_pass(AdvanceScratch& s) {
-    for (ContactActive& row : s.active) {
-        Vec3d velocity = row.rigid_velocity;
-        for (uint32_t k = 0; k < row.nodes; ++k) velocity += row.weight[k] * s.node[row.node[k]].velocity;
-        const double approach = row.normal.dot(velocity);
-        const double normal_impulse = std::max(0.0, row.normal_impulse - (approach - row.least_velocity) * row.inv_sum);
-        Vec3d friction = row.friction_impulse - (velocity - approach * row.normal) * row.inv_sum;
-        const double most = s.plan[row.plan].friction * normal_impulse, size = friction.norm();
-        if (size > most) friction *= most / size;
-        const Vec3d impulse = (normal_impulse - row.normal_impulse) * row.normal + (friction - row.friction_impulse);
-        row.normal_impulse = normal_impulse;
-        row.friction_impulse = friction;
-        for (uint32_t k = 0; k < row.nodes; ++k) {
-            s.change[row.node[k]].change += row.weight[k] * s.node[row.node[k]].inv_mass * impulse;
-        }
-    }
-    for (const uint32_t node : s.touched) {
-        s.node[node].velocity += s.change[node].change;
-        s.change[node].change = Vec3d::Zero();
+// Gives one row the impulse that its nodes' velocities ask for now.
+void solve_row(AdvanceScratch& s, ContactActive& row) {
+    Vec3d velocity = row.rigid_velocity;
+    for (uint32_t k = 0; k < row.nodes; ++k) velocity += row.weight[k] * s.node[row.node[k]].velocity;
+    const double approach = row.normal.dot(velocity);
+    const double normal_impulse = std::max(0.0, row.normal_impulse - (approach - row.least_velocity) * row.inv_sum);
+    Vec3d friction = row.friction_impulse - (velocity - approach * row.normal) * row.inv_sum;
+    const double most = s.plan[row.plan].friction * normal_impulse, size = friction.norm();
+    if (size > most) friction *= most / size;
+    const Vec3d impulse = (normal_impulse - row.normal_impulse) * row.normal + (friction - row.friction_impulse);
+    row.normal_impulse = normal_impulse;
+    row.friction_impulse = friction;
+    for (uint32_t k = 0; k < row.nodes; ++k) {
+        ContactNode& node = s.node[row.node[k]];
+        node.velocity += row.weight[k] * node.inv_mass * impulse;
     }
 }
 
@@ -379,7 +374,9 @@ void apply_impulses(AdvanceIsland& island) {
         s.change[n].kicked = node.velocity;
     }
     find_active_rows(island);
-    for (uint32_t pass = 0; pass < island.params.contact.iterations && !s.active.empty(); ++pass) run_pass(s);
+    for (uint32_t pass = 0; pass < island.params.contact.iterations && !s.active.empty(); ++pass) {
+        for (ContactActive& row : s.active) solve_row(s, row);
+    }
     scatter_velocities(island);
     if (island.params.account_energy) book_work(island);
     add_impulses(island);

@@ -36,10 +36,10 @@ void move_hands(AdvanceIsland& island);
 
 // Velocities of all particles that are nodes before the kick.
 void note_velocities(AdvanceIsland& island);
-// Finds the rows that are crossed or would be in this substep and gives them impulses; after kick and drift. Jacobi
-// with mass splitting (Tonge, Benevolenski, Voroshilov, ACM TOG 31(4), 2012): a particle of n active rows counts with
-// 1/n of its mass in each, so that all impulses of a pass may be applied at once; every impulse acts on both sides with
-// the true masses. Coulomb friction on the accumulated impulse.
+// Finds the rows that are crossed or would be in this substep and gives them impulses; after kick and drift. Projected
+// Gauss-Seidel over the active rows in their order, accumulated impulses clamped (Moreau 1988; Catto 2005): one sweep
+// leaves less for push_out than sixteen Jacobi passes with mass splitting did. Every impulse acts on both sides with
+// their inverse masses. Coulomb friction on the accumulated impulse.
 void apply_impulses(AdvanceIsland& island);
 // Moves remaining overlap of the active rows out without touching velocities; after move_hands.
 void push_out(AdvanceIsland& island, bool last_substep);
