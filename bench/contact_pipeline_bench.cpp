@@ -32,7 +32,7 @@ Mesh ellipsoid(uint32_t n, const Vec3d& half, double bumps) {
 
 // Runs the ten stages for `passes` passes while body 1 moves a little, and prints the median of each.
 void measure(const char* name, ContactScene& scene, uint32_t passes) {
-    const char* stage_name[] = {"body boxes", "candidate pairs", "refit trees", "rasterise", "candidate cells",
+    const char* stage_name[] = {"body boxes", "candidate pairs", "refit trees", "rasterise",    "candidate cells",
                                 "overlap",    "edge pass",       "penetration", "contact rows", "islands"};
     std::vector<std::vector<double>> cost(11);
     const Vec3d start = scene.poses.origin[1];
@@ -86,11 +86,12 @@ void measure(const char* name, ContactScene& scene, uint32_t passes) {
         edges += scene.penetrations.edge_contacts[i];
         depth = std::max(depth, scene.penetrations.depth[i]);
     }
-    std::printf("%s: bodies %zu, pairs %zu, screened %zu, shared cells %zu, triangle pairs %zu, queried vertices %zu, "
-                "contacts %zu, inside %u, edge rows %u, depth %.2f mm\n",
-                name, scene.bodies.mesh.size(), scene.pairs.a.size(), scene.screened.triangle.size(),
-                scene.occupancy.cell_key.size(), scene.candidates.triangle.size(), scene.near.vertex.size(),
-                scene.contacts.pair.size(), inside, edges, depth * 1e3);
+    std::printf(
+        "%s: bodies %zu, pairs %zu, screened %zu, shared cells %zu, triangle pairs %zu, queried vertices %zu, "
+        "contacts %zu, inside %u, edge rows %u, depth %.2f mm\n",
+        name, scene.bodies.mesh.size(), scene.pairs.a.size(), scene.screened.triangle.size(),
+        scene.occupancy.cell_key.size(), scene.candidates.triangle.size(), scene.near.vertex.size(),
+        scene.contacts.pair.size(), inside, edges, depth * 1e3);
     for (uint32_t i = 0; i < 10; ++i) {
         std::printf("  %-16s p50 %8.1f us   p99 %8.1f us\n", stage_name[i], at(cost[i], 0.5), at(cost[i], 0.99));
     }
@@ -99,35 +100,45 @@ void measure(const char* name, ContactScene& scene, uint32_t passes) {
 
 }  // namespace
 
-// Cost of every contact stage on one core: contact_pipeline_bench [passes]
+// Cost of every contact stage on one core: contact_pipeline_bench [passes] [first word of one scene]
 int main(int argc, char** argv) {
     set_float_mode();
     const uint32_t passes = argc > 1 ? uint32_t(std::max(1, std::atoi(argv[1]))) : 200;
-    {
+    const std::string only = argc > 2 ? argv[2] : "";
+    const auto wanted = [&](const char* name) { return only.empty() || only == name; };
+    if (wanted("goal")) {
         ContactScene scene({{ellipsoid(29, {0.10, 0.075, 0.045}, 0.03), Motion::kDeformable, Vec3d::Zero(), {}},
-                            {ellipsoid(29, {0.03, 0.055, 0.028}, 0.03),
-                             Motion::kDeformable,
-                             Vec3d(0.01, 0.005, 0.0655),
+                            {ellipsoid(29, {0.03, 0.055, 0.028}, 0.03), Motion::kDeformable, Vec3d(0.01, 0.005, 0.0688),
                              turn(Vec3d(0, 0, 1), 0.4)}});
-        scene.params = {};
+        if (argc > 3) scene.params.cell_edges = std::atof(argv[3]);
+        measure("goal: 5 mm deep, 200 inside", scene, passes);
+    }
+    if (wanted("kidney")) {
+        ContactScene scene({{ellipsoid(29, {0.10, 0.075, 0.045}, 0.03), Motion::kDeformable, Vec3d::Zero(), {}},
+                            {ellipsoid(29, {0.03, 0.055, 0.028}, 0.03), Motion::kDeformable, Vec3d(0.01, 0.005, 0.0655),
+                             turn(Vec3d(0, 0, 1), 0.4)}});
+        if (argc > 3) scene.params.cell_edges = std::atof(argv[3]);
         measure("kidney on liver", scene, passes);
     }
-    {
+    if (wanted("probe")) {
         ContactScene scene(
             {{ellipsoid(29, {0.10, 0.075, 0.045}, 0.03), Motion::kDeformable, Vec3d::Zero(), {}},
              {ellipsoid(12, {0.004, 0.004, 0.06}, 0), Motion::kHand, Vec3d(0.01, 0.005, 0.095), turn({1, 0, 0}, 0.3)}});
         measure("probe on liver", scene, passes);
     }
-    {
-        ContactScene scene({{ellipsoid(29, {0.10, 0.075, 0.045}, 0.03), Motion::kDeformable, Vec3d::Zero(), {}},
-                            {ellipsoid(29, {0.06, 0.055, 0.035}, 0.03), Motion::kDeformable, Vec3d(0.01, 0, 0.03), {}}});
+    if (wanted("deep")) {
+        ContactScene scene(
+            {{ellipsoid(29, {0.10, 0.075, 0.045}, 0.03), Motion::kDeformable, Vec3d::Zero(), {}},
+             {ellipsoid(29, {0.06, 0.055, 0.035}, 0.03), Motion::kDeformable, Vec3d(0.01, 0, 0.03), {}}});
         measure("deep overlap", scene, passes / 2);
     }
-    {
+    if (wanted("pile")) {
         std::vector<BodyInput> pile;
         for (uint32_t i = 0; i < 1000; ++i) {
-            pile.push_back({ellipsoid(9, Vec3d(0.01, 0.01, 0.01), 0.05), Motion::kDeformable,
-                            Vec3d(0.0195 * (i % 10), 0.0195 * (i / 10 % 10), 0.0195 * (i / 100)), {}});
+            pile.push_back({ellipsoid(9, Vec3d(0.01, 0.01, 0.01), 0.05),
+                            Motion::kDeformable,
+                            Vec3d(0.0195 * (i % 10), 0.0195 * (i / 10 % 10), 0.0195 * (i / 100)),
+                            {}});
         }
         ContactScene scene(pile);
         measure("pile of 1000", scene, 10);

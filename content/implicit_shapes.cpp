@@ -73,7 +73,12 @@ double ellipsoid_distance(const Vec3d& point, const Vec3d& centre, const Vec3d& 
     const Vec3d p = point - centre;
     const double scaled = p.cwiseQuotient(radii).norm();
     const double slope = p.cwiseQuotient(radii.cwiseProduct(radii)).norm();
-    return slope > 0 ? scaled * (scaled - 1) / slope : -radii.minCoeff();
+    const double least = radii.minCoeff();
+    // first order at the surface needs the radius that the direction sees; near the centre directions change abruptly,
+    // hence the smallest radius takes over
+    const double t = std::clamp((scaled - 0.3) / 0.4, 0.0, 1.0);
+    const double seen = slope > 0 ? scaled / slope : least;
+    return (scaled - 1) * (least + (seen - least) * t * t * (3 - 2 * t));
 }
 
 double capsule_distance(const Vec3d& point, const Vec3d& a, const Vec3d& b, double radius_a, double radius_b) {
@@ -141,7 +146,7 @@ ScalarGrid sample_shape(const ImplicitShape& shape, double spacing) {
 }
 
 Vec3d project_to_shape(const ImplicitShape& shape, const Vec3d& point, double reach, int steps) {
-    constexpr double kStep = 1e-5;
+    constexpr double kStep = 1e-6;  // m; smaller loses digits, larger shifts the mean by the curvature
     Vec3d at = point;
     for (int i = 0; i < steps; ++i) {
         double value = 0;

@@ -10,7 +10,7 @@ namespace trocar {
 struct ImplicitShape {
     std::string name;
     Box box;                                       // m, holds the surface
-    double steepness = 2;                          // no slope of the function is larger
+    double steepness = 3;                          // no slope of the function is larger
     std::function<double(const Vec3d&)> distance;  // m, of a point in m
 };
 

@@ -11,7 +11,9 @@ struct LoadedMesh {
     Mesh mesh;                          // all its surfaces as one, in file units; v of the texture runs upwards
     std::vector<std::string> warnings;  // one line each, "file:line:column: what" where there is a place
     std::string format;                 // "VRML 1.0", "VRML97", "OBJ", "STL ascii", "STL binary", ...
-    uint64_t points = 0;                // points the file lists for its surfaces, used by a face or not, before welding
+    // VRML: distinct points in the coordinate lists of its surfaces that no face uses; they are not in the mesh. 0 for
+    // OBJ, whose vertices belong to the file and not to a surface, and STL, which has none.
+    uint64_t unused_points = 0;
 };
 
 // Reads a surface: VRML 1.0 or VRML97 (plain or gzip), OBJ, STL (ascii or binary), told by content, not by name.

@@ -337,7 +337,6 @@ LoadedMesh read_obj(std::string_view text, const fs::path& path) {
         const std::string_view key = next_word(rest);
         if (!key.empty()) read_line(lines, s, key, rest);
     }
-    s.loaded.points = s.loaded.mesh.position.size();
     if (s.loaded.mesh.material.empty()) s.loaded.mesh.material.emplace_back();
     if (s.fanned > 0) {
         s.loaded.warnings.push_back(path.string() + ": " + std::to_string(s.fanned) +

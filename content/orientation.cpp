@@ -3,8 +3,9 @@
 #include <Eigen/Geometry>
 #include <algorithm>
 #include <cmath>
-#include <numbers>
-#include <numeric>
+
+#include "engine/geometry/predicates.hpp"
+#include "engine/geometry/triangle_triangle.hpp"
 namespace trocar {
 namespace {
 
@@ -132,7 +133,8 @@ bool lies_within(const Mesh& mesh, const Piece& inner, const Piece& outer) {
     // three faces spread over the piece: pieces that cross each other are not nested
     for (const size_t i : {size_t{0}, inner.face.size() / 2, inner.face.size() - 1}) {
         const Vec3d& corner = mesh.position[mesh.triangle[inner.face[i]][0]];
-        if (std::abs(winding_number(mesh, outer.face, corner)) < 0.75) return false;
+        int windings = 0;
+        if (!count_windings(mesh, outer.face, corner, windings) || windings == 0) return false;
     }
     return true;
 }
@@ -144,15 +146,31 @@ void turn_face(Mesh& mesh, uint32_t face) {
     if (!mesh.uv.empty()) std::swap(mesh.uv[face][1], mesh.uv[face][2]);
 }
 
-double winding_number(const Mesh& mesh, std::span<const uint32_t> faces, const Vec3d& point) {
-    double sum = 0;
+bool count_windings(const Mesh& mesh, std::span<const uint32_t> faces, const Vec3d& point, int& windings) {
+    windings = 0;
     for (const uint32_t t : faces) {
-        const Vec3d a = mesh.position[mesh.triangle[t][0]] - point, b = mesh.position[mesh.triangle[t][1]] - point,
-                    c = mesh.position[mesh.triangle[t][2]] - point;
-        const double la = a.norm(), lb = b.norm(), lc = c.norm();
-        sum += std::atan2(a.dot(b.cross(c)), la * lb * lc + a.dot(b) * lc + b.dot(c) * la + c.dot(a) * lb);
+        const Vec3d* corner[3];
+        for (int k = 0; k < 3; ++k) corner[k] = &mesh.position[mesh.triangle[t][k]];
+        const auto [low_y, high_y] = std::minmax({corner[0]->y(), corner[1]->y(), corner[2]->y()});
+        const auto [low_z, high_z] = std::minmax({corner[0]->z(), corner[1]->z(), corner[2]->z()});
+        if (point.y() < low_y || point.y() > high_y || point.z() < low_z || point.z() > high_z) continue;
+        const int side = orient3d(*corner[0], *corner[1], *corner[2], point);
+        if (side == 0 &&
+            meet_segment_triangle(point, point, {*corner[0], *corner[1], *corner[2]}) != Meeting::kDisjoint) {
+            return false;
+        }
+        // the point around the face's outline seen along x, edges half-open in y: neighbours agree on their common edge
+        int around = 0;
+        for (int k = 0; k < 3; ++k) {
+            const Vec3d &a = *corner[k], &b = *corner[(k + 1) % 3];
+            if ((a.y() <= point.y()) == (b.y() <= point.y())) continue;
+            const int turn = orient2d(a.y(), a.z(), b.y(), b.z(), point.y(), point.z());
+            if (a.y() <= point.y() && turn > 0) ++around;
+            if (a.y() > point.y() && turn < 0) --around;
+        }
+        if (around * side < 0) windings += around;
     }
-    return sum / (2 * std::numbers::pi);
+    return true;
 }
 
 OrientationReport agree_orientation(Mesh& mesh, const EdgeTable& table) {

@@ -71,11 +71,16 @@ HalfEdges link_half_edges(const std::vector<Triangle>& triangle, uint32_t vertic
 
 Vec3d twice_area(const Vec3d& a, const Vec3d& b, const Vec3d& c) { return (b - a).cross(c - a); }
 
-// Both normals within 60 degrees, and the new triangle no sliver.
-bool keeps_shape(const Vec3d& normal_before, const Vec3d& a, const Vec3d& b, const Vec3d& c) {
+// Twice the area over the square of the longest edge: 0.87 for the even triangle, 0 for a sliver.
+double evenness(const Vec3d& a, const Vec3d& b, const Vec3d& c) {
+    return twice_area(a, b, c).norm() / std::max({(b - a).squaredNorm(), (c - b).squaredNorm(), (a - c).squaredNorm()});
+}
+
+// The normal turns by less than 60 degrees, and the triangle is no sliver, or no worse than before.
+bool keeps_shape(const Vec3d& normal_before, double evenness_before, const Vec3d& a, const Vec3d& b, const Vec3d& c) {
     const Vec3d normal = twice_area(a, b, c);
-    const double longest = std::max({(b - a).squaredNorm(), (c - b).squaredNorm(), (a - c).squaredNorm()});
-    return normal.dot(normal_before) > 0.5 * normal.norm() * normal_before.norm() && normal.norm() > 0.1 * longest;
+    return normal.dot(normal_before) > 0.5 * normal.norm() * normal_before.norm() &&
+           evenness(a, b, c) > std::min(0.1, evenness_before);
 }
 
 struct Remesher {
@@ -107,7 +112,8 @@ struct Remesher {
             const uint32_t p = edges.from[next_in(g)];
             const uint32_t q = edges.from[previous_in(g)];
             if (p == other || q == other) return;
-            sound = sound && keeps_shape(normal_of(g), place, position[p], position[q]);
+            sound = sound && keeps_shape(normal_of(g), evenness(position[moved], position[p], position[q]), place,
+                                         position[p], position[q]);
         });
         return sound;
     }
@@ -141,7 +147,17 @@ struct Remesher {
         position[a] = place;
     }
 
+    // Collapses edges, shortest first, until `wanted` triangles are left or no edge may go.
     void collapse_shortest(uint32_t wanted) {
+        uint32_t count = static_cast<uint32_t>(edges.from.size() / 3);
+        // an edge refused once may become free when others have gone
+        for (uint32_t before = count + 1; count > wanted && count < before;) {
+            before = count;
+            count = collapse_pass(count, wanted);
+        }
+    }
+
+    uint32_t collapse_pass(uint32_t count, uint32_t wanted) {
         struct Entry {
             double length;
             uint32_t edge;
@@ -150,13 +166,12 @@ struct Remesher {
                 return length != o.length ? length > o.length : edge != o.edge ? edge > o.edge : stamp > o.stamp;
             }
         };
-        uint32_t count = static_cast<uint32_t>(edges.from.size() / 3);
         // a vertex's stamp counts its moves: an entry made before the last move of an end is stale
         std::vector<uint32_t> stamp(position.size(), 0);
         const auto stamp_of = [&](uint32_t h) { return stamp[edges.from[h]] + stamp[edges.from[next_in(h)]]; };
         std::vector<Entry> heap;
         for (uint32_t h = 0; h < edges.from.size(); ++h) {
-            if (h < edges.twin[h]) heap.push_back({squared_length(h), h, 0});
+            if (edges.from[h] != kNone && h < edges.twin[h]) heap.push_back({squared_length(h), h, 0});
         }
         std::make_heap(heap.begin(), heap.end());
         while (count > wanted && !heap.empty()) {
@@ -180,6 +195,7 @@ struct Remesher {
                 std::push_heap(heap.begin(), heap.end());
             });
         }
+        return count;
     }
 
     // Diagonal c d replaces a b when that leaves two sound triangles and no doubled edge.
@@ -187,7 +203,8 @@ struct Remesher {
         const uint32_t g = edges.twin[h];
         const Vec3d &a = start(h), &b = start(g), &c = start(previous_in(h)), &d = start(previous_in(g));
         const Vec3d before = normal_of(h) + normal_of(g);
-        if (!keeps_shape(before, a, d, c) || !keeps_shape(before, d, b, c)) return false;
+        const double even = std::min(evenness(a, b, c), evenness(b, a, d));
+        if (!keeps_shape(before, even, a, d, c) || !keeps_shape(before, even, d, b, c)) return false;
         if (twice_area(a, d, c).dot(twice_area(d, b, c)) <= 0) return false;
         return !are_joined(edges, edges.from[previous_in(h)], edges.from[previous_in(g)]);
     }
@@ -299,12 +316,14 @@ void compact(const HalfEdges& edges, std::vector<Vec3d>& position, std::vector<T
 void remesh_evenly(const RemeshParams& params, const SurfaceProjection& project, std::vector<Vec3d>& position,
                    std::vector<Triangle>& triangle) {
     Remesher work{project, position, link_half_edges(triangle, static_cast<uint32_t>(position.size()))};
+    // contours come with slivers; evened out a little they collapse without refusals
+    if (params.rounds > 0) work.relax(0.9), work.relax(0.9);
     work.collapse_shortest(params.triangles);
     compact(work.edges, position, triangle);
     work.edges = link_half_edges(triangle, static_cast<uint32_t>(position.size()));
     for (uint32_t i = 0; i < params.rounds; ++i) {
         work.flip_towards_six();
-        work.relax(0.6);
+        work.relax(0.9);
     }
     for (uint32_t i = 0; i < 8 && work.flip_towards_delaunay() > 0; ++i) {
     }

@@ -89,7 +89,6 @@ LoadedMesh read_binary_stl(std::string_view bytes, const std::filesystem::path& 
     }
     LoadedMesh loaded;
     loaded.format = "STL binary";
-    loaded.points = uint64_t{3} * count;
     if (bytes.size() > kHeader + kFacet * static_cast<size_t>(count)) {
         loaded.warnings.push_back(path.string() + ": bytes after the last facet are ignored");
     }
@@ -146,7 +145,6 @@ LoadedMesh read_ascii_stl(std::string_view text, const std::filesystem::path& pa
                                     : "expected 'facet' or 'endsolid', found " + shown(word));
         }
     }
-    loaded.points = mesh.position.size();
     return loaded;
 }
 

@@ -78,12 +78,12 @@ constexpr uint32_t kNarrowLines = 4, kWideLines = sizeof(Meshlet) / sizeof(Cache
 
 // Corners of one lane of a meshlet: what the double evaluation reads.
 struct Lane {
-    std::array<uint32_t, 3> vertex;
+    Triangle vertex;
     uint32_t triangle;
 };
 
-struct FloatBox {
-    float min[3], max[3];
+struct alignas(32) FloatBox {
+    float min[4], max[4];  // the fourth is unused
 };
 
 // Splits triangles into groups of at most 16 that are compact in space: binned surface-area heuristic on box centres,
@@ -103,6 +103,7 @@ class MeshletCutter {
 };
 
 void clear(FloatBox& box) {
+    box = {};
     for (int k = 0; k < 3; ++k) box.min[k] = INFINITY, box.max[k] = -INFINITY;
 }
 void grow(FloatBox& box, const FloatBox& other) {
@@ -216,11 +217,12 @@ uint32_t MeshletCutter::split(uint32_t begin, uint32_t end) {
 // What one query carries through the traversal.
 struct Search {
     const MeshletKernels* kernels;
-    Vec3d point;           // m
-    float q[3];            // local frame
-    float query_error;     // 2^-24 |q| and a little
-    float upper;           // the nearest triangle is not farther, local frame
-    uint32_t nearest = 0;  // meshlet that set upper last
+    Vec3d point;               // m
+    alignas(16) float q[4];    // local frame; the fourth is 0
+    float query_error;         // 2^-24 |q| and a little
+    float upper;               // the nearest triangle is not farther, local frame
+    uint32_t first = kNone;    // meshlet visited before the traversal
+    uint32_t nearest = kNone;  // meshlet that set upper last
     uint32_t count = 0;
     bool overflow = false;
     uint32_t lane[kSlots];
@@ -232,6 +234,13 @@ struct Winner {
     TrianglePoint closest;
     uint32_t lane = kNone;
     uint32_t triangle = kNone;
+};
+
+// The last query answered: distance is 1-Lipschitz, so it bounds the next one.
+struct Previous {
+    Vec3d point;
+    float upper;  // local frame
+    uint32_t meshlet = kNone;
 };
 
 struct ExactSearch {
@@ -251,6 +260,22 @@ float round_up(double x) { return static_cast<float>(x) * (1.0f + 4.0f * kUnit) 
 // Embree rounds the differences to its boxes and their squares; 8 units cover them
 float embree_radius(const Search& search) {
     return (search.upper + search.query_error) * (1.0f + 16.0f * kUnit) + 1e-30f;
+}
+
+// Embree's leaves hold several meshlets and call for all of them
+bool near_box(const Search& search, const FloatBox& box) {
+    const __m128 q = _mm_load_ps(search.q);
+    const __m128 outside = _mm_max_ps(
+        _mm_max_ps(_mm_sub_ps(_mm_load_ps(box.min), q), _mm_sub_ps(q, _mm_load_ps(box.max))), _mm_setzero_ps());
+    const float radius = embree_radius(search);
+    return _mm_cvtss_f32(_mm_dp_ps(outside, outside, 0x71)) <= radius * radius;
+}
+
+uint32_t lanes_below(const float* squared, float limit) {
+    const __m256 l = _mm256_set1_ps(limit);
+    const int low = _mm256_movemask_ps(_mm256_cmp_ps(_mm256_load_ps(squared), l, _CMP_LT_OQ));
+    const int high = _mm256_movemask_ps(_mm256_cmp_ps(_mm256_load_ps(squared + 8), l, _CMP_LT_OQ));
+    return static_cast<uint32_t>(low) | static_cast<uint32_t>(high) << 8;
 }
 
 // largest squared float distance a triangle can have and still be as near as upper
@@ -308,29 +333,39 @@ struct ClosestPointTree::Impl {
         const auto& v = lanes[lane].vertex;
         return closest_point_on_triangle(p, position(v[0]), position(v[1]), position(v[2]));
     }
-    Vec3d normal_of(uint32_t triangle) const {
-        const Triangle& t = mesh.triangle[triangle];
-        return triangle_normal(position(t[0]), position(t[1]), position(t[2]));
-    }
+    Vec3d normal_of(const Triangle& t) const { return triangle_normal(position(t[0]), position(t[1]), position(t[2])); }
     double winding(const Vec3d& p) const {
         return deformable ? trocar::winding_number(std::span<const Float4>(offset), mesh.triangle, p)
                           : trocar::winding_number(mesh.position, mesh.triangle, p);
     }
 
-    void visit(Search& search, uint32_t m, bool keep) const;
+    void visit(Search& search, uint32_t m) const;
     void visit_exactly(ExactSearch& exact, uint32_t m) const;
     void keep_lane(Search& search, uint32_t lane, float lower) const;
-    void start(Search& search, const MeshletKernels& kernels, const Vec3d& p, double radius) const;
+    void start(Search& search, const MeshletKernels& kernels, const Vec3d& p, const Vec3d& q, double radius) const;
+    float bound_by_box(const Vec3d& q) const;
     void select(Search& search) const;
     Winner search_exactly(Search& search) const;
     Winner scan(const Vec3d& p) const;
     void prefetch_lane(uint32_t lane) const;
+    void prefetch_meshlet(uint32_t m) const;
     SurfacePoint answer(const Vec3d& p, double radius, const Winner& winner) const;
+    template <typename Visit>  // Visit: void(corner a, b, c, normal), a the winning vertex
+    void for_each_in_fan(const Winner& winner, const Visit& visit) const {
+        const uint32_t v = lanes[winner.lane].vertex[static_cast<int>(winner.closest.feature)];
+        for (uint32_t i = mesh.incident_first[v]; i < mesh.incident_first[v + 1]; ++i) {
+            const Triangle& t = mesh.triangle[mesh.incident[i]];
+            const int k = t[0] == v ? 0 : t[1] == v ? 1 : 2;
+            const Vec3d a = position(v), b = position(t[(k + 1) % 3]), c = position(t[(k + 2) % 3]);
+            visit(a, b, c, triangle_normal(a, b, c));
+        }
+    }
+    double side_of_fan(const Winner& winner, double rounding) const;
     bool pseudonormal(const Winner& winner, Vec3d& normal, double& weight) const;
-    double side_of(const Vec3d& p, const Winner& winner, Vec3d& direction) const;
+    double side_of(const Vec3d& p, const Winner& winner, double d, Vec3d& direction) const;
     bool outside_box(const Vec3d& p) const;
     void query_batch(std::span<const Vec3d> points, std::span<const double> radius, std::span<const uint32_t> hint,
-                     std::span<SurfacePoint> out, uint32_t& previous, QueryCounters& counters) const;
+                     std::span<SurfacePoint> out, Previous& previous, QueryCounters& counters) const;
 };
 
 bool bound_error(Meshlet* meshlet, const MeshletMeasure* measure) {
@@ -461,7 +496,7 @@ void ClosestPointTree::Impl::measure(uint32_t m, const MeshletKernels& kernels) 
             }
         }
     }
-    if (!(b.min[0] <= b.max[0])) b = {{0, 0, 0}, {0, 0, 0}};
+    if (!(b.min[0] <= b.max[0])) b = {};
 }
 
 void ClosestPointTree::Impl::update_meshlets() {
@@ -525,8 +560,8 @@ void ClosestPointTree::Impl::keep_lane(Search& search, uint32_t lane, float lowe
     search.lower[search.count++] = lower;
 }
 
-// Lowers search.upper by what meshlet m holds and, if asked, keeps its triangles that may win.
-void ClosestPointTree::Impl::visit(Search& search, uint32_t m, bool keep) const {
+// Lowers search.upper by what meshlet m holds and keeps its triangles that may win.
+void ClosestPointTree::Impl::visit(Search& search, uint32_t m) const {
     const Meshlet& t = meshlet(m);
     alignas(64) float squared[16];
     uint32_t mask;
@@ -541,10 +576,8 @@ void ClosestPointTree::Impl::visit(Search& search, uint32_t m, bool keep) const 
         const float f = std::sqrt(least);
         const float upper = f + (base + t.error_slope * f);
         if (upper < search.upper) search.upper = upper, search.nearest = m;
-        const float limit = kept_limit(search, t);
-        for (uint32_t j = keep ? mask : 0; j != 0; j &= j - 1) {
+        for (uint32_t j = mask & lanes_below(squared, kept_limit(search, t)); j != 0; j &= j - 1) {
             const uint32_t i = static_cast<uint32_t>(std::countr_zero(j));
-            if (!(squared[i] < limit)) continue;
             const float g = std::sqrt(squared[i]);
             keep_lane(search, 16 * m + i, g - (base + t.error_slope * g));
         }
@@ -554,7 +587,7 @@ void ClosestPointTree::Impl::visit(Search& search, uint32_t m, bool keep) const 
         const double d = std::sqrt(evaluate(search.point, lane).squared_distance) * scale;
         const float upper = round_up(d), lower = static_cast<float>(d) * (1 - 4 * kUnit);
         if (upper < search.upper) search.upper = upper, search.nearest = m;
-        if (keep && lower <= search.upper) keep_lane(search, lane, lower);
+        if (lower <= search.upper) keep_lane(search, lane, lower);
     }
 }
 
@@ -573,16 +606,20 @@ void ClosestPointTree::Impl::visit_exactly(ExactSearch& exact, uint32_t m) const
     if (d < search.upper) search.upper = std::min(search.upper, round_up(d));
 }
 
-void ClosestPointTree::Impl::start(Search& search, const MeshletKernels& kernels, const Vec3d& p, double radius) const {
-    const Vec3d q = (p - centre) * scale;
+void ClosestPointTree::Impl::start(Search& search, const MeshletKernels& kernels, const Vec3d& p, const Vec3d& q,
+                                   double radius) const {
     search.kernels = &kernels;
     search.point = p;
     for (int k = 0; k < 3; ++k) search.q[k] = static_cast<float>(q[k]);
+    search.q[3] = 0;
     search.query_error = 1.01f * kUnit * static_cast<float>(q.norm()) + 1e-30f;
-    // the surface touches every side of its box: distance to the far corner of the best side (Roussopoulos et al.,
-    // Nearest neighbor queries, SIGMOD 1995)
-    double far2[3], sum = 0, best = INFINITY;
-    double near2[3];
+    search.upper = round_up(radius * scale);
+}
+
+// The surface touches every side of its box: it is no farther than the far corner of the best side (Roussopoulos,
+// Kelley & Vincent, Nearest neighbor queries, SIGMOD 1995).
+float ClosestPointTree::Impl::bound_by_box(const Vec3d& q) const {
+    double far2[3], near2[3], sum = 0, best = INFINITY;
     for (int k = 0; k < 3; ++k) {
         const double low = std::abs(q[k] - box.min[k]), high = std::abs(q[k] - box.max[k]);
         far2[k] = std::max(low, high) * std::max(low, high);
@@ -590,7 +627,7 @@ void ClosestPointTree::Impl::start(Search& search, const MeshletKernels& kernels
         sum += far2[k];
     }
     for (int k = 0; k < 3; ++k) best = std::min(best, sum - far2[k] + near2[k]);
-    search.upper = round_up(std::min(std::sqrt(std::max(best, 0.0)) + 1e-5, radius * scale));
+    return round_up(std::sqrt(std::max(best, 0.0)) + 1e-5);
 }
 
 void ClosestPointTree::Impl::select(Search& search) const {
@@ -602,9 +639,10 @@ void ClosestPointTree::Impl::select(Search& search) const {
         scene, &query, &context,
         [](RTCPointQueryFunctionArguments* args) {
             const Traversal& t = *static_cast<const Traversal*>(args->userPtr);
-            if (t.search->overflow) return false;
+            if (args->primID == t.search->first || t.search->overflow) return false;
+            if (!near_box(*t.search, t.tree->boxes[args->primID])) return false;
             const float before = t.search->upper;
-            t.tree->visit(*t.search, args->primID, true);
+            t.tree->visit(*t.search, args->primID);
             if (!(t.search->upper < before) && !t.search->overflow) return false;
             args->query->radius = t.search->overflow ? 0.0f : embree_radius(*t.search);
             return true;
@@ -626,6 +664,7 @@ Winner ClosestPointTree::Impl::search_exactly(Search& search) const {
         scene, &query, &context,
         [](RTCPointQueryFunctionArguments* args) {
             const Traversal& t = *static_cast<const Traversal*>(args->userPtr);
+            if (!near_box(*t.search, t.tree->boxes[args->primID])) return false;
             const float before = t.search->upper;
             t.tree->visit_exactly(*t.exact, args->primID);
             if (!(t.search->upper < before)) return false;
@@ -659,33 +698,36 @@ bool ClosestPointTree::Impl::pseudonormal(const Winner& winner, Vec3d& normal, d
     bool defined = true;
     const auto add = [&](const Vec3d& n, double w) {
         const double length = n.norm();
-        if (!(length > 0)) {
-            defined = false;
-            return;
-        }
+        defined &= length > 0;
+        if (!(length > 0)) return;
         normal += (w / length) * n;
         weight += w;
     };
     normal.setZero();
     weight = 0;
     if (feature >= Feature::kEdge0) {
-        add(normal_of(winner.triangle), 1);
+        add(normal_of(lanes[winner.lane].vertex), 1);
         if (feature == Feature::kFace) return defined;
         const int k = static_cast<int>(feature) - static_cast<int>(Feature::kEdge0);
         const uint32_t other = mesh.neighbour[winner.triangle][k];
-        if (other != kNone) add(normal_of(other), 1);
+        if (other != kNone) add(normal_of(mesh.triangle[other]), 1);
     } else {
-        const uint32_t v = lanes[winner.lane].vertex[static_cast<int>(feature)];
-        for (uint32_t i = mesh.incident_first[v]; i < mesh.incident_first[v + 1]; ++i) {
-            const Triangle& t = mesh.triangle[mesh.incident[i]];
-            const int k = t[0] == v ? 0 : t[1] == v ? 1 : 2;
-            const Vec3d a = position(v);
-            const Vec3d b = position(t[(k + 1) % 3]), c = position(t[(k + 2) % 3]);
-            const Vec3d n = triangle_normal(a, b, c);
+        for_each_in_fan(winner, [&](const Vec3d& a, const Vec3d& b, const Vec3d& c, const Vec3d& n) {
             add(n, std::atan2(n.norm(), (b - a).dot(c - a)));
-        }
+        });
     }
     return defined && normal.squaredNorm() > 1e-28 * weight * weight;
+}
+
+// Side of p where every face around the winning vertex agrees on it, else 0: spares most vertices the angles.
+double ClosestPointTree::Impl::side_of_fan(const Winner& winner, double rounding) const {
+    bool outside = true, inside = true;
+    for_each_in_fan(winner, [&](const Vec3d&, const Vec3d&, const Vec3d&, const Vec3d& n) {
+        const double height = -winner.closest.offset.dot(n), limit = rounding * n.norm();
+        outside &= height > limit;
+        inside &= height < -limit;
+    });
+    return outside ? 1 : inside ? -1 : 0;
 }
 
 SurfacePoint ClosestPointTree::Impl::answer(const Vec3d& p, double radius, const Winner& winner) const {
@@ -700,7 +742,7 @@ SurfacePoint ClosestPointTree::Impl::answer(const Vec3d& p, double radius, const
     const bool is_signed = admission == Admission::kSolid || admission == Admission::kWinding;
 
     Vec3d direction = Vec3d::Zero();
-    const double side = side_of(p, winner, direction);
+    const double side = side_of(p, winner, d, direction);
     out.distance = is_signed ? side * d : d;
     out.normal = is_signed ? Vec3d(side * direction) : direction;
     return out;
@@ -708,14 +750,14 @@ SurfacePoint ClosestPointTree::Impl::answer(const Vec3d& p, double radius, const
 
 // Side of the surface p is on: +1 outside, -1 inside. `direction` becomes the unit direction from the surface to p;
 // where p lies on the surface, side * pseudonormal. Sheets have no inside: their side matters on the surface only.
-double ClosestPointTree::Impl::side_of(const Vec3d& p, const Winner& winner, Vec3d& direction) const {
+double ClosestPointTree::Impl::side_of(const Vec3d& p, const Winner& winner, double d, Vec3d& direction) const {
     const TrianglePoint& closest = winner.closest;
-    const double d = std::sqrt(closest.squared_distance);
     const auto by_winding = [&] { return winding(p) > 0.5 ? -1.0 : 1.0; };
     const bool boxed_out = outside_box(p);
     if (closest.feature == Feature::kFace) {
         const double side = closest.height < 0 ? -1.0 : 1.0;
-        direction = side * normal_of(winner.triangle).normalized();
+        // the offset is a multiple of the normal to the last bit, however short
+        direction = d > 0 ? Vec3d(-closest.offset / d) : normal_of(lanes[winner.lane].vertex).normalized();
         if (boxed_out) return 1;
         return admission == Admission::kWinding && d > 0 ? by_winding() : side;
     }
@@ -728,6 +770,8 @@ double ClosestPointTree::Impl::side_of(const Vec3d& p, const Winner& winner, Vec
         direction = -closest.offset / d;
         if (boxed_out || admission == Admission::kSheet || admission == Admission::kRefused) return 1;
         if (admission == Admission::kWinding) return by_winding();
+        if (closest.feature < Feature::kEdge0)
+            if (const double side = side_of_fan(winner, rounding); side != 0) return side;
     }
     Vec3d sum;
     double weight;
@@ -741,6 +785,12 @@ double ClosestPointTree::Impl::side_of(const Vec3d& p, const Winner& winner, Vec
     return defined && std::abs(dot) > rounding * weight ? side : by_winding();
 }
 
+void ClosestPointTree::Impl::prefetch_meshlet(uint32_t m) const {
+    if (m == kNone) return;
+    for (uint32_t i = 0; i < kNarrowLines; ++i)
+        _mm_prefetch(reinterpret_cast<const char*>(&pool[first_line[m] + i]), _MM_HINT_T0);
+}
+
 void ClosestPointTree::Impl::prefetch_lane(uint32_t lane) const {
     const Lane& row = lanes[lane];
     for (const uint32_t v : row.vertex)
@@ -752,27 +802,40 @@ void ClosestPointTree::Impl::prefetch_lane(uint32_t lane) const {
 
 void ClosestPointTree::Impl::query_batch(std::span<const Vec3d> points, std::span<const double> radius,
                                          std::span<const uint32_t> hint, std::span<SurfacePoint> out,
-                                         uint32_t& previous, QueryCounters& counters) const {
+                                         Previous& previous, QueryCounters& counters) const {
     const MeshletKernels& kernels = chosen_kernels();
     uint32_t first[kBatch + 1] = {};
     uint32_t lane[kBatch * kSlots];
     Winner decided[kBatch];
+    const auto meshlet_of_hint = [&](uint32_t i) {
+        return !hint.empty() && hint[i] < lane_of_triangle.size() ? lane_of_triangle[hint[i]] / 16 : kNone;
+    };
+    for (const uint32_t h : hint)
+        if (h < lane_of_triangle.size()) _mm_prefetch(reinterpret_cast<const char*>(&lane_of_triangle[h]), _MM_HINT_T0);
     for (uint32_t i = 0; i < points.size(); ++i) {
         first[i + 1] = first[i];
-        const double far = ((points[i] - centre) * scale).cwiseAbs().maxCoeff();
+        if (i + 1 < points.size()) prefetch_meshlet(meshlet_of_hint(i + 1));
+        const Vec3d q = (points[i] - centre) * scale;
+        const double far = q.cwiseAbs().maxCoeff();
         if (!(far < INFINITY) || !(radius[i] >= 0)) continue;
         if (far > kFarthest) {
             decided[i] = scan(points[i]);
             continue;
         }
         Search search;
-        start(search, kernels, points[i], radius[i]);
-        const uint32_t near =
-            !hint.empty() && hint[i] < lane_of_triangle.size() ? lane_of_triangle[hint[i]] / 16 : previous;
-        if (near != kNone) visit(search, near, false);
-        search.nearest = near;
+        start(search, kernels, points[i], q, radius[i]);
+        uint32_t near = meshlet_of_hint(i);
+        if (near == kNone && previous.meshlet != kNone) {
+            const float step = static_cast<float>((points[i] - previous.point).norm() * scale);
+            search.upper = std::min(search.upper, (previous.upper + step) * (1 + 4 * kUnit));
+            if (step < previous.upper) near = previous.meshlet;
+        }
+        if (near != kNone) visit(search, near);
+        search.first = near;
+        // Embree tests children against the radius it started with: never start with a needlessly large one
+        if (search.upper > 1) search.upper = std::min(search.upper, bound_by_box(q));
         select(search);
-        previous = search.nearest;
+        if (search.nearest != kNone) previous = {points[i], search.upper, search.nearest};
         if (search.overflow) {
             ++counters.tie_overflows;
             decided[i] = search_exactly(search);
@@ -828,7 +891,7 @@ void ClosestPointTree::query(std::span<const Vec3d> points, std::span<const doub
         std::fill(out.begin(), out.end(), SurfacePoint{});
         return;
     }
-    uint32_t previous = kNone;
+    Previous previous;
     for (size_t i = 0; i < points.size(); i += kBatch) {
         const size_t n = std::min<size_t>(kBatch, points.size() - i);
         impl_->query_batch(points.subspan(i, n), radius.subspan(i, n), hint.empty() ? hint : hint.subspan(i, n),

@@ -24,8 +24,8 @@ struct MeshletMeasure {
     float min[3], max[3];    // of the vertices
 };
 
-// Sets error_base, error_slope, float_lanes and exact_lanes from a measure; the derivation is in closest_point.cpp. False
-// if a vertex is not finite: then no lane is trusted.
+// Sets error_base, error_slope, float_lanes and exact_lanes from a measure; the derivation is in closest_point.cpp.
+// False if a vertex is not finite: then no lane is trusted.
 bool bound_error(Meshlet* meshlet, const MeshletMeasure* measure);
 
 // One instruction set's versions of the kernels. All versions give the same bits.

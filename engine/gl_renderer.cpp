@@ -665,8 +665,8 @@ void GlRenderer::Impl::draw_shadows(const View& view, const Ground& ground) {
     for (const GroundShadow& s : ground.shadows) {
         const float area = s.xx * s.yy - s.xy * s.xy;
         if (!(area > 0) || !(s.darkness > 0)) continue;
-        // three deviations along both axes
-        glUniform4f(p.rectangle, s.x, s.y, 3 * std::sqrt(s.yy / area), 3 * std::sqrt(s.xx / area));
+        // two and a half deviations along both axes, where the shadow ends
+        glUniform4f(p.rectangle, s.x, s.y, 2.5f * std::sqrt(s.yy / area), 2.5f * std::sqrt(s.xx / area));
         glUniform4f(p.shape, s.xx, s.xy, s.yy, s.darkness);
         glDrawArrays(GL_TRIANGLE_STRIP, 0, 4);
     }

@@ -32,8 +32,8 @@ struct Marker {
     std::array<float, 4> colour{1, 1, 1, 1};
 };
 
-// Soft elliptic shadow on the floor: darkness * (1 - q / 9)^4 with q = d' S d < 9 at the offset d from its centre,
-// nearly a Gaussian but ending at three deviations.
+// Soft elliptic shadow on the floor: darkness * (1 - q / 6.25)^3 with q = d' S d < 6.25 at the offset d from its
+// centre, nearly a Gaussian but ending at two and a half deviations.
 struct GroundShadow {
     float x = 0, y = 0;            // m, from the floor's centre along its two axes
     float xx = 0, xy = 0, yy = 0;  // 1/m^2, S: inverse covariance

@@ -198,9 +198,8 @@ out vec4 colour;
 void main() {
     vec2 d = floor_at;
     float q = shape.x * d.x * d.x + 2.0 * shape.y * d.x * d.y + shape.z * d.y * d.y;
-    float t = max(1.0 - q / 9.0, 0.0);
-    t *= t;
-    colour = vec4(0.0, 0.0, 0.0, shape.w * (t * t));
+    float t = max(1.0 - q / 6.25, 0.0);
+    colour = vec4(0.0, 0.0, 0.0, shape.w * t * t * t);
 }
 )";
 

@@ -43,16 +43,19 @@ struct Hasher {
     void value(const DeviceTrace& t) { array(t.sample); }
     void value(const ToolState& t) {
         value(t.device), value(t.proxy), value(t.proxy_valid), value(t.contacts), value(t.command.force);
-        value(t.device_valid), value(t.time), value(t.ticks), value(t.gain), value(t.largest_force);
-        value(t.rejected_samples), value(t.coupling_force), value(t.contact_impulse);
+        value(t.coupling_force), value(t.contact_impulse), value(t.device_valid), value(t.time), value(t.ticks);
+        value(t.model_age), value(t.gain), value(t.largest_force), value(t.rejected_samples);
     }
     void value(const HandTool& t) {
         value(t.body), value(t.tip), value(t.tip_radius), value(t.coupling_stiffness), value(t.coupling_damping);
         value(t.max_force), value(t.friction), value(t.path), value(t.trace);
     }
+    void value(const TriangleGroup& g) {
+        value(g.triangles), value(g.centre), value(g.radius), value(g.velocity), value(g.spread);
+    }
     void value(const LocalContactModel& m) {
-        value(m.time), value(m.sequence), value(m.from), value(m.to), value(m.reach), array(m.position);
-        array(m.velocity), array(m.triangle), array(m.neighbour), array(m.body), array(m.half_thickness);
+        value(m.time), value(m.sequence), value(m.from), value(m.to), value(m.reach), value(m.fastest);
+        array(m.position), array(m.velocity), array(m.triangle), array(m.neighbour), array(m.body), array(m.half_thickness), array(m.group);
     }
     void value(const PictureBody& b) {
         value(b.mesh), value(b.origin), value(b.orientation), value(b.box), value(b.vertices), value(b.depths);

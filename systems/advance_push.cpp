@@ -13,13 +13,15 @@ Vec3d turned(const std::array<Vec3d, 3>& rows, const Vec3d& v) {
     return {rows[0].dot(v), rows[1].dot(v), rows[2].dot(v)};
 }
 
-// World position of a node at the end of the substep, m.
+// World position of a node at the end of the substep, the pushes of earlier rows included, m. A node pressed from both
+// sides is looked at as it was, and moved by half: it meets its two planes midway.
 Vec3d place_after(const AdvanceScratch& s, uint32_t n) {
     const ContactNode& node = s.node[n];
     if (node.particle == kNone) return node.place;
     const AdvanceBody& body = s.body[node.owner];
     const Float4& o = body.next[node.particle - body.particles.first];
-    return body.origin + Vec3d(o.x, o.y, o.z);
+    const Vec3d place = body.origin + Vec3d(o.x, o.y, o.z);
+    return s.change[n].pushed && !s.change[n].opposed ? Vec3d(place + s.change[n].change) : place;
 }
 
 // Gap of a row at the end of the substep, and its normal there.
@@ -57,7 +59,7 @@ double share_of_point(const AdvanceIsland& island, const ContactPlan& plan) {
     return b / (a + b);
 }
 
-// Moves both sides by their inverse masses, or each side by its share of the way; a node of n rows by 1/n of it.
+// Moves both sides by their inverse masses, or each side by its share of the way.
 void add_push(AdvanceIsland& island, const ContactActive& row, const Vec3d& way) {
     AdvanceScratch& s = island.scratch;
     const bool by_mass = island.params.contact.share == ResponseShare::kMass;
@@ -65,7 +67,7 @@ void add_push(AdvanceIsland& island, const ContactActive& row, const Vec3d& way)
     const auto unit = [&](uint32_t k) { return by_mass ? s.node[row.node[k]].inv_mass : 1.0; };
     for (uint32_t k = 0; k < row.nodes; ++k) {
         if (!can_move(s, row.node[k])) continue;
-        sum[k >= row.point_nodes] += row.weight[k] * row.weight[k] * s.change[row.node[k]].rows * unit(k);
+        sum[k >= row.point_nodes] += row.weight[k] * row.weight[k] * unit(k);
     }
     double scale[2] = {0, 0};
     if (by_mass) {
@@ -78,7 +80,8 @@ void add_push(AdvanceIsland& island, const ContactActive& row, const Vec3d& way)
     for (uint32_t k = 0; k < row.nodes; ++k) {
         if (!can_move(s, row.node[k])) continue;
         ContactNodeChange& change = s.change[row.node[k]];
-        change.change += row.weight[k] * unit(k) * scale[k >= row.point_nodes] * way;
+        const double share = change.opposed ? 0.5 : 1.0;
+        change.change += share * row.weight[k] * unit(k) * scale[k >= row.point_nodes] * way;
         change.pushed = true;
     }
 }
@@ -139,9 +142,11 @@ void push_out(AdvanceIsland& island, bool last_substep) {
         any = true;
     }
     if (any) {
-        // the moves as the floats will hold them
+        // no node faster than the push speed, however many rows push it; and the moves as the floats will hold them
         for (const uint32_t n : s.touched) {
             if (!s.change[n].pushed) continue;
+            const double size = s.change[n].change.norm();
+            if (size > most) s.change[n].change *= most / size;
             const AdvanceBody& body = s.body[s.node[n].owner];
             const Float4& o = body.next[s.node[n].particle - body.particles.first];
             const Vec3d from(o.x, o.y, o.z);
@@ -155,6 +160,7 @@ void push_out(AdvanceIsland& island, bool last_substep) {
             o.x = static_cast<float>(o.x + s.change[n].change.x());
             o.y = static_cast<float>(o.y + s.change[n].change.y());
             o.z = static_cast<float>(o.z + s.change[n].change.z());
+            s.change[n].pushed = false;
         }
     }
     if (!last_substep) return;

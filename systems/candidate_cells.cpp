@@ -1,6 +1,7 @@
 #include "systems/candidate_cells.hpp"
 
 #include <algorithm>
+#include <limits>
 
 #include "engine/geometry/contact_kernels.hpp"
 namespace trocar {
@@ -31,10 +32,33 @@ struct CellTest {
     }
 };
 
-void test_all(const CellTest& test, std::span<const uint32_t> rows_a, std::span<const uint32_t> rows_b) {
-    for (const uint32_t a : rows_a) {
-        const __m256 box = load_box(test.screened.box[a]), face = facing(box);
-        for (const uint32_t b : rows_b) test(a, box, face, b);
+// Rows whose box meets a hull, in order. Returns the hull of what is kept.
+__m256 keep_meeting(const std::vector<PackedBox>& box, std::span<const uint32_t> rows, __m256 hull,
+                    std::vector<uint32_t>& kept) {
+    const __m256 face = facing(hull);
+    __m256 kept_hull = _mm256_set1_ps(std::numeric_limits<float>::infinity());
+    kept.clear();
+    for (const uint32_t row : rows) {
+        const __m256 own = load_box(box[row]);
+        if (!meets(face, own)) continue;
+        kept.push_back(row);
+        kept_hull = _mm256_min_ps(kept_hull, own);
+    }
+    return kept_hull;
+}
+
+// Most boxes of a cell are away from the other body's: both lists are first cut to the hull of the other.
+void test_all(const CellTest& test, std::span<const uint32_t> rows_a, std::span<const uint32_t> rows_b,
+              CandidateCellsScratch& scratch) {
+    const std::vector<PackedBox>& box = test.screened.box;
+    __m256 hull = _mm256_set1_ps(std::numeric_limits<float>::infinity());
+    for (const uint32_t b : rows_b) hull = _mm256_min_ps(hull, load_box(box[b]));
+    hull = keep_meeting(box, rows_a, hull, scratch.sweep_a);
+    if (scratch.sweep_a.empty()) return;
+    keep_meeting(box, rows_b, hull, scratch.sweep_b);
+    for (const uint32_t a : scratch.sweep_a) {
+        const __m256 box_a = load_box(box[a]), face = facing(box_a);
+        for (const uint32_t b : scratch.sweep_b) test(a, box_a, face, b);
     }
 }
 
@@ -87,7 +111,7 @@ void search_cells(const CandidatePairs& pairs, const ScreenedTriangles& screened
                 if (pair == kNone) continue;
                 const CellTest test{screened, occupancy.cell_key[cell], inv_size, pair, scratch.found};
                 const auto a = rows_of(i), b = rows_of(j);
-                a.size() * b.size() <= kCrowded ? test_all(test, a, b) : test_crowded(test, a, b, scratch);
+                a.size() * b.size() <= kCrowded ? test_all(test, a, b, scratch) : test_crowded(test, a, b, scratch);
             }
         }
     }

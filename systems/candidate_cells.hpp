@@ -11,7 +11,7 @@ struct CandidateCellsScratch {
     // one row per find, in cell order, then by (row of a, row of b), then by pair
     std::vector<std::array<uint32_t, 3>> found, by_row;  // ScreenedTriangles rows of a and b, pair
     std::vector<uint32_t> first;                         // counting sort
-    std::vector<uint32_t> sweep_a, sweep_b;              // rows of a crowded cell by lower x
+    std::vector<uint32_t> sweep_a, sweep_b;              // rows of a cell worth testing
 };
 
 // OHC instruction (thesis 3.3.2): for every candidate pair the triangle pairs whose enlarged boxes meet, read from the

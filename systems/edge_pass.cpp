@@ -15,6 +15,20 @@ constexpr uint32_t kMostQueries = 48;  // of one edge; 2^-48 of it is far below 
 void set_bit(std::vector<uint64_t>& bits, uint32_t i) { bits[i >> 6] |= uint64_t{1} << (i & 63); }
 bool has_bit(const std::vector<uint64_t>& bits, uint32_t i) { return bits[i >> 6] >> (i & 63) & 1; }
 
+void clear_set(RankedBits& set, size_t size) { set.word.assign((size + 63) / 64, 0); }
+void count_ranks(RankedBits& set) {
+    set.before.resize(set.word.size());
+    uint32_t before = 0;
+    for (size_t i = 0; i < set.word.size(); ++i) {
+        set.before[i] = before;
+        before += uint32_t(__builtin_popcountll(set.word[i]));
+    }
+}
+uint32_t rank_of(const RankedBits& set, uint32_t i) {
+    const uint64_t below = (uint64_t{1} << (i & 63)) - 1;
+    return set.before[i >> 6] + uint32_t(__builtin_popcountll(set.word[i >> 6] & below));
+}
+
 template <typename Visit>
 void for_each_bit(const std::vector<uint64_t>& bits, const Visit& visit) {
     for (uint32_t word = 0; word < bits.size(); ++word) {
@@ -42,36 +56,48 @@ struct Side {
 
 // A place on the edge where something is known of the depth.
 struct Sample {
-    double s = 0;               // m from the first vertex
-    double depth = 0;           // m; an upper bound at the ends of an interval, exact where a query was made
-    uint32_t triangle = kNone;  // of other, nearest there
+    double s;           // m from the first vertex
+    double depth;       // m; an upper bound at the ends of an interval, exact where a query was made
+    uint32_t triangle;  // of other, nearest there, or kNone
 };
 
-// One edge under search, in the frame of the other body.
+// One edge under search, in the frame of the other body. The arrays are left as they are: most edges need none.
 struct EdgeSearch {
     const EdgeInput& in;
     const Side& side;
     Vec3d start, direction;  // direction unit
     double length;           // m
-    std::array<Sample, kMostQueries + 2> sample;
+
     std::array<std::array<Sample, 2>, kMostQueries + 2> interval;
     std::array<double, kMostQueries + 2> bound;
     uint32_t intervals = 0;
 
+    EdgeSearch(const EdgeInput& input, const Side& of, const Vec3d& from, const Vec3d& way, double metres)
+        : in(input), side(of), start(from), direction(way), length(metres) {}
     Vec3d at(double s) const { return start + s * direction; }
+    SurfacePoint ask(double s, uint32_t hint, QueryCounters& counters) const {
+        const Vec3d p = at(s);
+        const double radius = std::numeric_limits<double>::infinity();
+        SurfacePoint answer;
+        side.tree->query({&p, 1}, {&radius, 1}, {&hint, 1}, {&answer, 1}, counters);
+        return answer;
+    }
     double distance_to(uint32_t t, double s) const {
         const Triangle& c = side.other_mesh.triangle[t];
-        return distance_to_triangle(at(s), side.tree->vertex(c[0]), side.tree->vertex(c[1]), side.tree->vertex(c[2]));
+        return distance_to_triangle(at(s), other_vertex(c[0]), other_vertex(c[1]), other_vertex(c[2]));
     }
+    Vec3d other_vertex(uint32_t v) const { return vertex_in_frame(in.surfaces, side.other, v); }
     // Depth that nothing between two samples exceeds: depth is 1-Lipschitz, and it is no more than the distance to any
-    // triangle, which is convex along the edge.
+    // triangle, which is convex along the edge. The nearest triangles of the two ends may each cover a half.
     double bound_between(const Sample& a, const Sample& b) const {
         double most = 0.5 * (b.s - a.s + a.depth + b.depth);
         if (a.triangle != kNone) most = std::min(most, std::max(std::abs(a.depth), distance_to(a.triangle, b.s)));
-        if (b.triangle != kNone && b.triangle != a.triangle) {
-            most = std::min(most, std::max(std::abs(b.depth), distance_to(b.triangle, a.s)));
-        }
-        return most;
+        if (b.triangle == kNone || b.triangle == a.triangle) return most;
+        most = std::min(most, std::max(std::abs(b.depth), distance_to(b.triangle, a.s)));
+        const double ends = std::max(std::abs(a.depth), std::abs(b.depth));
+        if (a.triangle == kNone || most <= ends) return most;
+        const double middle = 0.5 * (a.s + b.s);
+        return std::min(most, std::max({ends, distance_to(a.triangle, middle), distance_to(b.triangle, middle)}));
     }
     void add(const Sample& a, const Sample& b) {
         if (!(b.s > a.s)) return;
@@ -81,15 +107,15 @@ struct EdgeSearch {
 };
 
 // Piyavskii-Shubert search of the deepest point on the intervals added, to the tolerance; `deepest` is what must be
-// beaten. Of equal bounds the first interval is split first. True when found.
-bool search(EdgeSearch& e, double deepest, EdgeContact& best, QueryCounters& counters) {
+// beaten. `look`: the edge surely passes the surface and gets one query however short its way inside. Of equal bounds
+// the first interval is split first. True when found.
+bool search(EdgeSearch& e, double deepest, bool look, EdgeContact& best, QueryCounters& counters) {
     bool found = false;
     for (uint32_t query = 0; query < kMostQueries && e.intervals > 0; ++query) {
         const uint32_t pick =
             uint32_t(std::max_element(e.bound.begin(), e.bound.begin() + e.intervals) - e.bound.begin());
-        // an edge that surely passes the surface gets one look, however short its way inside
-        const double slack = found || deepest > 0 ? e.in.params.tolerance : 0.01 * e.in.params.tolerance;
-        if (e.bound[pick] <= deepest + slack && (query > 0 || deepest > 0)) break;
+        const double slack = (look && !found ? 0.01 : 1.0) * e.in.params.tolerance;
+        if (e.bound[pick] <= deepest + slack && !(look && query == 0)) break;
         const auto [a, b] = e.interval[pick];
         e.interval[pick] = e.interval[e.intervals - 1];
         e.bound[pick] = e.bound[--e.intervals];
@@ -98,17 +124,13 @@ bool search(EdgeSearch& e, double deepest, EdgeContact& best, QueryCounters& cou
         const float along = float(std::clamp(peak, a.s + 0.1 * width, b.s - 0.1 * width) / e.length);
         const double s = double(along) * e.length;
         if (!(s > a.s && s < b.s)) continue;
-        const Vec3d p = e.at(s);
-        SurfacePoint answer;
-        const double radius = std::numeric_limits<double>::infinity();
-        const uint32_t hint = a.triangle != kNone ? a.triangle : b.triangle;
-        e.side.tree->query({&p, 1}, {&radius, 1}, {&hint, 1}, {&answer, 1}, counters);
+        const SurfacePoint answer = e.ask(s, a.triangle != kNone ? a.triangle : b.triangle, counters);
         if (answer.triangle == kNone) break;
         if (-answer.distance > deepest) {
             found = true;
             deepest = -answer.distance;
             best.along = along;
-            best.point = p;
+            best.point = e.at(s);
             best.answer = answer;
         }
         const Sample middle{s, -answer.distance, answer.triangle};
@@ -121,12 +143,11 @@ bool search(EdgeSearch& e, double deepest, EdgeContact& best, QueryCounters& cou
 // Where the edge from p to q passes triangle abc, as a part of the way; -1 if it surely does not. Wrong only towards
 // "yes": everything is compared with a bound on its rounding.
 double crossing(const Vec3d& p, const Vec3d& q, const Vec3d& a, const Vec3d& b, const Vec3d& c) {
-    const Vec3d n = (b - a).cross(c - a);
-    const double size = std::max({(a - p).norm(), (b - p).norm(), (c - p).norm(), (q - p).norm()});
-    const double slack = 1e-13 * size * size * size;
-    const double at_p = n.dot(p - a), at_q = n.dot(q - a);
+    const Vec3d n = (b - a).cross(c - a), pa = a - p, pb = b - p, pc = c - p, pq = q - p;
+    const double size = pa.lpNorm<1>() + pb.lpNorm<1>() + pc.lpNorm<1>() + pq.lpNorm<1>();
+    const double slack = 1e-14 * size * size * size;
+    const double at_p = -n.dot(pa), at_q = at_p + n.dot(pq);
     if ((at_p > slack && at_q > slack) || (at_p < -slack && at_q < -slack)) return -1;
-    const Vec3d pa = a - p, pb = b - p, pc = c - p, pq = q - p;
     const double u = pq.dot(pa.cross(pb)), v = pq.dot(pb.cross(pc)), w = pq.dot(pc.cross(pa));
     const bool left = u >= -slack && v >= -slack && w >= -slack, right = u <= slack && v <= slack && w <= slack;
     if (!left && !right) return -1;
@@ -135,20 +156,21 @@ double crossing(const Vec3d& p, const Vec3d& q, const Vec3d& a, const Vec3d& b, 
 }
 
 struct Crossings {
-    uint32_t count = 0;
+    uint32_t count;
     Sample first, last;
 };
 
 // First and last place where the edge passes the other surface, among the candidate triangles of its own triangles.
 Crossings find_crossings(const EdgeSearch& e, const std::array<uint32_t, 2>& triangles, const EdgeChunk& c) {
-    Crossings found;
+    Crossings found{0, {}, {}};
     const Vec3d p = e.start, q = e.at(e.length);
     for (const uint32_t own : triangles) {
-        if (own == kNone || !has_bit(c.near_triangle, own)) continue;
-        for (uint32_t i = c.opposite_first[own]; i < c.opposite_first[own + 1]; ++i) {
+        if (own == kNone || !has_bit(c.near_triangle.word, own)) continue;
+        const uint32_t rank = rank_of(c.near_triangle, own);
+        for (uint32_t i = c.opposite_first[rank]; i < c.opposite_first[rank + 1]; ++i) {
             const Triangle& corner = e.side.other_mesh.triangle[c.opposite[i]];
-            const ClosestPointTree& tree = *e.side.tree;
-            const double part = crossing(p, q, tree.vertex(corner[0]), tree.vertex(corner[1]), tree.vertex(corner[2]));
+            const double part =
+                crossing(p, q, e.other_vertex(corner[0]), e.other_vertex(corner[1]), e.other_vertex(corner[2]));
             if (part < 0) continue;
             const Sample sample{part * e.length, 0, c.opposite[i]};
             const auto before = [](const Sample& x, const Sample& y) {
@@ -176,20 +198,24 @@ bool search_outside_edge(EdgeSearch& e, const Sample& a, const Sample& b, const 
     x.last.s = single ? e.length + b.depth : std::min(x.last.s + pad, e.length);
     if (single) x.first.triangle = x.last.triangle = kNone;
     e.add(x.first, x.last);
-    return search(e, 0, best, c.counters);
+    return search(e, 1e-12 * e.length, true, best, c.counters);  // less is rounding: two surfaces that only touch
 }
 
-// One end inside (a), the other outside: nothing within the outside end's distance of it is inside.
+// One end inside (a), the other outside (b): only when some point can be deeper than a by more than the tolerance.
 bool search_crossing_edge(EdgeSearch& e, const Sample& a, const Sample& b, EdgeChunk& c, EdgeContact& best) {
-    const double enough = std::abs(a.depth) + e.in.params.tolerance;
-    if (0.5 * (e.length + a.depth + b.depth) <= enough) return false;
-    // beyond `reach` the outside end bounds the depth to `enough`; before it the nearest triangle of the inside end may
-    const bool forward = a.s < b.s;
-    const double reach = e.length + b.depth - enough;
-    if (e.distance_to(a.triangle, forward ? reach : e.length - reach) <= enough) return false;
-    const Sample limit{forward ? e.length + b.depth : -b.depth, 0, kNone};
-    forward ? e.add(a, limit) : e.add(limit, a);
-    return search(e, a.depth, best, c.counters);
+    const double enough = a.depth + e.in.params.tolerance;
+    const double sign = a.s < b.s ? 1 : -1;
+    // beyond `last` nothing is deeper than enough; every look there that finds less brings it nearer to a
+    Sample at = b;
+    for (int look = 0; look < 4; ++look) {
+        const double last = at.s + sign * (at.depth - enough);
+        if ((last - a.s) * sign <= 0 || e.distance_to(a.triangle, last) <= enough) return false;
+        const SurfacePoint answer = e.ask(last, a.triangle, c.counters);
+        at = {last, -answer.distance, answer.triangle};
+        if (at.depth > 0) break;
+    }
+    sign > 0 ? e.add(a, at) : e.add(at, a);
+    return search(e, std::max(a.depth, 0.0), false, best, c.counters);
 }
 
 // Both ends inside: only when the edge leaves the other body and can be deeper on the way than at its ends.
@@ -199,14 +225,15 @@ bool search_inside_edge(EdgeSearch& e, const Sample& a, const Sample& b, const s
     e.add(a, b);
     if (e.intervals == 0 || e.bound[0] <= deepest + e.in.params.tolerance) return false;
     if (find_crossings(e, triangles, c).count == 0) return false;
-    return search(e, deepest, best, c.counters);
+    return search(e, deepest, false, best, c.counters);
 }
 
 bool search_edge(const EdgeInput& in, const Side& side, const BodyPoints& points, uint32_t edge, EdgeChunk& c,
                  EdgeContact& best) {
     const auto [v0, v1] = side.mesh.edge[edge];
-    const uint32_t row0 = c.near_row[v0], row1 = c.near_row[v1];
-    if (row0 == kNone || row1 == kNone) return false;
+    if (!has_bit(c.near_vertex.word, v0) || !has_bit(c.near_vertex.word, v1)) return false;
+    const uint32_t first = in.near.side[side.row].first;
+    const uint32_t row0 = first + rank_of(c.near_vertex, v0), row1 = first + rank_of(c.near_vertex, v1);
     Sample a{0, -in.near.distance[row0], in.near.triangle[row0]};
     Sample b{0, -in.near.distance[row1], in.near.triangle[row1]};
     const auto in_frame = [&](uint32_t v) {
@@ -219,7 +246,7 @@ bool search_edge(const EdgeInput& in, const Side& side, const BodyPoints& points
     const double length = (q - p).norm();
     if (!(length > 0)) return false;
     b.s = length;
-    EdgeSearch e{in, side, p, (q - p) / length, length, {}, {}, {}, 0};
+    EdgeSearch e(in, side, p, (q - p) / length, length);
     best.vertex = {v0, v1};
     const auto& triangles = side.mesh.edge_triangle[edge];
     if (a.depth <= 0 && b.depth <= 0) return search_outside_edge(e, a, b, triangles, c, best);
@@ -229,24 +256,29 @@ bool search_edge(const EdgeInput& in, const Side& side, const BodyPoints& points
 
 // Candidate triangles of the other body per triangle of this one, and the edges of the latter.
 void collect_edges(const EdgeInput& in, const Side& side, EdgeChunk& c) {
-    const uint32_t count = uint32_t(side.mesh.triangle.size());
-    c.near_triangle.assign((count + 63) / 64, 0);
+    clear_set(c.near_triangle, side.mesh.triangle.size());
+    clear_set(c.near_vertex, side.mesh.position.size());
     c.near_edge.assign((side.mesh.edge.size() + 63) / 64, 0);
-    c.opposite_first.assign(count + 2, 0);
-    c.opposite.resize(side.candidates.count);
     const auto rows = std::span(in.candidates.triangle).subspan(side.candidates.first, side.candidates.count);
     for (const auto& pair : rows) {
         const uint32_t own = pair[side.reversed];
-        ++c.opposite_first[own + 2];
-        if (has_bit(c.near_triangle, own)) continue;
-        set_bit(c.near_triangle, own);
+        if (has_bit(c.near_triangle.word, own)) continue;
+        set_bit(c.near_triangle.word, own);
         for (const uint32_t edge : side.mesh.triangle_edge[own]) set_bit(c.near_edge, edge);
     }
-    for (uint32_t t = 0; t < count; ++t) c.opposite_first[t + 2] += c.opposite_first[t + 1];
-    for (const auto& pair : rows) c.opposite[c.opposite_first[pair[side.reversed] + 1]++] = pair[!side.reversed];
-    c.near_row.assign(side.mesh.position.size(), kNone);
+    count_ranks(c.near_triangle);
     const Range vertices = in.near.side[side.row];
-    for (uint32_t i = vertices.first; i < vertices.end(); ++i) c.near_row[in.near.vertex[i]] = i;
+    for (uint32_t i = vertices.first; i < vertices.end(); ++i) set_bit(c.near_vertex.word, in.near.vertex[i]);
+    count_ranks(c.near_vertex);
+
+    // counting sort of the candidates by triangle of this body
+    c.opposite_first.assign(c.near_triangle.before.back() + 66, 0);
+    for (const auto& pair : rows) ++c.opposite_first[rank_of(c.near_triangle, pair[side.reversed]) + 2];
+    for (size_t i = 2; i < c.opposite_first.size(); ++i) c.opposite_first[i] += c.opposite_first[i - 1];
+    c.opposite.resize(rows.size());
+    for (const auto& pair : rows) {
+        c.opposite[c.opposite_first[rank_of(c.near_triangle, pair[side.reversed]) + 1]++] = pair[!side.reversed];
+    }
 }
 
 void find_side(const EdgeInput& in, const Side& side, Range& found, EdgeChunk& c) {

@@ -19,11 +19,17 @@ struct EdgeContact {
     SurfacePoint answer;          // frame of the other body
 };
 
-// Working arrays of a run of sides; bit sets and per-vertex or per-triangle rows are of the body at hand.
+// Set of row numbers that tells how many members lie before one of them.
+struct RankedBits {
+    std::vector<uint64_t> word;
+    std::vector<uint32_t> before;  // members in the words before
+};
+
+// Working arrays of a run of sides; sets are of the body at hand.
 struct EdgeChunk {
-    std::vector<uint64_t> near_triangle, near_edge;
-    std::vector<uint32_t> near_row;        // per vertex: row of NearVertices
-    std::vector<uint32_t> opposite_first;  // per triangle: rows of opposite
+    RankedBits near_triangle, near_vertex;
+    std::vector<uint64_t> near_edge;
+    std::vector<uint32_t> opposite_first;  // per near triangle by rank: rows of opposite
     std::vector<uint32_t> opposite;        // candidate triangles of the other body
     std::vector<EdgeContact> found;        // of all sides of the run
     QueryCounters counters;

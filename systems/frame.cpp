@@ -47,6 +47,8 @@ struct FrameScratch {
     LocalContactScratch local_contact;
     std::array<HapticScratch, kMaxTools> haptic;
     std::vector<uint64_t> tick_ns;              // tools * period
+    std::array<DeviceState, kMaxTools> live_device;  // live: of the pass before
+    bool live_device_known = false;
 };
 
 struct FrameState {
@@ -54,6 +56,7 @@ struct FrameState {
     FrameScratch scratch;
     FrameOptions options;
     FrameTimes times;
+    ContactHook contact_hook;
     double energy_start = 0;  // J, when the books were opened
     bool energy_open = false;
 };
@@ -65,13 +68,36 @@ double pass_seconds(const World& w) { return static_cast<double>(w.clock.tick) *
 
 // ---- begin ----
 
+// Live: what the haptic thread saw last, reached evenly over the pass from what it saw before.
+void follow_live_devices(FrameState& f) {
+    World& w = f.world;
+    const size_t tools = w.haptics.tool.size(), per_tool = w.clock.period + 1;
+    f.scratch.device.resize(tools * per_tool);
+    for (size_t t = 0; t < tools; ++t) {
+        const DeviceState to = w.haptics.state[t].device;
+        const DeviceState from = f.scratch.live_device_known ? f.scratch.live_device[t] : to;
+        for (size_t ms = 0; ms < per_tool; ++ms) {
+            DeviceState& device = f.scratch.device[t * per_tool + ms];
+            const double share = static_cast<double>(ms) / static_cast<double>(per_tool - 1);
+            device = to;
+            device.position = from.position + share * (to.position - from.position);
+        }
+        f.scratch.live_device[t] = to;
+    }
+    f.scratch.live_device_known = true;
+}
+
 // Where every device will be at each millisecond of the pass; the first is now.
 void device_input(FrameState& f) {
     World& w = f.world;
+    for (ToolState& state : w.haptics.state) state.contact_impulse = Vec3d::Zero();
+    if (f.options.external_ticks) {
+        follow_live_devices(f);
+        return;
+    }
     std::array<Device, kMaxTools> device;
     for (size_t t = 0; t < w.haptics.tool.size(); ++t) device[t] = device_of(w.haptics, w.paths, w.haptics.tool[t]);
     read_devices(std::span(device).first(w.haptics.tool.size()), w.clock.tick, w.clock.period, f.scratch.device);
-    for (ToolState& state : w.haptics.state) state.contact_impulse = Vec3d::Zero();
 }
 void rigid_motion(FrameState& f) { follow_paths(f.world.paths, pass_seconds(f.world), f.world.poses); }
 void body_boxes(FrameState& f) {
@@ -115,8 +141,9 @@ void local_contact(FrameState& f) {
     World& w = f.world;
     w.local_contact.resize(w.haptics.tool.size());
     for (size_t t = 0; t < w.haptics.tool.size(); ++t)
-        publish_local_contact(HapticParams{}, surfaces_of(w), w.haptics.tool[t], w.haptics.state[t], pass_seconds(w),
+        publish_local_contact(HapticParams{}, surfaces_of(w), w.boxes.box, w.haptics.tool[t], w.haptics.state[t], pass_seconds(w),
                               w.clock.pass, f.scratch.local_contact, w.local_contact[t]);
+    if (f.contact_hook.published) f.contact_hook.published(f.contact_hook.user, w);
 }
 
 // ---- advance ----
@@ -143,6 +170,19 @@ void haptic_ticks(FrameState& f, std::span<const uint32_t> bodies, uint32_t ms) 
     }
 }
 
+// Adds a later call of the same pass.
+void add_part(const AdvanceResult& part, AdvanceResult& whole) {
+    whole.work_hand += part.work_hand;
+    whole.work_contact += part.work_contact;
+    whole.work_damping += part.work_damping;
+    whole.work_push += part.work_push;
+    whole.deepest_residual = part.deepest_residual;
+    whole.active_rows += part.active_rows;
+    whole.ended_rows += part.ended_rows;
+    whole.opposing_planes += part.opposing_planes;
+    whole.nonfinite_particles += part.nonfinite_particles;
+}
+
 // One island through the whole pass; with a tool, millisecond by millisecond with the haptic tick between.
 void advance_one_island(FrameState& f, uint32_t island, AdvanceScratch& scratch) {
     World& w = f.world;
@@ -165,7 +205,9 @@ void advance_one_island(FrameState& f, uint32_t island, AdvanceScratch& scratch)
         for (size_t t = 0; t < tools; ++t) device[t] = {f.scratch.device[t * per_tool + ms], f.scratch.device[t * per_tool + ms + params.ticks]};
         params.tick = w.clock.tick + ms;
         if (with_tool && !f.options.external_ticks) haptic_ticks(f, bodies, ms);
-        advance_island(params, inputs, bodies, rows, scratch, w.particles, w.poses, w.rows, w.haptics.state, result);
+        AdvanceResult part;
+        advance_island(params, inputs, bodies, rows, scratch, w.particles, w.poses, w.rows, w.haptics.state, part);
+        add_part(part, result);
     }
 }
 
@@ -211,7 +253,9 @@ void picture(FrameState& f) {
     write_picture_snapshot(w.clock.picture, pass_seconds(w), surfaces_of(w), w.normals, w.contacts, w.penetrations, w.haptics, w.picture);
 }
 
-bool any_path(const World& w) { return !w.paths.body.empty(); }
+bool any_path(const World& w) {
+    return std::any_of(w.paths.body.begin(), w.paths.body.end(), [](uint32_t body) { return body != kNone; });
+}
 bool any_tool(const World& w) { return !w.haptics.tool.empty(); }
 bool any_pair(const World& w) {
     const auto can_be_pushed = [](Motion m) { return m == Motion::kDeformable || m == Motion::kHand; };
@@ -240,7 +284,7 @@ constexpr FrameStage kBegin[] = {
     {{"penetration",     penetration,     mask(R::kPairs, R::kContacts),                                     mask(R::kPenetrations, R::kReport)}, any_pair},
     {{"contact rows",    contact_rows,    kShapes | mask(R::kSettings, R::kPairs, R::kContacts, R::kPenetrations), mask(R::kRows, R::kReport)}, any_pair},
     {{"islands",         islands,         mask(R::kBodies, R::kRows),                                        mask(R::kIslands)}, any_mover},
-    {{"local contact",   local_contact,   kShapes | mask(R::kClock, R::kTools, R::kToolState),               mask(R::kLocalContact)}, any_tool},
+    {{"local contact",   local_contact,   kShapes | mask(R::kClock, R::kTools, R::kToolState, R::kBoxes),     mask(R::kLocalContact)}, any_tool},
 };
 
 constexpr FrameStage kAdvance[] = {
@@ -380,6 +424,14 @@ void Frame::step_until(uint32_t row) {
         run_stage(s);
         if (s + 1 == graphs_->end_first) end_pass(*state_);
     }
+}
+
+void Frame::set_contact_hook(const ContactHook& hook) { state_->contact_hook = hook; }
+
+const PictureSnapshot& Frame::snapshot_now() {
+    if (any_deformable(state_->world)) surface_normals(*state_);
+    picture(*state_);
+    return state_->world.picture;
 }
 
 void Frame::run_stage(uint32_t row) { graphs_->stages[row].run(*state_); }

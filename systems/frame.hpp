@@ -27,6 +27,12 @@ struct FrameOptions {
     Trace* trace = nullptr;
 };
 
+// Called on the simulating thread as soon as the local contact models of a pass are complete; may be empty.
+struct ContactHook {
+    void (*published)(void* user, World& world) = nullptr;
+    void* user = nullptr;
+};
+
 // How long the stages of one pass took, in the order of Frame::stage_names.
 struct FrameTimes {
     std::vector<uint64_t> stage_ns;  // 0 where a stage did not run in this pass
@@ -42,6 +48,9 @@ class Frame {
     ~Frame();
     // One contact pass: begin, advance, and end when a picture is due at the end of the pass.
     void step();
+    void set_contact_hook(const ContactHook& hook);
+    // A picture of the present state, outside the order of the frame.
+    const PictureSnapshot& snapshot_now();
     // For tests of the table: the stages of this frame in serial order; everything of a pass before stage `row`; that
     // stage alone.
     std::span<const Stage> stages() const;

@@ -1,21 +1,41 @@
 #pragma once
+#include <array>
 #include <vector>
 
 #include "components/haptics.hpp"
+#include "engine/closest_point.hpp"
 namespace trocar {
 
 // Triangle of the model near the proxy, at the time of the tick.
 struct NearTriangle {
     uint32_t row = 0;              // of the model
     std::array<Vec3d, 3> corner;   // m
-    Vec3d normal = Vec3d::Zero();  // unit, outward; zero for a sliver without one
+    Vec3d normal = Vec3d::Zero();  // unit, outward; zero for a triangle without area
     double offset = 0;             // m, tip radius + half thickness: how near the centre of the tip may come
     bool sheet = false;
+    bool held = false;  // its plane is among the planes of the present step
+};
+
+// Ball around a near triangle: what is asked first, so it lies apart.
+struct NearBall {
+    Vec3d centre = Vec3d::Zero();  // m
+    double reach = 0;              // m, radius + offset: a tip farther away does not touch the triangle
+};
+
+// Part of a near triangle that the tip touches.
+struct TouchedFeature {
+    uint32_t near = 0;  // row of HapticScratch::near
+    Feature feature = Feature::kFace;
+    Vec3d offset = Vec3d::Zero();  // m, from the tip's centre to the closest point
+    double distance = 0;           // m
+    bool shadowed = false;         // a neighbour is touched nearer
 };
 
 struct HapticScratch {
     std::vector<NearTriangle> near;  // ascending rows
-    std::vector<uint32_t> touching;  // rows of near
+    std::vector<NearBall> ball;      // one per row of near
+    std::vector<Triangle> corners;   // the same: vertices of the model
+    std::vector<TouchedFeature> touched;
 };
 
 // One tick of one tool at `time` (s): takes the device's sample (or refuses it), carries the proxy with the surface and
@@ -24,10 +44,10 @@ struct HapticScratch {
 // Khatib (SIGGRAPH 1997): the point nearest to the device that the planes of the touched features allow, reached along
 // a swept path; friction by the cone of Harwin & Melder (Eurohaptics 2002). Surface positions are those of the model
 // plus velocity * age; forces are never extrapolated. Force = coupling_stiffness * (proxy - device) - the normal part
-// of coupling_damping * velocity (never pulling, never more than the spring), at most tool.max_force; zero without
-// contact. Zero at once after a refused sample, fading when model or device stop coming, back over params.rise_time. A
-// sphere that starts inside tissue gets no force until it was clear once. Same code in lockstep and live; depends on
-// its arguments alone; no allocation once warm.
+// of coupling_damping * velocity (relative to the surface, never pulling, never more than the spring), at most
+// tool.max_force; zero without contact. Zero at once after a refused sample, fading when model or device stop coming,
+// back over params.rise_time. A sphere that starts inside tissue gets no force until it was clear once. Same code in
+// lockstep and live; depends on its arguments alone; no allocation once warm.
 void haptic_tick(const HapticParams& params, const LocalContactModel& model, double time, const HandTool& tool,
                  const DeviceState& sample, HapticScratch& scratch, ToolState& state);
 

@@ -7,17 +7,22 @@
 namespace trocar {
 
 struct LocalContactScratch {
-    std::vector<uint32_t> vertex_row;    // local vertex of the body at hand -> row of the model; kNone between bodies
-    std::vector<uint32_t> triangle_row;  // the same for triangles
-    std::vector<uint32_t> triangle_source;  // row of the model -> local triangle
+    std::vector<uint8_t> beyond;          // per vertex of the body at hand: sides of the box that it lies beyond
+    std::vector<uint32_t> vertex_row;     // local vertex of the body at hand -> row of the model; kNone between bodies
+    std::vector<uint32_t> triangle_row;   // the same for triangles
+    std::vector<uint32_t> triangle_used;  // local triangles of the body at hand that are in the model
 };
 
-// Copies every triangle that a tool may touch before the next passes: those of all bodies but its own that come nearer
-// to the segment from the device to the proxy than the tool can travel in params.greatest_age (by box, so a few more),
-// with their vertex velocities. `time` (s) and `sequence` name the contact pass. Bodies ascend, triangles ascend within
-// a body, vertices in the order of first use. No allocation once warm.
-void publish_local_contact(const HapticParams& params, const Surfaces& surfaces, const HandTool& tool,
-                           const ToolState& state, double time, uint64_t sequence, LocalContactScratch& scratch,
-                           LocalContactModel& out);
+// Copies every triangle that a tool may touch before the next passes: those of all bodies but its own that may come
+// nearer to the segment from the device to the proxy than the tool travels in params.greatest_age (told by boxes, so a
+// few more), with their vertex velocities. `boxes`: one world box per body that holds it, or empty for "look at all".
+// `time` (s) and `sequence` name the contact pass. Bodies ascend, triangles ascend within a body, vertices in the order
+// of first use. No allocation once warm.
+void publish_local_contact(const HapticParams& params, const Surfaces& surfaces, std::span<const Box> boxes,
+                           const HandTool& tool, const ToolState& state, double time, uint64_t sequence,
+                           LocalContactScratch& scratch, LocalContactModel& out);
+
+// Makes model.group and model.fastest from the rest of a model: runs of up to 16 triangles of one body.
+void group_triangles(LocalContactModel& model);
 
 }  // namespace trocar

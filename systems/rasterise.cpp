@@ -36,6 +36,10 @@ Box collect_regions(const BodyBoxes& boxes, const CandidatePairs& pairs, Rasteri
         scratch.region_pair[scratch.region_first[pairs.a[i] + 1]++] = i;
         scratch.region_pair[scratch.region_first[pairs.b[i] + 1]++] = i;
     }
+    scratch.packed_region.resize(2 * size_t(count));
+    for (uint32_t i = 0; i < 2 * count; ++i) {
+        scratch.packed_region[i] = pack_box(scratch.region[scratch.region_pair[i]], all.min);
+    }
     scratch.body.clear();
     for (uint32_t body = 0; body < bodies; ++body) {
         if (scratch.region_first[body + 1] > scratch.region_first[body]) scratch.body.push_back(body);
@@ -85,7 +89,6 @@ void screen_body(const Surfaces& s, const BodyBoxes& boxes, const Vec3d& origin,
     screen.box.clear();
     screen.edge_sum = 0;
     const __m256d grow = _mm256_setr_pd(reach, reach, reach, 0);
-    const PackedBox single = pack_box(scratch.region[scratch.region_pair[first]], origin);
     for (uint32_t t = 0; t < mesh.triangle.size(); ++t) {
         const Triangle& corner = mesh.triangle[t];
         const uint8_t c0 = screen.outcode[corner[0]], c1 = screen.outcode[corner[1]], c2 = screen.outcode[corner[2]];
@@ -94,10 +97,8 @@ void screen_body(const Surfaces& s, const BodyBoxes& boxes, const Vec3d& origin,
         const PackedBox box = pack_box(_mm256_sub_pd(_mm256_min_pd(_mm256_min_pd(p, q), r), grow),
                                        _mm256_add_pd(_mm256_max_pd(_mm256_max_pd(p, q), r), grow));
         const __m256 face = facing(load_box(box));
-        bool met = meets(face, load_box(single));
-        for (uint32_t i = first + 1; i < end && !met; ++i) {
-            met = meets(face, load_box(pack_box(scratch.region[scratch.region_pair[i]], origin)));
-        }
+        bool met = false;
+        for (uint32_t i = first; i < end && !met; ++i) met = meets(face, load_box(scratch.packed_region[i]));
         if (!met) continue;
         screen.triangle.push_back(t);
         screen.box.push_back(box);
@@ -121,11 +122,12 @@ double gather_screens(uint32_t bodies, const RasteriseScratch& scratch, Screened
     return screened.triangle.empty() ? 0 : edge_sum / (3.0 * double(screened.triangle.size()));
 }
 
-// Cells grow when the region would need more than 21 bits an axis, or when fast bodies make boxes larger than a cell.
+// Cells grow when the region would need more than 21 bits an axis, or when speed makes most boxes larger than a cell.
 double choose_cell_size(const ContactParams& params, double mean_edge, const BodyBoxes& boxes, const Surfaces& s,
-                        const Vec3d& extent, const RasteriseScratch& scratch) {
+                        const Vec3d& extent, const ScreenedTriangles& screened, const RasteriseScratch& scratch) {
     double reach = 0;
-    for (const uint32_t body : scratch.body) reach = std::max(reach, reach_of(s.bodies, boxes, body));
+    for (const uint32_t body : scratch.body) reach += screened.body[body].count * reach_of(s.bodies, boxes, body);
+    if (!screened.triangle.empty()) reach /= double(screened.triangle.size());
     const double size = std::max({params.cell_edges * mean_edge, 2 * reach, extent.maxCoeff() / kGridCells});
     return size > 0 && std::isfinite(size) ? size : 1.0;
 }
@@ -176,15 +178,18 @@ bool count_body(const ScreenedTriangles& screened, uint32_t body, __m256 clip, f
             occupancy.oversize.push_back(row);
             continue;
         }
+        if (scratch.reference.size() < scratch.references + kMostCells) {
+            scratch.reference.resize(2 * scratch.reference.size() + kMostCells);
+        }
+        CellReference* next = scratch.reference.data() + scratch.references;
+        scratch.references += uint32_t(x * y * z);
         for (uint32_t i = cells.first[0]; i <= cells.last[0]; ++i) {
             for (uint32_t j = cells.first[1]; j <= cells.last[1]; ++j) {
                 for (uint32_t k = cells.first[2]; k <= cells.last[2]; ++k) {
-                    scratch.reference_slot.push_back(count_cell(pack_cell(i, j, k), body, shift, scratch));
-                    scratch.reference_row.push_back(row);
+                    *next++ = {count_cell(pack_cell(i, j, k), body, shift, scratch), row, body};
                 }
             }
         }
-        scratch.reference_body.resize(scratch.reference_slot.size(), body);
     }
     return true;
 }
@@ -192,9 +197,7 @@ bool count_body(const ScreenedTriangles& screened, uint32_t body, __m256 clip, f
 void count_objects(const ScreenedTriangles& screened, float inv_size, RasteriseScratch& scratch, Occupancy& occupancy) {
     if (scratch.table.empty()) grow_table(scratch);
     for (bool done = false; !done;) {
-        scratch.reference_slot.clear();
-        scratch.reference_row.clear();
-        scratch.reference_body.clear();
+        scratch.references = 0;
         scratch.shared.clear();
         occupancy.oversize.clear();
         done = true;
@@ -222,14 +225,13 @@ void fill_layers(const ScreenedTriangles& screened, RasteriseScratch& scratch, O
     }
     scratch.cell_first.assign(cells + 1, 0);
     size_t kept = 0;
-    for (size_t i = 0; i < scratch.reference_slot.size(); ++i) {
-        const uint32_t shared = scratch.table[scratch.reference_slot[i]].shared;
+    for (uint32_t i = 0; i < scratch.references; ++i) {
+        const CellReference reference = scratch.reference[i];
+        const uint32_t shared = scratch.table[reference.slot].shared;
         if (shared == 0) continue;
         const uint32_t cell = scratch.rank[shared - 1];
         ++scratch.cell_first[cell + 1];
-        scratch.reference_slot[kept] = cell;
-        scratch.reference_row[kept] = scratch.reference_row[i];
-        scratch.reference_body[kept++] = scratch.reference_body[i];
+        scratch.reference[kept++] = {cell, reference.row, reference.body};
     }
     for (uint32_t i = 0; i < cells; ++i) scratch.cell_first[i + 1] += scratch.cell_first[i];
     occupancy.primitive.resize(kept);
@@ -237,10 +239,11 @@ void fill_layers(const ScreenedTriangles& screened, RasteriseScratch& scratch, O
     scratch.cell_body.resize(kept);
     scratch.next.assign(scratch.cell_first.begin(), scratch.cell_first.end());
     for (size_t i = 0; i < kept; ++i) {
-        const uint32_t place = scratch.next[scratch.reference_slot[i]]++;
-        occupancy.primitive_row[place] = scratch.reference_row[i];
-        occupancy.primitive[place] = screened.triangle[scratch.reference_row[i]];
-        scratch.cell_body[place] = scratch.reference_body[i];
+        const CellReference& reference = scratch.reference[i];
+        const uint32_t place = scratch.next[reference.slot]++;
+        occupancy.primitive_row[place] = reference.row;
+        occupancy.primitive[place] = screened.triangle[reference.row];
+        scratch.cell_body[place] = reference.body;
     }
     occupancy.object_first.clear();
     occupancy.object.clear();
@@ -274,7 +277,7 @@ void rasterise(const ContactParams& params, const Surfaces& surfaces, const Body
     const double mean_edge = gather_screens(uint32_t(boxes.box.size()), scratch, screened);
     const Vec3d extent = pairs.a.empty() ? Vec3d(Vec3d::Zero()) : Vec3d(all.max - all.min);
     occupancy.origin = screened.origin;
-    occupancy.cell_size = choose_cell_size(params, mean_edge, boxes, surfaces, extent, scratch);
+    occupancy.cell_size = choose_cell_size(params, mean_edge, boxes, surfaces, extent, screened, scratch);
     count_objects(screened, 1.0f / float(occupancy.cell_size), scratch, occupancy);
     report.oversize_triangles += occupancy.oversize.size();
     fill_layers(screened, scratch, occupancy);

@@ -15,6 +15,13 @@ struct CountedCell {
     uint32_t shared = 0;  // 0 while only one body did, then 1 + row of the shared cell
 };
 
+// One triangle in one cell.
+struct CellReference {
+    uint32_t slot = 0;  // of the table; in pass 2 the row of the shared cell
+    uint32_t row = 0;   // of ScreenedTriangles
+    uint32_t body = 0;
+};
+
 // What the screening of one body found.
 struct BodyScreen {
     std::vector<uint8_t> outcode;  // per vertex: sides of the region it lies beyond
@@ -24,16 +31,18 @@ struct BodyScreen {
 };
 
 struct RasteriseScratch {
-    std::vector<Box> region;                                              // overlap box of each candidate pair, world
-    std::vector<uint32_t> region_first;                                   // per body: rows of region_pair
-    std::vector<uint32_t> region_pair;                                    // pairs of a body
-    std::vector<uint32_t> body;                                           // bodies in a pair, ascending
-    std::vector<BodyScreen> screen;                                       // per row of body
-    std::vector<CountedCell> table;                                       // open addressing, a power of two
-    std::vector<uint32_t> used_slot;                                      // to clear the table
-    std::vector<uint32_t> reference_slot, reference_row, reference_body;  // per (triangle, cell) of pass 1
-    std::vector<std::array<uint64_t, 2>> shared;                          // key, row in order of discovery
-    std::vector<uint32_t> rank;                                           // of a shared cell by key
+    std::vector<Box> region;                      // overlap box of each candidate pair, world
+    std::vector<uint32_t> region_first;           // per body: rows of region_pair
+    std::vector<uint32_t> region_pair;            // pairs of a body
+    std::vector<PackedBox> packed_region;         // in that order
+    std::vector<uint32_t> body;                   // bodies in a pair, ascending
+    std::vector<BodyScreen> screen;               // per row of body
+    std::vector<CountedCell> table;               // open addressing, a power of two
+    std::vector<uint32_t> used_slot;              // to clear the table
+    std::vector<CellReference> reference;         // one per (triangle, cell) of pass 1, then of the shared cells
+    uint32_t references = 0;                      // rows of it in use
+    std::vector<std::array<uint64_t, 2>> shared;  // key, row in order of discovery
+    std::vector<uint32_t> rank;                   // of a shared cell by key
     std::vector<uint32_t> cell_first, next, cell_body;
 };
 

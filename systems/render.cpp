@@ -89,12 +89,23 @@ void visit_points(const PictureSnapshot& snapshot, bool deformable, const Visit&
     }
 }
 
-void lay_floor(const Box& box, Camera& camera) {
+// Box of the deformable bodies, or of the rigid ones if there are no others; says which.
+Box box_to_fit(const PictureSnapshot& snapshot, bool& deformable) {
+    Box soft, hard;
+    visit_points(snapshot, true, [&](const Vec3d& p) { grow(soft, p); });
+    visit_points(snapshot, false, [&](const Vec3d& p) { grow(hard, p); });
+    deformable = holds_something(soft);
+    return deformable ? soft : hard;
+}
+
+// Around the middle of `scene`, below `all`.
+void lay_floor_under(const Box& scene, const Box& all, Camera& camera) {
     const Vec3d sky = unit_or(camera.up, Vec3d::UnitZ());
-    const double size = (box.max - box.min).norm();
+    const Vec3d middle = 0.5 * (scene.min + scene.max);
+    const double size = (scene.max - scene.min).norm();
     double lowest = 0;
-    for (uint32_t k = 0; k < 8; ++k) lowest = std::min(lowest, (corner_of(box, k) - camera.target).dot(sky));
-    camera.floor = camera.target + (lowest - 0.02 * size) * sky;
+    for (uint32_t k = 0; k < 8; ++k) lowest = std::min(lowest, (corner_of(all, k) - middle).dot(sky));
+    camera.floor = middle + (lowest - 0.02 * size) * sky;
     camera.floor_radius = 2.5 * size;
 }
 
@@ -227,16 +238,19 @@ void fit_camera(const Box& box, uint32_t width, uint32_t height, Camera& camera)
     camera.distance = kNearestDistance;
     for (uint32_t k = 0; k < 8; ++k)
         camera.distance = std::max(camera.distance, distance_for(corner_of(box, k), camera, frame, tan_x, tan_y));
-    lay_floor(box, camera);
+    lay_floor_under(box, box, camera);
+}
+
+void lay_floor(const PictureSnapshot& snapshot, Camera& camera) {
+    bool deformable = false;
+    const Box box = box_to_fit(snapshot, deformable);
+    if (holds_something(box)) lay_floor_under(box, drawn_box(snapshot), camera);
 }
 
 void fit_camera(const PictureSnapshot& snapshot, uint32_t width, uint32_t height, Camera& camera) {
     if (camera.kind != CameraKind::kOrbit) return;
-    Box soft, hard;
-    visit_points(snapshot, true, [&](const Vec3d& p) { grow(soft, p); });
-    visit_points(snapshot, false, [&](const Vec3d& p) { grow(hard, p); });
-    const bool deformable = holds_something(soft);
-    const Box& box = deformable ? soft : hard;
+    bool deformable = false;
+    const Box box = box_to_fit(snapshot, deformable);
     if (!holds_something(box)) return;
     camera.target = 0.5 * (box.min + box.max);
     const CameraFrame frame = camera_frame(camera);
@@ -245,7 +259,7 @@ void fit_camera(const PictureSnapshot& snapshot, uint32_t width, uint32_t height
     visit_points(snapshot, deformable, [&](const Vec3d& p) {
         camera.distance = std::max(camera.distance, distance_for(p, camera, frame, tan_x, tan_y));
     });
-    lay_floor(box, camera);
+    lay_floor_under(box, drawn_box(snapshot), camera);
 }
 
 View make_view(const Camera& camera, const Box& box, uint32_t width, uint32_t height) {

@@ -9,6 +9,7 @@ void follow_paths(const Paths& paths, double time, Poses& poses) {
     for (uint32_t i = 0; i < paths.body.size(); ++i) {
         const PathPoint at = sample_path(std::span(paths.key).subspan(paths.keys[i].first, paths.keys[i].count), time);
         const uint32_t body = paths.body[i];
+        if (body == kNone) continue;  // the path of a device
         poses.origin[body] = at.position;
         poses.orientation[body] = at.orientation;
         poses.velocity[body] = at.velocity;

@@ -31,7 +31,7 @@ struct Walk {
     std::vector<Instance> instances{};
     std::set<NodeId> checked{};  // coordinate nodes
     std::map<NodeId, uint64_t> triangles_of{};
-    uint64_t visits = 0, visit_limit = 0, triangles = 0, points = 0;
+    uint64_t visits = 0, visit_limit = 0, triangles = 0;
 };
 
 std::string describe_path(const Walk& w, NodeId last) {
@@ -207,7 +207,6 @@ void add_surface(Walk& w, const State& state, NodeId id) {
             } catch (const InputError& error) {
                 throw InputError(error.what() + describe_path(w, coordinate));
             }
-            w.points += numbers_of(find_value(w.scene, coordinate, "point")).size() / 3;
         }
     } else if (role < Role::kBox) {
         return;  // no geometry
@@ -368,7 +367,7 @@ LoadedMesh flatten_document(Document document) {
     loaded.mesh.triangle_material.reserve(walk.triangles);
     for (const Instance& instance : walk.instances) build_surface(builder, instance);
 
-    loaded.points = walk.points;
+    loaded.unused_points = count_unused_points(builder);
     loaded.format = scene.file[0]->format;
     loaded.warnings = std::move(scene.warnings);
     const auto note = [&](uint64_t count, const std::string& one, const std::string& what) {

@@ -232,7 +232,7 @@ void read_value(Parser& p, Range name) {
     Field field;
     field.name = name;
     const Token token = peek_token(p.lexer);
-    field.offset = token.offset;
+    field.offset = token.kind == TokenKind::kString ? token.offset - 1 : token.offset;  // at its quote
     switch (token.kind) {
         case TokenKind::kOpenBracket:
             next_token(p.lexer);

@@ -133,8 +133,8 @@ uint32_t load_file(Scene& scene, uint32_t from, const std::string& url, uint32_t
     if (name.empty() || name.find("://") != std::string::npos) return pass_over("it is not on this machine");
     if (scene.file.size() > 1000) return pass_over("more than 1000 files");
     std::error_code fault;
-    const fs::path folder = fs::weakly_canonical(scene.file[0]->document.path.parent_path() / ".", fault);
-    const fs::path path = fs::weakly_canonical(document.path.parent_path() / name, fault);
+    const fs::path folder = fs::weakly_canonical(fs::absolute(scene.file[0]->document.path).parent_path(), fault);
+    const fs::path path = fs::weakly_canonical(fs::absolute(document.path).parent_path() / name, fault);
     const fs::path inside = path.lexically_relative(folder);
     if (inside.empty() || *inside.begin() == "..") return pass_over("it lies outside the folder of the scene");
     const auto known = scene.file_of_path.find(path.string());

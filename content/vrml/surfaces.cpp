@@ -166,7 +166,7 @@ struct FaceLook {
     uint16_t whole = 0;  // material of all faces, unless per_face
 };
 
-FaceLook face_look(SurfaceBuilder& b, const Instance& instance) {
+FaceLook choose_look(SurfaceBuilder& b, const Instance& instance) {
     FaceLook look;
     const NodeId id = instance.geometry;
     const NodeId colour = first_node(b.scene, find_value(b.scene, id, "color"));
@@ -179,7 +179,6 @@ FaceLook face_look(SurfaceBuilder& b, const Instance& instance) {
             return {true, numbers_at(b.scene, id, "colorIndex"), static_cast<uint32_t>(entries), colour, 0};
         }
     }
-    look.whole = material_row(b, instance.state, 0, {});
     if (instance.state.material_binding.node == kNone || instance.state.material.node == kNone) return look;
     const std::string binding = text_of(find_value(b.scene, instance.state.material_binding, "value"));
     if (binding.starts_with("PER_VERTEX") && first_time(b.scene, "materials of vertices")) {
@@ -194,6 +193,12 @@ FaceLook face_look(SurfaceBuilder& b, const Instance& instance) {
     }
     entries = std::max(entries, numbers_at(b.scene, instance.state.material, "transparency").size());
     look.entries = static_cast<uint32_t>(entries);
+    return look;
+}
+
+FaceLook face_look(SurfaceBuilder& b, const Instance& instance) {
+    FaceLook look = choose_look(b, instance);
+    if (!look.per_face) look.whole = material_row(b, instance.state, 0, {});
     return look;
 }
 
@@ -299,12 +304,14 @@ struct FaceSet {
     std::span<const double> points;
     Value index;
     TextureMap map;
+    std::vector<bool>& used;
     bool flip = false;
 };
 
 uint32_t vertex_of(SurfaceBuilder& b, const FaceSet& set, uint32_t point) {
     if (b.stamp[point] != b.surface) {
         b.stamp[point] = b.surface;
+        set.used[point] = true;
         const double* p = set.points.data() + size_t{3} * point;
         b.vertex_of_point[point] = add_vertex(b, set.instance, {p[0], p[1], p[2]});
     }
@@ -343,12 +350,16 @@ void add_face(SurfaceBuilder& b, const FaceSet& set, const FaceLook& look, uint6
 }
 
 void build_face_set(SurfaceBuilder& b, const Instance& instance) {
+    CoordinateUse& use = b.coordinate_use[instance.state.coordinate];
     FaceSet set{instance,
                 numbers_at(b.scene, instance.state.coordinate, "point"),
                 find_value(b.scene, instance.geometry, "coordIndex"),
                 {},
+                use.used,
                 false};
     const size_t point_count = set.points.size() / 3;
+    use.used.resize(point_count, false);
+    use.placements.insert(instance.state.placement.m);
     set.map = texture_map(b, instance, set.points);
     const bool clockwise = instance.state.clockwise || !flag_of(find_value(b.scene, instance.geometry, "ccw"), true);
     // a mirror turns the outside in; faces keep facing outwards
@@ -451,6 +462,30 @@ void build_surface(SurfaceBuilder& builder, const Instance& instance) {
         build_primitive(builder, instance);
     }
     if (!builder.mesh.uv.empty()) builder.mesh.uv.resize(builder.mesh.triangle.size());
+}
+
+uint64_t count_unused_points(const SurfaceBuilder& builder) {
+    uint64_t total = 0;
+    for (const auto& [coordinate, use] : builder.coordinate_use) {
+        if (std::find(use.used.begin(), use.used.end(), false) == use.used.end()) continue;
+        const std::span<const double> numbers = numbers_at(builder.scene, coordinate, "point");
+        // equal places together, those with a used point first
+        std::vector<std::tuple<double, double, double, bool>> places;
+        for (size_t k = 0; k < use.used.size(); ++k) {
+            places.emplace_back(numbers[3 * k], numbers[3 * k + 1], numbers[3 * k + 2], !use.used[k]);
+        }
+        std::sort(places.begin(), places.end());
+        uint64_t unused = 0;
+        for (size_t k = 0; k < places.size(); ++k) {
+            const auto& [x, y, z, is_unused] = places[k];
+            const bool first =
+                k == 0 || std::tie(x, y, z) != std::tie(std::get<0>(places[k - 1]), std::get<1>(places[k - 1]),
+                                                        std::get<2>(places[k - 1]));
+            unused += first && is_unused;
+        }
+        total += unused * use.placements.size();
+    }
+    return total;
 }
 
 }  // namespace trocar::vrml

@@ -26,6 +26,12 @@ struct Instance {
     NodeId geometry;
 };
 
+// What the surfaces have used of one coordinate node.
+struct CoordinateUse {
+    std::vector<bool> used;  // per point
+    std::set<std::array<double, 12>> placements;
+};
+
 // Building surfaces into one mesh. Caches make a node that is used often cost its building only.
 struct SurfaceBuilder {
     Scene& scene;
@@ -34,6 +40,7 @@ struct SurfaceBuilder {
         material_row{};                                                              // material, colour, texture, entry
     std::map<std::pair<std::array<float, 8>, NodeId>, uint16_t> material_of_look{};  // look, texture
     std::map<NodeId, std::pair<std::string, Image>> texture{};                       // file name and pixels
+    std::map<NodeId, CoordinateUse> coordinate_use{};
     std::vector<uint32_t> vertex_of_point{}, stamp{};  // vertex made for a point by the surface with that stamp
     uint32_t surface = 0;
     uint64_t image_bytes = 0;  // of all materials
@@ -58,5 +65,8 @@ uint64_t count_triangles(const Scene& scene, NodeId geometry);
 
 // Appends the triangles of one surface. The points were checked before.
 void build_surface(SurfaceBuilder& builder, const Instance& instance);
+
+// Distinct points of the coordinate nodes used, once for each placement, at which no face has a corner.
+uint64_t count_unused_points(const SurfaceBuilder& builder);
 
 }  // namespace trocar::vrml

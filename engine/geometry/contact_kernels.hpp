@@ -4,6 +4,7 @@
 #include <algorithm>
 #include <array>
 #include <cmath>
+#include <limits>
 
 #include "components/contacts.hpp"
 #include "engine/surfaces.hpp"
@@ -126,21 +127,27 @@ inline uint64_t cell_of_meeting(__m256 a, __m256 b, float inv_size) {
     return pack_cell(cell[0], cell[1], cell[2]);
 }
 
-inline double distance_to_segment(const Vec3d& p, const Vec3d& a, const Vec3d& b) {
-    const Vec3d ab = b - a, ap = p - a;
-    const double length = ab.squaredNorm();
-    const double t = length > 0 ? std::clamp(ap.dot(ab) / length, 0.0, 1.0) : 0.0;
-    return (ap - t * ab).norm();
-}
-// Distance of a point to a triangle: the plane where the foot lies inside all three edges, else the nearest edge. m
+// Distance of a point to a triangle, or an upper bound: the plane where the foot lies inside all three edges, else the
+// nearest edge; slivers, whose plane is lost in rounding, count by their edges. m
 inline double distance_to_triangle(const Vec3d& p, const Vec3d& a, const Vec3d& b, const Vec3d& c) {
-    const Vec3d n = (b - a).cross(c - a);
-    const double area = n.norm();
-    const Vec3d pa = a - p, pb = b - p, pc = c - p;
-    if (area > 0 && pa.cross(pb).dot(n) >= 0 && pb.cross(pc).dot(n) >= 0 && pc.cross(pa).dot(n) >= 0) {
-        return std::abs(pa.dot(n)) / area;
-    }
-    return std::min({distance_to_segment(p, a, b), distance_to_segment(p, b, c), distance_to_segment(p, c, a)});
+    const Vec3d ab = b - a, bc = c - b, ca = a - c, pa = a - p, pb = b - p, pc = c - p;
+    const Vec3d n = bc.cross(ca);
+    const double area = n.squaredNorm(), longest = std::max({ab.squaredNorm(), bc.squaredNorm(), ca.squaredNorm()});
+    const bool beyond_ab = pa.cross(pb).dot(n) < 0, beyond_bc = pb.cross(pc).dot(n) < 0,
+               beyond_ca = pc.cross(pa).dot(n) < 0;
+    const bool flat = area > 1e-12 * longest * longest;
+    if (flat && !beyond_ab && !beyond_bc && !beyond_ca) return std::abs(pa.dot(n)) / std::sqrt(area);
+    // only an edge that the foot lies beyond can be the nearest
+    double best = std::numeric_limits<double>::infinity();
+    const auto take = [&](const Vec3d& from, const Vec3d& along) {
+        const double length = along.squaredNorm();
+        const double t = length > 0 ? std::clamp(-from.dot(along) / length, 0.0, 1.0) : 0.0;
+        best = std::min(best, (from + t * along).squaredNorm());
+    };
+    if (beyond_ab || !flat) take(pa, ab);
+    if (beyond_bc || !flat) take(pb, bc);
+    if (beyond_ca || !flat) take(pc, ca);
+    return std::sqrt(best);
 }
 
 }  // namespace trocar

@@ -15,16 +15,6 @@ Vec3d precise_cross(const Vec3d& u, const Vec3d& v) {
     return {product_difference(u.y(), v.z(), u.z(), v.y()), product_difference(u.z(), v.x(), u.x(), v.z()),
             product_difference(u.x(), v.y(), u.y(), v.x())};
 }
-// rounding error of the difference x - y (Knuth's two-sum)
-Vec3d difference_error(const Vec3d& x, const Vec3d& y, const Vec3d& difference) {
-    Vec3d error;
-    for (int k = 0; k < 3; ++k) {
-        const double t = x[k] - difference[k];
-        error[k] = (x[k] - (difference[k] + t)) + (t - y[k]);
-    }
-    return error;
-}
-
 struct SegmentPoint {
     Vec3d offset;
     double squared_distance;
@@ -47,13 +37,10 @@ SegmentPoint closest_on_segment(const Vec3d& r, const Vec3d& r_end, const Vec3d&
 }  // namespace
 
 Vec3d triangle_normal(const Vec3d& a, const Vec3d& b, const Vec3d& c) {
+    // rounding u and v is as good as moving b and c by a rounding unit of the edges; rounding the products is not
     const Vec3d u = b - a, v = c - a;
-    Vec3d n = precise_cross(u, v);
-    // the roundings of u and v tilt the normal by (rounding unit) * u v / n: worth mending for slivers only
-    if (n.squaredNorm() < 1e-4 * (u.squaredNorm() * v.squaredNorm())) {
-        const Vec3d du = difference_error(b, a, u), dv = difference_error(c, a, v);
-        n += u.cross(dv) + du.cross(v);
-    }
+    const Vec3d n = precise_cross(u, v);
+    if (n.squaredNorm() <= 0x1p-100 * (u.squaredNorm() * v.squaredNorm())) return Vec3d::Zero();
     return n;
 }
 

@@ -11,9 +11,8 @@ struct TrianglePoint {
     Feature feature = Feature::kFace;
 };
 
-// (b - a) x (c - a), each component to a few rounding units of |(b - a) x (c - a)| even for slivers: differences keep
-// their rounding errors and products are subtracted by Kahan's method (Jeannerod, Louvet & Muller, Math. Comp. 82,
-// 2013).
+// (b - a) x (c - a) with each product difference rounded once by Kahan's method (Jeannerod, Louvet & Muller, Math.
+// Comp. 82, 2013): right for slivers too, where the plain one is noise. Zero where the corners are in line to 1e-15.
 Vec3d triangle_normal(const Vec3d& a, const Vec3d& b, const Vec3d& c);
 
 // Closest point of triangle abc to p, for any shape of triangle down to a single point. The face wins where p projects

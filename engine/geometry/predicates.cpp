@@ -88,6 +88,8 @@ double scale_for(std::initializer_list<double> numbers) {
 }  // namespace
 
 int orient2d_exact(double ax, double ay, double bx, double by, double cx, double cy) {
+    // points of one axis-parallel line, or the same point twice, are common in made meshes
+    if ((ax == bx && ax == cx) || (ay == by && ay == cy) || (ax == cx && ay == cy) || (bx == cx && by == cy)) return 0;
     const double s = scale_for({ax, ay, bx, by, cx, cy});
     return minor(difference(s * ax, s * cx), difference(s * ay, s * cy), difference(s * bx, s * cx),
                  difference(s * by, s * cy))

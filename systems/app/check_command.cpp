@@ -54,7 +54,8 @@ int check_command(const CheckOptions& options) {
             const LoadedMesh loaded = load_mesh(file);
             for (const std::string& warning : loaded.warnings)
                 std::fprintf(stderr, "trocar: warning: %s\n", warning.c_str());
-            const MeshJudgement judgement = judge_mesh(loaded.mesh, true);
+            MeshJudgement judgement = judge_mesh(loaded.mesh, true);
+            judgement.vertices += static_cast<uint32_t>(loaded.unused_points);  // what the file lists
             sound = sound && judgement.admitted_as == Admission::kSolid;
             write_standard_output(options.json ? to_json(file, judgement).dump() + "\n" : to_text(file, judgement));
         } catch (const InputError& e) {

@@ -139,11 +139,29 @@ std::string metrics_json(const RunFigures& f) {
     if (f.live) {
         j["haptics"]["period"] = percentiles(f.tick_period_us, "us");
         j["haptics"]["contact_age"] = percentiles(f.contact_age_ms, "ms");
+        j["haptics"]["missed_ticks"] = f.missed_ticks;
         j["haptics"]["scheduling"] = f.scheduling;
     }
     j["energy"] = energy_json(f);
     j["report"] = report_json(f.report);
     return j.dump(2) + "\n";
+}
+
+std::string passes_csv(const RunFigures& f) {
+    std::string out =
+        "time_s,detection_ms,response_ms,frame_ms,render_ms,depth_m,inside_vertices,contacts,pairs,force_n,"
+        "contact_force_n,kinetic_j,elastic_j,gravity_j,work_hand_j,work_contact_j,work_damping_j,work_push_j,balance_j\n";
+    char line[512];
+    for (const PassFigures& p : f.pass) {
+        std::snprintf(line, sizeof line,
+                      "%.3f,%.4f,%.4f,%.4f,%.4f,%.9g,%u,%u,%u,%.6g,%.6g,%.9g,%.9g,%.9g,%.9g,%.9g,%.9g,%.9g,%.9g\n", p.time,
+                      p.detection_ms, p.response_ms, p.frame_ms, p.render_ms, p.depth, p.inside_vertices, p.contacts,
+                      p.pairs, p.force, p.contact_force, p.energy.kinetic, p.energy.elastic, p.energy.gravity,
+                      p.energy.work_hand, p.energy.work_contact, p.energy.work_damping, p.energy.work_push,
+                      p.energy.balance);
+        out += line;
+    }
+    return out;
 }
 
 namespace {

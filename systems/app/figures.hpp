@@ -48,6 +48,7 @@ struct RunFigures {
     std::vector<double> tick_us;         // compute time of every haptic tick
     std::vector<double> tick_period_us;  // live only
     std::vector<double> contact_age_ms;  // live only
+    uint64_t missed_ticks = 0;      // live only: deadlines that passed while the thread was away
     std::string scheduling;              // live only: what priority was got, kernel
     Report report;
     std::vector<std::string> bodies;  // "liver: 5002 vertices, deformable, 1 substep"
@@ -59,6 +60,9 @@ double mean(const std::vector<double>& values);
 
 // metrics.json as text; fields as README names them.
 std::string metrics_json(const RunFigures& figures);
+
+// One line per contact pass, for spreadsheets: SI units and ms as the header says.
+std::string passes_csv(const RunFigures& figures);
 
 // A self-contained page with SVG plots; `pictures` are file names relative to the page.
 std::string report_html(const RunFigures& figures, const std::vector<std::string>& pictures, const std::string& film);

@@ -38,7 +38,7 @@ class LiveHaptics {
                 LiveRecorder recorder = {});
     ~LiveHaptics();
 
-    // Starts ticking: tick n at start_ns + n ms, simulated time n ms.
+    // Starts ticking: tick n at start_ns + n periods (monotonic clock), which is simulated time n periods.
     void start(const PeriodicOptions& options, int64_t start_ns);
     void stop();
 
@@ -56,7 +56,7 @@ class LiveHaptics {
 
  private:
     struct Tool;
-    void tick(uint64_t index);
+    void tick(uint64_t index, double time);
     HapticParams params_;
     std::vector<std::unique_ptr<Tool>> tools_;
     LiveRecorder recorder_;

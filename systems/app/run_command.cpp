@@ -6,23 +6,22 @@
 #include <cstring>
 #include <fstream>
 #include <optional>
+#include <thread>
 
 #include "content/build_scene.hpp"
 #include "content/save_mesh.hpp"
 #include "engine/error.hpp"
-#include "engine/image_file.hpp"
 #include "engine/offscreen.hpp"
 #include "engine/thread_pool.hpp"
 #include "engine/trace.hpp"
 #include "engine/whole_file.hpp"
 #include "systems/app/commands.hpp"
 #include "systems/app/figures.hpp"
+#include "systems/app/live_run.hpp"
+#include "systems/app/picture_writer.hpp"
 #include "systems/app/progress.hpp"
 #include "systems/app/standard_streams.hpp"
-#include "systems/app/video.hpp"
 #include "systems/frame.hpp"
-#include "systems/picture_snapshot.hpp"
-#include "systems/render.hpp"
 namespace trocar {
 namespace fs = std::filesystem;
 namespace {
@@ -37,20 +36,6 @@ fs::path find_scene(const std::string& name) {
     if (!fs::exists(file, error))
         throw InputError(name + ": neither a scene file nor a scene that comes with the program (see `trocar scenes`)");
     return file;
-}
-
-// Makes the folder and refuses early when nothing can be written there.
-void prepare_folder(const fs::path& folder) {
-    std::error_code error;
-    fs::create_directories(folder, error);
-    if (error) throw InputError(folder.string() + ": cannot be made (" + error.message() + ")");
-    const fs::path probe = folder / ".trocar_probe";
-    {
-        std::ofstream stream(probe);
-        if (!stream || !(stream << "x").flush())
-            throw InputError(folder.string() + ": cannot be written (" + std::strerror(errno) + ")");
-    }
-    fs::remove(probe, error);
 }
 
 std::string machine_text() {
@@ -84,81 +69,6 @@ void export_bodies(const World& world, const fs::path& folder, uint64_t picture)
     std::snprintf(number, sizeof number, "%06llu_", static_cast<unsigned long long>(picture));
     for (uint32_t b = 0; b < world.bodies.mesh.size(); ++b)
         save_mesh(body_surface(world, b), folder / (number + world.bodies.name[b] + ".obj"));
-}
-
-PassFigures pass_figures(const Frame& frame, double time) {
-    const World& w = frame.world();
-    PassFigures p;
-    p.time = time;
-    for (const uint32_t row : frame.detection_stages())
-        p.detection_ms += static_cast<double>(frame.times().stage_ns[row]) * 1e-6;
-    p.response_ms = static_cast<double>(frame.times().response_ns) * 1e-6;
-    p.contacts = static_cast<uint32_t>(w.contacts.point.size());
-    p.pairs = static_cast<uint32_t>(w.penetrations.pair.size());
-    for (size_t i = 0; i < w.penetrations.pair.size(); ++i) {
-        p.depth = std::max(p.depth, w.penetrations.depth[i]);
-        p.inside_vertices += w.penetrations.vertices_a_in_b[i] + w.penetrations.vertices_b_in_a[i];
-    }
-    for (const ToolState& tool : w.haptics.state) {
-        p.force = std::max(p.force, tool.command.force.norm());
-        p.contact_force = std::max(p.contact_force, tool.contact_impulse.norm() / (w.clock.period * 1e-3));
-    }
-    p.energy = w.energy;
-    return p;
-}
-
-// Draws pictures and keeps them, as PNG files and as a film.
-class PictureWriter {
- public:
-    PictureWriter(const BuiltScene& scene, const World& world, const fs::path& out)
-        : params_(scene.picture), camera_(scene.camera), out_(out), renderer_(world.meshes) {
-        if (out_.empty()) return;
-        prepare_folder(out_ / "frames");
-        std::error_code error;
-        for (const fs::directory_entry& old : fs::directory_iterator(out_ / "frames", error))
-            if (old.path().extension() == ".png") fs::remove(old.path(), error);  // of an earlier, longer run
-        fs::remove(out_ / "film.mp4", error);
-        if (ffmpeg_present()) film_.emplace(out_ / "film.mp4", params_.width, params_.height, 30);
-    }
-    // Returns the milliseconds of drawing and reading back; writing the file is not part of a frame.
-    double take(const PictureSnapshot& snapshot) {
-        const uint64_t start = now_ns();
-        if (camera_.distance <= 0) fit_camera(picture_box(snapshot), params_.width, params_.height, camera_);
-        render_picture(params_, camera_, snapshot, renderer_, scratch_, image_);
-        const double ms = static_cast<double>(now_ns() - start) * 1e-6;
-        if (!out_.empty()) {
-            char name[32];
-            std::snprintf(name, sizeof name, "frames/%06zu.png", files_.size());
-            save_png(image_, out_ / name);
-            files_.emplace_back(name);
-            if (film_ && !film_->add(image_)) film_error_ = film_->error(), film_.reset();
-        }
-        return ms;
-    }
-    std::string finish_film() {
-        if (film_ && !files_.empty() && film_->finish()) return "film.mp4";
-        if (film_) film_error_ = film_->error();
-        if (!film_error_.empty()) std::fprintf(stderr, "trocar: warning: no film: %s\n", film_error_.c_str());
-        return "";
-    }
-    const std::vector<std::string>& files() const { return files_; }
-
- private:
-    PictureParams params_;
-    Camera camera_;
-    fs::path out_;
-    GlRenderer renderer_;
-    RenderScratch scratch_;
-    Image image_;
-    std::vector<std::string> files_;
-    std::optional<VideoWriter> film_;
-    std::string film_error_;
-};
-
-void add_stage_times(const Frame& frame, RunFigures& figures) {
-    const FrameTimes& times = frame.times();
-    for (size_t s = 0; s < times.stage_ns.size(); ++s)
-        if (times.stage_ns[s] > 0) figures.stage[s].ms.push_back(static_cast<double>(times.stage_ns[s]) * 1e-6);
 }
 
 void start_figures(const BuiltScene& scene, const SceneFile& file, const Frame& frame, const RunOptions& options,
@@ -244,7 +154,9 @@ int run_command(const RunOptions& options) {
     const SceneFile file = read_scene_file(find_scene(options.scene), options.overrides);
     if (!options.out.empty()) prepare_folder(options.out);
     set_offscreen_threads(0);
-    ThreadPool pool(options.threads);
+    // live: one core belongs to the haptic thread
+    const uint32_t cores = std::max(1u, std::thread::hardware_concurrency());
+    ThreadPool pool(options.threads == 0 && options.live ? std::max(1u, cores - 1) : options.threads);
     RunFigures figures;
     pool.run([&] {
         BuiltScene scene = build_scene(file);
@@ -258,14 +170,16 @@ int run_command(const RunOptions& options) {
         start_figures(scene, file, frame, options, figures);
         std::optional<PictureWriter> pictures;
         if (options.render && file.settings.render && !options.out.empty())
-            pictures.emplace(scene, frame.world(), options.out);
+            pictures.emplace(scene.picture, scene.camera, frame.world().meshes, options.out, !options.live);
         const double seconds = options.seconds > 0 ? options.seconds : file.settings.seconds;
-        run_lockstep(options, seconds, frame, pictures ? &*pictures : nullptr, figures);
+        if (options.live) run_live(options, seconds, frame, pictures ? &*pictures : nullptr, figures);
+        else run_lockstep(options, seconds, frame, pictures ? &*pictures : nullptr, figures);
         finish_figures(frame, figures);
         if (options.out.empty()) return;
         export_bodies(frame.world(), options.out / "meshes", frame.world().clock.picture);
         const std::string film = pictures ? pictures->finish_film() : "";
         write_whole_file(options.out / "metrics.json", metrics_json(figures));
+        write_whole_file(options.out / "passes.csv", passes_csv(figures));
         write_whole_file(options.out / "trace.json", trace.to_json({"main"}));
         write_whole_file(options.out / "report.html",
                          report_html(figures, pictures ? pictures->files() : std::vector<std::string>{}, film));

@@ -8,17 +8,12 @@
 #include "content/admission.hpp"
 #include "content/orientation.hpp"
 #include "tests/reference/sample_meshes.hpp"
+#include "tests/reference/solid_angle.hpp"
 
 namespace trocar {
 namespace {
 
 using namespace reference;
-
-double winding_at(const Mesh& m, const Vec3d& p) {
-    std::vector<uint32_t> all(m.triangle.size());
-    for (uint32_t t = 0; t < all.size(); ++t) all[t] = t;
-    return winding_number(m, all, p);
-}
 
 Mesh cleaned(Mesh m, CleanReport* report = nullptr, const CleanParams& params = {}) {
     const CleanReport r = clean_mesh(m, params);
@@ -370,6 +365,29 @@ TEST(CleanMesh, G36_FewFacesAndUnusedVertices) {
     two.triangle.resize(2);
     EXPECT_STREQ(admitted(cleaned(two)), "sheet");
     EXPECT_EQ(cleaned(two).position.size(), 4u);
+}
+
+// Exact crossings against solid angles, at points whose rays run through corners and along edges of the meshes too.
+TEST(CleanMesh, CountedWindingsAgreeWithSolidAngles) {
+    Mesh m = make_sphere({0, 0, 0}, 2, 2), inner = make_box({-0.5, -0.5, -0.5}, {0.5, 0.5, 0.5});
+    turn_inside_out(inner);
+    append(m, inner);
+    append(m, make_box({1, -0.5, -0.5}, {4, 0.5, 0.5}));
+    std::vector<uint32_t> all(m.triangle.size());
+    for (uint32_t t = 0; t < all.size(); ++t) all[t] = t;
+    uint32_t seen[3] = {0, 0, 0}, on_surface = 0;
+    for (int i = 0; i < 25 * 25 * 25; ++i) {
+        const Vec3d p(-3 + i % 25 * 0.25, -3 + i / 25 % 25 * 0.25, -3 + i / 625 * 0.25);
+        int windings = 0;
+        if (!count_windings(m, all, p, windings)) {
+            ++on_surface;
+            continue;
+        }
+        ASSERT_NEAR(winding_at(m, p), windings, 1e-6) << p.transpose();
+        ++seen[windings];
+    }
+    for (const uint32_t n : seen) EXPECT_GT(n, 10u);
+    EXPECT_GT(on_surface, 100u);
 }
 
 // Everything at once, in many shapes: any mix of flips, copies in either winding, repeated corners, flaps, unwelded

@@ -83,7 +83,7 @@ void expect_equals_brute_force_anywhere(const TestMesh& mesh, const std::string&
     for (const double away : {0.0, 1e4, 1e5}) {
         const Vec3d shift = away * mesh.diagonal() * Vec3d(0.6, -0.64, 0.48);
         const TestMesh there = mesh.moved([&](const Vec3d& x) -> Vec3d { return x + shift; });
-        std::vector<Vec3d> points = hard_points(mesh, each, 21);
+        std::vector<Vec3d> points = hard_points(mesh, away < 1e5 ? each : each / 4, 21);
         for (Vec3d& p : points) p += shift;
         const ClosestPointTree tree(there.view());
         expect_equals_brute_force(there, tree, points, what + " at " + std::to_string(int(away)) + " diagonals");
@@ -478,6 +478,33 @@ TEST(ClosestPoint, G11_G12_TrianglesWithoutArea) {
         ASSERT_NEAR(got[i].distance, want[i].distance, 1e-15) << i;
         ASSERT_NEAR(got[i].normal.norm(), 1, 1e-12);
     }
+    // a closed cube whose edge 3-7 is a pair of faces without area, moved to where differences round
+    const Vec3d shift(0.1, 7.3, -1.7);
+    TestMesh pinched(
+        {{0, 0, 0}, {1, 0, 0}, {0, 1, 0}, {1, 1, 0}, {0, 0, 1}, {1, 0, 1}, {0, 1, 1}, {1, 1, 1}, {1, 1, 0.3}},
+        {{8, 3, 7},
+         {0, 2, 3},
+         {0, 3, 1},
+         {4, 5, 7},
+         {4, 7, 6},
+         {0, 1, 5},
+         {0, 5, 4},
+         {2, 6, 7},
+         {2, 7, 3},
+         {0, 4, 6},
+         {0, 6, 2},
+         {1, 3, 8},
+         {1, 8, 7},
+         {1, 7, 5}});
+    for (Vec3d& x : pinched.position) x += shift;
+    const ClosestPointTree pinched_tree(pinched.view());
+    std::mt19937_64 random(132);
+    std::uniform_real_distribution<double> unit(0, 1);
+    std::vector<Vec3d> around;
+    for (int i = 0; i < 2000; ++i)
+        around.push_back(shift + Vec3d(1, 1, unit(random)) +
+                         std::pow(10.0, -1 - 6 * unit(random)) * random_direction(random));
+    expect_equals_brute_force(pinched, pinched_tree, around, "faces without area");
     const TestMesh segment({{0, 0, 0}, {1, 0, 0}, {2, 0, 0}}, {{0, 1, 2}}, Admission::kSheet);
     const ClosestPointTree segment_tree(segment.view());
     EXPECT_EQ(segment_tree.query({1.5, 3, 4}).distance, 5);

@@ -47,7 +47,7 @@ TEST(Predicates, NearlyCoplanarPointsAgreeWithBigIntegers) {
     std::uniform_real_distribution<double> unit(-1, 1);
     std::uniform_int_distribution<int> ulps(-2, 2), power(-30, 20);
     int by_sign[3] = {0, 0, 0};
-    for (int trial = 0; trial < 60000; ++trial) {
+    for (int trial = 0; trial < 30000; ++trial) {
         std::array<Vec3d, 4> p;
         const Vec3d offset = std::ldexp(1.0, power(random)) * Vec3d(unit(random), unit(random), unit(random));
         for (int i = 0; i < 3; ++i) p[i] = offset + Vec3d(unit(random), unit(random), unit(random));
@@ -63,8 +63,8 @@ TEST(Predicates, NearlyCoplanarPointsAgreeWithBigIntegers) {
         ASSERT_EQ(orient3d(p[1], p[0], p[2], p[3]), -expected) << "trial " << trial;
         ASSERT_EQ(orient3d_exact(p[2], p[3], p[0], p[1]), expected) << "trial " << trial;
     }
-    EXPECT_GT(by_sign[0], 5000);
-    EXPECT_GT(by_sign[2], 5000);
+    EXPECT_GT(by_sign[0], 2500);
+    EXPECT_GT(by_sign[2], 2500);
 }
 
 TEST(Predicates, NearlyCollinearPointsAgreeWithBigIntegers) {
@@ -72,7 +72,7 @@ TEST(Predicates, NearlyCollinearPointsAgreeWithBigIntegers) {
     std::uniform_real_distribution<double> unit(-1, 1);
     std::uniform_int_distribution<int> ulps(-1, 1), power(-30, 20);
     int zeros = 0;
-    for (int trial = 0; trial < 100000; ++trial) {
+    for (int trial = 0; trial < 50000; ++trial) {
         std::array<double, 6> x;
         for (int i = 0; i < 4; ++i) x[i] = std::ldexp(unit(random), power(random));
         const double t = trial % 3 == 0 ? 0.5 : unit(random);

@@ -193,11 +193,12 @@ struct ContactScene {
         for (uint32_t body = 0; body < inputs.size(); ++body) {
             const MeshView mesh = mesh_view(meshes, bodies.mesh[body]);
             const Range rows_of_body = bodies.particles[body];
-            trees.push_back(is_deformable(bodies, body)
-                                ? std::make_unique<ClosestPointTree>(
-                                      mesh, std::span<const Float4>(particles.offset)
-                                                .subspan(rows_of_body.first, rows_of_body.count))
-                                : std::make_unique<ClosestPointTree>(mesh));
+            trees.push_back(
+                is_deformable(bodies, body)
+                    ? std::make_unique<ClosestPointTree>(
+                          mesh,
+                          std::span<const Float4>(particles.offset).subspan(rows_of_body.first, rows_of_body.count))
+                    : std::make_unique<ClosestPointTree>(mesh));
         }
     }
 

@@ -1,0 +1,170 @@
+#include "engine/device.hpp"
+
+#include <algorithm>
+#include <charconv>
+#include <cmath>
+#include <numbers>
+#include <string_view>
+
+#include "engine/check.hpp"
+#include "engine/error.hpp"
+#include "engine/keyframe_path.hpp"
+#include "engine/text_file.hpp"
+#include "engine/whole_file.hpp"
+namespace trocar {
+namespace {
+
+constexpr std::string_view kHeader = "time,x,y,z,qw,qx,qy,qz,vx,vy,vz,buttons";
+constexpr size_t kColumns = 12;
+
+DeviceState read_scripted(const Device& device, double time) {
+    const PathPoint point = sample_path(device.path, time);
+    DeviceState state;
+    state.time = time;
+    state.position = point.position;
+    state.orientation = point.orientation;
+    state.velocity = point.velocity;
+    if (device.tremor.amplitude > 0) {
+        // three frequencies without a common period, so that the path does not repeat
+        constexpr double kDetune[3] = {1.0, 0.8793852415718169, 1.1371580426032577};
+        for (int axis = 0; axis < 3; ++axis) {
+            const double rate = 2 * std::numbers::pi * device.tremor.frequency * kDetune[axis];
+            state.position[axis] += device.tremor.amplitude * std::sin(rate * time);
+            state.velocity[axis] += device.tremor.amplitude * rate * std::cos(rate * time);
+        }
+    }
+    return state;
+}
+
+DeviceState read_recorded(const Device& device, double time) {
+    TROCAR_ASSERT(!device.trace.empty());
+    const auto after = std::upper_bound(device.trace.begin(), device.trace.end(), time,
+                                        [](double t, const DeviceState& s) { return t < s.time; });
+    return after == device.trace.begin() ? device.trace.front() : *(after - 1);
+}
+
+// one line of a recording and where it stands
+struct TraceLine {
+    const std::filesystem::path& path;
+    size_t number;
+    std::string_view text;
+
+    [[noreturn]] void fail(size_t column, const std::string& reason) const {
+        throw InputError(path.string() + ":" + std::to_string(number) + ":" + std::to_string(column + 1) + ": " +
+                         reason);
+    }
+};
+
+template <typename Number>
+Number read_number(const TraceLine& line, size_t first, size_t end) {
+    Number value{};
+    const char* const begin = line.text.data() + first;
+    const auto [stop, error] = std::from_chars(begin, line.text.data() + end, value);
+    if (error != std::errc() || stop != line.text.data() + end)
+        line.fail(first, "\"" + std::string(line.text.substr(first, std::min<size_t>(end - first, 40))) +
+                             "\" is not a number in range");
+    if constexpr (std::is_floating_point_v<Number>)
+        if (!std::isfinite(value)) line.fail(first, "number is not finite");
+    return value;
+}
+
+DeviceState read_sample(const TraceLine& line) {
+    std::array<double, kColumns - 1> value{};
+    DeviceState state;
+    size_t first = 0;
+    for (size_t column = 0; column < kColumns; ++column) {
+        const size_t comma = line.text.find(',', first);
+        const bool last = column + 1 == kColumns;
+        if (!last && comma == std::string_view::npos)
+            line.fail(line.text.size(),
+                      "expected " + std::to_string(kColumns) + " numbers, found " + std::to_string(column + 1));
+        if (last && comma != std::string_view::npos)
+            line.fail(comma, "more than " + std::to_string(kColumns) + " numbers");
+        const size_t end = last ? line.text.size() : comma;
+        if (last)
+            state.buttons = read_number<uint32_t>(line, first, end);
+        else
+            value[column] = read_number<double>(line, first, end);
+        first = end + 1;
+    }
+    state.time = value[0];
+    state.position = {value[1], value[2], value[3]};
+    state.orientation = {value[4], value[5], value[6], value[7]};
+    state.velocity = {value[8], value[9], value[10]};
+    const Quat& q = state.orientation;
+    const double length2 = q.w * q.w + q.x * q.x + q.y * q.y + q.z * q.z;
+    if (!(std::abs(length2 - 1) < 1e-6)) line.fail(0, "orientation is not a unit quaternion");
+    return state;
+}
+
+// shortest digits that read back to the same bits (at most 17)
+void append_number(std::string& text, double value) {
+    char digits[32];
+    const auto [end, error] = std::to_chars(digits, digits + sizeof digits, value);
+    TROCAR_ASSERT(error == std::errc());
+    text.append(digits, end);
+    text += ',';
+}
+
+}  // namespace
+
+Device device_of(const Haptics& haptics, const Paths& paths, const HandTool& tool) {
+    Device device;
+    if (tool.trace != kNone) {
+        device.kind = DeviceKind::kTrace;
+        device.trace = haptics.trace[tool.trace].sample;
+    } else {
+        const Range keys = paths.keys[tool.path];
+        device.path = std::span(paths.key).subspan(keys.first, keys.count);
+    }
+    return device;
+}
+
+DeviceState read_device(const Device& device, double time) {
+    switch (device.kind) {
+        case DeviceKind::kScripted:
+            return read_scripted(device, time);
+        case DeviceKind::kTrace:
+            return read_recorded(device, time);
+    }
+    return {};
+}
+
+DeviceTrace read_device_trace(const std::filesystem::path& path) {
+    const std::string text = read_text_file(path);
+    DeviceTrace trace;
+    size_t number = 0;
+    for (size_t first = 0; first < text.size();) {
+        const size_t end = std::min(text.find('\n', first), text.size());
+        TraceLine line{path, ++number, std::string_view(text).substr(first, end - first)};
+        if (line.text.ends_with('\r')) line.text.remove_suffix(1);
+        first = end + 1;
+        if (number == 1) {
+            if (line.text != kHeader) line.fail(0, "expected the header \"" + std::string(kHeader) + "\"");
+            continue;
+        }
+        if (line.text.empty()) continue;
+        trace.sample.push_back(read_sample(line));
+        const size_t rows = trace.sample.size();
+        if (rows > 1 && !(trace.sample[rows - 1].time > trace.sample[rows - 2].time))
+            line.fail(0, "time does not ascend");
+    }
+    if (trace.sample.empty()) throw InputError(path.string() + ": recording holds no sample");
+    return trace;
+}
+
+void write_device_trace(const std::filesystem::path& path, std::span<const DeviceState> samples) {
+    std::string text(kHeader);
+    text += '\n';
+    for (const DeviceState& s : samples) {
+        const Quat& q = s.orientation;
+        for (const double value : {s.time, s.position.x(), s.position.y(), s.position.z(), q.w, q.x, q.y, q.z,
+                                   s.velocity.x(), s.velocity.y(), s.velocity.z()})
+            append_number(text, value);
+        text += std::to_string(s.buttons);
+        text += '\n';
+    }
+    write_whole_file(path, text);
+}
+
+}  // namespace trocar

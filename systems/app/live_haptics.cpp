@@ -1,0 +1,74 @@
+#include "systems/app/live_haptics.hpp"
+
+#include "engine/check.hpp"
+namespace trocar {
+
+// One tool's side of the thread: written by the tick alone but for the mailboxes.
+struct LiveHaptics::Tool {
+    HandTool tool;
+    Device device;
+    ToolState state;
+    HapticScratch scratch;
+    Latest<LocalContactModel> model;  // from the simulation
+    Latest<ToolState> newest;         // to the simulation
+};
+
+LiveHaptics::LiveHaptics(const HapticParams& params, std::span<const HandTool> tools, std::span<const Device> devices,
+                         LiveRecorder recorder)
+    : params_(params), recorder_(recorder) {
+    TROCAR_ASSERT(tools.size() == devices.size());
+    for (size_t k = 0; k < tools.size(); ++k) {
+        tools_.push_back(std::make_unique<Tool>());
+        tools_.back()->tool = tools[k];
+        tools_.back()->device = devices[k];
+    }
+}
+
+LiveHaptics::~LiveHaptics() { stop(); }
+
+void LiveHaptics::start(const PeriodicOptions& options, int64_t start_ns) {
+    thread_.start(options, start_ns, [this, period = options.period](uint64_t index, int64_t) {
+        tick(index, static_cast<double>(index) * static_cast<double>(period) * 1e-9);
+    });
+}
+
+void LiveHaptics::stop() { thread_.stop(); }
+
+void LiveHaptics::tick(uint64_t index, double time) {
+    for (uint32_t k = 0; k < tools_.size(); ++k) {
+        Tool& t = *tools_[k];
+        t.model.update();
+        const LocalContactModel& model = t.model.front();
+        const DeviceState sample = read_device(t.device, time);
+        haptic_tick(params_, model, time, t.tool, sample, t.scratch, t.state);
+        if (model.reach > 0) figures_.contact_age.add(static_cast<int64_t>((time - model.time) * 1e9));
+        figures_.max_force = std::max(figures_.max_force, t.state.command.force.norm());
+        t.newest.back() = t.state;
+        t.newest.publish();
+        if (recorder_.record)
+            recorder_.record(recorder_.user, {index, k, model.sequence, sample, t.state.command.force});
+    }
+}
+
+LocalContactModel& LiveHaptics::model_to_fill(uint32_t tool) { return tools_[tool]->model.back(); }
+
+void LiveHaptics::publish_model(uint32_t tool) { tools_[tool]->model.publish(); }
+
+bool LiveHaptics::take_states(Haptics& haptics) {
+    TROCAR_ASSERT(haptics.state.size() == tools_.size());
+    bool fresh = false;
+    for (size_t k = 0; k < tools_.size(); ++k) {
+        if (!tools_[k]->newest.update()) continue;
+        fresh = true;
+        // the coupling force and the impulse are the simulation's own
+        ToolState& state = haptics.state[k];
+        const Vec3d coupling_force = state.coupling_force, contact_impulse = state.contact_impulse;
+        state = tools_[k]->newest.front();
+        state.coupling_force = coupling_force;
+        state.contact_impulse = contact_impulse;
+    }
+    if (fresh) sum_tool_counters(haptics);
+    return fresh;
+}
+
+}  // namespace trocar

@@ -1,0 +1,156 @@
+#include "systems/app/live_run.hpp"
+
+#include <algorithm>
+#include <atomic>
+#include <chrono>
+#include <optional>
+#include <thread>
+
+#include "engine/device.hpp"
+#include "engine/latest.hpp"
+#include "engine/real_time.hpp"
+#include "engine/thread_pool.hpp"
+#include "systems/app/live_haptics.hpp"
+namespace trocar {
+
+PassFigures pass_figures(const Frame& frame, double time) {
+    const World& w = frame.world();
+    PassFigures p;
+    p.time = time;
+    for (const uint32_t row : frame.detection_stages())
+        p.detection_ms += static_cast<double>(frame.times().stage_ns[row]) * 1e-6;
+    p.response_ms = static_cast<double>(frame.times().response_ns) * 1e-6;
+    p.contacts = static_cast<uint32_t>(w.contacts.point.size());
+    for (size_t i = 0; i < w.penetrations.pair.size(); ++i) {
+        p.pairs += w.penetrations.depth[i] > 0;
+        p.depth = std::max(p.depth, w.penetrations.depth[i]);
+        p.inside_vertices += w.penetrations.vertices_a_in_b[i] + w.penetrations.vertices_b_in_a[i];
+    }
+    for (const ToolState& tool : w.haptics.state) {
+        p.force = std::max(p.force, tool.command.force.norm());
+        p.contact_force = std::max(p.contact_force, tool.contact_impulse.norm() / (w.clock.period * 1e-3));
+    }
+    p.energy = w.energy;
+    return p;
+}
+
+void add_stage_times(const Frame& frame, RunFigures& figures) {
+    const FrameTimes& times = frame.times();
+    for (size_t s = 0; s < times.stage_ns.size(); ++s)
+        if (times.stage_ns[s] > 0) figures.stage[s].ms.push_back(static_cast<double>(times.stage_ns[s]) * 1e-6);
+}
+
+namespace {
+
+// Draws the newest picture there is, again and again, below everything else.
+class DrawingThread {
+   public:
+    DrawingThread(PictureWriter& pictures, const PictureSnapshot& first, double slow_ms)
+        : pictures_(pictures), slow_ms_(slow_ms) {
+        pictures_.warm_up(first);
+        thread_ = std::thread([this] { loop(); });
+    }
+    ~DrawingThread() { stop(); }
+    void publish(const PictureSnapshot& snapshot) {
+        newest_.back() = snapshot;
+        newest_.publish();
+    }
+    void stop() {
+        stop_ = true;
+        if (thread_.joinable()) thread_.join();
+    }
+    const std::vector<double>& milliseconds() const { return milliseconds_; }
+
+   private:
+    void loop() {
+        set_float_mode();
+        request_low_priority();
+        while (!stop_) {
+            if (!newest_.update()) {
+                std::this_thread::sleep_for(std::chrono::milliseconds(2));
+                continue;
+            }
+            milliseconds_.push_back(pictures_.take(newest_.front()));
+            if (slow_ms_ > 0) std::this_thread::sleep_for(std::chrono::duration<double, std::milli>(slow_ms_));
+        }
+    }
+    PictureWriter& pictures_;
+    double slow_ms_;
+    Latest<PictureSnapshot> newest_;
+    std::vector<double> milliseconds_;
+    std::atomic<bool> stop_{false};
+    std::thread thread_;
+};
+
+// Histogram as samples, for the percentiles and plots of the report.
+std::vector<double> samples(const TimeHistogram& histogram, double unit_ns) {
+    std::vector<double> values;
+    constexpr int kSamples = 2000;
+    for (int i = 1; i <= kSamples && histogram.count > 0; ++i)
+        values.push_back(static_cast<double>(histogram.percentile(static_cast<double>(i) / kSamples)) / unit_ns);
+    return values;
+}
+
+void publish_models(void* user, World& world) {
+    LiveHaptics& haptics = *static_cast<LiveHaptics*>(user);
+    for (uint32_t t = 0; t < world.local_contact.size(); ++t) {
+        haptics.model_to_fill(t) = world.local_contact[t];
+        haptics.publish_model(t);
+    }
+}
+
+}  // namespace
+
+void run_live(const RunOptions& options, double seconds, Frame& frame, PictureWriter* pictures, RunFigures& figures) {
+    World& world = frame.world();
+    std::vector<Device> devices;
+    for (const HandTool& tool : world.haptics.tool) devices.push_back(device_of(world.haptics, world.paths, tool));
+    LiveHaptics haptics(HapticParams{}, world.haptics.tool, devices);
+    frame.set_contact_hook({publish_models, &haptics});
+    std::optional<DrawingThread> drawing;
+    if (pictures) drawing.emplace(*pictures, frame.snapshot_now(), options.slow_render_ms);
+
+    constexpr int64_t kMillisecond = 1'000'000;
+    const int64_t start = monotonic_ns() + 20 * kMillisecond;
+    if (!devices.empty()) haptics.start(PeriodicOptions{}, start);
+    int64_t slip = 0;
+    uint64_t late = 0, published = 0;
+    while (static_cast<double>(world.clock.tick) < seconds * 1000) {
+        const int64_t due = start + slip + static_cast<int64_t>(world.clock.tick) * kMillisecond;
+        const int64_t now = monotonic_ns();
+        if (now > due + kMillisecond && world.clock.pass > 0) {
+            ++late;
+            slip += now - due;
+        }
+        sleep_until_ns(due);
+        haptics.take_states(world.haptics);
+        const double time = static_cast<double>(world.clock.tick) * 1e-3;
+        const int64_t pass_start = monotonic_ns();
+        frame.step();
+        PassFigures pass = pass_figures(frame, time);
+        if (frame.times().picture && drawing) drawing->publish(world.picture), ++published;
+        pass.frame_ms = static_cast<double>(monotonic_ns() - pass_start) * 1e-6;
+        add_stage_times(frame, figures);
+        figures.pass.push_back(pass);
+    }
+    figures.wall_s = static_cast<double>(monotonic_ns() - start) * 1e-9;
+    haptics.stop();
+    frame.set_contact_hook({});
+    if (drawing) {
+        drawing->stop();
+        figures.render_ms = drawing->milliseconds();
+        world.report.dropped_pictures = published - std::min<uint64_t>(published, figures.render_ms.size());
+    }
+    world.report.late_passes = late;
+    if (devices.empty()) return;
+    const PeriodicFigures& timing = haptics.timing();
+    figures.ticks = timing.compute.count;
+    figures.max_force = haptics.figures().max_force;
+    figures.tick_us = samples(timing.compute, 1e3);
+    figures.tick_period_us = samples(timing.period, 1e3);
+    figures.contact_age_ms = samples(haptics.figures().contact_age, 1e6);
+    figures.missed_ticks = timing.missed;
+    figures.scheduling = describe(timing.grant);
+}
+
+}  // namespace trocar

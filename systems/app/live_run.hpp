@@ -1,0 +1,18 @@
+#pragma once
+#include "systems/app/commands.hpp"
+#include "systems/app/figures.hpp"
+#include "systems/app/picture_writer.hpp"
+#include "systems/frame.hpp"
+namespace trocar {
+
+// What the last pass of a frame found and cost; `time` is the simulated time at its start.
+PassFigures pass_figures(const Frame& frame, double time);
+// Adds the durations of the stages that ran in the last pass.
+void add_stage_times(const Frame& frame, RunFigures& figures);
+
+// Runs a frame against the real clock: this thread simulates, haptics tick at 1 kHz on a thread of their own, pictures
+// are drawn on a thread of low priority that drops what it cannot keep up with. A late pass starts at once and is
+// counted; simulated time then slips behind instead of hurrying.
+void run_live(const RunOptions& options, double seconds, Frame& frame, PictureWriter* pictures, RunFigures& figures);
+
+}  // namespace trocar

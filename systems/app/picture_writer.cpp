@@ -1,0 +1,84 @@
+#include "systems/app/picture_writer.hpp"
+
+#include <cerrno>
+#include <cstdio>
+#include <cstring>
+#include <fstream>
+
+#include "engine/error.hpp"
+#include "engine/image_file.hpp"
+#include "engine/trace.hpp"
+namespace trocar {
+namespace fs = std::filesystem;
+namespace {
+
+constexpr double kFilmRate = 30;  // pictures per second of simulated time
+
+}  // namespace
+
+void prepare_folder(const std::filesystem::path& folder) {
+    std::error_code error;
+    fs::create_directories(folder, error);
+    if (error) throw InputError(folder.string() + ": cannot be made (" + error.message() + ")");
+    const fs::path probe = folder / ".trocar_probe";
+    {
+        std::ofstream stream(probe);
+        if (!stream || !(stream << "x").flush())
+            throw InputError(folder.string() + ": cannot be written (" + std::strerror(errno) + ")");
+    }
+    fs::remove(probe, error);
+}
+
+PictureWriter::PictureWriter(const PictureParams& params, const Camera& camera, const Meshes& meshes,
+                             const fs::path& out, bool film_meanwhile)
+    : params_(params), camera_(camera), out_(out), renderer_(meshes) {
+    if (out_.empty()) return;
+    prepare_folder(out_ / "frames");
+    std::error_code error;
+    for (const fs::directory_entry& old : fs::directory_iterator(out_ / "frames", error)) {
+        if (old.path().extension() == ".png") fs::remove(old.path(), error);  // of an earlier, longer run
+    }
+    fs::remove(out_ / "film.mp4", error);
+    if (film_meanwhile && ffmpeg_present()) film_.emplace(out_ / "film.mp4", params_.width, params_.height, kFilmRate);
+}
+
+void PictureWriter::draw(const PictureSnapshot& snapshot) {
+    if (!placed_) {
+        if (camera_.distance <= 0) fit_camera(snapshot, params_.width, params_.height, camera_);
+        else lay_floor(snapshot, camera_);
+        placed_ = true;
+    }
+    render_picture(params_, camera_, snapshot, renderer_, scratch_, image_);
+}
+
+void PictureWriter::warm_up(const PictureSnapshot& snapshot) {
+    draw(snapshot);
+    placed_ = false;
+}
+
+double PictureWriter::take(const PictureSnapshot& snapshot) {
+    const uint64_t start = now_ns();
+    draw(snapshot);
+    const double ms = static_cast<double>(now_ns() - start) * 1e-6;
+    if (out_.empty()) return ms;
+    char name[32];
+    std::snprintf(name, sizeof name, "frames/%06zu.png", files_.size());
+    save_png(image_, out_ / name);
+    files_.emplace_back(name);
+    if (film_ && !film_->add(image_)) film_error_ = film_->error(), film_.reset();
+    return ms;
+}
+
+std::string PictureWriter::finish_film() {
+    bool made = false;
+    if (film_) {
+        made = !files_.empty() && film_->finish();
+        if (!made) film_error_ = film_->error();
+    } else if (film_error_.empty() && !files_.empty() && ffmpeg_present()) {
+        made = write_video(out_ / "frames" / "%06d.png", 0, kFilmRate, out_ / "film.mp4", film_error_);
+    }
+    if (!film_error_.empty()) std::fprintf(stderr, "trocar: warning: no film: %s\n", film_error_.c_str());
+    return made ? "film.mp4" : "";
+}
+
+}  // namespace trocar

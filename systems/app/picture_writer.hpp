@@ -1,0 +1,44 @@
+#pragma once
+#include <filesystem>
+#include <optional>
+#include <string>
+#include <vector>
+
+#include "components/picture.hpp"
+#include "systems/app/video.hpp"
+#include "systems/render.hpp"
+namespace trocar {
+
+// Makes a folder and refuses early, with an InputError, when nothing can be written there.
+void prepare_folder(const std::filesystem::path& folder);
+
+// Draws pictures and keeps them as frames/000000.png ... and, where ffmpeg is there, as film.mp4 in a folder (none: it
+// only draws). Used by one thread at a time.
+class PictureWriter {
+   public:
+    // With `film_meanwhile` ffmpeg runs beside the simulation; otherwise the film is made from the files at the end.
+    PictureWriter(const PictureParams& params, const Camera& camera, const Meshes& meshes,
+                  const std::filesystem::path& out, bool film_meanwhile);
+    // Returns the milliseconds of drawing and reading back; writing the file is not part of a frame.
+    double take(const PictureSnapshot& snapshot);
+    // Draws without keeping: the first picture of a kind costs what shaders and textures cost.
+    void warm_up(const PictureSnapshot& snapshot);
+    // Name of the film in the folder, empty if there is none; warns when it failed.
+    std::string finish_film();
+    const std::vector<std::string>& files() const { return files_; }
+
+   private:
+    void draw(const PictureSnapshot& snapshot);
+    PictureParams params_;
+    Camera camera_;
+    std::filesystem::path out_;
+    GlRenderer renderer_;
+    RenderScratch scratch_;
+    Image image_;
+    bool placed_ = false;
+    std::vector<std::string> files_;
+    std::optional<VideoWriter> film_;
+    std::string film_error_;
+};
+
+}  // namespace trocar

@@ -1,0 +1,498 @@
+#include "systems/haptic_tick.hpp"
+
+#include <algorithm>
+#include <cmath>
+#include <tuple>
+
+#include "engine/check.hpp"
+#include "engine/geometry/point_triangle.hpp"
+#include "engine/geometry/quaternion.hpp"
+#include "systems/haptic_planes.hpp"
+namespace trocar {
+namespace {
+
+constexpr double kSkin = 1e-9;        // m, the sweep stops this much deeper than the planes hold, so that sliding along
+                                      // a plane is never taken for hitting it
+constexpr double kConverged = 1e-10;  // m, a smaller step ends the search
+constexpr uint32_t kSteps = 32;       // of one search
+constexpr uint32_t kSweeps = 40;      // Newton steps to the first touch of one triangle
+constexpr double kSlipSpeed = 1;     // m/s, of the proxy beyond twice that of the device: a longer way round goes on in
+                                     // the next tick
+constexpr double kLongestGap = 0.1;  // s, ticks farther apart than this count as this far
+
+// ---- device ----
+
+bool is_finite(const Quat& q) {
+    return std::isfinite(q.w) && std::isfinite(q.x) && std::isfinite(q.y) && std::isfinite(q.z);
+}
+
+// Whether a hand can have made this sample after the last good one.
+bool is_plausible(const HapticParams& params, const DeviceState& sample, const ToolState& state) {
+    const Quat& q = sample.orientation;
+    if (!std::isfinite(sample.time) || !sample.position.allFinite() || !sample.velocity.allFinite() || !is_finite(q))
+        return false;
+    if (q.w * q.w + q.x * q.x + q.y * q.y + q.z * q.z < 1e-6) return false;
+    if (!state.device_valid) return true;
+    const double elapsed = sample.time - state.device.time;
+    const double way = (sample.position - state.device.position).norm();
+    return elapsed >= 0 && way <= params.device_speed * elapsed + params.device_slack;
+}
+
+// Share of the force let through after `elapsed` more seconds.
+double next_gain(const HapticParams& params, bool accepted, double sample_age, double model_age, double elapsed,
+                 double gain) {
+    if (!accepted) return 0;
+    const bool stale = model_age > params.model_timeout || sample_age > params.device_timeout;
+    gain += stale ? -elapsed / params.fall_time : elapsed / params.rise_time;
+    return std::clamp(gain, 0.0, 1.0);
+}
+
+// ---- surface near the proxy ----
+
+double segment_distance(const Vec3d& p, const Vec3d& a, const Vec3d& b) {
+    const Vec3d along = b - a;
+    const double length2 = along.squaredNorm();
+    const double t = length2 > 0 ? std::clamp((p - a).dot(along) / length2, 0.0, 1.0) : 0;
+    return (a + t * along - p).norm();
+}
+
+// Corners of near triangle k at `age` and what follows from them.
+void place(const LocalContactModel& model, double age, size_t k, HapticScratch& scratch) {
+    NearTriangle& near = scratch.near[k];
+    for (int c = 0; c < 3; ++c) {
+        const uint32_t v = scratch.corners[k][c];
+        near.corner[c] = model.position[v] + age * model.velocity[v];
+    }
+    const auto& [p, q, r] = near.corner;
+    const Vec3d centre = (p + q + r) / 3;
+    const double radius2 =
+        std::max({(p - centre).squaredNorm(), (q - centre).squaredNorm(), (r - centre).squaredNorm()});
+    scratch.ball[k] = {centre, std::sqrt(radius2) + near.offset};
+    const Vec3d n = triangle_normal(p, q, r);
+    const double length = n.norm();
+    near.normal = length > 0 ? Vec3d(n / length) : Vec3d::Zero();
+}
+
+bool within(const Vec3d& a, const Vec3d& b, double distance) { return (a - b).squaredNorm() <= distance * distance; }
+
+// Fills scratch.near with the triangles that a tip touches somewhere nearer than `travel` to `centre` (told by balls),
+// as they lie at `age`.
+void gather_near(const LocalContactModel& model, double age, const HandTool& tool, const Vec3d& centre, double travel,
+                 HapticScratch& scratch) {
+    scratch.near.clear();
+    scratch.ball.clear();
+    scratch.corners.clear();
+    for (const TriangleGroup& group : model.group) {
+        const double offset = tool.tip_radius + model.half_thickness[group.triangles.first];
+        const double reach = group.radius + group.spread * std::abs(age) + offset + travel;
+        if (!within(group.centre + age * group.velocity, centre, reach)) continue;
+        for (uint32_t t = group.triangles.first; t < group.triangles.end(); ++t) {
+            const Triangle& v = model.triangle[t];
+            NearTriangle near;
+            near.row = t;
+            near.offset = offset;
+            near.sheet = model.half_thickness[t] > 0;
+            scratch.near.push_back(near);
+            scratch.ball.emplace_back();
+            scratch.corners.push_back(v);
+            place(model, age, scratch.near.size() - 1, scratch);
+            if (within(scratch.ball.back().centre, centre, scratch.ball.back().reach + travel)) continue;
+            scratch.near.pop_back();
+            scratch.ball.pop_back();
+            scratch.corners.pop_back();
+        }
+    }
+}
+
+// ---- features ----
+
+bool has_vertex(const Triangle& t, uint32_t v) { return t[0] == v || t[1] == v || t[2] == v; }
+
+// Vertices of the model that a feature of a triangle has in common with its neighbours: one, two or none.
+struct FeatureVertices {
+    uint32_t a = kNone, b = kNone;
+};
+FeatureVertices feature_vertices(const Triangle& t, Feature feature) {
+    switch (feature) {
+        case Feature::kVertex0:
+            return {t[0], kNone};
+        case Feature::kVertex1:
+            return {t[1], kNone};
+        case Feature::kVertex2:
+            return {t[2], kNone};
+        case Feature::kEdge0:
+            return {t[0], t[1]};
+        case Feature::kEdge1:
+            return {t[1], t[2]};
+        case Feature::kEdge2:
+            return {t[2], t[0]};
+        case Feature::kFace:
+            break;
+    }
+    return {};
+}
+int dimension(Feature feature) { return feature == Feature::kFace ? 2 : feature >= Feature::kEdge0 ? 1 : 0; }
+bool holds(const Triangle& t, const FeatureVertices& f) {
+    return has_vertex(t, f.a) && (f.b == kNone || has_vertex(t, f.b));
+}
+bool same_feature(const FeatureVertices& f, const FeatureVertices& g) {
+    return (f.a == g.a && f.b == g.b) || (f.a == g.b && f.b == g.a);
+}
+
+double corner_angle(const Triangle& t, const NearTriangle& near, uint32_t vertex) {
+    const int k = t[0] == vertex ? 0 : t[1] == vertex ? 1 : 2;
+    const Vec3d u = near.corner[(k + 1) % 3] - near.corner[k], v = near.corner[(k + 2) % 3] - near.corner[k];
+    return std::atan2(u.cross(v).norm(), u.dot(v));
+}
+
+// Whether the point that lies at -offset from a feature is behind it: angle-weighted pseudonormal (Baerentzen & Aanaes,
+// TVCG 11(3), 2005). Nothing is behind a sheet.
+bool is_behind(const HapticScratch& scratch, uint32_t row, Feature feature, const Vec3d& offset) {
+    if (scratch.near[row].sheet) return false;
+    const FeatureVertices f = feature_vertices(scratch.corners[row], feature);
+    if (f.a == kNone) return scratch.near[row].normal.dot(offset) > 0;
+    Vec3d pseudonormal = Vec3d::Zero();
+    for (size_t k = 0; k < scratch.corners.size(); ++k) {
+        const Triangle& t = scratch.corners[k];
+        if (!holds(t, f)) continue;
+        pseudonormal += (f.b == kNone ? corner_angle(t, scratch.near[k], f.a) : 1.0) * scratch.near[k].normal;
+    }
+    return pseudonormal.dot(offset) > 0;
+}
+
+// Fills scratch.touched with the features nearer to `centre` than their offset, and only those that are nearest points
+// of the surface around them: the rest belong to a neighbour that is touched nearer.
+void find_touched(const Vec3d& centre, HapticScratch& scratch) {
+    std::vector<TouchedFeature>& touched = scratch.touched;
+    touched.clear();
+    for (uint32_t row = 0; row < scratch.near.size(); ++row) {
+        if (!within(scratch.ball[row].centre, centre, scratch.ball[row].reach + kSkin)) continue;
+        const NearTriangle& near = scratch.near[row];
+        const double most = near.offset + kSkin;
+        if (std::abs(near.normal.dot(centre - near.corner[0])) > most) continue;
+        const TrianglePoint q = closest_point_on_triangle(centre, near.corner[0], near.corner[1], near.corner[2]);
+        if (q.squared_distance > most * most) continue;
+        touched.push_back({row, q.feature, q.offset, std::sqrt(q.squared_distance)});
+    }
+    const auto triangle = [&](const TouchedFeature& f) -> const Triangle& { return scratch.corners[f.near]; };
+    // faces before edges before vertices, then the nearer: the first of this order always stays, however rounding names
+    // the features around a point above a vertex
+    const auto comes_before = [](const TouchedFeature& f, const TouchedFeature& g) {
+        return std::make_tuple(-dimension(f.feature), f.distance, f.near) <
+               std::make_tuple(-dimension(g.feature), g.distance, g.near);
+    };
+    // a triangle that holds the feature but whose own closest point is elsewhere comes nearer
+    const auto is_shadowed = [&](const TouchedFeature& f) {
+        const FeatureVertices mine = feature_vertices(triangle(f), f.feature);
+        if (mine.a == kNone) return false;
+        return std::any_of(touched.begin(), touched.end(), [&](const TouchedFeature& other) {
+            return holds(triangle(other), mine) && comes_before(other, f) &&
+                   !same_feature(feature_vertices(triangle(other), other.feature), mine);
+        });
+    };
+    // marked first: removing while looking would change what the later ones see
+    for (TouchedFeature& f : touched) f.shadowed = is_shadowed(f);
+    std::erase_if(touched, [](const TouchedFeature& f) { return f.shadowed; });
+}
+
+// ---- planes ----
+
+struct Planes {
+    HalfSpaces half_spaces;  // relative to the centre of the tip
+    bool inside = false;     // the nearest feature is seen from behind
+};
+
+// Tangent planes of the touched features, relative to `centre`. Every one leaves its triangle wholly on the other side,
+// so any step that keeps to them is safe. Features seen from behind hold nothing; but when the nearest one is, the
+// surface has passed over the centre, and the way out is through it.
+Planes gather_planes(const Vec3d& centre, HapticScratch& scratch) {
+    find_touched(centre, scratch);
+    Planes planes;
+    for (NearTriangle& near : scratch.near) near.held = false;
+    const TouchedFeature* nearest = nullptr;
+    for (const TouchedFeature& f : scratch.touched)
+        if (!nearest || f.distance < nearest->distance) nearest = &f;
+    if (!nearest) return planes;
+    planes.inside = is_behind(scratch, nearest->near, nearest->feature, nearest->offset);
+    for (const TouchedFeature& f : scratch.touched) {
+        NearTriangle& near = scratch.near[f.near];
+        const bool way_out = planes.inside && &f == nearest;
+        const bool behind = way_out || is_behind(scratch, f.near, f.feature, f.offset);
+        if (behind && !way_out) continue;
+        if (f.distance < 1e-12) {
+            near.held = planes.half_spaces.add({near.normal, near.offset});
+        } else {
+            const double side = behind ? 1 : -1;
+            near.held = planes.half_spaces.add({side / f.distance * f.offset, near.offset + side * f.distance});
+        }
+    }
+    return planes;
+}
+
+// Share of the way from `from` by `step` until the tip first touches a triangle: Newton's method on the distance, which
+// is convex along a line, so it comes from the free side and never passes. 1 if it does not touch.
+double sweep_to_triangle(const HapticScratch& scratch, uint32_t row, const Vec3d& from, const Vec3d& step,
+                         double least) {
+    const NearTriangle& n = scratch.near[row];
+    const double target = n.offset - kSkin;
+    double t = 0;
+    for (uint32_t k = 0; k < kSweeps; ++k) {
+        const Vec3d p = from + t * step;
+        const TrianglePoint q = closest_point_on_triangle(p, n.corner[0], n.corner[1], n.corner[2]);
+        const double distance = std::sqrt(q.squared_distance);
+        const double gap = distance - target;
+        // touched already: it is held by its plane, or shadowed by a feature that is
+        if (k == 0 && gap <= 0.5 * kSkin) return 1;
+        const double approach = distance > 0 ? q.offset.dot(step) / distance : 0;
+        if (!(approach > 0)) return 1;
+        if (gap <= 0.5 * kSkin) return is_behind(scratch, row, q.feature, q.offset) ? 1 : t;
+        t += gap / approach;
+        if (t >= least) return 1;
+    }
+    return t;
+}
+
+// Share of `step` that is free.
+double sweep(const HapticScratch& scratch, const Vec3d& from, const Vec3d& step) {
+    const Vec3d middle = from + 0.5 * step;
+    const double half = 0.5 * step.norm();
+    double least = 1;
+    for (uint32_t row = 0; row < scratch.near.size(); ++row) {
+        if (!within(scratch.ball[row].centre, middle, scratch.ball[row].reach + half)) continue;
+        const NearTriangle& n = scratch.near[row];
+        if (n.held) continue;
+        const double h0 = n.normal.dot(from - n.corner[0]), h1 = h0 + n.normal.dot(step);
+        const double limit = n.offset - kSkin;
+        if (std::min(h0, h1) > limit || std::max(h0, h1) < -limit) continue;
+        least = std::min(least, sweep_to_triangle(scratch, row, from, step, least));
+    }
+    return least;
+}
+
+// ---- proxy ----
+
+struct Search {
+    Vec3d proxy = Vec3d::Zero();
+    uint32_t active = 0;  // planes that hold it
+    bool inside = false;  // inside tissue, and nothing says that it was outside before
+};
+
+// Where a proxy goes that friction holds: back from the point that it would slide to until the tangential pull of the
+// coupling is at most friction times its normal pull. Relative to the proxy, like `planes`.
+Vec3d held_by_friction(double friction, const HalfSpaces& planes, const Vec3d& slid, const Vec3d& goal) {
+    // where it is, or straight out of a surface that came too near
+    const Vec3d stuck = project_on_half_spaces(Vec3d::Zero(), planes).point;
+    const double slip = (stuck - slid).norm(), grip = friction * (slid - goal).norm();
+    return slip <= grip ? stuck : Vec3d(slid + grip / slip * (stuck - slid));
+}
+
+// Share of `step` from `from` that stays within `travel` of `origin`.
+double share_within(const Vec3d& from, const Vec3d& step, const Vec3d& origin, double travel) {
+    const Vec3d way = from - origin;
+    const double a = step.squaredNorm(), b = way.dot(step), c = way.squaredNorm() - travel * travel;
+    if (a + 2 * b + c <= 0) return 1;
+    return std::clamp((std::sqrt(std::max(0.0, b * b - a * c)) - b) / a, 0.0, 1.0);
+}
+
+// Room that the triangles at hand show: the proxy may go there in this tick, the rest of a longer way in the next.
+struct Room {
+    Vec3d origin = Vec3d::Zero();
+    double travel = 0;  // m
+};
+
+// Moves the tip from `start` to the point nearest to `goal` that it can slide to.
+Search find_proxy(const Vec3d& start, const Vec3d& goal, const Room& room, double friction, bool was_outside,
+                  HapticScratch& scratch) {
+    Search s;
+    s.proxy = start;
+    for (uint32_t k = 0; k < kSteps; ++k) {
+        const Planes planes = gather_planes(s.proxy, scratch);
+        if (planes.inside && !was_outside) {
+            s.inside = true;
+            return s;
+        }
+        const Vec3d pull = goal - s.proxy;
+        const Projection nearest = project_on_half_spaces(pull, planes.half_spaces);
+        // squeezed from both sides: stay
+        if (!nearest.feasible) {
+            s.active = planes.half_spaces.count;
+            break;
+        }
+        s.active = nearest.count;
+        Vec3d step = nearest.point;
+        if (friction > 0 && nearest.count > 0) step = held_by_friction(friction, planes.half_spaces, step, pull);
+        if (step.squaredNorm() <= kConverged * kConverged) break;
+        const double share = share_within(s.proxy, step, room.origin, room.travel);
+        step *= share;
+        s.proxy += sweep(scratch, s.proxy, step) * step;
+        if (share < 1 && step.squaredNorm() <= kConverged * kConverged) break;
+    }
+    return s;
+}
+
+// Velocity (m/s) of the surface where it is nearest to a point.
+Vec3d surface_velocity(const LocalContactModel& model, const HapticScratch& scratch, const Vec3d& point) {
+    double best = std::numeric_limits<double>::infinity();
+    Vec3d velocity = Vec3d::Zero();
+    for (size_t k = 0; k < scratch.near.size(); ++k) {
+        const NearTriangle& n = scratch.near[k];
+        if (!within(scratch.ball[k].centre, point, scratch.ball[k].reach - n.offset + best)) continue;
+        const TrianglePoint q = closest_point_on_triangle(point, n.corner[0], n.corner[1], n.corner[2]);
+        if (q.squared_distance >= best * best) continue;
+        best = std::sqrt(q.squared_distance);
+        const Vec3d u = n.corner[1] - n.corner[0], v = n.corner[2] - n.corner[0];
+        const Vec3d w = point + q.offset - n.corner[0];
+        const double uu = u.dot(u), uv = u.dot(v), vv = v.dot(v), area = uu * vv - uv * uv;
+        const double b = area > 0 ? std::clamp((vv * u.dot(w) - uv * v.dot(w)) / area, 0.0, 1.0) : 0;
+        const double c = area > 0 ? std::clamp((uu * v.dot(w) - uv * u.dot(w)) / area, 0.0, 1.0 - b) : 0;
+        const Triangle& t = scratch.corners[k];
+        velocity = (1 - b - c) * model.velocity[t[0]] + b * model.velocity[t[1]] + c * model.velocity[t[2]];
+    }
+    return velocity;
+}
+
+struct TickSpan {
+    double age = 0;      // s, of the model now
+    double elapsed = 0;  // s, since the last tick
+    double travel = 0;   // m, the proxy may go
+};
+
+// Takes the proxy along with the surface that moved since the last tick, in steps shorter than half the tip's radius so
+// that the surface cannot pass over its centre.
+void carry_proxy(const LocalContactModel& model, const TickSpan& span, double radius, const Room& room,
+                 HapticScratch& scratch, ToolState& state) {
+    const double way = model.fastest * span.elapsed;
+    if (way == 0 && state.contacts == 0) return;
+    const int steps = static_cast<int>(std::clamp(std::ceil(way / (0.5 * radius)), 1.0, 16.0));
+    bool was_outside = state.contacts > 0;
+    for (int k = 1; k <= steps; ++k) {
+        const double age = span.age - span.elapsed * (steps - k) / steps;
+        if (was_outside && way > 0) state.proxy += span.elapsed / steps * surface_velocity(model, scratch, state.proxy);
+        if (steps > 1)
+            for (size_t row = 0; row < scratch.near.size(); ++row) place(model, age, row, scratch);
+        const Search s = find_proxy(state.proxy, state.proxy, room, 0, was_outside, scratch);
+        state.proxy = s.proxy;
+        was_outside = was_outside || s.active > 0;
+        if (s.inside) {
+            state.proxy_valid = false;
+            state.contacts = 0;
+            return;
+        }
+    }
+}
+
+// Whether a tip there is clear of all that is near.
+bool is_clear(const Vec3d& centre, HapticScratch& scratch) {
+    find_touched(centre, scratch);
+    return std::all_of(scratch.touched.begin(), scratch.touched.end(),
+                       [&](const TouchedFeature& f) { return f.distance >= scratch.near[f.near].offset; });
+}
+
+// Moves the proxy to where it belongs for the device's present position.
+void update_proxy(const LocalContactModel& model, const TickSpan& span, const HandTool& tool, HapticScratch& scratch,
+                  ToolState& state) {
+    const Vec3d goal = state.device.position;
+    if (!state.proxy_valid) {
+        state.proxy = goal;
+        state.contacts = 0;
+        state.proxy_valid = is_clear(goal, scratch);
+        return;
+    }
+    const Room room{state.proxy, span.travel};
+    carry_proxy(model, span, tool.tip_radius, room, scratch, state);
+    if (!state.proxy_valid) return;
+    const Search s = find_proxy(state.proxy, goal, room, tool.friction, state.contacts > 0, scratch);
+    state.proxy = s.proxy;
+    state.proxy_valid = !s.inside;
+    state.contacts = s.inside ? 0 : s.active;
+}
+
+// ---- force ----
+
+Vec3d limited(const Vec3d& v, double most) {
+    const double length = v.norm();
+    return length > most ? Vec3d(v * (most / length)) : v;
+}
+
+// Force of the coupling on the hand. N
+Vec3d coupling_force(const HandTool& tool, const ToolState& state, const Vec3d& surface_velocity) {
+    if (!state.proxy_valid || state.contacts == 0) return Vec3d::Zero();
+    const Vec3d spring = tool.coupling_stiffness * (state.proxy - state.device.position);
+    const double pull = spring.norm();
+    if (pull == 0) return Vec3d::Zero();
+    const Vec3d direction = spring / pull;
+    const double speed = (state.device.velocity - surface_velocity).dot(direction);
+    // damping starts with the spring from zero, so that first touch and release are without a step
+    const double damping = std::clamp(-tool.coupling_damping * speed, -pull, pull);
+    return limited((pull + damping) * direction, tool.max_force);
+}
+
+}  // namespace
+
+void haptic_tick(const HapticParams& params, const LocalContactModel& model, double time, const HandTool& tool,
+                 const DeviceState& sample, HapticScratch& scratch, ToolState& state) {
+    TROCAR_ASSERT(tool.tip_radius > 0);
+    const DeviceState last = state.device;
+    const double last_gain = state.gain;
+    TickSpan span;
+    span.age = time - model.time;
+    span.elapsed = state.ticks > 0 ? std::clamp(time - state.time, 0.0, kLongestGap) : params.dt;
+    state.time = time;
+    ++state.ticks;
+    state.model_age = span.age;
+    const bool first = !state.device_valid;
+    const bool accepted = is_plausible(params, sample, state);
+    if (accepted) {
+        state.device = sample;
+        state.device.orientation = normalized(sample.orientation);
+        state.device_valid = true;
+    } else {
+        ++state.rejected_samples;
+    }
+    if (!state.device_valid) {
+        state.command.force.setZero();
+        return;
+    }
+    state.gain = next_gain(params, accepted, time - state.device.time, span.age, span.elapsed, state.gain);
+
+    const Vec3d centre = state.proxy_valid ? state.proxy : state.device.position;
+    const double device_way = (state.device.position - last.position).norm();
+    span.travel = std::min((state.device.position - centre).norm(), kSlipSpeed * span.elapsed + 2 * device_way) +
+                  2 * model.fastest * span.elapsed + 10 * kSkin;
+    // beyond what the model shows there may be anything
+    const bool seen = segment_distance(centre, model.from, model.to) + tool.tip_radius + span.travel <= model.reach;
+    if (seen) {
+        gather_near(model, span.age, tool, centre, span.travel + model.fastest * span.elapsed, scratch);
+        update_proxy(model, span, tool, scratch, state);
+    } else {
+        state.proxy_valid = false;
+        state.contacts = 0;
+    }
+    const Vec3d drift = seen && state.contacts > 0 && model.fastest > 0 ? surface_velocity(model, scratch, state.proxy)
+                                                                        : Vec3d(Vec3d::Zero());
+    const Vec3d wanted = state.gain * coupling_force(tool, state, drift);
+    if (!accepted || first) {
+        state.command.force = accepted ? wanted : Vec3d(Vec3d::Zero());
+    } else {
+        // what the motions explain, and a little more each tick: a new set of contacts ramps in
+        const double explained =
+            tool.coupling_stiffness * ((state.device.position - last.position).norm() + drift.norm() * span.elapsed) +
+            tool.coupling_damping * (state.device.velocity - last.velocity).norm() +
+            tool.max_force * std::abs(state.gain - last_gain);
+        const Vec3d change = limited(wanted - state.command.force, explained + params.force_slew * span.elapsed);
+        state.command.force += change;
+    }
+    state.largest_force = std::max(state.largest_force, state.command.force.norm());
+}
+
+void sum_tool_counters(Haptics& haptics) {
+    haptics.ticks = 0;
+    haptics.rejected_samples = 0;
+    for (const ToolState& state : haptics.state) {
+        haptics.ticks += state.ticks;
+        haptics.rejected_samples += state.rejected_samples;
+        haptics.max_force = std::max(haptics.max_force, state.largest_force);
+    }
+}
+
+}  // namespace trocar

@@ -1,0 +1,158 @@
+#include "systems/local_contact_model.hpp"
+
+#include <algorithm>
+#include <cmath>
+
+#include "engine/mesh_view.hpp"
+namespace trocar {
+namespace {
+
+// sides of the box that a ball lies wholly beyond, one bit each
+uint8_t sides_beyond(const Box& box, const Vec3d& p, double radius) {
+    uint32_t sides = 0;
+    for (int k = 0; k < 3; ++k)
+        sides |= (p[k] + radius < box.min[k] ? 1u << k : 0u) | (p[k] - radius > box.max[k] ? 8u << k : 0u);
+    return static_cast<uint8_t>(sides);
+}
+
+// box around a segment
+Box segment_box(const Vec3d& a, const Vec3d& b, double reach) {
+    return {a.cwiseMin(b).array() - reach, a.cwiseMax(b).array() + reach};
+}
+
+bool boxes_meet(const Box& a, const Box& b) {
+    return (a.min.array() <= b.max.array()).all() && (b.min.array() <= a.max.array()).all();
+}
+
+// Marks for each vertex which sides of the box (frame of the body) it cannot come back from within `seconds`. Bits, so
+// that a triangle misses the box when one side is beyond for all its corners.
+void mark_vertices(const Surfaces& s, uint32_t body, const Box& box, double seconds, std::vector<uint8_t>& beyond) {
+    const MeshInfo& info = s.meshes.info[s.bodies.mesh[body]];
+    beyond.resize(info.vertices.count);
+    if (!is_deformable(s.bodies, body)) {
+        const double speed = s.poses.velocity[body].norm() + s.poses.angular_velocity[body].norm() * info.radius;
+        for (uint32_t v = 0; v < info.vertices.count; ++v)
+            beyond[v] = sides_beyond(box, s.meshes.position[info.vertices.first + v], speed * seconds);
+        return;
+    }
+    const uint32_t first = s.bodies.particles[body].first;
+    for (uint32_t v = 0; v < info.vertices.count; ++v) {
+        const Float4& o = s.particles.offset[first + v];
+        const double vx = s.particles.velocity_x[first + v], vy = s.particles.velocity_y[first + v],
+                     vz = s.particles.velocity_z[first + v];
+        beyond[v] = sides_beyond(box, {o.x, o.y, o.z}, std::sqrt(vx * vx + vy * vy + vz * vz) * seconds);
+    }
+}
+
+uint32_t add_vertex(const Surfaces& s, uint32_t body, uint32_t vertex, LocalContactScratch& scratch,
+                    LocalContactModel& out) {
+    uint32_t& row = scratch.vertex_row[vertex];
+    if (row == kNone) {
+        row = static_cast<uint32_t>(out.position.size());
+        out.position.push_back(vertex_position(s, body, vertex));
+        out.velocity.push_back(vertex_velocity(s, body, vertex));
+    }
+    return row;
+}
+
+void add_body(const Surfaces& s, uint32_t body, double half_thickness, LocalContactScratch& scratch,
+              LocalContactModel& out) {
+    const MeshView mesh = mesh_view(s.meshes, s.bodies.mesh[body]);
+    scratch.triangle_used.clear();
+    if (scratch.vertex_row.size() < mesh.position.size()) scratch.vertex_row.resize(mesh.position.size(), kNone);
+    if (scratch.triangle_row.size() < mesh.triangle.size()) scratch.triangle_row.resize(mesh.triangle.size(), kNone);
+    for (uint32_t t = 0; t < mesh.triangle.size(); ++t) {
+        const Triangle& corner = mesh.triangle[t];
+        if (scratch.beyond[corner[0]] & scratch.beyond[corner[1]] & scratch.beyond[corner[2]]) continue;
+        scratch.triangle_row[t] = static_cast<uint32_t>(out.triangle.size());
+        scratch.triangle_used.push_back(t);
+        Triangle row;
+        for (int k = 0; k < 3; ++k) row[k] = add_vertex(s, body, corner[k], scratch, out);
+        out.triangle.push_back(row);
+        out.body.push_back(body);
+        out.half_thickness.push_back(half_thickness);
+    }
+    for (const uint32_t t : scratch.triangle_used) {
+        std::array<uint32_t, 3> row;
+        for (int k = 0; k < 3; ++k) {
+            const uint32_t across = mesh.neighbour[t][k];
+            row[k] = across == kNone ? kNone : scratch.triangle_row[across];
+        }
+        out.neighbour.push_back(row);
+    }
+    // the maps go back to kNone where they were used: cheaper than clearing them for every body
+    for (const uint32_t t : scratch.triangle_used) {
+        scratch.triangle_row[t] = kNone;
+        for (const uint32_t v : mesh.triangle[t]) scratch.vertex_row[v] = kNone;
+    }
+}
+
+void clear_model(LocalContactModel& model) {
+    model.position.clear();
+    model.velocity.clear();
+    model.triangle.clear();
+    model.neighbour.clear();
+    model.body.clear();
+    model.half_thickness.clear();
+}
+
+}  // namespace
+
+void publish_local_contact(const HapticParams& params, const Surfaces& surfaces, std::span<const Box> boxes,
+                           const HandTool& tool, const ToolState& state, double time, uint64_t sequence,
+                           LocalContactScratch& scratch, LocalContactModel& out) {
+    clear_model(out);
+    out.time = time;
+    out.sequence = sequence;
+    out.from = state.device.position;
+    out.to = state.proxy_valid ? state.proxy : state.device.position;
+    const double speed = std::max(params.tool_speed, 1.5 * state.device.velocity.norm());
+    out.reach = tool.tip_radius + speed * params.greatest_age + params.reach_margin;
+    const Bodies& bodies = surfaces.bodies;
+    for (uint32_t body = 0; body < bodies.mesh.size(); ++body) {
+        const MeshInfo& info = surfaces.meshes.info[bodies.mesh[body]];
+        if (body == tool.body || info.admission == Admission::kRefused) continue;
+        const double half_thickness = info.admission == Admission::kSheet ? 0.5 * bodies.thickness[body] : 0;
+        const double reach = out.reach + half_thickness;
+        if (!boxes.empty() && !boxes_meet(boxes[body], segment_box(out.from, out.to, reach))) continue;
+        const Box box =
+            segment_box(world_to_frame(surfaces, body, out.from), world_to_frame(surfaces, body, out.to), reach);
+        mark_vertices(surfaces, body, box, params.greatest_age, scratch.beyond);
+        add_body(surfaces, body, half_thickness, scratch, out);
+    }
+    group_triangles(out);
+}
+
+void group_triangles(LocalContactModel& model) {
+    constexpr uint32_t kRun = 16;
+    model.group.clear();
+    model.fastest = 0;
+    for (const Vec3d& v : model.velocity) model.fastest = std::max(model.fastest, v.norm());
+    const uint32_t count = static_cast<uint32_t>(model.triangle.size());
+    for (uint32_t first = 0; first < count;) {
+        uint32_t end = first + 1;
+        while (end < count && end < first + kRun && model.body[end] == model.body[first]) ++end;
+        TriangleGroup group;
+        group.triangles = {first, end - first};
+        Box box;
+        for (uint32_t t = first; t < end; ++t) {
+            for (const uint32_t v : model.triangle[t]) {
+                box.min = box.min.cwiseMin(model.position[v]);
+                box.max = box.max.cwiseMax(model.position[v]);
+                group.velocity += model.velocity[v];
+            }
+        }
+        group.centre = 0.5 * (box.min + box.max);
+        group.velocity /= 3.0 * (end - first);
+        for (uint32_t t = first; t < end; ++t) {
+            for (const uint32_t v : model.triangle[t]) {
+                group.radius = std::max(group.radius, (model.position[v] - group.centre).norm());
+                group.spread = std::max(group.spread, (model.velocity[v] - group.velocity).norm());
+            }
+        }
+        model.group.push_back(group);
+        first = end;
+    }
+}
+
+}  // namespace trocar

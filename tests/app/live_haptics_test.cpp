@@ -1,0 +1,131 @@
+#include "systems/app/live_haptics.hpp"
+
+#include <gtest/gtest.h>
+
+#include <cmath>
+
+#include "tests/reference/local_patches.hpp"
+namespace trocar {
+namespace {
+
+// Fixed room for what the haptic thread consumed; filled on it, read after it ended.
+struct Recording {
+    std::vector<LiveTick> tick;
+    size_t count = 0;
+    static void record(void* user, const LiveTick& tick) {
+        Recording& r = *static_cast<Recording*>(user);
+        if (r.count < r.tick.size()) r.tick[r.count++] = tick;
+    }
+};
+
+HandTool plain_tool() {
+    HandTool tool;
+    tool.tip_radius = 3e-3;
+    return tool;
+}
+
+LocalContactModel rising_plane(uint64_t sequence, double time) {
+    LocalContactModel model = reference::make_patch(reference::make_plane());
+    model.sequence = sequence;
+    model.time = time;
+    model.velocity.assign(model.position.size(), Vec3d(0, 0, 0.01));
+    for (Vec3d& p : model.position) p.z() += 0.01 * time;
+    group_triangles(model);
+    return model;
+}
+
+// A run with two tools beside a thread that publishes surfaces: ticks come, states come back, and what was recorded
+// gives the same forces bit for bit when it is ticked again without threads. A tick that read anything but its mailbox
+// values, or a torn one, breaks it.
+TEST(LiveHaptics, RecordedValuesReplayToTheSameForces) {
+    const HapticParams params;
+    const std::vector<Keyframe> path = {
+        {0.0, {0, 0, 0.01}, {}, 0}, {0.1, {0, 0, 0.001}, {}, 0}, {0.3, {0.01, 0, 0.0}, {}, 0}};
+    const std::vector<HandTool> tools(2, plain_tool());
+    std::vector<Device> devices(2);
+    devices[0].path = devices[1].path = path;
+    devices[1].tremor.amplitude = 1e-4;
+    Recording recording;
+    recording.tick.resize(20'000);
+    LiveHaptics live(params, tools, devices, {&Recording::record, &recording});
+    PeriodicOptions options;
+    options.real_time = false;  // the test shares its cores
+    const int64_t start = monotonic_ns();
+    std::vector<LocalContactModel> published;
+    Haptics haptics;
+    haptics.tool = tools;
+    haptics.state.resize(2);
+    haptics.state[0].contact_impulse = {1, 2, 3};
+    EXPECT_FALSE(live.take_states(haptics));
+    live.start(options, start);
+    bool taken = false;
+    for (uint64_t pass = 0; pass < 20; ++pass) {
+        const double time = static_cast<double>(monotonic_ns() - start) * 1e-9;
+        published.push_back(rising_plane(pass + 1, time));
+        for (uint32_t k = 0; k < 2; ++k) {
+            live.model_to_fill(k) = published.back();
+            live.publish_model(k);
+        }
+        sleep_until_ns(monotonic_ns() + 16'000'000);
+        taken = live.take_states(haptics) || taken;
+    }
+    live.stop();
+    live.take_states(haptics);
+    EXPECT_TRUE(taken);
+    EXPECT_EQ(haptics.state[0].contact_impulse, Vec3d(1, 2, 3));  // the simulation's own
+    EXPECT_GT(haptics.state[0].command.force.z(), 0.5);
+    EXPECT_GT(haptics.ticks, 100u);
+    EXPECT_EQ(haptics.ticks, recording.count);
+    EXPECT_EQ(haptics.max_force, live.figures().max_force);
+    EXPECT_EQ(live.timing().compute.count * 2, recording.count);
+    EXPECT_GT(live.figures().contact_age.count, 100u);
+
+    std::vector<ToolState> state(2);
+    HapticScratch scratch;
+    const LocalContactModel nothing;
+    std::vector<uint64_t> last_sequence(2, 0);
+    for (size_t k = 0; k < recording.count; ++k) {
+        const LiveTick& t = recording.tick[k];
+        ASSERT_GE(t.model_sequence, last_sequence[t.tool]);
+        last_sequence[t.tool] = t.model_sequence;
+        const LocalContactModel& model = t.model_sequence > 0 ? published[t.model_sequence - 1] : nothing;
+        const double time = static_cast<double>(t.tick) * static_cast<double>(options.period) * 1e-9;
+        haptic_tick(params, model, time, tools[t.tool], t.sample, scratch, state[t.tool]);
+        ASSERT_EQ(state[t.tool].command.force, t.force) << k;
+    }
+    EXPECT_EQ(state[0].proxy, haptics.state[0].proxy);
+}
+
+// Watchdog: the simulation stops publishing while the hand presses; at most model_timeout + 20 ms of simulated time
+// later there is no force.
+TEST(LiveHaptics, AStalledSimulationLetsTheForceGo) {
+    const HapticParams params;
+    const std::vector<Keyframe> path = {{0.0, {0, 0, 0.01}, {}, 0}, {0.05, {0, 0, 0.001}, {}, 0}};
+    const std::vector<HandTool> tools(1, plain_tool());
+    std::vector<Device> devices(1);
+    devices[0].path = path;
+    Recording recording;
+    recording.tick.resize(20'000);
+    LiveHaptics live(params, tools, devices, {&Recording::record, &recording});
+    PeriodicOptions options;
+    options.real_time = false;
+    live.model_to_fill(0) = reference::make_patch(reference::make_plane());
+    live.publish_model(0);
+    live.start(options, monotonic_ns());
+    sleep_until_ns(monotonic_ns() + 300'000'000);
+    live.stop();
+    bool pressed = false;
+    for (size_t k = 0; k < recording.count; ++k) {
+        const double age = static_cast<double>(recording.tick[k].tick) * 1e-3;  // the model is of time 0
+        pressed = pressed || recording.tick[k].force.norm() > 0.5;
+        // (a missed tick leaves its share of the ramp to the next one)
+        if (age > params.model_timeout + 0.02) {
+            EXPECT_EQ(recording.tick[k].force.norm(), 0) << age;
+        }
+    }
+    EXPECT_TRUE(pressed);
+    EXPECT_GT(recording.count, 0u);
+}
+
+}  // namespace
+}  // namespace trocar

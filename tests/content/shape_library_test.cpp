@@ -1,0 +1,261 @@
+#include "content/shape_library.hpp"
+
+#include <gtest/gtest.h>
+
+#include <algorithm>
+#include <cmath>
+#include <cstdlib>
+#include <thread>
+
+#include "content/surface_texture.hpp"
+#include "engine/error.hpp"
+#include "tests/reference/closed_surface.hpp"
+namespace trocar {
+namespace {
+
+void expect_sound(const Mesh& mesh, const std::string& what) {
+    const auto facts = reference::survey_surface(mesh);
+    EXPECT_TRUE(facts.closed) << what;
+    EXPECT_TRUE(facts.one_fan) << what;
+    EXPECT_EQ(facts.components, 1u) << what;
+    EXPECT_EQ(facts.euler, 2) << what;
+    EXPECT_EQ(facts.unused_vertices, 0u) << what;
+    EXPECT_GT(facts.volume, 0.0) << what;
+    EXPECT_EQ(mesh.uv.size(), mesh.triangle.size()) << what;
+    EXPECT_EQ(mesh.material.size(), 1u) << what;
+}
+
+void expect_well_shaped(const Mesh& mesh, const std::string& what) {
+    const auto shape = reference::survey_shape(mesh);
+    EXPECT_GT(shape.min_angle, 15.0) << what;
+    EXPECT_GT(shape.angle_p1, 25.0) << what;
+    EXPECT_GT(shape.angle_p50, 44.0) << what;
+}
+
+TEST(ShapeLibrary, EveryShapeIsSoundWithTheAskedNumberOfTriangles) {
+    for (const std::string& name : shape_names()) {
+        for (const uint32_t wanted : {1000u, 10000u}) {
+            const std::string what = name + " " + std::to_string(wanted);
+            const Mesh mesh = make_shape(name, wanted);
+            EXPECT_NEAR(double(mesh.triangle.size()), wanted, 0.1 * wanted) << what;
+            EXPECT_EQ(mesh.name, name);
+            expect_sound(mesh, what);
+            expect_well_shaped(mesh, what);
+            if (wanted == 1000) {
+                EXPECT_EQ(reference::count_crossings(mesh), 0u) << what;
+            }
+        }
+        EXPECT_FALSE(describe_shape(name).empty());
+        expect_sound(make_shape(name, name == "probe" ? 300 : 100), name + " coarse");
+    }
+}
+
+TEST(LongShapeLibrary, FineShapesAreSoundAndFreeOfCrossings) {
+    for (const std::string& name : shape_names()) {
+        const Mesh fine = make_shape(name, 100000);
+        EXPECT_NEAR(double(fine.triangle.size()), 1e5, 1e4) << name;
+        expect_sound(fine, name);
+        expect_well_shaped(fine, name);
+        EXPECT_EQ(reference::count_crossings(make_shape(name, 10000)), 0u) << name;
+    }
+}
+
+TEST(ShapeLibrary, SeedsChangeOrgansButNotTheirSoundness) {
+    for (const char* name : {"liver", "kidney"}) {
+        std::vector<uint64_t> hashes;
+        for (uint64_t seed = 1; seed <= 4; ++seed) {
+            const Mesh mesh = make_shape(name, 1000, seed);
+            expect_sound(mesh, name + std::to_string(seed));
+            EXPECT_EQ(reference::count_crossings(mesh), 0u) << name << seed;
+            hashes.push_back(reference::hash_mesh(mesh));
+        }
+        std::sort(hashes.begin(), hashes.end());
+        EXPECT_EQ(std::unique(hashes.begin(), hashes.end()), hashes.end());
+    }
+}
+
+TEST(ShapeLibrary, TheSameBytesEveryTimeAndInAnyThread) {
+    for (const std::string& name : shape_names()) {
+        const uint64_t first = reference::hash_mesh(make_shape(name, 1200, 3));
+        setenv("OMP_NUM_THREADS", "7", 1);
+        std::array<uint64_t, 2> again{};
+        std::vector<std::thread> threads;
+        for (uint64_t& hash : again) {
+            threads.emplace_back([&] { hash = reference::hash_mesh(make_shape(name, 1200, 3)); });
+        }
+        for (std::thread& thread : threads) thread.join();
+        for (const uint64_t hash : again) EXPECT_EQ(hash, first) << name;
+    }
+}
+
+// Anatomy: sizes and volumes of an adult's organs (liver 1.2-1.8 l, kidney 0.12-0.2 l), and the frame.
+TEST(ShapeLibrary, OrgansHaveTheSizeOfOrgansAndAreCentred) {
+    const auto liver = reference::survey_surface(make_shape("liver", 10000));
+    EXPECT_LT((liver.extent - Vec3d(0.21, 0.15, 0.12)).cwiseAbs().maxCoeff(), 0.005);
+    EXPECT_GT(liver.volume, 1.2e-3);
+    EXPECT_LT(liver.volume, 1.8e-3);
+    EXPECT_LT(liver.centroid.norm(), 1e-12);
+    const auto kidney = reference::survey_surface(make_shape("kidney", 10000));
+    EXPECT_LT((kidney.extent - Vec3d(0.112, 0.06, 0.045)).cwiseAbs().maxCoeff(), 0.004);
+    EXPECT_GT(kidney.volume, 1.2e-4);
+    EXPECT_LT(kidney.volume, 2.0e-4);
+    EXPECT_LT(kidney.centroid.norm(), 1e-12);
+}
+
+// Two points inside whose middle is outside: across the underside of the liver, across the hilum of the kidney.
+TEST(ShapeLibrary, LiverHasAHollowUndersideAndKidneyAHilum) {
+    const ImplicitShape liver = liver_shape(1);
+    const Vec3d back = Vec3d(-68, -10, -54) * 1e-3, edge = Vec3d(0, -48, 9) * 1e-3;
+    EXPECT_LT(liver.distance(back), 0.0);
+    EXPECT_LT(liver.distance(edge), 0.0);
+    EXPECT_GT(liver.distance((back + edge) / 2), 1e-3);
+    const ImplicitShape kidney = kidney_shape(1);
+    EXPECT_LT(kidney.distance(Vec3d(-38, -18, 0) * 1e-3), 0.0);
+    EXPECT_LT(kidney.distance(Vec3d(38, -18, 0) * 1e-3), 0.0);
+    EXPECT_GT(kidney.distance(Vec3d(0, -18, 2) * 1e-3), 1e-3);
+}
+
+TEST(ShapeLibrary, VerticesOfOrgansLieOnTheImplicitSurface) {
+    for (const ImplicitShape& shape : {liver_shape(1), kidney_shape(1)}) {
+        for (const uint32_t wanted : {1000u, 10000u}) {
+            double worst = 0;
+            for (const Vec3d& p : mesh_implicit(shape, wanted).position) {
+                worst = std::max(worst, std::abs(shape.distance(p)));
+            }
+            EXPECT_LT(worst, 1e-8) << shape.name << wanted;
+            RecordProperty(shape.name + std::to_string(wanted), std::to_string(worst));
+        }
+    }
+}
+
+TEST(ShapeLibrary, ImplicitSphereMeetsItsVolume) {
+    ImplicitShape ball{"ball", {Vec3d::Constant(-0.06), Vec3d::Constant(0.06)}, 1, {}};
+    ball.distance = [](const Vec3d& p) { return p.norm() - 0.05; };
+    const auto facts = reference::survey_surface(mesh_implicit(ball, 8000));
+    // inscribed: about 1 - (edge / radius)^2 / 2.2 of it
+    EXPECT_NEAR(facts.volume / (4.0 / 3.0 * M_PI * 0.05 * 0.05 * 0.05), 1.0, 2e-3);
+    EXPECT_NEAR(facts.area / (4 * M_PI * 0.05 * 0.05), 1.0, 1e-3);
+}
+
+TEST(ShapeLibrary, ProbeHasItsTipAtTheOriginAndItsShaftAlongZ) {
+    const Mesh mesh = make_shape("probe", 10000);
+    Box box;
+    uint32_t on_tip = 0;
+    double shaft = 0, handle = 0, fine = 0, coarse = 0;
+    for (const Vec3d& p : mesh.position) {
+        box.min = box.min.cwiseMin(p);
+        box.max = box.max.cwiseMax(p);
+        if (p.z() < -1e-9) {
+            ++on_tip;
+            EXPECT_NEAR(p.norm(), 0.007, 1e-12);
+        }
+        const double radius = std::hypot(p.x(), p.y());
+        if (p.z() > 0.03 && p.z() < 0.1) shaft = std::max(shaft, radius);
+        if (p.z() > 0.12) handle = std::max(handle, radius);
+    }
+    EXPECT_GT(on_tip, 500u);
+    EXPECT_NEAR(box.min.z(), -0.007, 1e-12);
+    EXPECT_NEAR(box.max.z(), 0.16, 1e-12);
+    EXPECT_NEAR(shaft, 0.004, 1e-12);
+    EXPECT_NEAR(handle, 0.0065, 1e-12);
+    for (const Triangle& t : mesh.triangle) {
+        const Vec3d &a = mesh.position[t[0]], &b = mesh.position[t[1]];
+        if (a.z() < 0) fine = std::max(fine, (b - a).norm());
+        if (a.z() > 0.05 && a.z() < 0.1) coarse = std::max(coarse, (b - a).norm());
+    }
+    EXPECT_LT(2 * fine, coarse);
+    // closed forms of the pieces: half balls, tapers along a cosine, cylinders
+    const auto taper = [](double a, double b, double h) {
+        return M_PI * h * ((a + b) * (a + b) / 4 + (a - b) * (a - b) / 8);
+    };
+    const auto half_ball = [](double r) { return 2.0 / 3.0 * M_PI * r * r * r; };
+    const double volume = half_ball(0.007) + taper(0.007, 0.004, 0.016) + M_PI * 0.004 * 0.004 * 0.092 +
+                          taper(0.004, 0.0065, 0.01) + M_PI * 0.0065 * 0.0065 * 0.0355 + half_ball(0.0065);
+    EXPECT_NEAR(reference::survey_surface(mesh).volume / volume, 1.0, 0.015);
+}
+
+TEST(ShapeLibrary, PlainShapesHaveTheirExactSize) {
+    const auto box = reference::survey_surface(make_shape("box", 1000));
+    EXPECT_NEAR(box.volume, 1.0, 1e-12);
+    EXPECT_NEAR(box.area, 6.0, 1e-12);
+    EXPECT_LT(box.centroid.norm(), 1e-12);
+    const auto table = reference::survey_surface(make_shape("table", 1000));
+    EXPECT_NEAR(table.volume, 0.6 * 0.6 * 0.02, 1e-12);
+    EXPECT_NEAR(table.area, 2 * 0.36 + 4 * 0.6 * 0.02, 1e-12);
+    for (const Vec3d& p : make_shape("sphere", 2000).position) ASSERT_NEAR(p.norm(), 0.5, 1e-15);
+    const auto sphere = reference::survey_surface(make_shape("sphere", 20000));
+    EXPECT_NEAR(sphere.volume / (M_PI / 6), 1.0, 1e-3);
+    EXPECT_EQ(make_shape("box", 12).triangle.size(), 12u);
+    EXPECT_EQ(make_shape("sphere", 20).triangle.size(), 20u);
+}
+
+TEST(ShapeLibrary, TextureCoordinatesNeitherSmearNorJumpInsideATriangle) {
+    for (const char* name : {"liver", "kidney", "probe", "table"}) {
+        const Mesh mesh = make_shape(name, 10000);
+        const double tile = name == std::string("liver") ? 0.08 : name == std::string("kidney") ? 0.06 : 0.05;
+        uint32_t smeared = 0;
+        for (size_t t = 0; t < mesh.triangle.size(); ++t) {
+            for (int k = 0; k < 3; ++k) {
+                const Vec2 a = mesh.uv[t][k], b = mesh.uv[t][(k + 1) % 3];
+                const double on_picture = std::hypot(b.u - a.u, b.v - a.v) * tile;
+                const double length =
+                    (mesh.position[mesh.triangle[t][(k + 1) % 3]] - mesh.position[mesh.triangle[t][k]]).norm();
+                // towards the poles of the probe a whole turn shrinks to a point; elsewhere nothing may shrink
+                if (name == std::string("probe")) {
+                    ASSERT_LT(std::abs(b.u - a.u), 0.2) << name << t;
+                } else {
+                    ASSERT_LT(on_picture, 1.01 * length) << name << t;
+                }
+                smeared += on_picture < 0.4 * length;
+            }
+        }
+        EXPECT_LT(smeared, mesh.triangle.size() * 3 / 100) << name;
+    }
+}
+
+TEST(ShapeLibrary, PicturesRepeatWithoutASeam) {
+    for (const Image& image : {paint_liver(2), paint_kidney(2), paint_steel(2), paint_drape(2)}) {
+        const uint32_t n = kTextureSize;
+        ASSERT_EQ(image.rgba.size(), size_t(n) * n * 4);
+        const auto at = [&](uint32_t x, uint32_t y) { return int(image.rgba[(size_t(y) * n + x) * 4]); };
+        // mean change from one pixel to the next: across the seam no larger than anywhere else
+        const auto column_change = [&](uint32_t x) {
+            double sum = 0;
+            for (uint32_t y = 0; y < n; ++y) sum += std::abs(at(x, y) - at((x + 1) % n, y));
+            return sum / n;
+        };
+        const auto row_change = [&](uint32_t y) {
+            double sum = 0;
+            for (uint32_t x = 0; x < n; ++x) sum += std::abs(at(x, y) - at(x, (y + 1) % n));
+            return sum / n;
+        };
+        double column_most = 0, row_most = 0, spread = 0;
+        for (uint32_t i = 0; i + 1 < n; ++i) {
+            column_most = std::max(column_most, column_change(i));
+            row_most = std::max(row_most, row_change(i));
+            spread = std::max(spread, std::abs(double(at(i, i)) - at(0, 0)));
+        }
+        EXPECT_LE(column_change(n - 1), 1.1 * column_most);
+        EXPECT_LE(row_change(n - 1), 1.1 * row_most);
+        EXPECT_GT(spread, 5.0);
+        EXPECT_TRUE(std::all_of(image.rgba.begin(), image.rgba.end(),
+                                [i = 0](uint8_t b) mutable { return i++ % 4 != 3 || b == 255; }));
+    }
+}
+
+TEST(ShapeLibrary, UnknownNamesAndCountsOutOfRangeAreRefusedByName) {
+    try {
+        make_shape("lever", 1000);
+        FAIL();
+    } catch (const InputError& error) {
+        EXPECT_NE(std::string(error.what()).find("\"lever\""), std::string::npos);
+        EXPECT_NE(std::string(error.what()).find("liver, kidney"), std::string::npos);
+    }
+    EXPECT_THROW(make_shape("liver", 99), InputError);
+    EXPECT_THROW(make_shape("box", 11), InputError);
+    EXPECT_THROW(make_shape("liver", 2000000), InputError);
+    EXPECT_TRUE(describe_shape("lever").empty());
+}
+
+}  // namespace
+}  // namespace trocar

@@ -1,0 +1,150 @@
+#include "engine/real_time.hpp"
+
+#include <gtest/gtest.h>
+#include <pthread.h>
+#include <sched.h>
+
+#include <algorithm>
+#include <cmath>
+#include <memory>
+#include <random>
+#include <vector>
+namespace trocar {
+namespace {
+
+// ---- histogram ----
+
+// Against the sorted values; breaks when a bin's bounds or the rank are off.
+TEST(TimeHistogram, PercentilesAreExactToABin) {
+    std::mt19937_64 random(1);
+    std::lognormal_distribution<double> spread(13, 2);
+    auto histogram = std::make_unique<TimeHistogram>();
+    std::vector<int64_t> values;
+    double sum = 0;
+    for (int k = 0; k < 20'000; ++k) {
+        values.push_back(static_cast<int64_t>(spread(random)));
+        histogram->add(values.back());
+        sum += static_cast<double>(values.back());
+    }
+    std::sort(values.begin(), values.end());
+    for (const double q : {0.0, 0.001, 0.5, 0.9, 0.99, 0.999, 1.0}) {
+        const size_t rank = std::max<size_t>(1, static_cast<size_t>(std::ceil(q * double(values.size()))));
+        const int64_t exact = values[rank - 1], found = histogram->percentile(q);
+        EXPECT_GE(found, exact) << q;
+        EXPECT_LE(double(found), double(exact) * (1 + 1.0 / 64) + 1) << q;
+    }
+    EXPECT_EQ(histogram->percentile(1), values.back());
+    EXPECT_EQ(histogram->smallest, values.front());
+    EXPECT_EQ(histogram->count, values.size());
+    EXPECT_NEAR(histogram->mean(), sum / double(values.size()), 1e-6 * histogram->mean());
+}
+
+TEST(TimeHistogram, EdgesOfItsRange) {
+    auto histogram = std::make_unique<TimeHistogram>();
+    EXPECT_EQ(histogram->percentile(0.5), 0);
+    histogram->add(-5);
+    EXPECT_EQ(histogram->percentile(1), 0);
+    for (int64_t ns = 0; ns < 64; ++ns) {
+        *histogram = {};
+        histogram->add(ns);
+        histogram->add(ns + 1'000'000);
+        EXPECT_EQ(histogram->percentile(0.5), ns);  // small values have bins of their own
+    }
+    // every power of two and its neighbours fall into a bin that holds them
+    for (int bit = 6; bit < 62; ++bit) {
+        for (const int64_t ns : {(int64_t{1} << bit) - 1, int64_t{1} << bit, (int64_t{1} << bit) + 1}) {
+            *histogram = {};
+            histogram->add(ns);
+            histogram->add(INT64_MAX / 2);
+            EXPECT_GE(histogram->percentile(0.5), std::min(ns, int64_t{1} << 47)) << ns;
+        }
+    }
+}
+
+// ---- clock and thread ----
+
+TEST(RealTime, SleepNeverWakesBeforeTheDeadline) {
+    for (int k = 0; k < 20; ++k) {
+        const int64_t deadline = monotonic_ns() + 500'000;
+        sleep_until_ns(deadline);
+        EXPECT_GE(monotonic_ns(), deadline);
+    }
+    const int64_t before = monotonic_ns();
+    sleep_until_ns(before - 1'000'000'000);  // passed: no sleep, no error
+    EXPECT_GE(monotonic_ns(), before);
+}
+
+// Indices name deadlines: run k never starts before start + k * period, they ascend, and every index left out is
+// counted as missed. Holds however busy the machine is.
+TEST(RealTime, PeriodicRunsKeepToAbsoluteDeadlines) {
+    PeriodicThread thread;
+    PeriodicOptions options;
+    options.period = 2'000'000;
+    options.real_time = false;
+    const int64_t start = monotonic_ns() + 5'000'000;
+    std::vector<uint64_t> index;
+    std::vector<int64_t> begin;
+    thread.start(options, start, [&](uint64_t k, int64_t at) {
+        index.push_back(k);
+        begin.push_back(at);
+        // one run is too long on purpose
+        if (index.size() == 10) sleep_until_ns(at + 7'000'000);
+    });
+    EXPECT_TRUE(thread.running());
+    sleep_until_ns(start + 100'000'000);
+    thread.stop();
+    EXPECT_FALSE(thread.running());
+    ASSERT_GT(index.size(), 12u);
+    for (size_t k = 0; k < index.size(); ++k) {
+        EXPECT_GE(begin[k], start + static_cast<int64_t>(index[k]) * options.period);
+        if (k > 0) {
+            EXPECT_GT(index[k], index[k - 1]);
+        }
+    }
+    EXPECT_GE(index[10], index[9] + 4);  // 7 ms later is past three more deadlines
+    const PeriodicFigures& f = thread.figures();
+    // (runs left out at the very end are counted but never seen)
+    EXPECT_GE(f.missed, index.back() + 1 - index.size());
+    EXPECT_GE(f.missed, 3u);
+    EXPECT_EQ(f.late.count, index.size());
+    EXPECT_EQ(f.period.count, index.size() - 1);
+    EXPECT_GE(f.compute.largest, 7'000'000);
+}
+
+// What was granted is told as it is: a second look at the thread's policy agrees.
+TEST(RealTime, GrantSaysWhatTheThreadGot) {
+    PeriodicThread thread;
+    int policy = -1;
+    sched_param got{};
+    PeriodicOptions options;
+    options.priority = 7;
+    thread.start(options, monotonic_ns(),
+                 [&](uint64_t, int64_t) { pthread_getschedparam(pthread_self(), &policy, &got); });
+    sleep_until_ns(monotonic_ns() + 20'000'000);
+    thread.stop();
+    const RealTimeGrant& grant = thread.figures().grant;
+    EXPECT_EQ(grant.fifo, policy == SCHED_FIFO);
+    if (grant.fifo) {
+        EXPECT_EQ(got.sched_priority, 7);
+    }
+    const std::string text = describe(grant);
+    EXPECT_EQ(text.find("SCHED_FIFO 7") != std::string::npos, grant.fifo);
+    EXPECT_NE(text.find(kernel_name()), std::string::npos);
+    EXPECT_EQ(kernel_name().rfind("Linux ", 0), 0u);
+}
+
+TEST(RealTime, ThreadCanBeStartedAgain) {
+    PeriodicThread thread;
+    PeriodicOptions options;
+    options.real_time = false;
+    for (int round = 0; round < 3; ++round) {
+        std::atomic<int> runs{0};
+        thread.start(options, monotonic_ns(), [&](uint64_t, int64_t) { ++runs; });
+        while (runs.load() < 3) sleep_until_ns(monotonic_ns() + 1'000'000);
+        thread.stop();
+        EXPECT_EQ(thread.figures().compute.count, static_cast<uint64_t>(runs.load()));
+    }
+}
+
+}  // namespace
+}  // namespace trocar

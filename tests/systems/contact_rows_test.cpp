@@ -1,0 +1,99 @@
+#include "systems/contact_rows.hpp"
+
+#include <gtest/gtest.h>
+
+#include <algorithm>
+#include <cmath>
+#include <set>
+
+#include "tests/systems/contact_scene.hpp"
+namespace trocar::test {
+namespace {
+
+ContactScene pressed() {
+    ContactScene scene(
+        {{make_noisy_sphere(12, 0.1, 0.05, 0), Motion::kDeformable, Vec3d(1, 2, 3), {}},
+         {make_noisy_sphere(9, 0.07, 0.05, 1), Motion::kHand, Vec3d(1.12, 2.03, 3.01), turn({1, 2, 0}, 1)}});
+    scene.bodies.tissue[0].friction = 0.05;
+    scene.bodies.tissue[1].friction = 0.3;
+    return scene;
+}
+
+// A row is its contact, with the plane through `closest`: breaks on wrong weights, a normal in the wrong frame, a lost
+// row.
+TEST(ContactRows, PlaneGoesThroughTheClosestPoint) {
+    ContactScene scene = pressed();
+    scene.run();
+    const ContactRows& rows = scene.rows;
+    ASSERT_EQ(rows.body.size(), scene.contacts.pair.size());
+    ASSERT_GT(rows.body.size(), 50u);
+    for (uint32_t i = 0; i < rows.body.size(); ++i) {
+        EXPECT_EQ(rows.contact[i], i);
+        EXPECT_EQ(rows.weight[i][0] + rows.weight[i][1] + rows.weight[i][2], 1.0f);
+        Vec3d p = Vec3d::Zero();
+        for (int k = 0; k < 3; ++k) {
+            EXPECT_GE(rows.weight[i][k], 0);
+            p += double(rows.weight[i][k]) * vertex_position(scene.surfaces(), rows.other[i], rows.triangle[i][k]);
+        }
+        EXPECT_LT((p - scene.contacts.closest[i]).norm(), 1e-8);  // 2^-23 of an edge
+        EXPECT_EQ(rows.distance[i], scene.contacts.distance[i]);
+        const Vec3d normal = direction_to_world(scene.surfaces(), rows.other[i], rows.normal[i]);
+        EXPECT_LT((normal - scene.contacts.normal[i]).norm(), 1e-12);
+        EXPECT_EQ(rows.friction[i], 0.3f);
+        EXPECT_EQ(rows.impulse[i], Vec3d(Vec3d::Zero()));
+    }
+}
+
+// Thesis 4.2: inside points share the pair's direction, opposite for the two bodies, with projected depths.
+TEST(ContactRows, ThesisDirectionProjectsTheDepths) {
+    ContactScene scene = pressed();
+    scene.params.direction = ResponseDirection::kThesis;
+    scene.run();
+    ASSERT_EQ(scene.penetrations.pair.size(), 1u);
+    const Vec3d way = scene.penetrations.direction[0];
+    uint32_t shortened = 0;
+    for (uint32_t i = 0; i < scene.rows.body.size(); ++i) {
+        const double depth = -scene.contacts.distance[i];
+        const Vec3d normal = direction_to_world(scene.surfaces(), scene.rows.other[i], scene.rows.normal[i]);
+        if (depth <= 0) {
+            EXPECT_LT((normal - scene.contacts.normal[i]).norm(), 1e-12);
+            continue;
+        }
+        const Vec3d out = scene.rows.body[i] == 1 ? way : Vec3d(-way);
+        EXPECT_LT((normal - out).norm(), 1e-12);
+        EXPECT_NEAR(-scene.rows.distance[i], depth * std::max(0.0, scene.contacts.normal[i].dot(out)), 1e-15);
+        shortened += -scene.rows.distance[i] < 0.99 * depth;
+    }
+    EXPECT_GT(shortened, 5u);
+    EXPECT_NEAR(-scene.rows.distance[scene.penetrations.witness[0]], scene.penetrations.depth[0], 1e-15);
+}
+
+// P27: all vertices inside and too few rows: the deepest stay, the count says how many went, the other body keeps its
+// own.
+TEST(ContactRows, TheShallowestAreDroppedAndCounted) {
+    ContactScene scene({{make_noisy_sphere(12, 0.1, 0.05, 0), Motion::kDeformable, Vec3d::Zero(), {}},
+                        {make_noisy_sphere(8, 0.05, 0.05, 1), Motion::kDeformable, Vec3d(0.01, 0, 0), {}},
+                        {make_noisy_sphere(4, 0.03, 0, 1), Motion::kDeformable, Vec3d(-0.095, 0, 0), {}}});
+    scene.params.row_capacity = 70;
+    scene.run();
+    std::vector<std::vector<double>> all(3), kept(3);
+    for (uint32_t i = 0; i < scene.contacts.pair.size(); ++i)
+        all[scene.contacts.body[i]].push_back(scene.contacts.distance[i]);
+    for (uint32_t i = 0; i < scene.rows.body.size(); ++i) kept[scene.rows.body[i]].push_back(scene.rows.distance[i]);
+    ASSERT_GT(all[1].size(), 300u);
+    ASSERT_GT(all[2].size(), 5u);
+    ASSERT_LT(all[2].size(), 70u);
+    uint64_t dropped = 0;
+    for (int body = 0; body < 3; ++body) {
+        std::sort(all[body].begin(), all[body].end());
+        std::sort(kept[body].begin(), kept[body].end());
+        dropped += all[body].size() - kept[body].size();
+        all[body].resize(std::min<size_t>(all[body].size(), 70));
+        EXPECT_EQ(all[body], kept[body]) << body;
+    }
+    EXPECT_EQ(scene.report.dropped_contacts, dropped);
+    EXPECT_TRUE(std::is_sorted(scene.rows.contact.begin(), scene.rows.contact.end()));
+}
+
+}  // namespace
+}  // namespace trocar::test

@@ -1,0 +1,319 @@
+#include "systems/local_contact_model.hpp"
+
+#include <gtest/gtest.h>
+
+#include <Eigen/Geometry>
+#include <cmath>
+#include <map>
+#include <random>
+#include <set>
+
+#include "engine/mesh_topology.hpp"
+#include "systems/haptic_tick.hpp"
+#include "tests/reference/brute_force_distance.hpp"
+#include "tests/reference/local_patches.hpp"
+#include "tests/reference/sample_meshes.hpp"
+namespace trocar {
+namespace {
+
+// Bodies without springs or trees: all that a model looks at.
+struct Scene {
+    Meshes meshes;
+    Bodies bodies;
+    Poses poses;
+    Particles particles;
+
+    uint32_t add(const Mesh& mesh, Motion motion, Admission admission, const Vec3d& origin, const Quat& turn = {},
+                 double thickness = 0) {
+        const uint32_t row = static_cast<uint32_t>(bodies.mesh.size());
+        bodies.mesh.push_back(add_prototype(meshes, mesh, admission));
+        bodies.motion.push_back(motion);
+        bodies.thickness.push_back(thickness);
+        poses.origin.push_back(origin);
+        poses.orientation.push_back(turn);
+        poses.velocity.push_back(Vec3d::Zero());
+        poses.angular_velocity.push_back(Vec3d::Zero());
+        Range rows{static_cast<uint32_t>(particles.offset.size()), 0};
+        if (motion == Motion::kDeformable) {
+            rows.count = (static_cast<uint32_t>(mesh.position.size()) + 15) / 16 * 16;
+            for (const Vec3d& p : mesh.position)
+                particles.offset.push_back({float(p.x()), float(p.y()), float(p.z()), 1});
+            particles.offset.resize(rows.first + rows.count);
+            for (auto* v : {&particles.velocity_x, &particles.velocity_y, &particles.velocity_z})
+                v->resize(particles.offset.size());
+        }
+        bodies.particles.push_back(rows);
+        return row;
+    }
+    Surfaces surfaces() const { return {meshes, bodies, poses, particles}; }
+};
+
+// A tool among a trembling organ, a turned static box, a turning box, a sheet far and near.
+Scene busy_scene() {
+    Scene s;
+    std::mt19937 random(11);
+    std::normal_distribution<float> normal;
+    s.add(reference::make_sphere(Vec3d::Zero(), 0.004, 2), Motion::kHand, Admission::kSolid, {0, 0, 0.03});
+    s.add(reference::make_sphere(Vec3d::Zero(), 0.03, 4), Motion::kDeformable, Admission::kSolid, {0.001, -0.002, 0});
+    s.add(reference::make_box(Vec3d::Constant(-0.01), Vec3d::Constant(0.01)), Motion::kStatic, Admission::kSolid,
+          {0.03, 0.01, 0.03}, from_rotation_vector({0.3, 0.4, -0.2}));
+    const uint32_t turning = s.add(reference::make_sphere(Vec3d(0.01, 0, 0), 0.01, 3), Motion::kKinematic,
+                                   Admission::kWinding, {-0.03, 0, 0.04}, from_rotation_vector({0, 0, 1}));
+    s.poses.velocity[turning] = {0.05, 0.01, -0.02};
+    s.poses.angular_velocity[turning] = {1, -2, 3};
+    s.add(reference::make_ground(12, 0.03, [](const Vec3d& p) { return p; }), Motion::kStatic, Admission::kSheet,
+          {0, 0, 0.05}, {}, 1e-3);
+    s.add(reference::make_sphere(Vec3d::Zero(), 0.03, 3), Motion::kDeformable, Admission::kSolid, {1, 0, 0});
+    s.add(reference::make_sphere(Vec3d::Zero(), 0.03, 1), Motion::kStatic, Admission::kRefused, {0, 0, 0.03});
+    for (size_t k = 0; k < s.particles.velocity_x.size(); ++k) {
+        s.particles.velocity_x[k] = 0.05f * normal(random);
+        s.particles.velocity_y[k] = 0.05f * normal(random);
+        s.particles.velocity_z[k] = 0.05f * normal(random);
+    }
+    return s;
+}
+
+ToolState holding(const Vec3d& device, const Vec3d& proxy, const Vec3d& velocity = Vec3d::Zero()) {
+    ToolState state;
+    state.device.position = device;
+    state.device.velocity = velocity;
+    state.proxy = proxy;
+    state.proxy_valid = true;
+    return state;
+}
+HandTool tool_of(uint32_t body) {
+    HandTool tool;
+    tool.body = body;
+    tool.tip_radius = 3e-3;
+    return tool;
+}
+
+// Triangle of a body in the model by its world corners: how the tests name it.
+using Key = std::pair<uint32_t, std::array<double, 9>>;
+Key key_of(uint32_t body, const std::array<Vec3d, 3>& c) {
+    return {body, {c[0].x(), c[0].y(), c[0].z(), c[1].x(), c[1].y(), c[1].z(), c[2].x(), c[2].y(), c[2].z()}};
+}
+std::map<Key, uint32_t> rows_of(const LocalContactModel& m) {
+    std::map<Key, uint32_t> rows;
+    for (uint32_t t = 0; t < m.triangle.size(); ++t) {
+        const Triangle& v = m.triangle[t];
+        rows[key_of(m.body[t], {m.position[v[0]], m.position[v[1]], m.position[v[2]]})] = t;
+    }
+    return rows;
+}
+std::array<Vec3d, 3> corners(const Surfaces& s, uint32_t body, uint32_t t) {
+    const Triangle& v = mesh_view(s.meshes, s.bodies.mesh[body]).triangle[t];
+    return {vertex_position(s, body, v[0]), vertex_position(s, body, v[1]), vertex_position(s, body, v[2])};
+}
+// distance of a triangle to a segment, by many points of the segment
+double distance_to_segment(const std::array<Vec3d, 3>& c, const Vec3d& a, const Vec3d& b) {
+    double least = 1e300;
+    for (int k = 0; k <= 40; ++k)
+        least = std::min(least, exact_triangle_distance(a + k / 40.0 * (b - a), c[0], c[1], c[2]));
+    return least;
+}
+
+// All that is within reach is there, nothing far away is, the tool itself and refused bodies are not.
+TEST(LocalContactModel, HoldsAllTrianglesWithinReach) {
+    const Scene scene = busy_scene();
+    const Surfaces s = scene.surfaces();
+    LocalContactScratch scratch;
+    LocalContactModel model;
+    const Vec3d device(0.001, 0.002, 0.025), proxy(0.002, 0.001, 0.033);
+    publish_local_contact({}, s, {}, tool_of(0), holding(device, proxy), 1.5, 90, scratch, model);
+    EXPECT_EQ(model.time, 1.5);
+    EXPECT_EQ(model.sequence, 90u);
+    EXPECT_DOUBLE_EQ(model.reach, 3e-3 + 0.5 * 35e-3 + 5e-3);
+    const std::map<Key, uint32_t> rows = rows_of(model);
+    EXPECT_EQ(rows.size(), model.triangle.size());  // each once
+    std::set<uint32_t> present(model.body.begin(), model.body.end());
+    EXPECT_EQ(present, (std::set<uint32_t>{1, 2, 3, 4}));
+    size_t near = 0, all = 0;
+    for (const uint32_t body : {1u, 2u, 3u, 4u, 5u}) {
+        for (uint32_t t = 0; t < mesh_view(s.meshes, s.bodies.mesh[body]).triangle.size(); ++t) {
+            const std::array<Vec3d, 3> c = corners(s, body, t);
+            const double distance = distance_to_segment(c, device, proxy);
+            const bool found = rows.count(key_of(body, c)) > 0;
+            near += distance < model.reach, ++all;
+            if (distance < model.reach) {
+                EXPECT_TRUE(found) << body << " " << t;
+            }
+            // a box and its tremble: not farther than its corner
+            if (distance > 2 * model.reach + 0.02) {
+                EXPECT_FALSE(found) << body << " " << t;
+            }
+        }
+    }
+    EXPECT_GT(near, 100u);
+    EXPECT_LT(model.triangle.size(), all);
+}
+
+// A tool at its greatest speed meets nothing that the model does not show, while everything moves, until its age is
+// the greatest.
+TEST(LocalContactModel, NothingUnseenIsMetInTime) {
+    const Scene scene = busy_scene();
+    const Surfaces s = scene.surfaces();
+    const HapticParams params;
+    std::mt19937 random(12);
+    std::uniform_real_distribution<double> in_box(-0.03, 0.03), unit(0, 1);
+    std::normal_distribution<double> normal;
+    LocalContactScratch scratch;
+    LocalContactModel model;
+    size_t met = 0;
+    for (int k = 0; k < 30; ++k) {
+        const Vec3d device(in_box(random), in_box(random), 0.03 + in_box(random));
+        ToolState state = holding(device, device);
+        state.proxy_valid = k % 2;
+        publish_local_contact(params, s, {}, tool_of(0), state, 0, 0, scratch, model);
+        const std::map<Key, uint32_t> rows = rows_of(model);
+        for (int j = 0; j < 10; ++j) {
+            const double age = params.greatest_age * unit(random);
+            const Vec3d way =
+                Vec3d(normal(random), normal(random), normal(random)).normalized() * params.tool_speed * age;
+            for (const uint32_t body : {1u, 2u, 3u, 4u}) {
+                const MeshView mesh = mesh_view(s.meshes, s.bodies.mesh[body]);
+                for (uint32_t t = 0; t < mesh.triangle.size(); ++t) {
+                    std::array<Vec3d, 3> moved = corners(s, body, t);
+                    const Key key = key_of(body, moved);
+                    for (int c = 0; c < 3; ++c) moved[c] += age * vertex_velocity(s, body, mesh.triangle[t][c]);
+                    if ((moved[0] - device - way).norm() > 0.03) continue;
+                    const double distance = exact_triangle_distance(device + way, moved[0], moved[1], moved[2]);
+                    if (distance > 3e-3 + (body == 4 ? 0.5e-3 : 0)) continue;
+                    ++met;
+                    ASSERT_TRUE(rows.count(key)) << k << " " << body << " " << t;
+                }
+            }
+        }
+    }
+    EXPECT_GT(met, 100u);
+}
+
+// Positions and velocities are the surface's own, vertices are shared, neighbours are those of the mesh, the half
+// thickness is the sheet's.
+TEST(LocalContactModel, RowsAreTheSurfaces) {
+    const Scene scene = busy_scene();
+    const Surfaces s = scene.surfaces();
+    LocalContactScratch scratch;
+    LocalContactModel model;
+    publish_local_contact({}, s, {}, tool_of(0), holding({0, 0, 0.03}, {0, 0, 0.03}), 0, 0, scratch, model);
+    ASSERT_EQ(model.position.size(), model.velocity.size());
+    ASSERT_EQ(model.triangle.size(), model.neighbour.size());
+    ASSERT_EQ(model.triangle.size(), model.half_thickness.size());
+    const std::map<Key, uint32_t> rows = rows_of(model);
+    double fastest = 0;
+    uint32_t last_body = 0, inner = 0, rim = 0;
+    for (const uint32_t body : model.body) {
+        EXPECT_GE(body, last_body);
+        last_body = body;
+    }
+    for (const uint32_t body : {1u, 2u, 3u, 4u}) {
+        const MeshView mesh = mesh_view(s.meshes, s.bodies.mesh[body]);
+        for (uint32_t t = 0; t < mesh.triangle.size(); ++t) {
+            const auto at = rows.find(key_of(body, corners(s, body, t)));
+            if (at == rows.end()) continue;
+            const uint32_t row = at->second;
+            EXPECT_EQ(model.half_thickness[row], body == 4 ? 0.5e-3 : 0);
+            for (int k = 0; k < 3; ++k) {
+                const Vec3d v = vertex_velocity(s, body, mesh.triangle[t][k]);
+                EXPECT_EQ(model.velocity[model.triangle[row][k]], v);
+                fastest = std::max(fastest, v.norm());
+                const uint32_t across = mesh.neighbour[t][k], found = model.neighbour[row][k];
+                const auto expected = across == kNone ? rows.end() : rows.find(key_of(body, corners(s, body, across)));
+                EXPECT_EQ(found, expected == rows.end() ? kNone : expected->second);
+                (found == kNone ? rim : inner) += 1;
+                // the shared edge is shared by index
+                if (found != kNone) {
+                    const Triangle& other = model.triangle[found];
+                    for (const uint32_t v2 : {model.triangle[row][k], model.triangle[row][(k + 1) % 3]})
+                        EXPECT_NE(std::find(other.begin(), other.end(), v2), other.end());
+                }
+            }
+        }
+    }
+    EXPECT_EQ(model.fastest, fastest);
+    EXPECT_GT(inner, 300u);
+    EXPECT_GT(rim, 10u);
+}
+
+// World boxes spare bodies, never triangles within reach; a fast device looks farther.
+TEST(LocalContactModel, BoxesAndSpeed) {
+    const Scene scene = busy_scene();
+    const Surfaces s = scene.surfaces();
+    std::vector<Box> boxes(s.bodies.mesh.size());
+    for (uint32_t body = 0; body < boxes.size(); ++body) {
+        for (uint32_t v = 0; v < mesh_view(s.meshes, s.bodies.mesh[body]).position.size(); ++v) {
+            boxes[body].min = boxes[body].min.cwiseMin(vertex_position(s, body, v));
+            boxes[body].max = boxes[body].max.cwiseMax(vertex_position(s, body, v));
+        }
+    }
+    LocalContactScratch scratch;
+    LocalContactModel with, without, fast;
+    const ToolState state = holding({0, 0.01, 0.03}, {0, 0, 0.03});
+    publish_local_contact({}, s, {}, tool_of(0), state, 0, 0, scratch, without);
+    publish_local_contact({}, s, boxes, tool_of(0), state, 0, 0, scratch, with);
+    EXPECT_EQ(with.triangle, without.triangle);
+    EXPECT_EQ(with.body, without.body);
+    publish_local_contact({}, s, boxes, tool_of(0), holding({0, 0.01, 0.03}, {0, 0, 0.03}, {0, 1, 0}), 0, 0, scratch,
+                          fast);
+    EXPECT_DOUBLE_EQ(fast.reach, 3e-3 + 1.5 * 35e-3 + 5e-3);
+    EXPECT_GT(fast.triangle.size(), with.triangle.size());
+}
+
+// A used scratch and a used model change nothing, and once warm no buffer is made anew.
+TEST(LocalContactModel, WarmBuffersStayAndChangeNothing) {
+    const Scene scene = busy_scene();
+    const Surfaces s = scene.surfaces();
+    LocalContactScratch scratch;
+    LocalContactModel model;
+    for (double x = -0.03; x <= 0.03; x += 0.01)
+        publish_local_contact({}, s, {}, tool_of(0), holding({x, 0, 0.02}, {x, 0, 0.03}), 0, 0, scratch, model);
+    const void* const buffers[] = {model.position.data(),  model.velocity.data(),     model.triangle.data(),
+                                   model.neighbour.data(), scratch.vertex_row.data(), scratch.beyond.data()};
+    for (double x = -0.03; x <= 0.03; x += 0.01) {
+        publish_local_contact({}, s, {}, tool_of(0), holding({x, 0, 0.02}, {x, 0, 0.03}), 0, 0, scratch, model);
+        const void* const now[] = {model.position.data(),  model.velocity.data(),     model.triangle.data(),
+                                   model.neighbour.data(), scratch.vertex_row.data(), scratch.beyond.data()};
+        for (int k = 0; k < 6; ++k) EXPECT_EQ(now[k], buffers[k]);
+        LocalContactScratch fresh_scratch;
+        LocalContactModel fresh;
+        publish_local_contact({}, s, {}, tool_of(0), holding({x, 0, 0.02}, {x, 0, 0.03}), 0, 0, fresh_scratch, fresh);
+        EXPECT_EQ(fresh.triangle, model.triangle);
+        EXPECT_EQ(fresh.neighbour, model.neighbour);
+        EXPECT_EQ(fresh.position, model.position);
+    }
+}
+
+// From bodies to the hand: a model published every 17 ms, the tip pressed on a turned box, the force is that of its
+// face.
+TEST(LocalContactModel, FeedsTheTick) {
+    Scene scene;
+    scene.add(reference::make_sphere(Vec3d::Zero(), 0.004, 1), Motion::kHand, Admission::kSolid, Vec3d::Zero());
+    const Quat turn = from_rotation_vector({0.3, -0.5, 0.2});
+    scene.add(reference::make_box(Vec3d(-0.05, -0.05, -0.1), Vec3d(0.05, 0.05, 0)), Motion::kStatic, Admission::kSolid,
+              {0.1, 0.2, 0.3}, turn);
+    const Vec3d up = rotate(turn, {0, 0, 1}), spot = Vec3d(0.1, 0.2, 0.3) + rotate(turn, {0.003, 0.002, 0});
+    HandTool tool = tool_of(0);
+    tool.coupling_damping = 0;
+    tool.friction = 0;
+    const HapticParams params;
+    LocalContactScratch scratch;
+    LocalContactModel model;
+    HapticScratch tick_scratch;
+    ToolState state;
+    state.device.position = spot + 0.03 * up;
+    for (int k = 0; k < 400; ++k) {
+        const double time = 1e-3 * k, height = std::max(0.03 - 0.2 * time, 1e-3);
+        if (k % 17 == 0) publish_local_contact(params, scene.surfaces(), {}, tool, state, time, k / 17, scratch, model);
+        DeviceState sample;
+        sample.time = time;
+        sample.position = spot + height * up;
+        haptic_tick(params, model, time, tool, sample, tick_scratch, state);
+        ASSERT_TRUE(state.proxy_valid) << k;
+        EXPECT_NEAR((state.command.force - tool.coupling_stiffness * std::max(0.0, 3e-3 - height) * up).norm(), 0, 1e-5)
+            << k;
+    }
+    EXPECT_GT(state.command.force.norm(), 0.99);
+}
+
+}  // namespace
+}  // namespace trocar
