@@ -360,23 +360,34 @@ Vec3d surface_velocity(const LocalContactModel& model, const HapticScratch& scra
 }
 
 struct TickSpan {
-    double age = 0;      // s, of the model now
     double elapsed = 0;  // s, since the last tick
+    double age = 0;      // s, to which the surface is advanced
+    double moved = 0;    // s, of its motion since the last tick
     double travel = 0;   // m, the proxy may go
 };
+
+// A surface is not advanced for longer than it was published for: a stalled one stands still.
+TickSpan span_of(const HapticParams& params, const LocalContactModel& model, double time, const ToolState& state) {
+    const auto shown = [&](double age) { return std::clamp(age, -params.greatest_age, params.greatest_age); };
+    TickSpan span;
+    span.elapsed = state.ticks > 0 ? std::clamp(time - state.time, 0.0, kLongestGap) : params.dt;
+    span.age = shown(time - model.time);
+    span.moved = span.age - shown(time - model.time - span.elapsed);
+    return span;
+}
 
 // Takes the proxy along with the surface that moved since the last tick, in steps shorter than half the tip's radius so
 // that the surface cannot pass over its centre.
 void carry_proxy(const LocalContactModel& model, const TickSpan& span, double radius, const Room& room,
                  HapticScratch& scratch, ToolState& state) {
-    const double way = model.fastest * span.elapsed;
+    const double way = model.fastest * span.moved;
     if (way == 0 && state.contacts == 0) return;
     const int steps = static_cast<int>(std::clamp(std::ceil(way / (0.5 * radius)), 1.0, 16.0));
     bool was_outside = state.contacts > 0;
     for (int k = 1; k <= steps; ++k) {
-        const double age = span.age - span.elapsed * (steps - k) / steps;
+        const double age = span.age - span.moved * (steps - k) / steps;
         if (was_outside && way > 0)
-            state.proxy += span.elapsed / steps * surface_velocity(model, scratch, state.proxy, radius);
+            state.proxy += span.moved / steps * surface_velocity(model, scratch, state.proxy, radius);
         if (steps > 1)
             for (size_t row = 0; row < scratch.near.size(); ++row)
                 place(model, age, room.origin, std::numeric_limits<double>::infinity(), scratch.near[row],
@@ -438,62 +449,62 @@ Vec3d coupling_force(const HandTool& tool, const ToolState& state, const Vec3d& 
     return limited((pull + damping) * direction, tool.max_force);
 }
 
+// Force on the hand (N) on the way from the last command to `wanted`: as far as the motions since then explain, and a
+// little more each tick, so that a new set of contacts ramps in.
+Vec3d slewed_force(const HapticParams& params, const HandTool& tool, const TickSpan& span, const Vec3d& wanted,
+                   const Vec3d& drift, const DeviceState& last, double last_gain, const ToolState& state) {
+    const double way = (state.device.position - last.position).norm() + drift.norm() * span.moved;
+    const double explained = tool.coupling_stiffness * way +
+                             tool.coupling_damping * (state.device.velocity - last.velocity).norm() +
+                             tool.max_force * std::abs(state.gain - last_gain);
+    return state.command.force + limited(wanted - state.command.force, explained + params.force_slew * span.elapsed);
+}
+
+// Takes the sample or refuses it; the device stays where it was then.
+bool take_sample(const HapticParams& params, const DeviceState& sample, ToolState& state) {
+    if (!is_plausible(params, sample, state)) {
+        ++state.rejected_samples;
+        return false;
+    }
+    state.device = sample;
+    state.device.orientation = normalized(sample.orientation);
+    state.device_valid = true;
+    return true;
+}
+
 }  // namespace
 
 void haptic_tick(const HapticParams& params, const LocalContactModel& model, double time, const HandTool& tool,
                  const DeviceState& sample, HapticScratch& scratch, ToolState& state) {
     TROCAR_ASSERT(tool.tip_radius > 0);
-    const DeviceState last = state.device;
+    const DeviceState last = state.device_valid ? state.device : sample;
     const double last_gain = state.gain;
-    TickSpan span;
-    span.age = time - model.time;
-    span.elapsed = state.ticks > 0 ? std::clamp(time - state.time, 0.0, kLongestGap) : params.dt;
+    TickSpan span = span_of(params, model, time, state);
     state.time = time;
+    state.model_age = time - model.time;
     ++state.ticks;
-    state.model_age = span.age;
-    const bool first = !state.device_valid;
-    const bool accepted = is_plausible(params, sample, state);
-    if (accepted) {
-        state.device = sample;
-        state.device.orientation = normalized(sample.orientation);
-        state.device_valid = true;
-    } else {
-        ++state.rejected_samples;
-    }
-    if (!state.device_valid) {
-        state.command.force.setZero();
-        return;
-    }
-    state.gain = next_gain(params, accepted, time - state.device.time, span.age, span.elapsed, state.gain);
+    const bool accepted = take_sample(params, sample, state);
+    if (!state.device_valid) return;
+    state.gain = next_gain(params, accepted, time - state.device.time, state.model_age, span.elapsed, state.gain);
 
     const Vec3d centre = state.proxy_valid ? state.proxy : state.device.position;
     const double device_way = (state.device.position - last.position).norm();
+    const double surface_way = model.fastest * span.moved;
     span.travel = std::min((state.device.position - centre).norm(), kSlipSpeed * span.elapsed + 2 * device_way) +
-                  2 * model.fastest * span.elapsed + 10 * kSkin;
+                  2 * surface_way + 10 * kSkin;
     // beyond what the model shows there may be anything
-    const bool seen = segment_distance(centre, model.from, model.to) + tool.tip_radius + span.travel <= model.reach;
-    if (seen) {
-        gather_near(model, span.age, tool, centre, span.travel + model.fastest * span.elapsed, scratch);
+    if (segment_distance(centre, model.from, model.to) + tool.tip_radius + span.travel <= model.reach) {
+        gather_near(model, span.age, tool, centre, span.travel + surface_way, scratch);
         update_proxy(model, span, tool, scratch, state);
     } else {
         state.proxy_valid = false;
         state.contacts = 0;
     }
-    const Vec3d drift = seen && state.contacts > 0 && model.fastest > 0
-                            ? surface_velocity(model, scratch, state.proxy, tool.tip_radius)
-                            : Vec3d(Vec3d::Zero());
+    Vec3d drift = Vec3d::Zero();
+    if (state.contacts > 0 && model.fastest > 0) drift = surface_velocity(model, scratch, state.proxy, tool.tip_radius);
     const Vec3d wanted = state.gain * coupling_force(tool, state, drift);
-    if (!accepted || first) {
-        state.command.force = accepted ? wanted : Vec3d(Vec3d::Zero());
-    } else {
-        // what the motions explain, and a little more each tick: a new set of contacts ramps in
-        const double explained =
-            tool.coupling_stiffness * ((state.device.position - last.position).norm() + drift.norm() * span.elapsed) +
-            tool.coupling_damping * (state.device.velocity - last.velocity).norm() +
-            tool.max_force * std::abs(state.gain - last_gain);
-        const Vec3d change = limited(wanted - state.command.force, explained + params.force_slew * span.elapsed);
-        state.command.force += change;
-    }
+    state.command.force =
+        accepted ? slewed_force(params, tool, span, wanted, drift, last, last_gain, state) : Vec3d(Vec3d::Zero());
     state.largest_force = std::max(state.largest_force, state.command.force.norm());
 }
 
