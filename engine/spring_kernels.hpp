@@ -13,12 +13,13 @@ struct SpringStep {
     const float* anchor_stiffness;                // N/m
     const float *anchor_x, *anchor_y, *anchor_z;  // rest position, m
     float turn[9];                                // rows: anchor goal = centre + turn * rest
-    float centre[3];                              // m, high part of the goal of a rest position of zero
-    float centre_rest[3];                         // m, what float left out of centre
-    float stiffness;                              // N/m, of every spring
-    float dt;                                     // s, of the drift
-    float kick_dt;                                // s, mean of this substep and the one before
-    float gravity[3];                             // m/s^2
+    float turn_rest[9];      // what float left out of turn: without it the goals turn the body by themselves
+    float centre[3];         // m, high part of the goal of a rest position of zero
+    float centre_rest[3];    // m, what float left out of centre
+    float stiffness;         // N/m, of every spring
+    float dt;                // s, of the drift
+    float kick_dt;           // s, mean of this substep and the one before
+    float gravity[3];        // m/s^2
     float keep;              // share of the velocity relative to the drag velocity that is left, exp(-damping kick_dt)
     float drag_velocity[3];  // m/s, drag velocity = drag_velocity + drag_turn x offset
     float drag_turn[3];      // rad/s

@@ -70,18 +70,19 @@ void step(const SpringStep* body, unsigned first, unsigned last, double* damping
         // anchors: goal - x = turn * rest - (x - centre); the small difference is taken first
         const __m256 rx = _mm256_loadu_ps(body->anchor_x + row), ry = _mm256_loadu_ps(body->anchor_y + row),
                      rz = _mm256_loadu_ps(body->anchor_z + row);
-        const auto to_goal = [&](const float* turn, __m256 x, float centre, float centre_rest) {
-            const __m256 turned =
-                _mm256_fmadd_ps(set(turn[0]), rx, _mm256_fmadd_ps(set(turn[1]), ry, _mm256_mul_ps(set(turn[2]), rz)));
-            return _mm256_sub_ps(turned, _mm256_sub_ps(_mm256_sub_ps(x, set(centre)), set(centre_rest)));
+        const auto turned = [&](const float* turn, __m256 sum) {
+            sum = _mm256_fmadd_ps(set(turn[2]), rz, sum);
+            return _mm256_fmadd_ps(set(turn[0]), rx, _mm256_fmadd_ps(set(turn[1]), ry, sum));
+        };
+        const auto to_goal = [&](int axis, __m256 x) {
+            const __m256 goal = turned(body->turn + 3 * axis, turned(body->turn_rest + 3 * axis, zero));
+            const __m256 place = _mm256_sub_ps(_mm256_sub_ps(x, set(body->centre[axis])), set(body->centre_rest[axis]));
+            return _mm256_sub_ps(goal, place);
         };
         const __m256 anchor = _mm256_loadu_ps(body->anchor_stiffness + row), k = set(body->stiffness);
-        fx = _mm256_fmadd_ps(anchor, to_goal(body->turn, p.x, body->centre[0], body->centre_rest[0]),
-                             _mm256_mul_ps(k, fx));
-        fy = _mm256_fmadd_ps(anchor, to_goal(body->turn + 3, p.y, body->centre[1], body->centre_rest[1]),
-                             _mm256_mul_ps(k, fy));
-        fz = _mm256_fmadd_ps(anchor, to_goal(body->turn + 6, p.z, body->centre[2], body->centre_rest[2]),
-                             _mm256_mul_ps(k, fz));
+        fx = _mm256_fmadd_ps(anchor, to_goal(0, p.x), _mm256_mul_ps(k, fx));
+        fy = _mm256_fmadd_ps(anchor, to_goal(1, p.y), _mm256_mul_ps(k, fy));
+        fz = _mm256_fmadd_ps(anchor, to_goal(2, p.z), _mm256_mul_ps(k, fz));
 
         // damping towards the drag velocity, then kick
         const __m256 vx = _mm256_loadu_ps(body->velocity_x + row), vy = _mm256_loadu_ps(body->velocity_y + row),

@@ -93,18 +93,19 @@ void step(const SpringStep* body, unsigned first, unsigned last, double* damping
         // anchors: goal - x = turn * rest - (x - centre); the small difference is taken first
         const __m512 rx = _mm512_loadu_ps(body->anchor_x + row), ry = _mm512_loadu_ps(body->anchor_y + row),
                      rz = _mm512_loadu_ps(body->anchor_z + row);
-        const auto to_goal = [&](const float* turn, __m512 x, float centre, float centre_rest) {
-            const __m512 turned =
-                _mm512_fmadd_ps(set(turn[0]), rx, _mm512_fmadd_ps(set(turn[1]), ry, _mm512_mul_ps(set(turn[2]), rz)));
-            return _mm512_sub_ps(turned, _mm512_sub_ps(_mm512_sub_ps(x, set(centre)), set(centre_rest)));
+        const auto turned = [&](const float* turn, __m512 sum) {
+            sum = _mm512_fmadd_ps(set(turn[2]), rz, sum);
+            return _mm512_fmadd_ps(set(turn[0]), rx, _mm512_fmadd_ps(set(turn[1]), ry, sum));
+        };
+        const auto to_goal = [&](int axis, __m512 x) {
+            const __m512 goal = turned(body->turn + 3 * axis, turned(body->turn_rest + 3 * axis, zero));
+            const __m512 place = _mm512_sub_ps(_mm512_sub_ps(x, set(body->centre[axis])), set(body->centre_rest[axis]));
+            return _mm512_sub_ps(goal, place);
         };
         const __m512 anchor = _mm512_loadu_ps(body->anchor_stiffness + row), k = set(body->stiffness);
-        fx = _mm512_fmadd_ps(anchor, to_goal(body->turn, p.x, body->centre[0], body->centre_rest[0]),
-                             _mm512_mul_ps(k, fx));
-        fy = _mm512_fmadd_ps(anchor, to_goal(body->turn + 3, p.y, body->centre[1], body->centre_rest[1]),
-                             _mm512_mul_ps(k, fy));
-        fz = _mm512_fmadd_ps(anchor, to_goal(body->turn + 6, p.z, body->centre[2], body->centre_rest[2]),
-                             _mm512_mul_ps(k, fz));
+        fx = _mm512_fmadd_ps(anchor, to_goal(0, p.x), _mm512_mul_ps(k, fx));
+        fy = _mm512_fmadd_ps(anchor, to_goal(1, p.y), _mm512_mul_ps(k, fy));
+        fz = _mm512_fmadd_ps(anchor, to_goal(2, p.z), _mm512_mul_ps(k, fz));
 
         // damping towards the drag velocity, then kick
         const __m512 vx = _mm512_loadu_ps(body->velocity_x + row), vy = _mm512_loadu_ps(body->velocity_y + row),

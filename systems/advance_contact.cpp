@@ -241,7 +241,7 @@ void find_active_rows(AdvanceIsland& island) {
     island.result.active_rows += s.active.size();
 }
 
-// One row: the impulse that stops the approach and, within the cone, the sliding.
+// Gives one row the impulse that its nodes' velocities ask for now.
 void solve_row(AdvanceScratch& s, ContactActive& row) {
     Vec3d velocity = row.rigid_velocity;
     for (uint32_t k = 0; k < row.nodes; ++k) velocity += row.weight[k] * s.node[row.node[k]].velocity;
@@ -253,12 +253,10 @@ void solve_row(AdvanceScratch& s, ContactActive& row) {
     const Vec3d impulse = (normal_impulse - row.normal_impulse) * row.normal + (friction - row.friction_impulse);
     row.normal_impulse = normal_impulse;
     row.friction_impulse = friction;
-    for (uint32_t k = 0; k < row.nodes; ++k)
-        s.node[row.node[k]].velocity += row.weight[k] * s.node[row.node[k]].inv_mass * impulse;
-}
-
-void run_pass(AdvanceScratch& s) {
-    for (ContactActive& row : s.active) solve_row(s, row);
+    for (uint32_t k = 0; k < row.nodes; ++k) {
+        ContactNode& node = s.node[row.node[k]];
+        node.velocity += row.weight[k] * node.inv_mass * impulse;
+    }
 }
 
 // Writes what the rows did to the particles: velocity, and the drift that belongs to it.
@@ -376,7 +374,9 @@ void apply_impulses(AdvanceIsland& island) {
         s.change[n].kicked = node.velocity;
     }
     find_active_rows(island);
-    for (uint32_t pass = 0; pass < island.params.contact.iterations && !s.active.empty(); ++pass) run_pass(s);
+    for (uint32_t pass = 0; pass < island.params.contact.iterations && !s.active.empty(); ++pass) {
+        for (ContactActive& row : s.active) solve_row(s, row);
+    }
     scatter_velocities(island);
     if (island.params.account_energy) book_work(island);
     add_impulses(island);

@@ -13,14 +13,15 @@ Vec3d turned(const std::array<Vec3d, 3>& rows, const Vec3d& v) {
     return {rows[0].dot(v), rows[1].dot(v), rows[2].dot(v)};
 }
 
-// World position of a node at the end of the substep, the pushes of earlier rows included, m.
+// World position of a node at the end of the substep, the pushes of earlier rows included, m. A node pressed from both
+// sides is looked at as it was, and moved by half: it meets its two planes midway.
 Vec3d place_after(const AdvanceScratch& s, uint32_t n) {
     const ContactNode& node = s.node[n];
     if (node.particle == kNone) return node.place;
     const AdvanceBody& body = s.body[node.owner];
     const Float4& o = body.next[node.particle - body.particles.first];
     const Vec3d place = body.origin + Vec3d(o.x, o.y, o.z);
-    return s.change[n].pushed ? Vec3d(place + s.change[n].change) : place;
+    return s.change[n].pushed && !s.change[n].opposed ? Vec3d(place + s.change[n].change) : place;
 }
 
 // Gap of a row at the end of the substep, and its normal there.
@@ -79,7 +80,8 @@ void add_push(AdvanceIsland& island, const ContactActive& row, const Vec3d& way)
     for (uint32_t k = 0; k < row.nodes; ++k) {
         if (!can_move(s, row.node[k])) continue;
         ContactNodeChange& change = s.change[row.node[k]];
-        change.change += row.weight[k] * unit(k) * scale[k >= row.point_nodes] * way;
+        const double share = change.opposed ? 0.5 : 1.0;
+        change.change += share * row.weight[k] * unit(k) * scale[k >= row.point_nodes] * way;
         change.pushed = true;
     }
 }

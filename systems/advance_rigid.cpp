@@ -100,7 +100,7 @@ void place_rigid_bodies(AdvanceIsland& island, uint32_t substep) {
 }
 
 void pull_hands(AdvanceIsland& island, uint32_t substep) {
-    for (const AdvanceRigid& rigid : island.scratch.rigid) {
+    for (AdvanceRigid& rigid : island.scratch.rigid) {
         if (rigid.node == kNone) continue;
         ContactNode& node = island.scratch.node[rigid.node];
         ContactNodeChange& change = island.scratch.change[rigid.node];
@@ -113,15 +113,18 @@ void pull_hands(AdvanceIsland& island, uint32_t substep) {
         const DeviceInterval& device = island.inputs.devices[rigid.tool];
         const Vec3d from = hand_pose(tool, device, share_of_call(island.params, substep)).origin;
         const Vec3d to = hand_pose(tool, device, share_of_call(island.params, substep + 1)).origin;
-        const double dt = island.dt, w = node.inv_mass, k = tool.coupling_stiffness, b = tool.coupling_damping;
+        const double dt = island.dt, w = island.inputs.bodies.inv_mass[rigid.body];
+        const double k = tool.coupling_stiffness, b = tool.coupling_damping;
+        rigid.target = to;
+        rigid.target_velocity = (to - from) / dt;
         if (w > 0) {
-            // spring and damper act with their values at the end of the substep: stable for any dt, mass and stiffness
-            const Vec3d pull = k * (to - node.place) + b * (to - from) / dt;
-            node.velocity = (node.velocity + dt * w * pull) / (1 + dt * w * (b + k * dt));
-            island.tools[rigid.tool].coupling_force = (node.velocity - change.before) / (w * dt);
+            // spring and damper act with their values at the end of the substep: stable for any dt, mass and stiffness.
+            // They resist the rows' impulses too, as if the hand were that much heavier
+            node.inv_mass = w / (1 + dt * w * (b + k * dt));
+            node.velocity =
+                node.inv_mass * (node.velocity / w + dt * (k * (to - node.place) + b * rigid.target_velocity));
         } else {
             node.velocity = (to - node.place) / dt;
-            island.tools[rigid.tool].coupling_force = Vec3d::Zero();
         }
     }
 }
@@ -132,6 +135,10 @@ void move_hands(AdvanceIsland& island) {
         ContactNode& node = island.scratch.node[rigid.node];
         node.place += island.dt * node.velocity;
         rigid.origin[1] = node.place;
+        if (rigid.tool == kNone) continue;
+        const HandTool& tool = island.inputs.tools[rigid.tool];
+        island.tools[rigid.tool].coupling_force = tool.coupling_stiffness * (rigid.target - node.place) +
+                                                  tool.coupling_damping * (rigid.target_velocity - node.velocity);
     }
 }
 

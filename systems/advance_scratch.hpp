@@ -29,10 +29,11 @@ struct AdvanceRigid {
     uint32_t tool = kNone;  // row of tools, if a hand with a device
     uint32_t node = kNone;  // of the hand's translation
     Quat orientation[2];
-    std::array<Vec3d, 3> turn[2];  // rows of the rotation matrix
-    Vec3d origin[2];               // m
-    Vec3d velocity;                // m/s, of the origin; zero for a hand, whose node has it
-    std::array<Vec3d, 3> spin;     // 1/s, rows of (turn[1] - turn[0]) / dt
+    std::array<Vec3d, 3> turn[2];   // rows of the rotation matrix
+    Vec3d origin[2];                // m
+    Vec3d velocity;                 // m/s, of the origin; zero for a hand, whose node has it
+    std::array<Vec3d, 3> spin;      // 1/s, rows of (turn[1] - turn[0]) / dt
+    Vec3d target, target_velocity;  // m, m/s: where a hand's origin would be if it were in the hand, at the end
 };
 
 // A particle or a hand that contact rows act on.
@@ -46,7 +47,7 @@ struct ContactNode {
 struct ContactNodeChange {
     Vec3d before;        // m/s, before the kick of this substep
     Vec3d kicked;        // m/s, after it
-    Vec3d change;        // of the velocity (m/s), or of the place (m), in the present pass
+    Vec3d change;        // m, of the place by push-out
     Vec3d first_normal;  // of the first active row
     uint32_t rows = 0;   // active rows
     bool opposed = false;
@@ -78,7 +79,7 @@ struct ContactActive {
     Vec3d normal;
     Vec3d rigid_velocity;       // m/s, what rigid sides add to the relative velocity besides their nodes
     double least_velocity = 0;  // m/s, along the normal
-    double inv_sum = 0;         // kg, 1 / sum of weight^2 * rows * inverse mass
+    double inv_sum = 0;         // kg, 1 / sum of weight^2 * inverse mass
     double normal_impulse = 0;  // N s
     Vec3d friction_impulse;     // N s
 };

@@ -53,7 +53,10 @@ void fit_shape(const SpringKernels& kernels, std::vector<double>& chunk_sums, Ad
         orientation = best_fit_rotation(a, orientation);
         const std::array<Vec3d, 3> turn = rotation_rows(orientation);
         for (int i = 0; i < 3; ++i) {
-            for (int j = 0; j < 3; ++j) step.turn[3 * i + j] = static_cast<float>(turn[i][j]);
+            for (int j = 0; j < 3; ++j) {
+                step.turn[3 * i + j] = static_cast<float>(turn[i][j]);
+                step.turn_rest[3 * i + j] = static_cast<float>(turn[i][j] - step.turn[3 * i + j]);
+            }
             const double goal = centre[i] - turn[i].dot(rest);
             step.centre[i] = static_cast<float>(goal);
             step.centre_rest[i] = static_cast<float>(goal - step.centre[i]);

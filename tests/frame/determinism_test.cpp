@@ -62,8 +62,9 @@ TEST_P(Determinism, SameHashForAnyThreadsOrderInstructionSetAndCaches) {
         EXPECT_EQ(run_scene(GetParam(), {threads, false, false, false, 90}), reference) << threads << " threads";
     EXPECT_EQ(run_scene(GetParam(), {2, true, false, false, 90}), reference) << "serial list on two threads";
     EXPECT_EQ(run_scene(GetParam(), {1, false, true, false, 90}), reference) << "caches cleared";
-    if (std::string(instruction_set()) == "avx512")
+    if (std::string(instruction_set()) == "avx512") {
         EXPECT_EQ(run_scene(GetParam(), {1, false, false, true, 90}), reference) << "AVX2 kernels";
+    }
 }
 
 INSTANTIATE_TEST_SUITE_P(Scenes, Determinism, testing::ValuesIn(scene_names()),
