@@ -8,7 +8,7 @@ namespace trocar {
 namespace {
 
 // A plane tells little beyond a few edge lengths; without a bound one flung vertex makes everything near (190 ms).
-constexpr double kMostReach = 2;
+constexpr double kMostReach = 0.5;
 
 Vec3d to_vector(__m128 v) {
     alignas(16) float p[4];

@@ -4,7 +4,7 @@
 namespace trocar {
 
 // World box of every body from its present vertices, enlarged by its reach: margin = fastest vertex speed * period, at
-// most two mean edges, + 0.05 mean edge (rigid: |v| + |omega| * radius, so the caller puts the coming speed of scripted bodies and hands into
+// most half a mean edge, + 0.05 mean edge (rigid: |v| + |omega| * radius, so the caller puts the coming speed of scripted bodies and hands into
 // the poses), plus half the thickness of a sheet. One row per body; a body without a finite vertex gets an empty box.
 // Non-finite vertices are skipped. period in s.
 void compute_body_boxes(double period, const Surfaces& surfaces, BodyBoxes& boxes);

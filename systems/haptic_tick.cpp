@@ -2,6 +2,7 @@
 
 #include <algorithm>
 #include <cmath>
+#include <limits>
 #include <tuple>
 
 #include "engine/check.hpp"
@@ -14,7 +15,7 @@ namespace {
 constexpr double kSkin = 1e-9;        // m, the sweep stops this much deeper than the planes hold, so that sliding along
                                       // a plane is never taken for hitting it
 constexpr double kConverged = 1e-10;  // m, a smaller step ends the search
-constexpr uint32_t kSteps = 32;       // of one search
+constexpr uint32_t kSteps = 16;       // of one search; a longer one goes on in the next tick
 constexpr uint32_t kSweeps = 40;      // Newton steps to the first touch of one triangle
 constexpr double kSlipSpeed = 1;     // m/s, of the proxy beyond twice that of the device: a longer way round goes on in
                                      // the next tick
@@ -56,52 +57,59 @@ double segment_distance(const Vec3d& p, const Vec3d& a, const Vec3d& b) {
     return (a + t * along - p).norm();
 }
 
-// Corners of near triangle k at `age` and what follows from them.
-void place(const LocalContactModel& model, double age, size_t k, HapticScratch& scratch) {
-    NearTriangle& near = scratch.near[k];
-    for (int c = 0; c < 3; ++c) {
-        const uint32_t v = scratch.corners[k][c];
-        near.corner[c] = model.position[v] + age * model.velocity[v];
-    }
+bool within(const Vec3d& a, const Vec3d& b, double distance) { return (a - b).squaredNorm() <= distance * distance; }
+
+// Takes the corners to `age`; the ball around them. False when that lies farther than `travel` from touching `centre`.
+bool place(const LocalContactModel& model, double age, const Vec3d& centre, double travel, NearTriangle& near,
+           NearDisc& disc) {
+    for (int k = 0; k < 3; ++k) near.corner[k] = model.position[near.vertex[k]] + age * model.velocity[near.vertex[k]];
     const auto& [p, q, r] = near.corner;
-    const Vec3d centre = (p + q + r) / 3;
-    const double radius2 =
-        std::max({(p - centre).squaredNorm(), (q - centre).squaredNorm(), (r - centre).squaredNorm()});
-    scratch.ball[k] = {centre, std::sqrt(radius2) + near.offset};
+    disc.centre = (p + q + r) / 3;
+    disc.radius = std::sqrt(
+        std::max({(p - disc.centre).squaredNorm(), (q - disc.centre).squaredNorm(), (r - disc.centre).squaredNorm()}));
+    if (!within(disc.centre, centre, disc.radius + disc.offset + travel)) return false;
     const Vec3d n = triangle_normal(p, q, r);
     const double length = n.norm();
-    near.normal = length > 0 ? Vec3d(n / length) : Vec3d::Zero();
+    disc.normal = length > 0 ? Vec3d(n / length) : Vec3d::Zero();
+    return true;
 }
-
-bool within(const Vec3d& a, const Vec3d& b, double distance) { return (a - b).squaredNorm() <= distance * distance; }
 
 // Fills scratch.near with the triangles that a tip touches somewhere nearer than `travel` to `centre` (told by balls),
 // as they lie at `age`.
 void gather_near(const LocalContactModel& model, double age, const HandTool& tool, const Vec3d& centre, double travel,
                  HapticScratch& scratch) {
     scratch.near.clear();
-    scratch.ball.clear();
-    scratch.corners.clear();
+    scratch.disc.clear();
+    NearTriangle near;
+    NearDisc disc;
     for (const TriangleGroup& group : model.group) {
-        const double offset = tool.tip_radius + model.half_thickness[group.triangles.first];
-        const double reach = group.radius + group.spread * std::abs(age) + offset + travel;
+        const double half_thickness = model.half_thickness[group.triangles.first];
+        disc.offset = tool.tip_radius + half_thickness;
+        near.sheet = half_thickness > 0;
+        const double reach = group.radius + group.spread * std::abs(age) + disc.offset + travel;
         if (!within(group.centre + age * group.velocity, centre, reach)) continue;
         for (uint32_t t = group.triangles.first; t < group.triangles.end(); ++t) {
-            const Triangle& v = model.triangle[t];
-            NearTriangle near;
-            near.row = t;
-            near.offset = offset;
-            near.sheet = model.half_thickness[t] > 0;
+            near.vertex = model.triangle[t];
+            if (!place(model, age, centre, travel, near, disc)) continue;
             scratch.near.push_back(near);
-            scratch.ball.emplace_back();
-            scratch.corners.push_back(v);
-            place(model, age, scratch.near.size() - 1, scratch);
-            if (within(scratch.ball.back().centre, centre, scratch.ball.back().reach + travel)) continue;
-            scratch.near.pop_back();
-            scratch.ball.pop_back();
-            scratch.corners.pop_back();
+            scratch.disc.push_back(disc);
         }
     }
+}
+
+// Whether a point of the way from - half to + half around `middle` may come nearer than `most` to the triangle in a
+// disc, where the way lies `height` or more off its plane: off the plane, and off the disc along the plane.
+bool may_come_near(const NearDisc& disc, const Vec3d& middle, double half, double height, double most) {
+    const double room2 = most * most - height * height;
+    if (room2 < 0) return false;
+    const Vec3d way = middle - disc.centre;
+    const double across = disc.normal.dot(way);
+    const double along = disc.radius + half + std::sqrt(room2);
+    // rounding of the squares: a part in 1e12 of what they were made of
+    return way.squaredNorm() - across * across <= along * along + 1e-12 * (way.squaredNorm() + along * along);
+}
+bool may_come_near(const NearDisc& disc, const Vec3d& point, double most) {
+    return may_come_near(disc, point, 0, std::abs(disc.normal.dot(point - disc.centre)), most);
 }
 
 // ---- features ----
@@ -139,8 +147,8 @@ bool same_feature(const FeatureVertices& f, const FeatureVertices& g) {
     return (f.a == g.a && f.b == g.b) || (f.a == g.b && f.b == g.a);
 }
 
-double corner_angle(const Triangle& t, const NearTriangle& near, uint32_t vertex) {
-    const int k = t[0] == vertex ? 0 : t[1] == vertex ? 1 : 2;
+double corner_angle(const NearTriangle& near, uint32_t vertex) {
+    const int k = near.vertex[0] == vertex ? 0 : near.vertex[1] == vertex ? 1 : 2;
     const Vec3d u = near.corner[(k + 1) % 3] - near.corner[k], v = near.corner[(k + 2) % 3] - near.corner[k];
     return std::atan2(u.cross(v).norm(), u.dot(v));
 }
@@ -149,13 +157,13 @@ double corner_angle(const Triangle& t, const NearTriangle& near, uint32_t vertex
 // TVCG 11(3), 2005). Nothing is behind a sheet.
 bool is_behind(const HapticScratch& scratch, uint32_t row, Feature feature, const Vec3d& offset) {
     if (scratch.near[row].sheet) return false;
-    const FeatureVertices f = feature_vertices(scratch.corners[row], feature);
-    if (f.a == kNone) return scratch.near[row].normal.dot(offset) > 0;
+    const FeatureVertices f = feature_vertices(scratch.near[row].vertex, feature);
+    if (f.a == kNone) return scratch.disc[row].normal.dot(offset) > 0;
     Vec3d pseudonormal = Vec3d::Zero();
-    for (size_t k = 0; k < scratch.corners.size(); ++k) {
-        const Triangle& t = scratch.corners[k];
-        if (!holds(t, f)) continue;
-        pseudonormal += (f.b == kNone ? corner_angle(t, scratch.near[k], f.a) : 1.0) * scratch.near[k].normal;
+    for (size_t k = 0; k < scratch.near.size(); ++k) {
+        const NearTriangle& near = scratch.near[k];
+        if (!holds(near.vertex, f)) continue;
+        pseudonormal += (f.b == kNone ? corner_angle(near, f.a) : 1.0) * scratch.disc[k].normal;
     }
     return pseudonormal.dot(offset) > 0;
 }
@@ -166,15 +174,14 @@ void find_touched(const Vec3d& centre, HapticScratch& scratch) {
     std::vector<TouchedFeature>& touched = scratch.touched;
     touched.clear();
     for (uint32_t row = 0; row < scratch.near.size(); ++row) {
-        if (!within(scratch.ball[row].centre, centre, scratch.ball[row].reach + kSkin)) continue;
-        const NearTriangle& near = scratch.near[row];
-        const double most = near.offset + kSkin;
-        if (std::abs(near.normal.dot(centre - near.corner[0])) > most) continue;
-        const TrianglePoint q = closest_point_on_triangle(centre, near.corner[0], near.corner[1], near.corner[2]);
+        const double most = scratch.disc[row].offset + kSkin;
+        if (!may_come_near(scratch.disc[row], centre, most)) continue;
+        const auto& [a, b, c] = scratch.near[row].corner;
+        const TrianglePoint q = closest_point_on_triangle(centre, a, b, c);
         if (q.squared_distance > most * most) continue;
         touched.push_back({row, q.feature, q.offset, std::sqrt(q.squared_distance)});
     }
-    const auto triangle = [&](const TouchedFeature& f) -> const Triangle& { return scratch.corners[f.near]; };
+    const auto triangle = [&](const TouchedFeature& f) -> const Triangle& { return scratch.near[f.near].vertex; };
     // faces before edges before vertices, then the nearer: the first of this order always stays, however rounding names
     // the features around a point above a vertex
     const auto comes_before = [](const TouchedFeature& f, const TouchedFeature& g) {
@@ -215,15 +222,16 @@ Planes gather_planes(const Vec3d& centre, HapticScratch& scratch) {
     if (!nearest) return planes;
     planes.inside = is_behind(scratch, nearest->near, nearest->feature, nearest->offset);
     for (const TouchedFeature& f : scratch.touched) {
-        NearTriangle& near = scratch.near[f.near];
+        const NearDisc& disc = scratch.disc[f.near];
         const bool way_out = planes.inside && &f == nearest;
         const bool behind = way_out || is_behind(scratch, f.near, f.feature, f.offset);
         if (behind && !way_out) continue;
         if (f.distance < 1e-12) {
-            near.held = planes.half_spaces.add({near.normal, near.offset});
+            scratch.near[f.near].held = planes.half_spaces.add({disc.normal, disc.offset});
         } else {
             const double side = behind ? 1 : -1;
-            near.held = planes.half_spaces.add({side / f.distance * f.offset, near.offset + side * f.distance});
+            scratch.near[f.near].held =
+                planes.half_spaces.add({side / f.distance * f.offset, disc.offset + side * f.distance});
         }
     }
     return planes;
@@ -233,12 +241,12 @@ Planes gather_planes(const Vec3d& centre, HapticScratch& scratch) {
 // is convex along a line, so it comes from the free side and never passes. 1 if it does not touch.
 double sweep_to_triangle(const HapticScratch& scratch, uint32_t row, const Vec3d& from, const Vec3d& step,
                          double least) {
-    const NearTriangle& n = scratch.near[row];
-    const double target = n.offset - kSkin;
+    const auto& [a, b, c] = scratch.near[row].corner;
+    const double target = scratch.disc[row].offset - kSkin;
     double t = 0;
     for (uint32_t k = 0; k < kSweeps; ++k) {
         const Vec3d p = from + t * step;
-        const TrianglePoint q = closest_point_on_triangle(p, n.corner[0], n.corner[1], n.corner[2]);
+        const TrianglePoint q = closest_point_on_triangle(p, a, b, c);
         const double distance = std::sqrt(q.squared_distance);
         const double gap = distance - target;
         // touched already: it is held by its plane, or shadowed by a feature that is
@@ -258,12 +266,11 @@ double sweep(const HapticScratch& scratch, const Vec3d& from, const Vec3d& step)
     const double half = 0.5 * step.norm();
     double least = 1;
     for (uint32_t row = 0; row < scratch.near.size(); ++row) {
-        if (!within(scratch.ball[row].centre, middle, scratch.ball[row].reach + half)) continue;
-        const NearTriangle& n = scratch.near[row];
-        if (n.held) continue;
-        const double h0 = n.normal.dot(from - n.corner[0]), h1 = h0 + n.normal.dot(step);
-        const double limit = n.offset - kSkin;
-        if (std::min(h0, h1) > limit || std::max(h0, h1) < -limit) continue;
+        if (scratch.near[row].held) continue;
+        const NearDisc& disc = scratch.disc[row];
+        const double h0 = disc.normal.dot(from - disc.centre), h1 = h0 + disc.normal.dot(step);
+        const double height = h0 * h1 > 0 ? std::min(std::abs(h0), std::abs(h1)) : 0;
+        if (!may_come_near(disc, middle, half, height, disc.offset - kSkin)) continue;
         least = std::min(least, sweep_to_triangle(scratch, row, from, step, least));
     }
     return least;
@@ -330,46 +337,61 @@ Search find_proxy(const Vec3d& start, const Vec3d& goal, const Room& room, doubl
     return s;
 }
 
-// Velocity (m/s) of the surface where it is nearest to a point.
-Vec3d surface_velocity(const LocalContactModel& model, const HapticScratch& scratch, const Vec3d& point) {
+// Velocity (m/s) of the surface where it is nearest to a point; zero if nothing is nearer than `most` beyond touching.
+Vec3d surface_velocity(const LocalContactModel& model, const HapticScratch& scratch, const Vec3d& point, double most) {
     double best = std::numeric_limits<double>::infinity();
     Vec3d velocity = Vec3d::Zero();
     for (size_t k = 0; k < scratch.near.size(); ++k) {
         const NearTriangle& n = scratch.near[k];
-        if (!within(scratch.ball[k].centre, point, scratch.ball[k].reach - n.offset + best)) continue;
+        const double nearer = std::min(best, scratch.disc[k].offset + most);
+        if (!may_come_near(scratch.disc[k], point, nearer)) continue;
         const TrianglePoint q = closest_point_on_triangle(point, n.corner[0], n.corner[1], n.corner[2]);
-        if (q.squared_distance >= best * best) continue;
+        if (q.squared_distance >= nearer * nearer) continue;
         best = std::sqrt(q.squared_distance);
         const Vec3d u = n.corner[1] - n.corner[0], v = n.corner[2] - n.corner[0];
         const Vec3d w = point + q.offset - n.corner[0];
         const double uu = u.dot(u), uv = u.dot(v), vv = v.dot(v), area = uu * vv - uv * uv;
         const double b = area > 0 ? std::clamp((vv * u.dot(w) - uv * v.dot(w)) / area, 0.0, 1.0) : 0;
         const double c = area > 0 ? std::clamp((uu * v.dot(w) - uv * u.dot(w)) / area, 0.0, 1.0 - b) : 0;
-        const Triangle& t = scratch.corners[k];
-        velocity = (1 - b - c) * model.velocity[t[0]] + b * model.velocity[t[1]] + c * model.velocity[t[2]];
+        velocity = (1 - b - c) * model.velocity[n.vertex[0]] + b * model.velocity[n.vertex[1]] +
+                   c * model.velocity[n.vertex[2]];
     }
     return velocity;
 }
 
 struct TickSpan {
-    double age = 0;      // s, of the model now
     double elapsed = 0;  // s, since the last tick
+    double age = 0;      // s, to which the surface is advanced
+    double moved = 0;    // s, of its motion since the last tick
     double travel = 0;   // m, the proxy may go
 };
+
+// A surface is not advanced for longer than it was published for: a stalled one stands still.
+TickSpan span_of(const HapticParams& params, const LocalContactModel& model, double time, const ToolState& state) {
+    const auto shown = [&](double age) { return std::clamp(age, -params.greatest_age, params.greatest_age); };
+    TickSpan span;
+    span.elapsed = state.ticks > 0 ? std::clamp(time - state.time, 0.0, kLongestGap) : params.dt;
+    span.age = shown(time - model.time);
+    span.moved = span.age - shown(time - model.time - span.elapsed);
+    return span;
+}
 
 // Takes the proxy along with the surface that moved since the last tick, in steps shorter than half the tip's radius so
 // that the surface cannot pass over its centre.
 void carry_proxy(const LocalContactModel& model, const TickSpan& span, double radius, const Room& room,
                  HapticScratch& scratch, ToolState& state) {
-    const double way = model.fastest * span.elapsed;
+    const double way = model.fastest * span.moved;
     if (way == 0 && state.contacts == 0) return;
     const int steps = static_cast<int>(std::clamp(std::ceil(way / (0.5 * radius)), 1.0, 16.0));
     bool was_outside = state.contacts > 0;
     for (int k = 1; k <= steps; ++k) {
-        const double age = span.age - span.elapsed * (steps - k) / steps;
-        if (was_outside && way > 0) state.proxy += span.elapsed / steps * surface_velocity(model, scratch, state.proxy);
+        const double age = span.age - span.moved * (steps - k) / steps;
+        if (was_outside && way > 0)
+            state.proxy += span.moved / steps * surface_velocity(model, scratch, state.proxy, radius);
         if (steps > 1)
-            for (size_t row = 0; row < scratch.near.size(); ++row) place(model, age, row, scratch);
+            for (size_t row = 0; row < scratch.near.size(); ++row)
+                place(model, age, room.origin, std::numeric_limits<double>::infinity(), scratch.near[row],
+                      scratch.disc[row]);
         const Search s = find_proxy(state.proxy, state.proxy, room, 0, was_outside, scratch);
         state.proxy = s.proxy;
         was_outside = was_outside || s.active > 0;
@@ -385,7 +407,7 @@ void carry_proxy(const LocalContactModel& model, const TickSpan& span, double ra
 bool is_clear(const Vec3d& centre, HapticScratch& scratch) {
     find_touched(centre, scratch);
     return std::all_of(scratch.touched.begin(), scratch.touched.end(),
-                       [&](const TouchedFeature& f) { return f.distance >= scratch.near[f.near].offset; });
+                       [&](const TouchedFeature& f) { return f.distance >= scratch.disc[f.near].offset; });
 }
 
 // Moves the proxy to where it belongs for the device's present position.
@@ -427,61 +449,62 @@ Vec3d coupling_force(const HandTool& tool, const ToolState& state, const Vec3d& 
     return limited((pull + damping) * direction, tool.max_force);
 }
 
+// Force on the hand (N) on the way from the last command to `wanted`: as far as the motions since then explain, and a
+// little more each tick, so that a new set of contacts ramps in.
+Vec3d slewed_force(const HapticParams& params, const HandTool& tool, const TickSpan& span, const Vec3d& wanted,
+                   const Vec3d& drift, const DeviceState& last, double last_gain, const ToolState& state) {
+    const double way = (state.device.position - last.position).norm() + drift.norm() * span.moved;
+    const double explained = tool.coupling_stiffness * way +
+                             tool.coupling_damping * (state.device.velocity - last.velocity).norm() +
+                             tool.max_force * std::abs(state.gain - last_gain);
+    return state.command.force + limited(wanted - state.command.force, explained + params.force_slew * span.elapsed);
+}
+
+// Takes the sample or refuses it; the device stays where it was then.
+bool take_sample(const HapticParams& params, const DeviceState& sample, ToolState& state) {
+    if (!is_plausible(params, sample, state)) {
+        ++state.rejected_samples;
+        return false;
+    }
+    state.device = sample;
+    state.device.orientation = normalized(sample.orientation);
+    state.device_valid = true;
+    return true;
+}
+
 }  // namespace
 
 void haptic_tick(const HapticParams& params, const LocalContactModel& model, double time, const HandTool& tool,
                  const DeviceState& sample, HapticScratch& scratch, ToolState& state) {
     TROCAR_ASSERT(tool.tip_radius > 0);
-    const DeviceState last = state.device;
+    const DeviceState last = state.device_valid ? state.device : sample;
     const double last_gain = state.gain;
-    TickSpan span;
-    span.age = time - model.time;
-    span.elapsed = state.ticks > 0 ? std::clamp(time - state.time, 0.0, kLongestGap) : params.dt;
+    TickSpan span = span_of(params, model, time, state);
     state.time = time;
+    state.model_age = time - model.time;
     ++state.ticks;
-    state.model_age = span.age;
-    const bool first = !state.device_valid;
-    const bool accepted = is_plausible(params, sample, state);
-    if (accepted) {
-        state.device = sample;
-        state.device.orientation = normalized(sample.orientation);
-        state.device_valid = true;
-    } else {
-        ++state.rejected_samples;
-    }
-    if (!state.device_valid) {
-        state.command.force.setZero();
-        return;
-    }
-    state.gain = next_gain(params, accepted, time - state.device.time, span.age, span.elapsed, state.gain);
+    const bool accepted = take_sample(params, sample, state);
+    if (!state.device_valid) return;
+    state.gain = next_gain(params, accepted, time - state.device.time, state.model_age, span.elapsed, state.gain);
 
     const Vec3d centre = state.proxy_valid ? state.proxy : state.device.position;
     const double device_way = (state.device.position - last.position).norm();
+    const double surface_way = model.fastest * span.moved;
     span.travel = std::min((state.device.position - centre).norm(), kSlipSpeed * span.elapsed + 2 * device_way) +
-                  2 * model.fastest * span.elapsed + 10 * kSkin;
+                  2 * surface_way + 10 * kSkin;
     // beyond what the model shows there may be anything
-    const bool seen = segment_distance(centre, model.from, model.to) + tool.tip_radius + span.travel <= model.reach;
-    if (seen) {
-        gather_near(model, span.age, tool, centre, span.travel + model.fastest * span.elapsed, scratch);
+    if (segment_distance(centre, model.from, model.to) + tool.tip_radius + span.travel <= model.reach) {
+        gather_near(model, span.age, tool, centre, span.travel + surface_way, scratch);
         update_proxy(model, span, tool, scratch, state);
     } else {
         state.proxy_valid = false;
         state.contacts = 0;
     }
-    const Vec3d drift = seen && state.contacts > 0 && model.fastest > 0 ? surface_velocity(model, scratch, state.proxy)
-                                                                        : Vec3d(Vec3d::Zero());
+    Vec3d drift = Vec3d::Zero();
+    if (state.contacts > 0 && model.fastest > 0) drift = surface_velocity(model, scratch, state.proxy, tool.tip_radius);
     const Vec3d wanted = state.gain * coupling_force(tool, state, drift);
-    if (!accepted || first) {
-        state.command.force = accepted ? wanted : Vec3d(Vec3d::Zero());
-    } else {
-        // what the motions explain, and a little more each tick: a new set of contacts ramps in
-        const double explained =
-            tool.coupling_stiffness * ((state.device.position - last.position).norm() + drift.norm() * span.elapsed) +
-            tool.coupling_damping * (state.device.velocity - last.velocity).norm() +
-            tool.max_force * std::abs(state.gain - last_gain);
-        const Vec3d change = limited(wanted - state.command.force, explained + params.force_slew * span.elapsed);
-        state.command.force += change;
-    }
+    state.command.force =
+        accepted ? slewed_force(params, tool, span, wanted, drift, last, last_gain, state) : Vec3d(Vec3d::Zero());
     state.largest_force = std::max(state.largest_force, state.command.force.norm());
 }
 

@@ -6,20 +6,19 @@
 #include "engine/closest_point.hpp"
 namespace trocar {
 
-// Triangle of the model near the proxy, at the time of the tick.
-struct NearTriangle {
-    uint32_t row = 0;              // of the model
-    std::array<Vec3d, 3> corner;   // m
+// Disc around a triangle of the model near the proxy, at the time of the tick: what is asked first, so it lies apart.
+struct NearDisc {
+    Vec3d centre = Vec3d::Zero();  // m
     Vec3d normal = Vec3d::Zero();  // unit, outward; zero for a triangle without area
+    double radius = 0;             // m
     double offset = 0;             // m, tip radius + half thickness: how near the centre of the tip may come
-    bool sheet = false;
-    bool held = false;  // its plane is among the planes of the present step
 };
 
-// Ball around a near triangle: what is asked first, so it lies apart.
-struct NearBall {
-    Vec3d centre = Vec3d::Zero();  // m
-    double reach = 0;              // m, radius + offset: a tip farther away does not touch the triangle
+struct NearTriangle {
+    Triangle vertex;              // of the model
+    std::array<Vec3d, 3> corner;  // m
+    bool sheet = false;
+    bool held = false;  // its plane is among the planes of the present step
 };
 
 // Part of a near triangle that the tip touches.
@@ -32,9 +31,8 @@ struct TouchedFeature {
 };
 
 struct HapticScratch {
-    std::vector<NearTriangle> near;  // ascending rows
-    std::vector<NearBall> ball;      // one per row of near
-    std::vector<Triangle> corners;   // the same: vertices of the model
+    std::vector<NearTriangle> near;  // in the order of the model
+    std::vector<NearDisc> disc;      // one per row of near
     std::vector<TouchedFeature> touched;
 };
 

@@ -7,11 +7,13 @@
 namespace trocar {
 namespace {
 
-// sides of the box that a ball lies wholly beyond, one bit each
-uint8_t sides_beyond(const Box& box, const Vec3d& p, double radius) {
+// sides of the box that a point lies beyond by more than `slack` (per axis), one bit each
+uint8_t sides_beyond(const Box& box, const Vec3d& p, const Vec3d& slack) {
     uint32_t sides = 0;
-    for (int k = 0; k < 3; ++k)
-        sides |= (p[k] + radius < box.min[k] ? 1u << k : 0u) | (p[k] - radius > box.max[k] ? 8u << k : 0u);
+    for (int k = 0; k < 3; ++k) {
+        sides |= static_cast<uint32_t>(p[k] + slack[k] < box.min[k]) << k;
+        sides |= static_cast<uint32_t>(p[k] - slack[k] > box.max[k]) << (k + 3);
+    }
     return static_cast<uint8_t>(sides);
 }
 
@@ -31,16 +33,17 @@ void mark_vertices(const Surfaces& s, uint32_t body, const Box& box, double seco
     beyond.resize(info.vertices.count);
     if (!is_deformable(s.bodies, body)) {
         const double speed = s.poses.velocity[body].norm() + s.poses.angular_velocity[body].norm() * info.radius;
+        const Vec3d slack = Vec3d::Constant(speed * seconds);
         for (uint32_t v = 0; v < info.vertices.count; ++v)
-            beyond[v] = sides_beyond(box, s.meshes.position[info.vertices.first + v], speed * seconds);
+            beyond[v] = sides_beyond(box, s.meshes.position[info.vertices.first + v], slack);
         return;
     }
     const uint32_t first = s.bodies.particles[body].first;
     for (uint32_t v = 0; v < info.vertices.count; ++v) {
         const Float4& o = s.particles.offset[first + v];
-        const double vx = s.particles.velocity_x[first + v], vy = s.particles.velocity_y[first + v],
-                     vz = s.particles.velocity_z[first + v];
-        beyond[v] = sides_beyond(box, {o.x, o.y, o.z}, std::sqrt(vx * vx + vy * vy + vz * vz) * seconds);
+        const Vec3d velocity(s.particles.velocity_x[first + v], s.particles.velocity_y[first + v],
+                             s.particles.velocity_z[first + v]);
+        beyond[v] = sides_beyond(box, {o.x, o.y, o.z}, seconds * velocity.cwiseAbs());
     }
 }
 

@@ -145,31 +145,47 @@ void run_queries(const Side& side, uint32_t first, OverlapChunk& c) {
     for (uint32_t i = first; i < c.query_vertex.size(); ++i) c.row[c.query_vertex[i]] = i;
 }
 
-// Takes the winding number's word for the side of one vertex.
-void settle_sign(const Side& side, uint32_t row, OverlapChunk& c) {
+// Takes the winding number's word for the side of one vertex, once. True when it was on the other side.
+bool settle_sign(const Side& side, uint32_t row, OverlapChunk& c) {
     SurfacePoint& answer = c.query_answer[row];
+    if (has_bit(c.settled, row)) return false;
+    set_bit(c.settled, row);
     const bool inside = side.tree->winding_number(c.query_point[row]) > 0.5;
-    if (inside == (answer.distance < 0)) return;
+    if (inside == (answer.distance < 0)) return false;
     answer.distance = -answer.distance;
     answer.normal = -answer.normal;
     ++c.sign_disagreements;
+    return true;
 }
 
 // Signed distance is 1-Lipschitz, so it changes along an edge by no more than the edge is long. Where it does, a sign
-// is wrong: the surface is folded there and pseudonormals do not tell.
-void check_signs(const Side& side, OverlapChunk& c) {
-    for_each_bit(c.near_triangle, [&](uint32_t t) {
-        const Triangle& corner = side.mesh.triangle[t];
+// is wrong: the surface is folded there and pseudonormals do not tell. A vertex put right may put its neighbours in
+// doubt.
+void check_signs(const OverlapInput& in, const Side& side, OverlapChunk& c) {
+    c.settled.resize((c.query_vertex.size() + 63) / 64, 0);
+    const auto check_triangle = [&](const Triangle& corner) {
+        bool changed = false;
+        for (const uint32_t v : corner) {
+            if (!has_bit(c.near_vertex, v)) return false;
+        }
         for (uint32_t k = 0; k < 3; ++k) {
             const uint32_t i = c.row[corner[k]], j = c.row[corner[(k + 1) % 3]];
             const double a = c.query_answer[i].distance, b = c.query_answer[j].distance;
             if (a * b >= 0) continue;
             const double length = (c.query_point[i] - c.query_point[j]).norm();
             if (std::abs(a - b) <= length * (1 + 1e-9)) continue;
-            settle_sign(side, i, c);
-            settle_sign(side, j, c);
+            changed = settle_sign(side, i, c) || changed;
+            changed = settle_sign(side, j, c) || changed;
         }
-    });
+        return changed;
+    };
+    for (bool changed = true; changed;) {
+        changed = false;
+        const Range rows = in.screened.body[side.body];
+        for (uint32_t row = rows.first; row < rows.end(); ++row) {
+            changed = check_triangle(side.mesh.triangle[in.screened.triangle[row]]) || changed;
+        }
+    }
 }
 
 // Which side every piece is on: of a near vertex of it, or of its first vertex by a query of its own.
@@ -202,6 +218,7 @@ void measure_inside(const OverlapInput& in, const Side& side, const BodyPoints& 
     });
     if (c.query_vertex.size() == asked) return;
     run_queries(side, asked, c);
+    c.settled.resize((c.query_vertex.size() + 63) / 64, 0);
     for (uint32_t row = asked; row < c.query_vertex.size(); ++row) {
         set_bit(c.near_vertex, c.query_vertex[row]);
         if (side.solid && c.query_answer[row].distance >= 0) settle_sign(side, row, c);
@@ -218,10 +235,12 @@ void find_side(const OverlapInput& in, const Side& side, OverlapSide& found, Ove
     for_each_bit(c.near_vertex, [&](uint32_t v) { add_query(in, side, points, v, c.hint[v], c); });
     run_queries(side, 0, c);
     if (!side.sheet) {
-        if (side.solid) check_signs(side, c);
+        c.settled.clear();
+        if (side.solid) check_signs(in, side, c);
         flood_pieces(in, side, c);
         decide_pieces(in, side, points, c);
         measure_inside(in, side, points, c);
+        if (side.solid) check_signs(in, side, c);
     }
     for_each_bit(c.near_vertex, [&](uint32_t v) {
         const SurfacePoint& answer = c.query_answer[c.row[v]];

@@ -19,10 +19,11 @@ struct OverlapSide {
 // Working arrays of a run of sides. Bit sets and per-vertex rows are of the body at hand.
 struct OverlapChunk {
     std::vector<uint64_t> near_triangle, near_vertex, region_vertex;
-    std::vector<uint32_t> hint;    // per vertex: a triangle of the other body close by
-    std::vector<uint32_t> parent;  // per vertex: union-find over triangles that nothing crosses
-    std::vector<uint8_t> piece;    // per root vertex: which side of the other surface it is on
-    std::vector<uint32_t> row;     // per vertex: row of answer
+    std::vector<uint64_t> settled;  // per row of query_answer: the winding number was asked
+    std::vector<uint32_t> hint;     // per vertex: a triangle of the other body close by
+    std::vector<uint32_t> parent;   // per vertex: union-find over triangles that nothing crosses
+    std::vector<uint8_t> piece;     // per root vertex: which side of the other surface it is on
+    std::vector<uint32_t> row;      // per vertex: row of answer
     // queries of the side at hand
     std::vector<uint32_t> query_vertex, query_hint;
     std::vector<Vec3d> query_point;  // frame of the other body, m

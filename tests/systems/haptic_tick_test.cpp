@@ -98,7 +98,7 @@ TEST(HapticTick, PlaneAnswersStiffnessTimesPenetration) {
 TEST(HapticTick, InnerEdgesOfAFlatSurfaceAreNotFelt) {
     std::mt19937 random(1);
     std::uniform_real_distribution<double> angle(0, 2 * M_PI);
-    for (int path = 0; path < 40; ++path) {
+    for (int path = 0; path < 15; ++path) {
         Rig rig = still_rig(make_patch(make_plane(20)));
         const double a = angle(random);
         const Vec3d along(std::cos(a), std::sin(a), 0);
@@ -171,7 +171,7 @@ Mesh random_ellipsoid(std::mt19937& random, int level, bool inward) {
 TEST(HapticTick, BowlAgreesWithBruteForce) {
     std::mt19937 random(3);
     std::normal_distribution<double> normal;
-    for (int k = 0; k < 25; ++k) {
+    for (int k = 0; k < 8; ++k) {
         const Mesh mesh = random_ellipsoid(random, 2, true);
         Rig rig = still_rig(make_patch(mesh));
         const Vec3d goal = 0.03 * Vec3d(normal(random), normal(random), normal(random)).normalized();
@@ -190,7 +190,7 @@ TEST(HapticTick, BowlAgreesWithBruteForce) {
 TEST(HapticTick, ConvexBodyAgreesWithBruteForce) {
     std::mt19937 random(4);
     std::normal_distribution<double> normal;
-    for (int k = 0; k < 25; ++k) {
+    for (int k = 0; k < 8; ++k) {
         const Mesh mesh = random_ellipsoid(random, 2, false);
         Rig rig = still_rig(make_patch(mesh));
         const Vec3d direction = Vec3d(normal(random), normal(random), normal(random)).normalized();
@@ -427,6 +427,11 @@ TEST(HapticTick, PositionsAreAdvancedByTheirAge) {
         EXPECT_NEAR(force.z(), rig.tool.coupling_stiffness * std::max(0.0, top - 1e-3), 1e-6);
         EXPECT_DOUBLE_EQ(rig.state.model_age, rig.time() - kTick);
     }
+    // not for longer than it was published for: then it stands still
+    for (int k = 0; k < 30; ++k) rig.at({0, 0, kRadius + 1e-3});
+    const double top = 0.1 * rig.params.greatest_age;
+    EXPECT_NEAR(rig.state.command.force.z(), rig.tool.coupling_stiffness * (top - 1e-3), 1e-6);
+    EXPECT_DOUBLE_EQ(rig.state.model_age, 59 * kTick);
 }
 
 // ---- trouble ----
@@ -702,7 +707,7 @@ TEST(HapticTick, ProxyStaysOutsideUnderRandomStrokes) {
     rig.at({0, 0, 0.04});
     double worst = 0;
     int touching = 0;
-    for (int stroke = 0; stroke < 40; ++stroke) {
+    for (int stroke = 0; stroke < 30; ++stroke) {
         const Vec3d target(in_box(random), in_box(random), in_box(random));
         const Vec3d begin = rig.state.device.position;
         for (int k = 1; k <= 60; ++k) {
