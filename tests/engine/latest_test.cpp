@@ -31,6 +31,27 @@ TEST(Latest, TheNewestValueWinsAndIsNewOnce) {
     EXPECT_EQ(mailbox.front(), 4);
 }
 
+// What the reader holds stays whatever the writer does, and the other two slots are never it.
+TEST(Latest, TheReadersSlotIsItsOwn) {
+    Latest<int> mailbox;
+    int next = 0;
+    for (int round = 0; round < 10; ++round) {
+        for (int k = 0; k <= round % 3; ++k) {
+            mailbox.back() = ++next;
+            mailbox.publish();
+        }
+        ASSERT_TRUE(mailbox.update());
+        const int held = mailbox.front();
+        EXPECT_EQ(held, next);
+        for (int k = 0; k < 5; ++k) {
+            EXPECT_NE(&mailbox.back(), &mailbox.front());
+            mailbox.back() = ++next;
+            mailbox.publish();
+            EXPECT_EQ(mailbox.front(), held);
+        }
+    }
+}
+
 // Every slot must be the writer's again at some time: a value that never comes back would grow memory.
 TEST(Latest, SlotsKeepTheirCapacity) {
     Latest<std::vector<int>> mailbox;
