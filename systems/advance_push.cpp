@@ -86,41 +86,63 @@ void add_push(AdvanceIsland& island, const ContactActive& row, const Vec3d& way)
     }
 }
 
-// Elastic and gravity energy that the moves of pushed nodes add: exactly what their springs, anchors and weight hold
-// more afterwards. Goals of a free body count as they were at the start of the substep.
+// A body half a substep back, where its velocities are and where measure_energy looks at it: only there do the works of
+// kicks and moves add up without a remainder of first order in dt.
+struct HalfWay {
+    const AdvanceIsland& island;
+    const AdvanceBody& body;
+    Vec3d offset(uint32_t v) const {
+        const uint32_t p = body.particles.first + v;
+        const Particles& s = island.particles;
+        return Vec3d(body.next[v].x, body.next[v].y, body.next[v].z) -
+               0.5 * island.dt * Vec3d(s.velocity_x[p], s.velocity_y[p], s.velocity_z[p]);
+    }
+    Vec3d goal(uint32_t v) const {
+        const SpringStep& step = body.step;
+        const auto row = [](const float* values) { return Vec3d(values[0], values[1], values[2]); };
+        const Vec3d rest(step.anchor_x[v], step.anchor_y[v], step.anchor_z[v]);
+        const Vec3d at_start =
+            Vec3d(row(step.turn).dot(rest), row(step.turn + 3).dot(rest), row(step.turn + 6).dot(rest)) +
+            row(step.centre) + row(step.centre_rest);
+        return at_start + 0.5 * island.dt * (row(step.drag_velocity) + row(step.drag_turn).cross(at_start));
+    }
+};
+
+// How far a node of the island is being pushed; zero for other particles.
+Vec3d push_of(const AdvanceScratch& s, uint32_t particle) {
+    const uint32_t n = s.node_of_particle[particle];
+    return n != kNone && s.change[n].rows > 0 && s.change[n].pushed ? s.change[n].change : Vec3d(Vec3d::Zero());
+}
+
+// Elastic and gravity energy that a push adds to one node; what it adds to a spring whose both ends move counts by
+// half, the other half is the other end's.
+double node_push_work(const HalfWay& at, uint32_t v, const Vec3d& push, double inv_mass) {
+    const AdvanceBody& body = at.body;
+    const SpringStep& step = body.step;
+    const uint32_t slice = v / kSliceWidth, lane = v % kSliceWidth;
+    const Vec3d from = at.offset(v);
+    double springs = 0;
+    for (uint32_t c = step.slice_column[slice]; c < step.slice_column[slice + 1]; ++c) {
+        const uint32_t q = step.neighbour[c * kSliceWidth + lane];
+        if (q == v) continue;
+        const double rest = step.rest_length[c * kSliceWidth + lane];
+        const Vec3d far_push = push_of(at.island.scratch, body.particles.first + q), d = at.offset(q) - from;
+        const double before = d.norm() - rest, after = (d + far_push - push).norm() - rest;
+        springs += (far_push.isZero(0) ? 1.0 : 0.5) * (after * after - before * before);
+    }
+    const Vec3d to_anchor = from - at.goal(v);
+    const double anchor = step.anchor_stiffness[v] * ((to_anchor + push).squaredNorm() - to_anchor.squaredNorm());
+    return 0.5 * (step.stiffness * springs + anchor) - at.island.params.gravity.dot(push) / inv_mass;
+}
+
 double push_work(const AdvanceIsland& island) {
     const AdvanceScratch& s = island.scratch;
     double work = 0;
     for (const uint32_t n : s.touched) {
-        if (!s.change[n].pushed) continue;
         const ContactNode& node = s.node[n];
+        if (!s.change[n].pushed || s.change[n].change.isZero(0)) continue;
         const AdvanceBody& body = s.body[node.owner];
-        const SpringStep& step = body.step;
-        const uint32_t v = node.particle - body.particles.first;
-        const uint32_t slice = v / kSliceWidth, lane = v % kSliceWidth;
-        const Vec3d from = Vec3d(body.next[v].x, body.next[v].y, body.next[v].z), to = from + s.change[n].change;
-        double springs = 0;
-        for (uint32_t c = step.slice_column[slice]; c < step.slice_column[slice + 1]; ++c) {
-            const uint32_t q = step.neighbour[c * kSliceWidth + lane];
-            if (q == v) continue;
-            const double rest = step.rest_length[c * kSliceWidth + lane];
-            const Float4& o = body.next[q];
-            const Vec3d q_from(o.x, o.y, o.z);
-            const uint32_t other = s.node_of_particle[body.particles.first + q];
-            const bool both = other != kNone && s.change[other].rows > 0 && s.change[other].pushed;
-            const Vec3d q_to = both ? Vec3d(q_from + s.change[other].change) : q_from;
-            const double before = (q_from - from).norm() - rest, after = (q_to - to).norm() - rest;
-            springs += (both ? 0.5 : 1.0) * (after * after - before * before);
-        }
-        work += 0.5 * step.stiffness * springs;
-        const Vec3d rest(step.anchor_x[v], step.anchor_y[v], step.anchor_z[v]);
-        Vec3d goal;
-        for (int i = 0; i < 3; ++i) {
-            goal[i] = step.centre[i] + step.centre_rest[i] +
-                      Vec3d(step.turn[3 * i], step.turn[3 * i + 1], step.turn[3 * i + 2]).dot(rest);
-        }
-        work += 0.5 * step.anchor_stiffness[v] * ((to - goal).squaredNorm() - (from - goal).squaredNorm());
-        work -= island.params.gravity.dot(s.change[n].change) / node.inv_mass;
+        work += node_push_work({island, body}, node.particle - body.particles.first, s.change[n].change, node.inv_mass);
     }
     return work;
 }

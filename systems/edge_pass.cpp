@@ -160,26 +160,33 @@ struct Crossings {
     Sample first, last;
 };
 
-// First and last place where the edge passes the other surface, among the candidate triangles of its own triangles.
+// First and last place where the edge passes the other surface. A triangle that crosses the edge meets both triangles
+// beside it, so it is among the candidates of each: the shorter list is enough, and an edge one of whose triangles has
+// none is not crossed.
 Crossings find_crossings(const EdgeSearch& e, const std::array<uint32_t, 2>& triangles, const EdgeChunk& c) {
     Crossings found{0, {}, {}};
-    const Vec3d p = e.start, q = e.at(e.length);
+    Range shortest{0, kNone};
     for (const uint32_t own : triangles) {
-        if (own == kNone || !has_bit(c.near_triangle.word, own)) continue;
+        if (own == kNone) continue;
+        if (!has_bit(c.near_triangle.word, own)) return found;
         const uint32_t rank = rank_of(c.near_triangle, own);
-        for (uint32_t i = c.opposite_first[rank]; i < c.opposite_first[rank + 1]; ++i) {
-            const Triangle& corner = e.side.other_mesh.triangle[c.opposite[i]];
-            const double part =
-                crossing(p, q, e.other_vertex(corner[0]), e.other_vertex(corner[1]), e.other_vertex(corner[2]));
-            if (part < 0) continue;
-            const Sample sample{part * e.length, 0, c.opposite[i]};
-            const auto before = [](const Sample& x, const Sample& y) {
-                return x.s < y.s || (x.s == y.s && x.triangle < y.triangle);
-            };
-            if (found.count == 0 || before(sample, found.first)) found.first = sample;
-            if (found.count == 0 || before(found.last, sample)) found.last = sample;
-            ++found.count;
-        }
+        const Range list{c.opposite_first[rank], c.opposite_first[rank + 1] - c.opposite_first[rank]};
+        if (list.count < shortest.count) shortest = list;
+    }
+    if (shortest.count == kNone) return found;
+    const Vec3d p = e.start, q = e.at(e.length);
+    for (uint32_t i = shortest.first; i < shortest.end(); ++i) {
+        const Triangle& corner = e.side.other_mesh.triangle[c.opposite[i]];
+        const double part =
+            crossing(p, q, e.other_vertex(corner[0]), e.other_vertex(corner[1]), e.other_vertex(corner[2]));
+        if (part < 0) continue;
+        const Sample sample{part * e.length, 0, c.opposite[i]};
+        const auto before = [](const Sample& x, const Sample& y) {
+            return x.s < y.s || (x.s == y.s && x.triangle < y.triangle);
+        };
+        if (found.count == 0 || before(sample, found.first)) found.first = sample;
+        if (found.count == 0 || before(found.last, sample)) found.last = sample;
+        ++found.count;
     }
     return found;
 }

@@ -240,7 +240,7 @@ TEST_F(CommandLine, RunWritesWhatItSays) {
     EXPECT_TRUE(fs::exists(out / "report.html") && fs::exists(out / "frames" / "000000.png") &&
                 fs::exists(out / "meshes"));
     for (const auto& entry : fs::recursive_directory_iterator(out))
-        EXPECT_EQ(entry.path().string().find("tmp"), std::string::npos) << entry.path();
+        EXPECT_EQ(entry.path().filename().string().find("tmp"), std::string::npos) << entry.path();
 }
 
 TEST_F(CommandLine, ScenesAreListed) {

@@ -5,7 +5,7 @@
 #include <Eigen/Dense>
 
 #include "engine/error.hpp"
-#include "systems/advance_scene.hpp"
+#include "tests/systems/advance_scene.hpp"
 namespace trocar {
 namespace {
 

@@ -5,7 +5,7 @@
 #include <cstring>
 #include <random>
 
-#include "systems/advance_scene.hpp"
+#include "tests/systems/advance_scene.hpp"
 namespace trocar {
 namespace {
 

@@ -48,7 +48,8 @@ TEST(AbsentFeatures, OneBodyHasNoContactStages) {
     World one;
     one.meshes = scene.world.meshes;
     one.springs = scene.world.springs;
-    add_body(one, "alone", 0, Motion::kDeformable);
+    make_deformable(one, add_body(one, "alone", 0, Motion::kDeformable));
+    make_trees(one);
     Frame frame(std::move(one), {});
     for (int i = 0; i < 4; ++i) frame.step();
     EXPECT_FALSE(has_stage(frame, "overlap"));

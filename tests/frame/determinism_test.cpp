@@ -23,16 +23,19 @@ struct Run {
     uint32_t passes = 90;
 };
 
-// Threads that really take part in a loop of the pool.
-uint32_t count_threads() {
+// Threads that really take part in loops of the pool; waits up to ten seconds for the last to come.
+uint32_t count_threads(uint32_t expected) {
     std::vector<std::atomic<uint32_t>> seen(256);
-    const auto until = std::chrono::steady_clock::now() + std::chrono::milliseconds(200);
-    parallel_for(256, 1, [&](uint32_t, uint32_t) {
-        seen[thread_index()] = 1;
-        if (std::chrono::steady_clock::now() < until) std::this_thread::sleep_for(std::chrono::milliseconds(2));
-    });
+    const auto until = std::chrono::steady_clock::now() + std::chrono::seconds(10);
     uint32_t count = 0;
-    for (const auto& s : seen) count += s;
+    while (count < expected && std::chrono::steady_clock::now() < until) {
+        parallel_for(64, 1, [&](uint32_t, uint32_t) {
+            seen[thread_index()] = 1;
+            std::this_thread::sleep_for(std::chrono::milliseconds(1));
+        });
+        count = 0;
+        for (const auto& s : seen) count += s;
+    }
     return count;
 }
 
@@ -41,7 +44,7 @@ uint64_t run_scene(const std::string& name, const Run& run) {
     uint64_t hash = 0;
     ThreadPool pool(run.threads);
     pool.run([&] {
-        EXPECT_EQ(count_threads(), run.threads);
+        EXPECT_EQ(count_threads(run.threads), run.threads);
         FrameOptions options;
         options.serial = run.serial;
         options.clear_caches = run.clear_caches;

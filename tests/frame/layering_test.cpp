@@ -94,7 +94,7 @@ TEST(Layering, ThirdPartyLibrariesAreNamedInOnePlace) {
         {"CLI/", {"systems/app/main.cpp"}},
         {"nlohmann/", {"systems/app/"}},
     };
-    for (const std::string& folder : {"components", "engine", "content", "systems"}) {
+    for (const char* folder : {"components", "engine", "content", "systems"}) {
         for (const Include& i : includes_below(folder)) {
             if (i.quoted) continue;
             for (const auto& [library, places] : allowed) {

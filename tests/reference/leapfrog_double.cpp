@@ -1,4 +1,4 @@
-#include "leapfrog_double.hpp"
+#include "tests/reference/leapfrog_double.hpp"
 
 #include <Eigen/Dense>
 #include <cmath>

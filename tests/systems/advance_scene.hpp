@@ -10,9 +10,9 @@
 #include "engine/deformable_setup.hpp"
 #include "engine/mesh_topology.hpp"
 #include "engine/surfaces.hpp"
-#include "reference/leapfrog_double.hpp"
 #include "systems/advance.hpp"
 #include "systems/deformable_energy.hpp"
+#include "tests/reference/leapfrog_double.hpp"
 namespace trocar {
 
 // A world small enough to write down in a test, stepped by advance_island alone; contact rows are made by asking a

@@ -5,8 +5,8 @@
 #include <cstring>
 
 #include "engine/thread_pool.hpp"
-#include "systems/advance_scene.hpp"
 #include "systems/rigid_motion.hpp"
+#include "tests/systems/advance_scene.hpp"
 namespace trocar {
 namespace {
 

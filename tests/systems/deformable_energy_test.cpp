@@ -2,7 +2,7 @@
 
 #include <gtest/gtest.h>
 
-#include "systems/advance_scene.hpp"
+#include "tests/systems/advance_scene.hpp"
 namespace trocar {
 namespace {
 
