@@ -10,6 +10,8 @@ namespace {
 
 // Below this cosine between a row's normal and its triangle's, the foot along the normal is too far away to be used.
 constexpr double kLeastCosine = 0.2;
+// Two rows press a node from both sides when the cosine of their ways is below this.
+constexpr double kOpposed = -0.5;
 
 Vec3d turned(const std::array<Vec3d, 3>& rows, const Vec3d& v) {
     return {rows[0].dot(v), rows[1].dot(v), rows[2].dot(v)};
@@ -110,26 +112,27 @@ RowState evaluate(const AdvanceScratch& s, const ContactPlan& plan) {
 }
 
 // Foot of the point on the plane of the row's triangle, along the normal: barycentric weights. With them the two equal
-// and opposite impulses lie on one line and angular momentum is kept exactly.
+// and opposite impulses lie on one line and angular momentum is kept exactly. Frame of the other body if it is rigid.
 struct Foot {
     std::array<double, 3> weight;
-    Vec3d point;       // m, world
+    Vec3d point;       // m
     bool left_behind;  // more than one edge length beyond the triangle
 };
 
-Foot find_foot(const std::array<Vec3d, 3>& corner, const RowState& r, const std::array<double, 3>& fixed) {
-    const Vec3d u = corner[1] - corner[0], v = corner[2] - corner[0], across = corner[2] - corner[1];
-    const double edge2[3] = {across.squaredNorm(), v.squaredNorm(), u.squaredNorm()};  // opposite corner k
+Foot find_foot(const Vec3d& a, const Vec3d& b, const Vec3d& c, const Vec3d& point, const Vec3d& plane,
+               const Vec3d& normal, const std::array<double, 3>& fixed) {
+    const Vec3d u = b - a, v = c - a;
+    const double edge2[3] = {(c - b).squaredNorm(), v.squaredNorm(), u.squaredNorm()};  // opposite corner k
     const double longest2 = std::max({edge2[0], edge2[1], edge2[2]});
     const Vec3d twice_area = u.cross(v);
-    const double area2 = twice_area.squaredNorm(), along = r.normal.dot(twice_area);
+    const double area2 = twice_area.squaredNorm(), along = normal.dot(twice_area);
     if (!(along > 0 && along * along > kLeastCosine * kLeastCosine * area2 && area2 > 1e-12 * longest2 * longest2)) {
-        const Vec3d slide = r.point - r.plane - r.normal * r.normal.dot(r.point - r.plane);
-        return {fixed, r.plane, slide.squaredNorm() > longest2};
+        const Vec3d apart = point - plane, slide = apart - normal * normal.dot(apart);
+        return {fixed, plane, slide.squaredNorm() > longest2};
     }
     Foot foot;
-    foot.point = r.point - r.normal * ((r.point - corner[0]).dot(twice_area) / along);
-    const Vec3d q = foot.point - corner[0];
+    foot.point = point - normal * ((point - a).dot(twice_area) / along);
+    const Vec3d q = foot.point - a;
     foot.weight[1] = q.cross(v).dot(twice_area) / area2;
     foot.weight[2] = u.cross(q).dot(twice_area) / area2;
     foot.weight[0] = 1 - foot.weight[1] - foot.weight[2];
@@ -142,20 +145,18 @@ Foot find_foot(const std::array<Vec3d, 3>& corner, const RowState& r, const std:
     return foot;
 }
 
-std::array<Vec3d, 3> triangle_corners(const AdvanceIsland& island, const ContactPlan& plan) {
+Foot find_foot(const AdvanceIsland& island, const ContactPlan& plan, const RowState& r) {
     const AdvanceScratch& s = island.scratch;
-    std::array<Vec3d, 3> corner;
-    for (int k = 0; k < 3; ++k) {
-        if (plan.rigid_b == kNone) {
-            corner[k] = s.node[plan.node_b[k]].place;
-        } else {
-            const AdvanceRigid& rigid = s.rigid[plan.rigid_b];
-            corner[k] = rigid.origin[0] +
-                        turned(rigid.turn[0], rest_position(island.inputs.meshes, island.inputs.bodies.mesh[rigid.body],
-                                                            island.rows.triangle[plan.row][k]));
-        }
+    if (plan.rigid_b == kNone) {
+        return find_foot(s.node[plan.node_b[0]].place, s.node[plan.node_b[1]].place, s.node[plan.node_b[2]].place,
+                         r.point, r.plane, r.normal, plan.weight_b);
     }
-    return corner;
+    const AdvanceRigid& rigid = s.rigid[plan.rigid_b];
+    const Meshes& meshes = island.inputs.meshes;
+    const Vec3d* rest = meshes.position.data() + meshes.info[island.inputs.bodies.mesh[rigid.body]].vertices.first;
+    const Triangle& t = island.rows.triangle[plan.row];
+    const Vec3d point = turned_back(rigid.turn[0], r.point - rigid.origin[0]);
+    return find_foot(rest[t[0]], rest[t[1]], rest[t[2]], point, plan.point_b, plan.normal, plan.weight_b);
 }
 
 void add_node(ContactActive& active, uint32_t node, double weight) {
@@ -175,7 +176,7 @@ void add_node(ContactActive& active, uint32_t node, double weight) {
 void activate(AdvanceIsland& island, uint32_t plan_row, const RowState& r) {
     AdvanceScratch& s = island.scratch;
     const ContactPlan& plan = s.plan[plan_row];
-    const Foot foot = find_foot(triangle_corners(island, plan), r, plan.weight_b);
+    const Foot foot = find_foot(island, plan, r);
     if (foot.left_behind) {
         island.rows.distance[plan.row] = std::numeric_limits<double>::infinity();
         ++island.result.ended_rows;
@@ -199,19 +200,19 @@ void activate(AdvanceIsland& island, uint32_t plan_row, const RowState& r) {
         for (int k = 0; k < 3; ++k) add_node(active, plan.node_b[k], -foot.weight[k]);
     } else {
         const AdvanceRigid& rigid = s.rigid[plan.rigid_b];
-        const Vec3d at_foot = turned_back(rigid.turn[0], foot.point - rigid.origin[0]);
-        active.rigid_velocity -= rigid.velocity + turned(rigid.spin, at_foot);
+        active.rigid_velocity -= rigid.velocity + turned(rigid.spin, foot.point);
         if (rigid.node != kNone) add_node(active, rigid.node, -1);
     }
     for (uint32_t k = 0; k < active.nodes; ++k) {
         ContactNodeChange& change = s.change[active.node[k]];
+        const Vec3d way = active.weight[k] > 0 ? active.normal : Vec3d(-active.normal);
         if (change.rows++ == 0) {
-            change.first_normal = active.weight[k] * active.normal;
+            change.first_normal = way;
             change.change = Vec3d::Zero();
             change.pushed = false;
             change.opposed = false;
             s.touched.push_back(active.node[k]);
-        } else if (change.first_normal.dot(active.weight[k] * active.normal) < 0) {
+        } else if (change.first_normal.dot(way) < kOpposed) {
             change.opposed = true;
         }
     }
@@ -276,6 +277,7 @@ void scatter_velocities(AdvanceIsland& island) {
         offset.x = static_cast<float>(offset.x + drift.x());
         offset.y = static_cast<float>(offset.y + drift.y());
         offset.z = static_cast<float>(offset.z + drift.z());
+        node.after = body.origin + Vec3d(offset.x, offset.y, offset.z);
     }
 }
 
@@ -367,7 +369,9 @@ void apply_impulses(AdvanceIsland& island) {
         if (node.particle != kNone) {
             const AdvanceBody& body = s.body[node.owner];
             const Float4& o = body.now[node.particle - body.particles.first];
+            const Float4& next = body.next[node.particle - body.particles.first];
             node.place = body.origin + Vec3d(o.x, o.y, o.z);
+            node.after = body.origin + Vec3d(next.x, next.y, next.z);
             node.velocity =
                 Vec3d(p.velocity_x[node.particle], p.velocity_y[node.particle], p.velocity_z[node.particle]);
         }

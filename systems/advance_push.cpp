@@ -13,28 +13,17 @@ Vec3d turned(const std::array<Vec3d, 3>& rows, const Vec3d& v) {
     return {rows[0].dot(v), rows[1].dot(v), rows[2].dot(v)};
 }
 
-// World position of a node at the end of the substep, the pushes of earlier rows included, m. A node pressed from both
-// sides is looked at as it was, and moved by half: it meets its two planes midway.
-Vec3d place_after(const AdvanceScratch& s, uint32_t n) {
-    const ContactNode& node = s.node[n];
-    if (node.particle == kNone) return node.place;
-    const AdvanceBody& body = s.body[node.owner];
-    const Float4& o = body.next[node.particle - body.particles.first];
-    const Vec3d place = body.origin + Vec3d(o.x, o.y, o.z);
-    return s.change[n].pushed && !s.change[n].opposed ? Vec3d(place + s.change[n].change) : place;
-}
-
 // Gap of a row at the end of the substep, and its normal there.
 double gap_after(const AdvanceScratch& s, const ContactPlan& plan, Vec3d& normal) {
     Vec3d apart = Vec3d::Zero();
     if (plan.rigid_a == kNone) {
-        for (int i = 0; i < 2; ++i) apart += plan.weight_a[i] * place_after(s, plan.node_a[i]);
+        for (int i = 0; i < 2; ++i) apart += plan.weight_a[i] * s.node[plan.node_a[i]].after;
     } else {
         const AdvanceRigid& rigid = s.rigid[plan.rigid_a];
         apart += rigid.origin[1] + turned(rigid.turn[1], plan.point_a);
     }
     if (plan.rigid_b == kNone) {
-        for (int k = 0; k < 3; ++k) apart -= plan.weight_b[k] * place_after(s, plan.node_b[k]);
+        for (int k = 0; k < 3; ++k) apart -= plan.weight_b[k] * s.node[plan.node_b[k]].after;
         normal = plan.normal;
     } else {
         const AdvanceRigid& rigid = s.rigid[plan.rigid_b];
@@ -80,8 +69,11 @@ void add_push(AdvanceIsland& island, const ContactActive& row, const Vec3d& way)
     for (uint32_t k = 0; k < row.nodes; ++k) {
         if (!can_move(s, row.node[k])) continue;
         ContactNodeChange& change = s.change[row.node[k]];
-        const double share = change.opposed ? 0.5 : 1.0;
-        change.change += share * row.weight[k] * unit(k) * scale[k >= row.point_nodes] * way;
+        const Vec3d move = row.weight[k] * unit(k) * scale[k >= row.point_nodes] * way;
+        // later rows see the move; but a node pressed from both sides stays where it was for all of them and goes half
+        // of each way: it meets its two planes midway
+        change.change += (change.opposed ? 0.5 : 1.0) * move;
+        if (!change.opposed) s.node[row.node[k]].after += move;
         change.pushed = true;
     }
 }
@@ -147,49 +139,62 @@ double push_work(const AdvanceIsland& island) {
     return work;
 }
 
+// Limits the moves to the push speed, however many rows push a node, and makes them what the floats will hold.
+void limit_moves(AdvanceScratch& s, double most) {
+    for (const uint32_t n : s.touched) {
+        ContactNodeChange& change = s.change[n];
+        if (!change.pushed) continue;
+        const double size = change.change.norm();
+        if (size > most) change.change *= most / size;
+        const AdvanceBody& body = s.body[s.node[n].owner];
+        const Float4& o = body.next[s.node[n].particle - body.particles.first];
+        const Vec3d from(o.x, o.y, o.z);
+        change.change = (from + change.change).cast<float>().cast<double>() - from;
+    }
+}
+
+void write_moves(AdvanceScratch& s) {
+    for (const uint32_t n : s.touched) {
+        if (!s.change[n].pushed) continue;
+        const AdvanceBody& body = s.body[s.node[n].owner];
+        Float4& o = body.next[s.node[n].particle - body.particles.first];
+        o.x = static_cast<float>(o.x + s.change[n].change.x());
+        o.y = static_cast<float>(o.y + s.change[n].change.y());
+        o.z = static_cast<float>(o.z + s.change[n].change.z());
+        s.node[n].after = body.origin + Vec3d(o.x, o.y, o.z);
+    }
+}
+
 }  // namespace
 
 void push_out(AdvanceIsland& island, bool last_substep) {
     AdvanceScratch& s = island.scratch;
-    if (last_substep) {
-        for (const uint32_t n : s.touched) island.result.opposing_planes += s.change[n].opposed;
-    }
-    bool any = false;
     const double most = island.params.contact.push_speed * island.dt;
-    for (const ContactActive& row : s.active) {
-        Vec3d normal;
+    double deepest = 0;
+    bool any = false;
+    Vec3d normal;
+    for (ContactActive& row : s.active) {
         const double overlap = -gap_after(s, s.plan[row.plan], normal);
-        if (!(overlap > kRestingOverlap)) continue;
-        add_push(island, row, std::min(overlap, most) * normal);
-        any = true;
+        row.pushed = overlap > kRestingOverlap;
+        if (row.pushed) {
+            add_push(island, row, std::min(overlap, most) * normal);
+            any = true;
+        } else {
+            deepest = std::max(deepest, overlap);
+        }
     }
     if (any) {
-        // no node faster than the push speed, however many rows push it; and the moves as the floats will hold them
-        for (const uint32_t n : s.touched) {
-            if (!s.change[n].pushed) continue;
-            const double size = s.change[n].change.norm();
-            if (size > most) s.change[n].change *= most / size;
-            const AdvanceBody& body = s.body[s.node[n].owner];
-            const Float4& o = body.next[s.node[n].particle - body.particles.first];
-            const Vec3d from(o.x, o.y, o.z);
-            s.change[n].change = (from + s.change[n].change).cast<float>().cast<double>() - from;
-        }
+        limit_moves(s, most);
         if (island.params.account_energy) island.result.work_push += push_work(island);
-        for (const uint32_t n : s.touched) {
-            if (!s.change[n].pushed) continue;
-            const AdvanceBody& body = s.body[s.node[n].owner];
-            Float4& o = body.next[s.node[n].particle - body.particles.first];
-            o.x = static_cast<float>(o.x + s.change[n].change.x());
-            o.y = static_cast<float>(o.y + s.change[n].change.y());
-            o.z = static_cast<float>(o.z + s.change[n].change.z());
-            s.change[n].pushed = false;
-        }
+        write_moves(s);
     }
     if (!last_substep) return;
     for (const ContactActive& row : s.active) {
-        Vec3d normal;
-        island.result.deepest_residual =
-            std::max(island.result.deepest_residual, -gap_after(s, s.plan[row.plan], normal));
+        if (row.pushed) deepest = std::max(deepest, -gap_after(s, s.plan[row.plan], normal));
+    }
+    island.result.deepest_residual = deepest;
+    for (const uint32_t n : s.touched) {
+        island.result.opposing_planes += s.change[n].opposed && s.node[n].particle != kNone;
     }
 }
 

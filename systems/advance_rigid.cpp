@@ -134,6 +134,7 @@ void move_hands(AdvanceIsland& island) {
         if (rigid.node == kNone) continue;
         ContactNode& node = island.scratch.node[rigid.node];
         node.place += island.dt * node.velocity;
+        node.after = node.place;
         rigid.origin[1] = node.place;
         if (rigid.tool == kNone) continue;
         const HandTool& tool = island.inputs.tools[rigid.tool];

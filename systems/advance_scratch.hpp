@@ -39,6 +39,7 @@ struct AdvanceRigid {
 // A particle or a hand that contact rows act on.
 struct ContactNode {
     Vec3d place;     // m, world, at the start of the substep
+    Vec3d after;     // m, world, at its end
     Vec3d velocity;  // m/s
     double inv_mass = 0;
     uint32_t particle = kNone;  // row of Particles; kNone for a hand
@@ -73,6 +74,7 @@ struct ContactPlan {
 struct ContactActive {
     uint32_t plan = 0;
     uint32_t nodes = 0;
+    bool pushed = false;
     uint32_t point_nodes = 0;  // how many of them, the first, are on the side of the point
     std::array<uint32_t, 5> node;
     std::array<double, 5> weight;  // of the relative velocity: + for the point, - for the plane
