@@ -2,7 +2,6 @@
 
 #include <filesystem>
 #include <fstream>
-#include <regex>
 #include <string>
 #include <vector>
 
@@ -15,23 +14,36 @@ namespace fs = std::filesystem;
 struct Include {
     std::string file;  // from the root
     std::string target;
-    bool quoted;
+    bool quoted = false;
 };
+
+// The part of an #include line between its quotes or angle brackets; empty for any other line.
+Include parse_include(const std::string& line) {
+    const size_t hash = line.find_first_not_of(" \t");
+    if (hash == std::string::npos || line[hash] != '#') return {};
+    const size_t word = line.find_first_not_of(" \t", hash + 1);
+    if (word == std::string::npos || line.compare(word, 7, "include") != 0) return {};
+    const size_t open = line.find_first_of("\"<", word);
+    if (open == std::string::npos) return {};
+    const size_t close = line.find_first_of("\">", open + 1);
+    if (close == std::string::npos) return {};
+    return {"", line.substr(open + 1, close - open - 1), line[open] == '"'};
+}
 
 std::vector<Include> includes_below(const std::string& folder) {
     std::vector<Include> found;
     const fs::path root = TROCAR_SOURCE_DIR;
-    const std::regex pattern(R"re(^\s*#\s*include\s*(["<])([^">]+)[">])re");
     for (const fs::directory_entry& entry : fs::recursive_directory_iterator(root / folder)) {
         if (entry.path().extension() != ".hpp" && entry.path().extension() != ".cpp") continue;
         std::ifstream stream(entry.path());
-        std::string line;
-        while (std::getline(stream, line)) {
-            std::smatch match;
-            if (std::regex_search(line, match, pattern))
-                found.push_back({fs::relative(entry.path(), root).string(), match[2], match[1] == "\""});
+        for (std::string line; std::getline(stream, line);) {
+            Include include = parse_include(line);
+            if (include.target.empty()) continue;
+            include.file = fs::relative(entry.path(), root).string();
+            found.push_back(include);
         }
     }
+    EXPECT_FALSE(found.empty()) << folder;
     return found;
 }
 
