@@ -75,7 +75,8 @@ RealTimeGrant request_real_time(int priority, bool lock_memory) {
         std::clamp(priority, sched_get_priority_min(SCHED_FIFO), sched_get_priority_max(SCHED_FIFO));
     grant.fifo = pthread_setschedparam(pthread_self(), SCHED_FIFO, &wanted) == 0;
     if (grant.fifo) grant.priority = wanted.sched_priority;
-    if (lock_memory) grant.locked = mlockall(MCL_CURRENT | MCL_FUTURE) == 0;
+    // on fault: bringing in every page of the process at once would hold up all its threads for a third of a second
+    if (lock_memory) grant.locked = mlockall(MCL_CURRENT | MCL_FUTURE | MCL_ONFAULT) == 0;
     return grant;
 }
 

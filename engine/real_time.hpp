@@ -32,7 +32,7 @@ void sleep_until_ns(int64_t deadline);
 // What the operating system granted the calling thread.
 struct RealTimeGrant {
     bool fifo = false;    // SCHED_FIFO
-    bool locked = false;  // all memory of the process locked
+    bool locked = false;  // all memory of the process stays in once it was touched
     int priority = 0;     // of SCHED_FIFO
 };
 

@@ -99,6 +99,10 @@ void device_input(FrameState& f) {
     std::array<Device, kMaxTools> device;
     for (size_t t = 0; t < w.haptics.tool.size(); ++t) device[t] = device_of(w.haptics, w.paths, w.haptics.tool[t]);
     read_devices(std::span(device).first(w.haptics.tool.size()), w.clock.tick, w.clock.period, f.scratch.device);
+    for (size_t t = 0; t < w.haptics.tool.size(); ++t) {
+        // before the first tick nothing was accepted yet
+        if (!w.haptics.state[t].device_valid) w.haptics.state[t].device = f.scratch.device[t * (w.clock.period + 1)];
+    }
 }
 void rigid_motion(FrameState& f) { follow_paths(f.world.paths, pass_seconds(f.world), f.world.poses); }
 void body_boxes(FrameState& f) {
@@ -360,7 +364,7 @@ Frame::Frame(World world, const FrameOptions& options) : state_(new FrameState),
     state_->world = std::move(world);
     state_->options = options;
     World& w = state_->world;
-    w.clock.contact_rate = w.haptics.tool.empty() ? 30 : 60;
+    w.clock.contact_rate = 60;
     w.clock.display_rate = 30;
     Graphs& g = *graphs_;
     g.state = state_.get();

@@ -446,7 +446,8 @@ Vec3d coupling_force(const HandTool& tool, const ToolState& state, const Vec3d& 
     const double speed = (state.device.velocity - surface_velocity).dot(direction);
     // damping starts with the spring from zero, so that first touch and release are without a step
     const double damping = std::clamp(-tool.coupling_damping * speed, -pull, pull);
-    return limited((pull + damping) * direction, tool.max_force);
+    // a hair below the maximum, so that rounding never exceeds it
+    return limited((pull + damping) * direction, tool.max_force * (1 - 1e-12));
 }
 
 // Force on the hand (N) on the way from the last command to `wanted`: as far as the motions since then explain, and a

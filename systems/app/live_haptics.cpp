@@ -52,7 +52,10 @@ void LiveHaptics::tick(uint64_t index, double time) {
 
 LocalContactModel& LiveHaptics::model_to_fill(uint32_t tool) { return tools_[tool]->model.back(); }
 
-void LiveHaptics::publish_model(uint32_t tool) { tools_[tool]->model.publish(); }
+void LiveHaptics::publish_model(uint32_t tool) {
+    tools_[tool]->model.back().time += slip_;
+    tools_[tool]->model.publish();
+}
 
 bool LiveHaptics::take_states(Haptics& haptics) {
     TROCAR_ASSERT(haptics.state.size() == tools_.size());

@@ -45,6 +45,9 @@ class LiveHaptics {
     // Simulation thread: where to write the next model of a tool, and the word that it is complete.
     LocalContactModel& model_to_fill(uint32_t tool);
     void publish_model(uint32_t tool);
+    // Simulation thread: how far (s) simulated time is behind the ticks because passes were late. Added to the time of
+    // every model from then on, so that its age is what passed since its positions were current.
+    void set_slip(double seconds) { slip_ = seconds; }
     // Simulation thread: copies what the newest tick of each tool found into `haptics` (device, proxy, contacts,
     // command, counters; never the coupling force or the impulse, which are the simulation's). False if no tick came
     // since the last call.
@@ -61,6 +64,7 @@ class LiveHaptics {
     std::vector<std::unique_ptr<Tool>> tools_;
     LiveRecorder recorder_;
     LiveFigures figures_;
+    double slip_ = 0;
     PeriodicThread thread_;
 };
 

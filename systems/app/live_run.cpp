@@ -105,6 +105,7 @@ void run_live(const RunOptions& options, double seconds, Frame& frame, PictureWr
     World& world = frame.world();
     std::vector<Device> devices;
     for (const HandTool& tool : world.haptics.tool) devices.push_back(device_of(world.haptics, world.paths, tool));
+    for (size_t t = 0; t < devices.size(); ++t) world.haptics.state[t].device = read_device(devices[t], 0);
     LiveHaptics haptics(HapticParams{}, world.haptics.tool, devices);
     frame.set_contact_hook({publish_models, &haptics});
     std::optional<DrawingThread> drawing;
@@ -122,6 +123,7 @@ void run_live(const RunOptions& options, double seconds, Frame& frame, PictureWr
             ++late;
             slip += now - due;
         }
+        haptics.set_slip(static_cast<double>(slip) * 1e-9);
         sleep_until_ns(due);
         haptics.take_states(world.haptics);
         const double time = static_cast<double>(world.clock.tick) * 1e-3;

@@ -96,6 +96,35 @@ TEST(LiveHaptics, RecordedValuesReplayToTheSameForces) {
     EXPECT_EQ(state[0].proxy, haptics.state[0].proxy);
 }
 
+// A simulation that fell behind by more than the watchdog allows gives models of their true age; breaks when the
+// slip is not added to the models' time.
+TEST(LiveHaptics, ModelsOfALateSimulationAreFresh) {
+    const std::vector<Keyframe> path = {{0.0, {0, 0, 0.01}, {}, 0}, {0.05, {0, 0, 0.001}, {}, 0}};
+    const std::vector<HandTool> tools(1, plain_tool());
+    std::vector<Device> devices(1);
+    devices[0].path = path;
+    LiveHaptics live({}, tools, devices);
+    PeriodicOptions options;
+    options.real_time = false;
+    const int64_t start = monotonic_ns();
+    live.set_slip(0.5);
+    live.start(options, start - 500'000'000);  // the haptic clock is half a second ahead
+    for (int pass = 0; pass < 20; ++pass) {
+        live.model_to_fill(0) = reference::make_patch(reference::make_plane());
+        live.model_to_fill(0).time = static_cast<double>(monotonic_ns() - start) * 1e-9;
+        live.publish_model(0);
+        sleep_until_ns(monotonic_ns() + 16'000'000);
+    }
+    live.stop();
+    Haptics haptics;
+    haptics.state.resize(1);
+    live.take_states(haptics);
+    EXPECT_TRUE(haptics.state[0].device_valid);
+    EXPECT_LT(haptics.state[0].model_age, 0.4);
+    EXPECT_GT(live.figures().contact_age.count, 0u);
+    EXPECT_LT(live.figures().contact_age.percentile(0.5), 400'000'000);
+}
+
 // Watchdog: the simulation stops publishing while the hand presses; at most model_timeout + 20 ms of simulated time
 // later there is no force.
 TEST(LiveHaptics, AStalledSimulationLetsTheForceGo) {

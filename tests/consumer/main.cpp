@@ -10,7 +10,7 @@ int main() {
     trocar::set_float_mode();
     trocar::Meshes meshes;
     const auto liver = trocar::make_prototype(meshes, trocar::make_shape("liver", 1000), {});
-    const trocar::ClosestPointTree tree(trocar::mesh_view(meshes, liver.prototype));
+    const trocar::ClosestPointTree tree(trocar::mesh_view(meshes, liver.row));
     const trocar::SurfacePoint inside = tree.query(trocar::Vec3d::Zero());
     const trocar::SurfacePoint outside = tree.query(trocar::Vec3d(1, 0, 0));
     std::printf("distance of the centre %.4f m, of a point outside %.4f m\n", inside.distance, outside.distance);

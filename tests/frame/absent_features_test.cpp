@@ -40,7 +40,6 @@ TEST(AbsentFeatures, SceneWithoutToolHasNoHapticStageAndNoHapticBytes) {
     EXPECT_EQ(frame.world().haptics.state.capacity() + frame.world().haptics.tool.capacity(), 0u);
     EXPECT_EQ(frame.world().local_contact.capacity(), 0u);
     EXPECT_EQ(frame.world().haptics.ticks, 0u);
-    EXPECT_EQ(frame.world().clock.contact_rate, 30u);
 }
 
 TEST(AbsentFeatures, OneBodyHasNoContactStages) {

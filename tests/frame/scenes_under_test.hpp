@@ -11,7 +11,7 @@ inline BuiltScene small_scene(const std::string& name, const std::string& triang
     std::vector<Override> overrides;
     const std::string path = std::string(TROCAR_SOURCE_DIR) + "/content/scenes/" + name + ".toml";
     for (const BodySpec& body : read_scene_file(path, {}).bodies)
-        if (body.shape != "table") overrides.push_back({body.name + ".triangles", triangles});
+        if (body.motion != Motion::kStatic) overrides.push_back({body.name + ".triangles", triangles});
     return build_scene(read_scene_file(path, overrides));
 }
 
