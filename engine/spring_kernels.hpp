@@ -4,10 +4,11 @@ namespace trocar {
 // One leapfrog substep of slices of one body, plain C types only: the kernels are compiled for their own instruction
 // set, and inline code in them would replace everyone's copy. All arrays are those of one body, 16 rows per slice.
 struct SpringStep {
-    const float* offset;                          // 4 per particle, m; w = inverse mass 1/kg
-    float* new_offset;                            // 4 per particle
-    float *velocity_x, *velocity_y, *velocity_z;  // m/s, half a step behind; replaced
-    const unsigned* slice_column;                 // slices + 1
+    const float* offset;                                      // 4 per particle, m; w = inverse mass 1/kg
+    float* new_offset;                                        // 4 per particle
+    const float *velocity_x, *velocity_y, *velocity_z;        // m/s, half a step behind
+    float *new_velocity_x, *new_velocity_y, *new_velocity_z;  // may be the same arrays
+    const unsigned* slice_column;                             // slices + 1
     const unsigned* neighbour;                    // 16 per column: particle at the far end, itself = padding
     const float* rest_length;                     // 16 per column, m
     const float* anchor_stiffness;                // N/m
@@ -22,6 +23,7 @@ struct SpringStep {
     float gravity[3];        // m/s^2
     float keep;              // share of the velocity relative to the drag velocity that is left, exp(-damping kick_dt)
     float drag_velocity[3];  // m/s, drag velocity = drag_velocity + drag_turn x offset
+    float back;              // s, shape_sums and energy_sums look at offset - back * velocity
     float drag_turn[3];      // rad/s
 };
 
@@ -40,6 +42,11 @@ enum ShapeSum {
     kShapeSums = kSumMxx + 6  // xx yy zz xy xz yz
 };
 
+// Sums that the energy of a body needs, per lane, double, everything half a substep back (offset - back * velocity):
+// squared stretches of all half-edges (each spring twice), anchor stiffness times squared distance to the goal, mass
+// times squared velocity, mass, mass times place. Fixed particles count with springs and anchors only.
+enum EnergySum { kSumStretch, kSumAnchor, kSumMvv, kSumMass, kSumMPlace, kEnergySums = kSumMPlace + 3 };
+
 // One instruction set's versions; all give the same bits: same operations in the same order in every lane, exact square
 // root and division, fused multiply-add only where written.
 struct SpringKernels {
@@ -48,8 +55,9 @@ struct SpringKernels {
     // padding pull nowhere; a particle of inverse mass zero keeps its place and gets velocity zero.
     // damping_work (16 doubles, J) is added to lane by lane: damping impulse times mean velocity; may be null.
     void (*step)(const SpringStep* body, unsigned first, unsigned last, double* damping_work);
-    // Adds the sums of slices [first, last) to sums[kShapeSums][16].
+    // Adds the sums of slices [first, last) to sums[kShapeSums][16], or to sums[kEnergySums][16].
     void (*shape_sums)(const SpringStep* body, unsigned first, unsigned last, double* sums);
+    void (*energy_sums)(const SpringStep* body, unsigned first, unsigned last, double* sums);
 };
 
 extern const SpringKernels kSpringKernelsAvx2;

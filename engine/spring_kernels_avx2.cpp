@@ -37,6 +37,27 @@ inline __attribute__((always_inline)) void store(float* rows, const Lanes& lanes
     _mm256_storeu_ps(rows + 24, _mm256_permute2f128_ps(r.z, r.w, 0x31));
 }
 
+// Rest positions of the anchors of a slice.
+struct Goals {
+    __m256 x, y, z;
+};
+inline __attribute__((always_inline)) Goals load_goals(const SpringStep* body, unsigned row) {
+    return {_mm256_loadu_ps(body->anchor_x + row), _mm256_loadu_ps(body->anchor_y + row),
+            _mm256_loadu_ps(body->anchor_z + row)};
+}
+// goal - x = turn * rest - (x - centre); the small difference is taken first.
+inline __attribute__((always_inline)) __m256 to_goal(const SpringStep* body, const Goals& rest, int axis, __m256 x) {
+    const auto turned = [&](const float* turn, __m256 sum) __attribute__((always_inline)) {
+        sum = _mm256_fmadd_ps(_mm256_set1_ps(turn[2]), rest.z, sum);
+        sum = _mm256_fmadd_ps(_mm256_set1_ps(turn[1]), rest.y, sum);
+        return _mm256_fmadd_ps(_mm256_set1_ps(turn[0]), rest.x, sum);
+    };
+    const __m256 goal = turned(body->turn + 3 * axis, turned(body->turn_rest + 3 * axis, _mm256_setzero_ps()));
+    const __m256 place =
+        _mm256_sub_ps(_mm256_sub_ps(x, _mm256_set1_ps(body->centre[axis])), _mm256_set1_ps(body->centre_rest[axis]));
+    return _mm256_sub_ps(goal, place);
+}
+
 inline __attribute__((always_inline)) void add_doubles(double* sum, __m256 value) {
     const __m256d low = _mm256_cvtps_pd(_mm256_castps256_ps128(value));
     const __m256d high = _mm256_cvtps_pd(_mm256_extractf128_ps(value, 1));
@@ -67,22 +88,11 @@ void step(const SpringStep* body, unsigned first, unsigned last, double* damping
             fz = _mm256_fmadd_ps(pull, dz, fz);
         }
 
-        // anchors: goal - x = turn * rest - (x - centre); the small difference is taken first
-        const __m256 rx = _mm256_loadu_ps(body->anchor_x + row), ry = _mm256_loadu_ps(body->anchor_y + row),
-                     rz = _mm256_loadu_ps(body->anchor_z + row);
-        const auto turned = [&](const float* turn, __m256 sum) {
-            sum = _mm256_fmadd_ps(set(turn[2]), rz, sum);
-            return _mm256_fmadd_ps(set(turn[0]), rx, _mm256_fmadd_ps(set(turn[1]), ry, sum));
-        };
-        const auto to_goal = [&](int axis, __m256 x) {
-            const __m256 goal = turned(body->turn + 3 * axis, turned(body->turn_rest + 3 * axis, zero));
-            const __m256 place = _mm256_sub_ps(_mm256_sub_ps(x, set(body->centre[axis])), set(body->centre_rest[axis]));
-            return _mm256_sub_ps(goal, place);
-        };
+        const Goals goals = load_goals(body, row);
         const __m256 anchor = _mm256_loadu_ps(body->anchor_stiffness + row), k = set(body->stiffness);
-        fx = _mm256_fmadd_ps(anchor, to_goal(0, p.x), _mm256_mul_ps(k, fx));
-        fy = _mm256_fmadd_ps(anchor, to_goal(1, p.y), _mm256_mul_ps(k, fy));
-        fz = _mm256_fmadd_ps(anchor, to_goal(2, p.z), _mm256_mul_ps(k, fz));
+        fx = _mm256_fmadd_ps(anchor, to_goal(body, goals, 0, p.x), _mm256_mul_ps(k, fx));
+        fy = _mm256_fmadd_ps(anchor, to_goal(body, goals, 1, p.y), _mm256_mul_ps(k, fy));
+        fz = _mm256_fmadd_ps(anchor, to_goal(body, goals, 2, p.z), _mm256_mul_ps(k, fz));
 
         // damping towards the drag velocity, then kick
         const __m256 vx = _mm256_loadu_ps(body->velocity_x + row), vy = _mm256_loadu_ps(body->velocity_y + row),
@@ -103,9 +113,9 @@ void step(const SpringStep* body, unsigned first, unsigned last, double* damping
         };
         const __m256 nx = kicked(vx, lost_x, fx, body->gravity[0]), ny = kicked(vy, lost_y, fy, body->gravity[1]),
                      nz = kicked(vz, lost_z, fz, body->gravity[2]);
-        _mm256_storeu_ps(body->velocity_x + row, nx);
-        _mm256_storeu_ps(body->velocity_y + row, ny);
-        _mm256_storeu_ps(body->velocity_z + row, nz);
+        _mm256_storeu_ps(body->new_velocity_x + row, nx);
+        _mm256_storeu_ps(body->new_velocity_y + row, ny);
+        _mm256_storeu_ps(body->new_velocity_z + row, nz);
         if (damping_work) {
             const __m256 power = _mm256_fmadd_ps(
                 lost_x, _mm256_add_ps(vx, nx),
@@ -131,13 +141,16 @@ void shape_sums(const SpringStep* body, unsigned first, unsigned last, double* s
             __m128 px = _mm_load_ps(body->offset + 4ul * row), py = _mm_load_ps(body->offset + 4ul * row + 4),
                    pz = _mm_load_ps(body->offset + 4ul * row + 8), pw = _mm_load_ps(body->offset + 4ul * row + 12);
             _MM_TRANSPOSE4_PS(px, py, pz, pw);
-            const __m256d x[3] = {_mm256_cvtps_pd(px), _mm256_cvtps_pd(py), _mm256_cvtps_pd(pz)};
             const auto wide = [&](const float* values) __attribute__((always_inline)) {
                 return _mm256_cvtps_pd(_mm_loadu_ps(values + row));
             };
             const __m256d k = wide(body->anchor_stiffness);
             const __m256d r[3] = {wide(body->anchor_x), wide(body->anchor_y), wide(body->anchor_z)};
             const __m256d v[3] = {wide(body->velocity_x), wide(body->velocity_y), wide(body->velocity_z)};
+            const __m256d back = _mm256_set1_pd(body->back);
+            const __m256d x[3] = {_mm256_fnmadd_pd(back, v[0], _mm256_cvtps_pd(px)),
+                                  _mm256_fnmadd_pd(back, v[1], _mm256_cvtps_pd(py)),
+                                  _mm256_fnmadd_pd(back, v[2], _mm256_cvtps_pd(pz))};
             const __m256d inv_mass = _mm256_cvtps_pd(pw);
             const __m256d m = _mm256_and_pd(_mm256_cmp_pd(inv_mass, zero, _CMP_GT_OQ), _mm256_div_pd(one, inv_mass));
             total[kSumK] = _mm256_add_pd(total[kSumK], k);
@@ -166,8 +179,73 @@ void shape_sums(const SpringStep* body, unsigned first, unsigned last, double* s
     }
 }
 
+// The four sums of moving masses, for one half of the lanes in double.
+inline __attribute__((always_inline)) void add_moving(double* sums, __m256d w, const __m256d* x, const __m256d* v,
+                                                      __m256d back) {
+    const __m256d m =
+        _mm256_and_pd(_mm256_cmp_pd(w, _mm256_setzero_pd(), _CMP_GT_OQ), _mm256_div_pd(_mm256_set1_pd(1.0), w));
+    const auto add = [&](int sum, __m256d value) __attribute__((always_inline)) {
+        _mm256_storeu_pd(sums + 16 * sum, _mm256_add_pd(_mm256_loadu_pd(sums + 16 * sum), value));
+    };
+    add(kSumMvv, _mm256_mul_pd(m, _mm256_fmadd_pd(v[0], v[0], _mm256_fmadd_pd(v[1], v[1], _mm256_mul_pd(v[2], v[2])))));
+    add(kSumMass, m);
+    for (int i = 0; i < 3; ++i) add(kSumMPlace + i, _mm256_mul_pd(m, _mm256_fnmadd_pd(back, v[i], x[i])));
+}
+
+void energy_sums(const SpringStep* body, unsigned first, unsigned last, double* sums) {
+    const __m256 back = _mm256_set1_ps(body->back);
+    for (unsigned half_slice = 2 * first; half_slice < 2 * last; ++half_slice) {
+        const unsigned slice = half_slice / 2, lane = 8 * (half_slice % 2), row = 16 * slice + lane;
+        const Lanes p = load(body->offset + 4ul * row);
+        const __m256 v[3] = {_mm256_loadu_ps(body->velocity_x + row), _mm256_loadu_ps(body->velocity_y + row),
+                             _mm256_loadu_ps(body->velocity_z + row)};
+
+        // springs: differences of places and of velocities first, both small
+        const unsigned long end = 16ul * body->slice_column[slice + 1];
+        for (unsigned long h = 16ul * body->slice_column[slice]; h < end; h += 16) {
+            const Lanes q = gather(body->offset, body->neighbour + h + lane);
+            const __m256i index = _mm256_loadu_si256(reinterpret_cast<const __m256i*>(body->neighbour + h + lane));
+            const __m256 dx = _mm256_fnmadd_ps(
+                back, _mm256_sub_ps(_mm256_i32gather_ps(body->velocity_x, index, 4), v[0]), _mm256_sub_ps(q.x, p.x));
+            const __m256 dy = _mm256_fnmadd_ps(
+                back, _mm256_sub_ps(_mm256_i32gather_ps(body->velocity_y, index, 4), v[1]), _mm256_sub_ps(q.y, p.y));
+            const __m256 dz = _mm256_fnmadd_ps(
+                back, _mm256_sub_ps(_mm256_i32gather_ps(body->velocity_z, index, 4), v[2]), _mm256_sub_ps(q.z, p.z));
+            const __m256 squared = _mm256_fmadd_ps(dx, dx, _mm256_fmadd_ps(dy, dy, _mm256_mul_ps(dz, dz)));
+            const __m256 stretch =
+                _mm256_sub_ps(_mm256_sqrt_ps(squared), _mm256_loadu_ps(body->rest_length + h + lane));
+            add_doubles(sums + 16 * kSumStretch + lane, _mm256_mul_ps(stretch, stretch));
+        }
+
+        // anchors
+        const Goals goals = load_goals(body, row);
+        const __m256 gx = _mm256_fmadd_ps(back, v[0], to_goal(body, goals, 0, p.x));
+        const __m256 gy = _mm256_fmadd_ps(back, v[1], to_goal(body, goals, 1, p.y));
+        const __m256 gz = _mm256_fmadd_ps(back, v[2], to_goal(body, goals, 2, p.z));
+        const __m256 apart = _mm256_fmadd_ps(gx, gx, _mm256_fmadd_ps(gy, gy, _mm256_mul_ps(gz, gz)));
+        add_doubles(sums + 16 * kSumAnchor + lane, _mm256_mul_ps(_mm256_loadu_ps(body->anchor_stiffness + row), apart));
+
+        // masses
+        const __m256d wide_back = _mm256_set1_pd(body->back);
+        const __m256d low_x[3] = {_mm256_cvtps_pd(_mm256_castps256_ps128(p.x)),
+                                  _mm256_cvtps_pd(_mm256_castps256_ps128(p.y)),
+                                  _mm256_cvtps_pd(_mm256_castps256_ps128(p.z))};
+        const __m256d low_v[3] = {_mm256_cvtps_pd(_mm256_castps256_ps128(v[0])),
+                                  _mm256_cvtps_pd(_mm256_castps256_ps128(v[1])),
+                                  _mm256_cvtps_pd(_mm256_castps256_ps128(v[2]))};
+        add_moving(sums + lane, _mm256_cvtps_pd(_mm256_castps256_ps128(p.w)), low_x, low_v, wide_back);
+        const __m256d high_x[3] = {_mm256_cvtps_pd(_mm256_extractf128_ps(p.x, 1)),
+                                   _mm256_cvtps_pd(_mm256_extractf128_ps(p.y, 1)),
+                                   _mm256_cvtps_pd(_mm256_extractf128_ps(p.z, 1))};
+        const __m256d high_v[3] = {_mm256_cvtps_pd(_mm256_extractf128_ps(v[0], 1)),
+                                   _mm256_cvtps_pd(_mm256_extractf128_ps(v[1], 1)),
+                                   _mm256_cvtps_pd(_mm256_extractf128_ps(v[2], 1))};
+        add_moving(sums + lane + 4, _mm256_cvtps_pd(_mm256_extractf128_ps(p.w, 1)), high_x, high_v, wide_back);
+    }
+}
+
 }  // namespace
 
-extern const SpringKernels kSpringKernelsAvx2 = {"avx2", step, shape_sums};
+extern const SpringKernels kSpringKernelsAvx2 = {"avx2", step, shape_sums, energy_sums};
 
 }  // namespace trocar

@@ -60,6 +60,27 @@ inline __attribute__((always_inline)) void store(float* rows, const Lanes& lanes
     _mm512_storeu_ps(rows + 48, r.w);
 }
 
+// Rest positions of the anchors of a slice.
+struct Goals {
+    __m512 x, y, z;
+};
+inline __attribute__((always_inline)) Goals load_goals(const SpringStep* body, unsigned row) {
+    return {_mm512_loadu_ps(body->anchor_x + row), _mm512_loadu_ps(body->anchor_y + row),
+            _mm512_loadu_ps(body->anchor_z + row)};
+}
+// goal - x = turn * rest - (x - centre); the small difference is taken first.
+inline __attribute__((always_inline)) __m512 to_goal(const SpringStep* body, const Goals& rest, int axis, __m512 x) {
+    const auto turned = [&](const float* turn, __m512 sum) __attribute__((always_inline)) {
+        sum = _mm512_fmadd_ps(_mm512_set1_ps(turn[2]), rest.z, sum);
+        sum = _mm512_fmadd_ps(_mm512_set1_ps(turn[1]), rest.y, sum);
+        return _mm512_fmadd_ps(_mm512_set1_ps(turn[0]), rest.x, sum);
+    };
+    const __m512 goal = turned(body->turn + 3 * axis, turned(body->turn_rest + 3 * axis, _mm512_setzero_ps()));
+    const __m512 place =
+        _mm512_sub_ps(_mm512_sub_ps(x, _mm512_set1_ps(body->centre[axis])), _mm512_set1_ps(body->centre_rest[axis]));
+    return _mm512_sub_ps(goal, place);
+}
+
 inline __attribute__((always_inline)) void add_doubles(double* sum, __m512 value) {
     const __m512d low = _mm512_cvtps_pd(_mm512_castps512_ps256(value));
     const __m512d high = _mm512_cvtps_pd(_mm512_extractf32x8_ps(value, 1));
@@ -90,22 +111,11 @@ void step(const SpringStep* body, unsigned first, unsigned last, double* damping
             fz = _mm512_fmadd_ps(pull, dz, fz);
         }
 
-        // anchors: goal - x = turn * rest - (x - centre); the small difference is taken first
-        const __m512 rx = _mm512_loadu_ps(body->anchor_x + row), ry = _mm512_loadu_ps(body->anchor_y + row),
-                     rz = _mm512_loadu_ps(body->anchor_z + row);
-        const auto turned = [&](const float* turn, __m512 sum) {
-            sum = _mm512_fmadd_ps(set(turn[2]), rz, sum);
-            return _mm512_fmadd_ps(set(turn[0]), rx, _mm512_fmadd_ps(set(turn[1]), ry, sum));
-        };
-        const auto to_goal = [&](int axis, __m512 x) {
-            const __m512 goal = turned(body->turn + 3 * axis, turned(body->turn_rest + 3 * axis, zero));
-            const __m512 place = _mm512_sub_ps(_mm512_sub_ps(x, set(body->centre[axis])), set(body->centre_rest[axis]));
-            return _mm512_sub_ps(goal, place);
-        };
+        const Goals goals = load_goals(body, row);
         const __m512 anchor = _mm512_loadu_ps(body->anchor_stiffness + row), k = set(body->stiffness);
-        fx = _mm512_fmadd_ps(anchor, to_goal(0, p.x), _mm512_mul_ps(k, fx));
-        fy = _mm512_fmadd_ps(anchor, to_goal(1, p.y), _mm512_mul_ps(k, fy));
-        fz = _mm512_fmadd_ps(anchor, to_goal(2, p.z), _mm512_mul_ps(k, fz));
+        fx = _mm512_fmadd_ps(anchor, to_goal(body, goals, 0, p.x), _mm512_mul_ps(k, fx));
+        fy = _mm512_fmadd_ps(anchor, to_goal(body, goals, 1, p.y), _mm512_mul_ps(k, fy));
+        fz = _mm512_fmadd_ps(anchor, to_goal(body, goals, 2, p.z), _mm512_mul_ps(k, fz));
 
         // damping towards the drag velocity, then kick
         const __m512 vx = _mm512_loadu_ps(body->velocity_x + row), vy = _mm512_loadu_ps(body->velocity_y + row),
@@ -126,9 +136,9 @@ void step(const SpringStep* body, unsigned first, unsigned last, double* damping
         };
         const __m512 nx = kicked(vx, lost_x, fx, body->gravity[0]), ny = kicked(vy, lost_y, fy, body->gravity[1]),
                      nz = kicked(vz, lost_z, fz, body->gravity[2]);
-        _mm512_storeu_ps(body->velocity_x + row, nx);
-        _mm512_storeu_ps(body->velocity_y + row, ny);
-        _mm512_storeu_ps(body->velocity_z + row, nz);
+        _mm512_storeu_ps(body->new_velocity_x + row, nx);
+        _mm512_storeu_ps(body->new_velocity_y + row, ny);
+        _mm512_storeu_ps(body->new_velocity_z + row, nz);
         if (damping_work) {
             const __m512 power = _mm512_fmadd_ps(
                 lost_x, _mm512_add_ps(vx, nx),
@@ -154,13 +164,16 @@ void shape_sums(const SpringStep* body, unsigned first, unsigned last, double* s
         for (unsigned slice = first; slice < last; ++slice) {
             const unsigned row = 16 * slice;
             const Lanes p = load(body->offset + 4ul * row);
-            const __m512d x[3] = {to_double(p.x, half), to_double(p.y, half), to_double(p.z, half)};
             const auto wide = [&](const float* values) __attribute__((always_inline)) {
                 return _mm512_cvtps_pd(_mm256_loadu_ps(values + row + 8 * half));
             };
             const __m512d k = wide(body->anchor_stiffness);
             const __m512d r[3] = {wide(body->anchor_x), wide(body->anchor_y), wide(body->anchor_z)};
             const __m512d v[3] = {wide(body->velocity_x), wide(body->velocity_y), wide(body->velocity_z)};
+            const __m512d back = _mm512_set1_pd(body->back);
+            const __m512d x[3] = {_mm512_fnmadd_pd(back, v[0], to_double(p.x, half)),
+                                  _mm512_fnmadd_pd(back, v[1], to_double(p.y, half)),
+                                  _mm512_fnmadd_pd(back, v[2], to_double(p.z, half))};
             const __m512d inv_mass = to_double(p.w, half);
             const __m512d m = _mm512_maskz_div_pd(_mm512_cmp_pd_mask(inv_mass, _mm512_setzero_pd(), _CMP_GT_OQ),
                                                   _mm512_set1_pd(1.0), inv_mass);
@@ -190,8 +203,73 @@ void shape_sums(const SpringStep* body, unsigned first, unsigned last, double* s
     }
 }
 
+// The four sums of moving masses, for one half of the lanes in double.
+inline __attribute__((always_inline)) void add_moving(double* sums, __m512d w, const __m512d* x, const __m512d* v,
+                                                      __m512d back) {
+    const __m512d m =
+        _mm512_maskz_div_pd(_mm512_cmp_pd_mask(w, _mm512_setzero_pd(), _CMP_GT_OQ), _mm512_set1_pd(1.0), w);
+    const auto add = [&](int sum, __m512d value) __attribute__((always_inline)) {
+        _mm512_storeu_pd(sums + 16 * sum, _mm512_add_pd(_mm512_loadu_pd(sums + 16 * sum), value));
+    };
+    add(kSumMvv, _mm512_mul_pd(m, _mm512_fmadd_pd(v[0], v[0], _mm512_fmadd_pd(v[1], v[1], _mm512_mul_pd(v[2], v[2])))));
+    add(kSumMass, m);
+    for (int i = 0; i < 3; ++i) add(kSumMPlace + i, _mm512_mul_pd(m, _mm512_fnmadd_pd(back, v[i], x[i])));
+}
+
+void energy_sums(const SpringStep* body, unsigned first, unsigned last, double* sums) {
+    const __m512 back = _mm512_set1_ps(body->back);
+    for (unsigned slice = first; slice < last; ++slice) {
+        const unsigned lane = 0, row = 16 * slice;
+        const Lanes p = load(body->offset + 4ul * row);
+        const __m512 v[3] = {_mm512_loadu_ps(body->velocity_x + row), _mm512_loadu_ps(body->velocity_y + row),
+                             _mm512_loadu_ps(body->velocity_z + row)};
+
+        // springs: differences of places and of velocities first, both small
+        const unsigned long end = 16ul * body->slice_column[slice + 1];
+        for (unsigned long h = 16ul * body->slice_column[slice]; h < end; h += 16) {
+            const Lanes q = gather(body->offset, body->neighbour + h + lane);
+            const __m512i index = _mm512_loadu_si512(body->neighbour + h);
+            const __m512 dx = _mm512_fnmadd_ps(
+                back, _mm512_sub_ps(_mm512_i32gather_ps(index, body->velocity_x, 4), v[0]), _mm512_sub_ps(q.x, p.x));
+            const __m512 dy = _mm512_fnmadd_ps(
+                back, _mm512_sub_ps(_mm512_i32gather_ps(index, body->velocity_y, 4), v[1]), _mm512_sub_ps(q.y, p.y));
+            const __m512 dz = _mm512_fnmadd_ps(
+                back, _mm512_sub_ps(_mm512_i32gather_ps(index, body->velocity_z, 4), v[2]), _mm512_sub_ps(q.z, p.z));
+            const __m512 squared = _mm512_fmadd_ps(dx, dx, _mm512_fmadd_ps(dy, dy, _mm512_mul_ps(dz, dz)));
+            const __m512 stretch =
+                _mm512_sub_ps(_mm512_sqrt_ps(squared), _mm512_loadu_ps(body->rest_length + h + lane));
+            add_doubles(sums + 16 * kSumStretch + lane, _mm512_mul_ps(stretch, stretch));
+        }
+
+        // anchors
+        const Goals goals = load_goals(body, row);
+        const __m512 gx = _mm512_fmadd_ps(back, v[0], to_goal(body, goals, 0, p.x));
+        const __m512 gy = _mm512_fmadd_ps(back, v[1], to_goal(body, goals, 1, p.y));
+        const __m512 gz = _mm512_fmadd_ps(back, v[2], to_goal(body, goals, 2, p.z));
+        const __m512 apart = _mm512_fmadd_ps(gx, gx, _mm512_fmadd_ps(gy, gy, _mm512_mul_ps(gz, gz)));
+        add_doubles(sums + 16 * kSumAnchor + lane, _mm512_mul_ps(_mm512_loadu_ps(body->anchor_stiffness + row), apart));
+
+        // masses
+        const __m512d wide_back = _mm512_set1_pd(body->back);
+        const __m512d low_x[3] = {_mm512_cvtps_pd(_mm512_castps512_ps256(p.x)),
+                                  _mm512_cvtps_pd(_mm512_castps512_ps256(p.y)),
+                                  _mm512_cvtps_pd(_mm512_castps512_ps256(p.z))};
+        const __m512d low_v[3] = {_mm512_cvtps_pd(_mm512_castps512_ps256(v[0])),
+                                  _mm512_cvtps_pd(_mm512_castps512_ps256(v[1])),
+                                  _mm512_cvtps_pd(_mm512_castps512_ps256(v[2]))};
+        add_moving(sums + lane, _mm512_cvtps_pd(_mm512_castps512_ps256(p.w)), low_x, low_v, wide_back);
+        const __m512d high_x[3] = {_mm512_cvtps_pd(_mm512_extractf32x8_ps(p.x, 1)),
+                                   _mm512_cvtps_pd(_mm512_extractf32x8_ps(p.y, 1)),
+                                   _mm512_cvtps_pd(_mm512_extractf32x8_ps(p.z, 1))};
+        const __m512d high_v[3] = {_mm512_cvtps_pd(_mm512_extractf32x8_ps(v[0], 1)),
+                                   _mm512_cvtps_pd(_mm512_extractf32x8_ps(v[1], 1)),
+                                   _mm512_cvtps_pd(_mm512_extractf32x8_ps(v[2], 1))};
+        add_moving(sums + lane + 8, _mm512_cvtps_pd(_mm512_extractf32x8_ps(p.w, 1)), high_x, high_v, wide_back);
+    }
+}
+
 }  // namespace
 
-extern const SpringKernels kSpringKernelsAvx512 = {"avx512", step, shape_sums};
+extern const SpringKernels kSpringKernelsAvx512 = {"avx512", step, shape_sums, energy_sums};
 
 }  // namespace trocar

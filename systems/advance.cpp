@@ -7,6 +7,8 @@
 #include "engine/deformable_setup.hpp"
 #include "engine/geometry/quaternion.hpp"
 #include "engine/parallel.hpp"
+#include "engine/shape_fit.hpp"
+#include "engine/spring_step.hpp"
 #include "engine/surfaces.hpp"
 #include "systems/advance_parts.hpp"
 namespace trocar {
@@ -18,13 +20,10 @@ constexpr float kLost = 1e6f;
 AdvanceBody make_body(const AdvanceIsland& island, uint32_t body, uint32_t buffer) {
     const Bodies& bodies = island.inputs.bodies;
     const Springs& springs = island.inputs.springs;
-    const Anchors& anchors = island.inputs.anchors;
-    const uint32_t prototype = bodies.mesh[body];
-    const SpringInfo& info = springs.info[prototype];
     AdvanceBody b;
     b.body = body;
     b.particles = bodies.particles[body];
-    b.slices = info.slices.count;
+    b.slices = springs.info[bodies.mesh[body]].slices.count;
     b.buffer = buffer;
     b.shape = bodies.anchor_frame[body] == AnchorFrame::kShape;
     b.damping = bodies.tissue[body].damping;
@@ -32,21 +31,11 @@ AdvanceBody make_body(const AdvanceIsland& island, uint32_t body, uint32_t buffe
     b.origin = island.poses.origin[body];
     b.orientation = island.poses.orientation[body];
     b.now = island.particles.offset.data() + b.particles.first;
+    b.step = bind_body(springs, bodies, island.inputs.anchors, island.particles, body);
     SpringStep& step = b.step;
-    step = {};
-    const uint32_t first = b.particles.first;
-    step.velocity_x = island.particles.velocity_x.data() + first;
-    step.velocity_y = island.particles.velocity_y.data() + first;
-    step.velocity_z = island.particles.velocity_z.data() + first;
-    step.slice_column = springs.slice_column.data() + info.slices.first + prototype;
-    step.neighbour = springs.neighbour.data();
-    step.rest_length = springs.rest_length.data();
-    step.anchor_stiffness = anchors.stiffness.data() + first;
-    step.anchor_x = anchors.rest_x.data() + first;
-    step.anchor_y = anchors.rest_y.data() + first;
-    step.anchor_z = anchors.rest_z.data() + first;
-    step.turn[0] = step.turn[4] = step.turn[8] = 1;
-    step.stiffness = bodies.spring_stiffness[body];
+    step.new_velocity_x = island.particles.velocity_x.data() + b.particles.first;
+    step.new_velocity_y = island.particles.velocity_y.data() + b.particles.first;
+    step.new_velocity_z = island.particles.velocity_z.data() + b.particles.first;
     step.dt = static_cast<float>(island.dt);
     for (int i = 0; i < 3; ++i) step.gravity[i] = static_cast<float>(island.params.gravity[i]);
     return b;
@@ -91,7 +80,11 @@ void step_bodies(AdvanceIsland& island, const SpringKernels& kernels, uint32_t s
         b.step.keep = static_cast<float>(std::exp(-b.damping * kick));
         b.step.offset = &b.now->x;
         b.step.new_offset = &b.next->x;
-        if (b.shape) fit_shape(kernels, s.shape_sums, b, island.poses.orientation[b.body]);
+        if (b.shape) {
+            const ShapeTotals totals = sum_shape(b.step, b.slices, s.shape_sums);
+            fit_goals(totals, island.poses.orientation[b.body], b.step);
+            fit_drag(totals, b.step);
+        }
         double* work = island.params.account_energy && b.damping > 0 ? s.sums.data() + chunk * kSliceWidth : nullptr;
         parallel_for(b.slices, kSlicesPerChunk, [&](uint32_t begin, uint32_t end) {
             kernels.step(&b.step, begin, end, work ? work + begin / kSlicesPerChunk * kSliceWidth : nullptr);

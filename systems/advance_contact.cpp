@@ -73,42 +73,65 @@ ContactPlan make_plan(AdvanceIsland& island, uint32_t row) {
     return plan;
 }
 
-// Where the two points of a row are and how fast, at the start of a substep.
+// Where the two points of a row are at the start of a substep.
 struct RowState {
     Vec3d point, plane, normal;  // m
-    Vec3d velocity;              // m/s, of the point relative to the plane point
     double gap;                  // m
 };
 
-RowState evaluate(const AdvanceScratch& s, const ContactPlan& plan) {
+RowState find_gap(const AdvanceScratch& s, const ContactPlan& plan) {
     RowState r;
     if (plan.rigid_a == kNone) {
-        const ContactNode &i = s.node[plan.node_a[0]], &j = s.node[plan.node_a[1]];
-        r.point = plan.weight_a[0] * i.place + plan.weight_a[1] * j.place;
-        r.velocity = plan.weight_a[0] * i.velocity + plan.weight_a[1] * j.velocity;
+        r.point = plan.weight_a[0] * s.node[plan.node_a[0]].place + plan.weight_a[1] * s.node[plan.node_a[1]].place;
     } else {
         const AdvanceRigid& rigid = s.rigid[plan.rigid_a];
         r.point = rigid.origin[0] + turned(rigid.turn[0], plan.point_a);
-        r.velocity = rigid.velocity + turned(rigid.spin, plan.point_a);
-        if (rigid.node != kNone) r.velocity += s.node[rigid.node].velocity;
     }
     if (plan.rigid_b == kNone) {
-        r.plane = Vec3d::Zero();
-        for (int k = 0; k < 3; ++k) {
-            const ContactNode& node = s.node[plan.node_b[k]];
-            r.plane += plan.weight_b[k] * node.place;
-            r.velocity -= plan.weight_b[k] * node.velocity;
-        }
+        r.plane = plan.weight_b[0] * s.node[plan.node_b[0]].place + plan.weight_b[1] * s.node[plan.node_b[1]].place +
+                  plan.weight_b[2] * s.node[plan.node_b[2]].place;
         r.normal = plan.normal;
     } else {
         const AdvanceRigid& rigid = s.rigid[plan.rigid_b];
         r.plane = rigid.origin[0] + turned(rigid.turn[0], plan.point_b);
-        r.velocity -= rigid.velocity + turned(rigid.spin, plan.point_b);
-        if (rigid.node != kNone) r.velocity -= s.node[rigid.node].velocity;
         r.normal = turned(rigid.turn[0], plan.normal);
     }
     r.gap = r.normal.dot(r.point - r.plane) - plan.offset;
     return r;
+}
+
+// Velocity of a point of a rigid body, m/s.
+Vec3d rigid_velocity(const AdvanceScratch& s, uint32_t slot, const Vec3d& point) {
+    const AdvanceRigid& rigid = s.rigid[slot];
+    const Vec3d velocity = rigid.velocity + turned(rigid.spin, point);
+    return rigid.node == kNone ? velocity : Vec3d(velocity + s.node[rigid.node].velocity);
+}
+
+// Velocity of the point relative to the plane point, m/s.
+Vec3d relative_velocity(const AdvanceScratch& s, const ContactPlan& plan) {
+    Vec3d v;
+    if (plan.rigid_a == kNone) {
+        v = plan.weight_a[0] * s.node[plan.node_a[0]].velocity + plan.weight_a[1] * s.node[plan.node_a[1]].velocity;
+    } else {
+        v = rigid_velocity(s, plan.rigid_a, plan.point_a);
+    }
+    if (plan.rigid_b != kNone) return v - rigid_velocity(s, plan.rigid_b, plan.point_b);
+    for (int k = 0; k < 3; ++k) v -= plan.weight_b[k] * s.node[plan.node_b[k]].velocity;
+    return v;
+}
+
+// No point of a row is faster than this, m/s: most rows are seen to be too far away without asking for velocities.
+double fastest(const AdvanceIsland& island) {
+    const AdvanceScratch& s = island.scratch;
+    double squared = 0;
+    for (const ContactNode& node : s.node) squared = std::max(squared, node.velocity.squaredNorm());
+    double rigid_speed = 0;
+    for (const AdvanceRigid& rigid : s.rigid) {
+        const double spin2 = rigid.spin[0].squaredNorm() + rigid.spin[1].squaredNorm() + rigid.spin[2].squaredNorm();
+        const double radius = island.inputs.meshes.info[island.inputs.bodies.mesh[rigid.body]].radius;
+        rigid_speed = std::max(rigid_speed, rigid.velocity.norm() + std::sqrt(spin2) * radius);
+    }
+    return std::sqrt(squared) + rigid_speed;
 }
 
 // Foot of the point on the plane of the row's triangle, along the normal: barycentric weights. With them the two equal
@@ -224,12 +247,16 @@ void find_active_rows(AdvanceIsland& island) {
     for (const uint32_t node : s.touched) s.change[node].rows = 0;
     s.touched.clear();
     s.active.clear();
+    const double reach = 2.001 * fastest(island) * island.dt;
     for (uint32_t i = 0; i < s.plan.size(); ++i) {
-        if (island.rows.distance[s.plan[i].row] == std::numeric_limits<double>::infinity()) continue;
-        const RowState r = evaluate(s, s.plan[i]);
-        const double gap_after = r.gap + std::min(r.normal.dot(r.velocity), 0.0) * island.dt;
+        const ContactPlan& plan = s.plan[i];
+        const RowState r = find_gap(s, plan);
+        if (!(r.gap < reach)) continue;
+        if (island.rows.distance[plan.row] == std::numeric_limits<double>::infinity()) continue;
+        const Vec3d velocity = relative_velocity(s, plan);
+        const double gap_after = r.gap + std::min(r.normal.dot(velocity), 0.0) * island.dt;
         // a point that is not finite belongs to a body about to be restored: it must not reach its neighbours
-        if (!(gap_after < 0) || !std::isfinite(gap_after + r.velocity.squaredNorm())) continue;
+        if (!(gap_after < 0) || !std::isfinite(gap_after + velocity.squaredNorm())) continue;
         activate(island, i, r);
     }
     for (ContactActive& active : s.active) {

@@ -18,10 +18,6 @@ struct AdvanceIsland {
 // Time at the start of a substep, s: a quotient of integers, so that it does not depend on how calls are cut.
 double substep_time(const AdvanceParams& params, uint32_t substep);
 
-// Best-fit rigid copy of a free body: goal of its anchors and the rigid velocity its damping leaves alone.
-// `orientation` is turned to fit.
-void fit_shape(const SpringKernels& kernels, std::vector<double>& chunk_sums, AdvanceBody& body, Quat& orientation);
-
 // Finds the nodes, rigid sides and plans of the island's rows; rows that have ended are left out.
 void plan_contacts(AdvanceIsland& island, std::span<const uint32_t> island_rows);
 // Empties the look-up tables that plan_contacts filled.
@@ -44,7 +40,5 @@ void note_velocities(AdvanceIsland& island);
 void apply_impulses(AdvanceIsland& island);
 // Moves remaining overlap of the active rows out without touching velocities; after move_hands.
 void push_out(AdvanceIsland& island, bool last_substep);
-
-inline constexpr uint32_t kSlicesPerChunk = 512;  // of a body in parallel, about 20 us
 
 }  // namespace trocar

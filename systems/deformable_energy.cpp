@@ -1,125 +1,68 @@
 #include "systems/deformable_energy.hpp"
 
-#include <algorithm>
 #include <array>
-#include <cmath>
 
-#include "engine/best_fit_rotation.hpp"
-#include "engine/geometry/quaternion.hpp"
+#include "engine/parallel.hpp"
+#include "engine/shape_fit.hpp"
+#include "engine/spring_step.hpp"
 #include "engine/surfaces.hpp"
 namespace trocar {
 namespace {
 
-// A body half a substep back, where its velocities are.
-struct BodyState {
-    const Particles& particles;
-    Range rows;
-    double back;  // s
-    Vec3d velocity(uint32_t v) const {
-        const uint32_t p = rows.first + v;
-        return {particles.velocity_x[p], particles.velocity_y[p], particles.velocity_z[p]};
+using EnergyTotals = std::array<double, kEnergySums>;
+
+EnergyTotals sum_energy(const SpringStep& body, uint32_t slices, std::vector<double>& chunk_sums) {
+    constexpr uint32_t kRow = kEnergySums * kSliceWidth;
+    const SpringKernels& kernels = spring_kernels();
+    const uint32_t chunks = chunk_count(slices, kSlicesPerChunk);
+    chunk_sums.assign(static_cast<size_t>(chunks) * kRow, 0.0);
+    parallel_for(slices, kSlicesPerChunk, [&](uint32_t begin, uint32_t end) {
+        kernels.energy_sums(&body, begin, end, chunk_sums.data() + begin / kSlicesPerChunk * kRow);
+    });
+    EnergyTotals totals{};
+    for (uint32_t chunk = 0; chunk < chunks; ++chunk) {
+        for (uint32_t i = 0; i < kRow; ++i) totals[i / kSliceWidth] += chunk_sums[chunk * kRow + i];
     }
-    Vec3d offset(uint32_t v) const {
-        const Float4& o = particles.offset[rows.first + v];
-        return Vec3d(o.x, o.y, o.z) - back * velocity(v);
-    }
-    double inv_mass(uint32_t v) const { return particles.offset[rows.first + v].w; }
-};
-
-double spring_energy(const Springs& springs, uint32_t prototype, double stiffness, const BodyState& state) {
-    const Range slices = springs.info[prototype].slices;
-    const uint32_t* column = springs.slice_column.data() + slices.first + prototype;
-    double sum = 0;
-    for (uint32_t v = 0; v < state.rows.count; ++v) {
-        const uint32_t slice = v / kSliceWidth, lane = v % kSliceWidth;
-        const Vec3d x = state.offset(v);
-        for (uint32_t c = column[slice]; c < column[slice + 1]; ++c) {
-            const uint32_t far_end = springs.neighbour[c * kSliceWidth + lane];
-            if (far_end <= v) continue;  // each spring once; padding names itself
-            const double stretch = (state.offset(far_end) - x).norm() - springs.rest_length[c * kSliceWidth + lane];
-            sum += stretch * stretch;
-        }
-    }
-    return 0.5 * stiffness * sum;
-}
-
-Vec3d rest_of(const Anchors& anchors, uint32_t p) { return {anchors.rest_x[p], anchors.rest_y[p], anchors.rest_z[p]}; }
-
-// Goal of a rest position r is centre + turn * r.
-struct GoalFrame {
-    Vec3d centre = Vec3d::Zero();
-    std::array<Vec3d, 3> turn = rotation_rows({});
-    Vec3d goal(const Vec3d& r) const { return centre + Vec3d(turn[0].dot(r), turn[1].dot(r), turn[2].dot(r)); }
-};
-
-GoalFrame best_fit_frame(const Anchors& anchors, const BodyState& state, const Quat& start) {
-    Vec3d sum_x = Vec3d::Zero(), sum_r = Vec3d::Zero();
-    std::array<Vec3d, 3> a;
-    a.fill(Vec3d::Zero());
-    double stiffness = 0;
-    for (uint32_t v = 0; v < state.rows.count; ++v) {
-        const double k = anchors.stiffness[state.rows.first + v];
-        const Vec3d x = state.offset(v), r = rest_of(anchors, state.rows.first + v);
-        stiffness += k;
-        sum_x += k * x;
-        sum_r += k * r;
-        for (int i = 0; i < 3; ++i) a[i] += k * x[i] * r;
-    }
-    GoalFrame frame;
-    if (!(stiffness > 0)) return frame;
-    for (int i = 0; i < 3; ++i) a[i] -= sum_x[i] / stiffness * sum_r;
-    frame.turn = rotation_rows(best_fit_rotation(a, start));
-    const Vec3d rest = sum_r / stiffness;
-    frame.centre = sum_x / stiffness - (frame.goal(rest) - frame.centre);
-    return frame;
-}
-
-double anchor_energy(const Anchors& anchors, const BodyState& state, const GoalFrame& frame) {
-    double sum = 0;
-    for (uint32_t v = 0; v < state.rows.count; ++v) {
-        const uint32_t p = state.rows.first + v;
-        if (anchors.stiffness[p] > 0) {
-            sum += anchors.stiffness[p] * (frame.goal(rest_of(anchors, p)) - state.offset(v)).squaredNorm();
-        }
-    }
-    return 0.5 * sum;
-}
-
-BodyState state_of(const Bodies& bodies, const Particles& particles, uint32_t body) {
-    return {particles, bodies.particles[body], 0.5 * particles.last_dt[body]};
+    return totals;
 }
 
 }  // namespace
 
 void measure_energy(const Springs& springs, const Bodies& bodies, const Poses& poses, const Particles& particles,
-                    const Anchors& anchors, const Vec3d& gravity, double start, Energy& energy) {
+                    const Anchors& anchors, const Vec3d& gravity, double start, EnergyScratch& scratch,
+                    Energy& energy) {
     energy.kinetic = energy.elastic = energy.gravity = 0;
     for (uint32_t body = 0; body < bodies.motion.size(); ++body) {
         if (!is_deformable(bodies, body)) continue;
-        const BodyState state = state_of(bodies, particles, body);
-        for (uint32_t v = 0; v < state.rows.count; ++v) {
-            if (!(state.inv_mass(v) > 0)) continue;
-            energy.kinetic += 0.5 * state.velocity(v).squaredNorm() / state.inv_mass(v);
-            energy.gravity -= gravity.dot(poses.origin[body] + state.offset(v)) / state.inv_mass(v);
+        const uint32_t slices = springs.info[bodies.mesh[body]].slices.count;
+        SpringStep step = bind_body(springs, bodies, anchors, particles, body);
+        step.back = static_cast<float>(0.5 * particles.last_dt[body]);
+        if (bodies.anchor_frame[body] == AnchorFrame::kShape) {
+            Quat orientation = poses.orientation[body];
+            fit_goals(sum_shape(step, slices, scratch.sums), orientation, step);
         }
-        const GoalFrame frame = bodies.anchor_frame[body] == AnchorFrame::kShape
-                                    ? best_fit_frame(anchors, state, poses.orientation[body])
-                                    : GoalFrame{};
-        energy.elastic += spring_energy(springs, bodies.mesh[body], bodies.spring_stiffness[body], state) +
-                          anchor_energy(anchors, state, frame);
+        const EnergyTotals t = sum_energy(step, slices, scratch.sums);
+        energy.kinetic += 0.5 * t[kSumMvv];
+        // every spring was met from both its ends
+        energy.elastic += 0.25 * step.stiffness * t[kSumStretch] + 0.5 * t[kSumAnchor];
+        energy.gravity -=
+            gravity.dot(t[kSumMass] * poses.origin[body] + Vec3d(t[kSumMPlace], t[kSumMPlace + 1], t[kSumMPlace + 2]));
     }
     energy.balance = energy.kinetic + energy.elastic + energy.gravity - energy.work_hand - energy.work_contact -
                      energy.work_damping - energy.work_push - start;
 }
 
 Momentum measure_momentum(const Bodies& bodies, const Poses& poses, const Particles& particles, uint32_t body) {
-    const BodyState state = state_of(bodies, particles, body);
+    const Range rows = bodies.particles[body];
+    const double back = 0.5 * particles.last_dt[body];
     Momentum sum;
-    for (uint32_t v = 0; v < state.rows.count; ++v) {
-        if (!(state.inv_mass(v) > 0)) continue;
-        const Vec3d momentum = state.velocity(v) / state.inv_mass(v);
-        sum.linear += momentum;
-        sum.angular += (poses.origin[body] + state.offset(v)).cross(momentum);
+    for (uint32_t p = rows.first; p < rows.end(); ++p) {
+        const Float4& o = particles.offset[p];
+        if (!(o.w > 0)) continue;
+        const Vec3d velocity(particles.velocity_x[p], particles.velocity_y[p], particles.velocity_z[p]);
+        const Vec3d place = poses.origin[body] + Vec3d(o.x, o.y, o.z) - back * velocity;
+        sum.linear += velocity / o.w;
+        sum.angular += place.cross(velocity) / o.w;
     }
     return sum;
 }

@@ -39,6 +39,7 @@ struct FrameScratch {
     ContactRowsScratch rows;
     IslandsScratch islands;
     SurfaceNormalsScratch normals;
+    EnergyScratch energy;
     Poses coming;                               // poses with the coming speed of hands
     std::vector<AdvanceScratch> advance;        // per thread
     std::vector<AdvanceResult> advance_result;  // per island
@@ -248,7 +249,7 @@ void advance(FrameState& f) {
 void surface_normals(FrameState& f) { compute_surface_normals(surfaces_of(f.world), f.scratch.normals, f.world.normals); }
 void energy(FrameState& f) {
     World& w = f.world;
-    measure_energy(w.springs, w.bodies, w.poses, w.particles, w.anchors, w.settings.gravity, 0, w.energy);
+    measure_energy(w.springs, w.bodies, w.poses, w.particles, w.anchors, w.settings.gravity, 0, f.scratch.energy, w.energy);
     if (!f.energy_open) f.energy_start = w.energy.balance, f.energy_open = true;
     w.energy.balance -= f.energy_start;
 }

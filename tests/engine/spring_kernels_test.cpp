@@ -54,12 +54,14 @@ struct RandomBody {
             step.centre[i] = unit(random), step.centre_rest[i] = 1e-8f * unit(random);
             step.drag_velocity[i] = unit(random), step.drag_turn[i] = unit(random), step.gravity[i] = 9 * unit(random);
         }
-        step.stiffness = 20, step.dt = 1e-3f, step.kick_dt = 0.9e-3f, step.keep = 0.98f;
+        step.stiffness = 20, step.dt = 1e-3f, step.kick_dt = 0.9e-3f, step.keep = 0.98f, step.back = 0.03f;
     }
     SpringStep bound() {
         SpringStep s = step;
         s.offset = &offset[0].x, s.new_offset = &next[0].x;
         s.velocity_x = velocity[0].data(), s.velocity_y = velocity[1].data(), s.velocity_z = velocity[2].data();
+        s.new_velocity_x = velocity[0].data(), s.new_velocity_y = velocity[1].data();
+        s.new_velocity_z = velocity[2].data();
         return s;
     }
 };
@@ -72,16 +74,19 @@ TEST(SpringKernels, Avx2AndAvx512GiveTheSameBits) {
     for (unsigned seed = 1; seed <= 20; ++seed) {
         RandomBody a(13, seed), b(13, seed);
         std::vector<double> work_a(16, 0.0), work_b(16, 0.0), sums_a(kShapeSums * 16, 0.0),
-            sums_b(kShapeSums * 16, 0.0);
+            sums_b(kShapeSums * 16, 0.0), energy_a(kEnergySums * 16, 0.0), energy_b(kEnergySums * 16, 0.0);
         const SpringStep sa = a.bound(), sb = b.bound();
         kSpringKernelsAvx2.shape_sums(&sa, 0, 13, sums_a.data());
         kSpringKernelsAvx512.shape_sums(&sb, 0, 13, sums_b.data());
+        kSpringKernelsAvx2.energy_sums(&sa, 0, 13, energy_a.data());
+        kSpringKernelsAvx512.energy_sums(&sb, 0, 13, energy_b.data());
         kSpringKernelsAvx2.step(&sa, 0, 13, work_a.data());
         kSpringKernelsAvx512.step(&sb, 0, 13, work_b.data());
         EXPECT_EQ(0, std::memcmp(a.next.data(), b.next.data(), a.next.size() * sizeof(Float4)));
         for (int i = 0; i < 3; ++i) EXPECT_EQ(a.velocity[i], b.velocity[i]);
         EXPECT_EQ(work_a, work_b);
         EXPECT_EQ(sums_a, sums_b);
+        EXPECT_EQ(energy_a, energy_b);
     }
 }
 
@@ -144,8 +149,9 @@ TEST(SpringKernels, ShapeSumsAgreeWithDouble) {
     }
     for (unsigned i = 0; i < 96; ++i) {
         const double k = body.stiffness[i], m = body.offset[i].w > 0 ? 1.0 / body.offset[i].w : 0;
-        const Vec3d x(body.offset[i].x, body.offset[i].y, body.offset[i].z);
-        const Vec3d v(body.velocity[0][i], body.velocity[1][i], body.velocity[2][i]), l = x.cross(v);
+        const Vec3d v(body.velocity[0][i], body.velocity[1][i], body.velocity[2][i]);
+        const Vec3d x = Vec3d(body.offset[i].x, body.offset[i].y, body.offset[i].z) - double(step.back) * v;
+        const Vec3d l = x.cross(v);
         const Vec3d r(body.rest[0][i], body.rest[1][i], body.rest[2][i]);
         expected[kSumK] += k, expected[kSumM] += m;
         for (int a = 0; a < 3; ++a) {
@@ -157,6 +163,40 @@ TEST(SpringKernels, ShapeSumsAgreeWithDouble) {
         expected[kSumMxx + 5] += m * x[1] * x[2];
     }
     for (int s = 0; s < kShapeSums; ++s) EXPECT_NEAR(got[s], expected[s], 1e-12) << s;
+}
+
+// A half-edge counted once, a fixed particle's mass or a place at the wrong time breaks it.
+TEST(SpringKernels, EnergySumsAgreeWithDouble) {
+    RandomBody body(6, 11);
+    const SpringStep step = body.bound();
+    std::vector<double> lanes(kEnergySums * 16, 0.0), expected(kEnergySums, 0.0), got(kEnergySums, 0.0);
+    spring_kernels().energy_sums(&step, 0, 6, lanes.data());
+    for (int s = 0; s < kEnergySums; ++s) {
+        for (int lane = 0; lane < 16; ++lane) got[s] += lanes[16 * s + lane];
+    }
+    const auto velocity = [&](unsigned i) {
+        return Vec3d(body.velocity[0][i], body.velocity[1][i], body.velocity[2][i]);
+    };
+    const auto place = [&](unsigned i) -> Vec3d {
+        return Vec3d(body.offset[i].x, body.offset[i].y, body.offset[i].z) - double(step.back) * velocity(i);
+    };
+    const auto row = [](const float* v) { return Vec3d(v[0], v[1], v[2]); };
+    for (unsigned i = 0; i < 96; ++i) {
+        for (unsigned c = body.column[i / 16]; c < body.column[i / 16 + 1]; ++c) {
+            const double length = (place(body.neighbour[16 * c + i % 16]) - place(i)).norm();
+            expected[kSumStretch] += std::pow(length - body.rest_length[16 * c + i % 16], 2);
+        }
+        const Vec3d rest(body.rest[0][i], body.rest[1][i], body.rest[2][i]);
+        const Vec3d goal = Vec3d(row(step.turn).dot(rest), row(step.turn + 3).dot(rest), row(step.turn + 6).dot(rest)) +
+                           row(step.centre) + row(step.centre_rest);
+        expected[kSumAnchor] += body.stiffness[i] * (goal - place(i)).squaredNorm();
+        if (!(body.offset[i].w > 0)) continue;
+        const double m = 1.0 / body.offset[i].w;
+        expected[kSumMvv] += m * velocity(i).squaredNorm();
+        expected[kSumMass] += m;
+        for (int a = 0; a < 3; ++a) expected[kSumMPlace + a] += m * place(i)[a];
+    }
+    for (int s = 0; s < kEnergySums; ++s) EXPECT_NEAR(got[s], expected[s], s < kSumMvv ? 1e-4 : 1e-12) << s;
 }
 
 }  // namespace

@@ -31,6 +31,7 @@ struct AdvanceScene {
     ContactRows rows;
     AdvanceParams params;
     AdvanceScratch scratch;
+    EnergyScratch energy_scratch;
     AdvanceResult result;
     Energy energy;
     Report report;
@@ -160,11 +161,14 @@ struct AdvanceScene {
     }
     void open_books() {
         energy = {};
-        measure_energy(springs, bodies, poses, particles, anchors, params.gravity, 0, energy);
+        measure_energy(springs, bodies, poses, particles, anchors, params.gravity, 0, energy_scratch, energy);
         energy_start = energy.balance;
         measure();
     }
-    void measure() { measure_energy(springs, bodies, poses, particles, anchors, params.gravity, energy_start, energy); }
+    void measure() {
+        measure_energy(springs, bodies, poses, particles, anchors, params.gravity, energy_start, energy_scratch,
+                       energy);
+    }
 };
 
 // Closed triangle meshes for tests, metres.

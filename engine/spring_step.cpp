@@ -1,0 +1,26 @@
+#include "engine/spring_step.hpp"
+
+namespace trocar {
+
+SpringStep bind_body(const Springs& springs, const Bodies& bodies, const Anchors& anchors, const Particles& particles,
+                     uint32_t body) {
+    const uint32_t prototype = bodies.mesh[body], first = bodies.particles[body].first;
+    SpringStep step = {};
+    step.offset = &particles.offset[first].x;
+    step.velocity_x = particles.velocity_x.data() + first;
+    step.velocity_y = particles.velocity_y.data() + first;
+    step.velocity_z = particles.velocity_z.data() + first;
+    step.slice_column = springs.slice_column.data() + springs.info[prototype].slices.first + prototype;
+    step.neighbour = springs.neighbour.data();
+    step.rest_length = springs.rest_length.data();
+    step.anchor_stiffness = anchors.stiffness.data() + first;
+    step.anchor_x = anchors.rest_x.data() + first;
+    step.anchor_y = anchors.rest_y.data() + first;
+    step.anchor_z = anchors.rest_z.data() + first;
+    step.turn[0] = step.turn[4] = step.turn[8] = 1;
+    step.stiffness = bodies.spring_stiffness[body];
+    step.keep = 1;
+    return step;
+}
+
+}  // namespace trocar
