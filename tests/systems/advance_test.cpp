@@ -707,6 +707,27 @@ void check_books(int passes, double friction) {
 TEST(Advance, BooksClose) { check_books(150, 0.2); }
 TEST(LongAdvance, BooksCloseOverTenThousandPasses) { check_books(10000, 0.2); }
 
+// M21. A held shell sinks by density V/A g depth / E whatever its mesh: stiffness and mass scale with geometry.
+TEST(Advance, M21_RefinementKeepsTheDeflection) {
+    double sag[2];
+    for (int i = 0; i < 2; ++i) {
+        AdvanceScene s;
+        Tissue tissue;
+        tissue.damping = 100;
+        const uint32_t body =
+            s.add_body(s.add_mesh(subdivided_sphere(0.05, 2 + i, 0.01)), Motion::kDeformable, Vec3d::Zero(), tissue);
+        const MeshInfo& info = s.meshes.info[0];
+        const std::vector<Float4> start = s.particles.offset;
+        s.advance(600, 600);
+        sag[i] = 0;
+        for (uint32_t v = 0; v < info.vertices.count; ++v) sag[i] += start[v].z - s.offset(body, v).z();
+        sag[i] /= info.vertices.count;
+        const double expected = tissue.density * info.volume / info.area * 9.81 * tissue.depth / tissue.youngs_modulus;
+        EXPECT_NEAR(sag[i], expected, 0.01 * expected);
+    }
+    EXPECT_NEAR(sag[0], sag[1], 0.05 * sag[0]);
+}
+
 // M22
 TEST(Advance, M22_UndampedEnergyDoesNotDrift) {
     AdvanceScene s;
