@@ -175,19 +175,6 @@ void haptic_ticks(FrameState& f, std::span<const uint32_t> bodies, uint32_t ms) 
     }
 }
 
-// Adds a later call of the same pass.
-void add_part(const AdvanceResult& part, AdvanceResult& whole) {
-    whole.work_hand += part.work_hand;
-    whole.work_contact += part.work_contact;
-    whole.work_damping += part.work_damping;
-    whole.work_push += part.work_push;
-    whole.deepest_residual = part.deepest_residual;
-    whole.active_rows += part.active_rows;
-    whole.ended_rows += part.ended_rows;
-    whole.opposing_planes += part.opposing_planes;
-    whole.nonfinite_particles += part.nonfinite_particles;
-}
-
 // One island through the whole pass; with a tool, millisecond by millisecond with the haptic tick between.
 void advance_one_island(FrameState& f, uint32_t island, AdvanceScratch& scratch) {
     World& w = f.world;
@@ -210,9 +197,7 @@ void advance_one_island(FrameState& f, uint32_t island, AdvanceScratch& scratch)
         for (size_t t = 0; t < tools; ++t) device[t] = {f.scratch.device[t * per_tool + ms], f.scratch.device[t * per_tool + ms + params.ticks]};
         params.tick = w.clock.tick + ms;
         if (with_tool && !f.options.external_ticks) haptic_ticks(f, bodies, ms);
-        AdvanceResult part;
-        advance_island(params, inputs, bodies, rows, scratch, w.particles, w.poses, w.rows, w.haptics.state, part);
-        add_part(part, result);
+        advance_island(params, inputs, bodies, rows, scratch, w.particles, w.poses, w.rows, w.haptics.state, result);
     }
 }
 
