@@ -9,6 +9,8 @@
 #include <sstream>
 #include <string>
 
+#include "reference/paths.hpp"
+
 // The program as its users meet it: exit codes, one-line errors that name the place, nothing half-written.
 namespace {
 namespace fs = std::filesystem;
@@ -31,7 +33,7 @@ class CommandLine : public testing::Test {
     Outcome run(const std::string& arguments) const {
         const fs::path err = folder_ / "stderr.txt";
         const std::string command =
-            std::string("cd ") + TROCAR_SOURCE_DIR + " && " + TROCAR_PROGRAM + " " + arguments + " 2>" + err.string();
+            "cd " + trocar::source_folder().string() + " && " + trocar::program_path().string() + " " + arguments + " 2>" + err.string();
         Outcome outcome;
         FILE* pipe = popen(command.c_str(), "r");
         std::array<char, 4096> block;

@@ -113,7 +113,7 @@ constexpr Expected kExpected[] = {
 };
 
 TEST(LoadRealMesh, counts_boxes_and_volumes_are_those_of_an_independent_reader) {
-    const fs::path data = shared_data();
+    const fs::path data = shared_data_folder();
     if (data.empty()) GTEST_SKIP() << "the folder of real surfaces is absent";
     for (const Expected& e : kExpected) {
         SCOPED_TRACE(e.file);
@@ -133,7 +133,7 @@ TEST(LoadRealMesh, counts_boxes_and_volumes_are_those_of_an_independent_reader) 
 }
 
 TEST(LoadRealMesh, concave_polygons_have_their_true_area) {
-    const fs::path data = shared_data();
+    const fs::path data = shared_data_folder();
     if (data.empty()) GTEST_SKIP() << "the folder of real surfaces is absent";
     for (const char* file :
          {"v1_quad.wrl", "v2_quad.wrl", "v1_concave_area2.5_or_fan3.5.wrl", "v2_concave_area2.5.wrl"}) {
@@ -142,7 +142,7 @@ TEST(LoadRealMesh, concave_polygons_have_their_true_area) {
 }
 
 TEST(LoadRealMesh, hostile_files_end_soon_in_an_answer_or_an_error) {
-    const fs::path data = shared_data();
+    const fs::path data = shared_data_folder();
     if (data.empty()) GTEST_SKIP() << "the folder of real surfaces is absent";
     int files = 0;
     for (const auto& entry : fs::directory_iterator(data / "hostile")) {

@@ -2,7 +2,6 @@
 #include <gtest/gtest.h>
 #include <unistd.h>
 
-#include <cstdlib>
 #include <filesystem>
 #include <fstream>
 #include <map>
@@ -10,6 +9,7 @@
 
 #include "content/load_mesh.hpp"
 #include "engine/error.hpp"
+#include "reference/paths.hpp"
 namespace trocar {
 
 // What is easily said about a surface, the obvious way.
@@ -60,17 +60,6 @@ inline bool warns(const LoadedMesh& loaded, const std::string& part) {
         if (warning.find(part) != std::string::npos) return true;
     }
     return false;
-}
-
-// The folder of real surfaces beside the project, empty when it is absent.
-inline std::filesystem::path shared_data() {
-    std::filesystem::path folder;
-    if (const char* given = std::getenv("TROCAR_SHARED_DATA")) folder = given;
-#ifdef TROCAR_SOURCE_DIR
-    if (folder.empty()) folder = std::filesystem::path(TROCAR_SOURCE_DIR) / ".." / "shared" / "data";
-    if (!std::filesystem::exists(folder)) folder = std::filesystem::path(TROCAR_SOURCE_DIR) / "../../shared/data";
-#endif
-    return std::filesystem::is_directory(folder) ? folder : std::filesystem::path{};
 }
 
 // A folder of its own for each test, removed after it.

@@ -5,6 +5,8 @@
 #include <string>
 #include <vector>
 
+#include "reference/paths.hpp"
+
 // The include rule of README: components <- engine <- systems <- systems/app; content may include components and
 // engine; a system includes no other system. Breaks when an #include points the wrong way, or when a third-party
 // library is named in a second place.
@@ -32,7 +34,7 @@ Include parse_include(const std::string& line) {
 
 std::vector<Include> includes_below(const std::string& folder) {
     std::vector<Include> found;
-    const fs::path root = TROCAR_SOURCE_DIR;
+    const fs::path root = trocar::source_folder();
     for (const fs::directory_entry& entry : fs::recursive_directory_iterator(root / folder)) {
         if (entry.path().extension() != ".hpp" && entry.path().extension() != ".cpp") continue;
         std::ifstream stream(entry.path());

@@ -4,12 +4,13 @@
 
 #include "content/build_scene.hpp"
 #include "content/scene_file.hpp"
+#include "reference/paths.hpp"
 namespace trocar {
 
 // A scene of content/scenes with organs of few triangles, so that tests are quick.
 inline BuiltScene small_scene(const std::string& name, const std::string& triangles = "1000") {
     std::vector<Override> overrides;
-    const std::string path = std::string(TROCAR_SOURCE_DIR) + "/content/scenes/" + name + ".toml";
+    const std::string path = (source_folder() / "content/scenes" / (name + ".toml")).string();
     for (const BodySpec& body : read_scene_file(path, {}).bodies)
         if (body.motion != Motion::kStatic) overrides.push_back({body.name + ".triangles", triangles});
     return build_scene(read_scene_file(path, overrides));

@@ -1,5 +1,4 @@
 #pragma once
-#include <cstdlib>
 #include <cstring>
 #include <fstream>
 #include <iterator>
@@ -7,12 +6,12 @@
 #include <string>
 
 #include "components/mesh.hpp"
+#include "reference/paths.hpp"
 namespace trocar::reference {
 
 // Folder of real meshes that tests use in place when it is there.
 inline std::string shared_data(const std::string& file) {
-    const char* folder = std::getenv("TROCAR_SHARED_DATA");
-    return (folder ? std::string(folder) : std::string(TROCAR_SOURCE_DIR) + "/../shared/data") + "/" + file;
+    return (shared_data_folder() / file).string();
 }
 
 // Throw-away readers of well-formed binary STL, OBJ and ASCII VTK polydata, independent of content/. Empty when the
