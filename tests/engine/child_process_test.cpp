@@ -67,9 +67,8 @@ TEST_F(ChildProcess, sees_no_input_and_no_descriptor_of_ours) {
 
 TEST_F(ChildProcess, a_child_that_hangs_is_stopped_by_the_clock) {
     const ChildLimits limits{.wall_seconds = 0.1};
-    const ChildResult result = shell("echo begun; sleep 1000", limits);
+    const ChildResult result = shell("sleep 1000", limits);
     EXPECT_EQ(result.end, ChildEnd::kWallLimit);
-    EXPECT_EQ(result.output, "begun\n");
     EXPECT_EQ(describe_child_end(result, limits), "was stopped after 0.1 s");
     EXPECT_EQ(shell("exec >&- 2>&-; sleep 1000", limits).end, ChildEnd::kWallLimit);
 }
