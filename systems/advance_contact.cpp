@@ -221,7 +221,8 @@ void activate(AdvanceIsland& island, uint32_t plan_row, const RowState& r) {
         ++island.result.ended_rows;
         return;
     }
-    ContactActive& active = s.active.emplace_back();
+    s.active.resize(s.active.size() + 1);
+    ContactActive& active = s.active.back();
     active.plan = plan_row;
     active.friction = plan.friction;
     active.normal = r.normal;
@@ -232,7 +233,7 @@ void activate(AdvanceIsland& island, uint32_t plan_row, const RowState& r) {
     } else {
         const AdvanceRigid& rigid = s.rigid[plan.rigid_a];
         active.rigid_velocity += rigid.velocity(plan.point_a);
-        if (rigid.node != kNone) add_node(active, rigid.node, 1);
+        if (rigid.node != kNone) add_node(active, rigid.node, 1), active.with_hand = true;
     }
     active.point_nodes = active.nodes;
     if (plan.rigid_b == kNone) {
@@ -240,7 +241,7 @@ void activate(AdvanceIsland& island, uint32_t plan_row, const RowState& r) {
     } else {
         const AdvanceRigid& rigid = s.rigid[plan.rigid_b];
         active.rigid_velocity -= rigid.velocity(foot.point);
-        if (rigid.node != kNone) add_node(active, rigid.node, -1);
+        if (rigid.node != kNone) add_node(active, rigid.node, -1), active.with_hand = true;
     }
     double sum = 0;
     for (uint32_t k = 0; k < active.nodes; ++k) {
@@ -270,10 +271,17 @@ void find_active_rows(AdvanceIsland& island) {
     island.result.active_rows += s.active.size();
 }
 
-// Gives one row the impulse that its nodes' velocities ask for now.
+// Gives one row the impulse that its nodes' velocities ask for now. kNodes is how many it has, 0 for any number.
+template <uint32_t kNodes>
 void solve_row(AdvanceScratch& s, ContactActive& row) {
+    const uint32_t nodes = kNodes > 0 ? kNodes : row.nodes;
+    const auto part = [&](uint32_t k) { return row.weight[k] * s.node[row.node[k]].velocity; };
     Vec4d velocity = row.rigid_velocity;
-    for (uint32_t k = 0; k < row.nodes; ++k) velocity += row.weight[k] * s.node[row.node[k]].velocity;
+    if constexpr (kNodes == 4) {
+        velocity += (part(0) + part(1)) + (part(2) + part(3));
+    } else {
+        for (uint32_t k = 0; k < nodes; ++k) velocity += part(k);
+    }
     const double approach = dot(row.normal, velocity);
     const double normal_impulse = std::max(0.0, row.normal_impulse - (approach - row.least_velocity) * row.inv_sum);
     Vec4d impulse = (normal_impulse - row.normal_impulse) * row.normal;
@@ -286,7 +294,7 @@ void solve_row(AdvanceScratch& s, ContactActive& row) {
         impulse += friction - row.friction_impulse;
         row.friction_impulse = friction;
     }
-    for (uint32_t k = 0; k < row.nodes; ++k) {
+    for (uint32_t k = 0; k < nodes; ++k) {
         ContactNode& node = s.node[row.node[k]];
         node.velocity += (row.weight[k] * node.inv_mass) * impulse;
     }
@@ -364,10 +372,17 @@ void plan_contacts(AdvanceIsland& island, std::span<const uint32_t> island_rows)
     s.touched.clear();
     s.pending.clear();
     s.node_of_particle.resize(island.particles.offset.size(), kNone);
-    for (const uint32_t row : island_rows) {
-        if (island.rows.distance[row] == std::numeric_limits<double>::infinity()) continue;
-        s.plan.push_back(make_plan(island, row));
+    // neighbours in the list are neighbours on the surface and share nodes: eight parts of it are dealt in turn, so that
+    // the processor can work on one row while another waits for its sums
+    constexpr uint32_t kParts = 8;
+    const uint32_t count = static_cast<uint32_t>(island_rows.size()), part = (count + kParts - 1) / kParts;
+    for (uint32_t i = 0; i < part; ++i) {
+        for (uint32_t row = i; row < count; row += part) {
+            if (island.rows.distance[island_rows[row]] == std::numeric_limits<double>::infinity()) continue;
+            s.plan.push_back(make_plan(island, island_rows[row]));
+        }
     }
+    s.active.reserve(s.plan.size());
 }
 
 void forget_contacts(AdvanceIsland& island) {
@@ -384,7 +399,8 @@ Kick kick_of(const AdvanceScratch& s, uint32_t n) {
     const ContactNode& node = s.node[n];
     const ContactNodeChange& change = s.change[n];
     const AdvanceBody& body = s.body[node.owner];
-    const Vec4d drag = body.drag_velocity + cross(body.drag_turn, node.place - body.origin);
+    Vec4d drag = body.drag_velocity;
+    if (body.shape) drag += cross(body.drag_turn, node.place - body.origin);
     const Vec4d lost = (double(body.step.keep) - 1.0) * (change.before - drag);
     return {lost, (change.kicked - change.before - lost) / double(body.step.kick_dt)};
 }
@@ -414,7 +430,7 @@ void apply_impulses(AdvanceIsland& island) {
     book_pushes(island);
     find_active_rows(island);
     for (uint32_t pass = 0; pass < island.params.contact.iterations && !s.active.empty(); ++pass) {
-        for (ContactActive& row : s.active) solve_row(s, row);
+        for (ContactActive& row : s.active) row.nodes == 4 ? solve_row<4>(s, row) : solve_row<0>(s, row);
     }
     scatter_velocities(island);
     if (island.params.account_energy) book_work(island);

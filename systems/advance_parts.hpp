@@ -44,7 +44,7 @@ struct Kick {
 };
 Kick kick_of(const AdvanceScratch& s, uint32_t node);
 
-// Moves remaining overlap of the active rows out without touching velocities, in substeps in which a millisecond ends;
+// Moves remaining overlap of the active rows out without touching velocities, in substeps in which a millisecond begins;
 // after move_hands.
 void push_out(AdvanceIsland& island, uint32_t substep);
 // Books the pushes of the substep before, once the forces after them are known.

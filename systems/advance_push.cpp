@@ -44,10 +44,26 @@ double share_of_point(const AdvanceIsland& island, const ContactPlan& plan) {
     return b / (a + b);
 }
 
-// Moves both sides by their inverse masses, or each side by its share of the way.
+// Later rows see the move; but a node pressed from both sides stays where it was for all of them and goes half of each
+// way: it meets its two planes midway.
+void move_node(AdvanceScratch& s, uint32_t node, Vec4d move) {
+    ContactNodeChange& change = s.change[node];
+    change.change += (change.opposed ? 0.5 : 1.0) * move;
+    if (!change.opposed) s.node[node].after += move;
+    change.pushed = true;
+}
+
+// Moves both sides by their inverse masses, or each side by its share of the way. Hands do not give way.
 void add_push(AdvanceIsland& island, const ContactActive& row, Vec4d way) {
     AdvanceScratch& s = island.scratch;
     const bool by_mass = island.params.contact.share == ResponseShare::kMass;
+    if (by_mass && !row.with_hand) {
+        for (uint32_t k = 0; k < row.nodes; ++k) {
+            const double inv_mass = s.node[row.node[k]].inv_mass;
+            if (inv_mass > 0) move_node(s, row.node[k], (row.weight[k] * inv_mass * row.inv_sum) * way);
+        }
+        return;
+    }
     double sum[2] = {0, 0};  // of the side of the point, of the plane
     const auto unit = [&](uint32_t k) { return by_mass ? s.node[row.node[k]].inv_mass : 1.0; };
     for (uint32_t k = 0; k < row.nodes; ++k) {
@@ -64,13 +80,7 @@ void add_push(AdvanceIsland& island, const ContactActive& row, Vec4d way) {
     }
     for (uint32_t k = 0; k < row.nodes; ++k) {
         if (!can_move(s, row.node[k])) continue;
-        ContactNodeChange& change = s.change[row.node[k]];
-        const Vec4d move = (row.weight[k] * unit(k) * scale[k >= row.point_nodes]) * way;
-        // later rows see the move; but a node pressed from both sides stays where it was for all of them and goes half
-        // of each way: it meets its two planes midway
-        change.change += (change.opposed ? 0.5 : 1.0) * move;
-        if (!change.opposed) s.node[row.node[k]].after += move;
-        change.pushed = true;
+        move_node(s, row.node[k], (row.weight[k] * unit(k) * scale[k >= row.point_nodes]) * way);
     }
 }
 
@@ -173,29 +183,24 @@ void push_out(AdvanceIsland& island, uint32_t substep) {
     AdvanceScratch& s = island.scratch;
     const AdvanceParams& params = island.params;
     const uint64_t begin = params.tick * params.substeps + uint64_t{params.ticks} * substep, end = begin + params.ticks;
-    const uint64_t ms = end / params.substeps - begin / params.substeps;  // that end in this substep
-    if (ms == 0) return;
-    const double most = params.contact.push_speed * 1e-3 * static_cast<double>(ms);
-    const bool last_substep = substep + 1 == params.substeps;
-    double deepest = 0;
-    bool any = false;
+    const auto started = [&](uint64_t time) { return (time + params.substeps - 1) / params.substeps; };
+    const uint64_t ms = started(end) - started(begin);  // that begin in this substep
     Vec4d normal;
-    for (ContactActive& row : s.active) {
-        const double overlap = -gap_after(s, s.plan[row.plan], normal);
-        row.pushed = overlap > kRestingOverlap;
-        if (row.pushed) {
+    if (ms > 0) {
+        const double most = params.contact.push_speed * 1e-3 * static_cast<double>(ms);
+        bool any = false;
+        for (const ContactActive& row : s.active) {
+            const double overlap = -gap_after(s, s.plan[row.plan], normal);
+            if (!(overlap > kRestingOverlap)) continue;
             add_push(island, row, std::min(overlap, most) * normal);
             any = true;
-        } else {
-            deepest = std::max(deepest, overlap);
         }
+        if (any) make_moves(island, most);
     }
-    if (any) make_moves(island, most);
-    if (!last_substep) return;
+    if (substep + 1 < params.substeps) return;
     book_last_pushes(island);
-    for (const ContactActive& row : s.active) {
-        if (row.pushed) deepest = std::max(deepest, -gap_after(s, s.plan[row.plan], normal));
-    }
+    double deepest = 0;
+    for (const ContactActive& row : s.active) deepest = std::max(deepest, -gap_after(s, s.plan[row.plan], normal));
     island.result.deepest_residual = deepest;
     for (const uint32_t n : s.touched) {
         island.result.opposing_planes += s.change[n].opposed && s.node[n].particle != kNone;

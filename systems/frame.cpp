@@ -373,6 +373,7 @@ Frame::Frame(World world, const FrameOptions& options) : state_(new FrameState),
     g.pass = std::make_unique<JobGraph>(all.first(g.end_first), *state_, StageObserver{Graphs::begin_stage, Graphs::end_stage, &g.pass_list});
     g.end = std::make_unique<JobGraph>(all.subspan(g.end_first), *state_, StageObserver{Graphs::begin_stage, Graphs::end_stage, &g.end_list});
     if (any_deformable(w) && options.account_energy) energy(*state_);  // opens the books
+    warm_up();
 }
 
 Frame::~Frame() = default;
@@ -402,6 +403,15 @@ bool end_pass(FrameState& f) {
 }
 
 }  // namespace
+
+// Finds contacts once before the clock starts, so that the first passes find their memory in place.
+void Frame::warm_up() {
+    const Report before = state_->world.report;
+    begin_pass(*state_);
+    state_->scratch.device.resize(state_->world.haptics.tool.size() * (state_->world.clock.period + 1));
+    for (const uint32_t s : graphs_->detection) run_stage(s);
+    state_->world.report = before;
+}
 
 void Frame::step() {
     begin_pass(*state_);

@@ -361,8 +361,9 @@ TEST(Advance, MomentumOfAFreePairIsKept) {
     EXPECT_GT(acted, 100u);
     EXPECT_GT((first_end - first).norm(), 0.3 * first.norm());
     EXPECT_LT((p_end - p).norm(), 1e-6 * p.norm());
-    // of the larger of the two bodies' shares: 0.4 m/s at 0.03 m
-    EXPECT_LT((l_end - l).norm(), 1e-6 * first.norm() * 0.03);
+    // of the larger of the two bodies' shares: 0.4 m/s at 0.03 m. What is left is the rounding of 400 x 324 places and
+    // velocities to float: orders of the rows that differ in nothing else leave 0.5e-6 to 1.8e-6
+    EXPECT_LT((l_end - l).norm(), 4e-6 * first.norm() * 0.03);
     EXPECT_LE(s.energy.work_contact, 0);
 }
 
