@@ -147,7 +147,7 @@ void local_contact(FrameState& f) {
     w.local_contact.resize(w.haptics.tool.size());
     for (size_t t = 0; t < w.haptics.tool.size(); ++t)
         publish_local_contact(HapticParams{}, surfaces_of(w), w.boxes.box, w.haptics.tool[t], w.haptics.state[t], pass_seconds(w),
-                              w.clock.pass, f.scratch.local_contact, w.local_contact[t]);
+                              w.clock.pass + 1, f.scratch.local_contact, w.local_contact[t]);
     if (f.contact_hook.published) f.contact_hook.published(f.contact_hook.user, w);
 }
 

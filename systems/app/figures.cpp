@@ -142,6 +142,7 @@ std::string metrics_json(const RunFigures& f) {
         j["haptics"]["missed_ticks"] = f.missed_ticks;
         j["haptics"]["scheduling"] = f.scheduling;
     }
+    if (f.replay) j["replay"] = {{"same", f.replay_difference.empty()}, {"difference", f.replay_difference}};
     j["energy"] = energy_json(f);
     j["report"] = report_json(f.report);
     return j.dump(2) + "\n";

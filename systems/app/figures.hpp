@@ -50,6 +50,8 @@ struct RunFigures {
     std::vector<double> contact_age_ms;  // live only
     uint64_t missed_ticks = 0;      // live only: deadlines that passed while the thread was away
     std::string scheduling;              // live only: what priority was got, kernel
+    bool replay = false;
+    std::string replay_difference;  // replay only: what came out otherwise than in the live run; empty = nothing
     Report report;
     std::vector<std::string> bodies;  // "liver: 5002 vertices, deformable, 1 substep"
 };
