@@ -176,6 +176,27 @@ void add_advance_result(const AdvanceResult& result, Energy& energy, Report& rep
     report.deepest_residual = std::max(report.deepest_residual, result.deepest_residual);
 }
 
+void share_room(std::span<AdvanceScratch> scratches) {
+    const auto level = [&](auto AdvanceScratch::* field) {
+        size_t most = 0;
+        for (const AdvanceScratch& s : scratches) most = std::max(most, (s.*field).capacity());
+        for (AdvanceScratch& s : scratches) (s.*field).reserve(most);
+    };
+    level(&AdvanceScratch::offset_a);
+    level(&AdvanceScratch::offset_b);
+    level(&AdvanceScratch::body);
+    level(&AdvanceScratch::rigid);
+    level(&AdvanceScratch::sums);
+    level(&AdvanceScratch::shape_sums);
+    level(&AdvanceScratch::node);
+    level(&AdvanceScratch::change);
+    level(&AdvanceScratch::node_of_particle);
+    level(&AdvanceScratch::slot_of_body);
+    level(&AdvanceScratch::plan);
+    level(&AdvanceScratch::active);
+    level(&AdvanceScratch::touched);
+}
+
 void advance_island(const AdvanceParams& params, const AdvanceInputs& inputs, std::span<const uint32_t> island_bodies,
                     std::span<const uint32_t> island_rows, AdvanceScratch& scratch, Particles& particles, Poses& poses,
                     ContactRows& rows, std::span<ToolState> tools, AdvanceResult& result) {

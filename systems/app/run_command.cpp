@@ -118,12 +118,12 @@ void run_lockstep(const RunOptions& options, double seconds, Frame& frame, Pictu
                 export_bodies(frame.world(), options.out / "meshes", frame.world().clock.picture - 1);
         }
         add_stage_times(frame, figures);
+        for (const uint64_t ns : frame.times().tick_ns) figures.tick_us.push_back(static_cast<double>(ns) * 1e-3);
         figures.pass.push_back(pass);
         char note[96];
         std::snprintf(note, sizeof note, "%.2f s simulated, depth %.2f mm, %.2f N", time, pass.depth * 1e3, pass.force);
         progress.show(time / seconds, note);
     }
-    figures.tick_us = frame.times().tick_us;
     figures.wall_s = static_cast<double>(now_ns() - start) * 1e-9;
 }
 
