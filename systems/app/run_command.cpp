@@ -20,6 +20,7 @@
 #include "systems/app/live_run.hpp"
 #include "systems/app/picture_writer.hpp"
 #include "systems/app/progress.hpp"
+#include "systems/app/report_page.hpp"
 #include "systems/app/standard_streams.hpp"
 #include "systems/frame.hpp"
 namespace trocar {
@@ -181,8 +182,8 @@ int run_command(const RunOptions& options) {
         write_whole_file(options.out / "metrics.json", metrics_json(figures));
         write_whole_file(options.out / "passes.csv", passes_csv(figures));
         write_whole_file(options.out / "trace.json", trace.to_json({"main"}));
-        write_whole_file(options.out / "report.html",
-                         report_html(figures, pictures ? pictures->files() : std::vector<std::string>{}, film));
+        const ReportMedia media = pictures ? embed_media(options.out, pictures->files(), film) : ReportMedia{};
+        write_whole_file(options.out / "report.html", report_html(figures, media));
     });
     if (options.json)
         write_standard_output(metrics_json(figures));
