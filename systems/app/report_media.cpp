@@ -71,8 +71,8 @@ ReportMedia embed_media(const std::filesystem::path& folder, const std::vector<s
     std::ifstream file(folder / film, std::ios::binary);
     const std::string bytes{std::istreambuf_iterator<char>(file), {}};
     if (bytes.size() == size)
-        media.film = "data:video/mp4;base64," +
-                     base64({reinterpret_cast<const unsigned char*>(bytes.data()), bytes.size()});
+        media.film =
+            "data:video/mp4;base64," + base64({reinterpret_cast<const unsigned char*>(bytes.data()), bytes.size()});
     return media;
 }
 

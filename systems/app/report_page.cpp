@@ -52,32 +52,37 @@ std::string row(const std::string& name, const std::string& value) {
 }
 
 std::string head(const RunFigures& f, const ContactColumns& c) {
-    std::string facts = fact(number(f.simulated_s, "%.2f s"), "simulated in " + number(f.wall_s, "%.2f s") + " of real time");
-    facts += fact(std::to_string(c.total.size()), "contact events in " + std::to_string(f.pass.size()) + " passes (60 a second)");
+    std::string facts =
+        fact(number(f.simulated_s, "%.2f s"), "simulated in " + number(f.wall_s, "%.2f s") + " of real time");
+    facts += fact(std::to_string(c.total.size()),
+                  "contact events in " + std::to_string(f.pass.size()) + " passes (60 a second)");
     if (!c.total.empty()) {
-        facts += fact(number(mean(c.total), "%.3f ms"), "per contact event on average; 99 % are below " +
-                                                            number(quantile(c.total, .99), "%.3f ms"));
+        facts += fact(number(mean(c.total), "%.3f ms"),
+                      "per contact event on average; 99 % are below " + number(quantile(c.total, .99), "%.3f ms"));
         facts += fact(number(mean(c.response), "%.3f ms"), "of it for the response");
         facts += fact(number(quantile(c.depth_mm, 1), "%.2f mm"), "deepest penetration");
     }
     if (f.ticks > 0)
-        facts += fact(number(f.max_force, "%.2f N"), "largest force on the hand, in " + std::to_string(f.ticks) + " ticks of 1 ms");
+        facts += fact(number(f.max_force, "%.2f N"),
+                      "largest force on the hand, in " + std::to_string(f.ticks) + " ticks of 1 ms");
     std::string table = "<table>";
     for (const std::string& body : f.bodies) table += row("body", escape_html(body));
-    table += row("state hash", "<code>" + state_hash_text(f) + "</code> of the final state: the same for any number of "
-                                                                "threads, if nothing else was changed");
+    table += row("state hash", "<code>" + state_hash_text(f) +
+                                   "</code> of the final state: the same for any number of "
+                                   "threads, if nothing else was changed");
     table += row("machine", escape_html(f.machine) + ", " + std::to_string(f.threads) +
                                 (f.threads == 1 ? " thread, " : " threads, ") + escape_html(f.instruction_set));
     table += row("program", "trocar " + escape_html(f.version) + (f.live ? ", live" : ", in lockstep"));
-    return "<h1>" + escape_html(f.scene) + "</h1><p>" + escape_html(f.description) + "</p><div class=\"facts\">" + facts +
-           "</div>" + table + "</table>\n";
+    return "<h1>" + escape_html(f.scene) + "</h1><p>" + escape_html(f.description) + "</p><div class=\"facts\">" +
+           facts + "</div>" + table + "</table>\n";
 }
 
 std::string media_sections(const ReportMedia& media) {
     std::string out;
     if (!media.film.empty())
-        out += section("Film", "", "<div style=\"max-width:660px\"><video src=\"" + escape_html(media.film) +
-                                       "\" controls></video></div>");
+        out += section(
+            "Film", "",
+            "<div style=\"max-width:660px\"><video src=\"" + escape_html(media.film) + "\" controls></video></div>");
     if (media.picture.empty()) return out;
     std::string shots;
     for (size_t i = 0; i < media.picture.size(); ++i)
@@ -104,25 +109,28 @@ std::string contact_section(const ContactColumns& c) {
         return svg_plot(plot);
     };
     std::string cards;
-    cards += card(over_events("Detection to the end of the response", "total", c.total),
-                  "The thesis' figure 5.1: 2.303 ms on average in 2008, on a dual 2.8 GHz Xeon and with its own scene.");
-    cards += card(over_events("Response alone", "response", c.response),
-                  "The thesis' figure 5.2: 1.884 ms on average.");
+    cards +=
+        card(over_events("Detection to the end of the response", "total", c.total),
+             "The thesis' figure 5.1: 2.303 ms on average in 2008, on a dual 2.8 GHz Xeon and with its own scene.");
+    cards +=
+        card(over_events("Response alone", "response", c.response), "The thesis' figure 5.2: 1.884 ms on average.");
     cards += card(against("Time per event against depth", "depth, mm", c.depth_mm, 1e-3),
                   "Depth on a logarithmic scale: most events are kept shallow by the response. Anything below 1 um "
                   "stands at 1 um.");
-    cards += card(against("Time per event against vertices inside", "vertices of one body inside the other",
-                          c.inside, 1),
-                  "Logarithmic scale; 0, where only edges or touching vertices met, stands at 1.");
-    return section("Contact",
-                   "A contact event is a contact pass with at least one overlapping pair of bodies. Its time is detection "
-                   "(every stage from body boxes to islands) and response (the contact rows in all substeps of the pass).",
-                   grid(cards));
+    cards +=
+        card(against("Time per event against vertices inside", "vertices of one body inside the other", c.inside, 1),
+             "Logarithmic scale; 0, where only edges or touching vertices met, stands at 1.");
+    return section(
+        "Contact",
+        "A contact event is a contact pass with at least one overlapping pair of bodies. Its time is detection "
+        "(every stage from body boxes to islands) and response (the contact rows in all substeps of the pass).",
+        grid(cards));
 }
 
 std::string force_note(const RunFigures& f) {
-    return std::string("To the hand: what the device was told at the end of the pass. Of the tissue on the tool: mean of "
-                       "the contact impulses of the pass.") +
+    return std::string(
+               "To the hand: what the device was told at the end of the pass. Of the tissue on the tool: mean of "
+               "the contact impulses of the pass.") +
            (f.max_force > 0 ? " Largest " + number(f.max_force, "%.2f N") + "." : "");
 }
 
@@ -142,22 +150,33 @@ std::string time_section(const RunFigures& f) {
     }
     const char* const time = "simulated time, s";
     std::string cards;
-    cards += card(svg_plot({"Penetration depth", time, "mm", {{"deepest pair", t, depth}}}),
-                  "The largest of the shortest distances from a point inside to the other surface, of the deepest pair, "
-                  "as found at the start of each pass.");
+    cards +=
+        card(svg_plot({"Penetration depth", time, "mm", {{"deepest pair", t, depth}}}),
+             "The largest of the shortest distances from a point inside to the other surface, of the deepest pair, "
+             "as found at the start of each pass.");
     if (f.ticks > 0)
-        cards += card(svg_plot({"Force", time, "N", {{"to the hand", t, force}, {"of the tissue on the tool", t, contact_force}}}),
-                      force_note(f));
-    cards += card(svg_plot({"Energy", time, "mJ", {{"kinetic", t, kinetic}, {"elastic", t, elastic}, {"gravity", t, gravity}}, false}),
-                  "Of all deformable bodies; gravity from its value at the world's origin.");
-    cards += card(svg_plot({"Work, and balance",
-                            time,
-                            "mJ",
-                            {{"hand", t, hand}, {"impact", t, contact}, {"damping", t, damping}, {"push-out", t, push}, {"balance", t, balance}},
-                            false}),
-                  "Work on the tissue. Hand: through contact with hands and scripted bodies. Impact: lost in inelastic contact and friction. "
-                  "Push-out: moves that take remaining overlap away. Balance: energy less all work less its value at the "
-                  "start; it should stay at zero.");
+        cards += card(
+            svg_plot(
+                {"Force", time, "N", {{"to the hand", t, force}, {"of the tissue on the tool", t, contact_force}}}),
+            force_note(f));
+    cards += card(
+        svg_plot(
+            {"Energy", time, "mJ", {{"kinetic", t, kinetic}, {"elastic", t, elastic}, {"gravity", t, gravity}}, false}),
+        "Of all deformable bodies; gravity from its value at the world's origin.");
+    cards +=
+        card(svg_plot({"Work, and balance",
+                       time,
+                       "mJ",
+                       {{"hand", t, hand},
+                        {"impact", t, contact},
+                        {"damping", t, damping},
+                        {"push-out", t, push},
+                        {"balance", t, balance}},
+                       false}),
+             "Work on the tissue. Hand: through contact with hands and scripted bodies. Impact: lost in inelastic "
+             "contact and friction. "
+             "Push-out: moves that take remaining overlap away. Balance: energy less all work less its value at the "
+             "start; it should stay at zero.");
     Plot whole{"Real time per pass, picture included", time, "ms", {{"pass", t, frame}}};
     whole.mark_y = 1000.0 / 30;
     whole.mark_label = "33 ms: a picture's time";
@@ -174,10 +193,11 @@ std::string stage_section(const RunFigures& f) {
         p50.push_back(quantile(s.ms, 0.5));
         p99.push_back(quantile(s.ms, 0.99));
     }
-    return section("Stages",
-                   "Real time of every stage of a pass, in the order they run. Dark: half of the passes take no longer; "
-                   "pale: 99 of 100.",
-                   grid(card(svg_bars("Median / 99th percentile", "ms", names, p50, p99))));
+    return section(
+        "Stages",
+        "Real time of every stage of a pass, in the order they run. Dark: half of the passes take no longer; "
+        "pale: 99 of 100.",
+        grid(card(svg_bars("Median / 99th percentile", "ms", names, p50, p99))));
 }
 
 std::string histogram_card(const char* title, const char* unit, const std::vector<double>& v, const std::string& note) {
@@ -192,16 +212,18 @@ std::string histogram_card(const char* title, const char* unit, const std::vecto
 
 std::string haptics_section(const RunFigures& f) {
     if (f.tick_us.empty()) return "";
-    std::string cards = histogram_card("Compute time of a tick", "us", f.tick_us,
-                                       "Half of the ticks take no longer than " + number(quantile(f.tick_us, .5), "%.1f us") +
-                                           ", 999 of 1000 no longer than " + number(quantile(f.tick_us, .999), "%.1f us") + ".");
+    std::string cards =
+        histogram_card("Compute time of a tick", "us", f.tick_us,
+                       "Half of the ticks take no longer than " + number(quantile(f.tick_us, .5), "%.1f us") +
+                           ", 999 of 1000 no longer than " + number(quantile(f.tick_us, .999), "%.1f us") + ".");
     if (f.live) {
         cards += histogram_card("Period of the tick", "us", f.tick_period_us,
-                                "999 of 1000 no longer than " + number(quantile(f.tick_period_us, .999), "%.0f us") + "; " +
-                                    escape_html(f.scheduling) + ".");
+                                "999 of 1000 no longer than " + number(quantile(f.tick_period_us, .999), "%.0f us") +
+                                    "; " + escape_html(f.scheduling) + ".");
         cards += histogram_card("Age of the surface under the force", "ms", f.contact_age_ms, "");
     }
-    return section("Haptics", "The force is computed a thousand times a second from the surface near the tool.", grid(cards));
+    return section("Haptics", "The force is computed a thousand times a second from the surface near the tool.",
+                   grid(cards));
 }
 
 std::string trouble_section(const Report& r) {
@@ -219,7 +241,8 @@ std::string trouble_section(const Report& r) {
     for (const auto& [count, what] : counters)
         if (count > 0) rows += "<tr><td class=\"v\">" + std::to_string(count) + "</td><td>" + what + "</td></tr>";
     return section("Counters of trouble",
-                   rows.empty() ? "None of them counted anything." : "A frame never stops for these; those not named here are zero.",
+                   rows.empty() ? "None of them counted anything."
+                                : "A frame never stops for these; those not named here are zero.",
                    rows.empty() ? "" : "<table>" + rows + "</table>");
 }
 

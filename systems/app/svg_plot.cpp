@@ -118,8 +118,9 @@ bool find_frame(const Plot& plot, PlotFrame& frame) {
     if (!(x1 >= x0)) return false;
     y1 = shown_top(plot, y1);
     if (!plot.mark_label.empty()) y1 = std::max(y1, plot.mark_y * 1.05);
-    frame.x = plot.log_x_from > 0 ? Axis{std::floor(x0 + 1e-9), std::max(std::ceil(x1 - 1e-9), std::floor(x0 + 1e-9) + 1), 1}
-                                  : nice_axis(x0, x1);
+    frame.x = plot.log_x_from > 0
+                  ? Axis{std::floor(x0 + 1e-9), std::max(std::ceil(x1 - 1e-9), std::floor(x0 + 1e-9) + 1), 1}
+                  : nice_axis(x0, x1);
     frame.y = nice_axis(y0, y1);
     return true;
 }
@@ -129,12 +130,13 @@ std::string draw_axes(const Plot& plot, const PlotFrame& f) {
     for (double x = f.x.low; x <= f.x.high + f.x.step * 0.01; x += f.x.step) {
         svg += format("<line class=\"g\" x1=\"%.1f\" x2=\"%.1f\" y1=\"%g\" y2=\"%g\"/>", f.px(x), f.px(x), kTop,
                       kHeight - kBottom);
-        svg += format("<text class=\"n\" text-anchor=\"middle\" x=\"%.1f\" y=\"%g\">", f.px(x), kHeight - kBottom + 15) +
-               (plot.log_x_from > 0 ? format("%g", std::pow(10.0, x)) : number(x, f.x.step)) + "</text>";
+        svg +=
+            format("<text class=\"n\" text-anchor=\"middle\" x=\"%.1f\" y=\"%g\">", f.px(x), kHeight - kBottom + 15) +
+            (plot.log_x_from > 0 ? format("%g", std::pow(10.0, x)) : number(x, f.x.step)) + "</text>";
     }
     for (double y = f.y.low; y <= f.y.high + f.y.step * 0.01; y += f.y.step) {
-        svg += format("<line class=\"g\" x1=\"%g\" x2=\"%g\" y1=\"%.1f\" y2=\"%.1f\"/>", kLeft, kWidth - kRight, f.py(y),
-                      f.py(y));
+        svg += format("<line class=\"g\" x1=\"%g\" x2=\"%g\" y1=\"%.1f\" y2=\"%.1f\"/>", kLeft, kWidth - kRight,
+                      f.py(y), f.py(y));
         svg += format("<text class=\"n\" text-anchor=\"end\" x=\"%g\" y=\"%.1f\">", kLeft - 6, f.py(y) + 4) +
                number(y, f.y.step) + "</text>";
     }

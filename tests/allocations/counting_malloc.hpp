@@ -6,9 +6,9 @@ namespace trocar {
 
 // Allocations of all threads between two calls, by who asked for them.
 struct AllocationCount {
-    uint64_t ours = 0;    // this program and the standard library: everything that is not named below
-    uint64_t tbb = 0;     // the scheduler and its allocator
-    uint64_t embree = 0;  // refits of trees
+    uint64_t ours = 0;                 // this program and the standard library: everything that is not named below
+    uint64_t tbb = 0;                  // the scheduler and its allocator
+    uint64_t embree = 0;               // refits of trees
     std::vector<std::string> callers;  // of ours, "file+offset" once each, at most 16: for addr2line
 };
 

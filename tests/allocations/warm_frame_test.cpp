@@ -131,8 +131,8 @@ TEST_P(WarmFrame, AllocatesNothingOfOursOnThreeThreads) {
 INSTANTIATE_TEST_SUITE_P(Scenes, WarmFrame, testing::Values("probe_on_liver", "kidney_on_liver"),
                          [](const auto& info) { return info.param; });
 
-// Islands go to threads as it happens: none may allocate for an island that another has had before. Breaks when only the
-// thread that ran the largest island has room for it.
+// Islands go to threads as it happens: none may allocate for an island that another has had before. Breaks when only
+// the thread that ran the largest island has room for it.
 TEST(Allocations, NoneForIslandsThatChangeThreads) {
     const BuiltScene scene = small_scene("kidney_on_liver");
     World world;

@@ -111,7 +111,8 @@ TEST(SpringKernels, RemaindersKeepWhatRoundingLeavesOut) {
         const float* from = &before.offset[i].x;
         const float* to = &body.next[i].x;
         for (int axis = 0; axis < 3; ++axis) {
-            const double exact = double(from[axis]) + before.remainder[axis][i] + double(step.dt) * body.velocity[axis][i];
+            const double way = double(step.dt) * body.velocity[axis][i];
+            const double exact = double(from[axis]) + before.remainder[axis][i] + way;
             EXPECT_NEAR(double(to[axis]) + body.remainder[axis][i], exact, 2e-9) << i;
             EXPECT_LE(std::abs(body.remainder[axis][i]), 6e-8f) << i;
             largest = std::max(largest, std::abs(double(to[axis]) - exact));

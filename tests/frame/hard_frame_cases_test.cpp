@@ -41,10 +41,10 @@ SceneFile wall_scene(double late, double tip_radius) {
     return scene;
 }
 
-// P19. At more than half a metre a second the probe covers twelve times the wall in a contact pass. Wherever in the pass
-// it arrives, contact is found and it does not go through: the middle of its tip stays on this side. What it goes beyond
-// the reach of a margin before the next pass it stays deep, because push-out moves tissue, not hands. The proxy that the
-// hand feels never enters.
+// P19. At more than half a metre a second the probe covers twelve times the wall in a contact pass. Wherever in the
+// pass it arrives, contact is found and it does not go through: the middle of its tip stays on this side. What it goes
+// beyond the reach of a margin before the next pass it stays deep, because push-out moves tissue, not hands. The proxy
+// that the hand feels never enters.
 TEST(HardCases, P19_FastToolAgainstAMillimetreWall) {
     ThreadPool pool(1);
     pool.run([] {

@@ -293,8 +293,8 @@ TEST(Advance, ThreadsGiveTheSameBits) {
 TEST(Advance, StepsOfAFewUlpAddUp) {
     for (const double speed : {1e-3, -1e-3, 2e-5}) {
         AdvanceScene s;
-        const uint32_t body =
-            s.add_body(s.add_mesh(subdivided_sphere(0.1, 3)), Motion::kDeformable, Vec3d::Zero(), {}, AnchorFrame::kShape);
+        const uint32_t mesh = s.add_mesh(subdivided_sphere(0.1, 3));
+        const uint32_t body = s.add_body(mesh, Motion::kDeformable, Vec3d::Zero(), {}, AnchorFrame::kShape);
         s.bodies.tissue[body].damping = 0;
         s.params.gravity.setZero();
         const uint32_t count = s.meshes.info[0].vertices.count;

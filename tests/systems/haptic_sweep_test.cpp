@@ -48,14 +48,15 @@ struct Sweep {
         haptic_tick(params, model, time(), tool, sample, scratch, state);
         std::vector<Vec3d> now = model.position;
         for (size_t v = 0; v < now.size(); ++v) now[v] += (time() - model.time) * drift;
-        least_clearance = std::min(least_clearance, brute_force_distance(now, model.triangle, state.proxy).distance - kRadius);
+        least_clearance =
+            std::min(least_clearance, brute_force_distance(now, model.triangle, state.proxy).distance - kRadius);
         ++tick;
         return state.command.force;
     }
 };
 
-// Past an edge and past a corner of a box at half a metre a second, so near that the distance has a double root: a touch
-// is felt by no more than what is missing, and never held on to.
+// Past an edge and past a corner of a box at half a metre a second, so near that the distance has a double root: a
+// touch is felt by no more than what is missing, and never held on to.
 TEST(HapticSweep, P20_TangentialGraze) {
     const Mesh box = reference::make_box(Vec3d(-0.02, -0.02, -0.02), Vec3d::Zero());
     struct Case {

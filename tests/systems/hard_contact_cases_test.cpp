@@ -1,7 +1,7 @@
 #include <gtest/gtest.h>
 
-#include <cmath>
 #include <algorithm>
+#include <cmath>
 #include <random>
 
 #include "tests/systems/contact_scene.hpp"
@@ -105,8 +105,7 @@ TEST(HardCases, H11_CellsOfEqualHashes) {
     for (const uint64_t key : scene.occupancy.cell_key) crowded += (key * 0x9E3779B97F4A7C15ull) >> (64 - kBits) == 0;
     EXPECT_GE(crowded, kCells - 10);
     ASSERT_EQ(scene.candidates.triangle.size(), cell.size());
-    for (uint32_t i = 0; i < cell.size(); ++i)
-        ASSERT_EQ(scene.candidates.triangle[i], (std::array<uint32_t, 2>{i, i}));
+    for (uint32_t i = 0; i < cell.size(); ++i) ASSERT_EQ(scene.candidates.triangle[i], (std::array<uint32_t, 2>{i, i}));
 }
 
 // ---- P: pairs and depth ----
@@ -173,12 +172,14 @@ TEST(HardCases, P13_BallInAVGroove) {
 // other. They touch all around a ring, so the pushes cancel.
 TEST(HardCases, P15_HopfLinkedToriTouchAllAround) {
     const double ring = 1, tube = 0.52, want = 2 * tube - ring;
-    ContactScene scene({{make_torus(ring, tube, 160, 96), Motion::kDeformable, Vec3d::Zero(), {}},
-                        {make_torus(ring, tube, 160, 96), Motion::kHand, Vec3d(ring, 0, 0), turn({1, 0, 0}, M_PI / 2)}});
+    ContactScene scene(
+        {{make_torus(ring, tube, 160, 96), Motion::kDeformable, Vec3d::Zero(), {}},
+         {make_torus(ring, tube, 160, 96), Motion::kHand, Vec3d(ring, 0, 0), turn({1, 0, 0}, M_PI / 2)}});
     scene.run();
     ASSERT_EQ(scene.penetrations.pair.size(), 1u);
     // chords of the ring and of the tube
-    const double sagitta = std::pow(2 * M_PI * (ring + tube) / 160, 2) / (8 * ring) + std::pow(2 * M_PI * tube / 96, 2) / (8 * tube);
+    const double sagitta =
+        std::pow(2 * M_PI * (ring + tube) / 160, 2) / (8 * ring) + std::pow(2 * M_PI * tube / 96, 2) / (8 * tube);
     EXPECT_NEAR(depth_of(scene), want, 2 * sagitta);
     EXPECT_LT(2 * sagitta, 0.25 * want);
     for (uint32_t body = 0; body < 2; ++body) {

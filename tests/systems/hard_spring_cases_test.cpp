@@ -10,8 +10,8 @@
 namespace trocar {
 namespace {
 
-// M15. Faces that name a vertex twice and faces that are there twice, as files have them: dropped and counted at import,
-// so that no spring joins a vertex to itself and none counts twice.
+// M15. Faces that name a vertex twice and faces that are there twice, as files have them: dropped and counted at
+// import, so that no spring joins a vertex to itself and none counts twice.
 TEST(HardCases, M15_SpringsToItselfAndTwice) {
     Mesh mesh = subdivided_sphere(0.05, 1);
     const size_t good = mesh.triangle.size();
