@@ -66,7 +66,16 @@ std::string metrics_json(const RunFigures& figures);
 // One line per contact pass, for spreadsheets: SI units and ms as the header says.
 std::string passes_csv(const RunFigures& figures);
 
-// A self-contained page with SVG plots; `pictures` are file names relative to the page.
-std::string report_html(const RunFigures& figures, const std::vector<std::string>& pictures, const std::string& film);
+// Only the passes that had contact: what the thesis calls a collision instance. One row each.
+struct ContactColumns {
+    std::vector<double> time;      // s
+    std::vector<double> total;     // ms, detection and response
+    std::vector<double> response;  // ms
+    std::vector<double> depth_mm, inside;
+};
+ContactColumns contact_columns(const RunFigures& figures);
+
+// Sixteen hexadecimal digits.
+std::string state_hash_text(const RunFigures& figures);
 
 }  // namespace trocar

@@ -21,6 +21,7 @@
 #include "systems/app/live_run.hpp"
 #include "systems/app/picture_writer.hpp"
 #include "systems/app/progress.hpp"
+#include "systems/app/report_page.hpp"
 #include "systems/app/standard_streams.hpp"
 #include "systems/frame.hpp"
 namespace trocar {
@@ -122,12 +123,12 @@ void run_lockstep(const RunOptions& options, double seconds, LiveReplay* replay,
                 export_bodies(frame.world(), options.out / "meshes", frame.world().clock.picture - 1);
         }
         add_stage_times(frame, figures);
+        for (const uint64_t ns : frame.times().tick_ns) figures.tick_us.push_back(static_cast<double>(ns) * 1e-3);
         figures.pass.push_back(pass);
         char note[96];
         std::snprintf(note, sizeof note, "%.2f s simulated, depth %.2f mm, %.2f N", time, pass.depth * 1e3, pass.force);
         progress.show(time * 1e3 / end_tick, note);
     }
-    figures.tick_us = frame.times().tick_us;
     figures.wall_s = static_cast<double>(now_ns() - start) * 1e-9;
     if (replay) figures.replay_difference = replay->difference();
 }
@@ -208,8 +209,8 @@ int run_command(const RunOptions& options) {
         write_whole_file(options.out / "metrics.json", metrics_json(figures));
         write_whole_file(options.out / "passes.csv", passes_csv(figures));
         write_whole_file(options.out / "trace.json", trace.to_json({"main"}));
-        write_whole_file(options.out / "report.html",
-                         report_html(figures, pictures ? pictures->files() : std::vector<std::string>{}, film));
+        const ReportMedia media = pictures ? embed_media(options.out, pictures->files(), film) : ReportMedia{};
+        write_whole_file(options.out / "report.html", report_html(figures, media));
     });
     if (options.json)
         write_standard_output(metrics_json(figures));
