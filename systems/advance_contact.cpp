@@ -197,14 +197,16 @@ void add_node(ContactActive& active, uint32_t node, double weight) {
 void note_rows(AdvanceScratch& s, const ContactActive& active) {
     for (uint32_t k = 0; k < active.nodes; ++k) {
         ContactNodeChange& change = s.change[active.node[k]];
-        const Vec4d way = active.weight[k] > 0 ? active.normal : -active.normal;
+        // past the side of its triangle a point's push turns the sign of the corner across: nobody presses that one
+        const bool of_point = k < active.point_nodes, pressed = (active.weight[k] > 0) == of_point;
+        const Vec4d way = of_point ? active.normal : -active.normal;
         if (change.rows++ == 0) {
             change.first_way = way;
             change.change = Vec4d{};
             change.pushed = false;
             change.opposed = false;
             s.touched.push_back(active.node[k]);
-        } else if (!change.opposed && dot(change.first_way, way) < kOpposed) {
+        } else if (pressed && !change.opposed && dot(change.first_way, way) < kOpposed) {
             change.opposed = true;
         }
     }
@@ -233,7 +235,7 @@ void activate(AdvanceIsland& island, uint32_t plan_row, const RowState& r) {
     } else {
         const AdvanceRigid& rigid = s.rigid[plan.rigid_a];
         active.rigid_velocity += rigid.velocity(plan.point_a);
-        if (rigid.node != kNone) add_node(active, rigid.node, 1), active.with_hand = true;
+        if (rigid.node != kNone) add_node(active, rigid.node, 1);
     }
     active.point_nodes = active.nodes;
     if (plan.rigid_b == kNone) {
@@ -241,7 +243,7 @@ void activate(AdvanceIsland& island, uint32_t plan_row, const RowState& r) {
     } else {
         const AdvanceRigid& rigid = s.rigid[plan.rigid_b];
         active.rigid_velocity -= rigid.velocity(foot.point);
-        if (rigid.node != kNone) add_node(active, rigid.node, -1), active.with_hand = true;
+        if (rigid.node != kNone) add_node(active, rigid.node, -1);
     }
     double sum = 0;
     for (uint32_t k = 0; k < active.nodes; ++k) {

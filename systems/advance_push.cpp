@@ -29,10 +29,6 @@ double gap_after(const AdvanceScratch& s, const ContactPlan& plan, Vec4d& normal
     return dot(normal, apart) - plan.offset;
 }
 
-bool can_move(const AdvanceScratch& s, uint32_t node) {
-    return s.node[node].particle != kNone && s.node[node].inv_mass > 0;
-}
-
 // Share of the way that the side of the point goes.
 double share_of_point(const AdvanceIsland& island, const ContactPlan& plan) {
     if (plan.rigid_a != kNone) return 0;
@@ -53,34 +49,27 @@ void move_node(AdvanceScratch& s, uint32_t node, Vec4d move) {
     change.pushed = true;
 }
 
-// Moves both sides by their inverse masses, or each side by its share of the way. Hands do not give way.
+// Moves both sides by their inverse masses, or each side by its share of the way.
 void add_push(AdvanceIsland& island, const ContactActive& row, Vec4d way) {
     AdvanceScratch& s = island.scratch;
     const bool by_mass = island.params.contact.share == ResponseShare::kMass;
-    if (by_mass && !row.with_hand) {
+    double scale[2] = {row.inv_sum, row.inv_sum};  // of the side of the point, of the plane
+    if (!by_mass) {
+        double sum[2] = {0, 0};
         for (uint32_t k = 0; k < row.nodes; ++k) {
-            const double inv_mass = s.node[row.node[k]].inv_mass;
-            if (inv_mass > 0) move_node(s, row.node[k], (row.weight[k] * inv_mass * row.inv_sum) * way);
+            if (s.node[row.node[k]].inv_mass > 0) sum[k >= row.point_nodes] += row.weight[k] * row.weight[k];
         }
-        return;
-    }
-    double sum[2] = {0, 0};  // of the side of the point, of the plane
-    const auto unit = [&](uint32_t k) { return by_mass ? s.node[row.node[k]].inv_mass : 1.0; };
-    for (uint32_t k = 0; k < row.nodes; ++k) {
-        if (!can_move(s, row.node[k])) continue;
-        sum[k >= row.point_nodes] += row.weight[k] * row.weight[k] * unit(k);
-    }
-    double scale[2] = {0, 0};
-    if (by_mass) {
-        if (sum[0] + sum[1] > 0) scale[0] = scale[1] = 1 / (sum[0] + sum[1]);
-    } else {
-        const double point = share_of_point(island, s.plan[row.plan]);
-        if (sum[0] > 0) scale[0] = point / sum[0];
-        if (sum[1] > 0) scale[1] = (1 - point) / sum[1];
+        const ContactPlan& plan = s.plan[row.plan];
+        const bool both_rigid = plan.rigid_a != kNone && plan.rigid_b != kNone;  // a hand and something firm
+        const double point = both_rigid ? double(sum[0] > 0) : share_of_point(island, plan);
+        scale[0] = sum[0] > 0 ? point / sum[0] : 0;
+        scale[1] = sum[1] > 0 ? (1 - point) / sum[1] : 0;
     }
     for (uint32_t k = 0; k < row.nodes; ++k) {
-        if (!can_move(s, row.node[k])) continue;
-        move_node(s, row.node[k], (row.weight[k] * unit(k) * scale[k >= row.point_nodes]) * way);
+        const double inv_mass = s.node[row.node[k]].inv_mass;
+        if (!(inv_mass > 0)) continue;
+        const double unit = by_mass ? inv_mass : 1.0;
+        move_node(s, row.node[k], (row.weight[k] * unit * scale[k >= row.point_nodes]) * way);
     }
 }
 
@@ -153,6 +142,11 @@ void make_moves(AdvanceIsland& island, double most) {
         const double size2 = norm2(change.change);
         if (size2 > most * most) change.change *= most / std::sqrt(size2);
         ContactNode& node = s.node[n];
+        if (node.particle == kNone) {
+            node.place = node.after = node.place + change.change;
+            s.rigid[node.owner].place[1].shift = node.place;
+            continue;
+        }
         AdvanceBody& body = s.body[node.owner];
         const float* offset = &body.next[node.particle - body.particles.first].x;
         const Vec4d before = float_vec4(_mm_load_ps(offset));

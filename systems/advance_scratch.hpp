@@ -96,7 +96,6 @@ struct ContactActive {
     uint32_t nodes = 0;
     uint32_t point_nodes = 0;  // how many of them, the first, are on the side of the point
     uint32_t plan = 0;
-    bool with_hand = false;  // a node is a hand
 };
 
 // A push whose work is booked when the forces after it are known.

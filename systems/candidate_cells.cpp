@@ -97,14 +97,37 @@ void test_all(const CellTest& test, std::span<const uint32_t> rows_a, std::span<
     }
 }
 
-// The same by a sweep along x.
+// Axis along which the lower corners of some boxes spread most.
+uint32_t widest_axis(const std::vector<PackedBox>& box, std::span<const uint32_t> rows_a, std::span<const uint32_t> rows_b) {
+    std::array<float, 3> low, high;
+    low.fill(std::numeric_limits<float>::infinity());
+    high.fill(-std::numeric_limits<float>::infinity());
+    for (const auto rows : {rows_a, rows_b}) {
+        for (const uint32_t row : rows) {
+            for (uint32_t k = 0; k < 3; ++k) {
+                low[k] = std::min(low[k], box[row].min[k]);
+                high[k] = std::max(high[k], box[row].min[k]);
+            }
+        }
+    }
+    uint32_t axis = 0;
+    for (uint32_t k = 1; k < 3; ++k) {
+        if (high[k] - low[k] > high[axis] - low[axis]) axis = k;
+    }
+    return axis;
+}
+
+// The same by a sweep.
 void test_crowded(const CellTest& test, std::span<const uint32_t> rows_a, std::span<const uint32_t> rows_b) {
     CandidateCellsScratch& scratch = test.scratch;
     const std::vector<PackedBox>&box = test.screened.box, &tight = test.screened.tight;
+    const uint32_t axis = widest_axis(box, rows_a, rows_b);
+    const auto from = [&](uint32_t row) { return box[row].min[axis]; };
+    const auto to = [&](uint32_t row) { return -box[row].neg_max[axis]; };
     const auto sorted = [&](std::span<const uint32_t> rows, std::vector<uint32_t>& out) {
         out.assign(rows.begin(), rows.end());
         std::sort(out.begin(), out.end(), [&](uint32_t x, uint32_t y) {
-            return box[x].min[0] < box[y].min[0] || (box[x].min[0] == box[y].min[0] && x < y);
+            return from(x) < from(y) || (from(x) == from(y) && x < y);
         });
     };
     const auto compare = [&](uint32_t a, uint32_t b) {
@@ -118,13 +141,13 @@ void test_crowded(const CellTest& test, std::span<const uint32_t> rows_a, std::s
     size_t i = 0, j = 0;
     while (i < scratch.sweep_a.size() && j < scratch.sweep_b.size()) {
         const uint32_t a = scratch.sweep_a[i], b = scratch.sweep_b[j];
-        if (box[a].min[0] <= box[b].min[0]) {
-            for (size_t k = j; k < scratch.sweep_b.size() && box[scratch.sweep_b[k]].min[0] <= -box[a].neg_max[0]; ++k) {
+        if (from(a) <= from(b)) {
+            for (size_t k = j; k < scratch.sweep_b.size() && from(scratch.sweep_b[k]) <= to(a); ++k) {
                 compare(a, scratch.sweep_b[k]);
             }
             ++i;
         } else {
-            for (size_t k = i; k < scratch.sweep_a.size() && box[scratch.sweep_a[k]].min[0] <= -box[b].neg_max[0]; ++k) {
+            for (size_t k = i; k < scratch.sweep_a.size() && from(scratch.sweep_a[k]) <= to(b); ++k) {
                 compare(scratch.sweep_a[k], b);
             }
             ++j;

@@ -37,6 +37,7 @@ struct Crowd {
                 const auto& [x, y, z] = place[i];
                 screened.triangle.push_back(i);
                 screened.box.push_back({{x - half, y - half, z - half, 0}, {-x - half, -y - half, -z - half, 0}});
+                screened.tight.push_back(screened.box.back());
                 occupancy.primitive.push_back(i);
                 occupancy.primitive_row.push_back(body * n + i);
             }
@@ -62,9 +63,14 @@ TEST(HardCases, H05_AMillionTinyTrianglesInOneCell) {
         place[i] = {0.1f + 0.8e-3f * float(i % 1000), 0.1f + 1.6e-3f * float(i / 1000), anywhere(random)};
     }
     std::shuffle(place.begin(), place.end(), random);
-    const CandidateTriangles found = Crowd(place, 0.2e-3f).run();
-    ASSERT_EQ(found.triangle.size(), kCount);
-    for (uint32_t i = 0; i < kCount; ++i) ASSERT_EQ(found.triangle[i], (std::array<uint32_t, 2>{i, i}));
+    for (const bool flat_in_x : {false, true}) {
+        if (flat_in_x) {
+            for (auto& p : place) p = {0.5f, p[1], p[0]};
+        }
+        const CandidateTriangles found = Crowd(place, 0.2e-3f).run();
+        ASSERT_EQ(found.triangle.size(), kCount);
+        for (uint32_t i = 0; i < kCount; ++i) ASSERT_EQ(found.triangle[i], (std::array<uint32_t, 2>{i, i}));
+    }
 }
 
 // Cells whose keys all fall on one slot of the counting table: still every pair, and no other.
@@ -90,7 +96,7 @@ TEST(HardCases, H11_CellsOfEqualHashes) {
             const uint32_t v = uint32_t(mesh.position.size());
             const double r = kEdge / std::sqrt(3.0);
             for (int k = 0; k < 3; ++k)
-                mesh.position.push_back(p + r * Vec3d(std::cos(2 * M_PI * k / 3), std::sin(2 * M_PI * k / 3), 0));
+                mesh.position.push_back(p + r * Vec3d(std::cos(2 * M_PI * k / 3), std::sin(2 * M_PI * k / 3), 0.1 * k));
             mesh.triangle.push_back({v, v + 1, v + 2});
         }
         return mesh;
