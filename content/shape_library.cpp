@@ -107,7 +107,7 @@ Mesh textured_wall(uint32_t triangles, uint64_t seed) {
 
 Mesh textured_mesh(uint32_t triangles, uint64_t seed) {
     Material material = surface_material("polypropylene", {0.25f, 0.25f, 0.25f}, 0.4f, paint_polypropylene(seed));
-    material.transparency = 0.2f;
+    material.transparency = 0.3f;
     return with_material(make_surgical_mesh(divide_mesh(triangles)), std::move(material));
 }
 

@@ -293,7 +293,9 @@ Image paint_polypropylene(uint64_t seed) {
         };
         const double over = std::max(thread(16 * (u + v)), thread(16 * (u - v)));
         const double uneven = cloud(u, v, 8, 3, seed);
-        return Colour(blend(Colour(196, 206, 212), Colour(250, 252, 252), over) * (1 + 0.03 * uneven));
+        Colour c = blend(Colour(150, 166, 178), Colour(248, 251, 252), over);
+        c = blend(c, Colour(92, 140, 196), 0.8 * ramp(0.045 - std::abs(v - 0.5), 0.0, 0.01));
+        return Colour(c * (1 + 0.03 * uneven));
     });
 }
 

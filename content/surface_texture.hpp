@@ -20,7 +20,7 @@ Image paint_bowel(uint64_t seed);
 Image paint_muscle(uint64_t seed);
 Image paint_fascia(uint64_t seed);
 Image paint_peritoneum(uint64_t seed);
-// Knitted polypropylene over 0.01 m: pale threads.
+// Knitted polypropylene over 0.01 m: pale threads, a blue one every repeat.
 Image paint_polypropylene(uint64_t seed);
 // Steel brushed along u.
 Image paint_steel(uint64_t seed);

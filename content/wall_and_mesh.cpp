@@ -10,7 +10,7 @@ namespace trocar {
 namespace {
 
 constexpr double kWidth = 0.15, kHeight = 0.1;  // m, of the surgical mesh
-constexpr double kOpen = 0.7;                   // of a cell's radius is pore
+constexpr double kOpen = 0.76;                  // of a cell's radius is pore
 constexpr double kMostPitch = 6.6e-3;           // m
 
 // Point of the outline of a rectangle, u from its lower left corner, a side a quarter.

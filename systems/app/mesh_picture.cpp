@@ -75,6 +75,18 @@ void paste(const Image& tile, uint32_t x, uint32_t y, Image& out) {
     }
 }
 
+// Columns of a grid whose tiles are largest, taken as 4:3 pictures.
+uint32_t choose_columns(uint32_t count, uint32_t width, uint32_t height) {
+    uint32_t best = 1;
+    double largest = 0;
+    for (uint32_t columns = 1; columns <= count; ++columns) {
+        const uint32_t rows = (count + columns - 1) / columns;
+        const double size = std::min(double(width) / columns, 4.0 / 3 * height / rows);
+        if (size > largest) largest = size, best = columns;
+    }
+    return best;
+}
+
 std::string size_text(const Box& box) {
     const Vec3d size = box.max - box.min;
     char text[80];
@@ -113,7 +125,7 @@ Image draw_meshes(const MeshPictureParams& params, std::span<const Mesh> meshes,
         add_normalised(mesh, boxes.back(), prototypes);
     }
     const uint32_t count = static_cast<uint32_t>(tiles.size());
-    const uint32_t columns = static_cast<uint32_t>(std::ceil(std::sqrt(double(count))));
+    const uint32_t columns = choose_columns(count, params.width, params.height);
     const uint32_t rows = (count + columns - 1) / columns;
     PictureParams picture;
     picture.width = params.width / columns;
