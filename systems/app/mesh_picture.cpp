@@ -23,7 +23,6 @@ Box box_of_faces(const Mesh& mesh) {
     Box box;
     for (const Triangle& t : mesh.triangle) {
         for (const uint32_t v : t) {
-            if (!mesh.position[v].allFinite()) continue;
             box.min = box.min.cwiseMin(mesh.position[v]);
             box.max = box.max.cwiseMax(mesh.position[v]);
         }
@@ -31,16 +30,21 @@ Box box_of_faces(const Mesh& mesh) {
     return box;
 }
 
-// A copy about the origin with a diagonal of one metre, so that units and place do not matter.
-void add_normalised(const Mesh& mesh, const Box& box, Meshes& meshes) {
+// Adds a copy about the origin with a diagonal of one metre, so that units and place do not matter; returns its own box.
+Box add_normalised(const Mesh& mesh, Meshes& meshes) {
     const MeshJudgement judgement = judge_mesh(mesh, false);
+    if (judgement.admitted_as == Admission::kRefused) {
+        throw InputError(mesh.name + ": nothing to draw: " + judgement.reason);
+    }
+    const Box box = box_of_faces(mesh);
     Mesh copy = mesh;
     const Vec3d middle = 0.5 * box.min + 0.5 * box.max;
-    const double diagonal = (box.max - box.min).norm();
+    const double diagonal = (box.max - box.min).stableNorm();
     for (Vec3d& p : copy.position) p = (p - middle) / diagonal;
     add_prototype(meshes, copy, judgement.admitted_as);
     // corners of no face do not count
     meshes.info.back().box = {(box.min - middle) / diagonal, (box.max - middle) / diagonal};
+    return box;
 }
 
 // Aims and backs off until the vertices, not just their box, fill the picture; the box was the first guess.
@@ -116,14 +120,7 @@ Image draw_meshes(const MeshPictureParams& params, std::span<const Mesh> meshes,
     TROCAR_ASSERT(!tiles.empty());
     Meshes prototypes;
     std::vector<Box> boxes;
-    for (const Mesh& mesh : meshes) {
-        boxes.push_back(box_of_faces(mesh));
-        const Vec3d size = boxes.back().max - boxes.back().min;
-        if (!(size.allFinite() && size.maxCoeff() > 0)) {
-            throw InputError(mesh.name + ": nothing to draw, no face with finite corners");
-        }
-        add_normalised(mesh, boxes.back(), prototypes);
-    }
+    for (const Mesh& mesh : meshes) boxes.push_back(add_normalised(mesh, prototypes));
     const uint32_t count = static_cast<uint32_t>(tiles.size());
     const uint32_t columns = choose_columns(count, params.width, params.height);
     const uint32_t rows = (count + columns - 1) / columns;

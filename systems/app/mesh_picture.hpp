@@ -27,7 +27,7 @@ struct MeshPictureParams {
 std::vector<MeshTile> four_views(uint32_t mesh);
 
 // Draws meshes of any unit and place, textured and lit, without a scene: each tile shows one mesh alone, fitted to it. Tiles fill the picture row by row in a grid. Open surfaces are lit from both sides. Throws InputError naming a
-// mesh that has no face with finite corners. The same bytes every time.
+// mesh that cannot be drawn (see judge_mesh: refused). The same bytes every time.
 Image draw_meshes(const MeshPictureParams& params, std::span<const Mesh> meshes, std::span<const MeshTile> tiles);
 
 }  // namespace trocar

@@ -1,10 +1,10 @@
+#include <cmath>
 #include <cstdio>
 #include <numbers>
 
 #include "content/mesh_source.hpp"
 #include "engine/error.hpp"
 #include "engine/image_file.hpp"
-#include "engine/offscreen.hpp"
 #include "systems/app/commands.hpp"
 #include "systems/app/mesh_picture.hpp"
 #include "systems/app/standard_streams.hpp"
@@ -13,6 +13,9 @@ namespace trocar {
 int view_command(const ViewOptions& options) {
     if (uint64_t(options.width) * options.height > kImagePixelLimit) {
         throw InputError("--size: more than " + std::to_string(kImagePixelLimit) + " pixels");
+    }
+    if (!std::isfinite(options.azimuth) || !std::isfinite(options.elevation)) {
+        throw InputError("--azimuth and --elevation: finite degrees are needed");
     }
     std::vector<Mesh> meshes;
     std::vector<MeshTile> tiles;

@@ -259,7 +259,8 @@ TEST_F(CommandLine, ViewDrawsAMeshOrRefusesInOneLine) {
     for (const std::string& arguments :
          {std::string("view box --size 0x9 --out a.png"), std::string("view box --size 9 --out a.png"),
           std::string("view box --size 99999x99999 --out a.png"), std::string("view shape:lever --out a.png"),
-          std::string("view shape:box:1e3 --out a.png"), "view box --out " + (folder_ / "absent/x.png").string(),
+          std::string("view shape:box:1e3 --out a.png"), std::string("view shape:box:12:1:1 --out a.png"),
+          std::string("view box --azimuth nan --out a.png"), "view box --out " + (folder_ / "absent/x.png").string(),
           std::string("view nowhere.obj --out a.png")}) {
         const Outcome refused = run(arguments);
         EXPECT_EQ(refused.code, 2) << arguments;

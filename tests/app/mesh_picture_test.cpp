@@ -81,21 +81,35 @@ TEST(MeshPicture, TilesFillTheGridAndViewsShowTheirSide) {
     EXPECT_EQ(draw_meshes(params, std::span(&block, 1), views).rgba, sheet.rgba);
 }
 
-TEST(MeshPicture, WireframeDarkensEdges) {
-    const Mesh block = make_shape("box", 48);
-    MeshPictureParams params;
-    params.width = params.height = 200;
-    const std::vector<MeshTile> tile{{0, 0.3, 0.3, ""}};
-    const Image plain = draw_meshes(params, std::span(&block, 1), tile);
-    params.wireframe = true;
-    const Image wired = draw_meshes(params, std::span(&block, 1), tile);
-    uint32_t darker = 0, lighter = 0;
-    for (size_t i = 0; i < plain.rgba.size(); ++i) {
-        darker += wired.rgba[i] + 20 < plain.rgba[i];
-        lighter += wired.rgba[i] > plain.rgba[i] + 20;
+TEST(MeshPicture, WireframeDarkensEdgesOfOpaqueAndTranslucentMeshes) {
+    for (const float transparency : {0.0f, 0.3f}) {
+        Mesh block = make_shape("box", 48);
+        block.material[0].transparency = transparency;
+        MeshPictureParams params;
+        params.width = params.height = 200;
+        const std::vector<MeshTile> tile{{0, 0.3, 0.3, ""}};
+        const Image plain = draw_meshes(params, std::span(&block, 1), tile);
+        params.wireframe = true;
+        const Image wired = draw_meshes(params, std::span(&block, 1), tile);
+        uint32_t darker = 0, lighter = 0;
+        for (size_t i = 0; i < plain.rgba.size(); ++i) {
+            darker += wired.rgba[i] + 20 < plain.rgba[i];
+            lighter += wired.rgba[i] > plain.rgba[i] + 20;
+        }
+        EXPECT_GT(darker, 2000u) << transparency;
+        EXPECT_LT(lighter, darker / 20) << transparency;
     }
-    EXPECT_GT(darker, 2000u);
-    EXPECT_LT(lighter, darker / 20);
+}
+
+TEST(MeshPicture, TilesAreAsLargeAsTheyCanBe) {
+    // three tiles of a wide picture lie side by side: all red then, in thirds
+    Mesh square = reference::make_square(1, {0.9f, 0.02f, 0.02f});
+    MeshPictureParams params;
+    params.width = 300, params.height = 60;
+    const std::vector<MeshTile> tiles(3, MeshTile{0, -M_PI / 2, M_PI / 2, ""});
+    const Extent e = red_pixels(draw_meshes(params, std::span(&square, 1), tiles));
+    EXPECT_NEAR(e.bottom - e.top + 1.0, 0.86 * 60, 2);
+    EXPECT_NEAR(e.right - e.left + 1.0, 200 + 0.86 * 60, 2);
 }
 
 TEST(MeshPicture, NothingToDrawIsRefusedByName) {

@@ -294,6 +294,29 @@ TEST(ShapeLibrary, TextureCoordinatesNeitherSmearNorJumpInsideATriangle) {
     }
 }
 
+// A lofted shape's texture turns a whole number of times around; at a point a turn shrinks to nothing, elsewhere the
+// picture is neither torn nor stretched.
+TEST(ShapeLibrary, TextureOfLoftedShapesRunsOnAcrossTheSeam) {
+    for (const std::string name : {"gallbladder", "bowel", "grasper_jaw", "scissor_blade", "needle"}) {
+        const Mesh mesh = make_shape(name, 10000);
+        double around = 0;
+        for (const auto& uv : mesh.uv) {
+            for (const Vec2& at : uv) around = std::max(around, double(at.u));
+        }
+        const double turns = std::floor(around + 1e-6);
+        EXPECT_GE(turns, 1) << name;
+        uint32_t seam = 0;
+        for (const auto& uv : mesh.uv) {
+            for (int k = 0; k < 3; ++k) {
+                ASSERT_LT(std::abs(uv[k].u - uv[(k + 1) % 3].u), 0.27 * turns) << name;
+                ASSERT_LT(std::abs(uv[k].v - uv[(k + 1) % 3].v), 0.5) << name;
+                seam += uv[k].u >= turns - 1e-6;
+            }
+        }
+        EXPECT_GT(seam, 20u) << name;
+    }
+}
+
 TEST(ShapeLibrary, PicturesRepeatWithoutASeam) {
     for (const Image& image : {paint_liver(2), paint_kidney(2), paint_steel(2), paint_drape(2), paint_gallbladder(2),
                                paint_stomach(2), paint_bowel(2), paint_muscle(2), paint_fascia(2), paint_peritoneum(2),
