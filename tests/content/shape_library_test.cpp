@@ -56,10 +56,6 @@ void expect_sound(const Mesh& mesh, const std::string& name, const std::string& 
     EXPECT_EQ(facts.euler, known.euler) << what;
     EXPECT_EQ(facts.unused_vertices, 0u) << what;
     EXPECT_GT(facts.volume, 0.0) << what;
-    // the reference counts in double: on flat faces rounding looks like a cut, so organs only
-    if (known.organ && mesh.triangle.size() < 2000) {
-        EXPECT_EQ(reference::count_crossings(mesh), 0u) << what;
-    }
 }
 
 void expect_well_shaped(const Mesh& mesh, const std::string& name, const std::string& what) {
@@ -86,6 +82,19 @@ TEST_P(EveryShape, IsSoundWithTheAskedNumberOfTriangles) {
         if (wanted == 10000 || known_of(name).organ) expect_well_shaped(mesh, name, what);
     }
     EXPECT_FALSE(describe_shape(name).empty());
+}
+
+// A second opinion on crossings, in double. Rounding makes flat faces look cut, hence a smooth bend first, which makes
+// and removes no crossing.
+TEST_P(EveryShape, IsFreeOfCrossingsOnceItIsBent) {
+    const std::string& name = GetParam();
+    Mesh mesh = make_shape(name, 1000);
+    double size = 0;
+    for (const Vec3d& p : mesh.position) size = std::max(size, p.norm());
+    for (Vec3d& p : mesh.position) {
+        p += 0.02 / size * Vec3d(p.y() * p.z(), p.z() * p.z() + 0.7 * p.x() * p.x(), p.x() * p.x() + 0.4 * p.y() * p.y());
+    }
+    EXPECT_EQ(reference::count_crossings(mesh), 0u) << name;
 }
 
 TEST_P(EveryShape, CanBeMadeOfItsFewestTriangles) {
