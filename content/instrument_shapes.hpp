@@ -3,10 +3,10 @@
 namespace trocar {
 
 // Instruments of 5 mm shafts, in metres, as catalogues give them. The pivot is the origin, the tips point along +z.
-// Closed pieces, textured, no material; where there are several, triangle_material is 0 for steel and 1 for the insulated
-// shaft. A pair has three pieces that do not touch: shaft and two jaws.
+// Closed pieces, textured, no material; where there are several, triangle_material is 0 for steel and 1 for the
+// insulated shaft. A pair has three pieces that do not touch: shaft and two jaws.
 
-// One jaw of a grasper: 20 mm long, 4.4 mm wide, back rounded, its face (-y) with
+// One jaw of a grasper: 19 mm long, 4.4 mm wide, back rounded, its face (-y) with
 // `kJawTeeth` notches across, 1.4 mm apart and 0.5 mm deep.
 inline constexpr uint32_t kJawTeeth = 11;
 Mesh make_grasper_jaw(uint32_t triangles);

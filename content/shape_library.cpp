@@ -115,7 +115,9 @@ template <Mesh (*make)(uint32_t triangles)>
 Mesh of_steel(uint32_t triangles, uint64_t seed) {
     Mesh mesh = with_material(make(triangles), steel(seed));
     // the shaft of an instrument with several pieces is insulated
-    if (!mesh.triangle_material.empty()) mesh.material.push_back(plain_material("insulation", {0.03f, 0.03f, 0.035f}, 0.25f, 0.4f));
+    if (!mesh.triangle_material.empty()) {
+        mesh.material.push_back(plain_material("insulation", {0.03f, 0.03f, 0.035f}, 0.25f, 0.4f));
+    }
     return mesh;
 }
 
@@ -135,15 +137,17 @@ Mesh textured_table(uint32_t triangles, uint64_t seed) {
 constexpr std::array<Recipe, 18> kRecipes{{
     {"liver", 100, make_liver, "human liver, 0.21 x 0.15 x 0.12 m; right lobe -x, head +y, belly +z; centred"},
     {"kidney", 100, make_kidney, "human kidney, 0.11 x 0.06 x 0.045 m; poles along x, hilum -y; centred"},
-    {"gallbladder", 200, textured_gallbladder, "human gallbladder with neck and stump of the duct; fundus -y, belly +z"},
+    {"gallbladder", 200, textured_gallbladder,
+     "human gallbladder with neck and stump of the duct; fundus -y, belly +z"},
     {"stomach", 100, make_stomach, "human stomach, J-shaped; fundus +x +y, pylorus -x, belly +z; centred"},
     {"bowel", 200, textured_bowel, "loop of small bowel, 28 mm wide, 0.42 m long, meandering in the plane of x and y"},
     {"hernia_wall", 200, textured_wall, "abdominal wall, 0.2 x 0.16 x 0.018 m, an oval defect through it; outside +z"},
     {"surgical_mesh", 100, textured_mesh, "open sheet with hexagonal pores, 0.15 x 0.1 m in z = 0; centred"},
     {"probe", 300, of_steel<make_probe>,
      "palpation probe, 0.167 m; tip sphere of 7 mm centred at the origin, shaft along +z"},
-    {"grasper", 1000, of_steel<make_grasper>, "grasper of 5 mm, jaws open by 30 degrees about x; pivot at the origin, +z"},
-    {"grasper_jaw", 400, of_steel<make_grasper_jaw>, "one toothed jaw, 20 mm; pivot at the origin, tip +z, teeth -y"},
+    {"grasper", 1000, of_steel<make_grasper>,
+     "grasper of 5 mm, jaws open by 30 degrees about x; pivot at the origin, +z"},
+    {"grasper_jaw", 400, of_steel<make_grasper_jaw>, "one toothed jaw, 19 mm; pivot at the origin, tip +z, teeth -y"},
     {"scissors", 400, of_steel<make_scissors>, "scissors of 5 mm, open by 30 degrees about y; pivot at the origin, +z"},
     {"scissor_blade", 100, of_steel<make_scissor_blade>, "one blade, 21 mm, flat side y = 0, edge +x; tip +z"},
     {"needle", 200, of_steel<make_needle>, "half-circle suture needle, 26 mm long, 0.66 mm thick; in z = 0, point -x"},

@@ -1,5 +1,5 @@
 #pragma once
-#include "content/loft.hpp"
+#include "content/tube.hpp"
 namespace trocar {
 
 // Organs that are tubes, in metres; frame as the liver's: patient's right -x, head +y, belly +z. Closed, textured by u

@@ -133,7 +133,10 @@ Mesh make_hernia_wall(const WallSize& size, uint32_t triangles) {
                            : piece == 2 ? outer
                                         : Vec3d(outer + way * (hole(0) - outer));
         const double lift = size.thickness / 2 *
-                            (piece == 0 ? std::sin(turn) : piece == 1 ? 1.0 : piece == 2 ? 1 - 2 * way : -1.0);
+                            (piece == 0   ? std::sin(turn)
+                             : piece == 1 ? 1.0
+                             : piece == 2 ? 1 - 2 * way
+                                          : -1.0);
         const double bend = plan.x() / size.bend;
         return Vec3d((size.bend + lift) * std::sin(bend), plan.y(), (size.bend + lift) * std::cos(bend) - size.bend);
     };
@@ -150,9 +153,7 @@ Mesh make_hernia_wall(const WallSize& size, uint32_t triangles) {
     return mesh;
 }
 
-uint32_t MeshCells::triangles() const {
-    return pores() * 12 * along * across + rows / 2 * 2 * 2 * along * along;
-}
+uint32_t MeshCells::triangles() const { return pores() * 12 * along * across + rows / 2 * 2 * 2 * along * along; }
 
 MeshCells divide_mesh(uint32_t triangles) {
     MeshCells best = fit_cells(triangles, 1, 1);

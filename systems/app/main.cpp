@@ -112,7 +112,8 @@ void describe(CLI::App& app, Arguments& a) {
     convert->footer("Example: trocar convert liver.wrz liver.obj");
 
     CLI::App* view = app.add_subcommand("view", "Draw a mesh or a shape: textured, lit, fitted to the picture");
-    view->add_option("meshes", a.view.sources, "Mesh files or shapes, one tile each; shape:NAME:TRIANGLES:SEED")->required();
+    view->add_option("meshes", a.view.sources, "Mesh files or shapes (shape:NAME:TRIANGLES:SEED), one tile each")
+        ->required();
     view->add_option("--out", a.view.out, "PNG to write")->required();
     view->add_option("--size", a.size, "WIDTHxHEIGHT in pixels (default 1024x768)");
     view->add_option("--azimuth", a.view.azimuth, "Degrees about up; 0 = seen from +x, -90 from -y");

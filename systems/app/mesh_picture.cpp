@@ -30,7 +30,8 @@ Box box_of_faces(const Mesh& mesh) {
     return box;
 }
 
-// Adds a copy about the origin with a diagonal of one metre, so that units and place do not matter; returns its own box.
+// Adds a copy about the origin with a diagonal of one metre, so that units and place do not matter; returns its own
+// box.
 Box add_normalised(const Mesh& mesh, Meshes& meshes) {
     const MeshJudgement judgement = judge_mesh(mesh, false);
     if (judgement.admitted_as == Admission::kRefused) {
@@ -133,7 +134,8 @@ Image draw_meshes(const MeshPictureParams& params, std::span<const Mesh> meshes,
     GlRenderer renderer(prototypes);
     RenderScratch scratch;
     Image out{params.width, params.height, {}}, part;
-    for (size_t i = 0; i < size_t(params.width) * params.height; ++i) out.rgba.insert(out.rgba.end(), {30, 34, 40, 255});
+    for (size_t i = 0; i < size_t(params.width) * params.height; ++i)
+        out.rgba.insert(out.rgba.end(), {30, 34, 40, 255});
     for (uint32_t i = 0; i < count; ++i) {
         const MeshTile& tile = tiles[i];
         PictureSnapshot snapshot;

@@ -9,7 +9,7 @@ namespace trocar {
 
 // One part of a picture of meshes.
 struct MeshTile {
-    uint32_t mesh = 0;  // row of the meshes drawn
+    uint32_t mesh = 0;     // row of the meshes drawn
     double azimuth = 0;    // radians, as Camera
     double elevation = 0;  // radians
     std::string label;     // upper left; may be empty
@@ -26,8 +26,9 @@ struct MeshPictureParams {
 // Front (seen from -y when z is up), side (from +x), top and an oblique view of one mesh.
 std::vector<MeshTile> four_views(uint32_t mesh);
 
-// Draws meshes of any unit and place, textured and lit, without a scene: each tile shows one mesh alone, fitted to it. Tiles fill the picture row by row in a grid. Open surfaces are lit from both sides. Throws InputError naming a
-// mesh that cannot be drawn (see judge_mesh: refused). The same bytes every time.
+// Draws meshes of any unit and place, textured and lit, without a scene: each tile shows one mesh alone, fitted to it.
+// Tiles fill the picture row by row in a grid. Open surfaces are lit from both sides. Throws InputError naming a mesh
+// that cannot be drawn (see judge_mesh: refused). The same bytes every time.
 Image draw_meshes(const MeshPictureParams& params, std::span<const Mesh> meshes, std::span<const MeshTile> tiles);
 
 }  // namespace trocar

@@ -6,6 +6,7 @@
 #include <cmath>
 
 #include "content/admission.hpp"
+#include "content/tube.hpp"
 #include "tests/reference/closed_surface.hpp"
 namespace trocar {
 namespace {
@@ -77,9 +78,8 @@ TEST(Loft, CornersAndCreasesAreVerticesHenceABlockIsExact) {
 TEST(Loft, CentreLineMeasuresLengthAndKeepsAxesPerpendicularAndUntwisted) {
     // two turns of a helix: length, and frames that turn by the torsion's total, not with the curve
     const double r = 0.02, pitch = 0.01;
-    const CentreLine line = measure_curve([=](double t) {
-        return Vec3d(r * std::cos(4 * M_PI * t), r * std::sin(4 * M_PI * t), 2 * pitch * t);
-    });
+    const CentreLine line = measure_curve(
+        [=](double t) { return Vec3d(r * std::cos(4 * M_PI * t), r * std::sin(4 * M_PI * t), 2 * pitch * t); });
     EXPECT_NEAR(line.length, 2 * std::hypot(2 * M_PI * r, pitch), 1e-6);
     for (double s = 0; s <= line.length; s += line.length / 37) {
         Vec3d along, x, y;

@@ -45,7 +45,8 @@ void expect_sound(const Mesh& mesh, const std::string& name, const std::string& 
     EXPECT_GE(mesh.material.size(), 1u) << what;
     for (const uint16_t m : mesh.triangle_material) ASSERT_LT(m, mesh.material.size()) << what;
     const MeshJudgement judgement = judge_mesh(mesh);
-    EXPECT_EQ(judgement.admitted_as, is_sheet(name) ? Admission::kSheet : Admission::kSolid) << what << judgement.reason;
+    EXPECT_EQ(judgement.admitted_as, is_sheet(name) ? Admission::kSheet : Admission::kSolid)
+        << what << judgement.reason;
     EXPECT_EQ(judgement.self_crossing + judgement.self_touching + judgement.degenerate, 0u) << what;
     if (is_sheet(name)) return;  // see wall_and_mesh_test.cpp
     const Known known = known_of(name);
@@ -92,7 +93,8 @@ TEST_P(EveryShape, IsFreeOfCrossingsOnceItIsBent) {
     double size = 0;
     for (const Vec3d& p : mesh.position) size = std::max(size, p.norm());
     for (Vec3d& p : mesh.position) {
-        p += 0.02 / size * Vec3d(p.y() * p.z(), p.z() * p.z() + 0.7 * p.x() * p.x(), p.x() * p.x() + 0.4 * p.y() * p.y());
+        p += 0.02 / size *
+             Vec3d(p.y() * p.z(), p.z() * p.z() + 0.7 * p.x() * p.x(), p.x() * p.x() + 0.4 * p.y() * p.y());
     }
     EXPECT_EQ(reference::count_crossings(mesh), 0u) << name;
 }
@@ -327,9 +329,9 @@ TEST(ShapeLibrary, TextureOfLoftedShapesRunsOnAcrossTheSeam) {
 }
 
 TEST(ShapeLibrary, PicturesRepeatWithoutASeam) {
-    for (const Image& image : {paint_liver(2), paint_kidney(2), paint_steel(2), paint_drape(2), paint_gallbladder(2),
-                               paint_stomach(2), paint_bowel(2), paint_muscle(2), paint_fascia(2), paint_peritoneum(2),
-                               paint_polypropylene(2)}) {
+    for (const Image& image :
+         {paint_liver(2), paint_kidney(2), paint_steel(2), paint_drape(2), paint_gallbladder(2), paint_stomach(2),
+          paint_bowel(2), paint_muscle(2), paint_fascia(2), paint_peritoneum(2), paint_polypropylene(2)}) {
         const uint32_t n = kTextureSize;
         ASSERT_EQ(image.rgba.size(), size_t(n) * n * 4);
         const auto at = [&](uint32_t x, uint32_t y) { return int(image.rgba[(size_t(y) * n + x) * 4]); };
