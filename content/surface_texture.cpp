@@ -199,14 +199,15 @@ Image paint_kidney(uint64_t seed) {
 }
 
 Image paint_gallbladder(uint64_t seed) {
-    const VesselMap map = strew_vessels(9, 3.2, 260, seed + 7);
+    const VesselMap map = strew_vessels(16, 2.4, 190, seed + 7);
     return paint_picture([&map, seed](double u, double v) {
-        const double patches = cloud(u, v, 4, 5, seed);
-        const double fat = ramp(cloud(u, v, 5, 3, seed + 40), 0.25, 0.7);
+        const double plain = ramp(std::min(v, 1 - v), 0.01, 0.12);
+        const double patches = plain * cloud(u, v, 7, 5, seed);
+        const double fat = plain * ramp(cloud(u, v, 9, 3, seed + 40), 0.25, 0.7);
         Colour c = blend(Colour(74, 98, 58), Colour(124, 138, 84), 0.5 + 0.6 * patches);
         c = blend(c, Colour(176, 164, 96), 0.45 * fat);
-        c = blend(c, Colour(120, 42, 40), 0.75 * map.at(u, v));
-        return Colour(c * (1 + 0.04 * periodic_noise(u, v, 170, 170, seed + 300)));
+        c = blend(c, Colour(120, 42, 40), 0.75 * plain * map.at(u, v));
+        return Colour(c * (1 + 0.04 * plain * periodic_noise(u, v, 170, 170, seed + 300)));
     });
 }
 

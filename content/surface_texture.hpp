@@ -10,7 +10,8 @@ inline constexpr uint32_t kTextureSize = 512;
 Image paint_liver(uint64_t seed);
 // Kidney capsule over 0.06 m: redder and smoother, with fine veins.
 Image paint_kidney(uint64_t seed);
-// Gallbladder over 0.045 m: bile green through a thin wall, with vessels.
+// Gallbladder, u once around, v from the fundus to the duct: bile green through a thin wall, with vessels; plain towards
+// both ends, where a turn shrinks to a point.
 Image paint_gallbladder(uint64_t seed);
 // Stomach over 0.09 m: pale pink, with branching vessels.
 Image paint_stomach(uint64_t seed);

@@ -51,7 +51,7 @@ Mesh make_gallbladder(uint32_t triangles, uint64_t seed) {
         const Vec3d side = std::cos(2 * M_PI * u) * x + std::sin(2 * M_PI * u) * y;
         return 1 + 0.045 * lattice_noise(p + 0.8 * side, seed) + 0.015 * lattice_noise(2.5 * p + 2 * side, seed + 1);
     });
-    loft.tile = 0.045;
+    loft.tile = 0.12;  // once around and once along
     return loft_surface(loft, triangles);
 }
 
