@@ -3,6 +3,7 @@
 #include <algorithm>
 #include <array>
 #include <cmath>
+#include <iterator>
 
 #include "engine/check.hpp"
 #include "engine/error.hpp"
@@ -209,6 +210,36 @@ ImplicitShape kidney_shape(uint64_t seed) {
         f += 0.5 * kMm * lattice_noise(p / wavelength, seed) +
              0.15 * kMm * lattice_noise(p / (0.4 * wavelength), seed + 1);
         return f;
+    };
+    return shape;
+}
+
+ImplicitShape stomach_shape(uint64_t seed) {
+    ImplicitShape shape;
+    shape.name = "stomach";
+    shape.box = {mm(-110, -115, -52), mm(95, 125, 52)};
+    shape.distance = [seed](const Vec3d& p) {
+        struct Ball {
+            Vec3d centre;
+            double radius;
+        };
+        // along the middle, from the fundus to the stump of the duodenum
+        static const Ball kBody[] = {{mm(36, 68, 0), 40e-3},   {mm(42, 30, 0), 38e-3},  {mm(38, -12, 0), 32e-3},
+                                     {mm(22, -50, 0), 28e-3},  {mm(-8, -72, 0), 25e-3}, {mm(-36, -66, 0), 19e-3},
+                                     {mm(-57, -46, 0), 9.5e-3}, {mm(-68, -32, 0), 14e-3}, {mm(-84, -27, 0), 12e-3}};
+        // flatter from front to back than it is wide
+        const Vec3d q(p.x(), p.y(), p.z() / 0.84);
+        double f = 1;
+        for (size_t i = 0; i + 1 < std::size(kBody); ++i) {
+            const double part = capsule_distance(q, kBody[i].centre, kBody[i + 1].centre, kBody[i].radius,
+                                                 kBody[i + 1].radius);
+            f = i == 0 ? part : smooth_union(f, part, 9 * kMm);
+        }
+        const double oesophagus = capsule_distance(q, mm(8, 36, 0), mm(-20, 96, 0), 13e-3, 9e-3);
+        f = smooth_union(f, oesophagus, 14 * kMm);
+        const double wavelength = 34 * kMm;
+        return f + 1.0 * kMm * lattice_noise(p / wavelength, seed) +
+               0.35 * kMm * lattice_noise(p / (0.4 * wavelength), seed + 1);
     };
     return shape;
 }

@@ -50,4 +50,10 @@ ImplicitShape liver_shape(uint64_t seed);
 // irregularities.
 ImplicitShape kidney_shape(uint64_t seed);
 
+// A human stomach, moderately filled, about 0.15 x 0.21 x 0.07 m: frame as the liver's. A J from the dome of the fundus
+// (+x, left) down to the antrum and the pylorus (-x), with the stumps of oesophagus and duodenum closed. The greater
+// curvature is about 0.4 m long, the volume about 0.7 l, between the size of the empty organ and the 1 to 1.5 l it can
+// hold (Gray's Anatomy). The seed changes its small irregularities.
+ImplicitShape stomach_shape(uint64_t seed);
+
 }  // namespace trocar

@@ -7,9 +7,12 @@
 #include "content/implicit_shapes.hpp"
 namespace trocar {
 
-// Generated shapes, in metres, closed, manifold, outward, without self-crossing, textured.
-//   liver   about 0.21 x 0.15 x 0.12 m; right lobe -x, head +y, belly +z; centred at its volume's centroid
-//   kidney  about 0.11 x 0.06 x 0.045 m; poles along x, hilum -y; centred at its volume's centroid
+// Generated shapes, in metres, textured. Organs lie as the patient does on his back: right -x, head +y, belly +z.
+// Closed, manifold, outward, without self-crossing; genus 0 but for hernia_wall (1) and surgical_mesh (an open sheet).
+//   liver, kidney, gallbladder, stomach, bowel   see implicit_shapes.hpp and tube_organs.hpp
+//   hernia_wall, surgical_mesh                   see wall_and_mesh.hpp
+//   grasper (3 pieces), grasper_jaw, scissors (3 pieces), scissor_blade, needle, tacker (2 pieces)
+//                                                see instrument_shapes.hpp
 //   probe   palpation probe of steel, 0.167 m; centre of its 7 mm tip sphere at the origin, shaft along +z
 //   sphere  diameter 1 m, centred      box  1 x 1 x 1 m, centred
 //   table   slab 0.6 x 0.6 x 0.02 m, centred, thin along z; "plane" is another name for it

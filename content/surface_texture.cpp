@@ -74,12 +74,82 @@ std::pair<double, double> nearest_points(double u, double v, uint32_t cells, uin
     return {std::sqrt(first), std::sqrt(second)};
 }
 
-// 1 on the wandering lines where a noise changes sign, 0 from `width` on; the lines fade in and out.
-double vessels(double u, double v, uint32_t steps, double width, uint64_t seed) {
-    const double bent_u = u + 0.035 * cloud(u, v, 2 * steps, 2, seed + 10);
-    const double bent_v = v + 0.035 * cloud(u, v, 2 * steps, 2, seed + 20);
-    const double value = std::abs(cloud(bent_u, bent_v, steps, 2, seed));
-    return (1 - ramp(value, 0.2 * width, width)) * ramp(cloud(u, v, steps, 1, seed + 30), -0.1, 0.5);
+// Random numbers in [0, 1) in a row.
+struct Dice {
+    uint64_t seed = 0;
+    uint64_t count = 0;
+    double roll() { return static_cast<double>(mix_bits(mix_bits(seed) + count++) >> 11) * 0x1p-53; }
+    double roll(double low, double high) { return low + (high - low) * roll(); }
+};
+
+// A vessel as it grows: place and width in pixels, heading in radians.
+struct Vessel {
+    double x = 0, y = 0, heading = 0;
+    double width = 1;  // at its root
+    double length = 0;
+    double straight = 0;  // 0 wanders, 1 keeps its heading
+};
+
+// Cover of a picture by vessels, 0..1 a pixel, repeating at the edges.
+struct VesselMap {
+    std::vector<float> cover = std::vector<float>(size_t(kTextureSize) * kTextureSize, 0.0f);
+
+    double at(double u, double v) const {
+        const uint32_t x = static_cast<uint32_t>(u * kTextureSize) % kTextureSize;
+        const uint32_t y = static_cast<uint32_t>(v * kTextureSize) % kTextureSize;
+        return cover[size_t(y) * kTextureSize + x];
+    }
+    void stamp(double x, double y, double radius, double strength) {
+        const int reach = static_cast<int>(std::ceil(radius + 1));
+        const int n = static_cast<int>(kTextureSize);
+        for (int dy = -reach; dy <= reach; ++dy) {
+            for (int dx = -reach; dx <= reach; ++dx) {
+                const double px = std::floor(x) + dx, py = std::floor(y) + dy;
+                const double distance = std::hypot(px + 0.5 - x, py + 0.5 - y);
+                const double part = strength * std::clamp(radius + 0.5 - distance, 0.0, 1.0);
+                const int column = ((static_cast<int>(px) % n) + n) % n, row = ((static_cast<int>(py) % n) + n) % n;
+                float& pixel = cover[size_t(row) * kTextureSize + size_t(column)];
+                pixel = std::max(pixel, static_cast<float>(part));
+            }
+        }
+    }
+};
+
+// Grows vessels pixel by pixel; they thin out and branch, each branch thinner and shorter than what it leaves.
+void grow_vessels(std::vector<Vessel> growing, Dice& dice, VesselMap& map) {
+    while (!growing.empty()) {
+        Vessel v = growing.back();
+        growing.pop_back();
+        const double home = v.heading;
+        double next_branch = dice.roll(0.1, 0.35) * v.length;
+        for (double gone = 0; gone < v.length; gone += 1) {
+            const double left = 1 - gone / v.length;
+            const double width = v.width * (0.35 + 0.65 * left);
+            map.stamp(v.x, v.y, width / 2, std::min(1.0, width) * (0.4 + 0.6 * std::min(1.0, 3 * left)));
+            v.heading += dice.roll(-0.16, 0.16) + 0.06 * v.straight * (home - v.heading);
+            v.x += std::cos(v.heading);
+            v.y += std::sin(v.heading);
+            if (gone < next_branch || width < 0.7) continue;
+            next_branch = gone + dice.roll(0.1, 0.3) * v.length;
+            const double turn = (dice.roll() < 0.5 ? -1 : 1) * dice.roll(0.45, 0.95);
+            growing.push_back(
+                {v.x, v.y, v.heading + turn, 0.62 * width, dice.roll(0.3, 0.6) * left * v.length, 0.5 * v.straight});
+        }
+    }
+}
+
+// Trees strewn over the picture, with roots `width` pixels wide.
+VesselMap strew_vessels(uint32_t trees, double width, double length, uint64_t seed) {
+    Dice dice{seed};
+    VesselMap map;
+    std::vector<Vessel> roots;
+    for (uint32_t i = 0; i < trees; ++i) {
+        const double x = dice.roll(0, kTextureSize), y = dice.roll(0, kTextureSize), heading = dice.roll(0, 2 * M_PI);
+        const double share = dice.roll(0.6, 1.0);
+        roots.push_back({x, y, heading, share * width, share * length, 0.2});
+    }
+    grow_vessels(std::move(roots), dice, map);
+    return map;
 }
 
 template <typename Paint>  // Colour(double u, double v)
@@ -99,7 +169,8 @@ Image paint_picture(const Paint& paint) {
 }  // namespace
 
 Image paint_liver(uint64_t seed) {
-    return paint_picture([seed](double u, double v) {
+    const VesselMap map = strew_vessels(7, 2.2, 200, seed + 200);
+    return paint_picture([&map, seed](double u, double v) {
         const double patches = cloud(u, v, 5, 5, seed);
         // lobules: cells with bent rims, each a little lighter or darker
         const double bend = 0.012;
@@ -111,19 +182,121 @@ Image paint_liver(uint64_t seed) {
         Colour c = blend(Colour(110, 40, 31), Colour(144, 60, 46), 0.5 + 0.55 * patches);
         c = blend(c, Colour(172, 98, 74), 0.24 * rim * fade);
         c = blend(c, Colour(84, 24, 24), 0.16 * ramp(0.45 - centre, 0.0, 0.4));
-        c = blend(c, Colour(64, 14, 20), 0.4 * vessels(u, v, 4, 0.05, seed + 200));
+        c = blend(c, Colour(64, 14, 20), 0.3 * map.at(u, v));
         return Colour(c * (1 + 0.05 * periodic_noise(u, v, 170, 170, seed + 300)));
     });
 }
 
 Image paint_kidney(uint64_t seed) {
-    return paint_picture([seed](double u, double v) {
+    const VesselMap map = strew_vessels(12, 2.4, 200, seed + 200);
+    return paint_picture([&map, seed](double u, double v) {
         const double patches = cloud(u, v, 6, 5, seed);
         const double fine = cloud(u, v, 40, 3, seed + 50);
         Colour c = blend(Colour(136, 46, 40), Colour(166, 70, 58), 0.5 + 0.5 * patches + 0.25 * fine);
-        c = blend(c, Colour(98, 20, 28), 0.45 * vessels(u, v, 4, 0.05, seed + 200));
-        c = blend(c, Colour(98, 20, 28), 0.3 * vessels(u, v, 9, 0.07, seed + 250));
+        c = blend(c, Colour(98, 20, 28), 0.4 * map.at(u, v));
         return Colour(c * (1 + 0.04 * periodic_noise(u, v, 170, 170, seed + 300)));
+    });
+}
+
+Image paint_gallbladder(uint64_t seed) {
+    const VesselMap map = strew_vessels(16, 2.4, 190, seed + 7);
+    return paint_picture([&map, seed](double u, double v) {
+        const double plain = ramp(std::min(v, 1 - v), 0.01, 0.12);
+        const double patches = plain * cloud(u, v, 7, 5, seed);
+        const double fat = plain * ramp(cloud(u, v, 9, 3, seed + 40), 0.25, 0.7);
+        Colour c = blend(Colour(74, 98, 58), Colour(124, 138, 84), 0.5 + 0.6 * patches);
+        c = blend(c, Colour(176, 164, 96), 0.45 * fat);
+        c = blend(c, Colour(120, 42, 40), 0.75 * plain * map.at(u, v));
+        return Colour(c * (1 + 0.04 * plain * periodic_noise(u, v, 170, 170, seed + 300)));
+    });
+}
+
+Image paint_stomach(uint64_t seed) {
+    const VesselMap map = strew_vessels(14, 3.6, 300, seed + 7);
+    const VesselMap fine = strew_vessels(40, 1.4, 120, seed + 8);
+    return paint_picture([&map, &fine, seed](double u, double v) {
+        const double patches = cloud(u, v, 4, 5, seed);
+        // muscle fibres shine through
+        const double fibres = cloud(u + 0.02 * patches, 3 * v, 24, 2, seed + 60);
+        Colour c = blend(Colour(196, 122, 112), Colour(224, 160, 146), 0.5 + 0.6 * patches + 0.12 * fibres);
+        c = blend(c, Colour(170, 62, 66), 0.45 * fine.at(u, v));
+        c = blend(c, Colour(134, 34, 46), 0.75 * map.at(u, v));
+        return Colour(c * (1 + 0.03 * periodic_noise(u, v, 170, 170, seed + 300)));
+    });
+}
+
+Image paint_bowel(uint64_t seed) {
+    Dice dice{seed + 7};
+    VesselMap map;
+    std::vector<Vessel> roots;
+    constexpr uint32_t kPairs = 9;
+    for (uint32_t i = 0; i < 2 * kPairs; ++i) {
+        const double y = (i / 2 + dice.roll(0.1, 0.9)) * kTextureSize / kPairs;
+        const double share = dice.roll(0.55, 1.0);
+        roots.push_back({0, y, i % 2 == 0 ? 0.0 : M_PI, 3.6 * share, 0.48 * kTextureSize * share, 1});
+    }
+    // the vessel along the border that they leave
+    roots.push_back({0, 0, M_PI / 2, 5, kTextureSize, 1});
+    grow_vessels(std::move(roots), dice, map);
+    return paint_picture([&map, seed](double u, double v) {
+        const double patches = cloud(u, v, 4, 5, seed);
+        const double rings = periodic_noise(u, v, 3, 40, seed + 60);
+        const double border = ramp(std::abs(u - 0.5), 0.40, 0.5);
+        Colour c = blend(Colour(214, 134, 124), Colour(238, 176, 160), 0.5 + 0.6 * patches + 0.18 * rings);
+        c = blend(c, Colour(226, 188, 126), 0.5 * border * ramp(cloud(u, v, 12, 3, seed + 90), -0.4, 0.4));
+        c = blend(c, Colour(160, 44, 52), 0.7 * map.at(u, v));
+        return Colour(c * (1 + 0.03 * periodic_noise(u, v, 170, 170, seed + 300)));
+    });
+}
+
+Image paint_muscle(uint64_t seed) {
+    return paint_picture([seed](double u, double v) {
+        const double bent = v + 0.015 * cloud(u, v, 6, 2, seed + 20);
+        const double fibres =
+            0.6 * periodic_noise(u, bent, 5, 110, seed + 40) + 0.4 * periodic_noise(u, bent, 9, 60, seed + 41);
+        const double patches = cloud(u, v, 4, 4, seed);
+        Colour c = blend(Colour(118, 34, 34), Colour(168, 66, 58), 0.5 + 0.3 * patches + 0.45 * fibres);
+        c = blend(c, Colour(214, 176, 160), 0.35 * ramp(fibres, 0.35, 0.8));
+        return Colour(c * (1 + 0.03 * periodic_noise(u, v, 170, 170, seed + 300)));
+    });
+}
+
+Image paint_fascia(uint64_t seed) {
+    return paint_picture([seed](double u, double v) {
+        const double bent = v + 0.02 * cloud(u, v, 5, 2, seed + 20);
+        const double fibres =
+            0.5 * periodic_noise(u, bent, 4, 90, seed + 40) + 0.5 * periodic_noise(u, bent, 7, 44, seed + 41);
+        const double patches = cloud(u, v, 4, 5, seed);
+        Colour c = blend(Colour(196, 160, 142), Colour(228, 206, 188), 0.5 + 0.3 * patches + 0.4 * fibres);
+        c = blend(c, Colour(178, 88, 76), 0.35 * ramp(cloud(u, v, 3, 4, seed + 70), 0.0, 0.7));
+        return Colour(c * (1 + 0.03 * periodic_noise(u, v, 170, 170, seed + 300)));
+    });
+}
+
+Image paint_peritoneum(uint64_t seed) {
+    const VesselMap map = strew_vessels(12, 2.2, 240, seed + 7);
+    return paint_picture([&map, seed](double u, double v) {
+        const double patches = cloud(u, v, 4, 5, seed);
+        const double fat = ramp(cloud(u, v, 3, 4, seed + 50), 0.0, 0.9);
+        Colour c = blend(Colour(190, 104, 92), Colour(218, 142, 124), 0.5 + 0.6 * patches);
+        c = blend(c, Colour(228, 192, 128), 0.5 * fat);
+        c = blend(c, Colour(142, 34, 44), 0.65 * map.at(u, v));
+        return Colour(c * (1 + 0.03 * periodic_noise(u, v, 170, 170, seed + 300)));
+    });
+}
+
+Image paint_polypropylene(uint64_t seed) {
+    return paint_picture([seed](double u, double v) {
+        // threads cross at 60 degrees, as they repeat: 16 steps of u to 16 of v
+        const auto thread = [&](double phase) {
+            const double x = phase - std::floor(phase);
+            return 4 * x * (1 - x);
+        };
+        const double over = std::max(thread(16 * (u + v)), thread(16 * (u - v)));
+        const double uneven = cloud(u, v, 8, 3, seed);
+        Colour c = blend(Colour(150, 166, 178), Colour(248, 251, 252), over);
+        c = blend(c, Colour(92, 140, 196), 0.8 * ramp(0.045 - std::abs(v - 0.5), 0.0, 0.01));
+        return Colour(c * (1 + 0.03 * uneven));
     });
 }
 

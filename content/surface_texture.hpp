@@ -10,6 +10,19 @@ inline constexpr uint32_t kTextureSize = 512;
 Image paint_liver(uint64_t seed);
 // Kidney capsule over 0.06 m: redder and smoother, with fine veins.
 Image paint_kidney(uint64_t seed);
+// Gallbladder, u once around, v from the fundus to the duct: bile green through a thin wall, with vessels; plain towards
+// both ends, where a turn shrinks to a point.
+Image paint_gallbladder(uint64_t seed);
+// Stomach over 0.09 m: pale pink, with branching vessels.
+Image paint_stomach(uint64_t seed);
+// Small bowel, u once around from the mesenteric border: pink, vessels run around from u = 0 both ways.
+Image paint_bowel(uint64_t seed);
+// Layers of the abdominal wall over 0.07 m: muscle, fibres along u; fascia, white fibres; peritoneum, pink and thin.
+Image paint_muscle(uint64_t seed);
+Image paint_fascia(uint64_t seed);
+Image paint_peritoneum(uint64_t seed);
+// Knitted polypropylene over 0.01 m: pale threads, a blue one every repeat.
+Image paint_polypropylene(uint64_t seed);
 // Steel brushed along u.
 Image paint_steel(uint64_t seed);
 // Green surgical drape over 0.05 m, woven.

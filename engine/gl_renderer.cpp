@@ -835,8 +835,8 @@ void GlRenderer::draw(const PictureParams& params, const View& view, const Pictu
     gl.draw_surfaces(params, view, snapshot, true);
     glEnable(GL_BLEND);
     glDepthMask(GL_FALSE);
-    if (params.wireframe) gl.draw_wires(params, view, snapshot);
     gl.draw_surfaces(params, view, snapshot, false);
+    if (params.wireframe) gl.draw_wires(params, view, snapshot);
     if (!markers.empty()) gl.draw_markers(params, view, markers);
     glDisable(GL_BLEND);
     gl.read_back(out);

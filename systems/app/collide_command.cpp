@@ -2,7 +2,7 @@
 #include <nlohmann/json.hpp>
 
 #include "content/build_scene.hpp"
-#include "content/load_mesh.hpp"
+#include "content/mesh_source.hpp"
 #include "content/make_prototype.hpp"
 #include "engine/closest_point.hpp"
 #include "engine/error.hpp"
@@ -15,7 +15,7 @@ namespace trocar {
 namespace {
 
 uint32_t load_prototype(World& world, const std::string& file) {
-    LoadedMesh loaded = load_mesh(file);
+    LoadedMesh loaded = load_mesh_or_shape(file);
     for (const std::string& warning : loaded.warnings)
         std::fprintf(stderr, "trocar: warning: %s\n", warning.c_str());
     // file units stand for metres; nothing is moved

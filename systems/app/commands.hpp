@@ -54,6 +54,17 @@ struct ConvertOptions {
 };
 int convert_command(const ConvertOptions& options);
 
+struct ViewOptions {
+    std::vector<std::string> sources;  // files or shapes, see load_mesh_or_shape
+    std::filesystem::path out;         // PNG
+    uint32_t width = 1024, height = 768;
+    double azimuth = -60, elevation = 28;  // degrees, see Camera
+    char up = 'z';
+    bool wireframe = false;
+    bool sheet = false;  // front, side, top and oblique in one picture
+};
+int view_command(const ViewOptions& options);
+
 int scenes_command(bool json);
 // Library versions and the instruction set in use.
 std::string version_text();

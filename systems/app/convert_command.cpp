@@ -2,7 +2,7 @@
 #include <nlohmann/json.hpp>
 
 #include "content/clean_mesh.hpp"
-#include "content/load_mesh.hpp"
+#include "content/mesh_source.hpp"
 #include "content/save_mesh.hpp"
 #include "engine/whole_file.hpp"
 #include "systems/app/commands.hpp"
@@ -10,7 +10,7 @@
 namespace trocar {
 
 int convert_command(const ConvertOptions& options) {
-    LoadedMesh loaded = load_mesh(options.in);
+    LoadedMesh loaded = load_mesh_or_shape(options.in);
     for (const std::string& warning : loaded.warnings) std::fprintf(stderr, "trocar: warning: %s\n", warning.c_str());
     const CleanReport cleaned = clean_mesh(loaded.mesh, CleanParams{});
     save_mesh(loaded.mesh, options.out);

@@ -1,4 +1,5 @@
 #include <CLI/CLI.hpp>
+#include <array>
 #include <cmath>
 #include <cstdio>
 #include <numbers>
@@ -33,14 +34,25 @@ std::vector<double> parse_numbers(const std::string& option, const std::string& 
     return v;
 }
 
+// "WxH" in pixels.
+std::array<uint32_t, 2> parse_size(const std::string& text) {
+    std::array<uint32_t, 2> size{};
+    char end = 0;
+    if (text.find('-') != std::string::npos || std::sscanf(text.c_str(), "%ux%u%c", &size[0], &size[1], &end) != 2 ||
+        size[0] == 0 || size[1] == 0)
+        throw InputError("--size " + text + ": write WIDTHxHEIGHT in pixels, for example --size 1024x768");
+    return size;
+}
+
 struct Arguments {
     RunOptions run;
     CheckOptions check;
     QueryOptions query;
     CollideOptions collide;
     ConvertOptions convert;
+    ViewOptions view;
     std::vector<std::string> sets;
-    std::string move_b, rotate_b;
+    std::string move_b, rotate_b, size;
     bool no_render = false, scenes_json = false;
     uint32_t threads = 0;
 };
@@ -108,7 +120,20 @@ void describe(CLI::App& app, Arguments& a) {
     convert->add_flag("--json", a.convert.json, "JSON");
     convert->footer("Example: trocar convert liver.wrz liver.obj");
 
-    CLI::App* scenes = app.add_subcommand("scenes", "List the scenes that come with the program");
+    CLI::App* view = app.add_subcommand("view", "Draw a mesh or a shape: textured, lit, fitted to the picture");
+    view->add_option("meshes", a.view.sources, "Mesh files or shapes (shape:NAME:TRIANGLES:SEED), one tile each")
+        ->required();
+    view->add_option("--out", a.view.out, "PNG to write")->required();
+    view->add_option("--size", a.size, "WIDTHxHEIGHT in pixels (default 1024x768)");
+    view->add_option("--azimuth", a.view.azimuth, "Degrees about up; 0 = seen from +x, -90 from -y");
+    view->add_option("--elevation", a.view.elevation, "Degrees above the horizon; 90 = from above");
+    view->add_option("--up", a.view.up, "Axis that points up in the picture: x, y or z (default)")
+        ->check(CLI::IsMember({"x", "y", "z"}));
+    view->add_flag("--wireframe", a.view.wireframe, "Edges drawn over the surface");
+    view->add_flag("--sheet", a.view.sheet, "Front, side, top and oblique view in one picture");
+    view->footer("Example: trocar view shape:gallbladder:10000 --sheet --out gallbladder.png");
+
+    CLI::App* scenes = app.add_subcommand("scenes", "List the scenes and shapes that come with the program");
     scenes->add_flag("--json", a.scenes_json, "JSON");
     scenes->footer("Example: trocar scenes");
 }
@@ -141,6 +166,14 @@ int dispatch(const CLI::App& app, Arguments& a) {
         return collide_command(a.collide);
     }
     if (app.got_subcommand("convert")) return convert_command(a.convert);
+    if (app.got_subcommand("view")) {
+        if (!a.size.empty()) {
+            const std::array<uint32_t, 2> size = parse_size(a.size);
+            a.view.width = size[0];
+            a.view.height = size[1];
+        }
+        return view_command(a.view);
+    }
     return scenes_command(a.scenes_json);
 }
 

@@ -1,7 +1,9 @@
 #include <algorithm>
+#include <cstdio>
 #include <cstdlib>
 #include <nlohmann/json.hpp>
 
+#include "content/shape_library.hpp"
 #include "engine/closest_point.hpp"
 #include "engine/error.hpp"
 #include "engine/offscreen.hpp"
@@ -41,6 +43,12 @@ int scenes_command(bool json) {
                         {"bodies", scene.bodies.size()},
                         {"tools", scene.tools.size()}});
         text += file.stem().string() + "\n    " + scene.settings.description + "\n";
+    }
+    text += "\nShapes, for `shape = NAME` in a scene and as shape:NAME[:TRIANGLES[:SEED]] where a command takes a mesh:\n";
+    for (const std::string& name : shape_names()) {
+        char line[256];
+        std::snprintf(line, sizeof line, "    %-14s  %s\n", name.c_str(), std::string(describe_shape(name)).c_str());
+        text += line;
     }
     write_standard_output(json ? rows.dump(1) + "\n"
                                : text + "\nRun one: trocar run " +

@@ -2,6 +2,7 @@
 #include <sys/wait.h>
 
 #include <array>
+#include <cmath>
 #include <cstdio>
 #include <filesystem>
 #include <fstream>
@@ -9,6 +10,7 @@
 #include <sstream>
 #include <string>
 
+#include "engine/image_file.hpp"
 #include "reference/paths.hpp"
 
 // The program as its users meet it: exit codes, one-line errors that name the place, nothing half-written.
@@ -65,7 +67,7 @@ class CommandLine : public testing::Test {
 
 TEST_F(CommandLine, HelpTeachesAndEveryCommandHasAnExample) {
     EXPECT_EQ(run("--help").code, 0);
-    for (const char* command : {"run", "check", "query", "collide", "convert", "scenes"}) {
+    for (const char* command : {"run", "check", "query", "collide", "convert", "view", "scenes"}) {
         const Outcome help = run(std::string(command) + " --help");
         EXPECT_EQ(help.code, 0);
         EXPECT_NE(help.out.find("Example:"), std::string::npos) << command;
@@ -266,6 +268,40 @@ TEST_F(CommandLine, ALiveRunIsRepeatedFromItsRecording) {
     EXPECT_NE(cut.err.find("live.recording: recording of 12 contact passes"), std::string::npos) << cut.err;
     expect_one_line(cut.err);
     EXPECT_EQ(run(scene + "--live --replay " + recording.string()).code, 2);
+}
+
+TEST_F(CommandLine, ViewDrawsAMeshOrRefusesInOneLine) {
+    const fs::path whole = write("cube.obj", cube()), out = folder_ / "cube.png";
+    const Outcome drawn = run("view " + whole.string() + " --size 120x90 --out " + out.string());
+    ASSERT_EQ(drawn.code, 0) << drawn.err;
+    const trocar::Image picture = trocar::load_image(out);
+    EXPECT_EQ(picture.width, 120u);
+    EXPECT_EQ(picture.height, 90u);
+    EXPECT_EQ(run("view shape:probe:1000 cube --sheet --size 64x64 --out " + out.string()).code, 2);  // no such file
+    EXPECT_EQ(run("view shape:probe:1000 box --size 64x64 --out " + out.string()).code, 0);
+    for (const std::string& arguments :
+         {std::string("view box --size 0x9 --out a.png"), std::string("view box --size 9 --out a.png"),
+          std::string("view box --size 99999x99999 --out a.png"), std::string("view shape:lever --out a.png"),
+          std::string("view shape:box:1e3 --out a.png"), std::string("view shape:box:12:1:1 --out a.png"),
+          std::string("view box --azimuth nan --out a.png"), "view box --out " + (folder_ / "absent/x.png").string(),
+          std::string("view nowhere.obj --out a.png")}) {
+        const Outcome refused = run(arguments);
+        EXPECT_EQ(refused.code, 2) << arguments;
+        expect_one_line(refused.err);
+    }
+    EXPECT_FALSE(fs::exists(folder_ / "absent"));
+}
+
+TEST_F(CommandLine, ShapesServeWhereAMeshIsAsked) {
+    const Outcome check = run("check shape:sphere:2000 --json");
+    ASSERT_EQ(check.code, 0) << check.err;
+    EXPECT_NEAR(nlohmann::json::parse(check.out)["volume"], M_PI / 6, 5e-3);
+    const fs::path out = folder_ / "liver.obj";
+    ASSERT_EQ(run("convert shape:liver:1000:3 " + out.string()).code, 0);
+    EXPECT_EQ(run("check " + out.string()).code, 0);
+    const Outcome scenes = run("scenes");
+    EXPECT_NE(scenes.out.find("shape:NAME"), std::string::npos);
+    EXPECT_NE(scenes.out.find("kidney"), std::string::npos);
 }
 
 TEST_F(CommandLine, ScenesAreListed) {

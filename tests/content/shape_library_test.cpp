@@ -5,86 +5,149 @@
 #include <algorithm>
 #include <cmath>
 #include <cstdlib>
+#include <set>
 #include <thread>
 
+#include "content/admission.hpp"
 #include "content/surface_texture.hpp"
 #include "engine/error.hpp"
 #include "tests/reference/closed_surface.hpp"
 namespace trocar {
 namespace {
 
-void expect_sound(const Mesh& mesh, const std::string& what) {
+// What is known of a shape beforehand.
+struct Known {
+    uint32_t components = 1;
+    int euler = 2;  // of all pieces together
+    bool organ = false;
+    // angles of the triangles, degrees: smallest of all, 1st percentile and median of the smallest of each, at 10000
+    double least = 15, p1 = 25, median = 44;
+};
+
+Known known_of(const std::string& name) {
+    static const std::set<std::string> organs{"liver", "kidney", "gallbladder", "stomach", "bowel"};
+    if (organs.count(name)) return {1, 2, true};
+    if (name == "hernia_wall") return {1, 0, false, 25, 30, 42};
+    // what is thin ends in slivers at points and caps, never in needles without area
+    if (name == "grasper") return {3, 6, false, 5, 7, 35};
+    if (name == "scissors") return {3, 6, false, 10, 15, 40};
+    if (name == "grasper_jaw") return {1, 2, false, 5, 7, 40};
+    if (name == "scissor_blade") return {1, 2, false, 10, 15, 40};
+    if (name == "needle") return {1, 2, false, 3, 25, 50};
+    if (name == "tacker") return {2, 4, false, 7, 20, 50};
+    return {};
+}
+
+bool is_sheet(const std::string& name) { return name == "surgical_mesh"; }
+
+void expect_sound(const Mesh& mesh, const std::string& name, const std::string& what) {
+    EXPECT_EQ(mesh.uv.size(), mesh.triangle.size()) << what;
+    EXPECT_GE(mesh.material.size(), 1u) << what;
+    for (const uint16_t m : mesh.triangle_material) ASSERT_LT(m, mesh.material.size()) << what;
+    const MeshJudgement judgement = judge_mesh(mesh);
+    EXPECT_EQ(judgement.admitted_as, is_sheet(name) ? Admission::kSheet : Admission::kSolid)
+        << what << judgement.reason;
+    EXPECT_EQ(judgement.self_crossing + judgement.self_touching + judgement.degenerate, 0u) << what;
+    if (is_sheet(name)) return;  // see wall_and_mesh_test.cpp
+    const Known known = known_of(name);
     const auto facts = reference::survey_surface(mesh);
     EXPECT_TRUE(facts.closed) << what;
     EXPECT_TRUE(facts.one_fan) << what;
-    EXPECT_EQ(facts.components, 1u) << what;
-    EXPECT_EQ(facts.euler, 2) << what;
+    EXPECT_EQ(facts.components, known.components) << what;
+    EXPECT_EQ(facts.euler, known.euler) << what;
     EXPECT_EQ(facts.unused_vertices, 0u) << what;
     EXPECT_GT(facts.volume, 0.0) << what;
-    EXPECT_EQ(mesh.uv.size(), mesh.triangle.size()) << what;
-    EXPECT_EQ(mesh.material.size(), 1u) << what;
 }
 
-void expect_well_shaped(const Mesh& mesh, const std::string& what) {
+void expect_well_shaped(const Mesh& mesh, const std::string& name, const std::string& what) {
+    if (is_sheet(name)) return;
+    const Known known = known_of(name);
     const auto shape = reference::survey_shape(mesh);
-    EXPECT_GT(shape.min_angle, 15.0) << what;
-    EXPECT_GT(shape.angle_p1, 25.0) << what;
-    EXPECT_GT(shape.angle_p50, 44.0) << what;
+    EXPECT_GT(shape.min_angle, known.least) << what;
+    EXPECT_GT(shape.angle_p1, known.p1) << what;
+    EXPECT_GT(shape.angle_p50, known.median) << what;
 }
 
-TEST(ShapeLibrary, EveryShapeIsSoundWithTheAskedNumberOfTriangles) {
-    for (const std::string& name : shape_names()) {
-        for (const uint32_t wanted : {1000u, 10000u}) {
-            const std::string what = name + " " + std::to_string(wanted);
-            const Mesh mesh = make_shape(name, wanted);
-            EXPECT_NEAR(double(mesh.triangle.size()), wanted, 0.1 * wanted) << what;
-            EXPECT_EQ(mesh.name, name);
-            expect_sound(mesh, what);
-            expect_well_shaped(mesh, what);
-            if (wanted == 1000) {
-                EXPECT_EQ(reference::count_crossings(mesh), 0u) << what;
-            }
-        }
-        EXPECT_FALSE(describe_shape(name).empty());
-        expect_sound(make_shape(name, name == "probe" ? 300 : 100), name + " coarse");
+class EveryShape : public testing::TestWithParam<std::string> {};
+std::string name_of(const testing::TestParamInfo<std::string>& info) { return info.param; }
+INSTANTIATE_TEST_SUITE_P(ShapeLibrary, EveryShape, testing::ValuesIn(shape_names()), name_of);
+
+TEST_P(EveryShape, IsSoundWithTheAskedNumberOfTriangles) {
+    const std::string& name = GetParam();
+    for (const uint32_t wanted : {1000u, 10000u}) {
+        const std::string what = name + " " + std::to_string(wanted);
+        const Mesh mesh = make_shape(name, wanted);
+        EXPECT_NEAR(double(mesh.triangle.size()), wanted, 0.1 * wanted) << what;
+        EXPECT_EQ(mesh.name, name);
+        expect_sound(mesh, name, what);
+        if (wanted == 10000 || known_of(name).organ) expect_well_shaped(mesh, name, what);
     }
+    EXPECT_FALSE(describe_shape(name).empty());
+}
+
+// A second opinion on crossings, in double. Rounding makes flat faces look cut, hence a smooth bend first, which makes
+// and removes no crossing.
+TEST_P(EveryShape, IsFreeOfCrossingsOnceItIsBent) {
+    const std::string& name = GetParam();
+    Mesh mesh = make_shape(name, 1000);
+    double size = 0;
+    for (const Vec3d& p : mesh.position) size = std::max(size, p.norm());
+    for (Vec3d& p : mesh.position) {
+        p += 0.02 / size *
+             Vec3d(p.y() * p.z(), p.z() * p.z() + 0.7 * p.x() * p.x(), p.x() * p.x() + 0.4 * p.y() * p.y());
+    }
+    EXPECT_EQ(reference::count_crossings(mesh), 0u) << name;
+}
+
+TEST_P(EveryShape, CanBeMadeOfItsFewestTriangles) {
+    const std::string& name = GetParam();
+    for (uint32_t fewest = 12;; ++fewest) {
+        ASSERT_LT(fewest, 1001u) << name;
+        try {
+            expect_sound(make_shape(name, fewest), name, name + " " + std::to_string(fewest));
+            break;
+        } catch (const InputError&) {
+        }
+    }
+}
+
+TEST_P(EveryShape, HasTheSameBytesEveryTimeAndInAnyThread) {
+    const std::string& name = GetParam();
+    const uint64_t first = reference::hash_mesh(make_shape(name, 1200, 3));
+    setenv("OMP_NUM_THREADS", "7", 1);
+    std::array<uint64_t, 2> again{};
+    std::vector<std::thread> threads;
+    for (uint64_t& hash : again) {
+        threads.emplace_back([&] { hash = reference::hash_mesh(make_shape(name, 1200, 3)); });
+    }
+    for (std::thread& thread : threads) thread.join();
+    for (const uint64_t hash : again) EXPECT_EQ(hash, first) << name;
 }
 
 TEST(LongShapeLibrary, FineShapesAreSoundAndFreeOfCrossings) {
     for (const std::string& name : shape_names()) {
         const Mesh fine = make_shape(name, 100000);
         EXPECT_NEAR(double(fine.triangle.size()), 1e5, 1e4) << name;
-        expect_sound(fine, name);
-        expect_well_shaped(fine, name);
-        EXPECT_EQ(reference::count_crossings(make_shape(name, 10000)), 0u) << name;
+        expect_sound(fine, name, name);
+        expect_well_shaped(fine, name, name);
+        if (known_of(name).organ) {
+            EXPECT_EQ(reference::count_crossings(make_shape(name, 10000)), 0u) << name;
+        }
     }
 }
 
 TEST(ShapeLibrary, SeedsChangeOrgansButNotTheirSoundness) {
-    for (const char* name : {"liver", "kidney"}) {
+    for (const char* name : {"liver", "kidney", "gallbladder", "stomach", "bowel"}) {
         std::vector<uint64_t> hashes;
         for (uint64_t seed = 1; seed <= 4; ++seed) {
             const Mesh mesh = make_shape(name, 1000, seed);
-            expect_sound(mesh, name + std::to_string(seed));
-            EXPECT_EQ(reference::count_crossings(mesh), 0u) << name << seed;
-            hashes.push_back(reference::hash_mesh(mesh));
+            expect_sound(mesh, name, name + std::to_string(seed));
+            Mesh bare = mesh;
+            bare.material.clear();
+            hashes.push_back(reference::hash_mesh(bare));
         }
         std::sort(hashes.begin(), hashes.end());
         EXPECT_EQ(std::unique(hashes.begin(), hashes.end()), hashes.end());
-    }
-}
-
-TEST(ShapeLibrary, TheSameBytesEveryTimeAndInAnyThread) {
-    for (const std::string& name : shape_names()) {
-        const uint64_t first = reference::hash_mesh(make_shape(name, 1200, 3));
-        setenv("OMP_NUM_THREADS", "7", 1);
-        std::array<uint64_t, 2> again{};
-        std::vector<std::thread> threads;
-        for (uint64_t& hash : again) {
-            threads.emplace_back([&] { hash = reference::hash_mesh(make_shape(name, 1200, 3)); });
-        }
-        for (std::thread& thread : threads) thread.join();
-        for (const uint64_t hash : again) EXPECT_EQ(hash, first) << name;
     }
 }
 
@@ -100,6 +163,35 @@ TEST(ShapeLibrary, OrgansHaveTheSizeOfOrgansAndAreCentred) {
     EXPECT_GT(kidney.volume, 1.2e-4);
     EXPECT_LT(kidney.volume, 2.0e-4);
     EXPECT_LT(kidney.centroid.norm(), 1e-12);
+    const auto stomach = reference::survey_surface(make_shape("stomach", 10000));
+    EXPECT_LT((stomach.extent - Vec3d(0.178, 0.206, 0.067)).cwiseAbs().maxCoeff(), 0.005);
+    EXPECT_GT(stomach.volume, 6.0e-4);
+    EXPECT_LT(stomach.volume, 8.0e-4);
+    EXPECT_LT(stomach.centroid.norm(), 1e-12);
+}
+
+// The lesser curvature hollows a J: between fundus and pylorus, and between fundus and oesophagus, lies nothing.
+TEST(ShapeLibrary, StomachIsAJWithAFundusAboveTheCardia) {
+    const ImplicitShape stomach = stomach_shape(1);
+    const auto inside = [&](double x, double y) { return stomach.distance(Vec3d(x, y, 0) * 1e-3) < 0; };
+    EXPECT_TRUE(inside(40, 90));    // fundus
+    EXPECT_TRUE(inside(38, -10));   // body
+    EXPECT_TRUE(inside(-10, -75));  // antrum
+    EXPECT_TRUE(inside(-57, -46));  // pylorus
+    EXPECT_TRUE(inside(-16, 90));   // oesophagus
+    EXPECT_FALSE(inside(-25, -20));
+    EXPECT_FALSE(inside(-4, 92));  // the notch between oesophagus and fundus
+    // the pylorus is narrower than what is before and behind it
+    const auto width = [&](const Vec3d& at, const Vec3d& across) {
+        double reach = 0;
+        while (stomach.distance((at + reach * across) * 1e-3) < 0) reach += 0.05;
+        double back = 0;
+        while (stomach.distance((at - back * across) * 1e-3) < 0) back += 0.05;
+        return reach + back;
+    };
+    const Vec3d z = Vec3d::UnitZ();
+    EXPECT_LT(1.3 * width({-57, -46, 0}, z), width({-68, -32, 0}, z));
+    EXPECT_LT(1.5 * width({-57, -46, 0}, z), width({-8, -72, 0}, z));
 }
 
 // Two points inside whose middle is outside: across the underside of the liver, across the hilum of the kidney.
@@ -116,7 +208,7 @@ TEST(ShapeLibrary, LiverHasAHollowUndersideAndKidneyAHilum) {
 }
 
 TEST(ShapeLibrary, VerticesOfOrgansLieOnTheImplicitSurface) {
-    for (const ImplicitShape& shape : {liver_shape(1), kidney_shape(1)}) {
+    for (const ImplicitShape& shape : {liver_shape(1), kidney_shape(1), stomach_shape(1)}) {
         for (const uint32_t wanted : {1000u, 10000u}) {
             double worst = 0;
             for (const Vec3d& p : mesh_implicit(shape, wanted).position) {
@@ -213,8 +305,33 @@ TEST(ShapeLibrary, TextureCoordinatesNeitherSmearNorJumpInsideATriangle) {
     }
 }
 
+// A lofted shape's texture turns a whole number of times around; at a point a turn shrinks to nothing, elsewhere the
+// picture is neither torn nor stretched.
+TEST(ShapeLibrary, TextureOfLoftedShapesRunsOnAcrossTheSeam) {
+    for (const std::string name : {"gallbladder", "bowel", "grasper_jaw", "scissor_blade", "needle"}) {
+        const Mesh mesh = make_shape(name, 10000);
+        double around = 0;
+        for (const auto& uv : mesh.uv) {
+            for (const Vec2& at : uv) around = std::max(around, double(at.u));
+        }
+        const double turns = std::floor(around + 1e-6);
+        EXPECT_GE(turns, 1) << name;
+        uint32_t seam = 0;
+        for (const auto& uv : mesh.uv) {
+            for (int k = 0; k < 3; ++k) {
+                ASSERT_LT(std::abs(uv[k].u - uv[(k + 1) % 3].u), 0.27 * turns) << name;
+                ASSERT_LT(std::abs(uv[k].v - uv[(k + 1) % 3].v), 0.5) << name;
+                seam += uv[k].u >= turns - 1e-6;
+            }
+        }
+        EXPECT_GT(seam, 20u) << name;
+    }
+}
+
 TEST(ShapeLibrary, PicturesRepeatWithoutASeam) {
-    for (const Image& image : {paint_liver(2), paint_kidney(2), paint_steel(2), paint_drape(2)}) {
+    for (const Image& image :
+         {paint_liver(2), paint_kidney(2), paint_steel(2), paint_drape(2), paint_gallbladder(2), paint_stomach(2),
+          paint_bowel(2), paint_muscle(2), paint_fascia(2), paint_peritoneum(2), paint_polypropylene(2)}) {
         const uint32_t n = kTextureSize;
         ASSERT_EQ(image.rgba.size(), size_t(n) * n * 4);
         const auto at = [&](uint32_t x, uint32_t y) { return int(image.rgba[(size_t(y) * n + x) * 4]); };
