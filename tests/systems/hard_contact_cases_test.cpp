@@ -104,7 +104,9 @@ TEST(HardCases, H11_CellsOfEqualHashes) {
     // triangles lie past the middle of the cell counted from the lowest box, so that no rounding moves them out of it
     ContactScene scene({{make(Vec3d::Zero()), Motion::kHand, Vec3d::Zero(), {}},
                         {make(Vec3d(1e-5, 2e-5, 3e-5)), Motion::kDeformable, Vec3d::Zero(), {}}});
-    scene.params.cell_edges = kCell / kEdge;
+    const std::vector<Vec3d> corner = make(Vec3d::Zero()).position;
+    const double edges = (corner[1] - corner[0]).norm() + (corner[2] - corner[1]).norm() + (corner[0] - corner[2]).norm();
+    scene.params.cell_edges = kCell / (edges / 3);
     scene.find_triangles();
     // as laid out: every shared cell is one of ours, and the adversary's keys did arrive
     uint32_t crowded = 0;
