@@ -44,7 +44,8 @@ using OrganProgress = std::function<void(double done, const std::string& stage)>
 //     smaller, the volume's level does not;
 //  3. Taubin smoothing; a warning when that changes the volume by more than 1 %; every vertex then moves along its
 //     normal by one common distance that restores it;
-//  4. simplification (meshoptimizer's quadric edge collapse) to params.triangles, restored in the same way;
+//  4. simplification (meshoptimizer's quadric edge collapse) to params.triangles, up to 9 % fewer or as many more as it
+//     takes: the first outcome that is solid; the volume is restored in the same way;
 //  5. judgement.
 // Every stage is checked for holes. The selection must not be empty and must have a frame of organ_frame(params)
 // voxels. Throws InputError when nothing is left of it.
@@ -54,8 +55,9 @@ OrganSurface make_organ_surface(const OrganParams& params, const Volume& volume,
 // Voxels of frame that the blur needs around a selection.
 uint32_t organ_frame(const OrganParams& params);
 
-// Collapses edges to about `triangles` triangles by meshoptimizer's quadric error; vertices that stay do not move.
-// Closed surfaces stay closed. Returns the relative error it reports, of the largest extent.
+// Collapses edges to about `triangles` triangles by meshoptimizer's quadric error (Garland and Heckbert 1997); vertices
+// that stay do not move, fins are dropped. Closed surfaces stay closed, but folds may be left: judge the outcome.
+// Returns the error meshoptimizer reports, relative to the largest extent.
 double simplify_mesh(Mesh& mesh, uint32_t triangles);
 
 }  // namespace trocar
