@@ -218,6 +218,22 @@ struct OrganWork {
         organ.stages.push_back(stage);
     }
 
+    // A mesh of a few triangles shrinks to nothing: then it stays as it is.
+    void smooth(uint32_t rounds, double wanted) {
+        const std::vector<Vec3d> before = organ.mesh.position;
+        smooth_taubin({rounds}, organ.mesh.triangle, organ.mesh.position);
+        const double change = enclosed_volume(organ.mesh) / wanted - 1;
+        if (!(std::abs(change) < 0.2)) {
+            organ.warnings.push_back("smoothing was left out: it would change the volume by " + percent(change));
+            organ.mesh.position = before;
+            return;
+        }
+        if (std::abs(change) > 0.01) organ.warnings.push_back("smoothing changed the volume by " + percent(change));
+        end("smoothing");
+        restore_volume(wanted, organ.mesh.triangle, organ.mesh.position);
+        end("volume restored");
+    }
+
     // The simplifier looks at one collapse at a time and now and then leaves a fold. One per cent fewer triangles go
     // another way; where that does not help either, more triangles do.
     void simplify(uint32_t triangles, double wanted) {
@@ -303,12 +319,7 @@ OrganSurface make_organ_surface(const OrganParams& params, const Volume& volume,
     const double wanted = organ.stages.back().volume;
     if (params.smooth > 0) {
         work.begin(0.4, "smoothing");
-        smooth_taubin({params.smooth}, organ.mesh.triangle, organ.mesh.position);
-        work.end("smoothing");
-        const double change = organ.stages.back().change;
-        if (std::abs(change) > 0.01) organ.warnings.push_back("smoothing changed the volume by " + percent(change));
-        restore_volume(wanted, organ.mesh.triangle, organ.mesh.position);
-        work.end("volume restored");
+        work.smooth(params.smooth, wanted);
     }
     if (params.triangles > 0 && organ.mesh.triangle.size() > params.triangles) {
         work.begin(0.6, "simplifying");

@@ -61,7 +61,7 @@ struct OrganOptions {
     std::string series;          // DICOM series UID; empty = the only one
     uint32_t smooth = 10;        // rounds
     uint32_t triangles = 0;      // 0 = as contoured
-    double blur = 0.8;           // voxels
+    double blur = 1;             // voxels
     double tets = 0;             // lattice spacing, mm; 0 = no tetrahedra
     bool all_pieces = false;
     bool json = false;
