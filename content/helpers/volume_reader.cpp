@@ -12,7 +12,10 @@
 #include <cstdlib>
 #include <cstring>
 #include <filesystem>
+#include <fstream>
+#include <iterator>
 #include <new>
+#include <string_view>
 
 #include "content/volume_stream.hpp"
 #include "engine/child_process.hpp"
@@ -156,10 +159,76 @@ void check_nifti_length(const fs::path& path) {
     }
 }
 
+std::string file_bytes(const fs::path& path) {
+    std::ifstream stream(path, std::ios::binary);
+    if (!stream) fail(path.filename().string() + " cannot be opened");
+    return {std::istreambuf_iterator<char>(stream), std::istreambuf_iterator<char>()};
+}
+
+// Bytes a zlib stream holds; up to its damage if it is damaged.
+uint64_t inflated_bytes(std::string_view packed) {
+    z_stream stream{};
+    if (inflateInit2(&stream, 15 + 32) != Z_OK) fail("cannot start unpacking");
+    std::vector<char> buffer(1 << 20);
+    uint64_t total = 0;
+    int state = Z_OK;
+    stream.next_in = reinterpret_cast<Bytef*>(const_cast<char*>(packed.data()));
+    stream.avail_in = static_cast<uInt>(packed.size());
+    while (state == Z_OK) {
+        stream.next_out = reinterpret_cast<Bytef*>(buffer.data());
+        stream.avail_out = static_cast<uInt>(buffer.size());
+        state = inflate(&stream, Z_NO_FLUSH);
+        total += buffer.size() - stream.avail_out;
+    }
+    inflateEnd(&stream);
+    return total;
+}
+
+// ITK takes a MetaImage that ends early as well. Header lines are "Key = value"; ElementDataFile is the last, its voxels
+// follow (LOCAL) or are a file of their own.
+void check_meta_length(const fs::path& path, uint64_t wanted) {
+    const std::string bytes = file_bytes(path);
+    const size_t key = bytes.find("ElementDataFile");
+    if (key == std::string::npos) fail("has no ElementDataFile");
+    const size_t line_end = std::min(bytes.find('\n', key), bytes.size());
+    std::string name = bytes.substr(key, line_end - key);
+    name.erase(0, name.find('=') == std::string::npos ? name.size() : name.find('=') + 1);
+    name.erase(0, std::min(name.find_first_not_of(" \t"), name.size()));
+    name.erase(name.find_last_not_of(" \t\r") + 1);
+    const std::string_view head = std::string_view(bytes).substr(0, key);
+    const size_t packed_key = head.find("CompressedData ");
+    const bool packed = packed_key != std::string_view::npos &&
+                        head.substr(packed_key, head.find('\n', packed_key) - packed_key).find("rue") != std::string_view::npos;
+    const std::string there = name == "LOCAL" || name == "Local" || name == "local"
+                                  ? bytes.substr(std::min(line_end + 1, bytes.size()))
+                                  : file_bytes(path.parent_path() / name);
+    const uint64_t count = packed ? inflated_bytes(there) : there.size();
+    if (count < wanted) {
+        fail("is cut short: its header asks for " + std::to_string(wanted) + " bytes, " + std::to_string(count) + " are there");
+    }
+}
+
+// And a DICOM file whose pixels end early: PixelData (7FE0,0010) is the last of that tag, explicit or implicit in its
+// kind, little endian; packed pixels end with a delimiter (FFFE,E0DD).
+void check_dicom_length(const fs::path& path) {
+    const std::string bytes = file_bytes(path);
+    const size_t tag = bytes.rfind(std::string("\xe0\x7f\x10\x00", 4));
+    if (tag == std::string::npos) return;  // big endian; ITK judges
+    const bool named = bytes.compare(tag + 4, 2, "OW") == 0 || bytes.compare(tag + 4, 2, "OB") == 0;
+    const size_t begin = tag + (named ? 12 : 8);
+    if (begin > bytes.size()) fail(path.filename().string() + " is cut short");
+    uint32_t length = 0;
+    std::memcpy(&length, bytes.data() + begin - 4, 4);
+    const bool whole = length == UINT32_MAX ? bytes.find(std::string("\xfe\xff\xdd\xe0", 4), begin) != std::string::npos
+                                            : length <= bytes.size() - begin;
+    if (!whole) fail(path.filename().string() + " is cut short within its pixels");
+}
+
 void write_file(const fs::path& path, ImageIO& io) {
     io.SetFileName(path.string());
     io.ReadImageInformation();
     const VolumeStreamHeader header = describe(io);
+    if (dynamic_cast<itk::MetaImageIO*>(&io) != nullptr) check_meta_length(path, header.voxel_bytes);
     const std::vector<char> voxels = read_voxels(io, header.voxel_bytes);
     write_bytes(&header, sizeof header);
     write_bytes(voxels.data(), voxels.size());
@@ -185,6 +254,7 @@ double slice_thickness(const itk::GDCMImageIO& io) {
 std::vector<Slice> order_slices(const std::vector<std::string>& files) {
     std::vector<Slice> slices;
     for (const std::string& file : files) {
+        check_dicom_length(file);
         const auto io = itk::GDCMImageIO::New();
         io->SetFileName(file);
         io->ReadImageInformation();
@@ -285,11 +355,8 @@ void write_volume(const fs::path& path, const std::string& series) {
     write_series({path.string()});
 }
 
-// Reasons of ITK span lines and name its sources; the last sentence is what happened.
 std::string one_line(std::string text) {
     for (char& c : text) c = static_cast<unsigned char>(c) < ' ' ? ' ' : c;
-    const size_t colon = text.rfind("): ");
-    if (colon != std::string::npos) text.erase(0, colon + 3);
     const size_t first = text.find_first_not_of(' ');
     return first == std::string::npos ? "ITK gives no reason" : text.substr(first, text.find_last_not_of(' ') - first + 1);
 }
@@ -311,7 +378,14 @@ int main(int argc, char** argv) {
     } catch (const itk::MemoryAllocationError&) {
         return trocar::kChildOutOfMemory;
     } catch (const itk::ExceptionObject& e) {
-        std::fprintf(stderr, "\n%s\n", trocar::one_line(e.GetDescription()).c_str());
+        // reasons of ITK begin with the object that gives them: "ITK ERROR: NrrdImageIO(0x55..): reason"
+        std::string reason = e.GetDescription();
+        const size_t object = reason.find("): ");
+        const bool named = reason.rfind("ITK ERROR", 0) == 0 || reason.rfind("itk::ERROR", 0) == 0;
+        if (named && object != std::string::npos) reason.erase(0, object + 3);
+        const size_t cause = reason.rfind("[nrrd] ");  // the innermost of several
+        if (cause != std::string::npos) reason.erase(0, cause + 7);
+        std::fprintf(stderr, "\n%s\n", trocar::one_line(reason).c_str());
     } catch (const std::exception& e) {
         std::fprintf(stderr, "\n%s\n", trocar::one_line(e.what()).c_str());
     }
