@@ -1,12 +1,16 @@
 #include <charconv>
 #include <cmath>
 #include <cstdio>
+#include <ctime>
 #include <nlohmann/json.hpp>
 
+#include "content/mesh_distance.hpp"
 #include "content/organ_surface.hpp"
 #include "content/save_mesh.hpp"
+#include "content/save_tets.hpp"
 #include "content/volume_file.hpp"
 #include "engine/error.hpp"
+#include "engine/whole_file.hpp"
 #include "systems/app/commands.hpp"
 #include "systems/app/progress.hpp"
 #include "systems/app/standard_streams.hpp"
@@ -68,6 +72,73 @@ std::vector<OrganTask> list_tasks(const OrganOptions& options, const Volume& vol
     return tasks;
 }
 
+// The tetrahedra of an organ and where they were written.
+struct OrganTets {
+    size_t vertices = 0, tetrahedra = 0;
+    TetFacts facts;
+    double seconds = 0;  // of processor time of this process
+    std::vector<std::string> files;
+    bool sound(double surface_volume) const {
+        return tetrahedra > 0 && facts.inverted == 0 && facts.bad_faces == 0 && facts.open_edges == 0 &&
+               facts.min_dihedral > kStuffingMinDihedral && facts.max_dihedral < kStuffingMaxDihedral &&
+               std::abs(facts.volume / surface_volume - 1) < 0.5;
+    }
+};
+
+OrganTets fill_organ(const OrganOptions& options, const OrganTask& task, const OrganSurface& organ) {
+    if (organ.judgement.admitted_as != Admission::kSolid && organ.judgement.admitted_as != Admission::kWinding) {
+        throw InputError(task.out.string() + ": no tetrahedra: the surface has no inside (" + organ.judgement.reason + ")");
+    }
+    const std::clock_t start = std::clock();
+    const TetMesh mesh = stuff_isosurface({options.tets, 1}, {organ.judgement.bbox_min, organ.judgement.bbox_max},
+                                          mesh_distance(organ.mesh, organ.judgement.admitted_as));
+    OrganTets tets;
+    tets.seconds = double(std::clock() - start) / CLOCKS_PER_SEC;
+    tets.vertices = mesh.position.size();
+    tets.tetrahedra = mesh.tetrahedron.size();
+    tets.facts = judge_tets(mesh);
+    if (mesh.tetrahedron.empty()) {
+        throw InputError(task.out.string() + ": no tetrahedra: a spacing of " + format("%g", options.tets) + " mm is too wide for it");
+    }
+    std::vector<FileContents> contents;
+    const std::string vtu = encode_vtu(mesh), msh = encode_msh(mesh);
+    for (const auto& [ending, bytes] : {std::pair{".vtu", &vtu}, {".msh", &msh}}) {
+        std::filesystem::path file = task.out;
+        contents.push_back({file.replace_extension(ending), *bytes});
+        tets.files.push_back(contents.back().path.string());
+    }
+    write_whole_files(contents);
+    return tets;
+}
+
+nlohmann::ordered_json tets_to_json(const OrganTets& t) {
+    return {{"files", t.files},
+            {"vertices", t.vertices},
+            {"tetrahedra", t.tetrahedra},
+            {"min_dihedral", t.facts.min_dihedral},
+            {"max_dihedral", t.facts.max_dihedral},
+            {"bounds", {kStuffingMinDihedral, kStuffingMaxDihedral}},
+            {"inverted", t.facts.inverted},
+            {"open_edges", t.facts.open_edges},
+            {"bad_faces", t.facts.bad_faces},
+            {"volume_mm3", t.facts.volume},
+            {"min_volume_mm3", t.facts.min_volume},
+            {"tets_per_cpu_second", t.seconds > 0 ? double(t.tetrahedra) / t.seconds : 0}};
+}
+
+std::string tets_to_text(const OrganTets& t, double surface_volume) {
+    char text[512];
+    std::snprintf(text, sizeof text,
+                  "  tetrahedra: %zu, %zu vertices; dihedral angles %.2f to %.2f degrees (proven %.1f to %.1f); inverted %llu; "
+                  "boundary %s; %.2f ml (%+.3f %% of the surface); %.0f thousand a second of processor time\n  written: %s, %s\n",
+                  t.tetrahedra, t.vertices, t.facts.min_dihedral, t.facts.max_dihedral, kStuffingMinDihedral,
+                  kStuffingMaxDihedral, static_cast<unsigned long long>(t.facts.inverted),
+                  t.facts.open_edges + t.facts.bad_faces == 0 ? "watertight" : "NOT watertight", t.facts.volume * 1e-3,
+                  100 * (t.facts.volume / surface_volume - 1), t.seconds > 0 ? double(t.tetrahedra) / t.seconds * 1e-3 : 0,
+                  t.files[0].c_str(), t.files[1].c_str());
+    return text;
+}
+
 nlohmann::ordered_json to_json(const OrganTask& task, const OrganSurface& organ) {
     nlohmann::ordered_json stages = nlohmann::ordered_json::array();
     for (const OrganStage& s : organ.stages) {
@@ -116,6 +187,7 @@ std::string to_text(const OrganTask& task, const OrganSurface& organ) {
 
 int organ_command(const OrganOptions& options) {
     if (!(options.blur >= 0 && options.blur <= 5)) throw InputError("--blur: 0 to 5 voxels");
+    if (!(options.tets >= 0 && std::isfinite(options.tets))) throw InputError("--tets: a spacing in mm, above 0");
     if (options.smooth > 1000) throw InputError("--smooth: at most 1000 rounds");
     Progress progress("organ");
     progress.show(0, "reading " + options.volume);
@@ -138,7 +210,16 @@ int organ_command(const OrganOptions& options) {
             std::fprintf(stderr, "trocar: warning: %s: %s\n", task.out.c_str(), warning.c_str());
         }
         sound = sound && organ.judgement.admitted_as == Admission::kSolid;
-        write_standard_output(options.json ? to_json(task, organ).dump() + "\n" : to_text(task, organ));
+        nlohmann::ordered_json answer = to_json(task, organ);
+        std::string text = to_text(task, organ);
+        if (options.tets > 0) {
+            show(0.9, "filling with tetrahedra");
+            const OrganTets tets = fill_organ(options, task, organ);
+            sound = sound && tets.sound(organ.judgement.volume);
+            answer["tets"] = tets_to_json(tets);
+            text += tets_to_text(tets, organ.judgement.volume);
+        }
+        write_standard_output(options.json ? answer.dump() + "\n" : text);
     }
     return sound ? kDone : kNo;
 }
