@@ -78,10 +78,9 @@ struct OrganTets {
     TetFacts facts;
     double seconds = 0;  // of processor time of this process
     std::vector<std::string> files;
-    bool sound(double surface_volume) const {
+    bool sound() const {
         return tetrahedra > 0 && facts.inverted == 0 && facts.bad_faces == 0 && facts.open_edges == 0 &&
-               facts.min_dihedral > kStuffingMinDihedral && facts.max_dihedral < kStuffingMaxDihedral &&
-               std::abs(facts.volume / surface_volume - 1) < 0.5;
+               facts.min_dihedral > kStuffingMinDihedral && facts.max_dihedral < kStuffingMaxDihedral;
     }
 };
 
@@ -215,7 +214,7 @@ int organ_command(const OrganOptions& options) {
         if (options.tets > 0) {
             show(0.9, "filling with tetrahedra");
             const OrganTets tets = fill_organ(options, task, organ);
-            sound = sound && tets.sound(organ.judgement.volume);
+            sound = sound && tets.sound();
             answer["tets"] = tets_to_json(tets);
             text += tets_to_text(tets, organ.judgement.volume);
         }
