@@ -9,10 +9,13 @@
 #include <numeric>
 
 #include "content/marching_cubes.hpp"
+#include "content/remeshing.hpp"
 #include "content/smoothing.hpp"
 #include "engine/check.hpp"
+#include "engine/closest_point.hpp"
 #include "engine/edge_table.hpp"
 #include "engine/error.hpp"
+#include "engine/mesh_topology.hpp"
 namespace trocar {
 namespace {
 
@@ -197,6 +200,14 @@ uint32_t drop_fins(Mesh& mesh) {
     return pairs;
 }
 
+// Fewer, even triangles with their vertices on the surface as it was.
+void remesh_on_itself(Mesh& mesh, uint32_t triangles) {
+    Meshes meshes;
+    const uint32_t row = add_prototype(meshes, mesh, Admission::kSolid);
+    const ClosestPointTree tree(mesh_view(meshes, row));
+    remesh_evenly({triangles}, [&](const Vec3d& p) { return tree.query(p).point; }, mesh.position, mesh.triangle);
+}
+
 std::string percent(double part) {
     char text[32];
     std::snprintf(text, sizeof text, "%.2f %%", 100 * part);
@@ -236,11 +247,11 @@ struct OrganWork {
 
     // The simplifier looks at one collapse at a time and now and then leaves a fold. One per cent fewer triangles go
     // another way; where that does not help either, more triangles do.
-    void simplify(uint32_t triangles, double wanted) {
+    void simplify(uint32_t triangles, bool even, double wanted) {
         const OrganSurface before = organ;
         const auto attempt = [&](uint32_t count) {
             OrganWork work{before, progress};
-            simplify_mesh(work.organ.mesh, count);
+            even ? remesh_on_itself(work.organ.mesh, count) : void(simplify_mesh(work.organ.mesh, count));
             work.end("simplification");
             restore_volume(wanted, work.organ.mesh.triangle, work.organ.mesh.position);
             work.end("volume restored");
@@ -323,7 +334,7 @@ OrganSurface make_organ_surface(const OrganParams& params, const Volume& volume,
     }
     if (params.triangles > 0 && organ.mesh.triangle.size() > params.triangles) {
         work.begin(0.6, "simplifying");
-        work.simplify(params.triangles, wanted);
+        work.simplify(params.triangles, params.even, wanted);
     } else {
         work.begin(0.8, "judging");
         organ.judgement = judge_mesh(organ.mesh);

@@ -8,9 +8,10 @@
 namespace trocar {
 
 struct OrganParams {
-    double blur = 0.8;          // voxels, standard deviation along each index; 0 = the bare steps of the voxels
+    double blur = 1;            // voxels, standard deviation along each index; 0 = the bare steps of the voxels
     uint32_t smooth = 10;       // rounds of Taubin smoothing
     uint32_t triangles = 0;     // wanted after simplification; 0 = as contoured
+    bool even = false;          // simplify to even triangles, for simulation, instead of fewest for the shape
     bool all_pieces = false;    // keep every piece of the selection, not the largest only
 };
 
@@ -44,7 +45,8 @@ using OrganProgress = std::function<void(double done, const std::string& stage)>
 //     smaller, the volume's level does not;
 //  3. Taubin smoothing; a warning when that changes the volume by more than 1 %; every vertex then moves along its
 //     normal by one common distance that restores it;
-//  4. simplification (meshoptimizer's quadric edge collapse) to params.triangles, up to 9 % fewer or as many more as it
+//  4. simplification (meshoptimizer's quadric edge collapse; with params.even remesh_evenly, whose shortest edges are
+//     long, which is what explicit dynamics wants) to params.triangles, up to 9 % fewer or as many more as it
 //     takes: the first outcome that is solid; the volume is restored in the same way;
 //  5. judgement.
 // Every stage is checked for holes. The selection must not be empty and must have a frame of organ_frame(params)

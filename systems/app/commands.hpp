@@ -61,6 +61,7 @@ struct OrganOptions {
     std::string series;          // DICOM series UID; empty = the only one
     uint32_t smooth = 10;        // rounds
     uint32_t triangles = 0;      // 0 = as contoured
+    bool even = false;           // even triangles
     double blur = 1;             // voxels
     double tets = 0;             // lattice spacing, mm; 0 = no tetrahedra
     bool all_pieces = false;

@@ -127,6 +127,7 @@ void describe(CLI::App& app, Arguments& a) {
     organ->add_option("--smooth", a.organ.smooth, "Rounds of volume-keeping smoothing (default 10)");
     organ->add_option("--blur", a.organ.blur, "Blur of the voxels before contouring, in voxels (default 1; 0 keeps steps)");
     organ->add_option("--triangles", a.organ.triangles, "Simplify to about this many (default: as contoured)");
+    organ->add_flag("--even", a.organ.even, "Even triangles for simulation, instead of the fewest that keep the shape");
     organ->add_option("--tets", a.organ.tets, "Also fill with tetrahedra on a lattice of this spacing, mm: writes .vtu and .msh");
     organ->add_flag("--all-pieces", a.organ.all_pieces, "Keep every piece, not the largest alone");
     organ->add_option("--series", a.organ.series, "DICOM series UID, where a folder holds several");

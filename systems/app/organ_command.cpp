@@ -192,7 +192,7 @@ int organ_command(const OrganOptions& options) {
     progress.show(0, "reading " + options.volume);
     const Volume volume = read_volume(options.volume, options.series);
     const std::vector<OrganTask> tasks = list_tasks(options, volume);
-    const OrganParams params{options.blur, options.smooth, options.triangles, options.all_pieces};
+    const OrganParams params{options.blur, options.smooth, options.triangles, options.even, options.all_pieces};
     bool sound = true;
     for (size_t k = 0; k < tasks.size(); ++k) {
         const OrganTask& task = tasks[k];

@@ -140,12 +140,15 @@ TEST(OrganSurface, SimplificationKeepsTheSurfaceClosedAndItsVolume) {
     OrganParams params;
     for (const uint32_t wanted : {4000u, 1000u, 300u}) {
         params.triangles = wanted;
+        params.even = !params.even;
         const OrganSurface organ = make(volume, params);
         expect_solid(organ);
         EXPECT_LE(organ.mesh.triangle.size(), wanted);
         EXPECT_GE(organ.mesh.triangle.size(), wanted * 0.9);
         EXPECT_EQ(reference::survey_surface(organ.mesh).euler, 0) << "a torus has one hole";
-        EXPECT_NEAR(organ.stages.back().volume / organ.voxel_volume, 1, 1e-3);
+        const auto shape = reference::survey_shape(organ.mesh);
+        EXPECT_GT(shape.min_edge / shape.mean_edge, params.even ? 0.35 : 0.02);
+        EXPECT_NEAR(organ.stages.back().volume / organ.voxel_volume, 1, 1e-3) << wanted;
     }
 }
 
@@ -159,21 +162,31 @@ TEST(OrganSurface, OneVoxelIsASmallBall) {
     EXPECT_NE(organ.warnings[0].find("smoothing"), std::string::npos);
 }
 
-// The figures of the issue: within 1 % of the voxels above 100 ml, 2 % above 10 ml.
-TEST(OrganSurface, EveryLabelOfTheAbdomenIsSolidWithItsVolume) {
-    if (shared_data_folder().empty()) GTEST_SKIP() << "the folder of real data is absent";
-    if (find_helper_program("trocar-volume-reader").empty()) GTEST_SKIP() << "built without ITK";
+// Every label of at least `millilitres` within 1 % of its voxels above 100 ml, 2 % below; returns how many there were.
+uint32_t check_labels(double millilitres) {
     const Volume volume = read_volume(reference::shared_data("volumes/abdomen_labels_u8.nrrd"));
     uint32_t organs = 0;
     for (const auto& [label, count] : count_values(volume)) {
-        const double millilitres = double(count) * voxel_volume(volume) * 1e-3;
-        if (label == 0 || millilitres < 10) continue;
+        const double size = double(count) * voxel_volume(volume) * 1e-3;
+        if (label == 0 || size < millilitres) continue;
         const OrganSurface organ = make_organ_surface({}, volume, select_label(volume, label, organ_frame({})));
         ++organs;
         EXPECT_EQ(organ.judgement.admitted_as, Admission::kSolid) << label << ": " << organ.judgement.reason;
-        EXPECT_NEAR(organ.judgement.volume / (double(organ.pieces[0]) * 27), 1, millilitres > 100 ? 0.01 : 0.02) << label;
+        EXPECT_NEAR(organ.judgement.volume / (double(organ.pieces[0]) * 27), 1, size > 100 ? 0.01 : 0.02) << label;
     }
-    EXPECT_EQ(organs, 41u);
+    return organs;
+}
+
+TEST(OrganSurface, LargeLabelsOfTheAbdomenAreSolidWithTheirVolume) {
+    if (shared_data_folder().empty()) GTEST_SKIP() << "the folder of real data is absent";
+    if (find_helper_program("trocar-volume-reader").empty()) GTEST_SKIP() << "built without ITK";
+    EXPECT_EQ(check_labels(400), 6u);
+}
+
+TEST(OrganSurface, LongEveryLabelOfTheAbdomenIsSolidWithItsVolume) {
+    if (shared_data_folder().empty()) GTEST_SKIP() << "the folder of real data is absent";
+    if (find_helper_program("trocar-volume-reader").empty()) GTEST_SKIP() << "built without ITK";
+    EXPECT_EQ(check_labels(10), 41u);
 }
 
 }  // namespace
