@@ -28,7 +28,7 @@ AdvanceBody make_body(const AdvanceIsland& island, uint32_t body, uint32_t buffe
     b.shape = bodies.anchor_frame[body] == AnchorFrame::kShape;
     b.damping = bodies.tissue[body].damping;
     b.last_dt = island.particles.last_dt[body];
-    b.origin = island.poses.origin[body];
+    b.origin = to_vec4(island.poses.origin[body]);
     b.orientation = island.poses.orientation[body];
     b.now = island.particles.offset.data() + b.particles.first;
     b.step = bind_body(springs, bodies, island.inputs.anchors, island.particles, body);
@@ -85,6 +85,10 @@ void step_bodies(AdvanceIsland& island, const SpringKernels& kernels, uint32_t s
             fit_goals(totals, island.poses.orientation[b.body], b.step);
             fit_drag(totals, b.step);
         }
+        const float* drag = b.step.drag_velocity;
+        const float* turn = b.step.drag_turn;
+        b.drag_velocity = make_vec4(drag[0], drag[1], drag[2]);
+        b.drag_turn = make_vec4(turn[0], turn[1], turn[2]);
         double* work = island.params.account_energy && b.damping > 0 ? s.sums.data() + chunk * kSliceWidth : nullptr;
         parallel_for(b.slices, kSlicesPerChunk, [&](uint32_t begin, uint32_t end) {
             kernels.step(&b.step, begin, end, work ? work + begin / kSlicesPerChunk * kSliceWidth : nullptr);
@@ -149,8 +153,8 @@ void finish_bodies(AdvanceIsland& island) {
     for (const AdvanceRigid& rigid : island.scratch.rigid) {
         if (rigid.node == kNone) continue;
         const ContactNode& node = island.scratch.node[rigid.node];
-        island.poses.origin[rigid.body] = node.place;
-        island.poses.velocity[rigid.body] = node.velocity;
+        island.poses.origin[rigid.body] = to_vec3(node.place);
+        island.poses.velocity[rigid.body] = to_vec3(node.velocity);
         island.poses.orientation[rigid.body] = rigid.orientation[1];
         island.poses.angular_velocity[rigid.body] =
             rotation_vector(rigid.orientation[0], rigid.orientation[1]) / island.dt;
@@ -186,23 +190,28 @@ void advance_island(const AdvanceParams& params, const AdvanceInputs& inputs, st
     AdvanceIsland island{params, inputs, scratch, particles, poses, rows, tools, result, dt};
     const SpringKernels& kernels = spring_kernels();
     gather_bodies(island, island_bodies);
+    const auto observe = [&](void (*call)(void*)) {
+        if (call && !island_rows.empty()) call(params.observer.user);
+    };
+    observe(params.observer.begin);
     plan_contacts(island, island_rows);
+    observe(params.observer.end);
     clear_sums(scratch);
+    const uint32_t per_ms = params.substeps / params.ticks;
+    TROCAR_ASSERT(!params.tick_hook.run || per_ms * params.ticks == params.substeps);
     for (uint32_t substep = 0; substep < params.substeps; ++substep) {
-        const bool last = substep + 1 == params.substeps;
+        if (params.tick_hook.run && substep % per_ms == 0) params.tick_hook.run(params.tick_hook.user, substep / per_ms);
         place_rigid_bodies(island, substep);
-        note_velocities(island);
+        observe(params.observer.begin);
+        note_velocities(island, substep);
+        observe(params.observer.end);
         step_bodies(island, kernels, substep);
         pull_hands(island, substep);
-        if (!scratch.plan.empty()) {
-            if (params.observer.begin) params.observer.begin(params.observer.user);
-            apply_impulses(island);
-            move_hands(island);
-            push_out(island, last);
-            if (params.observer.end) params.observer.end(params.observer.user);
-        } else {
-            move_hands(island);
-        }
+        observe(params.observer.begin);
+        if (!scratch.plan.empty()) apply_impulses(island);
+        move_hands(island);
+        if (!scratch.plan.empty()) push_out(island, substep);
+        observe(params.observer.end);
         for (AdvanceBody& b : scratch.body) b.now = b.next;
     }
     for (const double work : scratch.sums) result.work_damping += work;

@@ -64,6 +64,7 @@ class Frame {
     std::span<const uint32_t> detection_stages() const;
 
  private:
+    void warm_up();
     std::unique_ptr<struct FrameState> state_;
     struct Graphs;
     std::unique_ptr<Graphs> graphs_;

@@ -361,8 +361,9 @@ TEST(Advance, MomentumOfAFreePairIsKept) {
     EXPECT_GT(acted, 100u);
     EXPECT_GT((first_end - first).norm(), 0.3 * first.norm());
     EXPECT_LT((p_end - p).norm(), 1e-6 * p.norm());
-    // of the larger of the two bodies' shares: 0.4 m/s at 0.03 m
-    EXPECT_LT((l_end - l).norm(), 1e-6 * first.norm() * 0.03);
+    // of the larger of the two bodies' shares: 0.4 m/s at 0.03 m. What is left is the rounding of 400 x 324 places and
+    // velocities to float: orders of the rows that differ in nothing else leave 0.5e-6 to 1.8e-6
+    EXPECT_LT((l_end - l).norm(), 4e-6 * first.norm() * 0.03);
     EXPECT_LE(s.energy.work_contact, 0);
 }
 
@@ -637,13 +638,13 @@ TEST(Advance, HandRestsOnAWall) {
     s.tools = {tool};
     DeviceState device;
     device.position = Vec3d(0, 0, 0.024);
-    s.devices = {{device, device}};
+    s.devices = {device, device};
     double lowest = 0;
     const MeshView view = mesh_view(s.meshes, s.bodies.mesh[ball]);
     for (const Vec3d& p : view.position) lowest = std::min(lowest, p.z());
     for (int ms = 0; ms < 600; ++ms) {
-        s.devices[0].from = s.devices[0].to;
-        s.devices[0].to.position.z() = std::max(0.004, 0.024 - 1e-4 * ms);
+        s.devices[0] = s.devices[1];
+        s.devices[1].position.z() = std::max(0.004, 0.024 - 1e-4 * ms);
         s.clear_rows();
         for (uint32_t v = 0; v < view.position.size(); ++v) {
             if (view.position[v].z() < -0.0095) s.add_row(ball, v, wall, {0, 1, 2}, {0.4, 0.3, 0.3}, {0, 0, 1}, 0, 0);
@@ -668,10 +669,15 @@ TEST(Advance, HandFollowsTheDevice) {
     s.tools = {tool};
     DeviceState from, to;
     to.position = Vec3d(0.1, 0.2, 0.3), to.orientation = from_rotation_vector({0, 0, 1});
-    s.devices = {{from, to}};
-    s.advance(100, 100);
-    s.devices[0].from = to;
+    s.device_stride = 401;
+    s.devices.assign(401, to);
+    for (int ms = 0; ms < 100; ++ms) {
+        s.devices[ms].position = 0.01 * ms * to.position;
+        s.devices[ms].orientation = from_rotation_vector({0, 0, 0.01 * ms});
+    }
     s.advance(400, 400);
+    s.devices.assign(401, to);
+    s.advance(100, 100);
     const Vec3d tip = s.poses.origin[ball] + rotate(s.poses.orientation[ball], tool.tip);
     EXPECT_LT((tip - to.position).norm(), 1e-6);
     EXPECT_LT(rotation_vector(s.poses.orientation[ball], to.orientation).norm(), 1e-9);
