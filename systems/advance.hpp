@@ -83,4 +83,8 @@ void advance_island(const AdvanceParams& params, const AdvanceInputs& inputs, st
                     std::span<const uint32_t> island_rows, AdvanceScratch& scratch, Particles& particles, Poses& poses,
                     ContactRows& rows, std::span<ToolState> tools, AdvanceResult& result);
 
+// Gives every scratch the room of the roomiest, so that after a pass it does not matter which thread runs which island:
+// none allocates for what another has done before.
+void share_room(std::span<AdvanceScratch> scratches);
+
 }  // namespace trocar

@@ -109,6 +109,7 @@ struct PendingPush {
 // Reused memory of advance_island, one per thread that may run it. Its content means nothing between calls.
 struct AdvanceScratch {
     std::vector<Float4> offset_a, offset_b;  // the two buffers of a substep, bodies of the island one after the other
+    std::vector<float> remainder;            // 3 fields, rows as the buffers; for bodies that carry_remainder
     std::vector<AdvanceBody> body;
     std::vector<AdvanceRigid> rigid;
     std::vector<double> sums;        // per chunk of slices: 16 lanes of damping work

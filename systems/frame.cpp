@@ -47,7 +47,6 @@ struct FrameScratch {
     std::vector<DeviceState> device;            // tools * (period + 1): every millisecond of the pass
     LocalContactScratch local_contact;
     std::array<HapticScratch, kMaxTools> haptic;
-    std::vector<uint64_t> tick_ns;              // tools * period
     std::array<DeviceState, kMaxTools> live_device;  // live: of the pass before
     bool live_device_known = false;
 };
@@ -147,7 +146,7 @@ void local_contact(FrameState& f) {
     w.local_contact.resize(w.haptics.tool.size());
     for (size_t t = 0; t < w.haptics.tool.size(); ++t)
         publish_local_contact(HapticParams{}, surfaces_of(w), w.boxes.box, w.haptics.tool[t], w.haptics.state[t], pass_seconds(w),
-                              w.clock.pass, f.scratch.local_contact, w.local_contact[t]);
+                              w.clock.pass + 1, f.scratch.local_contact, w.local_contact[t]);
     if (f.contact_hook.published) f.contact_hook.published(f.contact_hook.user, w);
 }
 
@@ -180,7 +179,7 @@ void haptic_ticks(void* user, uint32_t ms) {
         const uint64_t start = now_ns();
         haptic_tick(HapticParams{}, w.local_contact[t], static_cast<double>(w.clock.tick + ms) * 1e-3, w.haptics.tool[t],
                     f.scratch.device[t * per_tool + ms], f.scratch.haptic[t], w.haptics.state[t]);
-        f.scratch.tick_ns[t * w.clock.period + ms] = now_ns() - start;
+        f.times.tick_ns[t * w.clock.period + ms] = now_ns() - start;
     }
 }
 
@@ -218,10 +217,11 @@ void advance(FrameState& f) {
     f.scratch.advance.resize(std::max<size_t>(f.scratch.advance.size(), thread_count()));
     f.scratch.advance_result.assign(count, {});
     f.scratch.response_ns.assign(count, 0);
-    f.scratch.tick_ns.assign(w.haptics.tool.size() * w.clock.period, 0);
+    f.times.tick_ns.assign(w.haptics.tool.size() * w.clock.period, 0);
     parallel_for(count, island_grain(w), [&](uint32_t begin, uint32_t end) {
         for (uint32_t i = begin; i < end; ++i) advance_one_island(f, i, f.scratch.advance[thread_index()]);
     });
+    share_room(f.scratch.advance);
     f.times.response_ns = 0;
     w.report.deepest_residual = 0;
     for (uint32_t i = 0; i < count; ++i) {
@@ -230,7 +230,6 @@ void advance(FrameState& f) {
     }
     if (w.haptics.tool.empty() || f.options.external_ticks) return;
     sum_tool_counters(w.haptics);
-    for (const uint64_t ns : f.scratch.tick_ns) f.times.tick_us.push_back(static_cast<double>(ns) * 1e-3);
 }
 
 // ---- end ----
