@@ -17,6 +17,10 @@ void step_to_mean(double weight, std::span<const Triangle> triangles, std::span<
     }
 }
 
+Vec3d cross(const Vec3d& a, const Vec3d& b) {
+    return {a.y() * b.z() - a.z() * b.y(), a.z() * b.x() - a.x() * b.z(), a.x() * b.y() - a.y() * b.x()};
+}
+
 }  // namespace
 
 void smooth_taubin(const TaubinParams& params, std::span<const Triangle> triangles, std::span<Vec3d> position) {
@@ -29,6 +33,33 @@ void smooth_taubin(const TaubinParams& params, std::span<const Triangle> triangl
         step_to_mean(params.lambda, triangles, sum, count, position);
         step_to_mean(params.mu, triangles, sum, count, position);
     }
+}
+
+double restore_volume(double volume, std::span<const Triangle> triangles, std::span<Vec3d> position) {
+    if (triangles.empty()) return 0;
+    std::vector<Vec3d> gradient(position.size());
+    double moved = 0;
+    for (int i = 0; i < 3; ++i) {
+        std::fill(gradient.begin(), gradient.end(), Vec3d::Zero());
+        const Vec3d base = position[triangles[0][0]];
+        double enclosed = 0;
+        for (const Triangle& t : triangles) {
+            const Vec3d a = position[t[0]] - base, b = position[t[1]] - base, c = position[t[2]] - base;
+            const Vec3d area = cross(b - a, c - a) / 6;
+            enclosed += a.dot(area);
+            for (const uint32_t v : t) gradient[v] += area;
+        }
+        double slope = 0;
+        for (const Vec3d& g : gradient) slope += g.norm();
+        if (!(slope > 0)) return moved;
+        const double distance = (volume - enclosed) / slope;
+        for (size_t v = 0; v < position.size(); ++v) {
+            const double size = gradient[v].norm();
+            if (size > 0) position[v] += gradient[v] * (distance / size);
+        }
+        moved += distance;
+    }
+    return moved;
 }
 
 }  // namespace trocar

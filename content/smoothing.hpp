@@ -17,4 +17,9 @@ struct TaubinParams {
 // fair surface design" (1995), section 3.
 void smooth_taubin(const TaubinParams& params, std::span<const Triangle> triangles, std::span<Vec3d> position);
 
+// Moves every vertex along its normal by one common distance, so that the closed surface encloses `volume`: Newton's
+// method on that distance, three steps. The normal is the volume's gradient, the sum of the area vectors around the
+// vertex. Meant for a few per cent at most; the distance is returned.
+double restore_volume(double volume, std::span<const Triangle> triangles, std::span<Vec3d> position);
+
 }  // namespace trocar

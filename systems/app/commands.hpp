@@ -64,6 +64,21 @@ struct ViewOptions {
     bool sheet = false;  // front, side, top and oblique in one picture
 };
 int view_command(const ViewOptions& options);
+struct OrganOptions {
+    std::string volume;          // file, or folder of DICOM slices
+    std::string out;             // surface; with several labels _<label> is put before its ending
+    std::vector<double> labels;  // one surface each
+    std::string threshold;       // instead of labels; empty = none
+    std::string series;          // DICOM series UID; empty = the only one
+    uint32_t smooth = 10;        // rounds
+    uint32_t triangles = 0;      // 0 = as contoured
+    bool even = false;           // even triangles
+    double blur = 1;             // voxels
+    double tets = 0;             // lattice spacing, mm; 0 = no tetrahedra
+    bool all_pieces = false;
+    bool json = false;
+};
+int organ_command(const OrganOptions& options);
 
 int scenes_command(bool json);
 // Library versions and the instruction set in use.

@@ -51,11 +51,30 @@ struct Arguments {
     CollideOptions collide;
     ConvertOptions convert;
     ViewOptions view;
-    std::vector<std::string> sets;
+    OrganOptions organ;
+    std::vector<std::string> sets, labels;
     std::string move_b, rotate_b, size;
     bool no_render = false, scenes_json = false;
     uint32_t threads = 0;
 };
+
+// The labels, and what was meant as file names: the parser hands every word after --label to it.
+void take_labels(const std::vector<std::string>& words, OrganOptions& organ) {
+    std::vector<std::string> files;
+    for (const std::string& word : words) {
+        char* end = nullptr;
+        const double value = std::strtod(word.c_str(), &end);
+        const bool number = end == word.c_str() + word.size() && std::isfinite(value);
+        if (number && files.empty()) organ.labels.push_back(value);
+        else files.push_back(word);
+    }
+    for (const std::string& file : files) {
+        std::string& to = organ.volume.empty() ? organ.volume : organ.out;
+        if (!to.empty()) throw InputError("organ: \"" + file + "\" is neither a label nor a file: one volume and one output are wanted");
+        to = file;
+    }
+    if (organ.volume.empty() || organ.out.empty()) throw InputError("organ: a volume and a surface to write are needed; see trocar organ --help");
+}
 
 void describe(CLI::App& app, Arguments& a) {
     app.description("Trocar: virtual surgery, headless. Contact, penetration depth, deformation, 1 kHz haptics.");
@@ -133,6 +152,28 @@ void describe(CLI::App& app, Arguments& a) {
     view->add_flag("--sheet", a.view.sheet, "Front, side, top and oblique view in one picture");
     view->footer("Example: trocar view shape:gallbladder:10000 --sheet --out gallbladder.png");
 
+    CLI::App* organ = app.add_subcommand("organ", "From a segmented image to closed surfaces and tetrahedra");
+    organ->add_option("volume", a.organ.volume, "NRRD, MetaImage, NIfTI or DICOM file, or a folder of DICOM slices");
+    organ->add_option("out", a.organ.out, "Surface to write: .obj .stl .ply .wrl; several labels: NAME_<label>.ending");
+    organ->add_option("--label", a.labels, "Label values, one surface each; without any, those in the file are listed")
+        ->delimiter(',');
+    organ->add_option("--threshold", a.organ.threshold, "Instead of labels: voxels of this value and above");
+    organ->add_option("--smooth", a.organ.smooth, "Rounds of volume-keeping smoothing (default 10)");
+    organ->add_option("--blur", a.organ.blur, "Blur of the voxels before contouring, in voxels (default 1; 0 keeps steps)");
+    organ->add_option("--triangles", a.organ.triangles, "Simplify to about this many (default: as contoured)");
+    organ->add_flag("--even", a.organ.even, "Even triangles for simulation, instead of the fewest that keep the shape");
+    organ->add_option("--tets", a.organ.tets, "Also fill with tetrahedra on a lattice of this spacing, mm: writes .vtu and .msh");
+    organ->add_flag("--all-pieces", a.organ.all_pieces, "Keep every piece, not the largest alone");
+    organ->add_option("--series", a.organ.series, "DICOM series UID, where a folder holds several");
+    organ->add_flag("--json", a.organ.json, "One JSON object an organ");
+    organ->footer(
+        "Example: trocar organ abdomen_labels.nrrd --label 5 2 organ.obj --triangles 10000 --tets 6\n"
+        "writes organ_5.obj, organ_2.obj and their .vtu (ParaView) and .msh (Gmsh 2.2) meshes.\n"
+        "Coordinates are the patient's of the file: millimetres, x left, y back, z head (LPS); use scale = 0.001 in a scene.\n"
+        "Steps: choose voxels; keep the largest piece (voxels joined by faces); blur and contour at the level that encloses\n"
+        "as much as the voxels; smooth; simplify; judge. Volume and open edges are printed after each.\n"
+        "Exit code 1 when a surface cannot be admitted as solid.");
+
     CLI::App* scenes = app.add_subcommand("scenes", "List the scenes and shapes that come with the program");
     scenes->add_flag("--json", a.scenes_json, "JSON");
     scenes->footer("Example: trocar scenes");
@@ -173,6 +214,10 @@ int dispatch(const CLI::App& app, Arguments& a) {
             a.view.height = size[1];
         }
         return view_command(a.view);
+    }
+    if (app.got_subcommand("organ")) {
+        take_labels(a.labels, a.organ);
+        return organ_command(a.organ);
     }
     return scenes_command(a.scenes_json);
 }

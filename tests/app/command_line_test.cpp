@@ -67,7 +67,7 @@ class CommandLine : public testing::Test {
 
 TEST_F(CommandLine, HelpTeachesAndEveryCommandHasAnExample) {
     EXPECT_EQ(run("--help").code, 0);
-    for (const char* command : {"run", "check", "query", "collide", "convert", "view", "scenes"}) {
+    for (const char* command : {"run", "check", "query", "collide", "convert", "view", "organ", "scenes"}) {
         const Outcome help = run(std::string(command) + " --help");
         EXPECT_EQ(help.code, 0);
         EXPECT_NE(help.out.find("Example:"), std::string::npos) << command;
