@@ -3,6 +3,7 @@
 #include <algorithm>
 #include <cstring>
 
+#include "content/assimp_file.hpp"
 #include "content/obj_file.hpp"
 #include "content/stl_file.hpp"
 #include "content/vrml/flatten.hpp"
@@ -72,11 +73,7 @@ LoadedMesh load_mesh(std::string bytes, const std::filesystem::path& path) {
                         : format == Format::kObj       ? read_obj(bytes, path)
                         : format == Format::kStlAscii  ? read_ascii_stl(bytes, path)
                         : format == Format::kStlBinary ? read_binary_stl(bytes, path)
-                                                       : LoadedMesh{};
-    if (format == Format::kUnknown) {
-        throw InputError(path.string() +
-                         ": not a format this program reads (VRML 1.0 and 97, plain or gzip; OBJ; STL)");
-    }
+                                                       : read_with_assimp(bytes, path);
     if (loaded.mesh.triangle.empty()) {
         // the first thing passed over is most likely why
         std::string reason = ": " + loaded.format + " without a face";

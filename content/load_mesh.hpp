@@ -16,10 +16,15 @@ struct LoadedMesh {
     uint64_t unused_points = 0;
 };
 
-// Reads a surface: VRML 1.0 or VRML97 (plain or gzip), OBJ, STL (ascii or binary), told by content, not by name.
-// Vertices at exactly the same place are joined, vertices without a face dropped; nothing else is repaired. Pictures of
-// textures are loaded from beside the file; a missing one is a warning. Throws InputError "file:line:column: reason",
-// also when there is not a single triangle.
+// What load_mesh reads, for messages.
+inline constexpr const char* kFormatsRead =
+    "VRML 1.0 and 97, plain or gzip; OBJ; STL; through assimp glTF, Collada, FBX, 3DS, LWO and others";
+
+// Reads a surface: VRML 1.0 or VRML97 (plain or gzip), OBJ, STL (ascii or binary), told by content, not by name;
+// anything else is handed to assimp in a process of its own (content/assimp_file.hpp). Vertices at exactly the same
+// place are joined, vertices without a face dropped; nothing else is repaired. Pictures of textures are loaded from
+// beside the file; a missing one is a warning. Throws InputError "file:line:column: reason", also when there is not a
+// single triangle.
 LoadedMesh load_mesh(const std::filesystem::path& path);
 
 // The same from bytes already in memory (gzip unpacked); `path` names them in messages and gives the folder.

@@ -30,7 +30,7 @@ TEST_F(LoadMesh, what_is_no_surface_is_said_in_one_line) {
     EXPECT_EQ(error_of(folder / "gone.wrl"), (folder / "gone.wrl").string() + ": No such file or directory");
     EXPECT_EQ(error_of(folder), folder.string() + ": is a folder, not a file");
     EXPECT_EQ(error_of(put("empty.wrl", "")), (folder / "empty.wrl").string() + ": empty file");
-    const std::string unknown = ": not a format this program reads (VRML 1.0 and 97, plain or gzip; OBJ; STL)";
+    const std::string unknown = std::string(": not a format this program reads (") + kFormatsRead + ")";
     for (const std::string& bytes :
          {std::string("hello world\n"), std::string("\0\1\2\3", 4), std::string("\x89PNG\r\n\x1a\n"),
           std::string("<?xml version=\"1.0\"?><X3D/>"), std::string("ply\nformat ascii 1.0\n")}) {

@@ -105,6 +105,7 @@ TEST(Layering, ThirdPartyLibrariesAreNamedInOnePlace) {
         {"zlib.h", {"engine/text_file.cpp", "engine/image_file.cpp"}},
         {"toml++/", {"content/scene_file.cpp"}},
         {"meshoptimizer", {"content/"}},
+        {"assimp/", {"content/helpers/assimp_reader.cpp"}},
         {"CLI/", {"systems/app/main.cpp"}},
         {"nlohmann/", {"systems/app/"}},
     };
