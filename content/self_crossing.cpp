@@ -162,4 +162,12 @@ SelfCrossings count_self_crossings(const Mesh& mesh) {
     return out;
 }
 
+std::vector<uint8_t> mark_self_crossings(const Mesh& mesh) {
+    std::vector<uint8_t> marked(mesh.triangle.size(), 0);
+    for_each_near_pair(make_box_tree(mesh), [&](uint32_t t, uint32_t u) {
+        if (!(marked[t] && marked[u]) && meet_faces(mesh, t, u) != Meeting::kDisjoint) marked[t] = marked[u] = 1;
+    });
+    return marked;
+}
+
 }  // namespace trocar

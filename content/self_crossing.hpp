@@ -15,4 +15,7 @@ struct SelfCrossings {
 // vertex, so weld first. Expects finite coordinates.
 SelfCrossings count_self_crossings(const Mesh& mesh);
 
+// Per face: 1 = it is one of such a pair.
+std::vector<uint8_t> mark_self_crossings(const Mesh& mesh);
+
 }  // namespace trocar

@@ -97,7 +97,13 @@ void describe(CLI::App& app, Arguments& a) {
     convert->add_option("in", a.convert.in, "Mesh file to read")->required();
     convert->add_option("out", a.convert.out, "File to write: .obj .stl .ply .wrl by its ending")->required();
     convert->add_flag("--json", a.convert.json, "JSON");
-    convert->footer("Example: trocar convert liver.wrz liver.obj");
+    CLI::Option* repair = convert->add_flag("--repair", a.convert.repair,
+                                            "Make it one closed solid, saying each change; exit code 1 and no file if it cannot");
+    convert->add_option("--weld", a.convert.weld, "Join vertices nearer than this part of the diagonal")
+        ->check(CLI::Range(0.0, 0.01));
+    convert->add_option("--hole-size", a.convert.hole_size, "Fill holes up to this part of the diagonal (0.2)")
+        ->check(CLI::Range(0.0, 1.0))->needs(repair);
+    convert->footer("Examples: trocar convert liver.wrz liver.obj\n          trocar convert --repair scan.ply organ.stl");
 
     CLI::App* scenes = app.add_subcommand("scenes", "List the scenes that come with the program");
     scenes->add_flag("--json", a.scenes_json, "JSON");
