@@ -27,7 +27,7 @@ void load_pictures(MeshStream& stream, const std::filesystem::path& path) {
         std::string trouble;
         try {
             if (stream.picture[m].empty()) {
-                trouble = load_texture(path.parent_path(), material);
+                trouble = load_texture(path.parent_path(), path.parent_path(), material);
             } else {
                 material.image = decode_image(stream.picture[m], "texture '" + material.texture + "' inside the file");
             }

@@ -113,6 +113,7 @@ RepairReport repair_mesh(Mesh& mesh, const RepairParams& params) {
         return report;
     }
     clean(mesh, params.weld_tolerance, report);
+    double first_area = 0, lost = 0;
     for (uint32_t round = 0; round <= params.rounds && !mesh.triangle.empty(); ++round) {
         split(mesh, report);
         keep_largest(mesh, report);
@@ -120,11 +121,18 @@ RepairReport repair_mesh(Mesh& mesh, const RepairParams& params) {
         drop_slivers(mesh, params, report);
         clean(mesh, 0, report);
         report.after = judge_mesh(mesh);
+        if (round == 0) first_area = report.after.area;
+        lost = 1 - report.after.area / first_area;
+        if (lost > params.most_lost) break;
         if (report.after.admitted_as == Admission::kSolid || holes.left > 0 || round == params.rounds) break;
         cut_crossings(mesh, mark_self_crossings(mesh), round, report);
     }
     if (mesh.triangle.empty()) report.after = judge_mesh(mesh);
     finish(report, holes);
+    if (lost > params.most_lost) {
+        report.solid = false;
+        report.reason = "cutting out the faces that cross takes " + digits(100 * lost) + " % of the area with it";
+    }
     return report;
 }
 

@@ -5,6 +5,7 @@
 
 #include "components/mesh.hpp"
 #include "content/polygon.hpp"
+#include "content/vrml/made_surfaces.hpp"
 #include "content/vrml/scene.hpp"
 namespace trocar::vrml {
 
@@ -44,6 +45,8 @@ struct SurfaceBuilder {
     std::vector<uint32_t> vertex_of_point{}, stamp{};  // vertex made for a point by the surface with that stamp
     uint32_t surface = 0;
     uint64_t image_bytes = 0;  // of all materials
+    FaceList made{};
+    std::vector<bool> made_used{};
     PolygonScratch polygon{};
     std::vector<Vec3d> corner{};
     std::vector<uint32_t> corner_point{}, corner_place{};  // point number and position in coordIndex
@@ -60,8 +63,8 @@ Placement combine(const Placement& outer, const Placement& inner);
 // Throws InputError unless the node's `point` is whole and finite; `width` numbers make a point.
 void check_points(const Scene& scene, NodeId coordinate, uint32_t width);
 
-// Triangles a geometry node will give at most.
-uint64_t count_triangles(const Scene& scene, NodeId geometry);
+// Triangles a surface will give at most.
+uint64_t count_triangles(const Scene& scene, const Instance& instance);
 
 // Appends the triangles of one surface. The points were checked before.
 void build_surface(SurfaceBuilder& builder, const Instance& instance);

@@ -103,7 +103,7 @@ void describe(CLI::App& app, Arguments& a) {
         ->check(CLI::Range(0.0, 0.01));
     convert->add_option("--hole-size", a.convert.hole_size, "Fill holes up to this part of the diagonal (0.2)")
         ->check(CLI::Range(0.0, 1.0))->needs(repair);
-    convert->footer("Examples: trocar convert liver.wrz liver.obj\n          trocar convert --repair scan.ply organ.stl");
+    convert->footer("Example: trocar convert liver.wrz liver.obj\n         trocar convert --repair scan.ply organ.stl");
 
     CLI::App* scenes = app.add_subcommand("scenes", "List the scenes that come with the program");
     scenes->add_flag("--json", a.scenes_json, "JSON");

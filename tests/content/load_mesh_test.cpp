@@ -33,7 +33,7 @@ TEST_F(LoadMesh, what_is_no_surface_is_said_in_one_line) {
     const std::string unknown = std::string(": not a format this program reads (") + kFormatsRead + ")";
     for (const std::string& bytes :
          {std::string("hello world\n"), std::string("\0\1\2\3", 4), std::string("\x89PNG\r\n\x1a\n"),
-          std::string("<?xml version=\"1.0\"?><X3D/>"), std::string("ply\nformat ascii 1.0\n")}) {
+          std::string("<?xml version=\"1.0\"?><svg/>"), std::string("plywood\nformat ascii 1.0\n")}) {
         EXPECT_EQ(error_of(put("x.dat", bytes)), (folder / "x.dat").string() + unknown);
     }
     EXPECT_NE(error_of(put("cut.wrl", kWrl.substr(0, kWrl.size() / 2))).find("cut.wrl:2:"), std::string::npos);
@@ -56,7 +56,8 @@ struct Expected {
     const char* file;
     size_t vertices, triangles;
     double x, y, z, volume;  // four to five digits
-    size_t unpaired;         // 0 = closed and oriented
+    // directed edges without their opposite: one at a boundary or an edge of three faces, two where faces turn unlike
+    size_t unpaired;
 };
 
 constexpr Expected kExpected[] = {
@@ -72,6 +73,8 @@ constexpr Expected kExpected[] = {
     {"vrml/v1_hdr_v2_body.wrl", 4, 4, 1, 1, 1, 0.16667, 0},
     {"vrml/v2_hdr_v1_body.wrl", 4, 4, 1, 1, 1, 0.16667, 0},
     {"vrml/v2_extproto.wrl", 4, 4, 1, 1, 1, 0.16667, 0},
+    {"vrml/x1.x3d", 4, 4, 2, 2, 2, 1.3333, 0},
+    {"vrml/assimp-bsd/HelloX3dTrademark.x3d", 642, 1280, 2, 2, 2, 4.1527, 0},
     {"vrml/x1.x3dv", 4, 4, 1, 1, 1, 0.16667, 0},
     {"vrml/v1_quad.wrl", 5, 3, 2, 2, 0, 0, 5},
     {"vrml/v2_quad.wrl", 5, 3, 2, 2, 0, 0, 5},
@@ -94,10 +97,13 @@ constexpr Expected kExpected[] = {
     {"organs/Liver.stl", 15365, 30726, 181.5, 190.6, 173, 1.8177e6, 0},
     {"organs/Stomach.stl", 4864, 9724, 132.9, 85.04, 116.7, 2.8935e5, 0},
     {"organs/gallbladder_collision.stl", 252, 500, 90.18, 56.78, 51.03, 35945, 0},
+    {"organs/VHF_large-intestine_dirty.vtk", 10137, 20419, 243.3, 193.4, 294.9, 6.2457e5, 58 + 195},
+    {"organs/small_intestine_20k.vtk", 10002, 20000, 258.4, 151.8, 304, 1.0623e6, 0},
     {"organs/gallbladder_visual.stl", 7352, 14700, 90.05, 57.16, 50.68, 36278, 0},
     {"organs-lgpl/liver-smoothUV.obj", 2194, 4384, 6.386, 4.908, 4.412, 39.267, 0},
     {"organs-lgpl/liver.obj", 139, 274, 6.483, 4.939, 4.421, 36.569, 0},
     {"organs-lgpl/liver2.obj", 1170, 2336, 2.149, 1.175, 1.314, 1.1471, 0},
+    {"organs/liver_visual.stl", 14462, 28716, 162.7, 202.3, 197.8, 1.7621e6, 182 + 2 * 28},
     {"instruments/atraumatic_forceps_jaw_left.stl", 256, 496, 4.536, 4.716, 20.13, 106.07, 10},
     {"instruments/dissection_electrode.stl", 836, 1664, 4.457, 4.438, 364.5, 5269.8, 0},
     {"instruments/forceps_jaw_right.stl", 1367, 2734, 4.537, 4.716, 28.33, 117.74, 0},

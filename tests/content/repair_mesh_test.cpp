@@ -279,6 +279,11 @@ TEST(RepairMesh, real_dirty_surfaces_become_solids_of_their_volume) {
     const RepairReport report = repair_mesh(sheet, {});
     EXPECT_FALSE(report.solid);
     EXPECT_NE(report.reason.find("200 boundary edges"), std::string::npos);
+    // folds that cross 2817 times: what would be left is no colon
+    Mesh colon = load_mesh(data / "organs/VHF_large-intestine_dirty.vtk").mesh;
+    const RepairReport refused = repair_mesh(colon, {});
+    EXPECT_FALSE(refused.solid);
+    EXPECT_NE(refused.reason.find("cutting out the faces that cross takes"), std::string::npos) << refused.reason;
 }
 
 }  // namespace
