@@ -11,7 +11,7 @@ struct RepairParams {
     double sliver_height = 1e-4;   // faces lower than this of their longest edge go
     HoleLimits holes;
     uint32_t rounds = 10;     // of cutting out faces that cross and closing the hole
-    double most_lost = 0.05;  // of the area, by cutting out; more is no repair
+    double most_lost = 0.2;  // of the area, by cutting out; more is no repair
 };
 
 // Everything that was done, and what came of it.

@@ -67,7 +67,7 @@ void describe(CLI::App& app, Arguments& a) {
 
     CLI::App* check =
         app.add_subcommand("check", "Is a mesh sound: closed, manifold, oriented, free of self-crossings");
-    check->add_option("files", a.check.files, "Mesh files (.wrl .wrz .obj .stl)")->required();
+    check->add_option("files", a.check.files, "Mesh files")->required();
     check->add_flag("--json", a.check.json, "One JSON object a line");
     check->footer(
         "Example: trocar check liver.wrl kidney.stl --json\nExit code 1 when a mesh cannot be admitted as solid.");
@@ -95,7 +95,7 @@ void describe(CLI::App& app, Arguments& a) {
 
     CLI::App* convert = app.add_subcommand("convert", "Read a mesh, clean it, write it in another format");
     convert->add_option("in", a.convert.in, "Mesh file to read")->required();
-    convert->add_option("out", a.convert.out, "File to write: .obj .stl .ply .wrl by its ending")->required();
+    convert->add_option("out", a.convert.out, "File to write: .obj .stl .ply .wrl .vtp by its ending")->required();
     convert->add_flag("--json", a.convert.json, "JSON");
     CLI::Option* repair = convert->add_flag("--repair", a.convert.repair,
                                             "Make it one closed solid, saying each change; exit code 1 and no file if it cannot");
