@@ -2,15 +2,15 @@
 #include <nlohmann/json.hpp>
 
 #include "content/clean_mesh.hpp"
-#include "content/load_mesh.hpp"
 #include "content/save_mesh.hpp"
 #include "engine/whole_file.hpp"
 #include "systems/app/commands.hpp"
+#include "systems/app/load_file.hpp"
 #include "systems/app/standard_streams.hpp"
 namespace trocar {
 
 int convert_command(const ConvertOptions& options) {
-    LoadedMesh loaded = load_mesh(options.in);
+    LoadedMesh loaded = load_file(options.in);
     for (const std::string& warning : loaded.warnings) std::fprintf(stderr, "trocar: warning: %s\n", warning.c_str());
     const CleanReport cleaned = clean_mesh(loaded.mesh, CleanParams{});
     save_mesh(loaded.mesh, options.out);
