@@ -54,12 +54,12 @@ bool looks_like_ascii_stl(std::string_view text) {
 // One format: whether a file is of it, and its reader. The reader may keep the bytes.
 struct Reader {
     bool (*is_it)(std::string_view bytes, const std::filesystem::path& path);
-    LoadedMesh (*read)(std::string bytes, const std::filesystem::path& path);
+    LoadedMesh (*read)(std::string bytes, const std::filesystem::path& path, const LoadProgress& progress);
 };
 
 // A reader that only looks at the bytes.
 template <LoadedMesh (*Read)(std::string_view, const std::filesystem::path&)>
-LoadedMesh read_with(std::string bytes, const std::filesystem::path& path) {
+LoadedMesh read_with(std::string bytes, const std::filesystem::path& path, const LoadProgress&) {
     return Read(bytes, path);
 }
 
@@ -72,8 +72,8 @@ bool by_stl_ending(std::string_view, const std::filesystem::path& path) {
     return lower(path.extension().string()) == ".stl";
 }
 
-LoadedMesh read_scene(std::string bytes, const std::filesystem::path& path) {
-    return vrml::flatten_document(vrml::read_document(std::move(bytes), path));
+LoadedMesh read_scene(std::string bytes, const std::filesystem::path& path, const LoadProgress& progress) {
+    return vrml::flatten_document(vrml::read_document(std::move(bytes), path, progress), progress);
 }
 
 // Asked in this order. An exact size tells binary STL whatever word it begins with; one of the wrong length cannot be
@@ -91,12 +91,12 @@ constexpr Reader kReaders[] = {
 
 }  // namespace
 
-LoadedMesh load_mesh(std::string bytes, const std::filesystem::path& path) {
+LoadedMesh load_mesh(std::string bytes, const std::filesystem::path& path, const LoadProgress& progress) {
     if (bytes.empty()) throw InputError(path.string() + ": empty file");
     const Reader* const reader =
         std::find_if(std::begin(kReaders), std::end(kReaders), [&](const Reader& r) { return r.is_it(bytes, path); });
-    LoadedMesh loaded =
-        reader == std::end(kReaders) ? read_with_assimp(bytes, path) : reader->read(std::move(bytes), path);
+    LoadedMesh loaded = reader == std::end(kReaders) ? read_with_assimp(bytes, path)
+                                                     : reader->read(std::move(bytes), path, progress);
     if (loaded.mesh.triangle.empty()) {
         // the first thing passed over is most likely why
         std::string reason = ": " + loaded.format + " without a face";
@@ -113,6 +113,8 @@ LoadedMesh load_mesh(std::string bytes, const std::filesystem::path& path) {
     return loaded;
 }
 
-LoadedMesh load_mesh(const std::filesystem::path& path) { return load_mesh(read_text_file(path), path); }
+LoadedMesh load_mesh(const std::filesystem::path& path, const LoadProgress& progress) {
+    return load_mesh(read_text_file(path), path, progress);
+}
 
 }  // namespace trocar

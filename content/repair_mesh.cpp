@@ -125,6 +125,7 @@ RepairReport repair_mesh(Mesh& mesh, const RepairParams& params) {
         lost = 1 - report.after.area / first_area;
         if (lost > params.most_lost) break;
         if (report.after.admitted_as == Admission::kSolid || holes.left > 0 || round == params.rounds) break;
+        if (report.after.self_crossing + report.after.self_touching >= kSelfCrossingLimit) break;
         cut_crossings(mesh, mark_self_crossings(mesh), round, report);
     }
     if (mesh.triangle.empty()) report.after = judge_mesh(mesh);

@@ -370,7 +370,7 @@ bool looks_like_vrml(std::string_view text) {
     }
 }
 
-LoadedMesh flatten_document(Document document) {
+LoadedMesh flatten_document(Document document, const LoadProgress& progress) {
     LoadedMesh loaded;
     Scene scene;
     const std::string path = document.path.string();
@@ -378,6 +378,10 @@ LoadedMesh flatten_document(Document document) {
     Walk walk{scene};
     walk_scene(walk);
     SurfaceBuilder builder{scene, loaded.mesh};
+    builder.report = [&] {
+        const double done = static_cast<double>(loaded.mesh.triangle.size()) / static_cast<double>(walk.triangles + 1);
+        if (progress) progress(kTextShare + (1 - kTextShare) * done);
+    };
     loaded.mesh.triangle.reserve(walk.triangles);
     loaded.mesh.triangle_material.reserve(walk.triangles);
     for (const Instance& instance : walk.instances) build_surface(builder, instance);

@@ -213,6 +213,10 @@ void build_face_set(SurfaceBuilder& b, const Instance& instance) {
         b.vertex_of_point.resize(point_count);
     }
     if (set.map.active) b.mesh.uv.resize(b.mesh.triangle.size());
+    // one large surface gets exactly its room, many small ones grow by doubling
+    std::vector<Vec3d>& position = b.mesh.position;
+    const size_t room = position.size() + std::min(point_count, set.index.size());
+    if (room > position.capacity()) position.reserve(std::max(room, 2 * position.size()));
 
     const std::span<const double> index = set.index;
     uint64_t face = 0;
@@ -220,6 +224,7 @@ void build_face_set(SurfaceBuilder& b, const Instance& instance) {
     b.corner_point.clear();
     b.corner_place.clear();
     for (size_t k = 0; k <= index.size(); ++k) {
+        if (k % (1u << 20) == (1u << 20) - 1) b.report();
         if (k < index.size() && index[k] != -1) {
             // what is no number of a point, -5 or 1.5 or nan, is outside too
             const bool inside =

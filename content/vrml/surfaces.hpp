@@ -1,5 +1,6 @@
 #pragma once
 #include <array>
+#include <functional>
 #include <map>
 #include <tuple>
 
@@ -55,6 +56,7 @@ struct SurfaceBuilder {
     uint64_t faces_short = 0;    // dropped: fewer than three corners
     uint64_t faces_fanned = 0;   // no ears found
     uint64_t corners_without_uv = 0;
+    std::function<void()> report = [] {};  // called now and then while a large surface is built
     std::string first_outside{};  // place of the first such corner
 };
 

@@ -106,7 +106,7 @@ void read_value(XmlParser& p, Range value, Field& field) {
         for (; token.kind != TokenKind::kEnd; token = next_token(lexer)) {
             if (token.kind == TokenKind::kNumber) {
                 p.document.number.push_back(token.number);
-                read_numbers(lexer, p.document.number);
+                read_numbers(lexer, p.document.number);  // stops after a run; the loop goes on
             } else if (token.kind == TokenKind::kString || token.kind == TokenKind::kWord) {
                 add_word(p, field, {token.offset, token.length}, token.kind == TokenKind::kString);
             }
@@ -372,9 +372,9 @@ Document parse_x3d(std::string text, std::filesystem::path path) {
     return std::move(p.document);
 }
 
-Document read_document(std::string text, std::filesystem::path path) {
+Document read_document(std::string text, std::filesystem::path path, const LoadProgress& progress) {
     return looks_like_x3d(text) ? parse_x3d(std::move(text), std::move(path))
-                                : parse_document(std::move(text), std::move(path));
+                                : parse_document(std::move(text), std::move(path), progress);
 }
 
 }  // namespace trocar::vrml

@@ -1,6 +1,7 @@
 #pragma once
 #include <string>
 
+#include "content/load_mesh.hpp"
 #include "content/vrml/node.hpp"
 namespace trocar::vrml {
 
@@ -13,6 +14,6 @@ bool looks_like_x3d(std::string_view text);
 Document parse_x3d(std::string text, std::filesystem::path path);
 
 // A scene file of any spelling.
-Document read_document(std::string text, std::filesystem::path path);
+Document read_document(std::string text, std::filesystem::path path, const LoadProgress& progress = {});
 
 }  // namespace trocar::vrml

@@ -3,11 +3,11 @@
 
 #include "content/admission.hpp"
 #include "content/clean_mesh.hpp"
-#include "content/load_mesh.hpp"
 #include "content/unit_guess.hpp"
 #include "engine/error.hpp"
 #include "engine/whole_file.hpp"
 #include "systems/app/commands.hpp"
+#include "systems/app/load_file.hpp"
 #include "systems/app/standard_streams.hpp"
 namespace trocar {
 namespace {
@@ -63,7 +63,7 @@ int check_command(const CheckOptions& options) {
     bool sound = true, readable = true;
     for (const std::string& file : options.files) {
         try {
-            const LoadedMesh loaded = load_mesh(file);
+            const LoadedMesh loaded = load_file(file);
             for (const std::string& warning : loaded.warnings)
                 std::fprintf(stderr, "trocar: warning: %s\n", warning.c_str());
             MeshJudgement judgement = judge_mesh(loaded.mesh, true);

@@ -2,10 +2,10 @@
 #include <nlohmann/json.hpp>
 
 #include "content/clean_mesh.hpp"
-#include "content/load_mesh.hpp"
 #include "content/repair_mesh.hpp"
 #include "content/save_mesh.hpp"
 #include "systems/app/commands.hpp"
+#include "systems/app/load_file.hpp"
 #include "systems/app/standard_streams.hpp"
 namespace trocar {
 namespace {
@@ -47,7 +47,7 @@ std::string to_text(const ConvertOptions& options, const Mesh& mesh, const Chang
 }  // namespace
 
 int convert_command(const ConvertOptions& options) {
-    LoadedMesh loaded = load_mesh(options.in);
+    LoadedMesh loaded = load_file(options.in);
     for (const std::string& warning : loaded.warnings) std::fprintf(stderr, "trocar: warning: %s\n", warning.c_str());
     const Changes changes = change(loaded.mesh, options);
     if (!changes.refusal.empty()) {
