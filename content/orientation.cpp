@@ -2,8 +2,8 @@
 
 #include <Eigen/Geometry>
 #include <algorithm>
-#include <utility>
 #include <cmath>
+#include <utility>
 
 #include "engine/geometry/predicates.hpp"
 #include "engine/geometry/triangle_triangle.hpp"
