@@ -187,7 +187,7 @@ TEST_F(CommandLine, RepairSaysWhatItDidAndRefusesWhatItCannotDo) {
     EXPECT_EQ(j["boundary_edges"], 4);
     EXPECT_EQ(j["duplicate_faces"], 1);
     EXPECT_TRUE(j.contains("non_manifold_edges") && j.contains("flipped_edges") && j.contains("self_crossing"));
-    EXPECT_EQ(j["repairs"], nlohmann::json({"1 opposite doubled face dropped"}));
+    EXPECT_EQ(j["repairs"], nlohmann::json({"1 opposite doubled face dropped", "1 face turned to agree"}));
     EXPECT_EQ(j["unit_guess"], "mm");
     EXPECT_NE(j["unit_rule"].get<std::string>().find("diagonal 51.96"), std::string::npos);
 
