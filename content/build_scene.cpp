@@ -10,6 +10,7 @@
 #include "content/load_mesh.hpp"
 #include "content/make_prototype.hpp"
 #include "content/shape_library.hpp"
+#include "content/unit_guess.hpp"
 #include "engine/deformable_setup.hpp"
 #include "engine/device.hpp"
 #include "engine/error.hpp"
@@ -51,7 +52,7 @@ double mesh_scale(const BodySpec& body, const Mesh& mesh) {
     const Vec3d extent = box.max - box.min;
     if (body.size > 0) return body.size / std::max(extent.maxCoeff(), 1e-300);
     if (body.scale > 0) return body.scale;
-    return extent.norm() > 3 ? 1e-3 : 1.0;  // an organ of three metres is one in millimetres
+    return guess_unit(extent.norm()).metres;
 }
 
 Box world_box(const World& world, uint32_t body) {

@@ -103,22 +103,6 @@ bool is_usable(const Mesh& mesh) {
     return true;
 }
 
-uint32_t drop_faces(Mesh& mesh, const std::vector<uint8_t>& dropped) {
-    uint32_t kept = 0;
-    for (uint32_t t = 0; t < mesh.triangle.size(); ++t) {
-        if (dropped[t]) continue;
-        mesh.triangle[kept] = mesh.triangle[t];
-        if (!mesh.uv.empty()) mesh.uv[kept] = mesh.uv[t];
-        if (!mesh.triangle_material.empty()) mesh.triangle_material[kept] = mesh.triangle_material[t];
-        ++kept;
-    }
-    const uint32_t count = static_cast<uint32_t>(mesh.triangle.size()) - kept;
-    mesh.triangle.resize(kept);
-    if (!mesh.uv.empty()) mesh.uv.resize(kept);
-    if (!mesh.triangle_material.empty()) mesh.triangle_material.resize(kept);
-    return count;
-}
-
 uint32_t drop_repeated_index_faces(Mesh& mesh) {
     std::vector<uint8_t> dropped(mesh.triangle.size(), 0);
     for (uint32_t t = 0; t < mesh.triangle.size(); ++t) {
@@ -292,6 +276,22 @@ void drop_unused_vertices(Mesh& mesh) {
 
 }  // namespace
 
+uint32_t drop_faces(Mesh& mesh, const std::vector<uint8_t>& dropped) {
+    uint32_t kept = 0;
+    for (uint32_t t = 0; t < mesh.triangle.size(); ++t) {
+        if (dropped[t]) continue;
+        mesh.triangle[kept] = mesh.triangle[t];
+        if (!mesh.uv.empty()) mesh.uv[kept] = mesh.uv[t];
+        if (!mesh.triangle_material.empty()) mesh.triangle_material[kept] = mesh.triangle_material[t];
+        ++kept;
+    }
+    const uint32_t count = static_cast<uint32_t>(mesh.triangle.size()) - kept;
+    mesh.triangle.resize(kept);
+    if (!mesh.uv.empty()) mesh.uv.resize(kept);
+    if (!mesh.triangle_material.empty()) mesh.triangle_material.resize(kept);
+    return count;
+}
+
 uint32_t weld_vertices(Mesh& mesh, double tolerance) {
     const std::vector<uint32_t> to =
         tolerance > 0 ? map_near(mesh.position, box_of(mesh.position), tolerance) : map_equal(mesh.position);
@@ -328,11 +328,10 @@ CleanReport clean_mesh(Mesh& mesh, const CleanParams& params) {
     return report;
 }
 
-std::string describe_cleaning(const CleanReport& report) {
-    std::string line;
+std::vector<std::string> list_cleaning(const CleanReport& report) {
+    std::vector<std::string> lines;
     const auto say = [&](uint32_t count, const char* one, const char* many) {
-        if (count == 0) return;
-        line += (line.empty() ? "" : ", ") + std::to_string(count) + " " + (count == 1 ? one : many);
+        if (count > 0) lines.push_back(std::to_string(count) + " " + (count == 1 ? one : many));
     };
     say(report.welded_vertices, "vertex welded", "vertices welded");
     say(report.repeated_index_faces, "face with a repeated corner dropped", "faces with a repeated corner dropped");
@@ -347,7 +346,13 @@ std::string describe_cleaning(const CleanReport& report) {
     say(report.pieces_turned, "piece was inside out and turned", "pieces were inside out and turned");
     say(report.cavities, "hollow kept inward", "hollows kept inward");
     say(report.unused_vertices, "unused vertex dropped", "unused vertices dropped");
-    return line;
+    return lines;
+}
+
+std::string describe_cleaning(const CleanReport& report) {
+    std::string text;
+    for (const std::string& line : list_cleaning(report)) text += (text.empty() ? "" : ", ") + line;
+    return text;
 }
 
 }  // namespace trocar

@@ -1,5 +1,6 @@
 #pragma once
 #include <string>
+#include <vector>
 
 #include "components/mesh.hpp"
 namespace trocar {
@@ -34,11 +35,17 @@ struct CleanReport {
 // stay (unused). Returns how many were joined. Needs finite coordinates.
 uint32_t weld_vertices(Mesh& mesh, double tolerance);
 
+// Drops the faces marked with 1; texture coordinates and material rows follow. Returns how many went.
+uint32_t drop_faces(Mesh& mesh, const std::vector<uint8_t>& dropped);
+
 // Makes a mesh fit for contact without moving a vertex beyond the weld tolerance: welds, drops repeated and doubled
 // faces, drops faces without area where the surface stays as closed as it was (slivers stay), turns faces to agree and
 // closed pieces outward (hollows inward), drops unused vertices. Order is kept. A mesh with a coordinate that is not
 // finite or an index out of range is returned as it came.
 CleanReport clean_mesh(Mesh& mesh, const CleanParams& params);
+
+// The changes one by one, "12 vertices welded"; empty when there were none.
+std::vector<std::string> list_cleaning(const CleanReport& report);
 
 // The changes as one line, "12 vertices welded, 3 faces turned"; empty when there were none.
 std::string describe_cleaning(const CleanReport& report);

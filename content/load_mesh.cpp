@@ -1,19 +1,20 @@
 #include "content/load_mesh.hpp"
 
 #include <algorithm>
-#include <cstring>
 
+#include "content/assimp_file.hpp"
 #include "content/obj_file.hpp"
+#include "content/off_file.hpp"
+#include "content/ply_file.hpp"
 #include "content/stl_file.hpp"
 #include "content/vrml/flatten.hpp"
-#include "content/vrml/parser.hpp"
+#include "content/vrml/x3d.hpp"
+#include "content/vtk_file.hpp"
 #include "content/weld_exact.hpp"
 #include "engine/error.hpp"
 #include "engine/text_file.hpp"
 namespace trocar {
 namespace {
-
-enum class Format { kUnknown, kVrml, kObj, kStlAscii, kStlBinary };
 
 std::string lower(std::string_view text) {
     std::string out(text);
@@ -50,33 +51,52 @@ bool looks_like_ascii_stl(std::string_view text) {
     return head.find("facet", first) != std::string::npos || head.find("endsolid", first) != std::string::npos;
 }
 
-Format sniff(const std::string& bytes, const std::filesystem::path& path) {
-    if (is_binary_stl(bytes)) return Format::kStlBinary;
-    if (looks_like_ascii_stl(bytes)) return Format::kStlAscii;
-    if (vrml::looks_like_vrml(bytes)) return Format::kVrml;
-    if (looks_like_obj(bytes)) return Format::kObj;
-    // a binary STL of the wrong length cannot be told by its content; its reader gives the better message
-    return lower(path.extension().string()) == ".stl" ? Format::kStlBinary : Format::kUnknown;
+// One format: whether a file is of it, and its reader. The reader may keep the bytes.
+struct Reader {
+    bool (*is_it)(std::string_view bytes, const std::filesystem::path& path);
+    LoadedMesh (*read)(std::string bytes, const std::filesystem::path& path, const LoadProgress& progress);
+};
+
+// A reader that only looks at the bytes.
+template <LoadedMesh (*Read)(std::string_view, const std::filesystem::path&)>
+LoadedMesh read_with(std::string bytes, const std::filesystem::path& path, const LoadProgress&) {
+    return Read(bytes, path);
 }
 
-LoadedMesh read_vrml(std::string bytes, const std::filesystem::path& path) {
-    return vrml::flatten_document(vrml::parse_document(std::move(bytes), path));
+template <bool (*LooksLike)(std::string_view)>
+bool by_content(std::string_view bytes, const std::filesystem::path&) {
+    return LooksLike(bytes);
 }
+
+bool by_stl_ending(std::string_view, const std::filesystem::path& path) {
+    return lower(path.extension().string()) == ".stl";
+}
+
+LoadedMesh read_scene(std::string bytes, const std::filesystem::path& path, const LoadProgress& progress) {
+    return vrml::flatten_document(vrml::read_document(std::move(bytes), path, progress), progress);
+}
+
+// Asked in this order. An exact size tells binary STL whatever word it begins with; one of the wrong length cannot be
+// told by its content, but its reader gives the better message.
+constexpr Reader kReaders[] = {
+    {by_content<is_binary_stl>, read_with<read_binary_stl>},
+    {by_content<looks_like_ascii_stl>, read_with<read_ascii_stl>},
+    {by_content<looks_like_ply>, read_with<read_ply>},
+    {by_content<looks_like_vtk>, read_with<read_vtk>},
+    {by_content<looks_like_off>, read_with<read_off>},
+    {by_content<vrml::looks_like_vrml>, read_scene},
+    {by_content<looks_like_obj>, read_with<read_obj>},
+    {by_stl_ending, read_with<read_binary_stl>},
+};
 
 }  // namespace
 
-LoadedMesh load_mesh(std::string bytes, const std::filesystem::path& path) {
+LoadedMesh load_mesh(std::string bytes, const std::filesystem::path& path, const LoadProgress& progress) {
     if (bytes.empty()) throw InputError(path.string() + ": empty file");
-    const Format format = sniff(bytes, path);
-    LoadedMesh loaded = format == Format::kVrml        ? read_vrml(std::move(bytes), path)
-                        : format == Format::kObj       ? read_obj(bytes, path)
-                        : format == Format::kStlAscii  ? read_ascii_stl(bytes, path)
-                        : format == Format::kStlBinary ? read_binary_stl(bytes, path)
-                                                       : LoadedMesh{};
-    if (format == Format::kUnknown) {
-        throw InputError(path.string() +
-                         ": not a format this program reads (VRML 1.0 and 97, plain or gzip; OBJ; STL)");
-    }
+    const Reader* const reader =
+        std::find_if(std::begin(kReaders), std::end(kReaders), [&](const Reader& r) { return r.is_it(bytes, path); });
+    LoadedMesh loaded = reader == std::end(kReaders) ? read_with_assimp(bytes, path)
+                                                     : reader->read(std::move(bytes), path, progress);
     if (loaded.mesh.triangle.empty()) {
         // the first thing passed over is most likely why
         std::string reason = ": " + loaded.format + " without a face";
@@ -93,6 +113,8 @@ LoadedMesh load_mesh(std::string bytes, const std::filesystem::path& path) {
     return loaded;
 }
 
-LoadedMesh load_mesh(const std::filesystem::path& path) { return load_mesh(read_text_file(path), path); }
+LoadedMesh load_mesh(const std::filesystem::path& path, const LoadProgress& progress) {
+    return load_mesh(read_text_file(path), path, progress);
+}
 
 }  // namespace trocar

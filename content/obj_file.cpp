@@ -6,6 +6,7 @@
 #include <map>
 #include <set>
 
+#include "content/local_file.hpp"
 #include "content/number_text.hpp"
 #include "content/polygon.hpp"
 #include "content/texture.hpp"
@@ -239,16 +240,14 @@ void read_material_line(const Lines& lines, ObjState& s, std::string_view key, s
 }
 
 void read_material_file(ObjState& s, const Lines& from, const std::string& name) {
-    std::string relative = name;
-    std::replace(relative.begin(), relative.end(), '\\', '/');
-    const fs::path path = from.path.parent_path() / relative;
-    std::error_code ignored;
-    if (!fs::is_regular_file(path, ignored)) {
-        return warn_once(s, "mtllib " + name, from.place() + ": material file " + shown(name) + " is missing");
+    const LocalFile file = find_local_file(from.path.parent_path(), from.path.parent_path(), name);
+    if (!file.refusal.empty()) {
+        return warn_once(s, "mtllib " + name,
+                         from.place() + ": material file " + shown(name) + " is not read: " + file.refusal);
     }
     try {
-        const std::string text = read_text_file(path, kMaterialFileLimit);
-        Lines lines{text.data(), text.data() + text.size(), 0, 0, {}, path};
+        const std::string text = read_text_file(file.path, kMaterialFileLimit);
+        Lines lines{text.data(), text.data() + text.size(), 0, 0, {}, file.path};
         std::string_view rest;
         while (lines.next(rest)) {
             const std::string_view key = next_word(rest);
@@ -262,8 +261,8 @@ void read_material_file(ObjState& s, const Lines& from, const std::string& name)
 // mtllib takes several names, and names have blanks in practice: the whole rest is tried first.
 void read_material_files(ObjState& s, const Lines& lines, std::string_view rest) {
     const std::string whole = trimmed(rest);
-    std::error_code ignored;
-    if (fs::is_regular_file(lines.path.parent_path() / whole, ignored) || whole.find(' ') == std::string::npos) {
+    const fs::path folder = lines.path.parent_path();
+    if (whole.find(' ') == std::string::npos || find_local_file(folder, folder, whole).refusal.empty()) {
         return read_material_file(s, lines, whole);
     }
     for (std::string_view word = next_word(rest); !word.empty(); word = next_word(rest)) {
@@ -290,7 +289,8 @@ void use_material(ObjState& s, const Lines& lines, std::string_view rest) {
     } else {
         material.push_back(s.known[known->second]);
         if (!material.back().texture.empty()) {
-            const std::string trouble = load_texture(lines.path.parent_path(), material.back());
+            const fs::path folder = lines.path.parent_path();
+            const std::string trouble = load_texture(folder, folder, material.back());
             if (!trouble.empty()) warn_once(s, trouble, lines.place() + ": " + trouble);
         }
     }

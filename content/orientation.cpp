@@ -3,6 +3,7 @@
 #include <Eigen/Geometry>
 #include <algorithm>
 #include <cmath>
+#include <utility>
 
 #include "engine/geometry/winding_number.hpp"
 namespace trocar {
@@ -16,11 +17,28 @@ struct Piece {
     bool flat = false;
 };
 
+// The same for an edge of many faces (thousands of copies at one place), in ascending order of sets.
+template <typename Visit>
+void for_each_balance_sorted(const Mesh& mesh, const EdgeTable& table, uint32_t e, std::vector<uint32_t>& sets,
+                             const Visit& visit) {
+    std::vector<std::pair<uint32_t, int>> uses;
+    for (const uint32_t h : table.users(e)) {
+        uses.emplace_back(find_set(sets, h / 3), half_edge_start(mesh.triangle, h) == table.edge[e][0] ? 1 : -1);
+    }
+    std::sort(uses.begin(), uses.end());
+    for (size_t i = 0, k = 0; i < uses.size(); i = k) {
+        int balance = 0;
+        for (k = i; k < uses.size() && uses[k].first == uses[i].first; ++k) balance += uses[k].second;
+        visit(uses[i].first, balance);
+    }
+}
+
 // Calls visit(one member's face, balance) for every set that uses an edge: uses along minus uses against it.
 template <typename Visit>
 void for_each_balance(const Mesh& mesh, const EdgeTable& table, uint32_t e, std::vector<uint32_t>& sets,
                       const Visit& visit) {
     const auto users = table.users(e);
+    if (users.size() > 8) return for_each_balance_sorted(mesh, table, e, sets, visit);
     for (size_t i = 0; i < users.size(); ++i) {
         const uint32_t set = find_set(sets, users[i] / 3);
         int balance = 0;

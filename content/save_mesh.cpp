@@ -328,6 +328,99 @@ void write_wrl(const Mesh& mesh, const fs::path& path, Files& files) {
     files.bytes.push_back(std::move(out.bytes));
 }
 
+// The texture coordinate of each vertex, when all its corners agree on one; else empty.
+std::vector<Vec2> uv_of_vertices(const Mesh& mesh) {
+    std::vector<Vec2> uv(mesh.position.size());
+    std::vector<uint8_t> known(mesh.position.size(), 0);
+    for (size_t t = 0; t < mesh.uv.size(); ++t) {
+        for (size_t k = 0; k < 3; ++k) {
+            const uint32_t v = mesh.triangle[t][k];
+            const Vec2 corner = mesh.uv[t][k];
+            if (known[v] && (uv[v].u != corner.u || uv[v].v != corner.v)) return {};
+            uv[v] = corner;
+            known[v] = 1;
+        }
+    }
+    return uv;
+}
+
+void open_array(Output& out, const char* type, const char* name, int components) {
+    out << "<DataArray type=\"" << type << "\" Name=\"" << name << "\" NumberOfComponents=\"";
+    out.number(components);
+    out << "\" format=\"ascii\">\n";
+}
+
+// One number for each face, as text; `value` tells it.
+template <typename Value>
+void put_face_array(Output& out, const char* type, const char* name, size_t faces, const Value& value) {
+    open_array(out, type, name, 1);
+    for (size_t t = 0; t < faces; ++t) {
+        out.number(value(t));
+        out << "\n";
+    }
+    out << "</DataArray>\n";
+}
+
+// VTK's XML PolyData, as ParaView reads it. Texture coordinates belong to points there: where a seam gives a vertex
+// several, they are written as six numbers a face instead.
+void write_vtp(const Mesh& mesh, const fs::path& path, Files& files) {
+    Output out;
+    out << "<?xml version=\"1.0\"?>\n<VTKFile type=\"PolyData\" version=\"0.1\" byte_order=\"LittleEndian\">\n"
+           "<PolyData>\n<Piece NumberOfPoints=\"";
+    out.number(mesh.position.size());
+    out << "\" NumberOfVerts=\"0\" NumberOfLines=\"0\" NumberOfStrips=\"0\" NumberOfPolys=\"";
+    out.number(mesh.triangle.size());
+    out << "\">\n";
+    const std::vector<Vec2> uv = uv_of_vertices(mesh);
+    const bool per_point = !mesh.uv.empty() && !uv.empty();
+    if (per_point) {
+        out << "<PointData TCoords=\"TCoords\">\n";
+        open_array(out, "Float32", "TCoords", 2);
+        for (const Vec2& corner : uv) {
+            put_float(out, corner.u);
+            put_float(out << " ", corner.v);
+            out << "\n";
+        }
+        out << "</DataArray>\n</PointData>\n";
+    }
+    out << "<CellData>\n";
+    if (!mesh.triangle_material.empty()) {
+        put_face_array(out, "Int32", "material", mesh.triangle.size(),
+                       [&](size_t t) { return mesh.triangle_material[t]; });
+    }
+    if (!mesh.uv.empty() && !per_point) {
+        open_array(out, "Float32", "texture_coordinates", 6);
+        for (const auto& corners : mesh.uv) {
+            for (const Vec2& corner : corners) {
+                put_float(out, corner.u);
+                put_float(out << " ", corner.v);
+                out << " ";
+            }
+            out << "\n";
+        }
+        out << "</DataArray>\n";
+    }
+    out << "</CellData>\n<Points>\n";
+    open_array(out, "Float64", "Points", 3);
+    for (const Vec3d& p : mesh.position) {
+        out.numbers({p[0], p[1], p[2]});
+        out << "\n";
+    }
+    out << "</DataArray>\n</Points>\n<Polys>\n";
+    open_array(out, "Int64", "connectivity", 1);
+    for (const Triangle& t : mesh.triangle) {
+        for (size_t k = 0; k < 3; ++k) {
+            out.number(t[k]);
+            out << (k < 2 ? " " : "\n");
+        }
+    }
+    out << "</DataArray>\n";
+    put_face_array(out, "Int64", "offsets", mesh.triangle.size(), [](size_t t) { return 3 * t + 3; });
+    out << "</Polys>\n</Piece>\n</PolyData>\n</VTKFile>\n";
+    files.path.push_back(path);
+    files.bytes.push_back(std::move(out.bytes));
+}
+
 }  // namespace
 
 void save_mesh(const Mesh& mesh, const fs::path& path) {
@@ -351,8 +444,10 @@ void save_mesh(const Mesh& mesh, const fs::path& path) {
         write_ply(mesh, path, files);
     } else if (extension == ".wrl") {
         write_wrl(mesh, path, files);
+    } else if (extension == ".vtp") {
+        write_vtp(mesh, path, files);
     } else {
-        throw InputError(path.string() + ": cannot write: the name must end in .obj, .stl, .ply or .wrl");
+        throw InputError(path.string() + ": cannot write: the name must end in .obj, .stl, .ply, .wrl or .vtp");
     }
     std::vector<FileContents> contents;
     for (size_t k = 0; k < files.path.size(); ++k) contents.push_back({files.path[k], files.bytes[k]});

@@ -24,7 +24,7 @@ struct BodySpec {
     uint32_t triangles = 10000;
     uint64_t seed = 1;
     std::string file;  // mesh file, relative to the scene file or to the working folder
-    double scale = 1;  // m per file unit; 0 = guess (a diagonal above 3 is taken for mm)
+    double scale = 1;  // m per file unit; 0 = guess (guess_unit)
     double size = 0;   // m, wanted largest extent; 0 = leave
     Motion motion = Motion::kStatic;
     Vec3d position = Vec3d::Zero();  // m

@@ -119,16 +119,16 @@ Meeting meet_faces(const Mesh& mesh, uint32_t t, uint32_t u) {
     return Meeting::kCrossing;
 }
 
-// Visits every pair of faces with overlapping boxes once.
+// Visits every pair of faces with overlapping boxes once, until `*stop` when that is given.
 template <typename Visit>
-void for_each_near_pair(const BoxTree& tree, const Visit& visit) {
+void for_each_near_pair(const BoxTree& tree, const Visit& visit, const bool* stop = nullptr) {
     struct Nodes {
         uint32_t level, i, j;  // i <= j
     };
     std::vector<Nodes> stack;
     if (!tree.level.empty()) stack.push_back({static_cast<uint32_t>(tree.level.size() - 1), 0, 0});
     const uint32_t faces = static_cast<uint32_t>(tree.face.size());
-    while (!stack.empty()) {
+    while (!stack.empty() && !(stop && *stop)) {
         const auto [level, i, j] = stack.back();
         stack.pop_back();
         if (i != j && !overlap(tree.level[level][i], tree.level[level][j])) continue;
@@ -153,13 +153,24 @@ void for_each_near_pair(const BoxTree& tree, const Visit& visit) {
 
 SelfCrossings count_self_crossings(const Mesh& mesh) {
     SelfCrossings out;
-    for_each_near_pair(make_box_tree(mesh), [&](uint32_t t, uint32_t u) {
+    bool enough = false;
+    const auto count = [&](uint32_t t, uint32_t u) {
         const Meeting meeting = meet_faces(mesh, t, u);
         if (meeting == Meeting::kDisjoint) return;
         ++(meeting == Meeting::kCrossing ? out.crossing : out.touching);
         out.lowest_pair = std::min(out.lowest_pair, {std::min(t, u), std::max(t, u)});
-    });
+        enough = out.crossing + out.touching >= kSelfCrossingLimit;
+    };
+    for_each_near_pair(make_box_tree(mesh), count, &enough);
     return out;
+}
+
+std::vector<uint8_t> mark_self_crossings(const Mesh& mesh) {
+    std::vector<uint8_t> marked(mesh.triangle.size(), 0);
+    for_each_near_pair(make_box_tree(mesh), [&](uint32_t t, uint32_t u) {
+        if (!(marked[t] && marked[u]) && meet_faces(mesh, t, u) != Meeting::kDisjoint) marked[t] = marked[u] = 1;
+    });
+    return marked;
 }
 
 }  // namespace trocar

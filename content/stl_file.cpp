@@ -1,9 +1,8 @@
 #include "content/stl_file.hpp"
 
-#include <cmath>
 #include <cstring>
 
-#include "content/number_text.hpp"
+#include "content/words.hpp"
 #include "engine/error.hpp"
 namespace trocar {
 namespace {
@@ -16,61 +15,11 @@ uint32_t read_count(std::string_view bytes) {
     return count;
 }
 
-// Words of an ascii file, with the line they stand in.
-struct Words {
-    const char* at;
-    const char* end;
-    uint64_t line = 1;
-    const std::filesystem::path& path;
-
-    [[noreturn]] void fail(const std::string& reason) const {
-        throw InputError(path.string() + ":" + std::to_string(line) + ": " + reason);
-    }
-    void skip_blanks() {
-        for (; at != end && static_cast<unsigned char>(*at) <= ' '; ++at) line += *at == '\n';
-    }
-    // The next word, empty at the end of the file.
-    std::string_view next() {
-        skip_blanks();
-        const char* const begin = at;
-        while (at != end && static_cast<unsigned char>(*at) > ' ') ++at;
-        return {begin, static_cast<size_t>(at - begin)};
-    }
-    void skip_line() {
-        while (at != end && *at != '\n' && *at != '\r') ++at;
-    }
-};
-
-bool same_word(std::string_view word, std::string_view lower) {
-    if (word.size() != lower.size()) return false;
-    for (size_t i = 0; i < word.size(); ++i) {
-        if ((word[i] | 0x20) != lower[i]) return false;
-    }
-    return true;
-}
-
-std::string shown(std::string_view word) {
-    if (word.empty()) return "the end of the file";
-    std::string text = "'";
-    for (const char c : word.substr(0, 40)) text += c > ' ' && c < 127 ? c : '?';
-    return text + "'";
-}
-
 void expect(Words& words, std::string_view wanted, const char* where) {
     const std::string_view word = words.next();
     if (!same_word(word, wanted)) {
         words.fail("expected '" + std::string(wanted) + "' " + where + ", found " + shown(word));
     }
-}
-
-double expect_number(Words& words, bool may_be_bad) {
-    const std::string_view word = words.next();
-    double value = 0;
-    const char* const end = parse_number(word.data(), word.data() + word.size(), value);
-    const bool good = !word.empty() && end == word.data() + word.size() && std::isfinite(value);
-    if (!good && !may_be_bad) words.fail("expected a finite coordinate, found " + shown(word));
-    if (word.empty()) words.fail("the file ends inside a facet");
-    return value;
 }
 
 }  // namespace
@@ -109,7 +58,7 @@ LoadedMesh read_binary_stl(std::string_view bytes, const std::filesystem::path& 
 }
 
 LoadedMesh read_ascii_stl(std::string_view text, const std::filesystem::path& path) {
-    Words words{text.data(), text.data() + text.size(), 1, path};
+    Words words{text.data(), text.data() + text.size(), path};
     LoadedMesh loaded;
     loaded.format = "STL ascii";
     Mesh& mesh = loaded.mesh;
@@ -119,14 +68,14 @@ LoadedMesh read_ascii_stl(std::string_view text, const std::filesystem::path& pa
         if (!inside) {
             if (word.empty()) break;
             if (!same_word(word, "solid")) words.fail("expected 'solid', found " + shown(word));
-            words.skip_line();
+            words.rest_of_line();
             inside = true;
         } else if (same_word(word, "endsolid")) {
-            words.skip_line();
+            words.rest_of_line();
             inside = false;
         } else if (same_word(word, "facet")) {
             expect(words, "normal", "after 'facet'");
-            for (int k = 0; k < 3; ++k) expect_number(words, true);  // writers put nan into normals of flat facets
+            for (int k = 0; k < 3; ++k) words.number(true);  // writers put nan into normals of flat facets
             expect(words, "outer", "after the normal");
             expect(words, "loop", "after 'outer'");
             if (mesh.position.size() + 3 >= kNone) words.fail("more facets than 32 bits can number");
@@ -134,7 +83,7 @@ LoadedMesh read_ascii_stl(std::string_view text, const std::filesystem::path& pa
             for (int k = 0; k < 3; ++k) {
                 expect(words, "vertex", "in a facet (three in each)");
                 Vec3d p;
-                for (int c = 0; c < 3; ++c) p[c] = expect_number(words, false);
+                for (int c = 0; c < 3; ++c) p[c] = words.number();
                 mesh.position.push_back(p);
             }
             expect(words, "endloop", "after three vertices");

@@ -1,21 +1,15 @@
 #include "content/texture.hpp"
 
-#include <algorithm>
-
+#include "content/local_file.hpp"
 #include "engine/error.hpp"
 #include "engine/image_file.hpp"
 namespace trocar {
 
-std::string load_texture(const std::filesystem::path& folder, Material& material) {
-    std::string name = material.texture;
-    if (name.starts_with("file://")) name.erase(0, 7);
-    if (name.find("://") != std::string::npos) return "texture '" + material.texture + "' is not on this machine";
-    std::replace(name.begin(), name.end(), '\\', '/');
-    const std::filesystem::path path = folder / name;
-    std::error_code ignored;
-    if (!std::filesystem::is_regular_file(path, ignored)) return "texture '" + material.texture + "' is missing";
+std::string load_texture(const std::filesystem::path& root, const std::filesystem::path& folder, Material& material) {
+    const LocalFile file = find_local_file(root, folder, material.texture);
+    if (!file.refusal.empty()) return "texture '" + material.texture + "' is not read: " + file.refusal;
     try {
-        material.image = load_image(path);
+        material.image = load_image(file.path);
     } catch (const InputError& error) {
         return std::string("texture not used: ") + error.what();
     }

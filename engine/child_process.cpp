@@ -2,6 +2,7 @@
 
 #include <fcntl.h>
 #include <poll.h>
+#include <sys/mman.h>
 #include <sys/prctl.h>
 #include <sys/resource.h>
 #include <sys/wait.h>
@@ -45,6 +46,25 @@ void open_pipe(Pipe& pipe, const std::string& program) {
     if (::pipe2(ends, O_CLOEXEC) != 0) fail(program, errno);
     pipe.read_end = ends[0];
     pipe.write_end = ends[1];
+}
+
+// A file in memory that holds `bytes`, at its start.
+int open_memory_file(std::string_view bytes, const std::string& program) {
+    const int fd = ::memfd_create("input", MFD_CLOEXEC);
+    if (fd < 0) fail(program, errno);
+    size_t done = 0;
+    while (done < bytes.size()) {
+        const ssize_t got =
+            ::pwrite(fd, bytes.data() + done, std::min(bytes.size() - done, size_t{1} << 30), static_cast<off_t>(done));
+        if (got < 0 && errno == EINTR) continue;
+        if (got <= 0) {
+            const int fault = errno;
+            ::close(fd);
+            fail(program, fault);
+        }
+        done += static_cast<size_t>(got);
+    }
+    return fd;
 }
 
 // A child that is killed and waited for when it has not been yet.
@@ -92,8 +112,8 @@ void limit(int resource, uint64_t soft, uint64_t hard) {
 }
 
 // Starts the child; returns when exec has succeeded, throws when it has not.
-void start(Child& child, const std::vector<std::string>& arguments, const ChildLimits& limits, Pipe& output,
-           Pipe& errors) {
+void start(Child& child, const std::vector<std::string>& arguments, const ChildLimits& limits, std::string_view text,
+           Pipe& output, Pipe& errors) {
     const std::string& program = arguments.front();
     std::vector<char*> pointers;
     for (const std::string& argument : arguments) pointers.push_back(const_cast<char*>(argument.c_str()));
@@ -102,7 +122,7 @@ void start(Child& child, const std::vector<std::string>& arguments, const ChildL
     open_pipe(output, program);
     open_pipe(errors, program);
     open_pipe(report, program);
-    open_pipe(input, program);
+    input.read_end = open_memory_file(text, program);
     // descriptors below 3 would be overwritten while the child sets up its own
     for (int* fd : {&output.write_end, &errors.write_end, &report.write_end, &input.read_end}) {
         const int high = *fd > STDERR_FILENO ? *fd : ::fcntl(*fd, F_DUPFD_CLOEXEC, STDERR_FILENO + 1);
@@ -173,17 +193,6 @@ ChildEnd collect(pid_t pid, const ChildLimits& limits, Pipe& output, Pipe& error
     }
 }
 
-// The last lines as text that fits on one.
-std::string last_line(const std::string& errors) {
-    const size_t stop = errors.find_last_not_of(" \t\r\n");
-    if (stop == std::string::npos) return "";
-    const size_t before = errors.find_last_of("\r\n", stop);
-    const size_t start = before == std::string::npos ? 0 : before + 1;
-    std::string line = errors.substr(start, std::min<size_t>(stop + 1 - start, 300));
-    for (char& c : line) c = static_cast<unsigned char>(c) < 0x20 || c == 0x7f ? ' ' : c;
-    return line;
-}
-
 std::string seconds_text(double seconds) {
     char text[32];
     std::snprintf(text, sizeof text, "%g s", seconds);
@@ -192,12 +201,12 @@ std::string seconds_text(double seconds) {
 
 }  // namespace
 
-ChildResult run_child(const std::vector<std::string>& arguments, const ChildLimits& limits) {
+ChildResult run_child(const std::vector<std::string>& arguments, const ChildLimits& limits, std::string_view input) {
     if (arguments.empty()) throw InputError("no program to start");
     ChildResult result;
     Pipe output, errors;
     Child child;
-    start(child, arguments, limits, output, errors);
+    start(child, arguments, limits, input, output, errors);
     result.end = collect(child.pid, limits, output, errors, result);
     // before it is waited for: until then the number of the group cannot be another's
     ::kill(-child.pid, SIGKILL);
@@ -223,8 +232,19 @@ ChildResult run_child(const std::vector<std::string>& arguments, const ChildLimi
     return result;
 }
 
+std::string last_error_line(const ChildResult& result) {
+    const std::string& errors = result.last_errors;
+    const size_t stop = errors.find_last_not_of(" \t\r\n");
+    if (stop == std::string::npos) return "";
+    const size_t before = errors.find_last_of("\r\n", stop);
+    const size_t start = before == std::string::npos ? 0 : before + 1;
+    std::string line = errors.substr(start, std::min<size_t>(stop + 1 - start, 300));
+    for (char& c : line) c = static_cast<unsigned char>(c) < 0x20 || c == 0x7f ? ' ' : c;
+    return line;
+}
+
 std::string describe_child_end(const ChildResult& result, const ChildLimits& limits) {
-    const std::string line = last_line(result.last_errors);
+    const std::string line = last_error_line(result);
     switch (result.end) {
         case ChildEnd::kExited:
             if (result.exit_code == 0) return "";

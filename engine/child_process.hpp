@@ -2,6 +2,7 @@
 #include <cstdint>
 #include <filesystem>
 #include <string>
+#include <string_view>
 #include <vector>
 namespace trocar {
 
@@ -35,10 +36,14 @@ struct ChildResult {
 
 constexpr int kChildOutOfMemory = 75;
 
-// Runs a program to its end: arguments[0] is its path (no search, no shell). Its standard input is empty, no other
-// descriptor is inherited, and it leads a process group of its own, of which nothing is left when this returns. It dies
-// with this process. Throws InputError "program: cannot start: reason".
-ChildResult run_child(const std::vector<std::string>& arguments, const ChildLimits& limits);
+// Runs a program to its end: arguments[0] is its path (no search, no shell). Its standard input is a file in memory
+// that holds `input`; no other descriptor is inherited, and it leads a process group of its own, of which nothing is
+// left when this returns. It dies with this process. Throws InputError "program: cannot start: reason".
+ChildResult run_child(const std::vector<std::string>& arguments, const ChildLimits& limits,
+                      std::string_view input = {});
+
+// The last line of its standard error, control characters made blanks, cut to 300 bytes.
+std::string last_error_line(const ChildResult& result);
 
 // The end as words that follow the program's name: "ended with code 3: last line of its errors", "crashed (Segmentation
 // fault)", "was stopped after 10 s of processor time", "ran out of its 1.0 GiB of memory". Empty when it exited with 0.

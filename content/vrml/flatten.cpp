@@ -6,6 +6,7 @@
 #include "content/vrml/lexer.hpp"
 #include "content/vrml/parser.hpp"
 #include "content/vrml/surfaces.hpp"
+#include "content/vrml/x3d.hpp"
 #include "engine/error.hpp"
 namespace trocar::vrml {
 namespace {
@@ -30,7 +31,7 @@ struct Walk {
     std::vector<Visit> stack{};
     std::vector<Instance> instances{};
     std::set<NodeId> checked{};  // coordinate nodes
-    std::map<NodeId, uint64_t> triangles_of{};
+    std::map<std::pair<NodeId, NodeId>, uint64_t> triangles_of{};  // of a geometry over a coordinate node
     uint64_t visits = 0, visit_limit = 0, triangles = 0;
 };
 
@@ -97,6 +98,13 @@ Placement rotation_of(const Walk& w, NodeId id, std::string_view name, double si
     return rotation({r[0], r[1], r[2]}, sign * r[3]);
 }
 
+// Inventor's RotationXYZ: axis X, Y or Z, X by default.
+Placement rotation_about_axis(const Walk& w, NodeId id) {
+    const std::string name = text_of(find_value(w.scene, id, "axis"));
+    const int axis = name == "Y" ? 1 : name == "Z" ? 2 : 0;
+    return rotation(Vec3d::Unit(axis), values<1>(w, id, "angle", {0})[0]);
+}
+
 // T C R SR S -SR -C of the VRML97 standard, section 6.52; that of VRML 1.0 is the same.
 Placement transform_of(const Walk& w, NodeId id) {
     const std::string_view scale = find_value(w.scene, id, "scale") ? "scale" : "scaleFactor";
@@ -159,9 +167,8 @@ void visit_switch(Walk& w, NodeId id) {
 void visit_inline(Walk& w, NodeId id) {
     Value url = find_value(w.scene, id, "url");
     if (!url) url = find_value(w.scene, id, "name");
-    const std::string name = text_of(url);
-    if (name.empty()) return;
-    const uint32_t row = load_file(w.scene, url.file, name, url.field->offset);
+    if (!flag_of(find_value(w.scene, id, "load"), true)) return;
+    const uint32_t row = load_first(w.scene, url);
     if (row == kNone) return;
     const uint32_t inlined = w.stack.back().inlined + 1;
     if (inlined > kInlineLimit)
@@ -186,7 +193,7 @@ void add_surface(Walk& w, const State& state, NodeId id) {
         return;
     }
     Instance instance{state, id};
-    if (role == Role::kFaceSet) {
+    if (takes_points(role)) {
         const NodeId own = first_node(w.scene, find_value(w.scene, id, "coord"));
         if (own.node != kNone && role_of(w.scene, own) == Role::kCoordinate) instance.state.coordinate = own;
         const NodeId texture_coordinate = first_node(w.scene, find_value(w.scene, id, "texCoord"));
@@ -208,11 +215,15 @@ void add_surface(Walk& w, const State& state, NodeId id) {
                 throw InputError(error.what() + describe_path(w, coordinate));
             }
         }
-    } else if (role < Role::kBox) {
+    } else if (role == Role::kElevationGrid) {
+        instance.state.texture_coordinate = first_node(w.scene, find_value(w.scene, id, "texCoord"));
+    } else if (role == Role::kExtrusion) {
+        instance.state.texture_coordinate = {};
+    } else if (!is_primitive(role)) {
         return;  // no geometry
     }
-    const auto [known, fresh] = w.triangles_of.try_emplace(id, 0);
-    if (fresh) known->second = count_triangles(w.scene, id);
+    const auto [known, fresh] = w.triangles_of.try_emplace({id, instance.state.coordinate}, 0);
+    if (fresh) known->second = count_triangles(w.scene, instance);
     w.triangles += known->second;
     if (w.triangles > kTriangleLimit) {
         fail(w, id, "more than the limit of " + std::to_string(kTriangleLimit) + " triangles");
@@ -245,7 +256,8 @@ void visit_node(Walk& w, NodeId id) {
     }
     id = resolve(w.scene, id);
     Placement& placement = w.state.placement;
-    switch (role_of(w.scene, id)) {
+    const Role role = role_of(w.scene, id);
+    switch (role) {
         case Role::kGroup:
             return push_children(w, id, Restore::kAll);
         case Role::kOpenGroup:
@@ -259,6 +271,12 @@ void visit_node(Walk& w, NodeId id) {
             return;
         case Role::kRotation:
             placement = combine(placement, rotation_of(w, id, "rotation", 1));
+            return;
+        case Role::kRotationXYZ:
+            placement = combine(placement, rotation_about_axis(w, id));
+            return;
+        case Role::kResetTransform:
+            placement = {};
             return;
         case Role::kScale:
             placement = combine(placement, scaling(vector_of(w, id, "scaleFactor", 1)));
@@ -296,13 +314,9 @@ void visit_node(Walk& w, NodeId id) {
             w.state.clockwise = text_of(find_value(w.scene, id, "vertexOrdering")) == "CLOCKWISE";
             return;
         case Role::kUnsupported:
-        case Role::kFaceSet:
-        case Role::kBox:
-        case Role::kSphere:
-        case Role::kCone:
-        case Role::kCylinder:
             return add_surface(w, w.state, id);
         default:
+            if (takes_points(role) || is_primitive(role)) add_surface(w, w.state, id);
             return;
     }
 }
@@ -333,6 +347,7 @@ std::string plural(uint64_t count, const std::string& one) {
 }  // namespace
 
 bool looks_like_vrml(std::string_view text) {
+    if (looks_like_x3d(text)) return true;
     if (text.starts_with("\xef\xbb\xbf")) text.remove_prefix(3);
     std::string head;
     for (const char c : text.substr(0, 64)) head += c >= 'A' && c <= 'Z' ? static_cast<char>(c | 0x20) : c;
@@ -355,7 +370,7 @@ bool looks_like_vrml(std::string_view text) {
     }
 }
 
-LoadedMesh flatten_document(Document document) {
+LoadedMesh flatten_document(Document document, const LoadProgress& progress) {
     LoadedMesh loaded;
     Scene scene;
     const std::string path = document.path.string();
@@ -363,6 +378,10 @@ LoadedMesh flatten_document(Document document) {
     Walk walk{scene};
     walk_scene(walk);
     SurfaceBuilder builder{scene, loaded.mesh};
+    builder.report = [&] {
+        const double done = static_cast<double>(loaded.mesh.triangle.size()) / static_cast<double>(walk.triangles + 1);
+        if (progress) progress(kTextShare + (1 - kTextShare) * done);
+    };
     loaded.mesh.triangle.reserve(walk.triangles);
     loaded.mesh.triangle_material.reserve(walk.triangles);
     for (const Instance& instance : walk.instances) build_surface(builder, instance);

@@ -14,6 +14,6 @@ bool looks_like_vrml(std::string_view text);
 // one material per look, textures loaded. Version 1.0 or 97 is told by the node names first, the header second. Not
 // welded. Throws InputError "file:line:column: reason (in Separator > IndexedFaceSet)" beyond the limits, at a point
 // that is not finite and where files or prototypes run in circles; all else it cannot use is a warning.
-LoadedMesh flatten_document(Document document);
+LoadedMesh flatten_document(Document document, const LoadProgress& progress = {});
 
 }  // namespace trocar::vrml

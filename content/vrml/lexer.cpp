@@ -152,7 +152,7 @@ void read_numbers(Lexer& lexer, std::vector<double>& numbers) {
     const char* const base = lexer.text.data();
     const char* const end = base + lexer.text.size();
     const char* at = base + lexer.at;
-    while (true) {
+    for (size_t k = 0; k < kNumberRun; ++k) {
         at = skip_blanks(at, end);
         double value = 0;
         const char* const stop = at == end ? nullptr : parse_value(at, end, value);

@@ -45,7 +45,9 @@ Token next_token(Lexer& lexer);
 // The same without moving on.
 Token peek_token(const Lexer& lexer);
 
-// Appends the finite numbers that follow up to the first token of another kind or number that is not finite.
+// Appends the finite numbers that follow, kNumberRun at most, up to the first token of another kind or number that is
+// not finite.
+inline constexpr size_t kNumberRun = size_t{1} << 18;
 void read_numbers(Lexer& lexer, std::vector<double>& numbers);
 
 // The next run of bytes without blank, comma, bracket, quote or '#', whatever it looks like: names after DEF may begin

@@ -12,9 +12,14 @@ constexpr auto sort_types(auto types) {
 
 constexpr Language kAny = Language::kBoth, kOld = Language::kOne, kNew = Language::k97;
 
+// fields every set of triangles and quadrilaterals of X3D has
+#define X3D_SET "coord texCoord normal color ccw solid colorPerVertex normalPerVertex attrib fogCoord"
+
 // clang-format off
 constexpr auto kTypes = sort_types(std::to_array<NodeType>({
     {"Separator", Role::kGroup, kOld, "renderCulling renderCaching boundingBoxCaching pickCulling"},
+    {"Annotation", Role::kGroup, kOld, "*"},
+    {"Selection", Role::kGroup, kOld, "*"},
     {"WWWAnchor", Role::kGroup, kOld, "name description map"},
     {"Group", Role::kOpenGroup, kAny, "children"},
     {"TransformSeparator", Role::kTransformGroup, kOld, ""},
@@ -25,16 +30,20 @@ constexpr auto kTypes = sort_types(std::to_array<NodeType>({
     {"Transform", Role::kTransform, kAny, "children translation rotation scaleFactor scale scaleOrientation center"},
     {"Translation", Role::kTranslation, kOld, "translation"},
     {"Rotation", Role::kRotation, kOld, "rotation"},
+    {"RotationXYZ", Role::kRotationXYZ, kOld, "axis angle"},
+    {"ResetTransform", Role::kResetTransform, kOld, "whatToReset"},
     {"Scale", Role::kScale, kOld, "scaleFactor"},
     {"MatrixTransform", Role::kMatrix, kOld, "matrix"},
     {"Switch", Role::kSwitch, kAny, "whichChild whichChoice choice children"},
     {"LOD", Role::kLevels, kAny, "range center level children forceTransitions"},
     {"WWWInline", Role::kInline, kOld, "name bboxSize bboxCenter"},
+    {"File", Role::kInline, kOld, "name"},
     {"Inline", Role::kInline, kNew, "url load"},
     {"Shape", Role::kShape, kNew, "appearance geometry"},
-    {"Appearance", Role::kAppearance, kNew, "material texture textureTransform"},
+    {"Appearance", Role::kAppearance, kNew, "material texture textureTransform lineProperties fillProperties pointProperties shaders backMaterial alphaMode "
+     "alphaCutoff"},
     {"IndexedFaceSet", Role::kFaceSet, kAny,
-     "coordIndex materialIndex normalIndex textureCoordIndex texCoordIndex coord texCoord normal normalPerVertex color "
+     "coordIndex materialIndex normalIndex textureCoordIndex texCoordIndex vertexProperty attrib fogCoord coord texCoord normal normalPerVertex color "
      "colorIndex colorPerVertex ccw solid convex creaseAngle"},
     {"Coordinate3", Role::kCoordinate, kOld, "point"},
     {"Coordinate", Role::kCoordinate, kNew, "point"},
@@ -60,8 +69,32 @@ constexpr auto kTypes = sort_types(std::to_array<NodeType>({
     {"IndexedLineSet", Role::kIgnored, kAny, "*"},
     {"PointSet", Role::kIgnored, kAny, "*"},
     {"Text", Role::kUnsupported, kNew, "*"},
-    {"Extrusion", Role::kUnsupported, kNew, "*"},
-    {"ElevationGrid", Role::kUnsupported, kNew, "*"},
+    {"Extrusion", Role::kExtrusion, kNew,
+     "crossSection spine scale orientation beginCap endCap ccw solid convex creaseAngle"},
+    {"ElevationGrid", Role::kElevationGrid, kNew,
+     "xDimension zDimension xSpacing zSpacing height color texCoord normal colorPerVertex normalPerVertex ccw solid "
+     "creaseAngle attrib fogCoord"},
+    {"IndexedTriangleSet", Role::kIndexedTriangles, kNew, "index " X3D_SET},
+    {"TriangleSet", Role::kTriangles, kNew, X3D_SET},
+    {"IndexedTriangleFanSet", Role::kIndexedFans, kNew, "index " X3D_SET},
+    {"TriangleFanSet", Role::kFans, kNew, "fanCount " X3D_SET},
+    {"IndexedTriangleStripSet", Role::kIndexedStrips, kAny,
+     "index coordIndex materialIndex normalIndex textureCoordIndex vertexProperty " X3D_SET},
+    {"TriangleStripSet", Role::kStrips, kAny, "stripCount numVertices startIndex vertexProperty " X3D_SET},
+    {"IndexedQuadSet", Role::kIndexedQuads, kNew, "index " X3D_SET},
+    {"QuadSet", Role::kQuads, kNew, X3D_SET},
+    {"FaceSet", Role::kPolygons, kOld, "numVertices startIndex vertexProperty"},
+    {"QuadMesh", Role::kQuadMesh, kOld, "verticesPerRow verticesPerColumn startIndex vertexProperty"},
+    {"Rectangle2D", Role::kUnsupported, kNew, "*"},
+    {"Disk2D", Role::kUnsupported, kNew, "*"},
+    {"TriangleSet2D", Role::kUnsupported, kNew, "*"},
+    {"GeoElevationGrid", Role::kUnsupported, kNew, "*"},
+    {"NurbsSurface", Role::kUnsupported, kOld, "*"},
+    {"IndexedNurbsSurface", Role::kUnsupported, kOld, "*"},
+    {"NurbsPatchSurface", Role::kUnsupported, kNew, "*"},
+    {"NurbsTrimmedSurface", Role::kUnsupported, kNew, "*"},
+    {"Text3", Role::kUnsupported, kOld, "*"},
+    {"LineSet", Role::kIgnored, kAny, "*"},
     {"MovieTexture", Role::kIgnored, kNew, "*"},
     {"BaseColor", Role::kIgnored, kOld, "*"},
     {"DirectionalLight", Role::kIgnored, kAny, "*"},
@@ -101,8 +134,27 @@ constexpr auto kTypes = sort_types(std::to_array<NodeType>({
     {"ColorInterpolator", Role::kIgnored, kNew, "*"},
     {"CoordinateInterpolator", Role::kIgnored, kNew, "*"},
     {"NormalInterpolator", Role::kIgnored, kNew, "*"},
+    {"MetadataString", Role::kIgnored, kNew, "*"},
+    {"MetadataSet", Role::kIgnored, kNew, "*"},
+    {"MetadataFloat", Role::kIgnored, kNew, "*"},
+    {"MetadataDouble", Role::kIgnored, kNew, "*"},
+    {"MetadataInteger", Role::kIgnored, kNew, "*"},
+    {"BooleanSequencer", Role::kIgnored, kNew, "*"},
+    {"IntegerSequencer", Role::kIgnored, kNew, "*"},
+    {"BooleanFilter", Role::kIgnored, kNew, "*"},
+    {"BooleanToggle", Role::kIgnored, kNew, "*"},
+    {"BooleanTrigger", Role::kIgnored, kNew, "*"},
+    {"TimeTrigger", Role::kIgnored, kNew, "*"},
+    {"KeySensor", Role::kIgnored, kNew, "*"},
+    {"StringSensor", Role::kIgnored, kNew, "*"},
+    {"LoadSensor", Role::kIgnored, kNew, "*"},
+    {"OrthoViewpoint", Role::kIgnored, kNew, "*"},
+    {"TextureBackground", Role::kIgnored, kNew, "*"},
+    {"FillProperties", Role::kIgnored, kNew, "*"},
+    {"LineProperties", Role::kIgnored, kNew, "*"},
 }));
 // clang-format on
+#undef X3D_SET
 
 }  // namespace
 
@@ -115,7 +167,7 @@ NodeType find_node_type(std::string_view name) {
 bool has_field(const NodeType& type, std::string_view field) {
     if (type.fields == "*" || type.role == Role::kUnknown) return true;
     // of every node: VRML 1.0 extensions, bounding boxes of groups, X3D
-    for (const std::string_view all : {"fields", "isA", "bboxCenter", "bboxSize", "metadata"}) {
+    for (const std::string_view all : {"fields", "isA", "bboxCenter", "bboxSize", "metadata", "visible", "bboxDisplay"}) {
         if (field == all) return true;
     }
     std::string_view rest = type.fields;

@@ -14,14 +14,28 @@ enum class Role : uint8_t {
     kTransform,       // VRML 1.0 property, or VRML97 group when it has children
     kTranslation,
     kRotation,
+    kRotationXYZ,
     kScale,
     kMatrix,
+    kResetTransform,
     kSwitch,
     kLevels,  // LOD
     kInline,
     kShape,
     kAppearance,
-    kFaceSet,
+    kFaceSet,           // coordIndex
+    kIndexedTriangles,  // X3D; the sets that follow take their points in order where they are not indexed
+    kTriangles,
+    kIndexedFans,
+    kFans,
+    kIndexedStrips,  // X3D and Inventor
+    kStrips,
+    kIndexedQuads,
+    kQuads,
+    kPolygons,  // Inventor FaceSet
+    kQuadMesh,  // Inventor
+    kElevationGrid,
+    kExtrusion,
     kCoordinate,
     kTextureCoordinate,
     kMaterial,
@@ -37,6 +51,10 @@ enum class Role : uint8_t {
 };
 
 enum class Language : uint8_t { kBoth, kOne, k97 };  // whose node it is
+
+// Surfaces over points of a coordinate node; surfaces with a shape of their own.
+inline bool takes_points(Role role) { return role >= Role::kFaceSet && role <= Role::kQuadMesh; }
+inline bool is_primitive(Role role) { return role >= Role::kBox && role <= Role::kCylinder; }
 
 struct NodeType {
     std::string_view name;

@@ -443,9 +443,15 @@ std::string describe_open(const Parser& p) {
            " is closed";
 }
 
-void parse(Parser& p) {
+void parse(Parser& p, const LoadProgress& progress) {
+    constexpr uint32_t kEvery = 1u << 22;  // bytes between two reports
+    uint32_t report_at = kEvery;
     push_frame(p, FrameKind::kFile, kNone, 0);
     while (true) {
+        if (progress && p.lexer.at >= report_at) {
+            progress(kTextShare * p.lexer.at / static_cast<double>(p.document.text.size()));
+            report_at = p.lexer.at + std::min(kEvery, kNone - p.lexer.at);
+        }
         const Token token = next_token(p.lexer);
         const FrameKind kind = p.frames.back().kind;
         if (token.kind == TokenKind::kEnd) {
@@ -502,7 +508,7 @@ std::string printable(std::string_view text) {
     return text.size() > 40 ? shown + "..." : shown;
 }
 
-Document parse_document(std::string text, std::filesystem::path path) {
+Document parse_document(std::string text, std::filesystem::path path, const LoadProgress& progress) {
     if (text.size() >= kNone) throw InputError(path.string() + ": more text than 32 bits can number");
     Parser p;
     p.document.path = std::move(path);
@@ -511,7 +517,7 @@ Document parse_document(std::string text, std::filesystem::path path) {
     p.names.emplace_back();
     if (p.document.text.starts_with("\xef\xbb\xbf")) p.lexer.at = 3;
     try {
-        parse(p);
+        parse(p, progress);
     } catch (const LexicalFault& fault) {
         fail(p, fault.offset, fault.reason);
     }

@@ -2,9 +2,10 @@
 
 #include <algorithm>
 
+#include "content/local_file.hpp"
 #include "content/vrml/flatten.hpp"
 #include "content/vrml/lexer.hpp"
-#include "content/vrml/parser.hpp"
+#include "content/vrml/x3d.hpp"
 #include "engine/error.hpp"
 #include "engine/text_file.hpp"
 namespace trocar::vrml {
@@ -30,6 +31,7 @@ Header read_header(std::string_view text) {
     const std::string line = lower(text.substr(0, 32));
     if (line.starts_with("#vrml v1")) return {Language::kOne, "VRML 1.0"};
     if (line.starts_with("#vrml v2")) return {Language::k97, "VRML97"};
+    if (line.starts_with("<")) return {Language::k97, "X3D"};
     if (line.starts_with("#x3d v")) return {Language::k97, "X3D (classic)"};
     if (line.starts_with("#inventor v")) return {Language::kOne, "Inventor"};
     if (line.starts_with("#vrml")) return {Language::kBoth, "VRML"};
@@ -128,27 +130,30 @@ uint32_t load_file(Scene& scene, uint32_t from, const std::string& url, uint32_t
         }
         return kNone;
     };
-    std::string name = url;
-    std::replace(name.begin(), name.end(), '\\', '/');
-    if (name.empty() || name.find("://") != std::string::npos) return pass_over("it is not on this machine");
     if (scene.file.size() > 1000) return pass_over("more than 1000 files");
+    const LocalFile local =
+        find_local_file(scene.file[0]->document.path.parent_path(), document.path.parent_path(), url);
+    if (!local.refusal.empty()) return pass_over(local.refusal);
     std::error_code fault;
-    const fs::path folder = fs::weakly_canonical(fs::absolute(scene.file[0]->document.path).parent_path(), fault);
-    const fs::path path = fs::weakly_canonical(fs::absolute(document.path).parent_path() / name, fault);
-    const fs::path inside = path.lexically_relative(folder);
-    if (inside.empty() || *inside.begin() == "..") return pass_over("it lies outside the folder of the scene");
-    const auto known = scene.file_of_path.find(path.string());
+    const std::string key = fs::canonical(local.path, fault).string();
+    const auto known = scene.file_of_path.find(key);
     if (known != scene.file_of_path.end()) return known->second;
     uint32_t row = kNone;
-    if (!fs::is_regular_file(path, fault)) {
-        pass_over("there is no such file");
-    } else if (std::string text = read_text_file(document.path.parent_path() / name); looks_like_vrml(text)) {
-        row = add_file(scene, parse_document(std::move(text), document.path.parent_path() / name));
+    if (std::string text = read_text_file(local.path); looks_like_vrml(text)) {
+        row = add_file(scene, read_document(std::move(text), local.path));
     } else {
         pass_over("it is not VRML");
     }
-    scene.file_of_path[path.string()] = row;
+    scene.file_of_path[key] = row;
     return row;
+}
+
+uint32_t load_first(Scene& scene, const Value& url) {
+    for (const std::string& name : urls_of(url)) {
+        const uint32_t row = load_file(scene, url.file, name, url.field->offset);
+        if (row != kNone) return row;
+    }
+    return kNone;
 }
 
 const Node& node_of(const Scene& scene, NodeId id) { return scene.file[id.document]->document.node[id.node]; }
@@ -163,6 +168,27 @@ std::string place_of(const Scene& scene, NodeId id) {
     return describe_place(scene.file[id.document]->document, node_of(scene, id).offset);
 }
 
+// The PROTO an EXTERNPROTO of file `holder` stands for, in the first of its files that has it; sets the file and row.
+static const Prototype* find_elsewhere(Scene& scene, const Prototype& external, uint32_t& holder, uint32_t& row) {
+    const Document& document = scene.file[holder]->document;
+    Field field;
+    field.words = external.url;
+    for (const std::string& url : urls_of(Value{&document, &field, holder, 0})) {
+        const size_t hash = url.find('#');
+        const uint32_t file = load_file(scene, holder, url.substr(0, hash), external.offset);
+        if (file == kNone) continue;
+        const std::vector<Prototype>& known = scene.file[file]->document.prototype;
+        const Prototype* found = known.empty() ? nullptr : known.data();
+        row = 0;
+        if (hash != std::string::npos) found = find_prototype(*scene.file[file], url.substr(hash + 1), row);
+        if (found) {
+            holder = file;
+            return found;
+        }
+    }
+    return nullptr;
+}
+
 NodeId resolve(Scene& scene, NodeId id) {
     while (role_of(scene, id) == Role::kUnknown) {
         const Document* document = &scene.file[id.document]->document;
@@ -170,18 +196,10 @@ NodeId resolve(Scene& scene, NodeId id) {
         const std::string name(text_of(*document, node_of(scene, id).type));
         const Prototype* prototype = find_prototype(*scene.file[holder], name, row);
         for (int hop = 0; prototype && prototype->url.count > 0; ++hop) {
-            const std::string url = unescape(text_of(*document, document->word[prototype->url.first].bytes));
-            const size_t hash = url.find('#');
-            holder = hop > 8 ? kNone : load_file(scene, holder, url.substr(0, hash), prototype->offset);
-            if (holder == kNone) return id;
-            document = &scene.file[holder]->document;
-            if (hash == std::string::npos) {
-                row = 0;
-                prototype = document->prototype.empty() ? nullptr : document->prototype.data();
-            } else {
-                prototype = find_prototype(*scene.file[holder], url.substr(hash + 1), row);
-            }
+            if (hop > 8) return id;
+            prototype = find_elsewhere(scene, *prototype, holder, row);
         }
+        if (prototype) document = &scene.file[holder]->document;
         if (!prototype || prototype->body.count == 0) return id;
         const uint32_t depth = scene.scope[id.scope].depth + 1;
         if (depth > kInlineLimit) {
@@ -226,11 +244,25 @@ std::span<const double> numbers_of(const Value& value) {
     return std::span(value.document->number).subspan(value.field->numbers.first, value.field->numbers.count);
 }
 
+std::span<const double> numbers_at(const Scene& scene, NodeId id, std::string_view name) {
+    return id.node == kNone ? std::span<const double>{} : numbers_of(find_value(scene, id, name));
+}
+
+std::vector<std::string> urls_of(const Value& value) {
+    std::vector<std::string> urls;
+    if (!value) return urls;
+    for (uint32_t w = value.field->words.first; w < value.field->words.end() && urls.size() < 16; ++w) {
+        const Word& word = value.document->word[w];
+        const std::string_view text = text_of(*value.document, word.bytes);
+        urls.push_back(word.quoted ? unescape(text) : std::string(text));
+        if (urls.back().empty()) urls.pop_back();
+    }
+    return urls;
+}
+
 std::string text_of(const Value& value) {
-    if (!value || value.field->words.count == 0) return "";
-    const Word& word = value.document->word[value.field->words.first];
-    const std::string_view text = text_of(*value.document, word.bytes);
-    return word.quoted ? unescape(text) : std::string(text);
+    const std::vector<std::string> all = urls_of(value);
+    return all.empty() ? "" : all[0];
 }
 
 NodeId first_node(Scene& scene, const Value& value) {

@@ -61,6 +61,9 @@ uint32_t add_file(Scene& scene, Document document);
 // kNone and a warning.
 uint32_t load_file(Scene& scene, uint32_t from, const std::string& url, uint32_t offset);
 
+// The first of the files a url field names that can be read, or kNone.
+uint32_t load_first(Scene& scene, const Value& url);
+
 // True the first time a key is given, and while there are not too many: then something may be said about it.
 bool first_time(Scene& scene, const std::string& key);
 
@@ -77,6 +80,8 @@ std::string place_of(const Scene& scene, NodeId id);
 Value find_value(const Scene& scene, NodeId id, std::string_view name);
 
 std::span<const double> numbers_of(const Value& value);
+std::span<const double> numbers_at(const Scene& scene, NodeId id, std::string_view name);  // empty for no node
+std::vector<std::string> urls_of(const Value& value);  // the strings or words, at most 16
 std::string text_of(const Value& value);              // first string or word, empty if none
 NodeId first_node(Scene& scene, const Value& value);  // resolved; node kNone if none
 bool flag_of(const Value& value, bool otherwise);     // TRUE or FALSE

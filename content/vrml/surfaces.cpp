@@ -3,15 +3,11 @@
 #include <algorithm>
 #include <cmath>
 
-#include "content/texture.hpp"
+#include "content/vrml/looks.hpp"
 #include "content/vrml/primitives.hpp"
 #include "engine/error.hpp"
-#include "engine/text_file.hpp"
 namespace trocar::vrml {
 namespace {
-
-constexpr size_t kMaterialLimit = 65535;
-constexpr uint64_t kImageBytesLimit = uint64_t{1} << 30;
 
 Vec3d apply(const Placement& p, const Vec3d& x) {
     const auto& m = p.m;
@@ -25,10 +21,6 @@ double determinant(const Placement& p) {
            m[2] * (m[4] * m[9] - m[5] * m[8]);
 }
 
-std::span<const double> numbers_at(const Scene& scene, NodeId id, std::string_view name) {
-    return id.node == kNone ? std::span<const double>{} : numbers_of(find_value(scene, id, name));
-}
-
 // Appends a vertex under the surface's placement.
 uint32_t add_vertex(SurfaceBuilder& b, const Instance& instance, const Vec3d& local) {
     const Vec3d p = apply(instance.state.placement, local);
@@ -38,176 +30,6 @@ uint32_t add_vertex(SurfaceBuilder& b, const Instance& instance, const Vec3d& lo
     }
     b.mesh.position.push_back(p);
     return static_cast<uint32_t>(b.mesh.position.size() - 1);
-}
-
-// --- looks
-
-// Entry k of a colour field, repeated when there are fewer; nan and values beyond 0..1 are brought back.
-void read_colour(std::span<const double> numbers, uint32_t entry, std::array<float, 3>& colour) {
-    const size_t entries = numbers.size() / 3;
-    if (entries == 0) return;
-    for (size_t c = 0; c < 3; ++c) {
-        const double value = numbers[3 * (entry % entries) + c];
-        colour[c] = value >= 0 ? static_cast<float>(std::min(value, 1.0)) : 0.0f;
-    }
-}
-
-void read_share(std::span<const double> numbers, uint32_t entry, float& share) {
-    if (numbers.empty()) return;
-    const double value = numbers[entry % numbers.size()];
-    share = value >= 0 ? static_cast<float>(std::min(value, 1.0)) : 0.0f;
-}
-
-// The picture written into a Texture2 or PixelTexture: width, height, channels, then one number a pixel, bottom row
-// first.
-Image read_pixels(std::span<const double> numbers) {
-    Image image;
-    if (numbers.size() < 3) return image;
-    const double width = numbers[0], height = numbers[1], channels = numbers[2];
-    if (!(width >= 1 && height >= 1 && width * height <= static_cast<double>(numbers.size() - 3))) return image;
-    if (!(channels >= 1 && channels <= 4)) return image;
-    image.width = static_cast<uint32_t>(width);
-    image.height = static_cast<uint32_t>(height);
-    const int count = static_cast<int>(channels);
-    image.rgba.resize(size_t{4} * image.width * image.height);
-    for (uint32_t y = 0; y < image.height; ++y) {
-        for (uint32_t x = 0; x < image.width; ++x) {
-            const double number = numbers[3 + size_t{image.height - 1 - y} * image.width + x];
-            const auto packed = number >= 0 && number <= 4294967295.0 ? static_cast<uint32_t>(number) : 0u;
-            const auto byte = [&](int k) { return static_cast<uint8_t>(packed >> (8 * (count - 1 - k)) & 0xff); };
-            uint8_t* p = image.rgba.data() + 4 * (size_t{y} * image.width + x);
-            for (int c = 0; c < 3; ++c) p[c] = byte(count < 3 ? 0 : c);
-            p[3] = count == 2 ? byte(1) : count == 4 ? byte(3) : 255;
-        }
-    }
-    return image;
-}
-
-// File name and pixels of a texture node, loaded once.
-const std::pair<std::string, Image>& texture_of(SurfaceBuilder& b, NodeId id) {
-    const auto [found, fresh] = b.texture.try_emplace(id);
-    if (!fresh || id.node == kNone || role_of(b.scene, id) != Role::kTexture) return found->second;
-    Value name = find_value(b.scene, id, "url");
-    if (!name) name = find_value(b.scene, id, "filename");
-    Material material;
-    material.texture = text_of(name);
-    if (material.texture.empty()) {
-        found->second.second = read_pixels(numbers_at(b.scene, id, "image"));
-        if (found->second.second.width > 0) found->second.first = "pixels";
-        return found->second;
-    }
-    const Document& document = b.scene.file[id.document]->document;
-    const std::string trouble = load_texture(document.path.parent_path(), material);
-    if (!trouble.empty() && first_time(b.scene, "texture " + material.texture)) {
-        b.scene.warnings.push_back(describe_place(document, name.field->offset) + ": " + trouble);
-    }
-    found->second = {material.texture, std::move(material.image)};
-    return found->second;
-}
-
-uint16_t add_material(SurfaceBuilder& b, Material material, NodeId texture) {
-    const std::array<float, 3>&d = material.diffuse, &s = material.specular;
-    const auto& [name, image] = b.texture.at(texture);
-    const std::array<float, 8> look{d[0], d[1], d[2], s[0], s[1], s[2], material.shininess, material.transparency};
-    const auto key = std::pair{look, name.empty() ? NodeId{} : texture};
-    const auto found = b.material_of_look.find(key);
-    if (found != b.material_of_look.end()) return found->second;
-    if (b.mesh.material.size() >= kMaterialLimit) {
-        if (first_time(b.scene, "materials")) {
-            b.scene.warnings.push_back(b.scene.file[0]->document.path.string() + ": more than " +
-                                       std::to_string(kMaterialLimit) + " materials; the rest look like the last");
-        }
-        return static_cast<uint16_t>(kMaterialLimit - 1);
-    }
-    material.texture = name;
-    // every material holds its own pixels, so many looks of one picture must not fill the memory
-    b.image_bytes += image.rgba.size();
-    if (b.image_bytes <= kImageBytesLimit) {
-        material.image = image;
-    } else if (first_time(b.scene, "image bytes")) {
-        b.scene.warnings.push_back(b.scene.file[0]->document.path.string() + ": textures need more than " +
-                                   describe_bytes(kImageBytesLimit) + "; the rest are left out");
-    }
-    b.mesh.material.push_back(std::move(material));
-    const auto row = static_cast<uint16_t>(b.mesh.material.size() - 1);
-    b.material_of_look.emplace(key, row);
-    return row;
-}
-
-// Row of the material a face gets: entry `entry` of the material node, or the colour given.
-uint16_t material_row(SurfaceBuilder& b, const State& state, uint32_t entry, NodeId colour_node) {
-    const NodeId source = colour_node.node != kNone ? colour_node : state.material;
-    const auto key = std::tuple{state.material, source, state.texture, entry};
-    const auto found = b.material_row.find(key);
-    if (found != b.material_row.end()) return found->second;
-    Material material;
-    const uint32_t base = colour_node.node != kNone ? 0 : entry;
-    if (state.material.node != kNone && role_of(b.scene, state.material) == Role::kMaterial) {
-        const NodeId id = state.material;
-        material.name = printable(text_of(b.scene.file[id.document]->document, node_of(b.scene, id).name));
-        read_colour(numbers_at(b.scene, id, "diffuseColor"), base, material.diffuse);
-        read_colour(numbers_at(b.scene, id, "specularColor"), base, material.specular);
-        read_share(numbers_at(b.scene, id, "shininess"), base, material.shininess);
-        read_share(numbers_at(b.scene, id, "transparency"), base, material.transparency);
-    }
-    if (colour_node.node != kNone) read_colour(numbers_at(b.scene, colour_node, "color"), entry, material.diffuse);
-    texture_of(b, state.texture);
-    const uint16_t row = add_material(b, std::move(material), state.texture);
-    b.material_row.emplace(key, row);
-    return row;
-}
-
-// How the faces of one surface choose their material.
-struct FaceLook {
-    bool per_face = false;
-    std::span<const double> index;  // entry of each face; empty = the face's number
-    uint32_t entries = 1;
-    NodeId colour;       // VRML97 Color node, or none
-    uint16_t whole = 0;  // material of all faces, unless per_face
-};
-
-FaceLook choose_look(SurfaceBuilder& b, const Instance& instance) {
-    FaceLook look;
-    const NodeId id = instance.geometry;
-    const NodeId colour = first_node(b.scene, find_value(b.scene, id, "color"));
-    if (colour.node != kNone && role_of(b.scene, colour) == Role::kColor) {
-        if (flag_of(find_value(b.scene, id, "colorPerVertex"), true)) {
-            if (first_time(b.scene, "colours of vertices")) {
-                b.scene.warnings.push_back(place_of(b.scene, colour) + ": colours of vertices are passed over");
-            }
-        } else if (const size_t entries = numbers_at(b.scene, colour, "color").size() / 3; entries > 0) {
-            return {true, numbers_at(b.scene, id, "colorIndex"), static_cast<uint32_t>(entries), colour, 0};
-        }
-    }
-    if (instance.state.material_binding.node == kNone || instance.state.material.node == kNone) return look;
-    const std::string binding = text_of(find_value(b.scene, instance.state.material_binding, "value"));
-    if (binding.starts_with("PER_VERTEX") && first_time(b.scene, "materials of vertices")) {
-        b.scene.warnings.push_back(place_of(b.scene, instance.state.material_binding) +
-                                   ": materials of vertices are passed over; the first is used");
-    }
-    look.per_face = binding.starts_with("PER_FACE") || binding.starts_with("PER_PART");
-    if (binding.ends_with("_INDEXED")) look.index = numbers_at(b.scene, id, "materialIndex");
-    size_t entries = 1;
-    for (const char* name : {"diffuseColor", "specularColor"}) {
-        entries = std::max(entries, numbers_at(b.scene, instance.state.material, name).size() / 3);
-    }
-    entries = std::max(entries, numbers_at(b.scene, instance.state.material, "transparency").size());
-    look.entries = static_cast<uint32_t>(entries);
-    return look;
-}
-
-FaceLook face_look(SurfaceBuilder& b, const Instance& instance) {
-    FaceLook look = choose_look(b, instance);
-    if (!look.per_face) look.whole = material_row(b, instance.state, 0, {});
-    return look;
-}
-
-uint16_t material_of_face(SurfaceBuilder& b, const State& state, const FaceLook& look, uint64_t face) {
-    if (!look.per_face) return look.whole;
-    double entry = static_cast<double>(face);
-    if (!look.index.empty()) entry = face < look.index.size() ? look.index[face] : 0;
-    if (!(entry >= 0 && entry < 4294967296.0)) entry = 0;
-    return material_row(b, state, static_cast<uint32_t>(entry) % look.entries, look.colour);
 }
 
 // --- texture coordinates
@@ -246,12 +68,17 @@ std::array<double, 6> texture_transform(const Scene& scene, NodeId id) {
 TextureMap texture_map(SurfaceBuilder& b, const Instance& instance, std::span<const double> points) {
     TextureMap map;
     const State& state = instance.state;
+    const bool textured = state.texture.node != kNone && role_of(b.scene, state.texture) == Role::kTexture;
     map.points = numbers_at(b.scene, state.texture_coordinate, "point");
     map.active = map.points.size() >= 2;
-    if (map.active) {
+    if (!map.active && !b.made.uv.empty()) {
+        map.points = b.made.uv;
+        map.index = b.made.uv_index;
+        map.active = textured;
+    } else if (map.active) {
         map.index = numbers_at(b.scene, instance.geometry, "textureCoordIndex");
         if (map.index.empty()) map.index = numbers_at(b.scene, instance.geometry, "texCoordIndex");
-    } else if (state.texture.node != kNone && role_of(b.scene, state.texture) == Role::kTexture) {
+    } else if (textured) {
         map.points = {};
         map.active = true;
         Box box;
@@ -302,7 +129,8 @@ Vec2 texture_coordinate(SurfaceBuilder& b, const TextureMap& map, const Vec3d& c
 struct FaceSet {
     const Instance& instance;
     std::span<const double> points;
-    Value index;
+    std::span<const double> index;
+    Value written;  // the field the index stands in, when it does
     TextureMap map;
     std::vector<bool>& used;
     bool flip = false;
@@ -349,17 +177,31 @@ void add_face(SurfaceBuilder& b, const FaceSet& set, const FaceLook& look, uint6
     }
 }
 
-void build_face_set(SurfaceBuilder& b, const Instance& instance) {
+// The points and the index of a surface, made to b.made where the node writes its faces in another way.
+FaceSet find_faces(SurfaceBuilder& b, const Instance& instance) {
+    const Role role = role_of(b.scene, instance.geometry);
+    b.made = {};
+    if (role == Role::kElevationGrid || role == Role::kExtrusion) {
+        role == Role::kExtrusion ? make_extrusion(b.scene, instance.geometry, b.made)
+                                 : make_elevation_grid(b.scene, instance.geometry, b.made);
+        b.made_used.assign(b.made.point.size() / 3, false);
+        return {instance, b.made.point, b.made.index, {}, {}, b.made_used, false};
+    }
     CoordinateUse& use = b.coordinate_use[instance.state.coordinate];
-    FaceSet set{instance,
-                numbers_at(b.scene, instance.state.coordinate, "point"),
-                find_value(b.scene, instance.geometry, "coordIndex"),
-                {},
-                use.used,
-                false};
-    const size_t point_count = set.points.size() / 3;
-    use.used.resize(point_count, false);
+    const std::span<const double> points = numbers_at(b.scene, instance.state.coordinate, "point");
+    use.used.resize(points.size() / 3, false);
     use.placements.insert(instance.state.placement.m);
+    if (role == Role::kFaceSet) {
+        const Value index = find_value(b.scene, instance.geometry, "coordIndex");
+        return {instance, points, numbers_of(index), index, {}, use.used, false};
+    }
+    make_set(b.scene, instance.geometry, points.size() / 3, b.made);
+    return {instance, points, b.made.index, {}, {}, use.used, false};
+}
+
+void build_face_set(SurfaceBuilder& b, const Instance& instance) {
+    FaceSet set = find_faces(b, instance);
+    const size_t point_count = set.points.size() / 3;
     set.map = texture_map(b, instance, set.points);
     const bool clockwise = instance.state.clockwise || !flag_of(find_value(b.scene, instance.geometry, "ccw"), true);
     // a mirror turns the outside in; faces keep facing outwards
@@ -371,19 +213,25 @@ void build_face_set(SurfaceBuilder& b, const Instance& instance) {
         b.vertex_of_point.resize(point_count);
     }
     if (set.map.active) b.mesh.uv.resize(b.mesh.triangle.size());
+    // one large surface gets exactly its room, many small ones grow by doubling
+    std::vector<Vec3d>& position = b.mesh.position;
+    const size_t room = position.size() + std::min(point_count, set.index.size());
+    if (room > position.capacity()) position.reserve(std::max(room, 2 * position.size()));
 
-    const std::span<const double> index = numbers_of(set.index);
+    const std::span<const double> index = set.index;
     uint64_t face = 0;
     bool outside = false;
     b.corner_point.clear();
     b.corner_place.clear();
     for (size_t k = 0; k <= index.size(); ++k) {
+        if (k % (1u << 20) == (1u << 20) - 1) b.report();
         if (k < index.size() && index[k] != -1) {
             // what is no number of a point, -5 or 1.5 or nan, is outside too
             const bool inside =
                 index[k] >= 0 && index[k] < static_cast<double>(point_count) && index[k] == std::floor(index[k]);
             if (!inside && b.first_outside.empty()) {
-                b.first_outside = place_of_number(set.index, static_cast<uint32_t>(k));
+                b.first_outside = set.written ? place_of_number(set.written, static_cast<uint32_t>(k))
+                                              : place_of(b.scene, instance.geometry);
             }
             outside = outside || !inside;
             b.corner_point.push_back(inside ? static_cast<uint32_t>(index[k]) : 0);
@@ -445,10 +293,15 @@ void check_points(const Scene& scene, NodeId coordinate, uint32_t width) {
     }
 }
 
-uint64_t count_triangles(const Scene& scene, NodeId geometry) {
-    if (role_of(scene, geometry) != Role::kFaceSet) return count_primitive_triangles(role_of(scene, geometry));
+uint64_t count_triangles(const Scene& scene, const Instance& instance) {
+    const Role role = role_of(scene, instance.geometry);
+    if (is_primitive(role)) return count_primitive_triangles(role);
+    if (role != Role::kFaceSet) {
+        const size_t numbers = numbers_at(scene, instance.state.coordinate, "point").size();
+        return count_made_triangles(scene, instance.geometry, numbers / 3);
+    }
     uint64_t triangles = 0, corners = 0;
-    for (const double index : numbers_of(find_value(scene, geometry, "coordIndex"))) {
+    for (const double index : numbers_at(scene, instance.geometry, "coordIndex")) {
         corners = index == -1 ? 0 : corners + 1;
         triangles += corners > 2;
     }
@@ -456,10 +309,10 @@ uint64_t count_triangles(const Scene& scene, NodeId geometry) {
 }
 
 void build_surface(SurfaceBuilder& builder, const Instance& instance) {
-    if (role_of(builder.scene, instance.geometry) == Role::kFaceSet) {
-        build_face_set(builder, instance);
-    } else {
+    if (is_primitive(role_of(builder.scene, instance.geometry))) {
         build_primitive(builder, instance);
+    } else {
+        build_face_set(builder, instance);
     }
     if (!builder.mesh.uv.empty()) builder.mesh.uv.resize(builder.mesh.triangle.size());
 }

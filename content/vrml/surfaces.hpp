@@ -1,10 +1,12 @@
 #pragma once
 #include <array>
+#include <functional>
 #include <map>
 #include <tuple>
 
 #include "components/mesh.hpp"
 #include "content/polygon.hpp"
+#include "content/vrml/made_surfaces.hpp"
 #include "content/vrml/scene.hpp"
 namespace trocar::vrml {
 
@@ -44,6 +46,8 @@ struct SurfaceBuilder {
     std::vector<uint32_t> vertex_of_point{}, stamp{};  // vertex made for a point by the surface with that stamp
     uint32_t surface = 0;
     uint64_t image_bytes = 0;  // of all materials
+    FaceList made{};
+    std::vector<bool> made_used{};
     PolygonScratch polygon{};
     std::vector<Vec3d> corner{};
     std::vector<uint32_t> corner_point{}, corner_place{};  // point number and position in coordIndex
@@ -52,6 +56,7 @@ struct SurfaceBuilder {
     uint64_t faces_short = 0;    // dropped: fewer than three corners
     uint64_t faces_fanned = 0;   // no ears found
     uint64_t corners_without_uv = 0;
+    std::function<void()> report = [] {};  // called now and then while a large surface is built
     std::string first_outside{};  // place of the first such corner
 };
 
@@ -60,8 +65,8 @@ Placement combine(const Placement& outer, const Placement& inner);
 // Throws InputError unless the node's `point` is whole and finite; `width` numbers make a point.
 void check_points(const Scene& scene, NodeId coordinate, uint32_t width);
 
-// Triangles a geometry node will give at most.
-uint64_t count_triangles(const Scene& scene, NodeId geometry);
+// Triangles a surface will give at most.
+uint64_t count_triangles(const Scene& scene, const Instance& instance);
 
 // Appends the triangles of one surface. The points were checked before.
 void build_surface(SurfaceBuilder& builder, const Instance& instance);

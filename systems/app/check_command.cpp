@@ -2,15 +2,21 @@
 #include <nlohmann/json.hpp>
 
 #include "content/admission.hpp"
-#include "content/mesh_source.hpp"
+#include "content/clean_mesh.hpp"
+#include "content/unit_guess.hpp"
 #include "engine/error.hpp"
 #include "engine/whole_file.hpp"
 #include "systems/app/commands.hpp"
+#include "systems/app/load_file.hpp"
 #include "systems/app/standard_streams.hpp"
 namespace trocar {
 namespace {
 
-nlohmann::ordered_json to_json(const std::string& file, const MeshJudgement& j) {
+// What import would do to the mesh before contact sees it.
+std::vector<std::string> list_repairs(Mesh mesh) { return list_cleaning(clean_mesh(mesh, {})); }
+
+nlohmann::ordered_json to_json(const std::string& file, const MeshJudgement& j, const std::vector<std::string>& repairs) {
+    const UnitGuess guess = guess_unit((j.bbox_max - j.bbox_min).norm());
     const auto row = [](const Vec3d& v) { return nlohmann::ordered_json{v.x(), v.y(), v.z()}; };
     return {{"file", file},
             {"vertices", j.vertices},
@@ -21,6 +27,7 @@ nlohmann::ordered_json to_json(const std::string& file, const MeshJudgement& j) 
             {"components", j.components},
             {"degenerate", j.degenerate},
             {"duplicate", j.duplicate},
+            {"duplicate_faces", j.duplicate},
             {"boundary_edges", j.boundary_edges},
             {"non_manifold_edges", j.non_manifold_edges},
             {"flipped_edges", j.flipped_edges},
@@ -30,10 +37,13 @@ nlohmann::ordered_json to_json(const std::string& file, const MeshJudgement& j) 
             {"bbox_min", row(j.bbox_min)},
             {"bbox_max", row(j.bbox_max)},
             {"admitted_as", admission_name(j.admitted_as)},
-            {"reason", j.reason}};
+            {"reason", j.reason},
+            {"repairs", repairs},
+            {"unit_guess", guess.unit},
+            {"unit_rule", guess.rule}};
 }
 
-std::string to_text(const std::string& file, const MeshJudgement& j) {
+std::string to_text(const std::string& file, const MeshJudgement& j, const std::vector<std::string>& repairs) {
     char text[1024];
     std::snprintf(text, sizeof text,
                   "%s: %s%s%s\n  %u vertices, %u triangles, %u component%s; closed %s, manifold %s, oriented %s; "
@@ -42,7 +52,9 @@ std::string to_text(const std::string& file, const MeshJudgement& j) {
                   j.vertices, j.triangles, j.components, j.components == 1 ? "" : "s", j.closed ? "yes" : "no",
                   j.manifold ? "yes" : "no", j.oriented ? "yes" : "no", j.degenerate, j.self_crossing, j.volume, j.area,
                   j.bbox_max.x() - j.bbox_min.x(), j.bbox_max.y() - j.bbox_min.y(), j.bbox_max.z() - j.bbox_min.z());
-    return text;
+    std::string all = text;
+    for (const std::string& repair : repairs) all += "  import: " + repair + "\n";
+    return all + "  unit: perhaps " + guess_unit((j.bbox_max - j.bbox_min).norm()).unit + "\n";
 }
 
 }  // namespace
@@ -51,13 +63,15 @@ int check_command(const CheckOptions& options) {
     bool sound = true, readable = true;
     for (const std::string& file : options.files) {
         try {
-            const LoadedMesh loaded = load_mesh_or_shape(file);
+            const LoadedMesh loaded = load_file(file);
             for (const std::string& warning : loaded.warnings)
                 std::fprintf(stderr, "trocar: warning: %s\n", warning.c_str());
             MeshJudgement judgement = judge_mesh(loaded.mesh, true);
             judgement.vertices += static_cast<uint32_t>(loaded.unused_points);  // what the file lists
             sound = sound && judgement.admitted_as == Admission::kSolid;
-            write_standard_output(options.json ? to_json(file, judgement).dump() + "\n" : to_text(file, judgement));
+            const std::vector<std::string> repairs = list_repairs(loaded.mesh);
+            write_standard_output(options.json ? to_json(file, judgement, repairs).dump() + "\n"
+                                               : to_text(file, judgement, repairs));
         } catch (const InputError& e) {
             // the other files still get their answer
             std::fprintf(stderr, "trocar: %s\n", e.what());

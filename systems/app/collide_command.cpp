@@ -2,20 +2,20 @@
 #include <nlohmann/json.hpp>
 
 #include "content/build_scene.hpp"
-#include "content/mesh_source.hpp"
 #include "content/make_prototype.hpp"
 #include "engine/closest_point.hpp"
 #include "engine/error.hpp"
 #include "engine/trace.hpp"
 #include "engine/whole_file.hpp"
 #include "systems/app/commands.hpp"
+#include "systems/app/load_file.hpp"
 #include "systems/app/standard_streams.hpp"
 #include "systems/frame.hpp"
 namespace trocar {
 namespace {
 
 uint32_t load_prototype(World& world, const std::string& file) {
-    LoadedMesh loaded = load_mesh_or_shape(file);
+    LoadedMesh loaded = load_file(file);
     for (const std::string& warning : loaded.warnings)
         std::fprintf(stderr, "trocar: warning: %s\n", warning.c_str());
     // file units stand for metres; nothing is moved

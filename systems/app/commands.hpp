@@ -51,6 +51,9 @@ int collide_command(const CollideOptions& options);
 struct ConvertOptions {
     std::string in, out;
     bool json = false;
+    bool repair = false;
+    double weld = 0;         // of the diagonal; 0 = as repair_mesh does, equal places without repair
+    double hole_size = 0;    // of the diagonal; 0 = as repair_mesh does
 };
 int convert_command(const ConvertOptions& options);
 

@@ -107,7 +107,7 @@ void describe(CLI::App& app, Arguments& a) {
 
     CLI::App* check =
         app.add_subcommand("check", "Is a mesh sound: closed, manifold, oriented, free of self-crossings");
-    check->add_option("files", a.check.files, "Mesh files (.wrl .wrz .obj .stl)")->required();
+    check->add_option("files", a.check.files, "Mesh files (.wrl .wrz .x3d .x3dv .iv .obj .stl .ply .off .vtk .gltf .glb .dae .fbx ...)")->required();
     check->add_flag("--json", a.check.json, "One JSON object a line");
     check->footer(
         "Example: trocar check liver.wrl kidney.stl --json\nExit code 1 when a mesh cannot be admitted as solid.");
@@ -135,9 +135,15 @@ void describe(CLI::App& app, Arguments& a) {
 
     CLI::App* convert = app.add_subcommand("convert", "Read a mesh, clean it, write it in another format");
     convert->add_option("in", a.convert.in, "Mesh file to read")->required();
-    convert->add_option("out", a.convert.out, "File to write: .obj .stl .ply .wrl by its ending")->required();
+    convert->add_option("out", a.convert.out, "File to write: .obj .stl .ply .wrl .vtp by its ending")->required();
     convert->add_flag("--json", a.convert.json, "JSON");
-    convert->footer("Example: trocar convert liver.wrz liver.obj");
+    CLI::Option* repair = convert->add_flag("--repair", a.convert.repair,
+                                            "Make it one closed solid, saying each change; exit code 1 and no file if it cannot");
+    convert->add_option("--weld", a.convert.weld, "Join vertices nearer than this part of the diagonal")
+        ->check(CLI::Range(0.0, 0.01));
+    convert->add_option("--hole-size", a.convert.hole_size, "Fill holes up to this part of the diagonal (0.2)")
+        ->check(CLI::Range(0.0, 1.0))->needs(repair);
+    convert->footer("Example: trocar convert liver.wrz liver.obj\n         trocar convert --repair scan.ply organ.stl");
 
     CLI::App* view = app.add_subcommand("view", "Draw a mesh or a shape: textured, lit, fitted to the picture");
     view->add_option("meshes", a.view.sources, "Mesh files or shapes (shape:NAME:TRIANGLES:SEED), one tile each")

@@ -4,7 +4,6 @@
 #include <nlohmann/json.hpp>
 
 #include "content/admission.hpp"
-#include "content/mesh_source.hpp"
 #include "engine/closest_point.hpp"
 #include "engine/error.hpp"
 #include "engine/mesh_topology.hpp"
@@ -12,6 +11,7 @@
 #include "engine/text_file.hpp"
 #include "engine/whole_file.hpp"
 #include "systems/app/commands.hpp"
+#include "systems/app/load_file.hpp"
 #include "systems/app/standard_streams.hpp"
 namespace trocar {
 namespace {
@@ -89,7 +89,7 @@ std::vector<uint32_t> drop_repeated_corners(Mesh& mesh) {
 }  // namespace
 
 int query_command(const QueryOptions& options) {
-    LoadedMesh loaded = load_mesh_or_shape(options.mesh);
+    LoadedMesh loaded = load_file(options.mesh);
     for (const std::string& warning : loaded.warnings) std::fprintf(stderr, "trocar: warning: %s\n", warning.c_str());
     const std::vector<uint32_t> file_triangle = drop_repeated_corners(loaded.mesh);
     MeshJudgement judgement = judge_mesh(loaded.mesh, true);

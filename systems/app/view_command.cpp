@@ -2,7 +2,6 @@
 #include <cstdio>
 #include <numbers>
 
-#include "content/mesh_source.hpp"
 #include "engine/error.hpp"
 #include "engine/image_file.hpp"
 #include "systems/app/commands.hpp"
@@ -21,7 +20,7 @@ int view_command(const ViewOptions& options) {
     std::vector<MeshTile> tiles;
     const double degree = std::numbers::pi / 180;
     for (const std::string& source : options.sources) {
-        LoadedMesh loaded = load_mesh_or_shape(source);
+        LoadedMesh loaded = load_file(source);
         for (const std::string& warning : loaded.warnings) {
             std::fprintf(stderr, "trocar: warning: %s\n", warning.c_str());
         }

@@ -178,6 +178,34 @@ TEST_F(CommandLine, CheckNamesItsFields) {
     EXPECT_TRUE(j.contains("reason") && j.contains("file"));
 }
 
+// An open box, one face doubled and turned: what import would do is listed, what it cannot is closed by --repair.
+TEST_F(CommandLine, RepairSaysWhatItDidAndRefusesWhatItCannotDo) {
+    std::string text = cube(30);
+    text.replace(text.find("f 1 3 4 2"), 9, "f 5 8 6");
+    const fs::path open = write("open.obj", text), out = folder_ / "out.obj";
+    const Outcome check = run("check --json " + open.string());
+    EXPECT_EQ(check.code, 1);
+    const nlohmann::json j = nlohmann::json::parse(check.out);
+    EXPECT_EQ(j["boundary_edges"], 4);
+    EXPECT_EQ(j["duplicate_faces"], 1);
+    EXPECT_TRUE(j.contains("non_manifold_edges") && j.contains("flipped_edges") && j.contains("self_crossing"));
+    EXPECT_EQ(j["repairs"], nlohmann::json({"1 opposite doubled face dropped", "1 face turned to agree"}));
+    EXPECT_EQ(j["unit_guess"], "mm");
+    EXPECT_NE(j["unit_rule"].get<std::string>().find("diagonal 51.96"), std::string::npos);
+
+    const Outcome refused = run("convert --repair " + open.string() + " " + out.string());
+    EXPECT_EQ(refused.code, 1);
+    EXPECT_FALSE(fs::exists(out));
+    EXPECT_NE(refused.err.find("cannot be repaired: open: 4 boundary edges; 1 hole"), std::string::npos) << refused.err;
+
+    const Outcome done = run("convert --repair --hole-size 1 " + open.string() + " " + out.string());
+    EXPECT_EQ(done.code, 0) << done.err;
+    EXPECT_NE(done.out.find("1 hole filled with 2 faces"), std::string::npos) << done.out;
+    const Outcome again = run("check --json " + out.string());
+    EXPECT_EQ(again.code, 0);
+    EXPECT_DOUBLE_EQ(nlohmann::json::parse(again.out)["volume"], 27000);
+}
+
 TEST_F(CommandLine, QueryAnswersInFileUnits) {
     const fs::path whole = write("whole.obj", cube(2)), points = write("p.csv", "x,y,z\n1,1,0.25\n1,1,-3\n3,3,3\n");
     const Outcome outcome = run("query " + whole.string() + " " + points.string());

@@ -96,11 +96,11 @@ TEST_F(ObjFiles, materials_come_from_the_file_beside) {
     EXPECT_EQ(mesh.material[1].transparency, .25f);
     EXPECT_EQ(mesh.material[1].image.rgba, image.rgba);
     EXPECT_EQ(mesh.material[2].transparency, .5f);
-    EXPECT_TRUE(warns(loaded, "a.obj:9: texture 'gone.png' is missing"));
+    EXPECT_TRUE(warns(loaded, "a.obj:9: texture 'gone.png' is not read: there is no such file"));
     EXPECT_TRUE(warns(loaded, "material 'nobody' is not defined"));
     EXPECT_TRUE(warns(loaded, "two words.mtl:12: Kd needs 1 finite numbers, found 'nan'"));
     EXPECT_TRUE(
-        warns(load_mesh(put("b.obj", "mtllib gone.mtl\n" + kTetra)), "b.obj:1: material file 'gone.mtl' is missing"));
+        warns(load_mesh(put("b.obj", "mtllib gone.mtl\n" + kTetra)), "b.obj:1: material file 'gone.mtl' is not read: there is no such file"));
 }
 
 TEST(ObjFile, errors_name_the_line) {

@@ -3,6 +3,7 @@
 #include <gtest/gtest.h>
 
 #include <cstring>
+#include <pugixml.hpp>
 
 #include "engine/text_file.hpp"
 #include "tests/content/mesh_sums.hpp"
@@ -125,6 +126,62 @@ TEST_F(SaveMesh, ply_holds_doubles_and_texture_coordinates) {
     uint32_t corner;
     std::memcpy(&corner, bytes.data() + body + 96 + 1 + 4, 4);
     EXPECT_EQ(corner, 2u);
+    const Mesh back = load_mesh(folder / "a.ply").mesh;
+    expect_same_positions(back, mesh);
+    EXPECT_EQ(back.triangle, mesh.triangle);
+}
+
+std::vector<double> numbers_of(const pugi::xml_node& array) {
+    std::vector<double> numbers;
+    const char* at = array.text().get();
+    for (char* end; true; at = end) {
+        const double value = std::strtod(at, &end);
+        if (end == at) return numbers;
+        numbers.push_back(value);
+    }
+}
+
+TEST_F(SaveMesh, vtp_is_what_vtk_describes_and_reads_back_to_the_same_doubles) {
+    Mesh mesh = make_mesh();
+    for (const bool seam : {true, false}) {
+        if (!seam) {
+            for (size_t t = 0; t < 4; ++t) {
+                for (size_t k = 0; k < 3; ++k) mesh.uv[t][k] = {0.1f * static_cast<float>(mesh.triangle[t][k]), 0.7f};
+            }
+        }
+        save_mesh(mesh, folder / "a.vtp");
+        pugi::xml_document document;
+        ASSERT_TRUE(document.load_file((folder / "a.vtp").c_str()));
+        const pugi::xml_node file = document.child("VTKFile");
+        EXPECT_STREQ(file.attribute("type").value(), "PolyData");
+        EXPECT_STREQ(file.attribute("byte_order").value(), "LittleEndian");
+        const pugi::xml_node piece = file.child("PolyData").child("Piece");
+        EXPECT_EQ(piece.attribute("NumberOfPoints").as_uint(), 4u);
+        EXPECT_EQ(piece.attribute("NumberOfPolys").as_uint(), 4u);
+        const auto array = [&](const char* group, const char* name) {
+            return piece.child(group).find_child_by_attribute("DataArray", "Name", name);
+        };
+        Mesh back = mesh;
+        const std::vector<double> points = numbers_of(array("Points", "Points"));
+        ASSERT_EQ(points.size(), 12u);
+        for (size_t v = 0; v < 4; ++v) back.position[v] = {points[3 * v], points[3 * v + 1], points[3 * v + 2]};
+        expect_same_positions(back, mesh);
+        const std::vector<double> corners = numbers_of(array("Polys", "connectivity"));
+        ASSERT_EQ(corners.size(), 12u);
+        for (size_t i = 0; i < 12; ++i) EXPECT_EQ(corners[i], mesh.triangle[i / 3][i % 3]);
+        EXPECT_EQ(numbers_of(array("Polys", "offsets")), (std::vector<double>{3, 6, 9, 12}));
+        EXPECT_EQ(numbers_of(array("CellData", "material")), (std::vector<double>{1, 0, 2, 1}));
+        const std::vector<double> of_points = numbers_of(array("PointData", "TCoords"));
+        const std::vector<double> of_faces = numbers_of(array("CellData", "texture_coordinates"));
+        ASSERT_EQ(of_points.size(), seam ? 0u : 8u);
+        ASSERT_EQ(of_faces.size(), seam ? 24u : 0u);
+        for (size_t i = 0; i < 12; ++i) {
+            const Vec2 uv = mesh.uv[i / 3][i % 3];
+            const double* got = seam ? &of_faces[2 * i] : &of_points[2 * mesh.triangle[i / 3][i % 3]];
+            EXPECT_EQ(static_cast<float>(got[0]), uv.u);
+            EXPECT_EQ(static_cast<float>(got[1]), uv.v);
+        }
+    }
 }
 
 TEST_F(SaveMesh, a_plain_mesh_needs_one_file) {

@@ -91,7 +91,7 @@ TEST(StlFile, bad_facets_are_refused_with_their_place) {
     EXPECT_EQ(error_of(bytes), "a.stl: facet 2 has a coordinate that is not finite");
     std::string text = ascii_tetra();
     EXPECT_EQ(error_of(std::string(text).replace(text.find("0.000000 1.000000"), 3, "nan")),
-              "a.stl:5: expected a finite coordinate, found 'nan00000'");
+              "a.stl:5: expected a finite number, found 'nan00000'");
     EXPECT_EQ(error_of(std::string(text).replace(text.find(" endloop"), 8, "vertex 1 2 3")),
               "a.stl:7: expected 'endloop' after three vertices, found 'vertex'");
     for (size_t size = 30; size + 11 < text.size(); ++size)

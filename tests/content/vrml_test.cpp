@@ -474,10 +474,10 @@ TEST_F(VrmlFiles, textures_lie_beside_the_file) {
     const Image image{2, 1, {1, 2, 3, 255, 4, 5, 6, 255}};
     save_png(image, put("skin/a.png", ""));
     const LoadedMesh old_file_loaded =
-        load_mesh(put("scenes/a.wrl", old_file("Texture2 { filename ../skin/a.png } " + kOldTetra)));
+        load_mesh(put("a.wrl", old_file("Texture2 { filename skin/a.png } " + kOldTetra)));
     ASSERT_EQ(old_file_loaded.mesh.material.size(), 1u);
     EXPECT_EQ(old_file_loaded.mesh.material[0].image.rgba, image.rgba);
-    EXPECT_EQ(old_file_loaded.mesh.material[0].texture, "../skin/a.png");
+    EXPECT_EQ(old_file_loaded.mesh.material[0].texture, "skin/a.png");
     ASSERT_EQ(old_file_loaded.mesh.uv.size(), 4u);  // from the box
     EXPECT_EQ(old_file_loaded.mesh.uv[0][1].v, 1);
     std::string text = new_file(kNewTetra);
@@ -485,7 +485,7 @@ TEST_F(VrmlFiles, textures_lie_beside_the_file) {
                  " appearance Appearance { texture ImageTexture { url [\"skin\\\\a.png\" \"b\"] } } ");
     EXPECT_EQ(load_mesh(put("b.wrl", text)).mesh.material[0].image.width, 2u);
     const LoadedMesh missing = load_mesh(put("c.wrl", old_file("Texture2 { filename \"gone.png\" } " + kOldTetra)));
-    EXPECT_TRUE(warns(missing, "c.wrl:2:33: texture 'gone.png' is missing"));
+    EXPECT_TRUE(warns(missing, "c.wrl:2:33: texture 'gone.png' is not read: there is no such file"));
     put("bad.png", "no picture");
     EXPECT_TRUE(
         warns(load_mesh(put("d.wrl", old_file("Texture2 { filename bad.png } " + kOldTetra))), "texture not used"));
@@ -500,7 +500,7 @@ TEST_F(VrmlFiles, inlines_stay_below_the_folder) {
         "parts/a.wrl", old_file("WWWInline { name \"t.wrl\" } WWWInline { name \"../outside.wrl\" } " + kOldTetra)));
     EXPECT_EQ(loaded.mesh.triangle.size(), 8u);
     EXPECT_EQ(sum_mesh(loaded.mesh).max[0], 5);
-    EXPECT_TRUE(warns(loaded, "it lies outside the folder of the scene"));
+    EXPECT_TRUE(warns(loaded, "it lies outside the folder of the file that names it"));
     const LoadedMesh by_url =
         load_mesh(put("b.wrl", new_file("Transform { scale 2 2 2 children Inline { url \"parts/t.wrl\" } }")));
     EXPECT_EQ(sum_mesh(by_url.mesh).max[0], 10);

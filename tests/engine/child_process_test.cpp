@@ -54,6 +54,13 @@ TEST_F(ChildProcess, long_streams_on_both_sides_arrive_whole) {
     EXPECT_TRUE(result.last_errors.ends_with("last\n"));
 }
 
+TEST_F(ChildProcess, gets_its_input_whole_also_while_it_answers) {
+    std::string input;
+    for (uint32_t k = 0; k < 1000000; ++k) input.append(reinterpret_cast<const char*>(&k), sizeof k);
+    EXPECT_TRUE(run_child({"/bin/cat"}, {}, input).output == input);
+    EXPECT_TRUE(run_child({"/bin/cat", "/dev/stdin"}, {}, input).output == input);
+}
+
 TEST_F(ChildProcess, sees_no_input_and_no_descriptor_of_ours) {
     int leak[2];
     ASSERT_EQ(::pipe(leak), 0);  // not close-on-exec

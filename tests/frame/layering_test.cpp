@@ -106,6 +106,8 @@ TEST(Layering, ThirdPartyLibrariesAreNamedInOnePlace) {
         {"itk", {"content/helpers/volume_reader.cpp"}},
         {"toml++/", {"content/scene_file.cpp"}},
         {"meshoptimizer", {"content/"}},
+        {"assimp/", {"content/helpers/assimp_reader.cpp"}},
+        {"pugixml", {"content/vrml/x3d.cpp"}},
         {"CLI/", {"systems/app/main.cpp"}},
         {"nlohmann/", {"systems/app/"}},
     };

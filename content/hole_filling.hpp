@@ -1,0 +1,27 @@
+#pragma once
+#include "components/mesh.hpp"
+namespace trocar {
+
+struct HoleLimits {
+    uint32_t edges = 256;   // of a rim; time grows with their third power
+    double diagonal = 0.2;  // of the box of a rim, by that of the mesh
+};
+
+struct HoleReport {
+    uint32_t filled = 0, faces_added = 0;
+    uint32_t left = 0;           // rims beyond the limits, or that cannot be spanned
+    uint32_t largest_edges = 0;  // of those left
+    double largest_diagonal = 0;
+};
+
+// Rims of a surface whose edges have at most two faces and whose vertices one fan: each as vertices in the order in
+// which faces that close it run along it.
+std::vector<std::vector<uint32_t>> find_rims(const Mesh& mesh);
+
+// Closes rims with faces between their vertices only, the ones that bend least and then are smallest, also against the
+// faces around: dynamic programming over all triangulations, Barequet and Sharir, "Filling gaps in the boundary of a
+// polyhedron" (1995), with the weights of Liepa, "Filling holes in meshes" (2003), section 3. No edge gets a third
+// face. Texture coordinates go on from the faces around.
+HoleReport fill_holes(Mesh& mesh, const HoleLimits& limits);
+
+}  // namespace trocar
