@@ -102,8 +102,8 @@ struct ReadingFile : testing::Test {
 
 // Breaks if a person at a terminal waits for a long file without a sign of life, or a log file gets one.
 TEST_F(ReadingFile, shows_progress_on_a_terminal_only) {
-    std::ofstream(path, std::ios::binary) << sheet_in_vrml(400);
-    ASSERT_GT(fs::file_size(path), 10'000'000u);
+    std::ofstream(path, std::ios::binary) << sheet_in_vrml(270);
+    ASSERT_GT(fs::file_size(path), 5'000'000u);
     int terminal = -1;
     const pid_t child = ::forkpty(&terminal, nullptr, nullptr, nullptr);
     ASSERT_GE(child, 0);
