@@ -298,8 +298,8 @@ NodeRef read_node(XmlParser& p, const xml_node& element, const char* type) {
 
 // The nodes inside an element; prototypes are declared on the way.
 std::vector<Child> read_children(XmlParser& p, const xml_node& parent) {
-    if (p.path.size() > kNestingLimit) {
-        fail(p, offset_of(p, parent), "nodes nested deeper than the limit of " + std::to_string(kNestingLimit));
+    if (p.path.size() > kElementNestingLimit) {
+        fail(p, offset_of(p, parent), "nodes nested deeper than the limit of " + std::to_string(kElementNestingLimit));
     }
     std::vector<Child> children;
     for (const xml_node& element : parent.children()) {

@@ -122,7 +122,7 @@ TEST(X3d, broken_files_are_errors_with_a_place) {
     std::string deep = "<X3D><Scene>";
     for (int k = 0; k < 200000; ++k) deep += "<Group>";
     for (int k = 0; k < 200000; ++k) deep += "</Group>";
-    EXPECT_NE(error_of_text(deep + "</Scene></X3D>").find("nodes nested deeper than the limit of 1000"),
+    EXPECT_NE(error_of_text(deep + "</Scene></X3D>").find("nodes nested deeper than the limit of 250"),
               std::string::npos);
     const LoadedMesh loaded = load_text(file("<Odd a='1'><Shape><Box/></Shape></Odd><Shape USE='Nope'/>" + kTetra));
     EXPECT_EQ(loaded.mesh.triangle.size(), 4u);
