@@ -11,6 +11,7 @@ usage: ./trocar.sh COMMAND
   test   install what is missing, build, run every test but the long ones
   long   build, run the long tests (sweeps, 10,000-frame books)
   asan   build with address and undefined-behaviour sanitizers, run the unit tests
+  tsan   build with the thread sanitizer, run the live tests and a live run
   build  install what is missing, build
 TXT
 }
@@ -65,6 +66,12 @@ case "${1:-}" in
     test) build release; run_tests release -LE long ;;
     long) build release; run_tests release -L long ;;
     asan) build asan; run_tests asan -L unit ;;
+    tsan)
+        build tsan
+        run_tests tsan -R Live
+        step "a live run"
+        TSAN_OPTIONS="suppressions=$PWD/tests/races.supp" build/tsan/trocar run probe_on_liver --live --seconds 3 --out out/tsan
+        ;;
     demo)
         build release
         for scene in probe_on_liver kidney_on_liver wrl_pair; do

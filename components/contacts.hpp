@@ -38,6 +38,7 @@ struct ScreenedTriangles {
     std::vector<Range> body;              // per body: rows of triangle; empty for a body in no pair
     std::vector<uint32_t> triangle;       // local, ascending within a body
     std::vector<PackedBox> box;           // enlarged, rounded outward
+    std::vector<PackedBox> tight;         // of the triangle alone, rounded outward
 };
 
 // The occupancy grid (thesis: OHC) as three flat layers. Only cells shared by two or more bodies are filled.
@@ -53,10 +54,14 @@ struct Occupancy {
     std::vector<uint32_t> oversize;       // rows of ScreenedTriangles that span too many cells, ascending; tested by box
 };
 
-// What the shared cells say about each candidate pair: the triangle pairs whose enlarged boxes meet, each once.
+// What the shared cells say about each candidate pair: which triangles are near the other body, that is, whose enlarged
+// boxes meet; and which pairs of triangles may cross, that is, whose own boxes meet. Two sides per candidate pair: 2p =
+// triangles of a, 2p + 1 of b.
 struct CandidateTriangles {
     std::vector<Range> pair;                             // per candidate pair: rows of triangle
-    std::vector<std::array<uint32_t, 2>> triangle;       // local triangle of a, of b; ascending
+    std::vector<std::array<uint32_t, 2>> triangle;       // may cross: local triangle of a, of b; ascending, each once
+    std::vector<Range> side;                             // rows of near
+    std::vector<std::array<uint32_t, 2>> near;           // local triangle, ascending, each once; one of the other it is near
 };
 
 // Signed distances that the overlap phase has worked out: every vertex of a triangle near the other surface, and every

@@ -67,7 +67,7 @@ struct TriangleGroup {
 // Surface within reach of a tool, frozen at one contact pass. Immutable once published; the tick reads nothing else.
 struct LocalContactModel {
     double time = 0;              // s, of the positions
-    uint64_t sequence = 0;        // contact pass that made it
+    uint64_t sequence = 0;        // contact pass that made it, from 1; 0 = none did
     Vec3d from = Vec3d::Zero();   // m, world: every surface nearer than reach to the segment from -> to is here
     Vec3d to = Vec3d::Zero();     // m
     double reach = 0;             // m, from the segment; 0 = nothing was looked at yet

@@ -24,7 +24,9 @@ struct Report {
     uint64_t tie_overflows = 0;           // closest-point queries restarted in double
     uint64_t sign_disagreements = 0;      // distance jumped by more than the relative motion allows
     uint64_t ended_rows = 0;              // planes left behind by a sliding vertex
-    uint64_t opposing_planes = 0;         // vertices pressed from both sides
+    // vertices pressed from both sides at the end of a pass; counts also corners of a triangle that a point slides off,
+    // whose share of the push turns its sign
+    uint64_t opposing_planes = 0;
     uint64_t nonfinite_particles = 0;     // restored
     uint64_t dropped_pictures = 0;        // live mode
     uint64_t late_passes = 0;             // live mode

@@ -5,8 +5,7 @@
 #include <cmath>
 #include <utility>
 
-#include "engine/geometry/predicates.hpp"
-#include "engine/geometry/triangle_triangle.hpp"
+#include "engine/geometry/winding_number.hpp"
 namespace trocar {
 namespace {
 
@@ -136,7 +135,7 @@ bool lies_within(const Mesh& mesh, const Piece& inner, const Piece& outer) {
     for (const size_t i : {size_t{0}, inner.face.size() / 2, inner.face.size() - 1}) {
         const Vec3d& corner = mesh.position[mesh.triangle[inner.face[i]][0]];
         int windings = 0;
-        if (!count_windings(mesh, outer.face, corner, windings) || windings == 0) return false;
+        if (!count_windings(mesh.position, mesh.triangle, outer.face, corner, windings) || windings == 0) return false;
     }
     return true;
 }
@@ -146,33 +145,6 @@ bool lies_within(const Mesh& mesh, const Piece& inner, const Piece& outer) {
 void turn_face(Mesh& mesh, uint32_t face) {
     std::swap(mesh.triangle[face][1], mesh.triangle[face][2]);
     if (!mesh.uv.empty()) std::swap(mesh.uv[face][1], mesh.uv[face][2]);
-}
-
-bool count_windings(const Mesh& mesh, std::span<const uint32_t> faces, const Vec3d& point, int& windings) {
-    windings = 0;
-    for (const uint32_t t : faces) {
-        const Vec3d* corner[3];
-        for (int k = 0; k < 3; ++k) corner[k] = &mesh.position[mesh.triangle[t][k]];
-        const auto [low_y, high_y] = std::minmax({corner[0]->y(), corner[1]->y(), corner[2]->y()});
-        const auto [low_z, high_z] = std::minmax({corner[0]->z(), corner[1]->z(), corner[2]->z()});
-        if (point.y() < low_y || point.y() > high_y || point.z() < low_z || point.z() > high_z) continue;
-        const int side = orient3d(*corner[0], *corner[1], *corner[2], point);
-        if (side == 0 &&
-            meet_segment_triangle(point, point, {*corner[0], *corner[1], *corner[2]}) != Meeting::kDisjoint) {
-            return false;
-        }
-        // the point around the face's outline seen along x, edges half-open in y: neighbours agree on their common edge
-        int around = 0;
-        for (int k = 0; k < 3; ++k) {
-            const Vec3d &a = *corner[k], &b = *corner[(k + 1) % 3];
-            if ((a.y() <= point.y()) == (b.y() <= point.y())) continue;
-            const int turn = orient2d(a.y(), a.z(), b.y(), b.z(), point.y(), point.z());
-            if (a.y() <= point.y() && turn > 0) ++around;
-            if (a.y() > point.y() && turn < 0) --around;
-        }
-        if (around * side < 0) windings += around;
-    }
-    return true;
 }
 
 OrientationReport agree_orientation(Mesh& mesh, const EdgeTable& table) {

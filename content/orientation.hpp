@@ -33,8 +33,4 @@ PieceTurns find_inside_out_pieces(const Mesh& mesh, const EdgeTable& table);
 // Swaps two corners of a face, and their texture coordinates.
 void turn_face(Mesh& mesh, uint32_t face);
 
-// How often closed faces wind around a point, exactly: signed crossings of the ray towards +x, a ray through an edge or
-// a corner counted once. 1 inside a closed outward surface. False when the point lies on one of the faces.
-bool count_windings(const Mesh& mesh, std::span<const uint32_t> faces, const Vec3d& point, int& windings);
-
 }  // namespace trocar

@@ -14,6 +14,7 @@
 #include "engine/closest_point_kernels.hpp"
 #include "engine/geometry/point_triangle.hpp"
 #include "engine/geometry/winding_number.hpp"
+#include "engine/race_detector.hpp"
 
 // How an answer is found, and why it is the right one.
 //
@@ -387,11 +388,20 @@ bool bound_error(Meshlet* meshlet, const MeshletMeasure* measure) {
 
 namespace {
 
+// Embree asks for boxes on threads of its own choice.
+void commit(RTCScene scene, const std::vector<FloatBox>& boxes) {
+    hand_over(&boxes);
+    rtcCommitScene(scene);
+    take_over(&boxes);
+}
+
 void meshlet_bounds(const RTCBoundsFunctionArguments* args) {
+    take_over(args->geometryUserPtr);
     const FloatBox& b = static_cast<const std::vector<FloatBox>*>(args->geometryUserPtr)->operator[](args->primID);
     RTCBounds& out = *args->bounds_o;
     out.lower_x = b.min[0], out.lower_y = b.min[1], out.lower_z = b.min[2];
     out.upper_x = b.max[0], out.upper_y = b.max[1], out.upper_z = b.max[2];
+    hand_over(args->geometryUserPtr);
 }
 
 }  // namespace
@@ -531,7 +541,7 @@ void ClosestPointTree::Impl::make_scene() {
     rtcSetGeometryBoundsFunction(geometry, meshlet_bounds, nullptr);
     rtcCommitGeometry(geometry);
     rtcAttachGeometry(scene, geometry);
-    rtcCommitScene(scene);
+    commit(scene, boxes);
     TROCAR_ASSERT(rtcGetDeviceError(device.get()) == RTC_ERROR_NONE);
 }
 
@@ -874,7 +884,7 @@ void ClosestPointTree::refit(std::span<const Float4> offset) {
     if (!t.scene) return;
     rtcUpdateGeometryBuffer(t.geometry, RTC_BUFFER_TYPE_VERTEX, 0);
     rtcCommitGeometry(t.geometry);
-    rtcCommitScene(t.scene);
+    commit(t.scene, t.boxes);
 }
 
 void ClosestPointTree::rebuild() {

@@ -49,7 +49,7 @@ struct BodyBuffers {
 };
 
 // Choices that hold for a whole draw call; each combination is a program of its own, see gl_shaders.hpp.
-constexpr uint32_t kTextured = 1, kDepthColours = 2, kScope = 4, kVariants = 8;
+constexpr uint32_t kTextured = 1, kDepthColours = 2, kScope = 4, kOutline = 8, kVariants = 16;
 uint32_t variant_of(bool textured, bool depth_colours, bool scope) {
     return (textured ? kTextured : 0) | (depth_colours ? kDepthColours : 0) | (scope ? kScope : 0);
 }
@@ -91,10 +91,11 @@ struct MarkerMesh {
 };
 
 GLuint compile(GLenum kind, uint32_t variant, const char* text) {
-    const std::array<const char*, 6> parts = {shaders::kVersion,
+    const std::array<const char*, 7> parts = {shaders::kVersion,
                                               variant & kTextured ? "#define TEXTURED\n" : "",
                                               variant & kDepthColours ? "#define DEPTH_COLOURS\n" : "",
                                               variant & kScope ? "#define SCOPE\n" : "",
+                                              variant & kOutline ? "#define OUTLINE\n" : "",
                                               kind == GL_FRAGMENT_SHADER ? shaders::kMask : "",
                                               text};
     const GLuint shader = glCreateShader(kind);
@@ -759,22 +760,26 @@ void GlRenderer::Impl::draw_marker(const SurfaceProgram& p, const View& view, co
 }
 
 void GlRenderer::Impl::draw_markers(const PictureParams& params, const View& view, std::span<const Marker> markers) {
-    const SurfaceProgram& p = use_surface_program(variant_of(false, false, view.light_at_eye), params, view);
+    const uint32_t variant = variant_of(false, false, view.light_at_eye);
     glBindVertexArray(marker.array);
-    // faint where tissue hides them, then full where nothing does
+    glEnable(GL_CULL_FACE);
+    // where tissue hides them faint, balls as an outline that leaves the tissue to be seen; full where nothing does
     for (const bool hidden : {true, false}) {
         glDepthFunc(hidden ? GL_GREATER : GL_LEQUAL);
         glDepthMask(hidden ? GL_FALSE : GL_TRUE);
         for (const Marker& m : markers) {
+            const bool outline = hidden && m.kind == Marker::Kind::kSphere;
+            const SurfaceProgram& p = use_surface_program(variant | (outline ? kOutline : 0), params, view);
             Material material;
             material.diffuse = {m.colour[0], m.colour[1], m.colour[2]};
             material.specular = {0.2f, 0.2f, 0.2f};
             material.shininess = 0.5f;
-            material.transparency = 1.0f - m.colour[3] * (hidden ? 0.30f : 1.0f);
+            material.transparency = 1.0f - m.colour[3] * (hidden && !outline ? 0.45f : 1.0f);
             set_material(p, material, 0);
             draw_marker(p, view, m);
         }
     }
+    glDisable(GL_CULL_FACE);
     glDepthFunc(GL_LESS);
 }
 

@@ -2,7 +2,7 @@
 namespace trocar::shaders {
 
 // The software renderer runs both sides of a branch, so every choice that holds for a whole draw call is a macro:
-// TEXTURED, DEPTH_COLOURS, SCOPE (laparoscope). This comes first in every shader.
+// TEXTURED, DEPTH_COLOURS, SCOPE (laparoscope), OUTLINE (only what is seen edge-on). This comes first in every shader.
 inline constexpr const char* kVersion = "#version 330 core\n";
 
 // Round picture of a laparoscope: 1 inside, 0 outside, darker towards the rim.
@@ -121,6 +121,9 @@ void main() {
     float t = clamp(contact_depth * inv_depth_scale, 0.0, 1.0);
     vec3 calm = vec3(0.15, 0.165, 0.18) + 0.3 * sqrt(grey);
     base = mix(calm, texture(palette, vec2(t * 0.99609375 + 0.001953125, 0.5)).rgb, clamp(t * 40.0, 0.0, 1.0));
+#endif
+#ifdef OUTLINE
+    cover *= smoothstep(0.45, 0.75, 1.0 - dot(n, to_eye));
 #endif
     vec3 c = light(n, to_eye, ray2 / (gl_FragCoord.w * gl_FragCoord.w), base);
     // highlights roll off instead of clipping: c up to 0.75, then towards 1 with the same slope

@@ -74,7 +74,10 @@ RealTimeGrant request_real_time(int priority, bool lock_memory) {
     wanted.sched_priority =
         std::clamp(priority, sched_get_priority_min(SCHED_FIFO), sched_get_priority_max(SCHED_FIFO));
     grant.fifo = pthread_setschedparam(pthread_self(), SCHED_FIFO, &wanted) == 0;
-    if (grant.fifo) grant.priority = wanted.sched_priority;
+    if (grant.fifo)
+        grant.priority = wanted.sched_priority;
+    else
+        set_nice(-20);
     // on fault: bringing in every page of the process at once would hold up all its threads for a third of a second
     if (lock_memory) grant.locked = mlockall(MCL_CURRENT | MCL_FUTURE | MCL_ONFAULT) == 0;
     return grant;
@@ -83,8 +86,14 @@ RealTimeGrant request_real_time(int priority, bool lock_memory) {
 void request_low_priority() {
     sched_param none{};
     pthread_setschedparam(pthread_self(), SCHED_BATCH, &none);
+    set_nice(19);
+}
+
+int set_nice(int nice) {
     // on Linux a nice value belongs to the thread that asks
-    setpriority(PRIO_PROCESS, 0, 19);
+    const int before = getpriority(PRIO_PROCESS, 0);
+    setpriority(PRIO_PROCESS, 0, nice);
+    return before;
 }
 
 std::string kernel_name() {

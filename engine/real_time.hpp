@@ -36,9 +36,11 @@ struct RealTimeGrant {
     int priority = 0;     // of SCHED_FIFO
 };
 
-// Asks for SCHED_FIFO at `priority` for the calling thread and, with `lock_memory`, for mlockall. Goes on without what
-// is refused.
+// Asks for SCHED_FIFO at `priority` for the calling thread, else for nice -20, and, with `lock_memory`, for mlockall.
+// Goes on without what is refused.
 RealTimeGrant request_real_time(int priority, bool lock_memory);
+// Sets the nice value of the calling thread as far as permitted; returns what it was.
+int set_nice(int nice);
 // Lowers the calling thread below all others (nice 19, SCHED_BATCH); for drawing in live mode.
 void request_low_priority();
 // "SCHED_FIFO 80, memory locked, Linux 6.1.0-18-amd64".

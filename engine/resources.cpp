@@ -141,7 +141,7 @@ void visit_resource(World& w, Resource resource, Visitor& v) {
         case Resource::kTrees:
             break;  // opaque: see resource_hash and strip_resources
         case Resource::kScreened:
-            v.array(w.screened.body), v.array(w.screened.triangle), v.array(w.screened.box);
+            v.array(w.screened.body), v.array(w.screened.triangle), v.array(w.screened.box), v.array(w.screened.tight);
             break;
         case Resource::kOccupancy:
             v.value(w.occupancy.cell_size), v.value(w.occupancy.origin[0]), v.value(w.occupancy.origin[1]),
@@ -150,7 +150,8 @@ void visit_resource(World& w, Resource resource, Visitor& v) {
                 v.array(w.occupancy.primitive_row), v.array(w.occupancy.oversize);
             break;
         case Resource::kCandidates:
-            v.array(w.candidates.pair), v.array(w.candidates.triangle);
+            v.array(w.candidates.pair), v.array(w.candidates.triangle), v.array(w.candidates.side),
+                v.array(w.candidates.near);
             break;
         case Resource::kNear:
             v.array(w.near.side), v.array(w.near.vertex), v.array(w.near.distance), v.array(w.near.triangle);

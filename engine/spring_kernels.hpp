@@ -8,6 +8,7 @@ struct SpringStep {
     float* new_offset;                                        // 4 per particle
     const float *velocity_x, *velocity_y, *velocity_z;        // m/s, half a step behind
     float *new_velocity_x, *new_velocity_y, *new_velocity_z;  // may be the same arrays
+    float *remainder_x, *remainder_y, *remainder_z;           // m, what rounding left out of the places; may be null
     const unsigned* slice_column;                             // slices + 1
     const unsigned* neighbour;                    // 16 per column: particle at the far end, itself = padding
     const float* rest_length;                     // 16 per column, m
@@ -52,7 +53,8 @@ enum EnergySum { kSumStretch, kSumAnchor, kSumMvv, kSumMass, kSumMPlace, kEnergy
 struct SpringKernels {
     const char* name;
     // Springs, anchors, gravity and damping, then kick and drift of slices [first, last). A spring of length zero and
-    // padding pull nowhere; a particle of inverse mass zero keeps its place and gets velocity zero.
+    // padding pull nowhere; a particle of inverse mass zero keeps its place and gets velocity zero. With remainders the
+    // drift is a compensated sum (Kahan, CACM 8(1), 1965): steps far smaller than the ulp of a place add up.
     // damping_work (16 doubles, J) is added to lane by lane: damping impulse times mean velocity; may be null.
     void (*step)(const SpringStep* body, unsigned first, unsigned last, double* damping_work);
     // Adds the sums of slices [first, last) to sums[kShapeSums][16], or to sums[kEnergySums][16].

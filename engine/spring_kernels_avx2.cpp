@@ -126,8 +126,19 @@ void step(const SpringStep* body, unsigned first, unsigned last, double* damping
 
         // drift
         const __m256 dt = set(body->dt);
-        store(body->new_offset + 4ul * row,
-              {_mm256_fmadd_ps(nx, dt, p.x), _mm256_fmadd_ps(ny, dt, p.y), _mm256_fmadd_ps(nz, dt, p.z), p.w});
+        Lanes next = {_mm256_fmadd_ps(nx, dt, p.x), _mm256_fmadd_ps(ny, dt, p.y), _mm256_fmadd_ps(nz, dt, p.z), p.w};
+        if (body->remainder_x) {
+            const auto carried = [&](float* remainder, __m256 v, __m256 from) __attribute__((always_inline)) {
+                const __m256 way = _mm256_fmadd_ps(v, dt, _mm256_loadu_ps(remainder + row));
+                const __m256 to = _mm256_add_ps(from, way);
+                _mm256_storeu_ps(remainder + row, _mm256_sub_ps(way, _mm256_sub_ps(to, from)));
+                return to;
+            };
+            next.x = carried(body->remainder_x, nx, p.x);
+            next.y = carried(body->remainder_y, ny, p.y);
+            next.z = carried(body->remainder_z, nz, p.z);
+        }
+        store(body->new_offset + 4ul * row, next);
     }
 }
 

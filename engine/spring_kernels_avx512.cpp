@@ -149,8 +149,19 @@ void step(const SpringStep* body, unsigned first, unsigned last, double* damping
 
         // drift
         const __m512 dt = set(body->dt);
-        store(body->new_offset + 4ul * row,
-              {_mm512_fmadd_ps(nx, dt, p.x), _mm512_fmadd_ps(ny, dt, p.y), _mm512_fmadd_ps(nz, dt, p.z), p.w});
+        Lanes next = {_mm512_fmadd_ps(nx, dt, p.x), _mm512_fmadd_ps(ny, dt, p.y), _mm512_fmadd_ps(nz, dt, p.z), p.w};
+        if (body->remainder_x) {
+            const auto carried = [&](float* remainder, __m512 v, __m512 from) __attribute__((always_inline)) {
+                const __m512 way = _mm512_fmadd_ps(v, dt, _mm512_loadu_ps(remainder + row));
+                const __m512 to = _mm512_add_ps(from, way);
+                _mm512_storeu_ps(remainder + row, _mm512_sub_ps(way, _mm512_sub_ps(to, from)));
+                return to;
+            };
+            next.x = carried(body->remainder_x, nx, p.x);
+            next.y = carried(body->remainder_y, ny, p.y);
+            next.z = carried(body->remainder_z, nz, p.z);
+        }
+        store(body->new_offset + 4ul * row, next);
     }
 }
 

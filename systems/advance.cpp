@@ -2,6 +2,7 @@
 
 #include <algorithm>
 #include <cmath>
+#include <limits>
 
 #include "engine/check.hpp"
 #include "engine/deformable_setup.hpp"
@@ -28,7 +29,7 @@ AdvanceBody make_body(const AdvanceIsland& island, uint32_t body, uint32_t buffe
     b.shape = bodies.anchor_frame[body] == AnchorFrame::kShape;
     b.damping = bodies.tissue[body].damping;
     b.last_dt = island.particles.last_dt[body];
-    b.origin = island.poses.origin[body];
+    b.origin = to_vec4(island.poses.origin[body]);
     b.orientation = island.poses.orientation[body];
     b.now = island.particles.offset.data() + b.particles.first;
     b.step = bind_body(springs, bodies, island.inputs.anchors, island.particles, body);
@@ -39,6 +40,28 @@ AdvanceBody make_body(const AdvanceIsland& island, uint32_t body, uint32_t buffe
     step.dt = static_cast<float>(island.dt);
     for (int i = 0; i < 3; ++i) step.gravity[i] = static_cast<float>(island.params.gravity[i]);
     return b;
+}
+
+// Whether rounding takes more than half a percent of 1 mm/s from places stepped by dt: then a body carries what it left
+// out from substep to substep. At the end of a call the remainder, less than half an ulp, goes.
+bool carry_remainder(const AdvanceIsland& island, uint32_t body) {
+    if (island.params.substeps == 1) return false;
+    const float radius = static_cast<float>(island.inputs.meshes.info[island.inputs.bodies.mesh[body]].radius);
+    const double ulp = std::nextafter(radius, std::numeric_limits<float>::infinity()) - radius;
+    return ulp > 0.01 * 1e-3 * island.dt;
+}
+
+void give_remainders(AdvanceIsland& island, uint32_t particles) {
+    AdvanceScratch& s = island.scratch;
+    const auto carries = [&](const AdvanceBody& b) { return carry_remainder(island, b.body); };
+    if (std::none_of(s.body.begin(), s.body.end(), carries)) return;
+    s.remainder.assign(size_t{3} * particles, 0.0f);
+    for (AdvanceBody& b : s.body) {
+        if (!carries(b)) continue;
+        b.step.remainder_x = s.remainder.data() + b.buffer;
+        b.step.remainder_y = b.step.remainder_x + particles;
+        b.step.remainder_z = b.step.remainder_y + particles;
+    }
 }
 
 void gather_bodies(AdvanceIsland& island, std::span<const uint32_t> island_bodies) {
@@ -59,6 +82,7 @@ void gather_bodies(AdvanceIsland& island, std::span<const uint32_t> island_bodie
         }
     }
     if (s.offset_a.size() < particles) s.offset_a.resize(particles), s.offset_b.resize(particles);
+    give_remainders(island, particles);
 }
 
 // Lanes of damping work, kept per chunk over the whole call.
@@ -85,6 +109,10 @@ void step_bodies(AdvanceIsland& island, const SpringKernels& kernels, uint32_t s
             fit_goals(totals, island.poses.orientation[b.body], b.step);
             fit_drag(totals, b.step);
         }
+        const float* drag = b.step.drag_velocity;
+        const float* turn = b.step.drag_turn;
+        b.drag_velocity = make_vec4(drag[0], drag[1], drag[2]);
+        b.drag_turn = make_vec4(turn[0], turn[1], turn[2]);
         double* work = island.params.account_energy && b.damping > 0 ? s.sums.data() + chunk * kSliceWidth : nullptr;
         parallel_for(b.slices, kSlicesPerChunk, [&](uint32_t begin, uint32_t end) {
             kernels.step(&b.step, begin, end, work ? work + begin / kSlicesPerChunk * kSliceWidth : nullptr);
@@ -149,8 +177,8 @@ void finish_bodies(AdvanceIsland& island) {
     for (const AdvanceRigid& rigid : island.scratch.rigid) {
         if (rigid.node == kNone) continue;
         const ContactNode& node = island.scratch.node[rigid.node];
-        island.poses.origin[rigid.body] = node.place;
-        island.poses.velocity[rigid.body] = node.velocity;
+        island.poses.origin[rigid.body] = to_vec3(node.place);
+        island.poses.velocity[rigid.body] = to_vec3(node.velocity);
         island.poses.orientation[rigid.body] = rigid.orientation[1];
         island.poses.angular_velocity[rigid.body] =
             rotation_vector(rigid.orientation[0], rigid.orientation[1]) / island.dt;
@@ -176,6 +204,28 @@ void add_advance_result(const AdvanceResult& result, Energy& energy, Report& rep
     report.deepest_residual = std::max(report.deepest_residual, result.deepest_residual);
 }
 
+void share_room(std::span<AdvanceScratch> scratches) {
+    const auto level = [&](auto AdvanceScratch::* field) {
+        size_t most = 0;
+        for (const AdvanceScratch& s : scratches) most = std::max(most, (s.*field).capacity());
+        for (AdvanceScratch& s : scratches) (s.*field).reserve(most);
+    };
+    level(&AdvanceScratch::offset_a);
+    level(&AdvanceScratch::offset_b);
+    level(&AdvanceScratch::remainder);
+    level(&AdvanceScratch::body);
+    level(&AdvanceScratch::rigid);
+    level(&AdvanceScratch::sums);
+    level(&AdvanceScratch::shape_sums);
+    level(&AdvanceScratch::node);
+    level(&AdvanceScratch::change);
+    level(&AdvanceScratch::node_of_particle);
+    level(&AdvanceScratch::slot_of_body);
+    level(&AdvanceScratch::plan);
+    level(&AdvanceScratch::active);
+    level(&AdvanceScratch::touched);
+}
+
 void advance_island(const AdvanceParams& params, const AdvanceInputs& inputs, std::span<const uint32_t> island_bodies,
                     std::span<const uint32_t> island_rows, AdvanceScratch& scratch, Particles& particles, Poses& poses,
                     ContactRows& rows, std::span<ToolState> tools, AdvanceResult& result) {
@@ -186,23 +236,28 @@ void advance_island(const AdvanceParams& params, const AdvanceInputs& inputs, st
     AdvanceIsland island{params, inputs, scratch, particles, poses, rows, tools, result, dt};
     const SpringKernels& kernels = spring_kernels();
     gather_bodies(island, island_bodies);
+    const auto observe = [&](void (*call)(void*)) {
+        if (call && !island_rows.empty()) call(params.observer.user);
+    };
+    observe(params.observer.begin);
     plan_contacts(island, island_rows);
+    observe(params.observer.end);
     clear_sums(scratch);
+    const uint32_t per_ms = params.substeps / params.ticks;
+    TROCAR_ASSERT(!params.tick_hook.run || per_ms * params.ticks == params.substeps);
     for (uint32_t substep = 0; substep < params.substeps; ++substep) {
-        const bool last = substep + 1 == params.substeps;
+        if (params.tick_hook.run && substep % per_ms == 0) params.tick_hook.run(params.tick_hook.user, substep / per_ms);
         place_rigid_bodies(island, substep);
-        note_velocities(island);
+        observe(params.observer.begin);
+        note_velocities(island, substep);
+        observe(params.observer.end);
         step_bodies(island, kernels, substep);
         pull_hands(island, substep);
-        if (!scratch.plan.empty()) {
-            if (params.observer.begin) params.observer.begin(params.observer.user);
-            apply_impulses(island);
-            move_hands(island);
-            push_out(island, last);
-            if (params.observer.end) params.observer.end(params.observer.user);
-        } else {
-            move_hands(island);
-        }
+        observe(params.observer.begin);
+        if (!scratch.plan.empty()) apply_impulses(island);
+        move_hands(island);
+        if (!scratch.plan.empty()) push_out(island, substep);
+        observe(params.observer.end);
         for (AdvanceBody& b : scratch.body) b.now = b.next;
     }
     for (const double work : scratch.sums) result.work_damping += work;

@@ -20,8 +20,14 @@ struct ResponseObserver {
     void* user = nullptr;
 };
 
+// Called at the start of every millisecond of a call; needs substeps to be a multiple of ticks. May be empty.
+struct TickHook {
+    void (*run)(void* user, uint32_t ms) = nullptr;
+    void* user = nullptr;
+};
+
 // One call: `ticks` ms from `tick` in `substeps` equal steps. A call cut into shorter ones with the same step gives the
-// same bits (but for tools: their devices move linearly within a call).
+// same bits.
 struct AdvanceParams {
     uint64_t tick = 0;      // ms since the start
     uint32_t ticks = 1;     // ms
@@ -30,11 +36,7 @@ struct AdvanceParams {
     ContactParams contact;
     bool account_energy = true;
     ResponseObserver observer;
-};
-
-// What a device did during a call; it moves linearly and turns evenly. `position` is where the hand holds the tip.
-struct DeviceInterval {
-    DeviceState from, to;
+    TickHook tick_hook;
 };
 
 // The world as an island sees it; constant during the call but for the state of the island's own bodies.
@@ -45,7 +47,10 @@ struct AdvanceInputs {
     const Anchors& anchors;
     const Paths& paths;
     std::span<const HandTool> tools;
-    std::span<const DeviceInterval> devices;  // one per tool
+    // Where the hands hold the tips: of tool t at millisecond k of the call in devices[t * device_stride + k], k = 0 ..
+    // ticks. Between milliseconds a device moves linearly and turns evenly.
+    std::span<const DeviceState> devices;
+    uint32_t device_stride = 2;
 };
 
 // What calls did to an island: added up over calls but for what is marked `last`. Work in J on its deformable bodies.
@@ -77,5 +82,9 @@ uint32_t count_substeps(const Bodies& bodies, std::span<const uint32_t> island_b
 void advance_island(const AdvanceParams& params, const AdvanceInputs& inputs, std::span<const uint32_t> island_bodies,
                     std::span<const uint32_t> island_rows, AdvanceScratch& scratch, Particles& particles, Poses& poses,
                     ContactRows& rows, std::span<ToolState> tools, AdvanceResult& result);
+
+// Gives every scratch the room of the roomiest, so that after a pass it does not matter which thread runs which island:
+// none allocates for what another has done before.
+void share_room(std::span<AdvanceScratch> scratches);
 
 }  // namespace trocar

@@ -30,15 +30,33 @@ void place_rigid_bodies(AdvanceIsland& island, uint32_t substep);
 void pull_hands(AdvanceIsland& island, uint32_t substep);
 void move_hands(AdvanceIsland& island);
 
-// Velocities of all particles that are nodes before the kick.
-void note_velocities(AdvanceIsland& island);
+// Velocities of all particles that are nodes before the kick of a substep.
+void note_velocities(AdvanceIsland& island, uint32_t substep);
 // Finds the rows that are crossed or would be in this substep and gives them impulses; after kick and drift. Projected
 // Gauss-Seidel over the active rows in their order, accumulated impulses clamped (Moreau 1988; Catto 2005): one sweep
 // leaves less for push_out than sixteen Jacobi passes with mass splitting (Tonge et al. 2012) did, and where many
 // points of a fine tool press few tissue triangles Jacobi lost a factor of 20 in depth. Every impulse acts on both
 // sides with their inverse masses. Coulomb friction on the accumulated impulse.
 void apply_impulses(AdvanceIsland& island);
-// Moves remaining overlap of the active rows out without touching velocities; after move_hands.
-void push_out(AdvanceIsland& island, bool last_substep);
+// What damping took from a node in the kick of this substep, m/s, and the acceleration of everything else, m/s^2.
+struct Kick {
+    Vec4d lost, acceleration;
+};
+Kick kick_of(const AdvanceScratch& s, uint32_t node);
+
+// Moves remaining overlap of the active rows out without touching velocities, in substeps in which a millisecond begins;
+// after move_hands.
+void push_out(AdvanceIsland& island, uint32_t substep);
+// Books the pushes of the substep before, once the forces after them are known.
+void book_pushes(AdvanceIsland& island);
+
+// Adds to the place of a node's particle at the end of the substep.
+inline void move_particle(AdvanceBody& body, ContactNode& node, Vec4d way) {
+    float* offset = &body.next[node.particle - body.particles.first].x;
+    const __m128 old = _mm_load_ps(offset);
+    const __m128 moved = _mm256_cvtpd_ps((__m256d)(float_vec4(old) + way));
+    _mm_store_ps(offset, _mm_blend_ps(moved, old, 8));  // w is the inverse mass
+    node.after = body.origin + float_vec4(moved);
+}
 
 }  // namespace trocar

@@ -9,28 +9,24 @@ namespace {
 // Overlap left alone (m): far below anything seen or felt, above what rounding makes of a resting contact.
 constexpr double kRestingOverlap = 1e-6;
 
-Vec3d turned(const std::array<Vec3d, 3>& rows, const Vec3d& v) {
-    return {rows[0].dot(v), rows[1].dot(v), rows[2].dot(v)};
-}
-
 // Gap of a row at the end of the substep, and its normal there.
-double gap_after(const AdvanceScratch& s, const ContactPlan& plan, Vec3d& normal) {
-    Vec3d apart = Vec3d::Zero();
+double gap_after(const AdvanceScratch& s, const ContactPlan& plan, Vec4d& normal) {
+    Vec4d apart;
     if (plan.rigid_a == kNone) {
-        for (int i = 0; i < 2; ++i) apart += plan.weight_a[i] * s.node[plan.node_a[i]].after;
+        apart = plan.weight_a[0] * s.node[plan.node_a[0]].after;
+        if (plan.weight_a[1] != 0) apart += plan.weight_a[1] * s.node[plan.node_a[1]].after;
     } else {
-        const AdvanceRigid& rigid = s.rigid[plan.rigid_a];
-        apart += rigid.origin[1] + turned(rigid.turn[1], plan.point_a);
+        apart = s.rigid[plan.rigid_a].place[1](plan.point_a);
     }
     if (plan.rigid_b == kNone) {
         for (int k = 0; k < 3; ++k) apart -= plan.weight_b[k] * s.node[plan.node_b[k]].after;
         normal = plan.normal;
     } else {
-        const AdvanceRigid& rigid = s.rigid[plan.rigid_b];
-        apart -= rigid.origin[1] + turned(rigid.turn[1], plan.point_b);
-        normal = turned(rigid.turn[1], plan.normal);
+        const RigidMap& place = s.rigid[plan.rigid_b].place[1];
+        apart -= place(plan.point_b);
+        normal = place.turn(plan.normal);
     }
-    return normal.dot(apart) - plan.offset;
+    return dot(normal, apart) - plan.offset;
 }
 
 bool can_move(const AdvanceScratch& s, uint32_t node) {
@@ -48,10 +44,26 @@ double share_of_point(const AdvanceIsland& island, const ContactPlan& plan) {
     return b / (a + b);
 }
 
-// Moves both sides by their inverse masses, or each side by its share of the way.
-void add_push(AdvanceIsland& island, const ContactActive& row, const Vec3d& way) {
+// Later rows see the move; but a node pressed from both sides stays where it was for all of them and goes half of each
+// way: it meets its two planes midway.
+void move_node(AdvanceScratch& s, uint32_t node, Vec4d move) {
+    ContactNodeChange& change = s.change[node];
+    change.change += (change.opposed ? 0.5 : 1.0) * move;
+    if (!change.opposed) s.node[node].after += move;
+    change.pushed = true;
+}
+
+// Moves both sides by their inverse masses, or each side by its share of the way. Hands do not give way.
+void add_push(AdvanceIsland& island, const ContactActive& row, Vec4d way) {
     AdvanceScratch& s = island.scratch;
     const bool by_mass = island.params.contact.share == ResponseShare::kMass;
+    if (by_mass && !row.with_hand) {
+        for (uint32_t k = 0; k < row.nodes; ++k) {
+            const double inv_mass = s.node[row.node[k]].inv_mass;
+            if (inv_mass > 0) move_node(s, row.node[k], (row.weight[k] * inv_mass * row.inv_sum) * way);
+        }
+        return;
+    }
     double sum[2] = {0, 0};  // of the side of the point, of the plane
     const auto unit = [&](uint32_t k) { return by_mass ? s.node[row.node[k]].inv_mass : 1.0; };
     for (uint32_t k = 0; k < row.nodes; ++k) {
@@ -68,25 +80,25 @@ void add_push(AdvanceIsland& island, const ContactActive& row, const Vec3d& way)
     }
     for (uint32_t k = 0; k < row.nodes; ++k) {
         if (!can_move(s, row.node[k])) continue;
-        ContactNodeChange& change = s.change[row.node[k]];
-        const Vec3d move = row.weight[k] * unit(k) * scale[k >= row.point_nodes] * way;
-        // later rows see the move; but a node pressed from both sides stays where it was for all of them and goes half
-        // of each way: it meets its two planes midway
-        change.change += (change.opposed ? 0.5 : 1.0) * move;
-        if (!change.opposed) s.node[row.node[k]].after += move;
-        change.pushed = true;
+        move_node(s, row.node[k], (row.weight[k] * unit(k) * scale[k >= row.point_nodes]) * way);
     }
 }
 
+// How far a node of the island is being pushed; zero for other particles.
+Vec3d push_of(const AdvanceScratch& s, uint32_t particle) {
+    const uint32_t n = s.node_of_particle[particle];
+    return n != kNone && s.change[n].rows > 0 && s.change[n].pushed ? to_vec3(s.change[n].change) : Vec3d(Vec3d::Zero());
+}
+
 // A body half a substep back, where its velocities are and where measure_energy looks at it: only there do the works of
-// kicks and moves add up without a remainder of first order in dt.
+// kicks and moves add up without a remainder of first order in dt. Before the pushes of this substep.
 struct HalfWay {
     const AdvanceIsland& island;
     const AdvanceBody& body;
     Vec3d offset(uint32_t v) const {
         const uint32_t p = body.particles.first + v;
         const Particles& s = island.particles;
-        return Vec3d(body.next[v].x, body.next[v].y, body.next[v].z) -
+        return Vec3d(body.next[v].x, body.next[v].y, body.next[v].z) - push_of(island.scratch, p) -
                0.5 * island.dt * Vec3d(s.velocity_x[p], s.velocity_y[p], s.velocity_z[p]);
     }
     Vec3d goal(uint32_t v) const {
@@ -99,12 +111,6 @@ struct HalfWay {
         return at_start + 0.5 * island.dt * (row(step.drag_velocity) + row(step.drag_turn).cross(at_start));
     }
 };
-
-// How far a node of the island is being pushed; zero for other particles.
-Vec3d push_of(const AdvanceScratch& s, uint32_t particle) {
-    const uint32_t n = s.node_of_particle[particle];
-    return n != kNone && s.change[n].rows > 0 && s.change[n].pushed ? s.change[n].change : Vec3d(Vec3d::Zero());
-}
 
 // Elastic and gravity energy that a push adds to one node; what it adds to a spring whose both ends move counts by
 // half, the other half is the other end's.
@@ -127,71 +133,74 @@ double node_push_work(const HalfWay& at, uint32_t v, const Vec3d& push, double i
     return 0.5 * (step.stiffness * springs + anchor) - at.island.params.gravity.dot(push) / inv_mass;
 }
 
-double push_work(const AdvanceIsland& island) {
+// Books the pushes of the last substep of a call from the springs themselves: the next forces are not there yet.
+void book_last_pushes(AdvanceIsland& island) {
     const AdvanceScratch& s = island.scratch;
-    double work = 0;
-    for (const uint32_t n : s.touched) {
-        const ContactNode& node = s.node[n];
-        if (!s.change[n].pushed || s.change[n].change.isZero(0)) continue;
+    for (const PendingPush& p : s.pending) {
+        const ContactNode& node = s.node[p.node];
         const AdvanceBody& body = s.body[node.owner];
-        work += node_push_work({island, body}, node.particle - body.particles.first, s.change[n].change, node.inv_mass);
+        island.result.work_push += node_push_work({island, body}, node.particle - body.particles.first,
+                                                  to_vec3(p.push), node.inv_mass);
     }
-    return work;
 }
 
-// Limits the moves to the push speed, however many rows push a node, and makes them what the floats will hold.
-void limit_moves(AdvanceScratch& s, double most) {
+// Limits the moves to `most`, however many rows push a node, and makes them. What is booked is what the floats hold.
+void make_moves(AdvanceIsland& island, double most) {
+    AdvanceScratch& s = island.scratch;
     for (const uint32_t n : s.touched) {
         ContactNodeChange& change = s.change[n];
         if (!change.pushed) continue;
-        const double size = change.change.norm();
-        if (size > most) change.change *= most / size;
-        const AdvanceBody& body = s.body[s.node[n].owner];
-        const Float4& o = body.next[s.node[n].particle - body.particles.first];
-        const Vec3d from(o.x, o.y, o.z);
-        change.change = (from + change.change).cast<float>().cast<double>() - from;
-    }
-}
-
-void write_moves(AdvanceScratch& s) {
-    for (const uint32_t n : s.touched) {
-        if (!s.change[n].pushed) continue;
-        const AdvanceBody& body = s.body[s.node[n].owner];
-        Float4& o = body.next[s.node[n].particle - body.particles.first];
-        o.x = static_cast<float>(o.x + s.change[n].change.x());
-        o.y = static_cast<float>(o.y + s.change[n].change.y());
-        o.z = static_cast<float>(o.z + s.change[n].change.z());
-        s.node[n].after = body.origin + Vec3d(o.x, o.y, o.z);
+        const double size2 = norm2(change.change);
+        if (size2 > most * most) change.change *= most / std::sqrt(size2);
+        ContactNode& node = s.node[n];
+        AdvanceBody& body = s.body[node.owner];
+        const float* offset = &body.next[node.particle - body.particles.first].x;
+        const Vec4d before = float_vec4(_mm_load_ps(offset));
+        move_particle(body, node, change.change);
+        change.change = float_vec4(_mm_load_ps(offset)) - before;
+        if (island.params.account_energy && norm2(change.change) > 0) {
+            s.pending.push_back({change.change, kick_of(s, n).acceleration, n});
+        }
     }
 }
 
 }  // namespace
 
-void push_out(AdvanceIsland& island, bool last_substep) {
+void book_pushes(AdvanceIsland& island) {
     AdvanceScratch& s = island.scratch;
-    const double most = island.params.contact.push_speed * island.dt;
-    double deepest = 0;
-    bool any = false;
-    Vec3d normal;
-    for (ContactActive& row : s.active) {
-        const double overlap = -gap_after(s, s.plan[row.plan], normal);
-        row.pushed = overlap > kRestingOverlap;
-        if (row.pushed) {
+    double work = 0;
+    // energy does not depend on the way: half the sum of the forces at the start of that substep and after the push is
+    // the force in the middle of the push, seen half a substep back (exact where forces are linear in place)
+    for (const PendingPush& p : s.pending) {
+        const Vec4d mean = 0.5 * (p.acceleration + kick_of(s, p.node).acceleration);
+        work -= dot(mean, p.push) / s.node[p.node].inv_mass;
+    }
+    island.result.work_push += work;
+    s.pending.clear();
+}
+
+void push_out(AdvanceIsland& island, uint32_t substep) {
+    AdvanceScratch& s = island.scratch;
+    const AdvanceParams& params = island.params;
+    const uint64_t begin = params.tick * params.substeps + uint64_t{params.ticks} * substep, end = begin + params.ticks;
+    const auto started = [&](uint64_t time) { return (time + params.substeps - 1) / params.substeps; };
+    const uint64_t ms = started(end) - started(begin);  // that begin in this substep
+    Vec4d normal;
+    if (ms > 0) {
+        const double most = params.contact.push_speed * 1e-3 * static_cast<double>(ms);
+        bool any = false;
+        for (const ContactActive& row : s.active) {
+            const double overlap = -gap_after(s, s.plan[row.plan], normal);
+            if (!(overlap > kRestingOverlap)) continue;
             add_push(island, row, std::min(overlap, most) * normal);
             any = true;
-        } else {
-            deepest = std::max(deepest, overlap);
         }
+        if (any) make_moves(island, most);
     }
-    if (any) {
-        limit_moves(s, most);
-        if (island.params.account_energy) island.result.work_push += push_work(island);
-        write_moves(s);
-    }
-    if (!last_substep) return;
-    for (const ContactActive& row : s.active) {
-        if (row.pushed) deepest = std::max(deepest, -gap_after(s, s.plan[row.plan], normal));
-    }
+    if (substep + 1 < params.substeps) return;
+    book_last_pushes(island);
+    double deepest = 0;
+    for (const ContactActive& row : s.active) deepest = std::max(deepest, -gap_after(s, s.plan[row.plan], normal));
     island.result.deepest_residual = deepest;
     for (const uint32_t n : s.touched) {
         island.result.opposing_planes += s.change[n].opposed && s.node[n].particle != kNone;

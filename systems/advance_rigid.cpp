@@ -11,26 +11,27 @@ std::span<const Keyframe> keys_of(const Paths& paths, uint32_t path) {
     return std::span(paths.key).subspan(paths.keys[path].first, paths.keys[path].count);
 }
 
-void set_pose(AdvanceRigid& rigid, int end, const Vec3d& origin, const Quat& orientation) {
-    rigid.origin[end] = origin;
+void set_pose(AdvanceRigid& rigid, int end, Vec4d origin, const Quat& orientation) {
+    rigid.place[end].shift = origin;
     rigid.orientation[end] = orientation;
-    rigid.turn[end] = rotation_rows(orientation);
+    for (int i = 0; i < 3; ++i) rigid.place[end].column[i] = to_vec4(rotate(orientation, Vec3d::Unit(i)));
 }
 
-// Where the body frame of a tool would be if it were in the hand, `share` of the way through the call.
+// Where the body frame of a tool would be if it were in the hand, at the start of a substep.
 struct HandPose {
     Vec3d origin;
     Quat orientation;
 };
-HandPose hand_pose(const HandTool& tool, const DeviceInterval& device, double share) {
-    const Vec3d tip = device.from.position + share * (device.to.position - device.from.position);
-    const Quat orientation = normalized(
-        multiply(from_rotation_vector(share * rotation_vector(device.from.orientation, device.to.orientation)),
-                 device.from.orientation));
-    return {tip - rotate(orientation, tool.tip), orientation};
-}
-double share_of_call(const AdvanceParams& params, uint32_t substep) {
-    return static_cast<double>(substep) / params.substeps;
+HandPose hand_pose(const AdvanceIsland& island, uint32_t t, uint32_t substep) {
+    const AdvanceParams& params = island.params;
+    const uint32_t ms = std::min(substep * params.ticks / params.substeps, params.ticks - 1);
+    const double share = static_cast<double>(substep * params.ticks - ms * params.substeps) / params.substeps;
+    const DeviceState* device = island.inputs.devices.data() + size_t{t} * island.inputs.device_stride + ms;
+    const Vec3d tip = device[0].position + share * (device[1].position - device[0].position);
+    const Quat orientation =
+        normalized(multiply(from_rotation_vector(share * rotation_vector(device[0].orientation, device[1].orientation)),
+                            device[0].orientation));
+    return {tip - rotate(orientation, island.inputs.tools[t].tip), orientation};
 }
 
 }  // namespace
@@ -47,8 +48,7 @@ uint32_t rigid_slot(AdvanceIsland& island, uint32_t body) {
     s.slot_of_body[body] = slot;
     AdvanceRigid& rigid = s.rigid.emplace_back();
     rigid.body = body;
-    rigid.velocity = Vec3d::Zero();
-    rigid.spin.fill(Vec3d::Zero());
+    rigid.velocity = RigidMap{};
     const AdvanceInputs& in = island.inputs;
     if (in.bodies.motion[body] == Motion::kKinematic) {
         const auto path = std::find(in.paths.body.begin(), in.paths.body.end(), body);
@@ -62,17 +62,18 @@ uint32_t rigid_slot(AdvanceIsland& island, uint32_t body) {
         ContactNode& node = s.node.emplace_back();
         node.owner = slot;
         node.inv_mass = in.bodies.inv_mass[body];
-        node.place = island.poses.origin[body];
-        node.velocity = island.poses.velocity[body];
+        node.place = to_vec4(island.poses.origin[body]);
+        node.velocity = to_vec4(island.poses.velocity[body]);
         s.change.emplace_back();
     }
     if (rigid.path != kNone) {
         const PathPoint at = sample_path(keys_of(in.paths, rigid.path), substep_time(island.params, 0));
-        set_pose(rigid, 1, at.position, at.orientation);
+        set_pose(rigid, 1, to_vec4(at.position), at.orientation);
     } else {
-        set_pose(rigid, 1, island.poses.origin[body], island.poses.orientation[body]);
+        set_pose(rigid, 1, to_vec4(island.poses.origin[body]), island.poses.orientation[body]);
     }
-    set_pose(rigid, 0, rigid.origin[1], rigid.orientation[1]);
+    rigid.place[0] = rigid.place[1];
+    rigid.orientation[0] = rigid.orientation[1];
     return slot;
 }
 
@@ -80,22 +81,23 @@ void place_rigid_bodies(AdvanceIsland& island, uint32_t substep) {
     const AdvanceInputs& in = island.inputs;
     for (AdvanceRigid& rigid : island.scratch.rigid) {
         if (rigid.path == kNone && rigid.tool == kNone) continue;
-        set_pose(rigid, 0, rigid.origin[1], rigid.orientation[1]);
+        rigid.place[0] = rigid.place[1];
+        rigid.orientation[0] = rigid.orientation[1];
         if (rigid.tool != kNone) {
             // the hand turns with the device; its translation follows in pull_hands
-            const HandPose pose =
-                hand_pose(in.tools[rigid.tool], in.devices[rigid.tool], share_of_call(island.params, substep + 1));
-            set_pose(rigid, 1, rigid.origin[0], pose.orientation);
+            set_pose(rigid, 1, rigid.place[0].shift, hand_pose(island, rigid.tool, substep + 1).orientation);
         } else {
             const auto keys = keys_of(in.paths, rigid.path);
             const double from = substep_time(island.params, substep), to = substep_time(island.params, substep + 1);
             const PathPoint at = sample_path(keys, to);
-            set_pose(rigid, 1, at.position, at.orientation);
+            set_pose(rigid, 1, to_vec4(at.position), at.orientation);
             // a body that jumps is at its new place for the whole substep: a jump has no velocity
-            if (path_jumps(keys, from, to)) set_pose(rigid, 0, at.position, at.orientation);
-            rigid.velocity = (rigid.origin[1] - rigid.origin[0]) / island.dt;
+            if (path_jumps(keys, from, to)) set_pose(rigid, 0, to_vec4(at.position), at.orientation);
+            rigid.velocity.shift = (rigid.place[1].shift - rigid.place[0].shift) / island.dt;
         }
-        for (int i = 0; i < 3; ++i) rigid.spin[i] = (rigid.turn[1][i] - rigid.turn[0][i]) / island.dt;
+        for (int i = 0; i < 3; ++i) {
+            rigid.velocity.column[i] = (rigid.place[1].column[i] - rigid.place[0].column[i]) / island.dt;
+        }
     }
 }
 
@@ -106,13 +108,12 @@ void pull_hands(AdvanceIsland& island, uint32_t substep) {
         ContactNodeChange& change = island.scratch.change[rigid.node];
         change.before = node.velocity;
         if (rigid.tool == kNone) {
-            node.velocity = Vec3d::Zero();  // nobody holds it
+            node.velocity = Vec4d{};  // nobody holds it
             continue;
         }
         const HandTool& tool = island.inputs.tools[rigid.tool];
-        const DeviceInterval& device = island.inputs.devices[rigid.tool];
-        const Vec3d from = hand_pose(tool, device, share_of_call(island.params, substep)).origin;
-        const Vec3d to = hand_pose(tool, device, share_of_call(island.params, substep + 1)).origin;
+        const Vec3d from = hand_pose(island, rigid.tool, substep).origin;
+        const Vec3d to = hand_pose(island, rigid.tool, substep + 1).origin;
         const double dt = island.dt, w = island.inputs.bodies.inv_mass[rigid.body];
         const double k = tool.coupling_stiffness, b = tool.coupling_damping;
         rigid.target = to;
@@ -121,10 +122,10 @@ void pull_hands(AdvanceIsland& island, uint32_t substep) {
             // spring and damper act with their values at the end of the substep: stable for any dt, mass and stiffness.
             // They resist the rows' impulses too, as if the hand were that much heavier
             node.inv_mass = w / (1 + dt * w * (b + k * dt));
-            node.velocity =
-                node.inv_mass * (node.velocity / w + dt * (k * (to - node.place) + b * rigid.target_velocity));
+            const Vec4d pull = k * (to_vec4(to) - node.place) + b * to_vec4(rigid.target_velocity);
+            node.velocity = node.inv_mass * (node.velocity / w + dt * pull);
         } else {
-            node.velocity = (to - node.place) / dt;
+            node.velocity = (to_vec4(to) - node.place) / dt;
         }
     }
 }
@@ -135,11 +136,11 @@ void move_hands(AdvanceIsland& island) {
         ContactNode& node = island.scratch.node[rigid.node];
         node.place += island.dt * node.velocity;
         node.after = node.place;
-        rigid.origin[1] = node.place;
+        rigid.place[1].shift = node.place;
         if (rigid.tool == kNone) continue;
         const HandTool& tool = island.inputs.tools[rigid.tool];
-        island.tools[rigid.tool].coupling_force = tool.coupling_stiffness * (rigid.target - node.place) +
-                                                  tool.coupling_damping * (rigid.target_velocity - node.velocity);
+        island.tools[rigid.tool].coupling_force = tool.coupling_stiffness * (rigid.target - to_vec3(node.place)) +
+                                                  tool.coupling_damping * (rigid.target_velocity - to_vec3(node.velocity));
     }
 }
 

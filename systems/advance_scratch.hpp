@@ -3,6 +3,7 @@
 #include <vector>
 
 #include "components/math.hpp"
+#include "engine/geometry/vec4.hpp"
 #include "engine/spring_kernels.hpp"
 namespace trocar {
 
@@ -15,11 +16,22 @@ struct AdvanceBody {
     bool shape = false;           // anchors are the best-fit rigid copy
     double damping = 0;           // 1/s
     double last_dt = 0;           // s
-    Vec3d origin;                 // m
+    Vec4d origin;                 // m
+    Vec4d drag_velocity, drag_turn;  // m/s, rad/s, as in step
     Quat orientation;             // at the start of the call
     const Float4* now = nullptr;  // offsets at the start of the substep
     Float4* next = nullptr;       // and at its end
     SpringStep step;
+};
+
+// A rotation and a shift, or a rotation's rate and a velocity: x -> shift + x[0] column[0] + x[1] column[1] + ...
+struct RigidMap {
+    Vec4d shift = {};
+    Vec4d column[3] = {};
+
+    Vec4d turn(Vec4d v) const { return v[0] * column[0] + v[1] * column[1] + v[2] * column[2]; }
+    Vec4d operator()(Vec4d v) const { return shift + turn(v); }
+    Vec4d turn_back(Vec4d v) const { return make_vec4(dot(column[0], v), dot(column[1], v), dot(column[2], v)); }
 };
 
 // A rigid body that the island's rows touch, or a hand of the island: where it is at both ends of a substep.
@@ -29,27 +41,25 @@ struct AdvanceRigid {
     uint32_t tool = kNone;  // row of tools, if a hand with a device
     uint32_t node = kNone;  // of the hand's translation
     Quat orientation[2];
-    std::array<Vec3d, 3> turn[2];   // rows of the rotation matrix
-    Vec3d origin[2];                // m
-    Vec3d velocity;                 // m/s, of the origin; zero for a hand, whose node has it
-    std::array<Vec3d, 3> spin;      // 1/s, rows of (turn[1] - turn[0]) / dt
+    RigidMap place[2];              // m, body frame to world
+    RigidMap velocity;              // m/s, of a point of the body frame; shift is zero for a hand, whose node has it
     Vec3d target, target_velocity;  // m, m/s: where a hand's origin would be if it were in the hand, at the end
 };
 
 // A particle or a hand that contact rows act on.
 struct ContactNode {
-    Vec3d place;     // m, world, at the start of the substep
-    Vec3d after;     // m, world, at its end
-    Vec3d velocity;  // m/s
+    Vec4d place;     // m, world, at the start of the substep
+    Vec4d after;     // m, world, at its end
+    Vec4d velocity;  // m/s
     double inv_mass = 0;
     uint32_t particle = kNone;  // row of Particles; kNone for a hand
     uint32_t owner = 0;         // row of body, or of rigid for a hand
 };
 struct ContactNodeChange {
-    Vec3d before;        // m/s, before the kick of this substep
-    Vec3d kicked;        // m/s, after it
-    Vec3d change;        // m, of the place by push-out
-    Vec3d first_normal;  // of the first active row
+    Vec4d before;        // m/s, before the kick of this substep
+    Vec4d kicked;        // m/s, after it
+    Vec4d change;        // m, of the place by push-out
+    Vec4d first_way;     // of the first active row
     uint32_t rows = 0;   // active rows
     bool opposed = false;
     bool pushed = false;
@@ -57,38 +67,49 @@ struct ContactNodeChange {
 
 // What stays the same about a contact row during a call.
 struct ContactPlan {
-    uint32_t row = kNone;
-    uint32_t rigid_a = kNone, rigid_b = kNone;  // rows of rigid, or kNone
-    std::array<uint32_t, 2> node_a;             // if deformable; equal for a vertex
-    std::array<uint32_t, 3> node_b;             // if deformable
+    Vec4d point_a;  // m, body frame, if rigid
+    Vec4d point_b;  // m, body frame, if rigid
+    Vec4d normal;   // body frame if b is rigid, else world
+    Vec4d impulse;  // N s, given so far in the call
     std::array<double, 2> weight_a;
     std::array<double, 3> weight_b;
-    Vec3d point_a;      // m, body frame, if rigid
-    Vec3d point_b;      // m, body frame, if rigid
-    Vec3d normal;       // body frame if b is rigid, else world
     double offset = 0;  // m, half the thickness of a sheet
     double friction = 0;
+    std::array<uint32_t, 2> node_a;             // if deformable; equal for a vertex
+    std::array<uint32_t, 3> node_b;             // if deformable
+    uint32_t rigid_a = kNone, rigid_b = kNone;  // rows of rigid, or kNone
+    uint32_t row = kNone;
+    bool ended = false;
 };
 
 // A row that acts in this substep.
 struct ContactActive {
-    uint32_t plan = 0;
-    uint32_t nodes = 0;
-    bool pushed = false;
-    uint32_t point_nodes = 0;  // how many of them, the first, are on the side of the point
-    std::array<uint32_t, 5> node;
-    std::array<double, 5> weight;  // of the relative velocity: + for the point, - for the plane
-    Vec3d normal;
-    Vec3d rigid_velocity;       // m/s, what rigid sides add to the relative velocity besides their nodes
+    Vec4d normal;
+    Vec4d rigid_velocity;       // m/s, what rigid sides add to the relative velocity besides their nodes
+    Vec4d friction_impulse;     // N s
+    double normal_impulse = 0;  // N s
     double least_velocity = 0;  // m/s, along the normal
     double inv_sum = 0;         // kg, 1 / sum of weight^2 * inverse mass
-    double normal_impulse = 0;  // N s
-    Vec3d friction_impulse;     // N s
+    double friction = 0;
+    std::array<double, 5> weight;  // of the relative velocity: + for the point, - for the plane
+    std::array<uint32_t, 5> node;
+    uint32_t nodes = 0;
+    uint32_t point_nodes = 0;  // how many of them, the first, are on the side of the point
+    uint32_t plan = 0;
+    bool with_hand = false;  // a node is a hand
+};
+
+// A push whose work is booked when the forces after it are known.
+struct PendingPush {
+    Vec4d push;          // m
+    Vec4d acceleration;  // m/s^2, at the start of the substep of the push
+    uint32_t node = 0;
 };
 
 // Reused memory of advance_island, one per thread that may run it. Its content means nothing between calls.
 struct AdvanceScratch {
     std::vector<Float4> offset_a, offset_b;  // the two buffers of a substep, bodies of the island one after the other
+    std::vector<float> remainder;            // 3 fields, rows as the buffers; for bodies that carry_remainder
     std::vector<AdvanceBody> body;
     std::vector<AdvanceRigid> rigid;
     std::vector<double> sums;        // per chunk of slices: 16 lanes of damping work
@@ -100,6 +121,7 @@ struct AdvanceScratch {
     std::vector<ContactPlan> plan;
     std::vector<ContactActive> active;
     std::vector<uint32_t> touched;  // nodes with an active row
+    std::vector<PendingPush> pending;
 };
 
 }  // namespace trocar

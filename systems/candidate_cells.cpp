@@ -2,6 +2,7 @@
 
 #include <algorithm>
 #include <limits>
+#include <utility>
 
 #include "engine/geometry/contact_kernels.hpp"
 namespace trocar {
@@ -9,26 +10,34 @@ namespace {
 
 constexpr size_t kCrowded = 16384;  // triangle pairs of a cell from which sorting beats testing all
 
-using Found = std::vector<std::array<uint32_t, 3>>;
-
 uint32_t find_pair(const CandidatePairs& pairs, const std::vector<uint32_t>& first, uint32_t a, uint32_t b) {
     const auto begin = pairs.b.begin() + first[a], end = pairs.b.begin() + first[a + 1];
     const auto at = std::lower_bound(begin, end, b);
     return at != end && *at == b ? uint32_t(at - pairs.b.begin()) : kNone;
 }
 
+__m256 empty_hull() { return _mm256_set1_ps(std::numeric_limits<float>::infinity()); }
+
 // What every test of a cell needs.
 struct CellTest {
     const ScreenedTriangles& screened;
-    uint64_t key;
+    CandidateCellsScratch& scratch;
+    uint64_t key;  // of the cell
     float inv_size;
     uint32_t pair;
-    Found& found;
 
-    void operator()(uint32_t a, __m256 box_a, __m256 facing_a, uint32_t b) const {
-        const __m256 box_b = load_box(screened.box[b]);
-        if (!meets(facing_a, box_b)) return;
-        if (cell_of_meeting(box_a, box_b, inv_size) == key) found.push_back({a, b, pair});
+    bool is_near(uint32_t row, bool of_b) const { return scratch.near_side[row] == 2 * pair + of_b; }
+    void add_near(uint32_t own, uint32_t across, bool of_b) const {
+        if (is_near(own, of_b)) return;
+        scratch.near_side[own] = 2 * pair + of_b;
+        scratch.near.push_back({own, across, 2 * pair + of_b});
+    }
+    void add_both(uint32_t a, uint32_t b) const {
+        add_near(a, b, false);
+        add_near(b, a, true);
+    }
+    void add_crossing(uint32_t a, __m256 tight_a, uint32_t b, __m256 tight_b) const {
+        if (cell_of_meeting(tight_a, tight_b, inv_size) == key) scratch.crossing.push_back({a, b, pair});
     }
 };
 
@@ -36,7 +45,7 @@ struct CellTest {
 __m256 keep_meeting(const std::vector<PackedBox>& box, std::span<const uint32_t> rows, __m256 hull,
                     std::vector<uint32_t>& kept) {
     const __m256 face = facing(hull);
-    __m256 kept_hull = _mm256_set1_ps(std::numeric_limits<float>::infinity());
+    __m256 kept_hull = empty_hull();
     kept.clear();
     for (const uint32_t row : rows) {
         const __m256 own = load_box(box[row]);
@@ -47,30 +56,62 @@ __m256 keep_meeting(const std::vector<PackedBox>& box, std::span<const uint32_t>
     return kept_hull;
 }
 
-// Most boxes of a cell are away from the other body's: both lists are first cut to the hull of the other.
-void test_all(const CellTest& test, std::span<const uint32_t> rows_a, std::span<const uint32_t> rows_b,
-              CandidateCellsScratch& scratch) {
-    const std::vector<PackedBox>& box = test.screened.box;
-    __m256 hull = _mm256_set1_ps(std::numeric_limits<float>::infinity());
+// Cuts both lists to what meets the hull of the other: most boxes of a cell are away from the other body's.
+void cut_to_hulls(const std::vector<PackedBox>& box, std::span<const uint32_t> rows_a, std::span<const uint32_t> rows_b,
+                  std::vector<uint32_t>& kept_a, std::vector<uint32_t>& kept_b) {
+    __m256 hull = empty_hull();
     for (const uint32_t b : rows_b) hull = _mm256_min_ps(hull, load_box(box[b]));
-    hull = keep_meeting(box, rows_a, hull, scratch.sweep_a);
-    if (scratch.sweep_a.empty()) return;
-    keep_meeting(box, rows_b, hull, scratch.sweep_b);
-    for (const uint32_t a : scratch.sweep_a) {
-        const __m256 box_a = load_box(box[a]), face = facing(box_a);
-        for (const uint32_t b : scratch.sweep_b) test(a, box_a, face, b);
+    hull = keep_meeting(box, rows_a, hull, kept_a);
+    kept_b.clear();
+    if (!kept_a.empty()) keep_meeting(box, rows_b, hull, kept_b);
+}
+
+// One box that meets is enough to be near: every row stops at its first.
+void find_near(const CellTest& test, std::span<const uint32_t> own, std::span<const uint32_t> across, bool of_b) {
+    const std::vector<PackedBox>& box = test.screened.box;
+    for (const uint32_t row : own) {
+        if (test.is_near(row, of_b)) continue;
+        const __m256 face = facing(load_box(box[row]));
+        for (const uint32_t other : across) {
+            if (!meets(face, load_box(box[other]))) continue;
+            of_b ? test.add_both(other, row) : test.add_both(row, other);
+            break;
+        }
     }
 }
 
-// The same pairs by a sweep along x.
-void test_crowded(const CellTest& test, std::span<const uint32_t> rows_a, std::span<const uint32_t> rows_b,
-                  CandidateCellsScratch& scratch) {
-    const std::vector<PackedBox>& box = test.screened.box;
+void test_all(const CellTest& test, std::span<const uint32_t> rows_a, std::span<const uint32_t> rows_b) {
+    CandidateCellsScratch& scratch = test.scratch;
+    cut_to_hulls(test.screened.box, rows_a, rows_b, scratch.near_a, scratch.near_b);
+    if (scratch.near_b.empty()) return;
+    find_near(test, scratch.near_a, scratch.near_b, false);
+    find_near(test, scratch.near_b, scratch.near_a, true);
+    const std::vector<PackedBox>& tight = test.screened.tight;
+    cut_to_hulls(tight, scratch.near_a, scratch.near_b, scratch.sweep_a, scratch.sweep_b);
+    for (const uint32_t a : scratch.sweep_a) {
+        const __m256 tight_a = load_box(tight[a]), face = facing(tight_a);
+        for (const uint32_t b : scratch.sweep_b) {
+            const __m256 tight_b = load_box(tight[b]);
+            if (meets(face, tight_b)) test.add_crossing(a, tight_a, b, tight_b);
+        }
+    }
+}
+
+// The same by a sweep along x.
+void test_crowded(const CellTest& test, std::span<const uint32_t> rows_a, std::span<const uint32_t> rows_b) {
+    CandidateCellsScratch& scratch = test.scratch;
+    const std::vector<PackedBox>&box = test.screened.box, &tight = test.screened.tight;
     const auto sorted = [&](std::span<const uint32_t> rows, std::vector<uint32_t>& out) {
         out.assign(rows.begin(), rows.end());
         std::sort(out.begin(), out.end(), [&](uint32_t x, uint32_t y) {
             return box[x].min[0] < box[y].min[0] || (box[x].min[0] == box[y].min[0] && x < y);
         });
+    };
+    const auto compare = [&](uint32_t a, uint32_t b) {
+        if (!meets(facing(load_box(box[a])), load_box(box[b]))) return;
+        test.add_both(a, b);
+        const __m256 tight_a = load_box(tight[a]), tight_b = load_box(tight[b]);
+        if (meets(facing(tight_a), tight_b)) test.add_crossing(a, tight_a, b, tight_b);
     };
     sorted(rows_a, scratch.sweep_a);
     sorted(rows_b, scratch.sweep_b);
@@ -78,18 +119,13 @@ void test_crowded(const CellTest& test, std::span<const uint32_t> rows_a, std::s
     while (i < scratch.sweep_a.size() && j < scratch.sweep_b.size()) {
         const uint32_t a = scratch.sweep_a[i], b = scratch.sweep_b[j];
         if (box[a].min[0] <= box[b].min[0]) {
-            const __m256 box_a = load_box(box[a]), face = facing(box_a);
-            for (size_t k = j; k < scratch.sweep_b.size(); ++k) {
-                if (box[scratch.sweep_b[k]].min[0] > -box[a].neg_max[0]) break;
-                test(a, box_a, face, scratch.sweep_b[k]);
+            for (size_t k = j; k < scratch.sweep_b.size() && box[scratch.sweep_b[k]].min[0] <= -box[a].neg_max[0]; ++k) {
+                compare(a, scratch.sweep_b[k]);
             }
             ++i;
         } else {
-            for (size_t k = i; k < scratch.sweep_a.size(); ++k) {
-                const uint32_t row = scratch.sweep_a[k];
-                if (box[row].min[0] > -box[b].neg_max[0]) break;
-                const __m256 box_a = load_box(box[row]);
-                test(row, box_a, facing(box_a), b);
+            for (size_t k = i; k < scratch.sweep_a.size() && box[scratch.sweep_a[k]].min[0] <= -box[b].neg_max[0]; ++k) {
+                compare(scratch.sweep_a[k], b);
             }
             ++j;
         }
@@ -109,9 +145,9 @@ void search_cells(const CandidatePairs& pairs, const ScreenedTriangles& screened
             for (uint32_t j = i + 1; j < end; ++j) {
                 const uint32_t pair = find_pair(pairs, scratch.pair_first, occupancy.object[i], occupancy.object[j]);
                 if (pair == kNone) continue;
-                const CellTest test{screened, occupancy.cell_key[cell], inv_size, pair, scratch.found};
+                const CellTest test{screened, scratch, occupancy.cell_key[cell], inv_size, pair};
                 const auto a = rows_of(i), b = rows_of(j);
-                a.size() * b.size() <= kCrowded ? test_all(test, a, b, scratch) : test_crowded(test, a, b, scratch);
+                a.size() * b.size() <= kCrowded ? test_all(test, a, b) : test_crowded(test, a, b);
             }
         }
     }
@@ -119,7 +155,7 @@ void search_cells(const CandidatePairs& pairs, const ScreenedTriangles& screened
 
 // Triangles too large for the cells: each against everything of the other body.
 void search_oversize(const CandidatePairs& pairs, const ScreenedTriangles& screened, const Occupancy& occupancy,
-                     Found& found) {
+                     CandidateCellsScratch& scratch) {
     const std::vector<uint32_t>& large = occupancy.oversize;
     if (large.empty()) return;
     const auto large_of = [&](uint32_t body) {
@@ -129,33 +165,36 @@ void search_oversize(const CandidatePairs& pairs, const ScreenedTriangles& scree
     for (uint32_t pair = 0; pair < pairs.a.size(); ++pair) {
         const Range rows_a = screened.body[pairs.a[pair]], rows_b = screened.body[pairs.b[pair]];
         const auto large_a = large_of(pairs.a[pair]), large_b = large_of(pairs.b[pair]);
+        const CellTest test{screened, scratch, 0, 0, pair};
+        const auto compare = [&](uint32_t a, uint32_t b) {
+            if (!meets(facing(load_box(screened.box[a])), load_box(screened.box[b]))) return;
+            test.add_both(a, b);
+            if (!meets(facing(load_box(screened.tight[a])), load_box(screened.tight[b]))) return;
+            scratch.crossing.push_back({a, b, pair});
+        };
         for (const uint32_t a : large_a) {
-            const __m256 face = facing(load_box(screened.box[a]));
-            for (uint32_t b = rows_b.first; b < rows_b.end(); ++b) {
-                if (meets(face, load_box(screened.box[b]))) found.push_back({a, b, pair});
-            }
+            for (uint32_t b = rows_b.first; b < rows_b.end(); ++b) compare(a, b);
         }
         for (const uint32_t b : large_b) {
-            const __m256 face = facing(load_box(screened.box[b]));
             auto skip = large_a.begin();
             for (uint32_t a = rows_a.first; a < rows_a.end(); ++a) {
                 if (skip != large_a.end() && *skip == a) {
                     ++skip;
-                } else if (meets(face, load_box(screened.box[a]))) {
-                    found.push_back({a, b, pair});
+                } else {
+                    compare(a, b);
                 }
             }
         }
     }
 }
 
-// Ascending (row of a, row of b). Rows of b ascend with the pair, so each row of a has its pairs in order too.
-void sort_by_row(uint32_t rows, CandidateCellsScratch& scratch) {
+// Sorts finds by their first entry, then by the second.
+void sort_by_row(uint32_t rows, const std::vector<std::array<uint32_t, 3>>& found, CandidateCellsScratch& scratch) {
     scratch.first.assign(rows + 1, 0);
-    for (const auto& f : scratch.found) ++scratch.first[f[0] + 1];
+    for (const auto& f : found) ++scratch.first[f[0] + 1];
     for (uint32_t i = 0; i < rows; ++i) scratch.first[i + 1] += scratch.first[i];
-    scratch.by_row.resize(scratch.found.size());
-    for (const auto& f : scratch.found) scratch.by_row[scratch.first[f[0]]++] = f;
+    scratch.by_row.resize(found.size());
+    for (const auto& f : found) scratch.by_row[scratch.first[f[0]]++] = f;
     uint32_t begin = 0;
     for (uint32_t row = 0; row < rows; ++row) {
         const uint32_t end = scratch.first[row];
@@ -165,32 +204,45 @@ void sort_by_row(uint32_t rows, CandidateCellsScratch& scratch) {
     }
 }
 
+// Deals sorted finds out to the group that their third entry names, as local triangles. Within a group first entries
+// ascend; of equal ones only the first find stays if `once`.
+void deal_out(uint32_t groups, const ScreenedTriangles& screened, bool once, CandidateCellsScratch& scratch,
+              std::vector<Range>& range, std::vector<std::array<uint32_t, 2>>& out) {
+    range.assign(groups, {});
+    for (const auto& f : scratch.by_row) ++range[f[2]].count;
+    uint32_t first = 0;
+    for (Range& r : range) {
+        r.first = first;
+        first += std::exchange(r.count, 0);
+    }
+    out.resize(first);
+    for (const auto& [own, across, group] : scratch.by_row) {
+        Range& r = range[group];
+        const uint32_t triangle = screened.triangle[own];
+        if (once && r.count > 0 && out[r.first + r.count - 1][0] == triangle) continue;
+        out[r.first + r.count++] = {triangle, screened.triangle[across]};
+    }
+}
+
 }  // namespace
 
 void find_candidate_triangles(const CandidatePairs& pairs, const ScreenedTriangles& screened,
                               const Occupancy& occupancy, CandidateCellsScratch& scratch,
                               CandidateTriangles& candidates) {
     const uint32_t bodies = uint32_t(screened.body.size()), count = uint32_t(pairs.a.size());
+    const uint32_t rows = uint32_t(screened.triangle.size());
     scratch.pair_first.assign(bodies + 1, 0);
     for (const uint32_t a : pairs.a) ++scratch.pair_first[a + 1];
     for (uint32_t i = 0; i < bodies; ++i) scratch.pair_first[i + 1] += scratch.pair_first[i];
-    scratch.found.clear();
+    scratch.crossing.clear();
+    scratch.near.clear();
+    scratch.near_side.assign(rows, kNone);
     search_cells(pairs, screened, occupancy, scratch);
-    search_oversize(pairs, screened, occupancy, scratch.found);
-    sort_by_row(uint32_t(screened.triangle.size()), scratch);
-
-    candidates.pair.assign(count, {});
-    for (const auto& f : scratch.by_row) ++candidates.pair[f[2]].count;
-    uint32_t first = 0;
-    scratch.first.resize(count);
-    for (uint32_t i = 0; i < count; ++i) {
-        candidates.pair[i].first = scratch.first[i] = first;
-        first += candidates.pair[i].count;
-    }
-    candidates.triangle.resize(first);
-    for (const auto& [a, b, pair] : scratch.by_row) {
-        candidates.triangle[scratch.first[pair]++] = {screened.triangle[a], screened.triangle[b]};
-    }
+    search_oversize(pairs, screened, occupancy, scratch);
+    sort_by_row(rows, scratch.crossing, scratch);
+    deal_out(count, screened, false, scratch, candidates.pair, candidates.triangle);
+    sort_by_row(rows, scratch.near, scratch);
+    deal_out(2 * count, screened, true, scratch, candidates.side, candidates.near);
 }
 
 }  // namespace trocar

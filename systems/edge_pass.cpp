@@ -5,6 +5,7 @@
 #include <utility>
 
 #include "engine/geometry/contact_kernels.hpp"
+#include "engine/geometry/vec4.hpp"
 #include "engine/parallel.hpp"
 namespace trocar {
 namespace {
@@ -45,12 +46,28 @@ struct EdgeInput {
     const NearVertices& near;
 };
 
+// Vertices of a body in its own frame.
+struct FramePoints {
+    const Float4* offset = nullptr;
+    const Vec3d* rest = nullptr;
+
+    FramePoints(const Surfaces& s, uint32_t body) {
+        if (is_deformable(s.bodies, body)) {
+            offset = s.particles.offset.data() + s.bodies.particles[body].first;
+        } else {
+            rest = s.meshes.position.data() + s.meshes.info[s.bodies.mesh[body]].vertices.first;
+        }
+    }
+    Vec4d operator()(uint32_t v) const { return offset ? float_vec4(_mm_load_ps(&offset[v].x)) : to_vec4(rest[v]); }
+};
+
 // One side of one pair: the edges of `body` against the surface of `other`.
 struct Side {
     uint32_t row, body, other;
     bool reversed;  // body is the pair's b
     Range candidates;
     MeshView mesh, other_mesh;
+    FramePoints other_points;
     const ClosestPointTree* tree;
 };
 
@@ -65,18 +82,18 @@ struct Sample {
 struct EdgeSearch {
     const EdgeInput& in;
     const Side& side;
-    Vec3d start, direction;  // direction unit
+    Vec4d start, direction;  // direction unit
     double length;           // m
 
     std::array<std::array<Sample, 2>, kMostQueries + 2> interval;
     std::array<double, kMostQueries + 2> bound;
     uint32_t intervals = 0;
 
-    EdgeSearch(const EdgeInput& input, const Side& of, const Vec3d& from, const Vec3d& way, double metres)
+    EdgeSearch(const EdgeInput& input, const Side& of, Vec4d from, Vec4d way, double metres)
         : in(input), side(of), start(from), direction(way), length(metres) {}
-    Vec3d at(double s) const { return start + s * direction; }
+    Vec4d at(double s) const { return start + s * direction; }
     SurfacePoint ask(double s, uint32_t hint, QueryCounters& counters) const {
-        const Vec3d p = at(s);
+        const Vec3d p = to_vec3(at(s));
         const double radius = std::numeric_limits<double>::infinity();
         SurfacePoint answer;
         side.tree->query({&p, 1}, {&radius, 1}, {&hint, 1}, {&answer, 1}, counters);
@@ -84,9 +101,8 @@ struct EdgeSearch {
     }
     double distance_to(uint32_t t, double s) const {
         const Triangle& c = side.other_mesh.triangle[t];
-        return distance_to_triangle(at(s), other_vertex(c[0]), other_vertex(c[1]), other_vertex(c[2]));
+        return distance_to_triangle(at(s), side.other_points(c[0]), side.other_points(c[1]), side.other_points(c[2]));
     }
-    Vec3d other_vertex(uint32_t v) const { return vertex_in_frame(in.surfaces, side.other, v); }
     // Depth that nothing between two samples exceeds: depth is 1-Lipschitz, and it is no more than the distance to any
     // triangle, which is convex along the edge. The nearest triangles of the two ends may each cover a half.
     double bound_between(const Sample& a, const Sample& b) const {
@@ -130,7 +146,7 @@ bool search(EdgeSearch& e, double deepest, bool look, EdgeContact& best, QueryCo
             found = true;
             deepest = -answer.distance;
             best.along = along;
-            best.point = e.at(s);
+            best.point = to_vec3(e.at(s));
             best.answer = answer;
         }
         const Sample middle{s, -answer.distance, answer.triangle};
@@ -142,13 +158,20 @@ bool search(EdgeSearch& e, double deepest, bool look, EdgeContact& best, QueryCo
 
 // Where the edge from p to q passes triangle abc, as a part of the way; -1 if it surely does not. Wrong only towards
 // "yes": everything is compared with a bound on its rounding.
-double crossing(const Vec3d& p, const Vec3d& q, const Vec3d& a, const Vec3d& b, const Vec3d& c) {
-    const Vec3d n = (b - a).cross(c - a), pa = a - p, pb = b - p, pc = c - p, pq = q - p;
-    const double size = pa.lpNorm<1>() + pb.lpNorm<1>() + pc.lpNorm<1>() + pq.lpNorm<1>();
+double crossing(Vec4d p, Vec4d q, Vec4d a, Vec4d b, Vec4d c) {
+    const auto lower = [](Vec4d x, Vec4d y) { return (Vec4d)_mm256_min_pd((__m256d)x, (__m256d)y); };
+    const auto upper = [](Vec4d x, Vec4d y) { return (Vec4d)_mm256_max_pd((__m256d)x, (__m256d)y); };
+    const Vec4d low = lower(lower(a, b), c), high = upper(upper(a, b), c);
+    const __m256d apart = _mm256_or_pd(_mm256_cmp_pd((__m256d)high, (__m256d)lower(p, q), _CMP_LT_OQ),
+                                       _mm256_cmp_pd((__m256d)low, (__m256d)upper(p, q), _CMP_GT_OQ));
+    if (_mm256_movemask_pd(apart) != 0) return -1;
+    const Vec4d n = cross(b - a, c - a), pa = a - p, pb = b - p, pc = c - p, pq = q - p;
+    const auto size_of = [](Vec4d x) { return (Vec4d)_mm256_andnot_pd(_mm256_set1_pd(-0.0), (__m256d)x); };
+    const double size = dot(size_of(pa) + size_of(pb) + size_of(pc) + size_of(pq), make_vec4(1, 1, 1));
     const double slack = 1e-14 * size * size * size;
-    const double at_p = -n.dot(pa), at_q = at_p + n.dot(pq);
+    const double at_p = -dot(n, pa), at_q = at_p + dot(n, pq);
     if ((at_p > slack && at_q > slack) || (at_p < -slack && at_q < -slack)) return -1;
-    const double u = pq.dot(pa.cross(pb)), v = pq.dot(pb.cross(pc)), w = pq.dot(pc.cross(pa));
+    const double u = dot(pq, cross(pa, pb)), v = dot(pq, cross(pb, pc)), w = dot(pq, cross(pc, pa));
     const bool left = u >= -slack && v >= -slack && w >= -slack, right = u <= slack && v <= slack && w <= slack;
     if (!left && !right) return -1;
     const double change = at_p - at_q;
@@ -174,11 +197,12 @@ Crossings find_crossings(const EdgeSearch& e, const std::array<uint32_t, 2>& tri
         if (list.count < shortest.count) shortest = list;
     }
     if (shortest.count == kNone) return found;
-    const Vec3d p = e.start, q = e.at(e.length);
+    const Vec4d p = e.start, q = e.at(e.length);
+    const FramePoints& other = e.side.other_points;
     for (uint32_t i = shortest.first; i < shortest.end(); ++i) {
         const Triangle& corner = e.side.other_mesh.triangle[c.opposite[i]];
         const double part =
-            crossing(p, q, e.other_vertex(corner[0]), e.other_vertex(corner[1]), e.other_vertex(corner[2]));
+            crossing(p, q, other(corner[0]), other(corner[1]), other(corner[2]));
         if (part < 0) continue;
         const Sample sample{part * e.length, 0, c.opposite[i]};
         const auto before = [](const Sample& x, const Sample& y) {
@@ -249,8 +273,8 @@ bool search_edge(const EdgeInput& in, const Side& side, const BodyPoints& points
                    ? p
                    : rotate_back(in.surfaces.poses.orientation[side.other], p);
     };
-    const Vec3d p = in_frame(v0), q = in_frame(v1);
-    const double length = (q - p).norm();
+    const Vec4d p = to_vec4(in_frame(v0)), q = to_vec4(in_frame(v1));
+    const double length = std::sqrt(norm2(q - p));
     if (!(length > 0)) return false;
     b.s = length;
     EdgeSearch e(in, side, p, (q - p) / length, length);
@@ -315,6 +339,7 @@ Side make_side(const EdgeInput& in, const CandidatePairs& pairs,
             in.candidates.pair[pair],
             mesh_view(in.surfaces.meshes, bodies.mesh[body]),
             mesh_view(in.surfaces.meshes, bodies.mesh[other]),
+            FramePoints(in.surfaces, other),
             closed ? trees[bodies.tree[other]].get() : nullptr};
 }
 

@@ -47,7 +47,6 @@ struct FrameScratch {
     std::vector<DeviceState> device;            // tools * (period + 1): every millisecond of the pass
     LocalContactScratch local_contact;
     std::array<HapticScratch, kMaxTools> haptic;
-    std::vector<uint64_t> tick_ns;              // tools * period
     std::array<DeviceState, kMaxTools> live_device;  // live: of the pass before
     bool live_device_known = false;
 };
@@ -147,7 +146,7 @@ void local_contact(FrameState& f) {
     w.local_contact.resize(w.haptics.tool.size());
     for (size_t t = 0; t < w.haptics.tool.size(); ++t)
         publish_local_contact(HapticParams{}, surfaces_of(w), w.boxes.box, w.haptics.tool[t], w.haptics.state[t], pass_seconds(w),
-                              w.clock.pass, f.scratch.local_contact, w.local_contact[t]);
+                              w.clock.pass + 1, f.scratch.local_contact, w.local_contact[t]);
     if (f.contact_hook.published) f.contact_hook.published(f.contact_hook.user, w);
 }
 
@@ -162,43 +161,47 @@ bool island_has_tool(const World& w, std::span<const uint32_t> bodies) {
     return false;
 }
 
+// One island's tools, for the hook of every millisecond.
+struct IslandTicks {
+    FrameState& frame;
+    std::span<const uint32_t> bodies;
+};
+
 // One millisecond of force rendering for the tools whose bodies are in the island.
-void haptic_ticks(FrameState& f, std::span<const uint32_t> bodies, uint32_t ms) {
+void haptic_ticks(void* user, uint32_t ms) {
+    const IslandTicks& ticks = *static_cast<IslandTicks*>(user);
+    FrameState& f = ticks.frame;
     World& w = f.world;
     const size_t per_tool = w.clock.period + 1;
     for (size_t t = 0; t < w.haptics.tool.size(); ++t) {
-        if (std::find(bodies.begin(), bodies.end(), w.haptics.tool[t].body) == bodies.end()) continue;
+        const uint32_t body = w.haptics.tool[t].body;
+        if (std::find(ticks.bodies.begin(), ticks.bodies.end(), body) == ticks.bodies.end()) continue;
         const uint64_t start = now_ns();
         haptic_tick(HapticParams{}, w.local_contact[t], static_cast<double>(w.clock.tick + ms) * 1e-3, w.haptics.tool[t],
                     f.scratch.device[t * per_tool + ms], f.scratch.haptic[t], w.haptics.state[t]);
-        f.scratch.tick_ns[t * w.clock.period + ms] = now_ns() - start;
+        f.times.tick_ns[t * w.clock.period + ms] = now_ns() - start;
     }
 }
 
-// One island through the whole pass; with a tool, millisecond by millisecond with the haptic tick between.
+// One island through the whole pass; with a tool, the haptic tick runs between its milliseconds.
 void advance_one_island(FrameState& f, uint32_t island, AdvanceScratch& scratch) {
     World& w = f.world;
     const auto bodies = std::span(w.islands.body).subspan(w.islands.bodies[island].first, w.islands.bodies[island].count);
     const auto rows = std::span(w.islands.row).subspan(w.islands.rows[island].first, w.islands.rows[island].count);
     AdvanceParams params;
     params.tick = w.clock.tick;
+    params.ticks = w.clock.period;
     params.gravity = w.settings.gravity;
     params.contact = w.settings.contact;
     params.account_energy = f.options.account_energy;
     params.observer = {begin_response, end_response, &f.scratch.response_ns[island]};
-    const size_t tools = w.haptics.tool.size(), per_tool = w.clock.period + 1;
-    std::array<DeviceInterval, kMaxTools> device;
-    const AdvanceInputs inputs{w.meshes, w.springs, w.bodies, w.anchors, w.paths, w.haptics.tool, std::span(device).first(tools)};
-    AdvanceResult& result = f.scratch.advance_result[island];
-    const bool with_tool = tools > 0 && island_has_tool(w, bodies);
-    params.ticks = with_tool ? 1 : w.clock.period;
-    params.substeps = count_substeps(w.bodies, bodies, params.ticks * 1e-3, w.settings.substep);
-    for (uint32_t ms = 0; ms < w.clock.period; ms += params.ticks) {
-        for (size_t t = 0; t < tools; ++t) device[t] = {f.scratch.device[t * per_tool + ms], f.scratch.device[t * per_tool + ms + params.ticks]};
-        params.tick = w.clock.tick + ms;
-        if (with_tool && !f.options.external_ticks) haptic_ticks(f, bodies, ms);
-        advance_island(params, inputs, bodies, rows, scratch, w.particles, w.poses, w.rows, w.haptics.state, result);
-    }
+    IslandTicks ticks{f, bodies};
+    const bool with_tool = !w.haptics.tool.empty() && island_has_tool(w, bodies);
+    const uint32_t calls = with_tool ? params.ticks : 1;  // the tick needs whole numbers of substeps in its millisecond
+    params.substeps = calls * count_substeps(w.bodies, bodies, params.ticks * 1e-3 / calls, w.settings.substep);
+    if (with_tool && !f.options.external_ticks) params.tick_hook = {haptic_ticks, &ticks};
+    const AdvanceInputs inputs{w.meshes, w.springs, w.bodies, w.anchors, w.paths, w.haptics.tool, f.scratch.device, params.ticks + 1};
+    advance_island(params, inputs, bodies, rows, scratch, w.particles, w.poses, w.rows, w.haptics.state, f.scratch.advance_result[island]);
 }
 
 // Small islands share a job so that a job is worth its start (about 40 us).
@@ -214,10 +217,11 @@ void advance(FrameState& f) {
     f.scratch.advance.resize(std::max<size_t>(f.scratch.advance.size(), thread_count()));
     f.scratch.advance_result.assign(count, {});
     f.scratch.response_ns.assign(count, 0);
-    f.scratch.tick_ns.assign(w.haptics.tool.size() * w.clock.period, 0);
+    f.times.tick_ns.assign(w.haptics.tool.size() * w.clock.period, 0);
     parallel_for(count, island_grain(w), [&](uint32_t begin, uint32_t end) {
         for (uint32_t i = begin; i < end; ++i) advance_one_island(f, i, f.scratch.advance[thread_index()]);
     });
+    share_room(f.scratch.advance);
     f.times.response_ns = 0;
     w.report.deepest_residual = 0;
     for (uint32_t i = 0; i < count; ++i) {
@@ -226,7 +230,6 @@ void advance(FrameState& f) {
     }
     if (w.haptics.tool.empty() || f.options.external_ticks) return;
     sum_tool_counters(w.haptics);
-    for (const uint64_t ns : f.scratch.tick_ns) f.times.tick_us.push_back(static_cast<double>(ns) * 1e-3);
 }
 
 // ---- end ----
@@ -369,6 +372,7 @@ Frame::Frame(World world, const FrameOptions& options) : state_(new FrameState),
     g.pass = std::make_unique<JobGraph>(all.first(g.end_first), *state_, StageObserver{Graphs::begin_stage, Graphs::end_stage, &g.pass_list});
     g.end = std::make_unique<JobGraph>(all.subspan(g.end_first), *state_, StageObserver{Graphs::begin_stage, Graphs::end_stage, &g.end_list});
     if (any_deformable(w) && options.account_energy) energy(*state_);  // opens the books
+    warm_up();
 }
 
 Frame::~Frame() = default;
@@ -398,6 +402,15 @@ bool end_pass(FrameState& f) {
 }
 
 }  // namespace
+
+// Finds contacts once before the clock starts, so that the first passes find their memory in place.
+void Frame::warm_up() {
+    const Report before = state_->world.report;
+    begin_pass(*state_);
+    state_->scratch.device.resize(state_->world.haptics.tool.size() * (state_->world.clock.period + 1));
+    for (const uint32_t s : graphs_->detection) run_stage(s);
+    state_->world.report = before;
+}
 
 void Frame::step() {
     begin_pass(*state_);

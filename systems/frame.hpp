@@ -38,7 +38,7 @@ struct FrameTimes {
     std::vector<uint64_t> stage_ns;  // 0 where a stage did not run in this pass
     uint64_t response_ns = 0;        // contact rows in all substeps
     bool picture = false;            // the end list ran
-    std::vector<double> tick_us;     // compute time of every haptic tick of the run
+    std::vector<uint64_t> tick_ns;   // compute time of every haptic tick of the pass, tool by tool
 };
 
 // A world and the stages that its scene needs. Make and use it inside ThreadPool::run.
@@ -64,6 +64,7 @@ class Frame {
     std::span<const uint32_t> detection_stages() const;
 
  private:
+    void warm_up();
     std::unique_ptr<struct FrameState> state_;
     struct Graphs;
     std::unique_ptr<Graphs> graphs_;

@@ -57,14 +57,13 @@ struct OverlapInput {
     const OverlapScratch& scratch;
 };
 
-// Marks the triangles in a candidate triangle pair and their corners; every corner gets a triangle close by as hint.
+// Marks the triangles near the other body and their corners; every corner gets a triangle close by as hint.
 void mark_near(const CandidateTriangles& candidates, const Side& side, OverlapChunk& c) {
     c.near_triangle.assign((side.mesh.triangle.size() + 63) / 64, 0);
     c.near_vertex.assign((side.mesh.position.size() + 63) / 64, 0);
     if (c.hint.size() < side.mesh.position.size()) c.hint.resize(side.mesh.position.size());
     for (uint32_t i = side.candidates.first; i < side.candidates.end(); ++i) {
-        const uint32_t own = candidates.triangle[i][side.reversed], across = candidates.triangle[i][!side.reversed];
-        if (has_bit(c.near_triangle, own)) continue;
+        const auto [own, across] = candidates.near[i];
         set_bit(c.near_triangle, own);
         for (const uint32_t v : side.mesh.triangle[own]) {
             set_bit(c.near_vertex, v);
@@ -263,7 +262,7 @@ Side make_side(const Surfaces& s, const BodyBoxes& boxes, const CandidatePairs& 
     return {body,
             other,
             reversed,
-            candidates.pair[pair],
+            candidates.side[row],
             mesh_view(s.meshes, s.bodies.mesh[body]),
             boxes.margin[a] + boxes.margin[b],
             admission == Admission::kSheet ? 0.5 * s.bodies.thickness[other] : 0.0,

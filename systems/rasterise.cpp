@@ -87,6 +87,7 @@ void screen_body(const Surfaces& s, const BodyBoxes& boxes, const Vec3d& origin,
 
     screen.triangle.clear();
     screen.box.clear();
+    screen.tight.clear();
     screen.edge_sum = 0;
     const __m256d grow = _mm256_setr_pd(reach, reach, reach, 0);
     for (uint32_t t = 0; t < mesh.triangle.size(); ++t) {
@@ -94,14 +95,15 @@ void screen_body(const Surfaces& s, const BodyBoxes& boxes, const Vec3d& origin,
         const uint8_t c0 = screen.outcode[corner[0]], c1 = screen.outcode[corner[1]], c2 = screen.outcode[corner[2]];
         if ((c0 & c1 & c2) != 0 || ((c0 | c1 | c2) & kNotFinite) != 0) continue;
         const __m256d p = points(corner[0]), q = points(corner[1]), r = points(corner[2]);
-        const PackedBox box = pack_box(_mm256_sub_pd(_mm256_min_pd(_mm256_min_pd(p, q), r), grow),
-                                       _mm256_add_pd(_mm256_max_pd(_mm256_max_pd(p, q), r), grow));
+        const __m256d low = _mm256_min_pd(_mm256_min_pd(p, q), r), high = _mm256_max_pd(_mm256_max_pd(p, q), r);
+        const PackedBox box = pack_box(_mm256_sub_pd(low, grow), _mm256_add_pd(high, grow));
         const __m256 face = facing(load_box(box));
         bool met = false;
         for (uint32_t i = first; i < end && !met; ++i) met = meets(face, load_box(scratch.packed_region[i]));
         if (!met) continue;
         screen.triangle.push_back(t);
         screen.box.push_back(box);
+        screen.tight.push_back(pack_box(low, high));
         screen.edge_sum += perimeter(p, q, r);
     }
 }
@@ -111,12 +113,14 @@ double gather_screens(uint32_t bodies, const RasteriseScratch& scratch, Screened
     screened.body.assign(bodies, {});
     screened.triangle.clear();
     screened.box.clear();
+    screened.tight.clear();
     double edge_sum = 0;
     for (uint32_t i = 0; i < scratch.body.size(); ++i) {
         const BodyScreen& screen = scratch.screen[i];
         screened.body[scratch.body[i]] = {uint32_t(screened.triangle.size()), uint32_t(screen.triangle.size())};
         screened.triangle.insert(screened.triangle.end(), screen.triangle.begin(), screen.triangle.end());
         screened.box.insert(screened.box.end(), screen.box.begin(), screen.box.end());
+        screened.tight.insert(screened.tight.end(), screen.tight.begin(), screen.tight.end());
         edge_sum += screen.edge_sum;
     }
     return screened.triangle.empty() ? 0 : edge_sum / (3.0 * double(screened.triangle.size()));

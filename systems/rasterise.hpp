@@ -26,7 +26,7 @@ struct CellReference {
 struct BodyScreen {
     std::vector<uint8_t> outcode;  // per vertex: sides of the region it lies beyond
     std::vector<uint32_t> triangle;
-    std::vector<PackedBox> box;
+    std::vector<PackedBox> box, tight;
     double edge_sum = 0;  // m
 };
 

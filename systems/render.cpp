@@ -175,6 +175,8 @@ void place_markers(const PictureParams& params, const Box& box, const PictureSna
     if (!params.tools) return;
     for (const PictureTool& tool : snapshot.tool) {
         const double radius = std::max(tool.radius, 0.004 * size);
+        // while nothing is touched both are where the tip is seen anyway
+        if (!((tool.device - tool.proxy).norm() > 0.02 * radius)) continue;
         markers.push_back({Marker::Kind::kSphere, tool.device, tool.device, radius, {0.90f, 0.10f, 0.08f, 0.75f}});
         markers.push_back({Marker::Kind::kSphere, tool.proxy, tool.proxy, 1.02 * radius, {0.06f, 0.55f, 0.28f, 0.75f}});
     }

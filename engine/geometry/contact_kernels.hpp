@@ -7,6 +7,7 @@
 #include <limits>
 
 #include "components/contacts.hpp"
+#include "engine/geometry/vec4.hpp"
 #include "engine/surfaces.hpp"
 namespace trocar {
 
@@ -129,20 +130,20 @@ inline uint64_t cell_of_meeting(__m256 a, __m256 b, float inv_size) {
 
 // Distance of a point to a triangle, or an upper bound: the plane where the foot lies inside all three edges, else the
 // nearest edge; slivers, whose plane is lost in rounding, count by their edges. m
-inline double distance_to_triangle(const Vec3d& p, const Vec3d& a, const Vec3d& b, const Vec3d& c) {
-    const Vec3d ab = b - a, bc = c - b, ca = a - c, pa = a - p, pb = b - p, pc = c - p;
-    const Vec3d n = bc.cross(ca);
-    const double area = n.squaredNorm(), longest = std::max({ab.squaredNorm(), bc.squaredNorm(), ca.squaredNorm()});
-    const bool beyond_ab = pa.cross(pb).dot(n) < 0, beyond_bc = pb.cross(pc).dot(n) < 0,
-               beyond_ca = pc.cross(pa).dot(n) < 0;
+inline double distance_to_triangle(Vec4d p, Vec4d a, Vec4d b, Vec4d c) {
+    const Vec4d ab = b - a, bc = c - b, ca = a - c, pa = a - p, pb = b - p, pc = c - p;
+    const Vec4d n = cross(bc, ca);
+    const double area = norm2(n), longest = std::max({norm2(ab), norm2(bc), norm2(ca)});
+    const bool beyond_ab = dot(cross(pa, pb), n) < 0, beyond_bc = dot(cross(pb, pc), n) < 0,
+               beyond_ca = dot(cross(pc, pa), n) < 0;
     const bool flat = area > 1e-12 * longest * longest;
-    if (flat && !beyond_ab && !beyond_bc && !beyond_ca) return std::abs(pa.dot(n)) / std::sqrt(area);
+    if (flat && !beyond_ab && !beyond_bc && !beyond_ca) return std::abs(dot(pa, n)) / std::sqrt(area);
     // only an edge that the foot lies beyond can be the nearest
     double best = std::numeric_limits<double>::infinity();
-    const auto take = [&](const Vec3d& from, const Vec3d& along) {
-        const double length = along.squaredNorm();
-        const double t = length > 0 ? std::clamp(-from.dot(along) / length, 0.0, 1.0) : 0.0;
-        best = std::min(best, (from + t * along).squaredNorm());
+    const auto take = [&](Vec4d from, Vec4d along) {
+        const double length = norm2(along);
+        const double t = length > 0 ? std::clamp(-dot(from, along) / length, 0.0, 1.0) : 0.0;
+        best = std::min(best, norm2(from + t * along));
     };
     if (beyond_ab || !flat) take(pa, ab);
     if (beyond_bc || !flat) take(pb, bc);

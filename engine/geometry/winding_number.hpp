@@ -6,8 +6,14 @@ namespace trocar {
 
 // Generalised winding number of a triangle mesh about p (Jacobson, Kavan & Sorkine-Hornung, SIGGRAPH 2013): the sum of
 // the triangles' signed solid angles (van Oosterom & Strackee, IEEE TBME 30(2), 1983) over 4 pi. 1 inside a closed
-// surface whose corners run counter-clockwise seen from outside, 0 outside. Triangles are summed in index order.
+// surface whose corners run counter-clockwise seen from outside, 0 outside, in between where it has holes. Triangles
+// are summed in index order.
 double winding_number(std::span<const Vec3d> position, std::span<const Triangle> triangle, const Vec3d& p);
 double winding_number(std::span<const Float4> position, std::span<const Triangle> triangle, const Vec3d& p);
+
+// The same number for faces that close up (rows of `triangle`), exact and without a sum: signed crossings of the ray
+// towards +x, a ray through an edge or a corner counted once. False when the point lies on one of the faces.
+bool count_windings(std::span<const Vec3d> position, std::span<const Triangle> triangle,
+                    std::span<const uint32_t> faces, const Vec3d& point, int& windings);
 
 }  // namespace trocar

@@ -16,6 +16,7 @@ struct RunOptions {
     double seconds = 0;         // 0 = the scene's
     std::filesystem::path out;  // folder; empty = nothing is written
     bool live = false;
+    std::filesystem::path replay;  // recording of a live run, to repeat in lockstep; empty = none
     bool render = true;
     uint32_t threads = 0;       // 0 = all cores
     uint32_t export_every = 0;  // write every body as OBJ at every n-th picture; 0 = at the end only

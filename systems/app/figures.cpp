@@ -3,8 +3,6 @@
 #include <algorithm>
 #include <cmath>
 #include <nlohmann/json.hpp>
-
-#include "systems/app/svg_plot.hpp"
 namespace trocar {
 
 double quantile(std::vector<double> values, double q) {
@@ -21,13 +19,6 @@ double mean(const std::vector<double>& values) {
     return values.empty() ? 0 : sum / static_cast<double>(values.size());
 }
 
-namespace {
-
-struct ContactColumns {
-    std::vector<double> time, total, response, depth_mm, inside;
-};
-
-// Only the passes that had contact: what the thesis calls a collision instance.
 ContactColumns contact_columns(const RunFigures& f) {
     ContactColumns c;
     for (const PassFigures& p : f.pass) {
@@ -40,6 +31,8 @@ ContactColumns contact_columns(const RunFigures& f) {
     }
     return c;
 }
+
+namespace {
 
 std::string hex(uint64_t value) {
     char text[20];
@@ -93,6 +86,8 @@ nlohmann::ordered_json energy_json(const RunFigures& f) {
 
 }  // namespace
 
+std::string state_hash_text(const RunFigures& f) { return hex(f.state_hash); }
+
 std::string metrics_json(const RunFigures& f) {
     using json = nlohmann::ordered_json;
     const ContactColumns c = contact_columns(f);
@@ -142,6 +137,7 @@ std::string metrics_json(const RunFigures& f) {
         j["haptics"]["missed_ticks"] = f.missed_ticks;
         j["haptics"]["scheduling"] = f.scheduling;
     }
+    if (f.replay) j["replay"] = {{"same", f.replay_difference.empty()}, {"difference", f.replay_difference}};
     j["energy"] = energy_json(f);
     j["report"] = report_json(f.report);
     return j.dump(2) + "\n";
@@ -162,176 +158,6 @@ std::string passes_csv(const RunFigures& f) {
         out += line;
     }
     return out;
-}
-
-namespace {
-
-constexpr const char* kStyle =
-    "body{font:15px/1.5 system-ui,sans-serif;margin:0 "
-    "auto;max-width:1360px;padding:24px;color:#1c2430;background:#fbfbfc}"
-    "h1{font-size:26px;margin:0 0 4px}h2{font-size:18px;margin:28px 0 8px}p{margin:4px 0;max-width:80ch}"
-    ".grid{display:grid;grid-template-columns:repeat(auto-fit,minmax(560px,1fr));gap:16px}"
-    ".card{background:#fff;border:1px solid #e3e6ea;border-radius:8px;padding:10px}"
-    ".shots{display:grid;grid-template-columns:repeat(auto-fill,minmax(220px,1fr));gap:8px}.shots "
-    "img,video{width:100%;border-radius:6px;display:block}"
-    "table{border-collapse:collapse}td,th{padding:3px 14px 3px 0;text-align:left;border-bottom:1px solid "
-    "#eceef1}td.v{text-align:right;font-variant-numeric:tabular-nums}"
-    "svg{width:100%;height:auto}svg text{font:12px system-ui,sans-serif;fill:#3a4452}svg "
-    ".t{font-weight:600;font-size:14px;fill:#1c2430}"
-    "svg .g{stroke:#e9ecf0}svg .m{stroke:#888;stroke-dasharray:5 4}code{background:#eef0f3;padding:1px "
-    "4px;border-radius:4px}";
-
-std::string card(const std::string& svg, const std::string& note = "") {
-    return "<div class=\"card\">" + svg + (note.empty() ? "" : "<p>" + note + "</p>") + "</div>\n";
-}
-
-std::string number(double v, const char* pattern) {
-    char text[64];
-    std::snprintf(text, sizeof text, pattern, v);
-    return text;
-}
-
-std::string row(const std::string& name, const std::string& value) {
-    return "<tr><td>" + name + "</td><td class=\"v\">" + value + "</td></tr>";
-}
-
-std::string contact_section(const RunFigures& f) {
-    const ContactColumns c = contact_columns(f);
-    std::vector<double> event(c.total.size());
-    for (size_t i = 0; i < event.size(); ++i) event[i] = static_cast<double>(i + 1);
-    const std::string average = number(mean(c.total), "%.3f"), response = number(mean(c.response), "%.3f");
-    std::string out = "<h2>Contact</h2><div class=\"grid\">";
-    out += card(svg_plot({"Detection to the end of the response",
-                          "contact event",
-                          "ms",
-                          {{"total", event, c.total}},
-                          true,
-                          mean(c.total),
-                          "mean " + average + " ms"}),
-                "The thesis' figure 5.1 (2008, dual 2.8 GHz Xeon, its own scene: 2.303 ms on average). A contact event "
-                "is a contact pass with at least one overlapping pair; the time covers every stage from body boxes to "
-                "islands and the contact rows of all substeps of the pass.");
-    out += card(svg_plot({"Response alone",
-                          "contact event",
-                          "ms",
-                          {{"response", event, c.response}},
-                          true,
-                          mean(c.response),
-                          "mean " + response + " ms"}),
-                "The thesis' figure 5.2 (1.884 ms on average).");
-    out += card(svg_plot({"Contact time against depth",
-                          "depth, mm",
-                          "ms",
-                          {{"total", c.depth_mm, c.total, true}, {"response", c.depth_mm, c.response, true}}}));
-    out += card(svg_plot({"Contact time against inside vertices",
-                          "vertices inside",
-                          "ms",
-                          {{"total", c.inside, c.total, true}, {"response", c.inside, c.response, true}}}));
-    return out + "</div>";
-}
-
-std::string time_section(const RunFigures& f) {
-    std::vector<double> t, depth, force, contact_force, frame, kinetic, elastic, gravity, hand, contact, damping, push,
-        balance;
-    for (const PassFigures& p : f.pass) {
-        t.push_back(p.time);
-        depth.push_back(p.depth * 1e3);
-        force.push_back(p.force);
-        contact_force.push_back(p.contact_force);
-        frame.push_back(p.frame_ms);
-        kinetic.push_back(p.energy.kinetic * 1e3), elastic.push_back(p.energy.elastic * 1e3);
-        gravity.push_back(p.energy.gravity * 1e3), hand.push_back(p.energy.work_hand * 1e3);
-        contact.push_back(p.energy.work_contact * 1e3), damping.push_back(p.energy.work_damping * 1e3);
-        push.push_back(p.energy.work_push * 1e3), balance.push_back(p.energy.balance * 1e3);
-    }
-    std::string out = "<h2>Over time</h2><div class=\"grid\">";
-    out += card(svg_plot({"Penetration depth", "s", "mm", {{"deepest pair", t, depth}}}));
-    if (f.ticks > 0)
-        out += card(svg_plot(
-            {"Force", "s", "N", {{"to the hand", t, force}, {"of the tissue on the tool", t, contact_force}}}));
-    out += card(svg_plot(
-        {"Energy", "s", "mJ", {{"kinetic", t, kinetic}, {"elastic", t, elastic}, {"gravity", t, gravity}}, false}));
-    out += card(svg_plot({"Work and balance",
-                          "s",
-                          "mJ",
-                          {{"hand", t, hand},
-                           {"impact", t, contact},
-                           {"damping", t, damping},
-                           {"push-out", t, push},
-                           {"balance", t, balance}},
-                          false}),
-                "balance = kinetic + elastic + gravity - all work - value at the start; it should stay flat at zero.");
-    out += card(svg_plot({"Whole pass, pictures included", "s", "ms", {{"pass", t, frame}}, true, 33, "33 ms"}));
-    return out + "</div>";
-}
-
-std::string stage_section(const RunFigures& f) {
-    std::vector<std::string> names;
-    std::vector<double> p50, p99;
-    for (const StageFigures& s : f.stage) {
-        names.push_back(s.name);
-        p50.push_back(quantile(s.ms, 0.5));
-        p99.push_back(quantile(s.ms, 0.99));
-    }
-    return "<h2>Stages</h2><div class=\"grid\">" +
-           card(svg_bars("Cost of every stage: p50 filled, p99 pale", "ms", names, p50, p99)) + "</div>";
-}
-
-std::string haptics_section(const RunFigures& f) {
-    if (f.tick_us.empty()) return "";
-    const auto histogram = [](const std::vector<double>& v) {
-        PlotSeries s{"ticks", {}, {}, false};
-        const double high = quantile(v, 0.999) * 1.2 + 1e-9;
-        std::vector<double> bin(120, 0);
-        for (const double x : v) bin[std::min<size_t>(119, static_cast<size_t>(std::max(0.0, x) / high * 119))] += 1;
-        for (size_t i = 0; i < bin.size(); ++i)
-            s.x.push_back(static_cast<double>(i) * high / 119), s.y.push_back(bin[i]);
-        return s;
-    };
-    std::string out = "<h2>Haptics</h2><div class=\"grid\">";
-    out += card(svg_plot({"Compute time of a tick", "us", "ticks", {histogram(f.tick_us)}}),
-                "p50 " + number(quantile(f.tick_us, .5), "%.1f") + " us, p99.9 " +
-                    number(quantile(f.tick_us, .999), "%.1f") + " us");
-    if (f.live) {
-        out += card(svg_plot({"Period of the tick", "us", "ticks", {histogram(f.tick_period_us)}}),
-                    "p99.9 " + number(quantile(f.tick_period_us, .999), "%.0f") + " us; " + escape_html(f.scheduling));
-        out += card(svg_plot({"Age of the surface under the force", "ms", "ticks", {histogram(f.contact_age_ms)}}));
-    }
-    return out + "</div>";
-}
-
-}  // namespace
-
-std::string report_html(const RunFigures& f, const std::vector<std::string>& pictures, const std::string& film) {
-    const ContactColumns c = contact_columns(f);
-    std::string out = "<!doctype html><html lang=\"en\"><head><meta charset=\"utf-8\"><title>" + escape_html(f.scene) +
-                      " - Trocar</title><style>" + kStyle + "</style></head><body>\n<h1>" + escape_html(f.scene) +
-                      "</h1><p>" + escape_html(f.description) + "</p><table>";
-    out += row("simulated / wall", number(f.simulated_s, "%.2f s") + " / " + number(f.wall_s, "%.2f s"));
-    out += row("threads, instruction set", std::to_string(f.threads) + ", " + f.instruction_set);
-    out += row("state hash", "<code>" + hex(f.state_hash) + "</code>");
-    out += row("contact events", std::to_string(c.total.size()));
-    out += row("contact time, mean / p99",
-               number(mean(c.total), "%.3f") + " / " + number(quantile(c.total, .99), "%.3f ms"));
-    out += row("response, mean", number(mean(c.response), "%.3f ms"));
-    out += row("deepest", number(quantile(c.depth_mm, 1), "%.2f mm"));
-    if (f.ticks > 0)
-        out += row("haptic ticks, largest force", std::to_string(f.ticks) + ", " + number(f.max_force, "%.2f N"));
-    for (const std::string& body : f.bodies) out += row("body", escape_html(body));
-    out += row("machine", escape_html(f.machine)) + "</table>\n";
-    if (!film.empty())
-        out += "<h2>Film</h2><div style=\"max-width:660px\"><video src=\"" + escape_html(film) +
-               "\" controls></video></div>";
-    if (!pictures.empty()) {
-        out += "<h2>Pictures</h2><div class=\"shots\">";
-        const size_t step = std::max<size_t>(1, pictures.size() / 12);
-        for (size_t i = 0; i < pictures.size(); i += step)
-            out += "<img loading=\"lazy\" src=\"" + escape_html(pictures[i]) + "\" alt=\"picture " + std::to_string(i) +
-                   "\">";
-        out += "</div>";
-    }
-    out += contact_section(f) + time_section(f) + stage_section(f) + haptics_section(f);
-    return out + "</body></html>\n";
 }
 
 }  // namespace trocar

@@ -50,6 +50,8 @@ struct RunFigures {
     std::vector<double> contact_age_ms;  // live only
     uint64_t missed_ticks = 0;      // live only: deadlines that passed while the thread was away
     std::string scheduling;              // live only: what priority was got, kernel
+    bool replay = false;
+    std::string replay_difference;  // replay only: what came out otherwise than in the live run; empty = nothing
     Report report;
     std::vector<std::string> bodies;  // "liver: 5002 vertices, deformable, 1 substep"
 };
@@ -64,7 +66,16 @@ std::string metrics_json(const RunFigures& figures);
 // One line per contact pass, for spreadsheets: SI units and ms as the header says.
 std::string passes_csv(const RunFigures& figures);
 
-// A self-contained page with SVG plots; `pictures` are file names relative to the page.
-std::string report_html(const RunFigures& figures, const std::vector<std::string>& pictures, const std::string& film);
+// Only the passes that had contact: what the thesis calls a collision instance. One row each.
+struct ContactColumns {
+    std::vector<double> time;      // s
+    std::vector<double> total;     // ms, detection and response
+    std::vector<double> response;  // ms
+    std::vector<double> depth_mm, inside;
+};
+ContactColumns contact_columns(const RunFigures& figures);
+
+// Sixteen hexadecimal digits.
+std::string state_hash_text(const RunFigures& figures);
 
 }  // namespace trocar

@@ -46,7 +46,7 @@ void LiveHaptics::tick(uint64_t index, double time) {
         t.newest.back() = t.state;
         t.newest.publish();
         if (recorder_.record)
-            recorder_.record(recorder_.user, {index, k, model.sequence, sample, t.state.command.force});
+            recorder_.record(recorder_.user, {index, time, k, model.sequence, sample, t.state.command.force});
     }
 }
 
@@ -57,18 +57,20 @@ void LiveHaptics::publish_model(uint32_t tool) {
     tools_[tool]->model.publish();
 }
 
+void take_tool_state(const ToolState& newest, ToolState& state) {
+    const Vec3d coupling_force = state.coupling_force, contact_impulse = state.contact_impulse;
+    state = newest;
+    state.coupling_force = coupling_force;
+    state.contact_impulse = contact_impulse;
+}
+
 bool LiveHaptics::take_states(Haptics& haptics) {
     TROCAR_ASSERT(haptics.state.size() == tools_.size());
     bool fresh = false;
     for (size_t k = 0; k < tools_.size(); ++k) {
         if (!tools_[k]->newest.update()) continue;
         fresh = true;
-        // the coupling force and the impulse are the simulation's own
-        ToolState& state = haptics.state[k];
-        const Vec3d coupling_force = state.coupling_force, contact_impulse = state.contact_impulse;
-        state = tools_[k]->newest.front();
-        state.coupling_force = coupling_force;
-        state.contact_impulse = contact_impulse;
+        take_tool_state(tools_[k]->newest.front(), haptics.state[k]);
     }
     if (fresh) sum_tool_counters(haptics);
     return fresh;

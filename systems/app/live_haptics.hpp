@@ -11,9 +11,10 @@ namespace trocar {
 
 // What one live tick of one tool consumed and answered: enough to repeat it in lockstep.
 struct LiveTick {
-    uint64_t tick = 0;  // ms since the start
+    uint64_t tick = 0;  // periods since the start
+    double time = 0;    // s, the same
     uint32_t tool = 0;
-    uint64_t model_sequence = 0;  // contact pass of the model it used
+    uint64_t model_sequence = 0;  // LocalContactModel::sequence of the surface it used
     DeviceState sample;
     Vec3d force = Vec3d::Zero();  // N
 };
@@ -28,6 +29,10 @@ struct LiveFigures {
     TimeHistogram contact_age;  // of the surface under the force, ns
     double max_force = 0;       // N
 };
+
+// Copies what a tick found (device, proxy, contacts, command, counters) into the state that the simulation goes on
+// from; the coupling force and the impulse stay, they are the simulation's own.
+void take_tool_state(const ToolState& newest, ToolState& state);
 
 // Haptic ticks on an own 1 kHz thread. The simulation gives it surfaces and takes its states through newest-value
 // mailboxes; nobody waits for anybody.
@@ -48,9 +53,8 @@ class LiveHaptics {
     // Simulation thread: how far (s) simulated time is behind the ticks because passes were late. Added to the time of
     // every model from then on, so that its age is what passed since its positions were current.
     void set_slip(double seconds) { slip_ = seconds; }
-    // Simulation thread: copies what the newest tick of each tool found into `haptics` (device, proxy, contacts,
-    // command, counters; never the coupling force or the impulse, which are the simulation's). False if no tick came
-    // since the last call.
+    // Simulation thread: take_tool_state of each tool's newest tick, and the counters' sum. False if no tick came since
+    // the last call.
     bool take_states(Haptics& haptics);
 
     // After stop.

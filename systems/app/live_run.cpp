@@ -9,6 +9,7 @@
 #include "engine/device.hpp"
 #include "engine/latest.hpp"
 #include "engine/real_time.hpp"
+#include "engine/ring.hpp"
 #include "engine/thread_pool.hpp"
 #include "systems/app/live_haptics.hpp"
 namespace trocar {
@@ -42,6 +43,9 @@ void add_stage_times(const Frame& frame, RunFigures& figures) {
 
 namespace {
 
+// The simulation gives way to haptics, which has SCHED_FIFO, and to nothing else on the machine where that is permitted.
+constexpr int kSimulationNice = -10;
+
 // Draws the newest picture there is, again and again, below everything else.
 class DrawingThread {
    public:
@@ -70,8 +74,7 @@ class DrawingThread {
                 std::this_thread::sleep_for(std::chrono::milliseconds(2));
                 continue;
             }
-            milliseconds_.push_back(pictures_.take(newest_.front()));
-            if (slow_ms_ > 0) std::this_thread::sleep_for(std::chrono::duration<double, std::milli>(slow_ms_));
+            milliseconds_.push_back(pictures_.take(newest_.front(), slow_ms_));
         }
     }
     PictureWriter& pictures_;
@@ -91,6 +94,44 @@ std::vector<double> samples(const TimeHistogram& histogram, double unit_ns) {
     return values;
 }
 
+// Fills a recording beside a run: ticks come from the haptic thread through a ring that the simulation empties once a
+// pass. Without a recording it does nothing.
+class TickCollector {
+   public:
+    explicit TickCollector(LiveRecording* recording) : recording_(recording), ring_(recording ? kRoom : 1) {}
+    LiveRecorder recorder() {
+        if (!recording_) return {};
+        return {[](void* ring, const LiveTick& tick) { static_cast<Ring<LiveTick>*>(ring)->push(tick); }, &ring_};
+    }
+    void begin(const World& world, double seconds) {
+        if (!recording_) return;
+        recording_->start_hash = scene_hash(world);
+        recording_->tools = static_cast<uint32_t>(world.haptics.tool.size());
+        // room for all of it: growing would copy megabytes between two passes
+        recording_->tick.reserve(static_cast<size_t>(seconds * 1100) * recording_->tools);
+    }
+    void add_pass(const World& world, double slip) {
+        if (!recording_) return;
+        recording_->slip.push_back(slip);
+        for (const ToolState& tool : world.haptics.state) recording_->taken.push_back(tool.ticks);
+        empty_ring();
+    }
+    bool finish(const World& world) {
+        if (!recording_) return true;
+        empty_ring();
+        recording_->state_hash = state_hash(world);
+        return ring_.lost() == 0;
+    }
+
+   private:
+    static constexpr size_t kRoom = 1u << 15;  // ticks; the simulation may be away for as many ms
+    void empty_ring() {
+        for (LiveTick tick; ring_.pop(tick);) recording_->tick.push_back(tick);
+    }
+    LiveRecording* recording_;
+    Ring<LiveTick> ring_;
+};
+
 void publish_models(void* user, World& world) {
     LiveHaptics& haptics = *static_cast<LiveHaptics*>(user);
     for (uint32_t t = 0; t < world.local_contact.size(); ++t) {
@@ -101,12 +142,20 @@ void publish_models(void* user, World& world) {
 
 }  // namespace
 
-void run_live(const RunOptions& options, double seconds, Frame& frame, PictureWriter* pictures, RunFigures& figures) {
+void first_device_states(World& world) {
+    for (size_t t = 0; t < world.haptics.tool.size(); ++t)
+        world.haptics.state[t].device = read_device(device_of(world.haptics, world.paths, world.haptics.tool[t]), 0);
+}
+
+bool run_live(const RunOptions& options, double seconds, Frame& frame, PictureWriter* pictures,
+              LiveRecording* recording, RunFigures& figures) {
     World& world = frame.world();
+    TickCollector collector(recording);
+    collector.begin(world, seconds);
+    first_device_states(world);
     std::vector<Device> devices;
     for (const HandTool& tool : world.haptics.tool) devices.push_back(device_of(world.haptics, world.paths, tool));
-    for (size_t t = 0; t < devices.size(); ++t) world.haptics.state[t].device = read_device(devices[t], 0);
-    LiveHaptics haptics(HapticParams{}, world.haptics.tool, devices);
+    LiveHaptics haptics(HapticParams{}, world.haptics.tool, devices, collector.recorder());
     frame.set_contact_hook({publish_models, &haptics});
     std::optional<DrawingThread> drawing;
     if (pictures) drawing.emplace(*pictures, frame.snapshot_now(), options.slow_render_ms);
@@ -114,6 +163,7 @@ void run_live(const RunOptions& options, double seconds, Frame& frame, PictureWr
     constexpr int64_t kMillisecond = 1'000'000;
     const int64_t start = monotonic_ns() + 20 * kMillisecond;
     if (!devices.empty()) haptics.start(PeriodicOptions{}, start);
+    const int nice_before = set_nice(kSimulationNice);
     int64_t slip = 0;
     uint64_t late = 0, published = 0;
     while (static_cast<double>(world.clock.tick) < seconds * 1000) {
@@ -126,6 +176,7 @@ void run_live(const RunOptions& options, double seconds, Frame& frame, PictureWr
         haptics.set_slip(static_cast<double>(slip) * 1e-9);
         sleep_until_ns(due);
         haptics.take_states(world.haptics);
+        collector.add_pass(world, static_cast<double>(slip) * 1e-9);
         const double time = static_cast<double>(world.clock.tick) * 1e-3;
         const int64_t pass_start = monotonic_ns();
         frame.step();
@@ -136,7 +187,9 @@ void run_live(const RunOptions& options, double seconds, Frame& frame, PictureWr
         figures.pass.push_back(pass);
     }
     figures.wall_s = static_cast<double>(monotonic_ns() - start) * 1e-9;
+    set_nice(nice_before);
     haptics.stop();
+    const bool complete = collector.finish(world);
     frame.set_contact_hook({});
     if (drawing) {
         drawing->stop();
@@ -144,7 +197,7 @@ void run_live(const RunOptions& options, double seconds, Frame& frame, PictureWr
         world.report.dropped_pictures = published - std::min<uint64_t>(published, figures.render_ms.size());
     }
     world.report.late_passes = late;
-    if (devices.empty()) return;
+    if (devices.empty()) return complete;
     const PeriodicFigures& timing = haptics.timing();
     figures.ticks = timing.compute.count;
     figures.max_force = haptics.figures().max_force;
@@ -153,6 +206,7 @@ void run_live(const RunOptions& options, double seconds, Frame& frame, PictureWr
     figures.contact_age_ms = samples(haptics.figures().contact_age, 1e6);
     figures.missed_ticks = timing.missed;
     figures.scheduling = describe(timing.grant);
+    return complete;
 }
 
 }  // namespace trocar

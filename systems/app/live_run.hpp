@@ -1,6 +1,7 @@
 #pragma once
 #include "systems/app/commands.hpp"
 #include "systems/app/figures.hpp"
+#include "systems/app/live_recording.hpp"
 #include "systems/app/picture_writer.hpp"
 #include "systems/frame.hpp"
 namespace trocar {
@@ -10,9 +11,14 @@ PassFigures pass_figures(const Frame& frame, double time);
 // Adds the durations of the stages that ran in the last pass.
 void add_stage_times(const Frame& frame, RunFigures& figures);
 
+// Gives every tool's state what its device reports at the start of a run.
+void first_device_states(World& world);
+
 // Runs a frame against the real clock: this thread simulates, haptics tick at 1 kHz on a thread of their own, pictures
 // are drawn on a thread of low priority that drops what it cannot keep up with. A late pass starts at once and is
-// counted; simulated time then slips behind instead of hurrying.
-void run_live(const RunOptions& options, double seconds, Frame& frame, PictureWriter* pictures, RunFigures& figures);
+// counted; simulated time then slips behind instead of hurrying. With `recording` it keeps what a replay needs; false if ticks got lost on the
+// way there, so that the recording is worth nothing.
+bool run_live(const RunOptions& options, double seconds, Frame& frame, PictureWriter* pictures,
+              LiveRecording* recording, RunFigures& figures);
 
 }  // namespace trocar

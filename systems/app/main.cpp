@@ -53,17 +53,26 @@ void describe(CLI::App& app, Arguments& a) {
 
     CLI::App* run = app.add_subcommand("run", "Simulate a scene: pictures, film, figures, trace");
     run->add_option("scene", a.run.scene, "Scene file, or the name of a scene that `trocar scenes` lists")->required();
-    run->add_option("--seconds", a.run.seconds, "Simulated time, s (default: the scene's)");
+    CLI::Option* seconds = run->add_option("--seconds", a.run.seconds, "Simulated time, s (default: the scene's)");
     run->add_option("--out", a.run.out, "Folder for frames/, film, meshes/, metrics.json, trace.json, report.html");
-    run->add_flag("--live", a.run.live, "Real clock: haptics on its own 1 kHz thread, drawing at low priority");
+    CLI::Option* live = run->add_flag("--live", a.run.live,
+                                      "Real clock: haptics on its own 1 kHz thread, drawing at low priority; with --out "
+                                      "it leaves live.recording there");
+    run->add_option("--replay", a.run.replay,
+                    "Repeat a live run in lockstep from its live.recording, with the same scene and --set; exit code 1 "
+                    "when it does not come out the same to the bit")
+        ->excludes(live)
+        ->excludes(seconds);
     run->add_flag("--no-render", a.no_render, "No pictures");
     run->add_option("--set", a.sets, "Change a key of the scene: KEY=VALUE, repeatable");
     run->add_option("--threads", a.threads, "Worker threads (default: all cores); results never depend on it");
     run->add_option("--export-every", a.run.export_every, "Write every body as OBJ at every n-th picture");
     run->add_option("--slow-render", a.run.slow_render_ms,
-                    "Live: draw each picture this many ms slower (a stress test)");
+                    "Live: draw each picture again and again for this many ms (a stress test)");
     run->add_flag("--json", a.run.json, "Print metrics.json to standard output");
-    run->footer("Example: trocar run probe_on_liver --seconds 2 --set liver.tissue.youngs_modulus=2e4 --out out/probe");
+    run->footer("Example: trocar run probe_on_liver --seconds 2 --set liver.tissue.youngs_modulus=2e4 --out out/probe\n"
+                "A live run and its repetition: trocar run probe_on_liver --live --out out/live; "
+                "trocar run probe_on_liver --replay out/live/live.recording");
 
     CLI::App* check =
         app.add_subcommand("check", "Is a mesh sound: closed, manifold, oriented, free of self-crossings");

@@ -19,8 +19,9 @@ class PictureWriter {
     // With `film_meanwhile` ffmpeg runs beside the simulation; otherwise the film is made from the files at the end.
     PictureWriter(const PictureParams& params, const Camera& camera, const Meshes& meshes,
                   const std::filesystem::path& out, bool film_meanwhile);
-    // Returns the milliseconds of drawing and reading back; writing the file is not part of a frame.
-    double take(const PictureSnapshot& snapshot);
+    // Returns the milliseconds of drawing and reading back; writing the file is not part of a frame. Draws the picture
+    // again and again until `least_ms` have passed: a renderer that is slow by being busy, for stress tests.
+    double take(const PictureSnapshot& snapshot, double least_ms = 0);
     // Draws without keeping: the first picture of a kind costs what shaders and textures cost.
     void warm_up(const PictureSnapshot& snapshot);
     // Name of the film in the folder, empty if there is none; warns when it failed.

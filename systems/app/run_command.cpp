@@ -17,9 +17,11 @@
 #include "engine/whole_file.hpp"
 #include "systems/app/commands.hpp"
 #include "systems/app/figures.hpp"
+#include "systems/app/live_replay.hpp"
 #include "systems/app/live_run.hpp"
 #include "systems/app/picture_writer.hpp"
 #include "systems/app/progress.hpp"
+#include "systems/app/report_page.hpp"
 #include "systems/app/standard_streams.hpp"
 #include "systems/frame.hpp"
 namespace trocar {
@@ -80,6 +82,7 @@ void start_figures(const BuiltScene& scene, const SceneFile& file, const Frame& 
     figures.machine = machine_text();
     figures.threads = thread_count();
     figures.live = options.live;
+    figures.replay = !options.replay.empty();
     figures.bodies = scene.notes;
     for (const std::string& name : frame.stage_names()) figures.stage.push_back({name, {}});
 }
@@ -96,14 +99,16 @@ void finish_figures(const Frame& frame, RunFigures& figures) {
     }
 }
 
-// Everything in one deterministic order, as fast as the machine goes.
-void run_lockstep(const RunOptions& options, double seconds, Frame& frame, PictureWriter* pictures,
+// Everything in one deterministic order, as fast as the machine goes; of its own accord or as a live run went.
+void run_lockstep(const RunOptions& options, double seconds, LiveReplay* replay, Frame& frame, PictureWriter* pictures,
                   RunFigures& figures) {
     Progress progress(figures.scene);
     const uint64_t start = now_ns();
-    while (static_cast<double>(frame.world().clock.tick) < seconds * 1000) {
+    const double end_tick = replay ? static_cast<double>(replay->end_tick()) : seconds * 1000;
+    while (static_cast<double>(frame.world().clock.tick) < end_tick) {
         const double time = static_cast<double>(frame.world().clock.tick) * 1e-3;
         const uint64_t pass_start = now_ns();
+        if (replay) replay->begin_pass();
         frame.step();
         PassFigures pass = pass_figures(frame, time);
         pass.frame_ms = static_cast<double>(now_ns() - pass_start) * 1e-6;
@@ -118,13 +123,28 @@ void run_lockstep(const RunOptions& options, double seconds, Frame& frame, Pictu
                 export_bodies(frame.world(), options.out / "meshes", frame.world().clock.picture - 1);
         }
         add_stage_times(frame, figures);
+        for (const uint64_t ns : frame.times().tick_ns) figures.tick_us.push_back(static_cast<double>(ns) * 1e-3);
         figures.pass.push_back(pass);
         char note[96];
         std::snprintf(note, sizeof note, "%.2f s simulated, depth %.2f mm, %.2f N", time, pass.depth * 1e3, pass.force);
-        progress.show(time / seconds, note);
+        progress.show(time * 1e3 / end_tick, note);
     }
-    figures.tick_us = frame.times().tick_us;
     figures.wall_s = static_cast<double>(now_ns() - start) * 1e-9;
+    if (replay) figures.replay_difference = replay->difference();
+}
+
+// Live, and its recording into the folder.
+void run_recorded(const RunOptions& options, double seconds, Frame& frame, PictureWriter* pictures, RunFigures& figures) {
+    if (options.out.empty()) {
+        run_live(options, seconds, frame, pictures, nullptr, figures);
+        return;
+    }
+    const fs::path file = options.out / "live.recording";
+    std::error_code error;
+    fs::remove(file, error);  // of an earlier run
+    LiveRecording recording;
+    if (run_live(options, seconds, frame, pictures, &recording, figures)) write_live_recording(file, recording);
+    else std::fprintf(stderr, "trocar: warning: no recording: the simulation was away for too long\n");
 }
 
 void print_summary(const RunFigures& f, const fs::path& out) {
@@ -143,6 +163,9 @@ void print_summary(const RunFigures& f, const fs::path& out) {
                   f.instruction_set.c_str(), total.size(), mean(total), quantile(total, 0.99), depth * 1e3,
                   static_cast<unsigned long long>(f.ticks), f.max_force, static_cast<unsigned long long>(f.state_hash));
     write_standard_output(text);
+    if (f.replay)
+        write_standard_output(f.replay_difference.empty() ? "  the same to the bit as the live run\n"
+                                                          : "  not the same as the live run: " + f.replay_difference + "\n");
     if (!out.empty())
         write_standard_output("  wrote " + out.string() + "/: report.html, metrics.json, trace.json, meshes/" +
                               std::string(f.render_ms.empty() ? "" : ", frames/") + "\n");
@@ -152,6 +175,8 @@ void print_summary(const RunFigures& f, const fs::path& out) {
 
 int run_command(const RunOptions& options) {
     const SceneFile file = read_scene_file(find_scene(options.scene), options.overrides);
+    const bool replay = !options.replay.empty();
+    const LiveRecording recording = replay ? read_live_recording(options.replay) : LiveRecording{};
     if (!options.out.empty()) prepare_folder(options.out);
     set_offscreen_threads(0);
     // live: one core belongs to the haptic thread
@@ -165,15 +190,18 @@ int run_command(const RunOptions& options) {
         Trace trace(options.out.empty() ? 0 : kTraceCapacity);
         FrameOptions frame_options;
         frame_options.trace = options.out.empty() ? nullptr : &trace;
-        frame_options.external_ticks = options.live;
+        frame_options.external_ticks = options.live || replay;
         Frame frame(std::move(scene.world), frame_options);
         start_figures(scene, file, frame, options, figures);
         std::optional<PictureWriter> pictures;
         if (options.render && file.settings.render && !options.out.empty())
             pictures.emplace(scene.picture, scene.camera, frame.world().meshes, options.out, !options.live);
         const double seconds = options.seconds > 0 ? options.seconds : file.settings.seconds;
-        if (options.live) run_live(options, seconds, frame, pictures ? &*pictures : nullptr, figures);
-        else run_lockstep(options, seconds, frame, pictures ? &*pictures : nullptr, figures);
+        PictureWriter* const writer = pictures ? &*pictures : nullptr;
+        std::optional<LiveReplay> repeat;
+        if (replay) repeat.emplace(HapticParams{}, recording, options.replay.string(), frame);
+        if (options.live) run_recorded(options, seconds, frame, writer, figures);
+        else run_lockstep(options, seconds, repeat ? &*repeat : nullptr, frame, writer, figures);
         finish_figures(frame, figures);
         if (options.out.empty()) return;
         export_bodies(frame.world(), options.out / "meshes", frame.world().clock.picture);
@@ -181,14 +209,14 @@ int run_command(const RunOptions& options) {
         write_whole_file(options.out / "metrics.json", metrics_json(figures));
         write_whole_file(options.out / "passes.csv", passes_csv(figures));
         write_whole_file(options.out / "trace.json", trace.to_json({"main"}));
-        write_whole_file(options.out / "report.html",
-                         report_html(figures, pictures ? pictures->files() : std::vector<std::string>{}, film));
+        const ReportMedia media = pictures ? embed_media(options.out, pictures->files(), film) : ReportMedia{};
+        write_whole_file(options.out / "report.html", report_html(figures, media));
     });
     if (options.json)
         write_standard_output(metrics_json(figures));
     else
         print_summary(figures, options.out);
-    return kDone;
+    return figures.replay_difference.empty() ? kDone : kNo;
 }
 
 }  // namespace trocar

@@ -2,6 +2,7 @@
 
 #include <algorithm>
 #include <cmath>
+#include <cstddef>
 #include <cstdio>
 namespace trocar {
 namespace {
@@ -76,35 +77,68 @@ std::string escape_html(const std::string& text) {
     return out;
 }
 
-std::string svg_plot(const Plot& plot) {
+namespace {
+
+// Values that a plot shows, and the axes that hold them.
+struct PlotFrame {
+    Axis x, y;
+    double px(double v) const { return kLeft + (v - x.low) / (x.high - x.low) * (kWidth - kLeft - kRight); }
+    double py(double v) const {
+        return kHeight - kBottom - (std::min(v, y.high) - y.low) / (y.high - y.low) * (kHeight - kTop - kBottom);
+    }
+};
+
+double scaled_x(const Plot& plot, double x) {
+    return plot.log_x_from > 0 ? std::log10(std::max(x, plot.log_x_from)) : x;
+}
+
+// Highest value to show: all, or three times what 97 of 100 stay below.
+double shown_top(const Plot& plot, double highest) {
+    if (!plot.cut_outliers) return highest;
+    std::vector<double> all;
+    for (const PlotSeries& s : plot.series)
+        for (const double y : s.y)
+            if (std::isfinite(y)) all.push_back(y);
+    const size_t row = all.size() * 97 / 100;
+    std::nth_element(all.begin(), all.begin() + static_cast<std::ptrdiff_t>(row), all.end());
+    return all[row] > 0 ? std::min(highest, 3 * all[row]) : highest;
+}
+
+// False when there is nothing to show.
+bool find_frame(const Plot& plot, PlotFrame& frame) {
     double x0 = INFINITY, x1 = -INFINITY, y0 = plot.zero_y ? 0 : INFINITY, y1 = plot.zero_y ? 0 : -INFINITY;
     for (const PlotSeries& s : plot.series) {
         for (size_t i = 0; i < s.x.size(); ++i) {
             if (!std::isfinite(s.x[i]) || !std::isfinite(s.y[i])) continue;
-            x0 = std::min(x0, s.x[i]), x1 = std::max(x1, s.x[i]);
+            const double x = scaled_x(plot, s.x[i]);
+            x0 = std::min(x0, x), x1 = std::max(x1, x);
             y0 = std::min(y0, s.y[i]), y1 = std::max(y1, s.y[i]);
         }
     }
-    std::string svg = format("<svg viewBox=\"0 0 %g %g\" role=\"img\">", kWidth, kHeight);
-    svg += "<text class=\"t\" x=\"" + format("%g", kLeft) + "\" y=\"18\">" + escape_html(plot.title) + "</text>";
-    if (!(x1 >= x0)) return svg + format("<text x=\"%g\" y=\"%g\">no data</text></svg>", kLeft, kHeight / 2);
+    if (!(x1 >= x0)) return false;
+    y1 = shown_top(plot, y1);
     if (!plot.mark_label.empty()) y1 = std::max(y1, plot.mark_y * 1.05);
-    const Axis ax = nice_axis(x0, x1), ay = nice_axis(y0, y1);
-    const auto px = [&](double x) { return kLeft + (x - ax.low) / (ax.high - ax.low) * (kWidth - kLeft - kRight); };
-    const auto py = [&](double y) {
-        return kHeight - kBottom - (y - ay.low) / (ay.high - ay.low) * (kHeight - kTop - kBottom);
-    };
-    for (double x = ax.low; x <= ax.high + ax.step * 0.01; x += ax.step) {
-        svg += format("<line class=\"g\" x1=\"%.1f\" x2=\"%.1f\" y1=\"%g\" y2=\"%g\"/>", px(x), px(x), kTop,
+    frame.x = plot.log_x_from > 0
+                  ? Axis{std::floor(x0 + 1e-9), std::max(std::ceil(x1 - 1e-9), std::floor(x0 + 1e-9) + 1), 1}
+                  : nice_axis(x0, x1);
+    frame.y = nice_axis(y0, y1);
+    return true;
+}
+
+std::string draw_axes(const Plot& plot, const PlotFrame& f) {
+    std::string svg;
+    for (double x = f.x.low; x <= f.x.high + f.x.step * 0.01; x += f.x.step) {
+        svg += format("<line class=\"g\" x1=\"%.1f\" x2=\"%.1f\" y1=\"%g\" y2=\"%g\"/>", f.px(x), f.px(x), kTop,
                       kHeight - kBottom);
-        svg += format("<text class=\"n\" text-anchor=\"middle\" x=\"%.1f\" y=\"%g\">", px(x), kHeight - kBottom + 15) +
-               number(x, ax.step) + "</text>";
+        svg +=
+            format("<text class=\"n\" text-anchor=\"middle\" x=\"%.1f\" y=\"%g\">", f.px(x), kHeight - kBottom + 15) +
+            (plot.log_x_from > 0 ? format("%g", std::pow(10.0, x)) : number(x, f.x.step)) + "</text>";
     }
-    for (double y = ay.low; y <= ay.high + ay.step * 0.01; y += ay.step) {
-        svg += format("<line class=\"g\" x1=\"%g\" x2=\"%g\" y1=\"%.1f\" y2=\"%.1f\"/>", kLeft, kWidth - kRight, py(y),
-                      py(y));
-        svg += format("<text class=\"n\" text-anchor=\"end\" x=\"%g\" y=\"%.1f\">", kLeft - 6, py(y) + 4) +
-               number(y, ay.step) + "</text>";
+    for (double y = f.y.low; y <= f.y.high + f.y.step * 0.01; y += f.y.step) {
+        svg += format("<line class=\"g\" x1=\"%g\" x2=\"%g\" y1=\"%.1f\" y2=\"%.1f\"/>", kLeft, kWidth - kRight,
+                      f.py(y), f.py(y));
+        svg += format("<text class=\"n\" text-anchor=\"end\" x=\"%g\" y=\"%.1f\">", kLeft - 6, f.py(y) + 4) +
+               number(y, f.y.step) + "</text>";
     }
     svg += format("<text class=\"n\" text-anchor=\"middle\" x=\"%g\" y=\"%g\">", (kLeft + kWidth - kRight) / 2,
                   kHeight - 10) +
@@ -112,41 +146,71 @@ std::string svg_plot(const Plot& plot) {
     svg += format("<text class=\"n\" text-anchor=\"middle\" transform=\"translate(14,%g) rotate(-90)\">",
                   (kTop + kHeight - kBottom) / 2) +
            escape_html(plot.y_label) + "</text>";
+    return svg;
+}
+
+std::string draw_series(const Plot& plot, const PlotSeries& full, const char* color, const PlotFrame& f) {
+    const PlotSeries s = thin(full);
+    std::string svg;
+    if (s.dots) {
+        for (size_t i = 0; i < s.x.size(); ++i)
+            if (std::isfinite(s.x[i]) && std::isfinite(s.y[i]))
+                svg += format("<circle cx=\"%.1f\" cy=\"%.1f\" r=\"2.6\" fill=\"%s\" fill-opacity=\".5\"/>",
+                              f.px(scaled_x(plot, s.x[i])), f.py(s.y[i]), color);
+        return svg;
+    }
+    svg += format("<polyline fill=\"none\" stroke=\"%s\" stroke-width=\"1.6\" points=\"", color);
+    for (size_t i = 0; i < s.x.size(); ++i)
+        if (std::isfinite(s.y[i])) svg += format("%.1f,%.1f ", f.px(scaled_x(plot, s.x[i])), f.py(s.y[i]));
+    return svg + "\"/>";
+}
+
+// Names of several series in their colours, right to left; how many values lie beyond the top.
+std::string draw_legend(const Plot& plot, const PlotFrame& f) {
+    std::string svg;
+    double right = kWidth - kRight;
+    for (size_t k = plot.series.size(); plot.series.size() > 1 && k-- > 0;) {
+        const PlotSeries& s = plot.series[k];
+        svg += format("<text class=\"n\" text-anchor=\"end\" x=\"%.1f\" y=\"18\" style=\"fill:%s;font-weight:600\">",
+                      right, kColors[k % std::size(kColors)]) +
+               escape_html(s.name) + "</text>";
+        right -= 7.3 * static_cast<double>(s.name.size()) + 16;
+    }
+    size_t beyond = 0;
+    double highest = 0;
+    for (const PlotSeries& s : plot.series)
+        for (const double y : s.y)
+            if (y > f.y.high) ++beyond, highest = std::max(highest, y);
+    if (beyond > 0)
+        svg += format("<text class=\"n h\" text-anchor=\"end\" x=\"%g\" y=\"%g\">%zu above the plot, up to %.3g</text>",
+                      kWidth - kRight - 4, kTop + 13, beyond, highest);
+    return svg;
+}
+
+}  // namespace
+
+std::string svg_plot(const Plot& plot) {
+    std::string svg = format("<svg viewBox=\"0 0 %g %g\" role=\"img\">", kWidth, kHeight);
+    svg += "<text class=\"t\" x=\"8\" y=\"18\">" + escape_html(plot.title) + "</text>";
+    PlotFrame f;
+    if (!find_frame(plot, f)) return svg + format("<text x=\"%g\" y=\"%g\">no data</text></svg>", kLeft, kHeight / 2);
+    svg += draw_axes(plot, f);
+    for (size_t k = plot.series.size(); k-- > 0;)
+        svg += draw_series(plot, plot.series[k], kColors[k % std::size(kColors)], f);
+    svg += draw_legend(plot, f);
     if (!plot.mark_label.empty()) {
         svg += format("<line class=\"m\" x1=\"%g\" x2=\"%g\" y1=\"%.1f\" y2=\"%.1f\"/>", kLeft, kWidth - kRight,
-                      py(plot.mark_y), py(plot.mark_y));
-        svg +=
-            format("<text class=\"n\" text-anchor=\"end\" x=\"%g\" y=\"%.1f\">", kWidth - kRight, py(plot.mark_y) - 4) +
-            escape_html(plot.mark_label) + "</text>";
-    }
-    double legend = kWidth - kRight;
-    for (size_t k = plot.series.size(); k-- > 0;) {
-        const char* color = kColors[k % std::size(kColors)];
-        const PlotSeries s = thin(plot.series[k]);
-        if (s.dots) {
-            for (size_t i = 0; i < s.x.size(); ++i)
-                svg += format("<circle cx=\"%.1f\" cy=\"%.1f\" r=\"2\" fill=\"%s\" fill-opacity=\".55\"/>", px(s.x[i]),
-                              py(s.y[i]), color);
-        } else {
-            svg += format("<polyline fill=\"none\" stroke=\"%s\" stroke-width=\"1.4\" points=\"", color);
-            for (size_t i = 0; i < s.x.size(); ++i)
-                if (std::isfinite(s.y[i])) svg += format("%.1f,%.1f ", px(s.x[i]), py(s.y[i]));
-            svg += "\"/>";
-        }
-        if (plot.series.size() > 1) {
-            svg +=
-                format("<text class=\"n\" text-anchor=\"end\" x=\"%.1f\" y=\"18\" style=\"fill:%s;font-weight:600\">",
-                       legend, color) +
-                escape_html(s.name) + "</text>";
-            legend -= 7.0 * static_cast<double>(s.name.size()) + 14;
-        }
+                      f.py(plot.mark_y), f.py(plot.mark_y));
+        svg += format("<text class=\"n h\" text-anchor=\"end\" x=\"%g\" y=\"%.1f\">", kWidth - kRight - 4,
+                      f.py(plot.mark_y) - 5) +
+               escape_html(plot.mark_label) + "</text>";
     }
     return svg + "</svg>";
 }
 
 std::string svg_bars(const std::string& title, const std::string& unit, const std::vector<std::string>& names,
                      const std::vector<double>& low, const std::vector<double>& high) {
-    const double row = 20, left = 170, height = kTop + row * static_cast<double>(names.size()) + 12;
+    const double row = 20, left = 120, height = kTop + row * static_cast<double>(names.size()) + 12;
     double most = 1e-12;
     for (const double h : high) most = std::max(most, h);
     std::string svg = format("<svg viewBox=\"0 0 %g %g\" role=\"img\">", kWidth, height);

@@ -15,6 +15,8 @@ struct Plot {
     bool zero_y = true;  // the y axis reaches zero
     double mark_y = 0;   // horizontal reference line, drawn when mark_label is set
     std::string mark_label = {};
+    double log_x_from = 0;      // > 0: x on a logarithmic scale; smaller values stand here
+    bool cut_outliers = false;  // the y axis ends above the bulk of the values; those beyond are counted at the top
 };
 
 // The plot as an <svg> element, self-contained. A line of more than 1200 points is drawn by the extremes of its bins.

@@ -245,6 +245,29 @@ TEST_F(CommandLine, RunWritesWhatItSays) {
         EXPECT_EQ(entry.path().filename().string().find("tmp"), std::string::npos) << entry.path();
 }
 
+TEST_F(CommandLine, ALiveRunIsRepeatedFromItsRecording) {
+    const fs::path out = folder_ / "live", recording = out / "live.recording";
+    const std::string scene = "run probe_on_liver --set liver.triangles=1000 --set probe.triangles=1000 ";
+    const Outcome live = run(scene + "--live --seconds 0.2 --json --out " + out.string());
+    ASSERT_EQ(live.code, 0) << live.err;
+    const Outcome again = run(scene + "--no-render --json --replay " + recording.string());
+    ASSERT_EQ(again.code, 0) << again.err;
+    const nlohmann::json a = nlohmann::json::parse(live.out), b = nlohmann::json::parse(again.out);
+    EXPECT_EQ(a["state_hash"], b["state_hash"]);
+    EXPECT_EQ(a["simulated_s"], b["simulated_s"]);
+    EXPECT_TRUE(b["replay"]["same"]);
+    const Outcome other = run(scene + "--set liver.tissue.youngs_modulus=6e3 --replay " + recording.string());
+    EXPECT_EQ(other.code, 2);
+    EXPECT_NE(other.err.find("live.recording: was recorded with another scene"), std::string::npos) << other.err;
+    expect_one_line(other.err);
+    fs::resize_file(recording, fs::file_size(recording) / 2);
+    const Outcome cut = run(scene + "--replay " + recording.string());
+    EXPECT_EQ(cut.code, 2);
+    EXPECT_NE(cut.err.find("live.recording: recording of 12 contact passes"), std::string::npos) << cut.err;
+    expect_one_line(cut.err);
+    EXPECT_EQ(run(scene + "--live --replay " + recording.string()).code, 2);
+}
+
 TEST_F(CommandLine, ScenesAreListed) {
     const Outcome outcome = run("scenes --json");
     ASSERT_EQ(outcome.code, 0) << outcome.err;

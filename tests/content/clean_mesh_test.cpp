@@ -7,8 +7,9 @@
 
 #include "content/admission.hpp"
 #include "content/orientation.hpp"
+#include "engine/geometry/winding_number.hpp"
+#include "tests/reference/brute_force_distance.hpp"
 #include "tests/reference/sample_meshes.hpp"
-#include "tests/reference/solid_angle.hpp"
 
 namespace trocar {
 namespace {
@@ -131,7 +132,7 @@ TEST(CleanMesh, G16_DoubledFacesOfTheSameWindingAreDropped) {
 
     Mesh shell = sphere;
     shell.triangle.insert(shell.triangle.end(), sphere.triangle.begin(), sphere.triangle.end());
-    EXPECT_NEAR(winding_at(shell, {0.1, 0, 0}), 2, 1e-9);
+    EXPECT_NEAR(brute_force_winding(shell.position, shell.triangle, {0.1, 0, 0}), 2, 1e-9);
     EXPECT_STREQ(admitted(shell), "winding");  // 2 is still inside
     EXPECT_EQ(cleaned(shell, &report).triangle, sphere.triangle);
     EXPECT_EQ(report.duplicate_faces, sphere.triangle.size());
@@ -285,10 +286,10 @@ TEST(CleanMesh, G24_HollowsStayHollow) {
         const bool island_against = (turned >> 1 & 1) != (turned >> 2 & 1);
         CleanReport report;
         m = cleaned(m, &report);
-        EXPECT_NEAR(winding_at(m, in_wall), 1, 1e-9) << turned;
-        EXPECT_NEAR(winding_at(m, in_hollow), hollow ? 0 : 2, 1e-9) << turned;
+        EXPECT_NEAR(brute_force_winding(m.position, m.triangle, in_wall), 1, 1e-9) << turned;
+        EXPECT_NEAR(brute_force_winding(m.position, m.triangle, in_hollow), hollow ? 0 : 2, 1e-9) << turned;
         // inside a hollow there is nothing to be taken away from: the island is solid whatever the file says
-        EXPECT_NEAR(winding_at(m, in_island), hollow ? 1 : (island_against ? 1 : 3), 1e-9) << turned;
+        EXPECT_NEAR(brute_force_winding(m.position, m.triangle, in_island), hollow ? 1 : (island_against ? 1 : 3), 1e-9) << turned;
         const MeshJudgement judged = judge_mesh(m);
         EXPECT_EQ(judged.inside_out, 0u) << turned;
         // a pseudonormal would call the wall around a doubled piece outside
@@ -379,11 +380,11 @@ TEST(CleanMesh, CountedWindingsAgreeWithSolidAngles) {
     for (int i = 0; i < 25 * 25 * 25; ++i) {
         const Vec3d p(-3 + i % 25 * 0.25, -3 + i / 25 % 25 * 0.25, -3 + i / 625 * 0.25);
         int windings = 0;
-        if (!count_windings(m, all, p, windings)) {
+        if (!count_windings(m.position, m.triangle, all, p, windings)) {
             ++on_surface;
             continue;
         }
-        ASSERT_NEAR(winding_at(m, p), windings, 1e-6) << p.transpose();
+        ASSERT_NEAR(brute_force_winding(m.position, m.triangle, p), windings, 1e-6) << p.transpose();
         ++seen[windings];
     }
     for (const uint32_t n : seen) EXPECT_GT(n, 10u);

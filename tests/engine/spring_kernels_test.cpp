@@ -12,7 +12,7 @@ namespace {
 // Random arrays of one body: ragged slices, padding, fixed particles, springs of length zero and of rest length zero.
 struct RandomBody {
     std::vector<Float4> offset, next;
-    std::vector<float> velocity[3], stiffness, rest[3], rest_length;
+    std::vector<float> velocity[3], stiffness, rest[3], rest_length, remainder[3];
     std::vector<unsigned> column, neighbour;
     SpringStep step{};
     unsigned slices;
@@ -43,6 +43,8 @@ struct RandomBody {
             column.push_back(column.back() + columns);
         }
         next.resize(n);
+        for (auto& r : remainder)
+            for (unsigned i = 0; i < n; ++i) r.push_back(i % 7 == 3 ? 0.0f : 3e-8f * unit(random));
         step.slice_column = column.data();
         step.neighbour = neighbour.data();
         step.rest_length = rest_length.data();
@@ -64,6 +66,11 @@ struct RandomBody {
         s.new_velocity_z = velocity[2].data();
         return s;
     }
+    SpringStep bound_with_remainders() {
+        SpringStep s = bound();
+        s.remainder_x = remainder[0].data(), s.remainder_y = remainder[1].data(), s.remainder_z = remainder[2].data();
+        return s;
+    }
 };
 
 bool have_avx512() { return __builtin_cpu_supports("avx512f") && __builtin_cpu_supports("avx512dq"); }
@@ -75,7 +82,9 @@ TEST(SpringKernels, Avx2AndAvx512GiveTheSameBits) {
         RandomBody a(13, seed), b(13, seed);
         std::vector<double> work_a(16, 0.0), work_b(16, 0.0), sums_a(kShapeSums * 16, 0.0),
             sums_b(kShapeSums * 16, 0.0), energy_a(kEnergySums * 16, 0.0), energy_b(kEnergySums * 16, 0.0);
-        const SpringStep sa = a.bound(), sb = b.bound();
+        const bool carried = seed % 2 == 0;
+        const SpringStep sa = carried ? a.bound_with_remainders() : a.bound(),
+                         sb = carried ? b.bound_with_remainders() : b.bound();
         kSpringKernelsAvx2.shape_sums(&sa, 0, 13, sums_a.data());
         kSpringKernelsAvx512.shape_sums(&sb, 0, 13, sums_b.data());
         kSpringKernelsAvx2.energy_sums(&sa, 0, 13, energy_a.data());
@@ -84,10 +93,35 @@ TEST(SpringKernels, Avx2AndAvx512GiveTheSameBits) {
         kSpringKernelsAvx512.step(&sb, 0, 13, work_b.data());
         EXPECT_EQ(0, std::memcmp(a.next.data(), b.next.data(), a.next.size() * sizeof(Float4)));
         for (int i = 0; i < 3; ++i) EXPECT_EQ(a.velocity[i], b.velocity[i]);
+        for (int i = 0; i < 3; ++i) EXPECT_EQ(a.remainder[i], b.remainder[i]);
         EXPECT_EQ(work_a, work_b);
         EXPECT_EQ(sums_a, sums_b);
         EXPECT_EQ(energy_a, energy_b);
     }
+}
+
+// Place and remainder together are the exact sum of place, remainder and way, to the rounding of the remainder itself.
+TEST(SpringKernels, RemaindersKeepWhatRoundingLeavesOut) {
+    RandomBody body(9, 6);
+    const RandomBody before(9, 6);
+    const SpringStep step = body.bound_with_remainders();
+    spring_kernels().step(&step, 0, 9, nullptr);
+    double largest = 0;
+    for (unsigned i = 0; i < 16 * 9; ++i) {
+        const float* from = &before.offset[i].x;
+        const float* to = &body.next[i].x;
+        for (int axis = 0; axis < 3; ++axis) {
+            const double way = double(step.dt) * body.velocity[axis][i];
+            const double exact = double(from[axis]) + before.remainder[axis][i] + way;
+            EXPECT_NEAR(double(to[axis]) + body.remainder[axis][i], exact, 2e-9) << i;
+            EXPECT_LE(std::abs(body.remainder[axis][i]), 6e-8f) << i;
+            largest = std::max(largest, std::abs(double(to[axis]) - exact));
+            if (before.offset[i].w == 0) {
+                EXPECT_EQ(to[axis], from[axis]);
+            }
+        }
+    }
+    EXPECT_GT(largest, 1e-8) << "without remainders it would be lost";
 }
 
 // Any cut of the slices gives the same particles: what parallel chunks rely on.

@@ -3,6 +3,8 @@
 #include <Eigen/Geometry>
 #include <algorithm>
 #include <cmath>
+
+#include "tests/reference/brute_force_distance.hpp"
 namespace trocar::reference {
 namespace {
 
@@ -36,15 +38,7 @@ Surface::Surface(const Surfaces& surfaces, uint32_t body) {
     for (uint32_t v = 0; v < mesh.position.size(); ++v) position.push_back(vertex_position(surfaces, body, v));
 }
 
-double Surface::winding_number(const Vec3d& p) const {
-    double sum = 0;
-    for (const Triangle& t : triangle) {
-        const Vec3d a = position[t[0]] - p, b = position[t[1]] - p, c = position[t[2]] - p;
-        const double x = a.norm(), y = b.norm(), z = c.norm();
-        sum += 2 * std::atan2(a.dot(b.cross(c)), x * y * z + a.dot(b) * z + b.dot(c) * x + c.dot(a) * y);
-    }
-    return sum / (4 * M_PI);
-}
+double Surface::winding_number(const Vec3d& p) const { return brute_force_winding(position, triangle, p); }
 
 double Surface::unsigned_distance(const Vec3d& p) const {
     double best = std::numeric_limits<double>::infinity();

@@ -12,7 +12,7 @@ struct Surface {
     std::vector<Triangle> triangle;
 
     Surface(const Surfaces& surfaces, uint32_t body);
-    // Sum of the solid angles of all triangles / 4 pi (van Oosterom & Strackee 1983): 1 inside, 0 outside.
+    // 1 inside, 0 outside: brute_force_winding.
     double winding_number(const Vec3d& p) const;
     double unsigned_distance(const Vec3d& p) const;
     // < 0 inside; the sign is the winding number's.

@@ -26,7 +26,8 @@ struct AdvanceScene {
     Anchors anchors;
     Paths paths;
     std::vector<HandTool> tools;
-    std::vector<DeviceInterval> devices;
+    std::vector<DeviceState> devices;
+    uint32_t device_stride = 2;  // for calls of 1 ms: where they start, where they end
     std::vector<ToolState> tool_states;
     ContactRows rows;
     AdvanceParams params;
@@ -40,7 +41,7 @@ struct AdvanceScene {
     bool vertex_rows_only_of_first = false;
 
     Surfaces surfaces() const { return {meshes, bodies, poses, particles}; }
-    AdvanceInputs inputs() const { return {meshes, springs, bodies, anchors, paths, tools, devices}; }
+    AdvanceInputs inputs() const { return {meshes, springs, bodies, anchors, paths, tools, devices, device_stride}; }
 
     uint32_t add_mesh(const Mesh& mesh, Admission admission = Admission::kSolid) {
         const uint32_t row = add_prototype(meshes, mesh, admission);

@@ -11,25 +11,51 @@ namespace {
 
 using PairList = std::vector<std::array<uint32_t, 2>>;
 
-// Every triangle pair whose enlarged boxes meet is there once, in order; what is there besides meets when the boxes are
-// a rounding of the packed floats larger.
+// Triangles of one side of a list of pairs, each once, ascending.
+std::vector<uint32_t> one_side(const PairList& pairs, int side) {
+    std::vector<uint32_t> out;
+    for (const auto& pair : pairs) out.push_back(pair[side]);
+    std::sort(out.begin(), out.end());
+    out.erase(std::unique(out.begin(), out.end()), out.end());
+    return out;
+}
+
+template <typename List>
+void expect_between(const List& found, const List& least, const List& most, const std::string& what) {
+    EXPECT_TRUE(std::is_sorted(found.begin(), found.end())) << what;
+    EXPECT_TRUE(std::adjacent_find(found.begin(), found.end()) == found.end()) << what << ": reported twice";
+    EXPECT_TRUE(std::includes(found.begin(), found.end(), least.begin(), least.end())) << what << ": missed";
+    EXPECT_TRUE(std::includes(most.begin(), most.end(), found.begin(), found.end())) << what << ": too many";
+}
+
+// Every triangle pair whose boxes meet and every triangle whose enlarged box meets one of the other body is there once,
+// in order; what is there besides meets when the boxes are a rounding of the packed floats larger.
 void expect_all_pairs(const ContactScene& scene, const std::string& what) {
     for (uint32_t pair = 0; pair < scene.pairs.a.size(); ++pair) {
         const uint32_t a = scene.pairs.a[pair], b = scene.pairs.b[pair];
         const reference::Surface of_a(scene.surfaces(), a), of_b(scene.surfaces(), b);
-        const double reach_a = reach_of(scene.bodies, scene.boxes, a), reach_b = reach_of(scene.bodies, scene.boxes, b);
-        const Range rows = scene.candidates.pair[pair];
-        const PairList found(scene.candidates.triangle.begin() + rows.first,
-                             scene.candidates.triangle.begin() + rows.end());
         double size = 0;
         for (const Vec3d& p : of_a.position) size = std::max(size, (p - scene.screened.origin).cwiseAbs().maxCoeff());
         const double slack = 1e-6 * size;
-        const PairList least = reference::meeting_triangles(of_a, of_b, reach_a, reach_b),
-                       most = reference::meeting_triangles(of_a, of_b, reach_a + slack, reach_b + slack);
-        EXPECT_TRUE(std::is_sorted(found.begin(), found.end())) << what;
-        EXPECT_TRUE(std::adjacent_find(found.begin(), found.end()) == found.end()) << what << ": reported twice";
-        EXPECT_TRUE(std::includes(found.begin(), found.end(), least.begin(), least.end())) << what << ": missed";
-        EXPECT_TRUE(std::includes(most.begin(), most.end(), found.begin(), found.end())) << what << ": too many";
+        const auto meeting = [&](double reach_a, double reach_b) {
+            return reference::meeting_triangles(of_a, of_b, reach_a, reach_b);
+        };
+        const Range rows = scene.candidates.pair[pair];
+        const auto* first = scene.candidates.triangle.data() + rows.first;
+        expect_between(PairList(first, first + rows.count), meeting(0, 0), meeting(slack, slack), what + ", crossing");
+
+        const double reach_a = reach_of(scene.bodies, scene.boxes, a), reach_b = reach_of(scene.bodies, scene.boxes, b);
+        const PairList least = meeting(reach_a, reach_b), most = meeting(reach_a + slack, reach_b + slack);
+        for (const uint32_t side : {0, 1}) {
+            std::vector<uint32_t> near;
+            for (uint32_t i = 0; i < scene.candidates.side[2 * pair + side].count; ++i) {
+                const auto& [own, across] = scene.candidates.near[scene.candidates.side[2 * pair + side].first + i];
+                near.push_back(own);
+                const std::array<uint32_t, 2> partner{side == 0 ? own : across, side == 0 ? across : own};
+                EXPECT_TRUE(std::binary_search(most.begin(), most.end(), partner)) << what << ": not near its partner";
+            }
+            expect_between(near, one_side(least, side), one_side(most, side), what + ", near");
+        }
     }
 }
 

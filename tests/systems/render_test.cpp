@@ -393,7 +393,7 @@ TEST(Render, ShowsWitnessesAndToolsThroughTheSurface) {
     scene.add_body(scene.add_mesh(make_square(0.1, {0, 0.3f, 0})), Motion::kDeformable);
     PictureSnapshot s = scene.snapshot();
     s.witness.push_back({{-0.05, 0, -0.02}, {-0.05, 0, -0.01}, 0.01});
-    s.tool.push_back({{0.05, 0, 0.02}, {0.05, 0, 0.02}, 0.01, {0, 0, 0}});
+    s.tool.push_back({{0.05, 0, 0.02}, {0.05, 0, 0.021}, 0.01, {0, 0, 0}});
     GlRenderer renderer(scene.meshes);
     RenderScratch scratch;
     PictureParams params = bare();
@@ -408,6 +408,35 @@ TEST(Render, ShowsWitnessesAndToolsThroughTheSurface) {
         EXPECT_GT(std::abs(a.red - b.red) + std::abs(a.green - b.green) + std::abs(a.blue - b.blue), 20);
     }
     EXPECT_EQ(pixel(with, 160, 60), pixel(without, 160, 60));
+}
+
+// what tissue hides of a tool's ball is a ring: the tissue before its middle is to be seen as it is. Fails when the ball
+// is painted over the tissue, or not shown at all
+TEST(Render, OutlinesTheToolsThatTissueHides) {
+    PictureScene scene;
+    scene.add_body(scene.add_mesh(make_square(0.1, {0, 0.3f, 0})), Motion::kDeformable);
+    PictureSnapshot s = scene.snapshot();
+    s.tool.push_back({{0, 0, -0.042}, {0, 0, -0.04}, 0.03, {0, 0, 0}});
+    GlRenderer renderer(scene.meshes);
+    RenderScratch scratch;
+    PictureParams params = bare();
+    Image without, with;
+    const Camera camera = from_above(0.5);
+    render_picture(params, camera, s, renderer, scratch, without);
+    params.tools = true;
+    render_picture(params, camera, s, renderer, scratch, with);
+    for (const double share : {0.0, 0.3, 0.6}) {
+        const Projection at = project({share * 0.03, 0, -0.04}, camera, params);
+        EXPECT_EQ(pixel(with, at.x, at.y), pixel(without, at.x, at.y)) << share;
+    }
+    // nothing touched: nothing to be shown
+    s.tool[0].device = s.tool[0].proxy;
+    Image free;
+    render_picture(params, camera, s, renderer, scratch, free);
+    EXPECT_EQ(free.rgba, without.rgba);
+    const Projection rim = project({0.97 * 1.02 * 0.03, 0, -0.04}, camera, params);
+    const Pixel a = pixel(without, rim.x, rim.y), b = pixel(with, rim.x, rim.y);
+    EXPECT_GT(std::abs(a.red - b.red) + std::abs(a.green - b.green) + std::abs(a.blue - b.blue), 20);
 }
 
 // one light beside the lens: from the middle of the view, 1.5 times the distance gets 1 / 2.25 of the light. Fails when

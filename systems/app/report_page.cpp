@@ -1,0 +1,260 @@
+#include "systems/app/report_page.hpp"
+
+#include <algorithm>
+#include <cmath>
+
+#include "systems/app/svg_plot.hpp"
+namespace trocar {
+namespace {
+
+constexpr const char* kStyle =
+    "body{font:15px/1.5 system-ui,sans-serif;margin:0 auto;max-width:1360px;padding:24px;color:#1c2430;"
+    "background:#fbfbfc}"
+    "h1{font-size:26px;margin:0 0 4px}h2{font-size:19px;margin:32px 0 4px}p{margin:4px 0 10px;max-width:92ch}"
+    ".grid{display:grid;grid-template-columns:repeat(auto-fill,minmax(min(520px,100%),1fr));gap:16px}"
+    ".card{background:#fff;border:1px solid #e3e6ea;border-radius:8px;padding:10px 12px}"
+    ".card p{font-size:13.5px;color:#4a5565;margin:2px 0 4px}"
+    ".facts{display:grid;grid-template-columns:repeat(auto-fill,minmax(190px,1fr));gap:10px;margin:14px 0}"
+    ".fact{background:#fff;border:1px solid #e3e6ea;border-radius:8px;padding:8px 12px}"
+    ".fact b{display:block;font-size:20px;font-weight:600}.fact span{font-size:13px;color:#4a5565}"
+    ".shots{display:grid;grid-template-columns:repeat(auto-fill,minmax(210px,1fr));gap:8px}"
+    ".shots img,video{width:100%;border-radius:6px;display:block}"
+    "table{border-collapse:collapse;font-size:14px}td,th{padding:3px 18px 3px 0;text-align:left;vertical-align:top;"
+    "border-bottom:1px solid #eceef1}td.v{text-align:right;font-variant-numeric:tabular-nums}"
+    "svg{width:100%;height:auto;display:block}svg text{font:12px system-ui,sans-serif;fill:#3a4452}"
+    "svg .t{font-weight:600;font-size:14px;fill:#1c2430}"
+    "svg .h{paint-order:stroke;stroke:#fff;stroke-width:4px;stroke-linejoin:round}"
+    "svg .g{stroke:#e9ecf0}svg .m{stroke:#888;stroke-dasharray:5 4}code{background:#eef0f3;padding:1px 4px;"
+    "border-radius:4px}";
+
+std::string card(const std::string& svg, const std::string& note = "") {
+    return "<div class=\"card\">" + svg + (note.empty() ? "" : "<p>" + note + "</p>") + "</div>\n";
+}
+
+std::string section(const std::string& title, const std::string& note, const std::string& content) {
+    return "<h2>" + title + "</h2>" + (note.empty() ? "" : "<p>" + note + "</p>") + content + "\n";
+}
+
+std::string grid(const std::string& cards) { return "<div class=\"grid\">" + cards + "</div>"; }
+
+std::string number(double v, const char* pattern) {
+    char text[64];
+    std::snprintf(text, sizeof text, pattern, v);
+    return text;
+}
+
+std::string fact(const std::string& value, const std::string& what) {
+    return "<div class=\"fact\"><b>" + value + "</b><span>" + what + "</span></div>";
+}
+
+std::string row(const std::string& name, const std::string& value) {
+    return "<tr><td>" + name + "</td><td>" + value + "</td></tr>";
+}
+
+std::string head(const RunFigures& f, const ContactColumns& c) {
+    std::string facts =
+        fact(number(f.simulated_s, "%.2f s"), "simulated in " + number(f.wall_s, "%.2f s") + " of real time");
+    facts += fact(std::to_string(c.total.size()),
+                  "contact events in " + std::to_string(f.pass.size()) + " passes (60 a second)");
+    if (!c.total.empty()) {
+        facts += fact(number(mean(c.total), "%.3f ms"),
+                      "per contact event on average; 99 % are below " + number(quantile(c.total, .99), "%.3f ms"));
+        facts += fact(number(mean(c.response), "%.3f ms"), "of it for the response");
+        facts += fact(number(quantile(c.depth_mm, 1), "%.2f mm"), "deepest penetration");
+    }
+    if (f.ticks > 0)
+        facts += fact(number(f.max_force, "%.2f N"),
+                      "largest force on the hand, in " + std::to_string(f.ticks) + " ticks of 1 ms");
+    std::string table = "<table>";
+    for (const std::string& body : f.bodies) table += row("body", escape_html(body));
+    table += row("state hash", "<code>" + state_hash_text(f) +
+                                   "</code> of the final state: the same for any number of "
+                                   "threads, if nothing else was changed");
+    table += row("machine", escape_html(f.machine) + ", " + std::to_string(f.threads) +
+                                (f.threads == 1 ? " thread, " : " threads, ") + escape_html(f.instruction_set));
+    table += row("program", "trocar " + escape_html(f.version) + (f.live ? ", live" : ", in lockstep"));
+    return "<h1>" + escape_html(f.scene) + "</h1><p>" + escape_html(f.description) + "</p><div class=\"facts\">" +
+           facts + "</div>" + table + "</table>\n";
+}
+
+std::string media_sections(const ReportMedia& media) {
+    std::string out;
+    if (!media.film.empty())
+        out += section(
+            "Film", "",
+            "<div style=\"max-width:660px\"><video src=\"" + escape_html(media.film) + "\" controls></video></div>");
+    if (media.picture.empty()) return out;
+    std::string shots;
+    for (size_t i = 0; i < media.picture.size(); ++i)
+        shots += "<img src=\"" + escape_html(media.picture[i]) + "\" alt=\"picture " + std::to_string(i + 1) + "\">";
+    return out + section("Pictures", "From the first to the last; all of them are in <code>frames/</code>.",
+                         "<div class=\"shots\">" + shots + "</div>");
+}
+
+std::string contact_section(const ContactColumns& c) {
+    if (c.total.empty()) return section("Contact", "Nothing overlapped in this run.", "");
+    std::vector<double> event(c.total.size());
+    for (size_t i = 0; i < event.size(); ++i) event[i] = static_cast<double>(i + 1);
+    const auto over_events = [&](const char* title, const char* series, const std::vector<double>& ms) {
+        Plot plot{title, "contact event, in order of time", "ms", {{series, event, ms}}};
+        plot.mark_y = mean(ms);
+        plot.mark_label = "mean " + number(mean(ms), "%.3f ms");
+        plot.cut_outliers = true;
+        return svg_plot(plot);
+    };
+    const auto against = [&](const char* title, const char* label, const std::vector<double>& x, double least) {
+        Plot plot{title, label, "ms", {{"total", x, c.total, true}, {"response", x, c.response, true}}};
+        plot.log_x_from = least;
+        plot.cut_outliers = true;
+        return svg_plot(plot);
+    };
+    std::string cards;
+    cards +=
+        card(over_events("Detection to the end of the response", "total", c.total),
+             "The thesis' figure 5.1: 2.303 ms on average in 2008, on a dual 2.8 GHz Xeon and with its own scene.");
+    cards +=
+        card(over_events("Response alone", "response", c.response), "The thesis' figure 5.2: 1.884 ms on average.");
+    cards += card(against("Time per event against depth", "depth, mm", c.depth_mm, 1e-3),
+                  "Depth on a logarithmic scale: most events are kept shallow by the response. Anything below 1 um "
+                  "stands at 1 um.");
+    cards +=
+        card(against("Time per event against vertices inside", "vertices of one body inside the other", c.inside, 1),
+             "Logarithmic scale; 0, where only edges or touching vertices met, stands at 1.");
+    return section(
+        "Contact",
+        "A contact event is a contact pass with at least one overlapping pair of bodies. Its time is detection "
+        "(every stage from body boxes to islands) and response (the contact rows in all substeps of the pass).",
+        grid(cards));
+}
+
+std::string force_note(const RunFigures& f) {
+    return std::string(
+               "To the hand: what the device was told at the end of the pass. Of the tissue on the tool: mean of "
+               "the contact impulses of the pass.") +
+           (f.max_force > 0 ? " Largest " + number(f.max_force, "%.2f N") + "." : "");
+}
+
+std::string time_section(const RunFigures& f) {
+    std::vector<double> t, depth, force, contact_force, frame, kinetic, elastic, gravity, hand, contact, damping, push,
+        balance;
+    for (const PassFigures& p : f.pass) {
+        t.push_back(p.time);
+        depth.push_back(p.depth * 1e3);
+        force.push_back(p.force);
+        contact_force.push_back(p.contact_force);
+        frame.push_back(p.frame_ms);
+        kinetic.push_back(p.energy.kinetic * 1e3), elastic.push_back(p.energy.elastic * 1e3);
+        gravity.push_back(p.energy.gravity * 1e3), hand.push_back(p.energy.work_hand * 1e3);
+        contact.push_back(p.energy.work_contact * 1e3), damping.push_back(p.energy.work_damping * 1e3);
+        push.push_back(p.energy.work_push * 1e3), balance.push_back(p.energy.balance * 1e3);
+    }
+    const char* const time = "simulated time, s";
+    std::string cards;
+    cards +=
+        card(svg_plot({"Penetration depth", time, "mm", {{"deepest pair", t, depth}}}),
+             "The largest of the shortest distances from a point inside to the other surface, of the deepest pair, "
+             "as found at the start of each pass.");
+    if (f.ticks > 0)
+        cards += card(
+            svg_plot(
+                {"Force", time, "N", {{"to the hand", t, force}, {"of the tissue on the tool", t, contact_force}}}),
+            force_note(f));
+    cards += card(
+        svg_plot(
+            {"Energy", time, "mJ", {{"kinetic", t, kinetic}, {"elastic", t, elastic}, {"gravity", t, gravity}}, false}),
+        "Of all deformable bodies; gravity from its value at the world's origin.");
+    cards +=
+        card(svg_plot({"Work, and balance",
+                       time,
+                       "mJ",
+                       {{"hand", t, hand},
+                        {"impact", t, contact},
+                        {"damping", t, damping},
+                        {"push-out", t, push},
+                        {"balance", t, balance}},
+                       false}),
+             "Work on the tissue. Hand: through contact with hands and scripted bodies. Impact: lost in inelastic "
+             "contact and friction. "
+             "Push-out: moves that take remaining overlap away. Balance: energy less all work less its value at the "
+             "start; it should stay at zero.");
+    Plot whole{"Real time per pass, picture included", time, "ms", {{"pass", t, frame}}};
+    whole.mark_y = 1000.0 / 30;
+    whole.mark_label = "33 ms: a picture's time";
+    whole.cut_outliers = true;
+    cards += card(svg_plot(whole), "Every second pass draws a picture; the first one also compiles its shaders.");
+    return section("Over time", "", grid(cards));
+}
+
+std::string stage_section(const RunFigures& f) {
+    std::vector<std::string> names;
+    std::vector<double> p50, p99;
+    for (const StageFigures& s : f.stage) {
+        names.push_back(s.name);
+        p50.push_back(quantile(s.ms, 0.5));
+        p99.push_back(quantile(s.ms, 0.99));
+    }
+    return section(
+        "Stages",
+        "Real time of every stage of a pass, in the order they run. Dark: half of the passes take no longer; "
+        "pale: 99 of 100.",
+        grid(card(svg_bars("Median / 99th percentile", "ms", names, p50, p99))));
+}
+
+std::string histogram_card(const char* title, const char* unit, const std::vector<double>& v, const std::string& note) {
+    PlotSeries s{"ticks", {}, {}, false};
+    // a few late ticks must not squeeze the rest into one bin
+    const double high = std::min(1.2 * quantile(v, 0.999), 4 * quantile(v, 0.9)) + 1e-9;
+    std::vector<double> bin(120, 0);
+    for (const double x : v) bin[std::min<size_t>(119, static_cast<size_t>(std::max(0.0, x) / high * 119))] += 1;
+    for (size_t i = 0; i < bin.size(); ++i) s.x.push_back(static_cast<double>(i) * high / 119), s.y.push_back(bin[i]);
+    return card(svg_plot({title, unit, "ticks", {s}}), note + " The last bin holds all beyond it.");
+}
+
+std::string haptics_section(const RunFigures& f) {
+    if (f.tick_us.empty()) return "";
+    std::string cards =
+        histogram_card("Compute time of a tick", "us", f.tick_us,
+                       "Half of the ticks take no longer than " + number(quantile(f.tick_us, .5), "%.1f us") +
+                           ", 999 of 1000 no longer than " + number(quantile(f.tick_us, .999), "%.1f us") + ".");
+    if (f.live) {
+        cards += histogram_card("Period of the tick", "us", f.tick_period_us,
+                                "999 of 1000 no longer than " + number(quantile(f.tick_period_us, .999), "%.0f us") +
+                                    "; " + escape_html(f.scheduling) + ".");
+        cards += histogram_card("Age of the surface under the force", "ms", f.contact_age_ms, "");
+    }
+    return section("Haptics", "The force is computed a thousand times a second from the surface near the tool.",
+                   grid(cards));
+}
+
+std::string trouble_section(const Report& r) {
+    const std::pair<uint64_t, const char*> counters[] = {
+        {r.dropped_contacts, "contacts beyond the capacity of a body, the shallowest, were dropped"},
+        {r.oversize_triangles, "times a triangle spanned more than 64 cells of the grid and was tested by its box"},
+        {r.tie_overflows, "closest-point queries met too many equal answers and started again in double"},
+        {r.sign_disagreements, "signs were settled by the winding number, because a distance jumped"},
+        {r.ended_rows, "contact planes were left behind by a sliding point"},
+        {r.opposing_planes, "vertices at the end of a pass had planes that press from opposite sides"},
+        {r.nonfinite_particles, "particles were lost and their bodies restored"},
+        {r.dropped_pictures, "pictures were dropped, because drawing was late"},
+        {r.late_passes, "contact passes were late"}};
+    std::string rows;
+    for (const auto& [count, what] : counters)
+        if (count > 0) rows += "<tr><td class=\"v\">" + std::to_string(count) + "</td><td>" + what + "</td></tr>";
+    return section("Counters of trouble",
+                   rows.empty() ? "None of them counted anything."
+                                : "A frame never stops for these; those not named here are zero.",
+                   rows.empty() ? "" : "<table>" + rows + "</table>");
+}
+
+}  // namespace
+
+std::string report_html(const RunFigures& f, const ReportMedia& media) {
+    const ContactColumns c = contact_columns(f);
+    return "<!doctype html><html lang=\"en\"><head><meta charset=\"utf-8\"><meta name=\"viewport\" "
+           "content=\"width=device-width\"><title>" +
+           escape_html(f.scene) + " - Trocar</title><style>" + kStyle + "</style></head><body>\n" + head(f, c) +
+           media_sections(media) + contact_section(c) + time_section(f) + stage_section(f) + haptics_section(f) +
+           trouble_section(f.report) + "</body></html>\n";
+}
+
+}  // namespace trocar

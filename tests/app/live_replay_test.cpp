@@ -1,0 +1,207 @@
+#include "systems/app/live_replay.hpp"
+
+#include <gtest/gtest.h>
+
+#include <fstream>
+
+#include "content/build_scene.hpp"
+#include "content/scene_file.hpp"
+#include "engine/error.hpp"
+#include "engine/thread_pool.hpp"
+#include "systems/app/live_run.hpp"
+#include "tests/reference/paths.hpp"
+namespace trocar {
+namespace {
+namespace fs = std::filesystem;
+
+// The probe scene with balls, which are made in no time, and a hand four times as quick: it touches after 0.15 s.
+World quick_scene() {
+    const std::vector<Override> balls = {{"liver.shape", "\"sphere\""}, {"liver.size", "0.12"},   {"liver.triangles", "600"},
+                                         {"probe.shape", "\"sphere\""}, {"probe.size", "0.014"}, {"probe.triangles", "100"}};
+    World world = build_scene(read_scene_file(source_folder() / "content/scenes/probe_on_liver.toml", balls)).world;
+    for (Keyframe& key : world.paths.key) key.time *= 0.25;
+    return world;
+}
+
+FrameOptions live_options() {
+    FrameOptions options;
+    options.external_ticks = true;
+    return options;
+}
+
+// Runs `work` with a frame of the quick scene.
+template <typename Work>
+void with_frame(uint32_t threads, const Work& work) {
+    ThreadPool pool(threads);
+    pool.run([&] {
+        Frame frame(quick_scene(), live_options());
+        work(frame);
+    });
+}
+
+// What a replay says about a recording.
+std::string replay(const LiveRecording& recording, uint32_t threads = 2) {
+    std::string difference;
+    with_frame(threads, [&](Frame& frame) {
+        LiveReplay replay({}, recording, "file", frame);
+        while (frame.world().clock.tick < replay.end_tick()) {
+            replay.begin_pass();
+            frame.step();
+        }
+        difference = replay.difference();
+    });
+    return difference;
+}
+
+fs::path scratch_file(const std::string& name) { return fs::path(testing::TempDir()) / ("trocar_" + name); }
+
+std::string error_of(const fs::path& path) {
+    try {
+        read_live_recording(path);
+    } catch (const InputError& e) {
+        return e.what();
+    }
+    return "";
+}
+
+void expect_error(const LiveRecording& recording, const std::string& text) {
+    try {
+        replay(recording);
+        ADD_FAILURE() << "accepted: " << text;
+    } catch (const InputError& e) {
+        EXPECT_NE(std::string(e.what()).find(text), std::string::npos) << e.what();
+    }
+}
+
+// Three passes of the quick scene and five ticks far from everything.
+LiveRecording made_up_recording() {
+    LiveRecording r;
+    with_frame(1, [&](Frame& frame) { r.start_hash = scene_hash(frame.world()); });
+    r.state_hash = 1;
+    r.tools = 1;
+    r.slip = {0, 0, 0.25};
+    r.taken = {0, 2, 5};
+    for (uint64_t k = 0; k < 5; ++k) {
+        LiveTick tick;
+        tick.tick = k;
+        tick.time = static_cast<double>(k) * 1e-3;
+        tick.model_sequence = k < 2 ? 0 : 1;
+        tick.sample.time = tick.time;
+        tick.sample.position = {0.1, 0.2, 0.3};
+        tick.sample.velocity = {-1, 1e-300, 3};
+        tick.sample.buttons = 7;
+        r.tick.push_back(tick);
+    }
+    return r;
+}
+
+// A run against the real clock, with haptics on their thread, comes out again to the bit from what it recorded, through
+// a file and with another number of threads. A value that reached the run on a way that is not recorded breaks it.
+TEST(LiveReplay, ALiveRunComesOutTheSame) {
+    LiveRecording recording;
+    RunFigures figures;
+    uint64_t hash = 0;
+    with_frame(1, [&](Frame& frame) {
+        for (const std::string& name : frame.stage_names()) figures.stage.push_back({name, {}});
+        ASSERT_TRUE(run_live({}, 0.5, frame, nullptr, &recording, figures));
+        hash = state_hash(frame.world());
+        EXPECT_GT(frame.world().report.contact_events, 0u);
+    });
+    EXPECT_EQ(recording.state_hash, hash);
+    EXPECT_EQ(recording.slip.size(), 30u);
+    EXPECT_GT(figures.max_force, 0.1);
+    EXPECT_EQ(figures.ticks, recording.tick.size());
+    EXPECT_GT(recording.taken.back(), 0u);
+    const fs::path file = scratch_file("live.recording");
+    write_live_recording(file, recording);
+    const LiveRecording again = read_live_recording(file);
+    fs::remove(file);
+    for (const uint32_t threads : {1u, 3u}) EXPECT_EQ(replay(again, threads), "");
+
+    // and it would tell: a hand that was a nanometre elsewhere, a force that was a bit more
+    LiveRecording changed = again;
+    size_t felt = 0;
+    while (changed.tick[felt].force.norm() == 0) ++felt;
+    ASSERT_LT(felt, changed.taken.back());
+    changed.tick[felt].sample.position.z() += 1e-9;
+    EXPECT_NE(replay(changed).find("another force"), std::string::npos);
+    changed = again;
+    changed.tick[felt].force.x() = std::nextafter(changed.tick[felt].force.x(), 10);
+    EXPECT_NE(replay(changed).find("1 haptic ticks gave another force"), std::string::npos);
+}
+
+TEST(LiveReplay, FilesReadBackToTheBit) {
+    const LiveRecording r = made_up_recording();
+    const fs::path file = scratch_file("bits.recording");
+    write_live_recording(file, r);
+    const LiveRecording back = read_live_recording(file);
+    fs::remove(file);
+    EXPECT_EQ(back.start_hash, r.start_hash);
+    EXPECT_EQ(back.state_hash, r.state_hash);
+    EXPECT_EQ(back.tools, r.tools);
+    EXPECT_EQ(back.slip, r.slip);
+    EXPECT_EQ(back.taken, r.taken);
+    ASSERT_EQ(back.tick.size(), r.tick.size());
+    for (size_t k = 0; k < r.tick.size(); ++k) {
+        EXPECT_EQ(back.tick[k].tick, r.tick[k].tick);
+        EXPECT_EQ(back.tick[k].time, r.tick[k].time);
+        EXPECT_EQ(back.tick[k].tool, r.tick[k].tool);
+        EXPECT_EQ(back.tick[k].model_sequence, r.tick[k].model_sequence);
+        EXPECT_EQ(back.tick[k].sample.time, r.tick[k].sample.time);
+        EXPECT_EQ(back.tick[k].sample.position, r.tick[k].sample.position);
+        EXPECT_EQ(back.tick[k].sample.orientation.w, r.tick[k].sample.orientation.w);
+        EXPECT_EQ(back.tick[k].sample.velocity, r.tick[k].sample.velocity);
+        EXPECT_EQ(back.tick[k].sample.buttons, r.tick[k].sample.buttons);
+        EXPECT_EQ(back.tick[k].force, r.tick[k].force);
+    }
+}
+
+TEST(LiveReplay, BadFilesAreRefusedWithAReason) {
+    const fs::path file = scratch_file("bad.recording");
+    write_live_recording(file, made_up_recording());
+    std::ifstream stream(file, std::ios::binary);
+    const std::string whole((std::istreambuf_iterator<char>(stream)), {});
+    const auto write = [&](const std::string& bytes) { std::ofstream(file, std::ios::binary) << bytes; };
+    for (const size_t length : {size_t{8}, size_t{40}, size_t{56}, whole.size() / 2, whole.size() - 8, whole.size() - 1}) {
+        write(whole.substr(0, length));
+        EXPECT_NE(error_of(file).find("bad.recording: recording"), std::string::npos) << length << error_of(file);
+        EXPECT_NE(error_of(file).find("cut short"), std::string::npos) << length << error_of(file);
+    }
+    for (size_t byte = 8; byte < whole.size(); byte += 5) {
+        std::string damaged = whole;
+        damaged[byte] = static_cast<char>(damaged[byte] ^ 0x10);
+        write(damaged);
+        EXPECT_NE(error_of(file), "") << byte;
+    }
+    write(whole + "x");
+    EXPECT_NE(error_of(file).find("followed by something else"), std::string::npos) << error_of(file);
+    write("name = \"x\"\n");
+    EXPECT_NE(error_of(file).find("is not a recording"), std::string::npos) << error_of(file);
+    write("");
+    EXPECT_NE(error_of(file).find("is not a recording"), std::string::npos) << error_of(file);
+    fs::remove(file);
+    EXPECT_NE(error_of(file), "");
+}
+
+TEST(LiveReplay, AnotherSceneAndContradictionsAreRefused) {
+    const LiveRecording good = made_up_recording();
+    EXPECT_NE(replay(good).find("recorded 0000000000000001"), std::string::npos);  // its hash is made up; all else fits
+    LiveRecording bad = good;
+    bad.start_hash ^= 1;
+    expect_error(bad, "another scene");
+    bad = good;
+    bad.taken[2] = 6;  // five ticks are there
+    expect_error(bad, "a tick that is not there");
+    bad = good;
+    bad.taken[2] = 1;  // two were taken before
+    expect_error(bad, "a tick that is not there");
+    bad = good;
+    bad.tick[4].model_sequence = 3;  // pass 2 has made the second
+    expect_error(bad, "tick 4 felt a surface");
+    bad = good;
+    bad.tick[4].model_sequence = 0;  // the tick before had a newer one
+    expect_error(bad, "tick 4 felt a surface");
+}
+
+}  // namespace
+}  // namespace trocar

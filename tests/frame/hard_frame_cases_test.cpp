@@ -1,0 +1,74 @@
+#include <gtest/gtest.h>
+
+#include <cmath>
+
+#include "engine/thread_pool.hpp"
+#include "systems/frame.hpp"
+#include "tests/frame/scenes_under_test.hpp"
+
+// Hard cases that need a whole frame.
+namespace {
+using namespace trocar;
+
+KeyframeSpec key(double time, double z) {
+    KeyframeSpec k;
+    k.time = time;
+    k.position = Vec3d(0, 0, z);
+    return k;
+}
+
+// A probe in a scripted hand that goes through a wall 1 mm thick; it arrives `late` seconds into a contact pass.
+SceneFile wall_scene(double late, double tip_radius) {
+    SceneFile scene;
+    scene.settings.gravity.setZero();
+    BodySpec wall;
+    wall.name = "wall";
+    wall.shape = "table";
+    wall.triangles = 1000;
+    wall.size = 0.03;
+    BodySpec probe;
+    probe.name = "probe";
+    probe.shape = "probe";
+    probe.triangles = 1000;
+    probe.motion = Motion::kHand;
+    probe.position = Vec3d(0, 0, 0.04);
+    ToolSpec tool;
+    tool.body = "probe";
+    tool.tip_radius = tip_radius;
+    tool.path = {key(0, 0.04), key(0.05 + late, 0.04), key(0.05 + late + 0.12, -0.02), key(1, -0.02)};
+    scene.bodies = {wall, probe};
+    scene.tools = {tool};
+    return scene;
+}
+
+// P19. At more than half a metre a second the probe covers twelve times the wall in a contact pass. Wherever in the
+// pass it arrives, contact is found and it does not go through: the middle of its tip stays on this side. What it goes
+// beyond the reach of a margin before the next pass it stays deep, because push-out moves tissue, not hands. The proxy
+// that the hand feels never enters.
+TEST(HardCases, P19_FastToolAgainstAMillimetreWall) {
+    ThreadPool pool(1);
+    pool.run([] {
+        for (int phase = 0; phase < 17; phase += 3) {
+            BuiltScene built = build_scene(wall_scene(1e-3 * phase, 0.007));
+            Frame frame(std::move(built.world), {});
+            const World& w = frame.world();
+            const Box wall = w.meshes.info[w.bodies.mesh[0]].box;
+            ASSERT_NEAR(wall.max.z() - wall.min.z(), 1e-3, 1e-5);
+            double fastest = 0, lowest = 1, previous = 0.04;
+            for (int pass = 0; pass < 30; ++pass) {
+                frame.step();
+                const ToolState& tool = w.haptics.state[0];
+                fastest = std::max(fastest, (previous - tool.device.position.z()) / (w.clock.period * 1e-3));
+                previous = tool.device.position.z();
+                lowest = std::min(lowest, w.poses.origin[1].z());
+                EXPECT_GE(tool.proxy.z(), 0.007 + wall.max.z() - 1e-6) << phase;
+            }
+            EXPECT_GT(fastest, 0.5) << phase;
+            EXPECT_GT(lowest, wall.max.z()) << phase << ": the middle of the tip came to the wall";
+            EXPECT_GT(w.report.contact_events, 10u) << phase;
+            EXPECT_GT(w.haptics.state[0].command.force.z(), 3) << phase;
+        }
+    });
+}
+
+}  // namespace
