@@ -17,38 +17,20 @@ struct Piece {
     bool flat = false;
 };
 
-// The same for an edge of many faces (thousands of copies at one place), in ascending order of sets.
-template <typename Visit>
-void for_each_balance_sorted(const Mesh& mesh, const EdgeTable& table, uint32_t e, std::vector<uint32_t>& sets,
-                             const Visit& visit) {
-    std::vector<std::pair<uint32_t, int>> uses;
-    for (const uint32_t h : table.users(e)) {
-        uses.emplace_back(find_set(sets, h / 3), half_edge_start(mesh.triangle, h) == table.edge[e][0] ? 1 : -1);
-    }
-    std::sort(uses.begin(), uses.end());
-    for (size_t i = 0, k = 0; i < uses.size(); i = k) {
-        int balance = 0;
-        for (k = i; k < uses.size() && uses[k].first == uses[i].first; ++k) balance += uses[k].second;
-        visit(uses[i].first, balance);
-    }
-}
-
 // Calls visit(one member's face, balance) for every set that uses an edge: uses along minus uses against it.
 template <typename Visit>
 void for_each_balance(const Mesh& mesh, const EdgeTable& table, uint32_t e, std::vector<uint32_t>& sets,
-                      const Visit& visit) {
-    const auto users = table.users(e);
-    if (users.size() > 8) return for_each_balance_sorted(mesh, table, e, sets, visit);
-    for (size_t i = 0; i < users.size(); ++i) {
-        const uint32_t set = find_set(sets, users[i] / 3);
+                      std::vector<std::pair<uint32_t, int>>& use, const Visit& visit) {
+    // sorted by set, because copies of one shape at one place have as many users of an edge as there are copies
+    use.clear();
+    for (const uint32_t h : table.users(e)) {
+        use.push_back({find_set(sets, h / 3), half_edge_start(mesh.triangle, h) == table.edge[e][0] ? 1 : -1});
+    }
+    std::sort(use.begin(), use.end());
+    for (size_t i = 0, k = 0; i < use.size(); i = k) {
         int balance = 0;
-        bool first = true;
-        for (size_t k = 0; k < users.size(); ++k) {
-            if (find_set(sets, users[k] / 3) != set) continue;
-            first &= k >= i;
-            balance += half_edge_start(mesh.triangle, users[k]) == table.edge[e][0] ? 1 : -1;
-        }
-        if (first) visit(set, balance);
+        for (; k < use.size() && use[k].first == use[i].first; ++k) balance += use[k].second;
+        visit(use[i].first, balance);
     }
 }
 
@@ -61,8 +43,9 @@ std::vector<uint32_t> partition_pieces(const Mesh& mesh, const EdgeTable& table)
         if (users.size() == 2) join_sets(sets, users[0] / 3, users[1] / 3);
     }
     std::vector<uint8_t> open(faces, 0);
+    std::vector<std::pair<uint32_t, int>> use;
     for (uint32_t e = 0; e < table.edge.size(); ++e) {
-        for_each_balance(mesh, table, e, sets, [&](uint32_t set, int balance) { open[set] |= balance != 0; });
+        for_each_balance(mesh, table, e, sets, use, [&](uint32_t set, int balance) { open[set] |= balance != 0; });
     }
     // marked for every face, because joining renames the sets
     for (uint32_t t = 0; t < faces; ++t) open[t] = open[find_set(sets, t)];
@@ -81,6 +64,7 @@ std::vector<Piece> gather_pieces(const Mesh& mesh, const EdgeTable& table) {
     std::vector<uint32_t> sets = partition_pieces(mesh, table);
     std::vector<Piece> pieces;
     std::vector<uint32_t> piece_of(mesh.triangle.size());
+    std::vector<std::pair<uint32_t, int>> use;
     for (uint32_t t = 0; t < mesh.triangle.size(); ++t) {
         const uint32_t lowest = find_set(sets, t);
         piece_of[t] = lowest == t ? static_cast<uint32_t>(pieces.size()) : piece_of[lowest];
@@ -93,7 +77,7 @@ std::vector<Piece> gather_pieces(const Mesh& mesh, const EdgeTable& table) {
         }
     }
     for (uint32_t e = 0; e < table.edge.size(); ++e) {
-        for_each_balance(mesh, table, e, sets,
+        for_each_balance(mesh, table, e, sets, use,
                          [&](uint32_t set, int balance) { pieces[piece_of[set]].closed &= balance == 0; });
     }
     for (Piece& piece : pieces) {

@@ -103,8 +103,8 @@ std::vector<std::string_view> split(std::string_view line) {
 }
 
 Scalar read_type(const Words& words, std::string_view name) {
-    constexpr std::string_view kNames[][2] = {{"char", "int8"}, {"uchar", "uint8"}, {"short", "int16"},
-                                              {"ushort", "uint16"}, {"int", "int32"}, {"uint", "uint32"},
+    constexpr std::string_view kNames[][2] = {{"char", "int8"},     {"uchar", "uint8"},   {"short", "int16"},
+                                              {"ushort", "uint16"}, {"int", "int32"},     {"uint", "uint32"},
                                               {"float", "float32"}, {"double", "float64"}};
     for (size_t k = 0; k < std::size(kNames); ++k) {
         if (name == kNames[k][0] || name == kNames[k][1]) return static_cast<Scalar>(k);
@@ -198,8 +198,9 @@ void read_row(Source& s, const Element& element, std::vector<double>& value, int
             value[k] = read_scalar(s, p.type);
             continue;
         }
-        std::vector<double>* const out =
-            static_cast<int>(k) == wanted ? &list : static_cast<int>(k) == also_wanted ? &also : nullptr;
+        std::vector<double>* const out = static_cast<int>(k) == wanted        ? &list
+                                         : static_cast<int>(k) == also_wanted ? &also
+                                                                              : nullptr;
         if (out) out->clear();
         for (uint64_t left = read_list_count(s, p); left > 0; --left) {
             const double number = read_scalar(s, p.type);

@@ -8,7 +8,7 @@ namespace trocar {
 struct SelfCrossings {
     uint32_t crossing = 0;  // pairs with a common inner point: cuts, folds in a plane, doubled faces
     uint32_t touching = 0;  // pairs that only touch: a corner on a face, an edge on an edge
-    std::array<uint32_t, 2> lowest_pair{kNone, kNone};  // first such pair seen, by (lower, higher) face
+    std::array<uint32_t, 2> lowest_pair{kNone, kNone};  // of those seen, first by (lower, higher) face
 };
 
 // Counting stops here: a thousand copies of a thousand faces at one place have 5e11 such pairs.

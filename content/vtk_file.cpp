@@ -10,7 +10,18 @@ namespace trocar {
 namespace {
 
 enum class Scalar : uint8_t {
-    kBit, kInt8, kUint8, kInt16, kUint16, kInt32, kUint32, kInt64, kUint64, kFloat, kDouble, kString
+    kBit,
+    kInt8,
+    kUint8,
+    kInt16,
+    kUint16,
+    kInt32,
+    kUint32,
+    kInt64,
+    kUint64,
+    kFloat,
+    kDouble,
+    kString
 };
 
 struct NamedScalar {
@@ -20,14 +31,22 @@ struct NamedScalar {
 };
 
 constexpr NamedScalar kScalars[] = {
-    {"bit", Scalar::kBit, 0},        {"char", Scalar::kInt8, 1},
-    {"signed_char", Scalar::kInt8, 1}, {"unsigned_char", Scalar::kUint8, 1},
-    {"short", Scalar::kInt16, 2},    {"unsigned_short", Scalar::kUint16, 2},
-    {"int", Scalar::kInt32, 4},      {"unsigned_int", Scalar::kUint32, 4},
-    {"long", Scalar::kInt64, 8},     {"unsigned_long", Scalar::kUint64, 8},
-    {"vtkidtype", Scalar::kInt32, 4}, {"vtktypeint64", Scalar::kInt64, 8},
-    {"vtktypeuint64", Scalar::kUint64, 8}, {"float", Scalar::kFloat, 4},
-    {"double", Scalar::kDouble, 8},  {"string", Scalar::kString, 1},
+    {"bit", Scalar::kBit, 0},
+    {"char", Scalar::kInt8, 1},
+    {"signed_char", Scalar::kInt8, 1},
+    {"unsigned_char", Scalar::kUint8, 1},
+    {"short", Scalar::kInt16, 2},
+    {"unsigned_short", Scalar::kUint16, 2},
+    {"int", Scalar::kInt32, 4},
+    {"unsigned_int", Scalar::kUint32, 4},
+    {"long", Scalar::kInt64, 8},
+    {"unsigned_long", Scalar::kUint64, 8},
+    {"vtkidtype", Scalar::kInt32, 4},
+    {"vtktypeint64", Scalar::kInt64, 8},
+    {"vtktypeuint64", Scalar::kUint64, 8},
+    {"float", Scalar::kFloat, 4},
+    {"double", Scalar::kDouble, 8},
+    {"string", Scalar::kString, 1},
 };
 
 struct VtkState {
@@ -168,7 +187,8 @@ void skip_field(VtkState& s) {
         const std::string_view name = s.words.next();
         const uint64_t width = read_count(s, "a number of components"), rows = read_count(s, "a number of rows");
         const NamedScalar scalar = read_type(s);
-        if (rows > 0 && width > (s.left() + 1) / rows) s.words.fail("array " + shown(name) + " is longer than the file");
+        if (rows > 0 && width > (s.left() + 1) / rows)
+            s.words.fail("array " + shown(name) + " is longer than the file");
         if (scalar.type == Scalar::kString) s.words.fail("array " + shown(name) + " of strings is not read");
         read_numbers(s, width * rows, scalar, [](double) {});
     }

@@ -11,7 +11,8 @@ inline constexpr uint32_t kInlineLimit = 8;             // files inside files, p
 bool looks_like_vrml(std::string_view text);
 
 // All surfaces of a parsed file as one mesh in the coordinates of its root: transforms applied, polygons ear-clipped,
-// one material per look, textures loaded. Version 1.0 or 97 is told by the node names first, the header second. Not
+// one material per look, textures loaded; normals, creaseAngle and solid have no effect, since drawing makes its own
+// normals and contact judges what is closed. Version 1.0 or 97 is told by the node names first, the header second. Not
 // welded. Throws InputError "file:line:column: reason (in Separator > IndexedFaceSet)" beyond the limits, at a point
 // that is not finite and where files or prototypes run in circles; all else it cannot use is a warning.
 LoadedMesh flatten_document(Document document, const LoadProgress& progress = {});

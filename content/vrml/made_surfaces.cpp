@@ -72,9 +72,9 @@ void make_runs(const Scene& scene, NodeId id, const Corners& c, FaceList& faces)
         }
         return;
     }
-    const char* const field = role == Role::kFans                              ? "fanCount"
-                              : find_value(scene, id, "stripCount")             ? "stripCount"
-                                                                                : "numVertices";
+    const char* const field = role == Role::kFans                   ? "fanCount"
+                              : find_value(scene, id, "stripCount") ? "stripCount"
+                                                                    : "numVertices";
     for (const double count : numbers_at(scene, id, field)) {
         const uint64_t run = whole(count, c.count - first);
         add_run(faces, role, c, first, run);
@@ -209,8 +209,8 @@ std::vector<double> shares(const std::vector<Point>& p, Distance distance) {
 // Sides: u along the cross-section, v along the spine. Caps: the cross-section itself, its larger side from 0 to 1.
 void add_extrusion_uv(const Outline& o, FaceList& faces) {
     const std::vector<double> v = shares(o.spine, [](const Vec3d& a, const Vec3d& b) { return (b - a).norm(); });
-    const std::vector<double> u = shares(
-        o.section, [](const auto& a, const auto& b) { return std::hypot(b[0] - a[0], b[1] - a[1]); });
+    const std::vector<double> u =
+        shares(o.section, [](const auto& a, const auto& b) { return std::hypot(b[0] - a[0], b[1] - a[1]); });
     std::array<double, 2> low = o.section[0], high = o.section[0];
     for (const auto& q : o.section) {
         low = {std::min(low[0], q[0]), std::min(low[1], q[1])};

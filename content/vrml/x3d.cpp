@@ -34,9 +34,7 @@ struct XmlParser {
     size_t suppressed = 0;
 };
 
-uint32_t offset_of(const XmlParser& p, const char* inside) {
-    return static_cast<uint32_t>(inside - p.buffer.data());
-}
+uint32_t offset_of(const XmlParser& p, const char* inside) { return static_cast<uint32_t>(inside - p.buffer.data()); }
 
 uint32_t offset_of(const XmlParser& p, const xml_node& node) {
     return node.name()[0] == '\0' ? 0 : offset_of(p, node.name());
@@ -239,8 +237,7 @@ void add_connections(XmlParser& p, const xml_node& is, std::vector<Field>& field
 void read_prototype(XmlParser& p, const xml_node& element, bool external) {
     const auto row = static_cast<uint32_t>(p.document.prototype.size());
     if (row >= kNodeLimit) fail(p, offset_of(p, element), "more than " + std::to_string(kNodeLimit) + " prototypes");
-    p.document.prototype.push_back(
-        {range_of(p, element.attribute("name").value()), offset_of(p, element), {}, {}, {}});
+    p.document.prototype.push_back({range_of(p, element.attribute("name").value()), offset_of(p, element), {}, {}, {}});
     if (external) {
         if (const pugi::xml_attribute url = element.attribute("url")) {
             p.document.prototype[row].url = read_attribute(p, {}, url).words;
@@ -301,8 +298,8 @@ NodeRef read_node(XmlParser& p, const xml_node& element, const char* type) {
 
 // The nodes inside an element; prototypes are declared on the way.
 std::vector<Child> read_children(XmlParser& p, const xml_node& parent) {
-    if (p.path.size() > kNestingLimit) {
-        fail(p, offset_of(p, parent), "nodes nested deeper than the limit of " + std::to_string(kNestingLimit));
+    if (p.path.size() > kElementNestingLimit) {
+        fail(p, offset_of(p, parent), "nodes nested deeper than the limit of " + std::to_string(kElementNestingLimit));
     }
     std::vector<Child> children;
     for (const xml_node& element : parent.children()) {

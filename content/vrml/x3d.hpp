@@ -5,6 +5,8 @@
 #include "content/vrml/node.hpp"
 namespace trocar::vrml {
 
+inline constexpr uint32_t kElementNestingLimit = 250;  // nodes around a node; each is a call on the stack
+
 // Whether a text is XML that holds an X3D element.
 bool looks_like_x3d(std::string_view text);
 

@@ -5,6 +5,7 @@
 #include "engine/error.hpp"
 #include "engine/image_file.hpp"
 #include "systems/app/commands.hpp"
+#include "systems/app/load_file.hpp"
 #include "systems/app/mesh_picture.hpp"
 #include "systems/app/standard_streams.hpp"
 namespace trocar {

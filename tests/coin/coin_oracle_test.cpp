@@ -1,7 +1,3 @@
-#include <gtest/gtest.h>
-#include <sys/wait.h>
-#include <unistd.h>
-
 #include <Inventor/SoDB.h>
 #include <Inventor/SoInput.h>
 #include <Inventor/SoInteraction.h>
@@ -9,10 +5,13 @@
 #include <Inventor/actions/SoCallbackAction.h>
 #include <Inventor/nodes/SoSeparator.h>
 #include <Inventor/nodes/SoShape.h>
+#include <fcntl.h>
+#include <gtest/gtest.h>
+#include <sys/wait.h>
+#include <unistd.h>
 
 #include <cmath>
 #include <csignal>
-#include <fcntl.h>
 #include <optional>
 
 #include "tests/content/mesh_sums.hpp"
@@ -256,12 +255,15 @@ TEST_F(CoinOracleTexts, written_for_what_real_files_lack) {
 }
 
 TEST_F(CoinOracleTexts, files_inside_files) {
-    put("parts.wrl", "#VRML V2.0 utf8\nPROTO Other [] { Group {} } PROTO Part [ field SFVec3f s 1 1 1 ] { Shape { geometry Box { size IS "
-                     "s } } }\n");
+    put("parts.wrl",
+        "#VRML V2.0 utf8\nPROTO Other [] { Group {} } PROTO Part [ field SFVec3f s 1 1 1 ] { Shape { geometry Box { "
+        "size IS "
+        "s } } }\n");
     put("more/b.wrl", "#VRML V2.0 utf8\nTransform { translation 0 4 0 children Shape { geometry Box {} } }\n");
     const fs::path path =
-        put("a.wrl", "#VRML V2.0 utf8\nEXTERNPROTO Mine [ field SFVec3f s ] \"parts.wrl#Part\"\nMine { s 3 2 1 }\n"
-                     "Transform { translation 8 0 0 children Inline { url \"more/b.wrl\" } }\n");
+        put("a.wrl",
+            "#VRML V2.0 utf8\nEXTERNPROTO Mine [ field SFVec3f s ] \"parts.wrl#Part\"\nMine { s 3 2 1 }\n"
+            "Transform { translation 8 0 0 children Inline { url \"more/b.wrl\" } }\n");
     const std::optional<Sums> coin = read_with_coin(path);
     ASSERT_TRUE(coin.has_value());
     EXPECT_EQ(coin->triangles, 24);

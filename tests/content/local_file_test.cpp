@@ -51,8 +51,9 @@ struct LocalFiles : FolderTest {
     }
 };
 
-const std::string kOwn = "Shape { geometry IndexedFaceSet { coord Coordinate { point [0 0 0 1 0 0 0 1 0] } coordIndex "
-                         "[0 1 2] } }\n";
+const std::string kOwn =
+    "Shape { geometry IndexedFaceSet { coord Coordinate { point [0 0 0 1 0 0 0 1 0] } coordIndex "
+    "[0 1 2] } }\n";
 
 std::string with_texture(const std::string& name) {
     return "#VRML V2.0 utf8\nShape { appearance Appearance { texture ImageTexture { url \"" + name + "\" } } " +
@@ -62,13 +63,14 @@ std::string with_texture(const std::string& name) {
 // Breaks as soon as one way out of the folder of a file is left open.
 TEST_F(LocalFiles, nothing_outside_the_folder_is_opened) {
     const std::string out = outside.string();
-    const std::string x3d_own = "<Shape><IndexedFaceSet coordIndex='0 1 2'><Coordinate point='0 0 0 1 0 0 0 1 0'/>"
-                                "</IndexedFaceSet></Shape></Scene></X3D>";
+    const std::string x3d_own =
+        "<Shape><IndexedFaceSet coordIndex='0 1 2'><Coordinate point='0 0 0 1 0 0 0 1 0'/>"
+        "</IndexedFaceSet></Shape></Scene></X3D>";
     std::vector<std::string> files;
-    for (const std::string& name : {std::string("../out/box.wrl"), out + "/box.wrl", "file://" + out + "/box.wrl",
-                                    std::string("..\\\\out\\\\box.wrl"), std::string("link.wrl"),
-                                    std::string("door/box.wrl"), std::string("./door/../../out/box.wrl"),
-                                    std::string("http://localhost/../out/box.wrl")}) {
+    for (const std::string& name :
+         {std::string("../out/box.wrl"), out + "/box.wrl", "file://" + out + "/box.wrl",
+          std::string("..\\\\out\\\\box.wrl"), std::string("link.wrl"), std::string("door/box.wrl"),
+          std::string("./door/../../out/box.wrl"), std::string("http://localhost/../out/box.wrl")}) {
         files.push_back("#VRML V2.0 utf8\nInline { url [ \"" + name + "\" ] }\n" + kOwn);
         files.push_back("#VRML V2.0 utf8\nEXTERNPROTO P [] \"" + name + "#P\"\nP {}\n" + kOwn);
         files.push_back("#VRML V1.0 ascii\nWWWInline { name \"" + name +
@@ -76,9 +78,9 @@ TEST_F(LocalFiles, nothing_outside_the_folder_is_opened) {
         files.push_back("<X3D><Scene><Inline url='\"" + name + "\"'/><ExternProtoDeclare name='P' url='\"" + name +
                         "#P\"'/><ProtoInstance name='P'/>" + x3d_own);
     }
-    for (const std::string& name : {std::string("../out/skin.png"), out + "/skin.png", "file://" + out + "/skin.png",
-                                    std::string("..\\\\out\\\\skin.png"), std::string("link.png"),
-                                    std::string("door/skin.png")}) {
+    for (const std::string& name :
+         {std::string("../out/skin.png"), out + "/skin.png", "file://" + out + "/skin.png",
+          std::string("..\\\\out\\\\skin.png"), std::string("link.png"), std::string("door/skin.png")}) {
         files.push_back(with_texture(name));
         files.push_back("#VRML V1.0 ascii\nTexture2 { filename \"" + name +
                         "\" }\nCoordinate3 { point [0 0 0 1 0 0 0 1 0] } IndexedFaceSet { coordIndex [0 1 2] }\n");

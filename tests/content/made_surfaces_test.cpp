@@ -42,8 +42,8 @@ TEST(Extrusion, straight_ones_have_the_volume_of_prisms) {
 }
 
 TEST(Extrusion, a_bent_tube_keeps_its_ends_square_to_the_spine) {
-    const LoadedMesh loaded = load_geometry(
-        "Extrusion { crossSection [.1 .1, .1 -.1, -.1 -.1, -.1 .1, .1 .1] spine [0 0 0, 0 2 0, 2 2 0] }");
+    const LoadedMesh loaded =
+        load_geometry("Extrusion { crossSection [.1 .1, .1 -.1, -.1 -.1, -.1 .1, .1 .1] spine [0 0 0, 0 2 0, 2 2 0] }");
     const MeshSums sums = sum_mesh(loaded.mesh);
     EXPECT_EQ(sums.unpaired, 0u);
     // the section at the corner stands at 45 degrees and is not stretched: its half width there is .1 / sqrt(2)
@@ -62,8 +62,8 @@ TEST(Extrusion, a_ring_has_no_caps) {
         const double a = 2 * std::numbers::pi * (k % n) / n;
         spine += std::to_string(std::cos(a)) + " 0 " + std::to_string(-std::sin(a)) + ", ";
     }
-    const LoadedMesh loaded = load_geometry(
-        "Extrusion { crossSection [.1 .1, .1 -.1, -.1 -.1, -.1 .1, .1 .1] spine [" + spine + "] }");
+    const LoadedMesh loaded =
+        load_geometry("Extrusion { crossSection [.1 .1, .1 -.1, -.1 -.1, -.1 .1, .1 .1] spine [" + spine + "] }");
     const MeshSums sums = sum_mesh(loaded.mesh);
     EXPECT_EQ(loaded.mesh.triangle.size(), static_cast<size_t>(8 * n));
     EXPECT_EQ(sums.unpaired, 0u);
@@ -74,7 +74,8 @@ TEST(Extrusion, a_ring_has_no_caps) {
 
 TEST(Extrusion, texture_runs_along_the_section_and_the_spine) {
     const LoadedMesh loaded = load_text(
-        "#VRML V2.0 utf8\nShape { appearance Appearance { texture PixelTexture { image 1 1 1 255 } } geometry Extrusion "
+        "#VRML V2.0 utf8\nShape { appearance Appearance { texture PixelTexture { image 1 1 1 255 } } geometry "
+        "Extrusion "
         "{ crossSection [0 0, 3 0, 3 -1] spine [0 0 0, 0 1 0, 0 4 0] beginCap FALSE } }\n");
     ASSERT_EQ(loaded.mesh.uv.size(), 2u * 4 + 1);
     float u = 0, v = 0;
@@ -93,7 +94,8 @@ TEST(Extrusion, texture_runs_along_the_section_and_the_spine) {
 
 TEST(ElevationGrid, heights_stand_on_their_places_facing_up) {
     const LoadedMesh loaded = load_geometry(
-        "ElevationGrid { xDimension 3 zDimension 2 xSpacing .5 zSpacing 2 height [0 1 2, 3 4 5] color Color { color [1 0 "
+        "ElevationGrid { xDimension 3 zDimension 2 xSpacing .5 zSpacing 2 height [0 1 2, 3 4 5] color Color { color [1 "
+        "0 "
         "0, 0 1 0] } colorPerVertex FALSE }");
     ASSERT_EQ(loaded.mesh.position.size(), 6u);
     ASSERT_EQ(loaded.mesh.triangle.size(), 4u);
@@ -109,9 +111,10 @@ TEST(ElevationGrid, heights_stand_on_their_places_facing_up) {
         EXPECT_NEAR(a[1], 2 * a[0] + 1.5 * a[2], 1e-12);
     }
     EXPECT_EQ(loaded.mesh.triangle_material, (std::vector<uint16_t>{0, 0, 1, 1}));
-    EXPECT_NE(error_of_text("#VRML V2.0 utf8\nShape { geometry ElevationGrid { xDimension 3 zDimension 2 height [0 1] } }")
-                  .find("without a face"),
-              std::string::npos);
+    EXPECT_NE(
+        error_of_text("#VRML V2.0 utf8\nShape { geometry ElevationGrid { xDimension 3 zDimension 2 height [0 1] } }")
+            .find("without a face"),
+        std::string::npos);
 }
 
 TEST(X3dSets, triangles_fans_strips_and_quadrilaterals) {
@@ -146,7 +149,8 @@ TEST(X3dSets, triangles_fans_strips_and_quadrilaterals) {
 
 TEST(X3dSets, texture_coordinates_go_with_the_points) {
     const LoadedMesh loaded = load_geometry(
-        "IndexedTriangleSet { index [2 0 1] coord Coordinate { point [0 0 0, 1 0 0, 0 1 0] } texCoord TextureCoordinate "
+        "IndexedTriangleSet { index [2 0 1] coord Coordinate { point [0 0 0, 1 0 0, 0 1 0] } texCoord "
+        "TextureCoordinate "
         "{ point [.1 0, .2 0, .3 0] } }");
     ASSERT_EQ(loaded.mesh.uv.size(), 1u);
     EXPECT_EQ(loaded.mesh.uv[0][0].u, .3f);

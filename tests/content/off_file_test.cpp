@@ -33,9 +33,10 @@ TEST(OffFile, headers_comments_and_colours) {
     expect_tetra("OFF\n4 4 6\n" + kTetra, "OFF");
     expect_tetra("OFF 4 4 0\n" + kTetra, "OFF");
     expect_tetra("# by hand\nOFF # three\r\n# a\r\n4 4 6 # counts\r\n\r\n" + kTetra, "OFF");
-    expect_tetra("COFF\n4 4 6\n0 0 0 255 0 0 255\n1 0 0 255 0 0 255 # red\n0 1 0 .1 .2 .3 1\n0 0 1 0 0 0 1\n"
-                 "3 0 2 1 255 0 0\n3 0 1 3\n3 1 2 3 0.1 0.2 0.3\n3 0 3 2 7\n",
-                 "OFF");
+    expect_tetra(
+        "COFF\n4 4 6\n0 0 0 255 0 0 255\n1 0 0 255 0 0 255 # red\n0 1 0 .1 .2 .3 1\n0 0 1 0 0 0 1\n"
+        "3 0 2 1 255 0 0\n3 0 1 3\n3 1 2 3 0.1 0.2 0.3\n3 0 3 2 7\n",
+        "OFF");
     const LoadedMesh textured = load_mesh(
         "STCNOFF\n3 1 0\n0 0 0 0 0 1 1 1 1 1 .25 .5\n1 0 0 0 0 1 1 1 1 1 1 0\n0 1 0 0 0 1 1 1 1 1 0 1\n3 0 1 2\n",
         "a.off");

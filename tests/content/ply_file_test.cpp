@@ -51,13 +51,16 @@ std::string binary_tetra(const char* coordinate, const char* count, const char* 
     const std::string head =
         std::string("ply\nformat binary_") + (big ? "big" : "little") +
         "_endian 1.0\nelement camera 2\nproperty list uint16 double range\nelement vertex 4\nproperty short quality\n"
-        "property " + coordinate + " z\nproperty " + coordinate + " y\nproperty uchar flag\nproperty " + coordinate +
+        "property " +
+        coordinate + " z\nproperty " + coordinate + " y\nproperty uchar flag\nproperty " + coordinate +
         " x\nelement face 4\nproperty list char short other\nproperty list " + count + " " + corner +
         " vertex_index\nend_header\n";
     std::string bytes;
     for (const char c : head) {
-        if (c == '\n') bytes += line_end;
-        else bytes += c;
+        if (c == '\n')
+            bytes += line_end;
+        else
+            bytes += c;
     }
     put<uint16_t>(bytes, 2, big);
     put<double>(bytes, 1, big);
@@ -113,14 +116,16 @@ TEST(PlyFile, text_is_read_to_double) {
 TEST(PlyFile, polygons_and_strips) {
     const std::string points =
         "ply\nformat ascii 1.0\nelement vertex 5\nproperty double x\nproperty double y\nproperty double z\n";
-    const LoadedMesh concave = load_mesh(points + "element face 2\nproperty list int int vertex_index\nend_header\n"
-                                                  "0 0 0 2 0 0 2 2 0 1 .5 0 0 2 0\n5 0 1 2 3 4\n2 0 1\n",
+    const LoadedMesh concave = load_mesh(points +
+                                             "element face 2\nproperty list int int vertex_index\nend_header\n"
+                                             "0 0 0 2 0 0 2 2 0 1 .5 0 0 2 0\n5 0 1 2 3 4\n2 0 1\n",
                                          "a.ply");
     EXPECT_DOUBLE_EQ(sum_mesh(concave.mesh).area, 2.5);
     EXPECT_TRUE(warns(concave, "1 polygons dropped: fewer than three corners"));
     // two strips; the first stitches with a corner given twice
-    const LoadedMesh strips = load_mesh(points + "element tristrips 1\nproperty list int int vertex_indices\nend_header\n"
-                                                 "0 0 0 1 0 0 0 1 0 1 1 0 0 2 0\n9 0 1 2 3 3 4 -1 0 1\n",
+    const LoadedMesh strips = load_mesh(points +
+                                            "element tristrips 1\nproperty list int int vertex_indices\nend_header\n"
+                                            "0 0 0 1 0 0 0 1 0 1 1 0 0 2 0\n9 0 1 2 3 3 4 -1 0 1\n",
                                         "a.ply");
     ASSERT_EQ(strips.mesh.triangle.size(), 2u);
     EXPECT_EQ(strips.mesh.triangle[0], (Triangle{0, 1, 2}));
@@ -135,8 +140,8 @@ TEST_F(PlyFiles, texture_coordinates_of_vertices_and_of_corners) {
     head.replace(head.find("comment by hand"), 15, "comment TextureFile a b.png");
     std::string by_vertex = head;
     by_vertex.replace(by_vertex.find("element face"), 0, "property float s\nproperty float t\n");
-    const LoadedMesh vertex = load_mesh(
-        put("v.ply", by_vertex + "0 0 0 .5 .25\n1 0 0 1 0\n0 1 0 0 1\n0 0 1 nan 1\n" + kFaces));
+    const LoadedMesh vertex =
+        load_mesh(put("v.ply", by_vertex + "0 0 0 .5 .25\n1 0 0 1 0\n0 1 0 0 1\n0 0 1 nan 1\n" + kFaces));
     ASSERT_EQ(vertex.mesh.uv.size(), 4u);
     EXPECT_EQ(vertex.mesh.uv[0][0].u, .5f);
     EXPECT_EQ(vertex.mesh.uv[0][0].v, .25f);
@@ -162,8 +167,7 @@ TEST(PlyFile, what_is_wrong_is_said_with_its_place) {
               "a.ply: polygon 2 (from 0) has corner 9 when there are 4 points");
     EXPECT_EQ(error_of(changed("3 1 2 3", "3 1 2 -1")), "a.ply:18: a corner that is no number of a vertex");
     EXPECT_EQ(error_of(changed("3 1 2 3", "300 1 2 3")), "a.ply:18: a list that is longer than the file");
-    EXPECT_EQ(error_of(changed("3 1 2 3", "-3 1 2 3")),
-              "a.ply:18: a list of 'vertex_indices' without a whole count");
+    EXPECT_EQ(error_of(changed("3 1 2 3", "-3 1 2 3")), "a.ply:18: a list of 'vertex_indices' without a whole count");
     EXPECT_EQ(error_of(changed("1 0 0", "1 nan 0")), "a.ply:13: a coordinate that is not finite");
     EXPECT_EQ(error_of(changed("1 0 0", "1 zero 0")), "a.ply:13: a coordinate that is not finite");
     EXPECT_EQ(error_of(changed("vertex 4", "vertex 400000000")),
@@ -178,8 +182,7 @@ TEST(PlyFile, what_is_wrong_is_said_with_its_place) {
     EXPECT_EQ(error_of(whole.substr(0, whole.size() - 1)), "a.ply: face 3: the file ends here");
     for (size_t size = 4; size < whole.size(); ++size) EXPECT_NE(error_of(whole.substr(0, size)), "no error") << size;
     const std::string text = kHead + kVertices + kFaces;
-    for (size_t size = 4; size + 2 < text.size(); ++size)
-        EXPECT_NE(error_of(text.substr(0, size)), "no error") << size;
+    for (size_t size = 4; size + 2 < text.size(); ++size) EXPECT_NE(error_of(text.substr(0, size)), "no error") << size;
 }
 
 }  // namespace

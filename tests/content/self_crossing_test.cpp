@@ -132,5 +132,15 @@ TEST(SelfCrossing, FoldsAlongASharedEdge) {
     EXPECT_EQ(count_self_crossings(m).crossing, 0u);
 }
 
+// Breaks if a file that repeats one shape a thousand times makes the count run for hours.
+TEST(SelfCrossing, counting_stops_at_its_limit) {
+    Mesh m;
+    m.position = {{0, 0, 0}, {1, 0, 0}, {0, 1, 0}};
+    m.triangle.assign(20000, {0, 1, 2});  // 2e8 pairs
+    const uint32_t counted = count_self_crossings(m).crossing;
+    EXPECT_GE(counted, kSelfCrossingLimit);
+    EXPECT_LE(counted, kSelfCrossingLimit + 16);
+}
+
 }  // namespace
 }  // namespace trocar

@@ -43,14 +43,13 @@ void put(std::string& bytes, std::initializer_list<T> values) {
 
 TEST(VtkFile, parts_of_text) {
     expect_tetra(kHead + kPoints + kPolygons, "VTK ascii");
-    expect_tetra(kHead +
-                     "FIELD FieldData 2\nTIME 1 1 double\n0.5\nmore 2 2 int\n1 2 3 4\n" + kPoints +
+    expect_tetra(kHead + "FIELD FieldData 2\nTIME 1 1 double\n0.5\nmore 2 2 int\n1 2 3 4\n" + kPoints +
                      "METADATA\nINFORMATION 1\nNAME L2_NORM_RANGE LOCATION vtkDataArray\nDATA 2 0 1\n\nVERTICES 1 2\n1 "
                      "0\nLINES 1 3\n2 0 1\n" +
                      kPolygons,
                  "VTK ascii");
-    const LoadedMesh with_data =
-        load_mesh(kHead + kPoints + kPolygons + "POINT_DATA 4\nSCALARS a float\nLOOKUP_TABLE default\n1 2 3 4\n", "a.vtk");
+    const LoadedMesh with_data = load_mesh(
+        kHead + kPoints + kPolygons + "POINT_DATA 4\nSCALARS a float\nLOOKUP_TABLE default\n1 2 3 4\n", "a.vtk");
     EXPECT_TRUE(warns(with_data, "a.vtk:13: data of points and cells is passed over"));
     expect_tetra("# vtk DataFile Version 5.1\nvtk output\nASCII\nDATASET POLYDATA\n" + kPoints +
                      "POLYGONS 5 12\nOFFSETS vtktypeint64\n0 3 6 9 12\nCONNECTIVITY vtktypeint64\n0 2 1 0 1 3 1 2 3\n0 "
@@ -62,8 +61,8 @@ TEST(VtkFile, parts_of_text) {
 }
 
 TEST(VtkFile, strips_turn_one_way) {
-    const LoadedMesh loaded =
-        load_mesh(kHead + "POINTS 5 double\n0 0 0 1 0 0 0 1 0 1 1 0 0 2 0\nTRIANGLE_STRIPS 1 6\n5 0 1 2 3 4\n", "a.vtk");
+    const LoadedMesh loaded = load_mesh(
+        kHead + "POINTS 5 double\n0 0 0 1 0 0 0 1 0 1 1 0 0 2 0\nTRIANGLE_STRIPS 1 6\n5 0 1 2 3 4\n", "a.vtk");
     ASSERT_EQ(loaded.mesh.triangle.size(), 3u);
     EXPECT_EQ(loaded.mesh.triangle[1], (Triangle{2, 1, 3}));
     EXPECT_EQ(loaded.mesh.triangle[2], (Triangle{2, 3, 4}));

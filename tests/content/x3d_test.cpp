@@ -48,8 +48,9 @@ TEST(X3d, the_tree_is_that_of_the_classic_spelling) {
 TEST(X3d, looks_and_texture_coordinates) {
     const LoadedMesh loaded = load_text(
         file("<Shape><Appearance><Material DEF='M' diffuseColor='1 .5 0'/><PixelTexture image='1 1 3 0x00FF00'/>"
-             "</Appearance><IndexedFaceSet " + kIndex + " ccw='false' texCoordIndex='0 0 0 -1 1 1 1 -1 0 0 0 -1 0 0 0'>" +
-             kPoints + "<TextureCoordinate point='.25 .5 1 0'/></IndexedFaceSet></Shape>"));
+             "</Appearance><IndexedFaceSet " +
+             kIndex + " ccw='false' texCoordIndex='0 0 0 -1 1 1 1 -1 0 0 0 -1 0 0 0'>" + kPoints +
+             "<TextureCoordinate point='.25 .5 1 0'/></IndexedFaceSet></Shape>"));
     ASSERT_EQ(loaded.mesh.material.size(), 1u);
     EXPECT_EQ(loaded.mesh.material[0].name, "M");
     EXPECT_EQ(loaded.mesh.material[0].diffuse, (std::array<float, 3>{1, .5f, 0}));
@@ -58,8 +59,8 @@ TEST(X3d, looks_and_texture_coordinates) {
     EXPECT_EQ(loaded.mesh.uv[1][0].u, 1);
     EXPECT_LT(sum_mesh(loaded.mesh).volume, 0);
     for (const char* url : {"'\"a b.png\"'", "\"&quot;a b.png&quot; &quot;c&quot;\"", "'a b.png'"}) {
-        const LoadedMesh textured = load_text(file("<Shape><Appearance><ImageTexture url=" + std::string(url) +
-                                                   "/></Appearance><Box/></Shape>"));
+        const LoadedMesh textured = load_text(
+            file("<Shape><Appearance><ImageTexture url=" + std::string(url) + "/></Appearance><Box/></Shape>"));
         EXPECT_EQ(textured.mesh.material[0].texture, "a b.png") << url;
         EXPECT_TRUE(warns(textured, "texture 'a b.png' is not read: there is no such file")) << url;
     }
@@ -81,29 +82,32 @@ TEST(X3d, prototypes_with_and_without_values) {
     EXPECT_EQ(loaded.mesh.material[0].diffuse, (std::array<float, 3>{0, 1, 0}));
     EXPECT_EQ(loaded.mesh.material[1].diffuse, (std::array<float, 3>{1, 0, 0}));
     // an instance that stands for a coordinate node goes where one would
-    expect_tetra(file("<ProtoDeclare name='P'><ProtoBody>" + kPoints + "</ProtoBody></ProtoDeclare><Shape>"
-                      "<IndexedFaceSet " + kIndex + "><ProtoInstance name='P'/></IndexedFaceSet></Shape>"));
-    EXPECT_NE(error_of_text(file("<ProtoDeclare name='A'><ProtoBody><Group><ProtoInstance name='A'/></Group></ProtoBody>"
-                                 "</ProtoDeclare><ProtoInstance name='A'/>"))
-                  .find("prototypes nested deeper than the limit"),
-              std::string::npos);
+    expect_tetra(file("<ProtoDeclare name='P'><ProtoBody>" + kPoints +
+                      "</ProtoBody></ProtoDeclare><Shape>"
+                      "<IndexedFaceSet " +
+                      kIndex + "><ProtoInstance name='P'/></IndexedFaceSet></Shape>"));
+    EXPECT_NE(
+        error_of_text(file("<ProtoDeclare name='A'><ProtoBody><Group><ProtoInstance name='A'/></Group></ProtoBody>"
+                           "</ProtoDeclare><ProtoInstance name='A'/>"))
+            .find("prototypes nested deeper than the limit"),
+        std::string::npos);
 }
 
 struct X3dFiles : FolderTest {};
 
 TEST_F(X3dFiles, other_files_in_either_spelling) {
-    put("p.x3dv", "#X3D V3.2 utf8\nPROFILE Immersive\nPROTO Part [ initializeOnly SFVec3f s 1 1 1 ] { Shape { geometry "
-                  "Box { size IS s } } }\n");
+    put("p.x3dv",
+        "#X3D V3.2 utf8\nPROFILE Immersive\nPROTO Part [ initializeOnly SFVec3f s 1 1 1 ] { Shape { geometry "
+        "Box { size IS s } } }\n");
     put("b.x3d", file("<Shape><Box size='1 1 1'/></Shape>"));
-    const LoadedMesh loaded = load_mesh(put(
-        "a.x3d", file("<ExternProtoDeclare name='Mine' url='\"gone.x3d#Part\" \"p.x3dv#Part\"'><field name='s' "
-                      "type='SFVec3f' accessType='initializeOnly'/></ExternProtoDeclare><ProtoInstance name='Mine'>"
-                      "<fieldValue name='s' value='1 2 3'/></ProtoInstance><Transform translation='5 0 0'><Inline "
-                      "url='\"b.x3d\"'/></Transform><Inline url='\"b.x3d\"' load='false'/>")));
+    const LoadedMesh loaded = load_mesh(
+        put("a.x3d", file("<ExternProtoDeclare name='Mine' url='\"gone.x3d#Part\" \"p.x3dv#Part\"'><field name='s' "
+                          "type='SFVec3f' accessType='initializeOnly'/></ExternProtoDeclare><ProtoInstance name='Mine'>"
+                          "<fieldValue name='s' value='1 2 3'/></ProtoInstance><Transform translation='5 0 0'><Inline "
+                          "url='\"b.x3d\"'/></Transform><Inline url='\"b.x3d\"' load='false'/>")));
     EXPECT_DOUBLE_EQ(sum_mesh(loaded.mesh).volume, 7);
     EXPECT_TRUE(warns(loaded, "file 'gone.x3d' is not read: there is no such file"));
-    const LoadedMesh classic =
-        load_mesh(put("c.wrl", "#VRML V2.0 utf8\nInline { url \"b.x3d\" }\n"));
+    const LoadedMesh classic = load_mesh(put("c.wrl", "#VRML V2.0 utf8\nInline { url \"b.x3d\" }\n"));
     EXPECT_DOUBLE_EQ(sum_mesh(classic.mesh).volume, 1);
 }
 
@@ -118,7 +122,7 @@ TEST(X3d, broken_files_are_errors_with_a_place) {
     std::string deep = "<X3D><Scene>";
     for (int k = 0; k < 200000; ++k) deep += "<Group>";
     for (int k = 0; k < 200000; ++k) deep += "</Group>";
-    EXPECT_NE(error_of_text(deep + "</Scene></X3D>").find("nodes nested deeper than the limit of 1000"),
+    EXPECT_NE(error_of_text(deep + "</Scene></X3D>").find("nodes nested deeper than the limit of 250"),
               std::string::npos);
     const LoadedMesh loaded = load_text(file("<Odd a='1'><Shape><Box/></Shape></Odd><Shape USE='Nope'/>" + kTetra));
     EXPECT_EQ(loaded.mesh.triangle.size(), 4u);
