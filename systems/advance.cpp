@@ -241,6 +241,7 @@ void advance_island(const AdvanceParams& params, const AdvanceInputs& inputs, st
     };
     observe(params.observer.begin);
     plan_contacts(island, island_rows);
+    note_velocities(island);
     observe(params.observer.end);
     clear_sums(scratch);
     const uint32_t per_ms = params.substeps / params.ticks;
@@ -248,9 +249,7 @@ void advance_island(const AdvanceParams& params, const AdvanceInputs& inputs, st
     for (uint32_t substep = 0; substep < params.substeps; ++substep) {
         if (params.tick_hook.run && substep % per_ms == 0) params.tick_hook.run(params.tick_hook.user, substep / per_ms);
         place_rigid_bodies(island, substep);
-        observe(params.observer.begin);
-        note_velocities(island, substep);
-        observe(params.observer.end);
+        island.substep = substep;
         step_bodies(island, kernels, substep);
         pull_hands(island, substep);
         observe(params.observer.begin);

@@ -116,19 +116,16 @@ Vec4d relative_velocity(const AdvanceScratch& s, const ContactPlan& plan) {
     return v;
 }
 
-// No point of a row is faster than this, m/s: most rows are seen to be too far away without asking for velocities.
-double fastest(const AdvanceIsland& island) {
-    const AdvanceScratch& s = island.scratch;
-    double squared = 0;
-    for (const ContactNode& node : s.node) squared = std::max(squared, norm2(node.velocity));
-    double rigid_speed = 0;
-    for (const AdvanceRigid& rigid : s.rigid) {
+// No point of a rigid body of the island is faster than this, m/s, its node aside.
+double fastest_rigid(const AdvanceIsland& island) {
+    double fastest = 0;
+    for (const AdvanceRigid& rigid : island.scratch.rigid) {
         double spin2 = 0;
         for (const Vec4d& column : rigid.velocity.column) spin2 += norm2(column);
         const double radius = island.inputs.meshes.info[island.inputs.bodies.mesh[rigid.body]].radius;
-        rigid_speed = std::max(rigid_speed, std::sqrt(norm2(rigid.velocity.shift)) + std::sqrt(spin2) * radius);
+        fastest = std::max(fastest, std::sqrt(norm2(rigid.velocity.shift)) + std::sqrt(spin2) * radius);
     }
-    return std::sqrt(squared) + rigid_speed;
+    return fastest;
 }
 
 // Foot of the point on the plane of the row's triangle, along the normal: barycentric weights. With them the two equal
@@ -253,12 +250,13 @@ void activate(AdvanceIsland& island, uint32_t plan_row, const RowState& r) {
     note_rows(s, active);
 }
 
-void find_active_rows(AdvanceIsland& island) {
+// Most rows are seen to be too far away without asking for velocities: none is closed faster than twice `fastest`, m/s.
+void find_active_rows(AdvanceIsland& island, double fastest) {
     AdvanceScratch& s = island.scratch;
     for (const uint32_t node : s.touched) s.change[node].rows = 0;
     s.touched.clear();
     s.active.clear();
-    const double reach = 2.001 * fastest(island) * island.dt;
+    const double reach = 2.001 * fastest * island.dt;
     for (uint32_t i = 0; i < s.plan.size(); ++i) {
         const ContactPlan& plan = s.plan[i];
         if (plan.ended) continue;
@@ -306,10 +304,13 @@ Vec4d particle_velocity(const Particles& p, uint32_t i) {
     return make_vec4(p.velocity_x[i], p.velocity_y[i], p.velocity_z[i]);
 }
 
-// Writes what the rows did to the particles: velocity, and the drift that belongs to it.
+// Writes what the rows did to the particles: velocity, and the drift that belongs to it. Books the work: a leapfrog kick
+// does work at the mean of the velocities before and after it, all its impulses together; `lost` is what damping took,
+// whose share of the kernel's books was at the velocity before the rows.
 void scatter_velocities(AdvanceIsland& island) {
     AdvanceScratch& s = island.scratch;
     Particles& p = island.particles;
+    double work = 0;
     for (const uint32_t n : s.touched) {
         ContactNode& node = s.node[n];
         if (node.particle == kNone || node.inv_mass == 0) continue;
@@ -318,23 +319,19 @@ void scatter_velocities(AdvanceIsland& island) {
         p.velocity_y[node.particle] = velocity[1];
         p.velocity_z[node.particle] = velocity[2];
         node.velocity = float_vec4(velocity);
-        move_particle(s.body[node.owner], node, island.dt * (node.velocity - s.change[n].kicked));
+        const ContactNodeChange& change = s.change[n];
+        const Vec4d kick = node.velocity - change.kicked;
+        move_particle(s.body[node.owner], node, island.dt * kick);
+        if (!island.params.account_energy) continue;
+        work += dot(kick, change.before + node.velocity + kick_of(s, n).lost) / (2 * node.inv_mass);
     }
+    island.result.work_contact += work;
 }
 
-// Books the work of the rows. A leapfrog kick does work at the mean of the velocities before and after it, all its
-// impulses together; `lost` is what damping took, whose share of the kernel's books was at the velocity before the
-// rows.
-void book_work(AdvanceIsland& island) {
+// What hands and scripted bodies did of the work of the rows.
+void book_hands(AdvanceIsland& island) {
     const AdvanceScratch& s = island.scratch;
-    double total = 0, hand = 0;
-    for (const uint32_t n : s.touched) {
-        const ContactNode& node = s.node[n];
-        if (node.particle == kNone || node.inv_mass == 0) continue;
-        const ContactNodeChange& change = s.change[n];
-        const Vec4d mean2 = change.before + node.velocity + kick_of(s, n).lost;
-        total += dot(node.velocity - change.kicked, mean2) / (2 * node.inv_mass);
-    }
+    double hand = 0;
     for (const ContactActive& row : s.active) {
         const ContactPlan& plan = s.plan[row.plan];
         if ((plan.rigid_a == kNone) == (plan.rigid_b == kNone)) continue;
@@ -347,7 +344,7 @@ void book_work(AdvanceIsland& island) {
         hand -= dot(surface, row.normal_impulse * row.normal + row.friction_impulse);
     }
     island.result.work_hand += hand;
-    island.result.work_contact += total - hand;
+    island.result.work_contact -= hand;
 }
 
 void add_impulses(AdvanceIsland& island) {
@@ -363,6 +360,27 @@ void add_impulses(AdvanceIsland& island) {
         on_tool(plan.rigid_a, impulse);
         on_tool(plan.rigid_b, -impulse);
     }
+}
+
+// Nodes after kick and drift. Returns the largest squared velocity of a node, m^2/s^2.
+double gather_nodes(AdvanceIsland& island) {
+    AdvanceScratch& s = island.scratch;
+    double fastest2 = 0;
+    for (uint32_t n = 0; n < s.node.size(); ++n) {
+        ContactNode& node = s.node[n];
+        ContactNodeChange& change = s.change[n];
+        if (node.particle != kNone) {
+            const AdvanceBody& body = s.body[node.owner];
+            const uint32_t vertex = node.particle - body.particles.first;
+            if (island.substep > 0) change.before = node.velocity;
+            node.place = body.origin + float_vec4(_mm_load_ps(&body.now[vertex].x));
+            node.after = body.origin + float_vec4(_mm_load_ps(&body.next[vertex].x));
+            node.velocity = particle_velocity(island.particles, node.particle);
+        }
+        change.kicked = node.velocity;
+        fastest2 = std::max(fastest2, norm2(node.velocity));
+    }
+    return fastest2;
 }
 
 }  // namespace
@@ -407,35 +425,24 @@ Kick kick_of(const AdvanceScratch& s, uint32_t n) {
     return {lost, (change.kicked - change.before - lost) / double(body.step.kick_dt)};
 }
 
-void note_velocities(AdvanceIsland& island, uint32_t substep) {
+void note_velocities(AdvanceIsland& island) {
     AdvanceScratch& s = island.scratch;
     for (uint32_t n = 0; n < s.node.size(); ++n) {
         const uint32_t i = s.node[n].particle;
-        if (i == kNone) continue;
-        s.change[n].before = substep > 0 ? s.node[n].velocity : particle_velocity(island.particles, i);
+        if (i != kNone) s.change[n].before = particle_velocity(island.particles, i);
     }
 }
 
 void apply_impulses(AdvanceIsland& island) {
     AdvanceScratch& s = island.scratch;
-    for (uint32_t n = 0; n < s.node.size(); ++n) {
-        ContactNode& node = s.node[n];
-        if (node.particle != kNone) {
-            const AdvanceBody& body = s.body[node.owner];
-            const uint32_t vertex = node.particle - body.particles.first;
-            node.place = body.origin + float_vec4(_mm_load_ps(&body.now[vertex].x));
-            node.after = body.origin + float_vec4(_mm_load_ps(&body.next[vertex].x));
-            node.velocity = particle_velocity(island.particles, node.particle);
-        }
-        s.change[n].kicked = node.velocity;
-    }
+    const double fastest = std::sqrt(gather_nodes(island)) + fastest_rigid(island);
     book_pushes(island);
-    find_active_rows(island);
+    find_active_rows(island, fastest);
     for (uint32_t pass = 0; pass < island.params.contact.iterations && !s.active.empty(); ++pass) {
         for (ContactActive& row : s.active) row.nodes == 4 ? solve_row<4>(s, row) : solve_row<0>(s, row);
     }
     scatter_velocities(island);
-    if (island.params.account_energy) book_work(island);
+    if (island.params.account_energy && !s.rigid.empty()) book_hands(island);
     add_impulses(island);
 }
 

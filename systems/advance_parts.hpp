@@ -12,7 +12,8 @@ struct AdvanceIsland {
     ContactRows& rows;
     std::span<ToolState> tools;
     AdvanceResult& result;
-    double dt;  // s
+    double dt;             // s
+    uint32_t substep = 0;  // that runs now
 };
 
 // Time at the start of a substep, s: a quotient of integers, so that it does not depend on how calls are cut.
@@ -30,8 +31,8 @@ void place_rigid_bodies(AdvanceIsland& island, uint32_t substep);
 void pull_hands(AdvanceIsland& island, uint32_t substep);
 void move_hands(AdvanceIsland& island);
 
-// Velocities of all particles that are nodes before the kick of a substep.
-void note_velocities(AdvanceIsland& island, uint32_t substep);
+// Velocities of all particles that are nodes before the kick of the first substep; those of later ones are known.
+void note_velocities(AdvanceIsland& island);
 // Finds the rows that are crossed or would be in this substep and gives them impulses; after kick and drift. Projected
 // Gauss-Seidel over the active rows in their order, accumulated impulses clamped (Moreau 1988; Catto 2005): one sweep
 // leaves less for push_out than sixteen Jacobi passes with mass splitting (Tonge et al. 2012) did, and where many

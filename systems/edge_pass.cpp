@@ -259,6 +259,12 @@ bool search_inside_edge(EdgeSearch& e, const Sample& a, const Sample& b, const s
     return search(e, deepest, false, best, c.counters);
 }
 
+// False when the surface surely does not pass the edge: what passes it meets both triangles beside it.
+bool may_cross(const std::array<uint32_t, 2>& triangles, const EdgeChunk& c) {
+    return std::all_of(triangles.begin(), triangles.end(),
+                       [&](uint32_t t) { return t == kNone || has_bit(c.near_triangle.word, t); });
+}
+
 bool search_edge(const EdgeInput& in, const Side& side, const BodyPoints& points, uint32_t edge, EdgeChunk& c,
                  EdgeContact& best) {
     const auto [v0, v1] = side.mesh.edge[edge];
@@ -267,6 +273,8 @@ bool search_edge(const EdgeInput& in, const Side& side, const BodyPoints& points
     const uint32_t row0 = first + rank_of(c.near_vertex, v0), row1 = first + rank_of(c.near_vertex, v1);
     Sample a{0, -in.near.distance[row0], in.near.triangle[row0]};
     Sample b{0, -in.near.distance[row1], in.near.triangle[row1]};
+    const auto& triangles = side.mesh.edge_triangle[edge];
+    if ((a.depth > 0) == (b.depth > 0) && !may_cross(triangles, c)) return false;
     const auto in_frame = [&](uint32_t v) {
         const Vec3d p = points.point(v);
         return is_deformable(in.surfaces.bodies, side.other)
@@ -279,7 +287,6 @@ bool search_edge(const EdgeInput& in, const Side& side, const BodyPoints& points
     b.s = length;
     EdgeSearch e(in, side, p, (q - p) / length, length);
     best.vertex = {v0, v1};
-    const auto& triangles = side.mesh.edge_triangle[edge];
     if (a.depth <= 0 && b.depth <= 0) return search_outside_edge(e, a, b, triangles, c, best);
     if (a.depth > 0 && b.depth > 0) return search_inside_edge(e, a, b, triangles, c, best);
     return a.depth > 0 ? search_crossing_edge(e, a, b, c, best) : search_crossing_edge(e, b, a, c, best);
