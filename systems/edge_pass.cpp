@@ -4,6 +4,7 @@
 #include <cmath>
 #include <utility>
 
+#include "engine/bit_rows.hpp"
 #include "engine/geometry/contact_kernels.hpp"
 #include "engine/geometry/vec4.hpp"
 #include "engine/parallel.hpp"
@@ -12,9 +13,6 @@ namespace {
 
 constexpr uint32_t kMostChunks = 64;
 constexpr uint32_t kMostQueries = 48;  // of one edge; 2^-48 of it is far below any tolerance
-
-void set_bit(std::vector<uint64_t>& bits, uint32_t i) { bits[i >> 6] |= uint64_t{1} << (i & 63); }
-bool has_bit(const std::vector<uint64_t>& bits, uint32_t i) { return bits[i >> 6] >> (i & 63) & 1; }
 
 void clear_set(RankedBits& set, size_t size) { set.word.assign((size + 63) / 64, 0); }
 void count_ranks(RankedBits& set) {
@@ -28,15 +26,6 @@ void count_ranks(RankedBits& set) {
 uint32_t rank_of(const RankedBits& set, uint32_t i) {
     const uint64_t below = (uint64_t{1} << (i & 63)) - 1;
     return set.before[i >> 6] + uint32_t(__builtin_popcountll(set.word[i >> 6] & below));
-}
-
-template <typename Visit>
-void for_each_bit(const std::vector<uint64_t>& bits, const Visit& visit) {
-    for (uint32_t word = 0; word < bits.size(); ++word) {
-        for (uint64_t left = bits[word]; left != 0; left &= left - 1) {
-            visit(word * 64 + uint32_t(__builtin_ctzll(left)));
-        }
-    }
 }
 
 struct EdgeInput {

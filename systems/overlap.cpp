@@ -2,6 +2,7 @@
 
 #include <algorithm>
 
+#include "engine/bit_rows.hpp"
 #include "engine/geometry/contact_kernels.hpp"
 #include "engine/parallel.hpp"
 namespace trocar {
@@ -10,18 +11,6 @@ namespace {
 constexpr uint32_t kQueriesPerChunk = 64;
 constexpr uint32_t kMostChunks = 64;
 enum Piece : uint8_t { kUnknown, kOutside, kInside };
-
-void set_bit(std::vector<uint64_t>& bits, uint32_t i) { bits[i >> 6] |= uint64_t{1} << (i & 63); }
-bool has_bit(const std::vector<uint64_t>& bits, uint32_t i) { return bits[i >> 6] >> (i & 63) & 1; }
-
-template <typename Visit>
-void for_each_bit(const std::vector<uint64_t>& bits, const Visit& visit) {
-    for (uint32_t word = 0; word < bits.size(); ++word) {
-        for (uint64_t left = bits[word]; left != 0; left &= left - 1) {
-            visit(word * 64 + uint32_t(__builtin_ctzll(left)));
-        }
-    }
-}
 
 uint32_t find_root(std::vector<uint32_t>& parent, uint32_t v) {
     while (parent[v] != v) v = parent[v] = parent[parent[v]];

@@ -45,14 +45,25 @@ inline MeshSums sum_mesh(const Mesh& mesh) {
 
 inline LoadedMesh load_text(const std::string& text) { return load_mesh(text, "a.wrl"); }
 
-// The message of the InputError, or "no error".
-inline std::string error_of_text(const std::string& text) {
+// The message of the InputError that reading these bytes throws, or "no error".
+inline std::string load_error(const std::string& bytes, const std::string& name) {
     try {
-        load_text(text);
+        load_mesh(bytes, name);
     } catch (const InputError& error) {
         return error.what();
     }
     return "no error";
+}
+inline std::string error_of_text(const std::string& text) { return load_error(text, "a.wrl"); }
+
+// The corner tetrahedron of the unit cube, whatever the file is called.
+inline void expect_tetra(const std::string& bytes, const std::string& format) {
+    const LoadedMesh loaded = load_mesh(bytes, "a.dat");
+    EXPECT_EQ(loaded.format, format);
+    EXPECT_EQ(loaded.mesh.position.size(), 4u);
+    const MeshSums sums = sum_mesh(loaded.mesh);
+    EXPECT_DOUBLE_EQ(sums.volume, 1.0 / 6);
+    EXPECT_EQ(sums.unpaired, 0u);
 }
 
 inline bool warns(const LoadedMesh& loaded, const std::string& part) {

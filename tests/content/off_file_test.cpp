@@ -9,23 +9,7 @@
 namespace trocar {
 namespace {
 
-std::string error_of(const std::string& bytes) {
-    try {
-        load_mesh(bytes, "a.off");
-    } catch (const InputError& error) {
-        return error.what();
-    }
-    return "no error";
-}
-
-void expect_tetra(const std::string& bytes, const std::string& format) {
-    const LoadedMesh loaded = load_mesh(bytes, "a.dat");
-    EXPECT_EQ(loaded.format, format);
-    EXPECT_EQ(loaded.mesh.position.size(), 4u);
-    const MeshSums sums = sum_mesh(loaded.mesh);
-    EXPECT_DOUBLE_EQ(sums.volume, 1.0 / 6);
-    EXPECT_EQ(sums.unpaired, 0u);
-}
+std::string error_of(const std::string& bytes) { return load_error(bytes, "a.off"); }
 
 const std::string kTetra = "0 0 0\n1 0 0\n0 1 0\n0 0 1\n3 0 2 1\n3 0 1 3\n3 1 2 3\n3 0 3 2\n";
 

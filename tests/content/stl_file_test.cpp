@@ -36,23 +36,7 @@ std::string ascii_tetra() {
     return text + "endsolid any words\n";
 }
 
-void expect_tetra(const std::string& bytes, const std::string& format) {
-    const LoadedMesh loaded = load_mesh(bytes, "a.stl");
-    EXPECT_EQ(loaded.format, format);
-    EXPECT_EQ(loaded.mesh.position.size(), 4u);
-    const MeshSums sums = sum_mesh(loaded.mesh);
-    EXPECT_DOUBLE_EQ(sums.volume, 1.0 / 6);
-    EXPECT_EQ(sums.unpaired, 0u);
-}
-
-std::string error_of(const std::string& bytes, const std::string& name = "a.stl") {
-    try {
-        load_mesh(bytes, name);
-    } catch (const InputError& error) {
-        return error.what();
-    }
-    return "no error";
-}
+std::string error_of(const std::string& bytes, const std::string& name = "a.stl") { return load_error(bytes, name); }
 
 TEST(StlFile, both_kinds_are_told_by_content) {
     expect_tetra(binary_tetra(), "STL binary");

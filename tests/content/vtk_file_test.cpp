@@ -9,23 +9,7 @@
 namespace trocar {
 namespace {
 
-std::string error_of(const std::string& bytes) {
-    try {
-        load_mesh(bytes, "a.vtk");
-    } catch (const InputError& error) {
-        return error.what();
-    }
-    return "no error";
-}
-
-void expect_tetra(const std::string& bytes, const std::string& format) {
-    const LoadedMesh loaded = load_mesh(bytes, "a.dat");
-    EXPECT_EQ(loaded.format, format);
-    EXPECT_EQ(loaded.mesh.position.size(), 4u);
-    const MeshSums sums = sum_mesh(loaded.mesh);
-    EXPECT_DOUBLE_EQ(sums.volume, 1.0 / 6);
-    EXPECT_EQ(sums.unpaired, 0u);
-}
+std::string error_of(const std::string& bytes) { return load_error(bytes, "a.vtk"); }
 
 const std::string kHead = "# vtk DataFile Version 3.0\nany title: BINARY POINTS\nASCII\nDATASET POLYDATA\n";
 const std::string kPoints = "POINTS 4 float\n0 0 0 1 0 0\n0 1 0 0 0 1\n";
