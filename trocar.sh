@@ -12,6 +12,7 @@ usage: ./trocar.sh COMMAND
   long   build, run the long tests (sweeps, 10,000-frame books)
   asan   build with address and undefined-behaviour sanitizers, run the unit tests
   tsan   build with the thread sanitizer, run the live tests and a live run
+  bench  build the bench program and run one of its suites: ./trocar.sh bench content [arguments]
   build  install what is missing, build
 TXT
 }
@@ -20,6 +21,7 @@ packages=(g++ cmake ninja-build libembree-dev libeigen3-dev libtbb-dev libosmesa
     nlohmann-json3-dev libpng-dev libjpeg-dev libgif-dev zlib1g-dev libmeshoptimizer-dev libinsighttoolkit5-dev libpugixml-dev libassimp-dev libgtest-dev assimp-testmodels)
 optional=(ffmpeg ccache libcoin-dev)
 
+options=()  # for cmake
 started=$SECONDS
 step() { printf '[%4d s] %s\n' $((SECONDS - started)) "$*"; }
 
@@ -48,7 +50,7 @@ build() {  # preset
         export CCACHE_SLOPPINESS=pch_defines,time_macros
     fi
     step "configuring ($1)"
-    cmake --preset "$1" "${launcher[@]}" >"build-$1.log" 2>&1 || { cat "build-$1.log"; exit 1; }
+    cmake --preset "$1" "${launcher[@]}" "${options[@]}" >"build-$1.log" 2>&1 || { cat "build-$1.log"; exit 1; }
     rm -f "build-$1.log"
     step "building ($1)"
     cmake --build --preset "$1" -- --quiet
@@ -65,6 +67,12 @@ case "${1:-}" in
     build) build release ;;
     test) build release; run_tests release -LE long ;;
     long) build release; run_tests release -L long ;;
+    bench)
+        install_packages libbenchmark-dev
+        options+=(-DTROCAR_BUILD_BENCH=ON)
+        build release
+        build/release/bench/trocar_bench "${@:2}"
+        ;;
     asan) build asan; run_tests asan -L unit ;;
     tsan)
         build tsan

@@ -5,6 +5,7 @@
 #include <functional>
 #include <numeric>
 
+#include "bench/suites.hpp"
 #include "engine/closest_point.hpp"
 #include "engine/thread_pool.hpp"
 #include "tests/engine/closest_point_meshes.hpp"
@@ -89,10 +90,10 @@ void measure_mesh(int n) {
 }  // namespace
 }  // namespace trocar
 
-int main() {
-    trocar::set_float_mode();
+int query_suite(int, char**) {
     for (const bool plain : {false, true}) {
         trocar::force_avx2(plain);
         for (const int n : {22, 71}) trocar::measure_mesh(n);
     }
+    return 0;
 }

@@ -7,6 +7,7 @@
 #include <string>
 #include <vector>
 
+#include "bench/suites.hpp"
 #include "engine/thread_pool.hpp"
 #include "tests/systems/contact_scene.hpp"
 
@@ -100,9 +101,8 @@ void measure(const char* name, ContactScene& scene, uint32_t passes) {
 
 }  // namespace
 
-// Cost of every contact stage on one core: contact_pipeline_bench [passes] [first word of one scene]
-int main(int argc, char** argv) {
-    set_float_mode();
+// Cost of every contact stage on one core: [passes] [first word of one scene] [cell edges]
+int contact_suite(int argc, char** argv) {
     const uint32_t passes = argc > 1 ? uint32_t(std::max(1, std::atoi(argv[1]))) : 200;
     const std::string only = argc > 2 ? argv[2] : "";
     const auto wanted = [&](const char* name) { return only.empty() || only == name; };

@@ -9,6 +9,7 @@
 #include <fstream>
 #include <map>
 
+#include "bench/suites.hpp"
 #include "content/implicit_shapes.hpp"
 #include "content/isosurface_stuffing.hpp"
 #include "content/load_mesh.hpp"
@@ -206,8 +207,7 @@ void register_all(const MeshFiles& files) {
 }  // namespace
 }  // namespace trocar
 
-int main(int argc, char** argv) {
-    trocar::set_float_mode();
+int content_suite(int argc, char** argv) {
     const trocar::ThreadPool one_thread(1);
 #ifdef TROCAR_WITH_COIN
     SoDB::init();

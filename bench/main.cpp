@@ -1,0 +1,34 @@
+#include <cstdio>
+#include <cstring>
+
+#include "bench/suites.hpp"
+#include "engine/thread_pool.hpp"
+
+namespace {
+
+struct Suite {
+    const char* name;
+    int (*run)(int argc, char** argv);
+    const char* what;
+};
+
+constexpr Suite kSuites[] = {
+#ifdef TROCAR_WITH_BENCHMARK
+    {"content", content_suite, "marching cubes, stuffing, reading against assimp and Coin; takes Google Benchmark's flags"},
+#endif
+    {"contact", contact_suite, "every contact stage on one core: [passes] [goal|kidney|probe|deep|pile] [cell edges]"},
+    {"query", query_suite, "signed closest-point queries and refits, AVX2 and AVX-512"},
+};
+
+}  // namespace
+
+int main(int argc, char** argv) {
+    trocar::set_float_mode();
+    for (const Suite& suite : kSuites) {
+        if (argc > 1 && std::strcmp(argv[1], suite.name) == 0) return suite.run(argc - 1, argv + 1);
+    }
+    std::printf("usage: trocar_bench SUITE [arguments]\n\n");
+    for (const Suite& suite : kSuites) std::printf("  %-8s %s\n", suite.name, suite.what);
+    std::printf("\nExample: trocar_bench content --benchmark_repetitions=5 --benchmark_report_aggregates_only=true\n");
+    return argc > 1 && std::strcmp(argv[1], "--help") == 0 ? 0 : 2;
+}
