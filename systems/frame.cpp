@@ -403,12 +403,29 @@ bool end_pass(FrameState& f) {
 
 }  // namespace
 
+namespace {
+
+// Bodies at rest look as far ahead as moving ones.
+void reach_out(World& w) {
+    for (uint32_t body = 0; body < w.boxes.box.size(); ++body) {
+        const double edge = w.meshes.info[w.bodies.mesh[body]].mean_edge;
+        w.boxes.margin[body] += edge;
+        w.boxes.box[body].min.array() -= edge;
+        w.boxes.box[body].max.array() += edge;
+    }
+}
+
+}  // namespace
+
 // Finds contacts once before the clock starts, so that the first passes find their memory in place.
 void Frame::warm_up() {
     const Report before = state_->world.report;
     begin_pass(*state_);
     state_->scratch.device.resize(state_->world.haptics.tool.size() * (state_->world.clock.period + 1));
-    for (const uint32_t s : graphs_->detection) run_stage(s);
+    for (const uint32_t s : graphs_->detection) {
+        run_stage(s);
+        if (stages()[s].name == kFirstDetection) reach_out(state_->world);
+    }
     state_->world.report = before;
 }
 
