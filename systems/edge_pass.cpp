@@ -222,11 +222,21 @@ bool search_outside_edge(EdgeSearch& e, const Sample& a, const Sample& b, const 
 }
 
 // One end inside (a), the other outside (b): only when some point can be deeper than a by more than the tolerance.
-bool search_crossing_edge(EdgeSearch& e, const Sample& a, const Sample& b, EdgeChunk& c, EdgeContact& best) {
+bool search_crossing_edge(EdgeSearch& e, const Sample& a, const Sample& b, const std::array<uint32_t, 2>& triangles,
+                          EdgeChunk& c, EdgeContact& best) {
     const double enough = a.depth + e.in.params.tolerance;
     const double sign = a.s < b.s ? 1 : -1;
-    // beyond `last` nothing is deeper than enough; every look there that finds less brings it nearer to a
+    // where the surface passes the edge once, nothing beyond is inside, and on the way there nothing is deeper than the
+    // distance to the triangle that passes: convex along the edge, zero at its end
     Sample at = b;
+    const double pad = 1e-9 * e.length;  // rounding of the place
+    const Crossings x = find_crossings(e, triangles, c);
+    if (x.count > 0 && x.last.s - x.first.s <= pad) {
+        at = x.last;
+        if (e.distance_to(at.triangle, a.s) <= enough) return false;
+        at.s = std::clamp(at.s + sign * pad, 0.0, e.length);
+    }
+    // beyond `last` nothing is deeper than enough; every look there that finds less brings it nearer to a
     for (int look = 0; look < 4; ++look) {
         const double last = at.s + sign * (at.depth - enough);
         if ((last - a.s) * sign <= 0 || e.distance_to(a.triangle, last) <= enough) return false;
@@ -278,7 +288,8 @@ bool search_edge(const EdgeInput& in, const Side& side, const BodyPoints& points
     best.vertex = {v0, v1};
     if (a.depth <= 0 && b.depth <= 0) return search_outside_edge(e, a, b, triangles, c, best);
     if (a.depth > 0 && b.depth > 0) return search_inside_edge(e, a, b, triangles, c, best);
-    return a.depth > 0 ? search_crossing_edge(e, a, b, c, best) : search_crossing_edge(e, b, a, c, best);
+    return a.depth > 0 ? search_crossing_edge(e, a, b, triangles, c, best)
+                       : search_crossing_edge(e, b, a, triangles, c, best);
 }
 
 // Candidate triangles of the other body per triangle of this one, and the edges of the latter.
