@@ -29,7 +29,7 @@ struct Outcome {
 Outcome check_within_limits(const fs::path& file, const fs::path& err) {
     const pid_t child = ::fork();
     if (child == 0) {
-        const rlimit seconds{5, 5}, bytes{uint64_t{1} << 30, uint64_t{1} << 30};
+        [[maybe_unused]] const rlimit seconds{5, 5}, bytes{uint64_t{1} << 30, uint64_t{1} << 30};
         ::setrlimit(RLIMIT_CPU, &seconds);
 #ifndef __SANITIZE_ADDRESS__
         ::setrlimit(RLIMIT_AS, &bytes);  // the sanitizer reserves terabytes
