@@ -392,10 +392,11 @@ void plan_contacts(AdvanceIsland& island, std::span<const uint32_t> island_rows)
     s.touched.clear();
     s.pending.clear();
     s.node_of_particle.resize(island.particles.offset.size(), kNone);
-    // neighbours in the list are neighbours on the surface and share nodes: eight parts of it are dealt in turn, so that
-    // the processor can work on one row while another waits for its sums
-    constexpr uint32_t kParts = 8;
-    const uint32_t count = static_cast<uint32_t>(island_rows.size()), part = (count + kParts - 1) / kParts;
+    // neighbours in the list are neighbours on the surface and share nodes: parts of a long list are dealt in turn, so
+    // that the processor can work on one row while another waits for its sums; a short one converges better in order
+    constexpr uint32_t kMostParts = 8, kRowsPerPart = 32;
+    const uint32_t count = static_cast<uint32_t>(island_rows.size());
+    const uint32_t parts = std::clamp(count / kRowsPerPart, 1u, kMostParts), part = (count + parts - 1) / parts;
     for (uint32_t i = 0; i < part; ++i) {
         for (uint32_t row = i; row < count; row += part) {
             if (island.rows.distance[island_rows[row]] == std::numeric_limits<double>::infinity()) continue;
