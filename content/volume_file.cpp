@@ -1,8 +1,12 @@
 #include "content/volume_file.hpp"
 
+#include <algorithm>
+#include <cctype>
 #include <cmath>
 #include <cstring>
+#include <fstream>
 
+#include "content/local_file.hpp"
 #include "engine/child_process.hpp"
 #include "engine/error.hpp"
 namespace trocar {
@@ -30,6 +34,58 @@ std::string last_line(const std::string& text) {
     if (end == std::string::npos) return "no reason given";
     const size_t begin = text.find_last_of('\n', end);
     return text.substr(begin == std::string::npos ? 0 : begin + 1, end - (begin == std::string::npos ? 0 : begin + 1) + 1);
+}
+
+std::string trimmed(const std::string& text) {
+    const size_t begin = text.find_first_not_of(" \t\r"), end = text.find_last_not_of(" \t\r");
+    return begin == std::string::npos ? "" : text.substr(begin, end - begin + 1);
+}
+std::string lower_case(std::string text) {
+    std::transform(text.begin(), text.end(), text.begin(), [](unsigned char c) { return std::tolower(c); });
+    return text;
+}
+
+// A header's own file of voxels, as NRRD ("data file: x") and MetaImage ("ElementDataFile = x") name it; empty for other
+// lines.
+std::string named_data_file(const std::string& line) {
+    const size_t colon = line.find_first_of(":=");
+    if (colon == std::string::npos) return "";
+    const std::string key = lower_case(trimmed(line.substr(0, colon)));
+    if (key != "data file" && key != "datafile" && key != "elementdatafile") return "";
+    return trimmed(line.substr(colon + 1));
+}
+
+// A text header that names its voxels' files must name them below its own folder, like every file that is read.
+void refuse_outside_files(const fs::path& path) {
+    std::ifstream in(path, std::ios::binary);
+    std::string text(64 * 1024, '\0');
+    in.read(text.data(), static_cast<std::streamsize>(text.size()));
+    text.resize(static_cast<size_t>(std::max<std::streamsize>(in.gcount(), 0)));
+    const bool nrrd = text.starts_with("NRRD");
+    const std::string ending = lower_case(path.extension().string());
+    if (!nrrd && ending != ".mhd" && ending != ".mha") return;
+    const fs::path folder = path.has_parent_path() ? path.parent_path() : fs::path(".");
+    const auto check = [&](const std::string& name) {
+        const bool pattern = name.find('%') != std::string::npos;  // one file a slice, numbered
+        const std::string refusal = !pattern ? find_local_file(folder, folder, name).refusal
+                                    : name.find_first_of("/\\") != std::string::npos
+                                        ? "numbered slices must lie beside their header"
+                                        : "";
+        if (!refusal.empty()) throw InputError(path.string() + ": data file \"" + name + "\": " + refusal);
+    };
+    bool listed = false;
+    for (size_t begin = 0, end; begin < text.size(); begin = end + 1) {
+        end = std::min(text.find('\n', begin), text.size());
+        const std::string line = trimmed(text.substr(begin, end - begin));
+        const std::string name = listed ? line : named_data_file(line), word = lower_case(name);
+        if ((nrrd && !listed && line.empty()) || word == "local") return;  // voxels begin
+        if (name.empty()) continue;
+        if (!listed && word.starts_with("list")) {
+            listed = true;
+        } else {
+            check(name);
+        }
+    }
 }
 
 }  // namespace
@@ -68,6 +124,7 @@ Volume read_volume(const fs::path& path, const std::string& series) {
     std::error_code fault;
     const fs::file_status status = fs::status(path, fault);
     if (!fs::exists(status)) throw InputError(path.string() + ": no such file or folder");
+    if (fs::is_regular_file(status)) refuse_outside_files(path);
     const fs::path program = find_helper_program(kProgram);
     if (program.empty()) {
         throw InputError(path.string() + ": " + kProgram + ", which reads volumes, is not there: this program was built " +

@@ -288,6 +288,34 @@ TEST_F(VolumeFile, WhatIsCutShortIsRefused) {
     EXPECT_NE(error_of(put("a.dcm", slice.substr(0, slice.size() - 5))), "no error");
 }
 
+// Headers that name files of voxels elsewhere: those exist and fit, so that only the place can be the reason.
+TEST_F(VolumeFile, VoxelsLieBelowTheFolderOfTheirHeader) {
+    const fs::path outside = folder / "outside", inside = folder / "inside";
+    fs::create_directories(outside);
+    fs::create_directories(inside / "deeper");
+    for (const fs::path& p : {outside / "a.raw", inside / "deeper/a.raw"}) {
+        std::ofstream(p, std::ios::binary) << voxel_bytes_of();
+    }
+    fs::create_symlink(outside / "a.raw", inside / "link.raw");
+    const auto mha = [&](const std::string& name) {
+        std::string text = mha_text();
+        return text.replace(text.find("LOCAL"), 5, name);
+    };
+    const auto nrrd = [&](const std::string& name) {
+        std::string text = nrrd_text("left-posterior-superior", 1);
+        return text.insert(text.size() - 1, "data file: " + name + "\n");
+    };
+    expect_closed_form(read_volume(put("inside/a.mhd", mha("deeper/a.raw"))), 1, 0);
+    expect_closed_form(read_volume(put("inside/a.nhdr", nrrd("deeper/a.raw"))), 1, 0);
+    for (const std::string& name : {std::string("../outside/a.raw"), (outside / "a.raw").string(), std::string("link.raw"),
+                                    std::string("deeper/../../outside/a.raw")}) {
+        EXPECT_NE(error_of(put("inside/a.mhd", mha(name))).find("outside the folder"), std::string::npos) << name;
+        EXPECT_NE(error_of(put("inside/a.nhdr", nrrd(name))).find("outside the folder"), std::string::npos) << name;
+        EXPECT_NE(error_of(put("inside/a.mhd", mha("LIST\n" + name))).find("outside the folder"), std::string::npos) << name;
+    }
+    EXPECT_NE(error_of(put("inside/a.mhd", mha("../outside/%d.raw 1 3 1"))).find("beside their header"), std::string::npos);
+}
+
 TEST_F(VolumeFile, WhatIsNoVolumeIsRefusedInOneLine) {
     EXPECT_NE(error_of(folder / "nothing.nrrd").find("no such file"), std::string::npos);
     EXPECT_NE(error_of(put("a.xyz", "not a volume")).find("not a volume"), std::string::npos);
