@@ -9,6 +9,7 @@
 #include <numeric>
 
 #include "content/marching_cubes.hpp"
+#include "content/mesh_box.hpp"
 #include "content/remeshing.hpp"
 #include "content/smoothing.hpp"
 #include "engine/check.hpp"
@@ -150,20 +151,10 @@ uint32_t keep_largest_surface(Mesh& mesh) {
     }
     if (outer <= 1) return 0;
     // a hollow belongs to the piece whose box holds it; boxes of torn crumbs cannot hold one of the main piece
-    const auto box_of = [&](const Mesh& m) {
-        Box box;
-        for (const Triangle& t : m.triangle) {
-            for (const uint32_t v : t) {
-                box.min = box.min.cwiseMin(mesh.position[v]);
-                box.max = box.max.cwiseMax(mesh.position[v]);
-            }
-        }
-        return box;
-    };
-    const Box main = box_of(part[best]);
+    const Box main = box_of_faces(mesh, part[best].triangle);
     mesh.triangle = part[best].triangle;
     for (uint32_t p = 0; p < pieces; ++p) {
-        const Box box = box_of(part[p]);
+        const Box box = box_of_faces(mesh, part[p].triangle);
         const bool held = (box.min.array() > main.min.array()).all() && (box.max.array() < main.max.array()).all();
         if (volume[p] < 0 && held) {
             mesh.triangle.insert(mesh.triangle.end(), part[p].triangle.begin(), part[p].triangle.end());

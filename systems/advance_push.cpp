@@ -169,7 +169,7 @@ void book_pushes(AdvanceIsland& island) {
         const Vec4d mean = 0.5 * (p.acceleration + kick_of(s, p.node).acceleration);
         work -= dot(mean, p.push) / s.node[p.node].inv_mass;
     }
-    island.result.work_push += work;
+    if (std::isfinite(work)) island.result.work_push += work;  // else a body about to be restored
     s.pending.clear();
 }
 

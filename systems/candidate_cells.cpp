@@ -211,7 +211,7 @@ void search_oversize(const CandidatePairs& pairs, const ScreenedTriangles& scree
     }
 }
 
-// Sorts finds by their first entry, then by the second.
+// Sorts finds by their first entry, then by group (the third), then by the second.
 void sort_by_row(uint32_t rows, const std::vector<std::array<uint32_t, 3>>& found, CandidateCellsScratch& scratch) {
     scratch.first.assign(rows + 1, 0);
     for (const auto& f : found) ++scratch.first[f[0] + 1];
@@ -222,14 +222,19 @@ void sort_by_row(uint32_t rows, const std::vector<std::array<uint32_t, 3>>& foun
     for (uint32_t row = 0; row < rows; ++row) {
         const uint32_t end = scratch.first[row];
         std::sort(scratch.by_row.begin() + begin, scratch.by_row.begin() + end,
-                  [](const auto& x, const auto& y) { return x[1] < y[1]; });
+                  [](const auto& x, const auto& y) { return x[2] < y[2] || (x[2] == y[2] && x[1] < y[1]); });
         begin = end;
     }
 }
 
-// Deals sorted finds out to the group that their third entry names, as local triangles. Within a group first entries
-// ascend; of equal ones only the first find stays if `once`.
-void deal_out(uint32_t groups, const ScreenedTriangles& screened, bool once, CandidateCellsScratch& scratch,
+// A triangle that several cells found near one body: the first find stays. After sort_by_row.
+void drop_repeats(std::vector<std::array<uint32_t, 3>>& finds) {
+    const auto same = [](const auto& x, const auto& y) { return x[0] == y[0] && x[2] == y[2]; };
+    finds.erase(std::unique(finds.begin(), finds.end(), same), finds.end());
+}
+
+// Deals sorted finds out to the group that their third entry names, as local triangles, ascending within it.
+void deal_out(uint32_t groups, const ScreenedTriangles& screened, const CandidateCellsScratch& scratch,
               std::vector<Range>& range, std::vector<std::array<uint32_t, 2>>& out) {
     range.assign(groups, {});
     for (const auto& f : scratch.by_row) ++range[f[2]].count;
@@ -241,9 +246,7 @@ void deal_out(uint32_t groups, const ScreenedTriangles& screened, bool once, Can
     out.resize(first);
     for (const auto& [own, across, group] : scratch.by_row) {
         Range& r = range[group];
-        const uint32_t triangle = screened.triangle[own];
-        if (once && r.count > 0 && out[r.first + r.count - 1][0] == triangle) continue;
-        out[r.first + r.count++] = {triangle, screened.triangle[across]};
+        out[r.first + r.count++] = {screened.triangle[own], screened.triangle[across]};
     }
 }
 
@@ -263,9 +266,10 @@ void find_candidate_triangles(const CandidatePairs& pairs, const ScreenedTriangl
     search_cells(pairs, screened, occupancy, scratch);
     search_oversize(pairs, screened, occupancy, scratch);
     sort_by_row(rows, scratch.crossing, scratch);
-    deal_out(count, screened, false, scratch, candidates.pair, candidates.triangle);
+    deal_out(count, screened, scratch, candidates.pair, candidates.triangle);
     sort_by_row(rows, scratch.near, scratch);
-    deal_out(2 * count, screened, true, scratch, candidates.side, candidates.near);
+    drop_repeats(scratch.by_row);
+    deal_out(2 * count, screened, scratch, candidates.side, candidates.near);
 }
 
 }  // namespace trocar

@@ -6,6 +6,7 @@
 #include <numbers>
 
 #include "content/admission.hpp"
+#include "content/mesh_box.hpp"
 #include "engine/check.hpp"
 #include "engine/error.hpp"
 #include "engine/mesh_topology.hpp"
@@ -19,17 +20,6 @@ constexpr double kDegree = std::numbers::pi / 180;
 constexpr OverlayColour kLabelColour{236, 240, 244, 255};
 constexpr OverlayColour kSizeColour{150, 162, 176, 255};
 
-Box box_of_faces(const Mesh& mesh) {
-    Box box;
-    for (const Triangle& t : mesh.triangle) {
-        for (const uint32_t v : t) {
-            box.min = box.min.cwiseMin(mesh.position[v]);
-            box.max = box.max.cwiseMax(mesh.position[v]);
-        }
-    }
-    return box;
-}
-
 // Adds a copy about the origin with a diagonal of one metre, so that units and place do not matter; returns its own
 // box.
 Box add_normalised(const Mesh& mesh, Meshes& meshes) {
@@ -37,7 +27,7 @@ Box add_normalised(const Mesh& mesh, Meshes& meshes) {
     if (judgement.admitted_as == Admission::kRefused) {
         throw InputError(mesh.name + ": nothing to draw: " + judgement.reason);
     }
-    const Box box = box_of_faces(mesh);
+    const Box box = box_of_faces(mesh, mesh.triangle);
     Mesh copy = mesh;
     const Vec3d middle = 0.5 * box.min + 0.5 * box.max;
     const double diagonal = (box.max - box.min).stableNorm();

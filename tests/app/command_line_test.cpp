@@ -1,9 +1,7 @@
 #include <gtest/gtest.h>
-#include <sys/wait.h>
 
 #include <array>
 #include <cmath>
-#include <cstdio>
 #include <filesystem>
 #include <fstream>
 #include <nlohmann/json.hpp>
@@ -11,16 +9,12 @@
 #include <string>
 
 #include "engine/image_file.hpp"
-#include "reference/paths.hpp"
+#include "tests/app/run_program.hpp"
 
 // The program as its users meet it: exit codes, one-line errors that name the place, nothing half-written.
 namespace {
 namespace fs = std::filesystem;
-
-struct Outcome {
-    int code = -1;
-    std::string out, err;
-};
+using trocar::Outcome;
 
 class CommandLine : public testing::Test {
  protected:
@@ -33,20 +27,7 @@ class CommandLine : public testing::Test {
     void TearDown() override { fs::remove_all(folder_); }
 
     Outcome run(const std::string& arguments) const {
-        const fs::path err = folder_ / "stderr.txt";
-        const std::string command =
-            "cd " + trocar::source_folder().string() + " && " + trocar::program_path().string() + " " + arguments + " 2>" + err.string();
-        Outcome outcome;
-        FILE* pipe = popen(command.c_str(), "r");
-        std::array<char, 4096> block;
-        for (size_t n; (n = fread(block.data(), 1, block.size(), pipe)) > 0;) outcome.out.append(block.data(), n);
-        const int status = pclose(pipe);
-        outcome.code = WIFEXITED(status) ? WEXITSTATUS(status) : -1;
-        std::ifstream stream(err);
-        std::stringstream text;
-        text << stream.rdbuf();
-        outcome.err = text.str();
-        return outcome;
+        return trocar::run_program(arguments, trocar::source_folder(), folder_);
     }
     fs::path write(const std::string& name, const std::string& text) const {
         std::ofstream(folder_ / name) << text;

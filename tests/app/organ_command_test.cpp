@@ -1,9 +1,7 @@
 #include <gtest/gtest.h>
-#include <sys/wait.h>
 
 #include <array>
 #include <cmath>
-#include <cstdio>
 #include <filesystem>
 #include <fstream>
 #include <nlohmann/json.hpp>
@@ -11,16 +9,12 @@
 #include <string>
 
 #include "engine/child_process.hpp"
-#include "reference/paths.hpp"
+#include "tests/app/run_program.hpp"
 
 // trocar organ as its users meet it.
 namespace {
 namespace fs = std::filesystem;
-
-struct Outcome {
-    int code = -1;
-    std::string out, err;
-};
+using trocar::Outcome;
 
 class OrganCommand : public testing::Test {
  protected:
@@ -50,21 +44,7 @@ class OrganCommand : public testing::Test {
     void TearDown() override {
         if (!folder_.empty()) fs::remove_all(folder_);
     }
-    Outcome run(const std::string& arguments) const {
-        const fs::path err = folder_ / "stderr.txt";
-        const std::string command = "cd " + folder_.string() + " && " + trocar::program_path().string() + " organ " + arguments +
-                                    " 2>" + err.string();
-        Outcome outcome;
-        FILE* pipe = popen(command.c_str(), "r");
-        std::array<char, 4096> block;
-        for (size_t n; (n = fread(block.data(), 1, block.size(), pipe)) > 0;) outcome.out.append(block.data(), n);
-        const int status = pclose(pipe);
-        outcome.code = WIFEXITED(status) ? WEXITSTATUS(status) : -1;
-        std::stringstream text;
-        text << std::ifstream(err).rdbuf();
-        outcome.err = text.str();
-        return outcome;
-    }
+    Outcome run(const std::string& arguments) const { return trocar::run_program("organ " + arguments, folder_, folder_); }
     fs::path folder_;
     std::array<int, 2> voxels_{};
 };

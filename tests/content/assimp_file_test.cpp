@@ -13,14 +13,7 @@ namespace fs = std::filesystem;
 
 const fs::path kModels = "/usr/share/assimp/models";
 
-std::string error_of(const fs::path& path) {
-    try {
-        load_mesh(path);
-    } catch (const InputError& error) {
-        return error.what();
-    }
-    return "no error";
-}
+std::string error_of(const fs::path& path) { return load_error(path); }
 
 // --- the stream
 

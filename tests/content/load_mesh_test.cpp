@@ -14,14 +14,7 @@ namespace {
 
 namespace fs = std::filesystem;
 
-std::string error_of(const fs::path& path) {
-    try {
-        load_mesh(path);
-    } catch (const InputError& error) {
-        return error.what();
-    }
-    return "no error";
-}
+std::string error_of(const fs::path& path) { return load_error(path); }
 
 struct LoadMesh : FolderTest {};
 

@@ -45,10 +45,11 @@ inline MeshSums sum_mesh(const Mesh& mesh) {
 
 inline LoadedMesh load_text(const std::string& text) { return load_mesh(text, "a.wrl"); }
 
-// The message of the InputError that reading these bytes throws, or "no error".
-inline std::string load_error(const std::string& bytes, const std::string& name) {
+// The message of the InputError that load_mesh throws for this file, or for bytes of this name; or "no error".
+template <typename... Source>
+std::string load_error(const Source&... source) {
     try {
-        load_mesh(bytes, name);
+        load_mesh(source...);
     } catch (const InputError& error) {
         return error.what();
     }

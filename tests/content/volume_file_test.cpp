@@ -8,6 +8,7 @@
 
 #include "content/mesh_sums.hpp"
 #include "engine/child_process.hpp"
+#include "reference/gzip.hpp"
 #include "tests/reference/shared_data.hpp"
 namespace trocar {
 namespace {
@@ -17,20 +18,6 @@ namespace fs = std::filesystem;
 template <typename Value>
 void put(std::string& bytes, Value value) {
     bytes.append(reinterpret_cast<const char*>(&value), sizeof value);
-}
-
-std::string gzip(const std::string& plain) {
-    z_stream stream{};
-    deflateInit2(&stream, 6, Z_DEFLATED, 15 + 16, 8, Z_DEFAULT_STRATEGY);
-    std::string packed(deflateBound(&stream, plain.size()), '\0');
-    stream.next_in = reinterpret_cast<Bytef*>(const_cast<char*>(plain.data()));
-    stream.avail_in = static_cast<uInt>(plain.size());
-    stream.next_out = reinterpret_cast<Bytef*>(packed.data());
-    stream.avail_out = static_cast<uInt>(packed.size());
-    deflate(&stream, Z_FINISH);
-    packed.resize(stream.total_out);
-    deflateEnd(&stream);
-    return packed;
 }
 
 // A volume in closed form: 5 x 4 x 3 voxels, oblique, in LPS.

@@ -2,11 +2,11 @@
 
 #include <gtest/gtest.h>
 #include <unistd.h>
-#include <zlib.h>
 
 #include <fstream>
 
 #include "engine/error.hpp"
+#include "reference/gzip.hpp"
 namespace trocar {
 namespace {
 
@@ -21,20 +21,6 @@ struct TextFile : testing::Test {
         return folder / name;
     }
 };
-
-std::string pack(const std::string& text) {
-    z_stream stream{};
-    deflateInit2(&stream, 6, Z_DEFLATED, 15 + 16, 8, Z_DEFAULT_STRATEGY);
-    std::string packed(deflateBound(&stream, text.size()) + 64, '\0');
-    stream.next_in = reinterpret_cast<Bytef*>(const_cast<char*>(text.data()));
-    stream.avail_in = static_cast<uInt>(text.size());
-    stream.next_out = reinterpret_cast<Bytef*>(packed.data());
-    stream.avail_out = static_cast<uInt>(packed.size());
-    deflate(&stream, Z_FINISH);
-    packed.resize(stream.total_out);
-    deflateEnd(&stream);
-    return packed;
-}
 
 std::string error_of(const fs::path& path, uint64_t limit = kTextFileLimit) {
     try {
@@ -54,15 +40,15 @@ std::string long_text() {
 TEST_F(TextFile, plain_and_packed_files_give_the_same_text) {
     const std::string text = long_text();
     EXPECT_EQ(read_text_file(put("plain", text)), text);
-    EXPECT_EQ(read_text_file(put("packed", pack(text))), text);
-    EXPECT_EQ(read_text_file(put("two members", pack(text) + pack("end"))), text + "end");
+    EXPECT_EQ(read_text_file(put("packed", gzip(text))), text);
+    EXPECT_EQ(read_text_file(put("two members", gzip(text) + gzip("end"))), text + "end");
     EXPECT_EQ(read_text_file(put("empty", "")), "");
-    EXPECT_EQ(read_text_file(put("packed empty", pack(""))), "");
-    EXPECT_EQ(read_file_bytes(folder / "packed"), pack(text));
+    EXPECT_EQ(read_text_file(put("packed empty", gzip(""))), "");
+    EXPECT_EQ(read_file_bytes(folder / "packed"), gzip(text));
 }
 
 TEST_F(TextFile, every_cut_of_a_packed_file_is_refused) {
-    const std::string packed = pack("Separator { Cube {} } # some text that packs into a few dozen bytes");
+    const std::string packed = gzip("Separator { Cube {} } # some text that packs into a few dozen bytes");
     for (size_t size = 2; size < packed.size(); ++size) {
         const std::string error = error_of(put("cut", packed.substr(0, size)));
         EXPECT_NE(error.find("gzip"), std::string::npos) << size << ": " << error;
@@ -76,7 +62,7 @@ TEST_F(TextFile, limits_hold_for_stored_and_unpacked_size) {
     const std::string zeros(5000000, '\0');
     EXPECT_EQ(error_of(put("zeros", zeros), 5000000), "no error");
     EXPECT_NE(error_of(put("zeros", zeros), 4999999).find("the limit is"), std::string::npos);
-    EXPECT_NE(error_of(put("bomb", pack(zeros)), 1000000).find("unpacks to more than"), std::string::npos);
+    EXPECT_NE(error_of(put("bomb", gzip(zeros)), 1000000).find("unpacks to more than"), std::string::npos);
     EXPECT_NE(error_of("/dev/zero", 100000).find("longer than the limit"), std::string::npos);
 }
 
