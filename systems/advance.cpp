@@ -224,6 +224,7 @@ void share_room(std::span<AdvanceScratch> scratches) {
     level(&AdvanceScratch::plan);
     level(&AdvanceScratch::active);
     level(&AdvanceScratch::touched);
+    level(&AdvanceScratch::pending);
 }
 
 void advance_island(const AdvanceParams& params, const AdvanceInputs& inputs, std::span<const uint32_t> island_bodies,
