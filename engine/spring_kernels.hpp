@@ -14,6 +14,7 @@ struct SpringStep {
     const float* rest_length;                     // 16 per column, m
     const float* anchor_stiffness;                // N/m
     const float *anchor_x, *anchor_y, *anchor_z;  // rest position, m
+    const float *force_x, *force_y, *force_z;     // N, of everything besides springs and anchors; may be null
     float turn[9];                                // rows: anchor goal = centre + turn * rest
     float turn_rest[9];      // what float left out of turn: without it the goals turn the body by themselves
     float centre[3];         // m, high part of the goal of a rest position of zero
@@ -52,7 +53,7 @@ enum EnergySum { kSumStretch, kSumAnchor, kSumMvv, kSumMass, kSumMPlace, kEnergy
 // root and division, fused multiply-add only where written.
 struct SpringKernels {
     const char* name;
-    // Springs, anchors, gravity and damping, then kick and drift of slices [first, last). A spring of length zero and
+    // Springs, anchors, other forces, gravity and damping, then kick and drift of slices [first, last). A spring of length zero and
     // padding pull nowhere; a particle of inverse mass zero keeps its place and gets velocity zero. With remainders the
     // drift is a compensated sum (Kahan, CACM 8(1), 1965): steps far smaller than the ulp of a place add up.
     // damping_work (16 doubles, J) is added to lane by lane: damping impulse times mean velocity; may be null.

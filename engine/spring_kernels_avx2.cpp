@@ -93,6 +93,11 @@ void step(const SpringStep* body, unsigned first, unsigned last, double* damping
         fx = _mm256_fmadd_ps(anchor, to_goal(body, goals, 0, p.x), _mm256_mul_ps(k, fx));
         fy = _mm256_fmadd_ps(anchor, to_goal(body, goals, 1, p.y), _mm256_mul_ps(k, fy));
         fz = _mm256_fmadd_ps(anchor, to_goal(body, goals, 2, p.z), _mm256_mul_ps(k, fz));
+        if (body->force_x) {
+            fx = _mm256_add_ps(fx, _mm256_loadu_ps(body->force_x + row));
+            fy = _mm256_add_ps(fy, _mm256_loadu_ps(body->force_y + row));
+            fz = _mm256_add_ps(fz, _mm256_loadu_ps(body->force_z + row));
+        }
 
         // damping towards the drag velocity, then kick
         const __m256 vx = _mm256_loadu_ps(body->velocity_x + row), vy = _mm256_loadu_ps(body->velocity_y + row),

@@ -116,6 +116,11 @@ void step(const SpringStep* body, unsigned first, unsigned last, double* damping
         fx = _mm512_fmadd_ps(anchor, to_goal(body, goals, 0, p.x), _mm512_mul_ps(k, fx));
         fy = _mm512_fmadd_ps(anchor, to_goal(body, goals, 1, p.y), _mm512_mul_ps(k, fy));
         fz = _mm512_fmadd_ps(anchor, to_goal(body, goals, 2, p.z), _mm512_mul_ps(k, fz));
+        if (body->force_x) {
+            fx = _mm512_add_ps(fx, _mm512_loadu_ps(body->force_x + row));
+            fy = _mm512_add_ps(fy, _mm512_loadu_ps(body->force_y + row));
+            fz = _mm512_add_ps(fz, _mm512_loadu_ps(body->force_z + row));
+        }
 
         // damping towards the drag velocity, then kick
         const __m512 vx = _mm512_loadu_ps(body->velocity_x + row), vy = _mm512_loadu_ps(body->velocity_y + row),
