@@ -3,16 +3,18 @@
 namespace trocar {
 
 // Energy of all deformable bodies and the work done on them since the start. J.
-// Balance: kinetic + elastic + gravity - (work_*) = its value at the start.
+// Balance: kinetic + elastic + pressure + bending + gravity - (work_*) = its value at the start.
 struct Energy {
     double kinetic = 0;
     double elastic = 0;        // surface springs and anchors
+    double pressure = 0;       // of enclosed volumes
+    double bending = 0;        // of surfaces
     double gravity = 0;        // potential
     double work_hand = 0;      // of hands and scripts, through contact rows
     double work_contact = 0;   // of inelastic impact and friction, <= 0
     double work_damping = 0;   // <= 0
     double work_push = 0;      // of push-out moves
-    double balance = 0;        // kinetic + elastic + gravity - works - value at the start
+    double balance = 0;        // the sum above - its value at the start
 };
 
 // Trouble is counted here; frames never throw and never print.

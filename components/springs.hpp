@@ -14,6 +14,15 @@ struct SpringInfo {
     double mean_rest = 0;  // m
 };
 
+// Triangles around the vertices of prototypes that have a body which keeps its volume, in slices as those of Springs: a
+// column names the next and the last corner of one triangle around each of 16 vertices. Padding names the lane's own vertex.
+struct Fans {
+    std::vector<uint32_t> first;   // one per prototype: its first row of column, kNone = has none; may be shorter
+    std::vector<double> volume;    // one per row of first: m^3, of the rest shape, negative if inside out
+    std::vector<uint32_t> column;  // first column of a slice; slices + 1 rows per prototype that has fans
+    std::vector<uint32_t> corner;  // 32 per column: 16 next corners, counter-clockwise from outside, then 16 last ones
+};
+
 struct Springs {
     std::vector<SpringInfo> info;             // one per prototype
     std::vector<uint32_t> slice_column;       // first column of a slice; slices.count + 1 rows per prototype, at slices.first + prototype row
@@ -21,6 +30,7 @@ struct Springs {
     std::vector<float> rest_length;           // 16 per column: m; padding 0
     std::vector<float> area_share;            // one per vertex of the prototype (padded to 16): third of the incident area, m^2; padding 0
     std::vector<Range> vertices;              // one per prototype: rows of area_share
+    Fans fans;
 };
 
 }  // namespace trocar

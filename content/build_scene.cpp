@@ -15,6 +15,7 @@
 #include "engine/device.hpp"
 #include "engine/error.hpp"
 #include "engine/mesh_topology.hpp"
+#include "engine/pressure_force.hpp"
 namespace trocar {
 namespace fs = std::filesystem;
 namespace {
@@ -176,6 +177,7 @@ void make_deformable(World& world, uint32_t body, double fixed_below) {
     const uint32_t prototype = world.bodies.mesh[body];
     if (world.springs.info.size() <= prototype || world.springs.info[prototype].slices.count == 0)
         add_springs(world.springs, world.meshes, prototype);
+    if (has_pressure(world.bodies, body)) add_fans(world.springs, world.meshes, prototype);
     add_deformable(world.meshes, world.springs, world.poses, body, world.bodies, world.particles, world.anchors);
     fix_vertices_below(world, body, fixed_below);
     update_stable_dt(world.springs, body, world.particles, world.anchors, world.bodies);

@@ -196,6 +196,7 @@ void read_tissue(Section& section, Tissue& t) {
     section.read("depth", t.depth, 1e-9, 1e9);
     section.read("damping", t.damping, 0, 1e6);
     section.read("friction", t.friction, 0, 1e6);
+    section.read("pressure_modulus", t.pressure_modulus, 0, 1e12);
     section.refuse_unknown();
 }
 

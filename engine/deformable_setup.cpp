@@ -9,6 +9,7 @@
 #include "engine/check.hpp"
 #include "engine/error.hpp"
 #include "engine/geometry/quaternion.hpp"
+#include "engine/pressure_force.hpp"
 namespace trocar {
 namespace {
 
@@ -30,6 +31,8 @@ void check_tissue(const Bodies& bodies, uint32_t body) {
     positive(tissue.depth, "depth");
     not_negative(tissue.damping, "damping");
     not_negative(tissue.friction, "friction");
+    not_negative(tissue.pressure_modulus, "pressure modulus");
+    not_negative(tissue.bending, "bending");
 }
 
 double body_mass(const MeshInfo& info, const Tissue& tissue, double thickness) {
@@ -64,6 +67,8 @@ void add_deformable(const Meshes& meshes, const Springs& springs, const Poses& p
     TROCAR_ASSERT(prototype < springs.vertices.size());
     const MeshInfo& info = meshes.info[prototype];
     const Tissue& tissue = bodies.tissue[body];
+    if (has_pressure(bodies, body) && (info.admission != Admission::kSolid || info.volume == 0))
+        refuse(bodies, body, "only a closed, oriented surface without self-crossings keeps its volume (pressure modulus)");
     const std::span share =
         std::span(springs.area_share).subspan(springs.vertices[prototype].first, springs.vertices[prototype].count);
     const double mass = body_mass(info, tissue, bodies.thickness[body]);
@@ -120,6 +125,7 @@ void update_stable_dt(const Springs& springs, uint32_t body, const Particles& pa
             omega_squared = std::max(omega_squared, sum * particles.offset[first + v].w);
         }
     }
+    if (has_pressure(bodies, body)) omega_squared += pressure_omega_squared(springs, bodies, particles, body);
     const double damping = bodies.tissue[body].damping;
     bodies.stable_dt[body] =
         omega_squared > 0 ? kStableShare * (std::sqrt(damping * damping + 4 * omega_squared) - damping) / omega_squared

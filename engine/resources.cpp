@@ -98,7 +98,8 @@ void visit_resource(World& w, Resource resource, Visitor& v) {
             break;
         case Resource::kSprings:
             v.array(w.springs.info), v.array(w.springs.slice_column), v.array(w.springs.neighbour),
-                v.array(w.springs.rest_length), v.array(w.springs.area_share), v.array(w.springs.vertices);
+                v.array(w.springs.rest_length), v.array(w.springs.area_share), v.array(w.springs.vertices),
+                v.array(w.springs.fans.first), v.array(w.springs.fans.volume), v.array(w.springs.fans.column), v.array(w.springs.fans.corner);
             break;
         case Resource::kBodies:
             v.array(w.bodies.entity), v.array(w.bodies.name), v.array(w.bodies.mesh), v.array(w.bodies.motion),
@@ -186,7 +187,8 @@ void visit_resource(World& w, Resource resource, Visitor& v) {
                 v.array(w.picture.tool), v.value(w.picture.depth), v.value(w.picture.force);
             break;
         case Resource::kEnergy:
-            v.value(w.energy.kinetic), v.value(w.energy.elastic), v.value(w.energy.gravity),
+            v.value(w.energy.kinetic), v.value(w.energy.elastic), v.value(w.energy.pressure),
+                v.value(w.energy.bending), v.value(w.energy.gravity),
                 v.value(w.energy.work_hand), v.value(w.energy.work_contact), v.value(w.energy.work_damping),
                 v.value(w.energy.work_push), v.value(w.energy.balance);
             break;

@@ -83,6 +83,7 @@ void gather_bodies(AdvanceIsland& island, std::span<const uint32_t> island_bodie
     }
     if (s.offset_a.size() < particles) s.offset_a.resize(particles), s.offset_b.resize(particles);
     give_remainders(island, particles);
+    give_forces(island, particles);
 }
 
 // Lanes of damping work, kept per chunk over the whole call.
@@ -109,6 +110,7 @@ void step_bodies(AdvanceIsland& island, const SpringKernels& kernels, uint32_t s
             fit_goals(totals, island.poses.orientation[b.body], b.step);
             fit_drag(totals, b.step);
         }
+        find_forces(island, b);
         const float* drag = b.step.drag_velocity;
         const float* turn = b.step.drag_turn;
         b.drag_velocity = make_vec4(drag[0], drag[1], drag[2]);
@@ -213,6 +215,8 @@ void share_room(std::span<AdvanceScratch> scratches) {
     level(&AdvanceScratch::offset_a);
     level(&AdvanceScratch::offset_b);
     level(&AdvanceScratch::remainder);
+    level(&AdvanceScratch::force);
+    level(&AdvanceScratch::force_sums);
     level(&AdvanceScratch::body);
     level(&AdvanceScratch::rigid);
     level(&AdvanceScratch::sums);

@@ -119,7 +119,10 @@ double node_push_work(const HalfWay& at, uint32_t v, const Vec3d& push, double i
     }
     const Vec3d to_anchor = from - at.goal(v);
     const double anchor = step.anchor_stiffness[v] * ((to_anchor + push).squaredNorm() - to_anchor.squaredNorm());
-    return 0.5 * (step.stiffness * springs + anchor) - at.island.params.gravity.dot(push) / inv_mass;
+    // other forces as they were at the start of the substep
+    const double others =
+        step.force_x ? Vec3d(step.force_x[v], step.force_y[v], step.force_z[v]).dot(push) : 0.0;
+    return 0.5 * (step.stiffness * springs + anchor) - others - at.island.params.gravity.dot(push) / inv_mass;
 }
 
 // Books the pushes of the last substep of a call from the springs themselves: the next forces are not there yet.

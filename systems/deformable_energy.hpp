@@ -11,10 +11,12 @@ namespace trocar {
 // Reused memory of measure_energy.
 struct EnergyScratch {
     std::vector<double> sums;
+    std::vector<Float4> offset;   // half a substep back, of one body with other forces
+    std::vector<float> gradient;  // 3 fields, as offset
 };
 
-// Sets energy.kinetic, elastic and gravity (J) from the state of all deformable bodies, and balance from `start`
-// (kinetic + elastic + gravity when the books were opened). Sums in double, fixed
+// Sets energy.kinetic, elastic, pressure, bending and gravity (J) from the state of all deformable bodies, and balance from `start`
+// (their sum when the books were opened). Sums in double, fixed
 // order; large bodies in parallel. Everything is taken at the time of the
 // velocities, half a substep before that of the offsets: there the leapfrog's kinetic energy needs no knowledge of the
 // contact impulses to come.

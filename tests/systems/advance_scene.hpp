@@ -9,6 +9,7 @@
 #include "engine/closest_point.hpp"
 #include "engine/deformable_setup.hpp"
 #include "engine/mesh_topology.hpp"
+#include "engine/pressure_force.hpp"
 #include "engine/surfaces.hpp"
 #include "systems/advance.hpp"
 #include "systems/deformable_energy.hpp"
@@ -67,6 +68,7 @@ struct AdvanceScene {
         poses.orientation.push_back(orientation);
         poses.velocity.push_back(Vec3d::Zero());
         poses.angular_velocity.push_back(Vec3d::Zero());
+        if (motion == Motion::kDeformable && tissue.pressure_modulus > 0) add_fans(springs, meshes, mesh);
         if (motion == Motion::kDeformable) add_deformable(meshes, springs, poses, body, bodies, particles, anchors);
         return body;
     }

@@ -1,0 +1,60 @@
+#include <algorithm>
+
+#include "engine/parallel.hpp"
+#include "engine/pressure_force.hpp"
+#include "engine/spring_step.hpp"
+#include "systems/advance_parts.hpp"
+namespace trocar {
+namespace {
+
+// The three fields of a body's forces.
+struct Forces {
+    float* axis[3];
+    uint32_t count;
+};
+Forces forces_of(AdvanceScratch& s, const AdvanceBody& b) {
+    const size_t stride = s.force.size() / 3;
+    float* first = s.force.data() + b.buffer;
+    return {{first, first + stride, first + 2 * stride}, b.particles.count};
+}
+
+void set_pressure(AdvanceIsland& island, const AdvanceBody& b, const Forces& f) {
+    const AdvanceInputs& in = island.inputs;
+    const double volume = find_volume_gradient(in.springs, in.bodies.mesh[b.body], b.now, island.scratch.force_sums,
+                                               f.axis[0], f.axis[1], f.axis[2]);
+    const float p = static_cast<float>(find_pressure(in.springs, in.bodies, b.body, volume));
+    parallel_for(b.slices, kSlicesPerChunk, [&](uint32_t begin, uint32_t end) {
+        for (float* axis : f.axis) {
+            for (uint32_t i = begin * kSliceWidth; i < end * kSliceWidth; ++i) axis[i] *= p;
+        }
+    });
+}
+
+}  // namespace
+
+bool has_forces(const AdvanceInputs& inputs, uint32_t body) { return has_pressure(inputs.bodies, body); }
+
+void give_forces(AdvanceIsland& island, uint32_t particles) {
+    AdvanceScratch& s = island.scratch;
+    const auto forced = [&](const AdvanceBody& b) { return has_forces(island.inputs, b.body); };
+    if (std::none_of(s.body.begin(), s.body.end(), forced)) return;
+    s.force.assign(size_t{3} * particles, 0.0f);
+    for (AdvanceBody& b : s.body) {
+        if (!forced(b)) continue;
+        const Forces f = forces_of(s, b);
+        b.step.force_x = f.axis[0], b.step.force_y = f.axis[1], b.step.force_z = f.axis[2];
+    }
+}
+
+void find_forces(AdvanceIsland& island, AdvanceBody& b) {
+    if (!b.step.force_x) return;
+    const Forces f = forces_of(island.scratch, b);
+    // the first family writes, those after it add
+    if (has_pressure(island.inputs.bodies, b.body)) {
+        set_pressure(island, b, f);
+    } else {
+        for (float* axis : f.axis) std::fill_n(axis, f.count, 0.0f);
+    }
+}
+
+}  // namespace trocar
