@@ -22,7 +22,8 @@ struct Episode {
 
 struct Soak {
     std::string scene;
-    std::vector<Episode> episode;
+    std::vector<Episode> episode;  // the first, and one every so often
+    uint64_t episodes = 0, passes = 0, lost = 0;
     std::string broken;  // the rule that broke and why; empty = none
     uint64_t faults = 0;
     double minutes = 0;

@@ -35,6 +35,7 @@ constexpr double kRounding = 1e-5;        // of the potential energy, sums over 
 constexpr double kLeastEnergy = 1e-6;     // J, books of less are all rounding
 constexpr double kWarmShare = 0.2;        // of the run, at most kWarmMinutes: memory is still being found
 constexpr double kWarmMinutes = 1;
+constexpr size_t kKeptEpisodes = 2000;
 constexpr uint64_t kFaultPeriod = 3;      // episodes
 constexpr double kMiB = 1024 * 1024;
 
@@ -137,18 +138,16 @@ nlohmann::ordered_json drift_json(const Drift& d) {
 }
 
 std::string soak_json(const Soak& soak, const Drifts& d) {
-    uint64_t passes = 0, lost = 0;
     double residual = 0, energy = 0, worst = 0;
     std::vector<double> p99;
     for (const Episode& e : soak.episode) {
-        passes += e.passes, lost += e.lost;
         residual = std::max(residual, e.residual_mm), worst = std::max(worst, e.worst_ms);
         if (!e.with_fault) energy = std::max(energy, e.energy_share);
         p99.push_back(e.p99_ms);
     }
-    return nlohmann::ordered_json{{"scene", soak.scene}, {"minutes", soak.minutes}, {"episodes", soak.episode.size()}, {"passes", passes},
+    return nlohmann::ordered_json{{"scene", soak.scene}, {"minutes", soak.minutes}, {"episodes", soak.episodes}, {"passes", soak.passes},
                                   {"sound", soak.broken.empty()}, {"broken", soak.broken}, {"faults_injected", soak.faults},
-                                  {"particles_restored", lost}, {"resident_mib", drift_json(d.resident)}, {"heap_mib", drift_json(d.heap)},
+                                  {"particles_restored", soak.lost}, {"resident_mib", drift_json(d.resident)}, {"heap_mib", drift_json(d.heap)},
                                   {"median_pass_ms", drift_json(d.median)}, {"p99_pass_ms", quantile(p99, 0.5)}, {"worst_pass_ms", worst},
                                   {"deepest_residual_mm", residual}, {"worst_energy_share", energy}}
                .dump(2) + "\n";
@@ -179,7 +178,7 @@ std::string soak_html(const Soak& soak, const Drifts& d) {
     };
     return html_page(soak.scene + " soak",
                      "<h1>" + escape_html(soak.scene) + ": " + (soak.broken.empty() ? "sound" : "broken") + "</h1><p>" +
-                         escape_html(soak.broken.empty() ? std::to_string(soak.episode.size()) + " episodes, no rule broken." : soak.broken) + "</p><p>Resident memory " +
+                         escape_html(soak.broken.empty() ? std::to_string(soak.episodes) + " episodes, no rule broken." : soak.broken) + "</p><p>Resident memory " +
                          words(d.resident, "MiB") + "; heap " + words(d.heap, "MiB") + "; median pass " + words(d.median, "ms") + ".</p>" +
                          svg_plot({"Memory", "minutes", "MiB", {resident, heap}}) + svg_plot({"Time of a contact pass", "minutes", "ms", {median, p99}}));
 }
@@ -187,8 +186,8 @@ std::string soak_html(const Soak& soak, const Drifts& d) {
 void print_minute(const Soak& soak) {
     const Episode& e = soak.episode.back();
     char text[256];
-    std::snprintf(text, sizeof text, "%6.1f min  %5zu episodes  resident %.1f MiB  heap %.1f MiB  pass median %.2f p99 %.2f ms  residual %.3f mm  energy %.2f %%\n",
-                  e.minute, soak.episode.size(), e.resident, e.heap, e.median_ms, e.p99_ms, e.residual_mm, 100 * e.energy_share);
+    std::snprintf(text, sizeof text, "%6.1f min  %5llu episodes  resident %.1f MiB  heap %.1f MiB  pass median %.2f p99 %.2f ms  residual %.3f mm  energy %.2f %%\n",
+                  e.minute, static_cast<unsigned long long>(soak.episodes), e.resident, e.heap, e.median_ms, e.p99_ms, e.residual_mm, 100 * e.energy_share);
     write_standard_output(text);
 }
 
@@ -196,14 +195,16 @@ void run_soak(const SoakOptions& options, Soaker& soaker, Soak& soak) {
     const uint64_t start = now_ns();
     const auto minutes = [&] { return static_cast<double>(now_ns() - start) * 1e-9 / 60; };
     Progress progress(soak.scene);
+    soak.episode.reserve(kKeptEpisodes + 2);  // our own list must not look like a leak
     uint64_t printed = 0;
     do {
-        Episode e = soaker.run(soak.episode.size(), soak);
+        Episode e = soaker.run(soak.episodes, soak);
         e.minute = minutes();
-        soak.episode.push_back(e);
+        ++soak.episodes, soak.passes += e.passes, soak.lost += e.lost;
+        if (soak.episode.empty() || e.minute >= static_cast<double>(soak.episode.size()) * options.minutes / kKeptEpisodes) soak.episode.push_back(e);
         // the first episode finds its memory; the second is the first that is like all others
         judge_episode(e, soak.episode.front(), soak);
-        progress.show(std::min(1.0, e.minute / options.minutes), std::to_string(soak.episode.size()) + " episodes");
+        progress.show(std::min(1.0, e.minute / options.minutes), std::to_string(soak.episodes) + " episodes");
         if (!options.json && static_cast<uint64_t>(e.minute) > printed) {
             printed = static_cast<uint64_t>(e.minute);
             print_minute(soak);
