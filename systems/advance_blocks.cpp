@@ -314,14 +314,15 @@ void plan_blocks(AdvanceIsland& island) {
     const uint32_t idle = add_idle_node(s);
     s.open_blocks_of_node.assign(s.node.size(), 0);
     BlockFiller filler(island, idle);
+    for (ContactPlan& plan : s.plan) plan.in_block = fits_block(s, plan);
     // points of edges are apart: their blocks have one part more
     for (const bool edges : {false, true}) {
         for (const ContactPlan& plan : s.plan) {
-            if (is_edge(plan) == edges && fits_block(s, plan)) filler.add(plan);
+            if (plan.in_block && is_edge(plan) == edges) filler.add(plan);
         }
         filler.close_all();
     }
-    std::erase_if(s.plan, [&](const ContactPlan& plan) { return fits_block(s, plan); });
+    std::erase_if(s.plan, [&](const ContactPlan& plan) { return plan.in_block; });
     s.active_block.reserve(s.block.size());
 }
 

@@ -84,6 +84,7 @@ struct ContactPlan {
     uint32_t rigid_a = kNone, rigid_b = kNone;  // rows of rigid, or kNone
     uint32_t row = kNone;
     bool ended = false;
+    bool in_block = false;
 };
 
 // A row that acts in this substep.
