@@ -106,7 +106,8 @@ void compute_body_box(double period, const Surfaces& s, uint32_t body, BodyBoxes
     const double margin = reach_of(speed * period, mean_speed * period, info.mean_edge);
     const Vec3d reach = Vec3d::Constant(margin + 0.5 * s.bodies.thickness[body]);
     boxes.margin[body] = margin;
-    boxes.box[body] = {s.poses.origin[body] + box.min - reach, s.poses.origin[body] + box.max + reach};
+    const Box wide{s.poses.origin[body] + box.min - reach, s.poses.origin[body] + box.max + reach};
+    boxes.box[body] = (wide.min.array() <= wide.max.array()).all() ? wide : Box{};
 }
 
 }  // namespace

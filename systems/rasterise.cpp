@@ -10,6 +10,7 @@ namespace {
 
 constexpr uint64_t kEmptyCell = UINT64_MAX;
 constexpr uint32_t kMostCells = 64;  // of one triangle; more goes to the oversize list
+constexpr uint32_t kLongestProbe = 256;  // steps of a lookup; a table that needs more is given up
 constexpr double kGridCells = (1 << 21) - 2;
 constexpr uint8_t kNotFinite = 8;
 
@@ -147,11 +148,11 @@ void grow_table(RasteriseScratch& scratch) {
     scratch.used_slot.clear();
 }
 
-// Slot of a cell, taken if new. The body is counted.
+// Slot of a cell, taken if new; kNone if it would be too far from where it belongs. The body is counted.
 uint32_t count_cell(uint64_t key, uint32_t body, uint32_t shift, RasteriseScratch& scratch) {
     const uint32_t mask = uint32_t(scratch.table.size()) - 1;
-    uint32_t slot = uint32_t((key * 0x9E3779B97F4A7C15ull) >> shift);
-    for (;; slot = (slot + 1) & mask) {
+    uint32_t slot = cell_slot(key, shift);
+    for (uint32_t steps = 0; steps < kLongestProbe; ++steps, slot = (slot + 1) & mask) {
         CountedCell& cell = scratch.table[slot];
         if (cell.key == key) {
             if (cell.object != body && cell.shared == 0) {
@@ -166,19 +167,26 @@ uint32_t count_cell(uint64_t key, uint32_t body, uint32_t shift, RasteriseScratc
             return slot;
         }
     }
+    return kNone;
 }
 
-// Pass 1 over one body: counts it in every cell of its triangles. False when the table must grow first.
-bool count_body(const ScreenedTriangles& screened, uint32_t body, __m256 clip, float inv_size,
-                RasteriseScratch& scratch, Occupancy& occupancy) {
+uint64_t cell_count(const CellRange& cells) {
+    return uint64_t(cells.last[0] - cells.first[0] + 1) * (cells.last[1] - cells.first[1] + 1) *
+           (cells.last[2] - cells.first[2] + 1);
+}
+
+enum class Counted { kAll, kTableFull, kTableCrowded };
+
+// Pass 1 over one body: counts it in every cell of its triangles.
+Counted count_body(const ScreenedTriangles& screened, uint32_t body, __m256 clip, float inv_size,
+                   RasteriseScratch& scratch, Occupancy& occupancy) {
     const uint32_t shift = 64 - uint32_t(__builtin_ctzll(scratch.table.size()));
     const Range rows = screened.body[body];
     for (uint32_t row = rows.first; row < rows.end(); ++row) {
-        if (scratch.used_slot.size() + kMostCells > scratch.table.size() / 2) return false;
+        if (scratch.used_slot.size() + kMostCells > scratch.table.size() / 2) return Counted::kTableFull;
         const CellRange cells = cells_of(_mm256_max_ps(load_box(screened.box[row]), clip), inv_size);
-        const uint64_t x = cells.last[0] - cells.first[0] + 1, y = cells.last[1] - cells.first[1] + 1,
-                       z = cells.last[2] - cells.first[2] + 1;
-        if (x * y * z > kMostCells) {
+        const uint64_t count = cell_count(cells);
+        if (count > kMostCells) {
             occupancy.oversize.push_back(row);
             continue;
         }
@@ -186,35 +194,45 @@ bool count_body(const ScreenedTriangles& screened, uint32_t body, __m256 clip, f
             scratch.reference.resize(2 * scratch.reference.size() + kMostCells);
         }
         CellReference* next = scratch.reference.data() + scratch.references;
-        scratch.references += uint32_t(x * y * z);
+        scratch.references += uint32_t(count);
         for (uint32_t i = cells.first[0]; i <= cells.last[0]; ++i) {
             for (uint32_t j = cells.first[1]; j <= cells.last[1]; ++j) {
                 for (uint32_t k = cells.first[2]; k <= cells.last[2]; ++k) {
-                    *next++ = {count_cell(pack_cell(i, j, k), body, shift, scratch), row, body};
+                    const uint32_t slot = count_cell(pack_cell(i, j, k), body, shift, scratch);
+                    if (slot == kNone) return Counted::kTableCrowded;
+                    *next++ = {slot, row, body};
                 }
             }
         }
     }
-    return true;
+    return Counted::kAll;
 }
 
-void count_objects(const ScreenedTriangles& screened, float inv_size, RasteriseScratch& scratch, Occupancy& occupancy) {
+// Hull of the regions of one body: outside it no cell can be shared.
+__m256 clip_of(uint32_t body, const Vec3d& origin, const RasteriseScratch& scratch) {
+    Box all;
+    for (uint32_t i = scratch.region_first[body]; i < scratch.region_first[body + 1]; ++i) {
+        all = joined(all, scratch.region[scratch.region_pair[i]]);
+    }
+    return load_box(pack_box(all, origin));
+}
+
+// False when the keys crowd the table.
+bool count_objects(const ScreenedTriangles& screened, float inv_size, RasteriseScratch& scratch, Occupancy& occupancy) {
     if (scratch.table.empty()) grow_table(scratch);
-    for (bool done = false; !done;) {
+    for (Counted counted = Counted::kTableFull; counted != Counted::kAll;) {
         scratch.references = 0;
         scratch.shared.clear();
         occupancy.oversize.clear();
-        done = true;
-        for (const uint32_t body : scratch.body) {
-            Box all;
-            for (uint32_t i = scratch.region_first[body]; i < scratch.region_first[body + 1]; ++i) {
-                all = joined(all, scratch.region[scratch.region_pair[i]]);
-            }
-            done = count_body(screened, body, load_box(pack_box(all, screened.origin)), inv_size, scratch, occupancy);
-            if (!done) break;
+        counted = Counted::kAll;
+        for (uint32_t i = 0; i < scratch.body.size() && counted == Counted::kAll; ++i) {
+            const uint32_t body = scratch.body[i];
+            counted = count_body(screened, body, clip_of(body, screened.origin, scratch), inv_size, scratch, occupancy);
         }
-        if (!done) grow_table(scratch);
+        if (counted == Counted::kTableCrowded) return false;
+        if (counted == Counted::kTableFull) grow_table(scratch);
     }
+    return true;
 }
 
 // Pass 2: the shared cells in key order, their references in the order (cell, body, triangle).
@@ -264,6 +282,69 @@ void fill_layers(const ScreenedTriangles& screened, RasteriseScratch& scratch, O
     occupancy.primitive_first.push_back(uint32_t(kept));
 }
 
+// References in the order (body, triangle), each with its key.
+void key_references(const ScreenedTriangles& screened, float inv_size, RasteriseScratch& scratch, Occupancy& occupancy) {
+    scratch.keyed.clear();
+    occupancy.oversize.clear();
+    for (const uint32_t body : scratch.body) {
+        const __m256 clip = clip_of(body, screened.origin, scratch);
+        for (uint32_t row = screened.body[body].first; row < screened.body[body].end(); ++row) {
+            const CellRange cells = cells_of(_mm256_max_ps(load_box(screened.box[row]), clip), inv_size);
+            if (cell_count(cells) > kMostCells) {
+                occupancy.oversize.push_back(row);
+                continue;
+            }
+            for (uint32_t i = cells.first[0]; i <= cells.last[0]; ++i) {
+                for (uint32_t j = cells.first[1]; j <= cells.last[1]; ++j) {
+                    for (uint32_t k = cells.first[2]; k <= cells.last[2]; ++k) {
+                        scratch.keyed.push_back({pack_cell(i, j, k), row, body});
+                    }
+                }
+            }
+        }
+    }
+}
+
+// Stable radix sort by key, two digits an axis; a digit that all keys share costs one look.
+void sort_references(std::vector<KeyedReference>& keyed, std::vector<KeyedReference>& spare) {
+    spare.resize(keyed.size());
+    for (const uint32_t shift : {0u, 11u, 21u, 32u, 42u, 53u}) {
+        std::array<uint32_t, 2049> first{};
+        const auto digit = [&](const KeyedReference& r) { return uint32_t(r.key >> shift) & (shift % 21 ? 1023 : 2047); };
+        for (const KeyedReference& r : keyed) ++first[digit(r) + 1];
+        if (keyed.empty() || first[digit(keyed[0]) + 1] == keyed.size()) continue;
+        for (uint32_t i = 0; i < 2048; ++i) first[i + 1] += first[i];
+        for (const KeyedReference& r : keyed) spare[first[digit(r)]++] = r;
+        keyed.swap(spare);
+    }
+}
+
+// The layers from sorted references; a cell of one body is left out.
+void fill_layers_from_sorted(const ScreenedTriangles& screened, const std::vector<KeyedReference>& keyed,
+                             Occupancy& occupancy) {
+    for (auto* layer : {&occupancy.object_first, &occupancy.object, &occupancy.primitive_first, &occupancy.primitive,
+                        &occupancy.primitive_row}) {
+        layer->clear();
+    }
+    occupancy.cell_key.clear();
+    for (size_t begin = 0, end = 0; begin < keyed.size(); begin = end) {
+        while (end < keyed.size() && keyed[end].key == keyed[begin].key) ++end;
+        if (keyed[begin].body == keyed[end - 1].body) continue;
+        occupancy.cell_key.push_back(keyed[begin].key);
+        occupancy.object_first.push_back(uint32_t(occupancy.object.size()));
+        for (size_t i = begin; i < end; ++i) {
+            if (i == begin || keyed[i].body != keyed[i - 1].body) {
+                occupancy.object.push_back(keyed[i].body);
+                occupancy.primitive_first.push_back(uint32_t(occupancy.primitive.size()));
+            }
+            occupancy.primitive.push_back(screened.triangle[keyed[i].row]);
+            occupancy.primitive_row.push_back(keyed[i].row);
+        }
+    }
+    occupancy.object_first.push_back(uint32_t(occupancy.object.size()));
+    occupancy.primitive_first.push_back(uint32_t(occupancy.primitive.size()));
+}
+
 }  // namespace
 
 void rasterise(const ContactParams& params, const Surfaces& surfaces, const BodyBoxes& boxes,
@@ -282,9 +363,15 @@ void rasterise(const ContactParams& params, const Surfaces& surfaces, const Body
     const Vec3d extent = pairs.a.empty() ? Vec3d(Vec3d::Zero()) : Vec3d(all.max - all.min);
     occupancy.origin = screened.origin;
     occupancy.cell_size = choose_cell_size(params, mean_edge, boxes, surfaces, extent, screened, scratch);
-    count_objects(screened, 1.0f / float(occupancy.cell_size), scratch, occupancy);
+    const float inv_size = 1.0f / float(occupancy.cell_size);
+    if (count_objects(screened, inv_size, scratch, occupancy)) {
+        fill_layers(screened, scratch, occupancy);
+    } else {
+        key_references(screened, inv_size, scratch, occupancy);
+        sort_references(scratch.keyed, scratch.keyed_spare);
+        fill_layers_from_sorted(screened, scratch.keyed, occupancy);
+    }
     report.oversize_triangles += occupancy.oversize.size();
-    fill_layers(screened, scratch, occupancy);
     clear_table(scratch);
 }
 

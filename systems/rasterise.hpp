@@ -22,6 +22,13 @@ struct CellReference {
     uint32_t body = 0;
 };
 
+// One triangle in one cell, where references are sorted instead of counted.
+struct KeyedReference {
+    uint64_t key = 0;
+    uint32_t row = 0;  // of ScreenedTriangles
+    uint32_t body = 0;
+};
+
 // What the screening of one body found.
 struct BodyScreen {
     std::vector<uint8_t> outcode;  // per vertex: sides of the region it lies beyond
@@ -44,11 +51,14 @@ struct RasteriseScratch {
     std::vector<std::array<uint64_t, 2>> shared;  // key, row in order of discovery
     std::vector<uint32_t> rank;                   // of a shared cell by key
     std::vector<uint32_t> cell_first, next, cell_body;
+    std::vector<KeyedReference> keyed, keyed_spare;  // instead of the table
 };
 
 // OHC construction (thesis 3.3.1): rasterises the triangles that lie in the overlap of two enlarged body boxes into a
 // grid of half-open cells. Pass 1 counts the bodies of each cell, pass 2 fills only cells of two or more. Layers ascend
 // by cell key, body and triangle, whatever the table holds. Triangles of more than 64 cells go to the oversize list.
+// Where keys crowd the table so that a lookup takes more than 256 steps, references are sorted by key instead: the same
+// layers, in time linear in the references whatever the keys.
 void rasterise(const ContactParams& params, const Surfaces& surfaces, const BodyBoxes& boxes,
                const CandidatePairs& pairs, RasteriseScratch& scratch, Report& report, ScreenedTriangles& screened,
                Occupancy& occupancy);
