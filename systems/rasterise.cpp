@@ -59,6 +59,28 @@ void find_outcodes(const BodyPoints& points, __m256d low, __m256d high, std::vec
     }
 }
 
+// The same from float offsets, two vertices at a time: the sides are moved outward by the rounding, so that a vertex is
+// never put beyond a side that it is not beyond. The box is seen from the
+// origin of the offsets.
+void find_outcodes(const Float4* offset, const Box& box, std::vector<uint8_t>& outcode) {
+    const PackedBox wide = pack_box(box, Vec3d::Zero());
+    const __m256 edges = load_box(wide), flip = _mm256_sub_ps(_mm256_setzero_ps(), edges);
+    const __m256 inf = _mm256_set1_ps(std::numeric_limits<float>::infinity());
+    // x, y, z of both halves; the fourth lane compares as inside
+    const __m256 low = _mm256_blend_ps(_mm256_permute2f128_ps(edges, edges, 0x00), _mm256_sub_ps(_mm256_setzero_ps(), inf), 0x88);
+    const __m256 high = _mm256_blend_ps(_mm256_permute2f128_ps(flip, flip, 0x11), inf, 0x88);
+    const auto code = [](int below, int above, int lost) { return (lost & 7) != 0 ? kNotFinite : uint8_t(below | above << 4); };
+    const uint32_t count = uint32_t(outcode.size());
+    for (uint32_t v = 0; v < count; v += 2) {  // offsets are padded to whole cache lines
+        const __m256 p = _mm256_loadu_ps(&offset[v].x);
+        const int below = _mm256_movemask_ps(_mm256_cmp_ps(p, low, _CMP_LT_OQ));
+        const int above = _mm256_movemask_ps(_mm256_cmp_ps(p, high, _CMP_GT_OQ));
+        const int lost = _mm256_movemask_ps(_mm256_cmp_ps(_mm256_sub_ps(p, p), p, _CMP_UNORD_Q));
+        outcode[v] = code(below & 15, above & 15, lost & 15);
+        if (v + 1 < count) outcode[v + 1] = code(below >> 4, above >> 4, lost >> 4);
+    }
+}
+
 // Sum of the three edge lengths.
 float perimeter(__m256d a, __m256d b, __m256d c) {
     const __m128 ab = _mm256_cvtpd_ps(_mm256_sub_pd(b, a)), bc = _mm256_cvtpd_ps(_mm256_sub_pd(c, b)),
@@ -83,18 +105,38 @@ void screen_body(const Surfaces& s, const BodyBoxes& boxes, const Vec3d& origin,
     const double inf = std::numeric_limits<double>::infinity();
     const Vec3d a = wide.min - origin, b = wide.max - origin;
     screen.outcode.resize(mesh.position.size());
-    find_outcodes(points, _mm256_setr_pd(a.x(), a.y(), a.z(), -inf), _mm256_setr_pd(b.x(), b.y(), b.z(), inf),
-                  screen.outcode);
+    if (is_deformable(s.bodies, body)) {
+        const Vec3d& place = s.poses.origin[body];
+        find_outcodes(s.particles.offset.data() + s.bodies.particles[body].first, {wide.min - place, wide.max - place},
+                      screen.outcode);
+    } else {
+        find_outcodes(points, _mm256_setr_pd(a.x(), a.y(), a.z(), -inf), _mm256_setr_pd(b.x(), b.y(), b.z(), inf),
+                      screen.outcode);
+    }
 
-    screen.triangle.clear();
-    screen.box.clear();
-    screen.tight.clear();
+    // triangles whose corners share no side, without a branch that would be guessed wrong along the rim
+    const uint32_t triangles = uint32_t(mesh.triangle.size());
+    screen.triangle.resize(triangles);
+    uint32_t count = 0;
+    const uint8_t* const outcode = screen.outcode.data();
+    const Triangle* const corners = mesh.triangle.data();
+    uint32_t* const candidate = screen.triangle.data();
+    for (uint32_t t = 0; t < triangles; ++t) {
+        const Triangle& corner = corners[t];
+        const uint8_t c0 = outcode[corner[0]], c1 = outcode[corner[1]], c2 = outcode[corner[2]];
+        candidate[count] = t;
+        count += ((c0 & c1 & c2) | ((c0 | c1 | c2) & kNotFinite)) == 0;
+    }
+
+    if (screen.box.size() < count) {
+        screen.box.resize(count);
+        screen.tight.resize(count);
+    }
     screen.edge_sum = 0;
+    uint32_t kept = 0;
     const __m256d grow = _mm256_setr_pd(reach, reach, reach, 0);
-    for (uint32_t t = 0; t < mesh.triangle.size(); ++t) {
-        const Triangle& corner = mesh.triangle[t];
-        const uint8_t c0 = screen.outcode[corner[0]], c1 = screen.outcode[corner[1]], c2 = screen.outcode[corner[2]];
-        if ((c0 & c1 & c2) != 0 || ((c0 | c1 | c2) & kNotFinite) != 0) continue;
+    for (uint32_t k = 0; k < count; ++k) {
+        const Triangle& corner = mesh.triangle[screen.triangle[k]];
         const __m256d p = points(corner[0]), q = points(corner[1]), r = points(corner[2]);
         const __m256d low = _mm256_min_pd(_mm256_min_pd(p, q), r), high = _mm256_max_pd(_mm256_max_pd(p, q), r);
         const PackedBox box = pack_box(_mm256_sub_pd(low, grow), _mm256_add_pd(high, grow));
@@ -102,11 +144,12 @@ void screen_body(const Surfaces& s, const BodyBoxes& boxes, const Vec3d& origin,
         bool met = false;
         for (uint32_t i = first; i < end && !met; ++i) met = meets(face, load_box(scratch.packed_region[i]));
         if (!met) continue;
-        screen.triangle.push_back(t);
-        screen.box.push_back(box);
-        screen.tight.push_back(pack_box(low, high));
+        screen.triangle[kept] = screen.triangle[k];
+        screen.box[kept] = box;
+        screen.tight[kept++] = pack_box(low, high);
         screen.edge_sum += perimeter(p, q, r);
     }
+    screen.triangle.resize(kept);
 }
 
 // Puts the bodies' findings one after the other. Returns the mean edge of all, m.
@@ -120,8 +163,9 @@ double gather_screens(uint32_t bodies, const RasteriseScratch& scratch, Screened
         const BodyScreen& screen = scratch.screen[i];
         screened.body[scratch.body[i]] = {uint32_t(screened.triangle.size()), uint32_t(screen.triangle.size())};
         screened.triangle.insert(screened.triangle.end(), screen.triangle.begin(), screen.triangle.end());
-        screened.box.insert(screened.box.end(), screen.box.begin(), screen.box.end());
-        screened.tight.insert(screened.tight.end(), screen.tight.begin(), screen.tight.end());
+        const ptrdiff_t kept = ptrdiff_t(screen.triangle.size());
+        screened.box.insert(screened.box.end(), screen.box.begin(), screen.box.begin() + kept);
+        screened.tight.insert(screened.tight.end(), screen.tight.begin(), screen.tight.begin() + kept);
         edge_sum += screen.edge_sum;
     }
     return screened.triangle.empty() ? 0 : edge_sum / (3.0 * double(screened.triangle.size()));

@@ -33,7 +33,7 @@ struct KeyedReference {
 struct BodyScreen {
     std::vector<uint8_t> outcode;  // per vertex: sides of the region it lies beyond
     std::vector<uint32_t> triangle;
-    std::vector<PackedBox> box, tight;
+    std::vector<PackedBox> box, tight;  // of each triangle; more rows may follow
     double edge_sum = 0;  // m
 };
 

@@ -240,7 +240,7 @@ TEST_F(CommandLine, CollideWritesTheSharedCells) {
     const std::string pair = "collide " + big.string() + " " + small.string() + " --move-b \"1.5 1.5 3.75\" --json --cells ";
     const Outcome outcome = run(pair + cells.string());
     ASSERT_EQ(outcome.code, 0) << outcome.err;
-    const nlohmann::json layers = nlohmann::json::parse(read_file(cells));
+    const nlohmann::json layers = nlohmann::json::parse(std::ifstream(cells));
     ASSERT_EQ(layers["cells"].size(), nlohmann::json::parse(outcome.out)["cells"]);
     ASSERT_GT(layers["cells"].size(), 0u);
     for (const nlohmann::json& cell : layers["cells"]) {
