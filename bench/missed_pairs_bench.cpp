@@ -1,8 +1,11 @@
 #include <algorithm>
+#include <array>
 #include <cmath>
 #include <random>
+#include <string>
 
 #include "bench/contact_parts.hpp"
+#include "bench/peers/overlap_peers.hpp"
 #include "content/shape_library.hpp"
 #include "engine/geometry/triangle_triangle.hpp"
 #include "tests/systems/contact_scene.hpp"
@@ -119,6 +122,48 @@ Mesh shape_of(const char* name, uint32_t triangles) {
     return mesh;
 }
 
+// Whether two organs meet, asked of FCL and CGAL, beside our whole contact pass, which tells the depth as well. Trees of
+// all are built before; ours are refitted in the pass.
+void compare_overlap_tests(Report& report) {
+    report.heading("Do two meshes meet? Ours tells how deep as well");
+    const uint32_t triangles = report.quick() ? 5000 : 20000;
+    const Mesh liver = shape_of("liver", triangles), kidney = shape_of("kidney", triangles / 2);
+    struct Place {
+        const char* name;
+        double sunk;  // m
+        bool meet;
+    };
+    for (const Place& place : {Place{"2 mm apart", -0.002, false}, {"4 mm deep", 0.004, true}, {"20 mm deep", 0.02, true}}) {
+        ContactScene scene({{liver, Motion::kDeformable, Vec3d::Zero(), {}}, {kidney, Motion::kDeformable, Vec3d::Zero(), {}}});
+        const Box under = scene.meshes.info[0].box, on = scene.meshes.info[1].box;
+        scene.poses.origin[1] = 0.5 * (under.min + under.max) - 0.5 * (on.min + on.max);
+        scene.poses.origin[1].z() = under.max.z() - on.min.z() - place.sunk;
+        std::array<std::vector<Vec3d>, 2> position;
+        std::array<std::span<const Triangle>, 2> faces;
+        for (uint32_t body = 0; body < 2; ++body) {
+            const MeshView mesh = mesh_view(scene.meshes, body);
+            for (uint32_t v = 0; v < mesh.position.size(); ++v) position[body].push_back(vertex_position(scene.surfaces(), body, v));
+            faces[body] = mesh.triangle;
+        }
+        const std::vector<OverlapPeer> peers = make_overlap_peers(position[0], faces[0], position[1], faces[1]);
+        std::vector<std::function<void()>> jobs{[&] { scene.run(); }};
+        std::vector<char> answer(peers.size());
+        for (size_t i = 0; i < peers.size(); ++i) jobs.push_back([&, i] { answer[i] = peers[i].meet(); });
+        const std::vector<double> cost = interleaved_medians(report.quick() ? 3 : 9, jobs);
+        const bool ours = !scene.penetrations.pair.empty();
+        const std::string name = "kidney " + std::string(place.name) + " on liver, contact pass";
+        for (size_t i = 0; i < peers.size(); ++i) {
+            report.add({.name = name, .ours = 1e3 * cost[0], .unit = "ms", .peer = peers[i].name, .peer_value = 1e3 * cost[i + 1],
+                        .error = double(ours != place.meet), .peer_error = double(bool(answer[i]) != place.meet),
+                        .error_unit = "wrong", .note = "the peer answers yes or no"});
+        }
+        if (peers.empty()) {
+            report.add({.name = name, .ours = 1e3 * cost[0], .unit = "ms", .error = double(ours != place.meet),
+                        .error_unit = "wrong", .note = "neither FCL (libfcl-dev) nor CGAL (libcgal-dev) is installed: no peer"});
+        }
+    }
+}
+
 }  // namespace
 
 void count_missed_pairs(Report& report) {
@@ -151,6 +196,7 @@ void count_missed_pairs(Report& report) {
         }
     }
     add("organs and tools", moved, report);
+    compare_overlap_tests(report);
 }
 
 }  // namespace trocar::bench

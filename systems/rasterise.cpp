@@ -92,9 +92,10 @@ float perimeter(__m256d a, __m256d b, __m256d c) {
     return length[0] + length[1] + length[2];
 }
 
-// Triangles of one body whose enlarged box meets one of its regions.
-void screen_body(const Surfaces& s, const BodyBoxes& boxes, const Vec3d& origin, uint32_t body,
-                 const RasteriseScratch& scratch, BodyScreen& screen) {
+// Adds the triangles of one body, a row of scratch.body, whose enlarged box meets one of its regions.
+void screen_body(const Surfaces& s, const BodyBoxes& boxes, const Vec3d& origin, uint32_t row, RasteriseScratch& scratch,
+                 ScreenChunk& screen) {
+    const uint32_t body = scratch.body[row];
     const MeshView mesh = mesh_view(s.meshes, s.bodies.mesh[body]);
     const double reach = reach_of(s.bodies, boxes, body);
     const uint32_t first = scratch.region_first[body], end = scratch.region_first[body + 1];
@@ -116,11 +117,11 @@ void screen_body(const Surfaces& s, const BodyBoxes& boxes, const Vec3d& origin,
 
     // triangles whose corners share no side, without a branch that would be guessed wrong along the rim
     const uint32_t triangles = uint32_t(mesh.triangle.size());
-    screen.triangle.resize(triangles);
+    if (screen.triangle.size() < screen.rows + triangles) screen.triangle.resize(screen.rows + triangles);
     uint32_t count = 0;
     const uint8_t* const outcode = screen.outcode.data();
     const Triangle* const corners = mesh.triangle.data();
-    uint32_t* const candidate = screen.triangle.data();
+    uint32_t* const candidate = screen.triangle.data() + screen.rows;
     for (uint32_t t = 0; t < triangles; ++t) {
         const Triangle& corner = corners[t];
         const uint8_t c0 = outcode[corner[0]], c1 = outcode[corner[1]], c2 = outcode[corner[2]];
@@ -128,15 +129,15 @@ void screen_body(const Surfaces& s, const BodyBoxes& boxes, const Vec3d& origin,
         count += ((c0 & c1 & c2) | ((c0 | c1 | c2) & kNotFinite)) == 0;
     }
 
-    if (screen.box.size() < count) {
-        screen.box.resize(count);
-        screen.tight.resize(count);
+    if (screen.box.size() < screen.rows + count) {
+        screen.box.resize(2 * screen.box.size() + count);
+        screen.tight.resize(screen.box.size());
     }
-    screen.edge_sum = 0;
+    double edge_sum = 0;
     uint32_t kept = 0;
     const __m256d grow = _mm256_setr_pd(reach, reach, reach, 0);
     for (uint32_t k = 0; k < count; ++k) {
-        const Triangle& corner = mesh.triangle[screen.triangle[k]];
+        const Triangle& corner = mesh.triangle[candidate[k]];
         const __m256d p = points(corner[0]), q = points(corner[1]), r = points(corner[2]);
         const __m256d low = _mm256_min_pd(_mm256_min_pd(p, q), r), high = _mm256_max_pd(_mm256_max_pd(p, q), r);
         const PackedBox box = pack_box(_mm256_sub_pd(low, grow), _mm256_add_pd(high, grow));
@@ -144,29 +145,47 @@ void screen_body(const Surfaces& s, const BodyBoxes& boxes, const Vec3d& origin,
         bool met = false;
         for (uint32_t i = first; i < end && !met; ++i) met = meets(face, load_box(scratch.packed_region[i]));
         if (!met) continue;
-        screen.triangle[kept] = screen.triangle[k];
-        screen.box[kept] = box;
-        screen.tight[kept++] = pack_box(low, high);
-        screen.edge_sum += perimeter(p, q, r);
+        candidate[kept] = candidate[k];
+        screen.box[screen.rows + kept] = box;
+        screen.tight[screen.rows + kept++] = pack_box(low, high);
+        edge_sum += perimeter(p, q, r);
     }
-    screen.triangle.resize(kept);
+    screen.rows += kept;
+    scratch.kept[row] = kept;
+    scratch.edge_sum[row] = edge_sum;
 }
 
-// Puts the bodies' findings one after the other. Returns the mean edge of all, m.
+// Screens all bodies, the small ones of a crowded scene several at a time: their findings then lie close together.
+void screen_bodies(const Surfaces& surfaces, const BodyBoxes& boxes, const Vec3d& origin, RasteriseScratch& scratch) {
+    const uint32_t bodies = uint32_t(scratch.body.size()), grain = bodies < 128 ? 1 : 32;
+    if (scratch.screen.size() < chunk_count(bodies, grain)) scratch.screen.resize(chunk_count(bodies, grain));
+    for (ScreenChunk& chunk : scratch.screen) chunk.rows = 0;
+    scratch.kept.resize(bodies);
+    scratch.edge_sum.resize(bodies);
+    parallel_for(bodies, grain, [&](uint32_t begin, uint32_t end) {
+        ScreenChunk& chunk = scratch.screen[begin / grain];
+        for (uint32_t row = begin; row < end; ++row) screen_body(surfaces, boxes, origin, row, scratch, chunk);
+    });
+}
+
+// Puts the chunks' findings one after the other. Returns the mean edge of all, m.
 double gather_screens(uint32_t bodies, const RasteriseScratch& scratch, ScreenedTriangles& screened) {
-    screened.body.assign(bodies, {});
     screened.triangle.clear();
     screened.box.clear();
     screened.tight.clear();
+    for (const ScreenChunk& chunk : scratch.screen) {
+        const ptrdiff_t rows = chunk.rows;
+        screened.triangle.insert(screened.triangle.end(), chunk.triangle.begin(), chunk.triangle.begin() + rows);
+        screened.box.insert(screened.box.end(), chunk.box.begin(), chunk.box.begin() + rows);
+        screened.tight.insert(screened.tight.end(), chunk.tight.begin(), chunk.tight.begin() + rows);
+    }
+    screened.body.assign(bodies, {});
+    uint32_t first = 0;
     double edge_sum = 0;
-    for (uint32_t i = 0; i < scratch.body.size(); ++i) {
-        const BodyScreen& screen = scratch.screen[i];
-        screened.body[scratch.body[i]] = {uint32_t(screened.triangle.size()), uint32_t(screen.triangle.size())};
-        screened.triangle.insert(screened.triangle.end(), screen.triangle.begin(), screen.triangle.end());
-        const ptrdiff_t kept = ptrdiff_t(screen.triangle.size());
-        screened.box.insert(screened.box.end(), screen.box.begin(), screen.box.begin() + kept);
-        screened.tight.insert(screened.tight.end(), screen.tight.begin(), screen.tight.begin() + kept);
-        edge_sum += screen.edge_sum;
+    for (uint32_t row = 0; row < scratch.body.size(); ++row) {
+        screened.body[scratch.body[row]] = {first, scratch.kept[row]};
+        first += scratch.kept[row];
+        edge_sum += scratch.edge_sum[row];
     }
     return screened.triangle.empty() ? 0 : edge_sum / (3.0 * double(screened.triangle.size()));
 }
@@ -397,12 +416,7 @@ void rasterise(const ContactParams& params, const Surfaces& surfaces, const Body
     TROCAR_ASSERT(params.cell_edges > 0 && std::isfinite(params.cell_edges));
     const Box all = collect_regions(boxes, pairs, scratch);
     screened.origin = pairs.a.empty() ? Vec3d(Vec3d::Zero()) : all.min;
-    if (scratch.screen.size() < scratch.body.size()) scratch.screen.resize(scratch.body.size());
-    parallel_for(uint32_t(scratch.body.size()), 1, [&](uint32_t begin, uint32_t end) {
-        for (uint32_t i = begin; i < end; ++i) {
-            screen_body(surfaces, boxes, screened.origin, scratch.body[i], scratch, scratch.screen[i]);
-        }
-    });
+    screen_bodies(surfaces, boxes, screened.origin, scratch);
     const double mean_edge = gather_screens(uint32_t(boxes.box.size()), scratch, screened);
     const Vec3d extent = pairs.a.empty() ? Vec3d(Vec3d::Zero()) : Vec3d(all.max - all.min);
     occupancy.origin = screened.origin;

@@ -29,12 +29,12 @@ struct KeyedReference {
     uint32_t body = 0;
 };
 
-// What the screening of one body found.
-struct BodyScreen {
-    std::vector<uint8_t> outcode;  // per vertex: sides of the region it lies beyond
-    std::vector<uint32_t> triangle;
-    std::vector<PackedBox> box, tight;  // of each triangle; more rows may follow
-    double edge_sum = 0;  // m
+// What the screening of a few bodies found, one after the other.
+struct ScreenChunk {
+    std::vector<uint8_t> outcode;       // per vertex of the body at hand: sides of the region it lies beyond
+    std::vector<uint32_t> triangle;     // more rows than are in use may follow, here and in the boxes
+    std::vector<PackedBox> box, tight;
+    uint32_t rows = 0;                  // in use
 };
 
 struct RasteriseScratch {
@@ -43,7 +43,9 @@ struct RasteriseScratch {
     std::vector<uint32_t> region_pair;            // pairs of a body
     std::vector<PackedBox> packed_region;         // in that order
     std::vector<uint32_t> body;                   // bodies in a pair, ascending
-    std::vector<BodyScreen> screen;               // per row of body
+    std::vector<ScreenChunk> screen;              // per chunk of rows of body
+    std::vector<uint32_t> kept;                   // per row of body: triangles
+    std::vector<double> edge_sum;                 // per row of body, m
     std::vector<CountedCell> table;               // open addressing, a power of two
     std::vector<uint32_t> used_slot;              // to clear the table
     std::vector<CellReference> reference;         // one per (triangle, cell) of pass 1, then of the shared cells
