@@ -76,8 +76,11 @@ class LogPlot {
                 out += escape_html(d.name) + ": " + figure(d.x) + " ms, " + figure(d.y) + " mm</title></circle>\n";
             }
             if (xs.empty()) continue;
-            const auto median = [](std::vector<double>& v) { return std::nth_element(v.begin(), v.begin() + ptrdiff_t(v.size() / 2), v.end()), v[v.size() / 2]; };
-            const double mx = x(median(xs)), my = y(median(ys));
+            const auto part_of = [](std::vector<double>& v, double part) {
+                std::sort(v.begin(), v.end());
+                return v[size_t(part * double(v.size() - 1))];
+            };
+            const double mx = x(part_of(xs, 0.5)), my = y(part_of(ys, 0.9));
             append(out, "<path d='M%.1f %.1fh12M%.1f %.1fv12' stroke='%s' stroke-width='3.4'/>\n", mx - 6, my, mx, my - 6, colour);
             append(out, "<circle cx='%.0f' cy='%.0f' r='4' fill='%s'/>", kWidth - kRight + 16, kTop + 8 + 18.0 * double(s), colour);
             append(out, "<text x='%.0f' y='%.0f'>%s</text>\n", kWidth - kRight + 25, kTop + 12 + 18.0 * double(s), escape_html(series[s]).c_str());
@@ -126,8 +129,8 @@ std::string plots(const std::vector<json>& rows) {
         if (std::isfinite(shape)) smooth[plot].push_back({ms, shape, name, text(row, "name")});
     }
     if (order.empty()) return "";
-    std::string out = "<h2>Speed against error</h2>\n<p>A dot is a pair of bodies and a method; a cross is the median of a "
-                      "method. To the left is faster, down is truer. Hover for the names.</p>\n";
+    std::string out = "<h2>Speed against error</h2>\n<p>A dot is a pair of bodies and a method; a cross is a method's median "
+                      "time and the error that nine in ten of its pairs stay below. To the left is faster, down is truer. Hover for the names.</p>\n";
     for (const std::string& plot : order) {
         out += "<div>" + LogPlot(mesh[plot], 1e-6).draw(plot + ": depth against the mesh", "error, mm", mesh[plot], series);
         if (!smooth[plot].empty()) {

@@ -61,8 +61,12 @@ void measure_pair(const std::string& name, const std::string& plot, ContactScene
     FloatDepth plain(soup);
     std::vector<Method> methods{{"vertices, float", [&] { return plain.refit(soup), double(plain.depth(soup)); }},
                                 {"vertices, certified", [&] { return vertex_depth(scene); }},
-                                {"+ edge pass", [&] { return edge_depth(scene); }},
-                                {"+ winding cross-check", [&] { return cross_checked_depth(scene); }}};
+                                {"+ edge pass", [&] { return edge_depth(scene); }}};
+    edge_depth(scene);
+    const auto inside = std::count_if(scene.contacts.distance.begin(), scene.contacts.distance.end(), [](double d) { return d < 0; });
+    if (double(inside) * double(soup.triangle.size()) < 1e8) {  // a direct sum an inside point: beyond, seconds a pass
+        methods.push_back({"+ winding cross-check", [&] { return cross_checked_depth(scene); }});
+    }
     for (const double mm : {4.0, 2.0, 1.0}) {
         char label[40];
         std::snprintf(label, sizeof label, "samples to %g mm", mm);

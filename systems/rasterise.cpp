@@ -11,6 +11,7 @@ namespace {
 constexpr uint64_t kEmptyCell = UINT64_MAX;
 constexpr uint32_t kMostCells = 64;  // of one triangle; more goes to the oversize list
 constexpr uint32_t kLongestProbe = 256;  // steps of a lookup; a table that needs more is given up
+constexpr size_t kManyTriangles = 400'000;  // about a million references: from there sorting beats the table, by a tenth
 constexpr double kGridCells = (1 << 21) - 2;
 constexpr uint8_t kNotFinite = 8;
 
@@ -422,7 +423,7 @@ void rasterise(const ContactParams& params, const Surfaces& surfaces, const Body
     occupancy.origin = screened.origin;
     occupancy.cell_size = choose_cell_size(params, mean_edge, boxes, surfaces, extent, screened, scratch);
     const float inv_size = 1.0f / float(occupancy.cell_size);
-    if (count_objects(screened, inv_size, scratch, occupancy)) {
+    if (screened.triangle.size() < kManyTriangles && count_objects(screened, inv_size, scratch, occupancy)) {
         fill_layers(screened, scratch, occupancy);
     } else {
         key_references(screened, inv_size, scratch, occupancy);

@@ -59,8 +59,8 @@ struct RasteriseScratch {
 // OHC construction (thesis 3.3.1): rasterises the triangles that lie in the overlap of two enlarged body boxes into a
 // grid of half-open cells. Pass 1 counts the bodies of each cell, pass 2 fills only cells of two or more. Layers ascend
 // by cell key, body and triangle, whatever the table holds. Triangles of more than 64 cells go to the oversize list.
-// Where keys crowd the table so that a lookup takes more than 256 steps, references are sorted by key instead: the same
-// layers, in time linear in the references whatever the keys.
+// Where keys crowd the table so that a lookup takes more than 256 steps, and from 400,000 triangles on, references are
+// sorted by key instead: the same layers, in time linear in the references whatever the keys.
 void rasterise(const ContactParams& params, const Surfaces& surfaces, const BodyBoxes& boxes,
                const CandidatePairs& pairs, RasteriseScratch& scratch, Report& report, ScreenedTriangles& screened,
                Occupancy& occupancy);
