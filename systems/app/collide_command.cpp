@@ -7,6 +7,7 @@
 #include "engine/error.hpp"
 #include "engine/trace.hpp"
 #include "engine/whole_file.hpp"
+#include "systems/app/cells_file.hpp"
 #include "systems/app/commands.hpp"
 #include "systems/app/load_file.hpp"
 #include "systems/app/standard_streams.hpp"
@@ -60,7 +61,9 @@ int collide_command(const CollideOptions& options) {
     j["vertices_a_in_b"] = overlap ? p.vertices_a_in_b[0] : 0u;
     j["vertices_b_in_a"] = overlap ? p.vertices_b_in_a[0] : 0u;
     j["edge_contacts"] = overlap ? p.edge_contacts[0] : 0u;
+    j["cells"] = world.occupancy.cell_key.size();
     j["time_ms"] = time_ms;
+    if (!options.cells.empty()) write_cells(world, options.cells);
     if (options.json) {
         write_standard_output(j.dump() + "\n");
     } else if (!overlap) {

@@ -137,6 +137,8 @@ void describe(CLI::App& app, Arguments& a) {
     collide->add_option("--rotate-b", a.rotate_b,
                         "\"ax ay az degrees\": rotation of B about its origin, before the move");
     collide->add_option("--tolerance", a.collide.tolerance, "Depth tolerance along edges, file units");
+    collide->add_option("--cells", a.collide.cells,
+                        "Write the grid cells that both share: .json (cell, object and primitive layers), .vtp or .png");
     collide->add_flag("--json", a.collide.json, "JSON");
     collide->footer("Example: trocar collide liver.stl probe.obj --move-b \"0 0 -5\" --json");
 
