@@ -132,6 +132,9 @@ void visit_resource(World& w, Resource resource, Visitor& v) {
             v.array(w.haptics.state), v.value(w.haptics.ticks), v.value(w.haptics.max_force),
                 v.value(w.haptics.rejected_samples);
             break;
+        case Resource::kPairMemory:
+            v.array(w.pair_memory.a), v.array(w.pair_memory.b), v.array(w.pair_memory.direction);
+            break;
         case Resource::kBoxes:
             v.array(w.boxes.box), v.array(w.boxes.margin);
             break;
@@ -164,7 +167,20 @@ void visit_resource(World& w, Resource resource, Visitor& v) {
         case Resource::kPenetrations:
             v.array(w.penetrations.pair), v.array(w.penetrations.depth), v.array(w.penetrations.direction),
                 v.array(w.penetrations.witness), v.array(w.penetrations.vertices_a_in_b),
-                v.array(w.penetrations.vertices_b_in_a), v.array(w.penetrations.edge_contacts);
+                v.array(w.penetrations.vertices_b_in_a), v.array(w.penetrations.edge_contacts),
+                v.array(w.penetrations.saturated), v.array(w.penetrations.way_out), v.array(w.penetrations.surface_depth);
+            break;
+        case Resource::kContours:
+            v.array(w.contours.pair), v.array(w.contours.curve), v.array(w.contours.closed),
+                v.array(w.contours.triangle), v.array(w.contours.end), v.array(w.contours.point),
+                v.array(w.contours.edge), v.array(w.contours.edge_of_b), v.array(w.contours.pierced),
+                v.array(w.contours.along), v.array(w.contours.outward);
+            break;
+        case Resource::kRegions:
+            v.array(w.regions.pair), v.array(w.regions.vertices_a), v.array(w.regions.vertices_b),
+                v.array(w.regions.curves), v.array(w.regions.contour), v.array(w.regions.area),
+                v.array(w.regions.volume), v.array(w.regions.depth), v.array(w.regions.direction),
+                v.array(w.regions.witness);
             break;
         case Resource::kRows:
             v.array(w.rows.contact), v.array(w.rows.body), v.array(w.rows.other), v.array(w.rows.vertex),
@@ -206,8 +222,8 @@ void visit_resource(World& w, Resource resource, Visitor& v) {
 const char* resource_name(Resource resource) {
     constexpr const char* kNames[] = {
         "settings", "meshes",    "springs",       "bodies",     "anchors",  "paths",        "tools",
-        "clock",    "poses",     "particles",     "tool state", "boxes",    "pairs",        "trees",
-        "screened", "occupancy", "candidates",    "near",       "contacts", "penetrations", "rows",
+        "clock",    "poses",     "particles",     "tool state", "pair memory", "boxes", "pairs", "trees",
+        "screened", "occupancy", "candidates",    "near",       "contacts", "penetrations", "contours", "regions", "rows",
         "islands",  "normals",   "local contact", "picture",    "energy",   "report"};
     static_assert(std::size(kNames) == static_cast<size_t>(Resource::kCount));
     return kNames[static_cast<size_t>(resource)];
@@ -239,7 +255,7 @@ void strip_resources(World& world, ResourceMask keep) {
 
 uint64_t state_hash(const World& world) {
     Hasher hasher;
-    for (const Resource r : {Resource::kClock, Resource::kPoses, Resource::kParticles, Resource::kToolState})
+    for (const Resource r : {Resource::kClock, Resource::kPoses, Resource::kParticles, Resource::kToolState, Resource::kPairMemory})
         visit_resource(world, r, hasher);
     return hasher.hash.value;
 }

@@ -32,6 +32,7 @@ struct World {
     Poses poses;
     Particles particles;
     Haptics haptics;  // tool: constant
+    PairMemory pair_memory;
     // derived each pass
     BodyBoxes boxes;
     CandidatePairs pairs;
@@ -42,6 +43,8 @@ struct World {
     NearVertices near;
     Contacts contacts;
     Penetrations penetrations;
+    Contours contours;
+    OverlapRegions regions;
     ContactRows rows;
     Islands islands;
     SurfaceNormals normals;
@@ -64,6 +67,7 @@ enum class Resource : uint8_t {
     kPoses,
     kParticles,
     kToolState,
+    kPairMemory,
     kBoxes,
     kPairs,
     kTrees,
@@ -73,6 +77,8 @@ enum class Resource : uint8_t {
     kNear,
     kContacts,
     kPenetrations,
+    kContours,
+    kRegions,
     kRows,
     kIslands,
     kNormals,

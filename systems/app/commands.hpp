@@ -44,6 +44,7 @@ struct CollideOptions {
     Vec3d move_b = Vec3d::Zero();  // file units
     Quat rotate_b;                 // about the origin of B's file, before the move
     double tolerance = 0;          // file units; 0 = 1e-4 of the smaller diagonal
+    std::filesystem::path contours;  // .obj of lines; empty = none
     bool json = false;
 };
 int collide_command(const CollideOptions& options);

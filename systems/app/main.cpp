@@ -123,13 +123,14 @@ void describe(CLI::App& app, Arguments& a) {
         "distance < 0 inside.");
 
     CLI::App* collide =
-        app.add_subcommand("collide", "Contact report of two meshes: overlap, depth, direction, witness");
+        app.add_subcommand("collide", "Contact report of two meshes: overlap, depth, direction, witness, regions");
     collide->add_option("a", a.collide.a, "First mesh")->required();
     collide->add_option("b", a.collide.b, "Second mesh")->required();
     collide->add_option("--move-b", a.move_b, "\"x y z\": translation of B, file units");
     collide->add_option("--rotate-b", a.rotate_b,
                         "\"ax ay az degrees\": rotation of B about its origin, before the move");
     collide->add_option("--tolerance", a.collide.tolerance, "Depth tolerance along edges, file units");
+    collide->add_option("--contours", a.collide.contours, "Write where the surfaces cross to this .obj file, as lines");
     collide->add_flag("--json", a.collide.json, "JSON");
     collide->footer("Example: trocar collide liver.stl probe.obj --move-b \"0 0 -5\" --json");
 
