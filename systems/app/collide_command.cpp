@@ -13,6 +13,7 @@
 #include "systems/app/load_file.hpp"
 #include "systems/app/standard_streams.hpp"
 #include "systems/frame.hpp"
+#include "systems/separation.hpp"
 namespace trocar {
 namespace {
 
@@ -44,6 +45,38 @@ nlohmann::ordered_json contained(const World& w) {
 nlohmann::ordered_json witness(const World& w, uint32_t contact) {
     if (contact == kNone) return nullptr;
     return {{"point", row(w.contacts.point[contact])}, {"closest", row(w.contacts.closest[contact])}};
+}
+
+// What lies where b is moved; the world is left as it was.
+SeparationAnswer look_at(World& w, const Vec3d& move) {
+    const Vec3d home = w.poses.origin[1];
+    w.poses.origin[1] = home + move;
+    detect_contacts(w);
+    SeparationAnswer answer;
+    answer.free = w.penetrations.pair.empty() && w.contours.curve.empty();
+    if (!w.penetrations.pair.empty()) answer.depth = w.penetrations.depth[0];
+    for (uint32_t i = 0; i < w.contacts.pair.size(); ++i) {
+        const Vec3d& n = w.contacts.normal[i];
+        if (w.contacts.distance[i] < 0)
+            answer.ways.push_back({w.contacts.body[i] == 0 ? Vec3d(-n) : n, -w.contacts.distance[i]});
+    }
+    w.poses.origin[1] = home;
+    return answer;
+}
+
+// The shortest translation of b that separates it from a, as a bracket.
+nlohmann::ordered_json separation(World& w) {
+    std::array<std::vector<Vec3d>, 2> points;
+    for (uint32_t body = 0; body < 2; ++body) {
+        const MeshInfo& info = w.meshes.info[w.bodies.mesh[body]];
+        if (info.admission != Admission::kSolid && info.admission != Admission::kWinding)
+            throw InputError(w.bodies.name[body] + ": --separate needs closed surfaces");
+        for (uint32_t v = 0; v < info.vertices.count; ++v) points[body].push_back(vertex_position(surfaces_of(w), body, v));
+    }
+    const Separation s =
+        find_separation({}, points[0], points[1], [&](const Vec3d& move) { return look_at(w, move); });
+    detect_contacts(w);
+    return {{"lower", s.lower}, {"upper", s.upper}, {"translation", row(s.translation)}, {"probes", s.probes}};
 }
 
 // Regions, deepest first.
@@ -111,6 +144,7 @@ int collide_command(const CollideOptions& options) {
     detect_contacts(world);
     const double time_ms = static_cast<double>(now_ns() - start) * 1e-6;
 
+    const nlohmann::ordered_json apart = options.separate ? separation(world) : nlohmann::ordered_json(nullptr);
     const Penetrations& p = world.penetrations;
     const bool overlap = !p.pair.empty();
     nlohmann::ordered_json j = {{"a", options.a}, {"b", options.b}, {"overlap", overlap}};
@@ -123,6 +157,7 @@ int collide_command(const CollideOptions& options) {
     j["contained"] = contained(world);
     j["saturated"] = overlap && p.saturated[0];
     j["regions"] = regions(world);
+    if (options.separate) j["separation"] = apart;
     j["time_ms"] = time_ms;
     if (!options.contours.empty()) write_contours(world, options.contours);
     if (options.json) {
@@ -147,6 +182,13 @@ int collide_command(const CollideOptions& options) {
                           "  region: depth %.6g, %u + %u vertices, %u curves of %.6g, area %.6g, volume %.6g\n",
                           r.depth[i], r.vertices_a[i], r.vertices_b[i], r.curves[i], r.contour[i], r.area[i],
                           r.volume[i]);
+            write_standard_output(text);
+        }
+        if (options.separate) {
+            const auto& t = apart["translation"];
+            std::snprintf(text, sizeof text, "  free of A when moved by (%.6g, %.6g, %.6g): %.6g; no way shorter than %.6g\n",
+                          t[0].get<double>(), t[1].get<double>(), t[2].get<double>(), apart["upper"].get<double>(),
+                          apart["lower"].get<double>());
             write_standard_output(text);
         }
     }

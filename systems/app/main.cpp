@@ -136,6 +136,8 @@ void describe(CLI::App& app, Arguments& a) {
     collide->add_option("--rotate-b", a.rotate_b,
                         "\"ax ay az degrees\": rotation of B about its origin, before the move");
     collide->add_option("--tolerance", a.collide.tolerance, "Depth tolerance along edges, file units");
+    collide->add_flag("--separate", a.collide.separate,
+                      "Search for the shortest translation that separates B from A: a proven bracket");
     collide->add_option("--contours", a.collide.contours, "Write where the surfaces cross to this .obj file, as lines");
     collide->add_flag("--json", a.collide.json, "JSON");
     collide->footer("Example: trocar collide liver.stl probe.obj --move-b \"0 0 -5\" --json");

@@ -155,14 +155,14 @@ TEST(Separation, TurnedBoxesEqualTheAxesTheorem) {
 TEST(Separation, SphereAndTorus) {
     const double R = 1, r = 0.3;
     {  // outside the hole: straight away from the core
-        ContactScene scene({{make_torus(R, r, 60, 24), Motion::kHand, Vec3d::Zero(), {}},
+        ContactScene scene({{make_torus(R, r, 40, 16), Motion::kHand, Vec3d::Zero(), {}},
                             {ball(0.25, 8), Motion::kHand, Vec3d(1.2, 0, 0.38), turn({3, 1, 2}, 2)}});
         const double truth = 0.25 - (std::hypot(0.2, 0.38) - r);
         expect_bracket(scene, truth, 0.03, "beside the core");
     }
     // P14: plugging the hole, depth 0.01 and a way out of 0.142
-    ContactScene plug({{make_torus(R, r, 60, 24), Motion::kHand, Vec3d::Zero(), {}},
-                       {ball(0.71, 14), Motion::kHand, Vec3d::Zero(), turn({0, 0, 1}, 0.3)}});
+    ContactScene plug({{make_torus(R, r, 40, 16), Motion::kHand, Vec3d::Zero(), {}},
+                       {ball(0.71, 10), Motion::kHand, Vec3d::Zero(), turn({0, 0, 1}, 0.3)}});
     const Separation s = separate(plug);
     EXPECT_LE(s.upper, 1.05 * std::sqrt(std::pow(r + 0.71, 2) - R * R));
     EXPECT_LT(s.lower, 0.012);
