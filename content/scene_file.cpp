@@ -274,6 +274,11 @@ void read_contact(Section section, ContactParams& contact) {
     section.read("tolerance", contact.tolerance, 1e-12, 1e3);
     section.read("cell_edges", contact.cell_edges, 0.01, 1000);
     section.read("push_speed", contact.push_speed, 0, 1e3);
+    section.read_enum<DeepResponse>("deep", contact.deep,
+                                    {{"none", DeepResponse::kNone}, {"last_free", DeepResponse::kLastFree}});
+    section.read("faces", contact.faces);
+    section.read("contours", contact.contours);
+    section.read("regions", contact.regions);
     section.read_count("iterations", contact.iterations, 1, 100);
     section.read_enum<ResponseShare>(
         "share", contact.share,

@@ -228,7 +228,9 @@ void visit_resource(World& w, Resource resource, Visitor& v) {
                 v.value(FIELD(settings.substep)), v.value(FIELD(settings.contact.tolerance)),
                 v.value(FIELD(settings.contact.push_speed)), v.value(FIELD(settings.contact.cell_edges)),
                 v.value(FIELD(settings.contact.iterations)), v.value(FIELD(settings.contact.row_capacity)),
-                v.value(FIELD(settings.contact.share)), v.value(FIELD(settings.contact.direction));
+                v.value(FIELD(settings.contact.share)), v.value(FIELD(settings.contact.direction)),
+                v.value(FIELD(settings.contact.deep)), v.value(FIELD(settings.contact.faces)),
+                v.value(FIELD(settings.contact.contours)), v.value(FIELD(settings.contact.regions));
             break;
         case Resource::kMeshes:
             v.array(FIELD(meshes.name)), v.array(FIELD(meshes.info)), v.array(FIELD(meshes.position)), v.array(FIELD(meshes.component)),
@@ -275,6 +277,9 @@ void visit_resource(World& w, Resource resource, Visitor& v) {
             v.array(FIELD(haptics.state)), v.value(FIELD(haptics.ticks)), v.value(FIELD(haptics.max_force)),
                 v.value(FIELD(haptics.rejected_samples));
             break;
+        case Resource::kPairMemory:
+            v.array(FIELD(pair_memory.a)), v.array(FIELD(pair_memory.b)), v.array(FIELD(pair_memory.direction));
+            break;
         case Resource::kBoxes:
             v.array(FIELD(boxes.box)), v.array(FIELD(boxes.margin));
             break;
@@ -307,7 +312,20 @@ void visit_resource(World& w, Resource resource, Visitor& v) {
         case Resource::kPenetrations:
             v.array(FIELD(penetrations.pair)), v.array(FIELD(penetrations.depth)), v.array(FIELD(penetrations.direction)),
                 v.array(FIELD(penetrations.witness)), v.array(FIELD(penetrations.vertices_a_in_b)),
-                v.array(FIELD(penetrations.vertices_b_in_a)), v.array(FIELD(penetrations.edge_contacts));
+                v.array(FIELD(penetrations.vertices_b_in_a)), v.array(FIELD(penetrations.edge_contacts)),
+                v.array(FIELD(penetrations.saturated)), v.array(FIELD(penetrations.way_out)), v.array(FIELD(penetrations.surface_depth));
+            break;
+        case Resource::kContours:
+            v.array(FIELD(contours.pair)), v.array(FIELD(contours.curve)), v.array(FIELD(contours.closed)),
+                v.array(FIELD(contours.triangle)), v.array(FIELD(contours.end)), v.array(FIELD(contours.point)),
+                v.array(FIELD(contours.edge)), v.array(FIELD(contours.edge_of_b)), v.array(FIELD(contours.pierced)),
+                v.array(FIELD(contours.along)), v.array(FIELD(contours.outward));
+            break;
+        case Resource::kRegions:
+            v.array(FIELD(regions.pair)), v.array(FIELD(regions.vertices_a)), v.array(FIELD(regions.vertices_b)),
+                v.array(FIELD(regions.curves)), v.array(FIELD(regions.contour)), v.array(FIELD(regions.area)),
+                v.array(FIELD(regions.volume)), v.array(FIELD(regions.depth)), v.array(FIELD(regions.direction)),
+                v.array(FIELD(regions.witness));
             break;
         case Resource::kRows:
             v.array(FIELD(rows.contact)), v.array(FIELD(rows.body)), v.array(FIELD(rows.other)), v.array(FIELD(rows.vertex)),
@@ -360,7 +378,8 @@ ResourceKind resource_kind(Resource resource) {
         case Resource::kClock:
         case Resource::kPoses:
         case Resource::kParticles:
-        case Resource::kToolState: return ResourceKind::kState;
+        case Resource::kToolState:
+        case Resource::kPairMemory: return ResourceKind::kState;
         case Resource::kEnergy:
         case Resource::kReport: return ResourceKind::kBooks;
         case Resource::kBoxes:
@@ -372,6 +391,8 @@ ResourceKind resource_kind(Resource resource) {
         case Resource::kNear:
         case Resource::kContacts:
         case Resource::kPenetrations:
+        case Resource::kContours:
+        case Resource::kRegions:
         case Resource::kRows:
         case Resource::kIslands:
         case Resource::kNormals: return ResourceKind::kDerived;
@@ -385,8 +406,8 @@ ResourceKind resource_kind(Resource resource) {
 const char* resource_name(Resource resource) {
     constexpr const char* kNames[] = {
         "settings", "meshes",    "springs",       "bodies",     "anchors",  "paths",        "tools",
-        "clock",    "poses",     "particles",     "tool state", "boxes",    "pairs",        "trees",
-        "screened", "occupancy", "candidates",    "near",       "contacts", "penetrations", "rows",
+        "clock",    "poses",     "particles",     "tool state", "pair memory", "boxes", "pairs", "trees",
+        "screened", "occupancy", "candidates",    "near",       "contacts", "penetrations", "contours", "regions", "rows",
         "islands",  "normals",   "local contact", "picture",    "energy",   "report"};
     static_assert(std::size(kNames) == static_cast<size_t>(Resource::kCount));
     return kNames[static_cast<size_t>(resource)];

@@ -33,6 +33,7 @@ struct World {
     Poses poses;
     Particles particles;
     Haptics haptics;  // tool: constant
+    PairMemory pair_memory;
     // derived each pass
     BodyBoxes boxes;
     CandidatePairs pairs;
@@ -43,6 +44,8 @@ struct World {
     NearVertices near;
     Contacts contacts;
     Penetrations penetrations;
+    Contours contours;
+    OverlapRegions regions;
     ContactRows rows;
     Islands islands;
     SurfaceNormals normals;
@@ -67,6 +70,7 @@ enum class Resource : uint8_t {
     kPoses,
     kParticles,
     kToolState,
+    kPairMemory,
     kBoxes,
     kPairs,
     kTrees,
@@ -76,6 +80,8 @@ enum class Resource : uint8_t {
     kNear,
     kContacts,
     kPenetrations,
+    kContours,
+    kRegions,
     kRows,
     kIslands,
     kNormals,

@@ -178,6 +178,8 @@ std::string find_fault(const World& w) {
     check_meshes(w.meshes, f);
     if (f.first.empty()) check_bodies(w, f);
     if (f.first.empty()) check_tools(w, f);
+    f.require(w.pair_memory.b.size() == w.pair_memory.a.size() && w.pair_memory.direction.size() == w.pair_memory.a.size(),
+              "pair memory: arrays of different length");
     const ContactParams& c = w.settings.contact;
     f.require(w.settings.substep > kShortestStep && c.tolerance > 0 && c.cell_edges > 0 && c.push_speed >= 0 && c.iterations < 1000, "settings: out of range");
     f.require(w.clock.contact_rate == 60 && w.clock.display_rate == 30 && w.clock.tick == pass_tick(w.clock.pass, 60), "clock: does not fit its passes");

@@ -13,6 +13,7 @@
 #include "systems/candidate_cells.hpp"
 #include "systems/candidate_pairs.hpp"
 #include "systems/contact_rows.hpp"
+#include "systems/contours.hpp"
 #include "systems/deformable_energy.hpp"
 #include "systems/device_input.hpp"
 #include "systems/edge_pass.hpp"
@@ -24,6 +25,7 @@
 #include "systems/picture_snapshot.hpp"
 #include "systems/rasterise.hpp"
 #include "systems/refit_trees.hpp"
+#include "systems/regions.hpp"
 #include "systems/rigid_motion.hpp"
 #include "systems/surface_normals.hpp"
 namespace trocar {
@@ -35,7 +37,10 @@ struct FrameScratch {
     RasteriseScratch rasterise;
     CandidateCellsScratch cells;
     OverlapScratch overlap;
+    ContoursScratch contours;
     EdgePassScratch edges;
+    PairMemory ways_before;
+    RegionsScratch regions;
     ContactRowsScratch rows;
     IslandsScratch islands;
     SurfaceNormalsScratch normals;
@@ -123,6 +128,10 @@ void rasterise_(FrameState& f) {
 void candidate_cells(FrameState& f) {
     find_candidate_triangles(f.world.pairs, f.world.screened, f.world.occupancy, f.scratch.cells, f.world.candidates);
 }
+void contours(FrameState& f) {
+    World& w = f.world;
+    find_contours(surfaces_of(w), w.pairs, w.candidates, f.scratch.contours, w.contours);
+}
 void overlap(FrameState& f) {
     World& w = f.world;
     find_overlap(surfaces_of(w), w.boxes, w.pairs, w.screened, w.candidates, w.trees, f.scratch.overlap, w.report, w.near, w.contacts);
@@ -135,6 +144,15 @@ void penetration(FrameState& f) {
     measure_penetrations(f.world.pairs, f.world.contacts, f.world.penetrations);
     ++f.world.report.contact_passes;
     if (!f.world.penetrations.pair.empty()) ++f.world.report.contact_events;
+}
+void deep_overlap(FrameState& f) {
+    World& w = f.world;
+    mark_saturated(surfaces_of(w), w.pairs, w.contacts, w.trees, w.penetrations);
+    remember_ways_out(w.pairs, f.scratch.ways_before, w.pair_memory, w.penetrations);
+}
+void regions(FrameState& f) {
+    World& w = f.world;
+    find_regions(surfaces_of(w), w.pairs, w.screened, w.near, w.contacts, w.contours, f.scratch.regions, w.regions);
 }
 void contact_rows(FrameState& f) {
     World& w = f.world;
@@ -254,6 +272,9 @@ bool any_pair(const World& w) {
     const auto can_be_pushed = [](Motion m) { return m == Motion::kDeformable || m == Motion::kHand; };
     return w.bodies.motion.size() > 1 && std::any_of(w.bodies.motion.begin(), w.bodies.motion.end(), can_be_pushed);
 }
+bool wants_regions(const World& w) { return w.settings.contact.regions && any_pair(w); }
+bool wants_contours(const World& w) { return (w.settings.contact.contours && any_pair(w)) || wants_regions(w); }
+bool wants_ways_out(const World& w) { return w.settings.contact.deep != DeepResponse::kNone && any_pair(w); }
 bool any_mover(const World& w) {
     return any_tool(w) || std::find(w.bodies.motion.begin(), w.bodies.motion.end(), Motion::kDeformable) != w.bodies.motion.end();
 }
@@ -272,9 +293,12 @@ constexpr FrameStage kBegin[] = {
     {{"refit trees",     refit,           kShapes | mask(R::kPairs),                                         mask(R::kTrees)}, any_pair},
     {{"rasterise",       rasterise_,      kShapes | mask(R::kSettings, R::kBoxes, R::kPairs),                mask(R::kScreened, R::kOccupancy, R::kReport)}, any_pair},
     {{"candidate cells", candidate_cells, mask(R::kPairs, R::kScreened, R::kOccupancy),                      mask(R::kCandidates)}, any_pair},
+    {{"contours",        contours,        kShapes | mask(R::kPairs, R::kCandidates),                         mask(R::kContours)}, wants_contours},
     {{"overlap",         overlap,         kShapes | mask(R::kBoxes, R::kPairs, R::kScreened, R::kCandidates, R::kTrees), mask(R::kNear, R::kContacts, R::kReport)}, any_pair},
     {{"edge pass",       edge_pass,       kShapes | mask(R::kSettings, R::kPairs, R::kCandidates, R::kNear, R::kTrees), mask(R::kContacts, R::kReport)}, any_pair},
     {{"penetration",     penetration,     mask(R::kPairs, R::kContacts),                                     mask(R::kPenetrations, R::kReport)}, any_pair},
+    {{"deep overlap",    deep_overlap,    kShapes | mask(R::kPairs, R::kContacts, R::kTrees),                 mask(R::kPairMemory, R::kPenetrations)}, wants_ways_out},
+    {{"regions",         regions,         kShapes | mask(R::kPairs, R::kScreened, R::kNear, R::kContacts, R::kContours), mask(R::kRegions)}, wants_regions},
     {{"contact rows",    contact_rows,    kShapes | mask(R::kSettings, R::kPairs, R::kContacts, R::kPenetrations), mask(R::kRows, R::kReport)}, any_pair},
     {{"islands",         islands,         mask(R::kBodies, R::kRows),                                        mask(R::kIslands)}, any_mover},
     {{"local contact",   local_contact,   kShapes | mask(R::kClock, R::kTools, R::kToolState, R::kBoxes),     mask(R::kLocalContact)}, any_tool},
@@ -471,7 +495,8 @@ void detect_contacts(World& world) {
     FrameState state;
     std::swap(state.world, world);
     const auto first = std::find_if(std::begin(kBegin), std::end(kBegin), [](const FrameStage& row) { return row.stage.name == kFirstDetection; });
-    for (auto row = first; row->stage.name != kAfterDetection; ++row) row->stage.run(state);
+    for (auto row = first; row->stage.name != kAfterDetection; ++row)
+        if (row->wanted(state.world)) row->stage.run(state);
     std::swap(state.world, world);
 }
 

@@ -47,6 +47,8 @@ struct CollideOptions {
     Quat rotate_b;                 // about the origin of B's file, before the move
     double tolerance = 0;          // file units; 0 = 1e-4 of the smaller diagonal
     std::filesystem::path cells;   // .json, .vtp or .png of the shared cells; empty = none
+    std::filesystem::path contours;  // .obj of lines; empty = none
+    bool separate = false;
     bool json = false;
 };
 int collide_command(const CollideOptions& options);

@@ -130,7 +130,7 @@ void describe(CLI::App& app, Arguments& a) {
         "distance < 0 inside.");
 
     CLI::App* collide =
-        app.add_subcommand("collide", "Contact report of two meshes: overlap, depth, direction, witness");
+        app.add_subcommand("collide", "Contact report of two meshes: overlap, depth, direction, witness, regions");
     collide->add_option("a", a.collide.a, "First mesh")->required();
     collide->add_option("b", a.collide.b, "Second mesh")->required();
     collide->add_option("--move-b", a.move_b, "\"x y z\": translation of B, file units");
@@ -139,6 +139,9 @@ void describe(CLI::App& app, Arguments& a) {
     collide->add_option("--tolerance", a.collide.tolerance, "Depth tolerance along edges, file units");
     collide->add_option("--cells", a.collide.cells,
                         "Write the grid cells that both share: .json (cell, object and primitive layers), .vtp or .png");
+    collide->add_flag("--separate", a.collide.separate,
+                      "Search for the shortest translation that separates B from A: a proven bracket");
+    collide->add_option("--contours", a.collide.contours, "Write where the surfaces cross to this .obj file, as lines");
     collide->add_flag("--json", a.collide.json, "JSON");
     collide->footer("Example: trocar collide liver.stl probe.obj --move-b \"0 0 -5\" --json");
 

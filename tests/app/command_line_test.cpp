@@ -260,6 +260,48 @@ TEST_F(CommandLine, CollideWritesTheSharedCells) {
     EXPECT_EQ(run(pair + (folder_ / "cells.txt").string()).code, 2);
 }
 
+TEST_F(CommandLine, CollideReportsRegionsAndContours) {
+    const fs::path big = write("big.obj", cube(4)), small = write("small.obj", cube(1)), lines = folder_ / "contour.obj";
+    const std::string pair = "collide " + big.string() + " " + small.string();
+    const auto ask = [&](const std::string& more) { return nlohmann::json::parse(run(pair + more + " --json").out); };
+    // a quarter of the small cube's height in the big one's top face
+    const nlohmann::json top = ask(" --move-b \"1.5 1.5 3.75\" --contours " + lines.string());
+    ASSERT_EQ(top["regions"].size(), 1u) << top;
+    const nlohmann::json& region = top["regions"][0];
+    EXPECT_NEAR(region["volume"], 0.25, 1e-14);
+    EXPECT_NEAR(region["area"], 1 + 1 + 4 * 0.25, 1e-14);
+    EXPECT_NEAR(region["contour"]["length"], 4, 1e-14);
+    EXPECT_EQ(region["contour"]["curves"], 1);
+    EXPECT_EQ(region["depth"], top["depth"]);
+    EXPECT_EQ(region["vertices_a"], 0);
+    EXPECT_EQ(region["vertices_b"], 4);
+    EXPECT_NEAR(region["witness"]["closest"][2], 4, 1e-14);
+    EXPECT_TRUE(top["contained"].is_null());
+    EXPECT_FALSE(top["saturated"]);
+    std::ifstream in(lines);
+    std::string line;
+    uint32_t points = 0, curves = 0;
+    while (std::getline(in, line)) {
+        points += line.starts_with("v ");
+        curves += line.starts_with("l ");
+    }
+    EXPECT_GE(points, 8u);
+    EXPECT_EQ(curves, 1u);
+    // inside, in the middle: every way out is as long
+    const nlohmann::json middle = ask(" --move-b \"1.5 1.5 1.5\"");
+    EXPECT_EQ(middle["contained"], "b");
+    EXPECT_TRUE(middle["saturated"]);
+    EXPECT_NEAR(middle["regions"][0]["volume"], 1, 1e-14);
+    // out of the nearest face: half of both edges
+    const nlohmann::json bracket = ask(" --move-b \"1.5 1.5 3.0\" --separate")["separation"];
+    EXPECT_LE(bracket["lower"], 1.0);
+    EXPECT_GE(bracket["upper"], 1.0);
+    EXPECT_LE(bracket["upper"], 1.05);
+    EXPECT_GT(bracket["translation"][2], 0.9);
+    const nlohmann::json apart = ask(" --move-b \"1.5 1.5 4.25\"");
+    EXPECT_TRUE(apart["regions"].empty() && apart["contained"].is_null() && !apart["saturated"]);
+}
+
 TEST_F(CommandLine, RunWritesWhatItSays) {
     const fs::path out = folder_ / "run";
     const Outcome outcome = run(
