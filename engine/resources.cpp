@@ -193,7 +193,8 @@ void visit_resource(World& w, Resource resource, Visitor& v) {
         case Resource::kReport:
             v.value(w.report.contact_passes), v.value(w.report.contact_events), v.value(w.report.dropped_contacts),
                 v.value(w.report.oversize_triangles), v.value(w.report.tie_overflows),
-                v.value(w.report.sign_disagreements), v.value(w.report.ended_rows), v.value(w.report.opposing_planes),
+                v.value(w.report.sign_disagreements), v.value(w.report.disagreements), v.value(w.report.ended_rows),
+                v.value(w.report.opposing_planes),
                 v.value(w.report.nonfinite_particles), v.value(w.report.deepest_residual);
             break;
         case Resource::kCount:

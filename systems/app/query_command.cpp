@@ -107,14 +107,24 @@ int query_command(const QueryOptions& options) {
 
     Meshes meshes;
     const uint32_t prototype = add_prototype(meshes, loaded.mesh, judgement.admitted_as);
-    const ClosestPointTree tree(mesh_view(meshes, prototype));
+    ClosestPointTree tree(mesh_view(meshes, prototype));
+    tree.cross_check(options.cross_check);
     std::vector<SurfacePoint> answers(points.size());
     const std::vector<double> radius(points.size(), std::numeric_limits<double>::infinity());
-    parallel_for(static_cast<uint32_t>(points.size()), 256, [&](uint32_t begin, uint32_t end) {
-        QueryCounters counters;
+    constexpr uint32_t kGrain = 256;
+    const uint32_t count = static_cast<uint32_t>(points.size());
+    std::vector<QueryCounters> chunk_counters(chunk_count(count, kGrain));
+    parallel_for(count, kGrain, [&](uint32_t begin, uint32_t end) {
+        QueryCounters& counters = chunk_counters[begin / kGrain];
         tree.query(std::span(points).subspan(begin, end - begin), std::span(radius).subspan(begin, end - begin), {},
                    std::span(answers).subspan(begin, end - begin), counters);
     });
+    if (options.cross_check) {
+        uint64_t disagreements = 0;
+        for (const QueryCounters& counters : chunk_counters) disagreements += counters.disagreements;
+        std::fprintf(stderr, "trocar: %llu of %u signs differ from the winding number\n",
+                     static_cast<unsigned long long>(disagreements), count);
+    }
     for (SurfacePoint& a : answers)
         if (a.triangle != kNone) a.triangle = file_triangle[a.triangle];
     const std::string out = options.json ? to_json(answers) : to_csv(answers);
