@@ -134,10 +134,10 @@ void build_box_tree(std::span<const FloatBox> boxes, BoxTree& tree) {
     tree.row.resize(count);
     for (uint32_t i = 0; i < count; ++i) tree.row[i] = i;
     build_node(boxes, 0, count, 0, 0, tree);
-    std::vector<uint32_t> depth(tree.node.size(), 1);
+    std::vector<uint32_t> depth(tree.node.size(), 1);  // the walk of a query stacks up to 7 a level, and writes 8
     for (uint32_t i = 1; i < tree.node.size(); ++i) {
         depth[i] = depth[tree.node[i].parent] + 1;
-        TROCAR_ASSERT(7 * depth[i] < kBoxStack);
+        TROCAR_ASSERT(7 * depth[i] + 8 <= kBoxStack);
     }
     tree.built_area = refit_box_tree(boxes, tree);
 }

@@ -100,10 +100,10 @@ struct Search {
     alignas(16) float q[4];    // local frame; the fourth is 0
     float query_error;         // 2^-24 |q| and a little
     float upper;               // the nearest triangle is not farther, local frame
-    uint32_t first = kNone;    // meshlet visited before the traversal
-    uint32_t nearest = kNone;  // meshlet that set upper last
-    uint32_t count = 0;
-    bool overflow = false;
+    uint32_t first;            // meshlet visited before the traversal
+    uint32_t nearest;          // meshlet that set upper last
+    uint32_t count;
+    bool overflow;
     uint32_t lane[kSlots];
     float lower[kSlots];
 };
@@ -528,6 +528,9 @@ void ClosestPointTree::Impl::start(Search& search, const MeshletKernels& kernels
     search.q[3] = 0;
     search.query_error = 1.01f * kUnit * static_cast<float>(q.norm()) + 1e-30f;
     search.upper = round_up(radius * scale);
+    search.first = search.nearest = kNone;
+    search.count = 0;
+    search.overflow = false;
 }
 
 // The surface touches every side of its box: it is no farther than the far corner of the best side (Roussopoulos,
