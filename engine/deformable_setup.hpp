@@ -1,4 +1,6 @@
 #pragma once
+#include <span>
+
 #include "components/bodies.hpp"
 #include "components/mesh.hpp"
 #include "components/particles.hpp"
@@ -15,8 +17,14 @@ namespace trocar {
 //   anchor_i          E * share_i / depth: an elastic bed (Winkler 1867) of that depth behind the wall
 // A vertex of no triangle gets no anchor and is fixed. Throws InputError naming body and quantity when a material value
 // is not finite and positive (damping and friction may be zero), or the body has no mass.
+// With `nodes`, the body is a solid: more nodes, other masses and stiffness, see solid_setup.hpp.
+struct BodyNodes {
+    std::span<const Vec3d> inner;    // m, body frame, numbered after the vertices
+    std::span<const double> volume;  // m^3, of every node
+    double spring_stiffness = 0;     // N/m
+};
 void add_deformable(const Meshes& meshes, const Springs& springs, const Poses& poses, uint32_t body, Bodies& bodies,
-                    Particles& particles, Anchors& anchors);
+                    Particles& particles, Anchors& anchors, const BodyNodes* nodes = nullptr);
 
 // Works out bodies.stable_dt[body] again: call it after fixing particles (inverse mass 0) or changing masses.
 // Largest step of the leapfrog for any shape the body may take, times 0.8. Energy of a spring = 1/2 k d^2 - k L d +
@@ -24,8 +32,9 @@ void add_deformable(const Meshes& meshes, const Springs& springs, const Poses& p
 // |xi - xj|^2 <= 2 |xi|^2 + 2 |xj|^2 the stiffest mode has omega^2 <= max_i (2 sum_j k + anchor_i) / m_i. A best-fit
 // anchor energy is a least value over rigid motions, hence also at most anchor_i I (the same split as Liu, Bargteil,
 // O'Brien, Kavan, ACM TOG 32(6), 2013). With damping c the limit is (sqrt(c^2 + 4 omega^2) - c) / omega^2.
+// `other` is a bound of the same kind for all other forces, N/m, one per particle; empty where there are none.
 void update_stable_dt(const Springs& springs, uint32_t body, const Particles& particles, const Anchors& anchors,
-                      Bodies& bodies);
+                      Bodies& bodies, std::span<const double> other = {});
 
 // Fixed part of the limit above that is left as reserve.
 inline constexpr double kStableShare = 0.8;

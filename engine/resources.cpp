@@ -35,7 +35,8 @@ struct Hasher {
         value(m.components), value(m.admission), value(m.volume), value(m.area);
         value(m.mean_edge), value(m.max_edge), value(m.radius), value(m.box);
     }
-    void value(const SpringInfo& s) { value(s.slices), value(s.mean_rest); }
+    void value(const SpringInfo& s) { value(s.slices), value(s.mean_rest), value(s.mean_geometry), value(s.varied); }
+    void value(const SolidInfo& s) { value(s.inner), value(s.tetrahedra), value(s.count), value(s.slices), value(s.nodes); }
     void value(const Material& m) { value(m.name), value(m.diffuse), value(m.texture); }
     void value(const DeviceState& d) {
         value(d.time), value(d.position), value(d.orientation), value(d.velocity), value(d.buttons);
@@ -98,7 +99,12 @@ void visit_resource(World& w, Resource resource, Visitor& v) {
             break;
         case Resource::kSprings:
             v.array(w.springs.info), v.array(w.springs.slice_column), v.array(w.springs.neighbour),
-                v.array(w.springs.rest_length), v.array(w.springs.area_share), v.array(w.springs.vertices);
+                v.array(w.springs.rest_length), v.array(w.springs.factor), v.array(w.springs.area_share), v.array(w.springs.vertices);
+            break;
+        case Resource::kSolids:
+            v.array(w.solids.info), v.array(w.solids.position), v.array(w.solids.rest), v.array(w.solids.per_rest),
+                v.array(w.solids.slot_column), v.array(w.solids.slot), v.array(w.solids.node_volume);
+            for (auto& corner : w.solids.corner) v.array(corner);
             break;
         case Resource::kBodies:
             v.array(w.bodies.entity), v.array(w.bodies.name), v.array(w.bodies.mesh), v.array(w.bodies.motion),
@@ -194,7 +200,7 @@ void visit_resource(World& w, Resource resource, Visitor& v) {
             v.value(w.report.contact_passes), v.value(w.report.contact_events), v.value(w.report.dropped_contacts),
                 v.value(w.report.oversize_triangles), v.value(w.report.tie_overflows),
                 v.value(w.report.sign_disagreements), v.value(w.report.ended_rows), v.value(w.report.opposing_planes),
-                v.value(w.report.nonfinite_particles), v.value(w.report.deepest_residual);
+                v.value(w.report.nonfinite_particles), v.value(w.report.deepest_residual), v.value(w.report.min_volume_ratio);
             break;
         case Resource::kCount:
             break;
@@ -205,7 +211,7 @@ void visit_resource(World& w, Resource resource, Visitor& v) {
 
 const char* resource_name(Resource resource) {
     constexpr const char* kNames[] = {
-        "settings", "meshes",    "springs",       "bodies",     "anchors",  "paths",        "tools",
+        "settings", "meshes",    "springs",       "solids",     "bodies",     "anchors",  "paths",        "tools",
         "clock",    "poses",     "particles",     "tool state", "boxes",    "pairs",        "trees",
         "screened", "occupancy", "candidates",    "near",       "contacts", "penetrations", "rows",
         "islands",  "normals",   "local contact", "picture",    "energy",   "report"};

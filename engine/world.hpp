@@ -12,6 +12,7 @@
 #include "components/picture.hpp"
 #include "components/report.hpp"
 #include "components/scene.hpp"
+#include "components/solids.hpp"
 #include "components/springs.hpp"
 #include "engine/closest_point.hpp"
 #include "engine/job_graph.hpp"
@@ -24,6 +25,7 @@ struct World {
     SceneSettings settings;
     Meshes meshes;
     Springs springs;
+    Solids solids;
     Bodies bodies;
     Anchors anchors;
     Paths paths;
@@ -56,6 +58,7 @@ enum class Resource : uint8_t {
     kSettings,
     kMeshes,
     kSprings,
+    kSolids,
     kBodies,
     kAnchors,
     kPaths,

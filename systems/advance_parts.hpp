@@ -19,6 +19,13 @@ struct AdvanceIsland {
 // Time at the start of a substep, s: a quotient of integers, so that it does not depend on how calls are cut.
 double substep_time(const AdvanceParams& params, uint32_t substep);
 
+// Whether a body has forces besides springs and anchors.
+bool has_forces(const AdvanceInputs& inputs, uint32_t body);
+// Gives such bodies of the island their rows of scratch.force; `particles` = rows of the buffers.
+void give_forces(AdvanceIsland& island, uint32_t particles);
+// Finds the forces of such a body at the places b.step.offset.
+void find_forces(AdvanceIsland& island, AdvanceBody& body);
+
 // Finds the nodes, rigid sides and plans of the island's rows; rows that have ended are left out.
 void plan_contacts(AdvanceIsland& island, std::span<const uint32_t> island_rows);
 // Empties the look-up tables that plan_contacts filled.

@@ -109,6 +109,8 @@ struct PendingPush {
 struct AdvanceScratch {
     std::vector<Float4> offset_a, offset_b;  // the two buffers of a substep, bodies of the island one after the other
     std::vector<float> remainder;            // 3 fields, rows as the buffers; for bodies that carry_remainder
+    std::vector<float> force;                // N, 3 fields, rows as the buffers; for bodies that have_forces
+    std::vector<Float4> corner_force;        // N, of the tetrahedra of one body
     std::vector<AdvanceBody> body;
     std::vector<AdvanceRigid> rigid;
     std::vector<double> sums;        // per chunk of slices: 16 lanes of damping work

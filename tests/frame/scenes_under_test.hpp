@@ -11,13 +11,17 @@ namespace trocar {
 inline BuiltScene small_scene(const std::string& name, const std::string& triangles = "1000") {
     std::vector<Override> overrides;
     const std::string path = (source_folder() / "content/scenes" / (name + ".toml")).string();
-    for (const BodySpec& body : read_scene_file(path, {}).bodies)
-        if (body.motion != Motion::kStatic) overrides.push_back({body.name + ".triangles", triangles});
+    for (const BodySpec& body : read_scene_file(path, {}).bodies) {
+        if (body.motion != Motion::kStatic) {
+            overrides.push_back({body.name + ".triangles", triangles});
+            if (body.solid) overrides.push_back({body.name + ".cells", "8"});
+        }
+    }
     return build_scene(read_scene_file(path, overrides));
 }
 
 inline const std::vector<std::string>& scene_names() {
-    static const std::vector<std::string> names{"probe_on_liver", "kidney_on_liver", "wrl_pair"};
+    static const std::vector<std::string> names{"probe_on_liver", "kidney_on_liver", "wrl_pair", "tet_liver_press"};
     return names;
 }
 
