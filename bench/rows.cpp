@@ -1,0 +1,127 @@
+#include "bench/rows.hpp"
+
+#include <algorithm>
+#include <cstdio>
+#include <cstring>
+#include <ctime>
+#include <nlohmann/json.hpp>
+#include <optional>
+
+#include "engine/whole_file.hpp"
+namespace trocar::bench {
+namespace {
+
+double ratio_of(const Row& row) {
+    return row.goal == Goal::kPeerShare ? row.ours / row.peer_value : row.peer_value / row.ours;
+}
+
+std::optional<bool> met(const Row& row) {
+    if (row.goal == Goal::kNone || !row.not_judged.empty()) return {};
+    switch (row.goal) {
+        case Goal::kRatio: return ratio_of(row) >= row.at_least;
+        case Goal::kPeerShare: return ratio_of(row) <= row.at_least;
+        default: return row.ours <= row.at_least;
+    }
+}
+
+nlohmann::ordered_json number(double value) {
+    return std::isfinite(value) ? nlohmann::ordered_json(value) : nlohmann::ordered_json(nullptr);
+}
+nlohmann::ordered_json text(const std::string& value) {
+    return value.empty() ? nlohmann::ordered_json(nullptr) : nlohmann::ordered_json(value);
+}
+
+nlohmann::ordered_json to_json(const std::string& suite, const Row& row) {
+    nlohmann::ordered_json j = {{"suite", suite}, {"name", row.name}, {"ours", number(row.ours)}, {"unit", row.unit}};
+    j["peer"] = text(row.peer);
+    j["peer_value"] = number(row.peer_value);
+    j["ratio"] = number(ratio_of(row));
+    j["error"] = number(row.error);
+    j["peer_error"] = number(row.peer_error);
+    j["error_unit"] = text(row.error_unit);
+    constexpr const char* kGoals[] = {"none", "ratio", "peer_share", "limit"};
+    j["goal"] = kGoals[static_cast<int>(row.goal)];
+    j["at_least"] = number(row.at_least);
+    j["aim"] = number(row.aim);
+    const std::optional<bool> judged = met(row);
+    j["met"] = judged ? nlohmann::ordered_json(*judged) : nlohmann::ordered_json(nullptr);
+    j["not_judged"] = text(row.not_judged);
+    j["note"] = text(row.note);
+    j["plot"] = text(row.plot);
+    j["series"] = text(row.series);
+    return j;
+}
+
+void print(const Row& row) {
+    std::printf("  %-58s %10.4g %-6s", row.name.c_str(), row.ours, row.unit.c_str());
+    if (!row.peer.empty()) std::printf("  %s %.4g, %.3g x", row.peer.c_str(), row.peer_value, ratio_of(row));
+    if (std::isfinite(row.error)) std::printf("  error %.3g %s", row.error, row.error_unit.c_str());
+    if (std::isfinite(row.peer_error)) std::printf(" (peer %.3g)", row.peer_error);
+    if (row.goal != Goal::kNone) {
+        const std::optional<bool> judged = met(row);
+        std::printf("  [%s %.3g, aim %.3g: %s]", row.goal == Goal::kRatio ? "at least" : "at most", row.at_least, row.aim,
+                    !judged ? row.not_judged.c_str() : *judged ? "met" : "MISSED");
+    }
+    if (!row.note.empty()) std::printf("  %s", row.note.c_str());
+    std::printf("\n");
+    std::fflush(stdout);
+}
+
+}  // namespace
+
+Report::Report(std::string suite, int& argc, char** argv) : suite_(std::move(suite)) {
+    int kept = 1;
+    for (int i = 1; i < argc; ++i) {
+        if (std::strcmp(argv[i], "--quick") == 0) {
+            quick_ = true;
+        } else if (std::strcmp(argv[i], "--json") == 0 && i + 1 < argc) {
+            json_ = argv[++i];
+        } else {
+            argv[kept++] = argv[i];
+        }
+    }
+    argc = kept;
+}
+
+void Report::heading(const std::string& text) { std::printf("%s\n", text.c_str()); }
+
+void Report::add(Row row) {
+    print(row);
+    rows_.push_back(std::move(row));
+}
+
+int Report::finish() {
+    bool missed = false;
+    nlohmann::ordered_json j = {{"suite", suite_}, {"quick", quick_}, {"rows", nlohmann::ordered_json::array()}};
+    for (const Row& row : rows_) {
+        missed = missed || !met(row).value_or(true);
+        j["rows"].push_back(to_json(suite_, row));
+    }
+    if (!json_.empty()) write_whole_file(json_, j.dump(1) + "\n");
+    return missed ? 1 : 0;
+}
+
+double thread_seconds() {
+    timespec t;
+    clock_gettime(CLOCK_THREAD_CPUTIME_ID, &t);
+    return static_cast<double>(t.tv_sec) + 1e-9 * static_cast<double>(t.tv_nsec);
+}
+
+std::vector<double> interleaved_medians(int rounds, const std::vector<std::function<void()>>& jobs) {
+    std::vector<std::vector<double>> cost(jobs.size());
+    for (int round = -1; round < rounds; ++round) {
+        for (size_t i = 0; i < jobs.size(); ++i) {
+            const double begin = thread_seconds();
+            jobs[i]();
+            if (round >= 0) cost[i].push_back(thread_seconds() - begin);
+        }
+    }
+    std::vector<double> median;
+    for (std::vector<double>& c : cost) {
+        std::nth_element(c.begin(), c.begin() + static_cast<ptrdiff_t>(c.size() / 2), c.end());
+        median.push_back(c[c.size() / 2]);
+    }
+    return median;
+}
+
+}  // namespace trocar::bench

@@ -1,0 +1,58 @@
+#pragma once
+#include <cmath>
+#include <functional>
+#include <limits>
+#include <string>
+#include <vector>
+namespace trocar::bench {
+
+inline constexpr double kNoValue = std::numeric_limits<double>::quiet_NaN();
+
+// What a row is held against.
+enum class Goal {
+    kNone,       // a figure without a limit
+    kRatio,      // peer_value / ours reaches at_least
+    kPeerShare,  // ours / peer_value stays at or below at_least
+    kLimit,      // ours stays at or below at_least, in the row's unit
+};
+
+// One figure with its error. NaN stands for "none".
+struct Row {
+    std::string name;
+    double ours = kNoValue;
+    std::string unit = {};
+    std::string peer = {};  // empty = none
+    double peer_value = kNoValue;
+    double error = kNoValue, peer_error = kNoValue;
+    std::string error_unit = {};
+    Goal goal = Goal::kNone;
+    double at_least = kNoValue, aim = kNoValue;
+    std::string not_judged = {};  // why this machine cannot judge the row; empty = it can
+    std::string note = {};
+    std::string plot = {}, series = {};  // the page draws ours against error, one chart a plot, one colour a series
+};
+
+// Rows of one suite, printed as they come. Takes `--json FILE` and `--quick` out of the arguments.
+class Report {
+ public:
+    Report(std::string suite, int& argc, char** argv);
+    bool quick() const { return quick_; }
+    void heading(const std::string& text);
+    void add(Row row);
+    // Writes the rows where --json says: {suite, machine, rows: [{suite, name, ours, unit, peer, peer_value, ratio, error,
+    // peer_error, ..., at_least, aim, met}]}. 1 when a row misses its at_least, else 0.
+    int finish();
+
+ private:
+    std::string suite_, json_;
+    bool quick_ = false;
+    std::vector<Row> rows_;
+};
+
+// Seconds of this thread alone, so that a busy machine does not count.
+double thread_seconds();
+
+// Median cost in seconds of each of several jobs, run in turn: one round to warm up, then `rounds` rounds.
+std::vector<double> interleaved_medians(int rounds, const std::vector<std::function<void()>>& jobs);
+
+}  // namespace trocar::bench
