@@ -16,6 +16,7 @@
 #include "engine/device.hpp"
 #include "engine/error.hpp"
 #include "engine/mesh_topology.hpp"
+#include "engine/solid_limit.hpp"
 #include "engine/solid_setup.hpp"
 #include "engine/tet_forces.hpp"
 namespace trocar {
@@ -193,9 +194,10 @@ void make_deformable(World& world, uint32_t body, double fixed_below) {
     else
         add_deformable(world.meshes, world.springs, world.poses, body, world.bodies, world.particles, world.anchors);
     fix_vertices_below(world, body, fixed_below);
-    std::vector<double> other(world.bodies.particles[body].count, 0.0);
-    bound_tet_stiffness(world.solids, world.meshes, world.bodies, body, other);
-    update_stable_dt(world.springs, body, world.particles, world.anchors, world.bodies, other);
+    if (is_solid(world.solids, prototype))
+        update_solid_dt(world.meshes, world.springs, world.solids, body, world.particles, world.anchors, world.bodies);
+    else
+        update_stable_dt(world.springs, body, world.particles, world.anchors, world.bodies);
 }
 
 void make_trees(World& world) {

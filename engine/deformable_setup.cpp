@@ -108,27 +108,24 @@ void add_deformable(const Meshes& meshes, const Springs& springs, const Poses& p
         anchors.rest_z[p] = turned ? offset.z : static_cast<float>(rest.z());
     }
     if (!turned) centre_goals(anchors, {rows.first, count});
-    update_stable_dt(springs, body, particles, anchors, bodies);
+    if (!nodes) update_stable_dt(springs, body, particles, anchors, bodies);
 }
 
 void update_stable_dt(const Springs& springs, uint32_t body, const Particles& particles, const Anchors& anchors,
-                      Bodies& bodies, std::span<const double> other) {
+                      Bodies& bodies) {
     const uint32_t prototype = bodies.mesh[body];
     const Range slices = springs.info[prototype].slices;
     const uint32_t* column = springs.slice_column.data() + slices.first + prototype;
     const uint32_t first = bodies.particles[body].first;
-    const double stiffness = bodies.spring_stiffness[body];
-    const bool varied = springs.info[prototype].varied;
-    TROCAR_ASSERT(other.empty() || other.size() >= slices.count * kSliceWidth);
+    const double k = bodies.spring_stiffness[body];
     double omega_squared = 0;
     for (uint32_t slice = 0; slice < slices.count; ++slice) {
         for (uint32_t lane = 0; lane < kSliceWidth; ++lane) {
             const uint32_t v = slice * kSliceWidth + lane;
-            double sum = anchors.stiffness[first + v] + (other.empty() ? 0 : other[v]);
+            double sum = anchors.stiffness[first + v];
             for (uint32_t c = column[slice]; c < column[slice + 1]; ++c) {
                 const uint32_t far_end = springs.neighbour[c * kSliceWidth + lane];
                 if (far_end == v) continue;
-                const double k = varied ? stiffness * springs.factor[c * kSliceWidth + lane] : stiffness;
                 // a fixed far end does not move against us: once, not twice
                 sum += particles.offset[first + far_end].w > 0 ? 2 * k : k;
             }

@@ -17,7 +17,7 @@ namespace trocar {
 //   anchor_i          E * share_i / depth: an elastic bed (Winkler 1867) of that depth behind the wall
 // A vertex of no triangle gets no anchor and is fixed. Throws InputError naming body and quantity when a material value
 // is not finite and positive (damping and friction may be zero), or the body has no mass.
-// With `nodes`, the body is a solid: more nodes, other masses and stiffness, see solid_setup.hpp.
+// With `nodes`, the body is a solid: more nodes, other masses and stiffness (solid_setup.hpp); stable_dt is not set.
 struct BodyNodes {
     std::span<const Vec3d> inner;    // m, body frame, numbered after the vertices
     std::span<const double> volume;  // m^3, of every node
@@ -32,9 +32,8 @@ void add_deformable(const Meshes& meshes, const Springs& springs, const Poses& p
 // |xi - xj|^2 <= 2 |xi|^2 + 2 |xj|^2 the stiffest mode has omega^2 <= max_i (2 sum_j k + anchor_i) / m_i. A best-fit
 // anchor energy is a least value over rigid motions, hence also at most anchor_i I (the same split as Liu, Bargteil,
 // O'Brien, Kavan, ACM TOG 32(6), 2013). With damping c the limit is (sqrt(c^2 + 4 omega^2) - c) / omega^2.
-// `other` is a bound of the same kind for all other forces, N/m, one per particle; empty where there are none.
 void update_stable_dt(const Springs& springs, uint32_t body, const Particles& particles, const Anchors& anchors,
-                      Bodies& bodies, std::span<const double> other = {});
+                      Bodies& bodies);
 
 // Fixed part of the limit above that is left as reserve.
 inline constexpr double kStableShare = 0.8;

@@ -7,6 +7,7 @@
 #include "engine/deformable_setup.hpp"
 #include "engine/mesh_topology.hpp"
 #include "engine/mesh_view.hpp"
+#include "engine/solid_limit.hpp"
 #include "engine/tet_forces.hpp"
 namespace trocar {
 namespace {
@@ -145,6 +146,7 @@ void add_solid_body(const Meshes& meshes, const Springs& springs, const Solids& 
     const SolidModuli moduli = solid_moduli(bodies.tissue[body]);
     nodes.spring_stiffness = moduli.springs * springs.info[prototype].mean_geometry;
     add_deformable(meshes, springs, poses, body, bodies, particles, anchors, &nodes);
+    update_solid_dt(meshes, springs, solids, body, particles, anchors, bodies);
 }
 
 }  // namespace trocar

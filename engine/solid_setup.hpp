@@ -19,7 +19,7 @@ void add_solid(const Meshes& meshes, uint32_t prototype, std::span<const Vec3d> 
                std::span<const std::array<uint32_t, 4>> tetrahedra, Springs& springs, Solids& solids);
 
 // As add_deformable of deformable_setup.hpp, for a body whose prototype is a solid: masses from the tetrahedra's
-// volumes, stiffnesses by solid_moduli, anchors at the surface only. Throws InputError when a material value is
+// volumes, stiffnesses by solid_moduli, anchors at the surface only, stable_dt by update_solid_dt. Throws InputError when a material value is
 // impossible; Poisson's ratio must be at least 0.25 (springs cannot do less) and below 0.5.
 void add_solid_body(const Meshes& meshes, const Springs& springs, const Solids& solids, const Poses& poses,
                     uint32_t body, Bodies& bodies, Particles& particles, Anchors& anchors);

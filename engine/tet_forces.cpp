@@ -28,9 +28,8 @@ const TetKernels& tet_kernels() {
 SolidModuli solid_moduli(const Tissue& tissue) {
     const double nu = tissue.poisson, mu = tissue.youngs_modulus / (2 * (1 + nu));
     const double lambda = 2 * mu * nu / (1 - 2 * nu);
-    SolidModuli moduli{2.5 * mu, std::max(0.0, lambda - mu), 0};
-    if (moduli.bulk > 0) moduli.crush = kCrushShare * (moduli.bulk + mu);
-    return moduli;
+    const double bulk = std::max(0.0, lambda - mu);
+    return {2.5 * mu, bulk, kCrushShare * bulk};
 }
 
 bool has_tets(const Solids* solids, const Bodies& bodies, uint32_t body) {
@@ -79,10 +78,10 @@ float add_tet_forces(const TetStep& body, uint32_t slices) {
 }
 
 double tet_energy(double bulk, double crush, double rest, double volume) {
-    const double swelling = volume / rest - 1, cap = double{kStretchCap};
-    const double crushed = std::min(swelling + 1 - double{kCrushed}, 0.0);
-    const double swollen = swelling < cap ? 0.5 * swelling * swelling : cap * swelling - 0.5 * cap * cap;
-    return rest / 6 * (bulk * swollen + 0.5 * crush * crushed * crushed);
+    const double swelling = volume / rest - 1, held = std::clamp(swelling, -1.0, double{kStretchCap});
+    const double crushed = std::min(held + 1 - double{kCrushed}, 0.0);
+    const double beyond = (bulk * held + crush * crushed) * (swelling - held);  // where pressure stays as it is
+    return rest / 6 * (0.5 * bulk * held * held + 0.5 * crush * crushed * crushed + beyond);
 }
 
 double six_volumes(const Vec3d& a, const Vec3d& b, const Vec3d& c, const Vec3d& d) {
@@ -143,35 +142,6 @@ std::vector<double> volume_ratios(const Solids& solids, const Bodies& bodies, co
     std::vector<double> ratio(tets.info.count);
     for (uint32_t t = 0; t < ratio.size(); ++t) ratio[t] = tets.six_volumes(t) / tets.rest(t);
     return ratio;
-}
-
-void bound_tet_stiffness(const Solids& solids, const Meshes& meshes, const Bodies& bodies, uint32_t body,
-                         std::span<double> stiffness) {
-    if (!has_tets(&solids, bodies, body)) return;
-    const uint32_t prototype = bodies.mesh[body];
-    const SolidInfo& info = solids.info[prototype];
-    const Range surface = meshes.info[prototype].vertices;
-    const double bulk = solid_moduli(bodies.tissue[body]).bulk;
-    const auto rest = [&](uint32_t node) {
-        return node < surface.count ? meshes.position[surface.first + node]
-                                    : solids.position[info.inner.first + node - surface.count];
-    };
-    for (uint32_t t = 0; t < info.count; ++t) {
-        std::array<Vec3d, 4> p;
-        for (int k = 0; k < 4; ++k) p[k] = rest(corner(solids, info, k, t));
-        // |gradient of J| in a corner: area of the opposite face / (3 V)
-        const double volume = solids.rest[info.tetrahedra.first + t] / 6;
-        std::array<double, 4> slope;
-        double sum = 0;
-        for (int k = 0; k < 4; ++k) {
-            const Vec3d &a = p[(k + 1) % 4], &b = p[(k + 2) % 4], &c = p[(k + 3) % 4];
-            slope[k] = (b - a).cross(c - a).norm() / (6 * volume);
-            sum += slope[k];
-        }
-        for (int k = 0; k < 4; ++k) {
-            stiffness[corner(solids, info, k, t)] += kStretchRoom * bulk * volume * slope[k] * sum;
-        }
-    }
 }
 
 }  // namespace trocar

@@ -3,7 +3,6 @@
 #include <vector>
 
 #include "components/bodies.hpp"
-#include "components/mesh.hpp"
 #include "components/particles.hpp"
 #include "components/solids.hpp"
 #include "engine/tet_kernels.hpp"
@@ -18,7 +17,8 @@ namespace trocar {
 //            0.943 of it for regular tetrahedra). On the body-centred lattice, short edges shared by six and long
 //            ones by four tetrahedra, every direction is right too: its cubic constants meet the condition of isotropy
 //            exactly. Warped tetrahedra at the surface keep only the average over directions
-//   volume   bulk = lambda - mu, see tet_kernels.hpp; from kCrushed down crush = kCrushShare * (bulk + mu) in addition
+//   volume   bulk = lambda - mu, see tet_kernels.hpp; from kCrushed down crush = kCrushShare * bulk in addition: pressed
+//            flat to half, the square of cof F is half of 3, so that the limit of solid_limit.hpp holds
 struct SolidModuli {
     double springs = 0;  // Pa, E_s
     double bulk = 0;     // Pa
@@ -26,7 +26,7 @@ struct SolidModuli {
 };
 SolidModuli solid_moduli(const Tissue& tissue);
 
-inline constexpr double kCrushShare = 4;
+inline constexpr double kCrushShare = 5.0 / 3;
 
 inline bool is_solid(const Solids& solids, uint32_t prototype) {
     return prototype < solids.info.size() && solids.info[prototype].count > 0;
@@ -55,14 +55,5 @@ double tet_energy(const Solids& solids, const Bodies& bodies, const Particles& p
 
 // Signed volume / rest volume of every tetrahedron of a body as it stands.
 std::vector<double> volume_ratios(const Solids& solids, const Bodies& bodies, const Particles& particles, uint32_t body);
-
-// Adds to `stiffness` (N/m, one per node) a bound of the volume forces' Hessian: row sums, by g g^T <= diag(|g_a| sum_b
-// |g_b|) for the gradient g of J. Rest shape times kStretchRoom: the square of cof F is 3 at rest, 4 stretched by 1.9
-// along one axis or by 1.3 along two at constant volume; where a tetrahedron is pressed flat it falls to 1, which pays
-// for the branch of crush. The reserve kStableShare^2 covers 6.
-void bound_tet_stiffness(const Solids& solids, const Meshes& meshes, const Bodies& bodies, uint32_t body,
-                         std::span<double> stiffness);
-
-inline constexpr double kStretchRoom = 4.0 / 3;
 
 }  // namespace trocar

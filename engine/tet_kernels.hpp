@@ -3,7 +3,7 @@ namespace trocar {
 
 // The tetrahedra of one body, plain C types only (see spring_kernels.hpp). Volume energy of a tetrahedron of rest volume
 // V and J = signed volume / V:
-//   V psi(J), psi' = bulk * min(J - 1, kStretchCap) + crush * min(J - kCrushed, 0)
+//   V psi(J), psi' = bulk * (j - 1) + crush * min(j - kCrushed, 0), j = J held between 0 and 1 + kStretchCap
 // A penalty on the volume itself (Teschner, Heidelberger, Mueller, Gross, "A versatile and robust model for geometrically
 // complex deformable solids", CGI 2004, section 3.2) with a second, stiffer branch below kCrushed. The force on a corner,
 // -psi' * (area vector of the opposite face) / 3, is a polynomial: it has no place where it is not finite, and while the

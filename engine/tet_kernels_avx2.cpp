@@ -36,9 +36,9 @@ void press(const TetStep* body, unsigned first, unsigned last, float* least) {
         const Vec bc = cross(b, c), ca = cross(c, a), ab = cross(a, b);
         const __m256 volume = _mm256_fmadd_ps(a.x, bc.x, _mm256_fmadd_ps(a.y, bc.y, _mm256_mul_ps(a.z, bc.z)));
         const __m256 swelling = _mm256_mul_ps(_mm256_sub_ps(volume, _mm256_loadu_ps(body->rest + t)), _mm256_loadu_ps(body->per_rest + t));
-        const __m256 crushed = _mm256_min_ps(_mm256_add_ps(swelling, set(1.0f - kCrushed)), _mm256_setzero_ps());
-        const __m256 pressure = _mm256_fmadd_ps(set(body->crush), crushed,
-                                              _mm256_mul_ps(set(body->bulk), _mm256_min_ps(swelling, set(kStretchCap))));
+        const __m256 held = _mm256_max_ps(_mm256_min_ps(swelling, set(kStretchCap)), set(-1.0f));
+        const __m256 crushed = _mm256_min_ps(_mm256_add_ps(held, set(1.0f - kCrushed)), _mm256_setzero_ps());
+        const __m256 pressure = _mm256_fmadd_ps(set(body->crush), crushed, _mm256_mul_ps(set(body->bulk), held));
         const __m256 share = _mm256_mul_ps(pressure, set(-1.0f / 6));
         const Lanes f1 = scaled(share, bc), f2 = scaled(share, ca), f3 = scaled(share, ab);
         float* out = body->corner_force + 4ul * t;

@@ -56,13 +56,12 @@ Element spring_element(const DoubleSolid& s, const std::array<Vec3d, 4>& rest, c
     }
     const double bulk = lambda - mu;
     if (bulk <= 1e-9 * mu) return e;
-    const double crush = 4 * (bulk + mu), cap = 0.25, crushed_below = 0.5;
+    const double crush = 5.0 / 3 * bulk, crushed_below = 0.5;
     const double ratio = six_volume(p[0], p[1], p[2], p[3]) / 6 / volume, swelling = ratio - 1;
-    const double crushed = std::min(ratio - crushed_below, 0.0);
-    e.energy += volume * bulk * (swelling < cap ? swelling * swelling / 2 : cap * swelling - cap * cap / 2) +
-                volume * crush * crushed * crushed / 2;
-    const double pressure = bulk * std::min(swelling, cap) + crush * crushed;
-    const double slope = (swelling < cap ? bulk : 0) + (crushed < 0 ? crush : 0);
+    const double held = std::clamp(swelling, -1.0, 0.25), crushed = std::min(held + 1 - crushed_below, 0.0);
+    const double pressure = bulk * held + crush * crushed;
+    e.energy += volume * (bulk * held * held / 2 + crush * crushed * crushed / 2 + pressure * (swelling - held));
+    const double slope = held != swelling ? 0 : bulk + (crushed < 0 ? crush : 0);
     const Vector12 g = volume_gradient(p);
     e.gradient += pressure * g;
     e.hessian += slope / volume * g * g.transpose();
