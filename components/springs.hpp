@@ -12,6 +12,8 @@ inline constexpr uint32_t kSliceWidth = 16;
 struct SpringInfo {
     Range slices;          // rows of slice_column, one per 16 vertices
     double mean_rest = 0;  // m
+    double mean_geometry = 0;  // m, solids: mean over the edges of stiffness / modulus
+    uint32_t varied = 0;   // 1: springs differ in stiffness, see factor
 };
 
 // Triangles around the vertices of prototypes that have a body which keeps its volume, in slices as those of Springs: a
@@ -28,6 +30,7 @@ struct Springs {
     std::vector<uint32_t> slice_column;       // first column of a slice; slices.count + 1 rows per prototype, at slices.first + prototype row
     std::vector<uint32_t> neighbour;          // 16 per column: local vertex at the far end; padding names the vertex itself
     std::vector<float> rest_length;           // 16 per column: m; padding 0
+    std::vector<float> factor;                // as rest_length, up to the last varied prototype: stiffness / spring_stiffness of the body
     std::vector<float> area_share;            // one per vertex of the prototype (padded to 16): third of the incident area, m^2; padding 0
     std::vector<Range> vertices;              // one per prototype: rows of area_share
     Fans fans;

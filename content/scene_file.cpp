@@ -194,6 +194,7 @@ void read_tissue(Section& section, Tissue& t) {
     section.read("density", t.density, 1e-3, 1e6);
     section.read("wall", t.wall, 1e-9, 1e3);
     section.read("depth", t.depth, 1e-9, 1e9);
+    section.read("poisson", t.poisson, 0, 0.5);
     section.read("damping", t.damping, 0, 1e6);
     section.read("friction", t.friction, 0, 1e6);
     section.read("pressure_modulus", t.pressure_modulus, 0, 1e12);
@@ -231,6 +232,10 @@ BodySpec read_body(const std::string& file, const toml::table& table) {
     section.read("gap", body.gap, -1e3, 1e3);
     section.read_enum<AnchorFrame>("anchor", body.anchor_frame,
                                    {{"world", AnchorFrame::kWorld}, {"shape", AnchorFrame::kShape}});
+    section.read_enum<bool>("model", body.solid, {{"shell", false}, {"solid", true}});
+    section.read("cells", body.cells, 1, 500);
+    section.read("spacing", body.spacing, 1e-9, 1e9);
+    section.read("bed", body.bed);
     section.read("fixed_below", body.fixed_below);
     section.read("thickness", body.thickness, 1e-9, 1e3);
     section.read("mass", body.mass, 1e-6, 1e6);

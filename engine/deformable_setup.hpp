@@ -1,4 +1,6 @@
 #pragma once
+#include <span>
+
 #include "components/bodies.hpp"
 #include "components/mesh.hpp"
 #include "components/particles.hpp"
@@ -16,8 +18,14 @@ namespace trocar {
 //   anchor_i          E * share_i / depth: an elastic bed (Winkler 1867) of that depth behind the wall
 // A vertex of no triangle gets no anchor and is fixed. Throws InputError naming body and quantity when a material value
 // is not finite and positive (damping and friction may be zero), or the body has no mass.
+// With `nodes`, the body is a solid: more nodes, other masses and stiffness (solid_setup.hpp); stable_dt is not set.
+struct BodyNodes {
+    std::span<const Vec3d> inner;    // m, body frame, numbered after the vertices
+    std::span<const double> volume;  // m^3, of every node
+    double spring_stiffness = 0;     // N/m
+};
 void add_deformable(const Meshes& meshes, const Springs& springs, const Poses& poses, uint32_t body, Bodies& bodies,
-                    Particles& particles, Anchors& anchors);
+                    Particles& particles, Anchors& anchors, const BodyNodes* nodes = nullptr);
 
 // Works out bodies.stable_dt[body] again: call it after fixing particles (inverse mass 0) or changing masses.
 // Largest step of the leapfrog for any shape the body may take, times 0.8. Energy of a spring = 1/2 k d^2 - k L d +

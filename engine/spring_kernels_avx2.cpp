@@ -1,9 +1,7 @@
-#include "engine/avx2_lanes.hpp"
+#include "engine/lanes_avx2.hpp"
 #include "engine/spring_kernels.hpp"
 namespace trocar {
 namespace {
-
-// The same lanes and the same operations as the AVX-512 kernels, eight lanes at a time.
 
 // Rest positions of the anchors of a slice.
 struct Goals {
@@ -26,7 +24,16 @@ inline __attribute__((always_inline)) __m256 to_goal(const SpringStep* body, con
     return _mm256_sub_ps(goal, place);
 }
 
-void step(const SpringStep* body, unsigned first, unsigned last, double* damping_work) {
+inline __attribute__((always_inline)) void add_doubles(double* sum, __m256 value) {
+    const __m256d low = _mm256_cvtps_pd(_mm256_castps256_ps128(value));
+    const __m256d high = _mm256_cvtps_pd(_mm256_extractf128_ps(value, 1));
+    _mm256_storeu_pd(sum, _mm256_add_pd(_mm256_loadu_pd(sum), low));
+    _mm256_storeu_pd(sum + 4, _mm256_add_pd(_mm256_loadu_pd(sum + 4), high));
+}
+
+// kVaried: springs differ in stiffness.
+template <bool kVaried>
+void step_springs(const SpringStep* body, unsigned first, unsigned last, double* damping_work) {
     const __m256 one = _mm256_set1_ps(1.0f), zero = _mm256_setzero_ps();
     const auto set = [](float v) { return _mm256_set1_ps(v); };
     for (unsigned half_slice = 2 * first; half_slice < 2 * last; ++half_slice) {
@@ -43,7 +50,8 @@ void step(const SpringStep* body, unsigned first, unsigned last, double* damping
             const __m256 length = _mm256_sqrt_ps(squared);
             const __m256 apart = _mm256_cmp_ps(length, zero, _CMP_GT_OQ);
             const __m256 ratio = _mm256_div_ps(_mm256_loadu_ps(body->rest_length + h + lane), length);
-            const __m256 pull = _mm256_and_ps(apart, _mm256_sub_ps(one, ratio));
+            __m256 pull = _mm256_and_ps(apart, _mm256_sub_ps(one, ratio));
+            if (kVaried) pull = _mm256_mul_ps(pull, _mm256_loadu_ps(body->spring_factor + h + lane));
             fx = _mm256_fmadd_ps(pull, dx, fx);
             fy = _mm256_fmadd_ps(pull, dy, fy);
             fz = _mm256_fmadd_ps(pull, dz, fz);
@@ -106,6 +114,10 @@ void step(const SpringStep* body, unsigned first, unsigned last, double* damping
         }
         store(body->new_offset + 4ul * row, next);
     }
+}
+
+void step(const SpringStep* body, unsigned first, unsigned last, double* damping_work) {
+    (body->spring_factor ? step_springs<true> : step_springs<false>)(body, first, last, damping_work);
 }
 
 void shape_sums(const SpringStep* body, unsigned first, unsigned last, double* sums) {
@@ -191,7 +203,9 @@ void energy_sums(const SpringStep* body, unsigned first, unsigned last, double* 
             const __m256 squared = _mm256_fmadd_ps(dx, dx, _mm256_fmadd_ps(dy, dy, _mm256_mul_ps(dz, dz)));
             const __m256 stretch =
                 _mm256_sub_ps(_mm256_sqrt_ps(squared), _mm256_loadu_ps(body->rest_length + h + lane));
-            add_doubles(sums + 16 * kSumStretch + lane, _mm256_mul_ps(stretch, stretch));
+            const __m256 factor =
+                body->spring_factor ? _mm256_loadu_ps(body->spring_factor + h + lane) : _mm256_set1_ps(1.0f);
+            add_doubles(sums + 16 * kSumStretch + lane, _mm256_mul_ps(_mm256_mul_ps(stretch, stretch), factor));
         }
 
         // anchors

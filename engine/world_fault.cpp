@@ -93,6 +93,33 @@ void check_springs(const World& w, uint32_t prototype, Faults& f) {
         if (!f.first.empty()) return;
         for (uint64_t h = uint64_t{column[slice]} * kSliceWidth; h < uint64_t{column[slice + 1]} * kSliceWidth; ++h)
             f.require(s.neighbour[h] < padded, name + ": far end");
+        if (s.info[prototype].varied)
+            f.require(uint64_t{column[slice + 1]} * kSliceWidth <= s.factor.size(), name + ": stiffnesses are missing");
+    }
+}
+
+void check_solid(const World& w, uint32_t prototype, uint32_t particles, Faults& f) {
+    const Solids& s = w.solids;
+    if (prototype >= s.info.size() || s.info[prototype].count == 0) return;
+    const SolidInfo& info = s.info[prototype];
+    const std::string name = "solid of mesh " + std::to_string(prototype) + ": ";
+    bool whole = f.inside(info.inner, s.position.size(), name + "inner nodes") && f.inside(info.nodes, s.node_volume.size(), name + "volumes of nodes") &&
+                 f.inside(info.tetrahedra, s.rest.size(), name + "tetrahedra") && f.inside(info.tetrahedra, s.per_rest.size(), name + "tetrahedra") &&
+                 f.inside({info.slices.first + prototype, info.slices.count + 1}, s.slot_column.size(), name + "slices");
+    for (const auto& corner : s.corner) whole = whole && f.inside(info.tetrahedra, corner.size(), name + "corners");
+    const uint32_t tets = info.tetrahedra.count;
+    f.require(info.count <= tets && tets % kSliceWidth == 0 && uint64_t{info.slices.count} * kSliceWidth == particles && tets < kNone / 4 &&
+                  info.nodes.count <= particles && uint64_t{w.meshes.info[prototype].vertices.count} + info.inner.count == info.nodes.count,
+              name + "nodes and tetrahedra do not fit");
+    if (!whole || !f.first.empty()) return;
+    for (const auto& corner : s.corner)
+        for (uint32_t t = 0; t < tets; ++t) f.below(corner[info.tetrahedra.first + t], info.nodes.count, false, name + "corner");
+    const uint32_t* column = s.slot_column.data() + info.slices.first + prototype;
+    for (uint32_t slice = 0; slice < info.slices.count; ++slice) {
+        f.require(column[slice] <= column[slice + 1] && uint64_t{column[slice + 1]} * kSliceWidth <= s.slot.size(), name + "columns");
+        if (!f.first.empty()) return;
+        for (uint64_t h = uint64_t{column[slice]} * kSliceWidth; h < uint64_t{column[slice + 1]} * kSliceWidth; ++h)
+            f.below(s.slot[h], 4 * tets + 1, false, name + "slot");
     }
 }
 
@@ -129,6 +156,7 @@ void check_body(const World& w, uint32_t body, Faults& f) {
     f.require(b.particles[body].count == w.springs.vertices[b.mesh[body]].count && b.particles[body].first % kSliceWidth == 0 &&
                   b.particles[body].count >= w.meshes.info[b.mesh[body]].vertices.count,
               name + ": particles do not fit its mesh");
+    if (f.first.empty()) check_solid(w, b.mesh[body], b.particles[body].count, f);
 }
 
 void check_bodies(const World& w, Faults& f) {

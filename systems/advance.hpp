@@ -10,6 +10,7 @@
 #include "components/paths.hpp"
 #include "components/report.hpp"
 #include "components/springs.hpp"
+#include "engine/other_forces.hpp"
 #include "systems/advance_scratch.hpp"
 namespace trocar {
 
@@ -51,6 +52,7 @@ struct AdvanceInputs {
     // ticks. Between milliseconds a device moves linearly and turns evenly.
     std::span<const DeviceState> devices;
     uint32_t device_stride = 2;
+    OtherForces other;
 };
 
 // What calls did to an island: added up over calls but for what is marked `last`. Work in J on its deformable bodies.
@@ -64,6 +66,7 @@ struct AdvanceResult {
     uint64_t ended_rows = 0;
     uint64_t opposing_planes = 0;  // vertices pressed from both sides in the last substep of the last call
     uint64_t nonfinite_particles = 0;
+    double min_volume_ratio = std::numeric_limits<double>::infinity();  // of all tetrahedra in all substeps, see Report
 };
 
 // Adds a call's works and counters to the books. Islands are added in their order.

@@ -30,31 +30,48 @@ void set_pressure(AdvanceIsland& island, const AdvanceBody& b, const Forces& f) 
     });
 }
 
+void add_tets(AdvanceIsland& island, const AdvanceBody& b, const Forces& f) {
+    TetStep step = bind_tets(*island.inputs.other.solids, island.inputs.bodies, island.particles, b.body);
+    step.offset = b.step.offset;
+    step.corner_force = &island.scratch.corner_force[0].x;
+    step.force_x = f.axis[0], step.force_y = f.axis[1], step.force_z = f.axis[2];
+    island.result.min_volume_ratio = std::min(island.result.min_volume_ratio, add_tet_forces(step, b.slices));
+}
+
 }  // namespace
 
-bool has_forces(const AdvanceInputs& inputs, uint32_t body) { return has_pressure(inputs.bodies, body); }
+bool has_forces(const AdvanceInputs& inputs, uint32_t body) {
+    return has_pressure(inputs.bodies, body) || has_tets(inputs.other.solids, inputs.bodies, body);
+}
 
 void give_forces(AdvanceIsland& island, uint32_t particles) {
     AdvanceScratch& s = island.scratch;
-    const auto forced = [&](const AdvanceBody& b) { return has_forces(island.inputs, b.body); };
+    const AdvanceInputs& in = island.inputs;
+    const auto forced = [&](const AdvanceBody& b) { return has_forces(in, b.body); };
     if (std::none_of(s.body.begin(), s.body.end(), forced)) return;
     s.force.assign(size_t{3} * particles, 0.0f);
+    uint32_t corners = 0;
     for (AdvanceBody& b : s.body) {
         if (!forced(b)) continue;
         const Forces f = forces_of(s, b);
         b.step.force_x = f.axis[0], b.step.force_y = f.axis[1], b.step.force_z = f.axis[2];
+        if (has_tets(in.other.solids, in.bodies, b.body))
+            corners = std::max(corners, corner_rows(bind_tets(*in.other.solids, in.bodies, island.particles, b.body)));
     }
+    if (s.corner_force.size() < corners) s.corner_force.resize(corners);
 }
 
 void find_forces(AdvanceIsland& island, AdvanceBody& b) {
     if (!b.step.force_x) return;
+    const AdvanceInputs& in = island.inputs;
     const Forces f = forces_of(island.scratch, b);
     // the first family writes, those after it add
-    if (has_pressure(island.inputs.bodies, b.body)) {
+    if (has_pressure(in.bodies, b.body)) {
         set_pressure(island, b, f);
     } else {
         for (float* axis : f.axis) std::fill_n(axis, f.count, 0.0f);
     }
+    if (has_tets(in.other.solids, in.bodies, b.body)) add_tets(island, b, f);
 }
 
 }  // namespace trocar

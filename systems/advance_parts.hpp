@@ -26,11 +26,11 @@ struct AdvanceIsland {
 // Time at the start of a substep, s: a quotient of integers, so that it does not depend on how calls are cut.
 double substep_time(const AdvanceParams& params, uint32_t substep);
 
-// Whether a body has forces besides springs and anchors: pressure.
+// Whether a body has forces besides springs and anchors: of tetrahedra, of pressure.
 bool has_forces(const AdvanceInputs& inputs, uint32_t body);
 // Gives such bodies their rows of scratch.force; the island has `particles` in all.
 void give_forces(AdvanceIsland& island, uint32_t particles);
-// Their forces at the start of a substep, where body.now is; none for other bodies.
+// Their forces at the start of a substep, where body.step.offset is; none for other bodies.
 void find_forces(AdvanceIsland& island, AdvanceBody& body);
 
 // Finds the nodes, rigid sides and plans of the island's rows; rows that have ended are left out.

@@ -2,6 +2,7 @@
 #include <cmath>
 
 #include "engine/geometry/quaternion.hpp"
+#include "engine/tet_forces.hpp"
 #include "systems/advance_parts.hpp"
 namespace trocar {
 namespace {
@@ -102,14 +103,47 @@ double node_push_work(const HalfWay& at, uint32_t v, const Vec3d& push, double i
         const double rest = step.rest_length[c * kSliceWidth + lane];
         const Vec3d far_push = push_of(at.island.scratch, body.particles.first + q), d = at.offset(q) - from;
         const double before = d.norm() - rest, after = (d + far_push - push).norm() - rest;
-        springs += (far_push.isZero(0) ? 1.0 : 0.5) * (after * after - before * before);
+        const double factor = step.spring_factor ? step.spring_factor[c * kSliceWidth + lane] : 1.0;
+        springs += factor * (far_push.isZero(0) ? 1.0 : 0.5) * (after * after - before * before);
     }
     const Vec3d to_anchor = from - at.goal(v);
     const double anchor = step.anchor_stiffness[v] * ((to_anchor + push).squaredNorm() - to_anchor.squaredNorm());
-    // other forces as they were at the start of the substep
+    // pressure as it was at the start of the substep; tetrahedra are booked for themselves
+    const bool pressed = step.force_x && !has_tets(at.island.inputs.other.solids, at.island.inputs.bodies, body.body);
     const double others =
-        step.force_x ? Vec3d(step.force_x[v], step.force_y[v], step.force_z[v]).dot(push) : 0.0;
+        pressed ? Vec3d(step.force_x[v], step.force_y[v], step.force_z[v]).dot(push) : 0.0;
     return 0.5 * (step.stiffness * springs + anchor) - others - at.island.params.gravity.dot(push) / inv_mass;
+}
+
+// Volume energy that the pushes add to the tetrahedra around one node; a tetrahedron of several pushed nodes counts for
+// each by an equal part.
+double tet_push_work(const HalfWay& at, uint32_t v) {
+    const AdvanceInputs& in = at.island.inputs;
+    const uint32_t body = at.body.body;
+    if (!has_tets(in.other.solids, in.bodies, body)) return 0;
+    const TetStep tets = bind_tets(*in.other.solids, in.bodies, at.island.particles, body);
+    const SolidModuli moduli = solid_moduli(in.bodies.tissue[body]);
+    const unsigned* corner[4] = {tets.corner0, tets.corner1, tets.corner2, tets.corner3};
+    const uint32_t slice = v / kSliceWidth, lane = v % kSliceWidth;
+    double work = 0;
+    for (uint32_t c = tets.slot_column[slice]; c < tets.slot_column[slice + 1]; ++c) {
+        const uint32_t slot = tets.slot[c * kSliceWidth + lane];
+        if (slot == 4 * tets.tetrahedra) continue;
+        const uint32_t t = slot % tets.tetrahedra;
+        Vec3d from[4], to[4];
+        int pushed = 0;
+        for (int k = 0; k < 4; ++k) {
+            const Vec3d push = push_of(at.island.scratch, at.body.particles.first + corner[k][t]);
+            from[k] = at.offset(corner[k][t]);
+            to[k] = from[k] + push;
+            pushed += !push.isZero(0);
+        }
+        const auto energy = [&](const Vec3d* p) {
+            return tet_energy(moduli.bulk, moduli.crush, tets.rest[t], six_volumes(p[0], p[1], p[2], p[3]));
+        };
+        work += (energy(to) - energy(from)) / std::max(pushed, 1);
+    }
+    return work;
 }
 
 // Books the pushes of the last substep of a call from the springs themselves: the next forces are not there yet.
@@ -119,8 +153,9 @@ void book_last_pushes(AdvanceIsland& island) {
         const ContactNode& node = s.node[n];
         if (!s.change[n].pushed || node.particle == kNone) continue;
         const AdvanceBody& body = s.body[node.owner];
-        island.result.work_push += node_push_work({island, body}, node.particle - body.particles.first,
-                                                  to_vec3(s.change[n].change), node.inv_mass);
+        const HalfWay at{island, body};
+        const uint32_t v = node.particle - body.particles.first;
+        island.result.work_push += node_push_work(at, v, to_vec3(s.change[n].change), node.inv_mass) + tet_push_work(at, v);
     }
 }
 

@@ -7,6 +7,7 @@
 #include "engine/shape_fit.hpp"
 #include "engine/spring_step.hpp"
 #include "engine/surfaces.hpp"
+#include "engine/tet_forces.hpp"
 namespace trocar {
 namespace {
 
@@ -54,7 +55,7 @@ void add_other_energies(const Springs& springs, const Bodies& bodies, const Part
 
 void measure_energy(const Springs& springs, const Bodies& bodies, const Poses& poses, const Particles& particles,
                     const Anchors& anchors, const Vec3d& gravity, double start, EnergyScratch& scratch,
-                    Energy& energy) {
+                    Energy& energy, const OtherForces& other) {
     energy.kinetic = energy.elastic = energy.pressure = energy.bending = energy.gravity = 0;
     for (uint32_t body = 0; body < bodies.motion.size(); ++body) {
         if (!is_deformable(bodies, body)) continue;
@@ -70,6 +71,9 @@ void measure_energy(const Springs& springs, const Bodies& bodies, const Poses& p
         // every spring was met from both its ends
         energy.elastic += 0.25 * step.stiffness * t[kSumStretch] + 0.5 * t[kSumAnchor];
         add_other_energies(springs, bodies, particles, body, step.back, scratch, energy);
+        if (has_tets(other.solids, bodies, body)) {
+            energy.elastic += tet_energy(*other.solids, bodies, particles, body, 0.5 * particles.last_dt[body], scratch.sums);
+        }
         energy.gravity -=
             gravity.dot(t[kSumMass] * poses.origin[body] + Vec3d(t[kSumMPlace], t[kSumMPlace + 1], t[kSumMPlace + 2]));
     }

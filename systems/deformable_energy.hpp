@@ -6,6 +6,7 @@
 #include "components/particles.hpp"
 #include "components/report.hpp"
 #include "components/springs.hpp"
+#include "engine/other_forces.hpp"
 namespace trocar {
 
 // Reused memory of measure_energy.
@@ -21,7 +22,8 @@ struct EnergyScratch {
 // velocities, half a substep before that of the offsets: there the leapfrog's kinetic energy needs no knowledge of the
 // contact impulses to come.
 void measure_energy(const Springs& springs, const Bodies& bodies, const Poses& poses, const Particles& particles,
-                    const Anchors& anchors, const Vec3d& gravity, double start, EnergyScratch& scratch, Energy& energy);
+                    const Anchors& anchors, const Vec3d& gravity, double start, EnergyScratch& scratch, Energy& energy,
+                    const OtherForces& other = {});
 
 // Linear momentum (kg m/s) and angular momentum about the world origin (kg m^2/s) of one deformable body.
 struct Momentum {

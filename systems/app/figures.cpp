@@ -111,6 +111,7 @@ std::string metrics_json(const RunFigures& f) {
         stages[s.name] = {
             {"p50_ms", quantile(s.ms, 0.5)}, {"p99_ms", quantile(s.ms, 0.99)}, {"max_ms", quantile(s.ms, 1)}};
     j["stages"] = stages;
+    if (std::isfinite(f.report.min_volume_ratio)) j["solid"] = {{"min_volume_ratio", f.report.min_volume_ratio}};
     double max_depth = 0;
     std::vector<double> frame_ms;
     for (const PassFigures& p : f.pass) {

@@ -1,11 +1,9 @@
 #pragma once
 #include <immintrin.h>
 namespace trocar {
+namespace {
 
-// Eight particles at a time, for units built for the baseline instruction set; plain C types only and all of it inlined.
-// Particles are rows of (x, y, z, w).
-
-// Eight lanes of a field each.
+// As lanes_avx512.hpp: the same lanes and the same operations, eight lanes at a time.
 struct Lanes {
     __m256 x, y, z, w;
 };
@@ -38,12 +36,5 @@ inline __attribute__((always_inline)) void store(float* rows, const Lanes& lanes
     _mm256_storeu_ps(rows + 24, _mm256_permute2f128_ps(r.z, r.w, 0x31));
 }
 
-// value[0..7] added to doubles sum[0..7].
-inline __attribute__((always_inline)) void add_doubles(double* sum, __m256 value) {
-    const __m256d low = _mm256_cvtps_pd(_mm256_castps256_ps128(value));
-    const __m256d high = _mm256_cvtps_pd(_mm256_extractf128_ps(value, 1));
-    _mm256_storeu_pd(sum, _mm256_add_pd(_mm256_loadu_pd(sum), low));
-    _mm256_storeu_pd(sum + 4, _mm256_add_pd(_mm256_loadu_pd(sum + 4), high));
-}
-
+}  // namespace
 }  // namespace trocar
