@@ -110,12 +110,11 @@ void step_bodies(AdvanceIsland& island, const SpringKernels& kernels, uint32_t s
             fit_goals(totals, island.poses.orientation[b.body], b.step);
             fit_drag(totals, b.step);
         }
-        find_forces(island, b);
         const float* drag = b.step.drag_velocity;
         const float* turn = b.step.drag_turn;
         b.drag_velocity = make_vec4(drag[0], drag[1], drag[2]);
         b.drag_turn = make_vec4(turn[0], turn[1], turn[2]);
-        if (b.step.force_x) find_forces(island, b);
+        find_forces(island, b);
         double* work = island.params.account_energy && b.damping > 0 ? s.sums.data() + chunk * kSliceWidth : nullptr;
         parallel_for(b.slices, kSlicesPerChunk, [&](uint32_t begin, uint32_t end) {
             kernels.step(&b.step, begin, end, work ? work + begin / kSlicesPerChunk * kSliceWidth : nullptr);
