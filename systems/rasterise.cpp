@@ -179,11 +179,18 @@ void grow_table(RasteriseScratch& scratch) {
     scratch.used_slot.clear();
 }
 
-// Slot of a cell, taken if new. The body is counted.
+// Fibonacci hashing (Knuth, The Art of Computer Programming 3, 6.4). Keys that crowd one slot under one of the factors
+// are spread by the next: on finding a crowd the count starts again with it, so that no input makes it quadratic.
+constexpr uint32_t kLongestProbe = 512;
+constexpr std::array<uint64_t, 8> kFactor = {0x9E3779B97F4A7C15, 0xBF58476D1CE4E5B9, 0x94D049BB133111EB,
+                                             0xD6E8FEB86659FD93, 0xA0761D6478BD642F, 0xE7037ED1A0B428DB,
+                                             0x8EBC6AF09C88C6E3, 0x589965CC75374CC3};
+
+// Slot of a cell, taken if new; kNone where the table is crowded. The body is counted.
 uint32_t count_cell(uint64_t key, uint32_t body, uint32_t shift, RasteriseScratch& scratch) {
     const uint32_t mask = uint32_t(scratch.table.size()) - 1;
-    uint32_t slot = uint32_t((key * 0x9E3779B97F4A7C15ull) >> shift);
-    for (;; slot = (slot + 1) & mask) {
+    uint32_t slot = uint32_t((key * kFactor[scratch.factor]) >> shift);
+    for (uint32_t probe = 0; probe < kLongestProbe; ++probe, slot = (slot + 1) & mask) {
         CountedCell& cell = scratch.table[slot];
         if (cell.key == key) {
             if (cell.object != body && cell.shared == 0) {
@@ -198,15 +205,18 @@ uint32_t count_cell(uint64_t key, uint32_t body, uint32_t shift, RasteriseScratc
             return slot;
         }
     }
+    return kNone;
 }
 
-// Pass 1 over one body: counts it in every cell of its triangles. False when the table must grow first.
-bool count_body(const ScreenedTriangles& screened, uint32_t body, __m256 clip, float inv_size,
+enum class Count { kDone, kFull, kCrowded };
+
+// Pass 1 over one body: counts it in every cell of its triangles, unless the table is too small or crowded.
+Count count_body(const ScreenedTriangles& screened, uint32_t body, __m256 clip, float inv_size,
                 RasteriseScratch& scratch, Occupancy& occupancy) {
     const uint32_t shift = 64 - uint32_t(__builtin_ctzll(scratch.table.size()));
     const Range rows = screened.body[body];
     for (uint32_t row = rows.first; row < rows.end(); ++row) {
-        if (scratch.used_slot.size() + kMostCells > scratch.table.size() / 2) return false;
+        if (scratch.used_slot.size() + kMostCells > scratch.table.size() / 2) return Count::kFull;
         const CellRange cells = cells_of(_mm256_max_ps(load_box(screened.box[row]), clip), inv_size);
         const uint64_t x = cells.last[0] - cells.first[0] + 1, y = cells.last[1] - cells.first[1] + 1,
                        z = cells.last[2] - cells.first[2] + 1;
@@ -222,30 +232,38 @@ bool count_body(const ScreenedTriangles& screened, uint32_t body, __m256 clip, f
         for (uint32_t i = cells.first[0]; i <= cells.last[0]; ++i) {
             for (uint32_t j = cells.first[1]; j <= cells.last[1]; ++j) {
                 for (uint32_t k = cells.first[2]; k <= cells.last[2]; ++k) {
-                    *next++ = {count_cell(pack_cell(i, j, k), body, shift, scratch), row, body};
+                    const uint32_t slot = count_cell(pack_cell(i, j, k), body, shift, scratch);
+                    if (slot == kNone) return Count::kCrowded;
+                    *next++ = {slot, row, body};
                 }
             }
         }
     }
-    return true;
+    return Count::kDone;
 }
 
 void count_objects(const ScreenedTriangles& screened, float inv_size, RasteriseScratch& scratch, Occupancy& occupancy) {
     if (scratch.table.empty()) grow_table(scratch);
-    for (bool done = false; !done;) {
+    Count count = Count::kFull;
+    for (uint32_t crowded = 0; count != Count::kDone;) {
         scratch.references = 0;
         scratch.shared.clear();
         occupancy.oversize.clear();
-        done = true;
+        count = Count::kDone;
         for (const uint32_t body : scratch.body) {
             Box all;
             for (uint32_t i = scratch.region_first[body]; i < scratch.region_first[body + 1]; ++i) {
                 all = joined(all, scratch.region[scratch.region_pair[i]]);
             }
-            done = count_body(screened, body, load_box(pack_box(all, screened.origin)), inv_size, scratch, occupancy);
-            if (!done) break;
+            count = count_body(screened, body, load_box(pack_box(all, screened.origin)), inv_size, scratch, occupancy);
+            if (count != Count::kDone) break;
         }
-        if (!done) grow_table(scratch);
+        if (count == Count::kCrowded) {
+            clear_table(scratch);
+            scratch.factor = (scratch.factor + 1) % kFactor.size();
+            ++crowded;
+        }
+        if (count == Count::kFull || (count == Count::kCrowded && crowded % kFactor.size() == 0)) grow_table(scratch);
     }
 }
 

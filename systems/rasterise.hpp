@@ -39,6 +39,7 @@ struct RasteriseScratch {
     std::vector<BodyScreen> screen;               // per row of body
     std::vector<CountedCell> table;               // open addressing, a power of two
     std::vector<uint32_t> used_slot;              // to clear the table
+    uint32_t factor = 0;                          // which one the table is hashed with; any gives the same layers
     std::vector<CellReference> reference;         // one per (triangle, cell) of pass 1, then of the shared cells
     uint32_t references = 0;                      // rows of it in use
     std::vector<std::array<uint64_t, 2>> shared;  // key, row in order of discovery
