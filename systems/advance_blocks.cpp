@@ -313,6 +313,7 @@ void plan_blocks(AdvanceIsland& island) {
     find_opposable(s);
     const uint32_t idle = add_idle_node(s);
     s.open_blocks_of_node.assign(s.node.size(), 0);
+    s.block.reserve(s.plan.size() / 4 + kOpenBlocks);
     BlockFiller filler(island, idle);
     for (ContactPlan& plan : s.plan) plan.in_block = fits_block(s, plan);
     // points of edges are apart: their blocks have one part more

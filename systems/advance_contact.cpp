@@ -401,6 +401,7 @@ void plan_contacts(AdvanceIsland& island, std::span<const uint32_t> island_rows)
     // that the processor can work on one row while another waits for its sums; a short one converges better in order
     constexpr uint32_t kMostParts = 8, kRowsPerPart = 32;
     const uint32_t count = static_cast<uint32_t>(island_rows.size());
+    s.plan.reserve(count);
     const uint32_t parts = std::clamp(count / kRowsPerPart, 1u, kMostParts), part = (count + parts - 1) / parts;
     for (uint32_t i = 0; i < part; ++i) {
         for (uint32_t row = i; row < count; row += part) {
