@@ -3,6 +3,7 @@
 #include <algorithm>
 #include <cmath>
 
+#include "engine/thread_pool.hpp"
 #include "tests/systems/contact_scene.hpp"
 
 // Hard cases of the occupancy grid, each against a closed form or brute force.
@@ -113,6 +114,35 @@ TEST(HardCases, H12_ASceneSymmetricAboutZero) {
         const double share = double(sharing) / double(keys.size());
         const double ideal = 1 - std::pow(1 - std::ldexp(1.0, -int(bits)), double(keys.size() - 1));
         EXPECT_LE(share, 1.1 * ideal) << bits << " bits";
+    }
+}
+
+// Three hundred small bodies, screened several at a time: the pairs of brute force, and the same layers for any number of
+// threads and from warm memory.
+TEST(HardCases, H19_LayersForAnyNumberOfThreads) {
+    std::vector<BodyInput> balls;
+    for (uint32_t i = 0; i < 300; ++i) {
+        const Vec3d at(0.093 * (i % 7), 0.091 * (i / 7 % 7), 0.094 * (i / 49));
+        balls.push_back({make_noisy_sphere(2 + i % 2, 0.05, 0.1, 0.3 * i), Motion::kDeformable, at, {}});
+    }
+    const auto run = [&](uint32_t threads, ContactScene& scene) {
+        ThreadPool pool(threads);
+        pool.run([&] { scene.find_triangles(); });
+    };
+    ContactScene first(balls);
+    run(1, first);
+    const std::vector<size_t> want = meeting_by_brute_force(first);
+    ASSERT_GT(want.size(), 300u);
+    for (uint32_t pair = 0; pair < want.size(); ++pair) EXPECT_GE(first.candidates.pair[pair].count, want[pair]);
+    for (const uint32_t threads : {1u, 2u, 3u, 8u, 64u}) {
+        ContactScene scene(balls);
+        run(threads, scene);
+        run(threads, scene);
+        EXPECT_EQ(scene.screened.triangle, first.screened.triangle) << threads;
+        EXPECT_EQ(scene.occupancy.cell_key, first.occupancy.cell_key) << threads;
+        EXPECT_EQ(scene.occupancy.object, first.occupancy.object) << threads;
+        EXPECT_EQ(scene.occupancy.primitive, first.occupancy.primitive) << threads;
+        EXPECT_EQ(scene.candidates.triangle, first.candidates.triangle) << threads;
     }
 }
 
