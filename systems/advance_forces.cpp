@@ -3,6 +3,7 @@
 #include "engine/parallel.hpp"
 #include "engine/pressure_force.hpp"
 #include "engine/spring_step.hpp"
+#include "engine/tet_forces.hpp"
 #include "systems/advance_parts.hpp"
 namespace trocar {
 namespace {
