@@ -11,6 +11,7 @@
 #include "content/make_prototype.hpp"
 #include "content/shape_library.hpp"
 #include "content/unit_guess.hpp"
+#include "engine/bending_forces.hpp"
 #include "engine/deformable_setup.hpp"
 #include "engine/device.hpp"
 #include "engine/error.hpp"
@@ -178,6 +179,7 @@ void make_deformable(World& world, uint32_t body, double fixed_below) {
     if (world.springs.info.size() <= prototype || world.springs.info[prototype].slices.count == 0)
         add_springs(world.springs, world.meshes, prototype);
     if (has_pressure(world.bodies, body)) add_fans(world.springs, world.meshes, prototype);
+    if (has_bending(world.bodies, body)) add_hinges(world.springs, world.meshes, prototype);
     add_deformable(world.meshes, world.springs, world.poses, body, world.bodies, world.particles, world.anchors);
     fix_vertices_below(world, body, fixed_below);
     update_stable_dt(world.springs, body, world.particles, world.anchors, world.bodies);

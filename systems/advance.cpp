@@ -217,6 +217,7 @@ void share_room(std::span<AdvanceScratch> scratches) {
     level(&AdvanceScratch::remainder);
     level(&AdvanceScratch::force);
     level(&AdvanceScratch::force_sums);
+    level(&AdvanceScratch::hinge_force);
     level(&AdvanceScratch::body);
     level(&AdvanceScratch::rigid);
     level(&AdvanceScratch::sums);

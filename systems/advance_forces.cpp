@@ -1,5 +1,6 @@
 #include <algorithm>
 
+#include "engine/bending_forces.hpp"
 #include "engine/parallel.hpp"
 #include "engine/pressure_force.hpp"
 #include "engine/spring_step.hpp"
@@ -32,7 +33,9 @@ void set_pressure(AdvanceIsland& island, const AdvanceBody& b, const Forces& f) 
 
 }  // namespace
 
-bool has_forces(const AdvanceInputs& inputs, uint32_t body) { return has_pressure(inputs.bodies, body); }
+bool has_forces(const AdvanceInputs& inputs, uint32_t body) {
+    return has_pressure(inputs.bodies, body) || has_bending(inputs.bodies, body);
+}
 
 void give_forces(AdvanceIsland& island, uint32_t particles) {
     AdvanceScratch& s = island.scratch;
@@ -54,6 +57,11 @@ void find_forces(AdvanceIsland& island, AdvanceBody& b) {
         set_pressure(island, b, f);
     } else {
         for (float* axis : f.axis) std::fill_n(axis, f.count, 0.0f);
+    }
+    const Bodies& bodies = island.inputs.bodies;
+    if (has_bending(bodies, b.body)) {
+        add_bending_forces(island.inputs.springs, bodies.mesh[b.body], bending_rigidity(bodies.tissue[b.body]), b.now,
+                           island.scratch.hinge_force, f.axis[0], f.axis[1], f.axis[2]);
     }
 }
 

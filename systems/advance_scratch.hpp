@@ -134,6 +134,7 @@ struct AdvanceScratch {
     std::vector<float> remainder;            // 3 fields, rows as the buffers; for bodies that carry_remainder
     std::vector<float> force;                // 3 fields, rows as the buffers, N; only if a body has_forces
     std::vector<double> force_sums;          // per chunk, of one family at a time
+    std::vector<Float4> hinge_force;         // of one body that bends
     std::vector<AdvanceBody> body;
     std::vector<AdvanceRigid> rigid;
     std::vector<double> sums;        // per chunk of slices: 16 lanes of damping work
