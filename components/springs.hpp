@@ -25,6 +25,21 @@ struct Fans {
     std::vector<uint32_t> corner;  // 32 per column: 16 next corners, counter-clockwise from outside, then 16 last ones
 };
 
+// Edges between two triangles of prototypes that have a body which bends, eight to a group, and for every vertex the rows of
+// the forces of its edges, in slices as those of Springs.
+struct Hinges {
+    std::vector<Range> groups;     // one per prototype; may be shorter
+    std::vector<uint32_t> vertex;  // 32 per group: 8 starts of edges, 8 ends, 8 corners on the left, 8 on the right; padding 0
+    std::vector<float> sine;       // 8 per group, of the angle at rest
+    std::vector<float> cosine;
+    std::vector<float> weight;     // 8 per group: length^2 / (area + area) at rest; padding 0
+    std::vector<float> cap;        // 16 per group, 1/m: most that 1 / height of the left and the right corner counts
+    std::vector<uint32_t> first;   // one per prototype: its first row of column, kNone = has none
+    std::vector<uint32_t> column;  // first column of a slice; slices + 1 rows per prototype that has hinges
+    std::vector<uint32_t> slot;    // 16 per column: 32 * group + 8 * corner + place in the group, groups counted from the
+                                   // prototype's first; padding names the row after the last
+};
+
 struct Springs {
     std::vector<SpringInfo> info;             // one per prototype
     std::vector<uint32_t> slice_column;       // first column of a slice; slices.count + 1 rows per prototype, at slices.first + prototype row
@@ -34,6 +49,7 @@ struct Springs {
     std::vector<float> area_share;            // one per vertex of the prototype (padded to 16): third of the incident area, m^2; padding 0
     std::vector<Range> vertices;              // one per prototype: rows of area_share
     Fans fans;
+    Hinges hinges;
 };
 
 }  // namespace trocar

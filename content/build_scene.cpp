@@ -12,6 +12,7 @@
 #include "content/make_solid.hpp"
 #include "content/shape_library.hpp"
 #include "content/unit_guess.hpp"
+#include "engine/bending_forces.hpp"
 #include "engine/deformable_setup.hpp"
 #include "engine/device.hpp"
 #include "engine/error.hpp"
@@ -191,6 +192,7 @@ void make_deformable(World& world, uint32_t body, double fixed_below) {
     if (world.springs.info.size() <= prototype || world.springs.info[prototype].slices.count == 0)
         add_springs(world.springs, world.meshes, prototype);
     if (has_pressure(world.bodies, body)) add_fans(world.springs, world.meshes, prototype);
+    if (has_bending(world.bodies, body)) add_hinges(world.springs, world.meshes, prototype);
     if (is_solid(world.solids, prototype))
         add_solid_body(world.meshes, world.springs, world.solids, world.poses, body, world.bodies, world.particles, world.anchors);
     else

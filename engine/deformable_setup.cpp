@@ -6,6 +6,7 @@
 #include <numeric>
 #include <string>
 
+#include "engine/bending_forces.hpp"
 #include "engine/check.hpp"
 #include "engine/error.hpp"
 #include "engine/geometry/quaternion.hpp"
@@ -138,6 +139,7 @@ void update_stable_dt(const Springs& springs, uint32_t body, const Particles& pa
         }
     }
     if (has_pressure(bodies, body)) omega_squared += pressure_omega_squared(springs, bodies, particles, body);
+    if (has_bending(bodies, body)) omega_squared += bending_omega_squared(springs, bodies, particles, body);
     const double damping = bodies.tissue[body].damping;
     bodies.stable_dt[body] =
         omega_squared > 0 ? kStableShare * (std::sqrt(damping * damping + 4 * omega_squared) - damping) / omega_squared

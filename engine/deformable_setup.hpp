@@ -9,7 +9,7 @@ namespace trocar {
 
 // Appends the particles and anchors of a deformable body at its pose, from its prototype and bodies.tissue[body], and
 // sets bodies.particles, spring_stiffness, inv_mass (0) and stable_dt of that row. Needs springs of the prototype, and
-// its fans for a body that keeps its volume.
+// its fans for a body that keeps its volume, its hinges for one that bends.
 //   spring stiffness  k = sqrt(3)/2 * E * wall: a triangular lattice of equal springs is a plane-stress sheet of
 //   modulus
 //                     2 k / sqrt(3) per unit thickness and Poisson ratio 1/3 (Kot, Nagahashi, Szymczak, The Visual
@@ -32,7 +32,7 @@ void add_deformable(const Meshes& meshes, const Springs& springs, const Poses& p
 // const: its second term is concave for any d, so its Hessian is at most k I however it is stretched or squeezed; with
 // |xi - xj|^2 <= 2 |xi|^2 + 2 |xj|^2 the stiffest mode has omega^2 <= max_i (2 sum_j k + anchor_i) / m_i. A best-fit
 // anchor energy is a least value over rigid motions, hence also at most anchor_i I (the same split as Liu, Bargteil,
-// O'Brien, Kavan, ACM TOG 32(6), 2013). Other forces add their own bounds (pressure_omega_squared). With damping c the limit is (sqrt(c^2 + 4 omega^2) - c) / omega^2.
+// O'Brien, Kavan, ACM TOG 32(6), 2013). Other forces add their own bounds (pressure_omega_squared, bending_omega_squared). With damping c the limit is (sqrt(c^2 + 4 omega^2) - c) / omega^2.
 void update_stable_dt(const Springs& springs, uint32_t body, const Particles& particles, const Anchors& anchors,
                       Bodies& bodies);
 

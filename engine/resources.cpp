@@ -246,7 +246,10 @@ void visit_resource(World& w, Resource resource, Visitor& v) {
             v.array(FIELD(springs.info)), v.array(FIELD(springs.slice_column)), v.array(FIELD(springs.neighbour)),
                 v.array(FIELD(springs.rest_length)), v.array(FIELD(springs.factor)), v.array(FIELD(springs.area_share)),
                 v.array(FIELD(springs.vertices)), v.array(FIELD(springs.fans.first)), v.array(FIELD(springs.fans.volume)),
-                v.array(FIELD(springs.fans.column)), v.array(FIELD(springs.fans.corner));
+                v.array(FIELD(springs.fans.column)), v.array(FIELD(springs.fans.corner)), v.array(FIELD(springs.hinges.groups)),
+                v.array(FIELD(springs.hinges.vertex)), v.array(FIELD(springs.hinges.sine)), v.array(FIELD(springs.hinges.cosine)),
+                v.array(FIELD(springs.hinges.weight)), v.array(FIELD(springs.hinges.cap)), v.array(FIELD(springs.hinges.first)),
+                v.array(FIELD(springs.hinges.column)), v.array(FIELD(springs.hinges.slot));
             break;
         case Resource::kSolids:
             v.array(FIELD(solids.info)), v.array(FIELD(solids.position)), v.array(FIELD(solids.corner[0])),

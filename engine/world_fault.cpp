@@ -1,6 +1,7 @@
 #include <cmath>
 #include <span>
 
+#include "engine/bending_forces.hpp"
 #include "engine/pressure_force.hpp"
 #include "engine/surfaces.hpp"
 #include "engine/world.hpp"
@@ -143,6 +144,21 @@ void check_fans(const World& w, uint32_t prototype, Faults& f) {
     check_columns(fans.column, fans.corner, fans.first[prototype], slices, 2 * kSliceWidth, uint64_t{slices} * kSliceWidth, name, f);
 }
 
+void check_hinges(const World& w, uint32_t prototype, Faults& f) {
+    const Hinges& h = w.springs.hinges;
+    const std::string name = "hinges of mesh " + std::to_string(prototype);
+    f.require(prototype < h.first.size() && h.groups.size() == h.first.size(), name + " are missing");
+    if (!f.first.empty()) return;
+    const Range groups = h.groups[prototype];
+    const size_t all = h.weight.size() / 8;
+    f.require(h.weight.size() == 8 * all && h.sine.size() == 8 * all && h.cosine.size() == 8 * all && h.cap.size() == 16 * all && h.vertex.size() == 32 * all,
+              name + " do not fit together");
+    if (!f.first.empty() || !f.inside(groups, all, name)) return;
+    const uint32_t slices = w.springs.info[prototype].slices.count;
+    for (size_t i = size_t{32} * groups.first; i < size_t{32} * groups.end(); ++i) f.below(h.vertex[i], slices * kSliceWidth, false, name + ": vertex");
+    check_columns(h.column, h.slot, h.first[prototype], slices, kSliceWidth, uint64_t{32} * groups.count + 1, name, f);
+}
+
 void check_body(const World& w, uint32_t body, Faults& f) {
     const Bodies& b = w.bodies;
     const std::string name = "body " + std::to_string(body);
@@ -152,6 +168,7 @@ void check_body(const World& w, uint32_t body, Faults& f) {
     if (!f.first.empty() || !is_deformable(b, body)) return;
     check_springs(w, b.mesh[body], f);
     if (f.first.empty() && has_pressure(b, body)) check_fans(w, b.mesh[body], f);
+    if (f.first.empty() && has_bending(b, body)) check_hinges(w, b.mesh[body], f);
     if (!f.first.empty() || !f.inside(b.particles[body], w.particles.offset.size(), name + ": particles")) return;
     f.require(b.particles[body].count == w.springs.vertices[b.mesh[body]].count && b.particles[body].first % kSliceWidth == 0 &&
                   b.particles[body].count >= w.meshes.info[b.mesh[body]].vertices.count,

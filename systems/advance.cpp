@@ -219,6 +219,7 @@ void share_room(std::span<AdvanceScratch> scratches) {
     level(&AdvanceScratch::force);
     level(&AdvanceScratch::force_sums);
     level(&AdvanceScratch::corner_force);
+    level(&AdvanceScratch::hinge_force);
     level(&AdvanceScratch::body);
     level(&AdvanceScratch::rigid);
     level(&AdvanceScratch::sums);

@@ -1,5 +1,6 @@
 #include <algorithm>
 
+#include "engine/bending_forces.hpp"
 #include "engine/parallel.hpp"
 #include "engine/pressure_force.hpp"
 #include "engine/spring_step.hpp"
@@ -42,7 +43,8 @@ void add_tets(AdvanceIsland& island, const AdvanceBody& b, const Forces& f) {
 }  // namespace
 
 bool has_forces(const AdvanceInputs& inputs, uint32_t body) {
-    return has_pressure(inputs.bodies, body) || has_tets(inputs.other.solids, inputs.bodies, body);
+    return has_pressure(inputs.bodies, body) || has_bending(inputs.bodies, body) ||
+           has_tets(inputs.other.solids, inputs.bodies, body);
 }
 
 void give_forces(AdvanceIsland& island, uint32_t particles) {
@@ -71,6 +73,10 @@ void find_forces(AdvanceIsland& island, AdvanceBody& b) {
         set_pressure(island, b, f);
     } else {
         for (float* axis : f.axis) std::fill_n(axis, f.count, 0.0f);
+    }
+    if (has_bending(in.bodies, b.body)) {
+        add_bending_forces(in.springs, in.bodies.mesh[b.body], bending_rigidity(in.bodies.tissue[b.body]), b.now,
+                           island.scratch.hinge_force, f.axis[0], f.axis[1], f.axis[2]);
     }
     if (has_tets(in.other.solids, in.bodies, b.body)) add_tets(island, b, f);
 }

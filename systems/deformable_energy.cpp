@@ -2,6 +2,7 @@
 
 #include <array>
 
+#include "engine/bending_forces.hpp"
 #include "engine/parallel.hpp"
 #include "engine/pressure_force.hpp"
 #include "engine/shape_fit.hpp"
@@ -41,9 +42,14 @@ void look_back(const Particles& particles, Range rows, float back, std::vector<F
 
 void add_other_energies(const Springs& springs, const Bodies& bodies, const Particles& particles, uint32_t body,
                         float back, EnergyScratch& scratch, Energy& energy) {
-    if (!has_pressure(bodies, body)) return;
+    if (!has_pressure(bodies, body) && !has_bending(bodies, body)) return;
     const Range rows = bodies.particles[body];
     look_back(particles, rows, back, scratch.offset);
+    if (has_bending(bodies, body)) {
+        energy.bending += find_bending_energy(springs, bodies.mesh[body], bending_rigidity(bodies.tissue[body]),
+                                              scratch.offset.data(), scratch.sums);
+    }
+    if (!has_pressure(bodies, body)) return;
     scratch.gradient.resize(size_t{3} * rows.count);
     float* g = scratch.gradient.data();
     const double volume = find_volume_gradient(springs, bodies.mesh[body], scratch.offset.data(), scratch.sums, g,

@@ -244,7 +244,7 @@ void describe(CLI::App& app, Arguments& a) {
                     "         trocar capture info out/k/captures/*.cap\n"
                     "         trocar capture export out/k/captures/worst.cap --vtp out/vtp --csv out/passes.csv");
 
-    CLI::App* scenes = app.add_subcommand("scenes", "List the scenes and shapes that come with the program");
+    CLI::App* scenes = app.add_subcommand("scenes", "List the scenes, shapes and tissues that come with the program");
     scenes->add_flag("--json", a.scenes_json, "JSON");
     scenes->footer("Example: trocar scenes");
 }

@@ -6,6 +6,7 @@
 #include <utility>
 
 #include "components/report.hpp"
+#include "engine/bending_forces.hpp"
 #include "engine/closest_point.hpp"
 #include "engine/deformable_setup.hpp"
 #include "engine/mesh_topology.hpp"
@@ -72,6 +73,7 @@ struct AdvanceScene {
         poses.velocity.push_back(Vec3d::Zero());
         poses.angular_velocity.push_back(Vec3d::Zero());
         if (motion == Motion::kDeformable && tissue.pressure_modulus > 0) add_fans(springs, meshes, mesh);
+        if (motion == Motion::kDeformable && tissue.bending > 0) add_hinges(springs, meshes, mesh);
         if (motion == Motion::kDeformable && is_solid(solids, mesh)) {
             add_solid_body(meshes, springs, solids, poses, body, bodies, particles, anchors);
         } else if (motion == Motion::kDeformable) {
