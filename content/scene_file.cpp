@@ -279,6 +279,7 @@ void read_contact(Section section, ContactParams& contact) {
     section.read("contours", contact.contours);
     section.read("regions", contact.regions);
     section.read_count("iterations", contact.iterations, 1, 100);
+    section.read("cross_check", contact.cross_check);
     section.read_enum<ResponseShare>(
         "share", contact.share,
         {{"mass", ResponseShare::kMass}, {"stiffness", ResponseShare::kStiffness}, {"half", ResponseShare::kHalf}});

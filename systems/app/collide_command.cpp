@@ -75,6 +75,7 @@ nlohmann::ordered_json separation(World& w) {
     }
     const Separation s =
         find_separation({}, points[0], points[1], [&](const Vec3d& move) { return look_at(w, move); });
+    w.report = {};  // of the pair as it lies, not of the search
     detect_contacts(w);
     return {{"lower", s.lower}, {"upper", s.upper}, {"translation", row(s.translation)}, {"probes", s.probes}};
 }
@@ -134,6 +135,7 @@ int collide_command(const CollideOptions& options) {
         const Box& box = world.meshes.info[world.bodies.mesh[body]].box;
         return (box.max - box.min).norm();
     };
+    world.settings.contact.cross_check = options.cross_check;
     make_trees(world);
     world.settings.contact.tolerance =
         options.tolerance > 0 ? options.tolerance : 1e-4 * std::min(diagonal(0), diagonal(1));
@@ -160,6 +162,7 @@ int collide_command(const CollideOptions& options) {
     j["saturated"] = overlap && p.saturated[0];
     j["regions"] = regions(world);
     if (options.separate) j["separation"] = apart;
+    if (options.cross_check) j["disagreements"] = world.report.disagreements;
     j["time_ms"] = time_ms;
     if (!options.contours.empty()) write_contours(world, options.contours);
     if (options.json) {
@@ -194,6 +197,9 @@ int collide_command(const CollideOptions& options) {
             write_standard_output(text);
         }
     }
+    if (options.cross_check && !options.json)
+        write_standard_output("  " + std::to_string(world.report.disagreements) +
+                              " signs differ from the winding number\n");
     return kDone;
 }
 

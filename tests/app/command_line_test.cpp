@@ -268,12 +268,24 @@ TEST_F(CommandLine, CollideReportsRegionsAndContours) {
     EXPECT_NEAR(middle["regions"][0]["volume"], 1, 1e-14);
     // out of the nearest face: half of both edges
     const nlohmann::json bracket = ask(" --move-b \"1.5 1.5 3.0\" --separate")["separation"];
-    EXPECT_LE(bracket["lower"], 1.0);
+    EXPECT_NEAR(bracket["lower"], 1.0, 1e-12);
     EXPECT_GE(bracket["upper"], 1.0);
     EXPECT_LE(bracket["upper"], 1.05);
     EXPECT_GT(bracket["translation"][2], 0.9);
     const nlohmann::json apart = ask(" --move-b \"1.5 1.5 4.25\"");
     EXPECT_TRUE(apart["regions"].empty() && apart["contained"].is_null() && !apart["saturated"]);
+}
+
+TEST_F(CommandLine, CrossCheckCountsSignsThatDiffer) {
+    const fs::path big = write("big.obj", cube(4)), small = write("small.obj", cube(1));
+    const std::string pair = "collide " + big.string() + " " + small.string() + " --move-b \"1.5 1.5 3.75\" --json";
+    EXPECT_EQ(nlohmann::json::parse(run(pair + " --cross-check").out)["disagreements"], 0);
+    EXPECT_FALSE(nlohmann::json::parse(run(pair).out).contains("disagreements"));
+    const fs::path points = write("p.csv", "2,2,2\n2,2,3.9\n9,9,9\n");
+    const Outcome plain = run("query " + big.string() + " " + points.string());
+    const Outcome checked = run("query --cross-check " + big.string() + " " + points.string());
+    EXPECT_EQ(checked.out, plain.out);
+    EXPECT_NE(checked.err.find("0 of 3 signs differ"), std::string::npos) << checked.err;
 }
 
 TEST_F(CommandLine, RunWritesWhatItSays) {
