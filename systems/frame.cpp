@@ -17,6 +17,7 @@
 #include "systems/deformable_energy.hpp"
 #include "systems/device_input.hpp"
 #include "systems/edge_pass.hpp"
+#include "systems/face_depth.hpp"
 #include "systems/haptic_tick.hpp"
 #include "systems/islands.hpp"
 #include "systems/local_contact_model.hpp"
@@ -39,6 +40,7 @@ struct FrameScratch {
     OverlapScratch overlap;
     ContoursScratch contours;
     EdgePassScratch edges;
+    FaceDepthScratch faces;
     PairMemory ways_before;
     RegionsScratch regions;
     ContactRowsScratch rows;
@@ -144,6 +146,10 @@ void penetration(FrameState& f) {
     measure_penetrations(f.world.pairs, f.world.contacts, f.world.penetrations);
     ++f.world.report.contact_passes;
     if (!f.world.penetrations.pair.empty()) ++f.world.report.contact_events;
+}
+void face_depths(FrameState& f) {
+    World& w = f.world;
+    find_face_depths(w.settings.contact, surfaces_of(w), w.pairs, w.screened, w.near, w.trees, f.scratch.faces, w.penetrations);
 }
 void deep_overlap(FrameState& f) {
     World& w = f.world;
@@ -274,6 +280,7 @@ bool any_pair(const World& w) {
 }
 bool wants_regions(const World& w) { return w.settings.contact.regions && any_pair(w); }
 bool wants_contours(const World& w) { return (w.settings.contact.contours && any_pair(w)) || wants_regions(w); }
+bool wants_faces(const World& w) { return w.settings.contact.faces && any_pair(w); }
 bool wants_ways_out(const World& w) { return w.settings.contact.deep != DeepResponse::kNone && any_pair(w); }
 bool any_mover(const World& w) {
     return any_tool(w) || std::find(w.bodies.motion.begin(), w.bodies.motion.end(), Motion::kDeformable) != w.bodies.motion.end();
@@ -297,6 +304,7 @@ constexpr FrameStage kBegin[] = {
     {{"overlap",         overlap,         kShapes | mask(R::kBoxes, R::kPairs, R::kScreened, R::kCandidates, R::kTrees), mask(R::kNear, R::kContacts, R::kReport)}, any_pair},
     {{"edge pass",       edge_pass,       kShapes | mask(R::kSettings, R::kPairs, R::kCandidates, R::kNear, R::kTrees), mask(R::kContacts, R::kReport)}, any_pair},
     {{"penetration",     penetration,     mask(R::kPairs, R::kContacts),                                     mask(R::kPenetrations, R::kReport)}, any_pair},
+    {{"face depths",     face_depths,     kShapes | mask(R::kSettings, R::kPairs, R::kScreened, R::kNear, R::kTrees), mask(R::kPenetrations)}, wants_faces},
     {{"deep overlap",    deep_overlap,    kShapes | mask(R::kPairs, R::kContacts, R::kTrees),                 mask(R::kPairMemory, R::kPenetrations)}, wants_ways_out},
     {{"regions",         regions,         kShapes | mask(R::kPairs, R::kScreened, R::kNear, R::kContacts, R::kContours), mask(R::kRegions)}, wants_regions},
     {{"contact rows",    contact_rows,    kShapes | mask(R::kSettings, R::kPairs, R::kContacts, R::kPenetrations), mask(R::kRows, R::kReport)}, any_pair},

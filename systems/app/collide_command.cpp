@@ -76,6 +76,7 @@ nlohmann::ordered_json separation(World& w) {
     }
     const Separation s =
         find_separation({}, points[0], points[1], [&](const Vec3d& move) { return look_at(w, move); });
+    w.report = {};  // of the pair as it lies, not of the search
     detect_contacts(w);
     return {{"lower", s.lower}, {"upper", s.upper}, {"translation", row(s.translation)}, {"probes", s.probes}};
 }
@@ -141,6 +142,7 @@ int collide_command(const CollideOptions& options) {
         options.tolerance > 0 ? options.tolerance : 1e-4 * std::min(diagonal(0), diagonal(1));
     world.settings.contact.row_capacity = UINT32_MAX;
     world.settings.contact.regions = true;
+    world.settings.contact.faces = true;
     world.settings.contact.deep = DeepResponse::kLastFree;  // says whether the overlap is saturated
     const uint64_t start = now_ns();
     detect_contacts(world);
@@ -151,6 +153,7 @@ int collide_command(const CollideOptions& options) {
     const bool overlap = !p.pair.empty();
     nlohmann::ordered_json j = {{"a", options.a}, {"b", options.b}, {"overlap", overlap}};
     j["depth"] = overlap ? p.depth[0] : 0.0;
+    j["surface_depth"] = overlap ? p.surface_depth[0] : 0.0;  // faces searched too
     j["direction"] = overlap ? row(p.direction[0]) : nlohmann::ordered_json(nullptr);
     j["witness"] = witness(world, overlap ? p.witness[0] : kNone);
     j["vertices_a_in_b"] = overlap ? p.vertices_a_in_b[0] : 0u;

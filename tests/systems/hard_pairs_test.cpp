@@ -12,6 +12,7 @@
 #include "content/unit_guess.hpp"
 #include "tests/reference/brute_force_contact.hpp"
 #include "tests/reference/shared_data.hpp"
+#include "systems/face_depth.hpp"
 #include "tests/systems/contact_scene.hpp"
 
 // Oracles that need no truth: what must hold between two answers for the same pair, moved, scaled, swapped or pushed. And
@@ -256,6 +257,45 @@ TEST(HardCases, VertexInTwoBodiesObeysBoth) {
         EXPECT_EQ(rows[0], 4u);
         EXPECT_EQ(rows[1], 4u);
     } while (std::next_permutation(order.begin(), order.end()));
+}
+
+// Depth of faces: what vertices and edges miss is found, to the tolerance, against samples of the whole surface.
+TEST(FaceDepth, FindsWhatVerticesAndEdgesMiss) {
+    for (const double tolerance : {1e-2, 1e-3, 1e-4}) {
+        // one huge face of a tetrahedron over a ball: the deepest point lies in its middle
+        ContactScene scene({{make_sphere(12, [](const Vec3d& p) { return p; }), Motion::kHand, Vec3d::Zero(), turn({1, 2, 3}, 1)},
+                            {make_tetrahedron({Vec3d(-9, -8, 0.4), Vec3d(10, -9, 0.5), Vec3d(0, 11, 0.3), Vec3d(0, 0, 9)}),
+                             Motion::kHand, Vec3d::Zero(), {}}});
+        scene.params.tolerance = tolerance;
+        scene.run();
+        ASSERT_EQ(scene.penetrations.pair.size(), 1u);
+        FaceDepthScratch scratch;
+        find_face_depths(scene.params, scene.surfaces(), scene.pairs, scene.screened, scene.near, scene.trees, scratch,
+                         scene.penetrations);
+        const double found = scene.penetrations.surface_depth[0];
+        // samples: the ball's vertices below the face are in the tetrahedron; the face's points in the ball
+        const reference::Surface ball(scene.surfaces(), 0), tetrahedron(scene.surfaces(), 1);
+        double want = scene.penetrations.depth[0];
+        for (int i = 0; i <= 60; ++i)
+            for (int j = 0; j <= 60; ++j) {
+                const double x = -1 + i / 30.0, y = -1 + j / 30.0;
+                const Vec3d &p = tetrahedron.position[0], &q = tetrahedron.position[1], &r = tetrahedron.position[2];
+                const Vec3d n = (q - p).cross(r - p);
+                const Vec3d at(x, y, p.z() - (n.x() * (x - p.x()) + n.y() * (y - p.y())) / n.z());
+                want = std::max(want, -ball.signed_distance(at));
+            }
+        EXPECT_GE(found, want - tolerance) << tolerance;
+        EXPECT_LE(found, 0.61) << tolerance;
+        EXPECT_LT(scratch.queries[0], 20'000u) << tolerance;
+        std::printf("[          ] tolerance %g: depth %.5f, %u queries\n", tolerance, found, scratch.queries[0]);
+    }
+    // a face in the middle of another: the edges see nothing of it
+    ContactScene cubes({{make_box({2, 2, 2}), Motion::kHand, Vec3d::Zero(), {}}, {make_box({3, 3, 3}), Motion::kHand, Vec3d(0, 0, 1.9), {}}});
+    cubes.run();
+    FaceDepthScratch scratch;
+    find_face_depths(cubes.params, cubes.surfaces(), cubes.pairs, cubes.screened, cubes.near, cubes.trees, scratch, cubes.penetrations);
+    EXPECT_NEAR(cubes.penetrations.surface_depth[0], 0.6, 1e-4);
+    EXPECT_LT(scratch.queries[0], 2000u);
 }
 
 // ---- saturation and the way out that is remembered ----
