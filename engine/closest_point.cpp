@@ -33,7 +33,7 @@
 // error_base + error_slope d, times 1.01 for what is of second order and for the rounding of the bound itself.
 // Triangles with a < 1e-2 are kept out of it and evaluated in double.
 //
-// Let `upper` be the least f + bound seen so far: the nearest triangle is no farther. The tree (our own, or Embree's) is
+// Let `upper` be the least f + bound seen so far: the nearest triangle is no farther. The tree (our own or Embree's) is
 // asked for all meshlets within `upper` of the query (boxes rounded outward), every triangle with f - bound <= upper is
 // kept, and the kept ones are evaluated in double; the least (squared distance, triangle) wins. The winner is always
 // among the kept, whatever the starting radius, the order of the visits or the tree, so none of them can change the
