@@ -4,7 +4,7 @@
 #include <algorithm>
 #include <cmath>
 
-#include "engine/avx2_lanes.hpp"
+#include "engine/lanes_avx2.hpp"
 #include "engine/mesh_view.hpp"
 #include "engine/parallel.hpp"
 #include "engine/spring_step.hpp"
