@@ -36,5 +36,13 @@ inline __attribute__((always_inline)) void store(float* rows, const Lanes& lanes
     _mm256_storeu_ps(rows + 24, _mm256_permute2f128_ps(r.z, r.w, 0x31));
 }
 
+// value[0..7] added to doubles sum[0..7].
+inline __attribute__((always_inline)) void add_doubles(double* sum, __m256 value) {
+    const __m256d low = _mm256_cvtps_pd(_mm256_castps256_ps128(value));
+    const __m256d high = _mm256_cvtps_pd(_mm256_extractf128_ps(value, 1));
+    _mm256_storeu_pd(sum, _mm256_add_pd(_mm256_loadu_pd(sum), low));
+    _mm256_storeu_pd(sum + 4, _mm256_add_pd(_mm256_loadu_pd(sum + 4), high));
+}
+
 }  // namespace
 }  // namespace trocar

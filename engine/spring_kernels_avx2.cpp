@@ -24,13 +24,6 @@ inline __attribute__((always_inline)) __m256 to_goal(const SpringStep* body, con
     return _mm256_sub_ps(goal, place);
 }
 
-inline __attribute__((always_inline)) void add_doubles(double* sum, __m256 value) {
-    const __m256d low = _mm256_cvtps_pd(_mm256_castps256_ps128(value));
-    const __m256d high = _mm256_cvtps_pd(_mm256_extractf128_ps(value, 1));
-    _mm256_storeu_pd(sum, _mm256_add_pd(_mm256_loadu_pd(sum), low));
-    _mm256_storeu_pd(sum + 4, _mm256_add_pd(_mm256_loadu_pd(sum + 4), high));
-}
-
 // kVaried: springs differ in stiffness.
 template <bool kVaried>
 void step_springs(const SpringStep* body, unsigned first, unsigned last, double* damping_work) {

@@ -37,7 +37,7 @@ void add_tets(AdvanceIsland& island, const AdvanceBody& b, const Forces& f) {
     step.offset = b.step.offset;
     step.corner_force = &island.scratch.corner_force[0].x;
     step.force_x = f.axis[0], step.force_y = f.axis[1], step.force_z = f.axis[2];
-    island.result.min_volume_ratio = std::min(island.result.min_volume_ratio, add_tet_forces(step, b.slices));
+    island.result.min_volume_ratio = std::min<double>(island.result.min_volume_ratio, add_tet_forces(step, b.slices));
 }
 
 }  // namespace
