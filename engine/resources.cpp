@@ -12,7 +12,7 @@ constexpr bool is_plain_row =
     std::is_same_v<T, Float4> || std::is_same_v<T, Quat> || std::is_same_v<T, Range> || std::is_same_v<T, Box> || std::is_same_v<T, PackedBox> ||
     std::is_same_v<T, Entity> || std::is_same_v<T, Triangle> || std::is_same_v<T, std::array<uint32_t, 2>> ||
     std::is_same_v<T, std::array<float, 3>> || std::is_same_v<T, std::array<Vec2, 3>> || std::is_same_v<T, Tissue> ||
-    std::is_same_v<T, Keyframe>;
+    std::is_same_v<T, Keyframe> || std::is_same_v<T, RigidMass>;
 
 // Adds what a resource holds to a hash.
 struct Hasher {
@@ -104,7 +104,7 @@ void visit_resource(World& w, Resource resource, Visitor& v) {
             v.array(w.bodies.entity), v.array(w.bodies.name), v.array(w.bodies.mesh), v.array(w.bodies.motion),
                 v.array(w.bodies.particles), v.array(w.bodies.tree), v.array(w.bodies.anchor_frame),
                 v.array(w.bodies.tissue), v.array(w.bodies.spring_stiffness), v.array(w.bodies.inv_mass),
-                v.array(w.bodies.stable_dt), v.array(w.bodies.thickness);
+                v.array(w.bodies.stable_dt), v.array(w.bodies.thickness), v.array(w.bodies.rigid_mass);
             break;
         case Resource::kAnchors:
             v.array(w.anchors.stiffness), v.array(w.anchors.rest_x), v.array(w.anchors.rest_y),

@@ -31,6 +31,27 @@ void place_rigid_bodies(AdvanceIsland& island, uint32_t substep);
 void pull_hands(AdvanceIsland& island, uint32_t substep);
 void move_hands(AdvanceIsland& island);
 
+// Free rigid bodies (advance_free.cpp). The room and the node of one:
+void add_free_body(AdvanceIsland& island, uint32_t rigid_row);
+// gravity and damping; before the rows
+void kick_free_bodies(AdvanceIsland& island);
+// place and orientation at the end of the substep; after the rows
+void move_free_bodies(AdvanceIsland& island);
+// state back into the poses; a body that is not finite keeps the one from the start of the call, at rest, counted
+void finish_free_bodies(AdvanceIsland& island);
+// Work of the rows on free bodies, J.
+double contact_work_on_free(const AdvanceIsland& island);
+// Gives an active row its free sides, where the impulse acts at `at` (m, world), and what they add to inv_sum.
+void add_turning_sides(AdvanceIsland& island, const ContactPlan& plan, Vec4d at, ContactActive& active);
+// As solve_row for a row with a free side. Returns by how much the relative velocity changed, m/s.
+double solve_turning_row(AdvanceScratch& s, ContactActive& row);
+// Gives a row the impulse it had in the substep before.
+void start_warm(AdvanceScratch& s, ContactActive& row);
+// Moves the free sides of a row by their share of an impulse-like `push`, kg m; then all at once, none farther than
+// `most`.
+void push_free_sides(AdvanceScratch& s, const ContactTurning& turning, Vec4d push);
+void finish_free_pushes(AdvanceIsland& island, double most);
+
 // Velocities of all particles that are nodes before the kick of the first substep; those of later ones are known.
 void note_velocities(AdvanceIsland& island);
 // Finds the rows that are crossed or would be in this substep and gives them impulses; after kick and drift. Projected

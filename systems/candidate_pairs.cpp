@@ -4,10 +4,9 @@
 #include <numeric>
 
 #include "engine/geometry/contact_kernels.hpp"
+#include "engine/surfaces.hpp"
 namespace trocar {
 namespace {
-
-bool can_be_pushed(Motion motion) { return motion == Motion::kHand || motion == Motion::kDeformable; }
 
 // Orders bodies by (lower x, row). Nearly sorted from the pass before, so insertion; a scene that jumped is sorted
 // anew.
@@ -48,10 +47,10 @@ void find_candidate_pairs(const Bodies& bodies, const BodyBoxes& boxes,
     scratch.found.clear();
     for (uint32_t i = 0; i < count; ++i) {
         const Box& box = scratch.sorted[i];
-        const bool pushed = can_be_pushed(bodies.motion[scratch.order[i]]);
+        const bool pushed = joins_islands(bodies.motion[scratch.order[i]]);
         for (uint32_t j = i + 1; j < count && scratch.sorted[j].min.x() <= box.max.x(); ++j) {
             if (!boxes_meet(box, scratch.sorted[j])) continue;
-            if (!pushed && !can_be_pushed(bodies.motion[scratch.order[j]])) continue;
+            if (!pushed && !joins_islands(bodies.motion[scratch.order[j]])) continue;
             const auto [a, b] = std::minmax(scratch.order[i], scratch.order[j]);
             if (std::binary_search(excluded.begin(), excluded.end(), std::array{a, b})) continue;
             scratch.found.push_back({a, b});

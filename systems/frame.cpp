@@ -112,6 +112,11 @@ void body_boxes(FrameState& f) {
         Vec3d& velocity = f.scratch.coming.velocity[w.haptics.tool[t].body];
         velocity = Vec3d(velocity.norm() + f.scratch.device[t * (w.clock.period + 1)].velocity.norm(), 0, 0);
     }
+    // and a free body as fast as it may fall until the end of the pass
+    for (const RigidMass& free : w.bodies.rigid_mass) {
+        Vec3d& velocity = f.scratch.coming.velocity[free.body];
+        velocity = Vec3d(velocity.norm() + period_seconds(w) * w.settings.gravity.norm(), 0, 0);
+    }
     compute_body_boxes(period_seconds(w), {w.meshes, w.bodies, f.scratch.coming, w.particles}, w.boxes);
 }
 void candidate_pairs(FrameState& f) { find_candidate_pairs(f.world.bodies, f.world.boxes, {}, f.scratch.pairs, f.world.pairs); }
@@ -251,13 +256,13 @@ bool any_path(const World& w) {
 }
 bool any_tool(const World& w) { return !w.haptics.tool.empty(); }
 bool any_pair(const World& w) {
-    const auto can_be_pushed = [](Motion m) { return m == Motion::kDeformable || m == Motion::kHand; };
-    return w.bodies.motion.size() > 1 && std::any_of(w.bodies.motion.begin(), w.bodies.motion.end(), can_be_pushed);
+    return w.bodies.motion.size() > 1 && std::any_of(w.bodies.motion.begin(), w.bodies.motion.end(), joins_islands);
 }
 bool any_mover(const World& w) {
-    return any_tool(w) || std::find(w.bodies.motion.begin(), w.bodies.motion.end(), Motion::kDeformable) != w.bodies.motion.end();
+    return any_tool(w) || std::any_of(w.bodies.motion.begin(), w.bodies.motion.end(), joins_islands);
 }
 bool any_deformable(const World& w) { return !w.particles.offset.empty(); }
+bool any_energy(const World& w) { return any_deformable(w) || !w.bodies.rigid_mass.empty(); }
 bool any_body(const World& w) { return !w.bodies.mesh.empty(); }
 
 using R = Resource;
@@ -267,7 +272,7 @@ constexpr FrameStage kBegin[] = {
     // name              run              reads                                                              writes
     {{"device input",    device_input,    mask(R::kClock, R::kPaths, R::kTools),                             mask(R::kToolState)}, any_tool},
     {{"rigid motion",    rigid_motion,    mask(R::kClock, R::kPaths),                                        mask(R::kPoses)}, any_path},
-    {{"body boxes",      body_boxes,      kShapes | mask(R::kClock, R::kTools, R::kToolState),               mask(R::kBoxes)}, any_pair},
+    {{"body boxes",      body_boxes,      kShapes | mask(R::kSettings, R::kClock, R::kTools, R::kToolState),               mask(R::kBoxes)}, any_pair},
     {{"candidate pairs", candidate_pairs, mask(R::kBodies, R::kBoxes),                                       mask(R::kPairs)}, any_pair},
     {{"refit trees",     refit,           kShapes | mask(R::kPairs),                                         mask(R::kTrees)}, any_pair},
     {{"rasterise",       rasterise_,      kShapes | mask(R::kSettings, R::kBoxes, R::kPairs),                mask(R::kScreened, R::kOccupancy, R::kReport)}, any_pair},
@@ -287,7 +292,7 @@ constexpr FrameStage kAdvance[] = {
 
 constexpr FrameStage kEnd[] = {
     {{"surface normals", surface_normals, kShapes,                                                           mask(R::kNormals)}, any_deformable},
-    {{"energy",          energy,          mask(R::kSettings, R::kSprings, R::kBodies, R::kPoses, R::kParticles, R::kAnchors), mask(R::kEnergy)}, any_deformable},
+    {{"energy",          energy,          mask(R::kSettings, R::kSprings, R::kBodies, R::kPoses, R::kParticles, R::kAnchors), mask(R::kEnergy)}, any_energy},
     {{"picture",         picture,         kShapes | mask(R::kClock, R::kNormals, R::kContacts, R::kPenetrations, R::kTools, R::kToolState), mask(R::kPicture)}, any_body},
 };
 
@@ -371,7 +376,7 @@ Frame::Frame(World world, const FrameOptions& options) : state_(new FrameState),
     const std::span<const Stage> all(g.stages);
     g.pass = std::make_unique<JobGraph>(all.first(g.end_first), *state_, StageObserver{Graphs::begin_stage, Graphs::end_stage, &g.pass_list});
     g.end = std::make_unique<JobGraph>(all.subspan(g.end_first), *state_, StageObserver{Graphs::begin_stage, Graphs::end_stage, &g.end_list});
-    if (any_deformable(w) && options.account_energy) energy(*state_);  // opens the books
+    if (any_energy(w) && options.account_energy) energy(*state_);  // opens the books
     warm_up();
 }
 
