@@ -16,6 +16,7 @@
 #include "systems/deformable_energy.hpp"
 #include "systems/device_input.hpp"
 #include "systems/edge_pass.hpp"
+#include "systems/edge_rows.hpp"
 #include "systems/haptic_tick.hpp"
 #include "systems/islands.hpp"
 #include "systems/local_contact_model.hpp"
@@ -37,6 +38,7 @@ struct FrameScratch {
     OverlapScratch overlap;
     EdgePassScratch edges;
     ContactRowsScratch rows;
+    EdgeRowsScratch edge_rows;
     IslandsScratch islands;
     SurfaceNormalsScratch normals;
     EnergyScratch energy;
@@ -144,6 +146,7 @@ void penetration(FrameState& f) {
 void contact_rows(FrameState& f) {
     World& w = f.world;
     make_contact_rows(w.settings.contact, surfaces_of(w), w.pairs, w.contacts, w.penetrations, f.scratch.rows, w.report, w.rows);
+    add_edge_rows(surfaces_of(w), w.boxes, w.pairs, w.candidates, f.scratch.edge_rows, w.rows);
 }
 void islands(FrameState& f) { find_islands(f.world.bodies, f.world.rows, f.scratch.islands, f.world.islands); }
 void local_contact(FrameState& f) {
@@ -280,7 +283,7 @@ constexpr FrameStage kBegin[] = {
     {{"overlap",         overlap,         kShapes | mask(R::kBoxes, R::kPairs, R::kScreened, R::kCandidates, R::kTrees), mask(R::kNear, R::kContacts, R::kReport)}, any_pair},
     {{"edge pass",       edge_pass,       kShapes | mask(R::kSettings, R::kPairs, R::kCandidates, R::kNear, R::kTrees), mask(R::kContacts, R::kReport)}, any_pair},
     {{"penetration",     penetration,     mask(R::kPairs, R::kContacts),                                     mask(R::kPenetrations, R::kReport)}, any_pair},
-    {{"contact rows",    contact_rows,    kShapes | mask(R::kSettings, R::kPairs, R::kContacts, R::kPenetrations), mask(R::kRows, R::kReport)}, any_pair},
+    {{"contact rows",    contact_rows,    kShapes | mask(R::kSettings, R::kBoxes, R::kPairs, R::kCandidates, R::kContacts, R::kPenetrations), mask(R::kRows, R::kReport)}, any_pair},
     {{"islands",         islands,         mask(R::kBodies, R::kRows),                                        mask(R::kIslands)}, any_mover},
     {{"local contact",   local_contact,   kShapes | mask(R::kClock, R::kTools, R::kToolState, R::kBoxes),     mask(R::kLocalContact)}, any_tool},
 };
