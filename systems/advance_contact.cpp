@@ -332,7 +332,9 @@ void settle_rows(AdvanceIsland& island) {
     }
     for (uint32_t pass = 0; pass < kMostSweeps; ++pass) {
         double change = 0;
-        for (ContactActive& row : s.active) {
+        for (size_t i = 0; i < s.active.size(); ++i) {
+            // to and fro: loads travel through a stack in both directions
+            ContactActive& row = s.active[pass % 2 == 0 ? i : s.active.size() - 1 - i];
             if (row.turning != kNone) {
                 change = std::max(change, solve_turning_row(s, row));
             } else {

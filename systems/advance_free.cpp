@@ -64,17 +64,15 @@ Vec4d any_tangent(Vec4d normal) {
     return t / std::sqrt(norm2(t));
 }
 
-// Inverse of what a unit impulse across the normal does across the normal. inv_sum is that of the nodes alone.
-void set_friction_mass(const AdvanceScratch& s, double nodes_response, ContactTurning& turning) {
-    const Vec4d &u = turning.tangent[0], &v = turning.tangent[1];
-    const double uu = nodes_response + turning_response(s, turning, u, u);
-    const double vv = nodes_response + turning_response(s, turning, v, v);
-    const double uv = turning_response(s, turning, u, v);
-    const double det = uu * vv - uv * uv;
-    const double scale = det > 0 ? 1 / det : 0;
-    turning.friction_mass[0] = vv * scale;
-    turning.friction_mass[1] = -uv * scale;
-    turning.friction_mass[2] = uu * scale;
+// The least mass that an impulse across the normal can meet. One number for all directions: with a matrix, friction on a
+// sliding row would settle along it times the velocity, not against the velocity.
+double friction_mass(const AdvanceScratch& s, double nodes_response, Vec4d normal, const ContactTurning& turning) {
+    const Vec4d u = any_tangent(normal), v = cross(normal, u);
+    const double uu = turning_response(s, turning, u, u), vv = turning_response(s, turning, v, v),
+                 uv = turning_response(s, turning, u, v);
+    const double half = 0.5 * (uu - vv);
+    const double largest = nodes_response + 0.5 * (uu + vv) + std::sqrt(half * half + uv * uv);
+    return largest > 0 ? 1 / largest : 0;
 }
 
 }  // namespace
@@ -197,9 +195,7 @@ void add_turning_sides(AdvanceIsland& island, const ContactPlan& plan, Vec4d at,
     const double nodes_response = active.inv_sum > 0 ? 1 / active.inv_sum : 0;
     const double response = nodes_response + turning_response(s, turning, active.normal, active.normal);
     active.inv_sum = response > 0 ? 1 / response : 0;
-    turning.tangent[0] = any_tangent(active.normal);
-    turning.tangent[1] = cross(active.normal, turning.tangent[0]);
-    set_friction_mass(s, nodes_response, turning);
+    turning.friction_mass = friction_mass(s, nodes_response, active.normal, turning);
 }
 
 void start_warm(AdvanceScratch& s, ContactActive& row) {
@@ -220,10 +216,8 @@ double solve_turning_row(AdvanceScratch& s, ContactActive& row) {
     if (normal_change != 0) give_impulse(s, row, turning, normal_change * row.normal);
     if (row.friction > 0) {
         velocity = relative_velocity(s, row, turning);
-        const double u = dot(velocity, turning.tangent[0]), v = dot(velocity, turning.tangent[1]);
-        const double* mass = turning.friction_mass;
-        Vec4d friction = row.friction_impulse - (mass[0] * u + mass[1] * v) * turning.tangent[0] -
-                         (mass[1] * u + mass[2] * v) * turning.tangent[1];
+        const Vec4d sliding = velocity - dot(row.normal, velocity) * row.normal;
+        Vec4d friction = row.friction_impulse - turning.friction_mass * sliding;
         const double most = row.friction * normal_impulse, size2 = norm2(friction);
         if (size2 > most * most) friction *= most / std::sqrt(size2);
         const Vec4d friction_change = friction - row.friction_impulse;

@@ -124,8 +124,7 @@ struct ContactTurning {
     std::array<uint32_t, 2> free{kNone, kNone};  // rows of free
     Vec4d arm[2] = {};                           // m, from the centre of mass to where the impulse acts
     Vec4d normal_turn[2] = {};                   // (rad/s)/(N s), of a unit impulse along the normal
-    Vec4d tangent[2] = {};                       // unit, across the normal
-    double friction_mass[3] = {};                // kg, inverse of the 2 x 2 response along the tangents: xx, xy, yy
+    double friction_mass = 0;                    // kg, inverse of the largest response across the normal
 };
 
 // Impulses of a row in the substep before: where the next one starts. N s.

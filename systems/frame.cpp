@@ -456,6 +456,11 @@ void Frame::step_until(uint32_t row) {
 
 void Frame::set_contact_hook(const ContactHook& hook) { state_->contact_hook = hook; }
 
+void Frame::set_live_devices(std::span<const DeviceState> devices) {
+    std::copy_n(devices.begin(), std::min(devices.size(), kMaxTools), state_->scratch.live_device.begin());
+    state_->scratch.live_device_known = true;
+}
+
 const PictureSnapshot& Frame::snapshot_now() {
     if (any_deformable(state_->world)) surface_normals(*state_);
     picture(*state_);
