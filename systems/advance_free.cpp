@@ -190,7 +190,6 @@ void add_turning_sides(AdvanceIsland& island, const ContactPlan& plan, Vec4d at,
         const AdvanceRigid& rigid = s.rigid[side_rigid[side]];
         turning.free[side] = rigid.free;
         turning.arm[side] = at - s.node[rigid.node].place;
-        turning.normal_turn[side] = s.free[rigid.free].respond(cross(turning.arm[side], active.normal));
     }
     const double nodes_response = active.inv_sum > 0 ? 1 / active.inv_sum : 0;
     const double response = nodes_response + turning_response(s, turning, active.normal, active.normal);
@@ -226,6 +225,40 @@ double solve_turning_row(AdvanceScratch& s, ContactActive& row) {
         change = std::max(change, std::sqrt(norm2(friction_change)));
     }
     return row.inv_sum > 0 ? change / row.inv_sum : 0;
+}
+
+void note_impulses(AdvanceScratch& s) {
+    for (const ContactActive& row : s.active) {
+        if (row.turning == kNone) continue;
+        s.turning[row.turning].normal_before = row.normal_impulse;
+        s.turning[row.turning].friction_before = row.friction_impulse;
+    }
+}
+
+double go_on(AdvanceScratch& s, double before) {
+    double now = 0;
+    for (const ContactActive& row : s.active) {
+        if (row.turning == kNone) continue;
+        const ContactTurning& t = s.turning[row.turning];
+        const double normal = row.normal_impulse - t.normal_before;
+        now += normal * normal + norm2(row.friction_impulse - t.friction_before);
+    }
+    const bool grows = !(now <= before);  // also the first time
+    const double share = grows ? 0 : now / before;
+    for (ContactActive& row : s.active) {
+        if (row.turning == kNone) continue;
+        ContactTurning& t = s.turning[row.turning];
+        const Vec4d friction = row.friction_impulse - t.friction_before;
+        const double normal = row.normal_impulse - t.normal_before, normal_on = share * t.normal_way;
+        const Vec4d friction_on = share * t.friction_way;
+        t.normal_way = normal + normal_on;
+        t.friction_way = friction + friction_on;
+        if (share == 0) continue;
+        row.normal_impulse += normal_on;
+        row.friction_impulse += friction_on;
+        give_impulse(s, row, t, normal_on * row.normal + friction_on);
+    }
+    return now;
 }
 
 void push_free_sides(AdvanceScratch& s, const ContactTurning& turning, Vec4d push) {

@@ -47,6 +47,10 @@ void add_turning_sides(AdvanceIsland& island, const ContactPlan& plan, Vec4d at,
 double solve_turning_row(AdvanceScratch& s, ContactActive& row);
 // Gives a row the impulse it had in the substep before.
 void start_warm(AdvanceScratch& s, ContactActive& row);
+// Remembers the impulses of the rows with a free side before a sweep; and after it, given the squared change in the sweep
+// before (0 = none), moves them on along the conjugate direction. Returns the squared change in this sweep, (N s)^2.
+void note_impulses(AdvanceScratch& s);
+double go_on(AdvanceScratch& s, double before);
 // Moves the free sides of a row by their share of an impulse-like `push`, kg m; then all at once, none farther than
 // `most`.
 void push_free_sides(AdvanceScratch& s, const ContactTurning& turning, Vec4d push);
@@ -58,7 +62,7 @@ void note_velocities(AdvanceIsland& island);
 // Gauss-Seidel over the active rows in their order, accumulated impulses clamped (Moreau 1988; Catto 2005): one sweep
 // leaves less for push_out than sixteen Jacobi passes with mass splitting (Tonge et al. 2012) did, and where many
 // points of a fine tool press few tissue triangles Jacobi lost a factor of 20 in depth. Every impulse acts on both
-// sides with their inverse masses. Coulomb friction on the accumulated impulse.
+// sides with their inverse masses. Coulomb friction on the accumulated impulse. With free bodies: settle_rows.
 void apply_impulses(AdvanceIsland& island);
 // What damping took from a node in the kick of this substep, m/s, and the acceleration of everything else, m/s^2.
 struct Kick {

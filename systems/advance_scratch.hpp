@@ -123,7 +123,8 @@ struct ContactActive {
 struct ContactTurning {
     std::array<uint32_t, 2> free{kNone, kNone};  // rows of free
     Vec4d arm[2] = {};                           // m, from the centre of mass to where the impulse acts
-    Vec4d normal_turn[2] = {};                   // (rad/s)/(N s), of a unit impulse along the normal
+    Vec4d friction_before = {}, friction_way = {};  // N s, before the last sweep; of the conjugate direction
+    double normal_before = 0, normal_way = 0;       // the same of the normal
     double friction_mass = 0;                    // kg, inverse of the largest response across the normal
 };
 

@@ -243,7 +243,7 @@ TEST(FreeBodies, BallOnASoftBodyKeepsMomentum) {
         [&](const Frame& f) {
             const Totals now = totals_of(f.world());
             EXPECT_LT((now.linear - before.linear).norm(), 1e-6 * scale);
-            EXPECT_LT((now.angular - before.angular).norm(), 1e-6 * scale * 0.04);
+            EXPECT_LT((now.angular - before.angular).norm(), 1e-6 * scale * (0.066 + 0.04)) << "about the farthest arm";
             lost = f.world().energy.work_contact;
             EXPECT_LT(std::abs(f.world().energy.balance), 1e-2 * 0.5 * scale * 0.4) << seconds_of(f);
         },
