@@ -226,11 +226,12 @@ void share_room(std::span<AdvanceScratch> scratches) {
     level(&AdvanceScratch::slot_of_body);
     level(&AdvanceScratch::plan);
     level(&AdvanceScratch::active);
-    level(&AdvanceScratch::touched);
-    level(&AdvanceScratch::pending);
     level(&AdvanceScratch::free);
     level(&AdvanceScratch::turning);
     level(&AdvanceScratch::warm);
+    level(&AdvanceScratch::block);
+    level(&AdvanceScratch::active_block);
+    level(&AdvanceScratch::open_blocks_of_node);
 }
 
 void advance_island(const AdvanceParams& params, const AdvanceInputs& inputs, std::span<const uint32_t> island_bodies,
@@ -261,10 +262,10 @@ void advance_island(const AdvanceParams& params, const AdvanceInputs& inputs, st
         pull_hands(island, substep);
         kick_free_bodies(island);
         observe(params.observer.begin);
-        if (!scratch.plan.empty()) apply_impulses(island);
+        if (has_rows(scratch)) apply_impulses(island);
         move_hands(island);
         move_free_bodies(island);
-        if (!scratch.plan.empty()) push_out(island, substep);
+        if (has_rows(scratch)) push_out(island, substep);
         observe(params.observer.end);
         for (AdvanceBody& b : scratch.body) b.now = b.next;
     }
