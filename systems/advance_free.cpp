@@ -106,7 +106,8 @@ void kick_free_bodies(AdvanceIsland& island) {
         AdvanceRigid& rigid = s.rigid[f.rigid];
         ContactNode& node = s.node[rigid.node];
         // the very first kick is half a one: velocities fall half a step behind
-        const double kick = 0.5 * (f.last_dt + island.dt), keep = std::exp(-f.damping * kick);
+        const bool held = moving_time(island, rigid.body) == 0;  // neither falls nor slows down while it does not move
+        const double kick = held ? 0 : 0.5 * (f.last_dt + island.dt), keep = std::exp(-f.damping * kick);
         f.keep = keep;
         f.last_dt = island.dt;
         s.change[rigid.node].before = node.velocity;
@@ -133,11 +134,12 @@ void move_free_bodies(AdvanceIsland& island) {
     for (AdvanceFree& f : s.free) {
         AdvanceRigid& rigid = s.rigid[f.rigid];
         ContactNode& node = s.node[rigid.node];
-        node.place += island.dt * node.velocity;
+        const double seconds = moving_time(island, rigid.body);
+        node.place += seconds * node.velocity;
         node.after = node.place;
         const Quat principal = principal_frame(f, rigid.orientation[0]);
         const Vec3d momentum = momentum_of(f.mass.moments, principal, to_vec3(f.spin));
-        const Quat turned = turn_freely(f.mass.moments, momentum, island.dt, principal);
+        const Quat turned = turn_freely(f.mass.moments, momentum, seconds, principal);
         f.spin = to_vec4(spin_of(f.mass.moments, turned, momentum));
         place_end(rigid, f, node.place, normalized(multiply(turned, conjugate(f.mass.axes))));
     }

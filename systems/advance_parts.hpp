@@ -1,4 +1,6 @@
 #pragma once
+#include <algorithm>
+
 #include "systems/advance.hpp"
 namespace trocar {
 
@@ -22,6 +24,12 @@ struct AdvanceIsland {
     double dt;             // s
     uint32_t substep = 0;  // that runs now
 };
+
+// How much of the substep a hand or free body moves for, s.
+inline double moving_time(const AdvanceIsland& island, uint32_t body) {
+    if (island.inputs.stop.empty()) return island.dt;
+    return std::clamp(island.inputs.stop[body] - island.substep * island.dt, 0.0, island.dt);
+}
 
 // Time at the start of a substep, s: a quotient of integers, so that it does not depend on how calls are cut.
 double substep_time(const AdvanceParams& params, uint32_t substep);

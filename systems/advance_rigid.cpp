@@ -135,7 +135,7 @@ void move_hands(AdvanceIsland& island) {
     for (AdvanceRigid& rigid : island.scratch.rigid) {
         if (rigid.node == kNone || rigid.free != kNone) continue;
         ContactNode& node = island.scratch.node[rigid.node];
-        node.place += island.dt * node.velocity;
+        node.place += moving_time(island, rigid.body) * node.velocity;
         node.after = node.place;
         rigid.place[1].shift = node.place;
         if (rigid.tool == kNone) continue;

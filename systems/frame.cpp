@@ -1,6 +1,7 @@
 #include "systems/frame.hpp"
 
 #include <algorithm>
+#include <cmath>
 #include <string>
 
 #include "engine/check.hpp"
@@ -17,6 +18,7 @@
 #include "systems/device_input.hpp"
 #include "systems/edge_pass.hpp"
 #include "systems/edge_rows.hpp"
+#include "systems/fast_bodies.hpp"
 #include "systems/haptic_tick.hpp"
 #include "systems/islands.hpp"
 #include "systems/local_contact_model.hpp"
@@ -42,7 +44,9 @@ struct FrameScratch {
     IslandsScratch islands;
     SurfaceNormalsScratch normals;
     EnergyScratch energy;
-    Poses coming;                               // poses with the coming speed of hands
+    Poses coming;                               // poses with the coming speed of hands and free bodies
+    std::vector<FastBody> fast;                 // of this pass
+    std::vector<double> stop;                   // s into the pass, per body where a fast one first touches; or empty
     std::vector<AdvanceScratch> advance;        // per thread
     std::vector<AdvanceResult> advance_result;  // per island
     std::vector<uint64_t> response_ns;          // per island
@@ -106,6 +110,31 @@ void device_input(FrameState& f) {
     }
 }
 void rigid_motion(FrameState& f) { follow_paths(f.world.paths, pass_seconds(f.world), f.world.poses); }
+// Hands on the way to where their devices will be, and free bodies, that go farther in this pass than rows look ahead.
+void find_fast_bodies(FrameState& f) {
+    const World& w = f.world;
+    const double period = period_seconds(w);
+    f.scratch.fast.clear();
+    const auto add = [&](uint32_t body, const RigidSweep& sweep) {
+        const double arm = w.meshes.info[w.bodies.mesh[body]].radius + sweep.pivot.norm();
+        const double way = (sweep.velocity.norm() + sweep.spin.norm() * arm) * period;
+        if (way > w.boxes.margin[body] && std::isfinite(way)) f.scratch.fast.push_back({body, sweep});
+    };
+    for (size_t t = 0; t < w.haptics.tool.size(); ++t) {
+        const HandTool& tool = w.haptics.tool[t];
+        const DeviceState& end = f.scratch.device[t * (w.clock.period + 1) + w.clock.period];
+        const Vec3d from = w.poses.origin[tool.body], to = end.position - rotate(end.orientation, tool.tip);
+        const Quat& turn = w.poses.orientation[tool.body];
+        add(tool.body, {Vec3d::Zero(), from, (to - from) / period, turn, rotation_vector(turn, end.orientation) / period});
+    }
+    for (const RigidMass& free : w.bodies.rigid_mass) {
+        const uint32_t body = static_cast<uint32_t>(free.body);
+        const Vec3d& spin = w.poses.angular_velocity[body];
+        const Vec3d arm = rotate(w.poses.orientation[body], free.centre);
+        const Vec3d velocity = w.poses.velocity[body] + spin.cross(arm) + 0.5 * period * w.settings.gravity;
+        add(body, {free.centre, w.poses.origin[body] + arm, velocity, w.poses.orientation[body], spin});
+    }
+}
 void body_boxes(FrameState& f) {
     World& w = f.world;
     // a hand may come as fast as its device moves now
@@ -120,9 +149,15 @@ void body_boxes(FrameState& f) {
         velocity = Vec3d(velocity.norm() + period_seconds(w) * w.settings.gravity.norm(), 0, 0);
     }
     compute_body_boxes(period_seconds(w), {w.meshes, w.bodies, f.scratch.coming, w.particles}, w.boxes);
+    find_fast_bodies(f);
+    cover_fast_ways(f.scratch.fast, period_seconds(w), surfaces_of(w), w.boxes);
 }
 void candidate_pairs(FrameState& f) { find_candidate_pairs(f.world.bodies, f.world.boxes, {}, f.scratch.pairs, f.world.pairs); }
-void refit(FrameState& f) { refit_trees(f.world.bodies, f.world.particles, f.world.pairs, f.scratch.refit, f.world.trees); }
+void refit(FrameState& f) {
+    World& w = f.world;
+    refit_trees(w.bodies, w.particles, w.pairs, f.scratch.refit, w.trees);
+    find_stops(w.settings.contact.tolerance, f.scratch.fast, period_seconds(w), surfaces_of(w), w.pairs, w.trees, f.scratch.stop);
+}
 void rasterise_(FrameState& f) {
     World& w = f.world;
     rasterise(w.settings.contact, surfaces_of(w), w.boxes, w.pairs, f.scratch.rasterise, w.report, w.screened, w.occupancy);
@@ -208,7 +243,7 @@ void advance_one_island(FrameState& f, uint32_t island, AdvanceScratch& scratch)
     const uint32_t calls = with_tool ? params.ticks : 1;  // the tick needs whole numbers of substeps in its millisecond
     params.substeps = calls * count_substeps(w.bodies, bodies, params.ticks * 1e-3 / calls, w.settings.substep);
     if (with_tool && !f.options.external_ticks) params.tick_hook = {haptic_ticks, &ticks};
-    const AdvanceInputs inputs{w.meshes, w.springs, w.bodies, w.anchors, w.paths, w.haptics.tool, f.scratch.device, params.ticks + 1};
+    const AdvanceInputs inputs{w.meshes, w.springs, w.bodies, w.anchors, w.paths, w.haptics.tool, f.scratch.device, params.ticks + 1, f.scratch.stop};
     advance_island(params, inputs, bodies, rows, scratch, w.particles, w.poses, w.rows, w.haptics.state, f.scratch.advance_result[island]);
 }
 
@@ -277,7 +312,7 @@ constexpr FrameStage kBegin[] = {
     {{"rigid motion",    rigid_motion,    mask(R::kClock, R::kPaths),                                        mask(R::kPoses)}, any_path},
     {{"body boxes",      body_boxes,      kShapes | mask(R::kSettings, R::kClock, R::kTools, R::kToolState),               mask(R::kBoxes)}, any_pair},
     {{"candidate pairs", candidate_pairs, mask(R::kBodies, R::kBoxes),                                       mask(R::kPairs)}, any_pair},
-    {{"refit trees",     refit,           kShapes | mask(R::kPairs),                                         mask(R::kTrees)}, any_pair},
+    {{"refit trees",     refit,           kShapes | mask(R::kSettings, R::kClock, R::kBoxes, R::kPairs),            mask(R::kTrees)}, any_pair},
     {{"rasterise",       rasterise_,      kShapes | mask(R::kSettings, R::kBoxes, R::kPairs),                mask(R::kScreened, R::kOccupancy, R::kReport)}, any_pair},
     {{"candidate cells", candidate_cells, mask(R::kPairs, R::kScreened, R::kOccupancy),                      mask(R::kCandidates)}, any_pair},
     {{"overlap",         overlap,         kShapes | mask(R::kBoxes, R::kPairs, R::kScreened, R::kCandidates, R::kTrees), mask(R::kNear, R::kContacts, R::kReport)}, any_pair},

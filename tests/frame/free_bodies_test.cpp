@@ -254,6 +254,37 @@ TEST(FreeBodies, BallOnASoftBodyKeepsMomentum) {
     EXPECT_LT(lost, 0);
 }
 
+// Boxes on each other, a ball on a soft body and one that is fast: the same bits for any number of threads, in either
+// order of running and with caches forgotten.
+TEST(FreeBodies, SameHashForAnyThreadsAndCaches) {
+    SceneFile scene;
+    scene.bodies = {body("table", "table", Motion::kStatic, 0.6, {0, 0, -0.01}, 400),
+                    body("low", "box", Motion::kFree, 0.04, {0, 0, 0.021}), body("high", "box", Motion::kFree, 0.03, {0.005, 0, 0.058}),
+                    body("soft", "sphere", Motion::kDeformable, 0.06, {0.1, 0, 0.032}, 1000),
+                    body("ball", "sphere", Motion::kFree, 0.02, {0.1, 0.005, 0.075}, 320),
+                    body("fast", "sphere", Motion::kFree, 0.02, {-0.1, 0, 0.3}, 320)};
+    scene.bodies[3].anchor_frame = AnchorFrame::kShape;
+    scene.bodies[5].velocity = {0, 0, -8};
+    for (BodySpec& b : scene.bodies) b.tissue.friction = 0.4;
+    const auto hash = [&](uint32_t threads, bool serial, bool clear_caches) {
+        uint64_t value = 0;
+        ThreadPool pool(threads);
+        pool.run([&] {
+            FrameOptions options;
+            options.serial = serial;
+            options.clear_caches = clear_caches;
+            Frame frame(std::move(build_scene(scene).world), options);
+            for (int pass = 0; pass < 40; ++pass) frame.step();
+            EXPECT_GT(frame.world().report.contact_events, 20u);
+            value = state_hash(frame.world());
+        });
+        return value;
+    };
+    const uint64_t reference = hash(1, true, false);
+    for (const uint32_t threads : {1u, 2u, 4u}) EXPECT_EQ(hash(threads, false, false), reference) << threads;
+    EXPECT_EQ(hash(2, false, true), reference) << "caches cleared";
+}
+
 // M18. A ball squeezed by two scripted jaws to a gap smaller than itself: nothing gives way, so the overlap is what
 // geometry leaves, shared or on one side; it does not grow while they hold, and the ball stays between them.
 TEST(HardCases, M18_RigidBallSqueezedBetweenJaws) {
@@ -283,6 +314,50 @@ TEST(HardCases, M18_RigidBallSqueezedBetweenJaws) {
     EXPECT_LT(at_close, 0.04 - gap + 1e-4);
     EXPECT_LT(later, at_close + 1e-5);
     EXPECT_GT(later, 0.4 * (0.04 - gap)) << "never squeezed";
+}
+
+// P19. A ball thrown at a 20 mm table at up to 10 m/s goes past its middle in one pass; it must never be found below it,
+// however it is timed, and bounces as its restitution says.
+TEST(HardCases, P19_FastBallAgainstATable) {
+    for (const double speed : {2.0, 5.0, 10.0}) {
+        for (const double phase : {0.0, 0.013, 0.031}) {
+            SceneFile scene;
+            scene.settings.gravity.setZero();
+            scene.bodies = {body("table", "table", Motion::kStatic, 0.6, {0, 0, -0.01}, 400),
+                            body("ball", "sphere", Motion::kFree, 0.01, {0.02, 0.01, 0.1 + phase}, 320)};
+            scene.bodies[1].velocity = {0.3, 0, -speed};
+            scene.bodies[1].tissue.restitution = 0.5;
+            double lowest = 1;
+            run(
+                scene, 0.2, [&](const Frame& f) { lowest = std::min(lowest, centre_of(f.world(), 1).z()); },
+                [&](const Frame& f) { EXPECT_NEAR(velocity_of(f.world(), 1).z() / speed, 0.5, 0.01) << speed << " " << phase; });
+            EXPECT_GT(lowest, 0.005 - 3e-4) << speed << " m/s, " << phase;
+        }
+    }
+}
+
+// The same for a hand: the probe's tip is driven through the table and far below it in one pass.
+TEST(HardCases, P19_FastHandAgainstATable) {
+    for (const double phase : {0.0, 0.005, 0.011}) {
+        SceneFile scene;
+        scene.settings.gravity.setZero();
+        scene.bodies = {body("table", "table", Motion::kStatic, 0.6, {0, 0, -0.01}, 400),
+                        body("probe", "probe", Motion::kHand, 0, {0.02, 0.01, 0.05}, 1000)};
+        ToolSpec tool;
+        tool.body = "probe";
+        tool.tip_radius = 0.007;
+        KeyframeSpec above, start, through;
+        above.position = start.position = Vec3d(0.02, 0.01, 0.05);
+        start.time = 0.1 + phase;
+        through.position = Vec3d(0.02, 0.01, -0.06);
+        through.time = start.time + 0.03;
+        tool.path = {above, start, through};
+        scene.tools = {tool};
+        double lowest = 1;
+        run(scene, 0.5, [&](const Frame& f) { lowest = std::min(lowest, f.world().poses.origin[1].z()); });
+        EXPECT_GT(lowest, -0.01) << "its tip's middle passed the middle of the table, phase " << phase;
+        EXPECT_LT(lowest, 0.0075) << "it never came near";
+    }
 }
 
 }  // namespace
