@@ -11,6 +11,7 @@ enum class Motion : uint8_t {
     kKinematic,   // rigid, follows a scripted path
     kHand,        // rigid, follows a device through the virtual coupling
     kDeformable,  // particles and springs
+    kFree,        // rigid, moved by forces: RigidMass
 };
 
 enum class AnchorFrame : uint8_t {
@@ -29,6 +30,16 @@ struct Tissue {
     double friction = 0.1;         // Coulomb coefficient
     double pressure_modulus = 0;   // Pa, K of an enclosed volume's energy 1/2 K (V - V0)^2 / V0; 0 = may change freely
     double bending = 0;            // Pa, Young's modulus of the wall in bending; 0 = bends freely
+    double restitution = 0;        // share of the approach speed that comes back, 0..1; between rigid bodies
+};
+
+// What a free body weighs and where: its inertia tensor about the centre of mass is diagonal in the principal frame.
+struct RigidMass {
+    uint64_t body = kNone;
+    double mass = 0;                     // kg
+    Vec3d centre = Vec3d::Zero();        // m, centre of mass, body frame
+    Vec3d moments = Vec3d::Constant(1);  // kg m^2, principal moments of inertia
+    Quat axes;                           // principal frame to body frame
 };
 
 // Who a body is and what it is made of. Constant while a scene runs (spawn and removal aside). One row per body.
@@ -45,6 +56,7 @@ struct Bodies {
     std::vector<double> inv_mass;             // 1/kg, rigid: of the translation; 0 = cannot be pushed
     std::vector<double> stable_dt;            // s, computed limit of the explicit step; infinity for rigid bodies
     std::vector<double> thickness;            // m, sheets only
+    std::vector<RigidMass> rigid_mass;        // one row per free body, ascending by body
 };
 
 // Where bodies are. Rigid: position and orientation of the body frame. Deformable: origin is the origin of the
@@ -53,7 +65,7 @@ struct Bodies {
 struct Poses {
     std::vector<Vec3d> origin;            // m
     std::vector<Quat> orientation;
-    std::vector<Vec3d> velocity;          // m/s, rigid
+    std::vector<Vec3d> velocity;          // m/s, rigid: of the origin; free: half a step behind the place (leapfrog)
     std::vector<Vec3d> angular_velocity;  // rad/s, rigid, world axes
 };
 

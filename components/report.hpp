@@ -3,7 +3,7 @@
 #include <limits>
 namespace trocar {
 
-// Energy of all deformable bodies and the work done on them since the start. J.
+// Energy of all deformable and free rigid bodies and the work done on them since the start. J.
 // Balance: kinetic + elastic + pressure + bending + gravity - (work_*) = its value at the start.
 struct Energy {
     double kinetic = 0;

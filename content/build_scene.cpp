@@ -16,6 +16,7 @@
 #include "engine/deformable_setup.hpp"
 #include "engine/device.hpp"
 #include "engine/error.hpp"
+#include "engine/mass_properties.hpp"
 #include "engine/mesh_topology.hpp"
 #include "engine/pressure_force.hpp"
 #include "engine/solid_limit.hpp"
@@ -85,7 +86,7 @@ void place_above(const SceneFile& scene, const BodySpec& spec, World& world, uin
 }
 
 std::string body_note(const World& world, uint32_t body, const Prototype& made) {
-    constexpr const char* kMotions[] = {"static", "kinematic", "hand", "deformable"};
+    constexpr const char* kMotions[] = {"static", "kinematic", "hand", "deformable", "free"};
     const MeshInfo& info = world.meshes.info[world.bodies.mesh[body]];
     char text[256];
     std::snprintf(text, sizeof text, "%s: %u vertices, %u triangles, %s, %.1f ml", world.bodies.name[body].c_str(),
@@ -100,6 +101,10 @@ std::string body_note(const World& world, uint32_t body, const Prototype& made) 
     if (is_deformable(world.bodies, body)) {
         std::snprintf(text, sizeof text, ", E %.3g Pa, explicit step at most %.3g ms",
                       world.bodies.tissue[body].youngs_modulus, world.bodies.stable_dt[body] * 1e3);
+        note += text;
+    }
+    if (const RigidMass* free = find_rigid_mass(world.bodies, body)) {
+        std::snprintf(text, sizeof text, ", %.4g kg", free->mass);
         note += text;
     }
     const std::string changes = describe_cleaning(made.cleaning);
@@ -273,7 +278,14 @@ void add_scene_body(const SceneFile& scene, const BodySpec& spec, const Prototyp
     world.poses.origin[body] = spec.position;
     world.poses.orientation[body] = spec.orientation;
     if (!spec.above.empty()) place_above(scene, spec, world, body);
-    if (spec.motion == Motion::kHand) world.bodies.inv_mass[body] = 1 / spec.mass;
+    if (spec.motion == Motion::kHand) world.bodies.inv_mass[body] = 1 / (spec.mass > 0 ? spec.mass : 0.05);
+    if (spec.motion == Motion::kFree) {
+        if (!set_rigid_mass(world.meshes, body, spec.mass, world.bodies, world.particles))
+            throw InputError(at(scene, spec.line) + "body \"" + spec.name +
+                             "\" is free, but its surface encloses no volume: its mass and inertia are those of its inside");
+        world.poses.velocity[body] = spec.velocity;
+        world.poses.angular_velocity[body] = spec.spin;
+    }
     if (spec.motion == Motion::kKinematic) add_path(world.paths, body, spec.path);
     if (spec.motion == Motion::kDeformable) make_deformable(world, body, spec.fixed_below);
     built.notes.push_back(body_note(world, body, prototype));

@@ -211,6 +211,7 @@ void read_tissue(Section& section, Tissue& t) {
     section.read("friction", t.friction, 0, 1e6);
     section.read("pressure_modulus", t.pressure_modulus, 0, 1e12);
     section.read("bending", t.bending, 0, 1e12);
+    section.read("restitution", t.restitution, 0, 1);
     section.refuse_unknown();
 }
 
@@ -238,7 +239,9 @@ BodySpec read_body(const std::string& file, const toml::table& table) {
                               {{"static", Motion::kStatic},
                                {"kinematic", Motion::kKinematic},
                                {"hand", Motion::kHand},
-                               {"deformable", Motion::kDeformable}});
+                               {"deformable", Motion::kDeformable},
+                               {"free", Motion::kFree}});
+    if (body.motion == Motion::kFree) body.tissue.damping = 0;  // it falls like a stone unless told otherwise
     section.read("position", body.position);
     section.read("rotation", body.orientation);
     section.read("above", body.above);
@@ -252,6 +255,8 @@ BodySpec read_body(const std::string& file, const toml::table& table) {
     section.read("fixed_below", body.fixed_below);
     section.read("thickness", body.thickness, 1e-9, 1e3);
     section.read("mass", body.mass, 1e-6, 1e6);
+    section.read("velocity", body.velocity);
+    section.read("spin", body.spin);
     if (const toml::node* node = section.find("color"); node) {
         Vec3d c;
         section.read("color", c);
@@ -267,6 +272,8 @@ BodySpec read_body(const std::string& file, const toml::table& table) {
     section.refuse_unknown();
     if (body.motion == Motion::kKinematic && body.path.empty())
         section.fail("kinematic body \"" + body.name + "\" needs a [[body.path]]");
+    if (body.motion != Motion::kFree && (!body.velocity.isZero(0) || !body.spin.isZero(0)))
+        section.fail("body \"" + body.name + "\": only a free body starts with a velocity or spin of its own");
     return body;
 }
 

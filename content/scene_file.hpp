@@ -39,7 +39,9 @@ struct BodySpec {
     bool bed = false;                        // solids: anchors as a shell has them
     double fixed_below = -1e300;             // m, vertices with rest z (body frame) below it are fixed
     double thickness = 1e-3;                 // m, sheets
-    double mass = 0.05;                      // kg, hand-driven: what the coupling moves
+    double mass = 0;                         // kg; 0: hand-driven 0.05 (what the coupling moves), free by its density
+    Vec3d velocity = Vec3d::Zero();          // m/s, free: at the start, of its origin
+    Vec3d spin = Vec3d::Zero();              // rad/s, free: at the start, world axes
     std::vector<KeyframeSpec> path;          // kinematic
     std::array<float, 3> color{-1, -1, -1};  // overrides the material's diffuse colour
 };

@@ -47,6 +47,8 @@ void fields(V& v, T& t) {
         v.item(t.vertices), v.item(t.triangles), v.item(t.edges), v.item(t.incident), v.item(t.components);
         v.item(t.admission), v.item(t.volume), v.item(t.area), v.item(t.mean_edge), v.item(t.max_edge);
         v.item(t.radius), v.item(t.box);
+    } else if constexpr (is<T, RigidMass>) {
+        v.item(t.body), v.item(t.mass), v.item(t.centre), v.item(t.moments), v.item(t.axes);
     } else if constexpr (is<T, SpringInfo>) {
         v.item(t.slices), v.item(t.mean_rest), v.item(t.mean_geometry), v.item(t.varied);
     } else if constexpr (is<T, SolidInfo>) {
@@ -261,7 +263,7 @@ void visit_resource(World& w, Resource resource, Visitor& v) {
             v.array(FIELD(bodies.entity)), v.array(FIELD(bodies.name)), v.array(FIELD(bodies.mesh)), v.array(FIELD(bodies.motion)),
                 v.array(FIELD(bodies.particles)), v.array(FIELD(bodies.tree)), v.array(FIELD(bodies.anchor_frame)),
                 v.array(FIELD(bodies.tissue)), v.array(FIELD(bodies.spring_stiffness)), v.array(FIELD(bodies.inv_mass)),
-                v.array(FIELD(bodies.stable_dt)), v.array(FIELD(bodies.thickness));
+                v.array(FIELD(bodies.stable_dt)), v.array(FIELD(bodies.thickness)), v.array(FIELD(bodies.rigid_mass));
             break;
         case Resource::kAnchors:
             v.array(FIELD(anchors.stiffness)), v.array(FIELD(anchors.rest_x)), v.array(FIELD(anchors.rest_y)),

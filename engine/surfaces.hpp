@@ -14,6 +14,8 @@ struct Surfaces {
     const Particles& particles;
 };
 
+// Bodies that forces move, and that their contacts join into islands.
+inline bool joins_islands(Motion m) { return m == Motion::kDeformable || m == Motion::kHand || m == Motion::kFree; }
 inline bool is_deformable(const Bodies& bodies, uint32_t body) { return bodies.motion[body] == Motion::kDeformable; }
 
 // Position of a vertex relative to the body's frame: offset from the origin if deformable, rest position if rigid. m

@@ -70,6 +70,8 @@ void gather_bodies(AdvanceIsland& island, std::span<const uint32_t> island_bodie
     s.rigid.clear();
     s.node.clear();
     s.change.clear();
+    s.free.clear();
+    s.turning.clear();
     s.slot_of_body.resize(island.inputs.bodies.mesh.size(), kNone);
     uint32_t particles = 0;
     for (const uint32_t body : island_bodies) {
@@ -77,7 +79,7 @@ void gather_bodies(AdvanceIsland& island, std::span<const uint32_t> island_bodie
             s.slot_of_body[body] = static_cast<uint32_t>(s.body.size());
             s.body.push_back(make_body(island, body, particles));
             particles += s.body.back().particles.count;
-        } else if (island.inputs.bodies.motion[body] == Motion::kHand) {
+        } else if (joins_islands(island.inputs.bodies.motion[body])) {
             rigid_slot(island, body);
         }
     }
@@ -177,7 +179,7 @@ void finish_bodies(AdvanceIsland& island) {
         island.particles.last_dt[b.body] = b.last_dt;
     }
     for (const AdvanceRigid& rigid : island.scratch.rigid) {
-        if (rigid.node == kNone) continue;
+        if (rigid.node == kNone || rigid.free != kNone) continue;
         const ContactNode& node = island.scratch.node[rigid.node];
         island.poses.origin[rigid.body] = to_vec3(node.place);
         island.poses.velocity[rigid.body] = to_vec3(node.velocity);
@@ -185,6 +187,7 @@ void finish_bodies(AdvanceIsland& island) {
         island.poses.angular_velocity[rigid.body] =
             rotation_vector(rigid.orientation[0], rigid.orientation[1]) / island.dt;
     }
+    finish_free_bodies(island);
 }
 
 }  // namespace
@@ -230,6 +233,9 @@ void share_room(std::span<AdvanceScratch> scratches) {
     level(&AdvanceScratch::slot_of_body);
     level(&AdvanceScratch::plan);
     level(&AdvanceScratch::active);
+    level(&AdvanceScratch::free);
+    level(&AdvanceScratch::turning);
+    level(&AdvanceScratch::warm);
     level(&AdvanceScratch::block);
     level(&AdvanceScratch::active_block);
     level(&AdvanceScratch::open_blocks_of_node);
@@ -261,9 +267,11 @@ void advance_island(const AdvanceParams& params, const AdvanceInputs& inputs, st
         island.substep = substep;
         step_bodies(island, kernels, substep);
         pull_hands(island, substep);
+        kick_free_bodies(island);
         observe(params.observer.begin);
         if (has_rows(scratch)) apply_impulses(island);
         move_hands(island);
+        move_free_bodies(island);
         if (has_rows(scratch)) push_out(island, substep);
         observe(params.observer.end);
         for (AdvanceBody& b : scratch.body) b.now = b.next;

@@ -53,6 +53,9 @@ struct AdvanceInputs {
     std::span<const DeviceState> devices;
     uint32_t device_stride = 2;
     OtherForces other;
+    // Per body, s after the start of the call: a hand or free body goes no farther than it has come by then, but keeps its
+    // velocity: there it first touches what no row holds yet. Empty: none is held.
+    std::span<const double> stop = {};
 };
 
 // What calls did to an island: added up over calls but for what is marked `last`. Work in J on its deformable bodies.

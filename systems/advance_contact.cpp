@@ -7,6 +7,14 @@
 namespace trocar {
 namespace {
 
+// Slower approach than this (m/s) does not bounce, whatever the restitution: bodies come to rest.
+constexpr double kLeastBounce = 0.05;
+// A free body this near (m) to what carries it rests on it.
+constexpr double kRestingGap = 1e-5;
+// With free bodies rows are solved until no relative velocity changes by more than this (m/s), or this often.
+constexpr double kSettledChange = 3e-6;
+constexpr uint32_t kMostSweeps = 128;
+
 uint32_t node_slot(AdvanceScratch& s, uint32_t owner, uint32_t vertex) {
     const AdvanceBody& body = s.body[owner];
     const uint32_t particle = body.particles.first + vertex;
@@ -57,6 +65,9 @@ ContactPlan make_plan(AdvanceIsland& island, uint32_t row) {
         for (int i = 0; i < 3; ++i) {
             plan.point_b += plan.weight_b[i] * rest_position(meshes, bodies.mesh[b], rows.triangle[row][i]);
         }
+    }
+    if (plan.rigid_a != kNone && plan.rigid_b != kNone) {
+        plan.restitution = std::max(bodies.tissue[a].restitution, bodies.tissue[b].restitution);
     }
     if (meshes.info[bodies.mesh[b]].admission == Admission::kSheet) plan.offset = 0.5 * bodies.thickness[b];
     return plan;
@@ -201,8 +212,13 @@ void note_rows(AdvanceScratch& s, const ContactActive& active) {
     }
 }
 
-// Adds a crossed row to the active ones, or ends it.
-void activate(AdvanceIsland& island, uint32_t plan_row, const RowState& r) {
+bool has_free_side(const AdvanceScratch& s, const ContactPlan& plan) {
+    const auto is_free = [&](uint32_t rigid) { return rigid != kNone && s.rigid[rigid].free != kNone; };
+    return is_free(plan.rigid_a) || is_free(plan.rigid_b);
+}
+
+// Adds a row to the active ones, or ends it. approach: m/s along the normal, before any impulse of the substep.
+void activate(AdvanceIsland& island, uint32_t plan_row, const RowState& r, double approach) {
     AdvanceScratch& s = island.scratch;
     ContactPlan& plan = s.plan[plan_row];
     const Foot foot = find_foot(island, plan, r);
@@ -218,11 +234,14 @@ void activate(AdvanceIsland& island, uint32_t plan_row, const RowState& r) {
     active.normal = r.normal;
     active.rigid_velocity = active.friction_impulse = Vec4d{};
     active.least_velocity = -std::max(r.gap, 0.0) / island.dt;
+    if (plan.restitution > 0 && approach < -kLeastBounce && r.gap + approach * island.dt < 0) {
+        active.least_velocity = -plan.restitution * approach;
+    }
     if (plan.rigid_a == kNone) {
         for (int i = 0; i < 2; ++i) add_node(active, plan.node_a[i], plan.weight_a[i]);
     } else {
         const AdvanceRigid& rigid = s.rigid[plan.rigid_a];
-        active.rigid_velocity += rigid.velocity(plan.point_a);
+        if (rigid.free == kNone) active.rigid_velocity += rigid.velocity(plan.point_a);
         if (rigid.node != kNone) add_node(active, rigid.node, 1);
     }
     active.point_nodes = active.nodes;
@@ -230,7 +249,7 @@ void activate(AdvanceIsland& island, uint32_t plan_row, const RowState& r) {
         for (int k = 0; k < 3; ++k) add_node(active, plan.node_b[k], -foot.weight[k]);
     } else {
         const AdvanceRigid& rigid = s.rigid[plan.rigid_b];
-        active.rigid_velocity -= rigid.velocity(foot.point);
+        if (rigid.free == kNone) active.rigid_velocity -= rigid.velocity(foot.point);
         if (rigid.node != kNone) add_node(active, rigid.node, -1);
     }
     double sum = 0;
@@ -238,12 +257,21 @@ void activate(AdvanceIsland& island, uint32_t plan_row, const RowState& r) {
         sum += active.weight[k] * active.weight[k] * s.node[active.node[k]].inv_mass;
     }
     active.inv_sum = sum > 0 ? 1 / sum : 0;
+    // a free body rests anywhere in a thin band: gaps of a micrometre among its rows would let it rock at 1 mm/s
+    if (r.gap < kRestingGap && !s.free.empty() && has_free_side(s, plan)) {
+        active.least_velocity = std::max(active.least_velocity, 0.0);
+    }
+    // both impulses act at one point, so that angular momentum is kept: the foot, which a deformable plane rides on
+    if (!s.free.empty() && has_free_side(s, plan)) {
+        add_turning_sides(island, plan, plan.rigid_b == kNone ? foot.point : r.point, active);
+    }
     note_rows(s, active);
 }
 
 void find_active_rows(AdvanceIsland& island, double reach) {
     AdvanceScratch& s = island.scratch;
     s.active.clear();
+    s.turning.clear();
     for (uint32_t i = 0; i < s.plan.size(); ++i) {
         const ContactPlan& plan = s.plan[i];
         if (plan.ended) continue;
@@ -252,8 +280,10 @@ void find_active_rows(AdvanceIsland& island, double reach) {
         const Vec4d velocity = relative_velocity(s, plan);
         const double gap_after = r.gap + std::min(dot(r.normal, velocity), 0.0) * island.dt;
         // a point that is not finite belongs to a body about to be restored: it must not reach its neighbours
-        if (!(gap_after < 0) || !std::isfinite(gap_after + norm2(velocity))) continue;
-        activate(island, i, r);
+        if (!std::isfinite(gap_after + norm2(velocity))) continue;
+        // a free body's row may be crossed because of an impulse at another of its rows
+        if (!(gap_after < 0) && (s.free.empty() || !has_free_side(s, plan))) continue;
+        activate(island, i, r, dot(r.normal, velocity));
     }
     island.result.active_rows += s.active.size();
 }
@@ -287,6 +317,40 @@ void solve_row(AdvanceScratch& s, ContactActive& row) {
     }
 }
 
+// One sweep over all rows. Returns the largest change of a relative velocity among rows with free bodies, m/s.
+double sweep_rows(AdvanceScratch& s) {
+    double change = 0;
+    solve_blocks(s);
+    for (ContactActive& row : s.active) {
+        if (row.turning != kNone) {
+            change = std::max(change, solve_turning_row(s, row));
+        } else {
+            row.nodes == 4 ? solve_row<4>(s, row) : solve_row<0>(s, row);
+        }
+    }
+    return change;
+}
+
+// Free bodies stand on each other: their rows start from the impulses of the substep before and are solved until they
+// agree. A tower sways in modes that sweeps alone take thousands for: between sweeps the impulses go on along a
+// conjugate direction (Silcowitz, Niebe, Erleben 2010, "A nonsmooth nonlinear conjugate gradient method for interactive
+// contact force problems"); a sweep is always the last.
+void settle_rows(AdvanceIsland& island) {
+    AdvanceScratch& s = island.scratch;
+    for (ContactActive& row : s.active) {
+        if (row.turning != kNone) start_warm(s, row);
+    }
+    double before = 0;
+    for (uint32_t pass = 0; pass < kMostSweeps; ++pass) {
+        if (pass > 0) before = go_on(s, pass == 1 ? 0 : before);
+        note_impulses(s);
+        const double change = sweep_rows(s);
+        if (change < kSettledChange && pass + 1 >= island.params.contact.iterations) break;
+    }
+    std::fill(s.warm.begin(), s.warm.end(), WarmImpulse{});
+    for (const ContactActive& row : s.active) s.warm[row.plan] = {row.friction_impulse, row.normal_impulse};
+}
+
 Vec4d particle_velocity(const Particles& p, uint32_t i) {
     return make_vec4(p.velocity_x[i], p.velocity_y[i], p.velocity_z[i]);
 }
@@ -313,6 +377,7 @@ void scatter_velocities(AdvanceIsland& island) {
         work += kick * (change.damped + node.velocity) * (0.5 / node.inv_mass);
     }
     if (island.params.account_energy) island.result.work_contact += work[0] + work[1] + work[2];
+    if (island.params.account_energy && !s.free.empty()) island.result.work_contact += contact_work_on_free(island);
 }
 
 // What hands and scripted bodies did of the work of the rows.
@@ -321,11 +386,12 @@ void book_hands(AdvanceIsland& island) {
     double hand = 0;
     for (const ContactActive& row : s.active) {
         const ContactPlan& plan = s.plan[row.plan];
-        if ((plan.rigid_a == kNone) == (plan.rigid_b == kNone)) continue;
+        const auto is_driven = [&](uint32_t rigid) { return rigid != kNone && s.rigid[rigid].free == kNone; };
+        if (is_driven(plan.rigid_a) == is_driven(plan.rigid_b)) continue;
         Vec4d surface = row.rigid_velocity;
         for (uint32_t k = 0; k < row.nodes; ++k) {
             const uint32_t n = row.node[k];
-            if (s.node[n].particle != kNone) continue;
+            if (s.node[n].particle != kNone || s.rigid[s.node[n].owner].free != kNone) continue;
             surface += row.weight[k] * 0.5 * (s.change[n].before + s.node[n].velocity);
         }
         hand -= dot(surface, row.normal_impulse * row.normal + row.friction_impulse);
@@ -414,6 +480,8 @@ void plan_contacts(AdvanceIsland& island, std::span<const uint32_t> island_rows)
     }
     plan_blocks(island);
     make_room(s.active, s.plan.size());
+    s.warm.assign(s.free.empty() ? 0 : s.plan.size(), {});
+    make_room(s.turning, s.warm.size());
 }
 
 void forget_contacts(AdvanceIsland& island) {
@@ -442,9 +510,13 @@ void apply_impulses(AdvanceIsland& island) {
     const double reach = 2.001 * fastest * island.dt;
     activate_blocks(island, reach);
     find_active_rows(island, reach);
-    for (uint32_t pass = 0; pass < island.params.contact.iterations; ++pass) {
-        solve_blocks(s);
-        for (ContactActive& row : s.active) row.nodes == 4 ? solve_row<4>(s, row) : solve_row<0>(s, row);
+    if (!s.turning.empty()) {
+        settle_rows(island);
+    } else {
+        for (uint32_t pass = 0; pass < island.params.contact.iterations; ++pass) {
+            solve_blocks(s);
+            for (ContactActive& row : s.active) row.nodes == 4 ? solve_row<4>(s, row) : solve_row<0>(s, row);
+        }
     }
     scatter_velocities(island);
     if (island.params.account_energy && !s.rigid.empty()) book_hands(island);

@@ -1,4 +1,5 @@
 #pragma once
+#include <algorithm>
 #include <cmath>
 #include <limits>
 
@@ -26,6 +27,12 @@ struct AdvanceIsland {
     uint32_t substep = 0;  // that runs now
 };
 
+// How much of the substep a hand or free body moves for, s.
+inline double moving_time(const AdvanceIsland& island, uint32_t body) {
+    if (island.inputs.stop.empty()) return island.dt;
+    return std::clamp(island.inputs.stop[body] - island.substep * island.dt, 0.0, island.dt);
+}
+
 // Time at the start of a substep, s: a quotient of integers, so that it does not depend on how calls are cut.
 double substep_time(const AdvanceParams& params, uint32_t substep);
 
@@ -48,6 +55,31 @@ void place_rigid_bodies(AdvanceIsland& island, uint32_t substep);
 void pull_hands(AdvanceIsland& island, uint32_t substep);
 void move_hands(AdvanceIsland& island);
 
+// Free rigid bodies (advance_free.cpp). The room and the node of one:
+void add_free_body(AdvanceIsland& island, uint32_t rigid_row);
+// gravity and damping; before the rows
+void kick_free_bodies(AdvanceIsland& island);
+// place and orientation at the end of the substep; after the rows
+void move_free_bodies(AdvanceIsland& island);
+// state back into the poses; a body that is not finite keeps the one from the start of the call, at rest, counted
+void finish_free_bodies(AdvanceIsland& island);
+// Work of the rows on free bodies, J.
+double contact_work_on_free(const AdvanceIsland& island);
+// Gives an active row its free sides, where the impulse acts at `at` (m, world), and what they add to inv_sum.
+void add_turning_sides(AdvanceIsland& island, const ContactPlan& plan, Vec4d at, ContactActive& active);
+// As solve_row for a row with a free side. Returns by how much the relative velocity changed, m/s.
+double solve_turning_row(AdvanceScratch& s, ContactActive& row);
+// Gives a row the impulse it had in the substep before.
+void start_warm(AdvanceScratch& s, ContactActive& row);
+// Remembers the impulses of the rows with a free side before a sweep; and after it, given the squared change in the sweep
+// before (0 = none), moves them on along the conjugate direction. Returns the squared change in this sweep, (N s)^2.
+void note_impulses(AdvanceScratch& s);
+double go_on(AdvanceScratch& s, double before);
+// Moves the free sides of a row by their share of an impulse-like `push`, kg m; then all at once, none farther than
+// `most`.
+void push_free_sides(AdvanceScratch& s, const ContactTurning& turning, Vec4d push);
+void finish_free_pushes(AdvanceIsland& island, double most);
+
 // Velocities of all particles that are nodes before the kick of the first substep; those of later ones are known.
 void note_velocities(AdvanceIsland& island);
 // A point has left its plane behind: the row rests from now on. Its distance keeps the sign, so that a call cut into
@@ -61,7 +93,7 @@ inline void end_row(AdvanceIsland& island, uint32_t row) {
 // Gauss-Seidel over the active rows in their order, accumulated impulses clamped (Moreau 1988; Catto 2005): one sweep
 // leaves less for push_out than sixteen Jacobi passes with mass splitting (Tonge et al. 2012) did, and where many
 // points of a fine tool press few tissue triangles Jacobi lost a factor of 20 in depth. Every impulse acts on both
-// sides with their inverse masses. Coulomb friction on the accumulated impulse.
+// sides with their inverse masses. Coulomb friction on the accumulated impulse. With free bodies: settle_rows.
 void apply_impulses(AdvanceIsland& island);
 // Moves remaining overlap of the active rows out without touching velocities, in substeps in which a millisecond begins;
 // after move_hands.

@@ -27,6 +27,10 @@ double gap_after(const AdvanceScratch& s, const ContactPlan& plan, Vec4d& normal
     return dot(normal, apart) - plan.offset;
 }
 
+bool is_free(const AdvanceScratch& s, uint32_t node) {
+    return s.node[node].particle == kNone && s.rigid[s.node[node].owner].free != kNone;
+}
+
 // Later rows see the move; but a node pressed from both sides stays where it was for all of them and goes half of each
 // way: it meets its two planes midway.
 void move_node(AdvanceScratch& s, uint32_t node, Vec4d move) {
@@ -37,10 +41,10 @@ void move_node(AdvanceScratch& s, uint32_t node, Vec4d move) {
     }
 }
 
-// Moves both sides by their inverse masses, or each side by its share of the way.
+// Moves both sides by their inverse masses, or each side by its share of the way; with a free body always by mass.
 void add_push(AdvanceIsland& island, const ContactActive& row, Vec4d way) {
     AdvanceScratch& s = island.scratch;
-    const bool by_mass = island.params.contact.share == ResponseShare::kMass;
+    const bool by_mass = island.params.contact.share == ResponseShare::kMass || row.turning != kNone;
     double scale[2] = {row.inv_sum, row.inv_sum};  // of the side of the point, of the plane
     if (!by_mass) {
         double sum[2] = {0, 0};
@@ -55,10 +59,11 @@ void add_push(AdvanceIsland& island, const ContactActive& row, Vec4d way) {
     }
     for (uint32_t k = 0; k < row.nodes; ++k) {
         const double inv_mass = s.node[row.node[k]].inv_mass;
-        if (!(inv_mass > 0)) continue;
+        if (!(inv_mass > 0) || is_free(s, row.node[k])) continue;
         const double unit = by_mass ? inv_mass : 1.0;
         move_node(s, row.node[k], (row.weight[k] * unit * scale[k >= row.point_nodes]) * way);
     }
+    if (row.turning != kNone) push_free_sides(s, s.turning[row.turning], row.inv_sum * way);
 }
 
 // How far a node of the island is being pushed, m; zero for other particles.
@@ -162,6 +167,7 @@ void book_last_pushes(AdvanceIsland& island) {
 void make_moves(AdvanceIsland& island, double most) {
     AdvanceScratch& s = island.scratch;
     for (uint32_t n = 0; n < s.node.size(); ++n) {
+        if (is_free(s, n)) continue;
         ContactNodeChange& change = s.change[n];
         ContactNode& node = s.node[n];
         float* offset = nullptr;
@@ -217,6 +223,7 @@ void push_out(AdvanceIsland& island, uint32_t substep) {
         }
         any = push_blocks(island, most) || any;
         if (any) make_moves(island, most);
+        if (any && !s.turning.empty()) finish_free_pushes(island, most);
     }
     if (substep + 1 < params.substeps) return;
     if (params.account_energy) book_last_pushes(island);

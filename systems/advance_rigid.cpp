@@ -66,6 +66,7 @@ uint32_t rigid_slot(AdvanceIsland& island, uint32_t body) {
         node.velocity = to_vec4(island.poses.velocity[body]);
         s.change.emplace_back();
     }
+    if (in.bodies.motion[body] == Motion::kFree) add_free_body(island, slot);
     if (rigid.path != kNone) {
         const PathPoint at = sample_path(keys_of(in.paths, rigid.path), substep_time(island.params, 0));
         set_pose(rigid, 1, to_vec4(at.position), at.orientation);
@@ -80,9 +81,9 @@ uint32_t rigid_slot(AdvanceIsland& island, uint32_t body) {
 void place_rigid_bodies(AdvanceIsland& island, uint32_t substep) {
     const AdvanceInputs& in = island.inputs;
     for (AdvanceRigid& rigid : island.scratch.rigid) {
-        if (rigid.path == kNone && rigid.tool == kNone) continue;
         rigid.place[0] = rigid.place[1];
         rigid.orientation[0] = rigid.orientation[1];
+        if (rigid.path == kNone && rigid.tool == kNone) continue;
         if (rigid.tool != kNone) {
             // the hand turns with the device; its translation follows in pull_hands
             set_pose(rigid, 1, rigid.place[0].shift, hand_pose(island, rigid.tool, substep + 1).orientation);
@@ -103,7 +104,7 @@ void place_rigid_bodies(AdvanceIsland& island, uint32_t substep) {
 
 void pull_hands(AdvanceIsland& island, uint32_t substep) {
     for (AdvanceRigid& rigid : island.scratch.rigid) {
-        if (rigid.node == kNone) continue;
+        if (rigid.node == kNone || rigid.free != kNone) continue;
         ContactNode& node = island.scratch.node[rigid.node];
         ContactNodeChange& change = island.scratch.change[rigid.node];
         change.before = node.velocity;
@@ -132,9 +133,9 @@ void pull_hands(AdvanceIsland& island, uint32_t substep) {
 
 void move_hands(AdvanceIsland& island) {
     for (AdvanceRigid& rigid : island.scratch.rigid) {
-        if (rigid.node == kNone) continue;
+        if (rigid.node == kNone || rigid.free != kNone) continue;
         ContactNode& node = island.scratch.node[rigid.node];
-        node.place += island.dt * node.velocity;
+        node.place += moving_time(island, rigid.body) * node.velocity;
         node.after = node.place;
         rigid.place[1].shift = node.place;
         if (rigid.tool == kNone) continue;

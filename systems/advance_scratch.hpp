@@ -2,6 +2,7 @@
 #include <array>
 #include <vector>
 
+#include "components/bodies.hpp"
 #include "components/math.hpp"
 #include "engine/geometry/four_points.hpp"
 #include "engine/geometry/vec4.hpp"
@@ -40,21 +41,39 @@ struct AdvanceRigid {
     uint32_t body = kNone;
     uint32_t path = kNone;  // row of Paths, if scripted
     uint32_t tool = kNone;  // row of tools, if a hand with a device
-    uint32_t node = kNone;  // of the hand's translation
+    uint32_t node = kNone;  // of the translation, of a hand or a free body
+    uint32_t free = kNone;  // row of free, if free
     Quat orientation[2];
     RigidMap place[2];              // m, body frame to world
-    RigidMap velocity;              // m/s, of a point of the body frame; shift is zero for a hand, whose node has it
+    RigidMap velocity;              // m/s, of a point of the body frame, less that of the node if there is one
     Vec3d target, target_velocity;  // m, m/s: where a hand's origin would be if it were in the hand, at the end
 };
 
-// A particle or a hand that contact rows act on.
+// A free rigid body of the island. Its node is the centre of mass.
+struct AdvanceFree {
+    RigidMass mass;
+    uint32_t rigid = 0;           // row of rigid
+    double damping = 0;           // 1/s
+    double last_dt = 0;           // s
+    double keep = 1;              // what damping leaves of the velocity in the kick of this substep
+    Vec4d centre = {};            // m, of mass, body frame
+    Vec4d spin = {};              // rad/s, world axes
+    Vec4d spin_before = {};       // rad/s, before the rows of this substep
+    Vec4d inv_inertia[3] = {};    // 1/(kg m^2), world axes, columns
+    Vec4d shift = {}, turn = {};  // m, rad: pushed so far in this substep
+
+    // Angular velocity that an angular impulse about the centre adds, rad/s.
+    Vec4d respond(Vec4d j) const { return j[0] * inv_inertia[0] + j[1] * inv_inertia[1] + j[2] * inv_inertia[2]; }
+};
+
+// A particle, a hand or a free body that contact rows act on.
 struct ContactNode {
     Vec4d place;     // m, world, at the start of the substep
     Vec4d after;     // m, world, at its end
     Vec4d velocity;  // m/s
     double inv_mass = 0;
-    uint32_t particle = kNone;  // row of Particles; kNone for a hand
-    uint32_t owner = 0;         // row of body, or of rigid for a hand
+    uint32_t particle = kNone;  // row of Particles; kNone for a rigid body
+    uint32_t owner = 0;         // row of body, or of rigid
 };
 struct ContactNodeChange {
     Vec4d before;        // m/s, before the kick of this substep
@@ -79,6 +98,7 @@ struct ContactPlan {
     std::array<double, 3> weight_b;
     double offset = 0;  // m, half the thickness of a sheet
     double friction = 0;
+    double restitution = 0;
     std::array<uint32_t, 2> node_a;             // if deformable; equal for a vertex
     std::array<uint32_t, 3> node_b;             // if deformable
     uint32_t rigid_a = kNone, rigid_b = kNone;  // rows of rigid, or kNone
@@ -101,6 +121,22 @@ struct ContactActive {
     uint32_t nodes = 0;
     uint32_t point_nodes = 0;  // how many of them, the first, are on the side of the point
     uint32_t plan = 0;
+    uint32_t turning = kNone;  // row of turning, if a free body has a side
+};
+
+// What an active row needs to know of its free sides: of the point, of the plane.
+struct ContactTurning {
+    std::array<uint32_t, 2> free{kNone, kNone};  // rows of free
+    Vec4d arm[2] = {};                           // m, from the centre of mass to where the impulse acts
+    Vec4d friction_before = {}, friction_way = {};  // N s, before the last sweep; of the conjugate direction
+    double normal_before = 0, normal_way = 0;       // the same of the normal
+    double friction_mass = 0;                    // kg, inverse of the largest response across the normal
+};
+
+// Impulses of a row in the substep before: where the next one starts. N s.
+struct WarmImpulse {
+    Vec4d friction = {};
+    double normal = 0;
 };
 
 // Four contact rows between deformable bodies that share no node, in the lanes of registers: what ContactPlan and
@@ -146,6 +182,9 @@ struct AdvanceScratch {
     std::vector<uint32_t> slot_of_body;      // row of body or of rigid or kNone, one per body of the world
     std::vector<ContactPlan> plan;  // of rows that are not in a block
     std::vector<ContactActive> active;
+    std::vector<AdvanceFree> free;
+    std::vector<ContactTurning> turning;  // of the active rows with a free side
+    std::vector<WarmImpulse> warm;        // as plan; empty without free bodies
     std::vector<ContactBlock> block;
     std::vector<uint32_t> active_block;
     std::vector<uint16_t> open_blocks_of_node;  // while blocks are filled: which of those open have it; as node

@@ -7,10 +7,9 @@
 #include <numeric>
 
 #include "engine/geometry/contact_kernels.hpp"
+#include "engine/surfaces.hpp"
 namespace trocar {
 namespace {
-
-bool can_be_pushed(Motion motion) { return motion == Motion::kHand || motion == Motion::kDeformable; }
 
 bool is_empty(const Box& box) { return !(box.min.array() <= box.max.array()).all(); }
 
@@ -122,7 +121,7 @@ void find_candidate_pairs(const Bodies& bodies, const BodyBoxes& boxes,
         sweep_from(scratch.swept, i, [&](uint32_t j) {
             const auto [a, b] = std::minmax(body, scratch.place[j].body);
             if (!boxes_meet(boxes.box[a], boxes.box[b])) return;
-            if (!can_be_pushed(bodies.motion[a]) && !can_be_pushed(bodies.motion[b])) return;
+            if (!joins_islands(bodies.motion[a]) && !joins_islands(bodies.motion[b])) return;
             if (std::binary_search(excluded.begin(), excluded.end(), std::array{a, b})) return;
             scratch.found.push_back({a, b});
         });

@@ -4,6 +4,7 @@
 #include <cmath>
 
 #include "engine/geometry/contact_kernels.hpp"
+#include "engine/geometry/point_triangle.hpp"
 namespace trocar {
 namespace {
 
@@ -42,6 +43,68 @@ void drop_shallowest(uint32_t capacity, uint32_t body, const Contacts& contacts,
     report.dropped_contacts += scratch.crowded.size() - capacity;
 }
 
+// How steeply the body of a contact point runs through the plane of a normal: sine of the steepest edge that leaves
+// the point to the wrong side. 0 where the plane carries it.
+double plunge(const Surfaces& s, const Contacts& contacts, uint32_t i, const Vec3d& normal) {
+    const uint32_t body = contacts.body[i];
+    const MeshView mesh = mesh_view(s.meshes, s.bodies.mesh[body]);
+    const auto [v, w] = contacts.vertex[i];
+    const Vec3d way = direction_to_world(s, body, mesh.position[w] - mesh.position[v]);
+    double steepest = v == w ? 0 : std::abs(way.normalized().dot(normal));
+    for (uint32_t k = mesh.incident_first[v]; k < mesh.incident_first[v + 1]; ++k) {
+        const Triangle& t = mesh.triangle[mesh.incident[k]];
+        if (v != w && t[0] != w && t[1] != w && t[2] != w) continue;
+        for (const uint32_t q : t) {
+            if (q == v || q == w) continue;
+            const Vec3d edge = vertex_position(s, body, q) - contacts.point[i];
+            steepest = std::max(steepest, -edge.normalized().dot(normal));
+        }
+    }
+    return steepest;
+}
+
+// The plane that carries a contact between two rigid bodies: `distance` m from the point, on `triangle` of the other.
+struct Support {
+    Vec3d closest, normal;
+    double distance;
+    uint32_t triangle;
+    bool none = false;
+};
+
+// Near an edge of the other body the nearest point may lie on its side, while what carries is its top: two equal boxes
+// on top of each other. The normal of a contact lies in the other body's normal cone and against the point's own (Moreau;
+// as for the edges of polyhedra in Mirtich 1998), so of the faces around the nearest one that the point is over, the one
+// that its own edges run through least carries it. A point outside that no face carries touches nothing yet.
+Support find_support(const Surfaces& s, const Contacts& contacts, uint32_t i) {
+    constexpr double kCarries = 0.05;  // sine; what faces of curved surfaces differ by
+    constexpr double kSeam = 1e-3, kNear = 0.05;  // of a mean edge: how far beyond its face and behind the nearest
+    Support best{contacts.closest[i], contacts.normal[i], contacts.distance[i], contacts.triangle[i]};
+    double least = plunge(s, contacts, i, best.normal);
+    if (least < kCarries) return best;
+    const double first = least;
+    const uint32_t other = contacts.other[i];
+    const MeshView mesh = mesh_view(s.meshes, s.bodies.mesh[other]);
+    const Vec3d& p = contacts.point[i];
+    const double reach = std::abs(contacts.distance[i]) + kNear * mesh.info->mean_edge;
+    for (const uint32_t v : mesh.triangle[contacts.triangle[i]]) {
+        for (uint32_t k = mesh.incident_first[v]; k < mesh.incident_first[v + 1]; ++k) {
+            const uint32_t triangle = mesh.incident[k];
+            const Triangle& t = mesh.triangle[triangle];
+            const Vec3d a = vertex_position(s, other, t[0]), b = vertex_position(s, other, t[1]),
+                        c = vertex_position(s, other, t[2]), normal = triangle_normal(a, b, c).normalized();
+            const Vec3d apart = -closest_point_on_triangle(p, a, b, c).offset, closest = p - apart;
+            const double distance = normal.dot(apart), beyond = (apart - distance * normal).norm();
+            if (!(std::abs(distance) < reach && beyond < kSeam * mesh.info->mean_edge)) continue;
+            const double steep = plunge(s, contacts, i, normal);
+            if (!(steep < least - 1e-9)) continue;
+            least = steep;
+            best = {closest, normal, distance, triangle};
+        }
+    }
+    best.none = least == first && least > 0.5 && contacts.distance[i] > 0;
+    return best;
+}
+
 void resize_rows(ContactRows& rows, size_t count) {
     rows.contact.resize(count);
     rows.body.resize(count);
@@ -77,10 +140,15 @@ void make_contact_rows(const ContactParams& params, const Surfaces& surfaces, co
     uint32_t kept = 0;
     for (uint32_t i = 0; i < count; ++i) {
         if (scratch.dropped[i]) continue;
-        const uint32_t body = contacts.body[i], other = contacts.other[i], row = kept++;
+        const uint32_t body = contacts.body[i], other = contacts.other[i];
+        Support at{contacts.closest[i], contacts.normal[i], contacts.distance[i], contacts.triangle[i]};
+        const bool both_rigid = !is_deformable(surfaces.bodies, body) && !is_deformable(surfaces.bodies, other);
+        if (both_rigid && surfaces.bodies.thickness[other] == 0) at = find_support(surfaces, contacts, i);
+        if (at.none) continue;
+        const uint32_t row = kept++;
         const uint32_t overlap = scratch.overlap[contacts.pair[i]];
-        Vec3d normal = contacts.normal[i];
-        double distance = contacts.distance[i];
+        Vec3d normal = at.normal;
+        double distance = at.distance;
         if (params.direction == ResponseDirection::kThesis && distance < 0 && overlap != kNone) {
             const Vec3d& way = penetrations.direction[overlap];
             const Vec3d out = body == pairs.a[contacts.pair[i]] ? Vec3d(-way) : way;
@@ -94,8 +162,8 @@ void make_contact_rows(const ContactParams& params, const Surfaces& surfaces, co
             distance = contacts.distance[i];  // the way out is at least this long in any direction
         }
         const bool moves = is_deformable(surfaces.bodies, other);
-        const Triangle& corner = mesh_view(surfaces.meshes, surfaces.bodies.mesh[other]).triangle[contacts.triangle[i]];
-        const Vec3d p = world_to_frame(surfaces, other, contacts.closest[i]);
+        const Triangle& corner = mesh_view(surfaces.meshes, surfaces.bodies.mesh[other]).triangle[at.triangle];
+        const Vec3d p = world_to_frame(surfaces, other, at.closest);
         rows.contact[row] = i;
         rows.body[row] = body;
         rows.other[row] = other;

@@ -3,6 +3,8 @@
 #include <array>
 
 #include "engine/bending_forces.hpp"
+#include "engine/free_rotation.hpp"
+#include "engine/mass_properties.hpp"
 #include "engine/parallel.hpp"
 #include "engine/pressure_force.hpp"
 #include "engine/shape_fit.hpp"
@@ -57,6 +59,21 @@ void add_other_energies(const Springs& springs, const Bodies& bodies, const Part
     energy.pressure += find_pressure_energy(springs, bodies, body, volume);
 }
 
+// A free body at the time of its velocities.
+struct FreeState {
+    Vec3d velocity, place, turning;  // m/s and m of the centre of mass; angular momentum about it, kg m^2/s
+};
+FreeState free_state(const RigidMass& free, const Poses& poses, const Particles& particles) {
+    const uint64_t body = free.body;
+    const Quat principal = multiply(poses.orientation[body], free.axes);
+    const Vec3d arm = rotate(poses.orientation[body], free.centre);
+    FreeState state;
+    state.velocity = poses.velocity[body] + poses.angular_velocity[body].cross(arm);
+    state.place = poses.origin[body] + arm - 0.5 * particles.last_dt[body] * state.velocity;
+    state.turning = momentum_of(free.moments, principal, poses.angular_velocity[body]);
+    return state;
+}
+
 }  // namespace
 
 void measure_energy(const Springs& springs, const Bodies& bodies, const Poses& poses, const Particles& particles,
@@ -83,6 +100,12 @@ void measure_energy(const Springs& springs, const Bodies& bodies, const Poses& p
         energy.gravity -=
             gravity.dot(t[kSumMass] * poses.origin[body] + Vec3d(t[kSumMPlace], t[kSumMPlace + 1], t[kSumMPlace + 2]));
     }
+    for (const RigidMass& free : bodies.rigid_mass) {
+        const FreeState state = free_state(free, poses, particles);
+        energy.kinetic += 0.5 * free.mass * state.velocity.squaredNorm() +
+                          0.5 * state.turning.dot(poses.angular_velocity[free.body]);
+        energy.gravity -= free.mass * gravity.dot(state.place);
+    }
     energy.balance = energy.kinetic + energy.elastic + energy.pressure + energy.bending + energy.gravity -
                      energy.work_hand - energy.work_contact - energy.work_damping - energy.work_push - start;
 }
@@ -91,6 +114,11 @@ Momentum measure_momentum(const Bodies& bodies, const Poses& poses, const Partic
     const Range rows = bodies.particles[body];
     const double back = 0.5 * particles.last_dt[body];
     Momentum sum;
+    if (const RigidMass* free = find_rigid_mass(bodies, body)) {
+        const FreeState state = free_state(*free, poses, particles);
+        sum.linear = free->mass * state.velocity;
+        sum.angular = state.place.cross(sum.linear) + state.turning;
+    }
     for (uint32_t p = rows.first; p < rows.end(); ++p) {
         const Float4& o = particles.offset[p];
         if (!(o.w > 0)) continue;

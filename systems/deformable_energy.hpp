@@ -16,8 +16,8 @@ struct EnergyScratch {
     std::vector<float> gradient;  // 3 fields, as offset
 };
 
-// Sets energy.kinetic, elastic, pressure, bending and gravity (J) from the state of all deformable bodies, and balance from `start`
-// (their sum when the books were opened). Sums in double, fixed
+// Sets energy.kinetic, elastic, pressure, bending and gravity (J) from the state of all deformable and free bodies, and
+// balance from `start` (their sum when the books were opened). Sums in double, fixed
 // order; large bodies in parallel. Everything is taken at the time of the
 // velocities, half a substep before that of the offsets: there the leapfrog's kinetic energy needs no knowledge of the
 // contact impulses to come.
@@ -25,7 +25,7 @@ void measure_energy(const Springs& springs, const Bodies& bodies, const Poses& p
                     const Anchors& anchors, const Vec3d& gravity, double start, EnergyScratch& scratch, Energy& energy,
                     const OtherForces& other = {});
 
-// Linear momentum (kg m/s) and angular momentum about the world origin (kg m^2/s) of one deformable body.
+// Linear momentum (kg m/s) and angular momentum about the world origin (kg m^2/s) of one deformable or free body.
 struct Momentum {
     Vec3d linear = Vec3d::Zero();
     Vec3d angular = Vec3d::Zero();

@@ -1,6 +1,7 @@
 #include "systems/frame.hpp"
 
 #include <algorithm>
+#include <cmath>
 #include <string>
 
 #include "engine/check.hpp"
@@ -17,7 +18,9 @@
 #include "systems/deformable_energy.hpp"
 #include "systems/device_input.hpp"
 #include "systems/edge_pass.hpp"
+#include "systems/edge_rows.hpp"
 #include "systems/face_depth.hpp"
+#include "systems/fast_bodies.hpp"
 #include "systems/haptic_tick.hpp"
 #include "systems/islands.hpp"
 #include "systems/local_contact_model.hpp"
@@ -44,10 +47,13 @@ struct FrameScratch {
     PairMemory ways_before;
     RegionsScratch regions;
     ContactRowsScratch rows;
+    EdgeRowsScratch edge_rows;
     IslandsScratch islands;
     SurfaceNormalsScratch normals;
     EnergyScratch energy;
-    Poses coming;                               // poses with the coming speed of hands
+    Poses coming;                               // poses with the coming speed of hands and free bodies
+    std::vector<FastBody> fast;                 // of this pass
+    std::vector<double> stop;                   // s into the pass, per body where a fast one first touches; or empty
     std::vector<AdvanceScratch> advance;        // per thread
     std::vector<AdvanceResult> advance_result;  // per island
     std::vector<uint64_t> response_ns;          // per island
@@ -111,6 +117,31 @@ void device_input(FrameState& f) {
     }
 }
 void rigid_motion(FrameState& f) { follow_paths(f.world.paths, pass_seconds(f.world), f.world.poses); }
+// Hands on the way to where their devices will be, and free bodies, that go farther in this pass than rows look ahead.
+void find_fast_bodies(FrameState& f) {
+    const World& w = f.world;
+    const double period = period_seconds(w);
+    f.scratch.fast.clear();
+    const auto add = [&](uint32_t body, const RigidSweep& sweep) {
+        const double arm = w.meshes.info[w.bodies.mesh[body]].radius + sweep.pivot.norm();
+        const double way = (sweep.velocity.norm() + sweep.spin.norm() * arm) * period;
+        if (way > w.boxes.margin[body] && std::isfinite(way)) f.scratch.fast.push_back({body, sweep});
+    };
+    for (size_t t = 0; t < w.haptics.tool.size(); ++t) {
+        const HandTool& tool = w.haptics.tool[t];
+        const DeviceState& end = f.scratch.device[t * (w.clock.period + 1) + w.clock.period];
+        const Vec3d from = w.poses.origin[tool.body], to = end.position - rotate(end.orientation, tool.tip);
+        const Quat& turn = w.poses.orientation[tool.body];
+        add(tool.body, {Vec3d::Zero(), from, (to - from) / period, turn, rotation_vector(turn, end.orientation) / period});
+    }
+    for (const RigidMass& free : w.bodies.rigid_mass) {
+        const uint32_t body = static_cast<uint32_t>(free.body);
+        const Vec3d& spin = w.poses.angular_velocity[body];
+        const Vec3d arm = rotate(w.poses.orientation[body], free.centre);
+        const Vec3d velocity = w.poses.velocity[body] + spin.cross(arm) + 0.5 * period * w.settings.gravity;
+        add(body, {free.centre, w.poses.origin[body] + arm, velocity, w.poses.orientation[body], spin});
+    }
+}
 void body_boxes(FrameState& f) {
     World& w = f.world;
     // a hand may come as fast as its device moves now
@@ -119,10 +150,21 @@ void body_boxes(FrameState& f) {
         Vec3d& velocity = f.scratch.coming.velocity[w.haptics.tool[t].body];
         velocity = Vec3d(velocity.norm() + f.scratch.device[t * (w.clock.period + 1)].velocity.norm(), 0, 0);
     }
+    // and a free body as fast as it may fall until the end of the pass
+    for (const RigidMass& free : w.bodies.rigid_mass) {
+        Vec3d& velocity = f.scratch.coming.velocity[free.body];
+        velocity = Vec3d(velocity.norm() + period_seconds(w) * w.settings.gravity.norm(), 0, 0);
+    }
     compute_body_boxes(period_seconds(w), {w.meshes, w.bodies, f.scratch.coming, w.particles}, w.boxes);
+    find_fast_bodies(f);
+    cover_fast_ways(f.scratch.fast, period_seconds(w), surfaces_of(w), w.boxes);
 }
 void candidate_pairs(FrameState& f) { find_candidate_pairs(f.world.bodies, f.world.boxes, {}, f.scratch.pairs, f.world.pairs); }
-void refit(FrameState& f) { refit_trees(f.world.bodies, f.world.particles, f.world.pairs, f.scratch.refit, f.world.trees); }
+void refit(FrameState& f) {
+    World& w = f.world;
+    refit_trees(w.bodies, w.particles, w.pairs, f.scratch.refit, w.trees);
+    find_stops(w.settings.contact.tolerance, f.scratch.fast, period_seconds(w), surfaces_of(w), w.pairs, w.trees, f.scratch.stop);
+}
 void rasterise_(FrameState& f) {
     World& w = f.world;
     rasterise(w.settings.contact, surfaces_of(w), w.boxes, w.pairs, f.scratch.rasterise, w.report, w.screened, w.occupancy);
@@ -163,6 +205,7 @@ void regions(FrameState& f) {
 void contact_rows(FrameState& f) {
     World& w = f.world;
     make_contact_rows(w.settings.contact, surfaces_of(w), w.pairs, w.contacts, w.penetrations, f.scratch.rows, w.report, w.rows);
+    add_edge_rows(surfaces_of(w), w.boxes, w.pairs, w.candidates, f.scratch.edge_rows, w.rows);
 }
 void islands(FrameState& f) { find_islands(f.world.bodies, f.world.rows, f.scratch.islands, f.world.islands); }
 void local_contact(FrameState& f) {
@@ -224,7 +267,7 @@ void advance_one_island(FrameState& f, uint32_t island, AdvanceScratch& scratch)
     const uint32_t calls = with_tool ? params.ticks : 1;  // the tick needs whole numbers of substeps in its millisecond
     params.substeps = calls * count_substeps(w.bodies, bodies, params.ticks * 1e-3 / calls, w.settings.substep);
     if (with_tool && !f.options.external_ticks) params.tick_hook = {haptic_ticks, &ticks};
-    const AdvanceInputs inputs{w.meshes, w.springs, w.bodies, w.anchors, w.paths, w.haptics.tool, f.scratch.device, params.ticks + 1, {&w.solids}};
+    const AdvanceInputs inputs{w.meshes, w.springs, w.bodies, w.anchors, w.paths, w.haptics.tool, f.scratch.device, params.ticks + 1, {&w.solids}, f.scratch.stop};
     advance_island(params, inputs, bodies, rows, scratch, w.particles, w.poses, w.rows, w.haptics.state, f.scratch.advance_result[island]);
 }
 
@@ -275,17 +318,17 @@ bool any_path(const World& w) {
 }
 bool any_tool(const World& w) { return !w.haptics.tool.empty(); }
 bool any_pair(const World& w) {
-    const auto can_be_pushed = [](Motion m) { return m == Motion::kDeformable || m == Motion::kHand; };
-    return w.bodies.motion.size() > 1 && std::any_of(w.bodies.motion.begin(), w.bodies.motion.end(), can_be_pushed);
+    return w.bodies.motion.size() > 1 && std::any_of(w.bodies.motion.begin(), w.bodies.motion.end(), joins_islands);
 }
 bool wants_regions(const World& w) { return w.settings.contact.regions && any_pair(w); }
 bool wants_contours(const World& w) { return (w.settings.contact.contours && any_pair(w)) || wants_regions(w); }
 bool wants_faces(const World& w) { return w.settings.contact.faces && any_pair(w); }
 bool wants_ways_out(const World& w) { return w.settings.contact.deep != DeepResponse::kNone && any_pair(w); }
 bool any_mover(const World& w) {
-    return any_tool(w) || std::find(w.bodies.motion.begin(), w.bodies.motion.end(), Motion::kDeformable) != w.bodies.motion.end();
+    return any_tool(w) || std::any_of(w.bodies.motion.begin(), w.bodies.motion.end(), joins_islands);
 }
 bool any_deformable(const World& w) { return !w.particles.offset.empty(); }
+bool any_energy(const World& w) { return any_deformable(w) || !w.bodies.rigid_mass.empty(); }
 bool any_body(const World& w) { return !w.bodies.mesh.empty(); }
 
 using R = Resource;
@@ -295,9 +338,9 @@ constexpr FrameStage kBegin[] = {
     // name              run              reads                                                              writes
     {{"device input",    device_input,    mask(R::kClock, R::kPaths, R::kTools),                             mask(R::kToolState)}, any_tool},
     {{"rigid motion",    rigid_motion,    mask(R::kClock, R::kPaths),                                        mask(R::kPoses)}, any_path},
-    {{"body boxes",      body_boxes,      kShapes | mask(R::kClock, R::kTools, R::kToolState),               mask(R::kBoxes)}, any_pair},
+    {{"body boxes",      body_boxes,      kShapes | mask(R::kSettings, R::kClock, R::kTools, R::kToolState),               mask(R::kBoxes)}, any_pair},
     {{"candidate pairs", candidate_pairs, mask(R::kBodies, R::kBoxes),                                       mask(R::kPairs)}, any_pair},
-    {{"refit trees",     refit,           kShapes | mask(R::kPairs),                                         mask(R::kTrees)}, any_pair},
+    {{"refit trees",     refit,           kShapes | mask(R::kSettings, R::kClock, R::kBoxes, R::kPairs),            mask(R::kTrees)}, any_pair},
     {{"rasterise",       rasterise_,      kShapes | mask(R::kSettings, R::kBoxes, R::kPairs),                mask(R::kScreened, R::kOccupancy, R::kReport)}, any_pair},
     {{"candidate cells", candidate_cells, mask(R::kPairs, R::kScreened, R::kOccupancy),                      mask(R::kCandidates)}, any_pair},
     {{"contours",        contours,        kShapes | mask(R::kPairs, R::kCandidates),                         mask(R::kContours)}, wants_contours},
@@ -307,7 +350,7 @@ constexpr FrameStage kBegin[] = {
     {{"face depths",     face_depths,     kShapes | mask(R::kSettings, R::kPairs, R::kScreened, R::kNear, R::kTrees), mask(R::kPenetrations)}, wants_faces},
     {{"deep overlap",    deep_overlap,    kShapes | mask(R::kPairs, R::kContacts, R::kTrees),                 mask(R::kPairMemory, R::kPenetrations)}, wants_ways_out},
     {{"regions",         regions,         kShapes | mask(R::kPairs, R::kScreened, R::kNear, R::kContacts, R::kContours), mask(R::kRegions)}, wants_regions},
-    {{"contact rows",    contact_rows,    kShapes | mask(R::kSettings, R::kPairs, R::kContacts, R::kPenetrations), mask(R::kRows, R::kReport)}, any_pair},
+    {{"contact rows",    contact_rows,    kShapes | mask(R::kSettings, R::kBoxes, R::kPairs, R::kCandidates, R::kContacts, R::kPenetrations), mask(R::kRows, R::kReport)}, any_pair},
     {{"islands",         islands,         mask(R::kBodies, R::kRows),                                        mask(R::kIslands)}, any_mover},
     {{"local contact",   local_contact,   kShapes | mask(R::kClock, R::kTools, R::kToolState, R::kBoxes),     mask(R::kLocalContact)}, any_tool},
 };
@@ -319,7 +362,7 @@ constexpr FrameStage kAdvance[] = {
 
 constexpr FrameStage kEnd[] = {
     {{"surface normals", surface_normals, kShapes,                                                           mask(R::kNormals)}, any_deformable},
-    {{"energy",          energy,          mask(R::kSettings, R::kSprings, R::kSolids, R::kBodies, R::kPoses, R::kParticles, R::kAnchors), mask(R::kEnergy)}, any_deformable},
+    {{"energy",          energy,          mask(R::kSettings, R::kSprings, R::kSolids, R::kBodies, R::kPoses, R::kParticles, R::kAnchors), mask(R::kEnergy)}, any_energy},
     {{"picture",         picture,         kShapes | mask(R::kClock, R::kNormals, R::kContacts, R::kPenetrations, R::kTools, R::kToolState), mask(R::kPicture)}, any_body},
 };
 
@@ -403,7 +446,7 @@ Frame::Frame(World world, const FrameOptions& options) : state_(new FrameState),
     const std::span<const Stage> all(g.stages);
     g.pass = std::make_unique<JobGraph>(all.first(g.end_first), *state_, StageObserver{Graphs::begin_stage, Graphs::end_stage, &g.pass_list});
     g.end = std::make_unique<JobGraph>(all.subspan(g.end_first), *state_, StageObserver{Graphs::begin_stage, Graphs::end_stage, &g.end_list});
-    if (any_deformable(w) && options.account_energy) energy(*state_);  // opens the books
+    if (any_energy(w) && options.account_energy) energy(*state_);  // opens the books
     warm_up();
 }
 

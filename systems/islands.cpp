@@ -1,8 +1,8 @@
 #include "systems/islands.hpp"
+
+#include "engine/surfaces.hpp"
 namespace trocar {
 namespace {
-
-bool joins(Motion motion) { return motion == Motion::kDeformable || motion == Motion::kHand; }
 
 uint32_t find_root(std::vector<uint32_t>& parent, uint32_t body) {
     while (parent[body] != body) body = parent[body] = parent[parent[body]];
@@ -16,7 +16,7 @@ void find_islands(const Bodies& bodies, const ContactRows& rows, IslandsScratch&
     scratch.parent.resize(count);
     for (uint32_t body = 0; body < count; ++body) scratch.parent[body] = body;
     for (uint32_t row = 0; row < rows.body.size(); ++row) {
-        if (!joins(bodies.motion[rows.body[row]]) || !joins(bodies.motion[rows.other[row]])) continue;
+        if (!joins_islands(bodies.motion[rows.body[row]]) || !joins_islands(bodies.motion[rows.other[row]])) continue;
         const uint32_t a = find_root(scratch.parent, rows.body[row]), b = find_root(scratch.parent, rows.other[row]);
         if (a < b) {
             scratch.parent[b] = a;
@@ -30,7 +30,7 @@ void find_islands(const Bodies& bodies, const ContactRows& rows, IslandsScratch&
     islands.rows.clear();
     scratch.island.assign(count, kNone);
     for (uint32_t body = 0; body < count; ++body) {
-        if (!joins(bodies.motion[body])) continue;
+        if (!joins_islands(bodies.motion[body])) continue;
         const uint32_t root = find_root(scratch.parent, body);
         if (root == body) {
             scratch.island[body] = uint32_t(islands.bodies.size());

@@ -105,7 +105,7 @@ struct AdvanceScene {
     std::vector<uint32_t> moving() const {
         std::vector<uint32_t> list;
         for (uint32_t b = 0; b < bodies.motion.size(); ++b) {
-            if (bodies.motion[b] == Motion::kDeformable || bodies.motion[b] == Motion::kHand) list.push_back(b);
+            if (joins_islands(bodies.motion[b])) list.push_back(b);
         }
         return list;
     }

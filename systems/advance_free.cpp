@@ -1,0 +1,306 @@
+#include <algorithm>
+#include <cmath>
+
+#include "engine/check.hpp"
+#include "engine/free_rotation.hpp"
+#include "engine/mass_properties.hpp"
+#include "systems/advance_parts.hpp"
+namespace trocar {
+namespace {
+
+Quat principal_frame(const AdvanceFree& f, const Quat& orientation) { return multiply(orientation, f.mass.axes); }
+
+Vec4d spin_momentum(const AdvanceFree& f, const Quat& orientation, Vec4d spin) {
+    return to_vec4(momentum_of(f.mass.moments, principal_frame(f, orientation), to_vec3(spin)));
+}
+
+void set_inertia(AdvanceFree& f, const Quat& orientation) {
+    const Quat principal = principal_frame(f, orientation);
+    for (int i = 0; i < 3; ++i) f.inv_inertia[i] = to_vec4(spin_of(f.mass.moments, principal, Vec3d::Unit(i)));
+}
+
+// Puts the end of the substep where the centre of mass is at `centre` under an orientation.
+void place_end(AdvanceRigid& rigid, const AdvanceFree& f, Vec4d centre, const Quat& orientation) {
+    RigidMap& place = rigid.place[1];
+    rigid.orientation[1] = orientation;
+    for (int i = 0; i < 3; ++i) place.column[i] = to_vec4(rotate(orientation, Vec3d::Unit(i)));
+    place.shift = centre - place.turn(f.centre);
+}
+
+Vec4d relative_velocity(const AdvanceScratch& s, const ContactActive& row, const ContactTurning& turning) {
+    Vec4d v = row.rigid_velocity;
+    for (uint32_t k = 0; k < row.nodes; ++k) v += row.weight[k] * s.node[row.node[k]].velocity;
+    if (turning.free[0] != kNone) v += cross(s.free[turning.free[0]].spin, turning.arm[0]);
+    if (turning.free[1] != kNone) v -= cross(s.free[turning.free[1]].spin, turning.arm[1]);
+    return v;
+}
+
+void give_impulse(AdvanceScratch& s, const ContactActive& row, const ContactTurning& turning, Vec4d impulse) {
+    for (uint32_t k = 0; k < row.nodes; ++k) {
+        ContactNode& node = s.node[row.node[k]];
+        node.velocity += (row.weight[k] * node.inv_mass) * impulse;
+    }
+    for (int side = 0; side < 2; ++side) {
+        if (turning.free[side] == kNone) continue;
+        AdvanceFree& f = s.free[turning.free[side]];
+        f.spin += f.respond(cross(turning.arm[side], side == 0 ? impulse : -impulse));
+    }
+}
+
+// Velocity of the point relative to the plane along `along` that a unit impulse along `way` adds through the turning.
+double turning_response(const AdvanceScratch& s, const ContactTurning& turning, Vec4d way, Vec4d along) {
+    double sum = 0;
+    for (int side = 0; side < 2; ++side) {
+        if (turning.free[side] == kNone) continue;
+        const AdvanceFree& f = s.free[turning.free[side]];
+        sum += dot(along, cross(f.respond(cross(turning.arm[side], way)), turning.arm[side]));
+    }
+    return sum;
+}
+
+Vec4d any_tangent(Vec4d normal) {
+    const Vec4d axis = std::abs(normal[0]) < 0.6 ? make_vec4(1, 0, 0) : make_vec4(0, 1, 0);
+    const Vec4d t = cross(normal, axis);
+    return t / std::sqrt(norm2(t));
+}
+
+// The least mass that an impulse across the normal can meet. One number for all directions: with a matrix, friction on a
+// sliding row would settle along it times the velocity, not against the velocity.
+double friction_mass(const AdvanceScratch& s, double nodes_response, Vec4d normal, const ContactTurning& turning) {
+    const Vec4d u = any_tangent(normal), v = cross(normal, u);
+    const double uu = turning_response(s, turning, u, u), vv = turning_response(s, turning, v, v),
+                 uv = turning_response(s, turning, u, v);
+    const double half = 0.5 * (uu - vv);
+    const double largest = nodes_response + 0.5 * (uu + vv) + std::sqrt(half * half + uv * uv);
+    return largest > 0 ? 1 / largest : 0;
+}
+
+}  // namespace
+
+void add_free_body(AdvanceIsland& island, uint32_t rigid_row) {
+    AdvanceScratch& s = island.scratch;
+    AdvanceRigid& rigid = s.rigid[rigid_row];
+    const RigidMass* mass = find_rigid_mass(island.inputs.bodies, rigid.body);
+    TROCAR_ASSERT(mass != nullptr);
+    rigid.free = static_cast<uint32_t>(s.free.size());
+    rigid.node = static_cast<uint32_t>(s.node.size());
+    AdvanceFree& f = s.free.emplace_back();
+    f.mass = *mass;
+    f.rigid = rigid_row;
+    f.damping = island.inputs.bodies.tissue[rigid.body].damping;
+    f.last_dt = island.particles.last_dt[rigid.body];
+    f.centre = to_vec4(mass->centre);
+    f.spin = to_vec4(island.poses.angular_velocity[rigid.body]);
+    const Vec4d arm = to_vec4(rotate(island.poses.orientation[rigid.body], mass->centre));
+    ContactNode& node = s.node.emplace_back();
+    node.owner = rigid_row;
+    node.inv_mass = 1 / mass->mass;
+    node.place = to_vec4(island.poses.origin[rigid.body]) + arm;
+    node.velocity = to_vec4(island.poses.velocity[rigid.body]) + cross(f.spin, arm);
+    s.change.emplace_back();
+}
+
+void kick_free_bodies(AdvanceIsland& island) {
+    AdvanceScratch& s = island.scratch;
+    for (AdvanceFree& f : s.free) {
+        AdvanceRigid& rigid = s.rigid[f.rigid];
+        ContactNode& node = s.node[rigid.node];
+        // the very first kick is half a one: velocities fall half a step behind
+        const bool held = moving_time(island, rigid.body) == 0;  // neither falls nor slows down while it does not move
+        const double kick = held ? 0 : 0.5 * (f.last_dt + island.dt), keep = std::exp(-f.damping * kick);
+        f.keep = keep;
+        f.last_dt = island.dt;
+        s.change[rigid.node].before = node.velocity;
+        const Vec4d fall = kick * to_vec4(island.params.gravity), lost = (keep - 1) * node.velocity;
+        if (f.damping > 0 && island.params.account_energy) {
+            const Vec4d spin = keep * f.spin;
+            island.result.work_damping +=
+                dot(lost, node.velocity + 0.5 * (lost + fall)) * f.mass.mass +
+                0.5 * dot(spin_momentum(f, rigid.orientation[0], spin - f.spin), spin + f.spin);
+        }
+        node.velocity += lost + fall;
+        f.spin *= keep;
+        f.spin_before = f.spin;
+        f.shift = f.turn = Vec4d{};
+        set_inertia(f, rigid.orientation[0]);
+        const RigidMap& place = rigid.place[0];
+        for (int i = 0; i < 3; ++i) rigid.velocity.column[i] = cross(f.spin, place.column[i]);
+        rigid.velocity.shift = cross(f.spin, place.shift - node.place);
+    }
+}
+
+void move_free_bodies(AdvanceIsland& island) {
+    AdvanceScratch& s = island.scratch;
+    for (AdvanceFree& f : s.free) {
+        AdvanceRigid& rigid = s.rigid[f.rigid];
+        ContactNode& node = s.node[rigid.node];
+        const double seconds = moving_time(island, rigid.body);
+        node.place += seconds * node.velocity;
+        node.after = node.place;
+        const Quat principal = principal_frame(f, rigid.orientation[0]);
+        const Vec3d momentum = momentum_of(f.mass.moments, principal, to_vec3(f.spin));
+        const Quat turned = turn_freely(f.mass.moments, momentum, seconds, principal);
+        f.spin = to_vec4(spin_of(f.mass.moments, turned, momentum));
+        place_end(rigid, f, node.place, normalized(multiply(turned, conjugate(f.mass.axes))));
+    }
+}
+
+void finish_free_bodies(AdvanceIsland& island) {
+    const AdvanceScratch& s = island.scratch;
+    Poses& poses = island.poses;
+    for (const AdvanceFree& f : s.free) {
+        const AdvanceRigid& rigid = s.rigid[f.rigid];
+        const ContactNode& node = s.node[rigid.node];
+        const Quat& q = rigid.orientation[1];
+        const Vec4d arm = rigid.place[1].turn(f.centre);
+        if (!std::isfinite(norm2(node.place) + norm2(node.velocity) + norm2(f.spin) + norm2(arm))) {
+            ++island.result.nonfinite_particles;
+            poses.velocity[rigid.body] = poses.angular_velocity[rigid.body] = Vec3d::Zero();
+            island.particles.last_dt[rigid.body] = 0;
+            continue;
+        }
+        poses.origin[rigid.body] = to_vec3(node.place - arm);
+        poses.orientation[rigid.body] = q;
+        poses.velocity[rigid.body] = to_vec3(node.velocity - cross(f.spin, arm));
+        poses.angular_velocity[rigid.body] = to_vec3(f.spin);
+        island.particles.last_dt[rigid.body] = f.last_dt;
+    }
+}
+
+double contact_work_on_free(const AdvanceIsland& island) {
+    const AdvanceScratch& s = island.scratch;
+    double work = 0;
+    for (const AdvanceFree& f : s.free) {
+        const uint32_t n = s.rigid[f.rigid].node;
+        const ContactNodeChange& change = s.change[n];
+        const Vec4d kick = s.node[n].velocity - change.kicked;
+        // as for particles: a kick does work at the mean of the velocities before and after all of its parts
+        work += 0.5 * f.mass.mass * dot(kick, f.keep * change.before + s.node[n].velocity);
+        const Vec4d spin_kick = spin_momentum(f, s.rigid[f.rigid].orientation[0], f.spin - f.spin_before);
+        work += 0.5 * dot(spin_kick, f.spin + f.spin_before);
+    }
+    return work;
+}
+
+void add_turning_sides(AdvanceIsland& island, const ContactPlan& plan, Vec4d at, ContactActive& active) {
+    AdvanceScratch& s = island.scratch;
+    active.turning = static_cast<uint32_t>(s.turning.size());
+    ContactTurning& turning = s.turning.emplace_back();
+    const uint32_t side_rigid[2] = {plan.rigid_a, plan.rigid_b};
+    for (int side = 0; side < 2; ++side) {
+        if (side_rigid[side] == kNone || s.rigid[side_rigid[side]].free == kNone) continue;
+        const AdvanceRigid& rigid = s.rigid[side_rigid[side]];
+        turning.free[side] = rigid.free;
+        turning.arm[side] = at - s.node[rigid.node].place;
+    }
+    const double nodes_response = active.inv_sum > 0 ? 1 / active.inv_sum : 0;
+    const double response = nodes_response + turning_response(s, turning, active.normal, active.normal);
+    active.inv_sum = response > 0 ? 1 / response : 0;
+    turning.friction_mass = friction_mass(s, nodes_response, active.normal, turning);
+}
+
+void start_warm(AdvanceScratch& s, ContactActive& row) {
+    const WarmImpulse& warm = s.warm[row.plan];
+    row.normal_impulse = warm.normal;
+    row.friction_impulse = warm.friction - dot(warm.friction, row.normal) * row.normal;
+    give_impulse(s, row, s.turning[row.turning], row.normal_impulse * row.normal + row.friction_impulse);
+}
+
+double solve_turning_row(AdvanceScratch& s, ContactActive& row) {
+    const ContactTurning& turning = s.turning[row.turning];
+    Vec4d velocity = relative_velocity(s, row, turning);
+    const double wanted = (dot(row.normal, velocity) - row.least_velocity) * row.inv_sum;
+    const double normal_impulse = std::max(0.0, row.normal_impulse - wanted);
+    const double normal_change = normal_impulse - row.normal_impulse;
+    row.normal_impulse = normal_impulse;
+    double change = std::abs(normal_change);
+    if (normal_change != 0) give_impulse(s, row, turning, normal_change * row.normal);
+    if (row.friction > 0) {
+        velocity = relative_velocity(s, row, turning);
+        const Vec4d sliding = velocity - dot(row.normal, velocity) * row.normal;
+        Vec4d friction = row.friction_impulse - turning.friction_mass * sliding;
+        const double most = row.friction * normal_impulse, size2 = norm2(friction);
+        if (size2 > most * most) friction *= most / std::sqrt(size2);
+        const Vec4d friction_change = friction - row.friction_impulse;
+        row.friction_impulse = friction;
+        give_impulse(s, row, turning, friction_change);
+        change = std::max(change, std::sqrt(norm2(friction_change)));
+    }
+    return row.inv_sum > 0 ? change / row.inv_sum : 0;
+}
+
+void note_impulses(AdvanceScratch& s) {
+    for (const ContactActive& row : s.active) {
+        if (row.turning == kNone) continue;
+        s.turning[row.turning].normal_before = row.normal_impulse;
+        s.turning[row.turning].friction_before = row.friction_impulse;
+    }
+}
+
+double go_on(AdvanceScratch& s, double before) {
+    double now = 0;
+    for (const ContactActive& row : s.active) {
+        if (row.turning == kNone) continue;
+        const ContactTurning& t = s.turning[row.turning];
+        const double normal = row.normal_impulse - t.normal_before;
+        now += normal * normal + norm2(row.friction_impulse - t.friction_before);
+    }
+    const bool grows = !(now <= before);  // also the first time
+    const double share = grows ? 0 : now / before;
+    for (ContactActive& row : s.active) {
+        if (row.turning == kNone) continue;
+        ContactTurning& t = s.turning[row.turning];
+        const Vec4d friction = row.friction_impulse - t.friction_before;
+        const double normal = row.normal_impulse - t.normal_before, normal_on = share * t.normal_way;
+        const Vec4d friction_on = share * t.friction_way;
+        t.normal_way = normal + normal_on;
+        t.friction_way = friction + friction_on;
+        if (share == 0) continue;
+        row.normal_impulse += normal_on;
+        row.friction_impulse += friction_on;
+        give_impulse(s, row, t, normal_on * row.normal + friction_on);
+    }
+    return now;
+}
+
+void push_free_sides(AdvanceScratch& s, const ContactTurning& turning, Vec4d push) {
+    for (int side = 0; side < 2; ++side) {
+        if (turning.free[side] == kNone) continue;
+        AdvanceFree& f = s.free[turning.free[side]];
+        AdvanceRigid& rigid = s.rigid[f.rigid];
+        ContactNode& node = s.node[rigid.node];
+        const Vec4d way = side == 0 ? push : -push;
+        const Vec4d shift = node.inv_mass * way, turn = f.respond(cross(turning.arm[side], way));
+        f.shift += shift;
+        f.turn += turn;
+        node.after += shift;
+        RigidMap& place = rigid.place[1];
+        for (Vec4d& column : place.column) column += cross(turn, column);
+        place.shift = node.after - place.turn(f.centre);
+    }
+}
+
+void finish_free_pushes(AdvanceIsland& island, double most) {
+    AdvanceScratch& s = island.scratch;
+    for (AdvanceFree& f : s.free) {
+        AdvanceRigid& rigid = s.rigid[f.rigid];
+        ContactNode& node = s.node[rigid.node];
+        const double radius = island.inputs.meshes.info[island.inputs.bodies.mesh[rigid.body]].radius;
+        const double way = std::sqrt(norm2(f.shift)) + radius * std::sqrt(norm2(f.turn));
+        if (way == 0) continue;
+        const double share = way > most ? most / way : 1;
+        const Vec4d shift = share * f.shift;
+        node.place += shift;
+        node.after = node.place;
+        // the angular momentum stays: the spin follows the turned inertia
+        const Vec4d momentum = spin_momentum(f, rigid.orientation[1], f.spin);
+        const Quat turned = multiply(from_rotation_vector(to_vec3(share * f.turn)), rigid.orientation[1]);
+        place_end(rigid, f, node.place, normalized(turned));
+        const Vec3d spin = spin_of(f.mass.moments, principal_frame(f, rigid.orientation[1]), to_vec3(momentum));
+        island.result.work_push += 0.5 * dot(momentum, to_vec4(spin) - f.spin) -
+                                   f.mass.mass * dot(to_vec4(island.params.gravity), shift);
+        f.spin = to_vec4(spin);
+    }
+}
+
+}  // namespace trocar

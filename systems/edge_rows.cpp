@@ -1,0 +1,140 @@
+#include "systems/edge_rows.hpp"
+
+#include <algorithm>
+#include <cmath>
+
+#include "engine/geometry/contact_kernels.hpp"
+namespace trocar {
+namespace {
+
+constexpr double kSharp = 0.94;       // cosine of the turn between the faces of an edge that counts
+constexpr double kParallel = 0.02;    // sine between edges that are left to their corners
+constexpr double kInCone = 0.02;      // sine by which a normal may miss a cone
+constexpr double kDeepest = 0.05;     // mean edges of overlap; beyond it the edges have passed each other
+
+// A sharp edge in world axes.
+struct SharpEdge {
+    Vec3d a, b;         // m, ends
+    Vec3d into[2];      // unit, from the edge's start into its two faces: to their far corners
+    uint32_t triangle;  // the first of its two
+};
+
+bool load_edge(const Surfaces& s, uint32_t body, uint32_t edge, SharpEdge& e) {
+    const MeshView mesh = mesh_view(s.meshes, s.bodies.mesh[body]);
+    const auto [v, w] = mesh.edge[edge];
+    const auto sides = mesh.edge_triangle[edge];
+    if (sides[1] == kNone) return false;
+    const Vec3d start = mesh.position[v], way = (mesh.position[w] - start).normalized();
+    Vec3d across[2], normal[2];
+    for (int k = 0; k < 2; ++k) {
+        const Triangle& t = mesh.triangle[sides[k]];
+        const uint32_t far_corner = t[0] != v && t[0] != w ? t[0] : t[1] != v && t[1] != w ? t[1] : t[2];
+        const Vec3d to = mesh.position[far_corner] - start;
+        across[k] = (to - way.dot(to) * way).normalized();
+        normal[k] = (mesh.position[t[1]] - mesh.position[t[0]]).cross(mesh.position[t[2]] - mesh.position[t[0]]).normalized();
+    }
+    // a face bends away from the other's plane: outward
+    if (!(normal[0].dot(normal[1]) < kSharp && normal[0].dot(across[1]) < 0)) return false;
+    e.a = vertex_position(s, body, v);
+    e.b = vertex_position(s, body, w);
+    for (int k = 0; k < 2; ++k) e.into[k] = direction_to_world(s, body, across[k]);
+    e.triangle = sides[0];
+    return true;
+}
+
+// Sharp edges of the triangles that are near the other body.
+void collect_edges(const Surfaces& s, uint32_t body, std::span<const std::array<uint32_t, 2>> near,
+                   std::vector<uint32_t>& edges) {
+    const MeshView mesh = mesh_view(s.meshes, s.bodies.mesh[body]);
+    edges.clear();
+    SharpEdge e;
+    for (const auto& [triangle, nearest] : near) {
+        for (const uint32_t edge : mesh.triangle_edge[triangle]) {
+            if (mesh.edge_triangle[edge][0] == triangle || mesh.edge_triangle[edge][1] == triangle) edges.push_back(edge);
+        }
+    }
+    std::sort(edges.begin(), edges.end());
+    edges.erase(std::unique(edges.begin(), edges.end()), edges.end());
+    std::erase_if(edges, [&](uint32_t edge) { return !load_edge(s, body, edge, e); });
+}
+
+// Where two edges pass each other: shares along them, the way from b to a, and how far.
+struct Passing {
+    double along_a, along_b, distance;
+    Vec3d normal;
+};
+bool find_passing(const SharpEdge& a, const SharpEdge& b, double margin, double deepest, Passing& p) {
+    const Vec3d u = a.b - a.a, v = b.b - b.a, across = u.cross(v), apart = a.a - b.a;
+    const double size2 = across.squaredNorm();
+    if (!(size2 > kParallel * kParallel * u.squaredNorm() * v.squaredNorm())) return false;
+    p.normal = across / std::sqrt(size2);
+    const auto in_cones = [&](const Vec3d& n) {
+        return std::max(b.into[0].dot(n), b.into[1].dot(n)) < kInCone &&
+               std::min(a.into[0].dot(n), a.into[1].dot(n)) > -kInCone;
+    };
+    if (!in_cones(p.normal)) {
+        p.normal = -p.normal;
+        if (!in_cones(p.normal)) return false;
+    }
+    p.distance = p.normal.dot(apart);
+    if (!(p.distance < margin && p.distance > -deepest)) return false;
+    p.along_a = -apart.cross(v).dot(across) / size2;
+    p.along_b = -apart.cross(u).dot(across) / size2;
+    return p.along_a >= 0 && p.along_a <= 1 && p.along_b >= 0 && p.along_b <= 1;
+}
+
+void add_row(const Surfaces& s, uint32_t body, uint32_t other, uint32_t edge, uint32_t other_edge, const SharpEdge& b,
+             const Passing& p, ContactRows& rows) {
+    const MeshView mesh = mesh_view(s.meshes, s.bodies.mesh[body]);
+    const MeshView far = mesh_view(s.meshes, s.bodies.mesh[other]);
+    const Triangle& corner = far.triangle[b.triangle];
+    std::array<float, 3> weight{};
+    for (int k = 0; k < 3; ++k) {
+        if (corner[k] == far.edge[other_edge][1]) weight[k] = static_cast<float>(p.along_b);
+    }
+    for (int k = 0; k < 3; ++k) {
+        if (corner[k] == far.edge[other_edge][0]) weight[k] = 1.0f - static_cast<float>(p.along_b);
+    }
+    rows.contact.push_back(kNone);
+    rows.body.push_back(body);
+    rows.other.push_back(other);
+    rows.vertex.push_back(mesh.edge[edge]);
+    rows.along.push_back(static_cast<float>(p.along_a));
+    rows.triangle.push_back(corner);
+    rows.weight.push_back(weight);
+    rows.normal.push_back(rotate_back(s.poses.orientation[other], p.normal));
+    rows.distance.push_back(p.distance);
+    rows.friction.push_back(static_cast<float>(std::max(s.bodies.tissue[body].friction, s.bodies.tissue[other].friction)));
+    rows.impulse.push_back(Vec3d::Zero());
+}
+
+}  // namespace
+
+void add_edge_rows(const Surfaces& surfaces, const BodyBoxes& boxes, const CandidatePairs& pairs,
+                   const CandidateTriangles& candidates, EdgeRowsScratch& scratch, ContactRows& rows) {
+    const Bodies& bodies = surfaces.bodies;
+    if (bodies.rigid_mass.empty()) return;
+    for (uint32_t pair = 0; pair < pairs.a.size(); ++pair) {
+        const uint32_t body[2] = {pairs.a[pair], pairs.b[pair]};
+        if (bodies.motion[body[0]] != Motion::kFree && bodies.motion[body[1]] != Motion::kFree) continue;
+        if (is_deformable(bodies, body[0]) || is_deformable(bodies, body[1])) continue;
+        for (int side = 0; side < 2; ++side) {
+            const Range near = candidates.side[2 * pair + side];
+            collect_edges(surfaces, body[side], std::span(candidates.near).subspan(near.first, near.count), scratch.edge[side]);
+        }
+        const double margin = boxes.margin[body[0]] + boxes.margin[body[1]];
+        const auto mean_edge = [&](uint32_t b) { return surfaces.meshes.info[bodies.mesh[b]].mean_edge; };
+        const double deepest = kDeepest * std::min(mean_edge(body[0]), mean_edge(body[1]));
+        SharpEdge a, b;
+        Passing passing;
+        for (const uint32_t first : scratch.edge[0]) {
+            load_edge(surfaces, body[0], first, a);
+            for (const uint32_t second : scratch.edge[1]) {
+                load_edge(surfaces, body[1], second, b);
+                if (find_passing(a, b, margin, deepest, passing)) add_row(surfaces, body[0], body[1], first, second, b, passing, rows);
+            }
+        }
+    }
+}
+
+}  // namespace trocar

@@ -1,0 +1,28 @@
+#pragma once
+#include <memory>
+#include <span>
+#include <vector>
+
+#include "components/bodies.hpp"
+#include "components/contacts.hpp"
+#include "engine/first_touch.hpp"
+#include "engine/surfaces.hpp"
+namespace trocar {
+
+// A rigid body that goes farther in a pass than contact rows look ahead, and its way in world axes.
+struct FastBody {
+    uint32_t body = kNone;
+    RigidSweep sweep;
+};
+
+// Enlarges the boxes of fast bodies to cover their ways of `seconds`, so that they are paired with what lies there.
+void cover_fast_ways(std::span<const FastBody> fast, double seconds, const Surfaces& surfaces, BodyBoxes& boxes);
+
+// stop[body] = the time (s after the start of the pass) at which a fast body first comes nearer than `tolerance` (m) to
+// another one of its pairs that it does not touch yet, or infinity. Other bodies go on with the velocity they have at the
+// start, without turning; deformable ones stay. One row per body, none if no body is fast.
+void find_stops(double tolerance, std::span<const FastBody> fast, double seconds, const Surfaces& surfaces,
+                const CandidatePairs& pairs, std::span<const std::unique_ptr<ClosestPointTree>> trees,
+                std::vector<double>& stop);
+
+}  // namespace trocar
