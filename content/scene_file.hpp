@@ -33,6 +33,10 @@ struct BodySpec {
     double gap = 0.005;  // m
     AnchorFrame anchor_frame = AnchorFrame::kWorld;
     Tissue tissue;
+    std::string integrator = "leapfrog";     // leapfrog | midpoint | xpbd | auto
+    uint32_t iterations = 0;                 // midpoint: conjugate gradients at most, xpbd: sweeps; 0 = usual
+    double step = 0;                         // s, largest step of this body; 0 = usual
+    double wanted_error = 1e-4;              // m, what auto may give away
     double fixed_below = -1e300;             // m, vertices with rest z (body frame) below it are fixed
     double thickness = 1e-3;                 // m, sheets
     double mass = 0.05;                      // kg, hand-driven: what the coupling moves

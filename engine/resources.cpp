@@ -12,7 +12,7 @@ constexpr bool is_plain_row =
     std::is_same_v<T, Float4> || std::is_same_v<T, Quat> || std::is_same_v<T, Range> || std::is_same_v<T, Box> || std::is_same_v<T, PackedBox> ||
     std::is_same_v<T, Entity> || std::is_same_v<T, Triangle> || std::is_same_v<T, std::array<uint32_t, 2>> ||
     std::is_same_v<T, std::array<float, 3>> || std::is_same_v<T, std::array<Vec2, 3>> || std::is_same_v<T, Tissue> ||
-    std::is_same_v<T, Keyframe>;
+    std::is_same_v<T, Keyframe> || std::is_same_v<T, std::array<uint32_t, 2 * kSliceWidth>> || std::is_same_v<T, std::array<float, kSliceWidth>> || std::is_same_v<T, Stepping>;
 
 // Adds what a resource holds to a hash.
 struct Hasher {
@@ -86,7 +86,7 @@ void visit_resource(World& w, Resource resource, Visitor& v) {
     switch (resource) {
         case Resource::kSettings:
             v.value(w.settings.gravity[0]), v.value(w.settings.gravity[1]), v.value(w.settings.gravity[2]),
-                v.value(w.settings.substep), v.value(w.settings.contact.tolerance),
+                v.value(w.settings.substep), v.value(w.settings.sleep_speed), v.value(w.settings.sleep_after), v.value(w.settings.contact.tolerance),
                 v.value(w.settings.contact.push_speed), v.value(w.settings.contact.cell_edges);
             break;
         case Resource::kMeshes:
@@ -98,13 +98,15 @@ void visit_resource(World& w, Resource resource, Visitor& v) {
             break;
         case Resource::kSprings:
             v.array(w.springs.info), v.array(w.springs.slice_column), v.array(w.springs.neighbour),
-                v.array(w.springs.rest_length), v.array(w.springs.area_share), v.array(w.springs.vertices);
+                v.array(w.springs.rest_length), v.array(w.springs.area_share), v.array(w.springs.vertices),
+                v.array(w.springs.colours), v.array(w.springs.colour), v.array(w.springs.batch), v.array(w.springs.batch_rest);
             break;
         case Resource::kBodies:
             v.array(w.bodies.entity), v.array(w.bodies.name), v.array(w.bodies.mesh), v.array(w.bodies.motion),
                 v.array(w.bodies.particles), v.array(w.bodies.tree), v.array(w.bodies.anchor_frame),
                 v.array(w.bodies.tissue), v.array(w.bodies.spring_stiffness), v.array(w.bodies.inv_mass),
-                v.array(w.bodies.stable_dt), v.array(w.bodies.thickness);
+                v.array(w.bodies.stable_dt), v.array(w.bodies.thickness),
+                v.array(w.bodies.stepping);
             break;
         case Resource::kAnchors:
             v.array(w.anchors.stiffness), v.array(w.anchors.rest_x), v.array(w.anchors.rest_y),
@@ -188,13 +190,19 @@ void visit_resource(World& w, Resource resource, Visitor& v) {
         case Resource::kEnergy:
             v.value(w.energy.kinetic), v.value(w.energy.elastic), v.value(w.energy.gravity),
                 v.value(w.energy.work_hand), v.value(w.energy.work_contact), v.value(w.energy.work_damping),
-                v.value(w.energy.work_push), v.value(w.energy.balance);
+                v.value(w.energy.work_push), v.value(w.energy.work_numeric), v.value(w.energy.balance);
             break;
         case Resource::kReport:
             v.value(w.report.contact_passes), v.value(w.report.contact_events), v.value(w.report.dropped_contacts),
                 v.value(w.report.oversize_triangles), v.value(w.report.tie_overflows),
                 v.value(w.report.sign_disagreements), v.value(w.report.ended_rows), v.value(w.report.opposing_planes),
-                v.value(w.report.nonfinite_particles), v.value(w.report.deepest_residual);
+                v.value(w.report.nonfinite_particles), v.value(w.report.deepest_residual),
+                v.value(w.report.runaway_bodies), v.value(w.report.awake_bodies), v.value(w.report.asleep_bodies),
+                v.value(w.report.implicit_steps), v.value(w.report.implicit_iterations),
+                v.value(w.report.worst_implicit_residual);
+            break;
+        case Resource::kSleep:
+            v.array(w.sleep.still), v.array(w.sleep.group);
             break;
         case Resource::kCount:
             break;
@@ -208,7 +216,8 @@ const char* resource_name(Resource resource) {
         "settings", "meshes",    "springs",       "bodies",     "anchors",  "paths",        "tools",
         "clock",    "poses",     "particles",     "tool state", "boxes",    "pairs",        "trees",
         "screened", "occupancy", "candidates",    "near",       "contacts", "penetrations", "rows",
-        "islands",  "normals",   "local contact", "picture",    "energy",   "report"};
+        "islands",  "normals",   "local contact", "picture",    "energy",   "report",
+        "sleep"};
     static_assert(std::size(kNames) == static_cast<size_t>(Resource::kCount));
     return kNames[static_cast<size_t>(resource)];
 }
@@ -239,7 +248,7 @@ void strip_resources(World& world, ResourceMask keep) {
 
 uint64_t state_hash(const World& world) {
     Hasher hasher;
-    for (const Resource r : {Resource::kClock, Resource::kPoses, Resource::kParticles, Resource::kToolState})
+    for (const Resource r : {Resource::kClock, Resource::kPoses, Resource::kParticles, Resource::kToolState, Resource::kSleep})
         visit_resource(world, r, hasher);
     return hasher.hash.value;
 }

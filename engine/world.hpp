@@ -32,6 +32,7 @@ struct World {
     Poses poses;
     Particles particles;
     Haptics haptics;  // tool: constant
+    Sleep sleep;
     // derived each pass
     BodyBoxes boxes;
     CandidatePairs pairs;
@@ -80,6 +81,7 @@ enum class Resource : uint8_t {
     kPicture,
     kEnergy,
     kReport,
+    kSleep,
     kCount
 };
 

@@ -322,7 +322,7 @@ void scatter_velocities(AdvanceIsland& island) {
         const ContactNodeChange& change = s.change[n];
         const Vec4d kick = node.velocity - change.kicked;
         move_particle(s.body[node.owner], node, island.dt * kick);
-        if (!island.params.account_energy) continue;
+        if (!island.params.account_energy || s.body[node.owner].measured()) continue;
         work += dot(kick, change.before + node.velocity + kick_of(s, n).lost) / (2 * node.inv_mass);
     }
     island.result.work_contact += work;

@@ -19,6 +19,15 @@ struct AdvanceIsland {
 // Time at the start of a substep, s: a quotient of integers, so that it does not depend on how calls are cut.
 double substep_time(const AdvanceParams& params, uint32_t substep);
 
+// One step of a body whose stepping is midpoint, and its books. `work` is where the kernel puts the work of damping, 16
+// lanes; null when nobody asks. b.step is bound to this substep.
+void step_midpoint(AdvanceIsland& island, AdvanceBody& b, double* work);
+// One step of a body whose stepping is xpbd.
+void step_xpbd(AdvanceIsland& island, AdvanceBody& b, double* work);
+
+// Adds what the energy of measured bodies has changed by since it was measured last.
+void book_measured(AdvanceIsland& island, double& work);
+
 // Finds the nodes, rigid sides and plans of the island's rows; rows that have ended are left out.
 void plan_contacts(AdvanceIsland& island, std::span<const uint32_t> island_rows);
 // Empties the look-up tables that plan_contacts filled.

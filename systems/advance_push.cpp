@@ -152,7 +152,7 @@ void make_moves(AdvanceIsland& island, double most) {
         const Vec4d before = float_vec4(_mm_load_ps(offset));
         move_particle(body, node, change.change);
         change.change = float_vec4(_mm_load_ps(offset)) - before;
-        if (island.params.account_energy && norm2(change.change) > 0) {
+        if (island.params.account_energy && norm2(change.change) > 0 && !body.measured()) {
             s.pending.push_back({change.change, kick_of(s, n).acceleration, n});
         }
     }
