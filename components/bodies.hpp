@@ -19,7 +19,7 @@ enum class AnchorFrame : uint8_t {
     kShape,  // goals are the best-fit rigid copy of the rest shape: a free body that keeps its shape
 };
 
-enum class Integrator : uint32_t {
+enum class Integrator : uint8_t {
     kLeapfrog,  // explicit, second order; stable up to Bodies::stable_dt
     kMidpoint,  // linearised implicit midpoint, conjugate gradients: for stiff held bodies
     kXpbd,      // Macklin, Mueller, Chentanez 2016: the known baseline, and for what must not stretch

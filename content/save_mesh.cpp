@@ -361,9 +361,18 @@ void put_face_array(Output& out, const char* type, const char* name, size_t face
     out << "</DataArray>\n";
 }
 
+void put_field(Output& out, const PointField& field) {
+    open_array(out, "Float32", field.name.c_str(), static_cast<int>(field.components));
+    for (size_t i = 0; i < field.values.size(); ++i) {
+        put_float(out, field.values[i]);
+        out << ((i + 1) % field.components == 0 ? "\n" : " ");
+    }
+    out << "</DataArray>\n";
+}
+
 // VTK's XML PolyData, as ParaView reads it. Texture coordinates belong to points there: where a seam gives a vertex
 // several, they are written as six numbers a face instead.
-void write_vtp(const Mesh& mesh, const fs::path& path, Files& files) {
+void write_vtp(const Mesh& mesh, std::span<const PointField> fields, const fs::path& path, Files& files) {
     Output out;
     out << "<?xml version=\"1.0\"?>\n<VTKFile type=\"PolyData\" version=\"0.1\" byte_order=\"LittleEndian\">\n"
            "<PolyData>\n<Piece NumberOfPoints=\"";
@@ -373,15 +382,19 @@ void write_vtp(const Mesh& mesh, const fs::path& path, Files& files) {
     out << "\">\n";
     const std::vector<Vec2> uv = uv_of_vertices(mesh);
     const bool per_point = !mesh.uv.empty() && !uv.empty();
-    if (per_point) {
-        out << "<PointData TCoords=\"TCoords\">\n";
-        open_array(out, "Float32", "TCoords", 2);
-        for (const Vec2& corner : uv) {
-            put_float(out, corner.u);
-            put_float(out << " ", corner.v);
-            out << "\n";
+    if (per_point || !fields.empty()) {
+        out << (per_point ? "<PointData TCoords=\"TCoords\">\n" : "<PointData>\n");
+        if (per_point) {
+            open_array(out, "Float32", "TCoords", 2);
+            for (const Vec2& corner : uv) {
+                put_float(out, corner.u);
+                put_float(out << " ", corner.v);
+                out << "\n";
+            }
+            out << "</DataArray>\n";
         }
-        out << "</DataArray>\n</PointData>\n";
+        for (const PointField& field : fields) put_field(out, field);
+        out << "</PointData>\n";
     }
     out << "<CellData>\n";
     if (!mesh.triangle_material.empty()) {
@@ -445,13 +458,20 @@ void save_mesh(const Mesh& mesh, const fs::path& path) {
     } else if (extension == ".wrl") {
         write_wrl(mesh, path, files);
     } else if (extension == ".vtp") {
-        write_vtp(mesh, path, files);
+        write_vtp(mesh, {}, path, files);
     } else {
         throw InputError(path.string() + ": cannot write: the name must end in .obj, .stl, .ply, .wrl or .vtp");
     }
     std::vector<FileContents> contents;
     for (size_t k = 0; k < files.path.size(); ++k) contents.push_back({files.path[k], files.bytes[k]});
     write_whole_files(contents);
+}
+
+void save_vtp(const Mesh& mesh, std::span<const PointField> fields, const fs::path& path) {
+    for (const PointField& field : fields) TROCAR_ASSERT(field.values.size() == mesh.position.size() * field.components);
+    Files files;
+    write_vtp(mesh, fields, path, files);
+    write_whole_file(path, files.bytes.front());
 }
 
 }  // namespace trocar

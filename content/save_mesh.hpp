@@ -1,5 +1,8 @@
 #pragma once
 #include <filesystem>
+#include <span>
+#include <string>
+#include <vector>
 
 #include "components/mesh.hpp"
 namespace trocar {
@@ -9,5 +12,14 @@ namespace trocar {
 // Text carries the shortest digits that read back to the same double; STL rounds to float. Triangles, their order, texture coordinates and materials are kept where the
 // format has a place for them. All files are written whole or not at all. Throws InputError "file: reason".
 void save_mesh(const Mesh& mesh, const std::filesystem::path& path);
+
+// Numbers at the vertices of a surface: `components` of them a vertex.
+struct PointField {
+    std::string name;
+    uint32_t components = 1;
+    std::vector<float> values;
+};
+// A .vtp file with fields, as save_mesh writes it without.
+void save_vtp(const Mesh& mesh, std::span<const PointField> fields, const std::filesystem::path& path);
 
 }  // namespace trocar

@@ -1,78 +1,126 @@
 #include <cmath>
+#include <cstring>
+#include <span>
 
+#include "engine/capture_file.hpp"
+#include "engine/error.hpp"
 #include "engine/state_hash.hpp"
 #include "engine/world.hpp"
 namespace trocar {
 namespace {
 
-// Rows whose bytes are all value: hashed as they lie in memory.
+// Rows whose bytes are all value, as so many equal elements: hashed and stored as they lie in memory.
+struct Elements {
+    ArrayType type = ArrayType::kCount;  // kCount = not such a row
+    uint32_t columns = 1;
+};
 template <typename T>
-constexpr bool is_plain_row =
-    std::is_arithmetic_v<T> || std::is_enum_v<T> || std::is_same_v<T, Vec3> || std::is_same_v<T, Vec3d> ||
-    std::is_same_v<T, Float4> || std::is_same_v<T, Quat> || std::is_same_v<T, Range> || std::is_same_v<T, Box> || std::is_same_v<T, PackedBox> ||
-    std::is_same_v<T, Entity> || std::is_same_v<T, Triangle> || std::is_same_v<T, std::array<uint32_t, 2>> ||
-    std::is_same_v<T, std::array<float, 3>> || std::is_same_v<T, std::array<Vec2, 3>> || std::is_same_v<T, Tissue> ||
-    std::is_same_v<T, Keyframe> || std::is_same_v<T, std::array<uint32_t, 2 * kSliceWidth>> || std::is_same_v<T, std::array<float, kSliceWidth>> || std::is_same_v<T, Stepping>;
+constexpr Elements elements_of() {
+    using A = ArrayType;
+    if constexpr (std::is_enum_v<T> || std::is_same_v<T, bool>) return {A::kU8};
+    else if constexpr (std::is_floating_point_v<T>) return {sizeof(T) == 4 ? A::kF32 : A::kF64};
+    else if constexpr (std::is_arithmetic_v<T>)
+        return {sizeof(T) == 1 ? A::kU8 : sizeof(T) == 2 ? A::kU16 : sizeof(T) == 4 ? A::kU32 : A::kU64};
+    else if constexpr (std::is_same_v<T, Range> || std::is_same_v<T, Entity> || std::is_same_v<T, std::array<uint32_t, 2>>)
+        return {A::kU32, 2};
+    else if constexpr (std::is_same_v<T, Triangle>) return {A::kU32, 3};
+    else if constexpr (std::is_same_v<T, Float4>) return {A::kF32, 4};
+    else if constexpr (std::is_same_v<T, PackedBox>) return {A::kF32, 8};
+    else if constexpr (std::is_same_v<T, Vec3> || std::is_same_v<T, std::array<float, 3>>) return {A::kF32, 3};
+    else if constexpr (std::is_same_v<T, std::array<Vec2, 3>>) return {A::kF32, 6};
+    else if constexpr (std::is_same_v<T, Vec3d>) return {A::kF64, 3};
+    else if constexpr (std::is_same_v<T, Quat>) return {A::kF64, 4};
+    else if constexpr (std::is_same_v<T, Box>) return {A::kF64, 6};
+    else if constexpr (std::is_same_v<T, std::array<uint32_t, 2 * kSliceWidth>>) return {A::kU32, 2 * kSliceWidth};
+    else if constexpr (std::is_same_v<T, std::array<float, kSliceWidth>>) return {A::kF32, kSliceWidth};
+    else if constexpr (std::is_same_v<T, Tissue>) return {A::kF64, 6};
+    else return {};
+}
+template <typename T>
+constexpr bool is_plain_row = elements_of<T>().type != ArrayType::kCount;
+
+template <typename A, typename B>
+constexpr bool is = std::is_same_v<std::remove_const_t<A>, B>;
+
+// What the other rows are made of; one list for all visitors.
+template <typename V, typename T>
+void fields(V& v, T& t) {
+    if constexpr (is<T, MeshInfo>) {
+        v.item(t.vertices), v.item(t.triangles), v.item(t.edges), v.item(t.incident), v.item(t.components);
+        v.item(t.admission), v.item(t.volume), v.item(t.area), v.item(t.mean_edge), v.item(t.max_edge);
+        v.item(t.radius), v.item(t.box);
+    } else if constexpr (is<T, SpringInfo>) {
+        v.item(t.slices), v.item(t.mean_rest);
+    } else if constexpr (is<T, Stepping>) {
+        v.item(t.integrator), v.item(t.iterations), v.item(t.tolerance), v.item(t.step);
+    } else if constexpr (is<T, Image>) {
+        v.item(t.width), v.item(t.height), v.item(t.rgba);
+    } else if constexpr (is<T, Material>) {
+        v.item(t.name), v.item(t.diffuse), v.item(t.specular), v.item(t.shininess), v.item(t.transparency);
+        v.item(t.texture), v.item(t.image);
+    } else if constexpr (is<T, Keyframe>) {
+        v.item(t.time), v.item(t.position), v.item(t.orientation), v.item(t.jump);
+    } else if constexpr (is<T, DeviceState>) {
+        v.item(t.time), v.item(t.position), v.item(t.orientation), v.item(t.velocity), v.item(t.buttons);
+    } else if constexpr (is<T, DeviceTrace>) {
+        v.item(t.sample);
+    } else if constexpr (is<T, ToolState>) {
+        v.item(t.device), v.item(t.proxy), v.item(t.proxy_valid), v.item(t.contacts), v.item(t.command.force);
+        v.item(t.coupling_force), v.item(t.contact_impulse), v.item(t.device_valid), v.item(t.time), v.item(t.ticks);
+        v.item(t.model_age), v.item(t.gain), v.item(t.largest_force), v.item(t.rejected_samples);
+    } else if constexpr (is<T, HandTool>) {
+        v.item(t.body), v.item(t.tip), v.item(t.tip_radius), v.item(t.coupling_stiffness), v.item(t.coupling_damping);
+        v.item(t.max_force), v.item(t.friction), v.item(t.path), v.item(t.trace);
+    } else if constexpr (is<T, TriangleGroup>) {
+        v.item(t.triangles), v.item(t.centre), v.item(t.radius), v.item(t.velocity), v.item(t.spread);
+    } else if constexpr (is<T, LocalContactModel>) {
+        v.item(t.time), v.item(t.sequence), v.item(t.from), v.item(t.to), v.item(t.reach), v.item(t.fastest);
+        v.item(t.position), v.item(t.velocity), v.item(t.triangle), v.item(t.neighbour), v.item(t.body);
+        v.item(t.half_thickness), v.item(t.group);
+    } else if constexpr (is<T, PictureBody>) {
+        v.item(t.mesh), v.item(t.origin), v.item(t.orientation), v.item(t.box), v.item(t.vertices), v.item(t.depths);
+    } else if constexpr (is<T, PictureWitness>) {
+        v.item(t.point), v.item(t.closest), v.item(t.depth);
+    } else if constexpr (is<T, PictureTool>) {
+        v.item(t.device), v.item(t.proxy), v.item(t.radius), v.item(t.force);
+    } else {
+        static_assert(is_plain_row<std::remove_const_t<T>>, "a row of an unknown kind");
+    }
+}
 
 // Adds what a resource holds to a hash.
 struct Hasher {
     StateHash hash;
     template <typename T>
-    void array(const std::vector<T>& rows) {
+    void array(const char*, const std::vector<T>& rows) { item(rows); }
+    template <typename T>
+    void value(const char*, const T& v) { item(v); }
+    void item(const std::string& text) { hash.add_word(text.size()), hash.add_bytes(text.data(), text.size()); }
+    template <typename T>
+    void item(const std::vector<T>& rows) {
         hash.add_word(rows.size());
         if constexpr (is_plain_row<T>) {
             hash.add_bytes(rows.data(), rows.size() * sizeof(T));
         } else {
-            for (const T& row : rows) value(row);
+            for (const T& row : rows) item(row);
         }
     }
-    void value(const std::string& text) { hash.add_bytes(text.data(), text.size()); }
     template <typename T>
-    requires is_plain_row<T>
-    void value(const T& v) { hash.add_bytes(&v, sizeof v); }
-    void value(const MeshInfo& m) {
-        for (const Range& r : {m.vertices, m.triangles, m.edges, m.incident}) value(r);
-        value(m.components), value(m.admission), value(m.volume), value(m.area);
-        value(m.mean_edge), value(m.max_edge), value(m.radius), value(m.box);
+    void item(const T& v) {
+        if constexpr (is_plain_row<T>) hash.add_bytes(&v, sizeof v);
+        else fields(*this, v);
     }
-    void value(const SpringInfo& s) { value(s.slices), value(s.mean_rest); }
-    void value(const Material& m) { value(m.name), value(m.diffuse), value(m.texture); }
-    void value(const DeviceState& d) {
-        value(d.time), value(d.position), value(d.orientation), value(d.velocity), value(d.buttons);
-    }
-    void value(const DeviceTrace& t) { array(t.sample); }
-    void value(const ToolState& t) {
-        value(t.device), value(t.proxy), value(t.proxy_valid), value(t.contacts), value(t.command.force);
-        value(t.coupling_force), value(t.contact_impulse), value(t.device_valid), value(t.time), value(t.ticks);
-        value(t.model_age), value(t.gain), value(t.largest_force), value(t.rejected_samples);
-    }
-    void value(const HandTool& t) {
-        value(t.body), value(t.tip), value(t.tip_radius), value(t.coupling_stiffness), value(t.coupling_damping);
-        value(t.max_force), value(t.friction), value(t.path), value(t.trace);
-    }
-    void value(const TriangleGroup& g) {
-        value(g.triangles), value(g.centre), value(g.radius), value(g.velocity), value(g.spread);
-    }
-    void value(const LocalContactModel& m) {
-        value(m.time), value(m.sequence), value(m.from), value(m.to), value(m.reach), value(m.fastest);
-        array(m.position), array(m.velocity), array(m.triangle), array(m.neighbour), array(m.body), array(m.half_thickness), array(m.group);
-    }
-    void value(const PictureBody& b) {
-        value(b.mesh), value(b.origin), value(b.orientation), value(b.box), value(b.vertices), value(b.depths);
-    }
-    void value(const PictureWitness& w) { value(w.point), value(w.closest), value(w.depth); }
-    void value(const PictureTool& t) { value(t.device), value(t.proxy), value(t.radius), value(t.force); }
 };
 
 // Empties what a resource holds: arrays to no rows, numbers to values that show when used.
 struct Stripper {
     template <typename T>
-    void array(std::vector<T>& rows) {
+    void array(const char*, std::vector<T>& rows) {
         rows.clear();
         rows.shrink_to_fit();
     }
     template <typename T>
-    void value(T& v) {
+    void value(const char*, T& v) {
         if constexpr (std::is_floating_point_v<T>)
             v = std::nan("");
         else
@@ -80,136 +128,271 @@ struct Stripper {
     }
 };
 
+// Stores a resource as named arrays; rows that are not plain become one stream of bytes, their number first.
+struct Saver {
+    CaptureRecord& record;
+    std::vector<std::byte> stream;
+    template <typename T>
+    void array(const char* name, const std::vector<T>& rows) {
+        if constexpr (is_plain_row<T>) {
+            constexpr Elements e = elements_of<T>();
+            static_assert(sizeof(T) == e.columns * element_size(e.type));
+            const std::byte* bytes = reinterpret_cast<const std::byte*>(rows.data());
+            record.arrays.push_back({name, e.type, rows.size(), e.columns, {bytes, bytes + rows.size() * sizeof(T)}});
+        } else {
+            value(name, rows);
+        }
+    }
+    template <typename T>
+    void value(const char* name, const T& v) {
+        stream.clear();
+        item(v);
+        record.arrays.push_back({name, ArrayType::kU8, stream.size(), 1, stream});
+    }
+    void bytes(const void* data, size_t size) {
+        const std::byte* from = static_cast<const std::byte*>(data);
+        stream.insert(stream.end(), from, from + size);
+    }
+    void count(uint64_t rows) { bytes(&rows, sizeof rows); }
+    void item(const std::string& text) { count(text.size()), bytes(text.data(), text.size()); }
+    template <typename T>
+    void item(const std::vector<T>& rows) {
+        count(rows.size());
+        for (const T& row : rows) item(row);
+    }
+    template <typename T>
+    void item(const T& v) {
+        if constexpr (is_plain_row<T>) bytes(&v, sizeof v);
+        else fields(*this, v);
+    }
+};
+
+// Reads back what Saver stored.
+struct Loader {
+    const CaptureRecord& record;
+    const char* name = "";
+    std::span<const std::byte> stream;
+    template <typename T>
+    void array(const char* field, std::vector<T>& rows) {
+        if constexpr (is_plain_row<T>) {
+            constexpr Elements e = elements_of<T>();
+            const CaptureArray& a = find_array(record, field, e.type, e.columns);
+            rows.resize(a.rows);
+            if (a.rows > 0) std::memcpy(static_cast<void*>(rows.data()), a.bytes.data(), a.bytes.size());
+        } else {
+            value(field, rows);
+        }
+    }
+    template <typename T>
+    void value(const char* field, T& v) {
+        name = field;
+        stream = find_array(record, field, ArrayType::kU8, 1).bytes;
+        item(v);
+        if (!stream.empty()) refuse();
+    }
+    [[noreturn]] void refuse() const { throw InputError("record " + record.kind + ": array " + name + " is not what this program stores there"); }
+    void bytes(void* data, size_t size) {
+        if (stream.size() < size) refuse();
+        if (size > 0) std::memcpy(data, stream.data(), size);
+        stream = stream.subspan(size);
+    }
+    size_t count() {
+        uint64_t rows = 0;
+        bytes(&rows, sizeof rows);
+        if (rows > stream.size()) refuse();  // a row has a byte at least
+        return rows;
+    }
+    void item(std::string& text) { text.resize(count()), bytes(text.data(), text.size()); }
+    template <typename T>
+    void item(std::vector<T>& rows) {
+        rows.clear();
+        for (size_t left = count(); left > 0; --left) item(rows.emplace_back());
+    }
+    void item(bool& v) {
+        uint8_t byte = 0;
+        bytes(&byte, 1);
+        v = byte != 0;
+    }
+    template <typename T>
+    void item(T& v) {
+        if constexpr (is_plain_row<T>) bytes(static_cast<void*>(&v), sizeof v);
+        else fields(*this, v);
+    }
+};
+
+// A field of the world and its name in files.
+#define FIELD(field) #field, w.field
+
 // The one list of what belongs to which resource.
 template <typename World, typename Visitor>
 void visit_resource(World& w, Resource resource, Visitor& v) {
     switch (resource) {
         case Resource::kSettings:
-            v.value(w.settings.gravity[0]), v.value(w.settings.gravity[1]), v.value(w.settings.gravity[2]),
-                v.value(w.settings.substep), v.value(w.settings.sleep_speed), v.value(w.settings.sleep_after), v.value(w.settings.contact.tolerance),
-                v.value(w.settings.contact.push_speed), v.value(w.settings.contact.cell_edges);
+            v.value(FIELD(settings.gravity[0])), v.value(FIELD(settings.gravity[1])), v.value(FIELD(settings.gravity[2])),
+                v.value(FIELD(settings.substep)), v.value(FIELD(settings.sleep_speed)), v.value(FIELD(settings.sleep_after)),
+                v.value(FIELD(settings.contact.tolerance)),
+                v.value(FIELD(settings.contact.push_speed)), v.value(FIELD(settings.contact.cell_edges)),
+                v.value(FIELD(settings.contact.iterations)), v.value(FIELD(settings.contact.row_capacity)),
+                v.value(FIELD(settings.contact.share)), v.value(FIELD(settings.contact.direction));
             break;
         case Resource::kMeshes:
-            v.array(w.meshes.name), v.array(w.meshes.info), v.array(w.meshes.position), v.array(w.meshes.component),
-                v.array(w.meshes.triangle), v.array(w.meshes.neighbour), v.array(w.meshes.triangle_edge),
-                v.array(w.meshes.edge), v.array(w.meshes.edge_triangle), v.array(w.meshes.incident_first),
-                v.array(w.meshes.incident), v.array(w.meshes.uv), v.array(w.meshes.triangle_material),
-                v.array(w.meshes.materials), v.array(w.meshes.material);
+            v.array(FIELD(meshes.name)), v.array(FIELD(meshes.info)), v.array(FIELD(meshes.position)), v.array(FIELD(meshes.component)),
+                v.array(FIELD(meshes.triangle)), v.array(FIELD(meshes.neighbour)), v.array(FIELD(meshes.triangle_edge)),
+                v.array(FIELD(meshes.edge)), v.array(FIELD(meshes.edge_triangle)), v.array(FIELD(meshes.incident_first)),
+                v.array(FIELD(meshes.incident)), v.array(FIELD(meshes.uv)), v.array(FIELD(meshes.triangle_material)),
+                v.array(FIELD(meshes.materials)), v.array(FIELD(meshes.material));
             break;
         case Resource::kSprings:
-            v.array(w.springs.info), v.array(w.springs.slice_column), v.array(w.springs.neighbour),
-                v.array(w.springs.rest_length), v.array(w.springs.area_share), v.array(w.springs.vertices),
-                v.array(w.springs.colours), v.array(w.springs.colour), v.array(w.springs.batch), v.array(w.springs.batch_rest);
+            v.array(FIELD(springs.info)), v.array(FIELD(springs.slice_column)), v.array(FIELD(springs.neighbour)),
+                v.array(FIELD(springs.rest_length)), v.array(FIELD(springs.area_share)), v.array(FIELD(springs.vertices)),
+                v.array(FIELD(springs.colours)), v.array(FIELD(springs.colour)), v.array(FIELD(springs.batch)), v.array(FIELD(springs.batch_rest));
             break;
         case Resource::kBodies:
-            v.array(w.bodies.entity), v.array(w.bodies.name), v.array(w.bodies.mesh), v.array(w.bodies.motion),
-                v.array(w.bodies.particles), v.array(w.bodies.tree), v.array(w.bodies.anchor_frame),
-                v.array(w.bodies.tissue), v.array(w.bodies.spring_stiffness), v.array(w.bodies.inv_mass),
-                v.array(w.bodies.stable_dt), v.array(w.bodies.thickness),
-                v.array(w.bodies.stepping);
+            v.array(FIELD(bodies.entity)), v.array(FIELD(bodies.name)), v.array(FIELD(bodies.mesh)), v.array(FIELD(bodies.motion)),
+                v.array(FIELD(bodies.particles)), v.array(FIELD(bodies.tree)), v.array(FIELD(bodies.anchor_frame)),
+                v.array(FIELD(bodies.tissue)), v.array(FIELD(bodies.spring_stiffness)), v.array(FIELD(bodies.inv_mass)),
+                v.array(FIELD(bodies.stable_dt)), v.array(FIELD(bodies.thickness)),
+                v.array(FIELD(bodies.stepping));
             break;
         case Resource::kAnchors:
-            v.array(w.anchors.stiffness), v.array(w.anchors.rest_x), v.array(w.anchors.rest_y),
-                v.array(w.anchors.rest_z);
+            v.array(FIELD(anchors.stiffness)), v.array(FIELD(anchors.rest_x)), v.array(FIELD(anchors.rest_y)),
+                v.array(FIELD(anchors.rest_z));
             break;
         case Resource::kPaths:
-            v.array(w.paths.body), v.array(w.paths.keys), v.array(w.paths.key);
+            v.array(FIELD(paths.body)), v.array(FIELD(paths.keys)), v.array(FIELD(paths.key));
             break;
         case Resource::kTools:
-            v.array(w.haptics.tool), v.array(w.haptics.trace);
+            v.array(FIELD(haptics.tool)), v.array(FIELD(haptics.trace));
             break;
         case Resource::kClock:
-            v.value(w.clock.tick), v.value(w.clock.pass), v.value(w.clock.picture), v.value(w.clock.contact_rate),
-                v.value(w.clock.display_rate), v.value(w.clock.period), v.value(w.clock.substep);
+            v.value(FIELD(clock.tick)), v.value(FIELD(clock.pass)), v.value(FIELD(clock.picture)), v.value(FIELD(clock.contact_rate)),
+                v.value(FIELD(clock.display_rate)), v.value(FIELD(clock.period)), v.value(FIELD(clock.substep));
             break;
         case Resource::kPoses:
-            v.array(w.poses.origin), v.array(w.poses.orientation), v.array(w.poses.velocity),
-                v.array(w.poses.angular_velocity);
+            v.array(FIELD(poses.origin)), v.array(FIELD(poses.orientation)), v.array(FIELD(poses.velocity)),
+                v.array(FIELD(poses.angular_velocity));
             break;
         case Resource::kParticles:
-            v.array(w.particles.offset), v.array(w.particles.velocity_x), v.array(w.particles.velocity_y),
-                v.array(w.particles.velocity_z), v.array(w.particles.last_dt);
+            v.array(FIELD(particles.offset)), v.array(FIELD(particles.velocity_x)), v.array(FIELD(particles.velocity_y)),
+                v.array(FIELD(particles.velocity_z)), v.array(FIELD(particles.last_dt));
             break;
         case Resource::kToolState:
-            v.array(w.haptics.state), v.value(w.haptics.ticks), v.value(w.haptics.max_force),
-                v.value(w.haptics.rejected_samples);
+            v.array(FIELD(haptics.state)), v.value(FIELD(haptics.ticks)), v.value(FIELD(haptics.max_force)),
+                v.value(FIELD(haptics.rejected_samples));
             break;
         case Resource::kBoxes:
-            v.array(w.boxes.box), v.array(w.boxes.margin);
+            v.array(FIELD(boxes.box)), v.array(FIELD(boxes.margin));
             break;
         case Resource::kPairs:
-            v.array(w.pairs.a), v.array(w.pairs.b);
+            v.array(FIELD(pairs.a)), v.array(FIELD(pairs.b));
             break;
         case Resource::kTrees:
             break;  // opaque: see resource_hash and strip_resources
         case Resource::kScreened:
-            v.array(w.screened.body), v.array(w.screened.triangle), v.array(w.screened.box), v.array(w.screened.tight);
+            v.array(FIELD(screened.body)), v.array(FIELD(screened.triangle)), v.array(FIELD(screened.box)), v.array(FIELD(screened.tight));
             break;
         case Resource::kOccupancy:
-            v.value(w.occupancy.cell_size), v.value(w.occupancy.origin[0]), v.value(w.occupancy.origin[1]),
-                v.value(w.occupancy.origin[2]), v.array(w.occupancy.cell_key), v.array(w.occupancy.object_first),
-                v.array(w.occupancy.object), v.array(w.occupancy.primitive_first), v.array(w.occupancy.primitive),
-                v.array(w.occupancy.primitive_row), v.array(w.occupancy.oversize);
+            v.value(FIELD(occupancy.cell_size)), v.value(FIELD(occupancy.origin[0])), v.value(FIELD(occupancy.origin[1])),
+                v.value(FIELD(occupancy.origin[2])), v.array(FIELD(occupancy.cell_key)), v.array(FIELD(occupancy.object_first)),
+                v.array(FIELD(occupancy.object)), v.array(FIELD(occupancy.primitive_first)), v.array(FIELD(occupancy.primitive)),
+                v.array(FIELD(occupancy.primitive_row)), v.array(FIELD(occupancy.oversize));
             break;
         case Resource::kCandidates:
-            v.array(w.candidates.pair), v.array(w.candidates.triangle), v.array(w.candidates.side),
-                v.array(w.candidates.near);
+            v.array(FIELD(candidates.pair)), v.array(FIELD(candidates.triangle)), v.array(FIELD(candidates.side)),
+                v.array(FIELD(candidates.near));
             break;
         case Resource::kNear:
-            v.array(w.near.side), v.array(w.near.vertex), v.array(w.near.distance), v.array(w.near.triangle);
+            v.array(FIELD(near.side)), v.array(FIELD(near.vertex)), v.array(FIELD(near.distance)), v.array(FIELD(near.triangle));
             break;
         case Resource::kContacts:
-            v.array(w.contacts.pair), v.array(w.contacts.body), v.array(w.contacts.other), v.array(w.contacts.vertex),
-                v.array(w.contacts.along), v.array(w.contacts.point), v.array(w.contacts.closest),
-                v.array(w.contacts.normal), v.array(w.contacts.distance), v.array(w.contacts.triangle);
+            v.array(FIELD(contacts.pair)), v.array(FIELD(contacts.body)), v.array(FIELD(contacts.other)), v.array(FIELD(contacts.vertex)),
+                v.array(FIELD(contacts.along)), v.array(FIELD(contacts.point)), v.array(FIELD(contacts.closest)),
+                v.array(FIELD(contacts.normal)), v.array(FIELD(contacts.distance)), v.array(FIELD(contacts.triangle));
             break;
         case Resource::kPenetrations:
-            v.array(w.penetrations.pair), v.array(w.penetrations.depth), v.array(w.penetrations.direction),
-                v.array(w.penetrations.witness), v.array(w.penetrations.vertices_a_in_b),
-                v.array(w.penetrations.vertices_b_in_a), v.array(w.penetrations.edge_contacts);
+            v.array(FIELD(penetrations.pair)), v.array(FIELD(penetrations.depth)), v.array(FIELD(penetrations.direction)),
+                v.array(FIELD(penetrations.witness)), v.array(FIELD(penetrations.vertices_a_in_b)),
+                v.array(FIELD(penetrations.vertices_b_in_a)), v.array(FIELD(penetrations.edge_contacts));
             break;
         case Resource::kRows:
-            v.array(w.rows.contact), v.array(w.rows.body), v.array(w.rows.other), v.array(w.rows.vertex),
-                v.array(w.rows.along), v.array(w.rows.triangle), v.array(w.rows.weight), v.array(w.rows.normal),
-                v.array(w.rows.distance), v.array(w.rows.friction), v.array(w.rows.impulse);
+            v.array(FIELD(rows.contact)), v.array(FIELD(rows.body)), v.array(FIELD(rows.other)), v.array(FIELD(rows.vertex)),
+                v.array(FIELD(rows.along)), v.array(FIELD(rows.triangle)), v.array(FIELD(rows.weight)), v.array(FIELD(rows.normal)),
+                v.array(FIELD(rows.distance)), v.array(FIELD(rows.friction)), v.array(FIELD(rows.impulse));
             break;
         case Resource::kIslands:
-            v.array(w.islands.bodies), v.array(w.islands.body), v.array(w.islands.rows), v.array(w.islands.row);
+            v.array(FIELD(islands.bodies)), v.array(FIELD(islands.body)), v.array(FIELD(islands.rows)), v.array(FIELD(islands.row));
             break;
         case Resource::kNormals:
-            v.array(w.normals.normal);
+            v.array(FIELD(normals.normal));
             break;
         case Resource::kLocalContact:
-            v.array(w.local_contact);
+            v.array(FIELD(local_contact));
             break;
         case Resource::kPicture:
-            v.value(w.picture.number), v.value(w.picture.time), v.array(w.picture.body), v.array(w.picture.position),
-                v.array(w.picture.normal), v.array(w.picture.contact_depth), v.array(w.picture.witness),
-                v.array(w.picture.tool), v.value(w.picture.depth), v.value(w.picture.force);
+            v.value(FIELD(picture.number)), v.value(FIELD(picture.time)), v.array(FIELD(picture.body)), v.array(FIELD(picture.position)),
+                v.array(FIELD(picture.normal)), v.array(FIELD(picture.contact_depth)), v.array(FIELD(picture.witness)),
+                v.array(FIELD(picture.tool)), v.value(FIELD(picture.depth)), v.value(FIELD(picture.force));
             break;
         case Resource::kEnergy:
-            v.value(w.energy.kinetic), v.value(w.energy.elastic), v.value(w.energy.gravity),
-                v.value(w.energy.work_hand), v.value(w.energy.work_contact), v.value(w.energy.work_damping),
-                v.value(w.energy.work_push), v.value(w.energy.work_numeric), v.value(w.energy.balance);
+            v.value(FIELD(energy.kinetic)), v.value(FIELD(energy.elastic)), v.value(FIELD(energy.gravity)),
+                v.value(FIELD(energy.work_hand)), v.value(FIELD(energy.work_contact)), v.value(FIELD(energy.work_damping)),
+                v.value(FIELD(energy.work_push)), v.value(FIELD(energy.work_numeric)), v.value(FIELD(energy.balance));
             break;
         case Resource::kReport:
-            v.value(w.report.contact_passes), v.value(w.report.contact_events), v.value(w.report.dropped_contacts),
-                v.value(w.report.oversize_triangles), v.value(w.report.tie_overflows),
-                v.value(w.report.sign_disagreements), v.value(w.report.ended_rows), v.value(w.report.opposing_planes),
-                v.value(w.report.nonfinite_particles), v.value(w.report.deepest_residual),
-                v.value(w.report.runaway_bodies), v.value(w.report.awake_bodies), v.value(w.report.asleep_bodies),
-                v.value(w.report.implicit_steps), v.value(w.report.implicit_iterations),
-                v.value(w.report.worst_implicit_residual);
+            v.value(FIELD(report.contact_passes)), v.value(FIELD(report.contact_events)), v.value(FIELD(report.dropped_contacts)),
+                v.value(FIELD(report.oversize_triangles)), v.value(FIELD(report.tie_overflows)),
+                v.value(FIELD(report.sign_disagreements)), v.value(FIELD(report.ended_rows)), v.value(FIELD(report.opposing_planes)),
+                v.value(FIELD(report.nonfinite_particles)), v.value(FIELD(report.deepest_residual)),
+                v.value(FIELD(report.runaway_bodies)), v.value(FIELD(report.awake_bodies)), v.value(FIELD(report.asleep_bodies)),
+                v.value(FIELD(report.implicit_steps)), v.value(FIELD(report.implicit_iterations)),
+                v.value(FIELD(report.worst_implicit_residual));
             break;
         case Resource::kSleep:
-            v.array(w.sleep.still), v.array(w.sleep.group);
+            v.array(FIELD(sleep.still)), v.array(FIELD(sleep.group));
             break;
         case Resource::kCount:
             break;
     }
 }
 
+#undef FIELD
+
 }  // namespace
+
+ResourceKind resource_kind(Resource resource) {
+    switch (resource) {
+        case Resource::kSettings:
+        case Resource::kMeshes:
+        case Resource::kSprings:
+        case Resource::kBodies:
+        case Resource::kAnchors:
+        case Resource::kPaths:
+        case Resource::kTools: return ResourceKind::kConstant;
+        case Resource::kClock:
+        case Resource::kPoses:
+        case Resource::kParticles:
+        case Resource::kToolState:
+        case Resource::kSleep: return ResourceKind::kState;
+        case Resource::kEnergy:
+        case Resource::kReport: return ResourceKind::kBooks;
+        case Resource::kBoxes:
+        case Resource::kPairs:
+        case Resource::kTrees:
+        case Resource::kScreened:
+        case Resource::kOccupancy:
+        case Resource::kCandidates:
+        case Resource::kNear:
+        case Resource::kContacts:
+        case Resource::kPenetrations:
+        case Resource::kRows:
+        case Resource::kIslands:
+        case Resource::kNormals: return ResourceKind::kDerived;
+        case Resource::kLocalContact:
+        case Resource::kPicture:
+        case Resource::kCount: break;
+    }
+    return ResourceKind::kOutput;
+}
 
 const char* resource_name(Resource resource) {
     constexpr const char* kNames[] = {
@@ -230,7 +413,7 @@ uint64_t resource_hash(const World& world, Resource resource) {
             const auto& tree = world.trees[world.bodies.tree[body]];
             if (!tree) continue;
             const uint32_t count = world.meshes.info[world.bodies.mesh[body]].vertices.count;
-            for (uint32_t v = 0; v < count; ++v) hasher.value(tree->vertex(v));
+            for (uint32_t v = 0; v < count; ++v) hasher.item(tree->vertex(v));
         }
     }
     return hasher.hash.value;
@@ -246,10 +429,20 @@ void strip_resources(World& world, ResourceMask keep) {
     }
 }
 
+void save_resource(const World& world, Resource resource, CaptureRecord& record) {
+    Saver saver{record, {}};
+    visit_resource(world, resource, saver);
+}
+
+void load_resource(const CaptureRecord& record, Resource resource, World& world) {
+    Loader loader{record, "", {}};
+    visit_resource(world, resource, loader);
+}
+
 uint64_t state_hash(const World& world) {
     Hasher hasher;
-    for (const Resource r : {Resource::kClock, Resource::kPoses, Resource::kParticles, Resource::kToolState, Resource::kSleep})
-        visit_resource(world, r, hasher);
+    for (uint32_t r = 0; r < static_cast<uint32_t>(Resource::kCount); ++r)
+        if (resource_kind(static_cast<Resource>(r)) == ResourceKind::kState) visit_resource(world, static_cast<Resource>(r), hasher);
     return hasher.hash.value;
 }
 

@@ -1,5 +1,6 @@
 #pragma once
 #include <memory>
+#include <string>
 #include <vector>
 
 #include "components/bodies.hpp"
@@ -53,6 +54,8 @@ struct World {
     Report report;
 };
 
+struct CaptureRecord;
+
 enum class Resource : uint8_t {
     kSettings,
     kMeshes,
@@ -90,6 +93,11 @@ constexpr ResourceMask mask(R... resources) {
     return ((ResourceMask{1} << static_cast<uint32_t>(resources)) | ... | ResourceMask{0});
 }
 
+// The group of World that a resource belongs to: what a scene is made of, what a pass starts from, sums over the run,
+// what a pass works out anew, what others read.
+enum class ResourceKind : uint8_t { kConstant, kState, kBooks, kDerived, kOutput };
+ResourceKind resource_kind(Resource resource);
+
 // Short name, as in the frame table.
 const char* resource_name(Resource resource);
 
@@ -98,6 +106,15 @@ uint64_t resource_hash(const World& world, Resource resource);
 
 // Empties every array of the resources that `keep` does not name and poisons their plain values.
 void strip_resources(World& world, ResourceMask keep);
+
+// Adds every array of a resource to a record, by its name in World; trees are left out.
+void save_resource(const World& world, Resource resource, CaptureRecord& record);
+// The reverse. Throws InputError naming the array that is missing or of another kind; indices are not looked at.
+void load_resource(const CaptureRecord& record, Resource resource, World& world);
+
+// Why a world that came from outside cannot be simulated: an index beyond its array, arrays that do not fit together, a
+// quantity that would make a step endless. Empty when it can.
+std::string find_fault(const World& world);
 
 // Hash of the state: what the next pass starts from.
 uint64_t state_hash(const World& world);

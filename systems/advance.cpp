@@ -77,6 +77,7 @@ void gather_bodies(AdvanceIsland& island, std::span<const uint32_t> island_bodie
         if (is_deformable(island.inputs.bodies, body)) {
             s.slot_of_body[body] = static_cast<uint32_t>(s.body.size());
             s.body.push_back(make_body(island, body, particles));
+            s.body.back().kinetic = kinetic_energy(island, s.body.back());
             particles += s.body.back().particles.count;
         } else if (island.inputs.bodies.motion[body] == Motion::kHand) {
             rigid_slot(island, body);
@@ -174,11 +175,16 @@ void restore_body(AdvanceIsland& island, const AdvanceBody& b) {
     }
 }
 
-void finish_bodies(AdvanceIsland& island) {
+void finish_bodies(AdvanceIsland& island, double input) {
     for (const AdvanceBody& b : island.scratch.body) {
         const uint32_t lost = count_lost(b.now, b.particles.count);
         if (lost > 0) {
             island.result.nonfinite_particles += lost;
+            restore_body(island, b);
+            continue;
+        }
+        if (has_run_away(island, b, input)) {
+            ++island.result.runaway_bodies;
             restore_body(island, b);
             continue;
         }
@@ -195,6 +201,13 @@ void finish_bodies(AdvanceIsland& island) {
             rotation_vector(rigid.orientation[0], rigid.orientation[1]) / island.dt;
     }
 }
+
+}  // namespace
+
+namespace {
+
+// What rows, hands and push-out did to the bodies so far, J.
+double put_in(const AdvanceResult& r) { return r.work_contact + r.work_hand + r.work_push; }
 
 }  // namespace
 
@@ -264,6 +277,7 @@ void advance_island(const AdvanceParams& params, const AdvanceInputs& inputs, st
                     ContactRows& rows, std::span<ToolState> tools, AdvanceResult& result) {
     TROCAR_ASSERT(params.substeps > 0 && params.ticks > 0);
     const double dt = 1e-3 * (static_cast<double>(params.ticks) / params.substeps);
+    const double before = put_in(result);
     result.deepest_residual = 0;
     result.opposing_planes = 0;
     AdvanceIsland island{params, inputs, scratch, particles, poses, rows, tools, result, dt};
@@ -299,7 +313,7 @@ void advance_island(const AdvanceParams& params, const AdvanceInputs& inputs, st
         for (AdvanceBody& b : scratch.body) b.now = b.next;
     }
     for (const double work : scratch.sums) result.work_damping += work;
-    finish_bodies(island);
+    finish_bodies(island, put_in(result) - before);
     forget_contacts(island);
 }
 

@@ -18,6 +18,7 @@ struct AdvanceBody {
     bool shape = false;           // anchors are the best-fit rigid copy
     double damping = 0;           // 1/s
     double last_dt = 0;           // s
+    double kinetic = 0;           // J, at the start of the call
     Stepping stepping;
     Vec4d origin;                 // m
     Vec4d drag_velocity, drag_turn;  // m/s, rad/s, as in step

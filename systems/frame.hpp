@@ -49,6 +49,8 @@ class Frame {
     // One contact pass: begin, advance, and end when a picture is due at the end of the pass.
     void step();
     void set_contact_hook(const ContactHook& hook);
+    // With external_ticks: where the devices were in the pass before, when a run is taken up in its middle.
+    void set_live_devices(std::span<const DeviceState> devices);
     // A picture of the present state, outside the order of the frame.
     const PictureSnapshot& snapshot_now();
     // For tests of the table: the stages of this frame in serial order; everything of a pass before stage `row`; that

@@ -1,6 +1,7 @@
 #pragma once
 #include <cstdint>
 #include <filesystem>
+#include <optional>
 #include <string>
 #include <vector>
 
@@ -15,6 +16,7 @@ struct RunOptions {
     std::vector<Override> overrides;
     double seconds = 0;         // 0 = the scene's
     std::filesystem::path out;  // folder; empty = nothing is written
+    std::string capture;        // triggers, see parse_capture_triggers; empty = none
     bool live = false;
     std::filesystem::path replay;  // recording of a live run, to repeat in lockstep; empty = none
     bool render = true;
@@ -82,6 +84,25 @@ struct OrganOptions {
     bool json = false;
 };
 int organ_command(const OrganOptions& options);
+
+struct ReplayOptions {
+    std::string file;
+    std::optional<uint64_t> frame;  // this pass alone, `repeat` times, for its times
+    uint32_t repeat = 100;
+    std::filesystem::path trace;  // of the repetitions; empty = none
+    uint32_t threads = 0;
+    bool json = false;
+};
+int replay_command(const ReplayOptions& options);
+
+struct CaptureExportOptions {
+    std::string file;
+    std::filesystem::path vtp, png, trace, csv;  // empty = not written
+    uint32_t threads = 0;
+};
+int capture_export_command(const CaptureExportOptions& options);
+int capture_info_command(const std::vector<std::string>& files, bool json);
+int capture_diff_command(const std::string& a, const std::string& b);
 
 int scenes_command(bool json);
 // Library versions and the instruction set in use.

@@ -59,9 +59,8 @@ size_t words_wanted(uint64_t tools, uint64_t passes, uint64_t ticks, size_t avai
 
 uint64_t scene_hash(const World& world) {
     StateHash hash;
-    for (const Resource r : {Resource::kSettings, Resource::kMeshes, Resource::kSprings, Resource::kBodies,
-                             Resource::kAnchors, Resource::kPaths, Resource::kTools})
-        hash.add_word(resource_hash(world, r));
+    for (uint32_t r = 0; r < static_cast<uint32_t>(Resource::kCount); ++r)
+        if (resource_kind(static_cast<Resource>(r)) == ResourceKind::kConstant) hash.add_word(resource_hash(world, static_cast<Resource>(r)));
     hash.add_word(state_hash(world));
     return hash.value;
 }

@@ -148,7 +148,7 @@ void first_device_states(World& world) {
 }
 
 bool run_live(const RunOptions& options, double seconds, Frame& frame, PictureWriter* pictures,
-              LiveRecording* recording, RunFigures& figures) {
+              LiveRecording* recording, FrameRecorder* recorder, RunFigures& figures) {
     World& world = frame.world();
     TickCollector collector(recording);
     collector.begin(world, seconds);
@@ -177,12 +177,14 @@ bool run_live(const RunOptions& options, double seconds, Frame& frame, PictureWr
         sleep_until_ns(due);
         haptics.take_states(world.haptics);
         collector.add_pass(world, static_cast<double>(slip) * 1e-9);
+        if (recorder) recorder->before_pass();
         const double time = static_cast<double>(world.clock.tick) * 1e-3;
         const int64_t pass_start = monotonic_ns();
         frame.step();
         PassFigures pass = pass_figures(frame, time);
         if (frame.times().picture && drawing) drawing->publish(world.picture), ++published;
         pass.frame_ms = static_cast<double>(monotonic_ns() - pass_start) * 1e-6;
+        if (recorder) recorder->after_pass(pass);
         add_stage_times(frame, figures);
         figures.pass.push_back(pass);
     }

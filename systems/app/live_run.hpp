@@ -1,4 +1,5 @@
 #pragma once
+#include "systems/app/capture.hpp"
 #include "systems/app/commands.hpp"
 #include "systems/app/figures.hpp"
 #include "systems/app/live_recording.hpp"
@@ -17,8 +18,8 @@ void first_device_states(World& world);
 // Runs a frame against the real clock: this thread simulates, haptics tick at 1 kHz on a thread of their own, pictures
 // are drawn on a thread of low priority that drops what it cannot keep up with. A late pass starts at once and is
 // counted; simulated time then slips behind instead of hurrying. With `recording` it keeps what a replay needs; false if ticks got lost on the
-// way there, so that the recording is worth nothing.
+// way there, so that the recording is worth nothing. `recorder` captures; may be null.
 bool run_live(const RunOptions& options, double seconds, Frame& frame, PictureWriter* pictures,
-              LiveRecording* recording, RunFigures& figures);
+              LiveRecording* recording, FrameRecorder* recorder, RunFigures& figures);
 
 }  // namespace trocar

@@ -52,9 +52,12 @@ struct Arguments {
     ConvertOptions convert;
     ViewOptions view;
     OrganOptions organ;
+    ReplayOptions replay;
+    CaptureExportOptions capture;
+    std::vector<std::string> capture_files;
     std::vector<std::string> sets, labels;
     std::string move_b, rotate_b, size;
-    bool no_render = false, scenes_json = false;
+    bool no_render = false, scenes_json = false, capture_json = false, default_said = false;
     uint32_t threads = 0;
 };
 
@@ -94,6 +97,9 @@ void describe(CLI::App& app, Arguments& a) {
                     "when it does not come out the same to the bit")
         ->excludes(live)
         ->excludes(seconds);
+    run->add_option("--capture", a.run.capture,
+                    "Write captures/*.cap into the folder when: 5-25 (contact passes), worst, over=33 (ms), nan, counter=NAME, "
+                    "usr1; several joined by commas; read them with `trocar capture` and `trocar replay`");
     run->add_flag("--no-render", a.no_render, "No pictures");
     run->add_option("--set", a.sets, "Change a key of the scene: KEY=VALUE, repeatable");
     run->add_option("--threads", a.threads, "Worker threads (default: all cores); results never depend on it");
@@ -180,6 +186,37 @@ void describe(CLI::App& app, Arguments& a) {
         "as much as the voxels; smooth; simplify; judge. Volume and open edges are printed after each.\n"
         "Exit code 1 when a surface cannot be admitted as solid.");
 
+    CLI::App* replay = app.add_subcommand("replay", "Run a capture again and compare; or one of its passes many times");
+    replay->add_option("capture", a.replay.file, "A .cap file of `trocar run --capture`")->required();
+    replay->add_flag("--check", a.default_said, "Compare only (the default)");
+    CLI::Option* frame = replay->add_option("--frame", a.replay.frame, "Contact pass to run again and again, from its own start");
+    replay->add_option("--repeat", a.replay.repeat, "How often (default 100)")->needs(frame)->check(CLI::Range(1, 1000000));
+    replay->add_flag("--profile", a.default_said, "Median time of every stage of the pass (the default with --frame)")->needs(frame);
+    replay->add_option("--trace", a.replay.trace, "Trace of the repetitions to write")->needs(frame);
+    replay->add_option("--threads", a.replay.threads, "Worker threads (default: all cores); results never depend on it");
+    replay->add_flag("--json", a.replay.json, "JSON");
+    replay->footer("Example: trocar replay out/captures/worst.cap\n"
+                   "         trocar replay out/captures/worst.cap --frame 61 --repeat 200\n"
+                   "Exit code 1 when it does not come out the same to the bit; the first pass, stage, array and row are named.");
+
+    CLI::App* capture = app.add_subcommand("capture", "What a capture holds; compare two; export for other tools");
+    capture->require_subcommand(1);
+    CLI::App* info = capture->add_subcommand("info", "Scene, reason, passes, slowest pass");
+    info->add_option("files", a.capture_files, "Captures")->required();
+    info->add_flag("--json", a.capture_json, "One JSON object a line");
+    CLI::App* diff = capture->add_subcommand("diff", "First difference of two captures; exit code 1 when there is one");
+    diff->add_option("files", a.capture_files, "Two captures")->required()->expected(2);
+    CLI::App* exported = capture->add_subcommand("export", "Surfaces for ParaView, pictures, a trace, a table");
+    exported->add_option("file", a.capture.file, "Capture")->required();
+    exported->add_option("--vtp", a.capture.vtp, "Folder for BODY_PASS.vtp and BODY.pvd: depth, contact, velocity, strain, stress");
+    exported->add_option("--png", a.capture.png, "Folder for frames/*.png");
+    exported->add_option("--trace", a.capture.trace, "Chrome trace (JSON) of the stages of every pass: Perfetto, speedscope");
+    exported->add_option("--csv", a.capture.csv, "One line a pass");
+    exported->add_option("--threads", a.capture.threads, "Worker threads (default: all cores)");
+    capture->footer("Example: trocar run kidney_on_liver --out out/k --capture worst,5-25\n"
+                    "         trocar capture info out/k/captures/*.cap\n"
+                    "         trocar capture export out/k/captures/worst.cap --vtp out/vtp --csv out/passes.csv");
+
     CLI::App* scenes = app.add_subcommand("scenes", "List the scenes and shapes that come with the program");
     scenes->add_flag("--json", a.scenes_json, "JSON");
     scenes->footer("Example: trocar scenes");
@@ -224,6 +261,12 @@ int dispatch(const CLI::App& app, Arguments& a) {
     if (app.got_subcommand("organ")) {
         take_labels(a.labels, a.organ);
         return organ_command(a.organ);
+    }
+    if (app.got_subcommand("replay")) return replay_command(a.replay);
+    if (const CLI::App* capture = app.get_subcommand("capture"); capture->parsed()) {
+        if (capture->got_subcommand("info")) return capture_info_command(a.capture_files, a.capture_json);
+        if (capture->got_subcommand("diff")) return capture_diff_command(a.capture_files[0], a.capture_files[1]);
+        return capture_export_command(a.capture);
     }
     return scenes_command(a.scenes_json);
 }

@@ -15,6 +15,7 @@
 #include "engine/thread_pool.hpp"
 #include "engine/trace.hpp"
 #include "engine/whole_file.hpp"
+#include "systems/app/capture.hpp"
 #include "systems/app/commands.hpp"
 #include "systems/app/figures.hpp"
 #include "systems/app/live_replay.hpp"
@@ -87,6 +88,12 @@ void start_figures(const BuiltScene& scene, const SceneFile& file, const Frame& 
     for (const std::string& name : frame.stage_names()) figures.stage.push_back({name, {}});
 }
 
+CaptureHeader capture_header(const BuiltScene& scene, const RunFigures& figures) {
+    CaptureHeader header{figures.scene, figures.version, figures.instruction_set, figures.machine, {}, scene.camera, scene.picture, figures.live || figures.replay};
+    for (const StageFigures& stage : figures.stage) header.stage_names.push_back(stage.name);
+    return header;
+}
+
 void finish_figures(const Frame& frame, RunFigures& figures) {
     const World& w = frame.world();
     figures.state_hash = state_hash(w);
@@ -101,17 +108,19 @@ void finish_figures(const Frame& frame, RunFigures& figures) {
 
 // Everything in one deterministic order, as fast as the machine goes; of its own accord or as a live run went.
 void run_lockstep(const RunOptions& options, double seconds, LiveReplay* replay, Frame& frame, PictureWriter* pictures,
-                  RunFigures& figures) {
+                  FrameRecorder* recorder, RunFigures& figures) {
     Progress progress(figures.scene);
     const uint64_t start = now_ns();
     const double end_tick = replay ? static_cast<double>(replay->end_tick()) : seconds * 1000;
     while (static_cast<double>(frame.world().clock.tick) < end_tick) {
         const double time = static_cast<double>(frame.world().clock.tick) * 1e-3;
-        const uint64_t pass_start = now_ns();
         if (replay) replay->begin_pass();
+        if (recorder) recorder->before_pass();
+        const uint64_t pass_start = now_ns();
         frame.step();
         PassFigures pass = pass_figures(frame, time);
         pass.frame_ms = static_cast<double>(now_ns() - pass_start) * 1e-6;
+        if (recorder) recorder->after_pass(pass);
         if (frame.times().picture) {
             if (pictures) {
                 pass.render_ms = pictures->take(frame.world().picture);
@@ -134,16 +143,16 @@ void run_lockstep(const RunOptions& options, double seconds, LiveReplay* replay,
 }
 
 // Live, and its recording into the folder.
-void run_recorded(const RunOptions& options, double seconds, Frame& frame, PictureWriter* pictures, RunFigures& figures) {
+void run_recorded(const RunOptions& options, double seconds, Frame& frame, PictureWriter* pictures, FrameRecorder* recorder, RunFigures& figures) {
     if (options.out.empty()) {
-        run_live(options, seconds, frame, pictures, nullptr, figures);
+        run_live(options, seconds, frame, pictures, nullptr, nullptr, figures);
         return;
     }
     const fs::path file = options.out / "live.recording";
     std::error_code error;
     fs::remove(file, error);  // of an earlier run
     LiveRecording recording;
-    if (run_live(options, seconds, frame, pictures, &recording, figures)) write_live_recording(file, recording);
+    if (run_live(options, seconds, frame, pictures, &recording, recorder, figures)) write_live_recording(file, recording);
     else std::fprintf(stderr, "trocar: warning: no recording: the simulation was away for too long\n");
 }
 
@@ -177,7 +186,10 @@ int run_command(const RunOptions& options) {
     const SceneFile file = read_scene_file(find_scene(options.scene), options.overrides);
     const bool replay = !options.replay.empty();
     const LiveRecording recording = replay ? read_live_recording(options.replay) : LiveRecording{};
+    if (!options.capture.empty() && options.out.empty()) throw InputError("--capture: say where with --out FOLDER");
+    const CaptureTriggers triggers = options.capture.empty() ? CaptureTriggers{} : parse_capture_triggers(options.capture);
     if (!options.out.empty()) prepare_folder(options.out);
+    if (triggers.any()) prepare_folder(options.out / "captures");
     set_offscreen_threads(0);
     // live: one core belongs to the haptic thread
     const uint32_t cores = std::max(1u, std::thread::hardware_concurrency());
@@ -200,8 +212,12 @@ int run_command(const RunOptions& options) {
         PictureWriter* const writer = pictures ? &*pictures : nullptr;
         std::optional<LiveReplay> repeat;
         if (replay) repeat.emplace(HapticParams{}, recording, options.replay.string(), frame);
-        if (options.live) run_recorded(options, seconds, frame, writer, figures);
-        else run_lockstep(options, seconds, repeat ? &*repeat : nullptr, frame, writer, figures);
+        std::optional<FrameRecorder> recorder;
+        if (!options.capture.empty()) recorder.emplace(frame, capture_header(scene, figures), triggers, options.out / "captures");
+        FrameRecorder* const capture = recorder ? &*recorder : nullptr;
+        if (options.live) run_recorded(options, seconds, frame, writer, capture, figures);
+        else run_lockstep(options, seconds, repeat ? &*repeat : nullptr, frame, writer, capture, figures);
+        if (recorder) recorder->finish();
         finish_figures(frame, figures);
         if (options.out.empty()) return;
         export_bodies(frame.world(), options.out / "meshes", frame.world().clock.picture);

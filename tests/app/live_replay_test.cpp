@@ -103,7 +103,7 @@ TEST(LiveReplay, ALiveRunComesOutTheSame) {
     uint64_t hash = 0;
     with_frame(1, [&](Frame& frame) {
         for (const std::string& name : frame.stage_names()) figures.stage.push_back({name, {}});
-        ASSERT_TRUE(run_live({}, 0.5, frame, nullptr, &recording, figures));
+        ASSERT_TRUE(run_live({}, 0.5, frame, nullptr, &recording, nullptr, figures));
         hash = state_hash(frame.world());
         EXPECT_GT(frame.world().report.contact_events, 0u);
     });

@@ -1,0 +1,183 @@
+#include <cmath>
+
+#include "engine/surfaces.hpp"
+#include "engine/world.hpp"
+namespace trocar {
+namespace {
+
+constexpr double kShortestStep = 1e-8;  // s; a pass of 17 ms would take millions of substeps
+
+// Keeps the first complaint.
+struct Faults {
+    std::string first;
+    void require(bool holds, const std::string& complaint) {
+        if (!holds && first.empty()) first = complaint;
+    }
+    // [first, first + count) lies within `size` rows.
+    bool inside(const Range& range, size_t size, const std::string& what) {
+        const bool holds = range.first <= size && range.count <= size - range.first;
+        require(holds, what + " reach beyond their array");
+        return holds;
+    }
+    template <typename T>
+    void below(const T& index, uint32_t count, bool or_none, const std::string& what) {
+        require(index < count || (or_none && index == kNone), what + " " + std::to_string(index) + " of " + std::to_string(count));
+    }
+};
+
+void check_mesh(const Meshes& m, uint32_t prototype, Faults& f) {
+    const MeshInfo& info = m.info[prototype];
+    const std::string name = "mesh " + std::to_string(prototype) + ": ";
+    const bool whole = f.inside(info.vertices, m.position.size(), name + "vertices") &&
+                       f.inside(info.vertices, m.component.size(), name + "components") &&
+                       f.inside(info.triangles, m.triangle.size(), name + "triangles") &&
+                       f.inside(info.triangles, m.neighbour.size(), name + "neighbours") &&
+                       f.inside(info.triangles, m.triangle_edge.size(), name + "edges of triangles") &&
+                       f.inside(info.triangles, m.uv.size(), name + "texture coordinates") &&
+                       f.inside(info.triangles, m.triangle_material.size(), name + "materials of triangles") &&
+                       f.inside(info.edges, m.edge.size(), name + "edges") &&
+                       f.inside(info.edges, m.edge_triangle.size(), name + "triangles of edges") &&
+                       f.inside(info.incident, m.incident.size(), name + "incident triangles") &&
+                       f.inside({info.vertices.first + prototype, info.vertices.count + 1}, m.incident_first.size(), name + "vertex rows") &&
+                       f.inside(m.materials[prototype], m.material.size(), name + "materials");
+    if (!whole) return;
+    f.require(info.admission <= Admission::kRefused && std::isfinite(info.mean_edge) && std::isfinite(info.radius), name + "no such surface");
+    const uint32_t materials = std::max(1u, m.materials[prototype].count);
+    for (uint32_t t = info.triangles.first; t < info.triangles.end(); ++t) {
+        for (int k = 0; k < 3; ++k) {
+            f.below(m.triangle[t][k], info.vertices.count, false, name + "vertex");
+            f.below(m.neighbour[t][k], info.triangles.count, true, name + "neighbour");
+            f.below(m.triangle_edge[t][k], info.edges.count, false, name + "edge");
+        }
+        f.below(m.triangle_material[t], materials, false, name + "material");
+    }
+    for (uint32_t e = info.edges.first; e < info.edges.end(); ++e) {
+        for (int k = 0; k < 2; ++k) {
+            f.below(m.edge[e][k], info.vertices.count, false, name + "vertex of an edge");
+            f.below(m.edge_triangle[e][k], info.triangles.count, true, name + "triangle of an edge");
+        }
+    }
+    for (uint32_t v = 0; v < info.vertices.count; ++v) {
+        const uint32_t* row = m.incident_first.data() + info.vertices.first + prototype + v;
+        f.require(row[0] <= row[1] && row[1] <= info.incident.count, name + "incident triangles of a vertex");
+        f.below(m.component[info.vertices.first + v], info.components, false, name + "component");
+    }
+    for (uint32_t i = info.incident.first; i < info.incident.end(); ++i)
+        f.below(m.incident[i], info.triangles.count, false, name + "incident triangle");
+}
+
+void check_meshes(const Meshes& m, Faults& f) {
+    f.require(m.materials.size() == m.info.size() && m.name.size() == m.info.size(), "meshes: names and materials do not fit");
+    if (!f.first.empty()) return;
+    for (uint32_t p = 0; p < m.info.size() && f.first.empty(); ++p) check_mesh(m, p, f);
+    for (const Material& material : m.material)
+        f.require(material.image.rgba.size() == size_t{4} * material.image.width * material.image.height, "a texture is not as large as it says");
+}
+
+void check_springs(const World& w, uint32_t prototype, Faults& f) {
+    const Springs& s = w.springs;
+    const std::string name = "springs of mesh " + std::to_string(prototype);
+    f.require(prototype < s.info.size() && prototype < s.vertices.size(), name + " are missing");
+    if (!f.first.empty()) return;
+    const Range slices = s.info[prototype].slices;
+    const uint64_t padded = uint64_t{slices.count} * kSliceWidth;
+    f.require(s.vertices[prototype].count == padded, name + " do not fit its vertices");
+    const bool whole = f.inside(s.vertices[prototype], s.area_share.size(), name) &&
+                       f.inside({slices.first + prototype, slices.count + 1}, s.slice_column.size(), name);
+    if (!whole || s.neighbour.size() != s.rest_length.size()) return f.require(false, name + " do not fit together");
+    const uint32_t* column = s.slice_column.data() + slices.first + prototype;
+    for (uint32_t slice = 0; slice < slices.count; ++slice) {
+        f.require(column[slice] <= column[slice + 1] && uint64_t{column[slice + 1]} * kSliceWidth <= s.neighbour.size(), name + ": columns");
+        if (!f.first.empty()) return;
+        for (uint64_t h = uint64_t{column[slice]} * kSliceWidth; h < uint64_t{column[slice + 1]} * kSliceWidth; ++h)
+            f.require(s.neighbour[h] < padded, name + ": far end");
+    }
+}
+
+void check_colours(const World& w, uint32_t prototype, Faults& f) {
+    const Springs& s = w.springs;
+    const std::string name = "colours of springs of mesh " + std::to_string(prototype);
+    f.require(prototype < s.colours.size() && s.batch.size() == s.batch_rest.size(), name + " are missing");
+    if (!f.first.empty() || !f.inside(s.colours[prototype], s.colour.size(), name)) return;
+    const uint32_t ends = s.vertices[prototype].count + 2 * kSliceWidth;
+    for (uint32_t c = s.colours[prototype].first; c < s.colours[prototype].end(); ++c) {
+        if (!f.inside(s.colour[c], s.batch.size(), name)) return;
+        for (uint32_t b = s.colour[c].first; b < s.colour[c].end(); ++b)
+            for (const uint32_t end : s.batch[b]) f.below(end, ends, false, name + ": end");
+    }
+}
+
+void check_body(const World& w, uint32_t body, Faults& f) {
+    const Bodies& b = w.bodies;
+    const std::string name = "body " + std::to_string(body);
+    f.require(b.mesh[body] < w.meshes.info.size(), name + " is of no mesh");
+    f.require(b.motion[body] <= Motion::kDeformable && b.anchor_frame[body] <= AnchorFrame::kShape, name + " moves in no known way");
+    f.require(b.stable_dt[body] > kShortestStep && b.thickness[body] >= 0 && b.inv_mass[body] >= 0, name + " has no step, mass or thickness");
+    if (!f.first.empty() || !is_deformable(b, body)) return;
+    check_springs(w, b.mesh[body], f);
+    if (!f.first.empty() || !f.inside(b.particles[body], w.particles.offset.size(), name + ": particles")) return;
+    const Stepping stepping = stepping_of(b, body);
+    f.require(stepping.integrator <= Integrator::kXpbd && stepping.step > kShortestStep && stepping.iterations <= 10000, name + " is stepped in no known way");
+    if (stepping.integrator == Integrator::kXpbd) check_colours(w, b.mesh[body], f);
+    f.require(b.particles[body].count == w.springs.vertices[b.mesh[body]].count && b.particles[body].first % kSliceWidth == 0 &&
+                  b.particles[body].count >= w.meshes.info[b.mesh[body]].vertices.count,
+              name + ": particles do not fit its mesh");
+}
+
+void check_bodies(const World& w, Faults& f) {
+    const Bodies& b = w.bodies;
+    const size_t n = b.mesh.size();
+    f.require(b.entity.size() == n && b.name.size() == n && b.motion.size() == n && b.particles.size() == n && b.tree.size() == n &&
+                  b.anchor_frame.size() == n && b.tissue.size() == n && b.spring_stiffness.size() == n && b.inv_mass.size() == n &&
+                  b.stable_dt.size() == n && b.thickness.size() == n,
+              "bodies: arrays of different length");
+    f.require(w.poses.origin.size() == n && w.poses.orientation.size() == n && w.poses.velocity.size() == n && w.poses.angular_velocity.size() == n,
+              "poses: not one per body");
+    f.require(b.stepping.size() <= n, "bodies: more steppings than bodies");
+    f.require(w.sleep.still.size() == w.sleep.group.size() && (w.sleep.still.empty() || w.sleep.still.size() == n), "sleep: not one per body");
+    for (const uint32_t group : w.sleep.group) f.below(group, static_cast<uint32_t>(n), true, "sleep with body");
+    const size_t particles = w.particles.offset.size();
+    f.require(w.particles.velocity_x.size() == particles && w.particles.velocity_y.size() == particles && w.particles.velocity_z.size() == particles &&
+                  w.anchors.stiffness.size() == particles && w.anchors.rest_x.size() == particles && w.anchors.rest_y.size() == particles &&
+                  w.anchors.rest_z.size() == particles,
+              "particles: arrays of different length");
+    f.require(w.particles.last_dt.size() <= n, "particles: more steps than bodies");
+    for (uint32_t body = 0; body < n && f.first.empty(); ++body) {
+        check_body(w, body, f);
+        if (is_deformable(b, body)) f.require(w.particles.last_dt.size() > body, "particles: steps of bodies are missing");
+    }
+}
+
+void check_tools(const World& w, Faults& f) {
+    const uint32_t bodies = static_cast<uint32_t>(w.bodies.mesh.size()), paths = static_cast<uint32_t>(w.paths.body.size());
+    f.require(w.paths.keys.size() == paths, "paths: keys do not fit");
+    if (!f.first.empty()) return;
+    for (uint32_t p = 0; p < paths; ++p) {
+        f.below(w.paths.body[p], bodies, true, "path of body");
+        f.inside(w.paths.keys[p], w.paths.key.size(), "keys of a path");
+        f.require(w.paths.keys[p].count > 0, "a path has no key");
+    }
+    f.require(w.haptics.tool.size() <= kMaxTools && w.haptics.state.size() == w.haptics.tool.size(), "tools and their states do not fit");
+    for (const HandTool& tool : w.haptics.tool) {
+        f.below(tool.body, bodies, false, "tool of body");
+        f.below(tool.path, paths, true, "tool on path");
+        f.below(tool.trace, static_cast<uint32_t>(w.haptics.trace.size()), true, "tool on trace");
+        f.require(tool.path != kNone || tool.trace != kNone, "a tool has no device");
+    }
+    for (const DeviceTrace& trace : w.haptics.trace) f.require(!trace.sample.empty(), "a device trace is empty");
+}
+
+}  // namespace
+
+std::string find_fault(const World& w) {
+    Faults f;
+    check_meshes(w.meshes, f);
+    if (f.first.empty()) check_bodies(w, f);
+    if (f.first.empty()) check_tools(w, f);
+    const ContactParams& c = w.settings.contact;
+    f.require(w.settings.substep > kShortestStep && c.tolerance > 0 && c.cell_edges > 0 && c.push_speed >= 0 && c.iterations < 1000 && w.settings.sleep_speed >= 0 && w.settings.sleep_after >= 0, "settings: out of range");
+    f.require(w.clock.contact_rate == 60 && w.clock.display_rate == 30 && w.clock.tick == pass_tick(w.clock.pass, 60), "clock: does not fit its passes");
+    return f.first;
+}
+
+}  // namespace trocar

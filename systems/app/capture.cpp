@@ -1,0 +1,260 @@
+#include "systems/app/capture.hpp"
+
+#include <algorithm>
+#include <cmath>
+#include <csignal>
+#include <cstdlib>
+#include <cstring>
+#include <utility>
+
+#include "engine/error.hpp"
+namespace trocar {
+namespace {
+
+template <typename Visit>
+void each_resource(ResourceKind kind, const Visit& visit) {
+    for (uint32_t r = 0; r < static_cast<uint32_t>(Resource::kCount); ++r)
+        if (resource_kind(static_cast<Resource>(r)) == kind) visit(static_cast<Resource>(r));
+}
+
+// The first passes pay for memory and caches: they are no news.
+constexpr uint64_t kFirstJudged = 8;
+
+volatile std::sig_atomic_t asked_by_signal = 0;
+void ask(int) { asked_by_signal = 1; }
+
+struct Counter {
+    const char* name;
+    uint64_t Report::*value;
+};
+constexpr Counter kCounters[] = {
+    {"contact_events", &Report::contact_events},         {"dropped_contacts", &Report::dropped_contacts},
+    {"oversize_triangles", &Report::oversize_triangles}, {"tie_overflows", &Report::tie_overflows},
+    {"sign_disagreements", &Report::sign_disagreements}, {"ended_rows", &Report::ended_rows},
+    {"opposing_planes", &Report::opposing_planes},       {"nonfinite_particles", &Report::nonfinite_particles},
+    {"late_passes", &Report::late_passes},               {"runaway_bodies", &Report::runaway_bodies},
+};
+
+[[noreturn]] void refuse_trigger(const std::string& word) {
+    std::string counters;
+    for (const Counter& c : kCounters) counters += std::string(counters.empty() ? "" : ", ") + c.name;
+    throw InputError("--capture " + word +
+                     ": write 5-25 (contact passes), worst, over=33 (ms), nan, usr1 or counter=NAME, joined by commas; counters: " + counters);
+}
+
+void parse_trigger(const std::string& word, CaptureTriggers& triggers) {
+    char* end = nullptr;
+    if (word == "worst") {
+        triggers.worst = true;
+    } else if (word == "nan") {
+        triggers.lost = true;
+    } else if (word == "usr1") {
+        triggers.signal = true;
+    } else if (word.starts_with("over=")) {
+        triggers.over_ms = std::strtod(word.c_str() + 5, &end);
+        if (*end != 0 || !(triggers.over_ms > 0) || !std::isfinite(triggers.over_ms)) refuse_trigger(word);
+    } else if (word.starts_with("counter=")) {
+        triggers.counter = word.substr(8);
+        if (!report_counter({}, triggers.counter)) refuse_trigger(word);
+    } else {
+        const size_t dash = word.find('-');
+        if (word.empty() || dash == std::string::npos || word.find_first_not_of("0123456789-") != std::string::npos) refuse_trigger(word);
+        const uint64_t first = std::strtoull(word.c_str(), &end, 10);
+        if (end != word.c_str() + dash || dash == 0 || dash + 1 == word.size()) refuse_trigger(word);
+        const uint64_t last = std::strtoull(word.c_str() + dash + 1, &end, 10);
+        if (*end != 0 || last < first) refuse_trigger(word);
+        triggers.passes = {first, last};
+    }
+}
+
+void add_words(CaptureRecord& record, const char* name, const std::vector<uint64_t>& words) {
+    const std::byte* bytes = reinterpret_cast<const std::byte*>(words.data());
+    record.arrays.push_back({name, ArrayType::kU64, words.size(), 1, {bytes, bytes + words.size() * sizeof(uint64_t)}});
+}
+std::vector<uint64_t> read_words(const CaptureRecord& record, const char* name) {
+    const CaptureArray& a = find_array(record, name, ArrayType::kU64, 1);
+    std::vector<uint64_t> words(a.rows);
+    if (a.rows > 0) std::memcpy(words.data(), a.bytes.data(), a.bytes.size());
+    return words;
+}
+
+}  // namespace
+
+void save_resources(const World& world, ResourceKind kind, CaptureRecord& record) {
+    each_resource(kind, [&](Resource r) { save_resource(world, r, record); });
+}
+void load_resources(const CaptureRecord& record, ResourceKind kind, World& world) {
+    each_resource(kind, [&](Resource r) { load_resource(record, r, world); });
+}
+
+std::optional<uint64_t> report_counter(const Report& report, const std::string& name) {
+    for (const Counter& c : kCounters)
+        if (name == c.name) return report.*c.value;
+    return {};
+}
+
+CaptureTriggers parse_capture_triggers(const std::string& text) {
+    CaptureTriggers triggers;
+    for (size_t from = 0; from <= text.size();) {
+        const size_t comma = std::min(text.find(',', from), text.size());
+        parse_trigger(text.substr(from, comma - from), triggers);
+        from = comma + 1;
+    }
+    return triggers;
+}
+
+CaptureRecord to_record(const CaptureStep& step) {
+    CaptureRecord r{"step", {}};
+    add_number(r, "pass", step.pass), add_number(r, "state_hash", step.state_hash), add_number(r, "frame_ms", step.frame_ms);
+    add_number(r, "detection_ms", step.detection_ms), add_number(r, "response_ms", step.response_ms);
+    add_number(r, "depth_m", step.depth), add_number(r, "force_n", step.force);
+    add_number(r, "contacts", step.contacts), add_number(r, "inside_vertices", step.inside_vertices);
+    add_words(r, "stage_ns", step.stage_ns), add_words(r, "resource_hash", step.resource_hash);
+    r.arrays.insert(r.arrays.end(), step.input.begin(), step.input.end());
+    return r;
+}
+
+CaptureStep read_step(const CaptureRecord& r) {
+    CaptureStep step;
+    step.pass = read_u64(r, "pass"), step.state_hash = read_u64(r, "state_hash"), step.frame_ms = read_f64(r, "frame_ms");
+    step.detection_ms = read_f64(r, "detection_ms"), step.response_ms = read_f64(r, "response_ms");
+    step.depth = read_f64(r, "depth_m"), step.force = read_f64(r, "force_n");
+    step.contacts = read_u64(r, "contacts"), step.inside_vertices = read_u64(r, "inside_vertices");
+    step.stage_ns = read_words(r, "stage_ns"), step.resource_hash = read_words(r, "resource_hash");
+    for (const CaptureArray& a : r.arrays)
+        if (a.name.starts_with("haptics.")) step.input.push_back(a);
+    return step;
+}
+
+FrameRecorder::FrameRecorder(const Frame& frame, CaptureHeader header, const CaptureTriggers& triggers, std::filesystem::path folder)
+    : frame_(frame), header_(std::move(header)), triggers_(triggers), folder_(std::move(folder)) {
+    scene_.kind = "scene";
+    save_resources(frame.world(), ResourceKind::kConstant, scene_);
+    report_ = frame.world().report;
+    if (triggers_.signal) {
+        asked_by_signal = 0;
+        std::signal(SIGUSR1, ask);
+    }
+}
+FrameRecorder::~FrameRecorder() {
+    if (triggers_.signal) std::signal(SIGUSR1, SIG_DFL);
+}
+
+std::unique_ptr<CaptureWriter> FrameRecorder::open(const std::string& name, const std::string& reason) {
+    auto writer = std::make_unique<CaptureWriter>(folder_ / name);
+    CaptureRecord h{"header", {}};
+    add_text(h, "scene", header_.scene), add_text(h, "version", header_.version);
+    add_text(h, "instruction_set", header_.instruction_set), add_text(h, "machine", header_.machine), add_text(h, "reason", reason);
+    std::string stages;
+    for (const std::string& stage : header_.stage_names) stages += stage + "\n";
+    add_text(h, "stages", stages);
+    const Camera& c = header_.camera;
+    const double camera[] = {static_cast<double>(c.kind), c.target.x(), c.target.y(), c.target.z(), c.azimuth, c.elevation, c.distance,
+                             c.position.x(), c.position.y(), c.position.z(), c.field_of_view};
+    const std::byte* bytes = reinterpret_cast<const std::byte*>(camera);
+    h.arrays.push_back({"camera", ArrayType::kF64, 1, std::size(camera), {bytes, bytes + sizeof camera}});
+    add_number(h, "live", uint64_t{header_.live});
+    add_number(h, "wireframe", uint64_t{header_.picture.wireframe}), add_number(h, "depth_colours", uint64_t{header_.picture.depth_colours});
+    writer->add(h);
+    writer->add(scene_);
+    if (std::find(files_.begin(), files_.end(), name) == files_.end()) files_.push_back(name);
+    return writer;
+}
+
+void FrameRecorder::write(const Kept& kept, uint64_t last_pass, const std::string& reason) {
+    const std::string word = reason.substr(0, reason.find(' '));
+    const auto writer = open(word == "worst" ? "worst.cap" : word + "_" + std::to_string(last_pass) + ".cap", reason);
+    for (const auto& stretch : kept) {
+        if (stretch->steps.empty() || stretch->steps.front().pass > last_pass) break;
+        writer->add(stretch->state);
+        for (const CaptureStep& step : stretch->steps)
+            if (step.pass <= last_pass) writer->add(to_record(step));
+    }
+    writer->finish();
+}
+
+void FrameRecorder::before_pass() {
+    const uint64_t pass = frame_.world().clock.pass;
+    if (header_.live) {
+        CaptureRecord tools;
+        save_resource(frame_.world(), Resource::kToolState, tools);
+        input_before_ = std::exchange(input_, std::move(tools.arrays));
+    }
+    const bool begins = triggers_.passes && pass == (*triggers_.passes)[0];
+    if (!kept_.empty() && !begins && pass % kStatePeriod != 0) return;
+    auto stretch = std::make_shared<Stretch>();
+    stretch->state.kind = "state";
+    add_number(stretch->state, "pass", pass);
+    save_resources(frame_.world(), ResourceKind::kState, stretch->state);
+    save_resources(frame_.world(), ResourceKind::kBooks, stretch->state);
+    for (CaptureArray a : input_before_) {
+        a.name = "before." + a.name;
+        stretch->state.arrays.push_back(std::move(a));
+    }
+    if (begins) range_ = open("passes_" + std::to_string((*triggers_.passes)[0]) + "-" + std::to_string((*triggers_.passes)[1]) + ".cap", "passes");
+    if (range_) range_->add(stretch->state);
+    kept_.push_back(std::move(stretch));
+    while (kept_.size() > kKept / kStatePeriod + 1) kept_.pop_front();
+}
+
+void FrameRecorder::after_pass(const PassFigures& pass) {
+    const World& w = frame_.world();
+    CaptureStep step;
+    step.pass = w.clock.pass - 1;
+    step.state_hash = state_hash(w);
+    step.frame_ms = pass.frame_ms, step.detection_ms = pass.detection_ms, step.response_ms = pass.response_ms;
+    step.depth = pass.depth, step.force = pass.force, step.contacts = pass.contacts, step.inside_vertices = pass.inside_vertices;
+    step.stage_ns = frame_.times().stage_ns;
+    step.input = input_;
+    if (range_) {
+        for (uint32_t r = 0; r < static_cast<uint32_t>(Resource::kCount); ++r)
+            step.resource_hash.push_back(resource_hash(w, static_cast<Resource>(r)));
+        range_->add(to_record(step));
+        if (step.pass == (*triggers_.passes)[1]) {
+            range_->finish();
+            range_.reset();
+        }
+    }
+    kept_.back()->steps.push_back(std::move(step));
+    look_for_triggers(kept_.back()->steps.back());
+    report_ = w.report;
+}
+
+void FrameRecorder::look_for_triggers(const CaptureStep& step) {
+    const Report& now = frame_.world().report;
+    const auto rose = [&](const std::string& name) { return *report_counter(now, name) > *report_counter(report_, name); };
+    char reason[96];
+    if (triggers_.signal && asked_by_signal) {
+        asked_by_signal = 0;
+        write(kept_, step.pass, "usr1");
+    }
+    if (triggers_.lost && rose("nonfinite_particles")) write(kept_, step.pass, "nan");
+    if (!triggers_.counter.empty() && rose(triggers_.counter)) {
+        write(kept_, step.pass, triggers_.counter + " rose");
+        triggers_.counter.clear();  // the first time tells; a counter may rise in every pass
+    }
+    if (step.pass < kFirstJudged) return;
+    if (triggers_.over_ms > 0 && step.frame_ms > triggers_.over_ms && over_ < kMostOver) {
+        ++over_;
+        std::snprintf(reason, sizeof reason, "over %g ms: %.3f ms", triggers_.over_ms, step.frame_ms);
+        write(kept_, step.pass, reason);
+    }
+    if (triggers_.worst && step.frame_ms > worst_ms_) {
+        worst_ms_ = step.frame_ms;
+        worst_pass_ = step.pass;
+        worst_ = kept_;  // shares the stretches; written at the end, when it is known to be the worst
+    }
+}
+
+void FrameRecorder::finish() {
+    if (range_) {
+        range_->finish();
+        range_.reset();
+    }
+    if (worst_.empty()) return;
+    char reason[64];
+    std::snprintf(reason, sizeof reason, "worst pass %llu: %.3f ms", static_cast<unsigned long long>(worst_pass_), worst_ms_);
+    write(worst_, worst_pass_, reason);
+}
+
+}  // namespace trocar

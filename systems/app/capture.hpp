@@ -1,0 +1,103 @@
+#pragma once
+#include <array>
+#include <deque>
+#include <filesystem>
+#include <memory>
+#include <optional>
+#include <string>
+#include <vector>
+
+#include "components/picture.hpp"
+#include "engine/capture_file.hpp"
+#include "systems/app/figures.hpp"
+#include "systems/frame.hpp"
+namespace trocar {
+
+// What sets a capture off. Several may be asked for at once.
+struct CaptureTriggers {
+    std::optional<std::array<uint64_t, 2>> passes;  // these contact passes, first and last
+    bool worst = false;                             // the slowest pass of the run
+    double over_ms = 0;                             // passes slower than this; 0 = none. At most kMostOver of them
+    bool lost = false;                              // particles that were not finite and were restored
+    std::string counter;                            // a counter of Report that rises; empty = none
+    bool signal = false;                            // SIGUSR1
+    bool any() const { return passes || worst || over_ms > 0 || lost || !counter.empty() || signal; }
+};
+inline constexpr uint32_t kMostOver = 10;
+
+// "5-25", "worst", "over=33" (ms), "nan", "counter=ended_rows", "usr1", several joined by commas. Throws InputError that
+// says what may be written.
+CaptureTriggers parse_capture_triggers(const std::string& text);
+
+// The value of a counter of Report by its name in metrics.json; nothing when there is none of that name.
+std::optional<uint64_t> report_counter(const Report& report, const std::string& name);
+
+// What a capture says of one contact pass.
+struct CaptureStep {
+    uint64_t pass = 0;        // from 0
+    uint64_t state_hash = 0;  // after it
+    double frame_ms = 0, detection_ms = 0, response_ms = 0;
+    double depth = 0, force = 0;  // m, N
+    uint64_t contacts = 0, inside_vertices = 0;
+    std::vector<uint64_t> stage_ns;       // in the order of the header's stage names
+    std::vector<uint64_t> resource_hash;  // after it, one per Resource; empty where only the state was hashed
+    std::vector<CaptureArray> input;      // of a live run: the tools' state that the pass took, as in World
+};
+CaptureRecord to_record(const CaptureStep& step);
+CaptureStep read_step(const CaptureRecord& record);
+
+// What a reader needs besides the world.
+struct CaptureHeader {
+    std::string scene, version, instruction_set, machine;
+    std::vector<std::string> stage_names;
+    Camera camera;
+    PictureParams picture;
+    bool live = false;
+};
+
+// Adds all resources of that kind to a record, and the reverse.
+void save_resources(const World& world, ResourceKind kind, CaptureRecord& record);
+void load_resources(const CaptureRecord& record, ResourceKind kind, World& world);
+
+// Watches a run and writes captures of it: the last `before` passes are kept in memory (a state every kStatePeriod
+// passes, hashes and times of every pass) and written when a trigger asks. Captures of a range of passes are written as
+// they run, with hashes of every resource.
+class FrameRecorder {
+ public:
+    // `folder` must exist. Throws InputError when a capture cannot be written, here and below.
+    FrameRecorder(const Frame& frame, CaptureHeader header, const CaptureTriggers& triggers, std::filesystem::path folder);
+    ~FrameRecorder();
+    void before_pass();
+    void after_pass(const PassFigures& pass);
+    void finish();  // after the last pass
+    // Names of the files written, in order.
+    const std::vector<std::string>& files() const { return files_; }
+
+    static constexpr uint32_t kStatePeriod = 16, kKept = 128;  // passes
+
+ private:
+    // A state and the passes that start from it.
+    struct Stretch {
+        CaptureRecord state;
+        std::deque<CaptureStep> steps;
+    };
+    using Kept = std::deque<std::shared_ptr<Stretch>>;
+    void look_for_triggers(const CaptureStep& step);
+    void write(const Kept& kept, uint64_t last_pass, const std::string& reason);
+    std::unique_ptr<CaptureWriter> open(const std::string& name, const std::string& reason);
+    const Frame& frame_;
+    CaptureHeader header_;
+    std::vector<CaptureArray> input_, input_before_;  // of this pass and the one before
+    CaptureTriggers triggers_;
+    std::filesystem::path folder_;
+    CaptureRecord scene_;
+    Kept kept_, worst_;
+    double worst_ms_ = 0;
+    uint64_t worst_pass_ = 0;
+    uint32_t over_ = 0;
+    Report report_;
+    std::unique_ptr<CaptureWriter> range_;
+    std::vector<std::string> files_;
+};
+
+}  // namespace trocar

@@ -1,0 +1,173 @@
+#include <algorithm>
+#include <cstdio>
+#include <nlohmann/json.hpp>
+
+#include "engine/error.hpp"
+#include "engine/offscreen.hpp"
+#include "engine/thread_pool.hpp"
+#include "engine/whole_file.hpp"
+#include "systems/app/capture_export.hpp"
+#include "systems/app/commands.hpp"
+#include "systems/app/standard_streams.hpp"
+namespace trocar {
+namespace {
+
+const CaptureStep* worst_step(const Capture& capture) {
+    const CaptureStep* worst = nullptr;
+    for (const Capture::Stretch& stretch : capture.stretches)
+        for (const CaptureStep& step : stretch.steps)
+            if (!worst || step.frame_ms > worst->frame_ms) worst = &step;
+    return worst;
+}
+
+// The stage that took longest in a pass.
+std::string longest_stage(const Capture& capture, const CaptureStep& step) {
+    const size_t count = std::min(step.stage_ns.size(), capture.header.stage_names.size());
+    if (count == 0) return "";
+    const auto longest = std::max_element(step.stage_ns.begin(), step.stage_ns.begin() + static_cast<ptrdiff_t>(count));
+    char text[96];
+    std::snprintf(text, sizeof text, "%s %.3f ms", capture.header.stage_names[static_cast<size_t>(longest - step.stage_ns.begin())].c_str(),
+                  static_cast<double>(*longest) * 1e-6);
+    return text;
+}
+
+std::string hex(uint64_t value) {
+    char text[20];
+    std::snprintf(text, sizeof text, "%016llx", static_cast<unsigned long long>(value));
+    return text;
+}
+
+std::string info_json(const Capture& c) {
+    nlohmann::ordered_json out{{"file", c.file},       {"scene", c.header.scene},   {"reason", c.reason},
+                               {"version", c.header.version}, {"instruction_set", c.header.instruction_set}, {"machine", c.header.machine},
+                               {"live", c.header.live}, {"whole", c.damage.empty()}, {"damage", c.damage},
+                               {"first_pass", c.stretches.front().pass}, {"passes", c.passes()}, {"states", c.stretches.size()}};
+    if (const CaptureStep* worst = worst_step(c)) {
+        out["worst_pass"] = worst->pass, out["worst_ms"] = worst->frame_ms;
+        out["state_hash"] = hex(c.stretches.back().steps.empty() ? worst->state_hash : c.stretches.back().steps.back().state_hash);
+    }
+    return out.dump() + "\n";
+}
+
+void print_info(const Capture& c) {
+    const CaptureHeader& h = c.header;
+    char text[512];
+    std::snprintf(text, sizeof text, "%s: scene %s, %s, trocar %s, %s\n  %s%s\n  passes %llu to %llu, %zu states\n", c.file.c_str(), h.scene.c_str(),
+                  c.reason.c_str(), h.version.c_str(), h.instruction_set.c_str(), h.machine.c_str(), h.live ? ", live" : "",
+                  static_cast<unsigned long long>(c.stretches.front().pass), static_cast<unsigned long long>(c.stretches.front().pass + c.passes() - (c.passes() > 0)),
+                  c.stretches.size());
+    write_standard_output(text);
+    if (const CaptureStep* worst = worst_step(c)) {
+        std::snprintf(text, sizeof text, "  slowest: pass %llu, %.3f ms (%s); depth %.3f mm, %llu contacts\n", static_cast<unsigned long long>(worst->pass),
+                      worst->frame_ms, longest_stage(c, *worst).c_str(), worst->depth * 1e3, static_cast<unsigned long long>(worst->contacts));
+        write_standard_output(text);
+    }
+    if (!c.damage.empty()) write_standard_output("  not whole: it " + c.damage + "\n");
+}
+
+int diff(const Capture& a, const Capture& b) {
+    if (const std::string array = first_difference(a.scene, b.scene); !array.empty()) {
+        write_standard_output("the scenes differ first in " + array + "\n");
+        return kNo;
+    }
+    size_t compared = 0;
+    for (const Capture::Stretch& x : a.stretches) {
+        for (const Capture::Stretch& y : b.stretches) {
+            if (x.pass == y.pass) {
+                if (const std::string array = first_difference(x.state, y.state); !array.empty()) {
+                    write_standard_output("the states before pass " + std::to_string(x.pass) + " differ first in " + array + "\n");
+                    return kNo;
+                }
+            }
+            for (const CaptureStep& s : x.steps) {
+                if (s.pass < y.pass || s.pass >= y.pass + y.steps.size()) continue;
+                ++compared;
+                if (y.steps[s.pass - y.pass].state_hash == s.state_hash) continue;
+                write_standard_output("pass " + std::to_string(s.pass) + " differs: " + hex(s.state_hash) + " and " + hex(y.steps[s.pass - y.pass].state_hash) + "\n");
+                return kNo;
+            }
+        }
+    }
+    write_standard_output("the same in all " + std::to_string(compared) + " passes that both hold\n");
+    return compared > 0 ? kDone : kNo;
+}
+
+void print_profile(const PassProfile& profile, uint64_t pass) {
+    char text[160];
+    std::snprintf(text, sizeof text, "pass %llu, %zu times: median %.3f ms, p90 %.3f ms, least %.3f ms (caches warm)\n%-18s %10s %10s %10s\n",
+                  static_cast<unsigned long long>(pass), profile.pass_ms.size(), quantile(profile.pass_ms, 0.5), quantile(profile.pass_ms, 0.9),
+                  quantile(profile.pass_ms, 0), "stage", "median ms", "p90 ms", "least ms");
+    write_standard_output(text);
+    for (size_t i = 0; i < profile.stage.size(); ++i) {
+        const std::vector<double>& ms = profile.stage_ms[i];
+        std::snprintf(text, sizeof text, "%-18s %10.4f %10.4f %10.4f\n", profile.stage[i].c_str(), quantile(ms, 0.5), quantile(ms, 0.9), quantile(ms, 0));
+        write_standard_output(text);
+    }
+}
+
+std::string profile_json(const PassProfile& profile, uint64_t pass) {
+    nlohmann::ordered_json out{{"pass", pass}, {"repetitions", profile.pass_ms.size()}, {"median_ms", quantile(profile.pass_ms, 0.5)}};
+    for (size_t i = 0; i < profile.stage.size(); ++i)
+        out["stages"][profile.stage[i]] = {{"median_ms", quantile(profile.stage_ms[i], 0.5)}, {"p90_ms", quantile(profile.stage_ms[i], 0.9)}};
+    return out.dump() + "\n";
+}
+
+int profile(const ReplayOptions& options, const Capture& capture) {
+    constexpr size_t kTraceCapacity = 1u << 18;
+    Trace trace(options.trace.empty() ? 0 : kTraceCapacity);
+    const PassProfile profile = profile_pass(capture, *options.frame, options.repeat, options.trace.empty() ? nullptr : &trace);
+    if (!options.trace.empty()) write_whole_file(options.trace, trace.to_json({"main"}));
+    if (options.json) write_standard_output(profile_json(profile, *options.frame));
+    else print_profile(profile, *options.frame);
+    return kDone;
+}
+
+int replay(const ReplayOptions& options, const Capture& capture) {
+    const ReplayVerdict verdict = replay_capture(capture, {});
+    const bool same = verdict.difference.empty();
+    if (options.json) {
+        write_standard_output(nlohmann::ordered_json{{"passes", verdict.compared}, {"same", same}, {"difference", verdict.difference}, {"threads", thread_count()}}.dump() + "\n");
+    } else {
+        write_standard_output(std::to_string(verdict.compared) + " passes run again on " + std::to_string(thread_count()) + " thread" + (thread_count() == 1 ? "" : "s") +
+                              ": " + (same ? "the same to the bit" : verdict.difference) + "\n");
+    }
+    return same ? kDone : kNo;
+}
+
+}  // namespace
+
+int capture_info_command(const std::vector<std::string>& files, bool json) {
+    for (const std::string& file : files) {
+        const Capture capture = open_capture(file);
+        if (json) write_standard_output(info_json(capture));
+        else print_info(capture);
+    }
+    return kDone;
+}
+
+int capture_diff_command(const std::string& a, const std::string& b) { return diff(open_capture(a), open_capture(b)); }
+
+int capture_export_command(const CaptureExportOptions& options) {
+    const Capture capture = open_capture(options.file);
+    if (options.vtp.empty() && options.png.empty() && options.trace.empty() && options.csv.empty())
+        throw InputError("capture export: say what to write: --vtp FOLDER, --png FOLDER, --trace FILE or --csv FILE");
+    if (!options.csv.empty()) write_whole_file(options.csv, capture_csv(capture));
+    if (!options.trace.empty()) write_whole_file(options.trace, capture_trace(capture));
+    set_offscreen_threads(0);
+    ThreadPool pool(options.threads);
+    pool.run([&] {
+        if (!options.vtp.empty()) export_vtp(capture, options.vtp);
+        if (!options.png.empty()) export_pictures(capture, options.png);
+    });
+    return kDone;
+}
+
+int replay_command(const ReplayOptions& options) {
+    const Capture capture = open_capture(options.file);
+    ThreadPool pool(options.threads);
+    int code = kFault;
+    pool.run([&] { code = options.frame ? profile(options, capture) : replay(options, capture); });
+    return code;
+}
+
+}  // namespace trocar

@@ -1,0 +1,168 @@
+#include "systems/app/capture_export.hpp"
+
+#include <algorithm>
+#include <cmath>
+#include <cstdio>
+#include <nlohmann/json.hpp>
+
+#include "content/save_mesh.hpp"
+#include "engine/error.hpp"
+#include "engine/whole_file.hpp"
+#include "systems/app/picture_writer.hpp"
+namespace trocar {
+namespace fs = std::filesystem;
+namespace {
+
+// The surface of a body in the world, and what is known at its vertices.
+Mesh body_surface(const World& world, uint32_t body) {
+    const MeshView view = mesh_view(world.meshes, world.bodies.mesh[body]);
+    Mesh mesh;
+    mesh.triangle.assign(view.triangle.begin(), view.triangle.end());
+    for (uint32_t v = 0; v < view.position.size(); ++v) mesh.position.push_back(vertex_position(surfaces_of(world), body, v));
+    return mesh;
+}
+
+PointField velocity_field(const World& world, uint32_t body, uint32_t vertices) {
+    PointField field{"velocity", 3, {}};
+    for (uint32_t v = 0; v < vertices; ++v)
+        for (const double component : vertex_velocity(surfaces_of(world), body, v)) field.values.push_back(static_cast<float>(component));
+    return field;
+}
+
+std::vector<PointField> contact_fields(const World& world, uint32_t body, uint32_t vertices) {
+    PointField depth{"depth", 1, std::vector<float>(vertices, 0.0f)}, contact{"contact", 1, std::vector<float>(vertices, 0.0f)};
+    const Contacts& c = world.contacts;
+    for (size_t i = 0; i < c.body.size(); ++i) {
+        if (c.body[i] != body) continue;
+        for (const uint32_t v : c.vertex[i]) {
+            contact.values[v] = 1;
+            depth.values[v] = std::max(depth.values[v], static_cast<float>(-c.distance[i]));
+        }
+    }
+    return {depth, contact};
+}
+
+// Mean over the springs of a vertex of |length / rest length - 1|; zero for rigid bodies.
+PointField strain_field(const World& world, uint32_t body, uint32_t vertices) {
+    PointField field{"strain", 1, std::vector<float>(vertices, 0.0f)};
+    if (!is_deformable(world.bodies, body)) return field;
+    const Springs& s = world.springs;
+    const uint32_t prototype = world.bodies.mesh[body], first = world.bodies.particles[body].first;
+    const uint32_t* column = s.slice_column.data() + s.info[prototype].slices.first + prototype;
+    const auto place = [&](uint32_t v) {
+        const Float4& o = world.particles.offset[first + v];
+        return Vec3d(o.x, o.y, o.z);
+    };
+    for (uint32_t v = 0; v < vertices; ++v) {
+        const uint32_t slice = v / kSliceWidth, lane = v % kSliceWidth;
+        double sum = 0, springs = 0;
+        for (uint32_t c = column[slice]; c < column[slice + 1]; ++c) {
+            const uint32_t far_end = s.neighbour[c * kSliceWidth + lane];
+            const double rest = s.rest_length[c * kSliceWidth + lane];
+            if (far_end == v || rest <= 0) continue;
+            sum += std::abs((place(far_end) - place(v)).norm() / rest - 1);
+            ++springs;
+        }
+        if (springs > 0) field.values[v] = static_cast<float>(sum / springs);
+    }
+    return field;
+}
+
+void write_bodies(const World& world, uint64_t pass, const fs::path& folder) {
+    char number[24];
+    std::snprintf(number, sizeof number, "_%06llu.vtp", static_cast<unsigned long long>(pass));
+    for (uint32_t body = 0; body < world.bodies.mesh.size(); ++body) {
+        const Mesh mesh = body_surface(world, body);
+        const uint32_t vertices = static_cast<uint32_t>(mesh.position.size());
+        std::vector<PointField> fields = contact_fields(world, body, vertices);
+        fields.push_back(velocity_field(world, body, vertices));
+        fields.push_back(strain_field(world, body, vertices));
+        PointField stress{"stress", 1, fields.back().values};
+        for (float& value : stress.values) value *= static_cast<float>(world.bodies.tissue[body].youngs_modulus);
+        fields.push_back(std::move(stress));
+        save_vtp(mesh, fields, folder / (world.bodies.name[body] + number));
+    }
+}
+
+struct VtpExport {
+    const fs::path& folder;
+    std::vector<std::string> body;
+    std::vector<std::pair<uint64_t, double>> pass;  // number, seconds at its end
+};
+
+}  // namespace
+
+std::string capture_csv(const Capture& capture) {
+    std::string out = "pass,time_s,frame_ms,detection_ms,response_ms,depth_m,force_n,contacts,inside_vertices,state_hash";
+    for (const std::string& stage : capture.header.stage_names) out += "," + stage + "_ms";
+    out += "\n";
+    char text[256];
+    for (const Capture::Stretch& stretch : capture.stretches) {
+        for (const CaptureStep& s : stretch.steps) {
+            std::snprintf(text, sizeof text, "%llu,%.3f,%.6g,%.6g,%.6g,%.9g,%.9g,%llu,%llu,%016llx", static_cast<unsigned long long>(s.pass),
+                          static_cast<double>(pass_tick(s.pass, 60)) * 1e-3, s.frame_ms, s.detection_ms, s.response_ms, s.depth, s.force,
+                          static_cast<unsigned long long>(s.contacts), static_cast<unsigned long long>(s.inside_vertices),
+                          static_cast<unsigned long long>(s.state_hash));
+            out += text;
+            for (const uint64_t ns : s.stage_ns) {
+                std::snprintf(text, sizeof text, ",%.6g", static_cast<double>(ns) * 1e-6);
+                out += text;
+            }
+            out += "\n";
+        }
+    }
+    return out;
+}
+
+std::string capture_trace(const Capture& capture) {
+    nlohmann::json events = nlohmann::json::array();
+    double at = 0;  // us
+    for (const Capture::Stretch& stretch : capture.stretches) {
+        for (const CaptureStep& s : stretch.steps) {
+            const double begin = at;
+            for (size_t i = 0; i < s.stage_ns.size() && i < capture.header.stage_names.size(); ++i) {
+                const double duration = static_cast<double>(s.stage_ns[i]) * 1e-3;
+                if (duration <= 0) continue;
+                events.push_back({{"name", capture.header.stage_names[i]}, {"ph", "X"}, {"pid", 1}, {"tid", 1}, {"ts", at}, {"dur", duration}});
+                at += duration;
+            }
+            at = std::max(at, begin + s.frame_ms * 1e3);
+            events.push_back({{"name", "pass " + std::to_string(s.pass)}, {"ph", "X"}, {"pid", 1}, {"tid", 0}, {"ts", begin}, {"dur", at - begin}});
+        }
+    }
+    return nlohmann::json{{"traceEvents", std::move(events)}, {"displayTimeUnit", "ms"}}.dump();
+}
+
+void export_vtp(const Capture& capture, const fs::path& folder) {
+    prepare_folder(folder);
+    VtpExport state{folder, {}, {}};
+    const auto each = [](void* user, Frame& frame, const CaptureStep& step) {
+        VtpExport& e = *static_cast<VtpExport*>(user);
+        e.body = frame.world().bodies.name;
+        e.pass.emplace_back(step.pass, static_cast<double>(frame.world().clock.tick) * 1e-3);
+        write_bodies(frame.world(), step.pass, e.folder);
+    };
+    replay_capture(capture, {each, &state});
+    for (const std::string& body : state.body) {
+        std::string out = "<?xml version=\"1.0\"?>\n<VTKFile type=\"Collection\" version=\"0.1\" byte_order=\"LittleEndian\">\n<Collection>\n";
+        char text[256];
+        for (const auto& [pass, seconds] : state.pass) {
+            std::snprintf(text, sizeof text, "<DataSet timestep=\"%.3f\" part=\"0\" file=\"%s_%06llu.vtp\"/>\n", seconds, body.c_str(), static_cast<unsigned long long>(pass));
+            out += text;
+        }
+        write_whole_file(folder / (body + ".pvd"), out + "</Collection>\n</VTKFile>\n");
+    }
+}
+
+void export_pictures(const Capture& capture, const fs::path& folder) {
+    prepare_folder(folder);
+    const World world = world_at(capture, 0);
+    PictureWriter pictures(capture.header.picture, capture.header.camera, world.meshes, folder, false);
+    replay_capture(capture, {[](void* user, Frame& frame, const CaptureStep&) {
+                                 if (frame.times().picture) static_cast<PictureWriter*>(user)->take(frame.world().picture);
+                             },
+                             &pictures});
+    pictures.finish_film();
+}
+
+}  // namespace trocar

@@ -1,0 +1,19 @@
+#pragma once
+#include <filesystem>
+
+#include "systems/app/capture_replay.hpp"
+namespace trocar {
+
+// One line a pass: what it cost, found and hashed to.
+std::string capture_csv(const Capture& capture);
+// The stages of every pass one after the other, as Chrome trace events: how long each took, not when it ran beside others.
+std::string capture_trace(const Capture& capture);
+// Runs the capture again and writes every body after every pass as BODY_PASS.vtp with point fields velocity (m/s), depth
+// (m, of vertices inside another body), contact (1 on vertices with a contact row), strain and stress (Pa: mean over the
+// springs of a vertex of their relative stretch, the same times Young's modulus), and BODY.pvd series that ParaView
+// opens. Throws InputError.
+void export_vtp(const Capture& capture, const std::filesystem::path& folder);
+// Runs the capture again and draws every picture it takes: frames/*.png.
+void export_pictures(const Capture& capture, const std::filesystem::path& folder);
+
+}  // namespace trocar

@@ -1,0 +1,294 @@
+#include <gtest/gtest.h>
+#include <signal.h>
+#include <unistd.h>
+
+#include <cstring>
+#include <fstream>
+#include <random>
+
+#include "content/build_scene.hpp"
+#include "content/scene_file.hpp"
+#include "engine/error.hpp"
+#include "engine/text_file.hpp"
+#include "engine/thread_pool.hpp"
+#include "run_program.hpp"
+#include "systems/app/capture_export.hpp"
+#include "systems/app/live_run.hpp"
+#include "tests/reference/paths.hpp"
+namespace trocar {
+namespace {
+namespace fs = std::filesystem;
+
+// The probe scene with balls, which are made in no time, and a hand four times as quick: it touches after 0.15 s.
+World quick_scene() {
+    const std::vector<Override> balls = {{"liver.shape", "\"sphere\""}, {"liver.size", "0.12"},   {"liver.triangles", "600"},
+                                         {"probe.shape", "\"sphere\""}, {"probe.size", "0.014"}, {"probe.triangles", "100"}};
+    World world = build_scene(read_scene_file(source_folder() / "content/scenes/probe_on_liver.toml", balls)).world;
+    for (Keyframe& key : world.paths.key) key.time *= 0.25;
+    return world;
+}
+
+fs::path scratch_folder(const std::string& name) {
+    const fs::path folder = fs::path(testing::TempDir()) / ("trocar_capture_" + name);
+    fs::remove_all(folder);
+    fs::create_directories(folder);
+    return folder;
+}
+
+// A run of `passes` passes with these triggers; the folder of its captures.
+fs::path captured_run(const std::string& name, const std::string& triggers, uint32_t passes) {
+    const fs::path folder = scratch_folder(name);
+    ThreadPool pool(2);
+    pool.run([&] {
+        Frame frame(quick_scene(), {});
+        CaptureHeader header;
+        header.scene = "balls";
+        header.stage_names = frame.stage_names();
+        FrameRecorder recorder(frame, header, parse_capture_triggers(triggers), folder);
+        for (uint32_t i = 0; i < passes; ++i) {
+            recorder.before_pass();
+            frame.step();
+            PassFigures pass = pass_figures(frame, 0);
+            pass.frame_ms = 1 + i % 17;
+            recorder.after_pass(pass);
+        }
+        recorder.finish();
+    });
+    return folder;
+}
+
+ReplayVerdict replay(const Capture& capture, uint32_t threads = 2) {
+    ReplayVerdict verdict;
+    ThreadPool pool(threads);
+    pool.run([&] { verdict = replay_capture(capture, {}); });
+    return verdict;
+}
+
+// Reads, builds and steps a capture; the message where that is refused.
+std::string try_capture(const fs::path& path) {
+    try {
+        const Capture capture = open_capture(path);
+        ThreadPool pool(1);
+        std::string refused;
+        pool.run([&] {
+            try {
+                Frame frame(world_at(capture, 0), {});
+                frame.step();
+            } catch (const InputError& e) {
+                refused = e.what();
+            }
+        });
+        return refused;
+    } catch (const InputError& e) {
+        return e.what();
+    }
+}
+
+void write_bytes(const fs::path& path, const std::string& bytes) { std::ofstream(path, std::ios::binary) << bytes; }
+
+// Breaks when a state is not complete: anything left out starts otherwise and ends otherwise.
+TEST(Capture, ARangeOfPassesRunsAgainToTheBitOnAnyThreads) {
+    const fs::path folder = captured_run("range", "21-47", 60);
+    const Capture capture = open_capture(folder / "passes_21-47.cap");
+    EXPECT_EQ(capture.passes(), 27u);
+    EXPECT_EQ(capture.stretches.front().pass, 21u);
+    EXPECT_EQ(capture.damage, "");
+    double depth = 0;
+    for (const auto& stretch : capture.stretches)
+        for (const CaptureStep& step : stretch.steps) depth = std::max(depth, step.depth);
+    EXPECT_GT(depth, 0) << "nothing touched: the test shows nothing";
+    for (const uint32_t threads : {1u, 2u, 4u}) {
+        const ReplayVerdict verdict = replay(capture, threads);
+        EXPECT_EQ(verdict.compared, 27u);
+        EXPECT_EQ(verdict.difference, "");
+    }
+}
+
+TEST(Capture, TheWorstPassAndARisingCounterAreKeptWithTheirPast) {
+    const fs::path folder = captured_run("worst", "worst,counter=contact_events", 40);
+    const Capture worst = open_capture(folder / "worst.cap");
+    EXPECT_NE(worst.reason.find("worst pass"), std::string::npos);
+    EXPECT_EQ(replay(worst).difference, "");
+    std::vector<fs::path> rose;
+    for (const auto& entry : fs::directory_iterator(folder))
+        if (entry.path().filename().string().starts_with("contact_events_")) rose.push_back(entry.path());
+    ASSERT_EQ(rose.size(), 1u);
+    const Capture touched = open_capture(rose.front());
+    const CaptureStep& last = touched.stretches.back().steps.back();
+    EXPECT_GT(last.depth, 0) << "ends with the pass that touched";
+    EXPECT_EQ(rose.front().filename().string(), "contact_events_" + std::to_string(last.pass) + ".cap");
+    EXPECT_EQ(replay(touched).difference, "");
+}
+
+TEST(Capture, TheFirstDifferenceIsNamedByPassStageArrayAndRow) {
+    const fs::path folder = captured_run("diverge", "3-40", 45);
+    Capture capture = open_capture(folder / "passes_3-40.cap");
+    CaptureStep& step = capture.stretches[1].steps[2];
+    step.state_hash ^= 1;
+    step.resource_hash[static_cast<size_t>(Resource::kContacts)] ^= 1;
+    EXPECT_NE(replay(capture).difference.find("pass " + std::to_string(step.pass) + " is the first to differ, first in stage overlap (contacts)"), std::string::npos)
+        << replay(capture).difference;
+
+    Capture moved = open_capture(folder / "passes_3-40.cap");
+    for (CaptureArray& a : moved.stretches[1].state.arrays) {
+        if (a.name != "particles.offset") continue;
+        a.bytes[17 * 16] ^= std::byte{1};
+    }
+    EXPECT_NE(replay(moved).difference.find("particles.offset, row 17"), std::string::npos) << replay(moved).difference;
+}
+
+TEST(Capture, OnePassRunsAgainAndAgainFromItsOwnStart) {
+    const fs::path folder = captured_run("profile", "2-30", 31);
+    const Capture capture = open_capture(folder / "passes_2-30.cap");
+    ThreadPool pool(2);
+    pool.run([&] {
+        const PassProfile profile = profile_pass(capture, 25, 5, nullptr);
+        EXPECT_EQ(profile.pass_ms.size(), 5u);
+        EXPECT_EQ(profile.stage.size(), profile.stage_ms.size());
+        EXPECT_THROW(profile_pass(capture, 31, 5, nullptr), InputError);
+    });
+}
+
+// Whatever moment the writer is stopped at: every record before it is there.
+TEST(Capture, ACaptureCutShortAnywhereKeepsItsCompleteRecords) {
+    const fs::path folder = captured_run("cut", "0-12", 14);
+    const std::string whole = read_file_bytes(folder / "passes_0-12.cap");
+    const CaptureFile complete = read_capture(folder / "passes_0-12.cap");
+    std::mt19937 random(1);
+    size_t before = 0;
+    for (size_t size = 0; size < whole.size(); size += 1 + random() % (whole.size() / 100)) {
+        write_bytes(folder / "cut.cap", whole.substr(0, size));
+        if (size < 16) {
+            EXPECT_THROW(read_capture(folder / "cut.cap"), InputError);
+            continue;
+        }
+        const CaptureFile cut = read_capture(folder / "cut.cap");
+        EXPECT_NE(cut.damage, "") << size;
+        EXPECT_GE(cut.records.size(), before);
+        before = cut.records.size();
+        for (size_t i = 0; i < cut.records.size(); i += 7) EXPECT_EQ(first_difference(cut.records[i], complete.records[i]), "");
+    }
+    EXPECT_GE(before + 1, complete.records.size());
+    EXPECT_EQ(complete.damage, "");
+}
+
+TEST(Capture, FlippedBytesAreSeen) {
+    const fs::path folder = captured_run("flip", "0-3", 5);
+    const std::string whole = read_file_bytes(folder / "passes_0-3.cap");
+    std::mt19937 random(2);
+    for (int i = 0; i < 100; ++i) {
+        std::string flipped = whole;
+        flipped[random() % flipped.size()] ^= static_cast<char>(1 + random() % 255);
+        write_bytes(folder / "flipped.cap", flipped);
+        try {
+            EXPECT_NE(read_capture(folder / "flipped.cap").damage, "");
+        } catch (const InputError&) {
+        }
+    }
+}
+
+// A capture with right checksums and wrong contents ends in a message or in a step, not in a crash (run under the
+// sanitizers too). Breaks when find_fault misses an index.
+TEST(Capture, HostileArraysAreRefusedOrHarmless) {
+    const fs::path folder = captured_run("hostile", "12-14", 16);
+    const CaptureFile good = read_capture(folder / "passes_12-14.cap");
+    std::mt19937 random(3);
+    uint32_t refused = 0;
+    constexpr int kMutants = 250;
+    for (int i = 0; i < kMutants; ++i) {
+        CaptureFile bad = good;
+        CaptureRecord& record = bad.records[1 + random() % 2];
+        CaptureArray& array = record.arrays[random() % record.arrays.size()];
+        if (array.bytes.empty()) continue;
+        if (random() % 4 == 0) {
+            const uint64_t rows = random() % array.rows;
+            array.rows = rows;
+            array.bytes.resize(rows * array.columns * element_size(array.type));
+        } else {
+            const size_t size = element_size(array.type), at = random() % (array.bytes.size() / size) * size;
+            constexpr uint64_t kWords[] = {0, 1, 255, 65535, UINT32_MAX, UINT64_MAX, 0x7ff8000000000000, 1u << 31, 0x7f800000};
+            const uint64_t word = kWords[random() % std::size(kWords)];
+            std::memcpy(array.bytes.data() + at, &word, size);
+        }
+        const fs::path file = folder / "bad.cap";
+        CaptureWriter writer(file);
+        for (const CaptureRecord& r : bad.records) writer.add(r);
+        writer.finish();
+        const std::string reason = try_capture(file);
+        refused += !reason.empty();
+        EXPECT_EQ(reason.find('\n'), std::string::npos) << reason;
+    }
+    EXPECT_GT(refused, kMutants / 10u);
+}
+
+TEST(Capture, ABuiltSceneHasNoFault) {
+    ThreadPool pool(1);
+    pool.run([] { EXPECT_EQ(find_fault(quick_scene()), ""); });
+}
+
+TEST(Capture, TriggersAreReadOrTaught) {
+    EXPECT_EQ((*parse_capture_triggers("5-25").passes)[1], 25u);
+    EXPECT_TRUE(parse_capture_triggers("worst,nan").lost);
+    EXPECT_EQ(parse_capture_triggers("over=2.5").over_ms, 2.5);
+    for (const char* bad : {"", "5", "25-5", "-5", "5-", "over=", "over=-1", "over=x", "counter=nothing", "worst,", "best"})
+        EXPECT_THROW(parse_capture_triggers(bad), InputError) << bad;
+}
+
+TEST(Capture, ParaViewGetsFieldsAtEveryPass) {
+    const fs::path folder = captured_run("vtp", "28-30", 31);
+    ThreadPool pool(2);
+    pool.run([&] { export_vtp(open_capture(folder / "passes_28-30.cap"), folder / "vtp"); });
+    const std::string series = read_file_bytes(folder / "vtp/liver.pvd");
+    EXPECT_NE(series.find("liver_000029.vtp"), std::string::npos);
+    const std::string surface = read_file_bytes(folder / "vtp/liver_000029.vtp");
+    for (const char* field : {"velocity", "depth", "contact", "strain", "stress"})
+        EXPECT_NE(surface.find("Name=\"" + std::string(field) + "\""), std::string::npos) << field;
+}
+
+// Stopped by SIGKILL while it writes: what was written before can be replayed.
+TEST(Capture, AKilledRunLeavesAReadableCapture) {
+    const fs::path folder = scratch_folder("killed");
+    std::mt19937 random(4);
+    uint32_t replayed = 0;
+    for (int i = 0; i < 3; ++i) {
+        const std::string out = folder / std::to_string(i);
+        const pid_t child = fork();
+        if (child == 0) {
+            execl(program_path().c_str(), "trocar", "run", "probe_on_liver", "--no-render", "--seconds", "60", "--threads", "1", "--set", "liver.triangles=600",
+                  "--capture", "0-100000", "--out", out.c_str(), nullptr);
+            _exit(127);
+        }
+        const fs::path file = fs::path(out) / "captures/passes_0-100000.cap";
+        for (int wait = 0; wait < 2000 && !(fs::exists(file) && fs::file_size(file) > 100000); ++wait) usleep(5000);
+        usleep(static_cast<useconds_t>(random() % 50000));
+        kill(child, SIGKILL);
+        int status = 0;
+        waitpid(child, &status, 0);
+        ASSERT_TRUE(fs::exists(file));
+        const CaptureFile records = read_capture(file);
+        EXPECT_NE(records.damage, "");
+        if (records.records.size() < 4) continue;
+        const Capture capture = open_capture(file);
+        EXPECT_EQ(replay(capture).difference, "");
+        ++replayed;
+    }
+    EXPECT_GT(replayed, 0u);
+}
+
+TEST(CaptureCommand, RunCaptureReplayInfoDiff) {
+    const fs::path folder = scratch_folder("command");
+    const std::string run = "run kidney_on_liver --no-render --seconds 0.4 --set liver.triangles=600 --set kidney.triangles=400 --capture ";
+    EXPECT_EQ(run_program(run + "2-9", folder, folder).code, 2) << "without --out";
+    EXPECT_EQ(run_program(run + "sometimes --out out", folder, folder).code, 2);
+    EXPECT_EQ(run_program(run + "2-9,worst --out out", folder, folder).code, 0);
+    const Outcome info = run_program("capture info out/captures/passes_2-9.cap --json", folder, folder);
+    EXPECT_NE(info.out.find("\"passes\":8"), std::string::npos) << info.out;
+    EXPECT_EQ(run_program("replay out/captures/worst.cap", folder, folder).code, 0);
+    EXPECT_EQ(run_program("capture diff out/captures/worst.cap out/captures/passes_2-9.cap", folder, folder).code, 0);
+    const Outcome none = run_program("replay " + std::string(source_folder() / "README.md"), folder, folder);
+    EXPECT_EQ(none.code, 2);
+    EXPECT_NE(none.err.find("is not a capture"), std::string::npos) << none.err;
+}
+
+}  // namespace
+}  // namespace trocar
