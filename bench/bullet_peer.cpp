@@ -73,6 +73,7 @@ struct DeformableWorld : Common {
 
 }  // namespace
 
+bool have_bullet() { return true; }
 BulletBody bullet_links(const SpringGraph& graph, int iterations) {
     auto w = std::make_shared<LinkWorld>();
     w->world.setGravity(btVector3(0, 0, btScalar(-9.81)));
@@ -107,6 +108,7 @@ BulletDeformable bullet_deformable(const SpringGraph& graph, double dt, double d
     return b;
 }
 #else
+bool have_bullet() { return false; }
 BulletBody bullet_links(const SpringGraph&, int) { return {}; }
 BulletDeformable bullet_deformable(const SpringGraph&, double, double) { return {}; }
 #endif

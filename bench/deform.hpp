@@ -9,6 +9,8 @@ namespace trocar::bench {
 // without AVX-512.
 double gather_seconds(uint32_t elements);
 
+bool have_bullet();
+
 // A Bullet soft body of the same masses and springs, gravity along -z, collisions off. Empty functions without Bullet.
 struct BulletBody {
     std::function<void()> step;                     // 1 ms

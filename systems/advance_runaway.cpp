@@ -18,18 +18,24 @@ struct Sums {
     double mass = 0, elastic = 0, gravity = 0;
 };
 
-// Elastic energy and height of a body at a place, J; plain loops in double: asked only when a body has grown fast.
-Sums sum_potential(const AdvanceIsland& island, const AdvanceBody& b, const Float4* at) {
+// Elastic energy and height of a body at a place, `back` seconds before it, J; plain loops in double: asked only when a
+// body has grown fast.
+Sums sum_potential(const AdvanceIsland& island, const AdvanceBody& b, const Float4* at, double back) {
     SpringStep step = b.step;
     step.offset = &at->x;
-    step.back = 0;
+    step.back = static_cast<float>(back);
+    const auto place = [&](uint32_t v) {
+        const Particles& p = island.particles;
+        const uint32_t i = b.particles.first + v;
+        return Vec3d(Vec3d(at[v].x, at[v].y, at[v].z) - back * Vec3d(p.velocity_x[i], p.velocity_y[i], p.velocity_z[i]));
+    };
     if (b.shape) {
         Quat orientation = b.orientation;
         fit_goals(sum_shape(step, b.slices, island.scratch.shape_sums), orientation, step);
     }
     Sums sums;
     for (uint32_t v = 0; v < b.particles.count; ++v) {
-        const Vec3d x(at[v].x, at[v].y, at[v].z), rest(step.anchor_x[v], step.anchor_y[v], step.anchor_z[v]);
+        const Vec3d x = place(v), rest(step.anchor_x[v], step.anchor_y[v], step.anchor_z[v]);
         Vec3d goal;
         for (int i = 0; i < 3; ++i) goal[i] = step.centre[i] + Vec3d(step.turn[3 * i], step.turn[3 * i + 1], step.turn[3 * i + 2]).dot(rest);
         sums.elastic += 0.5 * step.anchor_stiffness[v] * (x - goal).squaredNorm();
@@ -38,9 +44,10 @@ Sums sum_potential(const AdvanceIsland& island, const AdvanceBody& b, const Floa
         sums.gravity -= mass * island.params.gravity.dot(x);
         for (uint32_t c = step.slice_column[v / kSliceWidth]; c < step.slice_column[v / kSliceWidth + 1]; ++c) {
             const size_t half_edge = size_t{c} * kSliceWidth + v % kSliceWidth;
-            const Float4& q = at[step.neighbour[half_edge]];
-            const double stretch = (Vec3d(q.x, q.y, q.z) - x).norm() - step.rest_length[half_edge];
-            if (step.neighbour[half_edge] != v) sums.elastic += 0.25 * step.stiffness * stretch * stretch;
+            const uint32_t far_end = step.neighbour[half_edge];
+            if (far_end == v) continue;
+            const double stretch = (place(far_end) - x).norm() - step.rest_length[half_edge];
+            sums.elastic += 0.25 * step.stiffness * stretch * stretch;
         }
     }
     return sums;
@@ -69,11 +76,12 @@ double kinetic_energy(const AdvanceIsland& island, const AdvanceBody& b) {
 bool has_run_away(const AdvanceIsland& island, const AdvanceBody& b, double input) {
     const double kinetic = kinetic_energy(island, b);
     if (kinetic <= kGrowth * b.kinetic || b.step.force_x) return false;
-    const Sums before = sum_potential(island, b, island.particles.offset.data() + b.particles.first);
+    const Sums before = sum_potential(island, b, island.particles.offset.data() + b.particles.first, 0);
     if (kinetic <= kNoise * before.mass) return false;
-    const Sums after = sum_potential(island, b, b.now);
+    const Sums after = sum_potential(island, b, b.now, 0.5 * b.last_dt);
     const double grown = (kinetic - b.kinetic) + (after.elastic - before.elastic) + (after.gravity - before.gravity);
-    return grown > kGrowth * (b.kinetic + before.elastic) + 2 * std::max(input, 0.0) + kNoise * before.mass;
+    return grown > kGrowth * (b.kinetic + before.elastic) + 2 * std::max(input, 0.0) + kNoise * before.mass &&
+           grown > 0.5 * (kinetic + after.elastic);
 }
 
 }  // namespace trocar

@@ -49,8 +49,8 @@ void find_groups(const SceneSettings& settings, const Bodies& bodies, std::span<
     }
     for (size_t i = 0; i < pairs.a.size(); ++i) {
         if (lies_anyway(pairs.a[i]) || lies_anyway(pairs.b[i])) continue;
-        const auto [low, high] = std::minmax(find_root(s.parent, pairs.a[i]), find_root(s.parent, pairs.b[i]));
-        s.parent[high] = low;
+        const uint32_t a = find_root(s.parent, pairs.a[i]), b = find_root(s.parent, pairs.b[i]);
+        s.parent[std::max(a, b)] = std::min(a, b);
     }
     for (uint32_t b = 0; b < count; ++b) {
         if (s.restless[b]) s.restless[find_root(s.parent, b)] = 1;
