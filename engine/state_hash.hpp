@@ -7,17 +7,28 @@ namespace trocar {
 
 // 64-bit hash of a sequence of plain values; equal bits give equal hashes on every machine of the same byte order.
 struct StateHash {
+    static constexpr size_t kLongRow = 256;  // bytes
     uint64_t value = 0x9e3779b97f4a7c15ull;
 
-    void add_word(uint64_t word) {
-        // splitmix64 finaliser (Steele, Lea, Flood, OOPSLA 2014, figure 13) over a running state
-        uint64_t z = value ^ word;
+    // splitmix64 finaliser (Steele, Lea, Flood, OOPSLA 2014, figure 13) over a running state
+    static uint64_t mix(uint64_t state, uint64_t word) {
+        uint64_t z = state ^ word;
         z = (z ^ (z >> 30)) * 0xbf58476d1ce4e5b9ull;
         z = (z ^ (z >> 27)) * 0x94d049bb133111ebull;
-        value = (z ^ (z >> 31)) + 0x9e3779b97f4a7c15ull;
+        return (z ^ (z >> 31)) + 0x9e3779b97f4a7c15ull;
     }
+    void add_word(uint64_t word) { value = mix(value, word); }
     void add_bytes(const void* data, size_t size) {
         const unsigned char* p = static_cast<const unsigned char*>(data);
+        if (size >= kLongRow) {
+            // every step waits for the one before: four chains side by side keep the multipliers busy
+            uint64_t lane[4] = {mix(value, 1), mix(value, 2), mix(value, 3), mix(value, 4)}, word[4];
+            for (; size >= sizeof word; p += sizeof word, size -= sizeof word) {
+                std::memcpy(word, p, sizeof word);
+                for (int i = 0; i < 4; ++i) lane[i] = mix(lane[i], word[i]);
+            }
+            for (const uint64_t l : lane) add_word(l);
+        }
         for (; size >= 8; p += 8, size -= 8) {
             uint64_t word;
             std::memcpy(&word, p, 8);

@@ -256,8 +256,9 @@ void share_room(std::span<AdvanceScratch> scratches) {
     level(&AdvanceScratch::slot_of_body);
     level(&AdvanceScratch::plan);
     level(&AdvanceScratch::active);
-    level(&AdvanceScratch::touched);
-    level(&AdvanceScratch::pending);
+    level(&AdvanceScratch::block);
+    level(&AdvanceScratch::active_block);
+    level(&AdvanceScratch::open_blocks_of_node);
     const auto level_implicit = [&](auto ImplicitScratch::* field) {
         size_t most = 0;
         for (const AdvanceScratch& s : scratches) most = std::max(most, (s.implicit.*field).capacity());
@@ -303,11 +304,11 @@ void advance_island(const AdvanceParams& params, const AdvanceInputs& inputs, st
         step_bodies(island, kernels, substep);
         pull_hands(island, substep);
         observe(params.observer.begin);
-        const bool books = params.account_energy && !scratch.plan.empty();
-        if (!scratch.plan.empty()) apply_impulses(island);
+        const bool books = params.account_energy && has_rows(scratch);
+        if (has_rows(scratch)) apply_impulses(island);
         if (books) book_measured(island, result.work_contact);
         move_hands(island);
-        if (!scratch.plan.empty()) push_out(island, substep);
+        if (has_rows(scratch)) push_out(island, substep);
         if (books) book_measured(island, result.work_push);
         observe(params.observer.end);
         for (AdvanceBody& b : scratch.body) b.now = b.next;

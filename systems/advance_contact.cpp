@@ -7,11 +7,6 @@
 namespace trocar {
 namespace {
 
-// Below this cosine between a row's normal and its triangle's, the foot along the normal is too far away to be used.
-constexpr double kLeastCosine = 0.2;
-// Two rows press a node from both sides when the cosine of their ways is below this.
-constexpr double kOpposed = -0.5;
-
 uint32_t node_slot(AdvanceScratch& s, uint32_t owner, uint32_t vertex) {
     const AdvanceBody& body = s.body[owner];
     const uint32_t particle = body.particles.first + vertex;
@@ -44,6 +39,7 @@ ContactPlan make_plan(AdvanceIsland& island, uint32_t row) {
     plan.normal = to_vec4(rows.normal[row]);
     plan.impulse = Vec4d{};
     plan.friction = rows.friction[row];
+    plan.ended = rows.distance[row] == std::numeric_limits<double>::infinity();
     if (is_deformable(bodies, a)) {
         TROCAR_ASSERT(s.slot_of_body[a] != kNone);
         for (int i = 0; i < 2; ++i) plan.node_a[i] = node_slot(s, s.slot_of_body[a], rows.vertex[row][i]);
@@ -199,10 +195,6 @@ void note_rows(AdvanceScratch& s, const ContactActive& active) {
         const Vec4d way = of_point ? active.normal : -active.normal;
         if (change.rows++ == 0) {
             change.first_way = way;
-            change.change = Vec4d{};
-            change.pushed = false;
-            change.opposed = false;
-            s.touched.push_back(active.node[k]);
         } else if (pressed && !change.opposed && dot(change.first_way, way) < kOpposed) {
             change.opposed = true;
         }
@@ -250,13 +242,9 @@ void activate(AdvanceIsland& island, uint32_t plan_row, const RowState& r) {
     note_rows(s, active);
 }
 
-// Most rows are seen to be too far away without asking for velocities: none is closed faster than twice `fastest`, m/s.
-void find_active_rows(AdvanceIsland& island, double fastest) {
+void find_active_rows(AdvanceIsland& island, double reach) {
     AdvanceScratch& s = island.scratch;
-    for (const uint32_t node : s.touched) s.change[node].rows = 0;
-    s.touched.clear();
     s.active.clear();
-    const double reach = 2.001 * fastest * island.dt;
     for (uint32_t i = 0; i < s.plan.size(); ++i) {
         const ContactPlan& plan = s.plan[i];
         if (plan.ended) continue;
@@ -305,27 +293,28 @@ Vec4d particle_velocity(const Particles& p, uint32_t i) {
 }
 
 // Writes what the rows did to the particles: velocity, and the drift that belongs to it. Books the work: a leapfrog kick
-// does work at the mean of the velocities before and after it, all its impulses together; `lost` is what damping took,
-// whose share of the kernel's books was at the velocity before the rows.
+// does work at the mean of the velocities before and after it, all its impulses together; what damping took, whose
+// share of the kernel's books was at the velocity before the rows, counts too.
 void scatter_velocities(AdvanceIsland& island) {
     AdvanceScratch& s = island.scratch;
     Particles& p = island.particles;
-    double work = 0;
-    for (const uint32_t n : s.touched) {
+    Vec4d work = {};
+    for (uint32_t n = 0; n < s.node.size(); ++n) {
         ContactNode& node = s.node[n];
-        if (node.particle == kNone || node.inv_mass == 0) continue;
+        const ContactNodeChange& change = s.change[n];
+        const __m256d same = _mm256_cmp_pd((__m256d)node.velocity, (__m256d)change.kicked, _CMP_EQ_UQ);
+        if (_mm256_movemask_pd(same) == 15 || node.particle == kNone || node.inv_mass == 0) continue;
         const __m128 velocity = _mm256_cvtpd_ps((__m256d)node.velocity);
         p.velocity_x[node.particle] = velocity[0];
         p.velocity_y[node.particle] = velocity[1];
         p.velocity_z[node.particle] = velocity[2];
         node.velocity = float_vec4(velocity);
-        const ContactNodeChange& change = s.change[n];
         const Vec4d kick = node.velocity - change.kicked;
         move_particle(s.body[node.owner], node, island.dt * kick);
-        if (!island.params.account_energy || s.body[node.owner].measured()) continue;
-        work += dot(kick, change.before + node.velocity + kick_of(s, n).lost) / (2 * node.inv_mass);
+        if (s.body[node.owner].measured()) continue;
+        work += kick * (change.damped + node.velocity) * (0.5 / node.inv_mass);
     }
-    island.result.work_contact += work;
+    if (island.params.account_energy) island.result.work_contact += work[0] + work[1] + work[2];
 }
 
 // What hands and scripted bodies did of the work of the rows.
@@ -362,10 +351,24 @@ void add_impulses(AdvanceIsland& island) {
     }
 }
 
-// Nodes after kick and drift. Returns the largest squared velocity of a node, m^2/s^2.
+// What damping took from a node in the kick of this substep, and what everything else did. Returns the work that the
+// forces did against the push of the substep before, J: energy does not depend on the way, and half the sum of the
+// forces at the start of that substep and after the push is the force in the middle of the push, seen half a substep
+// back (exact where forces are linear in place).
+double note_kick(const AdvanceBody& body, const ContactNode& node, ContactNodeChange& change) {
+    Vec4d drag = body.drag_velocity;
+    if (body.shape) drag += cross(body.drag_turn, node.place - body.origin);
+    const Vec4d lost = (double(body.step.keep) - 1.0) * (change.before - drag), before = change.acceleration;
+    change.damped = change.before + lost;
+    change.acceleration = (node.velocity - change.damped) / double(body.step.kick_dt);
+    return change.pushed ? dot(0.5 * (before + change.acceleration), change.change) / node.inv_mass : 0;
+}
+
+// Nodes after kick and drift; books the pushes of the substep before. Returns a bound of their velocities, m/s.
 double gather_nodes(AdvanceIsland& island) {
     AdvanceScratch& s = island.scratch;
-    double fastest2 = 0;
+    Vec4d most = {};
+    double work = 0;
     for (uint32_t n = 0; n < s.node.size(); ++n) {
         ContactNode& node = s.node[n];
         ContactNodeChange& change = s.change[n];
@@ -376,11 +379,16 @@ double gather_nodes(AdvanceIsland& island) {
             node.place = body.origin + float_vec4(_mm_load_ps(&body.now[vertex].x));
             node.after = body.origin + float_vec4(_mm_load_ps(&body.next[vertex].x));
             node.velocity = particle_velocity(island.particles, node.particle);
+            if (island.params.account_energy) work += note_kick(body, node, change);
         }
         change.kicked = node.velocity;
-        fastest2 = std::max(fastest2, norm2(node.velocity));
+        change.change = Vec4d{};
+        change.rows = 0;
+        change.pushed = change.opposed = false;
+        most = greatest(node.velocity * node.velocity, most);
     }
-    return fastest2;
+    if (std::isfinite(work)) island.result.work_push -= work;  // else a body about to be restored
+    return std::sqrt(most[0] + most[1] + most[2]);
 }
 
 }  // namespace
@@ -389,8 +397,6 @@ void plan_contacts(AdvanceIsland& island, std::span<const uint32_t> island_rows)
     AdvanceScratch& s = island.scratch;
     s.plan.clear();
     s.active.clear();
-    s.touched.clear();
-    s.pending.clear();
     s.node_of_particle.resize(island.particles.offset.size(), kNone);
     // neighbours in the list are neighbours on the surface and share nodes: parts of a long list are dealt in turn, so
     // that the processor can work on one row while another waits for its sums; a short one converges better in order
@@ -399,31 +405,22 @@ void plan_contacts(AdvanceIsland& island, std::span<const uint32_t> island_rows)
     const uint32_t parts = std::clamp(count / kRowsPerPart, 1u, kMostParts), part = (count + parts - 1) / parts;
     for (uint32_t i = 0; i < part; ++i) {
         for (uint32_t row = i; row < count; row += part) {
-            if (island.rows.distance[island_rows[row]] == std::numeric_limits<double>::infinity()) continue;
             s.plan.push_back(make_plan(island, island_rows[row]));
         }
     }
+    plan_blocks(island);
     s.active.reserve(s.plan.size());
 }
 
 void forget_contacts(AdvanceIsland& island) {
     AdvanceScratch& s = island.scratch;
     for (const ContactPlan& plan : s.plan) island.rows.impulse[plan.row] += to_vec3(plan.impulse);
+    forget_blocks(island);
     for (const ContactNode& node : s.node) {
         if (node.particle != kNone) s.node_of_particle[node.particle] = kNone;
     }
     for (const AdvanceBody& b : s.body) s.slot_of_body[b.body] = kNone;
     for (const AdvanceRigid& r : s.rigid) s.slot_of_body[r.body] = kNone;
-}
-
-Kick kick_of(const AdvanceScratch& s, uint32_t n) {
-    const ContactNode& node = s.node[n];
-    const ContactNodeChange& change = s.change[n];
-    const AdvanceBody& body = s.body[node.owner];
-    Vec4d drag = body.drag_velocity;
-    if (body.shape) drag += cross(body.drag_turn, node.place - body.origin);
-    const Vec4d lost = (double(body.step.keep) - 1.0) * (change.before - drag);
-    return {lost, (change.kicked - change.before - lost) / double(body.step.kick_dt)};
 }
 
 void note_velocities(AdvanceIsland& island) {
@@ -436,15 +433,19 @@ void note_velocities(AdvanceIsland& island) {
 
 void apply_impulses(AdvanceIsland& island) {
     AdvanceScratch& s = island.scratch;
-    const double fastest = std::sqrt(gather_nodes(island)) + fastest_rigid(island);
-    book_pushes(island);
-    find_active_rows(island, fastest);
-    for (uint32_t pass = 0; pass < island.params.contact.iterations && !s.active.empty(); ++pass) {
+    const double fastest = gather_nodes(island) + fastest_rigid(island);
+    // most rows are seen to be too far away without asking for velocities: none is closed faster than twice `fastest`
+    const double reach = 2.001 * fastest * island.dt;
+    activate_blocks(island, reach);
+    find_active_rows(island, reach);
+    for (uint32_t pass = 0; pass < island.params.contact.iterations; ++pass) {
+        solve_blocks(s);
         for (ContactActive& row : s.active) row.nodes == 4 ? solve_row<4>(s, row) : solve_row<0>(s, row);
     }
     scatter_velocities(island);
     if (island.params.account_energy && !s.rigid.empty()) book_hands(island);
     add_impulses(island);
+    add_block_impulses(s);
 }
 
 }  // namespace trocar

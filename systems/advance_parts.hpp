@@ -2,6 +2,13 @@
 #include "systems/advance.hpp"
 namespace trocar {
 
+// Below this cosine between a row's normal and its triangle's, the foot along the normal is too far away to be used.
+constexpr double kLeastCosine = 0.2;
+// Two rows press a node from both sides when the cosine of their ways is below this.
+constexpr double kOpposed = -0.5;
+// Overlap left alone (m): far below anything seen or felt, above what rounding makes of a resting contact.
+constexpr double kRestingOverlap = 1e-6;
+
 // One call of advance_island as its parts see it.
 struct AdvanceIsland {
     const AdvanceParams& params;
@@ -55,17 +62,23 @@ void note_velocities(AdvanceIsland& island);
 // points of a fine tool press few tissue triangles Jacobi lost a factor of 20 in depth. Every impulse acts on both
 // sides with their inverse masses. Coulomb friction on the accumulated impulse.
 void apply_impulses(AdvanceIsland& island);
-// What damping took from a node in the kick of this substep, m/s, and the acceleration of everything else, m/s^2.
-struct Kick {
-    Vec4d lost, acceleration;
-};
-Kick kick_of(const AdvanceScratch& s, uint32_t node);
-
 // Moves remaining overlap of the active rows out without touching velocities, in substeps in which a millisecond begins;
 // after move_hands.
 void push_out(AdvanceIsland& island, uint32_t substep);
-// Books the pushes of the substep before, once the forces after them are known.
-void book_pushes(AdvanceIsland& island);
+
+// Share of the way of a push that the side of the point goes, unless bodies share it by mass.
+double share_of_point(const AdvanceIsland& island, const ContactPlan& plan);
+
+// Long lists of rows between deformable bodies are worked on four at a time; each does what its namesake for one row
+// does. plan_blocks takes rows out of scratch.plan; a row any of whose nodes may be pressed from both sides stays.
+void plan_blocks(AdvanceIsland& island);
+void forget_blocks(AdvanceIsland& island);
+void activate_blocks(AdvanceIsland& island, double reach);
+void solve_blocks(AdvanceScratch& s);
+void add_block_impulses(AdvanceScratch& s);
+bool push_blocks(AdvanceIsland& island, double most);
+double deepest_in_blocks(const AdvanceScratch& s);
+inline bool has_rows(const AdvanceScratch& s) { return !s.plan.empty() || !s.block.empty(); }
 
 // Adds to the place of a node's particle at the end of the substep.
 inline void move_particle(AdvanceBody& body, ContactNode& node, Vec4d way) {

@@ -6,9 +6,6 @@
 namespace trocar {
 namespace {
 
-// Overlap left alone (m): far below anything seen or felt, above what rounding makes of a resting contact.
-constexpr double kRestingOverlap = 1e-6;
-
 // Gap of a row at the end of the substep, and its normal there.
 double gap_after(const AdvanceScratch& s, const ContactPlan& plan, Vec4d& normal) {
     Vec4d apart;
@@ -29,24 +26,14 @@ double gap_after(const AdvanceScratch& s, const ContactPlan& plan, Vec4d& normal
     return dot(normal, apart) - plan.offset;
 }
 
-// Share of the way that the side of the point goes.
-double share_of_point(const AdvanceIsland& island, const ContactPlan& plan) {
-    if (plan.rigid_a != kNone) return 0;
-    if (plan.rigid_b != kNone) return 1;
-    if (island.params.contact.share == ResponseShare::kHalf) return 0.5;
-    const Bodies& bodies = island.inputs.bodies;
-    const double a = bodies.spring_stiffness[island.rows.body[plan.row]];
-    const double b = bodies.spring_stiffness[island.rows.other[plan.row]];
-    return b / (a + b);
-}
-
 // Later rows see the move; but a node pressed from both sides stays where it was for all of them and goes half of each
 // way: it meets its two planes midway.
 void move_node(AdvanceScratch& s, uint32_t node, Vec4d move) {
-    ContactNodeChange& change = s.change[node];
-    change.change += (change.opposed ? 0.5 : 1.0) * move;
-    if (!change.opposed) s.node[node].after += move;
-    change.pushed = true;
+    if (s.change[node].opposed) {
+        s.change[node].change += 0.5 * move;
+    } else {
+        s.node[node].after += move;
+    }
 }
 
 // Moves both sides by their inverse masses, or each side by its share of the way.
@@ -76,7 +63,7 @@ void add_push(AdvanceIsland& island, const ContactActive& row, Vec4d way) {
 // How far a node of the island is being pushed; zero for other particles.
 Vec3d push_of(const AdvanceScratch& s, uint32_t particle) {
     const uint32_t n = s.node_of_particle[particle];
-    return n != kNone && s.change[n].rows > 0 && s.change[n].pushed ? to_vec3(s.change[n].change) : Vec3d(Vec3d::Zero());
+    return n != kNone && s.change[n].pushed ? to_vec3(s.change[n].change) : Vec3d(Vec3d::Zero());
 }
 
 // A body half a substep back, where its velocities are and where measure_energy looks at it: only there do the works of
@@ -125,52 +112,54 @@ double node_push_work(const HalfWay& at, uint32_t v, const Vec3d& push, double i
 // Books the pushes of the last substep of a call from the springs themselves: the next forces are not there yet.
 void book_last_pushes(AdvanceIsland& island) {
     const AdvanceScratch& s = island.scratch;
-    for (const PendingPush& p : s.pending) {
-        const ContactNode& node = s.node[p.node];
+    for (uint32_t n = 0; n < s.node.size(); ++n) {
+        const ContactNode& node = s.node[n];
+        if (!s.change[n].pushed || node.particle == kNone) continue;
         const AdvanceBody& body = s.body[node.owner];
         island.result.work_push += node_push_work({island, body}, node.particle - body.particles.first,
-                                                  to_vec3(p.push), node.inv_mass);
+                                                  to_vec3(s.change[n].change), node.inv_mass);
     }
 }
 
 // Limits the moves to `most`, however many rows push a node, and makes them. What is booked is what the floats hold.
 void make_moves(AdvanceIsland& island, double most) {
     AdvanceScratch& s = island.scratch;
-    for (const uint32_t n : s.touched) {
+    for (uint32_t n = 0; n < s.node.size(); ++n) {
         ContactNodeChange& change = s.change[n];
-        if (!change.pushed) continue;
-        const double size2 = norm2(change.change);
-        if (size2 > most * most) change.change *= most / std::sqrt(size2);
         ContactNode& node = s.node[n];
-        if (node.particle == kNone) {
+        float* offset = nullptr;
+        Vec4d origin = node.place, before = {};
+        if (node.particle != kNone) {
+            const AdvanceBody& body = s.body[node.owner];
+            offset = &body.next[node.particle - body.particles.first].x;
+            origin = body.origin;
+            before = float_vec4(_mm_load_ps(offset));
+        }
+        if (!change.opposed) change.change = node.after - (origin + before);
+        const double size2 = norm2(change.change);
+        if (!(size2 > 0)) continue;
+        if (size2 > most * most) change.change *= most / std::sqrt(size2);
+        if (offset != nullptr) {
+            move_particle(s.body[node.owner], node, change.change);
+            change.change = float_vec4(_mm_load_ps(offset)) - before;
+            change.pushed = !s.body[node.owner].measured();  // whose works are measured
+        } else {
             node.place = node.after = node.place + change.change;
             s.rigid[node.owner].place[1].shift = node.place;
-            continue;
-        }
-        AdvanceBody& body = s.body[node.owner];
-        const float* offset = &body.next[node.particle - body.particles.first].x;
-        const Vec4d before = float_vec4(_mm_load_ps(offset));
-        move_particle(body, node, change.change);
-        change.change = float_vec4(_mm_load_ps(offset)) - before;
-        if (island.params.account_energy && norm2(change.change) > 0 && !body.measured()) {
-            s.pending.push_back({change.change, kick_of(s, n).acceleration, n});
         }
     }
 }
 
 }  // namespace
 
-void book_pushes(AdvanceIsland& island) {
-    AdvanceScratch& s = island.scratch;
-    double work = 0;
-    // energy does not depend on the way: half the sum of the forces at the start of that substep and after the push is
-    // the force in the middle of the push, seen half a substep back (exact where forces are linear in place)
-    for (const PendingPush& p : s.pending) {
-        const Vec4d mean = 0.5 * (p.acceleration + kick_of(s, p.node).acceleration);
-        work -= dot(mean, p.push) / s.node[p.node].inv_mass;
-    }
-    if (std::isfinite(work)) island.result.work_push += work;  // else a body about to be restored
-    s.pending.clear();
+double share_of_point(const AdvanceIsland& island, const ContactPlan& plan) {
+    if (plan.rigid_a != kNone) return 0;
+    if (plan.rigid_b != kNone) return 1;
+    if (island.params.contact.share == ResponseShare::kHalf) return 0.5;
+    const Bodies& bodies = island.inputs.bodies;
+    const double a = bodies.spring_stiffness[island.rows.body[plan.row]];
+    const double b = bodies.spring_stiffness[island.rows.other[plan.row]];
+    return b / (a + b);
 }
 
 void push_out(AdvanceIsland& island, uint32_t substep) {
@@ -189,14 +178,15 @@ void push_out(AdvanceIsland& island, uint32_t substep) {
             add_push(island, row, std::min(overlap, most) * normal);
             any = true;
         }
+        any = push_blocks(island, most) || any;
         if (any) make_moves(island, most);
     }
     if (substep + 1 < params.substeps) return;
-    book_last_pushes(island);
-    double deepest = 0;
+    if (params.account_energy) book_last_pushes(island);
+    double deepest = deepest_in_blocks(s);
     for (const ContactActive& row : s.active) deepest = std::max(deepest, -gap_after(s, s.plan[row.plan], normal));
     island.result.deepest_residual = deepest;
-    for (const uint32_t n : s.touched) {
+    for (uint32_t n = 0; n < s.node.size(); ++n) {
         island.result.opposing_planes += s.change[n].opposed && s.node[n].particle != kNone;
     }
 }

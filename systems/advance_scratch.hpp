@@ -5,6 +5,7 @@
 
 #include "components/bodies.hpp"
 #include "components/math.hpp"
+#include "engine/geometry/four_points.hpp"
 #include "engine/geometry/vec4.hpp"
 #include "engine/spring_kernels.hpp"
 namespace trocar {
@@ -79,9 +80,12 @@ struct ContactNode {
 struct ContactNodeChange {
     Vec4d before;        // m/s, before the kick of this substep
     Vec4d kicked;        // m/s, after it
-    Vec4d change;        // m, of the place by push-out
-    Vec4d first_way;     // of the first active row
-    uint32_t rows = 0;   // active rows
+    Vec4d damped;        // m/s, before it and what damping takes off; of a particle, while energy is accounted
+    Vec4d acceleration;  // m/s^2, of everything else in the kick; likewise
+    Vec4d change;           // m, of the place by push-out
+    Vec4d first_way;        // of the first active row that is not in a block
+    uint32_t rows = 0;      // active rows that are not in a block
+    bool may_oppose = true;  // rows of the call may press it from both sides: none of them is in a block
     bool opposed = false;
     bool pushed = false;
 };
@@ -101,6 +105,7 @@ struct ContactPlan {
     uint32_t rigid_a = kNone, rigid_b = kNone;  // rows of rigid, or kNone
     uint32_t row = kNone;
     bool ended = false;
+    bool in_block = false;
 };
 
 // A row that acts in this substep.
@@ -119,11 +124,29 @@ struct ContactActive {
     uint32_t plan = 0;
 };
 
-// A push whose work is booked when the forces after it are known.
-struct PendingPush {
-    Vec4d push;          // m
-    Vec4d acceleration;  // m/s^2, at the start of the substep of the push
-    uint32_t node = 0;
+// Four contact rows between deformable bodies that share no node, in the lanes of registers: what ContactPlan and
+// ContactActive say of a row. Parts of a row: 0 the point, 1 the second end of its edge, 2-4 the corners of the triangle.
+// A lane without a row points to the node of no mass and is never open.
+struct ContactBlock {
+    static constexpr uint32_t kParts = 5;
+    std::array<std::array<uint32_t, 4>, kParts> node;  // part, lane
+    std::array<Vec4d, kParts> weight;
+    std::array<Vec4d, kParts> inv_mass;  // 1/kg
+    FourPoints normal;                   // world
+    Vec4d offset = {};                   // m, half the thickness of a sheet
+    Vec4d friction = {};
+    Vec4d point_share = {};              // of the way of a push, that the side of the point goes; unless by mass
+    FourPoints impulse;                  // N s, given so far in the call
+    std::array<uint32_t, 4> row;         // of ContactRows, or kNone
+    Mask4 open = {};                     // rows that have not ended
+    bool edges = false;                  // some row has a second end
+    // in this substep
+    Mask4 active = {};
+    std::array<Vec4d, kParts> lever;  // weights of the relative velocity: + for the point, - for its foot; 0 if not active
+    Vec4d inv_sum = {};               // kg, 1 / sum of lever^2 * inverse mass; 0 if not active
+    Vec4d least_velocity = {};        // m/s, along the normal
+    Vec4d normal_impulse = {};        // N s
+    FourPoints friction_impulse;      // N s
 };
 
 // Reused memory of advance_island, one per thread that may run it. Its content means nothing between calls.
@@ -138,10 +161,11 @@ struct AdvanceScratch {
     std::vector<ContactNodeChange> change;   // as node
     std::vector<uint32_t> node_of_particle;  // row of node or kNone, one per particle of the world
     std::vector<uint32_t> slot_of_body;      // row of body or of rigid or kNone, one per body of the world
-    std::vector<ContactPlan> plan;
+    std::vector<ContactPlan> plan;  // of rows that are not in a block
     std::vector<ContactActive> active;
-    std::vector<uint32_t> touched;  // nodes with an active row
-    std::vector<PendingPush> pending;
+    std::vector<ContactBlock> block;
+    std::vector<uint32_t> active_block;
+    std::vector<uint16_t> open_blocks_of_node;  // while blocks are filled: which of those open have it; as node
     ImplicitScratch implicit;
 };
 

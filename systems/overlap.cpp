@@ -149,29 +149,33 @@ bool settle_sign(const Side& side, uint32_t row, OverlapChunk& c) {
 // Signed distance is 1-Lipschitz, so it changes along an edge by no more than the edge is long. Where it does, a sign
 // is wrong: the surface is folded there and pseudonormals do not tell. A vertex put right may put its neighbours in
 // doubt.
+bool check_triangle(const Side& side, const Triangle& corner, OverlapChunk& c) {
+    bool changed = false;
+    for (uint32_t k = 0; k < 3; ++k) {
+        const uint32_t i = c.row[corner[k]], j = c.row[corner[(k + 1) % 3]];
+        const double a = c.query_answer[i].distance, b = c.query_answer[j].distance;
+        if (a * b >= 0) continue;
+        const double length = (c.query_point[i] - c.query_point[j]).norm();
+        if (std::abs(a - b) <= length * (1 + 1e-9)) continue;
+        changed = settle_sign(side, i, c) || changed;
+        changed = settle_sign(side, j, c) || changed;
+    }
+    return changed;
+}
+
 void check_signs(const OverlapInput& in, const Side& side, OverlapChunk& c) {
     c.settled.resize((c.query_vertex.size() + 63) / 64, 0);
-    const auto check_triangle = [&](const Triangle& corner) {
-        bool changed = false;
-        for (const uint32_t v : corner) {
-            if (!has_bit(c.near_vertex, v)) return false;
-        }
-        for (uint32_t k = 0; k < 3; ++k) {
-            const uint32_t i = c.row[corner[k]], j = c.row[corner[(k + 1) % 3]];
-            const double a = c.query_answer[i].distance, b = c.query_answer[j].distance;
-            if (a * b >= 0) continue;
-            const double length = (c.query_point[i] - c.query_point[j]).norm();
-            if (std::abs(a - b) <= length * (1 + 1e-9)) continue;
-            changed = settle_sign(side, i, c) || changed;
-            changed = settle_sign(side, j, c) || changed;
-        }
-        return changed;
-    };
+    const Range rows = in.screened.body[side.body];
+    const uint32_t* first = in.screened.triangle.data() + rows.first;
     for (bool changed = true; changed;) {
         changed = false;
-        const Range rows = in.screened.body[side.body];
-        for (uint32_t row = rows.first; row < rows.end(); ++row) {
-            changed = check_triangle(side.mesh.triangle[in.screened.triangle[row]]) || changed;
+        for (const uint32_t* t = first; t < first + rows.count; ++t) {
+            const Triangle& corner = side.mesh.triangle[*t];
+            if (!has_bit(c.near_vertex, corner[0]) || !has_bit(c.near_vertex, corner[1]) ||
+                !has_bit(c.near_vertex, corner[2])) {
+                continue;
+            }
+            changed = check_triangle(side, corner, c) || changed;
         }
     }
 }

@@ -11,7 +11,6 @@ namespace {
 constexpr uint64_t kEmptyCell = UINT64_MAX;
 constexpr uint32_t kMostCells = 64;  // of one triangle; more goes to the oversize list
 constexpr double kGridCells = (1 << 21) - 2;
-constexpr uint8_t kNotFinite = 8;
 
 Box overlap_of(const Box& a, const Box& b) { return {a.min.cwiseMax(b.min), a.max.cwiseMin(b.max)}; }
 Box enlarged(const Box& box, double by) { return {box.min - Vec3d::Constant(by), box.max + Vec3d::Constant(by)}; }
@@ -47,14 +46,40 @@ Box collect_regions(const BodyBoxes& boxes, const CandidatePairs& pairs, Rasteri
     return all;
 }
 
-// Sides of the box that each vertex lies beyond; a triangle whose corners share a side does not meet the box.
+// Sides of the box that each vertex lies beyond; a triangle whose corners share a side does not meet the box. Vertices
+// that are not finite may lie beyond none.
 void find_outcodes(const BodyPoints& points, __m256d low, __m256d high, std::vector<uint8_t>& outcode) {
     const uint32_t count = uint32_t(outcode.size());
     for (uint32_t v = 0; v < count; ++v) {
         const __m256d p = points(v);
         const int below = _mm256_movemask_pd(_mm256_cmp_pd(p, low, _CMP_LT_OQ));
         const int above = _mm256_movemask_pd(_mm256_cmp_pd(p, high, _CMP_GT_OQ));
-        outcode[v] = is_finite(p) ? uint8_t(below | above << 4) : kNotFinite;
+        outcode[v] = uint8_t(below | above << 4);
+    }
+}
+
+// The same for float offsets, two at a time; the box is in their frame and moved outward to floats.
+void find_outcodes(std::span<const Float4> offset, const Box& box, std::vector<uint8_t>& outcode) {
+    const float inf = std::numeric_limits<float>::infinity();
+    alignas(16) float low[4] = {0, 0, 0, -inf}, high[4] = {0, 0, 0, inf};
+    for (int k = 0; k < 3; ++k) {
+        low[k] = std::nextafter(float(box.min[k]), -inf);
+        high[k] = std::nextafter(float(box.max[k]), inf);
+    }
+    const __m128 low4 = _mm_load_ps(low), high4 = _mm_load_ps(high);
+    const __m256 low8 = _mm256_set_m128(low4, low4), high8 = _mm256_set_m128(high4, high4);
+    const uint32_t count = uint32_t(outcode.size());
+    uint32_t v = 0;
+    for (; v + 2 <= count; v += 2) {
+        const __m256 p = _mm256_loadu_ps(&offset[v].x);
+        const uint32_t below = uint32_t(_mm256_movemask_ps(_mm256_cmp_ps(p, low8, _CMP_LT_OQ)));
+        const uint32_t above = uint32_t(_mm256_movemask_ps(_mm256_cmp_ps(p, high8, _CMP_GT_OQ)));
+        outcode[v] = uint8_t((below & 15) | above << 4);
+        outcode[v + 1] = uint8_t(below >> 4 | (above & 0xf0));
+    }
+    for (; v < count; ++v) {
+        const __m128 p = _mm_loadu_ps(&offset[v].x);
+        outcode[v] = uint8_t(_mm_movemask_ps(_mm_cmplt_ps(p, low4)) | _mm_movemask_ps(_mm_cmpgt_ps(p, high4)) << 4);
     }
 }
 
@@ -79,22 +104,29 @@ void screen_body(const Surfaces& s, const BodyBoxes& boxes, const Vec3d& origin,
     for (uint32_t i = first; i < end; ++i) all = joined(all, scratch.region[scratch.region_pair[i]]);
     const Box wide = enlarged(all, reach);
     const BodyPoints points(s, body, origin);
-    const double inf = std::numeric_limits<double>::infinity();
-    const Vec3d a = wide.min - origin, b = wide.max - origin;
     screen.outcode.resize(mesh.position.size());
-    find_outcodes(points, _mm256_setr_pd(a.x(), a.y(), a.z(), -inf), _mm256_setr_pd(b.x(), b.y(), b.z(), inf),
-                  screen.outcode);
+    if (is_deformable(s.bodies, body)) {
+        const Vec3d& own = s.poses.origin[body];
+        const Box box = {wide.min - own, wide.max - own};
+        find_outcodes(std::span(s.particles.offset).subspan(s.bodies.particles[body].first), box, screen.outcode);
+    } else {
+        const double inf = std::numeric_limits<double>::infinity();
+        const Vec3d a = wide.min - origin, b = wide.max - origin;
+        find_outcodes(points, _mm256_setr_pd(a.x(), a.y(), a.z(), -inf), _mm256_setr_pd(b.x(), b.y(), b.z(), inf),
+                      screen.outcode);
+    }
 
     screen.triangle.clear();
     screen.box.clear();
     screen.tight.clear();
     screen.edge_sum = 0;
+    const uint8_t* outcode = screen.outcode.data();
     const __m256d grow = _mm256_setr_pd(reach, reach, reach, 0);
     for (uint32_t t = 0; t < mesh.triangle.size(); ++t) {
         const Triangle& corner = mesh.triangle[t];
-        const uint8_t c0 = screen.outcode[corner[0]], c1 = screen.outcode[corner[1]], c2 = screen.outcode[corner[2]];
-        if ((c0 & c1 & c2) != 0 || ((c0 | c1 | c2) & kNotFinite) != 0) continue;
+        if ((outcode[corner[0]] & outcode[corner[1]] & outcode[corner[2]]) != 0) continue;
         const __m256d p = points(corner[0]), q = points(corner[1]), r = points(corner[2]);
+        if (!is_finite(p) || !is_finite(q) || !is_finite(r)) continue;
         const __m256d low = _mm256_min_pd(_mm256_min_pd(p, q), r), high = _mm256_max_pd(_mm256_max_pd(p, q), r);
         const PackedBox box = pack_box(_mm256_sub_pd(low, grow), _mm256_add_pd(high, grow));
         const __m256 face = facing(load_box(box));

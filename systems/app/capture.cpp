@@ -246,6 +246,15 @@ void FrameRecorder::look_for_triggers(const CaptureStep& step) {
     }
 }
 
+void FrameRecorder::forget() {
+    kept_.clear();
+    report_ = frame_.world().report;
+}
+
+void FrameRecorder::write_now(const std::string& reason) {
+    if (!kept_.empty() && !kept_.back()->steps.empty()) write(kept_, kept_.back()->steps.back().pass, reason);
+}
+
 void FrameRecorder::finish() {
     if (range_) {
         range_->finish();

@@ -70,6 +70,9 @@ class FrameRecorder {
     void before_pass();
     void after_pass(const PassFigures& pass);
     void finish();  // after the last pass
+    void forget();  // the run goes back to an earlier pass
+    // Writes the last passes now, for a reason whose first word names the file.
+    void write_now(const std::string& reason);
     // Names of the files written, in order.
     const std::vector<std::string>& files() const { return files_; }
 

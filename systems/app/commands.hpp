@@ -108,6 +108,23 @@ int scenes_command(bool json);
 // Library versions and the instruction set in use.
 std::string version_text();
 
+struct SoakOptions {
+    std::string scene;
+    std::vector<Override> overrides;
+    double minutes = 10;
+    double seconds = 0;         // of an episode, simulated; 0 = the scene's
+    std::vector<std::string> faults;
+    std::filesystem::path out;  // folder; empty = only standard output
+    uint32_t threads = 0;
+    bool json = false;
+};
+int soak_command(const SoakOptions& options);
+
+// Path of a scene file, from a path or the name of a scene that comes with the program. Throws InputError.
+std::filesystem::path find_scene(const std::string& name);
+// Processor and kernel.
+std::string machine_text();
+
 // Folder of the scenes that come with the program: beside the sources, or as installed.
 std::filesystem::path scenes_folder();
 

@@ -248,13 +248,16 @@ std::string trouble_section(const Report& r) {
 
 }  // namespace
 
-std::string report_html(const RunFigures& f, const ReportMedia& media) {
-    const ContactColumns c = contact_columns(f);
+std::string html_page(const std::string& title, const std::string& body) {
     return "<!doctype html><html lang=\"en\"><head><meta charset=\"utf-8\"><meta name=\"viewport\" "
            "content=\"width=device-width\"><title>" +
-           escape_html(f.scene) + " - Trocar</title><style>" + kStyle + "</style></head><body>\n" + head(f, c) +
-           media_sections(media) + contact_section(c) + time_section(f) + stage_section(f) + haptics_section(f) +
-           trouble_section(f.report) + "</body></html>\n";
+           escape_html(title) + " - Trocar</title><style>" + kStyle + "</style></head><body>\n" + body + "</body></html>\n";
+}
+
+std::string report_html(const RunFigures& f, const ReportMedia& media) {
+    const ContactColumns c = contact_columns(f);
+    return html_page(f.scene, head(f, c) + media_sections(media) + contact_section(c) + time_section(f) + stage_section(f) +
+                                  haptics_section(f) + trouble_section(f.report));
 }
 
 }  // namespace trocar

@@ -20,4 +20,7 @@ ReportMedia embed_media(const std::filesystem::path& folder, const std::vector<s
 // report.html: one page of text, tables and SVG plots that opens offline and tells what its figures mean.
 std::string report_html(const RunFigures& figures, const ReportMedia& media);
 
+// A page in the same style around a body that is HTML already.
+std::string html_page(const std::string& title, const std::string& body);
+
 }  // namespace trocar

@@ -31,30 +31,6 @@ namespace {
 
 constexpr size_t kTraceCapacity = 1u << 19;
 
-// Name of a scene that comes with the program, or a path.
-fs::path find_scene(const std::string& name) {
-    std::error_code error;
-    if (fs::exists(name, error) || name.find('/') != std::string::npos || name.ends_with(".toml")) return name;
-    const fs::path file = scenes_folder() / (name + ".toml");
-    if (!fs::exists(file, error))
-        throw InputError(name + ": neither a scene file nor a scene that comes with the program (see `trocar scenes`)");
-    return file;
-}
-
-std::string machine_text() {
-    std::ifstream cpu("/proc/cpuinfo");
-    std::string model = "unknown processor";
-    for (std::string line; std::getline(cpu, line);) {
-        if (line.rfind("model name", 0) == 0) {
-            model = line.substr(line.find(':') + 2);
-            break;
-        }
-    }
-    utsname name{};
-    uname(&name);
-    return model + ", " + name.sysname + " " + name.release;
-}
-
 // World positions of a body as a mesh that the mesh commands can read back.
 Mesh body_surface(const World& world, uint32_t body) {
     const MeshView view = mesh_view(world.meshes, world.bodies.mesh[body]);
@@ -181,6 +157,29 @@ void print_summary(const RunFigures& f, const fs::path& out) {
 }
 
 }  // namespace
+
+fs::path find_scene(const std::string& name) {
+    std::error_code error;
+    if (fs::exists(name, error) || name.find('/') != std::string::npos || name.ends_with(".toml")) return name;
+    const fs::path file = scenes_folder() / (name + ".toml");
+    if (!fs::exists(file, error))
+        throw InputError(name + ": neither a scene file nor a scene that comes with the program (see `trocar scenes`)");
+    return file;
+}
+
+std::string machine_text() {
+    std::ifstream cpu("/proc/cpuinfo");
+    std::string model = "unknown processor";
+    for (std::string line; std::getline(cpu, line);) {
+        if (line.rfind("model name", 0) == 0) {
+            model = line.substr(line.find(':') + 2);
+            break;
+        }
+    }
+    utsname name{};
+    uname(&name);
+    return model + ", " + name.sysname + " " + name.release;
+}
 
 int run_command(const RunOptions& options) {
     const SceneFile file = read_scene_file(find_scene(options.scene), options.overrides);

@@ -1,0 +1,382 @@
+#include <algorithm>
+#include <bit>
+#include <cmath>
+
+#include "engine/check.hpp"
+#include "engine/surfaces.hpp"
+#include "systems/advance_parts.hpp"
+namespace trocar {
+namespace {
+
+constexpr uint32_t kParts = ContactBlock::kParts;
+// Fewer rows than this converge better one after the other, in the order of the surface.
+constexpr uint32_t kFewestRows = 64;
+constexpr uint32_t kOpenBlocks = 16;
+// Two ways within 60 degrees of a third are within 120 of each other, which is kOpposed.
+constexpr double kLean = 0.5;
+
+// Nodes of a row that lies between deformable bodies, in the order of the parts of a block.
+struct RowNodes {
+    std::array<uint32_t, kParts> node;
+    uint32_t count = 0;
+    bool distinct = true;
+};
+RowNodes nodes_of(const ContactPlan& plan) {
+    RowNodes r;
+    const auto add = [&](uint32_t node) {
+        for (uint32_t k = 0; k < r.count; ++k) r.distinct = r.distinct && r.node[k] != node;
+        r.node[r.count++] = node;
+    };
+    add(plan.node_a[0]);
+    if (plan.node_a[1] != plan.node_a[0]) add(plan.node_a[1]);
+    for (const uint32_t node : plan.node_b) add(node);
+    return r;
+}
+bool is_edge(const ContactPlan& plan) { return plan.node_a[1] != plan.node_a[0]; }
+bool between_deformables(const ContactPlan& plan) { return plan.rigid_a == kNone && plan.rigid_b == kNone; }
+
+// Calls visit(change of a node, way of a row that presses it).
+template <typename Visit>
+void for_each_way(AdvanceScratch& s, const Visit& visit) {
+    for (const ContactPlan& plan : s.plan) {
+        if (plan.rigid_a == kNone) {
+            visit(s.change[plan.node_a[0]], plan, plan.normal);
+            if (is_edge(plan)) visit(s.change[plan.node_a[1]], plan, plan.normal);
+        }
+        if (plan.rigid_b == kNone) {
+            for (const uint32_t node : plan.node_b) visit(s.change[node], plan, -plan.normal);
+        }
+    }
+}
+
+// Finds the nodes that no two rows of the call can press from both sides: all ways lie within 60 degrees of their mean.
+// Planes of rigid bodies turn: theirs may.
+void find_opposable(AdvanceScratch& s) {
+    for (ContactNodeChange& change : s.change) change.first_way = Vec4d{}, change.may_oppose = false;
+    for_each_way(s, [](ContactNodeChange& change, const ContactPlan&, Vec4d way) { change.first_way += way; });
+    for_each_way(s, [](ContactNodeChange& change, const ContactPlan& plan, Vec4d way) {
+        const double along = dot(change.first_way, way);
+        const bool leans = !(along > 0 && along * along >= kLean * kLean * norm2(change.first_way));
+        change.may_oppose = change.may_oppose || leans || !between_deformables(plan);
+    });
+}
+
+bool fits_block(const AdvanceScratch& s, const ContactPlan& plan) {
+    if (!between_deformables(plan)) return false;
+    const RowNodes nodes = nodes_of(plan);
+    const auto end = nodes.node.begin() + nodes.count;
+    return nodes.distinct && std::none_of(nodes.node.begin(), end, [&](uint32_t n) { return s.change[n].may_oppose; });
+}
+
+// Particle-less and without mass: what lanes without a row, and vertices without a second end, point to.
+uint32_t add_idle_node(AdvanceScratch& s) {
+    ContactNode& node = s.node.emplace_back();
+    node.place = node.after = node.velocity = Vec4d{};
+    s.change.emplace_back();
+    return static_cast<uint32_t>(s.node.size()) - 1;
+}
+
+ContactBlock empty_block(uint32_t idle) {
+    ContactBlock block;
+    for (auto& nodes : block.node) nodes.fill(idle);
+    block.weight.fill(Vec4d{});
+    block.inv_mass.fill(Vec4d{});
+    block.lever.fill(Vec4d{});
+    block.row.fill(kNone);
+    return block;
+}
+
+void put_row(const AdvanceIsland& island, const ContactPlan& plan, uint32_t lane, ContactBlock& block) {
+    const AdvanceScratch& s = island.scratch;
+    const auto put = [&](uint32_t part, uint32_t node, double weight) {
+        block.node[part][lane] = node;
+        block.weight[part][lane] = weight;
+        block.inv_mass[part][lane] = s.node[node].inv_mass;
+    };
+    if (is_edge(plan)) {
+        put(0, plan.node_a[0], plan.weight_a[0]);
+        put(1, plan.node_a[1], plan.weight_a[1]);
+        block.edges = true;
+    } else {
+        put(0, plan.node_a[0], plan.weight_a[0] + plan.weight_a[1]);
+    }
+    for (uint32_t k = 0; k < 3; ++k) put(2 + k, plan.node_b[k], plan.weight_b[k]);
+    set_lane(block.normal, lane, plan.normal);
+    block.offset[lane] = plan.offset;
+    block.friction[lane] = plan.friction;
+    block.point_share[lane] = share_of_point(island, plan);
+    block.row[lane] = plan.row;
+    block.open[lane] = plan.ended ? 0 : -1;
+}
+
+// Puts rows into blocks: each into the first of a few unfinished ones that has none of its nodes.
+class BlockFiller {
+ public:
+    BlockFiller(AdvanceIsland& island, uint32_t idle) : island_(island), idle_(idle) { block_.fill(kNone); }
+    void add(const ContactPlan& plan) {
+        AdvanceScratch& s = island_.scratch;
+        const RowNodes nodes = nodes_of(plan);
+        uint32_t shared = 0;
+        for (uint32_t k = 0; k < nodes.count; ++k) shared |= s.open_blocks_of_node[nodes.node[k]];
+        uint32_t slot = uint32_t(std::countr_one(shared));
+        if (slot >= kOpenBlocks) close(slot = next_ = (next_ + 1) % kOpenBlocks);
+        if (block_[slot] == kNone) {
+            block_[slot] = uint32_t(s.block.size());
+            s.block.push_back(empty_block(idle_));
+        }
+        ContactBlock& block = s.block[block_[slot]];
+        const uint32_t lane = uint32_t(std::find(block.row.begin(), block.row.end(), kNone) - block.row.begin());
+        put_row(island_, plan, lane, block);
+        for (uint32_t k = 0; k < nodes.count; ++k) s.open_blocks_of_node[nodes.node[k]] |= uint16_t(1u << slot);
+        if (lane == 3) close(slot);
+    }
+    void close_all() {
+        for (uint32_t slot = 0; slot < kOpenBlocks; ++slot) {
+            if (block_[slot] != kNone) close(slot);
+        }
+    }
+
+ private:
+    void close(uint32_t slot) {
+        AdvanceScratch& s = island_.scratch;
+        for (const auto& part : s.block[block_[slot]].node) {
+            for (const uint32_t node : part) s.open_blocks_of_node[node] &= uint16_t(~(1u << slot));
+        }
+        block_[slot] = kNone;
+    }
+    AdvanceIsland& island_;
+    uint32_t idle_;
+    std::array<uint32_t, kOpenBlocks> block_;  // per slot: row of block, or kNone
+    uint32_t next_ = 0;                        // slot to close when none will do
+};
+
+// Places of the nodes of one part of a block, one of the fields of ContactNode.
+inline __attribute__((always_inline)) FourPoints part_of(const AdvanceScratch& s, const ContactBlock& block, uint32_t part, Vec4d ContactNode::* field) {
+    const auto& n = block.node[part];
+    return side_by_side(s.node[n[0]].*field, s.node[n[1]].*field, s.node[n[2]].*field, s.node[n[3]].*field);
+}
+inline __attribute__((always_inline)) FourPoints point_of(const AdvanceScratch& s, const ContactBlock& block, Vec4d ContactNode::* field) {
+    const FourPoints point = block.weight[0] * part_of(s, block, 0, field);
+    return block.edges ? point + block.weight[1] * part_of(s, block, 1, field) : point;
+}
+inline __attribute__((always_inline)) FourPoints weighted(const std::array<Vec4d, 3>& w, const FourPoints& a, const FourPoints& b, const FourPoints& c) {
+    return w[0] * a + w[1] * b + w[2] * c;
+}
+inline __attribute__((always_inline)) FourPoints plane_of(const AdvanceScratch& s, const ContactBlock& block, Vec4d ContactNode::* field) {
+    return weighted({block.weight[2], block.weight[3], block.weight[4]}, part_of(s, block, 2, field),
+                    part_of(s, block, 3, field), part_of(s, block, 4, field));
+}
+
+// As find_foot of one row: weights of the corners, and which rows have left their triangle behind.
+struct FourFeet {
+    std::array<Vec4d, 3> weight;
+    Mask4 left_behind;
+};
+FourFeet find_feet(const FourPoints& a, const FourPoints& b, const FourPoints& c, const FourPoints& point,
+                   const FourPoints& plane, const FourPoints& normal, const std::array<Vec4d, 3>& fixed) {
+    const FourPoints u = b - a, v = c - a, twice_area = cross(u, v);
+    const Vec4d edge2[3] = {norm2(c - b), norm2(v), norm2(u)};  // opposite corner k
+    const Vec4d longest2 = greatest(edge2[0], greatest(edge2[1], edge2[2]));
+    const Vec4d area2 = norm2(twice_area), along = dot(normal, twice_area);
+    const Mask4 near = (along > 0) & (along * along > (kLeastCosine * kLeastCosine) * area2) &
+                       (area2 > 1e-12 * longest2 * longest2);
+    const FourPoints apart = point - plane, slide = apart - dot(normal, apart) * normal;
+    const Mask4 slid = norm2(slide) > longest2;
+
+    const FourPoints q = point - (dot(point - a, twice_area) / along) * normal - a;
+    const Vec4d per_area2 = 1 / area2;
+    const Vec4d w1 = dot(q, cross(v, twice_area)) * per_area2, w2 = dot(q, cross(twice_area, u)) * per_area2;
+    const std::array<Vec4d, 3> weight = {1 - w1 - w2, w1, w2};
+    FourFeet feet;
+    Mask4 beyond = {};
+    for (int k = 0; k < 3; ++k) {
+        const Vec4d w = weight[k];
+        beyond |= (w < 0) & (w * w * area2 > longest2 * edge2[k]);  // see find_foot
+        feet.weight[k] = near ? w : fixed[k];
+    }
+    feet.left_behind = near ? beyond : slid;
+    return feet;
+}
+
+void end_rows(AdvanceIsland& island, ContactBlock& block, Mask4 ended) {
+    for (uint32_t lane = 0; lane < 4; ++lane) {
+        if (ended[lane] == 0) continue;
+        island.rows.distance[block.row[lane]] = std::numeric_limits<double>::infinity();
+        ++island.result.ended_rows;
+    }
+    block.open &= ~ended;
+}
+
+// Which rows of a block act in this substep, and what their impulses need. As find_active_rows and activate.
+bool activate(AdvanceIsland& island, double reach, ContactBlock& block) {
+    const AdvanceScratch& s = island.scratch;
+    const FourPoints a = part_of(s, block, 2, &ContactNode::place), b = part_of(s, block, 3, &ContactNode::place),
+                     c = part_of(s, block, 4, &ContactNode::place);
+    const std::array<Vec4d, 3> fixed = {block.weight[2], block.weight[3], block.weight[4]};
+    const FourPoints point = point_of(s, block, &ContactNode::place), plane = weighted(fixed, a, b, c);
+    const Vec4d gap = dot(block.normal, point - plane) - block.offset;
+    block.active = block.open & (gap < reach);
+    if (!any(block.active)) return false;
+    const FourPoints velocity =
+        point_of(s, block, &ContactNode::velocity) - plane_of(s, block, &ContactNode::velocity);
+    const Vec4d gap_after = gap + least(dot(block.normal, velocity), Vec4d{}) * island.dt;
+    const Vec4d all = gap_after + norm2(velocity);  // not finite if one of them is not
+    block.active &= (gap_after < 0) & (all - all == 0);
+    if (!any(block.active)) return false;
+    const FourFeet feet = find_feet(a, b, c, point, plane, block.normal, fixed);
+    if (any(feet.left_behind & block.active)) {
+        end_rows(island, block, feet.left_behind & block.active);
+        block.active &= block.open;
+        if (!any(block.active)) return false;
+    }
+    Vec4d sum = {};
+    for (uint32_t k = 0; k < kParts; ++k) {
+        block.lever[k] = keep(block.active, k < 2 ? block.weight[k] : -feet.weight[k - 2]);
+        sum += block.lever[k] * block.lever[k] * block.inv_mass[k];
+    }
+    block.inv_sum = keep(block.active & (sum > 0), 1 / sum);
+    block.least_velocity = keep(block.active, -greatest(gap, Vec4d{}) / island.dt);
+    block.normal_impulse = Vec4d{};
+    block.friction_impulse = FourPoints{};
+    return true;
+}
+
+// Adds to a field of the nodes of one part.
+void add_to_part(AdvanceScratch& s, const ContactBlock& block, uint32_t part, const FourPoints& way,
+                 Vec4d ContactNode::* field) {
+    const std::array<Vec4d, 4> ways = one_by_one(way);
+    for (uint32_t lane = 0; lane < 4; ++lane) s.node[block.node[part][lane]].*field += ways[lane];
+}
+
+// As solve_row, for four rows.
+template <bool kEdges>
+void solve_block(AdvanceScratch& s, ContactBlock& block) {
+    FourPoints part[kParts];
+    FourPoints velocity;
+    for (uint32_t k = 0; k < kParts; ++k) {
+        if (k == 1 && !kEdges) continue;
+        part[k] = part_of(s, block, k, &ContactNode::velocity);
+        velocity = velocity + block.lever[k] * part[k];
+    }
+    const Vec4d approach = dot(block.normal, velocity);
+    const Vec4d normal_impulse =
+        greatest(block.normal_impulse - (approach - block.least_velocity) * block.inv_sum, Vec4d{});
+    const Vec4d most = block.friction * normal_impulse;
+    FourPoints friction = block.friction_impulse - block.inv_sum * (velocity - approach * block.normal);
+    const Vec4d size2 = norm2(friction);
+    const Mask4 slips = size2 > most * most;
+    if (any(slips)) friction = (slips ? most / square_root(size2) : all_lanes(1)) * friction;
+    const FourPoints impulse = keep(block.active, (normal_impulse - block.normal_impulse) * block.normal +
+                                                      (friction - block.friction_impulse));
+    block.normal_impulse = normal_impulse;
+    block.friction_impulse = keep(block.active, friction);
+    for (uint32_t k = 0; k < kParts; ++k) {
+        if (k == 1 && !kEdges) continue;
+        const std::array<Vec4d, 4> now = one_by_one(part[k] + (block.lever[k] * block.inv_mass[k]) * impulse);
+        for (uint32_t lane = 0; lane < 4; ++lane) s.node[block.node[k][lane]].velocity = now[lane];
+    }
+}
+
+// Gaps at the end of the substep, as gap_after.
+Vec4d gaps_after(const AdvanceScratch& s, const ContactBlock& block) {
+    const FourPoints apart = point_of(s, block, &ContactNode::after) - plane_of(s, block, &ContactNode::after);
+    return dot(block.normal, apart) - block.offset;
+}
+
+// As add_push.
+void add_pushes(const AdvanceIsland& island, const ContactBlock& block, const FourPoints& way) {
+    AdvanceScratch& s = island.scratch;
+    const bool by_mass = island.params.contact.share == ResponseShare::kMass;
+    Vec4d unit[kParts], scale[2] = {block.inv_sum, block.inv_sum};
+    for (uint32_t k = 0; k < kParts; ++k) {
+        unit[k] = by_mass ? block.inv_mass[k] : keep(block.inv_mass[k] > 0, all_lanes(1));
+    }
+    if (!by_mass) {
+        Vec4d sum[2] = {};
+        for (uint32_t k = 0; k < kParts; ++k) sum[k >= 2] += block.lever[k] * block.lever[k] * unit[k];
+        scale[0] = keep(sum[0] > 0, block.point_share / sum[0]);
+        scale[1] = keep(sum[1] > 0, (1 - block.point_share) / sum[1]);
+    }
+    for (uint32_t k = 0; k < kParts; ++k) {
+        if (k == 1 && !block.edges) continue;
+        add_to_part(s, block, k, (block.lever[k] * unit[k] * scale[k >= 2]) * way, &ContactNode::after);
+    }
+}
+
+}  // namespace
+
+void plan_blocks(AdvanceIsland& island) {
+    AdvanceScratch& s = island.scratch;
+    s.block.clear();
+    s.active_block.clear();
+    if (s.plan.size() < kFewestRows) return;
+    find_opposable(s);
+    const uint32_t idle = add_idle_node(s);
+    s.open_blocks_of_node.assign(s.node.size(), 0);
+    BlockFiller filler(island, idle);
+    for (ContactPlan& plan : s.plan) plan.in_block = fits_block(s, plan);
+    // points of edges are apart: their blocks have one part more
+    for (const bool edges : {false, true}) {
+        for (const ContactPlan& plan : s.plan) {
+            if (plan.in_block && is_edge(plan) == edges) filler.add(plan);
+        }
+        filler.close_all();
+    }
+    std::erase_if(s.plan, [&](const ContactPlan& plan) { return plan.in_block; });
+    s.active_block.reserve(s.block.size());
+}
+
+void forget_blocks(AdvanceIsland& island) {
+    for (const ContactBlock& block : island.scratch.block) {
+        for (uint32_t lane = 0; lane < 4; ++lane) {
+            if (block.row[lane] != kNone) island.rows.impulse[block.row[lane]] += to_vec3(lane_of(block.impulse, lane));
+        }
+    }
+}
+
+void activate_blocks(AdvanceIsland& island, double reach) {
+    AdvanceScratch& s = island.scratch;
+    s.active_block.clear();
+    for (uint32_t i = 0; i < s.block.size(); ++i) {
+        ContactBlock& block = s.block[i];
+        if (!any(block.open) || !activate(island, reach, block)) continue;
+        s.active_block.push_back(i);
+        island.result.active_rows += uint32_t(std::popcount(mask_bits(block.active)));
+    }
+}
+
+void solve_blocks(AdvanceScratch& s) {
+    for (const uint32_t i : s.active_block) {
+        s.block[i].edges ? solve_block<true>(s, s.block[i]) : solve_block<false>(s, s.block[i]);
+    }
+}
+
+void add_block_impulses(AdvanceScratch& s) {
+    for (const uint32_t i : s.active_block) {
+        ContactBlock& block = s.block[i];
+        block.impulse = block.impulse + (block.normal_impulse * block.normal + block.friction_impulse);
+    }
+}
+
+bool push_blocks(AdvanceIsland& island, double most) {
+    bool pushed = false;
+    for (const uint32_t i : island.scratch.active_block) {
+        const ContactBlock& block = island.scratch.block[i];
+        const Vec4d overlap = -gaps_after(island.scratch, block);
+        const Mask4 deep = block.active & (overlap > kRestingOverlap);
+        if (!any(deep)) continue;
+        add_pushes(island, block, keep(deep, least(overlap, all_lanes(most))) * block.normal);
+        pushed = true;
+    }
+    return pushed;
+}
+
+double deepest_in_blocks(const AdvanceScratch& s) {
+    Vec4d deepest = {};
+    for (const uint32_t i : s.active_block) {
+        deepest = greatest(keep(s.block[i].active, -gaps_after(s, s.block[i])), deepest);
+    }
+    return std::max({deepest[0], deepest[1], deepest[2], deepest[3]});
+}
+
+}  // namespace trocar

@@ -1,0 +1,293 @@
+#include <malloc.h>
+#include <unistd.h>
+
+#include <algorithm>
+#include <chrono>
+#include <cmath>
+#include <cstdio>
+#include <filesystem>
+#include <fstream>
+#include <limits>
+#include <nlohmann/json.hpp>
+#include <optional>
+#include <thread>
+
+#include "content/build_scene.hpp"
+#include "engine/error.hpp"
+#include "engine/thread_pool.hpp"
+#include "engine/whole_file.hpp"
+#include "systems/app/capture.hpp"
+#include "systems/app/commands.hpp"
+#include "systems/app/live_run.hpp"
+#include "systems/app/picture_writer.hpp"
+#include "systems/app/progress.hpp"
+#include "systems/app/report_page.hpp"
+#include "systems/app/soak.hpp"
+#include "systems/app/standard_streams.hpp"
+#include "systems/app/svg_plot.hpp"
+namespace trocar {
+namespace fs = std::filesystem;
+namespace {
+
+constexpr double kMemoryDrift = 0.25, kHeapDrift = 0.0625;  // MiB a minute, see soak --help
+constexpr double kEnergyShare = 0.02, kSlower = 0.5;
+constexpr double kRounding = 1e-5;        // of the potential energy, sums over floats
+constexpr double kLeastEnergy = 1e-6;     // J, books of less are all rounding
+constexpr double kWarmShare = 0.2;        // of the run, at most kWarmMinutes: memory is still being found
+constexpr double kWarmMinutes = 1;
+constexpr size_t kKeptEpisodes = 2000;
+constexpr uint64_t kFaultPeriod = 3;      // episodes
+constexpr double kMiB = 1024 * 1024;
+
+double resident_mib() {
+    std::ifstream file("/proc/self/statm");
+    double size = 0, resident = 0;
+    file >> size >> resident;
+    return resident * static_cast<double>(sysconf(_SC_PAGESIZE)) / kMiB;
+}
+double heap_mib() { return static_cast<double>(mallinfo2().uordblks) / kMiB; }
+uint32_t open_descriptors() {
+    std::error_code error;
+    uint32_t count = 0;
+    for ([[maybe_unused]] const auto& entry : fs::directory_iterator("/proc/self/fd", error)) ++count;
+    return count;
+}
+
+// Puts a fault into a running world.
+void inject(const std::string& fault, World& world) {
+    if (fault == "pause") {
+        std::this_thread::sleep_for(std::chrono::milliseconds(200));
+        return;
+    }
+    for (size_t p = 0; p < world.particles.offset.size(); ++p) {
+        if (!(world.particles.offset[p].w > 0)) continue;
+        if (fault == "nan") world.particles.offset[p].x = std::numeric_limits<float>::quiet_NaN();
+        else world.particles.velocity_x[p] = 1e12f;
+        return;
+    }
+}
+
+uint32_t lost_particles(const World& world) {
+    uint32_t lost = 0;
+    for (const Float4& o : world.particles.offset) lost += !(std::isfinite(o.x) && std::isfinite(o.y) && std::isfinite(o.z));
+    return lost;
+}
+
+// One scene, from its first state to its end and back, as often as asked.
+class Soaker {
+ public:
+    Soaker(const SoakOptions& options, Frame& frame, double seconds, FrameRecorder* recorder)
+        : options_(options), frame_(frame), seconds_(seconds), recorder_(recorder) {
+        start_.kind = "state";
+        save_resources(frame.world(), ResourceKind::kState, start_);
+        save_resources(frame.world(), ResourceKind::kBooks, start_);
+    }
+    Episode run(uint64_t number, Soak& soak) {
+        World& world = frame_.world();
+        load_resources(start_, ResourceKind::kState, world);
+        load_resources(start_, ResourceKind::kBooks, world);
+        if (recorder_) recorder_->forget();
+        Episode e;
+        e.with_fault = !options_.faults.empty() && number % kFaultPeriod == kFaultPeriod - 1;
+        const double end_tick = seconds_ * 1000;
+        std::vector<double> pass_ms, tick_us;
+        double largest_energy = 0, largest_balance = 0;
+        while (static_cast<double>(world.clock.tick) < end_tick && soak.broken.empty()) {
+            const bool now = e.with_fault && e.passes == static_cast<uint64_t>(end_tick / 1000 * 30);  // in the middle
+            if (now) {
+                for (const std::string& fault : options_.faults) inject(fault, world);
+                soak.faults += options_.faults.size();
+            }
+            if (recorder_) recorder_->before_pass();
+            const uint64_t begin = now_ns();
+            frame_.step();
+            PassFigures pass = pass_figures(frame_, 0);
+            pass.frame_ms = static_cast<double>(now_ns() - begin) * 1e-6;
+            if (recorder_) recorder_->after_pass(pass);
+            pass_ms.push_back(pass.frame_ms);
+            for (const uint64_t ns : frame_.times().tick_ns) tick_us.push_back(static_cast<double>(ns) * 1e-3);
+            e.residual_mm = std::max(e.residual_mm, world.report.deepest_residual * 1e3);
+            const Energy& energy = world.energy;
+            largest_energy = std::max({largest_energy, energy.elastic, energy.kinetic, std::abs(energy.work_hand)});
+            // a potential is known to its own rounding only
+            largest_balance = std::max(largest_balance, std::abs(energy.balance) - kRounding * std::abs(energy.gravity));
+            if (const uint32_t lost = lost_particles(world); lost > 0)
+                soak.broken = "particles: " + std::to_string(lost) + " are not finite after pass " + std::to_string(world.clock.pass - 1);
+            ++e.passes;
+        }
+        e.energy_share = std::max(0.0, largest_balance) / std::max(largest_energy, kLeastEnergy);
+        e.median_ms = quantile(pass_ms, 0.5), e.p99_ms = quantile(pass_ms, 0.99), e.worst_ms = quantile(pass_ms, 1);
+        e.tick_p99_us = quantile(tick_us, 0.99);
+        e.lost = world.report.nonfinite_particles;
+        e.hash = state_hash(world);
+        e.resident = resident_mib(), e.heap = heap_mib(), e.descriptors = open_descriptors();
+        return e;
+    }
+
+ private:
+    const SoakOptions& options_;
+    Frame& frame_;
+    double seconds_;
+    FrameRecorder* recorder_;
+    CaptureRecord start_;
+};
+
+nlohmann::ordered_json drift_json(const Drift& d) {
+    if (!d.known) return nullptr;
+    return {{"slope_per_min", d.slope}, {"low", d.low}, {"high", d.high}};
+}
+
+std::string soak_json(const Soak& soak, const Drifts& d) {
+    double residual = 0, energy = 0, worst = 0;
+    std::vector<double> p99;
+    for (const Episode& e : soak.episode) {
+        residual = std::max(residual, e.residual_mm), worst = std::max(worst, e.worst_ms);
+        if (!e.with_fault) energy = std::max(energy, e.energy_share);
+        p99.push_back(e.p99_ms);
+    }
+    return nlohmann::ordered_json{{"scene", soak.scene}, {"minutes", soak.minutes}, {"episodes", soak.episodes}, {"passes", soak.passes},
+                                  {"sound", soak.broken.empty()}, {"broken", soak.broken}, {"faults_injected", soak.faults},
+                                  {"particles_restored", soak.lost}, {"resident_mib", drift_json(d.resident)}, {"heap_mib", drift_json(d.heap)},
+                                  {"median_pass_ms", drift_json(d.median)}, {"p99_pass_ms", quantile(p99, 0.5)}, {"worst_pass_ms", worst},
+                                  {"deepest_residual_mm", residual}, {"worst_energy_share", energy}}
+               .dump(2) + "\n";
+}
+
+std::string soak_csv(const Soak& soak) {
+    std::string out = "minute,resident_mib,heap_mib,descriptors,median_ms,p99_ms,worst_ms,tick_p99_us,residual_mm,energy_share,lost,passes,with_fault,state_hash\n";
+    char text[256];
+    for (const Episode& e : soak.episode) {
+        std::snprintf(text, sizeof text, "%.4f,%.3f,%.4f,%u,%.4f,%.4f,%.4f,%.3f,%.5f,%.3g,%llu,%llu,%d,%016llx\n", e.minute, e.resident, e.heap, e.descriptors,
+                      e.median_ms, e.p99_ms, e.worst_ms, e.tick_p99_us, e.residual_mm, e.energy_share, static_cast<unsigned long long>(e.lost),
+                      static_cast<unsigned long long>(e.passes), e.with_fault, static_cast<unsigned long long>(e.hash));
+        out += text;
+    }
+    return out;
+}
+
+std::string soak_html(const Soak& soak, const Drifts& d) {
+    PlotSeries resident{"resident", {}, {}}, heap{"heap", {}, {}}, median{"median", {}, {}}, p99{"p99", {}, {}};
+    for (const Episode& e : soak.episode) {
+        for (PlotSeries* s : {&resident, &heap, &median, &p99}) s->x.push_back(e.minute);
+        resident.y.push_back(e.resident), heap.y.push_back(e.heap), median.y.push_back(e.median_ms), p99.y.push_back(e.p99_ms);
+    }
+    const auto words = [](const Drift& drift, const char* unit) {
+        char text[128] = "too few episodes to say";
+        if (drift.known) std::snprintf(text, sizeof text, "%+.4f %s a minute, 95 %% between %+.4f and %+.4f", drift.slope, unit, drift.low, drift.high);
+        return std::string(text);
+    };
+    return html_page(soak.scene + " soak",
+                     "<h1>" + escape_html(soak.scene) + ": " + (soak.broken.empty() ? "sound" : "broken") + "</h1><p>" +
+                         escape_html(soak.broken.empty() ? std::to_string(soak.episodes) + " episodes, no rule broken." : soak.broken) + "</p><p>Resident memory " +
+                         words(d.resident, "MiB") + "; heap " + words(d.heap, "MiB") + "; median pass " + words(d.median, "ms") + ".</p>" +
+                         svg_plot({"Memory", "minutes", "MiB", {resident, heap}}) + svg_plot({"Time of a contact pass", "minutes", "ms", {median, p99}}));
+}
+
+void print_minute(const Soak& soak) {
+    const Episode& e = soak.episode.back();
+    char text[256];
+    std::snprintf(text, sizeof text, "%6.1f min  %5llu episodes  resident %.1f MiB  heap %.1f MiB  pass median %.2f p99 %.2f ms  residual %.3f mm  energy %.2f %%\n",
+                  e.minute, static_cast<unsigned long long>(soak.episodes), e.resident, e.heap, e.median_ms, e.p99_ms, e.residual_mm, 100 * e.energy_share);
+    write_standard_output(text);
+}
+
+void run_soak(const SoakOptions& options, Soaker& soaker, Soak& soak) {
+    const uint64_t start = now_ns();
+    const auto minutes = [&] { return static_cast<double>(now_ns() - start) * 1e-9 / 60; };
+    Progress progress(soak.scene);
+    soak.episode.reserve(kKeptEpisodes + 2);  // our own list must not look like a leak
+    uint64_t printed = 0;
+    do {
+        Episode e = soaker.run(soak.episodes, soak);
+        e.minute = minutes();
+        ++soak.episodes, soak.passes += e.passes, soak.lost += e.lost;
+        if (soak.episode.empty() || e.minute >= static_cast<double>(soak.episode.size()) * options.minutes / kKeptEpisodes) soak.episode.push_back(e);
+        // the first episode finds its memory; the second is the first that is like all others
+        judge_episode(e, soak.episode.front(), soak);
+        progress.show(std::min(1.0, e.minute / options.minutes), std::to_string(soak.episodes) + " episodes");
+        if (!options.json && static_cast<uint64_t>(e.minute) > printed) {
+            printed = static_cast<uint64_t>(e.minute);
+            print_minute(soak);
+        }
+    } while (minutes() < options.minutes && soak.broken.empty());
+    soak.minutes = minutes();
+}
+
+}  // namespace
+
+void judge_episode(const Episode& e, const Episode& first, Soak& soak) {
+    if (!soak.broken.empty() || e.with_fault) return;
+    char text[200];
+    if (e.hash != first.hash) {
+        std::snprintf(text, sizeof text, "hash: an episode ended in %016llx, the first in %016llx", static_cast<unsigned long long>(e.hash),
+                      static_cast<unsigned long long>(first.hash));
+        soak.broken = text;
+    } else if (e.lost > 0) {
+        soak.broken = "particles: " + std::to_string(e.lost) + " were lost and restored without a fault";
+    } else if (e.energy_share > kEnergyShare) {
+        std::snprintf(text, sizeof text, "energy: the books are open by %.2f %% of the largest energy", 100 * e.energy_share);
+        soak.broken = text;
+    }
+}
+
+Drifts measure_drifts(const Soak& soak) {
+    const double warm = std::min(kWarmMinutes, kWarmShare * soak.minutes);
+    std::vector<double> minute, resident, heap, median;
+    for (const Episode& e : soak.episode) {
+        if (e.minute < warm) continue;
+        minute.push_back(e.minute), resident.push_back(e.resident), heap.push_back(e.heap), median.push_back(e.median_ms);
+    }
+    return {theil_sen(minute, resident), theil_sen(minute, heap), theil_sen(minute, median)};
+}
+
+void judge_drifts(const Drifts& d, Soak& soak) {
+    if (!soak.broken.empty() || soak.episode.empty()) return;
+    const uint32_t first = soak.episode.front().descriptors, last = soak.episode.back().descriptors;
+    char text[200] = "";
+    if (d.resident.low > kMemoryDrift)
+        std::snprintf(text, sizeof text, "memory: grows by %.3f MiB a minute (95 %%: %.3f to %.3f)", d.resident.slope, d.resident.low, d.resident.high);
+    else if (d.heap.low > kHeapDrift)
+        std::snprintf(text, sizeof text, "heap: grows by %.3f MiB a minute (95 %%: %.3f to %.3f)", d.heap.slope, d.heap.low, d.heap.high);
+    else if (last > first)
+        std::snprintf(text, sizeof text, "descriptors: %u files are open at the end, %u at the start", last, first);
+    else if (d.median.low * soak.minutes > kSlower * soak.episode.front().median_ms)
+        std::snprintf(text, sizeof text, "time: the median pass grows by %.4f ms a minute", d.median.slope);
+    soak.broken = text;
+}
+
+int soak_command(const SoakOptions& options) {
+    const SceneFile file = read_scene_file(find_scene(options.scene), options.overrides);
+    if (!options.out.empty()) prepare_folder(options.out), prepare_folder(options.out / "captures");
+    ThreadPool pool(options.threads);
+    Soak soak;
+    soak.scene = file.settings.name;
+    pool.run([&] {
+        BuiltScene scene = build_scene(file);
+        Frame frame(std::move(scene.world), {});
+        std::optional<FrameRecorder> recorder;
+        if (!options.out.empty()) {
+            CaptureHeader header{soak.scene, TROCAR_VERSION, instruction_set(), machine_text(), frame.stage_names(), scene.camera, scene.picture, false};
+            recorder.emplace(frame, std::move(header), CaptureTriggers{}, options.out / "captures");
+        }
+        Soaker soaker(options, frame, options.seconds > 0 ? options.seconds : file.settings.seconds, recorder ? &*recorder : nullptr);
+        run_soak(options, soaker, soak);
+        if (!soak.broken.empty() && recorder) recorder->write_now("broken " + soak.broken);
+    });
+    const Drifts drifts = measure_drifts(soak);
+    judge_drifts(drifts, soak);
+    const std::string json = soak_json(soak, drifts);
+    if (!options.out.empty()) {
+        write_whole_file(options.out / "soak.json", json);
+        write_whole_file(options.out / "soak.csv", soak_csv(soak));
+        write_whole_file(options.out / "soak.html", soak_html(soak, drifts));
+    }
+    if (options.json) {
+        write_standard_output(json);
+    } else {
+        print_minute(soak);
+        write_standard_output(soak.broken.empty() ? "sound: no rule broken\n" : "broken: " + soak.broken + "\n");
+    }
+    return soak.broken.empty() ? kDone : kNo;
+}
+
+}  // namespace trocar

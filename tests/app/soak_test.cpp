@@ -1,0 +1,105 @@
+#include "systems/app/soak.hpp"
+
+#include <gtest/gtest.h>
+
+#include <cmath>
+#include <nlohmann/json.hpp>
+#include <random>
+
+#include "run_program.hpp"
+namespace trocar {
+namespace {
+
+TEST(Drift, OfALineIsItsSlopeWhateverFewOutliersSay) {
+    std::vector<double> x, y;
+    for (int i = 0; i < 101; ++i) x.push_back(0.1 * i), y.push_back(2.5 * x.back() - 4);
+    EXPECT_NEAR(theil_sen(x, y).slope, 2.5, 1e-12);
+    for (int i = 0; i < 101; i += 10) y[i] = 1e6;  // a tenth of the points
+    EXPECT_NEAR(theil_sen(x, y).slope, 2.5, 1e-12);
+    EXPECT_FALSE(theil_sen(std::span(x).first(7), std::span(y).first(7)).known);
+}
+
+// Breaks when the interval is too narrow (it would cry wolf) or so wide that it sees nothing.
+TEST(Drift, IntervalHoldsTheTrueSlopeNineteenTimesInTwenty) {
+    std::mt19937 random(7);
+    std::normal_distribution<double> noise(0, 1);
+    int held = 0, sees = 0;
+    constexpr int kRuns = 400;
+    for (int run = 0; run < kRuns; ++run) {
+        std::vector<double> x, y;
+        for (int i = 0; i < 60; ++i) x.push_back(i), y.push_back(0.1 * i + noise(random));
+        const Drift d = theil_sen(x, y);
+        held += d.low <= 0.1 && d.high >= 0.1;
+        sees += d.low > 0;
+    }
+    EXPECT_GE(held, kRuns * 0.92);
+    EXPECT_LE(held, kRuns * 0.985);
+    EXPECT_EQ(sees, kRuns);
+}
+
+Soak quiet_soak() {
+    Soak soak;
+    soak.minutes = 10;
+    std::mt19937 random(1);
+    for (int i = 0; i < 200; ++i) {
+        Episode e;
+        e.minute = 0.05 * i, e.resident = 60 + 0.01 * static_cast<double>(random() % 100), e.heap = 6, e.median_ms = 1 + 0.001 * static_cast<double>(random() % 100);
+        e.hash = 5, e.descriptors = 6, e.passes = 100, e.energy_share = 0.001;
+        soak.episode.push_back(e);
+    }
+    return soak;
+}
+std::string verdict(Soak soak) {
+    for (const Episode& e : soak.episode) judge_episode(e, soak.episode.front(), soak);
+    judge_drifts(measure_drifts(soak), soak);
+    return soak.broken.substr(0, soak.broken.find(':'));
+}
+
+TEST(Soak, EveryRuleBreaksByItsName) {
+    EXPECT_EQ(verdict(quiet_soak()), "");
+    Soak soak = quiet_soak();
+    for (Episode& e : soak.episode) e.resident += 0.5 * e.minute;
+    EXPECT_EQ(verdict(soak), "memory");
+    soak = quiet_soak();
+    for (Episode& e : soak.episode) e.heap += 0.1 * e.minute;
+    EXPECT_EQ(verdict(soak), "heap");
+    soak = quiet_soak();
+    soak.episode.back().descriptors = 7;
+    EXPECT_EQ(verdict(soak), "descriptors");
+    soak = quiet_soak();
+    for (Episode& e : soak.episode) e.median_ms += 0.1 * e.minute;
+    EXPECT_EQ(verdict(soak), "time");
+    soak = quiet_soak();
+    soak.episode[90].hash = 6;
+    EXPECT_EQ(verdict(soak), "hash");
+    soak = quiet_soak();
+    soak.episode[90].energy_share = 0.03;
+    EXPECT_EQ(verdict(soak), "energy");
+    soak = quiet_soak();
+    soak.episode[90].lost = 1;
+    EXPECT_EQ(verdict(soak), "particles");
+    soak.episode[90].with_fault = true;
+    EXPECT_EQ(verdict(soak), "") << "particles that a fault loses are no news";
+}
+
+TEST(Soak, MemoryOfTheWarmUpIsNotHeldAgainstIt) {
+    Soak soak = quiet_soak();
+    for (Episode& e : soak.episode) e.resident -= 30 * std::max(0.0, 0.9 - e.minute);
+    EXPECT_EQ(verdict(soak), "");
+}
+
+TEST(SoakCommand, FaultsAreSurvivedAndEveryEpisodeEndsTheSame) {
+    const std::filesystem::path folder = std::filesystem::path(testing::TempDir()) / "trocar_soak";
+    std::filesystem::create_directories(folder);
+    const Outcome outcome = run_program("soak probe_on_liver --minutes 0.03 --seconds 0.5 --set liver.triangles=600 --faults nan,blast --out out --json", folder, folder);
+    EXPECT_EQ(outcome.code, 0) << outcome.out << outcome.err;
+    const nlohmann::json json = nlohmann::json::parse(outcome.out);
+    EXPECT_TRUE(json["sound"]);
+    EXPECT_GT(json["faults_injected"], 0);
+    EXPECT_GT(json["particles_restored"], 0);
+    EXPECT_TRUE(std::filesystem::exists(folder / "out/soak.html"));
+    EXPECT_EQ(run_program("soak probe_on_liver --faults rust", folder, folder).code, 2);
+}
+
+}  // namespace
+}  // namespace trocar

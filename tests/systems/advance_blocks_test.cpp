@@ -1,0 +1,216 @@
+#include <gtest/gtest.h>
+
+#include <Eigen/LU>
+#include <cstring>
+
+#include "tests/systems/advance_scene.hpp"
+namespace trocar {
+namespace {
+
+// Two free shells that overlap and move into each other: a long list of rows, some of them points of edges.
+struct Collision : AdvanceScene {
+    explicit Collision(const Vec3d& velocity, double friction = 0, int levels = 3) {
+        params.gravity.setZero();
+        margin = 2e-3;
+        Tissue tissue;
+        tissue.damping = 3;
+        const uint32_t mesh = add_mesh(subdivided_sphere(0.03, levels, 0.01));
+        add_body(mesh, Motion::kDeformable, Vec3d(0, 0, 0), tissue, AnchorFrame::kShape);
+        add_body(mesh, Motion::kDeformable, Vec3d(0.05, 0.006, 0.002), tissue, AnchorFrame::kShape,
+                 from_rotation_vector({1, 2, 0}));
+        for (uint32_t v = 0; v < range(0).count; ++v) set_velocity(0, v, velocity + 0.2 * offset(0, v));
+        find_rows(0, 1, friction);
+        for (uint32_t row = 0; row < rows.body.size(); row += 5) {
+            rows.vertex[row][1] = neighbour_of(rows.body[row], rows.vertex[row][0]);
+            rows.along[row] = 0.25f;
+        }
+    }
+    uint32_t neighbour_of(uint32_t body, uint32_t vertex) const {
+        for (const Triangle& t : mesh_view(meshes, bodies.mesh[body]).triangle) {
+            if (t[0] == vertex) return t[1];
+        }
+        return vertex;
+    }
+    size_t rows_in_blocks() const { return rows.body.size() - scratch.plan.size(); }
+    uint32_t particle(uint32_t body, uint32_t vertex) const { return range(body).first + vertex; }
+};
+
+// A row of the reference: impulse j along the normal changes the velocity of particle[k] by weight[k] / mass j.
+struct ReferenceRow {
+    std::vector<uint32_t> particle;
+    std::vector<double> weight;
+    Vec3d normal;
+    double least_velocity = 0, inv_sum = 0, impulse = 0;
+};
+
+// Weights of the corners for the foot of a point along the normal, from the definition: a linear system.
+Eigen::Vector4d foot_by_definition(const Vec3d& point, const Vec3d& normal, const std::array<Vec3d, 3>& corner) {
+    Eigen::Matrix4d m;
+    for (int k = 0; k < 3; ++k) m.col(k) << corner[k], 1;
+    m.col(3) << normal, 0;
+    return m.fullPivLu().solve((Eigen::Vector4d() << point, 1).finished());
+}
+
+// Rows that act in a substep, from the places at its start and the velocities after its kick.
+std::vector<ReferenceRow> reference_rows(const Collision& s, const std::vector<Vec3d>& place,
+                                         const std::vector<Vec3d>& velocity, double dt) {
+    std::vector<ReferenceRow> out;
+    for (uint32_t row = 0; row < s.rows.body.size(); ++row) {
+        ReferenceRow r;
+        Vec3d point = Vec3d::Zero(), plane = Vec3d::Zero(), v = Vec3d::Zero();
+        std::array<Vec3d, 3> corner;
+        const double along = s.rows.along[row];
+        for (int i = 0; i < 2; ++i) {
+            const uint32_t p = s.particle(s.rows.body[row], s.rows.vertex[row][i]);
+            const double w = i == 0 ? 1 - along : along;
+            point += w * place[p];
+            v += w * velocity[p];
+            r.particle.push_back(p);
+            r.weight.push_back(w);
+        }
+        for (int k = 0; k < 3; ++k) {
+            const uint32_t p = s.particle(s.rows.other[row], s.rows.triangle[row][k]);
+            corner[k] = place[p];
+            plane += double(s.rows.weight[row][k]) * place[p];
+            v -= double(s.rows.weight[row][k]) * velocity[p];
+            r.particle.push_back(p);
+        }
+        r.normal = s.rows.normal[row];
+        const double gap = r.normal.dot(point - plane);
+        if (!(gap + std::min(r.normal.dot(v), 0.0) * dt < 0)) continue;
+        const Eigen::Vector4d foot = foot_by_definition(point, r.normal, corner);
+        for (int k = 0; k < 3; ++k) r.weight.push_back(-foot[k]);
+        r.least_velocity = -std::max(gap, 0.0) / dt;
+        double sum = 0;
+        for (size_t k = 0; k < 5; ++k) sum += r.weight[k] * r.weight[k] * s.particles.offset[r.particle[k]].w;
+        r.inv_sum = 1 / sum;
+        out.push_back(r);
+    }
+    return out;
+}
+
+// Without friction the velocities that satisfy all rows are unique, whatever the order of the sweeps: those of many
+// sweeps four at a time are those of a plain Gauss-Seidel in double.
+TEST(AdvanceBlocks, ManySweepsEqualAReferenceInDouble) {
+    Collision s({0.3, 0.02, 0.01});
+    Collision clean({0.3, 0.02, 0.01});
+    clean.clear_rows();
+    clean.advance(1, 1);
+    std::vector<Vec3d> place, velocity;
+    for (uint32_t body = 0; body < 2; ++body) {
+        for (uint32_t v = 0; v < s.range(body).count; ++v) {
+            place.push_back(s.poses.origin[body] + s.offset(body, v));
+            velocity.push_back(clean.velocity(body, v));
+        }
+    }
+    std::vector<ReferenceRow> rows = reference_rows(s, place, velocity, 1e-3);
+    ASSERT_GT(rows.size(), 64u);
+    for (int sweep = 0; sweep < 3000; ++sweep) {
+        for (ReferenceRow& r : rows) {
+            Vec3d v = Vec3d::Zero();
+            for (size_t k = 0; k < 5; ++k) v += r.weight[k] * velocity[r.particle[k]];
+            const double impulse = std::max(0.0, r.impulse - (r.normal.dot(v) - r.least_velocity) * r.inv_sum);
+            for (size_t k = 0; k < 5; ++k) {
+                velocity[r.particle[k]] +=
+                    r.weight[k] * s.particles.offset[r.particle[k]].w * (impulse - r.impulse) * r.normal;
+            }
+            r.impulse = impulse;
+        }
+    }
+    s.params.contact.iterations = 3000;
+    s.params.contact.push_speed = 0;
+    s.advance(1, 1);
+    EXPECT_GT(s.rows_in_blocks(), 0.8 * double(s.rows.body.size()));
+    EXPECT_EQ(s.result.active_rows, rows.size());
+    EXPECT_EQ(s.result.ended_rows, 0u);
+    double worst = 0, moved = 0;
+    for (uint32_t body = 0; body < 2; ++body) {
+        for (uint32_t v = 0; v < s.range(body).count; ++v) {
+            worst = std::max(worst, (s.velocity(body, v) - velocity[s.particle(body, v)]).norm());
+            moved = std::max(moved, (s.velocity(body, v) - clean.velocity(body, v)).norm());
+        }
+    }
+    std::printf("%zu of %zu rows act, %zu in blocks; they change velocities by up to %.3g m/s, worst error %.3g\n",
+                rows.size(), s.rows.body.size(), s.rows_in_blocks(), moved, worst);
+    EXPECT_GT(moved, 0.05);
+    EXPECT_LT(worst, 1e-6);
+}
+
+// With friction and push-out: linear momentum is kept, friction and contact only take energy, the books close.
+TEST(AdvanceBlocks, MomentumAndBooks) {
+    for (const ResponseShare share : {ResponseShare::kMass, ResponseShare::kStiffness, ResponseShare::kHalf}) {
+        Collision s({0.2, 0.05, 0}, 0.3);
+        s.params.contact.share = share;
+        const auto momentum = [&] {
+            return Vec3d(measure_momentum(s.bodies, s.poses, s.particles, 0).linear +
+                         measure_momentum(s.bodies, s.poses, s.particles, 1).linear);
+        };
+        const Vec3d start = momentum(), first = measure_momentum(s.bodies, s.poses, s.particles, 0).linear;
+        s.open_books();
+        double peak = 0, worst = 0, residual = 1;
+        for (int pass = 0; pass < 30; ++pass) {
+            s.clear_rows();
+            s.find_rows(0, 1, 0.3);
+            s.advance(5, 40);
+            if (pass == 0) {
+                EXPECT_GT(s.rows_in_blocks(), 64u);
+            }
+            s.measure();
+            peak = std::max(peak, s.energy.elastic);
+            worst = std::max(worst, std::abs(s.energy.balance));
+            residual = s.result.deepest_residual;
+        }
+        std::printf("share %d: worst balance %.3f %% of the peak, momentum %.2g\n", int(share), 100 * worst / peak,
+                    (momentum() - start).norm() / start.norm());
+        EXPECT_LT((momentum() - start).norm(), 1e-6 * start.norm());
+        EXPECT_GT((measure_momentum(s.bodies, s.poses, s.particles, 0).linear - first).norm(), 0.2 * first.norm());
+        EXPECT_LT(worst, 0.01 * peak);
+        EXPECT_LT(s.energy.work_contact, 0);
+        EXPECT_LT(residual, 2e-3);
+    }
+}
+
+// Also where rows end on the way: what a block holds does not depend on it.
+TEST(AdvanceBlocks, SplitCallsGiveTheSameBits) {
+    Collision whole({0.2, 1.5, 0}, 0.1), split({0.2, 1.5, 0}, 0.1);
+    whole.advance(10, 20);
+    for (int i = 0; i < 10; ++i) split.advance(1, 2);
+    EXPECT_GT(whole.result.ended_rows, 10u);
+    EXPECT_LT(whole.result.ended_rows, whole.rows.body.size());
+    EXPECT_GT(whole.rows_in_blocks(), 64u);
+    EXPECT_EQ(0, std::memcmp(whole.particles.offset.data(), split.particles.offset.data(),
+                             whole.particles.offset.size() * sizeof(Float4)));
+    EXPECT_EQ(whole.particles.velocity_y, split.particles.velocity_y);
+    EXPECT_EQ(whole.report.ended_rows, split.report.ended_rows);
+    EXPECT_EQ(whole.rows.distance, split.rows.distance);
+}
+
+// No row of a block acts on a node that others press from the other side; those rows stay out of blocks.
+TEST(AdvanceBlocks, NodesPressedFromBothSidesStayOut) {
+    Collision s({0, 0, 0});
+    const size_t rows = s.rows.body.size();
+    for (size_t row = 0; row < rows; row += 10) {
+        const uint32_t v = s.rows.vertex[row][0];
+        s.add_row(s.rows.body[row], v, s.rows.other[row], s.rows.triangle[row], {0.3, 0.3, 0.4}, -s.rows.normal[row],
+                  0.0, 0.0);
+    }
+    s.advance(1, 2);
+    ASSERT_FALSE(s.scratch.block.empty());
+    std::vector<uint8_t> turned(s.particles.offset.size(), 0);
+    for (size_t row = rows; row < s.rows.body.size(); ++row) {
+        turned[s.particle(s.rows.body[row], s.rows.vertex[row][0])] = 1;
+        for (const uint32_t v : s.rows.triangle[row]) turned[s.particle(s.rows.other[row], v)] = 1;
+    }
+    for (const ContactBlock& block : s.scratch.block) {
+        for (uint32_t lane = 0; lane < 4; ++lane) {
+            if (block.row[lane] == kNone) continue;
+            const uint32_t row = block.row[lane];
+            for (const uint32_t v : s.rows.vertex[row]) EXPECT_FALSE(turned[s.particle(s.rows.body[row], v)]);
+            for (const uint32_t v : s.rows.triangle[row]) EXPECT_FALSE(turned[s.particle(s.rows.other[row], v)]);
+        }
+    }
+    EXPECT_GT(s.report.opposing_planes, 0u);
+}
+
+}  // namespace
+}  // namespace trocar
