@@ -11,15 +11,17 @@ uint32_t find_root(std::vector<uint32_t>& parent, uint32_t body) {
     return body;
 }
 
-// Whether every particle of a body is slower than `speed`; not if one is not finite.
+// Whether the root mean square speed of a body is below `speed` and nothing of it is ten times as fast; not if a velocity
+// is not finite.
 bool is_slow(const Particles& p, Range rows, double speed) {
-    const float limit = static_cast<float>(speed * speed);
-    bool slow = true;
+    double sum = 0;
+    float fastest = 0;
     for (uint32_t i = rows.first; i < rows.end(); ++i) {
-        const float x = p.velocity_x[i], y = p.velocity_y[i], z = p.velocity_z[i];
-        slow &= x * x + y * y + z * z < limit;
+        const float x = p.velocity_x[i], y = p.velocity_y[i], z = p.velocity_z[i], v2 = x * x + y * y + z * z;
+        sum += static_cast<double>(v2);
+        fastest = std::max(fastest, v2);
     }
-    return slow;
+    return sum < speed * speed * rows.count && static_cast<double>(fastest) < 100 * speed * speed;
 }
 
 // Takes the velocities of a body. Returns the energy they were, J.

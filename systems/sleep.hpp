@@ -16,7 +16,8 @@ struct SleepScratch {
 
 // Decides who sleeps in this pass, before contacts are looked for. Bodies whose enlarged boxes meet, directly or through
 // others, are a group (static bodies and scripted ones at the end of their path join nothing). A group sleeps when all of
-// it is deformable and has been slower than settings.sleep_speed for settings.sleep_after; whatever comes near enough for
+// it is deformable and has been slower than settings.sleep_speed (root mean square; no particle ten times as fast) for
+// settings.sleep_after; whatever comes near enough for
 // its box to meet one of theirs wakes them all, a pass before it can touch. Who falls asleep loses its velocities, whose
 // energy goes to work_numeric; pairs of which nobody moves are dropped from `pairs`. `moving` tells per body whether its
 // script moves it in this pass. period in ms. Same result for any number of threads; what it keeps is in `sleep`.
