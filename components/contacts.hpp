@@ -16,6 +16,7 @@ struct ContactParams {
     double push_speed = 0.1;        // m/s, fastest removal of remaining overlap
     uint32_t iterations = 1;        // velocity passes over the rows of an island per substep
     uint32_t row_capacity = 4096;   // rows kept per body; beyond it the shallowest go, counted
+    bool cross_check = false;       // compare every solid's sign with the winding number; Report::disagreements
     ResponseShare share = ResponseShare::kMass;
     ResponseDirection direction = ResponseDirection::kLocal;
 };

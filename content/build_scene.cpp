@@ -213,6 +213,8 @@ void make_trees(World& world) {
         if (fresh) world.trees.push_back(std::make_unique<ClosestPointTree>(view));
         world.bodies.tree[body] = found->second;
     }
+    for (const auto& tree : world.trees)
+        if (world.settings.contact.cross_check) tree->cross_check(true);
 }
 
 namespace {

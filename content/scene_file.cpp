@@ -281,6 +281,7 @@ void read_contact(Section section, ContactParams& contact) {
     section.read("cell_edges", contact.cell_edges, 0.01, 1000);
     section.read("push_speed", contact.push_speed, 0, 1e3);
     section.read_count("iterations", contact.iterations, 1, 100);
+    section.read("cross_check", contact.cross_check);
     section.read_enum<ResponseShare>(
         "share", contact.share,
         {{"mass", ResponseShare::kMass}, {"stiffness", ResponseShare::kStiffness}, {"half", ResponseShare::kHalf}});

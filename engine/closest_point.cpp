@@ -8,13 +8,17 @@
 #include <atomic>
 #include <bit>
 #include <cmath>
+#include <numbers>
 #include <vector>
 
+#include "engine/box_tree.hpp"
 #include "engine/check.hpp"
 #include "engine/closest_point_kernels.hpp"
 #include "engine/geometry/point_triangle.hpp"
 #include "engine/geometry/winding_number.hpp"
+#include "engine/meshlet_cutter.hpp"
 #include "engine/race_detector.hpp"
+#include "engine/winding_tree.hpp"
 
 // How an answer is found, and why it is the right one.
 //
@@ -40,8 +44,8 @@
 // error_base + error_slope d, times 1.01 for what is of second order and for the rounding of the bound itself.
 // Triangles with a < 1e-2 are kept out of it and evaluated in double.
 //
-// Let `upper` be the least f + bound seen so far: the nearest triangle is no farther. Embree is asked for all meshlets
-// within `upper` of the query (boxes rounded outward), every triangle with f - bound <= upper is kept, and the kept
+// Let `upper` be the least f + bound seen so far: the nearest triangle is no farther. The tree (our own, or Embree's) is
+// asked for all meshlets within `upper` of the query (boxes rounded outward), every triangle with f - bound <= upper is kept, and the kept
 // ones are evaluated in double; the least (squared distance, triangle) wins. The winner is always among the kept,
 // whatever the starting radius, the order of the visits or the tree, so none of them can change the answer.
 namespace trocar {
@@ -50,7 +54,13 @@ namespace {
 constexpr float kUnit = 0x1p-24f;
 constexpr uint32_t kSlots = 64;  // an icosphere's centre ties 80 faces and overflows; a vertex of valence 20 does not
 constexpr uint32_t kBatch = 32;
+constexpr double kMostGrowth = 1.3;  // of the tree's summed area by refits before it is built afresh
 constexpr double kFarthest = 1e15;  // local units: beyond, squares leave the range of float
+
+std::atomic<bool>& embree_chosen() {
+    static std::atomic<bool> chosen{false};
+    return chosen;
+}
 
 std::atomic<bool>& avx2_forced() {
     static std::atomic<bool> forced{false};
@@ -83,138 +93,6 @@ struct Lane {
     uint32_t triangle;
 };
 
-struct alignas(32) FloatBox {
-    float min[4], max[4];  // the fourth is unused
-};
-
-// Splits triangles into groups of at most 16 that are compact in space: binned surface-area heuristic on box centres,
-// splits rounded to multiples of 16 so that groups are full.
-class MeshletCutter {
- public:
-    MeshletCutter(const MeshView& mesh, const Vec3d& centre, double scale);
-    std::vector<uint32_t> order;                  // triangles, group by group
-    std::vector<std::array<uint32_t, 2>> groups;  // [begin, end) of order
-
- private:
-    static constexpr int kBins = 32;
-    uint32_t split(uint32_t begin, uint32_t end);
-    void cut_by_vertices(const MeshView& mesh, uint32_t begin, uint32_t end);
-    std::vector<FloatBox> box_;
-    std::vector<std::array<float, 3>> middle_;
-};
-
-void clear(FloatBox& box) {
-    box = {};
-    for (int k = 0; k < 3; ++k) box.min[k] = INFINITY, box.max[k] = -INFINITY;
-}
-void grow(FloatBox& box, const FloatBox& other) {
-    for (int k = 0; k < 3; ++k) {
-        box.min[k] = std::min(box.min[k], other.min[k]);
-        box.max[k] = std::max(box.max[k], other.max[k]);
-    }
-}
-float half_area(const FloatBox& box) {
-    const float x = box.max[0] - box.min[0], y = box.max[1] - box.min[1], z = box.max[2] - box.min[2];
-    return x * y + y * z + z * x;
-}
-
-MeshletCutter::MeshletCutter(const MeshView& mesh, const Vec3d& centre, double scale) {
-    const uint32_t count = static_cast<uint32_t>(mesh.triangle.size());
-    order.resize(count);
-    box_.resize(count);
-    middle_.resize(count);
-    for (uint32_t t = 0; t < count; ++t) {
-        order[t] = t;
-        clear(box_[t]);
-        for (const uint32_t v : mesh.triangle[t]) {
-            const Vec3 x = ((mesh.position[v] - centre) * scale).cast<float>();
-            for (int k = 0; k < 3; ++k) {
-                box_[t].min[k] = std::min(box_[t].min[k], x[k]);
-                box_[t].max[k] = std::max(box_[t].max[k], x[k]);
-            }
-        }
-        for (int k = 0; k < 3; ++k) middle_[t][k] = 0.5f * (box_[t].min[k] + box_[t].max[k]);
-    }
-    std::vector<std::array<uint32_t, 2>> open;
-    if (count > 0) open.push_back({0, count});
-    while (!open.empty()) {
-        const auto [begin, end] = open.back();
-        open.pop_back();
-        if (end - begin <= 16) {
-            cut_by_vertices(mesh, begin, end);
-            continue;
-        }
-        const uint32_t cut = split(begin, end);
-        open.push_back({cut, end});
-        open.push_back({begin, cut});
-    }
-}
-
-// Halves a group until it fits into 32 vertices (soups of unconnected triangles need it).
-void MeshletCutter::cut_by_vertices(const MeshView& mesh, uint32_t begin, uint32_t end) {
-    std::array<uint32_t, 48> seen;
-    uint32_t count = 0;
-    for (uint32_t i = begin; i < end; ++i)
-        for (const uint32_t v : mesh.triangle[order[i]])
-            if (std::find(seen.begin(), seen.begin() + count, v) == seen.begin() + count) seen[count++] = v;
-    if (count <= 32) {
-        groups.push_back({begin, end});
-        return;
-    }
-    const uint32_t middle = begin + (end - begin) / 2;
-    cut_by_vertices(mesh, begin, middle);
-    cut_by_vertices(mesh, middle, end);
-}
-
-uint32_t MeshletCutter::split(uint32_t begin, uint32_t end) {
-    const uint32_t count = end - begin;
-    std::array<float, 3> low{INFINITY, INFINITY, INFINITY}, high{-INFINITY, -INFINITY, -INFINITY};
-    for (uint32_t i = begin; i < end; ++i)
-        for (int k = 0; k < 3; ++k) {
-            low[k] = std::min(low[k], middle_[order[i]][k]);
-            high[k] = std::max(high[k], middle_[order[i]][k]);
-        }
-    float best = INFINITY;
-    int axis = 0;
-    uint32_t left = count / 2;
-    for (int k = 0; k < 3; ++k) {
-        if (!(high[k] > low[k])) continue;
-        const float per_length = 0.9999f * kBins / (high[k] - low[k]);
-        FloatBox bin[kBins];
-        uint32_t in_bin[kBins] = {};
-        for (FloatBox& b : bin) clear(b);
-        for (uint32_t i = begin; i < end; ++i) {
-            const uint32_t t = order[i];
-            const int b = std::clamp(static_cast<int>((middle_[t][k] - low[k]) * per_length), 0, kBins - 1);
-            grow(bin[b], box_[t]);
-            ++in_bin[b];
-        }
-        float area_right[kBins];
-        FloatBox sum;
-        clear(sum);
-        for (int b = kBins - 1; b > 0; --b) {
-            grow(sum, bin[b]);
-            area_right[b] = half_area(sum);
-        }
-        clear(sum);
-        uint32_t on_left = 0;
-        for (int b = 0; b + 1 < kBins; ++b) {
-            grow(sum, bin[b]);
-            on_left += in_bin[b];
-            if (on_left == 0 || on_left == count) continue;
-            const float cost = half_area(sum) * static_cast<float>((on_left + 15) / 16) +
-                               area_right[b + 1] * static_cast<float>((count - on_left + 15) / 16);
-            if (cost < best) best = cost, axis = k, left = on_left;
-        }
-    }
-    left = std::clamp((left + 8) / 16 * 16, 16u, (count - 1) / 16 * 16);
-    const auto less = [&](uint32_t s, uint32_t t) {
-        return middle_[s][axis] != middle_[t][axis] ? middle_[s][axis] < middle_[t][axis] : s < t;
-    };
-    std::nth_element(order.begin() + begin, order.begin() + begin + left, order.begin() + end, less);
-    return begin + left;
-}
-
 // What one query carries through the traversal.
 struct Search {
     const MeshletKernels* kernels;
@@ -222,10 +100,10 @@ struct Search {
     alignas(16) float q[4];    // local frame; the fourth is 0
     float query_error;         // 2^-24 |q| and a little
     float upper;               // the nearest triangle is not farther, local frame
-    uint32_t first = kNone;    // meshlet visited before the traversal
-    uint32_t nearest = kNone;  // meshlet that set upper last
-    uint32_t count = 0;
-    bool overflow = false;
+    uint32_t first;            // meshlet visited before the traversal
+    uint32_t nearest;          // meshlet that set upper last
+    uint32_t count;
+    bool overflow;
     uint32_t lane[kSlots];
     float lower[kSlots];
 };
@@ -258,18 +136,19 @@ void prefer(Winner& winner, const TrianglePoint& closest, uint32_t lane, uint32_
 // next float above x (finite, >= 0) and a little more
 float round_up(double x) { return static_cast<float>(x) * (1.0f + 4.0f * kUnit) + 1e-30f; }
 
-// Embree rounds the differences to its boxes and their squares; 8 units cover them
-float embree_radius(const Search& search) {
+// The traversals round the differences to their boxes and the squares; 8 units cover them
+float search_radius(const Search& search) {
     return (search.upper + search.query_error) * (1.0f + 16.0f * kUnit) + 1e-30f;
 }
+
+float squared_reach(const Search& search) { return search_radius(search) * search_radius(search); }
 
 // Embree's leaves hold several meshlets and call for all of them
 bool near_box(const Search& search, const FloatBox& box) {
     const __m128 q = _mm_load_ps(search.q);
     const __m128 outside = _mm_max_ps(
         _mm_max_ps(_mm_sub_ps(_mm_load_ps(box.min), q), _mm_sub_ps(q, _mm_load_ps(box.max))), _mm_setzero_ps());
-    const float radius = embree_radius(search);
-    return _mm_cvtss_f32(_mm_dp_ps(outside, outside, 0x71)) <= radius * radius;
+    return _mm_cvtss_f32(_mm_dp_ps(outside, outside, 0x71)) <= squared_reach(search);
 }
 
 uint32_t lanes_below(const float* squared, float limit) {
@@ -302,8 +181,13 @@ struct ClosestPointTree::Impl {
     std::vector<uint32_t> lane_of_triangle;
     std::vector<FloatBox> boxes;  // one a meshlet, local frame, outward
     FloatBox box;                 // of all
+    BoxTree tree;                 // over boxes
+    uint64_t rebuilds = 0;        // by refits
+    bool cross_checked = false;
+    WindingTree clusters;  // empty unless signs need it
+    bool with_embree = embree_chosen().load(std::memory_order_relaxed);
     std::shared_ptr<RTCDeviceTy> device;
-    RTCScene scene = nullptr;
+    RTCScene scene = nullptr;  // only with_embree
     RTCGeometry geometry = nullptr;
 
     // What the traversal's callback gets to see.
@@ -323,8 +207,12 @@ struct ClosestPointTree::Impl {
     void measure(uint32_t m, const MeshletKernels& kernels);
     void make_scene();
     void release_scene();
+    void update_scene(bool rebuild);
 
     Meshlet& meshlet(uint32_t m) { return *reinterpret_cast<Meshlet*>(&pool[first_line[m]]); }
+    uint32_t triangles_of(uint32_t m) const {
+        return static_cast<uint32_t>(std::popcount(static_cast<uint32_t>(meshlet(m).float_lanes | meshlet(m).exact_lanes)));
+    }
     const Meshlet& meshlet(uint32_t m) const { return *reinterpret_cast<const Meshlet*>(&pool[first_line[m]]); }
     Vec3d position(uint32_t v) const {
         if (!deformable) return mesh.position[v];
@@ -335,6 +223,8 @@ struct ClosestPointTree::Impl {
         return closest_point_on_triangle(p, position(v[0]), position(v[1]), position(v[2]));
     }
     Vec3d normal_of(const Triangle& t) const { return triangle_normal(position(t[0]), position(t[1]), position(t[2])); }
+    void update_clusters();
+    bool winds_around(const Vec3d& p) const;
     double winding(const Vec3d& p) const {
         return deformable ? trocar::winding_number(std::span<const Float4>(offset), mesh.triangle, p)
                           : trocar::winding_number(mesh.position, mesh.triangle, p);
@@ -346,7 +236,9 @@ struct ClosestPointTree::Impl {
     void start(Search& search, const MeshletKernels& kernels, const Vec3d& p, const Vec3d& q, double radius) const;
     float bound_by_box(const Vec3d& q) const;
     void select(Search& search) const;
+    void select_with_embree(Search& search) const;
     Winner search_exactly(Search& search) const;
+    void search_exactly_with_embree(ExactSearch& exact) const;
     Winner scan(const Vec3d& p) const;
     void prefetch_lane(uint32_t lane) const;
     void prefetch_meshlet(uint32_t m) const;
@@ -365,6 +257,7 @@ struct ClosestPointTree::Impl {
     bool pseudonormal(const Winner& winner, Vec3d& normal, double& weight) const;
     double side_of(const Vec3d& p, const Winner& winner, double d, Vec3d& direction) const;
     bool outside_box(const Vec3d& p) const;
+    bool disagrees(const Vec3d& p, const SurfacePoint& found) const;
     void query_batch(std::span<const Vec3d> points, std::span<const double> radius, std::span<const uint32_t> hint,
                      std::span<SurfacePoint> out, Previous& previous, QueryCounters& counters) const;
 };
@@ -415,6 +308,8 @@ void ClosestPointTree::Impl::build(const MeshView& view) {
     choose_frame();
     make_meshlets();
     update_meshlets();
+    build_box_tree(boxes, tree);
+    update_clusters();
     make_scene();
 }
 
@@ -434,7 +329,7 @@ void ClosestPointTree::Impl::choose_frame() {
 void ClosestPointTree::Impl::make_meshlets() {
     Vec3d low = Vec3d::Constant(INFINITY), high = -low;
     for (const Vec3d& x : mesh.position) low = low.cwiseMin(x), high = high.cwiseMax(x);
-    const MeshletCutter cutter(mesh, low + 0.5 * (high - low), scale);
+    const MeshletGroups cutter = cut_meshlets(mesh, low + 0.5 * (high - low), scale);
     const uint32_t count = static_cast<uint32_t>(cutter.groups.size());
     lanes.resize(16ul * count);
     lane_of_triangle.resize(mesh.triangle.size());
@@ -526,7 +421,7 @@ void ClosestPointTree::Impl::update_meshlets() {
 }
 
 void ClosestPointTree::Impl::make_scene() {
-    if (boxes.empty()) return;
+    if (boxes.empty() || !with_embree) return;
     device = shared_device();
     scene = rtcNewScene(device.get());
     geometry = rtcNewGeometry(device.get(), RTC_GEOMETRY_TYPE_USER);
@@ -550,6 +445,15 @@ void ClosestPointTree::Impl::release_scene() {
     if (scene) rtcReleaseScene(scene);
     geometry = nullptr;
     scene = nullptr;
+}
+
+void ClosestPointTree::Impl::update_scene(bool rebuild) {
+    if (!scene) return;
+    if (rebuild) rtcSetGeometryBuildQuality(geometry, RTC_BUILD_QUALITY_LOW);
+    rtcUpdateGeometryBuffer(geometry, RTC_BUFFER_TYPE_VERTEX, 0);
+    rtcCommitGeometry(geometry);
+    commit(scene, boxes);
+    if (rebuild) rtcSetGeometryBuildQuality(geometry, RTC_BUILD_QUALITY_REFIT);
 }
 
 void ClosestPointTree::Impl::keep_lane(Search& search, uint32_t lane, float lower) const {
@@ -624,6 +528,9 @@ void ClosestPointTree::Impl::start(Search& search, const MeshletKernels& kernels
     search.q[3] = 0;
     search.query_error = 1.01f * kUnit * static_cast<float>(q.norm()) + 1e-30f;
     search.upper = round_up(radius * scale);
+    search.first = search.nearest = kNone;
+    search.count = 0;
+    search.overflow = false;
 }
 
 // The surface touches every side of its box: it is no farther than the far corner of the best side (Roussopoulos,
@@ -640,8 +547,24 @@ float ClosestPointTree::Impl::bound_by_box(const Vec3d& q) const {
     return round_up(std::sqrt(std::max(best, 0.0)) + 1e-5);
 }
 
+// Visits all meshlets that may hold a triangle within search.upper, and drops what turned out to be farther.
 void ClosestPointTree::Impl::select(Search& search) const {
-    alignas(16) RTCPointQuery query{search.q[0], search.q[1], search.q[2], 0, embree_radius(search)};
+    if (scene) {
+        select_with_embree(search);
+    } else {
+        visit_near_boxes(tree, search.q, squared_reach(search), [&](uint32_t m) {
+            if (m != search.first) visit(search, m);
+            return search.overflow ? -1.0f : squared_reach(search);
+        });
+    }
+    uint32_t kept = 0;
+    for (uint32_t i = 0; i < search.count; ++i)
+        if (search.lower[i] <= search.upper) search.lane[kept++] = search.lane[i];
+    search.count = kept;
+}
+
+void ClosestPointTree::Impl::select_with_embree(Search& search) const {
+    alignas(16) RTCPointQuery query{search.q[0], search.q[1], search.q[2], 0, search_radius(search)};
     RTCPointQueryContext context;
     rtcInitPointQueryContext(&context);
     Traversal traversal{this, &search, nullptr};
@@ -654,21 +577,30 @@ void ClosestPointTree::Impl::select(Search& search) const {
             const float before = t.search->upper;
             t.tree->visit(*t.search, args->primID);
             if (!(t.search->upper < before) && !t.search->overflow) return false;
-            args->query->radius = t.search->overflow ? 0.0f : embree_radius(*t.search);
+            args->query->radius = t.search->overflow ? 0.0f : search_radius(*t.search);
             return true;
         },
         &traversal);
-    uint32_t kept = 0;
-    for (uint32_t i = 0; i < search.count; ++i)
-        if (search.lower[i] <= search.upper) search.lane[kept++] = search.lane[i];
-    search.count = kept;
 }
 
 Winner ClosestPointTree::Impl::search_exactly(Search& search) const {
-    alignas(16) RTCPointQuery query{search.q[0], search.q[1], search.q[2], 0, embree_radius(search)};
+    ExactSearch exact{&search, {}};
+    if (scene) {
+        search_exactly_with_embree(exact);
+    } else {
+        visit_near_boxes(tree, search.q, squared_reach(search), [&](uint32_t m) {
+            visit_exactly(exact, m);
+            return squared_reach(search);
+        });
+    }
+    return exact.winner;
+}
+
+void ClosestPointTree::Impl::search_exactly_with_embree(ExactSearch& exact) const {
+    Search& search = *exact.search;
+    alignas(16) RTCPointQuery query{search.q[0], search.q[1], search.q[2], 0, search_radius(search)};
     RTCPointQueryContext context;
     rtcInitPointQueryContext(&context);
-    ExactSearch exact{&search, {}};
     Traversal traversal{this, &search, &exact};
     rtcPointQuery(
         scene, &query, &context,
@@ -678,11 +610,10 @@ Winner ClosestPointTree::Impl::search_exactly(Search& search) const {
             const float before = t.search->upper;
             t.tree->visit_exactly(*t.exact, args->primID);
             if (!(t.search->upper < before)) return false;
-            args->query->radius = embree_radius(*t.search);
+            args->query->radius = search_radius(*t.search);
             return true;
         },
         &traversal);
-    return exact.winner;
 }
 
 // Every triangle in double: for points beyond the range of float, and meshes with vertices that are not finite.
@@ -691,6 +622,38 @@ Winner ClosestPointTree::Impl::scan(const Vec3d& p) const {
     for (uint32_t t = 0; t < lane_of_triangle.size(); ++t)
         prefer(winner, evaluate(p, lane_of_triangle[t]), lane_of_triangle[t], t);
     return winner;
+}
+
+void ClosestPointTree::Impl::update_clusters() {
+    if (admission != Admission::kWinding && !cross_checked) return;
+    clusters.box.resize(boxes.size());
+    for (uint32_t m = 0; m < boxes.size(); ++m) {
+        std::array<std::array<Vec3d, 3>, 16> corner;
+        const uint32_t count = triangles_of(m);
+        for (uint32_t j = 0; j < count; ++j)
+            for (int k = 0; k < 3; ++k) corner[j][k] = position(lanes[16 * m + j].vertex[k]);
+        clusters.box[m] = winding_cluster(std::span(corner).first(count));
+    }
+    join_winding_tree(tree, clusters);
+}
+
+bool ClosestPointTree::Impl::winds_around(const Vec3d& p) const {
+    constexpr double kRounding = 1e-6;  // of either sum, far more than measured
+    const auto near = [&](uint32_t m) {
+        double half_angles = 0;
+        for (uint32_t j = 0; j < triangles_of(m); ++j) {
+            const Triangle& v = lanes[16 * m + j].vertex;
+            half_angles += half_solid_angle(position(v[0]), position(v[1]), position(v[2]), p);
+        }
+        return half_angles / (2 * std::numbers::pi);
+    };
+    if (!clusters.node.empty()) {
+        for (const double tolerance : {1e-2, 1e-4}) {
+            const FarField sum = sum_winding(tree, clusters, p, tolerance, near);
+            if (std::abs(sum.value - 0.5) > sum.error + kRounding) return sum.value > 0.5;
+        }
+    }
+    return winding(p) > 0.5;
 }
 
 // A closed surface has nothing inside it beyond its own box.
@@ -762,7 +725,7 @@ SurfacePoint ClosestPointTree::Impl::answer(const Vec3d& p, double radius, const
 // where p lies on the surface, side * pseudonormal. Sheets have no inside: their side matters on the surface only.
 double ClosestPointTree::Impl::side_of(const Vec3d& p, const Winner& winner, double d, Vec3d& direction) const {
     const TrianglePoint& closest = winner.closest;
-    const auto by_winding = [&] { return winding(p) > 0.5 ? -1.0 : 1.0; };
+    const auto by_winding = [&] { return winds_around(p) ? -1.0 : 1.0; };
     const bool boxed_out = outside_box(p);
     if (closest.feature == Feature::kFace) {
         const double side = closest.height < 0 ? -1.0 : 1.0;
@@ -793,6 +756,13 @@ double ClosestPointTree::Impl::side_of(const Vec3d& p, const Winner& winner, dou
         return side;
     }
     return defined && std::abs(dot) > rounding * weight ? side : by_winding();
+}
+
+// Nearer than a distance's rounding both signs may be right.
+bool ClosestPointTree::Impl::disagrees(const Vec3d& p, const SurfacePoint& found) const {
+    const double rounding = 0x1p-49 * (p - centre).norm() + 0x1p-48 / scale;
+    if (found.triangle == kNone || !(std::abs(found.distance) > rounding)) return false;
+    return winds_around(p) != (found.distance < 0);
 }
 
 void ClosestPointTree::Impl::prefetch_meshlet(uint32_t m) const {
@@ -862,6 +832,7 @@ void ClosestPointTree::Impl::query_batch(std::span<const Vec3d> points, std::spa
         for (uint32_t j = first[i]; j < first[i + 1]; ++j)
             prefer(decided[i], evaluate(points[i], lane[j]), lane[j], lanes[lane[j]].triangle);
         out[i] = answer(points[i], radius[i], decided[i]);
+        if (cross_checked && admission == Admission::kSolid && disagrees(points[i], out[i])) ++counters.disagreements;
     }
 }
 
@@ -881,16 +852,23 @@ void ClosestPointTree::refit(std::span<const Float4> offset) {
     TROCAR_ASSERT(t.deformable && offset.size() >= t.offset.size());
     std::copy_n(offset.begin(), t.offset.size(), t.offset.begin());
     t.update_meshlets();
-    if (!t.scene) return;
-    rtcUpdateGeometryBuffer(t.geometry, RTC_BUFFER_TYPE_VERTEX, 0);
-    rtcCommitGeometry(t.geometry);
-    commit(t.scene, t.boxes);
+    const bool grown = refit_box_tree(t.boxes, t.tree) > kMostGrowth * t.tree.built_area;
+    if (grown) {
+        build_box_tree(t.boxes, t.tree);
+        ++t.rebuilds;
+    }
+    t.update_clusters();
+    t.update_scene(grown);
 }
 
 void ClosestPointTree::rebuild() {
+    build_box_tree(impl_->boxes, impl_->tree);
+    impl_->update_clusters();
     impl_->release_scene();
     impl_->make_scene();
 }
+
+uint64_t ClosestPointTree::rebuilds() const { return impl_->rebuilds; }
 
 void ClosestPointTree::query(std::span<const Vec3d> points, std::span<const double> radius,
                              std::span<const uint32_t> hint, std::span<SurfacePoint> out,
@@ -918,9 +896,17 @@ SurfacePoint ClosestPointTree::query(const Vec3d& point, double radius) const {
 
 double ClosestPointTree::winding_number(const Vec3d& point) const { return impl_->winding(point); }
 
+bool ClosestPointTree::winds_around(const Vec3d& point) const { return impl_->winds_around(point); }
+
+void ClosestPointTree::cross_check(bool on) {
+    impl_->cross_checked = on;
+    impl_->update_clusters();
+}
+
 Vec3d ClosestPointTree::vertex(uint32_t v) const { return impl_->position(v); }
 
 const char* instruction_set() { return chosen_kernels().name; }
+void search_with_embree(bool on) { embree_chosen().store(on, std::memory_order_relaxed); }
 void force_avx2(bool on) { avx2_forced().store(on, std::memory_order_relaxed); }
 
 const char* closest_point_library() { return RTC_VERSION_STRING; }

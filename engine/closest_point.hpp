@@ -22,11 +22,12 @@ struct SurfacePoint {
 // Counters of one batch, to be added to Report by the caller.
 struct QueryCounters {
     uint64_t tie_overflows = 0;
+    uint64_t disagreements = 0;  // of pseudonormal and winding number, cross-checked trees only
 };
 
-// Signed closest-point queries on one triangle mesh, exact to double rounding: Embree finds candidates in float in a
-// recentred frame, every triangle within a proven error bound of the best is evaluated again in double, and the least
-// (squared distance, triangle id) wins. Sign: angle-weighted pseudonormal of the winning feature (Baerentzen & Aanaes,
+// Signed closest-point queries on one triangle mesh, exact to double rounding: a tree over groups of 16 triangles finds
+// candidates in float in a recentred frame, every triangle within a proven error bound of the best is evaluated again in
+// double, and the least (squared distance, triangle id) wins. Sign: angle-weighted pseudonormal of the winning feature (Baerentzen & Aanaes,
 // TVCG 11(3), 2005) for solids, generalised winding number (Jacobson et al. 2013) for kWinding meshes, none for sheets.
 // Answers do not depend on hints, on earlier refits, or on the instruction set.
 class ClosestPointTree {
@@ -39,10 +40,13 @@ class ClosestPointTree {
     ClosestPointTree(const ClosestPointTree&) = delete;
     ClosestPointTree& operator=(const ClosestPointTree&) = delete;
 
-    // Takes new vertex positions. Different trees may be refitted at the same time.
+    // Takes new vertex positions; builds afresh where the summed area of the nodes has grown by 30 % (Goldsmith & Salmon's
+    // measure of a query's work). Different trees may be refitted at the same time.
     void refit(std::span<const Float4> offset);
     // Builds afresh from the present positions (same answers, faster queries after large deformation).
     void rebuild();
+    // How often refits built afresh.
+    uint64_t rebuilds() const;
 
     // Answers point i into out[i]. radius[i] (m, may be infinite) bounds the search: a surface at exactly that
     // distance may or may not be found, anything nearer is. hint[i] = a triangle likely to be near, or kNone; an empty
@@ -51,8 +55,14 @@ class ClosestPointTree {
                std::span<SurfacePoint> out, QueryCounters& counters) const;
     SurfacePoint query(const Vec3d& point, double radius = std::numeric_limits<double>::infinity()) const;
 
+    // Compares the sign of every answer of a solid with the winding number and counts where they differ.
+    void cross_check(bool on);
+
     // Generalised winding number of the present surface, double, direct sum: 1 inside a closed outward surface.
     double winding_number(const Vec3d& point) const;
+    // winding_number(point) > 0.5. Far triangles are summed in groups where a proven bound says that this cannot differ
+    // (winding_tree.hpp); only trees of kWinding meshes and cross-checked ones have such groups.
+    bool winds_around(const Vec3d& point) const;
 
     // Position of a vertex as the answers see it.
     Vec3d vertex(uint32_t v) const;
@@ -65,6 +75,10 @@ class ClosestPointTree {
 // Instruction set the kernels of this process run with: "avx512" or "avx2". Chosen once; force_avx2() is for tests.
 const char* instruction_set();
 void force_avx2(bool on);
+
+// Trees made from now on search with Embree's rtcPointQuery instead of our own traversal: the reference, for tests and
+// benches. Answers are the same to the bit.
+void search_with_embree(bool on);
 
 // Version of the library that searches, e.g. "3.13.5".
 const char* closest_point_library();

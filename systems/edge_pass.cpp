@@ -400,6 +400,7 @@ void find_edge_contacts(const ContactParams& params, const Surfaces& surfaces, c
     for (uint32_t i = 0; i < chunk_count(sides, grain); ++i) {
         rows += scratch.chunk[i].found.size();
         report.tie_overflows += scratch.chunk[i].counters.tie_overflows;
+        report.disagreements += scratch.chunk[i].counters.disagreements;
     }
     if (rows == contacts.pair.size()) return;
 

@@ -129,7 +129,10 @@ void run_queries(const Side& side, uint32_t first, OverlapChunk& c) {
             if (answer.triangle != kNone) answer.distance -= side.half_thickness;
         }
     });
-    for (const QueryCounters& counters : c.query_counters) c.tie_overflows += counters.tie_overflows;
+    for (const QueryCounters& counters : c.query_counters) {
+        c.tie_overflows += counters.tie_overflows;
+        c.disagreements += counters.disagreements;
+    }
     for (uint32_t i = first; i < c.query_vertex.size(); ++i) c.row[c.query_vertex[i]] = i;
 }
 
@@ -138,7 +141,7 @@ bool settle_sign(const Side& side, uint32_t row, OverlapChunk& c) {
     SurfacePoint& answer = c.query_answer[row];
     if (has_bit(c.settled, row)) return false;
     set_bit(c.settled, row);
-    const bool inside = side.tree->winding_number(c.query_point[row]) > 0.5;
+    const bool inside = side.tree->winds_around(c.query_point[row]);
     if (inside == (answer.distance < 0)) return false;
     answer.distance = -answer.distance;
     answer.normal = -answer.normal;
@@ -336,7 +339,7 @@ void find_overlap(const Surfaces& surfaces, const BodyBoxes& boxes, const Candid
         chunk.vertex.clear();
         chunk.point.clear();
         chunk.answer.clear();
-        chunk.sign_disagreements = chunk.tie_overflows = 0;
+        chunk.sign_disagreements = chunk.tie_overflows = chunk.disagreements = 0;
         for (uint32_t row = begin; row < end; ++row) find_side(in, side_at(row), scratch.side[row], chunk);
     });
 
@@ -350,6 +353,7 @@ void find_overlap(const Surfaces& surfaces, const BodyBoxes& boxes, const Candid
     for (uint32_t i = 0; i < chunk_count(sides, grain); ++i) {
         report.sign_disagreements += scratch.chunk[i].sign_disagreements;
         report.tie_overflows += scratch.chunk[i].tie_overflows;
+        report.disagreements += scratch.chunk[i].disagreements;
     }
     for (uint32_t row = 0; row < sides; ++row) {
         const uint32_t pair = row / 2, body = row % 2 ? pairs.b[pair] : pairs.a[pair];

@@ -36,6 +36,7 @@ struct OverlapChunk {
     std::vector<SurfacePoint> answer;
     uint64_t sign_disagreements = 0;
     uint64_t tie_overflows = 0;
+    uint64_t disagreements = 0;
 };
 
 // Memory of the overlap phase. `hint_*` is a cache: any content gives the same answers.

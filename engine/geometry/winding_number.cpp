@@ -16,17 +16,20 @@ Vec3d corner(const Float4& v) { return {v.x, v.y, v.z}; }
 template <typename Position>
 double sum_solid_angles(std::span<const Position> position, std::span<const Triangle> triangle, const Vec3d& p) {
     double half_angles = 0;
-    for (const Triangle& t : triangle) {
-        const Vec3d a = corner(position[t[0]]) - p, b = corner(position[t[1]]) - p, c = corner(position[t[2]]) - p;
-        const double la = a.norm(), lb = b.norm(), lc = c.norm();
-        // a . ((b - a) x (c - a)) = a . (b x c), with far less cancellation when p is far from the triangle
-        const double volume = a.dot((b - a).cross(c - a));
-        half_angles += std::atan2(volume, la * lb * lc + a.dot(b) * lc + b.dot(c) * la + c.dot(a) * lb);
-    }
+    for (const Triangle& t : triangle)
+        half_angles += half_solid_angle(corner(position[t[0]]), corner(position[t[1]]), corner(position[t[2]]), p);
     return half_angles / (2.0 * std::numbers::pi);
 }
 
 }  // namespace
+
+double half_solid_angle(const Vec3d& corner_a, const Vec3d& corner_b, const Vec3d& corner_c, const Vec3d& p) {
+    const Vec3d a = corner_a - p, b = corner_b - p, c = corner_c - p;
+    const double la = a.norm(), lb = b.norm(), lc = c.norm();
+    // a . ((b - a) x (c - a)) = a . (b x c), with far less cancellation when p is far from the triangle
+    const double volume = a.dot((b - a).cross(c - a));
+    return std::atan2(volume, la * lb * lc + a.dot(b) * lc + b.dot(c) * la + c.dot(a) * lb);
+}
 
 double winding_number(std::span<const Vec3d> position, std::span<const Triangle> triangle, const Vec3d& p) {
     return sum_solid_angles(position, triangle, p);

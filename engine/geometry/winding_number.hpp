@@ -4,8 +4,11 @@
 #include "components/mesh.hpp"
 namespace trocar {
 
+// Half the signed solid angle of triangle abc seen from p (van Oosterom & Strackee, IEEE TBME 30(2), 1983), in (-pi, pi].
+double half_solid_angle(const Vec3d& a, const Vec3d& b, const Vec3d& c, const Vec3d& p);
+
 // Generalised winding number of a triangle mesh about p (Jacobson, Kavan & Sorkine-Hornung, SIGGRAPH 2013): the sum of
-// the triangles' signed solid angles (van Oosterom & Strackee, IEEE TBME 30(2), 1983) over 4 pi. 1 inside a closed
+// the triangles' signed solid angles over 4 pi. 1 inside a closed
 // surface whose corners run counter-clockwise seen from outside, 0 outside, in between where it has holes. Triangles
 // are summed in index order.
 double winding_number(std::span<const Vec3d> position, std::span<const Triangle> triangle, const Vec3d& p);

@@ -41,6 +41,7 @@ int collide_command(const CollideOptions& options) {
         const Box& box = world.meshes.info[world.bodies.mesh[body]].box;
         return (box.max - box.min).norm();
     };
+    world.settings.contact.cross_check = options.cross_check;
     make_trees(world);
     world.settings.contact.tolerance =
         options.tolerance > 0 ? options.tolerance : 1e-4 * std::min(diagonal(0), diagonal(1));
@@ -60,6 +61,7 @@ int collide_command(const CollideOptions& options) {
     j["vertices_a_in_b"] = overlap ? p.vertices_a_in_b[0] : 0u;
     j["vertices_b_in_a"] = overlap ? p.vertices_b_in_a[0] : 0u;
     j["edge_contacts"] = overlap ? p.edge_contacts[0] : 0u;
+    if (options.cross_check) j["disagreements"] = world.report.disagreements;
     j["time_ms"] = time_ms;
     if (options.json) {
         write_standard_output(j.dump() + "\n");
@@ -77,6 +79,9 @@ int collide_command(const CollideOptions& options) {
             p.edge_contacts[0], time_ms);
         write_standard_output(text);
     }
+    if (options.cross_check && !options.json)
+        write_standard_output("  " + std::to_string(world.report.disagreements) +
+                              " signs differ from the winding number\n");
     return kDone;
 }
 

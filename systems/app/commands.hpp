@@ -37,6 +37,7 @@ struct QueryOptions {
     std::string mesh;
     std::string points;         // CSV x,y,z in file units; "-" = standard input
     std::filesystem::path out;  // CSV; empty = standard output
+    bool cross_check = false;   // compare signs with the winding number
     bool json = false;
 };
 int query_command(const QueryOptions& options);
@@ -46,6 +47,7 @@ struct CollideOptions {
     Vec3d move_b = Vec3d::Zero();  // file units
     Quat rotate_b;                 // about the origin of B's file, before the move
     double tolerance = 0;          // file units; 0 = 1e-4 of the smaller diagonal
+    bool cross_check = false;      // compare signs with the winding number
     bool json = false;
 };
 int collide_command(const CollideOptions& options);

@@ -55,6 +55,7 @@ nlohmann::ordered_json report_json(const Report& r) {
             {"oversize_triangles", r.oversize_triangles},
             {"tie_overflows", r.tie_overflows},
             {"sign_disagreements", r.sign_disagreements},
+            {"disagreements", r.disagreements},
             {"ended_rows", r.ended_rows},
             {"opposing_planes", r.opposing_planes},
             {"nonfinite_particles", r.nonfinite_particles},

@@ -124,6 +124,8 @@ void describe(CLI::App& app, Arguments& a) {
     query->add_option("points", a.query.points, "CSV of x,y,z in file units; - reads standard input")->required();
     query->add_option("--out", a.query.out, "CSV to write (default: standard output)");
     query->add_option("--threads", a.threads, "Worker threads (default: all cores)");
+    query->add_flag("--cross-check", a.query.cross_check,
+                    "Compare every sign of a solid with the winding number; standard error tells how many differ");
     query->add_flag("--json", a.query.json, "JSON instead of CSV");
     query->footer(
         "Example: trocar query liver.obj points.csv --out distances.csv\nColumns: distance,cx,cy,cz,triangle,feature; "
@@ -137,6 +139,8 @@ void describe(CLI::App& app, Arguments& a) {
     collide->add_option("--rotate-b", a.rotate_b,
                         "\"ax ay az degrees\": rotation of B about its origin, before the move");
     collide->add_option("--tolerance", a.collide.tolerance, "Depth tolerance along edges, file units");
+    collide->add_flag("--cross-check", a.collide.cross_check,
+                      "Compare every sign of a solid with the winding number; counts \"disagreements\"");
     collide->add_flag("--json", a.collide.json, "JSON");
     collide->footer("Example: trocar collide liver.stl probe.obj --move-b \"0 0 -5\" --json");
 

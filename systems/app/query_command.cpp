@@ -1,3 +1,5 @@
+#include <algorithm>
+#include <array>
 #include <charconv>
 #include <cmath>
 #include <cstdio>
@@ -6,6 +8,7 @@
 #include "content/admission.hpp"
 #include "engine/closest_point.hpp"
 #include "engine/error.hpp"
+#include "engine/geometry/space_curve.hpp"
 #include "engine/mesh_topology.hpp"
 #include "engine/parallel.hpp"
 #include "engine/text_file.hpp"
@@ -86,6 +89,31 @@ std::vector<uint32_t> drop_repeated_corners(Mesh& mesh) {
     return number;
 }
 
+// Answers all points, neighbours one after the other: what one query touched is at hand for the next. Returns how many
+// signs the cross-check doubts.
+uint64_t ask(const ClosestPointTree& tree, const std::vector<Vec3d>& points, std::vector<SurfacePoint>& answers) {
+    Box box;
+    for (const Vec3d& p : points) box.min = box.min.cwiseMin(p), box.max = box.max.cwiseMax(p);
+    std::vector<std::pair<uint64_t, uint32_t>> order(points.size());
+    for (uint32_t i = 0; i < points.size(); ++i) order[i] = {hilbert_key(points[i], box), i};
+    std::sort(order.begin(), order.end());
+    constexpr uint32_t kGrain = 256;
+    const std::vector<double> radius(kGrain, std::numeric_limits<double>::infinity());
+    const uint32_t count = static_cast<uint32_t>(points.size());
+    std::vector<QueryCounters> counters(chunk_count(count, kGrain));
+    parallel_for(count, kGrain, [&](uint32_t begin, uint32_t end) {
+        std::array<Vec3d, kGrain> point;
+        std::array<SurfacePoint, kGrain> answer;
+        for (uint32_t i = begin; i < end; ++i) point[i - begin] = points[order[i].second];
+        tree.query(std::span(point).first(end - begin), std::span(radius).first(end - begin), {},
+                   std::span(answer).first(end - begin), counters[begin / kGrain]);
+        for (uint32_t i = begin; i < end; ++i) answers[order[i].second] = answer[i - begin];
+    });
+    uint64_t disagreements = 0;
+    for (const QueryCounters& c : counters) disagreements += c.disagreements;
+    return disagreements;
+}
+
 }  // namespace
 
 int query_command(const QueryOptions& options) {
@@ -107,14 +135,13 @@ int query_command(const QueryOptions& options) {
 
     Meshes meshes;
     const uint32_t prototype = add_prototype(meshes, loaded.mesh, judgement.admitted_as);
-    const ClosestPointTree tree(mesh_view(meshes, prototype));
+    ClosestPointTree tree(mesh_view(meshes, prototype));
+    tree.cross_check(options.cross_check);
     std::vector<SurfacePoint> answers(points.size());
-    const std::vector<double> radius(points.size(), std::numeric_limits<double>::infinity());
-    parallel_for(static_cast<uint32_t>(points.size()), 256, [&](uint32_t begin, uint32_t end) {
-        QueryCounters counters;
-        tree.query(std::span(points).subspan(begin, end - begin), std::span(radius).subspan(begin, end - begin), {},
-                   std::span(answers).subspan(begin, end - begin), counters);
-    });
+    const uint64_t disagreements = ask(tree, points, answers);
+    if (options.cross_check)
+        std::fprintf(stderr, "trocar: %llu of %zu signs differ from the winding number\n",
+                     static_cast<unsigned long long>(disagreements), points.size());
     for (SurfacePoint& a : answers)
         if (a.triangle != kNone) a.triangle = file_triangle[a.triangle];
     const std::string out = options.json ? to_json(answers) : to_csv(answers);

@@ -232,6 +232,7 @@ std::string trouble_section(const Report& r) {
         {r.oversize_triangles, "times a triangle spanned more than 64 cells of the grid and was tested by its box"},
         {r.tie_overflows, "closest-point queries met too many equal answers and started again in double"},
         {r.sign_disagreements, "signs were settled by the winding number, because a distance jumped"},
+        {r.disagreements, "signs by pseudonormal differed from the winding number (contact.cross_check)"},
         {r.ended_rows, "contact planes were left behind by a sliding point"},
         {r.opposing_planes, "vertices at the end of a pass had planes that press from opposite sides"},
         {r.nonfinite_particles, "particles were lost and their bodies restored"},

@@ -234,6 +234,18 @@ TEST_F(CommandLine, CollideReportsTheDepthOfTwoCubes) {
     EXPECT_NEAR(nlohmann::json::parse(turned.out)["depth"], 0.1, 1e-9) << turned.out;
 }
 
+TEST_F(CommandLine, CrossCheckCountsSignsThatDiffer) {
+    const fs::path big = write("big.obj", cube(4)), small = write("small.obj", cube(1));
+    const std::string pair = "collide " + big.string() + " " + small.string() + " --move-b \"1.5 1.5 3.75\" --json";
+    EXPECT_EQ(nlohmann::json::parse(run(pair + " --cross-check").out)["disagreements"], 0);
+    EXPECT_FALSE(nlohmann::json::parse(run(pair).out).contains("disagreements"));
+    const fs::path points = write("p.csv", "2,2,2\n2,2,3.9\n9,9,9\n");
+    const Outcome plain = run("query " + big.string() + " " + points.string());
+    const Outcome checked = run("query --cross-check " + big.string() + " " + points.string());
+    EXPECT_EQ(checked.out, plain.out);
+    EXPECT_NE(checked.err.find("0 of 3 signs differ"), std::string::npos) << checked.err;
+}
+
 TEST_F(CommandLine, RunWritesWhatItSays) {
     const fs::path out = folder_ / "run";
     const Outcome outcome = run(

@@ -320,6 +320,77 @@ TEST(ClosestPoint, RadiusBoundsTheSearchAndNothingElse) {
     EXPECT_EQ(tree.query(points[0], std::nan("")).triangle, kNone);
 }
 
+// Our own traversal and rtcPointQuery, on every kind of mesh, with and without hints, bounds and refits.
+TEST(ClosestPoint, OwnTraversalAndEmbreeGiveTheSameBits) {
+    TestMesh soup = make_organ(5);
+    std::vector<Vec3d> corner;
+    for (Triangle& t : soup.triangle)
+        for (uint32_t& v : t) {
+            corner.push_back(soup.position[v]);
+            v = static_cast<uint32_t>(corner.size()) - 1;
+        }
+    const TestMesh meshes[] = {
+        make_organ(14),
+        make_cube(),
+        make_icosphere(8),
+        make_prism(comb_polygon(), {0.5, 0.4}),
+        make_organ(8).moved([](const Vec3d& x) { return Vec3d(x.x(), 1e-3 * x.y(), 1e-3 * x.z()); }),
+        make_organ(8).moved([](const Vec3d& x) { return Vec3d(x.x(), x.y(), 2e-7 * x.z()); }),
+        make_organ(6).moved([](const Vec3d& x) { return Vec3d(x + Vec3d(1e5, -1e5, 1e5)); }),
+        TestMesh(corner, soup.triangle, Admission::kWinding),
+        TestMesh({{0, 0, 0}, {1, 0, 0}, {0, 1, 0}}, {{0, 1, 2}}, Admission::kSheet)};
+    for (size_t m = 0; m < std::size(meshes); ++m) {
+        const TestMesh& mesh = meshes[m];
+        std::vector<Vec3d> points = hard_points(mesh, mesh.triangle.size() > 200 ? 300 : 20, 200 + m);
+        points.push_back(0.5 * (mesh.position[0] + mesh.position[1]));
+        points.push_back(Vec3d::Zero());
+        points.push_back(mesh.position[0] + 1e6 * Vec3d::Ones());
+        std::vector<Float4> now = mesh.offsets();
+        search_with_embree(true);
+        const ClosestPointTree embree(mesh.view());
+        ClosestPointTree moving_embree(mesh.view(), now);
+        search_with_embree(false);
+        const ClosestPointTree own(mesh.view());
+        ClosestPointTree moving_own(mesh.view(), now);
+        const std::string name = "mesh " + std::to_string(m);
+        const std::vector<SurfacePoint> answers = query_all(own, points);
+        expect_same_bits(answers, query_all(embree, points), name.c_str());
+        std::vector<uint32_t> hint;
+        for (const SurfacePoint& s : answers) hint.push_back(s.triangle);
+        expect_same_bits(answers, query_all(embree, points, hint), name.c_str());
+        for (const double radius : {0.0, 1e-3 * mesh.diagonal(), 0.1 * mesh.diagonal()})
+            expect_same_bits(query_all(own, points, {}, radius), query_all(embree, points, {}, radius), name.c_str());
+        for (int frame = 0; frame < 3; ++frame) {
+            for (Float4& o : now) o.x += 0.4f * std::sin(3 * o.y + float(frame)), o.z *= 1.3f;
+            moving_own.refit(now);
+            moving_embree.refit(now);
+            expect_same_bits(query_all(moving_own, points), query_all(moving_embree, points), name.c_str());
+        }
+        EXPECT_EQ(moving_own.rebuilds(), moving_embree.rebuilds());
+    }
+}
+
+// The tree is built afresh once its nodes have grown by 30 %, and a tree refitted 40 times answers as a new one.
+TEST(ClosestPoint, RebuildsWhenItsNodesHaveGrown) {
+    const TestMesh organ = make_organ(14);
+    std::vector<Float4> now = organ.offsets();
+    ClosestPointTree tree(organ.view(), now);
+    for (Float4& o : now) o.x += 1e-3f * std::sin(9 * o.y);
+    tree.refit(now);
+    EXPECT_EQ(tree.rebuilds(), 0u) << "a small motion needs none";
+    std::mt19937_64 random(211);
+    std::uniform_real_distribution<float> unit(-0.02f, 0.02f);
+    for (int frame = 0; frame < 40; ++frame) {
+        for (Float4& o : now) o.x += unit(random), o.y += unit(random), o.z += unit(random);
+        tree.refit(now);
+    }
+    EXPECT_GT(tree.rebuilds(), 1u);
+    EXPECT_LT(tree.rebuilds(), 20u);
+    const ClosestPointTree fresh(organ.view(), now);
+    const std::vector<Vec3d> points = hard_points(organ, 300, 212);
+    expect_same_bits(query_all(tree, points), query_all(fresh, points), "rebuilt");
+}
+
 TEST(ClosestPoint, SeveralThreadsMayAsk) {
     const TestMesh organ = make_organ(14);
     const std::vector<Vec3d> points = hard_points(organ, 1000, 101);
@@ -652,6 +723,61 @@ TEST(ClosestPoint, SoupOfUnweldedTriangles) {
     }
     const TestMesh soup(position, triangle, Admission::kWinding);
     expect_equals_brute_force(soup, ClosestPointTree(soup.view()), hard_points(soup, 300, 191), "soup");
+}
+
+// Crossing organs, an open one, doubled faces: groups of far triangles give the sign of the direct sum.
+TEST(ClosestPoint, FarGroupsNeverChangeTheSignOfTheWindingNumber) {
+    const TestMesh one = make_organ(10);
+    std::vector<Vec3d> position = one.position;
+    std::vector<Triangle> triangle = one.triangle;
+    const uint32_t n = static_cast<uint32_t>(position.size());
+    for (const Vec3d& x : one.position) position.push_back(x + Vec3d(0.7, 0.2, 0.1));
+    for (const Triangle& t : one.triangle) triangle.push_back({t[0] + n, t[1] + n, t[2] + n});
+    triangle.resize(triangle.size() - 300);  // a hole
+    TestMesh both(position, triangle, Admission::kWinding);
+    std::vector<Float4> now = both.offsets();
+    ClosestPointTree tree(both.view(), now);
+    for (int frame = 0; frame < 3; ++frame) {
+        uint32_t open = 0;
+        for (size_t v = 0; v < now.size(); ++v) both.position[v] = Vec3d(now[v].x, now[v].y, now[v].z);
+        for (const Vec3d& p : hard_points(both, 700, 221 + frame)) {
+            const double direct = brute_force_winding(both.position, both.triangle, p);
+            if (std::abs(direct - 0.5) < 1e-9) continue;
+            ASSERT_EQ(tree.winds_around(p), direct > 0.5) << p.transpose() << ", " << direct;
+            open += std::abs(direct - 0.5) < 0.05;
+        }
+        EXPECT_GT(open, 0u) << "no number near one half: the exact sum is not tested";
+        for (Float4& o : now) o.x += 0.2f * std::sin(2 * o.y), o.z *= 1.1f;
+        tree.refit(now);
+    }
+}
+
+// A body that is pulled through itself: pseudonormals err there, and the cross-check tells how often.
+TEST(ClosestPoint, CrossCheckCountsWrongPseudonormals) {
+    const TestMesh organ = make_organ(10);
+    std::vector<Float4> now = organ.offsets();
+    ClosestPointTree tree(organ.view(), now);
+    tree.cross_check(true);
+    QueryCounters sound, folded;
+    const std::vector<Vec3d> points = hard_points(organ, 500, 231);
+    query_all(tree, points, {}, kInfinity, &sound);
+    EXPECT_EQ(sound.disagreements, 0u);
+    for (Float4& o : now) o.x = o.x > 0.2f ? -1.5f * o.x : o.x;
+    tree.refit(now);
+    TestMesh bent = organ;
+    for (size_t v = 0; v < now.size(); ++v) bent.position[v] = Vec3d(now[v].x, now[v].y, now[v].z);
+    const std::vector<SurfacePoint> got = query_all(tree, points, {}, kInfinity, &folded);
+    uint64_t wrong = 0;
+    for (size_t i = 0; i < points.size(); ++i) {
+        const double direct = brute_force_winding(bent.position, bent.triangle, points[i]);
+        wrong += std::abs(got[i].distance) > 1e-12 && (direct > 0.5) != (got[i].distance < 0);
+    }
+    EXPECT_GT(wrong, 10u);
+    EXPECT_EQ(folded.disagreements, wrong);
+    tree.cross_check(false);
+    QueryCounters off;
+    query_all(tree, points, {}, kInfinity, &off);
+    EXPECT_EQ(off.disagreements, 0u);
 }
 
 TEST(ClosestPoint, WindingNumberOfTheTreeFollowsRefits) {

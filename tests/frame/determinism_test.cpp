@@ -21,6 +21,8 @@ struct Run {
     bool clear_caches = false;
     bool avx2 = false;
     uint32_t passes = 90;
+    bool embree = false;       // trees search with rtcPointQuery
+    bool cross_check = false;  // signs are compared with the winding number
 };
 
 // Threads that really take part in loops of the pool; waits up to ten seconds for the last to come.
@@ -48,9 +50,14 @@ uint64_t run_scene(const std::string& name, const Run& run) {
         FrameOptions options;
         options.serial = run.serial;
         options.clear_caches = run.clear_caches;
-        Frame frame(std::move(small_scene(name).world), options);
+        search_with_embree(run.embree);
+        World world = std::move(small_scene(name).world);
+        search_with_embree(false);
+        for (const auto& tree : world.trees) tree->cross_check(run.cross_check);
+        Frame frame(std::move(world), options);
         for (uint32_t pass = 0; pass < run.passes; ++pass) frame.step();
         hash = state_hash(frame.world());
+        EXPECT_EQ(frame.world().report.disagreements, 0u);
         EXPECT_GT(frame.world().report.contact_events, 0u) << name << " never touched: nothing was tested";
     });
     force_avx2(false);
@@ -65,6 +72,8 @@ TEST_P(Determinism, SameHashForAnyThreadsOrderInstructionSetAndCaches) {
         EXPECT_EQ(run_scene(GetParam(), {threads, false, false, false, 90}), reference) << threads << " threads";
     EXPECT_EQ(run_scene(GetParam(), {2, true, false, false, 90}), reference) << "serial list on two threads";
     EXPECT_EQ(run_scene(GetParam(), {1, false, true, false, 90}), reference) << "caches cleared";
+    EXPECT_EQ(run_scene(GetParam(), {1, false, false, false, 90, true}), reference) << "rtcPointQuery";
+    EXPECT_EQ(run_scene(GetParam(), {2, false, false, false, 90, false, true}), reference) << "signs cross-checked";
     if (std::string(instruction_set()) == "avx512") {
         EXPECT_EQ(run_scene(GetParam(), {1, false, false, true, 90}), reference) << "AVX2 kernels";
     }

@@ -1,0 +1,125 @@
+#pragma once
+#include <immintrin.h>
+
+#include <algorithm>
+#include <array>
+#include <bit>
+#include <cmath>
+#include <cstdint>
+#include <span>
+#include <vector>
+namespace trocar {
+
+struct alignas(32) FloatBox {
+    float min[4], max[4];  // the fourth is unused
+};
+
+inline void clear(FloatBox& box) {
+    box = {};
+    for (int k = 0; k < 3; ++k) box.min[k] = INFINITY, box.max[k] = -INFINITY;
+}
+inline void grow(FloatBox& box, const FloatBox& other) {
+    for (int k = 0; k < 3; ++k) {
+        box.min[k] = std::min(box.min[k], other.min[k]);
+        box.max[k] = std::max(box.max[k], other.max[k]);
+    }
+}
+inline float half_area(const FloatBox& box) {
+    const float x = box.max[0] - box.min[0], y = box.max[1] - box.min[1], z = box.max[2] - box.min[2];
+    return x * y + y * z + z * x;
+}
+
+// Where to cut a set of boxes in two: binned surface-area heuristic on their middles (Wald, On fast construction of
+// SAH-based bounding volume hierarchies, RT 2007). A side costs its area times the groups of `grain` that it fills.
+struct BoxCut {
+    int axis = 0;
+    uint32_t left = 0;  // boxes on the low side
+};
+BoxCut choose_cut(std::span<const FloatBox> boxes, std::span<const uint32_t> rows, uint32_t grain);
+
+// Reorders rows so that the first cut.left are on the low side; equal middles are ordered by row.
+void apply_cut(std::span<const FloatBox> boxes, BoxCut cut, std::span<uint32_t> rows);
+
+constexpr uint32_t kBoxLeaf = 1u << 31;  // a child that is a box, not a node
+
+// Eight children side by side. Unused ones have an empty box, which is infinitely far from everything.
+struct alignas(64) BoxNode {
+    float low[3][8], high[3][8];
+    alignas(32) uint32_t child[8];  // node, or kBoxLeaf | row of the boxes
+    uint32_t count;
+    uint32_t parent, slot;  // of the parent; the root's are 0
+};
+
+// Tree over boxes; root first, every child after its parent.
+struct BoxTree {
+    std::vector<BoxNode> node;
+    std::vector<uint32_t> row;  // working array of the build
+    double built_area = 0;      // summed area of nodes and boxes after the last build
+};
+
+void build_box_tree(std::span<const FloatBox> boxes, BoxTree& tree);
+
+// Fits the nodes to boxes that moved and returns the summed half areas of nodes and boxes, the measure of the work that
+// queries will have (Goldsmith & Salmon, IEEE CG&A 7(5), 1987).
+double refit_box_tree(std::span<const FloatBox> boxes, BoxTree& tree);
+
+// Most that a search through a tree can stack; every cut leaves an eighth on either side, so trees are not deep.
+constexpr uint32_t kBoxStack = 1024;
+
+// For every set of lanes, its lanes in ascending order and then anything: brings chosen lanes to the front.
+inline constexpr auto kLanesToFront = [] {
+    std::array<std::array<uint8_t, 8>, 256> table{};
+    for (uint32_t set = 0; set < 256; ++set)
+        for (uint32_t i = 0, to = 0; i < 8; ++i)
+            if (set >> i & 1) table[set][to++] = static_cast<uint8_t>(i);
+    return table;
+}();
+
+// Calls visit(row) for boxes whose squared distance from q, in float, is at most `limit`, the nearest children first;
+// visit returns the limit from then on, negative to stop. Rounding: limit must be 1 + 16 * 2^-24 above what is meant.
+template <typename Visit>  // Visit: float(uint32_t)
+void visit_near_boxes(const BoxTree& tree, const float* q, float limit, const Visit& visit) {
+    float squared[kBoxStack];
+    uint32_t child[kBoxStack], height = 0, at = 0;
+    const __m256 x = _mm256_set1_ps(q[0]), y = _mm256_set1_ps(q[1]), z = _mm256_set1_ps(q[2]);
+    const auto outside = [](const float* low, const float* high, __m256 p) {
+        return _mm256_max_ps(_mm256_max_ps(_mm256_sub_ps(_mm256_load_ps(low), p), _mm256_sub_ps(p, _mm256_load_ps(high))),
+                             _mm256_setzero_ps());
+    };
+    for (;;) {
+        if (at < kBoxLeaf) {
+            const BoxNode& n = tree.node[at];
+            const __m256 dx = outside(n.low[0], n.high[0], x), dy = outside(n.low[1], n.high[1], y),
+                         dz = outside(n.low[2], n.high[2], z);
+            const __m256 d = _mm256_fmadd_ps(dz, dz, _mm256_fmadd_ps(dy, dy, _mm256_mul_ps(dx, dx)));
+            const uint32_t near = static_cast<uint32_t>(
+                _mm256_movemask_ps(_mm256_cmp_ps(d, _mm256_set1_ps(limit), _CMP_LE_OQ)));
+            if (near != 0) {
+                __m128 least = _mm_min_ps(_mm256_castps256_ps128(d), _mm256_extractf128_ps(d, 1));
+                least = _mm_min_ps(least, _mm_movehl_ps(least, least));
+                least = _mm_min_ss(least, _mm_movehdup_ps(least));
+                const uint32_t best = static_cast<uint32_t>(std::countr_zero(static_cast<uint32_t>(
+                    _mm256_movemask_ps(_mm256_cmp_ps(d, _mm256_broadcastss_ps(least), _CMP_EQ_OQ)))));
+                const uint32_t others = near & ~(1u << best);
+                const __m256i front = _mm256_cvtepu8_epi32(
+                    _mm_loadl_epi64(reinterpret_cast<const __m128i*>(kLanesToFront[others].data())));
+                _mm256_storeu_ps(squared + height, _mm256_permutevar8x32_ps(d, front));
+                _mm256_storeu_si256(reinterpret_cast<__m256i*>(child + height),
+                                    _mm256_permutevar8x32_epi32(
+                                        _mm256_load_si256(reinterpret_cast<const __m256i*>(n.child)), front));
+                height += static_cast<uint32_t>(std::popcount(others));
+                at = n.child[best];
+                continue;
+            }
+        } else {
+            limit = visit(at & ~kBoxLeaf);
+        }
+        do {
+            if (height == 0) return;
+            --height;
+        } while (!(squared[height] <= limit));
+        at = child[height];
+    }
+}
+
+}  // namespace trocar
