@@ -290,7 +290,7 @@ TEST(Overlap, FoldedSurfacesAreSettledByWinding) {
     for (const auto& tree : scene.trees) tree->cross_check(true);
     scene.run();
     EXPECT_GT(scene.report.sign_disagreements, 0u);
-    EXPECT_GE(scene.report.disagreements, scene.report.sign_disagreements) << "the cross-check sees all that was settled";
+    EXPECT_GE(scene.report.disagreements, scene.report.sign_disagreements) << "it sees all that was settled";
     const reference::Surface folded(scene.surfaces(), 0);
     const MeshView box = mesh_view(scene.meshes, 1);
     std::map<uint32_t, double> distance;
