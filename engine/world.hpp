@@ -36,6 +36,7 @@ struct World {
     Particles particles;
     Haptics haptics;  // tool: constant
     PairMemory pair_memory;
+    Sleep sleep;
     // derived each pass
     BodyBoxes boxes;
     CandidatePairs pairs;
@@ -92,6 +93,7 @@ enum class Resource : uint8_t {
     kPicture,
     kEnergy,
     kReport,
+    kSleep,
     kCount
 };
 

@@ -42,6 +42,21 @@ bool has_forces(const AdvanceInputs& inputs, uint32_t body);
 void give_forces(AdvanceIsland& island, uint32_t particles);
 // Their forces at the start of a substep, where body.step.offset is; none for other bodies.
 void find_forces(AdvanceIsland& island, AdvanceBody& body);
+// One step of a body whose stepping is midpoint, and its books. `work` is where the kernel puts the work of damping, 16
+// lanes; null when nobody asks. b.step is bound to this substep.
+void step_midpoint(AdvanceIsland& island, AdvanceBody& b, double* work);
+// One step of a body whose stepping is xpbd.
+void step_xpbd(AdvanceIsland& island, AdvanceBody& b, double* work);
+
+// Adds what the energy of measured bodies has changed by since it was measured last.
+void book_measured(AdvanceIsland& island, double& work);
+
+// Energy of the velocities of a body as the particles have them now, J.
+double kinetic_energy(const AdvanceIsland& island, const AdvanceBody& b);
+// Whether a body's energy has grown over the call by far more than `input` (J), what rows, hands and push-out did, and
+// than a stable step can show: an explicit step above its limit doubles its energy in a few steps. Bodies with forces of
+// others are left out: those may hold energy. After the last substep, before the state is written.
+bool has_run_away(const AdvanceIsland& island, const AdvanceBody& b, double input);
 
 // Finds the nodes, rigid sides and plans of the island's rows; rows that have ended are left out.
 void plan_contacts(AdvanceIsland& island, std::span<const uint32_t> island_rows);

@@ -107,7 +107,8 @@ void measure_energy(const Springs& springs, const Bodies& bodies, const Poses& p
         energy.gravity -= free.mass * gravity.dot(state.place);
     }
     energy.balance = energy.kinetic + energy.elastic + energy.pressure + energy.bending + energy.gravity -
-                     energy.work_hand - energy.work_contact - energy.work_damping - energy.work_push - start;
+                     energy.work_hand - energy.work_contact - energy.work_damping - energy.work_push - energy.work_numeric -
+                     start;
 }
 
 Momentum measure_momentum(const Bodies& bodies, const Poses& poses, const Particles& particles, uint32_t body) {
