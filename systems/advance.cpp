@@ -175,7 +175,7 @@ void restore_body(AdvanceIsland& island, const AdvanceBody& b) {
     }
 }
 
-void finish_bodies(AdvanceIsland& island, double input) {
+void finish_bodies(AdvanceIsland& island) {
     for (const AdvanceBody& b : island.scratch.body) {
         const uint32_t lost = count_lost(b.now, b.particles.count);
         if (lost > 0) {
@@ -183,7 +183,7 @@ void finish_bodies(AdvanceIsland& island, double input) {
             restore_body(island, b);
             continue;
         }
-        if (has_run_away(island, b, input)) {
+        if (has_run_away(island, b)) {
             ++island.result.runaway_bodies;
             restore_body(island, b);
             continue;
@@ -201,13 +201,6 @@ void finish_bodies(AdvanceIsland& island, double input) {
             rotation_vector(rigid.orientation[0], rigid.orientation[1]) / island.dt;
     }
 }
-
-}  // namespace
-
-namespace {
-
-// What rows, hands and push-out did to the bodies so far, J.
-double put_in(const AdvanceResult& r) { return r.work_contact + r.work_hand + r.work_push; }
 
 }  // namespace
 
@@ -278,7 +271,6 @@ void advance_island(const AdvanceParams& params, const AdvanceInputs& inputs, st
                     ContactRows& rows, std::span<ToolState> tools, AdvanceResult& result) {
     TROCAR_ASSERT(params.substeps > 0 && params.ticks > 0);
     const double dt = 1e-3 * (static_cast<double>(params.ticks) / params.substeps);
-    const double before = put_in(result);
     result.deepest_residual = 0;
     result.opposing_planes = 0;
     AdvanceIsland island{params, inputs, scratch, particles, poses, rows, tools, result, dt};
@@ -314,7 +306,7 @@ void advance_island(const AdvanceParams& params, const AdvanceInputs& inputs, st
         for (AdvanceBody& b : scratch.body) b.now = b.next;
     }
     for (const double work : scratch.sums) result.work_damping += work;
-    finish_bodies(island, put_in(result) - before);
+    finish_bodies(island);
     forget_contacts(island);
 }
 

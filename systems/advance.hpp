@@ -81,7 +81,7 @@ uint32_t count_substeps(const Bodies& bodies, std::span<const uint32_t> island_b
 // anchors, damping, gravity and contact rows; DESIGN 5, 6.7, 6.8. Reads static and scripted bodies through poses and
 // paths and writes none of them. Adds to rows.impulse and to ToolState.contact_impulse of the island's rows and tools;
 // a row that a point has left behind gets rows.distance = infinity and rests from then on. A body that became
-// non-finite , or whose energy grew without input, gets its state at the start of the call back, at rest. State is complete between calls. Same bits for any
+// non-finite , or whose energy grew though it had no rows and no forces of others, gets its state at the start of the call back, at rest. State is complete between calls. Same bits for any
 // number of threads. Distinct islands may run at the same time, each with its own scratch.
 void advance_island(const AdvanceParams& params, const AdvanceInputs& inputs, std::span<const uint32_t> island_bodies,
                     std::span<const uint32_t> island_rows, AdvanceScratch& scratch, Particles& particles, Poses& poses,
