@@ -179,7 +179,7 @@ void restore_body(AdvanceIsland& island, const AdvanceBody& b) {
     }
 }
 
-void finish_bodies(AdvanceIsland& island, double input) {
+void finish_bodies(AdvanceIsland& island) {
     for (const AdvanceBody& b : island.scratch.body) {
         const uint32_t lost = count_lost(b.now, b.particles.count);
         if (lost > 0) {
@@ -187,7 +187,7 @@ void finish_bodies(AdvanceIsland& island, double input) {
             restore_body(island, b);
             continue;
         }
-        if (has_run_away(island, b, input)) {
+        if (has_run_away(island, b)) {
             ++island.result.runaway_bodies;
             restore_body(island, b);
             continue;
@@ -206,13 +206,6 @@ void finish_bodies(AdvanceIsland& island, double input) {
     }
     finish_free_bodies(island);
 }
-
-}  // namespace
-
-namespace {
-
-// What rows, hands and push-out did to the bodies so far, J.
-double put_in(const AdvanceResult& r) { return r.work_contact + r.work_hand + r.work_push; }
 
 }  // namespace
 
@@ -291,7 +284,6 @@ void advance_island(const AdvanceParams& params, const AdvanceInputs& inputs, st
                     ContactRows& rows, std::span<ToolState> tools, AdvanceResult& result) {
     TROCAR_ASSERT(params.substeps > 0 && params.ticks > 0);
     const double dt = 1e-3 * (static_cast<double>(params.ticks) / params.substeps);
-    const double before = put_in(result);
     result.deepest_residual = 0;
     result.opposing_planes = 0;
     AdvanceIsland island{params, inputs, scratch, particles, poses, rows, tools, result, dt};
@@ -329,7 +321,7 @@ void advance_island(const AdvanceParams& params, const AdvanceInputs& inputs, st
         for (AdvanceBody& b : scratch.body) b.now = b.next;
     }
     for (const double work : scratch.sums) result.work_damping += work;
-    finish_bodies(island, put_in(result) - before);
+    finish_bodies(island);
     forget_contacts(island);
 }
 

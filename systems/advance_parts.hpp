@@ -53,10 +53,10 @@ void book_measured(AdvanceIsland& island, double& work);
 
 // Energy of the velocities of a body as the particles have them now, J.
 double kinetic_energy(const AdvanceIsland& island, const AdvanceBody& b);
-// Whether a body's energy has grown over the call by far more than `input` (J), what rows, hands and push-out did, and
-// than a stable step can show: an explicit step above its limit doubles its energy in a few steps. Bodies with forces of
-// others are left out: those may hold energy. After the last substep, before the state is written.
-bool has_run_away(const AdvanceIsland& island, const AdvanceBody& b, double input);
+// Whether a body's energy has grown over the call by far more than a stable step can show, with nothing to give it any:
+// an explicit step above its limit doubles its energy in a few steps. Bodies with rows or with forces of others are left
+// out: those may give energy. After the last substep, before the state is written.
+bool has_run_away(const AdvanceIsland& island, const AdvanceBody& b);
 
 // Finds the nodes, rigid sides and plans of the island's rows; rows that have ended are left out.
 void plan_contacts(AdvanceIsland& island, std::span<const uint32_t> island_rows);

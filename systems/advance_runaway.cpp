@@ -1,6 +1,5 @@
 #include <immintrin.h>
 
-#include <algorithm>
 #include <cmath>
 
 #include "engine/shape_fit.hpp"
@@ -73,14 +72,14 @@ double kinetic_energy(const AdvanceIsland& island, const AdvanceBody& b) {
     return energy;
 }
 
-bool has_run_away(const AdvanceIsland& island, const AdvanceBody& b, double input) {
+bool has_run_away(const AdvanceIsland& island, const AdvanceBody& b) {
     const double kinetic = kinetic_energy(island, b);
-    if (kinetic <= kGrowth * b.kinetic || b.step.force_x) return false;
+    if (b.touched || b.step.force_x || kinetic <= kGrowth * b.kinetic) return false;
     const Sums before = sum_potential(island, b, island.particles.offset.data() + b.particles.first, 0);
     if (kinetic <= kNoise * before.mass) return false;
     const Sums after = sum_potential(island, b, b.now, 0.5 * b.last_dt);
     const double grown = (kinetic - b.kinetic) + (after.elastic - before.elastic) + (after.gravity - before.gravity);
-    return grown > kGrowth * (b.kinetic + before.elastic) + 2 * std::max(input, 0.0) + kNoise * before.mass &&
+    return grown > kGrowth * (b.kinetic + before.elastic) + kNoise * before.mass &&
            grown > 0.5 * (kinetic + after.elastic);
 }
 

@@ -80,7 +80,7 @@ TEST_F(DeformableSetup, LimitIsAboveTheStiffestMode) {
             Eigen::SelfAdjointEigenSolver<Eigen::MatrixXd>(0.5 * (h + h.transpose())).eigenvalues().maxCoeff();
         const double true_limit = 2 / std::sqrt(most);
         EXPECT_LE(limit, true_limit * 1.001) << stretch;
-        std::printf("stretch %g: predicted / true %.4f\n", stretch, limit / true_limit);
+        EXPECT_GE(limit, 0.6 * true_limit) << stretch;
     }
 }
 
