@@ -64,7 +64,8 @@ struct Answers {
 
 // One set of points on one mesh: ours without a hint and with last frame's, rtcPointQuery, CGAL.
 void query_rows(const TestMesh& mesh, const std::string& name, std::vector<Vec3d> points, bool judged, Report& report) {
-    const std::unique_ptr<ClosestPointTree> own = make_tree(mesh, nullptr, false), embree = make_tree(mesh, nullptr, true);
+    const std::unique_ptr<ClosestPointTree> own = make_tree(mesh, nullptr, false),
+                                            embree = make_tree(mesh, nullptr, true);
     const double margin = 0.01 * mesh.diagonal();
     Answers cold(points.size(), kInfinity), warm(points.size(), kInfinity), reference(points.size(), kInfinity);
     std::mt19937_64 random(3);
@@ -73,8 +74,7 @@ void query_rows(const TestMesh& mesh, const std::string& name, std::vector<Vec3d
     warm.ask(*own, before);
     std::vector<uint32_t> hint;
     for (const SurfacePoint& s : warm.surface) hint.push_back(s.triangle);
-    std::vector<std::function<void()>> jobs = {[&] { cold.ask(*own, points); },
-                                               [&] { warm.ask(*own, points, hint); },
+    std::vector<std::function<void()>> jobs = {[&] { cold.ask(*own, points); }, [&] { warm.ask(*own, points, hint); },
                                                [&] { reference.ask(*embree, points); },
                                                [&] { reference.ask(*embree, points, hint); }};
 #ifdef TROCAR_WITH_CGAL
@@ -88,7 +88,8 @@ void query_rows(const TestMesh& mesh, const std::string& name, std::vector<Vec3d
     warm.take_distances();
     reference.take_distances();
     const double error = largest_error(mesh, points, cold.distance);
-    const auto row = [&](const std::string& what, double ours, const char* peer_name, double peer_value, double peer_error) {
+    const auto row = [&](const std::string& what, double ours, const char* peer_name, double peer_value,
+                         double peer_error) {
         Row r{name + ", " + what, ours * per_query, "ns", peer_name, peer_value * per_query};
         r.error = error;
         r.peer_error = peer_error;
@@ -121,8 +122,8 @@ void refit_rows(const TestMesh& mesh, Report& report) {
     const std::vector<double> seconds = interleaved_medians(
         21, {[&] { own->refit((odd = !odd) ? bent : rest); }, [&] { embree->refit(odd ? bent : rest); }});
     const double per_100k = 1e8 / static_cast<double>(mesh.triangle.size());
-    Row row{"refit per 100,000 triangles, signs included", seconds[0] * per_100k, "ms",
-            "with Embree's tree too", seconds[1] * per_100k};
+    Row row{"refit per 100,000 triangles, signs included", seconds[0] * per_100k, "ms", "with Embree's tree too",
+            seconds[1] * per_100k};
     std::vector<Vec3d> points = points_near(mesh, 200, 0.01 * mesh.diagonal(), 7);
     TestMesh now = mesh;
     const std::vector<Float4>& floats = odd ? bent : rest;
@@ -179,12 +180,14 @@ struct Pair {
             Body &from = body[side], &to = body[1 - side];
             const Vec3d move = side == 0 ? Vec3d(-shift) : shift;  // into the frame of `to`
             Vec3 low = Vec3::Constant(INFINITY), high = -low;
-            for (const Float4& o : to.offset) low = low.cwiseMin(Vec3(o.x, o.y, o.z)), high = high.cwiseMax(Vec3(o.x, o.y, o.z));
+            for (const Float4& o : to.offset)
+                low = low.cwiseMin(Vec3(o.x, o.y, o.z)), high = high.cwiseMax(Vec3(o.x, o.y, o.z));
             points.clear(), vertex.clear(), hint.clear();
             for (const uint32_t v : from.order) {
                 const Float4& o = from.offset[v];
                 const Vec3d p = Vec3d(o.x, o.y, o.z) + move;
-                if (((low.cast<double>() - p).array() > margin).any() || ((p - high.cast<double>()).array() > margin).any())
+                if (((low.cast<double>() - p).array() > margin).any() ||
+                    ((p - high.cast<double>()).array() > margin).any())
                     continue;
                 points.push_back(p), vertex.push_back(v), hint.push_back(from.hint[v]);
             }
@@ -219,16 +222,20 @@ void pair_row(const TestMesh& mesh, const std::string& name, const Vec3d& shift,
         }
         same = same && own.depth == embree.depth && own.contacts == embree.contacts;
     }
-    for (std::vector<double>& s : seconds) std::nth_element(s.begin(), s.begin() + static_cast<ptrdiff_t>(s.size() / 2), s.end());
-    Row row{name, 1e3 * seconds[0][seconds[0].size() / 2], "ms", "rtcPointQuery", 1e3 * seconds[1][seconds[1].size() / 2]};
+    for (std::vector<double>& s : seconds)
+        std::nth_element(s.begin(), s.begin() + static_cast<ptrdiff_t>(s.size() / 2), s.end());
+    Row row{name, 1e3 * seconds[0][seconds[0].size() / 2], "ms", "rtcPointQuery",
+            1e3 * seconds[1][seconds[1].size() / 2]};
     // the last frame's deepest vertices again, by brute force
     double truth = 0;
     for (int side = 0; side < 2; ++side) {
         const Pair::Body &from = own.body[side], &to = own.body[1 - side];
         TestMesh now = mesh;
-        for (size_t v = 0; v < to.offset.size(); ++v) now.position[v] = Vec3d(to.offset[v].x, to.offset[v].y, to.offset[v].z);
+        for (size_t v = 0; v < to.offset.size(); ++v)
+            now.position[v] = Vec3d(to.offset[v].x, to.offset[v].y, to.offset[v].z);
         for (size_t v = 0; v < from.offset.size(); ++v) {
-            const Vec3d p = Vec3d(from.offset[v].x, from.offset[v].y, from.offset[v].z) + (side == 0 ? Vec3d(-shift) : shift);
+            const Vec3d p =
+                Vec3d(from.offset[v].x, from.offset[v].y, from.offset[v].z) + (side == 0 ? Vec3d(-shift) : shift);
             if (!(to.tree->query(p, own.margin).distance < -0.98 * own.depth)) continue;
             const BruteForceAnswer answer = brute_force_distance(now.position, now.triangle, p);
             if (answer.winding > 0.5) truth = std::max(truth, answer.distance);
@@ -267,7 +274,8 @@ void sign_rows(Report& report) {
             }
         }
     }
-    Row row{"wrong signs, " + std::to_string(points) + " points, distances over 1e-9 diagonals", static_cast<double>(wrong), ""};
+    Row row{"wrong signs, " + std::to_string(points) + " points, distances over 1e-9 diagonals",
+            static_cast<double>(wrong), ""};
     row.goal = Goal::kLimit, row.at_least = 0, row.aim = 0;
     row.note = "exact arithmetic of our own";
 #ifdef TROCAR_WITH_CGAL
@@ -286,14 +294,16 @@ void winding_rows(const TestMesh& organ, Report& report) {
     std::vector<Vec3d> points = points_near(open, 100, 0.01 * open.diagonal(), 7);
     for (const Vec3d& p : points_in_box(open, 100, 8)) points.push_back(p);
     std::vector<char> fast(points.size()), direct(points.size());
-    const std::vector<double> seconds = interleaved_medians(
-        3, {[&] {
-                for (int repeat = 0; repeat < 20; ++repeat)
-                    for (size_t i = 0; i < points.size(); ++i) fast[i] = tree->winds_around(points[i]);
-            },
-            [&] {
-                for (size_t i = 0; i < points.size(); ++i) direct[i] = tree->winding_number(points[i]) > 0.5;
-            }});
+    const std::vector<double> seconds = interleaved_medians(3, {[&] {
+                                                                    for (int repeat = 0; repeat < 20; ++repeat)
+                                                                        for (size_t i = 0; i < points.size(); ++i)
+                                                                            fast[i] = tree->winds_around(points[i]);
+                                                                },
+                                                                [&] {
+                                                                    for (size_t i = 0; i < points.size(); ++i)
+                                                                        direct[i] =
+                                                                            tree->winding_number(points[i]) > 0.5;
+                                                                }});
     const double count = static_cast<double>(points.size());
     Row row{"winding number's side, open mesh of " + std::to_string(open.triangle.size()) + " triangles",
             1e6 * seconds[0] / (20 * count), "us", "sum of all triangles", 1e6 * seconds[1] / count};

@@ -156,7 +156,7 @@ struct ContactRows {
     std::vector<Triangle> triangle;                // local vertices of the triangle of other
     std::vector<std::array<float, 3>> weight;      // barycentric coordinates of the plane point, sum 1
     std::vector<Vec3d> normal;                     // unit, outward from other; in the body frame if other is rigid
-    std::vector<double> distance;                  // m, at the start of the period; infinity once the row has ended
+    std::vector<double> distance;                  // m, at the start of the period; infinite once the row has ended
     std::vector<float> friction;
     std::vector<Vec3d> impulse;                    // N s, on body, summed over the period (written by response)
 };

@@ -55,8 +55,8 @@ uint32_t build_node(std::span<const FloatBox> boxes, uint32_t begin, uint32_t en
     tree.node.push_back(node);
     for (uint32_t i = 0; i < count; ++i) {
         const bool leaf = part[i].end - part[i].begin == 1;
-        const uint32_t child = leaf ? kBoxLeaf | tree.row[part[i].begin]
-                                    : build_node(boxes, part[i].begin, part[i].end, at, i, tree);
+        const uint32_t child =
+            leaf ? kBoxLeaf | tree.row[part[i].begin] : build_node(boxes, part[i].begin, part[i].end, at, i, tree);
         tree.node[at].child[i] = child;
     }
     return at;

@@ -26,10 +26,10 @@ struct QueryCounters {
 };
 
 // Signed closest-point queries on one triangle mesh, exact to double rounding: a tree over groups of 16 triangles finds
-// candidates in float in a recentred frame, every triangle within a proven error bound of the best is evaluated again in
-// double, and the least (squared distance, triangle id) wins. Sign: angle-weighted pseudonormal of the winning feature (Baerentzen & Aanaes,
-// TVCG 11(3), 2005) for solids, generalised winding number (Jacobson et al. 2013) for kWinding meshes, none for sheets.
-// Answers do not depend on hints, on earlier refits, or on the instruction set.
+// candidates in float in a recentred frame, every triangle within a proven error bound of the best is evaluated again
+// in double, and the least (squared distance, triangle id) wins. Sign: angle-weighted pseudonormal of the winning
+// feature (Baerentzen & Aanaes, TVCG 11(3), 2005) for solids, generalised winding number (Jacobson et al. 2013) for
+// kWinding meshes, none for sheets. Answers do not depend on hints, on earlier refits, or on the instruction set.
 class ClosestPointTree {
  public:
     // Rigid or imported surface: doubles in the body frame. The view must outlive the tree.
@@ -40,8 +40,8 @@ class ClosestPointTree {
     ClosestPointTree(const ClosestPointTree&) = delete;
     ClosestPointTree& operator=(const ClosestPointTree&) = delete;
 
-    // Takes new vertex positions; builds afresh where the summed area of the nodes has grown by 30 % (Goldsmith & Salmon's
-    // measure of a query's work). Different trees may be refitted at the same time.
+    // Takes new vertex positions; builds afresh where the summed area of the nodes has grown by 30 % (Goldsmith &
+    // Salmon's measure of a query's work). Different trees may be refitted at the same time.
     void refit(std::span<const Float4> offset);
     // Builds afresh from the present positions (same answers, faster queries after large deformation).
     void rebuild();

@@ -31,7 +31,7 @@ constexpr Elements elements_of() {
     else if constexpr (std::is_same_v<T, Vec3d>) return {A::kF64, 3};
     else if constexpr (std::is_same_v<T, Quat>) return {A::kF64, 4};
     else if constexpr (std::is_same_v<T, Box>) return {A::kF64, 6};
-    else if constexpr (std::is_same_v<T, Tissue>) return {A::kF64, 6};
+    else if constexpr (std::is_same_v<T, Tissue>) return {A::kF64, sizeof(Tissue) / sizeof(double)};
     else return {};
 }
 template <typename T>
@@ -48,7 +48,9 @@ void fields(V& v, T& t) {
         v.item(t.admission), v.item(t.volume), v.item(t.area), v.item(t.mean_edge), v.item(t.max_edge);
         v.item(t.radius), v.item(t.box);
     } else if constexpr (is<T, SpringInfo>) {
-        v.item(t.slices), v.item(t.mean_rest);
+        v.item(t.slices), v.item(t.mean_rest), v.item(t.mean_geometry), v.item(t.varied);
+    } else if constexpr (is<T, SolidInfo>) {
+        v.item(t.inner), v.item(t.tetrahedra), v.item(t.count), v.item(t.slices), v.item(t.nodes);
     } else if constexpr (is<T, Image>) {
         v.item(t.width), v.item(t.height), v.item(t.rgba);
     } else if constexpr (is<T, Material>) {
@@ -228,10 +230,10 @@ void visit_resource(World& w, Resource resource, Visitor& v) {
                 v.value(FIELD(settings.substep)), v.value(FIELD(settings.contact.tolerance)),
                 v.value(FIELD(settings.contact.push_speed)), v.value(FIELD(settings.contact.cell_edges)),
                 v.value(FIELD(settings.contact.iterations)), v.value(FIELD(settings.contact.row_capacity)),
-                v.value(FIELD(settings.contact.cross_check)),
                 v.value(FIELD(settings.contact.share)), v.value(FIELD(settings.contact.direction)),
                 v.value(FIELD(settings.contact.deep)), v.value(FIELD(settings.contact.faces)),
-                v.value(FIELD(settings.contact.contours)), v.value(FIELD(settings.contact.regions));
+                v.value(FIELD(settings.contact.contours)), v.value(FIELD(settings.contact.regions)),
+                v.value(FIELD(settings.contact.cross_check));
             break;
         case Resource::kMeshes:
             v.array(FIELD(meshes.name)), v.array(FIELD(meshes.info)), v.array(FIELD(meshes.position)), v.array(FIELD(meshes.component)),
@@ -242,7 +244,18 @@ void visit_resource(World& w, Resource resource, Visitor& v) {
             break;
         case Resource::kSprings:
             v.array(FIELD(springs.info)), v.array(FIELD(springs.slice_column)), v.array(FIELD(springs.neighbour)),
-                v.array(FIELD(springs.rest_length)), v.array(FIELD(springs.area_share)), v.array(FIELD(springs.vertices));
+                v.array(FIELD(springs.rest_length)), v.array(FIELD(springs.factor)), v.array(FIELD(springs.area_share)),
+                v.array(FIELD(springs.vertices)), v.array(FIELD(springs.fans.first)), v.array(FIELD(springs.fans.volume)),
+                v.array(FIELD(springs.fans.column)), v.array(FIELD(springs.fans.corner)), v.array(FIELD(springs.hinges.groups)),
+                v.array(FIELD(springs.hinges.vertex)), v.array(FIELD(springs.hinges.sine)), v.array(FIELD(springs.hinges.cosine)),
+                v.array(FIELD(springs.hinges.weight)), v.array(FIELD(springs.hinges.cap)), v.array(FIELD(springs.hinges.first)),
+                v.array(FIELD(springs.hinges.column)), v.array(FIELD(springs.hinges.slot));
+            break;
+        case Resource::kSolids:
+            v.array(FIELD(solids.info)), v.array(FIELD(solids.position)), v.array(FIELD(solids.corner[0])),
+                v.array(FIELD(solids.corner[1])), v.array(FIELD(solids.corner[2])), v.array(FIELD(solids.corner[3])),
+                v.array(FIELD(solids.rest)), v.array(FIELD(solids.per_rest)), v.array(FIELD(solids.slot_column)),
+                v.array(FIELD(solids.slot)), v.array(FIELD(solids.node_volume));
             break;
         case Resource::kBodies:
             v.array(FIELD(bodies.entity)), v.array(FIELD(bodies.name)), v.array(FIELD(bodies.mesh)), v.array(FIELD(bodies.motion)),
@@ -346,7 +359,7 @@ void visit_resource(World& w, Resource resource, Visitor& v) {
                 v.array(FIELD(picture.tool)), v.value(FIELD(picture.depth)), v.value(FIELD(picture.force));
             break;
         case Resource::kEnergy:
-            v.value(FIELD(energy.kinetic)), v.value(FIELD(energy.elastic)), v.value(FIELD(energy.gravity)),
+            v.value(FIELD(energy.kinetic)), v.value(FIELD(energy.elastic)), v.value(FIELD(energy.pressure)), v.value(FIELD(energy.bending)), v.value(FIELD(energy.gravity)),
                 v.value(FIELD(energy.work_hand)), v.value(FIELD(energy.work_contact)), v.value(FIELD(energy.work_damping)),
                 v.value(FIELD(energy.work_push)), v.value(FIELD(energy.balance));
             break;
@@ -355,7 +368,7 @@ void visit_resource(World& w, Resource resource, Visitor& v) {
                 v.value(FIELD(report.oversize_triangles)), v.value(FIELD(report.tie_overflows)),
                 v.value(FIELD(report.sign_disagreements)), v.value(FIELD(report.disagreements)),
                 v.value(FIELD(report.ended_rows)), v.value(FIELD(report.opposing_planes)),
-                v.value(FIELD(report.nonfinite_particles)), v.value(FIELD(report.deepest_residual));
+                v.value(FIELD(report.nonfinite_particles)), v.value(FIELD(report.deepest_residual)), v.value(FIELD(report.min_volume_ratio));
             break;
         case Resource::kCount:
             break;
@@ -371,6 +384,7 @@ ResourceKind resource_kind(Resource resource) {
         case Resource::kSettings:
         case Resource::kMeshes:
         case Resource::kSprings:
+        case Resource::kSolids:
         case Resource::kBodies:
         case Resource::kAnchors:
         case Resource::kPaths:
@@ -405,9 +419,9 @@ ResourceKind resource_kind(Resource resource) {
 
 const char* resource_name(Resource resource) {
     constexpr const char* kNames[] = {
-        "settings", "meshes",    "springs",       "bodies",     "anchors",  "paths",        "tools",
-        "clock",    "poses",     "particles",     "tool state", "pair memory", "boxes", "pairs", "trees",
-        "screened", "occupancy", "candidates",    "near",       "contacts", "penetrations", "contours", "regions", "rows",
+        "settings", "meshes",    "springs",    "solids",     "bodies",     "anchors",  "paths",        "tools",
+        "clock",    "poses",     "particles",  "tool state", "pair memory", "boxes", "pairs", "trees",
+        "screened", "occupancy", "candidates", "near",       "contacts", "penetrations", "contours", "regions", "rows",
         "islands",  "normals",   "local contact", "picture",    "energy",   "report"};
     static_assert(std::size(kNames) == static_cast<size_t>(Resource::kCount));
     return kNames[static_cast<size_t>(resource)];

@@ -4,9 +4,9 @@
 #include <cmath>
 #include <numbers>
 
-// Far field. The winding number is the integral of n . g(x - p) / 4 pi over the surface, g(d) = d / |d|^3 = grad(-1/|d|).
-// With x = c + y, d = c - p and r = |d|, Taylor's series in y up to order two gives, N, M and S being the symmetric
-// moments, u = d / r:
+// Far field. The winding number is the integral of n . g(x - p) / 4 pi over the surface, g(d) = d / |d|^3 =
+// grad(-1/|d|). With x = c + y, d = c - p and r = |d|, Taylor's series in y up to order two gives, N, M and S being the
+// symmetric moments, u = d / r:
 //   4 pi w = N.u / r^2 + (tr M - 3 u.M.u) / r^3 + (15 S[u,u,u] - 9 trace(S).u) / 2 r^4.
 // Error. 1/r is harmonic: its k-th derivative along unit vectors is at most k! / r^(k+1) (Legendre polynomials are
 // at most 1; Banach: a symmetric form is largest on its diagonal). The term of order k is thus at most
@@ -122,8 +122,8 @@ FarField far_field(const WindingCluster& c, const Vec3d& p) {
     const double cubic = x * (x * (s[0] * x + 3 * (s[3] * y + s[4] * z)) + 3 * s[5] * y * y + 6 * s[9] * y * z) +
                          y * (y * (s[1] * y + 3 * s[6] * z)) + z * z * (s[2] * z + 3 * (s[7] * x + s[8] * y));
     const double trace = (s[0] + s[5] + s[7]) * x + (s[3] + s[1] + s[8]) * y + (s[4] + s[6] + s[2]) * z;
-    const double value = c.normal.dot(u) + per_r * (m[0] + m[1] + m[2] - 3 * along) +
-                         0.5 * per_r2 * (15 * cubic - 9 * trace);
+    const double value =
+        c.normal.dot(u) + per_r * (m[0] + m[1] + m[2] - 3 * along) + 0.5 * per_r2 * (15 * cubic - 9 * trace);
     return {kPerTurn * per_r2 * value, error};
 }
 

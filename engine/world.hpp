@@ -13,6 +13,7 @@
 #include "components/picture.hpp"
 #include "components/report.hpp"
 #include "components/scene.hpp"
+#include "components/solids.hpp"
 #include "components/springs.hpp"
 #include "engine/closest_point.hpp"
 #include "engine/job_graph.hpp"
@@ -25,6 +26,7 @@ struct World {
     SceneSettings settings;
     Meshes meshes;
     Springs springs;
+    Solids solids;
     Bodies bodies;
     Anchors anchors;
     Paths paths;
@@ -62,6 +64,7 @@ enum class Resource : uint8_t {
     kSettings,
     kMeshes,
     kSprings,
+    kSolids,
     kBodies,
     kAnchors,
     kPaths,

@@ -9,6 +9,7 @@
 #include "engine/error.hpp"
 #include "engine/trace.hpp"
 #include "engine/whole_file.hpp"
+#include "systems/app/cells_file.hpp"
 #include "systems/app/commands.hpp"
 #include "systems/app/load_file.hpp"
 #include "systems/app/standard_streams.hpp"
@@ -158,6 +159,8 @@ int collide_command(const CollideOptions& options) {
     j["vertices_a_in_b"] = overlap ? p.vertices_a_in_b[0] : 0u;
     j["vertices_b_in_a"] = overlap ? p.vertices_b_in_a[0] : 0u;
     j["edge_contacts"] = overlap ? p.edge_contacts[0] : 0u;
+    j["cells"] = world.occupancy.cell_key.size();
+    if (!options.cells.empty()) write_cells(world, options.cells);
     j["contained"] = contained(world);
     j["saturated"] = overlap && p.saturated[0];
     j["regions"] = regions(world);

@@ -139,7 +139,9 @@ int query_command(const QueryOptions& options) {
     tree.cross_check(options.cross_check);
     std::vector<SurfacePoint> answers(points.size());
     const uint64_t disagreements = ask(tree, points, answers);
-    if (options.cross_check)
+    if (options.cross_check && judgement.admitted_as != Admission::kSolid)
+        std::fprintf(stderr, "trocar: nothing to cross-check: the mesh is no solid\n");
+    else if (options.cross_check)
         std::fprintf(stderr, "trocar: %llu of %zu signs differ from the winding number\n",
                      static_cast<unsigned long long>(disagreements), points.size());
     for (SurfacePoint& a : answers)

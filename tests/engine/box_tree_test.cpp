@@ -76,7 +76,8 @@ TEST(BoxTree, EqualBoxesAndNoBoxes) {
     expect_finds_near_boxes(boxes, tree, 3);
 }
 
-// A row of boxes each a thousand times the one before: cuts by area alone would make a chain as deep as the row is long.
+// A row of boxes each a thousand times the one before: cuts by area alone would make a chain as deep as the row is
+// long.
 TEST(BoxTree, StaysShallow) {
     std::vector<FloatBox> boxes(3000);
     for (uint32_t i = 0; i < boxes.size(); ++i) {

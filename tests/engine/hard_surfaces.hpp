@@ -43,8 +43,8 @@ inline std::vector<HardSurface> hard_surfaces() {
             {"sheets 1e-7 apart", small.moved([](const Vec3d& x) { return Vec3d(x.x(), x.y(), 2e-7 * x.z()); })}};
 }
 
-// The surface `away` diagonals from the origin, its coordinates rounded there, and `count` points about it: a third each
-// near its faces, in its box, and 1e-2 to 1e-7 diagonals from its vertices and edges.
+// The surface `away` diagonals from the origin, its coordinates rounded there, and `count` points about it: a third
+// each near its faces, in its box, and 1e-2 to 1e-7 diagonals from its vertices and edges.
 struct PlacedSurface {
     TestMesh mesh;
     std::vector<Vec3d> point;

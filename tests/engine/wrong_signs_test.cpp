@@ -11,9 +11,9 @@ namespace {
 
 struct Count {
     uint64_t points = 0;
-    uint64_t beyond = 0;   // farther than 1e-9 of the diagonal
-    uint64_t wrong = 0;    // of all
-    double farthest = 0;   // wrong sign, in diagonals
+    uint64_t beyond = 0;  // farther than 1e-9 of the diagonal
+    uint64_t wrong = 0;   // of all
+    double farthest = 0;  // wrong sign, in diagonals
 };
 
 void expect_right_signs(const std::string& name, const TestMesh& mesh, const std::vector<Vec3d>& points,
@@ -128,7 +128,8 @@ TEST(WrongSigns, G17_G18_G19_G23_TheSignOfWhatIsNoSolidIsTheWindingNumbers) {
     std::swap(flipped.triangle[5][1], flipped.triangle[5][2]);
     const uint32_t far = organ.triangle[400][0];
     const TestMesh cube = make_cube();
-    TestMesh bow = joined({cube, cube.moved([](const Vec3d& x) { return Vec3d(x + Vec3d::Ones()); })}, Admission::kWinding);
+    TestMesh bow =
+        joined({cube, cube.moved([](const Vec3d& x) { return Vec3d(x + Vec3d::Ones()); })}, Admission::kWinding);
     for (Triangle& face : bow.triangle)
         for (uint32_t& v : face) v = v == 8 ? 7 : v;  // one corner in common
     bow = TestMesh(bow.position, bow.triangle, Admission::kWinding);
@@ -140,7 +141,7 @@ TEST(WrongSigns, G17_G18_G19_G23_TheSignOfWhatIsNoSolidIsTheWindingNumbers) {
             const SurfacePoint got = tree.query(p);
             const double winding = brute_force_winding(meshes[m].position, meshes[m].triangle, p);
             if (std::abs(winding - 0.5) < 1e-9 || std::abs(got.distance) < 1e-9) continue;
-            ASSERT_EQ(got.distance < 0, winding > 0.5) << "mesh " << m << ", " << p.transpose() << ", " << winding;
+            ASSERT_EQ(got.distance<0, winding> 0.5) << "mesh " << m << ", " << p.transpose() << ", " << winding;
         }
     }
 }
@@ -148,7 +149,8 @@ TEST(WrongSigns, G17_G18_G19_G23_TheSignOfWhatIsNoSolidIsTheWindingNumbers) {
 // G26: a blade one micrometre thick, wherever it is: vertices and points are doubles, or floats about the body's own
 // origin. Floats of a body drawn 10 m away from its origin cannot hold it: its sides fall together, nothing is inside.
 TEST(WrongSigns, G26_SheetOfOneMicrometre) {
-    const TestMesh blade = make_cube().moved([](const Vec3d& x) { return Vec3d(0.1 * x.x(), 0.1 * x.y(), 1e-6 * x.z()); });
+    const TestMesh blade =
+        make_cube().moved([](const Vec3d& x) { return Vec3d(0.1 * x.x(), 0.1 * x.y(), 1e-6 * x.z()); });
     for (const double away : {0.0, 0.1, 1.0, 10.0, 1000.0}) {
         const Vec3d shift(0, 0, away);
         const TestMesh there = blade.moved([&](const Vec3d& x) { return Vec3d(x + shift); });
