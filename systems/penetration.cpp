@@ -94,6 +94,8 @@ void remember_ways_out(const CandidatePairs& pairs, PairMemory& before, PairMemo
         const uint32_t a = pairs.a[penetrations.pair[i]], b = pairs.b[penetrations.pair[i]];
         while (row < before.a.size() && (before.a[row] < a || (before.a[row] == a && before.b[row] < b))) ++row;
         const bool known = row < before.a.size() && before.a[row] == a && before.b[row] == b;
+        // nobody turns about without having been apart: the shortest way now leads out at the far side
+        if (known && before.direction[row].dot(penetrations.direction[i]) < 0) penetrations.saturated[i] = 1;
         if (penetrations.saturated[i] && !known) continue;
         if (penetrations.saturated[i]) penetrations.way_out[i] = before.direction[row];
         memory.a.push_back(a);

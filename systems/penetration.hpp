@@ -19,7 +19,7 @@ void mark_saturated(const Surfaces& surfaces, const CandidatePairs& pairs, const
                     std::span<const std::unique_ptr<ClosestPointTree>> trees, Penetrations& penetrations);
 
 // Keeps, for every pair that overlaps, the direction of the last pass in which it was not saturated, and tells it to
-// those that are now (way_out). A pair that is apart is forgotten; one saturated from the start has no memory. `before`
+// those that are now (way_out). One whose direction has turned against its memory counts as saturated too. A pair that is apart is forgotten; one saturated from the start has no memory. `before`
 // is scratch.
 void remember_ways_out(const CandidatePairs& pairs, PairMemory& before, PairMemory& memory,
                        Penetrations& penetrations);
