@@ -33,6 +33,10 @@ struct BodySpec {
     double gap = 0.005;  // m
     AnchorFrame anchor_frame = AnchorFrame::kWorld;
     Tissue tissue;
+    bool solid = false;                      // filled with tetrahedra; else a shell
+    double cells = 12;                       // solids: lattice cells along the largest extent
+    double spacing = 0;                      // m, solids: of the lattice; 0 = from cells
+    bool bed = false;                        // solids: anchors as a shell has them
     double fixed_below = -1e300;             // m, vertices with rest z (body frame) below it are fixed
     double thickness = 1e-3;                 // m, sheets
     double mass = 0;                         // kg; 0: hand-driven 0.05 (what the coupling moves), free by its density

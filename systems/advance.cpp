@@ -85,6 +85,7 @@ void gather_bodies(AdvanceIsland& island, std::span<const uint32_t> island_bodie
     }
     if (s.offset_a.size() < particles) s.offset_a.resize(particles), s.offset_b.resize(particles);
     give_remainders(island, particles);
+    give_forces(island, particles);
 }
 
 // Lanes of damping work, kept per chunk over the whole call.
@@ -115,6 +116,7 @@ void step_bodies(AdvanceIsland& island, const SpringKernels& kernels, uint32_t s
         const float* turn = b.step.drag_turn;
         b.drag_velocity = make_vec4(drag[0], drag[1], drag[2]);
         b.drag_turn = make_vec4(turn[0], turn[1], turn[2]);
+        find_forces(island, b);
         double* work = island.params.account_energy && b.damping > 0 ? s.sums.data() + chunk * kSliceWidth : nullptr;
         parallel_for(b.slices, kSlicesPerChunk, [&](uint32_t begin, uint32_t end) {
             kernels.step(&b.step, begin, end, work ? work + begin / kSlicesPerChunk * kSliceWidth : nullptr);
@@ -204,6 +206,7 @@ void add_advance_result(const AdvanceResult& result, Energy& energy, Report& rep
     report.ended_rows += result.ended_rows;
     report.opposing_planes += result.opposing_planes;
     report.nonfinite_particles += result.nonfinite_particles;
+    report.min_volume_ratio = std::min(report.min_volume_ratio, result.min_volume_ratio);
     report.deepest_residual = std::max(report.deepest_residual, result.deepest_residual);
 }
 
@@ -216,6 +219,10 @@ void share_room(std::span<AdvanceScratch> scratches) {
     level(&AdvanceScratch::offset_a);
     level(&AdvanceScratch::offset_b);
     level(&AdvanceScratch::remainder);
+    level(&AdvanceScratch::force);
+    level(&AdvanceScratch::force_sums);
+    level(&AdvanceScratch::corner_force);
+    level(&AdvanceScratch::hinge_force);
     level(&AdvanceScratch::body);
     level(&AdvanceScratch::rigid);
     level(&AdvanceScratch::sums);
