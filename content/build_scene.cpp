@@ -2,6 +2,7 @@
 
 #include <algorithm>
 #include <cmath>
+#include <limits>
 #include <map>
 #include <numbers>
 
@@ -284,6 +285,14 @@ struct PrototypeCache {
     }
 };
 
+// Largest step (s) for the forces that an implicit step takes as they are at its start: pressure and bending.
+double other_forces_limit(const World& world, uint32_t body) {
+    double omega_squared = 0;
+    if (has_pressure(world.bodies, body)) omega_squared += pressure_omega_squared(world.springs, world.bodies, world.particles, body);
+    if (has_bending(world.bodies, body)) omega_squared += bending_omega_squared(world.springs, world.bodies, world.particles, body);
+    return omega_squared > 0 ? kStableShare * 2 / std::sqrt(omega_squared) : std::numeric_limits<double>::infinity();
+}
+
 // Chooses how a deformable body is stepped; returns why, where the scene left it open.
 std::string choose_stepping(const SceneFile& scene, const BodySpec& spec, World& world, uint32_t body) {
     std::string why;
@@ -291,16 +300,26 @@ std::string choose_stepping(const SceneFile& scene, const BodySpec& spec, World&
     if (spec.integrator == "auto") stepping.integrator = pick_integrator(world, body, spec.wanted_error, why);
     if (spec.integrator == "midpoint") stepping.integrator = Integrator::kMidpoint;
     if (spec.integrator == "xpbd") stepping.integrator = Integrator::kXpbd;
+    const bool solid = is_solid(world.solids, world.bodies.mesh[body]);
+    if (solid && spec.integrator == "auto") stepping.integrator = Integrator::kLeapfrog, why += "; solids step by leapfrog";
+    const auto refuse = [&](const std::string& reason) { throw InputError(at(scene, spec.line) + "body \"" + spec.name + "\": " + reason); };
+    if (solid && stepping.integrator != Integrator::kLeapfrog) refuse("a solid is stepped by leapfrog only");
+    if (solid && (has_pressure(world.bodies, body) || has_bending(world.bodies, body))) refuse("pressure_modulus and bending are for shells, not for solids");
     const double limit = world.bodies.stable_dt[body];
+    const double others = other_forces_limit(world, body);
+    char text[200];
+    if (stepping.integrator != Integrator::kLeapfrog && spec.step > others) {
+        std::snprintf(text, sizeof text, "step = %g s is above the largest stable step under pressure and bending, %.4g s", spec.step, others);
+        refuse(text);
+    }
     if (stepping.integrator == Integrator::kLeapfrog && spec.step > limit) {
-        char text[200];
-        std::snprintf(text, sizeof text, "\": step = %g s is above the largest stable step of leapfrog, %.4g s; take a shorter one or integrator = \"midpoint\"",
+        std::snprintf(text, sizeof text, "step = %g s is above the largest stable step of leapfrog, %.4g s; take a shorter one or integrator = \"midpoint\"",
                       spec.step, limit);
-        throw InputError(at(scene, spec.line) + "body \"" + spec.name + text);
+        refuse(text);
     }
     if (stepping.integrator == Integrator::kLeapfrog && spec.step == 0) return why;  // what bodies have anyway
     constexpr double kUsualStep[] = {0, 5e-3, 1e-3};  // s
-    stepping.step = spec.step > 0 ? spec.step : kUsualStep[static_cast<size_t>(stepping.integrator)];
+    stepping.step = spec.step > 0 ? spec.step : std::min(others, kUsualStep[static_cast<size_t>(stepping.integrator)]);
     stepping.iterations = spec.iterations > 0 ? spec.iterations : stepping.integrator == Integrator::kXpbd ? 1 : 10;
     world.bodies.stepping.resize(body + 1);
     world.bodies.stepping[body] = stepping;
