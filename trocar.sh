@@ -69,7 +69,7 @@ case "${1:-}" in
     long) build release; run_tests release -L long ;;
     bench)
         install_packages libbenchmark-dev
-        install_packages libbullet-dev || step "Bullet is not to be had: bench deform goes on without its peer"
+        install_packages libbullet-dev libfcl-dev libcgal-dev || step "a peer of the benches is not to be had: going on without"
         options+=(-DTROCAR_BUILD_BENCH=ON)
         build release
         build/release/bench/trocar_bench "${@:2}"

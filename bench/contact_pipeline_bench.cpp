@@ -1,5 +1,3 @@
-#include <time.h>
-
 #include <algorithm>
 #include <cmath>
 #include <cstdio>
@@ -7,20 +5,14 @@
 #include <string>
 #include <vector>
 
-#include "bench/suites.hpp"
+#include "bench/contact_parts.hpp"
 #include "engine/thread_pool.hpp"
 #include "tests/systems/contact_scene.hpp"
 
-using namespace trocar;
-using namespace trocar::test;
-
+namespace trocar::bench {
 namespace {
 
-double thread_seconds() {
-    timespec t;
-    clock_gettime(CLOCK_THREAD_CPUTIME_ID, &t);
-    return double(t.tv_sec) + 1e-9 * double(t.tv_nsec);
-}
+using namespace trocar::test;
 
 Mesh ellipsoid(uint32_t n, const Vec3d& half, double bumps) {
     Mesh mesh = make_sphere(n, [&](const Vec3d& p) {
@@ -101,8 +93,7 @@ void measure(const char* name, ContactScene& scene, uint32_t passes) {
 
 }  // namespace
 
-// Cost of every contact stage on one core: [passes] [first word of one scene] [cell edges]
-int contact_suite(int argc, char** argv) {
+void measure_stages(int argc, char** argv) {
     const uint32_t passes = argc > 1 ? uint32_t(std::max(1, std::atoi(argv[1]))) : 200;
     const std::string only = argc > 2 ? argv[2] : "";
     const auto wanted = [&](const char* name) { return only.empty() || only == name; };
@@ -143,5 +134,6 @@ int contact_suite(int argc, char** argv) {
         ContactScene scene(pile);
         measure("pile of 1000", scene, 10);
     }
-    return 0;
 }
+
+}  // namespace trocar::bench

@@ -1,9 +1,11 @@
 #include "bench/rows.hpp"
 
 #include <algorithm>
+#include <array>
 #include <cstdio>
 #include <cstring>
 #include <ctime>
+#include <map>
 #include <nlohmann/json.hpp>
 #include <optional>
 
@@ -38,6 +40,7 @@ nlohmann::ordered_json to_json(const std::string& suite, const Row& row) {
     j["ratio"] = number(ratio_of(row));
     j["error"] = number(row.error);
     j["peer_error"] = number(row.peer_error);
+    j["smooth_error"] = number(row.smooth_error);
     j["error_unit"] = text(row.error_unit);
     constexpr const char* kGoals[] = {"none", "ratio", "peer_share", "limit"};
     j["goal"] = kGoals[static_cast<int>(row.goal)];
@@ -57,6 +60,7 @@ void print(const Row& row) {
     if (!row.peer.empty()) std::printf("  %s %.4g, %.3g x", row.peer.c_str(), row.peer_value, ratio_of(row));
     if (std::isfinite(row.error)) std::printf("  error %.3g %s", row.error, row.error_unit.c_str());
     if (std::isfinite(row.peer_error)) std::printf(" (peer %.3g)", row.peer_error);
+    if (std::isfinite(row.smooth_error)) std::printf(", smooth %.3g", row.smooth_error);
     if (row.goal != Goal::kNone) {
         const std::optional<bool> judged = met(row);
         std::printf("  [%s %.3g, aim %.3g: %s]", row.goal == Goal::kRatio ? "at least" : "at most", row.at_least, row.aim,
@@ -86,12 +90,33 @@ Report::Report(std::string suite, int& argc, char** argv) : suite_(std::move(sui
 void Report::heading(const std::string& text) { std::printf("%s\n", text.c_str()); }
 
 void Report::add(Row row) {
-    print(row);
+    if (row.plot.empty()) print(row);
     rows_.push_back(std::move(row));
+}
+
+void Report::print_plots() const {
+    std::map<std::string, std::map<std::string, std::array<std::vector<double>, 3>>> plots;
+    for (const Row& row : rows_) {
+        if (row.plot.empty()) continue;
+        auto& values = plots[row.plot][row.series];
+        values[0].push_back(row.ours);
+        values[1].push_back(row.error);
+        values[2].push_back(std::isfinite(row.smooth_error) ? row.smooth_error : 0);
+    }
+    for (auto& [plot, series] : plots) {
+        std::printf("%s: median time; error of nine in ten pairs and largest error, against the mesh and against the smooth shape\n", plot.c_str());
+        for (auto& [name, values] : series) {
+            for (std::vector<double>& v : values) std::sort(v.begin(), v.end());
+            const auto part = [](const std::vector<double>& v, double p) { return v[size_t(p * double(v.size() - 1))]; };
+            std::printf("  %-24s %9.4f ms   %9.3g %9.3g mm   %9.3g %9.3g mm\n", name.c_str(), part(values[0], 0.5),
+                        part(values[1], 0.9), values[1].back(), part(values[2], 0.9), values[2].back());
+        }
+    }
 }
 
 int Report::finish() {
     bool missed = false;
+    print_plots();
     nlohmann::ordered_json j = {{"suite", suite_}, {"quick", quick_}, {"rows", nlohmann::ordered_json::array()}};
     for (const Row& row : rows_) {
         missed = missed || !met(row).value_or(true);

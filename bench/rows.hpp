@@ -24,6 +24,7 @@ struct Row {
     std::string peer = {};  // empty = none
     double peer_value = kNoValue;
     double error = kNoValue, peer_error = kNoValue;
+    double smooth_error = kNoValue;  // where `error` is against a mesh: against the shape that it stands for
     std::string error_unit = {};
     Goal goal = Goal::kNone;
     double at_least = kNoValue, aim = kNoValue;
@@ -38,12 +39,15 @@ class Report {
     Report(std::string suite, int& argc, char** argv);
     bool quick() const { return quick_; }
     void heading(const std::string& text);
+    // Rows of a plot are printed at the end, summed up by series.
     void add(Row row);
     // Writes the rows where --json says: {suite, machine, rows: [{suite, name, ours, unit, peer, peer_value, ratio, error,
     // peer_error, ..., at_least, aim, met}]}. 1 when a row misses its at_least, else 0.
     int finish();
 
  private:
+    void print_plots() const;
+
     std::string suite_, json_;
     bool quick_ = false;
     std::vector<Row> rows_;

@@ -39,8 +39,11 @@ struct Tissue {
     double density = 1050;         // kg/m^3
     double wall = 2e-3;            // m, thickness of the elastic wall that the surface springs stand for
     double depth = 40e-3;          // m, depth of the elastic bed behind the wall that the anchors stand for
+    double poisson = 0.45;         // Poisson ratio, 0.25 (springs alone) up to 0.5; solids only
     double damping = 2;            // 1/s, decay rate of the velocity relative to the anchor frame
     double friction = 0.1;         // Coulomb coefficient
+    double pressure_modulus = 0;   // Pa, K of an enclosed volume's energy 1/2 K (V - V0)^2 / V0; 0 = may change freely
+    double bending = 0;            // Pa, Young's modulus of the wall in bending; 0 = bends freely
 };
 
 // Who a body is and what it is made of. Constant while a scene runs (spawn and removal aside). One row per body.

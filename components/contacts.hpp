@@ -8,6 +8,8 @@ namespace trocar {
 
 enum class ResponseShare : uint8_t { kMass, kStiffness, kHalf };
 enum class ResponseDirection : uint8_t { kLocal, kThesis };
+// What pushes a pair whose overlap is so deep that shortest ways out no longer agree (Penetrations::saturated).
+enum class DeepResponse : uint8_t { kNone, kLastFree };
 
 // What a scene may set under [contact].
 struct ContactParams {
@@ -19,6 +21,10 @@ struct ContactParams {
     bool cross_check = false;       // compare every solid's sign with the winding number; Report::disagreements
     ResponseShare share = ResponseShare::kMass;
     ResponseDirection direction = ResponseDirection::kLocal;
+    DeepResponse deep = DeepResponse::kNone;
+    bool faces = false;     // search faces for points deeper than vertices and edges, to tolerance
+    bool contours = false;  // intersection stage: where surfaces cross
+    bool regions = false;   // overlap regions of every pair; needs the contours and finds them
 };
 
 // Pairs of bodies whose enlarged boxes overlap, a < b, ascending. Static-static pairs are left out.
@@ -88,6 +94,43 @@ struct Contacts {
     std::vector<uint32_t> triangle;              // local triangle of other that holds `closest`
 };
 
+// Where the surfaces of candidate pairs cross, as curves of segments. b counts as moved against a by an infinitesimal
+// (e, e^2, e^3): coplanar, touching and doubled places are decided as that move decides them, so on closed surfaces every
+// curve is closed. A touch may leave a curve of no length or none.
+struct Contours {
+    std::vector<Range> pair;                        // per candidate pair: rows of curve
+    std::vector<Range> curve;                       // rows of segment, in order along the curve
+    std::vector<uint8_t> closed;                    // per curve; open only at the rim of a sheet
+    std::vector<std::array<uint32_t, 2>> triangle;  // per segment: local triangle of a, of b
+    std::vector<std::array<uint32_t, 2>> end;       // per segment: rows of point; what is inside b lies left of it on a
+    std::vector<Vec3d> point;                       // world, m: an edge of one body on a triangle of the other
+    std::vector<uint32_t> edge;                     // per point: local edge
+    std::vector<uint8_t> edge_of_b;                 // per point: whose edge; the triangle is the other body's
+    std::vector<uint32_t> pierced;                  // per point: local triangle that the edge passes
+    std::vector<double> along;                      // per point: part of the way from the edge's lower vertex
+    std::vector<uint8_t> outward;                   // per point: the edge, so directed, leaves the other body there
+};
+
+// Connected parts of the overlap of two closed bodies. Ascending by pair, then by first inside vertex.
+struct OverlapRegions {
+    std::vector<uint32_t> pair;        // row of CandidatePairs
+    std::vector<uint32_t> vertices_a;  // of a inside b
+    std::vector<uint32_t> vertices_b;
+    std::vector<uint32_t> curves;      // of Contours
+    std::vector<double> contour;       // m, length of those
+    std::vector<double> area;          // m^2, of both surfaces inside the other: what bounds the region
+    std::vector<double> volume;        // m^3
+    std::vector<double> depth;         // m, largest of the shortest distances
+    std::vector<Vec3d> direction;      // unit, the way b must go to leave a; zero without a witness
+    std::vector<uint32_t> witness;     // row of Contacts, kNone if no vertex or edge point is inside
+};
+
+// Ways out that pairs of bodies last agreed on, for DeepResponse::kLastFree. Ascending by (a, b).
+struct PairMemory {
+    std::vector<uint32_t> a, b;    // bodies
+    std::vector<Vec3d> direction;  // unit, the way b left a
+};
+
 // Depth of every candidate pair that overlaps. `depth` is the thesis depth: the largest of the shortest distances.
 struct Penetrations {
     std::vector<uint32_t> pair;            // row of CandidatePairs
@@ -97,6 +140,10 @@ struct Penetrations {
     std::vector<uint32_t> vertices_a_in_b;
     std::vector<uint32_t> vertices_b_in_a;
     std::vector<uint32_t> edge_contacts;
+    std::vector<uint8_t> saturated;        // so deep that other ways out are about as short; see mark_saturated
+    std::vector<Vec3d> way_out;            // unit, what a saturated pair last agreed on; zero if not saturated or unknown
+    std::vector<double> surface_depth;     // m, with ContactParams::faces: no point of either surface is deeper by more
+                                           // than the tolerance; else equal to depth
 };
 
 // One-sided constraints for the substeps of this period: a point of `body` stays outside a plane that rides on a
@@ -109,7 +156,7 @@ struct ContactRows {
     std::vector<Triangle> triangle;                // local vertices of the triangle of other
     std::vector<std::array<float, 3>> weight;      // barycentric coordinates of the plane point, sum 1
     std::vector<Vec3d> normal;                     // unit, outward from other; in the body frame if other is rigid
-    std::vector<double> distance;                  // m, at the start of the period; infinity once the row has ended
+    std::vector<double> distance;                  // m, at the start of the period; infinite once the row has ended
     std::vector<float> friction;
     std::vector<Vec3d> impulse;                    // N s, on body, summed over the period (written by response)
 };

@@ -1,19 +1,22 @@
 #pragma once
 #include <cstdint>
+#include <limits>
 namespace trocar {
 
 // Energy of all deformable bodies and the work done on them since the start. J.
-// Balance: kinetic + elastic + gravity - all work_* = its value at the start.
+// Balance: kinetic + elastic + pressure + bending + gravity - (work_*) = its value at the start.
 struct Energy {
     double kinetic = 0;
-    double elastic = 0;        // surface springs and anchors
+    double elastic = 0;        // springs, anchors and volumes of tetrahedra
+    double pressure = 0;       // of enclosed volumes
+    double bending = 0;        // of surfaces
     double gravity = 0;        // potential
     double work_hand = 0;      // of hands and scripts, through contact rows
     double work_contact = 0;   // of inelastic impact and friction, <= 0
     double work_damping = 0;   // <= 0
     double work_push = 0;      // of push-out moves
     double work_numeric = 0;   // what implicit steps lost by themselves, and what bodies fell asleep with
-    double balance = 0;        // kinetic + elastic + gravity - works - value at the start
+    double balance = 0;        // the sum above - its value at the start
 };
 
 // Trouble is counted here; frames never throw and never print.
@@ -37,6 +40,8 @@ struct Report {
     uint64_t dropped_pictures = 0;        // live mode
     uint64_t late_passes = 0;             // live mode
     double deepest_residual = 0;          // m, deepest overlap at the end of a period
+    // least signed volume of a tetrahedron / its volume at rest, all substeps so far; infinity without solids
+    double min_volume_ratio = std::numeric_limits<double>::infinity();
 };
 
 }  // namespace trocar

@@ -13,6 +13,32 @@ inline constexpr uint32_t kSliceWidth = 16;
 struct SpringInfo {
     Range slices;          // rows of slice_column, one per 16 vertices
     double mean_rest = 0;  // m
+    double mean_geometry = 0;  // m, solids: mean over the edges of stiffness / modulus
+    uint32_t varied = 0;   // 1: springs differ in stiffness, see factor
+};
+
+// Triangles around the vertices of prototypes that have a body which keeps its volume, in slices as those of Springs: a
+// column names the next and the last corner of one triangle around each of 16 vertices. Padding names the lane's own vertex.
+struct Fans {
+    std::vector<uint32_t> first;   // one per prototype: its first row of column, kNone = has none; may be shorter
+    std::vector<double> volume;    // one per row of first: m^3, of the rest shape, negative if inside out
+    std::vector<uint32_t> column;  // first column of a slice; slices + 1 rows per prototype that has fans
+    std::vector<uint32_t> corner;  // 32 per column: 16 next corners, counter-clockwise from outside, then 16 last ones
+};
+
+// Edges between two triangles of prototypes that have a body which bends, eight to a group, and for every vertex the rows of
+// the forces of its edges, in slices as those of Springs.
+struct Hinges {
+    std::vector<Range> groups;     // one per prototype; may be shorter
+    std::vector<uint32_t> vertex;  // 32 per group: 8 starts of edges, 8 ends, 8 corners on the left, 8 on the right; padding 0
+    std::vector<float> sine;       // 8 per group, of the angle at rest
+    std::vector<float> cosine;
+    std::vector<float> weight;     // 8 per group: length^2 / (area + area) at rest; padding 0
+    std::vector<float> cap;        // 16 per group, 1/m: most that 1 / height of the left and the right corner counts
+    std::vector<uint32_t> first;   // one per prototype: its first row of column, kNone = has none
+    std::vector<uint32_t> column;  // first column of a slice; slices + 1 rows per prototype that has hinges
+    std::vector<uint32_t> slot;    // 16 per column: 32 * group + 8 * corner + place in the group, groups counted from the
+                                   // prototype's first; padding names the row after the last
 };
 
 struct Springs {
@@ -20,6 +46,7 @@ struct Springs {
     std::vector<uint32_t> slice_column;       // first column of a slice; slices.count + 1 rows per prototype, at slices.first + prototype row
     std::vector<uint32_t> neighbour;          // 16 per column: local vertex at the far end; padding names the vertex itself
     std::vector<float> rest_length;           // 16 per column: m; padding 0
+    std::vector<float> factor;                // as rest_length, up to the last varied prototype: stiffness / spring_stiffness of the body
     std::vector<float> area_share;            // one per vertex of the prototype (padded to 16): third of the incident area, m^2; padding 0
     std::vector<Range> vertices;              // one per prototype: rows of area_share
     // The same springs, each once, in colours: no two of a colour share an end. Only of prototypes of bodies stepped by
@@ -29,6 +56,8 @@ struct Springs {
     std::vector<Range> colour;                // batches
     std::vector<std::array<uint32_t, 2 * kSliceWidth>> batch;    // 16 first ends, then 16 second ends
     std::vector<std::array<float, kSliceWidth>> batch_rest;      // m
+    Fans fans;
+    Hinges hinges;
 };
 
 }  // namespace trocar

@@ -9,12 +9,18 @@
 #include "content/clean_mesh.hpp"
 #include "content/load_mesh.hpp"
 #include "content/make_prototype.hpp"
+#include "content/make_solid.hpp"
 #include "content/shape_library.hpp"
 #include "content/unit_guess.hpp"
+#include "engine/bending_forces.hpp"
 #include "engine/deformable_setup.hpp"
 #include "engine/device.hpp"
 #include "engine/error.hpp"
 #include "engine/mesh_topology.hpp"
+#include "engine/pressure_force.hpp"
+#include "engine/solid_limit.hpp"
+#include "engine/solid_setup.hpp"
+#include "engine/tet_forces.hpp"
 namespace trocar {
 namespace fs = std::filesystem;
 namespace {
@@ -86,6 +92,11 @@ std::string body_note(const World& world, uint32_t body, const Prototype& made) 
                   info.vertices.count, info.triangles.count, kMotions[static_cast<size_t>(world.bodies.motion[body])],
                   info.volume * 1e6);
     std::string note = text;
+    if (is_solid(world.solids, world.bodies.mesh[body])) {
+        const SolidInfo& solid = world.solids.info[world.bodies.mesh[body]];
+        std::snprintf(text, sizeof text, ", solid of %u tetrahedra, %u nodes", solid.count, solid.nodes.count);
+        note += text;
+    }
     if (is_deformable(world.bodies, body)) {
         constexpr const char* kIntegrators[] = {"leapfrog", "midpoint", "xpbd"};
         std::snprintf(text, sizeof text, ", E %.3g Pa, explicit step at most %.3g ms, stepped by %s",
@@ -103,6 +114,10 @@ void fix_vertices_below(World& world, uint32_t body, double z) {
     const Range particles = world.bodies.particles[body];
     for (uint32_t v = 0; v < info.vertices.count; ++v)
         if (world.meshes.position[info.vertices.first + v].z() < z) world.particles.offset[particles.first + v].w = 0;
+    if (!is_solid(world.solids, world.bodies.mesh[body])) return;
+    const Range inner = world.solids.info[world.bodies.mesh[body]].inner;
+    for (uint32_t i = 0; i < inner.count; ++i)
+        if (world.solids.position[inner.first + i].z() < z) world.particles.offset[particles.first + info.vertices.count + i].w = 0;
 }
 
 void add_path(Paths& paths, uint32_t body, const std::vector<KeyframeSpec>& keys) {
@@ -178,9 +193,17 @@ void make_deformable(World& world, uint32_t body, double fixed_below) {
     const uint32_t prototype = world.bodies.mesh[body];
     if (world.springs.info.size() <= prototype || world.springs.info[prototype].slices.count == 0)
         add_springs(world.springs, world.meshes, prototype);
-    add_deformable(world.meshes, world.springs, world.poses, body, world.bodies, world.particles, world.anchors);
+    if (has_pressure(world.bodies, body)) add_fans(world.springs, world.meshes, prototype);
+    if (has_bending(world.bodies, body)) add_hinges(world.springs, world.meshes, prototype);
+    if (is_solid(world.solids, prototype))
+        add_solid_body(world.meshes, world.springs, world.solids, world.poses, body, world.bodies, world.particles, world.anchors);
+    else
+        add_deformable(world.meshes, world.springs, world.poses, body, world.bodies, world.particles, world.anchors);
     fix_vertices_below(world, body, fixed_below);
-    update_stable_dt(world.springs, body, world.particles, world.anchors, world.bodies);
+    if (is_solid(world.solids, prototype))
+        update_solid_dt(world.meshes, world.springs, world.solids, body, world.particles, world.anchors, world.bodies);
+    else
+        update_stable_dt(world.springs, body, world.particles, world.anchors, world.bodies);
 }
 
 Integrator pick_integrator(const World& world, uint32_t body, double wanted_error, std::string& why) {
@@ -219,15 +242,25 @@ void make_trees(World& world) {
 
 namespace {
 
-// Prototypes of a scene; bodies with the same source share one.
+Prototype make_body_prototype(const SceneFile& scene, const BodySpec& spec, World& world, Mesh mesh, const PrototypeOptions& options) {
+    if (!spec.solid || spec.motion != Motion::kDeformable) return make_prototype(world.meshes, std::move(mesh), options);
+    try {
+        return make_solid(world.meshes, world.springs, world.solids, std::move(mesh), options, {spec.spacing, spec.cells});
+    } catch (const InputError& error) {
+        throw InputError(at(scene, spec.line) + "body \"" + spec.name + "\": " + error.what());
+    }
+}
+
+// Prototypes of a scene; bodies with the same source share one, but not rigid with deformable ones: springs are made in
+// the order of the prototypes.
 struct PrototypeCache {
     std::map<std::string, Prototype> made;
 
     const Prototype& get(const SceneFile& scene, const BodySpec& spec, World& world, std::vector<std::string>& warnings) {
         char key[512];
-        std::snprintf(key, sizeof key, "%s|%s|%u|%llu|%.17g|%.17g|%g,%g,%g", spec.file.c_str(), spec.shape.c_str(), spec.triangles,
+        std::snprintf(key, sizeof key, "%s|%s|%u|%llu|%.17g|%.17g|%g,%g,%g|%d|%d,%.17g,%.17g", spec.file.c_str(), spec.shape.c_str(), spec.triangles,
                       static_cast<unsigned long long>(spec.seed), spec.scale, spec.size, static_cast<double>(spec.color[0]),
-                      static_cast<double>(spec.color[1]), static_cast<double>(spec.color[2]));
+                      static_cast<double>(spec.color[1]), static_cast<double>(spec.color[2]), spec.motion == Motion::kDeformable, spec.solid, spec.cells, spec.spacing);
         if (const auto found = made.find(key); found != made.end()) return found->second;
         Mesh mesh = load_body_mesh(scene, spec, warnings);
         if (spec.color[0] >= 0) {
@@ -237,7 +270,7 @@ struct PrototypeCache {
         PrototypeOptions options;
         options.scale = mesh_scale(spec, mesh);
         options.recentre = spec.file.empty() ? Recentre::kNone : Recentre::kVolumeCentroid;
-        Prototype prototype = make_prototype(world.meshes, std::move(mesh), options);
+        Prototype prototype = make_body_prototype(scene, spec, world, std::move(mesh), options);
         const std::string source = spec.file.empty() ? "shape " + spec.shape : spec.file;
         if (prototype.row == kNone) throw InputError(at(scene, spec.line) + "body \"" + spec.name + "\": " + source + ": " + prototype.judgement.reason);
         if (prototype.judgement.admitted_as != Admission::kSolid)
@@ -250,7 +283,7 @@ struct PrototypeCache {
 std::string choose_stepping(const SceneFile& scene, const BodySpec& spec, World& world, uint32_t body) {
     std::string why;
     Stepping stepping;
-    if (spec.integrator == "auto") stepping.integrator = pick_integrator(world, body, spec.wanted_error, why);
+    if (spec.integrator == "auto" && !world.springs.info[world.bodies.mesh[body]].varied) stepping.integrator = pick_integrator(world, body, spec.wanted_error, why);
     if (spec.integrator == "midpoint") stepping.integrator = Integrator::kMidpoint;
     if (spec.integrator == "xpbd") stepping.integrator = Integrator::kXpbd;
     const double limit = world.bodies.stable_dt[body];
@@ -261,9 +294,13 @@ std::string choose_stepping(const SceneFile& scene, const BodySpec& spec, World&
         throw InputError(at(scene, spec.line) + "body \"" + spec.name + text);
     }
     if (stepping.integrator == Integrator::kLeapfrog && spec.step == 0) return why;  // what bodies have anyway
+    if (stepping.integrator != Integrator::kLeapfrog && world.springs.info[world.bodies.mesh[body]].varied)
+        throw InputError(at(scene, spec.line) + "body \"" + spec.name + "\": a solid is stepped by leapfrog: midpoint and xpbd know springs of one stiffness only");
     constexpr double kUsualStep[] = {0, 5e-3, 1e-3};  // s
     stepping.step = spec.step > 0 ? spec.step : kUsualStep[static_cast<size_t>(stepping.integrator)];
     stepping.iterations = spec.iterations > 0 ? spec.iterations : stepping.integrator == Integrator::kXpbd ? 1 : 10;
+    // pressure and bending are explicit forces whoever steps: their bound, and with it that of the springs, holds
+    if (has_pressure(world.bodies, body) || has_bending(world.bodies, body)) stepping.step = std::min(stepping.step, limit);
     world.bodies.stepping.resize(body + 1);
     world.bodies.stepping[body] = stepping;
     if (stepping.integrator == Integrator::kXpbd) colour_springs(world.springs, world.bodies.mesh[body]);
@@ -272,7 +309,9 @@ std::string choose_stepping(const SceneFile& scene, const BodySpec& spec, World&
 
 void add_scene_body(const SceneFile& scene, const BodySpec& spec, const Prototype& prototype, BuiltScene& built) {
     World& world = built.world;
-    const uint32_t body = add_body(world, spec.name, prototype.row, spec.motion, spec.tissue, spec.anchor_frame);
+    Tissue tissue = spec.tissue;
+    if (spec.solid && !spec.bed) tissue.depth = kNoBed;
+    const uint32_t body = add_body(world, spec.name, prototype.row, spec.motion, tissue, spec.anchor_frame);
     world.bodies.thickness[body] = prototype.judgement.admitted_as == Admission::kSheet ? spec.thickness : 0;
     world.poses.origin[body] = spec.position;
     world.poses.orientation[body] = spec.orientation;

@@ -9,6 +9,7 @@
 #include <numbers>
 #include <sstream>
 
+#include "content/tissues.hpp"
 #include "engine/error.hpp"
 #include "engine/geometry/quaternion.hpp"
 namespace trocar {
@@ -189,13 +190,27 @@ std::vector<KeyframeSpec> read_path(const std::string& file, Section& owner, std
     return path;
 }
 
+// A preset by name, which the keys of the table override.
+void choose_preset(Section& section, std::string_view key, Tissue& t) {
+    std::string name;
+    section.read(key, name);
+    if (name.empty()) return;
+    const TissuePreset* preset = find_tissue(name);
+    if (!preset) section.fail(*section.find(key), "no tissue \"" + name + "\"; there are " + tissue_names());
+    t = preset->tissue;
+}
+
 void read_tissue(Section& section, Tissue& t) {
+    choose_preset(section, "preset", t);
     section.read("youngs_modulus", t.youngs_modulus, 1, 1e12);
     section.read("density", t.density, 1e-3, 1e6);
     section.read("wall", t.wall, 1e-9, 1e3);
     section.read("depth", t.depth, 1e-9, 1e9);
+    section.read("poisson", t.poisson, 0, 0.5);
     section.read("damping", t.damping, 0, 1e6);
     section.read("friction", t.friction, 0, 1e6);
+    section.read("pressure_modulus", t.pressure_modulus, 0, 1e12);
+    section.read("bending", t.bending, 0, 1e12);
     section.refuse_unknown();
 }
 
@@ -230,6 +245,10 @@ BodySpec read_body(const std::string& file, const toml::table& table) {
     section.read("gap", body.gap, -1e3, 1e3);
     section.read_enum<AnchorFrame>("anchor", body.anchor_frame,
                                    {{"world", AnchorFrame::kWorld}, {"shape", AnchorFrame::kShape}});
+    section.read_enum<bool>("model", body.solid, {{"shell", false}, {"solid", true}});
+    section.read("cells", body.cells, 1, 500);
+    section.read("spacing", body.spacing, 1e-9, 1e9);
+    section.read("bed", body.bed);
     section.read("fixed_below", body.fixed_below);
     section.read("integrator", body.integrator);
     constexpr const char* kIntegrators[] = {"leapfrog", "midpoint", "xpbd", "auto"};
@@ -245,7 +264,9 @@ BodySpec read_body(const std::string& file, const toml::table& table) {
         section.read("color", c);
         body.color = {static_cast<float>(c.x()), static_cast<float>(c.y()), static_cast<float>(c.z())};
     }
-    if (const toml::table* tissue = section.table("tissue")) {
+    if (const toml::node* node = section.find("tissue"); node && node->is_string()) {
+        choose_preset(section, "tissue", body.tissue);
+    } else if (const toml::table* tissue = section.table("tissue")) {
         Section inner(file, *tissue, "[body.tissue]");
         read_tissue(inner, body.tissue);
     }
@@ -280,6 +301,11 @@ void read_contact(Section section, ContactParams& contact) {
     section.read("tolerance", contact.tolerance, 1e-12, 1e3);
     section.read("cell_edges", contact.cell_edges, 0.01, 1000);
     section.read("push_speed", contact.push_speed, 0, 1e3);
+    section.read_enum<DeepResponse>("deep", contact.deep,
+                                    {{"none", DeepResponse::kNone}, {"last_free", DeepResponse::kLastFree}});
+    section.read("faces", contact.faces);
+    section.read("contours", contact.contours);
+    section.read("regions", contact.regions);
     section.read_count("iterations", contact.iterations, 1, 100);
     section.read("cross_check", contact.cross_check);
     section.read_enum<ResponseShare>(

@@ -37,6 +37,10 @@ struct BodySpec {
     uint32_t iterations = 0;                 // midpoint: conjugate gradients at most, xpbd: sweeps; 0 = usual
     double step = 0;                         // s, largest step of this body; 0 = usual
     double wanted_error = 1e-4;              // m, what auto may give away
+    bool solid = false;                      // filled with tetrahedra; else a shell
+    double cells = 12;                       // solids: lattice cells along the largest extent
+    double spacing = 0;                      // m, solids: of the lattice; 0 = from cells
+    bool bed = false;                        // solids: anchors as a shell has them
     double fixed_below = -1e300;             // m, vertices with rest z (body frame) below it are fixed
     double thickness = 1e-3;                 // m, sheets
     double mass = 0.05;                      // kg, hand-driven: what the coupling moves

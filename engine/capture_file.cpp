@@ -82,9 +82,11 @@ bool unpack(std::span<const std::byte> raw, CaptureRecord& record) {
     return reader.bytes.empty();
 }
 
-uint64_t hash_of(std::span<const std::byte> bytes) {
+// Checksum of a record: its kind, padded with zeros, and what it holds.
+uint64_t hash_of(std::span<const std::byte> kind, std::span<const std::byte> stored) {
     StateHash hash;
-    hash.add_bytes(bytes.data(), bytes.size());
+    hash.add_bytes(kind.data(), kind.size());
+    hash.add_bytes(stored.data(), stored.size());
     return hash.value;
 }
 
@@ -95,7 +97,7 @@ std::string read_record(ByteReader& file, uint64_t& unpacked, CaptureRecord& rec
     if (!file.take(kind, kKindSize) || !file.take(stored_size) || !file.take(raw_size) || !file.take(hash) ||
         !file.take(stored, stored_size))
         return "is cut short";
-    if (hash_of(stored) != hash) return "is damaged: its checksum does not fit";
+    if (hash_of(kind, stored) != hash) return "is damaged: its checksum does not fit";
     if (raw_size > kMostUnpacked - unpacked) return "would unpack to more than 4 GiB";
     unpacked += raw_size;
     std::vector<std::byte> raw(raw_size);
@@ -180,8 +182,9 @@ void CaptureWriter::add(const CaptureRecord& record) {
     const size_t stored = ZSTD_compress(out.data() + kRecordHeaderSize, out.size() - kRecordHeaderSize, raw.data(), raw.size(), kZstdLevel);
     if (ZSTD_isError(stored)) throw InputError(path_.string() + ": cannot be compressed: " + ZSTD_getErrorName(stored));
     out.resize(kRecordHeaderSize + stored);
-    const uint64_t sizes[3] = {stored, raw.size(), hash_of(std::span<const std::byte>(out).subspan(kRecordHeaderSize))};
     std::memcpy(out.data(), record.kind.data(), std::min(record.kind.size(), kKindSize));
+    const std::span<const std::byte> all(out);
+    const uint64_t sizes[3] = {stored, raw.size(), hash_of(all.first(kKindSize), all.subspan(kRecordHeaderSize))};
     std::memcpy(out.data() + kKindSize, sizes, sizeof sizes);
     write(out);
 }

@@ -3,12 +3,14 @@
 #include <algorithm>
 #include <cmath>
 #include <limits>
-#include <span>
+#include <numeric>
 #include <string>
 
+#include "engine/bending_forces.hpp"
 #include "engine/check.hpp"
 #include "engine/error.hpp"
 #include "engine/geometry/quaternion.hpp"
+#include "engine/pressure_force.hpp"
 #include "engine/stable_step.hpp"
 namespace trocar {
 namespace {
@@ -31,6 +33,14 @@ void check_tissue(const Bodies& bodies, uint32_t body) {
     positive(tissue.depth, "depth");
     not_negative(tissue.damping, "damping");
     not_negative(tissue.friction, "friction");
+    not_negative(tissue.pressure_modulus, "pressure modulus");
+    not_negative(tissue.bending, "bending");
+}
+
+void check_poisson(const Bodies& bodies, uint32_t body) {
+    const double nu = bodies.tissue[body].poisson;
+    if (!(nu >= 0.25 && nu < 0.4999))
+        refuse(bodies, body, "Poisson's ratio of a solid must be at least 0.25 (springs cannot do less) and below 0.5");
 }
 
 double body_mass(const MeshInfo& info, const Tissue& tissue, double thickness) {
@@ -59,18 +69,23 @@ void centre_goals(Anchors& anchors, Range rows) {
 }  // namespace
 
 void add_deformable(const Meshes& meshes, const Springs& springs, const Poses& poses, uint32_t body, Bodies& bodies,
-                    Particles& particles, Anchors& anchors) {
+                    Particles& particles, Anchors& anchors, const BodyNodes* nodes) {
     check_tissue(bodies, body);
+    if (nodes) check_poisson(bodies, body);
     const uint32_t prototype = bodies.mesh[body];
     TROCAR_ASSERT(prototype < springs.vertices.size());
     const MeshInfo& info = meshes.info[prototype];
     const Tissue& tissue = bodies.tissue[body];
+    if (has_pressure(bodies, body) && (info.admission != Admission::kSolid || info.volume == 0))
+        refuse(bodies, body, "only a closed, oriented surface without self-crossings keeps its volume (pressure modulus)");
     const std::span share =
         std::span(springs.area_share).subspan(springs.vertices[prototype].first, springs.vertices[prototype].count);
-    const double mass = body_mass(info, tissue, bodies.thickness[body]);
+    const double mass = nodes ? tissue.density * std::accumulate(nodes->volume.begin(), nodes->volume.end(), 0.0)
+                              : body_mass(info, tissue, bodies.thickness[body]);
     if (!(mass > 0 && std::isfinite(mass) && info.area > 0)) refuse(bodies, body, "a deformable body must have a mass");
 
-    bodies.spring_stiffness[body] = static_cast<float>(0.5 * std::sqrt(3.0) * tissue.youngs_modulus * tissue.wall);
+    bodies.spring_stiffness[body] = static_cast<float>(
+        nodes ? nodes->spring_stiffness : 0.5 * std::sqrt(3.0) * tissue.youngs_modulus * tissue.wall);
     bodies.inv_mass[body] = 0;
     const Range rows{static_cast<uint32_t>(particles.offset.size()), static_cast<uint32_t>(share.size())};
     bodies.particles[body] = rows;
@@ -82,22 +97,25 @@ void add_deformable(const Meshes& meshes, const Springs& springs, const Poses& p
     if (particles.last_dt.size() <= body) particles.last_dt.resize(body + 1, 0.0);
 
     const bool turned = bodies.anchor_frame[body] == AnchorFrame::kWorld;
-    for (uint32_t v = 0; v < info.vertices.count; ++v) {
+    const uint32_t surface = info.vertices.count;
+    const uint32_t count = surface + (nodes ? static_cast<uint32_t>(nodes->inner.size()) : 0);
+    for (uint32_t v = 0; v < count; ++v) {
         const uint32_t p = rows.first + v;
-        const Vec3d rest = meshes.position[info.vertices.first + v];
+        const Vec3d rest = v < surface ? meshes.position[info.vertices.first + v] : nodes->inner[v - surface];
         const Vec3d placed = rotate(poses.orientation[body], rest);
         Float4& offset = particles.offset[p];
         offset = {static_cast<float>(placed.x()), static_cast<float>(placed.y()), static_cast<float>(placed.z()), 0.0f};
+        if (nodes) offset.w = static_cast<float>(1.0 / (tissue.density * nodes->volume[v]));
         if (share[v] > 0) {
-            offset.w = static_cast<float>(1.0 / (mass * share[v] / info.area));
+            if (!nodes) offset.w = static_cast<float>(1.0 / (mass * share[v] / info.area));
             anchors.stiffness[p] = static_cast<float>(tissue.youngs_modulus * share[v] / tissue.depth);
         }
         anchors.rest_x[p] = turned ? offset.x : static_cast<float>(rest.x());
         anchors.rest_y[p] = turned ? offset.y : static_cast<float>(rest.y());
         anchors.rest_z[p] = turned ? offset.z : static_cast<float>(rest.z());
     }
-    if (!turned) centre_goals(anchors, {rows.first, info.vertices.count});
-    update_stable_dt(springs, body, particles, anchors, bodies);
+    if (!turned) centre_goals(anchors, {rows.first, count});
+    if (!nodes) update_stable_dt(springs, body, particles, anchors, bodies);
 }
 
 void update_stable_dt(const Springs& springs, uint32_t body, const Particles& particles, const Anchors& anchors,
@@ -105,10 +123,20 @@ void update_stable_dt(const Springs& springs, uint32_t body, const Particles& pa
     const uint32_t prototype = bodies.mesh[body];
     const Range slices = springs.info[prototype].slices, rows = bodies.particles[body];
     const std::span held = std::span(anchors.stiffness).subspan(rows.first, rows.count);
+    double k = bodies.spring_stiffness[body];
+    if (springs.info[prototype].varied) {  // as if all were as stiff as the stiffest
+        float most = 0;
+        for (uint32_t c = springs.slice_column[slices.first + prototype]; c < springs.slice_column[slices.end() + prototype]; ++c) {
+            for (uint32_t lane = 0; lane < kSliceWidth; ++lane) most = std::max(most, springs.factor[size_t{c} * kSliceWidth + lane]);
+        }
+        k *= static_cast<double>(most);
+    }
     const std::vector<double> diagonal(held.begin(), held.end());
-    const double omega_squared = stiffest_mode(
+    double omega_squared = stiffest_mode(
         {std::span(springs.slice_column).subspan(slices.first + prototype, slices.count + 1), springs.neighbour.data(),
-         bodies.spring_stiffness[body], diagonal, std::span(particles.offset).subspan(rows.first, rows.count)});
+         k, diagonal, std::span(particles.offset).subspan(rows.first, rows.count)});
+    if (has_pressure(bodies, body)) omega_squared += pressure_omega_squared(springs, bodies, particles, body);
+    if (has_bending(bodies, body)) omega_squared += bending_omega_squared(springs, bodies, particles, body);
     const double damping = bodies.tissue[body].damping;
     bodies.stable_dt[body] =
         omega_squared > 0 ? kStableShare * (std::sqrt(damping * damping + 4 * omega_squared) - damping) / omega_squared

@@ -1,4 +1,6 @@
 #pragma once
+#include <span>
+
 #include "components/bodies.hpp"
 #include "components/mesh.hpp"
 #include "components/particles.hpp"
@@ -6,7 +8,8 @@
 namespace trocar {
 
 // Appends the particles and anchors of a deformable body at its pose, from its prototype and bodies.tissue[body], and
-// sets bodies.particles, spring_stiffness, inv_mass (0) and stable_dt of that row. Needs springs of the prototype.
+// sets bodies.particles, spring_stiffness, inv_mass (0) and stable_dt of that row. Needs springs of the prototype, and
+// its fans for a body that keeps its volume, its hinges for one that bends.
 //   spring stiffness  k = sqrt(3)/2 * E * wall: a triangular lattice of equal springs is a plane-stress sheet of
 //   modulus
 //                     2 k / sqrt(3) per unit thickness and Poisson ratio 1/3 (Kot, Nagahashi, Szymczak, The Visual
@@ -15,14 +18,21 @@ namespace trocar {
 //   anchor_i          E * share_i / depth: an elastic bed (Winkler 1867) of that depth behind the wall
 // A vertex of no triangle gets no anchor and is fixed. Throws InputError naming body and quantity when a material value
 // is not finite and positive (damping and friction may be zero), or the body has no mass.
+// With `nodes`, the body is a solid: more nodes, other masses and stiffness (solid_setup.hpp); stable_dt is not set.
+struct BodyNodes {
+    std::span<const Vec3d> inner;    // m, body frame, numbered after the vertices
+    std::span<const double> volume;  // m^3, of every node
+    double spring_stiffness = 0;     // N/m
+};
 void add_deformable(const Meshes& meshes, const Springs& springs, const Poses& poses, uint32_t body, Bodies& bodies,
-                    Particles& particles, Anchors& anchors);
+                    Particles& particles, Anchors& anchors, const BodyNodes* nodes = nullptr);
 
 // Works out bodies.stable_dt[body] again: call it after fixing particles (inverse mass 0) or changing masses.
 // Largest step of the leapfrog for any shape the body may take, kStableShare of (sqrt(c^2 + 4 omega^2) - c) / omega^2
 // with the damping c and omega of stiffest_mode (engine/stable_step.hpp). A best-fit anchor energy is a least value over
 // rigid motions, hence also at most anchor_i I (the same split as Liu, Bargteil, O'Brien, Kavan, ACM TOG 32(6), 2013).
 // Contact rows act on velocities and places, not by stiffness: they leave the limit alone.
+// Other forces add their own bounds (pressure_omega_squared, bending_omega_squared).
 void update_stable_dt(const Springs& springs, uint32_t body, const Particles& particles, const Anchors& anchors,
                       Bodies& bodies);
 

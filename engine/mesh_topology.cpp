@@ -78,8 +78,8 @@ void append_looks(Meshes& meshes, const Mesh& mesh, const MeshInfo& info) {
     for (const uint16_t m : mesh.triangle_material) TROCAR_ASSERT(m < meshes.materials.back().count);
 }
 
-double edge_length(const MeshView& mesh, const std::array<uint32_t, 2>& edge) {
-    return (mesh.position[edge[0]] - mesh.position[edge[1]]).norm();
+double edge_length(std::span<const Vec3d> position, const std::array<uint32_t, 2>& edge) {
+    return (position[edge[0]] - position[edge[1]]).norm();
 }
 
 void measure(MeshInfo& info, const MeshView& mesh) {
@@ -97,7 +97,7 @@ void measure(MeshInfo& info, const MeshView& mesh) {
         info.area += 0.5 * (b - a).cross(c - a).norm();
     }
     for (const auto& edge : mesh.edge) {
-        const double length = edge_length(mesh, edge);
+        const double length = edge_length(mesh.position, edge);
         info.mean_edge += length;
         info.max_edge = std::max(info.max_edge, length);
     }
@@ -110,25 +110,25 @@ struct VertexNeighbours {
     std::vector<uint32_t> neighbour;  // ascending within a vertex
 };
 
-VertexNeighbours gather_neighbours(const MeshView& mesh) {
+VertexNeighbours gather_neighbours(size_t vertices, std::span<const std::array<uint32_t, 2>> edges) {
     VertexNeighbours out;
-    out.first.assign(mesh.position.size() + 1, 0);
-    for (const auto& [a, b] : mesh.edge) {
+    out.first.assign(vertices + 1, 0);
+    for (const auto& [a, b] : edges) {
         ++out.first[a + 1];
         ++out.first[b + 1];
     }
     std::partial_sum(out.first.begin(), out.first.end(), out.first.begin());
-    out.neighbour.resize(2 * mesh.edge.size());
+    out.neighbour.resize(2 * edges.size());
     std::vector<uint32_t> fill(out.first.begin(), out.first.end() - 1);
     // edges ascend by lower end, then by higher end: writing all lower neighbours first keeps every row ascending
-    for (const auto& [a, b] : mesh.edge) out.neighbour[fill[b]++] = a;
-    for (const auto& [a, b] : mesh.edge) out.neighbour[fill[a]++] = b;
+    for (const auto& [a, b] : edges) out.neighbour[fill[b]++] = a;
+    for (const auto& [a, b] : edges) out.neighbour[fill[a]++] = b;
     return out;
 }
 
-void append_slices(Springs& springs, const MeshView& mesh) {
-    const VertexNeighbours around = gather_neighbours(mesh);
-    const uint32_t vertices = static_cast<uint32_t>(mesh.position.size());
+void append_slices(Springs& springs, std::span<const Vec3d> position, std::span<const std::array<uint32_t, 2>> edges) {
+    const VertexNeighbours around = gather_neighbours(position.size(), edges);
+    const uint32_t vertices = static_cast<uint32_t>(position.size());
     const auto degree = [&](uint32_t v) { return v < vertices ? around.first[v + 1] - around.first[v] : 0u; };
     for (uint32_t begin = 0; begin < vertices; begin += kSliceWidth) {
         const size_t column = springs.neighbour.size() / kSliceWidth;
@@ -143,7 +143,7 @@ void append_slices(Springs& springs, const MeshView& mesh) {
                 const size_t row = (column + k) * kSliceWidth + lane;
                 springs.neighbour[row] = k < degree(v) ? around.neighbour[around.first[v] + k] : v;
                 if (k < degree(v)) {
-                    springs.rest_length[row] = static_cast<float>(edge_length(mesh, {v, springs.neighbour[row]}));
+                    springs.rest_length[row] = static_cast<float>(edge_length(position, {v, springs.neighbour[row]}));
                 }
             }
         }
@@ -195,19 +195,28 @@ uint32_t add_prototype(Meshes& meshes, const Mesh& mesh, Admission admission) {
 }
 
 void add_springs(Springs& springs, const Meshes& meshes, uint32_t prototype) {
+    const MeshView mesh = mesh_view(meshes, prototype);
+    add_springs(springs, meshes, prototype, mesh.position, mesh.edge);
+}
+
+void add_springs(Springs& springs, const Meshes& meshes, uint32_t prototype, std::span<const Vec3d> node,
+                 std::span<const std::array<uint32_t, 2>> edge) {
     TROCAR_ASSERT(prototype < meshes.info.size() && springs.info.size() <= prototype);
     // prototypes without springs (rigid bodies) before this one get an empty row
     while (springs.info.size() < prototype) {
         const size_t skipped = springs.info.size();
-        springs.info.push_back({grow(springs.slice_column.size() - skipped, 0), 0.0});
+        springs.info.push_back({grow(springs.slice_column.size() - skipped, 0)});
         springs.slice_column.push_back(static_cast<uint32_t>(springs.neighbour.size() / kSliceWidth));
         springs.vertices.push_back(grow(springs.area_share.size(), 0));
     }
     const MeshView mesh = mesh_view(meshes, prototype);
-    const size_t slices = (mesh.position.size() + kSliceWidth - 1) / kSliceWidth;
-    springs.info.push_back({grow(springs.slice_column.size() - prototype, slices), mesh.info->mean_edge});
+    const size_t slices = (node.size() + kSliceWidth - 1) / kSliceWidth;
+    SpringInfo& info = springs.info.emplace_back();
+    info.slices = grow(springs.slice_column.size() - prototype, slices);
+    for (const auto& e : edge) info.mean_rest += edge_length(node, e);
+    if (!edge.empty()) info.mean_rest /= static_cast<double>(edge.size());
     springs.vertices.push_back(grow(springs.area_share.size(), slices * kSliceWidth));
-    append_slices(springs, mesh);
+    append_slices(springs, node, edge);
     append_area_shares(springs, mesh, springs.vertices.back());
 }
 

@@ -1,4 +1,6 @@
 #pragma once
+#include <span>
+
 #include "components/mesh.hpp"
 #include "components/springs.hpp"
 namespace trocar {
@@ -13,6 +15,9 @@ uint32_t add_prototype(Meshes& meshes, const Mesh& mesh, Admission admission);
 // passed over get an empty row. Columns are counted over all prototypes: row 16 * slice_column[...] of neighbour.
 // Within a vertex the columns ascend by neighbour. Padding lanes and columns name the lane's own vertex.
 void add_springs(Springs& springs, const Meshes& meshes, uint32_t prototype);
+// The same for springs along `edge` (lower end first, ascending) between `node`, the vertices and what follows them.
+void add_springs(Springs& springs, const Meshes& meshes, uint32_t prototype, std::span<const Vec3d> node,
+                 std::span<const std::array<uint32_t, 2>> edge);
 
 // Adds the colours of a prototype whose springs are there, unless it has them: greedy, springs in the order of their
 // lower end, each in the first colour that neither of its ends has.

@@ -33,7 +33,7 @@ constexpr Elements elements_of() {
     else if constexpr (std::is_same_v<T, Box>) return {A::kF64, 6};
     else if constexpr (std::is_same_v<T, std::array<uint32_t, 2 * kSliceWidth>>) return {A::kU32, 2 * kSliceWidth};
     else if constexpr (std::is_same_v<T, std::array<float, kSliceWidth>>) return {A::kF32, kSliceWidth};
-    else if constexpr (std::is_same_v<T, Tissue>) return {A::kF64, 6};
+    else if constexpr (std::is_same_v<T, Tissue>) return {A::kF64, sizeof(Tissue) / sizeof(double)};
     else return {};
 }
 template <typename T>
@@ -50,9 +50,11 @@ void fields(V& v, T& t) {
         v.item(t.admission), v.item(t.volume), v.item(t.area), v.item(t.mean_edge), v.item(t.max_edge);
         v.item(t.radius), v.item(t.box);
     } else if constexpr (is<T, SpringInfo>) {
-        v.item(t.slices), v.item(t.mean_rest);
+        v.item(t.slices), v.item(t.mean_rest), v.item(t.mean_geometry), v.item(t.varied);
     } else if constexpr (is<T, Stepping>) {
         v.item(t.integrator), v.item(t.iterations), v.item(t.tolerance), v.item(t.step);
+    } else if constexpr (is<T, SolidInfo>) {
+        v.item(t.inner), v.item(t.tetrahedra), v.item(t.count), v.item(t.slices), v.item(t.nodes);
     } else if constexpr (is<T, Image>) {
         v.item(t.width), v.item(t.height), v.item(t.rgba);
     } else if constexpr (is<T, Material>) {
@@ -233,8 +235,10 @@ void visit_resource(World& w, Resource resource, Visitor& v) {
                 v.value(FIELD(settings.contact.tolerance)),
                 v.value(FIELD(settings.contact.push_speed)), v.value(FIELD(settings.contact.cell_edges)),
                 v.value(FIELD(settings.contact.iterations)), v.value(FIELD(settings.contact.row_capacity)),
-                v.value(FIELD(settings.contact.cross_check)),
-                v.value(FIELD(settings.contact.share)), v.value(FIELD(settings.contact.direction));
+                v.value(FIELD(settings.contact.share)), v.value(FIELD(settings.contact.direction)),
+                v.value(FIELD(settings.contact.deep)), v.value(FIELD(settings.contact.faces)),
+                v.value(FIELD(settings.contact.contours)), v.value(FIELD(settings.contact.regions)),
+                v.value(FIELD(settings.contact.cross_check));
             break;
         case Resource::kMeshes:
             v.array(FIELD(meshes.name)), v.array(FIELD(meshes.info)), v.array(FIELD(meshes.position)), v.array(FIELD(meshes.component)),
@@ -245,8 +249,19 @@ void visit_resource(World& w, Resource resource, Visitor& v) {
             break;
         case Resource::kSprings:
             v.array(FIELD(springs.info)), v.array(FIELD(springs.slice_column)), v.array(FIELD(springs.neighbour)),
-                v.array(FIELD(springs.rest_length)), v.array(FIELD(springs.area_share)), v.array(FIELD(springs.vertices)),
+                v.array(FIELD(springs.rest_length)), v.array(FIELD(springs.factor)), v.array(FIELD(springs.area_share)),
+                v.array(FIELD(springs.vertices)), v.array(FIELD(springs.fans.first)), v.array(FIELD(springs.fans.volume)),
+                v.array(FIELD(springs.fans.column)), v.array(FIELD(springs.fans.corner)), v.array(FIELD(springs.hinges.groups)),
+                v.array(FIELD(springs.hinges.vertex)), v.array(FIELD(springs.hinges.sine)), v.array(FIELD(springs.hinges.cosine)),
+                v.array(FIELD(springs.hinges.weight)), v.array(FIELD(springs.hinges.cap)), v.array(FIELD(springs.hinges.first)),
+                v.array(FIELD(springs.hinges.column)), v.array(FIELD(springs.hinges.slot)),
                 v.array(FIELD(springs.colours)), v.array(FIELD(springs.colour)), v.array(FIELD(springs.batch)), v.array(FIELD(springs.batch_rest));
+            break;
+        case Resource::kSolids:
+            v.array(FIELD(solids.info)), v.array(FIELD(solids.position)), v.array(FIELD(solids.corner[0])),
+                v.array(FIELD(solids.corner[1])), v.array(FIELD(solids.corner[2])), v.array(FIELD(solids.corner[3])),
+                v.array(FIELD(solids.rest)), v.array(FIELD(solids.per_rest)), v.array(FIELD(solids.slot_column)),
+                v.array(FIELD(solids.slot)), v.array(FIELD(solids.node_volume));
             break;
         case Resource::kBodies:
             v.array(FIELD(bodies.entity)), v.array(FIELD(bodies.name)), v.array(FIELD(bodies.mesh)), v.array(FIELD(bodies.motion)),
@@ -281,6 +296,9 @@ void visit_resource(World& w, Resource resource, Visitor& v) {
             v.array(FIELD(haptics.state)), v.value(FIELD(haptics.ticks)), v.value(FIELD(haptics.max_force)),
                 v.value(FIELD(haptics.rejected_samples));
             break;
+        case Resource::kPairMemory:
+            v.array(FIELD(pair_memory.a)), v.array(FIELD(pair_memory.b)), v.array(FIELD(pair_memory.direction));
+            break;
         case Resource::kBoxes:
             v.array(FIELD(boxes.box)), v.array(FIELD(boxes.margin));
             break;
@@ -313,7 +331,20 @@ void visit_resource(World& w, Resource resource, Visitor& v) {
         case Resource::kPenetrations:
             v.array(FIELD(penetrations.pair)), v.array(FIELD(penetrations.depth)), v.array(FIELD(penetrations.direction)),
                 v.array(FIELD(penetrations.witness)), v.array(FIELD(penetrations.vertices_a_in_b)),
-                v.array(FIELD(penetrations.vertices_b_in_a)), v.array(FIELD(penetrations.edge_contacts));
+                v.array(FIELD(penetrations.vertices_b_in_a)), v.array(FIELD(penetrations.edge_contacts)),
+                v.array(FIELD(penetrations.saturated)), v.array(FIELD(penetrations.way_out)), v.array(FIELD(penetrations.surface_depth));
+            break;
+        case Resource::kContours:
+            v.array(FIELD(contours.pair)), v.array(FIELD(contours.curve)), v.array(FIELD(contours.closed)),
+                v.array(FIELD(contours.triangle)), v.array(FIELD(contours.end)), v.array(FIELD(contours.point)),
+                v.array(FIELD(contours.edge)), v.array(FIELD(contours.edge_of_b)), v.array(FIELD(contours.pierced)),
+                v.array(FIELD(contours.along)), v.array(FIELD(contours.outward));
+            break;
+        case Resource::kRegions:
+            v.array(FIELD(regions.pair)), v.array(FIELD(regions.vertices_a)), v.array(FIELD(regions.vertices_b)),
+                v.array(FIELD(regions.curves)), v.array(FIELD(regions.contour)), v.array(FIELD(regions.area)),
+                v.array(FIELD(regions.volume)), v.array(FIELD(regions.depth)), v.array(FIELD(regions.direction)),
+                v.array(FIELD(regions.witness));
             break;
         case Resource::kRows:
             v.array(FIELD(rows.contact)), v.array(FIELD(rows.body)), v.array(FIELD(rows.other)), v.array(FIELD(rows.vertex)),
@@ -335,7 +366,7 @@ void visit_resource(World& w, Resource resource, Visitor& v) {
                 v.array(FIELD(picture.tool)), v.value(FIELD(picture.depth)), v.value(FIELD(picture.force));
             break;
         case Resource::kEnergy:
-            v.value(FIELD(energy.kinetic)), v.value(FIELD(energy.elastic)), v.value(FIELD(energy.gravity)),
+            v.value(FIELD(energy.kinetic)), v.value(FIELD(energy.elastic)), v.value(FIELD(energy.pressure)), v.value(FIELD(energy.bending)), v.value(FIELD(energy.gravity)),
                 v.value(FIELD(energy.work_hand)), v.value(FIELD(energy.work_contact)), v.value(FIELD(energy.work_damping)),
                 v.value(FIELD(energy.work_push)), v.value(FIELD(energy.work_numeric)), v.value(FIELD(energy.balance));
             break;
@@ -347,7 +378,7 @@ void visit_resource(World& w, Resource resource, Visitor& v) {
                 v.value(FIELD(report.nonfinite_particles)), v.value(FIELD(report.deepest_residual)),
                 v.value(FIELD(report.runaway_bodies)), v.value(FIELD(report.awake_bodies)), v.value(FIELD(report.asleep_bodies)),
                 v.value(FIELD(report.implicit_steps)), v.value(FIELD(report.implicit_iterations)),
-                v.value(FIELD(report.worst_implicit_residual));
+                v.value(FIELD(report.worst_implicit_residual)), v.value(FIELD(report.min_volume_ratio));
             break;
         case Resource::kSleep:
             v.array(FIELD(sleep.still)), v.array(FIELD(sleep.group));
@@ -366,6 +397,7 @@ ResourceKind resource_kind(Resource resource) {
         case Resource::kSettings:
         case Resource::kMeshes:
         case Resource::kSprings:
+        case Resource::kSolids:
         case Resource::kBodies:
         case Resource::kAnchors:
         case Resource::kPaths:
@@ -374,7 +406,8 @@ ResourceKind resource_kind(Resource resource) {
         case Resource::kPoses:
         case Resource::kParticles:
         case Resource::kToolState:
-        case Resource::kSleep: return ResourceKind::kState;
+        case Resource::kSleep:
+        case Resource::kPairMemory: return ResourceKind::kState;
         case Resource::kEnergy:
         case Resource::kReport: return ResourceKind::kBooks;
         case Resource::kBoxes:
@@ -386,6 +419,8 @@ ResourceKind resource_kind(Resource resource) {
         case Resource::kNear:
         case Resource::kContacts:
         case Resource::kPenetrations:
+        case Resource::kContours:
+        case Resource::kRegions:
         case Resource::kRows:
         case Resource::kIslands:
         case Resource::kNormals: return ResourceKind::kDerived;
@@ -398,11 +433,10 @@ ResourceKind resource_kind(Resource resource) {
 
 const char* resource_name(Resource resource) {
     constexpr const char* kNames[] = {
-        "settings", "meshes",    "springs",       "bodies",     "anchors",  "paths",        "tools",
-        "clock",    "poses",     "particles",     "tool state", "boxes",    "pairs",        "trees",
-        "screened", "occupancy", "candidates",    "near",       "contacts", "penetrations", "rows",
-        "islands",  "normals",   "local contact", "picture",    "energy",   "report",
-        "sleep"};
+        "settings", "meshes",    "springs",    "solids",     "bodies",     "anchors",  "paths",        "tools",
+        "clock",    "poses",     "particles",  "tool state", "pair memory", "boxes", "pairs", "trees",
+        "screened", "occupancy", "candidates", "near",       "contacts", "penetrations", "contours", "regions", "rows",
+        "islands",  "normals",   "local contact", "picture",    "energy",   "report",   "sleep"};
     static_assert(std::size(kNames) == static_cast<size_t>(Resource::kCount));
     return kNames[static_cast<size_t>(resource)];
 }

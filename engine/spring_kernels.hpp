@@ -12,6 +12,7 @@ struct SpringStep {
     const unsigned* slice_column;                             // slices + 1
     const unsigned* neighbour;                    // 16 per column: particle at the far end, itself = padding
     const float* rest_length;                     // 16 per column, m
+    const float* spring_factor;                   // 16 per column: stiffness of a spring / `stiffness`; null = 1
     const float* anchor_stiffness;                // N/m
     const float *anchor_x, *anchor_y, *anchor_z;  // rest position, m
     const float *force_x, *force_y, *force_z;     // N, of everything besides springs and anchors; may be null
@@ -19,7 +20,7 @@ struct SpringStep {
     float turn_rest[9];      // what float left out of turn: without it the goals turn the body by themselves
     float centre[3];         // m, high part of the goal of a rest position of zero
     float centre_rest[3];    // m, what float left out of centre
-    float stiffness;         // N/m, of every spring
+    float stiffness;         // N/m, of every spring, times its factor
     float dt;                // s, of the drift
     float kick_dt;           // s, mean of this substep and the one before
     float gravity[3];        // m/s^2
@@ -45,7 +46,7 @@ enum ShapeSum {
 };
 
 // Sums that the energy of a body needs, per lane, double, everything half a substep back (offset - back * velocity):
-// squared stretches of all half-edges (each spring twice), anchor stiffness times squared distance to the goal, mass
+// squared stretches of all half-edges times their factors (each spring twice), anchor stiffness times squared distance to the goal, mass
 // times squared velocity, mass, mass times place. Fixed particles count with springs and anchors only.
 enum EnergySum { kSumStretch, kSumAnchor, kSumMvv, kSumMass, kSumMPlace, kEnergySums = kSumMPlace + 3 };
 

@@ -1,41 +1,7 @@
-#include <immintrin.h>
-
+#include "engine/lanes_avx2.hpp"
 #include "engine/spring_kernels.hpp"
 namespace trocar {
 namespace {
-
-// The same lanes and the same operations as the AVX-512 kernels, eight lanes at a time.
-struct Lanes {
-    __m256 x, y, z, w;
-};
-
-// Swaps rows and columns within each 128-bit group: rows of (x, y, z, w) become the four fields.
-inline __attribute__((always_inline)) Lanes transpose(__m256 a, __m256 b, __m256 c, __m256 d) {
-    const __m256 ab_low = _mm256_unpacklo_ps(a, b), ab_high = _mm256_unpackhi_ps(a, b);
-    const __m256 cd_low = _mm256_unpacklo_ps(c, d), cd_high = _mm256_unpackhi_ps(c, d);
-    return {_mm256_shuffle_ps(ab_low, cd_low, 0x44), _mm256_shuffle_ps(ab_low, cd_low, 0xEE),
-            _mm256_shuffle_ps(ab_high, cd_high, 0x44), _mm256_shuffle_ps(ab_high, cd_high, 0xEE)};
-}
-inline __attribute__((always_inline)) __m256 join(const float* low, const float* high) {
-    return _mm256_insertf128_ps(_mm256_castps128_ps256(_mm_load_ps(low)), _mm_load_ps(high), 1);
-}
-inline __attribute__((always_inline)) Lanes gather(const float* base, const unsigned* index) {
-    const auto rows = [&](int i) __attribute__((always_inline)) {
-        return join(base + 4ul * index[i], base + 4ul * index[i + 4]);
-    };
-    return transpose(rows(0), rows(1), rows(2), rows(3));
-}
-inline __attribute__((always_inline)) Lanes load(const float* rows) {
-    return transpose(join(rows, rows + 16), join(rows + 4, rows + 20), join(rows + 8, rows + 24),
-                     join(rows + 12, rows + 28));
-}
-inline __attribute__((always_inline)) void store(float* rows, const Lanes& lanes) {
-    const Lanes r = transpose(lanes.x, lanes.y, lanes.z, lanes.w);
-    _mm256_storeu_ps(rows, _mm256_permute2f128_ps(r.x, r.y, 0x20));
-    _mm256_storeu_ps(rows + 8, _mm256_permute2f128_ps(r.z, r.w, 0x20));
-    _mm256_storeu_ps(rows + 16, _mm256_permute2f128_ps(r.x, r.y, 0x31));
-    _mm256_storeu_ps(rows + 24, _mm256_permute2f128_ps(r.z, r.w, 0x31));
-}
 
 // Rest positions of the anchors of a slice.
 struct Goals {
@@ -58,14 +24,9 @@ inline __attribute__((always_inline)) __m256 to_goal(const SpringStep* body, con
     return _mm256_sub_ps(goal, place);
 }
 
-inline __attribute__((always_inline)) void add_doubles(double* sum, __m256 value) {
-    const __m256d low = _mm256_cvtps_pd(_mm256_castps256_ps128(value));
-    const __m256d high = _mm256_cvtps_pd(_mm256_extractf128_ps(value, 1));
-    _mm256_storeu_pd(sum, _mm256_add_pd(_mm256_loadu_pd(sum), low));
-    _mm256_storeu_pd(sum + 4, _mm256_add_pd(_mm256_loadu_pd(sum + 4), high));
-}
-
-void step(const SpringStep* body, unsigned first, unsigned last, double* damping_work) {
+// kVaried: springs differ in stiffness.
+template <bool kVaried>
+void step_springs(const SpringStep* body, unsigned first, unsigned last, double* damping_work) {
     const __m256 one = _mm256_set1_ps(1.0f), zero = _mm256_setzero_ps();
     const auto set = [](float v) { return _mm256_set1_ps(v); };
     for (unsigned half_slice = 2 * first; half_slice < 2 * last; ++half_slice) {
@@ -82,7 +43,8 @@ void step(const SpringStep* body, unsigned first, unsigned last, double* damping
             const __m256 length = _mm256_sqrt_ps(squared);
             const __m256 apart = _mm256_cmp_ps(length, zero, _CMP_GT_OQ);
             const __m256 ratio = _mm256_div_ps(_mm256_loadu_ps(body->rest_length + h + lane), length);
-            const __m256 pull = _mm256_and_ps(apart, _mm256_sub_ps(one, ratio));
+            __m256 pull = _mm256_and_ps(apart, _mm256_sub_ps(one, ratio));
+            if (kVaried) pull = _mm256_mul_ps(pull, _mm256_loadu_ps(body->spring_factor + h + lane));
             fx = _mm256_fmadd_ps(pull, dx, fx);
             fy = _mm256_fmadd_ps(pull, dy, fy);
             fz = _mm256_fmadd_ps(pull, dz, fz);
@@ -145,6 +107,10 @@ void step(const SpringStep* body, unsigned first, unsigned last, double* damping
         }
         store(body->new_offset + 4ul * row, next);
     }
+}
+
+void step(const SpringStep* body, unsigned first, unsigned last, double* damping_work) {
+    (body->spring_factor ? step_springs<true> : step_springs<false>)(body, first, last, damping_work);
 }
 
 void shape_sums(const SpringStep* body, unsigned first, unsigned last, double* sums) {
@@ -230,7 +196,9 @@ void energy_sums(const SpringStep* body, unsigned first, unsigned last, double* 
             const __m256 squared = _mm256_fmadd_ps(dx, dx, _mm256_fmadd_ps(dy, dy, _mm256_mul_ps(dz, dz)));
             const __m256 stretch =
                 _mm256_sub_ps(_mm256_sqrt_ps(squared), _mm256_loadu_ps(body->rest_length + h + lane));
-            add_doubles(sums + 16 * kSumStretch + lane, _mm256_mul_ps(stretch, stretch));
+            const __m256 factor =
+                body->spring_factor ? _mm256_loadu_ps(body->spring_factor + h + lane) : _mm256_set1_ps(1.0f);
+            add_doubles(sums + 16 * kSumStretch + lane, _mm256_mul_ps(_mm256_mul_ps(stretch, stretch), factor));
         }
 
         // anchors

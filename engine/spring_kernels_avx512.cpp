@@ -1,64 +1,7 @@
-// GCC 12's own headers leave the unused operand of unmasked intrinsics uninitialised on purpose (GCC bug 105593).
-#pragma GCC diagnostic ignored "-Wuninitialized"
-#pragma GCC diagnostic ignored "-Wmaybe-uninitialized"
-#include <immintrin.h>
-
+#include "engine/lanes_avx512.hpp"
 #include "engine/spring_kernels.hpp"
 namespace trocar {
 namespace {
-
-struct Lanes {
-    __m512 x, y, z, w;
-};
-
-// Swaps rows and columns within each 128-bit group: rows of (x, y, z, w) become the four fields.
-inline __attribute__((always_inline)) Lanes transpose(__m512 a, __m512 b, __m512 c, __m512 d) {
-    const __m512 ab_low = _mm512_unpacklo_ps(a, b), ab_high = _mm512_unpackhi_ps(a, b);
-    const __m512 cd_low = _mm512_unpacklo_ps(c, d), cd_high = _mm512_unpackhi_ps(c, d);
-    return {_mm512_shuffle_ps(ab_low, cd_low, 0x44), _mm512_shuffle_ps(ab_low, cd_low, 0xEE),
-            _mm512_shuffle_ps(ab_high, cd_high, 0x44), _mm512_shuffle_ps(ab_high, cd_high, 0xEE)};
-}
-
-// Rows index[0], index[4], index[8], index[12] in the four 128-bit groups.
-inline __attribute__((always_inline)) __m512 load_rows(const float* base, const unsigned* index) {
-    const auto row = [&](unsigned i) __attribute__((always_inline)) {
-        return _mm_load_ps(base + 4 * static_cast<unsigned long>(i));
-    };
-    __m512 rows = _mm512_castps128_ps512(row(index[0]));
-    rows = _mm512_mask_broadcast_f32x4(rows, 0x00F0, row(index[4]));
-    rows = _mm512_mask_broadcast_f32x4(rows, 0x0F00, row(index[8]));
-    return _mm512_mask_broadcast_f32x4(rows, 0xF000, row(index[12]));
-}
-
-// One 128-bit load per neighbour instead of three gathers: one cache line is touched, not three.
-inline __attribute__((always_inline)) Lanes gather(const float* base, const unsigned* index) {
-    return transpose(load_rows(base, index), load_rows(base, index + 1), load_rows(base, index + 2),
-                     load_rows(base, index + 3));
-}
-
-// Four whole registers of four consecutive rows each <-> the four fields of 16 rows.
-inline __attribute__((always_inline)) void swap_groups(__m512& a, __m512& b, __m512& c, __m512& d) {
-    const __m512 ab_low = _mm512_shuffle_f32x4(a, b, 0x44), ab_high = _mm512_shuffle_f32x4(a, b, 0xEE);
-    const __m512 cd_low = _mm512_shuffle_f32x4(c, d, 0x44), cd_high = _mm512_shuffle_f32x4(c, d, 0xEE);
-    a = _mm512_shuffle_f32x4(ab_low, cd_low, 0x88);
-    b = _mm512_shuffle_f32x4(ab_low, cd_low, 0xDD);
-    c = _mm512_shuffle_f32x4(ab_high, cd_high, 0x88);
-    d = _mm512_shuffle_f32x4(ab_high, cd_high, 0xDD);
-}
-inline __attribute__((always_inline)) Lanes load(const float* rows) {
-    __m512 a = _mm512_loadu_ps(rows), b = _mm512_loadu_ps(rows + 16), c = _mm512_loadu_ps(rows + 32),
-           d = _mm512_loadu_ps(rows + 48);
-    swap_groups(a, b, c, d);
-    return transpose(a, b, c, d);
-}
-inline __attribute__((always_inline)) void store(float* rows, const Lanes& lanes) {
-    Lanes r = transpose(lanes.x, lanes.y, lanes.z, lanes.w);
-    swap_groups(r.x, r.y, r.z, r.w);
-    _mm512_storeu_ps(rows, r.x);
-    _mm512_storeu_ps(rows + 16, r.y);
-    _mm512_storeu_ps(rows + 32, r.z);
-    _mm512_storeu_ps(rows + 48, r.w);
-}
 
 // Rest positions of the anchors of a slice.
 struct Goals {
@@ -88,7 +31,9 @@ inline __attribute__((always_inline)) void add_doubles(double* sum, __m512 value
     _mm512_storeu_pd(sum + 8, _mm512_add_pd(_mm512_loadu_pd(sum + 8), high));
 }
 
-void step(const SpringStep* body, unsigned first, unsigned last, double* damping_work) {
+// kVaried: springs differ in stiffness.
+template <bool kVaried>
+void step_springs(const SpringStep* body, unsigned first, unsigned last, double* damping_work) {
     const __m512 one = _mm512_set1_ps(1.0f), zero = _mm512_setzero_ps();
     const auto set = [](float v) { return _mm512_set1_ps(v); };
     for (unsigned slice = first; slice < last; ++slice) {
@@ -105,7 +50,8 @@ void step(const SpringStep* body, unsigned first, unsigned last, double* damping
             const __m512 length = _mm512_sqrt_ps(squared);
             const __mmask16 apart = _mm512_cmp_ps_mask(length, zero, _CMP_GT_OQ);
             const __m512 ratio = _mm512_div_ps(_mm512_loadu_ps(body->rest_length + h), length);
-            const __m512 pull = _mm512_maskz_sub_ps(apart, one, ratio);
+            __m512 pull = _mm512_maskz_sub_ps(apart, one, ratio);
+            if (kVaried) pull = _mm512_mul_ps(pull, _mm512_loadu_ps(body->spring_factor + h));
             fx = _mm512_fmadd_ps(pull, dx, fx);
             fy = _mm512_fmadd_ps(pull, dy, fy);
             fz = _mm512_fmadd_ps(pull, dz, fz);
@@ -168,6 +114,10 @@ void step(const SpringStep* body, unsigned first, unsigned last, double* damping
         }
         store(body->new_offset + 4ul * row, next);
     }
+}
+
+void step(const SpringStep* body, unsigned first, unsigned last, double* damping_work) {
+    (body->spring_factor ? step_springs<true> : step_springs<false>)(body, first, last, damping_work);
 }
 
 void shape_sums(const SpringStep* body, unsigned first, unsigned last, double* sums) {
@@ -254,7 +204,8 @@ void energy_sums(const SpringStep* body, unsigned first, unsigned last, double* 
             const __m512 squared = _mm512_fmadd_ps(dx, dx, _mm512_fmadd_ps(dy, dy, _mm512_mul_ps(dz, dz)));
             const __m512 stretch =
                 _mm512_sub_ps(_mm512_sqrt_ps(squared), _mm512_loadu_ps(body->rest_length + h + lane));
-            add_doubles(sums + 16 * kSumStretch + lane, _mm512_mul_ps(stretch, stretch));
+            const __m512 factor = body->spring_factor ? _mm512_loadu_ps(body->spring_factor + h) : _mm512_set1_ps(1.0f);
+            add_doubles(sums + 16 * kSumStretch + lane, _mm512_mul_ps(_mm512_mul_ps(stretch, stretch), factor));
         }
 
         // anchors

@@ -13,6 +13,7 @@ SpringStep bind_body(const Springs& springs, const Bodies& bodies, const Anchors
     step.slice_column = springs.slice_column.data() + springs.info[prototype].slices.first + prototype;
     step.neighbour = springs.neighbour.data();
     step.rest_length = springs.rest_length.data();
+    step.spring_factor = springs.info[prototype].varied ? springs.factor.data() : nullptr;
     step.anchor_stiffness = anchors.stiffness.data() + first;
     step.anchor_x = anchors.rest_x.data() + first;
     step.anchor_y = anchors.rest_y.data() + first;

@@ -13,6 +13,7 @@
 #include "components/picture.hpp"
 #include "components/report.hpp"
 #include "components/scene.hpp"
+#include "components/solids.hpp"
 #include "components/springs.hpp"
 #include "engine/closest_point.hpp"
 #include "engine/job_graph.hpp"
@@ -25,6 +26,7 @@ struct World {
     SceneSettings settings;
     Meshes meshes;
     Springs springs;
+    Solids solids;
     Bodies bodies;
     Anchors anchors;
     Paths paths;
@@ -34,6 +36,7 @@ struct World {
     Particles particles;
     Haptics haptics;  // tool: constant
     Sleep sleep;
+    PairMemory pair_memory;
     // derived each pass
     BodyBoxes boxes;
     CandidatePairs pairs;
@@ -44,6 +47,8 @@ struct World {
     NearVertices near;
     Contacts contacts;
     Penetrations penetrations;
+    Contours contours;
+    OverlapRegions regions;
     ContactRows rows;
     Islands islands;
     SurfaceNormals normals;
@@ -60,6 +65,7 @@ enum class Resource : uint8_t {
     kSettings,
     kMeshes,
     kSprings,
+    kSolids,
     kBodies,
     kAnchors,
     kPaths,
@@ -68,6 +74,7 @@ enum class Resource : uint8_t {
     kPoses,
     kParticles,
     kToolState,
+    kPairMemory,
     kBoxes,
     kPairs,
     kTrees,
@@ -77,6 +84,8 @@ enum class Resource : uint8_t {
     kNear,
     kContacts,
     kPenetrations,
+    kContours,
+    kRegions,
     kRows,
     kIslands,
     kNormals,

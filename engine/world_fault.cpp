@@ -1,5 +1,8 @@
 #include <cmath>
+#include <span>
 
+#include "engine/bending_forces.hpp"
+#include "engine/pressure_force.hpp"
 #include "engine/surfaces.hpp"
 #include "engine/world.hpp"
 namespace trocar {
@@ -91,6 +94,8 @@ void check_springs(const World& w, uint32_t prototype, Faults& f) {
         if (!f.first.empty()) return;
         for (uint64_t h = uint64_t{column[slice]} * kSliceWidth; h < uint64_t{column[slice + 1]} * kSliceWidth; ++h)
             f.require(s.neighbour[h] < padded, name + ": far end");
+        if (s.info[prototype].varied)
+            f.require(uint64_t{column[slice + 1]} * kSliceWidth <= s.factor.size(), name + ": stiffnesses are missing");
     }
 }
 
@@ -107,6 +112,66 @@ void check_colours(const World& w, uint32_t prototype, Faults& f) {
     }
 }
 
+void check_solid(const World& w, uint32_t prototype, uint32_t particles, Faults& f) {
+    const Solids& s = w.solids;
+    if (prototype >= s.info.size() || s.info[prototype].count == 0) return;
+    const SolidInfo& info = s.info[prototype];
+    const std::string name = "solid of mesh " + std::to_string(prototype) + ": ";
+    bool whole = f.inside(info.inner, s.position.size(), name + "inner nodes") && f.inside(info.nodes, s.node_volume.size(), name + "volumes of nodes") &&
+                 f.inside(info.tetrahedra, s.rest.size(), name + "tetrahedra") && f.inside(info.tetrahedra, s.per_rest.size(), name + "tetrahedra") &&
+                 f.inside({info.slices.first + prototype, info.slices.count + 1}, s.slot_column.size(), name + "slices");
+    for (const auto& corner : s.corner) whole = whole && f.inside(info.tetrahedra, corner.size(), name + "corners");
+    const uint32_t tets = info.tetrahedra.count;
+    f.require(info.count <= tets && tets % kSliceWidth == 0 && uint64_t{info.slices.count} * kSliceWidth == particles && tets < kNone / 4 &&
+                  info.nodes.count <= particles && uint64_t{w.meshes.info[prototype].vertices.count} + info.inner.count == info.nodes.count,
+              name + "nodes and tetrahedra do not fit");
+    if (!whole || !f.first.empty()) return;
+    for (const auto& corner : s.corner)
+        for (uint32_t t = 0; t < tets; ++t) f.below(corner[info.tetrahedra.first + t], info.nodes.count, false, name + "corner");
+    const uint32_t* column = s.slot_column.data() + info.slices.first + prototype;
+    for (uint32_t slice = 0; slice < info.slices.count; ++slice) {
+        f.require(column[slice] <= column[slice + 1] && uint64_t{column[slice + 1]} * kSliceWidth <= s.slot.size(), name + "columns");
+        if (!f.first.empty()) return;
+        for (uint64_t h = uint64_t{column[slice]} * kSliceWidth; h < uint64_t{column[slice + 1]} * kSliceWidth; ++h)
+            f.below(s.slot[h], 4 * tets + 1, false, name + "slot");
+    }
+}
+
+// Columns of slices that a prototype's table of neighbours starts at row `first`, `width` entries a column, all below `limit`.
+void check_columns(std::span<const uint32_t> column, std::span<const uint32_t> entry, uint32_t first, uint32_t slices, uint64_t width,
+                   uint64_t limit, const std::string& name, Faults& f) {
+    if (!f.inside({first, slices + 1}, column.size(), name)) return;
+    for (uint32_t slice = first; slice < first + slices; ++slice) {
+        f.require(column[slice] <= column[slice + 1] && column[slice + 1] * width <= entry.size(), name + ": columns");
+        if (!f.first.empty()) return;
+        for (uint64_t i = column[slice] * width; i < column[slice + 1] * width; ++i) f.require(entry[i] < limit, name + ": entry");
+    }
+}
+
+void check_fans(const World& w, uint32_t prototype, Faults& f) {
+    const Fans& fans = w.springs.fans;
+    const std::string name = "fans of mesh " + std::to_string(prototype);
+    f.require(prototype < fans.first.size() && fans.volume.size() == fans.first.size() && fans.volume[prototype] != 0, name + " are missing");
+    if (!f.first.empty()) return;
+    const uint32_t slices = w.springs.info[prototype].slices.count;
+    check_columns(fans.column, fans.corner, fans.first[prototype], slices, 2 * kSliceWidth, uint64_t{slices} * kSliceWidth, name, f);
+}
+
+void check_hinges(const World& w, uint32_t prototype, Faults& f) {
+    const Hinges& h = w.springs.hinges;
+    const std::string name = "hinges of mesh " + std::to_string(prototype);
+    f.require(prototype < h.first.size() && h.groups.size() == h.first.size(), name + " are missing");
+    if (!f.first.empty()) return;
+    const Range groups = h.groups[prototype];
+    const size_t all = h.weight.size() / 8;
+    f.require(h.weight.size() == 8 * all && h.sine.size() == 8 * all && h.cosine.size() == 8 * all && h.cap.size() == 16 * all && h.vertex.size() == 32 * all,
+              name + " do not fit together");
+    if (!f.first.empty() || !f.inside(groups, all, name)) return;
+    const uint32_t slices = w.springs.info[prototype].slices.count;
+    for (size_t i = size_t{32} * groups.first; i < size_t{32} * groups.end(); ++i) f.below(h.vertex[i], slices * kSliceWidth, false, name + ": vertex");
+    check_columns(h.column, h.slot, h.first[prototype], slices, kSliceWidth, uint64_t{32} * groups.count + 1, name, f);
+}
+
 void check_body(const World& w, uint32_t body, Faults& f) {
     const Bodies& b = w.bodies;
     const std::string name = "body " + std::to_string(body);
@@ -115,6 +180,8 @@ void check_body(const World& w, uint32_t body, Faults& f) {
     f.require(b.stable_dt[body] > kShortestStep && b.thickness[body] >= 0 && b.inv_mass[body] >= 0, name + " has no step, mass or thickness");
     if (!f.first.empty() || !is_deformable(b, body)) return;
     check_springs(w, b.mesh[body], f);
+    if (f.first.empty() && has_pressure(b, body)) check_fans(w, b.mesh[body], f);
+    if (f.first.empty() && has_bending(b, body)) check_hinges(w, b.mesh[body], f);
     if (!f.first.empty() || !f.inside(b.particles[body], w.particles.offset.size(), name + ": particles")) return;
     const Stepping stepping = stepping_of(b, body);
     f.require(stepping.integrator <= Integrator::kXpbd && stepping.step > kShortestStep && stepping.iterations <= 10000, name + " is stepped in no known way");
@@ -122,6 +189,7 @@ void check_body(const World& w, uint32_t body, Faults& f) {
     f.require(b.particles[body].count == w.springs.vertices[b.mesh[body]].count && b.particles[body].first % kSliceWidth == 0 &&
                   b.particles[body].count >= w.meshes.info[b.mesh[body]].vertices.count,
               name + ": particles do not fit its mesh");
+    if (f.first.empty()) check_solid(w, b.mesh[body], b.particles[body].count, f);
 }
 
 void check_bodies(const World& w, Faults& f) {
@@ -174,6 +242,8 @@ std::string find_fault(const World& w) {
     check_meshes(w.meshes, f);
     if (f.first.empty()) check_bodies(w, f);
     if (f.first.empty()) check_tools(w, f);
+    f.require(w.pair_memory.b.size() == w.pair_memory.a.size() && w.pair_memory.direction.size() == w.pair_memory.a.size(),
+              "pair memory: arrays of different length");
     const ContactParams& c = w.settings.contact;
     f.require(w.settings.substep > kShortestStep && c.tolerance > 0 && c.cell_edges > 0 && c.push_speed >= 0 && c.iterations < 1000 && w.settings.sleep_speed >= 0 && w.settings.sleep_after >= 0, "settings: out of range");
     f.require(w.clock.contact_rate == 60 && w.clock.display_rate == 30 && w.clock.tick == pass_tick(w.clock.pass, 60), "clock: does not fit its passes");

@@ -85,6 +85,7 @@ void gather_bodies(AdvanceIsland& island, std::span<const uint32_t> island_bodie
     }
     if (s.offset_a.size() < particles) s.offset_a.resize(particles), s.offset_b.resize(particles);
     give_remainders(island, particles);
+    give_forces(island, particles);
 }
 
 // Lanes of damping work, kept per chunk over the whole call.
@@ -120,6 +121,7 @@ void step_bodies(AdvanceIsland& island, const SpringKernels& kernels, uint32_t s
         b.step.offset = &b.now->x;
         b.step.new_offset = &b.next->x;
         double* work = island.params.account_energy && b.damping > 0 ? s.sums.data() + chunk * kSliceWidth : nullptr;
+        find_forces(island, b);
         switch (b.stepping.integrator) {
             case Integrator::kLeapfrog: step_leapfrog(island, kernels, b, work); break;
             case Integrator::kMidpoint: step_midpoint(island, b, work); break;
@@ -227,6 +229,7 @@ void add_advance_result(const AdvanceResult& result, Energy& energy, Report& rep
     report.implicit_steps += result.implicit_steps;
     report.implicit_iterations += result.implicit_iterations;
     report.worst_implicit_residual = std::max(report.worst_implicit_residual, result.worst_implicit_residual);
+    report.min_volume_ratio = std::min(report.min_volume_ratio, result.min_volume_ratio);
     report.deepest_residual = std::max(report.deepest_residual, result.deepest_residual);
 }
 
@@ -239,6 +242,10 @@ void share_room(std::span<AdvanceScratch> scratches) {
     level(&AdvanceScratch::offset_a);
     level(&AdvanceScratch::offset_b);
     level(&AdvanceScratch::remainder);
+    level(&AdvanceScratch::force);
+    level(&AdvanceScratch::force_sums);
+    level(&AdvanceScratch::corner_force);
+    level(&AdvanceScratch::hinge_force);
     level(&AdvanceScratch::body);
     level(&AdvanceScratch::rigid);
     level(&AdvanceScratch::sums);

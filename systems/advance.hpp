@@ -10,6 +10,7 @@
 #include "components/paths.hpp"
 #include "components/report.hpp"
 #include "components/springs.hpp"
+#include "engine/other_forces.hpp"
 #include "systems/advance_scratch.hpp"
 namespace trocar {
 
@@ -51,6 +52,7 @@ struct AdvanceInputs {
     // ticks. Between milliseconds a device moves linearly and turns evenly.
     std::span<const DeviceState> devices;
     uint32_t device_stride = 2;
+    OtherForces other;
 };
 
 // What calls did to an island: added up over calls but for what is marked `last`. Work in J on its deformable bodies.
@@ -68,6 +70,7 @@ struct AdvanceResult {
     uint64_t runaway_bodies = 0;
     uint64_t implicit_steps = 0, implicit_iterations = 0;
     double worst_implicit_residual = 0;  // as Stepping::tolerance
+    double min_volume_ratio = std::numeric_limits<double>::infinity();  // of all tetrahedra in all substeps, see Report
 };
 
 // Adds a call's works and counters to the books. Islands are added in their order.
@@ -80,8 +83,8 @@ uint32_t count_substeps(const Bodies& bodies, std::span<const uint32_t> island_b
 // Moves the bodies of one island (deformable and hand) through params.ticks ms by leapfrog under their springs,
 // anchors, damping, gravity and contact rows; DESIGN 5, 6.7, 6.8. Reads static and scripted bodies through poses and
 // paths and writes none of them. Adds to rows.impulse and to ToolState.contact_impulse of the island's rows and tools;
-// a row that a point has left behind gets rows.distance = infinity and rests from then on. A body that became
-// non-finite , or whose energy grew though it had no rows and no forces of others, gets its state at the start of the call back, at rest. State is complete between calls. Same bits for any
+// a row that a point has left behind gets an infinite rows.distance and rests from then on. A body that became
+// non-finite, or whose energy grew though nothing could give it any, gets its state at the start of the call back, at rest. State is complete between calls. Same bits for any
 // number of threads. Distinct islands may run at the same time, each with its own scratch.
 void advance_island(const AdvanceParams& params, const AdvanceInputs& inputs, std::span<const uint32_t> island_bodies,
                     std::span<const uint32_t> island_rows, AdvanceScratch& scratch, Particles& particles, Poses& poses,

@@ -201,8 +201,7 @@ FourFeet find_feet(const FourPoints& a, const FourPoints& b, const FourPoints& c
 void end_rows(AdvanceIsland& island, ContactBlock& block, Mask4 ended) {
     for (uint32_t lane = 0; lane < 4; ++lane) {
         if (ended[lane] == 0) continue;
-        island.rows.distance[block.row[lane]] = std::numeric_limits<double>::infinity();
-        ++island.result.ended_rows;
+        end_row(island, block.row[lane]);
     }
     block.open &= ~ended;
 }
@@ -217,12 +216,15 @@ bool activate(AdvanceIsland& island, double reach, ContactBlock& block) {
     const Vec4d gap = dot(block.normal, point - plane) - block.offset;
     block.active = block.open & (gap < reach);
     if (!any(block.active)) return false;
-    const FourPoints velocity =
-        point_of(s, block, &ContactNode::velocity) - plane_of(s, block, &ContactNode::velocity);
-    const Vec4d gap_after = gap + least(dot(block.normal, velocity), Vec4d{}) * island.dt;
-    const Vec4d all = gap_after + norm2(velocity);  // not finite if one of them is not
-    block.active &= (gap_after < 0) & (all - all == 0);
-    if (!any(block.active)) return false;
+    // what is inside acts whatever its velocity, if only that is finite
+    if (!std::isfinite(reach) || any(block.active & (gap >= 0))) {
+        const FourPoints velocity =
+            point_of(s, block, &ContactNode::velocity) - plane_of(s, block, &ContactNode::velocity);
+        const Vec4d gap_after = gap + least(dot(block.normal, velocity), Vec4d{}) * island.dt;
+        const Vec4d all = gap_after + norm2(velocity);  // not finite if one of them is not
+        block.active &= (gap_after < 0) & (all - all == 0);
+        if (!any(block.active)) return false;
+    }
     const FourFeet feet = find_feet(a, b, c, point, plane, block.normal, fixed);
     if (any(feet.left_behind & block.active)) {
         end_rows(island, block, feet.left_behind & block.active);
@@ -313,17 +315,21 @@ void plan_blocks(AdvanceIsland& island) {
     find_opposable(s);
     const uint32_t idle = add_idle_node(s);
     s.open_blocks_of_node.assign(s.node.size(), 0);
+    make_room(s.block, s.plan.size() / 4 + kOpenBlocks);
     BlockFiller filler(island, idle);
     for (ContactPlan& plan : s.plan) plan.in_block = fits_block(s, plan);
-    // points of edges are apart: their blocks have one part more
-    for (const bool edges : {false, true}) {
+    // points of edges are apart, their blocks have one part more; and rows that start outside, of which most do not act
+    const auto group_of = [&](const ContactPlan& plan) {
+        return is_edge(plan) ? 1 : std::signbit(island.rows.distance[plan.row]) ? 0 : 2;
+    };
+    for (int group = 0; group < 3; ++group) {
         for (const ContactPlan& plan : s.plan) {
-            if (plan.in_block && is_edge(plan) == edges) filler.add(plan);
+            if (plan.in_block && group_of(plan) == group) filler.add(plan);
         }
         filler.close_all();
     }
     std::erase_if(s.plan, [&](const ContactPlan& plan) { return plan.in_block; });
-    s.active_block.reserve(s.block.size());
+    make_room(s.active_block, s.block.size());
 }
 
 void forget_blocks(AdvanceIsland& island) {

@@ -39,7 +39,7 @@ ContactPlan make_plan(AdvanceIsland& island, uint32_t row) {
     plan.normal = to_vec4(rows.normal[row]);
     plan.impulse = Vec4d{};
     plan.friction = rows.friction[row];
-    plan.ended = rows.distance[row] == std::numeric_limits<double>::infinity();
+    plan.ended = std::isinf(rows.distance[row]);
     if (is_deformable(bodies, a)) {
         TROCAR_ASSERT(s.slot_of_body[a] != kNone);
         for (int i = 0; i < 2; ++i) plan.node_a[i] = node_slot(s, s.slot_of_body[a], rows.vertex[row][i]);
@@ -208,8 +208,7 @@ void activate(AdvanceIsland& island, uint32_t plan_row, const RowState& r) {
     const Foot foot = find_foot(island, plan, r);
     if (foot.left_behind) {
         plan.ended = true;
-        island.rows.distance[plan.row] = std::numeric_limits<double>::infinity();
-        ++island.result.ended_rows;
+        end_row(island, plan.row);
         return;
     }
     s.active.resize(s.active.size() + 1);
@@ -364,10 +363,11 @@ double note_kick(const AdvanceBody& body, const ContactNode& node, ContactNodeCh
     return change.pushed ? dot(0.5 * (before + change.acceleration), change.change) / node.inv_mass : 0;
 }
 
-// Nodes after kick and drift; books the pushes of the substep before. Returns a bound of their velocities, m/s.
+// Nodes after kick and drift; books the pushes of the substep before. Returns a bound of their velocities, m/s; infinite
+// if one of them is not finite.
 double gather_nodes(AdvanceIsland& island) {
     AdvanceScratch& s = island.scratch;
-    Vec4d most = {};
+    Vec4d most = {}, total = {};
     double work = 0;
     for (uint32_t n = 0; n < s.node.size(); ++n) {
         ContactNode& node = s.node[n];
@@ -386,9 +386,11 @@ double gather_nodes(AdvanceIsland& island) {
         change.rows = 0;
         change.pushed = change.opposed = false;
         most = greatest(node.velocity * node.velocity, most);
+        total += node.velocity;
     }
     if (std::isfinite(work)) island.result.work_push -= work;  // else a body about to be restored
-    return std::sqrt(most[0] + most[1] + most[2]);
+    const bool finite = std::isfinite(total[0] + total[1] + total[2]);
+    return finite ? std::sqrt(most[0] + most[1] + most[2]) : std::numeric_limits<double>::infinity();
 }
 
 }  // namespace
@@ -402,6 +404,9 @@ void plan_contacts(AdvanceIsland& island, std::span<const uint32_t> island_rows)
     // that the processor can work on one row while another waits for its sums; a short one converges better in order
     constexpr uint32_t kMostParts = 8, kRowsPerPart = 32;
     const uint32_t count = static_cast<uint32_t>(island_rows.size());
+    make_room(s.plan, count);
+    make_room(s.node, s.node.size() + 2 * count);
+    make_room(s.change, s.node.size() + 2 * count);
     const uint32_t parts = std::clamp(count / kRowsPerPart, 1u, kMostParts), part = (count + parts - 1) / parts;
     for (uint32_t i = 0; i < part; ++i) {
         for (uint32_t row = i; row < count; row += part) {
@@ -409,7 +414,7 @@ void plan_contacts(AdvanceIsland& island, std::span<const uint32_t> island_rows)
         }
     }
     plan_blocks(island);
-    s.active.reserve(s.plan.size());
+    make_room(s.active, s.plan.size());
 }
 
 void forget_contacts(AdvanceIsland& island) {

@@ -1,4 +1,7 @@
 #pragma once
+#include <cmath>
+#include <limits>
+
 #include "systems/advance.hpp"
 namespace trocar {
 
@@ -41,6 +44,12 @@ double kinetic_energy(const AdvanceIsland& island, const AdvanceBody& b);
 // an explicit step above its limit doubles its energy in a few steps. Bodies with rows or with forces of others are left
 // out: those may give energy. After the last substep, before the state is written.
 bool has_run_away(const AdvanceIsland& island, const AdvanceBody& b);
+// Whether a body has forces besides springs and anchors: pressure, bending, tetrahedra.
+bool has_forces(const AdvanceInputs& inputs, uint32_t body);
+// Gives such bodies their rows of scratch.force; the island has `particles` in all.
+void give_forces(AdvanceIsland& island, uint32_t particles);
+// Their forces at the start of a substep, where body.step.offset is; none for other bodies.
+void find_forces(AdvanceIsland& island, AdvanceBody& body);
 
 // Finds the nodes, rigid sides and plans of the island's rows; rows that have ended are left out.
 void plan_contacts(AdvanceIsland& island, std::span<const uint32_t> island_rows);
@@ -56,6 +65,13 @@ void move_hands(AdvanceIsland& island);
 
 // Velocities of all particles that are nodes before the kick of the first substep; those of later ones are known.
 void note_velocities(AdvanceIsland& island);
+// A point has left its plane behind: the row rests from now on. Its distance keeps the sign, so that a call cut into
+// shorter ones still finds the same rows inside.
+inline void end_row(AdvanceIsland& island, uint32_t row) {
+    double& distance = island.rows.distance[row];
+    distance = std::copysign(std::numeric_limits<double>::infinity(), distance);
+    ++island.result.ended_rows;
+}
 // Finds the rows that are crossed or would be in this substep and gives them impulses; after kick and drift. Projected
 // Gauss-Seidel over the active rows in their order, accumulated impulses clamped (Moreau 1988; Catto 2005): one sweep
 // leaves less for push_out than sixteen Jacobi passes with mass splitting (Tonge et al. 2012) did, and where many
@@ -73,12 +89,19 @@ double share_of_point(const AdvanceIsland& island, const ContactPlan& plan);
 // does. plan_blocks takes rows out of scratch.plan; a row any of whose nodes may be pressed from both sides stays.
 void plan_blocks(AdvanceIsland& island);
 void forget_blocks(AdvanceIsland& island);
-void activate_blocks(AdvanceIsland& island, double reach);
+void activate_blocks(AdvanceIsland& island, double reach);  // reach: m, infinite unless all velocities are finite
 void solve_blocks(AdvanceScratch& s);
 void add_block_impulses(AdvanceScratch& s);
 bool push_blocks(AdvanceIsland& island, double most);
 double deepest_in_blocks(const AdvanceScratch& s);
 inline bool has_rows(const AdvanceScratch& s) { return !s.plan.empty() || !s.block.empty(); }
+
+// Room for n rows; when more is needed, for twice as many: passes differ by a few rows, and fresh pages cost more than
+// what is done with them.
+template <typename Row>
+void make_room(std::vector<Row>& rows, size_t n) {
+    if (rows.capacity() < n) rows.reserve(2 * n);
+}
 
 // Adds to the place of a node's particle at the end of the substep.
 inline void move_particle(AdvanceBody& body, ContactNode& node, Vec4d way) {

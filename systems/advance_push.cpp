@@ -2,6 +2,7 @@
 #include <cmath>
 
 #include "engine/geometry/quaternion.hpp"
+#include "engine/tet_forces.hpp"
 #include "systems/advance_parts.hpp"
 namespace trocar {
 namespace {
@@ -60,10 +61,10 @@ void add_push(AdvanceIsland& island, const ContactActive& row, Vec4d way) {
     }
 }
 
-// How far a node of the island is being pushed; zero for other particles.
-Vec3d push_of(const AdvanceScratch& s, uint32_t particle) {
+// How far a node of the island is being pushed, m; zero for other particles.
+Vec4d push_of(const AdvanceScratch& s, uint32_t particle) {
     const uint32_t n = s.node_of_particle[particle];
-    return n != kNone && s.change[n].pushed ? to_vec3(s.change[n].change) : Vec3d(Vec3d::Zero());
+    return n != kNone && s.change[n].pushed ? s.change[n].change : Vec4d{};
 }
 
 // A body half a substep back, where its velocities are and where measure_energy looks at it: only there do the works of
@@ -71,42 +72,77 @@ Vec3d push_of(const AdvanceScratch& s, uint32_t particle) {
 struct HalfWay {
     const AdvanceIsland& island;
     const AdvanceBody& body;
-    Vec3d offset(uint32_t v) const {
+    Vec4d offset(uint32_t v, Vec4d push) const {
         const uint32_t p = body.particles.first + v;
         const Particles& s = island.particles;
-        return Vec3d(body.next[v].x, body.next[v].y, body.next[v].z) - push_of(island.scratch, p) -
-               0.5 * island.dt * Vec3d(s.velocity_x[p], s.velocity_y[p], s.velocity_z[p]);
+        return float_vec4(_mm_load_ps(&body.next[v].x)) - push -
+               (0.5 * island.dt) * make_vec4(s.velocity_x[p], s.velocity_y[p], s.velocity_z[p]);
     }
-    Vec3d goal(uint32_t v) const {
+    Vec4d goal(uint32_t v) const {
         const SpringStep& step = body.step;
-        const auto row = [](const float* values) { return Vec3d(values[0], values[1], values[2]); };
-        const Vec3d rest(step.anchor_x[v], step.anchor_y[v], step.anchor_z[v]);
-        const Vec3d at_start =
-            Vec3d(row(step.turn).dot(rest), row(step.turn + 3).dot(rest), row(step.turn + 6).dot(rest)) +
+        const auto row = [](const float* values) { return make_vec4(values[0], values[1], values[2]); };
+        const Vec4d rest = make_vec4(step.anchor_x[v], step.anchor_y[v], step.anchor_z[v]);
+        const Vec4d at_start =
+            make_vec4(dot(row(step.turn), rest), dot(row(step.turn + 3), rest), dot(row(step.turn + 6), rest)) +
             row(step.centre) + row(step.centre_rest);
-        return at_start + 0.5 * island.dt * (row(step.drag_velocity) + row(step.drag_turn).cross(at_start));
+        return at_start + 0.5 * island.dt * (row(step.drag_velocity) + cross(row(step.drag_turn), at_start));
     }
 };
 
 // Elastic and gravity energy that a push adds to one node; what it adds to a spring whose both ends move counts by
 // half, the other half is the other end's.
-double node_push_work(const HalfWay& at, uint32_t v, const Vec3d& push, double inv_mass) {
+double node_push_work(const HalfWay& at, uint32_t v, Vec4d push, double inv_mass) {
     const AdvanceBody& body = at.body;
     const SpringStep& step = body.step;
     const uint32_t slice = v / kSliceWidth, lane = v % kSliceWidth;
-    const Vec3d from = at.offset(v);
+    const Vec4d from = at.offset(v, push);
     double springs = 0;
     for (uint32_t c = step.slice_column[slice]; c < step.slice_column[slice + 1]; ++c) {
         const uint32_t q = step.neighbour[c * kSliceWidth + lane];
         if (q == v) continue;
         const double rest = step.rest_length[c * kSliceWidth + lane];
-        const Vec3d far_push = push_of(at.island.scratch, body.particles.first + q), d = at.offset(q) - from;
-        const double before = d.norm() - rest, after = (d + far_push - push).norm() - rest;
-        springs += (far_push.isZero(0) ? 1.0 : 0.5) * (after * after - before * before);
+        const Vec4d far_push = push_of(at.island.scratch, body.particles.first + q), d = at.offset(q, far_push) - from;
+        const double before = std::sqrt(norm2(d)) - rest, after = std::sqrt(norm2(d + far_push - push)) - rest;
+        const double factor = step.spring_factor ? step.spring_factor[c * kSliceWidth + lane] : 1.0;
+        springs += factor * (norm2(far_push) > 0 ? 0.5 : 1.0) * (after * after - before * before);
     }
-    const Vec3d to_anchor = from - at.goal(v);
-    const double anchor = step.anchor_stiffness[v] * ((to_anchor + push).squaredNorm() - to_anchor.squaredNorm());
-    return 0.5 * (step.stiffness * springs + anchor) - at.island.params.gravity.dot(push) / inv_mass;
+    const Vec4d to_anchor = from - at.goal(v);
+    const double anchor = step.anchor_stiffness[v] * (norm2(to_anchor + push) - norm2(to_anchor));
+    // pressure as it was at the start of the substep; tetrahedra are booked for themselves
+    const bool pressed = step.force_x && !has_tets(at.island.inputs.other.solids, at.island.inputs.bodies, body.body);
+    const double others = pressed ? dot(make_vec4(step.force_x[v], step.force_y[v], step.force_z[v]), push) : 0.0;
+    return 0.5 * (step.stiffness * springs + anchor) - others - dot(to_vec4(at.island.params.gravity), push) / inv_mass;
+}
+
+// Volume energy that the pushes add to the tetrahedra around one node; a tetrahedron of several pushed nodes counts for
+// each by an equal part.
+double tet_push_work(const HalfWay& at, uint32_t v) {
+    const AdvanceInputs& in = at.island.inputs;
+    const uint32_t body = at.body.body;
+    if (!has_tets(in.other.solids, in.bodies, body)) return 0;
+    const TetStep tets = bind_tets(*in.other.solids, in.bodies, at.island.particles, body);
+    const SolidModuli moduli = solid_moduli(in.bodies.tissue[body]);
+    const unsigned* corner[4] = {tets.corner0, tets.corner1, tets.corner2, tets.corner3};
+    const uint32_t slice = v / kSliceWidth, lane = v % kSliceWidth;
+    double work = 0;
+    for (uint32_t c = tets.slot_column[slice]; c < tets.slot_column[slice + 1]; ++c) {
+        const uint32_t slot = tets.slot[c * kSliceWidth + lane];
+        if (slot == 4 * tets.tetrahedra) continue;
+        const uint32_t t = slot % tets.tetrahedra;
+        Vec3d from[4], to[4];
+        int pushed = 0;
+        for (int k = 0; k < 4; ++k) {
+            const Vec4d push = push_of(at.island.scratch, at.body.particles.first + corner[k][t]);
+            from[k] = to_vec3(at.offset(corner[k][t], push));
+            to[k] = from[k] + to_vec3(push);
+            pushed += norm2(push) > 0;
+        }
+        const auto energy = [&](const Vec3d* p) {
+            return tet_energy(moduli.bulk, moduli.crush, tets.rest[t], six_volumes(p[0], p[1], p[2], p[3]));
+        };
+        work += (energy(to) - energy(from)) / std::max(pushed, 1);
+    }
+    return work;
 }
 
 // Books the pushes of the last substep of a call from the springs themselves: the next forces are not there yet.
@@ -116,8 +152,9 @@ void book_last_pushes(AdvanceIsland& island) {
         const ContactNode& node = s.node[n];
         if (!s.change[n].pushed || node.particle == kNone) continue;
         const AdvanceBody& body = s.body[node.owner];
-        island.result.work_push += node_push_work({island, body}, node.particle - body.particles.first,
-                                                  to_vec3(s.change[n].change), node.inv_mass);
+        const HalfWay at{island, body};
+        const uint32_t v = node.particle - body.particles.first;
+        island.result.work_push += node_push_work(at, v, s.change[n].change, node.inv_mass) + tet_push_work(at, v);
     }
 }
 

@@ -153,6 +153,10 @@ struct ContactBlock {
 struct AdvanceScratch {
     std::vector<Float4> offset_a, offset_b;  // the two buffers of a substep, bodies of the island one after the other
     std::vector<float> remainder;            // 3 fields, rows as the buffers; for bodies that carry_remainder
+    std::vector<float> force;                // N, 3 fields, rows as the buffers; only if a body has_forces
+    std::vector<double> force_sums;          // per chunk, of one family at a time
+    std::vector<Float4> corner_force;        // N, of the tetrahedra of one body
+    std::vector<Float4> hinge_force;         // of one body that bends
     std::vector<AdvanceBody> body;
     std::vector<AdvanceRigid> rigid;
     std::vector<double> sums;        // per chunk of slices: 16 lanes of damping work

@@ -7,17 +7,6 @@
 namespace trocar {
 namespace {
 
-// Mean squared speed of the particles [first, end); those without a finite speed count as still.
-double mean_squared_speed(const Particles& particles, uint32_t first, uint32_t end) {
-    double sum = 0;
-    for (uint32_t i = first; i < end; ++i) {
-        const float x = particles.velocity_x[i], y = particles.velocity_y[i], z = particles.velocity_z[i];
-        const float s = x * x + y * y + z * z;
-        if (s <= std::numeric_limits<float>::max()) sum += static_cast<double>(s);
-    }
-    return end > first ? sum / (end - first) : 0;
-}
-
 // How far a body reaches in a period: the way of its fastest vertex, but no more than the root mean square way and half
 // an edge, nor than three edges. Without these bounds one vertex that trembles, or a fine body that falls fast, makes
 // everything near (190 ms and 5 s a pass); what comes faster is found inside and pushed out.
@@ -31,44 +20,72 @@ Vec3d to_vector(__m128 v) {
     return {p[0], p[1], p[2]};
 }
 
-// Box of the finite offsets, relative to the body's origin.
+// Box of the finite offsets, relative to the body's origin; two vertices at a time, in two rows.
 Box box_of_offsets(const Float4* offset, uint32_t count) {
-    const __m128 inf = _mm_set1_ps(std::numeric_limits<float>::infinity());
-    __m128 low = inf, high = _mm_sub_ps(_mm_setzero_ps(), inf);
-    const auto take = [&](__m128 p) {
-        low = _mm_min_ps(low, p);
-        high = _mm_max_ps(high, p);
-    };
-    for (uint32_t i = 0; i < count; ++i) {
-        const __m128 p = _mm_load_ps(&offset[i].x);
-        const bool finite = (_mm_movemask_ps(_mm_cmpunord_ps(_mm_sub_ps(p, p), p)) & 7) == 0;
-        if (finite) [[likely]] {
-            take(p);
+    const __m256 inf = _mm256_set1_ps(std::numeric_limits<float>::infinity()), none = _mm256_sub_ps(_mm256_setzero_ps(), inf);
+    __m256 low[2] = {inf, inf}, high[2] = {none, none};
+    const auto take = [&](__m256 p, int row) {
+        // a vertex with a lost coordinate is left out whole; the fourth lane is not a coordinate
+        const __m256 lost = _mm256_cmp_ps(_mm256_sub_ps(p, p), p, _CMP_UNORD_Q);
+        if ((_mm256_movemask_ps(lost) & 0x77) != 0) [[unlikely]] {
+            const int mask = _mm256_movemask_ps(lost);
+            const __m256 keep = _mm256_castsi256_ps(_mm256_set_m128i(_mm_set1_epi32(mask & 0x70 ? 0 : -1), _mm_set1_epi32(mask & 7 ? 0 : -1)));
+            low[row] = _mm256_min_ps(low[row], _mm256_blendv_ps(inf, p, keep));
+            high[row] = _mm256_max_ps(high[row], _mm256_blendv_ps(none, p, keep));
+            return;
         }
+        low[row] = _mm256_min_ps(low[row], p);
+        high[row] = _mm256_max_ps(high[row], p);
+    };
+    uint32_t i = 0;
+    for (; i + 4 <= count; i += 4) {
+        take(_mm256_loadu_ps(&offset[i].x), 0);
+        take(_mm256_loadu_ps(&offset[i + 2].x), 1);
     }
-    return {to_vector(low), to_vector(high)};
+    for (; i < count; ++i) {
+        const __m128 p = _mm_load_ps(&offset[i].x);
+        take(_mm256_set_m128(p, p), 0);
+    }
+    const __m256 l = _mm256_min_ps(low[0], low[1]), h = _mm256_max_ps(high[0], high[1]);
+    return {to_vector(_mm_min_ps(_mm256_castps256_ps128(l), _mm256_extractf128_ps(l, 1))),
+            to_vector(_mm_max_ps(_mm256_castps256_ps128(h), _mm256_extractf128_ps(h, 1)))};
 }
 
-// Largest squared speed of the particles [first, end); particles without a finite speed are skipped.
-float fastest_squared(const Particles& particles, uint32_t first, uint32_t end) {
+struct Speeds {
+    double largest = 0, mean = 0;  // squared, (m/s)^2
+};
+
+// Of the particles [first, end); those without a finite speed count as still. The sum is taken in eight rows, in one
+// order for every instruction set and number of threads.
+Speeds squared_speeds(const Particles& particles, uint32_t first, uint32_t end) {
     const __m256 limit = _mm256_set1_ps(std::numeric_limits<float>::max());
     __m256 fastest = _mm256_setzero_ps();
+    __m256d low = _mm256_setzero_pd(), high = _mm256_setzero_pd();
+    const auto take = [&](__m256 x, __m256 y, __m256 z) {
+        __m256 s = _mm256_add_ps(_mm256_add_ps(_mm256_mul_ps(x, x), _mm256_mul_ps(y, y)), _mm256_mul_ps(z, z));
+        s = _mm256_and_ps(s, _mm256_cmp_ps(s, limit, _CMP_LE_OQ));
+        fastest = _mm256_max_ps(fastest, s);
+        low = _mm256_add_pd(low, _mm256_cvtps_pd(_mm256_castps256_ps128(s)));
+        high = _mm256_add_pd(high, _mm256_cvtps_pd(_mm256_extractf128_ps(s, 1)));
+    };
     uint32_t i = first;
     for (; i + 8 <= end; i += 8) {
-        const __m256 x = _mm256_loadu_ps(&particles.velocity_x[i]), y = _mm256_loadu_ps(&particles.velocity_y[i]),
-                     z = _mm256_loadu_ps(&particles.velocity_z[i]);
-        const __m256 s = _mm256_add_ps(_mm256_add_ps(_mm256_mul_ps(x, x), _mm256_mul_ps(y, y)), _mm256_mul_ps(z, z));
-        fastest = _mm256_max_ps(fastest, _mm256_and_ps(s, _mm256_cmp_ps(s, limit, _CMP_LE_OQ)));
+        take(_mm256_loadu_ps(&particles.velocity_x[i]), _mm256_loadu_ps(&particles.velocity_y[i]),
+             _mm256_loadu_ps(&particles.velocity_z[i]));
     }
+    alignas(32) float rest[3][8] = {};
+    for (uint32_t k = 0; i < end; ++i, ++k) {
+        rest[0][k] = particles.velocity_x[i];
+        rest[1][k] = particles.velocity_y[i];
+        rest[2][k] = particles.velocity_z[i];
+    }
+    take(_mm256_load_ps(rest[0]), _mm256_load_ps(rest[1]), _mm256_load_ps(rest[2]));
     alignas(32) float lane[8];
+    alignas(32) double sum[4];
     _mm256_store_ps(lane, fastest);
-    float best = *std::max_element(lane, lane + 8);
-    for (; i < end; ++i) {
-        const float x = particles.velocity_x[i], y = particles.velocity_y[i], z = particles.velocity_z[i];
-        const float s = x * x + y * y + z * z;
-        if (s <= std::numeric_limits<float>::max()) best = std::max(best, s);
-    }
-    return best;
+    _mm256_store_pd(sum, _mm256_add_pd(low, high));
+    const double total = ((sum[0] + sum[1]) + sum[2]) + sum[3];
+    return {double(*std::max_element(lane, lane + 8)), end > first ? total / (end - first) : 0};
 }
 
 Box box_of_rigid(const Surfaces& surfaces, uint32_t body, uint32_t count) {
@@ -95,8 +112,9 @@ void compute_body_box(double period, const Surfaces& s, uint32_t body, BodyBoxes
     if (is_deformable(s.bodies, body)) {
         const uint32_t first = s.bodies.particles[body].first;
         box = box_of_offsets(s.particles.offset.data() + first, count);
-        speed = std::sqrt(double(fastest_squared(s.particles, first, first + count)));
-        mean_speed = std::sqrt(mean_squared_speed(s.particles, first, first + count));
+        const Speeds squared = squared_speeds(s.particles, first, first + count);
+        speed = std::sqrt(squared.largest);
+        mean_speed = std::sqrt(squared.mean);
     } else {
         box = box_of_rigid(s, body, count);
         speed = s.poses.velocity[body].norm() + s.poses.angular_velocity[body].norm() * info.radius;
@@ -106,7 +124,8 @@ void compute_body_box(double period, const Surfaces& s, uint32_t body, BodyBoxes
     const double margin = reach_of(speed * period, mean_speed * period, info.mean_edge);
     const Vec3d reach = Vec3d::Constant(margin + 0.5 * s.bodies.thickness[body]);
     boxes.margin[body] = margin;
-    boxes.box[body] = {s.poses.origin[body] + box.min - reach, s.poses.origin[body] + box.max + reach};
+    const Box wide{s.poses.origin[body] + box.min - reach, s.poses.origin[body] + box.max + reach};
+    boxes.box[body] = (wide.min.array() <= wide.max.array()).all() ? wide : Box{};
 }
 
 }  // namespace

@@ -1,6 +1,9 @@
 #include "systems/candidate_pairs.hpp"
 
+#include <immintrin.h>
+
 #include <algorithm>
+#include <limits>
 #include <numeric>
 
 #include "engine/geometry/contact_kernels.hpp"
@@ -9,28 +12,101 @@ namespace {
 
 bool can_be_pushed(Motion motion) { return motion == Motion::kHand || motion == Motion::kDeformable; }
 
-// Orders bodies by (lower x, row). Nearly sorted from the pass before, so insertion; a scene that jumped is sorted
-// anew.
-void sort_order(const BodyBoxes& boxes, std::vector<uint32_t>& order) {
-    const size_t count = boxes.box.size();
-    const auto less = [&](uint32_t a, uint32_t b) {
-        const double x = boxes.box[a].min.x(), y = boxes.box[b].min.x();
-        return x < y || (x == y && a < b);
-    };
-    if (order.size() != count) {
-        order.resize(count);
-        std::iota(order.begin(), order.end(), 0u);
-        std::sort(order.begin(), order.end(), less);
-        return;
+bool is_empty(const Box& box) { return !(box.min.array() <= box.max.array()).all(); }
+
+// Float at or below (sign = -1) or at or above (sign = 1) a coordinate relative to `base`, the same for equal places.
+float outward(double x, double base, float sign) {
+    const float v = float(std::clamp(x - base, -1e30, 1e30));
+    return v + sign * (std::abs(v) * 0x1p-22f + 1e-30f);
+}
+
+// Axis along which the middles of the boxes spread most. Another one than before must be clearly better.
+uint32_t choose_axis(const BodyBoxes& boxes, uint32_t before) {
+    Vec3d sum = Vec3d::Zero(), squares = Vec3d::Zero();
+    double count = 0;
+    for (const Box& box : boxes.box) {
+        if (is_empty(box)) continue;
+        const Vec3d middle = 0.5 * (box.min + box.max);
+        sum += middle;
+        squares += middle.cwiseProduct(middle);
+        ++count;
     }
+    const Vec3d spread = squares - sum.cwiseProduct(sum) / std::max(count, 1.0);
+    uint32_t best = before % 3;
+    for (uint32_t k = 0; k < 3; ++k) {
+        if (spread[k] > 1.2 * spread[best]) best = k;
+    }
+    return best;
+}
+
+// Bodies in the order of the lower ends of their boxes. Nearly sorted from the pass before, so insertion; a scene that
+// jumped is sorted anew.
+void sort_places(std::vector<SweepPlace>& place) {
+    const auto less = [](const SweepPlace& a, const SweepPlace& b) {
+        return a.low < b.low || (a.low == b.low && a.body < b.body);
+    };
     size_t moves = 0;
-    for (size_t i = 1; i < count; ++i) {
-        const uint32_t body = order[i];
+    for (size_t i = 1; i < place.size(); ++i) {
+        const SweepPlace p = place[i];
         size_t j = i;
-        for (; j > 0 && less(body, order[j - 1]); --j) order[j] = order[j - 1];
-        order[j] = body;
+        for (; j > 0 && less(p, place[j - 1]); --j) place[j] = place[j - 1];
+        place[j] = p;
         moves += i - j;
-        if (moves > 16 * count) return std::sort(order.begin(), order.end(), less);
+        if (moves > 16 * place.size()) return std::sort(place.begin(), place.end(), less);
+    }
+}
+
+// Fills place and swept. Returns the number of bodies swept.
+uint32_t order_boxes(const BodyBoxes& boxes, CandidatePairsScratch& scratch) {
+    scratch.axis = choose_axis(boxes, scratch.axis);
+    const uint32_t bodies = uint32_t(boxes.box.size());
+    if (scratch.order.size() != bodies) {
+        scratch.order.resize(bodies);
+        std::iota(scratch.order.begin(), scratch.order.end(), 0u);
+    }
+    Vec3d base = Vec3d::Zero();
+    if (bodies > 0 && !is_empty(boxes.box[scratch.order[bodies / 2]])) base = boxes.box[scratch.order[bodies / 2]].min;
+    scratch.place.clear();
+    uint32_t empty = 0;  // those go to the front of the order, for the next pass
+    for (const uint32_t body : scratch.order) {
+        const Box& box = boxes.box[body];
+        if (!is_empty(box)) scratch.place.push_back({outward(box.min[scratch.axis], base[scratch.axis], -1), body});
+    }
+    sort_places(scratch.place);
+    for (uint32_t body = 0; body < bodies && scratch.place.size() < bodies; ++body) {
+        if (is_empty(boxes.box[body])) scratch.order[empty++] = body;
+    }
+    const uint32_t count = uint32_t(scratch.place.size());
+    for (uint32_t i = 0; i < count; ++i) scratch.order[empty + i] = scratch.place[i].body;
+    for (uint32_t k = 0; k < 3; ++k) {
+        const uint32_t axis = (scratch.axis + k) % 3;
+        scratch.swept.low[k].assign(count + 8, std::numeric_limits<float>::infinity());
+        scratch.swept.high[k].assign(count + 8, -std::numeric_limits<float>::infinity());
+        for (uint32_t i = 0; i < count; ++i) {
+            const Box& box = boxes.box[scratch.place[i].body];
+            scratch.swept.low[k][i] = outward(box.min[axis], base[axis], -1);
+            scratch.swept.high[k][i] = outward(box.max[axis], base[axis], 1);
+        }
+    }
+    return count;
+}
+
+// Calls found(j) for every box after i that meets it, eight tests at a time.
+template <typename Found>
+void sweep_from(const SweptBoxes& swept, uint32_t i, const Found& found) {
+    const auto all = [](float x) { return _mm256_set1_ps(x); };
+    const __m256 high_0 = all(swept.high[0][i]), low_1 = all(swept.low[1][i]), high_1 = all(swept.high[1][i]),
+                 low_2 = all(swept.low[2][i]), high_2 = all(swept.high[2][i]);
+    for (uint32_t j = i + 1;; j += 8) {
+        const auto at = [j](const std::vector<float>& row) { return _mm256_loadu_ps(row.data() + j); };
+        const __m256 along = _mm256_cmp_ps(at(swept.low[0]), high_0, _CMP_LE_OQ);
+        const __m256 in_1 = _mm256_and_ps(_mm256_cmp_ps(at(swept.low[1]), high_1, _CMP_LE_OQ),
+                                          _mm256_cmp_ps(at(swept.high[1]), low_1, _CMP_GE_OQ));
+        const __m256 in_2 = _mm256_and_ps(_mm256_cmp_ps(at(swept.low[2]), high_2, _CMP_LE_OQ),
+                                          _mm256_cmp_ps(at(swept.high[2]), low_2, _CMP_GE_OQ));
+        uint32_t met = uint32_t(_mm256_movemask_ps(_mm256_and_ps(along, _mm256_and_ps(in_1, in_2))));
+        for (; met != 0; met &= met - 1) found(j + uint32_t(__builtin_ctz(met)));
+        if (_mm256_movemask_ps(along) != 0xff) return;
     }
 }
 
@@ -39,23 +115,17 @@ void sort_order(const BodyBoxes& boxes, std::vector<uint32_t>& order) {
 void find_candidate_pairs(const Bodies& bodies, const BodyBoxes& boxes,
                           std::span<const std::array<uint32_t, 2>> excluded, CandidatePairsScratch& scratch,
                           CandidatePairs& pairs) {
-    sort_order(boxes, scratch.order);
-    const uint32_t count = uint32_t(scratch.order.size());
-    scratch.sorted.resize(count);
-    for (uint32_t i = 0; i < count; ++i) scratch.sorted[i] = boxes.box[scratch.order[i]];
-
-    // sweep; a body without a finite vertex has an empty box and meets nothing
+    const uint32_t count = uint32_t(boxes.box.size()), swept = order_boxes(boxes, scratch);
     scratch.found.clear();
-    for (uint32_t i = 0; i < count; ++i) {
-        const Box& box = scratch.sorted[i];
-        const bool pushed = can_be_pushed(bodies.motion[scratch.order[i]]);
-        for (uint32_t j = i + 1; j < count && scratch.sorted[j].min.x() <= box.max.x(); ++j) {
-            if (!boxes_meet(box, scratch.sorted[j])) continue;
-            if (!pushed && !can_be_pushed(bodies.motion[scratch.order[j]])) continue;
-            const auto [a, b] = std::minmax(scratch.order[i], scratch.order[j]);
-            if (std::binary_search(excluded.begin(), excluded.end(), std::array{a, b})) continue;
+    for (uint32_t i = 0; i < swept; ++i) {
+        const uint32_t body = scratch.place[i].body;
+        sweep_from(scratch.swept, i, [&](uint32_t j) {
+            const auto [a, b] = std::minmax(body, scratch.place[j].body);
+            if (!boxes_meet(boxes.box[a], boxes.box[b])) return;
+            if (!can_be_pushed(bodies.motion[a]) && !can_be_pushed(bodies.motion[b])) return;
+            if (std::binary_search(excluded.begin(), excluded.end(), std::array{a, b})) return;
             scratch.found.push_back({a, b});
-        }
+        });
     }
 
     // counting sort by a, then the few partners of each

@@ -6,15 +6,27 @@
 #include "components/contacts.hpp"
 namespace trocar {
 
+// Boxes in the order of the sweep, rounded outward; three rows of ends, the first along the sweep.
+struct SweptBoxes {
+    std::array<std::vector<float>, 3> low, high;  // m, relative to the middle body; padded by eight that meet nothing
+};
+
+struct SweepPlace {
+    float low = 0;
+    uint32_t body = 0;
+};
+
 // Memory of the sweep. A cache: any content gives the same pairs.
 struct CandidatePairsScratch {
-    std::vector<uint32_t> order;  // bodies by lower x of their boxes, kept between passes
-    std::vector<Box> sorted;      // boxes in that order
+    uint32_t axis = 0;              // of the sweep, that of the largest spread, kept between passes
+    std::vector<uint32_t> order;    // bodies by the lower ends of their boxes, kept between passes
+    std::vector<SweepPlace> place;  // the same, those with an empty box left out
+    SweptBoxes swept;
     std::vector<std::array<uint32_t, 2>> found;
     std::vector<uint32_t> first;
 };
 
-// Pairs of bodies whose enlarged boxes meet, ascending (a, b), by sort-and-sweep along x. A pair is left out when
+// Pairs of bodies whose enlarged boxes meet, ascending (a, b), by sort-and-sweep along the axis of the largest spread. A pair is left out when
 // neither side can be pushed (static, kinematic) or when `excluded` names it (a < b, ascending).
 void find_candidate_pairs(const Bodies& bodies, const BodyBoxes& boxes,
                           std::span<const std::array<uint32_t, 2>> excluded, CandidatePairsScratch& scratch,

@@ -87,6 +87,12 @@ void make_contact_rows(const ContactParams& params, const Surfaces& surfaces, co
             distance *= std::max(0.0, normal.dot(out));
             normal = out;
         }
+        if (params.deep == DeepResponse::kLastFree && distance < 0 && overlap != kNone &&
+            penetrations.saturated[overlap] && penetrations.way_out[overlap] != Vec3d::Zero()) {
+            const Vec3d& way = penetrations.way_out[overlap];
+            normal = body == pairs.a[contacts.pair[i]] ? Vec3d(-way) : way;
+            distance = contacts.distance[i];  // the way out is at least this long in any direction
+        }
         const bool moves = is_deformable(surfaces.bodies, other);
         const Triangle& corner = mesh_view(surfaces.meshes, surfaces.bodies.mesh[other]).triangle[contacts.triangle[i]];
         const Vec3d p = world_to_frame(surfaces, other, contacts.closest[i]);

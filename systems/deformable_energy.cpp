@@ -2,10 +2,13 @@
 
 #include <array>
 
+#include "engine/bending_forces.hpp"
 #include "engine/parallel.hpp"
+#include "engine/pressure_force.hpp"
 #include "engine/shape_fit.hpp"
 #include "engine/spring_step.hpp"
 #include "engine/surfaces.hpp"
+#include "engine/tet_forces.hpp"
 namespace trocar {
 namespace {
 
@@ -26,12 +29,40 @@ EnergyTotals sum_energy(const SpringStep& body, uint32_t slices, std::vector<dou
     return totals;
 }
 
+// Where the particles of a body were half a substep back.
+void look_back(const Particles& particles, Range rows, float back, std::vector<Float4>& offset) {
+    offset.resize(rows.count);
+    for (uint32_t i = 0; i < rows.count; ++i) {
+        const uint32_t p = rows.first + i;
+        const Float4& o = particles.offset[p];
+        offset[i] = {o.x - back * particles.velocity_x[p], o.y - back * particles.velocity_y[p],
+                     o.z - back * particles.velocity_z[p], o.w};
+    }
+}
+
+void add_other_energies(const Springs& springs, const Bodies& bodies, const Particles& particles, uint32_t body,
+                        float back, EnergyScratch& scratch, Energy& energy) {
+    if (!has_pressure(bodies, body) && !has_bending(bodies, body)) return;
+    const Range rows = bodies.particles[body];
+    look_back(particles, rows, back, scratch.offset);
+    if (has_bending(bodies, body)) {
+        energy.bending += find_bending_energy(springs, bodies.mesh[body], bending_rigidity(bodies.tissue[body]),
+                                              scratch.offset.data(), scratch.sums);
+    }
+    if (!has_pressure(bodies, body)) return;
+    scratch.gradient.resize(size_t{3} * rows.count);
+    float* g = scratch.gradient.data();
+    const double volume = find_volume_gradient(springs, bodies.mesh[body], scratch.offset.data(), scratch.sums, g,
+                                               g + rows.count, g + 2 * rows.count);
+    energy.pressure += find_pressure_energy(springs, bodies, body, volume);
+}
+
 }  // namespace
 
 void measure_energy(const Springs& springs, const Bodies& bodies, const Poses& poses, const Particles& particles,
                     const Anchors& anchors, const Vec3d& gravity, double start, EnergyScratch& scratch,
-                    Energy& energy) {
-    energy.kinetic = energy.elastic = energy.gravity = 0;
+                    Energy& energy, const OtherForces& other) {
+    energy.kinetic = energy.elastic = energy.pressure = energy.bending = energy.gravity = 0;
     for (uint32_t body = 0; body < bodies.motion.size(); ++body) {
         if (!is_deformable(bodies, body)) continue;
         const uint32_t slices = springs.info[bodies.mesh[body]].slices.count;
@@ -45,11 +76,15 @@ void measure_energy(const Springs& springs, const Bodies& bodies, const Poses& p
         energy.kinetic += 0.5 * t[kSumMvv];
         // every spring was met from both its ends
         energy.elastic += 0.25 * step.stiffness * t[kSumStretch] + 0.5 * t[kSumAnchor];
+        add_other_energies(springs, bodies, particles, body, step.back, scratch, energy);
+        if (has_tets(other.solids, bodies, body)) {
+            energy.elastic += tet_energy(*other.solids, bodies, particles, body, 0.5 * particles.last_dt[body], scratch.sums);
+        }
         energy.gravity -=
             gravity.dot(t[kSumMass] * poses.origin[body] + Vec3d(t[kSumMPlace], t[kSumMPlace + 1], t[kSumMPlace + 2]));
     }
-    energy.balance = energy.kinetic + energy.elastic + energy.gravity - energy.work_hand - energy.work_contact -
-                     energy.work_damping - energy.work_push - energy.work_numeric - start;
+    energy.balance = energy.kinetic + energy.elastic + energy.pressure + energy.bending + energy.gravity -
+                     energy.work_hand - energy.work_contact - energy.work_damping - energy.work_push - energy.work_numeric - start;
 }
 
 Momentum measure_momentum(const Bodies& bodies, const Poses& poses, const Particles& particles, uint32_t body) {

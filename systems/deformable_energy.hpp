@@ -6,20 +6,24 @@
 #include "components/particles.hpp"
 #include "components/report.hpp"
 #include "components/springs.hpp"
+#include "engine/other_forces.hpp"
 namespace trocar {
 
 // Reused memory of measure_energy.
 struct EnergyScratch {
     std::vector<double> sums;
+    std::vector<Float4> offset;   // half a substep back, of one body with other forces
+    std::vector<float> gradient;  // 3 fields, as offset
 };
 
-// Sets energy.kinetic, elastic and gravity (J) from the state of all deformable bodies, and balance from `start`
-// (kinetic + elastic + gravity when the books were opened). Sums in double, fixed
+// Sets energy.kinetic, elastic, pressure, bending and gravity (J) from the state of all deformable bodies, and balance from `start`
+// (their sum when the books were opened). Sums in double, fixed
 // order; large bodies in parallel. Everything is taken at the time of the
 // velocities, half a substep before that of the offsets: there the leapfrog's kinetic energy needs no knowledge of the
 // contact impulses to come.
 void measure_energy(const Springs& springs, const Bodies& bodies, const Poses& poses, const Particles& particles,
-                    const Anchors& anchors, const Vec3d& gravity, double start, EnergyScratch& scratch, Energy& energy);
+                    const Anchors& anchors, const Vec3d& gravity, double start, EnergyScratch& scratch, Energy& energy,
+                    const OtherForces& other = {});
 
 // Linear momentum (kg m/s) and angular momentum about the world origin (kg m^2/s) of one deformable body.
 struct Momentum {

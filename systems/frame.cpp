@@ -13,9 +13,11 @@
 #include "systems/candidate_cells.hpp"
 #include "systems/candidate_pairs.hpp"
 #include "systems/contact_rows.hpp"
+#include "systems/contours.hpp"
 #include "systems/deformable_energy.hpp"
 #include "systems/device_input.hpp"
 #include "systems/edge_pass.hpp"
+#include "systems/face_depth.hpp"
 #include "systems/haptic_tick.hpp"
 #include "systems/islands.hpp"
 #include "systems/local_contact_model.hpp"
@@ -24,6 +26,7 @@
 #include "systems/picture_snapshot.hpp"
 #include "systems/rasterise.hpp"
 #include "systems/refit_trees.hpp"
+#include "systems/regions.hpp"
 #include "systems/rigid_motion.hpp"
 #include "systems/sleep.hpp"
 #include "systems/surface_normals.hpp"
@@ -36,7 +39,11 @@ struct FrameScratch {
     RasteriseScratch rasterise;
     CandidateCellsScratch cells;
     OverlapScratch overlap;
+    ContoursScratch contours;
     EdgePassScratch edges;
+    FaceDepthScratch faces;
+    PairMemory ways_before;
+    RegionsScratch regions;
     ContactRowsScratch rows;
     IslandsScratch islands;
     SleepScratch sleep;
@@ -137,6 +144,10 @@ void rasterise_(FrameState& f) {
 void candidate_cells(FrameState& f) {
     find_candidate_triangles(f.world.pairs, f.world.screened, f.world.occupancy, f.scratch.cells, f.world.candidates);
 }
+void contours(FrameState& f) {
+    World& w = f.world;
+    find_contours(surfaces_of(w), w.pairs, w.candidates, f.scratch.contours, w.contours);
+}
 void overlap(FrameState& f) {
     World& w = f.world;
     find_overlap(surfaces_of(w), w.boxes, w.pairs, w.screened, w.candidates, w.trees, f.scratch.overlap, w.report, w.near, w.contacts);
@@ -149,6 +160,19 @@ void penetration(FrameState& f) {
     measure_penetrations(f.world.pairs, f.world.contacts, f.world.penetrations);
     ++f.world.report.contact_passes;
     if (!f.world.penetrations.pair.empty()) ++f.world.report.contact_events;
+}
+void face_depths(FrameState& f) {
+    World& w = f.world;
+    find_face_depths(w.settings.contact, surfaces_of(w), w.pairs, w.screened, w.near, w.trees, f.scratch.faces, w.penetrations);
+}
+void deep_overlap(FrameState& f) {
+    World& w = f.world;
+    mark_saturated(surfaces_of(w), w.pairs, w.contacts, w.trees, w.penetrations);
+    remember_ways_out(w.pairs, f.scratch.ways_before, w.pair_memory, w.penetrations);
+}
+void regions(FrameState& f) {
+    World& w = f.world;
+    find_regions(surfaces_of(w), w.pairs, w.screened, w.near, w.contacts, w.contours, f.scratch.regions, w.regions);
 }
 void contact_rows(FrameState& f) {
     World& w = f.world;
@@ -215,7 +239,7 @@ void advance_one_island(FrameState& f, uint32_t island, AdvanceScratch& scratch)
     const uint32_t calls = with_tool ? params.ticks : 1;  // the tick needs whole numbers of substeps in its millisecond
     params.substeps = calls * count_substeps(w.bodies, bodies, params.ticks * 1e-3 / calls, w.settings.substep);
     if (with_tool && !f.options.external_ticks) params.tick_hook = {haptic_ticks, &ticks};
-    const AdvanceInputs inputs{w.meshes, w.springs, w.bodies, w.anchors, w.paths, w.haptics.tool, f.scratch.device, params.ticks + 1};
+    const AdvanceInputs inputs{w.meshes, w.springs, w.bodies, w.anchors, w.paths, w.haptics.tool, f.scratch.device, params.ticks + 1, {&w.solids}};
     advance_island(params, inputs, bodies, rows, scratch, w.particles, w.poses, w.rows, w.haptics.state, f.scratch.advance_result[island]);
 }
 
@@ -252,7 +276,7 @@ void advance(FrameState& f) {
 void surface_normals(FrameState& f) { compute_surface_normals(surfaces_of(f.world), f.scratch.normals, f.world.normals); }
 void energy(FrameState& f) {
     World& w = f.world;
-    measure_energy(w.springs, w.bodies, w.poses, w.particles, w.anchors, w.settings.gravity, 0, f.scratch.energy, w.energy);
+    measure_energy(w.springs, w.bodies, w.poses, w.particles, w.anchors, w.settings.gravity, 0, f.scratch.energy, w.energy, {&w.solids});
     if (!f.energy_open) f.energy_start = w.energy.balance, f.energy_open = true;
     w.energy.balance -= f.energy_start;
 }
@@ -269,6 +293,10 @@ bool any_pair(const World& w) {
     const auto can_be_pushed = [](Motion m) { return m == Motion::kDeformable || m == Motion::kHand; };
     return w.bodies.motion.size() > 1 && std::any_of(w.bodies.motion.begin(), w.bodies.motion.end(), can_be_pushed);
 }
+bool wants_regions(const World& w) { return w.settings.contact.regions && any_pair(w); }
+bool wants_contours(const World& w) { return (w.settings.contact.contours && any_pair(w)) || wants_regions(w); }
+bool wants_faces(const World& w) { return w.settings.contact.faces && any_pair(w); }
+bool wants_ways_out(const World& w) { return w.settings.contact.deep != DeepResponse::kNone && any_pair(w); }
 bool any_mover(const World& w) {
     return any_tool(w) || std::find(w.bodies.motion.begin(), w.bodies.motion.end(), Motion::kDeformable) != w.bodies.motion.end();
 }
@@ -290,22 +318,26 @@ constexpr FrameStage kBegin[] = {
     {{"refit trees",     refit,           kShapes | mask(R::kPairs),                                         mask(R::kTrees)}, any_pair},
     {{"rasterise",       rasterise_,      kShapes | mask(R::kSettings, R::kBoxes, R::kPairs),                mask(R::kScreened, R::kOccupancy, R::kReport)}, any_pair},
     {{"candidate cells", candidate_cells, mask(R::kPairs, R::kScreened, R::kOccupancy),                      mask(R::kCandidates)}, any_pair},
+    {{"contours",        contours,        kShapes | mask(R::kPairs, R::kCandidates),                         mask(R::kContours)}, wants_contours},
     {{"overlap",         overlap,         kShapes | mask(R::kBoxes, R::kPairs, R::kScreened, R::kCandidates, R::kTrees), mask(R::kNear, R::kContacts, R::kReport)}, any_pair},
     {{"edge pass",       edge_pass,       kShapes | mask(R::kSettings, R::kPairs, R::kCandidates, R::kNear, R::kTrees), mask(R::kContacts, R::kReport)}, any_pair},
     {{"penetration",     penetration,     mask(R::kPairs, R::kContacts),                                     mask(R::kPenetrations, R::kReport)}, any_pair},
+    {{"face depths",     face_depths,     kShapes | mask(R::kSettings, R::kPairs, R::kScreened, R::kNear, R::kTrees), mask(R::kPenetrations)}, wants_faces},
+    {{"deep overlap",    deep_overlap,    kShapes | mask(R::kPairs, R::kContacts, R::kTrees),                 mask(R::kPairMemory, R::kPenetrations)}, wants_ways_out},
+    {{"regions",         regions,         kShapes | mask(R::kPairs, R::kScreened, R::kNear, R::kContacts, R::kContours), mask(R::kRegions)}, wants_regions},
     {{"contact rows",    contact_rows,    kShapes | mask(R::kSettings, R::kPairs, R::kContacts, R::kPenetrations), mask(R::kRows, R::kReport)}, any_pair},
     {{"islands",         islands,         mask(R::kBodies, R::kRows),                                        mask(R::kIslands)}, any_mover},
     {{"local contact",   local_contact,   kShapes | mask(R::kClock, R::kTools, R::kToolState, R::kBoxes),     mask(R::kLocalContact)}, any_tool},
 };
 
 constexpr FrameStage kAdvance[] = {
-    {{"advance", advance, mask(R::kSleep, R::kSettings, R::kMeshes, R::kSprings, R::kBodies, R::kAnchors, R::kPaths, R::kTools, R::kClock, R::kIslands, R::kLocalContact),
+    {{"advance", advance, mask(R::kSleep, R::kSettings, R::kMeshes, R::kSprings, R::kSolids, R::kBodies, R::kAnchors, R::kPaths, R::kTools, R::kClock, R::kIslands, R::kLocalContact),
       mask(R::kPoses, R::kParticles, R::kRows, R::kToolState, R::kEnergy, R::kReport)}, any_mover},
 };
 
 constexpr FrameStage kEnd[] = {
     {{"surface normals", surface_normals, kShapes,                                                           mask(R::kNormals)}, any_deformable},
-    {{"energy",          energy,          mask(R::kSettings, R::kSprings, R::kBodies, R::kPoses, R::kParticles, R::kAnchors), mask(R::kEnergy)}, any_deformable},
+    {{"energy",          energy,          mask(R::kSettings, R::kSprings, R::kSolids, R::kBodies, R::kPoses, R::kParticles, R::kAnchors), mask(R::kEnergy)}, any_deformable},
     {{"picture",         picture,         kShapes | mask(R::kClock, R::kNormals, R::kContacts, R::kPenetrations, R::kTools, R::kToolState), mask(R::kPicture)}, any_body},
 };
 
@@ -491,7 +523,8 @@ void detect_contacts(World& world) {
     FrameState state;
     std::swap(state.world, world);
     const auto first = std::find_if(std::begin(kBegin), std::end(kBegin), [](const FrameStage& row) { return row.stage.name == kFirstDetection; });
-    for (auto row = first; row->stage.name != kAfterDetection; ++row) row->stage.run(state);
+    for (auto row = first; row->stage.name != kAfterDetection; ++row)
+        if (row->wanted(state.world)) row->stage.run(state);
     std::swap(state.world, world);
 }
 

@@ -1,10 +1,27 @@
 #pragma once
+#include <memory>
+#include <span>
+
 #include "components/contacts.hpp"
+#include "engine/closest_point.hpp"
+#include "engine/surfaces.hpp"
 namespace trocar {
 
 // Penetration phase (thesis 4.2, FindPenetration): per candidate pair with a point on or inside the other surface, the
 // largest of the shortest distances, the way b must go to leave a, the contact that says so and the counts. Ascending
 // by pair; of equal depths the first contact is the witness. A pair that only touches has depth 0.
 void measure_penetrations(const CandidatePairs& pairs, const Contacts& contacts, Penetrations& penetrations);
+
+// Marks pairs so deep in each other that the depth and its direction say little about the way out: a tenth of the depth
+// farther in, the witness would not be deeper by nearly as much (the medial axis lies between), or another contact
+// nearly as deep wants to leave the other way. One query a pair.
+void mark_saturated(const Surfaces& surfaces, const CandidatePairs& pairs, const Contacts& contacts,
+                    std::span<const std::unique_ptr<ClosestPointTree>> trees, Penetrations& penetrations);
+
+// Keeps, for every pair that overlaps, the direction of the last pass in which it was not saturated, and tells it to
+// those that are now (way_out). A pair that is apart is forgotten; one saturated from the start has no memory. `before`
+// is scratch.
+void remember_ways_out(const CandidatePairs& pairs, PairMemory& before, PairMemory& memory,
+                       Penetrations& penetrations);
 
 }  // namespace trocar

@@ -10,6 +10,8 @@ namespace {
 
 constexpr uint64_t kEmptyCell = UINT64_MAX;
 constexpr uint32_t kMostCells = 64;  // of one triangle; more goes to the oversize list
+constexpr uint32_t kLongestProbe = 256;  // steps of a lookup; a table that needs more is given up
+constexpr size_t kManyTriangles = 400'000;  // about a million references: from there sorting beats the table, by a tenth
 constexpr double kGridCells = (1 << 21) - 2;
 
 Box overlap_of(const Box& a, const Box& b) { return {a.min.cwiseMax(b.min), a.max.cwiseMin(b.max)}; }
@@ -94,9 +96,10 @@ float perimeter(__m256d a, __m256d b, __m256d c) {
     return length[0] + length[1] + length[2];
 }
 
-// Triangles of one body whose enlarged box meets one of its regions.
-void screen_body(const Surfaces& s, const BodyBoxes& boxes, const Vec3d& origin, uint32_t body,
-                 const RasteriseScratch& scratch, BodyScreen& screen) {
+// Adds the triangles of one body, a row of scratch.body, whose enlarged box meets one of its regions.
+void screen_body(const Surfaces& s, const BodyBoxes& boxes, const Vec3d& origin, uint32_t row, RasteriseScratch& scratch,
+                 ScreenChunk& screen) {
+    const uint32_t body = scratch.body[row];
     const MeshView mesh = mesh_view(s.meshes, s.bodies.mesh[body]);
     const double reach = reach_of(s.bodies, boxes, body);
     const uint32_t first = scratch.region_first[body], end = scratch.region_first[body + 1];
@@ -116,15 +119,29 @@ void screen_body(const Surfaces& s, const BodyBoxes& boxes, const Vec3d& origin,
                       screen.outcode);
     }
 
-    screen.triangle.clear();
-    screen.box.clear();
-    screen.tight.clear();
-    screen.edge_sum = 0;
-    const uint8_t* outcode = screen.outcode.data();
+    // triangles whose corners share no side, without a branch that would be guessed wrong along the rim
+    const uint32_t triangles = uint32_t(mesh.triangle.size());
+    if (screen.triangle.size() < screen.rows + triangles) screen.triangle.resize(screen.rows + triangles);
+    uint32_t count = 0;
+    const uint8_t* const outcode = screen.outcode.data();
+    const Triangle* const corners = mesh.triangle.data();
+    uint32_t* const candidate = screen.triangle.data() + screen.rows;
+    for (uint32_t t = 0; t < triangles; ++t) {
+        const Triangle& corner = corners[t];
+        const uint8_t c0 = outcode[corner[0]], c1 = outcode[corner[1]], c2 = outcode[corner[2]];
+        candidate[count] = t;
+        count += (c0 & c1 & c2) == 0;
+    }
+
+    if (screen.box.size() < screen.rows + count) {
+        screen.box.resize(2 * screen.box.size() + count);
+        screen.tight.resize(screen.box.size());
+    }
+    double edge_sum = 0;
+    uint32_t kept = 0;
     const __m256d grow = _mm256_setr_pd(reach, reach, reach, 0);
-    for (uint32_t t = 0; t < mesh.triangle.size(); ++t) {
-        const Triangle& corner = mesh.triangle[t];
-        if ((outcode[corner[0]] & outcode[corner[1]] & outcode[corner[2]]) != 0) continue;
+    for (uint32_t k = 0; k < count; ++k) {
+        const Triangle& corner = mesh.triangle[candidate[k]];
         const __m256d p = points(corner[0]), q = points(corner[1]), r = points(corner[2]);
         if (!is_finite(p) || !is_finite(q) || !is_finite(r)) continue;
         const __m256d low = _mm256_min_pd(_mm256_min_pd(p, q), r), high = _mm256_max_pd(_mm256_max_pd(p, q), r);
@@ -133,27 +150,47 @@ void screen_body(const Surfaces& s, const BodyBoxes& boxes, const Vec3d& origin,
         bool met = false;
         for (uint32_t i = first; i < end && !met; ++i) met = meets(face, load_box(scratch.packed_region[i]));
         if (!met) continue;
-        screen.triangle.push_back(t);
-        screen.box.push_back(box);
-        screen.tight.push_back(pack_box(low, high));
-        screen.edge_sum += perimeter(p, q, r);
+        candidate[kept] = candidate[k];
+        screen.box[screen.rows + kept] = box;
+        screen.tight[screen.rows + kept++] = pack_box(low, high);
+        edge_sum += perimeter(p, q, r);
     }
+    screen.rows += kept;
+    scratch.kept[row] = kept;
+    scratch.edge_sum[row] = edge_sum;
 }
 
-// Puts the bodies' findings one after the other. Returns the mean edge of all, m.
+// Screens all bodies, the small ones of a crowded scene several at a time: their findings then lie close together.
+void screen_bodies(const Surfaces& surfaces, const BodyBoxes& boxes, const Vec3d& origin, RasteriseScratch& scratch) {
+    const uint32_t bodies = uint32_t(scratch.body.size()), grain = bodies < 128 ? 1 : 32;
+    if (scratch.screen.size() < chunk_count(bodies, grain)) scratch.screen.resize(chunk_count(bodies, grain));
+    for (ScreenChunk& chunk : scratch.screen) chunk.rows = 0;
+    scratch.kept.resize(bodies);
+    scratch.edge_sum.resize(bodies);
+    parallel_for(bodies, grain, [&](uint32_t begin, uint32_t end) {
+        ScreenChunk& chunk = scratch.screen[begin / grain];
+        for (uint32_t row = begin; row < end; ++row) screen_body(surfaces, boxes, origin, row, scratch, chunk);
+    });
+}
+
+// Puts the chunks' findings one after the other. Returns the mean edge of all, m.
 double gather_screens(uint32_t bodies, const RasteriseScratch& scratch, ScreenedTriangles& screened) {
-    screened.body.assign(bodies, {});
     screened.triangle.clear();
     screened.box.clear();
     screened.tight.clear();
+    for (const ScreenChunk& chunk : scratch.screen) {
+        const ptrdiff_t rows = chunk.rows;
+        screened.triangle.insert(screened.triangle.end(), chunk.triangle.begin(), chunk.triangle.begin() + rows);
+        screened.box.insert(screened.box.end(), chunk.box.begin(), chunk.box.begin() + rows);
+        screened.tight.insert(screened.tight.end(), chunk.tight.begin(), chunk.tight.begin() + rows);
+    }
+    screened.body.assign(bodies, {});
+    uint32_t first = 0;
     double edge_sum = 0;
-    for (uint32_t i = 0; i < scratch.body.size(); ++i) {
-        const BodyScreen& screen = scratch.screen[i];
-        screened.body[scratch.body[i]] = {uint32_t(screened.triangle.size()), uint32_t(screen.triangle.size())};
-        screened.triangle.insert(screened.triangle.end(), screen.triangle.begin(), screen.triangle.end());
-        screened.box.insert(screened.box.end(), screen.box.begin(), screen.box.end());
-        screened.tight.insert(screened.tight.end(), screen.tight.begin(), screen.tight.end());
-        edge_sum += screen.edge_sum;
+    for (uint32_t row = 0; row < scratch.body.size(); ++row) {
+        screened.body[scratch.body[row]] = {first, scratch.kept[row]};
+        first += scratch.kept[row];
+        edge_sum += scratch.edge_sum[row];
     }
     return screened.triangle.empty() ? 0 : edge_sum / (3.0 * double(screened.triangle.size()));
 }
@@ -179,11 +216,11 @@ void grow_table(RasteriseScratch& scratch) {
     scratch.used_slot.clear();
 }
 
-// Slot of a cell, taken if new. The body is counted.
+// Slot of a cell, taken if new; kNone if it would be too far from where it belongs. The body is counted.
 uint32_t count_cell(uint64_t key, uint32_t body, uint32_t shift, RasteriseScratch& scratch) {
     const uint32_t mask = uint32_t(scratch.table.size()) - 1;
-    uint32_t slot = uint32_t((key * 0x9E3779B97F4A7C15ull) >> shift);
-    for (;; slot = (slot + 1) & mask) {
+    uint32_t slot = cell_slot(key, shift);
+    for (uint32_t steps = 0; steps < kLongestProbe; ++steps, slot = (slot + 1) & mask) {
         CountedCell& cell = scratch.table[slot];
         if (cell.key == key) {
             if (cell.object != body && cell.shared == 0) {
@@ -198,19 +235,26 @@ uint32_t count_cell(uint64_t key, uint32_t body, uint32_t shift, RasteriseScratc
             return slot;
         }
     }
+    return kNone;
 }
 
-// Pass 1 over one body: counts it in every cell of its triangles. False when the table must grow first.
-bool count_body(const ScreenedTriangles& screened, uint32_t body, __m256 clip, float inv_size,
-                RasteriseScratch& scratch, Occupancy& occupancy) {
+uint64_t cell_count(const CellRange& cells) {
+    return uint64_t(cells.last[0] - cells.first[0] + 1) * (cells.last[1] - cells.first[1] + 1) *
+           (cells.last[2] - cells.first[2] + 1);
+}
+
+enum class Counted { kAll, kTableFull, kTableCrowded };
+
+// Pass 1 over one body: counts it in every cell of its triangles.
+Counted count_body(const ScreenedTriangles& screened, uint32_t body, __m256 clip, float inv_size,
+                   RasteriseScratch& scratch, Occupancy& occupancy) {
     const uint32_t shift = 64 - uint32_t(__builtin_ctzll(scratch.table.size()));
     const Range rows = screened.body[body];
     for (uint32_t row = rows.first; row < rows.end(); ++row) {
-        if (scratch.used_slot.size() + kMostCells > scratch.table.size() / 2) return false;
+        if (scratch.used_slot.size() + kMostCells > scratch.table.size() / 2) return Counted::kTableFull;
         const CellRange cells = cells_of(_mm256_max_ps(load_box(screened.box[row]), clip), inv_size);
-        const uint64_t x = cells.last[0] - cells.first[0] + 1, y = cells.last[1] - cells.first[1] + 1,
-                       z = cells.last[2] - cells.first[2] + 1;
-        if (x * y * z > kMostCells) {
+        const uint64_t count = cell_count(cells);
+        if (count > kMostCells) {
             occupancy.oversize.push_back(row);
             continue;
         }
@@ -218,35 +262,45 @@ bool count_body(const ScreenedTriangles& screened, uint32_t body, __m256 clip, f
             scratch.reference.resize(2 * scratch.reference.size() + kMostCells);
         }
         CellReference* next = scratch.reference.data() + scratch.references;
-        scratch.references += uint32_t(x * y * z);
+        scratch.references += uint32_t(count);
         for (uint32_t i = cells.first[0]; i <= cells.last[0]; ++i) {
             for (uint32_t j = cells.first[1]; j <= cells.last[1]; ++j) {
                 for (uint32_t k = cells.first[2]; k <= cells.last[2]; ++k) {
-                    *next++ = {count_cell(pack_cell(i, j, k), body, shift, scratch), row, body};
+                    const uint32_t slot = count_cell(pack_cell(i, j, k), body, shift, scratch);
+                    if (slot == kNone) return Counted::kTableCrowded;
+                    *next++ = {slot, row, body};
                 }
             }
         }
     }
-    return true;
+    return Counted::kAll;
 }
 
-void count_objects(const ScreenedTriangles& screened, float inv_size, RasteriseScratch& scratch, Occupancy& occupancy) {
+// Hull of the regions of one body: outside it no cell can be shared.
+__m256 clip_of(uint32_t body, const Vec3d& origin, const RasteriseScratch& scratch) {
+    Box all;
+    for (uint32_t i = scratch.region_first[body]; i < scratch.region_first[body + 1]; ++i) {
+        all = joined(all, scratch.region[scratch.region_pair[i]]);
+    }
+    return load_box(pack_box(all, origin));
+}
+
+// False when the keys crowd the table.
+bool count_objects(const ScreenedTriangles& screened, float inv_size, RasteriseScratch& scratch, Occupancy& occupancy) {
     if (scratch.table.empty()) grow_table(scratch);
-    for (bool done = false; !done;) {
+    for (Counted counted = Counted::kTableFull; counted != Counted::kAll;) {
         scratch.references = 0;
         scratch.shared.clear();
         occupancy.oversize.clear();
-        done = true;
-        for (const uint32_t body : scratch.body) {
-            Box all;
-            for (uint32_t i = scratch.region_first[body]; i < scratch.region_first[body + 1]; ++i) {
-                all = joined(all, scratch.region[scratch.region_pair[i]]);
-            }
-            done = count_body(screened, body, load_box(pack_box(all, screened.origin)), inv_size, scratch, occupancy);
-            if (!done) break;
+        counted = Counted::kAll;
+        for (uint32_t i = 0; i < scratch.body.size() && counted == Counted::kAll; ++i) {
+            const uint32_t body = scratch.body[i];
+            counted = count_body(screened, body, clip_of(body, screened.origin, scratch), inv_size, scratch, occupancy);
         }
-        if (!done) grow_table(scratch);
+        if (counted == Counted::kTableCrowded) return false;
+        if (counted == Counted::kTableFull) grow_table(scratch);
     }
+    return true;
 }
 
 // Pass 2: the shared cells in key order, their references in the order (cell, body, triangle).
@@ -296,6 +350,69 @@ void fill_layers(const ScreenedTriangles& screened, RasteriseScratch& scratch, O
     occupancy.primitive_first.push_back(uint32_t(kept));
 }
 
+// References in the order (body, triangle), each with its key.
+void key_references(const ScreenedTriangles& screened, float inv_size, RasteriseScratch& scratch, Occupancy& occupancy) {
+    scratch.keyed.clear();
+    occupancy.oversize.clear();
+    for (const uint32_t body : scratch.body) {
+        const __m256 clip = clip_of(body, screened.origin, scratch);
+        for (uint32_t row = screened.body[body].first; row < screened.body[body].end(); ++row) {
+            const CellRange cells = cells_of(_mm256_max_ps(load_box(screened.box[row]), clip), inv_size);
+            if (cell_count(cells) > kMostCells) {
+                occupancy.oversize.push_back(row);
+                continue;
+            }
+            for (uint32_t i = cells.first[0]; i <= cells.last[0]; ++i) {
+                for (uint32_t j = cells.first[1]; j <= cells.last[1]; ++j) {
+                    for (uint32_t k = cells.first[2]; k <= cells.last[2]; ++k) {
+                        scratch.keyed.push_back({pack_cell(i, j, k), row, body});
+                    }
+                }
+            }
+        }
+    }
+}
+
+// Stable radix sort by key, two digits an axis; a digit that all keys share costs one look.
+void sort_references(std::vector<KeyedReference>& keyed, std::vector<KeyedReference>& spare) {
+    spare.resize(keyed.size());
+    for (const uint32_t shift : {0u, 11u, 21u, 32u, 42u, 53u}) {
+        std::array<uint32_t, 2049> first{};
+        const auto digit = [&](const KeyedReference& r) { return uint32_t(r.key >> shift) & (shift % 21 ? 1023 : 2047); };
+        for (const KeyedReference& r : keyed) ++first[digit(r) + 1];
+        if (keyed.empty() || first[digit(keyed[0]) + 1] == keyed.size()) continue;
+        for (uint32_t i = 0; i < 2048; ++i) first[i + 1] += first[i];
+        for (const KeyedReference& r : keyed) spare[first[digit(r)]++] = r;
+        keyed.swap(spare);
+    }
+}
+
+// The layers from sorted references; a cell of one body is left out.
+void fill_layers_from_sorted(const ScreenedTriangles& screened, const std::vector<KeyedReference>& keyed,
+                             Occupancy& occupancy) {
+    for (auto* layer : {&occupancy.object_first, &occupancy.object, &occupancy.primitive_first, &occupancy.primitive,
+                        &occupancy.primitive_row}) {
+        layer->clear();
+    }
+    occupancy.cell_key.clear();
+    for (size_t begin = 0, end = 0; begin < keyed.size(); begin = end) {
+        while (end < keyed.size() && keyed[end].key == keyed[begin].key) ++end;
+        if (keyed[begin].body == keyed[end - 1].body) continue;
+        occupancy.cell_key.push_back(keyed[begin].key);
+        occupancy.object_first.push_back(uint32_t(occupancy.object.size()));
+        for (size_t i = begin; i < end; ++i) {
+            if (i == begin || keyed[i].body != keyed[i - 1].body) {
+                occupancy.object.push_back(keyed[i].body);
+                occupancy.primitive_first.push_back(uint32_t(occupancy.primitive.size()));
+            }
+            occupancy.primitive.push_back(screened.triangle[keyed[i].row]);
+            occupancy.primitive_row.push_back(keyed[i].row);
+        }
+    }
+    occupancy.object_first.push_back(uint32_t(occupancy.object.size()));
+    occupancy.primitive_first.push_back(uint32_t(occupancy.primitive.size()));
+}
+
 }  // namespace
 
 void rasterise(const ContactParams& params, const Surfaces& surfaces, const BodyBoxes& boxes,
@@ -304,19 +421,20 @@ void rasterise(const ContactParams& params, const Surfaces& surfaces, const Body
     TROCAR_ASSERT(params.cell_edges > 0 && std::isfinite(params.cell_edges));
     const Box all = collect_regions(boxes, pairs, scratch);
     screened.origin = pairs.a.empty() ? Vec3d(Vec3d::Zero()) : all.min;
-    if (scratch.screen.size() < scratch.body.size()) scratch.screen.resize(scratch.body.size());
-    parallel_for(uint32_t(scratch.body.size()), 1, [&](uint32_t begin, uint32_t end) {
-        for (uint32_t i = begin; i < end; ++i) {
-            screen_body(surfaces, boxes, screened.origin, scratch.body[i], scratch, scratch.screen[i]);
-        }
-    });
+    screen_bodies(surfaces, boxes, screened.origin, scratch);
     const double mean_edge = gather_screens(uint32_t(boxes.box.size()), scratch, screened);
     const Vec3d extent = pairs.a.empty() ? Vec3d(Vec3d::Zero()) : Vec3d(all.max - all.min);
     occupancy.origin = screened.origin;
     occupancy.cell_size = choose_cell_size(params, mean_edge, boxes, surfaces, extent, screened, scratch);
-    count_objects(screened, 1.0f / float(occupancy.cell_size), scratch, occupancy);
+    const float inv_size = 1.0f / float(occupancy.cell_size);
+    if (screened.triangle.size() < kManyTriangles && count_objects(screened, inv_size, scratch, occupancy)) {
+        fill_layers(screened, scratch, occupancy);
+    } else {
+        key_references(screened, inv_size, scratch, occupancy);
+        sort_references(scratch.keyed, scratch.keyed_spare);
+        fill_layers_from_sorted(screened, scratch.keyed, occupancy);
+    }
     report.oversize_triangles += occupancy.oversize.size();
-    fill_layers(screened, scratch, occupancy);
     clear_table(scratch);
 }
 

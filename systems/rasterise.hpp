@@ -22,12 +22,19 @@ struct CellReference {
     uint32_t body = 0;
 };
 
-// What the screening of one body found.
-struct BodyScreen {
-    std::vector<uint8_t> outcode;  // per vertex: sides of the region it lies beyond
-    std::vector<uint32_t> triangle;
+// One triangle in one cell, where references are sorted instead of counted.
+struct KeyedReference {
+    uint64_t key = 0;
+    uint32_t row = 0;  // of ScreenedTriangles
+    uint32_t body = 0;
+};
+
+// What the screening of a few bodies found, one after the other.
+struct ScreenChunk {
+    std::vector<uint8_t> outcode;       // per vertex of the body at hand: sides of the region it lies beyond
+    std::vector<uint32_t> triangle;     // more rows than are in use may follow, here and in the boxes
     std::vector<PackedBox> box, tight;
-    double edge_sum = 0;  // m
+    uint32_t rows = 0;                  // in use
 };
 
 struct RasteriseScratch {
@@ -36,7 +43,9 @@ struct RasteriseScratch {
     std::vector<uint32_t> region_pair;            // pairs of a body
     std::vector<PackedBox> packed_region;         // in that order
     std::vector<uint32_t> body;                   // bodies in a pair, ascending
-    std::vector<BodyScreen> screen;               // per row of body
+    std::vector<ScreenChunk> screen;              // per chunk of rows of body
+    std::vector<uint32_t> kept;                   // per row of body: triangles
+    std::vector<double> edge_sum;                 // per row of body, m
     std::vector<CountedCell> table;               // open addressing, a power of two
     std::vector<uint32_t> used_slot;              // to clear the table
     std::vector<CellReference> reference;         // one per (triangle, cell) of pass 1, then of the shared cells
@@ -44,11 +53,14 @@ struct RasteriseScratch {
     std::vector<std::array<uint64_t, 2>> shared;  // key, row in order of discovery
     std::vector<uint32_t> rank;                   // of a shared cell by key
     std::vector<uint32_t> cell_first, next, cell_body;
+    std::vector<KeyedReference> keyed, keyed_spare;  // instead of the table
 };
 
 // OHC construction (thesis 3.3.1): rasterises the triangles that lie in the overlap of two enlarged body boxes into a
 // grid of half-open cells. Pass 1 counts the bodies of each cell, pass 2 fills only cells of two or more. Layers ascend
 // by cell key, body and triangle, whatever the table holds. Triangles of more than 64 cells go to the oversize list.
+// Where keys crowd the table so that a lookup takes more than 256 steps, and from 400,000 triangles on, references are
+// sorted by key instead: the same layers, in time linear in the references whatever the keys.
 void rasterise(const ContactParams& params, const Surfaces& surfaces, const BodyBoxes& boxes,
                const CandidatePairs& pairs, RasteriseScratch& scratch, Report& report, ScreenedTriangles& screened,
                Occupancy& occupancy);

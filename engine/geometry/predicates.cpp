@@ -67,7 +67,7 @@ void add_scaled(Expansion<kCapacity>& e, const Expansion<kFactor>& f, double b) 
     add(e, carry);
 }
 
-// a * d - b * c
+// a * d - b * c, where a, b and c, d may be two directions
 Expansion<16> minor(const Expansion<2>& a, const Expansion<2>& b, const Expansion<2>& c, const Expansion<2>& d) {
     Expansion<16> out;
     for (int i = 0; i < d.count; ++i) add_scaled(out, a, d.term[i]);
@@ -110,6 +110,33 @@ int orient3d_exact(const Vec3d& a, const Vec3d& b, const Vec3d& c, const Vec3d& 
         for (int i = 0; i < row[2][k].count; ++i) add_scaled(det, cofactor, row[2][k].term[i]);
     }
     return det.sign();
+}
+
+int turn_exact(double ux, double uy, double vx, double vy, double sx, double sy, double tx, double ty) {
+    const double k = scale_for({ux, uy, vx, vy, sx, sy, tx, ty});
+    return minor(difference(k * vx, k * ux), difference(k * vy, k * uy), difference(k * tx, k * sx),
+                 difference(k * ty, k * sy))
+        .sign();
+}
+
+int orient3d_moving_point(const Vec3d& a, const Vec3d& b, const Vec3d& c, const Vec3d& d) {
+    const int side = orient3d(a, b, c, d);
+    if (side != 0) return side;
+    // the determinant grows by the normal (b - a) x (c - a) times the move
+    const int x = orient2d(a.y(), a.z(), b.y(), b.z(), c.y(), c.z());
+    if (x != 0) return x;
+    const int y = orient2d(a.z(), a.x(), b.z(), b.x(), c.z(), c.x());
+    return y != 0 ? y : orient2d(a.x(), a.y(), b.x(), b.y(), c.x(), c.y());
+}
+
+int orient3d_moving_edge(const Vec3d& a, const Vec3d& b, const Vec3d& c, const Vec3d& d) {
+    const int side = orient3d(a, b, c, d);
+    if (side != 0) return side;
+    // the determinant grows by (b - a) x (c - d) times the move
+    const int x = turn_exact(a.y(), a.z(), b.y(), b.z(), d.y(), d.z(), c.y(), c.z());
+    if (x != 0) return x;
+    const int y = turn_exact(a.z(), a.x(), b.z(), b.x(), d.z(), d.x(), c.z(), c.x());
+    return y != 0 ? y : turn_exact(a.x(), a.y(), b.x(), b.y(), d.x(), d.y(), c.x(), c.y());
 }
 
 }  // namespace trocar

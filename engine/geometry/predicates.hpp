@@ -40,6 +40,17 @@ inline int orient3d(const Vec3d& a, const Vec3d& b, const Vec3d& c, const Vec3d&
     return orient3d_exact(a, b, c, d);
 }
 
+// Sign of the turn from direction u -> v to direction s -> t in the plane. Exact as orient2d, without a filter: for ties.
+int turn_exact(double ux, double uy, double vx, double vy, double sx, double sy, double tx, double ty);
+
+// Simulation of simplicity for two bodies (Edelsbrunner, Muecke, ACM TOG 9(1), 1990, with a move in place of one
+// perturbation a point): the signs that orient3d takes when some of its points move by the infinitesimal
+// (e, e^2, e^3). They are 0 only where no move along the axes helps: a, b, c collinear; a-b parallel to c-d.
+// d moves against a, b, c:
+int orient3d_moving_point(const Vec3d& a, const Vec3d& b, const Vec3d& c, const Vec3d& d);
+// c and d move against a and b:
+int orient3d_moving_edge(const Vec3d& a, const Vec3d& b, const Vec3d& c, const Vec3d& d);
+
 // True when a, b, c lie on one line (or coincide). Exact.
 inline bool are_collinear(const Vec3d& a, const Vec3d& b, const Vec3d& c) {
     return orient2d(a.x(), a.y(), b.x(), b.y(), c.x(), c.y()) == 0 &&

@@ -47,6 +47,9 @@ struct CollideOptions {
     Vec3d move_b = Vec3d::Zero();  // file units
     Quat rotate_b;                 // about the origin of B's file, before the move
     double tolerance = 0;          // file units; 0 = 1e-4 of the smaller diagonal
+    std::filesystem::path cells;   // .json, .vtp or .png of the shared cells; empty = none
+    std::filesystem::path contours;  // .obj of lines; empty = none
+    bool separate = false;
     bool cross_check = false;      // compare signs with the winding number
     bool json = false;
 };

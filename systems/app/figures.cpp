@@ -80,6 +80,8 @@ nlohmann::ordered_json energy_json(const RunFigures& f) {
     }
     return {{"kinetic_j", last.kinetic},
             {"elastic_j", last.elastic},
+            {"pressure_j", last.pressure},
+            {"bending_j", last.bending},
             {"gravity_j", last.gravity},
             {"work_hand_j", last.work_hand},
             {"work_contact_j", last.work_contact},
@@ -116,6 +118,7 @@ std::string metrics_json(const RunFigures& f) {
         stages[s.name] = {
             {"p50_ms", quantile(s.ms, 0.5)}, {"p99_ms", quantile(s.ms, 0.99)}, {"max_ms", quantile(s.ms, 1)}};
     j["stages"] = stages;
+    if (std::isfinite(f.report.min_volume_ratio)) j["solid"] = {{"min_volume_ratio", f.report.min_volume_ratio}};
     double max_depth = 0;
     std::vector<double> frame_ms;
     for (const PassFigures& p : f.pass) {
@@ -154,15 +157,16 @@ std::string metrics_json(const RunFigures& f) {
 std::string passes_csv(const RunFigures& f) {
     std::string out =
         "time_s,detection_ms,response_ms,frame_ms,render_ms,depth_m,inside_vertices,contacts,pairs,force_n,"
-        "contact_force_n,kinetic_j,elastic_j,gravity_j,work_hand_j,work_contact_j,work_damping_j,work_push_j,work_numeric_j,balance_j\n";
+        "contact_force_n,kinetic_j,elastic_j,pressure_j,bending_j,gravity_j,work_hand_j,work_contact_j,work_damping_j,"
+        "work_push_j,work_numeric_j,balance_j\n";
     char line[512];
     for (const PassFigures& p : f.pass) {
         std::snprintf(line, sizeof line,
-                      "%.3f,%.4f,%.4f,%.4f,%.4f,%.9g,%u,%u,%u,%.6g,%.6g,%.9g,%.9g,%.9g,%.9g,%.9g,%.9g,%.9g,%.9g,%.9g\n", p.time,
-                      p.detection_ms, p.response_ms, p.frame_ms, p.render_ms, p.depth, p.inside_vertices, p.contacts,
-                      p.pairs, p.force, p.contact_force, p.energy.kinetic, p.energy.elastic, p.energy.gravity,
-                      p.energy.work_hand, p.energy.work_contact, p.energy.work_damping, p.energy.work_push, p.energy.work_numeric,
-                      p.energy.balance);
+                      "%.3f,%.4f,%.4f,%.4f,%.4f,%.9g,%u,%u,%u,%.6g,%.6g,%.9g,%.9g,%.9g,%.9g,%.9g,%.9g,%.9g,%.9g,%.9g,%.9g,%.9g\n",
+                      p.time, p.detection_ms, p.response_ms, p.frame_ms, p.render_ms, p.depth, p.inside_vertices, p.contacts,
+                      p.pairs, p.force, p.contact_force, p.energy.kinetic, p.energy.elastic, p.energy.pressure,
+                      p.energy.bending, p.energy.gravity, p.energy.work_hand, p.energy.work_contact,
+                      p.energy.work_damping, p.energy.work_push, p.energy.work_numeric, p.energy.balance);
         out += line;
     }
     return out;

@@ -132,13 +132,18 @@ void describe(CLI::App& app, Arguments& a) {
         "distance < 0 inside.");
 
     CLI::App* collide =
-        app.add_subcommand("collide", "Contact report of two meshes: overlap, depth, direction, witness");
+        app.add_subcommand("collide", "Contact report of two meshes: overlap, depth, direction, witness, regions");
     collide->add_option("a", a.collide.a, "First mesh")->required();
     collide->add_option("b", a.collide.b, "Second mesh")->required();
     collide->add_option("--move-b", a.move_b, "\"x y z\": translation of B, file units");
     collide->add_option("--rotate-b", a.rotate_b,
                         "\"ax ay az degrees\": rotation of B about its origin, before the move");
     collide->add_option("--tolerance", a.collide.tolerance, "Depth tolerance along edges, file units");
+    collide->add_option("--cells", a.collide.cells,
+                        "Write the grid cells that both share: .json (cell, object and primitive layers), .vtp or .png");
+    collide->add_flag("--separate", a.collide.separate,
+                      "Search for the shortest translation that separates B from A: a proven bracket");
+    collide->add_option("--contours", a.collide.contours, "Write where the surfaces cross to this .obj file, as lines");
     collide->add_flag("--cross-check", a.collide.cross_check,
                       "Compare every sign of a solid with the winding number; counts \"disagreements\"");
     collide->add_flag("--json", a.collide.json, "JSON");
@@ -239,7 +244,7 @@ void describe(CLI::App& app, Arguments& a) {
                     "         trocar capture info out/k/captures/*.cap\n"
                     "         trocar capture export out/k/captures/worst.cap --vtp out/vtp --csv out/passes.csv");
 
-    CLI::App* scenes = app.add_subcommand("scenes", "List the scenes and shapes that come with the program");
+    CLI::App* scenes = app.add_subcommand("scenes", "List the scenes, shapes and tissues that come with the program");
     scenes->add_flag("--json", a.scenes_json, "JSON");
     scenes->footer("Example: trocar scenes");
 }

@@ -143,7 +143,8 @@ std::string time_section(const RunFigures& f) {
         force.push_back(p.force);
         contact_force.push_back(p.contact_force);
         frame.push_back(p.frame_ms);
-        kinetic.push_back(p.energy.kinetic * 1e3), elastic.push_back(p.energy.elastic * 1e3);
+        kinetic.push_back(p.energy.kinetic * 1e3);
+        elastic.push_back((p.energy.elastic + p.energy.pressure + p.energy.bending) * 1e3);
         gravity.push_back(p.energy.gravity * 1e3), hand.push_back(p.energy.work_hand * 1e3);
         contact.push_back(p.energy.work_contact * 1e3), damping.push_back(p.energy.work_damping * 1e3);
         push.push_back(p.energy.work_push * 1e3), balance.push_back(p.energy.balance * 1e3);
@@ -162,7 +163,8 @@ std::string time_section(const RunFigures& f) {
     cards += card(
         svg_plot(
             {"Energy", time, "mJ", {{"kinetic", t, kinetic}, {"elastic", t, elastic}, {"gravity", t, gravity}}, false}),
-        "Of all deformable bodies; gravity from its value at the world's origin.");
+        "Of all deformable bodies; elastic with that of enclosed volumes and of bending; gravity from its value at the world's "
+        "origin.");
     cards +=
         card(svg_plot({"Work, and balance",
                        time,

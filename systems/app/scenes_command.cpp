@@ -4,6 +4,7 @@
 #include <nlohmann/json.hpp>
 
 #include "content/shape_library.hpp"
+#include "content/tissues.hpp"
 #include "engine/closest_point.hpp"
 #include "engine/error.hpp"
 #include "engine/offscreen.hpp"
@@ -50,6 +51,15 @@ int scenes_command(bool json) {
         std::snprintf(line, sizeof line, "    %-14s  %s\n", name.c_str(), std::string(describe_shape(name)).c_str());
         text += line;
     }
+    text += "\nTissues, for `tissue = NAME` of a body, or `preset = NAME` in its [body.tissue] with keys that override it:\n";
+    for (const TissuePreset& preset : tissue_presets()) {
+        char line[1024];
+        std::snprintf(line, sizeof line, "    %-18s  E %g Pa, %g kg/m^3, wall %g mm, bed %g mm, volume %g Pa, bending %g Pa\n        %s\n", preset.name,
+                      preset.tissue.youngs_modulus, preset.tissue.density, preset.tissue.wall * 1e3, preset.tissue.depth * 1e3,
+                      preset.tissue.pressure_modulus, preset.tissue.bending, preset.sources);
+        text += line;
+    }
+    text += "    What has no source above (wall, bed, volume, damping, friction) is chosen, not measured.\n";
     write_standard_output(json ? rows.dump(1) + "\n"
                                : text + "\nRun one: trocar run " +
                                      (files.empty() ? "SCENE" : files[0].stem().string()) + " --out out/run\n");

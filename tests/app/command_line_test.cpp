@@ -226,12 +226,80 @@ TEST_F(CommandLine, CollideReportsTheDepthOfTwoCubes) {
     EXPECT_EQ(j["vertices_a_in_b"], 0);
     EXPECT_EQ(j["vertices_b_in_a"], 4);
     EXPECT_TRUE(j.contains("witness") && j.contains("edge_contacts") && j.contains("time_ms"));
+    EXPECT_GT(j["cells"], 0);
     const Outcome apart = run("collide " + big.string() + " " + small.string() + " --move-b \"1.5 1.5 4.25\" --json");
     EXPECT_FALSE(nlohmann::json::parse(apart.out)["overlap"]);
     // turned by 45 degrees about x and lowered onto an edge: sqrt(1/2) below its centre
     const Outcome turned = run("collide " + big.string() + " " + small.string() +
                                " --rotate-b \"1 0 0 45\" --move-b \"1.5 2 3.9\" --json");
     EXPECT_NEAR(nlohmann::json::parse(turned.out)["depth"], 0.1, 1e-9) << turned.out;
+}
+
+TEST_F(CommandLine, CollideWritesTheSharedCells) {
+    const fs::path big = write("big.obj", cube(4)), small = write("small.obj", cube(1)), cells = folder_ / "cells.json";
+    const std::string pair = "collide " + big.string() + " " + small.string() + " --move-b \"1.5 1.5 3.75\" --json --cells ";
+    const Outcome outcome = run(pair + cells.string());
+    ASSERT_EQ(outcome.code, 0) << outcome.err;
+    const nlohmann::json layers = nlohmann::json::parse(std::ifstream(cells));
+    ASSERT_EQ(layers["cells"].size(), nlohmann::json::parse(outcome.out)["cells"]);
+    ASSERT_GT(layers["cells"].size(), 0u);
+    for (const nlohmann::json& cell : layers["cells"]) {
+        // a cell is shared by both, and each of its triangles' boxes reaches it
+        ASSERT_EQ(cell["objects"].size(), 2u);
+        for (const nlohmann::json& object : cell["objects"]) ASSERT_FALSE(object["triangles"].empty());
+        for (int k = 0; k < 3; ++k) {
+            const double size = layers["cell_size"], low = layers["origin"][k].get<double>() + size * cell["cell"][k].get<double>();
+            EXPECT_LE(low, k == 2 ? 4.1 : 2.6);
+            EXPECT_GE(low + size, k == 2 ? 3.7 : 1.4);
+        }
+    }
+    for (const char* name : {"cells.vtp", "cells.png"}) {
+        ASSERT_EQ(run(pair + (folder_ / name).string()).code, 0);
+        EXPECT_GT(fs::file_size(folder_ / name), 500u);
+    }
+    EXPECT_EQ(run(pair + (folder_ / "cells.txt").string()).code, 2);
+}
+
+TEST_F(CommandLine, CollideReportsRegionsAndContours) {
+    const fs::path big = write("big.obj", cube(4)), small = write("small.obj", cube(1)), lines = folder_ / "contour.obj";
+    const std::string pair = "collide " + big.string() + " " + small.string();
+    const auto ask = [&](const std::string& more) { return nlohmann::json::parse(run(pair + more + " --json").out); };
+    // a quarter of the small cube's height in the big one's top face
+    const nlohmann::json top = ask(" --move-b \"1.5 1.5 3.75\" --contours " + lines.string());
+    ASSERT_EQ(top["regions"].size(), 1u) << top;
+    const nlohmann::json& region = top["regions"][0];
+    EXPECT_NEAR(region["volume"], 0.25, 1e-14);
+    EXPECT_NEAR(region["area"], 1 + 1 + 4 * 0.25, 1e-14);
+    EXPECT_NEAR(region["contour"]["length"], 4, 1e-14);
+    EXPECT_EQ(region["contour"]["curves"], 1);
+    EXPECT_EQ(region["depth"], top["depth"]);
+    EXPECT_EQ(region["vertices_a"], 0);
+    EXPECT_EQ(region["vertices_b"], 4);
+    EXPECT_NEAR(region["witness"]["closest"][2], 4, 1e-14);
+    EXPECT_TRUE(top["contained"].is_null());
+    EXPECT_FALSE(top["saturated"]);
+    std::ifstream in(lines);
+    std::string line;
+    uint32_t points = 0, curves = 0;
+    while (std::getline(in, line)) {
+        points += line.starts_with("v ");
+        curves += line.starts_with("l ");
+    }
+    EXPECT_GE(points, 8u);
+    EXPECT_EQ(curves, 1u);
+    // inside, in the middle: every way out is as long
+    const nlohmann::json middle = ask(" --move-b \"1.5 1.5 1.5\"");
+    EXPECT_EQ(middle["contained"], "b");
+    EXPECT_TRUE(middle["saturated"]);
+    EXPECT_NEAR(middle["regions"][0]["volume"], 1, 1e-14);
+    // out of the nearest face: half of both edges
+    const nlohmann::json bracket = ask(" --move-b \"1.5 1.5 3.0\" --separate")["separation"];
+    EXPECT_NEAR(bracket["lower"], 1.0, 1e-12);
+    EXPECT_GE(bracket["upper"], 1.0);
+    EXPECT_LE(bracket["upper"], 1.05);
+    EXPECT_GT(bracket["translation"][2], 0.9);
+    const nlohmann::json apart = ask(" --move-b \"1.5 1.5 4.25\"");
+    EXPECT_TRUE(apart["regions"].empty() && apart["contained"].is_null() && !apart["saturated"]);
 }
 
 TEST_F(CommandLine, CrossCheckCountsSignsThatDiffer) {

@@ -47,6 +47,8 @@ TEST(AbsentFeatures, SceneWithoutToolHasNoHapticStageAndNoHapticBytes) {
         EXPECT_EQ(frame.world().haptics.state.capacity() + frame.world().haptics.tool.capacity(), 0u);
         EXPECT_EQ(frame.world().local_contact.capacity(), 0u);
         EXPECT_EQ(frame.world().haptics.ticks, 0u);
+        EXPECT_EQ(frame.world().springs.fans.first.capacity(), 0u) << "no body keeps its volume";
+        EXPECT_EQ(frame.world().springs.hinges.first.capacity(), 0u) << "none bends";
     });
     run_and_look(std::move(small_scene("probe_on_liver").world), 1, [](const Frame& frame) {
         for (const char* stage : {"device input", "local contact"}) EXPECT_TRUE(has_stage(frame, stage));

@@ -7,17 +7,27 @@
 #include "reference/paths.hpp"
 namespace trocar {
 
-// A scene of content/scenes with organs of few triangles, so that tests are quick.
+// A scene of content/scenes with organs of few triangles, so that tests are quick. every_contact_stage is
+// kidney_on_liver with all that [contact] can switch on.
 inline BuiltScene small_scene(const std::string& name, const std::string& triangles = "1000") {
     std::vector<Override> overrides;
-    const std::string path = (source_folder() / "content/scenes" / (name + ".toml")).string();
-    for (const BodySpec& body : read_scene_file(path, {}).bodies)
-        if (body.motion != Motion::kStatic) overrides.push_back({body.name + ".triangles", triangles});
+    const bool every = name == "every_contact_stage";
+    const std::string file = every ? "kidney_on_liver" : name;
+    const std::string path = (source_folder() / "content/scenes" / (file + ".toml")).string();
+    for (const BodySpec& body : read_scene_file(path, {}).bodies) {
+        if (body.motion == Motion::kStatic) continue;
+        overrides.push_back({body.name + ".triangles", triangles});
+        if (body.solid) overrides.push_back({body.name + ".cells", "8"});
+    }
+    if (every) {
+        for (const char* key : {"contact.contours", "contact.regions", "contact.faces"}) overrides.push_back({key, "true"});
+        overrides.push_back({"contact.deep", "last_free"});
+    }
     return build_scene(read_scene_file(path, overrides));
 }
 
 inline const std::vector<std::string>& scene_names() {
-    static const std::vector<std::string> names{"probe_on_liver", "kidney_on_liver", "wrl_pair"};
+    static const std::vector<std::string> names{"probe_on_liver", "kidney_on_liver", "wrl_pair", "every_contact_stage", "tet_liver_press"};
     return names;
 }
 

@@ -6,10 +6,14 @@
 #include <utility>
 
 #include "components/report.hpp"
+#include "engine/bending_forces.hpp"
 #include "engine/closest_point.hpp"
 #include "engine/deformable_setup.hpp"
 #include "engine/mesh_topology.hpp"
+#include "engine/pressure_force.hpp"
+#include "engine/solid_setup.hpp"
 #include "engine/surfaces.hpp"
+#include "engine/tet_forces.hpp"
 #include "systems/advance.hpp"
 #include "systems/deformable_energy.hpp"
 #include "tests/reference/leapfrog_double.hpp"
@@ -20,6 +24,7 @@ namespace trocar {
 struct AdvanceScene {
     Meshes meshes;
     Springs springs;
+    Solids solids;
     Bodies bodies;
     Poses poses;
     Particles particles;
@@ -41,7 +46,7 @@ struct AdvanceScene {
     bool vertex_rows_only_of_first = false;
 
     Surfaces surfaces() const { return {meshes, bodies, poses, particles}; }
-    AdvanceInputs inputs() const { return {meshes, springs, bodies, anchors, paths, tools, devices, device_stride}; }
+    AdvanceInputs inputs() const { return {meshes, springs, bodies, anchors, paths, tools, devices, device_stride, {&solids}}; }
 
     uint32_t add_mesh(const Mesh& mesh, Admission admission = Admission::kSolid) {
         const uint32_t row = add_prototype(meshes, mesh, admission);
@@ -67,7 +72,13 @@ struct AdvanceScene {
         poses.orientation.push_back(orientation);
         poses.velocity.push_back(Vec3d::Zero());
         poses.angular_velocity.push_back(Vec3d::Zero());
-        if (motion == Motion::kDeformable) add_deformable(meshes, springs, poses, body, bodies, particles, anchors);
+        if (motion == Motion::kDeformable && tissue.pressure_modulus > 0) add_fans(springs, meshes, mesh);
+        if (motion == Motion::kDeformable && tissue.bending > 0) add_hinges(springs, meshes, mesh);
+        if (motion == Motion::kDeformable && is_solid(solids, mesh)) {
+            add_solid_body(meshes, springs, solids, poses, body, bodies, particles, anchors);
+        } else if (motion == Motion::kDeformable) {
+            add_deformable(meshes, springs, poses, body, bodies, particles, anchors);
+        }
         return body;
     }
     void add_path(uint32_t body, const std::vector<Keyframe>& keys) {
@@ -162,13 +173,13 @@ struct AdvanceScene {
     }
     void open_books() {
         energy = {};
-        measure_energy(springs, bodies, poses, particles, anchors, params.gravity, 0, energy_scratch, energy);
+        measure_energy(springs, bodies, poses, particles, anchors, params.gravity, 0, energy_scratch, energy, {&solids});
         energy_start = energy.balance;
         measure();
     }
     void measure() {
         measure_energy(springs, bodies, poses, particles, anchors, params.gravity, energy_start, energy_scratch,
-                       energy);
+                       energy, {&solids});
     }
 };
 

@@ -41,8 +41,8 @@ TEST(BodyBoxes, HoldEveryVertexAndTheReach) {
     }
 }
 
-// H09: breaks when a lost particle spreads into its body's box or margin.
-TEST(BodyBoxes, SkipNonFiniteVertices) {
+// Breaks when a lost particle spreads into its body's box or margin.
+TEST(BodyBoxes, H09_SkipNonFiniteVertices) {
     const float nan = std::numeric_limits<float>::quiet_NaN(), inf = std::numeric_limits<float>::infinity();
     ContactScene scene({{make_box({1, 1, 1}, {2, 2, 2}), Motion::kDeformable, Vec3d::Zero(), {}}});
     for (Float4& p : scene.particles.offset) {
@@ -61,8 +61,8 @@ TEST(BodyBoxes, SkipNonFiniteVertices) {
     EXPECT_GT(scene.boxes.box[0].min.x(), scene.boxes.box[0].max.x());  // empty
 }
 
-// H14: no body, no work.
-TEST(BodyBoxes, NoBodies) {
+// No body, no work.
+TEST(BodyBoxes, H14_NoBodies) {
     ContactScene scene({});
     scene.run();
     EXPECT_TRUE(scene.boxes.box.empty());

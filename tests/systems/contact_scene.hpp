@@ -14,12 +14,14 @@
 #include "systems/candidate_cells.hpp"
 #include "systems/candidate_pairs.hpp"
 #include "systems/contact_rows.hpp"
+#include "systems/contours.hpp"
 #include "systems/edge_pass.hpp"
 #include "systems/islands.hpp"
 #include "systems/overlap.hpp"
 #include "systems/penetration.hpp"
 #include "systems/rasterise.hpp"
 #include "systems/refit_trees.hpp"
+#include "systems/regions.hpp"
 namespace trocar::test {
 
 // Unit cube sphere of 12 n^2 triangles, each point then moved by `shape`.
@@ -175,6 +177,8 @@ struct ContactScene {
     NearVertices near;
     Contacts contacts;
     Penetrations penetrations;
+    Contours contours;
+    OverlapRegions regions;
     ContactRows rows;
     Islands islands;
     Report report;
@@ -185,6 +189,8 @@ struct ContactScene {
     CandidateCellsScratch cells_scratch;
     OverlapScratch overlap_scratch;
     EdgePassScratch edge_scratch;
+    ContoursScratch contours_scratch;
+    RegionsScratch regions_scratch;
     ContactRowsScratch rows_scratch;
     IslandsScratch islands_scratch;
 
@@ -249,6 +255,11 @@ struct ContactScene {
         measure_penetrations(pairs, contacts, penetrations);
         make_contact_rows(params, surfaces(), pairs, contacts, penetrations, rows_scratch, report, rows);
         find_islands(bodies, rows, islands_scratch, islands);
+    }
+    void run_with_regions() {
+        run();
+        find_contours(surfaces(), pairs, candidates, contours_scratch, contours);
+        trocar::find_regions(surfaces(), pairs, screened, near, contacts, contours, regions_scratch, regions);
     }
     void clear_caches() {
         pairs_scratch = {};

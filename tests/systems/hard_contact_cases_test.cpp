@@ -73,12 +73,12 @@ TEST(HardCases, H05_AMillionTinyTrianglesInOneCell) {
     }
 }
 
-// Cells whose keys all fall on one slot of the counting table: still every pair, and no other.
+// Cells whose keys all fall on one slot of the counting table: still every pair, no other, and no quadratic walk.
 TEST(HardCases, H11_CellsOfEqualHashes) {
     constexpr uint32_t kCells = 1500, kBits = 12;  // a table of 4096 slots holds them
     std::vector<std::array<uint32_t, 3>> cell{{0, 0, 0}};
     const auto slot = [](const std::array<uint32_t, 3>& c) {
-        return (pack_cell(c[0], c[1], c[2]) * 0x9E3779B97F4A7C15ull) >> (64 - kBits);
+        return cell_slot(pack_cell(c[0], c[1], c[2]), 64 - kBits);
     };
     for (uint32_t i = 1; i < 255 && cell.size() < kCells; ++i)
         for (uint32_t j = 1; j < 255 && cell.size() < kCells; ++j)
@@ -110,8 +110,21 @@ TEST(HardCases, H11_CellsOfEqualHashes) {
     scene.find_triangles();
     // as laid out: every shared cell is one of ours, and the adversary's keys did arrive
     uint32_t crowded = 0;
-    for (const uint64_t key : scene.occupancy.cell_key) crowded += (key * 0x9E3779B97F4A7C15ull) >> (64 - kBits) == 0;
+    for (const uint64_t key : scene.occupancy.cell_key) crowded += cell_slot(key, 64 - kBits) == 0;
     EXPECT_GE(crowded, kCells - 10);
+    // no lookup walked through them all: the references were sorted instead, into the same layers
+    EXPECT_GE(scene.rasterise_scratch.keyed.size(), 2 * kCells);
+    const Occupancy& o = scene.occupancy;
+    EXPECT_TRUE(std::is_sorted(o.cell_key.begin(), o.cell_key.end()));
+    ASSERT_EQ(o.object_first.size(), o.cell_key.size() + 1);
+    ASSERT_EQ(o.primitive_first.size(), o.object.size() + 1);
+    for (uint32_t i = 0; i < o.cell_key.size(); ++i) {
+        ASSERT_EQ(o.object_first[i + 1] - o.object_first[i], 2u);
+        const uint32_t first = o.object_first[i];
+        ASSERT_TRUE(o.object[first] == 0 && o.object[first + 1] == 1);
+        ASSERT_EQ(o.primitive_first[first + 2] - o.primitive_first[first], 2u);
+        ASSERT_EQ(o.primitive[o.primitive_first[first]], o.primitive[o.primitive_first[first + 1]]);
+    }
     ASSERT_EQ(scene.candidates.triangle.size(), cell.size());
     for (uint32_t i = 0; i < cell.size(); ++i) ASSERT_EQ(scene.candidates.triangle[i], (std::array<uint32_t, 2>{i, i}));
 }

@@ -205,8 +205,8 @@ TEST(Overlap, WarmCachesGiveTheBitsOfColdOnes) {
     EXPECT_GT(inside, 1000u);
 }
 
-// H19: same bits for 1, 2, 3 and 8 threads.
-TEST(Overlap, ThreadsDoNotShowInTheBits) {
+// Same bits for 1, 2, 3 and 8 threads.
+TEST(Overlap, H19_ThreadsDoNotShowInTheBits) {
     const auto run = [](uint32_t threads) {
         ContactScene scene = two_balls(15, 2);
         ThreadPool pool(threads);
@@ -309,8 +309,8 @@ TEST(Overlap, FoldedSurfacesAreSettledByWinding) {
     EXPECT_GT(edges, 30u);
 }
 
-// H09: a lost vertex is in no contact and does not carry the flood past the surface.
-TEST(Overlap, LostVerticesAreInNoContact) {
+// A lost vertex is in no contact and does not carry the flood past the surface.
+TEST(Overlap, H09_LostVerticesAreInNoContact) {
     ContactScene scene = two_balls(12, 3);
     scene.run();
     const uint32_t before = uint32_t(scene.contacts.pair.size());

@@ -102,9 +102,9 @@ TEST(Rasterise, LayersHoldTheSharedCells) {
     }
 }
 
-// H02, H03: unit cells, boxes with faces exactly on cell faces. A lower face belongs to its cell, an upper face to the
+// Unit cells, boxes with faces exactly on cell faces. A lower face belongs to its cell, an upper face to the
 // next one as well.
-TEST(Rasterise, CellsAreHalfOpen) {
+TEST(Rasterise, H02_H03_CellsAreHalfOpen) {
     const auto cells = [](double min, double max) {
         PackedBox box;
         box.min = {float(min), 0, 0, 0};
@@ -120,8 +120,8 @@ TEST(Rasterise, CellsAreHalfOpen) {
     EXPECT_EQ(cells(-1, 0), (std::array<uint32_t, 2>{0, 0}));
 }
 
-// H01, H12: the grid follows the bodies, so negative coordinates, symmetry about zero or 10 km away change nothing.
-TEST(Rasterise, PlaceOfTheSceneDoesNotMatter) {
+// The grid follows the bodies, so negative coordinates, symmetry about zero or 10 km away change nothing.
+TEST(Rasterise, H01_PlaceOfTheSceneDoesNotMatter) {
     ContactScene here = three_balls(), there = three_balls(-1e4);
     here.find_triangles();
     there.find_triangles();
@@ -129,8 +129,8 @@ TEST(Rasterise, PlaceOfTheSceneDoesNotMatter) {
     EXPECT_NEAR(double(here.candidates.triangle.size()), double(there.candidates.triangle.size()), 3);
 }
 
-// H17, H13: a used table, grown or shrunken, gives the layers of a fresh one.
-TEST(Rasterise, NoStaleCells) {
+// A used table, grown or shrunken, gives the layers of a fresh one.
+TEST(Rasterise, H13_H17_NoStaleCells) {
     ContactScene scene = three_balls();
     for (int pass = 0; pass < 6; ++pass) {
         scene.poses.origin[1] = Vec3d(0.9 - 0.3 * pass, 0.2 * pass, pass % 2 ? 7.0 : 0.0);
@@ -143,8 +143,8 @@ TEST(Rasterise, NoStaleCells) {
     }
 }
 
-// H20: the second of two equal passes reuses every array.
-TEST(Rasterise, WarmPassesReuseMemory) {
+// The second of two equal passes reuses every array.
+TEST(Rasterise, H20_WarmPassesReuseMemory) {
     ContactScene scene = three_balls();
     scene.run();
     scene.run();
@@ -166,8 +166,8 @@ TEST(Rasterise, WarmPassesReuseMemory) {
     for (size_t i = 0; i < std::size(before); ++i) EXPECT_EQ(before[i], after[i]) << i;
 }
 
-// H04: one triangle of a million cells is listed and counted, and costs no memory.
-TEST(Rasterise, HugeTrianglesGoToTheOversizeList) {
+// One triangle of a million cells is listed and counted, and costs no memory.
+TEST(Rasterise, H04_HugeTrianglesGoToTheOversizeList) {
     ContactScene scene({{make_box({100, 100, 1}), Motion::kStatic, Vec3d(0, 0, -0.5), {}},
                         {make_noisy_sphere(30, 0.3, 0, 0), Motion::kDeformable, Vec3d(0.1, 0.2, 0.2), {}}});
     scene.params.cell_edges = 0.5;
@@ -178,8 +178,8 @@ TEST(Rasterise, HugeTrianglesGoToTheOversizeList) {
     EXPECT_FALSE(scene.candidates.triangle.empty());
 }
 
-// H08: two contacts 20,000 km apart: the cell grows until 21 bits an axis suffice, and both are found.
-TEST(Rasterise, CellsGrowBeforeTheKeyOverflows) {
+// Two contacts 20,000 km apart: the cell grows until 21 bits an axis suffice, and both are found.
+TEST(Rasterise, H08_CellsGrowBeforeTheKeyOverflows) {
     const Mesh ball = make_noisy_sphere(6, 0.1, 0, 0);
     ContactScene scene({{ball, Motion::kDeformable, Vec3d(0, 0, 0), {}},
                         {ball, Motion::kDeformable, Vec3d(0.15, 0, 0), {}},
@@ -192,8 +192,8 @@ TEST(Rasterise, CellsGrowBeforeTheKeyOverflows) {
     EXPECT_GT(scene.candidates.pair[1].count, 0u);
 }
 
-// H09: a triangle with a lost corner is left out, the others stay.
-TEST(Rasterise, NonFiniteTrianglesAreLeftOut) {
+// A triangle with a lost corner is left out, the others stay.
+TEST(Rasterise, H09_NonFiniteTrianglesAreLeftOut) {
     ContactScene scene({{make_noisy_sphere(6, 0.1, 0, 0), Motion::kDeformable, Vec3d::Zero(), {}},
                         {make_noisy_sphere(6, 0.1, 0, 0), Motion::kDeformable, Vec3d(0.1, 0, 0), {}}});
     scene.find_triangles();
@@ -207,8 +207,8 @@ TEST(Rasterise, NonFiniteTrianglesAreLeftOut) {
     }
 }
 
-// H10: a cell size that means nothing is the caller's mistake.
-TEST(RasteriseDeathTest, CellSizeMustBePositive) {
+// A cell size that means nothing is the caller's mistake.
+TEST(RasteriseDeathTest, H10_CellSizeMustBePositive) {
     for (const double edges : {0.0, -1.0, std::numeric_limits<double>::infinity(), std::nan("")}) {
         ContactScene scene = three_balls();
         scene.params.cell_edges = edges;

@@ -1,0 +1,137 @@
+#include <algorithm>
+#include <cmath>
+
+#include "bench/closed_form_pairs.hpp"
+#include "bench/contact_parts.hpp"
+#include "bench/peers/float_depth.hpp"
+#include "bench/surface_depth.hpp"
+#include "content/admission.hpp"
+#include "content/shape_library.hpp"
+#include "engine/error.hpp"
+namespace trocar::bench {
+namespace {
+
+using namespace trocar::test;
+
+double deepest_contact(const ContactScene& scene) {
+    return scene.penetrations.depth.empty() ? 0 : scene.penetrations.depth[0];
+}
+
+double vertex_depth(ContactScene& scene) {
+    scene.find_triangles();
+    find_overlap(scene.surfaces(), scene.boxes, scene.pairs, scene.screened, scene.candidates, scene.trees,
+                 scene.overlap_scratch, scene.report, scene.near, scene.contacts);
+    measure_penetrations(scene.pairs, scene.contacts, scene.penetrations);
+    return deepest_contact(scene);
+}
+
+double edge_depth(ContactScene& scene) {
+    vertex_depth(scene);
+    find_edge_contacts(scene.params, scene.surfaces(), scene.pairs, scene.candidates, scene.near, scene.trees,
+                       scene.edge_scratch, scene.report, scene.contacts);
+    measure_penetrations(scene.pairs, scene.contacts, scene.penetrations);
+    return deepest_contact(scene);
+}
+
+// Every inside point's sign again by the winding number; the depth of those that both agree on.
+double cross_checked_depth(ContactScene& scene) {
+    edge_depth(scene);
+    double depth = 0;
+    for (size_t i = 0; i < scene.contacts.pair.size(); ++i) {
+        if (scene.contacts.distance[i] >= 0) continue;
+        const uint32_t other = scene.contacts.other[i];
+        const double winding = scene.trees[other]->winding_number(world_to_frame(scene.surfaces(), other, scene.contacts.point[i]));
+        if (winding > 0.5) depth = std::max(depth, -scene.contacts.distance[i]);
+    }
+    return depth;
+}
+
+struct Method {
+    std::string name;
+    std::function<double()> run;
+};
+
+// Depth of the meshes: known where a corner against a plane decides it, else by division.
+struct Truth {
+    double mesh = 0, slack = 0, smooth = kNoValue;
+};
+
+void measure_pair(const std::string& name, const std::string& plot, ContactScene& scene, const Truth& truth, Report& report) {
+    Soup soup = make_soup(scene.surfaces());
+    FloatDepth plain(soup);
+    std::vector<Method> methods{{"vertices, float", [&] { return plain.refit(soup), double(plain.depth(soup)); }},
+                                {"vertices, certified", [&] { return vertex_depth(scene); }},
+                                {"+ edge pass", [&] { return edge_depth(scene); }}};
+    edge_depth(scene);
+    const auto inside = std::count_if(scene.contacts.distance.begin(), scene.contacts.distance.end(), [](double d) { return d < 0; });
+    if (double(inside) * double(soup.triangle.size()) < 1e8) {  // a direct sum an inside point: beyond, seconds a pass
+        methods.push_back({"+ winding cross-check", [&] { return cross_checked_depth(scene); }});
+    }
+    for (const double mm : {4.0, 2.0, 1.0}) {
+        char label[40];
+        std::snprintf(label, sizeof label, "samples to %g mm", mm);
+        methods.push_back({label, [&scene, mm] {
+                               compute_body_boxes(scene.period, scene.surfaces(), scene.boxes);
+                               return sampled_depth(scene, 1e-3 * mm);
+                           }});
+    }
+    std::vector<double> depth(methods.size());
+    std::vector<std::function<void()>> jobs;
+    for (size_t i = 0; i < methods.size(); ++i) jobs.push_back([&, i] { depth[i] = methods[i].run(); });
+    const std::vector<double> seconds = interleaved_medians(report.quick() ? 1 : 3, jobs);
+    for (size_t i = 0; i < methods.size(); ++i) {
+        report.add({.name = name + ", " + methods[i].name, .ours = 1e3 * seconds[i], .unit = "ms",
+                    .error = 1e3 * std::abs(depth[i] - truth.mesh), .smooth_error = 1e3 * std::abs(depth[i] - truth.smooth),
+                    .error_unit = "mm", .plot = plot, .series = methods[i].name});
+    }
+}
+
+}  // namespace
+
+void plot_speed_and_error(Report& report) {
+    report.heading("Speed against error: depth of closed-form pairs, mesh (error) and smooth shape (smooth)");
+    for (uint32_t level = 0; level < (report.quick() ? 2u : 4u); ++level) {
+        for (const ClosedFormPair& pair : closed_form_pairs(level)) {
+            ContactScene scene(pair.bodies);
+            scene.params.tolerance = 1e-6;
+            Truth truth{0, 0, pair.depth};
+            size_t triangles = 0;
+            for (const BodyInput& body : pair.bodies) {
+                triangles += body.mesh.triangle.size();
+                const MeshJudgement judgement = judge_mesh(body.mesh, true);
+                if (judgement.admitted_as != Admission::kSolid) throw InputError(pair.name + ": " + judgement.reason);
+            }
+            if (pair.name.ends_with("half-space")) {
+                for (uint32_t v = 0; v < mesh_view(scene.meshes, 1).position.size(); ++v) {
+                    truth.mesh = std::max(truth.mesh, -vertex_position(scene.surfaces(), 1, v).z());
+                }
+            } else if (pair.name.starts_with("two boxes") || pair.name.starts_with("box on")) {
+                truth.mesh = pair.depth;  // flat faces: the mesh is the shape
+            } else {
+                const DeepestPoint deepest = surface_depth(scene, 1e-7, 150'000);
+                truth = {deepest.depth, deepest.slack, pair.depth};
+            }
+            char name[120];
+            std::snprintf(name, sizeof name, "%s, level %u (%zu triangles)", pair.name.c_str(), level, triangles);
+            measure_pair(name, "closed-form pairs, level " + std::to_string(level), scene, truth, report);
+        }
+    }
+    for (const double sunk : {0.004, 0.02}) {
+        const uint32_t triangles = report.quick() ? 4000 : 20000;
+        Mesh liver = make_shape("liver", triangles), kidney = make_shape("kidney", triangles / 2);
+        order_for_locality(liver);
+        order_for_locality(kidney);
+        ContactScene scene({{liver, Motion::kDeformable, Vec3d::Zero(), {}}, {kidney, Motion::kDeformable, Vec3d::Zero(), {}}});
+        // the kidney sits on the liver's highest point, sunk into it
+        const Box under = scene.meshes.info[0].box, on = scene.meshes.info[1].box;
+        scene.poses.origin[1] = 0.5 * (under.min + under.max) - 0.5 * (on.min + on.max);
+        scene.poses.origin[1].z() = under.max.z() - on.min.z() - sunk;
+        scene.params.tolerance = 1e-6;
+        const DeepestPoint deepest = surface_depth(scene, 1e-7, 150'000);
+        char name[80];
+        std::snprintf(name, sizeof name, "kidney %.0f mm on liver", 1e3 * sunk);
+        measure_pair(name, "organs", scene, {deepest.depth, deepest.slack, kNoValue}, report);
+    }
+}
+
+}  // namespace trocar::bench

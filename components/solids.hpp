@@ -1,0 +1,31 @@
+#pragma once
+#include <array>
+#include <vector>
+
+#include "components/math.hpp"
+namespace trocar {
+
+// A prototype filled with tetrahedra. Its nodes are the vertices of its surface (rows of Meshes), then the inner ones:
+// whatever works on a surface sees the first particles of a solid. Without tetrahedra it is a shell.
+struct SolidInfo {
+    Range inner;         // rows of position
+    Range tetrahedra;    // rows of corner, rest, per_rest; padded to a multiple of 16
+    uint32_t count = 0;  // tetrahedra without padding
+    Range slices;        // rows of slot_column, one per 16 nodes
+    Range nodes;         // rows of node_volume
+};
+
+// Constant after load. Nodes and tetrahedra are local to the prototype. Which tetrahedra meet in a node lies in SELL-16
+// slices like springs: a column names one (tetrahedron, corner) of each of 16 nodes, so that a node gathers its own.
+struct Solids {
+    std::vector<SolidInfo> info;                     // one per prototype, up to the last solid
+    std::vector<Vec3d> position;                     // m, body frame: rest positions of inner nodes
+    std::array<std::vector<uint32_t>, 4> corner;     // nodes of a tetrahedron, positive volume; padding 0 0 0 0
+    std::vector<float> rest;                         // m^3, six times the volume at rest; padding 0
+    std::vector<float> per_rest;                     // 1 / rest; padding 0
+    std::vector<uint32_t> slot_column;               // first column of a slice; slices.count + 1 rows per prototype, at slices.first + prototype row
+    std::vector<uint32_t> slot;                      // 16 per column: corner * padded tetrahedra + tetrahedron; padding 4 * padded tetrahedra
+    std::vector<double> node_volume;                 // m^3, a quarter of the volume around a node
+};
+
+}  // namespace trocar

@@ -1,0 +1,85 @@
+#include "content/make_solid.hpp"
+
+#include <algorithm>
+
+#include "content/mesh_distance.hpp"
+#include "content/surface_texture.hpp"
+#include "engine/error.hpp"
+#include "engine/mesh_topology.hpp"
+#include "engine/solid_setup.hpp"
+namespace trocar {
+namespace {
+
+constexpr double kTextureTile = 0.08;  // m
+
+// The looks of the first material; a texture made for other coordinates is kept and projected.
+void dress(const Mesh& looks, Mesh& surface) {
+    if (looks.material.empty()) return;
+    surface.material.push_back(looks.material.front());
+    if (!surface.material.front().image.rgba.empty()) project_uv(kTextureTile, surface);
+}
+
+// Vertices of the boundary first; both parts keep their order.
+std::vector<uint32_t> boundary_first(const TetMesh& tets, std::span<const Triangle> boundary, uint32_t& count) {
+    std::vector<uint32_t> to(tets.position.size(), kNone);
+    std::vector<bool> outside(to.size(), false);
+    for (const Triangle& t : boundary) {
+        for (const uint32_t v : t) outside[v] = true;
+    }
+    uint32_t next = 0;
+    for (uint32_t v = 0; v < to.size(); ++v) {
+        if (outside[v]) to[v] = next++;
+    }
+    count = next;
+    for (uint32_t v = 0; v < to.size(); ++v) {
+        if (!outside[v]) to[v] = next++;
+    }
+    return to;
+}
+
+}  // namespace
+
+Prototype add_tet_mesh(Meshes& meshes, Springs& springs, Solids& solids, const TetMesh& tets, const Mesh& looks) {
+    Mesh surface;
+    surface.name = looks.name;
+    surface.triangle = boundary_of(tets);
+    uint32_t outer = 0;
+    const std::vector<uint32_t> to = boundary_first(tets, surface.triangle, outer);
+    surface.position.resize(outer);
+    std::vector<Vec3d> inner(to.size() - outer);
+    for (uint32_t v = 0; v < to.size(); ++v) {
+        (to[v] < outer ? surface.position[to[v]] : inner[to[v] - outer]) = tets.position[v];
+    }
+    for (Triangle& t : surface.triangle) t = {to[t[0]], to[t[1]], to[t[2]]};
+    dress(looks, surface);
+    std::vector<std::array<uint32_t, 4>> corners = tets.tetrahedron;
+    for (auto& t : corners) t = {to[t[0]], to[t[1]], to[t[2]], to[t[3]]};
+
+    Prototype made;
+    made.judgement = judge_mesh(surface);
+    if (made.judgement.admitted_as == Admission::kRefused) return made;
+    made.row = add_prototype(meshes, surface, made.judgement.admitted_as);
+    add_solid(meshes, made.row, inner, corners, springs, solids);
+    return made;
+}
+
+Prototype make_solid(Meshes& meshes, Springs& springs, Solids& solids, Mesh mesh, const PrototypeOptions& options,
+                     const SolidOptions& fill) {
+    Meshes alone;
+    Prototype skin = make_prototype(alone, std::move(mesh), options);
+    if (skin.row == kNone) return skin;
+    if (skin.judgement.admitted_as == Admission::kSheet)
+        throw InputError("a solid needs a closed surface: " + skin.judgement.reason);
+    Mesh surface{alone.name[0], alone.position, alone.triangle, {}, {}, alone.material};
+    const Box box = alone.info[0].box;
+    const double extent = (box.max - box.min).maxCoeff();
+    const double spacing = fill.spacing > 0 ? fill.spacing : extent / fill.cells;
+    const TetMesh tets = stuff_isosurface({spacing, 1}, box, mesh_distance(surface, skin.judgement.admitted_as));
+    if (tets.tetrahedron.empty()) throw InputError("no tetrahedra: the lattice is too wide for this shape");
+    Prototype made = add_tet_mesh(meshes, springs, solids, tets, surface);
+    made.shift = skin.shift;
+    made.cleaning = skin.cleaning;
+    return made;
+}
+
+}  // namespace trocar

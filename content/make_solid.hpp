@@ -1,0 +1,23 @@
+#pragma once
+#include "components/solids.hpp"
+#include "components/springs.hpp"
+#include "content/isosurface_stuffing.hpp"
+#include "content/make_prototype.hpp"
+namespace trocar {
+
+struct SolidOptions {
+    double spacing = 0;  // m, long edge of the lattice; 0 = largest extent / cells
+    double cells = 12;
+};
+
+// Numbers the nodes of a tetrahedral mesh (metres) so that those of its boundary come first and appends both as a solid
+// prototype. The boundary becomes the surface, judged as it stands. Texture coordinates and materials come from `looks`,
+// projected anew.
+Prototype add_tet_mesh(Meshes& meshes, Springs& springs, Solids& solids, const TetMesh& tets, const Mesh& looks);
+
+// As make_prototype, then fills what the surface encloses by isosurface stuffing of its signed distance. Throws
+// InputError when the surface has no inside or nothing fits at this spacing; a refused mesh appends nothing.
+Prototype make_solid(Meshes& meshes, Springs& springs, Solids& solids, Mesh mesh, const PrototypeOptions& options,
+                     const SolidOptions& fill);
+
+}  // namespace trocar

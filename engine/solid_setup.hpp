@@ -1,0 +1,27 @@
+#pragma once
+#include <array>
+#include <span>
+
+#include "components/bodies.hpp"
+#include "components/mesh.hpp"
+#include "components/particles.hpp"
+#include "components/solids.hpp"
+#include "components/springs.hpp"
+namespace trocar {
+
+// Depth (m) of an elastic bed that holds nothing but still tells the best-fit rigid copy of a free body.
+inline constexpr double kNoBed = 1e9;
+
+// Fills a prototype with tetrahedra: nodes are the vertices of its surface, then `inner` (m, body frame); corners name
+// nodes, volumes are positive. Makes the rows of Solids and the springs along the edges of the tetrahedra. Prototypes
+// passed over get empty rows. The prototype must not have springs yet.
+void add_solid(const Meshes& meshes, uint32_t prototype, std::span<const Vec3d> inner,
+               std::span<const std::array<uint32_t, 4>> tetrahedra, Springs& springs, Solids& solids);
+
+// As add_deformable of deformable_setup.hpp, for a body whose prototype is a solid: masses from the tetrahedra's
+// volumes, stiffnesses by solid_moduli, anchors at the surface only, stable_dt by update_solid_dt. Throws InputError when a material value is
+// impossible; Poisson's ratio must be at least 0.25 (springs cannot do less) and below 0.5.
+void add_solid_body(const Meshes& meshes, const Springs& springs, const Solids& solids, const Poses& poses,
+                    uint32_t body, Bodies& bodies, Particles& particles, Anchors& anchors);
+
+}  // namespace trocar

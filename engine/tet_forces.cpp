@@ -1,0 +1,147 @@
+#include "engine/tet_forces.hpp"
+
+#include <Eigen/Geometry>
+#include <algorithm>
+#include <cstring>
+
+#include "components/springs.hpp"
+#include "engine/check.hpp"
+#include "engine/closest_point.hpp"
+#include "engine/parallel.hpp"
+namespace trocar {
+namespace {
+
+// Groups of 16 tetrahedra that a kernel takes at once: the same cut for any number of threads.
+constexpr uint32_t kGroupsPerChunk = 256;
+
+// Corner `k` of tetrahedron t.
+uint32_t corner(const Solids& solids, const SolidInfo& info, int k, uint32_t t) {
+    return solids.corner[k][info.tetrahedra.first + t];
+}
+
+}  // namespace
+
+const TetKernels& tet_kernels() {
+    return std::strcmp(instruction_set(), "avx512") == 0 ? kTetKernelsAvx512 : kTetKernelsAvx2;
+}
+
+SolidModuli solid_moduli(const Tissue& tissue) {
+    const double nu = tissue.poisson, mu = tissue.youngs_modulus / (2 * (1 + nu));
+    const double lambda = 2 * mu * nu / (1 - 2 * nu);
+    const double bulk = std::max(0.0, lambda - mu);
+    return {2.5 * mu, bulk, kCrushShare * bulk};
+}
+
+bool has_tets(const Solids* solids, const Bodies& bodies, uint32_t body) {
+    return solids && is_solid(*solids, bodies.mesh[body]) && solid_moduli(bodies.tissue[body]).bulk > 0;
+}
+
+TetStep bind_tets(const Solids& solids, const Bodies& bodies, const Particles& particles, uint32_t body) {
+    const uint32_t prototype = bodies.mesh[body];
+    const SolidInfo& info = solids.info[prototype];
+    const SolidModuli moduli = solid_moduli(bodies.tissue[body]);
+    const uint32_t first = info.tetrahedra.first;
+    TetStep step = {};
+    step.offset = &particles.offset[bodies.particles[body].first].x;
+    step.corner0 = solids.corner[0].data() + first;
+    step.corner1 = solids.corner[1].data() + first;
+    step.corner2 = solids.corner[2].data() + first;
+    step.corner3 = solids.corner[3].data() + first;
+    step.rest = solids.rest.data() + first;
+    step.per_rest = solids.per_rest.data() + first;
+    step.bulk = static_cast<float>(moduli.bulk);
+    step.crush = static_cast<float>(moduli.crush);
+    step.tetrahedra = info.tetrahedra.count;
+    step.slot_column = solids.slot_column.data() + info.slices.first + prototype;
+    step.slot = solids.slot.data();
+    return step;
+}
+
+uint32_t corner_rows(const TetStep& body) { return 4 * body.tetrahedra + 1; }
+
+float add_tet_forces(const TetStep& body, uint32_t slices) {
+    const TetKernels& kernels = tet_kernels();
+    const uint32_t groups = body.tetrahedra / kSliceWidth;
+    std::fill_n(body.corner_force + 16ul * body.tetrahedra, 4, 0.0f);
+    std::array<float, 64 * kSliceWidth> least;  // of up to 64 chunks at a time
+    float lowest = 1;
+    for (uint32_t begin = 0; begin < groups; begin += 64 * kGroupsPerChunk) {
+        least.fill(1.0f);
+        const uint32_t count = std::min(groups - begin, 64 * kGroupsPerChunk);
+        parallel_for(count, kGroupsPerChunk, [&](uint32_t from, uint32_t to) {
+            kernels.press(&body, begin + from, begin + to, least.data() + from / kGroupsPerChunk * kSliceWidth);
+        });
+        lowest = std::min(lowest, *std::min_element(least.begin(), least.end()));
+    }
+    parallel_for(slices, kGroupsPerChunk, [&](uint32_t from, uint32_t to) { kernels.gather(&body, from, to); });
+    return lowest;
+}
+
+double tet_energy(double bulk, double crush, double rest, double volume) {
+    const double swelling = volume / rest - 1, held = std::clamp(swelling, -1.0, double{kStretchCap});
+    const double crushed = std::min(held + 1 - double{kCrushed}, 0.0);
+    const double beyond = (bulk * held + crush * crushed) * (swelling - held);  // where pressure stays as it is
+    return rest / 6 * (0.5 * bulk * held * held + 0.5 * crush * crushed * crushed + beyond);
+}
+
+double six_volumes(const Vec3d& a, const Vec3d& b, const Vec3d& c, const Vec3d& d) {
+    return (b - a).dot((c - a).cross(d - a));
+}
+
+namespace {
+
+// Signed volume of every tetrahedron at offset - back * velocity.
+struct PlacedTets {
+    const Solids& solids;
+    const SolidInfo& info;
+    const Particles& particles;
+    uint32_t first;  // particle
+    double back;
+
+    Vec3d place(uint32_t node) const {
+        const Float4& o = particles.offset[first + node];
+        const Vec3d velocity(particles.velocity_x[first + node], particles.velocity_y[first + node],
+                             particles.velocity_z[first + node]);
+        return Vec3d(o.x, o.y, o.z) - back * velocity;
+    }
+    double six_volumes(uint32_t t) const {
+        return trocar::six_volumes(place(corner(solids, info, 0, t)), place(corner(solids, info, 1, t)),
+                                   place(corner(solids, info, 2, t)), place(corner(solids, info, 3, t)));
+    }
+    double rest(uint32_t t) const { return solids.rest[info.tetrahedra.first + t]; }
+};
+
+PlacedTets place_tets(const Solids& solids, const Bodies& bodies, const Particles& particles, uint32_t body,
+                      double back) {
+    return {solids, solids.info[bodies.mesh[body]], particles, bodies.particles[body].first, back};
+}
+
+}  // namespace
+
+double tet_energy(const Solids& solids, const Bodies& bodies, const Particles& particles, uint32_t body, double back,
+                  std::vector<double>& chunk_sums) {
+    constexpr uint32_t kChunk = kGroupsPerChunk * kSliceWidth;
+    const PlacedTets tets = place_tets(solids, bodies, particles, body, back);
+    const SolidModuli moduli = solid_moduli(bodies.tissue[body]);
+    chunk_sums.assign(chunk_count(tets.info.count, kChunk), 0.0);
+    parallel_for(tets.info.count, kChunk, [&](uint32_t begin, uint32_t end) {
+        double sum = 0;
+        for (uint32_t t = begin; t < end; ++t) {
+            sum += tet_energy(moduli.bulk, moduli.crush, tets.rest(t), tets.six_volumes(t));
+        }
+        chunk_sums[begin / kChunk] = sum;
+    });
+    double total = 0;
+    for (const double sum : chunk_sums) total += sum;
+    return total;
+}
+
+std::vector<double> volume_ratios(const Solids& solids, const Bodies& bodies, const Particles& particles,
+                                  uint32_t body) {
+    const PlacedTets tets = place_tets(solids, bodies, particles, body, 0);
+    std::vector<double> ratio(tets.info.count);
+    for (uint32_t t = 0; t < ratio.size(); ++t) ratio[t] = tets.six_volumes(t) / tets.rest(t);
+    return ratio;
+}
+
+}  // namespace trocar

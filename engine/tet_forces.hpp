@@ -1,0 +1,59 @@
+#pragma once
+#include <span>
+#include <vector>
+
+#include "components/bodies.hpp"
+#include "components/particles.hpp"
+#include "components/solids.hpp"
+#include "engine/tet_kernels.hpp"
+namespace trocar {
+
+// What springs and volume forces of a solid must be for an isotropic material of Young's modulus E and Poisson ratio nu.
+// Springs alone make Lame's two constants equal (Cauchy: nu = 1/4), so springs give the shear modulus mu and what lambda
+// lacks is the bulk of the volume force:
+//   springs  a material of nu = 1/4 with this mu, E_s = 5/2 mu. The six edges of a tetrahedron are equal springs of
+//            k = 6 E_s V / (sum of their L^2): then sum of k L^2 per volume, the invariant C_iijj, is
+//            that of the isotropic material, 15 mu, in any mesh (Lloyd, Szekely, Harders, IEEE TVCG 13(5), 2007, find
+//            0.943 of it for regular tetrahedra). On the body-centred lattice, short edges shared by six and long
+//            ones by four tetrahedra, every direction is right too: its cubic constants meet the condition of isotropy
+//            exactly. Warped tetrahedra at the surface keep only the average over directions
+//   volume   bulk = lambda - mu, see tet_kernels.hpp; from kCrushed down crush = kCrushShare * bulk in addition: pressed
+//            flat to half, the square of cof F is half of 3, so that the limit of solid_limit.hpp holds
+struct SolidModuli {
+    double springs = 0;  // Pa, E_s
+    double bulk = 0;     // Pa
+    double crush = 0;    // Pa
+};
+SolidModuli solid_moduli(const Tissue& tissue);
+
+inline constexpr double kCrushShare = 5.0 / 3;
+
+inline bool is_solid(const Solids& solids, uint32_t prototype) {
+    return prototype < solids.info.size() && solids.info[prototype].count > 0;
+}
+// Whether a body has volume forces: a solid with a Poisson ratio of more than 1/4.
+bool has_tets(const Solids* solids, const Bodies& bodies, uint32_t body);
+
+// The tetrahedra of a body at given offsets, for the kernels; outputs are not bound.
+TetStep bind_tets(const Solids& solids, const Bodies& bodies, const Particles& particles, uint32_t body);
+
+// Energy (J) of one tetrahedron of six-fold rest volume `rest` and present `volume`.
+double tet_energy(double bulk, double crush, double rest, double volume);
+// Six times the signed volume of four corners.
+double six_volumes(const Vec3d& a, const Vec3d& b, const Vec3d& c, const Vec3d& d);
+
+// Rows of AdvanceScratch::corner_force that a body needs.
+uint32_t corner_rows(const TetStep& body);
+
+// Adds the volume forces to the body's forces (force_x, force_y, force_z: all its nodes). Same bits for any number of
+// threads. Returns the least J.
+float add_tet_forces(const TetStep& body, uint32_t slices);
+
+// Volume energy of a body at offset - back * velocity, J; fixed order. chunk_sums is scratch.
+double tet_energy(const Solids& solids, const Bodies& bodies, const Particles& particles, uint32_t body, double back,
+                  std::vector<double>& chunk_sums);
+
+// Signed volume / rest volume of every tetrahedron of a body as it stands.
+std::vector<double> volume_ratios(const Solids& solids, const Bodies& bodies, const Particles& particles, uint32_t body);
+
+}  // namespace trocar

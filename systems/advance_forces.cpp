@@ -1,0 +1,84 @@
+#include <algorithm>
+
+#include "engine/bending_forces.hpp"
+#include "engine/parallel.hpp"
+#include "engine/pressure_force.hpp"
+#include "engine/spring_step.hpp"
+#include "engine/tet_forces.hpp"
+#include "systems/advance_parts.hpp"
+namespace trocar {
+namespace {
+
+// The three fields of a body's forces.
+struct Forces {
+    float* axis[3];
+    uint32_t count;
+};
+Forces forces_of(AdvanceScratch& s, const AdvanceBody& b) {
+    const size_t stride = s.force.size() / 3;
+    float* first = s.force.data() + b.buffer;
+    return {{first, first + stride, first + 2 * stride}, b.particles.count};
+}
+
+void set_pressure(AdvanceIsland& island, const AdvanceBody& b, const Forces& f) {
+    const AdvanceInputs& in = island.inputs;
+    const double volume = find_volume_gradient(in.springs, in.bodies.mesh[b.body], b.now, island.scratch.force_sums,
+                                               f.axis[0], f.axis[1], f.axis[2]);
+    const float p = static_cast<float>(find_pressure(in.springs, in.bodies, b.body, volume));
+    parallel_for(b.slices, kSlicesPerChunk, [&](uint32_t begin, uint32_t end) {
+        for (float* axis : f.axis) {
+            for (uint32_t i = begin * kSliceWidth; i < end * kSliceWidth; ++i) axis[i] *= p;
+        }
+    });
+}
+
+void add_tets(AdvanceIsland& island, const AdvanceBody& b, const Forces& f) {
+    TetStep step = bind_tets(*island.inputs.other.solids, island.inputs.bodies, island.particles, b.body);
+    step.offset = b.step.offset;
+    step.corner_force = &island.scratch.corner_force[0].x;
+    step.force_x = f.axis[0], step.force_y = f.axis[1], step.force_z = f.axis[2];
+    island.result.min_volume_ratio = std::min<double>(island.result.min_volume_ratio, add_tet_forces(step, b.slices));
+}
+
+}  // namespace
+
+bool has_forces(const AdvanceInputs& inputs, uint32_t body) {
+    return has_pressure(inputs.bodies, body) || has_bending(inputs.bodies, body) ||
+           has_tets(inputs.other.solids, inputs.bodies, body);
+}
+
+void give_forces(AdvanceIsland& island, uint32_t particles) {
+    AdvanceScratch& s = island.scratch;
+    const AdvanceInputs& in = island.inputs;
+    const auto forced = [&](const AdvanceBody& b) { return has_forces(in, b.body); };
+    if (std::none_of(s.body.begin(), s.body.end(), forced)) return;
+    s.force.assign(size_t{3} * particles, 0.0f);
+    uint32_t corners = 0;
+    for (AdvanceBody& b : s.body) {
+        if (!forced(b)) continue;
+        const Forces f = forces_of(s, b);
+        b.step.force_x = f.axis[0], b.step.force_y = f.axis[1], b.step.force_z = f.axis[2];
+        if (has_tets(in.other.solids, in.bodies, b.body))
+            corners = std::max(corners, corner_rows(bind_tets(*in.other.solids, in.bodies, island.particles, b.body)));
+    }
+    if (s.corner_force.size() < corners) s.corner_force.resize(corners);
+}
+
+void find_forces(AdvanceIsland& island, AdvanceBody& b) {
+    if (!b.step.force_x) return;
+    const AdvanceInputs& in = island.inputs;
+    const Forces f = forces_of(island.scratch, b);
+    // the first family writes, those after it add
+    if (has_pressure(in.bodies, b.body)) {
+        set_pressure(island, b, f);
+    } else {
+        for (float* axis : f.axis) std::fill_n(axis, f.count, 0.0f);
+    }
+    if (has_bending(in.bodies, b.body)) {
+        add_bending_forces(in.springs, in.bodies.mesh[b.body], bending_rigidity(in.bodies.tissue[b.body]), b.now,
+                           island.scratch.hinge_force, f.axis[0], f.axis[1], f.axis[2]);
+    }
+    if (has_tets(in.other.solids, in.bodies, b.body)) add_tets(island, b, f);
+}
+
+}  // namespace trocar

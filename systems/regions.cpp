@@ -1,0 +1,448 @@
+#include "systems/regions.hpp"
+
+#include <Eigen/Geometry>
+#include <algorithm>
+#include <cmath>
+
+#include "engine/geometry/contact_kernels.hpp"
+#include "engine/parallel.hpp"
+namespace trocar {
+namespace {
+
+constexpr uint32_t kMostChunks = 64;
+
+uint32_t find_root(std::vector<uint32_t>& parent, uint32_t v) {
+    while (parent[v] != v) v = parent[v] = parent[parent[v]];
+    return v;
+}
+void join(std::vector<uint32_t>& parent, uint32_t a, uint32_t b) {
+    a = find_root(parent, a);
+    b = find_root(parent, b);
+    parent[std::max(a, b)] = std::min(a, b);
+}
+
+// One body of the pair.
+struct Half {
+    uint32_t body, first_node;
+    Range screened, near;
+    MeshView mesh;
+    BodyPoints points;  // relative to the pair's centre
+};
+
+struct PairInput {
+    const ScreenedTriangles& screened;
+    const NearVertices& near;
+    const Contacts& contacts;
+    const Contours& contours;
+    std::array<Half, 2> half;  // a, b
+    uint32_t pair, first_point_node;
+    Range points, segments, rows;  // of contours, and of contacts
+    Vec3d centre;                  // world, m; volumes are summed about it
+};
+
+uint32_t point_node(const PairInput& in, uint32_t point) { return in.first_point_node + point - in.points.first; }
+
+void mark_inside(const PairInput& in, RegionsChunk& c) {
+    c.inside.assign(in.first_point_node, 0);
+    c.certain.assign(in.first_point_node, std::numeric_limits<double>::infinity());
+    for (const Half& half : in.half) {
+        for (uint32_t i = half.near.first; i < half.near.end(); ++i) {
+            const uint32_t node = half.first_node + in.near.vertex[i];
+            c.inside[node] = in.near.distance[i] < 0;
+            c.certain[node] = std::abs(in.near.distance[i]);
+        }
+    }
+}
+
+// Points of the pair by body, edge and place along the edge.
+void sort_points(const PairInput& in, RegionsChunk& c) {
+    const Contours& k = in.contours;
+    c.order.clear();
+    for (uint32_t i = in.points.first; i < in.points.end(); ++i) c.order.push_back(i);
+    std::sort(c.order.begin(), c.order.end(), [&](uint32_t x, uint32_t y) {
+        if (k.edge_of_b[x] != k.edge_of_b[y]) return k.edge_of_b[x] < k.edge_of_b[y];
+        if (k.edge[x] != k.edge[y]) return k.edge[x] < k.edge[y];
+        return k.along[x] != k.along[y] ? k.along[x] < k.along[y] : k.pierced[x] < k.pierced[y];
+    });
+    uint32_t at = 0;
+    for (uint32_t side = 0; side < 2; ++side) {
+        c.hit_edge[side].clear();
+        c.hit_first[side].clear();
+        for (; at < c.order.size() && k.edge_of_b[c.order[at]] == side; ++at) {
+            const uint32_t edge = k.edge[c.order[at]];
+            if (!c.hit_edge[side].empty() && c.hit_edge[side].back() == edge) continue;
+            c.hit_edge[side].push_back(edge);
+            c.hit_first[side].push_back(at);
+        }
+        c.hit_first[side].push_back(at);
+    }
+}
+
+// Points on an edge, in order along it.
+std::span<const uint32_t> points_on(uint32_t side, uint32_t edge, const RegionsChunk& c) {
+    const auto found = std::lower_bound(c.hit_edge[side].begin(), c.hit_edge[side].end(), edge);
+    if (found == c.hit_edge[side].end() || *found != edge) return {};
+    const size_t row = size_t(found - c.hit_edge[side].begin());
+    return std::span(c.order).subspan(c.hit_first[side][row], c.hit_first[side][row + 1] - c.hit_first[side][row]);
+}
+
+// How many more times the end of an edge is inside than its beginning.
+int change_along(const PairInput& in, std::span<const uint32_t> points) {
+    int change = 0;
+    for (const uint32_t p : points) change += in.contours.outward[p] ? -1 : 1;
+    return change;
+}
+
+// Whether the signs of vertices and what passes the edges between them tell different stories.
+bool is_doubtful(const PairInput& in, const RegionsChunk& c) {
+    for (uint32_t side = 0; side < 2; ++side) {
+        const Half& half = in.half[side];
+        for (uint32_t row = half.screened.first; row < half.screened.end(); ++row) {
+            const uint32_t triangle = in.screened.triangle[row];
+            for (const uint32_t edge : half.mesh.triangle_edge[triangle]) {
+                const auto& [u, v] = half.mesh.edge[edge];
+                const int change = int(c.inside[half.first_node + v]) - int(c.inside[half.first_node + u]);
+                if (change != change_along(in, points_on(side, edge, c))) return true;
+            }
+        }
+    }
+    return false;
+}
+
+// Root of a vertex and how many more times the vertex is inside than the root.
+std::pair<uint32_t, int> find_winding(uint32_t v, RegionsChunk& c) {
+    int sum = 0;
+    uint32_t root = v;
+    for (; c.parent[root] != root; root = c.parent[root]) sum += c.winding[root];
+    for (int left = sum; c.parent[v] != root && v != root;) {
+        const uint32_t next = c.parent[v];
+        const int own = c.winding[v];
+        c.parent[v] = root;
+        c.winding[v] = left;
+        left -= own;
+        v = next;
+    }
+    return {root, sum};
+}
+
+// Vertices on the other surface have no side of their own. Sides are carried from the vertex that is surest along
+// edges, changed by what passes them, so that they fit the contour.
+void settle_doubtful(const PairInput& in, uint32_t side, RegionsChunk& c) {
+    const Half& half = in.half[side];
+    const uint32_t first = half.first_node, last = first + uint32_t(half.mesh.position.size());
+    for (uint32_t v = first; v < last; ++v) c.parent[v] = v, c.winding[v] = 0;
+    for (uint32_t row = half.screened.first; row < half.screened.end(); ++row) {
+        for (const uint32_t edge : half.mesh.triangle_edge[in.screened.triangle[row]]) {
+            const auto& [u, v] = half.mesh.edge[edge];
+            const auto [root_u, more_u] = find_winding(first + u, c);
+            const auto [root_v, more_v] = find_winding(first + v, c);
+            if (root_u == root_v) continue;
+            const int change = change_along(in, points_on(side, edge, c));
+            c.parent[root_v] = root_u;
+            c.winding[root_v] = more_u + change - more_v;
+        }
+    }
+    // per root: its surest member says how often the root is inside; if none is sure, the outermost is outside
+    const double unsure = 1e-9 * half.mesh.info->radius;
+    c.region.assign(c.parent.size(), kNone);
+    for (uint32_t v = first; v < last; ++v) {
+        uint32_t& best = c.region[find_winding(v, c).first];
+        if (best == kNone || c.certain[v] > c.certain[best]) best = v;
+    }
+    for (uint32_t v = first; v < last; ++v) {
+        uint32_t& best = c.region[find_winding(v, c).first];
+        if (c.certain[best] > unsure) continue;
+        if (find_winding(v, c).second < find_winding(best, c).second) best = v;
+        c.inside[best] = 0;
+    }
+    for (uint32_t v = first; v < last; ++v) {
+        const auto [root, more] = find_winding(v, c);
+        const uint32_t best = c.region[root];
+        if (v != best) c.inside[v] = int(c.inside[best]) + more - find_winding(best, c).second > 0;
+    }
+}
+
+// Inside parts of an edge: the k-th way in (or the first vertex, if inside) goes with the k-th way out.
+void find_spans(const PairInput& in, uint32_t side, uint32_t edge, RegionsChunk& c) {
+    c.span.clear();
+    const auto& [u, v] = in.half[side].mesh.edge[edge];
+    const uint32_t first = in.half[side].first_node;
+    const auto points = points_on(side, edge, c);
+    if (c.inside[first + u]) c.span.push_back({first + u, 0, 1});
+    for (const uint32_t p : points) {
+        if (!in.contours.outward[p]) c.span.push_back({point_node(in, p), in.contours.along[p], 1});
+    }
+    size_t row = 0;
+    for (const uint32_t p : points) {
+        if (!in.contours.outward[p] || row >= c.span.size()) continue;
+        c.span[row++].to = in.contours.along[p];
+    }
+}
+
+void join_half(const PairInput& in, uint32_t side, RegionsChunk& c) {
+    const Half& half = in.half[side];
+    for (uint32_t row = half.screened.first; row < half.screened.end(); ++row) {
+        const uint32_t triangle = in.screened.triangle[row];
+        for (uint32_t k = 0; k < 3; ++k) {
+            const uint32_t u = half.first_node + half.mesh.triangle[triangle][k],
+                           v = half.first_node + half.mesh.triangle[triangle][(k + 1) % 3];
+            if (c.inside[u] && c.inside[v] && points_on(side, half.mesh.triangle_edge[triangle][k], c).empty()) {
+                join(c.parent, u, v);
+            }
+        }
+    }
+    for (uint32_t i = 0; i < c.hit_edge[side].size(); ++i) {
+        const auto& [u, v] = half.mesh.edge[c.hit_edge[side][i]];
+        find_spans(in, side, c.hit_edge[side][i], c);
+        size_t row = 0;
+        for (const uint32_t p : points_on(side, c.hit_edge[side][i], c)) {
+            if (in.contours.outward[p] && row < c.span.size()) join(c.parent, c.span[row++].node, point_node(in, p));
+        }
+        if (row < c.span.size() && c.inside[half.first_node + v]) join(c.parent, c.span[row].node, half.first_node + v);
+    }
+}
+
+// Numbers the regions: vertices of a, of b, points, ascending.
+void number_regions(const PairInput& in, RegionsChunk& c) {
+    c.region.assign(c.parent.size(), kNone);
+    c.sum.clear();
+    for (uint32_t node = 0; node < c.parent.size(); ++node) {
+        if (node < in.first_point_node && !c.inside[node]) continue;
+        uint32_t& region = c.region[find_root(c.parent, node)];
+        if (region == kNone) {
+            region = uint32_t(c.sum.size());
+            c.sum.emplace_back();
+        }
+    }
+}
+RegionSum& region_of(uint32_t node, RegionsChunk& c) { return c.sum[c.region[find_root(c.parent, node)]]; }
+
+void enlarge(Box& box, const Vec3d& p) {
+    box.min = box.min.cwiseMin(p);
+    box.max = box.max.cwiseMax(p);
+}
+
+// Adds `part` of the boundary piece p -> q of a flat patch through `corner` with unit normal: twice the area of a patch
+// is the sum of the cross products along its boundary, three times the volume under it that area times the height.
+void add_piece(const Vec3d& corner, const Vec3d& unit, const Vec3d& p, const Vec3d& q, double part, RegionSum& sum) {
+    const Vec3d area = 0.5 * part * (p - corner).cross(q - corner);
+    sum.area += area.dot(unit);
+    sum.volume += area.dot(corner) / 3;
+    enlarge(sum.box, p);
+    enlarge(sum.box, q);
+}
+
+void measure_half(const PairInput& in, uint32_t side, RegionsChunk& c) {
+    const Half& half = in.half[side];
+    for (uint32_t row = half.screened.first; row < half.screened.end(); ++row) {
+        const uint32_t triangle = in.screened.triangle[row];
+        const Triangle& t = half.mesh.triangle[triangle];
+        const auto& edges = half.mesh.triangle_edge[triangle];
+        const Vec3d corner[3] = {half.points.point(t[0]), half.points.point(t[1]), half.points.point(t[2])};
+        const Vec3d unit = (corner[1] - corner[0]).cross(corner[2] - corner[0]).normalized();
+        for (uint32_t k = 0; k < 3; ++k) {
+            const uint32_t l = (k + 1) % 3, node = half.first_node + t[k];
+            if (points_on(side, edges[k], c).empty()) {
+                if (c.inside[node]) add_piece(corner[0], unit, corner[k], corner[l], 1, region_of(node, c));
+                continue;
+            }
+            find_spans(in, side, edges[k], c);
+            for (const InsideSpan& span : c.span) {
+                add_piece(corner[0], unit, corner[k], corner[l], span.to - span.from, region_of(span.node, c));
+            }
+        }
+    }
+}
+
+// The contour: a patch of a has it on its left, one of b on its right.
+void measure_contour(const PairInput& in, RegionsChunk& c) {
+    const Contours& k = in.contours;
+    for (uint32_t i = in.segments.first; i < in.segments.end(); ++i) {
+        const Vec3d p = k.point[k.end[i][0]] - in.centre, q = k.point[k.end[i][1]] - in.centre;
+        RegionSum& sum = region_of(point_node(in, k.end[i][0]), c);
+        sum.contour += (q - p).norm();
+        for (uint32_t side = 0; side < 2; ++side) {
+            const Triangle& t = in.half[side].mesh.triangle[k.triangle[i][side]];
+            const BodyPoints& points = in.half[side].points;
+            const Vec3d corner = points.point(t[0]);
+            const Vec3d unit = (points.point(t[1]) - corner).cross(points.point(t[2]) - corner).normalized();
+            add_piece(corner, unit, side == 0 ? p : q, side == 0 ? q : p, 1, sum);
+        }
+    }
+    for (uint32_t i = k.pair[in.pair].first; i < k.pair[in.pair].end(); ++i) {
+        ++region_of(point_node(in, k.end[k.curve[i].first][0]), c).curves;
+    }
+}
+
+// Node of a contact: its vertex, or where the inside part of the edge that it lies on begins. kNone: on the surface.
+uint32_t node_of_contact(const PairInput& in, uint32_t row, uint32_t side, RegionsChunk& c) {
+    const auto& vertex = in.contacts.vertex[row];
+    const uint32_t first = in.half[side].first_node;
+    if (vertex[0] == vertex[1]) return c.inside[first + vertex[0]] ? first + vertex[0] : kNone;
+    const auto edges = in.half[side].mesh.edge;
+    const uint32_t edge = uint32_t(std::lower_bound(edges.begin(), edges.end(), vertex) - edges.begin());
+    find_spans(in, side, edge, c);
+    uint32_t best = kNone;
+    double nearest = std::numeric_limits<double>::infinity();
+    for (const InsideSpan& span : c.span) {
+        const double along = in.contacts.along[row];
+        const double beyond = std::max({0.0, span.from - along, along - span.to});
+        if (beyond < nearest) nearest = beyond, best = span.node;
+    }
+    return best;
+}
+
+void add_contacts(const PairInput& in, RegionsChunk& c) {
+    for (uint32_t row = in.rows.first; row < in.rows.end(); ++row) {
+        const double depth = -in.contacts.distance[row];
+        if (!(depth > 0)) continue;
+        const uint32_t side = in.contacts.body[row] == in.half[1].body;
+        const uint32_t node = node_of_contact(in, row, side, c);
+        if (node == kNone) continue;
+        RegionSum& sum = region_of(node, c);
+        if (in.contacts.vertex[row][0] == in.contacts.vertex[row][1]) ++(side ? sum.vertices_b : sum.vertices_a);
+        if (depth > sum.depth) sum.depth = depth, sum.witness = row;
+    }
+}
+
+bool holds(const Box& outer, const Box& inner) {
+    return (outer.min.array() <= inner.min.array()).all() && (inner.max.array() <= outer.max.array()).all();
+}
+
+// Gives the walls of voids to the smallest region around them.
+void merge_voids(RegionsChunk& c) {
+    for (RegionSum& cavity : c.sum) {
+        if (cavity.volume >= 0) continue;
+        RegionSum* around = nullptr;
+        for (RegionSum& sum : c.sum) {
+            if (sum.volume > -cavity.volume && holds(sum.box, cavity.box) && (!around || sum.volume < around->volume)) {
+                around = &sum;
+            }
+        }
+        if (around == nullptr) continue;
+        around->vertices_a += cavity.vertices_a;
+        around->vertices_b += cavity.vertices_b;
+        around->curves += cavity.curves;
+        around->contour += cavity.contour;
+        around->area += cavity.area;
+        around->volume += cavity.volume;
+        if (cavity.depth > around->depth) around->depth = cavity.depth, around->witness = cavity.witness;
+        cavity = {};
+    }
+}
+
+void add_rows(const PairInput& in, const RegionsChunk& c, OverlapRegions& out) {
+    for (const RegionSum& sum : c.sum) {
+        // no point inside and no volume: the bodies only touch there. One on its copy has volume and no depth.
+        const bool seen = sum.witness != kNone;
+        if (!seen && !(sum.volume > 1e-9 * sum.area * std::sqrt(sum.area))) continue;
+        const Vec3d normal = seen ? in.contacts.normal[sum.witness] : Vec3d(Vec3d::Zero());
+        out.pair.push_back(in.pair);
+        out.vertices_a.push_back(sum.vertices_a);
+        out.vertices_b.push_back(sum.vertices_b);
+        out.curves.push_back(sum.curves);
+        out.contour.push_back(sum.contour);
+        out.area.push_back(sum.area);
+        out.volume.push_back(sum.volume);
+        out.depth.push_back(sum.depth);
+        out.direction.push_back(seen && in.contacts.body[sum.witness] == in.half[0].body ? Vec3d(-normal) : normal);
+        out.witness.push_back(sum.witness);
+    }
+}
+
+void find_pair(const PairInput& in, RegionsChunk& c) {
+    const uint32_t nodes = in.first_point_node + in.points.count;
+    mark_inside(in, c);
+    sort_points(in, c);
+    c.parent.resize(nodes);
+    if (is_doubtful(in, c)) {
+        c.winding.resize(nodes);
+        for (uint32_t side = 0; side < 2; ++side) settle_doubtful(in, side, c);
+    }
+    for (uint32_t node = 0; node < nodes; ++node) c.parent[node] = node;
+    for (uint32_t i = in.segments.first; i < in.segments.end(); ++i) {
+        const auto& [p, q] = in.contours.end[i];
+        join(c.parent, point_node(in, p), point_node(in, q));
+    }
+    for (uint32_t side = 0; side < 2; ++side) join_half(in, side, c);
+    number_regions(in, c);
+    if (c.sum.empty()) return;
+    for (uint32_t side = 0; side < 2; ++side) measure_half(in, side, c);
+    measure_contour(in, c);
+    add_contacts(in, c);
+    merge_voids(c);
+    add_rows(in, c, c.found);
+}
+
+bool is_closed(const Surfaces& s, uint32_t body) {
+    const Admission admission = s.meshes.info[s.bodies.mesh[body]].admission;
+    return admission == Admission::kSolid || admission == Admission::kWinding;
+}
+
+// Rows of segment and point that belong to a pair; curves, segments and points of pairs lie in order.
+void find_rows(const Contours& k, uint32_t pair, Range& points, Range& segments) {
+    points = segments = {};
+    const Range curves = k.pair[pair];
+    if (curves.count == 0) return;
+    const Range last = k.curve[curves.end() - 1];
+    segments = {k.curve[curves.first].first, last.end() - k.curve[curves.first].first};
+    uint32_t low = kNone, high = 0;
+    for (uint32_t i = segments.first; i < segments.end(); ++i) {
+        for (const uint32_t p : k.end[i]) low = std::min(low, p), high = std::max(high, p);
+    }
+    points = {low, high + 1 - low};
+}
+
+void clear(OverlapRegions& r) {
+    r.pair.clear(), r.vertices_a.clear(), r.vertices_b.clear(), r.curves.clear(), r.contour.clear(), r.area.clear();
+    r.volume.clear(), r.depth.clear(), r.direction.clear(), r.witness.clear();
+}
+
+template <typename T>
+void append(const std::vector<T>& from, std::vector<T>& to) {
+    to.insert(to.end(), from.begin(), from.end());
+}
+
+}  // namespace
+
+void find_regions(const Surfaces& surfaces, const CandidatePairs& pairs, const ScreenedTriangles& screened,
+                  const NearVertices& near, const Contacts& contacts, const Contours& contours,
+                  RegionsScratch& scratch, OverlapRegions& regions) {
+    const uint32_t count = uint32_t(pairs.a.size()), grain = std::max(1u, chunk_count(count, kMostChunks)),
+                   chunks = chunk_count(count, grain);
+    if (scratch.chunk.size() < chunks) scratch.chunk.resize(chunks);
+    scratch.contact_first.assign(count + 1, 0);
+    for (const uint32_t pair : contacts.pair) ++scratch.contact_first[pair + 1];
+    for (uint32_t pair = 0; pair < count; ++pair) scratch.contact_first[pair + 1] += scratch.contact_first[pair];
+    parallel_for(count, grain, [&](uint32_t begin, uint32_t end) {
+        RegionsChunk& chunk = scratch.chunk[begin / grain];
+        clear(chunk.found);
+        for (uint32_t pair = begin; pair < end; ++pair) {
+            const uint32_t a = pairs.a[pair], b = pairs.b[pair];
+            Range rows{scratch.contact_first[pair], scratch.contact_first[pair + 1] - scratch.contact_first[pair]};
+            if (rows.count == 0 || !is_closed(surfaces, a) || !is_closed(surfaces, b)) continue;
+            const Vec3d centre = contacts.point[rows.first];
+            const MeshView mesh_a = mesh_view(surfaces.meshes, surfaces.bodies.mesh[a]),
+                           mesh_b = mesh_view(surfaces.meshes, surfaces.bodies.mesh[b]);
+            const uint32_t nodes_a = uint32_t(mesh_a.position.size()), nodes_b = uint32_t(mesh_b.position.size());
+            Range points, segments;
+            find_rows(contours, pair, points, segments);
+            find_pair({screened, near, contacts, contours,
+                       {{{a, 0, screened.body[a], near.side[2 * pair], mesh_a, BodyPoints(surfaces, a, centre)},
+                         {b, nodes_a, screened.body[b], near.side[2 * pair + 1], mesh_b,
+                          BodyPoints(surfaces, b, centre)}}},
+                       pair, nodes_a + nodes_b, points, segments, rows, centre},
+                      chunk);
+        }
+    });
+    clear(regions);
+    for (uint32_t i = 0; i < chunks; ++i) {
+        const OverlapRegions& f = scratch.chunk[i].found;
+        append(f.pair, regions.pair), append(f.vertices_a, regions.vertices_a), append(f.vertices_b, regions.vertices_b);
+        append(f.curves, regions.curves), append(f.contour, regions.contour), append(f.area, regions.area);
+        append(f.volume, regions.volume), append(f.depth, regions.depth), append(f.direction, regions.direction);
+        append(f.witness, regions.witness);
+    }
+}
+
+}  // namespace trocar

@@ -1,0 +1,49 @@
+#pragma once
+#include <vector>
+
+#include "components/contacts.hpp"
+#include "engine/surfaces.hpp"
+namespace trocar {
+
+// A part of an edge that is inside the other body; 0 and 1 are its lower and its other vertex.
+struct InsideSpan {
+    uint32_t node;  // where it begins
+    double from, to;
+};
+
+// What is summed of one region before it becomes a row.
+struct RegionSum {
+    uint32_t vertices_a = 0, vertices_b = 0, curves = 0, witness = kNone;
+    double contour = 0, area = 0, volume = 0, depth = 0;
+    Box box;
+};
+
+// Working arrays and results of a run of pairs. Nodes of the pair at hand: vertices of a, vertices of b, contour points.
+struct RegionsChunk {
+    std::vector<uint32_t> parent;        // per node: union-find
+    std::vector<uint32_t> region;        // per root
+    std::vector<uint8_t> inside;         // per vertex node
+    std::vector<double> certain;         // per vertex node: m, how far from the other surface it surely is
+    std::vector<int32_t> winding;        // per vertex node: against its parent; for doubtful pairs
+    std::vector<uint32_t> order;         // points of the pair by body, edge and place on it
+    std::vector<uint32_t> hit_edge[2];   // per body: edges that are passed, ascending
+    std::vector<uint32_t> hit_first[2];  // rows of order, one more
+    std::vector<InsideSpan> span;        // of the edge at hand
+    std::vector<RegionSum> sum;
+    OverlapRegions found;                // of all pairs of the run
+};
+
+struct RegionsScratch {
+    std::vector<RegionsChunk> chunk;
+    std::vector<uint32_t> contact_first;  // per pair, one more
+};
+
+// Groups what overlaps into connected regions: inside vertices and inside parts of edges joined over the edges of each
+// mesh and across the contour. Area and volume come from Green's and Gauss' theorem over the clipped surfaces, so they
+// are those of the meshes to rounding. A void (a patch that encloses a negative volume) belongs to the region around
+// it; a place where bodies only touch is none, a body on its copy one without a witness. Both bodies must be closed; pairs with a sheet have no regions.
+void find_regions(const Surfaces& surfaces, const CandidatePairs& pairs, const ScreenedTriangles& screened,
+                  const NearVertices& near, const Contacts& contacts, const Contours& contours,
+                  RegionsScratch& scratch, OverlapRegions& regions);
+
+}  // namespace trocar

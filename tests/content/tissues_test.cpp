@@ -1,0 +1,80 @@
+#include "content/tissues.hpp"
+
+#include <gtest/gtest.h>
+
+#include <cmath>
+#include <filesystem>
+#include <fstream>
+
+#include "content/build_scene.hpp"
+#include "content/scene_file.hpp"
+#include "content/shape_library.hpp"
+#include "engine/error.hpp"
+namespace trocar {
+namespace {
+
+SceneFile scene_with(const std::string& tissue_lines, const std::vector<Override>& overrides = {}) {
+    const std::filesystem::path path = std::filesystem::path(testing::TempDir()) / "tissues_test.toml";
+    std::ofstream(path) << "[[body]]\nname = \"organ\"\nshape = \"sphere\"\ntriangles = 200\nmotion = \"deformable\"\n" << tissue_lines;
+    return read_scene_file(path, overrides);
+}
+
+TEST(Tissues, APresetIsChosenByNameAndOverriddenKeyByKey) {
+    const Tissue liver = find_tissue("liver")->tissue, kidney = find_tissue("kidney")->tissue;
+    EXPECT_EQ(scene_with("tissue = \"liver\"\n").bodies[0].tissue.youngs_modulus, liver.youngs_modulus);
+    const Tissue mixed = scene_with("[body.tissue]\nyoungs_modulus = 9e3\npreset = \"liver\"\nbending = 7\n").bodies[0].tissue;
+    EXPECT_EQ(mixed.youngs_modulus, 9e3) << "wherever the preset stands";
+    EXPECT_EQ(mixed.bending, 7);
+    EXPECT_EQ(mixed.density, liver.density);
+    EXPECT_EQ(mixed.pressure_modulus, liver.pressure_modulus);
+    EXPECT_EQ(scene_with("tissue = \"liver\"\n", {{"organ.tissue", "kidney"}}).bodies[0].tissue.youngs_modulus, kidney.youngs_modulus);
+    EXPECT_NE(liver.youngs_modulus, kidney.youngs_modulus);
+}
+
+TEST(Tissues, AnUnknownNameListsTheKnownOnes) {
+    for (const char* lines : {"tissue = \"livre\"\n", "[body.tissue]\npreset = \"livre\"\n"}) {
+        try {
+            scene_with(lines);
+            ADD_FAILURE() << lines;
+        } catch (const InputError& error) {
+            const std::string what = error.what();
+            EXPECT_NE(what.find("livre"), std::string::npos) << what;
+            EXPECT_NE(what.find("gallbladder"), std::string::npos) << what;
+            EXPECT_NE(what.find("tissues_test.toml:"), std::string::npos) << what;
+        }
+    }
+}
+
+// Generated surfaces are not made of equilateral triangles: under an even stretch their springs hold sum L^2 / (2 sqrt(3)
+// area) of the energy of the sheet they stand for, 1 where all triangles are equilateral and never less (Weitzenboeck).
+TEST(Tissues, ErrorOfTheModulusOnGeneratedSurfaces) {
+    for (const char* shape : {"liver", "kidney", "gallbladder", "stomach", "bowel", "hernia_wall", "surgical_mesh"}) {
+        const Mesh mesh = make_shape(shape, 5000, 1);
+        double squares = 0, area = 0;
+        for (const Triangle& t : mesh.triangle) {
+            const Vec3d a = mesh.position[t[0]], b = mesh.position[t[1]], c = mesh.position[t[2]];
+            squares += 0.5 * ((b - a).squaredNorm() + (c - b).squaredNorm() + (a - c).squaredNorm());  // edges have two triangles
+            area += 0.5 * (b - a).cross(c - a).norm();
+        }
+        const double ratio = squares / (2 * std::sqrt(3.0) * area);
+        std::printf("[   figure ] springs of %-14s %+5.1f %% of the modulus asked for, evenly stretched\n", shape, 100 * (ratio - 1));
+        EXPECT_GE(ratio, 1 - 1e-9) << shape;
+        EXPECT_LT(ratio, 1.6) << shape;
+    }
+}
+
+// Every preset makes a body that the explicit step can carry, and names where its modulus comes from.
+TEST(Tissues, EveryPresetMakesABody) {
+    EXPECT_EQ(tissue_presets().size(), 7u);
+    for (const TissuePreset& preset : tissue_presets()) {
+        SceneFile scene = scene_with(std::string("tissue = \"") + preset.name + "\"\n");
+        const BuiltScene built = build_scene(scene);
+        EXPECT_GT(built.world.bodies.stable_dt[0], 1e-5) << preset.name;
+        EXPECT_LT(built.world.bodies.stable_dt[0], 1e-1) << preset.name;
+        EXPECT_GT(std::string(preset.sources).size(), 30u) << preset.name;
+        EXPECT_EQ(built.world.springs.hinges.first.size(), preset.tissue.bending > 0 ? 1u : 0u);
+    }
+}
+
+}  // namespace
+}  // namespace trocar

@@ -1,0 +1,161 @@
+#include <gtest/gtest.h>
+
+#include <algorithm>
+#include <cmath>
+
+#include "engine/thread_pool.hpp"
+#include "tests/systems/contact_scene.hpp"
+
+// Hard cases of the occupancy grid, each against a closed form or brute force.
+namespace trocar::test {
+namespace {
+
+using PairList = std::vector<std::array<uint32_t, 2>>;
+
+// Pairs (a, b) of bodies of which some triangles' own boxes meet, counted by comparing every triangle with every other.
+std::vector<size_t> meeting_by_brute_force(const ContactScene& scene) {
+    const auto boxes_of = [&](uint32_t body) {
+        std::vector<Box> boxes;
+        for (const Triangle& t : mesh_view(scene.meshes, scene.bodies.mesh[body]).triangle) {
+            Box box;
+            for (const uint32_t v : t) {
+                const Vec3d p = vertex_position(scene.surfaces(), body, v);
+                box.min = box.min.cwiseMin(p);
+                box.max = box.max.cwiseMax(p);
+            }
+            boxes.push_back(box);
+        }
+        return boxes;
+    };
+    std::vector<std::vector<Box>> boxes;
+    for (uint32_t body = 0; body < scene.bodies.mesh.size(); ++body) boxes.push_back(boxes_of(body));
+    std::vector<size_t> count;
+    for (uint32_t pair = 0; pair < scene.pairs.a.size(); ++pair) {
+        size_t met = 0;
+        for (const Box& a : boxes[scene.pairs.a[pair]]) {
+            for (const Box& b : boxes[scene.pairs.b[pair]]) met += boxes_meet(a, b);
+        }
+        count.push_back(met);
+    }
+    return count;
+}
+
+// Sixty balls through each other, all in one cell: every pair of bodies gets the pairs of brute force.
+TEST(HardCases, H06_AllObjectsInOneCell) {
+    std::vector<BodyInput> balls;
+    for (uint32_t i = 0; i < 60; ++i) {
+        const Vec3d at(0.0137 * (i % 5), 0.0171 * (i / 5 % 4), 0.0193 * (i / 20));
+        balls.push_back({make_noisy_sphere(2, 0.05, 0.1, 0.3 * i), Motion::kDeformable, at, {}});
+    }
+    ContactScene scene(balls);
+    scene.params.cell_edges = 1000;
+    scene.find_triangles();
+    ASSERT_EQ(scene.occupancy.cell_key.size(), 1u);
+    EXPECT_EQ(scene.occupancy.object.size(), 60u);
+    ASSERT_EQ(scene.pairs.a.size(), 60u * 59 / 2);
+    const std::vector<size_t> want = meeting_by_brute_force(scene);
+    // a box may meet by the rounding of the packed floats alone, so a few more are allowed, and none less
+    size_t found = 0, least = 0;
+    for (uint32_t pair = 0; pair < want.size(); ++pair) {
+        EXPECT_GE(scene.candidates.pair[pair].count, want[pair]);
+        found += scene.candidates.pair[pair].count;
+        least += want[pair];
+    }
+    EXPECT_LE(double(found), 1.0001 * double(least));
+}
+
+// Cells 30 and up, where a signed product of the usual hash primes overflows; the sanitizers watch the arithmetic.
+TEST(HardCases, H07_CellIndicesBeyondThirty) {
+    ContactScene scene({{make_noisy_sphere(40, 1, 0.05, 0), Motion::kDeformable, Vec3d::Zero(), {}},
+                        {make_noisy_sphere(40, 1, 0.05, 1), Motion::kDeformable, Vec3d(0.4, 0.1, 0), {}}});
+    scene.params.cell_edges = 1;
+    scene.find_triangles();
+    uint64_t largest = 0;
+    for (const uint64_t key : scene.occupancy.cell_key) {
+        for (const uint32_t shift : {0u, 21u, 42u}) largest = std::max(largest, key >> shift & ((1u << 21) - 1));
+    }
+    EXPECT_GE(largest, 30u);
+    const std::vector<size_t> want = meeting_by_brute_force(scene);
+    EXPECT_GE(scene.candidates.triangle.size(), want[0]);
+    EXPECT_LE(double(scene.candidates.triangle.size()), 1.001 * double(want[0]));
+}
+
+// A body at 1e30 m and one without a finite place beside two that touch: nothing is cast out of range, the two are found.
+TEST(HardCases, H08_PlacesNoCellCanName) {
+    const Mesh ball = make_noisy_sphere(6, 0.1, 0, 0);
+    const double inf = std::numeric_limits<double>::infinity();
+    ContactScene scene({{ball, Motion::kDeformable, Vec3d(0, 0, 0), {}},
+                        {ball, Motion::kDeformable, Vec3d(0.15, 0, 0), {}},
+                        {ball, Motion::kHand, Vec3d(1e30, -1e30, 1e30), {}},
+                        {ball, Motion::kHand, Vec3d(inf, 0, 0), {}},
+                        {ball, Motion::kHand, Vec3d(std::nan(""), 0, 0), {}}});
+    scene.find_triangles();
+    ASSERT_EQ(scene.pairs.a.size(), 1u);
+    EXPECT_GE(scene.candidates.pair[0].count, meeting_by_brute_force(scene)[0]);
+    EXPECT_GT(scene.candidates.pair[0].count, 0u);
+}
+
+// Cells of a sphere's shell about the origin: the share of them that meet another cell in their slot is that of random
+// keys, at three loads. Signed cells hashed by exclusive or reach 1.6 to 4.6 times it.
+TEST(HardCases, H12_ASceneSymmetricAboutZero) {
+    constexpr int kRadius = 33;
+    std::vector<uint64_t> keys;
+    for (int x = -kRadius; x <= kRadius; ++x)
+        for (int y = -kRadius; y <= kRadius; ++y)
+            for (int z = -kRadius; z <= kRadius; ++z)
+                if (std::abs(std::sqrt(x * x + y * y + z * z) - kRadius) < 0.5)  // as rasterise: counted from the corner
+                    keys.push_back(pack_cell(uint32_t(x + kRadius), uint32_t(y + kRadius), uint32_t(z + kRadius)));
+    ASSERT_GT(keys.size(), 13'000u);
+    for (const uint32_t bits : {14u, 15u, 16u}) {
+        std::vector<uint32_t> load(size_t(1) << bits, 0);
+        for (const uint64_t key : keys) ++load[cell_slot(key, 64 - bits)];
+        size_t sharing = 0;
+        for (const uint64_t key : keys) sharing += load[cell_slot(key, 64 - bits)] > 1;
+        const double share = double(sharing) / double(keys.size());
+        const double ideal = 1 - std::pow(1 - std::ldexp(1.0, -int(bits)), double(keys.size() - 1));
+        EXPECT_LE(share, 1.1 * ideal) << bits << " bits";
+    }
+}
+
+// Three hundred small bodies, screened several at a time: the pairs of brute force, and the same layers for any number of
+// threads and from warm memory.
+TEST(HardCases, H19_LayersForAnyNumberOfThreads) {
+    std::vector<BodyInput> balls;
+    for (uint32_t i = 0; i < 300; ++i) {
+        const Vec3d at(0.093 * (i % 7), 0.091 * (i / 7 % 7), 0.094 * (i / 49));
+        balls.push_back({make_noisy_sphere(2 + i % 2, 0.05, 0.1, 0.3 * i), Motion::kDeformable, at, {}});
+    }
+    const auto run = [&](uint32_t threads, ContactScene& scene) {
+        ThreadPool pool(threads);
+        pool.run([&] { scene.find_triangles(); });
+    };
+    ContactScene first(balls);
+    run(1, first);
+    const std::vector<size_t> want = meeting_by_brute_force(first);
+    ASSERT_GT(want.size(), 300u);
+    for (uint32_t pair = 0; pair < want.size(); ++pair) EXPECT_GE(first.candidates.pair[pair].count, want[pair]);
+    for (const uint32_t threads : {1u, 2u, 3u, 8u, 64u}) {
+        ContactScene scene(balls);
+        run(threads, scene);
+        run(threads, scene);
+        EXPECT_EQ(scene.screened.triangle, first.screened.triangle) << threads;
+        EXPECT_EQ(scene.occupancy.cell_key, first.occupancy.cell_key) << threads;
+        EXPECT_EQ(scene.occupancy.object, first.occupancy.object) << threads;
+        EXPECT_EQ(scene.occupancy.primitive, first.occupancy.primitive) << threads;
+        EXPECT_EQ(scene.candidates.triangle, first.candidates.triangle) << threads;
+    }
+}
+
+// No body, one body, a body without a face near: no cell, no pair, no crash.
+TEST(HardCases, H14_NothingToMeet) {
+    for (const uint32_t count : {0u, 1u}) {
+        ContactScene scene(std::vector<BodyInput>(count, {make_noisy_sphere(4, 1, 0, 0), Motion::kDeformable, Vec3d::Zero(), {}}));
+        scene.run();
+        EXPECT_TRUE(scene.pairs.a.empty() && scene.occupancy.cell_key.empty() && scene.contacts.pair.empty());
+        EXPECT_EQ(scene.occupancy.object_first, std::vector<uint32_t>{0});
+        EXPECT_EQ(scene.occupancy.primitive_first, std::vector<uint32_t>{0});
+    }
+}
+
+}  // namespace
+}  // namespace trocar::test
