@@ -3,5 +3,6 @@
 // Each suite prints its figures; argv[0] is the suite's name. The exit code of the program is what it returns.
 int content_suite(int argc, char** argv);
 int contact_suite(int argc, char** argv);
+int deform_suite(int argc, char** argv);
 int query_suite(int argc, char** argv);
 int report_suite(int argc, char** argv);

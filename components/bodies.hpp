@@ -1,4 +1,5 @@
 #pragma once
+#include <limits>
 #include <string>
 #include <vector>
 
@@ -16,6 +17,20 @@ enum class Motion : uint8_t {
 enum class AnchorFrame : uint8_t {
     kWorld,  // goals are rest positions under the body's rest pose: tissue held by what surrounds it
     kShape,  // goals are the best-fit rigid copy of the rest shape: a free body that keeps its shape
+};
+
+enum class Integrator : uint8_t {
+    kLeapfrog,  // explicit, second order; stable up to Bodies::stable_dt
+    kMidpoint,  // linearised implicit midpoint, conjugate gradients: for stiff held bodies
+    kXpbd,      // Macklin, Mueller, Chentanez 2016: the known baseline, and for what must not stretch
+};
+
+// How a deformable body is moved in time.
+struct Stepping {
+    Integrator integrator = Integrator::kLeapfrog;
+    uint32_t iterations = 10;  // midpoint: most of the conjugate gradients; xpbd: sweeps over the springs
+    double tolerance = 1e-3;   // midpoint: residual of the velocities over that of the start, at which it stops
+    double step = std::numeric_limits<double>::infinity();  // s, largest; for leapfrog besides stable_dt and the settings
 };
 
 // Material of a deformable body. SI units.
@@ -44,8 +59,13 @@ struct Bodies {
     std::vector<float> spring_stiffness;      // N/m, one k per body
     std::vector<double> inv_mass;             // 1/kg, rigid: of the translation; 0 = cannot be pushed
     std::vector<double> stable_dt;            // s, computed limit of the explicit step; infinity for rigid bodies
+    std::vector<Stepping> stepping;           // empty = leapfrog for all
     std::vector<double> thickness;            // m, sheets only
 };
+
+inline Stepping stepping_of(const Bodies& bodies, uint32_t body) {
+    return body < bodies.stepping.size() ? bodies.stepping[body] : Stepping{};
+}
 
 // Where bodies are. Rigid: position and orientation of the body frame. Deformable: origin is the origin of the
 // particle offsets and orientation that of the anchors: constant for kWorld, the best-fit rigid copy for kShape. One row

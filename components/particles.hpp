@@ -13,6 +13,12 @@ struct Particles {
     std::vector<double> last_dt;     // s, one per body row: substep that the velocities are half of behind; 0 = not started
 };
 
+// Deformable bodies that lie still: one row per body, or empty where a scene lets nobody sleep.
+struct Sleep {
+    std::vector<uint32_t> still;  // ms that the body has been slower than sleep_speed; 0 for rigid bodies
+    std::vector<uint32_t> group;  // kNone = awake; else the smallest body of the island with which it fell asleep
+};
+
 // Anchors of deformable bodies: a spring of rest length zero from a particle to its goal. Constant after load.
 struct Anchors {
     std::vector<float> stiffness;    // N/m, one per particle; 0 = none

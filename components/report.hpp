@@ -15,6 +15,7 @@ struct Energy {
     double work_contact = 0;   // of inelastic impact and friction, <= 0
     double work_damping = 0;   // <= 0
     double work_push = 0;      // of push-out moves
+    double work_numeric = 0;   // what implicit steps lost by themselves, and what bodies fell asleep with
     double balance = 0;        // the sum above - its value at the start
 };
 
@@ -30,6 +31,12 @@ struct Report {
     uint64_t ended_rows = 0;              // planes left behind by a sliding vertex
     uint64_t opposing_planes = 0;         // vertices pressed from both sides at the end of a pass
     uint64_t nonfinite_particles = 0;     // restored
+    uint64_t runaway_bodies = 0;          // restored because their energy grew and nobody had put it in
+    uint64_t awake_bodies = 0;            // deformable bodies that were moved in the last pass
+    uint64_t asleep_bodies = 0;           // and that lay still
+    uint64_t implicit_steps = 0;          // of bodies stepped by midpoint
+    uint64_t implicit_iterations = 0;     // of conjugate gradients in all of them
+    double worst_implicit_residual = 0;   // largest over the steps, as Stepping::tolerance
     uint64_t dropped_pictures = 0;        // live mode
     uint64_t late_passes = 0;             // live mode
     double deepest_residual = 0;          // m, deepest overlap at the end of a period

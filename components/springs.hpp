@@ -1,4 +1,5 @@
 #pragma once
+#include <array>
 #include <vector>
 
 #include "components/math.hpp"
@@ -48,6 +49,13 @@ struct Springs {
     std::vector<float> factor;                // as rest_length, up to the last varied prototype: stiffness / spring_stiffness of the body
     std::vector<float> area_share;            // one per vertex of the prototype (padded to 16): third of the incident area, m^2; padding 0
     std::vector<Range> vertices;              // one per prototype: rows of area_share
+    // The same springs, each once, in colours: no two of a colour share an end. Only of prototypes of bodies stepped by
+    // xpbd, else empty ranges; no rows at all where nobody is. 16 springs a batch; padding names rows beyond the
+    // prototype's padded vertices: 2 lane and 2 lane + 1 from there.
+    std::vector<Range> colours;               // one per prototype: rows of colour
+    std::vector<Range> colour;                // batches
+    std::vector<std::array<uint32_t, 2 * kSliceWidth>> batch;    // 16 first ends, then 16 second ends
+    std::vector<std::array<float, kSliceWidth>> batch_rest;      // m
     Fans fans;
     Hinges hinges;
 };

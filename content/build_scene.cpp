@@ -98,8 +98,10 @@ std::string body_note(const World& world, uint32_t body, const Prototype& made) 
         note += text;
     }
     if (is_deformable(world.bodies, body)) {
-        std::snprintf(text, sizeof text, ", E %.3g Pa, explicit step at most %.3g ms",
-                      world.bodies.tissue[body].youngs_modulus, world.bodies.stable_dt[body] * 1e3);
+        constexpr const char* kIntegrators[] = {"leapfrog", "midpoint", "xpbd"};
+        std::snprintf(text, sizeof text, ", E %.3g Pa, explicit step at most %.3g ms, stepped by %s",
+                      world.bodies.tissue[body].youngs_modulus, world.bodies.stable_dt[body] * 1e3,
+                      kIntegrators[static_cast<size_t>(stepping_of(world.bodies, body).integrator)]);
         note += text;
     }
     const std::string changes = describe_cleaning(made.cleaning);
@@ -204,6 +206,19 @@ void make_deformable(World& world, uint32_t body, double fixed_below) {
         update_stable_dt(world.springs, body, world.particles, world.anchors, world.bodies);
 }
 
+Integrator pick_integrator(const World& world, uint32_t body, double wanted_error, std::string& why) {
+    constexpr double kMostStepsPerMs = 5, kMidpointError = 1e-4;
+    const Range rows = world.bodies.particles[body];
+    const uint32_t vertices = world.meshes.info[world.bodies.mesh[body]].vertices.count;
+    bool held = world.bodies.anchor_frame[body] == AnchorFrame::kWorld;
+    for (uint32_t v = 0; v < vertices && !held; ++v) held = !(world.particles.offset[rows.first + v].w > 0);
+    const double steps = 1e-3 / world.bodies.stable_dt[body];
+    char text[160];
+    std::snprintf(text, sizeof text, "%.3g explicit steps a ms, %s, %.3g mm wanted", steps, held ? "held" : "free", wanted_error * 1e3);
+    why = text;
+    return steps > kMostStepsPerMs && held && wanted_error >= kMidpointError ? Integrator::kMidpoint : Integrator::kLeapfrog;
+}
+
 void make_trees(World& world) {
     world.trees.clear();
     std::map<uint32_t, uint32_t> shared;  // prototype -> row of trees
@@ -264,6 +279,34 @@ struct PrototypeCache {
     }
 };
 
+// Chooses how a deformable body is stepped; returns why, where the scene left it open.
+std::string choose_stepping(const SceneFile& scene, const BodySpec& spec, World& world, uint32_t body) {
+    std::string why;
+    Stepping stepping;
+    if (spec.integrator == "auto" && !world.springs.info[world.bodies.mesh[body]].varied) stepping.integrator = pick_integrator(world, body, spec.wanted_error, why);
+    if (spec.integrator == "midpoint") stepping.integrator = Integrator::kMidpoint;
+    if (spec.integrator == "xpbd") stepping.integrator = Integrator::kXpbd;
+    const double limit = world.bodies.stable_dt[body];
+    if (stepping.integrator == Integrator::kLeapfrog && spec.step > limit) {
+        char text[200];
+        std::snprintf(text, sizeof text, "\": step = %g s is above the largest stable step of leapfrog, %.4g s; take a shorter one or integrator = \"midpoint\"",
+                      spec.step, limit);
+        throw InputError(at(scene, spec.line) + "body \"" + spec.name + text);
+    }
+    if (stepping.integrator == Integrator::kLeapfrog && spec.step == 0) return why;  // what bodies have anyway
+    if (stepping.integrator != Integrator::kLeapfrog && world.springs.info[world.bodies.mesh[body]].varied)
+        throw InputError(at(scene, spec.line) + "body \"" + spec.name + "\": a solid is stepped by leapfrog: midpoint and xpbd know springs of one stiffness only");
+    constexpr double kUsualStep[] = {0, 5e-3, 1e-3};  // s
+    stepping.step = spec.step > 0 ? spec.step : kUsualStep[static_cast<size_t>(stepping.integrator)];
+    stepping.iterations = spec.iterations > 0 ? spec.iterations : stepping.integrator == Integrator::kXpbd ? 1 : 10;
+    // pressure and bending are explicit forces whoever steps: their bound, and with it that of the springs, holds
+    if (has_pressure(world.bodies, body) || has_bending(world.bodies, body)) stepping.step = std::min(stepping.step, limit);
+    world.bodies.stepping.resize(body + 1);
+    world.bodies.stepping[body] = stepping;
+    if (stepping.integrator == Integrator::kXpbd) colour_springs(world.springs, world.bodies.mesh[body]);
+    return why;
+}
+
 void add_scene_body(const SceneFile& scene, const BodySpec& spec, const Prototype& prototype, BuiltScene& built) {
     World& world = built.world;
     Tissue tissue = spec.tissue;
@@ -275,8 +318,12 @@ void add_scene_body(const SceneFile& scene, const BodySpec& spec, const Prototyp
     if (!spec.above.empty()) place_above(scene, spec, world, body);
     if (spec.motion == Motion::kHand) world.bodies.inv_mass[body] = 1 / spec.mass;
     if (spec.motion == Motion::kKinematic) add_path(world.paths, body, spec.path);
-    if (spec.motion == Motion::kDeformable) make_deformable(world, body, spec.fixed_below);
-    built.notes.push_back(body_note(world, body, prototype));
+    std::string why;
+    if (spec.motion == Motion::kDeformable) {
+        make_deformable(world, body, spec.fixed_below);
+        why = choose_stepping(scene, spec, world, body);
+    }
+    built.notes.push_back(body_note(world, body, prototype) + (why.empty() ? "" : "; auto: " + why));
 }
 
 }  // namespace

@@ -15,6 +15,11 @@ uint32_t add_body(World& world, const std::string& name, uint32_t prototype, Mot
 // vertices whose rest z (m, body frame) lies below `fixed_below` are fixed.
 void make_deformable(World& world, uint32_t body, double fixed_below = -std::numeric_limits<double>::infinity());
 
+// What scene files call "auto": midpoint where leapfrog would need more than five steps a millisecond, the body is held
+// (anchors in the world, or fixed vertices: midpoint takes energy from what is free) and an error of 0.1 mm is good
+// enough; else leapfrog, which is the most exact for its time. `why` gets the reason in words.
+Integrator pick_integrator(const World& world, uint32_t body, double wanted_error, std::string& why);
+
 // Makes the closest-point trees: one per deformable body, one per prototype for all its rigid bodies. Call it once all
 // prototypes are there: trees look at their rows.
 void make_trees(World& world);

@@ -250,6 +250,13 @@ BodySpec read_body(const std::string& file, const toml::table& table) {
     section.read("spacing", body.spacing, 1e-9, 1e9);
     section.read("bed", body.bed);
     section.read("fixed_below", body.fixed_below);
+    section.read("integrator", body.integrator);
+    constexpr const char* kIntegrators[] = {"leapfrog", "midpoint", "xpbd", "auto"};
+    if (std::find(std::begin(kIntegrators), std::end(kIntegrators), body.integrator) == std::end(kIntegrators))
+        section.fail(*section.find("integrator"), "integrator \"" + body.integrator + "\" is none of leapfrog, midpoint, xpbd, auto");
+    section.read_count("iterations", body.iterations, 1, 1e4);
+    section.read("step", body.step, 1e-9, 1);
+    section.read("wanted_error", body.wanted_error, 0, 1);
     section.read("thickness", body.thickness, 1e-9, 1e3);
     section.read("mass", body.mass, 1e-6, 1e6);
     if (const toml::node* node = section.find("color"); node) {
@@ -400,6 +407,8 @@ SceneFile read_scene_file(const std::filesystem::path& path, const std::vector<O
     top.read("seconds", scene.settings.seconds, 0, 1e9);
     top.read("gravity", scene.settings.gravity);
     top.read("substep", scene.settings.substep, 1e-9, 1);
+    top.read("sleep_speed", scene.settings.sleep_speed, 0, 1e3);
+    top.read("sleep_after", scene.settings.sleep_after, 0, 1e6);
     if (const toml::table* contact = top.table("contact"))
         read_contact({file, *contact, "[contact]"}, scene.settings.contact);
     if (const toml::table* camera = top.table("camera")) scene.camera = read_camera({file, *camera, "[camera]"});

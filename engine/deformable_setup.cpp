@@ -11,6 +11,7 @@
 #include "engine/error.hpp"
 #include "engine/geometry/quaternion.hpp"
 #include "engine/pressure_force.hpp"
+#include "engine/stable_step.hpp"
 namespace trocar {
 namespace {
 
@@ -120,24 +121,20 @@ void add_deformable(const Meshes& meshes, const Springs& springs, const Poses& p
 void update_stable_dt(const Springs& springs, uint32_t body, const Particles& particles, const Anchors& anchors,
                       Bodies& bodies) {
     const uint32_t prototype = bodies.mesh[body];
-    const Range slices = springs.info[prototype].slices;
-    const uint32_t* column = springs.slice_column.data() + slices.first + prototype;
-    const uint32_t first = bodies.particles[body].first;
-    const double k = bodies.spring_stiffness[body];
-    double omega_squared = 0;
-    for (uint32_t slice = 0; slice < slices.count; ++slice) {
-        for (uint32_t lane = 0; lane < kSliceWidth; ++lane) {
-            const uint32_t v = slice * kSliceWidth + lane;
-            double sum = anchors.stiffness[first + v];
-            for (uint32_t c = column[slice]; c < column[slice + 1]; ++c) {
-                const uint32_t far_end = springs.neighbour[c * kSliceWidth + lane];
-                if (far_end == v) continue;
-                // a fixed far end does not move against us: once, not twice
-                sum += particles.offset[first + far_end].w > 0 ? 2 * k : k;
-            }
-            omega_squared = std::max(omega_squared, sum * particles.offset[first + v].w);
+    const Range slices = springs.info[prototype].slices, rows = bodies.particles[body];
+    const std::span held = std::span(anchors.stiffness).subspan(rows.first, rows.count);
+    double k = bodies.spring_stiffness[body];
+    if (springs.info[prototype].varied) {  // as if all were as stiff as the stiffest
+        float most = 0;
+        for (uint32_t c = springs.slice_column[slices.first + prototype]; c < springs.slice_column[slices.end() + prototype]; ++c) {
+            for (uint32_t lane = 0; lane < kSliceWidth; ++lane) most = std::max(most, springs.factor[size_t{c} * kSliceWidth + lane]);
         }
+        k *= static_cast<double>(most);
     }
+    const std::vector<double> diagonal(held.begin(), held.end());
+    double omega_squared = stiffest_mode(
+        {std::span(springs.slice_column).subspan(slices.first + prototype, slices.count + 1), springs.neighbour.data(),
+         k, diagonal, std::span(particles.offset).subspan(rows.first, rows.count)});
     if (has_pressure(bodies, body)) omega_squared += pressure_omega_squared(springs, bodies, particles, body);
     if (has_bending(bodies, body)) omega_squared += bending_omega_squared(springs, bodies, particles, body);
     const double damping = bodies.tissue[body].damping;

@@ -220,6 +220,53 @@ void add_springs(Springs& springs, const Meshes& meshes, uint32_t prototype, std
     append_area_shares(springs, mesh, springs.vertices.back());
 }
 
+void colour_springs(Springs& springs, uint32_t prototype) {
+    TROCAR_ASSERT(prototype < springs.info.size());
+    if (springs.colours.size() <= prototype) springs.colours.resize(prototype + 1);
+    if (springs.colours[prototype].count > 0) return;
+    const Range slices = springs.info[prototype].slices;
+    const uint32_t padded = slices.count * kSliceWidth;
+    struct Spring {
+        uint32_t a, b;
+        float rest;
+    };
+    std::vector<std::vector<Spring>> by_colour;
+    std::vector<std::vector<uint8_t>> used(padded);  // colours at a vertex
+    for (uint32_t v = 0; v < padded; ++v) {
+        const uint32_t row = slices.first + prototype + v / kSliceWidth;
+        for (uint32_t c = springs.slice_column[row]; c < springs.slice_column[row + 1]; ++c) {
+            const size_t half_edge = size_t{c} * kSliceWidth + v % kSliceWidth;
+            const uint32_t far_end = springs.neighbour[half_edge];
+            if (far_end <= v) continue;
+            const auto taken = [&](uint32_t vertex, size_t colour) {
+                return colour < used[vertex].size() && used[vertex][colour];
+            };
+            size_t colour = 0;
+            while (taken(v, colour) || taken(far_end, colour)) ++colour;
+            for (const uint32_t end : {v, far_end}) {
+                used[end].resize(std::max(used[end].size(), colour + 1));
+                used[end][colour] = 1;
+            }
+            by_colour.resize(std::max(by_colour.size(), colour + 1));
+            by_colour[colour].push_back({v, far_end, springs.rest_length[half_edge]});
+        }
+    }
+    springs.colours[prototype] = grow(springs.colour.size(), by_colour.size());
+    for (const std::vector<Spring>& list : by_colour) {
+        const size_t batches = (list.size() + kSliceWidth - 1) / kSliceWidth;
+        springs.colour.push_back(grow(springs.batch.size(), batches));
+        for (size_t b = 0; b < batches; ++b) {
+            auto& ends = springs.batch.emplace_back();
+            auto& rest = springs.batch_rest.emplace_back();
+            for (uint32_t lane = 0; lane < kSliceWidth; ++lane) {
+                const size_t i = b * kSliceWidth + lane;
+                const Spring s = i < list.size() ? list[i] : Spring{padded + 2 * lane, padded + 2 * lane + 1, 0};
+                ends[lane] = s.a, ends[kSliceWidth + lane] = s.b, rest[lane] = s.rest;
+            }
+        }
+    }
+}
+
 void order_for_locality(Mesh& mesh) {
     Box box;
     for (const Vec3d& p : mesh.position) {

@@ -31,6 +31,8 @@ constexpr Elements elements_of() {
     else if constexpr (std::is_same_v<T, Vec3d>) return {A::kF64, 3};
     else if constexpr (std::is_same_v<T, Quat>) return {A::kF64, 4};
     else if constexpr (std::is_same_v<T, Box>) return {A::kF64, 6};
+    else if constexpr (std::is_same_v<T, std::array<uint32_t, 2 * kSliceWidth>>) return {A::kU32, 2 * kSliceWidth};
+    else if constexpr (std::is_same_v<T, std::array<float, kSliceWidth>>) return {A::kF32, kSliceWidth};
     else if constexpr (std::is_same_v<T, Tissue>) return {A::kF64, sizeof(Tissue) / sizeof(double)};
     else return {};
 }
@@ -49,6 +51,8 @@ void fields(V& v, T& t) {
         v.item(t.radius), v.item(t.box);
     } else if constexpr (is<T, SpringInfo>) {
         v.item(t.slices), v.item(t.mean_rest), v.item(t.mean_geometry), v.item(t.varied);
+    } else if constexpr (is<T, Stepping>) {
+        v.item(t.integrator), v.item(t.iterations), v.item(t.tolerance), v.item(t.step);
     } else if constexpr (is<T, SolidInfo>) {
         v.item(t.inner), v.item(t.tetrahedra), v.item(t.count), v.item(t.slices), v.item(t.nodes);
     } else if constexpr (is<T, Image>) {
@@ -227,7 +231,8 @@ void visit_resource(World& w, Resource resource, Visitor& v) {
     switch (resource) {
         case Resource::kSettings:
             v.value(FIELD(settings.gravity[0])), v.value(FIELD(settings.gravity[1])), v.value(FIELD(settings.gravity[2])),
-                v.value(FIELD(settings.substep)), v.value(FIELD(settings.contact.tolerance)),
+                v.value(FIELD(settings.substep)), v.value(FIELD(settings.sleep_speed)), v.value(FIELD(settings.sleep_after)),
+                v.value(FIELD(settings.contact.tolerance)),
                 v.value(FIELD(settings.contact.push_speed)), v.value(FIELD(settings.contact.cell_edges)),
                 v.value(FIELD(settings.contact.iterations)), v.value(FIELD(settings.contact.row_capacity)),
                 v.value(FIELD(settings.contact.share)), v.value(FIELD(settings.contact.direction)),
@@ -249,7 +254,8 @@ void visit_resource(World& w, Resource resource, Visitor& v) {
                 v.array(FIELD(springs.fans.column)), v.array(FIELD(springs.fans.corner)), v.array(FIELD(springs.hinges.groups)),
                 v.array(FIELD(springs.hinges.vertex)), v.array(FIELD(springs.hinges.sine)), v.array(FIELD(springs.hinges.cosine)),
                 v.array(FIELD(springs.hinges.weight)), v.array(FIELD(springs.hinges.cap)), v.array(FIELD(springs.hinges.first)),
-                v.array(FIELD(springs.hinges.column)), v.array(FIELD(springs.hinges.slot));
+                v.array(FIELD(springs.hinges.column)), v.array(FIELD(springs.hinges.slot)),
+                v.array(FIELD(springs.colours)), v.array(FIELD(springs.colour)), v.array(FIELD(springs.batch)), v.array(FIELD(springs.batch_rest));
             break;
         case Resource::kSolids:
             v.array(FIELD(solids.info)), v.array(FIELD(solids.position)), v.array(FIELD(solids.corner[0])),
@@ -261,7 +267,8 @@ void visit_resource(World& w, Resource resource, Visitor& v) {
             v.array(FIELD(bodies.entity)), v.array(FIELD(bodies.name)), v.array(FIELD(bodies.mesh)), v.array(FIELD(bodies.motion)),
                 v.array(FIELD(bodies.particles)), v.array(FIELD(bodies.tree)), v.array(FIELD(bodies.anchor_frame)),
                 v.array(FIELD(bodies.tissue)), v.array(FIELD(bodies.spring_stiffness)), v.array(FIELD(bodies.inv_mass)),
-                v.array(FIELD(bodies.stable_dt)), v.array(FIELD(bodies.thickness));
+                v.array(FIELD(bodies.stable_dt)), v.array(FIELD(bodies.thickness)),
+                v.array(FIELD(bodies.stepping));
             break;
         case Resource::kAnchors:
             v.array(FIELD(anchors.stiffness)), v.array(FIELD(anchors.rest_x)), v.array(FIELD(anchors.rest_y)),
@@ -361,14 +368,20 @@ void visit_resource(World& w, Resource resource, Visitor& v) {
         case Resource::kEnergy:
             v.value(FIELD(energy.kinetic)), v.value(FIELD(energy.elastic)), v.value(FIELD(energy.pressure)), v.value(FIELD(energy.bending)), v.value(FIELD(energy.gravity)),
                 v.value(FIELD(energy.work_hand)), v.value(FIELD(energy.work_contact)), v.value(FIELD(energy.work_damping)),
-                v.value(FIELD(energy.work_push)), v.value(FIELD(energy.balance));
+                v.value(FIELD(energy.work_push)), v.value(FIELD(energy.work_numeric)), v.value(FIELD(energy.balance));
             break;
         case Resource::kReport:
             v.value(FIELD(report.contact_passes)), v.value(FIELD(report.contact_events)), v.value(FIELD(report.dropped_contacts)),
                 v.value(FIELD(report.oversize_triangles)), v.value(FIELD(report.tie_overflows)),
                 v.value(FIELD(report.sign_disagreements)), v.value(FIELD(report.disagreements)),
                 v.value(FIELD(report.ended_rows)), v.value(FIELD(report.opposing_planes)),
-                v.value(FIELD(report.nonfinite_particles)), v.value(FIELD(report.deepest_residual)), v.value(FIELD(report.min_volume_ratio));
+                v.value(FIELD(report.nonfinite_particles)), v.value(FIELD(report.deepest_residual)),
+                v.value(FIELD(report.runaway_bodies)), v.value(FIELD(report.awake_bodies)), v.value(FIELD(report.asleep_bodies)),
+                v.value(FIELD(report.implicit_steps)), v.value(FIELD(report.implicit_iterations)),
+                v.value(FIELD(report.worst_implicit_residual)), v.value(FIELD(report.min_volume_ratio));
+            break;
+        case Resource::kSleep:
+            v.array(FIELD(sleep.still)), v.array(FIELD(sleep.group));
             break;
         case Resource::kCount:
             break;
@@ -393,6 +406,7 @@ ResourceKind resource_kind(Resource resource) {
         case Resource::kPoses:
         case Resource::kParticles:
         case Resource::kToolState:
+        case Resource::kSleep:
         case Resource::kPairMemory: return ResourceKind::kState;
         case Resource::kEnergy:
         case Resource::kReport: return ResourceKind::kBooks;
@@ -422,7 +436,7 @@ const char* resource_name(Resource resource) {
         "settings", "meshes",    "springs",    "solids",     "bodies",     "anchors",  "paths",        "tools",
         "clock",    "poses",     "particles",  "tool state", "pair memory", "boxes", "pairs", "trees",
         "screened", "occupancy", "candidates", "near",       "contacts", "penetrations", "contours", "regions", "rows",
-        "islands",  "normals",   "local contact", "picture",    "energy",   "report"};
+        "islands",  "normals",   "local contact", "picture",    "energy",   "report",   "sleep"};
     static_assert(std::size(kNames) == static_cast<size_t>(Resource::kCount));
     return kNames[static_cast<size_t>(resource)];
 }

@@ -35,6 +35,7 @@ struct World {
     Poses poses;
     Particles particles;
     Haptics haptics;  // tool: constant
+    Sleep sleep;
     PairMemory pair_memory;
     // derived each pass
     BodyBoxes boxes;
@@ -92,6 +93,7 @@ enum class Resource : uint8_t {
     kPicture,
     kEnergy,
     kReport,
+    kSleep,
     kCount
 };
 

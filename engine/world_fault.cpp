@@ -99,6 +99,19 @@ void check_springs(const World& w, uint32_t prototype, Faults& f) {
     }
 }
 
+void check_colours(const World& w, uint32_t prototype, Faults& f) {
+    const Springs& s = w.springs;
+    const std::string name = "colours of springs of mesh " + std::to_string(prototype);
+    f.require(prototype < s.colours.size() && s.batch.size() == s.batch_rest.size(), name + " are missing");
+    if (!f.first.empty() || !f.inside(s.colours[prototype], s.colour.size(), name)) return;
+    const uint32_t ends = s.vertices[prototype].count + 2 * kSliceWidth;
+    for (uint32_t c = s.colours[prototype].first; c < s.colours[prototype].end(); ++c) {
+        if (!f.inside(s.colour[c], s.batch.size(), name)) return;
+        for (uint32_t b = s.colour[c].first; b < s.colour[c].end(); ++b)
+            for (const uint32_t end : s.batch[b]) f.below(end, ends, false, name + ": end");
+    }
+}
+
 void check_solid(const World& w, uint32_t prototype, uint32_t particles, Faults& f) {
     const Solids& s = w.solids;
     if (prototype >= s.info.size() || s.info[prototype].count == 0) return;
@@ -170,6 +183,9 @@ void check_body(const World& w, uint32_t body, Faults& f) {
     if (f.first.empty() && has_pressure(b, body)) check_fans(w, b.mesh[body], f);
     if (f.first.empty() && has_bending(b, body)) check_hinges(w, b.mesh[body], f);
     if (!f.first.empty() || !f.inside(b.particles[body], w.particles.offset.size(), name + ": particles")) return;
+    const Stepping stepping = stepping_of(b, body);
+    f.require(stepping.integrator <= Integrator::kXpbd && stepping.step > kShortestStep && stepping.iterations <= 10000, name + " is stepped in no known way");
+    if (stepping.integrator == Integrator::kXpbd) check_colours(w, b.mesh[body], f);
     f.require(b.particles[body].count == w.springs.vertices[b.mesh[body]].count && b.particles[body].first % kSliceWidth == 0 &&
                   b.particles[body].count >= w.meshes.info[b.mesh[body]].vertices.count,
               name + ": particles do not fit its mesh");
@@ -185,6 +201,9 @@ void check_bodies(const World& w, Faults& f) {
               "bodies: arrays of different length");
     f.require(w.poses.origin.size() == n && w.poses.orientation.size() == n && w.poses.velocity.size() == n && w.poses.angular_velocity.size() == n,
               "poses: not one per body");
+    f.require(b.stepping.size() <= n, "bodies: more steppings than bodies");
+    f.require(w.sleep.still.size() == w.sleep.group.size() && (w.sleep.still.empty() || w.sleep.still.size() == n), "sleep: not one per body");
+    for (const uint32_t group : w.sleep.group) f.below(group, static_cast<uint32_t>(n), true, "sleep with body");
     const size_t particles = w.particles.offset.size();
     f.require(w.particles.velocity_x.size() == particles && w.particles.velocity_y.size() == particles && w.particles.velocity_z.size() == particles &&
                   w.anchors.stiffness.size() == particles && w.anchors.rest_x.size() == particles && w.anchors.rest_y.size() == particles &&
@@ -226,7 +245,7 @@ std::string find_fault(const World& w) {
     f.require(w.pair_memory.b.size() == w.pair_memory.a.size() && w.pair_memory.direction.size() == w.pair_memory.a.size(),
               "pair memory: arrays of different length");
     const ContactParams& c = w.settings.contact;
-    f.require(w.settings.substep > kShortestStep && c.tolerance > 0 && c.cell_edges > 0 && c.push_speed >= 0 && c.iterations < 1000, "settings: out of range");
+    f.require(w.settings.substep > kShortestStep && c.tolerance > 0 && c.cell_edges > 0 && c.push_speed >= 0 && c.iterations < 1000 && w.settings.sleep_speed >= 0 && w.settings.sleep_after >= 0, "settings: out of range");
     f.require(w.clock.contact_rate == 60 && w.clock.display_rate == 30 && w.clock.tick == pass_tick(w.clock.pass, 60), "clock: does not fit its passes");
     return f.first;
 }

@@ -29,6 +29,7 @@ AdvanceBody make_body(const AdvanceIsland& island, uint32_t body, uint32_t buffe
     b.shape = bodies.anchor_frame[body] == AnchorFrame::kShape;
     b.damping = bodies.tissue[body].damping;
     b.last_dt = island.particles.last_dt[body];
+    b.stepping = stepping_of(bodies, body);
     b.origin = to_vec4(island.poses.origin[body]);
     b.orientation = island.poses.orientation[body];
     b.now = island.particles.offset.data() + b.particles.first;
@@ -45,7 +46,7 @@ AdvanceBody make_body(const AdvanceIsland& island, uint32_t body, uint32_t buffe
 // Whether rounding takes more than half a percent of 1 mm/s from places stepped by dt: then a body carries what it left
 // out from substep to substep. At the end of a call the remainder, less than half an ulp, goes.
 bool carry_remainder(const AdvanceIsland& island, uint32_t body) {
-    if (island.params.substeps == 1) return false;
+    if (island.params.substeps == 1 || stepping_of(island.inputs.bodies, body).integrator != Integrator::kLeapfrog) return false;
     const float radius = static_cast<float>(island.inputs.meshes.info[island.inputs.bodies.mesh[body]].radius);
     const double ulp = std::nextafter(radius, std::numeric_limits<float>::infinity()) - radius;
     return ulp > 0.01 * 1e-3 * island.dt;
@@ -76,6 +77,7 @@ void gather_bodies(AdvanceIsland& island, std::span<const uint32_t> island_bodie
         if (is_deformable(island.inputs.bodies, body)) {
             s.slot_of_body[body] = static_cast<uint32_t>(s.body.size());
             s.body.push_back(make_body(island, body, particles));
+            s.body.back().kinetic = kinetic_energy(island, s.body.back());
             particles += s.body.back().particles.count;
         } else if (island.inputs.bodies.motion[body] == Motion::kHand) {
             rigid_slot(island, body);
@@ -93,32 +95,42 @@ void clear_sums(AdvanceScratch& s) {
     s.sums.assign(chunks * kSliceWidth, 0.0);
 }
 
+// One kick and drift.
+void step_leapfrog(AdvanceIsland& island, const SpringKernels& kernels, AdvanceBody& b, double* work) {
+    AdvanceScratch& s = island.scratch;
+    // the very first kick is half a one: velocities fall half a step behind
+    const double kick = 0.5 * (b.last_dt + island.dt);
+    b.last_dt = island.dt;
+    b.step.kick_dt = static_cast<float>(kick);
+    b.step.keep = static_cast<float>(std::exp(-b.damping * kick));
+    if (b.shape) {
+        const ShapeTotals totals = sum_shape(b.step, b.slices, s.shape_sums);
+        fit_goals(totals, island.poses.orientation[b.body], b.step);
+        fit_drag(totals, b.step);
+    }
+    parallel_for(b.slices, kSlicesPerChunk, [&](uint32_t begin, uint32_t end) {
+        kernels.step(&b.step, begin, end, work ? work + begin / kSlicesPerChunk * kSliceWidth : nullptr);
+    });
+}
+
 void step_bodies(AdvanceIsland& island, const SpringKernels& kernels, uint32_t substep) {
     AdvanceScratch& s = island.scratch;
     size_t chunk = 0;
     for (AdvanceBody& b : s.body) {
-        // the very first kick is half a one: velocities fall half a step behind
-        const double kick = 0.5 * (b.last_dt + island.dt);
-        b.last_dt = island.dt;
         b.next = (substep % 2 == 0 ? s.offset_a : s.offset_b).data() + b.buffer;
-        b.step.kick_dt = static_cast<float>(kick);
-        b.step.keep = static_cast<float>(std::exp(-b.damping * kick));
         b.step.offset = &b.now->x;
         b.step.new_offset = &b.next->x;
-        if (b.shape) {
-            const ShapeTotals totals = sum_shape(b.step, b.slices, s.shape_sums);
-            fit_goals(totals, island.poses.orientation[b.body], b.step);
-            fit_drag(totals, b.step);
+        double* work = island.params.account_energy && b.damping > 0 ? s.sums.data() + chunk * kSliceWidth : nullptr;
+        find_forces(island, b);
+        switch (b.stepping.integrator) {
+            case Integrator::kLeapfrog: step_leapfrog(island, kernels, b, work); break;
+            case Integrator::kMidpoint: step_midpoint(island, b, work); break;
+            case Integrator::kXpbd: step_xpbd(island, b, work); break;
         }
         const float* drag = b.step.drag_velocity;
         const float* turn = b.step.drag_turn;
         b.drag_velocity = make_vec4(drag[0], drag[1], drag[2]);
         b.drag_turn = make_vec4(turn[0], turn[1], turn[2]);
-        find_forces(island, b);
-        double* work = island.params.account_energy && b.damping > 0 ? s.sums.data() + chunk * kSliceWidth : nullptr;
-        parallel_for(b.slices, kSlicesPerChunk, [&](uint32_t begin, uint32_t end) {
-            kernels.step(&b.step, begin, end, work ? work + begin / kSlicesPerChunk * kSliceWidth : nullptr);
-        });
         chunk += chunk_count(b.slices, kSlicesPerChunk);
     }
 }
@@ -173,6 +185,11 @@ void finish_bodies(AdvanceIsland& island) {
             restore_body(island, b);
             continue;
         }
+        if (has_run_away(island, b)) {
+            ++island.result.runaway_bodies;
+            restore_body(island, b);
+            continue;
+        }
         std::copy_n(b.now, b.particles.count, island.particles.offset.begin() + b.particles.first);
         island.particles.last_dt[b.body] = b.last_dt;
     }
@@ -191,8 +208,12 @@ void finish_bodies(AdvanceIsland& island) {
 
 uint32_t count_substeps(const Bodies& bodies, std::span<const uint32_t> island_bodies, double seconds, double largest) {
     double stable = std::numeric_limits<double>::infinity();
-    for (const uint32_t body : island_bodies) stable = std::min(stable, bodies.stable_dt[body]);
-    return substeps_for(seconds, stable, largest);
+    for (const uint32_t body : island_bodies) {
+        const Stepping stepping = stepping_of(bodies, body);
+        const bool leapfrog = stepping.integrator == Integrator::kLeapfrog;
+        stable = std::min(stable, leapfrog ? std::min({bodies.stable_dt[body], largest, stepping.step}) : stepping.step);
+    }
+    return substeps_for(seconds, stable, seconds);
 }
 
 void add_advance_result(const AdvanceResult& result, Energy& energy, Report& report) {
@@ -200,9 +221,14 @@ void add_advance_result(const AdvanceResult& result, Energy& energy, Report& rep
     energy.work_contact += result.work_contact;
     energy.work_damping += result.work_damping;
     energy.work_push += result.work_push;
+    energy.work_numeric += result.work_numeric;
     report.ended_rows += result.ended_rows;
     report.opposing_planes += result.opposing_planes;
     report.nonfinite_particles += result.nonfinite_particles;
+    report.runaway_bodies += result.runaway_bodies;
+    report.implicit_steps += result.implicit_steps;
+    report.implicit_iterations += result.implicit_iterations;
+    report.worst_implicit_residual = std::max(report.worst_implicit_residual, result.worst_implicit_residual);
     report.min_volume_ratio = std::min(report.min_volume_ratio, result.min_volume_ratio);
     report.deepest_residual = std::max(report.deepest_residual, result.deepest_residual);
 }
@@ -233,6 +259,18 @@ void share_room(std::span<AdvanceScratch> scratches) {
     level(&AdvanceScratch::block);
     level(&AdvanceScratch::active_block);
     level(&AdvanceScratch::open_blocks_of_node);
+    const auto level_implicit = [&](auto ImplicitScratch::* field) {
+        size_t most = 0;
+        for (const AdvanceScratch& s : scratches) most = std::max(most, (s.implicit.*field).capacity());
+        for (AdvanceScratch& s : scratches) (s.implicit.*field).reserve(most);
+    };
+    level_implicit(&ImplicitScratch::place);
+    level_implicit(&ImplicitScratch::direction);
+    level_implicit(&ImplicitScratch::sums);
+    for (auto ImplicitScratch::* field : {&ImplicitScratch::spoke, &ImplicitScratch::block, &ImplicitScratch::residual,
+                                          &ImplicitScratch::applied, &ImplicitScratch::change, &ImplicitScratch::lambda}) {
+        level_implicit(field);
+    }
 }
 
 void advance_island(const AdvanceParams& params, const AdvanceInputs& inputs, std::span<const uint32_t> island_bodies,
@@ -250,6 +288,9 @@ void advance_island(const AdvanceParams& params, const AdvanceInputs& inputs, st
     };
     observe(params.observer.begin);
     plan_contacts(island, island_rows);
+    for (const ContactNode& node : scratch.node) {
+        if (node.particle != kNone) scratch.body[node.owner].touched = true;
+    }
     note_velocities(island);
     observe(params.observer.end);
     clear_sums(scratch);
@@ -262,9 +303,12 @@ void advance_island(const AdvanceParams& params, const AdvanceInputs& inputs, st
         step_bodies(island, kernels, substep);
         pull_hands(island, substep);
         observe(params.observer.begin);
+        const bool books = params.account_energy && has_rows(scratch);
         if (has_rows(scratch)) apply_impulses(island);
+        if (books) book_measured(island, result.work_contact);
         move_hands(island);
         if (has_rows(scratch)) push_out(island, substep);
+        if (books) book_measured(island, result.work_push);
         observe(params.observer.end);
         for (AdvanceBody& b : scratch.body) b.now = b.next;
     }

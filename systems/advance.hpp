@@ -61,26 +61,30 @@ struct AdvanceResult {
     double work_contact = 0;
     double work_damping = 0;
     double work_push = 0;
+    double work_numeric = 0;
     double deepest_residual = 0;  // m, deepest overlap of a row after the last substep of the last call
     uint64_t active_rows = 0;     // rows that acted, summed over the substeps
     uint64_t ended_rows = 0;
     uint64_t opposing_planes = 0;  // vertices pressed from both sides in the last substep of the last call
     uint64_t nonfinite_particles = 0;
+    uint64_t runaway_bodies = 0;
+    uint64_t implicit_steps = 0, implicit_iterations = 0;
+    double worst_implicit_residual = 0;  // as Stepping::tolerance
     double min_volume_ratio = std::numeric_limits<double>::infinity();  // of all tetrahedra in all substeps, see Report
 };
 
 // Adds a call's works and counters to the books. Islands are added in their order.
 void add_advance_result(const AdvanceResult& result, Energy& energy, Report& report);
 
-// Whole number of substeps in `seconds` that the bodies of an island need: none longer than its stable step or
-// `largest`.
+// Whole number of substeps in `seconds` that the bodies of an island need: none longer than the stable step of a body
+// stepped by leapfrog or `largest`, nor than the step of one that is stepped otherwise.
 uint32_t count_substeps(const Bodies& bodies, std::span<const uint32_t> island_bodies, double seconds, double largest);
 
 // Moves the bodies of one island (deformable and hand) through params.ticks ms by leapfrog under their springs,
 // anchors, damping, gravity and contact rows; DESIGN 5, 6.7, 6.8. Reads static and scripted bodies through poses and
 // paths and writes none of them. Adds to rows.impulse and to ToolState.contact_impulse of the island's rows and tools;
 // a row that a point has left behind gets an infinite rows.distance and rests from then on. A body that became
-// non-finite gets its state at the start of the call back, at rest. State is complete between calls. Same bits for any
+// non-finite, or whose energy grew though nothing could give it any, gets its state at the start of the call back, at rest. State is complete between calls. Same bits for any
 // number of threads. Distinct islands may run at the same time, each with its own scratch.
 void advance_island(const AdvanceParams& params, const AdvanceInputs& inputs, std::span<const uint32_t> island_bodies,
                     std::span<const uint32_t> island_rows, AdvanceScratch& scratch, Particles& particles, Poses& poses,

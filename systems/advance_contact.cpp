@@ -310,6 +310,7 @@ void scatter_velocities(AdvanceIsland& island) {
         node.velocity = float_vec4(velocity);
         const Vec4d kick = node.velocity - change.kicked;
         move_particle(s.body[node.owner], node, island.dt * kick);
+        if (s.body[node.owner].measured()) continue;
         work += kick * (change.damped + node.velocity) * (0.5 / node.inv_mass);
     }
     if (island.params.account_energy) island.result.work_contact += work[0] + work[1] + work[2];

@@ -29,6 +29,21 @@ struct AdvanceIsland {
 // Time at the start of a substep, s: a quotient of integers, so that it does not depend on how calls are cut.
 double substep_time(const AdvanceParams& params, uint32_t substep);
 
+// One step of a body whose stepping is midpoint, and its books. `work` is where the kernel puts the work of damping, 16
+// lanes; null when nobody asks. b.step is bound to this substep.
+void step_midpoint(AdvanceIsland& island, AdvanceBody& b, double* work);
+// One step of a body whose stepping is xpbd.
+void step_xpbd(AdvanceIsland& island, AdvanceBody& b, double* work);
+
+// Adds what the energy of measured bodies has changed by since it was measured last.
+void book_measured(AdvanceIsland& island, double& work);
+
+// Energy of the velocities of a body as the particles have them now, J.
+double kinetic_energy(const AdvanceIsland& island, const AdvanceBody& b);
+// Whether a body's energy has grown over the call by far more than a stable step can show, with nothing to give it any:
+// an explicit step above its limit doubles its energy in a few steps. Bodies with rows or with forces of others are left
+// out: those may give energy. After the last substep, before the state is written.
+bool has_run_away(const AdvanceIsland& island, const AdvanceBody& b);
 // Whether a body has forces besides springs and anchors: pressure, bending, tetrahedra.
 bool has_forces(const AdvanceInputs& inputs, uint32_t body);
 // Gives such bodies their rows of scratch.force; the island has `particles` in all.

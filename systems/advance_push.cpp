@@ -179,7 +179,7 @@ void make_moves(AdvanceIsland& island, double most) {
         if (offset != nullptr) {
             move_particle(s.body[node.owner], node, change.change);
             change.change = float_vec4(_mm_load_ps(offset)) - before;
-            change.pushed = true;
+            change.pushed = !s.body[node.owner].measured();  // whose works are measured
         } else {
             node.place = node.after = node.place + change.change;
             s.rigid[node.owner].place[1].shift = node.place;

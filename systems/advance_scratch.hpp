@@ -1,7 +1,9 @@
 #pragma once
 #include <array>
+#include <limits>
 #include <vector>
 
+#include "components/bodies.hpp"
 #include "components/math.hpp"
 #include "engine/geometry/four_points.hpp"
 #include "engine/geometry/vec4.hpp"
@@ -17,12 +19,31 @@ struct AdvanceBody {
     bool shape = false;           // anchors are the best-fit rigid copy
     double damping = 0;           // 1/s
     double last_dt = 0;           // s
+    double kinetic = 0;           // J, at the start of the call
+    Stepping stepping;
     Vec4d origin;                 // m
     Vec4d drag_velocity, drag_turn;  // m/s, rad/s, as in step
     Quat orientation;             // at the start of the call
     const Float4* now = nullptr;  // offsets at the start of the substep
     Float4* next = nullptr;       // and at its end
     SpringStep step;
+
+    // Places and velocities belong to the same time; else velocities are half a substep behind.
+    bool synchronous() const { return stepping.integrator == Integrator::kMidpoint; }
+    // Works are differences of the whole energy: steps beyond the explicit limit move places against stiffer forces than
+    // the node's own books know. Leapfrog's works are summed up where they are done.
+    bool measured() const { return stepping.integrator != Integrator::kLeapfrog; }
+    double energy = std::numeric_limits<double>::quiet_NaN();  // J, if measured: at its last measurement of the call
+    bool touched = false;  // a row of the call acts on it
+};
+
+// Memory of implicit steps of the body that is stepped now.
+struct ImplicitScratch {
+    std::vector<Float4> place, direction;                     // one per particle
+    std::vector<float> spoke;                                 // 64 per column
+    std::vector<float> block, residual, applied, change;      // 6, 3, 3, 3 fields
+    std::vector<double> sums;                                 // 16 a chunk
+    std::vector<float> lambda;                                // xpbd: 16 a batch
 };
 
 // A rotation and a shift, or a rotation's rate and a velocity: x -> shift + x[0] column[0] + x[1] column[1] + ...
@@ -149,6 +170,7 @@ struct AdvanceScratch {
     std::vector<ContactBlock> block;
     std::vector<uint32_t> active_block;
     std::vector<uint16_t> open_blocks_of_node;  // while blocks are filled: which of those open have it; as node
+    ImplicitScratch implicit;
 };
 
 }  // namespace trocar

@@ -84,7 +84,7 @@ void measure_energy(const Springs& springs, const Bodies& bodies, const Poses& p
             gravity.dot(t[kSumMass] * poses.origin[body] + Vec3d(t[kSumMPlace], t[kSumMPlace + 1], t[kSumMPlace + 2]));
     }
     energy.balance = energy.kinetic + energy.elastic + energy.pressure + energy.bending + energy.gravity -
-                     energy.work_hand - energy.work_contact - energy.work_damping - energy.work_push - start;
+                     energy.work_hand - energy.work_contact - energy.work_damping - energy.work_push - energy.work_numeric - start;
 }
 
 Momentum measure_momentum(const Bodies& bodies, const Poses& poses, const Particles& particles, uint32_t body) {

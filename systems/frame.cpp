@@ -28,6 +28,7 @@
 #include "systems/refit_trees.hpp"
 #include "systems/regions.hpp"
 #include "systems/rigid_motion.hpp"
+#include "systems/sleep.hpp"
 #include "systems/surface_normals.hpp"
 namespace trocar {
 
@@ -45,6 +46,8 @@ struct FrameScratch {
     RegionsScratch regions;
     ContactRowsScratch rows;
     IslandsScratch islands;
+    SleepScratch sleep;
+    std::vector<uint8_t> moving;                // per body: by its script
     SurfaceNormalsScratch normals;
     EnergyScratch energy;
     Poses coming;                               // poses with the coming speed of hands
@@ -122,6 +125,17 @@ void body_boxes(FrameState& f) {
     compute_body_boxes(period_seconds(w), {w.meshes, w.bodies, f.scratch.coming, w.particles}, w.boxes);
 }
 void candidate_pairs(FrameState& f) { find_candidate_pairs(f.world.bodies, f.world.boxes, {}, f.scratch.pairs, f.world.pairs); }
+// Bodies that nobody moves and nothing comes near are left alone until the next pass.
+void sleep(FrameState& f) {
+    World& w = f.world;
+    f.scratch.moving.assign(w.bodies.mesh.size(), 0);
+    const double now = pass_seconds(w);
+    for (size_t p = 0; p < w.paths.body.size(); ++p) {
+        if (w.paths.body[p] == kNone || w.paths.keys[p].count == 0) continue;
+        f.scratch.moving[w.paths.body[p]] = now <= w.paths.key[w.paths.keys[p].end() - 1].time + 2 * period_seconds(w);
+    }
+    fall_asleep_and_wake(w.settings, w.clock.period, w.bodies, f.scratch.moving, f.scratch.sleep, w.sleep, w.particles, w.pairs, w.energy, w.report);
+}
 void refit(FrameState& f) { refit_trees(f.world.bodies, f.world.particles, f.world.pairs, f.scratch.refit, f.world.trees); }
 void rasterise_(FrameState& f) {
     World& w = f.world;
@@ -211,6 +225,7 @@ void haptic_ticks(void* user, uint32_t ms) {
 void advance_one_island(FrameState& f, uint32_t island, AdvanceScratch& scratch) {
     World& w = f.world;
     const auto bodies = std::span(w.islands.body).subspan(w.islands.bodies[island].first, w.islands.bodies[island].count);
+    if (is_asleep(w.sleep, bodies[0])) return;  // and then all of them
     const auto rows = std::span(w.islands.row).subspan(w.islands.rows[island].first, w.islands.rows[island].count);
     AdvanceParams params;
     params.tick = w.clock.tick;
@@ -288,6 +303,8 @@ bool any_mover(const World& w) {
 bool any_deformable(const World& w) { return !w.particles.offset.empty(); }
 bool any_body(const World& w) { return !w.bodies.mesh.empty(); }
 
+bool may_sleep(const World& w) { return any_deformable(w) && w.settings.sleep_speed > 0; }
+
 using R = Resource;
 constexpr ResourceMask kShapes = mask(R::kMeshes, R::kBodies, R::kPoses, R::kParticles);
 
@@ -297,6 +314,7 @@ constexpr FrameStage kBegin[] = {
     {{"rigid motion",    rigid_motion,    mask(R::kClock, R::kPaths),                                        mask(R::kPoses)}, any_path},
     {{"body boxes",      body_boxes,      kShapes | mask(R::kClock, R::kTools, R::kToolState),               mask(R::kBoxes)}, any_pair},
     {{"candidate pairs", candidate_pairs, mask(R::kBodies, R::kBoxes),                                       mask(R::kPairs)}, any_pair},
+    {{"sleep",           sleep,           mask(R::kSettings, R::kBodies, R::kPaths, R::kClock, R::kPairs),     mask(R::kSleep, R::kParticles, R::kPairs, R::kEnergy, R::kReport)}, may_sleep},
     {{"refit trees",     refit,           kShapes | mask(R::kPairs),                                         mask(R::kTrees)}, any_pair},
     {{"rasterise",       rasterise_,      kShapes | mask(R::kSettings, R::kBoxes, R::kPairs),                mask(R::kScreened, R::kOccupancy, R::kReport)}, any_pair},
     {{"candidate cells", candidate_cells, mask(R::kPairs, R::kScreened, R::kOccupancy),                      mask(R::kCandidates)}, any_pair},
@@ -313,7 +331,7 @@ constexpr FrameStage kBegin[] = {
 };
 
 constexpr FrameStage kAdvance[] = {
-    {{"advance", advance, mask(R::kSettings, R::kMeshes, R::kSprings, R::kSolids, R::kBodies, R::kAnchors, R::kPaths, R::kTools, R::kClock, R::kIslands, R::kLocalContact),
+    {{"advance", advance, mask(R::kSleep, R::kSettings, R::kMeshes, R::kSprings, R::kSolids, R::kBodies, R::kAnchors, R::kPaths, R::kTools, R::kClock, R::kIslands, R::kLocalContact),
       mask(R::kPoses, R::kParticles, R::kRows, R::kToolState, R::kEnergy, R::kReport)}, any_mover},
 };
 
@@ -452,6 +470,7 @@ void reach_out(World& w) {
 // Finds contacts once before the clock starts, so that the first passes find their memory in place.
 void Frame::warm_up() {
     const Report before = state_->world.report;
+    const Sleep sleep_before = state_->world.sleep;
     begin_pass(*state_);
     state_->scratch.device.resize(state_->world.haptics.tool.size() * (state_->world.clock.period + 1));
     for (const uint32_t s : graphs_->detection) {
@@ -459,6 +478,7 @@ void Frame::warm_up() {
         if (stages()[s].name == kFirstDetection) reach_out(state_->world);
     }
     state_->world.report = before;
+    state_->world.sleep = sleep_before;
 }
 
 void Frame::step() {

@@ -32,7 +32,7 @@ constexpr Counter kCounters[] = {
     {"oversize_triangles", &Report::oversize_triangles}, {"tie_overflows", &Report::tie_overflows},
     {"sign_disagreements", &Report::sign_disagreements}, {"ended_rows", &Report::ended_rows},
     {"opposing_planes", &Report::opposing_planes},       {"nonfinite_particles", &Report::nonfinite_particles},
-    {"late_passes", &Report::late_passes},
+    {"late_passes", &Report::late_passes},               {"runaway_bodies", &Report::runaway_bodies},
 };
 
 [[noreturn]] void refuse_trigger(const std::string& word) {

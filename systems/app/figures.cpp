@@ -59,6 +59,12 @@ nlohmann::ordered_json report_json(const Report& r) {
             {"ended_rows", r.ended_rows},
             {"opposing_planes", r.opposing_planes},
             {"nonfinite_particles", r.nonfinite_particles},
+            {"runaway_bodies", r.runaway_bodies},
+            {"awake_bodies", r.awake_bodies},
+            {"asleep_bodies", r.asleep_bodies},
+            {"implicit_steps", r.implicit_steps},
+            {"implicit_iterations", r.implicit_iterations},
+            {"worst_implicit_residual", r.worst_implicit_residual},
             {"dropped_pictures", r.dropped_pictures},
             {"late_passes", r.late_passes},
             {"deepest_residual_m", r.deepest_residual}};
@@ -81,6 +87,7 @@ nlohmann::ordered_json energy_json(const RunFigures& f) {
             {"work_contact_j", last.work_contact},
             {"work_damping_j", last.work_damping},
             {"work_push_j", last.work_push},
+            {"work_numeric_j", last.work_numeric},
             {"balance_j", last.balance},
             {"peak_elastic_j", peak},
             {"worst_balance_j", worst},
@@ -151,15 +158,15 @@ std::string passes_csv(const RunFigures& f) {
     std::string out =
         "time_s,detection_ms,response_ms,frame_ms,render_ms,depth_m,inside_vertices,contacts,pairs,force_n,"
         "contact_force_n,kinetic_j,elastic_j,pressure_j,bending_j,gravity_j,work_hand_j,work_contact_j,work_damping_j,"
-        "work_push_j,balance_j\n";
+        "work_push_j,work_numeric_j,balance_j\n";
     char line[512];
     for (const PassFigures& p : f.pass) {
         std::snprintf(line, sizeof line,
-                      "%.3f,%.4f,%.4f,%.4f,%.4f,%.9g,%u,%u,%u,%.6g,%.6g,%.9g,%.9g,%.9g,%.9g,%.9g,%.9g,%.9g,%.9g,%.9g,%.9g\n",
+                      "%.3f,%.4f,%.4f,%.4f,%.4f,%.9g,%u,%u,%u,%.6g,%.6g,%.9g,%.9g,%.9g,%.9g,%.9g,%.9g,%.9g,%.9g,%.9g,%.9g,%.9g\n",
                       p.time, p.detection_ms, p.response_ms, p.frame_ms, p.render_ms, p.depth, p.inside_vertices, p.contacts,
                       p.pairs, p.force, p.contact_force, p.energy.kinetic, p.energy.elastic, p.energy.pressure,
                       p.energy.bending, p.energy.gravity, p.energy.work_hand, p.energy.work_contact,
-                      p.energy.work_damping, p.energy.work_push, p.energy.balance);
+                      p.energy.work_damping, p.energy.work_push, p.energy.work_numeric, p.energy.balance);
         out += line;
     }
     return out;

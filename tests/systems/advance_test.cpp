@@ -6,54 +6,14 @@
 
 #include "engine/thread_pool.hpp"
 #include "systems/rigid_motion.hpp"
-#include "tests/systems/advance_scene.hpp"
+#include "tests/systems/spring_graph.hpp"
 namespace trocar {
 namespace {
 
-// Point masses joined by given springs, without triangles: for closed forms.
 struct Masses : AdvanceScene {
     uint32_t add(const std::vector<Vec3d>& place, const std::vector<double>& mass,
                  const std::vector<std::array<uint32_t, 2>>& edges, double rest, double k) {
-        Mesh mesh;
-        mesh.position = place;
-        const uint32_t prototype = add_prototype(meshes, mesh, Admission::kRefused);
-        const uint32_t count = static_cast<uint32_t>(place.size());
-        const uint32_t padded = (count + 15) / 16 * 16, first_row = static_cast<uint32_t>(springs.slice_column.size());
-        std::vector<std::vector<uint32_t>> around(padded);
-        for (const auto& [i, j] : edges) around[i].push_back(j), around[j].push_back(i);
-        springs.info.push_back({{first_row - prototype, padded / 16}, rest});
-        springs.slice_column.push_back(static_cast<uint32_t>(springs.neighbour.size() / 16));
-        for (uint32_t slice = 0; slice < padded / 16; ++slice) {
-            for (uint32_t c = 0; c < 4; ++c) {
-                for (uint32_t lane = 0; lane < 16; ++lane) {
-                    const uint32_t v = 16 * slice + lane;
-                    const bool real = c < around[v].size();
-                    springs.neighbour.push_back(real ? around[v][c] : v);
-                    springs.rest_length.push_back(real ? static_cast<float>(rest) : 0.0f);
-                }
-            }
-            springs.slice_column.push_back(static_cast<uint32_t>(springs.neighbour.size() / 16));
-        }
-        springs.vertices.push_back({static_cast<uint32_t>(springs.area_share.size()), padded});
-        springs.area_share.resize(springs.area_share.size() + padded, 0.0f);
-        const uint32_t body = add_body(prototype, Motion::kStatic);
-        bodies.motion[body] = Motion::kDeformable;
-        bodies.tissue[body].damping = 0;
-        bodies.spring_stiffness[body] = static_cast<float>(k);
-        bodies.particles[body] = {static_cast<uint32_t>(particles.offset.size()), padded};
-        for (auto* field : {&particles.velocity_x, &particles.velocity_y, &particles.velocity_z, &anchors.stiffness,
-                            &anchors.rest_x, &anchors.rest_y, &anchors.rest_z}) {
-            field->resize(particles.offset.size() + padded, 0.0f);
-        }
-        particles.last_dt.resize(body + 1, 0.0);
-        for (uint32_t v = 0; v < padded; ++v) {
-            const Vec3d p = v < count ? place[v] : Vec3d::Zero();
-            const float w = v < count && mass[v] > 0 ? static_cast<float>(1 / mass[v]) : 0.0f;
-            particles.offset.push_back(
-                {static_cast<float>(p.x()), static_cast<float>(p.y()), static_cast<float>(p.z()), w});
-        }
-        update_stable_dt(springs, body, particles, anchors, bodies);
-        return body;
+        return add_graph(*this, {place, mass, edges, rest, k});
     }
 };
 

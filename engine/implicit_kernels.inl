@@ -1,0 +1,273 @@
+// The kernels of both instruction sets. The file that includes this one defines V (kWidth floats), Lanes (x, y, z, w) and
+// set, load, keep_store, load4, store4, gather4, root, larger, where_positive, is_other, multiply_add and add_doubles.
+
+
+struct Three {
+    V x, y, z;
+};
+
+TROCAR_LANES Three load3(const float* field, unsigned rows, unsigned row) {
+    return {load(field + row), load(field + rows + row), load(field + 2ul * rows + row)};
+}
+TROCAR_LANES void store3(float* field, unsigned rows, unsigned row, Three v) {
+    keep_store(field + row, v.x);
+    keep_store(field + rows + row, v.y);
+    keep_store(field + 2ul * rows + row, v.z);
+}
+TROCAR_LANES V dot3(Three a, Three b) { return multiply_add(a.x, b.x, multiply_add(a.y, b.y, a.z * b.z)); }
+// s + t x p
+TROCAR_LANES Three rigid(const float* s, const float* t, Three p) {
+    return {set(s[0]) + (set(t[1]) * p.z - set(t[2]) * p.y), set(s[1]) + (set(t[2]) * p.x - set(t[0]) * p.z),
+            set(s[2]) + (set(t[0]) * p.y - set(t[1]) * p.x)};
+}
+TROCAR_LANES Three times_block(const ImplicitStep* s, unsigned row, Three r) {
+    const unsigned long n = s->rows;
+    const V xx = load(s->block + row), yy = load(s->block + n + row), zz = load(s->block + 2 * n + row),
+            xy = load(s->block + 3 * n + row), xz = load(s->block + 4 * n + row), yz = load(s->block + 5 * n + row);
+    return {dot3({xx, xy, xz}, r), dot3({xy, yy, yz}, r), dot3({xz, yz, zz}, r)};
+}
+TROCAR_LANES V goal_less_place(const SpringStep* s, unsigned row, int axis, V x) {
+    const Three rest = {load(s->anchor_x + row), load(s->anchor_y + row), load(s->anchor_z + row)};
+    const float *turn = s->turn + 3 * axis, *small = s->turn_rest + 3 * axis;
+    const V low = dot3({set(small[0]), set(small[1]), set(small[2])}, rest);
+    const V goal = multiply_add(set(turn[0]), rest.x, multiply_add(set(turn[1]), rest.y, multiply_add(set(turn[2]), rest.z, low)));
+    return goal - ((x - set(s->centre[axis])) - set(s->centre_rest[axis]));
+}
+// Damping of velocity v at place p: the new velocity; adds its work to the sums.
+TROCAR_LANES Three damp(const SpringStep* s, float keep, Three v, Three p, V inverse_mass, double* sums, unsigned lane) {
+    const Three drag = rigid(s->drag_velocity, s->drag_turn, p);
+    const V less = set(keep - 1.0f);
+    const Three lost = {less * (v.x - drag.x), less * (v.y - drag.y), less * (v.z - drag.z)};
+    const Three to = {where_positive(inverse_mass, v.x + lost.x), where_positive(inverse_mass, v.y + lost.y),
+                      where_positive(inverse_mass, v.z + lost.z)};
+    const V power = dot3(lost, {v.x + to.x, v.y + to.y, v.z + to.z});
+    add_doubles(sums + lane, where_positive(inverse_mass, set(0.5f) / inverse_mass) * power);
+    return to;
+}
+
+void predict(const ImplicitStep* s, unsigned first, unsigned last, double* sums) {
+    const SpringStep* b = s->spring;
+    const V way = set(s->theta * b->dt);
+    for (unsigned row = 16 * first; row < 16 * last; row += kWidth) {
+        const Lanes x = load4(b->offset + 4ul * row);
+        const Three v = damp(b, s->keep_before, {load(b->velocity_x + row), load(b->velocity_y + row), load(b->velocity_z + row)},
+                             {x.x, x.y, x.z}, x.w, sums, row % 16);
+        keep_store(b->new_velocity_x + row, v.x);
+        keep_store(b->new_velocity_y + row, v.y);
+        keep_store(b->new_velocity_z + row, v.z);
+        store4(s->place + 4ul * row,
+               {multiply_add(way, v.x, x.x), multiply_add(way, v.y, x.y), multiply_add(way, v.z, x.z), x.w});
+    }
+}
+
+void begin(const ImplicitStep* s, unsigned first, unsigned last, double* sums) {
+    const SpringStep* b = s->spring;
+    const V zero = set(0), one = set(1), k = set(b->stiffness), h = set(b->dt), part = set(s->theta * s->theta * b->dt * b->dt);
+    for (unsigned row = 16 * first; row < 16 * last; row += kWidth) {
+        const Lanes p = load4(s->place + 4ul * row);
+        V fx = zero, fy = zero, fz = zero, xx = zero, yy = zero, zz = zero, xy = zero, xz = zero, yz = zero;
+        const unsigned slice = row / 16, lane = row % 16;
+        for (unsigned long c = b->slice_column[slice]; c < b->slice_column[slice + 1]; ++c) {
+            const unsigned* neighbour = b->neighbour + 16 * c + lane;
+            const Lanes q = gather4(s->place, neighbour);
+            const V dx = q.x - p.x, dy = q.y - p.y, dz = q.z - p.z;
+            const V length = root(multiply_add(dx, dx, multiply_add(dy, dy, dz * dz)));
+            const V per_length = where_positive(length, one / length);
+            const V ratio = load(b->rest_length + 16 * c + lane) * per_length;
+            const V pull = where_positive(length, one - ratio);
+            fx = multiply_add(pull, dx, fx);
+            fy = multiply_add(pull, dy, fy);
+            fz = multiply_add(pull, dz, fz);
+            const V real = is_other(neighbour, row);
+            const V a = real * larger(one - ratio, zero), along = root(real - a) * per_length;
+            const V ux = along * dx, uy = along * dy, uz = along * dz;
+            float* spoke = s->spoke + 64 * c + lane;
+            keep_store(spoke, ux);
+            keep_store(spoke + 16, uy);
+            keep_store(spoke + 32, uz);
+            keep_store(spoke + 48, a);
+            xx = xx + multiply_add(ux, ux, a);
+            yy = yy + multiply_add(uy, uy, a);
+            zz = zz + multiply_add(uz, uz, a);
+            xy = multiply_add(ux, uy, xy);
+            xz = multiply_add(ux, uz, xz);
+            yz = multiply_add(uy, uz, yz);
+        }
+        const V anchor = load(b->anchor_stiffness + row);
+        fx = multiply_add(anchor, goal_less_place(b, row, 0, p.x), k * fx);
+        fy = multiply_add(anchor, goal_less_place(b, row, 1, p.y), k * fy);
+        fz = multiply_add(anchor, goal_less_place(b, row, 2, p.z), k * fz);
+        if (b->force_x) {
+            fx = fx + load(b->force_x + row);
+            fy = fy + load(b->force_y + row);
+            fz = fz + load(b->force_z + row);
+        }
+        const V mass = where_positive(p.w, one / p.w);
+        const Three r = {where_positive(p.w, h * multiply_add(mass, set(b->gravity[0]), fx)),
+                         where_positive(p.w, h * multiply_add(mass, set(b->gravity[1]), fy)),
+                         where_positive(p.w, h * multiply_add(mass, set(b->gravity[2]), fz))};
+        store3(s->residual, s->rows, row, r);
+        store3(s->change, s->rows, row, {zero, zero, zero});
+        // inverse of the symmetric block by its minors; zero for what is fixed
+        const V qk = part * k, own = multiply_add(part, anchor, mass);
+        const V a = multiply_add(qk, xx, own), d = multiply_add(qk, yy, own), f = multiply_add(qk, zz, own);
+        const V u = qk * xy, v = qk * xz, w = qk * yz;
+        const V m0 = d * f - w * w, m1 = v * w - u * f, m2 = u * w - d * v;
+        const V det = multiply_add(a, m0, multiply_add(u, m1, v * m2)), scale = where_positive(p.w, one / det);
+        const unsigned long n = s->rows;
+        keep_store(s->block + row, scale * m0);
+        keep_store(s->block + n + row, scale * (a * f - v * v));
+        keep_store(s->block + 2 * n + row, scale * (a * d - u * u));
+        keep_store(s->block + 3 * n + row, scale * m1);
+        keep_store(s->block + 4 * n + row, scale * m2);
+        keep_store(s->block + 5 * n + row, scale * (u * v - a * w));
+        const Three z = times_block(s, row, r);
+        store4(s->direction + 4ul * row, {z.x, z.y, z.z, zero});
+        add_doubles(sums + lane, dot3(r, z));
+    }
+}
+
+void apply(const ImplicitStep* s, unsigned first, unsigned last, double* sums) {
+    const SpringStep* b = s->spring;
+    const V zero = set(0), k = set(b->stiffness), part = set(s->theta * s->theta * b->dt * b->dt);
+    for (unsigned row = 16 * first; row < 16 * last; row += kWidth) {
+        const Lanes p = load4(s->direction + 4ul * row), at = load4(s->place + 4ul * row);
+        Three sum = {zero, zero, zero};
+        const unsigned slice = row / 16, lane = row % 16;
+        for (unsigned long c = b->slice_column[slice]; c < b->slice_column[slice + 1]; ++c) {
+            const Lanes q = gather4(s->direction, b->neighbour + 16 * c + lane);
+            const Three d = {p.x - q.x, p.y - q.y, p.z - q.z};
+            const float* spoke = s->spoke + 64 * c + lane;
+            const Three u = {load(spoke), load(spoke + 16), load(spoke + 32)};
+            const V along = dot3(u, d), a = load(spoke + 48);
+            sum.x = multiply_add(along, u.x, multiply_add(a, d.x, sum.x));
+            sum.y = multiply_add(along, u.y, multiply_add(a, d.y, sum.y));
+            sum.z = multiply_add(along, u.z, multiply_add(a, d.z, sum.z));
+        }
+        const V anchor = load(b->anchor_stiffness + row);
+        const V mass = where_positive(at.w, set(1) / at.w);
+        const Three goal = rigid(s->rigid_velocity, s->rigid_turn, {at.x, at.y, at.z});
+        const auto whole = [&](V springs, V own, V with) {
+            const V held = multiply_add(anchor, own - with, k * springs);
+            return where_positive(at.w, multiply_add(part, held, mass * own));
+        };
+        const Three out = {whole(sum.x, p.x, goal.x), whole(sum.y, p.y, goal.y), whole(sum.z, p.z, goal.z)};
+        store3(s->applied, s->rows, row, out);
+        add_doubles(sums + lane, dot3({p.x, p.y, p.z}, out));
+    }
+}
+
+void move(const ImplicitStep* s, float a, unsigned first, unsigned last, double* sums) {
+    for (unsigned row = 16 * first; row < 16 * last; row += kWidth) {
+        const Lanes p = load4(s->direction + 4ul * row);
+        const Three applied = load3(s->applied, s->rows, row), dv = load3(s->change, s->rows, row);
+        Three r = load3(s->residual, s->rows, row);
+        const V by = set(a), back = set(-a);
+        store3(s->change, s->rows, row,
+               {multiply_add(by, p.x, dv.x), multiply_add(by, p.y, dv.y), multiply_add(by, p.z, dv.z)});
+        r = {multiply_add(back, applied.x, r.x), multiply_add(back, applied.y, r.y), multiply_add(back, applied.z, r.z)};
+        store3(s->residual, s->rows, row, r);
+        add_doubles(sums + row % 16, dot3(r, times_block(s, row, r)));
+    }
+}
+
+void turn(const ImplicitStep* s, float b, unsigned first, unsigned last) {
+    const V by = set(b);
+    for (unsigned row = 16 * first; row < 16 * last; row += kWidth) {
+        const Lanes p = load4(s->direction + 4ul * row);
+        const Three z = times_block(s, row, load3(s->residual, s->rows, row));
+        store4(s->direction + 4ul * row,
+               {multiply_add(by, p.x, z.x), multiply_add(by, p.y, z.y), multiply_add(by, p.z, z.z), p.w});
+    }
+}
+
+void finish(const ImplicitStep* s, unsigned first, unsigned last, double* sums) {
+    const SpringStep* b = s->spring;
+    const V h = set(b->dt), part = set(s->theta);
+    for (unsigned row = 16 * first; row < 16 * last; row += kWidth) {
+        const Lanes x = load4(b->offset + 4ul * row);
+        const Three dv = load3(s->change, s->rows, row);
+        const Three v = {load(b->new_velocity_x + row), load(b->new_velocity_y + row), load(b->new_velocity_z + row)};
+        const auto moved = [&](V from, V speed, V more) { return multiply_add(h, multiply_add(part, more, speed), from); };
+        store4(b->new_offset + 4ul * row, {moved(x.x, v.x, dv.x), moved(x.y, v.y, dv.y), moved(x.z, v.z, dv.z), x.w});
+        const Three end = damp(b, s->keep_after, {v.x + dv.x, v.y + dv.y, v.z + dv.z}, {x.x, x.y, x.z}, x.w, sums, row % 16);
+        keep_store(b->new_velocity_x + row, end.x);
+        keep_store(b->new_velocity_y + row, end.y);
+        keep_store(b->new_velocity_z + row, end.z);
+    }
+}
+
+void xpbd_predict(const XpbdStep* s, unsigned first, unsigned last, double* sums) {
+    const SpringStep* b = s->spring;
+    const V dt = set(b->dt), kick = set(b->kick_dt), zero = set(0);
+    for (unsigned row = 16 * first; row < 16 * last; row += kWidth) {
+        const Lanes x = load4(b->offset + 4ul * row);
+        Three v = damp(b, b->keep, {load(b->velocity_x + row), load(b->velocity_y + row), load(b->velocity_z + row)},
+                       {x.x, x.y, x.z}, x.w, sums, row % 16);
+        const auto kicked = [&](V speed, float gravity, const float* force) {
+            const V a = force ? multiply_add(load(force + row), x.w, set(gravity)) : set(gravity);
+            return where_positive(x.w, multiply_add(kick, a, speed));
+        };
+        v = {kicked(v.x, b->gravity[0], b->force_x), kicked(v.y, b->gravity[1], b->force_y), kicked(v.z, b->gravity[2], b->force_z)};
+        store4(s->place + 4ul * row, x);
+        const Three d = {dt * v.x, dt * v.y, dt * v.z};
+        store4(s->increment + 4ul * row, {d.x, d.y, d.z, zero});
+        store4(b->new_offset + 4ul * row, {x.x + d.x, x.y + d.y, x.z + d.z, x.w});
+        if (s->anchor_lambda) store3(s->anchor_lambda, s->rows, row, {zero, zero, zero});
+    }
+}
+
+void xpbd_springs(const XpbdStep* s, unsigned first, unsigned last) {
+    const V compliance = set(s->compliance), one = set(1), zero = set(0);
+    for (unsigned batch = first; batch < last; ++batch) {
+        for (unsigned lane = 0; lane < 16; lane += kWidth) {
+            const unsigned *i = s->ends + 32ul * batch + lane, *j = i + 16;
+            const Lanes xi = gather4(s->place, i), xj = gather4(s->place, j), di = gather4(s->increment, i),
+                        dj = gather4(s->increment, j);
+            const V x = (xj.x - xi.x) + (dj.x - di.x), y = (xj.y - xi.y) + (dj.y - di.y), z = (xj.z - xi.z) + (dj.z - di.z);
+            const V length = root(multiply_add(x, x, multiply_add(y, y, z * z)));
+            const V weight = (xi.w + xj.w) + compliance;
+            V push = load(s->rest + 16ul * batch + lane) - length;
+            if (s->lambda) push = push - compliance * load(s->lambda + 16ul * batch + lane);
+            push = where_positive(weight, push / weight);
+            if (s->lambda) keep_store(s->lambda + 16ul * batch + lane, load(s->lambda + 16ul * batch + lane) + push);
+            const V by = where_positive(length, push * (one / length)), ai = zero - by * xi.w, aj = by * xj.w;
+            scatter4(s->increment, i, {multiply_add(ai, x, di.x), multiply_add(ai, y, di.y), multiply_add(ai, z, di.z), zero});
+            scatter4(s->increment, j, {multiply_add(aj, x, dj.x), multiply_add(aj, y, dj.y), multiply_add(aj, z, dj.z), zero});
+        }
+    }
+}
+
+void xpbd_anchors(const XpbdStep* s, unsigned first, unsigned last) {
+    const SpringStep* b = s->spring;
+    const V zero = set(0), dt2 = set(b->dt * b->dt);
+    for (unsigned row = 16 * first; row < 16 * last; row += kWidth) {
+        const Lanes x = load4(s->place + 4ul * row), d = load4(s->increment + 4ul * row);
+        const V k = load(b->anchor_stiffness + row) * dt2;
+        const V share = k / multiply_add(k, x.w, set(1));  // 1 / (w + 1 / k)
+        Three push = {goal_less_place(b, row, 0, x.x) - d.x, goal_less_place(b, row, 1, x.y) - d.y,
+                      goal_less_place(b, row, 2, x.z) - d.z};
+        push = {share * push.x, share * push.y, share * push.z};
+        if (s->anchor_lambda) {
+            // compliance times lambda = lambda / k; share / k = 1 / (k w + 1)
+            const Three lambda = load3(s->anchor_lambda, s->rows, row);
+            const V part = set(1) / multiply_add(k, x.w, set(1));
+            push = {push.x - part * lambda.x, push.y - part * lambda.y, push.z - part * lambda.z};
+            store3(s->anchor_lambda, s->rows, row, {lambda.x + push.x, lambda.y + push.y, lambda.z + push.z});
+        }
+        store4(s->increment + 4ul * row, {multiply_add(x.w, push.x, d.x), multiply_add(x.w, push.y, d.y),
+                                          multiply_add(x.w, push.z, d.z), zero});
+    }
+}
+
+void xpbd_finish(const XpbdStep* s, unsigned first, unsigned last) {
+    const SpringStep* b = s->spring;
+    const V per_dt = set(1) / set(b->dt);
+    for (unsigned row = 16 * first; row < 16 * last; row += kWidth) {
+        const Lanes x = load4(s->place + 4ul * row), d = load4(s->increment + 4ul * row);
+        keep_store(b->new_velocity_x + row, per_dt * d.x);
+        keep_store(b->new_velocity_y + row, per_dt * d.y);
+        keep_store(b->new_velocity_z + row, per_dt * d.z);
+        store4(b->new_offset + 4ul * row, {x.x + d.x, x.y + d.y, x.z + d.z, x.w});
+    }
+}

@@ -1,0 +1,15 @@
+#include <immintrin.h>
+
+#include "engine/implicit_kernels.hpp"
+#include "engine/lanes_avx2.inl"
+namespace trocar {
+namespace {
+
+#include "engine/implicit_kernels.inl"
+
+}  // namespace
+
+extern const ImplicitKernels kImplicitKernelsAvx2 = {predict, begin, apply, move, turn, finish,
+                                                       xpbd_predict, xpbd_springs, xpbd_anchors, xpbd_finish};
+
+}  // namespace trocar

@@ -1,0 +1,141 @@
+#include <algorithm>
+#include <cmath>
+
+#include "engine/best_fit_rotation.hpp"
+#include "engine/geometry/quaternion.hpp"
+#include "engine/implicit_kernels.hpp"
+#include "engine/parallel.hpp"
+#include "engine/shape_fit.hpp"
+#include "engine/spring_step.hpp"
+#include "systems/advance_implicit.hpp"
+namespace trocar {
+namespace {
+
+// The rigid motion that best fits the directions of the conjugate gradients, weighted by the anchors: what the goals of
+// a free body do when its particles move so. Without it the anchors would hold the body where it is.
+struct GoalMotion {
+    double stiffness = 0;
+    Vec3d centre = Vec3d::Zero();   // m
+    std::array<double, 6> inertia{};  // about the centre: xx yy zz xy xz yz
+
+    GoalMotion(const ImplicitScratch& s, const SpringStep& step) {
+        for (uint32_t i = 0; i < s.place.size(); ++i) {
+            const double k = step.anchor_stiffness[i];
+            stiffness += k;
+            centre += k * Vec3d(s.place[i].x, s.place[i].y, s.place[i].z);
+        }
+        if (stiffness <= 0) return;
+        centre /= stiffness;
+        for (uint32_t i = 0; i < s.place.size(); ++i) {
+            const double k = step.anchor_stiffness[i];
+            const Vec3d r = Vec3d(s.place[i].x, s.place[i].y, s.place[i].z) - centre;
+            inertia[0] += k * (r.y() * r.y() + r.z() * r.z());
+            inertia[1] += k * (r.x() * r.x() + r.z() * r.z());
+            inertia[2] += k * (r.x() * r.x() + r.y() * r.y());
+            inertia[3] -= k * r.x() * r.y();
+            inertia[4] -= k * r.x() * r.z();
+            inertia[5] -= k * r.y() * r.z();
+        }
+    }
+    void follow(const ImplicitScratch& s, const SpringStep& step, ImplicitStep& implicit) const {
+        if (stiffness <= 0) return;
+        Vec3d way = Vec3d::Zero(), moment = Vec3d::Zero(), turning = Vec3d::Zero();
+        for (uint32_t i = 0; i < s.place.size(); ++i) {
+            const Vec3d p = step.anchor_stiffness[i] * Vec3d(s.direction[i].x, s.direction[i].y, s.direction[i].z);
+            way += p;
+            moment += (Vec3d(s.place[i].x, s.place[i].y, s.place[i].z) - centre).cross(p);
+        }
+        way /= stiffness;
+        if (!solve_symmetric(inertia, moment, turning)) turning.setZero();
+        const Vec3d at_origin = way - turning.cross(centre);
+        for (int i = 0; i < 3; ++i) {
+            implicit.rigid_velocity[i] = static_cast<float>(at_origin[i]);
+            implicit.rigid_turn[i] = static_cast<float>(turning[i]);
+        }
+    }
+};
+
+ImplicitStep bind_implicit(ImplicitScratch& s, const AdvanceBody& b) {
+    const size_t rows = b.particles.count, columns = b.step.slice_column[b.slices] - b.step.slice_column[0];
+    s.place.resize(rows);
+    s.direction.resize(rows);
+    // columns are counted over all prototypes
+    s.spoke.resize(64 * columns);
+    s.block.resize(6 * rows);
+    for (auto* field : {&s.residual, &s.applied, &s.change}) field->resize(3 * rows);
+    s.sums.resize(size_t{chunk_count(b.slices, kSlicesPerChunk)} * kSliceWidth);
+    ImplicitStep step = {};
+    step.spring = &b.step;
+    step.place = &s.place[0].x;
+    step.direction = &s.direction[0].x;
+    step.spoke = s.spoke.data() - 64 * static_cast<size_t>(b.step.slice_column[0]);
+    step.block = s.block.data();
+    step.residual = s.residual.data();
+    step.applied = s.applied.data();
+    step.change = s.change.data();
+    step.rows = static_cast<uint32_t>(rows);
+    return step;
+}
+
+// Conjugate gradients on the velocities; begin has run. Books iterations and residual.
+void solve(AdvanceIsland& island, const AdvanceBody& b, ImplicitStep& step, double start) {
+    const ImplicitKernels& kernels = implicit_kernels();
+    ImplicitScratch& s = island.scratch.implicit;
+    const GoalMotion goals = b.shape ? GoalMotion(s, b.step) : GoalMotion({}, b.step);
+    double rest = start;
+    uint32_t iteration = 0;
+    const double enough = b.stepping.tolerance * b.stepping.tolerance * start;
+    for (; iteration < b.stepping.iterations && rest > enough; ++iteration) {
+        goals.follow(s, b.step, step);
+        const double bent = sum_over(b, s.sums, [&](uint32_t begin, uint32_t end, double* lanes) { kernels.apply(&step, begin, end, lanes); });
+        if (!(bent > 0)) break;
+        const float a = static_cast<float>(rest / bent);
+        const double next = sum_over(b, s.sums, [&](uint32_t begin, uint32_t end, double* lanes) { kernels.move(&step, a, begin, end, lanes); });
+        const float turn = static_cast<float>(next / rest);
+        rest = next;
+        parallel_for(b.slices, kSlicesPerChunk, [&](uint32_t begin, uint32_t end) { kernels.turn(&step, turn, begin, end); });
+    }
+    ++island.result.implicit_steps;
+    island.result.implicit_iterations += iteration;
+    if (start > 0) island.result.worst_implicit_residual = std::max(island.result.worst_implicit_residual, std::sqrt(rest / start));
+}
+
+}  // namespace
+
+void step_midpoint(AdvanceIsland& island, AdvanceBody& b, double* work) {
+    const ImplicitKernels& kernels = implicit_kernels();
+    AdvanceScratch& scratch = island.scratch;
+    ImplicitScratch& s = scratch.implicit;
+    ImplicitStep step = bind_implicit(s, b);
+    const bool books = island.params.account_energy;
+    const double before = books ? energy_before(island, b) : 0;
+    b.last_dt = 0;
+    // what rows do to single particles makes the midpoint ring for ever at steps beyond the explicit limit; backward
+    // Euler damps it out
+    step.theta = b.touched ? 1.0f : 0.5f;
+    b.step.kick_dt = b.step.dt;
+    // a held body is damped half before and half after, which keeps the second order; the rigid motion that a free
+    // body's damping leaves alone is known at the start only
+    const double share = b.shape ? 1 : 0.5;
+    step.keep_before = static_cast<float>(std::exp(-b.damping * share * island.dt));
+    step.keep_after = static_cast<float>(std::exp(-b.damping * (1 - share) * island.dt));
+    b.step.keep = static_cast<float>(std::exp(-b.damping * island.dt));
+    if (b.shape) {
+        b.step.back = 0;
+        fit_drag(sum_shape(b.step, b.slices, scratch.shape_sums), b.step);
+    }
+    double damped = sum_over(b, s.sums, [&](uint32_t begin, uint32_t end, double* lanes) { kernels.predict(&step, begin, end, lanes); });
+    if (b.shape) {
+        SpringStep half_way = b.step;
+        half_way.offset = step.place;
+        fit_goals(sum_shape(half_way, b.slices, scratch.shape_sums), island.poses.orientation[b.body], b.step);
+    }
+    const double start = sum_over(b, s.sums, [&](uint32_t begin, uint32_t end, double* lanes) { kernels.begin(&step, begin, end, lanes); });
+    solve(island, b, step, start);
+    damped += sum_over(b, s.sums, [&](uint32_t begin, uint32_t end, double* lanes) { kernels.finish(&step, begin, end, lanes); });
+    if (!books) return;
+    if (work) work[0] += damped;
+    book_own_work(island, b, before, damped);
+}
+
+}  // namespace trocar

@@ -1,0 +1,140 @@
+#include <cmath>
+
+#include "engine/implicit_kernels.hpp"
+#include "engine/shape_fit.hpp"
+#include "systems/advance_implicit.hpp"
+namespace trocar {
+namespace {
+
+// Work of the forces that others put in, J.
+double work_of_others(const SpringStep& step, uint32_t particles) {
+    if (!step.force_x) return 0;
+    double work = 0;
+    for (uint32_t i = 0; i < particles; ++i) {
+        const float *from = step.offset + 4ul * i, *to = step.new_offset + 4ul * i;
+        work += double(step.force_x[i]) * (double(to[0]) - from[0]) + double(step.force_y[i]) * (double(to[1]) - from[1]) +
+                double(step.force_z[i]) * (double(to[2]) - from[2]);
+    }
+    return work;
+}
+
+XpbdStep bind_xpbd(AdvanceIsland& island, const AdvanceBody& b) {
+    ImplicitScratch& s = island.scratch.implicit;
+    const Springs& springs = island.inputs.springs;
+    const size_t rows = b.particles.count;
+    s.place.assign(rows + 2 * kSliceWidth, Float4{});
+    s.direction.assign(rows + 2 * kSliceWidth, Float4{});
+    s.sums.resize(size_t{chunk_count(b.slices, kSlicesPerChunk)} * kSliceWidth);
+    XpbdStep step = {};
+    step.spring = &b.step;
+    step.place = &s.place[0].x;
+    step.increment = &s.direction[0].x;
+    step.ends = springs.batch.data()->data();
+    step.rest = springs.batch_rest.data()->data();
+    step.rows = static_cast<uint32_t>(rows);
+    step.compliance = static_cast<float>(1 / (static_cast<double>(b.step.stiffness) * island.dt * island.dt));
+    if (b.stepping.iterations > 1) {
+        s.lambda.assign(springs.batch.size() * kSliceWidth, 0.0f);
+        s.change.resize(3 * rows);
+        step.lambda = s.lambda.data();
+        step.anchor_lambda = s.change.data();
+    }
+    return step;
+}
+
+// Batches of a colour that one thread takes at once.
+constexpr uint32_t kBatchesPerChunk = 256;
+
+}  // namespace
+
+namespace {
+
+// Of a body whose velocities are `back` seconds behind its places.
+double energy_of(const AdvanceIsland& island, const AdvanceBody& b, const float* offset, double back) {
+    std::vector<double>& sums = island.scratch.shape_sums;
+    SpringStep step = b.step;
+    step.offset = offset;
+    step.velocity_x = step.new_velocity_x, step.velocity_y = step.new_velocity_y, step.velocity_z = step.new_velocity_z;
+    step.back = static_cast<float>(back);
+    if (b.shape) {
+        Quat orientation = island.poses.orientation[b.body];
+        fit_goals(sum_shape(step, b.slices, sums), orientation, step);
+    }
+    constexpr uint32_t kRow = kEnergySums * kSliceWidth;
+    const SpringKernels& kernels = spring_kernels();
+    sums.assign(size_t{chunk_count(b.slices, kSlicesPerChunk)} * kRow, 0.0);
+    parallel_for(b.slices, kSlicesPerChunk, [&](uint32_t begin, uint32_t end) {
+        kernels.energy_sums(&step, begin, end, sums.data() + size_t{begin / kSlicesPerChunk} * kRow);
+    });
+    std::array<double, kEnergySums> t{};
+    for (size_t i = 0; i < sums.size(); ++i) t[i % kRow / kSliceWidth] += sums[i];
+    return 0.5 * t[kSumMvv] + 0.25 * step.stiffness * t[kSumStretch] + 0.5 * t[kSumAnchor] -
+           island.params.gravity.dot(Vec3d(t[kSumMPlace], t[kSumMPlace + 1], t[kSumMPlace + 2]));
+}
+
+double energy_after(const AdvanceIsland& island, const AdvanceBody& b) {
+    return energy_of(island, b, b.step.new_offset, b.synchronous() ? 0 : 0.5 * island.dt);
+}
+
+}  // namespace
+
+double energy_before(const AdvanceIsland& island, const AdvanceBody& b) {
+    if (std::isfinite(b.energy)) return b.energy;
+    return energy_of(island, b, b.step.offset, b.synchronous() ? 0 : 0.5 * b.last_dt);
+}
+
+void book_measured(AdvanceIsland& island, double& work) {
+    for (AdvanceBody& b : island.scratch.body) {
+        if (!b.measured() || !b.touched) continue;
+        const double now = energy_after(island, b);
+        if (std::isfinite(now - b.energy)) work += now - b.energy;  // else a body about to be restored
+        b.energy = now;
+    }
+}
+
+void book_own_work(AdvanceIsland& island, AdvanceBody& b, double before, double damped) {
+    b.energy = energy_after(island, b);
+    const double own = b.energy - before - damped - work_of_others(b.step, b.particles.count);
+    if (std::isfinite(own)) island.result.work_numeric += own;  // else a body about to be restored
+}
+
+void step_xpbd(AdvanceIsland& island, AdvanceBody& b, double* work) {
+    const ImplicitKernels& kernels = implicit_kernels();
+    const Springs& springs = island.inputs.springs;
+    const Range colours = springs.colours.at(island.inputs.bodies.mesh[b.body]);
+    AdvanceScratch& scratch = island.scratch;
+    const XpbdStep step = bind_xpbd(island, b);
+    const bool books = island.params.account_energy;
+    const double before = books ? energy_before(island, b) : 0;
+    const double kick = 0.5 * (b.last_dt + island.dt);
+    b.last_dt = island.dt;
+    b.step.kick_dt = static_cast<float>(kick);
+    b.step.keep = static_cast<float>(std::exp(-b.damping * kick));
+    if (b.shape) {
+        fit_drag(sum_shape(b.step, b.slices, scratch.shape_sums), b.step);
+    }
+    const double damped = sum_over(b, scratch.implicit.sums, [&](uint32_t begin, uint32_t end, double* lanes) {
+        kernels.xpbd_predict(&step, begin, end, lanes);
+    });
+    if (b.shape) {
+        // the goals go where the body is going: else they would hold it back
+        SpringStep coming = b.step;
+        coming.offset = b.step.new_offset;
+        fit_goals(sum_shape(coming, b.slices, scratch.shape_sums), island.poses.orientation[b.body], b.step);
+    }
+    for (uint32_t sweep = 0; sweep < b.stepping.iterations; ++sweep) {
+        for (uint32_t c = colours.first; c < colours.end(); ++c) {
+            const Range batches = springs.colour[c];
+            parallel_for(batches.count, kBatchesPerChunk, [&](uint32_t begin, uint32_t end) {
+                kernels.xpbd_springs(&step, batches.first + begin, batches.first + end);
+            });
+        }
+        parallel_for(b.slices, kSlicesPerChunk, [&](uint32_t begin, uint32_t end) { kernels.xpbd_anchors(&step, begin, end); });
+    }
+    parallel_for(b.slices, kSlicesPerChunk, [&](uint32_t begin, uint32_t end) { kernels.xpbd_finish(&step, begin, end); });
+    if (!books) return;
+    if (work) work[0] += damped;
+    book_own_work(island, b, before, damped);
+}
+
+}  // namespace trocar

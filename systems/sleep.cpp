@@ -1,0 +1,100 @@
+#include "systems/sleep.hpp"
+
+#include <algorithm>
+
+#include "engine/surfaces.hpp"
+namespace trocar {
+namespace {
+
+uint32_t find_root(std::vector<uint32_t>& parent, uint32_t body) {
+    while (parent[body] != body) body = parent[body] = parent[parent[body]];
+    return body;
+}
+
+// Whether the root mean square speed of a body is below `speed` and nothing of it is ten times as fast; not if a velocity
+// is not finite.
+bool is_slow(const Particles& p, Range rows, double speed) {
+    double sum = 0;
+    float fastest = 0;
+    for (uint32_t i = rows.first; i < rows.end(); ++i) {
+        const float x = p.velocity_x[i], y = p.velocity_y[i], z = p.velocity_z[i], v2 = x * x + y * y + z * z;
+        sum += static_cast<double>(v2);
+        fastest = std::max(fastest, v2);
+    }
+    return sum < speed * speed * rows.count && static_cast<double>(fastest) < 100 * speed * speed;
+}
+
+// Takes the velocities of a body. Returns the energy they were, J.
+double stop(Particles& p, Range rows) {
+    double energy = 0;
+    for (uint32_t i = rows.first; i < rows.end(); ++i) {
+        const double x = p.velocity_x[i], y = p.velocity_y[i], z = p.velocity_z[i];
+        if (p.offset[i].w > 0) energy += 0.5 * (x * x + y * y + z * z) / p.offset[i].w;
+        p.velocity_x[i] = p.velocity_y[i] = p.velocity_z[i] = 0;
+    }
+    return energy;
+}
+
+// Groups of bodies whose boxes meet, and which of them have something restless.
+void find_groups(const SceneSettings& settings, const Bodies& bodies, std::span<const uint8_t> moving, const Sleep& sleep,
+                 const CandidatePairs& pairs, SleepScratch& s) {
+    const uint32_t count = static_cast<uint32_t>(bodies.motion.size());
+    s.parent.resize(count);
+    s.restless.resize(count);
+    const double enough = settings.sleep_after * 1e3;
+    const auto lies_anyway = [&](uint32_t b) {
+        return bodies.motion[b] == Motion::kStatic || (bodies.motion[b] == Motion::kKinematic && !moving[b]);
+    };
+    for (uint32_t b = 0; b < count; ++b) {
+        s.parent[b] = b;
+        s.restless[b] = is_deformable(bodies, b) ? sleep.still[b] < enough : !lies_anyway(b);
+    }
+    for (size_t i = 0; i < pairs.a.size(); ++i) {
+        if (lies_anyway(pairs.a[i]) || lies_anyway(pairs.b[i])) continue;
+        const uint32_t a = find_root(s.parent, pairs.a[i]), b = find_root(s.parent, pairs.b[i]);
+        s.parent[std::max(a, b)] = std::min(a, b);
+    }
+    for (uint32_t b = 0; b < count; ++b) {
+        if (s.restless[b]) s.restless[find_root(s.parent, b)] = 1;
+    }
+}
+
+}  // namespace
+
+void fall_asleep_and_wake(const SceneSettings& settings, uint32_t period, const Bodies& bodies,
+                          std::span<const uint8_t> moving, SleepScratch& s, Sleep& sleep, Particles& particles,
+                          CandidatePairs& pairs, Energy& energy, Report& report) {
+    const uint32_t count = static_cast<uint32_t>(bodies.motion.size());
+    sleep.still.resize(count, 0);
+    sleep.group.resize(count, kNone);
+    for (uint32_t b = 0; b < count; ++b) {
+        if (!is_deformable(bodies, b) || is_asleep(sleep, b)) continue;
+        const bool slow = is_slow(particles, bodies.particles[b], settings.sleep_speed);
+        sleep.still[b] = slow ? std::min(sleep.still[b] + period, uint32_t{1} << 30) : 0;
+    }
+    find_groups(settings, bodies, moving, sleep, pairs, s);
+    report.awake_bodies = report.asleep_bodies = 0;
+    for (uint32_t b = 0; b < count; ++b) {
+        if (!is_deformable(bodies, b)) continue;
+        const uint32_t root = find_root(s.parent, b);
+        const bool sleeps = !s.restless[root], slept = is_asleep(sleep, b);
+        if (sleeps && !slept) {
+            energy.work_numeric -= stop(particles, bodies.particles[b]);
+            particles.last_dt[b] = 0;
+        }
+        if (!sleeps && slept) sleep.still[b] = 0;
+        sleep.group[b] = sleeps ? root : kNone;
+        ++(sleeps ? report.asleep_bodies : report.awake_bodies);
+    }
+    const auto is_awake = [&](uint32_t b) { return s.restless[find_root(s.parent, b)] != 0; };
+    size_t kept = 0;
+    for (size_t i = 0; i < pairs.a.size(); ++i) {
+        if (!is_awake(pairs.a[i]) && !is_awake(pairs.b[i])) continue;
+        pairs.a[kept] = pairs.a[i], pairs.b[kept] = pairs.b[i];
+        ++kept;
+    }
+    pairs.a.resize(kept);
+    pairs.b.resize(kept);
+}
+
+}  // namespace trocar

@@ -1,0 +1,30 @@
+#pragma once
+#include <span>
+#include <vector>
+
+#include "components/bodies.hpp"
+#include "components/contacts.hpp"
+#include "components/particles.hpp"
+#include "components/report.hpp"
+#include "components/scene.hpp"
+namespace trocar {
+
+struct SleepScratch {
+    std::vector<uint32_t> parent;   // union-find over bodies, the smallest is the root
+    std::vector<uint8_t> restless;  // per body; of a root: something of its group moves
+};
+
+// Decides who sleeps in this pass, before contacts are looked for. Bodies whose enlarged boxes meet, directly or through
+// others, are a group (static bodies and scripted ones at the end of their path join nothing). A group sleeps when all of
+// it is deformable and has been slower than settings.sleep_speed (root mean square; no particle ten times as fast) for
+// settings.sleep_after; whatever comes near enough for
+// its box to meet one of theirs wakes them all, a pass before it can touch. Who falls asleep loses its velocities, whose
+// energy goes to work_numeric; pairs of which nobody moves are dropped from `pairs`. `moving` tells per body whether its
+// script moves it in this pass. period in ms. Same result for any number of threads; what it keeps is in `sleep`.
+void fall_asleep_and_wake(const SceneSettings& settings, uint32_t period, const Bodies& bodies,
+                          std::span<const uint8_t> moving, SleepScratch& scratch, Sleep& sleep, Particles& particles,
+                          CandidatePairs& pairs, Energy& energy, Report& report);
+
+inline bool is_asleep(const Sleep& sleep, uint32_t body) { return body < sleep.group.size() && sleep.group[body] != kNone; }
+
+}  // namespace trocar

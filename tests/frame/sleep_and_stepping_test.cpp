@@ -1,0 +1,205 @@
+#include <gtest/gtest.h>
+
+#include <cstring>
+#include <fstream>
+
+#include "engine/error.hpp"
+#include "engine/thread_pool.hpp"
+#include "systems/frame.hpp"
+#include "systems/sleep.hpp"
+#include "tests/frame/scenes_under_test.hpp"
+
+namespace {
+using namespace trocar;
+
+// Two soft boxes on a table, a ball held far away in the air, and a plunger that comes down on the pair at 3 s.
+constexpr const char* kBoxes = R"(
+sleep_speed = 2e-4
+[[body]]
+name = "table"
+shape = "table"
+triangles = 200
+position = [0.0, 0.0, -0.01]
+[[body]]
+name = "low"
+shape = "box"
+triangles = 200
+size = 0.05
+motion = "deformable"
+anchor = "shape"
+position = [0.0, 0.0, 0.026]
+tissue = {youngs_modulus = 3e4, wall = 3e-3, depth = 0.02, damping = 60.0, friction = 0.5}
+[[body]]
+name = "beside"
+shape = "box"
+triangles = 200
+size = 0.05
+motion = "deformable"
+anchor = "shape"
+position = [0.0501, 0.0, 0.026]
+tissue = {youngs_modulus = 3e4, wall = 3e-3, depth = 0.02, damping = 60.0, friction = 0.5}
+[[body]]
+name = "held"
+shape = "sphere"
+triangles = 200
+size = 0.05
+motion = "deformable"
+position = [0.0, 0.2, 0.2]
+tissue = {youngs_modulus = 3e4, wall = 3e-3, depth = 0.02, damping = 60.0}
+[[body]]
+name = "plunger"
+shape = "box"
+triangles = 200
+size = 0.02
+motion = "kinematic"
+[[body.path]]
+time = 0.0
+position = [0.0, 0.0, 0.15]
+[[body.path]]
+time = 0.1
+position = [0.0, 0.0, 0.15]
+[[body.path]]
+time = 2.5
+position = [0.0, 0.0, 0.15]
+[[body.path]]
+time = 3.0
+position = [0.0, 0.0, 0.055]
+)";
+
+SceneFile scene_of(const std::string& text, const std::vector<Override>& overrides = {}) {
+    const std::string path = testing::TempDir() + "/sleep_and_stepping.toml";
+    std::ofstream(path) << text;
+    return read_scene_file(path, overrides);
+}
+
+uint32_t body_named(const World& w, const std::string& name) {
+    for (uint32_t b = 0; b < w.bodies.name.size(); ++b)
+        if (w.bodies.name[b] == name) return b;
+    return kNone;
+}
+
+std::vector<Float4> places(const World& w, uint32_t body) {
+    const Range r = w.bodies.particles[body];
+    return {w.particles.offset.begin() + r.first, w.particles.offset.begin() + r.end()};
+}
+bool same(const std::vector<Float4>& a, const std::vector<Float4>& b) {
+    return 0 == std::memcmp(a.data(), b.data(), a.size() * sizeof(Float4));
+}
+
+// Falls asleep as a group, lies to the bit, is woken whole before it is touched, while what is far sleeps on.
+TEST(Sleep, LiesStillUntilSomethingComesNear) {
+    ThreadPool pool(1);
+    pool.run([&] {
+        Frame frame(std::move(build_scene(scene_of(kBoxes)).world), {});
+        const World& w = frame.world();
+        const uint32_t low = body_named(w, "low"), beside = body_named(w, "beside"), held = body_named(w, "held");
+        uint64_t slept_at = 0, woke_at = 0;
+        std::vector<Float4> low_place, held_place;
+        for (int pass = 0; pass < 60 * 4; ++pass) {
+            frame.step();
+            const bool asleep = is_asleep(w.sleep, low);
+            EXPECT_EQ(asleep, is_asleep(w.sleep, beside)) << pass;
+            if (asleep && slept_at == 0) {
+                slept_at = w.clock.tick;
+                low_place = places(w, low), held_place = places(w, held);
+                EXPECT_TRUE(is_asleep(w.sleep, held));
+                EXPECT_EQ(w.report.asleep_bodies, 3u);
+                EXPECT_EQ(w.report.awake_bodies, 0u);
+            }
+            if (asleep) {
+                ASSERT_TRUE(same(low_place, places(w, low))) << pass;
+            }
+            if (!asleep && slept_at > 0 && woke_at == 0) {
+                woke_at = w.clock.tick;
+                EXPECT_EQ(w.report.awake_bodies, 2u);
+                EXPECT_FALSE(is_asleep(w.sleep, beside)) << "woken with its neighbour";
+                // the plunger's lower face is still above the box
+                EXPECT_GT(w.poses.origin[body_named(w, "plunger")].z() - 0.01, 0.05);
+            }
+        }
+        EXPECT_GT(slept_at, 500u);
+        EXPECT_LT(slept_at, 2400u);
+        EXPECT_GT(woke_at, 2500u);
+        EXPECT_TRUE(is_asleep(w.sleep, held));
+        EXPECT_TRUE(same(held_place, places(w, held)));
+        EXPECT_FALSE(same(low_place, places(w, low))) << "the plunger has pressed it";
+        EXPECT_GT(w.report.contact_events, 0u);
+        std::printf("asleep at %.2f s, awake at %.2f s\n", slept_at * 1e-3, woke_at * 1e-3);
+    });
+}
+
+TEST(Sleep, SameBitsForAnyThreads) {
+    uint64_t hash[2];
+    for (int i = 0; i < 2; ++i) {
+        ThreadPool pool(i == 0 ? 1 : 3);
+        pool.run([&] {
+            Frame frame(std::move(build_scene(scene_of(kBoxes)).world), {});
+            for (int pass = 0; pass < 60 * 3; ++pass) frame.step();
+            hash[i] = state_hash(frame.world());
+        });
+    }
+    EXPECT_EQ(hash[0], hash[1]);
+}
+
+TEST(Sleep, ZeroSpeedMeansNever) {
+    ThreadPool pool(1);
+    pool.run([&] {
+        Frame frame(std::move(build_scene(scene_of(kBoxes, {{"sleep_speed", "0"}})).world), {});
+        for (const std::string& name : frame.stage_names()) EXPECT_NE(name, "sleep");
+        for (int pass = 0; pass < 60; ++pass) frame.step();
+        EXPECT_TRUE(frame.world().sleep.group.empty());
+    });
+}
+
+// The word of the scene or of --set arrives; what cannot be is refused by line and name.
+TEST(SteppingKeys, FromSceneAndCommandLine) {
+    const BuiltScene built = build_scene(scene_of(kBoxes, {{"low.integrator", "midpoint"}, {"low.step", "4e-3"}, {"beside.integrator", "xpbd"}, {"beside.iterations", "3"}}));
+    const World& w = built.world;
+    const uint32_t low = body_named(w, "low"), beside = body_named(w, "beside"), held = body_named(w, "held");
+    EXPECT_EQ(stepping_of(w.bodies, low).integrator, Integrator::kMidpoint);
+    EXPECT_EQ(stepping_of(w.bodies, low).step, 4e-3);
+    EXPECT_EQ(stepping_of(w.bodies, beside).integrator, Integrator::kXpbd);
+    EXPECT_EQ(stepping_of(w.bodies, beside).iterations, 3u);
+    EXPECT_EQ(stepping_of(w.bodies, held).integrator, Integrator::kLeapfrog);
+    EXPECT_GT(w.springs.colours[w.bodies.mesh[beside]].count, 2u);
+    EXPECT_NE(built.notes[low].find("stepped by midpoint"), std::string::npos) << built.notes[low];
+}
+
+// M09, and a step above the limit by hand: refused with the limit named.
+TEST(SteppingKeys, M09_ImpossibleStepsAreRefused) {
+    const auto refused = [](const char* key, const char* value) -> std::string {
+        try {
+            build_scene(scene_of(kBoxes, {{key, value}}));
+        } catch (const InputError& error) {
+            return error.what();
+        }
+        return "";
+    };
+    const double limit = build_scene(scene_of(kBoxes)).world.bodies.stable_dt[1];
+    const std::string above = refused("low.step", "0.05");
+    char text[32];
+    std::snprintf(text, sizeof text, "%.4g s", limit);
+    EXPECT_NE(above.find(text), std::string::npos) << above;
+    EXPECT_NE(above.find("low"), std::string::npos) << above;
+    for (const char* bad : {"0", "-1e-3", "nan", "inf"}) EXPECT_NE(refused("low.step", bad), "") << bad;
+    EXPECT_NE(refused("low.integrator", "euler").find("leapfrog, midpoint, xpbd, auto"), std::string::npos);
+    EXPECT_EQ(refused("low.step", "1e-4"), "");
+}
+
+// The stated rule of auto, and that the report says why.
+TEST(SteppingKeys, AutoPicksByItsRule) {
+    const auto pick = [](const std::vector<Override>& overrides, const char* name) {
+        std::vector<Override> all{{std::string(name) + ".integrator", "auto"}};
+        all.insert(all.end(), overrides.begin(), overrides.end());
+        const BuiltScene built = build_scene(scene_of(kBoxes, all));
+        const uint32_t body = body_named(built.world, name);
+        EXPECT_NE(built.notes[body].find("auto: "), std::string::npos) << built.notes[body];
+        return stepping_of(built.world.bodies, body).integrator;
+    };
+    EXPECT_EQ(pick({}, "held"), Integrator::kLeapfrog);
+    EXPECT_EQ(pick({{"held.tissue.youngs_modulus", "1e9"}}, "held"), Integrator::kMidpoint);
+    EXPECT_EQ(pick({{"held.tissue.youngs_modulus", "1e9"}, {"held.wanted_error", "1e-5"}}, "held"), Integrator::kLeapfrog);
+    EXPECT_EQ(pick({{"low.tissue.youngs_modulus", "1e9"}}, "low"), Integrator::kLeapfrog) << "it is free";
+}
+
+}  // namespace
