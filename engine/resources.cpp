@@ -257,7 +257,8 @@ void visit_resource(World& w, Resource resource, Visitor& v) {
                 v.array(FIELD(springs.fans.column)), v.array(FIELD(springs.fans.corner)), v.array(FIELD(springs.hinges.groups)),
                 v.array(FIELD(springs.hinges.vertex)), v.array(FIELD(springs.hinges.sine)), v.array(FIELD(springs.hinges.cosine)),
                 v.array(FIELD(springs.hinges.weight)), v.array(FIELD(springs.hinges.cap)), v.array(FIELD(springs.hinges.first)),
-                v.array(FIELD(springs.hinges.column)), v.array(FIELD(springs.hinges.slot));
+                v.array(FIELD(springs.hinges.column)), v.array(FIELD(springs.hinges.slot)),
+                v.array(FIELD(springs.colours)), v.array(FIELD(springs.colour)), v.array(FIELD(springs.batch)), v.array(FIELD(springs.batch_rest));
             break;
         case Resource::kSolids:
             v.array(FIELD(solids.info)), v.array(FIELD(solids.position)), v.array(FIELD(solids.corner[0])),
@@ -380,7 +381,7 @@ void visit_resource(World& w, Resource resource, Visitor& v) {
                 v.value(FIELD(report.nonfinite_particles)), v.value(FIELD(report.deepest_residual)), v.value(FIELD(report.min_volume_ratio)),
                 v.value(FIELD(report.runaway_bodies)), v.value(FIELD(report.awake_bodies)), v.value(FIELD(report.asleep_bodies)),
                 v.value(FIELD(report.implicit_steps)), v.value(FIELD(report.implicit_iterations)),
-                v.value(FIELD(report.worst_implicit_residual));
+                v.value(FIELD(report.worst_implicit_residual)), v.value(FIELD(report.min_volume_ratio));
             break;
         case Resource::kSleep:
             v.array(FIELD(sleep.still)), v.array(FIELD(sleep.group));

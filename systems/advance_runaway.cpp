@@ -74,7 +74,7 @@ double kinetic_energy(const AdvanceIsland& island, const AdvanceBody& b) {
 
 bool has_run_away(const AdvanceIsland& island, const AdvanceBody& b) {
     const double kinetic = kinetic_energy(island, b);
-    if (b.touched || b.step.force_x || kinetic <= kGrowth * b.kinetic) return false;
+    if (b.touched || b.step.force_x || b.step.spring_factor || kinetic <= kGrowth * b.kinetic) return false;
     const Sums before = sum_potential(island, b, island.particles.offset.data() + b.particles.first, 0);
     if (kinetic <= kNoise * before.mass) return false;
     const Sums after = sum_potential(island, b, b.now, 0.5 * b.last_dt);
