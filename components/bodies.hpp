@@ -46,8 +46,6 @@ struct Tissue {
     double pressure_modulus = 0;   // Pa, K of an enclosed volume's energy 1/2 K (V - V0)^2 / V0; 0 = may change freely
     double bending = 0;            // Pa, Young's modulus of the wall in bending; 0 = bends freely
     double restitution = 0;        // share of the approach speed that comes back, 0..1; between rigid bodies
-    double pressure_modulus = 0;   // Pa, K of an enclosed volume's energy 1/2 K (V - V0)^2 / V0; 0 = may change freely
-    double bending = 0;            // Pa, Young's modulus of the wall in bending; 0 = bends freely
 };
 
 // What a free body weighs and where: its inertia tensor about the centre of mass is diagonal in the principal frame.

@@ -297,7 +297,7 @@ double other_forces_limit(const World& world, uint32_t body) {
 std::string choose_stepping(const SceneFile& scene, const BodySpec& spec, World& world, uint32_t body) {
     std::string why;
     Stepping stepping;
-    if (spec.integrator == "auto" && !world.springs.info[world.bodies.mesh[body]].varied) stepping.integrator = pick_integrator(world, body, spec.wanted_error, why);
+    if (spec.integrator == "auto") stepping.integrator = pick_integrator(world, body, spec.wanted_error, why);
     if (spec.integrator == "midpoint") stepping.integrator = Integrator::kMidpoint;
     if (spec.integrator == "xpbd") stepping.integrator = Integrator::kXpbd;
     const bool solid = is_solid(world.solids, world.bodies.mesh[body]);
@@ -318,13 +318,9 @@ std::string choose_stepping(const SceneFile& scene, const BodySpec& spec, World&
         refuse(text);
     }
     if (stepping.integrator == Integrator::kLeapfrog && spec.step == 0) return why;  // what bodies have anyway
-    if (stepping.integrator != Integrator::kLeapfrog && world.springs.info[world.bodies.mesh[body]].varied)
-        throw InputError(at(scene, spec.line) + "body \"" + spec.name + "\": a solid is stepped by leapfrog: midpoint and xpbd know springs of one stiffness only");
     constexpr double kUsualStep[] = {0, 5e-3, 1e-3};  // s
     stepping.step = spec.step > 0 ? spec.step : std::min(others, kUsualStep[static_cast<size_t>(stepping.integrator)]);
     stepping.iterations = spec.iterations > 0 ? spec.iterations : stepping.integrator == Integrator::kXpbd ? 1 : 10;
-    // pressure and bending are explicit forces whoever steps: their bound, and with it that of the springs, holds
-    if (has_pressure(world.bodies, body) || has_bending(world.bodies, body)) stepping.step = std::min(stepping.step, limit);
     world.bodies.stepping.resize(body + 1);
     world.bodies.stepping[body] = stepping;
     if (stepping.integrator == Integrator::kXpbd) colour_springs(world.springs, world.bodies.mesh[body]);

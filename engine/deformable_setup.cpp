@@ -134,8 +134,7 @@ void update_stable_dt(const Springs& springs, uint32_t body, const Particles& pa
     const std::vector<double> diagonal(held.begin(), held.end());
     double omega_squared = stiffest_mode(
         {std::span(springs.slice_column).subspan(slices.first + prototype, slices.count + 1), springs.neighbour.data(),
-         bodies.spring_stiffness[body], diagonal, std::span(particles.offset).subspan(rows.first, rows.count)});
-    // the stiffest mode of a sum is at most the sum of the stiffest modes
+         k, diagonal, std::span(particles.offset).subspan(rows.first, rows.count)});
     if (has_pressure(bodies, body)) omega_squared += pressure_omega_squared(springs, bodies, particles, body);
     if (has_bending(bodies, body)) omega_squared += bending_omega_squared(springs, bodies, particles, body);
     const double damping = bodies.tissue[body].damping;

@@ -176,7 +176,7 @@ void check_body(const World& w, uint32_t body, Faults& f) {
     const Bodies& b = w.bodies;
     const std::string name = "body " + std::to_string(body);
     f.require(b.mesh[body] < w.meshes.info.size(), name + " is of no mesh");
-    f.require(b.motion[body] <= Motion::kDeformable && b.anchor_frame[body] <= AnchorFrame::kShape, name + " moves in no known way");
+    f.require(b.motion[body] <= Motion::kFree && b.anchor_frame[body] <= AnchorFrame::kShape, name + " moves in no known way");
     f.require(b.stable_dt[body] > kShortestStep && b.thickness[body] >= 0 && b.inv_mass[body] >= 0, name + " has no step, mass or thickness");
     if (!f.first.empty() || !is_deformable(b, body)) return;
     check_springs(w, b.mesh[body], f);
@@ -202,6 +202,17 @@ void check_bodies(const World& w, Faults& f) {
     f.require(w.poses.origin.size() == n && w.poses.orientation.size() == n && w.poses.velocity.size() == n && w.poses.angular_velocity.size() == n,
               "poses: not one per body");
     f.require(b.stepping.size() <= n, "bodies: more steppings than bodies");
+    std::vector<bool> has_mass(n);
+    for (const RigidMass& mass : b.rigid_mass) {
+        f.below(mass.body, static_cast<uint32_t>(n), false, "mass of body");
+        if (!f.first.empty()) return;
+        f.require(b.motion[mass.body] == Motion::kFree && !has_mass[mass.body] && mass.mass > 0 && (mass.moments.array() > 0).all() &&
+                      w.particles.last_dt.size() > mass.body,
+                  "mass of a body that is not free, or has one already");
+        has_mass[mass.body] = true;
+    }
+    for (size_t body = 0; body < b.motion.size() && body < n; ++body)
+        f.require(b.motion[body] != Motion::kFree || has_mass[body], "a free body without a mass");
     f.require(w.sleep.still.size() == w.sleep.group.size() && (w.sleep.still.empty() || w.sleep.still.size() == n), "sleep: not one per body");
     for (const uint32_t group : w.sleep.group) f.below(group, static_cast<uint32_t>(n), true, "sleep with body");
     const size_t particles = w.particles.offset.size();
