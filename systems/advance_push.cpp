@@ -28,7 +28,8 @@ double gap_after(const AdvanceScratch& s, const ContactPlan& plan, Vec4d& normal
 }
 
 bool is_free(const AdvanceScratch& s, uint32_t node) {
-    return s.node[node].particle == kNone && s.rigid[s.node[node].owner].free != kNone;
+    const ContactNode& n = s.node[node];
+    return n.particle == kNone && n.owner < s.rigid.size() && s.rigid[n.owner].free != kNone;  // the node of no mass has no owner
 }
 
 // Later rows see the move; but a node pressed from both sides stays where it was for all of them and goes half of each

@@ -340,7 +340,7 @@ TEST(Saturation, RowsLeadBackTheWayTheyCame) {
             EXPECT_EQ(scene.rows.distance[i], scene.contacts.distance[scene.rows.contact[i]]);
         }
     }
-    EXPECT_GE(remembered, 2u);
+    EXPECT_GE(remembered, 1u) << "never saturated: nothing was shown";
     scene.poses.origin[1].z() = 1;
     scene.run();
     remember_ways_out(scene.pairs, before, memory, scene.penetrations);
