@@ -120,14 +120,15 @@ void device_input(FrameState& f) {
     }
 }
 void rigid_motion(FrameState& f) { follow_paths(f.world.paths, pass_seconds(f.world), f.world.poses); }
-// Hands on the way to where their devices will be, and free bodies, that go farther in this pass than rows look ahead.
+// Hands on the way to where their devices will be, and free bodies, that come faster than rows look ahead. (A hand that
+// tissue holds back from its device is not fast: rows hold it.)
 void find_fast_bodies(FrameState& f) {
     const World& w = f.world;
     const double period = period_seconds(w);
     f.scratch.fast.clear();
     const auto add = [&](uint32_t body, const RigidSweep& sweep) {
         const double arm = w.meshes.info[w.bodies.mesh[body]].radius + sweep.pivot.norm();
-        const double way = (sweep.velocity.norm() + sweep.spin.norm() * arm) * period;
+        const double way = (f.scratch.coming.velocity[body].norm() + w.poses.angular_velocity[body].norm() * arm) * period;
         if (way > w.boxes.margin[body] && std::isfinite(way)) f.scratch.fast.push_back({body, sweep});
     };
     for (size_t t = 0; t < w.haptics.tool.size(); ++t) {
