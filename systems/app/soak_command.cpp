@@ -31,6 +31,11 @@ namespace {
 
 constexpr double kMemoryDrift = 0.25, kHeapDrift = 0.0625;  // MiB a minute, see soak --help
 constexpr double kLeastGrowth = 0.5;                         // MiB over the run: less is pages found late
+#if defined(__SANITIZE_ADDRESS__) || defined(__SANITIZE_THREAD__)
+constexpr bool kMemoryIsOurs = false;  // sanitizers keep freed memory for a while
+#else
+constexpr bool kMemoryIsOurs = true;
+#endif
 constexpr double kEnergyShare = 0.02, kSlower = 0.5;
 constexpr double kRounding = 1e-5;        // of the potential energy, sums over floats
 constexpr double kLeastEnergy = 1e-6;     // J, books of less are all rounding
@@ -245,9 +250,9 @@ void judge_drifts(const Drifts& d, Soak& soak) {
     if (!soak.broken.empty() || soak.episode.empty()) return;
     const uint32_t first = soak.episode.front().descriptors, last = soak.episode.back().descriptors;
     char text[200] = "";
-    if (d.resident.low > kMemoryDrift && d.resident.low * soak.minutes > kLeastGrowth)
+    if (kMemoryIsOurs && d.resident.low > kMemoryDrift && d.resident.low * soak.minutes > kLeastGrowth)
         std::snprintf(text, sizeof text, "memory: grows by %.3f MiB a minute (95 %%: %.3f to %.3f)", d.resident.slope, d.resident.low, d.resident.high);
-    else if (d.heap.low > kHeapDrift && d.heap.low * soak.minutes > kLeastGrowth)
+    else if (kMemoryIsOurs && d.heap.low > kHeapDrift && d.heap.low * soak.minutes > kLeastGrowth)
         std::snprintf(text, sizeof text, "heap: grows by %.3f MiB a minute (95 %%: %.3f to %.3f)", d.heap.slope, d.heap.low, d.heap.high);
     else if (last > first)
         std::snprintf(text, sizeof text, "descriptors: %u files are open at the end, %u at the start", last, first);
