@@ -49,6 +49,8 @@ void find_stops(double tolerance, std::span<const FastBody> fast, double seconds
             own = find_fast(fast, mover);
         }
         if (own == nullptr) continue;
+        // tissue gives way to a hand: held at its surface, the tool would stay far behind the hand, and the hand feel nothing
+        if (bodies.motion[mover] == Motion::kHand && is_deformable(bodies, other)) continue;
         const FastBody* second = find_fast(fast, other);
         Vec3d velocity = Vec3d::Zero();
         if (second != nullptr) {
