@@ -4,24 +4,13 @@
 
 #include <fstream>
 
-#include "content/build_scene.hpp"
-#include "content/scene_file.hpp"
 #include "engine/error.hpp"
 #include "engine/thread_pool.hpp"
 #include "systems/app/live_run.hpp"
-#include "tests/reference/paths.hpp"
+#include "tests/app/quick_scene.hpp"
 namespace trocar {
 namespace {
 namespace fs = std::filesystem;
-
-// The probe scene with balls, which are made in no time, and a hand four times as quick: it touches after 0.15 s.
-World quick_scene() {
-    const std::vector<Override> balls = {{"liver.shape", "\"sphere\""}, {"liver.size", "0.12"},   {"liver.triangles", "600"},
-                                         {"probe.shape", "\"sphere\""}, {"probe.size", "0.014"}, {"probe.triangles", "100"}};
-    World world = build_scene(read_scene_file(source_folder() / "content/scenes/probe_on_liver.toml", balls)).world;
-    for (Keyframe& key : world.paths.key) key.time *= 0.25;
-    return world;
-}
 
 FrameOptions live_options() {
     FrameOptions options;

@@ -360,4 +360,23 @@ TEST(HardCases, P19_FastHandAgainstATable) {
     }
 }
 
+// A hand jabs into tissue and stays there: it must feel what the tissue does to the tool. Breaks when the swept test holds
+// the tool at the surface, far behind the hand: then no surface is between them and the force is gone.
+TEST(HardCases, P19_AJabIntoTissueIsFelt) {
+    ThreadPool pool(1);
+    pool.run([] {
+        Frame frame(std::move(small_scene("probe_on_liver").world), {});
+        const World& w = frame.world();
+        double felt = 0, pressed = 0;
+        while (w.clock.tick < 4200) {
+            frame.step();
+            if (w.clock.tick < 3900) continue;  // the jab is at 3.6 s
+            felt += w.haptics.state[0].command.force.norm();
+            pressed += w.haptics.state[0].contact_impulse.norm() / (w.clock.period * 1e-3);
+        }
+        EXPECT_GT(pressed, 1) << "nothing was pressed: the test shows nothing";
+        EXPECT_NEAR(felt, pressed, 0.2 * pressed);
+    });
+}
+
 }  // namespace

@@ -105,4 +105,21 @@ double potential_energy(const DoubleBody& b) {
     return energy;
 }
 
+double stiffest_mode(DoubleBody b) {
+    const int n = 3 * static_cast<int>(b.place.size());
+    Eigen::MatrixXd h(n, n);
+    const double step = 1e-6;
+    for (int c = 0; c < n; ++c) {
+        b.place[c / 3][c % 3] += step;
+        const auto up = forces(b);
+        b.place[c / 3][c % 3] -= 2 * step;
+        const auto down = forces(b);
+        b.place[c / 3][c % 3] += step;
+        for (int r = 0; r < n; ++r) h(r, c) = -(up[r / 3][r % 3] - down[r / 3][r % 3]) / (2 * step);
+    }
+    for (int r = 0; r < n; ++r)
+        for (int c = 0; c < n; ++c) h(r, c) *= std::sqrt(b.inv_mass[r / 3] * b.inv_mass[c / 3]);
+    return Eigen::SelfAdjointEigenSolver<Eigen::MatrixXd>(0.5 * (h + h.transpose()), Eigen::EigenvaluesOnly).eigenvalues().maxCoeff();
+}
+
 }  // namespace trocar::reference

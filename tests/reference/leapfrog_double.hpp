@@ -28,5 +28,7 @@ std::vector<Vec3d> forces(const DoubleBody& body);
 void step(DoubleBody& body, double dt);
 // Springs, anchors and gravity, J.
 double potential_energy(const DoubleBody& body);
+// Largest eigenvalue (1/s^2) of the Hessian of springs and anchors scaled by the masses: differences of the forces, Eigen.
+double stiffest_mode(DoubleBody body);
 
 }  // namespace trocar::reference

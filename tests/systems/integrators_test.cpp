@@ -22,24 +22,6 @@ bool same_state(const AdvanceScene& a, const AdvanceScene& b) {
            a.particles.velocity_z == b.particles.velocity_z;
 }
 
-// Hessian of a body's potential by differences of its forces, scaled by the masses; largest eigenvalue, 1/s^2.
-double true_stiffest_mode(reference::DoubleBody b) {
-    const int n = 3 * static_cast<int>(b.place.size());
-    Eigen::MatrixXd h(n, n);
-    const double step = 1e-6;
-    for (int c = 0; c < n; ++c) {
-        b.place[c / 3][c % 3] += step;
-        const auto up = reference::forces(b);
-        b.place[c / 3][c % 3] -= 2 * step;
-        const auto down = reference::forces(b);
-        b.place[c / 3][c % 3] += step;
-        for (int r = 0; r < n; ++r) h(r, c) = -(up[r / 3][r % 3] - down[r / 3][r % 3]) / (2 * step);
-    }
-    for (int r = 0; r < n; ++r)
-        for (int c = 0; c < n; ++c) h(r, c) *= std::sqrt(b.inv_mass[r / 3] * b.inv_mass[c / 3]);
-    return Eigen::SelfAdjointEigenSolver<Eigen::MatrixXd>(0.5 * (h + h.transpose()), Eigen::EigenvaluesOnly).eigenvalues().maxCoeff();
-}
-
 // A sheet of springs of different lengths, its rim fixed, stretched evenly in its plane: at rest by symmetry of every
 // inner mass when the lattice is regular.
 SpringGraph stretched_sheet(double stretch) {
@@ -80,7 +62,7 @@ TEST(StableStep, PredictedAgainstMeasured) {
         add_graph(s, graph);
         reference::DoubleBody b = double_copy(s, 0, graph);
         for (double& rest : b.rest_length) rest /= stretch;
-        const double limit = 2 / std::sqrt(true_stiffest_mode(b));
+        const double limit = 2 / std::sqrt(reference::stiffest_mode(b));
         EXPECT_TRUE(stays_calm(graph, stretch, 0.99 * limit)) << stretch;
         EXPECT_FALSE(stays_calm(graph, stretch, 1.05 * limit)) << stretch;
         const double predicted = s.bodies.stable_dt[0];
