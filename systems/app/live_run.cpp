@@ -166,7 +166,7 @@ bool run_live(const RunOptions& options, double seconds, Frame& frame, PictureWr
     first_device_states(world);
     std::vector<Device> devices;
     for (const HandTool& tool : world.haptics.tool) devices.push_back(device_of(world.haptics, world.paths, tool));
-    LiveHaptics haptics(HapticParams{}, world.haptics.tool, devices, collector.recorder());
+    LiveHaptics haptics(haptic_params(world.clock.contact_rate), world.haptics.tool, devices, collector.recorder());
     frame.set_contact_hook({publish_models, &haptics});
     std::optional<DrawingThread> drawing;
     if (pictures) drawing.emplace(*pictures, frame.snapshot_now(), options.slow_render_ms);
