@@ -18,11 +18,7 @@ constexpr Suite kSuites[] = {
 #endif
     {"contact", contact_suite, "contact beside its peers: [--quick] [--json FILE] [query|broad|missed|thesis|error]; or stages [passes] [goal|kidney|probe|deep|pile] [cell edges]"},
     {"deform", deform_suite, "integrators: rates, stable steps, error against time: [rates|threads|stability|errors]; Bullet as peer"},
-<<<<<<< HEAD
     {"haptics", haptics_suite, "forces on replayed paths, slow simulations, stability, faults, live ticks: [--quick] [--json FILE] [paths|rates|stability|faults|tick|live]"},
-    {"query", query_suite, "signed closest-point queries and refits, AVX2 and AVX-512"},
-=======
->>>>>>> main
     {"report", report_suite, "DIR: draws what suites wrote with --json DIR/NAME.json as one page, DIR/report.html"},
 };
 

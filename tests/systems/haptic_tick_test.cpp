@@ -106,6 +106,21 @@ TEST(HapticTick, SphereAnswersRadially) {
     }
 }
 
+// Pressed in and drawn round the ball, over many edges: a proxy that is still on its way round one is held all the same.
+// Breaks when the force is dropped for the ticks in which it hovers.
+TEST(HapticTick, RubbingRoundASphereIsNeverWithoutForce) {
+    const double big = 0.03, depth = 3e-3;
+    Rig rig = still_rig(make_patch(reference::make_sphere(Vec3d::Zero(), big, 5)));
+    rig.at({big + 2 * kRadius, 0, 0});
+    rig.go({big + kRadius - depth, 0, 0}, 0.05);
+    for (int k = 0; k < 4000; ++k) {
+        const double a = 2 * M_PI * k / 4000, b = 0.6 * std::sin(3 * a);
+        const Vec3d out(std::cos(a) * std::cos(b), std::sin(a) * std::cos(b), std::sin(b));
+        const Vec3d force = rig.at((big + kRadius - depth) * out);
+        ASSERT_NEAR(force.norm(), rig.tool.coupling_stiffness * depth, 0.02 * rig.tool.coupling_stiffness * depth) << k;
+    }
+}
+
 // ---- reference proxy on convex patches ----
 
 Mesh random_ellipsoid(std::mt19937& random, int level, bool inward) {
