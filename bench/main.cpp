@@ -1,5 +1,6 @@
 #include <cstdio>
 #include <cstring>
+#include <exception>
 
 #include "bench/suites.hpp"
 #include "engine/thread_pool.hpp"
@@ -27,7 +28,13 @@ constexpr Suite kSuites[] = {
 int main(int argc, char** argv) {
     trocar::set_float_mode();
     for (const Suite& suite : kSuites) {
-        if (argc > 1 && std::strcmp(argv[1], suite.name) == 0) return suite.run(argc - 1, argv + 1);
+        if (argc < 2 || std::strcmp(argv[1], suite.name) != 0) continue;
+        try {
+            return suite.run(argc - 1, argv + 1);
+        } catch (const std::exception& e) {
+            std::fprintf(stderr, "trocar_bench: %s\n", e.what());
+            return 2;
+        }
     }
     std::printf("usage: trocar_bench SUITE [arguments]\n\n");
     for (const Suite& suite : kSuites) std::printf("  %-8s %s\n", suite.name, suite.what);
