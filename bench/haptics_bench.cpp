@@ -220,6 +220,7 @@ RateErrors slow_simulation(double rate, double hand_rate) {
     rig.params = haptic_params(static_cast<uint32_t>(rate));
     const double stiffness = rig.tool.coupling_stiffness;
     const auto device = [&](double t) { return 0.5 * kStroke * (1 - std::cos(kWhole * hand_rate * t)); };  // down
+    const auto speed_at = [&](double t) { return 0.5 * kStroke * kWhole * hand_rate * std::sin(kWhole * hand_rate * t); };
     const auto force_at = [&](double t) { return stiffness * (device(t) - yield_of(device(t), stiffness)); };
     const LocalContactModel flat = rig.model;
     RateErrors sum;
@@ -238,12 +239,17 @@ RateErrors slow_simulation(double rate, double hand_rate) {
                 rig.model.position[v] = flat.position[v] - Vec3d(0, 0, u);
                 rig.model.velocity[v] = Vec3d(0, 0, -rise);
             }
+            // what the simulation knows of its two last passes
+            const Vec3d down(0, 0, -1);
+            const double before = when - 1 / rate;
+            const double share = pass == 0 ? 0 : give_share(-down, down * (u - yield_of(device(before), stiffness)), down * (device(when) - device(before)));
+            rig.model.give = {0, share, -down, down * device(when) + Vec3d(0, 0, kRigRadius), down * speed_at(when)};
+            if (share == 0) rig.model.give.body = kNone;
             group_triangles(rig.model);
             published = pass;
         }
-        const double speed = -0.5 * kStroke * kWhole * hand_rate * std::sin(kWhole * hand_rate * t);
         // a start a little above, so that the tip is seen clear
-        const double force = rig.at({0, 0, kRigRadius + (k < 3 ? 1e-6 : 0) - device(t)}, {0, 0, speed}).z();
+        const double force = rig.at({0, 0, kRigRadius + (k < 3 ? 1e-6 : 0) - device(t)}, {0, 0, -speed_at(t)}).z();
         if (published < 1) continue;
         const double newest = force_at(static_cast<double>(pass) / rate), older = force_at(static_cast<double>(pass - 1) / rate);
         const double drawn_on = newest + (newest - older) * (t * rate - static_cast<double>(pass));

@@ -64,6 +64,15 @@ struct TriangleGroup {
     double spread = 0;               // m/s, no corner's velocity differs from the mean by more
 };
 
+// How a pressed surface goes with the device that presses it, until the next contact pass says where it is.
+struct SurfaceGive {
+    uint32_t body = kNone;                    // whose surface; kNone: none goes along
+    double share = 0;                         // of the device's way along the normal, 0..1
+    Vec3d normal = Vec3d::Zero();             // unit
+    Vec3d device = Vec3d::Zero();             // m, where the device was
+    Vec3d device_velocity = Vec3d::Zero();    // m/s, how it moved
+};
+
 // Surface within reach of a tool, frozen at one contact pass. Immutable once published; the tick reads nothing else.
 struct LocalContactModel {
     double time = 0;              // s, of the positions
@@ -72,6 +81,7 @@ struct LocalContactModel {
     Vec3d to = Vec3d::Zero();     // m
     double reach = 0;             // m, from the segment; 0 = nothing was looked at yet
     double fastest = 0;           // m/s, of its vertices
+    SurfaceGive give;
     std::vector<Vec3d> position;  // m, world
     std::vector<Vec3d> velocity;  // m/s
     std::vector<Triangle> triangle;
@@ -82,12 +92,20 @@ struct LocalContactModel {
         half_thickness;  // m, per triangle; > 0: a sheet, it stops the tool on both sides; 0: of a closed body
 };
 
+// What a contact pass found of one tool, for the next one to compare with.
+struct ToolPass {
+    uint32_t touched = kNone;            // body
+    Vec3d tip = Vec3d::Zero();           // m, world, of the simulated tool
+    Vec3d device = Vec3d::Zero();        // m
+};
+
 // State of one tool's force rendering between ticks.
 struct ToolState {
     DeviceState device;
     Vec3d proxy = Vec3d::Zero();  // m, world: centre of the tip sphere, kept outside the surface
     bool proxy_valid = false;     // false until the sphere is seen clear of every surface: no force
     uint32_t contacts = 0;        // surface constraints active on the proxy
+    uint32_t touched = kNone;     // body whose surface holds the proxy; kNone without contacts
     DeviceCommand command;
     bool device_valid = false;  // `device` is a sample that was accepted
     double time = 0;            // s, of the last tick
@@ -98,6 +116,7 @@ struct ToolState {
     uint64_t rejected_samples = 0;          // refused: not finite, out of order, farther than a hand can move
     Vec3d coupling_force = Vec3d::Zero();   // N, of the coupling on the simulated tool, last substep
     Vec3d contact_impulse = Vec3d::Zero();  // N s, of the tissue on the simulated tool, summed over the period
+    ToolPass last_pass;                     // of the simulation, not of the tick
 };
 
 struct Haptics {

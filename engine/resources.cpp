@@ -71,7 +71,8 @@ void fields(V& v, T& t) {
     } else if constexpr (is<T, ToolState>) {
         v.item(t.device), v.item(t.proxy), v.item(t.proxy_valid), v.item(t.contacts), v.item(t.command.force);
         v.item(t.coupling_force), v.item(t.contact_impulse), v.item(t.device_valid), v.item(t.time), v.item(t.ticks);
-        v.item(t.model_age), v.item(t.gain), v.item(t.largest_force), v.item(t.rejected_samples);
+        v.item(t.model_age), v.item(t.gain), v.item(t.largest_force), v.item(t.rejected_samples), v.item(t.touched);
+        v.item(t.last_pass.touched), v.item(t.last_pass.tip), v.item(t.last_pass.device);
     } else if constexpr (is<T, HandTool>) {
         v.item(t.body), v.item(t.tip), v.item(t.tip_radius), v.item(t.coupling_stiffness), v.item(t.coupling_damping);
         v.item(t.max_force), v.item(t.friction), v.item(t.path), v.item(t.trace);
@@ -80,7 +81,8 @@ void fields(V& v, T& t) {
     } else if constexpr (is<T, LocalContactModel>) {
         v.item(t.time), v.item(t.sequence), v.item(t.from), v.item(t.to), v.item(t.reach), v.item(t.fastest);
         v.item(t.position), v.item(t.velocity), v.item(t.triangle), v.item(t.neighbour), v.item(t.body);
-        v.item(t.half_thickness), v.item(t.group);
+        v.item(t.half_thickness), v.item(t.group), v.item(t.give.body), v.item(t.give.share), v.item(t.give.normal);
+        v.item(t.give.device), v.item(t.give.device_velocity);
     } else if constexpr (is<T, PictureBody>) {
         v.item(t.mesh), v.item(t.origin), v.item(t.orientation), v.item(t.box), v.item(t.vertices), v.item(t.depths);
     } else if constexpr (is<T, PictureWitness>) {

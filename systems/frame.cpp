@@ -226,9 +226,11 @@ void islands(FrameState& f) { find_islands(f.world.bodies, f.world.rows, f.scrat
 void local_contact(FrameState& f) {
     World& w = f.world;
     w.local_contact.resize(w.haptics.tool.size());
-    for (size_t t = 0; t < w.haptics.tool.size(); ++t)
+    for (size_t t = 0; t < w.haptics.tool.size(); ++t) {
         publish_local_contact(haptic_params(w.clock.contact_rate), surfaces_of(w), w.boxes.box, w.haptics.tool[t], w.haptics.state[t], pass_seconds(w),
                               w.clock.pass + 1, f.scratch.local_contact, w.local_contact[t]);
+        publish_give(surfaces_of(w), w.haptics.tool[t], w.haptics.state[t], w.local_contact[t]);
+    }
     if (f.contact_hook.published) f.contact_hook.published(f.contact_hook.user, w);
 }
 
@@ -371,7 +373,7 @@ constexpr FrameStage kBegin[] = {
     {{"regions",         regions,         kShapes | mask(R::kPairs, R::kScreened, R::kNear, R::kContacts, R::kContours), mask(R::kRegions)}, wants_regions},
     {{"contact rows",    contact_rows,    kShapes | mask(R::kSettings, R::kBoxes, R::kPairs, R::kCandidates, R::kContacts, R::kPenetrations), mask(R::kRows, R::kReport)}, any_pair},
     {{"islands",         islands,         mask(R::kBodies, R::kRows),                                        mask(R::kIslands)}, any_mover},
-    {{"local contact",   local_contact,   kShapes | mask(R::kClock, R::kTools, R::kToolState, R::kBoxes),     mask(R::kLocalContact)}, any_tool},
+    {{"local contact",   local_contact,   kShapes | mask(R::kClock, R::kTools, R::kToolState, R::kBoxes),     mask(R::kToolState, R::kLocalContact)}, any_tool},
 };
 
 constexpr FrameStage kAdvance[] = {

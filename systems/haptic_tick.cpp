@@ -59,10 +59,22 @@ double segment_distance(const Vec3d& p, const Vec3d& a, const Vec3d& b) {
 
 bool within(const Vec3d& a, const Vec3d& b, double distance) { return (a - b).squaredNorm() <= distance * distance; }
 
-// Takes the corners to `age`; the ball around them. False when that lies farther than `travel` from touching `centre`.
-bool place(const LocalContactModel& model, double age, const Vec3d& centre, double travel, NearTriangle& near,
+// Where the surfaces of a model are at a time: positions + age * velocities, those of the body that gives way `follow`
+// beyond that.
+struct SurfaceTime {
+    double age = 0;                 // s
+    Vec3d follow = Vec3d::Zero();   // m
+    Vec3d beyond(const LocalContactModel& model, uint32_t body) const {
+        return body == model.give.body ? follow : Vec3d(Vec3d::Zero());
+    }
+};
+
+// Takes the corners there; the ball around them. False when that lies farther than `travel` from touching `centre`.
+bool place(const LocalContactModel& model, const SurfaceTime& at, const Vec3d& centre, double travel, NearTriangle& near,
            NearDisc& disc) {
-    for (int k = 0; k < 3; ++k) near.corner[k] = model.position[near.vertex[k]] + age * model.velocity[near.vertex[k]];
+    const Vec3d beyond = at.beyond(model, near.body);
+    for (int k = 0; k < 3; ++k)
+        near.corner[k] = model.position[near.vertex[k]] + at.age * model.velocity[near.vertex[k]] + beyond;
     const auto& [p, q, r] = near.corner;
     disc.centre = (p + q + r) / 3;
     disc.radius = std::sqrt(
@@ -75,8 +87,8 @@ bool place(const LocalContactModel& model, double age, const Vec3d& centre, doub
 }
 
 // Fills scratch.near with the triangles that a tip touches somewhere nearer than `travel` to `centre` (told by balls),
-// as they lie at `age`.
-void gather_near(const LocalContactModel& model, double age, const HandTool& tool, const Vec3d& centre, double travel,
+// as they lie then.
+void gather_near(const LocalContactModel& model, const SurfaceTime& at, const HandTool& tool, const Vec3d& centre, double travel,
                  HapticScratch& scratch) {
     scratch.near.clear();
     scratch.disc.clear();
@@ -86,11 +98,12 @@ void gather_near(const LocalContactModel& model, double age, const HandTool& too
         const double half_thickness = model.half_thickness[group.triangles.first];
         disc.offset = tool.tip_radius + half_thickness;
         near.sheet = half_thickness > 0;
-        const double reach = group.radius + group.spread * std::abs(age) + disc.offset + travel;
-        if (!within(group.centre + age * group.velocity, centre, reach)) continue;
+        near.body = model.body[group.triangles.first];
+        const double reach = group.radius + group.spread * std::abs(at.age) + disc.offset + travel;
+        if (!within(group.centre + at.age * group.velocity + at.beyond(model, near.body), centre, reach)) continue;
         for (uint32_t t = group.triangles.first; t < group.triangles.end(); ++t) {
             near.vertex = model.triangle[t];
-            if (!place(model, age, centre, travel, near, disc)) continue;
+            if (!place(model, at, centre, travel, near, disc)) continue;
             scratch.near.push_back(near);
             scratch.disc.push_back(disc);
         }
@@ -376,10 +389,14 @@ Search find_proxy(const Vec3d& start, const Vec3d& goal, const Room& room, doubl
     return s;
 }
 
-// Velocity (m/s) of the surface where it is nearest to a point; zero if nothing is nearer than `most` beyond touching.
-Vec3d surface_velocity(const LocalContactModel& model, const HapticScratch& scratch, const Vec3d& point, double most) {
+// Motion of the surface where it is nearest to a point; none if nothing is nearer than `most` beyond touching.
+struct SurfaceMotion {
+    Vec3d velocity = Vec3d::Zero();  // m/s, of the model
+    uint32_t body = kNone;
+};
+SurfaceMotion surface_motion(const LocalContactModel& model, const HapticScratch& scratch, const Vec3d& point, double most) {
     double best = std::numeric_limits<double>::infinity();
-    Vec3d velocity = Vec3d::Zero();
+    SurfaceMotion motion;
     for (size_t k = 0; k < scratch.near.size(); ++k) {
         const NearTriangle& n = scratch.near[k];
         const double nearer = std::min(best, scratch.disc[k].offset + most);
@@ -392,26 +409,40 @@ Vec3d surface_velocity(const LocalContactModel& model, const HapticScratch& scra
         const double uu = u.dot(u), uv = u.dot(v), vv = v.dot(v), area = uu * vv - uv * uv;
         const double b = area > 0 ? std::clamp((vv * u.dot(w) - uv * v.dot(w)) / area, 0.0, 1.0) : 0;
         const double c = area > 0 ? std::clamp((uu * v.dot(w) - uv * u.dot(w)) / area, 0.0, 1.0 - b) : 0;
-        velocity = (1 - b - c) * model.velocity[n.vertex[0]] + b * model.velocity[n.vertex[1]] +
-                   c * model.velocity[n.vertex[2]];
+        motion.velocity = (1 - b - c) * model.velocity[n.vertex[0]] + b * model.velocity[n.vertex[1]] +
+                          c * model.velocity[n.vertex[2]];
+        motion.body = n.body;
     }
-    return velocity;
+    return motion;
 }
 
 struct TickSpan {
     double elapsed = 0;  // s, since the last tick
-    double age = 0;      // s, to which the surface is advanced
-    double moved = 0;    // s, of its motion since the last tick
+    SurfaceTime before;  // of the surface at the last tick
+    SurfaceTime now;
     double travel = 0;   // m, the proxy may go
+    double moved() const { return now.age - before.age; }
+    // m, a surface that went fastest since the last tick
+    double surface_way(const LocalContactModel& model) const {
+        return model.fastest * std::abs(moved()) + (now.follow - before.follow).norm();
+    }
 };
+
+// How far (m) the surface that gives way is beyond where its velocity alone takes it, with the device there: the share
+// of what the device went otherwise than it did at the pass.
+Vec3d follow_of(const HapticParams& params, const SurfaceGive& give, const Vec3d& device, double age) {
+    if (give.body == kNone) return Vec3d::Zero();
+    const double way = give.share * give.normal.dot(device - give.device - age * give.device_velocity);
+    return std::clamp(way, -params.reach_margin, params.reach_margin) * give.normal;
+}
 
 // A surface is not advanced for longer than it was published for: a stalled one stands still.
 TickSpan span_of(const HapticParams& params, const LocalContactModel& model, double time, const ToolState& state) {
     const auto shown = [&](double age) { return std::clamp(age, -params.greatest_age, params.greatest_age); };
     TickSpan span;
     span.elapsed = state.ticks > 0 ? std::clamp(time - state.time, 0.0, kLongestGap) : params.dt;
-    span.age = shown(time - model.time);
-    span.moved = span.age - shown(time - model.time - span.elapsed);
+    span.now.age = shown(time - model.time);
+    span.before.age = shown(time - model.time - span.elapsed);
     return span;
 }
 
@@ -419,17 +450,22 @@ TickSpan span_of(const HapticParams& params, const LocalContactModel& model, dou
 // that the surface cannot pass over its centre.
 void carry_proxy(const LocalContactModel& model, const TickSpan& span, double radius, const Room& room,
                  HapticScratch& scratch, ToolState& state) {
-    const double way = model.fastest * span.moved;
+    const double way = span.surface_way(model);
     if (way == 0 && state.contacts == 0) return;
     const int steps = static_cast<int>(std::clamp(std::ceil(way / (0.5 * radius)), 1.0, 16.0));
     bool was_outside = state.contacts > 0;
     for (int k = 1; k <= steps; ++k) {
-        const double age = span.age - span.moved * (steps - k) / steps;
-        if (was_outside && way > 0)
-            state.proxy += span.moved / steps * surface_velocity(model, scratch, state.proxy, radius);
+        const double left = double(steps - k) / steps;
+        const Vec3d followed = span.now.follow - span.before.follow;
+        const SurfaceTime at{span.now.age - span.moved() * left, span.now.follow - left * followed};
+        if (was_outside && way > 0) {
+            const SurfaceMotion motion = surface_motion(model, scratch, state.proxy, radius);
+            state.proxy += span.moved() / steps * motion.velocity;
+            if (motion.body != kNone && motion.body == model.give.body) state.proxy += followed / steps;
+        }
         if (steps > 1)
             for (size_t row = 0; row < scratch.near.size(); ++row)
-                place(model, age, room.origin, std::numeric_limits<double>::infinity(), scratch.near[row],
+                place(model, at, room.origin, std::numeric_limits<double>::infinity(), scratch.near[row],
                       scratch.disc[row]);
         const Search s = find_proxy(state.proxy, state.proxy, room, 0, was_outside, scratch);
         state.proxy = s.proxy;
@@ -466,6 +502,8 @@ void update_proxy(const LocalContactModel& model, const TickSpan& span, const Ha
     state.proxy = s.proxy;
     state.proxy_valid = !s.inside;
     state.contacts = s.inside ? 0 : s.active;
+    // hovering on its way round an edge, it is still that body's: nothing is touched then
+    if (state.contacts > 0 && !scratch.touched.empty()) state.touched = scratch.near[scratch.touched.front().near].body;
 }
 
 // ---- force ----
@@ -493,7 +531,7 @@ Vec3d coupling_force(const HandTool& tool, const ToolState& state, const Vec3d& 
 // little more each tick, so that a new set of contacts ramps in.
 Vec3d slewed_force(const HapticParams& params, const HandTool& tool, const TickSpan& span, const Vec3d& wanted,
                    const Vec3d& drift, const DeviceState& last, double last_gain, const ToolState& state) {
-    const double way = (state.device.position - last.position).norm() + drift.norm() * span.moved;
+    const double way = (state.device.position - last.position).norm() + drift.norm() * span.moved();
     const double explained = tool.coupling_stiffness * way +
                              tool.coupling_damping * (state.device.velocity - last.velocity).norm() +
                              tool.max_force * std::abs(state.gain - last_gain);
@@ -529,19 +567,27 @@ void haptic_tick(const HapticParams& params, const LocalContactModel& model, dou
 
     const Vec3d centre = state.proxy_valid ? state.proxy : state.device.position;
     const double device_way = (state.device.position - last.position).norm();
-    const double surface_way = model.fastest * span.moved;
+    span.before.follow = follow_of(params, model.give, last.position, span.before.age);
+    span.now.follow = follow_of(params, model.give, state.device.position, span.now.age);
+    const double surface_way = span.surface_way(model);
     span.travel = std::min((state.device.position - centre).norm(), kSlipSpeed * span.elapsed + 2 * device_way) +
                   2 * surface_way + 10 * kSkin;
     // beyond what the model shows there may be anything
-    if (segment_distance(centre, model.from, model.to) + tool.tip_radius + span.travel <= model.reach) {
-        gather_near(model, span.age, tool, centre, span.travel + surface_way, scratch);
+    if (segment_distance(centre, model.from, model.to) + tool.tip_radius + span.travel + span.now.follow.norm() <= model.reach) {
+        gather_near(model, span.now, tool, centre, span.travel + surface_way, scratch);
         update_proxy(model, span, tool, scratch, state);
     } else {
         state.proxy_valid = false;
         state.contacts = 0;
     }
+    if (state.contacts == 0) state.touched = kNone;
     Vec3d drift = Vec3d::Zero();
-    if (state.contacts > 0 && model.fastest > 0) drift = surface_velocity(model, scratch, state.proxy, tool.tip_radius);
+    if (state.contacts > 0 && surface_way > 0) {
+        const SurfaceMotion motion = surface_motion(model, scratch, state.proxy, tool.tip_radius);
+        drift = motion.velocity;
+        if (motion.body != kNone && motion.body == model.give.body && span.elapsed > 0)
+            drift += (span.now.follow - span.before.follow) / span.elapsed;
+    }
     const Vec3d wanted = state.gain * coupling_force(tool, state, drift);
     state.command.force =
         accepted ? slewed_force(params, tool, span, wanted, drift, last, last_gain, state) : Vec3d(Vec3d::Zero());

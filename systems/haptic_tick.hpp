@@ -16,6 +16,7 @@ struct NearDisc {
 
 struct NearTriangle {
     Triangle vertex;              // of the model
+    uint32_t body = kNone;
     std::array<Vec3d, 3> corner;  // m
     bool sheet = false;
     bool held = false;  // its plane is among the planes of the present step
@@ -48,7 +49,7 @@ struct HapticScratch {
 // Proxy: the constraint-based god-object (Zilles & Salisbury, IROS 1995) with the finite radius of Ruspini, Kolarov &
 // Khatib (SIGGRAPH 1997): the point nearest to the device that the planes of the touched features allow, reached along
 // a swept path; friction by the cone of Harwin & Melder (Eurohaptics 2002). Surface positions are those of the model
-// plus velocity * age; forces are never extrapolated. Force = coupling_stiffness * (proxy - device) - the normal part
+// plus velocity * age, and what model.give says of how they go with the device; forces are never extrapolated. Force = coupling_stiffness * (proxy - device) - the normal part
 // of coupling_damping * velocity (relative to the surface, never pulling, never more than the spring), at most
 // tool.max_force; zero without contact. Zero at once after a refused sample, fading when model or device stop coming,
 // back over params.rise_time. A sphere that starts inside tissue gets no force until it was clear once. Same code in

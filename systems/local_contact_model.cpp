@@ -3,6 +3,7 @@
 #include <algorithm>
 #include <cmath>
 
+#include "engine/geometry/quaternion.hpp"
 #include "engine/mesh_view.hpp"
 namespace trocar {
 namespace {
@@ -124,6 +125,29 @@ void publish_local_contact(const HapticParams& params, const Surfaces& surfaces,
         add_body(surfaces, body, half_thickness, scratch, out);
     }
     group_triangles(out);
+}
+
+double give_share(const Vec3d& normal, const Vec3d& tip_way, const Vec3d& device_way) {
+    constexpr double kLeastWay = 1e-4;  // m
+    constexpr double kMost = 0.95;      // the coupling alone is softer than a surface that gives way wholly
+    const double along = normal.dot(device_way);
+    if (std::abs(along) < std::max(kLeastWay, 0.5 * device_way.norm())) return 0;
+    return std::clamp(normal.dot(tip_way) / along, 0.0, kMost);
+}
+
+void publish_give(const Surfaces& surfaces, const HandTool& tool, ToolState& state, LocalContactModel& out) {
+    out.give = {};
+    const uint32_t body = tool.body;
+    const Vec3d tip = surfaces.poses.origin[body] + rotate(surfaces.poses.orientation[body], tool.tip);
+    const double force = state.command.force.norm();
+    const ToolPass now{state.contacts > 0 && force > 0 ? state.touched : kNone, tip, state.device.position};
+    const ToolPass& before = state.last_pass;
+    if (now.touched != kNone && now.touched == before.touched && is_deformable(surfaces.bodies, now.touched)) {
+        const Vec3d normal = state.command.force / force;
+        const double share = give_share(normal, now.tip - before.tip, now.device - before.device);
+        if (share > 0) out.give = {now.touched, share, normal, now.device, state.device.velocity};
+    }
+    state.last_pass = now;
 }
 
 void group_triangles(LocalContactModel& model) {

@@ -59,7 +59,9 @@ void LiveHaptics::publish_model(uint32_t tool) {
 
 void take_tool_state(const ToolState& newest, ToolState& state) {
     const Vec3d coupling_force = state.coupling_force, contact_impulse = state.contact_impulse;
+    const ToolPass last_pass = state.last_pass;
     state = newest;
+    state.last_pass = last_pass;
     state.coupling_force = coupling_force;
     state.contact_impulse = contact_impulse;
 }

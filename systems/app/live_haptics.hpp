@@ -31,7 +31,7 @@ struct LiveFigures {
 };
 
 // Copies what a tick found (device, proxy, contacts, command, counters) into the state that the simulation goes on
-// from; the coupling force and the impulse stay, they are the simulation's own.
+// from; the coupling force, the impulse and what the last pass found stay, they are the simulation's own.
 void take_tool_state(const ToolState& newest, ToolState& state);
 
 // Haptic ticks on an own 1 kHz thread. The simulation gives it surfaces and takes its states through newest-value

@@ -405,6 +405,38 @@ TEST(HapticTick, PositionsAreAdvancedByTheirAge) {
     EXPECT_DOUBLE_EQ(rig.state.model_age, 59 * kTick);
 }
 
+// A pressed surface of which the model says that 0.4 of the device's way goes with it: the hand feels the other 0.6 times
+// the coupling, in and out, and nothing once it is gone. Another body in the same model stays where it is.
+TEST(HapticTick, ASurfaceThatGivesWayGoesWithTheDevice) {
+    for (const uint32_t body : {0u, 7u}) {
+        Rig rig = still_rig(make_patch(make_plane()));
+        rig.at({0, 0, 0.01});
+        rig.go({0, 0, kRadius - 1e-3}, 0.05);
+        rig.model.give = {body, 0.4, Vec3d::UnitZ(), rig.state.device.position, Vec3d::Zero()};
+        const double share = body == 0 ? 0.4 : 0;
+        for (const double more : {5e-4, 2e-3, -5e-4, 1e-3}) {
+            rig.go({0, 0, kRadius - 1e-3 - more}, 0.05);
+            EXPECT_NEAR(rig.rest(5).z(), rig.tool.coupling_stiffness * (1e-3 + (1 - share) * more), 1e-6) << more;
+            EXPECT_EQ(rig.state.touched, 0u);
+        }
+        rig.go({0, 0, kRadius + 3e-3}, 0.05);
+        EXPECT_EQ(rig.rest(5).norm(), 0);
+        EXPECT_EQ(rig.state.touched, kNone);
+    }
+    // what the velocity of the surface already says is not said twice: device and surface go on as they did
+    Rig rig = still_rig(make_patch(make_plane()));
+    rig.at({0, 0, 0.01});
+    rig.go({0, 0, kRadius - 1e-3}, 0.05);
+    rig.model.time = rig.time();
+    for (Vec3d& v : rig.model.velocity) v = Vec3d(0, 0, -0.02);
+    group_triangles(rig.model);
+    rig.model.give = {0, 0.4, Vec3d::UnitZ(), rig.state.device.position, Vec3d(0, 0, -0.05)};
+    for (int k = 0; k < 20; ++k) {
+        const double age = rig.time() - rig.model.time;
+        EXPECT_NEAR(rig.at({0, 0, kRadius - 1e-3 - 0.05 * age}).z(), rig.tool.coupling_stiffness * (1e-3 + 0.03 * age), 1e-6);
+    }
+}
+
 // ---- trouble ----
 
 // T13. A tip that starts inside gets no force on its way out, and the full force when it comes back.

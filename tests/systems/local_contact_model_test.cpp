@@ -315,5 +315,33 @@ TEST(LocalContactModel, FeedsTheTick) {
     EXPECT_GT(state.command.force.norm(), 0.99);
 }
 
+// Two passes of a tool that presses an organ: the share of the device's way that the simulated tip went, and none where
+// that says nothing.
+TEST(LocalContactModel, SaysHowTheSurfaceGivesWay) {
+    Scene s = busy_scene();
+    const Vec3d normal(0, 0, 1);
+    HandTool tool;
+    tool.body = 0;
+    const auto give = [&](uint32_t touched, const Vec3d& device_way, const Vec3d& tip_way) {
+        ToolState state;
+        LocalContactModel model;
+        state.contacts = 1, state.touched = touched, state.command.force = 2 * normal;
+        publish_give(s.surfaces(), tool, state, model);
+        EXPECT_EQ(model.give.body, kNone);  // there was no pass before
+        state.device.position += device_way;
+        s.poses.origin[0] += tip_way;
+        publish_give(s.surfaces(), tool, state, model);
+        s.poses.origin[0] -= tip_way;
+        return model.give.body == kNone ? 0 : model.give.share;
+    };
+    EXPECT_NEAR(give(1, {0, 0, -1e-3}, {0, 0, -3e-4}), 0.3, 1e-12);
+    EXPECT_NEAR(give(1, {2e-4, 0, -1e-3}, {5e-4, 0, -3e-4}), 0.3, 1e-12);
+    EXPECT_EQ(give(1, {0, 0, -1e-3}, {0, 0, 3e-4}), 0);     // against the hand
+    EXPECT_EQ(give(1, {0, 0, -1e-3}, {0, 0, -3e-3}), 0.95);
+    EXPECT_EQ(give(1, {0, 0, -5e-5}, {0, 0, -3e-5}), 0);    // hardly moved
+    EXPECT_EQ(give(1, {1e-3, 0, -2e-4}, {0, 0, -1e-4}), 0); // rubbed
+    EXPECT_EQ(give(2, {0, 0, -1e-3}, {0, 0, -3e-4}), 0);    // rigid
+}
+
 }  // namespace
 }  // namespace trocar
