@@ -76,6 +76,9 @@ void finish_figures(const Frame& frame, RunFigures& figures) {
     figures.frames = w.clock.picture;
     figures.simulated_s = static_cast<double>(w.clock.tick) * 1e-3;
     figures.report = w.report;
+    for (const LinkGroup& g : w.links.group) {
+        if (g.body != kNone) figures.link.push_back({g.name, g.made, g.broken, g.largest_force, g.largest_strain});
+    }
     if (!figures.live) {
         figures.ticks = w.haptics.ticks;
         figures.max_force = w.haptics.max_force;
