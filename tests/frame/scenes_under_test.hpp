@@ -21,11 +21,11 @@ inline BuiltScene small_scene(const std::string& name, const std::string& triang
     }
     if (name == "jaw_grasp") {  // early and from afar, so that few passes see links, and springs that break
         for (const char* link : {"link.upper.", "link.lower."}) {
-            overrides.push_back({std::string(link) + "from", "0.2"});
-            overrides.push_back({std::string(link) + "until", "1.3"});
-            overrides.push_back({std::string(link) + "within", "0.045"});
+            overrides.push_back({std::string(link) + "from", "0.35"});
+            overrides.push_back({std::string(link) + "until", "0.6"});
+            overrides.push_back({std::string(link) + "within", "0.03"});
         }
-        overrides.push_back({"gallbladder.break_strain", "0.1"});
+        overrides.push_back({"gallbladder.break_strain", "0.05"});
     }
     if (every) {
         for (const char* key : {"contact.contours", "contact.regions", "contact.faces"}) overrides.push_back({key, "true"});

@@ -5,7 +5,6 @@
 #include <cstring>
 
 #include "engine/links.hpp"
-#include "engine/keyframe_path.hpp"
 #include "engine/mass_properties.hpp"
 #include "engine/thread_pool.hpp"
 #include "systems/islands.hpp"
@@ -90,7 +89,10 @@ TEST(Links, TwoBodiesSwingAsTheClosedFormSays) {
     }
     std::printf("link: error %.3g, %.3g of the amplitude, order %.2f\n", error[0] / pull, error[1] / pull, std::log2(error[0] / error[1]));
     EXPECT_NEAR(std::log2(error[0] / error[1]), 2, 0.15);
-    EXPECT_NEAR(error[0] / pull, omega * 0.2 * std::pow(omega * 1e-3, 2) / 24, 0.1 * error[0] / pull);
+    // phase error of the leapfrog: omega t (omega dt)^2 / 24
+    double expected = 0;
+    for (int n = 1; n <= 200; ++n) expected = std::max(expected, omega * n * 1e-3 * std::pow(omega * 1e-3, 2) / 24 * std::abs(std::sin(omega * n * 1e-3)));
+    EXPECT_NEAR(error[0] / pull, expected, 0.05 * expected);
 }
 
 // Masses held by points of a free rigid body, off its centre: what pulls at one pulls and turns the other.
@@ -229,20 +231,19 @@ TEST(Links, BreaksAtItsStrainWithinOneStep) {
     LinkScene s;
     const uint32_t mass = s.add_masses({{0, 0, 0}}, 1e6);
     const uint32_t holder = s.add_body(s.add_mesh(subdivided_sphere(0.01, 0)), Motion::kKinematic);
-    s.add_path(holder, {{0, {0, 0, 0}, {}, 0}, {100, {100 * speed, 0, 0}, {}, 0}});
+    std::vector<Keyframe> even;  // it passes 0 at full speed
+    for (int t = -1; t <= 3; ++t) even.push_back({double(t), {t * speed, 0, 0}, {}, 0});
+    s.add_path(holder, even);
     const Entity name = s.link(mass, holder, 1);
     s.links.group[name.index].break_strain = strain;
     s.open();
-    // the path starts at rest and is then linear: where its point is, is asked of it
-    const std::span<const Keyframe> keys(s.paths.key);
-    uint32_t broke = 0, passed = 0;
-    for (uint32_t ms = 1; ms <= 5000 && (!broke || !passed); ++ms) {
-        s.step(1, 4);
-        if (!broke && s.links.whole[0] == 0) broke = ms;
-        if (!passed && sample_path(keys, ms * 1e-3).position.x() > strain * gauge) passed = ms;
+    uint32_t broke = 0;
+    for (uint32_t ms = 1; ms <= 2000 && broke == 0; ++ms) {
+        s.step(1, 1);
+        if (s.links.whole[0] == 0) broke = ms;
     }
-    std::printf("link: broke in ms %u, passed its strain in ms %u, %g s at constant speed\n", broke, passed, due);
-    EXPECT_EQ(broke, passed) << "in steps of a quarter of a ms";
+    std::printf("link: broke in the step that ends at %u ms, due at %g ms\n", broke, due * 1e3);
+    EXPECT_NEAR(broke, due * 1e3, 1);
     EXPECT_EQ(s.report.broken_links, 1u);
     EXPECT_EQ(s.links.group[name.index].broken, 1u);
     EXPECT_NEAR(s.energy.work_links, -0.5 * std::pow(strain * gauge, 2), 2e-3 * std::pow(strain * gauge, 2));
