@@ -19,6 +19,7 @@ constexpr Suite kSuites[] = {
     {"contact", contact_suite, "contact beside its peers: [--quick] [--json FILE] [broad|missed|thesis|error]; or stages [passes] [goal|kidney|probe|deep|pile] [cell edges]"},
     {"deform", deform_suite, "integrators: rates, stable steps, error against time: [rates|threads|stability|errors]; Bullet as peer"},
     {"query", query_suite, "signed closest-point queries and refits, AVX2 and AVX-512"},
+    {"scale", scale_suite, "bodies x threads with state hashes, growth, memory, critical path, idle cost: [--quick] [--json FILE] [idle|counts|path|allocations|goals|bullet]"},
     {"report", report_suite, "DIR: draws what suites wrote with --json DIR/NAME.json as one page, DIR/report.html"},
 };
 

@@ -386,6 +386,12 @@ void visit_resource(World& w, Resource resource, Visitor& v) {
         case Resource::kSleep:
             v.array(FIELD(sleep.still)), v.array(FIELD(sleep.group));
             break;
+        case Resource::kPools:
+            v.array(FIELD(pools.slots)), v.array(FIELD(pools.rate)), v.array(FIELD(pools.life)), v.array(FIELD(pools.orientation));
+            break;
+        case Resource::kLives:
+            v.array(FIELD(lives.away)), v.array(FIELD(lives.generation)), v.array(FIELD(lives.since)), v.array(FIELD(lives.came));
+            break;
         case Resource::kCount:
             break;
     }
@@ -404,13 +410,15 @@ ResourceKind resource_kind(Resource resource) {
         case Resource::kBodies:
         case Resource::kAnchors:
         case Resource::kPaths:
-        case Resource::kTools: return ResourceKind::kConstant;
+        case Resource::kTools:
+        case Resource::kPools: return ResourceKind::kConstant;
         case Resource::kClock:
         case Resource::kPoses:
         case Resource::kParticles:
         case Resource::kToolState:
         case Resource::kPairMemory:
-        case Resource::kSleep: return ResourceKind::kState;
+        case Resource::kSleep:
+        case Resource::kLives: return ResourceKind::kState;
         case Resource::kEnergy:
         case Resource::kReport: return ResourceKind::kBooks;
         case Resource::kBoxes:
@@ -439,7 +447,7 @@ const char* resource_name(Resource resource) {
         "settings", "meshes",    "springs",    "solids",     "bodies",     "anchors",  "paths",        "tools",
         "clock",    "poses",     "particles",  "tool state", "pair memory", "boxes", "pairs", "trees",
         "screened", "occupancy", "candidates", "near",       "contacts", "penetrations", "contours", "regions", "rows",
-        "islands",  "normals",   "local contact", "picture",    "energy",   "report", "sleep"};
+        "islands",  "normals",   "local contact", "picture",    "energy",   "report", "sleep", "pools", "lives"};
     static_assert(std::size(kNames) == static_cast<size_t>(Resource::kCount));
     return kNames[static_cast<size_t>(resource)];
 }

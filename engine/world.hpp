@@ -7,6 +7,7 @@
 #include "components/clock.hpp"
 #include "components/contacts.hpp"
 #include "components/haptics.hpp"
+#include "components/lives.hpp"
 #include "components/mesh.hpp"
 #include "components/particles.hpp"
 #include "components/paths.hpp"
@@ -30,6 +31,7 @@ struct World {
     Bodies bodies;
     Anchors anchors;
     Paths paths;
+    Pools pools;
     // state
     Clock clock;
     Poses poses;
@@ -37,6 +39,7 @@ struct World {
     Haptics haptics;  // tool: constant
     PairMemory pair_memory;
     Sleep sleep;
+    Lives lives;
     // derived each pass
     BodyBoxes boxes;
     CandidatePairs pairs;
@@ -94,6 +97,8 @@ enum class Resource : uint8_t {
     kEnergy,
     kReport,
     kSleep,
+    kPools,
+    kLives,
     kCount
 };
 
