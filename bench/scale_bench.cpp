@@ -311,7 +311,7 @@ void goal_rows(bool quick, Report& report) {
     const uint32_t count = quick ? 1000 : 10000;
     ThreadPool pool(2);
     pool.run([&] {
-        BuiltScene built = stress("settle", count, {{"columns", std::to_string(static_cast<int>(std::ceil(std::sqrt(count))))}});
+        BuiltScene built = stress("settle", count, {{"columns", std::to_string(static_cast<int>(std::ceil(std::sqrt(count))))}, {"floor", "8"}, {"ground", "-0.133333333"}});
         Frame frame(std::move(built.world), {});
         int waited = 0;
         while (waited < 400 && (frame.world().report.asleep_bodies < count)) frame.step(), ++waited;

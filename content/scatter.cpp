@@ -1,5 +1,6 @@
 #include "content/scatter.hpp"
 
+#include <algorithm>
 #include <cmath>
 #include <numbers>
 #include <string>
@@ -35,7 +36,8 @@ void scatter_body(const BodySpec& pattern, std::vector<BodySpec>& bodies) {
     const bool cube = columns[0] == 0 || columns[1] == 0;
     if (cube) columns[0] = columns[1] = static_cast<uint32_t>(std::ceil(std::cbrt(static_cast<double>(s.count)) - 1e-9));
     const uint32_t layer = columns[0] * columns[1], layers = (s.count + layer - 1) / layer;
-    const Vec3d middle(0.5 * (columns[0] - 1), 0.5 * (columns[1] - 1), cube ? 0.5 * (layers - 1) : 0);
+    const uint32_t rows = std::min(columns[1], (s.count + columns[0] - 1) / columns[0]);
+    const Vec3d middle(0.5 * (columns[0] - 1), 0.5 * (rows - 1), cube ? 0.5 * (layers - 1) : 0);
     for (uint32_t copy = 0; copy < s.count; ++copy) {
         BodySpec body = pattern;
         body.name += "_" + std::to_string(copy);

@@ -21,7 +21,8 @@ struct ScatterSpec {
     double life = 1e9;                     // s, after which one goes and its slot is free for the next to come
 };
 
-// The copies, named NAME_0, NAME_1, ...; copy k is the same for any count above k, unless the lattice is a cube.
+// The copies, named NAME_0, NAME_1, ... More copies leave the others where they are, once the first layer is full (and
+// unless the lattice is a cube).
 void scatter_body(const BodySpec& pattern, std::vector<BodySpec>& bodies);
 
 }  // namespace trocar

@@ -72,8 +72,10 @@ TEST(Scatter, JitterStaysInItsShareAndFollowsTheSeedAlone) {
     }
     for (int k = 0; k < 3; ++k) {
         // of 300 even numbers in [-0.3, 0.3] the chance that none lies in the last twentieth is 2e-7
-        EXPECT_GE(least[k], -0.3 - 1e-12), EXPECT_LT(least[k], -0.27);
-        EXPECT_LE(most[k], 0.3 + 1e-12), EXPECT_GT(most[k], 0.27);
+        EXPECT_GE(least[k], -0.3 - 1e-12);
+        EXPECT_LT(least[k], -0.27);
+        EXPECT_LE(most[k], 0.3 + 1e-12);
+        EXPECT_GT(most[k], 0.27);
     }
     for (size_t i = 0; i < 10; ++i) {
         EXPECT_EQ(fewer.bodies[i].position, moved.bodies[i].position);
