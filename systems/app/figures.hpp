@@ -37,6 +37,14 @@ struct StageFigures {
     std::vector<double> ms;
 };
 
+// What a group of links did.
+struct LinkFigures {
+    std::string name;
+    uint64_t made = 0, broken = 0;
+    double force = 0;   // N, largest, mean over a pass
+    double strain = 0;  // largest
+};
+
 // Everything a run measured; input of metrics.json and report.html.
 struct RunFigures {
     std::string scene, description, version, instruction_set, machine, started;
@@ -59,6 +67,7 @@ struct RunFigures {
     bool replay = false;
     std::string replay_difference;  // replay only: what came out otherwise than in the live run; empty = nothing
     Report report;
+    std::vector<LinkFigures> link;
     uint64_t movable_bodies = 0;         // deformable and free
     double body_size = 0;                // m, diameter of the smallest of them
     double bytes_per_body = 0;           // resident memory that the scene and its run took, over all bodies

@@ -113,7 +113,7 @@ TEST(Parameters, WhatIsWrongIsNamedWithItsPlace) {
     EXPECT_NE(refusal(kBalls, {{"cuont", "5"}}).find("unknown key \"cuont\""), std::string::npos);
     EXPECT_NE(refusal(kBalls, {{"ball.scatter.colums", "[1, 1]"}}).find("did you mean \"columns\"?"), std::string::npos);
     EXPECT_NE(refusal(kBalls, {{"ball.motion", "hand"}}).find("can neither be held"), std::string::npos);
-    EXPECT_NE(refusal(kBalls, {{"ball.motion", "static"}, {"ball.scatter.rate", "5"}}).find("only deformable bodies come and go"), std::string::npos);
+    EXPECT_NE(refusal(kBalls, {{"ball.motion", "static"}, {"ball.scatter.rate", "5"}}).find("only deformable bodies that do not break come and go"), std::string::npos);
     EXPECT_NE(refusal("parameters = 5\n").find("parameters must be a table"), std::string::npos);
     EXPECT_NE(refusal("[parameters]\na = [1, 2]\n").find("parameter \"a\" must be"), std::string::npos);
     EXPECT_NE(refusal(kBalls + "\n[[body]]\nname = \"ball_4\"\nshape = \"sphere\"\n").find("two bodies are named \"ball_4\""), std::string::npos);
