@@ -8,6 +8,7 @@
 #include <fstream>
 #include <numbers>
 #include <sstream>
+#include <unordered_set>
 
 #include "content/tissues.hpp"
 #include "engine/error.hpp"
@@ -90,6 +91,15 @@ class Section {
         if (const toml::node* node = find(key)) {
             const std::vector<double> v = numbers(*node, key, 3);
             value = Vec3d(v[0], v[1], v[2]);
+        }
+    }
+    void read_counts(std::string_view key, std::array<uint32_t, 2>& value, double lowest, double highest) {
+        if (const toml::node* node = find(key)) {
+            const std::vector<double> v = numbers(*node, key, 2);
+            for (size_t i = 0; i < 2; ++i) {
+                if (v[i] < lowest || v[i] > highest || v[i] != std::floor(v[i])) fail(*node, std::string(key) + " must be two whole numbers");
+                value[i] = static_cast<uint32_t>(v[i]);
+            }
         }
     }
     // rotation = [axis x, y, z, degrees]
@@ -219,6 +229,21 @@ void read_tissue(Section& section, Tissue& t) {
     section.read("bending", t.bending, 0, 1e12);
     section.read("restitution", t.restitution, 0, 1);
     section.refuse_unknown();
+}
+
+ScatterSpec read_scatter(Section section) {
+    ScatterSpec scatter;
+    section.read_count("count", scatter.count, 1, 1e6);
+    if (scatter.count == 0) section.fail("[body.scatter] needs a count");
+    section.read_count("seed", scatter.seed, 0, 9e15);
+    section.read_counts("columns", scatter.columns, 0, 1e4);
+    section.read("spacing", scatter.spacing);
+    section.read("jitter", scatter.jitter, 0, 10);
+    section.read("turned", scatter.turned);
+    section.read("rate", scatter.rate, 0, 1e6);
+    section.read("life", scatter.life, 1e-3, 1e9);
+    section.refuse_unknown();
+    return scatter;
 }
 
 // One of sphere = [x, y, z, radius], box = [lowest x, y, z, highest x, y, z], capsule = [from x, y, z, to x, y, z, radius];
@@ -367,7 +392,12 @@ BodySpec read_body(const std::string& file, const toml::table& table) {
     section.read("break_strain", body.break_strain, 1e-9, 1e12);
     if (const toml::array* groups = section.tables("group"))
         for (const toml::node& node : *groups) body.groups.push_back(read_group(file, *node.as_table()));
+    if (const toml::table* scatter = section.table("scatter")) body.scatter = read_scatter({file, *scatter, "[body.scatter]"});
     section.refuse_unknown();
+    if (body.scatter.count > 0 && (body.motion == Motion::kHand || !body.above.empty()))
+        section.fail("body \"" + body.name + "\": what is scattered can neither be held by a hand nor stand above another body");
+    if (body.scatter.rate > 0 && (body.motion != Motion::kDeformable || std::isfinite(body.break_strain)))
+        section.fail("body \"" + body.name + "\": only deformable bodies that do not break come and go (scatter.rate)");
     if (body.motion == Motion::kKinematic && body.path.empty())
         section.fail("kinematic body \"" + body.name + "\" needs a [[body.path]]");
     if (body.motion != Motion::kFree && (!body.velocity.isZero(0) || !body.spin.isZero(0)))
@@ -570,6 +600,53 @@ toml::table* named_table(toml::table& root, const char* list, const char* name_k
     return nullptr;
 }
 
+// What a node says where "$name" stands for a parameter; null if it does not.
+const toml::node* parameter_of(const std::string& file, const toml::node& node, const toml::table& parameters) {
+    const auto text = node.value<std::string_view>();
+    if (!node.is_string() || !text->starts_with('$')) return nullptr;
+    if (const toml::node* value = parameters.get(text->substr(1))) return value;
+    std::vector<std::string> names;
+    for (const auto& [key, value] : parameters) names.emplace_back(key.str());
+    const std::string guess = nearest(text->substr(1), names);
+    throw InputError(place(file, node.source()) + "no parameter \"" + std::string(text->substr(1)) + "\" in [parameters]" +
+                     (guess.empty() ? "" : "; did you mean \"" + guess + "\"?"));
+}
+
+void fill_in_parameters(const std::string& file, const toml::table& parameters, toml::node& node) {
+    if (toml::table* table = node.as_table()) {
+        std::vector<std::string> keys;
+        for (const auto& [key, value] : *table) keys.emplace_back(key.str());
+        for (const std::string& key : keys) {
+            toml::node& inner = *table->get(key);
+            if (const toml::node* value = parameter_of(file, inner, parameters)) table->insert_or_assign(key, *value);
+            else fill_in_parameters(file, parameters, inner);
+        }
+    } else if (toml::array* array = node.as_array()) {
+        for (size_t i = 0; i < array->size(); ++i) {
+            toml::node& inner = *array->get(i);
+            if (const toml::node* value = parameter_of(file, inner, parameters)) array->replace(array->cbegin() + static_cast<ptrdiff_t>(i), *value);
+            else fill_in_parameters(file, parameters, inner);
+        }
+    }
+}
+
+// Takes [parameters] out of the scene and puts their values where other keys name them.
+std::vector<SceneParameter> take_parameters(const std::string& file, toml::table& root) {
+    std::vector<SceneParameter> list;
+    const toml::node* node = root.get("parameters");
+    if (node && !node->is_table()) throw InputError(place(file, node->source()) + "parameters must be a table");
+    const toml::table parameters = node ? *node->as_table() : toml::table{};
+    for (const auto& [key, value] : parameters) {
+        if (!value.is_value()) throw InputError(place(file, key.source()) + "parameter \"" + std::string(key.str()) + "\" must be a number, a string, true or false");
+        std::ostringstream text;
+        value.visit([&](const auto& v) { text << v; });
+        list.push_back({std::string(key.str()), text.str()});
+    }
+    root.erase("parameters");
+    fill_in_parameters(file, parameters, root);
+    return list;
+}
+
 void apply_override(toml::table& root, const Override& o) {
     std::vector<std::string> words;
     std::istringstream stream(o.key);
@@ -578,6 +655,7 @@ void apply_override(toml::table& root, const Override& o) {
         throw InputError("--set " + o.key + "=" + o.value + ": the key is empty");
     toml::table* table = &root;
     size_t next = 0;
+    if (toml::table* parameters = root["parameters"].as_table(); words.size() == 1 && parameters && parameters->contains(o.key)) table = parameters;
     const bool named = words[0] == "link" || words[0] == "staple" || words[0] == "cut";
     if (words.size() > 2 && (words[0] == "tool" || named)) {
         table = named_table(root, words[0].c_str(), named ? "name" : "body", words[1]);
@@ -588,7 +666,7 @@ void apply_override(toml::table& root, const Override& o) {
     }
     for (; next + 1 < words.size(); ++next) {
         if (!table->contains(words[next])) {
-            if (table == &root && words[next] != "contact" && words[next] != "camera")
+            if (table == &root && words[next] != "contact" && words[next] != "camera" && words[next] != "parameters")
                 throw InputError("--set " + o.key + ": the scene has no body or table named \"" + words[next] + "\"");
             table->insert(words[next], toml::table{});
         }
@@ -618,6 +696,7 @@ SceneFile read_scene_file(const std::filesystem::path& path, const std::vector<O
 
     SceneFile scene;
     scene.path = path;
+    scene.parameters = take_parameters(file, root);
     Section top(file, root, "");
     scene.settings.name = path.stem().string();
     top.read("name", scene.settings.name);
@@ -631,7 +710,11 @@ SceneFile read_scene_file(const std::filesystem::path& path, const std::vector<O
         read_contact({file, *contact, "[contact]"}, scene.settings.contact);
     if (const toml::table* camera = top.table("camera")) scene.camera = read_camera({file, *camera, "[camera]"});
     if (const toml::array* bodies = top.tables("body"))
-        for (const toml::node& node : *bodies) scene.bodies.push_back(read_body(file, *node.as_table()));
+        for (const toml::node& node : *bodies) {
+            const BodySpec body = read_body(file, *node.as_table());
+            if (body.scatter.count > 0) scatter_body(body, scene.bodies);
+            else scene.bodies.push_back(body);
+        }
     if (const toml::array* tools = top.tables("tool"))
         for (const toml::node& node : *tools) scene.tools.push_back(read_tool(file, *node.as_table()));
     if (const toml::array* links = top.tables("link"))
@@ -641,12 +724,10 @@ SceneFile read_scene_file(const std::filesystem::path& path, const std::vector<O
     top.read_count("staples", scene.staples, 0, 1e6);
     top.refuse_unknown();
 
-    for (size_t i = 0; i < scene.bodies.size(); ++i) {
-        for (size_t j = 0; j < i; ++j) {
-            if (scene.bodies[i].name == scene.bodies[j].name)
-                throw InputError(file + ":" + std::to_string(scene.bodies[i].line) + ":1: two bodies are named \"" +
-                                 scene.bodies[i].name + "\"");
-        }
+    std::unordered_set<std::string_view> names;
+    for (const BodySpec& body : scene.bodies) {
+        if (!names.insert(body.name).second)
+            throw InputError(file + ":" + std::to_string(body.line) + ":1: two bodies are named \"" + body.name + "\"");
     }
     return scene;
 }

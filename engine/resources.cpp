@@ -450,6 +450,12 @@ void visit_resource(World& w, Resource resource, Visitor& v) {
         case Resource::kTornSprings:
             v.array(FIELD(torn_springs.neighbour)), v.array(FIELD(torn_springs.rest_length));
             break;
+        case Resource::kPools:
+            v.array(FIELD(pools.slots)), v.array(FIELD(pools.rate)), v.array(FIELD(pools.life)), v.array(FIELD(pools.orientation));
+            break;
+        case Resource::kLives:
+            v.array(FIELD(lives.away)), v.array(FIELD(lives.generation)), v.array(FIELD(lives.since)), v.array(FIELD(lives.came));
+            break;
         case Resource::kCount:
             break;
     }
@@ -469,7 +475,8 @@ ResourceKind resource_kind(Resource resource) {
         case Resource::kAnchors:
         case Resource::kPaths:
         case Resource::kTears:
-        case Resource::kTools: return ResourceKind::kConstant;
+        case Resource::kTools:
+        case Resource::kPools: return ResourceKind::kConstant;
         case Resource::kClock:
         case Resource::kPoses:
         case Resource::kParticles:
@@ -477,7 +484,8 @@ ResourceKind resource_kind(Resource resource) {
         case Resource::kPairMemory:
         case Resource::kLinks:
         case Resource::kTorn:
-        case Resource::kSleep: return ResourceKind::kState;
+        case Resource::kSleep:
+        case Resource::kLives: return ResourceKind::kState;
         case Resource::kEnergy:
         case Resource::kReport: return ResourceKind::kBooks;
         case Resource::kBoxes:
@@ -508,7 +516,7 @@ const char* resource_name(Resource resource) {
         "clock",    "poses",     "particles",  "tool state", "pair memory", "boxes", "pairs", "trees",
         "screened", "occupancy", "candidates", "near",       "contacts", "penetrations", "contours", "regions", "rows",
         "islands",  "normals",   "local contact", "picture",    "energy",   "report", "sleep",
-        "links",    "tears",     "torn",       "torn springs"};
+        "links",    "tears",     "torn",       "torn springs", "pools", "lives"};
     static_assert(std::size(kNames) == static_cast<size_t>(Resource::kCount));
     return kNames[static_cast<size_t>(resource)];
 }

@@ -16,6 +16,7 @@
 #include "engine/thread_pool.hpp"
 #include "systems/app/live_haptics.hpp"
 #include "systems/haptic_manipulator.hpp"
+#include "systems/sleep.hpp"
 namespace trocar {
 
 PassFigures pass_figures(const Frame& frame, double time) {
@@ -36,6 +37,9 @@ PassFigures pass_figures(const Frame& frame, double time) {
         p.contact_force = std::max(p.contact_force, tool.contact_impulse.norm() / (w.clock.period * 1e-3));
     }
     p.energy = w.energy;
+    p.residual = w.report.deepest_residual;
+    for (uint32_t b = 0; b < w.bodies.mesh.size(); ++b) p.awake += joins_islands(w.bodies.motion[b]) && w.bodies.motion[b] != Motion::kHand && !is_asleep(w.sleep, b);
+    p.picture = frame.times().picture;
     return p;
 }
 
