@@ -6,6 +6,8 @@
 
 #include "components/bodies.hpp"
 #include "components/scene.hpp"
+#include "content/attach_spec.hpp"
+#include "content/scatter.hpp"
 namespace trocar {
 
 // One key of a scripted motion.
@@ -48,6 +50,10 @@ struct BodySpec {
     Vec3d spin = Vec3d::Zero();              // rad/s, free: at the start, world axes
     std::vector<KeyframeSpec> path;          // kinematic
     std::array<float, 3> color{-1, -1, -1};  // overrides the material's diffuse colour
+    double break_strain = std::numeric_limits<double>::infinity();  // springs break above it
+    std::vector<GroupSpec> groups;
+    ScatterSpec scatter;                     // count > 0: this is one of so many copies
+    uint32_t copy = 0;                       // which
 };
 
 // One [[tool]]: a device that drives a hand body.
@@ -76,16 +82,28 @@ struct CameraSpec {
     bool depth_colors = false;
 };
 
+// One key of [parameters]: other keys take its value by writing "$name", and --set name=value changes it.
+struct SceneParameter {
+    std::string name;
+    std::string value;  // as TOML writes it
+};
+
 struct SceneFile {
     std::filesystem::path path;
+    std::vector<SceneParameter> parameters;
     SceneSettings settings;
     std::vector<BodySpec> bodies;
     std::vector<ToolSpec> tools;
+    std::vector<LinkSpec> links;
+    std::vector<CutSpec> cuts;
+    uint32_t staples = 0;  // room for links that programs add while the scene runs
     CameraSpec camera;
 };
 
 // One --set key=value: `seconds=2`, `contact.cell_edges=3`, `liver.tissue.youngs_modulus=2e4`, `a.file=kidney.wrl`.
-// The first word is a top-level key or table, or the name of a body; tools are named by their body as `tool.BODY.key`.
+// The first word is a top-level key or table, a key of [parameters], or the name of a body (scattered ones by the name
+// before the number); tools are named by their body as `tool.BODY.key`, links, staples and cuts by their name as
+// `link.NAME.key`.
 struct Override {
     std::string key;
     std::string value;

@@ -13,6 +13,7 @@
 #include "engine/ring.hpp"
 #include "engine/thread_pool.hpp"
 #include "systems/app/live_haptics.hpp"
+#include "systems/sleep.hpp"
 namespace trocar {
 
 PassFigures pass_figures(const Frame& frame, double time) {
@@ -33,6 +34,9 @@ PassFigures pass_figures(const Frame& frame, double time) {
         p.contact_force = std::max(p.contact_force, tool.contact_impulse.norm() / (w.clock.period * 1e-3));
     }
     p.energy = w.energy;
+    p.residual = w.report.deepest_residual;
+    for (uint32_t b = 0; b < w.bodies.mesh.size(); ++b) p.awake += joins_islands(w.bodies.motion[b]) && w.bodies.motion[b] != Motion::kHand && !is_asleep(w.sleep, b);
+    p.picture = frame.times().picture;
     return p;
 }
 
@@ -166,7 +170,7 @@ bool run_live(const RunOptions& options, double seconds, Frame& frame, PictureWr
     first_device_states(world);
     std::vector<Device> devices;
     for (const HandTool& tool : world.haptics.tool) devices.push_back(device_of(world.haptics, world.paths, tool));
-    LiveHaptics haptics(HapticParams{}, world.haptics.tool, devices, collector.recorder());
+    LiveHaptics haptics(haptic_params(world.clock.contact_rate), world.haptics.tool, devices, collector.recorder());
     frame.set_contact_hook({publish_models, &haptics});
     std::optional<DrawingThread> drawing;
     if (pictures) drawing.emplace(*pictures, frame.snapshot_now(), options.slow_render_ms);
