@@ -328,13 +328,14 @@ void visit_resource(World& w, Resource resource, Visitor& v) {
             break;
         case Resource::kContacts:
             v.array(FIELD(contacts.pair)), v.array(FIELD(contacts.body)), v.array(FIELD(contacts.other)), v.array(FIELD(contacts.vertex)),
-                v.array(FIELD(contacts.along)), v.array(FIELD(contacts.point)), v.array(FIELD(contacts.closest)),
-                v.array(FIELD(contacts.normal)), v.array(FIELD(contacts.distance)), v.array(FIELD(contacts.triangle));
+                v.array(FIELD(contacts.along)), v.array(FIELD(contacts.third)), v.array(FIELD(contacts.across)), v.array(FIELD(contacts.point)), v.array(FIELD(contacts.closest)),
+                v.array(FIELD(contacts.normal)), v.array(FIELD(contacts.distance)), v.array(FIELD(contacts.triangle)),
+                v.array(FIELD(contacts.most));
             break;
         case Resource::kPenetrations:
             v.array(FIELD(penetrations.pair)), v.array(FIELD(penetrations.depth)), v.array(FIELD(penetrations.direction)),
                 v.array(FIELD(penetrations.witness)), v.array(FIELD(penetrations.vertices_a_in_b)),
-                v.array(FIELD(penetrations.vertices_b_in_a)), v.array(FIELD(penetrations.edge_contacts)),
+                v.array(FIELD(penetrations.vertices_b_in_a)), v.array(FIELD(penetrations.edge_contacts)), v.array(FIELD(penetrations.face_contacts)),
                 v.array(FIELD(penetrations.saturated)), v.array(FIELD(penetrations.way_out)), v.array(FIELD(penetrations.surface_depth));
             break;
         case Resource::kContours:
@@ -351,7 +352,7 @@ void visit_resource(World& w, Resource resource, Visitor& v) {
             break;
         case Resource::kRows:
             v.array(FIELD(rows.contact)), v.array(FIELD(rows.body)), v.array(FIELD(rows.other)), v.array(FIELD(rows.vertex)),
-                v.array(FIELD(rows.along)), v.array(FIELD(rows.triangle)), v.array(FIELD(rows.weight)), v.array(FIELD(rows.normal)),
+                v.array(FIELD(rows.along)), v.array(FIELD(rows.third)), v.array(FIELD(rows.across)), v.array(FIELD(rows.triangle)), v.array(FIELD(rows.weight)), v.array(FIELD(rows.normal)),
                 v.array(FIELD(rows.distance)), v.array(FIELD(rows.friction)), v.array(FIELD(rows.impulse));
             break;
         case Resource::kIslands:

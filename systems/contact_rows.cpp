@@ -51,6 +51,10 @@ double plunge(const Surfaces& s, const Contacts& contacts, uint32_t i, const Vec
     const auto [v, w] = contacts.vertex[i];
     const Vec3d way = direction_to_world(s, body, mesh.position[w] - mesh.position[v]);
     double steepest = v == w ? 0 : std::abs(way.normalized().dot(normal));
+    if (const uint32_t third = contacts.third[i]; third != kNone) {
+        const Vec3d side = direction_to_world(s, body, mesh.position[third] - mesh.position[v]);
+        return std::max(steepest, std::abs(side.normalized().dot(normal)));
+    }
     for (uint32_t k = mesh.incident_first[v]; k < mesh.incident_first[v + 1]; ++k) {
         const Triangle& t = mesh.triangle[mesh.incident[k]];
         if (v != w && t[0] != w && t[1] != w && t[2] != w) continue;
@@ -105,12 +109,30 @@ Support find_support(const Surfaces& s, const Contacts& contacts, uint32_t i) {
     return best;
 }
 
+// Whether a point of a closed body lies beyond a sheet that has passed into the body: its own surface looks away from the
+// sheet, so that the body lies between. The face of the sheet has a contact of its own, which leads it out.
+bool is_beyond_sheet(const Surfaces& s, const Contacts& contacts, uint32_t i) {
+    const uint32_t body = contacts.body[i], other = contacts.other[i];
+    const auto is_sheet = [&](uint32_t b) { return s.meshes.info[s.bodies.mesh[b]].admission == Admission::kSheet; };
+    if (!is_sheet(other) || is_sheet(body)) return false;
+    const MeshView mesh = mesh_view(s.meshes, s.bodies.mesh[body]);
+    const uint32_t v = contacts.vertex[i][0];
+    Vec3d outward = Vec3d::Zero();
+    for (uint32_t k = mesh.incident_first[v]; k < mesh.incident_first[v + 1]; ++k) {
+        const Triangle& t = mesh.triangle[mesh.incident[k]];
+        outward += triangle_normal(vertex_position(s, body, t[0]), vertex_position(s, body, t[1]), vertex_position(s, body, t[2]));
+    }
+    return outward.dot(contacts.normal[i]) > 0;
+}
+
 void resize_rows(ContactRows& rows, size_t count) {
     rows.contact.resize(count);
     rows.body.resize(count);
     rows.other.resize(count);
     rows.vertex.resize(count);
     rows.along.resize(count);
+    rows.third.resize(count);
+    rows.across.resize(count);
     rows.triangle.resize(count);
     rows.weight.resize(count);
     rows.normal.resize(count);
@@ -139,7 +161,7 @@ void make_contact_rows(const ContactParams& params, const Surfaces& surfaces, co
     resize_rows(rows, count);
     uint32_t kept = 0;
     for (uint32_t i = 0; i < count; ++i) {
-        if (scratch.dropped[i]) continue;
+        if (scratch.dropped[i] || (params.faces && is_beyond_sheet(surfaces, contacts, i))) continue;
         const uint32_t body = contacts.body[i], other = contacts.other[i];
         Support at{contacts.closest[i], contacts.normal[i], contacts.distance[i], contacts.triangle[i]};
         const bool both_rigid = !is_deformable(surfaces.bodies, body) && !is_deformable(surfaces.bodies, other);
@@ -169,6 +191,8 @@ void make_contact_rows(const ContactParams& params, const Surfaces& surfaces, co
         rows.other[row] = other;
         rows.vertex[row] = contacts.vertex[i];
         rows.along[row] = contacts.along[i];
+        rows.third[row] = contacts.third[i];
+        rows.across[row] = contacts.across[i];
         rows.triangle[row] = corner;
         rows.weight[row] =
             barycentric(p, vertex_in_frame(surfaces, other, corner[0]), vertex_in_frame(surfaces, other, corner[1]),

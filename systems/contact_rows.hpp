@@ -19,7 +19,8 @@ struct ContactRowsScratch {
 // Weights sum to exactly 1. friction = the larger of the two coefficients. direction = thesis: a point inside an
 // overlapping pair gets the pair's direction and its depth projected on it (thesis 4.2). deep = last_free: inside points
 // of a saturated pair get the way out that it last agreed on, with their shortest distance. A body with more than
-// params.row_capacity contacts loses its shallowest, counted. impulse is set to zero.
+// params.row_capacity contacts loses its shallowest, counted. faces: points of a closed body whose way to a sheet leads
+// through the body get no row. impulse is set to zero.
 void make_contact_rows(const ContactParams& params, const Surfaces& surfaces, const CandidatePairs& pairs,
                        const Contacts& contacts, const Penetrations& penetrations, ContactRowsScratch& scratch,
                        Report& report, ContactRows& rows);

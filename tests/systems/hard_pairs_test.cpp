@@ -12,7 +12,6 @@
 #include "content/unit_guess.hpp"
 #include "tests/reference/brute_force_contact.hpp"
 #include "tests/reference/shared_data.hpp"
-#include "systems/face_depth.hpp"
 #include "tests/systems/contact_scene.hpp"
 
 // Oracles that need no truth: what must hold between two answers for the same pair, moved, scaled, swapped or pushed. And
@@ -156,10 +155,8 @@ TEST(Metamorphic, FlatSubdivisionNeverLowersTheDepth) {
         ContactScene scene({{make_box({2, 2, 2}, {n, n, n}), Motion::kHand, Vec3d::Zero(), {}},
                             {make_box({2, 1.5, 1.2}, {n, n, n}), Motion::kHand, Vec3d(0.7, 0.4, 0.5), turn({1, 2, 1}, 0.5)}});
         scene.params.tolerance = kTolerance;
+        scene.params.faces = true;
         scene.run();
-        FaceDepthScratch scratch;
-        find_face_depths(scene.params, scene.surfaces(), scene.pairs, scene.screened, scene.near, scene.trees, scratch,
-                         scene.penetrations);
         EXPECT_GE(scene.penetrations.surface_depth[0], before - kTolerance) << n;
         before = scene.penetrations.surface_depth[0];
     }
@@ -263,6 +260,34 @@ TEST(HardCases, VertexInTwoBodiesObeysBoth) {
     } while (std::next_permutation(order.begin(), order.end()));
 }
 
+// Every row of a face: names a face and a point on it, whose distance is the brute force's.
+uint32_t expect_face_rows_true(const ContactScene& scene) {
+    const Contacts& c = scene.contacts;
+    uint32_t rows = 0;
+    for (uint32_t i = 0; i < c.pair.size(); ++i) {
+        if (c.third[i] == kNone) continue;
+        ++rows;
+        const auto position = [&](uint32_t v) { return vertex_position(scene.surfaces(), c.body[i], v); };
+        const Vec3d p = position(c.vertex[i][0]), q = position(c.vertex[i][1]), r = position(c.third[i]);
+        const double along = c.along[i], across = c.across[i];
+        EXPECT_GE(std::min({along, across, 1 - along - across}), 0);
+        EXPECT_LT((c.point[i] - (1 - along - across) * p - along * q - across * r).norm(), 1e-12);
+        const Triangle face{c.vertex[i][0], c.vertex[i][1], c.third[i]};
+        const auto faces = mesh_view(scene.meshes, scene.bodies.mesh[c.body[i]]).triangle;
+        EXPECT_EQ(std::count(faces.begin(), faces.end(), face), 1);
+        EXPECT_LT(c.distance[i], 0);
+        EXPECT_NEAR(c.distance[i], reference::Surface(scene.surfaces(), c.other[i]).signed_distance(c.point[i]), 1e-12);
+        const auto row = std::find(scene.rows.contact.begin(), scene.rows.contact.end(), i);
+        if (row == scene.rows.contact.end()) {
+            ADD_FAILURE() << "a face contact without a row";
+            continue;
+        }
+        EXPECT_EQ(scene.rows.third[size_t(row - scene.rows.contact.begin())], c.third[i]);
+        EXPECT_EQ(scene.rows.across[size_t(row - scene.rows.contact.begin())], c.across[i]);
+    }
+    return rows;
+}
+
 // Depth of faces: what vertices and edges miss is found, to the tolerance, against samples of the whole surface.
 TEST(FaceDepth, FindsWhatVerticesAndEdgesMiss) {
     for (const double tolerance : {1e-2, 1e-3, 1e-4}) {
@@ -272,14 +297,16 @@ TEST(FaceDepth, FindsWhatVerticesAndEdgesMiss) {
                              Motion::kHand, Vec3d::Zero(), {}}});
         scene.params.tolerance = tolerance;
         scene.run();
+        const double without = scene.penetrations.depth[0];
+        scene.params.faces = true;
+        scene.run();
         ASSERT_EQ(scene.penetrations.pair.size(), 1u);
-        FaceDepthScratch scratch;
-        find_face_depths(scene.params, scene.surfaces(), scene.pairs, scene.screened, scene.near, scene.trees, scratch,
-                         scene.penetrations);
         const double found = scene.penetrations.surface_depth[0];
+        EXPECT_EQ(found, scene.penetrations.depth[0]) << "a contact has it";
+        expect_face_rows_true(scene);
         // samples: the ball's vertices below the face are in the tetrahedron; the face's points in the ball
         const reference::Surface ball(scene.surfaces(), 0), tetrahedron(scene.surfaces(), 1);
-        double want = scene.penetrations.depth[0];
+        double want = without;
         for (int i = 0; i <= 20; ++i)
             for (int j = 0; j <= 20; ++j) {
                 const double x = -0.5 + i / 20.0, y = -0.5 + j / 20.0;
@@ -290,16 +317,15 @@ TEST(FaceDepth, FindsWhatVerticesAndEdgesMiss) {
             }
         EXPECT_GE(found, want - tolerance) << tolerance;
         EXPECT_LE(found, want + 0.005) << tolerance;
-        EXPECT_LT(scratch.queries[0], 20'000u) << tolerance;
-        std::printf("[          ] tolerance %g: depth %.5f, %u queries\n", tolerance, found, scratch.queries[0]);
+        EXPECT_LT(scene.face_scratch.queries[0], 20'000u) << tolerance;
+        std::printf("[          ] tolerance %g: depth %.5f, %u queries\n", tolerance, found, scene.face_scratch.queries[0]);
     }
     // a face in the middle of another: the edges see nothing of it
     ContactScene cubes({{make_box({2, 2, 2}), Motion::kHand, Vec3d::Zero(), {}}, {make_box({3, 3, 3}), Motion::kHand, Vec3d(0, 0, 1.9), {}}});
+    cubes.params.faces = true;
     cubes.run();
-    FaceDepthScratch scratch;
-    find_face_depths(cubes.params, cubes.surfaces(), cubes.pairs, cubes.screened, cubes.near, cubes.trees, scratch, cubes.penetrations);
     EXPECT_NEAR(cubes.penetrations.surface_depth[0], 0.6, 1e-4);
-    EXPECT_LT(scratch.queries[0], 2000u);
+    EXPECT_LT(cubes.face_scratch.queries[0], 2000u);
 }
 
 // ---- saturation and the way out that is remembered ----
@@ -328,7 +354,7 @@ TEST(Saturation, RowsLeadBackTheWayTheyCame) {
         scene.run();
         ASSERT_EQ(scene.penetrations.pair.size(), 1u);
         mark_saturated(scene.surfaces(), scene.pairs, scene.contacts, scene.trees, scene.penetrations);
-        remember_ways_out(scene.pairs, before, memory, scene.penetrations);
+        remember_ways_out(scene.surfaces(), scene.pairs, before, memory, scene.penetrations);
         make_contact_rows(scene.params, scene.surfaces(), scene.pairs, scene.contacts, scene.penetrations, scene.rows_scratch,
                           scene.report, scene.rows);
         if (!scene.penetrations.saturated[0]) continue;
@@ -343,7 +369,7 @@ TEST(Saturation, RowsLeadBackTheWayTheyCame) {
     EXPECT_GE(remembered, 1u) << "never saturated: nothing was shown";
     scene.poses.origin[1].z() = 1;
     scene.run();
-    remember_ways_out(scene.pairs, before, memory, scene.penetrations);
+    remember_ways_out(scene.surfaces(), scene.pairs, before, memory, scene.penetrations);
     EXPECT_TRUE(memory.a.empty()) << "apart: forgotten";
 }
 
