@@ -125,6 +125,23 @@ bool is_beyond_sheet(const Surfaces& s, const Contacts& contacts, uint32_t i) {
     return outward.dot(contacts.normal[i]) > 0;
 }
 
+// Where the line from a contact along `way` leaves the other body. False if it does not.
+bool find_exit(const Surfaces& s, const Contacts& contacts, uint32_t i, const Vec3d& way, ContactRowsScratch& scratch, Support& at) {
+    const uint32_t other = contacts.other[i];
+    const MeshView mesh = mesh_view(s.meshes, s.bodies.mesh[other]);
+    if (scratch.exit_pair != contacts.pair[i] || scratch.exit_body != other) {
+        scratch.exit_pair = contacts.pair[i];
+        scratch.exit_body = other;
+        scratch.exit_point.clear();
+        for (uint32_t v = 0; v < mesh.position.size(); ++v) scratch.exit_point.push_back(vertex_position(s, other, v));
+        scratch.exits.build(scratch.exit_point, mesh.triangle, way);
+    }
+    const ExitGrid::Exit exit = scratch.exits.find(contacts.point[i]);
+    if (exit.triangle == kNone) return false;
+    at = {contacts.point[i] + exit.way * way, way, -exit.way, exit.triangle};
+    return true;
+}
+
 void resize_rows(ContactRows& rows, size_t count) {
     rows.contact.resize(count);
     rows.body.resize(count);
@@ -149,6 +166,7 @@ void make_contact_rows(const ContactParams& params, const Surfaces& surfaces, co
     const uint32_t count = uint32_t(contacts.pair.size()), bodies = uint32_t(surfaces.bodies.mesh.size());
     scratch.count.assign(bodies, 0);
     scratch.dropped.assign(count, 0);
+    scratch.exit_pair = kNone;
     for (const uint32_t body : contacts.body) ++scratch.count[body];
     for (uint32_t body = 0; body < bodies; ++body) {
         if (scratch.count[body] > params.row_capacity) {
@@ -167,8 +185,15 @@ void make_contact_rows(const ContactParams& params, const Surfaces& surfaces, co
         const bool both_rigid = !is_deformable(surfaces.bodies, body) && !is_deformable(surfaces.bodies, other);
         if (both_rigid && surfaces.bodies.thickness[other] == 0) at = find_support(surfaces, contacts, i);
         if (at.none) continue;
-        const uint32_t row = kept++;
         const uint32_t overlap = scratch.overlap[contacts.pair[i]];
+        Vec3d lead = Vec3d::Zero();  // the way out of a deep pair, for this side
+        if (params.deep == DeepResponse::kLastFree && overlap != kNone && penetrations.saturated[overlap]) {
+            const Vec3d& way = penetrations.way_out[overlap];
+            lead = body == pairs.a[contacts.pair[i]] ? Vec3d(-way) : way;
+        }
+        // what would hold the pair back on its way
+        if (at.distance >= 0 && at.normal.dot(lead) < 0) continue;
+        const uint32_t row = kept++;
         Vec3d normal = at.normal;
         double distance = at.distance;
         if (params.direction == ResponseDirection::kThesis && distance < 0 && overlap != kNone) {
@@ -177,11 +202,9 @@ void make_contact_rows(const ContactParams& params, const Surfaces& surfaces, co
             distance *= std::max(0.0, normal.dot(out));
             normal = out;
         }
-        if (params.deep == DeepResponse::kLastFree && distance < 0 && overlap != kNone &&
-            penetrations.saturated[overlap] && penetrations.way_out[overlap] != Vec3d::Zero()) {
-            const Vec3d& way = penetrations.way_out[overlap];
-            normal = body == pairs.a[contacts.pair[i]] ? Vec3d(-way) : way;
-            distance = contacts.distance[i];  // the way out is at least this long in any direction
+        if (lead != Vec3d::Zero() && distance < 0 && find_exit(surfaces, contacts, i, lead, scratch, at)) {
+            normal = lead;
+            distance = at.distance;
         }
         const bool moves = is_deformable(surfaces.bodies, other);
         const Triangle& corner = mesh_view(surfaces.meshes, surfaces.bodies.mesh[other]).triangle[at.triangle];

@@ -211,7 +211,7 @@ void face_pass(FrameState& f) {
 void deep_overlap(FrameState& f) {
     World& w = f.world;
     mark_saturated(surfaces_of(w), w.pairs, w.contacts, w.trees, w.penetrations);
-    remember_ways_out(surfaces_of(w), w.pairs, f.scratch.ways_before, w.pair_memory, w.penetrations);
+    remember_ways_out(surfaces_of(w), w.pairs, w.contacts, f.scratch.ways_before, w.pair_memory, w.penetrations);
 }
 void regions(FrameState& f) {
     World& w = f.world;

@@ -5,6 +5,7 @@
 #include <utility>
 #include <vector>
 
+#include "engine/geometry/point_triangle.hpp"
 #include "engine/parallel.hpp"
 namespace trocar {
 namespace {
@@ -26,7 +27,10 @@ Vec3d way_out(const CandidatePairs& pairs, const Contacts& contacts, uint32_t ro
     return of_a ? Vec3d(-contacts.normal[row]) : contacts.normal[row];
 }
 
-// Whether the witness of an overlap is about as far from another part of the surface that it is inside.
+// Ways out that differ by more than 120 degrees lead to different sides; those of a corner's faces do not.
+constexpr double kOpposed = -0.5;
+
+// Whether the witness of an overlap is about as far from an opposite part of the surface that it is inside.
 bool near_medial_axis(const Surfaces& s, const Contacts& contacts, uint32_t witness,
                       std::span<const std::unique_ptr<ClosestPointTree>> trees) {
     const uint32_t other = contacts.other[witness];
@@ -34,8 +38,9 @@ bool near_medial_axis(const Surfaces& s, const Contacts& contacts, uint32_t witn
     const double depth = -contacts.distance[witness], step = 0.1 * depth;
     if (tree == nullptr || !(depth > 0)) return false;
     const Vec3d deeper = contacts.point[witness] - step * contacts.normal[witness];
-    const double gain = std::abs(tree->query(world_to_frame(s, other, deeper)).distance) - depth;
-    return gain < 0.85 * step;
+    const SurfacePoint there = tree->query(world_to_frame(s, other, deeper));
+    return std::abs(there.distance) - depth < 0.85 * step &&
+           direction_to_world(s, other, there.normal).dot(contacts.normal[witness]) < kOpposed;
 }
 
 // Whether the witness goes out with the inside of its own body behind it: the inward side of every face around it lies
@@ -138,29 +143,42 @@ void mark_saturated(const Surfaces& surfaces, const CandidatePairs& pairs, const
             auto row = std::lower_bound(contacts.pair.begin(), contacts.pair.end(), p.pair[i]) - contacts.pair.begin();
             for (; size_t(row) < contacts.pair.size() && contacts.pair[row] == p.pair[i] && !p.saturated[i]; ++row) {
                 if (contacts.distance[row] > -0.9 * p.depth[i] || !(p.depth[i] > 0)) continue;
-                p.saturated[i] = way_out(pairs, contacts, uint32_t(row)).dot(p.direction[i]) < -0.5;
+                p.saturated[i] = way_out(pairs, contacts, uint32_t(row)).dot(p.direction[i]) < kOpposed;
             }
         }
     });
 }
 
-void remember_ways_out(const Surfaces& surfaces, const CandidatePairs& pairs, PairMemory& before, PairMemory& memory,
-                       Penetrations& penetrations) {
+void remember_ways_out(const Surfaces& surfaces, const CandidatePairs& pairs, const Contacts& contacts, PairMemory& before,
+                       PairMemory& memory, Penetrations& penetrations) {
     std::swap(before, memory);
     memory.a.clear();
     memory.b.clear();
     memory.direction.clear();
-    uint32_t row = 0;
-    for (uint32_t i = 0; i < penetrations.pair.size(); ++i) {
-        const uint32_t a = pairs.a[penetrations.pair[i]], b = pairs.b[penetrations.pair[i]];
-        while (row < before.a.size() && (before.a[row] < a || (before.a[row] == a && before.b[row] < b))) ++row;
-        const bool known = row < before.a.size() && before.a[row] == a && before.b[row] == b;
-        // nobody turns about without having been apart: the shortest way now leads out at the far side
-        if (known && before.direction[row].dot(penetrations.direction[i]) < 0) penetrations.saturated[i] = 1;
-        if (penetrations.saturated[i]) penetrations.way_out[i] = known ? before.direction[row] : shortest_way_apart(surfaces, a, b);
+    uint32_t remembered = 0, overlap = 0, contact = 0;
+    for (uint32_t pair = 0; pair < pairs.a.size(); ++pair) {
+        uint32_t nearest = kNone;
+        for (; contact < contacts.pair.size() && contacts.pair[contact] == pair; ++contact) {
+            if (nearest == kNone || contacts.distance[contact] < contacts.distance[nearest]) nearest = contact;
+        }
+        if (nearest == kNone) continue;
+        const uint32_t a = pairs.a[pair], b = pairs.b[pair];
+        while (remembered < before.a.size() && (before.a[remembered] < a || (before.a[remembered] == a && before.b[remembered] < b))) ++remembered;
+        const bool known = remembered < before.a.size() && before.a[remembered] == a && before.b[remembered] == b;
+        Vec3d way = way_out(pairs, contacts, nearest);
+        if (overlap < penetrations.pair.size() && penetrations.pair[overlap] == pair) {
+            const uint32_t i = overlap++;
+            way = penetrations.direction[i];
+            // nobody turns about without having been apart: the shortest way now leads out at the far side
+            if (known && before.direction[remembered].dot(way) < 0) penetrations.saturated[i] = 1;
+            if (penetrations.saturated[i]) {
+                way = known ? before.direction[remembered] : shortest_way_apart(surfaces, a, b);
+                penetrations.way_out[i] = way;
+            }
+        }
         memory.a.push_back(a);
         memory.b.push_back(b);
-        memory.direction.push_back(penetrations.saturated[i] ? penetrations.way_out[i] : penetrations.direction[i]);
+        memory.direction.push_back(way);
     }
 }
 

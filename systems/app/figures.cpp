@@ -139,6 +139,9 @@ std::string metrics_json(const RunFigures& f) {
                     {"deep_events", deep_total.size()},
                     {"deep_total_ms_mean", mean(deep_total)},
                     {"deep_total_ms_p99", quantile(deep_total, 0.99)}};
+    const DirectionFigures& d = f.direction;
+    if (d.depth > 0)
+        j["contact"]["one_pass"] = {{"time_s", d.time}, {"depth_m", d.depth}, {"left_thesis_m", d.left_thesis}, {"left_local_m", d.left_local}};
     j["frame"] = percentiles(frame_ms, "ms");
     j["render"] = percentiles(f.render_ms, "ms");
     j["haptics"] = {{"ticks", f.ticks}, {"max_force_n", f.max_force}, {"tick", percentiles(f.tick_us, "us")}};

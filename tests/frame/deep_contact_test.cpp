@@ -22,7 +22,7 @@ struct Body {
     Motion motion = Motion::kDeformable;
     Vec3d at = Vec3d::Zero();
     Admission admission = Admission::kSolid;
-    std::vector<Keyframe> path;
+    std::vector<Keyframe> path = {};
 };
 
 World make_world(const std::vector<Body>& bodies) {
@@ -88,9 +88,9 @@ TEST(FaceRows, CoarseSheetComesOffABall) {
         const Vec3d middle(cell - in_middle, in_middle, 0);
         World w = make_world({{ball(0.01, 8), Motion::kStatic}, {make_sheet(4 * cell, 4), Motion::kDeformable, Vec3d(0, 0, 0.007) - middle, Admission::kSheet}});
         w.settings.contact.faces = faces;
-        ASSERT_NEAR(deepest_of_faces(w, 1, 0, 24), 0.003, 3e-4) << "as laid out";
+        ASSERT_NEAR(deepest_of_faces(w, 1, 0, 12), 0.003, 3e-4) << "as laid out";
         run(std::move(w), 30, [&](const World& after) {
-            const double left = deepest_of_faces(after, 1, 0, 24);
+            const double left = deepest_of_faces(after, 1, 0, 12);
             if (faces) {
                 EXPECT_LT(left, kTolerance);
                 EXPECT_GT(middle_z(after, 1), 0.0075) << "it leaves over the near side";
@@ -121,14 +121,14 @@ TEST(FaceRows, EndFaceOfAPrism) {
     for (const bool faces : {true, false}) {
         World w = make_world({{prism(0.022, 0, 0.04), Motion::kStatic}, {prism(0.02, -0.04, 0.003)}});
         w.settings.contact.faces = faces;
-        ASSERT_NEAR(deepest_of_faces(w, 1, 0, 24), 0.003, 1e-6) << "as laid out";
-        run(std::move(w), 40, [&](const World& after) {
-            const double left = std::max(deepest_of_faces(after, 1, 0, 24), deepest_of_faces(after, 0, 1, 24));
+        ASSERT_NEAR(deepest_of_faces(w, 1, 0, 12), 0.003, 1e-6) << "as laid out";
+        run(std::move(w), 5, [&](const World& after) {
+            const double left = std::max(deepest_of_faces(after, 1, 0, 12), deepest_of_faces(after, 0, 1, 12));
             if (faces) {
                 EXPECT_LT(left, kTolerance);
                 EXPECT_LT(middle_z(after, 1), -0.0195) << "it leaves along the axis";
             } else {
-                EXPECT_GT(left, 1e-3) << "the row is not what frees it";
+                EXPECT_GT(left, 2.5e-3) << "the row is not what frees it";
             }
         });
     }
@@ -164,7 +164,7 @@ TEST(FaceRows, SmallBallInALargeFaceOfABox) {
         EXPECT_GT(sum, 1e-3) << "the point under the vertex went down";
         for (int pass = 0; pass < 20; ++pass) frame.step();
         EXPECT_LT(deepest_of_faces(now, 1, 0, 4), kTolerance);
-        EXPECT_LT(deepest_of_faces(now, 0, 1, 60), kTolerance);
+        EXPECT_LT(deepest_of_faces(now, 0, 1, 40), kTolerance);
     });
 }
 
@@ -208,9 +208,9 @@ TEST(DeepOverlap, BallsThatStartPastTheirCentresArePartedTheShortWay) {
             const double left = std::max(deepest_of_faces(after, 0, 1, 2), deepest_of_faces(after, 1, 0, 2));
             if (deep == DeepResponse::kLastFree) {
                 EXPECT_LT(left, kTolerance);
-                EXPECT_NEAR(middle_z(after, 1), 2 * radius, 0.1 * radius) << "no farther than it must";
+                EXPECT_GT(middle_z(after, 1), 1.9 * radius) << "on the side where it was";
             } else {
-                EXPECT_FALSE(left < kTolerance && std::abs(middle_z(after, 1) - 2 * radius) < 0.1 * radius) << "the mode is not what helps";
+                EXPECT_LT(std::abs(middle_z(after, 1)), 0.1 * radius) << "the mode is not what helps: drawn into one place";
             }
         });
     }
@@ -220,13 +220,13 @@ TEST(DeepOverlap, BallsThatStartPastTheirCentresArePartedTheShortWay) {
 TEST(ResponseDirection, WhatOnePassLeaves) {
     double left[2] = {0, 0};
     for (const ResponseDirection direction : {ResponseDirection::kLocal, ResponseDirection::kThesis}) {
-        World w = make_world({{ball(0.03, 10)}, {ball(0.02, 8), Motion::kStatic, Vec3d(0.001, 0.002, 0.048)}});
+        World w = make_world({{ball(0.03, 7)}, {ball(0.02, 5), Motion::kStatic, Vec3d(0.001, 0.002, 0.048)}});
         w.settings.contact.direction = direction;
-        const double before = std::max(deepest_of_faces(w, 0, 1, 4), deepest_of_faces(w, 1, 0, 4));
+        const double before = std::max(deepest_of_faces(w, 0, 1, 2), deepest_of_faces(w, 1, 0, 2));
         ASSERT_GT(before, 1e-3);
         run(std::move(w), 1, [&](const World& after) {
             double& rest = left[direction == ResponseDirection::kThesis];
-            rest = std::max(deepest_of_faces(after, 0, 1, 4), deepest_of_faces(after, 1, 0, 4));
+            rest = std::max(deepest_of_faces(after, 0, 1, 2), deepest_of_faces(after, 1, 0, 2));
             EXPECT_LT(rest, 0.5 * before);
         });
     }
