@@ -227,7 +227,7 @@ void local_contact(FrameState& f) {
     World& w = f.world;
     w.local_contact.resize(w.haptics.tool.size());
     for (size_t t = 0; t < w.haptics.tool.size(); ++t)
-        publish_local_contact(HapticParams{}, surfaces_of(w), w.boxes.box, w.haptics.tool[t], w.haptics.state[t], pass_seconds(w),
+        publish_local_contact(haptic_params(w.clock.contact_rate), surfaces_of(w), w.boxes.box, w.haptics.tool[t], w.haptics.state[t], pass_seconds(w),
                               w.clock.pass + 1, f.scratch.local_contact, w.local_contact[t]);
     if (f.contact_hook.published) f.contact_hook.published(f.contact_hook.user, w);
 }
@@ -259,7 +259,7 @@ void haptic_ticks(void* user, uint32_t ms) {
         const uint32_t body = w.haptics.tool[t].body;
         if (std::find(ticks.bodies.begin(), ticks.bodies.end(), body) == ticks.bodies.end()) continue;
         const uint64_t start = now_ns();
-        haptic_tick(HapticParams{}, w.local_contact[t], static_cast<double>(w.clock.tick + ms) * 1e-3, w.haptics.tool[t],
+        haptic_tick(haptic_params(w.clock.contact_rate), w.local_contact[t], static_cast<double>(w.clock.tick + ms) * 1e-3, w.haptics.tool[t],
                     f.scratch.device[t * per_tool + ms], f.scratch.haptic[t], w.haptics.state[t]);
         f.times.tick_ns[t * w.clock.period + ms] = now_ns() - start;
     }

@@ -334,6 +334,8 @@ Search find_proxy(const Vec3d& start, const Vec3d& goal, const Room& room, doubl
         s.proxy += sweep(scratch, s.proxy, step) * step;
         if (share < 1 && step.squaredNorm() <= kConverged * kConverged) break;
     }
+    // cut short on its way round a convex edge, it may hover over the surface that keeps it from the goal
+    if (s.active == 0 && (goal - s.proxy).squaredNorm() > kConverged * kConverged) s.active = 1;
     return s;
 }
 
@@ -507,6 +509,12 @@ void haptic_tick(const HapticParams& params, const LocalContactModel& model, dou
     state.command.force =
         accepted ? slewed_force(params, tool, span, wanted, drift, last, last_gain, state) : Vec3d(Vec3d::Zero());
     state.largest_force = std::max(state.largest_force, state.command.force.norm());
+}
+
+HapticParams haptic_params(uint32_t contact_rate) {
+    HapticParams params;
+    params.greatest_age = 2.1 / contact_rate;
+    return params;
 }
 
 void sum_tool_counters(Haptics& haptics) {

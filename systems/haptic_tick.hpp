@@ -49,6 +49,10 @@ struct HapticScratch {
 void haptic_tick(const HapticParams& params, const LocalContactModel& model, double time, const HandTool& tool,
                  const DeviceState& sample, HapticScratch& scratch, ToolState& state);
 
+// Parameters for a simulation of `contact_rate` (Hz): a surface is advanced for two of its periods and a little, which
+// is how old it gets when every pass takes its whole period.
+HapticParams haptic_params(uint32_t contact_rate);
+
 // Adds up what the ticks of all tools counted.
 void sum_tool_counters(Haptics& haptics);
 

@@ -213,7 +213,7 @@ int run_command(const RunOptions& options) {
         const double seconds = options.seconds > 0 ? options.seconds : file.settings.seconds;
         PictureWriter* const writer = pictures ? &*pictures : nullptr;
         std::optional<LiveReplay> repeat;
-        if (replay) repeat.emplace(HapticParams{}, recording, options.replay.string(), frame);
+        if (replay) repeat.emplace(haptic_params(frame.world().clock.contact_rate), recording, options.replay.string(), frame);
         std::optional<FrameRecorder> recorder;
         if (!options.capture.empty()) recorder.emplace(frame, capture_header(scene, figures), triggers, options.out / "captures");
         FrameRecorder* const capture = recorder ? &*recorder : nullptr;
