@@ -28,6 +28,11 @@ struct Side {
     Range screened, near, candidates;
     MeshView mesh, other_mesh;
     const ClosestPointTree* tree;
+    BodyPoints points;  // of body, about the origin of other
+    bool turned;        // other is rigid: the frame of the search is its own
+    Quat turn;
+
+    Vec3d place(uint32_t v) const { return turned ? rotate_back(turn, points.point(v)) : points.point(v); }
 };
 
 // What a search knows: the depth to beat, and what it found that is deeper.
@@ -49,33 +54,38 @@ double farthest_from(const Side& side, uint32_t triangle, const FacePart& part) 
     return farthest;
 }
 
-FacePart whole_face(const Input& in, const Side& side, uint32_t face) {
-    const BodyPoints points(in.surfaces, side.body, in.surfaces.poses.origin[side.other]);
-    const bool turned = !is_deformable(in.surfaces.bodies, side.other);
-    FacePart part{{}, {Vec3d::UnitX(), Vec3d::UnitY(), Vec3d::UnitZ()}, std::numeric_limits<double>::infinity(), face};
+FacePart whole_face(const Side& side, const Chunk& c, uint32_t face) {
+    FacePart part{{}, {Vec3d::UnitX(), Vec3d::UnitY(), Vec3d::UnitZ()}, std::numeric_limits<double>::infinity(), face, kNone};
     for (int k = 0; k < 3; ++k) {
-        part.corner[k] = points.point(side.mesh.triangle[face][k]);
-        if (turned) part.corner[k] = rotate_back(in.surfaces.poses.orientation[side.other], part.corner[k]);
+        const uint32_t v = side.mesh.triangle[face][k];
+        const bool known = !std::isnan(c.depth[v]);
+        part.corner[k] = known ? c.place[v] : side.place(v);
+        if (known) part.hint = c.nearest[v];
     }
     return part;
 }
 
-// Bounds a whole face by what is known of its corners. False when nothing is.
-bool bound_by_corners(const Side& side, const Chunk& c, double enough, FacePart& part) {
+// Bounds a whole face by what is known of its corners.
+void bound_by_corners(const Side& side, const Chunk& c, double enough, FacePart& part) {
     const Triangle& t = side.mesh.triangle[part.face];
-    bool known = false;
     for (int k = 0; k < 3; ++k) {
         const double depth = c.depth[t[k]];
         if (std::isnan(depth)) continue;
-        known = true;
         const Vec3d &p = part.corner[k], &q = part.corner[(k + 1) % 3], &r = part.corner[(k + 2) % 3];
         part.bound = std::min(part.bound, depth + std::max((q - p).norm(), (r - p).norm()));
     }
-    for (int k = 0; k < 3 && known && part.bound > enough; ++k) {
+    for (int k = 0; k < 3 && part.bound > enough; ++k) {
         if (std::isnan(c.depth[t[k]]) || c.nearest[t[k]] == kNone) continue;
         part.bound = std::min(part.bound, farthest_from(side, c.nearest[t[k]], part));
     }
-    return known;
+}
+
+SurfacePoint ask(const Side& side, const Vec3d& p, uint32_t hint) {
+    const double radius = std::numeric_limits<double>::infinity();
+    SurfacePoint answer;
+    QueryCounters counters;
+    side.tree->query({&p, 1}, {&radius, 1}, {&hint, 1}, {&answer, 1}, counters);
+    return answer;
 }
 
 bool less_deep(const FacePart& a, const FacePart& b) { return a.bound < b.bound; }
@@ -88,7 +98,7 @@ void push_part(const FacePart& part, Chunk& c) {
 // Looks at the middle of a part, which may be the new best, and halves it across its longest edge.
 void look_and_split(const Side& side, const FacePart& part, double tolerance, Best& best, Chunk& c) {
     const Vec3d middle = (part.corner[0] + part.corner[1] + part.corner[2]) / 3;
-    const SurfacePoint answer = side.tree->query(middle);
+    const SurfacePoint answer = ask(side, middle, part.hint);
     ++best.queries;
     if (-answer.distance > best.depth) {
         best.depth = -answer.distance;
@@ -101,6 +111,7 @@ void look_and_split(const Side& side, const FacePart& part, double tolerance, Be
     const int next = (longest + 1) % 3;
     for (const int moved : {longest, next}) {
         FacePart half = part;
+        half.hint = answer.triangle;
         half.corner[moved] = 0.5 * (part.corner[longest] + part.corner[next]);
         half.weight[moved] = 0.5 * (part.weight[longest] + part.weight[next]);
         double reach = 0;
@@ -132,7 +143,9 @@ void search(const Side& side, double tolerance, Best& best, double& left, Chunk&
 void collect_known(const Input& in, const Side& side, const Contacts& contacts, Range rows, Chunk& c) {
     c.depth.assign(side.mesh.position.size(), std::nan(""));
     c.nearest.resize(side.mesh.position.size());
+    c.place.resize(side.mesh.position.size());
     for (uint32_t i = side.near.first; i < side.near.end(); ++i) {
+        c.place[in.near.vertex[i]] = side.place(in.near.vertex[i]);
         c.depth[in.near.vertex[i]] = -in.near.distance[i];
         c.nearest[in.near.vertex[i]] = in.near.triangle[i];
     }
@@ -164,7 +177,7 @@ void collect_poked(const Input& in, const Side& side, Chunk& c) {
         if (own != face) {
             face = own;
             outside = is_outside(side, face, c);
-            if (outside) part = whole_face(in, side, face);
+            if (outside) part = whole_face(side, c, face);
         }
         if (!outside || (!c.poked.empty() && c.poked.back() == own)) continue;
         const Triangle& t = side.other_mesh.triangle[across];
@@ -181,23 +194,23 @@ void collect_poked(const Input& in, const Side& side, Chunk& c) {
 }
 
 // The point as its rounded weights have it.
-void add_found(const Input& in, const Side& side, FaceContact found, Chunk& c) {
-    const FacePart face = whole_face(in, side, found.face);
+void add_found(const Side& side, FaceContact found, Chunk& c) {
+    const FacePart face = whole_face(side, c, found.face);
     found.point = (1.0 - found.along - found.across) * face.corner[0] + double(found.along) * face.corner[1] +
                   double(found.across) * face.corner[2];
-    found.answer = side.tree->query(found.point);
+    found.answer = ask(side, found.point, found.answer.triangle);
     if (found.answer.distance < 0) c.found.push_back(found);
 }
 
 void search_poked(const Input& in, const Side& side, Best& total, double& left, Chunk& c) {
     for (const uint32_t face : c.poked) {
         Best best{0, total.queries, {}};
-        push_part(whole_face(in, side, face), c);
+        push_part(whole_face(side, c, face), c);
         search(side, in.params.tolerance, best, left, c);
         total.queries = best.queries;
         if (best.found.face == kNone) continue;
         total.depth = std::max(total.depth, best.depth);
-        add_found(in, side, best.found, c);
+        add_found(side, best.found, c);
     }
 }
 
@@ -206,8 +219,11 @@ void search_deepest(const Input& in, const Side& side, Best& best, double& left,
     const double enough = best.depth + in.params.tolerance;
     for (uint32_t row = side.screened.first; row < side.screened.end(); ++row) {
         const uint32_t face = in.screened.triangle[row];
-        FacePart part = whole_face(in, side, face);
-        if (bound_by_corners(side, c, enough, part) && part.bound > enough) push_part(part, c);
+        const Triangle& t = side.mesh.triangle[face];
+        if (std::isnan(c.depth[t[0]]) && std::isnan(c.depth[t[1]]) && std::isnan(c.depth[t[2]])) continue;
+        FacePart part = whole_face(side, c, face);
+        bound_by_corners(side, c, enough, part);
+        if (part.bound > enough) push_part(part, c);
     }
     search(side, in.params.tolerance, best, left, c);
 }
@@ -226,7 +242,10 @@ Side make_side(const Input& in, const CandidatePairs& pairs, std::span<const std
             in.candidates.pair[row / 2],
             mesh_view(s.meshes, s.bodies.mesh[body]),
             mesh_view(s.meshes, s.bodies.mesh[other]),
-            closed ? trees[s.bodies.tree[other]].get() : nullptr};
+            closed ? trees[s.bodies.tree[other]].get() : nullptr,
+            BodyPoints(s, body, s.poses.origin[other]),
+            !is_deformable(s.bodies, other),
+            s.poses.orientation[other]};
 }
 
 // Both sides of one pair, whose contacts are `rows`. Returns the bound of what is left open, 0 if nothing is.
@@ -263,7 +282,8 @@ double search_pair(const Input& in, const std::array<Side, 2>& sides, const Cont
                                      [](const FaceContact& f, uint32_t face) { return f.face < face; });
     if (at != end && at->face == best.found.face) return left;  // known to the tolerance
     const auto place = at - c.found.begin();
-    add_found(in, *deepest, best.found, c);
+    collect_known(in, *deepest, contacts, rows, c);
+    add_found(*deepest, best.found, c);
     if (c.found.size() == found[1].end()) return left;
     std::rotate(c.found.begin() + place, c.found.end() - 1, c.found.end());
     ++found[reversed].count;
@@ -322,10 +342,12 @@ void find_face_contacts(const ContactParams& params, const Surfaces& surfaces, c
     scratch.merged.most = contacts.most;
     uint32_t from = 0, to = 0;
     for (uint32_t row = 0; row < 2 * count; ++row) {
-        const Side side = make_side(in, pairs, trees, row);
-        while (from < contacts.pair.size() && contacts.pair[from] == row / 2 && contacts.body[from] == side.body) {
+        const uint32_t body = row % 2 ? pairs.b[row / 2] : pairs.a[row / 2];
+        while (from < contacts.pair.size() && contacts.pair[from] == row / 2 && contacts.body[from] == body) {
             copy_contact(contacts, from++, scratch.merged, to++);
         }
+        if (scratch.side[row].count == 0) continue;
+        const Side side = make_side(in, pairs, trees, row);
         const FaceContact* found = scratch.chunk[row / 2 / grain].found.data() + scratch.side[row].first;
         for (uint32_t i = 0; i < scratch.side[row].count; ++i) write_row(surfaces, row / 2, side, found[i], scratch.merged, to++);
     }

@@ -14,6 +14,7 @@ struct FacePart {
     std::array<Vec3d, 3> weight;  // the same corners as weights of those of the face
     double bound;                 // m, nothing on it is deeper
     uint32_t face;                // local triangle
+    uint32_t hint;                // triangle of the other body that is close by, or kNone
 };
 
 // The deepest point of one face, before it becomes a row of Contacts.
@@ -28,6 +29,7 @@ struct FaceDepthScratch {
     struct Chunk {
         std::vector<FacePart> part;      // heap, largest bound first
         std::vector<double> depth;       // per vertex of the body at hand; NaN where it is not known
+        std::vector<Vec3d> place;        // and where it is, frame of the other body, m
         std::vector<uint32_t> nearest;   // and the triangle of the other body that is nearest to it
         std::vector<std::array<uint32_t, 2>> edge;  // of the body at hand that have a contact, ascending
         std::vector<uint32_t> poked;

@@ -216,6 +216,26 @@ TEST(DeepOverlap, BallsThatStartPastTheirCentresArePartedTheShortWay) {
     }
 }
 
+// One-sided (the other body stands still) and two-sided response, by every share and direction: an overlap of 2 mm is gone
+// to the stated residual, and stays gone.
+TEST(Response, OneSidedAndTwoSidedReachTheStatedResidual) {
+    for (const Motion other : {Motion::kStatic, Motion::kDeformable}) {
+        for (const ResponseShare share : {ResponseShare::kMass, ResponseShare::kStiffness, ResponseShare::kHalf}) {
+            for (const ResponseDirection direction : {ResponseDirection::kLocal, ResponseDirection::kThesis}) {
+                World w = make_world({{ball(0.03, 6)}, {ball(0.02, 5), other, Vec3d(0.001, 0.002, 0.0475)}});
+                w.settings.contact.direction = direction;
+                w.settings.contact.share = share;
+                const Vec3d before = vertex_position(surfaces_of(w), 1, 0);
+                const std::string what = std::to_string(int(other)) + " share " + std::to_string(int(share)) + " direction " + std::to_string(int(direction));
+                run(std::move(w), 20, [&](const World& after) {
+                    EXPECT_LT(std::max(deepest_of_faces(after, 0, 1, 2), deepest_of_faces(after, 1, 0, 2)), kTolerance) << what;
+                    EXPECT_EQ(vertex_position(surfaces_of(after), 1, 0) == before, other == Motion::kStatic) << what;
+                });
+            }
+        }
+    }
+}
+
 // What one pass leaves of an overlap, by each direction of the response: both take the most of it away.
 TEST(ResponseDirection, WhatOnePassLeaves) {
     double left[2] = {0, 0};
