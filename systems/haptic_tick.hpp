@@ -30,10 +30,17 @@ struct TouchedFeature {
     bool shadowed = false;         // a neighbour is touched nearer
 };
 
+// Triangle that the tip may touch along a step.
+struct SweptTriangle {
+    double from = 0;    // share of the step before which it cannot
+    uint32_t near = 0;  // row of HapticScratch::near
+};
+
 struct HapticScratch {
     std::vector<NearTriangle> near;  // in the order of the model
     std::vector<NearDisc> disc;      // one per row of near
     std::vector<TouchedFeature> touched;
+    std::vector<SweptTriangle> ahead;
 };
 
 // One tick of one tool at `time` (s): takes the device's sample (or refuses it), carries the proxy with the surface and
