@@ -147,6 +147,13 @@ void add_tool(const SceneFile& scene, const ToolSpec& spec, World& world) {
     tool.coupling_damping = spec.damping;
     tool.max_force = spec.max_force;
     tool.friction = spec.friction;
+    tool.pass_through = spec.pass_through;
+    tool.hand = spec.hand;
+    tool.workspace = spec.workspace;
+    tool.pivot = spec.pivot;
+    tool.limits = spec.limits;
+    tool.effects = {static_cast<uint32_t>(world.haptics.effect.size()), static_cast<uint32_t>(spec.effects.size())};
+    world.haptics.effect.insert(world.haptics.effect.end(), spec.effects.begin(), spec.effects.end());
     if (world.haptics.tool.size() == kMaxTools) throw InputError(at(scene, spec.line) + "more than " + std::to_string(kMaxTools) + " tools");
     if (!spec.trace.empty()) {
         tool.trace = static_cast<uint32_t>(world.haptics.trace.size());

@@ -5,6 +5,7 @@
 #include <vector>
 
 #include "components/bodies.hpp"
+#include "components/haptics.hpp"
 #include "components/scene.hpp"
 #include "content/attach_spec.hpp"
 #include "content/scatter.hpp"
@@ -66,8 +67,14 @@ struct ToolSpec {
     double damping = 5;         // N s/m
     double max_force = 3.3;     // N
     double friction = 0.1;
+    double pass_through = 0;    // N, 0 = never
     std::string trace;  // recorded device trace; else path
     std::vector<KeyframeSpec> path;
+    HandModel hand;
+    Workspace workspace;
+    Pivot pivot;
+    DeviceLimits limits;
+    std::vector<HapticEffect> effects;
 };
 
 struct CameraSpec {

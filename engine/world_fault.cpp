@@ -314,7 +314,13 @@ void check_tools(const World& w, Faults& f) {
         f.below(tool.path, paths, true, "tool on path");
         f.below(tool.trace, static_cast<uint32_t>(w.haptics.trace.size()), true, "tool on trace");
         f.require(tool.path != kNone || tool.trace != kNone, "a tool has no device");
+        f.inside(tool.effects, w.haptics.effect.size(), "effects of a tool");
+        f.require(tool.effects.count <= kMaxEffects, "a tool has too many effects");
+        f.require(tool.hand.delay <= kMostHandDelay, "a hand is too late");
+        f.require(tool.pivot.kind <= PivotKind::kTip, "a pivot is of no kind");
     }
+    for (const HapticEffect& e : w.haptics.effect)
+        f.require(e.kind <= EffectKind::kMagnet && e.trigger <= EffectTrigger::kRelease, "an effect is of no kind");
     for (const DeviceTrace& trace : w.haptics.trace) f.require(!trace.sample.empty(), "a device trace is empty");
 }
 

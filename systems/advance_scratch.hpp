@@ -132,12 +132,12 @@ struct ContactPlan {
     Vec4d point_b;  // m, body frame, if rigid
     Vec4d normal;   // body frame if b is rigid, else world
     Vec4d impulse;  // N s, given so far in the call
-    std::array<double, 2> weight_a;
+    std::array<double, 3> weight_a;
     std::array<double, 3> weight_b;
     double offset = 0;  // m, half the thickness of a sheet
     double friction = 0;
     double restitution = 0;
-    std::array<uint32_t, 2> node_a;             // if deformable; equal for a vertex
+    std::array<uint32_t, 3> node_a;             // if deformable; equal for a vertex; the third is the first but for a face
     std::array<uint32_t, 3> node_b;             // if deformable
     uint32_t rigid_a = kNone, rigid_b = kNone;  // rows of rigid, or kNone
     uint32_t row = kNone;
@@ -154,8 +154,8 @@ struct ContactActive {
     double least_velocity = 0;  // m/s, along the normal
     double inv_sum = 0;         // kg, 1 / sum of weight^2 * inverse mass
     double friction = 0;
-    std::array<double, 5> weight;  // of the relative velocity: + for the point, - for the plane
-    std::array<uint32_t, 5> node;
+    std::array<double, 6> weight;  // of the relative velocity: + for the point, - for the plane
+    std::array<uint32_t, 6> node;
     uint32_t nodes = 0;
     uint32_t point_nodes = 0;  // how many of them, the first, are on the side of the point
     uint32_t plan = 0;
