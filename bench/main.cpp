@@ -17,7 +17,7 @@ constexpr Suite kSuites[] = {
     {"content", content_suite, "marching cubes, stuffing, reading against assimp and Coin; takes Google Benchmark's flags"},
 #endif
     {"contact", contact_suite, "contact beside its peers: [--quick] [--json FILE] [broad|missed|thesis|error]; or stages [passes] [goal|kidney|probe|deep|pile] [cell edges]"},
-    {"deform", deform_suite, "integrators: rates, stable steps, error against time: [rates|threads|stability|errors]; Bullet as peer"},
+    {"deform", deform_suite, "integrators: rates, stable steps, error against time: [rates|threads|stability|errors] [--quick] [--json FILE] [--cache DIR of references, out/bench]; Bullet as peer"},
     {"query", query_suite, "signed closest-point queries and refits, AVX2 and AVX-512"},
     {"report", report_suite, "DIR: draws what suites wrote with --json DIR/NAME.json as one page, DIR/report.html"},
 };
