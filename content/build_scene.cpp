@@ -7,6 +7,7 @@
 #include <numbers>
 
 #include "content/admission.hpp"
+#include "content/build_links.hpp"
 #include "content/clean_mesh.hpp"
 #include "content/load_mesh.hpp"
 #include "content/make_prototype.hpp"
@@ -266,8 +267,10 @@ struct PrototypeCache {
     std::map<std::string, Prototype> made;
 
     const Prototype& get(const SceneFile& scene, const BodySpec& spec, World& world, std::vector<std::string>& warnings) {
+        // what tears has springs of its own
+        const std::string own = std::isfinite(spec.break_strain) ? spec.name : "";
         char key[512];
-        std::snprintf(key, sizeof key, "%s|%s|%u|%llu|%.17g|%.17g|%g,%g,%g|%d|%d,%.17g,%.17g", spec.file.c_str(), spec.shape.c_str(), spec.triangles,
+        std::snprintf(key, sizeof key, "%s|%s|%s|%u|%llu|%.17g|%.17g|%g,%g,%g|%d|%d,%.17g,%.17g", own.c_str(), spec.file.c_str(), spec.shape.c_str(), spec.triangles,
                       static_cast<unsigned long long>(spec.seed), spec.scale, spec.size, static_cast<double>(spec.color[0]),
                       static_cast<double>(spec.color[1]), static_cast<double>(spec.color[2]), spec.motion == Motion::kDeformable, spec.solid + 2 * spec.skin, spec.cells, spec.spacing);
         if (const auto found = made.find(key); found != made.end()) return found->second;
@@ -352,6 +355,11 @@ void add_scene_body(const SceneFile& scene, const BodySpec& spec, const Prototyp
     if (spec.motion == Motion::kDeformable) {
         make_deformable(world, body, spec.fixed_below);
         why = choose_stepping(scene, spec, world, body);
+        if (std::isfinite(spec.break_strain)) {
+            if (stepping_of(world.bodies, body).integrator == Integrator::kXpbd)
+                throw InputError(at(scene, spec.line) + "body \"" + spec.name + "\": springs stepped by xpbd do not break");
+            let_tear(world, body, spec.break_strain);
+        }
     }
     built.notes.push_back(body_note(world, body, prototype) + (why.empty() ? "" : "; auto: " + why));
 }
@@ -371,6 +379,7 @@ BuiltScene build_scene(const SceneFile& scene) {
         if (world.bodies.motion[body] == Motion::kHand && !held)
             throw InputError(at(scene, scene.bodies[body].line) + "body \"" + world.bodies.name[body] + "\" is hand-driven but no [[tool]] holds it");
     }
+    add_scene_links(scene, world);
     make_trees(world);
     built.camera = make_camera(scene.camera);
     built.picture.wireframe = scene.camera.wireframe;

@@ -118,6 +118,12 @@ class Section {
         for (const std::string& w : words) list += (list.empty() ? "" : ", ") + w;
         fail(*table_.get(key), std::string(key) + " \"" + text + "\" is none of " + list);
     }
+    // [numbers], as many as `count`; false when the key is not there
+    bool read(std::string_view key, size_t count, std::vector<double>& values) {
+        const toml::node* node = find(key);
+        if (node) values = numbers(*node, key, count);
+        return node != nullptr;
+    }
     const toml::array* tables(std::string_view key) {
         const toml::node* node = find(key);
         if (!node) return nullptr;
@@ -215,6 +221,88 @@ void read_tissue(Section& section, Tissue& t) {
     section.refuse_unknown();
 }
 
+// One of sphere = [x, y, z, radius], box = [lowest x, y, z, highest x, y, z], capsule = [from x, y, z, to x, y, z, radius];
+// false when there is none.
+bool read_region(Section& section, Region& region) {
+    std::vector<double> v;
+    int given = 0;
+    if (section.read("sphere", 4, v)) region = {RegionKind::kSphere, {v[0], v[1], v[2]}, {v[0], v[1], v[2]}, v[3]}, ++given;
+    if (section.read("box", 6, v)) region = {RegionKind::kBox, {v[0], v[1], v[2]}, {v[3], v[4], v[5]}, 0}, ++given;
+    if (section.read("capsule", 7, v)) region = {RegionKind::kCapsule, {v[0], v[1], v[2]}, {v[3], v[4], v[5]}, v[6]}, ++given;
+    if (given > 1) section.fail("give one of sphere, box and capsule");
+    if (region.kind == RegionKind::kBox && (region.a.array() > region.b.array()).any()) section.fail("box: its first corner must be the lowest");
+    if (region.radius < 0) section.fail("a radius must not be negative");
+    return given > 0;
+}
+
+GroupSpec read_group(const std::string& file, const toml::table& table) {
+    Section section(file, table, "[[body.group]]");
+    GroupSpec group;
+    group.line = section.line();
+    section.read("name", group.name);
+    section.read("material", group.material);
+    const bool region = read_region(section, group.region);
+    section.refuse_unknown();
+    if (group.name.empty()) section.fail("a [[body.group]] needs a name");
+    if (!region && group.material.empty()) section.fail("group \"" + group.name + "\" needs a sphere, box, capsule or material");
+    return group;
+}
+
+LinkSpec read_link(const std::string& file, const toml::table& table) {
+    Section section(file, table, "[[link]]");
+    LinkSpec link;
+    link.line = section.line();
+    section.read("name", link.name);
+    section.read("body", link.body);
+    section.read("to", link.holder);
+    section.read("group", link.group);
+    const bool region = read_region(section, link.region);
+    link.frame_given = section.find("frame") != nullptr;
+    section.read_enum<RegionFrame>("frame", link.frame, {{"to", RegionFrame::kHolder}, {"rest", RegionFrame::kRest}, {"world", RegionFrame::kWorld}});
+    section.read("within", link.within, 0, 1e3);
+    section.read("stiffness", link.stiffness, 1e-9, 1e12);
+    section.read("rest", link.rest, 0, 1e3);
+    section.read("break_strain", link.break_strain, 1e-9, 1e12);
+    section.read("from", link.from, 0, 1e9);
+    section.read("until", link.until, 0, 1e9);
+    section.read("grip", link.grip);
+    section.refuse_unknown();
+    if (link.body.empty() || link.holder.empty()) section.fail("a [[link]] needs a body and what it is linked to");
+    if (link.name.empty()) link.name = link.body + " to " + link.holder;
+    if (region && !link.group.empty()) section.fail("link \"" + link.name + "\": give a group or a region, not both");
+    if (!region && link.group.empty() && !std::isfinite(link.within))
+        section.fail("link \"" + link.name + "\": which nodes? Give a group, a sphere, a box, a capsule or within");
+    if (!(link.until > link.from)) section.fail("link \"" + link.name + "\": until must be later than from");
+    return link;
+}
+
+LinkSpec read_staple(const std::string& file, const toml::table& table) {
+    Section section(file, table, "[[staple]]");
+    LinkSpec staple;
+    staple.line = section.line();
+    Vec3d place = Vec3d::Zero();
+    double reach = 0.01;
+    section.read("name", staple.name);
+    section.read("body", staple.body);
+    section.read("to", staple.holder);
+    section.read("place", place);
+    section.read("reach", reach, 1e-9, 1e3);
+    section.read("stiffness", staple.stiffness, 1e-9, 1e12);
+    section.read("rest", staple.rest, 0, 1e3);
+    section.read("break_strain", staple.break_strain, 1e-9, 1e12);
+    section.read("time", staple.from, 0, 1e9);
+    section.read("until", staple.until, 0, 1e9);
+    section.refuse_unknown();
+    if (staple.body.empty() || staple.holder.empty()) section.fail("a [[staple]] needs a body and what it is stapled to");
+    if (staple.name.empty()) staple.name = "staple of " + staple.body + " to " + staple.holder;
+    if (!(staple.until > staple.from)) section.fail("staple \"" + staple.name + "\": until must be later than time");
+    staple.region = {RegionKind::kSphere, place, place, reach};
+    staple.frame = RegionFrame::kWorld;
+    staple.frame_given = true;
+    staple.most = 1;
+    return staple;
+}
+
 BodySpec read_body(const std::string& file, const toml::table& table) {
     Section section(file, table, "[[body]]");
     BodySpec body;
@@ -277,6 +365,9 @@ BodySpec read_body(const std::string& file, const toml::table& table) {
         read_tissue(inner, body.tissue);
     }
     body.path = read_path(file, section, "path");
+    section.read("break_strain", body.break_strain, 1e-9, 1e12);
+    if (const toml::array* groups = section.tables("group"))
+        for (const toml::node& node : *groups) body.groups.push_back(read_group(file, *node.as_table()));
     section.refuse_unknown();
     if (body.motion == Motion::kKinematic && body.path.empty())
         section.fail("kinematic body \"" + body.name + "\" needs a [[body.path]]");
@@ -369,9 +460,10 @@ void apply_override(toml::table& root, const Override& o) {
         throw InputError("--set " + o.key + "=" + o.value + ": the key is empty");
     toml::table* table = &root;
     size_t next = 0;
-    if (words.size() > 2 && words[0] == "tool") {
-        table = named_table(root, "tool", "body", words[1]);
-        if (!table) throw InputError("--set " + o.key + ": the scene has no tool on a body named \"" + words[1] + "\"");
+    const bool named = words[0] == "link" || words[0] == "staple" || words[0] == "cut";
+    if (words.size() > 2 && (words[0] == "tool" || named)) {
+        table = named_table(root, words[0].c_str(), named ? "name" : "body", words[1]);
+        if (!table) throw InputError("--set " + o.key + ": the scene has no " + words[0] + (named ? "" : " on a body") + " named \"" + words[1] + "\"");
         next = 2;
     } else if (words.size() > 1) {
         if (toml::table* body = named_table(root, "body", "name", words[0])) table = body, next = 1;
@@ -424,6 +516,11 @@ SceneFile read_scene_file(const std::filesystem::path& path, const std::vector<O
         for (const toml::node& node : *bodies) scene.bodies.push_back(read_body(file, *node.as_table()));
     if (const toml::array* tools = top.tables("tool"))
         for (const toml::node& node : *tools) scene.tools.push_back(read_tool(file, *node.as_table()));
+    if (const toml::array* links = top.tables("link"))
+        for (const toml::node& node : *links) scene.links.push_back(read_link(file, *node.as_table()));
+    if (const toml::array* staples = top.tables("staple"))
+        for (const toml::node& node : *staples) scene.links.push_back(read_staple(file, *node.as_table()));
+    top.read_count("staples", scene.staples, 0, 1e6);
     top.refuse_unknown();
 
     for (size_t i = 0; i < scene.bodies.size(); ++i) {

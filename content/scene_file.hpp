@@ -6,6 +6,7 @@
 
 #include "components/bodies.hpp"
 #include "components/scene.hpp"
+#include "content/attach_spec.hpp"
 namespace trocar {
 
 // One key of a scripted motion.
@@ -49,6 +50,8 @@ struct BodySpec {
     Vec3d spin = Vec3d::Zero();              // rad/s, free: at the start, world axes
     std::vector<KeyframeSpec> path;          // kinematic
     std::array<float, 3> color{-1, -1, -1};  // overrides the material's diffuse colour
+    double break_strain = std::numeric_limits<double>::infinity();  // springs break above it
+    std::vector<GroupSpec> groups;
 };
 
 // One [[tool]]: a device that drives a hand body.
@@ -82,11 +85,15 @@ struct SceneFile {
     SceneSettings settings;
     std::vector<BodySpec> bodies;
     std::vector<ToolSpec> tools;
+    std::vector<LinkSpec> links;
+    std::vector<CutSpec> cuts;
+    uint32_t staples = 0;  // room for links that programs add while the scene runs
     CameraSpec camera;
 };
 
 // One --set key=value: `seconds=2`, `contact.cell_edges=3`, `liver.tissue.youngs_modulus=2e4`, `a.file=kidney.wrl`.
-// The first word is a top-level key or table, or the name of a body; tools are named by their body as `tool.BODY.key`.
+// The first word is a top-level key or table, or the name of a body; tools are named by their body as `tool.BODY.key`, links,
+// staples and cuts by their name as `link.NAME.key`.
 struct Override {
     std::string key;
     std::string value;

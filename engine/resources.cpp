@@ -76,6 +76,17 @@ void fields(V& v, T& t) {
         v.item(t.device), v.item(t.proxy), v.item(t.proxy_valid), v.item(t.contacts), v.item(t.command.force);
         v.item(t.coupling_force), v.item(t.contact_impulse), v.item(t.device_valid), v.item(t.time), v.item(t.ticks);
         v.item(t.model_age), v.item(t.gain), v.item(t.largest_force), v.item(t.rejected_samples);
+    } else if constexpr (is<T, Region>) {
+        v.item(t.kind), v.item(t.a), v.item(t.b), v.item(t.radius);
+    } else if constexpr (is<T, LinkGroup>) {
+        v.item(t.entity), v.item(t.name), v.item(t.body), v.item(t.holder), v.item(t.phase), v.item(t.region), v.item(t.frame), v.item(t.material);
+        v.item(t.within), v.item(t.most), v.item(t.stiffness), v.item(t.rest), v.item(t.break_strain), v.item(t.gauge);
+        v.item(t.begin), v.item(t.end), v.item(t.tool), v.item(t.rows), v.item(t.made), v.item(t.broken), v.item(t.impulse);
+        v.item(t.largest_force), v.item(t.largest_strain);
+    } else if constexpr (is<T, TearBody>) {
+        v.item(t.body), v.item(t.break_strain), v.item(t.order);
+    } else if constexpr (is<T, Cut>) {
+        v.item(t.tear), v.item(t.time), v.item(t.region);
     } else if constexpr (is<T, HandTool>) {
         v.item(t.body), v.item(t.tip), v.item(t.tip_radius), v.item(t.coupling_stiffness), v.item(t.coupling_damping);
         v.item(t.max_force), v.item(t.friction), v.item(t.path), v.item(t.trace);
@@ -374,9 +385,10 @@ void visit_resource(World& w, Resource resource, Visitor& v) {
                 v.array(FIELD(picture.tool)), v.value(FIELD(picture.depth)), v.value(FIELD(picture.force));
             break;
         case Resource::kEnergy:
-            v.value(FIELD(energy.kinetic)), v.value(FIELD(energy.elastic)), v.value(FIELD(energy.pressure)), v.value(FIELD(energy.bending)), v.value(FIELD(energy.gravity)),
+            v.value(FIELD(energy.kinetic)), v.value(FIELD(energy.elastic)), v.value(FIELD(energy.pressure)), v.value(FIELD(energy.bending)), v.value(FIELD(energy.links)), v.value(FIELD(energy.gravity)),
                 v.value(FIELD(energy.work_hand)), v.value(FIELD(energy.work_contact)), v.value(FIELD(energy.work_damping)),
-                v.value(FIELD(energy.work_push)), v.value(FIELD(energy.work_numeric)), v.value(FIELD(energy.balance));
+                v.value(FIELD(energy.work_push)), v.value(FIELD(energy.work_numeric)), v.value(FIELD(energy.work_links)),
+                v.value(FIELD(energy.balance));
             break;
         case Resource::kReport:
             v.value(FIELD(report.contact_passes)), v.value(FIELD(report.contact_events)), v.value(FIELD(report.dropped_contacts)),
@@ -386,10 +398,25 @@ void visit_resource(World& w, Resource resource, Visitor& v) {
                 v.value(FIELD(report.nonfinite_particles)), v.value(FIELD(report.deepest_residual)), v.value(FIELD(report.min_volume_ratio)),
                 v.value(FIELD(report.runaway_bodies)), v.value(FIELD(report.awake_bodies)), v.value(FIELD(report.asleep_bodies)),
                 v.value(FIELD(report.implicit_steps)), v.value(FIELD(report.implicit_iterations)),
+                v.value(FIELD(report.links)), v.value(FIELD(report.broken_links)), v.value(FIELD(report.broken_springs)),
+                v.value(FIELD(report.removed_triangles)), v.value(FIELD(report.opened_bodies)),
                 v.value(FIELD(report.worst_implicit_residual)), v.value(FIELD(report.min_volume_ratio));
             break;
         case Resource::kSleep:
             v.array(FIELD(sleep.still)), v.array(FIELD(sleep.group));
+            break;
+        case Resource::kLinks:
+            v.array(FIELD(links.group)), v.array(FIELD(links.node)), v.array(FIELD(links.far_node)), v.array(FIELD(links.point)),
+                v.array(FIELD(links.rest)), v.array(FIELD(links.stretch)), v.array(FIELD(links.whole)), v.array(FIELD(links.stable_dt));
+            break;
+        case Resource::kTears:
+            v.array(FIELD(tears.body)), v.array(FIELD(tears.cut)), v.array(FIELD(tears.order));
+            break;
+        case Resource::kTorn:
+            v.array(FIELD(torn.spring)), v.array(FIELD(torn.triangle)), v.array(FIELD(torn.cut));
+            break;
+        case Resource::kTornSprings:
+            v.array(FIELD(torn_springs.neighbour)), v.array(FIELD(torn_springs.rest_length));
             break;
         case Resource::kCount:
             break;
@@ -409,12 +436,15 @@ ResourceKind resource_kind(Resource resource) {
         case Resource::kBodies:
         case Resource::kAnchors:
         case Resource::kPaths:
+        case Resource::kTears:
         case Resource::kTools: return ResourceKind::kConstant;
         case Resource::kClock:
         case Resource::kPoses:
         case Resource::kParticles:
         case Resource::kToolState:
         case Resource::kPairMemory:
+        case Resource::kLinks:
+        case Resource::kTorn:
         case Resource::kSleep: return ResourceKind::kState;
         case Resource::kEnergy:
         case Resource::kReport: return ResourceKind::kBooks;
@@ -431,6 +461,7 @@ ResourceKind resource_kind(Resource resource) {
         case Resource::kRegions:
         case Resource::kRows:
         case Resource::kIslands:
+        case Resource::kTornSprings:
         case Resource::kNormals: return ResourceKind::kDerived;
         case Resource::kLocalContact:
         case Resource::kPicture:
@@ -444,7 +475,8 @@ const char* resource_name(Resource resource) {
         "settings", "meshes",    "springs",    "solids",     "bodies",     "anchors",  "paths",        "tools",
         "clock",    "poses",     "particles",  "tool state", "pair memory", "boxes", "pairs", "trees",
         "screened", "occupancy", "candidates", "near",       "contacts", "penetrations", "contours", "regions", "rows",
-        "islands",  "normals",   "local contact", "picture",    "energy",   "report", "sleep"};
+        "islands",  "normals",   "local contact", "picture",    "energy",   "report", "sleep",
+        "links",    "tears",     "torn",       "torn springs"};
     static_assert(std::size(kNames) == static_cast<size_t>(Resource::kCount));
     return kNames[static_cast<size_t>(resource)];
 }

@@ -3,7 +3,7 @@
 namespace trocar {
 
 SpringStep bind_body(const Springs& springs, const Bodies& bodies, const Anchors& anchors, const Particles& particles,
-                     uint32_t body) {
+                     uint32_t body, const TornSprings* torn) {
     const uint32_t prototype = bodies.mesh[body], first = bodies.particles[body].first + springs.info[prototype].skin;
     SpringStep step = {};
     step.offset = &particles.offset[first].x;
@@ -17,6 +17,11 @@ SpringStep bind_body(const Springs& springs, const Bodies& bodies, const Anchors
     step.packed = info.packed == kNone ? nullptr : springs.packed[info.packed].data();
     step.first_column = step.slice_column[0];
     step.rest_unit = info.rest_unit;
+    if (torn && size_t{step.slice_column[springs.info[prototype].slices.count]} * kSliceWidth <= torn->neighbour.size()) {
+        step.neighbour = torn->neighbour.data();
+        step.rest_length = torn->rest_length.data();
+        step.packed = nullptr;
+    }
     step.spring_factor = springs.info[prototype].varied ? springs.factor.data() : nullptr;
     step.anchor_stiffness = anchors.stiffness.data() + first;
     step.anchor_x = anchors.rest_x.data() + first;

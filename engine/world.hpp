@@ -7,6 +7,7 @@
 #include "components/clock.hpp"
 #include "components/contacts.hpp"
 #include "components/haptics.hpp"
+#include "components/links.hpp"
 #include "components/mesh.hpp"
 #include "components/particles.hpp"
 #include "components/paths.hpp"
@@ -15,6 +16,7 @@
 #include "components/scene.hpp"
 #include "components/solids.hpp"
 #include "components/springs.hpp"
+#include "components/tears.hpp"
 #include "engine/closest_point.hpp"
 #include "engine/job_graph.hpp"
 #include "engine/surfaces.hpp"
@@ -30,6 +32,7 @@ struct World {
     Bodies bodies;
     Anchors anchors;
     Paths paths;
+    Tears tears;
     // state
     Clock clock;
     Poses poses;
@@ -37,6 +40,8 @@ struct World {
     Haptics haptics;  // tool: constant
     PairMemory pair_memory;
     Sleep sleep;
+    Links links;
+    Torn torn;
     // derived each pass
     BodyBoxes boxes;
     CandidatePairs pairs;
@@ -52,6 +57,7 @@ struct World {
     ContactRows rows;
     Islands islands;
     SurfaceNormals normals;
+    TornSprings torn_springs;
     // output
     std::vector<LocalContactModel> local_contact;  // one per tool
     PictureSnapshot picture;
@@ -94,6 +100,10 @@ enum class Resource : uint8_t {
     kEnergy,
     kReport,
     kSleep,
+    kLinks,
+    kTears,
+    kTorn,
+    kTornSprings,
     kCount
 };
 

@@ -38,6 +38,24 @@ struct AdvanceBody {
     // Under a skin: nodes and weights of the vertices of its surface; else null.
     const std::array<uint32_t, 4>* skin_node = nullptr;
     const std::array<double, 4>* skin_weight = nullptr;
+    bool linked = false;   // a link of the call pulls at it
+    uint32_t tear = kNone;  // row of Tears::body
+};
+
+// A link of the island during a call.
+struct AdvanceLink {
+    uint32_t group = 0, row = 0;     // of Links
+    uint32_t body = 0, node = 0;     // row of AdvanceScratch::body
+    uint32_t far_body = kNone, far_node = kNone;
+    uint32_t rigid = kNone;          // row of AdvanceScratch::rigid, if the holder is
+    Vec4d point = {};                // m, body frame of that
+    double stiffness = 0;            // N/m
+    double rest = 0, gauge = 0;      // m
+    double break_strain = 0;
+    Vec4d force = {};                // N, on the node, at the start of the substep
+    double kick = 0;                 // s, for which it acts
+    Vec4d far = {};                  // m, rigid end at the time of the velocities, of the substep before
+    bool known = false;              // it is
 };
 
 // Memory of implicit steps of the body that is stepped now.
@@ -221,6 +239,8 @@ struct AdvanceScratch {
     std::vector<uint32_t> active_block;
     std::vector<uint16_t> open_blocks_of_node;  // while blocks are filled: which of those open have it; as node
     ImplicitScratch implicit;
+    std::vector<AdvanceLink> link;
+    std::vector<uint8_t> overstretched;  // per chunk of slices of one body: some spring is
 };
 
 }  // namespace trocar

@@ -79,11 +79,11 @@ FreeState free_state(const RigidMass& free, const Poses& poses, const Particles&
 void measure_energy(const Springs& springs, const Bodies& bodies, const Poses& poses, const Particles& particles,
                     const Anchors& anchors, const Vec3d& gravity, double start, EnergyScratch& scratch,
                     Energy& energy, const OtherForces& other) {
-    energy.kinetic = energy.elastic = energy.pressure = energy.bending = energy.gravity = 0;
+    energy.kinetic = energy.elastic = energy.pressure = energy.bending = energy.links = energy.gravity = 0;
     for (uint32_t body = 0; body < bodies.motion.size(); ++body) {
         if (!is_deformable(bodies, body)) continue;
         const uint32_t slices = springs.info[bodies.mesh[body]].slices.count;
-        SpringStep step = bind_body(springs, bodies, anchors, particles, body);
+        SpringStep step = bind_body(springs, bodies, anchors, particles, body, other.torn_springs);
         step.back = static_cast<float>(0.5 * particles.last_dt[body]);
         if (bodies.anchor_frame[body] == AnchorFrame::kShape) {
             Quat orientation = poses.orientation[body];
@@ -106,9 +106,17 @@ void measure_energy(const Springs& springs, const Bodies& bodies, const Poses& p
                           0.5 * state.turning.dot(poses.angular_velocity[free.body]);
         energy.gravity -= free.mass * gravity.dot(state.place);
     }
-    energy.balance = energy.kinetic + energy.elastic + energy.pressure + energy.bending + energy.gravity -
+    if (other.links) {
+        for (const LinkGroup& g : other.links->group) {
+            for (uint32_t row = g.rows.first; row < g.rows.end(); ++row) {
+                const double stretch = other.links->whole[row] ? other.links->stretch[row] : 0;
+                energy.links += 0.5 * g.stiffness * stretch * stretch;
+            }
+        }
+    }
+    energy.balance = energy.kinetic + energy.elastic + energy.pressure + energy.bending + energy.links + energy.gravity -
                      energy.work_hand - energy.work_contact - energy.work_damping - energy.work_push - energy.work_numeric -
-                     start;
+                     energy.work_links - start;
 }
 
 Momentum measure_momentum(const Bodies& bodies, const Poses& poses, const Particles& particles, uint32_t body) {

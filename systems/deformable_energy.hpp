@@ -16,7 +16,7 @@ struct EnergyScratch {
     std::vector<float> gradient;  // 3 fields, as offset
 };
 
-// Sets energy.kinetic, elastic, pressure, bending and gravity (J) from the state of all deformable and free bodies, and
+// Sets energy.kinetic, elastic, pressure, bending, links and gravity (J) from the state of all deformable and free bodies, and
 // balance from `start` (their sum when the books were opened). Sums in double, fixed
 // order; large bodies in parallel. Everything is taken at the time of the
 // velocities, half a substep before that of the offsets: there the leapfrog's kinetic energy needs no knowledge of the

@@ -31,6 +31,14 @@ struct StageFigures {
     std::vector<double> ms;
 };
 
+// What a group of links did.
+struct LinkFigures {
+    std::string name;
+    uint64_t made = 0, broken = 0;
+    double force = 0;   // N, largest, mean over a pass
+    double strain = 0;  // largest
+};
+
 // Everything a run measured; input of metrics.json and report.html.
 struct RunFigures {
     std::string scene, description, version, instruction_set, machine, started;
@@ -53,6 +61,7 @@ struct RunFigures {
     bool replay = false;
     std::string replay_difference;  // replay only: what came out otherwise than in the live run; empty = nothing
     Report report;
+    std::vector<LinkFigures> link;
     std::vector<std::string> bodies;  // "liver: 5002 vertices, deformable, 1 substep"
 };
 

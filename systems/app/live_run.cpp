@@ -3,6 +3,7 @@
 #include <algorithm>
 #include <atomic>
 #include <chrono>
+#include <exception>
 #include <optional>
 #include <thread>
 
@@ -63,6 +64,9 @@ class DrawingThread {
         stop_ = true;
         if (thread_.joinable()) thread_.join();
     }
+    bool failed() const { return failed_; }
+    // What ended the drawing early, such as a full disk; null when nothing did. After stop().
+    std::exception_ptr error() const { return error_; }
     const std::vector<double>& milliseconds() const { return milliseconds_; }
 
    private:
@@ -74,14 +78,21 @@ class DrawingThread {
                 std::this_thread::sleep_for(std::chrono::milliseconds(2));
                 continue;
             }
-            milliseconds_.push_back(pictures_.take(newest_.front(), slow_ms_));
+            try {
+                milliseconds_.push_back(pictures_.take(newest_.front(), slow_ms_));
+            } catch (...) {
+                error_ = std::current_exception();
+                failed_ = true;
+                return;
+            }
         }
     }
     PictureWriter& pictures_;
     double slow_ms_;
     Latest<PictureSnapshot> newest_;
     std::vector<double> milliseconds_;
-    std::atomic<bool> stop_{false};
+    std::exception_ptr error_;
+    std::atomic<bool> stop_{false}, failed_{false};
     std::thread thread_;
 };
 
@@ -155,7 +166,7 @@ bool run_live(const RunOptions& options, double seconds, Frame& frame, PictureWr
     first_device_states(world);
     std::vector<Device> devices;
     for (const HandTool& tool : world.haptics.tool) devices.push_back(device_of(world.haptics, world.paths, tool));
-    LiveHaptics haptics(HapticParams{}, world.haptics.tool, devices, collector.recorder());
+    LiveHaptics haptics(haptic_params(world.clock.contact_rate), world.haptics.tool, devices, collector.recorder());
     frame.set_contact_hook({publish_models, &haptics});
     std::optional<DrawingThread> drawing;
     if (pictures) drawing.emplace(*pictures, frame.snapshot_now(), options.slow_render_ms);
@@ -166,7 +177,7 @@ bool run_live(const RunOptions& options, double seconds, Frame& frame, PictureWr
     const int nice_before = set_nice(kSimulationNice);
     int64_t slip = 0;
     uint64_t late = 0, published = 0;
-    while (static_cast<double>(world.clock.tick) < seconds * 1000) {
+    while (static_cast<double>(world.clock.tick) < seconds * 1000 && !(drawing && drawing->failed())) {
         const int64_t due = start + slip + static_cast<int64_t>(world.clock.tick) * kMillisecond;
         const int64_t now = monotonic_ns();
         if (now > due + kMillisecond && world.clock.pass > 0) {
@@ -195,6 +206,7 @@ bool run_live(const RunOptions& options, double seconds, Frame& frame, PictureWr
     frame.set_contact_hook({});
     if (drawing) {
         drawing->stop();
+        if (drawing->error()) std::rethrow_exception(drawing->error());
         figures.render_ms = drawing->milliseconds();
         world.report.dropped_pictures = published - std::min<uint64_t>(published, figures.render_ms.size());
     }

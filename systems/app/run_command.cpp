@@ -76,6 +76,9 @@ void finish_figures(const Frame& frame, RunFigures& figures) {
     figures.frames = w.clock.picture;
     figures.simulated_s = static_cast<double>(w.clock.tick) * 1e-3;
     figures.report = w.report;
+    for (const LinkGroup& g : w.links.group) {
+        if (g.body != kNone) figures.link.push_back({g.name, g.made, g.broken, g.largest_force, g.largest_strain});
+    }
     if (!figures.live) {
         figures.ticks = w.haptics.ticks;
         figures.max_force = w.haptics.max_force;
@@ -210,7 +213,7 @@ int run_command(const RunOptions& options) {
         const double seconds = options.seconds > 0 ? options.seconds : file.settings.seconds;
         PictureWriter* const writer = pictures ? &*pictures : nullptr;
         std::optional<LiveReplay> repeat;
-        if (replay) repeat.emplace(HapticParams{}, recording, options.replay.string(), frame);
+        if (replay) repeat.emplace(haptic_params(frame.world().clock.contact_rate), recording, options.replay.string(), frame);
         std::optional<FrameRecorder> recorder;
         if (!options.capture.empty()) recorder.emplace(frame, capture_header(scene, figures), triggers, options.out / "captures");
         FrameRecorder* const capture = recorder ? &*recorder : nullptr;
