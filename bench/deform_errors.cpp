@@ -58,7 +58,7 @@ const char* name_of(Integrator i) {
 }
 std::string text_of(const Method& m) {
     char text[80];
-    std::snprintf(text, sizeof text, m.integrator == Integrator::kLeapfrog ? "%s %g ms" : "%s %g ms x %u", name_of(m.integrator), m.dt * 1e3, m.iterations);
+    std::snprintf(text, sizeof text, m.integrator == Integrator::kLeapfrog ? "%s %.3g ms" : "%s %.3g ms x %u", name_of(m.integrator), m.dt * 1e3, m.iterations);
     return text;
 }
 
@@ -109,6 +109,7 @@ Outcome run_bullet(const SpringGraph& graph, const Frames& truth, double dt) {
     if (pipe(channel) != 0) return out;
     const pid_t child = fork();
     if (child == 0) {
+        if (!std::freopen("/dev/null", "w", stderr)) _exit(1);
         const BulletDeformable b = bullet_deformable(graph, dt, kDamping);
         Frames frames;
         double seconds = 0;
@@ -185,7 +186,7 @@ void block_rows(Report& report, const char* kind, double stiffness, double refer
         const FreeOutcome free = run_free(stiffness, m);
         row.beside = {{kFreeEnergy, free.energy}, {kFreeAngular, free.angular}, {kFreeDrift, free.drift}};
         if (soft && m.integrator == Integrator::kLeapfrog && m.dt == 1e-3) row.goal = Goal::kLimit, row.at_least = 4, row.aim = 2.5;
-        if (!soft && m.integrator == Integrator::kMidpoint && m.dt == 10e-3) row.goal = Goal::kLimit, row.at_least = 5, row.aim = 4;
+        if (!soft && m.integrator == Integrator::kMidpoint && m.dt == 10e-3 && m.iterations == 10) row.goal = Goal::kLimit, row.at_least = 5, row.aim = 4;
         const bool judged = row.goal != Goal::kNone;
         report.add(row);
         if (judged) {
@@ -202,6 +203,10 @@ void block_rows(Report& report, const char* kind, double stiffness, double refer
     for (const double dt : {1e-3, 5e-3}) {
         if (!have_bullet()) break;
         const Outcome o = run_bullet(graph, truth, dt);
+        if (!std::isfinite(o.error)) {
+            report.heading(std::string("  ") + kind + " block, Bullet deformable: ends in a fault of its own");
+            continue;
+        }
         char text[80];
         std::snprintf(text, sizeof text, "%s block, Bullet deformable %g ms", kind, dt * 1e3);
         Row row{text, 100 * o.share, "%"};
@@ -224,8 +229,8 @@ void error_rows(Report& report, const std::string& cache) {
     using enum Integrator;
     block_rows(report, "soft", 50, 0.05e-3,
                {{kLeapfrog, 2e-3, 1}, {kLeapfrog, 1e-3, 1}, {kLeapfrog, 0.5e-3, 1}, {kMidpoint, 1e-3, 10}, {kMidpoint, 2e-3, 10},
-                {kMidpoint, 5e-3, 10}, {kMidpoint, 10e-3, 10}, {kXpbd, 0.1e-3, 1}, {kXpbd, 0.2e-3, 1}, {kXpbd, 0.5e-3, 1},
-                {kXpbd, 1e-3, 1}, {kXpbd, 1e-3, 3}, {kXpbd, 2e-3, 10}, {kXpbd, 10e-3, 50}}, cache);
+                {kMidpoint, 5e-3, 10}, {kMidpoint, 10e-3, 10}, {kXpbd, 0.1e-3, 1}, {kXpbd, 0.2e-3, 1}, {kXpbd, 0.25e-3, 1},
+                {kXpbd, 1e-3 / 3, 1}, {kXpbd, 0.5e-3, 1}, {kXpbd, 1e-3, 1}, {kXpbd, 0.5e-3, 2}, {kXpbd, 1e-3, 3}, {kXpbd, 1e-3, 10}, {kXpbd, 2e-3, 10}, {kXpbd, 10e-3, 50}}, cache);
     block_rows(report, "stiff", 5000, 0.025e-3,
                {{kLeapfrog, 0.2e-3, 1}, {kLeapfrog, 0.1e-3, 1}, {kMidpoint, 1e-3, 10}, {kMidpoint, 2e-3, 10}, {kMidpoint, 5e-3, 10},
                 {kMidpoint, 10e-3, 10}, {kMidpoint, 10e-3, 40}, {kXpbd, 0.1e-3, 1}, {kXpbd, 0.5e-3, 1}, {kXpbd, 1e-3, 5}, {kXpbd, 10e-3, 50}}, cache);

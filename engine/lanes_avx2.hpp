@@ -26,8 +26,9 @@ inline __attribute__((always_inline)) Lanes gather(const float* base, const unsi
 }
 // The same for numbers of 16 bits, counted from row `from`.
 inline __attribute__((always_inline)) Lanes gather_near(const float* base, const unsigned short* index, long from) {
+    const float* first = base + 4 * from;
     const auto rows = [&](int i) __attribute__((always_inline)) {
-        return join(base + 4 * (from + index[i]), base + 4 * (from + index[i + 4]));
+        return join(first + 4ul * index[i], first + 4ul * index[i + 4]);
     };
     return transpose(rows(0), rows(1), rows(2), rows(3));
 }

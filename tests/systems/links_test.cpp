@@ -406,7 +406,8 @@ TEST(Links, AStapleDrawsTwoTissuesTogether) {
     ASSERT_EQ(s.links.node, std::vector<uint32_t>{1});
     EXPECT_EQ(s.links.far_node, std::vector<uint32_t>{0});
     EXPECT_NEAR(s.energy.work_links, 0.5 * 100 * 0.018 * 0.018, 1e-6);
-    for (int n = 0; n < 100; ++n) s.step(10, 10);
+    // the masses fly through each other, where the force turns over by 2 k rest: up to half of that times the way of a step is lost
+    for (int n = 0; n < 100; ++n) s.step(10, 100);
     EXPECT_NEAR((s.offset(a, 1) - s.offset(b, 0)).norm(), 0.002, 1e-5);
     s.measure_all();
     EXPECT_LT(std::abs(s.energy.balance), 1e-2 * s.energy.work_links);
