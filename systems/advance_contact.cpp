@@ -52,7 +52,8 @@ ContactPlan make_plan(AdvanceIsland& island, uint32_t row) {
     const uint32_t a = rows.body[row], b = rows.other[row];
     ContactPlan plan;
     plan.row = row;
-    plan.weight_a = {1.0 - rows.along[row], rows.along[row]};
+    const bool in_face = rows.third[row] != kNone;
+    plan.weight_a = {1.0 - rows.along[row] - rows.across[row], rows.along[row], rows.across[row]};
     plan.weight_b = {rows.weight[row][0], rows.weight[row][1], rows.weight[row][2]};
     plan.normal = to_vec4(rows.normal[row]);
     plan.impulse = Vec4d{};
@@ -63,10 +64,12 @@ ContactPlan make_plan(AdvanceIsland& island, uint32_t row) {
         const auto& vertex = rows.vertex[row];
         plan.node_a[0] = vertex_slot(s, s.slot_of_body[a], vertex[0]);
         plan.node_a[1] = vertex[1] == vertex[0] ? plan.node_a[0] : vertex_slot(s, s.slot_of_body[a], vertex[1]);
+        plan.node_a[2] = in_face ? vertex_slot(s, s.slot_of_body[a], rows.third[row]) : plan.node_a[0];
     } else {
         plan.rigid_a = rigid_slot(island, a);
         plan.point_a = plan.weight_a[0] * rest_position(meshes, bodies.mesh[a], rows.vertex[row][0]) +
                        plan.weight_a[1] * rest_position(meshes, bodies.mesh[a], rows.vertex[row][1]);
+        if (in_face) plan.point_a += plan.weight_a[2] * rest_position(meshes, bodies.mesh[a], rows.third[row]);
     }
     if (is_deformable(bodies, b)) {
         TROCAR_ASSERT(s.slot_of_body[b] != kNone);
@@ -95,9 +98,10 @@ RowState find_gap(const AdvanceScratch& s, const ContactPlan& plan) {
     RowState r;
     if (plan.rigid_a == kNone) {
         r.point = field_at(s, plan.node_a[0], &ContactNode::place);
-        if (plan.weight_a[1] != 0) {
+        if (plan.weight_a[1] != 0 || plan.weight_a[2] != 0) {
             r.point = plan.weight_a[0] * r.point + plan.weight_a[1] * field_at(s, plan.node_a[1], &ContactNode::place);
         }
+        if (plan.weight_a[2] != 0) r.point += plan.weight_a[2] * field_at(s, plan.node_a[2], &ContactNode::place);
     } else {
         r.point = s.rigid[plan.rigid_a].place[0](plan.point_a);
     }
@@ -127,6 +131,7 @@ Vec4d relative_velocity(const AdvanceScratch& s, const ContactPlan& plan) {
     if (plan.rigid_a == kNone) {
         v = plan.weight_a[0] * field_at(s, plan.node_a[0], &ContactNode::velocity);
         if (plan.weight_a[1] != 0) v += plan.weight_a[1] * field_at(s, plan.node_a[1], &ContactNode::velocity);
+        if (plan.weight_a[2] != 0) v += plan.weight_a[2] * field_at(s, plan.node_a[2], &ContactNode::velocity);
     } else {
         v = rigid_velocity(s, plan.rigid_a, plan.point_a);
     }
@@ -253,7 +258,7 @@ void activate(AdvanceIsland& island, uint32_t plan_row, const RowState& r, doubl
         active.least_velocity = -plan.restitution * approach;
     }
     if (plan.rigid_a == kNone) {
-        for (int i = 0; i < 2; ++i) add_point(s, active, plan.node_a[i], plan.weight_a[i]);
+        for (int i = 0; i < 3; ++i) add_point(s, active, plan.node_a[i], plan.weight_a[i]);
     } else {
         const AdvanceRigid& rigid = s.rigid[plan.rigid_a];
         if (rigid.free == kNone) active.rigid_velocity += rigid.velocity(plan.point_a);

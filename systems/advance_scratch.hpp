@@ -142,13 +142,13 @@ struct ContactPlan {
     Vec4d point_b;  // m, body frame, if rigid
     Vec4d normal;   // body frame if b is rigid, else world
     Vec4d impulse;  // N s, given so far in the call
-    std::array<double, 2> weight_a;
+    std::array<double, 3> weight_a;
     std::array<double, 3> weight_b;
     double offset = 0;  // m, half the thickness of a sheet
     double friction = 0;
     double restitution = 0;
-    std::array<uint32_t, 2> node_a;             // if deformable; equal for a vertex; node or skin point
-    std::array<uint32_t, 3> node_b;             // if deformable; likewise
+    std::array<uint32_t, 3> node_a;             // if deformable; equal for a vertex; the third is the first but for a face; node or skin point
+    std::array<uint32_t, 3> node_b;             // if deformable; node or skin point
     uint32_t rigid_a = kNone, rigid_b = kNone;  // rows of rigid, or kNone
     uint32_t row = kNone;
     bool ended = false;
@@ -164,7 +164,7 @@ struct ContactActive {
     double least_velocity = 0;  // m/s, along the normal
     double inv_sum = 0;         // kg, 1 / sum of weight^2 * inverse mass
     double friction = 0;
-    static constexpr uint32_t kMostNodes = 20;  // an edge against a triangle, both of skins
+    static constexpr uint32_t kMostNodes = 24;  // a face against a triangle, both of skins
     std::array<double, kMostNodes> weight;      // of the relative velocity: + for the point, - for the plane
     std::array<uint32_t, kMostNodes> node;
     uint32_t nodes = 0;
