@@ -24,11 +24,11 @@ std::string text(const json& row, const char* key) {
 }
 std::string figure(double v) {
     char out[32];
-    std::snprintf(out, sizeof out, "%.3g", v);
+    std::snprintf(out, sizeof out, std::abs(v) >= 1000 && std::abs(v) < 1e7 ? "%.0f" : "%.3g", v);
     return std::isfinite(v) ? out : "";
 }
 
-std::vector<json> read_rows(const std::filesystem::path& folder) {
+std::vector<json> read_rows(const std::filesystem::path& folder, std::string& machine) {
     std::vector<std::filesystem::path> files;
     for (const auto& entry : std::filesystem::directory_iterator(folder)) {
         if (entry.path().extension() == ".json") files.push_back(entry.path());
@@ -39,6 +39,7 @@ std::vector<json> read_rows(const std::filesystem::path& folder) {
         std::ifstream stream(file);
         const json suite = json::parse(stream, nullptr, false);
         if (suite.is_discarded() || !suite.is_object() || !suite.contains("rows")) throw InputError(file.string() + ": not the rows of a suite");
+        if (!text(suite, "machine").empty()) machine = text(suite, "machine");
         for (const json& row : suite["rows"]) rows.push_back(row);
     }
     return rows;
@@ -197,18 +198,21 @@ std::string line_charts(const std::vector<json>& rows) {
     return out;
 }
 
+bool has_goal(const json& row) { return text(row, "goal") != "none" && !text(row, "goal").empty(); }
+
 std::string judged(const json& row) {
-    if (text(row, "goal") == "none" || text(row, "goal").empty()) return "<td></td>";
+    if (!has_goal(row)) return "<td></td>";
     if (!row["met"].is_boolean()) return "<td>not judged: " + escape_html(text(row, "not_judged")) + "</td>";
     const bool most = text(row, "goal") != "ratio";
     return std::string("<td class='") + (row["met"].get<bool>() ? "met'>met" : "missed'>missed") + (most ? ", at most " : ", at least ") +
            figure(value(row, "at_least")) + ", aim " + figure(value(row, "aim")) + "</td>";
 }
 
-std::string table(const std::vector<json>& rows) {
+// The rows with a goal, or those without one.
+std::string table(const std::vector<json>& rows, bool with_goal) {
     std::string out = "<table><tr><th>what</th><th>ours</th><th>peer</th><th>times</th><th>error</th><th>peer's error</th><th>goal</th><th>note</th></tr>\n";
     for (const json& row : rows) {
-        if (!text(row, "plot").empty() && text(row, "axes").empty()) continue;
+        if ((!text(row, "plot").empty() && text(row, "axes").empty()) || has_goal(row) != with_goal) continue;
         const std::string unit = " " + escape_html(text(row, "unit"));
         out += "<tr><td>" + escape_html(text(row, "name")) + "</td><td>" + figure(value(row, "ours")) + unit + "</td><td>";
         if (!text(row, "peer").empty()) out += escape_html(text(row, "peer")) + ": " + figure(value(row, "peer_value")) + unit;
@@ -231,14 +235,16 @@ int report_suite(int argc, char** argv) {
     try {
         const std::filesystem::path folder = argv[1], page = folder / "report.html";
         if (!std::filesystem::is_directory(folder)) throw InputError(folder.string() + ": not a folder");
-        const std::vector<json> rows = read_rows(folder);
+        std::string machine;
+        const std::vector<json> rows = read_rows(folder, machine);
         if (rows.empty()) throw InputError(folder.string() + ": no rows; run suites with --json " + (folder / "SUITE.json").string());
         write_whole_file(page, "<!doctype html><html lang='en'><meta charset='utf-8'><title>Trocar: speed and error</title>\n"
                                "<style>body{font:14px sans-serif;max-width:1580px;margin:24px auto;color:#222}table{border-collapse:collapse}"
                                "td,th{padding:3px 9px;border-bottom:1px solid #ddd;text-align:left;vertical-align:top}"
-                               ".met{color:#1f7a46}.missed{color:#b00020;font-weight:bold}</style>\n<h1>Speed and error</h1>\n"
-                               "<p>Processor time of one thread, medians of runs in turn with the peers of the same row.</p>\n" +
-                               table(rows) + plots(rows) + line_charts(rows) + "</html>\n");
+                               "td:nth-child(2),td:nth-child(4),td:nth-child(5),td:nth-child(7){white-space:nowrap}.met{color:#1f7a46}.missed{color:#b00020;font-weight:bold}</style>\n<h1>Speed and error</h1>\n"
+                               "<p>Processor time of one thread, medians of runs in turn with the peers of the same row" +
+                                   (machine.empty() ? "" : "; " + escape_html(machine)) + ".</p>\n<h2>Goals</h2>\n" + table(rows, true) +
+                                   plots(rows) + line_charts(rows) + "<h2>More figures</h2>\n" + table(rows, false) + "</html>\n");
         std::printf("%s: %zu rows\n", page.string().c_str(), rows.size());
         return 0;
     } catch (const InputError& error) {

@@ -116,15 +116,16 @@ void Report::print_plots() const {
         auto& values = plots[row.plot][row.series];
         values[0].push_back(row.ours);
         values[1].push_back(row.error);
-        values[2].push_back(std::isfinite(row.smooth_error) ? row.smooth_error : 0);
+        if (std::isfinite(row.smooth_error)) values[2].push_back(row.smooth_error);
     }
     for (auto& [plot, series] : plots) {
         std::printf("%s: median time; error of nine in ten pairs and largest error, against the mesh and against the smooth shape\n", plot.c_str());
         for (auto& [name, values] : series) {
             for (std::vector<double>& v : values) std::sort(v.begin(), v.end());
             const auto part = [](const std::vector<double>& v, double p) { return v[size_t(p * double(v.size() - 1))]; };
-            std::printf("  %-24s %9.4f ms   %9.3g %9.3g mm   %9.3g %9.3g mm\n", name.c_str(), part(values[0], 0.5),
-                        part(values[1], 0.9), values[1].back(), part(values[2], 0.9), values[2].back());
+            std::printf("  %-24s %9.4f ms   %9.3g %9.3g mm", name.c_str(), part(values[0], 0.5), part(values[1], 0.9), values[1].back());
+            if (!values[2].empty()) std::printf("   %9.3g %9.3g mm", part(values[2], 0.9), values[2].back());
+            std::printf("\n");
         }
     }
 }

@@ -93,6 +93,12 @@ void finish_figures(const Frame& frame, double bytes_before, RunFigures& figures
     figures.frames = w.clock.picture;
     figures.simulated_s = static_cast<double>(w.clock.tick) * 1e-3;
     figures.report = w.report;
+    figures.tool.resize(w.haptics.tool.size());
+    for (size_t t = 0; t < figures.tool.size(); ++t) {
+        figures.tool[t].body = w.bodies.name[w.haptics.tool[t].body];
+        figures.tool[t].safety = w.haptics.state[t].safety;
+        figures.tool[t].events = w.haptics.state[t].events;
+    }
     for (const LinkGroup& g : w.links.group) {
         if (g.body != kNone) figures.link.push_back({g.name, g.made, g.broken, g.largest_force, g.largest_strain});
     }
@@ -200,6 +206,13 @@ void print_summary(const RunFigures& f, const fs::path& out) {
                   f.instruction_set.c_str(), total.size(), mean(total), quantile(total, 0.99), depth * 1e3,
                   static_cast<unsigned long long>(f.ticks), f.max_force, static_cast<unsigned long long>(f.state_hash));
     write_standard_output(text + scale_text(f));
+    for (const ToolFigures& t : f.tool) {
+        if (t.device.empty()) continue;
+        std::string counts;
+        for (size_t k = 0; k < t.counts.size(); ++k)
+            if (t.counts[k] > 0) counts += std::string(counts.empty() ? "" : ", ") + describe(static_cast<DeviceCount>(k)) + " " + std::to_string(t.counts[k]);
+        write_standard_output("  " + t.body + " held by " + t.device + ": " + (counts.empty() ? "nothing came" : counts) + "\n");
+    }
     if (f.replay)
         write_standard_output(f.replay_difference.empty() ? "  the same to the bit as the live run\n"
                                                           : "  not the same as the live run: " + f.replay_difference + "\n");
