@@ -81,6 +81,7 @@ struct FrameState {
     FrameOptions options;
     FrameTimes times;
     ContactHook contact_hook;
+    std::vector<std::string_view> island_name;  // with a trace, per body: of the island whose first body it is
     double energy_start = 0;  // J, when the books were opened
     bool energy_open = false;
 };
@@ -334,6 +335,16 @@ void advance_one_island(FrameState& f, uint32_t island, AdvanceScratch& scratch)
     advance_island(params, inputs, bodies, rows, scratch, w.particles, w.poses, w.rows, w.haptics.state, f.scratch.advance_result[island]);
 }
 
+// An island's span in the trace; small ones are left out.
+void trace_island(FrameState& f, uint32_t island, uint64_t start) {
+    constexpr uint64_t kLeastSpan = 20'000;  // ns
+    const uint64_t duration = now_ns() - start;
+    if (duration < kLeastSpan) return;
+    const World& w = f.world;
+    f.options.trace->add({f.island_name[w.islands.body[w.islands.bodies[island].first]], start, duration, thread_index(),
+                          static_cast<uint32_t>(w.clock.pass)});
+}
+
 // Small islands share a job so that a job is worth its start (about 40 us).
 uint32_t island_grain(const World& w) {
     const size_t count = std::max<size_t>(1, w.islands.bodies.size());
@@ -349,7 +360,11 @@ void advance(FrameState& f) {
     f.scratch.response_ns.assign(count, 0);
     f.times.tick_ns.assign(w.haptics.tool.size() * w.clock.period, 0);
     parallel_for(count, island_grain(w), [&](uint32_t begin, uint32_t end) {
-        for (uint32_t i = begin; i < end; ++i) advance_one_island(f, i, f.scratch.advance[thread_index()]);
+        for (uint32_t i = begin; i < end; ++i) {
+            const uint64_t start = f.options.trace ? now_ns() : 0;
+            advance_one_island(f, i, f.scratch.advance[thread_index()]);
+            if (f.options.trace) trace_island(f, i, start);
+        }
     });
     share_room(f.scratch.advance);
     note_link_forces(period_seconds(w), w.links);
@@ -502,6 +517,8 @@ Frame::Frame(World world, const FrameOptions& options) : state_(new FrameState),
     state_->world = std::move(world);
     state_->options = options;
     World& w = state_->world;
+    if (options.trace)
+        for (const std::string& name : w.bodies.name) state_->island_name.push_back(options.trace->keep("island of " + name));
     w.clock.contact_rate = 60;
     w.clock.display_rate = 30;
     Graphs& g = *graphs_;
