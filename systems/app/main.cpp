@@ -2,6 +2,7 @@
 #include <array>
 #include <cmath>
 #include <cstdio>
+#include <new>
 #include <numbers>
 
 #include "engine/error.hpp"
@@ -340,6 +341,9 @@ int main(int argc, char** argv) {
     } catch (const trocar::InputError& e) {
         std::fprintf(stderr, "trocar: %s\n", e.what());
         return trocar::kUsage;
+    } catch (const std::bad_alloc&) {
+        std::fprintf(stderr, "trocar: not enough memory for this: take fewer or coarser bodies, or raise the limit\n");
+        return trocar::kFault;
     } catch (const std::exception& e) {
         std::fprintf(stderr, "trocar: internal fault: %s\n", e.what());
         return trocar::kFault;

@@ -197,7 +197,7 @@ std::string scale_text(const RunFigures& f) {
     return all + "\n";
 }
 
-void print_summary(const RunFigures& f, const fs::path& out) {
+void print_summary(const RunFigures& f, const fs::path& out, bool figures_only) {
     std::vector<double> total;
     double depth = 0;
     for (const PassFigures& p : f.pass) {
@@ -216,7 +216,8 @@ void print_summary(const RunFigures& f, const fs::path& out) {
     if (f.replay)
         write_standard_output(f.replay_difference.empty() ? "  the same to the bit as the live run\n"
                                                           : "  not the same as the live run: " + f.replay_difference + "\n");
-    if (!out.empty())
+    if (!out.empty() && figures_only) write_standard_output("  wrote " + out.string() + "/: metrics.json, passes.csv\n");
+    else if (!out.empty())
         write_standard_output("  wrote " + out.string() + "/: report.html, metrics.json, trace.json, meshes/" +
                               std::string(f.render_ms.empty() ? "" : ", frames/") + "\n");
 }
@@ -283,6 +284,8 @@ int run_command(const RunOptions& options) {
         if (options.live) run_recorded(options, seconds, frame, writer, capture, figures);
         else run_lockstep(options, seconds, repeat ? &*repeat : nullptr, frame, writer, capture, frame_options.trace, figures);
         if (recorder) recorder->finish();
+        if (recorder && !recorder->failure().empty())
+            std::fprintf(stderr, "trocar: warning: capturing stopped, the run went on: %s\n", recorder->failure().c_str());
         finish_figures(frame, bytes_before, figures);
         if (options.out.empty()) return;
         if (options.figures_only) {
@@ -304,7 +307,7 @@ int run_command(const RunOptions& options) {
     if (options.json)
         write_standard_output(metrics_json(figures));
     else
-        print_summary(figures, options.out);
+        print_summary(figures, options.out, options.figures_only);
     return figures.replay_difference.empty() ? kDone : kNo;
 }
 
