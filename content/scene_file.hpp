@@ -5,6 +5,7 @@
 #include <vector>
 
 #include "components/bodies.hpp"
+#include "components/haptics.hpp"
 #include "components/scene.hpp"
 #include "content/attach_spec.hpp"
 #include "content/scatter.hpp"
@@ -38,6 +39,7 @@ struct BodySpec {
     bool solid = false;                      // filled with tetrahedra; else a shell
     double cells = 12;                       // solids: lattice cells along the largest extent
     double spacing = 0;                      // m, solids: of the lattice; 0 = from cells
+    bool skin = false;                       // solids: the surface as given rides on the tetrahedra
     bool bed = false;                        // solids: anchors as a shell has them
     std::string integrator = "leapfrog";     // leapfrog | midpoint | xpbd | auto
     uint32_t iterations = 0;                 // midpoint: conjugate gradients at most, xpbd: sweeps; 0 = usual
@@ -66,8 +68,14 @@ struct ToolSpec {
     double damping = 5;         // N s/m
     double max_force = 3.3;     // N
     double friction = 0.1;
+    double pass_through = 0;    // N, 0 = never
     std::string trace;  // recorded device trace; else path
     std::vector<KeyframeSpec> path;
+    HandModel hand;
+    Workspace workspace;
+    Pivot pivot;
+    DeviceLimits limits;
+    std::vector<HapticEffect> effects;
 };
 
 struct CameraSpec {

@@ -32,12 +32,20 @@ constexpr Elements elements_of() {
     else if constexpr (std::is_same_v<T, Quat>) return {A::kF64, 4};
     else if constexpr (std::is_same_v<T, Box>) return {A::kF64, 6};
     else if constexpr (std::is_same_v<T, std::array<uint32_t, 2 * kSliceWidth>>) return {A::kU32, 2 * kSliceWidth};
+    else if constexpr (std::is_same_v<T, std::array<uint16_t, 2 * kSliceWidth>>) return {A::kU16, 2 * kSliceWidth};
+    else if constexpr (std::is_same_v<T, std::array<uint32_t, 4>>) return {A::kU32, 4};
+    else if constexpr (std::is_same_v<T, std::array<double, 4>>) return {A::kF64, 4};
     else if constexpr (std::is_same_v<T, std::array<float, kSliceWidth>>) return {A::kF32, kSliceWidth};
     else if constexpr (std::is_same_v<T, Tissue>) return {A::kF64, sizeof(Tissue) / sizeof(double)};
     else return {};
 }
 template <typename T>
 constexpr bool is_plain_row = elements_of<T>().type != ArrayType::kCount;
+
+template <typename T>
+constexpr bool is_list = false;
+template <typename T, size_t count>
+constexpr bool is_list<std::array<T, count>> = true;
 
 template <typename A, typename B>
 constexpr bool is = std::is_same_v<std::remove_const_t<A>, B>;
@@ -53,8 +61,9 @@ void fields(V& v, T& t) {
         v.item(t.body), v.item(t.mass), v.item(t.centre), v.item(t.moments), v.item(t.axes);
     } else if constexpr (is<T, SpringInfo>) {
         v.item(t.slices), v.item(t.mean_rest), v.item(t.mean_geometry), v.item(t.varied);
+        v.item(t.skin), v.item(t.packed), v.item(t.rest_unit);
     } else if constexpr (is<T, SolidInfo>) {
-        v.item(t.inner), v.item(t.tetrahedra), v.item(t.count), v.item(t.slices), v.item(t.nodes);
+        v.item(t.inner), v.item(t.tetrahedra), v.item(t.count), v.item(t.slices), v.item(t.nodes), v.item(t.skin);
     } else if constexpr (is<T, Stepping>) {
         v.item(t.integrator), v.item(t.iterations), v.item(t.tolerance), v.item(t.step);
     } else if constexpr (is<T, Image>) {
@@ -65,13 +74,42 @@ void fields(V& v, T& t) {
     } else if constexpr (is<T, Keyframe>) {
         v.item(t.time), v.item(t.position), v.item(t.orientation), v.item(t.jump);
     } else if constexpr (is<T, DeviceState>) {
-        v.item(t.time), v.item(t.position), v.item(t.orientation), v.item(t.velocity), v.item(t.buttons);
+        v.item(t.time), v.item(t.position), v.item(t.orientation), v.item(t.velocity), v.item(t.buttons), v.item(t.grip);
+    } else if constexpr (is<T, DeviceCommand>) {
+        v.item(t.force), v.item(t.torque), v.item(t.at), v.item(t.stiffness);
+    } else if constexpr (is<T, DeviceLimits>) {
+        v.item(t.torque), v.item(t.force_slew), v.item(t.torque_slew), v.item(t.dissipation);
+    } else if constexpr (is<T, Workspace>) {
+        v.item(t.origin), v.item(t.turn), v.item(t.scale), v.item(t.clutch);
+    } else if constexpr (is<T, Pivot>) {
+        v.item(t.kind), v.item(t.point), v.item(t.length), v.item(t.axis);
+    } else if constexpr (is<T, HandModel>) {
+        v.item(t.mass), v.item(t.damping), v.item(t.stiffness), v.item(t.arm_damping), v.item(t.friction), v.item(t.encoder);
+        v.item(t.delay), v.item(t.tremor), v.item(t.tremor_rate);
+    } else if constexpr (is<T, HandModelState>) {
+        v.item(t.placed), v.item(t.position), v.item(t.velocity), v.item(t.force), v.item(t.reported), v.item(t.reported_velocity);
+    } else if constexpr (is<T, HapticEffect>) {
+        v.item(t.kind), v.item(t.trigger), v.item(t.start), v.item(t.duration), v.item(t.buttons), v.item(t.point);
+        v.item(t.direction), v.item(t.stiffness), v.item(t.damping), v.item(t.force), v.item(t.impulse), v.item(t.frequency);
+        v.item(t.mass), v.item(t.reach);
+    } else if constexpr (is<T, EffectState>) {
+        v.item(t.running), v.item(t.since);
+    } else if constexpr (is<T, HapticEvent>) {
+        v.item(t.kind), v.item(t.time), v.item(t.value);
+    } else if constexpr (is<T, HapticEvents>) {
+        v.item(t.last), v.item(t.total), v.item(t.count);
+    } else if constexpr (is<T, SafetyState>) {
+        v.item(t.contact_force), v.item(t.from_device), v.item(t.from_proxy), v.item(t.energy), v.item(t.lowest_energy);
+        v.item(t.dissipated), v.item(t.started), v.item(t.gain), v.item(t.limiting), v.item(t.limited_ticks), v.item(t.safe_ticks);
+    } else if constexpr (is<T, ClutchState>) {
+        v.item(t.started), v.item(t.offset), v.item(t.tool);
     } else if constexpr (is<T, DeviceTrace>) {
         v.item(t.sample);
     } else if constexpr (is<T, ToolState>) {
-        v.item(t.device), v.item(t.proxy), v.item(t.proxy_valid), v.item(t.contacts), v.item(t.command.force);
+        v.item(t.device), v.item(t.proxy), v.item(t.proxy_valid), v.item(t.contacts), v.item(t.command), v.item(t.output);
         v.item(t.coupling_force), v.item(t.contact_impulse), v.item(t.device_valid), v.item(t.time), v.item(t.ticks);
         v.item(t.model_age), v.item(t.gain), v.item(t.largest_force), v.item(t.rejected_samples);
+        v.item(t.hand), v.item(t.clutch), v.item(t.safety), v.item(t.effect_velocity), v.item(t.effect), v.item(t.events);
     } else if constexpr (is<T, Region>) {
         v.item(t.kind), v.item(t.a), v.item(t.b), v.item(t.radius);
     } else if constexpr (is<T, LinkGroup>) {
@@ -86,6 +124,7 @@ void fields(V& v, T& t) {
     } else if constexpr (is<T, HandTool>) {
         v.item(t.body), v.item(t.tip), v.item(t.tip_radius), v.item(t.coupling_stiffness), v.item(t.coupling_damping);
         v.item(t.max_force), v.item(t.friction), v.item(t.path), v.item(t.trace);
+        v.item(t.pass_through), v.item(t.hand), v.item(t.workspace), v.item(t.pivot), v.item(t.limits), v.item(t.effects);
     } else if constexpr (is<T, TriangleGroup>) {
         v.item(t.triangles), v.item(t.centre), v.item(t.radius), v.item(t.velocity), v.item(t.spread);
     } else if constexpr (is<T, LocalContactModel>) {
@@ -98,6 +137,8 @@ void fields(V& v, T& t) {
         v.item(t.point), v.item(t.closest), v.item(t.depth);
     } else if constexpr (is<T, PictureTool>) {
         v.item(t.device), v.item(t.proxy), v.item(t.radius), v.item(t.force);
+    } else if constexpr (is_list<std::remove_const_t<T>>) {
+        for (auto& element : t) v.item(element);
     } else {
         static_assert(is_plain_row<std::remove_const_t<T>>, "a row of an unknown kind");
     }
@@ -263,7 +304,7 @@ void visit_resource(World& w, Resource resource, Visitor& v) {
         case Resource::kSprings:
             v.array(FIELD(springs.info)), v.array(FIELD(springs.slice_column)), v.array(FIELD(springs.neighbour)),
                 v.array(FIELD(springs.rest_length)), v.array(FIELD(springs.colours)), v.array(FIELD(springs.colour)), v.array(FIELD(springs.batch)),
-                v.array(FIELD(springs.batch_rest)), v.array(FIELD(springs.factor)), v.array(FIELD(springs.area_share)),
+                v.array(FIELD(springs.batch_rest)), v.array(FIELD(springs.factor)), v.array(FIELD(springs.packed)), v.array(FIELD(springs.area_share)),
                 v.array(FIELD(springs.vertices)), v.array(FIELD(springs.fans.first)), v.array(FIELD(springs.fans.volume)),
                 v.array(FIELD(springs.fans.column)), v.array(FIELD(springs.fans.corner)), v.array(FIELD(springs.hinges.groups)),
                 v.array(FIELD(springs.hinges.vertex)), v.array(FIELD(springs.hinges.sine)), v.array(FIELD(springs.hinges.cosine)),
@@ -275,7 +316,8 @@ void visit_resource(World& w, Resource resource, Visitor& v) {
             v.array(FIELD(solids.info)), v.array(FIELD(solids.position)), v.array(FIELD(solids.corner[0])),
                 v.array(FIELD(solids.corner[1])), v.array(FIELD(solids.corner[2])), v.array(FIELD(solids.corner[3])),
                 v.array(FIELD(solids.rest)), v.array(FIELD(solids.per_rest)), v.array(FIELD(solids.slot_column)),
-                v.array(FIELD(solids.slot)), v.array(FIELD(solids.node_volume));
+                v.array(FIELD(solids.slot)), v.array(FIELD(solids.node_volume)), v.array(FIELD(solids.skin_node)),
+                v.array(FIELD(solids.skin_weight));
             break;
         case Resource::kBodies:
             v.array(FIELD(bodies.entity)), v.array(FIELD(bodies.name)), v.array(FIELD(bodies.mesh)), v.array(FIELD(bodies.motion)),
@@ -292,7 +334,7 @@ void visit_resource(World& w, Resource resource, Visitor& v) {
             v.array(FIELD(paths.body)), v.array(FIELD(paths.keys)), v.array(FIELD(paths.key));
             break;
         case Resource::kTools:
-            v.array(FIELD(haptics.tool)), v.array(FIELD(haptics.trace));
+            v.array(FIELD(haptics.tool)), v.array(FIELD(haptics.trace)), v.array(FIELD(haptics.effect));
             break;
         case Resource::kClock:
             v.value(FIELD(clock.tick)), v.value(FIELD(clock.pass)), v.value(FIELD(clock.picture)), v.value(FIELD(clock.contact_rate)),
@@ -339,13 +381,14 @@ void visit_resource(World& w, Resource resource, Visitor& v) {
             break;
         case Resource::kContacts:
             v.array(FIELD(contacts.pair)), v.array(FIELD(contacts.body)), v.array(FIELD(contacts.other)), v.array(FIELD(contacts.vertex)),
-                v.array(FIELD(contacts.along)), v.array(FIELD(contacts.point)), v.array(FIELD(contacts.closest)),
-                v.array(FIELD(contacts.normal)), v.array(FIELD(contacts.distance)), v.array(FIELD(contacts.triangle));
+                v.array(FIELD(contacts.along)), v.array(FIELD(contacts.third)), v.array(FIELD(contacts.across)), v.array(FIELD(contacts.point)), v.array(FIELD(contacts.closest)),
+                v.array(FIELD(contacts.normal)), v.array(FIELD(contacts.distance)), v.array(FIELD(contacts.triangle)),
+                v.array(FIELD(contacts.most));
             break;
         case Resource::kPenetrations:
             v.array(FIELD(penetrations.pair)), v.array(FIELD(penetrations.depth)), v.array(FIELD(penetrations.direction)),
                 v.array(FIELD(penetrations.witness)), v.array(FIELD(penetrations.vertices_a_in_b)),
-                v.array(FIELD(penetrations.vertices_b_in_a)), v.array(FIELD(penetrations.edge_contacts)),
+                v.array(FIELD(penetrations.vertices_b_in_a)), v.array(FIELD(penetrations.edge_contacts)), v.array(FIELD(penetrations.face_contacts)),
                 v.array(FIELD(penetrations.saturated)), v.array(FIELD(penetrations.way_out)), v.array(FIELD(penetrations.surface_depth));
             break;
         case Resource::kContours:
@@ -362,7 +405,7 @@ void visit_resource(World& w, Resource resource, Visitor& v) {
             break;
         case Resource::kRows:
             v.array(FIELD(rows.contact)), v.array(FIELD(rows.body)), v.array(FIELD(rows.other)), v.array(FIELD(rows.vertex)),
-                v.array(FIELD(rows.along)), v.array(FIELD(rows.triangle)), v.array(FIELD(rows.weight)), v.array(FIELD(rows.normal)),
+                v.array(FIELD(rows.along)), v.array(FIELD(rows.third)), v.array(FIELD(rows.across)), v.array(FIELD(rows.triangle)), v.array(FIELD(rows.weight)), v.array(FIELD(rows.normal)),
                 v.array(FIELD(rows.distance)), v.array(FIELD(rows.friction)), v.array(FIELD(rows.impulse));
             break;
         case Resource::kIslands:

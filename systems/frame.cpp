@@ -22,7 +22,7 @@
 #include "systems/edge_rows.hpp"
 #include "systems/face_depth.hpp"
 #include "systems/fast_bodies.hpp"
-#include "systems/haptic_tick.hpp"
+#include "systems/haptic_tool.hpp"
 #include "systems/islands.hpp"
 #include "systems/link_bodies.hpp"
 #include "systems/local_contact_model.hpp"
@@ -68,7 +68,8 @@ struct FrameScratch {
     std::vector<AdvanceScratch> advance;        // per thread
     std::vector<AdvanceResult> advance_result;  // per island
     std::vector<uint64_t> response_ns;          // per island
-    std::vector<DeviceState> device;            // tools * (period + 1): every millisecond of the pass
+    std::vector<DeviceState> intended;          // tools * (period + 1): where the hands mean to be at every millisecond
+    std::vector<DeviceState> device;            // the same for where the tools are
     LocalContactScratch local_contact;
     std::array<HapticScratch, kMaxTools> haptic;
     std::array<DeviceState, kMaxTools> live_device;  // live: of the pass before
@@ -122,8 +123,12 @@ void device_input(FrameState& f) {
     }
     std::array<Device, kMaxTools> device;
     for (size_t t = 0; t < w.haptics.tool.size(); ++t) device[t] = device_of(w.haptics, w.paths, w.haptics.tool[t]);
-    read_devices(std::span(device).first(w.haptics.tool.size()), w.clock.tick, w.clock.period, f.scratch.device);
+    read_devices(std::span(device).first(w.haptics.tool.size()), w.clock.tick, w.clock.period, f.scratch.intended);
+    const size_t per_tool = w.clock.period + 1;
+    f.scratch.device.resize(f.scratch.intended.size());
     for (size_t t = 0; t < w.haptics.tool.size(); ++t) {
+        predict_tool(w.haptics.tool[t], HapticParams{}.dt, w.haptics.state[t], std::span(f.scratch.intended).subspan(t * per_tool, per_tool),
+                     std::span(f.scratch.device).subspan(t * per_tool, per_tool));
         // before the first tick nothing was accepted yet
         if (!w.haptics.state[t].device_valid) w.haptics.state[t].device = f.scratch.device[t * (w.clock.period + 1)];
     }
@@ -245,14 +250,14 @@ void penetration(FrameState& f) {
     ++f.world.report.contact_passes;
     if (!f.world.penetrations.pair.empty()) ++f.world.report.contact_events;
 }
-void face_depths(FrameState& f) {
+void face_pass(FrameState& f) {
     World& w = f.world;
-    find_face_depths(w.settings.contact, surfaces_of(w), w.pairs, w.screened, w.near, w.trees, f.scratch.faces, w.penetrations);
+    find_face_contacts(w.settings.contact, surfaces_of(w), w.pairs, w.candidates, w.screened, w.near, w.trees, f.scratch.faces, w.contacts);
 }
 void deep_overlap(FrameState& f) {
     World& w = f.world;
     mark_saturated(surfaces_of(w), w.pairs, w.contacts, w.trees, w.penetrations);
-    remember_ways_out(w.pairs, f.scratch.ways_before, w.pair_memory, w.penetrations);
+    remember_ways_out(surfaces_of(w), w.pairs, w.contacts, f.scratch.ways_before, w.pair_memory, w.penetrations);
 }
 void regions(FrameState& f) {
     World& w = f.world;
@@ -307,8 +312,16 @@ void haptic_ticks(void* user, uint32_t ms) {
         const uint32_t body = w.haptics.tool[t].body;
         if (std::find(ticks.bodies.begin(), ticks.bodies.end(), body) == ticks.bodies.end()) continue;
         const uint64_t start = now_ns();
-        haptic_tick(haptic_params(w.clock.contact_rate), w.local_contact[t], static_cast<double>(w.clock.tick + ms) * 1e-3, w.haptics.tool[t],
-                    f.scratch.device[t * per_tool + ms], f.scratch.haptic[t], w.haptics.state[t]);
+        const HandTool& tool = w.haptics.tool[t];
+        ToolState& state = w.haptics.state[t];
+        const HapticParams params = haptic_params(w.clock.contact_rate);
+        const DeviceState sample = hand_sample(tool, f.scratch.intended[t * per_tool + ms], params.dt, state.output, state.hand);
+        tick_tool(params, w.local_contact[t], static_cast<double>(w.clock.tick + ms) * 1e-3, tool, effects_of(w.haptics, tool), sample,
+                  f.scratch.haptic[t], state);
+        // the force that was found moves the hand until the next tick
+        if (tool.hand.mass > 0)
+            predict_tool(tool, params.dt, state, std::span(f.scratch.intended).subspan(t * per_tool + ms + 1, 1),
+                         std::span(f.scratch.device).subspan(t * per_tool + ms + 1, 1));
         f.times.tick_ns[t * w.clock.period + ms] = now_ns() - start;
     }
 }
@@ -436,8 +449,8 @@ constexpr FrameStage kBegin[] = {
     {{"contours",        contours,        kShapes | mask(R::kPairs, R::kCandidates),                         mask(R::kContours)}, wants_contours},
     {{"overlap",         overlap,         kShapes | mask(R::kBoxes, R::kPairs, R::kScreened, R::kCandidates, R::kTrees), mask(R::kNear, R::kContacts, R::kReport)}, any_pair},
     {{"edge pass",       edge_pass,       kShapes | mask(R::kSettings, R::kPairs, R::kCandidates, R::kNear, R::kTrees), mask(R::kContacts, R::kReport)}, any_pair},
+    {{"face pass",       face_pass,       kShapes | mask(R::kSettings, R::kPairs, R::kCandidates, R::kScreened, R::kNear, R::kTrees), mask(R::kContacts)}, wants_faces},
     {{"penetration",     penetration,     mask(R::kPairs, R::kContacts),                                     mask(R::kPenetrations, R::kReport)}, any_pair},
-    {{"face depths",     face_depths,     kShapes | mask(R::kSettings, R::kPairs, R::kScreened, R::kNear, R::kTrees), mask(R::kPenetrations)}, wants_faces},
     {{"deep overlap",    deep_overlap,    kShapes | mask(R::kPairs, R::kContacts, R::kTrees),                 mask(R::kPairMemory, R::kPenetrations)}, wants_ways_out},
     {{"regions",         regions,         kShapes | mask(R::kPairs, R::kScreened, R::kNear, R::kContacts, R::kContours), mask(R::kRegions)}, wants_regions},
     {{"contact rows",    contact_rows,    kShapes | mask(R::kSettings, R::kBoxes, R::kPairs, R::kCandidates, R::kContacts, R::kPenetrations), mask(R::kRows, R::kReport)}, any_pair},

@@ -136,6 +136,24 @@ nlohmann::ordered_json scale_json(const RunFigures& f) {
             {"residual_max_m", quantile(residual, 1)}};
 }
 
+nlohmann::ordered_json tool_json(const ToolFigures& t) {
+    using Kind = HapticEventKind;
+    const auto events = [&](Kind kind) { return t.events.count[static_cast<size_t>(kind)]; };
+    nlohmann::ordered_json j = {
+        {"body", t.body},
+        {"least_energy_j", t.safety.lowest_energy},
+        {"dissipated_j", t.safety.dissipated},
+        {"limited_ticks", t.safety.limited_ticks},
+        {"safe_ticks", t.safety.safe_ticks},
+        {"events",
+         {{"touch", events(Kind::kTouch)}, {"release", events(Kind::kRelease)}, {"button_down", events(Kind::kButtonDown)},
+          {"button_up", events(Kind::kButtonUp)}, {"pass_through", events(Kind::kPassThrough)}, {"limit", events(Kind::kLimit)}}}};
+    if (t.device.empty()) return j;
+    j["device"] = t.device;
+    for (size_t k = 0; k < t.counts.size(); ++k) j["counts"][describe(static_cast<DeviceCount>(k))] = t.counts[k];
+    return j;
+}
+
 }  // namespace
 
 std::string state_hash_text(const RunFigures& f) { return hex(f.state_hash); }
@@ -181,6 +199,9 @@ std::string metrics_json(const RunFigures& f) {
                     {"deep_events", deep_total.size()},
                     {"deep_total_ms_mean", mean(deep_total)},
                     {"deep_total_ms_p99", quantile(deep_total, 0.99)}};
+    const DirectionFigures& d = f.direction;
+    if (d.depth > 0)
+        j["contact"]["one_pass"] = {{"time_s", d.time}, {"depth_m", d.depth}, {"left_thesis_m", d.left_thesis}, {"left_local_m", d.left_local}};
     j["frame"] = percentiles(frame_ms, "ms");
     j["displayed_frame"] = percentiles(displayed_frames(f.pass), "ms");
     j["scale"] = scale_json(f);
@@ -193,6 +214,7 @@ std::string metrics_json(const RunFigures& f) {
         j["haptics"]["missed_ticks"] = f.missed_ticks;
         j["haptics"]["scheduling"] = f.scheduling;
     }
+    for (const ToolFigures& tool : f.tool) j["haptics"]["tools"].push_back(tool_json(tool));
     if (f.replay) j["replay"] = {{"same", f.replay_difference.empty()}, {"difference", f.replay_difference}};
     j["energy"] = energy_json(f);
     for (const LinkFigures& l : f.link)

@@ -5,6 +5,7 @@
 
 #include "components/math.hpp"
 #include "components/report.hpp"
+#include "engine/device_link.hpp"
 namespace trocar {
 
 // What one contact pass found and cost.
@@ -37,6 +38,14 @@ struct StageFigures {
     std::vector<double> ms;
 };
 
+// The deepest pass of a run, once with each direction of the response.
+struct DirectionFigures {
+    double time = 0;         // s, at the start of the pass
+    double depth = 0;        // m, there; 0 = nothing to tell
+    double left_thesis = 0;  // m, deepest pair after the pass
+    double left_local = 0;
+};
+
 // What a group of links did.
 struct LinkFigures {
     std::string name;
@@ -56,6 +65,15 @@ struct PairFigures {
     double depth = 0;        // m, deepest
 };
 
+// What one tool's hand was told, and by what it was held.
+struct ToolFigures {
+    std::string body;
+    SafetyState safety;
+    HapticEvents events;
+    std::string device;   // live: name of the device that held it; empty = the scene's hand
+    DeviceCounts counts{};
+};
+
 // Everything a run measured; input of metrics.json and report.html.
 struct RunFigures {
     std::string scene, description, version, instruction_set, machine, started;
@@ -68,6 +86,7 @@ struct RunFigures {
     std::vector<PassFigures> pass;
     std::vector<StageFigures> stage;
     std::vector<double> render_ms;
+    DirectionFigures direction;  // lockstep only
     uint64_t ticks = 0;
     double max_force = 0;                // N
     std::vector<double> tick_us;         // compute time of every haptic tick
@@ -79,6 +98,7 @@ struct RunFigures {
     std::string replay_difference;  // replay only: what came out otherwise than in the live run; empty = nothing
     Report report;
     std::vector<LinkFigures> link;
+    std::vector<ToolFigures> tool;
     std::vector<std::vector<float>> pass_stage_ms;  // per pass, per stage
     std::vector<PairFigures> pair;       // the dearest
     uint64_t pairs_met = 0;

@@ -19,6 +19,7 @@
 #include "engine/whole_file.hpp"
 #include "systems/app/capture.hpp"
 #include "systems/app/commands.hpp"
+#include "systems/app/direction_trial.hpp"
 #include "systems/app/figures.hpp"
 #include "systems/app/live_replay.hpp"
 #include "systems/app/live_run.hpp"
@@ -94,6 +95,12 @@ void finish_figures(const Frame& frame, double bytes_before, RunFigures& figures
     figures.frames = w.clock.picture;
     figures.simulated_s = static_cast<double>(w.clock.tick) * 1e-3;
     figures.report = w.report;
+    figures.tool.resize(w.haptics.tool.size());
+    for (size_t t = 0; t < figures.tool.size(); ++t) {
+        figures.tool[t].body = w.bodies.name[w.haptics.tool[t].body];
+        figures.tool[t].safety = w.haptics.state[t].safety;
+        figures.tool[t].events = w.haptics.state[t].events;
+    }
     for (const LinkGroup& g : w.links.group) {
         if (g.body != kNone) figures.link.push_back({g.name, g.made, g.broken, g.largest_force, g.largest_strain});
     }
@@ -105,7 +112,7 @@ void finish_figures(const Frame& frame, double bytes_before, RunFigures& figures
 
 // Everything in one deterministic order, as fast as the machine goes; of its own accord or as a live run went.
 void run_lockstep(const RunOptions& options, double seconds, LiveReplay* replay, Frame& frame, PictureWriter* pictures,
-                  FrameRecorder* recorder, Trace* trace, RunFigures& figures) {
+                  FrameRecorder* recorder, Trace* trace, DirectionTrial* trial, RunFigures& figures) {
     std::map<uint64_t, std::string_view> names;
     CostMeter costs;
     Progress progress(figures.scene);
@@ -115,6 +122,7 @@ void run_lockstep(const RunOptions& options, double seconds, LiveReplay* replay,
         const double time = static_cast<double>(frame.world().clock.tick) * 1e-3;
         if (replay) replay->begin_pass();
         if (recorder) recorder->before_pass();
+        if (trial) trial->before_pass();
         const uint64_t pass_start = now_ns();
         frame.step();
         const double frame_ms = static_cast<double>(now_ns() - pass_start) * 1e-6;
@@ -123,6 +131,7 @@ void run_lockstep(const RunOptions& options, double seconds, LiveReplay* replay,
         costs.add(frame, figures);
         if (trace) trace_pairs(frame, names, *trace);
         if (recorder) recorder->after_pass(pass);
+        if (trial) trial->after_pass(pass);
         if (frame.times().picture) {
             if (pictures) {
                 pass.render_ms = pictures->take(frame.world().picture);
@@ -213,6 +222,13 @@ void print_summary(const RunFigures& f, const fs::path& out, bool figures_only) 
                   f.instruction_set.c_str(), total.size(), mean(total), quantile(total, 0.99), depth * 1e3,
                   static_cast<unsigned long long>(f.ticks), f.max_force, static_cast<unsigned long long>(f.state_hash));
     write_standard_output(text + scale_text(f));
+    for (const ToolFigures& t : f.tool) {
+        if (t.device.empty()) continue;
+        std::string counts;
+        for (size_t k = 0; k < t.counts.size(); ++k)
+            if (t.counts[k] > 0) counts += std::string(counts.empty() ? "" : ", ") + describe(static_cast<DeviceCount>(k)) + " " + std::to_string(t.counts[k]);
+        write_standard_output("  " + t.body + " held by " + t.device + ": " + (counts.empty() ? "nothing came" : counts) + "\n");
+    }
     if (f.replay)
         write_standard_output(f.replay_difference.empty() ? "  the same to the bit as the live run\n"
                                                           : "  not the same as the live run: " + f.replay_difference + "\n");
@@ -281,12 +297,15 @@ int run_command(const RunOptions& options) {
         std::optional<FrameRecorder> recorder;
         if (!options.capture.empty()) recorder.emplace(frame, capture_header(scene, figures), triggers, options.out / "captures");
         FrameRecorder* const capture = recorder ? &*recorder : nullptr;
+        DirectionTrial trial(frame);
+        const bool tells = !replay && (!options.out.empty() || options.json);  // those who look at figures
         if (options.live) run_recorded(options, seconds, frame, writer, capture, figures);
-        else run_lockstep(options, seconds, repeat ? &*repeat : nullptr, frame, writer, capture, frame_options.trace, figures);
+        else run_lockstep(options, seconds, repeat ? &*repeat : nullptr, frame, writer, capture, frame_options.trace, tells ? &trial : nullptr, figures);
         if (recorder) recorder->finish();
         if (recorder && !recorder->failure().empty())
             std::fprintf(stderr, "trocar: warning: capturing stopped, the run went on: %s\n", recorder->failure().c_str());
         finish_figures(frame, bytes_before, figures);
+        if (tells && !options.live) figures.direction = trial.run();
         if (options.out.empty()) return;
         if (options.figures_only) {
             write_whole_file(options.out / "passes.csv", passes_csv(figures));
