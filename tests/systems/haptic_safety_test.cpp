@@ -415,8 +415,22 @@ TEST(HapticSafety, TheObserverCountsWhatACouplingGives) {
     dissipate(10, kTick, -1e-3 * z, still, still, 2 * z, state);  // 1 mm in without force, then 2 N
     EXPECT_EQ(state.energy, 0);
     Vec3d f = dissipate(10, kTick, still, 0.5 * z, still, z, state);  // back out under 2 N: 2 mJ given
-    EXPECT_NEAR(state.energy, -2e-3, 1e-15);
-    EXPECT_NEAR(f.z(), 1 - std::min(2e-3 / (kTick * 0.25), 10.0) * 0.5, 1e-12);
+    EXPECT_NEAR(state.lowest_energy, -2e-3, 1e-15);
+    EXPECT_NEAR(f.z(), 1 - 2e-3 / (kTick * 0.25) * 0.5, 1e-12);
+    EXPECT_NEAR(state.energy, 0, 1e-15);
+    EXPECT_NEAR(state.dissipated, 2e-3, 1e-15);
+    // 8 mJ would want more damping than is allowed: the rest stays a debt
+    SafetyState deep;
+    dissipate(10, kTick, -4e-3 * z, still, still, 2 * z, deep);
+    f = dissipate(10, kTick, still, 0.5 * z, still, z, deep);
+    EXPECT_NEAR(f.z(), 1 - 10 * 0.5, 1e-12);
+    EXPECT_NEAR(deep.energy, -8e-3 + 10 * 0.25 * kTick, 1e-15);
+    // a spring that a surface lets go all at once gives what it held to the surface, and the hand nothing
+    SafetyState gone;
+    for (int k = 0; k <= 1000; ++k) dissipate(0, kTick, -1e-6 * k * z, still, still, 600 * 1e-6 * k * z, gone);
+    EXPECT_NEAR(gone.energy, 0.5 * 600 * 1e-6, 1e-6 * 600 * 1e-3);
+    dissipate(0, kTick, -1e-3 * z, still, -1e-3 * z, still, gone);
+    EXPECT_NEAR(gone.lowest_energy, 0, 1e-6);
     // a surface that moves with the hand gives nothing: the proxy's way counts too
     SafetyState moving;
     dissipate(10, kTick, still, still, z * 1e-3, 2 * z, moving);
