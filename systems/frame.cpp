@@ -128,7 +128,11 @@ void link(FrameState& f) {
     World& w = f.world;
     link_bodies(pass_seconds(w), w.haptics.state, {surfaces_of(w), w.solids, w.trees}, f.scratch.links, w.links, w.sleep, w.energy, w.report);
 }
-void tear(FrameState& f) { copy_torn_springs(f.world.springs, f.world.torn, f.world.torn_springs); }
+void tear(FrameState& f) {
+    World& w = f.world;
+    cut_bodies(pass_seconds(w), w.springs, w.bodies, w.particles, w.meshes, w.trees, w.tears, w.torn, w.sleep, w.energy, w.report);
+    copy_torn_springs(w.springs, w.torn, w.torn_springs);
+}
 // Hands on the way to where their devices will be, and free bodies, that come faster than rows look ahead. (A hand that
 // tissue holds back from its device is not fast: rows hold it.)
 void find_fast_bodies(FrameState& f) {
@@ -347,7 +351,7 @@ void energy(FrameState& f) {
 }
 void picture(FrameState& f) {
     World& w = f.world;
-    write_picture_snapshot(w.clock.picture, pass_seconds(w), surfaces_of(w), w.normals, w.contacts, w.penetrations, w.haptics, w.picture);
+    write_picture_snapshot(w.clock.picture, pass_seconds(w), surfaces_of(w), w.normals, w.contacts, w.penetrations, w.haptics, w.picture, &w.tears);
 }
 
 bool any_path(const World& w) {
@@ -380,7 +384,7 @@ constexpr FrameStage kBegin[] = {
     {{"device input",    device_input,    mask(R::kClock, R::kPaths, R::kTools),                             mask(R::kToolState)}, any_tool},
     {{"rigid motion",    rigid_motion,    mask(R::kClock, R::kPaths),                                        mask(R::kPoses)}, any_path},
     {{"links",           link,            kShapes | mask(R::kSolids, R::kClock, R::kTrees, R::kToolState),     mask(R::kLinks, R::kSleep, R::kEnergy, R::kReport)}, any_link},
-    {{"tears",           tear,            mask(R::kSprings, R::kTears, R::kTorn),                            mask(R::kTornSprings)}, any_tear},
+    {{"tears",           tear,            mask(R::kClock, R::kSprings, R::kBodies, R::kParticles),           mask(R::kMeshes, R::kTrees, R::kTears, R::kTorn, R::kTornSprings, R::kSleep, R::kEnergy, R::kReport)}, any_tear},
     {{"body boxes",      body_boxes,      kShapes | mask(R::kSettings, R::kClock, R::kTools, R::kToolState),               mask(R::kBoxes)}, any_pair},
     {{"candidate pairs", candidate_pairs, mask(R::kBodies, R::kBoxes),                                       mask(R::kPairs)}, any_pair},
     {{"sleep",           sleep,           mask(R::kSettings, R::kBodies, R::kPaths, R::kClock, R::kPairs, R::kLinks),     mask(R::kSleep, R::kParticles, R::kPairs, R::kEnergy, R::kReport)}, may_sleep},
@@ -407,7 +411,7 @@ constexpr FrameStage kAdvance[] = {
 constexpr FrameStage kEnd[] = {
     {{"surface normals", surface_normals, kShapes,                                                           mask(R::kNormals)}, any_deformable},
     {{"energy",          energy,          mask(R::kSettings, R::kSprings, R::kSolids, R::kBodies, R::kPoses, R::kParticles, R::kAnchors, R::kLinks, R::kTears, R::kTornSprings), mask(R::kEnergy)}, any_energy},
-    {{"picture",         picture,         kShapes | mask(R::kClock, R::kNormals, R::kContacts, R::kPenetrations, R::kTools, R::kToolState), mask(R::kPicture)}, any_body},
+    {{"picture",         picture,         kShapes | mask(R::kClock, R::kNormals, R::kContacts, R::kPenetrations, R::kTools, R::kToolState, R::kTears), mask(R::kPicture)}, any_body},
 };
 
 constexpr std::string_view kFirstDetection = "body boxes", kAfterDetection = "local contact";
@@ -490,7 +494,7 @@ Frame::Frame(World world, const FrameOptions& options) : state_(new FrameState),
     const std::span<const Stage> all(g.stages);
     g.pass = std::make_unique<JobGraph>(all.first(g.end_first), *state_, StageObserver{Graphs::begin_stage, Graphs::end_stage, &g.pass_list});
     g.end = std::make_unique<JobGraph>(all.subspan(g.end_first), *state_, StageObserver{Graphs::begin_stage, Graphs::end_stage, &g.end_list});
-    if (any_tear(w)) tear(*state_);
+    if (any_tear(w)) copy_torn_springs(w.springs, w.torn, w.torn_springs);
     if (any_energy(w) && options.account_energy) energy(*state_);  // opens the books
     warm_up();
 }
