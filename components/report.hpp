@@ -16,7 +16,7 @@ struct Energy {
     double work_contact = 0;   // of inelastic impact and friction, <= 0
     double work_damping = 0;   // <= 0
     double work_push = 0;      // of push-out moves
-    double work_numeric = 0;   // what implicit steps lost by themselves, and what bodies fell asleep with
+    double work_numeric = 0;   // what implicit steps lost by themselves, what bodies fell asleep or left with
     double work_links = 0;     // what links and springs held as they were made, less what they held as they broke or let go
     double balance = 0;        // the sum above - its value at the start
 };

@@ -51,6 +51,8 @@ LinkGroup make_group(const SceneFile& scene, const LinkSpec& spec, const World& 
     g.holder = find_body(scene, spec, world, spec.holder);
     if (!is_deformable(world.bodies, g.body)) refuse(scene, spec.line, "link \"" + spec.name + "\": body \"" + spec.body + "\" must be deformable");
     if (g.body == g.holder) refuse(scene, spec.line, "link \"" + spec.name + "\": a body cannot be linked to itself");
+    if (scene.bodies[g.body].scatter.rate > 0 || scene.bodies[g.holder].scatter.rate > 0)
+        refuse(scene, spec.line, "link \"" + spec.name + "\": bodies that come and go cannot be linked");
     g.region = spec.region;
     g.frame = spec.frame;
     if (!spec.frame_given && is_deformable(world.bodies, g.holder)) g.frame = RegionFrame::kWorld;
@@ -128,6 +130,7 @@ void add_scene_cuts(const SceneFile& scene, World& world) {
         LinkGroup group;  // only which nodes
         group.body = static_cast<uint32_t>(found - world.bodies.name.begin());
         group.region = spec.region;
+        if (scene.bodies[group.body].scatter.rate > 0) refuse(scene, spec.line, name + "bodies that come and go cannot be cut");
         if (!spec.group.empty()) take_group(scene, where, world, group);
         if (!is_deformable(world.bodies, group.body) || is_solid(world.solids, world.bodies.mesh[group.body]))
             refuse(scene, spec.line, name + "only shells can be cut");

@@ -5,8 +5,10 @@
 #include <vector>
 
 #include "components/bodies.hpp"
+#include "components/haptics.hpp"
 #include "components/scene.hpp"
 #include "content/attach_spec.hpp"
+#include "content/scatter.hpp"
 namespace trocar {
 
 // One key of a scripted motion.
@@ -52,6 +54,8 @@ struct BodySpec {
     double break_strain = std::numeric_limits<double>::infinity();  // springs break above it
     std::vector<GroupSpec> groups;
     std::vector<TissueRegionSpec> regions;
+    ScatterSpec scatter;                     // count > 0: this is one of so many copies
+    uint32_t copy = 0;                       // which
 };
 
 // One [[tool]]: a device that drives a hand body.
@@ -64,8 +68,14 @@ struct ToolSpec {
     double damping = 5;         // N s/m
     double max_force = 3.3;     // N
     double friction = 0.1;
+    double pass_through = 0;    // N, 0 = never
     std::string trace;  // recorded device trace; else path
     std::vector<KeyframeSpec> path;
+    HandModel hand;
+    Workspace workspace;
+    Pivot pivot;
+    DeviceLimits limits;
+    std::vector<HapticEffect> effects;
 };
 
 struct CameraSpec {
@@ -80,8 +90,15 @@ struct CameraSpec {
     bool depth_colors = false;
 };
 
+// One key of [parameters]: other keys take its value by writing "$name", and --set name=value changes it.
+struct SceneParameter {
+    std::string name;
+    std::string value;  // as TOML writes it
+};
+
 struct SceneFile {
     std::filesystem::path path;
+    std::vector<SceneParameter> parameters;
     SceneSettings settings;
     std::vector<BodySpec> bodies;
     std::vector<ToolSpec> tools;
@@ -92,8 +109,9 @@ struct SceneFile {
 };
 
 // One --set key=value: `seconds=2`, `contact.cell_edges=3`, `liver.tissue.youngs_modulus=2e4`, `a.file=kidney.wrl`.
-// The first word is a top-level key or table, or the name of a body; tools are named by their body as `tool.BODY.key`, links,
-// staples and cuts by their name as `link.NAME.key`.
+// The first word is a top-level key or table, a key of [parameters], or the name of a body (scattered ones by the name
+// before the number); tools are named by their body as `tool.BODY.key`, links, staples and cuts by their name as
+// `link.NAME.key`.
 struct Override {
     std::string key;
     std::string value;

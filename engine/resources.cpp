@@ -39,6 +39,11 @@ constexpr Elements elements_of() {
 template <typename T>
 constexpr bool is_plain_row = elements_of<T>().type != ArrayType::kCount;
 
+template <typename T>
+constexpr bool is_list = false;
+template <typename T, size_t count>
+constexpr bool is_list<std::array<T, count>> = true;
+
 template <typename A, typename B>
 constexpr bool is = std::is_same_v<std::remove_const_t<A>, B>;
 
@@ -65,13 +70,42 @@ void fields(V& v, T& t) {
     } else if constexpr (is<T, Keyframe>) {
         v.item(t.time), v.item(t.position), v.item(t.orientation), v.item(t.jump);
     } else if constexpr (is<T, DeviceState>) {
-        v.item(t.time), v.item(t.position), v.item(t.orientation), v.item(t.velocity), v.item(t.buttons);
+        v.item(t.time), v.item(t.position), v.item(t.orientation), v.item(t.velocity), v.item(t.buttons), v.item(t.grip);
+    } else if constexpr (is<T, DeviceCommand>) {
+        v.item(t.force), v.item(t.torque), v.item(t.at), v.item(t.stiffness);
+    } else if constexpr (is<T, DeviceLimits>) {
+        v.item(t.torque), v.item(t.force_slew), v.item(t.torque_slew), v.item(t.dissipation);
+    } else if constexpr (is<T, Workspace>) {
+        v.item(t.origin), v.item(t.turn), v.item(t.scale), v.item(t.clutch);
+    } else if constexpr (is<T, Pivot>) {
+        v.item(t.kind), v.item(t.point), v.item(t.length), v.item(t.axis);
+    } else if constexpr (is<T, HandModel>) {
+        v.item(t.mass), v.item(t.damping), v.item(t.stiffness), v.item(t.arm_damping), v.item(t.friction), v.item(t.encoder);
+        v.item(t.delay), v.item(t.tremor), v.item(t.tremor_rate);
+    } else if constexpr (is<T, HandModelState>) {
+        v.item(t.placed), v.item(t.position), v.item(t.velocity), v.item(t.force), v.item(t.reported), v.item(t.reported_velocity);
+    } else if constexpr (is<T, HapticEffect>) {
+        v.item(t.kind), v.item(t.trigger), v.item(t.start), v.item(t.duration), v.item(t.buttons), v.item(t.point);
+        v.item(t.direction), v.item(t.stiffness), v.item(t.damping), v.item(t.force), v.item(t.impulse), v.item(t.frequency);
+        v.item(t.mass), v.item(t.reach);
+    } else if constexpr (is<T, EffectState>) {
+        v.item(t.running), v.item(t.since);
+    } else if constexpr (is<T, HapticEvent>) {
+        v.item(t.kind), v.item(t.time), v.item(t.value);
+    } else if constexpr (is<T, HapticEvents>) {
+        v.item(t.last), v.item(t.total), v.item(t.count);
+    } else if constexpr (is<T, SafetyState>) {
+        v.item(t.contact_force), v.item(t.from_device), v.item(t.from_proxy), v.item(t.energy), v.item(t.lowest_energy);
+        v.item(t.dissipated), v.item(t.started), v.item(t.gain), v.item(t.limiting), v.item(t.limited_ticks), v.item(t.safe_ticks);
+    } else if constexpr (is<T, ClutchState>) {
+        v.item(t.started), v.item(t.offset), v.item(t.tool);
     } else if constexpr (is<T, DeviceTrace>) {
         v.item(t.sample);
     } else if constexpr (is<T, ToolState>) {
-        v.item(t.device), v.item(t.proxy), v.item(t.proxy_valid), v.item(t.contacts), v.item(t.command.force);
+        v.item(t.device), v.item(t.proxy), v.item(t.proxy_valid), v.item(t.contacts), v.item(t.command), v.item(t.output);
         v.item(t.coupling_force), v.item(t.contact_impulse), v.item(t.device_valid), v.item(t.time), v.item(t.ticks);
         v.item(t.model_age), v.item(t.gain), v.item(t.largest_force), v.item(t.rejected_samples);
+        v.item(t.hand), v.item(t.clutch), v.item(t.safety), v.item(t.effect_velocity), v.item(t.effect), v.item(t.events);
     } else if constexpr (is<T, Region>) {
         v.item(t.kind), v.item(t.a), v.item(t.b), v.item(t.radius);
     } else if constexpr (is<T, LinkGroup>) {
@@ -86,6 +120,7 @@ void fields(V& v, T& t) {
     } else if constexpr (is<T, HandTool>) {
         v.item(t.body), v.item(t.tip), v.item(t.tip_radius), v.item(t.coupling_stiffness), v.item(t.coupling_damping);
         v.item(t.max_force), v.item(t.friction), v.item(t.path), v.item(t.trace);
+        v.item(t.pass_through), v.item(t.hand), v.item(t.workspace), v.item(t.pivot), v.item(t.limits), v.item(t.effects);
     } else if constexpr (is<T, TriangleGroup>) {
         v.item(t.triangles), v.item(t.centre), v.item(t.radius), v.item(t.velocity), v.item(t.spread);
     } else if constexpr (is<T, LocalContactModel>) {
@@ -98,6 +133,8 @@ void fields(V& v, T& t) {
         v.item(t.point), v.item(t.closest), v.item(t.depth);
     } else if constexpr (is<T, PictureTool>) {
         v.item(t.device), v.item(t.proxy), v.item(t.radius), v.item(t.force);
+    } else if constexpr (is_list<std::remove_const_t<T>>) {
+        for (auto& element : t) v.item(element);
     } else {
         static_assert(is_plain_row<std::remove_const_t<T>>, "a row of an unknown kind");
     }
@@ -292,7 +329,7 @@ void visit_resource(World& w, Resource resource, Visitor& v) {
             v.array(FIELD(paths.body)), v.array(FIELD(paths.keys)), v.array(FIELD(paths.key));
             break;
         case Resource::kTools:
-            v.array(FIELD(haptics.tool)), v.array(FIELD(haptics.trace));
+            v.array(FIELD(haptics.tool)), v.array(FIELD(haptics.trace)), v.array(FIELD(haptics.effect));
             break;
         case Resource::kClock:
             v.value(FIELD(clock.tick)), v.value(FIELD(clock.pass)), v.value(FIELD(clock.picture)), v.value(FIELD(clock.contact_rate)),
@@ -413,6 +450,12 @@ void visit_resource(World& w, Resource resource, Visitor& v) {
         case Resource::kTornSprings:
             v.array(FIELD(torn_springs.neighbour)), v.array(FIELD(torn_springs.rest_length));
             break;
+        case Resource::kPools:
+            v.array(FIELD(pools.slots)), v.array(FIELD(pools.rate)), v.array(FIELD(pools.life)), v.array(FIELD(pools.orientation));
+            break;
+        case Resource::kLives:
+            v.array(FIELD(lives.away)), v.array(FIELD(lives.generation)), v.array(FIELD(lives.since)), v.array(FIELD(lives.came));
+            break;
         case Resource::kCount:
             break;
     }
@@ -432,7 +475,8 @@ ResourceKind resource_kind(Resource resource) {
         case Resource::kAnchors:
         case Resource::kPaths:
         case Resource::kTears:
-        case Resource::kTools: return ResourceKind::kConstant;
+        case Resource::kTools:
+        case Resource::kPools: return ResourceKind::kConstant;
         case Resource::kClock:
         case Resource::kPoses:
         case Resource::kParticles:
@@ -440,7 +484,8 @@ ResourceKind resource_kind(Resource resource) {
         case Resource::kPairMemory:
         case Resource::kLinks:
         case Resource::kTorn:
-        case Resource::kSleep: return ResourceKind::kState;
+        case Resource::kSleep:
+        case Resource::kLives: return ResourceKind::kState;
         case Resource::kEnergy:
         case Resource::kReport: return ResourceKind::kBooks;
         case Resource::kBoxes:
@@ -471,7 +516,7 @@ const char* resource_name(Resource resource) {
         "clock",    "poses",     "particles",  "tool state", "pair memory", "boxes", "pairs", "trees",
         "screened", "occupancy", "candidates", "near",       "contacts", "penetrations", "contours", "regions", "rows",
         "islands",  "normals",   "local contact", "picture",    "energy",   "report", "sleep",
-        "links",    "tears",     "torn",       "torn springs"};
+        "links",    "tears",     "torn",       "torn springs", "pools", "lives"};
     static_assert(std::size(kNames) == static_cast<size_t>(Resource::kCount));
     return kNames[static_cast<size_t>(resource)];
 }

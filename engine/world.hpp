@@ -8,6 +8,7 @@
 #include "components/contacts.hpp"
 #include "components/haptics.hpp"
 #include "components/links.hpp"
+#include "components/lives.hpp"
 #include "components/mesh.hpp"
 #include "components/particles.hpp"
 #include "components/paths.hpp"
@@ -33,6 +34,7 @@ struct World {
     Anchors anchors;
     Paths paths;
     Tears tears;
+    Pools pools;
     // state
     Clock clock;
     Poses poses;
@@ -42,6 +44,7 @@ struct World {
     Sleep sleep;
     Links links;
     Torn torn;
+    Lives lives;
     // derived each pass
     BodyBoxes boxes;
     CandidatePairs pairs;
@@ -104,6 +107,8 @@ enum class Resource : uint8_t {
     kTears,
     kTorn,
     kTornSprings,
+    kPools,
+    kLives,
     kCount
 };
 

@@ -216,6 +216,16 @@ void check_bodies(const World& w, Faults& f) {
         f.require(b.motion[body] != Motion::kFree || has_mass[body], "a free body without a mass");
     f.require(w.sleep.still.size() == w.sleep.group.size() && (w.sleep.still.empty() || w.sleep.still.size() == n), "sleep: not one per body");
     for (const uint32_t group : w.sleep.group) f.below(group, static_cast<uint32_t>(n), true, "sleep with body");
+    const size_t slots = w.lives.away.size(), pools = w.pools.slots.size();
+    f.require(slots == (pools > 0 ? n : 0) && w.lives.generation.size() == slots && w.lives.since.size() == slots && w.pools.orientation.size() == slots &&
+                  w.pools.rate.size() == pools && w.pools.life.size() == pools && w.lives.came.size() == pools && (pools == 0 || w.settings.sleep_speed > 0),
+              "pools and lives do not fit the bodies");
+    for (size_t pool = 0; pool < pools && f.first.empty(); ++pool) {
+        f.inside(w.pools.slots[pool], n, "slots of a pool");
+        f.require(std::isfinite(w.pools.rate[pool]) && w.pools.rate[pool] > 0 && w.pools.life[pool] > 0, "a pool without a rate or a life");
+        for (uint32_t slot = w.pools.slots[pool].first; f.first.empty() && slot < w.pools.slots[pool].end(); ++slot)
+            f.require(is_deformable(b, slot) && w.lives.since[slot] <= w.clock.tick, "a slot that is not deformable, or younger than now");
+    }
     const size_t particles = w.particles.offset.size();
     f.require(w.particles.velocity_x.size() == particles && w.particles.velocity_y.size() == particles && w.particles.velocity_z.size() == particles &&
                   w.anchors.stiffness.size() == particles && w.anchors.rest_x.size() == particles && w.anchors.rest_y.size() == particles &&
@@ -316,7 +326,13 @@ void check_tools(const World& w, Faults& f) {
         f.below(tool.path, paths, true, "tool on path");
         f.below(tool.trace, static_cast<uint32_t>(w.haptics.trace.size()), true, "tool on trace");
         f.require(tool.path != kNone || tool.trace != kNone, "a tool has no device");
+        f.inside(tool.effects, w.haptics.effect.size(), "effects of a tool");
+        f.require(tool.effects.count <= kMaxEffects, "a tool has too many effects");
+        f.require(tool.hand.delay <= kMostHandDelay, "a hand is too late");
+        f.require(tool.pivot.kind <= PivotKind::kTip, "a pivot is of no kind");
     }
+    for (const HapticEffect& e : w.haptics.effect)
+        f.require(e.kind <= EffectKind::kMagnet && e.trigger <= EffectTrigger::kRelease, "an effect is of no kind");
     for (const DeviceTrace& trace : w.haptics.trace) f.require(!trace.sample.empty(), "a device trace is empty");
 }
 

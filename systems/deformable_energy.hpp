@@ -25,6 +25,11 @@ void measure_energy(const Springs& springs, const Bodies& bodies, const Poses& p
                     const Anchors& anchors, const Vec3d& gravity, double start, EnergyScratch& scratch, Energy& energy,
                     const OtherForces& other = {});
 
+// Adds the energies of one deformable body, J.
+void add_body_energy(const Springs& springs, const Bodies& bodies, const Poses& poses, const Particles& particles,
+                     const Anchors& anchors, const Vec3d& gravity, uint32_t body, EnergyScratch& scratch, Energy& energy,
+                     const OtherForces& other = {});
+
 // Linear momentum (kg m/s) and angular momentum about the world origin (kg m^2/s) of one deformable or free body.
 struct Momentum {
     Vec3d linear = Vec3d::Zero();

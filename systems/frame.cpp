@@ -13,6 +13,7 @@
 #include "systems/body_boxes.hpp"
 #include "systems/candidate_cells.hpp"
 #include "systems/candidate_pairs.hpp"
+#include "systems/come_and_go.hpp"
 #include "systems/contact_rows.hpp"
 #include "systems/contours.hpp"
 #include "systems/deformable_energy.hpp"
@@ -21,7 +22,7 @@
 #include "systems/edge_rows.hpp"
 #include "systems/face_depth.hpp"
 #include "systems/fast_bodies.hpp"
-#include "systems/haptic_tick.hpp"
+#include "systems/haptic_tool.hpp"
 #include "systems/islands.hpp"
 #include "systems/link_bodies.hpp"
 #include "systems/local_contact_model.hpp"
@@ -29,6 +30,7 @@
 #include "systems/penetration.hpp"
 #include "systems/picture_snapshot.hpp"
 #include "systems/rasterise.hpp"
+#include "systems/reachable_pairs.hpp"
 #include "systems/refit_trees.hpp"
 #include "systems/regions.hpp"
 #include "systems/rigid_motion.hpp"
@@ -40,6 +42,7 @@ namespace trocar {
 // Reused buffers of the systems; their content means nothing between passes but speed.
 struct FrameScratch {
     CandidatePairsScratch pairs;
+    ReachablePairsScratch reachable;
     RefitTreesScratch refit;
     RasteriseScratch rasterise;
     CandidateCellsScratch cells;
@@ -55,6 +58,7 @@ struct FrameScratch {
     LinkScratch links;
     std::vector<std::array<uint32_t, 2>> joined;  // bodies, by links
     SleepScratch sleep;
+    std::vector<uint32_t> leaving;               // bodies whose life is over in this pass
     std::vector<uint8_t> moving;                // per body: by its script
     SurfaceNormalsScratch normals;
     EnergyScratch energy;
@@ -64,7 +68,8 @@ struct FrameScratch {
     std::vector<AdvanceScratch> advance;        // per thread
     std::vector<AdvanceResult> advance_result;  // per island
     std::vector<uint64_t> response_ns;          // per island
-    std::vector<DeviceState> device;            // tools * (period + 1): every millisecond of the pass
+    std::vector<DeviceState> intended;          // tools * (period + 1): where the hands mean to be at every millisecond
+    std::vector<DeviceState> device;            // the same for where the tools are
     LocalContactScratch local_contact;
     std::array<HapticScratch, kMaxTools> haptic;
     std::array<DeviceState, kMaxTools> live_device;  // live: of the pass before
@@ -117,8 +122,12 @@ void device_input(FrameState& f) {
     }
     std::array<Device, kMaxTools> device;
     for (size_t t = 0; t < w.haptics.tool.size(); ++t) device[t] = device_of(w.haptics, w.paths, w.haptics.tool[t]);
-    read_devices(std::span(device).first(w.haptics.tool.size()), w.clock.tick, w.clock.period, f.scratch.device);
+    read_devices(std::span(device).first(w.haptics.tool.size()), w.clock.tick, w.clock.period, f.scratch.intended);
+    const size_t per_tool = w.clock.period + 1;
+    f.scratch.device.resize(f.scratch.intended.size());
     for (size_t t = 0; t < w.haptics.tool.size(); ++t) {
+        predict_tool(w.haptics.tool[t], HapticParams{}.dt, w.haptics.state[t], std::span(f.scratch.intended).subspan(t * per_tool, per_tool),
+                     std::span(f.scratch.device).subspan(t * per_tool, per_tool));
         // before the first tick nothing was accepted yet
         if (!w.haptics.state[t].device_valid) w.haptics.state[t].device = f.scratch.device[t * (w.clock.period + 1)];
     }
@@ -132,6 +141,23 @@ void tear(FrameState& f) {
     World& w = f.world;
     cut_bodies(pass_seconds(w), w.springs, w.bodies, w.particles, w.meshes, w.trees, w.tears, w.torn, w.sleep, w.energy, w.report);
     copy_torn_springs(w.springs, w.torn, w.torn_springs);
+}
+// Those whose life is over leave, those who are due come; a slot that becomes free in this pass is given away in the next.
+void come_and_go(FrameState& f) {
+    World& w = f.world;
+    std::vector<uint32_t>& leaving = f.scratch.leaving;
+    const OtherForces other{&w.solids};
+    const auto energies = [&] {
+        Energy sum;
+        for (const uint32_t body : leaving)
+            add_body_energy(w.springs, w.bodies, w.poses, w.particles, w.anchors, w.settings.gravity, body, f.scratch.energy, sum, other);
+        return sum.kinetic + sum.elastic + sum.pressure + sum.bending + sum.gravity;
+    };
+    find_leaving(w.pools, w.lives, w.clock.tick, leaving);
+    let_come(w.pools, w.clock.tick, w.lives, w.sleep);
+    const double before = energies();
+    send_away(w.meshes, w.solids, w.bodies, w.pools, leaving, w.lives, w.poses, w.particles, w.sleep);
+    if (f.options.account_energy) w.energy.work_numeric += energies() - before;
 }
 // Hands on the way to where their devices will be, and free bodies, that come faster than rows look ahead. (A hand that
 // tissue holds back from its device is not fast: rows hold it.)
@@ -173,10 +199,16 @@ void body_boxes(FrameState& f) {
         velocity = Vec3d(velocity.norm() + period_seconds(w) * w.settings.gravity.norm(), 0, 0);
     }
     compute_body_boxes(period_seconds(w), {w.meshes, w.bodies, f.scratch.coming, w.particles}, w.boxes);
+    for (uint32_t body = 0; body < w.lives.away.size(); ++body)
+        if (is_away(w.lives, body)) w.boxes.box[body] = {};
     find_fast_bodies(f);
     cover_fast_ways(f.scratch.fast, period_seconds(w), surfaces_of(w), w.boxes);
 }
-void candidate_pairs(FrameState& f) { find_candidate_pairs(f.world.bodies, f.world.boxes, {}, f.scratch.pairs, f.world.pairs); }
+void candidate_pairs(FrameState& f) {
+    World& w = f.world;
+    find_candidate_pairs(w.bodies, w.boxes, {}, f.scratch.pairs, w.pairs);
+    drop_unreachable_pairs(period_seconds(w), w.settings.gravity, surfaces_of(w), w.boxes, f.scratch.reachable, w.pairs);
+}
 std::span<const std::array<uint32_t, 2>> linked_bodies(FrameState& f) {
     joined_by_links(f.world.bodies, f.world.links, f.scratch.joined);
     return f.scratch.joined;
@@ -283,8 +315,16 @@ void haptic_ticks(void* user, uint32_t ms) {
         const uint32_t body = w.haptics.tool[t].body;
         if (std::find(ticks.bodies.begin(), ticks.bodies.end(), body) == ticks.bodies.end()) continue;
         const uint64_t start = now_ns();
-        haptic_tick(haptic_params(w.clock.contact_rate), w.local_contact[t], static_cast<double>(w.clock.tick + ms) * 1e-3, w.haptics.tool[t],
-                    f.scratch.device[t * per_tool + ms], f.scratch.haptic[t], w.haptics.state[t]);
+        const HandTool& tool = w.haptics.tool[t];
+        ToolState& state = w.haptics.state[t];
+        const HapticParams params = haptic_params(w.clock.contact_rate);
+        const DeviceState sample = hand_sample(tool, f.scratch.intended[t * per_tool + ms], params.dt, state.output, state.hand);
+        tick_tool(params, w.local_contact[t], static_cast<double>(w.clock.tick + ms) * 1e-3, tool, effects_of(w.haptics, tool), sample,
+                  f.scratch.haptic[t], state);
+        // the force that was found moves the hand until the next tick
+        if (tool.hand.mass > 0)
+            predict_tool(tool, params.dt, state, std::span(f.scratch.intended).subspan(t * per_tool + ms + 1, 1),
+                         std::span(f.scratch.device).subspan(t * per_tool + ms + 1, 1));
         f.times.tick_ns[t * w.clock.period + ms] = now_ns() - start;
     }
 }
@@ -352,11 +392,14 @@ void energy(FrameState& f) {
 void picture(FrameState& f) {
     World& w = f.world;
     write_picture_snapshot(w.clock.picture, pass_seconds(w), surfaces_of(w), w.normals, w.contacts, w.penetrations, w.haptics, w.picture, &w.tears);
+    for (uint32_t body = 0; body < w.lives.away.size(); ++body)
+        if (is_away(w.lives, body)) w.picture.body[body].mesh = kNone;
 }
 
 bool any_path(const World& w) {
     return std::any_of(w.paths.body.begin(), w.paths.body.end(), [](uint32_t body) { return body != kNone; });
 }
+bool any_pool(const World& w) { return !w.pools.slots.empty(); }
 bool any_tool(const World& w) { return !w.haptics.tool.empty(); }
 bool any_pair(const World& w) {
     return w.bodies.motion.size() > 1 && std::any_of(w.bodies.motion.begin(), w.bodies.motion.end(), joins_islands);
@@ -383,10 +426,11 @@ constexpr FrameStage kBegin[] = {
     // name              run              reads                                                              writes
     {{"device input",    device_input,    mask(R::kClock, R::kPaths, R::kTools),                             mask(R::kToolState)}, any_tool},
     {{"rigid motion",    rigid_motion,    mask(R::kClock, R::kPaths),                                        mask(R::kPoses)}, any_path},
+    {{"come and go",     come_and_go,     kShapes | mask(R::kSettings, R::kSprings, R::kSolids, R::kAnchors, R::kPools, R::kClock), mask(R::kPoses, R::kParticles, R::kSleep, R::kLives, R::kEnergy)}, any_pool},
     {{"links",           link,            kShapes | mask(R::kSolids, R::kClock, R::kTrees, R::kToolState),     mask(R::kLinks, R::kSleep, R::kEnergy, R::kReport)}, any_link},
     {{"tears",           tear,            mask(R::kClock, R::kSprings, R::kBodies, R::kParticles),           mask(R::kMeshes, R::kTrees, R::kTears, R::kTorn, R::kTornSprings, R::kSleep, R::kEnergy, R::kReport)}, any_tear},
-    {{"body boxes",      body_boxes,      kShapes | mask(R::kSettings, R::kClock, R::kTools, R::kToolState),               mask(R::kBoxes)}, any_pair},
-    {{"candidate pairs", candidate_pairs, mask(R::kBodies, R::kBoxes),                                       mask(R::kPairs)}, any_pair},
+    {{"body boxes",      body_boxes,      kShapes | mask(R::kSettings, R::kClock, R::kTools, R::kToolState, R::kLives),    mask(R::kBoxes)}, any_pair},
+    {{"candidate pairs", candidate_pairs, kShapes | mask(R::kSettings, R::kClock, R::kBoxes),                mask(R::kPairs)}, any_pair},
     {{"sleep",           sleep,           mask(R::kSettings, R::kBodies, R::kPaths, R::kClock, R::kPairs, R::kLinks),     mask(R::kSleep, R::kParticles, R::kPairs, R::kEnergy, R::kReport)}, may_sleep},
     {{"refit trees",     refit,           kShapes | mask(R::kSettings, R::kClock, R::kBoxes, R::kPairs),            mask(R::kTrees)}, any_pair},
     {{"rasterise",       rasterise_,      kShapes | mask(R::kSettings, R::kBoxes, R::kPairs),                mask(R::kScreened, R::kOccupancy, R::kReport)}, any_pair},
@@ -411,7 +455,7 @@ constexpr FrameStage kAdvance[] = {
 constexpr FrameStage kEnd[] = {
     {{"surface normals", surface_normals, kShapes,                                                           mask(R::kNormals)}, any_deformable},
     {{"energy",          energy,          mask(R::kSettings, R::kSprings, R::kSolids, R::kBodies, R::kPoses, R::kParticles, R::kAnchors, R::kLinks, R::kTears, R::kTornSprings), mask(R::kEnergy)}, any_energy},
-    {{"picture",         picture,         kShapes | mask(R::kClock, R::kNormals, R::kContacts, R::kPenetrations, R::kTools, R::kToolState, R::kTears), mask(R::kPicture)}, any_body},
+    {{"picture",         picture,         kShapes | mask(R::kClock, R::kNormals, R::kContacts, R::kPenetrations, R::kTools, R::kToolState, R::kTears, R::kLives), mask(R::kPicture)}, any_body},
 };
 
 constexpr std::string_view kFirstDetection = "body boxes", kAfterDetection = "local contact";

@@ -19,6 +19,16 @@ double mean(const std::vector<double>& values) {
     return values.empty() ? 0 : sum / static_cast<double>(values.size());
 }
 
+std::vector<double> displayed_frames(const std::vector<PassFigures>& passes) {
+    std::vector<double> ms;
+    double sum = 0;
+    for (const PassFigures& p : passes) {
+        sum += p.frame_ms - p.render_ms;
+        if (p.picture) ms.push_back(sum), sum = 0;
+    }
+    return ms;
+}
+
 ContactColumns contact_columns(const RunFigures& f) {
     ContactColumns c;
     for (const PassFigures& p : f.pass) {
@@ -101,6 +111,21 @@ nlohmann::ordered_json energy_json(const RunFigures& f) {
             {"worst_balance_of_peak", peak > 0 ? worst / peak : 0}};
 }
 
+nlohmann::ordered_json scale_json(const RunFigures& f) {
+    std::vector<double> awake, residual, contacts;
+    for (const PassFigures& p : f.pass) awake.push_back(p.awake), residual.push_back(p.residual), contacts.push_back(p.contacts);
+    return {{"movable_bodies", f.movable_bodies},
+            {"body_size_m", f.body_size},
+            {"bytes_per_body", f.bytes_per_body},
+            {"frames_per_second", f.wall_s > 0 ? static_cast<double>(f.frames) / f.wall_s : 0},
+            {"awake_bodies_mean", mean(awake)},
+            {"awake_bodies_end", f.pass.empty() ? 0 : f.pass.back().awake},
+            {"contacts_mean", mean(contacts)},
+            {"contacts_max", quantile(contacts, 1)},
+            {"residual_p99_m", quantile(residual, 0.99)},
+            {"residual_max_m", quantile(residual, 1)}};
+}
+
 }  // namespace
 
 std::string state_hash_text(const RunFigures& f) { return hex(f.state_hash); }
@@ -147,6 +172,8 @@ std::string metrics_json(const RunFigures& f) {
                     {"deep_total_ms_mean", mean(deep_total)},
                     {"deep_total_ms_p99", quantile(deep_total, 0.99)}};
     j["frame"] = percentiles(frame_ms, "ms");
+    j["displayed_frame"] = percentiles(displayed_frames(f.pass), "ms");
+    j["scale"] = scale_json(f);
     j["render"] = percentiles(f.render_ms, "ms");
     j["haptics"] = {{"ticks", f.ticks}, {"max_force_n", f.max_force}, {"tick", percentiles(f.tick_us, "us")}};
     if (f.live) {
@@ -167,16 +194,16 @@ std::string passes_csv(const RunFigures& f) {
     std::string out =
         "time_s,detection_ms,response_ms,frame_ms,render_ms,depth_m,inside_vertices,contacts,pairs,force_n,"
         "contact_force_n,kinetic_j,elastic_j,pressure_j,bending_j,links_j,gravity_j,work_hand_j,work_contact_j,work_damping_j,"
-        "work_push_j,work_numeric_j,work_links_j,balance_j\n";
+        "work_push_j,work_numeric_j,work_links_j,balance_j,residual_m,awake\n";
     char line[512];
     for (const PassFigures& p : f.pass) {
         std::snprintf(line, sizeof line,
-                      "%.3f,%.4f,%.4f,%.4f,%.4f,%.9g,%u,%u,%u,%.6g,%.6g,%.9g,%.9g,%.9g,%.9g,%.9g,%.9g,%.9g,%.9g,%.9g,%.9g,%.9g,%.9g,%.9g\n",
+                      "%.3f,%.4f,%.4f,%.4f,%.4f,%.9g,%u,%u,%u,%.6g,%.6g,%.9g,%.9g,%.9g,%.9g,%.9g,%.9g,%.9g,%.9g,%.9g,%.9g,%.9g,%.9g,%.9g,%.9g,%u\n",
                       p.time, p.detection_ms, p.response_ms, p.frame_ms, p.render_ms, p.depth, p.inside_vertices, p.contacts,
                       p.pairs, p.force, p.contact_force, p.energy.kinetic, p.energy.elastic, p.energy.pressure,
                       p.energy.bending, p.energy.links, p.energy.gravity, p.energy.work_hand, p.energy.work_contact,
                       p.energy.work_damping, p.energy.work_push, p.energy.work_numeric, p.energy.work_links,
-                      p.energy.balance);
+                      p.energy.balance, p.residual, p.awake);
         out += line;
     }
     return out;

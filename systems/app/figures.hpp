@@ -22,8 +22,14 @@ struct PassFigures {
     double contact_force = 0;  // N, mean contact impulse / period on the hand tool
     Energy energy;             // newest computed
     double peak_elastic = 0;   // J so far
+    double residual = 0;       // m, deepest overlap left at its end
+    uint32_t awake = 0;        // bodies that can move and were not asleep
+    bool picture = false;      // a displayed frame ends with this pass
     bool contact() const { return pairs > 0; }
 };
+
+// What a displayed frame cost, ms: its contact passes with all their stages, without the drawing.
+std::vector<double> displayed_frames(const std::vector<PassFigures>& passes);
 
 // Durations of one stage.
 struct StageFigures {
@@ -62,6 +68,9 @@ struct RunFigures {
     std::string replay_difference;  // replay only: what came out otherwise than in the live run; empty = nothing
     Report report;
     std::vector<LinkFigures> link;
+    uint64_t movable_bodies = 0;         // deformable and free
+    double body_size = 0;                // m, diameter of the smallest of them
+    double bytes_per_body = 0;           // resident memory that the scene and its run took, over all bodies
     std::vector<std::string> bodies;  // "liver: 5002 vertices, deformable, 1 substep"
 };
 

@@ -1,4 +1,5 @@
 #include <sys/utsname.h>
+#include <unistd.h>
 
 #include <algorithm>
 #include <cerrno>
@@ -30,6 +31,7 @@ namespace fs = std::filesystem;
 namespace {
 
 constexpr size_t kTraceCapacity = 1u << 19;
+constexpr size_t kMostMeshes = 500;  // bodies that a run writes as files without being asked
 
 // World positions of a body as a mesh that the mesh commands can read back.
 Mesh body_surface(const World& world, uint32_t body) {
@@ -70,8 +72,22 @@ CaptureHeader capture_header(const BuiltScene& scene, const RunFigures& figures)
     return header;
 }
 
-void finish_figures(const Frame& frame, RunFigures& figures) {
+// Bytes of memory that the process holds.
+double resident_bytes() {
+    std::ifstream file("/proc/self/statm");
+    double size = 0, resident = 0;
+    file >> size >> resident;
+    return resident * static_cast<double>(sysconf(_SC_PAGESIZE));
+}
+
+void finish_figures(const Frame& frame, double bytes_before, RunFigures& figures) {
     const World& w = frame.world();
+    figures.bytes_per_body = (resident_bytes() - bytes_before) / static_cast<double>(std::max<size_t>(1, w.bodies.mesh.size()));
+    for (uint32_t b = 0; b < w.bodies.mesh.size(); ++b) {
+        if (!joins_islands(w.bodies.motion[b]) || w.bodies.motion[b] == Motion::kHand) continue;
+        const double size = 2 * w.meshes.info[w.bodies.mesh[b]].radius;
+        figures.body_size = figures.movable_bodies++ == 0 ? size : std::min(figures.body_size, size);
+    }
     figures.state_hash = state_hash(w);
     figures.frames = w.clock.picture;
     figures.simulated_s = static_cast<double>(w.clock.tick) * 1e-3;
@@ -135,6 +151,36 @@ void run_recorded(const RunOptions& options, double seconds, Frame& frame, Pictu
     else std::fprintf(stderr, "trocar: warning: no recording: the simulation was away for too long\n");
 }
 
+// Who was there, what a displayed frame cost and which stages took it.
+std::string scale_text(const RunFigures& f) {
+    const std::vector<double> frames = displayed_frames(f.pass);
+    std::vector<double> residual;
+    double awake = 0, contacts = 0;
+    for (const PassFigures& p : f.pass) awake += p.awake, contacts += p.contacts, residual.push_back(p.residual);
+    const double passes = std::max(1.0, static_cast<double>(f.pass.size()));
+    char text[512];
+    std::snprintf(text, sizeof text,
+                  "  %.1f frames a second; a frame %.2f ms median, %.2f ms p99, %.2f ms worst\n"
+                  "  %llu bodies that move, %.0f awake on average, %u at the end; %.0f contacts; %.0f bytes a body\n"
+                  "  overlap left: p99 %.3g mm, worst %.3g mm, which is %.2g %% of the smallest body\n",
+                  f.wall_s > 0 ? static_cast<double>(f.frames) / f.wall_s : 0, quantile(frames, 0.5), quantile(frames, 0.99), quantile(frames, 1),
+                  static_cast<unsigned long long>(f.movable_bodies), awake / passes, f.pass.empty() ? 0 : f.pass.back().awake, contacts / passes,
+                  f.bytes_per_body, quantile(residual, 0.99) * 1e3, quantile(residual, 1) * 1e3,
+                  f.body_size > 0 ? 100 * quantile(residual, 1) / f.body_size : 0);
+    std::string all = text;
+    std::vector<std::pair<double, const StageFigures*>> stages;
+    double total = 0;
+    for (const StageFigures& s : f.stage) stages.emplace_back(mean(s.ms) * static_cast<double>(s.ms.size()), &s), total += stages.back().first;
+    std::stable_sort(stages.begin(), stages.end(), [](const auto& a, const auto& b) { return a.first > b.first; });
+    all += "  stages, ms a pass (share):";
+    for (size_t i = 0; i < std::min<size_t>(stages.size(), 8); ++i) {
+        std::snprintf(text, sizeof text, "%s %s %.3f (%.0f %%)", i > 0 ? "," : "", stages[i].second->name.c_str(), stages[i].first / passes,
+                      total > 0 ? 100 * stages[i].first / total : 0);
+        all += text;
+    }
+    return all + "\n";
+}
+
 void print_summary(const RunFigures& f, const fs::path& out) {
     std::vector<double> total;
     double depth = 0;
@@ -150,7 +196,7 @@ void print_summary(const RunFigures& f, const fs::path& out) {
                   f.scene.c_str(), f.simulated_s, f.wall_s, f.threads, f.threads == 1 ? "" : "s",
                   f.instruction_set.c_str(), total.size(), mean(total), quantile(total, 0.99), depth * 1e3,
                   static_cast<unsigned long long>(f.ticks), f.max_force, static_cast<unsigned long long>(f.state_hash));
-    write_standard_output(text);
+    write_standard_output(text + scale_text(f));
     if (f.replay)
         write_standard_output(f.replay_difference.empty() ? "  the same to the bit as the live run\n"
                                                           : "  not the same as the live run: " + f.replay_difference + "\n");
@@ -198,6 +244,7 @@ int run_command(const RunOptions& options) {
     ThreadPool pool(options.threads == 0 && options.live ? std::max(1u, cores - 1) : options.threads);
     RunFigures figures;
     pool.run([&] {
+        const double bytes_before = resident_bytes();
         BuiltScene scene = build_scene(file);
         for (const std::string& warning : scene.warnings)
             std::fprintf(stderr, "trocar: warning: %s\n", warning.c_str());
@@ -220,9 +267,10 @@ int run_command(const RunOptions& options) {
         if (options.live) run_recorded(options, seconds, frame, writer, capture, figures);
         else run_lockstep(options, seconds, repeat ? &*repeat : nullptr, frame, writer, capture, figures);
         if (recorder) recorder->finish();
-        finish_figures(frame, figures);
+        finish_figures(frame, bytes_before, figures);
         if (options.out.empty()) return;
-        export_bodies(frame.world(), options.out / "meshes", frame.world().clock.picture);
+        if (frame.world().bodies.mesh.size() <= kMostMeshes || options.export_every > 0)
+            export_bodies(frame.world(), options.out / "meshes", frame.world().clock.picture);
         const std::string film = pictures ? pictures->finish_film() : "";
         write_whole_file(options.out / "metrics.json", metrics_json(figures));
         write_whole_file(options.out / "passes.csv", passes_csv(figures));
