@@ -285,8 +285,9 @@ bool looks_like_ply(std::string_view bytes) {
     return bytes.starts_with("ply") && bytes.size() > 3 && static_cast<unsigned char>(bytes[3]) <= ' ';
 }
 
-LoadedMesh read_ply(std::string_view bytes, const std::filesystem::path& path, const std::string& property,
-                    std::vector<double>* field) {
+namespace {
+
+LoadedMesh read_any_ply(std::string_view bytes, const std::filesystem::path& path, const std::string& property, std::vector<double>* field) {
     Source source{Words{bytes.data(), bytes.data() + bytes.size(), path}};
     const Header header = read_header(source.words);
     source.coding = header.coding;
@@ -316,6 +317,15 @@ LoadedMesh read_ply(std::string_view bytes, const std::filesystem::path& path, c
     }
     loaded.mesh.material.push_back(std::move(material));
     return loaded;
+}
+
+}  // namespace
+
+LoadedMesh read_ply(std::string_view bytes, const std::filesystem::path& path) { return read_any_ply(bytes, path, "", nullptr); }
+
+LoadedMesh read_painted_ply(std::string_view bytes, const std::filesystem::path& path, const std::string& property,
+                            std::vector<double>& field) {
+    return read_any_ply(bytes, path, property, &field);
 }
 
 }  // namespace trocar

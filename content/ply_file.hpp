@@ -12,8 +12,10 @@ bool looks_like_ply(std::string_view bytes);
 // element tristrips (-1 begins a new strip). Text is read to double; other elements and properties are passed over,
 // colours with a warning; "comment TextureFile" names the picture. An element the file is too short for is refused
 // before anything is allocated. Throws InputError "file:line: reason", for binary data "file: element, row and reason".
-// With `field`, also the numbers `property` of the vertices; InputError when there are none or one is not finite.
-LoadedMesh read_ply(std::string_view bytes, const std::filesystem::path& path, const std::string& property = "",
-                    std::vector<double>* field = nullptr);
+LoadedMesh read_ply(std::string_view bytes, const std::filesystem::path& path);
+
+// Likewise, and the numbers `property` of its vertices; InputError when there are none or one is not finite.
+LoadedMesh read_painted_ply(std::string_view bytes, const std::filesystem::path& path, const std::string& property,
+                            std::vector<double>& field);
 
 }  // namespace trocar

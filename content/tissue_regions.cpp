@@ -79,7 +79,7 @@ PaintedField read_painted_field(const std::filesystem::path& path, const std::st
     const std::string bytes = read_file_bytes(path);
     if (!looks_like_ply(bytes)) throw InputError(path.string() + ": a painted field is a PLY file");
     PaintedField field;
-    field.place = read_ply(bytes, path, property, &field.value).mesh.position;
+    field.place = read_painted_ply(bytes, path, property, field.value).mesh.position;
     return field;
 }
 

@@ -110,8 +110,9 @@ TEST(TissueRegions, OfAllOfABodyIsAnotherTissue) {
     }
 }
 
-// The stable step knows an inclusion: with it the body is as stiff as its stiffest part, but not as if all of it were, and
-// 0.8 to 1 of what it can bear.
+// The stable step knows an inclusion: as short as its stiffest part asks for, and no shorter. It holds for any shape, where
+// springs may pull every way; at rest they pull along themselves only and a longer one would do: up to sqrt 2 in a sheet,
+// where they share two directions, more at the seam.
 TEST(TissueRegions, AnInclusionIsInTheStableStep) {
     const auto bar = [](AdvanceScene& s, double factor) {
         s.params.gravity.setZero();
@@ -123,7 +124,7 @@ TEST(TissueRegions, AnInclusionIsInTheStableStep) {
     };
     AdvanceScene one;
     const double uniform = one.bodies.stable_dt[bar(one, 1)];
-    for (const double share : {0.99, 1.25}) {
+    for (const double share : {0.99, 1.8}) {
         AdvanceScene s;
         const uint32_t body = bar(s, 25);
         const double dt = share * s.bodies.stable_dt[body] / kStableShare;
