@@ -9,6 +9,7 @@
 #include "engine/links.hpp"
 #include "engine/pressure_force.hpp"
 #include "engine/region.hpp"
+#include "engine/skin.hpp"
 #include "engine/surfaces.hpp"
 #include "engine/tet_forces.hpp"
 namespace trocar {
@@ -107,9 +108,10 @@ void add_tissue_regions(const SceneFile& scene, const BodySpec& spec, World& wor
             }
         }
         uint32_t held = 0;
+        const bool is_vertex = skin_rows(world.solids, prototype) == 0;
         for (uint32_t v = 0; v < count; ++v) {
             const Vec3d rest = rest_of_node(world.meshes, world.solids, prototype, v);
-            if (!contains(where.region, rest) || (where.material != kNone && !is_of_material(world.meshes, prototype, v, where.material))) continue;
+            if (!contains(where.region, rest) || (where.material != kNone && !(is_vertex && is_of_material(world.meshes, prototype, v, where.material)))) continue;
             nodes.stiffness[v] = field.place.empty() ? region.stiffness : value_at(field, rest);
             nodes.density[v] = region.density;
             nodes.fixed[v] = region.fixed;

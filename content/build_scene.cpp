@@ -21,6 +21,7 @@
 #include "engine/mass_properties.hpp"
 #include "engine/mesh_topology.hpp"
 #include "engine/pressure_force.hpp"
+#include "engine/skin.hpp"
 #include "engine/solid_limit.hpp"
 #include "engine/solid_setup.hpp"
 #include "engine/tet_forces.hpp"
@@ -97,7 +98,7 @@ std::string body_note(const World& world, uint32_t body, const Prototype& made) 
     std::string note = text;
     if (is_solid(world.solids, world.bodies.mesh[body])) {
         const SolidInfo& solid = world.solids.info[world.bodies.mesh[body]];
-        std::snprintf(text, sizeof text, ", solid of %u tetrahedra, %u nodes", solid.count, solid.nodes.count);
+        std::snprintf(text, sizeof text, ", solid of %u tetrahedra, %u nodes%s", solid.count, solid.nodes.count, solid.skin.count > 0 ? " under this skin" : "");
         note += text;
     }
     if (is_deformable(world.bodies, body)) {
@@ -119,12 +120,14 @@ std::string body_note(const World& world, uint32_t body, const Prototype& made) 
 void fix_vertices_below(World& world, uint32_t body, double z) {
     const MeshInfo& info = world.meshes.info[world.bodies.mesh[body]];
     const Range particles = world.bodies.particles[body];
-    for (uint32_t v = 0; v < info.vertices.count; ++v)
+    const bool solid = is_solid(world.solids, world.bodies.mesh[body]);
+    const uint32_t skin = skin_rows(world.solids, world.bodies.mesh[body]), surface = skin > 0 ? 0 : info.vertices.count;
+    for (uint32_t v = 0; v < surface; ++v)
         if (world.meshes.position[info.vertices.first + v].z() < z) world.particles.offset[particles.first + v].w = 0;
-    if (!is_solid(world.solids, world.bodies.mesh[body])) return;
+    if (!solid) return;
     const Range inner = world.solids.info[world.bodies.mesh[body]].inner;
     for (uint32_t i = 0; i < inner.count; ++i)
-        if (world.solids.position[inner.first + i].z() < z) world.particles.offset[particles.first + info.vertices.count + i].w = 0;
+        if (world.solids.position[inner.first + i].z() < z) world.particles.offset[particles.first + skin + surface + i].w = 0;
 }
 
 void add_path(Paths& paths, uint32_t body, const std::vector<KeyframeSpec>& keys) {
@@ -259,7 +262,7 @@ namespace {
 Prototype make_body_prototype(const SceneFile& scene, const BodySpec& spec, World& world, Mesh mesh, const PrototypeOptions& options) {
     if (!spec.solid || spec.motion != Motion::kDeformable) return make_prototype(world.meshes, std::move(mesh), options);
     try {
-        return make_solid(world.meshes, world.springs, world.solids, std::move(mesh), options, {spec.spacing, spec.cells});
+        return make_solid(world.meshes, world.springs, world.solids, std::move(mesh), options, {spec.spacing, spec.cells, spec.skin});
     } catch (const InputError& error) {
         throw InputError(at(scene, spec.line) + "body \"" + spec.name + "\": " + error.what());
     }
@@ -281,7 +284,7 @@ struct PrototypeCache {
         char key[512];
         std::snprintf(key, sizeof key, "%s|%s|%s|%u|%llu|%.17g|%.17g|%g,%g,%g|%d|%d,%.17g,%.17g", own.c_str(), spec.file.c_str(), spec.shape.c_str(), spec.triangles,
                       static_cast<unsigned long long>(spec.seed), spec.scale, spec.size, static_cast<double>(spec.color[0]),
-                      static_cast<double>(spec.color[1]), static_cast<double>(spec.color[2]), spec.motion == Motion::kDeformable, spec.solid, spec.cells, spec.spacing);
+                      static_cast<double>(spec.color[1]), static_cast<double>(spec.color[2]), spec.motion == Motion::kDeformable, spec.solid + 2 * spec.skin, spec.cells, spec.spacing);
         if (const auto found = made.find(key); found != made.end()) return found->second;
         Mesh mesh = load_body_mesh(scene, spec, warnings);
         if (spec.color[0] >= 0) {
@@ -328,8 +331,8 @@ std::string choose_stepping(const SceneFile& scene, const BodySpec& spec, World&
         refuse(text);
     }
     if (stepping.integrator == Integrator::kLeapfrog && spec.step > limit) {
-        std::snprintf(text, sizeof text, "step = %g s is above the largest stable step of leapfrog, %.4g s; take a shorter one or integrator = \"midpoint\"",
-                      spec.step, limit);
+        std::snprintf(text, sizeof text, "step = %g s is above the largest stable step of leapfrog, %.4g s; take a shorter one%s",
+                      spec.step, limit, solid ? "" : " or integrator = \"midpoint\"");
         refuse(text);
     }
     if (stepping.integrator == Integrator::kLeapfrog && spec.step == 0) return why;  // what bodies have anyway

@@ -396,6 +396,7 @@ BodySpec read_body(const std::string& file, const toml::table& table) {
     section.read("cells", body.cells, 1, 500);
     section.read("spacing", body.spacing, 1e-9, 1e9);
     section.read("bed", body.bed);
+    section.read("skin", body.skin);
     section.read("fixed_below", body.fixed_below);
     section.read("integrator", body.integrator);
     constexpr const char* kIntegrators[] = {"leapfrog", "midpoint", "xpbd", "auto"};

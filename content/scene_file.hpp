@@ -39,6 +39,7 @@ struct BodySpec {
     bool solid = false;                      // filled with tetrahedra; else a shell
     double cells = 12;                       // solids: lattice cells along the largest extent
     double spacing = 0;                      // m, solids: of the lattice; 0 = from cells
+    bool skin = false;                       // solids: the surface as given rides on the tetrahedra
     bool bed = false;                        // solids: anchors as a shell has them
     std::string integrator = "leapfrog";     // leapfrog | midpoint | xpbd | auto
     uint32_t iterations = 0;                 // midpoint: conjugate gradients at most, xpbd: sweeps; 0 = usual

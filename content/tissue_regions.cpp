@@ -6,6 +6,7 @@
 #include "engine/check.hpp"
 #include "engine/deformable_setup.hpp"
 #include "engine/error.hpp"
+#include "engine/skin.hpp"
 #include "engine/solid_limit.hpp"
 #include "engine/tet_forces.hpp"
 #include "engine/text_file.hpp"
@@ -54,7 +55,8 @@ void vary_tetrahedra(const std::vector<double>& stiffness, uint32_t prototype, S
 void vary_tissue(const NodeTissue& nodes, const Meshes& meshes, uint32_t body, Springs& springs, Solids& solids, Bodies& bodies,
                  Particles& particles, Anchors& anchors) {
     const uint32_t prototype = bodies.mesh[body];
-    const Range rows = bodies.particles[body];
+    const uint32_t skin = skin_rows(solids, prototype);
+    const Range rows{bodies.particles[body].first + skin, bodies.particles[body].count - skin};
     std::vector<double> stiffness = nodes.stiffness;
     const size_t count = stiffness.size();
     TROCAR_ASSERT(count <= rows.count && nodes.density.size() == count && nodes.fixed.size() == count);

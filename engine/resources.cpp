@@ -32,6 +32,9 @@ constexpr Elements elements_of() {
     else if constexpr (std::is_same_v<T, Quat>) return {A::kF64, 4};
     else if constexpr (std::is_same_v<T, Box>) return {A::kF64, 6};
     else if constexpr (std::is_same_v<T, std::array<uint32_t, 2 * kSliceWidth>>) return {A::kU32, 2 * kSliceWidth};
+    else if constexpr (std::is_same_v<T, std::array<uint16_t, 2 * kSliceWidth>>) return {A::kU16, 2 * kSliceWidth};
+    else if constexpr (std::is_same_v<T, std::array<uint32_t, 4>>) return {A::kU32, 4};
+    else if constexpr (std::is_same_v<T, std::array<double, 4>>) return {A::kF64, 4};
     else if constexpr (std::is_same_v<T, std::array<float, kSliceWidth>>) return {A::kF32, kSliceWidth};
     else if constexpr (std::is_same_v<T, Tissue>) return {A::kF64, sizeof(Tissue) / sizeof(double)};
     else return {};
@@ -58,8 +61,9 @@ void fields(V& v, T& t) {
         v.item(t.body), v.item(t.mass), v.item(t.centre), v.item(t.moments), v.item(t.axes);
     } else if constexpr (is<T, SpringInfo>) {
         v.item(t.slices), v.item(t.mean_rest), v.item(t.mean_geometry), v.item(t.varied);
+        v.item(t.skin), v.item(t.packed), v.item(t.rest_unit);
     } else if constexpr (is<T, SolidInfo>) {
-        v.item(t.inner), v.item(t.tetrahedra), v.item(t.count), v.item(t.slices), v.item(t.nodes), v.item(t.varied);
+        v.item(t.inner), v.item(t.tetrahedra), v.item(t.count), v.item(t.slices), v.item(t.nodes), v.item(t.skin), v.item(t.varied);
     } else if constexpr (is<T, Stepping>) {
         v.item(t.integrator), v.item(t.iterations), v.item(t.tolerance), v.item(t.step);
     } else if constexpr (is<T, Image>) {
@@ -300,7 +304,7 @@ void visit_resource(World& w, Resource resource, Visitor& v) {
         case Resource::kSprings:
             v.array(FIELD(springs.info)), v.array(FIELD(springs.slice_column)), v.array(FIELD(springs.neighbour)),
                 v.array(FIELD(springs.rest_length)), v.array(FIELD(springs.colours)), v.array(FIELD(springs.colour)), v.array(FIELD(springs.batch)),
-                v.array(FIELD(springs.batch_rest)), v.array(FIELD(springs.factor)), v.array(FIELD(springs.area_share)),
+                v.array(FIELD(springs.batch_rest)), v.array(FIELD(springs.factor)), v.array(FIELD(springs.packed)), v.array(FIELD(springs.area_share)),
                 v.array(FIELD(springs.vertices)), v.array(FIELD(springs.fans.first)), v.array(FIELD(springs.fans.volume)),
                 v.array(FIELD(springs.fans.column)), v.array(FIELD(springs.fans.corner)), v.array(FIELD(springs.hinges.groups)),
                 v.array(FIELD(springs.hinges.vertex)), v.array(FIELD(springs.hinges.sine)), v.array(FIELD(springs.hinges.cosine)),
@@ -312,7 +316,8 @@ void visit_resource(World& w, Resource resource, Visitor& v) {
             v.array(FIELD(solids.info)), v.array(FIELD(solids.position)), v.array(FIELD(solids.corner[0])),
                 v.array(FIELD(solids.corner[1])), v.array(FIELD(solids.corner[2])), v.array(FIELD(solids.corner[3])),
                 v.array(FIELD(solids.rest)), v.array(FIELD(solids.per_rest)), v.array(FIELD(solids.factor)), v.array(FIELD(solids.slot_column)),
-                v.array(FIELD(solids.slot)), v.array(FIELD(solids.node_volume));
+                v.array(FIELD(solids.slot)), v.array(FIELD(solids.node_volume)), v.array(FIELD(solids.skin_node)),
+                v.array(FIELD(solids.skin_weight));
             break;
         case Resource::kBodies:
             v.array(FIELD(bodies.entity)), v.array(FIELD(bodies.name)), v.array(FIELD(bodies.mesh)), v.array(FIELD(bodies.motion)),
@@ -376,13 +381,14 @@ void visit_resource(World& w, Resource resource, Visitor& v) {
             break;
         case Resource::kContacts:
             v.array(FIELD(contacts.pair)), v.array(FIELD(contacts.body)), v.array(FIELD(contacts.other)), v.array(FIELD(contacts.vertex)),
-                v.array(FIELD(contacts.along)), v.array(FIELD(contacts.point)), v.array(FIELD(contacts.closest)),
-                v.array(FIELD(contacts.normal)), v.array(FIELD(contacts.distance)), v.array(FIELD(contacts.triangle));
+                v.array(FIELD(contacts.along)), v.array(FIELD(contacts.third)), v.array(FIELD(contacts.across)), v.array(FIELD(contacts.point)), v.array(FIELD(contacts.closest)),
+                v.array(FIELD(contacts.normal)), v.array(FIELD(contacts.distance)), v.array(FIELD(contacts.triangle)),
+                v.array(FIELD(contacts.most));
             break;
         case Resource::kPenetrations:
             v.array(FIELD(penetrations.pair)), v.array(FIELD(penetrations.depth)), v.array(FIELD(penetrations.direction)),
                 v.array(FIELD(penetrations.witness)), v.array(FIELD(penetrations.vertices_a_in_b)),
-                v.array(FIELD(penetrations.vertices_b_in_a)), v.array(FIELD(penetrations.edge_contacts)),
+                v.array(FIELD(penetrations.vertices_b_in_a)), v.array(FIELD(penetrations.edge_contacts)), v.array(FIELD(penetrations.face_contacts)),
                 v.array(FIELD(penetrations.saturated)), v.array(FIELD(penetrations.way_out)), v.array(FIELD(penetrations.surface_depth));
             break;
         case Resource::kContours:
@@ -399,7 +405,7 @@ void visit_resource(World& w, Resource resource, Visitor& v) {
             break;
         case Resource::kRows:
             v.array(FIELD(rows.contact)), v.array(FIELD(rows.body)), v.array(FIELD(rows.other)), v.array(FIELD(rows.vertex)),
-                v.array(FIELD(rows.along)), v.array(FIELD(rows.triangle)), v.array(FIELD(rows.weight)), v.array(FIELD(rows.normal)),
+                v.array(FIELD(rows.along)), v.array(FIELD(rows.third)), v.array(FIELD(rows.across)), v.array(FIELD(rows.triangle)), v.array(FIELD(rows.weight)), v.array(FIELD(rows.normal)),
                 v.array(FIELD(rows.distance)), v.array(FIELD(rows.friction)), v.array(FIELD(rows.impulse));
             break;
         case Resource::kIslands:

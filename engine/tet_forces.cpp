@@ -8,6 +8,7 @@
 #include "engine/check.hpp"
 #include "engine/closest_point.hpp"
 #include "engine/parallel.hpp"
+#include "engine/skin.hpp"
 namespace trocar {
 namespace {
 
@@ -42,7 +43,7 @@ TetStep bind_tets(const Solids& solids, const Bodies& bodies, const Particles& p
     const SolidModuli moduli = solid_moduli(bodies.tissue[body]);
     const uint32_t first = info.tetrahedra.first;
     TetStep step = {};
-    step.offset = &particles.offset[bodies.particles[body].first].x;
+    step.offset = &particles.offset[bodies.particles[body].first + skin_rows(info)].x;
     step.corner0 = solids.corner[0].data() + first;
     step.corner1 = solids.corner[1].data() + first;
     step.corner2 = solids.corner[2].data() + first;
@@ -114,7 +115,8 @@ struct PlacedTets {
 
 PlacedTets place_tets(const Solids& solids, const Bodies& bodies, const Particles& particles, uint32_t body,
                       double back) {
-    return {solids, solids.info[bodies.mesh[body]], particles, bodies.particles[body].first, back};
+    const SolidInfo& info = solids.info[bodies.mesh[body]];
+    return {solids, info, particles, bodies.particles[body].first + skin_rows(info), back};
 }
 
 }  // namespace

@@ -253,14 +253,14 @@ void penetration(FrameState& f) {
     ++f.world.report.contact_passes;
     if (!f.world.penetrations.pair.empty()) ++f.world.report.contact_events;
 }
-void face_depths(FrameState& f) {
+void face_pass(FrameState& f) {
     World& w = f.world;
-    find_face_depths(w.settings.contact, surfaces_of(w), w.pairs, w.screened, w.near, w.trees, f.scratch.faces, w.penetrations);
+    find_face_contacts(w.settings.contact, surfaces_of(w), w.pairs, w.candidates, w.screened, w.near, w.trees, f.scratch.faces, w.contacts);
 }
 void deep_overlap(FrameState& f) {
     World& w = f.world;
     mark_saturated(surfaces_of(w), w.pairs, w.contacts, w.trees, w.penetrations);
-    remember_ways_out(w.pairs, f.scratch.ways_before, w.pair_memory, w.penetrations);
+    remember_ways_out(surfaces_of(w), w.pairs, w.contacts, f.scratch.ways_before, w.pair_memory, w.penetrations);
 }
 void regions(FrameState& f) {
     World& w = f.world;
@@ -438,8 +438,8 @@ constexpr FrameStage kBegin[] = {
     {{"contours",        contours,        kShapes | mask(R::kPairs, R::kCandidates),                         mask(R::kContours)}, wants_contours},
     {{"overlap",         overlap,         kShapes | mask(R::kBoxes, R::kPairs, R::kScreened, R::kCandidates, R::kTrees), mask(R::kNear, R::kContacts, R::kReport)}, any_pair},
     {{"edge pass",       edge_pass,       kShapes | mask(R::kSettings, R::kPairs, R::kCandidates, R::kNear, R::kTrees), mask(R::kContacts, R::kReport)}, any_pair},
+    {{"face pass",       face_pass,       kShapes | mask(R::kSettings, R::kPairs, R::kCandidates, R::kScreened, R::kNear, R::kTrees), mask(R::kContacts)}, wants_faces},
     {{"penetration",     penetration,     mask(R::kPairs, R::kContacts),                                     mask(R::kPenetrations, R::kReport)}, any_pair},
-    {{"face depths",     face_depths,     kShapes | mask(R::kSettings, R::kPairs, R::kScreened, R::kNear, R::kTrees), mask(R::kPenetrations)}, wants_faces},
     {{"deep overlap",    deep_overlap,    kShapes | mask(R::kPairs, R::kContacts, R::kTrees),                 mask(R::kPairMemory, R::kPenetrations)}, wants_ways_out},
     {{"regions",         regions,         kShapes | mask(R::kPairs, R::kScreened, R::kNear, R::kContacts, R::kContours), mask(R::kRegions)}, wants_regions},
     {{"contact rows",    contact_rows,    kShapes | mask(R::kSettings, R::kBoxes, R::kPairs, R::kCandidates, R::kContacts, R::kPenetrations), mask(R::kRows, R::kReport)}, any_pair},

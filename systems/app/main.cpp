@@ -115,7 +115,11 @@ void describe(CLI::App& app, Arguments& a) {
     run->footer("Example: trocar run probe_on_liver --seconds 2 --set liver.tissue.youngs_modulus=2e4 --out out/probe\n"
                 "Ten thousand bodies: trocar run stress_rain --set count=10000 --set seed=7 --no-render\n"
                 "A live run and its repetition: trocar run probe_on_liver --live --out out/live; "
-                "trocar run probe_on_liver --replay out/live/live.recording");
+                "trocar run probe_on_liver --replay out/live/live.recording\n"
+                "Keys of [contact]: tolerance (m, 1e-4: depth along edges and in faces), direction = local | thesis (each point its own way "
+                "out, or one a pair), share = mass | stiffness | half, push_speed (m/s), faces = true (deepest points inside faces "
+                "get rows too), deep = none | last_free (a pair so deep that shortest ways out no longer agree is led back the way "
+                "it came; one that starts so, the shortest way that surely parts it), cross_check, contours, regions");
 
     CLI::App* check =
         app.add_subcommand("check", "Is a mesh sound: closed, manifold, oriented, free of self-crossings");
@@ -152,7 +156,11 @@ void describe(CLI::App& app, Arguments& a) {
     collide->add_flag("--cross-check", a.collide.cross_check,
                       "Compare every sign of a solid with the winding number; counts \"disagreements\"");
     collide->add_flag("--json", a.collide.json, "JSON");
-    collide->footer("Example: trocar collide liver.stl probe.obj --move-b \"0 0 -5\" --json");
+    collide->footer(
+        "Example: trocar collide liver.stl probe.obj --move-b \"0 0 -5\" --json\n"
+        "JSON: depth, surface_depth, direction, witness, vertices_a_in_b, vertices_b_in_a, edge_contacts, face_contacts, cells, contained, "
+        "saturated (moving by the depth may not part them), regions [vertices_a, vertices_b, contour, area, volume, depth, "
+        "direction, witness]; with --separate separation {lower, upper, translation}, with --cross-check disagreements");
 
     CLI::App* convert = app.add_subcommand("convert", "Read a mesh, clean it, write it in another format");
     convert->add_option("in", a.convert.in, "Mesh file to read")->required();

@@ -18,6 +18,7 @@
 #include "engine/whole_file.hpp"
 #include "systems/app/capture.hpp"
 #include "systems/app/commands.hpp"
+#include "systems/app/direction_trial.hpp"
 #include "systems/app/figures.hpp"
 #include "systems/app/live_replay.hpp"
 #include "systems/app/live_run.hpp"
@@ -103,7 +104,7 @@ void finish_figures(const Frame& frame, double bytes_before, RunFigures& figures
 
 // Everything in one deterministic order, as fast as the machine goes; of its own accord or as a live run went.
 void run_lockstep(const RunOptions& options, double seconds, LiveReplay* replay, Frame& frame, PictureWriter* pictures,
-                  FrameRecorder* recorder, RunFigures& figures) {
+                  FrameRecorder* recorder, DirectionTrial* trial, RunFigures& figures) {
     Progress progress(figures.scene);
     const uint64_t start = now_ns();
     const double end_tick = replay ? static_cast<double>(replay->end_tick()) : seconds * 1000;
@@ -111,11 +112,13 @@ void run_lockstep(const RunOptions& options, double seconds, LiveReplay* replay,
         const double time = static_cast<double>(frame.world().clock.tick) * 1e-3;
         if (replay) replay->begin_pass();
         if (recorder) recorder->before_pass();
+        if (trial) trial->before_pass();
         const uint64_t pass_start = now_ns();
         frame.step();
         PassFigures pass = pass_figures(frame, time);
         pass.frame_ms = static_cast<double>(now_ns() - pass_start) * 1e-6;
         if (recorder) recorder->after_pass(pass);
+        if (trial) trial->after_pass(pass);
         if (frame.times().picture) {
             if (pictures) {
                 pass.render_ms = pictures->take(frame.world().picture);
@@ -264,10 +267,13 @@ int run_command(const RunOptions& options) {
         std::optional<FrameRecorder> recorder;
         if (!options.capture.empty()) recorder.emplace(frame, capture_header(scene, figures), triggers, options.out / "captures");
         FrameRecorder* const capture = recorder ? &*recorder : nullptr;
+        DirectionTrial trial(frame);
+        const bool tells = !replay && (!options.out.empty() || options.json);  // those who look at figures
         if (options.live) run_recorded(options, seconds, frame, writer, capture, figures);
-        else run_lockstep(options, seconds, repeat ? &*repeat : nullptr, frame, writer, capture, figures);
+        else run_lockstep(options, seconds, repeat ? &*repeat : nullptr, frame, writer, capture, tells ? &trial : nullptr, figures);
         if (recorder) recorder->finish();
         finish_figures(frame, bytes_before, figures);
+        if (tells && !options.live) figures.direction = trial.run();
         if (options.out.empty()) return;
         if (frame.world().bodies.mesh.size() <= kMostMeshes || options.export_every > 0)
             export_bodies(frame.world(), options.out / "meshes", frame.world().clock.picture);
