@@ -82,6 +82,8 @@ struct FrameState {
     FrameOptions options;
     FrameTimes times;
     ContactHook contact_hook;
+    std::vector<std::string_view> island_name;  // with a trace, per body: of the island whose first body it is
+    uint32_t face_queries = 2000;  // of a pair, for its deepest point in a face: 2 ms
     double energy_start = 0;  // J, when the books were opened
     bool energy_open = false;
 };
@@ -255,7 +257,7 @@ void penetration(FrameState& f) {
 }
 void face_pass(FrameState& f) {
     World& w = f.world;
-    find_face_contacts(w.settings.contact, surfaces_of(w), w.pairs, w.candidates, w.screened, w.near, w.trees, f.scratch.faces, w.contacts);
+    find_face_contacts(w.settings.contact, f.face_queries, surfaces_of(w), w.pairs, w.candidates, w.screened, w.near, w.trees, f.scratch.faces, w.contacts);
 }
 void deep_overlap(FrameState& f) {
     World& w = f.world;
@@ -351,6 +353,16 @@ void advance_one_island(FrameState& f, uint32_t island, AdvanceScratch& scratch)
     advance_island(params, inputs, bodies, rows, scratch, w.particles, w.poses, w.rows, w.haptics.state, f.scratch.advance_result[island]);
 }
 
+// An island's span in the trace; small ones are left out.
+void trace_island(FrameState& f, uint32_t island, uint64_t start) {
+    constexpr uint64_t kLeastSpan = 20'000;  // ns
+    const uint64_t duration = now_ns() - start;
+    if (duration < kLeastSpan) return;
+    const World& w = f.world;
+    f.options.trace->add({f.island_name[w.islands.body[w.islands.bodies[island].first]], start, duration, thread_index(),
+                          static_cast<uint32_t>(w.clock.pass)});
+}
+
 // Small islands share a job so that a job is worth its start (about 40 us).
 uint32_t island_grain(const World& w) {
     const size_t count = std::max<size_t>(1, w.islands.bodies.size());
@@ -366,7 +378,11 @@ void advance(FrameState& f) {
     f.scratch.response_ns.assign(count, 0);
     f.times.tick_ns.assign(w.haptics.tool.size() * w.clock.period, 0);
     parallel_for(count, island_grain(w), [&](uint32_t begin, uint32_t end) {
-        for (uint32_t i = begin; i < end; ++i) advance_one_island(f, i, f.scratch.advance[thread_index()]);
+        for (uint32_t i = begin; i < end; ++i) {
+            const uint64_t start = f.options.trace ? now_ns() : 0;
+            advance_one_island(f, i, f.scratch.advance[thread_index()]);
+            if (f.options.trace) trace_island(f, i, start);
+        }
     });
     share_room(f.scratch.advance);
     note_link_forces(period_seconds(w), w.links);
@@ -519,6 +535,8 @@ Frame::Frame(World world, const FrameOptions& options) : state_(new FrameState),
     state_->world = std::move(world);
     state_->options = options;
     World& w = state_->world;
+    if (options.trace)
+        for (const std::string& name : w.bodies.name) state_->island_name.push_back(options.trace->keep("island of " + name));
     w.clock.contact_rate = 60;
     w.clock.display_rate = 30;
     Graphs& g = *graphs_;
@@ -639,6 +657,7 @@ std::span<const uint32_t> Frame::detection_stages() const { return graphs_->dete
 
 void detect_contacts(World& world) {
     FrameState state;
+    state.face_queries = 100'000;  // an answer, not a frame
     std::swap(state.world, world);
     const auto first = std::find_if(std::begin(kBegin), std::end(kBegin), [](const FrameStage& row) { return row.stage.name == kFirstDetection; });
     for (auto row = first; row->stage.name != kAfterDetection; ++row)
