@@ -63,7 +63,7 @@ void fields(V& v, T& t) {
         v.item(t.slices), v.item(t.mean_rest), v.item(t.mean_geometry), v.item(t.varied);
         v.item(t.skin), v.item(t.packed), v.item(t.rest_unit);
     } else if constexpr (is<T, SolidInfo>) {
-        v.item(t.inner), v.item(t.tetrahedra), v.item(t.count), v.item(t.slices), v.item(t.nodes), v.item(t.skin);
+        v.item(t.inner), v.item(t.tetrahedra), v.item(t.count), v.item(t.slices), v.item(t.nodes), v.item(t.skin), v.item(t.varied);
     } else if constexpr (is<T, Stepping>) {
         v.item(t.integrator), v.item(t.iterations), v.item(t.tolerance), v.item(t.step);
     } else if constexpr (is<T, Image>) {
@@ -118,9 +118,9 @@ void fields(V& v, T& t) {
         v.item(t.begin), v.item(t.end), v.item(t.tool), v.item(t.rows), v.item(t.made), v.item(t.broken), v.item(t.impulse);
         v.item(t.largest_force), v.item(t.largest_strain);
     } else if constexpr (is<T, TearBody>) {
-        v.item(t.body), v.item(t.break_strain), v.item(t.order);
+        v.item(t.body), v.item(t.break_strain), v.item(t.order), v.item(t.whole);
     } else if constexpr (is<T, Cut>) {
-        v.item(t.tear), v.item(t.time), v.item(t.region);
+        v.item(t.tear), v.item(t.time), v.item(t.region), v.item(t.material);
     } else if constexpr (is<T, HandTool>) {
         v.item(t.body), v.item(t.tip), v.item(t.tip_radius), v.item(t.coupling_stiffness), v.item(t.coupling_damping);
         v.item(t.max_force), v.item(t.friction), v.item(t.path), v.item(t.trace);
@@ -132,7 +132,7 @@ void fields(V& v, T& t) {
         v.item(t.position), v.item(t.velocity), v.item(t.triangle), v.item(t.neighbour), v.item(t.body);
         v.item(t.half_thickness), v.item(t.group);
     } else if constexpr (is<T, PictureBody>) {
-        v.item(t.mesh), v.item(t.origin), v.item(t.orientation), v.item(t.box), v.item(t.vertices), v.item(t.depths);
+        v.item(t.mesh), v.item(t.origin), v.item(t.orientation), v.item(t.box), v.item(t.vertices), v.item(t.depths), v.item(t.removed);
     } else if constexpr (is<T, PictureWitness>) {
         v.item(t.point), v.item(t.closest), v.item(t.depth);
     } else if constexpr (is<T, PictureTool>) {
@@ -315,7 +315,7 @@ void visit_resource(World& w, Resource resource, Visitor& v) {
         case Resource::kSolids:
             v.array(FIELD(solids.info)), v.array(FIELD(solids.position)), v.array(FIELD(solids.corner[0])),
                 v.array(FIELD(solids.corner[1])), v.array(FIELD(solids.corner[2])), v.array(FIELD(solids.corner[3])),
-                v.array(FIELD(solids.rest)), v.array(FIELD(solids.per_rest)), v.array(FIELD(solids.slot_column)),
+                v.array(FIELD(solids.rest)), v.array(FIELD(solids.per_rest)), v.array(FIELD(solids.factor)), v.array(FIELD(solids.slot_column)),
                 v.array(FIELD(solids.slot)), v.array(FIELD(solids.node_volume)), v.array(FIELD(solids.skin_node)),
                 v.array(FIELD(solids.skin_weight));
             break;
@@ -419,7 +419,7 @@ void visit_resource(World& w, Resource resource, Visitor& v) {
             break;
         case Resource::kPicture:
             v.value(FIELD(picture.number)), v.value(FIELD(picture.time)), v.array(FIELD(picture.body)), v.array(FIELD(picture.position)),
-                v.array(FIELD(picture.normal)), v.array(FIELD(picture.contact_depth)), v.array(FIELD(picture.witness)),
+                v.array(FIELD(picture.normal)), v.array(FIELD(picture.contact_depth)), v.array(FIELD(picture.removed)), v.array(FIELD(picture.witness)),
                 v.array(FIELD(picture.tool)), v.value(FIELD(picture.depth)), v.value(FIELD(picture.force));
             break;
         case Resource::kEnergy:

@@ -131,6 +131,7 @@ void check_solid(const World& w, uint32_t prototype, uint32_t particles, Faults&
                  f.inside(info.tetrahedra, s.rest.size(), name + "tetrahedra") && f.inside(info.tetrahedra, s.per_rest.size(), name + "tetrahedra") &&
                  f.inside({info.slices.first + prototype, info.slices.count + 1}, s.slot_column.size(), name + "slices");
     for (const auto& corner : s.corner) whole = whole && f.inside(info.tetrahedra, corner.size(), name + "corners");
+    if (info.varied) whole = whole && f.inside(info.tetrahedra, s.factor.size(), name + "stiffnesses");
     const uint32_t tets = info.tetrahedra.count;
     f.require(info.count <= tets && tets % kSliceWidth == 0 && uint64_t{info.slices.count} * kSliceWidth + skin_rows(info) == particles && tets < kNone / 4 &&
                   info.nodes.count <= particles && uint64_t{surface_nodes(w.meshes, info, prototype)} + info.inner.count == info.nodes.count,
@@ -314,7 +315,18 @@ void check_tears(const World& w, Faults& f) {
         const uint32_t prototype = w.bodies.mesh[t.body];
         const Range slices = w.springs.info[prototype].slices;
         f.require(size_t{w.springs.slice_column[slices.end() + prototype]} * kSliceWidth <= rows, "tears: springs are missing");
-        for (uint32_t i = t.order.first; i < t.order.end(); ++i) f.below(w.tears.order[i], t.order.count, false, "tears: triangle");
+        std::vector<bool> seen(t.order.count);
+        for (uint32_t i = t.order.first; i < t.order.end(); ++i) {
+            f.below(w.tears.order[i], t.order.count, false, "tears: triangle");
+            if (!f.first.empty()) return;
+            f.require(!seen[w.tears.order[i]], "tears: a triangle twice");
+            seen[w.tears.order[i]] = true;
+        }
+        const MeshInfo& info = w.meshes.info[prototype];
+        f.require(info.triangles.count <= t.order.count && t.whole <= Admission::kRefused, "tears: more triangles than at load");
+        if (!f.inside({info.triangles.first, t.order.count}, w.meshes.triangle.size(), "removed triangles")) return;
+        for (uint32_t i = info.triangles.end(); i < info.triangles.first + t.order.count; ++i)
+            for (const uint32_t v : w.meshes.triangle[i]) f.below(v, info.vertices.count, false, "vertex of a removed triangle");
     }
     for (const Cut& cut : w.tears.cut) {
         f.below(cut.tear, static_cast<uint32_t>(w.tears.body.size()), false, "cut of");
