@@ -1,6 +1,7 @@
 #include "systems/advance.hpp"
 
 #include <algorithm>
+#include <bit>
 #include <cmath>
 #include <limits>
 
@@ -197,18 +198,19 @@ void restore_body(AdvanceIsland& island, const AdvanceBody& b) {
 // in proportion, so that what hundreds of calls leave out adds up to nothing.
 void round_remainders(AdvanceIsland& island, const AdvanceBody& b) {
     const float* remainder[3] = {b.step.remainder_x, b.step.remainder_y, b.step.remainder_z};
-    const uint64_t call = island.params.tick * 0x9e3779b97f4a7c15ull;
+    uint64_t call = (island.params.tick + 1) * 0xbf58476d1ce4e5b9ull;
+    call ^= call >> 29;
     for (uint32_t v = 0; v < b.particles.count; ++v) {
         Float4& o = island.particles.offset[b.particles.first + v];
         if (!(o.w > 0)) continue;
-        uint64_t z = call ^ v;  // splitmix64
-        z = (z ^ (z >> 30)) * 0xbf58476d1ce4e5b9ull;
-        z = (z ^ (z >> 27)) * 0x94d049bb133111ebull;
+        const uint64_t z = (call + v) * 0x9e3779b97f4a7c15ull;  // a Weyl sequence: evenly spread over the particles
         float* const place[3] = {&o.x, &o.y, &o.z};
         for (int i = 0; i < 3; ++i) {
             const float r = remainder[i][v];
-            const float next = std::nextafter(*place[i], std::copysign(std::numeric_limits<float>::infinity(), r));
-            const float dice = static_cast<float>(z >> (20 * i) & 0xfffff) * 0x1p-20f;
+            if (r == 0 || *place[i] == 0) continue;
+            const int32_t away = (r > 0) == (*place[i] > 0) ? 1 : -1;  // the next float that way
+            const float next = std::bit_cast<float>(std::bit_cast<int32_t>(*place[i]) + away);
+            const float dice = static_cast<float>(static_cast<int32_t>(z >> (4 + 20 * i) & 0xfffff)) * 0x1p-20f;
             if (std::abs(r) > dice * std::abs(next - *place[i])) *place[i] = next;
         }
     }
