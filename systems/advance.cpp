@@ -206,12 +206,12 @@ void round_remainders(AdvanceIsland& island, const AdvanceBody& b) {
         const uint64_t z = (call + v) * 0x9e3779b97f4a7c15ull;  // a Weyl sequence: evenly spread over the particles
         float* const place[3] = {&o.x, &o.y, &o.z};
         for (int i = 0; i < 3; ++i) {
-            const float r = remainder[i][v];
-            if (r == 0 || *place[i] == 0) continue;
-            const int32_t away = (r > 0) == (*place[i] > 0) ? 1 : -1;  // the next float that way
-            const float next = std::bit_cast<float>(std::bit_cast<int32_t>(*place[i]) + away);
+            const float r = remainder[i][v], from = *place[i];
+            // the next float that way; without branches: they would fall as dice do
+            const int32_t away = (from != 0) * (2 * ((r > 0) == (from > 0)) - 1);
+            const float next = std::bit_cast<float>(std::bit_cast<int32_t>(from) + away);
             const float dice = static_cast<float>(static_cast<int32_t>(z >> (4 + 20 * i) & 0xfffff)) * 0x1p-20f;
-            if (std::abs(r) > dice * std::abs(next - *place[i])) *place[i] = next;
+            *place[i] = std::abs(r) > dice * std::abs(next - from) ? next : from;
         }
     }
 }
