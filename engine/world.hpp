@@ -36,6 +36,7 @@ struct World {
     Particles particles;
     Haptics haptics;  // tool: constant
     PairMemory pair_memory;
+    ContactMemory contact_memory;
     Sleep sleep;
     // derived each pass
     BodyBoxes boxes;
@@ -75,6 +76,7 @@ enum class Resource : uint8_t {
     kParticles,
     kToolState,
     kPairMemory,
+    kContactMemory,
     kBoxes,
     kPairs,
     kTrees,

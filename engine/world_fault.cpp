@@ -255,6 +255,10 @@ std::string find_fault(const World& w) {
     if (f.first.empty()) check_tools(w, f);
     f.require(w.pair_memory.b.size() == w.pair_memory.a.size() && w.pair_memory.direction.size() == w.pair_memory.a.size(),
               "pair memory: arrays of different length");
+    const ContactMemory& memory = w.contact_memory;
+    f.require(memory.other.size() == memory.body.size() && memory.vertex.size() == memory.body.size() && memory.along.size() == memory.body.size() &&
+                  memory.force.size() == memory.body.size(),
+              "contact memory: arrays of different length");
     const ContactParams& c = w.settings.contact;
     f.require(w.settings.substep > kShortestStep && c.tolerance > 0 && c.cell_edges > 0 && c.push_speed >= 0 && c.iterations < 1000 && w.settings.sleep_speed >= 0 && w.settings.sleep_after >= 0, "settings: out of range");
     f.require(w.clock.contact_rate == 60 && w.clock.display_rate == 30 && w.clock.tick == pass_tick(w.clock.pass, 60), "clock: does not fit its passes");

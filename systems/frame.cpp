@@ -13,6 +13,7 @@
 #include "systems/body_boxes.hpp"
 #include "systems/candidate_cells.hpp"
 #include "systems/candidate_pairs.hpp"
+#include "systems/contact_memory.hpp"
 #include "systems/contact_rows.hpp"
 #include "systems/contours.hpp"
 #include "systems/deformable_energy.hpp"
@@ -49,6 +50,7 @@ struct FrameScratch {
     RegionsScratch regions;
     ContactRowsScratch rows;
     EdgeRowsScratch edge_rows;
+    ContactMemoryScratch memory;
     IslandsScratch islands;
     SleepScratch sleep;
     std::vector<uint8_t> moving;                // per body: by its script
@@ -198,6 +200,7 @@ void overlap(FrameState& f) {
 void edge_pass(FrameState& f) {
     World& w = f.world;
     find_edge_contacts(w.settings.contact, surfaces_of(w), w.pairs, w.candidates, w.near, w.trees, f.scratch.edges, w.report, w.contacts);
+    keep_edges(w.settings.contact, surfaces_of(w), w.boxes, w.pairs, w.trees, w.contact_memory, f.scratch.memory, w.contacts);
 }
 void penetration(FrameState& f) {
     measure_penetrations(f.world.pairs, f.world.contacts, f.world.penetrations);
@@ -221,6 +224,7 @@ void contact_rows(FrameState& f) {
     World& w = f.world;
     make_contact_rows(w.settings.contact, surfaces_of(w), w.pairs, w.contacts, w.penetrations, f.scratch.rows, w.report, w.rows);
     add_edge_rows(surfaces_of(w), w.boxes, w.pairs, w.candidates, f.scratch.edge_rows, w.rows);
+    recall_contacts(w.contact_memory, f.scratch.memory, w.rows);
 }
 void islands(FrameState& f) { find_islands(f.world.bodies, f.world.rows, f.scratch.islands, f.world.islands); }
 void local_contact(FrameState& f) {
@@ -304,6 +308,7 @@ void advance(FrameState& f) {
     parallel_for(count, island_grain(w), [&](uint32_t begin, uint32_t end) {
         for (uint32_t i = begin; i < end; ++i) advance_one_island(f, i, f.scratch.advance[thread_index()]);
     });
+    remember_contacts(w.rows, w.contact_memory);
     share_room(f.scratch.advance);
     f.times.response_ns = 0;
     w.report.deepest_residual = 0;
@@ -364,19 +369,19 @@ constexpr FrameStage kBegin[] = {
     {{"candidate cells", candidate_cells, mask(R::kPairs, R::kScreened, R::kOccupancy),                      mask(R::kCandidates)}, any_pair},
     {{"contours",        contours,        kShapes | mask(R::kPairs, R::kCandidates),                         mask(R::kContours)}, wants_contours},
     {{"overlap",         overlap,         kShapes | mask(R::kBoxes, R::kPairs, R::kScreened, R::kCandidates, R::kTrees), mask(R::kNear, R::kContacts, R::kReport)}, any_pair},
-    {{"edge pass",       edge_pass,       kShapes | mask(R::kSettings, R::kPairs, R::kCandidates, R::kNear, R::kTrees), mask(R::kContacts, R::kReport)}, any_pair},
+    {{"edge pass",       edge_pass,       kShapes | mask(R::kSettings, R::kPairs, R::kCandidates, R::kNear, R::kTrees, R::kBoxes, R::kContactMemory), mask(R::kContacts, R::kReport)}, any_pair},
     {{"penetration",     penetration,     mask(R::kPairs, R::kContacts),                                     mask(R::kPenetrations, R::kReport)}, any_pair},
     {{"face depths",     face_depths,     kShapes | mask(R::kSettings, R::kPairs, R::kScreened, R::kNear, R::kTrees), mask(R::kPenetrations)}, wants_faces},
     {{"deep overlap",    deep_overlap,    kShapes | mask(R::kPairs, R::kContacts, R::kTrees),                 mask(R::kPairMemory, R::kPenetrations)}, wants_ways_out},
     {{"regions",         regions,         kShapes | mask(R::kPairs, R::kScreened, R::kNear, R::kContacts, R::kContours), mask(R::kRegions)}, wants_regions},
-    {{"contact rows",    contact_rows,    kShapes | mask(R::kSettings, R::kBoxes, R::kPairs, R::kCandidates, R::kContacts, R::kPenetrations), mask(R::kRows, R::kReport)}, any_pair},
+    {{"contact rows",    contact_rows,    kShapes | mask(R::kSettings, R::kBoxes, R::kPairs, R::kCandidates, R::kContacts, R::kPenetrations, R::kContactMemory), mask(R::kRows, R::kReport)}, any_pair},
     {{"islands",         islands,         mask(R::kBodies, R::kRows),                                        mask(R::kIslands)}, any_mover},
     {{"local contact",   local_contact,   kShapes | mask(R::kClock, R::kTools, R::kToolState, R::kBoxes),     mask(R::kLocalContact)}, any_tool},
 };
 
 constexpr FrameStage kAdvance[] = {
     {{"advance", advance, mask(R::kSleep, R::kSettings, R::kMeshes, R::kSprings, R::kSolids, R::kBodies, R::kAnchors, R::kPaths, R::kTools, R::kClock, R::kIslands, R::kLocalContact),
-      mask(R::kPoses, R::kParticles, R::kRows, R::kToolState, R::kEnergy, R::kReport)}, any_mover},
+      mask(R::kPoses, R::kParticles, R::kRows, R::kContactMemory, R::kToolState, R::kEnergy, R::kReport)}, any_mover},
 };
 
 constexpr FrameStage kEnd[] = {
