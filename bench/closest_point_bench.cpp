@@ -2,8 +2,7 @@
 #include <cstdio>
 #include <random>
 
-#include "bench/rows.hpp"
-#include "bench/suites.hpp"
+#include "bench/contact_parts.hpp"
 #include "engine/closest_point.hpp"
 #include "engine/geometry/space_curve.hpp"
 #include "tests/engine/hard_surfaces.hpp"
@@ -315,33 +314,34 @@ void winding_rows(const TestMesh& organ, Report& report) {
 }
 
 }  // namespace
-}  // namespace trocar::bench
 
-int query_suite(int argc, char** argv) {
-    using namespace trocar;
-    bench::Report report("query", argc, argv);
+void compare_queries(Report& report) {
     for (const bool plain : {false, true}) {
         force_avx2(plain);
         if (plain && report.quick()) break;
-        report.heading(std::string("one thread, ") + instruction_set());
+        const std::string set = instruction_set();
+        report.heading("Signed closest points, " + set);
         for (const int n : {22, 50, 71}) {
             const TestMesh organ = make_organ(n);
-            const std::string name = std::to_string(organ.triangle.size()) + " triangles";
+            const std::string name = set + ", " + std::to_string(organ.triangle.size()) + " triangles";
             const uint32_t count = report.quick() ? 2000 : 10000;
             std::vector<Vec3d> near = points_near(organ, count, 0.01 * organ.diagonal(), 7);
             std::vector<Vec3d> box = points_in_box(organ, count, 7);
-            bench::sort_along_curve(near);
-            bench::sort_along_curve(box);
-            bench::query_rows(organ, name + ", near, sorted", near, true, report);
-            if (!plain) bench::query_rows(organ, name + ", uniform, sorted", box, false, report);
-            if (n == 71) bench::refit_rows(organ, report);
+            sort_along_curve(near);
+            sort_along_curve(box);
+            query_rows(organ, name + ", near", near, true, report);
+            if (!plain) query_rows(organ, name + ", uniform", box, false, report);
+            if (n == 71) refit_rows(organ, report);
         }
     }
     force_avx2(false);
+    report.heading("A deforming pair: refit, queries, depth");
     const TestMesh organ = make_organ(50);
-    bench::pair_row(organ, "50,000-triangle deforming pair, light contact", Vec3d(1.84, 0, 0), 3, 2, report);
-    bench::pair_row(organ, "50,000-triangle deforming pair, full contact", Vec3d(0.01, 0.005, 0), 18, 12, report);
-    bench::winding_rows(organ, report);
-    bench::sign_rows(report);
-    return report.finish();
+    pair_row(organ, "50,000-triangle deforming pair, light contact", Vec3d(1.84, 0, 0), 3, 2, report);
+    pair_row(organ, "50,000-triangle deforming pair, full contact", Vec3d(0.01, 0.005, 0), 18, 12, report);
+    report.heading("Signs");
+    winding_rows(organ, report);
+    sign_rows(report);
 }
+
+}  // namespace trocar::bench

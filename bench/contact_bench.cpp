@@ -14,14 +14,15 @@ struct Part {
     const char* name;
     void (*run)(Report&);
 };
-constexpr Part kParts[] = {{"broad", compare_broad_phases},
+constexpr Part kParts[] = {{"query", compare_queries},
+                           {"broad", compare_broad_phases},
                            {"missed", count_missed_pairs},
                            {"thesis", compare_with_thesis},
                            {"error", plot_speed_and_error}};
 
 }  // namespace
 
-// Rows of the contact pass beside its peers: [--quick] [--json FILE] [broad|missed|thesis|error]; or the cost of every
+// Rows of the contact pass beside its peers: [--quick] [--json FILE] [query|broad|missed|thesis|error]; or the cost of every
 // stage: stages [passes] [scene] [cell edges], the word left out where a number follows.
 int contact_suite(int argc, char** argv) {
     Report report("contact", argc, argv);
@@ -39,7 +40,7 @@ int contact_suite(int argc, char** argv) {
         part.run(report);
     }
     if (!known) {
-        std::fprintf(stderr, "trocar_bench contact: no part '%s': stages, broad, missed, thesis or error\n", only.c_str());
+        std::fprintf(stderr, "trocar_bench contact: no part '%s': stages, query, broad, missed, thesis or error\n", only.c_str());
         return 2;
     }
     return report.finish();

@@ -6,6 +6,8 @@ namespace trocar::bench {
 
 // Every stage of the contact pass on one core: [passes] [first word of one scene] [cell edges].
 void measure_stages(int argc, char** argv);
+// Closest points, signs and refits beside rtcPointQuery and CGAL; a deforming pair.
+void compare_queries(Report& report);
 // Ways to find meeting triangles, on the same scenes; body boxes against Bullet.
 void compare_broad_phases(Report& report);
 // Random posed pairs against exact triangle tests.

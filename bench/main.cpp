@@ -1,5 +1,6 @@
 #include <cstdio>
 #include <cstring>
+#include <exception>
 
 #include "bench/suites.hpp"
 #include "engine/thread_pool.hpp"
@@ -16,9 +17,10 @@ constexpr Suite kSuites[] = {
 #ifdef TROCAR_WITH_BENCHMARK
     {"content", content_suite, "marching cubes, stuffing, reading against assimp and Coin; takes Google Benchmark's flags"},
 #endif
-    {"contact", contact_suite, "contact beside its peers: [--quick] [--json FILE] [broad|missed|thesis|error]; or stages [passes] [goal|kidney|probe|deep|pile] [cell edges]"},
+    {"contact", contact_suite, "contact beside its peers: [--quick] [--json FILE] [query|broad|missed|thesis|error]; or stages [passes] [goal|kidney|probe|deep|pile] [cell edges]"},
     {"deform", deform_suite, "integrators: rates, stable steps, error against time: [rates|threads|stability|errors]; Bullet as peer"},
-    {"query", query_suite, "signed closest-point queries and refits, AVX2 and AVX-512"},
+    {"scale", scale_suite, "bodies x threads with state hashes, growth, memory, critical path, idle cost: [--quick] [--json FILE] [idle|counts|path|allocations|goals|bullet]"},
+    {"haptics", haptics_suite, "forces on replayed paths, slow simulations, stability, faults, live ticks: [--quick] [--json FILE] [paths|rates|stability|faults|tick|live]"},
     {"report", report_suite, "DIR: draws what suites wrote with --json DIR/NAME.json as one page, DIR/report.html"},
 };
 
@@ -27,7 +29,13 @@ constexpr Suite kSuites[] = {
 int main(int argc, char** argv) {
     trocar::set_float_mode();
     for (const Suite& suite : kSuites) {
-        if (argc > 1 && std::strcmp(argv[1], suite.name) == 0) return suite.run(argc - 1, argv + 1);
+        if (argc < 2 || std::strcmp(argv[1], suite.name) != 0) continue;
+        try {
+            return suite.run(argc - 1, argv + 1);
+        } catch (const std::exception& e) {
+            std::fprintf(stderr, "trocar_bench: %s\n", e.what());
+            return 2;
+        }
     }
     std::printf("usage: trocar_bench SUITE [arguments]\n\n");
     for (const Suite& suite : kSuites) std::printf("  %-8s %s\n", suite.name, suite.what);

@@ -8,6 +8,7 @@
 #include <map>
 #include <nlohmann/json.hpp>
 #include <optional>
+#include <thread>
 
 #include "engine/whole_file.hpp"
 namespace trocar::bench {
@@ -17,13 +18,20 @@ double ratio_of(const Row& row) {
     return row.goal == Goal::kPeerShare ? row.ours / row.peer_value : row.peer_value / row.ours;
 }
 
-std::optional<bool> met(const Row& row) {
+std::optional<bool> reaches(const Row& row, double limit) {
     if (row.goal == Goal::kNone || !row.not_judged.empty()) return {};
     switch (row.goal) {
-        case Goal::kRatio: return ratio_of(row) >= row.at_least;
-        case Goal::kPeerShare: return ratio_of(row) <= row.at_least;
-        default: return row.ours <= row.at_least;
+        case Goal::kRatio: return ratio_of(row) >= limit;
+        case Goal::kPeerShare: return ratio_of(row) <= limit;
+        default: return row.ours <= limit;
     }
+}
+std::optional<bool> met(const Row& row) { return reaches(row, row.at_least); }
+
+std::string figure(double value) {
+    char text[32];
+    std::snprintf(text, sizeof text, "%.3g", value);
+    return text;
 }
 
 nlohmann::ordered_json number(double value) {
@@ -87,7 +95,11 @@ Report::Report(std::string suite, int& argc, char** argv) : suite_(std::move(sui
     argc = kept;
 }
 
-void Report::heading(const std::string& text) { std::printf("%s\n", text.c_str()); }
+void Report::heading(const std::string& text) {
+    const std::chrono::duration<double> since = std::chrono::steady_clock::now() - begin_;
+    std::printf("[%4.0f s] %s\n", since.count(), text.c_str());
+    std::fflush(stdout);
+}
 
 void Report::add(Row row) {
     if (row.plot.empty()) print(row);
@@ -114,16 +126,42 @@ void Report::print_plots() const {
     }
 }
 
+void Report::print_goals() const {
+    const auto judged = std::count_if(rows_.begin(), rows_.end(), [](const Row& row) { return row.goal != Goal::kNone; });
+    if (judged == 0) return;
+    const auto answer = [](std::optional<bool> yes) { return !yes ? "?" : *yes ? "yes" : "NO"; };
+    std::printf("Goals (%s, one thread%s)\n  %-68s %10s %-14s %10s %9s %9s %4s %9s %4s  %s\n", machine_class().c_str(),
+                quick_ ? ", quick" : "", "what", "ours", "", "peer", "", "at least", "met", "aim", "met", "error (peer's)");
+    for (const Row& row : rows_) {
+        if (row.goal == Goal::kNone) continue;
+        const bool times = std::isfinite(row.peer_value);
+        std::printf("  %-68s %10.4g %-14s %10s %9s", row.name.c_str(), row.ours, row.unit.c_str(),
+                    times ? figure(row.peer_value).c_str() : "", times ? (figure(ratio_of(row)) + " x").c_str() : "");
+        const char* sign = row.goal == Goal::kRatio ? ">= " : "<= ";
+        std::printf(" %9s %4s %9s %4s", (sign + figure(row.at_least)).c_str(), answer(met(row)), (sign + figure(row.aim)).c_str(),
+                    answer(reaches(row, row.aim)));
+        if (std::isfinite(row.error)) std::printf("  %.3g", row.error);
+        if (std::isfinite(row.peer_error)) std::printf(" (%.3g)", row.peer_error);
+        std::printf(" %s\n", row.error_unit.c_str());
+    }
+}
+
 int Report::finish() {
     bool missed = false;
     print_plots();
-    nlohmann::ordered_json j = {{"suite", suite_}, {"quick", quick_}, {"rows", nlohmann::ordered_json::array()}};
+    print_goals();
+    nlohmann::ordered_json j = {{"suite", suite_}, {"machine", machine_class()}, {"quick", quick_}, {"rows", nlohmann::ordered_json::array()}};
     for (const Row& row : rows_) {
         missed = missed || !met(row).value_or(true);
         j["rows"].push_back(to_json(suite_, row));
     }
     if (!json_.empty()) write_whole_file(json_, j.dump(1) + "\n");
     return missed ? 1 : 0;
+}
+
+std::string machine_class() {
+    const bool wide = __builtin_cpu_supports("avx512f");
+    return std::to_string(std::thread::hardware_concurrency()) + " cores, " + (wide ? "AVX-512" : "AVX2");
 }
 
 double thread_seconds() {

@@ -1,4 +1,5 @@
 #pragma once
+#include <chrono>
 #include <cmath>
 #include <functional>
 #include <limits>
@@ -38,20 +39,27 @@ class Report {
  public:
     Report(std::string suite, int& argc, char** argv);
     bool quick() const { return quick_; }
+    // Printed with the seconds since the suite began.
     void heading(const std::string& text);
     // Rows of a plot are printed at the end, summed up by series.
     void add(Row row);
-    // Writes the rows where --json says: {suite, machine, rows: [{suite, name, ours, unit, peer, peer_value, ratio, error,
-    // peer_error, ..., at_least, aim, met}]}. 1 when a row misses its at_least, else 0.
+    // Prints the rows that have a goal once more, as one table, and writes all rows where --json says: {suite, machine, quick,
+    // rows: [{suite, name, ours, unit, peer, peer_value, ratio, error, peer_error, ..., at_least, aim, met}]}. 1 when a row
+    // misses its at_least, else 0.
     int finish();
 
  private:
     void print_plots() const;
+    void print_goals() const;
 
     std::string suite_, json_;
     bool quick_ = false;
+    std::chrono::steady_clock::time_point begin_ = std::chrono::steady_clock::now();
     std::vector<Row> rows_;
 };
+
+// Cores and widest vectors of this machine, without its name: "2 cores, AVX-512".
+std::string machine_class();
 
 // Seconds of this thread alone, so that a busy machine does not count.
 double thread_seconds();

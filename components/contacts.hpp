@@ -22,7 +22,7 @@ struct ContactParams {
     ResponseShare share = ResponseShare::kMass;
     ResponseDirection direction = ResponseDirection::kLocal;
     DeepResponse deep = DeepResponse::kNone;
-    bool faces = false;     // search faces for points deeper than vertices and edges, to tolerance
+    bool faces = false;     // search faces for points deeper than their corners and edges, to tolerance: contacts too
     bool contours = false;  // intersection stage: where surfaces cross
     bool regions = false;   // overlap regions of every pair; needs the contours and finds them
 };
@@ -80,18 +80,23 @@ struct NearVertices {
     std::vector<uint32_t> triangle;     // local triangle of the other body that is nearest
 };
 
-// Points of one body's surface near or inside another body. Ascending (pair, side, vertex before edge, index).
+// Points of one body's surface near or inside another body. Ascending (pair, side, vertex before edge before face,
+// index).
 struct Contacts {
     std::vector<uint32_t> pair;                  // row of CandidatePairs
     std::vector<uint32_t> body;                  // whose point it is
     std::vector<uint32_t> other;                 // whose surface it is near
     std::vector<std::array<uint32_t, 2>> vertex; // local vertices of body; equal for a vertex point
-    std::vector<float> along;                    // point = (1 - along) * vertex[0] + along * vertex[1]
+    std::vector<float> along;                    // point = (1 - along - across) * vertex[0] + along * vertex[1]
+    std::vector<uint32_t> third;                 // of a point inside a face: its third corner; else kNone
+    std::vector<float> across;                   // and + across * third; else 0
     std::vector<Vec3d> point;                    // world, m
     std::vector<Vec3d> closest;                  // nearest surface point of other, world, m
     std::vector<Vec3d> normal;                   // unit, outward from other
     std::vector<double> distance;                // m, signed, < 0 inside
     std::vector<uint32_t> triangle;              // local triangle of other that holds `closest`
+    std::vector<double> most;                    // m, per candidate pair, with ContactParams::faces: if the search of
+                                                 // faces had to stop, nothing is deeper than this; else 0
 };
 
 // Where the surfaces of candidate pairs cross, as curves of segments. b counts as moved against a by an infinitesimal
@@ -149,6 +154,7 @@ struct Penetrations {
     std::vector<uint32_t> vertices_a_in_b;
     std::vector<uint32_t> vertices_b_in_a;
     std::vector<uint32_t> edge_contacts;
+    std::vector<uint32_t> face_contacts;
     std::vector<uint8_t> saturated;        // so deep that other ways out are about as short; see mark_saturated
     std::vector<Vec3d> way_out;            // unit, what a saturated pair last agreed on; zero if not saturated or unknown
     std::vector<double> surface_depth;     // m, with ContactParams::faces: no point of either surface is deeper by more
@@ -162,6 +168,8 @@ struct ContactRows {
     std::vector<uint32_t> body, other;
     std::vector<std::array<uint32_t, 2>> vertex;   // local vertices of body
     std::vector<float> along;
+    std::vector<uint32_t> third;                   // as in Contacts
+    std::vector<float> across;
     std::vector<Triangle> triangle;                // local vertices of the triangle of other
     std::vector<std::array<float, 3>> weight;      // barycentric coordinates of the plane point, sum 1
     std::vector<Vec3d> normal;                     // unit, outward from other; in the body frame if other is rigid

@@ -14,7 +14,8 @@ struct DeviceState {
     Vec3d position = Vec3d::Zero();  // m, world (after the workspace transform)
     Quat orientation;
     Vec3d velocity = Vec3d::Zero();  // m/s
-    uint32_t buttons = 0;
+    uint32_t buttons = 0;            // one bit each
+    double grip = 0;                 // rad, between the jaws; 0 = closed, or the device has none
 };
 
 // What a device reported before, in ascending time. Constant after load.
@@ -22,9 +23,141 @@ struct DeviceTrace {
     std::vector<DeviceState> sample;
 };
 
-// What it is told to do.
+// What it is told to do: a force field around a place, so that a device with a faster loop of its own may follow the
+// hand between two commands: force(x) = force - stiffness * (x - at).
 struct DeviceCommand {
-    Vec3d force = Vec3d::Zero();  // N, on the hand
+    Vec3d force = Vec3d::Zero();         // N, on the hand, when it is at `at`
+    Vec3d torque = Vec3d::Zero();        // N m, on the hand, about the tip
+    Vec3d at = Vec3d::Zero();            // m
+    std::array<double, 9> stiffness{};   // N/m, row by row, symmetric, not negative
+};
+
+// What a device must not be asked beyond. Vectors are scaled, so their direction stays.
+struct DeviceLimits {
+    double torque = 0.2;       // N m; the largest force is HandTool::max_force
+    double force_slew = 0;     // N/s; 0 = from none to the largest force in 3 ms
+    double torque_slew = 0;    // N m/s; 0 = the same
+    double dissipation = 10;   // N s/m, most damping by which energy that sampling made is taken back; 0 = none
+};
+
+// Where the space that a hand reaches lies in the world: world = origin + turn (scale * device).
+struct Workspace {
+    Vec3d origin = Vec3d::Zero();  // m
+    Quat turn;
+    double scale = 1;
+    uint32_t clutch = 0;  // buttons (bits): while one is held the tool stays and the hand moves alone; 0 = none
+};
+
+// Instrument through a point of the body wall: two angles, insertion and roll are free.
+enum class PivotKind : uint8_t {
+    kNone,
+    kHandle,  // the device is the handle outside: the tip moves the other way, scaled by the lever
+    kTip,     // the device is the tip inside: it moves as the hand does
+};
+struct Pivot {
+    PivotKind kind = PivotKind::kNone;
+    Vec3d point = Vec3d::Zero();  // m, world
+    double length = 0.33;         // m, kHandle: from the device to the tip
+    Vec3d axis{0, 0, -1};         // unit, in the frame of the device: from handle to tip
+};
+
+// A hand with an arm behind it that follows a path and gives way to forces: mass on a spring and damper between it and
+// where it means to be. mass = 0: a hand that no force moves.
+struct HandModel {
+    double mass = 0;          // kg, of hand and device
+    double damping = 0;       // N s/m, of the device
+    double stiffness = 0;     // N/m, of the arm
+    double arm_damping = 0;   // N s/m, of the arm
+    double friction = 0;      // N, Coulomb, of the device
+    double encoder = 0;       // m, step of the reported position; 0 = exact
+    uint32_t delay = 0;       // ticks until a command acts, 0..7
+    double tremor = 0;        // m, amplitude
+    double tremor_rate = 9;   // Hz
+};
+inline constexpr uint32_t kMostHandDelay = 7;
+struct HandModelState {
+    bool placed = false;
+    Vec3d position = Vec3d::Zero();  // m
+    Vec3d velocity = Vec3d::Zero();  // m/s
+    std::array<Vec3d, kMostHandDelay + 1> force{Vec3d::Zero(), Vec3d::Zero(), Vec3d::Zero(), Vec3d::Zero(),
+                                                Vec3d::Zero(), Vec3d::Zero(), Vec3d::Zero(), Vec3d::Zero()};  // N, newest first
+    Vec3d reported = Vec3d::Zero();           // m, through the encoder
+    Vec3d reported_velocity = Vec3d::Zero();  // m/s
+};
+
+enum class EffectKind : uint8_t {
+    kSpringPoint,  // stiffness (point - x)
+    kSpringLine,   // the same without its part along `direction`
+    kSpringPlane,  // its part along `direction` alone
+    kConstant,     // force along direction
+    kImpulse,      // a half sine of `duration` along direction whose integral is `impulse`
+    kVibration,    // force sin(2 pi frequency t) along direction
+    kViscosity,    // -damping v
+    kInertia,      // -mass a
+    kMagnet,       // towards the surface nearer than `reach`, growing linearly to `force` where it is touched
+};
+enum class EffectTrigger : uint8_t {
+    kTime,     // at `start`
+    kButton,   // when one of `buttons` is pressed; stops when it is released, or after duration
+    kTouch,    // when a surface is touched
+    kRelease,  // when it is left
+};
+// A force of its own on one tool's hand, beside contact. Constant after load.
+struct HapticEffect {
+    EffectKind kind = EffectKind::kConstant;
+    EffectTrigger trigger = EffectTrigger::kTime;
+    double start = 0;              // s, kTime
+    double duration = 0;           // s; 0 = for ever, or while the button is held
+    uint32_t buttons = 0;          // kButton
+    Vec3d point = Vec3d::Zero();   // m, world
+    Vec3d direction{0, 0, 1};      // unit, world
+    double stiffness = 0;          // N/m
+    double damping = 0;            // N s/m, springs and viscosity
+    double force = 0;              // N
+    double impulse = 0;            // N s
+    double frequency = 0;          // Hz
+    double mass = 0;               // kg
+    double reach = 0;              // m
+};
+inline constexpr uint32_t kMaxEffects = 16;  // of a tool
+struct EffectState {
+    bool running = false;
+    double since = 0;  // s
+};
+
+enum class HapticEventKind : uint8_t { kTouch, kRelease, kButtonDown, kButtonUp, kPassThrough, kLimit, kCount };
+struct HapticEvent {
+    HapticEventKind kind = HapticEventKind::kTouch;
+    double time = 0;      // s
+    uint32_t value = 0;   // buttons that changed; else 0
+};
+inline constexpr uint32_t kKeptEvents = 16;
+// The last events of a tool and how many there were of each kind.
+struct HapticEvents {
+    std::array<HapticEvent, kKeptEvents> last{};  // event n at n % kKeptEvents
+    uint64_t total = 0;
+    std::array<uint32_t, static_cast<size_t>(HapticEventKind::kCount)> count{};
+};
+
+// What the last stage before the device remembers.
+struct SafetyState {
+    Vec3d contact_force = Vec3d::Zero();   // N, of contact, let through at the last tick
+    Vec3d from_device = Vec3d::Zero();     // m, where the device and the proxy were then
+    Vec3d from_proxy = Vec3d::Zero();
+    double energy = 0;                     // J, that contact took from the hand; below zero it gave some
+    double lowest_energy = 0;              // J
+    double dissipated = 0;                 // J, taken back by damping
+    bool started = false;
+    double gain = 1;                       // share let through after a silence, 0..1
+    bool limiting = false;                 // a limit cut the last command
+    uint64_t limited_ticks = 0;
+    uint64_t safe_ticks = 0;               // ticks with the force held at or on its way to zero by trouble
+};
+
+struct ClutchState {
+    bool started = false;
+    Vec3d offset = Vec3d::Zero();  // m, world, added to where the workspace puts the device
+    Vec3d tool = Vec3d::Zero();    // m, world, where the tool was put last
 };
 
 // A tool held by a device. Constant after load.
@@ -38,6 +171,12 @@ struct HandTool {
     double friction = 0.1;
     uint32_t path = kNone;   // row of Paths: the scripted hand
     uint32_t trace = kNone;  // row of Haptics::trace: the recorded hand
+    double pass_through = 0;  // N, harder presses go through the surface; 0 = never
+    HandModel hand;           // of a scripted hand that gives way
+    Workspace workspace;
+    Pivot pivot;
+    DeviceLimits limits;
+    Range effects;  // rows of Haptics::effect
 };
 
 // How forces are rendered; the same for all tools.
@@ -49,8 +188,9 @@ struct HapticParams {
     double device_speed = 2;       // m/s, a sample farther from the last good one than this and ...
     double device_slack = 5e-3;    // m, ... this allow is refused
     double model_timeout = 0.1;    // s, an older model is not trusted: force falls to zero
-    double device_timeout = 0.01;  // s, the same for an older sample
-    double fall_time = 0.01;       // s, from full force to none on a timeout
+    double device_timeout = 8e-3;  // s, the same for an older sample
+    double fall_time = 5e-3;       // s, from full force to none on a timeout
+    double silence = 0.02;         // s, ticks farther apart than this: force comes back over rise_time
     double rise_time = 0.05;       // s, back to full force after trouble
     double force_slew = 200;       // N/s, change of force beyond what the motion of the device explains
 };
@@ -88,7 +228,8 @@ struct ToolState {
     Vec3d proxy = Vec3d::Zero();  // m, world: centre of the tip sphere, kept outside the surface
     bool proxy_valid = false;     // false until the sphere is seen clear of every surface: no force
     uint32_t contacts = 0;        // surface constraints active on the proxy
-    DeviceCommand command;
+    DeviceCommand command;        // of contact alone
+    DeviceCommand output;         // what the device is told: contact and effects within limits
     bool device_valid = false;  // `device` is a sample that was accepted
     double time = 0;            // s, of the last tick
     uint64_t ticks = 0;
@@ -98,11 +239,18 @@ struct ToolState {
     uint64_t rejected_samples = 0;          // refused: not finite, out of order, farther than a hand can move
     Vec3d coupling_force = Vec3d::Zero();   // N, of the coupling on the simulated tool, last substep
     Vec3d contact_impulse = Vec3d::Zero();  // N s, of the tissue on the simulated tool, summed over the period
+    HandModelState hand;
+    ClutchState clutch;
+    SafetyState safety;
+    Vec3d effect_velocity = Vec3d::Zero();  // m/s, of the device at the last tick, for inertia
+    std::array<EffectState, kMaxEffects> effect{};
+    HapticEvents events;
 };
 
 struct Haptics {
     std::vector<HandTool> tool;      // constant
     std::vector<DeviceTrace> trace;  // constant
+    std::vector<HapticEffect> effect;  // constant
     std::vector<ToolState> state;    // one per tool
     uint64_t ticks = 0;
     double max_force = 0;           // N, largest commanded

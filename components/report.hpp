@@ -4,18 +4,20 @@
 namespace trocar {
 
 // Energy of all deformable and free rigid bodies and the work done on them since the start. J.
-// Balance: kinetic + elastic + pressure + bending + gravity - all work_* = its value at the start.
+// Balance: kinetic + elastic + pressure + bending + links + gravity - all work_* = its value at the start.
 struct Energy {
     double kinetic = 0;
     double elastic = 0;        // springs, anchors and volumes of tetrahedra
     double pressure = 0;       // of enclosed volumes
     double bending = 0;        // of surfaces
+    double links = 0;          // of springs between bodies
     double gravity = 0;        // potential
     double work_hand = 0;      // of hands and scripts, through contact rows
     double work_contact = 0;   // of inelastic impact and friction, <= 0
     double work_damping = 0;   // <= 0
     double work_push = 0;      // of push-out moves
-    double work_numeric = 0;   // what implicit steps lost by themselves, and what bodies fell asleep with
+    double work_numeric = 0;   // what implicit steps lost by themselves, what bodies fell asleep or left with
+    double work_links = 0;     // what links and springs held as they were made, less what they held as they broke or let go
     double balance = 0;        // the sum above - its value at the start
 };
 
@@ -37,6 +39,11 @@ struct Report {
     uint64_t implicit_steps = 0;          // of bodies stepped by midpoint
     uint64_t implicit_iterations = 0;     // of conjugate gradients in all of them
     double worst_implicit_residual = 0;   // largest over the steps, as Stepping::tolerance
+    uint64_t links = 0;                   // springs between bodies that hold now
+    uint64_t broken_links = 0;
+    uint64_t broken_springs = 0;          // and those that went with removed triangles
+    uint64_t removed_triangles = 0;
+    uint64_t opened_bodies = 0;           // closed surfaces that a cut has opened: inside is what the surface winds around
     uint64_t dropped_pictures = 0;        // live mode
     uint64_t late_passes = 0;             // live mode
     double deepest_residual = 0;          // m, deepest overlap at the end of a period

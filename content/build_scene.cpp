@@ -7,6 +7,7 @@
 #include <numbers>
 
 #include "content/admission.hpp"
+#include "content/build_links.hpp"
 #include "content/clean_mesh.hpp"
 #include "content/load_mesh.hpp"
 #include "content/make_prototype.hpp"
@@ -146,6 +147,13 @@ void add_tool(const SceneFile& scene, const ToolSpec& spec, World& world) {
     tool.coupling_damping = spec.damping;
     tool.max_force = spec.max_force;
     tool.friction = spec.friction;
+    tool.pass_through = spec.pass_through;
+    tool.hand = spec.hand;
+    tool.workspace = spec.workspace;
+    tool.pivot = spec.pivot;
+    tool.limits = spec.limits;
+    tool.effects = {static_cast<uint32_t>(world.haptics.effect.size()), static_cast<uint32_t>(spec.effects.size())};
+    world.haptics.effect.insert(world.haptics.effect.end(), spec.effects.begin(), spec.effects.end());
     if (world.haptics.tool.size() == kMaxTools) throw InputError(at(scene, spec.line) + "more than " + std::to_string(kMaxTools) + " tools");
     if (!spec.trace.empty()) {
         tool.trace = static_cast<uint32_t>(world.haptics.trace.size());
@@ -263,8 +271,10 @@ struct PrototypeCache {
     std::map<std::string, Prototype> made;
 
     const Prototype& get(const SceneFile& scene, const BodySpec& spec, World& world, std::vector<std::string>& warnings) {
+        // what tears has springs of its own
+        const std::string own = std::isfinite(spec.break_strain) ? spec.name : "";
         char key[512];
-        std::snprintf(key, sizeof key, "%s|%s|%u|%llu|%.17g|%.17g|%g,%g,%g|%d|%d,%.17g,%.17g", spec.file.c_str(), spec.shape.c_str(), spec.triangles,
+        std::snprintf(key, sizeof key, "%s|%s|%s|%u|%llu|%.17g|%.17g|%g,%g,%g|%d|%d,%.17g,%.17g", own.c_str(), spec.file.c_str(), spec.shape.c_str(), spec.triangles,
                       static_cast<unsigned long long>(spec.seed), spec.scale, spec.size, static_cast<double>(spec.color[0]),
                       static_cast<double>(spec.color[1]), static_cast<double>(spec.color[2]), spec.motion == Motion::kDeformable, spec.solid, spec.cells, spec.spacing);
         if (const auto found = made.find(key); found != made.end()) return found->second;
@@ -327,6 +337,30 @@ std::string choose_stepping(const SceneFile& scene, const BodySpec& spec, World&
     return why;
 }
 
+// A pool of the copies that end with `last`: they wait asleep until they come.
+void add_pool(const SceneFile& scene, const BodySpec& spec, uint32_t last, World& world) {
+    if (!(world.settings.sleep_speed > 0))
+        throw InputError(at(scene, spec.line) + "body \"" + spec.name + "\" comes and goes: sleep_speed must not be 0, empty slots sleep");
+    world.pools.slots.push_back({last + 1 - spec.scatter.count, spec.scatter.count});
+    world.pools.rate.push_back(spec.scatter.rate);
+    world.pools.life.push_back(spec.scatter.life);
+}
+
+// Once all bodies are there: nobody of a pool has come yet.
+void open_pools(World& world) {
+    if (world.pools.slots.empty()) return;
+    const uint32_t count = static_cast<uint32_t>(world.bodies.mesh.size());
+    world.pools.orientation = world.poses.orientation;
+    world.lives = {std::vector<uint8_t>(count), std::vector<uint32_t>(count), std::vector<uint64_t>(count), std::vector<uint64_t>(world.pools.slots.size())};
+    world.sleep = {std::vector<uint32_t>(count), std::vector<uint32_t>(count, kNone)};
+    for (const Range slots : world.pools.slots) {
+        for (uint32_t body = slots.first; body < slots.end(); ++body) {
+            world.lives.away[body] = 1;
+            world.sleep.still[body] = kAsleepForLong, world.sleep.group[body] = body;
+        }
+    }
+}
+
 void add_scene_body(const SceneFile& scene, const BodySpec& spec, const Prototype& prototype, BuiltScene& built) {
     World& world = built.world;
     Tissue tissue = spec.tissue;
@@ -349,8 +383,16 @@ void add_scene_body(const SceneFile& scene, const BodySpec& spec, const Prototyp
     if (spec.motion == Motion::kDeformable) {
         make_deformable(world, body, spec.fixed_below);
         why = choose_stepping(scene, spec, world, body);
+        if (std::isfinite(spec.break_strain)) {
+            if (stepping_of(world.bodies, body).integrator == Integrator::kXpbd)
+                throw InputError(at(scene, spec.line) + "body \"" + spec.name + "\": springs stepped by xpbd do not break");
+            let_tear(world, body, spec.break_strain);
+        }
     }
-    built.notes.push_back(body_note(world, body, prototype) + (why.empty() ? "" : "; auto: " + why));
+    if (spec.scatter.rate > 0 && spec.copy + 1 == spec.scatter.count) add_pool(scene, spec, body, world);
+    if (spec.copy > 0) return;
+    const std::string copies = spec.scatter.count > 1 ? "; " + std::to_string(spec.scatter.count) + " of them" : "";
+    built.notes.push_back(body_note(world, body, prototype) + (why.empty() ? "" : "; auto: " + why) + copies);
 }
 
 }  // namespace
@@ -368,6 +410,8 @@ BuiltScene build_scene(const SceneFile& scene) {
         if (world.bodies.motion[body] == Motion::kHand && !held)
             throw InputError(at(scene, scene.bodies[body].line) + "body \"" + world.bodies.name[body] + "\" is hand-driven but no [[tool]] holds it");
     }
+    add_scene_links(scene, world);
+    open_pools(world);
     make_trees(world);
     built.camera = make_camera(scene.camera);
     built.picture.wireframe = scene.camera.wireframe;

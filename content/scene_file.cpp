@@ -8,6 +8,7 @@
 #include <fstream>
 #include <numbers>
 #include <sstream>
+#include <unordered_set>
 
 #include "content/tissues.hpp"
 #include "engine/error.hpp"
@@ -92,6 +93,15 @@ class Section {
             value = Vec3d(v[0], v[1], v[2]);
         }
     }
+    void read_counts(std::string_view key, std::array<uint32_t, 2>& value, double lowest, double highest) {
+        if (const toml::node* node = find(key)) {
+            const std::vector<double> v = numbers(*node, key, 2);
+            for (size_t i = 0; i < 2; ++i) {
+                if (v[i] < lowest || v[i] > highest || v[i] != std::floor(v[i])) fail(*node, std::string(key) + " must be two whole numbers");
+                value[i] = static_cast<uint32_t>(v[i]);
+            }
+        }
+    }
     // rotation = [axis x, y, z, degrees]
     void read(std::string_view key, Quat& value) {
         if (const toml::node* node = find(key)) {
@@ -117,6 +127,12 @@ class Section {
         std::string list;
         for (const std::string& w : words) list += (list.empty() ? "" : ", ") + w;
         fail(*table_.get(key), std::string(key) + " \"" + text + "\" is none of " + list);
+    }
+    // [numbers], as many as `count`; false when the key is not there
+    bool read(std::string_view key, size_t count, std::vector<double>& values) {
+        const toml::node* node = find(key);
+        if (node) values = numbers(*node, key, count);
+        return node != nullptr;
     }
     const toml::array* tables(std::string_view key) {
         const toml::node* node = find(key);
@@ -215,6 +231,103 @@ void read_tissue(Section& section, Tissue& t) {
     section.refuse_unknown();
 }
 
+ScatterSpec read_scatter(Section section) {
+    ScatterSpec scatter;
+    section.read_count("count", scatter.count, 1, 1e6);
+    if (scatter.count == 0) section.fail("[body.scatter] needs a count");
+    section.read_count("seed", scatter.seed, 0, 9e15);
+    section.read_counts("columns", scatter.columns, 0, 1e4);
+    section.read("spacing", scatter.spacing);
+    section.read("jitter", scatter.jitter, 0, 10);
+    section.read("turned", scatter.turned);
+    section.read("rate", scatter.rate, 0, 1e6);
+    section.read("life", scatter.life, 1e-3, 1e9);
+    section.refuse_unknown();
+    return scatter;
+}
+
+// One of sphere = [x, y, z, radius], box = [lowest x, y, z, highest x, y, z], capsule = [from x, y, z, to x, y, z, radius];
+// false when there is none.
+bool read_region(Section& section, Region& region) {
+    std::vector<double> v;
+    int given = 0;
+    if (section.read("sphere", 4, v)) region = {RegionKind::kSphere, {v[0], v[1], v[2]}, {v[0], v[1], v[2]}, v[3]}, ++given;
+    if (section.read("box", 6, v)) region = {RegionKind::kBox, {v[0], v[1], v[2]}, {v[3], v[4], v[5]}, 0}, ++given;
+    if (section.read("capsule", 7, v)) region = {RegionKind::kCapsule, {v[0], v[1], v[2]}, {v[3], v[4], v[5]}, v[6]}, ++given;
+    if (given > 1) section.fail("give one of sphere, box and capsule");
+    if (region.kind == RegionKind::kBox && (region.a.array() > region.b.array()).any()) section.fail("box: its first corner must be the lowest");
+    if (region.radius < 0) section.fail("a radius must not be negative");
+    return given > 0;
+}
+
+GroupSpec read_group(const std::string& file, const toml::table& table) {
+    Section section(file, table, "[[body.group]]");
+    GroupSpec group;
+    group.line = section.line();
+    section.read("name", group.name);
+    section.read("material", group.material);
+    const bool region = read_region(section, group.region);
+    section.refuse_unknown();
+    if (group.name.empty()) section.fail("a [[body.group]] needs a name");
+    if (!region && group.material.empty()) section.fail("group \"" + group.name + "\" needs a sphere, box, capsule or material");
+    return group;
+}
+
+LinkSpec read_link(const std::string& file, const toml::table& table) {
+    Section section(file, table, "[[link]]");
+    LinkSpec link;
+    link.line = section.line();
+    section.read("name", link.name);
+    section.read("body", link.body);
+    section.read("to", link.holder);
+    section.read("group", link.group);
+    const bool region = read_region(section, link.region);
+    link.frame_given = section.find("frame") != nullptr;
+    section.read_enum<RegionFrame>("frame", link.frame, {{"to", RegionFrame::kHolder}, {"rest", RegionFrame::kRest}, {"world", RegionFrame::kWorld}});
+    section.read("within", link.within, 0, 1e3);
+    section.read("stiffness", link.stiffness, 1e-9, 1e12);
+    section.read("rest", link.rest, 0, 1e3);
+    section.read("break_strain", link.break_strain, 1e-9, 1e12);
+    section.read("from", link.from, 0, 1e9);
+    section.read("until", link.until, 0, 1e9);
+    section.read("grip", link.grip);
+    section.refuse_unknown();
+    if (link.body.empty() || link.holder.empty()) section.fail("a [[link]] needs a body and what it is linked to");
+    if (link.name.empty()) link.name = link.body + " to " + link.holder;
+    if (region && !link.group.empty()) section.fail("link \"" + link.name + "\": give a group or a region, not both");
+    if (!region && link.group.empty() && !std::isfinite(link.within))
+        section.fail("link \"" + link.name + "\": which nodes? Give a group, a sphere, a box, a capsule or within");
+    if (!(link.until > link.from)) section.fail("link \"" + link.name + "\": until must be later than from");
+    return link;
+}
+
+LinkSpec read_staple(const std::string& file, const toml::table& table) {
+    Section section(file, table, "[[staple]]");
+    LinkSpec staple;
+    staple.line = section.line();
+    Vec3d place = Vec3d::Zero();
+    double reach = 0.01;
+    section.read("name", staple.name);
+    section.read("body", staple.body);
+    section.read("to", staple.holder);
+    section.read("place", place);
+    section.read("reach", reach, 1e-9, 1e3);
+    section.read("stiffness", staple.stiffness, 1e-9, 1e12);
+    section.read("rest", staple.rest, 0, 1e3);
+    section.read("break_strain", staple.break_strain, 1e-9, 1e12);
+    section.read("time", staple.from, 0, 1e9);
+    section.read("until", staple.until, 0, 1e9);
+    section.refuse_unknown();
+    if (staple.body.empty() || staple.holder.empty()) section.fail("a [[staple]] needs a body and what it is stapled to");
+    if (staple.name.empty()) staple.name = "staple of " + staple.body + " to " + staple.holder;
+    if (!(staple.until > staple.from)) section.fail("staple \"" + staple.name + "\": until must be later than time");
+    staple.region = {RegionKind::kSphere, place, place, reach};
+    staple.frame = RegionFrame::kWorld;
+    staple.frame_given = true;
+    staple.most = 1;
+    return staple;
+}
+
 BodySpec read_body(const std::string& file, const toml::table& table) {
     Section section(file, table, "[[body]]");
     BodySpec body;
@@ -276,12 +389,137 @@ BodySpec read_body(const std::string& file, const toml::table& table) {
         read_tissue(inner, body.tissue);
     }
     body.path = read_path(file, section, "path");
+    section.read("break_strain", body.break_strain, 1e-9, 1e12);
+    if (const toml::array* groups = section.tables("group"))
+        for (const toml::node& node : *groups) body.groups.push_back(read_group(file, *node.as_table()));
+    if (const toml::table* scatter = section.table("scatter")) body.scatter = read_scatter({file, *scatter, "[body.scatter]"});
     section.refuse_unknown();
+    if (body.scatter.count > 0 && (body.motion == Motion::kHand || !body.above.empty()))
+        section.fail("body \"" + body.name + "\": what is scattered can neither be held by a hand nor stand above another body");
+    if (body.scatter.rate > 0 && (body.motion != Motion::kDeformable || std::isfinite(body.break_strain)))
+        section.fail("body \"" + body.name + "\": only deformable bodies that do not break come and go (scatter.rate)");
     if (body.motion == Motion::kKinematic && body.path.empty())
         section.fail("kinematic body \"" + body.name + "\" needs a [[body.path]]");
     if (body.motion != Motion::kFree && (!body.velocity.isZero(0) || !body.spin.isZero(0)))
         section.fail("body \"" + body.name + "\": only a free body starts with a velocity or spin of its own");
     return body;
+}
+
+// A direction: any length but none.
+void read_direction(Section& section, std::string_view key, Vec3d& direction) {
+    section.read(key, direction);
+    if (direction.norm() == 0) section.fail(*section.find(key), std::string(key) + " has no length");
+    direction.normalize();
+}
+
+HandModel read_hand(Section section) {
+    HandModel hand;
+    section.read("mass", hand.mass, 1e-3, 1e3);
+    section.read("damping", hand.damping, 0, 1e4);
+    section.read("stiffness", hand.stiffness, 0, 1e6);
+    section.read("arm_damping", hand.arm_damping, 0, 1e4);
+    section.read("friction", hand.friction, 0, 1e3);
+    section.read("encoder", hand.encoder, 0, 1e-2);
+    section.read_count("delay", hand.delay, 0, kMostHandDelay);
+    section.read("tremor", hand.tremor, 0, 0.1);
+    section.read("tremor_rate", hand.tremor_rate, 0.01, 100);
+    section.refuse_unknown();
+    if (hand.mass == 0 && (hand.damping > 0 || hand.stiffness > 0 || hand.arm_damping > 0 || hand.friction > 0 || hand.encoder > 0 || hand.delay > 0))
+        section.fail("[tool.hand] gives way to forces only with a mass");
+    return hand;
+}
+
+Workspace read_workspace(Section section) {
+    Workspace workspace;
+    section.read("origin", workspace.origin);
+    section.read("rotation", workspace.turn);
+    section.read("scale", workspace.scale, 1e-3, 1e3);
+    section.read_count("clutch", workspace.clutch, 0, 4294967295.0);
+    section.refuse_unknown();
+    return workspace;
+}
+
+Pivot read_pivot(Section section) {
+    Pivot pivot;
+    pivot.kind = PivotKind::kHandle;
+    section.read("point", pivot.point);
+    section.read_enum<PivotKind>("device", pivot.kind, {{"handle", PivotKind::kHandle}, {"tip", PivotKind::kTip}});
+    section.read("length", pivot.length, 1e-3, 10);
+    read_direction(section, "axis", pivot.axis);
+    section.refuse_unknown();
+    return pivot;
+}
+
+DeviceLimits read_limits(Section section) {
+    DeviceLimits limits;
+    section.read("torque", limits.torque, 0, 1e4);
+    section.read("force_slew", limits.force_slew, 0, 1e9);
+    section.read("torque_slew", limits.torque_slew, 0, 1e9);
+    section.read("dissipation", limits.dissipation, 0, 1e3);
+    section.refuse_unknown();
+    return limits;
+}
+
+// Which number each kind of effect cannot do without.
+void check_effect(const Section& section, const HapticEffect& e, const std::string& kind) {
+    const auto need = [&](double value, const char* key) {
+        if (value == 0) section.fail("a " + kind + " needs " + key);
+    };
+    switch (e.kind) {
+        case EffectKind::kSpringPoint:
+        case EffectKind::kSpringLine:
+        case EffectKind::kSpringPlane: need(e.stiffness, "stiffness"); break;
+        case EffectKind::kConstant: need(e.force, "force"); break;
+        case EffectKind::kImpulse: need(e.impulse, "impulse"); break;
+        case EffectKind::kVibration: need(e.force, "force"), need(e.frequency, "frequency"); break;
+        case EffectKind::kViscosity: need(e.damping, "damping"); break;
+        case EffectKind::kInertia: need(e.mass, "mass"); break;
+        case EffectKind::kMagnet: need(e.force, "force"), need(e.reach, "reach"); break;
+    }
+    if (e.trigger == EffectTrigger::kButton) need(e.buttons, "buttons (bits) with when = \"button\"");
+}
+
+HapticEffect read_effect(Section section) {
+    HapticEffect e;
+    std::string kind;
+    section.read("kind", kind);
+    if (kind.empty()) section.fail("a [[tool.effect]] needs a kind");
+    section.read_enum<EffectKind>("kind", e.kind,
+                                  {{"spring_to_point", EffectKind::kSpringPoint}, {"spring_to_line", EffectKind::kSpringLine},
+                                   {"spring_to_plane", EffectKind::kSpringPlane}, {"constant", EffectKind::kConstant},
+                                   {"impulse", EffectKind::kImpulse}, {"vibration", EffectKind::kVibration},
+                                   {"viscosity", EffectKind::kViscosity}, {"inertia", EffectKind::kInertia}, {"magnet", EffectKind::kMagnet}});
+    section.read_enum<EffectTrigger>("when", e.trigger,
+                                     {{"time", EffectTrigger::kTime}, {"button", EffectTrigger::kButton},
+                                      {"touch", EffectTrigger::kTouch}, {"release", EffectTrigger::kRelease}});
+    section.read("start", e.start, 0, 1e9);
+    section.read("duration", e.duration, 0, 1e9);
+    section.read_count("buttons", e.buttons, 0, 4294967295.0);
+    section.read("point", e.point);
+    read_direction(section, "direction", e.direction);
+    section.read("stiffness", e.stiffness, 0, 1e5);
+    section.read("damping", e.damping, 0, 1e3);
+    section.read("force", e.force, -1e3, 1e3);
+    section.read("impulse", e.impulse, -10, 10);
+    section.read("frequency", e.frequency, 0, 500);  // half the rate of the tick
+    section.read("mass", e.mass, 0, 10);
+    section.read("reach", e.reach, 0, 1);
+    section.refuse_unknown();
+    check_effect(section, e, kind);
+    return e;
+}
+
+// The tables of a [[tool]].
+void read_tool_tables(const std::string& file, Section& section, ToolSpec& tool) {
+    if (const toml::table* hand = section.table("hand")) tool.hand = read_hand({file, *hand, "[tool.hand]"});
+    if (const toml::table* workspace = section.table("workspace")) tool.workspace = read_workspace({file, *workspace, "[tool.workspace]"});
+    if (const toml::table* pivot = section.table("pivot")) tool.pivot = read_pivot({file, *pivot, "[tool.pivot]"});
+    if (const toml::table* limits = section.table("limits")) tool.limits = read_limits({file, *limits, "[tool.limits]"});
+    const toml::array* effects = section.tables("effect");
+    if (!effects) return;
+    for (const toml::node& node : *effects) tool.effects.push_back(read_effect({file, *node.as_table(), "[[tool.effect]]"}));
+    if (tool.effects.size() > kMaxEffects)
+        section.fail("tool \"" + tool.body + "\" has " + std::to_string(tool.effects.size()) + " effects; the most is " + std::to_string(kMaxEffects));
 }
 
 ToolSpec read_tool(const std::string& file, const toml::table& table) {
@@ -296,8 +534,10 @@ ToolSpec read_tool(const std::string& file, const toml::table& table) {
     section.read("damping", tool.damping, 0, 1e6);
     section.read("max_force", tool.max_force, 0, 1e6);
     section.read("friction", tool.friction, 0, 1e6);
+    section.read("pass_through", tool.pass_through, 0, 1e6);
     section.read("trace", tool.trace);
     tool.path = read_path(file, section, "path");
+    read_tool_tables(file, section, tool);
     section.refuse_unknown();
     if (tool.path.empty() && tool.trace.empty())
         section.fail("tool \"" + tool.body + "\" needs a trace or a [[tool.path]]");
@@ -360,6 +600,53 @@ toml::table* named_table(toml::table& root, const char* list, const char* name_k
     return nullptr;
 }
 
+// What a node says where "$name" stands for a parameter; null if it does not.
+const toml::node* parameter_of(const std::string& file, const toml::node& node, const toml::table& parameters) {
+    const auto text = node.value<std::string_view>();
+    if (!node.is_string() || !text->starts_with('$')) return nullptr;
+    if (const toml::node* value = parameters.get(text->substr(1))) return value;
+    std::vector<std::string> names;
+    for (const auto& [key, value] : parameters) names.emplace_back(key.str());
+    const std::string guess = nearest(text->substr(1), names);
+    throw InputError(place(file, node.source()) + "no parameter \"" + std::string(text->substr(1)) + "\" in [parameters]" +
+                     (guess.empty() ? "" : "; did you mean \"" + guess + "\"?"));
+}
+
+void fill_in_parameters(const std::string& file, const toml::table& parameters, toml::node& node) {
+    if (toml::table* table = node.as_table()) {
+        std::vector<std::string> keys;
+        for (const auto& [key, value] : *table) keys.emplace_back(key.str());
+        for (const std::string& key : keys) {
+            toml::node& inner = *table->get(key);
+            if (const toml::node* value = parameter_of(file, inner, parameters)) table->insert_or_assign(key, *value);
+            else fill_in_parameters(file, parameters, inner);
+        }
+    } else if (toml::array* array = node.as_array()) {
+        for (size_t i = 0; i < array->size(); ++i) {
+            toml::node& inner = *array->get(i);
+            if (const toml::node* value = parameter_of(file, inner, parameters)) array->replace(array->cbegin() + static_cast<ptrdiff_t>(i), *value);
+            else fill_in_parameters(file, parameters, inner);
+        }
+    }
+}
+
+// Takes [parameters] out of the scene and puts their values where other keys name them.
+std::vector<SceneParameter> take_parameters(const std::string& file, toml::table& root) {
+    std::vector<SceneParameter> list;
+    const toml::node* node = root.get("parameters");
+    if (node && !node->is_table()) throw InputError(place(file, node->source()) + "parameters must be a table");
+    const toml::table parameters = node ? *node->as_table() : toml::table{};
+    for (const auto& [key, value] : parameters) {
+        if (!value.is_value()) throw InputError(place(file, key.source()) + "parameter \"" + std::string(key.str()) + "\" must be a number, a string, true or false");
+        std::ostringstream text;
+        value.visit([&](const auto& v) { text << v; });
+        list.push_back({std::string(key.str()), text.str()});
+    }
+    root.erase("parameters");
+    fill_in_parameters(file, parameters, root);
+    return list;
+}
+
 void apply_override(toml::table& root, const Override& o) {
     std::vector<std::string> words;
     std::istringstream stream(o.key);
@@ -368,16 +655,18 @@ void apply_override(toml::table& root, const Override& o) {
         throw InputError("--set " + o.key + "=" + o.value + ": the key is empty");
     toml::table* table = &root;
     size_t next = 0;
-    if (words.size() > 2 && words[0] == "tool") {
-        table = named_table(root, "tool", "body", words[1]);
-        if (!table) throw InputError("--set " + o.key + ": the scene has no tool on a body named \"" + words[1] + "\"");
+    if (toml::table* parameters = root["parameters"].as_table(); words.size() == 1 && parameters && parameters->contains(o.key)) table = parameters;
+    const bool named = words[0] == "link" || words[0] == "staple" || words[0] == "cut";
+    if (words.size() > 2 && (words[0] == "tool" || named)) {
+        table = named_table(root, words[0].c_str(), named ? "name" : "body", words[1]);
+        if (!table) throw InputError("--set " + o.key + ": the scene has no " + words[0] + (named ? "" : " on a body") + " named \"" + words[1] + "\"");
         next = 2;
     } else if (words.size() > 1) {
         if (toml::table* body = named_table(root, "body", "name", words[0])) table = body, next = 1;
     }
     for (; next + 1 < words.size(); ++next) {
         if (!table->contains(words[next])) {
-            if (table == &root && words[next] != "contact" && words[next] != "camera")
+            if (table == &root && words[next] != "contact" && words[next] != "camera" && words[next] != "parameters")
                 throw InputError("--set " + o.key + ": the scene has no body or table named \"" + words[next] + "\"");
             table->insert(words[next], toml::table{});
         }
@@ -407,6 +696,7 @@ SceneFile read_scene_file(const std::filesystem::path& path, const std::vector<O
 
     SceneFile scene;
     scene.path = path;
+    scene.parameters = take_parameters(file, root);
     Section top(file, root, "");
     scene.settings.name = path.stem().string();
     top.read("name", scene.settings.name);
@@ -420,17 +710,24 @@ SceneFile read_scene_file(const std::filesystem::path& path, const std::vector<O
         read_contact({file, *contact, "[contact]"}, scene.settings.contact);
     if (const toml::table* camera = top.table("camera")) scene.camera = read_camera({file, *camera, "[camera]"});
     if (const toml::array* bodies = top.tables("body"))
-        for (const toml::node& node : *bodies) scene.bodies.push_back(read_body(file, *node.as_table()));
+        for (const toml::node& node : *bodies) {
+            const BodySpec body = read_body(file, *node.as_table());
+            if (body.scatter.count > 0) scatter_body(body, scene.bodies);
+            else scene.bodies.push_back(body);
+        }
     if (const toml::array* tools = top.tables("tool"))
         for (const toml::node& node : *tools) scene.tools.push_back(read_tool(file, *node.as_table()));
+    if (const toml::array* links = top.tables("link"))
+        for (const toml::node& node : *links) scene.links.push_back(read_link(file, *node.as_table()));
+    if (const toml::array* staples = top.tables("staple"))
+        for (const toml::node& node : *staples) scene.links.push_back(read_staple(file, *node.as_table()));
+    top.read_count("staples", scene.staples, 0, 1e6);
     top.refuse_unknown();
 
-    for (size_t i = 0; i < scene.bodies.size(); ++i) {
-        for (size_t j = 0; j < i; ++j) {
-            if (scene.bodies[i].name == scene.bodies[j].name)
-                throw InputError(file + ":" + std::to_string(scene.bodies[i].line) + ":1: two bodies are named \"" +
-                                 scene.bodies[i].name + "\"");
-        }
+    std::unordered_set<std::string_view> names;
+    for (const BodySpec& body : scene.bodies) {
+        if (!names.insert(body.name).second)
+            throw InputError(file + ":" + std::to_string(body.line) + ":1: two bodies are named \"" + body.name + "\"");
     }
     return scene;
 }

@@ -5,7 +5,10 @@
 #include <vector>
 
 #include "components/bodies.hpp"
+#include "components/haptics.hpp"
 #include "components/scene.hpp"
+#include "content/attach_spec.hpp"
+#include "content/scatter.hpp"
 namespace trocar {
 
 // One key of a scripted motion.
@@ -48,6 +51,10 @@ struct BodySpec {
     Vec3d spin = Vec3d::Zero();              // rad/s, free: at the start, world axes
     std::vector<KeyframeSpec> path;          // kinematic
     std::array<float, 3> color{-1, -1, -1};  // overrides the material's diffuse colour
+    double break_strain = std::numeric_limits<double>::infinity();  // springs break above it
+    std::vector<GroupSpec> groups;
+    ScatterSpec scatter;                     // count > 0: this is one of so many copies
+    uint32_t copy = 0;                       // which
 };
 
 // One [[tool]]: a device that drives a hand body.
@@ -60,8 +67,14 @@ struct ToolSpec {
     double damping = 5;         // N s/m
     double max_force = 3.3;     // N
     double friction = 0.1;
+    double pass_through = 0;    // N, 0 = never
     std::string trace;  // recorded device trace; else path
     std::vector<KeyframeSpec> path;
+    HandModel hand;
+    Workspace workspace;
+    Pivot pivot;
+    DeviceLimits limits;
+    std::vector<HapticEffect> effects;
 };
 
 struct CameraSpec {
@@ -76,16 +89,28 @@ struct CameraSpec {
     bool depth_colors = false;
 };
 
+// One key of [parameters]: other keys take its value by writing "$name", and --set name=value changes it.
+struct SceneParameter {
+    std::string name;
+    std::string value;  // as TOML writes it
+};
+
 struct SceneFile {
     std::filesystem::path path;
+    std::vector<SceneParameter> parameters;
     SceneSettings settings;
     std::vector<BodySpec> bodies;
     std::vector<ToolSpec> tools;
+    std::vector<LinkSpec> links;
+    std::vector<CutSpec> cuts;
+    uint32_t staples = 0;  // room for links that programs add while the scene runs
     CameraSpec camera;
 };
 
 // One --set key=value: `seconds=2`, `contact.cell_edges=3`, `liver.tissue.youngs_modulus=2e4`, `a.file=kidney.wrl`.
-// The first word is a top-level key or table, or the name of a body; tools are named by their body as `tool.BODY.key`.
+// The first word is a top-level key or table, a key of [parameters], or the name of a body (scattered ones by the name
+// before the number); tools are named by their body as `tool.BODY.key`, links, staples and cuts by their name as
+// `link.NAME.key`.
 struct Override {
     std::string key;
     std::string value;

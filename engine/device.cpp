@@ -14,8 +14,8 @@
 namespace trocar {
 namespace {
 
-constexpr std::string_view kHeader = "time,x,y,z,qw,qx,qy,qz,vx,vy,vz,buttons";
-constexpr size_t kColumns = 12;
+constexpr std::string_view kHeader = "time,x,y,z,qw,qx,qy,qz,vx,vy,vz,buttons", kGrip = ",grip";
+constexpr size_t kColumns = 12, kMostColumns = 13;
 
 DeviceState read_scripted(const Device& device, double time) {
     const PathPoint point = sample_path(device.path, time);
@@ -68,20 +68,20 @@ Number read_number(const TraceLine& line, size_t first, size_t end) {
     return value;
 }
 
-DeviceState read_sample(const TraceLine& line) {
-    std::array<double, kColumns - 1> value{};
+DeviceState read_sample(const TraceLine& line, size_t columns) {
+    std::array<double, kMostColumns> value{};
     DeviceState state;
     size_t first = 0;
-    for (size_t column = 0; column < kColumns; ++column) {
+    for (size_t column = 0; column < columns; ++column) {
         const size_t comma = line.text.find(',', first);
-        const bool last = column + 1 == kColumns;
+        const bool last = column + 1 == columns;
         if (!last && comma == std::string_view::npos)
             line.fail(line.text.size(),
-                      "expected " + std::to_string(kColumns) + " numbers, found " + std::to_string(column + 1));
+                      "expected " + std::to_string(columns) + " numbers, found " + std::to_string(column + 1));
         if (last && comma != std::string_view::npos)
-            line.fail(comma, "more than " + std::to_string(kColumns) + " numbers");
+            line.fail(comma, "more than " + std::to_string(columns) + " numbers");
         const size_t end = last ? line.text.size() : comma;
-        if (last)
+        if (column == kColumns - 1)
             state.buttons = read_number<uint32_t>(line, first, end);
         else
             value[column] = read_number<double>(line, first, end);
@@ -91,6 +91,7 @@ DeviceState read_sample(const TraceLine& line) {
     state.position = {value[1], value[2], value[3]};
     state.orientation = {value[4], value[5], value[6], value[7]};
     state.velocity = {value[8], value[9], value[10]};
+    state.grip = value[kColumns];
     const Quat& q = state.orientation;
     const double length2 = q.w * q.w + q.x * q.x + q.y * q.y + q.z * q.z;
     if (!(std::abs(length2 - 1) < 1e-6)) line.fail(0, "orientation is not a unit quaternion");
@@ -116,8 +117,13 @@ Device device_of(const Haptics& haptics, const Paths& paths, const HandTool& too
     } else {
         const Range keys = paths.keys[tool.path];
         device.path = std::span(paths.key).subspan(keys.first, keys.count);
+        device.tremor = {tool.hand.tremor, tool.hand.tremor_rate};
     }
     return device;
+}
+
+std::span<const HapticEffect> effects_of(const Haptics& haptics, const HandTool& tool) {
+    return std::span(haptics.effect).subspan(tool.effects.first, tool.effects.count);
 }
 
 DeviceState read_device(const Device& device, double time) {
@@ -134,17 +140,19 @@ DeviceTrace read_device_trace(const std::filesystem::path& path) {
     const std::string text = read_text_file(path);
     DeviceTrace trace;
     size_t number = 0;
+    bool with_grip = false;
     for (size_t first = 0; first < text.size();) {
         const size_t end = std::min(text.find('\n', first), text.size());
         TraceLine line{path, ++number, std::string_view(text).substr(first, end - first)};
         if (line.text.ends_with('\r')) line.text.remove_suffix(1);
         first = end + 1;
         if (number == 1) {
-            if (line.text != kHeader) line.fail(0, "expected the header \"" + std::string(kHeader) + "\"");
+            with_grip = line.text.starts_with(kHeader) && line.text.substr(kHeader.size()) == kGrip;
+            if (line.text != kHeader && !with_grip) line.fail(0, "expected the header \"" + std::string(kHeader) + "\"");
             continue;
         }
         if (line.text.empty()) continue;
-        trace.sample.push_back(read_sample(line));
+        trace.sample.push_back(read_sample(line, with_grip ? kMostColumns : kColumns));
         const size_t rows = trace.sample.size();
         if (rows > 1 && !(trace.sample[rows - 1].time > trace.sample[rows - 2].time))
             line.fail(0, "time does not ascend");
@@ -154,7 +162,10 @@ DeviceTrace read_device_trace(const std::filesystem::path& path) {
 }
 
 void write_device_trace(const std::filesystem::path& path, std::span<const DeviceState> samples) {
+    // a column that says nothing is left out
+    const bool with_grip = std::any_of(samples.begin(), samples.end(), [](const DeviceState& s) { return s.grip != 0; });
     std::string text(kHeader);
+    if (with_grip) text += kGrip;
     text += '\n';
     for (const DeviceState& s : samples) {
         const Quat& q = s.orientation;
@@ -162,6 +173,11 @@ void write_device_trace(const std::filesystem::path& path, std::span<const Devic
                                    s.velocity.x(), s.velocity.y(), s.velocity.z()})
             append_number(text, value);
         text += std::to_string(s.buttons);
+        if (with_grip) {
+            text += ',';
+            append_number(text, s.grip);
+            text.pop_back();  // the comma behind a number
+        }
         text += '\n';
     }
     write_whole_file(path, text);

@@ -29,13 +29,16 @@ struct Device {
 // The device that holds a tool: its trace if it has one, else its path.
 Device device_of(const Haptics& haptics, const Paths& paths, const HandTool& tool);
 
+// Its rows of Haptics::effect.
+std::span<const HapticEffect> effects_of(const Haptics& haptics, const HandTool& tool);
+
 // Newest state at a time (s). Scripted: smooth through the keys as sample_path does, at once where a key jumps.
 // Recorded: the last sample not after `time` exactly as it was recorded (its own time included), the first one before
 // that. Depends on its arguments alone.
 DeviceState read_device(const Device& device, double time);
 
-// Reads a recording: a header line "time,x,y,z,qw,qx,qy,qz,vx,vy,vz,buttons", then one sample a line, s and m, time
-// ascending. A bad line throws InputError "file:line:column: reason".
+// Reads a recording: a header line "time,x,y,z,qw,qx,qy,qz,vx,vy,vz,buttons" (and ",grip", rad), then one sample a line,
+// s and m, time ascending. A bad line throws InputError "file:line:column: reason".
 DeviceTrace read_device_trace(const std::filesystem::path& path);
 
 // Writes a recording that reads back bit for bit; whole or not at all. Throws InputError.

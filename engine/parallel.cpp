@@ -3,9 +3,35 @@
 #include <tbb/parallel_for.h>
 #include <tbb/task_arena.h>
 
+#include <algorithm>
+
+#include "engine/loop_watch.hpp"
 #include "engine/race_detector.hpp"
 #include "engine/thread_pool.hpp"
+#include "engine/trace.hpp"
 namespace trocar {
+namespace {
+
+thread_local std::vector<LoopTime>* watched = nullptr;
+
+// Runs all chunks here and writes down how long the loop and its longest chunk took; loops inside are part of it.
+template <typename RunChunk>
+void run_watched(uint32_t chunks, const RunChunk& run_chunk) {
+    std::vector<LoopTime>* const times = std::exchange(watched, nullptr);
+    LoopTime loop{now_ns(), 0, 0};
+    for (uint32_t chunk = 0; chunk < chunks; ++chunk) {
+        const uint64_t start = now_ns();
+        run_chunk(chunk);
+        loop.longest_ns = std::max(loop.longest_ns, now_ns() - start);
+    }
+    loop.duration_ns = now_ns() - loop.begin_ns;
+    times->push_back(loop);
+    watched = times;
+}
+
+}  // namespace
+
+void watch_loops(std::vector<LoopTime>* times) { watched = times; }
 
 void parallel_for_chunks(uint32_t count, uint32_t grain, void (*call)(const void*, uint32_t, uint32_t),
                          const void* body) {
@@ -14,6 +40,10 @@ void parallel_for_chunks(uint32_t count, uint32_t grain, void (*call)(const void
         const uint32_t begin = chunk * grain;
         call(body, begin, begin + grain < count ? begin + grain : count);
     };
+    if (watched && chunks > 1 && thread_count() <= 1) {
+        run_watched(chunks, run_chunk);
+        return;
+    }
     if (chunks <= 1 || thread_count() <= 1) {
         for (uint32_t chunk = 0; chunk < chunks; ++chunk) run_chunk(chunk);
         return;

@@ -39,6 +39,11 @@ constexpr Elements elements_of() {
 template <typename T>
 constexpr bool is_plain_row = elements_of<T>().type != ArrayType::kCount;
 
+template <typename T>
+constexpr bool is_list = false;
+template <typename T, size_t count>
+constexpr bool is_list<std::array<T, count>> = true;
+
 template <typename A, typename B>
 constexpr bool is = std::is_same_v<std::remove_const_t<A>, B>;
 
@@ -65,16 +70,57 @@ void fields(V& v, T& t) {
     } else if constexpr (is<T, Keyframe>) {
         v.item(t.time), v.item(t.position), v.item(t.orientation), v.item(t.jump);
     } else if constexpr (is<T, DeviceState>) {
-        v.item(t.time), v.item(t.position), v.item(t.orientation), v.item(t.velocity), v.item(t.buttons);
+        v.item(t.time), v.item(t.position), v.item(t.orientation), v.item(t.velocity), v.item(t.buttons), v.item(t.grip);
+    } else if constexpr (is<T, DeviceCommand>) {
+        v.item(t.force), v.item(t.torque), v.item(t.at), v.item(t.stiffness);
+    } else if constexpr (is<T, DeviceLimits>) {
+        v.item(t.torque), v.item(t.force_slew), v.item(t.torque_slew), v.item(t.dissipation);
+    } else if constexpr (is<T, Workspace>) {
+        v.item(t.origin), v.item(t.turn), v.item(t.scale), v.item(t.clutch);
+    } else if constexpr (is<T, Pivot>) {
+        v.item(t.kind), v.item(t.point), v.item(t.length), v.item(t.axis);
+    } else if constexpr (is<T, HandModel>) {
+        v.item(t.mass), v.item(t.damping), v.item(t.stiffness), v.item(t.arm_damping), v.item(t.friction), v.item(t.encoder);
+        v.item(t.delay), v.item(t.tremor), v.item(t.tremor_rate);
+    } else if constexpr (is<T, HandModelState>) {
+        v.item(t.placed), v.item(t.position), v.item(t.velocity), v.item(t.force), v.item(t.reported), v.item(t.reported_velocity);
+    } else if constexpr (is<T, HapticEffect>) {
+        v.item(t.kind), v.item(t.trigger), v.item(t.start), v.item(t.duration), v.item(t.buttons), v.item(t.point);
+        v.item(t.direction), v.item(t.stiffness), v.item(t.damping), v.item(t.force), v.item(t.impulse), v.item(t.frequency);
+        v.item(t.mass), v.item(t.reach);
+    } else if constexpr (is<T, EffectState>) {
+        v.item(t.running), v.item(t.since);
+    } else if constexpr (is<T, HapticEvent>) {
+        v.item(t.kind), v.item(t.time), v.item(t.value);
+    } else if constexpr (is<T, HapticEvents>) {
+        v.item(t.last), v.item(t.total), v.item(t.count);
+    } else if constexpr (is<T, SafetyState>) {
+        v.item(t.contact_force), v.item(t.from_device), v.item(t.from_proxy), v.item(t.energy), v.item(t.lowest_energy);
+        v.item(t.dissipated), v.item(t.started), v.item(t.gain), v.item(t.limiting), v.item(t.limited_ticks), v.item(t.safe_ticks);
+    } else if constexpr (is<T, ClutchState>) {
+        v.item(t.started), v.item(t.offset), v.item(t.tool);
     } else if constexpr (is<T, DeviceTrace>) {
         v.item(t.sample);
     } else if constexpr (is<T, ToolState>) {
-        v.item(t.device), v.item(t.proxy), v.item(t.proxy_valid), v.item(t.contacts), v.item(t.command.force);
+        v.item(t.device), v.item(t.proxy), v.item(t.proxy_valid), v.item(t.contacts), v.item(t.command), v.item(t.output);
         v.item(t.coupling_force), v.item(t.contact_impulse), v.item(t.device_valid), v.item(t.time), v.item(t.ticks);
         v.item(t.model_age), v.item(t.gain), v.item(t.largest_force), v.item(t.rejected_samples);
+        v.item(t.hand), v.item(t.clutch), v.item(t.safety), v.item(t.effect_velocity), v.item(t.effect), v.item(t.events);
+    } else if constexpr (is<T, Region>) {
+        v.item(t.kind), v.item(t.a), v.item(t.b), v.item(t.radius);
+    } else if constexpr (is<T, LinkGroup>) {
+        v.item(t.entity), v.item(t.name), v.item(t.body), v.item(t.holder), v.item(t.phase), v.item(t.region), v.item(t.frame), v.item(t.material);
+        v.item(t.within), v.item(t.most), v.item(t.stiffness), v.item(t.rest), v.item(t.break_strain), v.item(t.gauge);
+        v.item(t.begin), v.item(t.end), v.item(t.tool), v.item(t.rows), v.item(t.made), v.item(t.broken), v.item(t.impulse);
+        v.item(t.largest_force), v.item(t.largest_strain);
+    } else if constexpr (is<T, TearBody>) {
+        v.item(t.body), v.item(t.break_strain), v.item(t.order);
+    } else if constexpr (is<T, Cut>) {
+        v.item(t.tear), v.item(t.time), v.item(t.region);
     } else if constexpr (is<T, HandTool>) {
         v.item(t.body), v.item(t.tip), v.item(t.tip_radius), v.item(t.coupling_stiffness), v.item(t.coupling_damping);
         v.item(t.max_force), v.item(t.friction), v.item(t.path), v.item(t.trace);
+        v.item(t.pass_through), v.item(t.hand), v.item(t.workspace), v.item(t.pivot), v.item(t.limits), v.item(t.effects);
     } else if constexpr (is<T, TriangleGroup>) {
         v.item(t.triangles), v.item(t.centre), v.item(t.radius), v.item(t.velocity), v.item(t.spread);
     } else if constexpr (is<T, LocalContactModel>) {
@@ -87,6 +133,8 @@ void fields(V& v, T& t) {
         v.item(t.point), v.item(t.closest), v.item(t.depth);
     } else if constexpr (is<T, PictureTool>) {
         v.item(t.device), v.item(t.proxy), v.item(t.radius), v.item(t.force);
+    } else if constexpr (is_list<std::remove_const_t<T>>) {
+        for (auto& element : t) v.item(element);
     } else {
         static_assert(is_plain_row<std::remove_const_t<T>>, "a row of an unknown kind");
     }
@@ -281,7 +329,7 @@ void visit_resource(World& w, Resource resource, Visitor& v) {
             v.array(FIELD(paths.body)), v.array(FIELD(paths.keys)), v.array(FIELD(paths.key));
             break;
         case Resource::kTools:
-            v.array(FIELD(haptics.tool)), v.array(FIELD(haptics.trace));
+            v.array(FIELD(haptics.tool)), v.array(FIELD(haptics.trace)), v.array(FIELD(haptics.effect));
             break;
         case Resource::kClock:
             v.value(FIELD(clock.tick)), v.value(FIELD(clock.pass)), v.value(FIELD(clock.picture)), v.value(FIELD(clock.contact_rate)),
@@ -332,13 +380,14 @@ void visit_resource(World& w, Resource resource, Visitor& v) {
             break;
         case Resource::kContacts:
             v.array(FIELD(contacts.pair)), v.array(FIELD(contacts.body)), v.array(FIELD(contacts.other)), v.array(FIELD(contacts.vertex)),
-                v.array(FIELD(contacts.along)), v.array(FIELD(contacts.point)), v.array(FIELD(contacts.closest)),
-                v.array(FIELD(contacts.normal)), v.array(FIELD(contacts.distance)), v.array(FIELD(contacts.triangle));
+                v.array(FIELD(contacts.along)), v.array(FIELD(contacts.third)), v.array(FIELD(contacts.across)), v.array(FIELD(contacts.point)), v.array(FIELD(contacts.closest)),
+                v.array(FIELD(contacts.normal)), v.array(FIELD(contacts.distance)), v.array(FIELD(contacts.triangle)),
+                v.array(FIELD(contacts.most));
             break;
         case Resource::kPenetrations:
             v.array(FIELD(penetrations.pair)), v.array(FIELD(penetrations.depth)), v.array(FIELD(penetrations.direction)),
                 v.array(FIELD(penetrations.witness)), v.array(FIELD(penetrations.vertices_a_in_b)),
-                v.array(FIELD(penetrations.vertices_b_in_a)), v.array(FIELD(penetrations.edge_contacts)),
+                v.array(FIELD(penetrations.vertices_b_in_a)), v.array(FIELD(penetrations.edge_contacts)), v.array(FIELD(penetrations.face_contacts)),
                 v.array(FIELD(penetrations.saturated)), v.array(FIELD(penetrations.way_out)), v.array(FIELD(penetrations.surface_depth));
             break;
         case Resource::kContours:
@@ -355,7 +404,7 @@ void visit_resource(World& w, Resource resource, Visitor& v) {
             break;
         case Resource::kRows:
             v.array(FIELD(rows.contact)), v.array(FIELD(rows.body)), v.array(FIELD(rows.other)), v.array(FIELD(rows.vertex)),
-                v.array(FIELD(rows.along)), v.array(FIELD(rows.triangle)), v.array(FIELD(rows.weight)), v.array(FIELD(rows.normal)),
+                v.array(FIELD(rows.along)), v.array(FIELD(rows.third)), v.array(FIELD(rows.across)), v.array(FIELD(rows.triangle)), v.array(FIELD(rows.weight)), v.array(FIELD(rows.normal)),
                 v.array(FIELD(rows.distance)), v.array(FIELD(rows.friction)), v.array(FIELD(rows.impulse)),
                 v.array(FIELD(rows.carried));
             break;
@@ -374,9 +423,10 @@ void visit_resource(World& w, Resource resource, Visitor& v) {
                 v.array(FIELD(picture.tool)), v.value(FIELD(picture.depth)), v.value(FIELD(picture.force));
             break;
         case Resource::kEnergy:
-            v.value(FIELD(energy.kinetic)), v.value(FIELD(energy.elastic)), v.value(FIELD(energy.pressure)), v.value(FIELD(energy.bending)), v.value(FIELD(energy.gravity)),
+            v.value(FIELD(energy.kinetic)), v.value(FIELD(energy.elastic)), v.value(FIELD(energy.pressure)), v.value(FIELD(energy.bending)), v.value(FIELD(energy.links)), v.value(FIELD(energy.gravity)),
                 v.value(FIELD(energy.work_hand)), v.value(FIELD(energy.work_contact)), v.value(FIELD(energy.work_damping)),
-                v.value(FIELD(energy.work_push)), v.value(FIELD(energy.work_numeric)), v.value(FIELD(energy.balance));
+                v.value(FIELD(energy.work_push)), v.value(FIELD(energy.work_numeric)), v.value(FIELD(energy.work_links)),
+                v.value(FIELD(energy.balance));
             break;
         case Resource::kReport:
             v.value(FIELD(report.contact_passes)), v.value(FIELD(report.contact_events)), v.value(FIELD(report.dropped_contacts)),
@@ -386,10 +436,31 @@ void visit_resource(World& w, Resource resource, Visitor& v) {
                 v.value(FIELD(report.nonfinite_particles)), v.value(FIELD(report.deepest_residual)), v.value(FIELD(report.min_volume_ratio)),
                 v.value(FIELD(report.runaway_bodies)), v.value(FIELD(report.awake_bodies)), v.value(FIELD(report.asleep_bodies)),
                 v.value(FIELD(report.implicit_steps)), v.value(FIELD(report.implicit_iterations)),
+                v.value(FIELD(report.links)), v.value(FIELD(report.broken_links)), v.value(FIELD(report.broken_springs)),
+                v.value(FIELD(report.removed_triangles)), v.value(FIELD(report.opened_bodies)),
                 v.value(FIELD(report.worst_implicit_residual)), v.value(FIELD(report.min_volume_ratio));
             break;
         case Resource::kSleep:
             v.array(FIELD(sleep.still)), v.array(FIELD(sleep.group));
+            break;
+        case Resource::kLinks:
+            v.array(FIELD(links.group)), v.array(FIELD(links.node)), v.array(FIELD(links.far_node)), v.array(FIELD(links.point)),
+                v.array(FIELD(links.rest)), v.array(FIELD(links.stretch)), v.array(FIELD(links.whole)), v.array(FIELD(links.stable_dt));
+            break;
+        case Resource::kTears:
+            v.array(FIELD(tears.body)), v.array(FIELD(tears.cut)), v.array(FIELD(tears.order));
+            break;
+        case Resource::kTorn:
+            v.array(FIELD(torn.spring)), v.array(FIELD(torn.triangle)), v.array(FIELD(torn.cut));
+            break;
+        case Resource::kTornSprings:
+            v.array(FIELD(torn_springs.neighbour)), v.array(FIELD(torn_springs.rest_length));
+            break;
+        case Resource::kPools:
+            v.array(FIELD(pools.slots)), v.array(FIELD(pools.rate)), v.array(FIELD(pools.life)), v.array(FIELD(pools.orientation));
+            break;
+        case Resource::kLives:
+            v.array(FIELD(lives.away)), v.array(FIELD(lives.generation)), v.array(FIELD(lives.since)), v.array(FIELD(lives.came));
             break;
         case Resource::kCount:
             break;
@@ -409,14 +480,19 @@ ResourceKind resource_kind(Resource resource) {
         case Resource::kBodies:
         case Resource::kAnchors:
         case Resource::kPaths:
-        case Resource::kTools: return ResourceKind::kConstant;
+        case Resource::kTears:
+        case Resource::kTools:
+        case Resource::kPools: return ResourceKind::kConstant;
         case Resource::kClock:
         case Resource::kPoses:
         case Resource::kParticles:
         case Resource::kToolState:
         case Resource::kPairMemory:
         case Resource::kContactMemory:
-        case Resource::kSleep: return ResourceKind::kState;
+        case Resource::kLinks:
+        case Resource::kTorn:
+        case Resource::kSleep:
+        case Resource::kLives: return ResourceKind::kState;
         case Resource::kEnergy:
         case Resource::kReport: return ResourceKind::kBooks;
         case Resource::kBoxes:
@@ -432,6 +508,7 @@ ResourceKind resource_kind(Resource resource) {
         case Resource::kRegions:
         case Resource::kRows:
         case Resource::kIslands:
+        case Resource::kTornSprings:
         case Resource::kNormals: return ResourceKind::kDerived;
         case Resource::kLocalContact:
         case Resource::kPicture:
@@ -445,7 +522,8 @@ const char* resource_name(Resource resource) {
         "settings", "meshes",    "springs",    "solids",     "bodies",     "anchors",  "paths",        "tools",
         "clock",    "poses",     "particles",  "tool state", "pair memory", "contact memory", "boxes", "pairs", "trees",
         "screened", "occupancy", "candidates", "near",       "contacts", "penetrations", "contours", "regions", "rows",
-        "islands",  "normals",   "local contact", "picture",    "energy",   "report", "sleep"};
+        "islands",  "normals",   "local contact", "picture",    "energy",   "report", "sleep",
+        "links",    "tears",     "torn",       "torn springs", "pools", "lives"};
     static_assert(std::size(kNames) == static_cast<size_t>(Resource::kCount));
     return kNames[static_cast<size_t>(resource)];
 }

@@ -3,7 +3,7 @@
 namespace trocar {
 
 SpringStep bind_body(const Springs& springs, const Bodies& bodies, const Anchors& anchors, const Particles& particles,
-                     uint32_t body) {
+                     uint32_t body, const TornSprings* torn) {
     const uint32_t prototype = bodies.mesh[body], first = bodies.particles[body].first;
     SpringStep step = {};
     step.offset = &particles.offset[first].x;
@@ -13,6 +13,10 @@ SpringStep bind_body(const Springs& springs, const Bodies& bodies, const Anchors
     step.slice_column = springs.slice_column.data() + springs.info[prototype].slices.first + prototype;
     step.neighbour = springs.neighbour.data();
     step.rest_length = springs.rest_length.data();
+    if (torn && size_t{step.slice_column[springs.info[prototype].slices.count]} * kSliceWidth <= torn->neighbour.size()) {
+        step.neighbour = torn->neighbour.data();
+        step.rest_length = torn->rest_length.data();
+    }
     step.spring_factor = springs.info[prototype].varied ? springs.factor.data() : nullptr;
     step.anchor_stiffness = anchors.stiffness.data() + first;
     step.anchor_x = anchors.rest_x.data() + first;

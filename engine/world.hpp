@@ -7,6 +7,8 @@
 #include "components/clock.hpp"
 #include "components/contacts.hpp"
 #include "components/haptics.hpp"
+#include "components/links.hpp"
+#include "components/lives.hpp"
 #include "components/mesh.hpp"
 #include "components/particles.hpp"
 #include "components/paths.hpp"
@@ -15,6 +17,7 @@
 #include "components/scene.hpp"
 #include "components/solids.hpp"
 #include "components/springs.hpp"
+#include "components/tears.hpp"
 #include "engine/closest_point.hpp"
 #include "engine/job_graph.hpp"
 #include "engine/surfaces.hpp"
@@ -30,6 +33,8 @@ struct World {
     Bodies bodies;
     Anchors anchors;
     Paths paths;
+    Tears tears;
+    Pools pools;
     // state
     Clock clock;
     Poses poses;
@@ -38,6 +43,9 @@ struct World {
     PairMemory pair_memory;
     ContactMemory contact_memory;
     Sleep sleep;
+    Links links;
+    Torn torn;
+    Lives lives;
     // derived each pass
     BodyBoxes boxes;
     CandidatePairs pairs;
@@ -53,6 +61,7 @@ struct World {
     ContactRows rows;
     Islands islands;
     SurfaceNormals normals;
+    TornSprings torn_springs;
     // output
     std::vector<LocalContactModel> local_contact;  // one per tool
     PictureSnapshot picture;
@@ -96,6 +105,12 @@ enum class Resource : uint8_t {
     kEnergy,
     kReport,
     kSleep,
+    kLinks,
+    kTears,
+    kTorn,
+    kTornSprings,
+    kPools,
+    kLives,
     kCount
 };
 

@@ -215,6 +215,16 @@ void check_bodies(const World& w, Faults& f) {
         f.require(b.motion[body] != Motion::kFree || has_mass[body], "a free body without a mass");
     f.require(w.sleep.still.size() == w.sleep.group.size() && (w.sleep.still.empty() || w.sleep.still.size() == n), "sleep: not one per body");
     for (const uint32_t group : w.sleep.group) f.below(group, static_cast<uint32_t>(n), true, "sleep with body");
+    const size_t slots = w.lives.away.size(), pools = w.pools.slots.size();
+    f.require(slots == (pools > 0 ? n : 0) && w.lives.generation.size() == slots && w.lives.since.size() == slots && w.pools.orientation.size() == slots &&
+                  w.pools.rate.size() == pools && w.pools.life.size() == pools && w.lives.came.size() == pools && (pools == 0 || w.settings.sleep_speed > 0),
+              "pools and lives do not fit the bodies");
+    for (size_t pool = 0; pool < pools && f.first.empty(); ++pool) {
+        f.inside(w.pools.slots[pool], n, "slots of a pool");
+        f.require(std::isfinite(w.pools.rate[pool]) && w.pools.rate[pool] > 0 && w.pools.life[pool] > 0, "a pool without a rate or a life");
+        for (uint32_t slot = w.pools.slots[pool].first; f.first.empty() && slot < w.pools.slots[pool].end(); ++slot)
+            f.require(is_deformable(b, slot) && w.lives.since[slot] <= w.clock.tick, "a slot that is not deformable, or younger than now");
+    }
     const size_t particles = w.particles.offset.size();
     f.require(w.particles.velocity_x.size() == particles && w.particles.velocity_y.size() == particles && w.particles.velocity_z.size() == particles &&
                   w.anchors.stiffness.size() == particles && w.anchors.rest_x.size() == particles && w.anchors.rest_y.size() == particles &&
@@ -224,6 +234,68 @@ void check_bodies(const World& w, Faults& f) {
     for (uint32_t body = 0; body < n && f.first.empty(); ++body) {
         check_body(w, body, f);
         if (is_deformable(b, body)) f.require(w.particles.last_dt.size() > body, "particles: steps of bodies are missing");
+    }
+}
+
+void check_links(const World& w, Faults& f) {
+    const Links& l = w.links;
+    const size_t rows = l.node.size();
+    const uint32_t bodies = static_cast<uint32_t>(w.bodies.mesh.size());
+    f.require(l.far_node.size() == rows && l.point.size() == rows && l.rest.size() == rows && l.stretch.size() == rows && l.whole.size() == rows,
+              "links: arrays of different length");
+    f.require(l.stable_dt.empty() || l.stable_dt.size() == bodies, "links: steps are not one per body");
+    for (const double dt : l.stable_dt) f.require(dt > kShortestStep, "links: a step is too short");
+    uint64_t first = 0;
+    for (uint32_t g = 0; g < l.group.size(); ++g) {
+        const LinkGroup& group = l.group[g];
+        f.require(group.entity.index == g && group.rows.first == first, "links: groups do not fit their rows");
+        first += group.rows.count;
+        f.require(first <= rows, "links: rows reach beyond their array");
+        if (!f.first.empty()) return;
+        if (group.body == kNone) {
+            f.require(group.rows.count == 0, "links: rows of no group");
+            continue;
+        }
+        f.below(group.body, bodies, false, "link of body");
+        f.below(group.holder, bodies, false, "link to body");
+        if (!f.first.empty()) return;
+        f.require(is_deformable(w.bodies, group.body) && group.body != group.holder && group.stiffness > 0 && std::isfinite(group.stiffness) &&
+                      group.gauge > 0 && group.break_strain > 0 && group.phase <= LinkPhase::kDone && group.frame <= RegionFrame::kWorld &&
+                      group.region.kind <= RegionKind::kCapsule,
+                  "link group " + std::to_string(g) + " holds in no known way");
+        const bool nodes = is_deformable(w.bodies, group.holder);
+        for (uint32_t row = group.rows.first; row < group.rows.end(); ++row) {
+            f.below(l.node[row], w.bodies.particles[group.body].count, false, "link of node");
+            if (nodes) f.below(l.far_node[row], w.bodies.particles[group.holder].count, false, "link to node");
+            f.require(l.rest[row] >= 0 && std::isfinite(l.stretch[row]), "links: no length");
+        }
+    }
+    f.require(first == rows, "links: rows of no group");
+}
+
+void check_tears(const World& w, Faults& f) {
+    f.require(w.torn.cut.size() == w.tears.cut.size(), "cuts: not one state each");
+    const size_t rows = w.torn.spring.size();
+    f.require(rows <= w.springs.neighbour.size() && rows % kSliceWidth == 0, "torn springs: more than there are");
+    for (const TearBody& t : w.tears.body) {
+        f.below(t.body, static_cast<uint32_t>(w.bodies.mesh.size()), false, "tears of body");
+        if (!f.first.empty()) return;
+        f.require(is_deformable(w.bodies, t.body) && t.break_strain > 0, "tears of a body that has no springs");
+        f.inside(t.order, w.tears.order.size(), "triangles of a body that tears");
+        if (!f.first.empty()) return;
+        const uint32_t prototype = w.bodies.mesh[t.body];
+        const Range slices = w.springs.info[prototype].slices;
+        f.require(size_t{w.springs.slice_column[slices.end() + prototype]} * kSliceWidth <= rows, "tears: springs are missing");
+        for (uint32_t i = t.order.first; i < t.order.end(); ++i) f.below(w.tears.order[i], t.order.count, false, "tears: triangle");
+    }
+    for (const Cut& cut : w.tears.cut) {
+        f.below(cut.tear, static_cast<uint32_t>(w.tears.body.size()), false, "cut of");
+        f.require(cut.region.kind <= RegionKind::kCapsule, "a cut of no known shape");
+    }
+    for (const auto& [tear, triangle] : w.torn.triangle) {
+        f.below(tear, static_cast<uint32_t>(w.tears.body.size()), false, "removed triangle of");
+        if (!f.first.empty()) return;
+        f.below(triangle, w.tears.body[tear].order.count, false, "removed triangle");
     }
 }
 
@@ -242,7 +314,13 @@ void check_tools(const World& w, Faults& f) {
         f.below(tool.path, paths, true, "tool on path");
         f.below(tool.trace, static_cast<uint32_t>(w.haptics.trace.size()), true, "tool on trace");
         f.require(tool.path != kNone || tool.trace != kNone, "a tool has no device");
+        f.inside(tool.effects, w.haptics.effect.size(), "effects of a tool");
+        f.require(tool.effects.count <= kMaxEffects, "a tool has too many effects");
+        f.require(tool.hand.delay <= kMostHandDelay, "a hand is too late");
+        f.require(tool.pivot.kind <= PivotKind::kTip, "a pivot is of no kind");
     }
+    for (const HapticEffect& e : w.haptics.effect)
+        f.require(e.kind <= EffectKind::kMagnet && e.trigger <= EffectTrigger::kRelease, "an effect is of no kind");
     for (const DeviceTrace& trace : w.haptics.trace) f.require(!trace.sample.empty(), "a device trace is empty");
 }
 
@@ -253,6 +331,8 @@ std::string find_fault(const World& w) {
     check_meshes(w.meshes, f);
     if (f.first.empty()) check_bodies(w, f);
     if (f.first.empty()) check_tools(w, f);
+    if (f.first.empty()) check_links(w, f);
+    if (f.first.empty()) check_tears(w, f);
     f.require(w.pair_memory.b.size() == w.pair_memory.a.size() && w.pair_memory.direction.size() == w.pair_memory.a.size(),
               "pair memory: arrays of different length");
     const ContactMemory& memory = w.contact_memory;

@@ -33,7 +33,8 @@ AdvanceBody make_body(const AdvanceIsland& island, uint32_t body, uint32_t buffe
     b.origin = to_vec4(island.poses.origin[body]);
     b.orientation = island.poses.orientation[body];
     b.now = island.particles.offset.data() + b.particles.first;
-    b.step = bind_body(springs, bodies, island.inputs.anchors, island.particles, body);
+    b.step = bind_body(springs, bodies, island.inputs.anchors, island.particles, body, island.inputs.other.torn_springs);
+    b.tear = tear_of(island.inputs.other.tears, body);
     SpringStep& step = b.step;
     step.new_velocity_x = island.particles.velocity_x.data() + b.particles.first;
     step.new_velocity_y = island.particles.velocity_y.data() + b.particles.first;
@@ -87,6 +88,7 @@ void gather_bodies(AdvanceIsland& island, std::span<const uint32_t> island_bodie
     }
     if (s.offset_a.size() < particles) s.offset_a.resize(particles), s.offset_b.resize(particles);
     give_remainders(island, particles);
+    gather_links(island);
     give_forces(island, particles);
 }
 
@@ -209,9 +211,11 @@ void finish_bodies(AdvanceIsland& island) {
 
 }  // namespace
 
-uint32_t count_substeps(const Bodies& bodies, std::span<const uint32_t> island_bodies, double seconds, double largest) {
+uint32_t count_substeps(const Bodies& bodies, std::span<const uint32_t> island_bodies, double seconds, double largest,
+                        std::span<const double> linked) {
     double stable = std::numeric_limits<double>::infinity();
     for (const uint32_t body : island_bodies) {
+        if (body < linked.size()) stable = std::min(stable, linked[body]);
         const Stepping stepping = stepping_of(bodies, body);
         const bool leapfrog = stepping.integrator == Integrator::kLeapfrog;
         stable = std::min(stable, leapfrog ? std::min({bodies.stable_dt[body], largest, stepping.step}) : stepping.step);
@@ -225,6 +229,9 @@ void add_advance_result(const AdvanceResult& result, Energy& energy, Report& rep
     energy.work_damping += result.work_damping;
     energy.work_push += result.work_push;
     energy.work_numeric += result.work_numeric;
+    energy.work_links += result.work_links;
+    report.broken_links += result.broken_links;
+    report.broken_springs += result.broken_springs;
     report.ended_rows += result.ended_rows;
     report.opposing_planes += result.opposing_planes;
     report.nonfinite_particles += result.nonfinite_particles;
@@ -265,6 +272,8 @@ void share_room(std::span<AdvanceScratch> scratches) {
     level(&AdvanceScratch::block);
     level(&AdvanceScratch::active_block);
     level(&AdvanceScratch::open_blocks_of_node);
+    level(&AdvanceScratch::link);
+    level(&AdvanceScratch::overstretched);
     const auto level_implicit = [&](auto ImplicitScratch::* field) {
         size_t most = 0;
         for (const AdvanceScratch& s : scratches) most = std::max(most, (s.implicit.*field).capacity());
@@ -306,9 +315,11 @@ void advance_island(const AdvanceParams& params, const AdvanceInputs& inputs, st
         if (params.tick_hook.run && substep % per_ms == 0) params.tick_hook.run(params.tick_hook.user, substep / per_ms);
         place_rigid_bodies(island, substep);
         island.substep = substep;
+        find_link_forces(island);
         step_bodies(island, kernels, substep);
         pull_hands(island, substep);
         kick_free_bodies(island);
+        pull_linked_rigids(island);
         observe(params.observer.begin);
         const bool books = params.account_energy && has_rows(scratch);
         if (has_rows(scratch)) apply_impulses(island);
@@ -318,6 +329,8 @@ void advance_island(const AdvanceParams& params, const AdvanceInputs& inputs, st
         if (has_rows(scratch)) push_out(island, substep);
         if (books) book_measured(island, result.work_push);
         observe(params.observer.end);
+        finish_links(island);
+        break_springs(island);
         for (AdvanceBody& b : scratch.body) b.now = b.next;
     }
     for (const double work : scratch.sums) result.work_damping += work;

@@ -65,6 +65,7 @@ struct AdvanceResult {
     double work_damping = 0;
     double work_push = 0;
     double work_numeric = 0;
+    double work_links = 0;        // what links and springs held as they broke, negative
     double deepest_residual = 0;  // m, deepest overlap of a row after the last substep of the last call
     uint64_t active_rows = 0;     // rows that acted, summed over the substeps
     uint64_t ended_rows = 0;
@@ -72,6 +73,7 @@ struct AdvanceResult {
     uint64_t nonfinite_particles = 0;
     double min_volume_ratio = std::numeric_limits<double>::infinity();  // of all tetrahedra in all substeps, see Report
     uint64_t runaway_bodies = 0;
+    uint64_t broken_links = 0, broken_springs = 0;
     uint64_t implicit_steps = 0, implicit_iterations = 0;
     double worst_implicit_residual = 0;  // as Stepping::tolerance
 };
@@ -80,8 +82,9 @@ struct AdvanceResult {
 void add_advance_result(const AdvanceResult& result, Energy& energy, Report& report);
 
 // Whole number of substeps in `seconds` that the bodies of an island need: none longer than the stable step of a body
-// stepped by leapfrog or `largest`, nor than the step of one that is stepped otherwise.
-uint32_t count_substeps(const Bodies& bodies, std::span<const uint32_t> island_bodies, double seconds, double largest);
+// stepped by leapfrog or `largest`, nor than the step of one that is stepped otherwise, nor than Links::stable_dt.
+uint32_t count_substeps(const Bodies& bodies, std::span<const uint32_t> island_bodies, double seconds, double largest,
+                        std::span<const double> linked = {});
 
 // Moves the bodies of one island (deformable and hand) through params.ticks ms by leapfrog under their springs,
 // anchors, damping, gravity and contact rows; DESIGN 5, 6.7, 6.8. Reads static and scripted bodies through poses and

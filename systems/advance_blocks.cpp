@@ -33,6 +33,7 @@ RowNodes nodes_of(const ContactPlan& plan) {
     return r;
 }
 bool is_edge(const ContactPlan& plan) { return plan.node_a[1] != plan.node_a[0]; }
+bool is_face(const ContactPlan& plan) { return plan.node_a[2] != plan.node_a[0]; }
 bool between_deformables(const ContactPlan& plan) { return plan.rigid_a == kNone && plan.rigid_b == kNone; }
 
 // Calls visit(change of a node, way of a row that presses it).
@@ -42,6 +43,7 @@ void for_each_way(AdvanceScratch& s, const Visit& visit) {
         if (plan.rigid_a == kNone) {
             visit(s.change[plan.node_a[0]], plan, plan.normal);
             if (is_edge(plan)) visit(s.change[plan.node_a[1]], plan, plan.normal);
+            if (is_face(plan)) visit(s.change[plan.node_a[2]], plan, plan.normal);
         }
         if (plan.rigid_b == kNone) {
             for (const uint32_t node : plan.node_b) visit(s.change[node], plan, -plan.normal);
@@ -62,7 +64,7 @@ void find_opposable(AdvanceScratch& s) {
 }
 
 bool fits_block(const AdvanceScratch& s, const ContactPlan& plan) {
-    if (!between_deformables(plan)) return false;
+    if (!between_deformables(plan) || is_face(plan)) return false;  // a block has no part for a third corner
     const RowNodes nodes = nodes_of(plan);
     const auto end = nodes.node.begin() + nodes.count;
     return nodes.distinct && std::none_of(nodes.node.begin(), end, [&](uint32_t n) { return s.change[n].may_oppose; });

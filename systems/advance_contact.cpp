@@ -42,7 +42,8 @@ ContactPlan make_plan(AdvanceIsland& island, uint32_t row) {
     const uint32_t a = rows.body[row], b = rows.other[row];
     ContactPlan plan;
     plan.row = row;
-    plan.weight_a = {1.0 - rows.along[row], rows.along[row]};
+    const bool in_face = rows.third[row] != kNone;
+    plan.weight_a = {1.0 - rows.along[row] - rows.across[row], rows.along[row], rows.across[row]};
     plan.weight_b = {rows.weight[row][0], rows.weight[row][1], rows.weight[row][2]};
     plan.normal = to_vec4(rows.normal[row]);
     plan.impulse = Vec4d{};
@@ -51,10 +52,12 @@ ContactPlan make_plan(AdvanceIsland& island, uint32_t row) {
     if (is_deformable(bodies, a)) {
         TROCAR_ASSERT(s.slot_of_body[a] != kNone);
         for (int i = 0; i < 2; ++i) plan.node_a[i] = node_slot(s, s.slot_of_body[a], rows.vertex[row][i]);
+        plan.node_a[2] = in_face ? node_slot(s, s.slot_of_body[a], rows.third[row]) : plan.node_a[0];
     } else {
         plan.rigid_a = rigid_slot(island, a);
         plan.point_a = plan.weight_a[0] * rest_position(meshes, bodies.mesh[a], rows.vertex[row][0]) +
                        plan.weight_a[1] * rest_position(meshes, bodies.mesh[a], rows.vertex[row][1]);
+        if (in_face) plan.point_a += plan.weight_a[2] * rest_position(meshes, bodies.mesh[a], rows.third[row]);
     }
     if (is_deformable(bodies, b)) {
         TROCAR_ASSERT(s.slot_of_body[b] != kNone);
@@ -83,9 +86,10 @@ RowState find_gap(const AdvanceScratch& s, const ContactPlan& plan) {
     RowState r;
     if (plan.rigid_a == kNone) {
         r.point = s.node[plan.node_a[0]].place;
-        if (plan.weight_a[1] != 0) {
+        if (plan.weight_a[1] != 0 || plan.weight_a[2] != 0) {
             r.point = plan.weight_a[0] * r.point + plan.weight_a[1] * s.node[plan.node_a[1]].place;
         }
+        if (plan.weight_a[2] != 0) r.point += plan.weight_a[2] * s.node[plan.node_a[2]].place;
     } else {
         r.point = s.rigid[plan.rigid_a].place[0](plan.point_a);
     }
@@ -115,6 +119,7 @@ Vec4d relative_velocity(const AdvanceScratch& s, const ContactPlan& plan) {
     if (plan.rigid_a == kNone) {
         v = plan.weight_a[0] * s.node[plan.node_a[0]].velocity;
         if (plan.weight_a[1] != 0) v += plan.weight_a[1] * s.node[plan.node_a[1]].velocity;
+        if (plan.weight_a[2] != 0) v += plan.weight_a[2] * s.node[plan.node_a[2]].velocity;
     } else {
         v = rigid_velocity(s, plan.rigid_a, plan.point_a);
     }
@@ -238,7 +243,7 @@ void activate(AdvanceIsland& island, uint32_t plan_row, const RowState& r, doubl
         active.least_velocity = -plan.restitution * approach;
     }
     if (plan.rigid_a == kNone) {
-        for (int i = 0; i < 2; ++i) add_node(active, plan.node_a[i], plan.weight_a[i]);
+        for (int i = 0; i < 3; ++i) add_node(active, plan.node_a[i], plan.weight_a[i]);
     } else {
         const AdvanceRigid& rigid = s.rigid[plan.rigid_a];
         if (rigid.free == kNone) active.rigid_velocity += rigid.velocity(plan.point_a);

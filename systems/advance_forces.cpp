@@ -50,7 +50,7 @@ bool has_forces(const AdvanceInputs& inputs, uint32_t body) {
 void give_forces(AdvanceIsland& island, uint32_t particles) {
     AdvanceScratch& s = island.scratch;
     const AdvanceInputs& in = island.inputs;
-    const auto forced = [&](const AdvanceBody& b) { return has_forces(in, b.body); };
+    const auto forced = [&](const AdvanceBody& b) { return b.linked || has_forces(in, b.body); };
     if (std::none_of(s.body.begin(), s.body.end(), forced)) return;
     s.force.assign(size_t{3} * particles, 0.0f);
     uint32_t corners = 0;
@@ -79,6 +79,7 @@ void find_forces(AdvanceIsland& island, AdvanceBody& b) {
                            island.scratch.hinge_force, f.axis[0], f.axis[1], f.axis[2]);
     }
     if (has_tets(in.other.solids, in.bodies, b.body)) add_tets(island, b, f);
+    if (b.linked) add_link_forces(island.scratch, static_cast<uint32_t>(&b - island.scratch.body.data()), f.axis);
 }
 
 }  // namespace trocar

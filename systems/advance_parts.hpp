@@ -42,6 +42,20 @@ bool has_forces(const AdvanceInputs& inputs, uint32_t body);
 void give_forces(AdvanceIsland& island, uint32_t particles);
 // Their forces at the start of a substep, where body.step.offset is; none for other bodies.
 void find_forces(AdvanceIsland& island, AdvanceBody& body);
+// Links between bodies (advance_links.cpp). Finds those of the island, once the bodies are there;
+void gather_links(AdvanceIsland& island);
+// their forces at the start of a substep;
+void find_link_forces(AdvanceIsland& island);
+// adds those on a row of scratch.body to its three fields;
+void add_link_forces(const AdvanceScratch& s, uint32_t body, float* const axis[3]);
+// the other side of them on hands and free bodies, after those were kicked;
+void pull_linked_rigids(AdvanceIsland& island);
+// stretch, works and breaking at the end of a substep.
+void finish_links(AdvanceIsland& island);
+// Row of Tears::body whose springs may break, or kNone.
+uint32_t tear_of(const Tears* tears, uint32_t body);
+// Breaks the springs that are too long at the end of a substep (advance_tears.cpp): from the next one on they do not pull.
+void break_springs(AdvanceIsland& island);
 // One step of a body whose stepping is midpoint, and its books. `work` is where the kernel puts the work of damping, 16
 // lanes; null when nobody asks. b.step is bound to this substep.
 void step_midpoint(AdvanceIsland& island, AdvanceBody& b, double* work);

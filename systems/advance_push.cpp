@@ -13,6 +13,7 @@ double gap_after(const AdvanceScratch& s, const ContactPlan& plan, Vec4d& normal
     if (plan.rigid_a == kNone) {
         apart = plan.weight_a[0] * s.node[plan.node_a[0]].after;
         if (plan.weight_a[1] != 0) apart += plan.weight_a[1] * s.node[plan.node_a[1]].after;
+        if (plan.weight_a[2] != 0) apart += plan.weight_a[2] * s.node[plan.node_a[2]].after;
     } else {
         apart = s.rigid[plan.rigid_a].place[1](plan.point_a);
     }

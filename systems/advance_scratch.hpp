@@ -35,6 +35,24 @@ struct AdvanceBody {
     bool measured() const { return stepping.integrator != Integrator::kLeapfrog; }
     double energy = std::numeric_limits<double>::quiet_NaN();  // J, if measured: at its last measurement of the call
     bool touched = false;  // a row of the call acts on it
+    bool linked = false;   // a link of the call pulls at it
+    uint32_t tear = kNone;  // row of Tears::body
+};
+
+// A link of the island during a call.
+struct AdvanceLink {
+    uint32_t group = 0, row = 0;     // of Links
+    uint32_t body = 0, node = 0;     // row of AdvanceScratch::body
+    uint32_t far_body = kNone, far_node = kNone;
+    uint32_t rigid = kNone;          // row of AdvanceScratch::rigid, if the holder is
+    Vec4d point = {};                // m, body frame of that
+    double stiffness = 0;            // N/m
+    double rest = 0, gauge = 0;      // m
+    double break_strain = 0;
+    Vec4d force = {};                // N, on the node, at the start of the substep
+    double kick = 0;                 // s, for which it acts
+    Vec4d far = {};                  // m, rigid end at the time of the velocities, of the substep before
+    bool known = false;              // it is
 };
 
 // Memory of implicit steps of the body that is stepped now.
@@ -114,12 +132,12 @@ struct ContactPlan {
     Vec4d point_b;  // m, body frame, if rigid
     Vec4d normal;   // body frame if b is rigid, else world
     Vec4d impulse;  // N s, given so far in the call
-    std::array<double, 2> weight_a;
+    std::array<double, 3> weight_a;
     std::array<double, 3> weight_b;
     double offset = 0;  // m, half the thickness of a sheet
     double friction = 0;
     double restitution = 0;
-    std::array<uint32_t, 2> node_a;             // if deformable; equal for a vertex
+    std::array<uint32_t, 3> node_a;             // if deformable; equal for a vertex; the third is the first but for a face
     std::array<uint32_t, 3> node_b;             // if deformable
     uint32_t rigid_a = kNone, rigid_b = kNone;  // rows of rigid, or kNone
     uint32_t row = kNone;
@@ -136,8 +154,8 @@ struct ContactActive {
     double least_velocity = 0;  // m/s, along the normal
     double inv_sum = 0;         // kg, 1 / sum of weight^2 * inverse mass
     double friction = 0;
-    std::array<double, 5> weight;  // of the relative velocity: + for the point, - for the plane
-    std::array<uint32_t, 5> node;
+    std::array<double, 6> weight;  // of the relative velocity: + for the point, - for the plane
+    std::array<uint32_t, 6> node;
     uint32_t nodes = 0;
     uint32_t point_nodes = 0;  // how many of them, the first, are on the side of the point
     uint32_t plan = 0;
@@ -203,6 +221,8 @@ struct AdvanceScratch {
     std::vector<uint32_t> active_block;
     std::vector<uint16_t> open_blocks_of_node;  // while blocks are filled: which of those open have it; as node
     ImplicitScratch implicit;
+    std::vector<AdvanceLink> link;
+    std::vector<uint8_t> overstretched;  // per chunk of slices of one body: some spring is
 };
 
 }  // namespace trocar

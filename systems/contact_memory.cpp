@@ -13,19 +13,19 @@ namespace {
 // Points of an edge nearer to each other than this part of it are the same.
 constexpr float kSamePoint = 0.1f;
 
-// Whose point it is, in the order of Contacts: pair, side, vertices before edges.
+// Whose point it is, in the order of Contacts: pair, side, vertices before edges before faces.
 struct PointKey {
     uint64_t pair, point;
     auto operator<=>(const PointKey&) const = default;
 };
-PointKey key_of(uint32_t body, uint32_t other, const std::array<uint32_t, 2>& vertex) {
+PointKey key_of(uint32_t body, uint32_t other, const std::array<uint32_t, 2>& vertex, uint32_t third) {
     const uint64_t first = std::min(body, other), second = std::max(body, other);
-    const uint64_t side = body > other, edge = vertex[0] != vertex[1];
-    return {first << 32 | second, side << 63 | edge << 62 | uint64_t{vertex[0]} << 31 | vertex[1]};
+    const uint64_t side = body > other, face = third != kNone, edge = vertex[0] != vertex[1];
+    return {first << 32 | second, side << 63 | face << 62 | edge << 61 | uint64_t{vertex[0]} << 30 | vertex[1]};
 }
-PointKey key_of(const ContactMemory& memory, uint32_t row) {
-    return key_of(memory.body[row], memory.other[row], memory.vertex[row]);
-}
+PointKey key_of(const ContactMemory& m, uint32_t row) { return key_of(m.body[row], m.other[row], m.vertex[row], kNone); }
+PointKey key_of(const Contacts& c, uint32_t row) { return key_of(c.body[row], c.other[row], c.vertex[row], c.third[row]); }
+PointKey key_of(const ContactRows& r, uint32_t row) { return key_of(r.body[row], r.other[row], r.vertex[row], r.third[row]); }
 
 void order_memory(const ContactMemory& memory, std::vector<uint32_t>& order) {
     order.resize(memory.body.size());
@@ -52,10 +52,9 @@ void find_lost_edges(const Surfaces& s, const CandidatePairs& pairs, const Conta
         if (memory.vertex[m][0] == memory.vertex[m][1] || !is_closed(s, other)) continue;
         if (!is_deformable(s.bodies, body) && !is_deformable(s.bodies, other)) continue;
         const PointKey wanted = key_of(memory, m);
-        const auto key = [&] { return key_of(contacts.body[contact], contacts.other[contact], contacts.vertex[contact]); };
-        while (contact < contacts.body.size() && key() < wanted) ++contact;
+        while (contact < contacts.body.size() && key_of(contacts, contact) < wanted) ++contact;
         // an edge may lie on two places, of which the edge pass finds the deeper: each would sink in turn
-        const bool found = contact < contacts.body.size() && key() == wanted &&
+        const bool found = contact < contacts.body.size() && key_of(contacts, contact) == wanted &&
                            std::abs(contacts.along[contact] - memory.along[m]) < kSamePoint;
         if (found) continue;
         const std::array<uint32_t, 2> both{std::min(body, other), std::max(body, other)};
@@ -69,19 +68,6 @@ void find_lost_edges(const Surfaces& s, const CandidatePairs& pairs, const Conta
     }
 }
 
-void move_row(Contacts& c, uint32_t from, uint32_t to) {
-    c.pair[to] = c.pair[from];
-    c.body[to] = c.body[from];
-    c.other[to] = c.other[from];
-    c.vertex[to] = c.vertex[from];
-    c.along[to] = c.along[from];
-    c.point[to] = c.point[from];
-    c.closest[to] = c.closest[from];
-    c.normal[to] = c.normal[from];
-    c.distance[to] = c.distance[from];
-    c.triangle[to] = c.triangle[from];
-}
-
 void write_row(const Surfaces& s, const ContactMemory& memory, const KeptEdge& e, Contacts& to, uint32_t row) {
     const uint32_t other = memory.other[e.memory];
     to.pair[row] = e.pair;
@@ -89,6 +75,8 @@ void write_row(const Surfaces& s, const ContactMemory& memory, const KeptEdge& e
     to.other[row] = other;
     to.vertex[row] = memory.vertex[e.memory];
     to.along[row] = memory.along[e.memory];
+    to.third[row] = kNone;
+    to.across[row] = 0;
     to.point[row] = frame_to_world(s, other, e.point);
     to.closest[row] = frame_to_world(s, other, e.answer.point);
     to.normal[row] = direction_to_world(s, other, e.answer.normal);
@@ -114,13 +102,12 @@ void keep_edges(const ContactParams& params, const Surfaces& surfaces, const Bod
     });
     std::erase_if(scratch.kept, [](const KeptEdge& e) { return e.answer.triangle == kNone; });
 
+    if (scratch.kept.empty()) return;
     uint32_t from = uint32_t(contacts.pair.size()), to = from + uint32_t(scratch.kept.size());
     resize_contacts(contacts, to);
     for (auto e = scratch.kept.rbegin(); e != scratch.kept.rend(); ++e) {
         const PointKey key = key_of(memory, e->memory);
-        while (from > 0 && key < key_of(contacts.body[from - 1], contacts.other[from - 1], contacts.vertex[from - 1])) {
-            move_row(contacts, --from, --to);
-        }
+        while (from > 0 && key < key_of(contacts, from - 1)) copy_contact(contacts, --from, contacts, --to);
         write_row(surfaces, memory, *e, contacts, --to);
     }
 }
@@ -131,7 +118,7 @@ void recall_contacts(const ContactMemory& memory, ContactMemoryScratch& scratch,
     auto next = scratch.order.begin();
     PointKey before{};
     for (uint32_t row = 0; row < rows.body.size() && !memory.body.empty(); ++row) {
-        const PointKey wanted = key_of(rows.body[row], rows.other[row], rows.vertex[row]);
+        const PointKey wanted = key_of(rows, row);
         if (wanted < before) next = scratch.order.begin();
         before = wanted;
         while (next != scratch.order.end() && key_of(memory, *next) < wanted) ++next;
@@ -149,7 +136,7 @@ void remember_contacts(const ContactRows& rows, ContactMemory& memory) {
     memory.force.clear();
     for (uint32_t row = 0; row < rows.carried.size(); ++row) {
         const bool edge = rows.vertex[row][0] != rows.vertex[row][1];
-        if (rows.impulse[row] == Vec3d::Zero() && !edge) continue;
+        if ((rows.impulse[row] == Vec3d::Zero() && !edge) || rows.third[row] != kNone) continue;
         memory.body.push_back(rows.body[row]);
         memory.other.push_back(rows.other[row]);
         memory.vertex.push_back(rows.vertex[row]);

@@ -34,7 +34,8 @@ void keep_edges(const ContactParams& params, const Surfaces& surfaces, const Bod
 // same point: same vertices of the same body against the same other and, of an edge, less than a tenth of it apart.
 void recall_contacts(const ContactMemory& memory, ContactMemoryScratch& scratch, ContactRows& rows);
 
-// Keeps the rows that carried something in the pass, and those of edges, in their order.
+// Keeps the rows that carried something in the pass, and those of edges, in their order; points inside faces
+// are found anew.
 void remember_contacts(const ContactRows& rows, ContactMemory& memory);
 
 }  // namespace trocar

@@ -51,6 +51,10 @@ double plunge(const Surfaces& s, const Contacts& contacts, uint32_t i, const Vec
     const auto [v, w] = contacts.vertex[i];
     const Vec3d way = direction_to_world(s, body, mesh.position[w] - mesh.position[v]);
     double steepest = v == w ? 0 : std::abs(way.normalized().dot(normal));
+    if (const uint32_t third = contacts.third[i]; third != kNone) {
+        const Vec3d side = direction_to_world(s, body, mesh.position[third] - mesh.position[v]);
+        return std::max(steepest, std::abs(side.normalized().dot(normal)));
+    }
     for (uint32_t k = mesh.incident_first[v]; k < mesh.incident_first[v + 1]; ++k) {
         const Triangle& t = mesh.triangle[mesh.incident[k]];
         if (v != w && t[0] != w && t[1] != w && t[2] != w) continue;
@@ -105,12 +109,47 @@ Support find_support(const Surfaces& s, const Contacts& contacts, uint32_t i) {
     return best;
 }
 
+// Whether a point of a closed body lies beyond a sheet that has passed into the body: its own surface looks away from the
+// sheet, so that the body lies between. The face of the sheet has a contact of its own, which leads it out.
+bool is_beyond_sheet(const Surfaces& s, const Contacts& contacts, uint32_t i) {
+    const uint32_t body = contacts.body[i], other = contacts.other[i];
+    const auto is_sheet = [&](uint32_t b) { return s.meshes.info[s.bodies.mesh[b]].admission == Admission::kSheet; };
+    if (!is_sheet(other) || is_sheet(body)) return false;
+    const MeshView mesh = mesh_view(s.meshes, s.bodies.mesh[body]);
+    const uint32_t v = contacts.vertex[i][0];
+    Vec3d outward = Vec3d::Zero();
+    for (uint32_t k = mesh.incident_first[v]; k < mesh.incident_first[v + 1]; ++k) {
+        const Triangle& t = mesh.triangle[mesh.incident[k]];
+        outward += triangle_normal(vertex_position(s, body, t[0]), vertex_position(s, body, t[1]), vertex_position(s, body, t[2]));
+    }
+    return outward.dot(contacts.normal[i]) > 0;
+}
+
+// Where the line from a contact along `way` leaves the other body. False if it does not.
+bool find_exit(const Surfaces& s, const Contacts& contacts, uint32_t i, const Vec3d& way, ContactRowsScratch& scratch, Support& at) {
+    const uint32_t other = contacts.other[i];
+    const MeshView mesh = mesh_view(s.meshes, s.bodies.mesh[other]);
+    if (scratch.exit_pair != contacts.pair[i] || scratch.exit_body != other) {
+        scratch.exit_pair = contacts.pair[i];
+        scratch.exit_body = other;
+        scratch.exit_point.clear();
+        for (uint32_t v = 0; v < mesh.position.size(); ++v) scratch.exit_point.push_back(vertex_position(s, other, v));
+        scratch.exits.build(scratch.exit_point, mesh.triangle, way);
+    }
+    const ExitGrid::Exit exit = scratch.exits.find(contacts.point[i]);
+    if (exit.triangle == kNone) return false;
+    at = {contacts.point[i] + exit.way * way, way, -exit.way, exit.triangle};
+    return true;
+}
+
 void resize_rows(ContactRows& rows, size_t count) {
     rows.contact.resize(count);
     rows.body.resize(count);
     rows.other.resize(count);
     rows.vertex.resize(count);
     rows.along.resize(count);
+    rows.third.resize(count);
+    rows.across.resize(count);
     rows.triangle.resize(count);
     rows.weight.resize(count);
     rows.normal.resize(count);
@@ -127,6 +166,7 @@ void make_contact_rows(const ContactParams& params, const Surfaces& surfaces, co
     const uint32_t count = uint32_t(contacts.pair.size()), bodies = uint32_t(surfaces.bodies.mesh.size());
     scratch.count.assign(bodies, 0);
     scratch.dropped.assign(count, 0);
+    scratch.exit_pair = kNone;
     for (const uint32_t body : contacts.body) ++scratch.count[body];
     for (uint32_t body = 0; body < bodies; ++body) {
         if (scratch.count[body] > params.row_capacity) {
@@ -139,14 +179,21 @@ void make_contact_rows(const ContactParams& params, const Surfaces& surfaces, co
     resize_rows(rows, count);
     uint32_t kept = 0;
     for (uint32_t i = 0; i < count; ++i) {
-        if (scratch.dropped[i]) continue;
+        if (scratch.dropped[i] || (params.faces && is_beyond_sheet(surfaces, contacts, i))) continue;
         const uint32_t body = contacts.body[i], other = contacts.other[i];
         Support at{contacts.closest[i], contacts.normal[i], contacts.distance[i], contacts.triangle[i]};
         const bool both_rigid = !is_deformable(surfaces.bodies, body) && !is_deformable(surfaces.bodies, other);
         if (both_rigid && surfaces.bodies.thickness[other] == 0) at = find_support(surfaces, contacts, i);
         if (at.none) continue;
-        const uint32_t row = kept++;
         const uint32_t overlap = scratch.overlap[contacts.pair[i]];
+        Vec3d lead = Vec3d::Zero();  // the way out of a deep pair, for this side
+        if (params.deep == DeepResponse::kLastFree && overlap != kNone && penetrations.saturated[overlap]) {
+            const Vec3d& way = penetrations.way_out[overlap];
+            lead = body == pairs.a[contacts.pair[i]] ? Vec3d(-way) : way;
+        }
+        // what would hold the pair back on its way
+        if (at.distance >= 0 && at.normal.dot(lead) < 0) continue;
+        const uint32_t row = kept++;
         Vec3d normal = at.normal;
         double distance = at.distance;
         if (params.direction == ResponseDirection::kThesis && distance < 0 && overlap != kNone) {
@@ -155,11 +202,9 @@ void make_contact_rows(const ContactParams& params, const Surfaces& surfaces, co
             distance *= std::max(0.0, normal.dot(out));
             normal = out;
         }
-        if (params.deep == DeepResponse::kLastFree && distance < 0 && overlap != kNone &&
-            penetrations.saturated[overlap] && penetrations.way_out[overlap] != Vec3d::Zero()) {
-            const Vec3d& way = penetrations.way_out[overlap];
-            normal = body == pairs.a[contacts.pair[i]] ? Vec3d(-way) : way;
-            distance = contacts.distance[i];  // the way out is at least this long in any direction
+        if (lead != Vec3d::Zero() && distance < 0 && find_exit(surfaces, contacts, i, lead, scratch, at)) {
+            normal = lead;
+            distance = at.distance;
         }
         const bool moves = is_deformable(surfaces.bodies, other);
         const Triangle& corner = mesh_view(surfaces.meshes, surfaces.bodies.mesh[other]).triangle[at.triangle];
@@ -169,6 +214,8 @@ void make_contact_rows(const ContactParams& params, const Surfaces& surfaces, co
         rows.other[row] = other;
         rows.vertex[row] = contacts.vertex[i];
         rows.along[row] = contacts.along[i];
+        rows.third[row] = contacts.third[i];
+        rows.across[row] = contacts.across[i];
         rows.triangle[row] = corner;
         rows.weight[row] =
             barycentric(p, vertex_in_frame(surfaces, other, corner[0]), vertex_in_frame(surfaces, other, corner[1]),

@@ -76,29 +76,35 @@ FreeState free_state(const RigidMass& free, const Poses& poses, const Particles&
 
 }  // namespace
 
+void add_body_energy(const Springs& springs, const Bodies& bodies, const Poses& poses, const Particles& particles,
+                     const Anchors& anchors, const Vec3d& gravity, uint32_t body, EnergyScratch& scratch, Energy& energy,
+                     const OtherForces& other) {
+    const uint32_t slices = springs.info[bodies.mesh[body]].slices.count;
+    SpringStep step = bind_body(springs, bodies, anchors, particles, body, other.torn_springs);
+    step.back = static_cast<float>(0.5 * particles.last_dt[body]);
+    if (bodies.anchor_frame[body] == AnchorFrame::kShape) {
+        Quat orientation = poses.orientation[body];
+        fit_goals(sum_shape(step, slices, scratch.sums), orientation, step);
+    }
+    const EnergyTotals t = sum_energy(step, slices, scratch.sums);
+    energy.kinetic += 0.5 * t[kSumMvv];
+    // every spring was met from both its ends
+    energy.elastic += 0.25 * step.stiffness * t[kSumStretch] + 0.5 * t[kSumAnchor];
+    add_other_energies(springs, bodies, particles, body, step.back, scratch, energy);
+    if (has_tets(other.solids, bodies, body)) {
+        energy.elastic += tet_energy(*other.solids, bodies, particles, body, 0.5 * particles.last_dt[body], scratch.sums);
+    }
+    energy.gravity -=
+        gravity.dot(t[kSumMass] * poses.origin[body] + Vec3d(t[kSumMPlace], t[kSumMPlace + 1], t[kSumMPlace + 2]));
+}
+
 void measure_energy(const Springs& springs, const Bodies& bodies, const Poses& poses, const Particles& particles,
                     const Anchors& anchors, const Vec3d& gravity, double start, EnergyScratch& scratch,
                     Energy& energy, const OtherForces& other) {
-    energy.kinetic = energy.elastic = energy.pressure = energy.bending = energy.gravity = 0;
+    energy.kinetic = energy.elastic = energy.pressure = energy.bending = energy.links = energy.gravity = 0;
     for (uint32_t body = 0; body < bodies.motion.size(); ++body) {
-        if (!is_deformable(bodies, body)) continue;
-        const uint32_t slices = springs.info[bodies.mesh[body]].slices.count;
-        SpringStep step = bind_body(springs, bodies, anchors, particles, body);
-        step.back = static_cast<float>(0.5 * particles.last_dt[body]);
-        if (bodies.anchor_frame[body] == AnchorFrame::kShape) {
-            Quat orientation = poses.orientation[body];
-            fit_goals(sum_shape(step, slices, scratch.sums), orientation, step);
-        }
-        const EnergyTotals t = sum_energy(step, slices, scratch.sums);
-        energy.kinetic += 0.5 * t[kSumMvv];
-        // every spring was met from both its ends
-        energy.elastic += 0.25 * step.stiffness * t[kSumStretch] + 0.5 * t[kSumAnchor];
-        add_other_energies(springs, bodies, particles, body, step.back, scratch, energy);
-        if (has_tets(other.solids, bodies, body)) {
-            energy.elastic += tet_energy(*other.solids, bodies, particles, body, 0.5 * particles.last_dt[body], scratch.sums);
-        }
-        energy.gravity -=
-            gravity.dot(t[kSumMass] * poses.origin[body] + Vec3d(t[kSumMPlace], t[kSumMPlace + 1], t[kSumMPlace + 2]));
+        if (is_deformable(bodies, body))
+            add_body_energy(springs, bodies, poses, particles, anchors, gravity, body, scratch, energy, other);
     }
     for (const RigidMass& free : bodies.rigid_mass) {
         const FreeState state = free_state(free, poses, particles);
@@ -106,9 +112,17 @@ void measure_energy(const Springs& springs, const Bodies& bodies, const Poses& p
                           0.5 * state.turning.dot(poses.angular_velocity[free.body]);
         energy.gravity -= free.mass * gravity.dot(state.place);
     }
-    energy.balance = energy.kinetic + energy.elastic + energy.pressure + energy.bending + energy.gravity -
+    if (other.links) {
+        for (const LinkGroup& g : other.links->group) {
+            for (uint32_t row = g.rows.first; row < g.rows.end(); ++row) {
+                const double stretch = other.links->whole[row] ? other.links->stretch[row] : 0;
+                energy.links += 0.5 * g.stiffness * stretch * stretch;
+            }
+        }
+    }
+    energy.balance = energy.kinetic + energy.elastic + energy.pressure + energy.bending + energy.links + energy.gravity -
                      energy.work_hand - energy.work_contact - energy.work_damping - energy.work_push - energy.work_numeric -
-                     start;
+                     energy.work_links - start;
 }
 
 Momentum measure_momentum(const Bodies& bodies, const Poses& poses, const Particles& particles, uint32_t body) {

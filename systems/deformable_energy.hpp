@@ -16,7 +16,7 @@ struct EnergyScratch {
     std::vector<float> gradient;  // 3 fields, as offset
 };
 
-// Sets energy.kinetic, elastic, pressure, bending and gravity (J) from the state of all deformable and free bodies, and
+// Sets energy.kinetic, elastic, pressure, bending, links and gravity (J) from the state of all deformable and free bodies, and
 // balance from `start` (their sum when the books were opened). Sums in double, fixed
 // order; large bodies in parallel. Everything is taken at the time of the
 // velocities, half a substep before that of the offsets: there the leapfrog's kinetic energy needs no knowledge of the
@@ -24,6 +24,11 @@ struct EnergyScratch {
 void measure_energy(const Springs& springs, const Bodies& bodies, const Poses& poses, const Particles& particles,
                     const Anchors& anchors, const Vec3d& gravity, double start, EnergyScratch& scratch, Energy& energy,
                     const OtherForces& other = {});
+
+// Adds the energies of one deformable body, J.
+void add_body_energy(const Springs& springs, const Bodies& bodies, const Poses& poses, const Particles& particles,
+                     const Anchors& anchors, const Vec3d& gravity, uint32_t body, EnergyScratch& scratch, Energy& energy,
+                     const OtherForces& other = {});
 
 // Linear momentum (kg m/s) and angular momentum about the world origin (kg m^2/s) of one deformable or free body.
 struct Momentum {

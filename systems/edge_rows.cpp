@@ -100,6 +100,8 @@ void add_row(const Surfaces& s, uint32_t body, uint32_t other, uint32_t edge, ui
     rows.other.push_back(other);
     rows.vertex.push_back(mesh.edge[edge]);
     rows.along.push_back(static_cast<float>(p.along_a));
+    rows.third.push_back(kNone);
+    rows.across.push_back(0);
     rows.triangle.push_back(corner);
     rows.weight.push_back(weight);
     rows.normal.push_back(rotate_back(s.poses.orientation[other], p.normal));

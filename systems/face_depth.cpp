@@ -2,6 +2,7 @@
 
 #include <algorithm>
 #include <cmath>
+#include <utility>
 
 #include "engine/geometry/contact_kernels.hpp"
 #include "engine/parallel.hpp"
@@ -12,126 +13,345 @@ constexpr uint32_t kMostChunks = 64;
 constexpr uint32_t kMostQueries = 100'000;  // of one pair
 using Chunk = FaceDepthScratch::Chunk;
 
-struct Side {
-    uint32_t body, other;
-    Range screened, near;
-    MeshView mesh, other_mesh;
-    const ClosestPointTree* tree;
+struct Input {
+    const ContactParams& params;
+    const Surfaces& surfaces;
+    const CandidateTriangles& candidates;
+    const ScreenedTriangles& screened;
+    const NearVertices& near;
 };
 
+// One side of one pair: the faces of `body` against the surface of `other`.
+struct Side {
+    uint32_t body, other;
+    bool reversed;  // body is the pair's b
+    Range screened, near, candidates;
+    MeshView mesh, other_mesh;
+    const ClosestPointTree* tree;
+    BodyPoints points;  // of body, about the origin of other
+    bool turned;        // other is rigid: the frame of the search is its own
+    Quat turn;
+
+    Vec3d place(uint32_t v) const { return turned ? rotate_back(turn, points.point(v)) : points.point(v); }
+};
+
+// What a search knows: the depth to beat, and what it found that is deeper.
 struct Best {
     double depth;
     uint32_t queries = 0;
+    FaceContact found;
 };
 
-// Parts that may hold something deeper than what is known, from the depths of their corners.
-void collect_parts(const Surfaces& s, const ScreenedTriangles& screened, const NearVertices& near, const Side& side,
-                   double enough, Chunk& c) {
-    c.part.clear();
-    c.depth.assign(side.mesh.position.size(), std::nan(""));
-    for (uint32_t i = side.near.first; i < side.near.end(); ++i) c.depth[near.vertex[i]] = -near.distance[i];
-    const BodyPoints points(s, side.body, s.poses.origin[side.other]);
-    const bool turned = !is_deformable(s.bodies, side.other);
-    for (uint32_t row = side.screened.first; row < side.screened.end(); ++row) {
-        const Triangle& t = side.mesh.triangle[screened.triangle[row]];
-        FacePart part{{}, std::numeric_limits<double>::infinity()};
-        for (int k = 0; k < 3; ++k) {
-            part.corner[k] = points.point(t[k]);
-            if (turned) part.corner[k] = rotate_back(s.poses.orientation[side.other], part.corner[k]);
-        }
-        bool known = false;
-        for (int k = 0; k < 3; ++k) {
-            const double depth = c.depth[t[k]];
-            if (std::isnan(depth)) continue;
-            known = true;
-            const Vec3d &p = part.corner[k], &q = part.corner[(k + 1) % 3], &r = part.corner[(k + 2) % 3];
-            part.bound = std::min(part.bound, depth + std::max((q - p).norm(), (r - p).norm()));
-        }
-        if (known && part.bound > enough) c.part.push_back(part);
+double distance_to(const Side& side, uint32_t triangle, const Vec3d& p) {
+    const Triangle& t = side.other_mesh.triangle[triangle];
+    return distance_to_triangle(to_vec4(p), to_vec4(side.tree->vertex(t[0])), to_vec4(side.tree->vertex(t[1])),
+                                to_vec4(side.tree->vertex(t[2])));
+}
+
+double farthest_from(const Side& side, uint32_t triangle, const FacePart& part) {
+    double farthest = 0;
+    for (const Vec3d& p : part.corner) farthest = std::max(farthest, distance_to(side, triangle, p));
+    return farthest;
+}
+
+FacePart whole_face(const Side& side, const Chunk& c, uint32_t face) {
+    FacePart part{{}, {Vec3d::UnitX(), Vec3d::UnitY(), Vec3d::UnitZ()}, std::numeric_limits<double>::infinity(), face, kNone};
+    for (int k = 0; k < 3; ++k) {
+        const uint32_t v = side.mesh.triangle[face][k];
+        const bool known = !std::isnan(c.depth[v]);
+        part.corner[k] = known ? c.place[v] : side.place(v);
+        if (known) part.hint = c.nearest[v];
+    }
+    return part;
+}
+
+// Bounds a whole face by what is known of its corners.
+void bound_by_corners(const Side& side, const Chunk& c, double enough, FacePart& part) {
+    const Triangle& t = side.mesh.triangle[part.face];
+    for (int k = 0; k < 3; ++k) {
+        const double depth = c.depth[t[k]];
+        if (std::isnan(depth)) continue;
+        const Vec3d &p = part.corner[k], &q = part.corner[(k + 1) % 3], &r = part.corner[(k + 2) % 3];
+        part.bound = std::min(part.bound, depth + std::max((q - p).norm(), (r - p).norm()));
+    }
+    for (int k = 0; k < 3 && part.bound > enough; ++k) {
+        if (std::isnan(c.depth[t[k]]) || c.nearest[t[k]] == kNone) continue;
+        part.bound = std::min(part.bound, farthest_from(side, c.nearest[t[k]], part));
     }
 }
 
-// Deepest that a part can be, from its middle; the middle may be the new best.
-double look(const Side& side, const FacePart& part, Best& best) {
+SurfacePoint ask(const Side& side, const Vec3d& p, uint32_t hint) {
+    const double radius = std::numeric_limits<double>::infinity();
+    SurfacePoint answer;
+    QueryCounters counters;
+    side.tree->query({&p, 1}, {&radius, 1}, {&hint, 1}, {&answer, 1}, counters);
+    return answer;
+}
+
+bool less_deep(const FacePart& a, const FacePart& b) { return a.bound < b.bound; }
+
+void push_part(const FacePart& part, Chunk& c) {
+    c.part.push_back(part);
+    std::push_heap(c.part.begin(), c.part.end(), less_deep);
+}
+
+// Looks at the middle of a part, which may be the new best, and halves it across its longest edge.
+void look_and_split(const Side& side, const FacePart& part, double tolerance, Best& best, Chunk& c) {
     const Vec3d middle = (part.corner[0] + part.corner[1] + part.corner[2]) / 3;
-    const SurfacePoint answer = side.tree->query(middle);
+    const SurfacePoint answer = ask(side, middle, part.hint);
     ++best.queries;
-    best.depth = std::max(best.depth, -answer.distance);
-    const Triangle& t = side.other_mesh.triangle[answer.triangle];
-    const Vec4d a = to_vec4(side.tree->vertex(t[0])), b = to_vec4(side.tree->vertex(t[1])),
-                c = to_vec4(side.tree->vertex(t[2]));
-    double reach = 0, farthest = 0;
-    for (const Vec3d& p : part.corner) {
-        reach = std::max(reach, (p - middle).norm());
-        farthest = std::max(farthest, distance_to_triangle(to_vec4(p), a, b, c));
+    if (-answer.distance > best.depth) {
+        best.depth = -answer.distance;
+        const Vec3d weight = (part.weight[0] + part.weight[1] + part.weight[2]) / 3;
+        best.found = {part.face, float(weight[1]), float(weight[2]), middle, answer};
     }
-    return std::min({part.bound, reach - answer.distance, farthest});
-}
-
-// Halves a part across its longest edge.
-void split(const FacePart& part, double bound, std::vector<FacePart>& out) {
     int longest = 0;
     const auto length = [&](int k) { return (part.corner[(k + 1) % 3] - part.corner[k]).squaredNorm(); };
     for (int k = 1; k < 3; ++k) longest = length(k) > length(longest) ? k : longest;
-    const Vec3d &p = part.corner[longest], &q = part.corner[(longest + 1) % 3], &r = part.corner[(longest + 2) % 3];
-    const Vec3d middle = 0.5 * (p + q);
-    out.push_back({{p, middle, r}, bound});
-    out.push_back({{middle, q, r}, bound});
-}
-
-void search_side(double tolerance, const Side& side, Best& best, double& left, Chunk& c) {
-    while (!c.part.empty()) {
-        const FacePart part = c.part.back();
-        c.part.pop_back();
-        if (part.bound <= best.depth + tolerance) continue;
-        if (best.queries >= kMostQueries) {
-            left = std::max(left, part.bound);
-            continue;
-        }
-        const double bound = look(side, part, best);
-        if (bound > best.depth + tolerance) split(part, bound, c.part);
+    const int next = (longest + 1) % 3;
+    for (const int moved : {longest, next}) {
+        FacePart half = part;
+        half.hint = answer.triangle;
+        half.corner[moved] = 0.5 * (part.corner[longest] + part.corner[next]);
+        half.weight[moved] = 0.5 * (part.weight[longest] + part.weight[next]);
+        double reach = 0;
+        for (const Vec3d& p : half.corner) reach = std::max(reach, (p - middle).norm());
+        half.bound = std::min(half.bound, reach - answer.distance);
+        if (!(half.bound > best.depth + tolerance)) continue;
+        half.bound = std::min(half.bound, farthest_from(side, answer.triangle, half));
+        if (half.bound > best.depth + tolerance) push_part(half, c);
     }
 }
 
-Side make_side(const Surfaces& s, const CandidatePairs& pairs, const ScreenedTriangles& screened,
-               const NearVertices& near, std::span<const std::unique_ptr<ClosestPointTree>> trees, uint32_t row) {
+// Empties the heap. `left`: what a search that had to stop leaves open.
+void search(const Side& side, double tolerance, Best& best, double& left, Chunk& c) {
+    while (!c.part.empty()) {
+        std::pop_heap(c.part.begin(), c.part.end(), less_deep);
+        const FacePart part = c.part.back();
+        c.part.pop_back();
+        if (part.bound <= best.depth + tolerance) break;
+        if (best.queries >= kMostQueries) {
+            left = std::max(left, part.bound);
+            break;
+        }
+        look_and_split(side, part, tolerance, best, c);
+    }
+    c.part.clear();
+}
+
+// Depths of the vertices of a side and its edges that have a contact.
+void collect_known(const Input& in, const Side& side, const Contacts& contacts, Range rows, Chunk& c) {
+    c.depth.assign(side.mesh.position.size(), std::nan(""));
+    c.nearest.resize(side.mesh.position.size());
+    c.place.resize(side.mesh.position.size());
+    for (uint32_t i = side.near.first; i < side.near.end(); ++i) {
+        c.place[in.near.vertex[i]] = side.place(in.near.vertex[i]);
+        c.depth[in.near.vertex[i]] = -in.near.distance[i];
+        c.nearest[in.near.vertex[i]] = in.near.triangle[i];
+    }
+    c.edge.clear();
+    for (uint32_t i = rows.first; i < rows.end(); ++i) {
+        if (contacts.body[i] == side.body && contacts.vertex[i][0] != contacts.vertex[i][1]) c.edge.push_back(contacts.vertex[i]);
+    }
+}
+
+// All corners and edges of a face are outside as far as contacts say.
+bool is_outside(const Side& side, uint32_t face, const Chunk& c) {
+    const Triangle& t = side.mesh.triangle[face];
+    for (int k = 0; k < 3; ++k) {
+        if (!(c.depth[t[k]] <= 0)) return false;
+        const std::array<uint32_t, 2> edge{std::min(t[k], t[(k + 1) % 3]), std::max(t[k], t[(k + 1) % 3])};
+        if (std::binary_search(c.edge.begin(), c.edge.end(), edge)) return false;
+    }
+    return true;
+}
+
+// Faces with nothing inside that an edge of the other body passes.
+void collect_poked(const Input& in, const Side& side, Chunk& c) {
+    c.poked.clear();
+    uint32_t face = kNone;
+    bool outside = false;
+    FacePart part;
+    for (uint32_t i = side.candidates.first; i < side.candidates.end(); ++i) {
+        const uint32_t own = in.candidates.triangle[i][side.reversed], across = in.candidates.triangle[i][!side.reversed];
+        if (own != face) {
+            face = own;
+            outside = is_outside(side, face, c);
+            if (outside) part = whole_face(side, c, face);
+        }
+        if (!outside || (!c.poked.empty() && c.poked.back() == own)) continue;
+        const Triangle& t = side.other_mesh.triangle[across];
+        const Vec4d corner[3] = {to_vec4(part.corner[0]), to_vec4(part.corner[1]), to_vec4(part.corner[2])};
+        for (int k = 0; k < 3; ++k) {
+            if (edge_crossing(to_vec4(side.tree->vertex(t[k])), to_vec4(side.tree->vertex(t[(k + 1) % 3])), corner[0], corner[1],
+                              corner[2]) < 0) continue;
+            c.poked.push_back(own);
+            break;
+        }
+    }
+    std::sort(c.poked.begin(), c.poked.end());
+    c.poked.erase(std::unique(c.poked.begin(), c.poked.end()), c.poked.end());
+}
+
+// The point as its rounded weights have it.
+void add_found(const Side& side, FaceContact found, Chunk& c) {
+    const FacePart face = whole_face(side, c, found.face);
+    found.point = (1.0 - found.along - found.across) * face.corner[0] + double(found.along) * face.corner[1] +
+                  double(found.across) * face.corner[2];
+    found.answer = ask(side, found.point, found.answer.triangle);
+    if (found.answer.distance < 0) c.found.push_back(found);
+}
+
+void search_poked(const Input& in, const Side& side, Best& total, double& left, Chunk& c) {
+    for (const uint32_t face : c.poked) {
+        Best best{0, total.queries, {}};
+        push_part(whole_face(side, c, face), c);
+        search(side, in.params.tolerance, best, left, c);
+        total.queries = best.queries;
+        if (best.found.face == kNone) continue;
+        total.depth = std::max(total.depth, best.depth);
+        add_found(side, best.found, c);
+    }
+}
+
+// Faces that may hold something deeper than all that is known of the pair.
+void search_deepest(const Input& in, const Side& side, Best& best, double& left, Chunk& c) {
+    const double enough = best.depth + in.params.tolerance;
+    for (uint32_t row = side.screened.first; row < side.screened.end(); ++row) {
+        const uint32_t face = in.screened.triangle[row];
+        const Triangle& t = side.mesh.triangle[face];
+        if (std::isnan(c.depth[t[0]]) && std::isnan(c.depth[t[1]]) && std::isnan(c.depth[t[2]])) continue;
+        FacePart part = whole_face(side, c, face);
+        bound_by_corners(side, c, enough, part);
+        if (part.bound > enough) push_part(part, c);
+    }
+    search(side, in.params.tolerance, best, left, c);
+}
+
+Side make_side(const Input& in, const CandidatePairs& pairs, std::span<const std::unique_ptr<ClosestPointTree>> trees, uint32_t row) {
+    const Surfaces& s = in.surfaces;
     const uint32_t a = pairs.a[row / 2], b = pairs.b[row / 2];
     const uint32_t body = row % 2 ? b : a, other = row % 2 ? a : b;
     const Admission admission = s.meshes.info[s.bodies.mesh[other]].admission;
     const bool closed = admission == Admission::kSolid || admission == Admission::kWinding;
     return {body,
             other,
-            screened.body[body],
-            near.side[row],
+            row % 2 != 0,
+            in.screened.body[body],
+            in.near.side[row],
+            in.candidates.pair[row / 2],
             mesh_view(s.meshes, s.bodies.mesh[body]),
             mesh_view(s.meshes, s.bodies.mesh[other]),
-            closed ? trees[s.bodies.tree[other]].get() : nullptr};
+            closed ? trees[s.bodies.tree[other]].get() : nullptr,
+            BodyPoints(s, body, s.poses.origin[other]),
+            !is_deformable(s.bodies, other),
+            s.poses.orientation[other]};
+}
+
+// Both sides of one pair, whose contacts are `rows`. Returns the bound of what is left open, 0 if nothing is.
+double search_pair(const Input& in, const std::array<Side, 2>& sides, const Contacts& contacts, Range rows,
+                   std::array<Range, 2>& found, uint32_t& queries, Chunk& c) {
+    Best best{-1, 0, {}};
+    for (uint32_t i = rows.first; i < rows.end(); ++i) best.depth = std::max(best.depth, -contacts.distance[i]);
+    const uint32_t first = uint32_t(c.found.size());
+    uint32_t second = first;
+    double left = 0;
+    for (const Side& side : sides) {
+        if (side.reversed) second = uint32_t(c.found.size());
+        if (side.tree == nullptr || side.candidates.count == 0) continue;
+        collect_known(in, side, contacts, rows, c);
+        collect_poked(in, side, c);
+        search_poked(in, side, best, left, c);
+    }
+    const Side* deepest = nullptr;
+    if (best.depth >= 0) {
+        for (const Side& side : sides) {
+            if (side.tree == nullptr) continue;
+            collect_known(in, side, contacts, rows, c);
+            const double before = best.depth;
+            search_deepest(in, side, best, left, c);
+            if (best.depth > before) deepest = &side;
+        }
+    }
+    found = {Range{first, second - first}, Range{second, uint32_t(c.found.size()) - second}};
+    queries = best.queries;
+    if (deepest == nullptr) return left;
+    const bool reversed = deepest->reversed;
+    const auto end = c.found.begin() + found[reversed].end();
+    const auto at = std::lower_bound(c.found.begin() + found[reversed].first, end, best.found.face,
+                                     [](const FaceContact& f, uint32_t face) { return f.face < face; });
+    if (at != end && at->face == best.found.face) return left;  // known to the tolerance
+    const auto place = at - c.found.begin();
+    collect_known(in, *deepest, contacts, rows, c);
+    add_found(*deepest, best.found, c);
+    if (c.found.size() == found[1].end()) return left;
+    std::rotate(c.found.begin() + place, c.found.end() - 1, c.found.end());
+    ++found[reversed].count;
+    if (!reversed) ++found[1].first;
+    return left;
+}
+
+void write_row(const Surfaces& s, uint32_t pair, const Side& side, const FaceContact& f, Contacts& to, uint32_t row) {
+    const Triangle& t = side.mesh.triangle[f.face];
+    to.pair[row] = pair;
+    to.body[row] = side.body;
+    to.other[row] = side.other;
+    to.vertex[row] = {t[0], t[1]};
+    to.along[row] = f.along;
+    to.third[row] = t[2];
+    to.across[row] = f.across;
+    to.point[row] = frame_to_world(s, side.other, f.point);
+    to.closest[row] = frame_to_world(s, side.other, f.answer.point);
+    to.normal[row] = direction_to_world(s, side.other, f.answer.normal);
+    to.distance[row] = f.answer.distance;
+    to.triangle[row] = f.answer.triangle;
 }
 
 }  // namespace
 
-void find_face_depths(const ContactParams& params, const Surfaces& surfaces, const CandidatePairs& pairs,
-                      const ScreenedTriangles& screened, const NearVertices& near,
-                      std::span<const std::unique_ptr<ClosestPointTree>> trees, FaceDepthScratch& scratch,
-                      Penetrations& penetrations) {
-    const uint32_t count = uint32_t(penetrations.pair.size()), grain = std::max(1u, chunk_count(count, kMostChunks));
-    if (scratch.chunk.size() < chunk_count(count, grain)) scratch.chunk.resize(chunk_count(count, grain));
+void find_face_contacts(const ContactParams& params, const Surfaces& surfaces, const CandidatePairs& pairs,
+                        const CandidateTriangles& candidates, const ScreenedTriangles& screened,
+                        const NearVertices& near, std::span<const std::unique_ptr<ClosestPointTree>> trees,
+                        FaceDepthScratch& scratch, Contacts& contacts) {
+    const Input in{params, surfaces, candidates, screened, near};
+    const uint32_t count = uint32_t(pairs.a.size()), grain = std::max(1u, chunk_count(count, kMostChunks));
+    const uint32_t chunks = chunk_count(count, grain);
+    if (scratch.chunk.size() < chunks) scratch.chunk.resize(chunks);
     scratch.queries.assign(count, 0);
+    scratch.side.assign(2 * count, {});
+    contacts.most.assign(count, 0);
     parallel_for(count, grain, [&](uint32_t begin, uint32_t end) {
         Chunk& chunk = scratch.chunk[begin / grain];
-        for (uint32_t i = begin; i < end; ++i) {
-            Best best{penetrations.depth[i]};
-            double left = 0;
-            for (const uint32_t row : {2 * penetrations.pair[i], 2 * penetrations.pair[i] + 1}) {
-                const Side side = make_side(surfaces, pairs, screened, near, trees, row);
-                if (side.tree == nullptr) continue;
-                collect_parts(surfaces, screened, near, side, best.depth + params.tolerance, chunk);
-                search_side(params.tolerance, side, best, left, chunk);
-            }
-            penetrations.surface_depth[i] = std::max(best.depth, left);
-            scratch.queries[i] = best.queries;
+        chunk.found.clear();
+        const auto lower = [&](uint32_t pair) { return uint32_t(std::lower_bound(contacts.pair.begin(), contacts.pair.end(), pair) - contacts.pair.begin()); };
+        for (uint32_t pair = begin; pair < end; ++pair) {
+            const uint32_t first = lower(pair);
+            std::array<Range, 2> found;
+            contacts.most[pair] = search_pair(in, {make_side(in, pairs, trees, 2 * pair), make_side(in, pairs, trees, 2 * pair + 1)},
+                                              contacts, {first, lower(pair + 1) - first}, found, scratch.queries[pair], chunk);
+            scratch.side[2 * pair] = found[0];
+            scratch.side[2 * pair + 1] = found[1];
         }
     });
+    size_t rows = contacts.pair.size();
+    for (uint32_t i = 0; i < chunks; ++i) rows += scratch.chunk[i].found.size();
+    if (rows == contacts.pair.size()) return;
+
+    // merge: vertices and edges of a side, then its faces
+    resize_contacts(scratch.merged, rows);
+    scratch.merged.most = contacts.most;
+    uint32_t from = 0, to = 0;
+    for (uint32_t row = 0; row < 2 * count; ++row) {
+        const uint32_t body = row % 2 ? pairs.b[row / 2] : pairs.a[row / 2];
+        while (from < contacts.pair.size() && contacts.pair[from] == row / 2 && contacts.body[from] == body) {
+            copy_contact(contacts, from++, scratch.merged, to++);
+        }
+        if (scratch.side[row].count == 0) continue;
+        const Side side = make_side(in, pairs, trees, row);
+        const FaceContact* found = scratch.chunk[row / 2 / grain].found.data() + scratch.side[row].first;
+        for (uint32_t i = 0; i < scratch.side[row].count; ++i) write_row(surfaces, row / 2, side, found[i], scratch.merged, to++);
+    }
+    std::swap(contacts, scratch.merged);
 }
 
 }  // namespace trocar

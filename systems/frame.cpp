@@ -13,6 +13,7 @@
 #include "systems/body_boxes.hpp"
 #include "systems/candidate_cells.hpp"
 #include "systems/candidate_pairs.hpp"
+#include "systems/come_and_go.hpp"
 #include "systems/contact_memory.hpp"
 #include "systems/contact_rows.hpp"
 #include "systems/contours.hpp"
@@ -22,23 +23,27 @@
 #include "systems/edge_rows.hpp"
 #include "systems/face_depth.hpp"
 #include "systems/fast_bodies.hpp"
-#include "systems/haptic_tick.hpp"
+#include "systems/haptic_tool.hpp"
 #include "systems/islands.hpp"
+#include "systems/link_bodies.hpp"
 #include "systems/local_contact_model.hpp"
 #include "systems/overlap.hpp"
 #include "systems/penetration.hpp"
 #include "systems/picture_snapshot.hpp"
 #include "systems/rasterise.hpp"
+#include "systems/reachable_pairs.hpp"
 #include "systems/refit_trees.hpp"
 #include "systems/regions.hpp"
 #include "systems/rigid_motion.hpp"
 #include "systems/sleep.hpp"
 #include "systems/surface_normals.hpp"
+#include "systems/tear_bodies.hpp"
 namespace trocar {
 
 // Reused buffers of the systems; their content means nothing between passes but speed.
 struct FrameScratch {
     CandidatePairsScratch pairs;
+    ReachablePairsScratch reachable;
     RefitTreesScratch refit;
     RasteriseScratch rasterise;
     CandidateCellsScratch cells;
@@ -52,7 +57,10 @@ struct FrameScratch {
     EdgeRowsScratch edge_rows;
     ContactMemoryScratch memory;
     IslandsScratch islands;
+    LinkScratch links;
+    std::vector<std::array<uint32_t, 2>> joined;  // bodies, by links
     SleepScratch sleep;
+    std::vector<uint32_t> leaving;               // bodies whose life is over in this pass
     std::vector<uint8_t> moving;                // per body: by its script
     SurfaceNormalsScratch normals;
     EnergyScratch energy;
@@ -62,7 +70,8 @@ struct FrameScratch {
     std::vector<AdvanceScratch> advance;        // per thread
     std::vector<AdvanceResult> advance_result;  // per island
     std::vector<uint64_t> response_ns;          // per island
-    std::vector<DeviceState> device;            // tools * (period + 1): every millisecond of the pass
+    std::vector<DeviceState> intended;          // tools * (period + 1): where the hands mean to be at every millisecond
+    std::vector<DeviceState> device;            // the same for where the tools are
     LocalContactScratch local_contact;
     std::array<HapticScratch, kMaxTools> haptic;
     std::array<DeviceState, kMaxTools> live_device;  // live: of the pass before
@@ -115,13 +124,39 @@ void device_input(FrameState& f) {
     }
     std::array<Device, kMaxTools> device;
     for (size_t t = 0; t < w.haptics.tool.size(); ++t) device[t] = device_of(w.haptics, w.paths, w.haptics.tool[t]);
-    read_devices(std::span(device).first(w.haptics.tool.size()), w.clock.tick, w.clock.period, f.scratch.device);
+    read_devices(std::span(device).first(w.haptics.tool.size()), w.clock.tick, w.clock.period, f.scratch.intended);
+    const size_t per_tool = w.clock.period + 1;
+    f.scratch.device.resize(f.scratch.intended.size());
     for (size_t t = 0; t < w.haptics.tool.size(); ++t) {
+        predict_tool(w.haptics.tool[t], HapticParams{}.dt, w.haptics.state[t], std::span(f.scratch.intended).subspan(t * per_tool, per_tool),
+                     std::span(f.scratch.device).subspan(t * per_tool, per_tool));
         // before the first tick nothing was accepted yet
         if (!w.haptics.state[t].device_valid) w.haptics.state[t].device = f.scratch.device[t * (w.clock.period + 1)];
     }
 }
 void rigid_motion(FrameState& f) { follow_paths(f.world.paths, pass_seconds(f.world), f.world.poses); }
+void link(FrameState& f) {
+    World& w = f.world;
+    link_bodies(pass_seconds(w), w.haptics.state, {surfaces_of(w), w.solids, w.trees}, f.scratch.links, w.links, w.sleep, w.energy, w.report);
+}
+void tear(FrameState& f) { copy_torn_springs(f.world.springs, f.world.torn, f.world.torn_springs); }
+// Those whose life is over leave, those who are due come; a slot that becomes free in this pass is given away in the next.
+void come_and_go(FrameState& f) {
+    World& w = f.world;
+    std::vector<uint32_t>& leaving = f.scratch.leaving;
+    const OtherForces other{&w.solids};
+    const auto energies = [&] {
+        Energy sum;
+        for (const uint32_t body : leaving)
+            add_body_energy(w.springs, w.bodies, w.poses, w.particles, w.anchors, w.settings.gravity, body, f.scratch.energy, sum, other);
+        return sum.kinetic + sum.elastic + sum.pressure + sum.bending + sum.gravity;
+    };
+    find_leaving(w.pools, w.lives, w.clock.tick, leaving);
+    let_come(w.pools, w.clock.tick, w.lives, w.sleep);
+    const double before = energies();
+    send_away(w.meshes, w.solids, w.bodies, w.pools, leaving, w.lives, w.poses, w.particles, w.sleep);
+    if (f.options.account_energy) w.energy.work_numeric += energies() - before;
+}
 // Hands on the way to where their devices will be, and free bodies, that come faster than rows look ahead. (A hand that
 // tissue holds back from its device is not fast: rows hold it.)
 void find_fast_bodies(FrameState& f) {
@@ -162,10 +197,20 @@ void body_boxes(FrameState& f) {
         velocity = Vec3d(velocity.norm() + period_seconds(w) * w.settings.gravity.norm(), 0, 0);
     }
     compute_body_boxes(period_seconds(w), {w.meshes, w.bodies, f.scratch.coming, w.particles}, w.boxes);
+    for (uint32_t body = 0; body < w.lives.away.size(); ++body)
+        if (is_away(w.lives, body)) w.boxes.box[body] = {};
     find_fast_bodies(f);
     cover_fast_ways(f.scratch.fast, period_seconds(w), surfaces_of(w), w.boxes);
 }
-void candidate_pairs(FrameState& f) { find_candidate_pairs(f.world.bodies, f.world.boxes, {}, f.scratch.pairs, f.world.pairs); }
+void candidate_pairs(FrameState& f) {
+    World& w = f.world;
+    find_candidate_pairs(w.bodies, w.boxes, {}, f.scratch.pairs, w.pairs);
+    drop_unreachable_pairs(period_seconds(w), w.settings.gravity, surfaces_of(w), w.boxes, f.scratch.reachable, w.pairs);
+}
+std::span<const std::array<uint32_t, 2>> linked_bodies(FrameState& f) {
+    joined_by_links(f.world.bodies, f.world.links, f.scratch.joined);
+    return f.scratch.joined;
+}
 // Bodies that nobody moves and nothing comes near are left alone until the next pass.
 void sleep(FrameState& f) {
     World& w = f.world;
@@ -175,7 +220,7 @@ void sleep(FrameState& f) {
         if (w.paths.body[p] == kNone || w.paths.keys[p].count == 0) continue;
         f.scratch.moving[w.paths.body[p]] = now <= w.paths.key[w.paths.keys[p].end() - 1].time + 2 * period_seconds(w);
     }
-    fall_asleep_and_wake(w.settings, w.clock.period, w.bodies, f.scratch.moving, f.scratch.sleep, w.sleep, w.particles, w.pairs, w.energy, w.report);
+    fall_asleep_and_wake(w.settings, w.clock.period, w.bodies, f.scratch.moving, f.scratch.sleep, w.sleep, w.particles, w.pairs, w.energy, w.report, linked_bodies(f));
 }
 void refit(FrameState& f) {
     World& w = f.world;
@@ -207,14 +252,14 @@ void penetration(FrameState& f) {
     ++f.world.report.contact_passes;
     if (!f.world.penetrations.pair.empty()) ++f.world.report.contact_events;
 }
-void face_depths(FrameState& f) {
+void face_pass(FrameState& f) {
     World& w = f.world;
-    find_face_depths(w.settings.contact, surfaces_of(w), w.pairs, w.screened, w.near, w.trees, f.scratch.faces, w.penetrations);
+    find_face_contacts(w.settings.contact, surfaces_of(w), w.pairs, w.candidates, w.screened, w.near, w.trees, f.scratch.faces, w.contacts);
 }
 void deep_overlap(FrameState& f) {
     World& w = f.world;
     mark_saturated(surfaces_of(w), w.pairs, w.contacts, w.trees, w.penetrations);
-    remember_ways_out(w.pairs, f.scratch.ways_before, w.pair_memory, w.penetrations);
+    remember_ways_out(surfaces_of(w), w.pairs, w.contacts, f.scratch.ways_before, w.pair_memory, w.penetrations);
 }
 void regions(FrameState& f) {
     World& w = f.world;
@@ -226,17 +271,24 @@ void contact_rows(FrameState& f) {
     add_edge_rows(surfaces_of(w), w.boxes, w.pairs, w.candidates, f.scratch.edge_rows, w.rows);
     recall_contacts(w.contact_memory, f.scratch.memory, w.rows);
 }
-void islands(FrameState& f) { find_islands(f.world.bodies, f.world.rows, f.scratch.islands, f.world.islands); }
+void islands(FrameState& f) { find_islands(f.world.bodies, f.world.rows, f.scratch.islands, f.world.islands, linked_bodies(f)); }
 void local_contact(FrameState& f) {
     World& w = f.world;
     w.local_contact.resize(w.haptics.tool.size());
     for (size_t t = 0; t < w.haptics.tool.size(); ++t)
-        publish_local_contact(HapticParams{}, surfaces_of(w), w.boxes.box, w.haptics.tool[t], w.haptics.state[t], pass_seconds(w),
+        publish_local_contact(haptic_params(w.clock.contact_rate), surfaces_of(w), w.boxes.box, w.haptics.tool[t], w.haptics.state[t], pass_seconds(w),
                               w.clock.pass + 1, f.scratch.local_contact, w.local_contact[t]);
     if (f.contact_hook.published) f.contact_hook.published(f.contact_hook.user, w);
 }
 
 // ---- advance ----
+
+OtherForces other_forces(World& w) {
+    OtherForces other{&w.solids};
+    if (!w.links.group.empty()) other.links = &w.links;
+    if (!w.tears.body.empty()) other.tears = &w.tears, other.torn = &w.torn, other.torn_springs = &w.torn_springs;
+    return other;
+}
 
 void begin_response(void* user) { *static_cast<uint64_t*>(user) -= now_ns(); }
 void end_response(void* user) { *static_cast<uint64_t*>(user) += now_ns(); }
@@ -263,8 +315,16 @@ void haptic_ticks(void* user, uint32_t ms) {
         const uint32_t body = w.haptics.tool[t].body;
         if (std::find(ticks.bodies.begin(), ticks.bodies.end(), body) == ticks.bodies.end()) continue;
         const uint64_t start = now_ns();
-        haptic_tick(HapticParams{}, w.local_contact[t], static_cast<double>(w.clock.tick + ms) * 1e-3, w.haptics.tool[t],
-                    f.scratch.device[t * per_tool + ms], f.scratch.haptic[t], w.haptics.state[t]);
+        const HandTool& tool = w.haptics.tool[t];
+        ToolState& state = w.haptics.state[t];
+        const HapticParams params = haptic_params(w.clock.contact_rate);
+        const DeviceState sample = hand_sample(tool, f.scratch.intended[t * per_tool + ms], params.dt, state.output, state.hand);
+        tick_tool(params, w.local_contact[t], static_cast<double>(w.clock.tick + ms) * 1e-3, tool, effects_of(w.haptics, tool), sample,
+                  f.scratch.haptic[t], state);
+        // the force that was found moves the hand until the next tick
+        if (tool.hand.mass > 0)
+            predict_tool(tool, params.dt, state, std::span(f.scratch.intended).subspan(t * per_tool + ms + 1, 1),
+                         std::span(f.scratch.device).subspan(t * per_tool + ms + 1, 1));
         f.times.tick_ns[t * w.clock.period + ms] = now_ns() - start;
     }
 }
@@ -285,9 +345,9 @@ void advance_one_island(FrameState& f, uint32_t island, AdvanceScratch& scratch)
     IslandTicks ticks{f, bodies};
     const bool with_tool = !w.haptics.tool.empty() && island_has_tool(w, bodies);
     const uint32_t calls = with_tool ? params.ticks : 1;  // the tick needs whole numbers of substeps in its millisecond
-    params.substeps = calls * count_substeps(w.bodies, bodies, params.ticks * 1e-3 / calls, w.settings.substep);
+    params.substeps = calls * count_substeps(w.bodies, bodies, params.ticks * 1e-3 / calls, w.settings.substep, w.links.stable_dt);
     if (with_tool && !f.options.external_ticks) params.tick_hook = {haptic_ticks, &ticks};
-    const AdvanceInputs inputs{w.meshes, w.springs, w.bodies, w.anchors, w.paths, w.haptics.tool, f.scratch.device, params.ticks + 1, {&w.solids}, f.scratch.stop};
+    const AdvanceInputs inputs{w.meshes, w.springs, w.bodies, w.anchors, w.paths, w.haptics.tool, f.scratch.device, params.ticks + 1, other_forces(w), f.scratch.stop};
     advance_island(params, inputs, bodies, rows, scratch, w.particles, w.poses, w.rows, w.haptics.state, f.scratch.advance_result[island]);
 }
 
@@ -310,6 +370,7 @@ void advance(FrameState& f) {
     });
     remember_contacts(w.rows, w.contact_memory);
     share_room(f.scratch.advance);
+    note_link_forces(period_seconds(w), w.links);
     f.times.response_ns = 0;
     w.report.deepest_residual = 0;
     for (uint32_t i = 0; i < count; ++i) {
@@ -325,18 +386,21 @@ void advance(FrameState& f) {
 void surface_normals(FrameState& f) { compute_surface_normals(surfaces_of(f.world), f.scratch.normals, f.world.normals); }
 void energy(FrameState& f) {
     World& w = f.world;
-    measure_energy(w.springs, w.bodies, w.poses, w.particles, w.anchors, w.settings.gravity, 0, f.scratch.energy, w.energy, {&w.solids});
+    measure_energy(w.springs, w.bodies, w.poses, w.particles, w.anchors, w.settings.gravity, 0, f.scratch.energy, w.energy, other_forces(w));
     if (!f.energy_open) f.energy_start = w.energy.balance, f.energy_open = true;
     w.energy.balance -= f.energy_start;
 }
 void picture(FrameState& f) {
     World& w = f.world;
     write_picture_snapshot(w.clock.picture, pass_seconds(w), surfaces_of(w), w.normals, w.contacts, w.penetrations, w.haptics, w.picture);
+    for (uint32_t body = 0; body < w.lives.away.size(); ++body)
+        if (is_away(w.lives, body)) w.picture.body[body].mesh = kNone;
 }
 
 bool any_path(const World& w) {
     return std::any_of(w.paths.body.begin(), w.paths.body.end(), [](uint32_t body) { return body != kNone; });
 }
+bool any_pool(const World& w) { return !w.pools.slots.empty(); }
 bool any_tool(const World& w) { return !w.haptics.tool.empty(); }
 bool any_pair(const World& w) {
     return w.bodies.motion.size() > 1 && std::any_of(w.bodies.motion.begin(), w.bodies.motion.end(), joins_islands);
@@ -352,6 +416,8 @@ bool any_deformable(const World& w) { return !w.particles.offset.empty(); }
 bool any_energy(const World& w) { return any_deformable(w) || !w.bodies.rigid_mass.empty(); }
 bool any_body(const World& w) { return !w.bodies.mesh.empty(); }
 
+bool any_link(const World& w) { return !w.links.group.empty(); }
+bool any_tear(const World& w) { return !w.tears.body.empty(); }
 bool may_sleep(const World& w) { return any_deformable(w) && w.settings.sleep_speed > 0; }
 
 using R = Resource;
@@ -361,33 +427,36 @@ constexpr FrameStage kBegin[] = {
     // name              run              reads                                                              writes
     {{"device input",    device_input,    mask(R::kClock, R::kPaths, R::kTools),                             mask(R::kToolState)}, any_tool},
     {{"rigid motion",    rigid_motion,    mask(R::kClock, R::kPaths),                                        mask(R::kPoses)}, any_path},
-    {{"body boxes",      body_boxes,      kShapes | mask(R::kSettings, R::kClock, R::kTools, R::kToolState),               mask(R::kBoxes)}, any_pair},
-    {{"candidate pairs", candidate_pairs, mask(R::kBodies, R::kBoxes),                                       mask(R::kPairs)}, any_pair},
-    {{"sleep",           sleep,           mask(R::kSettings, R::kBodies, R::kPaths, R::kClock, R::kPairs),     mask(R::kSleep, R::kParticles, R::kPairs, R::kEnergy, R::kReport)}, may_sleep},
+    {{"come and go",     come_and_go,     kShapes | mask(R::kSettings, R::kSprings, R::kSolids, R::kAnchors, R::kPools, R::kClock), mask(R::kPoses, R::kParticles, R::kSleep, R::kLives, R::kEnergy)}, any_pool},
+    {{"links",           link,            kShapes | mask(R::kSolids, R::kClock, R::kTrees, R::kToolState),     mask(R::kLinks, R::kSleep, R::kEnergy, R::kReport)}, any_link},
+    {{"tears",           tear,            mask(R::kSprings, R::kTears, R::kTorn),                            mask(R::kTornSprings)}, any_tear},
+    {{"body boxes",      body_boxes,      kShapes | mask(R::kSettings, R::kClock, R::kTools, R::kToolState, R::kLives),    mask(R::kBoxes)}, any_pair},
+    {{"candidate pairs", candidate_pairs, kShapes | mask(R::kSettings, R::kClock, R::kBoxes),                mask(R::kPairs)}, any_pair},
+    {{"sleep",           sleep,           mask(R::kSettings, R::kBodies, R::kPaths, R::kClock, R::kPairs, R::kLinks),     mask(R::kSleep, R::kParticles, R::kPairs, R::kEnergy, R::kReport)}, may_sleep},
     {{"refit trees",     refit,           kShapes | mask(R::kSettings, R::kClock, R::kBoxes, R::kPairs),            mask(R::kTrees)}, any_pair},
     {{"rasterise",       rasterise_,      kShapes | mask(R::kSettings, R::kBoxes, R::kPairs),                mask(R::kScreened, R::kOccupancy, R::kReport)}, any_pair},
     {{"candidate cells", candidate_cells, mask(R::kPairs, R::kScreened, R::kOccupancy),                      mask(R::kCandidates)}, any_pair},
     {{"contours",        contours,        kShapes | mask(R::kPairs, R::kCandidates),                         mask(R::kContours)}, wants_contours},
     {{"overlap",         overlap,         kShapes | mask(R::kBoxes, R::kPairs, R::kScreened, R::kCandidates, R::kTrees), mask(R::kNear, R::kContacts, R::kReport)}, any_pair},
     {{"edge pass",       edge_pass,       kShapes | mask(R::kSettings, R::kPairs, R::kCandidates, R::kNear, R::kTrees, R::kBoxes, R::kContactMemory), mask(R::kContacts, R::kReport)}, any_pair},
+    {{"face pass",       face_pass,       kShapes | mask(R::kSettings, R::kPairs, R::kCandidates, R::kScreened, R::kNear, R::kTrees), mask(R::kContacts)}, wants_faces},
     {{"penetration",     penetration,     mask(R::kPairs, R::kContacts),                                     mask(R::kPenetrations, R::kReport)}, any_pair},
-    {{"face depths",     face_depths,     kShapes | mask(R::kSettings, R::kPairs, R::kScreened, R::kNear, R::kTrees), mask(R::kPenetrations)}, wants_faces},
     {{"deep overlap",    deep_overlap,    kShapes | mask(R::kPairs, R::kContacts, R::kTrees),                 mask(R::kPairMemory, R::kPenetrations)}, wants_ways_out},
     {{"regions",         regions,         kShapes | mask(R::kPairs, R::kScreened, R::kNear, R::kContacts, R::kContours), mask(R::kRegions)}, wants_regions},
     {{"contact rows",    contact_rows,    kShapes | mask(R::kSettings, R::kBoxes, R::kPairs, R::kCandidates, R::kContacts, R::kPenetrations, R::kContactMemory), mask(R::kRows, R::kReport)}, any_pair},
-    {{"islands",         islands,         mask(R::kBodies, R::kRows),                                        mask(R::kIslands)}, any_mover},
+    {{"islands",         islands,         mask(R::kBodies, R::kRows, R::kLinks),                             mask(R::kIslands)}, any_mover},
     {{"local contact",   local_contact,   kShapes | mask(R::kClock, R::kTools, R::kToolState, R::kBoxes),     mask(R::kLocalContact)}, any_tool},
 };
 
 constexpr FrameStage kAdvance[] = {
-    {{"advance", advance, mask(R::kSleep, R::kSettings, R::kMeshes, R::kSprings, R::kSolids, R::kBodies, R::kAnchors, R::kPaths, R::kTools, R::kClock, R::kIslands, R::kLocalContact),
-      mask(R::kPoses, R::kParticles, R::kRows, R::kContactMemory, R::kToolState, R::kEnergy, R::kReport)}, any_mover},
+    {{"advance", advance, mask(R::kSleep, R::kSettings, R::kMeshes, R::kSprings, R::kSolids, R::kBodies, R::kAnchors, R::kPaths, R::kTools, R::kClock, R::kIslands, R::kLocalContact, R::kTears),
+      mask(R::kPoses, R::kParticles, R::kRows, R::kContactMemory, R::kToolState, R::kLinks, R::kTorn, R::kTornSprings, R::kEnergy, R::kReport)}, any_mover},
 };
 
 constexpr FrameStage kEnd[] = {
     {{"surface normals", surface_normals, kShapes,                                                           mask(R::kNormals)}, any_deformable},
-    {{"energy",          energy,          mask(R::kSettings, R::kSprings, R::kSolids, R::kBodies, R::kPoses, R::kParticles, R::kAnchors), mask(R::kEnergy)}, any_energy},
-    {{"picture",         picture,         kShapes | mask(R::kClock, R::kNormals, R::kContacts, R::kPenetrations, R::kTools, R::kToolState), mask(R::kPicture)}, any_body},
+    {{"energy",          energy,          mask(R::kSettings, R::kSprings, R::kSolids, R::kBodies, R::kPoses, R::kParticles, R::kAnchors, R::kLinks, R::kTears, R::kTornSprings), mask(R::kEnergy)}, any_energy},
+    {{"picture",         picture,         kShapes | mask(R::kClock, R::kNormals, R::kContacts, R::kPenetrations, R::kTools, R::kToolState, R::kLives), mask(R::kPicture)}, any_body},
 };
 
 constexpr std::string_view kFirstDetection = "body boxes", kAfterDetection = "local contact";
@@ -470,6 +539,7 @@ Frame::Frame(World world, const FrameOptions& options) : state_(new FrameState),
     const std::span<const Stage> all(g.stages);
     g.pass = std::make_unique<JobGraph>(all.first(g.end_first), *state_, StageObserver{Graphs::begin_stage, Graphs::end_stage, &g.pass_list});
     g.end = std::make_unique<JobGraph>(all.subspan(g.end_first), *state_, StageObserver{Graphs::begin_stage, Graphs::end_stage, &g.end_list});
+    if (any_tear(w)) tear(*state_);
     if (any_energy(w) && options.account_energy) energy(*state_);  // opens the books
     warm_up();
 }

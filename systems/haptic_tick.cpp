@@ -237,42 +237,79 @@ Planes gather_planes(const Vec3d& centre, HapticScratch& scratch) {
     return planes;
 }
 
+// Distance (m) of a tip's centre from a triangle less the distance at which they touch, along a step: where on the step,
+// how it changes with the share of the step.
+struct GapAlong {
+    double gap = 0, approach = 0;  // m, m per step
+    bool behind = false;
+};
+GapAlong gap_along(const HapticScratch& scratch, uint32_t row, const Vec3d& from, const Vec3d& step, double t,
+                   bool ask_side) {
+    const auto& [a, b, c] = scratch.near[row].corner;
+    const TrianglePoint q = closest_point_on_triangle(from + t * step, a, b, c);
+    const double distance = std::sqrt(q.squared_distance);
+    GapAlong g;
+    g.gap = distance - (scratch.disc[row].offset - kSkin);
+    g.approach = distance > 0 ? q.offset.dot(step) / distance : 0;
+    g.behind = ask_side && g.gap <= 0.5 * kSkin && is_behind(scratch, row, q.feature, q.offset);
+    return g;
+}
+
+// Whether a gap that is convex along a step stays open from its start to share `end`: by the tangents at both.
+bool stays_open(const GapAlong& start, const GapAlong& finish, double end) {
+    if (finish.gap <= 0.5 * kSkin) return false;
+    if (finish.approach >= 0) return true;
+    const double lowest = (start.gap - finish.gap - finish.approach * end) / (start.approach - finish.approach);
+    return start.gap - start.approach * lowest > 0.5 * kSkin;
+}
+
 // Share of the way from `from` by `step` until the tip first touches a triangle: Newton's method on the distance, which
-// is convex along a line, so it comes from the free side and never passes. 1 if it does not touch.
+// is convex along a line, so it comes from the free side and never passes. 1 if it does not touch before `least`.
 double sweep_to_triangle(const HapticScratch& scratch, uint32_t row, const Vec3d& from, const Vec3d& step,
                          double least) {
-    const auto& [a, b, c] = scratch.near[row].corner;
-    const double target = scratch.disc[row].offset - kSkin;
     double t = 0;
     for (uint32_t k = 0; k < kSweeps; ++k) {
-        const Vec3d p = from + t * step;
-        const TrianglePoint q = closest_point_on_triangle(p, a, b, c);
-        const double distance = std::sqrt(q.squared_distance);
-        const double gap = distance - target;
+        const GapAlong g = gap_along(scratch, row, from, step, t, k > 0);
         // touched already: it is held by its plane, or shadowed by a feature that is
-        if (k == 0 && gap <= 0.5 * kSkin) return 1;
-        const double approach = distance > 0 ? q.offset.dot(step) / distance : 0;
-        if (!(approach > 0)) return 1;
-        if (gap <= 0.5 * kSkin) return is_behind(scratch, row, q.feature, q.offset) ? 1 : t;
-        t += gap / approach;
+        if (k == 0 && g.gap <= 0.5 * kSkin) return 1;
+        if (!(g.approach > 0)) return 1;
+        if (g.gap <= 0.5 * kSkin) return g.behind ? 1 : t;
+        t += g.gap / g.approach;
         if (t >= least) return 1;
+        // most near misses are told here; where they graze, Newton's method is slow
+        if (k == 0 && stays_open(g, gap_along(scratch, row, from, step, least, false), least)) return 1;
     }
     return t;
 }
 
-// Share of `step` that is free.
-double sweep(const HapticScratch& scratch, const Vec3d& from, const Vec3d& step) {
+// Fills scratch.ahead with the triangles that a tip may touch along a step, and the share of it before which their
+// planes rule that out.
+void gather_ahead(const Vec3d& from, const Vec3d& step, HapticScratch& scratch) {
     const Vec3d middle = from + 0.5 * step;
     const double half = 0.5 * step.norm();
-    double least = 1;
+    scratch.ahead.clear();
     for (uint32_t row = 0; row < scratch.near.size(); ++row) {
         if (scratch.near[row].held) continue;
         const NearDisc& disc = scratch.disc[row];
         const double h0 = disc.normal.dot(from - disc.centre), h1 = h0 + disc.normal.dot(step);
         const double height = h0 * h1 > 0 ? std::min(std::abs(h0), std::abs(h1)) : 0;
         if (!may_come_near(disc, middle, half, height, disc.offset - kSkin)) continue;
-        least = std::min(least, sweep_to_triangle(scratch, row, from, step, least));
+        const double room = std::abs(h0) - (disc.offset - kSkin), closing = std::abs(h0) - (h0 > 0 ? h1 : -h1);
+        scratch.ahead.push_back({room > 0 && closing > 0 ? room / closing : 0, row});
     }
+}
+
+// Share of `step` that is free.
+double sweep(const Vec3d& from, const Vec3d& step, HapticScratch& scratch) {
+    gather_ahead(from, step, scratch);
+    // the soonest first: what it leaves free, most of the others cannot shorten
+    const auto soonest = std::min_element(scratch.ahead.begin(), scratch.ahead.end(),
+                                          [](const SweptTriangle& a, const SweptTriangle& b) { return a.from < b.from; });
+    if (soonest == scratch.ahead.end()) return 1;
+    std::iter_swap(scratch.ahead.begin(), soonest);
+    double least = 1;
+    for (const SweptTriangle& ahead : scratch.ahead)
+        if (ahead.from < least) least = std::min(least, sweep_to_triangle(scratch, ahead.near, from, step, least));
     return least;
 }
 
@@ -331,9 +368,11 @@ Search find_proxy(const Vec3d& start, const Vec3d& goal, const Room& room, doubl
         if (step.squaredNorm() <= kConverged * kConverged) break;
         const double share = share_within(s.proxy, step, room.origin, room.travel);
         step *= share;
-        s.proxy += sweep(scratch, s.proxy, step) * step;
+        s.proxy += sweep(s.proxy, step, scratch) * step;
         if (share < 1 && step.squaredNorm() <= kConverged * kConverged) break;
     }
+    // cut short on its way round a convex edge, it may hover over the surface that keeps it from the goal
+    if (s.active == 0 && (goal - s.proxy).squaredNorm() > kConverged * kConverged) s.active = 1;
     return s;
 }
 
@@ -507,6 +546,12 @@ void haptic_tick(const HapticParams& params, const LocalContactModel& model, dou
     state.command.force =
         accepted ? slewed_force(params, tool, span, wanted, drift, last, last_gain, state) : Vec3d(Vec3d::Zero());
     state.largest_force = std::max(state.largest_force, state.command.force.norm());
+}
+
+HapticParams haptic_params(uint32_t contact_rate) {
+    HapticParams params;
+    params.greatest_age = 2.1 / contact_rate;
+    return params;
 }
 
 void sum_tool_counters(Haptics& haptics) {

@@ -30,10 +30,17 @@ struct TouchedFeature {
     bool shadowed = false;         // a neighbour is touched nearer
 };
 
+// Triangle that the tip may touch along a step.
+struct SweptTriangle {
+    double from = 0;    // share of the step before which it cannot
+    uint32_t near = 0;  // row of HapticScratch::near
+};
+
 struct HapticScratch {
     std::vector<NearTriangle> near;  // in the order of the model
     std::vector<NearDisc> disc;      // one per row of near
     std::vector<TouchedFeature> touched;
+    std::vector<SweptTriangle> ahead;
 };
 
 // One tick of one tool at `time` (s): takes the device's sample (or refuses it), carries the proxy with the surface and
@@ -48,6 +55,10 @@ struct HapticScratch {
 // lockstep and live; depends on its arguments alone; no allocation once warm.
 void haptic_tick(const HapticParams& params, const LocalContactModel& model, double time, const HandTool& tool,
                  const DeviceState& sample, HapticScratch& scratch, ToolState& state);
+
+// Parameters for a simulation of `contact_rate` (Hz): a surface is advanced for two of its periods and a little, which
+// is how old it gets when every pass takes its whole period.
+HapticParams haptic_params(uint32_t contact_rate);
 
 // Adds up what the ticks of all tools counted.
 void sum_tool_counters(Haptics& haptics);

@@ -11,19 +11,22 @@ uint32_t find_root(std::vector<uint32_t>& parent, uint32_t body) {
 
 }  // namespace
 
-void find_islands(const Bodies& bodies, const ContactRows& rows, IslandsScratch& scratch, Islands& islands) {
+void find_islands(const Bodies& bodies, const ContactRows& rows, IslandsScratch& scratch, Islands& islands,
+                  std::span<const std::array<uint32_t, 2>> joined) {
     const uint32_t count = uint32_t(bodies.motion.size());
     scratch.parent.resize(count);
     for (uint32_t body = 0; body < count; ++body) scratch.parent[body] = body;
-    for (uint32_t row = 0; row < rows.body.size(); ++row) {
-        if (!joins_islands(bodies.motion[rows.body[row]]) || !joins_islands(bodies.motion[rows.other[row]])) continue;
-        const uint32_t a = find_root(scratch.parent, rows.body[row]), b = find_root(scratch.parent, rows.other[row]);
+    const auto join = [&](uint32_t body, uint32_t other) {
+        if (!joins_islands(bodies.motion[body]) || !joins_islands(bodies.motion[other])) return;
+        const uint32_t a = find_root(scratch.parent, body), b = find_root(scratch.parent, other);
         if (a < b) {
             scratch.parent[b] = a;
         } else {
             scratch.parent[a] = b;
         }
-    }
+    };
+    for (uint32_t row = 0; row < rows.body.size(); ++row) join(rows.body[row], rows.other[row]);
+    for (const auto& [body, other] : joined) join(body, other);
 
     // number the islands by their smallest body, which is the root, and count
     islands.bodies.clear();

@@ -1,4 +1,6 @@
 #pragma once
+#include <array>
+#include <span>
 #include <vector>
 
 #include "components/bodies.hpp"
@@ -11,9 +13,11 @@ struct IslandsScratch {
     std::vector<uint32_t> next;
 };
 
-// Groups the bodies that move by force (deformable, hand, free) into islands joined by contact rows; static and scripted
+// Groups the bodies that move by force (deformable, hand, free) into islands joined by contact rows and by the pairs of
+// bodies in `joined`; static and scripted
 // bodies join nothing and belong to none. Every such body is in exactly one island. Islands ascend by smallest body,
 // bodies and rows inside ascend.
-void find_islands(const Bodies& bodies, const ContactRows& rows, IslandsScratch& scratch, Islands& islands);
+void find_islands(const Bodies& bodies, const ContactRows& rows, IslandsScratch& scratch, Islands& islands,
+                  std::span<const std::array<uint32_t, 2>> joined = {});
 
 }  // namespace trocar

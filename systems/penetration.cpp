@@ -1,8 +1,11 @@
 #include "systems/penetration.hpp"
 
 #include <algorithm>
+#include <limits>
 #include <utility>
+#include <vector>
 
+#include "engine/geometry/point_triangle.hpp"
 #include "engine/parallel.hpp"
 namespace trocar {
 namespace {
@@ -15,6 +18,7 @@ void add_row(uint32_t pair, uint32_t contact, Penetrations& out) {
     out.vertices_a_in_b.push_back(0);
     out.vertices_b_in_a.push_back(0);
     out.edge_contacts.push_back(0);
+    out.face_contacts.push_back(0);
 }
 
 // The way b would go by one contact.
@@ -23,7 +27,10 @@ Vec3d way_out(const CandidatePairs& pairs, const Contacts& contacts, uint32_t ro
     return of_a ? Vec3d(-contacts.normal[row]) : contacts.normal[row];
 }
 
-// Whether the witness of an overlap is about as far from another part of the surface that it is inside.
+// Ways out that differ by more than 120 degrees lead to different sides; those of a corner's faces do not.
+constexpr double kOpposed = -0.5;
+
+// Whether the witness of an overlap is about as far from an opposite part of the surface that it is inside.
 bool near_medial_axis(const Surfaces& s, const Contacts& contacts, uint32_t witness,
                       std::span<const std::unique_ptr<ClosestPointTree>> trees) {
     const uint32_t other = contacts.other[witness];
@@ -31,8 +38,60 @@ bool near_medial_axis(const Surfaces& s, const Contacts& contacts, uint32_t witn
     const double depth = -contacts.distance[witness], step = 0.1 * depth;
     if (tree == nullptr || !(depth > 0)) return false;
     const Vec3d deeper = contacts.point[witness] - step * contacts.normal[witness];
-    const double gain = std::abs(tree->query(world_to_frame(s, other, deeper)).distance) - depth;
-    return gain < 0.85 * step;
+    const SurfacePoint there = tree->query(world_to_frame(s, other, deeper));
+    return std::abs(there.distance) - depth < 0.85 * step &&
+           direction_to_world(s, other, there.normal).dot(contacts.normal[witness]) < kOpposed;
+}
+
+// Whether the witness goes out with the inside of its own body behind it: the inward side of every face around it lies
+// against the way out. Moved by the depth, what is just under the witness comes to lie just under the other surface: the
+// bodies still overlap. So it is when two balls have passed each other's centres.
+bool leaves_nose_first(const Surfaces& s, const Contacts& contacts, uint32_t witness) {
+    constexpr double kLevel = 1e-9;  // a face along the way out says nothing
+    const uint32_t body = contacts.body[witness];
+    const MeshView mesh = mesh_view(s.meshes, s.bodies.mesh[body]);
+    const auto [v, w] = contacts.vertex[witness];
+    const uint32_t third = contacts.third[witness];
+    double least = 1, most = -1;
+    for (uint32_t k = mesh.incident_first[v]; k < mesh.incident_first[v + 1]; ++k) {
+        const Triangle& t = mesh.triangle[mesh.incident[k]];
+        const auto has = [&](uint32_t corner) { return t[0] == corner || t[1] == corner || t[2] == corner; };
+        if (!has(w) || (third != kNone && !has(third))) continue;
+        const Vec3d a = vertex_position(s, body, t[0]), b = vertex_position(s, body, t[1]), c = vertex_position(s, body, t[2]);
+        const Vec3d normal = triangle_normal(a, b, c);
+        if (!(normal.squaredNorm() > 0)) continue;
+        const double rise = normal.normalized().dot(contacts.normal[witness]);
+        least = std::min(least, rise);
+        most = std::max(most, rise);
+    }
+    return least >= -kLevel && most > kLevel && contacts.distance[witness] < 0;
+}
+
+// Of 26 directions and the one from middle to middle, that in which b leaves the slab that holds a soonest.
+Vec3d shortest_way_apart(const Surfaces& s, uint32_t a, uint32_t b) {
+    std::vector<Vec3d> point[2];
+    Vec3d middle[2] = {Vec3d::Zero(), Vec3d::Zero()};
+    for (int side = 0; side < 2; ++side) {
+        const uint32_t body = side ? b : a, count = s.meshes.info[s.bodies.mesh[body]].vertices.count;
+        for (uint32_t v = 0; v < count; ++v) {
+            point[side].push_back(vertex_position(s, body, v));
+            middle[side] += point[side].back() / double(count);
+        }
+    }
+    Vec3d best = Vec3d::Zero();
+    double soonest = std::numeric_limits<double>::infinity();
+    const auto look = [&](const Vec3d& way) {
+        double top = -std::numeric_limits<double>::infinity(), bottom = -top;
+        for (const Vec3d& p : point[0]) top = std::max(top, way.dot(p));
+        for (const Vec3d& p : point[1]) bottom = std::min(bottom, way.dot(p));
+        if (top - bottom < soonest) soonest = top - bottom, best = way;
+    };
+    const Vec3d apart = middle[1] - middle[0];
+    if (apart.norm() > 0) look(apart.normalized());
+    for (int i = 0; i < 27; ++i) {
+        if (i != 13) look(Vec3d(i / 9 - 1, i / 3 % 3 - 1, i % 3 - 1).normalized());
+    }
+    return best;
 }
 
 }  // namespace
@@ -45,6 +104,7 @@ void measure_penetrations(const CandidatePairs& pairs, const Contacts& contacts,
     out.vertices_a_in_b.clear();
     out.vertices_b_in_a.clear();
     out.edge_contacts.clear();
+    out.face_contacts.clear();
     out.saturated.clear();
     out.surface_depth.clear();
     for (uint32_t i = 0; i < contacts.pair.size(); ++i) {
@@ -57,7 +117,9 @@ void measure_penetrations(const CandidatePairs& pairs, const Contacts& contacts,
             out.direction.back() = way_out(pairs, contacts, i);
             out.witness.back() = i;
         }
-        if (contacts.vertex[i][0] != contacts.vertex[i][1]) {
+        if (contacts.third[i] != kNone) {
+            ++out.face_contacts.back();
+        } else if (contacts.vertex[i][0] != contacts.vertex[i][1]) {
             ++out.edge_contacts.back();
         } else if (contacts.distance[i] < 0) {
             ++(of_a ? out.vertices_a_in_b : out.vertices_b_in_a).back();
@@ -66,6 +128,9 @@ void measure_penetrations(const CandidatePairs& pairs, const Contacts& contacts,
     out.saturated.assign(out.pair.size(), 0);
     out.way_out.assign(out.pair.size(), Vec3d::Zero());
     out.surface_depth = out.depth;
+    for (uint32_t i = 0; i < out.pair.size() && !contacts.most.empty(); ++i) {
+        out.surface_depth[i] = std::max(out.depth[i], contacts.most[out.pair[i]]);
+    }
 }
 
 void mark_saturated(const Surfaces& surfaces, const CandidatePairs& pairs, const Contacts& contacts,
@@ -73,34 +138,47 @@ void mark_saturated(const Surfaces& surfaces, const CandidatePairs& pairs, const
     Penetrations& p = penetrations;
     parallel_for(uint32_t(p.pair.size()), 16, [&](uint32_t begin, uint32_t end) {
         for (uint32_t i = begin; i < end; ++i) {
-            p.saturated[i] = near_medial_axis(surfaces, contacts, p.witness[i], trees);
+            p.saturated[i] = leaves_nose_first(surfaces, contacts, p.witness[i]) ||
+                             near_medial_axis(surfaces, contacts, p.witness[i], trees);
             auto row = std::lower_bound(contacts.pair.begin(), contacts.pair.end(), p.pair[i]) - contacts.pair.begin();
             for (; size_t(row) < contacts.pair.size() && contacts.pair[row] == p.pair[i] && !p.saturated[i]; ++row) {
                 if (contacts.distance[row] > -0.9 * p.depth[i] || !(p.depth[i] > 0)) continue;
-                p.saturated[i] = way_out(pairs, contacts, uint32_t(row)).dot(p.direction[i]) < -0.5;
+                p.saturated[i] = way_out(pairs, contacts, uint32_t(row)).dot(p.direction[i]) < kOpposed;
             }
         }
     });
 }
 
-void remember_ways_out(const CandidatePairs& pairs, PairMemory& before, PairMemory& memory,
-                       Penetrations& penetrations) {
+void remember_ways_out(const Surfaces& surfaces, const CandidatePairs& pairs, const Contacts& contacts, PairMemory& before,
+                       PairMemory& memory, Penetrations& penetrations) {
     std::swap(before, memory);
     memory.a.clear();
     memory.b.clear();
     memory.direction.clear();
-    uint32_t row = 0;
-    for (uint32_t i = 0; i < penetrations.pair.size(); ++i) {
-        const uint32_t a = pairs.a[penetrations.pair[i]], b = pairs.b[penetrations.pair[i]];
-        while (row < before.a.size() && (before.a[row] < a || (before.a[row] == a && before.b[row] < b))) ++row;
-        const bool known = row < before.a.size() && before.a[row] == a && before.b[row] == b;
-        // nobody turns about without having been apart: the shortest way now leads out at the far side
-        if (known && before.direction[row].dot(penetrations.direction[i]) < 0) penetrations.saturated[i] = 1;
-        if (penetrations.saturated[i] && !known) continue;
-        if (penetrations.saturated[i]) penetrations.way_out[i] = before.direction[row];
+    uint32_t remembered = 0, overlap = 0, contact = 0;
+    for (uint32_t pair = 0; pair < pairs.a.size(); ++pair) {
+        uint32_t nearest = kNone;
+        for (; contact < contacts.pair.size() && contacts.pair[contact] == pair; ++contact) {
+            if (nearest == kNone || contacts.distance[contact] < contacts.distance[nearest]) nearest = contact;
+        }
+        if (nearest == kNone) continue;
+        const uint32_t a = pairs.a[pair], b = pairs.b[pair];
+        while (remembered < before.a.size() && (before.a[remembered] < a || (before.a[remembered] == a && before.b[remembered] < b))) ++remembered;
+        const bool known = remembered < before.a.size() && before.a[remembered] == a && before.b[remembered] == b;
+        Vec3d way = way_out(pairs, contacts, nearest);
+        if (overlap < penetrations.pair.size() && penetrations.pair[overlap] == pair) {
+            const uint32_t i = overlap++;
+            way = penetrations.direction[i];
+            // nobody turns about without having been apart: the shortest way now leads out at the far side
+            if (known && before.direction[remembered].dot(way) < 0) penetrations.saturated[i] = 1;
+            if (penetrations.saturated[i]) {
+                way = known ? before.direction[remembered] : shortest_way_apart(surfaces, a, b);
+                penetrations.way_out[i] = way;
+            }
+        }
         memory.a.push_back(a);
         memory.b.push_back(b);
-        memory.direction.push_back(penetrations.saturated[i] ? before.direction[row] : penetrations.direction[i]);
+        memory.direction.push_back(way);
     }
 }
 

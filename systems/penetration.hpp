@@ -12,16 +12,22 @@ namespace trocar {
 // by pair; of equal depths the first contact is the witness. A pair that only touches has depth 0.
 void measure_penetrations(const CandidatePairs& pairs, const Contacts& contacts, Penetrations& penetrations);
 
-// Marks pairs so deep in each other that the depth and its direction say little about the way out: a tenth of the depth
-// farther in, the witness would not be deeper by nearly as much (the medial axis lies between), or another contact
-// nearly as deep wants to leave the other way. One query a pair.
+// Marks pairs so deep in each other that the depth and its direction say little about the way out:
+// - the witness goes out with the inside of its own body behind it (all faces around it look along the way out), as when
+//   two balls have passed each other's centres: moving by the depth then provably does not separate the bodies;
+// - a tenth of the depth farther in it would not be deeper by nearly as much, and leave the other way: the medial axis lies
+//   between;
+// - another contact nearly as deep wants to leave the other way.
+// One query a pair.
 void mark_saturated(const Surfaces& surfaces, const CandidatePairs& pairs, const Contacts& contacts,
                     std::span<const std::unique_ptr<ClosestPointTree>> trees, Penetrations& penetrations);
 
-// Keeps, for every pair that overlaps, the direction of the last pass in which it was not saturated, and tells it to
-// those that are now (way_out). One whose direction has turned against its memory counts as saturated too. A pair that is apart is forgotten; one saturated from the start has no memory. `before`
-// is scratch.
-void remember_ways_out(const CandidatePairs& pairs, PairMemory& before, PairMemory& memory,
-                       Penetrations& penetrations);
+// Keeps, for every pair with contacts, the way that b would go to leave a, as it was in the last pass in which the pair was
+// not saturated (that of the nearest contact while they do not overlap), and tells it to those that are now (way_out). One
+// whose direction has turned against its memory counts as saturated too. A pair without contacts is forgotten; one
+// saturated from the start gets the shortest of 27 ways that surely part it (b leaves the slab that holds a). `before` is
+// scratch.
+void remember_ways_out(const Surfaces& surfaces, const CandidatePairs& pairs, const Contacts& contacts, PairMemory& before,
+                       PairMemory& memory, Penetrations& penetrations);
 
 }  // namespace trocar

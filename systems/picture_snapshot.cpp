@@ -61,6 +61,10 @@ void copy_depths(const Surfaces& surfaces, const Contacts& contacts, PictureSnap
             float& deepest = out.contact_depth[body.depths.first + vertex];
             deepest = std::max(deepest, depth);
         }
+        if (const uint32_t third = contacts.third[row]; third != kNone) {
+            float& deepest = out.contact_depth[body.depths.first + third];
+            deepest = std::max(deepest, depth);
+        }
     }
 }
 

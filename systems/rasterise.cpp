@@ -11,7 +11,6 @@ namespace {
 constexpr uint64_t kEmptyCell = UINT64_MAX;
 constexpr uint32_t kMostCells = 64;  // of one triangle; more goes to the oversize list
 constexpr uint32_t kLongestProbe = 256;  // steps of a lookup; a table that needs more is given up
-constexpr size_t kManyTriangles = 400'000;  // about a million references: from there sorting beats the table, by a tenth
 constexpr double kGridCells = (1 << 21) - 2;
 
 Box overlap_of(const Box& a, const Box& b) { return {a.min.cwiseMax(b.min), a.max.cwiseMin(b.max)}; }
@@ -119,19 +118,12 @@ void screen_body(const Surfaces& s, const BodyBoxes& boxes, const Vec3d& origin,
                       screen.outcode);
     }
 
-    // triangles whose corners share no side, without a branch that would be guessed wrong along the rim
     const uint32_t triangles = uint32_t(mesh.triangle.size());
     if (screen.triangle.size() < screen.rows + triangles) screen.triangle.resize(screen.rows + triangles);
-    uint32_t count = 0;
-    const uint8_t* const outcode = screen.outcode.data();
-    const Triangle* const corners = mesh.triangle.data();
     uint32_t* const candidate = screen.triangle.data() + screen.rows;
-    for (uint32_t t = 0; t < triangles; ++t) {
-        const Triangle& corner = corners[t];
-        const uint8_t c0 = outcode[corner[0]], c1 = outcode[corner[1]], c2 = outcode[corner[2]];
-        candidate[count] = t;
-        count += (c0 & c1 & c2) == 0;
-    }
+    find_block_codes(screen.outcode, screen.block_code);
+    const uint32_t count = find_sideless_triangles(mesh.triangle, scratch.runs[s.bodies.mesh[body]], screen.outcode,
+                                                   screen.block_code, candidate);
 
     if (screen.box.size() < screen.rows + count) {
         screen.box.resize(2 * screen.box.size() + count);
@@ -165,6 +157,11 @@ void screen_bodies(const Surfaces& surfaces, const BodyBoxes& boxes, const Vec3d
     const uint32_t bodies = uint32_t(scratch.body.size()), grain = bodies < 128 ? 1 : 32;
     if (scratch.screen.size() < chunk_count(bodies, grain)) scratch.screen.resize(chunk_count(bodies, grain));
     for (ScreenChunk& chunk : scratch.screen) chunk.rows = 0;
+    scratch.runs.resize(surfaces.meshes.info.size());
+    for (const uint32_t body : scratch.body) {
+        const uint32_t mesh = surfaces.bodies.mesh[body];
+        keep_runs(mesh_view(surfaces.meshes, mesh).triangle, scratch.runs[mesh]);
+    }
     scratch.kept.resize(bodies);
     scratch.edge_sum.resize(bodies);
     parallel_for(bodies, grain, [&](uint32_t begin, uint32_t end) {
@@ -303,26 +300,10 @@ bool count_objects(const ScreenedTriangles& screened, float inv_size, RasteriseS
     return true;
 }
 
-// Pass 2: the shared cells in key order, their references in the order (cell, body, triangle).
-void fill_layers(const ScreenedTriangles& screened, RasteriseScratch& scratch, Occupancy& occupancy) {
-    const uint32_t cells = uint32_t(scratch.shared.size());
-    std::sort(scratch.shared.begin(), scratch.shared.end());
-    scratch.rank.resize(cells);
-    occupancy.cell_key.resize(cells);
-    for (uint32_t i = 0; i < cells; ++i) {
-        occupancy.cell_key[i] = scratch.shared[i][0];
-        scratch.rank[scratch.shared[i][1]] = i;
-    }
-    scratch.cell_first.assign(cells + 1, 0);
-    size_t kept = 0;
-    for (uint32_t i = 0; i < scratch.references; ++i) {
-        const CellReference reference = scratch.reference[i];
-        const uint32_t shared = scratch.table[reference.slot].shared;
-        if (shared == 0) continue;
-        const uint32_t cell = scratch.rank[shared - 1];
-        ++scratch.cell_first[cell + 1];
-        scratch.reference[kept++] = {cell, reference.row, reference.body};
-    }
+// Deals the first `kept` references, whose slots are rows of shared cells by now, out to the layers. cell_first has
+// their number for each cell, a row later.
+void fill_layers(const ScreenedTriangles& screened, size_t kept, RasteriseScratch& scratch, Occupancy& occupancy) {
+    const uint32_t cells = uint32_t(occupancy.cell_key.size());
     for (uint32_t i = 0; i < cells; ++i) scratch.cell_first[i + 1] += scratch.cell_first[i];
     occupancy.primitive.resize(kept);
     occupancy.primitive_row.resize(kept);
@@ -348,6 +329,72 @@ void fill_layers(const ScreenedTriangles& screened, RasteriseScratch& scratch, O
     }
     occupancy.object_first.push_back(uint32_t(occupancy.object.size()));
     occupancy.primitive_first.push_back(uint32_t(kept));
+}
+
+// Pass 2 with the table: the shared cells in key order, their references in the order (cell, body, triangle).
+void fill_from_table(const ScreenedTriangles& screened, RasteriseScratch& scratch, Occupancy& occupancy) {
+    const uint32_t cells = uint32_t(scratch.shared.size());
+    std::sort(scratch.shared.begin(), scratch.shared.end());
+    scratch.rank.resize(cells);
+    occupancy.cell_key.resize(cells);
+    for (uint32_t i = 0; i < cells; ++i) {
+        occupancy.cell_key[i] = scratch.shared[i][0];
+        scratch.rank[scratch.shared[i][1]] = i;
+    }
+    scratch.cell_first.assign(cells + 1, 0);
+    size_t kept = 0;
+    for (uint32_t i = 0; i < scratch.references; ++i) {
+        const CellReference reference = scratch.reference[i];
+        const uint32_t shared = scratch.table[reference.slot].shared;
+        if (shared == 0) continue;
+        const uint32_t cell = scratch.rank[shared - 1];
+        ++scratch.cell_first[cell + 1];
+        scratch.reference[kept++] = {cell, reference.row, reference.body};
+    }
+    fill_layers(screened, kept, scratch, occupancy);
+}
+
+// Both passes with a bit a cell. False where the grid has too many cells for that.
+bool fill_from_bits(const ScreenedTriangles& screened, float inv_size, RasteriseScratch& scratch, Occupancy& occupancy) {
+    std::array<uint32_t, 4> last{};
+    for (const uint32_t body : scratch.body) {
+        const CellRange cells = cells_of(clip_of(body, screened.origin, scratch), inv_size);
+        for (uint32_t k = 0; k < 3; ++k) last[k] = std::max(last[k], cells.last[k]);
+    }
+    // clearing the bits must not cost more than the table
+    const uint64_t worth = 1024 + 8 * uint64_t{screened.triangle.size()};
+    if (!clear_cells(last, std::min<uint64_t>(scratch.most_words, worth), scratch.bits)) return false;
+    // calls take(row, cells) for the triangles of a body that are not too large; returns the cells of the body
+    const auto for_each_triangle = [&](uint32_t body, const auto& take) {
+        const __m256 clip = clip_of(body, screened.origin, scratch);
+        for (uint32_t row = screened.body[body].first; row < screened.body[body].end(); ++row) {
+            take(row, cells_of(_mm256_max_ps(load_box(screened.box[row]), clip), inv_size));
+        }
+        return cells_of(clip, inv_size);
+    };
+    occupancy.oversize.clear();
+    for (const uint32_t body : scratch.body) {
+        const CellRange all = for_each_triangle(body, [&](uint32_t row, const CellRange& cells) {
+            if (cell_count(cells) > kMostCells) return occupancy.oversize.push_back(row);
+            for_each_word(scratch.bits, cells, [&](uint32_t word, uint64_t mask) { scratch.bits.own[word] |= mask; });
+        });
+        end_object(all, scratch.bits);
+    }
+    rank_shared_cells(scratch.bits, occupancy.cell_key);
+    scratch.cell_first.assign(occupancy.cell_key.size() + 1, 0);
+    size_t kept = 0;
+    for (const uint32_t body : scratch.body) {
+        for_each_triangle(body, [&](uint32_t row, const CellRange& cells) {
+            if (cell_count(cells) > kMostCells) return;
+            if (scratch.reference.size() < kept + kMostCells) scratch.reference.resize(2 * scratch.reference.size() + kMostCells);
+            for_each_shared_cell(scratch.bits, cells, [&](uint32_t cell) {
+                ++scratch.cell_first[cell + 1];
+                scratch.reference[kept++] = {cell, row, body};
+            });
+        });
+    }
+    fill_layers(screened, kept, scratch, occupancy);
+    return true;
 }
 
 // References in the order (body, triangle), each with its key.
@@ -427,12 +474,14 @@ void rasterise(const ContactParams& params, const Surfaces& surfaces, const Body
     occupancy.origin = screened.origin;
     occupancy.cell_size = choose_cell_size(params, mean_edge, boxes, surfaces, extent, screened, scratch);
     const float inv_size = 1.0f / float(occupancy.cell_size);
-    if (screened.triangle.size() < kManyTriangles && count_objects(screened, inv_size, scratch, occupancy)) {
-        fill_layers(screened, scratch, occupancy);
-    } else {
-        key_references(screened, inv_size, scratch, occupancy);
-        sort_references(scratch.keyed, scratch.keyed_spare);
-        fill_layers_from_sorted(screened, scratch.keyed, occupancy);
+    if (!fill_from_bits(screened, inv_size, scratch, occupancy)) {
+        if (screened.triangle.size() < scratch.most_counted && count_objects(screened, inv_size, scratch, occupancy)) {
+            fill_from_table(screened, scratch, occupancy);
+        } else {
+            key_references(screened, inv_size, scratch, occupancy);
+            sort_references(scratch.keyed, scratch.keyed_spare);
+            fill_layers_from_sorted(screened, scratch.keyed, occupancy);
+        }
     }
     report.oversize_triangles += occupancy.oversize.size();
     clear_table(scratch);

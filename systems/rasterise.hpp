@@ -5,7 +5,9 @@
 #include "components/bodies.hpp"
 #include "components/contacts.hpp"
 #include "components/report.hpp"
+#include "engine/cell_bits.hpp"
 #include "engine/surfaces.hpp"
+#include "engine/triangle_runs.hpp"
 namespace trocar {
 
 // One slot of the object counting table (thesis, figure 3.7 b).
@@ -32,6 +34,7 @@ struct KeyedReference {
 // What the screening of a few bodies found, one after the other.
 struct ScreenChunk {
     std::vector<uint8_t> outcode;       // per vertex of the body at hand: sides of the region it lies beyond
+    std::vector<uint8_t> block_code;    // per block of vertices: sides that all of them lie beyond
     std::vector<uint32_t> triangle;     // more rows than are in use may follow, here and in the boxes
     std::vector<PackedBox> box, tight;
     uint32_t rows = 0;                  // in use
@@ -43,6 +46,7 @@ struct RasteriseScratch {
     std::vector<uint32_t> region_pair;            // pairs of a body
     std::vector<PackedBox> packed_region;         // in that order
     std::vector<uint32_t> body;                   // bodies in a pair, ascending
+    std::vector<TriangleRuns> runs;               // per prototype
     std::vector<ScreenChunk> screen;              // per chunk of rows of body
     std::vector<uint32_t> kept;                   // per row of body: triangles
     std::vector<double> edge_sum;                 // per row of body, m
@@ -54,13 +58,17 @@ struct RasteriseScratch {
     std::vector<uint32_t> rank;                   // of a shared cell by key
     std::vector<uint32_t> cell_first, next, cell_body;
     std::vector<KeyedReference> keyed, keyed_spare;  // instead of the table
+    CellBits bits;                                   // instead of the table
+    uint32_t most_words = 1 << 17;                   // of bits; beyond, the table
+    size_t most_counted = 400'000;                   // triangles in the table; beyond, sorting is faster, by a tenth
 };
 
 // OHC construction (thesis 3.3.1): rasterises the triangles that lie in the overlap of two enlarged body boxes into a
 // grid of half-open cells. Pass 1 counts the bodies of each cell, pass 2 fills only cells of two or more. Layers ascend
 // by cell key, body and triangle, whatever the table holds. Triangles of more than 64 cells go to the oversize list.
-// Where keys crowd the table so that a lookup takes more than 256 steps, and from 400,000 triangles on, references are
-// sorted by key instead: the same layers, in time linear in the references whatever the keys.
+// Cells are counted by bits where the grid is small enough to have one for each cell, else in a hash table. Where keys
+// crowd the table so that a lookup takes more than 256 steps, and from most_counted triangles on, references are sorted by
+// key instead: the same layers, in time linear in the references whatever the keys.
 void rasterise(const ContactParams& params, const Surfaces& surfaces, const BodyBoxes& boxes,
                const CandidatePairs& pairs, RasteriseScratch& scratch, Report& report, ScreenedTriangles& screened,
                Occupancy& occupancy);

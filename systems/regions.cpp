@@ -274,11 +274,36 @@ void measure_contour(const PairInput& in, RegionsChunk& c) {
     }
 }
 
+// Node of a contact inside a face: that of the nearest contour segment on the face, as no other contour lies between; of
+// its first corner where none passes the face.
+uint32_t node_of_face_contact(const PairInput& in, uint32_t row, uint32_t side, RegionsChunk& c) {
+    const Contours& k = in.contours;
+    const auto [v, w] = in.contacts.vertex[row];
+    const uint32_t third = in.contacts.third[row];
+    double nearest = std::numeric_limits<double>::infinity();
+    uint32_t best = kNone;
+    for (uint32_t curve = k.pair[in.pair].first; curve < k.pair[in.pair].end(); ++curve) {
+        for (uint32_t i = k.curve[curve].first; i < k.curve[curve].end(); ++i) {
+            const Triangle& t = in.half[side].mesh.triangle[k.triangle[i][side]];
+            if (t != Triangle{v, w, third}) continue;
+            const Vec3d p = k.point[k.end[i][0]], q = k.point[k.end[i][1]], apart = in.contacts.point[row] - p;
+            const double size2 = (q - p).squaredNorm();
+            const double along = size2 > 0 ? std::clamp(apart.dot(q - p) / size2, 0.0, 1.0) : 0;
+            const double distance = (apart - along * (q - p)).norm();
+            if (distance < nearest) nearest = distance, best = point_node(in, k.end[i][0]);
+        }
+    }
+    if (best != kNone) return best;
+    const uint32_t first = in.half[side].first_node;
+    return c.inside[first + v] ? first + v : kNone;
+}
+
 // Node of a contact: its vertex, or where the inside part of the edge that it lies on begins. kNone: on the surface.
 uint32_t node_of_contact(const PairInput& in, uint32_t row, uint32_t side, RegionsChunk& c) {
     const auto& vertex = in.contacts.vertex[row];
     const uint32_t first = in.half[side].first_node;
     if (vertex[0] == vertex[1]) return c.inside[first + vertex[0]] ? first + vertex[0] : kNone;
+    if (in.contacts.third[row] != kNone) return node_of_face_contact(in, row, side, c);
     const auto edges = in.half[side].mesh.edge;
     const uint32_t edge = uint32_t(std::lower_bound(edges.begin(), edges.end(), vertex) - edges.begin());
     find_spans(in, side, edge, c);

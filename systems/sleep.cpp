@@ -37,7 +37,7 @@ double stop(Particles& p, Range rows) {
 
 // Groups of bodies whose boxes meet, and which of them have something restless.
 void find_groups(const SceneSettings& settings, const Bodies& bodies, std::span<const uint8_t> moving, const Sleep& sleep,
-                 const CandidatePairs& pairs, SleepScratch& s) {
+                 const CandidatePairs& pairs, std::span<const std::array<uint32_t, 2>> joined, SleepScratch& s) {
     const uint32_t count = static_cast<uint32_t>(bodies.motion.size());
     s.parent.resize(count);
     s.restless.resize(count);
@@ -49,11 +49,13 @@ void find_groups(const SceneSettings& settings, const Bodies& bodies, std::span<
         s.parent[b] = b;
         s.restless[b] = is_deformable(bodies, b) ? sleep.still[b] < enough : !lies_anyway(b);
     }
-    for (size_t i = 0; i < pairs.a.size(); ++i) {
-        if (lies_anyway(pairs.a[i]) || lies_anyway(pairs.b[i])) continue;
-        const uint32_t a = find_root(s.parent, pairs.a[i]), b = find_root(s.parent, pairs.b[i]);
+    const auto join = [&](uint32_t body, uint32_t other) {
+        if (lies_anyway(body) || lies_anyway(other)) return;
+        const uint32_t a = find_root(s.parent, body), b = find_root(s.parent, other);
         s.parent[std::max(a, b)] = std::min(a, b);
-    }
+    };
+    for (size_t i = 0; i < pairs.a.size(); ++i) join(pairs.a[i], pairs.b[i]);
+    for (const auto& [body, other] : joined) join(body, other);
     for (uint32_t b = 0; b < count; ++b) {
         if (s.restless[b]) s.restless[find_root(s.parent, b)] = 1;
     }
@@ -63,7 +65,8 @@ void find_groups(const SceneSettings& settings, const Bodies& bodies, std::span<
 
 void fall_asleep_and_wake(const SceneSettings& settings, uint32_t period, const Bodies& bodies,
                           std::span<const uint8_t> moving, SleepScratch& s, Sleep& sleep, Particles& particles,
-                          CandidatePairs& pairs, Energy& energy, Report& report) {
+                          CandidatePairs& pairs, Energy& energy, Report& report,
+                          std::span<const std::array<uint32_t, 2>> joined) {
     const uint32_t count = static_cast<uint32_t>(bodies.motion.size());
     sleep.still.resize(count, 0);
     sleep.group.resize(count, kNone);
@@ -72,7 +75,7 @@ void fall_asleep_and_wake(const SceneSettings& settings, uint32_t period, const 
         const bool slow = is_slow(particles, bodies.particles[b], settings.sleep_speed);
         sleep.still[b] = slow ? std::min(sleep.still[b] + period, uint32_t{1} << 30) : 0;
     }
-    find_groups(settings, bodies, moving, sleep, pairs, s);
+    find_groups(settings, bodies, moving, sleep, pairs, joined, s);
     report.awake_bodies = report.asleep_bodies = 0;
     for (uint32_t b = 0; b < count; ++b) {
         if (!is_deformable(bodies, b)) continue;

@@ -29,11 +29,50 @@ inline void resize_contacts(Contacts& contacts, size_t rows) {
     contacts.other.resize(rows);
     contacts.vertex.resize(rows);
     contacts.along.resize(rows);
+    contacts.third.assign(rows, kNone);
+    contacts.across.assign(rows, 0);
     contacts.point.resize(rows);
     contacts.closest.resize(rows);
     contacts.normal.resize(rows);
     contacts.distance.resize(rows);
     contacts.triangle.resize(rows);
+}
+
+inline void copy_contact(const Contacts& from, uint32_t i, Contacts& to, uint32_t row) {
+    to.pair[row] = from.pair[i];
+    to.body[row] = from.body[i];
+    to.other[row] = from.other[i];
+    to.vertex[row] = from.vertex[i];
+    to.along[row] = from.along[i];
+    to.third[row] = from.third[i];
+    to.across[row] = from.across[i];
+    to.point[row] = from.point[i];
+    to.closest[row] = from.closest[i];
+    to.normal[row] = from.normal[i];
+    to.distance[row] = from.distance[i];
+    to.triangle[row] = from.triangle[i];
+}
+
+// Where the edge from p to q passes triangle abc, as a part of the way; -1 if it surely does not. Wrong only towards
+// "yes": everything is compared with a bound on its rounding.
+inline double edge_crossing(Vec4d p, Vec4d q, Vec4d a, Vec4d b, Vec4d c) {
+    const auto lower = [](Vec4d x, Vec4d y) { return (Vec4d)_mm256_min_pd((__m256d)x, (__m256d)y); };
+    const auto upper = [](Vec4d x, Vec4d y) { return (Vec4d)_mm256_max_pd((__m256d)x, (__m256d)y); };
+    const Vec4d low = lower(lower(a, b), c), high = upper(upper(a, b), c);
+    const __m256d apart = _mm256_or_pd(_mm256_cmp_pd((__m256d)high, (__m256d)lower(p, q), _CMP_LT_OQ),
+                                       _mm256_cmp_pd((__m256d)low, (__m256d)upper(p, q), _CMP_GT_OQ));
+    if (_mm256_movemask_pd(apart) != 0) return -1;
+    const Vec4d n = cross(b - a, c - a), pa = a - p, pb = b - p, pc = c - p, pq = q - p;
+    const auto size_of = [](Vec4d x) { return (Vec4d)_mm256_andnot_pd(_mm256_set1_pd(-0.0), (__m256d)x); };
+    const double size = dot(size_of(pa) + size_of(pb) + size_of(pc) + size_of(pq), make_vec4(1, 1, 1));
+    const double slack = 1e-14 * size * size * size;
+    const double at_p = -dot(n, pa), at_q = at_p + dot(n, pq);
+    if ((at_p > slack && at_q > slack) || (at_p < -slack && at_q < -slack)) return -1;
+    const double u = dot(pq, cross(pa, pb)), v = dot(pq, cross(pb, pc)), w = dot(pq, cross(pc, pa));
+    const bool left = u >= -slack && v >= -slack && w >= -slack, right = u <= slack && v <= slack && w <= slack;
+    if (!left && !right) return -1;
+    const double change = at_p - at_q;
+    return std::abs(change) > slack ? std::clamp(at_p / change, 0.0, 1.0) : 0.5;
 }
 
 // Present vertices of one body relative to a base point, four doubles at a time (x, y, z, 0). m

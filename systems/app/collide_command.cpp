@@ -159,6 +159,7 @@ int collide_command(const CollideOptions& options) {
     j["vertices_a_in_b"] = overlap ? p.vertices_a_in_b[0] : 0u;
     j["vertices_b_in_a"] = overlap ? p.vertices_b_in_a[0] : 0u;
     j["edge_contacts"] = overlap ? p.edge_contacts[0] : 0u;
+    j["face_contacts"] = overlap ? p.face_contacts[0] : 0u;
     j["cells"] = world.occupancy.cell_key.size();
     if (!options.cells.empty()) write_cells(world, options.cells);
     j["contained"] = contained(world);

@@ -18,6 +18,7 @@ struct RunOptions {
     std::filesystem::path out;  // folder; empty = nothing is written
     std::string capture;        // triggers, see parse_capture_triggers; empty = none
     bool live = false;
+    std::vector<std::string> devices;  // live: BODY=SPECIFICATION, instead of the scene's hands
     std::filesystem::path replay;  // recording of a live run, to repeat in lockstep; empty = none
     bool render = true;
     uint32_t threads = 0;       // 0 = all cores
@@ -110,6 +111,19 @@ int capture_info_command(const std::vector<std::string>& files, bool json);
 int capture_diff_command(const std::string& a, const std::string& b);
 
 int scenes_command(bool json);
+
+struct DeviceOptions {
+    std::string device;         // specification, see open_device
+    double seconds = 5;
+    double spring = 0;          // N/m, test: pulls to where the device was first; 0 = no force
+    double max_force = 2;       // N
+    std::filesystem::path out;  // record: CSV
+    bool json = false;
+};
+int device_list_command(bool json);
+// Listens for a while and tells rate, gaps and trouble; exit code 1 when nothing came.
+int device_test_command(const DeviceOptions& options);
+int device_record_command(const DeviceOptions& options);
 // Library versions and the instruction set in use.
 std::string version_text();
 

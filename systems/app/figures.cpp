@@ -19,6 +19,16 @@ double mean(const std::vector<double>& values) {
     return values.empty() ? 0 : sum / static_cast<double>(values.size());
 }
 
+std::vector<double> displayed_frames(const std::vector<PassFigures>& passes) {
+    std::vector<double> ms;
+    double sum = 0;
+    for (const PassFigures& p : passes) {
+        sum += p.frame_ms - p.render_ms;
+        if (p.picture) ms.push_back(sum), sum = 0;
+    }
+    return ms;
+}
+
 ContactColumns contact_columns(const RunFigures& f) {
     ContactColumns c;
     for (const PassFigures& p : f.pass) {
@@ -65,6 +75,11 @@ nlohmann::ordered_json report_json(const Report& r) {
             {"implicit_steps", r.implicit_steps},
             {"implicit_iterations", r.implicit_iterations},
             {"worst_implicit_residual", r.worst_implicit_residual},
+            {"links", r.links},
+            {"broken_links", r.broken_links},
+            {"broken_springs", r.broken_springs},
+            {"removed_triangles", r.removed_triangles},
+            {"opened_bodies", r.opened_bodies},
             {"dropped_pictures", r.dropped_pictures},
             {"late_passes", r.late_passes},
             {"deepest_residual_m", r.deepest_residual}};
@@ -82,16 +97,33 @@ nlohmann::ordered_json energy_json(const RunFigures& f) {
             {"elastic_j", last.elastic},
             {"pressure_j", last.pressure},
             {"bending_j", last.bending},
+            {"links_j", last.links},
             {"gravity_j", last.gravity},
             {"work_hand_j", last.work_hand},
             {"work_contact_j", last.work_contact},
             {"work_damping_j", last.work_damping},
             {"work_push_j", last.work_push},
             {"work_numeric_j", last.work_numeric},
+            {"work_links_j", last.work_links},
             {"balance_j", last.balance},
             {"peak_elastic_j", peak},
             {"worst_balance_j", worst},
             {"worst_balance_of_peak", peak > 0 ? worst / peak : 0}};
+}
+
+nlohmann::ordered_json scale_json(const RunFigures& f) {
+    std::vector<double> awake, residual, contacts;
+    for (const PassFigures& p : f.pass) awake.push_back(p.awake), residual.push_back(p.residual), contacts.push_back(p.contacts);
+    return {{"movable_bodies", f.movable_bodies},
+            {"body_size_m", f.body_size},
+            {"bytes_per_body", f.bytes_per_body},
+            {"frames_per_second", f.wall_s > 0 ? static_cast<double>(f.frames) / f.wall_s : 0},
+            {"awake_bodies_mean", mean(awake)},
+            {"awake_bodies_end", f.pass.empty() ? 0 : f.pass.back().awake},
+            {"contacts_mean", mean(contacts)},
+            {"contacts_max", quantile(contacts, 1)},
+            {"residual_p99_m", quantile(residual, 0.99)},
+            {"residual_max_m", quantile(residual, 1)}};
 }
 
 }  // namespace
@@ -139,7 +171,12 @@ std::string metrics_json(const RunFigures& f) {
                     {"deep_events", deep_total.size()},
                     {"deep_total_ms_mean", mean(deep_total)},
                     {"deep_total_ms_p99", quantile(deep_total, 0.99)}};
+    const DirectionFigures& d = f.direction;
+    if (d.depth > 0)
+        j["contact"]["one_pass"] = {{"time_s", d.time}, {"depth_m", d.depth}, {"left_thesis_m", d.left_thesis}, {"left_local_m", d.left_local}};
     j["frame"] = percentiles(frame_ms, "ms");
+    j["displayed_frame"] = percentiles(displayed_frames(f.pass), "ms");
+    j["scale"] = scale_json(f);
     j["render"] = percentiles(f.render_ms, "ms");
     j["haptics"] = {{"ticks", f.ticks}, {"max_force_n", f.max_force}, {"tick", percentiles(f.tick_us, "us")}};
     if (f.live) {
@@ -150,6 +187,8 @@ std::string metrics_json(const RunFigures& f) {
     }
     if (f.replay) j["replay"] = {{"same", f.replay_difference.empty()}, {"difference", f.replay_difference}};
     j["energy"] = energy_json(f);
+    for (const LinkFigures& l : f.link)
+        j["links"].push_back({{"name", l.name}, {"made", l.made}, {"broken", l.broken}, {"max_force_n", l.force}, {"max_strain", l.strain}});
     j["report"] = report_json(f.report);
     return j.dump(2) + "\n";
 }
@@ -157,16 +196,17 @@ std::string metrics_json(const RunFigures& f) {
 std::string passes_csv(const RunFigures& f) {
     std::string out =
         "time_s,detection_ms,response_ms,frame_ms,render_ms,depth_m,inside_vertices,contacts,pairs,force_n,"
-        "contact_force_n,kinetic_j,elastic_j,pressure_j,bending_j,gravity_j,work_hand_j,work_contact_j,work_damping_j,"
-        "work_push_j,work_numeric_j,balance_j\n";
+        "contact_force_n,kinetic_j,elastic_j,pressure_j,bending_j,links_j,gravity_j,work_hand_j,work_contact_j,work_damping_j,"
+        "work_push_j,work_numeric_j,work_links_j,balance_j,residual_m,awake\n";
     char line[512];
     for (const PassFigures& p : f.pass) {
         std::snprintf(line, sizeof line,
-                      "%.3f,%.4f,%.4f,%.4f,%.4f,%.9g,%u,%u,%u,%.6g,%.6g,%.9g,%.9g,%.9g,%.9g,%.9g,%.9g,%.9g,%.9g,%.9g,%.9g,%.9g\n",
+                      "%.3f,%.4f,%.4f,%.4f,%.4f,%.9g,%u,%u,%u,%.6g,%.6g,%.9g,%.9g,%.9g,%.9g,%.9g,%.9g,%.9g,%.9g,%.9g,%.9g,%.9g,%.9g,%.9g,%.9g,%u\n",
                       p.time, p.detection_ms, p.response_ms, p.frame_ms, p.render_ms, p.depth, p.inside_vertices, p.contacts,
                       p.pairs, p.force, p.contact_force, p.energy.kinetic, p.energy.elastic, p.energy.pressure,
-                      p.energy.bending, p.energy.gravity, p.energy.work_hand, p.energy.work_contact,
-                      p.energy.work_damping, p.energy.work_push, p.energy.work_numeric, p.energy.balance);
+                      p.energy.bending, p.energy.links, p.energy.gravity, p.energy.work_hand, p.energy.work_contact,
+                      p.energy.work_damping, p.energy.work_push, p.energy.work_numeric, p.energy.work_links,
+                      p.energy.balance, p.residual, p.awake);
         out += line;
     }
     return out;

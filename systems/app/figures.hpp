@@ -22,13 +22,35 @@ struct PassFigures {
     double contact_force = 0;  // N, mean contact impulse / period on the hand tool
     Energy energy;             // newest computed
     double peak_elastic = 0;   // J so far
+    double residual = 0;       // m, deepest overlap left at its end
+    uint32_t awake = 0;        // bodies that can move and were not asleep
+    bool picture = false;      // a displayed frame ends with this pass
     bool contact() const { return pairs > 0; }
 };
+
+// What a displayed frame cost, ms: its contact passes with all their stages, without the drawing.
+std::vector<double> displayed_frames(const std::vector<PassFigures>& passes);
 
 // Durations of one stage.
 struct StageFigures {
     std::string name;
     std::vector<double> ms;
+};
+
+// The deepest pass of a run, once with each direction of the response.
+struct DirectionFigures {
+    double time = 0;         // s, at the start of the pass
+    double depth = 0;        // m, there; 0 = nothing to tell
+    double left_thesis = 0;  // m, deepest pair after the pass
+    double left_local = 0;
+};
+
+// What a group of links did.
+struct LinkFigures {
+    std::string name;
+    uint64_t made = 0, broken = 0;
+    double force = 0;   // N, largest, mean over a pass
+    double strain = 0;  // largest
 };
 
 // Everything a run measured; input of metrics.json and report.html.
@@ -43,6 +65,7 @@ struct RunFigures {
     std::vector<PassFigures> pass;
     std::vector<StageFigures> stage;
     std::vector<double> render_ms;
+    DirectionFigures direction;  // lockstep only
     uint64_t ticks = 0;
     double max_force = 0;                // N
     std::vector<double> tick_us;         // compute time of every haptic tick
@@ -53,6 +76,10 @@ struct RunFigures {
     bool replay = false;
     std::string replay_difference;  // replay only: what came out otherwise than in the live run; empty = nothing
     Report report;
+    std::vector<LinkFigures> link;
+    uint64_t movable_bodies = 0;         // deformable and free
+    double body_size = 0;                // m, diameter of the smallest of them
+    double bytes_per_body = 0;           // resident memory that the scene and its run took, over all bodies
     std::vector<std::string> bodies;  // "liver: 5002 vertices, deformable, 1 substep"
 };
 

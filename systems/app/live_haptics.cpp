@@ -5,13 +5,22 @@ namespace trocar {
 
 // One tool's side of the thread: written by the tick alone but for the mailboxes.
 struct LiveHaptics::Tool {
-    HandTool tool;
-    Device device;
+    LiveTool setup;
+    DeviceState sample;   // of this tick
+    HandModelState hand;  // of a scripted hand that gives way
     ToolState state;
     HapticScratch scratch;
     Latest<LocalContactModel> model;  // from the simulation
     Latest<ToolState> newest;         // to the simulation
 };
+
+LiveHaptics::LiveHaptics(const HapticParams& params, std::span<const LiveTool> tools, LiveRecorder recorder)
+    : params_(params), recorder_(recorder) {
+    for (const LiveTool& tool : tools) {
+        tools_.push_back(std::make_unique<Tool>());
+        tools_.back()->setup = tool;
+    }
+}
 
 LiveHaptics::LiveHaptics(const HapticParams& params, std::span<const HandTool> tools, std::span<const Device> devices,
                          LiveRecorder recorder)
@@ -19,34 +28,49 @@ LiveHaptics::LiveHaptics(const HapticParams& params, std::span<const HandTool> t
     TROCAR_ASSERT(tools.size() == devices.size());
     for (size_t k = 0; k < tools.size(); ++k) {
         tools_.push_back(std::make_unique<Tool>());
-        tools_.back()->tool = tools[k];
-        tools_.back()->device = devices[k];
+        tools_.back()->setup = {tools[k], {}, devices[k], nullptr};
     }
 }
 
 LiveHaptics::~LiveHaptics() { stop(); }
 
 void LiveHaptics::start(const PeriodicOptions& options, int64_t start_ns) {
-    thread_.start(options, start_ns, [this, period = options.period](uint64_t index, int64_t) {
-        tick(index, static_cast<double>(index) * static_cast<double>(period) * 1e-9);
+    start_ns_ = start_ns;
+    thread_.start(options, start_ns, [this, period = options.period](uint64_t index, int64_t now_ns) {
+        tick(index, static_cast<double>(index) * static_cast<double>(period) * 1e-9, now_ns);
     });
 }
 
 void LiveHaptics::stop() { thread_.stop(); }
 
-void LiveHaptics::tick(uint64_t index, double time) {
+// The newest sample of the tool's device; false if there is none yet.
+bool LiveHaptics::take_sample(Tool& t, double time) const {
+    if (!t.setup.link) {
+        t.sample = hand_sample(t.setup.tool, read_device(t.setup.device, time), params_.dt, t.state.output, t.hand);
+        return true;
+    }
+    const LinkSample& newest = t.setup.link->read();
+    if (newest.received_ns == 0) return false;
+    t.sample = newest.state;
+    // devices have clocks of their own: what counts is when it came
+    t.sample.time = static_cast<double>(newest.received_ns - start_ns_) * 1e-9;
+    return true;
+}
+
+void LiveHaptics::tick(uint64_t index, double time, int64_t now_ns) {
     for (uint32_t k = 0; k < tools_.size(); ++k) {
         Tool& t = *tools_[k];
+        if (!take_sample(t, time)) continue;
         t.model.update();
         const LocalContactModel& model = t.model.front();
-        const DeviceState sample = read_device(t.device, time);
-        haptic_tick(params_, model, time, t.tool, sample, t.scratch, t.state);
+        tick_tool(params_, model, time, t.setup.tool, t.setup.effects, t.sample, t.scratch, t.state);
+        if (t.setup.link) t.setup.link->write(t.state.output, now_ns);
         if (model.reach > 0) figures_.contact_age.add(static_cast<int64_t>((time - model.time) * 1e9));
-        figures_.max_force = std::max(figures_.max_force, t.state.command.force.norm());
+        figures_.max_force = std::max(figures_.max_force, t.state.output.force.norm());
         t.newest.back() = t.state;
         t.newest.publish();
         if (recorder_.record)
-            recorder_.record(recorder_.user, {index, time, k, model.sequence, sample, t.state.command.force});
+            recorder_.record(recorder_.user, {index, time, k, model.sequence, t.sample, t.state.output.force});
     }
 }
 

@@ -4,9 +4,10 @@
 #include <vector>
 
 #include "engine/device.hpp"
+#include "engine/device_link.hpp"
 #include "engine/latest.hpp"
 #include "engine/real_time.hpp"
-#include "systems/haptic_tick.hpp"
+#include "systems/haptic_tool.hpp"
 namespace trocar {
 
 // What one live tick of one tool consumed and answered: enough to repeat it in lockstep.
@@ -15,8 +16,8 @@ struct LiveTick {
     double time = 0;    // s, the same
     uint32_t tool = 0;
     uint64_t model_sequence = 0;  // LocalContactModel::sequence of the surface it used
-    DeviceState sample;
-    Vec3d force = Vec3d::Zero();  // N
+    DeviceState sample;           // of the device, in its frame
+    Vec3d force = Vec3d::Zero();  // N, that the device was told
 };
 
 // Called on the haptic thread after every tick of every tool; must not wait or allocate. May be empty.
@@ -34,11 +35,21 @@ struct LiveFigures {
 // from; the coupling force and the impulse stay, they are the simulation's own.
 void take_tool_state(const ToolState& newest, ToolState& state);
 
+// What one tool is held by: a device that talks to us, or the hand of the scene.
+struct LiveTool {
+    HandTool tool;
+    std::span<const HapticEffect> effects;
+    Device device;               // without a link
+    DeviceLink* link = nullptr;  // its samples; told what to do after every tick
+};
+
 // Haptic ticks on an own 1 kHz thread. The simulation gives it surfaces and takes its states through newest-value
 // mailboxes; nobody waits for anybody.
 class LiveHaptics {
  public:
-    // `devices` one per tool; what they view must outlive this.
+    // What `tools` view must outlive this. A tool whose link has given no sample yet does not tick.
+    LiveHaptics(const HapticParams& params, std::span<const LiveTool> tools, LiveRecorder recorder = {});
+    // The same for tools without effects and links; `devices` one per tool.
     LiveHaptics(const HapticParams& params, std::span<const HandTool> tools, std::span<const Device> devices,
                 LiveRecorder recorder = {});
     ~LiveHaptics();
@@ -63,12 +74,14 @@ class LiveHaptics {
 
  private:
     struct Tool;
-    void tick(uint64_t index, double time);
+    void tick(uint64_t index, double time, int64_t now_ns);
+    bool take_sample(Tool& tool, double time) const;
     HapticParams params_;
     std::vector<std::unique_ptr<Tool>> tools_;
     LiveRecorder recorder_;
     LiveFigures figures_;
     double slip_ = 0;
+    int64_t start_ns_ = 0;
     PeriodicThread thread_;
 };
 

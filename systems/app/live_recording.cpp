@@ -13,8 +13,8 @@ namespace trocar {
 namespace {
 
 constexpr char kMagic[] = "trocarLR";
-constexpr uint64_t kVersion = 1;
-constexpr size_t kHeaderWords = 7, kTickWords = 19;
+constexpr uint64_t kVersion = 2;
+constexpr size_t kHeaderWords = 7, kTickWords = 20;
 
 // One layout for both directions: each visitor is given every value of a row in turn.
 template <typename Tick, typename Visitor>
@@ -24,7 +24,7 @@ void visit_tick(Tick& t, Visitor& visit) {
     visit(t.sample.orientation.w), visit(t.sample.orientation.x), visit(t.sample.orientation.y);
     visit(t.sample.orientation.z);
     for (int i = 0; i < 3; ++i) visit(t.sample.velocity[i]);
-    visit(t.sample.buttons);
+    visit(t.sample.buttons), visit(t.sample.grip);
     for (int i = 0; i < 3; ++i) visit(t.force[i]);
 }
 

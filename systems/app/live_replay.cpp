@@ -52,8 +52,9 @@ void LiveReplay::advance_tool(uint32_t tool, uint64_t ticks) {
         if (t.model.front().sequence != tick.model_sequence)
             throw InputError(file_ + ": recording contradicts itself: tick " + std::to_string(tick.tick) +
                              " felt a surface that was not there yet or no longer");
-        haptic_tick(params_, t.model.front(), tick.time, frame_.world().haptics.tool[tool], tick.sample, t.scratch, t.state);
-        if (t.state.command.force == tick.force) continue;
+        const Haptics& haptics = frame_.world().haptics;
+        tick_tool(params_, t.model.front(), tick.time, haptics.tool[tool], effects_of(haptics, haptics.tool[tool]), tick.sample, t.scratch, t.state);
+        if (t.state.output.force == tick.force) continue;
         if (different_ticks_++ == 0) first_different_tick_ = tick.tick;
     }
 }

@@ -3,15 +3,20 @@
 #include <algorithm>
 #include <atomic>
 #include <chrono>
+#include <exception>
 #include <optional>
 #include <thread>
 
 #include "engine/device.hpp"
+#include "engine/device_link.hpp"
+#include "engine/error.hpp"
 #include "engine/latest.hpp"
 #include "engine/real_time.hpp"
 #include "engine/ring.hpp"
 #include "engine/thread_pool.hpp"
 #include "systems/app/live_haptics.hpp"
+#include "systems/haptic_manipulator.hpp"
+#include "systems/sleep.hpp"
 namespace trocar {
 
 PassFigures pass_figures(const Frame& frame, double time) {
@@ -32,6 +37,9 @@ PassFigures pass_figures(const Frame& frame, double time) {
         p.contact_force = std::max(p.contact_force, tool.contact_impulse.norm() / (w.clock.period * 1e-3));
     }
     p.energy = w.energy;
+    p.residual = w.report.deepest_residual;
+    for (uint32_t b = 0; b < w.bodies.mesh.size(); ++b) p.awake += joins_islands(w.bodies.motion[b]) && w.bodies.motion[b] != Motion::kHand && !is_asleep(w.sleep, b);
+    p.picture = frame.times().picture;
     return p;
 }
 
@@ -63,6 +71,9 @@ class DrawingThread {
         stop_ = true;
         if (thread_.joinable()) thread_.join();
     }
+    bool failed() const { return failed_; }
+    // What ended the drawing early, such as a full disk; null when nothing did. After stop().
+    std::exception_ptr error() const { return error_; }
     const std::vector<double>& milliseconds() const { return milliseconds_; }
 
    private:
@@ -74,14 +85,21 @@ class DrawingThread {
                 std::this_thread::sleep_for(std::chrono::milliseconds(2));
                 continue;
             }
-            milliseconds_.push_back(pictures_.take(newest_.front(), slow_ms_));
+            try {
+                milliseconds_.push_back(pictures_.take(newest_.front(), slow_ms_));
+            } catch (...) {
+                error_ = std::current_exception();
+                failed_ = true;
+                return;
+            }
         }
     }
     PictureWriter& pictures_;
     double slow_ms_;
     Latest<PictureSnapshot> newest_;
     std::vector<double> milliseconds_;
-    std::atomic<bool> stop_{false};
+    std::exception_ptr error_;
+    std::atomic<bool> stop_{false}, failed_{false};
     std::thread thread_;
 };
 
@@ -140,11 +158,30 @@ void publish_models(void* user, World& world) {
     }
 }
 
+// One link a tool, null where the scene's own hand holds it. `devices` are BODY=SPECIFICATION.
+std::vector<std::unique_ptr<DeviceLink>> open_links(const std::vector<std::string>& devices, const World& world) {
+    std::vector<std::unique_ptr<DeviceLink>> links(world.haptics.tool.size());
+    for (const std::string& text : devices) {
+        const size_t equals = text.find('=');
+        if (equals == std::string::npos) throw InputError("--device " + text + ": write BODY=DEVICE, for example --device probe=udp");
+        const std::string body = text.substr(0, equals);
+        size_t tool = 0;
+        while (tool < links.size() && world.bodies.name[world.haptics.tool[tool].body] != body) ++tool;
+        if (tool == links.size()) throw InputError("--device " + text + ": the scene has no tool on a body named \"" + body + "\"");
+        if (links[tool]) throw InputError("--device " + text + ": the tool \"" + body + "\" has a device already");
+        links[tool] = open_device(text.substr(equals + 1));
+    }
+    return links;
+}
+
 }  // namespace
 
 void first_device_states(World& world) {
-    for (size_t t = 0; t < world.haptics.tool.size(); ++t)
-        world.haptics.state[t].device = read_device(device_of(world.haptics, world.paths, world.haptics.tool[t]), 0);
+    for (size_t t = 0; t < world.haptics.tool.size(); ++t) {
+        const HandTool& tool = world.haptics.tool[t];
+        ClutchState clutch;
+        world.haptics.state[t].device = place_tool(tool, read_device(device_of(world.haptics, world.paths, tool), 0), clutch);
+    }
 }
 
 bool run_live(const RunOptions& options, double seconds, Frame& frame, PictureWriter* pictures,
@@ -153,20 +190,24 @@ bool run_live(const RunOptions& options, double seconds, Frame& frame, PictureWr
     TickCollector collector(recording);
     collector.begin(world, seconds);
     first_device_states(world);
-    std::vector<Device> devices;
-    for (const HandTool& tool : world.haptics.tool) devices.push_back(device_of(world.haptics, world.paths, tool));
-    LiveHaptics haptics(HapticParams{}, world.haptics.tool, devices, collector.recorder());
+    const std::vector<std::unique_ptr<DeviceLink>> links = open_links(options.devices, world);
+    std::vector<LiveTool> tools;
+    for (size_t t = 0; t < world.haptics.tool.size(); ++t) {
+        const HandTool& tool = world.haptics.tool[t];
+        tools.push_back({tool, effects_of(world.haptics, tool), device_of(world.haptics, world.paths, tool), links[t].get()});
+    }
+    LiveHaptics haptics(haptic_params(world.clock.contact_rate), tools, collector.recorder());
     frame.set_contact_hook({publish_models, &haptics});
     std::optional<DrawingThread> drawing;
     if (pictures) drawing.emplace(*pictures, frame.snapshot_now(), options.slow_render_ms);
 
     constexpr int64_t kMillisecond = 1'000'000;
     const int64_t start = monotonic_ns() + 20 * kMillisecond;
-    if (!devices.empty()) haptics.start(PeriodicOptions{}, start);
+    if (!tools.empty()) haptics.start(PeriodicOptions{}, start);
     const int nice_before = set_nice(kSimulationNice);
     int64_t slip = 0;
     uint64_t late = 0, published = 0;
-    while (static_cast<double>(world.clock.tick) < seconds * 1000) {
+    while (static_cast<double>(world.clock.tick) < seconds * 1000 && !(drawing && drawing->failed())) {
         const int64_t due = start + slip + static_cast<int64_t>(world.clock.tick) * kMillisecond;
         const int64_t now = monotonic_ns();
         if (now > due + kMillisecond && world.clock.pass > 0) {
@@ -195,11 +236,12 @@ bool run_live(const RunOptions& options, double seconds, Frame& frame, PictureWr
     frame.set_contact_hook({});
     if (drawing) {
         drawing->stop();
+        if (drawing->error()) std::rethrow_exception(drawing->error());
         figures.render_ms = drawing->milliseconds();
         world.report.dropped_pictures = published - std::min<uint64_t>(published, figures.render_ms.size());
     }
     world.report.late_passes = late;
-    if (devices.empty()) return complete;
+    if (tools.empty()) return complete;
     const PeriodicFigures& timing = haptics.timing();
     figures.ticks = timing.compute.count;
     figures.max_force = haptics.figures().max_force;

@@ -55,6 +55,7 @@ struct Arguments {
     ReplayOptions replay;
     SoakOptions soak;
     CaptureExportOptions capture;
+    DeviceOptions device;
     std::vector<std::string> capture_files;
     std::vector<std::string> sets, labels;
     std::string move_b, rotate_b, size;
@@ -93,6 +94,9 @@ void describe(CLI::App& app, Arguments& a) {
     CLI::Option* live = run->add_flag("--live", a.run.live,
                                       "Real clock: haptics on its own 1 kHz thread, drawing at low priority; with --out "
                                       "it leaves live.recording there");
+    run->add_option("--device", a.run.devices,
+                    "Live: BODY=DEVICE, a device holds that tool instead of the scene's hand; repeatable; `trocar device list`")
+        ->needs(live);
     run->add_option("--replay", a.run.replay,
                     "Repeat a live run in lockstep from its live.recording, with the same scene and --set; exit code 1 "
                     "when it does not come out the same to the bit")
@@ -102,15 +106,20 @@ void describe(CLI::App& app, Arguments& a) {
                     "Write captures/*.cap into the folder when: 5-25 (contact passes), worst, over=33 (ms), nan, counter=NAME, "
                     "usr1; several joined by commas; read them with `trocar capture` and `trocar replay`");
     run->add_flag("--no-render", a.no_render, "No pictures");
-    run->add_option("--set", a.sets, "Change a key of the scene: KEY=VALUE, repeatable");
+    run->add_option("--set", a.sets, "Change a key of the scene, or a parameter that `trocar scenes` lists: KEY=VALUE, repeatable");
     run->add_option("--threads", a.threads, "Worker threads (default: all cores); results never depend on it");
     run->add_option("--export-every", a.run.export_every, "Write every body as OBJ at every n-th picture");
     run->add_option("--slow-render", a.run.slow_render_ms,
                     "Live: draw each picture again and again for this many ms (a stress test)");
     run->add_flag("--json", a.run.json, "Print metrics.json to standard output");
     run->footer("Example: trocar run probe_on_liver --seconds 2 --set liver.tissue.youngs_modulus=2e4 --out out/probe\n"
+                "Ten thousand bodies: trocar run stress_rain --set count=10000 --set seed=7 --no-render\n"
                 "A live run and its repetition: trocar run probe_on_liver --live --out out/live; "
-                "trocar run probe_on_liver --replay out/live/live.recording");
+                "trocar run probe_on_liver --replay out/live/live.recording\n"
+                "Keys of [contact]: tolerance (m, 1e-4: depth along edges and in faces), direction = local | thesis (each point its own way "
+                "out, or one a pair), share = mass | stiffness | half, push_speed (m/s), faces = true (deepest points inside faces "
+                "get rows too), deep = none | last_free (a pair so deep that shortest ways out no longer agree is led back the way "
+                "it came; one that starts so, the shortest way that surely parts it), cross_check, contours, regions");
 
     CLI::App* check =
         app.add_subcommand("check", "Is a mesh sound: closed, manifold, oriented, free of self-crossings");
@@ -147,7 +156,11 @@ void describe(CLI::App& app, Arguments& a) {
     collide->add_flag("--cross-check", a.collide.cross_check,
                       "Compare every sign of a solid with the winding number; counts \"disagreements\"");
     collide->add_flag("--json", a.collide.json, "JSON");
-    collide->footer("Example: trocar collide liver.stl probe.obj --move-b \"0 0 -5\" --json");
+    collide->footer(
+        "Example: trocar collide liver.stl probe.obj --move-b \"0 0 -5\" --json\n"
+        "JSON: depth, surface_depth, direction, witness, vertices_a_in_b, vertices_b_in_a, edge_contacts, face_contacts, cells, contained, "
+        "saturated (moving by the depth may not part them), regions [vertices_a, vertices_b, contour, area, volume, depth, "
+        "direction, witness]; with --separate separation {lower, upper, translation}, with --cross-check disagreements");
 
     CLI::App* convert = app.add_subcommand("convert", "Read a mesh, clean it, write it in another format");
     convert->add_option("in", a.convert.in, "Mesh file to read")->required();
@@ -244,6 +257,28 @@ void describe(CLI::App& app, Arguments& a) {
                     "         trocar capture info out/k/captures/*.cap\n"
                     "         trocar capture export out/k/captures/worst.cap --vtp out/vtp --csv out/passes.csv");
 
+    CLI::App* device = app.add_subcommand("device", "Haptic devices: what there is, whether one works, what a hand did");
+    device->require_subcommand(1);
+    CLI::App* list = device->add_subcommand("list", "Ways to reach devices, and how each is named");
+    list->add_flag("--json", a.device.json, "JSON");
+    CLI::App* test = device->add_subcommand("test", "Listen to a device: rate, gaps, range, what was dropped; exit code 1 when nothing came");
+    CLI::App* record = device->add_subcommand("record", "Write what a hand did as CSV, for `trace = \"FILE\"` of a [[tool]] and trace:FILE");
+    for (CLI::App* each : {test, record}) {
+        each->add_option("device", a.device.device, "KIND or KIND:WHERE, see `trocar device list`")->required();
+        each->add_option("--seconds", a.device.seconds, "How long (default 5)")->check(CLI::Range(0.05, 86400.0));
+    }
+    test->add_option("--spring", a.device.spring, "Pull the hand to where it was first, N/m (default: no force)")->check(CLI::Range(0.0, 2000.0));
+    test->add_option("--max-force", a.device.max_force, "Largest force of that spring, N (default 2)")->check(CLI::Range(0.0, 50.0));
+    test->add_flag("--json", a.device.json, "JSON");
+    record->add_option("--out", a.device.out, "CSV to write: time,x,y,z,qw,qx,qy,qz,vx,vy,vz,buttons, and grip where there is one")->required();
+    device->footer("Example: trocar device list\n"
+                   "         trocar device test udp:7731 --seconds 10          # a device that sends packets to this machine\n"
+                   "         trocar device test plugin:./mine.so --spring 100  # and feels a soft spring\n"
+                   "         trocar device record haply --seconds 30 --out hand.csv\n"
+                   "         trocar run probe_on_liver --live --device probe=udp:7731\n"
+                   "Packets, messages and the plug-in's header: docs/devices.md. Network devices are on this machine unless an\n"
+                   "address is given. Forces go out only with --spring, or in a live run.");
+
     CLI::App* scenes = app.add_subcommand("scenes", "List the scenes, shapes and tissues that come with the program");
     scenes->add_flag("--json", a.scenes_json, "JSON");
     scenes->footer("Example: trocar scenes");
@@ -298,6 +333,10 @@ int dispatch(const CLI::App& app, Arguments& a) {
         if (capture->got_subcommand("info")) return capture_info_command(a.capture_files, a.capture_json);
         if (capture->got_subcommand("diff")) return capture_diff_command(a.capture_files[0], a.capture_files[1]);
         return capture_export_command(a.capture);
+    }
+    if (const CLI::App* device = app.get_subcommand("device"); device->parsed()) {
+        if (device->got_subcommand("list")) return device_list_command(a.device.json);
+        return device->got_subcommand("test") ? device_test_command(a.device) : device_record_command(a.device);
     }
     return scenes_command(a.scenes_json);
 }

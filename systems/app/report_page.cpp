@@ -91,7 +91,15 @@ std::string media_sections(const ReportMedia& media) {
                          "<div class=\"shots\">" + shots + "</div>");
 }
 
-std::string contact_section(const ContactColumns& c) {
+// What one pass leaves of the deepest overlap, by direction of the response.
+std::string direction_note(const DirectionFigures& d) {
+    if (!(d.depth > 0)) return "";
+    return "<p>One pass from the deepest overlap, " + number(1e3 * d.depth, "%.3f mm") + " at " + number(d.time, "%.2f s") +
+           ", leaves " + number(1e3 * d.left_thesis, "%.4f mm") + " with <code>contact.direction = thesis</code> (one direction a pair) and " +
+           number(1e3 * d.left_local, "%.4f mm") + " with <code>local</code> (each point its own).</p>";
+}
+
+std::string contact_section(const ContactColumns& c, const DirectionFigures& direction) {
     if (c.total.empty()) return section("Contact", "Nothing overlapped in this run.", "");
     std::vector<double> event(c.total.size());
     for (size_t i = 0; i < event.size(); ++i) event[i] = static_cast<double>(i + 1);
@@ -124,7 +132,7 @@ std::string contact_section(const ContactColumns& c) {
         "Contact",
         "A contact event is a contact pass with at least one overlapping pair of bodies. Its time is detection "
         "(every stage from body boxes to islands) and response (the contact rows in all substeps of the pass).",
-        grid(cards));
+        direction_note(direction) + grid(cards));
 }
 
 std::string force_note(const RunFigures& f) {
@@ -259,7 +267,7 @@ std::string html_page(const std::string& title, const std::string& body) {
 
 std::string report_html(const RunFigures& f, const ReportMedia& media) {
     const ContactColumns c = contact_columns(f);
-    return html_page(f.scene, head(f, c) + media_sections(media) + contact_section(c) + time_section(f) + stage_section(f) +
+    return html_page(f.scene, head(f, c) + media_sections(media) + contact_section(c, f.direction) + time_section(f) + stage_section(f) +
                                   haptics_section(f) + trouble_section(f.report));
 }
 

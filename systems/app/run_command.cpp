@@ -1,4 +1,5 @@
 #include <sys/utsname.h>
+#include <unistd.h>
 
 #include <algorithm>
 #include <cerrno>
@@ -17,6 +18,7 @@
 #include "engine/whole_file.hpp"
 #include "systems/app/capture.hpp"
 #include "systems/app/commands.hpp"
+#include "systems/app/direction_trial.hpp"
 #include "systems/app/figures.hpp"
 #include "systems/app/live_replay.hpp"
 #include "systems/app/live_run.hpp"
@@ -30,6 +32,7 @@ namespace fs = std::filesystem;
 namespace {
 
 constexpr size_t kTraceCapacity = 1u << 19;
+constexpr size_t kMostMeshes = 500;  // bodies that a run writes as files without being asked
 
 // World positions of a body as a mesh that the mesh commands can read back.
 Mesh body_surface(const World& world, uint32_t body) {
@@ -70,12 +73,29 @@ CaptureHeader capture_header(const BuiltScene& scene, const RunFigures& figures)
     return header;
 }
 
-void finish_figures(const Frame& frame, RunFigures& figures) {
+// Bytes of memory that the process holds.
+double resident_bytes() {
+    std::ifstream file("/proc/self/statm");
+    double size = 0, resident = 0;
+    file >> size >> resident;
+    return resident * static_cast<double>(sysconf(_SC_PAGESIZE));
+}
+
+void finish_figures(const Frame& frame, double bytes_before, RunFigures& figures) {
     const World& w = frame.world();
+    figures.bytes_per_body = (resident_bytes() - bytes_before) / static_cast<double>(std::max<size_t>(1, w.bodies.mesh.size()));
+    for (uint32_t b = 0; b < w.bodies.mesh.size(); ++b) {
+        if (!joins_islands(w.bodies.motion[b]) || w.bodies.motion[b] == Motion::kHand) continue;
+        const double size = 2 * w.meshes.info[w.bodies.mesh[b]].radius;
+        figures.body_size = figures.movable_bodies++ == 0 ? size : std::min(figures.body_size, size);
+    }
     figures.state_hash = state_hash(w);
     figures.frames = w.clock.picture;
     figures.simulated_s = static_cast<double>(w.clock.tick) * 1e-3;
     figures.report = w.report;
+    for (const LinkGroup& g : w.links.group) {
+        if (g.body != kNone) figures.link.push_back({g.name, g.made, g.broken, g.largest_force, g.largest_strain});
+    }
     if (!figures.live) {
         figures.ticks = w.haptics.ticks;
         figures.max_force = w.haptics.max_force;
@@ -84,7 +104,7 @@ void finish_figures(const Frame& frame, RunFigures& figures) {
 
 // Everything in one deterministic order, as fast as the machine goes; of its own accord or as a live run went.
 void run_lockstep(const RunOptions& options, double seconds, LiveReplay* replay, Frame& frame, PictureWriter* pictures,
-                  FrameRecorder* recorder, RunFigures& figures) {
+                  FrameRecorder* recorder, DirectionTrial* trial, RunFigures& figures) {
     Progress progress(figures.scene);
     const uint64_t start = now_ns();
     const double end_tick = replay ? static_cast<double>(replay->end_tick()) : seconds * 1000;
@@ -92,11 +112,13 @@ void run_lockstep(const RunOptions& options, double seconds, LiveReplay* replay,
         const double time = static_cast<double>(frame.world().clock.tick) * 1e-3;
         if (replay) replay->begin_pass();
         if (recorder) recorder->before_pass();
+        if (trial) trial->before_pass();
         const uint64_t pass_start = now_ns();
         frame.step();
         PassFigures pass = pass_figures(frame, time);
         pass.frame_ms = static_cast<double>(now_ns() - pass_start) * 1e-6;
         if (recorder) recorder->after_pass(pass);
+        if (trial) trial->after_pass(pass);
         if (frame.times().picture) {
             if (pictures) {
                 pass.render_ms = pictures->take(frame.world().picture);
@@ -132,6 +154,36 @@ void run_recorded(const RunOptions& options, double seconds, Frame& frame, Pictu
     else std::fprintf(stderr, "trocar: warning: no recording: the simulation was away for too long\n");
 }
 
+// Who was there, what a displayed frame cost and which stages took it.
+std::string scale_text(const RunFigures& f) {
+    const std::vector<double> frames = displayed_frames(f.pass);
+    std::vector<double> residual;
+    double awake = 0, contacts = 0;
+    for (const PassFigures& p : f.pass) awake += p.awake, contacts += p.contacts, residual.push_back(p.residual);
+    const double passes = std::max(1.0, static_cast<double>(f.pass.size()));
+    char text[512];
+    std::snprintf(text, sizeof text,
+                  "  %.1f frames a second; a frame %.2f ms median, %.2f ms p99, %.2f ms worst\n"
+                  "  %llu bodies that move, %.0f awake on average, %u at the end; %.0f contacts; %.0f bytes a body\n"
+                  "  overlap left: p99 %.3g mm, worst %.3g mm, which is %.2g %% of the smallest body\n",
+                  f.wall_s > 0 ? static_cast<double>(f.frames) / f.wall_s : 0, quantile(frames, 0.5), quantile(frames, 0.99), quantile(frames, 1),
+                  static_cast<unsigned long long>(f.movable_bodies), awake / passes, f.pass.empty() ? 0 : f.pass.back().awake, contacts / passes,
+                  f.bytes_per_body, quantile(residual, 0.99) * 1e3, quantile(residual, 1) * 1e3,
+                  f.body_size > 0 ? 100 * quantile(residual, 1) / f.body_size : 0);
+    std::string all = text;
+    std::vector<std::pair<double, const StageFigures*>> stages;
+    double total = 0;
+    for (const StageFigures& s : f.stage) stages.emplace_back(mean(s.ms) * static_cast<double>(s.ms.size()), &s), total += stages.back().first;
+    std::stable_sort(stages.begin(), stages.end(), [](const auto& a, const auto& b) { return a.first > b.first; });
+    all += "  stages, ms a pass (share):";
+    for (size_t i = 0; i < std::min<size_t>(stages.size(), 8); ++i) {
+        std::snprintf(text, sizeof text, "%s %s %.3f (%.0f %%)", i > 0 ? "," : "", stages[i].second->name.c_str(), stages[i].first / passes,
+                      total > 0 ? 100 * stages[i].first / total : 0);
+        all += text;
+    }
+    return all + "\n";
+}
+
 void print_summary(const RunFigures& f, const fs::path& out) {
     std::vector<double> total;
     double depth = 0;
@@ -147,7 +199,7 @@ void print_summary(const RunFigures& f, const fs::path& out) {
                   f.scene.c_str(), f.simulated_s, f.wall_s, f.threads, f.threads == 1 ? "" : "s",
                   f.instruction_set.c_str(), total.size(), mean(total), quantile(total, 0.99), depth * 1e3,
                   static_cast<unsigned long long>(f.ticks), f.max_force, static_cast<unsigned long long>(f.state_hash));
-    write_standard_output(text);
+    write_standard_output(text + scale_text(f));
     if (f.replay)
         write_standard_output(f.replay_difference.empty() ? "  the same to the bit as the live run\n"
                                                           : "  not the same as the live run: " + f.replay_difference + "\n");
@@ -195,6 +247,7 @@ int run_command(const RunOptions& options) {
     ThreadPool pool(options.threads == 0 && options.live ? std::max(1u, cores - 1) : options.threads);
     RunFigures figures;
     pool.run([&] {
+        const double bytes_before = resident_bytes();
         BuiltScene scene = build_scene(file);
         for (const std::string& warning : scene.warnings)
             std::fprintf(stderr, "trocar: warning: %s\n", warning.c_str());
@@ -210,16 +263,20 @@ int run_command(const RunOptions& options) {
         const double seconds = options.seconds > 0 ? options.seconds : file.settings.seconds;
         PictureWriter* const writer = pictures ? &*pictures : nullptr;
         std::optional<LiveReplay> repeat;
-        if (replay) repeat.emplace(HapticParams{}, recording, options.replay.string(), frame);
+        if (replay) repeat.emplace(haptic_params(frame.world().clock.contact_rate), recording, options.replay.string(), frame);
         std::optional<FrameRecorder> recorder;
         if (!options.capture.empty()) recorder.emplace(frame, capture_header(scene, figures), triggers, options.out / "captures");
         FrameRecorder* const capture = recorder ? &*recorder : nullptr;
+        DirectionTrial trial(frame);
+        const bool tells = !replay && (!options.out.empty() || options.json);  // those who look at figures
         if (options.live) run_recorded(options, seconds, frame, writer, capture, figures);
-        else run_lockstep(options, seconds, repeat ? &*repeat : nullptr, frame, writer, capture, figures);
+        else run_lockstep(options, seconds, repeat ? &*repeat : nullptr, frame, writer, capture, tells ? &trial : nullptr, figures);
         if (recorder) recorder->finish();
-        finish_figures(frame, figures);
+        finish_figures(frame, bytes_before, figures);
+        if (tells && !options.live) figures.direction = trial.run();
         if (options.out.empty()) return;
-        export_bodies(frame.world(), options.out / "meshes", frame.world().clock.picture);
+        if (frame.world().bodies.mesh.size() <= kMostMeshes || options.export_every > 0)
+            export_bodies(frame.world(), options.out / "meshes", frame.world().clock.picture);
         const std::string film = pictures ? pictures->finish_film() : "";
         write_whole_file(options.out / "metrics.json", metrics_json(figures));
         write_whole_file(options.out / "passes.csv", passes_csv(figures));

@@ -44,6 +44,9 @@ int scenes_command(bool json) {
                         {"bodies", scene.bodies.size()},
                         {"tools", scene.tools.size()}});
         text += file.stem().string() + "\n    " + scene.settings.description + "\n";
+        std::string list;
+        for (const SceneParameter& p : scene.parameters) list += (list.empty() ? "    --set " : " --set ") + p.name + "=" + p.value;
+        if (!list.empty()) text += list + "\n";
     }
     text += "\nShapes, for `shape = NAME` in a scene and as shape:NAME[:TRIANGLES[:SEED]] where a command takes a mesh:\n";
     for (const std::string& name : shape_names()) {

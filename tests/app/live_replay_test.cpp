@@ -119,6 +119,26 @@ TEST(LiveReplay, ALiveRunComesOutTheSame) {
     EXPECT_NE(replay(changed).find("1 haptic ticks gave another force"), std::string::npos);
 }
 
+// Pictures that can no longer be written end a live run at once and with the reason, though another thread draws them.
+TEST(LiveReplay, PicturesThatCannotBeWrittenEndTheRunWithAReason) {
+    const fs::path out = scratch_file("no_pictures");
+    with_frame(1, [&](Frame& frame) {
+        const World& w = frame.world();
+        PictureWriter pictures(PictureParams{}, Camera{}, w.meshes, out, false);
+        fs::remove_all(out / "frames");
+        RunFigures figures;
+        for (const std::string& name : frame.stage_names()) figures.stage.push_back({name, {}});
+        try {
+            run_live({}, 60, frame, &pictures, nullptr, nullptr, figures);
+            ADD_FAILURE() << "went on without its pictures";
+        } catch (const InputError& e) {
+            EXPECT_NE(std::string(e.what()).find("frames/000000.png"), std::string::npos) << e.what();
+        }
+        EXPECT_LT(w.clock.tick, 30'000u);
+    });
+    fs::remove_all(out);
+}
+
 TEST(LiveReplay, FilesReadBackToTheBit) {
     const LiveRecording r = made_up_recording();
     const fs::path file = scratch_file("bits.recording");

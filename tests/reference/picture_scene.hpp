@@ -50,6 +50,8 @@ struct PictureScene {
         contacts.other.push_back(0);
         contacts.vertex.push_back(vertex);
         contacts.along.push_back(vertex[0] == vertex[1] ? 0.0f : 0.5f);
+        contacts.third.push_back(kNone);
+        contacts.across.push_back(0);
         contacts.point.push_back(vertex_position(surfaces(), body, vertex[0]));
         contacts.closest.push_back(contacts.point.back() - Vec3d(0, 0, distance));
         contacts.normal.push_back(Vec3d::UnitZ());

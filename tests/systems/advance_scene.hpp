@@ -117,6 +117,8 @@ struct AdvanceScene {
         rows.other.push_back(other);
         rows.vertex.push_back({vertex, vertex});
         rows.along.push_back(0);
+        rows.third.push_back(kNone);
+        rows.across.push_back(0);
         rows.triangle.push_back(triangle);
         rows.weight.push_back({static_cast<float>(weight[0]), static_cast<float>(weight[1]),
                                static_cast<float>(1 - static_cast<double>(static_cast<float>(weight[0])) -

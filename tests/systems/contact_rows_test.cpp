@@ -70,7 +70,7 @@ TEST(ContactRows, ThesisDirectionProjectsTheDepths) {
 
 // P27: all vertices inside and too few rows: the deepest stay, the count says how many went, the other body keeps its
 // own.
-TEST(ContactRows, TheShallowestAreDroppedAndCounted) {
+TEST(ContactRows, P27_TheShallowestAreDroppedAndCounted) {
     ContactScene scene({{make_noisy_sphere(12, 0.1, 0.05, 0), Motion::kDeformable, Vec3d::Zero(), {}},
                         {make_noisy_sphere(8, 0.05, 0.05, 1), Motion::kDeformable, Vec3d(0.01, 0, 0), {}},
                         {make_noisy_sphere(4, 0.03, 0, 1), Motion::kDeformable, Vec3d(-0.095, 0, 0), {}}});

@@ -16,6 +16,7 @@
 #include "systems/contact_rows.hpp"
 #include "systems/contours.hpp"
 #include "systems/edge_pass.hpp"
+#include "systems/face_depth.hpp"
 #include "systems/islands.hpp"
 #include "systems/overlap.hpp"
 #include "systems/penetration.hpp"
@@ -189,6 +190,7 @@ struct ContactScene {
     CandidateCellsScratch cells_scratch;
     OverlapScratch overlap_scratch;
     EdgePassScratch edge_scratch;
+    FaceDepthScratch face_scratch;
     ContoursScratch contours_scratch;
     RegionsScratch regions_scratch;
     ContactRowsScratch rows_scratch;
@@ -252,6 +254,9 @@ struct ContactScene {
         find_triangles();
         find_overlap(surfaces(), boxes, pairs, screened, candidates, trees, overlap_scratch, report, near, contacts);
         find_edge_contacts(params, surfaces(), pairs, candidates, near, trees, edge_scratch, report, contacts);
+        if (params.faces) {
+            find_face_contacts(params, surfaces(), pairs, candidates, screened, near, trees, face_scratch, contacts);
+        }
         measure_penetrations(pairs, contacts, penetrations);
         make_contact_rows(params, surfaces(), pairs, contacts, penetrations, rows_scratch, report, rows);
         find_islands(bodies, rows, islands_scratch, islands);

@@ -23,7 +23,7 @@ uint32_t edge_rows(const ContactScene& scene) {
 }
 
 // P08: nothing but edges cross. Breaks when only vertices are looked at.
-TEST(EdgePass, CrossedBars) {
+TEST(EdgePass, P08_CrossedBars) {
     ContactScene scene({{make_box({10, 1, 1}), Motion::kDeformable, Vec3d::Zero(), {}},
                         {make_box({1, 10, 1}), Motion::kHand, Vec3d(0, 0, 0.6), {}}});
     scene.run();
@@ -35,7 +35,7 @@ TEST(EdgePass, CrossedBars) {
 }
 
 // P07: two 2x2x2 boxes offset by half an edge: the faces' diagonals are 0.5 deep, no vertex more than 0.001.
-TEST(EdgePass, AlignedCubesOverlappingByThreeQuarters) {
+TEST(EdgePass, P07_AlignedCubesOverlappingByThreeQuarters) {
     ContactScene scene({{make_box({2, 2, 2}), Motion::kDeformable, Vec3d::Zero(), {}},
                         {make_box({2, 2, 2}), Motion::kHand, Vec3d(0.5, 0.001, 0.001), {}}});
     scene.run();
@@ -47,7 +47,7 @@ TEST(EdgePass, AlignedCubesOverlappingByThreeQuarters) {
 }
 
 // P10: a needle of two long triangles a side through a slab: both ends outside, half the thickness deep.
-TEST(EdgePass, NeedleThroughASlab) {
+TEST(EdgePass, P10_NeedleThroughASlab) {
     ContactScene scene({{make_box({1, 1, 0.1}), Motion::kStatic, Vec3d::Zero(), turn({1, 2, 3}, 0.4)},
                         {make_box({0.002, 0.002, 2}), Motion::kHand, Vec3d(0.05, 0.02, 0), turn({1, 2, 3}, 0.4)}});
     scene.run();
@@ -58,7 +58,7 @@ TEST(EdgePass, NeedleThroughASlab) {
 }
 
 // P11: a blade's edge dips into a dome between two of its vertices.
-TEST(EdgePass, BladeOnADome) {
+TEST(EdgePass, P11_BladeOnADome) {
     ContactScene scene({{make_sphere(12, [](const Vec3d& p) { return p; }), Motion::kDeformable, Vec3d::Zero(), {}},
                         {make_box({0.001, 4, 0.5}), Motion::kHand, Vec3d(0.013, 0.017, 1.25 - 0.02), {}}});
     scene.run();
@@ -198,11 +198,11 @@ void compare_random_pairs(uint32_t pairs, uint32_t seed, uint32_t samples) {
     EXPECT_GT(checked, pairs / 5);
 }
 
-TEST(EdgePass, RandomTetrahedraAndBoxesEqualExactTests) { compare_random_pairs(2000, 11, 60); }
-TEST(LongEdgePass, RandomTetrahedraAndBoxesEqualExactTests) { compare_random_pairs(20000, 12, 200); }
+TEST(EdgePass, P09_RandomTetrahedraAndBoxesEqualExactTests) { compare_random_pairs(2000, 11, 60); }
+TEST(LongEdgePass, P09_RandomTetrahedraAndBoxesEqualExactTests) { compare_random_pairs(20000, 12, 200); }
 
 // P02, P03: faces in one plane: touching is not overlapping.
-TEST(EdgePass, CubesSharingAFacePlane) {
+TEST(EdgePass, P02_P03_CubesSharingAFacePlane) {
     for (const double shift : {0.0, 0.25, 1.0}) {
         ContactScene scene({{make_box({1, 1, 1}, {3, 3, 3}), Motion::kDeformable, Vec3d::Zero(), {}},
                             {make_box({1, 1, 1}, {3, 3, 3}), Motion::kHand, Vec3d(1, shift, shift), {}}});

@@ -12,7 +12,6 @@
 #include "content/unit_guess.hpp"
 #include "tests/reference/brute_force_contact.hpp"
 #include "tests/reference/shared_data.hpp"
-#include "systems/face_depth.hpp"
 #include "tests/systems/contact_scene.hpp"
 
 // Oracles that need no truth: what must hold between two answers for the same pair, moved, scaled, swapped or pushed. And
@@ -156,10 +155,8 @@ TEST(Metamorphic, FlatSubdivisionNeverLowersTheDepth) {
         ContactScene scene({{make_box({2, 2, 2}, {n, n, n}), Motion::kHand, Vec3d::Zero(), {}},
                             {make_box({2, 1.5, 1.2}, {n, n, n}), Motion::kHand, Vec3d(0.7, 0.4, 0.5), turn({1, 2, 1}, 0.5)}});
         scene.params.tolerance = kTolerance;
+        scene.params.faces = true;
         scene.run();
-        FaceDepthScratch scratch;
-        find_face_depths(scene.params, scene.surfaces(), scene.pairs, scene.screened, scene.near, scene.trees, scratch,
-                         scene.penetrations);
         EXPECT_GE(scene.penetrations.surface_depth[0], before - kTolerance) << n;
         before = scene.penetrations.surface_depth[0];
     }
@@ -263,6 +260,34 @@ TEST(HardCases, VertexInTwoBodiesObeysBoth) {
     } while (std::next_permutation(order.begin(), order.end()));
 }
 
+// Every row of a face: names a face and a point on it, whose distance is the brute force's.
+uint32_t expect_face_rows_true(const ContactScene& scene) {
+    const Contacts& c = scene.contacts;
+    uint32_t rows = 0;
+    for (uint32_t i = 0; i < c.pair.size(); ++i) {
+        if (c.third[i] == kNone) continue;
+        ++rows;
+        const auto position = [&](uint32_t v) { return vertex_position(scene.surfaces(), c.body[i], v); };
+        const Vec3d p = position(c.vertex[i][0]), q = position(c.vertex[i][1]), r = position(c.third[i]);
+        const double along = c.along[i], across = c.across[i];
+        EXPECT_GE(std::min({along, across, 1 - along - across}), 0);
+        EXPECT_LT((c.point[i] - (1 - along - across) * p - along * q - across * r).norm(), 1e-12);
+        const Triangle face{c.vertex[i][0], c.vertex[i][1], c.third[i]};
+        const auto faces = mesh_view(scene.meshes, scene.bodies.mesh[c.body[i]]).triangle;
+        EXPECT_EQ(std::count(faces.begin(), faces.end(), face), 1);
+        EXPECT_LT(c.distance[i], 0);
+        EXPECT_NEAR(c.distance[i], reference::Surface(scene.surfaces(), c.other[i]).signed_distance(c.point[i]), 1e-12);
+        const auto row = std::find(scene.rows.contact.begin(), scene.rows.contact.end(), i);
+        if (row == scene.rows.contact.end()) {
+            ADD_FAILURE() << "a face contact without a row";
+            continue;
+        }
+        EXPECT_EQ(scene.rows.third[size_t(row - scene.rows.contact.begin())], c.third[i]);
+        EXPECT_EQ(scene.rows.across[size_t(row - scene.rows.contact.begin())], c.across[i]);
+    }
+    return rows;
+}
+
 // Depth of faces: what vertices and edges miss is found, to the tolerance, against samples of the whole surface.
 TEST(FaceDepth, FindsWhatVerticesAndEdgesMiss) {
     for (const double tolerance : {1e-2, 1e-3, 1e-4}) {
@@ -272,14 +297,16 @@ TEST(FaceDepth, FindsWhatVerticesAndEdgesMiss) {
                              Motion::kHand, Vec3d::Zero(), {}}});
         scene.params.tolerance = tolerance;
         scene.run();
+        const double without = scene.penetrations.depth[0];
+        scene.params.faces = true;
+        scene.run();
         ASSERT_EQ(scene.penetrations.pair.size(), 1u);
-        FaceDepthScratch scratch;
-        find_face_depths(scene.params, scene.surfaces(), scene.pairs, scene.screened, scene.near, scene.trees, scratch,
-                         scene.penetrations);
         const double found = scene.penetrations.surface_depth[0];
+        EXPECT_EQ(found, scene.penetrations.depth[0]) << "a contact has it";
+        expect_face_rows_true(scene);
         // samples: the ball's vertices below the face are in the tetrahedron; the face's points in the ball
         const reference::Surface ball(scene.surfaces(), 0), tetrahedron(scene.surfaces(), 1);
-        double want = scene.penetrations.depth[0];
+        double want = without;
         for (int i = 0; i <= 20; ++i)
             for (int j = 0; j <= 20; ++j) {
                 const double x = -0.5 + i / 20.0, y = -0.5 + j / 20.0;
@@ -290,16 +317,15 @@ TEST(FaceDepth, FindsWhatVerticesAndEdgesMiss) {
             }
         EXPECT_GE(found, want - tolerance) << tolerance;
         EXPECT_LE(found, want + 0.005) << tolerance;
-        EXPECT_LT(scratch.queries[0], 20'000u) << tolerance;
-        std::printf("[          ] tolerance %g: depth %.5f, %u queries\n", tolerance, found, scratch.queries[0]);
+        EXPECT_LT(scene.face_scratch.queries[0], 20'000u) << tolerance;
+        std::printf("[          ] tolerance %g: depth %.5f, %u queries\n", tolerance, found, scene.face_scratch.queries[0]);
     }
     // a face in the middle of another: the edges see nothing of it
     ContactScene cubes({{make_box({2, 2, 2}), Motion::kHand, Vec3d::Zero(), {}}, {make_box({3, 3, 3}), Motion::kHand, Vec3d(0, 0, 1.9), {}}});
+    cubes.params.faces = true;
     cubes.run();
-    FaceDepthScratch scratch;
-    find_face_depths(cubes.params, cubes.surfaces(), cubes.pairs, cubes.screened, cubes.near, cubes.trees, scratch, cubes.penetrations);
     EXPECT_NEAR(cubes.penetrations.surface_depth[0], 0.6, 1e-4);
-    EXPECT_LT(scratch.queries[0], 2000u);
+    EXPECT_LT(cubes.face_scratch.queries[0], 2000u);
 }
 
 // ---- saturation and the way out that is remembered ----
@@ -315,6 +341,70 @@ TEST(Saturation, ShallowIsNotDeepIs) {
     }
 }
 
+// Two balls of radii R and r at distance d: the depth is max(0, r - |d - R|, R - |d - r|) and the way apart R + r - d, the
+// same while d >= min(R, r). Beyond that the depth separates nothing, and the pair says so; before it, away from the
+// edge of that range by what the meshes differ from balls, it is silent.
+TEST(Saturation, P06_BallsPastEachOthersCentres) {
+    for (const double small : {0.5, 0.4, 0.2}) {
+        const double big = 0.5;
+        const Quat turned = turn({1, 2, 3}, 1);
+        uint32_t deep = 0, shallow = 0;
+        for (double d = 0.01; d < big + small - 0.01; d += 0.0173) {
+            const Vec3d way = Vec3d(1, 0.3 * std::sin(40 * d), 0.5 * std::cos(30 * d)).normalized();
+            ContactScene scene({{make_sphere(10, [&](const Vec3d& p) { return Vec3d(big * p); }), Motion::kHand, Vec3d::Zero(), {}},
+                                {make_sphere(10, [&](const Vec3d& p) { return Vec3d(small * p); }), Motion::kHand, d * way, turned}});
+            scene.run();
+            ASSERT_EQ(scene.penetrations.pair.size(), 1u) << d;
+            mark_saturated(scene.surfaces(), scene.pairs, scene.contacts, scene.trees, scene.penetrations);
+            const double least = std::min(big, small), depth = std::max({0.0, small - std::abs(d - big), big - std::abs(d - small)});
+            const double mesh = 0.5 * scene.meshes.info[0].max_edge;
+            EXPECT_NEAR(depth_of(scene), depth, mesh) << "P06 radius " << small << " distance " << d;
+            if (d < least - mesh) {
+                EXPECT_LT(depth, big + small - d);
+                EXPECT_TRUE(scene.penetrations.saturated[0]) << "P06 radius " << small << " distance " << d;
+                ++deep;
+            } else if (d > least + 2 * mesh) {
+                EXPECT_FALSE(scene.penetrations.saturated[0]) << "P06 radius " << small << " distance " << d;
+                ++shallow;
+            }
+        }
+        EXPECT_GT(deep, small > 0.3 ? 10u : 5u);
+        EXPECT_GT(shallow, 5u);
+    }
+}
+
+// No false alarms: shallow pairs of every kind are silent; should one not be, moving by one and a half times the depth must
+// leave the bodies overlapping.
+TEST(Saturation, NoFalseAlarmsOnShallowPairs) {
+    uint32_t pairs = 0, saturated = 0;
+    for (uint32_t seed = 1; seed <= 60; ++seed) {
+        std::mt19937 random(seed);
+        std::uniform_real_distribution<double> unit(-1, 1);
+        const Mesh a = make_noisy_sphere(8, 1, 0.1, unit(random));
+        const Mesh b = seed % 3 == 0   ? make_box({1, 0.7, 0.9}, {3, 2, 3})
+                       : seed % 3 == 1 ? make_noisy_sphere(7, 0.7, 0.1, 3 * unit(random))
+                                       : make_torus(0.6, 0.25, 24, 12);
+        const Vec3d way = Vec3d(unit(random), unit(random), unit(random)).normalized();
+        ContactScene scene({{a, Motion::kHand, Vec3d::Zero(), {}},
+                            {b, Motion::kHand, 3 * way, turn({unit(random), 1, unit(random)}, 3 * unit(random))}});
+        // until the two are a twentieth of b deep
+        for (double at = 2.2; at > 0; at -= 0.01) {
+            scene.poses.origin[1] = at * way;
+            scene.run();
+            if (depth_of(scene) > 0.03) break;
+        }
+        ASSERT_LT(depth_of(scene), 0.07);
+        mark_saturated(scene.surfaces(), scene.pairs, scene.contacts, scene.trees, scene.penetrations);
+        ++pairs;
+        if (!scene.penetrations.saturated[0]) continue;
+        ++saturated;
+        scene.poses.origin[1] += 1.5 * scene.penetrations.depth[0] * scene.penetrations.direction[0];
+        scene.run_with_regions();
+        EXPECT_FALSE(scene.penetrations.pair.empty() && scene.contours.curve.empty()) << "seed " << seed << ": the depth does part them";
+    }
+    EXPECT_EQ(saturated, 0u) << "of " << pairs;
+}
+
 // A thin plate pushed through past its middle: shortest ways now lead on through the far side; with the memory, rows of
 // the pair lead back to where they came from.
 TEST(Saturation, RowsLeadBackTheWayTheyCame) {
@@ -328,7 +418,7 @@ TEST(Saturation, RowsLeadBackTheWayTheyCame) {
         scene.run();
         ASSERT_EQ(scene.penetrations.pair.size(), 1u);
         mark_saturated(scene.surfaces(), scene.pairs, scene.contacts, scene.trees, scene.penetrations);
-        remember_ways_out(scene.pairs, before, memory, scene.penetrations);
+        remember_ways_out(scene.surfaces(), scene.pairs, scene.contacts, before, memory, scene.penetrations);
         make_contact_rows(scene.params, scene.surfaces(), scene.pairs, scene.contacts, scene.penetrations, scene.rows_scratch,
                           scene.report, scene.rows);
         if (!scene.penetrations.saturated[0]) continue;
@@ -337,13 +427,16 @@ TEST(Saturation, RowsLeadBackTheWayTheyCame) {
         for (uint32_t i = 0; i < scene.rows.body.size(); ++i) {
             if (!(scene.contacts.distance[scene.rows.contact[i]] < 0)) continue;
             EXPECT_NEAR(scene.rows.normal[i].z(), scene.rows.body[i] == 1 ? 1 : -1, 1e-6) << z;
-            EXPECT_EQ(scene.rows.distance[i], scene.contacts.distance[scene.rows.contact[i]]);
+            // as far as the plate's or the box's own face along the way
+            const uint32_t contact = scene.rows.contact[i];
+            const double exit = scene.rows.body[i] == 1 ? 0.05 - scene.contacts.point[contact].z() : scene.contacts.point[contact].z() - (z - 0.1);
+            EXPECT_NEAR(scene.rows.distance[i], -exit, 1e-7) << z;
         }
     }
     EXPECT_GE(remembered, 1u) << "never saturated: nothing was shown";
     scene.poses.origin[1].z() = 1;
     scene.run();
-    remember_ways_out(scene.pairs, before, memory, scene.penetrations);
+    remember_ways_out(scene.surfaces(), scene.pairs, scene.contacts, before, memory, scene.penetrations);
     EXPECT_TRUE(memory.a.empty()) << "apart: forgotten";
 }
 
@@ -385,6 +478,36 @@ TEST(Organs, MadeOnesEqualBruteForceAtAnyDepth) {
         EXPECT_EQ(std::accumulate(r.vertices_b.begin(), r.vertices_b.end(), 0u), scene.penetrations.vertices_b_in_a[0]);
         EXPECT_EQ(*std::max_element(r.depth.begin(), r.depth.end()), scene.penetrations.depth[0]);
         for (uint32_t i = 0; i < scene.contours.curve.size(); ++i) EXPECT_TRUE(scene.contours.closed[i]);
+    }
+}
+
+// Over a sweep of organs into each other, and of a bent needle through one, the depth changes by no more than the motion,
+// in translation and in rotation (by angle times the farthest point).
+TEST(Organs, DepthIsLipschitzOverASweep) {
+    const Mesh liver = make_shape("liver", 900);
+    for (const char* name : {"kidney", "needle", "gallbladder"}) {
+        const Mesh moving = make_shape(name, 700);
+        double reach = 0;
+        for (const Vec3d& p : moving.position) reach = std::max(reach, p.norm());
+        Vec3d centre = Vec3d::Zero();
+        for (const Vec3d& p : moving.position) centre += p / double(moving.position.size());
+        const Vec3d from = some_vertex(liver, 0.37) * 1.1 - centre, way = (-some_vertex(liver, 0.37)).normalized();
+        ContactScene scene({{liver, Motion::kDeformable, Vec3d::Zero(), {}}, {moving, Motion::kHand, from, {}}});
+        scene.params.tolerance = 1e-6;
+        double before = -1, deepest = 0;
+        const double step = 6e-4, angle = 2e-3;
+        for (int i = 0; i < 110; ++i) {
+            scene.poses.origin[1] = from + i * step * way;
+            scene.poses.orientation[1] = turn({1, 2, 3}, 1e-12 + i * angle);
+            scene.run();
+            const double depth = depth_of(scene);
+            if (before >= 0) {
+                EXPECT_LE(std::abs(depth - before), step + angle * reach + 2e-6) << name << " step " << i;
+            }
+            before = depth;
+            deepest = std::max(deepest, depth);
+        }
+        EXPECT_GT(deepest, 5e-4) << name;
     }
 }
 

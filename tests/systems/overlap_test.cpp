@@ -105,7 +105,7 @@ TEST(Overlap, LiverAndSphereEqualBruteForce) {
 }
 
 // P16: nothing of one surface is near the other; every vertex is still found with its distance to the way out.
-TEST(Overlap, SmallBodyDeepInsideALargeOne) {
+TEST(Overlap, P16_SmallBodyDeepInsideALargeOne) {
     ContactScene scene(
         {{make_noisy_sphere(14, 0.1, 0.03, 0), Motion::kDeformable, Vec3d::Zero(), {}},
          {make_noisy_sphere(6, 0.02, 0.03, 1), Motion::kHand, Vec3d(0.01, 0.02, 0), turn({1, 0, 0}, 2)}});
@@ -152,7 +152,7 @@ TEST(Overlap, ThreeBodiesInOnePlace) {
 }
 
 // P24: the same bodies in another order give the same rows.
-TEST(Overlap, OrderOfBodiesDoesNotMatter) {
+TEST(Overlap, P24_OrderOfBodiesDoesNotMatter) {
     const std::vector<BodyInput> input{
         {make_noisy_sphere(10, 0.1, 0.05, 0), Motion::kDeformable, Vec3d(0, 0, 0), {}},
         {make_noisy_sphere(11, 0.1, 0.05, 1), Motion::kHand, Vec3d(0.15, 0, 0.02), turn({0, 1, 0}, 1)},
@@ -221,7 +221,7 @@ TEST(Overlap, H19_ThreadsDoNotShowInTheBits) {
 }
 
 // P28: a sheet has a thickness and no inside; a vertex counts within half of it plus the margin, on its own side.
-TEST(Overlap, SheetsCountByThicknessOnBothSides) {
+TEST(Overlap, P28_SheetsCountByThicknessOnBothSides) {
     for (const double side : {1.0, -1.0}) {
         ContactScene scene(
             {{make_sheet(0.2, 10), Motion::kStatic, Vec3d::Zero(), {}, Admission::kSheet, 0.004},
@@ -246,7 +246,7 @@ TEST(Overlap, SheetsCountByThicknessOnBothSides) {
 }
 
 // P17: interlocked C shapes: boxes overlap, surfaces do not, nobody is inside.
-TEST(Overlap, InterlockedShapesWithoutContact) {
+TEST(Overlap, P17_InterlockedShapesWithoutContact) {
     // a C as an open torus of 300 degrees, closed at both ends
     Mesh c;
     const uint32_t around = 40, across = 10;

@@ -14,7 +14,7 @@ Mesh ball(double radius, uint32_t n = 14) {
 }
 
 // P01: two spheres whose poles touch exactly: depth 0, all numbers finite.
-TEST(Penetration, SpheresExactlyTouching) {
+TEST(Penetration, P01_SpheresExactlyTouching) {
     ContactScene scene(
         {{ball(0.5, 8), Motion::kDeformable, Vec3d::Zero(), {}}, {ball(0.5, 8), Motion::kHand, Vec3d(1, 0, 0), {}}});
     scene.run();
@@ -26,7 +26,7 @@ TEST(Penetration, SpheresExactlyTouching) {
 }
 
 // P04: one body on top of its copy: they overlap, the shortest distances are all zero.
-TEST(Penetration, CoincidentBodies) {
+TEST(Penetration, P04_CoincidentBodies) {
     ContactScene scene({{ball(0.5, 8), Motion::kDeformable, Vec3d::Zero(), {}},
                         {ball(0.5, 8), Motion::kDeformable, Vec3d::Zero(), {}}});
     scene.run();
@@ -37,7 +37,7 @@ TEST(Penetration, CoincidentBodies) {
 }
 
 // P05: concentric spheres: the thesis depth is the gap between them, to the sagitta of the larger.
-TEST(Penetration, ConcentricSpheres) {
+TEST(Penetration, P05_ConcentricSpheres) {
     ContactScene scene({{ball(0.5, 20), Motion::kDeformable, Vec3d::Zero(), {}},
                         {ball(0.3, 6), Motion::kHand, Vec3d::Zero(), turn({1, 2, 3}, 1)}});
     scene.run();
@@ -51,7 +51,7 @@ TEST(Penetration, ConcentricSpheres) {
 
 // P06, P18: equal spheres pushed together, in steps much smaller than an edge: the depth follows the closed form to the
 // sagittas, falls again past the centre, and never jumps by more than the step.
-TEST(Penetration, SpheresPassingThrough) {
+TEST(Penetration, P06_P18_SpheresPassingThrough) {
     ContactScene scene({{ball(0.5, 12), Motion::kDeformable, Vec3d::Zero(), {}},
                         {ball(0.5, 12), Motion::kHand, Vec3d(1.1, 0, 0), turn({1, 2, 3}, 1)}});
     const double sagitta = std::pow(scene.meshes.info[0].max_edge, 2) / (6 * 0.5) * 1.5;
@@ -70,7 +70,7 @@ TEST(Penetration, SpheresPassingThrough) {
 }
 
 // P12: a small box pressed 0.1 into a slab of two huge triangles: exactly 0.1.
-TEST(Penetration, SmallBoxOnAHugeSlab) {
+TEST(Penetration, P12_SmallBoxOnAHugeSlab) {
     ContactScene scene({{make_box({100, 100, 10}), Motion::kStatic, Vec3d(0, 0, -5), {}},
                         {make_box({1, 1, 1}), Motion::kHand, Vec3d(7.3, -11.1, 0.4), {}}});
     scene.run();
@@ -81,7 +81,7 @@ TEST(Penetration, SmallBoxOnAHugeSlab) {
 }
 
 // P14: a sphere that plugs a torus: depth r + s - R = 0.01 on smooth shapes.
-TEST(Penetration, SpherePluggingATorus) {
+TEST(Penetration, P14_SpherePluggingATorus) {
     ContactScene scene({{make_torus(1, 0.3, 120, 60), Motion::kDeformable, Vec3d::Zero(), {}},
                         {ball(0.71, 40), Motion::kHand, Vec3d::Zero(), turn({0, 0, 1}, 0.3)}});
     scene.run();
@@ -93,7 +93,7 @@ TEST(Penetration, SpherePluggingATorus) {
 }
 
 // P24: the bodies the other way round: same depth, opposite direction. Breaks on a sign or a side mixed up.
-TEST(Penetration, SwappedBodiesOppositeDirection) {
+TEST(Penetration, P24_SwappedBodiesOppositeDirection) {
     const BodyInput x{make_noisy_sphere(12, 0.1, 0.1, 0), Motion::kDeformable, Vec3d::Zero(), {}};
     const BodyInput y{make_noisy_sphere(9, 0.07, 0.1, 1), Motion::kHand, Vec3d(0.12, 0.03, 0.01), turn({1, 2, 0}, 1)};
     ContactScene one({x, y}), two({y, x});

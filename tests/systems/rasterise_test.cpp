@@ -5,6 +5,7 @@
 #include <limits>
 #include <map>
 #include <set>
+#include <utility>
 
 #include "tests/systems/contact_scene.hpp"
 namespace trocar::test {
@@ -129,18 +130,57 @@ TEST(Rasterise, H01_PlaceOfTheSceneDoesNotMatter) {
     EXPECT_NEAR(double(here.candidates.triangle.size()), double(there.candidates.triangle.size()), 3);
 }
 
-// A used table, grown or shrunken, gives the layers of a fresh one.
+// A used table or grid of bits, grown or shrunken, gives the layers of a fresh one.
 TEST(Rasterise, H13_H17_NoStaleCells) {
-    ContactScene scene = three_balls();
-    for (int pass = 0; pass < 6; ++pass) {
-        scene.poses.origin[1] = Vec3d(0.9 - 0.3 * pass, 0.2 * pass, pass % 2 ? 7.0 : 0.0);
-        scene.params.cell_edges = pass % 3 == 0 ? 0.5 : 4;
-        scene.find_triangles();
-        const Occupancy warm = scene.occupancy;
-        scene.rasterise_scratch = {};
-        scene.find_triangles();
-        EXPECT_TRUE(same(warm, scene.occupancy)) << pass;
+    for (const uint32_t most_words : {0u, 1u << 17}) {
+        ContactScene scene = three_balls();
+        scene.rasterise_scratch.most_words = most_words;
+        for (int pass = 0; pass < 6; ++pass) {
+            scene.poses.origin[1] = Vec3d(0.9 - 0.3 * pass, 0.2 * pass, pass % 2 ? 7.0 : 0.0);
+            scene.params.cell_edges = pass % 3 == 0 ? 0.5 : 4;
+            scene.find_triangles();
+            const Occupancy warm = scene.occupancy;
+            RasteriseScratch used = std::exchange(scene.rasterise_scratch, {});
+            scene.rasterise_scratch.most_words = most_words;
+            scene.find_triangles();
+            EXPECT_TRUE(same(warm, scene.occupancy)) << pass;
+            EXPECT_EQ(scene.rasterise_scratch.table.empty(), most_words > 0);
+            std::swap(scene.rasterise_scratch, used);
+        }
     }
+}
+
+// Bits, table and sorted references give the same layers, oversize triangles among them.
+TEST(Rasterise, AllWaysToCountGiveTheSameLayers) {
+    for (const double edges : {0.25, 0.7, 2.5, 9.0}) {
+        ContactScene scene = three_balls();
+        scene.params.cell_edges = edges;
+        scene.find_triangles();
+        const Occupancy by_bits = scene.occupancy;
+        EXPECT_EQ(by_bits.oversize.empty(), edges > 0.5);
+        ASSERT_GT(by_bits.cell_key.size(), 2u);
+        scene.rasterise_scratch.most_words = 0;
+        scene.find_triangles();
+        EXPECT_TRUE(same(by_bits, scene.occupancy)) << edges << ", table";
+        EXPECT_FALSE(scene.rasterise_scratch.table.empty());
+        scene.rasterise_scratch.most_counted = 0;
+        scene.find_triangles();
+        EXPECT_TRUE(same(by_bits, scene.occupancy)) << edges << ", sorted";
+        EXPECT_FALSE(scene.rasterise_scratch.keyed.empty());
+    }
+}
+
+// Memory that has screened another scene's meshes is as good as new.
+TEST(Rasterise, RunsAreMadeAnewForAnotherMesh) {
+    ContactScene balls = three_balls(), boxes({{make_box({1, 1, 1}, {9, 9, 9}), Motion::kDeformable, Vec3d::Zero(), {}},
+                                               {make_sheet(1, 12), Motion::kDeformable, Vec3d(0.1, 0.2, 0.5), {}}});
+    boxes.find_triangles();
+    const Occupancy fresh = boxes.occupancy;
+    ASSERT_GT(fresh.cell_key.size(), 2u);
+    balls.find_triangles();
+    std::swap(balls.rasterise_scratch, boxes.rasterise_scratch);
+    boxes.find_triangles();
+    EXPECT_TRUE(same(fresh, boxes.occupancy));
 }
 
 // The second of two equal passes reuses every array.

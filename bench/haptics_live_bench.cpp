@@ -1,0 +1,161 @@
+#include <atomic>
+#include <cstdio>
+#include <thread>
+
+#include "bench/haptics.hpp"
+#include "content/build_scene.hpp"
+#include "content/scene_file.hpp"
+#include "engine/device.hpp"
+#include "engine/thread_pool.hpp"
+#include "systems/app/commands.hpp"
+#include "systems/app/live_run.hpp"
+#include "systems/haptic_tick.hpp"
+namespace trocar::bench {
+namespace {
+
+World probe_scene(const char* triangles) {
+    const std::vector<Override> overrides = {{"liver.triangles", triangles}};
+    return build_scene(read_scene_file(find_scene("probe_on_liver"), overrides)).world;
+}
+
+// Times ticks of the first tool on each surface that the simulation publishes, until the next one.
+struct TickTimer {
+    HapticParams params;
+    HandTool tool;
+    Device device;
+    HapticScratch scratch;
+    ToolState state;
+    TimeHistogram near_us, touching_us;  // ns of this thread
+    size_t triangles = 0;                // most in a model
+    uint64_t tick = 0;
+
+    void on_pass(World& world) {
+        const LocalContactModel& model = world.local_contact[0];
+        triangles = std::max(triangles, model.triangle.size());
+        for (const uint64_t end = world.clock.tick + world.clock.period; tick < end; ++tick) {
+            const double time = static_cast<double>(tick) * 1e-3;
+            const DeviceState sample = read_device(device, time);
+            const double start = thread_seconds();
+            haptic_tick(params, model, time, tool, sample, scratch, state);
+            const auto ns = static_cast<int64_t>(1e9 * (thread_seconds() - start));
+            if (!model.triangle.empty()) near_us.add(ns);
+            if (state.contacts > 0) touching_us.add(ns);
+        }
+    }
+};
+
+// Load that a simulation never gives up the processor to, one thread a core, at its own priority.
+class Burners {
+ public:
+    Burners() {
+        for (uint32_t k = 0; k < std::max(1u, std::thread::hardware_concurrency()); ++k)
+            thread_.emplace_back([this] {
+                volatile double x = 1;
+                while (!stop_.load(std::memory_order_relaxed)) x = x * 1.0000001 + 1e-9;
+            });
+    }
+    ~Burners() {
+        stop_ = true;
+        for (std::thread& t : thread_) t.join();
+    }
+
+ private:
+    std::atomic<bool> stop_{false};
+    std::vector<std::thread> thread_;
+};
+
+struct LiveFiguresAt {
+    RunFigures run;
+    PeriodicFigures idle;
+    double stage_ms = 0;  // p99 of a pass until its surface is published
+};
+
+// A live run of the probe scene with both cores busy, and beside it a thread of the same period that does nothing.
+LiveFiguresAt live_run(uint32_t contact_rate, double seconds) {
+    LiveFiguresAt result;
+    ThreadPool pool(std::max(1u, std::thread::hardware_concurrency() - 1));
+    pool.run([&] {
+        World world = probe_scene("10000");
+        world.clock.contact_rate = contact_rate;
+        FrameOptions options;
+        options.external_ticks = true;
+        Frame frame(std::move(world), options);
+        for (const std::string& name : frame.stage_names()) result.run.stage.push_back({name, {}});
+        const Burners load;
+        PeriodicThread idle;
+        idle.start({}, monotonic_ns() + 20'000'000, [](uint64_t, int64_t) {});
+        run_live({}, seconds, frame, nullptr, nullptr, nullptr, result.run);
+        idle.stop();
+        result.idle = idle.figures();
+    });
+    std::vector<double> frame_ms;
+    for (const PassFigures& pass : result.run.pass) frame_ms.push_back(pass.frame_ms);
+    result.stage_ms = quantile(frame_ms, 0.99);
+    return result;
+}
+
+Row limited(std::string name, double ours, std::string unit, double at_least, double aim) {
+    Row row;
+    row.name = std::move(name), row.ours = ours, row.unit = std::move(unit);
+    row.goal = Goal::kLimit, row.at_least = at_least, row.aim = aim;
+    return row;
+}
+
+}  // namespace
+
+void tick_rows(Report& report) {
+    report.heading("Compute time of a 3-DOF tick on a deforming liver of 100,000 triangles (time of the thread)");
+    ThreadPool pool(0);
+    TickTimer timer;
+    pool.run([&] {
+        Frame frame(probe_scene("100000"), {});
+        const World& w = frame.world();
+        timer.tool = w.haptics.tool[0];
+        timer.device = device_of(w.haptics, w.paths, timer.tool);
+        frame.set_contact_hook({[](void* user, World& world) { static_cast<TickTimer*>(user)->on_pass(world); }, &timer});
+        while (static_cast<double>(w.clock.tick) < (report.quick() ? 1200 : 4000)) frame.step();
+    });
+    char note[128];
+    std::snprintf(note, sizeof note, "%zu triangles in reach at most, median %.1f us, %llu ticks in contact", timer.triangles,
+                  static_cast<double>(timer.touching_us.percentile(0.5)) * 1e-3,
+                  static_cast<unsigned long long>(timer.touching_us.count));
+    Row row = limited("tick in contact, p99.9", static_cast<double>(timer.touching_us.percentile(0.999)) * 1e-3, "us", 50, 20);
+    row.note = note;
+    report.add(row);
+}
+
+void live_rows(Report& report) {
+    report.heading("Live, simulation and a burning thread a core beside the tick");
+    const double seconds = report.quick() ? 4 : 60;
+    for (const uint32_t rate : {60u, 30u, 120u}) {
+        const LiveFiguresAt live = live_run(rate, seconds);
+        const std::vector<double>& period = live.run.tick_period_us;
+        const bool fifo = live.run.scheduling.find("SCHED_FIFO") == 0;
+        const std::string unjudged = fifo ? "" : "no SCHED_FIFO here";
+        const double idle99 = static_cast<double>(live.idle.period.percentile(0.99)) * 1e-6;
+        const double idle999 = static_cast<double>(live.idle.period.percentile(0.999)) * 1e-6;
+        if (rate == 60) {
+            Row p99 = limited("tick period p99", quantile(period, 0.99) * 1e-3, "ms", 1.1, 1.05);
+            p99.peer = "an idle thread of the same run", p99.peer_value = idle99, p99.not_judged = unjudged;
+            p99.note = live.run.scheduling;
+            report.add(p99);
+            Row p999 = limited("tick period p99.9", quantile(period, 0.999) * 1e-3, "ms", 1.5, 1.1);
+            p999.peer = "an idle thread of the same run", p999.peer_value = idle999, p999.not_judged = unjudged;
+            report.add(p999);
+            Row missed = limited("deadlines missed a minute", static_cast<double>(live.run.missed_ticks) * 60 / seconds, "", 5, 0);
+            missed.peer = "an idle thread of the same run", missed.not_judged = unjudged;
+            missed.peer_value = static_cast<double>(live.idle.missed) * 60 / seconds;
+            report.add(missed);
+        }
+        const double allowed = 1000.0 / rate + live.stage_ms + 1;
+        char name[96], note[96];
+        std::snprintf(name, sizeof name, "age of the surface under the force at %u Hz, p99", rate);
+        std::snprintf(note, sizeof note, "limit: period + pass p99 %.1f ms + 1 ms; %llu passes late of %zu", live.stage_ms,
+                      static_cast<unsigned long long>(live.run.report.late_passes), live.run.pass.size());
+        Row age = limited(name, quantile(live.run.contact_age_ms, 0.99), "ms", allowed, allowed);
+        age.note = note, age.not_judged = unjudged;
+        report.add(age);
+    }
+}
+
+}  // namespace trocar::bench

@@ -1,0 +1,379 @@
+// How cost grows with the number of bodies, what threads bring, and what a frame costs that has nothing to do.
+#include "bench/scale.hpp"
+
+#include <unistd.h>
+
+#include <algorithm>
+#include <cmath>
+#include <cstdio>
+#include <cstdlib>
+#include <fstream>
+
+#include "bench/suites.hpp"
+#include "content/build_scene.hpp"
+#include "engine/loop_watch.hpp"
+#include "engine/thread_pool.hpp"
+#include "systems/app/commands.hpp"
+#include "systems/app/figures.hpp"
+#include "systems/frame.hpp"
+#include "tests/allocations/counting_malloc.hpp"
+namespace trocar::bench {
+namespace {
+
+std::string format(const char* pattern, double a, double b = 0, double c = 0) {
+    char text[160];
+    std::snprintf(text, sizeof text, pattern, a, b, c);
+    return text;
+}
+
+BuiltScene stress(const std::string& name, uint32_t count, const std::vector<Override>& more = {}) {
+    std::vector<Override> overrides = more;
+    overrides.push_back({"count", std::to_string(count)});
+    return build_scene(read_scene_file(scenes_folder() / ("stress_" + name + ".toml"), overrides));
+}
+
+double resident_bytes() {
+    std::ifstream file("/proc/self/statm");
+    double size = 0, resident = 0;
+    file >> size >> resident;
+    return resident * static_cast<double>(sysconf(_SC_PAGESIZE));
+}
+
+// Why wall times say little now; empty when they do.
+std::string crowded() {
+    double load = 0;
+    const double cores = static_cast<double>(sysconf(_SC_NPROCESSORS_ONLN));
+    if (getloadavg(&load, 1) != 1 || load < 1.25 * cores + 0.5) return {};
+    return format("load %.1f on %.0f cores: wall times are not judged", load, cores);
+}
+
+// One run of a scene: wall seconds of every pass, and what was there.
+struct Run {
+    std::vector<double> pass;   // s
+    std::vector<bool> picture;  // per pass: a displayed frame ends with it
+    std::vector<double> residual;
+    uint64_t hash = 0;
+    double processor = 0;  // s of all threads
+    double bytes = 0;      // resident, of scene and run
+    double contacts = 0, size = 0;
+    uint64_t allocations = 0;  // in the last of the passes, by our code
+};
+
+Run run_scene(const std::string& name, uint32_t count, uint32_t threads, uint32_t passes, const std::vector<Override>& more = {}) {
+    Run run;
+    ThreadPool pool(threads);
+    pool.run([&] {
+        const double before = resident_bytes();
+        BuiltScene built = stress(name, count, more);
+        Frame frame(std::move(built.world), {});
+        const World& w = frame.world();
+        run.size = 1e9;
+        for (uint32_t b = 0; b < w.bodies.mesh.size(); ++b)
+            if (w.bodies.motion[b] == Motion::kDeformable) run.size = std::min(run.size, 2 * w.meshes.info[w.bodies.mesh[b]].radius);
+        const auto processor = [] { return static_cast<double>(std::clock()) / CLOCKS_PER_SEC; };
+        const double start = processor();
+        for (uint32_t i = 0; i < passes; ++i) {
+            const uint64_t begin = now_ns();
+            frame.step();
+            run.pass.push_back(static_cast<double>(now_ns() - begin) * 1e-9);
+            run.picture.push_back(frame.times().picture);
+            run.residual.push_back(w.report.deepest_residual);
+            run.contacts += static_cast<double>(w.contacts.point.size()) / passes;
+        }
+        run.processor = processor() - start;
+        run.bytes = resident_bytes() - before;
+        run.hash = state_hash(w);
+    });
+    return run;
+}
+
+// The least of several runs of the same work, pass by pass.
+void take_least(const Run& other, Run& run) {
+    for (size_t i = 0; i < run.pass.size(); ++i) run.pass[i] = std::min(run.pass[i], other.pass[i]);
+    run.processor = std::min(run.processor, other.processor);
+}
+double sum(const std::vector<double>& v) {
+    double total = 0;
+    for (const double x : v) total += x;
+    return total;
+}
+
+std::vector<double> displayed(const Run& run) {
+    std::vector<double> frames;
+    double total = 0;
+    for (size_t i = 0; i < run.pass.size(); ++i) {
+        total += run.pass[i];
+        if (run.picture[i]) frames.push_back(total * 1e3), total = 0;
+    }
+    return frames;
+}
+
+// Slope of log(cost) over log(count), least squares.
+double growth(const std::vector<double>& count, const std::vector<double>& cost) {
+    double x = 0, y = 0, xx = 0, xy = 0;
+    const double n = static_cast<double>(count.size());
+    for (size_t i = 0; i < count.size(); ++i) {
+        const double a = std::log(count[i]), b = std::log(cost[i]);
+        x += a, y += b, xx += a * a, xy += a * b;
+    }
+    return (n * xy - x * y) / (n * xx - x * x);
+}
+
+// Count x threads: least wall time a pass over interleaved runs, the hash beside each.
+void count_rows(const char* scene, const std::vector<uint32_t>& counts, uint32_t passes, int rounds, double most_growth, Report& report) {
+    report.heading(std::string(scene) + ": count x threads, " + std::to_string(passes) + " passes, least of " + std::to_string(rounds) + " interleaved runs");
+    constexpr uint32_t kThreads[] = {1, 2, 4};
+    std::vector<double> numbers, costs;
+    for (const uint32_t count : counts) {
+        std::vector<Run> runs;
+        for (int round = 0; round < rounds; ++round) {
+            for (size_t t = 0; t < std::size(kThreads); ++t) {
+                if (t == 2 && round > 0) continue;  // for its hash alone, where there are fewer cores
+                const Run run = run_scene(scene, count, kThreads[t], passes);
+                if (round == 0) runs.push_back(run);
+                else take_least(run, runs[t]);
+            }
+        }
+        numbers.push_back(count), costs.push_back(runs[0].processor);
+        double differ = 0;
+        for (size_t t = 0; t < std::size(kThreads); ++t) {
+            differ += runs[t].hash != runs[0].hash;
+            Row row{.name = std::string(scene) + ", " + std::to_string(count) + " bodies, " + std::to_string(kThreads[t]) + " threads",
+                    .ours = 1e3 * sum(runs[t].pass) / passes, .unit = "ms/pass"};
+            row.note = format("%.2f ms of processor time; ", 1e3 * runs[t].processor / passes) + format("%.0f contacts; hash ", runs[t].contacts);
+            char hash[20];
+            std::snprintf(hash, sizeof hash, "%016llx", static_cast<unsigned long long>(runs[t].hash));
+            row.note += hash;
+            report.add(row);
+        }
+        report.add({.name = std::string(scene) + ", " + std::to_string(count) + " bodies: hashes that differ from one thread's", .ours = differ, .unit = "",
+                    .goal = Goal::kLimit, .at_least = 0, .aim = 0});
+        report.add({.name = std::string(scene) + ", " + std::to_string(count) + " bodies: resident memory a body", .ours = runs[0].bytes / count / 1024, .unit = "KiB"});
+        if (count >= 1000) {
+            const double efficiency = sum(runs[0].pass) / (2 * sum(runs[1].pass));
+            // held against 1 as the peer: at least 0.8 of it
+            report.add({.name = std::string(scene) + ", " + std::to_string(count) + " bodies: two threads take", .ours = sum(runs[1].pass) / passes * 1e3, .unit = "ms/pass",
+                        .peer = "half of one thread", .peer_value = sum(runs[0].pass) / passes * 500, .goal = Goal::kRatio, .at_least = 0.8, .aim = 0.9,
+                        .not_judged = crowded(), .note = format("efficiency %.2f", efficiency)});
+        }
+    }
+    if (counts.size() < 2) return;
+    Row row{.name = std::string(scene) + ": exponent of growth of processor time, one thread", .ours = growth(numbers, costs), .unit = ""};
+    if (most_growth > 0) row.goal = Goal::kLimit, row.at_least = most_growth, row.aim = 1;
+    report.add(row);
+}
+
+// Stages of passes on one thread, split in what loops share out and what nobody can.
+struct StageSplit {
+    double serial = 0;               // s, outside loops
+    std::vector<LoopTime> loops;
+};
+double with_cores(const StageSplit& s, double cores) {
+    double seconds = s.serial;
+    for (const LoopTime& l : s.loops) seconds += 1e-9 * std::max(static_cast<double>(l.longest_ns), static_cast<double>(l.duration_ns) / cores);
+    return seconds;
+}
+
+// Longest way through a list of stages, s.
+double critical_path(std::span<const Stage> stages, const std::vector<double>& cost) {
+    std::vector<double> end(stages.size());
+    double longest = 0;
+    const auto edges = stage_edges(stages);
+    for (uint32_t s = 0; s < stages.size(); ++s) {
+        double start = 0;
+        for (const auto& [a, b] : edges)
+            if (b == s) start = std::max(start, end[a]);
+        end[s] = start + cost[s];
+        longest = std::max(longest, end[s]);
+    }
+    return longest;
+}
+
+void critical_path_rows(const char* scene, uint32_t count, uint32_t passes, double measured, Report& report) {
+    report.heading(std::string(scene) + ", " + std::to_string(count) + " bodies: critical path of the job graph, from one thread");
+    constexpr double kCores[] = {1, 2, 8, 16};
+    double whole[4] = {0}, serial = 0, total = 0;
+    ThreadPool pool(1);
+    pool.run([&] {
+        BuiltScene built = stress(scene, count);
+        Trace trace(1 << 16);
+        FrameOptions options;
+        options.trace = &trace;
+        Frame frame(std::move(built.world), options);
+        const std::span<const Stage> stages = frame.stages();
+        std::vector<LoopTime> loops;
+        for (uint32_t pass = 0; pass < passes; ++pass) {
+            const size_t first = trace.size();
+            loops.clear();
+            watch_loops(&loops);
+            frame.step();
+            watch_loops(nullptr);
+            std::vector<StageSplit> split(stages.size());
+            for (size_t e = first; e < trace.size(); ++e) {
+                const auto found = std::find_if(stages.begin(), stages.end(), [&](const Stage& s) { return s.name == trace[e].name; });
+                StageSplit& s = split[static_cast<size_t>(found - stages.begin())];
+                s.serial += 1e-9 * static_cast<double>(trace[e].duration_ns);
+                for (const LoopTime& l : loops) {
+                    if (l.begin_ns < trace[e].begin_ns || l.begin_ns >= trace[e].begin_ns + trace[e].duration_ns) continue;
+                    s.loops.push_back(l);
+                    s.serial -= 1e-9 * static_cast<double>(l.duration_ns);
+                }
+            }
+            for (const StageSplit& s : split) serial += s.serial, total += with_cores(s, 1);
+            for (size_t c = 0; c < std::size(kCores); ++c) {
+                std::vector<double> cost;
+                double work = 0;
+                for (const StageSplit& s : split) cost.push_back(with_cores(s, kCores[c])), work += with_cores(s, 1);
+                whole[c] += std::max(critical_path(stages, cost), work / kCores[c]);
+            }
+        }
+    });
+    report.add({.name = "one thread: all stages", .ours = 1e3 * total / passes, .unit = "ms/pass"});
+    report.add({.name = "share outside of loops (serial)", .ours = 100 * serial / total, .unit = "%"});
+    for (size_t c = 1; c < std::size(kCores); ++c) {
+        const double efficiency = whole[0] / (kCores[c] * whole[c]);
+        report.add({.name = format("critical path with %.0f cores", kCores[c]), .ours = 1e3 * whole[c] / passes, .unit = "ms/pass",
+                    .note = format("predicted efficiency %.2f", efficiency) + (c == 1 && measured > 0 ? format(", measured %.2f", measured) : "")});
+    }
+}
+
+// What the engine takes where there is nothing to do.
+void idle_rows(Report& report) {
+    report.heading("Nothing to do");
+    ThreadPool pool(2);
+    pool.run([&] {
+        Frame empty(World{}, {});
+        std::vector<double> us;
+        for (int i = 0; i < 4000; ++i) {
+            const uint64_t start = now_ns();
+            empty.step();
+            us.push_back(1e-3 * static_cast<double>(now_ns() - start));
+        }
+        report.add({.name = "empty scene, a frame (2 passes)", .ours = 2 * quantile(us, 0.5), .unit = "us", .goal = Goal::kLimit, .at_least = 20, .aim = 5});
+        // the stages of a full frame with nothing in them: what scheduling them costs
+        std::vector<Stage> hollow;
+        for (const auto list : {begin_stages(), advance_stages()})
+            for (const FrameStage& s : list) hollow.push_back({s.stage.name, [](FrameState&) {}, s.stage.reads, s.stage.writes});
+        alignas(16) std::byte nobody[16];
+        JobGraph graph(hollow, reinterpret_cast<FrameState&>(nobody));
+        us.clear();
+        for (int i = 0; i < 4000; ++i) {
+            const uint64_t start = now_ns();
+            graph.run();
+            us.push_back(1e-3 * static_cast<double>(now_ns() - start));
+        }
+        report.add({.name = "job graph of all " + std::to_string(hollow.size()) + " stages, 2 threads, a pass", .ours = quantile(us, 0.5), .unit = "us", .goal = Goal::kLimit,
+                    .at_least = 50, .aim = 20, .note = format("least %.1f, p99 %.1f us", quantile(us, 0), quantile(us, 0.99))});
+    });
+}
+
+// A run played again from its start in the same frame: the second time every buffer is there.
+void allocation_row(uint32_t count, Report& report) {
+    ThreadPool pool(1);
+    pool.run([&] {
+        BuiltScene built = stress("rain", count);
+        Frame frame(std::move(built.world), {});
+        const Clock clock = frame.world().clock;
+        const Poses poses = frame.world().poses;
+        const Particles particles = frame.world().particles;
+        const Sleep sleep = frame.world().sleep;
+        constexpr int kPasses = 24;
+        for (int i = 0; i < kPasses; ++i) frame.step();
+        World& w = frame.world();
+        w.clock = clock, w.poses = poses, w.particles = particles, w.sleep = sleep;
+        start_counting_allocations();
+        for (int i = 0; i < kPasses; ++i) frame.step();
+        const AllocationCount c = stop_counting_allocations();
+        report.add({.name = "allocations a warm pass, rain of " + std::to_string(count), .ours = static_cast<double>(c.ours) / kPasses, .unit = "", .goal = Goal::kLimit,
+                    .at_least = 0, .aim = 0, .note = c.callers.empty() ? "" : c.callers[0]});
+    });
+}
+
+// What users wait for, against the goals of frames.
+void goal_rows(bool quick, Report& report) {
+    report.heading("Displayed frames (30 a second, 2 passes each), two threads, wall time");
+    struct Goals {
+        const char* name;
+        uint32_t count, passes;
+        double p99;
+    };
+    std::vector<Goals> list{{"rain", 1000, 90, 33}};
+    if (!quick) list.push_back({"rain", 10000, 60, 400});
+    for (const Goals& g : list) {
+        const Run run = run_scene(g.name, g.count, 2, g.passes);
+        const std::vector<double> frames = displayed(run);
+        report.add({.name = std::string(g.name) + ", " + std::to_string(g.count) + " bodies: p99 frame", .ours = quantile(frames, 0.99), .unit = "ms", .goal = Goal::kLimit,
+                    .at_least = g.p99, .aim = g.p99 / 2, .not_judged = crowded(),
+                    .note = format("median %.1f ms; half the processor time %.1f ms a frame", quantile(frames, 0.5), 1e3 * run.processor / g.passes)});
+        report.add({.name = std::string(g.name) + ", " + std::to_string(g.count) + " bodies: deepest overlap left", .ours = 100 * quantile(run.residual, 1) / run.size, .unit = "%",
+                    .goal = Goal::kLimit, .at_least = 1, .aim = 0.5, .note = format("p99 of passes %.3g %%", 100 * quantile(run.residual, 0.99) / run.size)});
+    }
+    const uint32_t count = quick ? 1000 : 10000;
+    ThreadPool pool(2);
+    pool.run([&] {
+        BuiltScene built = stress("settle", count, {{"columns", std::to_string(static_cast<int>(std::ceil(std::sqrt(count))))}, {"floor", "8"}, {"ground", "-0.133333333"}});
+        Frame frame(std::move(built.world), {});
+        int waited = 0;
+        while (waited < 400 && (frame.world().report.asleep_bodies < count)) frame.step(), ++waited;
+        std::vector<double> frames;
+        double total = 0;
+        for (int i = 0; i < 120; ++i) {
+            const uint64_t start = now_ns();
+            frame.step();
+            total += 1e-6 * static_cast<double>(now_ns() - start);
+            if (frame.times().picture) frames.push_back(total), total = 0;
+        }
+        const double asleep = static_cast<double>(frame.world().report.asleep_bodies);
+        report.add({.name = std::to_string(count) + " bodies asleep: p99 frame", .ours = quantile(frames, 0.99), .unit = "ms", .goal = Goal::kLimit, .at_least = 2, .aim = 1,
+                    .not_judged = asleep < count ? format("only %.0f slept after %.0f passes", asleep, waited) : crowded(),
+                    .note = format("median %.3f ms", quantile(frames, 0.5))});
+    });
+}
+
+void bullet_rows(uint32_t count, uint32_t passes, Report& report) {
+    report.heading("Bullet's soft bodies (position based, vertex-face contact) on the same rain, one thread, processor time");
+    ThreadPool pool(1);
+    pool.run([&] {
+        BuiltScene built = stress("rain", count);
+        const BulletWorld bullet = bullet_world(built.world);
+        if (!bullet) {
+            report.add({.name = "rain beside Bullet", .ours = kNoValue, .unit = "ms/pass", .note = "libbullet-dev is not installed: no peer"});
+            return;
+        }
+        Frame frame(std::move(built.world), {});
+        double ours = 0, theirs = 0;
+        for (uint32_t i = 0; i < passes; ++i) {
+            const double start = thread_seconds();
+            frame.step();
+            const double middle = thread_seconds();
+            bullet.step();
+            ours += middle - start, theirs += thread_seconds() - middle;
+        }
+        report.add({.name = "rain, " + std::to_string(count) + " bodies, " + std::to_string(passes) + " passes", .ours = 1e3 * ours / passes, .unit = "ms/pass", .peer = "Bullet",
+                    .peer_value = 1e3 * theirs / passes, .note = format("lowest node of Bullet's bodies %.1f mm below the floor", std::max(0.0, -1e3 * bullet.lowest()))});
+    });
+}
+
+}  // namespace
+}  // namespace trocar::bench
+
+int scale_suite(int argc, char** argv) {
+    using namespace trocar::bench;
+    Report report("scale", argc, argv);
+    const bool quick = report.quick();
+    const auto wanted = [&](const char* part) {
+        return argc < 2 || std::any_of(argv + 1, argv + argc, [&](const char* word) { return std::string(word) == part; });
+    };
+    if (wanted("idle")) idle_rows(report);
+    if (wanted("counts")) {
+        if (quick) count_rows("sparse", {250, 1000}, 6, 1, 1.1, report);
+        else count_rows("sparse", {625, 2500, 10000}, 20, 3, 1.1, report);
+        if (quick) count_rows("rain", {60}, 20, 1, 0, report);
+        else count_rows("rain", {125, 500, 1000}, 60, 2, 0, report);
+    }
+    if (wanted("path")) critical_path_rows("rain", quick ? 100 : 1000, quick ? 30 : 60, 0, report);
+    if (wanted("allocations")) allocation_row(quick ? 60 : 300, report);
+    if (wanted("goals")) goal_rows(quick, report);
+    if (wanted("bullet")) bullet_rows(quick ? 100 : 1000, quick ? 30 : 60, report);
+    return report.finish();
+}

@@ -1,0 +1,278 @@
+#include "engine/links.hpp"
+
+#include <algorithm>
+#include <cmath>
+
+#include "engine/check.hpp"
+#include "engine/deformable_setup.hpp"
+#include "engine/mass_properties.hpp"
+#include "engine/region.hpp"
+#include "engine/tet_forces.hpp"
+namespace trocar {
+namespace {
+
+void renumber(Links& links) {
+    uint32_t first = 0;
+    for (LinkGroup& g : links.group) g.rows.first = first, first += g.rows.count;
+}
+
+// Keeps the rows for which keep(group, row) holds, in their order.
+template <typename Keep>
+void keep_rows(Links& links, const Keep& keep) {
+    uint32_t to = 0;
+    for (uint32_t g = 0; g < links.group.size(); ++g) {
+        const Range rows = links.group[g].rows;
+        uint32_t kept = 0;
+        for (uint32_t row = rows.first; row < rows.end(); ++row) {
+            if (!keep(g, row)) continue;
+            links.node[to] = links.node[row], links.far_node[to] = links.far_node[row], links.point[to] = links.point[row];
+            links.rest[to] = links.rest[row], links.stretch[to] = links.stretch[row], links.whole[to] = links.whole[row];
+            ++to, ++kept;
+        }
+        links.group[g].rows.count = kept;
+    }
+    links.node.resize(to), links.far_node.resize(to), links.point.resize(to);
+    links.rest.resize(to), links.stretch.resize(to), links.whole.resize(to);
+    renumber(links);
+}
+
+void insert_row(Links& links, uint32_t at, const LinkHold& held) {
+    const auto put = [at](auto& rows, auto value) { rows.insert(rows.begin() + at, value); };
+    put(links.node, held.node), put(links.far_node, held.far_node), put(links.point, held.point);
+    put(links.rest, static_cast<float>(held.rest)), put(links.stretch, held.stretch), put(links.whole, uint8_t{1});
+}
+
+double energy_of(const Links& links, const LinkGroup& g) {
+    double sum = 0;
+    for (uint32_t row = g.rows.first; row < g.rows.end(); ++row) {
+        if (links.whole[row]) sum += 0.5 * g.stiffness * links.stretch[row] * links.stretch[row];
+    }
+    return sum;
+}
+
+// Node of a deformable body nearest to a place, m, world; ties go to the lower one.
+uint32_t nearest_node(const LinkWorld& w, uint32_t body, const Vec3d& place, double& squared) {
+    const Surfaces& s = w.surfaces;
+    const Vec3d local = place - s.poses.origin[body];
+    uint32_t best = kNone;
+    squared = std::numeric_limits<double>::infinity();
+    for (uint32_t v = 0; v < count_nodes(s.meshes, w.solids, s.bodies.mesh[body]); ++v) {
+        const Float4& o = s.particles.offset[s.bodies.particles[body].first + v];
+        const double d = (Vec3d(o.x, o.y, o.z) - local).squaredNorm();
+        if (d < squared) squared = d, best = v;
+    }
+    return best;
+}
+
+// Where the region of a group asks for a node at `place` (m, world).
+Vec3d in_region_frame(const LinkWorld& w, const LinkGroup& g, uint32_t node, const Vec3d& place) {
+    const Surfaces& s = w.surfaces;
+    if (g.frame == RegionFrame::kRest) return rest_of_node(s.meshes, w.solids, s.bodies.mesh[g.body], node);
+    return g.frame == RegionFrame::kHolder ? world_to_frame(s, g.holder, place) : place;
+}
+
+bool is_of_material(const Meshes& meshes, uint32_t prototype, uint32_t node, uint32_t material) {
+    const MeshInfo& info = meshes.info[prototype];
+    if (node >= info.vertices.count) return false;
+    const uint32_t* incident = meshes.incident_first.data() + info.vertices.first + prototype + node;
+    for (uint32_t i = incident[0]; i < incident[1]; ++i) {
+        if (meshes.triangle_material[info.triangles.first + meshes.incident[info.incident.first + i]] == material) return true;
+    }
+    return false;
+}
+
+// Finds what holds a node there; false when nothing is within reach.
+bool find_hold(const LinkWorld& w, const LinkGroup& g, const Vec3d& place, LinkHold& held) {
+    const Surfaces& s = w.surfaces;
+    if (!is_deformable(s.bodies, g.holder)) {
+        held.point = world_to_frame(s, g.holder, place);
+        if (!std::isfinite(g.within)) return true;
+        const SurfacePoint hit = w.trees[s.bodies.tree[g.holder]]->query(held.point, g.within + 1e-3);
+        return hit.triangle != kNone && hit.distance <= g.within;
+    }
+    double squared = 0;
+    held.far_node = nearest_node(w, g.holder, place, squared);
+    if (held.far_node == kNone || squared > g.within * g.within) return false;
+    const double distance = std::sqrt(squared);
+    held.rest = g.rest >= 0 ? g.rest : distance;
+    held.stretch = distance - static_cast<double>(static_cast<float>(held.rest));
+    return true;
+}
+
+double inverse_mass_of_holder(const Bodies& bodies, const Meshes& meshes, uint32_t holder) {
+    if (bodies.motion[holder] == Motion::kHand) return bodies.inv_mass[holder];
+    const RigidMass* free = bodies.motion[holder] == Motion::kFree ? find_rigid_mass(bodies, holder) : nullptr;
+    if (!free) return 0;
+    const double arm = meshes.info[bodies.mesh[holder]].radius + free->centre.norm();
+    return 1 / free->mass + arm * arm / free->moments.minCoeff();
+}
+
+// omega^2 that an explicit limit stands for, 1/s^2: the inverse of (sqrt(c^2 + 4 omega^2) - c) / omega^2.
+double omega_squared_of(double limit, double damping) {
+    return std::isfinite(limit) ? std::max(0.0, (4 / limit - 2 * damping) / limit) : 0.0;
+}
+
+}  // namespace
+
+uint32_t count_nodes(const Meshes& meshes, const Solids& solids, uint32_t prototype) {
+    return is_solid(solids, prototype) ? solids.info[prototype].nodes.count : meshes.info[prototype].vertices.count;
+}
+
+Vec3d rest_of_node(const Meshes& meshes, const Solids& solids, uint32_t prototype, uint32_t node) {
+    const Range surface = meshes.info[prototype].vertices;
+    return node < surface.count ? meshes.position[surface.first + node]
+                                : solids.position[solids.info[prototype].inner.first + node - surface.count];
+}
+
+Entity add_link_group(Links& links, LinkGroup group) {
+    uint32_t row = 0;
+    while (row < links.group.size() && links.group[row].body != kNone) ++row;
+    if (row == links.group.size()) links.group.emplace_back().entity = {row, 0};
+    group.entity = links.group[row].entity;
+    group.rows = links.group[row].rows;
+    links.group[row] = std::move(group);
+    renumber(links);
+    return links.group[row].entity;
+}
+
+uint32_t find_link_group(const Links& links, Entity name) {
+    const bool known = name.index < links.group.size() && links.group[name.index].body != kNone && links.group[name.index].entity == name;
+    return known ? name.index : kNone;
+}
+
+uint32_t make_links(const LinkWorld& w, uint32_t group, LinkScratch& scratch, Links& links, Energy& energy) {
+    const Surfaces& s = w.surfaces;
+    LinkGroup& g = links.group[group];
+    const Vec3d middle = middle_of(g.region);
+    std::vector<LinkHold>& found = scratch.found;
+    found.clear();
+    const uint32_t first = s.bodies.particles[g.body].first, count = count_nodes(s.meshes, w.solids, s.bodies.mesh[g.body]);
+    for (uint32_t v = 0; v < count; ++v) {
+        const Float4& o = s.particles.offset[first + v];
+        if (!(o.w > 0)) continue;
+        const Vec3d place = s.poses.origin[g.body] + Vec3d(o.x, o.y, o.z), local = in_region_frame(w, g, v, place);
+        if (!contains(g.region, local)) continue;
+        if (g.material != kNone && !is_of_material(s.meshes, s.bodies.mesh[g.body], v, g.material)) continue;
+        LinkHold held{.node = v, .order = (local - middle).squaredNorm()};
+        if (g.most != kNone || find_hold(w, g, place, held)) found.push_back(held);
+    }
+    if (g.most < found.size()) {
+        const auto nearer = [](const LinkHold& a, const LinkHold& b) { return a.order != b.order ? a.order < b.order : a.node < b.node; };
+        std::sort(found.begin(), found.end(), nearer);
+        found.resize(g.most);
+    }
+    if (g.most != kNone) {
+        std::erase_if(found, [&](LinkHold& held) {
+            const Float4& o = s.particles.offset[first + held.node];
+            return !find_hold(w, g, s.poses.origin[g.body] + Vec3d(o.x, o.y, o.z), held);
+        });
+    }
+    if (found.empty()) return 0;
+    for (size_t i = 0; i < found.size(); ++i) insert_row(links, g.rows.end() + static_cast<uint32_t>(i), found[i]);
+    g.rows.count += static_cast<uint32_t>(found.size());
+    g.made += found.size();
+    g.phase = LinkPhase::kHolding;
+    renumber(links);
+    energy.work_links += energy_of(links, g);
+    return static_cast<uint32_t>(found.size());
+}
+
+void release_links(uint32_t group, bool again, Links& links, Energy& energy) {
+    LinkGroup& released = links.group[group];
+    energy.work_links -= energy_of(links, released);
+    released.phase = again ? LinkPhase::kWaiting : LinkPhase::kDone;
+    keep_rows(links, [&](uint32_t g, uint32_t) { return g != group; });
+}
+
+bool free_link_group(Links& links, Entity name, Energy& energy) {
+    const uint32_t row = find_link_group(links, name);
+    if (row == kNone) return false;
+    release_links(row, false, links, energy);
+    LinkGroup empty;
+    empty.entity = {row, name.generation + 1};
+    links.group[row] = empty;
+    renumber(links);
+    return true;
+}
+
+void drop_broken_links(Links& links) {
+    if (std::find(links.whole.begin(), links.whole.end(), 0) == links.whole.end()) return;
+    keep_rows(links, [&](uint32_t, uint32_t row) { return links.whole[row] != 0; });
+}
+
+void reserve_links(Links& links, size_t rows, uint32_t groups) {
+    for (uint32_t i = 0; i < groups; ++i) links.group.emplace_back().entity = {static_cast<uint32_t>(links.group.size() - 1), 0};
+    renumber(links);
+    links.node.reserve(rows), links.far_node.reserve(rows), links.point.reserve(rows);
+    links.rest.reserve(rows), links.stretch.reserve(rows), links.whole.reserve(rows);
+}
+
+LinkGroup group_of(const Staple& staple) {
+    LinkGroup g;
+    g.body = staple.a, g.holder = staple.b;
+    g.region = {RegionKind::kSphere, staple.place, staple.place, staple.reach};
+    g.frame = RegionFrame::kWorld;
+    g.most = 1;
+    g.stiffness = staple.stiffness, g.rest = staple.rest, g.break_strain = staple.break_strain;
+    return g;
+}
+
+Entity add_staple(const LinkWorld& world, const Staple& staple, Links& links, Energy& energy) {
+    TROCAR_ASSERT(staple.a != kNone && staple.b != kNone && staple.stiffness > 0);
+    LinkGroup group = group_of(staple);
+    group.gauge = world.surfaces.meshes.info[world.surfaces.bodies.mesh[staple.a]].mean_edge;
+    const Entity name = add_link_group(links, group);
+    LinkScratch scratch;
+    if (make_links(world, name.index, scratch, links, energy) == 0) {
+        free_link_group(links, name, energy);
+        return {};
+    }
+    update_link_limits(world.surfaces.bodies, world.surfaces.meshes, world.surfaces.particles, scratch, links);
+    return name;
+}
+
+void update_link_limits(const Bodies& bodies, const Meshes& meshes, const Particles& particles, LinkScratch& link_scratch,
+                        Links& links) {
+    std::vector<double>& scratch = link_scratch.sums;
+    links.stable_dt.assign(bodies.mesh.size(), std::numeric_limits<double>::infinity());
+    scratch.assign(particles.offset.size() + bodies.mesh.size(), 0.0);
+    double* on_holder = scratch.data() + particles.offset.size();  // 1/s^2
+    for (const LinkGroup& g : links.group) {
+        if (g.body == kNone || g.rows.count == 0) continue;
+        const bool nodes = is_deformable(bodies, g.holder);
+        const double of_holder = nodes ? 0 : inverse_mass_of_holder(bodies, meshes, g.holder), k = g.stiffness;
+        for (uint32_t row = g.rows.first; row < g.rows.end(); ++row) {
+            if (!links.whole[row]) continue;
+            const uint32_t near = bodies.particles[g.body].first + links.node[row];
+            const double w = particles.offset[near].w;
+            if (nodes) {
+                const uint32_t far = bodies.particles[g.holder].first + links.far_node[row];
+                const double far_w = particles.offset[far].w, share = w > 0 ? far_w / w : 1;
+                scratch[near] += k * (1 + share);
+                if (far_w > 0) scratch[far] += k * (1 + 1 / share);
+            } else {
+                const double share = of_holder > 0 ? g.rows.count * of_holder / w : 0;
+                scratch[near] += k * (1 + share);
+                if (share > 0) on_holder[g.holder] += k * (1 + 1 / share) * of_holder;
+            }
+        }
+    }
+    for (uint32_t body = 0; body < bodies.mesh.size(); ++body) {
+        const Range rows = bodies.particles[body];
+        double most = on_holder[body];
+        for (uint32_t p = rows.first; p < rows.end(); ++p) most = std::max(most, scratch[p] * static_cast<double>(particles.offset[p].w));
+        if (most == 0) continue;
+        const double damping = bodies.tissue[body].damping;
+        const double omega2 = omega_squared_of(bodies.stable_dt[body] / kStableShare, damping) + most;
+        links.stable_dt[body] = kStableShare * (std::sqrt(damping * damping + 4 * omega2) - damping) / omega2;
+    }
+}
+
+void joined_by_links(const Bodies& bodies, const Links& links, std::vector<std::array<uint32_t, 2>>& joined) {
+    joined.clear();
+    for (const LinkGroup& g : links.group) {
+        if (g.body != kNone && g.rows.count > 0 && bodies.motion[g.holder] != Motion::kStatic) joined.push_back({g.body, g.holder});
+    }
+}
+
+}  // namespace trocar

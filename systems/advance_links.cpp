@@ -1,0 +1,136 @@
+#include <cmath>
+
+#include "engine/surfaces.hpp"
+#include "systems/advance_parts.hpp"
+namespace trocar {
+namespace {
+
+Vec4d place_of(const AdvanceBody& b, const Float4* offsets, uint32_t node) {
+    return b.origin + float_vec4(_mm_load_ps(&offsets[node].x));
+}
+
+// Half way through the substep that ends at `offsets`: the time of the velocities.
+Vec4d place_at_velocity(const AdvanceIsland& island, const AdvanceBody& b, uint32_t node) {
+    const uint32_t p = b.particles.first + node;
+    const Particles& particles = island.particles;
+    const Vec4d velocity = make_vec4(particles.velocity_x[p], particles.velocity_y[p], particles.velocity_z[p]);
+    return place_of(b, b.next, node) - 0.5 * b.last_dt * velocity;
+}
+
+// Where the far end of a link is: at the start (0) or the end (1) of the substep.
+Vec4d far_place(const AdvanceScratch& s, const AdvanceLink& link, int end) {
+    if (link.rigid != kNone) return s.rigid[link.rigid].place[end](link.point);
+    const AdvanceBody& b = s.body[link.far_body];
+    return place_of(b, end == 0 ? b.now : b.next, link.far_node);
+}
+
+double stretch_of(const AdvanceLink& link, Vec4d way) { return std::sqrt(norm2(way)) - link.rest; }
+
+}  // namespace
+
+void gather_links(AdvanceIsland& island) {
+    AdvanceScratch& s = island.scratch;
+    s.link.clear();
+    Links* links = island.inputs.other.links;
+    if (!links) return;
+    const Bodies& bodies = island.inputs.bodies;
+    for (uint32_t g = 0; g < links->group.size(); ++g) {
+        LinkGroup& group = links->group[g];
+        if (group.body == kNone || group.rows.count == 0 || s.slot_of_body[group.body] == kNone) continue;
+        AdvanceLink link;
+        link.group = g;
+        link.body = s.slot_of_body[group.body];
+        if (is_deformable(bodies, group.holder)) {
+            link.far_body = s.slot_of_body[group.holder];
+            s.body[link.far_body].linked = true;
+        } else {
+            link.rigid = rigid_slot(island, group.holder);
+        }
+        s.body[link.body].linked = true;
+        link.stiffness = group.stiffness;
+        link.break_strain = group.break_strain;
+        for (uint32_t row = group.rows.first; row < group.rows.end(); ++row) {
+            if (!links->whole[row]) continue;
+            link.row = row;
+            link.node = links->node[row];
+            link.far_node = links->far_node[row];
+            link.point = to_vec4(links->point[row]);
+            link.rest = static_cast<double>(links->rest[row]);
+            link.gauge = link.rest > 0 ? link.rest : group.gauge;
+            s.link.push_back(link);
+        }
+    }
+}
+
+void find_link_forces(AdvanceIsland& island) {
+    AdvanceScratch& s = island.scratch;
+    for (AdvanceLink& link : s.link) {
+        const AdvanceBody& b = s.body[link.body];
+        const Vec4d way = far_place(s, link, 0) - place_of(b, b.now, link.node);
+        const double length = std::sqrt(norm2(way)), stretch = length - link.rest;
+        link.force = link.rest == 0 ? link.stiffness * way : length > 0 ? Vec4d(link.stiffness * stretch / length * way) : Vec4d{};
+        link.kick = b.synchronous() ? island.dt : 0.5 * (b.last_dt + island.dt);
+    }
+}
+
+void add_link_forces(const AdvanceScratch& s, uint32_t body, float* const axis[3]) {
+    for (const AdvanceLink& link : s.link) {
+        for (int i = 0; i < 3; ++i) {
+            if (link.body == body) axis[i][link.node] += static_cast<float>(link.force[i]);
+            if (link.far_body == body) axis[i][link.far_node] -= static_cast<float>(link.force[i]);
+        }
+    }
+}
+
+void pull_linked_rigids(AdvanceIsland& island) {
+    AdvanceScratch& s = island.scratch;
+    for (const AdvanceLink& link : s.link) {
+        if (link.rigid == kNone) continue;
+        AdvanceRigid& rigid = s.rigid[link.rigid];
+        const Vec4d impulse = -link.kick * link.force;
+        if (rigid.tool != kNone) island.tools[rigid.tool].contact_impulse += to_vec3(impulse);
+        if (rigid.node == kNone) continue;
+        ContactNode& node = s.node[rigid.node];
+        node.velocity += node.inv_mass * impulse;
+        if (rigid.free == kNone) continue;
+        AdvanceFree& f = s.free[rigid.free];
+        f.spin += f.respond(cross(rigid.place[0](link.point) - node.place, impulse));
+        f.spin_before = f.spin;
+        for (int i = 0; i < 3; ++i) rigid.velocity.column[i] = cross(f.spin, rigid.place[0].column[i]);
+        rigid.velocity.shift = cross(f.spin, rigid.place[0].shift - node.place);
+    }
+}
+
+void finish_links(AdvanceIsland& island) {
+    AdvanceScratch& s = island.scratch;
+    for (AdvanceLink& link : s.link) {
+        Links& links = *island.inputs.other.links;
+        LinkGroup& group = links.group[link.group];
+        const AdvanceBody& b = s.body[link.body];
+        group.impulse += to_vec3(link.kick * link.force);
+        Vec4d far;  // at the time of the velocities
+        if (link.rigid != kNone) {
+            const AdvanceRigid& rigid = s.rigid[link.rigid];
+            const Vec4d from = rigid.place[0](link.point), to = rigid.place[1](link.point);
+            far = to - (b.synchronous() ? 0.0 : 0.5) * (to - from);
+            // what scripts and hands do, they do from one such time to the next
+            if (rigid.free == kNone) island.result.work_hand += dot(link.force, link.known ? far - link.far : to - from);
+            link.far = far;
+            link.known = true;
+        } else {
+            far = place_at_velocity(island, s.body[link.far_body], link.far_node);
+        }
+        const double stretch = stretch_of(link, far - place_at_velocity(island, b, link.node));
+        links.stretch[link.row] = stretch;
+        const double strain = stretch_of(link, far_place(s, link, 1) - place_of(b, b.next, link.node)) / link.gauge;
+        group.largest_strain = std::max(group.largest_strain, strain);
+        if (!(strain > link.break_strain)) continue;
+        links.whole[link.row] = 0;
+        ++group.broken;
+        ++island.result.broken_links;
+        island.result.work_links -= 0.5 * link.stiffness * stretch * stretch;
+    }
+    std::erase_if(s.link, [&](const AdvanceLink& link) { return island.inputs.other.links->whole[link.row] == 0; });
+}
+
+}  // namespace trocar

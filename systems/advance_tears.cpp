@@ -1,0 +1,109 @@
+#include <immintrin.h>
+
+#include <cmath>
+
+#include "engine/parallel.hpp"
+#include "engine/spring_step.hpp"
+#include "systems/advance_parts.hpp"
+namespace trocar {
+namespace {
+
+// Ends of eight half-edges, x, y and z.
+inline void gather_places(const float* offsets, __m256i vertex, __m256 out[3]) {
+    const __m256i row = _mm256_slli_epi32(vertex, 2);
+    for (int i = 0; i < 3; ++i) out[i] = _mm256_i32gather_ps(offsets + i, row, 4);
+}
+
+// Bits of the eight half-edges from row h on, of vertices from `vertex` on, that are longer than `most` times their rest.
+uint32_t find_long(const SpringStep& step, const float* offsets, size_t h, uint32_t vertex, float most) {
+    __m256 p[3], q[3];
+    const __m256i own = _mm256_add_epi32(_mm256_set1_epi32(static_cast<int>(vertex)), _mm256_setr_epi32(0, 1, 2, 3, 4, 5, 6, 7));
+    gather_places(offsets, own, p);
+    gather_places(offsets, _mm256_loadu_si256(reinterpret_cast<const __m256i*>(step.neighbour + h)), q);
+    __m256 squared = _mm256_setzero_ps();
+    for (int i = 0; i < 3; ++i) {
+        const __m256 d = _mm256_sub_ps(q[i], p[i]);
+        squared = _mm256_add_ps(squared, _mm256_mul_ps(d, d));
+    }
+    const __m256 limit = _mm256_mul_ps(_mm256_loadu_ps(step.rest_length + h), _mm256_set1_ps(most));
+    // padding and broken ones have no length, and never are longer
+    return static_cast<uint32_t>(_mm256_movemask_ps(_mm256_cmp_ps(squared, _mm256_mul_ps(limit, limit), _CMP_GT_OQ)));
+}
+
+bool any_long(const SpringStep& step, const float* offsets, uint32_t begin, uint32_t end, float most) {
+    for (uint32_t slice = begin; slice < end; ++slice) {
+        for (uint32_t c = step.slice_column[slice]; c < step.slice_column[slice + 1]; ++c) {
+            for (uint32_t lane = 0; lane < kSliceWidth; lane += 8) {
+                if (find_long(step, offsets, size_t{c} * kSliceWidth + lane, slice * kSliceWidth + lane, most)) return true;
+            }
+        }
+    }
+    return false;
+}
+
+void break_half_edge(AdvanceIsland& island, const AdvanceBody& b, uint32_t from, uint32_t to) {
+    const OtherForces& other = island.inputs.other;
+    for (uint32_t c = b.step.slice_column[from / kSliceWidth]; c < b.step.slice_column[from / kSliceWidth + 1]; ++c) {
+        const size_t h = size_t{c} * kSliceWidth + from % kSliceWidth;
+        if (other.torn_springs->neighbour[h] != to) continue;
+        other.torn_springs->neighbour[h] = from;
+        other.torn_springs->rest_length[h] = 0;
+        other.torn->spring[h] = 1;
+    }
+}
+
+// What a spring holds at the time of the velocities, J.
+double energy_of_spring(const AdvanceIsland& island, const AdvanceBody& b, size_t h, uint32_t from, uint32_t to) {
+    const auto place = [&](uint32_t v) {
+        const Particles& p = island.particles;
+        const uint32_t i = b.particles.first + v;
+        const double back = 0.5 * b.last_dt;
+        return Vec3d(b.next[v].x - back * p.velocity_x[i], b.next[v].y - back * p.velocity_y[i], b.next[v].z - back * p.velocity_z[i]);
+    };
+    const double stretch = (place(to) - place(from)).norm() - double{b.step.rest_length[h]};
+    return 0.5 * double{b.step.stiffness} * (b.step.spring_factor ? double{b.step.spring_factor[h]} : 1.0) * stretch * stretch;
+}
+
+void break_slices(AdvanceIsland& island, const AdvanceBody& b, uint32_t begin, uint32_t end, float most) {
+    const SpringStep& step = b.step;
+    for (uint32_t slice = begin; slice < end; ++slice) {
+        for (uint32_t c = step.slice_column[slice]; c < step.slice_column[slice + 1]; ++c) {
+            for (uint32_t lane = 0; lane < kSliceWidth; ++lane) {
+                const size_t h = size_t{c} * kSliceWidth + lane;
+                const uint32_t from = slice * kSliceWidth + lane, to = step.neighbour[h];
+                if (to == from || !(find_long(step, &b.next->x, h / 8 * 8, from / 8 * 8, most) & (1u << lane % 8))) continue;
+                island.result.work_links -= energy_of_spring(island, b, h, from, to);
+                break_half_edge(island, b, from, to);
+                break_half_edge(island, b, to, from);
+                ++island.result.broken_springs;
+            }
+        }
+    }
+}
+
+}  // namespace
+
+uint32_t tear_of(const Tears* tears, uint32_t body) {
+    for (uint32_t t = 0; tears && t < tears->body.size(); ++t) {
+        if (tears->body[t].body == body) return std::isfinite(tears->body[t].break_strain) ? t : kNone;
+    }
+    return kNone;
+}
+
+void break_springs(AdvanceIsland& island) {
+    AdvanceScratch& s = island.scratch;
+    for (const AdvanceBody& b : s.body) {
+        if (b.tear == kNone) continue;
+        const float most = static_cast<float>(1 + island.inputs.other.tears->body[b.tear].break_strain);
+        s.overstretched.assign(chunk_count(b.slices, kSlicesPerChunk), 0);
+        parallel_for(b.slices, kSlicesPerChunk, [&](uint32_t begin, uint32_t end) {
+            s.overstretched[begin / kSlicesPerChunk] = any_long(b.step, &b.next->x, begin, end, most);
+        });
+        for (uint32_t chunk = 0; chunk < s.overstretched.size(); ++chunk) {
+            if (!s.overstretched[chunk]) continue;
+            break_slices(island, b, chunk * kSlicesPerChunk, std::min((chunk + 1) * kSlicesPerChunk, b.slices), most);
+        }
+    }
+}
+
+}  // namespace trocar

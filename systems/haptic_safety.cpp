@@ -1,0 +1,76 @@
+#include "systems/haptic_safety.hpp"
+
+#include <algorithm>
+#include <cmath>
+
+namespace trocar {
+namespace {
+
+constexpr double kFullTime = 3e-3;  // s, from none to the largest force where no slew limit is given
+
+// From `last` towards `wanted`, no farther than `most`.
+Vec3d moved_towards(const Vec3d& last, const Vec3d& wanted, double most) { return last + limited_to(wanted - last, most); }
+
+bool is_finite(const DeviceCommand& c) {
+    return c.force.allFinite() && c.torque.allFinite() && c.at.allFinite() &&
+           std::all_of(c.stiffness.begin(), c.stiffness.end(), [](double k) { return std::isfinite(k); });
+}
+
+}  // namespace
+
+Vec3d limited_to(const Vec3d& v, double most) {
+    const double length = v.norm();
+    if (!std::isfinite(length) || most <= 0) return Vec3d::Zero();
+    // a hair below the limit, so that rounding never exceeds it
+    return length > most ? Vec3d(v * (most * (1 - 1e-12) / length)) : v;
+}
+
+Vec3d dissipate(double dissipation, double dt, const Vec3d& device, const Vec3d& velocity, const Vec3d& proxy,
+                const Vec3d& contact_force, SafetyState& state) {
+    if (!state.started) {
+        state.started = true;
+        state.from_device = device;
+        state.from_proxy = proxy;
+    }
+    const bool was_coupled = state.contact_force.squaredNorm() > 0;
+    if (was_coupled) state.energy += state.contact_force.dot((proxy - state.from_proxy) - (device - state.from_device));
+    state.lowest_energy = std::min(state.lowest_energy, state.energy);
+    state.from_device = device;
+    state.from_proxy = proxy;
+    Vec3d force = contact_force;
+    const double speed2 = velocity.squaredNorm();
+    if (state.energy < 0 && contact_force.squaredNorm() > 0 && speed2 > 1e-12 && dissipation > 0) {
+        const double damping = std::min(-state.energy / (dt * speed2), dissipation);
+        force -= damping * velocity;
+        state.dissipated += damping * speed2 * dt;
+    }
+    // out of contact a coupling holds nothing: what friction took is no credit for the next touch
+    if (contact_force.squaredNorm() == 0) state.energy = std::min(state.energy, 0.0);
+    state.contact_force = force;
+    return force;
+}
+
+void limit_command(const DeviceLimits& limits, double max_force, double dt, bool safe, const DeviceCommand& wanted,
+                   SafetyState& state, DeviceCommand& output) {
+    if (safe || !is_finite(wanted)) {
+        const Vec3d at = wanted.at.allFinite() ? wanted.at : output.at;
+        output = {};
+        output.at = at;
+        ++state.safe_ticks;
+        state.limiting = false;
+        return;
+    }
+    const double force_slew = limits.force_slew > 0 ? limits.force_slew : max_force / kFullTime;
+    const double torque_slew = limits.torque_slew > 0 ? limits.torque_slew : limits.torque / kFullTime;
+    const Vec3d force = limited_to(wanted.force, max_force), torque = limited_to(wanted.torque, limits.torque);
+    output.force = moved_towards(output.force, force, force_slew * dt);
+    output.torque = moved_towards(output.torque, torque, torque_slew * dt);
+    output.at = wanted.at;
+    const double wanted_length = wanted.force.norm();
+    const double share = wanted_length > 0 ? std::min(1.0, output.force.norm() / wanted_length) : 1;
+    for (size_t k = 0; k < 9; ++k) output.stiffness[k] = share * wanted.stiffness[k];
+    state.limiting = wanted_length > max_force || wanted.torque.norm() > limits.torque;
+    state.limited_ticks += (output.force - wanted.force).squaredNorm() > 0 || (output.torque - wanted.torque).squaredNorm() > 0;
+}
+
+}  // namespace trocar

@@ -1,0 +1,22 @@
+#pragma once
+#include "components/haptics.hpp"
+namespace trocar {
+
+// `v` no longer than `most`, its direction kept; zero where it is no number.
+Vec3d limited_to(const Vec3d& v, double most);
+
+// Energy that contact took from the hand so far (J), tick by tick: what the force of the last tick, held since, did on
+// the way of the device and on that of the proxy, E += F (dx_proxy - dx_device). A coupling between the two can only
+// hold energy, so E below zero is made by sampling. Then the force gains damping along the motion that takes it back
+// within the tick, at most `dissipation` (N s/m): the passivity observer and controller of Hannaford & Ryu (IEEE Trans.
+// Robotics and Automation 18(1), 2002) for the coupling's two ports, so that moving tissue may push the hand. What is left of E at the end of a contact is forgotten unless it is a debt.
+Vec3d dissipate(double dissipation, double dt, const Vec3d& device, const Vec3d& velocity, const Vec3d& proxy,
+                const Vec3d& contact_force, SafetyState& state);
+
+// What the device is told in the end: `wanted` within its largest force and torque (scaled, direction kept), changing
+// no faster than its slew limits from `output`; nothing at once where wanted is no number or `safe` is set. Stiffness
+// shrinks with the force. Counts in `state`.
+void limit_command(const DeviceLimits& limits, double max_force, double dt, bool safe, const DeviceCommand& wanted,
+                   SafetyState& state, DeviceCommand& output);
+
+}  // namespace trocar

@@ -1,0 +1,124 @@
+#include "systems/haptic_tool.hpp"
+
+#include <algorithm>
+#include <cmath>
+
+#include "engine/check.hpp"
+#include "engine/simulated_hand.hpp"
+#include "systems/haptic_effects.hpp"
+#include "systems/haptic_manipulator.hpp"
+#include "systems/haptic_safety.hpp"
+namespace trocar {
+namespace {
+
+void add_event(HapticEventKind kind, double time, uint32_t value, HapticEvents& events) {
+    events.last[events.total++ % kKeptEvents] = {kind, time, value};
+    ++events.count[static_cast<size_t>(kind)];
+}
+
+// The surface's stiffness as the hand feels it: of the coupling, along its force.
+void add_contact_stiffness(const HandTool& tool, const Vec3d& force, std::array<double, 9>& stiffness) {
+    const double length = force.norm();
+    if (length <= 0) return;
+    const Vec3d n = force / length;
+    for (int i = 0; i < 3; ++i)
+        for (int j = 0; j < 3; ++j) stiffness[static_cast<size_t>(3 * i + j)] += tool.coupling_stiffness * n[i] * n[j];
+}
+
+EffectInput effect_input(const HapticParams& params, const LocalContactModel& model, double time, const HandTool& tool,
+                         std::span<const HapticEffect> effects, double elapsed, const ToolState& state) {
+    EffectInput in;
+    in.dt = params.dt;
+    in.position = state.device.position;
+    in.velocity = state.device.velocity;
+    if (elapsed > 0) in.acceleration = (state.device.velocity - state.effect_velocity) / elapsed;
+    double reach = 0;
+    for (const HapticEffect& e : effects)
+        if (e.kind == EffectKind::kMagnet) reach = std::max(reach, e.reach);
+    if (reach > 0) {
+        const double age = std::clamp(time - model.time, -params.greatest_age, params.greatest_age);
+        find_near_surface(model, age, state.proxy_valid ? state.proxy : state.device.position, tool.tip_radius, reach, in);
+    }
+    return in;
+}
+
+// Adds the forces of the running effects.
+void add_effects(const HapticParams& params, std::span<const HapticEffect> effects, double time, double gain, EffectInput in,
+                 const ToolState& state, DeviceCommand& command) {
+    for (size_t k = 0; k < effects.size(); ++k) {
+        if (!state.effect[k].running) continue;
+        in.age = time - state.effect[k].since;
+        command.force += gain * effect_force(effects[k], params.rise_time, in);
+        const std::array<double, 9> stiffness = effect_stiffness(effects[k]);
+        for (size_t i = 0; i < 9; ++i) command.stiffness[i] += gain * stiffness[i];
+    }
+}
+
+}  // namespace
+
+void tick_tool(const HapticParams& params, const LocalContactModel& model, double time, const HandTool& tool,
+               std::span<const HapticEffect> effects, const DeviceState& device, HapticScratch& scratch, ToolState& state) {
+    const DeviceState sample = place_tool(tool, device, state.clutch);
+    const bool first = !state.device_valid;
+    const double elapsed = first ? 0 : time - state.time;
+    const uint64_t rejected = state.rejected_samples;
+    const uint32_t buttons = first ? sample.buttons : state.device.buttons;
+    const bool touched = state.contacts > 0, was_limiting = state.safety.limiting;
+    haptic_tick(params, model, time, tool, sample, scratch, state);
+    if (!state.device_valid) return;
+
+    bool passed = false;
+    if (tool.pass_through > 0 && state.contacts > 0 && state.command.force.norm() > tool.pass_through) {
+        // through: no contact until the tip is clear of every surface
+        state.proxy_valid = false;
+        state.contacts = 0;
+        state.command.force.setZero();
+        passed = true;
+    }
+    const bool touches = state.contacts > 0;
+    const EffectTriggers triggers{time, state.device.buttons, buttons, touches && !touched, !touches && touched};
+    run_triggers(effects, triggers, state.effect);
+
+    // after a silence the device had let go: forces come back gently
+    SafetyState& safety = state.safety;
+    if (elapsed > params.silence) state.output = {};
+    safety.gain = elapsed > params.silence ? 0 : std::min(1.0, safety.gain + std::max(0.0, elapsed) / params.rise_time);
+    DeviceCommand wanted;
+    wanted.at = state.device.position;
+    wanted.force = dissipate(tool.limits.dissipation, params.dt, state.device.position, state.device.velocity,
+                             state.proxy_valid ? state.proxy : state.device.position, safety.gain * state.command.force, safety);
+    add_contact_stiffness(tool, state.command.force, wanted.stiffness);
+    const double gain = safety.gain * state.gain;
+    if (!effects.empty())
+        add_effects(params, effects, time, gain, effect_input(params, model, time, tool, effects, elapsed, state), state, wanted);
+    state.effect_velocity = state.device.velocity;
+    const bool refused = state.rejected_samples > rejected;
+    limit_command(tool.limits, tool.max_force, params.dt, refused || state.gain == 0,
+                  command_for_device(tool, state.device, state.clutch, wanted), safety, state.output);
+
+    const uint32_t pressed = state.device.buttons & ~buttons, released = buttons & ~state.device.buttons;
+    if (triggers.touch) add_event(HapticEventKind::kTouch, time, 0, state.events);
+    if (passed) add_event(HapticEventKind::kPassThrough, time, 0, state.events);
+    if (triggers.release) add_event(HapticEventKind::kRelease, time, 0, state.events);
+    if (pressed) add_event(HapticEventKind::kButtonDown, time, pressed, state.events);
+    if (released) add_event(HapticEventKind::kButtonUp, time, released, state.events);
+    if (safety.limiting && !was_limiting) add_event(HapticEventKind::kLimit, time, 0, state.events);
+}
+
+DeviceState hand_sample(const HandTool& tool, const DeviceState& intended, double dt, const DeviceCommand& output,
+                        HandModelState& hand) {
+    if (tool.hand.mass <= 0) return intended;
+    step_hand(tool.hand, intended, output.force, dt, hand);
+    return hand_device_state(tool.hand, intended, hand);
+}
+
+void predict_tool(const HandTool& tool, double dt, const ToolState& state, std::span<const DeviceState> intended,
+                  std::span<DeviceState> placed) {
+    TROCAR_ASSERT(intended.size() == placed.size());
+    HandModelState hand = state.hand;
+    ClutchState clutch = state.clutch;
+    for (size_t k = 0; k < intended.size(); ++k)
+        placed[k] = place_tool(tool, hand_sample(tool, intended[k], dt, state.output, hand), clutch);
+}
+
+}  // namespace trocar

@@ -1,0 +1,43 @@
+#include "systems/link_bodies.hpp"
+
+#include <algorithm>
+namespace trocar {
+namespace {
+
+void wake(Sleep& sleep, uint32_t body) {
+    if (body < sleep.still.size()) sleep.still[body] = 0;
+}
+
+bool wants_to_hold(const LinkGroup& g, double now, std::span<const ToolState> tools) {
+    if (g.tool != kNone) return g.tool < tools.size() && (tools[g.tool].device.buttons & 1) != 0;
+    return now >= g.begin && now < g.end;
+}
+
+}  // namespace
+
+void link_bodies(double now, std::span<const ToolState> tools, const LinkWorld& world, LinkScratch& scratch, Links& links,
+                 Sleep& sleep, Energy& energy, Report& report) {
+    const uint64_t broken = static_cast<uint64_t>(std::count(links.whole.begin(), links.whole.end(), uint8_t{0}));
+    drop_broken_links(links);
+    bool changed = broken > 0 || links.stable_dt.size() != world.surfaces.bodies.mesh.size();
+    for (uint32_t row = 0; row < links.group.size(); ++row) {
+        LinkGroup& g = links.group[row];
+        g.impulse.setZero();
+        if (g.body == kNone || g.phase == LinkPhase::kDone) continue;
+        const bool holds = g.phase == LinkPhase::kHolding, wants = wants_to_hold(g, now, tools);
+        if (holds == wants) continue;
+        if (wants && make_links(world, row, scratch, links, energy) == 0) continue;
+        if (!wants) release_links(row, g.tool != kNone, links, energy);
+        wake(sleep, g.body);
+        wake(sleep, g.holder);
+        changed = true;
+    }
+    if (changed) update_link_limits(world.surfaces.bodies, world.surfaces.meshes, world.surfaces.particles, scratch, links);
+    report.links = links.node.size();
+}
+
+void note_link_forces(double seconds, Links& links) {
+    for (LinkGroup& g : links.group) g.largest_force = std::max(g.largest_force, g.impulse.norm() / seconds);
+}
+
+}  // namespace trocar

@@ -1,0 +1,83 @@
+#include "systems/reachable_pairs.hpp"
+
+#include <algorithm>
+#include <cmath>
+
+#include "engine/parallel.hpp"
+namespace trocar {
+namespace {
+
+constexpr uint32_t kBodiesPerChunk = 32;
+
+BodyDrift drift_of(double period, const Surfaces& s, uint32_t body) {
+    const MeshInfo& info = s.meshes.info[s.bodies.mesh[body]];
+    const uint32_t first = s.bodies.particles[body].first, end = first + info.vertices.count;
+    const Particles& p = s.particles;
+    const auto velocity = [&](uint32_t i) { return Vec3d(p.velocity_x[i], p.velocity_y[i], p.velocity_z[i]); };
+    Vec3d sum = Vec3d::Zero();
+    uint32_t count = 0;
+    for (uint32_t i = first; i < end; ++i) {
+        const Vec3d v = velocity(i);
+        if (v.allFinite()) sum += v, ++count;
+    }
+    BodyDrift drift{sum / std::max(1u, count), 0};
+    double fastest = 0, squares = 0;
+    for (uint32_t i = first; i < end; ++i) {
+        const double square = (velocity(i) - drift.velocity).squaredNorm();
+        if (!std::isfinite(square)) continue;
+        fastest = std::max(fastest, square);
+        squares += square;
+    }
+    const double mean = std::sqrt(squares / std::max(1u, count)) * period;
+    drift.stray = std::min({std::sqrt(fastest) * period, mean + 0.5 * info.mean_edge, 3 * info.mean_edge}) + 0.05 * info.mean_edge;
+    return drift;
+}
+
+Box without_margin(const Surfaces& s, const BodyBoxes& boxes, uint32_t body) {
+    const Vec3d reach = Vec3d::Constant(boxes.margin[body] + 0.5 * s.bodies.thickness[body]);
+    return {boxes.box[body].min + reach, boxes.box[body].max - reach};
+}
+
+bool may_meet(double period, double fall, const Surfaces& s, const BodyBoxes& boxes, const std::vector<BodyDrift>& drift, uint32_t a, uint32_t b) {
+    const Box box_a = without_margin(s, boxes, a), box_b = without_margin(s, boxes, b);
+    const Vec3d nearing = (drift[a].velocity - drift[b].velocity) * period;
+    const double slack = drift[a].stray + drift[b].stray + fall + 0.5 * (s.bodies.thickness[a] + s.bodies.thickness[b]);
+    for (int k = 0; k < 3; ++k) {
+        if (box_b.min[k] - box_a.max[k] > std::max(0.0, nearing[k]) + slack) return false;
+        if (box_a.min[k] - box_b.max[k] > std::max(0.0, -nearing[k]) + slack) return false;
+    }
+    return true;
+}
+
+}  // namespace
+
+void drop_unreachable_pairs(double period, const Vec3d& gravity, const Surfaces& surfaces, const BodyBoxes& boxes,
+                            ReachablePairsScratch& s, CandidatePairs& pairs) {
+    const uint32_t bodies = static_cast<uint32_t>(surfaces.bodies.mesh.size());
+    s.asked.assign(bodies, 0);
+    s.disturbed.assign(bodies, 0);
+    s.drift.resize(bodies);
+    s.reachable.assign(pairs.a.size(), 0);
+    const auto both_deformable = [&](size_t i) { return is_deformable(surfaces.bodies, pairs.a[i]) && is_deformable(surfaces.bodies, pairs.b[i]); };
+    for (size_t i = 0; i < pairs.a.size(); ++i)
+        if (both_deformable(i)) s.asked[pairs.a[i]] = s.asked[pairs.b[i]] = 1;
+    parallel_for(bodies, kBodiesPerChunk, [&](uint32_t begin, uint32_t end) {
+        for (uint32_t body = begin; body < end; ++body)
+            if (s.asked[body]) s.drift[body] = drift_of(period, surfaces, body);
+    });
+    const double fall = 0.5 * gravity.norm() * period * period;
+    for (size_t i = 0; i < pairs.a.size(); ++i) {
+        s.reachable[i] = !both_deformable(i) || may_meet(period, fall, surfaces, boxes, s.drift, pairs.a[i], pairs.b[i]);
+        if (s.reachable[i]) s.disturbed[pairs.a[i]] = s.disturbed[pairs.b[i]] = 1;
+    }
+    size_t kept = 0;
+    for (size_t i = 0; i < pairs.a.size(); ++i) {
+        if (!s.disturbed[pairs.a[i]] && !s.disturbed[pairs.b[i]]) continue;
+        pairs.a[kept] = pairs.a[i], pairs.b[kept] = pairs.b[i];
+        ++kept;
+    }
+    pairs.a.resize(kept);
+    pairs.b.resize(kept);
+}
+
+}  // namespace trocar

@@ -1,0 +1,29 @@
+#pragma once
+#include <vector>
+
+#include "components/contacts.hpp"
+#include "engine/surfaces.hpp"
+namespace trocar {
+
+// How a deformable body moves in the coming period.
+struct BodyDrift {
+    Vec3d velocity = Vec3d::Zero();  // m/s, mean of its vertices
+    double stray = 0;                // m, how far vertices may stray from it
+};
+
+struct ReachablePairsScratch {
+    std::vector<uint8_t> asked;      // per body: its drift is wanted
+    std::vector<uint8_t> disturbed;  // per body: something may touch it in this period
+    std::vector<BodyDrift> drift;    // per body, where asked
+    std::vector<uint8_t> reachable;  // per pair
+};
+
+// Drops pairs of deformable bodies that keep their distance in the coming period (s). A body's box looks as far ahead as
+// it moves; bodies that fall side by side would all look through each other although nothing moves between them. A pair
+// stays when along every axis the gap of the bodies is less than what they come nearer by their mean velocities, what
+// vertices stray from them (as body_boxes bounds it) and what gravity may add to one of them alone; or when one of them may
+// be touched by anything else in this period, for then it need not keep its velocity. Order is kept.
+void drop_unreachable_pairs(double period, const Vec3d& gravity, const Surfaces& surfaces, const BodyBoxes& boxes,
+                            ReachablePairsScratch& scratch, CandidatePairs& pairs);
+
+}  // namespace trocar

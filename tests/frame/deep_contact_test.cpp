@@ -1,0 +1,257 @@
+#include <gtest/gtest.h>
+
+#include <algorithm>
+#include <cmath>
+
+#include "content/build_scene.hpp"
+#include "engine/thread_pool.hpp"
+#include "systems/frame.hpp"
+#include "tests/reference/brute_force_contact.hpp"
+#include "tests/systems/contact_scene.hpp"
+
+// Contacts that vertices and edges do not see, and overlaps too deep for the shortest way out, in whole frames. What is
+// left is measured by brute force, from the places of the bodies alone.
+namespace trocar::test {
+namespace {
+
+// What is stated of a resolved contact: no point of either surface is deeper than contact.tolerance.
+constexpr double kTolerance = 1e-4;
+
+struct Body {
+    Mesh mesh;
+    Motion motion = Motion::kDeformable;
+    Vec3d at = Vec3d::Zero();
+    Admission admission = Admission::kSolid;
+    std::vector<Keyframe> path = {};
+};
+
+World make_world(const std::vector<Body>& bodies) {
+    World w;
+    w.settings.gravity.setZero();
+    w.settings.contact.tolerance = kTolerance;
+    for (const Body& b : bodies) {
+        Tissue tissue;
+        tissue.friction = 0;
+        tissue.damping = 20;
+        const uint32_t row = add_body(w, "body", add_prototype(w.meshes, b.mesh, b.admission), b.motion, tissue, AnchorFrame::kShape);
+        w.poses.origin[row] = b.at;
+        w.bodies.thickness[row] = b.admission == Admission::kSheet ? 1e-3 : 0;
+        if (b.motion == Motion::kDeformable) make_deformable(w, row);
+        if (b.path.empty()) continue;
+        w.paths.body.push_back(row);
+        w.paths.keys.push_back({uint32_t(w.paths.key.size()), uint32_t(b.path.size())});
+        w.paths.key.insert(w.paths.key.end(), b.path.begin(), b.path.end());
+    }
+    make_trees(w);
+    return w;
+}
+
+template <typename Look>
+void run(World world, int passes, const Look& look) {
+    ThreadPool pool(1);
+    pool.run([&] {
+        Frame frame(std::move(world), {});
+        for (int pass = 0; pass < passes; ++pass) frame.step();
+        look(frame.world());
+    });
+}
+
+Mesh ball(double radius, uint32_t n) {
+    return make_sphere(n, [=](const Vec3d& p) { return Vec3d(radius * p); });
+}
+
+// Deepest of a grid of points on every face of a body in the other one, by brute force. m, 0 = none is inside
+double deepest_of_faces(const World& w, uint32_t body, uint32_t other, int grid) {
+    const reference::Surface own(surfaces_of(w), body), surface(surfaces_of(w), other);
+    double depth = 0;
+    for (const Triangle& t : own.triangle) {
+        const Vec3d &p = own.position[t[0]], &q = own.position[t[1]], &r = own.position[t[2]];
+        for (int i = 0; i <= grid; ++i)
+            for (int j = 0; i + j <= grid; ++j)
+                depth = std::max(depth, -surface.signed_distance(p + double(i) / grid * (q - p) + double(j) / grid * (r - p)));
+    }
+    return depth;
+}
+
+double middle_z(const World& w, uint32_t body) {
+    const uint32_t count = w.meshes.info[w.bodies.mesh[body]].vertices.count;
+    double sum = 0;
+    for (uint32_t v = 0; v < count; ++v) sum += vertex_position(surfaces_of(w), body, v).z();
+    return sum / count;
+}
+
+// A ball has come through the middle of one large face of a sheet: no vertex and no edge of the sheet is in the ball. The
+// face has a row that moves its three corners; without it the ball stays stuck.
+TEST(FaceRows, CoarseSheetComesOffABall) {
+    for (const bool faces : {true, false}) {
+        const double cell = 0.025, in_middle = cell * (1 - std::sqrt(0.5));
+        const Vec3d middle(cell - in_middle, in_middle, 0);
+        World w = make_world({{ball(0.01, 8), Motion::kStatic}, {make_sheet(4 * cell, 4), Motion::kDeformable, Vec3d(0, 0, 0.007) - middle, Admission::kSheet}});
+        w.settings.contact.faces = faces;
+        ASSERT_NEAR(deepest_of_faces(w, 1, 0, 12), 0.003, 3e-4) << "as laid out";
+        run(std::move(w), 30, [&](const World& after) {
+            const double left = deepest_of_faces(after, 1, 0, 12);
+            if (faces) {
+                EXPECT_LT(left, kTolerance);
+                EXPECT_GT(middle_z(after, 1), 0.0075) << "it leaves over the near side";
+            } else {
+                EXPECT_GT(left, 1e-3) << "the row is not what frees it";
+            }
+        });
+    }
+}
+
+// Three-sided prism along z between `low` and `high`, of two triangles a side and one at each end.
+Mesh prism(double radius, double low, double high) {
+    Mesh mesh;
+    for (const double z : {low, high})
+        for (int k = 0; k < 3; ++k) mesh.position.push_back(Vec3d(radius * std::cos(2 * M_PI * k / 3), radius * std::sin(2 * M_PI * k / 3), z));
+    mesh.triangle = {{0, 2, 1}, {3, 4, 5}};
+    for (uint32_t k = 0; k < 3; ++k) {
+        const uint32_t next = (k + 1) % 3;
+        mesh.triangle.push_back({k, next, next + 3});
+        mesh.triangle.push_back({k, next + 3, k + 3});
+    }
+    return mesh;
+}
+
+// The end of one prism in that of a slightly wider one: corners and edges are 1 mm deep, sideways; the middle of the end
+// 3 mm, along. Only the row of the face pushes along.
+TEST(FaceRows, EndFaceOfAPrism) {
+    for (const bool faces : {true, false}) {
+        World w = make_world({{prism(0.022, 0, 0.04), Motion::kStatic}, {prism(0.02, -0.04, 0.003)}});
+        w.settings.contact.faces = faces;
+        ASSERT_NEAR(deepest_of_faces(w, 1, 0, 12), 0.003, 1e-6) << "as laid out";
+        run(std::move(w), 5, [&](const World& after) {
+            const double left = std::max(deepest_of_faces(after, 1, 0, 12), deepest_of_faces(after, 0, 1, 12));
+            if (faces) {
+                EXPECT_LT(left, kTolerance);
+                EXPECT_LT(middle_z(after, 1), -0.0195) << "it leaves along the axis";
+            } else {
+                EXPECT_GT(left, 2.5e-3) << "the row is not what frees it";
+            }
+        });
+    }
+}
+
+// A small ball in the middle of a large face of a box: the row of the ball's deepest vertex moves the face's three corners
+// by its weights, and they are as far out after as stated.
+TEST(FaceRows, SmallBallInALargeFaceOfABox) {
+    const Vec3d at(0.008, 0.003, 0.03 + 0.005 - 0.002);  // 2 mm in the top face, nearest to one corner of its triangle
+    World w = make_world({{make_box({0.06, 0.06, 0.06})}, {ball(0.005, 8), Motion::kStatic, at}});
+    std::vector<Vec3d> before;
+    for (uint32_t v = 0; v < 8; ++v) before.push_back(vertex_position(surfaces_of(w), 0, v));
+    ThreadPool pool(1);
+    pool.run([&] {
+        Frame frame(std::move(w), {});
+        const World& now = frame.world();
+        frame.step();
+        const Penetrations& p = now.penetrations;
+        ASSERT_EQ(p.pair.size(), 1u);
+        EXPECT_NEAR(p.depth[0], 0.002, 1e-6);
+        const uint32_t witness = p.witness[0];
+        ASSERT_EQ(now.contacts.body[witness], 1u) << "the ball's vertex";
+        const auto row = size_t(std::find(now.rows.contact.begin(), now.rows.contact.end(), witness) - now.rows.contact.begin());
+        ASSERT_LT(row, now.rows.contact.size());
+        // the one deepest row did nearly all of it: corners went down in the ratio of their weights
+        const Triangle& t = now.rows.triangle[row];
+        double sum = 0;
+        for (int k = 0; k < 3; ++k) {
+            const double down = before[t[k]].z() - vertex_position(surfaces_of(now), 0, t[k]).z();
+            EXPECT_GT(now.rows.weight[row][k], 0.05f);
+            sum += now.rows.weight[row][k] * down;
+        }
+        EXPECT_GT(sum, 1e-3) << "the point under the vertex went down";
+        for (int pass = 0; pass < 20; ++pass) frame.step();
+        EXPECT_LT(deepest_of_faces(now, 1, 0, 4), kTolerance);
+        EXPECT_LT(deepest_of_faces(now, 0, 1, 40), kTolerance);
+    });
+}
+
+// ---- too deep for the shortest way out ----
+
+// A ball is put 23 mm further into a soft plate of 20 mm at once, past its middle: the shortest way out now leads on
+// through the far side. With the memory of where it came from the plate is brought back below the ball.
+TEST(DeepOverlap, BallShotIntoAPlateLeavesWhereItCameFrom) {
+    for (const DeepResponse deep : {DeepResponse::kLastFree, DeepResponse::kNone}) {
+        for (const ResponseDirection direction : {ResponseDirection::kLocal, ResponseDirection::kThesis}) {
+            const double pressed = 0.0155;
+            Body probe{ball(0.006, 6), Motion::kKinematic, Vec3d(0.0007, 0.0004, pressed), Admission::kSolid, {}};
+            for (const auto& [time, z, jump] : {std::tuple{0.0, pressed, 0}, {0.2, pressed - 0.023, 1}, {10.0, pressed - 0.023, 0}}) {
+                probe.path.push_back({time, Vec3d(0.0007, 0.0004, z), Quat{}, uint64_t(jump)});
+            }
+            World w = make_world({{make_box({0.04, 0.04, 0.02}, {10, 10, 5})}, probe});
+            w.settings.contact.deep = deep;
+            w.settings.contact.direction = direction;
+            run(std::move(w), 90, [&](const World& after) {
+                const double left = std::max(deepest_of_faces(after, 0, 1, 2), deepest_of_faces(after, 1, 0, 2));
+                const bool below = middle_z(after, 0) < after.poses.origin[1].z();
+                if (deep == DeepResponse::kLastFree) {
+                    EXPECT_TRUE(below) << "it went on through";
+                    EXPECT_LT(left, kTolerance);
+                } else {
+                    EXPECT_FALSE(below && left < kTolerance) << "nothing was deep: the mode is not what helps";
+                }
+            });
+        }
+    }
+}
+
+// Two equal balls that start past each other's centres, with nothing to remember: by shortest ways they are drawn
+// together; the mode takes the shortest way that surely parts them.
+TEST(DeepOverlap, BallsThatStartPastTheirCentresArePartedTheShortWay) {
+    for (const DeepResponse deep : {DeepResponse::kLastFree, DeepResponse::kNone}) {
+        const double radius = 0.01, apart = 0.3 * radius;
+        World w = make_world({{ball(radius, 8), Motion::kStatic}, {ball(radius, 8), Motion::kDeformable, Vec3d(0, 0, apart)}});
+        w.settings.contact.deep = deep;
+        run(std::move(w), 120, [&](const World& after) {
+            const double left = std::max(deepest_of_faces(after, 0, 1, 2), deepest_of_faces(after, 1, 0, 2));
+            if (deep == DeepResponse::kLastFree) {
+                EXPECT_LT(left, kTolerance);
+                EXPECT_GT(middle_z(after, 1), 1.9 * radius) << "on the side where it was";
+            } else {
+                EXPECT_LT(std::abs(middle_z(after, 1)), 0.1 * radius) << "the mode is not what helps: drawn into one place";
+            }
+        });
+    }
+}
+
+// One-sided (the other body stands still) and two-sided response, by every share and direction: an overlap of 2 mm is gone
+// to the stated residual, and stays gone.
+TEST(Response, OneSidedAndTwoSidedReachTheStatedResidual) {
+    for (const Motion other : {Motion::kStatic, Motion::kDeformable}) {
+        for (const ResponseShare share : {ResponseShare::kMass, ResponseShare::kStiffness, ResponseShare::kHalf}) {
+            for (const ResponseDirection direction : {ResponseDirection::kLocal, ResponseDirection::kThesis}) {
+                World w = make_world({{ball(0.03, 6)}, {ball(0.02, 5), other, Vec3d(0.001, 0.002, 0.0475)}});
+                w.settings.contact.direction = direction;
+                w.settings.contact.share = share;
+                const Vec3d before = vertex_position(surfaces_of(w), 1, 0);
+                const std::string what = std::to_string(int(other)) + " share " + std::to_string(int(share)) + " direction " + std::to_string(int(direction));
+                run(std::move(w), 20, [&](const World& after) {
+                    EXPECT_LT(std::max(deepest_of_faces(after, 0, 1, 2), deepest_of_faces(after, 1, 0, 2)), kTolerance) << what;
+                    EXPECT_EQ(vertex_position(surfaces_of(after), 1, 0) == before, other == Motion::kStatic) << what;
+                });
+            }
+        }
+    }
+}
+
+// What one pass leaves of an overlap, by each direction of the response: both take the most of it away.
+TEST(ResponseDirection, WhatOnePassLeaves) {
+    double left[2] = {0, 0};
+    for (const ResponseDirection direction : {ResponseDirection::kLocal, ResponseDirection::kThesis}) {
+        World w = make_world({{ball(0.03, 7)}, {ball(0.02, 5), Motion::kStatic, Vec3d(0.001, 0.002, 0.048)}});
+        w.settings.contact.direction = direction;
+        const double before = std::max(deepest_of_faces(w, 0, 1, 2), deepest_of_faces(w, 1, 0, 2));
+        ASSERT_GT(before, 1e-3);
+        run(std::move(w), 1, [&](const World& after) {
+            double& rest = left[direction == ResponseDirection::kThesis];
+            rest = std::max(deepest_of_faces(after, 0, 1, 2), deepest_of_faces(after, 1, 0, 2));
+            EXPECT_LT(rest, 0.5 * before);
+        });
+    }
+    std::printf("[          ] left after one pass: local %.4f mm, thesis %.4f mm\n", 1e3 * left[0], 1e3 * left[1]);
+}
+
+}  // namespace
+}  // namespace trocar::test

@@ -1,0 +1,190 @@
+#include <gtest/gtest.h>
+
+#include <cstring>
+#include <map>
+#include <set>
+
+#include "engine/capture_file.hpp"
+#include "engine/thread_pool.hpp"
+#include "systems/frame.hpp"
+#include "systems/sleep.hpp"
+#include "tests/frame/scenes_under_test.hpp"
+
+// The stress scenes of content/scenes with few bodies, and bodies that come and go in slots of a pool.
+namespace {
+using namespace trocar;
+
+BuiltScene stress_scene(const std::string& name, const std::vector<Override>& overrides) {
+    return build_scene(read_scene_file(source_folder() / "content/scenes" / ("stress_" + name + ".toml"), overrides));
+}
+
+struct Small {
+    const char* name;
+    std::vector<Override> overrides;
+    uint32_t passes;
+};
+void PrintTo(const Small& s, std::ostream* out) { *out << s.name; }
+
+class StressScenes : public testing::TestWithParam<Small> {};
+
+// Breaks when a scene does not load, when threads change its result, or when bodies are lost or blown up.
+TEST_P(StressScenes, RunTheSameOnAnyThreads) {
+    uint64_t hash[2] = {0, 0};
+    for (const uint32_t threads : {1u, 4u}) {
+        ThreadPool pool(threads);
+        pool.run([&] {
+            Frame frame(std::move(stress_scene(GetParam().name, GetParam().overrides).world), {});
+            for (uint32_t pass = 0; pass < GetParam().passes; ++pass) frame.step();
+            const World& w = frame.world();
+            hash[threads > 1] = state_hash(w);
+            EXPECT_EQ(w.report.nonfinite_particles, 0u);
+            EXPECT_EQ(w.report.runaway_bodies, 0u);
+        });
+    }
+    EXPECT_EQ(hash[0], hash[1]);
+}
+
+INSTANTIATE_TEST_SUITE_P(Few, StressScenes,
+                         testing::Values(Small{"rain", {{"count", "12"}, {"resolution", "80"}}, 40},
+                                         Small{"packed", {{"count", "8"}, {"resolution", "200"}}, 6},
+                                         Small{"sparse", {{"count", "30"}, {"resolution", "80"}}, 20},
+                                         Small{"large", {{"count", "2"}, {"resolution", "1000"}}, 20},
+                                         Small{"mixed", {{"count", "8"}, {"rigid", "6"}, {"resolution", "80"}}, 40},
+                                         Small{"settle", {{"count", "9"}, {"columns", "2"}, {"resolution", "48"}}, 40},
+                                         Small{"full_contact", {{"resolution", "1000"}}, 6},
+                                         Small{"come_and_go", {{"count", "12"}, {"life", "0.3"}, {"resolution", "80"}}, 60}),
+                         [](const auto& info) { return info.param.name; });
+
+// What a slot went through.
+struct Stay {
+    uint64_t from = 0, to = 0;  // ms
+    friend bool operator==(const Stay&, const Stay&) = default;
+};
+using Book = std::map<uint32_t, std::vector<Stay>>;  // by slot
+
+// The rules of lives.hpp again, in plain words: body k is due at k / rate, takes the lowest slot that was free before this
+// pass, stays for `life`.
+Book expected_stays(uint32_t slots, double rate, double life, const std::vector<uint64_t>& ticks) {
+    Book book;
+    std::set<uint32_t> free;
+    for (uint32_t s = 0; s < slots; ++s) free.insert(s);
+    uint64_t came = 0;
+    for (const uint64_t now : ticks) {
+        std::vector<uint32_t> out;
+        for (auto& [slot, stays] : book)
+            if (stays.back().to == 0 && static_cast<double>(now - stays.back().from) >= life * 1e3) stays.back().to = now, out.push_back(slot);
+        while (static_cast<double>(came) / rate <= static_cast<double>(now) * 1e-3 + 1e-12 && !free.empty()) {
+            book[*free.begin()].push_back({now, 0});
+            free.erase(free.begin());
+            ++came;
+        }
+        free.insert(out.begin(), out.end());
+    }
+    return book;
+}
+
+std::vector<Override> pool_of(const char* count, const char* rate, const char* life) {
+    return {{"count", count}, {"rate", rate}, {"life", life}, {"resolution", "80"}};
+}
+
+TEST(ComeAndGo, FollowsItsBookAndRecyclesSlotsWithNewNames) {
+    ThreadPool pool(2);
+    pool.run([&] {
+        Frame frame(std::move(stress_scene("come_and_go", pool_of("6", "25", "0.3")).world), {});
+        const World& w = frame.world();
+        const std::vector<Range> rows = w.bodies.particles;
+        const Range slots = w.pools.slots[0];
+        EXPECT_EQ(slots.count, 6u);
+        Book book;
+        std::vector<uint64_t> ticks;
+        std::map<uint32_t, Entity> name;
+        std::vector<Entity> gone;
+        for (int pass = 0; pass < 90; ++pass) {
+            const uint64_t now = w.clock.tick;
+            ticks.push_back(now);
+            frame.step();
+            for (uint32_t s = slots.first; s < slots.end(); ++s) {
+                std::vector<Stay>& stays = book[s - slots.first];
+                const bool here = !is_away(w.lives, s), was = !stays.empty() && stays.back().to == 0;
+                if (here && !was) {
+                    stays.push_back({now, 0}), name[s] = entity_of(w.lives, s);
+                    for (const Entity& e : gone) EXPECT_FALSE(e == name[s]) << "a name was given twice";
+                }
+                if (!here && was) {
+                    stays.back().to = now;
+                    gone.push_back(name[s]);
+                }
+                EXPECT_EQ(name.contains(s) && is_there(w.lives, name[s]), here);
+                const bool drawn = frame.times().picture ? w.picture.body[s].mesh != kNone : here;
+                EXPECT_EQ(drawn, here);
+                if (here) continue;
+                EXPECT_TRUE(is_asleep(w.sleep, s));
+                EXPECT_FALSE((w.boxes.box[s].min.array() <= w.boxes.box[s].max.array()).all());
+            }
+            for (size_t i = 0; i < w.pairs.a.size(); ++i) EXPECT_FALSE(is_away(w.lives, w.pairs.a[i]) || is_away(w.lives, w.pairs.b[i]));
+        }
+        Book expected = expected_stays(6, 25, 0.3, ticks);
+        for (auto& [slot, stays] : book)
+            if (stays.empty()) expected[slot];
+        EXPECT_EQ(book, expected);
+        EXPECT_GT(gone.size(), 12u) << "no slot was used three times: nothing was tested";
+        for (const Entity& e : gone) EXPECT_FALSE(is_there(w.lives, e));
+        for (size_t b = 0; b < rows.size(); ++b) EXPECT_EQ(rows[b].first, w.bodies.particles[b].first) << "renumbered";
+        EXPECT_EQ(w.lives.came[0], [&] {
+            uint64_t all = 0;
+            for (const auto& [slot, stays] : expected) all += stays.size();
+            return all;
+        }());
+    });
+}
+
+// A body that nothing touches falls, while others come and go, exactly as without them; the books stay closed over
+// departures. Breaks when a slot's content leaks into another or energy vanishes unbooked.
+TEST(ComeAndGo, LeavesOthersAloneAndTheBooksClosed) {
+    std::vector<Float4> place[2];
+    for (const int others : {0, 1}) {
+        ThreadPool pool(1);
+        pool.run([&] {
+            std::vector<Override> overrides = pool_of("9", others ? "40" : "0.001", "0.25");
+            Frame frame(std::move(stress_scene("come_and_go", overrides).world), {});
+            const World& w = frame.world();
+            const uint32_t first = w.pools.slots[0].first;
+            double worst = 0, most = 0;
+            for (int pass = 0; pass < 60; ++pass) {
+                frame.step();
+                worst = std::max(worst, std::abs(w.energy.balance)), most = std::max(most, w.energy.kinetic);
+                if (pass == 12) {
+                    const Range r = w.bodies.particles[first];
+                    place[others].assign(w.particles.offset.begin() + r.first, w.particles.offset.begin() + r.end());
+                }
+            }
+            EXPECT_GT(most, 1e-3);
+            EXPECT_LT(worst, 0.02 * most);
+        });
+    }
+    ASSERT_EQ(place[0].size(), place[1].size());
+    EXPECT_EQ(0, std::memcmp(place[0].data(), place[1].data(), place[0].size() * sizeof(Float4)));
+}
+
+// A state saved while slots are in use starts the same future. Breaks when lives are not part of a capture.
+TEST(ComeAndGo, GoesOnFromASavedState) {
+    ThreadPool pool(1);
+    pool.run([&] {
+        const auto overrides = pool_of("6", "25", "0.3");
+        Frame run(std::move(stress_scene("come_and_go", overrides).world), {});
+        for (int pass = 0; pass < 50; ++pass) run.step();
+        CaptureRecord record;
+        for (uint32_t r = 0; r < static_cast<uint32_t>(Resource::kCount); ++r)
+            if (resource_kind(static_cast<Resource>(r)) == ResourceKind::kState) save_resource(run.world(), static_cast<Resource>(r), record);
+        Frame again(std::move(stress_scene("come_and_go", overrides).world), {});
+        for (uint32_t r = 0; r < static_cast<uint32_t>(Resource::kCount); ++r)
+            if (resource_kind(static_cast<Resource>(r)) == ResourceKind::kState) load_resource(record, static_cast<Resource>(r), again.world());
+        EXPECT_EQ(find_fault(again.world()), "");
+        for (int pass = 0; pass < 30; ++pass) run.step(), again.step();
+        EXPECT_EQ(state_hash(run.world()), state_hash(again.world()));
+        again.world().lives.away.pop_back();
+        EXPECT_NE(find_fault(again.world()), "");
+    });
+}
+
+}  // namespace

@@ -1,0 +1,379 @@
+#include "systems/haptic_safety.hpp"
+
+#include <gtest/gtest.h>
+
+#include <cmath>
+#include <random>
+
+#include "engine/simulated_hand.hpp"
+#include "systems/haptic_tool.hpp"
+#include "tests/reference/local_patches.hpp"
+
+// Cases T01 to T04 and T13 to T16 of the haptics list at the whole tick: what reaches the device, with devices that fail
+// and hands that would swing.
+namespace trocar {
+namespace {
+
+constexpr double kTick = 1e-3;    // s
+constexpr double kRadius = 3e-3;  // m
+
+// A hand on a simulated device against the plane z = 0, ticked as a live run does.
+struct WallRig {
+    HapticParams params;
+    LocalContactModel model = reference::make_patch(reference::make_plane());
+    HandTool tool;
+    std::vector<HapticEffect> effects;
+    HapticScratch scratch;
+    ToolState state;
+    HandModelState hand;
+    double time = 0, energy = 0;  // s; J, that the device's force did on the hand
+    Vec3d before = Vec3d::Zero();
+
+    explicit WallRig(double stiffness) {
+        params.model_timeout = 1e9;
+        tool.tip_radius = kRadius;
+        tool.friction = 0;
+        tool.coupling_stiffness = stiffness;
+        tool.coupling_damping = 0;
+        tool.max_force = 1e3;
+        tool.limits.force_slew = 1e9;
+    }
+    // One tick with the hand meaning to be there; `elapsed` since the last one.
+    void tick(const DeviceState& intended, double elapsed = kTick) {
+        const Vec3d force = state.output.force;
+        DeviceState sample = hand_sample(tool, intended, elapsed, state.output, hand);
+        if (state.ticks > 0) energy += force.dot(sample.position - before);
+        before = sample.position;
+        time += elapsed;
+        sample.time = time;
+        tick_tool(params, model, time, tool, effects, sample, scratch, state);
+    }
+    void sample(const DeviceState& device) {
+        time += kTick;
+        tick_tool(params, model, time, tool, effects, device, scratch, state);
+    }
+    DeviceState at(const Vec3d& position) const {
+        DeviceState s;
+        s.time = time + kTick;
+        s.position = position;
+        return s;
+    }
+    Vec3d force() const { return state.output.force; }
+};
+
+DeviceState place(const Vec3d& position) {
+    DeviceState s;
+    s.position = position;
+    return s;
+}
+
+// ---- limits ----
+
+// T16: breaks when a component is clamped by itself or the scaled force is above the limit.
+TEST(HapticSafety, T16_ACommandAboveTheLimitsKeepsItsDirection) {
+    std::mt19937_64 random(1);
+    std::normal_distribution<double> normal;
+    DeviceLimits limits;
+    limits.force_slew = limits.torque_slew = 1e12;
+    for (int k = 0; k < 200; ++k) {
+        SafetyState state;
+        DeviceCommand wanted, output;
+        wanted.force = 10 * Vec3d(normal(random), normal(random), normal(random));
+        wanted.torque = Vec3d(normal(random), normal(random), normal(random));
+        wanted.stiffness[0] = 100;
+        limit_command(limits, 3.3, kTick, false, wanted, state, output);
+        EXPECT_LE(output.force.norm(), 3.3);
+        EXPECT_LE(output.torque.norm(), limits.torque);
+        EXPECT_NEAR((output.force.normalized() - wanted.force.normalized()).norm(), 0, 1e-12);
+        EXPECT_NEAR((output.torque.normalized() - wanted.torque.normalized()).norm(), 0, 1e-12);
+        EXPECT_NEAR(output.stiffness[0], 100 * output.force.norm() / wanted.force.norm(), 1e-9);
+        EXPECT_EQ(state.limiting, wanted.force.norm() > 3.3 || wanted.torque.norm() > limits.torque);
+    }
+}
+
+TEST(HapticSafety, ForceAndTorqueChangeNoFasterThanTheirSlew) {
+    DeviceLimits limits;
+    limits.force_slew = 500, limits.torque_slew = 20;
+    SafetyState state;
+    DeviceCommand wanted, output;
+    wanted.force = {0, 3, 0};
+    wanted.torque = {0.1, 0, 0};
+    for (int k = 1; k <= 10; ++k) {
+        limit_command(limits, 10, kTick, false, wanted, state, output);
+        EXPECT_NEAR(output.force.y(), std::min(3.0, 0.5 * k), 1e-9);
+        EXPECT_NEAR(output.torque.x(), std::min(0.1, 0.02 * k), 1e-12);
+    }
+    wanted.force = {0, -3, 0};
+    const Vec3d last = output.force;
+    limit_command(limits, 10, kTick, false, wanted, state, output);
+    EXPECT_NEAR((output.force - last).norm(), 0.5, 1e-9);
+    // by default from none to the largest in 3 ms
+    DeviceCommand fresh;
+    wanted.force = {9, 0, 0};
+    for (int k = 0; k < 3; ++k) limit_command({}, 9, kTick, false, wanted, state, fresh);
+    EXPECT_NEAR(fresh.force.x(), 9, 1e-6);
+}
+
+TEST(HapticSafety, WhatIsNoNumberBecomesNoForce) {
+    SafetyState state;
+    DeviceCommand output;
+    output.force = {1, 2, 3};
+    for (int field = 0; field < 4; ++field) {
+        DeviceCommand wanted;
+        wanted.force = {1, 0, 0};
+        if (field == 0) wanted.force.y() = std::nan("");
+        if (field == 1) wanted.torque.z() = 1e300 * 1e300;
+        if (field == 2) wanted.at.x() = std::nan("");
+        if (field == 3) wanted.stiffness[4] = std::nan("");
+        limit_command({}, 3, kTick, false, wanted, state, output);
+        EXPECT_EQ(output.force.norm(), 0);
+        EXPECT_EQ(output.torque.norm(), 0);
+        EXPECT_TRUE(output.at.allFinite());
+    }
+    EXPECT_EQ(state.safe_ticks, 4u);
+}
+
+// ---- a device that fails ----
+
+// Presses 3 mm deep, then `fault` spoils the samples; ms from the first spoilt sample until no force reaches the hand.
+// A spring that pulls sideways shows whether effects fall too.
+template <typename Fault>
+int ms_to_safe(Fault&& fault, WallRig* rig_out = nullptr) {
+    WallRig rig(600);
+    rig.tool.max_force = 3.3;
+    rig.tool.limits = {};
+    HapticEffect spring;
+    spring.kind = EffectKind::kSpringPoint;
+    spring.stiffness = 50;
+    spring.point = {0.02, 0, 0};
+    rig.effects = {spring};
+    for (int k = 0; k <= 200; ++k) rig.sample(rig.at({0, 0, 0.005 - std::min(k, 100) * 5e-5}));
+    EXPECT_GT(rig.force().z(), 1.0);
+    EXPECT_GT(rig.force().x(), 0.5);
+    int safe = -1;
+    for (int ms = 0; ms < 40; ++ms) {
+        DeviceState s = rig.at({0, 0, 0});
+        fault(ms, s);
+        rig.sample(s);
+        if (rig.force().norm() == 0 && safe < 0) safe = ms + 1;
+        if (rig.force().norm() > 0) safe = -1;
+        EXPECT_TRUE(rig.force().allFinite());
+        EXPECT_LE(rig.force().norm(), 3.3);
+    }
+    if (rig_out) *rig_out = rig;
+    return safe;
+}
+
+// T14: no number, and 100 mm in one tick: no force at the very next output.
+TEST(HapticSafety, T14_NanAndGlitchGiveNoForceAtOnce) {
+    EXPECT_EQ(ms_to_safe([](int, DeviceState& s) { s.position.x() = std::nan(""); }), 1);
+    EXPECT_EQ(ms_to_safe([](int, DeviceState& s) { s.velocity.z() = 1e300 * 1e300; }), 1);
+    EXPECT_EQ(ms_to_safe([](int, DeviceState& s) { s.orientation.w = std::nan(""); }), 1);
+    EXPECT_EQ(ms_to_safe([](int, DeviceState& s) { s.position.x() += 0.1; }), 1);
+    EXPECT_EQ(ms_to_safe([](int, DeviceState& s) { s.time -= 1; }), 1);
+    // one bad sample alone: a millisecond without force, then back over rise_time
+    WallRig rig(0);
+    EXPECT_EQ(ms_to_safe([](int ms, DeviceState& s) { s.position.x() += ms == 39 ? 0.1 : 0; }, &rig), 40);
+    rig.sample(rig.at({0, 0, 0}));
+    EXPECT_GT(rig.force().norm(), 0);
+    EXPECT_LE(rig.force().norm(), 3.3 * kTick / rig.params.rise_time + 1e-9);
+}
+
+// T15: unplugged or stalled, so that the last sample only grows older: no force within 20 ms (13 as it is set).
+TEST(HapticSafety, T15_AStalledDeviceGivesNoForceWithin20Ms) {
+    double frozen = 0;
+    WallRig rig(0);
+    const int ms = ms_to_safe(
+        [&](int k, DeviceState& s) {
+            if (k == 0) frozen = s.time - kTick;
+            s.time = frozen;
+        },
+        &rig);
+    EXPECT_GT(ms, 0);
+    EXPECT_LE(ms, 13);
+    // and when it comes back the force rises over rise_time, never by more than its share in a tick
+    double last = 0;
+    for (int k = 0; k < 100; ++k) {
+        rig.sample(rig.at({0, 0, 0}));
+        EXPECT_LE(rig.force().norm() - last, 3.3 * kTick / rig.params.rise_time + 1e-9);
+        last = rig.force().norm();
+    }
+    EXPECT_GT(last, 1.5);
+}
+
+// T04: 1 to 50 ticks left out while the hand presses on. Up to `silence` the device held its force, then it let go: no
+// kick when the ticks come back, and the full force in the end.
+TEST(HapticSafety, T04_MissedTicksComeBackWithoutAKick) {
+    for (int missed = 1; missed <= 50; ++missed) {
+        WallRig rig(600);
+        rig.tool.max_force = 3.3;
+        rig.tool.limits = {};
+        for (int k = 0; k <= 200; ++k) rig.sample(rig.at({0, 0, 0.005 - std::min(k, 100) * 5e-5}));
+        const double before = rig.force().norm();
+        rig.time += missed * kTick;
+        const bool let_go = (missed + 1) * kTick > rig.params.silence + 1e-9;
+        double last = let_go ? 0 : before;
+        for (int k = 0; k < 120; ++k) {
+            rig.sample(rig.at({0, 0, 0}));
+            const double step = std::abs(rig.force().norm() - last);
+            ASSERT_LE(step, let_go ? 3.3 * kTick / rig.params.rise_time + 1e-9 : 1e-9) << missed << " missed, tick " << k;
+            last = rig.force().norm();
+        }
+        EXPECT_NEAR(last, before, 1e-6);
+    }
+}
+
+// T13: the tool begins 8 mm inside: nothing until it was out once, then contact as ever.
+TEST(HapticSafety, T13_AToolThatStartsInsideIsLeftAlone) {
+    WallRig rig(600);
+    for (int k = 0; k < 300; ++k) {
+        rig.sample(rig.at({0, 0, -0.005 + 5e-5 * std::min(k, 280)}));
+        ASSERT_EQ(rig.force().norm(), 0) << k;
+    }
+    for (int k = 0; k < 200; ++k) rig.sample(rig.at({0, 0, 0.009 - 5e-5 * k}));
+    EXPECT_GT(rig.force().z(), 1);
+}
+
+// ---- passivity ----
+
+// A device pressed against a wall by 1 N and knocked in passing.
+struct Knock {
+    double early = 0, late = 0;  // m/s, fastest in the first and in the last quarter of the run
+};
+Knock knock(double stiffness, uint32_t delay, double dissipation, double speed, double seconds, double encoder = 0, double friction = 0) {
+    WallRig rig(stiffness);
+    rig.model = reference::make_patch(reference::make_plane(2));
+    rig.tool.hand = {};
+    rig.tool.hand.mass = 0.1, rig.tool.hand.damping = 0.5, rig.tool.hand.delay = delay;
+    rig.tool.hand.encoder = encoder, rig.tool.hand.friction = friction;
+    rig.tool.limits.dissipation = dissipation;
+    rig.params.force_slew = 1e12;
+    rig.params.device_speed = 1e3;
+    // the arm presses: a path that ran away at the end of a soft spring is a force
+    rig.tool.hand.stiffness = 1e-6;
+    DeviceState push = place({0, 0, -1e6});
+    // touches from outside, held until it lies where the force balances
+    HandTool held = rig.tool;
+    std::swap(rig.tool.hand.mass, held.hand.mass);
+    for (int k = 0; k <= 200; ++k) rig.tick(place({0, 0, kRadius + 1e-3 - std::min(k, 100) * 1e-2 * (1e-3 + 1 / stiffness)}));
+    rig.tool.hand.mass = held.hand.mass = 0.1;
+    rig.hand.placed = true;
+    rig.hand.position = rig.hand.reported = {0, 0, kRadius - 1 / stiffness};
+    rig.hand.velocity = {0, 0, speed};
+    rig.hand.force.fill(rig.force());
+    Knock found;
+    const int ticks = static_cast<int>(seconds / kTick);
+    for (int k = 0; k < ticks; ++k) {
+        rig.tick(push);
+        if (k < ticks / 4) found.early = std::max(found.early, rig.hand.velocity.norm());
+        if (k >= 3 * ticks / 4) found.late = std::max(found.late, rig.hand.velocity.norm());
+    }
+    return found;
+}
+
+// T01: the stiffest wall that a device of mass m and damping b bears under a period T and a delay t_d is b / (T/2 + t_d)
+// (Colgate & Schenkel; Gil 2009): below it a small knock dies away, above it the knock grows. The limit is found by
+// bisection at the whole tick.
+TEST(HapticSafety, T01_ZWidthIsThatOfTheory) {
+    for (const uint32_t delay : {0u, 1u, 2u}) {
+        const double theory = 0.5 / (0.5e-3 + delay * 1e-3);
+        const auto grows = [&](double share) {
+            const Knock k = knock(share * theory, delay, 0, 1e-4, 1.6);
+            return k.late > k.early;
+        };
+        EXPECT_FALSE(grows(0.5)) << delay;
+        EXPECT_TRUE(grows(2)) << delay;
+        double quiet = 0.5, loud = 2;
+        for (int k = 0; k < 9; ++k) {
+            const double middle = 0.5 * (quiet + loud);
+            (grows(middle) ? loud : quiet) = middle;
+        }
+        std::printf("delay %u: stiffest quiet wall %.1f N/m, theory %.1f\n", delay, quiet * theory, theory);
+        EXPECT_GT(quiet, 0.95) << delay;
+        EXPECT_LT(quiet, 1.05) << delay;
+    }
+}
+
+// and above it the controller takes back what sampling made: the shaking stays a part of what it would be.
+TEST(HapticSafety, T01_TheControllerLimitsShakingBeyond) {
+    for (const uint32_t delay : {0u, 1u, 2u}) {
+        const double stiffness = 2 * 0.5 / (0.5e-3 + delay * 1e-3);
+        const double alone = knock(stiffness, delay, 0, 0.05, 6).late, limited = knock(stiffness, delay, 10, 0.05, 6).late;
+        std::printf("2 x theory, delay %u: %.4f m/s alone, %.4f with the controller\n", delay, alone, limited);
+        EXPECT_LT(limited, 0.1 * alone) << delay;
+    }
+}
+
+// T02: with an encoder and dry friction walls up to min(2 b / T, 2 fc / step) are quiet (Abbott & Okamura 2005).
+TEST(HapticSafety, T02_EncoderStepsBelowTheFrictionLimitAreQuiet) {
+    const double step = 0.055e-3, friction = 0.02;
+    const double quiet = std::min(2 * 0.5 / kTick, 2 * friction / step);
+    for (const double share : {0.5, 0.9}) {
+        const Knock k = knock(share * quiet, 0, 0, 0.02, 6, step, friction);
+        EXPECT_LT(k.late, 1e-3) << share;
+        EXPECT_GT(k.early, 0.005) << share;
+    }
+}
+
+// Poking for a while with an arm: the energy that the device's force gave the hand never gets above a millijoule.
+TEST(HapticSafety, PokingStaysPassive) {
+    WallRig rig(600);
+    rig.tool.hand = {};
+    rig.tool.hand.mass = 0.2, rig.tool.hand.damping = 0.5, rig.tool.hand.stiffness = 150, rig.tool.hand.arm_damping = 4;
+    rig.tool.coupling_damping = 2;
+    rig.tool.max_force = 3.3;
+    double given = 0;
+    for (int k = 0; k < 60'000; ++k) {
+        const double angle = 2 * M_PI * 1.3 * k * kTick;
+        DeviceState intended = place({0.01 * std::sin(0.3 * angle), 0, 0.002 + 0.008 * std::cos(angle)});
+        intended.velocity = {0.003 * 2 * M_PI * 1.3 * std::cos(0.3 * angle), 0, -0.008 * 2 * M_PI * 1.3 * std::sin(angle)};
+        rig.tick(intended);
+        given = std::max(given, rig.energy);
+    }
+    std::printf("60 s of poking: at most %.4f mJ given, observer's least %.4f mJ\n", given * 1e3, rig.state.safety.lowest_energy * 1e3);
+    EXPECT_LT(given, 1e-3);
+    EXPECT_GT(rig.state.safety.lowest_energy, -1e-3);
+}
+
+// T03: the same with ticks that come up to a fifth too early or too late.
+TEST(HapticSafety, T03_JitterOfAFifthStaysPassive) {
+    std::mt19937_64 random(5);
+    std::uniform_real_distribution<double> jitter(0.8, 1.2);
+    WallRig rig(600);
+    rig.tool.hand = {};
+    rig.tool.hand.mass = 0.2, rig.tool.hand.damping = 0.5, rig.tool.hand.stiffness = 150, rig.tool.hand.arm_damping = 4;
+    double given = 0, contacts = 0, phase = 0;
+    for (int k = 0; k < 30'000; ++k) {
+        const double elapsed = kTick * jitter(random);
+        phase += 2 * M_PI * 1.3 * elapsed;
+        DeviceState intended = place({0, 0, 0.002 + 0.008 * std::cos(phase)});
+        intended.velocity = {0, 0, -0.008 * 2 * M_PI * 1.3 * std::sin(phase)};
+        rig.tick(intended, elapsed);
+        contacts += rig.state.contacts > 0;
+        given = std::max(given, rig.energy);
+    }
+    EXPECT_GT(contacts, 5000);
+    EXPECT_LT(given, 1e-3);
+    EXPECT_GT(rig.state.safety.lowest_energy, -1e-3);
+}
+
+// The observer itself, against its own books: a spring that is let go later than it was loaded gives energy, and the
+// controller asks it back in proportion to speed, never more than its limit.
+TEST(HapticSafety, TheObserverCountsWhatACouplingGives) {
+    SafetyState state;
+    const Vec3d z = Vec3d::UnitZ(), still = Vec3d::Zero();
+    dissipate(10, kTick, still, still, still, still, state);
+    dissipate(10, kTick, -1e-3 * z, still, still, 2 * z, state);  // 1 mm in without force, then 2 N
+    EXPECT_EQ(state.energy, 0);
+    Vec3d f = dissipate(10, kTick, still, 0.5 * z, still, z, state);  // back out under 2 N: 2 mJ given
+    EXPECT_NEAR(state.energy, -2e-3, 1e-15);
+    EXPECT_NEAR(f.z(), 1 - std::min(2e-3 / (kTick * 0.25), 10.0) * 0.5, 1e-12);
+    // a surface that moves with the hand gives nothing: the proxy's way counts too
+    SafetyState moving;
+    dissipate(10, kTick, still, still, z * 1e-3, 2 * z, moving);
+    for (int k = 1; k < 100; ++k) dissipate(10, kTick, k * 1e-3 * z, z, (k + 1) * 1e-3 * z, 2 * z, moving);
+    EXPECT_NEAR(moving.energy, 0, 1e-15);
+}
+
+}  // namespace
+}  // namespace trocar
