@@ -12,6 +12,9 @@ namespace {
 
 // Points of an edge nearer to each other than this part of it are the same.
 constexpr float kSamePoint = 0.1f;
+// What is found deeper than this (m) does not rest: between jaws that do not give way, impulses against each other would
+// grow from pass to pass.
+constexpr double kRestingDepth = 5e-5;
 
 // Whose point it is, in the order of Contacts: pair, side, vertices before edges before faces.
 struct PointKey {
@@ -122,6 +125,7 @@ void recall_contacts(const ContactMemory& memory, ContactMemoryScratch& scratch,
         if (wanted < before) next = scratch.order.begin();
         before = wanted;
         while (next != scratch.order.end() && key_of(memory, *next) < wanted) ++next;
+        if (rows.distance[row] < -kRestingDepth) continue;
         for (auto m = next; m != scratch.order.end() && key_of(memory, *m) == wanted; ++m) {
             if (std::abs(memory.along[*m] - rows.along[row]) < kSamePoint) rows.carried[row] = memory.force[*m];
         }

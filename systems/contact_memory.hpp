@@ -31,7 +31,8 @@ void keep_edges(const ContactParams& params, const Surfaces& surfaces, const Bod
                 ContactMemoryScratch& scratch, Contacts& contacts);
 
 // Gives every row what the row of the same point carried at the end of the pass before, zero where there was none. The
-// same point: same vertices of the same body against the same other and, of an edge, less than a tenth of it apart.
+// same point: same vertices of the same body against the same other and, of an edge, less than a tenth of it apart. Rows that
+// start deeper than what rests get none.
 void recall_contacts(const ContactMemory& memory, ContactMemoryScratch& scratch, ContactRows& rows);
 
 // Keeps the rows that carried something in the pass, and those of edges, in their order; points inside faces

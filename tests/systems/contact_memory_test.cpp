@@ -13,6 +13,7 @@ struct Row {
     float along = 0;
     Vec3d impulse = Vec3d::Zero(), carried = Vec3d::Zero();
     uint32_t third = kNone;
+    double distance = 0;
 };
 ContactRows rows_of(const std::vector<Row>& list) {
     ContactRows rows;
@@ -22,6 +23,7 @@ ContactRows rows_of(const std::vector<Row>& list) {
         rows.vertex.push_back(r.vertex);
         rows.along.push_back(r.along);
         rows.third.push_back(r.third);
+        rows.distance.push_back(r.distance);
         rows.impulse.push_back(r.impulse);
         rows.carried.push_back(r.carried);
     }
@@ -48,10 +50,10 @@ TEST(ContactMemory, RowsFindWhatTheirPointsCarried) {
 
     ContactRows now = rows_of({{0, 1, {4, 4}}, {0, 1, {5, 5}}, {0, 1, {6, 6}}, {0, 1, {5, 9}, 0.75f}, {0, 1, {5, 9}, 0.45f},
                                {0, 1, {7, 9}, 0.5f}, {0, 1, {7, 9}, 0.5f, Vec3d::Zero(), Vec3d::Zero(), 11}, {1, 0, {5, 5}}, {0, 2, {5, 5}},
-                               {1, 2, {5, 5}}, {0, 1, {1, 2}, 0.52f}});
+                               {1, 2, {5, 5}}, {0, 1, {1, 2}, 0.52f}, {0, 1, {5, 5}, 0, Vec3d::Zero(), Vec3d::Zero(), kNone, -1e-4}});
     ContactMemoryScratch scratch;
     recall_contacts(memory, scratch, now);
-    const std::vector<double> expected{0, 1, 0, 3, 0, 0, 0, 4, 5, 0, 6};
+    const std::vector<double> expected{0, 1, 0, 3, 0, 0, 0, 4, 5, 0, 6, 0};
     ASSERT_EQ(now.carried.size(), expected.size());
     for (size_t i = 0; i < expected.size(); ++i) {
         EXPECT_EQ(now.carried[i], expected[i] == 0 ? Vec3d(0, 0, 0) : force(expected[i])) << i;
