@@ -25,7 +25,7 @@ struct BulletDeformable : BulletBody {
 };
 BulletDeformable bullet_deformable(const SpringGraph& graph, double dt, double damping);
 
-// Rows of error against time: integrators, steps, stiffness.
-void error_rows(Report& report);
+// Rows of error against time: integrators, steps, stiffness. References are kept in `cache`, empty = nowhere.
+void error_rows(Report& report, const std::string& cache);
 
 }  // namespace trocar::bench

@@ -60,6 +60,8 @@ nlohmann::ordered_json to_json(const std::string& suite, const Row& row) {
     j["note"] = text(row.note);
     j["plot"] = text(row.plot);
     j["series"] = text(row.series);
+    if (!row.axes.empty()) j["axes"] = row.axes;
+    for (const auto& [name, value] : row.beside) j["beside"][name] = number(value);
     return j;
 }
 
@@ -74,6 +76,7 @@ void print(const Row& row) {
         std::printf("  [%s %.3g, aim %.3g: %s]", row.goal == Goal::kRatio ? "at least" : "at most", row.at_least, row.aim,
                     !judged ? row.not_judged.c_str() : *judged ? "met" : "MISSED");
     }
+    for (const auto& [name, value] : row.beside) std::printf("  %s %.3g", name.c_str(), value);
     if (!row.note.empty()) std::printf("  %s", row.note.c_str());
     std::printf("\n");
     std::fflush(stdout);
@@ -102,26 +105,27 @@ void Report::heading(const std::string& text) {
 }
 
 void Report::add(Row row) {
-    if (row.plot.empty()) print(row);
+    if (row.plot.empty() || !row.axes.empty()) print(row);
     rows_.push_back(std::move(row));
 }
 
 void Report::print_plots() const {
     std::map<std::string, std::map<std::string, std::array<std::vector<double>, 3>>> plots;
     for (const Row& row : rows_) {
-        if (row.plot.empty()) continue;
+        if (row.plot.empty() || !row.axes.empty()) continue;
         auto& values = plots[row.plot][row.series];
         values[0].push_back(row.ours);
         values[1].push_back(row.error);
-        values[2].push_back(std::isfinite(row.smooth_error) ? row.smooth_error : 0);
+        if (std::isfinite(row.smooth_error)) values[2].push_back(row.smooth_error);
     }
     for (auto& [plot, series] : plots) {
         std::printf("%s: median time; error of nine in ten pairs and largest error, against the mesh and against the smooth shape\n", plot.c_str());
         for (auto& [name, values] : series) {
             for (std::vector<double>& v : values) std::sort(v.begin(), v.end());
             const auto part = [](const std::vector<double>& v, double p) { return v[size_t(p * double(v.size() - 1))]; };
-            std::printf("  %-24s %9.4f ms   %9.3g %9.3g mm   %9.3g %9.3g mm\n", name.c_str(), part(values[0], 0.5),
-                        part(values[1], 0.9), values[1].back(), part(values[2], 0.9), values[2].back());
+            std::printf("  %-24s %9.4f ms   %9.3g %9.3g mm", name.c_str(), part(values[0], 0.5), part(values[1], 0.9), values[1].back());
+            if (!values[2].empty()) std::printf("   %9.3g %9.3g mm", part(values[2], 0.9), values[2].back());
+            std::printf("\n");
         }
     }
 }

@@ -4,6 +4,7 @@
 #include <functional>
 #include <limits>
 #include <string>
+#include <utility>
 #include <vector>
 namespace trocar::bench {
 
@@ -32,6 +33,8 @@ struct Row {
     std::string not_judged = {};  // why this machine cannot judge the row; empty = it can
     std::string note = {};
     std::string plot = {}, series = {};  // the page draws ours against error, one chart a plot, one colour a series
+    std::string axes = {};               // "what x is|what y is": a chart of lines through few rows, which are listed too
+    std::vector<std::pair<std::string, double>> beside = {};  // figures that the page lists beside such a chart
 };
 
 // Rows of one suite, printed as they come. Takes `--json FILE` and `--quick` out of the arguments.

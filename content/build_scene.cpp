@@ -21,6 +21,7 @@
 #include "engine/mass_properties.hpp"
 #include "engine/mesh_topology.hpp"
 #include "engine/pressure_force.hpp"
+#include "engine/skin.hpp"
 #include "engine/solid_limit.hpp"
 #include "engine/solid_setup.hpp"
 #include "engine/tet_forces.hpp"
@@ -97,7 +98,7 @@ std::string body_note(const World& world, uint32_t body, const Prototype& made) 
     std::string note = text;
     if (is_solid(world.solids, world.bodies.mesh[body])) {
         const SolidInfo& solid = world.solids.info[world.bodies.mesh[body]];
-        std::snprintf(text, sizeof text, ", solid of %u tetrahedra, %u nodes", solid.count, solid.nodes.count);
+        std::snprintf(text, sizeof text, ", solid of %u tetrahedra, %u nodes%s", solid.count, solid.nodes.count, solid.skin.count > 0 ? " under this skin" : "");
         note += text;
     }
     if (is_deformable(world.bodies, body)) {
@@ -119,12 +120,14 @@ std::string body_note(const World& world, uint32_t body, const Prototype& made) 
 void fix_vertices_below(World& world, uint32_t body, double z) {
     const MeshInfo& info = world.meshes.info[world.bodies.mesh[body]];
     const Range particles = world.bodies.particles[body];
-    for (uint32_t v = 0; v < info.vertices.count; ++v)
+    const bool solid = is_solid(world.solids, world.bodies.mesh[body]);
+    const uint32_t skin = skin_rows(world.solids, world.bodies.mesh[body]), surface = skin > 0 ? 0 : info.vertices.count;
+    for (uint32_t v = 0; v < surface; ++v)
         if (world.meshes.position[info.vertices.first + v].z() < z) world.particles.offset[particles.first + v].w = 0;
-    if (!is_solid(world.solids, world.bodies.mesh[body])) return;
+    if (!solid) return;
     const Range inner = world.solids.info[world.bodies.mesh[body]].inner;
     for (uint32_t i = 0; i < inner.count; ++i)
-        if (world.solids.position[inner.first + i].z() < z) world.particles.offset[particles.first + info.vertices.count + i].w = 0;
+        if (world.solids.position[inner.first + i].z() < z) world.particles.offset[particles.first + skin + surface + i].w = 0;
 }
 
 void add_path(Paths& paths, uint32_t body, const std::vector<KeyframeSpec>& keys) {
@@ -259,10 +262,15 @@ namespace {
 Prototype make_body_prototype(const SceneFile& scene, const BodySpec& spec, World& world, Mesh mesh, const PrototypeOptions& options) {
     if (!spec.solid || spec.motion != Motion::kDeformable) return make_prototype(world.meshes, std::move(mesh), options);
     try {
-        return make_solid(world.meshes, world.springs, world.solids, std::move(mesh), options, {spec.spacing, spec.cells});
+        return make_solid(world.meshes, world.springs, world.solids, std::move(mesh), options, {spec.spacing, spec.cells, spec.skin});
     } catch (const InputError& error) {
         throw InputError(at(scene, spec.line) + "body \"" + spec.name + "\": " + error.what());
     }
+}
+
+bool may_tear(const SceneFile& scene, const BodySpec& spec) {
+    const bool cut = std::any_of(scene.cuts.begin(), scene.cuts.end(), [&](const CutSpec& c) { return c.body == spec.name; });
+    return spec.motion == Motion::kDeformable && (cut || std::isfinite(spec.break_strain));
 }
 
 // Prototypes of a scene; bodies with the same source share one, but not rigid with deformable ones: springs are made in
@@ -272,11 +280,11 @@ struct PrototypeCache {
 
     const Prototype& get(const SceneFile& scene, const BodySpec& spec, World& world, std::vector<std::string>& warnings) {
         // what tears has springs of its own
-        const std::string own = std::isfinite(spec.break_strain) ? spec.name : "";
+        const std::string own = may_tear(scene, spec) || !spec.regions.empty() ? spec.name : "";
         char key[512];
         std::snprintf(key, sizeof key, "%s|%s|%s|%u|%llu|%.17g|%.17g|%g,%g,%g|%d|%d,%.17g,%.17g", own.c_str(), spec.file.c_str(), spec.shape.c_str(), spec.triangles,
                       static_cast<unsigned long long>(spec.seed), spec.scale, spec.size, static_cast<double>(spec.color[0]),
-                      static_cast<double>(spec.color[1]), static_cast<double>(spec.color[2]), spec.motion == Motion::kDeformable, spec.solid, spec.cells, spec.spacing);
+                      static_cast<double>(spec.color[1]), static_cast<double>(spec.color[2]), spec.motion == Motion::kDeformable, spec.solid + 2 * spec.skin, spec.cells, spec.spacing);
         if (const auto found = made.find(key); found != made.end()) return found->second;
         Mesh mesh = load_body_mesh(scene, spec, warnings);
         if (spec.color[0] >= 0) {
@@ -323,8 +331,8 @@ std::string choose_stepping(const SceneFile& scene, const BodySpec& spec, World&
         refuse(text);
     }
     if (stepping.integrator == Integrator::kLeapfrog && spec.step > limit) {
-        std::snprintf(text, sizeof text, "step = %g s is above the largest stable step of leapfrog, %.4g s; take a shorter one or integrator = \"midpoint\"",
-                      spec.step, limit);
+        std::snprintf(text, sizeof text, "step = %g s is above the largest stable step of leapfrog, %.4g s; take a shorter one%s",
+                      spec.step, limit, solid ? "" : " or integrator = \"midpoint\"");
         refuse(text);
     }
     if (stepping.integrator == Integrator::kLeapfrog && spec.step == 0) return why;  // what bodies have anyway
@@ -382,9 +390,12 @@ void add_scene_body(const SceneFile& scene, const BodySpec& spec, const Prototyp
     std::string why;
     if (spec.motion == Motion::kDeformable) {
         make_deformable(world, body, spec.fixed_below);
+        if (!spec.regions.empty()) add_tissue_regions(scene, spec, world, body);
         why = choose_stepping(scene, spec, world, body);
-        if (std::isfinite(spec.break_strain)) {
-            if (stepping_of(world.bodies, body).integrator == Integrator::kXpbd)
+        if (!spec.regions.empty() && stepping_of(world.bodies, body).integrator != Integrator::kLeapfrog)
+            throw InputError(at(scene, spec.line) + "body \"" + spec.name + "\": a body with regions is stepped by leapfrog only");
+        if (may_tear(scene, spec)) {
+            if (std::isfinite(spec.break_strain) && stepping_of(world.bodies, body).integrator == Integrator::kXpbd)
                 throw InputError(at(scene, spec.line) + "body \"" + spec.name + "\": springs stepped by xpbd do not break");
             let_tear(world, body, spec.break_strain);
         }
@@ -411,6 +422,7 @@ BuiltScene build_scene(const SceneFile& scene) {
             throw InputError(at(scene, scene.bodies[body].line) + "body \"" + world.bodies.name[body] + "\" is hand-driven but no [[tool]] holds it");
     }
     add_scene_links(scene, world);
+    add_scene_cuts(scene, world);
     open_pools(world);
     make_trees(world);
     built.camera = make_camera(scene.camera);

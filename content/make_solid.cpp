@@ -76,6 +76,15 @@ Prototype make_solid(Meshes& meshes, Springs& springs, Solids& solids, Mesh mesh
     const double spacing = fill.spacing > 0 ? fill.spacing : extent / fill.cells;
     const TetMesh tets = stuff_isosurface({spacing, 1}, box, mesh_distance(surface, skin.judgement.admitted_as));
     if (tets.tetrahedron.empty()) throw InputError("no tetrahedra: the lattice is too wide for this shape");
+    if (fill.skin) {
+        // before anything is appended: a skin may be refused
+        SolidSkin carried{bind_skin(surface.position, tets.position, tets.tetrahedron), boundary_of(tets)};
+        surface.uv = alone.uv;
+        surface.triangle_material = alone.triangle_material;
+        skin.row = add_prototype(meshes, surface, skin.judgement.admitted_as);
+        add_solid(meshes, skin.row, tets.position, tets.tetrahedron, springs, solids, &carried);
+        return skin;
+    }
     Prototype made = add_tet_mesh(meshes, springs, solids, tets, surface);
     made.shift = skin.shift;
     made.cleaning = skin.cleaning;

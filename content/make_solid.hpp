@@ -8,6 +8,7 @@ namespace trocar {
 struct SolidOptions {
     double spacing = 0;  // m, long edge of the lattice; 0 = largest extent / cells
     double cells = 12;
+    bool skin = false;   // the surface is kept as given and rides on the tetrahedra; else their boundary is the surface
 };
 
 // Numbers the nodes of a tetrahedral mesh (metres) so that those of its boundary come first and appends both as a solid
@@ -16,7 +17,8 @@ struct SolidOptions {
 Prototype add_tet_mesh(Meshes& meshes, Springs& springs, Solids& solids, const TetMesh& tets, const Mesh& looks);
 
 // As make_prototype, then fills what the surface encloses by isosurface stuffing of its signed distance. Throws
-// InputError when the surface has no inside or nothing fits at this spacing; a refused mesh appends nothing.
+// InputError when the surface has no inside, nothing fits at this spacing, or a skin has parts that the tetrahedra do not
+// reach (bind_skin); a refused mesh appends nothing.
 Prototype make_solid(Meshes& meshes, Springs& springs, Solids& solids, Mesh mesh, const PrototypeOptions& options,
                      const SolidOptions& fill);
 

@@ -39,6 +39,7 @@ struct BodySpec {
     bool solid = false;                      // filled with tetrahedra; else a shell
     double cells = 12;                       // solids: lattice cells along the largest extent
     double spacing = 0;                      // m, solids: of the lattice; 0 = from cells
+    bool skin = false;                       // solids: the surface as given rides on the tetrahedra
     bool bed = false;                        // solids: anchors as a shell has them
     std::string integrator = "leapfrog";     // leapfrog | midpoint | xpbd | auto
     uint32_t iterations = 0;                 // midpoint: conjugate gradients at most, xpbd: sweeps; 0 = usual
@@ -53,6 +54,7 @@ struct BodySpec {
     std::array<float, 3> color{-1, -1, -1};  // overrides the material's diffuse colour
     double break_strain = std::numeric_limits<double>::infinity();  // springs break above it
     std::vector<GroupSpec> groups;
+    std::vector<TissueRegionSpec> regions;
     ScatterSpec scatter;                     // count > 0: this is one of so many copies
     uint32_t copy = 0;                       // which
 };

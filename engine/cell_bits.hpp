@@ -71,7 +71,7 @@ void for_each_shared_cell(const CellBits& bits, const CellRange& cells, const Vi
     for_each_word(bits, cells, [&](uint32_t word, uint64_t mask) {
         const uint64_t several = bits.several[word];
         if ((several & mask) == 0) return;
-        const uint32_t begin = bits.first[word] + uint32_t(std::popcount(several & ((mask & -mask) - 1)));
+        const uint32_t begin = bits.first[word] + uint32_t(std::popcount(several & ((mask & (0 - mask)) - 1)));
         const uint32_t end = begin + uint32_t(std::popcount(several & mask));
         for (uint32_t rank = begin; rank < end; ++rank) visit(rank);
     });

@@ -97,24 +97,25 @@ void add_deformable(const Meshes& meshes, const Springs& springs, const Poses& p
     if (particles.last_dt.size() <= body) particles.last_dt.resize(body + 1, 0.0);
 
     const bool turned = bodies.anchor_frame[body] == AnchorFrame::kWorld;
-    const uint32_t surface = info.vertices.count;
+    const uint32_t skin = nodes ? nodes->skin : 0;
+    const uint32_t surface = skin > 0 ? 0 : info.vertices.count;
     const uint32_t count = surface + (nodes ? static_cast<uint32_t>(nodes->inner.size()) : 0);
     for (uint32_t v = 0; v < count; ++v) {
-        const uint32_t p = rows.first + v;
+        const uint32_t p = rows.first + skin + v;
         const Vec3d rest = v < surface ? meshes.position[info.vertices.first + v] : nodes->inner[v - surface];
         const Vec3d placed = rotate(poses.orientation[body], rest);
         Float4& offset = particles.offset[p];
         offset = {static_cast<float>(placed.x()), static_cast<float>(placed.y()), static_cast<float>(placed.z()), 0.0f};
         if (nodes) offset.w = static_cast<float>(1.0 / (tissue.density * nodes->volume[v]));
-        if (share[v] > 0) {
+        if (share[skin + v] > 0) {
             if (!nodes) offset.w = static_cast<float>(1.0 / (mass * share[v] / info.area));
-            anchors.stiffness[p] = static_cast<float>(tissue.youngs_modulus * share[v] / tissue.depth);
+            anchors.stiffness[p] = static_cast<float>(tissue.youngs_modulus * share[skin + v] / tissue.depth);
         }
         anchors.rest_x[p] = turned ? offset.x : static_cast<float>(rest.x());
         anchors.rest_y[p] = turned ? offset.y : static_cast<float>(rest.y());
         anchors.rest_z[p] = turned ? offset.z : static_cast<float>(rest.z());
     }
-    if (!turned) centre_goals(anchors, {rows.first, count});
+    if (!turned) centre_goals(anchors, {rows.first + skin, count});
     if (!nodes) update_stable_dt(springs, body, particles, anchors, bodies);
 }
 
@@ -123,18 +124,10 @@ void update_stable_dt(const Springs& springs, uint32_t body, const Particles& pa
     const uint32_t prototype = bodies.mesh[body];
     const Range slices = springs.info[prototype].slices, rows = bodies.particles[body];
     const std::span held = std::span(anchors.stiffness).subspan(rows.first, rows.count);
-    double k = bodies.spring_stiffness[body];
-    if (springs.info[prototype].varied) {  // as if all were as stiff as the stiffest
-        float most = 0;
-        for (uint32_t c = springs.slice_column[slices.first + prototype]; c < springs.slice_column[slices.end() + prototype]; ++c) {
-            for (uint32_t lane = 0; lane < kSliceWidth; ++lane) most = std::max(most, springs.factor[size_t{c} * kSliceWidth + lane]);
-        }
-        k *= static_cast<double>(most);
-    }
     const std::vector<double> diagonal(held.begin(), held.end());
     double omega_squared = stiffest_mode(
         {std::span(springs.slice_column).subspan(slices.first + prototype, slices.count + 1), springs.neighbour.data(),
-         k, diagonal, std::span(particles.offset).subspan(rows.first, rows.count)});
+         springs.info[prototype].varied ? springs.factor.data() : nullptr, bodies.spring_stiffness[body], diagonal, std::span(particles.offset).subspan(rows.first, rows.count)});
     if (has_pressure(bodies, body)) omega_squared += pressure_omega_squared(springs, bodies, particles, body);
     if (has_bending(bodies, body)) omega_squared += bending_omega_squared(springs, bodies, particles, body);
     const double damping = bodies.tissue[body].damping;

@@ -23,6 +23,7 @@ struct BodyNodes {
     std::span<const Vec3d> inner;    // m, body frame, numbered after the vertices
     std::span<const double> volume;  // m^3, of every node
     double spring_stiffness = 0;     // N/m
+    uint32_t skin = 0;               // rows before them; then no vertex is a node
 };
 void add_deformable(const Meshes& meshes, const Springs& springs, const Poses& poses, uint32_t body, Bodies& bodies,
                     Particles& particles, Anchors& anchors, const BodyNodes* nodes = nullptr);

@@ -15,6 +15,7 @@ namespace trocar {
 namespace {
 
 constexpr int64_t kMillisecond = 1'000'000;  // ns
+constexpr int kLinkNice = -15;               // before the simulation where that is permitted: a late sample is an old hand
 
 // Millisecond after millisecond until the link stops.
 void every_millisecond(DeviceLink& link, const std::function<void(double time, int64_t now)>& work) {
@@ -98,6 +99,7 @@ const char* describe(DeviceCount count) {
 DeviceLink::DeviceLink(std::string name, Loop loop) : name_(std::move(name)) {
     thread_ = std::thread([this, loop = std::move(loop)] {
         set_float_mode();
+        set_nice(kLinkNice);
         loop(*this);
     });
 }

@@ -24,6 +24,17 @@ inline __attribute__((always_inline)) Lanes gather(const float* base, const unsi
     };
     return transpose(rows(0), rows(1), rows(2), rows(3));
 }
+// The same for numbers of 16 bits, counted from row `from`.
+inline __attribute__((always_inline)) Lanes gather_near(const float* base, const unsigned short* index, long from) {
+    const float* first = base + 4 * from;
+    const auto rows = [&](int i) __attribute__((always_inline)) {
+        return join(first + 4ul * index[i], first + 4ul * index[i + 4]);
+    };
+    return transpose(rows(0), rows(1), rows(2), rows(3));
+}
+inline __attribute__((always_inline)) __m256 widen(const unsigned short* values) {
+    return _mm256_cvtepi32_ps(_mm256_cvtepu16_epi32(_mm_loadu_si128(reinterpret_cast<const __m128i*>(values))));
+}
 inline __attribute__((always_inline)) Lanes load(const float* rows) {
     return transpose(join(rows, rows + 16), join(rows + 4, rows + 20), join(rows + 8, rows + 24),
                      join(rows + 12, rows + 28));

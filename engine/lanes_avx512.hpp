@@ -36,6 +36,22 @@ inline __attribute__((always_inline)) Lanes gather(const float* base, const unsi
                      load_rows(base, index + 3));
 }
 
+// The same for numbers of 16 bits, counted from row `from`.
+inline __attribute__((always_inline)) Lanes gather_near(const float* base, const unsigned short* index, long from) {
+    const float* first = base + 4 * from;  // told so, the compiler keeps it in a register: a tenth of the step's time
+    const auto row = [&](int i) __attribute__((always_inline)) { return _mm_load_ps(first + 4ul * index[i]); };
+    const auto rows = [&](int i) __attribute__((always_inline)) {
+        __m512 r = _mm512_castps128_ps512(row(i));
+        r = _mm512_mask_broadcast_f32x4(r, 0x00F0, row(i + 4));
+        r = _mm512_mask_broadcast_f32x4(r, 0x0F00, row(i + 8));
+        return _mm512_mask_broadcast_f32x4(r, 0xF000, row(i + 12));
+    };
+    return transpose(rows(0), rows(1), rows(2), rows(3));
+}
+inline __attribute__((always_inline)) __m512 widen(const unsigned short* values) {
+    return _mm512_cvtepi32_ps(_mm512_cvtepu16_epi32(_mm256_loadu_si256(reinterpret_cast<const __m256i*>(values))));
+}
+
 // Four whole registers of four consecutive rows each <-> the four fields of 16 rows.
 inline __attribute__((always_inline)) void swap_groups(__m512& a, __m512& b, __m512& c, __m512& d) {
     const __m512 ab_low = _mm512_shuffle_f32x4(a, b, 0x44), ab_high = _mm512_shuffle_f32x4(a, b, 0xEE);

@@ -7,6 +7,7 @@
 #include "engine/deformable_setup.hpp"
 #include "engine/mass_properties.hpp"
 #include "engine/region.hpp"
+#include "engine/skin.hpp"
 #include "engine/tet_forces.hpp"
 namespace trocar {
 namespace {
@@ -50,6 +51,11 @@ double energy_of(const Links& links, const LinkGroup& g) {
     return sum;
 }
 
+// Row of Particles of a body's first node: after its skin.
+uint32_t first_node(const Bodies& bodies, const Solids& solids, uint32_t body) {
+    return bodies.particles[body].first + skin_rows(solids, bodies.mesh[body]);
+}
+
 // Node of a deformable body nearest to a place, m, world; ties go to the lower one.
 uint32_t nearest_node(const LinkWorld& w, uint32_t body, const Vec3d& place, double& squared) {
     const Surfaces& s = w.surfaces;
@@ -57,7 +63,7 @@ uint32_t nearest_node(const LinkWorld& w, uint32_t body, const Vec3d& place, dou
     uint32_t best = kNone;
     squared = std::numeric_limits<double>::infinity();
     for (uint32_t v = 0; v < count_nodes(s.meshes, w.solids, s.bodies.mesh[body]); ++v) {
-        const Float4& o = s.particles.offset[s.bodies.particles[body].first + v];
+        const Float4& o = s.particles.offset[first_node(s.bodies, w.solids, body) + v];
         const double d = (Vec3d(o.x, o.y, o.z) - local).squaredNorm();
         if (d < squared) squared = d, best = v;
     }
@@ -69,16 +75,6 @@ Vec3d in_region_frame(const LinkWorld& w, const LinkGroup& g, uint32_t node, con
     const Surfaces& s = w.surfaces;
     if (g.frame == RegionFrame::kRest) return rest_of_node(s.meshes, w.solids, s.bodies.mesh[g.body], node);
     return g.frame == RegionFrame::kHolder ? world_to_frame(s, g.holder, place) : place;
-}
-
-bool is_of_material(const Meshes& meshes, uint32_t prototype, uint32_t node, uint32_t material) {
-    const MeshInfo& info = meshes.info[prototype];
-    if (node >= info.vertices.count) return false;
-    const uint32_t* incident = meshes.incident_first.data() + info.vertices.first + prototype + node;
-    for (uint32_t i = incident[0]; i < incident[1]; ++i) {
-        if (meshes.triangle_material[info.triangles.first + meshes.incident[info.incident.first + i]] == material) return true;
-    }
-    return false;
 }
 
 // Finds what holds a node there; false when nothing is within reach.
@@ -118,8 +114,19 @@ uint32_t count_nodes(const Meshes& meshes, const Solids& solids, uint32_t protot
     return is_solid(solids, prototype) ? solids.info[prototype].nodes.count : meshes.info[prototype].vertices.count;
 }
 
+bool is_of_material(const Meshes& meshes, uint32_t prototype, uint32_t node, uint32_t material) {
+    const MeshInfo& info = meshes.info[prototype];
+    if (node >= info.vertices.count) return false;
+    const uint32_t* incident = meshes.incident_first.data() + info.vertices.first + prototype + node;
+    for (uint32_t i = incident[0]; i < incident[1]; ++i) {
+        if (meshes.triangle_material[info.triangles.first + meshes.incident[info.incident.first + i]] == material) return true;
+    }
+    return false;
+}
+
 Vec3d rest_of_node(const Meshes& meshes, const Solids& solids, uint32_t prototype, uint32_t node) {
-    const Range surface = meshes.info[prototype].vertices;
+    const Range surface{meshes.info[prototype].vertices.first,
+                        is_solid(solids, prototype) ? surface_nodes(meshes, solids.info[prototype], prototype) : meshes.info[prototype].vertices.count};
     return node < surface.count ? meshes.position[surface.first + node]
                                 : solids.position[solids.info[prototype].inner.first + node - surface.count];
 }
@@ -146,13 +153,15 @@ uint32_t make_links(const LinkWorld& w, uint32_t group, LinkScratch& scratch, Li
     const Vec3d middle = middle_of(g.region);
     std::vector<LinkHold>& found = scratch.found;
     found.clear();
-    const uint32_t first = s.bodies.particles[g.body].first, count = count_nodes(s.meshes, w.solids, s.bodies.mesh[g.body]);
+    const uint32_t first = first_node(s.bodies, w.solids, g.body), count = count_nodes(s.meshes, w.solids, s.bodies.mesh[g.body]);
     for (uint32_t v = 0; v < count; ++v) {
         const Float4& o = s.particles.offset[first + v];
         if (!(o.w > 0)) continue;
         const Vec3d place = s.poses.origin[g.body] + Vec3d(o.x, o.y, o.z), local = in_region_frame(w, g, v, place);
         if (!contains(g.region, local)) continue;
-        if (g.material != kNone && !is_of_material(s.meshes, s.bodies.mesh[g.body], v, g.material)) continue;
+        const uint32_t prototype = s.bodies.mesh[g.body];
+        const bool is_vertex = skin_rows(w.solids, prototype) == 0;
+        if (g.material != kNone && !(is_vertex && is_of_material(s.meshes, prototype, v, g.material))) continue;
         LinkHold held{.node = v, .order = (local - middle).squaredNorm()};
         if (g.most != kNone || find_hold(w, g, place, held)) found.push_back(held);
     }
@@ -227,11 +236,11 @@ Entity add_staple(const LinkWorld& world, const Staple& staple, Links& links, En
         free_link_group(links, name, energy);
         return {};
     }
-    update_link_limits(world.surfaces.bodies, world.surfaces.meshes, world.surfaces.particles, scratch, links);
+    update_link_limits(world.surfaces.bodies, world.surfaces.meshes, world.solids, world.surfaces.particles, scratch, links);
     return name;
 }
 
-void update_link_limits(const Bodies& bodies, const Meshes& meshes, const Particles& particles, LinkScratch& link_scratch,
+void update_link_limits(const Bodies& bodies, const Meshes& meshes, const Solids& solids, const Particles& particles, LinkScratch& link_scratch,
                         Links& links) {
     std::vector<double>& scratch = link_scratch.sums;
     links.stable_dt.assign(bodies.mesh.size(), std::numeric_limits<double>::infinity());
@@ -243,10 +252,10 @@ void update_link_limits(const Bodies& bodies, const Meshes& meshes, const Partic
         const double of_holder = nodes ? 0 : inverse_mass_of_holder(bodies, meshes, g.holder), k = g.stiffness;
         for (uint32_t row = g.rows.first; row < g.rows.end(); ++row) {
             if (!links.whole[row]) continue;
-            const uint32_t near = bodies.particles[g.body].first + links.node[row];
+            const uint32_t near = first_node(bodies, solids, g.body) + links.node[row];
             const double w = particles.offset[near].w;
             if (nodes) {
-                const uint32_t far = bodies.particles[g.holder].first + links.far_node[row];
+                const uint32_t far = first_node(bodies, solids, g.holder) + links.far_node[row];
                 const double far_w = particles.offset[far].w, share = w > 0 ? far_w / w : 1;
                 scratch[near] += k * (1 + share);
                 if (far_w > 0) scratch[far] += k * (1 + 1 / share);

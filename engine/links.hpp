@@ -22,6 +22,8 @@ struct LinkWorld {
 
 // Nodes of a deformable body that can be held: vertices, then inner nodes of a solid.
 uint32_t count_nodes(const Meshes& meshes, const Solids& solids, uint32_t prototype);
+// Whether a vertex is a corner of a triangle of that material of its mesh.
+bool is_of_material(const Meshes& meshes, uint32_t prototype, uint32_t node, uint32_t material);
 // Place of a node at rest, m, body frame.
 Vec3d rest_of_node(const Meshes& meshes, const Solids& solids, uint32_t prototype, uint32_t node);
 
@@ -75,7 +77,7 @@ Entity add_staple(const LinkWorld& world, const Staple& staple, Links& links, En
 // move, else the share of the far side: |x - y|^2 <= (1 + s) |x|^2 + (1 + 1/s) |y|^2 for any s > 0. Holders that forces
 // move get their sum of k (1 + 1/s) (1/m + r^2 / I). s makes both alike for one link between equal masses, and spreads the
 // light nodes of many links over a heavy holder.
-void update_link_limits(const Bodies& bodies, const Meshes& meshes, const Particles& particles, LinkScratch& scratch,
+void update_link_limits(const Bodies& bodies, const Meshes& meshes, const Solids& solids, const Particles& particles, LinkScratch& scratch,
                         Links& links);
 
 // Pairs of bodies joined by links, but for static holders: what islands and sleep go by.

@@ -151,12 +151,13 @@ void append_slices(Springs& springs, std::span<const Vec3d> position, std::span<
     springs.slice_column.push_back(grow(springs.neighbour.size() / kSliceWidth, 0).first);
 }
 
-void append_area_shares(Springs& springs, const MeshView& mesh, Range rows) {
+// Of triangles between `position`, whose rows begin `before` rows later.
+void append_area_shares(Springs& springs, std::span<const Vec3d> position, std::span<const Triangle> triangle, uint32_t before, Range rows) {
     std::vector<double> share(rows.count, 0.0);
-    for (const Triangle& t : mesh.triangle) {
-        const Vec3d& a = mesh.position[t[0]];
-        const double third = (mesh.position[t[1]] - a).cross(mesh.position[t[2]] - a).norm() / 6.0;
-        for (const uint32_t v : t) share[v] += third;
+    for (const Triangle& t : triangle) {
+        const Vec3d& a = position[t[0]];
+        const double third = (position[t[1]] - a).cross(position[t[2]] - a).norm() / 6.0;
+        for (const uint32_t v : t) share[before + v] += third;
     }
     for (const double s : share) springs.area_share.push_back(static_cast<float>(s));
 }
@@ -200,7 +201,7 @@ void add_springs(Springs& springs, const Meshes& meshes, uint32_t prototype) {
 }
 
 void add_springs(Springs& springs, const Meshes& meshes, uint32_t prototype, std::span<const Vec3d> node,
-                 std::span<const std::array<uint32_t, 2>> edge) {
+                 std::span<const std::array<uint32_t, 2>> edge, const CarriedSkin& skin) {
     TROCAR_ASSERT(prototype < meshes.info.size() && springs.info.size() <= prototype);
     // prototypes without springs (rigid bodies) before this one get an empty row
     while (springs.info.size() < prototype) {
@@ -215,9 +216,40 @@ void add_springs(Springs& springs, const Meshes& meshes, uint32_t prototype, std
     info.slices = grow(springs.slice_column.size() - prototype, slices);
     for (const auto& e : edge) info.mean_rest += edge_length(node, e);
     if (!edge.empty()) info.mean_rest /= static_cast<double>(edge.size());
-    springs.vertices.push_back(grow(springs.area_share.size(), slices * kSliceWidth));
+    info.skin = (skin.vertices + kSliceWidth - 1) / kSliceWidth * kSliceWidth;
+    springs.vertices.push_back(grow(springs.area_share.size(), info.skin + slices * kSliceWidth));
     append_slices(springs, node, edge);
-    append_area_shares(springs, mesh, springs.vertices.back());
+    const bool carried = info.skin > 0;
+    append_area_shares(springs, carried ? node : mesh.position, carried ? skin.boundary : mesh.triangle, info.skin, springs.vertices.back());
+    pack_springs(springs, prototype);
+}
+
+void pack_springs(Springs& springs, uint32_t prototype, size_t beyond) {
+    TROCAR_ASSERT(prototype < springs.info.size());
+    SpringInfo& info = springs.info[prototype];
+    const uint32_t* column = springs.slice_column.data() + info.slices.first + prototype;
+    const size_t first = size_t{column[0]} * kSliceWidth, last = size_t{column[info.slices.count]} * kSliceWidth;
+    if (info.packed != kNone || (last - first) * 8 <= beyond) return;
+    std::vector<std::array<uint16_t, 2 * kSliceWidth>> packed(column[info.slices.count] - column[0]);
+    for (uint32_t slice = 0; slice < info.slices.count; ++slice) {
+        for (uint32_t c = column[slice]; c < column[slice + 1]; ++c) {
+            for (uint32_t lane = 0; lane < kSliceWidth; ++lane) {
+                const uint32_t near = springs.neighbour[size_t{c} * kSliceWidth + lane] + 32768 - kSliceWidth * slice;
+                if (near > 65535) return;
+                packed[c - column[0]][lane] = static_cast<uint16_t>(near);
+            }
+        }
+    }
+    float longest = 0;
+    for (size_t h = first; h < last; ++h) longest = std::max(longest, springs.rest_length[h]);
+    info.rest_unit = longest / 65535;
+    for (size_t h = first; h < last; ++h) {
+        const uint16_t units = longest > 0 ? static_cast<uint16_t>(std::lround(double{springs.rest_length[h]} / info.rest_unit)) : uint16_t{0};
+        packed[(h - first) / kSliceWidth][kSliceWidth + h % kSliceWidth] = units;
+        springs.rest_length[h] = static_cast<float>(units) * info.rest_unit;
+    }
+    info.packed = static_cast<uint32_t>(springs.packed.size());
+    springs.packed.insert(springs.packed.end(), packed.begin(), packed.end());
 }
 
 void colour_springs(Springs& springs, uint32_t prototype) {

@@ -16,8 +16,19 @@ uint32_t add_prototype(Meshes& meshes, const Mesh& mesh, Admission admission);
 // Within a vertex the columns ascend by neighbour. Padding lanes and columns name the lane's own vertex.
 void add_springs(Springs& springs, const Meshes& meshes, uint32_t prototype);
 // The same for springs along `edge` (lower end first, ascending) between `node`, the vertices and what follows them.
+// Under a skin of so many vertices the nodes are no vertices and their areas are those of `boundary`, triangles between nodes.
+struct CarriedSkin {
+    uint32_t vertices = 0;
+    std::span<const Triangle> boundary;
+};
 void add_springs(Springs& springs, const Meshes& meshes, uint32_t prototype, std::span<const Vec3d> node,
-                 std::span<const std::array<uint32_t, 2>> edge);
+                 std::span<const std::array<uint32_t, 2>> edge, const CarriedSkin& skin = {});
+
+// Packs the columns of a prototype whose springs are there and take more than `beyond` bytes, 8 a half-edge: quantises its rest
+// lengths to 1/65535 of the longest (at most 7.6e-6 of that each, in rest_length too: whatever reads either sees the same) and
+// fills Springs::packed. Does nothing where a far end lies more than 32,767 rows from the slice of a vertex.
+inline constexpr size_t kPackBeyond = size_t{1} << 20;
+void pack_springs(Springs& springs, uint32_t prototype, size_t beyond = kPackBeyond);
 
 // Adds the colours of a prototype whose springs are there, unless it has them: greedy, springs in the order of their
 // lower end, each in the first colour that neither of its ends has.

@@ -32,6 +32,9 @@ constexpr Elements elements_of() {
     else if constexpr (std::is_same_v<T, Quat>) return {A::kF64, 4};
     else if constexpr (std::is_same_v<T, Box>) return {A::kF64, 6};
     else if constexpr (std::is_same_v<T, std::array<uint32_t, 2 * kSliceWidth>>) return {A::kU32, 2 * kSliceWidth};
+    else if constexpr (std::is_same_v<T, std::array<uint16_t, 2 * kSliceWidth>>) return {A::kU16, 2 * kSliceWidth};
+    else if constexpr (std::is_same_v<T, std::array<uint32_t, 4>>) return {A::kU32, 4};
+    else if constexpr (std::is_same_v<T, std::array<double, 4>>) return {A::kF64, 4};
     else if constexpr (std::is_same_v<T, std::array<float, kSliceWidth>>) return {A::kF32, kSliceWidth};
     else if constexpr (std::is_same_v<T, Tissue>) return {A::kF64, sizeof(Tissue) / sizeof(double)};
     else return {};
@@ -58,8 +61,9 @@ void fields(V& v, T& t) {
         v.item(t.body), v.item(t.mass), v.item(t.centre), v.item(t.moments), v.item(t.axes);
     } else if constexpr (is<T, SpringInfo>) {
         v.item(t.slices), v.item(t.mean_rest), v.item(t.mean_geometry), v.item(t.varied);
+        v.item(t.skin), v.item(t.packed), v.item(t.rest_unit);
     } else if constexpr (is<T, SolidInfo>) {
-        v.item(t.inner), v.item(t.tetrahedra), v.item(t.count), v.item(t.slices), v.item(t.nodes);
+        v.item(t.inner), v.item(t.tetrahedra), v.item(t.count), v.item(t.slices), v.item(t.nodes), v.item(t.skin), v.item(t.varied);
     } else if constexpr (is<T, Stepping>) {
         v.item(t.integrator), v.item(t.iterations), v.item(t.tolerance), v.item(t.step);
     } else if constexpr (is<T, Image>) {
@@ -114,9 +118,9 @@ void fields(V& v, T& t) {
         v.item(t.begin), v.item(t.end), v.item(t.tool), v.item(t.rows), v.item(t.made), v.item(t.broken), v.item(t.impulse);
         v.item(t.largest_force), v.item(t.largest_strain);
     } else if constexpr (is<T, TearBody>) {
-        v.item(t.body), v.item(t.break_strain), v.item(t.order);
+        v.item(t.body), v.item(t.break_strain), v.item(t.order), v.item(t.whole);
     } else if constexpr (is<T, Cut>) {
-        v.item(t.tear), v.item(t.time), v.item(t.region);
+        v.item(t.tear), v.item(t.time), v.item(t.region), v.item(t.material);
     } else if constexpr (is<T, HandTool>) {
         v.item(t.body), v.item(t.tip), v.item(t.tip_radius), v.item(t.coupling_stiffness), v.item(t.coupling_damping);
         v.item(t.max_force), v.item(t.friction), v.item(t.path), v.item(t.trace);
@@ -128,7 +132,7 @@ void fields(V& v, T& t) {
         v.item(t.position), v.item(t.velocity), v.item(t.triangle), v.item(t.neighbour), v.item(t.body);
         v.item(t.half_thickness), v.item(t.group);
     } else if constexpr (is<T, PictureBody>) {
-        v.item(t.mesh), v.item(t.origin), v.item(t.orientation), v.item(t.box), v.item(t.vertices), v.item(t.depths);
+        v.item(t.mesh), v.item(t.origin), v.item(t.orientation), v.item(t.box), v.item(t.vertices), v.item(t.depths), v.item(t.removed);
     } else if constexpr (is<T, PictureWitness>) {
         v.item(t.point), v.item(t.closest), v.item(t.depth);
     } else if constexpr (is<T, PictureTool>) {
@@ -300,7 +304,7 @@ void visit_resource(World& w, Resource resource, Visitor& v) {
         case Resource::kSprings:
             v.array(FIELD(springs.info)), v.array(FIELD(springs.slice_column)), v.array(FIELD(springs.neighbour)),
                 v.array(FIELD(springs.rest_length)), v.array(FIELD(springs.colours)), v.array(FIELD(springs.colour)), v.array(FIELD(springs.batch)),
-                v.array(FIELD(springs.batch_rest)), v.array(FIELD(springs.factor)), v.array(FIELD(springs.area_share)),
+                v.array(FIELD(springs.batch_rest)), v.array(FIELD(springs.factor)), v.array(FIELD(springs.packed)), v.array(FIELD(springs.area_share)),
                 v.array(FIELD(springs.vertices)), v.array(FIELD(springs.fans.first)), v.array(FIELD(springs.fans.volume)),
                 v.array(FIELD(springs.fans.column)), v.array(FIELD(springs.fans.corner)), v.array(FIELD(springs.hinges.groups)),
                 v.array(FIELD(springs.hinges.vertex)), v.array(FIELD(springs.hinges.sine)), v.array(FIELD(springs.hinges.cosine)),
@@ -311,8 +315,9 @@ void visit_resource(World& w, Resource resource, Visitor& v) {
         case Resource::kSolids:
             v.array(FIELD(solids.info)), v.array(FIELD(solids.position)), v.array(FIELD(solids.corner[0])),
                 v.array(FIELD(solids.corner[1])), v.array(FIELD(solids.corner[2])), v.array(FIELD(solids.corner[3])),
-                v.array(FIELD(solids.rest)), v.array(FIELD(solids.per_rest)), v.array(FIELD(solids.slot_column)),
-                v.array(FIELD(solids.slot)), v.array(FIELD(solids.node_volume));
+                v.array(FIELD(solids.rest)), v.array(FIELD(solids.per_rest)), v.array(FIELD(solids.factor)), v.array(FIELD(solids.slot_column)),
+                v.array(FIELD(solids.slot)), v.array(FIELD(solids.node_volume)), v.array(FIELD(solids.skin_node)),
+                v.array(FIELD(solids.skin_weight));
             break;
         case Resource::kBodies:
             v.array(FIELD(bodies.entity)), v.array(FIELD(bodies.name)), v.array(FIELD(bodies.mesh)), v.array(FIELD(bodies.motion)),
@@ -419,7 +424,7 @@ void visit_resource(World& w, Resource resource, Visitor& v) {
             break;
         case Resource::kPicture:
             v.value(FIELD(picture.number)), v.value(FIELD(picture.time)), v.array(FIELD(picture.body)), v.array(FIELD(picture.position)),
-                v.array(FIELD(picture.normal)), v.array(FIELD(picture.contact_depth)), v.array(FIELD(picture.witness)),
+                v.array(FIELD(picture.normal)), v.array(FIELD(picture.contact_depth)), v.array(FIELD(picture.removed)), v.array(FIELD(picture.witness)),
                 v.array(FIELD(picture.tool)), v.value(FIELD(picture.depth)), v.value(FIELD(picture.force));
             break;
         case Resource::kEnergy:

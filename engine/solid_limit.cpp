@@ -7,6 +7,7 @@
 #include <random>
 #include <vector>
 
+#include "engine/skin.hpp"
 #include "engine/tet_forces.hpp"
 namespace trocar {
 namespace {
@@ -105,9 +106,10 @@ double stiffest_mode(const ScaledStiffness& matrix) {
 
 void update_solid_dt(const Meshes& meshes, const Springs& springs, const Solids& solids, uint32_t body,
                      const Particles& particles, const Anchors& anchors, Bodies& bodies) {
-    const uint32_t prototype = bodies.mesh[body], first = bodies.particles[body].first;
+    const uint32_t prototype = bodies.mesh[body];
     const SolidInfo& info = solids.info[prototype];
-    const Range surface = meshes.info[prototype].vertices;
+    const uint32_t first = bodies.particles[body].first + skin_rows(info);
+    const Range surface{meshes.info[prototype].vertices.first, surface_nodes(meshes, info, prototype)};
     const auto rest = [&](uint32_t node) -> const Vec3d& {
         return node < surface.count ? meshes.position[surface.first + node]
                                     : solids.position[info.inner.first + node - surface.count];
@@ -140,7 +142,7 @@ void update_solid_dt(const Meshes& meshes, const Springs& springs, const Solids&
         const double six = solids.rest[info.tetrahedra.first + t];
         cell.slope = {Vec3d::Zero(), b.cross(c) / six, c.cross(a) / six, a.cross(b) / six};
         cell.slope[0] = -cell.slope[1] - cell.slope[2] - cell.slope[3];
-        cell.stiffness = kStretchRoom * bulk * six / 6;
+        cell.stiffness = kStretchRoom * bulk * six / 6 * (info.varied ? double{solids.factor[info.tetrahedra.first + t]} : 1.0);
     }
     const double omega_squared = stiffest_mode(matrix), damping = bodies.tissue[body].damping;
     bodies.stable_dt[body] =

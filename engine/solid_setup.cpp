@@ -67,7 +67,7 @@ void append_slots(const Filling& filling, uint32_t padded_tets, SolidInfo& info,
 }
 
 // Springs along the edges, stiffness as solid_moduli says; factor = stiffness / its mean over the edges.
-void append_edge_springs(const Meshes& meshes, uint32_t prototype, const Filling& filling, Springs& springs) {
+void append_edge_springs(const Meshes& meshes, uint32_t prototype, const Filling& filling, const SolidSkin* skin, Springs& springs) {
     std::map<std::array<uint32_t, 2>, double> around;  // edge -> stiffness / modulus
     for (const Tetrahedron& t : filling.tetrahedra) {
         double squared = 0;
@@ -86,7 +86,8 @@ void append_edge_springs(const Meshes& meshes, uint32_t prototype, const Filling
         edge.push_back(ends);
     }
     springs.factor.resize(springs.rest_length.size(), 1.0f);
-    add_springs(springs, meshes, prototype, filling.node, edge);
+    const CarriedSkin carried = skin ? CarriedSkin{meshes.info[prototype].vertices.count, skin->boundary} : CarriedSkin{};
+    add_springs(springs, meshes, prototype, filling.node, edge, carried);
     SpringInfo& info = springs.info[prototype];
     info.varied = 1;
     springs.factor.resize(springs.rest_length.size(), 0.0f);
@@ -105,7 +106,7 @@ void append_edge_springs(const Meshes& meshes, uint32_t prototype, const Filling
 }  // namespace
 
 void add_solid(const Meshes& meshes, uint32_t prototype, std::span<const Vec3d> inner,
-               std::span<const Tetrahedron> tetrahedra, Springs& springs, Solids& solids) {
+               std::span<const Tetrahedron> tetrahedra, Springs& springs, Solids& solids, const SolidSkin* skin) {
     TROCAR_ASSERT(!tetrahedra.empty() && solids.info.size() <= prototype);
     while (solids.info.size() < prototype) {
         SolidInfo skipped;
@@ -114,15 +115,22 @@ void add_solid(const Meshes& meshes, uint32_t prototype, std::span<const Vec3d> 
         solids.info.push_back(skipped);
     }
     const MeshView surface = mesh_view(meshes, prototype);
-    Filling filling{{surface.position.begin(), surface.position.end()}, tetrahedra};
+    Filling filling{{}, tetrahedra};
+    if (!skin) filling.node.assign(surface.position.begin(), surface.position.end());
     filling.node.insert(filling.node.end(), inner.begin(), inner.end());
     for (const Tetrahedron& t : tetrahedra) {
         for (const uint32_t node : t) TROCAR_ASSERT(node < filling.node.size());
     }
-    append_edge_springs(meshes, prototype, filling, springs);
+    append_edge_springs(meshes, prototype, filling, skin, springs);
     SolidInfo info;
     info.inner = grown(solids.position.size(), inner.size());
     solids.position.insert(solids.position.end(), inner.begin(), inner.end());
+    if (skin) {
+        TROCAR_ASSERT(skin->binding.node.size() == surface.position.size());
+        info.skin = grown(solids.skin_node.size(), surface.position.size());
+        solids.skin_node.insert(solids.skin_node.end(), skin->binding.node.begin(), skin->binding.node.end());
+        solids.skin_weight.insert(solids.skin_weight.end(), skin->binding.weight.begin(), skin->binding.weight.end());
+    }
     append_tetrahedra(filling, info, solids);
     append_slots(filling, info.tetrahedra.count, info, solids);
     info.nodes = grown(solids.node_volume.size(), filling.node.size());
@@ -138,14 +146,16 @@ void add_solid_body(const Meshes& meshes, const Springs& springs, const Solids& 
     const uint32_t prototype = bodies.mesh[body];
     TROCAR_ASSERT(is_solid(solids, prototype));
     const SolidInfo& info = solids.info[prototype];
-    const uint32_t surface = meshes.info[prototype].vertices.count;
+    const uint32_t surface = surface_nodes(meshes, info, prototype);
     BodyNodes nodes;
+    nodes.skin = skin_rows(info);
     nodes.inner = std::span(solids.position).subspan(info.inner.first, info.inner.count);
     nodes.volume = std::span(solids.node_volume).subspan(info.nodes.first, info.nodes.count);
     TROCAR_ASSERT(nodes.volume.size() == surface + nodes.inner.size());
     const SolidModuli moduli = solid_moduli(bodies.tissue[body]);
     nodes.spring_stiffness = moduli.springs * springs.info[prototype].mean_geometry;
     add_deformable(meshes, springs, poses, body, bodies, particles, anchors, &nodes);
+    drape_skin(solids, bodies, body, particles);
     update_solid_dt(meshes, springs, solids, body, particles, anchors, bodies);
 }
 

@@ -7,6 +7,7 @@
 #include "components/particles.hpp"
 #include "components/solids.hpp"
 #include "components/springs.hpp"
+#include "engine/skin.hpp"
 namespace trocar {
 
 // Depth (m) of an elastic bed that holds nothing but still tells the best-fit rigid copy of a free body.
@@ -14,9 +15,14 @@ inline constexpr double kNoBed = 1e9;
 
 // Fills a prototype with tetrahedra: nodes are the vertices of its surface, then `inner` (m, body frame); corners name
 // nodes, volumes are positive. Makes the rows of Solids and the springs along the edges of the tetrahedra. Prototypes
-// passed over get empty rows. The prototype must not have springs yet.
+// passed over get empty rows. The prototype must not have springs yet. With a skin `inner` are all nodes, the surface rides
+// on them, and the anchors' bed is what `boundary`, triangles between nodes, is.
+struct SolidSkin {
+    SkinBinding binding;
+    std::vector<Triangle> boundary;
+};
 void add_solid(const Meshes& meshes, uint32_t prototype, std::span<const Vec3d> inner,
-               std::span<const std::array<uint32_t, 4>> tetrahedra, Springs& springs, Solids& solids);
+               std::span<const std::array<uint32_t, 4>> tetrahedra, Springs& springs, Solids& solids, const SolidSkin* skin = nullptr);
 
 // As add_deformable of deformable_setup.hpp, for a body whose prototype is a solid: masses from the tetrahedra's
 // volumes, stiffnesses by solid_moduli, anchors at the surface only, stable_dt by update_solid_dt. Throws InputError when a material value is

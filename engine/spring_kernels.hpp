@@ -12,6 +12,7 @@ struct SpringStep {
     const unsigned* slice_column;                             // slices + 1
     const unsigned* neighbour;                    // 16 per column: particle at the far end, itself = padding
     const float* rest_length;                     // 16 per column, m
+    const unsigned short* packed;                 // 32 per column from first_column on, see Springs::packed; null = read the two above
     const float* spring_factor;                   // 16 per column: stiffness of a spring / `stiffness`; null = 1
     const float* anchor_stiffness;                // N/m
     const float *anchor_x, *anchor_y, *anchor_z;  // rest position, m
@@ -22,7 +23,10 @@ struct SpringStep {
     float centre_rest[3];    // m, what float left out of centre
     float stiffness;         // N/m, of every spring, times its factor
     float dt;                // s, of the drift
-    float kick_dt;           // s, mean of this substep and the one before
+    unsigned first_column;
+    float rest_unit;         // m, of packed
+    float kick_dt;           // s, mean of this substep and the one before, times what damping leaves of an impulse on average
+    float kick_less;         // s, kick_dt - that mean: damping's share of the kick, for damping_work
     float gravity[3];        // m/s^2
     float keep;              // share of the velocity relative to the drag velocity that is left, exp(-damping kick_dt)
     float drag_velocity[3];  // m/s, drag velocity = drag_velocity + drag_turn x offset

@@ -24,11 +24,12 @@ inline __attribute__((always_inline)) __m256 to_goal(const SpringStep* body, con
     return _mm256_sub_ps(goal, place);
 }
 
-// kVaried: springs differ in stiffness.
-template <bool kVaried>
+// kVaried: springs differ in stiffness. kPacked: columns are read from `packed`.
+template <bool kVaried, bool kPacked>
 void step_springs(const SpringStep* body, unsigned first, unsigned last, double* damping_work) {
     const __m256 one = _mm256_set1_ps(1.0f), zero = _mm256_setzero_ps();
     const auto set = [](float v) { return _mm256_set1_ps(v); };
+    const unsigned long first_half = 16ul * body->first_column;
     for (unsigned half_slice = 2 * first; half_slice < 2 * last; ++half_slice) {
         const unsigned slice = half_slice / 2, lane = 8 * (half_slice % 2), row = 16 * slice + lane;
         const Lanes p = load(body->offset + 4ul * row);
@@ -37,12 +38,16 @@ void step_springs(const SpringStep* body, unsigned first, unsigned last, double*
         __m256 fx = zero, fy = zero, fz = zero;
         const unsigned long end = 16ul * body->slice_column[slice + 1];
         for (unsigned long h = 16ul * body->slice_column[slice]; h < end; h += 16) {
-            const Lanes q = gather(body->offset, body->neighbour + h + lane);
+            const unsigned short* packed = kPacked ? body->packed + 2 * (h - first_half) + lane : nullptr;
+            const Lanes q = kPacked ? gather_near(body->offset, packed, long{16 * slice} - 32768)
+                                    : gather(body->offset, body->neighbour + h + lane);
+            const __m256 rest = kPacked ? _mm256_mul_ps(widen(packed + 16), set(body->rest_unit))
+                                        : _mm256_loadu_ps(body->rest_length + h + lane);
             const __m256 dx = _mm256_sub_ps(q.x, p.x), dy = _mm256_sub_ps(q.y, p.y), dz = _mm256_sub_ps(q.z, p.z);
             const __m256 squared = _mm256_fmadd_ps(dx, dx, _mm256_fmadd_ps(dy, dy, _mm256_mul_ps(dz, dz)));
             const __m256 length = _mm256_sqrt_ps(squared);
             const __m256 apart = _mm256_cmp_ps(length, zero, _CMP_GT_OQ);
-            const __m256 ratio = _mm256_div_ps(_mm256_loadu_ps(body->rest_length + h + lane), length);
+            const __m256 ratio = _mm256_div_ps(rest, length);
             __m256 pull = _mm256_and_ps(apart, _mm256_sub_ps(one, ratio));
             if (kVaried) pull = _mm256_mul_ps(pull, _mm256_loadu_ps(body->spring_factor + h + lane));
             fx = _mm256_fmadd_ps(pull, dx, fx);
@@ -50,11 +55,16 @@ void step_springs(const SpringStep* body, unsigned first, unsigned last, double*
             fz = _mm256_fmadd_ps(pull, dz, fz);
         }
 
-        const Goals goals = load_goals(body, row);
         const __m256 anchor = _mm256_loadu_ps(body->anchor_stiffness + row), k = set(body->stiffness);
-        fx = _mm256_fmadd_ps(anchor, to_goal(body, goals, 0, p.x), _mm256_mul_ps(k, fx));
-        fy = _mm256_fmadd_ps(anchor, to_goal(body, goals, 1, p.y), _mm256_mul_ps(k, fy));
-        fz = _mm256_fmadd_ps(anchor, to_goal(body, goals, 2, p.z), _mm256_mul_ps(k, fz));
+        const __m256 beside = _mm256_loadu_ps(body->anchor_stiffness + 16 * slice + (8 - lane));
+        fx = _mm256_mul_ps(k, fx), fy = _mm256_mul_ps(k, fy), fz = _mm256_mul_ps(k, fz);
+        // a slice that nothing holds has no goals to read; asked for all its 16, as the other kernel does
+        if (_mm256_movemask_ps(_mm256_or_ps(_mm256_cmp_ps(anchor, zero, _CMP_NEQ_UQ), _mm256_cmp_ps(beside, zero, _CMP_NEQ_UQ)))) {
+            const Goals goals = load_goals(body, row);
+            fx = _mm256_fmadd_ps(anchor, to_goal(body, goals, 0, p.x), fx);
+            fy = _mm256_fmadd_ps(anchor, to_goal(body, goals, 1, p.y), fy);
+            fz = _mm256_fmadd_ps(anchor, to_goal(body, goals, 2, p.z), fz);
+        }
         if (body->force_x) {
             fx = _mm256_add_ps(fx, _mm256_loadu_ps(body->force_x + row));
             fy = _mm256_add_ps(fy, _mm256_loadu_ps(body->force_y + row));
@@ -73,20 +83,22 @@ void step_springs(const SpringStep* body, unsigned first, unsigned last, double*
         const __m256 lost_y = _mm256_mul_ps(keep_less_one, _mm256_sub_ps(vy, uy));
         const __m256 lost_z = _mm256_mul_ps(keep_less_one, _mm256_sub_ps(vz, uz));
         const __m256 free = _mm256_cmp_ps(p.w, zero, _CMP_GT_OQ);
-        const auto kicked = [&](__m256 v, __m256 lost, __m256 f, float gravity) {
-            const __m256 a = _mm256_fmadd_ps(f, p.w, set(gravity));
+        const auto pulled = [&](__m256 f, float gravity) { return _mm256_fmadd_ps(f, p.w, set(gravity)); };
+        const __m256 ax = pulled(fx, body->gravity[0]), ay = pulled(fy, body->gravity[1]), az = pulled(fz, body->gravity[2]);
+        const auto kicked = [&](__m256 v, __m256 lost, __m256 a) {
             const __m256 damped = _mm256_add_ps(v, lost);
             return _mm256_and_ps(free, _mm256_fmadd_ps(a, set(body->kick_dt), damped));
         };
-        const __m256 nx = kicked(vx, lost_x, fx, body->gravity[0]), ny = kicked(vy, lost_y, fy, body->gravity[1]),
-                     nz = kicked(vz, lost_z, fz, body->gravity[2]);
+        const __m256 nx = kicked(vx, lost_x, ax), ny = kicked(vy, lost_y, ay), nz = kicked(vz, lost_z, az);
         _mm256_storeu_ps(body->new_velocity_x + row, nx);
         _mm256_storeu_ps(body->new_velocity_y + row, ny);
         _mm256_storeu_ps(body->new_velocity_z + row, nz);
         if (damping_work) {
-            const __m256 power = _mm256_fmadd_ps(
-                lost_x, _mm256_add_ps(vx, nx),
-                _mm256_fmadd_ps(lost_y, _mm256_add_ps(vy, ny), _mm256_mul_ps(lost_z, _mm256_add_ps(vz, nz))));
+            const __m256 less = set(body->kick_less);
+            const auto power_of = [&](__m256 a, __m256 lost, __m256 v, __m256 n, __m256 sum) {
+                return _mm256_fmadd_ps(_mm256_fmadd_ps(a, less, lost), _mm256_add_ps(v, n), sum);
+            };
+            const __m256 power = power_of(ax, lost_x, vx, nx, power_of(ay, lost_y, vy, ny, power_of(az, lost_z, vz, nz, zero)));
             const __m256 half_mass = _mm256_and_ps(free, _mm256_div_ps(set(0.5f), p.w));
             add_doubles(damping_work + lane, _mm256_mul_ps(power, half_mass));
         }
@@ -110,7 +122,9 @@ void step_springs(const SpringStep* body, unsigned first, unsigned last, double*
 }
 
 void step(const SpringStep* body, unsigned first, unsigned last, double* damping_work) {
-    (body->spring_factor ? step_springs<true> : step_springs<false>)(body, first, last, damping_work);
+    const auto kernel = body->packed ? (body->spring_factor ? step_springs<true, true> : step_springs<false, true>)
+                                     : (body->spring_factor ? step_springs<true, false> : step_springs<false, false>);
+    kernel(body, first, last, damping_work);
 }
 
 void shape_sums(const SpringStep* body, unsigned first, unsigned last, double* sums) {

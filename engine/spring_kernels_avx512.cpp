@@ -31,11 +31,12 @@ inline __attribute__((always_inline)) void add_doubles(double* sum, __m512 value
     _mm512_storeu_pd(sum + 8, _mm512_add_pd(_mm512_loadu_pd(sum + 8), high));
 }
 
-// kVaried: springs differ in stiffness.
-template <bool kVaried>
+// kVaried: springs differ in stiffness. kPacked: columns are read from `packed`.
+template <bool kVaried, bool kPacked>
 void step_springs(const SpringStep* body, unsigned first, unsigned last, double* damping_work) {
     const __m512 one = _mm512_set1_ps(1.0f), zero = _mm512_setzero_ps();
     const auto set = [](float v) { return _mm512_set1_ps(v); };
+    const unsigned long first_half = 16ul * body->first_column;
     for (unsigned slice = first; slice < last; ++slice) {
         const unsigned row = 16 * slice;
         const Lanes p = load(body->offset + 4ul * row);
@@ -44,12 +45,14 @@ void step_springs(const SpringStep* body, unsigned first, unsigned last, double*
         __m512 fx = zero, fy = zero, fz = zero;
         const unsigned long end = 16ul * body->slice_column[slice + 1];
         for (unsigned long h = 16ul * body->slice_column[slice]; h < end; h += 16) {
-            const Lanes q = gather(body->offset, body->neighbour + h);
+            const unsigned short* packed = kPacked ? body->packed + 2 * (h - first_half) : nullptr;
+            const Lanes q = kPacked ? gather_near(body->offset, packed, long{row} - 32768) : gather(body->offset, body->neighbour + h);
+            const __m512 rest = kPacked ? _mm512_mul_ps(widen(packed + 16), set(body->rest_unit)) : _mm512_loadu_ps(body->rest_length + h);
             const __m512 dx = _mm512_sub_ps(q.x, p.x), dy = _mm512_sub_ps(q.y, p.y), dz = _mm512_sub_ps(q.z, p.z);
             const __m512 squared = _mm512_fmadd_ps(dx, dx, _mm512_fmadd_ps(dy, dy, _mm512_mul_ps(dz, dz)));
             const __m512 length = _mm512_sqrt_ps(squared);
             const __mmask16 apart = _mm512_cmp_ps_mask(length, zero, _CMP_GT_OQ);
-            const __m512 ratio = _mm512_div_ps(_mm512_loadu_ps(body->rest_length + h), length);
+            const __m512 ratio = _mm512_div_ps(rest, length);
             __m512 pull = _mm512_maskz_sub_ps(apart, one, ratio);
             if (kVaried) pull = _mm512_mul_ps(pull, _mm512_loadu_ps(body->spring_factor + h));
             fx = _mm512_fmadd_ps(pull, dx, fx);
@@ -57,11 +60,14 @@ void step_springs(const SpringStep* body, unsigned first, unsigned last, double*
             fz = _mm512_fmadd_ps(pull, dz, fz);
         }
 
-        const Goals goals = load_goals(body, row);
         const __m512 anchor = _mm512_loadu_ps(body->anchor_stiffness + row), k = set(body->stiffness);
-        fx = _mm512_fmadd_ps(anchor, to_goal(body, goals, 0, p.x), _mm512_mul_ps(k, fx));
-        fy = _mm512_fmadd_ps(anchor, to_goal(body, goals, 1, p.y), _mm512_mul_ps(k, fy));
-        fz = _mm512_fmadd_ps(anchor, to_goal(body, goals, 2, p.z), _mm512_mul_ps(k, fz));
+        fx = _mm512_mul_ps(k, fx), fy = _mm512_mul_ps(k, fy), fz = _mm512_mul_ps(k, fz);
+        if (_mm512_cmp_ps_mask(anchor, zero, _CMP_NEQ_UQ)) {  // a slice that nothing holds has no goals to read
+            const Goals goals = load_goals(body, row);
+            fx = _mm512_fmadd_ps(anchor, to_goal(body, goals, 0, p.x), fx);
+            fy = _mm512_fmadd_ps(anchor, to_goal(body, goals, 1, p.y), fy);
+            fz = _mm512_fmadd_ps(anchor, to_goal(body, goals, 2, p.z), fz);
+        }
         if (body->force_x) {
             fx = _mm512_add_ps(fx, _mm512_loadu_ps(body->force_x + row));
             fy = _mm512_add_ps(fy, _mm512_loadu_ps(body->force_y + row));
@@ -80,20 +86,22 @@ void step_springs(const SpringStep* body, unsigned first, unsigned last, double*
         const __m512 lost_y = _mm512_mul_ps(keep_less_one, _mm512_sub_ps(vy, uy));
         const __m512 lost_z = _mm512_mul_ps(keep_less_one, _mm512_sub_ps(vz, uz));
         const __mmask16 free = _mm512_cmp_ps_mask(p.w, zero, _CMP_GT_OQ);
-        const auto kicked = [&](__m512 v, __m512 lost, __m512 f, float gravity) {
-            const __m512 a = _mm512_fmadd_ps(f, p.w, set(gravity));
+        const auto pulled = [&](__m512 f, float gravity) { return _mm512_fmadd_ps(f, p.w, set(gravity)); };
+        const __m512 ax = pulled(fx, body->gravity[0]), ay = pulled(fy, body->gravity[1]), az = pulled(fz, body->gravity[2]);
+        const auto kicked = [&](__m512 v, __m512 lost, __m512 a) {
             const __m512 damped = _mm512_add_ps(v, lost);
             return _mm512_maskz_fmadd_ps(free, a, set(body->kick_dt), damped);
         };
-        const __m512 nx = kicked(vx, lost_x, fx, body->gravity[0]), ny = kicked(vy, lost_y, fy, body->gravity[1]),
-                     nz = kicked(vz, lost_z, fz, body->gravity[2]);
+        const __m512 nx = kicked(vx, lost_x, ax), ny = kicked(vy, lost_y, ay), nz = kicked(vz, lost_z, az);
         _mm512_storeu_ps(body->new_velocity_x + row, nx);
         _mm512_storeu_ps(body->new_velocity_y + row, ny);
         _mm512_storeu_ps(body->new_velocity_z + row, nz);
         if (damping_work) {
-            const __m512 power = _mm512_fmadd_ps(
-                lost_x, _mm512_add_ps(vx, nx),
-                _mm512_fmadd_ps(lost_y, _mm512_add_ps(vy, ny), _mm512_mul_ps(lost_z, _mm512_add_ps(vz, nz))));
+            const __m512 less = set(body->kick_less);
+            const auto power_of = [&](__m512 a, __m512 lost, __m512 v, __m512 n, __m512 sum) {
+                return _mm512_fmadd_ps(_mm512_fmadd_ps(a, less, lost), _mm512_add_ps(v, n), sum);
+            };
+            const __m512 power = power_of(ax, lost_x, vx, nx, power_of(ay, lost_y, vy, ny, power_of(az, lost_z, vz, nz, zero)));
             const __m512 half_mass = _mm512_maskz_div_ps(free, set(0.5f), p.w);
             add_doubles(damping_work, _mm512_mul_ps(power, half_mass));
         }
@@ -117,7 +125,9 @@ void step_springs(const SpringStep* body, unsigned first, unsigned last, double*
 }
 
 void step(const SpringStep* body, unsigned first, unsigned last, double* damping_work) {
-    (body->spring_factor ? step_springs<true> : step_springs<false>)(body, first, last, damping_work);
+    const auto kernel = body->packed ? (body->spring_factor ? step_springs<true, true> : step_springs<false, true>)
+                                     : (body->spring_factor ? step_springs<true, false> : step_springs<false, false>);
+    kernel(body, first, last, damping_work);
 }
 
 void shape_sums(const SpringStep* body, unsigned first, unsigned last, double* sums) {

@@ -4,7 +4,7 @@ namespace trocar {
 
 SpringStep bind_body(const Springs& springs, const Bodies& bodies, const Anchors& anchors, const Particles& particles,
                      uint32_t body, const TornSprings* torn) {
-    const uint32_t prototype = bodies.mesh[body], first = bodies.particles[body].first;
+    const uint32_t prototype = bodies.mesh[body], first = bodies.particles[body].first + springs.info[prototype].skin;
     SpringStep step = {};
     step.offset = &particles.offset[first].x;
     step.velocity_x = particles.velocity_x.data() + first;
@@ -13,9 +13,14 @@ SpringStep bind_body(const Springs& springs, const Bodies& bodies, const Anchors
     step.slice_column = springs.slice_column.data() + springs.info[prototype].slices.first + prototype;
     step.neighbour = springs.neighbour.data();
     step.rest_length = springs.rest_length.data();
+    const SpringInfo& info = springs.info[prototype];
+    step.packed = info.packed == kNone ? nullptr : springs.packed[info.packed].data();
+    step.first_column = step.slice_column[0];
+    step.rest_unit = info.rest_unit;
     if (torn && size_t{step.slice_column[springs.info[prototype].slices.count]} * kSliceWidth <= torn->neighbour.size()) {
         step.neighbour = torn->neighbour.data();
         step.rest_length = torn->rest_length.data();
+        step.packed = nullptr;
     }
     step.spring_factor = springs.info[prototype].varied ? springs.factor.data() : nullptr;
     step.anchor_stiffness = anchors.stiffness.data() + first;

@@ -8,6 +8,7 @@
 #include "engine/check.hpp"
 #include "engine/closest_point.hpp"
 #include "engine/parallel.hpp"
+#include "engine/skin.hpp"
 namespace trocar {
 namespace {
 
@@ -42,13 +43,14 @@ TetStep bind_tets(const Solids& solids, const Bodies& bodies, const Particles& p
     const SolidModuli moduli = solid_moduli(bodies.tissue[body]);
     const uint32_t first = info.tetrahedra.first;
     TetStep step = {};
-    step.offset = &particles.offset[bodies.particles[body].first].x;
+    step.offset = &particles.offset[bodies.particles[body].first + skin_rows(info)].x;
     step.corner0 = solids.corner[0].data() + first;
     step.corner1 = solids.corner[1].data() + first;
     step.corner2 = solids.corner[2].data() + first;
     step.corner3 = solids.corner[3].data() + first;
     step.rest = solids.rest.data() + first;
     step.per_rest = solids.per_rest.data() + first;
+    step.factor = info.varied ? solids.factor.data() + first : nullptr;
     step.bulk = static_cast<float>(moduli.bulk);
     step.crush = static_cast<float>(moduli.crush);
     step.tetrahedra = info.tetrahedra.count;
@@ -113,7 +115,8 @@ struct PlacedTets {
 
 PlacedTets place_tets(const Solids& solids, const Bodies& bodies, const Particles& particles, uint32_t body,
                       double back) {
-    return {solids, solids.info[bodies.mesh[body]], particles, bodies.particles[body].first, back};
+    const SolidInfo& info = solids.info[bodies.mesh[body]];
+    return {solids, info, particles, bodies.particles[body].first + skin_rows(info), back};
 }
 
 }  // namespace
@@ -127,7 +130,8 @@ double tet_energy(const Solids& solids, const Bodies& bodies, const Particles& p
     parallel_for(tets.info.count, kChunk, [&](uint32_t begin, uint32_t end) {
         double sum = 0;
         for (uint32_t t = begin; t < end; ++t) {
-            sum += tet_energy(moduli.bulk, moduli.crush, tets.rest(t), tets.six_volumes(t));
+            const double factor = tets.info.varied ? double{solids.factor[tets.info.tetrahedra.first + t]} : 1.0;
+            sum += factor * tet_energy(moduli.bulk, moduli.crush, tets.rest(t), tets.six_volumes(t));
         }
         chunk_sums[begin / kChunk] = sum;
     });

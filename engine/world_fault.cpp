@@ -3,6 +3,7 @@
 
 #include "engine/bending_forces.hpp"
 #include "engine/pressure_force.hpp"
+#include "engine/skin.hpp"
 #include "engine/surfaces.hpp"
 #include "engine/world.hpp"
 namespace trocar {
@@ -77,14 +78,35 @@ void check_meshes(const Meshes& m, Faults& f) {
         f.require(material.image.rgba.size() == size_t{4} * material.image.width * material.image.height, "a texture is not as large as it says");
 }
 
+// Packed columns say the same as the others.
+void check_packed(const Springs& s, uint32_t prototype, Faults& f) {
+    const SpringInfo& info = s.info[prototype];
+    if (info.packed == kNone || !f.first.empty()) return;
+    const uint32_t* column = s.slice_column.data() + info.slices.first + prototype;
+    const std::string name = "packed springs of mesh " + std::to_string(prototype);
+    if (!f.inside({info.packed, column[info.slices.count] - column[0]}, s.packed.size(), name)) return;
+    for (uint32_t slice = 0; slice < info.slices.count; ++slice) {
+        for (uint32_t c = column[slice]; c < column[slice + 1]; ++c) {
+            const auto& packed = s.packed[info.packed + c - column[0]];
+            for (uint32_t lane = 0; lane < kSliceWidth; ++lane) {
+                const size_t h = size_t{c} * kSliceWidth + lane;
+                f.require(packed[lane] + kSliceWidth * slice - 32768u == s.neighbour[h] &&
+                              static_cast<float>(packed[kSliceWidth + lane]) * info.rest_unit == s.rest_length[h],
+                          name + " differ");
+            }
+        }
+    }
+}
+
 void check_springs(const World& w, uint32_t prototype, Faults& f) {
     const Springs& s = w.springs;
     const std::string name = "springs of mesh " + std::to_string(prototype);
     f.require(prototype < s.info.size() && prototype < s.vertices.size(), name + " are missing");
     if (!f.first.empty()) return;
     const Range slices = s.info[prototype].slices;
-    const uint64_t padded = uint64_t{slices.count} * kSliceWidth;
-    f.require(s.vertices[prototype].count == padded, name + " do not fit its vertices");
+    const uint64_t padded = uint64_t{slices.count} * kSliceWidth, skin = s.info[prototype].skin;
+    f.require(skin % kSliceWidth == 0 && s.vertices[prototype].count == padded + skin, name + " do not fit its vertices");
+    f.require(skin == (prototype < w.solids.info.size() ? skin_rows(w.solids.info[prototype]) : 0), name + " do not fit its skin");
     const bool whole = f.inside(s.vertices[prototype], s.area_share.size(), name) &&
                        f.inside({slices.first + prototype, slices.count + 1}, s.slice_column.size(), name);
     if (!whole || s.neighbour.size() != s.rest_length.size()) return f.require(false, name + " do not fit together");
@@ -97,6 +119,7 @@ void check_springs(const World& w, uint32_t prototype, Faults& f) {
         if (s.info[prototype].varied)
             f.require(uint64_t{column[slice + 1]} * kSliceWidth <= s.factor.size(), name + ": stiffnesses are missing");
     }
+    check_packed(s, prototype, f);
 }
 
 void check_solid(const World& w, uint32_t prototype, uint32_t particles, Faults& f) {
@@ -108,11 +131,17 @@ void check_solid(const World& w, uint32_t prototype, uint32_t particles, Faults&
                  f.inside(info.tetrahedra, s.rest.size(), name + "tetrahedra") && f.inside(info.tetrahedra, s.per_rest.size(), name + "tetrahedra") &&
                  f.inside({info.slices.first + prototype, info.slices.count + 1}, s.slot_column.size(), name + "slices");
     for (const auto& corner : s.corner) whole = whole && f.inside(info.tetrahedra, corner.size(), name + "corners");
+    if (info.varied) whole = whole && f.inside(info.tetrahedra, s.factor.size(), name + "stiffnesses");
     const uint32_t tets = info.tetrahedra.count;
-    f.require(info.count <= tets && tets % kSliceWidth == 0 && uint64_t{info.slices.count} * kSliceWidth == particles && tets < kNone / 4 &&
-                  info.nodes.count <= particles && uint64_t{w.meshes.info[prototype].vertices.count} + info.inner.count == info.nodes.count,
+    f.require(info.count <= tets && tets % kSliceWidth == 0 && uint64_t{info.slices.count} * kSliceWidth + skin_rows(info) == particles && tets < kNone / 4 &&
+                  info.nodes.count <= particles && uint64_t{surface_nodes(w.meshes, info, prototype)} + info.inner.count == info.nodes.count,
               name + "nodes and tetrahedra do not fit");
-    if (!whole || !f.first.empty()) return;
+    if (!whole || !f.first.empty() || !f.inside(info.skin, s.skin_node.size(), name + "skin") || !f.inside(info.skin, s.skin_weight.size(), name + "skin")) return;
+    f.require(info.skin.count == 0 || info.skin.count == w.meshes.info[prototype].vertices.count, name + "skin does not fit the surface");
+    for (uint32_t row = info.skin.first; row < info.skin.end(); ++row) {
+        for (const uint32_t node : s.skin_node[row]) f.below(node, info.nodes.count, false, name + "node of the skin");
+        for (const double weight : s.skin_weight[row]) f.require(std::isfinite(weight), name + "weight of the skin");
+    }
     for (const auto& corner : s.corner)
         for (uint32_t t = 0; t < tets; ++t) f.below(corner[info.tetrahedra.first + t], info.nodes.count, false, name + "corner");
     const uint32_t* column = s.slot_column.data() + info.slices.first + prototype;
@@ -286,7 +315,18 @@ void check_tears(const World& w, Faults& f) {
         const uint32_t prototype = w.bodies.mesh[t.body];
         const Range slices = w.springs.info[prototype].slices;
         f.require(size_t{w.springs.slice_column[slices.end() + prototype]} * kSliceWidth <= rows, "tears: springs are missing");
-        for (uint32_t i = t.order.first; i < t.order.end(); ++i) f.below(w.tears.order[i], t.order.count, false, "tears: triangle");
+        std::vector<bool> seen(t.order.count);
+        for (uint32_t i = t.order.first; i < t.order.end(); ++i) {
+            f.below(w.tears.order[i], t.order.count, false, "tears: triangle");
+            if (!f.first.empty()) return;
+            f.require(!seen[w.tears.order[i]], "tears: a triangle twice");
+            seen[w.tears.order[i]] = true;
+        }
+        const MeshInfo& info = w.meshes.info[prototype];
+        f.require(info.triangles.count <= t.order.count && t.whole <= Admission::kRefused, "tears: more triangles than at load");
+        if (!f.inside({info.triangles.first, t.order.count}, w.meshes.triangle.size(), "removed triangles")) return;
+        for (uint32_t i = info.triangles.end(); i < info.triangles.first + t.order.count; ++i)
+            for (const uint32_t v : w.meshes.triangle[i]) f.below(v, info.vertices.count, false, "vertex of a removed triangle");
     }
     for (const Cut& cut : w.tears.cut) {
         f.below(cut.tear, static_cast<uint32_t>(w.tears.body.size()), false, "cut of");

@@ -9,6 +9,7 @@
 #include "engine/geometry/quaternion.hpp"
 #include "engine/parallel.hpp"
 #include "engine/shape_fit.hpp"
+#include "engine/skin.hpp"
 #include "engine/spring_step.hpp"
 #include "engine/surfaces.hpp"
 #include "systems/advance_parts.hpp"
@@ -24,6 +25,13 @@ AdvanceBody make_body(const AdvanceIsland& island, uint32_t body, uint32_t buffe
     AdvanceBody b;
     b.body = body;
     b.particles = bodies.particles[body];
+    if (const uint32_t skin = springs.info[bodies.mesh[body]].skin; skin > 0) {
+        const Solids& solids = *island.inputs.other.solids;
+        const uint32_t first = solids.info[bodies.mesh[body]].skin.first;
+        b.skin_node = solids.skin_node.data() + first;
+        b.skin_weight = solids.skin_weight.data() + first;
+        b.particles = {b.particles.first + skin, b.particles.count - skin};
+    }
     b.slices = springs.info[bodies.mesh[body]].slices.count;
     b.buffer = buffer;
     b.shape = bodies.anchor_frame[body] == AnchorFrame::kShape;
@@ -105,7 +113,11 @@ void step_leapfrog(AdvanceIsland& island, const SpringKernels& kernels, AdvanceB
     // the very first kick is half a one: velocities fall half a step behind
     const double kick = 0.5 * (b.last_dt + island.dt);
     b.last_dt = island.dt;
-    b.step.kick_dt = static_cast<float>(kick);
+    // damping acts half before and half after the kick: second order (Strang). A free body's goes with its rigid motion,
+    // which no damping may slow: there it acts before, of first order
+    const double left = b.shape ? 1.0 : std::exp(-0.5 * b.damping * kick);
+    b.step.kick_dt = static_cast<float>(kick * left);
+    b.step.kick_less = static_cast<float>(kick * (left - 1));
     b.step.keep = static_cast<float>(std::exp(-b.damping * kick));
     if (b.shape) {
         const ShapeTotals totals = sum_shape(b.step, b.slices, s.shape_sums);
@@ -197,6 +209,9 @@ void finish_bodies(AdvanceIsland& island) {
         std::copy_n(b.now, b.particles.count, island.particles.offset.begin() + b.particles.first);
         island.particles.last_dt[b.body] = b.last_dt;
     }
+    for (const AdvanceBody& b : island.scratch.body) {
+        if (b.skin_node) drape_skin(*island.inputs.other.solids, island.inputs.bodies, b.body, island.particles);
+    }
     for (const AdvanceRigid& rigid : island.scratch.rigid) {
         if (rigid.node == kNone || rigid.free != kNone) continue;
         const ContactNode& node = island.scratch.node[rigid.node];
@@ -265,6 +280,7 @@ void share_room(std::span<AdvanceScratch> scratches) {
     level(&AdvanceScratch::node_of_particle);
     level(&AdvanceScratch::slot_of_body);
     level(&AdvanceScratch::plan);
+    level(&AdvanceScratch::skin_point);
     level(&AdvanceScratch::active);
     level(&AdvanceScratch::free);
     level(&AdvanceScratch::turning);

@@ -33,6 +33,7 @@ RowNodes nodes_of(const ContactPlan& plan) {
     return r;
 }
 bool is_edge(const ContactPlan& plan) { return plan.node_a[1] != plan.node_a[0]; }
+bool rides_skin(const ContactPlan& plan) { return (plan.node_a[0] | plan.node_b[0]) & kSkinPoint; }
 bool is_face(const ContactPlan& plan) { return plan.node_a[2] != plan.node_a[0]; }
 bool between_deformables(const ContactPlan& plan) { return plan.rigid_a == kNone && plan.rigid_b == kNone; }
 
@@ -40,13 +41,16 @@ bool between_deformables(const ContactPlan& plan) { return plan.rigid_a == kNone
 template <typename Visit>
 void for_each_way(AdvanceScratch& s, const Visit& visit) {
     for (const ContactPlan& plan : s.plan) {
+        const auto visit_all = [&](uint32_t point, Vec4d way) {
+            visit_nodes(s, point, [&](uint32_t node, double) { visit(s.change[node], plan, way); });
+        };
         if (plan.rigid_a == kNone) {
-            visit(s.change[plan.node_a[0]], plan, plan.normal);
-            if (is_edge(plan)) visit(s.change[plan.node_a[1]], plan, plan.normal);
-            if (is_face(plan)) visit(s.change[plan.node_a[2]], plan, plan.normal);
+            visit_all(plan.node_a[0], plan.normal);
+            if (is_edge(plan)) visit_all(plan.node_a[1], plan.normal);
+            if (is_face(plan)) visit_all(plan.node_a[2], plan.normal);
         }
         if (plan.rigid_b == kNone) {
-            for (const uint32_t node : plan.node_b) visit(s.change[node], plan, -plan.normal);
+            for (const uint32_t point : plan.node_b) visit_all(point, -plan.normal);
         }
     }
 }
@@ -64,7 +68,7 @@ void find_opposable(AdvanceScratch& s) {
 }
 
 bool fits_block(const AdvanceScratch& s, const ContactPlan& plan) {
-    if (!between_deformables(plan) || is_face(plan)) return false;  // a block has no part for a third corner
+    if (!between_deformables(plan) || rides_skin(plan) || is_face(plan)) return false;  // a block has no part for a third corner
     const RowNodes nodes = nodes_of(plan);
     const auto end = nodes.node.begin() + nodes.count;
     return nodes.distinct && std::none_of(nodes.node.begin(), end, [&](uint32_t n) { return s.change[n].may_oppose; });

@@ -30,6 +30,16 @@ uint32_t node_slot(AdvanceScratch& s, uint32_t owner, uint32_t vertex) {
     return slot;
 }
 
+// Node of a vertex of a deformable body, or the new skin point of one that rides.
+uint32_t vertex_slot(AdvanceScratch& s, uint32_t owner, uint32_t vertex) {
+    if (!s.body[owner].skin_node) return node_slot(s, owner, vertex);
+    ContactSkinPoint point;
+    for (int k = 0; k < 4; ++k) point.node[k] = node_slot(s, owner, s.body[owner].skin_node[vertex][k]);
+    point.weight = s.body[owner].skin_weight[vertex];
+    s.skin_point.push_back(point);
+    return kSkinPoint | static_cast<uint32_t>(s.skin_point.size() - 1);
+}
+
 Vec4d rest_position(const Meshes& meshes, uint32_t prototype, uint32_t vertex) {
     return to_vec4(meshes.position[meshes.info[prototype].vertices.first + vertex]);
 }
@@ -51,8 +61,10 @@ ContactPlan make_plan(AdvanceIsland& island, uint32_t row) {
     plan.ended = std::isinf(rows.distance[row]);
     if (is_deformable(bodies, a)) {
         TROCAR_ASSERT(s.slot_of_body[a] != kNone);
-        for (int i = 0; i < 2; ++i) plan.node_a[i] = node_slot(s, s.slot_of_body[a], rows.vertex[row][i]);
-        plan.node_a[2] = in_face ? node_slot(s, s.slot_of_body[a], rows.third[row]) : plan.node_a[0];
+        const auto& vertex = rows.vertex[row];
+        plan.node_a[0] = vertex_slot(s, s.slot_of_body[a], vertex[0]);
+        plan.node_a[1] = vertex[1] == vertex[0] ? plan.node_a[0] : vertex_slot(s, s.slot_of_body[a], vertex[1]);
+        plan.node_a[2] = in_face ? vertex_slot(s, s.slot_of_body[a], rows.third[row]) : plan.node_a[0];
     } else {
         plan.rigid_a = rigid_slot(island, a);
         plan.point_a = plan.weight_a[0] * rest_position(meshes, bodies.mesh[a], rows.vertex[row][0]) +
@@ -61,7 +73,7 @@ ContactPlan make_plan(AdvanceIsland& island, uint32_t row) {
     }
     if (is_deformable(bodies, b)) {
         TROCAR_ASSERT(s.slot_of_body[b] != kNone);
-        for (int i = 0; i < 3; ++i) plan.node_b[i] = node_slot(s, s.slot_of_body[b], rows.triangle[row][i]);
+        for (int i = 0; i < 3; ++i) plan.node_b[i] = vertex_slot(s, s.slot_of_body[b], rows.triangle[row][i]);
     } else {
         plan.rigid_b = rigid_slot(island, b);
         plan.point_b = Vec4d{};
@@ -85,17 +97,17 @@ struct RowState {
 RowState find_gap(const AdvanceScratch& s, const ContactPlan& plan) {
     RowState r;
     if (plan.rigid_a == kNone) {
-        r.point = s.node[plan.node_a[0]].place;
+        r.point = field_at(s, plan.node_a[0], &ContactNode::place);
         if (plan.weight_a[1] != 0 || plan.weight_a[2] != 0) {
-            r.point = plan.weight_a[0] * r.point + plan.weight_a[1] * s.node[plan.node_a[1]].place;
+            r.point = plan.weight_a[0] * r.point + plan.weight_a[1] * field_at(s, plan.node_a[1], &ContactNode::place);
         }
-        if (plan.weight_a[2] != 0) r.point += plan.weight_a[2] * s.node[plan.node_a[2]].place;
+        if (plan.weight_a[2] != 0) r.point += plan.weight_a[2] * field_at(s, plan.node_a[2], &ContactNode::place);
     } else {
         r.point = s.rigid[plan.rigid_a].place[0](plan.point_a);
     }
     if (plan.rigid_b == kNone) {
-        r.plane = plan.weight_b[0] * s.node[plan.node_b[0]].place + plan.weight_b[1] * s.node[plan.node_b[1]].place +
-                  plan.weight_b[2] * s.node[plan.node_b[2]].place;
+        const auto place = [&](int k) { return field_at(s, plan.node_b[k], &ContactNode::place); };
+        r.plane = plan.weight_b[0] * place(0) + plan.weight_b[1] * place(1) + plan.weight_b[2] * place(2);
         r.normal = plan.normal;
     } else {
         const RigidMap& place = s.rigid[plan.rigid_b].place[0];
@@ -117,14 +129,14 @@ Vec4d rigid_velocity(const AdvanceScratch& s, uint32_t slot, Vec4d point) {
 Vec4d relative_velocity(const AdvanceScratch& s, const ContactPlan& plan) {
     Vec4d v;
     if (plan.rigid_a == kNone) {
-        v = plan.weight_a[0] * s.node[plan.node_a[0]].velocity;
-        if (plan.weight_a[1] != 0) v += plan.weight_a[1] * s.node[plan.node_a[1]].velocity;
-        if (plan.weight_a[2] != 0) v += plan.weight_a[2] * s.node[plan.node_a[2]].velocity;
+        v = plan.weight_a[0] * field_at(s, plan.node_a[0], &ContactNode::velocity);
+        if (plan.weight_a[1] != 0) v += plan.weight_a[1] * field_at(s, plan.node_a[1], &ContactNode::velocity);
+        if (plan.weight_a[2] != 0) v += plan.weight_a[2] * field_at(s, plan.node_a[2], &ContactNode::velocity);
     } else {
         v = rigid_velocity(s, plan.rigid_a, plan.point_a);
     }
     if (plan.rigid_b != kNone) return v - rigid_velocity(s, plan.rigid_b, plan.point_b);
-    for (int k = 0; k < 3; ++k) v -= plan.weight_b[k] * s.node[plan.node_b[k]].velocity;
+    for (int k = 0; k < 3; ++k) v -= plan.weight_b[k] * field_at(s, plan.node_b[k], &ContactNode::velocity);
     return v;
 }
 
@@ -177,8 +189,8 @@ Foot find_foot(Vec4d a, Vec4d b, Vec4d c, Vec4d point, Vec4d plane, Vec4d normal
 Foot find_foot(const AdvanceIsland& island, const ContactPlan& plan, const RowState& r) {
     const AdvanceScratch& s = island.scratch;
     if (plan.rigid_b == kNone) {
-        return find_foot(s.node[plan.node_b[0]].place, s.node[plan.node_b[1]].place, s.node[plan.node_b[2]].place,
-                         r.point, r.plane, r.normal, plan.weight_b);
+        const auto place = [&](int k) { return field_at(s, plan.node_b[k], &ContactNode::place); };
+        return find_foot(place(0), place(1), place(2), r.point, r.plane, r.normal, plan.weight_b);
     }
     const AdvanceRigid& rigid = s.rigid[plan.rigid_b];
     const Meshes& meshes = island.inputs.meshes;
@@ -200,6 +212,9 @@ void add_node(ContactActive& active, uint32_t node, double weight) {
     }
     active.node[active.nodes] = node;
     active.weight[active.nodes++] = weight;
+}
+void add_point(const AdvanceScratch& s, ContactActive& active, uint32_t point, double weight) {
+    visit_nodes(s, point, [&](uint32_t node, double share) { add_node(active, node, share * weight); });
 }
 
 // Counts a row for its nodes, and sees which are pressed from both sides.
@@ -243,7 +258,7 @@ void activate(AdvanceIsland& island, uint32_t plan_row, const RowState& r, doubl
         active.least_velocity = -plan.restitution * approach;
     }
     if (plan.rigid_a == kNone) {
-        for (int i = 0; i < 3; ++i) add_node(active, plan.node_a[i], plan.weight_a[i]);
+        for (int i = 0; i < 3; ++i) add_point(s, active, plan.node_a[i], plan.weight_a[i]);
     } else {
         const AdvanceRigid& rigid = s.rigid[plan.rigid_a];
         if (rigid.free == kNone) active.rigid_velocity += rigid.velocity(plan.point_a);
@@ -251,7 +266,7 @@ void activate(AdvanceIsland& island, uint32_t plan_row, const RowState& r, doubl
     }
     active.point_nodes = active.nodes;
     if (plan.rigid_b == kNone) {
-        for (int k = 0; k < 3; ++k) add_node(active, plan.node_b[k], -foot.weight[k]);
+        for (int k = 0; k < 3; ++k) add_point(s, active, plan.node_b[k], -foot.weight[k]);
     } else {
         const AdvanceRigid& rigid = s.rigid[plan.rigid_b];
         if (rigid.free == kNone) active.rigid_velocity -= rigid.velocity(foot.point);
@@ -449,6 +464,7 @@ double note_kick(const AdvanceBody& body, const ContactNode& node, ContactNodeCh
     const Vec4d lost = (double(body.step.keep) - 1.0) * (change.before - drag), before = change.acceleration;
     change.damped = change.before + lost;
     change.acceleration = (node.velocity - change.damped) / double(body.step.kick_dt);
+    change.damped += double(body.step.kick_less) * change.acceleration;
     return change.pushed ? dot(0.5 * (before + change.acceleration), change.change) / node.inv_mass : 0;
 }
 
@@ -487,6 +503,7 @@ double gather_nodes(AdvanceIsland& island) {
 void plan_contacts(AdvanceIsland& island, std::span<const uint32_t> island_rows) {
     AdvanceScratch& s = island.scratch;
     s.plan.clear();
+    s.skin_point.clear();
     s.active.clear();
     s.node_of_particle.resize(island.particles.offset.size(), kNone);
     // neighbours in the list are neighbours on the surface and share nodes: parts of a long list are dealt in turn, so

@@ -33,6 +33,21 @@ inline double moving_time(const AdvanceIsland& island, uint32_t body) {
     return std::clamp(island.inputs.stop[body] - island.substep * island.dt, 0.0, island.dt);
 }
 
+// Calls visit(node, share) for a node, or for the nodes of a skin point.
+template <typename Visit>
+void visit_nodes(const AdvanceScratch& s, uint32_t point, const Visit& visit) {
+    if (!(point & kSkinPoint)) return visit(point, 1.0);
+    const ContactSkinPoint& skin = s.skin_point[point & ~kSkinPoint];
+    for (int k = 0; k < 4; ++k) visit(skin.node[k], skin.weight[k]);
+}
+// Place, after or velocity of a node or of a skin point.
+inline Vec4d field_at(const AdvanceScratch& s, uint32_t point, Vec4d ContactNode::* field) {
+    if (!(point & kSkinPoint)) return s.node[point].*field;
+    Vec4d sum = {};
+    visit_nodes(s, point, [&](uint32_t node, double share) { sum += share * (s.node[node].*field); });
+    return sum;
+}
+
 // Time at the start of a substep, s: a quotient of integers, so that it does not depend on how calls are cut.
 double substep_time(const AdvanceParams& params, uint32_t substep);
 

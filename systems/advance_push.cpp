@@ -11,14 +11,14 @@ namespace {
 double gap_after(const AdvanceScratch& s, const ContactPlan& plan, Vec4d& normal) {
     Vec4d apart;
     if (plan.rigid_a == kNone) {
-        apart = plan.weight_a[0] * s.node[plan.node_a[0]].after;
-        if (plan.weight_a[1] != 0) apart += plan.weight_a[1] * s.node[plan.node_a[1]].after;
-        if (plan.weight_a[2] != 0) apart += plan.weight_a[2] * s.node[plan.node_a[2]].after;
+        apart = plan.weight_a[0] * field_at(s, plan.node_a[0], &ContactNode::after);
+        if (plan.weight_a[1] != 0) apart += plan.weight_a[1] * field_at(s, plan.node_a[1], &ContactNode::after);
+        if (plan.weight_a[2] != 0) apart += plan.weight_a[2] * field_at(s, plan.node_a[2], &ContactNode::after);
     } else {
         apart = s.rigid[plan.rigid_a].place[1](plan.point_a);
     }
     if (plan.rigid_b == kNone) {
-        for (int k = 0; k < 3; ++k) apart -= plan.weight_b[k] * s.node[plan.node_b[k]].after;
+        for (int k = 0; k < 3; ++k) apart -= plan.weight_b[k] * field_at(s, plan.node_b[k], &ContactNode::after);
         normal = plan.normal;
     } else {
         const RigidMap& place = s.rigid[plan.rigid_b].place[1];

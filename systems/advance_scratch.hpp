@@ -35,6 +35,9 @@ struct AdvanceBody {
     bool measured() const { return stepping.integrator != Integrator::kLeapfrog; }
     double energy = std::numeric_limits<double>::quiet_NaN();  // J, if measured: at its last measurement of the call
     bool touched = false;  // a row of the call acts on it
+    // Under a skin: nodes and weights of the vertices of its surface; else null.
+    const std::array<uint32_t, 4>* skin_node = nullptr;
+    const std::array<double, 4>* skin_weight = nullptr;
     bool linked = false;   // a link of the call pulls at it
     uint32_t tear = kNone;  // row of Tears::body
 };
@@ -126,6 +129,13 @@ struct ContactNodeChange {
     bool pushed = false;
 };
 
+// A vertex of a skin that rows act on: they name it by kSkinPoint | its row of skin_point, and give to its nodes.
+inline constexpr uint32_t kSkinPoint = 1u << 31;
+struct ContactSkinPoint {
+    std::array<uint32_t, 4> node;  // rows of node
+    std::array<double, 4> weight;
+};
+
 // What stays the same about a contact row during a call.
 struct ContactPlan {
     Vec4d point_a;  // m, body frame, if rigid
@@ -137,8 +147,8 @@ struct ContactPlan {
     double offset = 0;  // m, half the thickness of a sheet
     double friction = 0;
     double restitution = 0;
-    std::array<uint32_t, 3> node_a;             // if deformable; equal for a vertex; the third is the first but for a face
-    std::array<uint32_t, 3> node_b;             // if deformable
+    std::array<uint32_t, 3> node_a;             // if deformable; equal for a vertex; the third is the first but for a face; node or skin point
+    std::array<uint32_t, 3> node_b;             // if deformable; node or skin point
     uint32_t rigid_a = kNone, rigid_b = kNone;  // rows of rigid, or kNone
     uint32_t row = kNone;
     bool ended = false;
@@ -154,8 +164,9 @@ struct ContactActive {
     double least_velocity = 0;  // m/s, along the normal
     double inv_sum = 0;         // kg, 1 / sum of weight^2 * inverse mass
     double friction = 0;
-    std::array<double, 6> weight;  // of the relative velocity: + for the point, - for the plane
-    std::array<uint32_t, 6> node;
+    static constexpr uint32_t kMostNodes = 24;  // a face against a triangle, both of skins
+    std::array<double, kMostNodes> weight;      // of the relative velocity: + for the point, - for the plane
+    std::array<uint32_t, kMostNodes> node;
     uint32_t nodes = 0;
     uint32_t point_nodes = 0;  // how many of them, the first, are on the side of the point
     uint32_t plan = 0;
@@ -212,6 +223,7 @@ struct AdvanceScratch {
     std::vector<ContactNodeChange> change;   // as node
     std::vector<uint32_t> node_of_particle;  // row of node or kNone, one per particle of the world
     std::vector<uint32_t> slot_of_body;      // row of body or of rigid or kNone, one per body of the world
+    std::vector<ContactSkinPoint> skin_point;
     std::vector<ContactPlan> plan;  // of rows that are not in a block
     std::vector<ContactActive> active;
     std::vector<AdvanceFree> free;

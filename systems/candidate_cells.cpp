@@ -221,6 +221,10 @@ void sort_by_row(uint32_t rows, const std::vector<std::array<uint32_t, 3>>& foun
     uint32_t begin = 0;
     for (uint32_t row = 0; row < rows; ++row) {
         const uint32_t end = scratch.first[row];
+        if (end - begin < 2) {
+            begin = end;
+            continue;
+        }
         std::sort(scratch.by_row.begin() + begin, scratch.by_row.begin() + end,
                   [](const auto& x, const auto& y) { return x[2] < y[2] || (x[2] == y[2] && x[1] < y[1]); });
         begin = end;

@@ -10,11 +10,11 @@ namespace trocar {
 namespace {
 
 constexpr uint32_t kMostChunks = 64;
-constexpr uint32_t kMostQueries = 100'000;  // of one pair
 using Chunk = FaceDepthScratch::Chunk;
 
 struct Input {
     const ContactParams& params;
+    uint32_t most_queries;  // of one pair
     const Surfaces& surfaces;
     const CandidateTriangles& candidates;
     const ScreenedTriangles& screened;
@@ -124,13 +124,14 @@ void look_and_split(const Side& side, const FacePart& part, double tolerance, Be
 }
 
 // Empties the heap. `left`: what a search that had to stop leaves open.
-void search(const Side& side, double tolerance, Best& best, double& left, Chunk& c) {
+void search(const Input& in, const Side& side, Best& best, double& left, Chunk& c) {
+    const double tolerance = in.params.tolerance;
     while (!c.part.empty()) {
         std::pop_heap(c.part.begin(), c.part.end(), less_deep);
         const FacePart part = c.part.back();
         c.part.pop_back();
         if (part.bound <= best.depth + tolerance) break;
-        if (best.queries >= kMostQueries) {
+        if (best.queries >= in.most_queries) {
             left = std::max(left, part.bound);
             break;
         }
@@ -206,7 +207,7 @@ void search_poked(const Input& in, const Side& side, Best& total, double& left, 
     for (const uint32_t face : c.poked) {
         Best best{0, total.queries, {}};
         push_part(whole_face(side, c, face), c);
-        search(side, in.params.tolerance, best, left, c);
+        search(in, side, best, left, c);
         total.queries = best.queries;
         if (best.found.face == kNone) continue;
         total.depth = std::max(total.depth, best.depth);
@@ -225,7 +226,7 @@ void search_deepest(const Input& in, const Side& side, Best& best, double& left,
         bound_by_corners(side, c, enough, part);
         if (part.bound > enough) push_part(part, c);
     }
-    search(side, in.params.tolerance, best, left, c);
+    search(in, side, best, left, c);
 }
 
 Side make_side(const Input& in, const CandidatePairs& pairs, std::span<const std::unique_ptr<ClosestPointTree>> trees, uint32_t row) {
@@ -309,11 +310,11 @@ void write_row(const Surfaces& s, uint32_t pair, const Side& side, const FaceCon
 
 }  // namespace
 
-void find_face_contacts(const ContactParams& params, const Surfaces& surfaces, const CandidatePairs& pairs,
-                        const CandidateTriangles& candidates, const ScreenedTriangles& screened,
+void find_face_contacts(const ContactParams& params, uint32_t most_queries, const Surfaces& surfaces,
+                        const CandidatePairs& pairs, const CandidateTriangles& candidates, const ScreenedTriangles& screened,
                         const NearVertices& near, std::span<const std::unique_ptr<ClosestPointTree>> trees,
                         FaceDepthScratch& scratch, Contacts& contacts) {
-    const Input in{params, surfaces, candidates, screened, near};
+    const Input in{params, most_queries, surfaces, candidates, screened, near};
     const uint32_t count = uint32_t(pairs.a.size()), grain = std::max(1u, chunk_count(count, kMostChunks));
     const uint32_t chunks = chunk_count(count, grain);
     if (scratch.chunk.size() < chunks) scratch.chunk.resize(chunks);

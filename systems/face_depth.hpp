@@ -45,12 +45,12 @@ struct FaceDepthScratch {
 // deepest point of every face that the other surface passes while its corners and edges are outside (a large face that
 // something small is pressed into), and of each pair the deepest point of all, where no vertex or edge point is as deep
 // to params.tolerance. Afterwards no point of either surface is deeper than the pair's contacts by more than that; a pair
-// that would take more than a hundred thousand queries leaves a proven bound in contacts.most. Surfaces of sheets have no
+// that would take more than most_queries leaves a proven bound in contacts.most. Surfaces of sheets have no
 // inside, so nothing is looked for in them, but their faces are searched.
 // Branch and bound, largest bound first: depth is 1-Lipschitz, and no more than the distance to any one triangle, which
 // is convex over a face. A uniform subdivision of equal promise has edges of sqrt(3) * tolerance.
-void find_face_contacts(const ContactParams& params, const Surfaces& surfaces, const CandidatePairs& pairs,
-                        const CandidateTriangles& candidates, const ScreenedTriangles& screened,
+void find_face_contacts(const ContactParams& params, uint32_t most_queries, const Surfaces& surfaces,
+                        const CandidatePairs& pairs, const CandidateTriangles& candidates, const ScreenedTriangles& screened,
                         const NearVertices& near, std::span<const std::unique_ptr<ClosestPointTree>> trees,
                         FaceDepthScratch& scratch, Contacts& contacts);
 

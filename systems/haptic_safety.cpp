@@ -32,8 +32,8 @@ Vec3d dissipate(double dissipation, double dt, const Vec3d& device, const Vec3d&
         state.from_device = device;
         state.from_proxy = proxy;
     }
-    const bool was_coupled = state.contact_force.squaredNorm() > 0;
-    if (was_coupled) state.energy += state.contact_force.dot((proxy - state.from_proxy) - (device - state.from_device));
+    const Vec3d mean = 0.5 * (state.contact_force + contact_force);
+    state.energy += mean.dot(proxy - state.from_proxy) - state.contact_force.dot(device - state.from_device);
     state.lowest_energy = std::min(state.lowest_energy, state.energy);
     state.from_device = device;
     state.from_proxy = proxy;
@@ -43,10 +43,11 @@ Vec3d dissipate(double dissipation, double dt, const Vec3d& device, const Vec3d&
         const double damping = std::min(-state.energy / (dt * speed2), dissipation);
         force -= damping * velocity;
         state.dissipated += damping * speed2 * dt;
+        state.energy += damping * speed2 * dt;
     }
     // out of contact a coupling holds nothing: what friction took is no credit for the next touch
     if (contact_force.squaredNorm() == 0) state.energy = std::min(state.energy, 0.0);
-    state.contact_force = force;
+    state.contact_force = contact_force;
     return force;
 }
 

@@ -5,9 +5,9 @@ namespace trocar {
 // `v` no longer than `most`, its direction kept; zero where it is no number.
 Vec3d limited_to(const Vec3d& v, double most);
 
-// Energy that contact took from the hand so far (J), tick by tick: what the force of the last tick, held since, did on
-// the way of the device and on that of the proxy, E += F (dx_proxy - dx_device). A coupling between the two can only
-// hold energy, so E below zero is made by sampling. Then the force gains damping along the motion that takes it back
+// Energy that contact took from the hand so far (J), tick by tick: E += (F_before + F) / 2 dx_proxy - F_before dx_device.
+// The device feels each force held for a tick; the proxy is ours, and its work is of the force on its way. A coupling
+// between the two can only hold energy, so E below zero is made by holding. Then the force gains damping along the motion that takes it back
 // within the tick, at most `dissipation` (N s/m): the passivity observer and controller of Hannaford & Ryu (IEEE Trans.
 // Robotics and Automation 18(1), 2002) for the coupling's two ports, so that moving tissue may push the hand. What is left of E at the end of a contact is forgotten unless it is a debt.
 Vec3d dissipate(double dissipation, double dt, const Vec3d& device, const Vec3d& velocity, const Vec3d& proxy,

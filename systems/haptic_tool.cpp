@@ -95,6 +95,7 @@ void tick_tool(const HapticParams& params, const LocalContactModel& model, doubl
     const bool refused = state.rejected_samples > rejected;
     limit_command(tool.limits, tool.max_force, params.dt, refused || state.gain == 0,
                   command_for_device(tool, state.device, state.clutch, wanted), safety, state.output);
+    state.largest_force = std::max(state.largest_force, state.output.force.norm());
 
     const uint32_t pressed = state.device.buttons & ~buttons, released = buttons & ~state.device.buttons;
     if (triggers.touch) add_event(HapticEventKind::kTouch, time, 0, state.events);

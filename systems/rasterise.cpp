@@ -364,34 +364,33 @@ bool fill_from_bits(const ScreenedTriangles& screened, float inv_size, Rasterise
     // clearing the bits must not cost more than the table
     const uint64_t worth = 1024 + 8 * uint64_t{screened.triangle.size()};
     if (!clear_cells(last, std::min<uint64_t>(scratch.most_words, worth), scratch.bits)) return false;
-    // calls take(row, cells) for the triangles of a body that are not too large; returns the cells of the body
-    const auto for_each_triangle = [&](uint32_t body, const auto& take) {
+    occupancy.oversize.clear();
+    scratch.cells.resize(screened.triangle.size());
+    for (const uint32_t body : scratch.body) {
         const __m256 clip = clip_of(body, screened.origin, scratch);
         for (uint32_t row = screened.body[body].first; row < screened.body[body].end(); ++row) {
-            take(row, cells_of(_mm256_max_ps(load_box(screened.box[row]), clip), inv_size));
-        }
-        return cells_of(clip, inv_size);
-    };
-    occupancy.oversize.clear();
-    for (const uint32_t body : scratch.body) {
-        const CellRange all = for_each_triangle(body, [&](uint32_t row, const CellRange& cells) {
-            if (cell_count(cells) > kMostCells) return occupancy.oversize.push_back(row);
+            CellRange& cells = scratch.cells[row];
+            cells = cells_of(_mm256_max_ps(load_box(screened.box[row]), clip), inv_size);
+            if (cell_count(cells) > kMostCells) {
+                occupancy.oversize.push_back(row);
+                cells = {{1, 0, 0, 0}, {0, 0, 0, 0}};  // none
+                continue;
+            }
             for_each_word(scratch.bits, cells, [&](uint32_t word, uint64_t mask) { scratch.bits.own[word] |= mask; });
-        });
-        end_object(all, scratch.bits);
+        }
+        end_object(cells_of(clip, inv_size), scratch.bits);
     }
     rank_shared_cells(scratch.bits, occupancy.cell_key);
     scratch.cell_first.assign(occupancy.cell_key.size() + 1, 0);
     size_t kept = 0;
     for (const uint32_t body : scratch.body) {
-        for_each_triangle(body, [&](uint32_t row, const CellRange& cells) {
-            if (cell_count(cells) > kMostCells) return;
+        for (uint32_t row = screened.body[body].first; row < screened.body[body].end(); ++row) {
             if (scratch.reference.size() < kept + kMostCells) scratch.reference.resize(2 * scratch.reference.size() + kMostCells);
-            for_each_shared_cell(scratch.bits, cells, [&](uint32_t cell) {
+            for_each_shared_cell(scratch.bits, scratch.cells[row], [&](uint32_t cell) {
                 ++scratch.cell_first[cell + 1];
                 scratch.reference[kept++] = {cell, row, body};
             });
-        });
+        }
     }
     fill_layers(screened, kept, scratch, occupancy);
     return true;

@@ -42,18 +42,26 @@ std::vector<PointField> contact_fields(const World& world, uint32_t body, uint32
     return {depth, contact};
 }
 
-// Mean over the springs of a vertex of |length / rest length - 1|; zero for rigid bodies.
+// Node of the largest weight under a vertex of a skin.
+uint32_t node_under(const Solids& solids, uint32_t prototype, uint32_t vertex) {
+    const uint32_t row = solids.info[prototype].skin.first + vertex;
+    const auto& weight = solids.skin_weight[row];
+    return solids.skin_node[row][static_cast<size_t>(std::max_element(weight.begin(), weight.end()) - weight.begin())];
+}
+
+// Mean over the springs of a vertex (of a skin: of the node under it) of |length / rest length - 1|; zero for rigid bodies.
 PointField strain_field(const World& world, uint32_t body, uint32_t vertices) {
     PointField field{"strain", 1, std::vector<float>(vertices, 0.0f)};
     if (!is_deformable(world.bodies, body)) return field;
     const Springs& s = world.springs;
-    const uint32_t prototype = world.bodies.mesh[body], first = world.bodies.particles[body].first;
+    const uint32_t prototype = world.bodies.mesh[body], first = world.bodies.particles[body].first + s.info[prototype].skin;
     const uint32_t* column = s.slice_column.data() + s.info[prototype].slices.first + prototype;
     const auto place = [&](uint32_t v) {
         const Float4& o = world.particles.offset[first + v];
         return Vec3d(o.x, o.y, o.z);
     };
-    for (uint32_t v = 0; v < vertices; ++v) {
+    for (uint32_t row = 0; row < vertices; ++row) {
+        const uint32_t v = s.info[prototype].skin > 0 ? node_under(world.solids, prototype, row) : row;
         const uint32_t slice = v / kSliceWidth, lane = v % kSliceWidth;
         double sum = 0, springs = 0;
         for (uint32_t c = column[slice]; c < column[slice + 1]; ++c) {
@@ -63,7 +71,7 @@ PointField strain_field(const World& world, uint32_t body, uint32_t vertices) {
             sum += std::abs((place(far_end) - place(v)).norm() / rest - 1);
             ++springs;
         }
-        if (springs > 0) field.values[v] = static_cast<float>(sum / springs);
+        if (springs > 0) field.values[row] = static_cast<float>(sum / springs);
     }
     return field;
 }

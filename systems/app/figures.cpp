@@ -111,6 +111,16 @@ nlohmann::ordered_json energy_json(const RunFigures& f) {
             {"worst_balance_of_peak", peak > 0 ? worst / peak : 0}};
 }
 
+nlohmann::ordered_json pairs_json(const RunFigures& f) {
+    nlohmann::ordered_json list = nlohmann::ordered_json::array();
+    for (const PairFigures& p : f.pair) {
+        const double n = static_cast<double>(p.passes);
+        list.push_back({{"pair", p.name}, {"passes", p.passes}, {"ms_mean", p.ms / n}, {"ms_max", p.worst_ms}, {"candidate_vertices_mean", p.vertices / n},
+                        {"cell_m_mean", p.cell / n}, {"max_depth_m", p.depth}});
+    }
+    return list;
+}
+
 nlohmann::ordered_json scale_json(const RunFigures& f) {
     std::vector<double> awake, residual, contacts;
     for (const PassFigures& p : f.pass) awake.push_back(p.awake), residual.push_back(p.residual), contacts.push_back(p.contacts);
@@ -124,6 +134,24 @@ nlohmann::ordered_json scale_json(const RunFigures& f) {
             {"contacts_max", quantile(contacts, 1)},
             {"residual_p99_m", quantile(residual, 0.99)},
             {"residual_max_m", quantile(residual, 1)}};
+}
+
+nlohmann::ordered_json tool_json(const ToolFigures& t) {
+    using Kind = HapticEventKind;
+    const auto events = [&](Kind kind) { return t.events.count[static_cast<size_t>(kind)]; };
+    nlohmann::ordered_json j = {
+        {"body", t.body},
+        {"least_energy_j", t.safety.lowest_energy},
+        {"dissipated_j", t.safety.dissipated},
+        {"limited_ticks", t.safety.limited_ticks},
+        {"safe_ticks", t.safety.safe_ticks},
+        {"events",
+         {{"touch", events(Kind::kTouch)}, {"release", events(Kind::kRelease)}, {"button_down", events(Kind::kButtonDown)},
+          {"button_up", events(Kind::kButtonUp)}, {"pass_through", events(Kind::kPassThrough)}, {"limit", events(Kind::kLimit)}}}};
+    if (t.device.empty()) return j;
+    j["device"] = t.device;
+    for (size_t k = 0; k < t.counts.size(); ++k) j["counts"][describe(static_cast<DeviceCount>(k))] = t.counts[k];
+    return j;
 }
 
 }  // namespace
@@ -177,6 +205,7 @@ std::string metrics_json(const RunFigures& f) {
     j["frame"] = percentiles(frame_ms, "ms");
     j["displayed_frame"] = percentiles(displayed_frames(f.pass), "ms");
     j["scale"] = scale_json(f);
+    if (!f.pair.empty()) j["pairs"] = pairs_json(f);
     j["render"] = percentiles(f.render_ms, "ms");
     j["haptics"] = {{"ticks", f.ticks}, {"max_force_n", f.max_force}, {"tick", percentiles(f.tick_us, "us")}};
     if (f.live) {
@@ -185,6 +214,7 @@ std::string metrics_json(const RunFigures& f) {
         j["haptics"]["missed_ticks"] = f.missed_ticks;
         j["haptics"]["scheduling"] = f.scheduling;
     }
+    for (const ToolFigures& tool : f.tool) j["haptics"]["tools"].push_back(tool_json(tool));
     if (f.replay) j["replay"] = {{"same", f.replay_difference.empty()}, {"difference", f.replay_difference}};
     j["energy"] = energy_json(f);
     for (const LinkFigures& l : f.link)

@@ -66,7 +66,7 @@ void LiveHaptics::tick(uint64_t index, double time, int64_t now_ns) {
         tick_tool(params_, model, time, t.setup.tool, t.setup.effects, t.sample, t.scratch, t.state);
         if (t.setup.link) t.setup.link->write(t.state.output, now_ns);
         if (model.reach > 0) figures_.contact_age.add(static_cast<int64_t>((time - model.time) * 1e9));
-        figures_.max_force = std::max(figures_.max_force, t.state.output.force.norm());
+        figures_.max_force = std::max(figures_.max_force, t.state.largest_force);
         t.newest.back() = t.state;
         t.newest.publish();
         if (recorder_.record)

@@ -232,6 +232,8 @@ bool run_live(const RunOptions& options, double seconds, Frame& frame, PictureWr
     figures.wall_s = static_cast<double>(monotonic_ns() - start) * 1e-9;
     set_nice(nice_before);
     haptics.stop();
+    for (const auto& link : links)
+        if (link) link->let_go();
     const bool complete = collector.finish(world);
     frame.set_contact_hook({});
     if (drawing) {
@@ -241,6 +243,9 @@ bool run_live(const RunOptions& options, double seconds, Frame& frame, PictureWr
         world.report.dropped_pictures = published - std::min<uint64_t>(published, figures.render_ms.size());
     }
     world.report.late_passes = late;
+    figures.tool.resize(tools.size());
+    for (size_t t = 0; t < tools.size(); ++t)
+        if (links[t]) figures.tool[t].device = links[t]->name(), figures.tool[t].counts = links[t]->counts();
     if (tools.empty()) return complete;
     const PeriodicFigures& timing = haptics.timing();
     figures.ticks = timing.compute.count;

@@ -1,6 +1,6 @@
 #include <gtest/gtest.h>
 
-#include <Eigen/Core>
+#include <Eigen/Geometry>
 #include <algorithm>
 #include <cmath>
 #include <filesystem>
@@ -18,7 +18,7 @@ namespace {
 using namespace trocar;
 namespace fs = std::filesystem;
 
-double unsigned_distance(const Mesh& m, const Vec3d& p) { return reference::brute_force_distance(m.position, m.triangle, p).distance; }
+double unsigned_distance(const Mesh& m, const Vec3d& p) { return brute_force_distance(m.position, m.triangle, p).distance; }
 // Generalised winding number of the triangles as they are in the file (Jacobson 2013).
 double winding(const Mesh& m, const Vec3d& p) {
     double sum = 0;

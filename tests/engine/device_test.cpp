@@ -10,6 +10,7 @@
 #include <random>
 
 #include "engine/error.hpp"
+#include "mutate/mutants.hpp"
 namespace trocar {
 namespace {
 
@@ -173,6 +174,49 @@ TEST(Device, BadRecordingsAreRefusedWithTheirPlace) {
         EXPECT_NE(message.find(c.reason), std::string::npos) << message;
     }
     EXPECT_NE(message_of("/nonexistent/trace.csv"), "");
+}
+
+// A grip is a column of its own, there only when a device has one.
+TEST(Device, GripReadsBackBitForBit) {
+    const TemporaryFile file;
+    std::vector<DeviceState> samples = random_samples(100);
+    for (size_t k = 0; k < samples.size(); ++k) samples[k].grip = 0.1 * std::sqrt(static_cast<double>(k));
+    write_device_trace(file.path, samples);
+    const DeviceTrace trace = read_device_trace(file.path);
+    ASSERT_EQ(trace.sample.size(), samples.size());
+    for (size_t k = 0; k < samples.size(); ++k)
+        ASSERT_TRUE(same_bits(samples[k], trace.sample[k]) && same_bits(samples[k].grip, trace.sample[k].grip)) << k;
+    file.write("time,x,y,z,qw,qx,qy,qz,vx,vy,vz,buttons,grip\n0,1,2,3,1,0,0,0,4,5,6,7\n");
+    EXPECT_NE(message_of(file.path).find("expected 13 numbers, found 12"), std::string::npos);
+    file.write("time,x,y,z,qw,qx,qy,qz,vx,vy,vz,buttons,grip\n0,1,2,3,1,0,0,0,4,5,6,7,nan\n");
+    EXPECT_NE(message_of(file.path).find("not finite"), std::string::npos);
+}
+
+// Damaged recordings are read whole or refused in one line.
+TEST(Device, FiveHundredMutantsOfARecordingAreReadOrRefused) {
+    const TemporaryFile file;
+    std::vector<mutate::Seed> seeds;
+    for (const bool grip : {false, true}) {
+        std::vector<DeviceState> samples = random_samples(20);
+        samples[3].grip = grip ? 0.5 : 0;
+        write_device_trace(file.path, samples);
+        std::ifstream stream(file.path, std::ios::binary);
+        seeds.push_back({"a.csv", std::string(std::istreambuf_iterator<char>(stream), {})});
+    }
+    size_t read = 0;
+    for (uint64_t number = 0; number < 500; ++number) {
+        file.write(mutate::make_mutant(seeds, number).bytes);
+        try {
+            const DeviceTrace trace = read_device_trace(file.path);
+            ++read;
+            ASSERT_FALSE(trace.sample.empty());
+            for (const DeviceState& s : trace.sample) ASSERT_TRUE(s.position.allFinite() && s.velocity.allFinite() && std::isfinite(s.grip));
+        } catch (const InputError& error) {
+            ASSERT_EQ(std::string(error.what()).rfind(file.path.string(), 0), 0u) << error.what();
+        }
+    }
+    EXPECT_GT(read, 5u);
+    EXPECT_LT(read, 490u);
 }
 
 // ---- which device ----

@@ -202,7 +202,7 @@ TEST(DeepOverlap, BallShotIntoAPlateLeavesWhereItCameFrom) {
 TEST(DeepOverlap, BallsThatStartPastTheirCentresArePartedTheShortWay) {
     for (const DeepResponse deep : {DeepResponse::kLastFree, DeepResponse::kNone}) {
         const double radius = 0.01, apart = 0.3 * radius;
-        World w = make_world({{ball(radius, 8), Motion::kStatic}, {ball(radius, 8), Motion::kDeformable, Vec3d(0, 0, apart)}});
+        World w = make_world({{ball(radius, 6), Motion::kStatic}, {ball(radius, 6), Motion::kDeformable, Vec3d(0, 0, apart)}});
         w.settings.contact.deep = deep;
         run(std::move(w), 120, [&](const World& after) {
             const double left = std::max(deepest_of_faces(after, 0, 1, 2), deepest_of_faces(after, 1, 0, 2));
@@ -222,7 +222,7 @@ TEST(Response, OneSidedAndTwoSidedReachTheStatedResidual) {
     for (const Motion other : {Motion::kStatic, Motion::kDeformable}) {
         for (const ResponseShare share : {ResponseShare::kMass, ResponseShare::kStiffness, ResponseShare::kHalf}) {
             for (const ResponseDirection direction : {ResponseDirection::kLocal, ResponseDirection::kThesis}) {
-                World w = make_world({{ball(0.03, 6)}, {ball(0.02, 5), other, Vec3d(0.001, 0.002, 0.0475)}});
+                World w = make_world({{ball(0.03, 5)}, {ball(0.02, 4), other, Vec3d(0.001, 0.002, 0.0475)}});
                 w.settings.contact.direction = direction;
                 w.settings.contact.share = share;
                 const Vec3d before = vertex_position(surfaces_of(w), 1, 0);

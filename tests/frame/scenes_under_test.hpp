@@ -8,16 +8,18 @@
 namespace trocar {
 
 // A scene of content/scenes with organs of few triangles, so that tests are quick. every_contact_stage is
-// kidney_on_liver with all that [contact] can switch on.
+// kidney_on_liver with all that [contact] can switch on; skin_press is tet_liver_press under a skin.
 inline BuiltScene small_scene(const std::string& name, const std::string& triangles = "1000") {
     std::vector<Override> overrides;
     const bool every = name == "every_contact_stage";
-    const std::string file = every ? "kidney_on_liver" : name;
+    const bool skin = name == "skin_press";
+    const std::string file = every ? "kidney_on_liver" : skin ? "tet_liver_press" : name;
     const std::string path = (source_folder() / "content/scenes" / (file + ".toml")).string();
     for (const BodySpec& body : read_scene_file(path, {}).bodies) {
         if (body.motion == Motion::kStatic) continue;
         overrides.push_back({body.name + ".triangles", every ? "300" : triangles});  // its stages are slow ones
         if (body.solid) overrides.push_back({body.name + ".cells", "8"});
+        if (body.solid && skin) overrides.push_back({body.name + ".skin", "true"});
     }
     if (name == "jaw_grasp") {  // early and from afar, so that few passes see links, and springs that break
         for (const char* link : {"link.upper.", "link.lower."}) {
@@ -35,7 +37,7 @@ inline BuiltScene small_scene(const std::string& name, const std::string& triang
 }
 
 inline const std::vector<std::string>& scene_names() {
-    static const std::vector<std::string> names{"probe_on_liver", "kidney_on_liver", "wrl_pair", "every_contact_stage", "tet_liver_press", "jaw_grasp"};
+    static const std::vector<std::string> names{"probe_on_liver", "kidney_on_liver", "wrl_pair", "every_contact_stage", "tet_liver_press", "jaw_grasp", "skin_press"};
     return names;
 }
 

@@ -255,7 +255,7 @@ struct ContactScene {
         find_overlap(surfaces(), boxes, pairs, screened, candidates, trees, overlap_scratch, report, near, contacts);
         find_edge_contacts(params, surfaces(), pairs, candidates, near, trees, edge_scratch, report, contacts);
         if (params.faces) {
-            find_face_contacts(params, surfaces(), pairs, candidates, screened, near, trees, face_scratch, contacts);
+            find_face_contacts(params, 100'000, surfaces(), pairs, candidates, screened, near, trees, face_scratch, contacts);
         }
         measure_penetrations(pairs, contacts, penetrations);
         make_contact_rows(params, surfaces(), pairs, contacts, penetrations, rows_scratch, report, rows);

@@ -96,7 +96,7 @@ TEST(StableStep, LanczosFindsTheLargestEigenvalue) {
     EXPECT_LT(found, 0.95 * gershgorin);
 }
 
-// M08. With damping c the leapfrog's limit is lower; the formula of the header holds against a mass on two springs.
+// M08. With damping c the formula of the header, right for damping before the kick, lies below the limit of a mass on two springs.
 TEST(StableStep, M08_DampedLimit) {
     for (const double share : {0.98, 1.05}) {
         AdvanceScene s;
@@ -107,11 +107,12 @@ TEST(StableStep, M08_DampedLimit) {
         update_stable_dt(s.springs, body, s.particles, s.anchors, s.bodies);
         const double explicit_limit = (std::sqrt(c * c + 4 * omega * omega) - c) / (omega * omega);
         EXPECT_NEAR(s.bodies.stable_dt[body], kStableShare * explicit_limit, 1e-6 * explicit_limit);
-        // damping acts as exp(-c dt) on the velocity: the limit of that recursion is (omega dt)^2 = 2 (1 + exp(-c dt))
+        // damping acts as exp(-c dt / 2) on the velocity before and after the kick: the recursion's limit is
+        // (omega dt)^2 = 4 cosh(c dt / 2)
         double low = 0, high = 2e-3;
         for (int i = 0; i < 60; ++i) {
             const double t = 0.5 * (low + high);
-            (omega * omega * t * t < 2 * (1 + std::exp(-c * t)) ? low : high) = t;
+            (omega * omega * t * t < 4 * std::cosh(0.5 * c * t) ? low : high) = t;
         }
         EXPECT_GE(low, explicit_limit);
         double most = 0;

@@ -41,6 +41,7 @@ inline void append_graph_springs(Springs& springs, uint32_t prototype, const Spr
     }
     springs.vertices.push_back({static_cast<uint32_t>(springs.area_share.size()), padded});
     springs.area_share.resize(springs.area_share.size() + padded, 0.0f);
+    pack_springs(springs, prototype);
 }
 
 // Adds the graph as a deformable body without anchors, damping or triangles.
@@ -117,6 +118,10 @@ inline reference::DoubleBody double_copy(const AdvanceScene& s, uint32_t body, c
     for (const auto& [i, j] : graph.edge) {
         b.rest_length.push_back(graph.rest >= 0 ? graph.rest : (graph.place[i] - graph.place[j]).norm());
     }
+    // the reference has the lengths that the body has
+    const SpringInfo& info = s.springs.info[s.bodies.mesh[body]];
+    if (info.packed == kNone) return b;
+    for (double& rest : b.rest_length) rest = static_cast<float>(std::lround(rest / info.rest_unit)) * info.rest_unit;
     return b;
 }
 

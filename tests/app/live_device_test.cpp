@@ -1,0 +1,208 @@
+#include <gtest/gtest.h>
+#include <unistd.h>
+
+#include <atomic>
+#include <cmath>
+#include <filesystem>
+
+#include "engine/device.hpp"
+#include "engine/error.hpp"
+#include "systems/app/live_haptics.hpp"
+#include "tests/app/run_program.hpp"
+#include "tests/reference/local_patches.hpp"
+
+// Devices with threads of their own beside the haptic thread, and the commands that use them.
+namespace trocar {
+namespace {
+namespace fs = std::filesystem;
+
+struct Recording {
+    std::vector<LiveTick> tick;
+    size_t count = 0;
+    static void record(void* user, const LiveTick& tick) {
+        Recording& r = *static_cast<Recording*>(user);
+        if (r.count < r.tick.size()) r.tick[r.count++] = tick;
+    }
+};
+
+// A device that reports every millisecond: it goes down to 2 mm above the plane's middle, where a tip of 3 mm is pressed
+// 1 mm, stays, and after `unplugged` ms says nothing any more.
+DeviceLink::Loop pressing_device(int unplugged, std::atomic<double>* felt) {
+    return [=](DeviceLink& link) {
+        const int64_t start = monotonic_ns();
+        for (int ms = 0; !link.stopping(); ++ms) {
+            sleep_until_ns(start + ms * 1'000'000);
+            bool fresh = false;
+            *felt = link.command(monotonic_ns(), fresh).force.norm();
+            if (ms >= unplugged) continue;
+            DeviceState state;
+            state.time = 1000 + ms * 1e-3;  // a clock of its own
+            state.position = {0, 0, 0.002 + 0.008 * std::max(0.0, 1 - ms / 40.0)};
+            link.publish(state, monotonic_ns());
+        }
+    };
+}
+
+// T15 on the running thread: whatever the timing of this machine, no tick gives force on a sample older than the watchdog
+// allows (8 ms and 5 ms to fall), and the device's thread is told nothing but zero in the end.
+TEST(LiveDevice, T15_AnUnpluggedDeviceIsLetGo) {
+    Recording recording;
+    recording.tick.resize(20'000);
+    std::atomic<double> felt{-1};
+    DeviceLink link("test", pressing_device(150, &felt));
+    LiveTool tool;
+    tool.tool.tip_radius = 3e-3;
+    tool.link = &link;
+    HapticParams params;
+    params.model_timeout = 1e9;
+    LiveHaptics live(params, std::span(&tool, 1), {&Recording::record, &recording});
+    live.model_to_fill(0) = reference::make_patch(reference::make_plane());
+    live.publish_model(0);
+    PeriodicOptions options;
+    options.real_time = false;
+    live.start(options, monotonic_ns());
+    sleep_until_ns(monotonic_ns() + 400'000'000);
+    live.stop();
+    bool pressed = false;
+    size_t stale = 0;
+    double allowed = 0;
+    for (size_t k = 0; k < recording.count; ++k) {
+        const LiveTick& t = recording.tick[k];
+        const double age = t.time - t.sample.time;
+        pressed = pressed || t.force.norm() > 0.2;
+        // (a missed tick leaves its share of the fall to the next one)
+        const double step = k > 0 ? t.time - recording.tick[k - 1].time : 0;
+        if (age <= params.device_timeout + params.fall_time + std::max(step, 1e-3)) continue;
+        ++stale;
+        allowed = std::max(allowed, t.force.norm());
+    }
+    EXPECT_TRUE(pressed);
+    EXPECT_GT(stale, 20u);
+    EXPECT_EQ(allowed, 0);
+    EXPECT_EQ(felt, 0);
+}
+
+// The tick stops while the hand presses: the device's own thread lets go by itself.
+TEST(LiveDevice, AStoppedTickLetsTheDeviceGo) {
+    std::atomic<double> felt{-1};
+    DeviceLink link("test", pressing_device(1 << 30, &felt));
+    DeviceCommand command;
+    command.force = {0, 0, 2};
+    while (felt != 2) {
+        link.write(command, monotonic_ns());
+        sleep_until_ns(monotonic_ns() + 500'000);
+    }
+    for (int k = 0; k < 10'000 && felt > 0; ++k) sleep_until_ns(monotonic_ns() + 1'000'000);
+    EXPECT_EQ(felt, 0);
+}
+
+// A tool whose device has said nothing yet neither ticks nor records.
+TEST(LiveDevice, ASilentDeviceDoesNotTick) {
+    Recording recording;
+    recording.tick.resize(1000);
+    DeviceLink link("test", [](DeviceLink& self) {
+        while (!self.stopping()) sleep_until_ns(monotonic_ns() + 1'000'000);
+    });
+    LiveTool tool;
+    tool.tool.tip_radius = 3e-3;
+    tool.link = &link;
+    LiveHaptics live({}, std::span(&tool, 1), {&Recording::record, &recording});
+    PeriodicOptions options;
+    options.real_time = false;
+    live.start(options, monotonic_ns());
+    sleep_until_ns(monotonic_ns() + 30'000'000);
+    live.stop();
+    EXPECT_EQ(recording.count, 0u);
+    EXPECT_GT(live.timing().compute.count, 0u);
+}
+
+// ---- commands ----
+
+struct DeviceCommands : testing::Test {
+    fs::path folder = fs::temp_directory_path() / ("trocar_device_command_" + std::to_string(::getpid()));
+    void SetUp() override { fs::create_directories(folder); }
+    void TearDown() override { fs::remove_all(folder); }
+    Outcome run(const std::string& arguments) const { return run_program(arguments, source_folder(), folder); }
+};
+
+TEST_F(DeviceCommands, ListNamesEveryKind) {
+    const Outcome list = run("device list");
+    EXPECT_EQ(list.code, 0);
+    for (const char* kind : {"hand", "trace:FILE", "udp", "plugin:FILE", "haply", "igtl"}) EXPECT_NE(list.out.find(kind), std::string::npos) << kind;
+    EXPECT_EQ(run("device list --json").out[0], '[');
+    EXPECT_NE(run("device --help").out.find("trocar device test udp:7731"), std::string::npos);
+}
+
+// What is recorded plays again to the same numbers, as a device and as a file.
+TEST_F(DeviceCommands, RecordTestAndPlayAgain) {
+    const fs::path file = folder / "hand.csv";
+    const Outcome record = run("device record hand --seconds 0.2 --out " + file.string());
+    EXPECT_EQ(record.code, 0) << record.err;
+    const DeviceTrace trace = read_device_trace(file);
+    EXPECT_GT(trace.sample.size(), 10u);
+    const Outcome test = run("device test trace:" + file.string() + " --seconds 0.5 --json");
+    EXPECT_EQ(test.code, 0) << test.err;
+    EXPECT_NE(test.out.find("\"received\": " + std::to_string(trace.sample.size())), std::string::npos) << test.out;
+    const Outcome spring = run("device test hand --seconds 0.2 --spring 100");
+    EXPECT_EQ(spring.code, 0);
+    EXPECT_NE(spring.out.find("simulated hand"), std::string::npos);
+}
+
+TEST_F(DeviceCommands, SilenceIsNoAndNonsenseIsAnError) {
+    const Outcome silent = run("device record haply:127.0.0.1:9 --seconds 0.05 --out " + (folder / "none.csv").string());
+    EXPECT_TRUE(silent.code == 1 || silent.code == 2) << silent.code;  // 2 where it was built without the library
+    EXPECT_FALSE(fs::exists(folder / "none.csv"));
+    EXPECT_EQ(run("device test gloves").code, 2);
+    EXPECT_EQ(run("device test").code, 2);
+    EXPECT_EQ(run("device").code, 2);
+    const Outcome body = run("run probe_on_liver --live --seconds 0.1 --set liver.triangles=200 --device nobody=hand");
+    EXPECT_EQ(body.code, 2);
+    EXPECT_NE(body.err.find("no tool on a body named \"nobody\""), std::string::npos) << body.err;
+    EXPECT_EQ(run("run probe_on_liver --device probe=hand").code, 2);  // without --live
+}
+
+// A live run whose tool a device holds is repeated from its recording, without the device, to the same bits.
+TEST_F(DeviceCommands, ALiveRunWithADeviceReplaysToTheSameBits) {
+    const std::string scene = "run probe_on_liver --no-render --set liver.triangles=300 --set probe.triangles=300 "
+                              "--set tool.probe.workspace.origin=[0,0,0.03] --set tool.probe.workspace.scale=1.5";
+    const Outcome live = run(scene + " --live --seconds 0.4 --device probe=hand --out " + (folder / "live").string());
+    EXPECT_EQ(live.code, 0) << live.err;
+    const Outcome again = run(scene + " --replay " + (folder / "live/live.recording").string());
+    EXPECT_EQ(again.code, 0) << again.out << again.err;
+    EXPECT_NE(again.out.find("the same to the bit"), std::string::npos) << again.out;
+}
+
+// ---- scenes ----
+
+// Each wrong table is refused with its place and the reason.
+TEST_F(DeviceCommands, WrongTablesOfAToolAreRefusedWithTheirPlace) {
+    const struct {
+        std::string key, reason;
+    } cases[] = {
+        {"tool.probe.effect=[{kind=\"tickle\"}]", "is none of spring_to_point"},
+        {"tool.probe.effect=[{kind=\"constant\"}]", "a constant needs force"},
+        {"tool.probe.effect=[{kind=\"vibration\",force=1}]", "a vibration needs frequency"},
+        {"tool.probe.effect=[{kind=\"vibration\",force=1,frequency=900}]", "outside 0 to 500"},
+        {"tool.probe.effect=[{kind=\"constant\",force=1,when=\"button\"}]", "needs buttons"},
+        {"tool.probe.effect=[{kind=\"constant\",force=1,direction=[0,0,0]}]", "no length"},
+        {"tool.probe.effect=[{kind=\"constant\",farce=1}]", "did you mean \"force\""},
+        {"tool.probe.effect=[{}]", "needs a kind"},
+        {"tool.probe.effect=3", "write [[effect]]"},
+        {"tool.probe.hand.stiffness=200", "only with a mass"},
+        {"tool.probe.hand.delay=9", "outside 0 to 7"},
+        {"tool.probe.workspace.scale=0", "outside"},
+        {"tool.probe.pivot.device=\"elbow\"", "none of handle, tip"},
+        {"tool.probe.pivot.lenght=1", "did you mean \"length\""},
+        {"tool.probe.limits.torque=-1", "outside"},
+        {"tool.probe.pass_through=-1", "outside"},
+    };
+    for (const auto& c : cases) {
+        const Outcome outcome = run("run probe_on_liver --no-render --seconds 0.1 --set '" + c.key + "'");
+        EXPECT_EQ(outcome.code, 2) << c.key;
+        EXPECT_NE(outcome.err.find(c.reason), std::string::npos) << c.key << ": " << outcome.err;
+        EXPECT_EQ(std::count(outcome.err.begin(), outcome.err.end(), '\n'), 1) << outcome.err;
+    }
+}
+
+}  // namespace
+}  // namespace trocar

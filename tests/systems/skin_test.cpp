@@ -1,0 +1,247 @@
+#include <gtest/gtest.h>
+
+#include <cstdio>
+#include <cstring>
+
+#include "content/make_solid.hpp"
+#include "engine/error.hpp"
+#include "engine/skin.hpp"
+#include "engine/solid_limit.hpp"
+#include "engine/thread_pool.hpp"
+#include "tests/systems/advance_scene.hpp"
+
+// Fine surfaces that ride on coarse tetrahedra.
+namespace trocar {
+namespace {
+
+constexpr double kRadius = 0.05;  // m
+
+Tissue soft(double damping = 0) {
+    Tissue tissue;
+    tissue.youngs_modulus = 5e3;
+    tissue.damping = damping;
+    tissue.depth = kNoBed;
+    return tissue;
+}
+
+uint32_t add_ball(AdvanceScene& s, double cells, bool skin, const Vec3d& origin = Vec3d::Zero(), int levels = 4, double damping = 0) {
+    const Prototype made = make_solid(s.meshes, s.springs, s.solids, subdivided_sphere(kRadius, levels), {}, {0, cells, skin});
+    EXPECT_EQ(made.judgement.admitted_as, Admission::kSolid) << made.judgement.reason;
+    return s.add_body(made.row, Motion::kDeformable, origin, soft(damping));
+}
+
+Range nodes_of(const AdvanceScene& s, uint32_t body) {
+    const uint32_t skin = skin_rows(s.solids, s.bodies.mesh[body]);
+    return {s.range(body).first + skin, s.solids.info[s.bodies.mesh[body]].nodes.count};
+}
+Vec3d rest_of(const AdvanceScene& s, uint32_t body, uint32_t vertex) {
+    return s.meshes.position[s.meshes.info[s.bodies.mesh[body]].vertices.first + vertex];
+}
+uint32_t vertices_of(const AdvanceScene& s, uint32_t body) { return s.meshes.info[s.bodies.mesh[body]].vertices.count; }
+
+Vec3d place(const Particles& p, uint32_t i) { return {p.offset[i].x, p.offset[i].y, p.offset[i].z}; }
+Vec3d speed(const Particles& p, uint32_t i) { return {p.velocity_x[i], p.velocity_y[i], p.velocity_z[i]}; }
+
+// Linear motions of the nodes, in double: weights alone, without the rounding of places.
+TEST(Skin, LinearFieldIsFollowedToRoundOff) {
+    AdvanceScene s;
+    const uint32_t ball = add_ball(s, 5, true);
+    const SolidInfo& info = s.solids.info[s.bodies.mesh[ball]];
+    ASSERT_EQ(info.skin.count, vertices_of(s, ball));
+    Eigen::Matrix3d slope;
+    slope << 1.2, 0.3, -0.1, 0.2, 0.7, 0.4, -0.3, 0.1, 1.1;
+    const auto field = [&](const Vec3d& x) -> Vec3d { return slope * x + Vec3d(0.3, -0.1, 0.2); };
+    uint32_t outside = 0;
+    for (uint32_t v = 0; v < info.skin.count; ++v) {
+        Vec3d sum = Vec3d::Zero();
+        double one = 0;
+        for (int k = 0; k < 4; ++k) {
+            const double w = s.solids.skin_weight[info.skin.first + v][k];
+            sum += w * field(s.solids.position[info.inner.first + s.solids.skin_node[info.skin.first + v][k]]);
+            one += w;
+            outside += w < 0;
+        }
+        EXPECT_NEAR(one, 1, 1e-15);
+        EXPECT_LT((sum - field(rest_of(s, ball, v))).norm(), 1e-14);
+    }
+    EXPECT_GT(outside, info.skin.count / 4) << "a ball bulges out of its chords: else nothing was extrapolated";
+    // and in floats, as it is drawn
+    const Range nodes = nodes_of(s, ball);
+    for (uint32_t i = 0; i < nodes.count; ++i) {
+        const Vec3d x = field(s.solids.position[info.inner.first + i]);
+        s.particles.offset[nodes.first + i] = {float(x.x()), float(x.y()), float(x.z()), 1};
+        s.particles.velocity_x[nodes.first + i] = float(x.y());
+    }
+    drape_skin(s.solids, s.bodies, ball, s.particles);
+    for (uint32_t v = 0; v < info.skin.count; ++v) {
+        EXPECT_LT((s.offset(ball, v) - field(rest_of(s, ball, v))).norm(), 1e-7);
+        EXPECT_NEAR(s.velocity(ball, v).x(), field(rest_of(s, ball, v)).y(), 1e-7);
+    }
+}
+
+// Against all tetrahedra: who is held is bound where it is held; who is not, nowhere much worse than best.
+TEST(Skin, BindsToTheTetrahedronThatHolds) {
+    AdvanceScene s;
+    const uint32_t ball = add_ball(s, 5, true, Vec3d::Zero(), 3);
+    const SolidInfo& info = s.solids.info[s.bodies.mesh[ball]];
+    const auto node = std::span<const Vec3d>(s.solids.position).subspan(info.inner.first, info.inner.count);
+    std::vector<std::array<uint32_t, 4>> tets(info.count);
+    for (uint32_t t = 0; t < info.count; ++t) {
+        for (int k = 0; k < 4; ++k) tets[t][k] = s.solids.corner[k][info.tetrahedra.first + t];
+    }
+    std::mt19937 random(5);
+    std::uniform_real_distribution<double> unit(-1, 1);
+    std::vector<Vec3d> points;
+    while (points.size() < 400) {
+        const Vec3d p = kRadius * Vec3d(unit(random), unit(random), unit(random));
+        if (p.norm() < kRadius) points.push_back(p);
+    }
+    const SkinBinding skin = bind_skin(points, node, tets);
+    for (size_t i = 0; i < points.size(); ++i) {
+        double best = -INFINITY;
+        for (const auto& t : tets) {
+            Eigen::Matrix3d corner;
+            for (int k = 0; k < 3; ++k) corner.col(k) = node[t[k + 1]] - node[t[0]];
+            const Vec3d w = corner.partialPivLu().solve(points[i] - node[t[0]]);
+            best = std::max(best, std::min(1 - w.sum(), w.minCoeff()));
+        }
+        const double least = *std::min_element(skin.weight[i].begin(), skin.weight[i].end());
+        EXPECT_NEAR(least, best, 1e-9) << i;
+    }
+    EXPECT_LT(skin.outside, 0.25 * 2 * kRadius / 5);
+    // a part that the tetrahedra do not reach
+    points.push_back({0, 0, 3 * kRadius});
+    EXPECT_THROW(bind_skin(points, node, tets), InputError);
+}
+
+// One row on one vertex: the nodes take just the impulse, and its moment about where the vertex is.
+TEST(Skin, ContactGivesItsImpulseAndMomentToTheNodes) {
+    AdvanceScene s;
+    s.params.gravity.setZero();
+    const uint32_t ball = add_ball(s, 4, true);
+    s.bodies.spring_stiffness[ball] = 0;           // nothing but the contact
+    s.bodies.tissue[ball].poisson = 0.25;
+    const uint32_t wall = s.add_body(s.add_mesh(flat_square(0.2), Admission::kSheet), Motion::kStatic, {0, 0, -kRadius});
+    const Range nodes = nodes_of(s, ball);
+    const Vec3d approach(0.02, -0.01, -0.05);
+    for (uint32_t i = nodes.first; i < nodes.end(); ++i) {
+        s.particles.velocity_x[i] = float(approach.x()), s.particles.velocity_y[i] = float(approach.y()), s.particles.velocity_z[i] = float(approach.z());
+    }
+    drape_skin(s.solids, s.bodies, ball, s.particles);
+    uint32_t lowest = 0;
+    for (uint32_t v = 0; v < vertices_of(s, ball); ++v) {
+        if (rest_of(s, ball, v).z() < rest_of(s, ball, lowest).z()) lowest = v;
+    }
+    s.params.contact.push_speed = 0;
+    s.add_row(ball, lowest, wall, {0, 1, 2}, {0.4, 0.3, 0.3}, {0, 0, 1}, 0, 0.2);
+    const Particles before = s.particles;
+    s.advance(1, 1);
+    const Vec3d impulse = s.rows.impulse[0];
+    EXPECT_GT(impulse.z(), 0);
+    EXPECT_GT(impulse.head<2>().norm(), 0.1 * impulse.z()) << "friction too";
+    Vec3d linear = -impulse, angular = Vec3d::Zero(), at = Vec3d::Zero();
+    const uint32_t row = s.solids.info[s.bodies.mesh[ball]].skin.first + lowest;
+    for (int k = 0; k < 4; ++k) at += s.solids.skin_weight[row][k] * place(before, nodes.first + s.solids.skin_node[row][k]);
+    angular -= at.cross(impulse);
+    double size = 0;
+    for (uint32_t i = nodes.first; i < nodes.end(); ++i) {
+        const Vec3d change = (speed(s.particles, i) - speed(before, i)) / before.offset[i].w;
+        linear += change;
+        angular += place(before, i).cross(change);
+        size += speed(s.particles, i).norm() / before.offset[i].w;
+    }
+    EXPECT_LT(linear.norm(), 1.2e-7 * size);  // an ulp of the velocities
+    EXPECT_LT(angular.norm(), 1.2e-7 * size * kRadius);
+    // the vertex itself no longer approaches, but for a gap of an ulp of its place closed in one step
+    EXPECT_NEAR(s.velocity(ball, lowest).z(), 0, 4e-9 / 1e-3);
+}
+
+// Two balls of skin meet; nothing holds them: what one gets the other gives, and neither turns by itself.
+TEST(Skin, CollisionKeepsMomentum) {
+    AdvanceScene s;
+    s.params.gravity.setZero();
+    s.params.contact.iterations = 4;
+    s.params.contact.push_speed = 0;  // moves places under velocities: no impulse, yet a moment
+    const uint32_t a = add_ball(s, 4, true, Vec3d::Zero(), 3), b = add_ball(s, 5, true, Vec3d(0.03, 0.01, 2.0 * kRadius - 1e-3), 3);
+    for (const uint32_t body : {a, b}) {
+        const Range nodes = nodes_of(s, body);
+        for (uint32_t i = nodes.first; i < nodes.end(); ++i) s.particles.velocity_z[i] = body == a ? 0.3f : -0.1f;
+        drape_skin(s.solids, s.bodies, body, s.particles);
+    }
+    const auto total = [&] {
+        Momentum sum;
+        for (const uint32_t body : {a, b}) {
+            const Momentum m = measure_momentum(s.bodies, s.poses, s.particles, body);
+            sum.linear += m.linear, sum.angular += m.angular;
+        }
+        return sum;
+    };
+    const Momentum first = measure_momentum(s.bodies, s.poses, s.particles, a), start = total();
+    uint64_t rows = 0;
+    for (int pass = 0; pass < 12; ++pass) {
+        s.clear_rows();
+        s.find_rows(a, b, 0);  // friction acts at both ends of a gap that closes within the step: a moment
+        rows += s.rows.body.size();
+        s.advance(10, 20);
+    }
+    EXPECT_GT(rows, 50u);
+    EXPECT_GT((measure_momentum(s.bodies, s.poses, s.particles, a).linear - first.linear).norm(), 0.5 * first.linear.norm());
+    const Momentum end = total();
+    const double scale = first.linear.norm();
+    EXPECT_LT((end.linear - start.linear).norm(), 1e-6 * scale);
+    EXPECT_LT((end.angular - start.angular).norm(), 2e-6 * scale * 2 * kRadius);
+}
+
+// The rows of a skin hold no state: nonsense in them changes nothing, and they follow the nodes with any number of threads.
+TEST(Skin, IsDerivedAndTheSameForAnyThreads) {
+    std::vector<Float4> first;
+    for (const uint32_t threads : {1u, 2u, 4u}) {
+        AdvanceScene s;
+        const uint32_t ball = add_ball(s, 8, true, Vec3d::Zero(), 5, 3);
+        s.particles.offset[nodes_of(s, ball).first].w = 0;
+        if (threads == 2) {
+            for (uint32_t v = 0; v < vertices_of(s, ball); ++v) s.particles.offset[s.range(ball).first + v].x = NAN;
+        }
+        ThreadPool pool(threads);
+        pool.run([&] { s.advance(20, 20); });
+        for (const Float4& o : s.particles.offset) ASSERT_TRUE(std::isfinite(o.x + o.y + o.z));
+        EXPECT_EQ(s.result.nonfinite_particles, 0u);
+        if (first.empty()) first = s.particles.offset;
+        ASSERT_EQ(std::memcmp(first.data(), s.particles.offset.data(), first.size() * sizeof(Float4)), 0) << threads;
+        double moved = 0;
+        for (uint32_t v = 0; v < vertices_of(s, ball); ++v) moved = std::max(moved, (s.offset(ball, v) - rest_of(s, ball, v)).norm());
+        EXPECT_GT(moved, 1e-4);
+    }
+}
+
+// A ball on its foot sags under its weight: the skin beside the surface of the same tetrahedra, from which linear
+// interpolation between nodes h apart may take it by sag / R^2 * h^2 / 2; and beside the surface of much finer ones, for
+// the record.
+TEST(Skin, SagsAsTheFineSolidDoes) {
+    const auto sag = [](double cells, bool skin) {
+        AdvanceScene s;
+        const uint32_t ball = add_ball(s, cells, skin, Vec3d::Zero(), 4, 60);
+        const Range nodes{nodes_of(s, ball)};
+        for (uint32_t i = nodes.first; i < nodes.end(); ++i) {
+            if (s.particles.offset[i].z < -0.4f * float(kRadius)) s.particles.offset[i].w = 0;
+        }
+        update_solid_dt(s.meshes, s.springs, s.solids, ball, s.particles, s.anchors, s.bodies);
+        for (int i = 0; i < 40; ++i) s.advance(20, substeps_for(20e-3, s.bodies.stable_dt[ball], 1e-3));
+        double top = -1, rest = -1;  // highest vertex
+        for (uint32_t v = 0; v < vertices_of(s, ball); ++v) {
+            top = std::max(top, s.offset(ball, v).z()), rest = std::max(rest, rest_of(s, ball, v).z());
+        }
+        return rest - top;
+    };
+    const double fine = sag(16, false), coarse = sag(6, true), middle = sag(12, true);
+    std::printf("sag of the top: fine solid %.4f mm, skin on 12 cells %.4f mm, on 6 cells %.4f mm\n", fine * 1e3, middle * 1e3, coarse * 1e3);
+    EXPECT_GT(fine, 1e-4);
+    for (const double cells : {6.0, 12.0}) {
+        const double plain = sag(cells, false), skin = cells == 6 ? coarse : middle, h = 2 / cells;
+        std::printf("surface of the same %g cells: %.4f mm\n", cells, plain * 1e3);
+        EXPECT_LT(std::abs(skin - plain), plain * h * h / 2);
+    }
+}
+
+}  // namespace
+}  // namespace trocar
