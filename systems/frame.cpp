@@ -664,6 +664,12 @@ void detect_contacts(World& world) {
     FrameState state;
     state.face_queries = 100'000;  // an answer, not a frame
     std::swap(state.world, world);
+    for (const HandTool& tool : state.world.haptics.tool) {  // hands stay where they are
+        DeviceState held;
+        held.orientation = state.world.poses.orientation[tool.body];
+        held.position = state.world.poses.origin[tool.body] + rotate(held.orientation, tool.tip);
+        state.scratch.device.insert(state.scratch.device.end(), state.world.clock.period + 1, held);
+    }
     const auto first = std::find_if(std::begin(kBegin), std::end(kBegin), [](const FrameStage& row) { return row.stage.name == kFirstDetection; });
     for (auto row = first; row->stage.name != kAfterDetection; ++row)
         if (row->wanted(state.world)) row->stage.run(state);
