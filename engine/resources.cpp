@@ -355,6 +355,10 @@ void visit_resource(World& w, Resource resource, Visitor& v) {
         case Resource::kPairMemory:
             v.array(FIELD(pair_memory.a)), v.array(FIELD(pair_memory.b)), v.array(FIELD(pair_memory.direction));
             break;
+        case Resource::kContactMemory:
+            v.array(FIELD(contact_memory.body)), v.array(FIELD(contact_memory.other)), v.array(FIELD(contact_memory.vertex)),
+                v.array(FIELD(contact_memory.along)), v.array(FIELD(contact_memory.force));
+            break;
         case Resource::kBoxes:
             v.array(FIELD(boxes.box)), v.array(FIELD(boxes.margin));
             break;
@@ -406,7 +410,8 @@ void visit_resource(World& w, Resource resource, Visitor& v) {
         case Resource::kRows:
             v.array(FIELD(rows.contact)), v.array(FIELD(rows.body)), v.array(FIELD(rows.other)), v.array(FIELD(rows.vertex)),
                 v.array(FIELD(rows.along)), v.array(FIELD(rows.third)), v.array(FIELD(rows.across)), v.array(FIELD(rows.triangle)), v.array(FIELD(rows.weight)), v.array(FIELD(rows.normal)),
-                v.array(FIELD(rows.distance)), v.array(FIELD(rows.friction)), v.array(FIELD(rows.impulse));
+                v.array(FIELD(rows.distance)), v.array(FIELD(rows.friction)), v.array(FIELD(rows.impulse)),
+                v.array(FIELD(rows.carried));
             break;
         case Resource::kIslands:
             v.array(FIELD(islands.bodies)), v.array(FIELD(islands.body)), v.array(FIELD(islands.rows)), v.array(FIELD(islands.row));
@@ -488,6 +493,7 @@ ResourceKind resource_kind(Resource resource) {
         case Resource::kParticles:
         case Resource::kToolState:
         case Resource::kPairMemory:
+        case Resource::kContactMemory:
         case Resource::kLinks:
         case Resource::kTorn:
         case Resource::kSleep:
@@ -519,7 +525,7 @@ ResourceKind resource_kind(Resource resource) {
 const char* resource_name(Resource resource) {
     constexpr const char* kNames[] = {
         "settings", "meshes",    "springs",    "solids",     "bodies",     "anchors",  "paths",        "tools",
-        "clock",    "poses",     "particles",  "tool state", "pair memory", "boxes", "pairs", "trees",
+        "clock",    "poses",     "particles",  "tool state", "pair memory", "contact memory", "boxes", "pairs", "trees",
         "screened", "occupancy", "candidates", "near",       "contacts", "penetrations", "contours", "regions", "rows",
         "islands",  "normals",   "local contact", "picture",    "energy",   "report", "sleep",
         "links",    "tears",     "torn",       "torn springs", "pools", "lives"};

@@ -364,6 +364,21 @@ void check_tools(const World& w, Faults& f) {
     for (const DeviceTrace& trace : w.haptics.trace) f.require(!trace.sample.empty(), "a device trace is empty");
 }
 
+void check_contact_memory(const World& w, Faults& f) {
+    const ContactMemory& m = w.contact_memory;
+    const uint32_t rows = static_cast<uint32_t>(m.body.size()), bodies = static_cast<uint32_t>(w.bodies.mesh.size());
+    f.require(m.other.size() == rows && m.vertex.size() == rows && m.along.size() == rows && m.force.size() == rows,
+              "contact memory: arrays of different length");
+    for (uint32_t i = 0; i < rows && f.first.empty(); ++i) {
+        f.below(m.body[i], bodies, false, "contact memory of body");
+        f.below(m.other[i], bodies, false, "contact memory of body");
+        if (!f.first.empty()) return;
+        const uint32_t vertices = w.meshes.info[w.bodies.mesh[m.body[i]]].vertices.count;
+        for (const uint32_t v : m.vertex[i]) f.below(v, vertices, false, "contact memory of vertex");
+        f.require(m.along[i] >= 0 && m.along[i] <= 1 && m.force[i].allFinite(), "contact memory: out of range");
+    }
+}
+
 }  // namespace
 
 std::string find_fault(const World& w) {
@@ -375,6 +390,7 @@ std::string find_fault(const World& w) {
     if (f.first.empty()) check_tears(w, f);
     f.require(w.pair_memory.b.size() == w.pair_memory.a.size() && w.pair_memory.direction.size() == w.pair_memory.a.size(),
               "pair memory: arrays of different length");
+    if (f.first.empty()) check_contact_memory(w, f);
     const ContactParams& c = w.settings.contact;
     f.require(w.settings.substep > kShortestStep && c.tolerance > 0 && c.cell_edges > 0 && c.push_speed >= 0 && c.iterations < 1000 && w.settings.sleep_speed >= 0 && w.settings.sleep_after >= 0, "settings: out of range");
     f.require(w.clock.contact_rate == 60 && w.clock.display_rate == 30 && w.clock.tick == pass_tick(w.clock.pass, 60), "clock: does not fit its passes");

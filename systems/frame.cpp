@@ -14,6 +14,7 @@
 #include "systems/candidate_cells.hpp"
 #include "systems/candidate_pairs.hpp"
 #include "systems/come_and_go.hpp"
+#include "systems/contact_memory.hpp"
 #include "systems/contact_rows.hpp"
 #include "systems/contours.hpp"
 #include "systems/deformable_energy.hpp"
@@ -54,6 +55,7 @@ struct FrameScratch {
     RegionsScratch regions;
     ContactRowsScratch rows;
     EdgeRowsScratch edge_rows;
+    ContactMemoryScratch memory;
     IslandsScratch islands;
     LinkScratch links;
     std::vector<std::array<uint32_t, 2>> joined;  // bodies, by links
@@ -249,6 +251,7 @@ void overlap(FrameState& f) {
 void edge_pass(FrameState& f) {
     World& w = f.world;
     find_edge_contacts(w.settings.contact, surfaces_of(w), w.pairs, w.candidates, w.near, w.trees, f.scratch.edges, w.report, w.contacts);
+    keep_edges(w.settings.contact, surfaces_of(w), w.boxes, w.pairs, w.trees, w.contact_memory, f.scratch.memory, w.contacts);
 }
 void penetration(FrameState& f) {
     measure_penetrations(f.world.pairs, f.world.contacts, f.world.penetrations);
@@ -272,6 +275,7 @@ void contact_rows(FrameState& f) {
     World& w = f.world;
     make_contact_rows(w.settings.contact, surfaces_of(w), w.pairs, w.contacts, w.penetrations, f.scratch.rows, w.report, w.rows);
     add_edge_rows(surfaces_of(w), w.boxes, w.pairs, w.candidates, f.scratch.edge_rows, w.rows);
+    recall_contacts(w.contact_memory, f.scratch.memory, w.rows);
 }
 void islands(FrameState& f) { find_islands(f.world.bodies, f.world.rows, f.scratch.islands, f.world.islands, linked_bodies(f)); }
 void local_contact(FrameState& f) {
@@ -384,6 +388,7 @@ void advance(FrameState& f) {
             if (f.options.trace) trace_island(f, i, start);
         }
     });
+    remember_contacts(w.rows, w.contact_memory);
     share_room(f.scratch.advance);
     note_link_forces(period_seconds(w), w.links);
     f.times.response_ns = 0;
@@ -453,19 +458,19 @@ constexpr FrameStage kBegin[] = {
     {{"candidate cells", candidate_cells, mask(R::kPairs, R::kScreened, R::kOccupancy),                      mask(R::kCandidates)}, any_pair},
     {{"contours",        contours,        kShapes | mask(R::kPairs, R::kCandidates),                         mask(R::kContours)}, wants_contours},
     {{"overlap",         overlap,         kShapes | mask(R::kBoxes, R::kPairs, R::kScreened, R::kCandidates, R::kTrees), mask(R::kNear, R::kContacts, R::kReport)}, any_pair},
-    {{"edge pass",       edge_pass,       kShapes | mask(R::kSettings, R::kPairs, R::kCandidates, R::kNear, R::kTrees), mask(R::kContacts, R::kReport)}, any_pair},
+    {{"edge pass",       edge_pass,       kShapes | mask(R::kSettings, R::kPairs, R::kCandidates, R::kNear, R::kTrees, R::kBoxes, R::kContactMemory), mask(R::kContacts, R::kReport)}, any_pair},
     {{"face pass",       face_pass,       kShapes | mask(R::kSettings, R::kPairs, R::kCandidates, R::kScreened, R::kNear, R::kTrees), mask(R::kContacts)}, wants_faces},
     {{"penetration",     penetration,     mask(R::kPairs, R::kContacts),                                     mask(R::kPenetrations, R::kReport)}, any_pair},
     {{"deep overlap",    deep_overlap,    kShapes | mask(R::kPairs, R::kContacts, R::kTrees),                 mask(R::kPairMemory, R::kPenetrations)}, wants_ways_out},
     {{"regions",         regions,         kShapes | mask(R::kPairs, R::kScreened, R::kNear, R::kContacts, R::kContours), mask(R::kRegions)}, wants_regions},
-    {{"contact rows",    contact_rows,    kShapes | mask(R::kSettings, R::kBoxes, R::kPairs, R::kCandidates, R::kContacts, R::kPenetrations), mask(R::kRows, R::kReport)}, any_pair},
+    {{"contact rows",    contact_rows,    kShapes | mask(R::kSettings, R::kBoxes, R::kPairs, R::kCandidates, R::kContacts, R::kPenetrations, R::kContactMemory), mask(R::kRows, R::kReport)}, any_pair},
     {{"islands",         islands,         mask(R::kBodies, R::kRows, R::kLinks),                             mask(R::kIslands)}, any_mover},
     {{"local contact",   local_contact,   kShapes | mask(R::kClock, R::kTools, R::kToolState, R::kBoxes),     mask(R::kLocalContact)}, any_tool},
 };
 
 constexpr FrameStage kAdvance[] = {
     {{"advance", advance, mask(R::kSleep, R::kSettings, R::kMeshes, R::kSprings, R::kSolids, R::kBodies, R::kAnchors, R::kPaths, R::kTools, R::kClock, R::kIslands, R::kLocalContact, R::kTears),
-      mask(R::kPoses, R::kParticles, R::kRows, R::kToolState, R::kLinks, R::kTorn, R::kTornSprings, R::kEnergy, R::kReport)}, any_mover},
+      mask(R::kPoses, R::kParticles, R::kRows, R::kContactMemory, R::kToolState, R::kLinks, R::kTorn, R::kTornSprings, R::kEnergy, R::kReport)}, any_mover},
 };
 
 constexpr FrameStage kEnd[] = {

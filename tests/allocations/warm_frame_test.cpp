@@ -20,13 +20,14 @@ using namespace trocar;
 // What a pass starts from, apart from caches: enough to play a scene again in the same frame.
 struct Start {
     explicit Start(const World& w)
-        : clock(w.clock), poses(w.poses), particles(w.particles), tools(w.haptics.state), ways_out(w.pair_memory), links(w.links), torn(w.torn), energy(w.energy) {}
+        : clock(w.clock), poses(w.poses), particles(w.particles), tools(w.haptics.state), ways_out(w.pair_memory), memory(w.contact_memory), links(w.links), torn(w.torn), energy(w.energy) {}
     void restore(World& w) const {
         w.clock = clock;
         w.poses = poses;
         w.particles = particles;
         w.haptics.state = tools;
         w.pair_memory = ways_out;
+        w.contact_memory = memory;
         w.links = links;
         w.torn = torn;
         w.energy = energy;
@@ -36,6 +37,7 @@ struct Start {
     Particles particles;
     std::vector<ToolState> tools;
     PairMemory ways_out;
+    ContactMemory memory;
     Links links;
     Torn torn;
     Energy energy;
