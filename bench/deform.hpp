@@ -27,5 +27,7 @@ BulletDeformable bullet_deformable(const SpringGraph& graph, double dt, double d
 
 // Rows of error against time: integrators, steps, stiffness. References are kept in `cache`, empty = nowhere.
 void error_rows(Report& report, const std::string& cache);
+// Rows of what solids miss closed forms by, finite elements beside.
+void model_rows(Report& report);
 
 }  // namespace trocar::bench

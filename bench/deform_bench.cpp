@@ -224,7 +224,7 @@ void stability_rows(Report& report) {
 }  // namespace
 }  // namespace trocar::bench
 
-// Deformation: speed beside error. deform [rates|threads|stability|errors] [--quick] [--json FILE] [--cache DIR]
+// Deformation: speed beside error. deform [rates|threads|stability|errors|models] [--quick] [--json FILE] [--cache DIR]
 int deform_suite(int argc, char** argv) {
     using namespace trocar::bench;
     Report report("deform", argc, argv);
@@ -241,5 +241,6 @@ int deform_suite(int argc, char** argv) {
     if (wanted("threads")) thread_rows(report);
     if (wanted("stability")) stability_rows(report);
     if (wanted("errors")) error_rows(report, cache);
+    if (wanted("models")) model_rows(report);
     return report.finish();
 }

@@ -9,6 +9,7 @@
 #include "bench/deform.hpp"
 #include "engine/mesh_topology.hpp"
 #include "tests/reference/cached_run.hpp"
+#include "tests/reference/solid_cases.hpp"
 namespace trocar::bench {
 namespace {
 
@@ -16,7 +17,8 @@ constexpr double kDamping = 2;       // 1/s
 constexpr uint32_t kFrame = 10;      // ms between the frames that are compared
 constexpr double kWanted = 0.15e-3;  // m
 constexpr const char* kAxes = "share of one core, %|RMS error over one second, mm";
-constexpr const char *kFreeEnergy = "free body: energy, %", *kFreeAngular = "angular momentum, %", *kFreeDrift = "drift, m/s";
+constexpr const char *kFreeEnergy = "free body, energy: %", *kFreeAngular = "free body, angular momentum: %",
+                     *kFreeDrift = "free body, drift of the centre: m/s";
 
 // Weight at time t, m/s^2: rises over 0.3 s, then swings between one and two g at 2 Hz.
 double weight(double t) {
@@ -182,7 +184,7 @@ void block_rows(Report& report, const char* kind, double stiffness, double refer
         Row row{std::string(kind) + " block, " + text_of(m), 100 * o.share, "%"};
         row.error = o.error * 1e3, row.error_unit = "mm RMS";
         row.plot = std::string("20k-tet organ block, ") + kind, row.axes = kAxes;
-        row.series = m.integrator == Integrator::kXpbd && m.iterations > 1 ? "xpbd, sweeps" : name_of(m.integrator);
+        row.series = std::string(name_of(m.integrator)) + (m.integrator == Integrator::kXpbd && m.iterations > 1 ? ", sweeps" : m.iterations > 10 ? ", to the end" : "");
         const FreeOutcome free = run_free(stiffness, m);
         row.beside = {{kFreeEnergy, free.energy}, {kFreeAngular, free.angular}, {kFreeDrift, free.drift}};
         if (soft && m.integrator == Integrator::kLeapfrog && m.dt == 1e-3) row.goal = Goal::kLimit, row.at_least = 4, row.aim = 2.5;
@@ -234,6 +236,33 @@ void error_rows(Report& report, const std::string& cache) {
     block_rows(report, "stiff", 5000, 0.025e-3,
                {{kLeapfrog, 0.2e-3, 1}, {kLeapfrog, 0.1e-3, 1}, {kMidpoint, 1e-3, 10}, {kMidpoint, 2e-3, 10}, {kMidpoint, 5e-3, 10},
                 {kMidpoint, 10e-3, 10}, {kMidpoint, 10e-3, 40}, {kXpbd, 0.1e-3, 1}, {kXpbd, 0.5e-3, 1}, {kXpbd, 1e-3, 5}, {kXpbd, 10e-3, 50}}, cache);
+}
+
+void model_rows(Report& report) {
+    using namespace reference::cases;
+    using enum reference::SolidModel;
+    report.heading("What solids miss closed forms by, in statics: springs and volumes, linear finite elements on the same mesh beside");
+    const auto add = [&](const std::string& name, double springs, double elements) {
+        Row row{name, 100 * springs, "%"};
+        row.peer = "corotational elements", row.peer_value = 100 * elements;
+        row.error = 100 * std::abs(springs - elements), row.error_unit = "% between the two";
+        report.add(row);
+    };
+    for (const double nu : {0.25, 0.45}) {
+        char text[80];
+        const auto name = [&](const char* what) {
+            std::snprintf(text, sizeof text, "%s, nu %.2f", what, nu);
+            return std::string(text);
+        };
+        const Uniaxial springs = pull_bar(kSprings, 4, nu), elements = pull_bar(kCorotational, 4, nu);
+        add(name("Young's modulus of a bar, 4 cells wide"), springs.modulus / kE - 1, elements.modulus / kE - 1);
+        add(name("Poisson ratio of a bar, 4 cells wide"), springs.poisson / nu - 1, elements.poisson / nu - 1);
+        add(name("bar under its own weight, 4 cells wide"), hang_bar(kSprings, 4, nu) - 1, hang_bar(kCorotational, 4, nu) - 1);
+        add(name("cantilever, 2 cells high"), sag_cantilever(kSprings, 2, nu) - 1, sag_cantilever(kCorotational, 2, nu) - 1);
+        add(name("cantilever, 4 cells high"), sag_cantilever(kSprings, 4, nu) - 1, sag_cantilever(kCorotational, 4, nu) - 1);
+        add(name("Hertz, 2 edges to the radius"), press_sphere(kSprings, 6, 2, nu) - 1, press_sphere(kCorotational, 6, 2, nu) - 1);
+        if (!report.quick()) add(name("Hertz, 4 edges to the radius"), press_sphere(kSprings, 12, 4, nu) - 1, press_sphere(kCorotational, 12, 4, nu) - 1);
+    }
 }
 
 }  // namespace trocar::bench

@@ -173,8 +173,9 @@ std::string line_charts(const std::vector<json>& rows) {
         std::vector<std::string> series, names;
         for (const json& row : list) {
             if (std::find(series.begin(), series.end(), text(row, "series")) == series.end()) series.push_back(text(row, "series"));
-            for (const auto& [name, figure] : row.value("beside", json::object()).items()) {
-                if (std::find(names.begin(), names.end(), name) == names.end()) names.push_back(name);
+            const json beside = row.value("beside", json::object());
+            for (auto entry = beside.begin(); entry != beside.end(); ++entry) {
+                if (std::find(names.begin(), names.end(), entry.key()) == names.end()) names.push_back(entry.key());
             }
             if (!(value(row, "ours") > 0 && std::isfinite(value(row, "error")))) continue;
             dots.push_back({value(row, "ours"), value(row, "error"), text(row, "series"), text(row, "name")});
@@ -188,7 +189,8 @@ std::string line_charts(const std::vector<json>& rows) {
         out += "</tr>\n";
         for (const json& row : list) {
             out += "<tr><td>" + escape_html(text(row, "name")) + "</td><td>" + figure(value(row, "ours")) + "</td><td>" + figure(value(row, "error")) + "</td>";
-            for (const std::string& name : names) out += "<td>" + figure(value(row.value("beside", json::object()), name.c_str())) + "</td>";
+            const json beside = row.value("beside", json::object());
+            for (const std::string& name : names) out += "<td>" + figure(value(beside, name.c_str())) + "</td>";
             out += "</tr>\n";
         }
         out += "</table>\n";

@@ -136,6 +136,15 @@ struct PairMemory {
     std::vector<Vec3d> direction;  // unit, the way b left a
 };
 
+// Contact rows of the pass before that carried something, and those of edges, in their order: what rows of the same
+// points start from.
+struct ContactMemory {
+    std::vector<uint32_t> body, other;
+    std::vector<std::array<uint32_t, 2>> vertex;  // local vertices of body
+    std::vector<float> along;                     // as in ContactRows
+    std::vector<Vec3d> force;                     // N, on body, world axes, in the last substep
+};
+
 // Depth of every candidate pair that overlaps. `depth` is the thesis depth: the largest of the shortest distances.
 struct Penetrations {
     std::vector<uint32_t> pair;            // row of CandidatePairs
@@ -167,6 +176,7 @@ struct ContactRows {
     std::vector<double> distance;                  // m, at the start of the period; infinite once the row has ended
     std::vector<float> friction;
     std::vector<Vec3d> impulse;                    // N s, on body, summed over the period (written by response)
+    std::vector<Vec3d> carried;                    // N, on body, world axes, in the last substep before; empty = nothing
 };
 
 // Bodies joined by contact rows. Islands ascend by their smallest body; bodies and rows inside ascend.

@@ -2,6 +2,7 @@
 #include <vector>
 
 #include "components/math.hpp"
+#include "components/mesh.hpp"
 namespace trocar {
 
 // Unit vertex normals of deformable bodies, body axes = world axes. Rows as Particles; zero where a vertex has no
@@ -18,6 +19,7 @@ struct PictureBody {
     Box box;                       // m, body frame
     Range vertices;                // rows of position and normal; empty for a rigid body, drawn in its rest shape
     Range depths;                  // rows of contact_depth, one per vertex; empty when nothing touches the body
+    Range removed;                 // rows of removed
 };
 
 // The deepest point of one overlapping pair.
@@ -44,6 +46,7 @@ struct PictureSnapshot {
     std::vector<Vec3> position;        // m, body frame
     std::vector<Vec3> normal;          // unit or zero, body frame
     std::vector<float> contact_depth;  // m, >= 0
+    std::vector<Triangle> removed;     // triangles of the prototype that a cut has taken away, by their vertices
     std::vector<PictureWitness> witness;
     std::vector<PictureTool> tool;
     double depth = 0;  // m, deepest penetration; 0 when nothing overlaps

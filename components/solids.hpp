@@ -16,6 +16,7 @@ struct SolidInfo {
     Range slices;        // rows of slot_column, one per 16 nodes
     Range nodes;         // rows of node_volume
     Range skin;          // rows of skin_node and skin_weight, one per vertex of the surface; empty = vertices are nodes
+    uint32_t varied = 0; // 1: tetrahedra differ in stiffness, see factor
 };
 
 // Constant after load. Nodes and tetrahedra are local to the prototype. Which tetrahedra meet in a node lies in SELL-16
@@ -26,6 +27,7 @@ struct Solids {
     std::array<std::vector<uint32_t>, 4> corner;     // nodes of a tetrahedron, positive volume; padding 0 0 0 0
     std::vector<float> rest;                         // m^3, six times the volume at rest; padding 0
     std::vector<float> per_rest;                     // 1 / rest; padding 0
+    std::vector<float> factor;                       // as rest, up to the last varied solid: stiffness / that of the body's tissue
     std::vector<uint32_t> slot_column;               // first column of a slice; slices.count + 1 rows per prototype, at slices.first + prototype row
     std::vector<uint32_t> slot;                      // 16 per column: corner * padded tetrahedra + tetrahedron; padding 4 * padded tetrahedra
     std::vector<std::array<uint32_t, 4>> skin_node;  // corners of the tetrahedron that a vertex rides on

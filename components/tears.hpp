@@ -5,6 +5,7 @@
 
 #include "components/links.hpp"
 #include "components/math.hpp"
+#include "components/mesh.hpp"
 namespace trocar {
 
 // A body that may lose springs or triangles; its prototype is its own.
@@ -12,13 +13,15 @@ struct TearBody {
     uint32_t body = kNone;
     double break_strain = std::numeric_limits<double>::infinity();  // springs longer than 1 + this times their rest break
     Range order;                                                    // rows of Tears::order, one per triangle at load
+    Admission whole = Admission::kSolid;                            // of the surface at load
 };
 
-// Triangles of a body with a corner in a region are taken away, with the springs and inner parts that lose their last one.
+// Triangles of a body whose middle lies in a region are taken away, with the springs that lose their last triangle.
 struct Cut {
-    uint32_t tear = 0;  // row of Tears::body
-    double time = 0;    // s
-    Region region;      // body frame, rest shape
+    uint32_t tear = 0;          // row of Tears::body
+    double time = 0;            // s
+    Region region;              // body frame, rest shape
+    uint32_t material = kNone;  // and which are of this material
 };
 
 // Constant after load but for `order`, which follows Torn::triangle.

@@ -13,6 +13,18 @@ struct GroupSpec {
     std::string material;  // empty = any
 };
 
+// One [[body.region]]: where a body differs from its tissue.
+struct TissueRegionSpec {
+    uint32_t line = 0;
+    std::string group;        // or
+    Region region;            // body frame at rest, or
+    std::string field;        // a PLY file in the body frame, m, whose vertices carry `property`: the factor of stiffness
+    std::string property = "stiffness";
+    double stiffness = 1;     // factor of Young's modulus
+    double density = 1;       // factor
+    bool fixed = false;
+};
+
 // One [[link]] or [[staple]]: nodes of a deformable body that another body holds for a time.
 struct LinkSpec {
     std::string name;

@@ -3,9 +3,15 @@
 #include <algorithm>
 #include <cmath>
 
+#include "content/tissue_regions.hpp"
+#include "engine/bending_forces.hpp"
 #include "engine/error.hpp"
 #include "engine/links.hpp"
+#include "engine/pressure_force.hpp"
+#include "engine/region.hpp"
+#include "engine/skin.hpp"
 #include "engine/surfaces.hpp"
+#include "engine/tet_forces.hpp"
 namespace trocar {
 namespace {
 
@@ -31,7 +37,7 @@ uint32_t find_material(const World& world, uint32_t prototype, const std::string
 void take_group(const SceneFile& scene, const LinkSpec& spec, const World& world, LinkGroup& g) {
     const BodySpec& body = scene.bodies[g.body];
     const auto found = std::find_if(body.groups.begin(), body.groups.end(), [&](const GroupSpec& s) { return s.name == spec.group; });
-    if (found == body.groups.end()) refuse(scene, spec.line, "link \"" + spec.name + "\": body \"" + spec.body + "\" has no group \"" + spec.group + "\"");
+    if (found == body.groups.end()) refuse(scene, spec.line, "body \"" + spec.body + "\" has no group \"" + spec.group + "\"");
     g.region = found->region;
     g.frame = RegionFrame::kRest;
     if (found->material.empty()) return;
@@ -46,6 +52,8 @@ LinkGroup make_group(const SceneFile& scene, const LinkSpec& spec, const World& 
     g.holder = find_body(scene, spec, world, spec.holder);
     if (!is_deformable(world.bodies, g.body)) refuse(scene, spec.line, "link \"" + spec.name + "\": body \"" + spec.body + "\" must be deformable");
     if (g.body == g.holder) refuse(scene, spec.line, "link \"" + spec.name + "\": a body cannot be linked to itself");
+    if (scene.bodies[g.body].scatter.rate > 0 || scene.bodies[g.holder].scatter.rate > 0)
+        refuse(scene, spec.line, "link \"" + spec.name + "\": bodies that come and go cannot be linked");
     g.region = spec.region;
     g.frame = spec.frame;
     if (!spec.frame_given && is_deformable(world.bodies, g.holder)) g.frame = RegionFrame::kWorld;
@@ -79,11 +87,75 @@ void add_scene_links(const SceneFile& scene, World& world) {
     if (rows > 0) reserve_links(world.links, rows, scene.staples);
 }
 
+void add_tissue_regions(const SceneFile& scene, const BodySpec& spec, World& world, uint32_t body) {
+    const uint32_t prototype = world.bodies.mesh[body], count = count_nodes(world.meshes, world.solids, prototype);
+    NodeTissue nodes{std::vector<double>(count, 1.0), std::vector<double>(count, 1.0), std::vector<uint8_t>(count, 0)};
+    for (const TissueRegionSpec& region : spec.regions) {
+        LinkGroup where;  // only which nodes
+        where.body = body;
+        where.region = region.region;
+        PaintedField field;
+        LinkSpec named;
+        named.line = region.line, named.body = spec.name, named.group = region.group;
+        if (!region.group.empty()) take_group(scene, named, world, where);
+        if (!region.field.empty()) {
+            const std::filesystem::path given(region.field);
+            std::error_code error;
+            const bool found = given.is_absolute() || std::filesystem::exists(given, error);
+            field = read_painted_field(found ? given : scene.path.parent_path() / given, region.property);
+            for (const double value : field.value) {
+                if (!(value > 0)) refuse(scene, region.line, "region of \"" + spec.name + "\": a painted stiffness must be positive");
+            }
+        }
+        uint32_t held = 0;
+        const bool is_vertex = skin_rows(world.solids, prototype) == 0;
+        for (uint32_t v = 0; v < count; ++v) {
+            const Vec3d rest = rest_of_node(world.meshes, world.solids, prototype, v);
+            if (!contains(where.region, rest) || (where.material != kNone && !(is_vertex && is_of_material(world.meshes, prototype, v, where.material)))) continue;
+            nodes.stiffness[v] = field.place.empty() ? region.stiffness : value_at(field, rest);
+            nodes.density[v] = region.density;
+            nodes.fixed[v] = region.fixed;
+            ++held;
+        }
+        if (held == 0) refuse(scene, region.line, "region of \"" + spec.name + "\": holds no node of the body");
+    }
+    vary_tissue(nodes, world.meshes, body, world.springs, world.solids, world.bodies, world.particles, world.anchors);
+}
+
+void add_scene_cuts(const SceneFile& scene, World& world) {
+    for (const CutSpec& spec : scene.cuts) {
+        LinkSpec where;
+        where.line = spec.line, where.body = spec.body, where.group = spec.group;
+        const std::string name = "cut of \"" + spec.body + "\": ";
+        const auto found = std::find(world.bodies.name.begin(), world.bodies.name.end(), spec.body);
+        if (found == world.bodies.name.end()) refuse(scene, spec.line, name + "there is no such body");
+        LinkGroup group;  // only which nodes
+        group.body = static_cast<uint32_t>(found - world.bodies.name.begin());
+        group.region = spec.region;
+        if (scene.bodies[group.body].scatter.rate > 0) refuse(scene, spec.line, name + "bodies that come and go cannot be cut");
+        if (!spec.group.empty()) take_group(scene, where, world, group);
+        if (!is_deformable(world.bodies, group.body) || is_solid(world.solids, world.bodies.mesh[group.body]))
+            refuse(scene, spec.line, name + "only shells can be cut");
+        if (has_pressure(world.bodies, group.body) || has_bending(world.bodies, group.body))
+            refuse(scene, spec.line, name + "a body that is cut cannot keep its volume or bend: set pressure_modulus and bending to 0");
+        if (stepping_of(world.bodies, group.body).integrator == Integrator::kXpbd)
+            refuse(scene, spec.line, name + "a body stepped by xpbd cannot be cut");
+        const auto& bodies = world.tears.body;
+        const auto tear = std::find_if(bodies.begin(), bodies.end(), [&](const TearBody& t) { return t.body == group.body; });
+        world.tears.cut.push_back({static_cast<uint32_t>(tear - bodies.begin()), spec.time, group.region, group.material});
+    }
+    world.torn.cut.assign(world.tears.cut.size(), 0);
+}
+
 uint32_t let_tear(World& world, uint32_t body, double break_strain) {
     const uint32_t prototype = world.bodies.mesh[body];
     TearBody tear;
     tear.body = body;
     tear.break_strain = break_strain;
+    const MeshInfo& info = world.meshes.info[prototype];
+    tear.order = {static_cast<uint32_t>(world.tears.order.size()), info.triangles.count};
+    tear.whole = info.admission;
+    for (uint32_t t = 0; t < info.triangles.count; ++t) world.tears.order.push_back(t);
     world.tears.body.push_back(tear);
     const Range slices = world.springs.info[prototype].slices;
     const size_t end = size_t{world.springs.slice_column[slices.end() + prototype]} * kSliceWidth;

@@ -268,6 +268,11 @@ Prototype make_body_prototype(const SceneFile& scene, const BodySpec& spec, Worl
     }
 }
 
+bool may_tear(const SceneFile& scene, const BodySpec& spec) {
+    const bool cut = std::any_of(scene.cuts.begin(), scene.cuts.end(), [&](const CutSpec& c) { return c.body == spec.name; });
+    return spec.motion == Motion::kDeformable && (cut || std::isfinite(spec.break_strain));
+}
+
 // Prototypes of a scene; bodies with the same source share one, but not rigid with deformable ones: springs are made in
 // the order of the prototypes.
 struct PrototypeCache {
@@ -275,7 +280,7 @@ struct PrototypeCache {
 
     const Prototype& get(const SceneFile& scene, const BodySpec& spec, World& world, std::vector<std::string>& warnings) {
         // what tears has springs of its own
-        const std::string own = std::isfinite(spec.break_strain) ? spec.name : "";
+        const std::string own = may_tear(scene, spec) || !spec.regions.empty() ? spec.name : "";
         char key[512];
         std::snprintf(key, sizeof key, "%s|%s|%s|%u|%llu|%.17g|%.17g|%g,%g,%g|%d|%d,%.17g,%.17g", own.c_str(), spec.file.c_str(), spec.shape.c_str(), spec.triangles,
                       static_cast<unsigned long long>(spec.seed), spec.scale, spec.size, static_cast<double>(spec.color[0]),
@@ -385,9 +390,12 @@ void add_scene_body(const SceneFile& scene, const BodySpec& spec, const Prototyp
     std::string why;
     if (spec.motion == Motion::kDeformable) {
         make_deformable(world, body, spec.fixed_below);
+        if (!spec.regions.empty()) add_tissue_regions(scene, spec, world, body);
         why = choose_stepping(scene, spec, world, body);
-        if (std::isfinite(spec.break_strain)) {
-            if (stepping_of(world.bodies, body).integrator == Integrator::kXpbd)
+        if (!spec.regions.empty() && stepping_of(world.bodies, body).integrator != Integrator::kLeapfrog)
+            throw InputError(at(scene, spec.line) + "body \"" + spec.name + "\": a body with regions is stepped by leapfrog only");
+        if (may_tear(scene, spec)) {
+            if (std::isfinite(spec.break_strain) && stepping_of(world.bodies, body).integrator == Integrator::kXpbd)
                 throw InputError(at(scene, spec.line) + "body \"" + spec.name + "\": springs stepped by xpbd do not break");
             let_tear(world, body, spec.break_strain);
         }
@@ -414,6 +422,7 @@ BuiltScene build_scene(const SceneFile& scene) {
             throw InputError(at(scene, scene.bodies[body].line) + "body \"" + world.bodies.name[body] + "\" is hand-driven but no [[tool]] holds it");
     }
     add_scene_links(scene, world);
+    add_scene_cuts(scene, world);
     open_pools(world);
     make_trees(world);
     built.camera = make_camera(scene.camera);

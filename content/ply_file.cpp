@@ -209,7 +209,8 @@ void read_row(Source& s, const Element& element, std::vector<double>& value, int
     }
 }
 
-void read_vertices(Source& s, const Element& element, LoadedMesh& loaded, PolygonList& list) {
+void read_vertices(Source& s, const Element& element, const std::string& wanted, LoadedMesh& loaded, PolygonList& list,
+                   std::vector<double>* field) {
     const int column[] = {find_property(element, {"x"}, false), find_property(element, {"y"}, false),
                           find_property(element, {"z"}, false)};
     if (column[0] < 0 || column[1] < 0 || column[2] < 0) s.words.fail("the vertices have no x, y and z");
@@ -218,6 +219,8 @@ void read_vertices(Source& s, const Element& element, LoadedMesh& loaded, Polygo
     if (find_property(element, {"red", "diffuse_red", "r"}, false) >= 0) {
         loaded.warnings.push_back(s.words.path.string() + ": colours of vertices are passed over");
     }
+    const int painted = field ? find_property(element, {wanted}, false) : -1;
+    if (field && painted < 0) throw InputError(s.words.path.string() + ": the vertices have no number \"" + wanted + "\"");
     std::vector<double> value(element.property.size()), unused;
     loaded.mesh.position.reserve(loaded.mesh.position.size() + element.rows);
     for (s.row = 0; s.row < element.rows; ++s.row) {
@@ -226,6 +229,10 @@ void read_vertices(Source& s, const Element& element, LoadedMesh& loaded, Polygo
         for (int k = 0; k < 3; ++k) p[k] = value[static_cast<size_t>(column[k])];
         if (!p.allFinite()) s.fail("a coordinate that is not finite");
         loaded.mesh.position.push_back(p);
+        if (field) {
+            field->push_back(value[static_cast<size_t>(painted)]);
+            if (!std::isfinite(field->back())) s.fail("a number \"" + wanted + "\" that is not finite");
+        }
         if (u < 0 || v < 0) continue;
         list.point_uv.push_back(texture_coordinate(value[static_cast<size_t>(u)], value[static_cast<size_t>(v)]));
     }
@@ -278,7 +285,9 @@ bool looks_like_ply(std::string_view bytes) {
     return bytes.starts_with("ply") && bytes.size() > 3 && static_cast<unsigned char>(bytes[3]) <= ' ';
 }
 
-LoadedMesh read_ply(std::string_view bytes, const std::filesystem::path& path) {
+namespace {
+
+LoadedMesh read_any_ply(std::string_view bytes, const std::filesystem::path& path, const std::string& property, std::vector<double>* field) {
     Source source{Words{bytes.data(), bytes.data() + bytes.size(), path}};
     const Header header = read_header(source.words);
     source.coding = header.coding;
@@ -290,7 +299,7 @@ LoadedMesh read_ply(std::string_view bytes, const std::filesystem::path& path) {
         source.element = &element.name;
         check_room(source, element);
         if (element.name == "vertex" && loaded.mesh.position.empty()) {
-            read_vertices(source, element, loaded, list);
+            read_vertices(source, element, property, loaded, list, field);
         } else if (element.name == "face" || element.name == "tristrips") {
             read_faces(source, element, list);
         } else {
@@ -308,6 +317,15 @@ LoadedMesh read_ply(std::string_view bytes, const std::filesystem::path& path) {
     }
     loaded.mesh.material.push_back(std::move(material));
     return loaded;
+}
+
+}  // namespace
+
+LoadedMesh read_ply(std::string_view bytes, const std::filesystem::path& path) { return read_any_ply(bytes, path, "", nullptr); }
+
+LoadedMesh read_painted_ply(std::string_view bytes, const std::filesystem::path& path, const std::string& property,
+                            std::vector<double>& field) {
+    return read_any_ply(bytes, path, property, &field);
 }
 
 }  // namespace trocar

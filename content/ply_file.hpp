@@ -14,4 +14,8 @@ bool looks_like_ply(std::string_view bytes);
 // before anything is allocated. Throws InputError "file:line: reason", for binary data "file: element, row and reason".
 LoadedMesh read_ply(std::string_view bytes, const std::filesystem::path& path);
 
+// Likewise, and the numbers `property` of its vertices; InputError when there are none or one is not finite.
+LoadedMesh read_painted_ply(std::string_view bytes, const std::filesystem::path& path, const std::string& property,
+                            std::vector<double>& field);
+
 }  // namespace trocar

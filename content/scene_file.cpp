@@ -273,6 +273,22 @@ GroupSpec read_group(const std::string& file, const toml::table& table) {
     return group;
 }
 
+TissueRegionSpec read_tissue_region(const std::string& file, const toml::table& table) {
+    Section section(file, table, "[[body.region]]");
+    TissueRegionSpec spec;
+    spec.line = section.line();
+    section.read("group", spec.group);
+    section.read("field", spec.field);
+    section.read("property", spec.property);
+    const int given = (read_region(section, spec.region) ? 1 : 0) + (spec.group.empty() ? 0 : 1) + (spec.field.empty() ? 0 : 1);
+    section.read("stiffness", spec.stiffness, 1e-6, 1e6);
+    section.read("density", spec.density, 1e-6, 1e6);
+    section.read("fixed", spec.fixed);
+    section.refuse_unknown();
+    if (given != 1) section.fail("a [[body.region]] needs one of sphere, box, capsule, group and field");
+    return spec;
+}
+
 LinkSpec read_link(const std::string& file, const toml::table& table) {
     Section section(file, table, "[[link]]");
     LinkSpec link;
@@ -299,6 +315,21 @@ LinkSpec read_link(const std::string& file, const toml::table& table) {
         section.fail("link \"" + link.name + "\": which nodes? Give a group, a sphere, a box, a capsule or within");
     if (!(link.until > link.from)) section.fail("link \"" + link.name + "\": until must be later than from");
     return link;
+}
+
+CutSpec read_cut(const std::string& file, const toml::table& table) {
+    Section section(file, table, "[[cut]]");
+    CutSpec cut;
+    cut.line = section.line();
+    section.read("name", cut.name);
+    section.read("body", cut.body);
+    section.read("group", cut.group);
+    const bool region = read_region(section, cut.region);
+    section.read("time", cut.time, 0, 1e9);
+    section.refuse_unknown();
+    if (cut.body.empty()) section.fail("a [[cut]] needs a body");
+    if (region == !cut.group.empty()) section.fail("cut of \"" + cut.body + "\": give one of sphere, box, capsule and group");
+    return cut;
 }
 
 LinkSpec read_staple(const std::string& file, const toml::table& table) {
@@ -393,6 +424,8 @@ BodySpec read_body(const std::string& file, const toml::table& table) {
     section.read("break_strain", body.break_strain, 1e-9, 1e12);
     if (const toml::array* groups = section.tables("group"))
         for (const toml::node& node : *groups) body.groups.push_back(read_group(file, *node.as_table()));
+    if (const toml::array* regions = section.tables("region"))
+        for (const toml::node& node : *regions) body.regions.push_back(read_tissue_region(file, *node.as_table()));
     if (const toml::table* scatter = section.table("scatter")) body.scatter = read_scatter({file, *scatter, "[body.scatter]"});
     section.refuse_unknown();
     if (body.scatter.count > 0 && (body.motion == Motion::kHand || !body.above.empty()))
@@ -722,6 +755,8 @@ SceneFile read_scene_file(const std::filesystem::path& path, const std::vector<O
         for (const toml::node& node : *links) scene.links.push_back(read_link(file, *node.as_table()));
     if (const toml::array* staples = top.tables("staple"))
         for (const toml::node& node : *staples) scene.links.push_back(read_staple(file, *node.as_table()));
+    if (const toml::array* cuts = top.tables("cut"))
+        for (const toml::node& node : *cuts) scene.cuts.push_back(read_cut(file, *node.as_table()));
     top.read_count("staples", scene.staples, 0, 1e6);
     top.refuse_unknown();
 

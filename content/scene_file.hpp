@@ -54,6 +54,7 @@ struct BodySpec {
     std::array<float, 3> color{-1, -1, -1};  // overrides the material's diffuse colour
     double break_strain = std::numeric_limits<double>::infinity();  // springs break above it
     std::vector<GroupSpec> groups;
+    std::vector<TissueRegionSpec> regions;
     ScatterSpec scatter;                     // count > 0: this is one of so many copies
     uint32_t copy = 0;                       // which
 };

@@ -124,18 +124,10 @@ void update_stable_dt(const Springs& springs, uint32_t body, const Particles& pa
     const uint32_t prototype = bodies.mesh[body];
     const Range slices = springs.info[prototype].slices, rows = bodies.particles[body];
     const std::span held = std::span(anchors.stiffness).subspan(rows.first, rows.count);
-    double k = bodies.spring_stiffness[body];
-    if (springs.info[prototype].varied) {  // as if all were as stiff as the stiffest
-        float most = 0;
-        for (uint32_t c = springs.slice_column[slices.first + prototype]; c < springs.slice_column[slices.end() + prototype]; ++c) {
-            for (uint32_t lane = 0; lane < kSliceWidth; ++lane) most = std::max(most, springs.factor[size_t{c} * kSliceWidth + lane]);
-        }
-        k *= static_cast<double>(most);
-    }
     const std::vector<double> diagonal(held.begin(), held.end());
     double omega_squared = stiffest_mode(
         {std::span(springs.slice_column).subspan(slices.first + prototype, slices.count + 1), springs.neighbour.data(),
-         k, diagonal, std::span(particles.offset).subspan(rows.first, rows.count)});
+         springs.info[prototype].varied ? springs.factor.data() : nullptr, bodies.spring_stiffness[body], diagonal, std::span(particles.offset).subspan(rows.first, rows.count)});
     if (has_pressure(bodies, body)) omega_squared += pressure_omega_squared(springs, bodies, particles, body);
     if (has_bending(bodies, body)) omega_squared += bending_omega_squared(springs, bodies, particles, body);
     const double damping = bodies.tissue[body].damping;

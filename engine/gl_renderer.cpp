@@ -7,6 +7,7 @@
 #include <cmath>
 #include <cstring>
 #include <numbers>
+#include <span>
 
 #include "engine/check.hpp"
 #include "engine/depth_colours.hpp"
@@ -222,14 +223,21 @@ bool triangle_is_finite(const Vertex* row, const uint32_t* corner) {
     return true;
 }
 
-// The index rows of the triangles whose corners are all finite.
-std::vector<uint32_t> finite_triangles(const RenderMesh& mesh, const Vertex* row, std::vector<RenderGroup>& groups) {
+// The index rows of the triangles whose corners are all finite, but for those that were removed.
+std::vector<uint32_t> finite_triangles(const RenderMesh& mesh, const Vertex* row, std::vector<RenderGroup>& groups,
+                                       std::span<const Triangle> removed = {}) {
     std::vector<uint32_t> index;
+    std::vector<Triangle> gone(removed.begin(), removed.end());
+    std::sort(gone.begin(), gone.end());
+    const auto is_gone = [&](const uint32_t* corner) {
+        const Triangle t{mesh.source[corner[0]], mesh.source[corner[1]], mesh.source[corner[2]]};
+        return std::binary_search(gone.begin(), gone.end(), t);
+    };
     groups.clear();
     for (const RenderGroup& group : mesh.groups) {
         const uint32_t first = static_cast<uint32_t>(index.size());
         for (uint32_t i = group.first; i < group.first + group.count; i += 3)
-            if (triangle_is_finite(row, &mesh.index[i]))
+            if (triangle_is_finite(row, &mesh.index[i]) && !is_gone(&mesh.index[i]))
                 index.insert(index.end(), {mesh.index[i], mesh.index[i + 1], mesh.index[i + 2]});
         groups.push_back({group.material, first, static_cast<uint32_t>(index.size()) - first});
     }
@@ -514,14 +522,15 @@ void GlRenderer::Impl::upload_shape(BodyBuffers& buffers, const PictureSnapshot&
             row[i] = make_vertex(p, normal[source[i]]);
             trouble += 0.0f * p.x() + 0.0f * p.y() + 0.0f * p.z();
         }
-        buffers.damaged = trouble != 0;
+        buffers.damaged = trouble != 0 || from.removed.count > 0;
     });
     if (!buffers.damaged && !was_damaged) return;
     glBindVertexArray(buffers.array);
     if (buffers.damaged) {
         std::vector<Vertex> row;
         for (size_t i = 0; i < count; ++i) row.push_back(make_vertex(position[source[i]], normal[source[i]]));
-        const std::vector<uint32_t> index = finite_triangles(mesh, row.data(), buffers.patched_groups);
+        const std::vector<uint32_t> index = finite_triangles(
+            mesh, row.data(), buffers.patched_groups, std::span(snapshot.removed).subspan(from.removed.first, from.removed.count));
         reserve(buffers.patched, GL_ELEMENT_ARRAY_BUFFER, std::max<size_t>(index.size(), 1) * 4);
         glBufferSubData(GL_ELEMENT_ARRAY_BUFFER, 0, static_cast<GLsizeiptr>(index.size() * 4), index.data());
     } else {

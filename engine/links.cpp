@@ -77,16 +77,6 @@ Vec3d in_region_frame(const LinkWorld& w, const LinkGroup& g, uint32_t node, con
     return g.frame == RegionFrame::kHolder ? world_to_frame(s, g.holder, place) : place;
 }
 
-bool is_of_material(const Meshes& meshes, uint32_t prototype, uint32_t node, uint32_t material) {
-    const MeshInfo& info = meshes.info[prototype];
-    if (node >= info.vertices.count) return false;
-    const uint32_t* incident = meshes.incident_first.data() + info.vertices.first + prototype + node;
-    for (uint32_t i = incident[0]; i < incident[1]; ++i) {
-        if (meshes.triangle_material[info.triangles.first + meshes.incident[info.incident.first + i]] == material) return true;
-    }
-    return false;
-}
-
 // Finds what holds a node there; false when nothing is within reach.
 bool find_hold(const LinkWorld& w, const LinkGroup& g, const Vec3d& place, LinkHold& held) {
     const Surfaces& s = w.surfaces;
@@ -122,6 +112,16 @@ double omega_squared_of(double limit, double damping) {
 
 uint32_t count_nodes(const Meshes& meshes, const Solids& solids, uint32_t prototype) {
     return is_solid(solids, prototype) ? solids.info[prototype].nodes.count : meshes.info[prototype].vertices.count;
+}
+
+bool is_of_material(const Meshes& meshes, uint32_t prototype, uint32_t node, uint32_t material) {
+    const MeshInfo& info = meshes.info[prototype];
+    if (node >= info.vertices.count) return false;
+    const uint32_t* incident = meshes.incident_first.data() + info.vertices.first + prototype + node;
+    for (uint32_t i = incident[0]; i < incident[1]; ++i) {
+        if (meshes.triangle_material[info.triangles.first + meshes.incident[info.incident.first + i]] == material) return true;
+    }
+    return false;
 }
 
 Vec3d rest_of_node(const Meshes& meshes, const Solids& solids, uint32_t prototype, uint32_t node) {

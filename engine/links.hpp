@@ -22,6 +22,8 @@ struct LinkWorld {
 
 // Nodes of a deformable body that can be held: vertices, then inner nodes of a solid.
 uint32_t count_nodes(const Meshes& meshes, const Solids& solids, uint32_t prototype);
+// Whether a vertex is a corner of a triangle of that material of its mesh.
+bool is_of_material(const Meshes& meshes, uint32_t prototype, uint32_t node, uint32_t material);
 // Place of a node at rest, m, body frame.
 Vec3d rest_of_node(const Meshes& meshes, const Solids& solids, uint32_t prototype, uint32_t node);
 

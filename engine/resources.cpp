@@ -63,7 +63,7 @@ void fields(V& v, T& t) {
         v.item(t.slices), v.item(t.mean_rest), v.item(t.mean_geometry), v.item(t.varied);
         v.item(t.skin), v.item(t.packed), v.item(t.rest_unit);
     } else if constexpr (is<T, SolidInfo>) {
-        v.item(t.inner), v.item(t.tetrahedra), v.item(t.count), v.item(t.slices), v.item(t.nodes), v.item(t.skin);
+        v.item(t.inner), v.item(t.tetrahedra), v.item(t.count), v.item(t.slices), v.item(t.nodes), v.item(t.skin), v.item(t.varied);
     } else if constexpr (is<T, Stepping>) {
         v.item(t.integrator), v.item(t.iterations), v.item(t.tolerance), v.item(t.step);
     } else if constexpr (is<T, Image>) {
@@ -119,9 +119,9 @@ void fields(V& v, T& t) {
         v.item(t.begin), v.item(t.end), v.item(t.tool), v.item(t.rows), v.item(t.made), v.item(t.broken), v.item(t.impulse);
         v.item(t.largest_force), v.item(t.largest_strain);
     } else if constexpr (is<T, TearBody>) {
-        v.item(t.body), v.item(t.break_strain), v.item(t.order);
+        v.item(t.body), v.item(t.break_strain), v.item(t.order), v.item(t.whole);
     } else if constexpr (is<T, Cut>) {
-        v.item(t.tear), v.item(t.time), v.item(t.region);
+        v.item(t.tear), v.item(t.time), v.item(t.region), v.item(t.material);
     } else if constexpr (is<T, HandTool>) {
         v.item(t.body), v.item(t.tip), v.item(t.tip_radius), v.item(t.coupling_stiffness), v.item(t.coupling_damping);
         v.item(t.max_force), v.item(t.friction), v.item(t.path), v.item(t.trace);
@@ -134,7 +134,7 @@ void fields(V& v, T& t) {
         v.item(t.half_thickness), v.item(t.group), v.item(t.give.body), v.item(t.give.share), v.item(t.give.normal);
         v.item(t.give.device), v.item(t.give.device_velocity);
     } else if constexpr (is<T, PictureBody>) {
-        v.item(t.mesh), v.item(t.origin), v.item(t.orientation), v.item(t.box), v.item(t.vertices), v.item(t.depths);
+        v.item(t.mesh), v.item(t.origin), v.item(t.orientation), v.item(t.box), v.item(t.vertices), v.item(t.depths), v.item(t.removed);
     } else if constexpr (is<T, PictureWitness>) {
         v.item(t.point), v.item(t.closest), v.item(t.depth);
     } else if constexpr (is<T, PictureTool>) {
@@ -317,7 +317,7 @@ void visit_resource(World& w, Resource resource, Visitor& v) {
         case Resource::kSolids:
             v.array(FIELD(solids.info)), v.array(FIELD(solids.position)), v.array(FIELD(solids.corner[0])),
                 v.array(FIELD(solids.corner[1])), v.array(FIELD(solids.corner[2])), v.array(FIELD(solids.corner[3])),
-                v.array(FIELD(solids.rest)), v.array(FIELD(solids.per_rest)), v.array(FIELD(solids.slot_column)),
+                v.array(FIELD(solids.rest)), v.array(FIELD(solids.per_rest)), v.array(FIELD(solids.factor)), v.array(FIELD(solids.slot_column)),
                 v.array(FIELD(solids.slot)), v.array(FIELD(solids.node_volume)), v.array(FIELD(solids.skin_node)),
                 v.array(FIELD(solids.skin_weight));
             break;
@@ -356,6 +356,10 @@ void visit_resource(World& w, Resource resource, Visitor& v) {
             break;
         case Resource::kPairMemory:
             v.array(FIELD(pair_memory.a)), v.array(FIELD(pair_memory.b)), v.array(FIELD(pair_memory.direction));
+            break;
+        case Resource::kContactMemory:
+            v.array(FIELD(contact_memory.body)), v.array(FIELD(contact_memory.other)), v.array(FIELD(contact_memory.vertex)),
+                v.array(FIELD(contact_memory.along)), v.array(FIELD(contact_memory.force));
             break;
         case Resource::kBoxes:
             v.array(FIELD(boxes.box)), v.array(FIELD(boxes.margin));
@@ -408,7 +412,8 @@ void visit_resource(World& w, Resource resource, Visitor& v) {
         case Resource::kRows:
             v.array(FIELD(rows.contact)), v.array(FIELD(rows.body)), v.array(FIELD(rows.other)), v.array(FIELD(rows.vertex)),
                 v.array(FIELD(rows.along)), v.array(FIELD(rows.third)), v.array(FIELD(rows.across)), v.array(FIELD(rows.triangle)), v.array(FIELD(rows.weight)), v.array(FIELD(rows.normal)),
-                v.array(FIELD(rows.distance)), v.array(FIELD(rows.friction)), v.array(FIELD(rows.impulse));
+                v.array(FIELD(rows.distance)), v.array(FIELD(rows.friction)), v.array(FIELD(rows.impulse)),
+                v.array(FIELD(rows.carried));
             break;
         case Resource::kIslands:
             v.array(FIELD(islands.bodies)), v.array(FIELD(islands.body)), v.array(FIELD(islands.rows)), v.array(FIELD(islands.row));
@@ -421,7 +426,7 @@ void visit_resource(World& w, Resource resource, Visitor& v) {
             break;
         case Resource::kPicture:
             v.value(FIELD(picture.number)), v.value(FIELD(picture.time)), v.array(FIELD(picture.body)), v.array(FIELD(picture.position)),
-                v.array(FIELD(picture.normal)), v.array(FIELD(picture.contact_depth)), v.array(FIELD(picture.witness)),
+                v.array(FIELD(picture.normal)), v.array(FIELD(picture.contact_depth)), v.array(FIELD(picture.removed)), v.array(FIELD(picture.witness)),
                 v.array(FIELD(picture.tool)), v.value(FIELD(picture.depth)), v.value(FIELD(picture.force));
             break;
         case Resource::kEnergy:
@@ -490,6 +495,7 @@ ResourceKind resource_kind(Resource resource) {
         case Resource::kParticles:
         case Resource::kToolState:
         case Resource::kPairMemory:
+        case Resource::kContactMemory:
         case Resource::kLinks:
         case Resource::kTorn:
         case Resource::kSleep:
@@ -521,7 +527,7 @@ ResourceKind resource_kind(Resource resource) {
 const char* resource_name(Resource resource) {
     constexpr const char* kNames[] = {
         "settings", "meshes",    "springs",    "solids",     "bodies",     "anchors",  "paths",        "tools",
-        "clock",    "poses",     "particles",  "tool state", "pair memory", "boxes", "pairs", "trees",
+        "clock",    "poses",     "particles",  "tool state", "pair memory", "contact memory", "boxes", "pairs", "trees",
         "screened", "occupancy", "candidates", "near",       "contacts", "penetrations", "contours", "regions", "rows",
         "islands",  "normals",   "local contact", "picture",    "energy",   "report", "sleep",
         "links",    "tears",     "torn",       "torn springs", "pools", "lives"};

@@ -142,7 +142,7 @@ void update_solid_dt(const Meshes& meshes, const Springs& springs, const Solids&
         const double six = solids.rest[info.tetrahedra.first + t];
         cell.slope = {Vec3d::Zero(), b.cross(c) / six, c.cross(a) / six, a.cross(b) / six};
         cell.slope[0] = -cell.slope[1] - cell.slope[2] - cell.slope[3];
-        cell.stiffness = kStretchRoom * bulk * six / 6;
+        cell.stiffness = kStretchRoom * bulk * six / 6 * (info.varied ? double{solids.factor[info.tetrahedra.first + t]} : 1.0);
     }
     const double omega_squared = stiffest_mode(matrix), damping = bodies.tissue[body].damping;
     bodies.stable_dt[body] =

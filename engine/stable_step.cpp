@@ -22,15 +22,15 @@ struct ScaledStiffness {
         for (const Float4& p : g.particle) root.push_back(p.w > 0 ? std::sqrt(double(p.w)) : 0.0);
         scaled.resize(n);
         total.assign(g.diagonal.begin(), g.diagonal.end());
-        for_half_edges([&](uint32_t v, uint32_t) { total[v] += g.spring_stiffness; });
+        for_half_edges([&](uint32_t v, uint32_t, double k) { total[v] += k; });
     }
     template <typename Visit>
     void for_half_edges(const Visit& visit) const {
         for (uint32_t slice = 0; slice + 1 < graph.slice_column.size(); ++slice) {
             for (uint32_t c = graph.slice_column[slice]; c < graph.slice_column[slice + 1]; ++c) {
                 for (uint32_t lane = 0; lane < kSliceWidth; ++lane) {
-                    const uint32_t v = slice * kSliceWidth + lane, far_end = graph.neighbour[c * kSliceWidth + lane];
-                    if (far_end != v) visit(v, far_end);
+                    const uint32_t v = slice * kSliceWidth + lane, row = c * kSliceWidth + lane, far_end = graph.neighbour[row];
+                    if (far_end != v) visit(v, far_end, graph.factor ? graph.spring_stiffness * double{graph.factor[row]} : graph.spring_stiffness);
                 }
             }
         }
@@ -40,14 +40,14 @@ struct ScaledStiffness {
             scaled[i] = root[i] * x[i];
             y[i] = total[i] * scaled[i];
         }
-        for_half_edges([&](uint32_t v, uint32_t far_end) { y[v] -= graph.spring_stiffness * scaled[far_end]; });
+        for_half_edges([&](uint32_t v, uint32_t far_end, double k) { y[v] -= k * scaled[far_end]; });
         for (size_t i = 0; i < x.size(); ++i) y[i] *= root[i];
     }
     // A fixed far end does not move against us: once, not twice.
     double gershgorin() const {
         std::vector<double> sum = total;
-        for_half_edges([&](uint32_t v, uint32_t far_end) {
-            if (root[far_end] > 0) sum[v] += graph.spring_stiffness;
+        for_half_edges([&](uint32_t v, uint32_t far_end, double k) {
+            if (root[far_end] > 0) sum[v] += k;
         });
         double most = 0;
         for (size_t i = 0; i < sum.size(); ++i) most = std::max(most, sum[i] * root[i] * root[i]);

@@ -10,6 +10,7 @@ namespace trocar {
 struct StiffnessGraph {
     std::span<const uint32_t> slice_column;  // slices + 1
     const uint32_t* neighbour = nullptr;     // 16 per column; a lane's own number is padding
+    const float* factor = nullptr;           // 16 per column: of spring_stiffness; null = 1
     double spring_stiffness = 0;
     std::span<const double> diagonal;    // of anchors and of whatever else has a Hessian of at most diagonal[i] I
     std::span<const Float4> particle;    // w = inverse mass; 0 = fixed

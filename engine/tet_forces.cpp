@@ -50,6 +50,7 @@ TetStep bind_tets(const Solids& solids, const Bodies& bodies, const Particles& p
     step.corner3 = solids.corner[3].data() + first;
     step.rest = solids.rest.data() + first;
     step.per_rest = solids.per_rest.data() + first;
+    step.factor = info.varied ? solids.factor.data() + first : nullptr;
     step.bulk = static_cast<float>(moduli.bulk);
     step.crush = static_cast<float>(moduli.crush);
     step.tetrahedra = info.tetrahedra.count;
@@ -129,7 +130,8 @@ double tet_energy(const Solids& solids, const Bodies& bodies, const Particles& p
     parallel_for(tets.info.count, kChunk, [&](uint32_t begin, uint32_t end) {
         double sum = 0;
         for (uint32_t t = begin; t < end; ++t) {
-            sum += tet_energy(moduli.bulk, moduli.crush, tets.rest(t), tets.six_volumes(t));
+            const double factor = tets.info.varied ? double{solids.factor[tets.info.tetrahedra.first + t]} : 1.0;
+            sum += factor * tet_energy(moduli.bulk, moduli.crush, tets.rest(t), tets.six_volumes(t));
         }
         chunk_sums[begin / kChunk] = sum;
     });

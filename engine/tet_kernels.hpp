@@ -12,6 +12,7 @@ struct TetStep {
     const float* offset;                                             // 4 per node, m
     const unsigned *corner0, *corner1, *corner2, *corner3;           // nodes, one per tetrahedron, padded to 16
     const float *rest, *per_rest;                                    // m^3, 6 V and 1 / (6 V); padding 0
+    const float* factor;                                             // of bulk and crush, one per tetrahedron; null = 1
     float bulk, crush;                                               // Pa
     unsigned tetrahedra;                                             // padded
     float* corner_force;                                             // 4 per (corner * tetrahedra + tetrahedron), N; then one row of zeros

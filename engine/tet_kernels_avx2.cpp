@@ -39,7 +39,8 @@ void press(const TetStep* body, unsigned first, unsigned last, float* least) {
         const __m256 held = _mm256_max_ps(_mm256_min_ps(swelling, set(kStretchCap)), set(-1.0f));
         const __m256 crushed = _mm256_min_ps(_mm256_add_ps(held, set(1.0f - kCrushed)), _mm256_setzero_ps());
         const __m256 pressure = _mm256_fmadd_ps(set(body->crush), crushed, _mm256_mul_ps(set(body->bulk), held));
-        const __m256 share = _mm256_mul_ps(pressure, set(-1.0f / 6));
+        __m256 share = _mm256_mul_ps(pressure, set(-1.0f / 6));
+        if (body->factor) share = _mm256_mul_ps(share, _mm256_loadu_ps(body->factor + t));
         const Lanes f1 = scaled(share, bc), f2 = scaled(share, ca), f3 = scaled(share, ab);
         float* out = body->corner_force + 4ul * t;
         store(out, against(f1, f2, f3));

@@ -39,7 +39,8 @@ void press(const TetStep* body, unsigned first, unsigned last, float* least) {
         const __m512 held = _mm512_max_ps(_mm512_min_ps(swelling, set(kStretchCap)), set(-1.0f));
         const __m512 crushed = _mm512_min_ps(_mm512_add_ps(held, set(1.0f - kCrushed)), _mm512_setzero_ps());
         const __m512 pressure = _mm512_fmadd_ps(set(body->crush), crushed, _mm512_mul_ps(set(body->bulk), held));
-        const __m512 share = _mm512_mul_ps(pressure, set(-1.0f / 6));
+        __m512 share = _mm512_mul_ps(pressure, set(-1.0f / 6));
+        if (body->factor) share = _mm512_mul_ps(share, _mm512_loadu_ps(body->factor + t));
         const Lanes f1 = scaled(share, bc), f2 = scaled(share, ca), f3 = scaled(share, ab);
         float* out = body->corner_force + 4ul * t;
         store(out, against(f1, f2, f3));

@@ -14,6 +14,7 @@ std::string Trace::to_json(const std::vector<std::string>& thread_names) const {
     std::string out = "{\"displayTimeUnit\":\"ms\",\"traceEvents\":[\n";
     char line[256];
     for (size_t t = 0; t < thread_names.size(); ++t) {
+        if (thread_names[t].empty()) continue;
         std::snprintf(line, sizeof line,
                       "{\"name\":\"thread_name\",\"ph\":\"M\",\"pid\":1,\"tid\":%zu,\"args\":{\"name\":\"%s\"}},\n", t,
                       thread_names[t].c_str());

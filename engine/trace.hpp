@@ -2,6 +2,7 @@
 #include <algorithm>
 #include <atomic>
 #include <cstdint>
+#include <deque>
 #include <string>
 #include <string_view>
 #include <vector>
@@ -27,6 +28,8 @@ class Trace {
         const size_t row = count_.fetch_add(1, std::memory_order_relaxed);
         if (row < events_.size()) events_[row] = event;
     }
+    // A name that lives as long as the trace. One thread at a time.
+    std::string_view keep(std::string name) { return names_.emplace_back(std::move(name)); }
     size_t size() const { return std::min(count_.load(), events_.size()); }
     size_t dropped() const { return count_.load() - size(); }
     const TraceEvent& operator[](size_t row) const { return events_[row]; }
@@ -36,6 +39,7 @@ class Trace {
 
  private:
     std::vector<TraceEvent> events_;
+    std::deque<std::string> names_;
     std::atomic<size_t> count_{0};
 };
 

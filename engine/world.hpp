@@ -41,6 +41,7 @@ struct World {
     Particles particles;
     Haptics haptics;  // tool: constant
     PairMemory pair_memory;
+    ContactMemory contact_memory;
     Sleep sleep;
     Links links;
     Torn torn;
@@ -84,6 +85,7 @@ enum class Resource : uint8_t {
     kParticles,
     kToolState,
     kPairMemory,
+    kContactMemory,
     kBoxes,
     kPairs,
     kTrees,

@@ -131,6 +131,7 @@ void check_solid(const World& w, uint32_t prototype, uint32_t particles, Faults&
                  f.inside(info.tetrahedra, s.rest.size(), name + "tetrahedra") && f.inside(info.tetrahedra, s.per_rest.size(), name + "tetrahedra") &&
                  f.inside({info.slices.first + prototype, info.slices.count + 1}, s.slot_column.size(), name + "slices");
     for (const auto& corner : s.corner) whole = whole && f.inside(info.tetrahedra, corner.size(), name + "corners");
+    if (info.varied) whole = whole && f.inside(info.tetrahedra, s.factor.size(), name + "stiffnesses");
     const uint32_t tets = info.tetrahedra.count;
     f.require(info.count <= tets && tets % kSliceWidth == 0 && uint64_t{info.slices.count} * kSliceWidth + skin_rows(info) == particles && tets < kNone / 4 &&
                   info.nodes.count <= particles && uint64_t{surface_nodes(w.meshes, info, prototype)} + info.inner.count == info.nodes.count,
@@ -314,7 +315,18 @@ void check_tears(const World& w, Faults& f) {
         const uint32_t prototype = w.bodies.mesh[t.body];
         const Range slices = w.springs.info[prototype].slices;
         f.require(size_t{w.springs.slice_column[slices.end() + prototype]} * kSliceWidth <= rows, "tears: springs are missing");
-        for (uint32_t i = t.order.first; i < t.order.end(); ++i) f.below(w.tears.order[i], t.order.count, false, "tears: triangle");
+        std::vector<bool> seen(t.order.count);
+        for (uint32_t i = t.order.first; i < t.order.end(); ++i) {
+            f.below(w.tears.order[i], t.order.count, false, "tears: triangle");
+            if (!f.first.empty()) return;
+            f.require(!seen[w.tears.order[i]], "tears: a triangle twice");
+            seen[w.tears.order[i]] = true;
+        }
+        const MeshInfo& info = w.meshes.info[prototype];
+        f.require(info.triangles.count <= t.order.count && t.whole <= Admission::kRefused, "tears: more triangles than at load");
+        if (!f.inside({info.triangles.first, t.order.count}, w.meshes.triangle.size(), "removed triangles")) return;
+        for (uint32_t i = info.triangles.end(); i < info.triangles.first + t.order.count; ++i)
+            for (const uint32_t v : w.meshes.triangle[i]) f.below(v, info.vertices.count, false, "vertex of a removed triangle");
     }
     for (const Cut& cut : w.tears.cut) {
         f.below(cut.tear, static_cast<uint32_t>(w.tears.body.size()), false, "cut of");
@@ -352,6 +364,21 @@ void check_tools(const World& w, Faults& f) {
     for (const DeviceTrace& trace : w.haptics.trace) f.require(!trace.sample.empty(), "a device trace is empty");
 }
 
+void check_contact_memory(const World& w, Faults& f) {
+    const ContactMemory& m = w.contact_memory;
+    const uint32_t rows = static_cast<uint32_t>(m.body.size()), bodies = static_cast<uint32_t>(w.bodies.mesh.size());
+    f.require(m.other.size() == rows && m.vertex.size() == rows && m.along.size() == rows && m.force.size() == rows,
+              "contact memory: arrays of different length");
+    for (uint32_t i = 0; i < rows && f.first.empty(); ++i) {
+        f.below(m.body[i], bodies, false, "contact memory of body");
+        f.below(m.other[i], bodies, false, "contact memory of body");
+        if (!f.first.empty()) return;
+        const uint32_t vertices = w.meshes.info[w.bodies.mesh[m.body[i]]].vertices.count;
+        for (const uint32_t v : m.vertex[i]) f.below(v, vertices, false, "contact memory of vertex");
+        f.require(m.along[i] >= 0 && m.along[i] <= 1 && m.force[i].allFinite(), "contact memory: out of range");
+    }
+}
+
 }  // namespace
 
 std::string find_fault(const World& w) {
@@ -363,6 +390,7 @@ std::string find_fault(const World& w) {
     if (f.first.empty()) check_tears(w, f);
     f.require(w.pair_memory.b.size() == w.pair_memory.a.size() && w.pair_memory.direction.size() == w.pair_memory.a.size(),
               "pair memory: arrays of different length");
+    if (f.first.empty()) check_contact_memory(w, f);
     const ContactParams& c = w.settings.contact;
     f.require(w.settings.substep > kShortestStep && c.tolerance > 0 && c.cell_edges > 0 && c.push_speed >= 0 && c.iterations < 1000 && w.settings.sleep_speed >= 0 && w.settings.sleep_after >= 0, "settings: out of range");
     f.require(w.clock.contact_rate == 60 && w.clock.display_rate == 30 && w.clock.tick == pass_tick(w.clock.pass, 60), "clock: does not fit its passes");

@@ -1,6 +1,7 @@
 #include "systems/advance.hpp"
 
 #include <algorithm>
+#include <bit>
 #include <cmath>
 #include <limits>
 
@@ -53,7 +54,7 @@ AdvanceBody make_body(const AdvanceIsland& island, uint32_t body, uint32_t buffe
 }
 
 // Whether rounding takes more than half a percent of 1 mm/s from places stepped by dt: then a body carries what it left
-// out from substep to substep. At the end of a call the remainder, less than half an ulp, goes.
+// out from substep to substep. At the end of a call the remainder, less than half an ulp, goes: round_remainders.
 bool carry_remainder(const AdvanceIsland& island, uint32_t body) {
     if (island.params.substeps == 1 || stepping_of(island.inputs.bodies, body).integrator != Integrator::kLeapfrog) return false;
     const float radius = static_cast<float>(island.inputs.meshes.info[island.inputs.bodies.mesh[body]].radius);
@@ -193,6 +194,28 @@ void restore_body(AdvanceIsland& island, const AdvanceBody& b) {
     }
 }
 
+// What the places of a body leave out goes at the end of a call: rounded up or down as a hash of call and particle falls,
+// in proportion, so that what hundreds of calls leave out adds up to nothing.
+void round_remainders(AdvanceIsland& island, const AdvanceBody& b) {
+    const float* remainder[3] = {b.step.remainder_x, b.step.remainder_y, b.step.remainder_z};
+    uint64_t call = (island.params.tick + 1) * 0xbf58476d1ce4e5b9ull;
+    call ^= call >> 29;
+    for (uint32_t v = 0; v < b.particles.count; ++v) {
+        Float4& o = island.particles.offset[b.particles.first + v];
+        if (!(o.w > 0)) continue;
+        const uint64_t z = (call + v) * 0x9e3779b97f4a7c15ull;  // a Weyl sequence: evenly spread over the particles
+        float* const place[3] = {&o.x, &o.y, &o.z};
+        for (int i = 0; i < 3; ++i) {
+            const float r = remainder[i][v], from = *place[i];
+            // the next float that way; without branches: they would fall as dice do
+            const int32_t away = (from != 0) * (2 * ((r > 0) == (from > 0)) - 1);
+            const float next = std::bit_cast<float>(std::bit_cast<int32_t>(from) + away);
+            const float dice = static_cast<float>(static_cast<int32_t>(z >> (4 + 20 * i) & 0xfffff)) * 0x1p-20f;
+            *place[i] = std::abs(r) > dice * std::abs(next - from) ? next : from;
+        }
+    }
+}
+
 void finish_bodies(AdvanceIsland& island) {
     for (const AdvanceBody& b : island.scratch.body) {
         const uint32_t lost = count_lost(b.now, b.particles.count);
@@ -207,6 +230,7 @@ void finish_bodies(AdvanceIsland& island) {
             continue;
         }
         std::copy_n(b.now, b.particles.count, island.particles.offset.begin() + b.particles.first);
+        if (b.step.remainder_x) round_remainders(island, b);
         island.particles.last_dt[b.body] = b.last_dt;
     }
     for (const AdvanceBody& b : island.scratch.body) {

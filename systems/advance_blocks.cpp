@@ -113,6 +113,9 @@ void put_row(const AdvanceIsland& island, const ContactPlan& plan, uint32_t lane
     block.point_share[lane] = share_of_point(island, plan);
     block.row[lane] = plan.row;
     block.open[lane] = plan.ended ? 0 : -1;
+    const Vec4d start = start_impulse(island, plan.row);
+    block.normal_impulse[lane] = std::max(0.0, dot(start, plan.normal));
+    set_lane(block.friction_impulse, lane, start - dot(start, plan.normal) * plan.normal);
 }
 
 // Puts rows into blocks: each into the first of a few unfinished ones that has none of its nodes.
@@ -244,8 +247,10 @@ bool activate(AdvanceIsland& island, double reach, ContactBlock& block) {
     }
     block.inv_sum = keep(block.active & (sum > 0), 1 / sum);
     block.least_velocity = keep(block.active, -greatest(gap, Vec4d{}) / island.dt);
-    block.normal_impulse = Vec4d{};
-    block.friction_impulse = FourPoints{};
+    // of the substep before: start_blocks
+    const Mask4 warm = starts_warm(island) ? block.active : Mask4{};
+    block.normal_impulse = keep(warm, block.normal_impulse);
+    block.friction_impulse = keep(warm, block.friction_impulse);
     return true;
 }
 
@@ -341,7 +346,12 @@ void plan_blocks(AdvanceIsland& island) {
 void forget_blocks(AdvanceIsland& island) {
     for (const ContactBlock& block : island.scratch.block) {
         for (uint32_t lane = 0; lane < 4; ++lane) {
-            if (block.row[lane] != kNone) island.rows.impulse[block.row[lane]] += to_vec3(lane_of(block.impulse, lane));
+            const uint32_t row = block.row[lane];
+            if (row == kNone) continue;
+            island.rows.impulse[row] += to_vec3(lane_of(block.impulse, lane));
+            if (island.rows.carried.empty()) continue;
+            const Vec4d last = block.normal_impulse[lane] * lane_of(block.normal, lane) + lane_of(block.friction_impulse, lane);
+            island.rows.carried[row] = to_vec3(last / island.dt);
         }
     }
 }
@@ -351,9 +361,25 @@ void activate_blocks(AdvanceIsland& island, double reach) {
     s.active_block.clear();
     for (uint32_t i = 0; i < s.block.size(); ++i) {
         ContactBlock& block = s.block[i];
-        if (!any(block.open) || !activate(island, reach, block)) continue;
+        if (!any(block.open) || !activate(island, reach, block)) {
+            block.normal_impulse = Vec4d{};
+            block.friction_impulse = FourPoints{};
+            continue;
+        }
         s.active_block.push_back(i);
         island.result.active_rows += uint32_t(std::popcount(mask_bits(block.active)));
+    }
+}
+
+void start_blocks(AdvanceScratch& s) {
+    for (const uint32_t i : s.active_block) {
+        const ContactBlock& block = s.block[i];
+        if (!any(block.normal_impulse > 0)) continue;
+        const FourPoints impulse = block.normal_impulse * block.normal + block.friction_impulse;
+        for (uint32_t k = 0; k < kParts; ++k) {
+            if (k == 1 && !block.edges) continue;
+            add_to_part(s, block, k, (block.lever[k] * block.inv_mass[k]) * impulse, &ContactNode::velocity);
+        }
     }
 }
 

@@ -35,18 +35,6 @@ Vec4d relative_velocity(const AdvanceScratch& s, const ContactActive& row, const
     return v;
 }
 
-void give_impulse(AdvanceScratch& s, const ContactActive& row, const ContactTurning& turning, Vec4d impulse) {
-    for (uint32_t k = 0; k < row.nodes; ++k) {
-        ContactNode& node = s.node[row.node[k]];
-        node.velocity += (row.weight[k] * node.inv_mass) * impulse;
-    }
-    for (int side = 0; side < 2; ++side) {
-        if (turning.free[side] == kNone) continue;
-        AdvanceFree& f = s.free[turning.free[side]];
-        f.spin += f.respond(cross(turning.arm[side], side == 0 ? impulse : -impulse));
-    }
-}
-
 // Velocity of the point relative to the plane along `along` that a unit impulse along `way` adds through the turning.
 double turning_response(const AdvanceScratch& s, const ContactTurning& turning, Vec4d way, Vec4d along) {
     double sum = 0;
@@ -199,11 +187,16 @@ void add_turning_sides(AdvanceIsland& island, const ContactPlan& plan, Vec4d at,
     turning.friction_mass = friction_mass(s, nodes_response, active.normal, turning);
 }
 
-void start_warm(AdvanceScratch& s, ContactActive& row) {
-    const WarmImpulse& warm = s.warm[row.plan];
-    row.normal_impulse = warm.normal;
-    row.friction_impulse = warm.friction - dot(warm.friction, row.normal) * row.normal;
-    give_impulse(s, row, s.turning[row.turning], row.normal_impulse * row.normal + row.friction_impulse);
+void give_impulse(AdvanceScratch& s, const ContactActive& row, const ContactTurning& turning, Vec4d impulse) {
+    for (uint32_t k = 0; k < row.nodes; ++k) {
+        ContactNode& node = s.node[row.node[k]];
+        node.velocity += (row.weight[k] * node.inv_mass) * impulse;
+    }
+    for (int side = 0; side < 2; ++side) {
+        if (turning.free[side] == kNone) continue;
+        AdvanceFree& f = s.free[turning.free[side]];
+        f.spin += f.respond(cross(turning.arm[side], side == 0 ? impulse : -impulse));
+    }
 }
 
 double solve_turning_row(AdvanceScratch& s, ContactActive& row) {

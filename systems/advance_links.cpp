@@ -69,6 +69,8 @@ void find_link_forces(AdvanceIsland& island) {
         const Vec4d way = far_place(s, link, 0) - place_of(b, b.now, link.node);
         const double length = std::sqrt(norm2(way)), stretch = length - link.rest;
         link.force = link.rest == 0 ? link.stiffness * way : length > 0 ? Vec4d(link.stiffness * stretch / length * way) : Vec4d{};
+        // a body that is about to be restored must not take its partner with it
+        if (!std::isfinite(norm2(link.force))) link.force = Vec4d{};
         link.kick = b.synchronous() ? island.dt : 0.5 * (b.last_dt + island.dt);
     }
 }
@@ -121,6 +123,7 @@ void finish_links(AdvanceIsland& island) {
             far = place_at_velocity(island, s.body[link.far_body], link.far_node);
         }
         const double stretch = stretch_of(link, far - place_at_velocity(island, b, link.node));
+        if (!std::isfinite(stretch)) continue;
         links.stretch[link.row] = stretch;
         const double strain = stretch_of(link, far_place(s, link, 1) - place_of(b, b.next, link.node)) / link.gauge;
         group.largest_strain = std::max(group.largest_strain, strain);

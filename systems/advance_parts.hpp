@@ -113,8 +113,8 @@ double contact_work_on_free(const AdvanceIsland& island);
 void add_turning_sides(AdvanceIsland& island, const ContactPlan& plan, Vec4d at, ContactActive& active);
 // As solve_row for a row with a free side. Returns by how much the relative velocity changed, m/s.
 double solve_turning_row(AdvanceScratch& s, ContactActive& row);
-// Gives a row the impulse it had in the substep before.
-void start_warm(AdvanceScratch& s, ContactActive& row);
+// Gives a row with a free side an impulse.
+void give_impulse(AdvanceScratch& s, const ContactActive& row, const ContactTurning& turning, Vec4d impulse);
 // Remembers the impulses of the rows with a free side before a sweep; and after it, given the squared change in the sweep
 // before (0 = none), moves them on along the conjugate direction. Returns the squared change in this sweep, (N s)^2.
 void note_impulses(AdvanceScratch& s);
@@ -139,6 +139,15 @@ inline void end_row(AdvanceIsland& island, uint32_t row) {
 // points of a fine tool press few tissue triangles Jacobi lost a factor of 20 in depth. Every impulse acts on both
 // sides with their inverse masses. Coulomb friction on the accumulated impulse. With free bodies: settle_rows.
 void apply_impulses(AdvanceIsland& island);
+// Whether rows start from what they carried in the substep before. Not where a substep has one sweep: that cannot take
+// back what another row has made superfluous (one that did made a pressing tool's tissue chatter).
+inline bool starts_warm(const AdvanceIsland& island) {
+    return island.params.contact.iterations > 1 || !island.scratch.free.empty();
+}
+// What a row carried in the last substep before the call, N s.
+inline Vec4d start_impulse(const AdvanceIsland& island, uint32_t row) {
+    return island.rows.carried.empty() ? Vec4d{} : island.dt * to_vec4(island.rows.carried[row]);
+}
 // Moves remaining overlap of the active rows out without touching velocities, in substeps in which a millisecond begins;
 // after move_hands.
 void push_out(AdvanceIsland& island, uint32_t substep);
@@ -151,6 +160,7 @@ double share_of_point(const AdvanceIsland& island, const ContactPlan& plan);
 void plan_blocks(AdvanceIsland& island);
 void forget_blocks(AdvanceIsland& island);
 void activate_blocks(AdvanceIsland& island, double reach);  // reach: m, infinite unless all velocities are finite
+void start_blocks(AdvanceScratch& s);  // see start_rows
 void solve_blocks(AdvanceScratch& s);
 void add_block_impulses(AdvanceScratch& s);
 bool push_blocks(AdvanceIsland& island, double most);

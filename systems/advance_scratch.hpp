@@ -182,12 +182,6 @@ struct ContactTurning {
     double friction_mass = 0;                    // kg, inverse of the largest response across the normal
 };
 
-// Impulses of a row in the substep before: where the next one starts. N s.
-struct WarmImpulse {
-    Vec4d friction = {};
-    double normal = 0;
-};
-
 // Four contact rows between deformable bodies that share no node, in the lanes of registers: what ContactPlan and
 // ContactActive say of a row. Parts of a row: 0 the point, 1 the second end of its edge, 2-4 the corners of the triangle.
 // A lane without a row points to the node of no mass and is never open.
@@ -234,7 +228,7 @@ struct AdvanceScratch {
     std::vector<ContactActive> active;
     std::vector<AdvanceFree> free;
     std::vector<ContactTurning> turning;  // of the active rows with a free side
-    std::vector<WarmImpulse> warm;        // as plan; empty without free bodies
+    std::vector<Vec4d> warm;              // N s, of the substep before; as plan, or empty: starts_warm
     std::vector<ContactBlock> block;
     std::vector<uint32_t> active_block;
     std::vector<uint16_t> open_blocks_of_node;  // while blocks are filled: which of those open have it; as node

@@ -14,6 +14,7 @@
 #include "systems/candidate_cells.hpp"
 #include "systems/candidate_pairs.hpp"
 #include "systems/come_and_go.hpp"
+#include "systems/contact_memory.hpp"
 #include "systems/contact_rows.hpp"
 #include "systems/contours.hpp"
 #include "systems/deformable_energy.hpp"
@@ -54,6 +55,7 @@ struct FrameScratch {
     RegionsScratch regions;
     ContactRowsScratch rows;
     EdgeRowsScratch edge_rows;
+    ContactMemoryScratch memory;
     IslandsScratch islands;
     LinkScratch links;
     std::vector<std::array<uint32_t, 2>> joined;  // bodies, by links
@@ -82,6 +84,7 @@ struct FrameState {
     FrameOptions options;
     FrameTimes times;
     ContactHook contact_hook;
+    std::vector<std::string_view> island_name;  // with a trace, per body: of the island whose first body it is
     uint32_t face_queries = 2000;  // of a pair, for its deepest point in a face: 2 ms
     double energy_start = 0;  // J, when the books were opened
     bool energy_open = false;
@@ -138,7 +141,11 @@ void link(FrameState& f) {
     World& w = f.world;
     link_bodies(pass_seconds(w), w.haptics.state, {surfaces_of(w), w.solids, w.trees}, f.scratch.links, w.links, w.sleep, w.energy, w.report);
 }
-void tear(FrameState& f) { copy_torn_springs(f.world.springs, f.world.torn, f.world.torn_springs); }
+void tear(FrameState& f) {
+    World& w = f.world;
+    cut_bodies(pass_seconds(w), w.springs, w.bodies, w.particles, w.meshes, w.trees, w.tears, w.torn, w.sleep, w.energy, w.report);
+    copy_torn_springs(w.springs, w.torn, w.torn_springs);
+}
 // Those whose life is over leave, those who are due come; a slot that becomes free in this pass is given away in the next.
 void come_and_go(FrameState& f) {
     World& w = f.world;
@@ -244,6 +251,7 @@ void overlap(FrameState& f) {
 void edge_pass(FrameState& f) {
     World& w = f.world;
     find_edge_contacts(w.settings.contact, surfaces_of(w), w.pairs, w.candidates, w.near, w.trees, f.scratch.edges, w.report, w.contacts);
+    keep_edges(w.settings.contact, surfaces_of(w), w.boxes, w.pairs, w.trees, w.contact_memory, f.scratch.memory, w.contacts);
 }
 void penetration(FrameState& f) {
     measure_penetrations(f.world.pairs, f.world.contacts, f.world.penetrations);
@@ -267,6 +275,7 @@ void contact_rows(FrameState& f) {
     World& w = f.world;
     make_contact_rows(w.settings.contact, surfaces_of(w), w.pairs, w.contacts, w.penetrations, f.scratch.rows, w.report, w.rows);
     add_edge_rows(surfaces_of(w), w.boxes, w.pairs, w.candidates, f.scratch.edge_rows, w.rows);
+    recall_contacts(w.contact_memory, f.scratch.memory, w.rows);
 }
 void islands(FrameState& f) { find_islands(f.world.bodies, f.world.rows, f.scratch.islands, f.world.islands, linked_bodies(f)); }
 void local_contact(FrameState& f) {
@@ -350,6 +359,16 @@ void advance_one_island(FrameState& f, uint32_t island, AdvanceScratch& scratch)
     advance_island(params, inputs, bodies, rows, scratch, w.particles, w.poses, w.rows, w.haptics.state, f.scratch.advance_result[island]);
 }
 
+// An island's span in the trace; small ones are left out.
+void trace_island(FrameState& f, uint32_t island, uint64_t start) {
+    constexpr uint64_t kLeastSpan = 20'000;  // ns
+    const uint64_t duration = now_ns() - start;
+    if (duration < kLeastSpan) return;
+    const World& w = f.world;
+    f.options.trace->add({f.island_name[w.islands.body[w.islands.bodies[island].first]], start, duration, thread_index(),
+                          static_cast<uint32_t>(w.clock.pass)});
+}
+
 // Small islands share a job so that a job is worth its start (about 40 us).
 uint32_t island_grain(const World& w) {
     const size_t count = std::max<size_t>(1, w.islands.bodies.size());
@@ -365,8 +384,13 @@ void advance(FrameState& f) {
     f.scratch.response_ns.assign(count, 0);
     f.times.tick_ns.assign(w.haptics.tool.size() * w.clock.period, 0);
     parallel_for(count, island_grain(w), [&](uint32_t begin, uint32_t end) {
-        for (uint32_t i = begin; i < end; ++i) advance_one_island(f, i, f.scratch.advance[thread_index()]);
+        for (uint32_t i = begin; i < end; ++i) {
+            const uint64_t start = f.options.trace ? now_ns() : 0;
+            advance_one_island(f, i, f.scratch.advance[thread_index()]);
+            if (f.options.trace) trace_island(f, i, start);
+        }
     });
+    remember_contacts(w.rows, w.contact_memory);
     share_room(f.scratch.advance);
     note_link_forces(period_seconds(w), w.links);
     f.times.response_ns = 0;
@@ -390,7 +414,7 @@ void energy(FrameState& f) {
 }
 void picture(FrameState& f) {
     World& w = f.world;
-    write_picture_snapshot(w.clock.picture, pass_seconds(w), surfaces_of(w), w.normals, w.contacts, w.penetrations, w.haptics, w.picture);
+    write_picture_snapshot(w.clock.picture, pass_seconds(w), surfaces_of(w), w.normals, w.contacts, w.penetrations, w.haptics, w.picture, &w.tears);
     for (uint32_t body = 0; body < w.lives.away.size(); ++body)
         if (is_away(w.lives, body)) w.picture.body[body].mesh = kNone;
 }
@@ -427,7 +451,7 @@ constexpr FrameStage kBegin[] = {
     {{"rigid motion",    rigid_motion,    mask(R::kClock, R::kPaths),                                        mask(R::kPoses)}, any_path},
     {{"come and go",     come_and_go,     kShapes | mask(R::kSettings, R::kSprings, R::kSolids, R::kAnchors, R::kPools, R::kClock), mask(R::kPoses, R::kParticles, R::kSleep, R::kLives, R::kEnergy)}, any_pool},
     {{"links",           link,            kShapes | mask(R::kSolids, R::kClock, R::kTrees, R::kToolState),     mask(R::kLinks, R::kSleep, R::kEnergy, R::kReport)}, any_link},
-    {{"tears",           tear,            mask(R::kSprings, R::kTears, R::kTorn),                            mask(R::kTornSprings)}, any_tear},
+    {{"tears",           tear,            mask(R::kClock, R::kSprings, R::kBodies, R::kParticles),           mask(R::kMeshes, R::kTrees, R::kTears, R::kTorn, R::kTornSprings, R::kSleep, R::kEnergy, R::kReport)}, any_tear},
     {{"body boxes",      body_boxes,      kShapes | mask(R::kSettings, R::kClock, R::kTools, R::kToolState, R::kLives),    mask(R::kBoxes)}, any_pair},
     {{"candidate pairs", candidate_pairs, kShapes | mask(R::kSettings, R::kClock, R::kBoxes),                mask(R::kPairs)}, any_pair},
     {{"sleep",           sleep,           mask(R::kSettings, R::kBodies, R::kPaths, R::kClock, R::kPairs, R::kLinks),     mask(R::kSleep, R::kParticles, R::kPairs, R::kEnergy, R::kReport)}, may_sleep},
@@ -436,25 +460,25 @@ constexpr FrameStage kBegin[] = {
     {{"candidate cells", candidate_cells, mask(R::kPairs, R::kScreened, R::kOccupancy),                      mask(R::kCandidates)}, any_pair},
     {{"contours",        contours,        kShapes | mask(R::kPairs, R::kCandidates),                         mask(R::kContours)}, wants_contours},
     {{"overlap",         overlap,         kShapes | mask(R::kBoxes, R::kPairs, R::kScreened, R::kCandidates, R::kTrees), mask(R::kNear, R::kContacts, R::kReport)}, any_pair},
-    {{"edge pass",       edge_pass,       kShapes | mask(R::kSettings, R::kPairs, R::kCandidates, R::kNear, R::kTrees), mask(R::kContacts, R::kReport)}, any_pair},
+    {{"edge pass",       edge_pass,       kShapes | mask(R::kSettings, R::kPairs, R::kCandidates, R::kNear, R::kTrees, R::kBoxes, R::kContactMemory), mask(R::kContacts, R::kReport)}, any_pair},
     {{"face pass",       face_pass,       kShapes | mask(R::kSettings, R::kPairs, R::kCandidates, R::kScreened, R::kNear, R::kTrees), mask(R::kContacts)}, wants_faces},
     {{"penetration",     penetration,     mask(R::kPairs, R::kContacts),                                     mask(R::kPenetrations, R::kReport)}, any_pair},
     {{"deep overlap",    deep_overlap,    kShapes | mask(R::kPairs, R::kContacts, R::kTrees),                 mask(R::kPairMemory, R::kPenetrations)}, wants_ways_out},
     {{"regions",         regions,         kShapes | mask(R::kPairs, R::kScreened, R::kNear, R::kContacts, R::kContours), mask(R::kRegions)}, wants_regions},
-    {{"contact rows",    contact_rows,    kShapes | mask(R::kSettings, R::kBoxes, R::kPairs, R::kCandidates, R::kContacts, R::kPenetrations), mask(R::kRows, R::kReport)}, any_pair},
+    {{"contact rows",    contact_rows,    kShapes | mask(R::kSettings, R::kBoxes, R::kPairs, R::kCandidates, R::kContacts, R::kPenetrations, R::kContactMemory), mask(R::kRows, R::kReport)}, any_pair},
     {{"islands",         islands,         mask(R::kBodies, R::kRows, R::kLinks),                             mask(R::kIslands)}, any_mover},
     {{"local contact",   local_contact,   kShapes | mask(R::kClock, R::kTools, R::kToolState, R::kBoxes),     mask(R::kToolState, R::kLocalContact)}, any_tool},
 };
 
 constexpr FrameStage kAdvance[] = {
     {{"advance", advance, mask(R::kSleep, R::kSettings, R::kMeshes, R::kSprings, R::kSolids, R::kBodies, R::kAnchors, R::kPaths, R::kTools, R::kClock, R::kIslands, R::kLocalContact, R::kTears),
-      mask(R::kPoses, R::kParticles, R::kRows, R::kToolState, R::kLinks, R::kTorn, R::kTornSprings, R::kEnergy, R::kReport)}, any_mover},
+      mask(R::kPoses, R::kParticles, R::kRows, R::kContactMemory, R::kToolState, R::kLinks, R::kTorn, R::kTornSprings, R::kEnergy, R::kReport)}, any_mover},
 };
 
 constexpr FrameStage kEnd[] = {
     {{"surface normals", surface_normals, kShapes,                                                           mask(R::kNormals)}, any_deformable},
     {{"energy",          energy,          mask(R::kSettings, R::kSprings, R::kSolids, R::kBodies, R::kPoses, R::kParticles, R::kAnchors, R::kLinks, R::kTears, R::kTornSprings), mask(R::kEnergy)}, any_energy},
-    {{"picture",         picture,         kShapes | mask(R::kClock, R::kNormals, R::kContacts, R::kPenetrations, R::kTools, R::kToolState, R::kLives), mask(R::kPicture)}, any_body},
+    {{"picture",         picture,         kShapes | mask(R::kClock, R::kNormals, R::kContacts, R::kPenetrations, R::kTools, R::kToolState, R::kTears, R::kLives), mask(R::kPicture)}, any_body},
 };
 
 constexpr std::string_view kFirstDetection = "body boxes", kAfterDetection = "local contact";
@@ -518,6 +542,8 @@ Frame::Frame(World world, const FrameOptions& options) : state_(new FrameState),
     state_->world = std::move(world);
     state_->options = options;
     World& w = state_->world;
+    if (options.trace)
+        for (const std::string& name : w.bodies.name) state_->island_name.push_back(options.trace->keep("island of " + name));
     w.clock.contact_rate = 60;
     w.clock.display_rate = 30;
     Graphs& g = *graphs_;
@@ -537,7 +563,7 @@ Frame::Frame(World world, const FrameOptions& options) : state_(new FrameState),
     const std::span<const Stage> all(g.stages);
     g.pass = std::make_unique<JobGraph>(all.first(g.end_first), *state_, StageObserver{Graphs::begin_stage, Graphs::end_stage, &g.pass_list});
     g.end = std::make_unique<JobGraph>(all.subspan(g.end_first), *state_, StageObserver{Graphs::begin_stage, Graphs::end_stage, &g.end_list});
-    if (any_tear(w)) tear(*state_);
+    if (any_tear(w)) copy_torn_springs(w.springs, w.torn, w.torn_springs);
     if (any_energy(w) && options.account_energy) energy(*state_);  // opens the books
     warm_up();
 }
@@ -640,6 +666,12 @@ void detect_contacts(World& world) {
     FrameState state;
     state.face_queries = 100'000;  // an answer, not a frame
     std::swap(state.world, world);
+    for (const HandTool& tool : state.world.haptics.tool) {  // hands stay where they are
+        DeviceState held;
+        held.orientation = state.world.poses.orientation[tool.body];
+        held.position = state.world.poses.origin[tool.body] + rotate(held.orientation, tool.tip);
+        state.scratch.device.insert(state.scratch.device.end(), state.world.clock.period + 1, held);
+    }
     const auto first = std::find_if(std::begin(kBegin), std::end(kBegin), [](const FrameStage& row) { return row.stage.name == kFirstDetection; });
     for (auto row = first; row->stage.name != kAfterDetection; ++row)
         if (row->wanted(state.world)) row->stage.run(state);

@@ -90,17 +90,31 @@ void copy_tools(const Haptics& haptics, PictureSnapshot& out) {
     }
 }
 
+// Removed triangles lie behind those that are left.
+void copy_removed(const Surfaces& surfaces, const Tears* tears, PictureSnapshot& out) {
+    out.removed.clear();
+    for (size_t t = 0; tears && t < tears->body.size(); ++t) {
+        const TearBody& tear = tears->body[t];
+        const Range left = surfaces.meshes.info[surfaces.bodies.mesh[tear.body]].triangles;
+        if (left.count == tear.order.count) continue;
+        const auto first = surfaces.meshes.triangle.begin();
+        out.body[tear.body].removed = {static_cast<uint32_t>(out.removed.size()), tear.order.count - left.count};
+        out.removed.insert(out.removed.end(), first + left.end(), first + left.first + tear.order.count);
+    }
+}
+
 }  // namespace
 
 void write_picture_snapshot(uint64_t number, double time, const Surfaces& surfaces, const SurfaceNormals& normals,
                             const Contacts& contacts, const Penetrations& penetrations, const Haptics& haptics,
-                            PictureSnapshot& out) {
+                            PictureSnapshot& out, const Tears* tears) {
     out.number = number;
     out.time = time;
     copy_bodies(surfaces, normals, out);
     copy_depths(surfaces, contacts, out);
     copy_witnesses(contacts, penetrations, out);
     copy_tools(haptics, out);
+    copy_removed(surfaces, tears, out);
 }
 
 Box picture_box(const PictureSnapshot& snapshot) {

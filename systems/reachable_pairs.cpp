@@ -38,6 +38,14 @@ Box without_margin(const Surfaces& s, const BodyBoxes& boxes, uint32_t body) {
     return {boxes.box[body].min + reach, boxes.box[body].max - reach};
 }
 
+// Whether the bodies are apart along some axis by more than gravity and the least stray make up for.
+bool are_apart(double fall, const Surfaces& s, const BodyBoxes& boxes, uint32_t a, uint32_t b) {
+    const Box box_a = without_margin(s, boxes, a), box_b = without_margin(s, boxes, b);
+    const auto edge = [&](uint32_t body) { return s.meshes.info[s.bodies.mesh[body]].mean_edge; };
+    const double slack = fall + 0.05 * (edge(a) + edge(b)) + 0.5 * (s.bodies.thickness[a] + s.bodies.thickness[b]);
+    return (box_b.min - box_a.max).maxCoeff() > slack || (box_a.min - box_b.max).maxCoeff() > slack;
+}
+
 bool may_meet(double period, double fall, const Surfaces& s, const BodyBoxes& boxes, const std::vector<BodyDrift>& drift, uint32_t a, uint32_t b) {
     const Box box_a = without_margin(s, boxes, a), box_b = without_margin(s, boxes, b);
     const Vec3d nearing = (drift[a].velocity - drift[b].velocity) * period;
@@ -58,16 +66,22 @@ void drop_unreachable_pairs(double period, const Vec3d& gravity, const Surfaces&
     s.disturbed.assign(bodies, 0);
     s.drift.resize(bodies);
     s.reachable.assign(pairs.a.size(), 0);
-    const auto both_deformable = [&](size_t i) { return is_deformable(surfaces.bodies, pairs.a[i]) && is_deformable(surfaces.bodies, pairs.b[i]); };
-    for (size_t i = 0; i < pairs.a.size(); ++i)
-        if (both_deformable(i)) s.asked[pairs.a[i]] = s.asked[pairs.b[i]] = 1;
+    const double fall = 0.5 * gravity.norm() * period * period;
+    bool any_apart = false;
+    for (size_t i = 0; i < pairs.a.size(); ++i) {
+        const uint32_t a = pairs.a[i], b = pairs.b[i];
+        s.reachable[i] = !is_deformable(surfaces.bodies, a) || !is_deformable(surfaces.bodies, b) || !are_apart(fall, surfaces, boxes, a, b);
+        if (s.reachable[i]) s.disturbed[a] = s.disturbed[b] = 1;
+        else s.asked[a] = s.asked[b] = 1, any_apart = true;
+    }
+    if (!any_apart) return;
     parallel_for(bodies, kBodiesPerChunk, [&](uint32_t begin, uint32_t end) {
         for (uint32_t body = begin; body < end; ++body)
             if (s.asked[body]) s.drift[body] = drift_of(period, surfaces, body);
     });
-    const double fall = 0.5 * gravity.norm() * period * period;
     for (size_t i = 0; i < pairs.a.size(); ++i) {
-        s.reachable[i] = !both_deformable(i) || may_meet(period, fall, surfaces, boxes, s.drift, pairs.a[i], pairs.b[i]);
+        if (s.reachable[i]) continue;
+        s.reachable[i] = may_meet(period, fall, surfaces, boxes, s.drift, pairs.a[i], pairs.b[i]);
         if (s.reachable[i]) s.disturbed[pairs.a[i]] = s.disturbed[pairs.b[i]] = 1;
     }
     size_t kept = 0;

@@ -161,16 +161,31 @@ std::unique_ptr<CaptureWriter> FrameRecorder::open(const std::string& name, cons
     return writer;
 }
 
-void FrameRecorder::write(const Kept& kept, uint64_t last_pass, const std::string& reason) {
-    const std::string word = reason.substr(0, reason.find(' '));
-    const auto writer = open(word == "worst" ? "worst.cap" : word + "_" + std::to_string(last_pass) + ".cap", reason);
-    for (const auto& stretch : kept) {
-        if (stretch->steps.empty() || stretch->steps.front().pass > last_pass) break;
-        writer->add(stretch->state);
-        for (const CaptureStep& step : stretch->steps)
-            if (step.pass <= last_pass) writer->add(to_record(step));
+// A full disk must not end the simulation: nothing more is captured, and failure() says why.
+template <typename Write>
+void FrameRecorder::guarded(const Write& write) {
+    if (!failure_.empty()) return;
+    try {
+        write();
+    } catch (const InputError& error) {
+        failure_ = error.what();
+        range_.reset();
+        worst_.clear();
     }
-    writer->finish();
+}
+
+void FrameRecorder::write(const Kept& kept, uint64_t last_pass, const std::string& reason) {
+    guarded([&] {
+        const std::string word = reason.substr(0, reason.find(' '));
+        const auto writer = open(word == "worst" ? "worst.cap" : word + "_" + std::to_string(last_pass) + ".cap", reason);
+        for (const auto& stretch : kept) {
+            if (stretch->steps.empty() || stretch->steps.front().pass > last_pass) break;
+            writer->add(stretch->state);
+            for (const CaptureStep& step : stretch->steps)
+                if (step.pass <= last_pass) writer->add(to_record(step));
+        }
+        writer->finish();
+    });
 }
 
 void FrameRecorder::before_pass() {
@@ -191,8 +206,8 @@ void FrameRecorder::before_pass() {
         a.name = "before." + a.name;
         stretch->state.arrays.push_back(std::move(a));
     }
-    if (begins) range_ = open("passes_" + std::to_string((*triggers_.passes)[0]) + "-" + std::to_string((*triggers_.passes)[1]) + ".cap", "passes");
-    if (range_) range_->add(stretch->state);
+    if (begins) guarded([&] { range_ = open("passes_" + std::to_string((*triggers_.passes)[0]) + "-" + std::to_string((*triggers_.passes)[1]) + ".cap", "passes"); });
+    if (range_) guarded([&] { range_->add(stretch->state); });
     kept_.push_back(std::move(stretch));
     while (kept_.size() > kKept / kStatePeriod + 1) kept_.pop_front();
 }
@@ -209,11 +224,12 @@ void FrameRecorder::after_pass(const PassFigures& pass) {
     if (range_) {
         for (uint32_t r = 0; r < static_cast<uint32_t>(Resource::kCount); ++r)
             step.resource_hash.push_back(resource_hash(w, static_cast<Resource>(r)));
-        range_->add(to_record(step));
-        if (step.pass == (*triggers_.passes)[1]) {
+        guarded([&] {
+            range_->add(to_record(step));
+            if (step.pass != (*triggers_.passes)[1]) return;
             range_->finish();
             range_.reset();
-        }
+        });
     }
     kept_.back()->steps.push_back(std::move(step));
     look_for_triggers(kept_.back()->steps.back());
@@ -257,8 +273,10 @@ void FrameRecorder::write_now(const std::string& reason) {
 
 void FrameRecorder::finish() {
     if (range_) {
-        range_->finish();
-        range_.reset();
+        guarded([&] {
+            range_->finish();
+            range_.reset();
+        });
     }
     if (worst_.empty()) return;
     char reason[64];

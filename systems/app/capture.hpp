@@ -64,7 +64,7 @@ void load_resources(const CaptureRecord& record, ResourceKind kind, World& world
 // they run, with hashes of every resource.
 class FrameRecorder {
  public:
-    // `folder` must exist. Throws InputError when a capture cannot be written, here and below.
+    // `folder` must exist. A capture that cannot be written ends capturing, not the run: see failure().
     FrameRecorder(const Frame& frame, CaptureHeader header, const CaptureTriggers& triggers, std::filesystem::path folder);
     ~FrameRecorder();
     void before_pass();
@@ -73,6 +73,8 @@ class FrameRecorder {
     void forget();  // the run goes back to an earlier pass
     // Writes the last passes now, for a reason whose first word names the file.
     void write_now(const std::string& reason);
+    // Why capturing ended early; empty while it goes on. What was written until then can be read.
+    const std::string& failure() const { return failure_; }
     // Names of the files written, in order.
     const std::vector<std::string>& files() const { return files_; }
 
@@ -85,6 +87,8 @@ class FrameRecorder {
         std::deque<CaptureStep> steps;
     };
     using Kept = std::deque<std::shared_ptr<Stretch>>;
+    template <typename Write>
+    void guarded(const Write& write);
     void look_for_triggers(const CaptureStep& step);
     void write(const Kept& kept, uint64_t last_pass, const std::string& reason);
     std::unique_ptr<CaptureWriter> open(const std::string& name, const std::string& reason);
@@ -101,6 +105,7 @@ class FrameRecorder {
     Report report_;
     std::unique_ptr<CaptureWriter> range_;
     std::vector<std::string> files_;
+    std::string failure_;
 };
 
 }  // namespace trocar

@@ -22,6 +22,7 @@ struct RunOptions {
     std::filesystem::path replay;  // recording of a live run, to repeat in lockstep; empty = none
     bool render = true;
     uint32_t threads = 0;       // 0 = all cores
+    bool figures_only = false;  // metrics.json and passes.csv alone
     uint32_t export_every = 0;  // write every body as OBJ at every n-th picture; 0 = at the end only
     bool json = false;          // print metrics.json to standard output
     double slow_render_ms = 0;  // live: delays every picture, to show that nothing else waits for it
@@ -138,6 +139,16 @@ struct SoakOptions {
     bool json = false;
 };
 int soak_command(const SoakOptions& options);
+
+struct SweepOptions {
+    std::string file;              // see content/sweep_file.hpp
+    std::string engine = "local";  // local | parallel | slurm | merge
+    std::filesystem::path out;     // folder; empty = out/sweep_NAME
+    uint32_t jobs = 0;             // at once; 0 = what the cores hold
+    bool dry_run = false, json = false;
+};
+// Runs every combination of a sweep that has not been run, and merges all into one table.
+int sweep_command(const SweepOptions& options);
 
 // Path of a scene file, from a path or the name of a scene that comes with the program. Throws InputError.
 std::filesystem::path find_scene(const std::string& name);

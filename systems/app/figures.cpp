@@ -111,6 +111,16 @@ nlohmann::ordered_json energy_json(const RunFigures& f) {
             {"worst_balance_of_peak", peak > 0 ? worst / peak : 0}};
 }
 
+nlohmann::ordered_json pairs_json(const RunFigures& f) {
+    nlohmann::ordered_json list = nlohmann::ordered_json::array();
+    for (const PairFigures& p : f.pair) {
+        const double n = static_cast<double>(p.passes);
+        list.push_back({{"pair", p.name}, {"passes", p.passes}, {"ms_mean", p.ms / n}, {"ms_max", p.worst_ms}, {"candidate_vertices_mean", p.vertices / n},
+                        {"cell_m_mean", p.cell / n}, {"max_depth_m", p.depth}});
+    }
+    return list;
+}
+
 nlohmann::ordered_json scale_json(const RunFigures& f) {
     std::vector<double> awake, residual, contacts;
     for (const PassFigures& p : f.pass) awake.push_back(p.awake), residual.push_back(p.residual), contacts.push_back(p.contacts);
@@ -195,6 +205,7 @@ std::string metrics_json(const RunFigures& f) {
     j["frame"] = percentiles(frame_ms, "ms");
     j["displayed_frame"] = percentiles(displayed_frames(f.pass), "ms");
     j["scale"] = scale_json(f);
+    if (!f.pair.empty()) j["pairs"] = pairs_json(f);
     j["render"] = percentiles(f.render_ms, "ms");
     j["haptics"] = {{"ticks", f.ticks}, {"max_force_n", f.max_force}, {"tick", percentiles(f.tick_us, "us")}};
     if (f.live) {

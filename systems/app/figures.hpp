@@ -54,6 +54,17 @@ struct LinkFigures {
     double strain = 0;  // largest
 };
 
+// What a pair of bodies took of detection in the passes in which it had candidate vertices.
+struct PairFigures {
+    std::string name;        // "liver/kidney"
+    uint64_t passes = 0;
+    double ms = 0;           // sum
+    double worst_ms = 0;     // of a pass
+    double vertices = 0;     // sum, near the other body, both sides
+    double cell = 0;         // m, sum: size of the grid's cells
+    double depth = 0;        // m, deepest
+};
+
 // What one tool's hand was told, and by what it was held.
 struct ToolFigures {
     std::string body;
@@ -88,6 +99,9 @@ struct RunFigures {
     Report report;
     std::vector<LinkFigures> link;
     std::vector<ToolFigures> tool;
+    std::vector<std::vector<float>> pass_stage_ms;  // per pass, per stage
+    std::vector<PairFigures> pair;       // the dearest
+    uint64_t pairs_met = 0;
     uint64_t movable_bodies = 0;         // deformable and free
     double body_size = 0;                // m, diameter of the smallest of them
     double bytes_per_body = 0;           // resident memory that the scene and its run took, over all bodies

@@ -2,6 +2,7 @@
 #include <array>
 #include <cmath>
 #include <cstdio>
+#include <new>
 #include <numbers>
 
 #include "engine/error.hpp"
@@ -54,6 +55,7 @@ struct Arguments {
     OrganOptions organ;
     ReplayOptions replay;
     SoakOptions soak;
+    SweepOptions sweep;
     CaptureExportOptions capture;
     DeviceOptions device;
     std::vector<std::string> capture_files;
@@ -105,6 +107,7 @@ void describe(CLI::App& app, Arguments& a) {
     run->add_option("--capture", a.run.capture,
                     "Write captures/*.cap into the folder when: 5-25 (contact passes), worst, over=33 (ms), nan, counter=NAME, "
                     "usr1; several joined by commas; read them with `trocar capture` and `trocar replay`");
+    run->add_flag("--figures-only", a.run.figures_only, "Into the folder metrics.json and passes.csv alone");
     run->add_flag("--no-render", a.no_render, "No pictures");
     run->add_option("--set", a.sets, "Change a key of the scene, or a parameter that `trocar scenes` lists: KEY=VALUE, repeatable");
     run->add_option("--threads", a.threads, "Worker threads (default: all cores); results never depend on it");
@@ -226,6 +229,23 @@ void describe(CLI::App& app, Arguments& a) {
                  "stays open; no particle is lost but those a fault loses, and they are back after one pass; the energy books close to\n"
                  "2 % of the largest energy; passes do not become half as slow again. Exit code 1 with the reason when one breaks.");
 
+    CLI::App* sweep = app.add_subcommand("sweep", "Run a scene with every combination of values, here or on a cluster; one table of all");
+    sweep->add_option("file", a.sweep.file, "Sweep file")->required();
+    sweep->add_option("--engine", a.sweep.engine, "local (default), parallel (GNU parallel), slurm (an array job), merge (only make the table of what is there)")
+        ->check(CLI::IsMember({"local", "parallel", "slurm", "merge"}));
+    sweep->add_option("--out", a.sweep.out, "Folder (default out/sweep_NAME): runs/00000/..., runs.txt, sweep.csv, sweep.json");
+    sweep->add_option("--jobs", a.sweep.jobs, "Runs at once (default: cores / threads of a run)")->check(CLI::Range(1, 4096));
+    sweep->add_flag("--dry-run", a.sweep.dry_run, "Print the commands and run none");
+    sweep->add_flag("--json", a.sweep.json, "Print sweep.json");
+    sweep->footer("A sweep file:\n"
+                  "    scene = \"kidney_on_liver\"\n    seconds = 0.5\n    threads = 1\n"
+                  "    columns = [\"contact.total_ms_mean\", \"contact.max_depth_m\"]   # paths into metrics.json\n"
+                  "    [set]\n    \"liver.triangles\" = 4000\n"
+                  "    [vary]\n    \"contact.cell_edges\" = [2.0, 2.5, 3.0]\n    \"liver.integrator\" = [\"leapfrog\", \"midpoint\"]\n"
+                  "Example: trocar sweep cells.toml --engine parallel --out out/cells\n"
+                  "Every run is a command of its own (runs.txt) and is left alone once it is done: start the same sweep again after an interruption, or\n"
+                  "after adding values. Exit code 1 when a run failed; the table says which and why.");
+
     CLI::App* replay = app.add_subcommand("replay", "Run a capture again and compare; or one of its passes many times");
     replay->add_option("capture", a.replay.file, "A .cap file of `trocar run --capture`")->required();
     replay->add_flag("--check", a.default_said, "Compare only (the default)");
@@ -328,6 +348,7 @@ int dispatch(const CLI::App& app, Arguments& a) {
         for (const std::string& text : a.sets) a.soak.overrides.push_back(parse_override(text));
         return soak_command(a.soak);
     }
+    if (app.got_subcommand("sweep")) return sweep_command(a.sweep);
     if (app.got_subcommand("replay")) return replay_command(a.replay);
     if (const CLI::App* capture = app.get_subcommand("capture"); capture->parsed()) {
         if (capture->got_subcommand("info")) return capture_info_command(a.capture_files, a.capture_json);
@@ -358,6 +379,9 @@ int main(int argc, char** argv) {
     } catch (const trocar::InputError& e) {
         std::fprintf(stderr, "trocar: %s\n", e.what());
         return trocar::kUsage;
+    } catch (const std::bad_alloc&) {
+        std::fprintf(stderr, "trocar: not enough memory for this: take fewer or coarser bodies, or raise the limit\n");
+        return trocar::kFault;
     } catch (const std::exception& e) {
         std::fprintf(stderr, "trocar: internal fault: %s\n", e.what());
         return trocar::kFault;

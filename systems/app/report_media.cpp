@@ -49,19 +49,22 @@ Image halved(const Image& from) {
 }  // namespace
 
 ReportMedia embed_media(const std::filesystem::path& folder, const std::vector<std::string>& pictures,
-                        const std::string& film) {
+                        const std::string& film, const std::vector<size_t>& worst) {
     ReportMedia media;
+    const auto embed = [&](size_t row) -> std::string {
+        try {
+            const std::vector<std::byte> png = encode_png(halved(load_image(folder / pictures.at(row))));
+            return "data:image/png;base64," + base64({reinterpret_cast<const unsigned char*>(png.data()), png.size()});
+        } catch (const InputError&) {
+            return {};
+        }
+    };
+    for (const size_t row : worst) media.worst.push_back(row < pictures.size() ? embed(row) : "");
     const size_t count = std::min(kPictures, pictures.size());
     for (size_t i = 0; i < count; ++i) {
         // spread from the first to the last
         const size_t row = count > 1 ? i * (pictures.size() - 1) / (count - 1) : 0;
-        try {
-            const std::vector<std::byte> png = encode_png(halved(load_image(folder / pictures[row])));
-            media.picture.push_back("data:image/png;base64," +
-                                    base64({reinterpret_cast<const unsigned char*>(png.data()), png.size()}));
-        } catch (const InputError&) {
-            continue;
-        }
+        if (std::string picture = embed(row); !picture.empty()) media.picture.push_back(std::move(picture));
     }
     if (film.empty()) return media;
     std::error_code error;

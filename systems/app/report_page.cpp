@@ -3,6 +3,7 @@
 #include <algorithm>
 #include <cmath>
 
+#include "systems/app/run_costs.hpp"
 #include "systems/app/svg_plot.hpp"
 namespace trocar {
 namespace {
@@ -267,7 +268,7 @@ std::string html_page(const std::string& title, const std::string& body) {
 
 std::string report_html(const RunFigures& f, const ReportMedia& media) {
     const ContactColumns c = contact_columns(f);
-    return html_page(f.scene, head(f, c) + media_sections(media) + contact_section(c, f.direction) + time_section(f) + stage_section(f) +
+    return html_page(f.scene, head(f, c) + media_sections(media) + contact_section(c, f.direction) + time_section(f) + stage_section(f) + cost_sections(f, media) +
                                   haptics_section(f) + trouble_section(f.report));
 }
 

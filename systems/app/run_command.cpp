@@ -6,6 +6,7 @@
 #include <cstdio>
 #include <cstring>
 #include <fstream>
+#include <map>
 #include <optional>
 #include <thread>
 
@@ -25,6 +26,7 @@
 #include "systems/app/picture_writer.hpp"
 #include "systems/app/progress.hpp"
 #include "systems/app/report_page.hpp"
+#include "systems/app/run_costs.hpp"
 #include "systems/app/standard_streams.hpp"
 #include "systems/frame.hpp"
 namespace trocar {
@@ -110,7 +112,9 @@ void finish_figures(const Frame& frame, double bytes_before, RunFigures& figures
 
 // Everything in one deterministic order, as fast as the machine goes; of its own accord or as a live run went.
 void run_lockstep(const RunOptions& options, double seconds, LiveReplay* replay, Frame& frame, PictureWriter* pictures,
-                  FrameRecorder* recorder, DirectionTrial* trial, RunFigures& figures) {
+                  FrameRecorder* recorder, Trace* trace, DirectionTrial* trial, RunFigures& figures) {
+    std::map<uint64_t, std::string_view> names;
+    CostMeter costs;
     Progress progress(figures.scene);
     const uint64_t start = now_ns();
     const double end_tick = replay ? static_cast<double>(replay->end_tick()) : seconds * 1000;
@@ -121,8 +125,11 @@ void run_lockstep(const RunOptions& options, double seconds, LiveReplay* replay,
         if (trial) trial->before_pass();
         const uint64_t pass_start = now_ns();
         frame.step();
+        const double frame_ms = static_cast<double>(now_ns() - pass_start) * 1e-6;
         PassFigures pass = pass_figures(frame, time);
-        pass.frame_ms = static_cast<double>(now_ns() - pass_start) * 1e-6;
+        pass.frame_ms = frame_ms;
+        costs.add(frame, figures);
+        if (trace) trace_pairs(frame, names, *trace);
         if (recorder) recorder->after_pass(pass);
         if (trial) trial->after_pass(pass);
         if (frame.times().picture) {
@@ -143,6 +150,7 @@ void run_lockstep(const RunOptions& options, double seconds, LiveReplay* replay,
         progress.show(time * 1e3 / end_tick, note);
     }
     figures.wall_s = static_cast<double>(now_ns() - start) * 1e-9;
+    costs.finish(frame, figures);
     if (replay) figures.replay_difference = replay->difference();
 }
 
@@ -158,6 +166,14 @@ void run_recorded(const RunOptions& options, double seconds, Frame& frame, Pictu
     LiveRecording recording;
     if (run_live(options, seconds, frame, pictures, &recording, recorder, figures)) write_live_recording(file, recording);
     else std::fprintf(stderr, "trocar: warning: no recording: the simulation was away for too long\n");
+}
+
+std::vector<std::string> thread_names() {
+    std::vector<std::string> names{"main"};
+    for (uint32_t t = 1; t < thread_count(); ++t) names.push_back("worker " + std::to_string(t));
+    names.resize(kPairTrack);
+    names.push_back("pairs of bodies (their shares of detection)");
+    return names;
 }
 
 // Who was there, what a displayed frame cost and which stages took it.
@@ -190,7 +206,7 @@ std::string scale_text(const RunFigures& f) {
     return all + "\n";
 }
 
-void print_summary(const RunFigures& f, const fs::path& out) {
+void print_summary(const RunFigures& f, const fs::path& out, bool figures_only) {
     std::vector<double> total;
     double depth = 0;
     for (const PassFigures& p : f.pass) {
@@ -216,7 +232,8 @@ void print_summary(const RunFigures& f, const fs::path& out) {
     if (f.replay)
         write_standard_output(f.replay_difference.empty() ? "  the same to the bit as the live run\n"
                                                           : "  not the same as the live run: " + f.replay_difference + "\n");
-    if (!out.empty())
+    if (!out.empty() && figures_only) write_standard_output("  wrote " + out.string() + "/: metrics.json, passes.csv\n");
+    else if (!out.empty())
         write_standard_output("  wrote " + out.string() + "/: report.html, metrics.json, trace.json, meshes/" +
                               std::string(f.render_ms.empty() ? "" : ", frames/") + "\n");
 }
@@ -264,14 +281,14 @@ int run_command(const RunOptions& options) {
         BuiltScene scene = build_scene(file);
         for (const std::string& warning : scene.warnings)
             std::fprintf(stderr, "trocar: warning: %s\n", warning.c_str());
-        Trace trace(options.out.empty() ? 0 : kTraceCapacity);
+        Trace trace(options.out.empty() || options.figures_only ? 0 : kTraceCapacity);
         FrameOptions frame_options;
-        frame_options.trace = options.out.empty() ? nullptr : &trace;
+        frame_options.trace = options.out.empty() || options.figures_only ? nullptr : &trace;
         frame_options.external_ticks = options.live || replay;
         Frame frame(std::move(scene.world), frame_options);
         start_figures(scene, file, frame, options, figures);
         std::optional<PictureWriter> pictures;
-        if (options.render && file.settings.render && !options.out.empty())
+        if (options.render && !options.figures_only && file.settings.render && !options.out.empty())
             pictures.emplace(scene.picture, scene.camera, frame.world().meshes, options.out, !options.live);
         const double seconds = options.seconds > 0 ? options.seconds : file.settings.seconds;
         PictureWriter* const writer = pictures ? &*pictures : nullptr;
@@ -283,24 +300,33 @@ int run_command(const RunOptions& options) {
         DirectionTrial trial(frame);
         const bool tells = !replay && (!options.out.empty() || options.json);  // those who look at figures
         if (options.live) run_recorded(options, seconds, frame, writer, capture, figures);
-        else run_lockstep(options, seconds, repeat ? &*repeat : nullptr, frame, writer, capture, tells ? &trial : nullptr, figures);
+        else run_lockstep(options, seconds, repeat ? &*repeat : nullptr, frame, writer, capture, frame_options.trace, tells ? &trial : nullptr, figures);
         if (recorder) recorder->finish();
+        if (recorder && !recorder->failure().empty())
+            std::fprintf(stderr, "trocar: warning: capturing stopped, the run went on: %s\n", recorder->failure().c_str());
         finish_figures(frame, bytes_before, figures);
         if (tells && !options.live) figures.direction = trial.run();
         if (options.out.empty()) return;
+        if (options.figures_only) {
+            write_whole_file(options.out / "passes.csv", passes_csv(figures));
+            write_whole_file(options.out / "metrics.json", metrics_json(figures));
+            return;
+        }
         if (frame.world().bodies.mesh.size() <= kMostMeshes || options.export_every > 0)
             export_bodies(frame.world(), options.out / "meshes", frame.world().clock.picture);
         const std::string film = pictures ? pictures->finish_film() : "";
         write_whole_file(options.out / "metrics.json", metrics_json(figures));
         write_whole_file(options.out / "passes.csv", passes_csv(figures));
-        write_whole_file(options.out / "trace.json", trace.to_json({"main"}));
-        const ReportMedia media = pictures ? embed_media(options.out, pictures->files(), film) : ReportMedia{};
+        write_whole_file(options.out / "trace.json", trace.to_json(thread_names()));
+        std::vector<size_t> worst = worst_passes(figures, 6);
+        for (size_t& pass : worst) pass = picture_of_pass(figures, pass);
+        const ReportMedia media = pictures ? embed_media(options.out, pictures->files(), film, worst) : ReportMedia{};
         write_whole_file(options.out / "report.html", report_html(figures, media));
     });
     if (options.json)
         write_standard_output(metrics_json(figures));
     else
-        print_summary(figures, options.out);
+        print_summary(figures, options.out, options.figures_only);
     return figures.replay_difference.empty() ? kDone : kNo;
 }
 

@@ -53,6 +53,7 @@ TEST(AbsentFeatures, SceneWithoutToolHasNoHapticStageAndNoHapticBytes) {
         const World& w = frame.world();
         EXPECT_EQ(w.links.group.capacity() + w.links.node.capacity() + w.links.stable_dt.capacity(), 0u) << "nothing is linked";
         EXPECT_EQ(w.tears.body.capacity() + w.torn.spring.capacity() + w.torn_springs.neighbour.capacity(), 0u) << "nothing tears";
+        EXPECT_EQ(w.springs.factor.capacity() + w.solids.factor.capacity(), 0u) << "no region differs";
     });
     run_and_look(std::move(small_scene("probe_on_liver").world), 1, [](const Frame& frame) {
         for (const char* stage : {"device input", "local contact"}) EXPECT_TRUE(has_stage(frame, stage));

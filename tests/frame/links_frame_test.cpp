@@ -6,8 +6,10 @@
 #include <fstream>
 
 #include "engine/error.hpp"
+#include "engine/mesh_topology.hpp"
 #include "engine/thread_pool.hpp"
 #include "systems/frame.hpp"
+#include "systems/tear_bodies.hpp"
 #include "tests/frame/scenes_under_test.hpp"
 namespace {
 using namespace trocar;
@@ -199,6 +201,216 @@ TEST(LinksInScenes, JawsGraspPullAndRelease) {
     EXPECT_GT(lifted, 0.01);
     EXPECT_LT(back, 0.002);
     EXPECT_GT(peak_links, 0);
+}
+
+constexpr const char* kCutScene = R"(
+gravity = [0.0, 0.0, 0.0]
+[[body]]
+name = "a"
+shape = "sphere"
+size = 0.1
+triangles = 600
+motion = "deformable"
+[[body]]
+name = "b"
+shape = "sphere"
+size = 0.1
+triangles = 600
+motion = "deformable"
+position = [0.3, 0.0, 0.0]
+[[body]]
+name = "rod"
+shape = "sphere"
+size = 0.03
+triangles = 200
+motion = "kinematic"
+[[body.path]]
+time = 0.0
+position = [0.0, 0.0, 0.08]
+[[body.path]]
+time = 1.0
+position = [0.0, 0.0, 0.03]
+[[body]]
+name = "press"
+shape = "sphere"
+size = 0.03
+triangles = 200
+motion = "kinematic"
+[[body.path]]
+time = 0.0
+position = [0.3, 0.0, 0.08]
+[[body.path]]
+time = 1.0
+position = [0.3, 0.0, 0.055]
+)";
+constexpr const char* kCutTables = R"(
+[[cut]]
+name = "hole"
+body = "a"
+sphere = [0.0, 0.0, 0.05, 0.03]
+time = 0.2
+)";
+
+// What a body's range of an array holds, as bytes.
+std::string bytes_of(const World& w, uint32_t body) {
+    const Range p = w.bodies.particles[body];
+    std::string out(reinterpret_cast<const char*>(&w.particles.offset[p.first]), p.count * sizeof(Float4));
+    out.append(reinterpret_cast<const char*>(&w.particles.velocity_z[p.first]), p.count * sizeof(float));
+    const MeshInfo& info = w.meshes.info[w.bodies.mesh[body]];
+    out.append(reinterpret_cast<const char*>(&w.meshes.triangle[info.triangles.first]), info.triangles.count * sizeof(Triangle));
+    out.append(reinterpret_cast<const char*>(&w.meshes.neighbour[info.triangles.first]), info.triangles.count * sizeof(Triangle));
+    return out;
+}
+
+// A hole is cut into a closed body while a rod comes down on it, without the world being rebuilt: the body is judged anew and
+// says so, its tables are those of a mesh made without these triangles, contact goes on, and another body pressed by another
+// rod does not change by a bit. The same for any number of threads.
+TEST(Cuts, AHoleInOneBodyLeavesAllOthersAlone) {
+    const WrittenScene whole("cut_none", kCutScene), cut("cut_hole", std::string(kCutScene) + kCutTables);
+    std::string other, torn[2];
+    run(std::move(whole.build().world), 60, [&](const Frame& f, int pass) {
+        if (pass == 59) other = bytes_of(f.world(), 1);
+    });
+    for (const uint32_t threads : {1u, 3u}) {
+        uint32_t contacts = 0;
+        run(std::move(cut.build().world), 60, [&](const Frame& f, int pass) {
+            const World& w = f.world();
+            const MeshInfo& info = w.meshes.info[w.bodies.mesh[0]];
+            const double begun = pass / 60.0;
+            EXPECT_EQ(info.admission, begun < 0.2 ? Admission::kSolid : Admission::kWinding) << pass;
+            EXPECT_EQ(w.report.opened_bodies, begun < 0.2 ? 0u : 1u);
+            if (pass < 59) return;
+            EXPECT_EQ(find_fault(w), "");
+            EXPECT_EQ(bytes_of(w, 1), other) << "the other body and its mesh";
+            torn[threads == 3] = bytes_of(w, 0);
+            const uint32_t removed = static_cast<uint32_t>(w.report.removed_triangles);
+            EXPECT_GT(removed, 20u);
+            EXPECT_LT(removed, 150u);
+            EXPECT_EQ(info.triangles.count + removed, w.tears.body[0].order.count);
+            EXPECT_GT(w.report.broken_springs, removed);
+            EXPECT_EQ(w.report.nonfinite_particles, 0u);
+            for (uint32_t t = info.triangles.first; t < info.triangles.end(); ++t) {
+                Vec3d middle = Vec3d::Zero();
+                for (const uint32_t v : w.meshes.triangle[t]) middle += w.meshes.position[info.vertices.first + v] / 3;
+                EXPECT_GT((middle - Vec3d(0, 0, 0.05)).norm(), 0.03);
+            }
+            // tables against a mesh that never had the removed triangles
+            Mesh mesh;
+            mesh.position.assign(w.meshes.position.begin() + info.vertices.first, w.meshes.position.begin() + info.vertices.end());
+            mesh.triangle.assign(w.meshes.triangle.begin() + info.triangles.first, w.meshes.triangle.begin() + info.triangles.end());
+            Meshes made;
+            add_prototype(made, mesh, Admission::kWinding);
+            EXPECT_EQ(made.info[0].edges.count, info.edges.count);
+            EXPECT_TRUE(std::equal(made.neighbour.begin(), made.neighbour.end(), w.meshes.neighbour.begin() + info.triangles.first));
+            EXPECT_TRUE(std::equal(made.edge.begin(), made.edge.end(), w.meshes.edge.begin() + info.edges.first));
+            // every spring left has a triangle
+            uint32_t left = 0;
+            for (size_t h = 0; h < w.torn_springs.neighbour.size(); ++h) left += w.torn_springs.rest_length[h] > 0;
+            EXPECT_EQ(left, 2 * info.edges.count);
+            // the picture names what is gone
+            EXPECT_EQ(w.picture.removed.size(), removed);
+            contacts = static_cast<uint32_t>(w.report.contact_events);
+        }, threads);
+        EXPECT_GT(contacts, 10u);
+    }
+    EXPECT_EQ(torn[0], torn[1]);
+}
+
+// The state alone says what is gone: a world set back to before the cut has its triangles again, and goes the same way twice.
+TEST(Cuts, AStateSetBackHasItsTrianglesAgain) {
+    const WrittenScene cut("cut_back", std::string(kCutScene) + kCutTables);
+    ThreadPool pool(1);
+    pool.run([&] {
+        Frame frame(std::move(cut.build().world), {});
+        World& w = frame.world();
+        const Clock clock = w.clock;
+        const Poses poses = w.poses;
+        const Particles particles = w.particles;
+        const Torn torn = w.torn;
+        const Sleep sleep = w.sleep;
+        const auto mesh = bytes_of(w, 0);
+        for (int i = 0; i < 30; ++i) frame.step();
+        const uint64_t first = state_hash(w);
+        EXPECT_GT(w.report.removed_triangles, 0u);
+        w.clock = clock, w.poses = poses, w.particles = particles, w.torn = torn, w.sleep = sleep;
+        frame.step();
+        EXPECT_EQ(w.meshes.info[w.bodies.mesh[0]].triangles.count, w.tears.body[0].order.count);
+        EXPECT_EQ(w.meshes.info[w.bodies.mesh[0]].admission, Admission::kSolid);
+        EXPECT_EQ(w.report.removed_triangles, 0u);
+        for (int i = 1; i < 30; ++i) frame.step();
+        EXPECT_EQ(state_hash(w), first);
+    });
+}
+
+// By number, while the scene runs: triangle after triangle, twice, and ones there are not; the last one stays.
+TEST(Cuts, TrianglesByNumberUntilTheLast) {
+    BuiltScene scene = WrittenScene("cut_all", std::string(kCutScene) + "[[cut]]\nbody = \"a\"\nsphere = [9, 9, 9, 0.1]\n").build();
+    ThreadPool pool(1);
+    pool.run([&] {
+        Frame frame(std::move(scene.world), {});
+        World& w = frame.world();
+        const uint32_t all = w.tears.body[0].order.count;
+        for (uint32_t first = 0; first < all + 100; first += 97) {
+            std::vector<uint32_t> some;
+            for (uint32_t t = first; t < first + 97; ++t) some.insert(some.end(), {t, t, t + 100000});
+            remove_triangles(w.tears, 0, some, w.torn);
+            for (int i = 0; i < 3; ++i) frame.step();
+            EXPECT_EQ(find_fault(w), "") << first;
+            EXPECT_EQ(w.report.nonfinite_particles, 0u);
+        }
+        EXPECT_EQ(w.meshes.info[w.bodies.mesh[0]].triangles.count, 1u);
+        EXPECT_EQ(w.report.removed_triangles, all - 1);
+        for (int i = 0; i < 30; ++i) frame.step();
+    });
+}
+
+TEST(Cuts, MistakesAreNamed) {
+    const auto error = [](const std::string& table, const std::vector<Override>& overrides = {}) {
+        return WrittenScene("cut_bad", kCutScene + table).error(overrides);
+    };
+    EXPECT_NE(error("[[cut]]\nsphere = [0, 0, 0, 1]\n").find("a [[cut]] needs a body"), std::string::npos);
+    EXPECT_NE(error("[[cut]]\nbody = \"a\"\n").find("give one of sphere, box, capsule and group"), std::string::npos);
+    EXPECT_NE(error("[[cut]]\nbody = \"rod\"\nsphere = [0, 0, 0, 1]\n").find("only shells can be cut"), std::string::npos);
+    EXPECT_NE(error("[[cut]]\nbody = \"c\"\nsphere = [0, 0, 0, 1]\n").find("there is no such body"), std::string::npos);
+    EXPECT_NE(error("[[cut]]\nbody = \"a\"\nsphere = [0, 0, 0, 1]\n", {{"a.model", "solid"}}).find("only shells can be cut"), std::string::npos);
+    EXPECT_NE(error("[[cut]]\nbody = \"a\"\nsphere = [0, 0, 0, 1]\n", {{"a.tissue.bending", "1e4"}}).find("cannot keep its volume or bend"), std::string::npos);
+    EXPECT_NE(error("[[cut]]\nbody = \"a\"\nsphere = [0, 0, 0, 1]\n", {{"a.integrator", "xpbd"}}).find("stepped by xpbd cannot be cut"), std::string::npos);
+}
+
+// Regions from a scene: the same values for a sphere, for a group and for a painted field that say the same; mistakes named.
+TEST(RegionsInScenes, SphereGroupAndPaintedFieldAgree) {
+    const std::string head = "[[body]]\nname = \"a\"\nshape = \"sphere\"\nsize = 0.1\ntriangles = 400\nmotion = \"deformable\"\n";
+    const BuiltScene sphere = WrittenScene("regions_1", head + "[[body.region]]\nsphere = [0, 0, 0.05, 0.04]\nstiffness = 5\ndensity = 2\n").build();
+    const BuiltScene group = WrittenScene("regions_2", head + "[[body.group]]\nname = \"cap\"\nsphere = [0, 0, 0.05, 0.04]\n[[body.region]]\ngroup = \"cap\"\nstiffness = 5\ndensity = 2\n").build();
+    EXPECT_EQ(sphere.world.springs.factor, group.world.springs.factor);
+    EXPECT_EQ(sphere.world.bodies.stable_dt, group.world.bodies.stable_dt);
+    ASSERT_EQ(sphere.world.springs.factor.size(), sphere.world.springs.neighbour.size());
+    EXPECT_EQ(*std::max_element(sphere.world.springs.factor.begin(), sphere.world.springs.factor.end()), 5.0f);
+    EXPECT_EQ(*std::min_element(sphere.world.springs.factor.begin(), sphere.world.springs.factor.end()), 1.0f);
+    EXPECT_EQ(find_fault(sphere.world), "");
+    const MeshInfo& info = sphere.world.meshes.info[0];
+    const fs::path ply = fs::temp_directory_path() / "trocar_region.ply";
+    {
+        std::ofstream out(ply);
+        out.precision(17);
+        out << "ply\nformat ascii 1.0\nelement vertex " << info.vertices.count
+            << "\nproperty double x\nproperty double y\nproperty double z\nproperty float stiffness\nelement face 1\nproperty list uchar int "
+               "vertex_indices\nend_header\n";
+        for (uint32_t v = 0; v < info.vertices.count; ++v) {
+            const Vec3d& p = sphere.world.meshes.position[v];
+            out << p.x() << ' ' << p.y() << ' ' << p.z() << ' ' << ((p - Vec3d(0, 0, 0.05)).norm() <= 0.04 ? 5 : 1) << '\n';
+        }
+        out << "3 0 1 2\n";
+    }
+    const BuiltScene painted = WrittenScene("regions_3", head + "[[body.region]]\nfield = \"" + ply.string() + "\"\n").build();
+    EXPECT_EQ(sphere.world.springs.factor, painted.world.springs.factor);
+    fs::remove(ply);
+    const auto error = [&](const std::string& table, const std::vector<Override>& o = {}) { return WrittenScene("regions_bad", head + table).error(o); };
+    EXPECT_NE(error("[[body.region]]\nstiffness = 2\n").find("needs one of sphere, box, capsule, group and field"), std::string::npos);
+    EXPECT_NE(error("[[body.region]]\nsphere = [1, 1, 1, 0.1]\n").find("holds no node of the body"), std::string::npos);
+    EXPECT_NE(error("[[body.region]]\ngroup = \"x\"\n").find("body \"a\" has no group \"x\""), std::string::npos);
+    EXPECT_NE(error("[[body.region]]\nfield = \"/no/such.ply\"\n").find("/no/such.ply"), std::string::npos);
+    EXPECT_NE(error("[[body.region]]\nsphere = [0, 0, 0, 1]\n", {{"a.integrator", "midpoint"}}).find("stepped by leapfrog only"), std::string::npos);
 }
 
 }  // namespace

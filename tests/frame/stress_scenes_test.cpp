@@ -48,10 +48,10 @@ INSTANTIATE_TEST_SUITE_P(Few, StressScenes,
                          testing::Values(Small{"rain", {{"count", "12"}, {"resolution", "80"}}, 40},
                                          Small{"packed", {{"count", "8"}, {"resolution", "200"}}, 6},
                                          Small{"sparse", {{"count", "30"}, {"resolution", "80"}}, 20},
-                                         Small{"large", {{"count", "2"}, {"resolution", "1000"}}, 20},
+                                         Small{"large", {{"count", "2"}, {"resolution", "600"}}, 15},
                                          Small{"mixed", {{"count", "8"}, {"rigid", "6"}, {"resolution", "80"}}, 40},
                                          Small{"settle", {{"count", "9"}, {"columns", "2"}, {"resolution", "48"}}, 40},
-                                         Small{"full_contact", {{"resolution", "1000"}}, 6},
+                                         Small{"full_contact", {{"resolution", "600"}}, 3},
                                          Small{"come_and_go", {{"count", "12"}, {"life", "0.3"}, {"resolution", "80"}}, 60}),
                          [](const auto& info) { return info.param.name; });
 

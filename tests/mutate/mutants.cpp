@@ -6,13 +6,17 @@
 #include <filesystem>
 #include <random>
 
+#include "content/build_scene.hpp"
 #include "content/clean_mesh.hpp"
 #include "content/load_mesh.hpp"
 #include "content/repair_mesh.hpp"
 #include "content/save_mesh.hpp"
+#include "engine/capture_file.hpp"
 #include "engine/check.hpp"
 #include "engine/error.hpp"
+#include "engine/state_hash.hpp"
 #include "engine/text_file.hpp"
+#include "engine/world.hpp"
 #include "reference/sample_meshes.hpp"
 namespace trocar::mutate {
 namespace {
@@ -284,6 +288,94 @@ void check_result(const Mesh& mesh) {
     for (const uint16_t row : mesh.triangle_material) TROCAR_ASSERT(row < mesh.material.size());
 }
 
+// A scene and a state, as captures hold them.
+const std::vector<CaptureRecord>& sound_records() {
+    static const std::vector<CaptureRecord> records = [] {
+        SceneFile scene;
+        for (const double x : {0.0, 0.2}) {
+            BodySpec body;
+            body.name = "ball" + std::to_string(scene.bodies.size());
+            body.shape = "sphere";
+            body.triangles = 80;
+            body.size = 0.1;
+            body.motion = x > 0 ? Motion::kFree : Motion::kDeformable;
+            body.position.x() = x;
+            scene.bodies.push_back(body);
+        }
+        const World world = std::move(build_scene(scene).world);
+        std::vector<CaptureRecord> made{{"scene", {}}, {"state", {}}};
+        for (uint32_t r = 0; r < static_cast<uint32_t>(Resource::kCount); ++r) {
+            const ResourceKind kind = resource_kind(static_cast<Resource>(r));
+            if (kind == ResourceKind::kConstant) save_resource(world, static_cast<Resource>(r), made[0]);
+            if (kind == ResourceKind::kState) save_resource(world, static_cast<Resource>(r), made[1]);
+        }
+        return made;
+    }();
+    return records;
+}
+
+std::string make_capture() {
+    const fs::path file = fs::temp_directory_path() / ("trocar_seed_" + std::to_string(::getpid()) + ".cap");
+    CaptureWriter writer(file);
+    for (const CaptureRecord& record : sound_records()) writer.add(record);
+    writer.finish();
+    std::string bytes = read_file_bytes(file);
+    fs::remove(file);
+    return bytes;
+}
+
+// Edits behind the hash that guards stored bytes: what a program that writes wrong captures would leave.
+void edit_arrays(std::vector<CaptureRecord>& records, Random& random) {
+    for (size_t edits = 1 + below(random, 4); edits > 0; --edits) {
+        CaptureRecord& record = records[below(random, records.size())];
+        CaptureArray& a = record.arrays[below(random, record.arrays.size())];
+        const uint32_t row = static_cast<uint32_t>(a.columns * element_size(a.type));
+        if (below(random, 8) == 0) {
+            record.arrays.erase(record.arrays.begin() + static_cast<ptrdiff_t>(below(random, record.arrays.size())));
+        } else if (below(random, 4) == 0 && a.rows > 0) {
+            a.rows = below(random, 2) == 0 ? a.rows - 1 : a.rows + 1;
+            a.bytes.resize(a.rows * row);
+        } else if (!a.bytes.empty()) {
+            constexpr uint64_t kWords[] = {0, ~uint64_t{0}, 0x7ff0000000000000, 0x7fc000007fc00000, 0x0000000100000000, 0x8000000080000000};
+            const size_t at = below(random, a.bytes.size()), size = std::min<size_t>(a.bytes.size() - at, 8);
+            std::memcpy(a.bytes.data() + at, &kWords[below(random, std::size(kWords))], size);
+        }
+    }
+}
+
+// Read by records; where the file itself is as sound as it was made, its arrays are damaged instead. A world that loads is
+// either named faulty or fit to be simulated: every index in it is looked at.
+Fate try_capture(const Seed& mutant) {
+    const fs::path file = fs::temp_directory_path() / ("trocar_mutant_" + std::to_string(::getpid()) + ".cap");
+    {
+        std::FILE* out = std::fopen(file.c_str(), "wb");
+        TROCAR_ASSERT(out && std::fwrite(mutant.bytes.data(), 1, mutant.bytes.size(), out) == mutant.bytes.size());
+        std::fclose(out);
+    }
+    static const std::string sound = make_capture();
+    try {
+        CaptureFile read = read_capture(file);
+        fs::remove(file);
+        StateHash hash;
+        hash.add_bytes(mutant.bytes.data(), mutant.bytes.size());
+        Random random(hash.value);
+        std::vector<CaptureRecord> records = sound_records();
+        if (mutant.bytes != sound) edit_arrays(records, random);
+        else records = read.records;
+        World world;
+        for (uint32_t r = 0; r < static_cast<uint32_t>(Resource::kCount); ++r) {
+            const ResourceKind kind = resource_kind(static_cast<Resource>(r));
+            if (kind == ResourceKind::kConstant) load_resource(records[0], static_cast<Resource>(r), world);
+            if (kind == ResourceKind::kState) load_resource(records[1], static_cast<Resource>(r), world);
+        }
+        return find_fault(world).empty() ? Fate::kRead : Fate::kRefused;
+    } catch (const InputError& error) {
+        fs::remove(file);
+        TROCAR_ASSERT(std::string(error.what()).find('\n') == std::string::npos);
+        return Fate::kRefused;
+    }
+}
+
 }  // namespace
 
 std::vector<Seed> make_seeds() {
@@ -300,6 +392,7 @@ std::vector<Seed> make_seeds() {
         seeds.push_back({name, read_file_bytes(folder / name)});
     }
     fs::remove_all(folder);
+    seeds.push_back({"a.cap", make_capture()});
     return seeds;
 }
 
@@ -312,6 +405,7 @@ Seed make_mutant(const std::vector<Seed>& seeds, uint64_t number) {
 }
 
 Fate try_mutant(const Seed& mutant) {
+    if (mutant.name.ends_with(".cap")) return try_capture(mutant);
     try {
         LoadedMesh loaded = load_mesh(mutant.bytes, mutant.name);
         check_result(loaded.mesh);

@@ -8,7 +8,7 @@
 #include "engine/solid_limit.hpp"
 #include "reference/paths.hpp"
 #include "systems/frame.hpp"
-#include "tests/reference/solid_double.hpp"
+#include "tests/reference/solid_cases.hpp"
 #include "tests/systems/advance_scene.hpp"
 
 // Solids of tetrahedra: the springs-and-volume model against closed forms and finite elements in double, and the engine
@@ -18,18 +18,7 @@ namespace {
 
 using reference::DoubleSolid;
 using reference::SolidModel;
-
-constexpr double kE = 1e4;  // Pa
-
-DoubleSolid box_solid(int nx, int ny, int nz, double h, double nu, double jitter = 0) {
-    std::vector<Vec3d> position;
-    std::vector<std::array<uint32_t, 4>> tetrahedron;
-    reference::lattice_box(nx, ny, nz, h, jitter, position, tetrahedron);
-    DoubleSolid s = reference::make_double_solid(position, tetrahedron);
-    s.youngs_modulus = kE;
-    s.poisson = nu;
-    return s;
-}
+using namespace reference::cases;
 
 // A box of nx x ny x nz lattice cubes of edge h in a scene; corner at the origin.
 uint32_t add_box(AdvanceScene& scene, int nx, int ny, int nz, double h, const Tissue& tissue,
@@ -109,35 +98,6 @@ TEST(SolidModel, PatchTest) {
     }
 }
 
-struct Uniaxial {
-    double modulus, poisson;
-};
-
-// A bar pulled by its end faces, which may slide sideways.
-Uniaxial pull_bar(SolidModel model, int n, double nu) {
-    const double side = 0.04, length = 0.08, h = side / n, strain = 1e-4;
-    DoubleSolid s = box_solid(n, n, 2 * n, h, nu);
-    for (size_t i = 0; i < s.rest.size(); ++i) {
-        const Vec3d& r = s.rest[i];
-        if (r.z() < 1e-9) s.held[i][2] = true;
-        if (r.z() > length - 1e-9) s.held[i][2] = true, s.place[i].z() += strain * length;
-        if ((r - Vec3d(0, 0, 0)).norm() < 1e-9) s.held[i] = {true, true, true};
-        if ((r - Vec3d(side, 0, 0)).norm() < 1e-9) s.held[i][1] = true;
-    }
-    reference::solve_statics(s, model);
-    const std::vector<Vec3d> force = solid_forces(s, model);
-    double pull = 0;
-    std::array<double, 2> sum{}, count{};
-    for (size_t i = 0; i < s.rest.size(); ++i) {
-        if (s.rest[i].z() > length - 1e-9) pull -= force[i].z();
-        // sideways displacement of the faces x = 0 and x = side in the middle of the bar
-        if (std::abs(s.rest[i].z() - length / 2) > 0.3 * length) continue;
-        const int face = s.rest[i].x() < 1e-9 ? 0 : s.rest[i].x() > side - 1e-9 ? 1 : -1;
-        if (face >= 0) sum[face] += s.place[i].x() - s.rest[i].x(), ++count[face];
-    }
-    return {pull / (side * side * strain), -(sum[1] / count[1] - sum[0] / count[0]) / (side * strain)};
-}
-
 // Young's modulus and Poisson's ratio of a finite bar, springs beside finite elements on the same mesh.
 TEST(SolidModel, YoungsModulusAndPoissonRatio) {
     for (const double nu : {0.25, 0.35, 0.45, 0.49}) {
@@ -160,25 +120,6 @@ TEST(SolidModel, YoungsModulusAndPoissonRatio) {
     }
 }
 
-// End displacement of a bar of n x n x 4n cells hung by its upper end, which may slide sideways, over the closed form
-// rho g L^2 / (2 E).
-double hang_bar(SolidModel model, int n, double nu) {
-    const double side = 0.02, length = 0.08, weight = 1000 * 9.81;
-    DoubleSolid s = box_solid(n, n, 4 * n, side / n, nu);
-    s.youngs_modulus = 100 * kE;
-    add_weight(s, Vec3d(0, 0, -weight));
-    for (size_t i = 0; i < s.rest.size(); ++i) {
-        if (s.rest[i].z() > length - 1e-9) s.held[i][2] = true;
-        if ((s.rest[i] - Vec3d(0, 0, length)).norm() < 1e-9) s.held[i] = {true, true, true};
-        if ((s.rest[i] - Vec3d(side, 0, length)).norm() < 1e-9) s.held[i][1] = true;
-    }
-    reference::solve_statics(s, model);
-    double end = 0, ends = 0;
-    for (size_t i = 0; i < s.rest.size(); ++i)
-        if (s.rest[i].z() < 1e-9) end += s.rest[i].z() - s.place[i].z(), ++ends;
-    return end / ends / (weight * length * length / (2 * s.youngs_modulus));
-}
-
 // M21 too: twice as fine, and the static deflection changes by less than 5 %.
 TEST(SolidModel, M21_BarUnderItsOwnWeight) {
     for (const double nu : {0.25, 0.45}) {
@@ -197,68 +138,19 @@ TEST(SolidModel, M21_BarUnderItsOwnWeight) {
     }
 }
 
-// A cantilever under its own weight: 3 rho g L^4 / (2 E h^2) and the shear part rho g L^2 / (2 kappa G), kappa = 5/6
-// (Timoshenko). Linear tetrahedra are too stiff in bending; springs on them err as they do.
+// Linear tetrahedra are too stiff in bending; springs on them err as they do.
 TEST(SolidModel, CantileverUnderItsOwnWeight) {
-    const double depth = 0.02, length = 0.1, weight = 1000 * 9.81, modulus = 1000 * kE;
     for (const double nu : {0.25, 0.45}) {
         std::array<double, 3> error{}, element_error{};
-        int row = 0;
-        for (const int n : {1, 2, 4}) {
-            for (const SolidModel model : {SolidModel::kSprings, SolidModel::kCorotational}) {
-                DoubleSolid s = box_solid(5 * n, n, n, depth / n, nu);
-                s.youngs_modulus = modulus;
-                add_weight(s, Vec3d(0, 0, -weight));
-                for (size_t i = 0; i < s.rest.size(); ++i)
-                    if (s.rest[i].x() < 1e-9) s.held[i] = {true, true, true};
-                reference::solve_statics(s, model);
-                double tip = 0, count = 0;
-                for (size_t i = 0; i < s.rest.size(); ++i)
-                    if (s.rest[i].x() > length - 1e-9) tip += s.rest[i].z() - s.place[i].z(), ++count;
-                const double bending = 3 * weight * std::pow(length, 4) / (2 * modulus * depth * depth);
-                const double shear = weight * length * length / (2 * (5.0 / 6) * modulus / (2 * (1 + nu)));
-                (model == SolidModel::kSprings ? error : element_error)[row] = tip / count / (bending + shear) - 1;
-            }
-            ++row;
+        for (int i = 0; i < 3; ++i) {
+            error[i] = sag_cantilever(SolidModel::kSprings, 1 << i, nu) - 1;
+            element_error[i] = sag_cantilever(SolidModel::kCorotational, 1 << i, nu) - 1;
         }
         std::printf("cantilever, nu %.2f: springs %+.1f %+.1f %+.1f %%, finite elements %+.1f %+.1f %+.1f %% (1, 2, 4 cells high)\n", nu,
                     100 * error[0], 100 * error[1], 100 * error[2], 100 * element_error[0], 100 * element_error[1], 100 * element_error[2]);
         for (int i = 0; i < 2; ++i) EXPECT_LT(std::abs(error[i + 1]), 0.75 * std::abs(error[i]));
         EXPECT_LT(std::abs(error[2]), std::abs(element_error[2]) + 0.1);
     }
-}
-
-// Force that presses a sphere of radius `radius` by `depth` into a half-space, over Hertz's 4/3 E* sqrt(R) d^1.5: under
-// the contact the surface is given Hertz's shape, far away the body is given the displacements of a point load of the
-// exact force (Boussinesq; Timoshenko, Goodier, "Theory of elasticity", art. 138), so that only the mesh errs. A quarter
-// of the body, cells of 1 mm.
-double press_sphere(SolidModel model, int cells, int contact_cells, double nu) {
-    const double h = 1e-3, size = cells * h, a = contact_cells * h, radius = 20 * a, depth = a * a / radius;
-    const double force = 4.0 / 3 * kE / (1 - nu * nu) * a * depth;
-    DoubleSolid s = box_solid(cells, cells, cells, h, nu);
-    const auto pressed = [&](const Vec3d& r) { return r.z() < 1e-9 && std::hypot(r.x(), r.y()) < a + 1e-9; };
-    for (size_t i = 0; i < s.rest.size(); ++i) {
-        const Vec3d r = s.rest[i];  // z runs into the body
-        const double across = std::hypot(r.x(), r.y()), far = r.norm();
-        if (r.maxCoeff() > size - 1e-9) {
-            const double scale = force * (1 + nu) / (2 * std::numbers::pi * kE * far);
-            const double along_z = scale * (2 * (1 - nu) + r.z() * r.z() / (far * far));
-            const double outward = scale * (across * r.z() / (far * far) - (1 - 2 * nu) * across / (far + r.z()));
-            s.held[i] = {true, true, true};
-            s.place[i].z() += along_z;
-            if (across > 0) s.place[i] += outward / across * Vec3d(r.x(), r.y(), 0);
-            continue;
-        }
-        if (r.x() < 1e-9) s.held[i][0] = true;
-        if (r.y() < 1e-9) s.held[i][1] = true;
-        if (pressed(r)) s.held[i][2] = true, s.place[i].z() += depth - across * across / (2 * radius);
-    }
-    reference::solve_statics(s, model, 20);
-    const std::vector<Vec3d> inner = solid_forces(s, model);
-    double sum = 0;
-    for (size_t i = 0; i < s.rest.size(); ++i)
-        if (pressed(s.rest[i])) sum -= 4 * inner[i].z();
-    return sum / force;
 }
 
 // The discrete contact ends between nodes: half an edge more or less of its radius is the mesh's part of the error.

@@ -1,0 +1,33 @@
+#pragma once
+#include <filesystem>
+#include <string>
+#include <utility>
+#include <vector>
+
+#include "content/scene_file.hpp"
+namespace trocar {
+
+// One key of [vary] and the values it goes through, as --set takes them.
+struct SweepAxis {
+    std::string key;  // "scene", or what --set takes
+    std::vector<std::string> values;
+};
+
+// A sweep file: a scene, what is fixed, what varies; every combination is a run of its own.
+struct SweepFile {
+    std::filesystem::path path;
+    std::string name, scene;           // scene: file (also relative to the sweep file) or name; may be varied instead
+    double seconds = 0;                // 0 = the scene's
+    uint32_t threads = 1;              // of each run
+    std::vector<Override> fixed;       // [set]
+    std::vector<SweepAxis> axes;       // [vary], in the order of the file's keys, which TOML sorts
+    std::vector<std::string> columns;  // of the table: paths into metrics.json, "contact.total_ms_mean"
+};
+
+// Throws InputError "file:line:column: reason".
+SweepFile read_sweep_file(const std::filesystem::path& path);
+
+// One combination: a value per axis, the last axis fastest.
+std::vector<std::vector<std::string>> combinations(const SweepFile& sweep);
+
+}  // namespace trocar

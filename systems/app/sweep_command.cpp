@@ -1,0 +1,238 @@
+#include <unistd.h>
+
+#include <algorithm>
+#include <atomic>
+#include <cstdio>
+#include <fstream>
+#include <iterator>
+#include <mutex>
+#include <nlohmann/json.hpp>
+#include <sstream>
+#include <thread>
+
+#include "content/sweep_file.hpp"
+#include "engine/child_process.hpp"
+#include "engine/error.hpp"
+#include "engine/whole_file.hpp"
+#include "systems/app/commands.hpp"
+#include "systems/app/picture_writer.hpp"
+#include "systems/app/progress.hpp"
+#include "systems/app/standard_streams.hpp"
+namespace trocar {
+namespace fs = std::filesystem;
+namespace {
+
+// One run of a sweep, in a folder of its own.
+struct Job {
+    std::vector<std::string> values;     // per axis
+    std::vector<std::string> arguments;  // arguments[0] is this program
+    fs::path folder;
+};
+
+std::string read_text(const fs::path& file) {
+    std::ifstream stream(file, std::ios::binary);
+    return {std::istreambuf_iterator<char>(stream), {}};
+}
+
+std::string quoted(const std::string& word) {
+    std::string out = "'";
+    for (const char c : word) out += c == '\'' ? std::string("'\\''") : std::string(1, c);
+    return out + "'";
+}
+std::string command_line(const Job& job) {
+    std::string line;
+    for (const std::string& a : job.arguments) line += (line.empty() ? "" : " ") + quoted(a);
+    return line;
+}
+
+// A run is done when its metrics are there, which are written whole and last but the pictures, for this very command.
+bool is_done(const Job& job) { return read_text(job.folder / "command") == command_line(job) && fs::exists(job.folder / "metrics.json"); }
+
+std::vector<Job> expand(const SweepFile& sweep, const fs::path& out) {
+    std::error_code error;
+    const std::string program = fs::read_symlink("/proc/self/exe", error).string();
+    std::vector<Job> jobs;
+    for (const auto& values : combinations(sweep)) {
+        char name[32];
+        std::snprintf(name, sizeof name, "%05zu", jobs.size());
+        Job job{values, {}, fs::absolute(out / "runs" / name)};
+        std::string scene = sweep.scene;
+        for (size_t a = 0; a < values.size(); ++a)
+            if (sweep.axes[a].key == "scene") scene = values[a];
+        if (const fs::path beside = sweep.path.parent_path() / scene; scene.ends_with(".toml") && fs::exists(beside, error)) scene = beside.string();
+        job.arguments = {program, "run", fs::absolute(find_scene(scene)).string(), "--figures-only", "--threads", std::to_string(sweep.threads), "--out", job.folder.string()};
+        if (sweep.seconds > 0) job.arguments.insert(job.arguments.end(), {"--seconds", std::to_string(sweep.seconds)});
+        const auto set = [&](const std::string& key, const std::string& value) { job.arguments.insert(job.arguments.end(), {"--set", key + "=" + value}); };
+        for (const Override& o : sweep.fixed) set(o.key, o.value);
+        for (size_t a = 0; a < values.size(); ++a)
+            if (sweep.axes[a].key != "scene") set(sweep.axes[a].key, values[a]);
+        jobs.push_back(std::move(job));
+    }
+    return jobs;
+}
+
+// Every scene is read once before anything runs: a wrong key shows at once, not in a thousand logs.
+void check_jobs(const SweepFile& sweep, const std::vector<Job>& jobs) {
+    for (const Job& job : jobs) {
+        std::vector<Override> overrides = sweep.fixed;
+        for (size_t a = 0; a < job.values.size(); ++a)
+            if (sweep.axes[a].key != "scene") overrides.push_back({sweep.axes[a].key, job.values[a]});
+        read_scene_file(job.arguments[2], overrides);
+    }
+}
+
+// What a shell does for one job: nothing if it is done, else run and keep what was said.
+std::string shell_line(const Job& job) {
+    const std::string folder = quoted(job.folder.string());
+    return "test -e " + folder + "/metrics.json || { " + command_line(job) + " > " + folder + "/log 2>&1; echo $? > " + folder + "/exit; }";
+}
+
+// Folders, commands, and the list of lines that any engine can work off. Results of another command are cleared.
+void prepare(const fs::path& out, const std::vector<Job>& jobs) {
+    prepare_folder(out);
+    std::string lines;
+    for (const Job& job : jobs) {
+        if (!is_done(job)) {
+            std::error_code error;
+            fs::remove_all(job.folder, error);
+            prepare_folder(job.folder);
+            write_whole_file(job.folder / "command", command_line(job));
+        }
+        lines += shell_line(job) + "\n";
+    }
+    write_whole_file(out / "runs.txt", lines);
+}
+
+void run_here(const std::vector<Job>& jobs, uint32_t at_once) {
+    std::atomic<size_t> next{0}, done{0};
+    std::mutex lock;
+    Progress progress("sweep");
+    const auto work = [&] {
+        for (size_t i = next++; i < jobs.size(); i = next++) {
+            if (!is_done(jobs[i])) {
+                const ChildResult result = run_child({"/bin/sh", "-c", shell_line(jobs[i])}, {});
+                static_cast<void>(result);  // its exit code and words are in its folder
+            }
+            const std::lock_guard guard(lock);
+            progress.show(static_cast<double>(++done) / static_cast<double>(jobs.size()), std::to_string(done) + " of " + std::to_string(jobs.size()) + " runs");
+        }
+    };
+    std::vector<std::thread> threads;
+    for (uint32_t t = 0; t < at_once; ++t) threads.emplace_back(work);
+    for (std::thread& thread : threads) thread.join();
+}
+
+std::string find_program(const char* name) {
+    std::istringstream folders(std::getenv("PATH") ? std::getenv("PATH") : "/usr/bin:/bin");
+    for (std::string folder; std::getline(folders, folder, ':');)
+        if (const fs::path p = fs::path(folder) / name; ::access(p.c_str(), X_OK) == 0) return p.string();
+    return {};
+}
+
+void run_by_parallel(const fs::path& out, uint32_t at_once) {
+    const std::string parallel = find_program("parallel");
+    if (parallel.empty()) throw InputError("--engine parallel: GNU parallel is not installed (apt-get install parallel)");
+    const ChildResult result = run_child({"/bin/sh", "-c", "exec " + quoted(parallel) + " --will-cite --jobs " + std::to_string(at_once) + " --joblog " +
+                                          quoted((out / "joblog").string()) + " < " + quoted((out / "runs.txt").string())}, {});
+    if (result.end != ChildEnd::kExited) throw InputError("parallel " + describe_child_end(result, {}));
+}
+
+// An array job: task k works off line k + 1 of runs.txt.
+std::string slurm_script(const SweepFile& sweep, const fs::path& out, size_t jobs, uint32_t at_once) {
+    const std::string folder = fs::absolute(out).string();
+    return "#!/bin/sh\n#SBATCH --job-name=" + sweep.name + "\n#SBATCH --array=0-" + std::to_string(jobs - 1) + "%" + std::to_string(at_once) +
+           "\n#SBATCH --ntasks=1\n#SBATCH --cpus-per-task=" + std::to_string(sweep.threads) + "\n#SBATCH --output=/dev/null\n" +
+           "line=$(sed -n \"$((SLURM_ARRAY_TASK_ID + 1))p\" " + quoted(folder + "/runs.txt") + ")\neval \"$line\"\n";
+}
+
+void run_by_slurm(const SweepFile& sweep, const fs::path& out, size_t jobs, uint32_t at_once) {
+    const fs::path script = fs::absolute(out / "sweep.sbatch");
+    write_whole_file(script, slurm_script(sweep, out, jobs, at_once));
+    const std::string sbatch = find_program("sbatch");
+    if (sbatch.empty())
+        throw InputError("--engine slurm: no sbatch here; submit " + script.string() + " where there is one, then run this command again with --engine merge");
+    const ChildResult result = run_child({sbatch, "--wait", script.string()}, {});
+    if (result.end != ChildEnd::kExited) throw InputError("sbatch " + describe_child_end(result, {}));
+    // the exit code of --wait is the highest of the tasks': the table tells which
+    if (result.output.find("Submitted") == std::string::npos) throw InputError("sbatch: " + last_error_line(result));
+}
+
+std::string csv_field(const std::string& text) {
+    if (text.find_first_of(",\"\n") == std::string::npos) return text;
+    std::string out = "\"";
+    for (const char c : text) out += c == '"' ? std::string("\"\"") : std::string(1, c);
+    return out + "\"";
+}
+
+// The value at "a.b.c"; null where there is none.
+nlohmann::ordered_json at_path(const nlohmann::ordered_json& root, const std::string& path) {
+    const nlohmann::ordered_json* node = &root;
+    std::istringstream words(path);
+    for (std::string word; std::getline(words, word, '.');) {
+        if (!node->is_object() || !node->contains(word)) return nullptr;
+        node = &(*node)[word];
+    }
+    return *node;
+}
+
+// sweep.csv and sweep.json of what is done. Returns how many runs are not.
+size_t merge(const SweepFile& sweep, const fs::path& out, const std::vector<Job>& jobs) {
+    size_t missing = 0;
+    nlohmann::ordered_json rows = nlohmann::ordered_json::array();
+    std::string csv = "run";
+    for (const SweepAxis& axis : sweep.axes) csv += "," + csv_field(axis.key);
+    for (const std::string& column : sweep.columns) csv += "," + csv_field(column);
+    csv += ",failed\n";
+    for (const Job& job : jobs) {
+        nlohmann::ordered_json row = {{"run", job.folder.filename().string()}};
+        csv += job.folder.filename().string();
+        for (size_t a = 0; a < job.values.size(); ++a) row[sweep.axes[a].key] = job.values[a], csv += "," + csv_field(job.values[a]);
+        const nlohmann::ordered_json metrics = is_done(job) ? nlohmann::ordered_json::parse(read_text(job.folder / "metrics.json"), nullptr, false) : nlohmann::ordered_json();
+        std::string failed;
+        if (!metrics.is_object()) {
+            ++missing;
+            failed = read_text(job.folder / "log");
+            failed = failed.empty() ? "did not run" : failed.substr(0, failed.find('\n'));
+        }
+        for (const std::string& column : sweep.columns) {
+            const nlohmann::ordered_json value = at_path(metrics, column);
+            row[column] = value;
+            csv += "," + (value.is_null() ? "" : csv_field(value.is_string() ? value.get<std::string>() : value.dump()));
+        }
+        row["failed"] = failed.empty() ? nlohmann::ordered_json(nullptr) : nlohmann::ordered_json(failed);
+        csv += "," + csv_field(failed) + "\n";
+        rows.push_back(row);
+    }
+    write_whole_file(out / "sweep.csv", csv);
+    write_whole_file(out / "sweep.json", nlohmann::ordered_json{{"sweep", sweep.name}, {"runs", rows}}.dump(1) + "\n");
+    return missing;
+}
+
+}  // namespace
+
+int sweep_command(const SweepOptions& options) {
+    const SweepFile sweep = read_sweep_file(options.file);
+    const fs::path out = options.out.empty() ? fs::path("out") / ("sweep_" + sweep.name) : options.out;
+    const std::vector<Job> jobs = expand(sweep, out);
+    check_jobs(sweep, jobs);
+    if (options.dry_run) {
+        std::string text;
+        for (const Job& job : jobs) text += command_line(job) + "\n";
+        write_standard_output(text);
+        return kDone;
+    }
+    const uint32_t cores = std::max(1u, std::thread::hardware_concurrency());
+    const uint32_t at_once = options.jobs > 0 ? options.jobs : std::max(1u, cores / sweep.threads);
+    prepare(out, jobs);
+    const auto done = static_cast<size_t>(std::count_if(jobs.begin(), jobs.end(), is_done));
+    if (options.engine == "parallel") run_by_parallel(out, at_once);
+    else if (options.engine == "slurm") run_by_slurm(sweep, out, jobs.size(), at_once);
+    else if (options.engine == "local") run_here(jobs, at_once);
+    const size_t missing = merge(sweep, out, jobs);
+    char text[256];
+    std::snprintf(text, sizeof text, "%s: %zu runs, %zu were there, %zu failed or missing; table in ", sweep.name.c_str(), jobs.size(), done, missing);
+    write_standard_output(options.json ? read_text(out / "sweep.json") : text + (out / "sweep.csv").string() + "\n");
+    return missing == 0 ? kDone : kNo;
+}
+
+}  // namespace trocar

@@ -1,0 +1,42 @@
+#pragma once
+#include <cstdint>
+#include <memory>
+#include <span>
+#include <vector>
+
+#include "components/bodies.hpp"
+#include "components/contacts.hpp"
+#include "engine/closest_point.hpp"
+#include "engine/surfaces.hpp"
+namespace trocar {
+
+// A point of an edge that had a row in the pass before.
+struct KeptEdge {
+    uint32_t pair = kNone, memory = kNone;  // rows
+    Vec3d point = Vec3d::Zero();            // m, frame of the other body
+    SurfacePoint answer;                    // likewise
+};
+
+struct ContactMemoryScratch {
+    std::vector<uint32_t> order;  // rows of memory, ascending by point
+    std::vector<KeptEdge> kept;
+};
+
+// Adds to contacts the points of edges that had a row in the pass before, as long as they are within params.tolerance of
+// the surface: the edge pass finds edges only while they cross, so that one held up by another would be let go when it
+// has been pushed out, sink for a pass, and be found again: tissue on tissue trembles at mm/s. Pairs with a deformable
+// body; keeps the order of contacts.
+void keep_edges(const ContactParams& params, const Surfaces& surfaces, const BodyBoxes& boxes, const CandidatePairs& pairs,
+                std::span<const std::unique_ptr<ClosestPointTree>> trees, const ContactMemory& memory,
+                ContactMemoryScratch& scratch, Contacts& contacts);
+
+// Gives every row what the row of the same point carried at the end of the pass before, zero where there was none. The
+// same point: same vertices of the same body against the same other and, of an edge, less than a tenth of it apart. Rows that
+// start deeper than what rests get none.
+void recall_contacts(const ContactMemory& memory, ContactMemoryScratch& scratch, ContactRows& rows);
+
+// Keeps the rows that carried something in the pass, and those of edges, in their order; points inside faces
+// are found anew.
+void remember_contacts(const ContactRows& rows, ContactMemory& memory);
+
+}  // namespace trocar

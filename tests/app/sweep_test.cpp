@@ -1,0 +1,115 @@
+#include <gtest/gtest.h>
+
+#include <cstdlib>
+#include <filesystem>
+#include <fstream>
+#include <nlohmann/json.hpp>
+#include <set>
+#include <sstream>
+
+#include "content/sweep_file.hpp"
+#include "engine/error.hpp"
+#include "tests/app/run_program.hpp"
+
+namespace trocar {
+namespace {
+namespace fs = std::filesystem;
+
+fs::path fresh_folder(const std::string& name) {
+    const fs::path folder = fs::path(testing::TempDir()) / ("sweep_" + name);
+    fs::remove_all(folder);
+    fs::create_directories(folder);
+    return folder;
+}
+fs::path write(const fs::path& file, const std::string& text) {
+    std::ofstream(file) << text;
+    return file;
+}
+std::string text_of(const fs::path& file) {
+    std::ifstream stream(file);
+    return {std::istreambuf_iterator<char>(stream), {}};
+}
+
+const std::string kScene = "seconds = 0.1\n[parameters]\nheight = 0.1\n[[body]]\nname = \"ball\"\nshape = \"sphere\"\ntriangles = 80\nsize = 0.05\nmotion = \"free\"\nposition = [0.0, 0.0, \"$height\"]\n";
+const std::string kSweep = "name = \"drop\"\nscene = \"ball.toml\"\ncolumns = [\"simulated_s\", \"energy.kinetic_j\", \"state_hash\"]\n[vary]\nheight = [0.1, 0.2]\ngravity = [[0.0, 0.0, -9.81], [0.0, 0.0, 0.0]]\n";
+
+TEST(SweepFile, EveryCombinationOnceInOrder) {
+    const fs::path folder = fresh_folder("file");
+    const SweepFile sweep = read_sweep_file(write(folder / "s.toml", "scene = \"x\"\n[vary]\na = [1, 2]\n\"b.c\" = [\"p\", \"q\", \"r\"]\n"));
+    const auto all = combinations(sweep);
+    ASSERT_EQ(all.size(), 6u);
+    EXPECT_EQ(all[0], (std::vector<std::string>{"1", "p"}));
+    EXPECT_EQ(all[1], (std::vector<std::string>{"1", "q"}));
+    EXPECT_EQ(all[3], (std::vector<std::string>{"2", "p"}));
+    EXPECT_EQ((std::set<std::vector<std::string>>(all.begin(), all.end()).size()), 6u);
+    for (const auto& [text, reason] : std::vector<std::pair<std::string, std::string>>{{"scene = 3\n[vary]\na = [1]\n", "1:9: scene must be a string"},
+                                                                                       {"scene = \"x\"\n", "nothing varies"},
+                                                                                       {"[vary]\na = [1]\n", "needs a scene"},
+                                                                                       {"scene = \"x\"\n[vary]\na = 1\n", "needs a list of values"},
+                                                                                       {"scene = \"x\"\nsecond = 1\n", "unknown key \"second\""},
+                                                                                       {"scene = \"x\"\nseconds = -1\n", "must be a positive number"},
+                                                                                       {"scene = [", "s.toml:1:"}}) {
+        try {
+            read_sweep_file(write(folder / "s.toml", text));
+            ADD_FAILURE() << text;
+        } catch (const InputError& error) {
+            EXPECT_NE(std::string(error.what()).find(reason), std::string::npos) << error.what();
+        }
+    }
+}
+
+// The kinetic energy of a ball that fell for the time of the run is known: m (g t)^2 / 2, from any height; without gravity none.
+TEST(SweepCommand, RunsMergesResumesAndIsTheSameOnEveryEngine) {
+    const fs::path folder = fresh_folder("run");
+    write(folder / "ball.toml", kScene);
+    const fs::path sweep = write(folder / "drop.toml", kSweep);
+    const auto run = [&](const std::string& more) { return run_program("sweep " + sweep.string() + " " + more, source_folder(), folder); };
+    const Outcome dry = run("--dry-run --out " + (folder / "dry").string());
+    EXPECT_EQ(std::count(dry.out.begin(), dry.out.end(), '\n'), 4);
+    EXPECT_FALSE(fs::exists(folder / "dry"));
+
+    const fs::path out = folder / "out";
+    ASSERT_EQ(run("--out " + out.string()).code, 0);
+    const auto rows = nlohmann::json::parse(text_of(out / "sweep.json"))["runs"];
+    ASSERT_EQ(rows.size(), 4u);
+    double falling = 0;
+    for (const auto& row : rows) {
+        const double kinetic = row["energy.kinetic_j"];
+        const bool falls = row["gravity"].get<std::string>().find("9.81") != std::string::npos;
+        EXPECT_EQ(kinetic > 0, falls) << row;
+        falling = std::max(falling, kinetic);
+        EXPECT_TRUE(row["failed"].is_null());
+        EXPECT_EQ(row["state_hash"].get<std::string>().size(), 16u);
+    }
+    EXPECT_GT(falling, 0);
+    EXPECT_NE(rows[0]["state_hash"], rows[2]["state_hash"]) << "another height";
+
+    // done runs are left alone; a lost one and one of another command are run again
+    const auto stamp = fs::last_write_time(out / "runs/00001/metrics.json");
+    fs::remove_all(out / "runs/00002");
+    const Outcome again = run("--out " + out.string());
+    EXPECT_EQ(again.code, 0);
+    EXPECT_NE(again.out.find("4 runs, 3 were there, 0 failed"), std::string::npos) << again.out;
+    EXPECT_EQ(fs::last_write_time(out / "runs/00001/metrics.json"), stamp);
+    if (std::system("command -v parallel >/dev/null 2>&1") == 0) {
+        ASSERT_EQ(run("--engine parallel --out " + (folder / "p").string()).code, 0);
+        EXPECT_EQ(text_of(folder / "p/sweep.csv"), text_of(out / "sweep.csv"));
+    }
+}
+
+TEST(SweepCommand, AWrongKeyShowsBeforeAnythingRunsAndAFailedRunInTheTable) {
+    const fs::path folder = fresh_folder("wrong");
+    write(folder / "ball.toml", kScene);
+    const fs::path wrong = write(folder / "wrong.toml", "scene = \"ball.toml\"\n[vary]\n\"ball.triangels\" = [80, 100]\n");
+    const Outcome refused = run_program("sweep " + wrong.string() + " --out " + (folder / "o").string(), source_folder(), folder);
+    EXPECT_EQ(refused.code, 2);
+    EXPECT_NE(refused.err.find("did you mean \"triangles\""), std::string::npos) << refused.err;
+    EXPECT_FALSE(fs::exists(folder / "o"));
+    const fs::path shapes = write(folder / "shapes.toml", "scene = \"ball.toml\"\n[vary]\n\"ball.shape\" = [\"sphere\", \"cloud\"]\n");
+    const Outcome half = run_program("sweep " + shapes.string() + " --out " + (folder / "h").string(), source_folder(), folder);
+    EXPECT_EQ(half.code, 1) << half.err;
+    EXPECT_NE(text_of(folder / "h/sweep.csv").find("no shape \"\"cloud\"\""), std::string::npos) << text_of(folder / "h/sweep.csv");
+}
+
+}  // namespace
+}  // namespace trocar

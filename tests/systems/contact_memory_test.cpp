@@ -1,0 +1,65 @@
+#include "systems/contact_memory.hpp"
+
+#include <gtest/gtest.h>
+
+#include <algorithm>
+
+namespace {
+using namespace trocar;
+
+struct Row {
+    uint32_t body, other;
+    std::array<uint32_t, 2> vertex;
+    float along = 0;
+    Vec3d impulse = Vec3d::Zero(), carried = Vec3d::Zero();
+    uint32_t third = kNone;
+    double distance = 0;
+};
+ContactRows rows_of(const std::vector<Row>& list) {
+    ContactRows rows;
+    for (const Row& r : list) {
+        rows.body.push_back(r.body);
+        rows.other.push_back(r.other);
+        rows.vertex.push_back(r.vertex);
+        rows.along.push_back(r.along);
+        rows.third.push_back(r.third);
+        rows.distance.push_back(r.distance);
+        rows.impulse.push_back(r.impulse);
+        rows.carried.push_back(r.carried);
+    }
+    return rows;
+}
+Vec3d force(double x) { return {x, 0, 1}; }
+
+// Every point finds what it carried and no other's: sides of a pair, vertex and edge, two points of one edge, an edge that
+// slid on, and rows of crossing edges, which come out of order. What carried nothing is forgotten, but for edges.
+TEST(ContactMemory, RowsFindWhatTheirPointsCarried) {
+    const Vec3d some(0, 0, 1e-3);
+    ContactMemory memory;
+    remember_contacts(rows_of({{0, 1, {5, 5}, 0, some, force(1)},
+                               {0, 1, {6, 6}, 0, Vec3d::Zero(), Vec3d::Zero()},
+                               {0, 1, {5, 9}, 0.2f, some, force(2)},
+                               {0, 1, {5, 9}, 0.7f, some, force(3)},
+                               {0, 1, {7, 9}, 0.5f, Vec3d::Zero(), Vec3d::Zero()},
+                               {0, 1, {7, 9}, 0.5f, some, force(9), 11},
+                               {1, 0, {5, 5}, 0, some, force(4)},
+                               {0, 2, {5, 5}, 0, some, force(5)},
+                               {0, 1, {1, 2}, 0.5f, some, force(6)}}),
+                      memory);
+    EXPECT_EQ(memory.body.size(), 7u);
+
+    ContactRows now = rows_of({{0, 1, {4, 4}}, {0, 1, {5, 5}}, {0, 1, {6, 6}}, {0, 1, {5, 9}, 0.75f}, {0, 1, {5, 9}, 0.45f},
+                               {0, 1, {7, 9}, 0.5f}, {0, 1, {7, 9}, 0.5f, Vec3d::Zero(), Vec3d::Zero(), 11}, {1, 0, {5, 5}}, {0, 2, {5, 5}},
+                               {1, 2, {5, 5}}, {0, 1, {1, 2}, 0.52f}, {0, 1, {5, 5}, 0, Vec3d::Zero(), Vec3d::Zero(), kNone, -1e-4}});
+    ContactMemoryScratch scratch;
+    recall_contacts(memory, scratch, now);
+    const std::vector<double> expected{0, 1, 0, 3, 0, 0, 0, 4, 5, 0, 6, 0};
+    ASSERT_EQ(now.carried.size(), expected.size());
+    for (size_t i = 0; i < expected.size(); ++i) {
+        EXPECT_EQ(now.carried[i], expected[i] == 0 ? Vec3d(0, 0, 0) : force(expected[i])) << i;
+    }
+    recall_contacts({}, scratch, now);
+    for (const Vec3d& f : now.carried) EXPECT_EQ(f, Vec3d(0, 0, 0));
+}
+
+}  // namespace
