@@ -4,6 +4,7 @@
 
 #include <cmath>
 
+#include "systems/haptic_tool.hpp"
 #include "tests/reference/local_patches.hpp"
 namespace trocar {
 namespace {
@@ -90,8 +91,8 @@ TEST(LiveHaptics, RecordedValuesReplayToTheSameForces) {
         last_sequence[t.tool] = t.model_sequence;
         const LocalContactModel& model = t.model_sequence > 0 ? published[t.model_sequence - 1] : nothing;
         const double time = static_cast<double>(t.tick) * static_cast<double>(options.period) * 1e-9;
-        haptic_tick(params, model, time, tools[t.tool], t.sample, scratch, state[t.tool]);
-        ASSERT_EQ(state[t.tool].command.force, t.force) << k;
+        tick_tool(params, model, time, tools[t.tool], {}, t.sample, scratch, state[t.tool]);
+        ASSERT_EQ(state[t.tool].output.force, t.force) << k;
     }
     EXPECT_EQ(state[0].proxy, haptics.state[0].proxy);
 }
