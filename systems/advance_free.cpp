@@ -238,7 +238,7 @@ double go_on(AdvanceScratch& s, double before) {
         const double normal = row.normal_impulse - t.normal_before;
         now += normal * normal + norm2(row.friction_impulse - t.friction_before);
     }
-    const bool grows = !(now <= before);  // also the first time
+    const bool grows = !(now < before);  // also the first time, and when nothing changes any more
     const double share = grows ? 0 : now / before;
     for (ContactActive& row : s.active) {
         if (row.turning == kNone) continue;
