@@ -101,6 +101,8 @@ void finish_figures(const Frame& frame, double bytes_before, RunFigures& figures
         figures.tool[t].safety = w.haptics.state[t].safety;
         figures.tool[t].events = w.haptics.state[t].events;
     }
+    for (size_t d = 0; d < w.nodes.drive.size(); ++d)
+        figures.drive.push_back({w.bodies.name[w.nodes.drive[d].body], w.nodes.drive[d].behaviour, w.node_state.drive[d].events});
     for (const LinkGroup& g : w.links.group) {
         if (g.body != kNone) figures.link.push_back({g.name, g.made, g.broken, g.largest_force, g.largest_strain});
     }
