@@ -7,6 +7,7 @@
 #include "components/nodes.hpp"
 #include "components/report.hpp"
 #include "engine/device_link.hpp"
+#include "systems/app/tool_record.hpp"
 namespace trocar {
 
 // What one contact pass found and cost.
@@ -109,6 +110,7 @@ struct RunFigures {
     std::vector<LinkFigures> link;
     std::vector<ToolFigures> tool;
     std::vector<DriveFigures> drive;
+    std::vector<ToolSample> tool_sample;  // of every pass
     std::vector<std::vector<float>> pass_stage_ms;  // per pass, per stage
     std::vector<PairFigures> pair;       // the dearest
     uint64_t pairs_met = 0;
