@@ -185,9 +185,38 @@ SceneFile fold_nodes(const SceneFile& scene) {
     return folded;
 }
 
+void add_tool_exchanges(const SceneFile& scene, const ToolSpec& spec, World& world, uint32_t tool) {
+    uint32_t from = tool;
+    for (const ToolExchangeSpec& exchange : spec.exchanges) {
+        const auto& names = world.bodies.name;
+        const auto found = std::find(names.begin(), names.end(), exchange.body);
+        if (found == names.end()) refuse(scene, exchange.line, "no body is named \"" + exchange.body + "\"");
+        const uint32_t body = static_cast<uint32_t>(found - names.begin());
+        if (world.bodies.motion[body] != Motion::kHand) refuse(scene, exchange.line, "body \"" + exchange.body + "\" of a tool must have motion = \"hand\"");
+        const auto& tools = world.haptics.tool;
+        const auto known = std::find_if(tools.begin(), tools.end(), [&](const HandTool& t) { return t.body == body; });
+        uint32_t to = static_cast<uint32_t>(known - tools.begin());  // an instrument may come back
+        if (known != tools.end() && (to < tool || to == from)) refuse(scene, exchange.line, "body \"" + exchange.body + "\" is in a hand already");
+        if (known == tools.end()) {
+            if (tools.size() == kMaxTools) refuse(scene, exchange.line, "more than " + std::to_string(kMaxTools) + " tools and instruments to exchange");
+            HandTool other = tools[tool];
+            other.body = body;
+            other.tip = exchange.tip;
+            if (exchange.tip_radius > 0) other.tip_radius = exchange.tip_radius;
+            world.haptics.tool.push_back(other);
+            world.haptics.state.emplace_back();
+        }
+        world.node_state.laid_down.resize(world.haptics.tool.size(), 0);
+        if (to != tool) world.node_state.laid_down[to] = 1;
+        world.nodes.exchange.push_back({from, to, exchange.time, exchange.buttons});
+        from = to;
+    }
+}
+
 void add_scene_nodes(const SceneFile& scene, World& world) {
-    if (scene.nodes.empty()) return;
+    if (scene.nodes.empty() && world.nodes.exchange.empty()) return;
     Nodes& nodes = world.nodes;
+    if (!nodes.exchange.empty()) world.node_state.laid_down.resize(world.haptics.tool.size(), 0);
     const std::vector<NodeFrame> frames = node_frames(scene);
     for (uint32_t n = 0; n < scene.nodes.size(); ++n) {
         const NodeSpec& node = scene.nodes[n];
@@ -196,7 +225,7 @@ void add_scene_nodes(const SceneFile& scene, World& world) {
         world.node_state.enabled.push_back(node.enabled);
     }
     std::vector<uint32_t> driven(scene.nodes.size(), kNone);
-    for (uint32_t body = 0; body < scene.bodies.size(); ++body) {
+    for (uint32_t body = 0; body < scene.bodies.size() && !scene.nodes.empty(); ++body) {
         const uint32_t node = node_of(scene, scene.bodies[body]);
         nodes.of_body.push_back(node);
         if (node == kNone || scene.nodes[node].drive.behaviour == NodeBehaviour::kNone) continue;
@@ -209,10 +238,10 @@ void add_scene_nodes(const SceneFile& scene, World& world) {
             refuse(scene, scene.nodes[n].line, "node \"" + scene.nodes[n].name + "\" has a behaviour but no body");
     keep_apart(world);
     add_switches(scene, world);
-    check_bodies_of_nodes(scene, world);
+    if (!nodes.name.empty()) check_bodies_of_nodes(scene, world);
     NodeState& state = world.node_state;
-    state.seen.assign(nodes.toggle.size(), 0);
-    find_bodies_off(nodes, world.haptics.tool, state);
+    state.seen.assign(nodes.toggle.size() + nodes.exchange.size(), 0);
+    find_bodies_off(static_cast<uint32_t>(world.bodies.mesh.size()), nodes, world.haptics.tool, state);
 }
 
 }  // namespace trocar

@@ -168,6 +168,7 @@ void add_tool(const SceneFile& scene, const ToolSpec& spec, World& world) {
     }
     world.haptics.tool.push_back(tool);
     world.haptics.state.emplace_back();
+    add_tool_exchanges(scene, spec, world, static_cast<uint32_t>(world.haptics.tool.size() - 1));
 }
 
 Camera make_camera(const CameraSpec& spec) {

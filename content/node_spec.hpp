@@ -18,6 +18,16 @@ struct NodeSwitchSpec {
     NodeEventKind event = NodeEventKind::kPressed;
 };
 
+// One [[tool.exchange]]: the body that comes into the hand in place of the one before it.
+struct ToolExchangeSpec {
+    uint32_t line = 0;
+    std::string body;
+    Vec3d tip = Vec3d::Zero();   // m, body frame
+    double tip_radius = 0;       // m, 0 = as before
+    double time = std::numeric_limits<double>::infinity();  // s
+    uint32_t buttons = 0;        // bits
+};
+
 // One [[node]]: a frame that bodies and other nodes lie in, and what it lets its body do.
 struct NodeSpec {
     std::string name;

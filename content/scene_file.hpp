@@ -79,6 +79,7 @@ struct ToolSpec {
     Pivot pivot;
     DeviceLimits limits;
     std::vector<HapticEffect> effects;
+    std::vector<ToolExchangeSpec> exchanges;
 };
 
 struct CameraSpec {

@@ -139,7 +139,7 @@ void device_input(FrameState& f) {
 }
 void nodes(FrameState& f) {
     World& w = f.world;
-    switch_nodes(pass_seconds(w), w.nodes, w.lives, w.haptics, w.node_state, w.sleep);
+    switch_nodes(pass_seconds(w), w.nodes, w.lives, w.haptics, w.poses, w.node_state, w.sleep);
 }
 void rigid_motion(FrameState& f) { follow_paths(f.world.paths, pass_seconds(f.world), f.world.node_state.off, f.world.poses); }
 void link(FrameState& f) {
@@ -462,7 +462,7 @@ constexpr ResourceMask kShapes = mask(R::kMeshes, R::kBodies, R::kPoses, R::kPar
 constexpr FrameStage kBegin[] = {
     // name              run              reads                                                              writes
     {{"device input",    device_input,    mask(R::kClock, R::kPaths, R::kTools),                             mask(R::kToolState)}, any_tool},
-    {{"nodes",           nodes,           mask(R::kClock, R::kNodes, R::kTools, R::kLives), mask(R::kToolState, R::kNodeState, R::kSleep)}, any_switch},
+    {{"nodes",           nodes,           mask(R::kClock, R::kNodes, R::kTools, R::kLives), mask(R::kPoses, R::kToolState, R::kNodeState, R::kSleep)}, any_switch},
     {{"rigid motion",    rigid_motion,    mask(R::kClock, R::kPaths, R::kNodeState),                                        mask(R::kPoses)}, any_path},
     {{"come and go",     come_and_go,     kShapes | mask(R::kSettings, R::kSprings, R::kSolids, R::kAnchors, R::kPools, R::kClock), mask(R::kPoses, R::kParticles, R::kSleep, R::kLives, R::kEnergy)}, any_pool},
     {{"links",           link,            kShapes | mask(R::kSolids, R::kClock, R::kTrees, R::kToolState),     mask(R::kLinks, R::kSleep, R::kEnergy, R::kReport)}, any_link},

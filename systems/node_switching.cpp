@@ -1,7 +1,10 @@
 #include "systems/node_switching.hpp"
 
 #include <algorithm>
+#include <array>
+#include <span>
 
+#include "engine/geometry/quaternion.hpp"
 #include "engine/node_switches.hpp"
 namespace trocar {
 namespace {
@@ -41,10 +44,42 @@ void let_go(ToolState& tool) {
     tool.safety.contact_force.setZero();
 }
 
+// The hand, with all that it did so far, holds the other instrument from now on.
+void exchange(const Haptics& haptics, const ToolExchange& e, std::span<ToolState> tools, Poses& poses) {
+    tools[e.to] = tools[e.from];
+    let_go(tools[e.from]);
+    tools[e.from].device.buttons = 0;  // nobody holds its device
+    let_go(tools[e.to]);
+    const HandTool& tool = haptics.tool[e.to];
+    const DeviceState& device = tools[e.to].device;
+    poses.orientation[tool.body] = device.orientation;
+    poses.origin[tool.body] = device.position - rotate(device.orientation, tool.tip);
+    poses.velocity[tool.body] = poses.angular_velocity[tool.body] = Vec3d::Zero();
+}
+
+// True if any was exchanged.
+bool exchange_tools(double time, const Nodes& nodes, Haptics& haptics, Poses& poses, NodeState& state) {
+    std::array<uint8_t, kMaxTools> laid_down{};
+    std::copy(state.laid_down.begin(), state.laid_down.end(), laid_down.begin());
+    bool any = false;
+    for (uint32_t i = 0; i < nodes.exchange.size(); ++i) {
+        const ToolExchange& e = nodes.exchange[i];
+        NodeSwitch s;
+        s.time = e.time, s.buttons = e.buttons;
+        s.tool = laid_down[e.from] ? kNone : e.from;
+        const bool due = is_due(time, s, haptics, state, state.seen[nodes.toggle.size() + i]);
+        if (!due || laid_down[e.from]) continue;
+        exchange(haptics, e, haptics.state, poses);
+        state.laid_down[e.from] = 1, state.laid_down[e.to] = 0;
+        any = true;
+    }
+    return any;
+}
+
 }  // namespace
 
-void switch_nodes(double time, const Nodes& nodes, const Lives& lives, Haptics& haptics, NodeState& state, Sleep& sleep) {
-    bool changed = false;
+void switch_nodes(double time, const Nodes& nodes, const Lives& lives, Haptics& haptics, Poses& poses, NodeState& state, Sleep& sleep) {
+    bool changed = exchange_tools(time, nodes, haptics, poses, state);
     for (uint32_t i = 0; i < nodes.toggle.size(); ++i) {
         const NodeSwitch& s = nodes.toggle[i];
         if (!is_due(time, s, haptics, state, state.seen[i])) continue;
@@ -53,7 +88,7 @@ void switch_nodes(double time, const Nodes& nodes, const Lives& lives, Haptics& 
         state.enabled[s.node] = to;
     }
     if (changed) {
-        find_bodies_off(nodes, haptics.tool, state);
+        find_bodies_off(static_cast<uint32_t>(state.off.size()), nodes, haptics.tool, state);
         wake_all(lives, sleep);
         for (uint32_t t = 0; t < haptics.tool.size(); ++t)
             if (is_off(state, haptics.tool[t].body)) let_go(haptics.state[t]);

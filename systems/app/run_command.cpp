@@ -252,6 +252,15 @@ void print_summary(const RunFigures& f, const fs::path& out, bool figures_only) 
                               std::string(f.tool.empty() ? "" : ", tools.csv") + std::string(f.render_ms.empty() ? "" : ", frames/") + "\n");
 }
 
+// A haptic thread holds its instruments from start to end.
+void refuse_what_is_not_live(const World& w) {
+    for (const HandTool& tool : w.haptics.tool) {
+        const bool in_node = !w.nodes.of_body.empty() && w.nodes.of_body[tool.body] != kNone && !w.nodes.toggle.empty();
+        if (in_node || !w.nodes.exchange.empty())
+            throw InputError("tool \"" + w.bodies.name[tool.body] + "\" is exchanged or hangs on a node: that runs in lockstep, without --live");
+    }
+}
+
 }  // namespace
 
 fs::path find_scene(const std::string& name) {
@@ -293,6 +302,7 @@ int run_command(const RunOptions& options) {
     pool.run([&] {
         const double bytes_before = resident_bytes();
         BuiltScene scene = build_scene(file);
+        if (options.live) refuse_what_is_not_live(scene.world);
         for (const std::string& warning : scene.warnings)
             std::fprintf(stderr, "trocar: warning: %s\n", warning.c_str());
         Trace trace(options.out.empty() || options.figures_only ? 0 : kTraceCapacity);

@@ -265,8 +265,8 @@ TEST(DrivenBodies, DryFrictionStopsADialAtTheComputedAngle) {
     double last = -1;
     run(std::move(world), 1.5 * at, [&](Frame& f) {
         const double t = seconds_of(f), q = f.world().node_state.drive[0].place;
-        if (t < at - 0.01) EXPECT_NEAR(q, w0 * t - 0.5 * 2e-5 / inertia * t * t, 2e-3 * stop);
-        if (t > at + 0.01 && last >= 0) EXPECT_EQ(q, last);
+        if (t < at - 0.01) { EXPECT_NEAR(q, w0 * t - 0.5 * 2e-5 / inertia * t * t, 2e-3 * stop); }
+        if (t > at + 0.01 && last >= 0) { EXPECT_EQ(q, last); }
         if (t > at + 0.01) last = q;
         EXPECT_LT(std::abs(f.world().energy.balance), 0.01 * 0.5 * inertia * w0 * w0);
     });
@@ -308,6 +308,187 @@ TEST(DrivenBodies, TheForceIsTheSlopeOfTheEnergy) {
         const double q = i * 1e-5, h = 1e-8;
         EXPECT_NEAR(drive_force(d, q), -(drive_energy(d, q + h) - drive_energy(d, q - h)) / (2 * h), 2e-5) << q;
     }
+}
+
+// ---- with tools ----
+
+constexpr const char* kPress = R"(
+gravity = [0.0, 0.0, 0.0]
+[[node]]
+name = "button"
+behaviour = "button"
+axis = [0.0, 0.0, -1.0]
+limits = [0.0, 0.008]
+stiffness = 350.0
+rest = -0.001
+damping = 1.0
+[[body]]
+name = "button"
+node = "button"
+shape = "box"
+size = 0.02
+triangles = 108
+motion = "free"
+mass = 0.01
+[[body]]
+name = "probe"
+shape = "probe"
+triangles = 600
+motion = "hand"
+position = [0.002, 0.001, 0.03]
+[[tool]]
+body = "probe"
+tip_radius = 0.007
+stiffness = 600.0
+[[tool.path]]
+time = 0.0
+position = [0.002, 0.001, 0.03]
+[[tool.path]]
+time = 0.5
+position = [0.002, 0.001, 0.013]
+[[tool.path]]
+time = 1.0
+position = [0.002, 0.001, 0.013]
+)";
+
+// Held still, three forces are one: of the spring on the button, of the tissue on the simulated tool, to the hand; and the
+// place is that of two springs in a row. Breaks when the tick does not see where the button is.
+TEST(DrivenBodies, TheHandFeelsTheSpringOfAPressedButton) {
+    double worst_books = 0;
+    run(world_of(kPress), 1, [&](Frame& f) {
+        const World& w = f.world();
+        worst_books = std::max(worst_books, std::abs(w.energy.balance));
+        if (w.clock.pass < 60) return;
+        const double q = w.node_state.drive[0].place, spring = 350 * (q + 0.001);
+        const ToolState& tool = w.haptics.state[0];
+        // the device is 4 mm beyond touching: 600 (4 mm - q) = 350 (q + 1 mm)
+        EXPECT_NEAR(q, (600 * 0.004 - 350 * 0.001) / 950, 2e-5);
+        EXPECT_NEAR(tool.command.force.norm(), spring, 0.01 * spring);
+        EXPECT_NEAR(tool.command.force.z(), spring, 0.01 * spring);
+        EXPECT_NEAR(tool.contact_impulse.norm() / (1e-3 * w.clock.period), spring, 0.01 * spring);
+        EXPECT_LT(worst_books, 0.01 * w.energy.work_hand) << "of the work of the hand";
+        EXPECT_EQ(w.node_state.drive[0].events.count[static_cast<size_t>(NodeEventKind::kPressed)], 0u) << "4 mm were not reached";
+    });
+}
+
+// Pressed beyond its travel it stands at its stop, and the hand feels the coupling against it.
+TEST(DrivenBodies, AButtonStandsAtItsStop) {
+    SceneText scene(kPress);
+    World world = std::move(build_scene(read_scene_file(scene.path, {{"node.button.limits", "[0.0, 0.001]"}})).world);
+    run(std::move(world), 1, [&](Frame& f) {
+        const World& w = f.world();
+        EXPECT_LE(w.node_state.drive[0].place, 0.001);
+        if (w.clock.pass < 60) return;
+        EXPECT_DOUBLE_EQ(w.node_state.drive[0].place, 0.001);
+        EXPECT_NEAR(w.haptics.state[0].command.force.z(), 600 * 0.003, 0.01 * 600 * 0.003);
+        EXPECT_EQ(w.node_state.drive[0].events.count[static_cast<size_t>(NodeEventKind::kPressed)], 1u);
+        EXPECT_LT(w.report.deepest_residual, 1e-5);
+    });
+}
+
+World small_panel() { return std::move(small_scene("dial_and_button", "192").world); }
+
+// The scene: pressed and released once, the lamp on, the dial through its detents; the same bits on any number of threads,
+// and after a state was saved and loaded.
+TEST(DrivenBodies, TheSceneOfDialAndButtonGoesThroughItsEvents) {
+    uint64_t hash[2] = {0, 0};
+    for (const uint32_t threads : {1u, 2u}) {
+        run(
+            small_panel(), 6,
+            [&](Frame& f) {
+                const World& w = f.world();
+                if (w.clock.pass < 360) return;
+                hash[threads - 1] = state_hash(w);
+                const auto count = [&](size_t row, NodeEventKind kind) { return w.node_state.drive[row].events.count[static_cast<size_t>(kind)]; };
+                EXPECT_EQ(count(0, NodeEventKind::kPressed), 1u);
+                EXPECT_EQ(count(0, NodeEventKind::kReleased), 1u);
+                EXPECT_EQ(count(0, NodeEventKind::kLimit), 2u) << "down, and back up";
+                EXPECT_GE(count(1, NodeEventKind::kDetent), 4u);
+                const double place = w.node_state.drive[1].place, notch = place * 16 / (2 * M_PI);
+                EXPECT_GT(place, 1.2);
+                // friction holds it where the detent pulls less: asin(2 / 8) / 16
+                EXPECT_LT(std::abs(notch - std::round(notch)) * 2 * M_PI / 16, std::asin(0.25) / 16 + 1e-3) << "it rests in a detent";
+                EXPECT_LT(std::abs(w.energy.balance), 0.02 * w.energy.work_hand);
+                EXPECT_EQ(find_fault(w), "");
+            },
+            threads);
+    }
+    EXPECT_EQ(hash[0], hash[1]);
+}
+
+constexpr const char* kExchange = R"(
+[[body]]
+name = "floor"
+shape = "box"
+size = 1.0
+triangles = 12
+position = [0.0, 0.0, -0.5]
+[[body]]
+name = "probe"
+shape = "probe"
+triangles = 600
+motion = "hand"
+position = [0.0, 0.0, 0.03]
+[[body]]
+name = "ball"
+shape = "sphere"
+size = 0.02
+triangles = 320
+motion = "hand"
+position = [0.3, 0.0, 0.5]
+[[tool]]
+body = "probe"
+tip_radius = 0.007
+stiffness = 600.0
+friction = 0.0
+[[tool.exchange]]
+body = "ball"
+tip_radius = 0.01
+time = 1.0
+[[tool.exchange]]
+body = "probe"
+time = 2.0
+[[tool.path]]
+time = 0.0
+position = [0.0, 0.0, 0.03]
+[[tool.path]]
+time = 0.4
+position = [0.0, 0.0, 0.006]
+[[tool.path]]
+time = 0.7
+position = [0.0, 0.0, 0.006]
+[[tool.path]]
+time = 0.9
+position = [0.0, 0.0, 0.03]
+[[tool.path]]
+time = 1.3
+position = [0.0, 0.0, 0.008]
+[[tool.path]]
+time = 3.0
+position = [0.0, 0.0, 0.008]
+)";
+
+// 1 mm deep with the probe's tip, 2 mm with the ball; then the probe again, clear of the floor. What is laid down stays.
+TEST(ToolExchange, AnotherTipTakesThePlaceOfTheFirst) {
+    Vec3d laid_down;
+    run(world_of(kExchange), 2.5, [&](Frame& f) {
+        const World& w = f.world();
+        const auto force = [&](size_t tool) { return w.haptics.state[tool].command.force.z(); };
+        EXPECT_NE(is_off(w.node_state, 1), is_off(w.node_state, 2)) << w.clock.pass;
+        const double t = seconds_of(f);
+        if (w.clock.pass == 39) { EXPECT_NEAR(force(0), 600 * 0.001, 0.006); }
+        if (w.clock.pass == 62) laid_down = w.poses.origin[1];
+        if (w.clock.pass == 110) {
+            EXPECT_NEAR(force(1), 600 * 0.002, 0.012);
+            EXPECT_EQ(w.poses.origin[1], laid_down);
+            EXPECT_EQ(force(0), 0);
+            EXPECT_GT(w.haptics.state[1].ticks, 1500u) << "the hand goes on";
+        }
+        if (t > 2.05) { EXPECT_EQ(w.haptics.state[0].output.force.norm(), 0) << "a tip of 7 mm, 8 mm above the floor"; }
+    });
+    std::string same = kExchange;
+    same.replace(same.find("body = \"ball\""), 13, "body = \"probe\"");
+    EXPECT_NE(error_of(same).find("is in a hand already"), std::string::npos);
 }
 
 }  // namespace
