@@ -70,6 +70,8 @@ void kick_driven(AdvanceIsland& island, AdvanceFree& f) {
     const Vec3d centre = drive_point(drive, state.place, f.mass.centre);
     const double force = drive_force(drive, state.place) + drive_weight(drive, f.mass.mass, island.params.gravity, centre);
     f.rate_before = rate_of(s, f);
+    // damping acts before all forces, of first order: what spring and contact hold between them stays held
+    f.damping_impulse = f.inertia * (f.keep - 1) * f.rate_before;
     f.rate_kicked = f.keep * f.rate_before + kick * force / f.inertia;
     f.most_friction = f.hold * kick;
     f.least_rate = (drive.lowest - state.place) / island.dt;
@@ -112,7 +114,7 @@ void settle_drives(AdvanceIsland& island) {
         if (!island.params.account_energy) continue;
         // all impulses of a substep do work at the mean of the velocities before and after it
         const double mean = 0.5 * (f.rate_before + state.rate), held = f.friction_impulse + f.stop_impulse;
-        island.result.work_damping += (f.inertia * (f.keep - 1) * f.rate_before + held) * mean;
+        island.result.work_damping += (f.damping_impulse + held) * mean;
         island.result.work_contact += (f.inertia * (state.rate - f.rate_kicked) - held) * mean;
     }
 }

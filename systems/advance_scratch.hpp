@@ -114,7 +114,7 @@ struct AdvanceFree {
     double rate_before = 0, rate_kicked = 0;         // m/s or rad/s, before and after the kick of this substep
     double least_rate = 0, most_rate = 0;            // that reach the limits in this substep
     double most_friction = 0;                        // N s or N m s
-    double friction_impulse = 0, stop_impulse = 0;   // of this substep
+    double friction_impulse = 0, stop_impulse = 0, damping_impulse = 0;  // of this substep
     DriveState before;                               // at the start of the call
 
     // Velocity that an impulse adds to what slides, m/s.

@@ -192,9 +192,10 @@ TEST(Nodes, ADisabledGroupIsNeitherTouchedNorMoved) {
         if (pass == 30) rest = w.poses.origin[1].z();
         if (pass > 30 && pass <= 42) {
             EXPECT_EQ(path[pass - 1], path[29]) << pass;
-            EXPECT_EQ(w.picture.body.empty() ? kNone : w.picture.body[0].mesh, kNone);
+            if (f.times().picture) { EXPECT_EQ(w.picture.body[0].mesh, kNone); }
             const double t = 1e-3 * static_cast<double>(w.clock.tick - pass_tick(30, 60));
-            EXPECT_NEAR(w.poses.origin[1].z(), rest - 0.5 * 9.81 * t * t, 2e-4) << pass;
+            // velocities are half a step behind places: it was held there, so the first kick is half a step early
+            EXPECT_NEAR(w.poses.origin[1].z(), rest - 0.5 * 9.81 * (t * t + 1e-3 * t), 1e-6) << pass;
         }
     });
     EXPECT_NEAR(rest, 0.05, 2e-4);
@@ -215,26 +216,36 @@ std::string driven(const std::string& behaviour, const std::string& body = "") {
 }
 constexpr double kSide = 0.02, kMass = 0.01;
 
+void set_rate(World& w, double rate) {
+    const NodeDrive& drive = w.nodes.drive[0];
+    w.node_state.drive[0].rate = rate;
+    (turns(drive) ? w.poses.angular_velocity : w.poses.velocity)[drive.body] = rate * drive.axis;
+}
+
 // A slider on a spring with a damper: m q'' + c q' + k q = 0 from q' = v, at every pass; the axis is any, and the body stays on
 // it to the last digits. Breaks when the mass is not the body's, or the first kick is a whole one.
 TEST(DrivenBodies, SpringAndDamperFollowTheClosedForm) {
-    const double k = 400, c = 0.3, v = 0.2;
-    World world = world_of(driven("behaviour = \"slider\"\nstiffness = 400.0\ndamping = 0.3\n"));
+    const double k = 400, c = 0.1, v = 0.2;
+    World world = world_of(driven("behaviour = \"slider\"\nstiffness = 400.0\ndamping = 0.1\n"));
     const NodeDrive drive = world.nodes.drive[0];
-    world.node_state.drive[0].rate = v;
+    set_rate(world, v);
     const double decay = 0.5 * c / kMass, omega = std::sqrt(k / kMass - decay * decay);
     EXPECT_NEAR(drive.axis.norm(), 1, 1e-15);
-    double worst = 0;
+    double largest = 0;
     run(std::move(world), 0.5, [&](Frame& f) {
         const World& w = f.world();
         const double t = seconds_of(f), q = v / omega * std::exp(-decay * t) * std::sin(omega * t);
-        worst = std::max(worst, std::abs(w.node_state.drive[0].place - q));
+        // of leapfrog steps of a millisecond: the spring's phase is off by (w dt)^2 / 24 a radian, that of damping before the kick
+        // by decay dt / 2
+        const double dt = 1e-3, phase = (omega * omega * dt * dt / 24 + 0.5 * decay * dt) * omega * t;
+        EXPECT_LT(std::abs(w.node_state.drive[0].place - q), 1.1 * (phase + decay * dt) * v / omega * std::exp(-decay * t)) << t;
+        largest = std::max(largest, std::abs(q));
         const Vec3d way = w.poses.origin[0] - drive.origin;
-        EXPECT_LT(way.cross(drive.axis).norm(), 1e-16);
+        EXPECT_LT(way.cross(drive.axis).norm(), 4e-16);
         EXPECT_EQ(w.poses.orientation[0].w, drive.orientation.w);
         EXPECT_LT(std::abs(w.energy.balance), 0.01 * 0.5 * kMass * v * v);
     });
-    EXPECT_LT(worst, 0.01 * v / omega);
+    EXPECT_GT(largest, 0.5 * v / omega);
 }
 
 // A dial off its axis: I about the axis by hand (cube: m s^2 / 6 about any axis, and Steiner), a torque from a spring far away:
@@ -261,7 +272,7 @@ TEST(DrivenBodies, ADialTurnsByTorqueOverInertia) {
 TEST(DrivenBodies, DryFrictionStopsADialAtTheComputedAngle) {
     World world = world_of(driven("behaviour = \"dial\"\nfriction = 2e-5\n"));
     const double inertia = kMass * kSide * kSide / 6, w0 = 10, stop = 0.5 * inertia * w0 * w0 / 2e-5, at = inertia * w0 / 2e-5;
-    world.node_state.drive[0].rate = w0;
+    set_rate(world, w0);
     double last = -1;
     run(std::move(world), 1.5 * at, [&](Frame& f) {
         const double t = seconds_of(f), q = f.world().node_state.drive[0].place;
@@ -273,12 +284,12 @@ TEST(DrivenBodies, DryFrictionStopsADialAtTheComputedAngle) {
     EXPECT_NEAR(last, stop, 2e-3 * stop);
 }
 
-// Twelve detents of 2 mN m: 1.8 mN m leave it in the first notch, 2.2 carry it through the others to its limit.
+// Twelve detents of 2 mN m, damped so that it does not swing: 1.8 mN m leave it in the first notch, 2.2 carry it through the others to its limit.
 TEST(DrivenBodies, DetentsHoldBelowTheirTorqueAndGiveWayAbove) {
     for (const double torque : {1.8e-3, 2.2e-3}) {
         char text[400];
         std::snprintf(text, sizeof text,
-                      "behaviour = \"dial\"\ndamping = 2e-5\ndetents = 12\ndetent = 2e-3\nlimits = [-90.0, 200.0]\nstiffness = 1e-5\nrest = %.12g\n",
+                      "behaviour = \"dial\"\ndamping = 2.5e-4\ndetents = 12\ndetent = 2e-3\nlimits = [-90.0, 200.0]\nstiffness = 1e-5\nrest = %.12g\n",
                       torque / 1e-5 * 180 / M_PI);
         double place = 0;
         uint32_t notches = 0, limits = 0;
@@ -386,7 +397,7 @@ TEST(DrivenBodies, AButtonStandsAtItsStop) {
     });
 }
 
-World small_panel() { return std::move(small_scene("dial_and_button", "192").world); }
+World small_panel() { return std::move(small_scene("dial_and_button", "400").world); }
 
 // The scene: pressed and released once, the lamp on, the dial through its detents; the same bits on any number of threads,
 // and after a state was saved and loaded.
