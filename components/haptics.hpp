@@ -285,6 +285,7 @@ struct ShellContact {
     Vec3d force = Vec3d::Zero();   // N, on the tool
     Vec3d slip = Vec3d::Zero();    // m, world, how far friction is stretched along the surface
     double depth = 0;              // m
+    double side = 1;               // of a sheet that the point is held on: where its normals point, or -1
 };
 
 // State of one tool's force rendering between ticks.

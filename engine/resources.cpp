@@ -132,7 +132,7 @@ void fields(V& v, T& t) {
     } else if constexpr (is<T, ShellPoint>) {
         v.item(t.arm), v.item(t.inward);
     } else if constexpr (is<T, ShellContact>) {
-        v.item(t.point), v.item(t.body), v.item(t.arm), v.item(t.force), v.item(t.slip), v.item(t.depth);
+        v.item(t.point), v.item(t.body), v.item(t.arm), v.item(t.force), v.item(t.slip), v.item(t.depth), v.item(t.side);
     } else if constexpr (is<T, SurfaceNode>) {
         v.item(t.box), v.item(t.speed), v.item(t.triangles), v.item(t.next), v.item(t.body);
     } else if constexpr (is<T, TriangleGroup>) {

@@ -224,30 +224,23 @@ NearestTriangle find_nearest(const LocalContactModel& model, uint32_t root, cons
         }
         ++n;
     }
+    best.point = point + best.at.offset;
     return best;
 }
 
-SurfaceSide side_of(const LocalContactModel& model, const NearestTriangle& nearest, const Vec3d& inward,
-                    PlacedSurface& placed) {
+SurfaceSide side_of(const LocalContactModel& model, const NearestTriangle& nearest, double before,
+                    const PlacedSurface& placed) {
     const uint32_t t = nearest.triangle;
     const std::array<Vec3d, 3> corner = corners_of(model, placed.moment, t);
     const double distance = std::sqrt(nearest.at.squared_distance), half = model.half_thickness[t];
     Pseudonormal out = pseudonormal(model, placed.moment, t, nearest.at.feature);
     if (const double length = out.normal.norm(); length > 0) out.normal /= length;
     SurfaceSide side;
-    side.velocity = velocity_at(model, t, corner, corner[0] + nearest.at.offset);
-    double place = nearest.at.offset.dot(out.normal) > 0 ? -1 : 1;  // where the point is
-    double wanted = 1;                                             // where it belongs
-    if (half > 0) {
-        const double told = out.normal.dot(inward);
-        wanted = out.rim || std::abs(told) < 0.1 ? place : std::copysign(1.0, told);
-    }
-    side.distance = wanted * place * distance - half;
-    if (distance > 1e-12) {
-        side.normal = (-wanted * place / distance) * nearest.at.offset;
-    } else {
-        side.normal = wanted * out.normal;
-    }
+    side.velocity = velocity_at(model, t, corner, nearest.point);
+    const double place = nearest.at.offset.dot(out.normal) > 0 ? -1 : 1;
+    if (half > 0) side.side = out.rim || before == 0 ? place : before;
+    side.distance = side.side * place * distance - half;
+    side.normal = distance > 1e-12 ? Vec3d((-side.side * place / distance) * nearest.at.offset) : Vec3d(side.side * out.normal);
     return side;
 }
 

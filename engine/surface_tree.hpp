@@ -49,6 +49,7 @@ void begin_moment(const LocalContactModel& model, const SurfaceMoment& moment, P
 struct NearestTriangle {
     uint32_t triangle = kNone;
     TrianglePoint at;
+    Vec3d point = Vec3d::Zero();  // m, world, on the triangle
 };
 // `hint`: a triangle likely to be near, or kNone; the answer does not depend on it.
 NearestTriangle find_nearest(const LocalContactModel& model, uint32_t root, const Vec3d& point, uint32_t hint,
@@ -60,11 +61,11 @@ struct SurfaceSide {
     double distance = 0;
     Vec3d normal = Vec3d::Zero();    // unit: the gradient of the distance
     Vec3d velocity = Vec3d::Zero();  // m/s, of the surface there, of the model
+    double side = 1;                 // of a sheet that the point belongs to; 1: where the normals of its triangles point
 };
 // Sign by the angle-weighted pseudonormal (Baerentzen & Aanaes, TVCG 11(3), 2005). A sheet has no inside: it keeps the
-// point on the side that `inward` (unit) points to, where the instrument is, or where the point is if that says nothing;
-// round its rim it is a wire.
-SurfaceSide side_of(const LocalContactModel& model, const NearestTriangle& nearest, const Vec3d& inward,
-                    PlacedSurface& placed);
+// point on the side `before` that it was on (1 or -1), or where it is (0); round its rim it is a wire.
+SurfaceSide side_of(const LocalContactModel& model, const NearestTriangle& nearest, double before,
+                    const PlacedSurface& placed);
 
 }  // namespace trocar

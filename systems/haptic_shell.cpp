@@ -10,6 +10,8 @@ namespace trocar {
 namespace {
 
 constexpr double kSlipSpeed = 1;     // m/s, of points beyond twice that of the device
+constexpr double kThickest = 5e-3;   // m, half of the thickest sheet that points are passed over beside
+constexpr double kAgainst = -0.5;    // cosine between a way out and the normal into the instrument
 constexpr double kLongestGap = 0.1;  // s, ticks farther apart than this count as this far
 
 struct Pose {
@@ -69,56 +71,68 @@ bool covers(const LocalContactModel& model, const HandTool& tool, const Pose& po
     return way + model.fastest * std::abs(moment.age) + moment.follow.norm() + band <= model.reach;
 }
 
-// Adds the plane of a point that a surface is nearer to than `band`.
-void add_plane(const LocalContactModel& model, const Span& span, uint32_t point, const Vec3d& arm, const SurfaceSide& side,
-               uint32_t body, ShellScratch& s) {
+// What held a point of a body at the tick before; asked for bodies and points that ascend.
+struct Before {
+    const std::vector<ShellContact>& contact;
+    size_t row = 0;
+    const ShellContact* find(uint32_t body, uint32_t point) {
+        while (row < contact.size() && (contact[row].body < body || (contact[row].body == body && contact[row].point < point))) ++row;
+        const bool found = row < contact.size() && contact[row].body == body && contact[row].point == point;
+        return found ? &contact[row] : nullptr;
+    }
+};
+
+ShellPlane plane_of(const LocalContactModel& model, const Span& span, uint32_t point, uint32_t body, const Vec3d& arm,
+                    const SurfaceSide& side, const ShellContact* before) {
     ShellPlane plane;
     plane.point = point;
     plane.body = body;
     plane.distance = side.distance;
     plane.normal = side.normal;
     plane.arm = arm;
+    plane.side = side.side;
     plane.carried = (span.now.age - span.before.age) * side.velocity;
     if (body == model.give.body) plane.carried += span.now.follow - span.before.follow;
-    s.plane.push_back(plane);
+    if (before) {
+        // friction goes on from where it was stretched
+        plane.slip = before->slip;
+        plane.held = before->force.dot(plane.normal);
+    }
+    return plane;
 }
 
-// Fills scratch.plane with the points nearer than `band` to a surface, bodies and points ascending.
-void find_planes(const LocalContactModel& model, const HandTool& tool, const Span& span, const Pose& pose, double band,
-                 ShellScratch& s) {
+// Fills scratch.plane with the points nearer than `band` to a surface, bodies and points ascending. A way out that leads
+// against the instrument's own outside is none: there a thin wall's far side is nearer, and it must not pull the
+// instrument through. True if any point was inside.
+bool find_planes(const LocalContactModel& model, const HandTool& tool, const Span& span, const Pose& pose, double band,
+                 const std::vector<ShellContact>& contact, ShellScratch& s) {
     s.plane.clear();
     begin_moment(model, span.now, s.surface);
     const uint32_t points = static_cast<uint32_t>(tool.shell.size());
+    Before before{contact};
+    bool inside = false;
     size_t row = 0;
     for (uint32_t root = 0; root < model.shell.node.size(); root = next_tree(model, root)) {
+        const uint32_t body = model.shell.node[root].body;
         for (uint32_t k = 0; k < points; ++k, ++row) {
             const double ways = s.shifted + s.turned * s.radius[k] + s.surface_way;
             if (!s.all_points && s.clear[row] - ways > band) continue;
             const Vec3d arm = rotate(pose.turn, tool.shell[k].arm);
             const NearestTriangle nearest = find_nearest(model, root, pose.tip + arm, s.nearest[row], model.reach, s.surface);
             ++s.looked_at;
-            if (nearest.triangle == kNone) {
-                s.clear[row] = model.reach - 1e-3 + ways;  // less what the widest sheet may be thick
-                continue;
-            }
-            const SurfaceSide side = side_of(model, nearest, rotate(pose.turn, tool.shell[k].inward), s.surface);
+            s.clear[row] = model.reach - kThickest + ways;
+            if (nearest.triangle == kNone) continue;
+            const ShellContact* held = before.find(body, k);
+            const SurfaceSide side = side_of(model, nearest, held ? held->side : 0, s.surface);
             s.nearest[row] = nearest.triangle;
             s.clear[row] = side.distance + ways;
-            if (side.distance < band) add_plane(model, span, k, arm, side, model.shell.node[root].body, s);
+            if (side.distance >= band) continue;
+            inside = inside || side.distance < 0;
+            if (side.distance < 0 && side.normal.dot(rotate(pose.turn, tool.shell[k].inward)) < kAgainst) continue;
+            s.plane.push_back(plane_of(model, span, k, body, arm, side, held));
         }
     }
-}
-
-// Friction goes on from where it was stretched at the tick before.
-void recall_friction(const std::vector<ShellContact>& before, std::vector<ShellPlane>& planes) {
-    auto old = before.begin();
-    for (ShellPlane& plane : planes) {
-        while (old != before.end() && (old->body < plane.body || (old->body == plane.body && old->point < plane.point))) ++old;
-        if (old == before.end()) break;
-        if (old->body != plane.body || old->point != plane.point) continue;
-        plane.slip = old->slip;
-        plane.held = old->force.dot(plane.normal);
-    }
+    return inside;
 }
 
 // Moves the tool for one tick and leaves what holds it in state.contact.
@@ -139,7 +153,7 @@ void move_shell(const ShellSprings& springs, double most, double radius, const P
     for (const ShellPlane& plane : s.plane) {
         const ShellForce f = shell_force(springs, plane, step);
         if (f.normal > 0)
-            state.contact.push_back({plane.point, plane.body, rotate(turned, plane.arm), f.force, f.slip, f.normal / springs.surface_stiffness});
+            state.contact.push_back({plane.point, plane.body, rotate(turned, plane.arm), f.force, f.slip, f.normal / springs.surface_stiffness, plane.side});
     }
 }
 
@@ -202,15 +216,14 @@ void update_shell(const LocalContactModel& model, const HandTool& tool, const Sp
         return;
     }
     note_ways(model, tool, span.now, pose, s);
-    find_planes(model, tool, span, pose, most, s);
+    const bool inside = find_planes(model, tool, span, pose, most, state.contact, s);
     if (!state.proxy_valid) {
         state.proxy = pose.tip;
         state.proxy_turn = pose.turn;
         state.contact.clear();
-        state.proxy_valid = std::all_of(s.plane.begin(), s.plane.end(), [](const ShellPlane& p) { return p.distance >= 0; });
+        state.proxy_valid = !inside;
         return;
     }
-    recall_friction(state.contact, s.plane);
     ShellSprings springs{tool.coupling_stiffness, tool.turn_stiffness, tool.surface_stiffness, tool.friction, {}};
     springs.way = {state.device.position - pose.tip, rotation_vector(pose.turn, state.device.orientation)};
     move_shell(springs, most, tool.shell_radius, pose, s, state);

@@ -14,6 +14,7 @@ struct ShellPlane {
     Vec3d carried = Vec3d::Zero();    // m, how far the surface went since the tick before
     Vec3d slip = Vec3d::Zero();       // m, how far friction was stretched then
     double held = 0;                  // N, normal force that friction may count on
+    double side = 1;                  // as SurfaceSide::side
 };
 
 // A small motion of the tool: of its tip, and a turn about it.

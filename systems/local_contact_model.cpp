@@ -199,7 +199,7 @@ void publish_outlook(const HandTool& tool, const ToolState& state, LocalContactS
                 continue;
             }
             hint = nearest.triangle;
-            const SurfaceSide side = side_of(out, nearest, rotate(at.turn, point.inward), scratch.placed);
+            const SurfaceSide side = side_of(out, nearest, 0, scratch.placed);
             shell.clear.push_back(side.distance);
         }
     }

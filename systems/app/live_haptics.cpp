@@ -70,7 +70,7 @@ void LiveHaptics::tick(uint64_t index, double time, int64_t now_ns) {
         t.newest.back() = t.state;
         t.newest.publish();
         if (recorder_.record)
-            recorder_.record(recorder_.user, {index, time, k, model.sequence, t.sample, t.state.output.force});
+            recorder_.record(recorder_.user, {index, time, k, model.sequence, t.sample, t.state.output.force, t.state.output.torque});
     }
 }
 
@@ -83,11 +83,14 @@ void LiveHaptics::publish_model(uint32_t tool) {
 
 void take_tool_state(const ToolState& newest, ToolState& state) {
     const Vec3d coupling_force = state.coupling_force, contact_impulse = state.contact_impulse;
+    const Vec3d coupling_torque = state.coupling_torque, contact_moment = state.contact_moment;
     const ToolPass last_pass = state.last_pass;
     state = newest;
     state.last_pass = last_pass;
     state.coupling_force = coupling_force;
     state.contact_impulse = contact_impulse;
+    state.coupling_torque = coupling_torque;
+    state.contact_moment = contact_moment;
 }
 
 bool LiveHaptics::take_states(Haptics& haptics) {

@@ -18,6 +18,7 @@ struct LiveTick {
     uint64_t model_sequence = 0;  // LocalContactModel::sequence of the surface it used
     DeviceState sample;           // of the device, in its frame
     Vec3d force = Vec3d::Zero();  // N, that the device was told
+    Vec3d torque = Vec3d::Zero();  // N m
 };
 
 // Called on the haptic thread after every tick of every tool; must not wait or allocate. May be empty.

@@ -127,6 +127,7 @@ TEST(HapticShell, T18_RodPressedAtItsEndFeelsArmCrossForce) {
 TEST(HapticShell, T18_TorqueIsTheSumOfArmsCrossForces) {
     ShellRig rig(make_joined_patch(bumpy_ground(40)), shell_of(make_box({-0.02, -0.008, 0}, {0.03, 0.008, 0.01}), 1000));
     rig.tool.friction = 0.3;
+    rig.tool.surface_stiffness = 3e3;
     rig.at({0, 0, 0.012}, about({1, 2, 0}, 0.1));
     rig.go({0.004, 0.003, -3e-3}, about({1, -1, 0.5}, 0.2), 200);
     uint32_t judged = 0;
@@ -296,6 +297,15 @@ TEST(HapticShell, T07_ThinWallKeepsTheInstrumentOnItsSide) {
     EXPECT_EQ(rig.state.command.force.norm(), 0);
 }
 
+// Found past the middle of a thin wall, the instrument is not pulled through: no force at all.
+TEST(HapticShell, T07_FarSideOfAThinWallDoesNotPull) {
+    ShellRig rig(make_joined_patch(make_box({-0.05, -0.05, -1e-3}, {0.05, 0.05, 0})), shell_of(make_box({-0.01, -0.004, 0}, {0.01, 0.004, 0.02}), 600));
+    rig.state.proxy_valid = true;
+    rig.state.gain = 1;
+    rig.state.proxy = {0, 0, -8e-4};
+    for (int k = 0; k < 20; ++k) EXPECT_GE(rig.at({0, 0, -8e-4}).z(), 0);
+}
+
 // An open sheet of 1 mm stops an instrument on the side that it came from, either side.
 TEST(HapticShell, T07_SheetStopsTheInstrumentOnTheSideItIsOn) {
     for (const double side : {1.0, -1.0}) {
@@ -320,7 +330,7 @@ TEST(HapticShell, T11_FrictionStaysInItsCone) {
         for (int k = 1; k <= 200; ++k) {
             rig.at({5e-5 * k, 0, -4e-3});
             for (const ShellContact& c : rig.state.contact)
-                ASSERT_LE(c.force.head<2>().norm(), mu * c.force.z() * (1 + 1e-12));
+                ASSERT_LE(c.force.head<2>().norm(), mu * c.force.z() * (1 + 1e-12) + 1e-12);
         }
         const Vec3d force = rig.rest(20);
         EXPECT_NEAR(force.z(), normal, 1e-6 * normal);
@@ -412,23 +422,26 @@ struct SixDevice {
     }
 };
 
-// m/s and rad/s that are left three seconds after a knock, with `share` of the stiffest coupling that theory allows.
-std::pair<double, double> left_of_a_knock(double share, bool turning) {
+// Speed (m/s or rad/s) three seconds after a knock over that of the knock, with `share` of the stiffest coupling that
+// theory allows.
+double left_of_a_knock(double share, bool turning) {
     SixDevice device;
-    ShellRig rig(make_joined_patch(make_plane(10, 0.1)), shell_of(make_box({-0.01, -0.01, 0}, {0.01, 0.01, 0.004}), 200));
+    ShellRig rig(make_joined_patch(make_plane(2, 0.1)), shell_of(make_box({-0.01, -0.01, 0}, {0.01, 0.01, 0.004}), 100));
     const double stiffest = stiffest_coupling(device.damping, 1e-3), stiffest_turn = stiffest_coupling(device.turn_damping, 1e-3);
     EXPECT_DOUBLE_EQ(stiffest, 1000);
     rig.tool.coupling_stiffness = turning ? 100 : share * stiffest;
     rig.tool.turn_stiffness = turning ? share * stiffest_turn : 0.05;
     rig.tool.surface_stiffness = 1e6;
     rig.params.force_slew = 1e9;
-    device.place = {0, 0, 1e-3};
-    rig.at(device.place);
-    rig.rest(60);
-    // pressed into the plane by 1 N all the time, then knocked
+    // pressed into the plane by 1 N all the time
     const Vec3d weight(0, 0, -1);
+    rig.at({0, 0, 1e-3});
+    device.place = {0, 0, -1 / rig.tool.coupling_stiffness};
+    rig.go(device.place, 200);
+    const double knock = turning ? 0.05 : 2e-3;
+    double fastest = 0;  // of the last half second
     for (int k = 0; k < 4000; ++k) {
-        if (k == 1000) turning ? device.spin.x() += 0.05 : device.velocity.z() -= 2e-3;
+        if (k == 1000) turning ? device.spin.x() += knock : device.velocity.z() -= knock;
         DeviceState sample;
         sample.time = rig.time();
         sample.position = device.place;
@@ -436,17 +449,20 @@ std::pair<double, double> left_of_a_knock(double share, bool turning) {
         sample.orientation = device.turn;
         rig.with(sample);
         device.step(rig.state.command.force + weight, rig.state.command.torque);
+        if (k >= 3500) fastest = std::max(fastest, turning ? std::abs(device.spin.x()) : std::abs(device.velocity.z()));
     }
-    return {device.velocity.norm(), device.spin.norm()};
+    return fastest / knock;
 }
 
-// Case T01 for an instrument: quiet below the limit b / (T / 2) that is computed, never quiet well above it; translation
-// and turn.
+// Case T01 for an instrument: a knock dies away below the limit b / (T / 2) that is computed and grows above it;
+// translation and turn. The damping that is left, b - K T / 2, moves a mass m at the rate exp(-t (b - K T / 2) / 2 m).
 TEST(HapticShell, T01_QuietBelowTheComputedCouplingAndRestlessAboveIt) {
-    EXPECT_LT(left_of_a_knock(0.9, false).first, 2e-5);
-    EXPECT_GT(left_of_a_knock(1.8, false).first, 1e-3);
-    EXPECT_LT(left_of_a_knock(0.9, true).second, 1e-3);
-    EXPECT_GT(left_of_a_knock(1.8, true).second, 2e-2);
+    for (const bool turning : {false, true}) {
+        EXPECT_LT(left_of_a_knock(0.5, turning), 0.1) << turning;
+        EXPECT_LT(left_of_a_knock(0.9, turning), 0.8) << turning;
+        EXPECT_GT(left_of_a_knock(1.1, turning), 1.2) << turning;
+        EXPECT_GT(left_of_a_knock(2.0, turning), 5) << turning;
+    }
 }
 
 // Two seconds of poking, sliding and tilting: through both ports of the coupling no energy comes out that did not go in,
