@@ -149,14 +149,14 @@ void finish_free_bodies(AdvanceIsland& island) {
         if (!std::isfinite(norm2(node.place) + norm2(node.velocity) + norm2(f.spin) + norm2(arm))) {
             ++island.result.nonfinite_particles;
             poses.velocity[rigid.body] = poses.angular_velocity[rigid.body] = Vec3d::Zero();
-            island.particles.last_dt[rigid.body] = 0;
+            if (!f.held) island.particles.last_dt[rigid.body] = 0;
             continue;
         }
         poses.origin[rigid.body] = to_vec3(node.place - arm);
         poses.orientation[rigid.body] = q;
         poses.velocity[rigid.body] = to_vec3(node.velocity - cross(f.spin, arm));
         poses.angular_velocity[rigid.body] = to_vec3(f.spin);
-        island.particles.last_dt[rigid.body] = f.last_dt;
+        if (!f.held) island.particles.last_dt[rigid.body] = f.last_dt;
     }
 }
 

@@ -65,8 +65,8 @@ TEST(AdvanceHeld, MomentumAndMomentOfToolAndTissueAreKept) {
     EXPECT_LT((l_end - l).norm(), 4e-6 * p.norm() * 0.05);
 }
 
-// What a substep changes of the tool's momentum is the coupling at its end and the impulses of the rows, to rounding; of its
-// spin too, as long as it turns about one axis.
+// What a substep changes of the tool's momentum is the coupling at its end and the impulses of the rows; of its
+// spin too, up to the second order of the turn.
 TEST(AdvanceHeld, CouplingAndContactsAreAllThatMovesTheTool) {
     AdvanceScene s;
     s.params.gravity.setZero();
@@ -90,10 +90,13 @@ TEST(AdvanceHeld, CouplingAndContactsAreAllThatMovesTheTool) {
         const ToolState& state = s.tool_states[0];
         const Vec3d change = 0.05 * (s.poses.velocity[bar] - before), turned = 4e-5 * (s.poses.angular_velocity[bar] - spin);
         EXPECT_LT((change - state.contact_impulse - 1e-3 * state.coupling_force).norm(), 1e-9) << ms;
-        EXPECT_LT((turned - state.contact_moment - 1e-3 * state.coupling_torque).norm(), 1e-11) << ms;
+        EXPECT_LT((turned - state.contact_moment - 1e-3 * state.coupling_torque).norm(), 1e-9) << ms;
         judged += state.contact_moment.norm() > 1e-6;
     }
     EXPECT_GT(judged, 100u);
+    s.devices.assign(401, s.devices[1]);
+    s.device_stride = 401;
+    s.advance(400, 400);
     // at rest: it lies on the edge that the hand's turn puts down, and tilts against it
     EXPECT_LT(s.poses.angular_velocity[bar].norm(), 1e-4);
     EXPECT_GT(s.tool_states[0].coupling_torque.y(), 0.01);
