@@ -144,8 +144,9 @@ void link(FrameState& f) {
 }
 void tear(FrameState& f) {
     World& w = f.world;
-    cut_bodies(pass_seconds(w), w.springs, w.bodies, w.particles, w.meshes, w.trees, w.tears, w.torn, w.sleep, w.energy, w.report);
-    copy_torn_springs(w.springs, w.torn, w.torn_springs);
+    const TearPass pass{pass_seconds(w), w.settings.gravity, w.springs, w.solids, w.bodies, w.poses, w.anchors};
+    cut_bodies(pass, w.particles, w.meshes, w.trees, w.tears, w.torn, w.torn_springs, w.sleep, w.energy, w.report);
+    copy_torn_springs(w.springs, w.solids, w.bodies, w.tears, w.torn, w.torn_springs);
 }
 // Those whose life is over leave, those who are due come; a slot that becomes free in this pass is given away in the next.
 void come_and_go(FrameState& f) {
@@ -455,7 +456,7 @@ constexpr FrameStage kBegin[] = {
     {{"rigid motion",    rigid_motion,    mask(R::kClock, R::kPaths),                                        mask(R::kPoses)}, any_path},
     {{"come and go",     come_and_go,     kShapes | mask(R::kSettings, R::kSprings, R::kSolids, R::kAnchors, R::kPools, R::kClock), mask(R::kPoses, R::kParticles, R::kSleep, R::kLives, R::kEnergy)}, any_pool},
     {{"links",           link,            kShapes | mask(R::kSolids, R::kClock, R::kTrees, R::kToolState),     mask(R::kLinks, R::kSleep, R::kEnergy, R::kReport)}, any_link},
-    {{"tears",           tear,            mask(R::kClock, R::kSprings, R::kBodies, R::kParticles),           mask(R::kMeshes, R::kTrees, R::kTears, R::kTorn, R::kTornSprings, R::kSleep, R::kEnergy, R::kReport)}, any_tear},
+    {{"tears",           tear,            mask(R::kSettings, R::kClock, R::kSprings, R::kSolids, R::kBodies, R::kPoses, R::kAnchors), mask(R::kParticles, R::kMeshes, R::kTrees, R::kTears, R::kTorn, R::kTornSprings, R::kSleep, R::kEnergy, R::kReport)}, any_tear},
     {{"body boxes",      body_boxes,      kShapes | mask(R::kSettings, R::kClock, R::kTools, R::kToolState, R::kLives),    mask(R::kBoxes)}, any_pair},
     {{"candidate pairs", candidate_pairs, kShapes | mask(R::kSettings, R::kClock, R::kBoxes),                mask(R::kPairs)}, any_pair},
     {{"sleep",           sleep,           mask(R::kSettings, R::kBodies, R::kPaths, R::kClock, R::kPairs, R::kLinks),     mask(R::kSleep, R::kParticles, R::kPairs, R::kEnergy, R::kReport)}, may_sleep},
@@ -567,7 +568,7 @@ Frame::Frame(World world, const FrameOptions& options) : state_(new FrameState),
     const std::span<const Stage> all(g.stages);
     g.pass = std::make_unique<JobGraph>(all.first(g.end_first), *state_, StageObserver{Graphs::begin_stage, Graphs::end_stage, &g.pass_list});
     g.end = std::make_unique<JobGraph>(all.subspan(g.end_first), *state_, StageObserver{Graphs::begin_stage, Graphs::end_stage, &g.end_list});
-    if (any_tear(w)) copy_torn_springs(w.springs, w.torn, w.torn_springs);
+    if (any_tear(w)) copy_torn_springs(w.springs, w.solids, w.bodies, w.tears, w.torn, w.torn_springs);
     if (any_energy(w) && options.account_energy) energy(*state_);  // opens the books
     warm_up();
 }
