@@ -71,12 +71,23 @@ Vec3d corner_of(const LocalContactModel& model, const SurfaceMoment& at, uint32_
     return body == at.follower ? Vec3d(p + at.follow) : p;
 }
 
-void place(const LocalContactModel& model, uint32_t t, PlacedSurface& placed) {
-    PlacedTriangle& row = placed.triangle[t];
-    for (int k = 0; k < 3; ++k) row.corner[k] = corner_of(model, placed.moment, model.body[t], model.triangle[t][k]);
+PlacedTriangle place(const LocalContactModel& model, uint32_t t, const SurfaceMoment& at) {
+    PlacedTriangle row;
+    for (int k = 0; k < 3; ++k) row.corner[k] = corner_of(model, at, model.body[t], model.triangle[t][k]);
     const auto& [a, b, c] = row.corner;
     row.centre = (a + b + c) / 3;
     row.radius = std::sqrt(std::max({(a - row.centre).squaredNorm(), (b - row.centre).squaredNorm(), (c - row.centre).squaredNorm()}));
+    return row;
+}
+
+// Triangles of a run at the moment; row of the first.
+uint32_t place_run(const LocalContactModel& model, uint32_t node, PlacedSurface& placed) {
+    PlacedSurface::Run& run = placed.run[node];
+    if (run.stamp == placed.stamp) return run.first;
+    run = {placed.stamp, static_cast<uint32_t>(placed.triangle.size())};
+    const Range rows = model.shell.node[node].triangles;
+    for (uint32_t t = rows.first; t < rows.end(); ++t) placed.triangle.push_back(place(model, t, placed.moment));
+    return run.first;
 }
 
 // Whether everything of a node is farther than the root of `best`; `point` is where it would be had the node not
@@ -186,10 +197,12 @@ uint32_t tree_count(const LocalContactModel& model) {
 }
 
 void begin_moment(const LocalContactModel& model, const SurfaceMoment& moment, PlacedSurface& placed) {
+    constexpr size_t kRoom = 1 << 13;  // for what a shell usually comes near, so that memory is asked for once
     placed.moment = moment;
     ++placed.stamp;
-    if (placed.triangle.size() < model.triangle.size()) placed.triangle.resize(model.triangle.size());
-    if (placed.placed.size() < model.shell.node.size()) placed.placed.resize(model.shell.node.size(), 0);
+    placed.triangle.clear();
+    if (placed.triangle.capacity() < kRoom) placed.triangle.reserve(kRoom), placed.run.reserve(4 * kRoom);
+    if (placed.run.size() < model.shell.node.size()) placed.run.resize(model.shell.node.size());
 }
 
 NearestTriangle find_nearest(const LocalContactModel& model, uint32_t root, const Vec3d& point, uint32_t hint,
@@ -201,8 +214,7 @@ NearestTriangle find_nearest(const LocalContactModel& model, uint32_t root, cons
     NearestTriangle best;
     best.at.squared_distance = reach * reach;
     if (hint != kNone) {
-        place(model, hint, placed);
-        try_triangle(placed.triangle[hint], hint, point, best);
+        try_triangle(place(model, hint, at), hint, point, best);
     }
     double distance = std::sqrt(best.at.squared_distance);
     for (uint32_t n = root; n < node[root].next;) {
@@ -211,12 +223,9 @@ NearestTriangle find_nearest(const LocalContactModel& model, uint32_t root, cons
             continue;
         }
         const Range rows = node[n].triangles;
-        if (rows.count > 0 && placed.placed[n] != placed.stamp) {
-            for (uint32_t t = rows.first; t < rows.end(); ++t) place(model, t, placed);
-            placed.placed[n] = placed.stamp;
-        }
+        const uint32_t first = rows.count > 0 ? place_run(model, n, placed) : 0;
         for (uint32_t t = rows.first; t < rows.end(); ++t) {
-            const PlacedTriangle& row = placed.triangle[t];
+            const PlacedTriangle& row = placed.triangle[first + (t - rows.first)];
             const double room = row.radius + distance, off2 = (row.centre - point).squaredNorm();
             if (off2 > room * room * (1 + kRounding) + kRounding * kRounding) continue;
             try_triangle(row, t, point, best);

@@ -22,10 +22,14 @@ struct PlacedTriangle {
 
 // The triangles that were asked for at one moment.
 struct PlacedSurface {
+    struct Run {
+        uint64_t stamp = 0;  // of the moment at which it was placed
+        uint32_t first = 0;  // row of triangle
+    };
     SurfaceMoment moment;
     uint64_t stamp = 0;
-    std::vector<PlacedTriangle> triangle;  // as the model's
-    std::vector<uint64_t> placed;          // per node: the stamp at which its triangles were placed
+    std::vector<PlacedTriangle> triangle;  // run after run as they were asked for
+    std::vector<Run> run;                  // per node
 };
 
 // What lies between runs of triangles and their tree while it is built.

@@ -48,6 +48,7 @@ void note_ways(const LocalContactModel& model, const HandTool& tool, const Surfa
         s.clear.size() != model.shell.clear.size()) {
         s.radius.resize(points);
         for (size_t k = 0; k < points; ++k) s.radius[k] = tool.shell[k].arm.norm();
+        if (s.plane.capacity() < points) s.plane.reserve(2 * points), s.clear.reserve(4 * points), s.nearest.reserve(4 * points);
         s.clear = model.shell.clear;
         s.nearest = model.shell.nearest;
         s.sequence = model.sequence;
@@ -234,6 +235,7 @@ void update_shell(const LocalContactModel& model, const HandTool& tool, const Sp
 void shell_tick(const HapticParams& params, const LocalContactModel& model, double time, const HandTool& tool,
                 const DeviceState& sample, ShellScratch& scratch, ToolState& state) {
     TROCAR_ASSERT(!tool.shell.empty() && tool.surface_stiffness > 0 && tool.turn_stiffness > 0);
+    if (state.contact.capacity() < tool.shell.size()) state.contact.reserve(tool.shell.size());
     const DeviceState last = state.device_valid ? state.device : sample;
     const double last_gain = state.gain, last_time = state.time;
     const bool first = state.ticks == 0;

@@ -34,8 +34,21 @@ LiveHaptics::LiveHaptics(const HapticParams& params, std::span<const HandTool> t
 
 LiveHaptics::~LiveHaptics() { stop(); }
 
+// Room for the contacts of shells in all three buffers, so that a tick asks for no memory.
+void LiveHaptics::make_room() {
+    for (const std::unique_ptr<Tool>& t : tools_) {
+        t->state.contact.reserve(t->setup.tool.shell.size());
+        for (int buffer = 0; buffer < 3; ++buffer) {
+            t->newest.back().contact.reserve(t->setup.tool.shell.size());
+            t->newest.publish();
+            t->newest.update();
+        }
+    }
+}
+
 void LiveHaptics::start(const PeriodicOptions& options, int64_t start_ns) {
     start_ns_ = start_ns;
+    make_room();
     thread_.start(options, start_ns, [this, period = options.period](uint64_t index, int64_t now_ns) {
         tick(index, static_cast<double>(index) * static_cast<double>(period) * 1e-9, now_ns);
     });

@@ -76,6 +76,7 @@ class LiveHaptics {
  private:
     struct Tool;
     void tick(uint64_t index, double time, int64_t now_ns);
+    void make_room();
     bool take_sample(Tool& tool, double time) const;
     HapticParams params_;
     std::vector<std::unique_ptr<Tool>> tools_;
