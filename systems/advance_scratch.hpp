@@ -91,7 +91,7 @@ struct AdvanceRigid {
     Vec3d target, target_velocity;  // m, m/s: where a hand's origin would be if it were in the hand, at the end
 };
 
-// A free rigid body of the island. Its node is the centre of mass.
+// A free rigid body of the island, or a tool that turns freely in the hand. Its node is the centre of mass.
 struct AdvanceFree {
     RigidMass mass;
     uint32_t rigid = 0;           // row of rigid
@@ -116,6 +116,10 @@ struct AdvanceFree {
     double most_friction = 0;                        // N s or N m s
     double friction_impulse = 0, stop_impulse = 0, damping_impulse = 0;  // of this substep
     DriveState before;                               // at the start of the call
+    // of a tool that its contacts turn (advance_held.cpp): in the hand, its centre of mass at the tip
+    bool held = false;
+    Quat target;                  // where the hand would turn it to by the end
+    Vec3d target_spin;            // rad/s
 
     // Velocity that an impulse adds to what slides, m/s.
     Vec4d yield(Vec4d j) const { return dot(slide, j) * slide; }

@@ -87,6 +87,7 @@ struct FrameState {
     ContactHook contact_hook;
     std::vector<std::string_view> island_name;  // with a trace, per body: of the island whose first body it is
     uint32_t face_queries = 2000;  // of a pair, for its deepest point in a face: 2 ms
+    uint64_t direct_tests = 1 << 18;  // of a pair, up to which its triangles are compared without cells
     double energy_start = 0;  // J, when the books were opened
     bool energy_open = false;
 };
@@ -111,6 +112,8 @@ void follow_live_devices(FrameState& f) {
             const double share = static_cast<double>(ms) / static_cast<double>(per_tool - 1);
             device = to;
             device.position = from.position + share * (to.position - from.position);
+            const Vec3d turn = rotation_vector(from.orientation, to.orientation);
+            device.orientation = normalized(multiply(from_rotation_vector(share * turn), from.orientation));
         }
         f.scratch.live_device[t] = to;
     }
@@ -120,7 +123,7 @@ void follow_live_devices(FrameState& f) {
 // Where every device will be at each millisecond of the pass; the first is now.
 void device_input(FrameState& f) {
     World& w = f.world;
-    for (ToolState& state : w.haptics.state) state.contact_impulse = Vec3d::Zero();
+    for (ToolState& state : w.haptics.state) state.contact_impulse = state.contact_moment = Vec3d::Zero();
     if (f.options.external_ticks) {
         follow_live_devices(f);
         return;
@@ -244,10 +247,12 @@ void refit(FrameState& f) {
 }
 void rasterise_(FrameState& f) {
     World& w = f.world;
-    rasterise(w.settings.contact, surfaces_of(w), w.boxes, w.pairs, f.scratch.rasterise, w.report, w.screened, w.occupancy);
+    rasterise(w.settings.contact, surfaces_of(w), w.boxes, w.pairs, f.scratch.rasterise, w.report, w.screened, w.occupancy, f.direct_tests);
 }
 void candidate_cells(FrameState& f) {
-    find_candidate_triangles(f.world.pairs, f.world.screened, f.world.occupancy, f.scratch.cells, f.world.candidates);
+    const World& w = f.world;
+    const DirectInput direct{surfaces_of(w), w.boxes, period_seconds(w), w.settings.gravity.norm(), f.direct_tests};
+    find_candidate_triangles(w.pairs, w.screened, w.occupancy, f.scratch.cells, f.world.candidates, &direct);
 }
 void contours(FrameState& f) {
     World& w = f.world;
@@ -283,6 +288,7 @@ void regions(FrameState& f) {
 void contact_rows(FrameState& f) {
     World& w = f.world;
     make_contact_rows(w.settings.contact, surfaces_of(w), w.pairs, w.contacts, w.penetrations, f.scratch.rows, w.report, w.rows);
+    drop_idle_rows(period_seconds(w), w.settings.gravity, surfaces_of(w), w.rows);
     add_edge_rows(surfaces_of(w), w.boxes, w.pairs, w.candidates, f.scratch.edge_rows, w.rows);
     recall_contacts(w.contact_memory, f.scratch.memory, w.rows);
 }
@@ -472,7 +478,7 @@ constexpr FrameStage kBegin[] = {
     {{"sleep",           sleep,           mask(R::kSettings, R::kBodies, R::kPaths, R::kClock, R::kPairs, R::kLinks),     mask(R::kSleep, R::kParticles, R::kPairs, R::kEnergy, R::kReport)}, may_sleep},
     {{"refit trees",     refit,           kShapes | mask(R::kSettings, R::kClock, R::kBoxes, R::kPairs),            mask(R::kTrees)}, any_pair},
     {{"rasterise",       rasterise_,      kShapes | mask(R::kSettings, R::kBoxes, R::kPairs),                mask(R::kScreened, R::kOccupancy, R::kReport)}, any_pair},
-    {{"candidate cells", candidate_cells, mask(R::kPairs, R::kScreened, R::kOccupancy),                      mask(R::kCandidates)}, any_pair},
+    {{"candidate cells", candidate_cells, kShapes | mask(R::kSettings, R::kClock, R::kBoxes, R::kPairs, R::kScreened, R::kOccupancy), mask(R::kCandidates)}, any_pair},
     {{"contours",        contours,        kShapes | mask(R::kPairs, R::kCandidates),                         mask(R::kContours)}, wants_contours},
     {{"overlap",         overlap,         kShapes | mask(R::kBoxes, R::kPairs, R::kScreened, R::kCandidates, R::kTrees), mask(R::kNear, R::kContacts, R::kReport)}, any_pair},
     {{"edge pass",       edge_pass,       kShapes | mask(R::kSettings, R::kPairs, R::kCandidates, R::kNear, R::kTrees, R::kBoxes, R::kContactMemory), mask(R::kContacts, R::kReport)}, any_pair},
@@ -480,7 +486,7 @@ constexpr FrameStage kBegin[] = {
     {{"penetration",     penetration,     mask(R::kPairs, R::kContacts),                                     mask(R::kPenetrations, R::kReport)}, any_pair},
     {{"deep overlap",    deep_overlap,    kShapes | mask(R::kPairs, R::kContacts, R::kTrees),                 mask(R::kPairMemory, R::kPenetrations)}, wants_ways_out},
     {{"regions",         regions,         kShapes | mask(R::kPairs, R::kScreened, R::kNear, R::kContacts, R::kContours), mask(R::kRegions)}, wants_regions},
-    {{"contact rows",    contact_rows,    kShapes | mask(R::kSettings, R::kBoxes, R::kPairs, R::kCandidates, R::kContacts, R::kPenetrations, R::kContactMemory), mask(R::kRows, R::kReport)}, any_pair},
+    {{"contact rows",    contact_rows,    kShapes | mask(R::kSettings, R::kClock, R::kBoxes, R::kPairs, R::kCandidates, R::kContacts, R::kPenetrations, R::kContactMemory), mask(R::kRows, R::kReport)}, any_pair},
     {{"islands",         islands,         mask(R::kBodies, R::kRows, R::kLinks),                             mask(R::kIslands)}, any_mover},
     {{"local contact",   local_contact,   kShapes | mask(R::kClock, R::kTools, R::kToolState, R::kBoxes),     mask(R::kToolState, R::kLocalContact)}, any_tool},
 };
@@ -680,6 +686,7 @@ std::span<const uint32_t> Frame::detection_stages() const { return graphs_->dete
 void detect_contacts(World& world) {
     FrameState state;
     state.face_queries = 100'000;  // an answer, not a frame
+    state.direct_tests = 0;        // that shows its cells
     std::swap(state.world, world);
     for (const HandTool& tool : state.world.haptics.tool) {  // hands stay where they are
         DeviceState held;
