@@ -130,7 +130,7 @@ enum class HapticEventKind : uint8_t { kTouch, kRelease, kButtonDown, kButtonUp,
 struct HapticEvent {
     HapticEventKind kind = HapticEventKind::kTouch;
     double time = 0;      // s
-    uint32_t value = 0;   // buttons that changed; else 0
+    uint32_t value = 0;   // buttons that changed, body that was passed through; else 0
 };
 inline constexpr uint32_t kKeptEvents = 16;
 // The last events of a tool and how many there were of each kind.
@@ -288,6 +288,12 @@ struct ShellContact {
     double side = 1;               // of a sheet that the point is held on: where its normals point, or -1
 };
 
+// The body that a tool is stuck through.
+struct ToolPierce {
+    uint32_t body = kNone;
+    uint32_t seen = 0;  // pass-throughs that the simulation knows of
+};
+
 // State of one tool's force rendering between ticks.
 struct ToolState {
     DeviceState device;
@@ -313,6 +319,7 @@ struct ToolState {
     std::array<EffectState, kMaxEffects> effect{};
     HapticEvents events;
     ToolPass last_pass;                     // of the simulation, not of the tick
+    ToolPierce pierce;                      // likewise
     // of a tool with a shell, whose tip is at `proxy`
     Quat proxy_turn;                               // of the instrument kept outside the surface
     std::vector<ShellContact> contact;             // points ascend

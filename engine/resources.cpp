@@ -110,7 +110,7 @@ void fields(V& v, T& t) {
         v.item(t.device), v.item(t.proxy), v.item(t.proxy_valid), v.item(t.contacts), v.item(t.command), v.item(t.output);
         v.item(t.coupling_force), v.item(t.contact_impulse), v.item(t.device_valid), v.item(t.time), v.item(t.ticks);
         v.item(t.model_age), v.item(t.gain), v.item(t.largest_force), v.item(t.rejected_samples), v.item(t.touched);
-        v.item(t.last_pass.touched), v.item(t.last_pass.tip), v.item(t.last_pass.device);
+        v.item(t.last_pass.touched), v.item(t.last_pass.tip), v.item(t.last_pass.device), v.item(t.pierce.body), v.item(t.pierce.seen);
         v.item(t.hand), v.item(t.clutch), v.item(t.safety), v.item(t.effect_velocity), v.item(t.effect), v.item(t.events);
         v.item(t.proxy_turn), v.item(t.contact), v.item(t.device_spin), v.item(t.coupling_torque), v.item(t.contact_moment);
     } else if constexpr (is<T, NodeEvent>) {

@@ -31,6 +31,7 @@
 #include "systems/overlap.hpp"
 #include "systems/penetration.hpp"
 #include "systems/picture_snapshot.hpp"
+#include "systems/pierced_bodies.hpp"
 #include "systems/rasterise.hpp"
 #include "systems/reachable_pairs.hpp"
 #include "systems/refit_trees.hpp"
@@ -44,6 +45,7 @@ namespace trocar {
 // Reused buffers of the systems; their content means nothing between passes but speed.
 struct FrameScratch {
     CandidatePairsScratch pairs;
+    std::vector<std::array<uint32_t, 2>> apart;  // bodies that do not meet
     ReachablePairsScratch reachable;
     RefitTreesScratch refit;
     RasteriseScratch rasterise;
@@ -222,7 +224,8 @@ void body_boxes(FrameState& f) {
 }
 void candidate_pairs(FrameState& f) {
     World& w = f.world;
-    find_candidate_pairs(w.bodies, w.boxes, w.nodes.apart, f.scratch.pairs, w.pairs);
+    find_pierced_bodies(w.haptics.tool, w.boxes, w.nodes.apart, w.haptics.state, f.scratch.apart);
+    find_candidate_pairs(w.bodies, w.boxes, f.scratch.apart, f.scratch.pairs, w.pairs);
     drop_unreachable_pairs(period_seconds(w), w.settings.gravity, surfaces_of(w), w.boxes, f.scratch.reachable, w.pairs);
 }
 std::span<const std::array<uint32_t, 2>> linked_bodies(FrameState& f) {
@@ -474,7 +477,7 @@ constexpr FrameStage kBegin[] = {
     {{"links",           link,            kShapes | mask(R::kSolids, R::kClock, R::kTrees, R::kToolState),     mask(R::kLinks, R::kSleep, R::kEnergy, R::kReport)}, any_link},
     {{"tears",           tear,            mask(R::kSettings, R::kClock, R::kSprings, R::kSolids, R::kBodies, R::kPoses, R::kAnchors), mask(R::kParticles, R::kMeshes, R::kTrees, R::kTears, R::kTorn, R::kTornSprings, R::kSleep, R::kEnergy, R::kReport)}, any_tear},
     {{"body boxes",      body_boxes,      kShapes | mask(R::kSettings, R::kClock, R::kTools, R::kToolState, R::kLives, R::kNodeState), mask(R::kBoxes)}, any_pair},
-    {{"candidate pairs", candidate_pairs, kShapes | mask(R::kSettings, R::kClock, R::kBoxes, R::kNodes),       mask(R::kPairs)}, any_pair},
+    {{"candidate pairs", candidate_pairs, kShapes | mask(R::kSettings, R::kClock, R::kBoxes, R::kNodes, R::kTools), mask(R::kPairs, R::kToolState)}, any_pair},
     {{"sleep",           sleep,           mask(R::kSettings, R::kBodies, R::kPaths, R::kClock, R::kPairs, R::kLinks),     mask(R::kSleep, R::kParticles, R::kPairs, R::kEnergy, R::kReport)}, may_sleep},
     {{"refit trees",     refit,           kShapes | mask(R::kSettings, R::kClock, R::kBoxes, R::kPairs),            mask(R::kTrees)}, any_pair},
     {{"rasterise",       rasterise_,      kShapes | mask(R::kSettings, R::kBoxes, R::kPairs),                mask(R::kScreened, R::kOccupancy, R::kReport)}, any_pair},

@@ -71,14 +71,14 @@ void tick_tool(const HapticParams& params, const LocalContactModel& model, doubl
     }
     if (!state.device_valid) return;
 
-    bool passed = false;
+    uint32_t passed = kNone;  // body
     if (tool.pass_through > 0 && state.contacts > 0 && state.command.force.norm() > tool.pass_through) {
         // through: no contact until the tip is clear of every surface
         state.proxy_valid = false;
         state.contacts = 0;
         state.contact.clear();
         state.command = {};
-        passed = true;
+        passed = state.touched;
     }
     const bool touches = state.contacts > 0;
     const EffectTriggers triggers{time, state.device.buttons, buttons, touches && !touched, !touches && touched};
@@ -109,7 +109,7 @@ void tick_tool(const HapticParams& params, const LocalContactModel& model, doubl
 
     const uint32_t pressed = state.device.buttons & ~buttons, released = buttons & ~state.device.buttons;
     if (triggers.touch) add_event(HapticEventKind::kTouch, time, 0, state.events);
-    if (passed) add_event(HapticEventKind::kPassThrough, time, 0, state.events);
+    if (passed != kNone) add_event(HapticEventKind::kPassThrough, time, passed, state.events);
     if (triggers.release) add_event(HapticEventKind::kRelease, time, 0, state.events);
     if (pressed) add_event(HapticEventKind::kButtonDown, time, pressed, state.events);
     if (released) add_event(HapticEventKind::kButtonUp, time, released, state.events);

@@ -98,8 +98,10 @@ void take_tool_state(const ToolState& newest, ToolState& state) {
     const Vec3d coupling_force = state.coupling_force, contact_impulse = state.contact_impulse;
     const Vec3d coupling_torque = state.coupling_torque, contact_moment = state.contact_moment;
     const ToolPass last_pass = state.last_pass;
+    const ToolPierce pierce = state.pierce;
     state = newest;
     state.last_pass = last_pass;
+    state.pierce = pierce;
     state.coupling_force = coupling_force;
     state.contact_impulse = contact_impulse;
     state.coupling_torque = coupling_torque;

@@ -1,0 +1,15 @@
+#pragma once
+#include <array>
+#include <span>
+#include <vector>
+
+#include "components/bodies.hpp"
+#include "components/haptics.hpp"
+namespace trocar {
+
+// A tool whose tick reported that it went through a body meets that body no more, shaft and all, until their boxes part.
+// Keeps which in `states`; `pairs` becomes `apart` and those pairs (a < b, ascending).
+void find_pierced_bodies(std::span<const HandTool> tools, const BodyBoxes& boxes, std::span<const std::array<uint32_t, 2>> apart,
+                         std::span<ToolState> states, std::vector<std::array<uint32_t, 2>>& pairs);
+
+}  // namespace trocar
