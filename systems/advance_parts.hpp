@@ -177,7 +177,7 @@ inline Vec4d start_impulse(const AdvanceIsland& island, uint32_t row) {
     return island.rows.carried.empty() ? Vec4d{} : island.dt * to_vec4(island.rows.carried[row]);
 }
 // Moves remaining overlap of the active rows out without touching velocities, in substeps in which a millisecond begins;
-// after move_hands. As many sweeps as ContactParams::iterations while any row is left.
+// after move_hands. Where rows are grouped as many sweeps as ContactParams::iterations, while any row is left; else one.
 void push_out(AdvanceIsland& island, uint32_t substep);
 
 // Share of the way of a push that the side of the point goes, unless bodies share it by mass.

@@ -234,11 +234,13 @@ void push_out(AdvanceIsland& island, uint32_t substep) {
     Vec4d normal;
     if (ms > 0) {
         const double most = params.contact.push_speed * 1e-3 * static_cast<double>(ms);
+        // in a heap of many bodies one push undoes another
+        const uint32_t sweeps = s.phase[4] > 1 ? params.contact.iterations : 1;
         for_each_group(s, [&](RowGroup& group) {
             Vec4d normal;
             bool again = true;
             group.pushed = false;
-            for (uint32_t sweep = 0; sweep < params.contact.iterations && again; ++sweep) {
+            for (uint32_t sweep = 0; sweep < sweeps && again; ++sweep) {
                 again = false;
                 for (const ContactActive& row : group.active) {
                     if (sweep > 0 && is_moved_midway(s, row)) continue;
