@@ -126,13 +126,15 @@ void fields(V& v, T& t) {
         v.item(t.body), v.item(t.tip), v.item(t.tip_radius), v.item(t.coupling_stiffness), v.item(t.coupling_damping);
         v.item(t.max_force), v.item(t.friction), v.item(t.path), v.item(t.trace);
         v.item(t.pass_through), v.item(t.hand), v.item(t.workspace), v.item(t.pivot), v.item(t.limits), v.item(t.effects);
+    } else if constexpr (is<T, TriangleDisc>) {
+        v.item(t.centre), v.item(t.normal), v.item(t.velocity), v.item(t.radius), v.item(t.thickness), v.item(t.spread);
     } else if constexpr (is<T, TriangleGroup>) {
         v.item(t.triangles), v.item(t.centre), v.item(t.radius), v.item(t.velocity), v.item(t.spread);
     } else if constexpr (is<T, LocalContactModel>) {
         v.item(t.time), v.item(t.sequence), v.item(t.from), v.item(t.to), v.item(t.reach), v.item(t.fastest);
         v.item(t.position), v.item(t.velocity), v.item(t.triangle), v.item(t.neighbour), v.item(t.body);
-        v.item(t.half_thickness), v.item(t.group), v.item(t.give.body), v.item(t.give.share), v.item(t.give.normal);
-        v.item(t.give.device), v.item(t.give.device_velocity);
+        v.item(t.half_thickness), v.item(t.disc), v.item(t.group), v.item(t.block), v.item(t.give.body), v.item(t.give.share), v.item(t.give.normal);
+        v.item(t.give.device), v.item(t.give.device_velocity), v.item(t.give.time), v.item(t.give.gap);
     } else if constexpr (is<T, PictureBody>) {
         v.item(t.mesh), v.item(t.origin), v.item(t.orientation), v.item(t.box), v.item(t.vertices), v.item(t.depths), v.item(t.removed);
     } else if constexpr (is<T, PictureWitness>) {
