@@ -1,19 +1,6 @@
 // Bullet 3.24 (libbullet-dev), single precision, as the peer of the spring bodies.
+#include "bench/bullet.hpp"
 #include "bench/deform.hpp"
-#ifdef TROCAR_WITH_BULLET
-#pragma GCC diagnostic push
-#pragma GCC diagnostic ignored "-Wall"
-#pragma GCC diagnostic ignored "-Wextra"
-#include <BulletSoftBody/btDeformableBodySolver.h>
-#include <BulletSoftBody/btDeformableGravityForce.h>
-#include <BulletSoftBody/btDeformableMassSpringForce.h>
-#include <BulletSoftBody/btDeformableMultiBodyConstraintSolver.h>
-#include <BulletSoftBody/btDeformableMultiBodyDynamicsWorld.h>
-#include <BulletSoftBody/btSoftBodyRigidBodyCollisionConfiguration.h>
-#include <BulletSoftBody/btSoftRigidDynamicsWorld.h>
-#include <btBulletDynamicsCommon.h>
-#pragma GCC diagnostic pop
-#endif
 namespace trocar::bench {
 
 #ifdef TROCAR_WITH_BULLET

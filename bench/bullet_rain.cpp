@@ -1,15 +1,6 @@
 // Bullet 3.24 (libbullet-dev), single precision, as the peer of whole scenes of soft bodies.
+#include "bench/bullet.hpp"
 #include "bench/scale.hpp"
-#ifdef TROCAR_WITH_BULLET
-#pragma GCC diagnostic push
-#pragma GCC diagnostic ignored "-Wall"
-#pragma GCC diagnostic ignored "-Wextra"
-#include <BulletSoftBody/btSoftBodyHelpers.h>
-#include <BulletSoftBody/btSoftBodyRigidBodyCollisionConfiguration.h>
-#include <BulletSoftBody/btSoftRigidDynamicsWorld.h>
-#include <btBulletDynamicsCommon.h>
-#pragma GCC diagnostic pop
-#endif
 namespace trocar::bench {
 
 #ifdef TROCAR_WITH_BULLET

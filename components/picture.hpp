@@ -20,6 +20,7 @@ struct PictureBody {
     Range vertices;                // rows of position and normal; empty for a rigid body, drawn in its rest shape
     Range depths;                  // rows of contact_depth, one per vertex; empty when nothing touches the body
     Range removed;                 // rows of removed
+    Range exposed;                 // rows of exposed
 };
 
 // The deepest point of one overlapping pair.
@@ -47,6 +48,7 @@ struct PictureSnapshot {
     std::vector<Vec3> normal;          // unit or zero, body frame
     std::vector<float> contact_depth;  // m, >= 0
     std::vector<Triangle> removed;     // triangles of the prototype that a cut has taken away, by their vertices
+    std::vector<Triangle> exposed;     // and those that it has laid open
     std::vector<PictureWitness> witness;
     std::vector<PictureTool> tool;
     double depth = 0;  // m, deepest penetration; 0 when nothing overlaps

@@ -17,7 +17,7 @@ struct Energy {
     double work_damping = 0;   // <= 0
     double work_push = 0;      // of push-out moves
     double work_numeric = 0;   // what implicit steps lost by themselves, what bodies fell asleep or left with
-    double work_links = 0;     // what links and springs held as they were made, less what they held as they broke or let go
+    double work_links = 0;     // what links and springs held as they were made, less what they and removed tissue held as they went
     double balance = 0;        // the sum above - its value at the start
 };
 
@@ -43,7 +43,8 @@ struct Report {
     uint64_t broken_links = 0;
     uint64_t broken_springs = 0;          // and those that went with removed triangles
     uint64_t removed_triangles = 0;
-    uint64_t opened_bodies = 0;           // closed surfaces that a cut has opened: inside is what the surface winds around
+    uint64_t removed_tetrahedra = 0;
+    uint64_t opened_bodies = 0;           // closed surfaces that a cut has opened or left without a manifold: inside is what they wind around
     uint64_t dropped_pictures = 0;        // live mode
     uint64_t late_passes = 0;             // live mode
     double deepest_residual = 0;          // m, deepest overlap at the end of a period

@@ -10,6 +10,8 @@
 #include "engine/pressure_force.hpp"
 #include "engine/region.hpp"
 #include "engine/skin.hpp"
+#include "engine/solid_limit.hpp"
+#include "engine/solid_tears.hpp"
 #include "engine/surfaces.hpp"
 #include "engine/tet_forces.hpp"
 namespace trocar {
@@ -134,8 +136,9 @@ void add_scene_cuts(const SceneFile& scene, World& world) {
         group.region = spec.region;
         if (scene.bodies[group.body].scatter.rate > 0) refuse(scene, spec.line, name + "bodies that come and go cannot be cut");
         if (!spec.group.empty()) take_group(scene, where, world, group);
-        if (!is_deformable(world.bodies, group.body) || is_solid(world.solids, world.bodies.mesh[group.body]))
-            refuse(scene, spec.line, name + "only shells can be cut");
+        if (!is_deformable(world.bodies, group.body)) refuse(scene, spec.line, name + "only deformable bodies can be cut");
+        if (is_solid(world.solids, world.bodies.mesh[group.body]) && group.material != kNone)
+            refuse(scene, spec.line, name + "a solid is cut by a region, not by a material");
         if (has_pressure(world.bodies, group.body) || has_bending(world.bodies, group.body))
             refuse(scene, spec.line, name + "a body that is cut cannot keep its volume or bend: set pressure_modulus and bending to 0");
         if (stepping_of(world.bodies, group.body).integrator == Integrator::kXpbd)
@@ -153,9 +156,17 @@ uint32_t let_tear(World& world, uint32_t body, double break_strain) {
     tear.body = body;
     tear.break_strain = break_strain;
     const MeshInfo& info = world.meshes.info[prototype];
-    tear.order = {static_cast<uint32_t>(world.tears.order.size()), info.triangles.count};
     tear.whole = info.admission;
-    for (uint32_t t = 0; t < info.triangles.count; ++t) world.tears.order.push_back(t);
+    if (is_solid(world.solids, prototype)) {
+        add_tear_faces(world.meshes, world.solids, prototype, world.tears, tear);
+        const uint32_t end = world.solids.info[prototype].tetrahedra.end();
+        if (world.torn.tetrahedron.size() < end) world.torn.tetrahedron.resize(end, 0);
+        update_tearing_solid_dt(world.meshes, world.springs, world.solids, body, world.particles, world.anchors, world.bodies);
+    } else {
+        tear.outer = info.triangles.count;
+        tear.order = {static_cast<uint32_t>(world.tears.order.size()), info.triangles.count};
+        for (uint32_t t = 0; t < info.triangles.count; ++t) world.tears.order.push_back(t);
+    }
     world.tears.body.push_back(tear);
     const Range slices = world.springs.info[prototype].slices;
     const size_t end = size_t{world.springs.slice_column[slices.end() + prototype]} * kSliceWidth;

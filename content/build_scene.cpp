@@ -259,18 +259,18 @@ void make_trees(World& world) {
 
 namespace {
 
-Prototype make_body_prototype(const SceneFile& scene, const BodySpec& spec, World& world, Mesh mesh, const PrototypeOptions& options) {
-    if (!spec.solid || spec.motion != Motion::kDeformable) return make_prototype(world.meshes, std::move(mesh), options);
-    try {
-        return make_solid(world.meshes, world.springs, world.solids, std::move(mesh), options, {spec.spacing, spec.cells, spec.skin});
-    } catch (const InputError& error) {
-        throw InputError(at(scene, spec.line) + "body \"" + spec.name + "\": " + error.what());
-    }
-}
-
 bool may_tear(const SceneFile& scene, const BodySpec& spec) {
     const bool cut = std::any_of(scene.cuts.begin(), scene.cuts.end(), [&](const CutSpec& c) { return c.body == spec.name; });
     return spec.motion == Motion::kDeformable && (cut || std::isfinite(spec.break_strain));
+}
+
+Prototype make_body_prototype(const SceneFile& scene, const BodySpec& spec, World& world, Mesh mesh, const PrototypeOptions& options) {
+    if (!spec.solid || spec.motion != Motion::kDeformable) return make_prototype(world.meshes, std::move(mesh), options);
+    try {
+        return make_solid(world.meshes, world.springs, world.solids, std::move(mesh), options, {spec.spacing, spec.cells, spec.skin, may_tear(scene, spec)});
+    } catch (const InputError& error) {
+        throw InputError(at(scene, spec.line) + "body \"" + spec.name + "\": " + error.what());
+    }
 }
 
 // Prototypes of a scene; bodies with the same source share one, but not rigid with deformable ones: springs are made in
@@ -391,13 +391,14 @@ void add_scene_body(const SceneFile& scene, const BodySpec& spec, const Prototyp
     if (spec.motion == Motion::kDeformable) {
         make_deformable(world, body, spec.fixed_below);
         if (!spec.regions.empty()) add_tissue_regions(scene, spec, world, body);
+        const bool tears = may_tear(scene, spec);
+        if (tears) let_tear(world, body, spec.break_strain);
         why = choose_stepping(scene, spec, world, body);
         if (!spec.regions.empty() && stepping_of(world.bodies, body).integrator != Integrator::kLeapfrog)
             throw InputError(at(scene, spec.line) + "body \"" + spec.name + "\": a body with regions is stepped by leapfrog only");
-        if (may_tear(scene, spec)) {
+        if (tears) {
             if (std::isfinite(spec.break_strain) && stepping_of(world.bodies, body).integrator == Integrator::kXpbd)
                 throw InputError(at(scene, spec.line) + "body \"" + spec.name + "\": springs stepped by xpbd do not break");
-            let_tear(world, body, spec.break_strain);
         }
     }
     if (spec.scatter.rate > 0 && spec.copy + 1 == spec.scatter.count) add_pool(scene, spec, body, world);

@@ -7,6 +7,7 @@
 #include "engine/error.hpp"
 #include "engine/mesh_topology.hpp"
 #include "engine/solid_setup.hpp"
+#include "engine/solid_tears.hpp"
 namespace trocar {
 namespace {
 
@@ -37,9 +38,18 @@ std::vector<uint32_t> boundary_first(const TetMesh& tets, std::span<const Triang
     return to;
 }
 
+// All nodes as vertices behind those of the skin, each on itself.
+void add_riding_nodes(const TetMesh& tets, Mesh& surface, SkinBinding& skin) {
+    for (uint32_t node = 0; node < tets.position.size(); ++node) {
+        surface.position.push_back(tets.position[node]);
+        skin.node.push_back({node, node, node, node});
+        skin.weight.push_back({1, 0, 0, 0});
+    }
+}
+
 }  // namespace
 
-Prototype add_tet_mesh(Meshes& meshes, Springs& springs, Solids& solids, const TetMesh& tets, const Mesh& looks) {
+Prototype add_tet_mesh(Meshes& meshes, Springs& springs, Solids& solids, const TetMesh& tets, const Mesh& looks, bool tears) {
     Mesh surface;
     surface.name = looks.name;
     surface.triangle = boundary_of(tets);
@@ -58,7 +68,9 @@ Prototype add_tet_mesh(Meshes& meshes, Springs& springs, Solids& solids, const T
     Prototype made;
     made.judgement = judge_mesh(surface);
     if (made.judgement.admitted_as == Admission::kRefused) return made;
+    if (tears) surface.position.insert(surface.position.end(), inner.begin(), inner.end()), inner.clear();
     made.row = add_prototype(meshes, surface, made.judgement.admitted_as);
+    if (tears) keep_room(room_for_tears(surface, corners, false), meshes);
     add_solid(meshes, made.row, inner, corners, springs, solids);
     return made;
 }
@@ -81,11 +93,13 @@ Prototype make_solid(Meshes& meshes, Springs& springs, Solids& solids, Mesh mesh
         SolidSkin carried{bind_skin(surface.position, tets.position, tets.tetrahedron), boundary_of(tets)};
         surface.uv = alone.uv;
         surface.triangle_material = alone.triangle_material;
+        if (fill.tears) add_riding_nodes(tets, surface, carried.binding);
         skin.row = add_prototype(meshes, surface, skin.judgement.admitted_as);
+        if (fill.tears) keep_room(room_for_tears(surface, tets.tetrahedron, true), meshes);
         add_solid(meshes, skin.row, tets.position, tets.tetrahedron, springs, solids, &carried);
         return skin;
     }
-    Prototype made = add_tet_mesh(meshes, springs, solids, tets, surface);
+    Prototype made = add_tet_mesh(meshes, springs, solids, tets, surface, fill.tears);
     made.shift = skin.shift;
     made.cleaning = skin.cleaning;
     return made;

@@ -9,12 +9,13 @@ struct SolidOptions {
     double spacing = 0;  // m, long edge of the lattice; 0 = largest extent / cells
     double cells = 12;
     bool skin = false;   // the surface is kept as given and rides on the tetrahedra; else their boundary is the surface
+    bool tears = false;  // may lose tetrahedra: keeps room for the faces behind them, see engine/solid_tears.hpp
 };
 
 // Numbers the nodes of a tetrahedral mesh (metres) so that those of its boundary come first and appends both as a solid
 // prototype. The boundary becomes the surface, judged as it stands. Texture coordinates and materials come from `looks`,
-// projected anew.
-Prototype add_tet_mesh(Meshes& meshes, Springs& springs, Solids& solids, const TetMesh& tets, const Mesh& looks);
+// projected anew. `tears` as in SolidOptions.
+Prototype add_tet_mesh(Meshes& meshes, Springs& springs, Solids& solids, const TetMesh& tets, const Mesh& looks, bool tears = false);
 
 // As make_prototype, then fills what the surface encloses by isosurface stuffing of its signed distance. Throws
 // InputError when the surface has no inside, nothing fits at this spacing, or a skin has parts that the tetrahedra do not

@@ -1,13 +1,9 @@
 #include "content/sweep_file.hpp"
 
-#include <toml++/toml.h>
-
-#include <cerrno>
 #include <cmath>
-#include <cstring>
-#include <fstream>
 #include <sstream>
 
+#include "content/toml_section.hpp"
 #include "engine/error.hpp"
 namespace trocar {
 namespace {
@@ -15,7 +11,7 @@ namespace {
 constexpr size_t kMostRuns = 1'000'000;
 
 [[noreturn]] void refuse(const std::string& file, const toml::source_region& at, const std::string& reason) {
-    throw InputError(file + ":" + std::to_string(at.begin.line) + ":" + std::to_string(at.begin.column) + ": " + reason);
+    throw InputError(place(file, at) + reason);
 }
 
 // A value as --set takes it: words bare, lists and numbers as TOML writes them.
@@ -78,18 +74,7 @@ void read_key(const std::string& file, const std::string& key, const toml::node&
 
 SweepFile read_sweep_file(const std::filesystem::path& path) {
     const std::string file = path.string();
-    std::error_code error;
-    if (std::filesystem::is_directory(path, error)) throw InputError(file + ": is a folder, not a sweep");
-    std::ifstream stream(path, std::ios::binary);
-    if (!stream) throw InputError(file + ": cannot be opened (" + std::string(std::strerror(errno)) + ")");
-    std::ostringstream text;
-    text << stream.rdbuf();
-    toml::table root;
-    try {
-        root = toml::parse(text.str(), file);
-    } catch (const toml::parse_error& e) {
-        refuse(file, e.source(), std::string(e.description()));
-    }
+    const toml::table root = read_toml(path, "sweep");
     SweepFile sweep;
     sweep.path = path;
     sweep.name = path.stem().string();

@@ -10,54 +10,88 @@ constexpr int kBins = 32;
 
 float middle(const FloatBox& box, int k) { return 0.5f * (box.min[k] + box.max[k]); }
 
-struct Rows {
-    uint32_t begin, end;
-    float area;
+// Node of the binary tree that the wide one is made of.
+struct Branch {
+    uint32_t begin = 0, end = 0;  // of the rows
+    uint32_t low = 0, high = 0;   // branches below; 0 where it holds a single row
+    float area = 0;
+    // With j places in the wide node above: least summed cost of the wide nodes below, and how many of the places `low`
+    // then gets; 0 = one place is better left empty.
+    std::array<float, 9> cost{};
+    std::array<uint8_t, 9> on_low{};
 };
 
-Rows rows_of(std::span<const FloatBox> boxes, const BoxTree& tree, uint32_t begin, uint32_t end) {
-    FloatBox sum;
-    clear(sum);
-    for (uint32_t i = begin; i < end; ++i) grow(sum, boxes[tree.row[i]]);
-    return {begin, end, half_area(sum)};
+// Halves rows [begin, end) until they are single; every branch comes before those below it. Returns its box.
+FloatBox halve(std::span<const FloatBox> boxes, std::span<uint32_t> rows, uint32_t begin, uint32_t end,
+               std::vector<Branch>& branch) {
+    const uint32_t at = static_cast<uint32_t>(branch.size());
+    branch.push_back({begin, end});
+    const uint32_t count = end - begin;
+    if (count == 1) return boxes[rows[begin]];
+    const std::span<uint32_t> mine = rows.subspan(begin, count);
+    BoxCut cut = choose_cut(boxes, mine, 1);
+    const uint32_t least = std::max(1u, count / 8);
+    cut.left = std::clamp(cut.left, least, count - least);
+    apply_cut(boxes, cut, mine);
+    branch[at].low = at + 1;
+    FloatBox box = halve(boxes, rows, begin, begin + cut.left, branch);
+    branch[at].high = static_cast<uint32_t>(branch.size());
+    grow(box, halve(boxes, rows, begin + cut.left, end, branch));
+    branch[at].area = half_area(box);
+    return box;
 }
 
-// Cuts rows [begin, end) into up to eight parts, always the one with the largest box, and makes a node of them.
-uint32_t build_node(std::span<const FloatBox> boxes, uint32_t begin, uint32_t end, uint32_t parent, uint32_t slot,
-                    BoxTree& tree) {
-    std::array<Rows, 8> part{Rows{begin, end, 0}};
-    uint32_t count = 1;
-    while (count < 8) {
-        uint32_t largest = 8;
-        for (uint32_t i = 0; i < count; ++i) {
-            if (part[i].end - part[i].begin < 2) continue;
-            if (largest == 8 || part[i].area > part[largest].area) largest = i;
+// Which branches become wide nodes, so that these cost least in sum (Ylitie, Karras & Laine, Efficient incoherent ray
+// traversal on GPUs through compressed wide BVHs, HPG 2017, section 4.1): from the bottom up, the best that j places
+// above can do is the best way to share them out among the two sides. A node costs its area and that of a box besides:
+// who comes near enough to ask for the boxes looks into nodes without area too.
+void share_places(std::vector<Branch>& branch, float area_of_box) {
+    for (uint32_t at = static_cast<uint32_t>(branch.size()); at-- > 0;) {
+        Branch& b = branch[at];
+        if (b.low == 0) continue;  // a single row costs nothing
+        const auto &low = branch[b.low].cost, &high = branch[b.high].cost;
+        for (uint32_t j = 2; j <= 8; ++j) {
+            for (uint32_t k = 1; k < j; ++k) {
+                const float cost = low[k] + high[j - k];
+                if (k == 1 || cost < b.cost[j]) b.cost[j] = cost, b.on_low[j] = static_cast<uint8_t>(k);
+            }
         }
-        if (largest == 8) break;
-        const auto [first, last, area] = part[largest];
-        const std::span<uint32_t> rows = std::span(tree.row).subspan(first, last - first);
-        BoxCut cut = choose_cut(boxes, rows, 1);
-        const uint32_t least = std::max(1u, (last - first) / 8);
-        cut.left = std::clamp(cut.left, least, last - first - least);
-        apply_cut(boxes, cut, rows);
-        part[largest] = rows_of(boxes, tree, first, first + cut.left);
-        part[count++] = rows_of(boxes, tree, first + cut.left, last);
+        b.cost[1] = b.area + area_of_box + b.cost[8];
+        for (uint32_t j = 2; j < 8; ++j)
+            if (!(b.cost[j] < b.cost[j - 1])) b.cost[j] = b.cost[j - 1], b.on_low[j] = 0;
     }
+}
+
+// Makes a wide node of branch `from` and of what lies below it; a node comes before those below it.
+uint32_t make_node(const std::vector<Branch>& branch, uint32_t from, uint32_t parent, uint32_t slot, BoxTree& tree) {
     const uint32_t at = static_cast<uint32_t>(tree.node.size());
     BoxNode node{};
-    node.count = count;
     node.parent = parent;
     node.slot = slot;
     for (int k = 0; k < 3; ++k) {
         std::fill_n(node.low[k], 8, INFINITY);
         std::fill_n(node.high[k], 8, -INFINITY);
     }
+    std::array<std::array<uint32_t, 2>, 8> open{{{from, 8}}};  // branches and their places
+    std::array<uint32_t, 8> child;
+    uint32_t count = 0;
+    for (uint32_t waiting = 1; waiting > 0;) {
+        auto [b, places] = open[--waiting];
+        while (places > 1 && branch[b].low != 0 && branch[b].on_low[places] == 0) --places;
+        if (places == 1 || branch[b].low == 0) {
+            child[count++] = b;
+            continue;
+        }
+        const uint32_t k = branch[b].on_low[places];
+        open[waiting++] = {branch[b].high, places - k};
+        open[waiting++] = {branch[b].low, k};
+    }
+    node.count = count;
     tree.node.push_back(node);
     for (uint32_t i = 0; i < count; ++i) {
-        const bool leaf = part[i].end - part[i].begin == 1;
-        const uint32_t child =
-            leaf ? kBoxLeaf | tree.row[part[i].begin] : build_node(boxes, part[i].begin, part[i].end, at, i, tree);
-        tree.node[at].child[i] = child;
+        const Branch& b = branch[child[i]];
+        const uint32_t below = b.low == 0 ? kBoxLeaf | tree.row[b.begin] : make_node(branch, child[i], at, i, tree);
+        tree.node[at].child[i] = below;
     }
     return at;
 }
@@ -133,7 +167,13 @@ void build_box_tree(std::span<const FloatBox> boxes, BoxTree& tree) {
     tree.node.reserve(count / 4 + 1);
     tree.row.resize(count);
     for (uint32_t i = 0; i < count; ++i) tree.row[i] = i;
-    build_node(boxes, 0, count, 0, 0, tree);
+    std::vector<Branch> branch;
+    branch.reserve(2 * count - 1);
+    halve(boxes, tree.row, 0, count, branch);
+    double area = 0;
+    for (const FloatBox& box : boxes) area += half_area(box);
+    share_places(branch, static_cast<float>(area / count));
+    make_node(branch, 0, 0, 0, tree);
     std::vector<uint32_t> depth(tree.node.size(), 1);  // the walk of a query stacks up to 7 a level, and writes 8
     for (uint32_t i = 1; i < tree.node.size(); ++i) {
         depth[i] = depth[tree.node[i].parent] + 1;

@@ -96,11 +96,11 @@ void visit_near_boxes(const BoxTree& tree, const float* q, float limit, const Vi
             const uint32_t near =
                 static_cast<uint32_t>(_mm256_movemask_ps(_mm256_cmp_ps(d, _mm256_set1_ps(limit), _CMP_LE_OQ)));
             if (near != 0) {
-                __m128 least = _mm_min_ps(_mm256_castps256_ps128(d), _mm256_extractf128_ps(d, 1));
-                least = _mm_min_ps(least, _mm_movehl_ps(least, least));
-                least = _mm_min_ss(least, _mm_movehdup_ps(least));
-                const uint32_t best = static_cast<uint32_t>(std::countr_zero(static_cast<uint32_t>(
-                    _mm256_movemask_ps(_mm256_cmp_ps(d, _mm256_broadcastss_ps(least), _CMP_EQ_OQ)))));
+                // distances >= 0 are in order as integers too; their upper halves are enough to tell who is near
+                const __m256i bits = _mm256_srli_epi32(_mm256_castps_si256(d), 16);
+                const __m128i least = _mm_minpos_epu16(
+                    _mm_packus_epi32(_mm256_castsi256_si128(bits), _mm256_extracti128_si256(bits, 1)));
+                const uint32_t best = static_cast<uint32_t>(_mm_cvtsi128_si32(least)) >> 16;
                 const uint32_t others = near & ~(1u << best);
                 const __m256i front = _mm256_cvtepu8_epi32(
                     _mm_loadl_epi64(reinterpret_cast<const __m128i*>(kLanesToFront[others].data())));

@@ -244,6 +244,19 @@ std::vector<uint32_t> finite_triangles(const RenderMesh& mesh, const Vertex* row
     return index;
 }
 
+// Faces that were laid open look like the first triangles of the body.
+void add_exposed(const RenderMesh& mesh, const Vertex* row, std::span<const Triangle> exposed, std::vector<uint32_t>& index,
+                 std::vector<RenderGroup>& groups) {
+    if (exposed.empty() || mesh.groups.empty()) return;
+    RenderGroup group{mesh.groups[0].material, static_cast<uint32_t>(index.size()), 0};
+    for (const Triangle& t : exposed) {
+        const Triangle rows{mesh.inside[t[0]], mesh.inside[t[1]], mesh.inside[t[2]]};
+        if (triangle_is_finite(row, rows.data())) index.insert(index.end(), rows.begin(), rows.end());
+    }
+    group.count = static_cast<uint32_t>(index.size()) - group.first;
+    groups.push_back(group);
+}
+
 Matrix4 multiply(const Matrix4& a, const Matrix4& b) {
     Matrix4 c{};
     for (uint32_t column = 0; column < 4; ++column)
@@ -522,15 +535,16 @@ void GlRenderer::Impl::upload_shape(BodyBuffers& buffers, const PictureSnapshot&
             row[i] = make_vertex(p, normal[source[i]]);
             trouble += 0.0f * p.x() + 0.0f * p.y() + 0.0f * p.z();
         }
-        buffers.damaged = trouble != 0 || from.removed.count > 0;
+        buffers.damaged = trouble != 0 || from.removed.count > 0 || from.exposed.count > 0;
     });
     if (!buffers.damaged && !was_damaged) return;
     glBindVertexArray(buffers.array);
     if (buffers.damaged) {
         std::vector<Vertex> row;
         for (size_t i = 0; i < count; ++i) row.push_back(make_vertex(position[source[i]], normal[source[i]]));
-        const std::vector<uint32_t> index = finite_triangles(
+        std::vector<uint32_t> index = finite_triangles(
             mesh, row.data(), buffers.patched_groups, std::span(snapshot.removed).subspan(from.removed.first, from.removed.count));
+        add_exposed(mesh, row.data(), std::span(snapshot.exposed).subspan(from.exposed.first, from.exposed.count), index, buffers.patched_groups);
         reserve(buffers.patched, GL_ELEMENT_ARRAY_BUFFER, std::max<size_t>(index.size(), 1) * 4);
         glBufferSubData(GL_ELEMENT_ARRAY_BUFFER, 0, static_cast<GLsizeiptr>(index.size() * 4), index.data());
     } else {

@@ -9,6 +9,7 @@ namespace trocar {
 namespace {
 
 constexpr double kCreaseCosine = 0.766;  // 40 degrees
+constexpr double kInsideTile = 0.08;     // m, of the texture on faces laid open
 
 std::vector<Vec3d> face_normals(const MeshView& mesh) {
     std::vector<Vec3d> face(mesh.triangle.size());
@@ -75,6 +76,14 @@ RenderMesh split_vertices(const MeshView& mesh, bool creases) {
             out.index.push_back(row);
         }
         out.groups.back().count += 3;
+    }
+    if (!creases) out.inside = newest;
+    if (!creases && std::find(newest.begin(), newest.end(), kNone) != newest.end()) {
+        for (uint32_t v = 0; v < mesh.position.size(); ++v) {
+            out.inside[v] = static_cast<uint32_t>(out.source.size());
+            out.source.push_back(v);
+            out.uv.push_back({static_cast<float>(mesh.position[v].x() / kInsideTile), static_cast<float>(mesh.position[v].y() / kInsideTile)});
+        }
     }
     for (const auto& edge : mesh.edge)
         if (newest[edge[0]] != kNone && newest[edge[1]] != kNone)

@@ -20,11 +20,13 @@ struct RenderMesh {
     std::vector<uint32_t> index;   // three per triangle, grouped by material, ascending inside a group
     std::vector<RenderGroup> groups;
     std::vector<uint32_t> line;    // two per mesh edge
+    std::vector<uint32_t> inside;  // one per vertex, without creases: its row in faces that are laid open later
 };
 
 // Splits the vertices of a prototype. With creases, a corner's normal is the area-weighted sum over the triangles around
 // its vertex that lie within 40 degrees of its own, so hard edges of instruments stay hard; without, normals are left to
-// be supplied per vertex and picture.
+// be supplied per vertex and picture. Where vertices have no triangle, faces may be laid open later: then every vertex gets
+// one more row, its texture coordinates the x and y of its rest place.
 RenderMesh split_vertices(const MeshView& mesh, bool creases);
 
 }  // namespace trocar

@@ -119,7 +119,9 @@ void fields(V& v, T& t) {
         v.item(t.begin), v.item(t.end), v.item(t.tool), v.item(t.rows), v.item(t.made), v.item(t.broken), v.item(t.impulse);
         v.item(t.largest_force), v.item(t.largest_strain);
     } else if constexpr (is<T, TearBody>) {
-        v.item(t.body), v.item(t.break_strain), v.item(t.order), v.item(t.whole);
+        v.item(t.body), v.item(t.break_strain), v.item(t.order), v.item(t.outer), v.item(t.faces), v.item(t.whole);
+    } else if constexpr (is<T, TearFace>) {
+        v.item(t.corner), v.item(t.tetrahedron);
     } else if constexpr (is<T, Cut>) {
         v.item(t.tear), v.item(t.time), v.item(t.region), v.item(t.material);
     } else if constexpr (is<T, HandTool>) {
@@ -136,7 +138,7 @@ void fields(V& v, T& t) {
         v.item(t.half_thickness), v.item(t.disc), v.item(t.group), v.item(t.block), v.item(t.give.body), v.item(t.give.share), v.item(t.give.normal);
         v.item(t.give.device), v.item(t.give.device_velocity), v.item(t.give.time), v.item(t.give.gap);
     } else if constexpr (is<T, PictureBody>) {
-        v.item(t.mesh), v.item(t.origin), v.item(t.orientation), v.item(t.box), v.item(t.vertices), v.item(t.depths), v.item(t.removed);
+        v.item(t.mesh), v.item(t.origin), v.item(t.orientation), v.item(t.box), v.item(t.vertices), v.item(t.depths), v.item(t.removed), v.item(t.exposed);
     } else if constexpr (is<T, PictureWitness>) {
         v.item(t.point), v.item(t.closest), v.item(t.depth);
     } else if constexpr (is<T, PictureTool>) {
@@ -428,7 +430,7 @@ void visit_resource(World& w, Resource resource, Visitor& v) {
             break;
         case Resource::kPicture:
             v.value(FIELD(picture.number)), v.value(FIELD(picture.time)), v.array(FIELD(picture.body)), v.array(FIELD(picture.position)),
-                v.array(FIELD(picture.normal)), v.array(FIELD(picture.contact_depth)), v.array(FIELD(picture.removed)), v.array(FIELD(picture.witness)),
+                v.array(FIELD(picture.normal)), v.array(FIELD(picture.contact_depth)), v.array(FIELD(picture.removed)), v.array(FIELD(picture.exposed)), v.array(FIELD(picture.witness)),
                 v.array(FIELD(picture.tool)), v.value(FIELD(picture.depth)), v.value(FIELD(picture.force));
             break;
         case Resource::kEnergy:
@@ -446,7 +448,7 @@ void visit_resource(World& w, Resource resource, Visitor& v) {
                 v.value(FIELD(report.runaway_bodies)), v.value(FIELD(report.awake_bodies)), v.value(FIELD(report.asleep_bodies)),
                 v.value(FIELD(report.implicit_steps)), v.value(FIELD(report.implicit_iterations)),
                 v.value(FIELD(report.links)), v.value(FIELD(report.broken_links)), v.value(FIELD(report.broken_springs)),
-                v.value(FIELD(report.removed_triangles)), v.value(FIELD(report.opened_bodies)),
+                v.value(FIELD(report.removed_triangles)), v.value(FIELD(report.removed_tetrahedra)), v.value(FIELD(report.opened_bodies)),
                 v.value(FIELD(report.worst_implicit_residual)), v.value(FIELD(report.min_volume_ratio));
             break;
         case Resource::kSleep:
@@ -457,13 +459,14 @@ void visit_resource(World& w, Resource resource, Visitor& v) {
                 v.array(FIELD(links.rest)), v.array(FIELD(links.stretch)), v.array(FIELD(links.whole)), v.array(FIELD(links.stable_dt));
             break;
         case Resource::kTears:
-            v.array(FIELD(tears.body)), v.array(FIELD(tears.cut)), v.array(FIELD(tears.order));
+            v.array(FIELD(tears.body)), v.array(FIELD(tears.cut)), v.array(FIELD(tears.order)), v.array(FIELD(tears.face));
             break;
         case Resource::kTorn:
-            v.array(FIELD(torn.spring)), v.array(FIELD(torn.triangle)), v.array(FIELD(torn.cut));
+            v.array(FIELD(torn.spring)), v.array(FIELD(torn.triangle)), v.array(FIELD(torn.cut)), v.array(FIELD(torn.tetrahedron));
             break;
         case Resource::kTornSprings:
-            v.array(FIELD(torn_springs.neighbour)), v.array(FIELD(torn_springs.rest_length));
+            v.array(FIELD(torn_springs.neighbour)), v.array(FIELD(torn_springs.rest_length)), v.array(FIELD(torn_springs.factor)), v.array(FIELD(torn_springs.rest)),
+                v.array(FIELD(torn_springs.per_rest));
             break;
         case Resource::kPools:
             v.array(FIELD(pools.slots)), v.array(FIELD(pools.rate)), v.array(FIELD(pools.life)), v.array(FIELD(pools.orientation));

@@ -4,6 +4,7 @@
 #include <algorithm>
 #include <cmath>
 #include <limits>
+#include <map>
 #include <random>
 #include <vector>
 
@@ -17,7 +18,7 @@ constexpr int kLanczosSteps = 60;
 struct Rod {
     uint32_t a, b;
     Vec3d along;  // unit
-    double stiffness;
+    double stiffness, length;  // N/m, m
 };
 struct Cell {
     std::array<uint32_t, 4> node;
@@ -75,7 +76,7 @@ double largest_eigenvalue(const std::vector<double>& diagonal, const std::vector
     return high;
 }
 
-double stiffest_mode(const ScaledStiffness& matrix) {
+double stiffest_mode(const ScaledStiffness& matrix, int steps = kLanczosSteps) {
     const size_t n = matrix.root.size();
     std::vector<Vec3d> v(n, Vec3d::Zero()), before(n, Vec3d::Zero()), w(n);
     std::mt19937_64 random(1);
@@ -87,7 +88,7 @@ double stiffest_mode(const ScaledStiffness& matrix) {
     if (!(size > 0)) return 0;
     for (Vec3d& p : v) p /= size;
     std::vector<double> diagonal, beside;
-    for (int step = 0; step < kLanczosSteps; ++step) {
+    for (int step = 0; step < steps; ++step) {
         matrix(v, w);
         const double a = dot(v, w), b = beside.empty() ? 0 : beside.back();
         for (size_t i = 0; i < n; ++i) w[i] -= a * v[i] + b * before[i];
@@ -102,10 +103,9 @@ double stiffest_mode(const ScaledStiffness& matrix) {
     return largest_eigenvalue(diagonal, beside);
 }
 
-}  // namespace
-
-void update_solid_dt(const Meshes& meshes, const Springs& springs, const Solids& solids, uint32_t body,
-                     const Particles& particles, const Anchors& anchors, Bodies& bodies) {
+// All of a solid as it is at rest.
+ScaledStiffness whole_stiffness(const Meshes& meshes, const Springs& springs, const Solids& solids, uint32_t body,
+                                const Particles& particles, const Anchors& anchors, const Bodies& bodies) {
     const uint32_t prototype = bodies.mesh[body];
     const SolidInfo& info = solids.info[prototype];
     const uint32_t first = bodies.particles[body].first + skin_rows(info);
@@ -126,8 +126,8 @@ void update_solid_dt(const Meshes& meshes, const Springs& springs, const Solids&
         for (uint32_t c = column[slice]; c < column[slice + 1]; ++c) {
             const uint32_t row = c * kSliceWidth + lane, far_end = springs.neighbour[row];
             if (far_end <= v) continue;
-            matrix.rod.push_back({v, far_end, (rest(far_end) - rest(v)).normalized(),
-                                  double{bodies.spring_stiffness[body]} * springs.factor[row]});
+            const Vec3d way = rest(far_end) - rest(v);
+            matrix.rod.push_back({v, far_end, way.normalized(), double{bodies.spring_stiffness[body]} * springs.factor[row], way.norm()});
         }
     }
     const double bulk = solid_moduli(bodies.tissue[body]).bulk;
@@ -144,10 +144,72 @@ void update_solid_dt(const Meshes& meshes, const Springs& springs, const Solids&
         cell.slope[0] = -cell.slope[1] - cell.slope[2] - cell.slope[3];
         cell.stiffness = kStretchRoom * bulk * six / 6 * (info.varied ? double{solids.factor[info.tetrahedra.first + t]} : 1.0);
     }
-    const double omega_squared = stiffest_mode(matrix), damping = bodies.tissue[body].damping;
-    bodies.stable_dt[body] =
-        omega_squared > 0 ? kSolidShare * (std::sqrt(damping * damping + 4 * omega_squared) - damping) / omega_squared
-                          : std::numeric_limits<double>::infinity();
+    return matrix;
+}
+
+// The tetrahedra of a solid one by one: their shares of the springs, of the nodes' masses, and the anchors whole.
+double stiffest_tetrahedron(const ScaledStiffness& whole, const Solids& solids, uint32_t prototype) {
+    const SolidInfo& info = solids.info[prototype];
+    std::map<std::array<uint32_t, 2>, double> around;  // edge -> sum of the tetrahedra's volume / sum of squared lengths
+    std::map<std::array<uint32_t, 2>, const Rod*> rod_of;
+    for (const Rod& r : whole.rod) rod_of[{r.a, r.b}] = &r;
+    std::vector<double> share(info.count);
+    const auto node = [&](uint32_t t, int k) { return solids.corner[k][info.tetrahedra.first + t]; };
+    const auto edge = [&](uint32_t t, int i, int j) { return std::array{std::min(node(t, i), node(t, j)), std::max(node(t, i), node(t, j))}; };
+    for (uint32_t t = 0; t < info.count; ++t) {
+        double squared = 0;
+        for (int i = 0; i < 4; ++i) {
+            for (int j = i + 1; j < 4; ++j) squared += std::pow(rod_of.at(edge(t, i, j))->length, 2);
+        }
+        share[t] = double{solids.rest[info.tetrahedra.first + t]} / squared;
+        for (int i = 0; i < 4; ++i) {
+            for (int j = i + 1; j < 4; ++j) around[edge(t, i, j)] += share[t];
+        }
+    }
+    double stiffest = 0;
+    ScaledStiffness one;
+    for (uint32_t t = 0; t < info.count; ++t) {
+        one.root.clear(), one.held.clear(), one.rod.clear(), one.cell.clear();
+        const double quarter = double{solids.rest[info.tetrahedra.first + t]} / 24;
+        for (int k = 0; k < 4; ++k) {
+            const uint32_t v = node(t, k);
+            one.root.push_back(whole.root[v] * std::sqrt(solids.node_volume[info.nodes.first + v] / quarter));
+            one.held.push_back(whole.held[v]);
+        }
+        for (uint32_t i = 0; i < 4; ++i) {
+            for (uint32_t j = i + 1; j < 4; ++j) {
+                Rod rod = *rod_of.at(edge(t, i, j));
+                rod.stiffness *= share[t] / around.at(edge(t, i, j));
+                rod.a = i, rod.b = j;
+                one.rod.push_back(rod);
+            }
+        }
+        if (!whole.cell.empty()) {
+            one.cell.push_back(whole.cell[t]);
+            one.cell[0].node = {0, 1, 2, 3};
+        }
+        stiffest = std::max(stiffest, stiffest_mode(one, 16));
+    }
+    return stiffest;
+}
+
+double limit_of(double omega_squared, double damping) {
+    return omega_squared > 0 ? kSolidShare * (std::sqrt(damping * damping + 4 * omega_squared) - damping) / omega_squared
+                             : std::numeric_limits<double>::infinity();
+}
+
+}  // namespace
+
+void update_solid_dt(const Meshes& meshes, const Springs& springs, const Solids& solids, uint32_t body,
+                     const Particles& particles, const Anchors& anchors, Bodies& bodies) {
+    const double stiffest = stiffest_mode(whole_stiffness(meshes, springs, solids, body, particles, anchors, bodies));
+    bodies.stable_dt[body] = limit_of(stiffest, bodies.tissue[body].damping);
+}
+
+void update_tearing_solid_dt(const Meshes& meshes, const Springs& springs, const Solids& solids, uint32_t body,
+                             const Particles& particles, const Anchors& anchors, Bodies& bodies) {
+    const ScaledStiffness whole = whole_stiffness(meshes, springs, solids, body, particles, anchors, bodies);
+    bodies.stable_dt[body] = limit_of(stiffest_tetrahedron(whole, solids, bodies.mesh[body]), bodies.tissue[body].damping);
 }
 
 }  // namespace trocar

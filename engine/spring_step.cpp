@@ -23,6 +23,8 @@ SpringStep bind_body(const Springs& springs, const Bodies& bodies, const Anchors
         step.packed = nullptr;
     }
     step.spring_factor = springs.info[prototype].varied ? springs.factor.data() : nullptr;
+    if (torn && step.spring_factor && size_t{step.slice_column[springs.info[prototype].slices.count]} * kSliceWidth <= torn->factor.size())
+        step.spring_factor = torn->factor.data();
     step.anchor_stiffness = anchors.stiffness.data() + first;
     step.anchor_x = anchors.rest_x.data() + first;
     step.anchor_y = anchors.rest_y.data() + first;

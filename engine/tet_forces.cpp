@@ -37,7 +37,7 @@ bool has_tets(const Solids* solids, const Bodies& bodies, uint32_t body) {
     return solids && is_solid(*solids, bodies.mesh[body]) && solid_moduli(bodies.tissue[body]).bulk > 0;
 }
 
-TetStep bind_tets(const Solids& solids, const Bodies& bodies, const Particles& particles, uint32_t body) {
+TetStep bind_tets(const Solids& solids, const Bodies& bodies, const Particles& particles, uint32_t body, const TornSprings* torn) {
     const uint32_t prototype = bodies.mesh[body];
     const SolidInfo& info = solids.info[prototype];
     const SolidModuli moduli = solid_moduli(bodies.tissue[body]);
@@ -48,8 +48,9 @@ TetStep bind_tets(const Solids& solids, const Bodies& bodies, const Particles& p
     step.corner1 = solids.corner[1].data() + first;
     step.corner2 = solids.corner[2].data() + first;
     step.corner3 = solids.corner[3].data() + first;
-    step.rest = solids.rest.data() + first;
-    step.per_rest = solids.per_rest.data() + first;
+    const bool may_tear = torn && torn->rest.size() >= info.tetrahedra.end();
+    step.rest = (may_tear ? torn->rest : solids.rest).data() + first;
+    step.per_rest = (may_tear ? torn->per_rest : solids.per_rest).data() + first;
     step.factor = info.varied ? solids.factor.data() + first : nullptr;
     step.bulk = static_cast<float>(moduli.bulk);
     step.crush = static_cast<float>(moduli.crush);
@@ -122,14 +123,16 @@ PlacedTets place_tets(const Solids& solids, const Bodies& bodies, const Particle
 }  // namespace
 
 double tet_energy(const Solids& solids, const Bodies& bodies, const Particles& particles, uint32_t body, double back,
-                  std::vector<double>& chunk_sums) {
+                  std::vector<double>& chunk_sums, const TornSprings* torn) {
     constexpr uint32_t kChunk = kGroupsPerChunk * kSliceWidth;
     const PlacedTets tets = place_tets(solids, bodies, particles, body, back);
     const SolidModuli moduli = solid_moduli(bodies.tissue[body]);
+    const bool may_tear = torn && torn->rest.size() >= tets.info.tetrahedra.end();
     chunk_sums.assign(chunk_count(tets.info.count, kChunk), 0.0);
     parallel_for(tets.info.count, kChunk, [&](uint32_t begin, uint32_t end) {
         double sum = 0;
         for (uint32_t t = begin; t < end; ++t) {
+            if (may_tear && torn->rest[tets.info.tetrahedra.first + t] == 0) continue;
             const double factor = tets.info.varied ? double{solids.factor[tets.info.tetrahedra.first + t]} : 1.0;
             sum += factor * tet_energy(moduli.bulk, moduli.crush, tets.rest(t), tets.six_volumes(t));
         }

@@ -5,6 +5,7 @@
 #include "components/bodies.hpp"
 #include "components/particles.hpp"
 #include "components/solids.hpp"
+#include "components/tears.hpp"
 #include "engine/tet_kernels.hpp"
 namespace trocar {
 
@@ -34,8 +35,8 @@ inline bool is_solid(const Solids& solids, uint32_t prototype) {
 // Whether a body has volume forces: a solid with a Poisson ratio of more than 1/4.
 bool has_tets(const Solids* solids, const Bodies& bodies, uint32_t body);
 
-// The tetrahedra of a body at given offsets, for the kernels; outputs are not bound.
-TetStep bind_tets(const Solids& solids, const Bodies& bodies, const Particles& particles, uint32_t body);
+// The tetrahedra of a body at given offsets, for the kernels; outputs are not bound. With `torn`, those that are left.
+TetStep bind_tets(const Solids& solids, const Bodies& bodies, const Particles& particles, uint32_t body, const TornSprings* torn = nullptr);
 
 // Energy (J) of one tetrahedron of six-fold rest volume `rest` and present `volume`.
 double tet_energy(double bulk, double crush, double rest, double volume);
@@ -51,7 +52,7 @@ float add_tet_forces(const TetStep& body, uint32_t slices);
 
 // Volume energy of a body at offset - back * velocity, J; fixed order. chunk_sums is scratch.
 double tet_energy(const Solids& solids, const Bodies& bodies, const Particles& particles, uint32_t body, double back,
-                  std::vector<double>& chunk_sums);
+                  std::vector<double>& chunk_sums, const TornSprings* torn = nullptr);
 
 // Signed volume / rest volume of every tetrahedron of a body as it stands.
 std::vector<double> volume_ratios(const Solids& solids, const Bodies& bodies, const Particles& particles, uint32_t body);

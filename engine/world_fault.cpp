@@ -5,6 +5,7 @@
 #include "engine/pressure_force.hpp"
 #include "engine/skin.hpp"
 #include "engine/surfaces.hpp"
+#include "engine/tet_forces.hpp"
 #include "engine/world.hpp"
 namespace trocar {
 namespace {
@@ -302,10 +303,25 @@ void check_links(const World& w, Faults& f) {
     f.require(first == rows, "links: rows of no group");
 }
 
+void check_tear_faces(const World& w, const TearBody& t, uint32_t prototype, Faults& f) {
+    const SolidInfo& info = w.solids.info[prototype];
+    f.require(t.faces.count == t.order.count && t.outer <= t.faces.count && info.tetrahedra.end() <= w.torn.tetrahedron.size(), "tears: faces of a solid are missing");
+    if (!f.first.empty() || !f.inside(t.faces, w.tears.face.size(), "faces of a solid that tears")) return;
+    for (uint32_t i = t.faces.first; i < t.faces.end(); ++i) {
+        const TearFace& face = w.tears.face[i];
+        for (const uint32_t v : face.corner) f.below(v, w.meshes.info[prototype].vertices.count, false, "vertex of a face");
+        for (int k = 0; k < 3; ++k) f.below(face.tetrahedron[k], info.count, k == 2, "tetrahedron of a face");
+    }
+    uint32_t whole = 0;
+    for (uint32_t row = info.tetrahedra.first; row < info.tetrahedra.first + info.count; ++row) whole += w.torn.tetrahedron[row] == 0;
+    f.require(whole > 0, "tears: a solid without a tetrahedron");
+}
+
 void check_tears(const World& w, Faults& f) {
     f.require(w.torn.cut.size() == w.tears.cut.size(), "cuts: not one state each");
     const size_t rows = w.torn.spring.size();
     f.require(rows <= w.springs.neighbour.size() && rows % kSliceWidth == 0, "torn springs: more than there are");
+    f.require(w.torn.tetrahedron.size() <= w.solids.rest.size(), "lost tetrahedra: more than there are");
     for (const TearBody& t : w.tears.body) {
         f.below(t.body, static_cast<uint32_t>(w.bodies.mesh.size()), false, "tears of body");
         if (!f.first.empty()) return;
@@ -322,6 +338,8 @@ void check_tears(const World& w, Faults& f) {
             f.require(!seen[w.tears.order[i]], "tears: a triangle twice");
             seen[w.tears.order[i]] = true;
         }
+        if (is_solid(w.solids, prototype)) check_tear_faces(w, t, prototype, f);
+        if (!f.first.empty()) return;
         const MeshInfo& info = w.meshes.info[prototype];
         f.require(info.triangles.count <= t.order.count && t.whole <= Admission::kRefused, "tears: more triangles than at load");
         if (!f.inside({info.triangles.first, t.order.count}, w.meshes.triangle.size(), "removed triangles")) return;

@@ -33,7 +33,7 @@ void set_pressure(AdvanceIsland& island, const AdvanceBody& b, const Forces& f) 
 }
 
 void add_tets(AdvanceIsland& island, const AdvanceBody& b, const Forces& f) {
-    TetStep step = bind_tets(*island.inputs.other.solids, island.inputs.bodies, island.particles, b.body);
+    TetStep step = bind_tets(*island.inputs.other.solids, island.inputs.bodies, island.particles, b.body, island.inputs.other.torn_springs);
     step.offset = b.step.offset;
     step.corner_force = &island.scratch.corner_force[0].x;
     step.force_x = f.axis[0], step.force_y = f.axis[1], step.force_z = f.axis[2];

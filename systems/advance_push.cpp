@@ -127,7 +127,7 @@ double tet_push_work(const HalfWay& at, uint32_t v) {
     const AdvanceInputs& in = at.island.inputs;
     const uint32_t body = at.body.body;
     if (!has_tets(in.other.solids, in.bodies, body)) return 0;
-    const TetStep tets = bind_tets(*in.other.solids, in.bodies, at.island.particles, body);
+    const TetStep tets = bind_tets(*in.other.solids, in.bodies, at.island.particles, body, in.other.torn_springs);
     const SolidModuli moduli = solid_moduli(in.bodies.tissue[body]);
     const unsigned* corner[4] = {tets.corner0, tets.corner1, tets.corner2, tets.corner3};
     const uint32_t slice = v / kSliceWidth, lane = v % kSliceWidth;
@@ -136,6 +136,7 @@ double tet_push_work(const HalfWay& at, uint32_t v) {
         const uint32_t slot = tets.slot[c * kSliceWidth + lane];
         if (slot == 4 * tets.tetrahedra) continue;
         const uint32_t t = slot % tets.tetrahedra;
+        if (tets.rest[t] == 0) continue;  // lost
         Vec3d from[4], to[4];
         int pushed = 0;
         for (int k = 0; k < 4; ++k) {
@@ -147,7 +148,8 @@ double tet_push_work(const HalfWay& at, uint32_t v) {
         const auto energy = [&](const Vec3d* p) {
             return tet_energy(moduli.bulk, moduli.crush, tets.rest[t], six_volumes(p[0], p[1], p[2], p[3]));
         };
-        work += (energy(to) - energy(from)) / std::max(pushed, 1);
+        const double factor = tets.factor ? double{tets.factor[t]} : 1.0;
+        work += factor * (energy(to) - energy(from)) / std::max(pushed, 1);
     }
     return work;
 }

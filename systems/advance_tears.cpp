@@ -1,8 +1,10 @@
 #include <immintrin.h>
 
+#include <algorithm>
 #include <cmath>
 
 #include "engine/parallel.hpp"
+#include "engine/solid_tears.hpp"
 #include "engine/spring_step.hpp"
 #include "systems/advance_parts.hpp"
 namespace trocar {
@@ -52,15 +54,17 @@ void break_half_edge(AdvanceIsland& island, const AdvanceBody& b, uint32_t from,
     }
 }
 
+// At the time of the velocities, m from the body's origin.
+Vec3d place_of(const AdvanceIsland& island, const AdvanceBody& b, uint32_t v) {
+    const Particles& p = island.particles;
+    const uint32_t i = b.particles.first + v;
+    const double back = 0.5 * b.last_dt;
+    return Vec3d(b.next[v].x - back * p.velocity_x[i], b.next[v].y - back * p.velocity_y[i], b.next[v].z - back * p.velocity_z[i]);
+}
+
 // What a spring holds at the time of the velocities, J.
 double energy_of_spring(const AdvanceIsland& island, const AdvanceBody& b, size_t h, uint32_t from, uint32_t to) {
-    const auto place = [&](uint32_t v) {
-        const Particles& p = island.particles;
-        const uint32_t i = b.particles.first + v;
-        const double back = 0.5 * b.last_dt;
-        return Vec3d(b.next[v].x - back * p.velocity_x[i], b.next[v].y - back * p.velocity_y[i], b.next[v].z - back * p.velocity_z[i]);
-    };
-    const double stretch = (place(to) - place(from)).norm() - double{b.step.rest_length[h]};
+    const double stretch = (place_of(island, b, to) - place_of(island, b, from)).norm() - double{b.step.rest_length[h]};
     return 0.5 * double{b.step.stiffness} * (b.step.spring_factor ? double{b.step.spring_factor[h]} : 1.0) * stretch * stretch;
 }
 
@@ -81,6 +85,37 @@ void break_slices(AdvanceIsland& island, const AdvanceBody& b, uint32_t begin, u
     }
 }
 
+// Lets go the tetrahedra of a solid that have an edge too long at the end of the substep: the test of find_long, once more.
+void break_tetrahedra(AdvanceIsland& island, const AdvanceBody& b, float most) {
+    const OtherForces& other = island.inputs.other;
+    const uint32_t prototype = island.inputs.bodies.mesh[b.body];
+    const SolidInfo& info = other.solids->info[prototype];
+    const auto node = [&](uint32_t t, int k) { return other.solids->corner[k][info.tetrahedra.first + t]; };
+    const auto is_long = [&](uint32_t from, uint32_t to) {
+        for (size_t c = b.step.slice_column[from / kSliceWidth]; c < b.step.slice_column[from / kSliceWidth + 1]; ++c) {
+            const size_t h = c * kSliceWidth + from % kSliceWidth;
+            if (b.step.neighbour[h] != to) continue;
+            const float x = b.next[to].x - b.next[from].x, y = b.next[to].y - b.next[from].y, z = b.next[to].z - b.next[from].z;
+            const float limit = b.step.rest_length[h] * most;
+            return (x * x + y * y) + z * z > limit * limit;
+        }
+        return false;
+    };
+    std::vector<uint32_t> broken;
+    for (uint32_t t = 0; t < info.count; ++t) {
+        if (other.torn->tetrahedron[info.tetrahedra.first + t]) continue;
+        bool any = false;
+        for (int i = 0; i < 4; ++i) {
+            for (int j = i + 1; j < 4 && !any; ++j) any = is_long(node(t, i), node(t, j));
+        }
+        if (any) broken.push_back(t);
+    }
+    std::vector<Vec3d> place(info.nodes.count);
+    for (uint32_t v = 0; v < info.nodes.count; ++v) place[v] = place_of(island, b, v);
+    island.result.work_links -= drop_tetrahedra(island.inputs.springs, *other.solids, island.inputs.bodies, b.body, broken, place, *other.torn,
+                                                *other.torn_springs, island.result.broken_springs);
+}
+
 }  // namespace
 
 uint32_t tear_of(const Tears* tears, uint32_t body) {
@@ -99,6 +134,10 @@ void break_springs(AdvanceIsland& island) {
         parallel_for(b.slices, kSlicesPerChunk, [&](uint32_t begin, uint32_t end) {
             s.overstretched[begin / kSlicesPerChunk] = any_long(b.step, &b.next->x, begin, end, most);
         });
+        if (tears_as_solid(island.inputs.other.tears->body[b.tear])) {
+            if (std::count(s.overstretched.begin(), s.overstretched.end(), uint8_t{1}) > 0) break_tetrahedra(island, b, most);
+            continue;
+        }
         for (uint32_t chunk = 0; chunk < s.overstretched.size(); ++chunk) {
             if (!s.overstretched[chunk]) continue;
             break_slices(island, b, chunk * kSlicesPerChunk, std::min((chunk + 1) * kSlicesPerChunk, b.slices), most);

@@ -92,7 +92,7 @@ void add_body_energy(const Springs& springs, const Bodies& bodies, const Poses& 
     energy.elastic += 0.25 * step.stiffness * t[kSumStretch] + 0.5 * t[kSumAnchor];
     add_other_energies(springs, bodies, particles, body, step.back, scratch, energy);
     if (has_tets(other.solids, bodies, body)) {
-        energy.elastic += tet_energy(*other.solids, bodies, particles, body, 0.5 * particles.last_dt[body], scratch.sums);
+        energy.elastic += tet_energy(*other.solids, bodies, particles, body, 0.5 * particles.last_dt[body], scratch.sums, other.torn_springs);
     }
     energy.gravity -=
         gravity.dot(t[kSumMass] * poses.origin[body] + Vec3d(t[kSumMPlace], t[kSumMPlace + 1], t[kSumMPlace + 2]));

@@ -86,6 +86,7 @@ struct FrameState {
     ContactHook contact_hook;
     std::vector<std::string_view> island_name;  // with a trace, per body: of the island whose first body it is
     uint32_t face_queries = 2000;  // of a pair, for its deepest point in a face: 2 ms
+    uint64_t direct_tests = 1 << 18;  // of a pair, up to which its triangles are compared without cells
     double energy_start = 0;  // J, when the books were opened
     bool energy_open = false;
 };
@@ -143,8 +144,9 @@ void link(FrameState& f) {
 }
 void tear(FrameState& f) {
     World& w = f.world;
-    cut_bodies(pass_seconds(w), w.springs, w.bodies, w.particles, w.meshes, w.trees, w.tears, w.torn, w.sleep, w.energy, w.report);
-    copy_torn_springs(w.springs, w.torn, w.torn_springs);
+    const TearPass pass{pass_seconds(w), w.settings.gravity, w.springs, w.solids, w.bodies, w.poses, w.anchors};
+    cut_bodies(pass, w.particles, w.meshes, w.trees, w.tears, w.torn, w.torn_springs, w.sleep, w.energy, w.report);
+    copy_torn_springs(w.springs, w.solids, w.bodies, w.tears, w.torn, w.torn_springs);
 }
 // Those whose life is over leave, those who are due come; a slot that becomes free in this pass is given away in the next.
 void come_and_go(FrameState& f) {
@@ -235,10 +237,12 @@ void refit(FrameState& f) {
 }
 void rasterise_(FrameState& f) {
     World& w = f.world;
-    rasterise(w.settings.contact, surfaces_of(w), w.boxes, w.pairs, f.scratch.rasterise, w.report, w.screened, w.occupancy);
+    rasterise(w.settings.contact, surfaces_of(w), w.boxes, w.pairs, f.scratch.rasterise, w.report, w.screened, w.occupancy, f.direct_tests);
 }
 void candidate_cells(FrameState& f) {
-    find_candidate_triangles(f.world.pairs, f.world.screened, f.world.occupancy, f.scratch.cells, f.world.candidates);
+    const World& w = f.world;
+    const DirectInput direct{surfaces_of(w), w.boxes, period_seconds(w), w.settings.gravity.norm(), f.direct_tests};
+    find_candidate_triangles(w.pairs, w.screened, w.occupancy, f.scratch.cells, f.world.candidates, &direct);
 }
 void contours(FrameState& f) {
     World& w = f.world;
@@ -274,6 +278,7 @@ void regions(FrameState& f) {
 void contact_rows(FrameState& f) {
     World& w = f.world;
     make_contact_rows(w.settings.contact, surfaces_of(w), w.pairs, w.contacts, w.penetrations, f.scratch.rows, w.report, w.rows);
+    drop_idle_rows(period_seconds(w), w.settings.gravity, surfaces_of(w), w.rows);
     add_edge_rows(surfaces_of(w), w.boxes, w.pairs, w.candidates, f.scratch.edge_rows, w.rows);
     recall_contacts(w.contact_memory, f.scratch.memory, w.rows);
 }
@@ -451,13 +456,13 @@ constexpr FrameStage kBegin[] = {
     {{"rigid motion",    rigid_motion,    mask(R::kClock, R::kPaths),                                        mask(R::kPoses)}, any_path},
     {{"come and go",     come_and_go,     kShapes | mask(R::kSettings, R::kSprings, R::kSolids, R::kAnchors, R::kPools, R::kClock), mask(R::kPoses, R::kParticles, R::kSleep, R::kLives, R::kEnergy)}, any_pool},
     {{"links",           link,            kShapes | mask(R::kSolids, R::kClock, R::kTrees, R::kToolState),     mask(R::kLinks, R::kSleep, R::kEnergy, R::kReport)}, any_link},
-    {{"tears",           tear,            mask(R::kClock, R::kSprings, R::kBodies, R::kParticles),           mask(R::kMeshes, R::kTrees, R::kTears, R::kTorn, R::kTornSprings, R::kSleep, R::kEnergy, R::kReport)}, any_tear},
+    {{"tears",           tear,            mask(R::kSettings, R::kClock, R::kSprings, R::kSolids, R::kBodies, R::kPoses, R::kAnchors), mask(R::kParticles, R::kMeshes, R::kTrees, R::kTears, R::kTorn, R::kTornSprings, R::kSleep, R::kEnergy, R::kReport)}, any_tear},
     {{"body boxes",      body_boxes,      kShapes | mask(R::kSettings, R::kClock, R::kTools, R::kToolState, R::kLives),    mask(R::kBoxes)}, any_pair},
     {{"candidate pairs", candidate_pairs, kShapes | mask(R::kSettings, R::kClock, R::kBoxes),                mask(R::kPairs)}, any_pair},
     {{"sleep",           sleep,           mask(R::kSettings, R::kBodies, R::kPaths, R::kClock, R::kPairs, R::kLinks),     mask(R::kSleep, R::kParticles, R::kPairs, R::kEnergy, R::kReport)}, may_sleep},
     {{"refit trees",     refit,           kShapes | mask(R::kSettings, R::kClock, R::kBoxes, R::kPairs),            mask(R::kTrees)}, any_pair},
     {{"rasterise",       rasterise_,      kShapes | mask(R::kSettings, R::kBoxes, R::kPairs),                mask(R::kScreened, R::kOccupancy, R::kReport)}, any_pair},
-    {{"candidate cells", candidate_cells, mask(R::kPairs, R::kScreened, R::kOccupancy),                      mask(R::kCandidates)}, any_pair},
+    {{"candidate cells", candidate_cells, kShapes | mask(R::kSettings, R::kClock, R::kBoxes, R::kPairs, R::kScreened, R::kOccupancy), mask(R::kCandidates)}, any_pair},
     {{"contours",        contours,        kShapes | mask(R::kPairs, R::kCandidates),                         mask(R::kContours)}, wants_contours},
     {{"overlap",         overlap,         kShapes | mask(R::kBoxes, R::kPairs, R::kScreened, R::kCandidates, R::kTrees), mask(R::kNear, R::kContacts, R::kReport)}, any_pair},
     {{"edge pass",       edge_pass,       kShapes | mask(R::kSettings, R::kPairs, R::kCandidates, R::kNear, R::kTrees, R::kBoxes, R::kContactMemory), mask(R::kContacts, R::kReport)}, any_pair},
@@ -465,7 +470,7 @@ constexpr FrameStage kBegin[] = {
     {{"penetration",     penetration,     mask(R::kPairs, R::kContacts),                                     mask(R::kPenetrations, R::kReport)}, any_pair},
     {{"deep overlap",    deep_overlap,    kShapes | mask(R::kPairs, R::kContacts, R::kTrees),                 mask(R::kPairMemory, R::kPenetrations)}, wants_ways_out},
     {{"regions",         regions,         kShapes | mask(R::kPairs, R::kScreened, R::kNear, R::kContacts, R::kContours), mask(R::kRegions)}, wants_regions},
-    {{"contact rows",    contact_rows,    kShapes | mask(R::kSettings, R::kBoxes, R::kPairs, R::kCandidates, R::kContacts, R::kPenetrations, R::kContactMemory), mask(R::kRows, R::kReport)}, any_pair},
+    {{"contact rows",    contact_rows,    kShapes | mask(R::kSettings, R::kClock, R::kBoxes, R::kPairs, R::kCandidates, R::kContacts, R::kPenetrations, R::kContactMemory), mask(R::kRows, R::kReport)}, any_pair},
     {{"islands",         islands,         mask(R::kBodies, R::kRows, R::kLinks),                             mask(R::kIslands)}, any_mover},
     {{"local contact",   local_contact,   kShapes | mask(R::kClock, R::kTools, R::kToolState, R::kBoxes),     mask(R::kToolState, R::kLocalContact)}, any_tool},
 };
@@ -563,7 +568,7 @@ Frame::Frame(World world, const FrameOptions& options) : state_(new FrameState),
     const std::span<const Stage> all(g.stages);
     g.pass = std::make_unique<JobGraph>(all.first(g.end_first), *state_, StageObserver{Graphs::begin_stage, Graphs::end_stage, &g.pass_list});
     g.end = std::make_unique<JobGraph>(all.subspan(g.end_first), *state_, StageObserver{Graphs::begin_stage, Graphs::end_stage, &g.end_list});
-    if (any_tear(w)) copy_torn_springs(w.springs, w.torn, w.torn_springs);
+    if (any_tear(w)) copy_torn_springs(w.springs, w.solids, w.bodies, w.tears, w.torn, w.torn_springs);
     if (any_energy(w) && options.account_energy) energy(*state_);  // opens the books
     warm_up();
 }
@@ -665,6 +670,7 @@ std::span<const uint32_t> Frame::detection_stages() const { return graphs_->dete
 void detect_contacts(World& world) {
     FrameState state;
     state.face_queries = 100'000;  // an answer, not a frame
+    state.direct_tests = 0;        // that shows its cells
     std::swap(state.world, world);
     for (const HandTool& tool : state.world.haptics.tool) {  // hands stay where they are
         DeviceState held;

@@ -90,16 +90,20 @@ void copy_tools(const Haptics& haptics, PictureSnapshot& out) {
     }
 }
 
-// Removed triangles lie behind those that are left.
+// Triangles that are not there lie behind those that are; numbers from tear.outer on were inside at load.
 void copy_removed(const Surfaces& surfaces, const Tears* tears, PictureSnapshot& out) {
-    out.removed.clear();
+    out.removed.clear(), out.exposed.clear();
     for (size_t t = 0; tears && t < tears->body.size(); ++t) {
         const TearBody& tear = tears->body[t];
         const Range left = surfaces.meshes.info[surfaces.bodies.mesh[tear.body]].triangles;
-        if (left.count == tear.order.count) continue;
-        const auto first = surfaces.meshes.triangle.begin();
-        out.body[tear.body].removed = {static_cast<uint32_t>(out.removed.size()), tear.order.count - left.count};
-        out.removed.insert(out.removed.end(), first + left.end(), first + left.first + tear.order.count);
+        const auto removed = static_cast<uint32_t>(out.removed.size()), exposed = static_cast<uint32_t>(out.exposed.size());
+        for (uint32_t i = 0; i < tear.order.count; ++i) {
+            const bool outer = tears->order[tear.order.first + i] < tear.outer, there = i < left.count;
+            if (outer == there) continue;
+            (outer ? out.removed : out.exposed).push_back(surfaces.meshes.triangle[left.first + i]);
+        }
+        out.body[tear.body].removed = {removed, static_cast<uint32_t>(out.removed.size()) - removed};
+        out.body[tear.body].exposed = {exposed, static_cast<uint32_t>(out.exposed.size()) - exposed};
     }
 }
 

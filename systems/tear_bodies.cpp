@@ -3,13 +3,20 @@
 #include <algorithm>
 #include <array>
 
+#include "engine/links.hpp"
 #include "engine/mesh_topology.hpp"
 #include "engine/mesh_view.hpp"
 #include "engine/region.hpp"
+#include "engine/solid_tears.hpp"
 namespace trocar {
 namespace {
 
-// One bit per triangle at load: removed.
+// Tetrahedra of a solid that tears: 0 = whole.
+const uint8_t* lost_tetrahedra(const TearPass& pass, const TearBody& tear, const Torn& torn) {
+    return torn.tetrahedron.data() + pass.solids.info[pass.bodies.mesh[tear.body]].tetrahedra.first;
+}
+
+// One flag per number of a triangle: not there.
 std::vector<uint8_t> removed_flags(const Tears& tears, uint32_t tear, const Torn& torn) {
     std::vector<uint8_t> gone(tears.body[tear].order.count, 0);
     for (const auto& [t, triangle] : torn.triangle) {
@@ -20,6 +27,30 @@ std::vector<uint8_t> removed_flags(const Tears& tears, uint32_t tear, const Torn
 
 // Number at load of a triangle of the prototype as it lies now.
 uint32_t at_load(const Tears& tears, uint32_t tear, uint32_t triangle) { return tears.order[tears.body[tear].order.first + triangle]; }
+
+// The same of a solid, and the triangles themselves.
+std::vector<uint8_t> hidden_flags(const Tears& tears, const TearBody& tear, const uint8_t* lost, std::vector<Triangle>& corner) {
+    std::vector<uint8_t> gone(tear.faces.count);
+    corner.resize(tear.faces.count);
+    for (uint32_t number = 0; number < tear.faces.count; ++number) {
+        gone[number] = !is_surface(tears.face[tear.faces.first + number], lost, corner[number]);
+    }
+    return gone;
+}
+
+// Lets go the tetrahedra that a cut takes.
+void cut_solid(const TearPass& pass, const Cut& cut, const Meshes& meshes, const Tears& tears, const Particles& particles, Torn& torn, TornSprings& torn_springs,
+               Energy& energy, Report& report) {
+    const uint32_t body = tears.body[cut.tear].body, prototype = pass.bodies.mesh[body];
+    const SolidInfo& info = pass.solids.info[prototype];
+    std::vector<uint32_t> taken;
+    for (uint32_t t = 0; t < info.count; ++t) {
+        Vec3d middle = Vec3d::Zero();
+        for (const auto& corner : pass.solids.corner) middle += rest_of_node(meshes, pass.solids, prototype, corner[info.tetrahedra.first + t]) / 4;
+        if (contains(cut.region, middle)) taken.push_back(t);
+    }
+    remove_tetrahedra(pass.springs, pass.solids, pass.bodies, particles, tears, cut.tear, taken, torn, torn_springs, energy, report);
+}
 
 // Notes the triangles that a cut takes.
 void mark_cut(const Cut& cut, const Tears& tears, const Bodies& bodies, const Meshes& meshes, Torn& torn) {
@@ -75,15 +106,16 @@ void break_bare_edges(const Springs& springs, const Bodies& bodies, const Partic
     }
 }
 
-// Puts the triangles that are left first, in their order at load, and the removed ones behind them.
-void sort_triangles(std::span<const uint8_t> gone, const TearBody& tear, MeshInfo& info, Tears& tears, Meshes& meshes) {
+// Puts the triangles that are left first, in the order of their numbers, and the others behind them. Those of a solid are
+// `corner` where given.
+void sort_triangles(std::span<const uint8_t> gone, const TearBody& tear, std::span<const Triangle> corner, MeshInfo& info, Tears& tears, Meshes& meshes) {
     const uint32_t count = tear.order.count;
     std::vector<Triangle> triangle(count);
     std::vector<std::array<Vec2, 3>> uv(count);
     std::vector<uint16_t> material(count);
     for (uint32_t i = 0; i < count; ++i) {
         const uint32_t row = info.triangles.first + i, number = tears.order[tear.order.first + i];
-        triangle[number] = meshes.triangle[row], uv[number] = meshes.uv[row], material[number] = meshes.triangle_material[row];
+        triangle[number] = corner.empty() ? meshes.triangle[row] : corner[number], uv[number] = meshes.uv[row], material[number] = meshes.triangle_material[row];
     }
     uint32_t next = 0;
     for (const uint8_t wanted : {uint8_t{0}, uint8_t{1}}) {
@@ -95,6 +127,26 @@ void sort_triangles(std::span<const uint8_t> gone, const TearBody& tear, MeshInf
         }
         if (wanted == 0) info.triangles.count = next;
     }
+}
+
+// Whether every edge has two triangles and every vertex one fan of them.
+bool is_manifold(const Meshes& made) {
+    const MeshInfo& info = made.info[0];
+    for (const auto& across : made.neighbour) {
+        for (const uint32_t t : across) if (t == kNone) return false;
+    }
+    for (uint32_t v = 0; v < info.vertices.count; ++v) {
+        const uint32_t around = made.incident_first[v + 1] - made.incident_first[v];
+        if (around == 0) continue;
+        const uint32_t start = made.incident[made.incident_first[v]];
+        uint32_t seen = 0;
+        for (uint32_t t = start; (seen == 0 || t != start) && seen <= around; ++seen) {
+            const Triangle& corner = made.triangle[t];
+            t = made.neighbour[t][corner[0] == v ? 0 : corner[1] == v ? 1 : 2];
+        }
+        if (seen != around) return false;
+    }
+    return true;
 }
 
 // Works out anew what follows from the triangles, in the rows the prototype has.
@@ -122,16 +174,26 @@ void rebuild_topology(uint32_t prototype, Admission whole, Meshes& meshes) {
     info.incident.count = now.incident.count;
     info.components = now.components;
     info.volume = now.volume, info.area = now.area, info.mean_edge = now.mean_edge, info.max_edge = now.max_edge;
-    const bool open = std::any_of(made.edge_triangle.begin(), made.edge_triangle.end(), [](const auto& t) { return t[1] == kNone; });
-    info.admission = whole == Admission::kSolid && open ? Admission::kWinding : whole;
+    info.admission = whole == Admission::kSolid && !is_manifold(made) ? Admission::kWinding : whole;
 }
 
-// Whether the prototype's triangles are those that torn.triangle leaves.
-bool is_up_to_date(const Tears& tears, uint32_t tear, uint32_t left, std::span<const uint8_t> gone) {
-    const Range order = tears.body[tear].order;
-    for (uint32_t i = 0; i < order.count; ++i) {
-        if ((i >= left) != (gone[tears.order[order.first + i]] != 0)) return false;
+// Whether the prototype's triangles are those that torn leaves.
+bool is_up_to_date(const Tears& tears, const TearBody& tear, const MeshInfo& info, std::span<const uint8_t> gone, std::span<const Triangle> corner,
+                   const Meshes& meshes) {
+    for (uint32_t i = 0; i < tear.order.count; ++i) {
+        const uint32_t number = tears.order[tear.order.first + i];
+        if ((i >= info.triangles.count) != (gone[number] != 0)) return false;
+        if (!corner.empty() && !gone[number] && meshes.triangle[info.triangles.first + i] != corner[number]) return false;
     }
+    return true;
+}
+
+// Mass of what was let go since the last pass, and whether anything is lost at all.
+bool settle_solid(const TearPass& pass, const TearBody& tear, Particles& particles, Torn& torn, Energy& energy) {
+    const uint8_t* lost = lost_tetrahedra(pass, tear, torn);
+    const uint32_t count = pass.solids.info[pass.bodies.mesh[tear.body]].count;
+    if (std::all_of(lost, lost + count, [](uint8_t state) { return state == 0; })) return false;
+    energy.work_links -= lose_mass(pass.solids, pass.bodies, pass.poses, pass.anchors, pass.gravity, tear.body, torn, particles);
     return true;
 }
 
@@ -148,48 +210,80 @@ void remove_triangles(const Tears& tears, uint32_t tear, std::span<const uint32_
     }
 }
 
-void cut_bodies(double now, const Springs& springs, const Bodies& bodies, const Particles& particles, Meshes& meshes,
-                std::span<std::unique_ptr<ClosestPointTree>> trees, Tears& tears, Torn& torn, Sleep& sleep, Energy& energy,
-                Report& report) {
+void remove_tetrahedra(const Springs& springs, const Solids& solids, const Bodies& bodies, const Particles& particles, const Tears& tears,
+                       uint32_t tear, std::span<const uint32_t> tetrahedron, Torn& torn, TornSprings& torn_springs, Energy& energy, Report& report) {
+    const uint32_t body = tears.body[tear].body;
+    energy.work_links -= drop_tetrahedra(springs, solids, bodies, body, tetrahedron, places_of_nodes(solids, bodies, particles, body), torn,
+                                         torn_springs, report.broken_springs);
+}
+
+void cut_bodies(const TearPass& pass, Particles& particles, Meshes& meshes, std::span<std::unique_ptr<ClosestPointTree>> trees, Tears& tears,
+                Torn& torn, TornSprings& torn_springs, Sleep& sleep, Energy& energy, Report& report) {
+    const Bodies& bodies = pass.bodies;
     for (size_t c = 0; c < tears.cut.size(); ++c) {
-        if (torn.cut[c] || now < tears.cut[c].time) continue;
-        mark_cut(tears.cut[c], tears, bodies, meshes, torn);
+        const Cut& cut = tears.cut[c];
+        if (torn.cut[c] || pass.now < cut.time) continue;
+        if (tears_as_solid(tears.body[cut.tear])) {
+            copy_torn_springs(pass.springs, pass.solids, bodies, tears, torn, torn_springs);
+            cut_solid(pass, cut, meshes, tears, particles, torn, torn_springs, energy, report);
+        } else {
+            mark_cut(cut, tears, bodies, meshes, torn);
+        }
         torn.cut[c] = 1;
     }
     for (uint32_t t = 0; t < tears.body.size(); ++t) {
-        const uint32_t body = tears.body[t].body, prototype = bodies.mesh[body];
+        const TearBody& tear = tears.body[t];
+        const uint32_t body = tear.body, prototype = bodies.mesh[body];
         MeshInfo& info = meshes.info[prototype];
-        if (torn.triangle.empty() && info.triangles.count == tears.body[t].order.count) continue;
-        const std::vector<uint8_t> gone = removed_flags(tears, t, torn);
-        if (is_up_to_date(tears, t, info.triangles.count, gone)) continue;
+        const bool solid = tears_as_solid(tear);
+        const bool untouched = solid ? !settle_solid(pass, tear, particles, torn, energy) : torn.triangle.empty();
+        if (untouched && info.triangles.count == (solid ? tear.outer : tear.order.count)) continue;
+        std::vector<Triangle> corner;
+        const std::vector<uint8_t> gone = solid ? hidden_flags(tears, tear, lost_tetrahedra(pass, tear, torn), corner) : removed_flags(tears, t, torn);
+        if (is_up_to_date(tears, tear, info, gone, corner, meshes)) continue;
         const Admission before = info.admission;
-        break_bare_edges(springs, bodies, particles, meshes, tears, t, gone, torn, energy, report);
-        sort_triangles(gone, tears.body[t], info, tears, meshes);
-        rebuild_topology(prototype, tears.body[t].whole, meshes);
+        if (!solid) break_bare_edges(pass.springs, bodies, particles, meshes, tears, t, gone, torn, energy, report);
+        sort_triangles(gone, tear, corner, info, tears, meshes);
+        rebuild_topology(prototype, tear.whole, meshes);
         if (before == Admission::kSolid && info.admission == Admission::kWinding) ++report.opened_bodies;
         if (body < sleep.still.size()) sleep.still[body] = 0;
         const Range rows = bodies.particles[body];
         trees[bodies.tree[body]] = std::make_unique<ClosestPointTree>(mesh_view(meshes, prototype), std::span(particles.offset).subspan(rows.first, rows.count));
     }
     report.removed_triangles = torn.triangle.size();
+    report.removed_tetrahedra = static_cast<uint64_t>(torn.tetrahedron.size()) - static_cast<uint64_t>(std::count(torn.tetrahedron.begin(), torn.tetrahedron.end(), uint8_t{0}));
 }
 
-void copy_torn_springs(const Springs& springs, const Torn& torn, TornSprings& torn_springs) {
+namespace {
+
+// Springs of a shell but for those that are broken.
+void copy_torn_shell(const Springs& springs, uint32_t prototype, const Torn& torn, TornSprings& out) {
+    const Range slices = springs.info[prototype].slices;
+    const uint32_t* column = springs.slice_column.data() + slices.first + prototype;
+    for (uint32_t slice = 0; slice < slices.count; ++slice) {
+        for (size_t h = size_t{column[slice]} * kSliceWidth; h < size_t{column[slice + 1]} * kSliceWidth; ++h) {
+            out.neighbour[h] = torn.spring[h] ? slice * kSliceWidth + static_cast<uint32_t>(h % kSliceWidth) : springs.neighbour[h];
+            out.rest_length[h] = torn.spring[h] ? 0.0f : springs.rest_length[h];
+        }
+    }
+}
+
+}  // namespace
+
+void copy_torn_springs(const Springs& springs, const Solids& solids, const Bodies& bodies, const Tears& tears, const Torn& torn,
+                       TornSprings& torn_springs) {
     const size_t rows = torn.spring.size();
-    torn_springs.neighbour.resize(rows);
-    torn_springs.rest_length.resize(rows);
-    std::copy_n(springs.neighbour.begin(), rows, torn_springs.neighbour.begin());
-    std::copy_n(springs.rest_length.begin(), rows, torn_springs.rest_length.begin());
-    for (uint32_t prototype = 0; prototype < springs.info.size(); ++prototype) {
-        const Range slices = springs.info[prototype].slices;
-        const uint32_t* column = springs.slice_column.data() + slices.first + prototype;
-        if (slices.count == 0 || size_t{column[slices.count]} * kSliceWidth > rows) continue;
-        for (uint32_t slice = 0; slice < slices.count; ++slice) {
-            for (size_t h = size_t{column[slice]} * kSliceWidth; h < size_t{column[slice + 1]} * kSliceWidth; ++h) {
-                if (!torn.spring[h]) continue;
-                torn_springs.neighbour[h] = slice * kSliceWidth + static_cast<uint32_t>(h % kSliceWidth);
-                torn_springs.rest_length[h] = 0;
-            }
+    if (torn_springs.neighbour.size() != rows) {
+        torn_springs.neighbour.assign(springs.neighbour.begin(), springs.neighbour.begin() + rows);
+        torn_springs.rest_length.assign(springs.rest_length.begin(), springs.rest_length.begin() + rows);
+        torn_springs.factor.clear(), torn_springs.rest.clear(), torn_springs.per_rest.clear();
+    }
+    for (const TearBody& tear : tears.body) {
+        const uint32_t prototype = bodies.mesh[tear.body];
+        if (tears_as_solid(tear)) {
+            copy_torn_solid(springs, solids, prototype, torn, torn_springs);
+        } else {
+            copy_torn_shell(springs, prototype, torn, torn_springs);
         }
     }
 }

@@ -5,6 +5,13 @@
 namespace trocar {
 namespace {
 
+// Scalars only: the compiler would read pairs of what it has just written one by one, and wait for the store.
+double dot(const Vec3d& u, const Vec3d& v) { return u.x() * v.x() + u.y() * v.y() + u.z() * v.z(); }
+// (u x v) . w
+double triple(const Vec3d& u, const Vec3d& v, const Vec3d& w) {
+    return (u.y() * v.z() - u.z() * v.y()) * w.x() + (u.z() * v.x() - u.x() * v.z()) * w.y() +
+           (u.x() * v.y() - u.y() * v.x()) * w.z();
+}
 // x * y - z * w within 1.5 rounding units of the result
 double product_difference(double x, double y, double z, double w) {
     const double zw = z * w;
@@ -24,14 +31,14 @@ struct SegmentPoint {
 // closest point to the origin on r + t e, 0 <= t <= 1, with r_end = r + e. Ends are taken from their own corner, so
 // that two edges that share it give the same bits.
 SegmentPoint closest_on_segment(const Vec3d& r, const Vec3d& r_end, const Vec3d& e) {
-    const double along = -r.dot(e);
-    const double length2 = e.squaredNorm();
-    if (!(along > 0)) return {r, r.squaredNorm(), 0};
-    if (!(along < length2)) return {r_end, r_end.squaredNorm(), 1};
+    const double along = -dot(r, e);
+    const double length2 = dot(e, e);
+    if (!(along > 0)) return {r, dot(r, r), 0};
+    if (!(along < length2)) return {r_end, dot(r_end, r_end), 1};
     // from the nearer end: the product t * e is then the shorter one
     const Vec3d q =
-        along <= 0.5 * length2 ? Vec3d(r + (along / length2) * e) : Vec3d(r_end - ((r_end.dot(e)) / length2) * e);
-    return {q, q.squaredNorm(), 2};
+        along <= 0.5 * length2 ? Vec3d(r + (along / length2) * e) : Vec3d(r_end - (dot(r_end, e) / length2) * e);
+    return {q, dot(q, q), 2};
 }
 
 }  // namespace
@@ -40,7 +47,7 @@ Vec3d triangle_normal(const Vec3d& a, const Vec3d& b, const Vec3d& c) {
     // rounding u and v is as good as moving b and c by a rounding unit of the edges; rounding the products is not
     const Vec3d u = b - a, v = c - a;
     const Vec3d n = precise_cross(u, v);
-    if (n.squaredNorm() <= 0x1p-100 * (u.squaredNorm() * v.squaredNorm())) return Vec3d::Zero();
+    if (dot(n, n) <= 0x1p-100 * (dot(u, u) * dot(v, v))) return Vec3d::Zero();
     return n;
 }
 
@@ -48,14 +55,14 @@ TrianglePoint closest_point_on_triangle(const Vec3d& p, const Vec3d& a, const Ve
     const Vec3d ab = b - a, bc = c - b, ca = a - c;
     const Vec3d ra = a - p, rb = b - p, rc = c - p;
     const Vec3d n = triangle_normal(a, b, c);
-    const double n2 = n.squaredNorm();
-    if (n2 > 0 && n.cross(ab).dot(ra) < 0 && n.cross(bc).dot(rb) < 0 && n.cross(ca).dot(rc) < 0) {
+    const double n2 = dot(n, n);
+    if (n2 > 0 && triple(n, ab, ra) < 0 && triple(n, bc, rb) < 0 && triple(n, ca, rc) < 0) {
         // at a needle's tip rounding lets points far beyond it pass the three planes: ask the vertex regions too
-        const bool beyond_a = ra.dot(ab) > 0 && ra.dot(ca) < 0;
-        const bool beyond_b = rb.dot(bc) > 0 && rb.dot(ab) < 0;
-        const bool beyond_c = rc.dot(ca) > 0 && rc.dot(bc) < 0;
+        const bool beyond_a = dot(ra, ab) > 0 && dot(ra, ca) < 0;
+        const bool beyond_b = dot(rb, bc) > 0 && dot(rb, ab) < 0;
+        const bool beyond_c = dot(rc, ca) > 0 && dot(rc, bc) < 0;
         if (!beyond_a && !beyond_b && !beyond_c) {
-            const double h = n.dot(ra);
+            const double h = dot(n, ra);
             const double k = h / n2;
             return {k * n, h * k, -h / std::sqrt(n2), Feature::kFace};
         }

@@ -79,6 +79,7 @@ nlohmann::ordered_json report_json(const Report& r) {
             {"broken_links", r.broken_links},
             {"broken_springs", r.broken_springs},
             {"removed_triangles", r.removed_triangles},
+            {"removed_tetrahedra", r.removed_tetrahedra},
             {"opened_bodies", r.opened_bodies},
             {"dropped_pictures", r.dropped_pictures},
             {"late_passes", r.late_passes},

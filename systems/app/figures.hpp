@@ -6,6 +6,7 @@
 #include "components/math.hpp"
 #include "components/report.hpp"
 #include "engine/device_link.hpp"
+#include "systems/app/tool_record.hpp"
 namespace trocar {
 
 // What one contact pass found and cost.
@@ -99,6 +100,7 @@ struct RunFigures {
     Report report;
     std::vector<LinkFigures> link;
     std::vector<ToolFigures> tool;
+    std::vector<ToolSample> tool_sample;  // of every pass
     std::vector<std::vector<float>> pass_stage_ms;  // per pass, per stage
     std::vector<PairFigures> pair;       // the dearest
     uint64_t pairs_met = 0;

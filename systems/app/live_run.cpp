@@ -228,6 +228,7 @@ bool run_live(const RunOptions& options, double seconds, Frame& frame, PictureWr
         if (recorder) recorder->after_pass(pass);
         add_stage_times(frame, figures);
         figures.pass.push_back(pass);
+        record_tools(frame, figures.tool_sample);
     }
     figures.wall_s = static_cast<double>(monotonic_ns() - start) * 1e-9;
     set_nice(nice_before);

@@ -221,6 +221,18 @@ std::string histogram_card(const char* title, const char* unit, const std::vecto
     return card(svg_plot({title, unit, "ticks", {s}}), note + " The last bin holds all beyond it.");
 }
 
+// The force on one tool's hand beside that of the tissue, over time, and by place if it felt its way over a surface.
+std::string tool_cards(const RunFigures& f, uint32_t tool) {
+    std::vector<double> t, hand, tissue;
+    for (const ToolSample& s : f.tool_sample)
+        if (s.tool == tool) t.push_back(s.time), hand.push_back(s.force.norm()), tissue.push_back(s.tissue.norm());
+    std::string cards = card(svg_plot({"Force of " + f.tool[tool].body, "time, s", "N", {{"hand", t, hand}, {"tissue", t, tissue}}}),
+                             "On the hand, and of the tissue on the simulated tool, averaged over a contact pass.");
+    if (const std::optional<ForceMap> map = force_map(f.tool_sample, tool))
+        cards += card(svg_force_map("Force on " + f.tool[tool].body + " by place", *map), "Along its mean direction, seen from where the tool presses. What is stiff below shows dark.");
+    return cards;
+}
+
 std::string haptics_section(const RunFigures& f) {
     if (f.tick_us.empty()) return "";
     std::string cards =
@@ -233,6 +245,7 @@ std::string haptics_section(const RunFigures& f) {
                                     "; " + escape_html(f.scheduling) + ".");
         cards += histogram_card("Age of the surface under the force", "ms", f.contact_age_ms, "");
     }
+    for (uint32_t t = 0; t < f.tool.size(); ++t) cards += tool_cards(f, t);
     return section("Haptics", "The force is computed a thousand times a second from the surface near the tool.",
                    grid(cards));
 }

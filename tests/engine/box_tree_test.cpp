@@ -96,6 +96,71 @@ TEST(BoxTree, StaysShallow) {
     EXPECT_LT(7 * deepest, kBoxStack / 4);
 }
 
+// Cost of the best tree of nodes of eight that keeps some branches of a binary tree: by trying all sets of branches.
+struct BinaryTree {
+    struct Branch {
+        int low, high;  // a branch, or -1 where it is a single box
+        double cost;
+    };
+    std::vector<Branch> branch;
+
+    int halve(const std::vector<FloatBox>& boxes, std::span<uint32_t> rows, double besides) {
+        if (rows.size() == 1) return -1;
+        FloatBox box;
+        clear(box);
+        for (const uint32_t row : rows) grow(box, boxes[row]);
+        BoxCut cut = choose_cut(boxes, rows, 1);
+        const uint32_t n = static_cast<uint32_t>(rows.size()), least = std::max(1u, n / 8);
+        cut.left = std::clamp(cut.left, least, n - least);
+        apply_cut(boxes, cut, rows);
+        const size_t at = branch.size();
+        branch.push_back({0, 0, half_area(box) + besides});
+        const int low = halve(boxes, rows.first(cut.left), besides), high = halve(boxes, rows.subspan(cut.left), besides);
+        branch[at].low = low, branch[at].high = high;
+        return static_cast<int>(at);
+    }
+    int children(int at, uint32_t kept) const {
+        int count = 0;
+        for (const int below : {branch[at].low, branch[at].high})
+            count += below < 0 || (kept >> below & 1) ? 1 : children(below, kept);
+        return count;
+    }
+    double least_cost() const {
+        double best = INFINITY;
+        for (uint32_t kept = 1; kept < 1u << branch.size(); kept += 2) {
+            double cost = 0;
+            bool fits = true;
+            for (size_t i = 0; i < branch.size(); ++i) {
+                if (!(kept >> i & 1)) continue;
+                cost += branch[i].cost;
+                fits = fits && children(static_cast<int>(i), kept) <= 8;
+            }
+            if (fits) best = std::min(best, cost);
+        }
+        return best;
+    }
+};
+
+TEST(BoxTree, NodesAreTheBestThatTheCutsAllow) {
+    for (uint32_t count = 2; count <= 14; ++count) {
+        const std::vector<FloatBox> boxes = random_boxes(count, 40 + count);
+        double area = 0, cost = 0;
+        for (const FloatBox& b : boxes) area += half_area(b);
+        std::vector<uint32_t> rows(count);
+        for (uint32_t i = 0; i < count; ++i) rows[i] = i;
+        BinaryTree binary;
+        binary.halve(boxes, rows, area / count);
+        BoxTree tree;
+        build_box_tree(boxes, tree);
+        cost = tree.built_area - area + static_cast<double>(tree.node.size()) * area / count;
+        EXPECT_NEAR(cost, binary.least_cost(), 1e-5 * cost) << count;
+    }
+    const std::vector<FloatBox> equal(512, random_boxes(1, 3)[0]);
+    BoxTree tree;
+    build_box_tree(equal, tree);
+    EXPECT_EQ(tree.node.size(), 1u + 8 + 64);
+}
+
 TEST(BoxTree, RefitTellsTheAreaOfNodesAndBoxes) {
     std::vector<FloatBox> boxes(2);
     boxes[0] = {{0, 0, 0, 0}, {1, 1, 1, 0}};

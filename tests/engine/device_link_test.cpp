@@ -18,6 +18,7 @@
 #include "engine/geometry/quaternion.hpp"
 #include "engine/real_time.hpp"
 #include "mutate/mutants.hpp"
+#include "tests/reference/device_waits.hpp"
 
 namespace trocar {
 namespace {
@@ -39,17 +40,6 @@ mutate::Seed seed_of(const char* name, const Bytes& bytes) {
     return {name, std::string(reinterpret_cast<const char*>(bytes.data()), bytes.size())};
 }
 std::span<const std::byte> bytes_of(const std::string& text) { return std::as_bytes(std::span(text)); }
-
-// Waits for what another thread does; nothing is said about how soon.
-bool wait_until(const std::function<bool()>& done) {
-    const int64_t end = monotonic_ns() + 10'000'000'000;
-    while (monotonic_ns() < end) {
-        if (done()) return true;
-        sleep_until_ns(monotonic_ns() + 500'000);
-    }
-    return false;
-}
-uint64_t count_of(const DeviceLink& link, DeviceCount what) { return link.counts()[static_cast<size_t>(what)]; }
 
 std::string refusal(const std::string& specification) {
     try {

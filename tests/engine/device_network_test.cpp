@@ -16,6 +16,7 @@
 #include "engine/geometry/quaternion.hpp"
 #include "engine/real_time.hpp"
 #include "mutate/mutants.hpp"
+#include "tests/reference/device_waits.hpp"
 #ifdef TROCAR_HAPLY
 #include <libwebsockets.h>
 #endif
@@ -29,16 +30,6 @@
 
 namespace trocar {
 namespace {
-
-bool wait_until(const std::function<bool()>& done) {
-    const int64_t end = monotonic_ns() + 20'000'000'000;
-    while (monotonic_ns() < end) {
-        if (done()) return true;
-        sleep_until_ns(monotonic_ns() + 500'000);
-    }
-    return false;
-}
-uint64_t count_of(const DeviceLink& link, DeviceCount what) { return link.counts()[static_cast<size_t>(what)]; }
 
 [[maybe_unused]] uint16_t free_tcp_port() {
     const int fd = ::socket(AF_INET, SOCK_STREAM, 0);

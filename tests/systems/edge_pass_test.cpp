@@ -7,6 +7,7 @@
 #include <random>
 
 #include "tests/reference/brute_force_contact.hpp"
+#include "tests/reference/sample_count.hpp"
 #include "tests/systems/contact_scene.hpp"
 namespace trocar::test {
 namespace {
@@ -198,8 +199,8 @@ void compare_random_pairs(uint32_t pairs, uint32_t seed, uint32_t samples) {
     EXPECT_GT(checked, pairs / 5);
 }
 
-TEST(EdgePass, P09_RandomTetrahedraAndBoxesEqualExactTests) { compare_random_pairs(2000, 11, 60); }
-TEST(LongEdgePass, P09_RandomTetrahedraAndBoxesEqualExactTests) { compare_random_pairs(20000, 12, 200); }
+TEST(EdgePass, P09_RandomTetrahedraAndBoxesEqualExactTests) { compare_random_pairs(sample_count(2000, 8), 11, 60); }
+TEST(LongEdgePass, P09_RandomTetrahedraAndBoxesEqualExactTests) { compare_random_pairs(sample_count(20000, 160), 12, 200); }
 
 // P02, P03: faces in one plane: touching is not overlapping.
 TEST(EdgePass, P02_P03_CubesSharingAFacePlane) {

@@ -14,8 +14,11 @@ using PairList = std::vector<std::array<uint32_t, 2>>;
 
 // Pairs (a, b) of bodies of which some triangles' own boxes meet, counted by comparing every triangle with every other.
 std::vector<size_t> meeting_by_brute_force(const ContactScene& scene) {
-    const auto boxes_of = [&](uint32_t body) {
-        std::vector<Box> boxes;
+    struct Bounds {  // plain numbers: this is asked a thousand million times, in debug too
+        double low[3], high[3];
+    };
+    const auto bounds_of = [&](uint32_t body) {
+        std::vector<Bounds> bounds;
         for (const Triangle& t : mesh_view(scene.meshes, scene.bodies.mesh[body]).triangle) {
             Box box;
             for (const uint32_t v : t) {
@@ -23,20 +26,26 @@ std::vector<size_t> meeting_by_brute_force(const ContactScene& scene) {
                 box.min = box.min.cwiseMin(p);
                 box.max = box.max.cwiseMax(p);
             }
-            boxes.push_back(box);
+            bounds.push_back({{box.min.x(), box.min.y(), box.min.z()}, {box.max.x(), box.max.y(), box.max.z()}});
         }
-        return boxes;
+        return bounds;
     };
-    std::vector<std::vector<Box>> boxes;
-    for (uint32_t body = 0; body < scene.bodies.mesh.size(); ++body) boxes.push_back(boxes_of(body));
-    std::vector<size_t> count;
-    for (uint32_t pair = 0; pair < scene.pairs.a.size(); ++pair) {
+    const auto meeting = [](const std::vector<Bounds>& all, const std::vector<Bounds>& others) {
         size_t met = 0;
-        for (const Box& a : boxes[scene.pairs.a[pair]]) {
-            for (const Box& b : boxes[scene.pairs.b[pair]]) met += boxes_meet(a, b);
+        for (const Bounds& a : all) {
+            const Bounds *b = others.data(), *end = b + others.size();
+            for (; b != end; ++b) {
+                met += a.low[0] <= b->high[0] && b->low[0] <= a.high[0] && a.low[1] <= b->high[1] &&
+                       b->low[1] <= a.high[1] && a.low[2] <= b->high[2] && b->low[2] <= a.high[2];
+            }
         }
-        count.push_back(met);
-    }
+        return met;
+    };
+    std::vector<std::vector<Bounds>> bounds;
+    for (uint32_t body = 0; body < scene.bodies.mesh.size(); ++body) bounds.push_back(bounds_of(body));
+    std::vector<size_t> count;
+    for (uint32_t pair = 0; pair < scene.pairs.a.size(); ++pair)
+        count.push_back(meeting(bounds[scene.pairs.a[pair]], bounds[scene.pairs.b[pair]]));
     return count;
 }
 

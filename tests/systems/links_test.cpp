@@ -39,9 +39,11 @@ struct LinkScene : AdvanceScene {
         return name;
     }
     void let_break(uint32_t body, double strain) {
-        tears.body.push_back({body, strain, {}});
+        TearBody tear;
+        tear.body = body, tear.break_strain = strain;
+        tears.body.push_back(tear);
         torn.spring.assign(springs.neighbour.size(), 0);
-        copy_torn_springs(springs, torn, torn_springs);
+        copy_torn_springs(springs, solids, bodies, tears, torn, torn_springs);
     }
     void step(uint32_t ticks, uint32_t substeps) {
         params.ticks = ticks, params.substeps = substeps;
@@ -408,7 +410,7 @@ TEST(Breaking, TheWeakestOfAChainWhenItsStrainIsReached) {
     }
     // the state alone says which spring is gone: worked out anew, it is the same
     const TornSprings now = s.torn_springs;
-    copy_torn_springs(s.springs, s.torn, s.torn_springs);
+    copy_torn_springs(s.springs, s.solids, s.bodies, s.tears, s.torn, s.torn_springs);
     EXPECT_EQ(now.neighbour, s.torn_springs.neighbour);
     EXPECT_EQ(now.rest_length, s.torn_springs.rest_length);
 }

@@ -1,0 +1,152 @@
+#include "content/scene_sections.hpp"
+
+#include <algorithm>
+#include <cmath>
+
+#include "content/tissues.hpp"
+namespace trocar {
+namespace {
+
+// A preset by name, which the keys of the table override.
+void choose_preset(TomlSection& section, std::string_view key, Tissue& t) {
+    std::string name;
+    section.read(key, name);
+    if (name.empty()) return;
+    const TissuePreset* preset = find_tissue(name);
+    if (!preset) section.fail(*section.find(key), "no tissue \"" + name + "\"; there are " + tissue_names());
+    t = preset->tissue;
+}
+
+void read_tissue(TomlSection& section, Tissue& t) {
+    choose_preset(section, "preset", t);
+    section.read("youngs_modulus", t.youngs_modulus, 1, 1e12);
+    section.read("density", t.density, 1e-3, 1e6);
+    section.read("wall", t.wall, 1e-9, 1e3);
+    section.read("depth", t.depth, 1e-9, 1e9);
+    section.read("poisson", t.poisson, 0, 0.5);
+    section.read("damping", t.damping, 0, 1e6);
+    section.read("friction", t.friction, 0, 1e6);
+    section.read("pressure_modulus", t.pressure_modulus, 0, 1e12);
+    section.read("bending", t.bending, 0, 1e12);
+    section.read("restitution", t.restitution, 0, 1);
+    section.refuse_unknown();
+}
+
+ScatterSpec read_scatter(TomlSection section) {
+    ScatterSpec scatter;
+    section.read_count("count", scatter.count, 1, 1e6);
+    if (scatter.count == 0) section.fail("[body.scatter] needs a count");
+    section.read_count("seed", scatter.seed, 0, 9e15);
+    section.read_counts("columns", scatter.columns, 0, 1e4);
+    section.read("spacing", scatter.spacing);
+    section.read("jitter", scatter.jitter, 0, 10);
+    section.read("turned", scatter.turned);
+    section.read("rate", scatter.rate, 0, 1e6);
+    section.read("life", scatter.life, 1e-3, 1e9);
+    section.refuse_unknown();
+    return scatter;
+}
+
+}  // namespace
+
+std::vector<KeyframeSpec> read_path(const std::string& file, TomlSection& owner, std::string_view key) {
+    std::vector<KeyframeSpec> path;
+    const toml::array* array = owner.tables(key);
+    if (!array) return path;
+    for (const toml::node& node : *array) {
+        TomlSection section(file, *node.as_table(), std::string(key));
+        KeyframeSpec frame;
+        if (!path.empty()) frame.position = path.back().position, frame.orientation = path.back().orientation;
+        section.read("time", frame.time, 0, 1e9);
+        section.read("position", frame.position);
+        section.read("rotation", frame.orientation);
+        section.read("jump", frame.jump);
+        section.refuse_unknown();
+        if (!path.empty() && frame.time <= path.back().time)
+            section.fail("time must be later than that of the key before");
+        path.push_back(frame);
+    }
+    return path;
+}
+
+BodySpec read_body(const std::string& file, const toml::table& table) {
+    TomlSection section(file, table, "[[body]]");
+    BodySpec body;
+    body.line = section.line();
+    section.read("name", body.name);
+    if (body.name.empty()) section.fail("a [[body]] needs a name");
+    section.read("shape", body.shape);
+    section.read("file", body.file);
+    if (body.shape.empty() && body.file.empty()) section.fail("body \"" + body.name + "\" needs a shape or a file");
+    section.read_count("triangles", body.triangles, 4, 2e7);
+    section.read_count("seed", body.seed, 0, 9e15);
+    if (const toml::node* node = section.find("scale")) {
+        if (node->is_string()) {
+            if (*node->value<std::string>() != "auto") section.fail(*node, "scale must be a number or \"auto\"");
+            body.scale = 0;
+        } else {
+            section.read("scale", body.scale, 1e-12, 1e12);
+        }
+    }
+    section.read("size", body.size, 1e-9, 1e9);
+    section.read_enum<Motion>("motion", body.motion,
+                              {{"static", Motion::kStatic},
+                               {"kinematic", Motion::kKinematic},
+                               {"hand", Motion::kHand},
+                               {"deformable", Motion::kDeformable},
+                               {"free", Motion::kFree}});
+    if (body.motion == Motion::kFree) body.tissue.damping = 0;  // it falls like a stone unless told otherwise
+    section.read("position", body.position);
+    section.read("rotation", body.orientation);
+    section.read("above", body.above);
+    section.read("gap", body.gap, -1e3, 1e3);
+    section.read_enum<AnchorFrame>("anchor", body.anchor_frame,
+                                   {{"world", AnchorFrame::kWorld}, {"shape", AnchorFrame::kShape}});
+    section.read_enum<bool>("model", body.solid, {{"shell", false}, {"solid", true}});
+    section.read("cells", body.cells, 1, 500);
+    section.read("spacing", body.spacing, 1e-9, 1e9);
+    section.read("bed", body.bed);
+    section.read("skin", body.skin);
+    section.read("fixed_below", body.fixed_below);
+    section.read("integrator", body.integrator);
+    constexpr const char* kIntegrators[] = {"leapfrog", "midpoint", "xpbd", "auto"};
+    if (std::find(std::begin(kIntegrators), std::end(kIntegrators), body.integrator) == std::end(kIntegrators))
+        section.fail(*section.find("integrator"), "integrator \"" + body.integrator + "\" is none of leapfrog, midpoint, xpbd, auto");
+    section.read_count("iterations", body.iterations, 1, 1e4);
+    section.read("step", body.step, 1e-9, 1);
+    section.read("wanted_error", body.wanted_error, 0, 1);
+    section.read("thickness", body.thickness, 1e-9, 1e3);
+    section.read("mass", body.mass, 1e-6, 1e6);
+    section.read("velocity", body.velocity);
+    section.read("spin", body.spin);
+    if (const toml::node* node = section.find("color"); node) {
+        Vec3d c;
+        section.read("color", c);
+        body.color = {static_cast<float>(c.x()), static_cast<float>(c.y()), static_cast<float>(c.z())};
+    }
+    if (const toml::node* node = section.find("tissue"); node && node->is_string()) {
+        choose_preset(section, "tissue", body.tissue);
+    } else if (const toml::table* tissue = section.table("tissue")) {
+        TomlSection inner(file, *tissue, "[body.tissue]");
+        read_tissue(inner, body.tissue);
+    }
+    body.path = read_path(file, section, "path");
+    section.read("break_strain", body.break_strain, 1e-9, 1e12);
+    if (const toml::array* groups = section.tables("group"))
+        for (const toml::node& node : *groups) body.groups.push_back(read_group(file, *node.as_table()));
+    if (const toml::array* regions = section.tables("region"))
+        for (const toml::node& node : *regions) body.regions.push_back(read_tissue_region(file, *node.as_table()));
+    if (const toml::table* scatter = section.table("scatter")) body.scatter = read_scatter({file, *scatter, "[body.scatter]"});
+    section.refuse_unknown();
+    if (body.scatter.count > 0 && (body.motion == Motion::kHand || !body.above.empty()))
+        section.fail("body \"" + body.name + "\": what is scattered can neither be held by a hand nor stand above another body");
+    if (body.scatter.rate > 0 && (body.motion != Motion::kDeformable || std::isfinite(body.break_strain)))
+        section.fail("body \"" + body.name + "\": only deformable bodies that do not break come and go (scatter.rate)");
+    if (body.motion == Motion::kKinematic && body.path.empty())
+        section.fail("kinematic body \"" + body.name + "\" needs a [[body.path]]");
+    if (body.motion != Motion::kFree && (!body.velocity.isZero(0) || !body.spin.isZero(0)))
+        section.fail("body \"" + body.name + "\": only a free body starts with a velocity or spin of its own");
+    return body;
+}
+
+}  // namespace trocar

@@ -1,0 +1,22 @@
+#pragma once
+#include "content/scene_file.hpp"
+#include "content/toml_section.hpp"
+namespace trocar {
+
+// The tables of a scene file, a function each. All throw InputError "file:line:column: reason".
+std::vector<KeyframeSpec> read_path(const std::string& file, TomlSection& owner, std::string_view key);
+BodySpec read_body(const std::string& file, const toml::table& table);
+ToolSpec read_tool(const std::string& file, const toml::table& table);
+GroupSpec read_group(const std::string& file, const toml::table& table);
+TissueRegionSpec read_tissue_region(const std::string& file, const toml::table& table);
+LinkSpec read_link(const std::string& file, const toml::table& table);
+LinkSpec read_staple(const std::string& file, const toml::table& table);
+CutSpec read_cut(const std::string& file, const toml::table& table);
+
+// Takes [parameters] out of the scene and puts their values where other keys name them.
+std::vector<SceneParameter> take_parameters(const std::string& file, toml::table& root);
+
+// Puts the value of one --set into the tables.
+void apply_override(toml::table& root, const Override& o);
+
+}  // namespace trocar

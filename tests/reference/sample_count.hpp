@@ -1,0 +1,20 @@
+#pragma once
+#include <algorithm>
+#include <cstdint>
+#include <cstdio>
+namespace trocar {
+
+// How many random cases a test tries: `optimised` of them where the compiler optimises, and only one in `divisor`
+// where it does not, as in `debug`, where each takes some twenty times as long. Prints how many that are.
+inline uint32_t sample_count(uint32_t optimised, uint32_t divisor) {
+#ifdef __OPTIMIZE__
+    static_cast<void>(divisor);
+    return optimised;
+#else
+    const uint32_t count = std::max(1u, optimised / divisor);
+    std::printf("[   figure ] %u cases, %u where the code is optimised\n", count, optimised);
+    return count;
+#endif
+}
+
+}  // namespace trocar
