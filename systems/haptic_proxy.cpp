@@ -335,7 +335,7 @@ void gather_near(const LocalContactModel& model, const SurfaceTime& at, const Ha
                 triangle.vertex = model.triangle[t];
                 near.triangle.push_back(triangle);
                 near.disc.push_back(disc);
-                near.wake.push_back(near.ask_all ? 0 : gap - kHair);
+                near.wake.push_back(near.ask_all ? -1 : gap - kHair);
             }
         }
     }
@@ -349,7 +349,7 @@ void place_near(const SurfaceTime& at, const Vec3d& centre, NearSurface& near) {
         const double gap = place_disc(near.model->disc[triangle.row], at, beyond(*near.model, at, triangle.body), centre, near.disc[row]);
         triangle.placed = false;
         triangle.overlaps_at = -1;
-        near.wake[row] = near.ask_all ? 0 : gap - kHair;
+        near.wake[row] = near.ask_all ? -1 : gap - kHair;
     }
 }
 
