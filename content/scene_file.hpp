@@ -70,6 +70,11 @@ struct ToolSpec {
     double max_force = 3.3;     // N
     double friction = 0.1;
     double pass_through = 0;    // N, 0 = never
+    uint32_t dof = 3;           // 3: a sphere at the tip feels; 6: all of the body, force and torque
+    uint32_t points = 1000;     // dof = 6: of the shell, about
+    double turn_stiffness = 0.5;   // N m/rad
+    double turn_damping = -1;      // N m s/rad; < 0, as damping: critical
+    double surface_stiffness = 0;  // N/m of a point; 0 = 100 times stiffness
     std::string trace;  // recorded device trace; else path
     std::vector<KeyframeSpec> path;
     HandModel hand;

@@ -113,6 +113,15 @@ void read_tool_tables(const std::string& file, TomlSection& section, ToolSpec& t
         section.fail("tool \"" + tool.body + "\" has " + std::to_string(tool.effects.size()) + " effects; the most is " + std::to_string(kMaxEffects));
 }
 
+// What a tool has whose whole body feels.
+void read_shell(TomlSection& section, ToolSpec& tool) {
+    tool.damping = -1;
+    section.read_count("points", tool.points, 10, 20'000);
+    section.read("turn_stiffness", tool.turn_stiffness, 1e-6, 1e4);
+    section.read("turn_damping", tool.turn_damping, 0, 1e4);
+    section.read("surface_stiffness", tool.surface_stiffness, 1, 1e9);
+}
+
 }  // namespace
 
 ToolSpec read_tool(const std::string& file, const toml::table& table) {
@@ -123,6 +132,9 @@ ToolSpec read_tool(const std::string& file, const toml::table& table) {
     if (tool.body.empty()) section.fail("a [[tool]] needs the name of its body");
     section.read("tip", tool.tip);
     section.read("tip_radius", tool.tip_radius, 0, 10);
+    section.read_count("dof", tool.dof, 3, 6);
+    if (tool.dof != 3 && tool.dof != 6) section.fail("tool \"" + tool.body + "\": dof is 3 (a sphere at the tip feels) or 6 (the whole body does)");
+    if (tool.dof == 6) read_shell(section, tool);
     section.read("stiffness", tool.stiffness, 0, 1e7);
     section.read("damping", tool.damping, 0, 1e6);
     section.read("max_force", tool.max_force, 0, 1e6);

@@ -101,6 +101,7 @@ void fields(V& v, T& t) {
     } else if constexpr (is<T, SafetyState>) {
         v.item(t.contact_force), v.item(t.from_device), v.item(t.from_proxy), v.item(t.energy), v.item(t.lowest_energy);
         v.item(t.dissipated), v.item(t.started), v.item(t.gain), v.item(t.limiting), v.item(t.limited_ticks), v.item(t.safe_ticks);
+        v.item(t.contact_torque), v.item(t.from_device_turn), v.item(t.from_proxy_turn), v.item(t.turn_energy), v.item(t.lowest_turn_energy);
     } else if constexpr (is<T, ClutchState>) {
         v.item(t.started), v.item(t.offset), v.item(t.tool);
     } else if constexpr (is<T, DeviceTrace>) {
@@ -111,6 +112,7 @@ void fields(V& v, T& t) {
         v.item(t.model_age), v.item(t.gain), v.item(t.largest_force), v.item(t.rejected_samples), v.item(t.touched);
         v.item(t.last_pass.touched), v.item(t.last_pass.tip), v.item(t.last_pass.device);
         v.item(t.hand), v.item(t.clutch), v.item(t.safety), v.item(t.effect_velocity), v.item(t.effect), v.item(t.events);
+        v.item(t.proxy_turn), v.item(t.contact), v.item(t.device_spin), v.item(t.coupling_torque), v.item(t.contact_moment);
     } else if constexpr (is<T, Region>) {
         v.item(t.kind), v.item(t.a), v.item(t.b), v.item(t.radius);
     } else if constexpr (is<T, LinkGroup>) {
@@ -128,6 +130,13 @@ void fields(V& v, T& t) {
         v.item(t.body), v.item(t.tip), v.item(t.tip_radius), v.item(t.coupling_stiffness), v.item(t.coupling_damping);
         v.item(t.max_force), v.item(t.friction), v.item(t.path), v.item(t.trace);
         v.item(t.pass_through), v.item(t.hand), v.item(t.workspace), v.item(t.pivot), v.item(t.limits), v.item(t.effects);
+        v.item(t.shell), v.item(t.shell_radius), v.item(t.turn_stiffness), v.item(t.turn_damping), v.item(t.inertia), v.item(t.surface_stiffness);
+    } else if constexpr (is<T, ShellPoint>) {
+        v.item(t.arm), v.item(t.inward);
+    } else if constexpr (is<T, ShellContact>) {
+        v.item(t.point), v.item(t.body), v.item(t.arm), v.item(t.force), v.item(t.slip), v.item(t.depth), v.item(t.side);
+    } else if constexpr (is<T, SurfaceNode>) {
+        v.item(t.box), v.item(t.speed), v.item(t.triangles), v.item(t.next), v.item(t.body);
     } else if constexpr (is<T, TriangleDisc>) {
         v.item(t.centre), v.item(t.normal), v.item(t.velocity), v.item(t.radius), v.item(t.thickness), v.item(t.spread);
     } else if constexpr (is<T, TriangleGroup>) {
@@ -137,6 +146,7 @@ void fields(V& v, T& t) {
         v.item(t.position), v.item(t.velocity), v.item(t.triangle), v.item(t.neighbour), v.item(t.body);
         v.item(t.half_thickness), v.item(t.disc), v.item(t.group), v.item(t.block), v.item(t.give.body), v.item(t.give.share), v.item(t.give.normal);
         v.item(t.give.device), v.item(t.give.device_velocity), v.item(t.give.time), v.item(t.give.gap);
+        v.item(t.shell.tip), v.item(t.shell.turn), v.item(t.shell.node), v.item(t.shell.clear), v.item(t.shell.nearest);
     } else if constexpr (is<T, PictureBody>) {
         v.item(t.mesh), v.item(t.origin), v.item(t.orientation), v.item(t.box), v.item(t.vertices), v.item(t.depths), v.item(t.removed), v.item(t.exposed);
     } else if constexpr (is<T, PictureWitness>) {

@@ -375,6 +375,8 @@ void check_tools(const World& w, Faults& f) {
         f.inside(tool.effects, w.haptics.effect.size(), "effects of a tool");
         f.require(tool.effects.count <= kMaxEffects, "a tool has too many effects");
         f.require(tool.hand.delay <= kMostHandDelay, "a hand is too late");
+        f.require(tool.shell.empty() || (tool.turn_stiffness > 0 && tool.surface_stiffness > 0 && tool.coupling_stiffness > 0),
+                  "a tool that feels with all of its body has no stiffness");
         f.require(tool.pivot.kind <= PivotKind::kTip, "a pivot is of no kind");
     }
     for (const HapticEffect& e : w.haptics.effect)

@@ -93,6 +93,10 @@ void kick_free_bodies(AdvanceIsland& island) {
     for (AdvanceFree& f : s.free) {
         AdvanceRigid& rigid = s.rigid[f.rigid];
         ContactNode& node = s.node[rigid.node];
+        if (f.held) {
+            pull_held_body(island, f);
+            continue;
+        }
         // the very first kick is half a one: velocities fall half a step behind
         const bool held = moving_time(island, rigid.body) == 0;  // neither falls nor slows down while it does not move
         const double kick = held ? 0 : 0.5 * (f.last_dt + island.dt), keep = std::exp(-f.damping * kick);
@@ -130,6 +134,7 @@ void move_free_bodies(AdvanceIsland& island) {
         const Quat turned = turn_freely(f.mass.moments, momentum, seconds, principal);
         f.spin = to_vec4(spin_of(f.mass.moments, turned, momentum));
         place_end(rigid, f, node.place, normalized(multiply(turned, conjugate(f.mass.axes))));
+        if (f.held) note_coupling(island, f);
     }
 }
 
@@ -144,14 +149,14 @@ void finish_free_bodies(AdvanceIsland& island) {
         if (!std::isfinite(norm2(node.place) + norm2(node.velocity) + norm2(f.spin) + norm2(arm))) {
             ++island.result.nonfinite_particles;
             poses.velocity[rigid.body] = poses.angular_velocity[rigid.body] = Vec3d::Zero();
-            island.particles.last_dt[rigid.body] = 0;
+            if (!f.held) island.particles.last_dt[rigid.body] = 0;
             continue;
         }
         poses.origin[rigid.body] = to_vec3(node.place - arm);
         poses.orientation[rigid.body] = q;
         poses.velocity[rigid.body] = to_vec3(node.velocity - cross(f.spin, arm));
         poses.angular_velocity[rigid.body] = to_vec3(f.spin);
-        island.particles.last_dt[rigid.body] = f.last_dt;
+        if (!f.held) island.particles.last_dt[rigid.body] = f.last_dt;
     }
 }
 
@@ -159,6 +164,7 @@ double contact_work_on_free(const AdvanceIsland& island) {
     const AdvanceScratch& s = island.scratch;
     double work = 0;
     for (const AdvanceFree& f : s.free) {
+        if (f.held) continue;  // its work is the hand's
         const uint32_t n = s.rigid[f.rigid].node;
         const ContactNodeChange& change = s.change[n];
         const Vec4d kick = s.node[n].velocity - change.kicked;
@@ -290,6 +296,7 @@ void finish_free_pushes(AdvanceIsland& island, double most) {
         const Quat turned = multiply(from_rotation_vector(to_vec3(share * f.turn)), rigid.orientation[1]);
         place_end(rigid, f, node.place, normalized(turned));
         const Vec3d spin = spin_of(f.mass.moments, principal_frame(f, rigid.orientation[1]), to_vec3(momentum));
+        if (f.held) continue;
         island.result.work_push += 0.5 * dot(momentum, to_vec4(spin) - f.spin) -
                                    f.mass.mass * dot(to_vec4(island.params.gravity), shift);
         f.spin = to_vec4(spin);

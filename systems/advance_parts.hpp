@@ -107,6 +107,19 @@ void kick_free_bodies(AdvanceIsland& island);
 void move_free_bodies(AdvanceIsland& island);
 // state back into the poses; a body that is not finite keeps the one from the start of the call, at rest, counted
 void finish_free_bodies(AdvanceIsland& island);
+// Tools whose coupling to the hand gives way in turning too (advance_held.cpp) are free bodies without weight. The room:
+void add_held_body(AdvanceIsland& island, uint32_t rigid_row);
+// coupling; in place of gravity and damping. It resists the rows' impulses too.
+void pull_held_body(AdvanceIsland& island, AdvanceFree& f);
+// What the coupling does at the end of the substep, for ToolState.
+void note_coupling(AdvanceIsland& island, const AdvanceFree& f);
+// Where the body frame of a tool would be if it were in the hand, at the start of a substep.
+struct HandPose {
+    Vec3d origin;
+    Quat orientation;
+};
+HandPose hand_pose(const AdvanceIsland& island, uint32_t tool, uint32_t substep);
+
 // Work of the rows on free bodies, J.
 double contact_work_on_free(const AdvanceIsland& island);
 // Gives an active row its free sides, where the impulse acts at `at` (m, world), and what they add to inv_sum.

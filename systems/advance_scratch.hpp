@@ -90,7 +90,7 @@ struct AdvanceRigid {
     Vec3d target, target_velocity;  // m, m/s: where a hand's origin would be if it were in the hand, at the end
 };
 
-// A free rigid body of the island. Its node is the centre of mass.
+// A free rigid body of the island, or a tool that turns freely in the hand. Its node is the centre of mass.
 struct AdvanceFree {
     RigidMass mass;
     uint32_t rigid = 0;           // row of rigid
@@ -102,6 +102,10 @@ struct AdvanceFree {
     Vec4d spin_before = {};       // rad/s, before the rows of this substep
     Vec4d inv_inertia[3] = {};    // 1/(kg m^2), world axes, columns
     Vec4d shift = {}, turn = {};  // m, rad: pushed so far in this substep
+    // of a tool that its contacts turn (advance_held.cpp): in the hand, its centre of mass at the tip
+    bool held = false;
+    Quat target;                  // where the hand would turn it to by the end
+    Vec3d target_spin;            // rad/s
 
     // Angular velocity that an angular impulse about the centre adds, rad/s.
     Vec4d respond(Vec4d j) const { return j[0] * inv_inertia[0] + j[1] * inv_inertia[1] + j[2] * inv_inertia[2]; }

@@ -111,6 +111,8 @@ void follow_live_devices(FrameState& f) {
             const double share = static_cast<double>(ms) / static_cast<double>(per_tool - 1);
             device = to;
             device.position = from.position + share * (to.position - from.position);
+            const Vec3d turn = rotation_vector(from.orientation, to.orientation);
+            device.orientation = normalized(multiply(from_rotation_vector(share * turn), from.orientation));
         }
         f.scratch.live_device[t] = to;
     }
@@ -120,7 +122,7 @@ void follow_live_devices(FrameState& f) {
 // Where every device will be at each millisecond of the pass; the first is now.
 void device_input(FrameState& f) {
     World& w = f.world;
-    for (ToolState& state : w.haptics.state) state.contact_impulse = Vec3d::Zero();
+    for (ToolState& state : w.haptics.state) state.contact_impulse = state.contact_moment = Vec3d::Zero();
     if (f.options.external_ticks) {
         follow_live_devices(f);
         return;

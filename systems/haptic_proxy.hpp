@@ -4,6 +4,7 @@
 
 #include "components/haptics.hpp"
 #include "engine/closest_point.hpp"
+#include "systems/haptic_shell.hpp"
 namespace trocar {
 
 inline constexpr double kSkin = 1e-9;  // m, the sweep stops this much deeper than the planes hold, so that sliding along
@@ -70,6 +71,7 @@ struct HapticScratch {
     NearSurface near;
     std::vector<TouchedFeature> touched;
     std::vector<SweptTriangle> ahead;
+    ShellScratch shell;  // of a tool that has one
 };
 
 // Takes the triangles that a tip may touch somewhere nearer than `travel` (m) to `centre`, as they lie then.

@@ -1,10 +1,11 @@
 #include "systems/haptic_tick.hpp"
 
+#include <Eigen/Geometry>
 #include <algorithm>
 #include <cmath>
 
 #include "engine/check.hpp"
-#include "engine/geometry/quaternion.hpp"
+#include "systems/haptic_device.hpp"
 namespace trocar {
 namespace {
 
@@ -12,33 +13,6 @@ constexpr double kSlipSpeed = 1;     // m/s, of the proxy beyond twice that of t
                                      // the next tick
 constexpr double kNearby = 2e-4;     // m, a surface farther from touching the tip than this does not carry it
 constexpr double kLongestGap = 0.1;  // s, ticks farther apart than this count as this far
-
-// ---- device ----
-
-bool is_finite(const Quat& q) {
-    return std::isfinite(q.w) && std::isfinite(q.x) && std::isfinite(q.y) && std::isfinite(q.z);
-}
-
-// Whether a hand can have made this sample after the last good one.
-bool is_plausible(const HapticParams& params, const DeviceState& sample, const ToolState& state) {
-    const Quat& q = sample.orientation;
-    if (!std::isfinite(sample.time) || !sample.position.allFinite() || !sample.velocity.allFinite() || !is_finite(q))
-        return false;
-    if (q.w * q.w + q.x * q.x + q.y * q.y + q.z * q.z < 1e-6) return false;
-    if (!state.device_valid) return true;
-    const double elapsed = sample.time - state.device.time;
-    const double way = (sample.position - state.device.position).norm();
-    return elapsed >= 0 && way <= params.device_speed * elapsed + params.device_slack;
-}
-
-// Share of the force let through after `elapsed` more seconds.
-double next_gain(const HapticParams& params, bool accepted, double sample_age, double model_age, double elapsed,
-                 double gain) {
-    if (!accepted) return 0;
-    const bool stale = model_age > params.model_timeout || sample_age > params.device_timeout;
-    gain += stale ? -elapsed / params.fall_time : elapsed / params.rise_time;
-    return std::clamp(gain, 0.0, 1.0);
-}
 
 // ---- surface ----
 
@@ -63,15 +37,6 @@ struct TickSpan {
 
 // A surface is not advanced for longer than it was published for: a stalled one stands still.
 double shown_age(const HapticParams& params, double age) { return std::clamp(age, -params.greatest_age, params.greatest_age); }
-
-// How far (m) the surface that gives way is beyond where its velocity alone takes it, with the device there: the share
-// of what the device went otherwise than it did at the pass.
-Vec3d follow_of(const HapticParams& params, const SurfaceGive& give, const Vec3d& device, double time) {
-    if (give.body == kNone) return Vec3d::Zero();
-    const double age = shown_age(params, time - give.time);
-    const double way = give.share * give.normal.dot(device - give.device - age * give.device_velocity);
-    return std::clamp(way, -params.reach_margin, params.reach_margin) * give.normal;
-}
 
 TickSpan span_of(const HapticParams& params, const LocalContactModel& model, double time, const ToolState& state) {
     TickSpan span;
@@ -170,18 +135,6 @@ Vec3d slewed_force(const HapticParams& params, const HandTool& tool, const TickS
     return state.command.force + limited(wanted - state.command.force, explained + params.force_slew * span.elapsed);
 }
 
-// Takes the sample or refuses it; the device stays where it was then.
-bool take_sample(const HapticParams& params, const DeviceState& sample, ToolState& state) {
-    if (!is_plausible(params, sample, state)) {
-        ++state.rejected_samples;
-        return false;
-    }
-    state.device = sample;
-    state.device.orientation = normalized(sample.orientation);
-    state.device_valid = true;
-    return true;
-}
-
 }  // namespace
 
 void haptic_tick(const HapticParams& params, const LocalContactModel& model, double time, const HandTool& tool,
@@ -199,8 +152,8 @@ void haptic_tick(const HapticParams& params, const LocalContactModel& model, dou
 
     const Vec3d centre = state.proxy_valid ? state.proxy : state.device.position;
     const double device_way = (state.device.position - last.position).norm();
-    span.before.follow = follow_of(params, model.give, last.position, time - span.elapsed);
-    span.now.follow = follow_of(params, model.give, state.device.position, time);
+    span.before.follow = surface_follow(params, model.give, last.position, time - span.elapsed);
+    span.now.follow = surface_follow(params, model.give, state.device.position, time);
     const double surface_way = span.surface_way(model);
     span.travel = std::min((state.device.position - centre).norm(), kSlipSpeed * span.elapsed + 2 * device_way) +
                   2 * surface_way + 10 * kSkin;
