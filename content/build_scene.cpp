@@ -8,6 +8,7 @@
 
 #include "content/admission.hpp"
 #include "content/build_links.hpp"
+#include "content/build_nodes.hpp"
 #include "content/clean_mesh.hpp"
 #include "content/load_mesh.hpp"
 #include "content/make_prototype.hpp"
@@ -190,6 +191,7 @@ void add_tool(const SceneFile& scene, const ToolSpec& spec, World& world) {
     }
     world.haptics.tool.push_back(tool);
     world.haptics.state.emplace_back();
+    add_tool_exchanges(scene, spec, world, static_cast<uint32_t>(world.haptics.tool.size() - 1));
 }
 
 Camera make_camera(const CameraSpec& spec) {
@@ -432,7 +434,9 @@ void add_scene_body(const SceneFile& scene, const BodySpec& spec, const Prototyp
 
 }  // namespace
 
-BuiltScene build_scene(const SceneFile& scene) {
+BuiltScene build_scene(const SceneFile& given) {
+    const SceneFile folded = given.nodes.empty() ? SceneFile{} : fold_nodes(given);
+    const SceneFile& scene = given.nodes.empty() ? given : folded;
     BuiltScene built;
     World& world = built.world;
     world.settings = scene.settings;
@@ -445,6 +449,7 @@ BuiltScene build_scene(const SceneFile& scene) {
         if (world.bodies.motion[body] == Motion::kHand && !held)
             throw InputError(at(scene, scene.bodies[body].line) + "body \"" + world.bodies.name[body] + "\" is hand-driven but no [[tool]] holds it");
     }
+    add_scene_nodes(scene, world);
     add_scene_links(scene, world);
     add_scene_cuts(scene, world);
     open_pools(world);

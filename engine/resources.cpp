@@ -113,6 +113,21 @@ void fields(V& v, T& t) {
         v.item(t.last_pass.touched), v.item(t.last_pass.tip), v.item(t.last_pass.device);
         v.item(t.hand), v.item(t.clutch), v.item(t.safety), v.item(t.effect_velocity), v.item(t.effect), v.item(t.events);
         v.item(t.proxy_turn), v.item(t.contact), v.item(t.device_spin), v.item(t.coupling_torque), v.item(t.contact_moment);
+    } else if constexpr (is<T, NodeEvent>) {
+        v.item(t.kind), v.item(t.time), v.item(t.place);
+    } else if constexpr (is<T, NodeEvents>) {
+        v.item(t.last), v.item(t.total), v.item(t.count);
+    } else if constexpr (is<T, NodeDrive>) {
+        v.item(t.node), v.item(t.body), v.item(t.behaviour), v.item(t.axis), v.item(t.pivot), v.item(t.origin), v.item(t.orientation);
+        v.item(t.inertia), v.item(t.lowest), v.item(t.highest), v.item(t.stiffness), v.item(t.rest), v.item(t.damping);
+        v.item(t.friction), v.item(t.detents), v.item(t.detent), v.item(t.click_at), v.item(t.click_width), v.item(t.click);
+    } else if constexpr (is<T, DriveState>) {
+        v.item(t.place), v.item(t.rate), v.item(t.friction_impulse), v.item(t.stop_impulse), v.item(t.pressed), v.item(t.notch);
+        v.item(t.limit), v.item(t.events);
+    } else if constexpr (is<T, NodeSwitch>) {
+        v.item(t.node), v.item(t.to), v.item(t.time), v.item(t.tool), v.item(t.buttons), v.item(t.drive), v.item(t.event);
+    } else if constexpr (is<T, ToolExchange>) {
+        v.item(t.from), v.item(t.to), v.item(t.time), v.item(t.buttons);
     } else if constexpr (is<T, Region>) {
         v.item(t.kind), v.item(t.a), v.item(t.b), v.item(t.radius);
     } else if constexpr (is<T, LinkGroup>) {
@@ -484,6 +499,14 @@ void visit_resource(World& w, Resource resource, Visitor& v) {
         case Resource::kLives:
             v.array(FIELD(lives.away)), v.array(FIELD(lives.generation)), v.array(FIELD(lives.since)), v.array(FIELD(lives.came));
             break;
+        case Resource::kNodes:
+            v.array(FIELD(nodes.name)), v.array(FIELD(nodes.parent)), v.array(FIELD(nodes.of_body)), v.array(FIELD(nodes.drive)),
+                v.array(FIELD(nodes.toggle)), v.array(FIELD(nodes.exchange)), v.array(FIELD(nodes.apart));
+            break;
+        case Resource::kNodeState:
+            v.array(FIELD(node_state.enabled)), v.array(FIELD(node_state.laid_down)), v.array(FIELD(node_state.off)),
+                v.array(FIELD(node_state.seen)), v.array(FIELD(node_state.drive));
+            break;
         case Resource::kCount:
             break;
     }
@@ -504,7 +527,8 @@ ResourceKind resource_kind(Resource resource) {
         case Resource::kPaths:
         case Resource::kTears:
         case Resource::kTools:
-        case Resource::kPools: return ResourceKind::kConstant;
+        case Resource::kPools:
+        case Resource::kNodes: return ResourceKind::kConstant;
         case Resource::kClock:
         case Resource::kPoses:
         case Resource::kParticles:
@@ -514,7 +538,8 @@ ResourceKind resource_kind(Resource resource) {
         case Resource::kLinks:
         case Resource::kTorn:
         case Resource::kSleep:
-        case Resource::kLives: return ResourceKind::kState;
+        case Resource::kLives:
+        case Resource::kNodeState: return ResourceKind::kState;
         case Resource::kEnergy:
         case Resource::kReport: return ResourceKind::kBooks;
         case Resource::kBoxes:
@@ -545,7 +570,7 @@ const char* resource_name(Resource resource) {
         "clock",    "poses",     "particles",  "tool state", "pair memory", "contact memory", "boxes", "pairs", "trees",
         "screened", "occupancy", "candidates", "near",       "contacts", "penetrations", "contours", "regions", "rows",
         "islands",  "normals",   "local contact", "picture",    "energy",   "report", "sleep",
-        "links",    "tears",     "torn",       "torn springs", "pools", "lives"};
+        "links",    "tears",     "torn",       "torn springs", "pools", "lives", "nodes", "node state"};
     static_assert(std::size(kNames) == static_cast<size_t>(Resource::kCount));
     return kNames[static_cast<size_t>(resource)];
 }

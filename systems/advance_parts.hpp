@@ -137,6 +137,19 @@ double go_on(AdvanceScratch& s, double before);
 void push_free_sides(AdvanceScratch& s, const ContactTurning& turning, Vec4d push);
 void finish_free_pushes(AdvanceIsland& island, double most);
 
+// Free bodies with one coordinate (advance_drive.cpp), in the places of what is done with other free ones. Finds its drive;
+void bind_drive(AdvanceIsland& island, uint32_t free_row);
+void kick_driven(AdvanceIsland& island, AdvanceFree& f);
+void move_driven(AdvanceIsland& island, AdvanceFree& f);
+void push_driven(AdvanceIsland& island, AdvanceFree& f, double share);
+void restore_drive(AdvanceIsland& island, const AdvanceFree& f);
+// friction and limits, once: part of a sweep. Returns the largest change of a velocity, m/s;
+double solve_drives(AdvanceScratch& s);
+// after the rows: state and books.
+void settle_drives(AdvanceIsland& island);
+// Puts the end of the substep where the node of a free body is at `centre` under an orientation.
+void place_end(AdvanceRigid& rigid, const AdvanceFree& f, Vec4d centre, const Quat& orientation);
+
 // Velocities of all particles that are nodes before the kick of the first substep; those of later ones are known.
 void note_velocities(AdvanceIsland& island);
 // A point has left its plane behind: the row rests from now on. Its distance keeps the sign, so that a call cut into
