@@ -12,6 +12,7 @@ usage: ./trocar.sh COMMAND
   long   build, run the long tests (sweeps, 10,000-frame books)
   asan   build with address and undefined-behaviour sanitizers, run the unit tests
   tsan   build with the thread sanitizer, run the live tests and a live run
+  fuzz   build with sanitizers, damage every kind of input for 10 minutes each: ./trocar.sh fuzz [MINUTES [ENDING...]]
   bench  build the bench program and run one of its suites: ./trocar.sh bench content [arguments]
   build  install what is missing, build
 TXT
@@ -75,6 +76,16 @@ case "${1:-}" in
         build/release/bench/trocar_bench "${@:2}"
         ;;
     asan) build asan; run_tests asan -L unit ;;
+    fuzz)
+        setup
+        cmake --preset asan >/dev/null
+        cmake --build --preset asan -- --quiet trocar_mutate
+        mkdir -p out/fuzz
+        endings=("${@:3}")
+        [ ${#endings[@]} -gt 0 ] || endings=(wrl x3d x3dv obj ply off vtk stl cap toml sweep csv udp json igtl recording)
+        step "${2:-10} minutes each: ${endings[*]}"
+        printf '%s\n' "${endings[@]}" | xargs -P "$(nproc)" -I{} bash -o pipefail -c "build/asan/tests/trocar_mutate --minutes ${2:-10} --only .{} --out out/fuzz | sed 's/^/{}: /'"
+        ;;
     tsan)
         build tsan
         run_tests tsan -R Live

@@ -401,6 +401,7 @@ int haptics_suite(int argc, char** argv) {
     if (wanted("stability")) stability_rows(report);
     if (wanted("faults")) fault_rows(report);
     if (wanted("tick")) tick_rows(report);
+    if (wanted("shell")) shell_rows(report);
     if (wanted("live")) live_rows(report);
     return report.finish();
 }

@@ -38,6 +38,7 @@ struct DeviceLimits {
     double force_slew = 0;     // N/s; 0 = from none to the largest force in 3 ms
     double torque_slew = 0;    // N m/s; 0 = the same
     double dissipation = 10;   // N s/m, most damping by which energy that sampling made is taken back; 0 = none
+    double turn_dissipation = 0.01;  // N m s/rad, the same for turning
 };
 
 // Where the space that a hand reaches lies in the world: world = origin + turn (scale * device).
@@ -152,12 +153,23 @@ struct SafetyState {
     bool limiting = false;                 // a limit cut the last command
     uint64_t limited_ticks = 0;
     uint64_t safe_ticks = 0;               // ticks with the force held at or on its way to zero by trouble
+    // the same of the turning of a tool with a shell, a coupling of its own
+    Vec3d contact_torque = Vec3d::Zero();  // N m
+    Quat from_device_turn, from_proxy_turn;
+    double turn_energy = 0;                // J
+    double lowest_turn_energy = 0;         // J
 };
 
 struct ClutchState {
     bool started = false;
     Vec3d offset = Vec3d::Zero();  // m, world, added to where the workspace puts the device
     Vec3d tool = Vec3d::Zero();    // m, world, where the tool was put last
+};
+
+// Point of an instrument's surface that feels other surfaces.
+struct ShellPoint {
+    Vec3d arm = Vec3d::Zero();     // m, from the tip, axes of the body
+    Vec3d inward = Vec3d::Zero();  // unit, into the instrument, axes of the body
 };
 
 // A tool held by a device. Constant after load.
@@ -177,6 +189,13 @@ struct HandTool {
     Pivot pivot;
     DeviceLimits limits;
     Range effects;  // rows of Haptics::effect
+    // The rest is of tools whose whole instrument feels (dof = 6); those with a sphere at the tip have no shell.
+    std::vector<ShellPoint> shell;    // neighbours in space follow each other
+    double shell_radius = 0;          // m, of the farthest point of the shell
+    double turn_stiffness = 0;        // N m/rad, of the coupling
+    double turn_damping = 0;          // N m s/rad
+    double inertia = 0;               // kg m^2, about the tip, of what the simulated coupling turns; the same every way
+    double surface_stiffness = 0;     // N/m, of a point of the shell against a surface
 };
 
 // How forces are rendered; the same for all tools.
@@ -213,6 +232,24 @@ struct SurfaceGive {
     Vec3d device_velocity = Vec3d::Zero();    // m/s, how it moved
 };
 
+// Part of a surface and a box around it at the time of its model: a tree, depth first.
+struct SurfaceNode {
+    Box box;                  // m, world
+    double speed = 0;         // m/s, of its fastest vertex
+    Range triangles;          // rows of LocalContactModel::triangle; none: its two halves follow
+    uint32_t next = 0;        // node after this one and all below it
+    uint32_t body = kNone;
+};
+
+// What a shell knows of the surface around it when its model was made.
+struct ShellOutlook {
+    Vec3d tip = Vec3d::Zero();        // m, world, where the shell was then
+    Quat turn;
+    std::vector<SurfaceNode> node;    // a tree a body, one after the other
+    std::vector<double> clear;        // m, per point of the shell: no surface was nearer; 0: perhaps inside
+    std::vector<uint32_t> nearest;    // per point: triangle of the model, or kNone where none is within reach
+};
+
 // Surface within reach of a tool, frozen at one contact pass. Immutable once published; the tick reads nothing else.
 struct LocalContactModel {
     double time = 0;              // s, of the positions
@@ -234,6 +271,7 @@ struct LocalContactModel {
     std::vector<TriangleGroup> group;                // all triangles in runs of neighbours in memory
     std::vector<double>
         half_thickness;  // m, per triangle; > 0: a sheet, it stops the tool on both sides; 0: of a closed body
+    ShellOutlook shell;  // of a tool that has one
 };
 
 // What a contact pass found of one tool, for the next one to compare with.
@@ -241,6 +279,17 @@ struct ToolPass {
     uint32_t touched = kNone;            // body
     Vec3d tip = Vec3d::Zero();           // m, world, of the simulated tool
     Vec3d device = Vec3d::Zero();        // m
+};
+
+// A point of a shell that a surface holds.
+struct ShellContact {
+    uint32_t point = 0;            // of HandTool::shell
+    uint32_t body = kNone;         // whose surface
+    Vec3d arm = Vec3d::Zero();     // m, world axes, from the tip
+    Vec3d force = Vec3d::Zero();   // N, on the tool
+    Vec3d slip = Vec3d::Zero();    // m, world, how far friction is stretched along the surface
+    double depth = 0;              // m
+    double side = 1;               // of a sheet that the point is held on: where its normals point, or -1
 };
 
 // State of one tool's force rendering between ticks.
@@ -270,6 +319,12 @@ struct ToolState {
     Vec3d link_force = Vec3d::Zero();       // N, of links on the simulated tool, mean over the last pass
     Vec3d link_force_before = Vec3d::Zero();  // and over the one before
     ToolPass last_pass;                     // of the simulation, not of the tick
+    // of a tool with a shell, whose tip is at `proxy`
+    Quat proxy_turn;                               // of the instrument kept outside the surface
+    std::vector<ShellContact> contact;             // points ascend
+    Vec3d device_spin = Vec3d::Zero();             // rad/s, of the device at the last tick
+    Vec3d coupling_torque = Vec3d::Zero();         // N m, as coupling_force, about the tip
+    Vec3d contact_moment = Vec3d::Zero();          // N m s, as contact_impulse, about the tip
 };
 
 struct Haptics {

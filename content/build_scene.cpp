@@ -8,6 +8,7 @@
 
 #include "content/admission.hpp"
 #include "content/build_links.hpp"
+#include "content/build_nodes.hpp"
 #include "content/clean_mesh.hpp"
 #include "content/load_mesh.hpp"
 #include "content/make_prototype.hpp"
@@ -21,6 +22,7 @@
 #include "engine/links.hpp"
 #include "engine/mass_properties.hpp"
 #include "engine/mesh_topology.hpp"
+#include "engine/point_shell.hpp"
 #include "engine/pressure_force.hpp"
 #include "engine/skin.hpp"
 #include "engine/solid_limit.hpp"
@@ -152,6 +154,27 @@ void add_path(Paths& paths, uint32_t body, const std::vector<KeyframeSpec>& keys
     for (const KeyframeSpec& k : keys) paths.key.push_back({k.time, k.position, k.orientation, k.jump});
 }
 
+// A tool whose whole body feels. Its turns follow the hand as quickly as its moves; both without overshoot.
+void give_shell(const SceneFile& scene, const ToolSpec& spec, const World& world, HandTool& tool) {
+    const auto fail = [&](const std::string& why) { throw InputError(at(scene, spec.line) + "tool \"" + spec.body + "\" with dof = 6: " + why); };
+    const double mass = world.bodies.inv_mass[tool.body] > 0 ? 1 / world.bodies.inv_mass[tool.body] : 0;
+    if (!(mass > 0)) fail("its body needs a mass");
+    if (!(spec.stiffness > 0)) fail("it needs a stiffness");
+    tool.shell = make_point_shell(mesh_view(world.meshes, world.bodies.mesh[tool.body]), spec.tip, spec.points);
+    if (tool.shell.empty()) fail("its body has no surface");
+    tool.shell_radius = shell_radius(tool.shell);
+    tool.turn_stiffness = spec.turn_stiffness;
+    tool.inertia = mass * spec.turn_stiffness / spec.stiffness;
+    tool.coupling_damping = spec.damping >= 0 ? spec.damping : 2 * std::sqrt(spec.stiffness * mass);
+    tool.turn_damping = spec.turn_damping >= 0 ? spec.turn_damping : 2 * std::sqrt(spec.turn_stiffness * tool.inertia);
+    tool.surface_stiffness = spec.surface_stiffness > 0 ? spec.surface_stiffness : 100 * spec.stiffness;
+    if (spec.hand.mass <= 0 || spec.hand.damping <= 0) return;
+    const double limit = spec.hand.damping / (0.5e-3 + 1e-3 * spec.hand.delay);
+    char text[160];
+    std::snprintf(text, sizeof text, "stiffness %g N/m is more than a device of %g N s/m takes quietly at 1 kHz: at most %g", spec.stiffness, spec.hand.damping, limit);
+    if (spec.stiffness > limit) fail(text);
+}
+
 void add_tool(const SceneFile& scene, const ToolSpec& spec, World& world) {
     const auto& names = world.bodies.name;
     const auto found = std::find(names.begin(), names.end(), spec.body);
@@ -171,6 +194,7 @@ void add_tool(const SceneFile& scene, const ToolSpec& spec, World& world) {
     tool.workspace = spec.workspace;
     tool.pivot = spec.pivot;
     tool.limits = spec.limits;
+    if (spec.dof == 6) give_shell(scene, spec, world, tool);
     tool.effects = {static_cast<uint32_t>(world.haptics.effect.size()), static_cast<uint32_t>(spec.effects.size())};
     world.haptics.effect.insert(world.haptics.effect.end(), spec.effects.begin(), spec.effects.end());
     if (world.haptics.tool.size() == kMaxTools) throw InputError(at(scene, spec.line) + "more than " + std::to_string(kMaxTools) + " tools");
@@ -183,6 +207,7 @@ void add_tool(const SceneFile& scene, const ToolSpec& spec, World& world) {
     }
     world.haptics.tool.push_back(tool);
     world.haptics.state.emplace_back();
+    add_tool_exchanges(scene, spec, world, static_cast<uint32_t>(world.haptics.tool.size() - 1));
 }
 
 Camera make_camera(const CameraSpec& spec) {
@@ -432,7 +457,9 @@ void add_scene_body(const SceneFile& scene, const BodySpec& spec, const Prototyp
 
 }  // namespace
 
-BuiltScene build_scene(const SceneFile& scene) {
+BuiltScene build_scene(const SceneFile& given) {
+    const SceneFile folded = given.nodes.empty() ? SceneFile{} : fold_nodes(given);
+    const SceneFile& scene = given.nodes.empty() ? given : folded;
     BuiltScene built;
     World& world = built.world;
     world.settings = scene.settings;
@@ -445,6 +472,7 @@ BuiltScene build_scene(const SceneFile& scene) {
         if (world.bodies.motion[body] == Motion::kHand && !held)
             throw InputError(at(scene, scene.bodies[body].line) + "body \"" + world.bodies.name[body] + "\" is hand-driven but no [[tool]] holds it");
     }
+    add_scene_nodes(scene, world);
     add_scene_links(scene, world);
     add_scene_cuts(scene, world);
     open_pools(world);

@@ -8,6 +8,7 @@
 #include "components/haptics.hpp"
 #include "components/scene.hpp"
 #include "content/attach_spec.hpp"
+#include "content/node_spec.hpp"
 #include "content/scatter.hpp"
 namespace trocar {
 
@@ -22,6 +23,7 @@ struct KeyframeSpec {
 // One [[body]] of a scene file.
 struct BodySpec {
     std::string name;
+    std::string node;   // in whose frame it lies; empty = the world
     uint32_t line = 0;  // of the scene file, for errors
     std::string shape;  // generated shape, used when `file` is empty
     uint32_t triangles = 10000;
@@ -70,6 +72,11 @@ struct ToolSpec {
     double max_force = 3.3;     // N
     double friction = 0.1;
     double pass_through = 0;    // N, 0 = never
+    uint32_t dof = 3;           // 3: a sphere at the tip feels; 6: all of the body, force and torque
+    uint32_t points = 1000;     // dof = 6: of the shell, about
+    double turn_stiffness = 0.5;   // N m/rad
+    double turn_damping = -1;      // N m s/rad; < 0, as damping: critical
+    double surface_stiffness = 0;  // N/m of a point; 0 = 100 times stiffness
     std::string trace;  // recorded device trace; else path
     std::vector<KeyframeSpec> path;
     HandModel hand;
@@ -77,6 +84,7 @@ struct ToolSpec {
     Pivot pivot;
     DeviceLimits limits;
     std::vector<HapticEffect> effects;
+    std::vector<ToolExchangeSpec> exchanges;
 };
 
 struct CameraSpec {
@@ -101,6 +109,7 @@ struct SceneFile {
     std::filesystem::path path;
     std::vector<SceneParameter> parameters;
     SceneSettings settings;
+    std::vector<NodeSpec> nodes;
     std::vector<BodySpec> bodies;
     std::vector<ToolSpec> tools;
     std::vector<LinkSpec> links;
@@ -111,8 +120,8 @@ struct SceneFile {
 
 // One --set key=value: `seconds=2`, `contact.cell_edges=3`, `liver.tissue.youngs_modulus=2e4`, `a.file=kidney.wrl`.
 // The first word is a top-level key or table, a key of [parameters], or the name of a body (scattered ones by the name
-// before the number); tools are named by their body as `tool.BODY.key`, links, staples and cuts by their name as
-// `link.NAME.key`.
+// before the number); tools are named by their body as `tool.BODY.key`, links, staples, cuts and nodes by their name
+// as `link.NAME.key`.
 struct Override {
     std::string key;
     std::string value;

@@ -1,3 +1,11 @@
+// Some malformed text meets assertions of the parser (toml++ 3.3) instead of its errors; without them it would go on into
+// undefined behaviour. They are errors here, in every build.
+namespace trocar {
+struct ParserIsLost {};
+[[noreturn]] static void parser_is_lost() { throw ParserIsLost{}; }
+}  // namespace trocar
+#undef NDEBUG
+#define TOML_ASSERT(expr) ((expr) ? static_cast<void>(0) : ::trocar::parser_is_lost())
 #define TOML_IMPLEMENTATION
 #include "content/toml_section.hpp"
 
@@ -29,6 +37,21 @@ size_t edit_distance(std::string_view a, std::string_view b) {
     return row[b.size()];
 }
 
+// First line that no text starting like this one can hold: where the parser is lost when it reads no farther.
+size_t line_of_no_return(const std::string& text, const std::string& file) {
+    size_t line = 1;
+    for (size_t end = text.find('\n'); end != std::string::npos; end = text.find('\n', end + 1), ++line) {
+        try {
+            static_cast<void>(toml::parse(std::string_view(text).substr(0, end), file));
+        } catch (const ParserIsLost&) {
+            return line;
+        } catch (const toml::parse_error&) {
+            // the end of the text came too soon for it
+        }
+    }
+    return line;
+}
+
 }  // namespace
 
 std::string place(const std::string& file, const toml::source_region& source) {
@@ -57,7 +80,11 @@ toml::table read_toml(const std::filesystem::path& path, const std::string& what
     try {
         return toml::parse(text.str(), file);
     } catch (const toml::parse_error& e) {
-        throw InputError(place(file, e.source()) + std::string(e.description()));
+        std::string reason(e.description());  // may repeat what was read, line ends too
+        std::replace_if(reason.begin(), reason.end(), [](unsigned char c) { return c < ' '; }, ' ');
+        throw InputError(place(file, e.source()) + reason);
+    } catch (const ParserIsLost&) {
+        throw InputError(file + ":" + std::to_string(line_of_no_return(text.str(), file)) + ":1: is not TOML");
     }
 }
 

@@ -1,3 +1,5 @@
+#include <cmath>
+
 #include "content/scene_sections.hpp"
 
 namespace trocar {
@@ -100,17 +102,42 @@ HapticEffect read_effect(TomlSection section) {
     return e;
 }
 
+ToolExchangeSpec read_exchange(TomlSection section) {
+    ToolExchangeSpec exchange;
+    exchange.line = section.line();
+    section.read("body", exchange.body);
+    section.read("tip", exchange.tip);
+    section.read("tip_radius", exchange.tip_radius, 1e-9, 10);
+    section.read("time", exchange.time, 0, 1e9);
+    section.read_count("buttons", exchange.buttons, 0, 4294967295.0);
+    section.refuse_unknown();
+    if (exchange.body.empty()) section.fail("a [[tool.exchange]] needs the body that comes into the hand");
+    if (std::isfinite(exchange.time) == (exchange.buttons != 0)) section.fail("a [[tool.exchange]] needs a time or buttons (bits)");
+    return exchange;
+}
+
 // The tables of a [[tool]].
 void read_tool_tables(const std::string& file, TomlSection& section, ToolSpec& tool) {
     if (const toml::table* hand = section.table("hand")) tool.hand = read_hand({file, *hand, "[tool.hand]"});
     if (const toml::table* workspace = section.table("workspace")) tool.workspace = read_workspace({file, *workspace, "[tool.workspace]"});
     if (const toml::table* pivot = section.table("pivot")) tool.pivot = read_pivot({file, *pivot, "[tool.pivot]"});
     if (const toml::table* limits = section.table("limits")) tool.limits = read_limits({file, *limits, "[tool.limits]"});
+    if (const toml::array* exchanges = section.tables("exchange"))
+        for (const toml::node& node : *exchanges) tool.exchanges.push_back(read_exchange({file, *node.as_table(), "[[tool.exchange]]"}));
     const toml::array* effects = section.tables("effect");
     if (!effects) return;
     for (const toml::node& node : *effects) tool.effects.push_back(read_effect({file, *node.as_table(), "[[tool.effect]]"}));
     if (tool.effects.size() > kMaxEffects)
         section.fail("tool \"" + tool.body + "\" has " + std::to_string(tool.effects.size()) + " effects; the most is " + std::to_string(kMaxEffects));
+}
+
+// What a tool has whose whole body feels.
+void read_shell(TomlSection& section, ToolSpec& tool) {
+    tool.damping = -1;
+    section.read_count("points", tool.points, 10, 20'000);
+    section.read("turn_stiffness", tool.turn_stiffness, 1e-6, 1e4);
+    section.read("turn_damping", tool.turn_damping, 0, 1e4);
+    section.read("surface_stiffness", tool.surface_stiffness, 1, 1e9);
 }
 
 }  // namespace
@@ -123,6 +150,9 @@ ToolSpec read_tool(const std::string& file, const toml::table& table) {
     if (tool.body.empty()) section.fail("a [[tool]] needs the name of its body");
     section.read("tip", tool.tip);
     section.read("tip_radius", tool.tip_radius, 0, 10);
+    section.read_count("dof", tool.dof, 3, 6);
+    if (tool.dof != 3 && tool.dof != 6) section.fail("tool \"" + tool.body + "\": dof is 3 (a sphere at the tip feels) or 6 (the whole body does)");
+    if (tool.dof == 6) read_shell(section, tool);
     section.read("stiffness", tool.stiffness, 0, 1e7);
     section.read("damping", tool.damping, 0, 1e6);
     section.read("max_force", tool.max_force, 0, 1e6);

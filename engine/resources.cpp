@@ -102,6 +102,7 @@ void fields(V& v, T& t) {
     } else if constexpr (is<T, SafetyState>) {
         v.item(t.contact_force), v.item(t.from_device), v.item(t.from_proxy), v.item(t.energy), v.item(t.lowest_energy);
         v.item(t.dissipated), v.item(t.started), v.item(t.gain), v.item(t.limiting), v.item(t.limited_ticks), v.item(t.safe_ticks);
+        v.item(t.contact_torque), v.item(t.from_device_turn), v.item(t.from_proxy_turn), v.item(t.turn_energy), v.item(t.lowest_turn_energy);
     } else if constexpr (is<T, ClutchState>) {
         v.item(t.started), v.item(t.offset), v.item(t.tool);
     } else if constexpr (is<T, DeviceTrace>) {
@@ -113,6 +114,22 @@ void fields(V& v, T& t) {
         v.item(t.last_pass.touched), v.item(t.last_pass.tip), v.item(t.last_pass.device);
         v.item(t.link_force), v.item(t.link_force_before);
         v.item(t.hand), v.item(t.clutch), v.item(t.safety), v.item(t.effect_velocity), v.item(t.effect), v.item(t.events);
+        v.item(t.proxy_turn), v.item(t.contact), v.item(t.device_spin), v.item(t.coupling_torque), v.item(t.contact_moment);
+    } else if constexpr (is<T, NodeEvent>) {
+        v.item(t.kind), v.item(t.time), v.item(t.place);
+    } else if constexpr (is<T, NodeEvents>) {
+        v.item(t.last), v.item(t.total), v.item(t.count);
+    } else if constexpr (is<T, NodeDrive>) {
+        v.item(t.node), v.item(t.body), v.item(t.behaviour), v.item(t.axis), v.item(t.pivot), v.item(t.origin), v.item(t.orientation);
+        v.item(t.inertia), v.item(t.lowest), v.item(t.highest), v.item(t.stiffness), v.item(t.rest), v.item(t.damping);
+        v.item(t.friction), v.item(t.detents), v.item(t.detent), v.item(t.click_at), v.item(t.click_width), v.item(t.click);
+    } else if constexpr (is<T, DriveState>) {
+        v.item(t.place), v.item(t.rate), v.item(t.friction_impulse), v.item(t.stop_impulse), v.item(t.pressed), v.item(t.notch);
+        v.item(t.limit), v.item(t.events);
+    } else if constexpr (is<T, NodeSwitch>) {
+        v.item(t.node), v.item(t.to), v.item(t.time), v.item(t.tool), v.item(t.buttons), v.item(t.drive), v.item(t.event);
+    } else if constexpr (is<T, ToolExchange>) {
+        v.item(t.from), v.item(t.to), v.item(t.time), v.item(t.buttons);
     } else if constexpr (is<T, Region>) {
         v.item(t.kind), v.item(t.a), v.item(t.b), v.item(t.radius);
     } else if constexpr (is<T, LinkGroup>) {
@@ -130,6 +147,13 @@ void fields(V& v, T& t) {
         v.item(t.body), v.item(t.tip), v.item(t.tip_radius), v.item(t.coupling_stiffness), v.item(t.coupling_damping);
         v.item(t.max_force), v.item(t.friction), v.item(t.path), v.item(t.trace);
         v.item(t.pass_through), v.item(t.hand), v.item(t.workspace), v.item(t.pivot), v.item(t.limits), v.item(t.effects);
+        v.item(t.shell), v.item(t.shell_radius), v.item(t.turn_stiffness), v.item(t.turn_damping), v.item(t.inertia), v.item(t.surface_stiffness);
+    } else if constexpr (is<T, ShellPoint>) {
+        v.item(t.arm), v.item(t.inward);
+    } else if constexpr (is<T, ShellContact>) {
+        v.item(t.point), v.item(t.body), v.item(t.arm), v.item(t.force), v.item(t.slip), v.item(t.depth), v.item(t.side);
+    } else if constexpr (is<T, SurfaceNode>) {
+        v.item(t.box), v.item(t.speed), v.item(t.triangles), v.item(t.next), v.item(t.body);
     } else if constexpr (is<T, TriangleGroup>) {
         v.item(t.triangles), v.item(t.centre), v.item(t.radius), v.item(t.velocity), v.item(t.spread);
     } else if constexpr (is<T, LocalContactModel>) {
@@ -137,7 +161,11 @@ void fields(V& v, T& t) {
         v.item(t.position), v.item(t.velocity), v.item(t.triangle), v.item(t.neighbour), v.item(t.body);
         v.item(t.half_thickness), v.item(t.group), v.item(t.give.body), v.item(t.give.share), v.item(t.give.normal);
         v.item(t.give.device), v.item(t.give.device_velocity);
+<<<<<<< HEAD
         v.item(t.pull), v.item(t.pull_before), v.item(t.period);
+=======
+        v.item(t.shell.tip), v.item(t.shell.turn), v.item(t.shell.node), v.item(t.shell.clear), v.item(t.shell.nearest);
+>>>>>>> main
     } else if constexpr (is<T, PictureBody>) {
         v.item(t.mesh), v.item(t.origin), v.item(t.orientation), v.item(t.box), v.item(t.vertices), v.item(t.depths), v.item(t.removed), v.item(t.exposed);
     } else if constexpr (is<T, PictureWitness>) {
@@ -476,6 +504,14 @@ void visit_resource(World& w, Resource resource, Visitor& v) {
         case Resource::kLives:
             v.array(FIELD(lives.away)), v.array(FIELD(lives.generation)), v.array(FIELD(lives.since)), v.array(FIELD(lives.came));
             break;
+        case Resource::kNodes:
+            v.array(FIELD(nodes.name)), v.array(FIELD(nodes.parent)), v.array(FIELD(nodes.of_body)), v.array(FIELD(nodes.drive)),
+                v.array(FIELD(nodes.toggle)), v.array(FIELD(nodes.exchange)), v.array(FIELD(nodes.apart));
+            break;
+        case Resource::kNodeState:
+            v.array(FIELD(node_state.enabled)), v.array(FIELD(node_state.laid_down)), v.array(FIELD(node_state.off)),
+                v.array(FIELD(node_state.seen)), v.array(FIELD(node_state.drive));
+            break;
         case Resource::kCount:
             break;
     }
@@ -496,7 +532,8 @@ ResourceKind resource_kind(Resource resource) {
         case Resource::kPaths:
         case Resource::kTears:
         case Resource::kTools:
-        case Resource::kPools: return ResourceKind::kConstant;
+        case Resource::kPools:
+        case Resource::kNodes: return ResourceKind::kConstant;
         case Resource::kClock:
         case Resource::kPoses:
         case Resource::kParticles:
@@ -506,7 +543,8 @@ ResourceKind resource_kind(Resource resource) {
         case Resource::kLinks:
         case Resource::kTorn:
         case Resource::kSleep:
-        case Resource::kLives: return ResourceKind::kState;
+        case Resource::kLives:
+        case Resource::kNodeState: return ResourceKind::kState;
         case Resource::kEnergy:
         case Resource::kReport: return ResourceKind::kBooks;
         case Resource::kBoxes:
@@ -537,7 +575,7 @@ const char* resource_name(Resource resource) {
         "clock",    "poses",     "particles",  "tool state", "pair memory", "contact memory", "boxes", "pairs", "trees",
         "screened", "occupancy", "candidates", "near",       "contacts", "penetrations", "contours", "regions", "rows",
         "islands",  "normals",   "local contact", "picture",    "energy",   "report", "sleep",
-        "links",    "tears",     "torn",       "torn springs", "pools", "lives"};
+        "links",    "tears",     "torn",       "torn springs", "pools", "lives", "nodes", "node state"};
     static_assert(std::size(kNames) == static_cast<size_t>(Resource::kCount));
     return kNames[static_cast<size_t>(resource)];
 }

@@ -392,11 +392,49 @@ void check_tools(const World& w, Faults& f) {
         f.inside(tool.effects, w.haptics.effect.size(), "effects of a tool");
         f.require(tool.effects.count <= kMaxEffects, "a tool has too many effects");
         f.require(tool.hand.delay <= kMostHandDelay, "a hand is too late");
+        f.require(tool.shell.empty() || (tool.turn_stiffness > 0 && tool.surface_stiffness > 0 && tool.coupling_stiffness > 0),
+                  "a tool that feels with all of its body has no stiffness");
         f.require(tool.pivot.kind <= PivotKind::kTip, "a pivot is of no kind");
     }
     for (const HapticEffect& e : w.haptics.effect)
         f.require(e.kind <= EffectKind::kMagnet && e.trigger <= EffectTrigger::kRelease, "an effect is of no kind");
     for (const DeviceTrace& trace : w.haptics.trace) f.require(!trace.sample.empty(), "a device trace is empty");
+}
+
+void check_nodes(const World& w, Faults& f) {
+    const Nodes& n = w.nodes;
+    const NodeState& s = w.node_state;
+    const uint32_t nodes = static_cast<uint32_t>(n.name.size()), bodies = static_cast<uint32_t>(w.bodies.mesh.size());
+    const uint32_t tools = static_cast<uint32_t>(w.haptics.tool.size()), drives = static_cast<uint32_t>(n.drive.size());
+    f.require(n.parent.size() == nodes && s.enabled.size() == nodes && n.of_body.size() == (nodes > 0 ? bodies : 0) && s.drive.size() == drives &&
+                  s.seen.size() == n.toggle.size() + n.exchange.size() && s.laid_down.size() == (n.exchange.empty() ? 0 : tools) &&
+                  s.off.size() == (nodes > 0 || !n.exchange.empty() ? bodies : 0),
+              "nodes: arrays that do not fit together");
+    if (!f.first.empty()) return;
+    for (uint32_t node = 0; node < nodes; ++node) f.below(n.parent[node], node, true, "parent of a node");
+    for (const uint32_t node : n.of_body) f.below(node, nodes, true, "node of a body");
+    uint64_t next = 0;
+    for (uint32_t i = 0; i < drives && f.first.empty(); ++i) {
+        const NodeDrive& d = n.drive[i];
+        f.below(d.body, bodies, false, "driven body");
+        f.below(d.node, nodes, false, "node of a driven body");
+        if (!f.first.empty()) return;
+        f.require(d.body >= next && w.bodies.motion[d.body] == Motion::kFree && d.behaviour != NodeBehaviour::kNone && d.behaviour <= NodeBehaviour::kDial &&
+                      d.inertia > 0 && std::isfinite(d.inertia) && d.lowest < d.highest && d.damping >= 0 && d.friction >= 0 && d.axis.allFinite() &&
+                      (d.click == 0 || d.click_width > 0) && std::isfinite(s.drive[i].place) && std::isfinite(s.drive[i].rate),
+                  "body " + std::to_string(d.body) + " is driven in no known way");
+        next = uint64_t{d.body} + 1;
+    }
+    for (const NodeSwitch& t : n.toggle) {
+        f.below(t.node, nodes, false, "switch of node");
+        f.below(t.tool, tools, true, "switch by tool");
+        f.below(t.drive, drives, true, "switch by driven body");
+        f.require(t.to <= 2 && t.event < NodeEventKind::kCount, "a switch is of no kind");
+    }
+    for (const ToolExchange& e : n.exchange) {
+        f.below(e.from, tools, false, "exchange of tool");
+        f.below(e.to, tools, false, "exchange for tool");
+    }
 }
 
 void check_contact_memory(const World& w, Faults& f) {
@@ -421,6 +459,7 @@ std::string find_fault(const World& w) {
     check_meshes(w.meshes, f);
     if (f.first.empty()) check_bodies(w, f);
     if (f.first.empty()) check_tools(w, f);
+    if (f.first.empty()) check_nodes(w, f);
     if (f.first.empty()) check_links(w, f);
     if (f.first.empty()) check_tears(w, f);
     f.require(w.pair_memory.b.size() == w.pair_memory.a.size() && w.pair_memory.direction.size() == w.pair_memory.a.size(),

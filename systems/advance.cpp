@@ -364,6 +364,7 @@ void advance_island(const AdvanceParams& params, const AdvanceInputs& inputs, st
         observe(params.observer.begin);
         const bool books = params.account_energy && has_rows(scratch);
         if (has_rows(scratch)) apply_impulses(island);
+        settle_drives(island);
         if (books) book_measured(island, result.work_contact);
         move_hands(island);
         move_free_bodies(island);

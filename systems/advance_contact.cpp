@@ -14,6 +14,7 @@ constexpr double kRestingGap = 1e-5;
 // With free bodies rows are solved until no relative velocity changes by more than this (m/s), or this often.
 constexpr double kSettledChange = 3e-6;
 constexpr uint32_t kMostSweeps = 128;
+constexpr uint32_t kHeldSweeps = 4;  // with tools that turn in the hand
 // Many rows of a skin share few nodes: after one sweep what is left of their speeds shakes them (20 times the work of damping
 // in a press of 20 mm).
 constexpr uint32_t kSkinSweeps = 4;
@@ -386,7 +387,7 @@ void settle_rows(AdvanceIsland& island) {
     for (uint32_t pass = 0; pass < kMostSweeps; ++pass) {
         if (pass > 0) before = go_on(s, pass == 1 ? 0 : before);
         note_impulses(s);
-        const double change = sweep_rows(s);
+        const double change = std::max(sweep_rows(s), solve_drives(s));
         if (change < kSettledChange && pass + 1 >= island.params.contact.iterations) break;
     }
 }
@@ -432,13 +433,20 @@ void book_hands(AdvanceIsland& island) {
     double hand = 0;
     for (const ContactActive& row : s.active) {
         const ContactPlan& plan = s.plan[row.plan];
-        const auto is_driven = [&](uint32_t rigid) { return rigid != kNone && s.rigid[rigid].free == kNone; };
+        const auto is_held = [&](uint32_t rigid) { return rigid != kNone && s.rigid[rigid].free != kNone && s.free[s.rigid[rigid].free].held; };
+        const auto is_driven = [&](uint32_t rigid) { return rigid != kNone && (s.rigid[rigid].free == kNone || is_held(rigid)); };
         if (is_driven(plan.rigid_a) == is_driven(plan.rigid_b)) continue;
         Vec4d surface = row.rigid_velocity;
         for (uint32_t k = 0; k < row.nodes; ++k) {
             const uint32_t n = row.node[k];
-            if (s.node[n].particle != kNone || s.rigid[s.node[n].owner].free != kNone) continue;
+            if (s.node[n].particle != kNone || (s.rigid[s.node[n].owner].free != kNone && !is_held(s.node[n].owner))) continue;
             surface += row.weight[k] * 0.5 * (s.change[n].before + s.node[n].velocity);
+        }
+        for (int side = 0; side < 2; ++side) {
+            if (!is_held(side == 0 ? plan.rigid_a : plan.rigid_b)) continue;
+            const ContactTurning& turning = s.turning[row.turning];
+            const AdvanceFree& f = s.free[turning.free[side]];
+            surface += (side == 0 ? 0.5 : -0.5) * cross(f.spin_before + f.spin, turning.arm[side]);
         }
         hand -= dot(surface, row.normal_impulse * row.normal + row.friction_impulse);
     }
@@ -453,12 +461,14 @@ void add_impulses(AdvanceIsland& island) {
         ContactPlan& plan = s.plan[row.plan];
         plan.impulse += impulse;
         if (!s.warm.empty()) s.warm[row.plan] = impulse;
-        const auto on_tool = [&](uint32_t rigid, Vec4d j) {
+        const auto on_tool = [&](uint32_t rigid, int side, Vec4d j) {
             if (rigid == kNone || s.rigid[rigid].tool == kNone) return;
-            island.tools[s.rigid[rigid].tool].contact_impulse += to_vec3(j);
+            ToolState& tool = island.tools[s.rigid[rigid].tool];
+            tool.contact_impulse += to_vec3(j);
+            if (row.turning != kNone) tool.contact_moment += to_vec3(cross(s.turning[row.turning].arm[side], j));
         };
-        on_tool(plan.rigid_a, impulse);
-        on_tool(plan.rigid_b, -impulse);
+        on_tool(plan.rigid_a, 0, impulse);
+        on_tool(plan.rigid_b, 1, -impulse);
     }
 }
 
@@ -567,8 +577,12 @@ void apply_impulses(AdvanceIsland& island) {
     activate_blocks(island, reach);
     find_active_rows(island, reach);
     if (starts_warm(island)) start_rows(s);
-    if (!s.turning.empty()) {
+    const auto is_free = [](const AdvanceFree& f) { return !f.held; };
+    if (!s.turning.empty() && std::any_of(s.free.begin(), s.free.end(), is_free)) {
         settle_rows(island);
+    } else if (!s.turning.empty()) {
+        // a tool in the hand does not stand on its rows: what a substep leaves, the next goes on from
+        for (uint32_t pass = 0; pass < std::max(island.params.contact.iterations, kHeldSweeps); ++pass) sweep_rows(s);
     } else {
         const uint32_t sweeps = std::max(island.params.contact.iterations, s.skin_point.empty() ? 1 : kSkinSweeps);
         for (uint32_t pass = 0; pass < sweeps; ++pass) {

@@ -116,7 +116,7 @@ void finish_links(AdvanceIsland& island) {
             const Vec4d from = rigid.place[0](link.point), to = rigid.place[1](link.point);
             far = to - (b.synchronous() ? 0.0 : 0.5) * (to - from);
             // what scripts and hands do, they do from one such time to the next
-            if (rigid.free == kNone) island.result.work_hand += dot(link.force, link.known ? far - link.far : to - from);
+            if (rigid.free == kNone || s.free[rigid.free].held) island.result.work_hand += dot(link.force, link.known ? far - link.far : to - from);
             link.far = far;
             link.known = true;
         } else {

@@ -108,6 +108,19 @@ void kick_free_bodies(AdvanceIsland& island);
 void move_free_bodies(AdvanceIsland& island);
 // state back into the poses; a body that is not finite keeps the one from the start of the call, at rest, counted
 void finish_free_bodies(AdvanceIsland& island);
+// Tools whose coupling to the hand gives way in turning too (advance_held.cpp) are free bodies without weight. The room:
+void add_held_body(AdvanceIsland& island, uint32_t rigid_row);
+// coupling; in place of gravity and damping. It resists the rows' impulses too.
+void pull_held_body(AdvanceIsland& island, AdvanceFree& f);
+// What the coupling does at the end of the substep, for ToolState.
+void note_coupling(AdvanceIsland& island, const AdvanceFree& f);
+// Where the body frame of a tool would be if it were in the hand, at the start of a substep.
+struct HandPose {
+    Vec3d origin;
+    Quat orientation;
+};
+HandPose hand_pose(const AdvanceIsland& island, uint32_t tool, uint32_t substep);
+
 // Work of the rows on free bodies, J.
 double contact_work_on_free(const AdvanceIsland& island);
 // Gives an active row its free sides, where the impulse acts at `at` (m, world), and what they add to inv_sum.
@@ -124,6 +137,19 @@ double go_on(AdvanceScratch& s, double before);
 // `most`.
 void push_free_sides(AdvanceScratch& s, const ContactTurning& turning, Vec4d push);
 void finish_free_pushes(AdvanceIsland& island, double most);
+
+// Free bodies with one coordinate (advance_drive.cpp), in the places of what is done with other free ones. Finds its drive;
+void bind_drive(AdvanceIsland& island, uint32_t free_row);
+void kick_driven(AdvanceIsland& island, AdvanceFree& f);
+void move_driven(AdvanceIsland& island, AdvanceFree& f);
+void push_driven(AdvanceIsland& island, AdvanceFree& f, double share);
+void restore_drive(AdvanceIsland& island, const AdvanceFree& f);
+// friction and limits, once: part of a sweep. Returns the largest change of a velocity, m/s;
+double solve_drives(AdvanceScratch& s);
+// after the rows: state and books.
+void settle_drives(AdvanceIsland& island);
+// Puts the end of the substep where the node of a free body is at `centre` under an orientation.
+void place_end(AdvanceRigid& rigid, const AdvanceFree& f, Vec4d centre, const Quat& orientation);
 
 // Velocities of all particles that are nodes before the kick of the first substep; those of later ones are known.
 void note_velocities(AdvanceIsland& island);

@@ -17,11 +17,8 @@ void set_pose(AdvanceRigid& rigid, int end, Vec4d origin, const Quat& orientatio
     for (int i = 0; i < 3; ++i) rigid.place[end].column[i] = to_vec4(rotate(orientation, Vec3d::Unit(i)));
 }
 
-// Where the body frame of a tool would be if it were in the hand, at the start of a substep.
-struct HandPose {
-    Vec3d origin;
-    Quat orientation;
-};
+}  // namespace
+
 HandPose hand_pose(const AdvanceIsland& island, uint32_t t, uint32_t substep) {
     const AdvanceParams& params = island.params;
     const uint32_t ms = std::min(substep * params.ticks / params.substeps, params.ticks - 1);
@@ -33,8 +30,6 @@ HandPose hand_pose(const AdvanceIsland& island, uint32_t t, uint32_t substep) {
                             device[0].orientation));
     return {tip - rotate(orientation, island.inputs.tools[t].tip), orientation};
 }
-
-}  // namespace
 
 double substep_time(const AdvanceParams& params, uint32_t substep) {
     const uint64_t steps = params.tick * params.substeps + uint64_t{params.ticks} * substep;
@@ -58,6 +53,10 @@ uint32_t rigid_slot(AdvanceIsland& island, uint32_t body) {
         const auto tool =
             std::find_if(in.tools.begin(), in.tools.end(), [&](const HandTool& t) { return t.body == body; });
         if (tool != in.tools.end()) rigid.tool = static_cast<uint32_t>(tool - in.tools.begin());
+    }
+    if (rigid.tool != kNone && in.tools[rigid.tool].inertia > 0 && in.bodies.inv_mass[body] > 0) {
+        add_held_body(island, slot);
+    } else if (in.bodies.motion[body] == Motion::kHand) {
         rigid.node = static_cast<uint32_t>(s.node.size());
         ContactNode& node = s.node.emplace_back();
         node.owner = slot;
@@ -83,7 +82,7 @@ void place_rigid_bodies(AdvanceIsland& island, uint32_t substep) {
     for (AdvanceRigid& rigid : island.scratch.rigid) {
         rigid.place[0] = rigid.place[1];
         rigid.orientation[0] = rigid.orientation[1];
-        if (rigid.path == kNone && rigid.tool == kNone) continue;
+        if (rigid.path == kNone && (rigid.tool == kNone || rigid.free != kNone)) continue;
         if (rigid.tool != kNone) {
             // the hand turns with the device; its translation follows in pull_hands
             set_pose(rigid, 1, rigid.place[0].shift, hand_pose(island, rigid.tool, substep + 1).orientation);

@@ -4,10 +4,13 @@
 #include <limits>
 #include <utility>
 
+#include "engine/direct_pairs.hpp"
 #include "engine/geometry/contact_kernels.hpp"
+#include "engine/parallel.hpp"
 namespace trocar {
 namespace {
 
+constexpr uint32_t kMostChunks = 64;
 constexpr size_t kCrowded = 16384;  // triangle pairs of a cell from which sorting beats testing all
 
 uint32_t find_pair(const CandidatePairs& pairs, const std::vector<uint32_t>& first, uint32_t a, uint32_t b) {
@@ -167,7 +170,7 @@ void search_cells(const CandidatePairs& pairs, const ScreenedTriangles& screened
         for (uint32_t i = occupancy.object_first[cell]; i < end; ++i) {
             for (uint32_t j = i + 1; j < end; ++j) {
                 const uint32_t pair = find_pair(pairs, scratch.pair_first, occupancy.object[i], occupancy.object[j]);
-                if (pair == kNone) continue;
+                if (pair == kNone || scratch.is_direct[pair]) continue;
                 const CellTest test{screened, scratch, occupancy.cell_key[cell], inv_size, pair};
                 const auto a = rows_of(i), b = rows_of(j);
                 a.size() * b.size() <= kCrowded ? test_all(test, a, b) : test_crowded(test, a, b);
@@ -186,6 +189,7 @@ void search_oversize(const CandidatePairs& pairs, const ScreenedTriangles& scree
         return std::span(begin, std::lower_bound(begin, large.end(), screened.body[body].end()));
     };
     for (uint32_t pair = 0; pair < pairs.a.size(); ++pair) {
+        if (scratch.is_direct[pair]) continue;
         const Range rows_a = screened.body[pairs.a[pair]], rows_b = screened.body[pairs.b[pair]];
         const auto large_a = large_of(pairs.a[pair]), large_b = large_of(pairs.b[pair]);
         const CellTest test{screened, scratch, 0, 0, pair};
@@ -237,43 +241,213 @@ void drop_repeats(std::vector<std::array<uint32_t, 3>>& finds) {
     finds.erase(std::unique(finds.begin(), finds.end(), same), finds.end());
 }
 
-// Deals sorted finds out to the group that their third entry names, as local triangles, ascending within it.
-void deal_out(uint32_t groups, const ScreenedTriangles& screened, const CandidateCellsScratch& scratch,
-              std::vector<Range>& range, std::vector<std::array<uint32_t, 2>>& out) {
-    range.assign(groups, {});
+// Deals sorted finds out to the group that their third entry names, as local triangles, ascending within it. Groups of
+// directly compared pairs come with a count and keep it; theirs is copied later.
+void deal_out(const ScreenedTriangles& screened, const CandidateCellsScratch& scratch, std::vector<Range>& range,
+              std::vector<std::array<uint32_t, 2>>& out) {
     for (const auto& f : scratch.by_row) ++range[f[2]].count;
     uint32_t first = 0;
     for (Range& r : range) {
         r.first = first;
-        first += std::exchange(r.count, 0);
+        first += r.count;
     }
     out.resize(first);
+    for (const auto& f : scratch.by_row) range[f[2]].count = 0;
     for (const auto& [own, across, group] : scratch.by_row) {
         Range& r = range[group];
         out[r.first + r.count++] = {screened.triangle[own], screened.triangle[across]};
     }
 }
 
+// Rows whose box meets the hull of some others; the larger list is cut first.
+void cut_to_hull_of(const std::vector<PackedBox>& box, Range rows, __m256 hull, std::vector<uint32_t>& kept) {
+    const __m256 face = facing(hull);
+    kept.clear();
+    for (uint32_t row = rows.first; row < rows.end(); ++row)
+        if (meets(face, load_box(box[row]))) kept.push_back(row);
+}
+
+void lay_out_sides(const std::vector<PackedBox>& box, DirectChunk& c) {
+    const std::vector<uint32_t>& rows = c.rows[1];
+    const size_t room = (rows.size() + 7) / 8 * 8;
+    for (auto& side : c.sides) side.assign(room, std::numeric_limits<float>::infinity());  // meets nothing
+    for (size_t i = 0; i < rows.size(); ++i) {
+        for (int k = 0; k < 3; ++k) c.sides[k][i] = box[rows[i]].min[k], c.sides[3 + k][i] = box[rows[i]].neg_max[k];
+    }
+    c.across.assign(rows.size(), kNone);
+}
+
+void cut_to_hulls(const ScreenedTriangles& screened, Range a, Range b, DirectChunk& c) {
+    __m256 hull = empty_hull();
+    const bool a_first = a.count > b.count;
+    const Range small = a_first ? b : a;
+    for (uint32_t row = small.first; row < small.end(); ++row) hull = _mm256_min_ps(hull, load_box(screened.box[row]));
+    cut_to_hull_of(screened.box, a_first ? a : b, hull, c.rows[!a_first]);
+    hull = empty_hull();
+    for (const uint32_t row : c.rows[!a_first]) hull = _mm256_min_ps(hull, load_box(screened.box[row]));
+    cut_to_hull_of(screened.box, small, hull, c.rows[a_first]);
+}
+
+// Mean velocities of deformable bodies; what is not finite stands still.
+void find_drifts(const Surfaces& s, std::vector<Vec3d>& drift) {
+    const uint32_t bodies = uint32_t(s.bodies.mesh.size());
+    drift.resize(bodies);
+    parallel_for(bodies, 32, [&](uint32_t begin, uint32_t end) {
+        for (uint32_t body = begin; body < end; ++body) {
+            if (!is_deformable(s.bodies, body)) continue;
+            const Range rows = s.bodies.particles[body];
+            Vec3d sum = Vec3d::Zero();
+            for (uint32_t i = rows.first; i < rows.end(); ++i) {
+                const Vec3d v(s.particles.velocity_x[i], s.particles.velocity_y[i], s.particles.velocity_z[i]);
+                if (v.allFinite()) sum += v;
+            }
+            drift[body] = sum / std::max(1u, rows.count);
+        }
+    });
+}
+
+// How far every vertex of a body may get along a direction in a period beside a body that moves with `drift`, m from
+// `base`; returns the farthest. What is not finite does not count.
+double reach_along(const Surfaces& s, uint32_t body, double period, const Vec3d& base, const Vec3d& way, const Vec3d& drift, std::vector<double>& along) {
+    const BodyPoints points(s, body, base);
+    const __m256d w = _mm256_setr_pd(way.x(), way.y(), way.z(), 0);
+    const uint32_t first = s.bodies.particles[body].first;
+    const Particles& v = s.particles;
+    const double still = drift.dot(way);
+    along.resize(s.meshes.info[s.bodies.mesh[body]].vertices.count);
+    double farthest = -std::numeric_limits<double>::infinity();
+    for (uint32_t i = 0; i < along.size(); ++i) {
+        const Vec4d p = (Vec4d)_mm256_mul_pd(points(i), w);
+        const double speed = way.x() * v.velocity_x[first + i] + way.y() * v.velocity_y[first + i] + way.z() * v.velocity_z[first + i] - still;
+        along[i] = (p[0] + p[1]) + p[2] + std::abs(speed) * period;
+        if (along[i] > farthest) farthest = along[i];
+    }
+    return farthest;
+}
+
+// Boxes of slanting triangles, and the reach of a body's fastest vertex, say little of where two bodies touch.
+void cut_to_slabs(const DirectInput& in, const ScreenedTriangles& screened, std::span<const Vec3d> drift,
+                  const std::array<uint32_t, 2>& body, DirectChunk& c) {
+    const Surfaces& s = in.surfaces;
+    if (!is_deformable(s.bodies, body[0]) || !is_deformable(s.bodies, body[1])) return;
+    const auto middle = [&](int k) { return Vec3d(0.5 * (in.boxes.box[body[k]].min + in.boxes.box[body[k]].max)); };
+    const Vec3d base = middle(0), apart = middle(1) - base;
+    const double distance = apart.norm();
+    if (!(distance > 0)) return;
+    const Vec3d way = apart / distance, mean = 0.5 * (drift[body[0]] + drift[body[1]]);
+    double slack = 0.5 * in.gravity * in.period * in.period + 1e-12 * (distance + base.norm());
+    for (const uint32_t b : body) slack += 0.05 * s.meshes.info[s.bodies.mesh[b]].mean_edge + 0.5 * s.bodies.thickness[b];
+    double farthest[2];
+    for (int k = 0; k < 2; ++k) farthest[k] = reach_along(s, body[k], in.period, base, k ? Vec3d(-way) : way, mean, c.along[k]);
+    for (int k = 0; k < 2; ++k) {
+        const MeshView mesh = mesh_view(s.meshes, s.bodies.mesh[body[k]]);
+        const double needed = -farthest[1 - k] - slack;
+        std::erase_if(c.rows[k], [&](uint32_t row) {
+            const Triangle& t = mesh.triangle[screened.triangle[row]];
+            return c.along[k][t[0]] < needed && c.along[k][t[1]] < needed && c.along[k][t[2]] < needed;
+        });
+    }
+}
+
+// Every triangle of a against every one of b. Finds ascend by a, then b.
+void compare_directly(const ScreenedTriangles& screened, DirectChunk& c, DirectPair& found) {
+    lay_out_sides(screened.box, c);
+    const uint32_t first_crossing = uint32_t(c.crossing.size()), first_near = uint32_t(c.near.size());
+    for (const uint32_t row : c.rows[0]) {
+        const PackedBox& own = screened.box[row];
+        const __m256 tight = facing(load_box(screened.tight[row]));
+        __m256 limit[6];
+        for (int k = 0; k < 3; ++k) limit[k] = _mm256_set1_ps(-own.neg_max[k]), limit[3 + k] = _mm256_set1_ps(-own.min[k]);
+        bool near = false;
+        for (size_t i = 0; i < c.sides[0].size(); i += 8) {
+            __m256 met = _mm256_cmp_ps(_mm256_loadu_ps(&c.sides[0][i]), limit[0], _CMP_LE_OQ);
+            for (int k = 1; k < 6; ++k) met = _mm256_and_ps(met, _mm256_cmp_ps(_mm256_loadu_ps(&c.sides[k][i]), limit[k], _CMP_LE_OQ));
+            for (uint32_t bits = uint32_t(_mm256_movemask_ps(met)); bits != 0; bits &= bits - 1) {
+                const size_t j = i + uint32_t(__builtin_ctz(bits));
+                const uint32_t other = c.rows[1][j];
+                if (!near) c.near.push_back({screened.triangle[row], screened.triangle[other]}), near = true;
+                if (c.across[j] == kNone) c.across[j] = screened.triangle[row];
+                if (meets(tight, load_box(screened.tight[other]))) c.crossing.push_back({screened.triangle[row], screened.triangle[other]});
+            }
+        }
+    }
+    found.crossing = {first_crossing, uint32_t(c.crossing.size()) - first_crossing};
+    found.near[0] = {first_near, uint32_t(c.near.size()) - first_near};
+    for (size_t j = 0; j < c.rows[1].size(); ++j)
+        if (c.across[j] != kNone) c.near.push_back({screened.triangle[c.rows[1][j]], c.across[j]});
+    found.near[1] = {found.near[0].end(), uint32_t(c.near.size()) - found.near[0].end()};
+}
+
+uint32_t direct_grain(const CandidatePairs& pairs) { return std::max(1u, chunk_count(uint32_t(pairs.a.size()), kMostChunks)); }
+
+// Finds of all directly compared pairs, and how many they are.
+void search_direct(const CandidatePairs& pairs, const ScreenedTriangles& screened, const DirectInput* direct,
+                   CandidateCellsScratch& scratch, CandidateTriangles& candidates) {
+    const uint32_t count = uint32_t(pairs.a.size()), grain = direct_grain(pairs);
+    candidates.pair.assign(count, {});
+    candidates.side.assign(2 * size_t{count}, {});
+    scratch.direct.resize(count);
+    scratch.is_direct.assign(count, 0);
+    if (direct == nullptr) return;
+    find_drifts(direct->surfaces, scratch.drift);
+    if (scratch.chunk.size() < chunk_count(count, grain)) scratch.chunk.resize(chunk_count(count, grain));
+    parallel_for(count, grain, [&](uint32_t begin, uint32_t end) {
+        DirectChunk& chunk = scratch.chunk[begin / grain];
+        chunk.crossing.clear();
+        chunk.near.clear();
+        for (uint32_t pair = begin; pair < end; ++pair) {
+            scratch.is_direct[pair] = is_direct(pairs, screened, pair, direct->most);
+            if (!scratch.is_direct[pair]) continue;
+            DirectPair& found = scratch.direct[pair];
+            cut_to_hulls(screened, screened.body[pairs.a[pair]], screened.body[pairs.b[pair]], chunk);
+            cut_to_slabs(*direct, screened, scratch.drift, {pairs.a[pair], pairs.b[pair]}, chunk);
+            compare_directly(screened, chunk, found);
+            candidates.pair[pair].count = found.crossing.count;
+            for (int side = 0; side < 2; ++side) candidates.side[2 * pair + side].count = found.near[side].count;
+        }
+    });
+}
+
+// Copies them to their places.
+void put_direct(const CandidatePairs& pairs, const CandidateCellsScratch& scratch, CandidateTriangles& candidates) {
+    const uint32_t grain = direct_grain(pairs);
+    parallel_for(uint32_t(pairs.a.size()), grain, [&](uint32_t begin, uint32_t end) {
+        const DirectChunk& chunk = scratch.chunk[begin / grain];
+        const auto copy = [](const auto& from, Range rows, auto& to, Range place) {
+            std::copy_n(from.begin() + rows.first, rows.count, to.begin() + place.first);
+        };
+        for (uint32_t pair = begin; pair < end; ++pair) {
+            if (!scratch.is_direct[pair]) continue;
+            const DirectPair& found = scratch.direct[pair];
+            copy(chunk.crossing, found.crossing, candidates.triangle, candidates.pair[pair]);
+            for (int side = 0; side < 2; ++side) copy(chunk.near, found.near[side], candidates.near, candidates.side[2 * pair + side]);
+        }
+    });
+}
+
 }  // namespace
 
 void find_candidate_triangles(const CandidatePairs& pairs, const ScreenedTriangles& screened,
                               const Occupancy& occupancy, CandidateCellsScratch& scratch,
-                              CandidateTriangles& candidates) {
-    const uint32_t bodies = uint32_t(screened.body.size()), count = uint32_t(pairs.a.size());
+                              CandidateTriangles& candidates, const DirectInput* direct) {
+    const uint32_t bodies = uint32_t(screened.body.size());
     const uint32_t rows = uint32_t(screened.triangle.size());
     scratch.pair_first.assign(bodies + 1, 0);
     for (const uint32_t a : pairs.a) ++scratch.pair_first[a + 1];
     for (uint32_t i = 0; i < bodies; ++i) scratch.pair_first[i + 1] += scratch.pair_first[i];
     scratch.crossing.clear();
     scratch.near.clear();
-    scratch.near_side.assign(rows, kNone);
+    search_direct(pairs, screened, direct, scratch, candidates);
+    const bool any_cells = !occupancy.cell_key.empty() || !occupancy.oversize.empty();
+    if (any_cells) scratch.near_side.assign(rows, kNone);
     search_cells(pairs, screened, occupancy, scratch);
     search_oversize(pairs, screened, occupancy, scratch);
-    sort_by_row(rows, scratch.crossing, scratch);
-    deal_out(count, screened, scratch, candidates.pair, candidates.triangle);
-    sort_by_row(rows, scratch.near, scratch);
+    sort_by_row(any_cells ? rows : 0, scratch.crossing, scratch);
+    deal_out(screened, scratch, candidates.pair, candidates.triangle);
+    sort_by_row(any_cells ? rows : 0, scratch.near, scratch);
     drop_repeats(scratch.by_row);
-    deal_out(2 * count, screened, scratch, candidates.side, candidates.near);
+    deal_out(screened, scratch, candidates.side, candidates.near);
+    put_direct(pairs, scratch, candidates);
 }
 
 }  // namespace trocar

@@ -4,7 +4,31 @@
 #include <vector>
 
 #include "components/contacts.hpp"
+#include "engine/surfaces.hpp"
 namespace trocar {
+
+// What comparing pairs directly needs, and which it is done for.
+struct DirectInput {
+    const Surfaces& surfaces;
+    const BodyBoxes& boxes;
+    double period = 0;   // s
+    double gravity = 0;  // m/s^2
+    uint64_t most = 0;   // see is_direct
+};
+
+// What a run of directly compared pairs found, pair after pair, as local triangles.
+struct DirectChunk {
+    std::vector<std::array<uint32_t, 2>> crossing, near;
+    std::vector<double> along[2];             // m, of the pair at hand: how far vertices may get on the way to the other body
+    std::vector<uint32_t> rows[2];            // what meets the hull of the other body
+    std::array<std::vector<float>, 6> sides;  // of the enlarged boxes of rows[1]
+    std::vector<uint32_t> across;             // per row of rows[1]: one that it is near, or kNone
+};
+// Where a pair's finds are in its chunk.
+struct DirectPair {
+    Range crossing;
+    std::array<Range, 2> near;
+};
 
 struct CandidateCellsScratch {
     std::vector<uint32_t> pair_first;  // per body: its first pair as a
@@ -15,13 +39,21 @@ struct CandidateCellsScratch {
     std::vector<uint32_t> first;                         // counting sort
     std::vector<uint32_t> near_a, near_b;                // rows of a cell that meet the hull of the other body's
     std::vector<uint32_t> sweep_a, sweep_b;              // those whose own boxes do
+    std::vector<DirectChunk> chunk;                      // per chunk of pairs
+    std::vector<uint8_t> is_direct;                      // per pair
+    std::vector<DirectPair> direct;                      // per pair that is
+    std::vector<Vec3d> drift;                            // m/s, per deformable body: mean velocity
 };
 
 // OHC instruction (thesis 3.3.2): for every candidate pair the triangles that are near the other body and the triangle
 // pairs that may cross, read from the shared cells and the oversize list, ascending. A pair that may cross is reported
-// once, by the cell that holds the larger of the lower corners; a near triangle by the first cell that shows it.
+// once, by the cell that holds the larger of the lower corners; a near triangle by the first cell that shows it. Pairs
+// that are direct (engine/direct_pairs.hpp) have all their triangles compared, eight at a time. Between deformable bodies
+// those are left out that cannot come near in the period along the way from one body's middle to the other's: there no
+// point of one body is nearer to the other than their places differ, and each goes as far as its vertices' speeds beside
+// the mean of both bodies, to and fro, the fall of one of them, and 0.05 mean edges each.
 void find_candidate_triangles(const CandidatePairs& pairs, const ScreenedTriangles& screened,
                               const Occupancy& occupancy, CandidateCellsScratch& scratch,
-                              CandidateTriangles& candidates);
+                              CandidateTriangles& candidates, const DirectInput* direct = nullptr);
 
 }  // namespace trocar

@@ -228,4 +228,40 @@ void make_contact_rows(const ContactParams& params, const Surfaces& surfaces, co
     resize_rows(rows, kept);
 }
 
+void drop_idle_rows(double period, const Vec3d& gravity, const Surfaces& s, ContactRows& rows) {
+    const Bodies& bodies = s.bodies;
+    const double fall = 0.5 * gravity.norm() * period * period;
+    const auto velocity = [&](uint32_t body, uint32_t vertex) {
+        const uint32_t i = bodies.particles[body].first + vertex;
+        return Vec3d(s.particles.velocity_x[i], s.particles.velocity_y[i], s.particles.velocity_z[i]);
+    };
+    const auto stays = [&](uint32_t row) {
+        const uint32_t body = rows.body[row], other = rows.other[row];
+        for (const uint32_t b : {body, other})
+            if (!is_deformable(bodies, b) && bodies.motion[b] != Motion::kStatic) return true;
+        const auto slack = [&](uint32_t b) { return 0.05 * s.meshes.info[bodies.mesh[b]].mean_edge + 0.5 * bodies.thickness[b]; };
+        const double near = fall + slack(body) + slack(other);
+        if (rows.distance[row] < near) return true;
+        Vec3d v = Vec3d::Zero();
+        if (is_deformable(bodies, body)) {
+            const double along = rows.along[row], across = rows.across[row];
+            v += (1 - along - across) * velocity(body, rows.vertex[row][0]) + along * velocity(body, rows.vertex[row][1]);
+            if (rows.third[row] != kNone) v += across * velocity(body, rows.third[row]);
+        }
+        if (is_deformable(bodies, other))
+            for (int k = 0; k < 3; ++k) v -= rows.weight[row][k] * velocity(other, rows.triangle[row][k]);
+        return !(rows.distance[row] > near + v.norm() * period);
+    };
+    const uint32_t count = uint32_t(rows.body.size());
+    uint32_t kept = 0;
+    for (uint32_t row = 0; row < count; ++row) {
+        if (!stays(row)) continue;
+        const auto move = [&](auto& column) { column[kept] = column[row]; };
+        move(rows.contact), move(rows.body), move(rows.other), move(rows.vertex), move(rows.along), move(rows.third);
+        move(rows.across), move(rows.triangle), move(rows.weight), move(rows.normal), move(rows.distance), move(rows.friction);
+        ++kept;
+    }
+    resize_rows(rows, kept);
+}
+
 }  // namespace trocar

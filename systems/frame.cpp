@@ -27,6 +27,7 @@
 #include "systems/islands.hpp"
 #include "systems/link_bodies.hpp"
 #include "systems/local_contact_model.hpp"
+#include "systems/node_switching.hpp"
 #include "systems/overlap.hpp"
 #include "systems/penetration.hpp"
 #include "systems/picture_snapshot.hpp"
@@ -86,6 +87,7 @@ struct FrameState {
     ContactHook contact_hook;
     std::vector<std::string_view> island_name;  // with a trace, per body: of the island whose first body it is
     uint32_t face_queries = 2000;  // of a pair, for its deepest point in a face: 2 ms
+    uint64_t direct_tests = 1 << 18;  // of a pair, up to which its triangles are compared without cells
     double energy_start = 0;  // J, when the books were opened
     bool energy_open = false;
 };
@@ -110,6 +112,8 @@ void follow_live_devices(FrameState& f) {
             const double share = static_cast<double>(ms) / static_cast<double>(per_tool - 1);
             device = to;
             device.position = from.position + share * (to.position - from.position);
+            const Vec3d turn = rotation_vector(from.orientation, to.orientation);
+            device.orientation = normalized(multiply(from_rotation_vector(share * turn), from.orientation));
         }
         f.scratch.live_device[t] = to;
     }
@@ -119,7 +123,7 @@ void follow_live_devices(FrameState& f) {
 // Where every device will be at each millisecond of the pass; the first is now.
 void device_input(FrameState& f) {
     World& w = f.world;
-    for (ToolState& state : w.haptics.state) state.contact_impulse = Vec3d::Zero();
+    for (ToolState& state : w.haptics.state) state.contact_impulse = state.contact_moment = Vec3d::Zero();
     if (f.options.external_ticks) {
         follow_live_devices(f);
         return;
@@ -136,7 +140,11 @@ void device_input(FrameState& f) {
         if (!w.haptics.state[t].device_valid) w.haptics.state[t].device = f.scratch.device[t * (w.clock.period + 1)];
     }
 }
-void rigid_motion(FrameState& f) { follow_paths(f.world.paths, pass_seconds(f.world), f.world.poses); }
+void nodes(FrameState& f) {
+    World& w = f.world;
+    switch_nodes(pass_seconds(w), w.nodes, w.lives, w.haptics, w.poses, w.node_state, w.sleep);
+}
+void rigid_motion(FrameState& f) { follow_paths(f.world.paths, pass_seconds(f.world), f.world.node_state.off, f.world.poses); }
 void link(FrameState& f) {
     World& w = f.world;
     link_bodies(pass_seconds(w), w.haptics.state, {surfaces_of(w), w.solids, w.trees}, f.scratch.links, w.links, w.sleep, w.energy, w.report);
@@ -171,6 +179,7 @@ void find_fast_bodies(FrameState& f) {
     const double period = period_seconds(w);
     f.scratch.fast.clear();
     const auto add = [&](uint32_t body, const RigidSweep& sweep) {
+        if (is_off(w.node_state, body)) return;
         const double arm = w.meshes.info[w.bodies.mesh[body]].radius + sweep.pivot.norm();
         const double way = (f.scratch.coming.velocity[body].norm() + w.poses.angular_velocity[body].norm() * arm) * period;
         if (way > w.boxes.margin[body] && std::isfinite(way)) f.scratch.fast.push_back({body, sweep});
@@ -206,12 +215,14 @@ void body_boxes(FrameState& f) {
     compute_body_boxes(period_seconds(w), {w.meshes, w.bodies, f.scratch.coming, w.particles}, w.boxes);
     for (uint32_t body = 0; body < w.lives.away.size(); ++body)
         if (is_away(w.lives, body)) w.boxes.box[body] = {};
+    for (uint32_t body = 0; body < w.node_state.off.size(); ++body)
+        if (is_off(w.node_state, body)) w.boxes.box[body] = {};
     find_fast_bodies(f);
     cover_fast_ways(f.scratch.fast, period_seconds(w), surfaces_of(w), w.boxes);
 }
 void candidate_pairs(FrameState& f) {
     World& w = f.world;
-    find_candidate_pairs(w.bodies, w.boxes, {}, f.scratch.pairs, w.pairs);
+    find_candidate_pairs(w.bodies, w.boxes, w.nodes.apart, f.scratch.pairs, w.pairs);
     drop_unreachable_pairs(period_seconds(w), w.settings.gravity, surfaces_of(w), w.boxes, f.scratch.reachable, w.pairs);
 }
 std::span<const std::array<uint32_t, 2>> linked_bodies(FrameState& f) {
@@ -236,10 +247,12 @@ void refit(FrameState& f) {
 }
 void rasterise_(FrameState& f) {
     World& w = f.world;
-    rasterise(w.settings.contact, surfaces_of(w), w.boxes, w.pairs, f.scratch.rasterise, w.report, w.screened, w.occupancy);
+    rasterise(w.settings.contact, surfaces_of(w), w.boxes, w.pairs, f.scratch.rasterise, w.report, w.screened, w.occupancy, f.direct_tests);
 }
 void candidate_cells(FrameState& f) {
-    find_candidate_triangles(f.world.pairs, f.world.screened, f.world.occupancy, f.scratch.cells, f.world.candidates);
+    const World& w = f.world;
+    const DirectInput direct{surfaces_of(w), w.boxes, period_seconds(w), w.settings.gravity.norm(), f.direct_tests};
+    find_candidate_triangles(w.pairs, w.screened, w.occupancy, f.scratch.cells, f.world.candidates, &direct);
 }
 void contours(FrameState& f) {
     World& w = f.world;
@@ -275,6 +288,7 @@ void regions(FrameState& f) {
 void contact_rows(FrameState& f) {
     World& w = f.world;
     make_contact_rows(w.settings.contact, surfaces_of(w), w.pairs, w.contacts, w.penetrations, f.scratch.rows, w.report, w.rows);
+    drop_idle_rows(period_seconds(w), w.settings.gravity, surfaces_of(w), w.rows);
     add_edge_rows(surfaces_of(w), w.boxes, w.pairs, w.candidates, f.scratch.edge_rows, w.rows);
     recall_contacts(w.contact_memory, f.scratch.memory, w.rows);
 }
@@ -296,6 +310,7 @@ void local_contact(FrameState& f) {
 OtherForces other_forces(World& w) {
     OtherForces other{&w.solids};
     if (!w.links.group.empty()) other.links = &w.links;
+    if (!w.nodes.drive.empty()) other.nodes = &w.nodes, other.node_state = &w.node_state;
     if (!w.tears.body.empty()) other.tears = &w.tears, other.torn = &w.torn, other.torn_springs = &w.torn_springs;
     return other;
 }
@@ -344,6 +359,7 @@ void advance_one_island(FrameState& f, uint32_t island, AdvanceScratch& scratch)
     World& w = f.world;
     const auto bodies = std::span(w.islands.body).subspan(w.islands.bodies[island].first, w.islands.bodies[island].count);
     if (is_asleep(w.sleep, bodies[0])) return;  // and then all of them
+    if (is_off(w.node_state, bodies[0])) return;  // and then it is alone
     const auto rows = std::span(w.islands.row).subspan(w.islands.rows[island].first, w.islands.rows[island].count);
     AdvanceParams params;
     params.tick = w.clock.tick;
@@ -420,11 +436,14 @@ void picture(FrameState& f) {
     write_picture_snapshot(w.clock.picture, pass_seconds(w), surfaces_of(w), w.normals, w.contacts, w.penetrations, w.haptics, w.picture, &w.tears);
     for (uint32_t body = 0; body < w.lives.away.size(); ++body)
         if (is_away(w.lives, body)) w.picture.body[body].mesh = kNone;
+    for (uint32_t body = 0; body < w.node_state.off.size(); ++body)
+        if (is_off(w.node_state, body)) w.picture.body[body].mesh = kNone;
 }
 
 bool any_path(const World& w) {
     return std::any_of(w.paths.body.begin(), w.paths.body.end(), [](uint32_t body) { return body != kNone; });
 }
+bool any_switch(const World& w) { return !w.nodes.toggle.empty() || !w.nodes.exchange.empty(); }
 bool any_pool(const World& w) { return !w.pools.slots.empty(); }
 bool any_tool(const World& w) { return !w.haptics.tool.empty(); }
 bool any_pair(const World& w) {
@@ -451,16 +470,17 @@ constexpr ResourceMask kShapes = mask(R::kMeshes, R::kBodies, R::kPoses, R::kPar
 constexpr FrameStage kBegin[] = {
     // name              run              reads                                                              writes
     {{"device input",    device_input,    mask(R::kClock, R::kPaths, R::kTools),                             mask(R::kToolState)}, any_tool},
-    {{"rigid motion",    rigid_motion,    mask(R::kClock, R::kPaths),                                        mask(R::kPoses)}, any_path},
+    {{"nodes",           nodes,           mask(R::kClock, R::kNodes, R::kTools, R::kLives), mask(R::kPoses, R::kToolState, R::kNodeState, R::kSleep)}, any_switch},
+    {{"rigid motion",    rigid_motion,    mask(R::kClock, R::kPaths, R::kNodeState),                                        mask(R::kPoses)}, any_path},
     {{"come and go",     come_and_go,     kShapes | mask(R::kSettings, R::kSprings, R::kSolids, R::kAnchors, R::kPools, R::kClock), mask(R::kPoses, R::kParticles, R::kSleep, R::kLives, R::kEnergy)}, any_pool},
     {{"links",           link,            kShapes | mask(R::kSolids, R::kClock, R::kTrees, R::kToolState),     mask(R::kLinks, R::kSleep, R::kEnergy, R::kReport)}, any_link},
     {{"tears",           tear,            mask(R::kSettings, R::kClock, R::kSprings, R::kSolids, R::kBodies, R::kPoses, R::kAnchors), mask(R::kParticles, R::kMeshes, R::kTrees, R::kTears, R::kTorn, R::kTornSprings, R::kSleep, R::kEnergy, R::kReport)}, any_tear},
-    {{"body boxes",      body_boxes,      kShapes | mask(R::kSettings, R::kClock, R::kTools, R::kToolState, R::kLives),    mask(R::kBoxes)}, any_pair},
-    {{"candidate pairs", candidate_pairs, kShapes | mask(R::kSettings, R::kClock, R::kBoxes),                mask(R::kPairs)}, any_pair},
+    {{"body boxes",      body_boxes,      kShapes | mask(R::kSettings, R::kClock, R::kTools, R::kToolState, R::kLives, R::kNodeState), mask(R::kBoxes)}, any_pair},
+    {{"candidate pairs", candidate_pairs, kShapes | mask(R::kSettings, R::kClock, R::kBoxes, R::kNodes),       mask(R::kPairs)}, any_pair},
     {{"sleep",           sleep,           mask(R::kSettings, R::kBodies, R::kPaths, R::kClock, R::kPairs, R::kLinks),     mask(R::kSleep, R::kParticles, R::kPairs, R::kEnergy, R::kReport)}, may_sleep},
     {{"refit trees",     refit,           kShapes | mask(R::kSettings, R::kClock, R::kBoxes, R::kPairs),            mask(R::kTrees)}, any_pair},
     {{"rasterise",       rasterise_,      kShapes | mask(R::kSettings, R::kBoxes, R::kPairs),                mask(R::kScreened, R::kOccupancy, R::kReport)}, any_pair},
-    {{"candidate cells", candidate_cells, mask(R::kPairs, R::kScreened, R::kOccupancy),                      mask(R::kCandidates)}, any_pair},
+    {{"candidate cells", candidate_cells, kShapes | mask(R::kSettings, R::kClock, R::kBoxes, R::kPairs, R::kScreened, R::kOccupancy), mask(R::kCandidates)}, any_pair},
     {{"contours",        contours,        kShapes | mask(R::kPairs, R::kCandidates),                         mask(R::kContours)}, wants_contours},
     {{"overlap",         overlap,         kShapes | mask(R::kBoxes, R::kPairs, R::kScreened, R::kCandidates, R::kTrees), mask(R::kNear, R::kContacts, R::kReport)}, any_pair},
     {{"edge pass",       edge_pass,       kShapes | mask(R::kSettings, R::kPairs, R::kCandidates, R::kNear, R::kTrees, R::kBoxes, R::kContactMemory), mask(R::kContacts, R::kReport)}, any_pair},
@@ -468,20 +488,20 @@ constexpr FrameStage kBegin[] = {
     {{"penetration",     penetration,     mask(R::kPairs, R::kContacts),                                     mask(R::kPenetrations, R::kReport)}, any_pair},
     {{"deep overlap",    deep_overlap,    kShapes | mask(R::kPairs, R::kContacts, R::kTrees),                 mask(R::kPairMemory, R::kPenetrations)}, wants_ways_out},
     {{"regions",         regions,         kShapes | mask(R::kPairs, R::kScreened, R::kNear, R::kContacts, R::kContours), mask(R::kRegions)}, wants_regions},
-    {{"contact rows",    contact_rows,    kShapes | mask(R::kSettings, R::kBoxes, R::kPairs, R::kCandidates, R::kContacts, R::kPenetrations, R::kContactMemory), mask(R::kRows, R::kReport)}, any_pair},
+    {{"contact rows",    contact_rows,    kShapes | mask(R::kSettings, R::kClock, R::kBoxes, R::kPairs, R::kCandidates, R::kContacts, R::kPenetrations, R::kContactMemory), mask(R::kRows, R::kReport)}, any_pair},
     {{"islands",         islands,         mask(R::kBodies, R::kRows, R::kLinks),                             mask(R::kIslands)}, any_mover},
     {{"local contact",   local_contact,   kShapes | mask(R::kClock, R::kTools, R::kToolState, R::kBoxes),     mask(R::kToolState, R::kLocalContact)}, any_tool},
 };
 
 constexpr FrameStage kAdvance[] = {
-    {{"advance", advance, mask(R::kSleep, R::kSettings, R::kMeshes, R::kSprings, R::kSolids, R::kBodies, R::kAnchors, R::kPaths, R::kTools, R::kClock, R::kIslands, R::kLocalContact, R::kTears),
-      mask(R::kPoses, R::kParticles, R::kRows, R::kContactMemory, R::kToolState, R::kLinks, R::kTorn, R::kTornSprings, R::kEnergy, R::kReport)}, any_mover},
+    {{"advance", advance, mask(R::kSleep, R::kSettings, R::kMeshes, R::kSprings, R::kSolids, R::kBodies, R::kAnchors, R::kPaths, R::kTools, R::kClock, R::kIslands, R::kLocalContact, R::kTears, R::kNodes),
+      mask(R::kPoses, R::kParticles, R::kRows, R::kContactMemory, R::kToolState, R::kLinks, R::kTorn, R::kTornSprings, R::kNodeState, R::kEnergy, R::kReport)}, any_mover},
 };
 
 constexpr FrameStage kEnd[] = {
     {{"surface normals", surface_normals, kShapes,                                                           mask(R::kNormals)}, any_deformable},
-    {{"energy",          energy,          mask(R::kSettings, R::kSprings, R::kSolids, R::kBodies, R::kPoses, R::kParticles, R::kAnchors, R::kLinks, R::kTears, R::kTornSprings), mask(R::kEnergy)}, any_energy},
-    {{"picture",         picture,         kShapes | mask(R::kClock, R::kNormals, R::kContacts, R::kPenetrations, R::kTools, R::kToolState, R::kTears, R::kLives), mask(R::kPicture)}, any_body},
+    {{"energy",          energy,          mask(R::kSettings, R::kSprings, R::kSolids, R::kBodies, R::kPoses, R::kParticles, R::kAnchors, R::kLinks, R::kTears, R::kTornSprings, R::kNodes, R::kNodeState), mask(R::kEnergy)}, any_energy},
+    {{"picture",         picture,         kShapes | mask(R::kClock, R::kNormals, R::kContacts, R::kPenetrations, R::kTools, R::kToolState, R::kTears, R::kLives, R::kNodeState), mask(R::kPicture)}, any_body},
 };
 
 constexpr std::string_view kFirstDetection = "body boxes", kAfterDetection = "local contact";
@@ -668,6 +688,7 @@ std::span<const uint32_t> Frame::detection_stages() const { return graphs_->dete
 void detect_contacts(World& world) {
     FrameState state;
     state.face_queries = 100'000;  // an answer, not a frame
+    state.direct_tests = 0;        // that shows its cells
     std::swap(state.world, world);
     for (const HandTool& tool : state.world.haptics.tool) {  // hands stay where they are
         DeviceState held;

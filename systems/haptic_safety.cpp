@@ -3,6 +3,7 @@
 #include <algorithm>
 #include <cmath>
 
+#include "engine/geometry/quaternion.hpp"
 namespace trocar {
 namespace {
 
@@ -49,6 +50,27 @@ Vec3d dissipate(double dissipation, double dt, const Vec3d& device, const Vec3d&
     if (contact_force.squaredNorm() == 0) state.energy = std::min(state.energy, 0.0);
     state.contact_force = contact_force;
     return force;
+}
+
+Vec3d dissipate_turning(double dissipation, double dt, const Quat& device, const Vec3d& spin, const Quat& proxy,
+                        const Vec3d& contact_torque, SafetyState& state) {
+    const Vec3d mean = 0.5 * (state.contact_torque + contact_torque);
+    state.turn_energy += mean.dot(rotation_vector(state.from_proxy_turn, proxy)) -
+                         state.contact_torque.dot(rotation_vector(state.from_device_turn, device));
+    state.lowest_turn_energy = std::min(state.lowest_turn_energy, state.turn_energy);
+    state.from_device_turn = device;
+    state.from_proxy_turn = proxy;
+    Vec3d torque = contact_torque;
+    const double rate2 = spin.squaredNorm();
+    if (state.turn_energy < 0 && contact_torque.squaredNorm() > 0 && rate2 > 1e-9 && dissipation > 0) {
+        const double damping = std::min(-state.turn_energy / (dt * rate2), dissipation);
+        torque -= damping * spin;
+        state.dissipated += damping * rate2 * dt;
+        state.turn_energy += damping * rate2 * dt;
+    }
+    if (contact_torque.squaredNorm() == 0) state.turn_energy = std::min(state.turn_energy, 0.0);
+    state.contact_torque = contact_torque;
+    return torque;
 }
 
 void limit_command(const DeviceLimits& limits, double max_force, double dt, bool safe, const DeviceCommand& wanted,

@@ -13,6 +13,11 @@ Vec3d limited_to(const Vec3d& v, double most);
 Vec3d dissipate(double dissipation, double dt, const Vec3d& device, const Vec3d& velocity, const Vec3d& proxy,
                 const Vec3d& contact_force, SafetyState& state);
 
+// The same of the coupling between the turns of device and tool: torques (N m), `spin` of the device (rad/s), damping in
+// N m s/rad.
+Vec3d dissipate_turning(double dissipation, double dt, const Quat& device, const Vec3d& spin, const Quat& proxy,
+                        const Vec3d& contact_torque, SafetyState& state);
+
 // What the device is told in the end: `wanted` within its largest force and torque (scaled, direction kept), changing
 // no faster than its slew limits from `output`; nothing at once where wanted is no number or `safe` is set. Stiffness
 // shrinks with the force. Counts in `state`.

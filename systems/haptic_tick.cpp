@@ -1,5 +1,6 @@
 #include "systems/haptic_tick.hpp"
 
+#include <Eigen/Geometry>
 #include <algorithm>
 #include <cmath>
 #include <limits>
@@ -7,7 +8,7 @@
 
 #include "engine/check.hpp"
 #include "engine/geometry/point_triangle.hpp"
-#include "engine/geometry/quaternion.hpp"
+#include "systems/haptic_device.hpp"
 #include "systems/haptic_planes.hpp"
 namespace trocar {
 namespace {
@@ -20,33 +21,6 @@ constexpr uint32_t kSweeps = 40;      // Newton steps to the first touch of one 
 constexpr double kSlipSpeed = 1;     // m/s, of the proxy beyond twice that of the device: a longer way round goes on in
                                      // the next tick
 constexpr double kLongestGap = 0.1;  // s, ticks farther apart than this count as this far
-
-// ---- device ----
-
-bool is_finite(const Quat& q) {
-    return std::isfinite(q.w) && std::isfinite(q.x) && std::isfinite(q.y) && std::isfinite(q.z);
-}
-
-// Whether a hand can have made this sample after the last good one.
-bool is_plausible(const HapticParams& params, const DeviceState& sample, const ToolState& state) {
-    const Quat& q = sample.orientation;
-    if (!std::isfinite(sample.time) || !sample.position.allFinite() || !sample.velocity.allFinite() || !is_finite(q))
-        return false;
-    if (q.w * q.w + q.x * q.x + q.y * q.y + q.z * q.z < 1e-6) return false;
-    if (!state.device_valid) return true;
-    const double elapsed = sample.time - state.device.time;
-    const double way = (sample.position - state.device.position).norm();
-    return elapsed >= 0 && way <= params.device_speed * elapsed + params.device_slack;
-}
-
-// Share of the force let through after `elapsed` more seconds.
-double next_gain(const HapticParams& params, bool accepted, double sample_age, double model_age, double elapsed,
-                 double gain) {
-    if (!accepted) return 0;
-    const bool stale = model_age > params.model_timeout || sample_age > params.device_timeout;
-    gain += stale ? -elapsed / params.fall_time : elapsed / params.rise_time;
-    return std::clamp(gain, 0.0, 1.0);
-}
 
 // ---- surface near the proxy ----
 
@@ -428,14 +402,6 @@ struct TickSpan {
     }
 };
 
-// How far (m) the surface that gives way is beyond where its velocity alone takes it, with the device there: the share
-// of what the device went otherwise than it did at the pass.
-Vec3d follow_of(const HapticParams& params, const SurfaceGive& give, const Vec3d& device, double age) {
-    if (give.body == kNone) return Vec3d::Zero();
-    const double way = give.share * give.normal.dot(device - give.device - age * give.device_velocity);
-    return std::clamp(way, -params.reach_margin, params.reach_margin) * give.normal;
-}
-
 // A surface is not advanced for longer than it was published for: a stalled one stands still.
 TickSpan span_of(const HapticParams& params, const LocalContactModel& model, double time, const ToolState& state) {
     const auto shown = [&](double age) { return std::clamp(age, -params.greatest_age, params.greatest_age); };
@@ -538,18 +504,6 @@ Vec3d slewed_force(const HapticParams& params, const HandTool& tool, const TickS
     return state.command.force + limited(wanted - state.command.force, explained + params.force_slew * span.elapsed);
 }
 
-// Takes the sample or refuses it; the device stays where it was then.
-bool take_sample(const HapticParams& params, const DeviceState& sample, ToolState& state) {
-    if (!is_plausible(params, sample, state)) {
-        ++state.rejected_samples;
-        return false;
-    }
-    state.device = sample;
-    state.device.orientation = normalized(sample.orientation);
-    state.device_valid = true;
-    return true;
-}
-
 }  // namespace
 
 void haptic_tick(const HapticParams& params, const LocalContactModel& model, double time, const HandTool& tool,
@@ -567,8 +521,8 @@ void haptic_tick(const HapticParams& params, const LocalContactModel& model, dou
 
     const Vec3d centre = state.proxy_valid ? state.proxy : state.device.position;
     const double device_way = (state.device.position - last.position).norm();
-    span.before.follow = follow_of(params, model.give, last.position, span.before.age);
-    span.now.follow = follow_of(params, model.give, state.device.position, span.now.age);
+    span.before.follow = surface_follow(params, model.give, last.position, span.before.age);
+    span.now.follow = surface_follow(params, model.give, state.device.position, span.now.age);
     const double surface_way = span.surface_way(model);
     span.travel = std::min((state.device.position - centre).norm(), kSlipSpeed * span.elapsed + 2 * device_way) +
                   2 * surface_way + 10 * kSkin;

@@ -4,6 +4,7 @@
 
 #include "components/haptics.hpp"
 #include "engine/closest_point.hpp"
+#include "systems/haptic_shell.hpp"
 namespace trocar {
 
 // Disc around a triangle of the model near the proxy, at the time of the tick: what is asked first, so it lies apart.
@@ -42,6 +43,7 @@ struct HapticScratch {
     std::vector<NearDisc> disc;      // one per row of near
     std::vector<TouchedFeature> touched;
     std::vector<SweptTriangle> ahead;
+    ShellScratch shell;  // of a tool that has one
 };
 
 // One tick of one tool at `time` (s): takes the device's sample (or refuses it), carries the proxy with the surface and

@@ -70,7 +70,11 @@ void tick_tool(const HapticParams& params, const LocalContactModel& model, doubl
     const uint64_t rejected = state.rejected_samples;
     const uint32_t buttons = first ? sample.buttons : state.device.buttons;
     const bool touched = state.contacts > 0, was_limiting = state.safety.limiting;
-    haptic_tick(params, model, time, tool, sample, scratch, state);
+    if (tool.shell.empty()) {
+        haptic_tick(params, model, time, tool, sample, scratch, state);
+    } else {
+        shell_tick(params, model, time, tool, sample, scratch.shell, state);
+    }
     if (!state.device_valid) return;
 
     bool passed = false;
@@ -78,7 +82,8 @@ void tick_tool(const HapticParams& params, const LocalContactModel& model, doubl
         // through: no contact until the tip is clear of every surface
         state.proxy_valid = false;
         state.contacts = 0;
-        state.command.force.setZero();
+        state.contact.clear();
+        state.command = {};
         passed = true;
     }
     const bool touches = state.contacts > 0;
@@ -93,6 +98,11 @@ void tick_tool(const HapticParams& params, const LocalContactModel& model, doubl
     wanted.at = state.device.position;
     wanted.force = dissipate(tool.limits.dissipation, params.dt, state.device.position, state.device.velocity,
                              state.proxy_valid ? state.proxy : state.device.position, safety.gain * state.command.force, safety);
+    if (!tool.shell.empty()) {
+        const Quat& turn = state.proxy_valid ? state.proxy_turn : state.device.orientation;
+        wanted.torque = dissipate_turning(tool.limits.turn_dissipation, params.dt, state.device.orientation, state.device_spin, turn,
+                                          safety.gain * state.command.torque, safety);
+    }
     add_contact_stiffness(tool, state.command.force, wanted.stiffness);
     const double gain = safety.gain * state.gain;
     wanted.force += gain * link_pull(model, state.model_age);

@@ -4,7 +4,7 @@
 #include "systems/haptic_tick.hpp"
 namespace trocar {
 
-// One whole tick of one tool: where it is (place_tool), contact (haptic_tick), effects, passivity, limits, events.
+// One whole tick of one tool: where it is (place_tool), contact (haptic_tick, or shell_tick for a tool with a shell), effects, passivity, limits, events.
 // `device` is what the device reported, in its own frame. state.command is the force of contact, state.output what the
 // device is told, in its frame. The same code in lockstep and live; depends on its arguments alone; no allocation once
 // warm.

@@ -48,6 +48,14 @@ void mark_vertices(const Surfaces& s, uint32_t body, const Box& box, double seco
     }
 }
 
+// Marks the triangles that are not beyond one side with all their corners.
+void mark_triangles(const MeshView& mesh, const std::vector<uint8_t>& beyond, std::vector<uint8_t>& wanted) {
+    for (uint32_t t = 0; t < mesh.triangle.size(); ++t) {
+        const Triangle& corner = mesh.triangle[t];
+        wanted[t] |= !(beyond[corner[0]] & beyond[corner[1]] & beyond[corner[2]]);
+    }
+}
+
 uint32_t add_vertex(const Surfaces& s, uint32_t body, uint32_t vertex, LocalContactScratch& scratch,
                     LocalContactModel& out) {
     uint32_t& row = scratch.vertex_row[vertex];
@@ -66,8 +74,8 @@ void add_body(const Surfaces& s, uint32_t body, double half_thickness, LocalCont
     if (scratch.vertex_row.size() < mesh.position.size()) scratch.vertex_row.resize(mesh.position.size(), kNone);
     if (scratch.triangle_row.size() < mesh.triangle.size()) scratch.triangle_row.resize(mesh.triangle.size(), kNone);
     for (uint32_t t = 0; t < mesh.triangle.size(); ++t) {
+        if (!scratch.wanted[t]) continue;
         const Triangle& corner = mesh.triangle[t];
-        if (scratch.beyond[corner[0]] & scratch.beyond[corner[1]] & scratch.beyond[corner[2]]) continue;
         scratch.triangle_row[t] = static_cast<uint32_t>(out.triangle.size());
         scratch.triangle_used.push_back(t);
         Triangle row;
@@ -98,6 +106,50 @@ void clear_model(LocalContactModel& model) {
     model.neighbour.clear();
     model.body.clear();
     model.half_thickness.clear();
+    model.shell.node.clear();
+    model.shell.clear.clear();
+    model.shell.nearest.clear();
+}
+
+// Where a shell is, and where its device would have it: its points in runs, a box for each that holds both.
+constexpr uint32_t kShellRuns = 8;
+struct ShellPlaces {
+    Vec3d tip, device;
+    Quat turn, device_turn;
+};
+ShellPlaces shell_places(const ToolState& state) {
+    const DeviceState& device = state.device;
+    if (!state.proxy_valid) return {device.position, device.position, device.orientation, device.orientation};
+    return {state.proxy, device.position, state.proxy_turn, device.orientation};
+}
+Box shell_box(const Surfaces& s, uint32_t body, const HandTool& tool, const ShellPlaces& at, uint32_t run, double reach) {
+    const size_t count = tool.shell.size(), begin = count * run / kShellRuns, end = count * (run + 1) / kShellRuns;
+    Box box;
+    for (size_t k = begin; k < end; ++k) {
+        const Vec3d p = world_to_frame(s, body, at.tip + rotate(at.turn, tool.shell[k].arm));
+        const Vec3d q = world_to_frame(s, body, at.device + rotate(at.device_turn, tool.shell[k].arm));
+        box.min = box.min.cwiseMin(p.cwiseMin(q));
+        box.max = box.max.cwiseMax(p.cwiseMax(q));
+    }
+    return {box.min.array() - reach, box.max.array() + reach};
+}
+
+// Marks in scratch.wanted what of a body a tool may touch.
+void mark_within_reach(const HapticParams& params, const Surfaces& s, uint32_t body, const HandTool& tool, const ToolState& state,
+                       double reach, LocalContactScratch& scratch, const LocalContactModel& out) {
+    const MeshView mesh = mesh_view(s.meshes, s.bodies.mesh[body]);
+    scratch.wanted.assign(mesh.triangle.size(), 0);
+    if (tool.shell.empty()) {
+        const Box box = segment_box(world_to_frame(s, body, out.from), world_to_frame(s, body, out.to), reach);
+        mark_vertices(s, body, box, params.greatest_age, scratch.beyond);
+        mark_triangles(mesh, scratch.beyond, scratch.wanted);
+        return;
+    }
+    const ShellPlaces at = shell_places(state);
+    for (uint32_t run = 0; run < kShellRuns; ++run) {
+        mark_vertices(s, body, shell_box(s, body, tool, at, run, reach), params.greatest_age, scratch.beyond);
+        mark_triangles(mesh, scratch.beyond, scratch.wanted);
+    }
 }
 
 }  // namespace
@@ -110,7 +162,8 @@ void publish_local_contact(const HapticParams& params, const Surfaces& surfaces,
     out.sequence = sequence;
     out.from = state.device.position;
     out.to = state.proxy_valid ? state.proxy : state.device.position;
-    const double speed = std::max(params.tool_speed, 1.5 * state.device.velocity.norm());
+    const double turning = state.device_spin.norm() * tool.shell_radius;
+    const double speed = std::max(params.tool_speed, 1.5 * (state.device.velocity.norm() + turning));
     out.reach = tool.tip_radius + speed * params.greatest_age + params.reach_margin;
     const Bodies& bodies = surfaces.bodies;
     for (uint32_t body = 0; body < bodies.mesh.size(); ++body) {
@@ -118,13 +171,38 @@ void publish_local_contact(const HapticParams& params, const Surfaces& surfaces,
         if (body == tool.body || info.admission == Admission::kRefused) continue;
         const double half_thickness = info.admission == Admission::kSheet ? 0.5 * bodies.thickness[body] : 0;
         const double reach = out.reach + half_thickness;
-        if (!boxes.empty() && !boxes_meet(boxes[body], segment_box(out.from, out.to, reach))) continue;
-        const Box box =
-            segment_box(world_to_frame(surfaces, body, out.from), world_to_frame(surfaces, body, out.to), reach);
-        mark_vertices(surfaces, body, box, params.greatest_age, scratch.beyond);
+        if (!boxes.empty() && !boxes_meet(boxes[body], segment_box(out.from, out.to, reach + tool.shell_radius))) continue;
+        mark_within_reach(params, surfaces, body, tool, state, reach, scratch, out);
         add_body(surfaces, body, half_thickness, scratch, out);
     }
     group_triangles(out);
+    if (!tool.shell.empty()) publish_outlook(tool, state, scratch, out);
+}
+
+void publish_outlook(const HandTool& tool, const ToolState& state, LocalContactScratch& scratch, LocalContactModel& out) {
+    build_surface_trees(scratch.tree, out);
+    const ShellPlaces at = shell_places(state);
+    ShellOutlook& shell = out.shell;
+    shell.tip = at.tip;
+    shell.turn = at.turn;
+    shell.clear.clear();
+    shell.nearest.clear();
+    begin_moment(out, {}, scratch.placed);
+    for (uint32_t root = 0; root < shell.node.size(); root = next_tree(out, root)) {
+        uint32_t hint = kNone;  // of the point before
+        for (const ShellPoint& point : tool.shell) {
+            const Vec3d place = at.tip + rotate(at.turn, point.arm);
+            const NearestTriangle nearest = find_nearest(out, root, place, hint, out.reach, scratch.placed);
+            shell.nearest.push_back(nearest.triangle);
+            if (nearest.triangle == kNone) {
+                shell.clear.push_back(out.reach - out.half_thickness[shell.node[root].triangles.first]);
+                continue;
+            }
+            hint = nearest.triangle;
+            const SurfaceSide side = side_of(out, nearest, 0, scratch.placed);
+            shell.clear.push_back(side.distance);
+        }
+    }
 }
 
 double give_share(const Vec3d& normal, const Vec3d& tip_way, const Vec3d& device_way) {

@@ -3,24 +3,33 @@
 #include <vector>
 
 #include "components/haptics.hpp"
+#include "engine/surface_tree.hpp"
 #include "engine/surfaces.hpp"
 namespace trocar {
 
 struct LocalContactScratch {
     std::vector<uint8_t> beyond;          // per vertex of the body at hand: sides of the box that it lies beyond
+    std::vector<uint8_t> wanted;          // per triangle of the body at hand: not beyond
     std::vector<uint32_t> vertex_row;     // local vertex of the body at hand -> row of the model; kNone between bodies
     std::vector<uint32_t> triangle_row;   // the same for triangles
     std::vector<uint32_t> triangle_used;  // local triangles of the body at hand that are in the model
+    SurfaceTreeScratch tree;              // for tools with a shell
+    PlacedSurface placed;
 };
 
 // Copies every triangle that a tool may touch before the next passes: those of all bodies but its own that may come
 // nearer to the segment from the device to the proxy than the tool travels in params.greatest_age (told by boxes, so a
 // few more), with their vertex velocities. `boxes`: one world box per body that holds it, or empty for "look at all".
 // `time` (s) and `sequence` name the contact pass. Bodies ascend, triangles ascend within a body, vertices in the order
-// of first use. No allocation once warm.
+// of first use. For a tool with a shell all points of it, where they are and where the device would have them, take the
+// place of the segment; its trees and what lies around every point are found besides. No allocation once warm.
 void publish_local_contact(const HapticParams& params, const Surfaces& surfaces, std::span<const Box> boxes,
                            const HandTool& tool, const ToolState& state, double time, uint64_t sequence,
                            LocalContactScratch& scratch, LocalContactModel& out);
+
+// The part of it that only tools with a shell need, model.shell, from the rest: trees, where the shell is, and how near
+// every point of it is to every tree.
+void publish_outlook(const HandTool& tool, const ToolState& state, LocalContactScratch& scratch, LocalContactModel& out);
 
 // How the surface that a tool presses goes with the device, from where this contact pass and the one before found both:
 // the share of the device's way along the force that the simulated tip went. None without contact with one deformable

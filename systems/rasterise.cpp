@@ -3,6 +3,7 @@
 #include <algorithm>
 
 #include "engine/check.hpp"
+#include "engine/direct_pairs.hpp"
 #include "engine/geometry/contact_kernels.hpp"
 #include "engine/parallel.hpp"
 namespace trocar {
@@ -459,11 +460,22 @@ void fill_layers_from_sorted(const ScreenedTriangles& screened, const std::vecto
     occupancy.primitive_first.push_back(uint32_t(occupancy.primitive.size()));
 }
 
+// Takes the bodies all of whose pairs are compared directly out of scratch.body.
+void set_direct_pairs_apart(const CandidatePairs& pairs, const ScreenedTriangles& screened, uint64_t most_direct,
+                            RasteriseScratch& scratch) {
+    if (most_direct == 0) return;
+    scratch.in_cells.assign(screened.body.size(), 0);
+    for (uint32_t i = 0; i < pairs.a.size(); ++i) {
+        if (!is_direct(pairs, screened, i, most_direct)) scratch.in_cells[pairs.a[i]] = scratch.in_cells[pairs.b[i]] = 1;
+    }
+    std::erase_if(scratch.body, [&](uint32_t body) { return !scratch.in_cells[body]; });
+}
+
 }  // namespace
 
 void rasterise(const ContactParams& params, const Surfaces& surfaces, const BodyBoxes& boxes,
                const CandidatePairs& pairs, RasteriseScratch& scratch, Report& report, ScreenedTriangles& screened,
-               Occupancy& occupancy) {
+               Occupancy& occupancy, uint64_t most_direct) {
     TROCAR_ASSERT(params.cell_edges > 0 && std::isfinite(params.cell_edges));
     const Box all = collect_regions(boxes, pairs, scratch);
     screened.origin = pairs.a.empty() ? Vec3d(Vec3d::Zero()) : all.min;
@@ -473,6 +485,7 @@ void rasterise(const ContactParams& params, const Surfaces& surfaces, const Body
     occupancy.origin = screened.origin;
     occupancy.cell_size = choose_cell_size(params, mean_edge, boxes, surfaces, extent, screened, scratch);
     const float inv_size = 1.0f / float(occupancy.cell_size);
+    set_direct_pairs_apart(pairs, screened, most_direct, scratch);
     if (!fill_from_bits(screened, inv_size, scratch, occupancy)) {
         if (screened.triangle.size() < scratch.most_counted && count_objects(screened, inv_size, scratch, occupancy)) {
             fill_from_table(screened, scratch, occupancy);

@@ -50,6 +50,7 @@ struct RasteriseScratch {
     std::vector<ScreenChunk> screen;              // per chunk of rows of body
     std::vector<uint32_t> kept;                   // per row of body: triangles
     std::vector<double> edge_sum;                 // per row of body, m
+    std::vector<uint8_t> in_cells;                // per body: it has a pair that is not compared directly
     std::vector<CountedCell> table;               // open addressing, a power of two
     std::vector<uint32_t> used_slot;              // to clear the table
     std::vector<CellReference> reference;         // one per (triangle, cell) of pass 1, then of the shared cells
@@ -70,8 +71,9 @@ struct RasteriseScratch {
 // Cells are counted by bits where the grid is small enough to have one for each cell, else in a hash table. Where keys
 // crowd the table so that a lookup takes more than 256 steps, and from most_counted triangles on, references are sorted by
 // key instead: the same layers, in time linear in the references whatever the keys.
+// Bodies all of whose pairs are compared directly, see is_direct, stay out of the cells; 0: none is.
 void rasterise(const ContactParams& params, const Surfaces& surfaces, const BodyBoxes& boxes,
                const CandidatePairs& pairs, RasteriseScratch& scratch, Report& report, ScreenedTriangles& screened,
-               Occupancy& occupancy);
+               Occupancy& occupancy, uint64_t most_direct = 0);
 
 }  // namespace trocar

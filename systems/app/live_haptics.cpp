@@ -34,8 +34,21 @@ LiveHaptics::LiveHaptics(const HapticParams& params, std::span<const HandTool> t
 
 LiveHaptics::~LiveHaptics() { stop(); }
 
+// Room for the contacts of shells in all three buffers, so that a tick asks for no memory.
+void LiveHaptics::make_room() {
+    for (const std::unique_ptr<Tool>& t : tools_) {
+        t->state.contact.reserve(t->setup.tool.shell.size());
+        for (int buffer = 0; buffer < 3; ++buffer) {
+            t->newest.back().contact.reserve(t->setup.tool.shell.size());
+            t->newest.publish();
+            t->newest.update();
+        }
+    }
+}
+
 void LiveHaptics::start(const PeriodicOptions& options, int64_t start_ns) {
     start_ns_ = start_ns;
+    make_room();
     thread_.start(options, start_ns, [this, period = options.period](uint64_t index, int64_t now_ns) {
         tick(index, static_cast<double>(index) * static_cast<double>(period) * 1e-9, now_ns);
     });
@@ -70,7 +83,7 @@ void LiveHaptics::tick(uint64_t index, double time, int64_t now_ns) {
         t.newest.back() = t.state;
         t.newest.publish();
         if (recorder_.record)
-            recorder_.record(recorder_.user, {index, time, k, model.sequence, t.sample, t.state.output.force});
+            recorder_.record(recorder_.user, {index, time, k, model.sequence, t.sample, t.state.output.force, t.state.output.torque});
     }
 }
 
@@ -83,11 +96,14 @@ void LiveHaptics::publish_model(uint32_t tool) {
 
 void take_tool_state(const ToolState& newest, ToolState& state) {
     const Vec3d coupling_force = state.coupling_force, contact_impulse = state.contact_impulse;
+    const Vec3d coupling_torque = state.coupling_torque, contact_moment = state.contact_moment;
     const ToolPass last_pass = state.last_pass;
     state = newest;
     state.last_pass = last_pass;
     state.coupling_force = coupling_force;
     state.contact_impulse = contact_impulse;
+    state.coupling_torque = coupling_torque;
+    state.contact_moment = contact_moment;
 }
 
 bool LiveHaptics::take_states(Haptics& haptics) {

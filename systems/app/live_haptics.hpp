@@ -18,6 +18,7 @@ struct LiveTick {
     uint64_t model_sequence = 0;  // LocalContactModel::sequence of the surface it used
     DeviceState sample;           // of the device, in its frame
     Vec3d force = Vec3d::Zero();  // N, that the device was told
+    Vec3d torque = Vec3d::Zero();  // N m
 };
 
 // Called on the haptic thread after every tick of every tool; must not wait or allocate. May be empty.
@@ -75,6 +76,7 @@ class LiveHaptics {
  private:
     struct Tool;
     void tick(uint64_t index, double time, int64_t now_ns);
+    void make_room();
     bool take_sample(Tool& tool, double time) const;
     HapticParams params_;
     std::vector<std::unique_ptr<Tool>> tools_;

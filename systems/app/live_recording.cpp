@@ -13,8 +13,8 @@ namespace trocar {
 namespace {
 
 constexpr char kMagic[] = "trocarLR";
-constexpr uint64_t kVersion = 2;
-constexpr size_t kHeaderWords = 7, kTickWords = 20;
+constexpr uint64_t kVersion = 3;
+constexpr size_t kHeaderWords = 7, kTickWords = 23;
 
 // One layout for both directions: each visitor is given every value of a row in turn.
 template <typename Tick, typename Visitor>
@@ -26,6 +26,7 @@ void visit_tick(Tick& t, Visitor& visit) {
     for (int i = 0; i < 3; ++i) visit(t.sample.velocity[i]);
     visit(t.sample.buttons), visit(t.sample.grip);
     for (int i = 0; i < 3; ++i) visit(t.force[i]);
+    for (int i = 0; i < 3; ++i) visit(t.torque[i]);
 }
 
 struct WordWriter {

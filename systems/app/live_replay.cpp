@@ -54,7 +54,7 @@ void LiveReplay::advance_tool(uint32_t tool, uint64_t ticks) {
                              " felt a surface that was not there yet or no longer");
         const Haptics& haptics = frame_.world().haptics;
         tick_tool(params_, t.model.front(), tick.time, haptics.tool[tool], effects_of(haptics, haptics.tool[tool]), tick.sample, t.scratch, t.state);
-        if (t.state.output.force == tick.force) continue;
+        if (t.state.output.force == tick.force && t.state.output.torque == tick.torque) continue;
         if (different_ticks_++ == 0) first_different_tick_ = tick.tick;
     }
 }
@@ -71,7 +71,7 @@ std::string LiveReplay::difference() const {
     const uint64_t hash = state_hash(frame_.world());
     char text[160];
     if (different_ticks_ > 0)
-        std::snprintf(text, sizeof text, "%llu haptic ticks gave another force, the first at %.3f s",
+        std::snprintf(text, sizeof text, "%llu haptic ticks gave another force or torque, the first at %.3f s",
                       static_cast<unsigned long long>(different_ticks_), static_cast<double>(first_different_tick_) * 1e-3);
     else if (hash != recording_.state_hash)
         std::snprintf(text, sizeof text, "state hash %016llx, recorded %016llx", static_cast<unsigned long long>(hash),

@@ -22,6 +22,7 @@ namespace trocar {
 PassFigures pass_figures(const Frame& frame, double time) {
     const World& w = frame.world();
     PassFigures p;
+    for (const DriveState& drive : frame.world().node_state.drive) p.place.push_back(drive.place);
     p.time = time;
     for (const uint32_t row : frame.detection_stages())
         p.detection_ms += static_cast<double>(frame.times().stage_ns[row]) * 1e-6;
@@ -228,6 +229,7 @@ bool run_live(const RunOptions& options, double seconds, Frame& frame, PictureWr
         if (recorder) recorder->after_pass(pass);
         add_stage_times(frame, figures);
         figures.pass.push_back(pass);
+        record_tools(frame, figures.tool_sample);
     }
     figures.wall_s = static_cast<double>(monotonic_ns() - start) * 1e-9;
     set_nice(nice_before);

@@ -196,6 +196,29 @@ std::string time_section(const RunFigures& f) {
     return section("Over time", "", grid(cards));
 }
 
+// Places of what moves along or about an axis, and the force to the hand over them.
+std::string node_section(const RunFigures& f) {
+    std::string cards;
+    for (size_t row = 0; row < f.drive.size(); ++row) {
+        const bool dial = f.drive[row].behaviour == NodeBehaviour::kDial;
+        const char* const unit = dial ? "angle, degrees" : "way, mm";
+        std::vector<double> t, place, force;
+        for (const PassFigures& p : f.pass) {
+            t.push_back(p.time), place.push_back(p.place[row] * (dial ? 180 / M_PI : 1e3));
+            force.push_back(p.force);
+        }
+        const auto& count = f.drive[row].events.count;
+        const auto of = [&](NodeEventKind kind) { return std::to_string(count[static_cast<size_t>(kind)]); };
+        cards += card(svg_plot({f.drive[row].body, "simulated time, s", unit, {{unit, t, place}}, false}),
+                      dial ? "Detents passed: " + of(NodeEventKind::kDetent) + ", limits reached: " + of(NodeEventKind::kLimit) + "."
+                           : "Pressed " + of(NodeEventKind::kPressed) + ", released " + of(NodeEventKind::kReleased) + ", limits reached " + of(NodeEventKind::kLimit) + " times.");
+        if (f.ticks > 0)
+            cards += card(svg_plot({f.drive[row].body + ": force to the hand", unit, "N", {{"at the end of a pass", place, force, true}}}),
+                          "Largest command of the tools while it was there, whatever they touched.");
+    }
+    return cards.empty() ? "" : section("Buttons, sliders, dials", "", grid(cards));
+}
+
 std::string stage_section(const RunFigures& f) {
     std::vector<std::string> names;
     std::vector<double> p50, p99;
@@ -221,6 +244,18 @@ std::string histogram_card(const char* title, const char* unit, const std::vecto
     return card(svg_plot({title, unit, "ticks", {s}}), note + " The last bin holds all beyond it.");
 }
 
+// The force on one tool's hand beside that of the tissue, over time, and by place if it felt its way over a surface.
+std::string tool_cards(const RunFigures& f, uint32_t tool) {
+    std::vector<double> t, hand, tissue;
+    for (const ToolSample& s : f.tool_sample)
+        if (s.tool == tool) t.push_back(s.time), hand.push_back(s.force.norm()), tissue.push_back(s.tissue.norm());
+    std::string cards = card(svg_plot({"Force of " + f.tool[tool].body, "time, s", "N", {{"hand", t, hand}, {"tissue", t, tissue}}}),
+                             "On the hand, and of the tissue on the simulated tool, averaged over a contact pass.");
+    if (const std::optional<ForceMap> map = force_map(f.tool_sample, tool))
+        cards += card(svg_force_map("Force on " + f.tool[tool].body + " by place", *map), "Along its mean direction, seen from where the tool presses. What is stiff below shows dark.");
+    return cards;
+}
+
 std::string haptics_section(const RunFigures& f) {
     if (f.tick_us.empty()) return "";
     std::string cards =
@@ -233,6 +268,7 @@ std::string haptics_section(const RunFigures& f) {
                                     "; " + escape_html(f.scheduling) + ".");
         cards += histogram_card("Age of the surface under the force", "ms", f.contact_age_ms, "");
     }
+    for (uint32_t t = 0; t < f.tool.size(); ++t) cards += tool_cards(f, t);
     return section("Haptics", "The force is computed a thousand times a second from the surface near the tool.",
                    grid(cards));
 }
@@ -268,7 +304,7 @@ std::string html_page(const std::string& title, const std::string& body) {
 
 std::string report_html(const RunFigures& f, const ReportMedia& media) {
     const ContactColumns c = contact_columns(f);
-    return html_page(f.scene, head(f, c) + media_sections(media) + contact_section(c, f.direction) + time_section(f) + stage_section(f) + cost_sections(f, media) +
+    return html_page(f.scene, head(f, c) + media_sections(media) + contact_section(c, f.direction) + time_section(f) + node_section(f) + stage_section(f) + cost_sections(f, media) +
                                   haptics_section(f) + trouble_section(f.report));
 }
 

@@ -101,6 +101,8 @@ void finish_figures(const Frame& frame, double bytes_before, RunFigures& figures
         figures.tool[t].safety = w.haptics.state[t].safety;
         figures.tool[t].events = w.haptics.state[t].events;
     }
+    for (size_t d = 0; d < w.nodes.drive.size(); ++d)
+        figures.drive.push_back({w.bodies.name[w.nodes.drive[d].body], w.nodes.drive[d].behaviour, w.node_state.drive[d].events});
     for (const LinkGroup& g : w.links.group) {
         if (g.body != kNone) figures.link.push_back({g.name, g.made, g.broken, g.largest_force, g.largest_strain});
     }
@@ -145,6 +147,7 @@ void run_lockstep(const RunOptions& options, double seconds, LiveReplay* replay,
         add_stage_times(frame, figures);
         for (const uint64_t ns : frame.times().tick_ns) figures.tick_us.push_back(static_cast<double>(ns) * 1e-3);
         figures.pass.push_back(pass);
+        record_tools(frame, figures.tool_sample);
         char note[96];
         std::snprintf(note, sizeof note, "%.2f s simulated, depth %.2f mm, %.2f N", time, pass.depth * 1e3, pass.force);
         progress.show(time * 1e3 / end_tick, note);
@@ -166,6 +169,17 @@ void run_recorded(const RunOptions& options, double seconds, Frame& frame, Pictu
     LiveRecording recording;
     if (run_live(options, seconds, frame, pictures, &recording, recorder, figures)) write_live_recording(file, recording);
     else std::fprintf(stderr, "trocar: warning: no recording: the simulation was away for too long\n");
+}
+
+// tools.csv, and a map of the force for every tool that felt its way over a surface.
+void write_tools(const fs::path& folder, const RunFigures& figures) {
+    std::vector<std::string> names;
+    for (const ToolFigures& tool : figures.tool) names.push_back(tool.body);
+    write_whole_file(folder / "tools.csv", tools_csv(figures.tool_sample, names));
+    for (uint32_t t = 0; t < names.size(); ++t) {
+        const std::optional<ForceMap> map = force_map(figures.tool_sample, t);
+        if (map) write_whole_file(folder / ("force_map_" + names[t] + ".svg"), svg_force_map("Force on " + names[t], *map));
+    }
 }
 
 std::vector<std::string> thread_names() {
@@ -232,10 +246,19 @@ void print_summary(const RunFigures& f, const fs::path& out, bool figures_only) 
     if (f.replay)
         write_standard_output(f.replay_difference.empty() ? "  the same to the bit as the live run\n"
                                                           : "  not the same as the live run: " + f.replay_difference + "\n");
-    if (!out.empty() && figures_only) write_standard_output("  wrote " + out.string() + "/: metrics.json, passes.csv\n");
+    if (!out.empty() && figures_only) write_standard_output("  wrote " + out.string() + "/: metrics.json, passes.csv" + (f.tool.empty() ? "" : ", tools.csv") + "\n");
     else if (!out.empty())
         write_standard_output("  wrote " + out.string() + "/: report.html, metrics.json, trace.json, meshes/" +
-                              std::string(f.render_ms.empty() ? "" : ", frames/") + "\n");
+                              std::string(f.tool.empty() ? "" : ", tools.csv") + std::string(f.render_ms.empty() ? "" : ", frames/") + "\n");
+}
+
+// A haptic thread holds its instruments from start to end.
+void refuse_what_is_not_live(const World& w) {
+    for (const HandTool& tool : w.haptics.tool) {
+        const bool in_node = !w.nodes.of_body.empty() && w.nodes.of_body[tool.body] != kNone && !w.nodes.toggle.empty();
+        if (in_node || !w.nodes.exchange.empty())
+            throw InputError("tool \"" + w.bodies.name[tool.body] + "\" is exchanged or hangs on a node: that runs in lockstep, without --live");
+    }
 }
 
 }  // namespace
@@ -279,6 +302,7 @@ int run_command(const RunOptions& options) {
     pool.run([&] {
         const double bytes_before = resident_bytes();
         BuiltScene scene = build_scene(file);
+        if (options.live) refuse_what_is_not_live(scene.world);
         for (const std::string& warning : scene.warnings)
             std::fprintf(stderr, "trocar: warning: %s\n", warning.c_str());
         Trace trace(options.out.empty() || options.figures_only ? 0 : kTraceCapacity);
@@ -310,6 +334,7 @@ int run_command(const RunOptions& options) {
         if (options.figures_only) {
             write_whole_file(options.out / "passes.csv", passes_csv(figures));
             write_whole_file(options.out / "metrics.json", metrics_json(figures));
+            if (!figures.tool.empty()) write_tools(options.out, figures);
             return;
         }
         if (frame.world().bodies.mesh.size() <= kMostMeshes || options.export_every > 0)
@@ -317,6 +342,7 @@ int run_command(const RunOptions& options) {
         const std::string film = pictures ? pictures->finish_film() : "";
         write_whole_file(options.out / "metrics.json", metrics_json(figures));
         write_whole_file(options.out / "passes.csv", passes_csv(figures));
+        if (!figures.tool.empty()) write_tools(options.out, figures);
         write_whole_file(options.out / "trace.json", trace.to_json(thread_names()));
         std::vector<size_t> worst = worst_passes(figures, 6);
         for (size_t& pass : worst) pass = picture_of_pass(figures, pass);

@@ -136,7 +136,7 @@ TEST_P(WarmFrame, AllocatesNothingOfOursOnThreeThreads) {
     EXPECT_LE(runs.warm.tbb, 3u);
 }
 
-INSTANTIATE_TEST_SUITE_P(Scenes, WarmFrame, testing::Values("probe_on_liver", "kidney_on_liver", "every_contact_stage", "tet_liver_press", "jaw_grasp"),
+INSTANTIATE_TEST_SUITE_P(Scenes, WarmFrame, testing::Values("probe_on_liver", "kidney_on_liver", "every_contact_stage", "tet_liver_press", "jaw_grasp", "shaft_on_liver"),
                          [](const auto& info) { return info.param; });
 
 // Islands go to threads as it happens: none may allocate for an island that another has had before. Breaks when only

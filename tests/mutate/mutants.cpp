@@ -406,6 +406,7 @@ Seed make_mutant(const std::vector<Seed>& seeds, uint64_t number) {
 
 Fate try_mutant(const Seed& mutant) {
     if (mutant.name.ends_with(".cap")) return try_capture(mutant);
+    if (is_input(mutant)) return try_input(mutant);
     try {
         LoadedMesh loaded = load_mesh(mutant.bytes, mutant.name);
         check_result(loaded.mesh);

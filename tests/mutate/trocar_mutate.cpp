@@ -9,15 +9,16 @@
 #include <cstring>
 #include <new>
 
+#include "engine/real_time.hpp"
 #include "engine/text_file.hpp"
 #include "engine/thread_pool.hpp"
 #include "engine/whole_file.hpp"
 #include "mutate/mutants.hpp"
 
-// trocar_mutate [--count N] [--first K] [--seconds S] [--out DIR] [FILE...]
+// trocar_mutate [--count N] [--first K] [--seconds S] [--minutes M] [--only ENDING] [--out DIR] [FILE...]
 //
-// Tries N mutants (20000) from number K (0) on, each within S seconds (20), of the seeds made here or of the files
-// given. A worker process tries them one after another; when one kills it (a sanitizer's report, a failed check, too
+// Tries N mutants (20000) from number K (0) on, or as many as M minutes allow, each within S seconds (20), of the seeds
+// made here (with --only wrl of those whose name ends so) or of the files given. A worker process tries them one after another; when one kills it (a sanitizer's report, a failed check, too
 // long), the mutant is kept in DIR (.) and another worker goes on after it. Exit code 1 when there was one.
 namespace {
 
@@ -31,12 +32,14 @@ struct Progress {
 struct Options {
     uint64_t count = 20000, first = 0;
     unsigned seconds = 20;
-    std::string out = ".";
+    double minutes = 0;  // 0 = as long as it takes
+    std::string only, out = ".";
     std::vector<std::string> files;
 };
 
-[[noreturn]] void work(const std::vector<mutate::Seed>& seeds, const Options& options, Progress& progress) {
+[[noreturn]] void work(const std::vector<mutate::Seed>& seeds, const Options& options, int64_t end_ns, Progress& progress) {
     for (; progress.number < options.first + options.count; ++progress.number) {
+        if (monotonic_ns() > end_ns) break;
         ::alarm(options.seconds);
         const bool read = mutate::try_mutant(mutate::make_mutant(seeds, progress.number)) == mutate::Fate::kRead;
         ++(read ? progress.read : progress.refused);
@@ -61,6 +64,11 @@ Options read_options(int argc, char** argv) {
             options.first = std::strtoull(argv[++k], nullptr, 10);
         } else if (is("--seconds")) {
             options.seconds = static_cast<unsigned>(std::strtoul(argv[++k], nullptr, 10));
+        } else if (is("--minutes")) {
+            options.minutes = std::strtod(argv[++k], nullptr);
+            options.count = ~uint64_t{0} >> 1;
+        } else if (is("--only")) {
+            options.only = argv[++k];
         } else if (is("--out")) {
             options.out = argv[++k];
         } else {
@@ -77,15 +85,24 @@ int main(int argc, char** argv) {
     const Options options = read_options(argc, argv);
     std::vector<mutate::Seed> seeds;
     for (const std::string& file : options.files) seeds.push_back({file, read_text_file(file)});
-    if (seeds.empty()) seeds = mutate::make_seeds();
+    if (seeds.empty()) {
+        seeds = mutate::make_seeds();
+        for (mutate::Seed& seed : mutate::make_input_seeds()) seeds.push_back(std::move(seed));
+    }
+    std::erase_if(seeds, [&](const mutate::Seed& seed) { return !seed.name.ends_with(options.only); });
+    if (seeds.empty()) {
+        std::printf("nothing built here reads %s\n", options.only.c_str());
+        return 0;
+    }
+    const int64_t end_ns = options.minutes > 0 ? monotonic_ns() + static_cast<int64_t>(options.minutes * 6e10) : INT64_MAX;
     void* shared = ::mmap(nullptr, sizeof(Progress), PROT_READ | PROT_WRITE, MAP_SHARED | MAP_ANONYMOUS, -1, 0);
     if (shared == MAP_FAILED) return 3;
     Progress& progress = *new (shared) Progress{{options.first}, {0}, {0}};
     uint64_t found = 0;
-    while (progress.number < options.first + options.count) {
+    while (progress.number < options.first + options.count && monotonic_ns() < end_ns) {
         const pid_t worker = ::fork();
         if (worker < 0) return 3;
-        if (worker == 0) work(seeds, options, progress);
+        if (worker == 0) work(seeds, options, end_ns, progress);
         int status = 0;
         ::waitpid(worker, &status, 0);
         if (WIFEXITED(status) && WEXITSTATUS(status) == 0) break;
@@ -97,7 +114,7 @@ int main(int argc, char** argv) {
         ++progress.number;
     }
     std::printf("%llu mutants of %zu seeds: %llu read, %llu refused, %llu found something\n",
-                static_cast<unsigned long long>(options.count), seeds.size(),
+                static_cast<unsigned long long>(progress.number - options.first), seeds.size(),
                 static_cast<unsigned long long>(progress.read), static_cast<unsigned long long>(progress.refused),
                 static_cast<unsigned long long>(found));
     return found == 0 ? 0 : 1;

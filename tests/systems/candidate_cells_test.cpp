@@ -3,6 +3,8 @@
 #include <gtest/gtest.h>
 
 #include <algorithm>
+#include <random>
+#include <set>
 
 #include "tests/reference/brute_force_contact.hpp"
 #include "tests/systems/contact_scene.hpp"
@@ -119,6 +121,91 @@ TEST(CandidateCells, OnlyCandidatePairsCount) {
     scene.find_triangles();
     ASSERT_EQ(scene.pairs.a.size(), 2u);
     expect_all_pairs(scene, "excluded");
+}
+
+// As frames do where bodies are small.
+void find_directly(ContactScene& scene, uint64_t most, double gravity = 0) {
+    rasterise(scene.params, scene.surfaces(), scene.boxes, scene.pairs, scene.rasterise_scratch, scene.report, scene.screened, scene.occupancy, most);
+    const DirectInput direct{scene.surfaces(), scene.boxes, scene.period, gravity, most};
+    find_candidate_triangles(scene.pairs, scene.screened, scene.occupancy, scene.cells_scratch, scene.candidates, &direct);
+}
+
+// Without cells the same is found as with them, also where only some pairs go without. Breaks when a pair is dealt with by
+// both ways or by none, when lanes beyond the end of a list meet something, or when lists of unlike length are mixed up.
+TEST(CandidateCells, DirectPairsLoseNothingAndRepeatNothing) {
+    for (const uint64_t most : {uint64_t{1}, uint64_t{20'000}, uint64_t{1} << 30}) {
+        ContactScene scene({{make_noisy_sphere(8, 0.3, 0.1, 0), Motion::kHand, Vec3d(0, 0, 0.1), {}},
+                            {make_noisy_sphere(9, 0.3, 0.2, 1), Motion::kHand, Vec3d(0.5, 0.1, 0.1), turn({1, 2, 0}, 1)},
+                            {make_noisy_sphere(7, 0.25, 0.1, 2), Motion::kHand, Vec3d(0.2, 0.4, 0.2), {}},
+                            {make_box({4, 4, 1}, {9, 9, 3}), Motion::kStatic, Vec3d(0, 0, -0.6), turn({1, 2, 3}, 0.1)}});
+        scene.find_triangles();
+        ASSERT_EQ(scene.pairs.a.size(), 6u);
+        const size_t cells = scene.occupancy.cell_key.size();
+        find_directly(scene, most);
+        expect_all_pairs(scene, "direct up to " + std::to_string(most));
+        if (most == 1) {
+            EXPECT_EQ(scene.occupancy.cell_key.size(), cells);
+        } else if (most > 20'000) {
+            EXPECT_EQ(scene.occupancy.cell_key.size(), 0u);
+        } else {
+            EXPECT_GT(scene.occupancy.cell_key.size(), 0u);
+        }
+    }
+}
+
+// Two deformable bodies whose vertices go on as they move, one of them under gravity: whatever vertex is inside the other
+// body at some moment of the period has a contact row at its start. The oracle is the winding number of the moved surfaces.
+// Breaks when the way between the bodies is taken the wrong way round, or speeds do not count.
+TEST(CandidateCells, DirectPairsSeeAllThatComesInThePeriod) {
+    std::mt19937_64 random(5);
+    std::uniform_real_distribution<double> unit(-1, 1);
+    uint64_t met = 0, left_out = 0, idle = 0;
+    for (int round = 0; round < 40; ++round) {
+        const Vec3d way = Vec3d(unit(random), unit(random), unit(random)).normalized();
+        ContactScene scene({{make_noisy_sphere(7, 0.06, 0.1, round), Motion::kDeformable, Vec3d(1, 0, 0), {}},
+                            {make_noisy_sphere(6, 0.05, 0.2, 1), Motion::kDeformable, Vec3d(1, 0, 0) + (0.105 + 0.012 * unit(random)) * way, {}}});
+        Particles& p = scene.particles;
+        for (const uint32_t body : {0u, 1u}) {
+            const Vec3d drift = (body ? -0.2 : 0.2) * way + 0.3 * Vec3d(unit(random), unit(random), unit(random));
+            const Range rows = scene.bodies.particles[body];
+            for (uint32_t i = rows.first; i < rows.end(); ++i) {
+                p.velocity_x[i] = static_cast<float>(drift.x() + 0.1 * unit(random));
+                p.velocity_y[i] = static_cast<float>(drift.y() + 0.1 * unit(random));
+                p.velocity_z[i] = static_cast<float>(drift.z() + 0.1 * unit(random));
+            }
+        }
+        scene.find_triangles();
+        const size_t with_cells = scene.candidates.near.size();
+        find_directly(scene, 1u << 30, 9.81);
+        left_out += with_cells - scene.candidates.near.size();
+        find_overlap(scene.surfaces(), scene.boxes, scene.pairs, scene.screened, scene.candidates, scene.trees, scene.overlap_scratch, scene.report,
+                     scene.near, scene.contacts);
+        make_contact_rows(scene.params, scene.surfaces(), scene.pairs, scene.contacts, scene.penetrations, scene.rows_scratch, scene.report, scene.rows);
+        idle += scene.rows.body.size();
+        drop_idle_rows(scene.period, Vec3d(0, 0, -9.81), scene.surfaces(), scene.rows);
+        idle -= scene.rows.body.size();
+        std::set<std::array<uint32_t, 2>> rows;
+        for (uint32_t i = 0; i < scene.rows.body.size(); ++i) rows.insert({scene.rows.body[i], scene.rows.vertex[i][0]});
+        const std::vector<Float4> start = p.offset;
+        for (const double part : {0.0, 0.3, 0.6, 1.0}) {
+            const double t = part * scene.period;
+            for (const uint32_t body : {0u, 1u}) {
+                const Range range = scene.bodies.particles[body];
+                for (uint32_t i = range.first; i < range.end(); ++i) {
+                    p.offset[i].x = static_cast<float>(start[i].x + t * p.velocity_x[i]);
+                    p.offset[i].y = static_cast<float>(start[i].y + t * p.velocity_y[i]);
+                    p.offset[i].z = static_cast<float>(start[i].z + t * p.velocity_z[i] - (body ? 0.5 * 9.81 * t * t : 0));
+                }
+            }
+            for (const reference::NearVertex& v : reference::near_vertices(scene.surfaces(), 0, 1, 0)) {
+                ++met;
+                EXPECT_TRUE(rows.contains({v.body, v.vertex})) << "round " << round << ", after " << t << " s: vertex " << v.vertex << " of " << v.body;
+            }
+        }
+    }
+    EXPECT_GT(met, 300u);
+    EXPECT_GT(left_out, 300u);
+    EXPECT_GT(idle, 50u);
 }
 
 }  // namespace

@@ -1,0 +1,70 @@
+#include "engine/geometry/quaternion.hpp"
+#include "systems/advance_parts.hpp"
+namespace trocar {
+
+void add_held_body(AdvanceIsland& island, uint32_t rigid_row) {
+    AdvanceScratch& s = island.scratch;
+    AdvanceRigid& rigid = s.rigid[rigid_row];
+    const HandTool& tool = island.inputs.tools[rigid.tool];
+    rigid.free = static_cast<uint32_t>(s.free.size());
+    rigid.node = static_cast<uint32_t>(s.node.size());
+    AdvanceFree& f = s.free.emplace_back();
+    f.held = true;
+    f.rigid = rigid_row;
+    f.mass.body = rigid.body;
+    f.mass.mass = 1 / island.inputs.bodies.inv_mass[rigid.body];
+    f.mass.centre = tool.tip;
+    f.mass.moments = Vec3d::Constant(tool.inertia);
+    f.centre = to_vec4(tool.tip);
+    f.spin = to_vec4(island.poses.angular_velocity[rigid.body]);
+    const Vec4d arm = to_vec4(rotate(island.poses.orientation[rigid.body], tool.tip));
+    ContactNode& node = s.node.emplace_back();
+    node.owner = rigid_row;
+    node.inv_mass = island.inputs.bodies.inv_mass[rigid.body];
+    node.place = to_vec4(island.poses.origin[rigid.body]) + arm;
+    node.velocity = to_vec4(island.poses.velocity[rigid.body]) + cross(f.spin, arm);
+    s.change.emplace_back();
+}
+
+// Springs and dampers act with their values at the end of the substep, as those of hands that only move do: stable for any
+// dt, mass and stiffness.
+void pull_held_body(AdvanceIsland& island, AdvanceFree& f) {
+    AdvanceScratch& s = island.scratch;
+    AdvanceRigid& rigid = s.rigid[f.rigid];
+    ContactNode& node = s.node[rigid.node];
+    const HandTool& tool = island.inputs.tools[rigid.tool];
+    const HandPose from = hand_pose(island, rigid.tool, island.substep), to = hand_pose(island, rigid.tool, island.substep + 1);
+    const double dt = island.dt, w = island.inputs.bodies.inv_mass[rigid.body], v = 1 / tool.inertia;
+    rigid.target = to.origin + rotate(to.orientation, tool.tip);
+    rigid.target_velocity = (rigid.target - from.origin - rotate(from.orientation, tool.tip)) / dt;
+    f.target = to.orientation;
+    f.target_spin = rotation_vector(from.orientation, to.orientation) / dt;
+
+    s.change[rigid.node].before = node.velocity;
+    f.spin_before = f.spin;
+    const double k = tool.coupling_stiffness, b = tool.coupling_damping;
+    node.inv_mass = w / (1 + dt * w * (b + k * dt));
+    node.velocity = node.inv_mass * (node.velocity / w + dt * (k * (to_vec4(rigid.target) - node.place) + b * to_vec4(rigid.target_velocity)));
+    const double turn_k = tool.turn_stiffness, turn_b = tool.turn_damping;
+    const double inv_inertia = v / (1 + dt * v * (turn_b + turn_k * dt));
+    const Vec3d torque = turn_k * rotation_vector(rigid.orientation[0], to.orientation) + turn_b * f.target_spin;
+    f.spin = inv_inertia * (f.spin / v + dt * to_vec4(torque));
+    for (int i = 0; i < 3; ++i) f.inv_inertia[i] = inv_inertia * to_vec4(Vec3d::Unit(i));
+    f.shift = f.turn = Vec4d{};
+    const RigidMap& place = rigid.place[0];
+    for (int i = 0; i < 3; ++i) rigid.velocity.column[i] = cross(f.spin, place.column[i]);
+    rigid.velocity.shift = cross(f.spin, place.shift - node.place);
+}
+
+void note_coupling(AdvanceIsland& island, const AdvanceFree& f) {
+    const AdvanceRigid& rigid = island.scratch.rigid[f.rigid];
+    const ContactNode& node = island.scratch.node[rigid.node];
+    const HandTool& tool = island.inputs.tools[rigid.tool];
+    ToolState& state = island.tools[rigid.tool];
+    state.coupling_force = tool.coupling_stiffness * (rigid.target - to_vec3(node.place)) +
+                           tool.coupling_damping * (rigid.target_velocity - to_vec3(node.velocity));
+    state.coupling_torque = tool.turn_stiffness * rotation_vector(rigid.orientation[1], f.target) +
+                            tool.turn_damping * (f.target_spin - to_vec3(f.spin));
+}
+
+}  // namespace trocar

@@ -1,0 +1,53 @@
+#include "systems/haptic_device.hpp"
+
+#include <algorithm>
+#include <cmath>
+
+#include "engine/geometry/quaternion.hpp"
+namespace trocar {
+namespace {
+
+bool is_finite(const Quat& q) {
+    return std::isfinite(q.w) && std::isfinite(q.x) && std::isfinite(q.y) && std::isfinite(q.z);
+}
+
+// Whether a hand can have made this sample after the last good one.
+bool is_plausible(const HapticParams& params, const DeviceState& sample, const ToolState& state) {
+    const Quat& q = sample.orientation;
+    if (!std::isfinite(sample.time) || !sample.position.allFinite() || !sample.velocity.allFinite() || !is_finite(q))
+        return false;
+    if (q.w * q.w + q.x * q.x + q.y * q.y + q.z * q.z < 1e-6) return false;
+    if (!state.device_valid) return true;
+    const double elapsed = sample.time - state.device.time;
+    const double way = (sample.position - state.device.position).norm();
+    return elapsed >= 0 && way <= params.device_speed * elapsed + params.device_slack;
+}
+
+}  // namespace
+
+bool take_sample(const HapticParams& params, const DeviceState& sample, ToolState& state) {
+    if (!is_plausible(params, sample, state)) {
+        ++state.rejected_samples;
+        return false;
+    }
+    state.device = sample;
+    state.device.orientation = normalized(sample.orientation);
+    state.device_valid = true;
+    return true;
+}
+
+double next_gain(const HapticParams& params, bool accepted, double sample_age, double model_age, double elapsed,
+                 double gain) {
+    if (!accepted) return 0;
+    const bool stale = model_age > params.model_timeout || sample_age > params.device_timeout;
+    gain += stale ? -elapsed / params.fall_time : elapsed / params.rise_time;
+    return std::clamp(gain, 0.0, 1.0);
+}
+
+Vec3d surface_follow(const HapticParams& params, const SurfaceGive& give, const Vec3d& device, double age) {
+    if (give.body == kNone) return Vec3d::Zero();
+    const double way = give.share * give.normal.dot(device - give.device - age * give.device_velocity);
+    return std::clamp(way, -params.reach_margin, params.reach_margin) * give.normal;
+}
+
+}  // namespace trocar

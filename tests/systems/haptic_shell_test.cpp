@@ -1,0 +1,492 @@
+#include "systems/haptic_shell.hpp"
+
+#include <gtest/gtest.h>
+
+#include <Eigen/Geometry>
+#include <cmath>
+#include <random>
+
+#include "engine/mesh_topology.hpp"
+#include "tests/reference/sample_meshes.hpp"
+#include "tests/reference/shell_rig.hpp"
+
+// Instruments that feel with their whole surface: closed forms, the bottom of an energy that brute force measures, and
+// cases T06 to T18 of the haptics list as far as they concern forces and torques of such tools.
+namespace trocar {
+namespace {
+
+using reference::make_box;
+using reference::make_ground;
+using reference::make_joined_patch;
+using reference::make_plane;
+using reference::make_sphere;
+using reference::shell_energy;
+using reference::ShellRig;
+
+std::vector<ShellPoint> shell_of(const Mesh& mesh, uint32_t count, const Vec3d& tip = Vec3d::Zero()) {
+    Meshes meshes;
+    return make_point_shell(mesh_view(meshes, add_prototype(meshes, mesh, Admission::kSolid)), tip, count);
+}
+
+Quat about(const Vec3d& axis, double angle) { return from_rotation_vector(angle * axis.normalized()); }
+
+Mesh bumpy_ground(uint32_t n) {
+    return make_ground(n, 0.05, [](const Vec3d& p) {
+        return Vec3d(p.x(), p.y(), 2e-3 * std::sin(180 * p.x()) * std::cos(140 * p.y()) - 6e-3 * p.x() / 0.05);
+    });
+}
+// closed, for the sign of brute force
+Mesh bumpy_ball() {
+    Mesh mesh = make_sphere(Vec3d::Zero(), 0.03, 4);
+    for (Vec3d& p : mesh.position) p *= 1 + 0.04 * std::sin(200 * p.x()) * std::cos(170 * p.y() + 90 * p.z());
+    return mesh;
+}
+
+// ---- the shell ----
+
+// Breaks when points crowd or leave gaps, when normals point outwards, when edges or corners are left out.
+TEST(PointShell, CoversABoxEvenlyWithItsEdges) {
+    const Vec3d half(0.02, 0.01, 0.005);
+    const std::vector<ShellPoint> shell = shell_of(make_box(-half, half), 1000);
+    ASSERT_GT(shell.size(), 950u);
+    ASSERT_LE(shell.size(), 1000u);
+    const double area = 8 * (half.x() * half.y() + half.y() * half.z() + half.z() * half.x());
+    const double even = std::sqrt(area / 1000);
+    uint32_t corners = 0, on_edges = 0;
+    for (size_t i = 0; i < shell.size(); ++i) {
+        const Vec3d inside = shell[i].arm + 1e-4 * shell[i].inward;
+        EXPECT_NEAR((shell[i].arm.cwiseAbs() - half).maxCoeff(), 0, 1e-12);
+        EXPECT_LT((inside.cwiseAbs() - half).maxCoeff(), 0);
+        EXPECT_NEAR(shell[i].inward.norm(), 1, 1e-12);
+        const long sides = ((shell[i].arm.cwiseAbs() - half).array().abs() < 1e-12).count();
+        corners += sides == 3;
+        on_edges += sides == 2;
+        for (size_t j = 0; j < i; ++j) EXPECT_GT((shell[i].arm - shell[j].arm).norm(), 0.5 * even);
+    }
+    EXPECT_EQ(corners, 8u);
+    EXPECT_GT(on_edges * even, 0.7 * 8 * half.sum());
+    std::mt19937 random(3);
+    std::uniform_real_distribution<double> any(-1, 1);
+    for (int k = 0; k < 2000; ++k) {
+        Vec3d p(half.x() * any(random), half.y() * any(random), half.z() * any(random));
+        const int axis = k % 3;
+        p[axis] = std::copysign(half[axis], p[axis]);
+        double nearest = 1;
+        for (const ShellPoint& s : shell) nearest = std::min(nearest, (s.arm - p).norm());
+        EXPECT_LT(nearest, 1.6 * even);
+    }
+}
+
+TEST(PointShell, OfABallIsEvenAndHasNoEdges) {
+    const std::vector<ShellPoint> shell = shell_of(make_sphere(Vec3d(0.1, 0, 0), 0.01, 4), 1000, Vec3d(0.1, 0, 0));
+    ASSERT_GT(shell.size(), 950u);
+    Vec3d centre = Vec3d::Zero();
+    for (const ShellPoint& p : shell) {
+        centre += p.arm / static_cast<double>(shell.size());
+        EXPECT_NEAR(p.arm.norm(), 0.01, 5e-5);
+        EXPECT_LT(p.arm.normalized().dot(p.inward), -0.99);
+    }
+    EXPECT_LT(centre.norm(), 2e-4);
+}
+
+// ---- statics ----
+
+// A rod as one point at the end of an arm, pressed on a plane at that end: what coupling and contact say in closed form.
+// Breaks with any error in lever, sign, stiffness or turn.
+TEST(HapticShell, T18_RodPressedAtItsEndFeelsArmCrossForce) {
+    const double length = 0.06, k = 500, turn_k = 1.5, k_s = 5e4;
+    for (const double press : {1e-3, 4e-3, 9e-3}) {
+        ShellRig rig(make_joined_patch(make_plane(10, 0.1)), {{Vec3d(length, 0, 0), Vec3d(0, 0, 1)}});
+        rig.tool.turn_stiffness = turn_k;
+        rig.at({0, 0, 5e-3});
+        rig.go({0, 0, -press}, 300);
+        rig.rest(300);
+        // N lifts the tip by N / k and tilts the rod by phi, turn_k phi = N length cos(phi); the end is N / k_s below
+        double low = 0, high = k * press;
+        for (int n = 0; n < 200; ++n) {
+            const double force = 0.5 * (low + high);
+            double phi = 0;
+            for (int m = 0; m < 100; ++m) phi = force * length * std::cos(phi) / turn_k;
+            (-press + force / k + length * std::sin(phi) < -force / k_s ? low : high) = force;
+        }
+        const double force = low;
+        double phi = 0;
+        for (int m = 0; m < 100; ++m) phi = force * length * std::cos(phi) / turn_k;
+        const Vec3d arm(length * std::cos(phi), 0, length * std::sin(phi));
+        ASSERT_EQ(rig.state.contact.size(), 1u);
+        EXPECT_NEAR(rig.state.command.force.z(), force, 1e-7 * force);
+        EXPECT_LT(rig.state.command.force.head<2>().norm(), 1e-7 * force);
+        const Vec3d torque = arm.cross(Vec3d(0, 0, force));
+        EXPECT_LT((rig.state.command.torque - torque).norm(), 1e-7 * torque.norm()) << press;
+        EXPECT_LT((rig.state.contact[0].arm - arm).norm(), 1e-9);
+        EXPECT_LT((torque - turn_k * rotation_vector(rig.state.device.orientation, rig.state.proxy_turn)).norm(), 1e-6 * torque.norm());
+    }
+}
+
+// The sums of a whole instrument on a bumpy surface, from the shell and the pose alone.
+TEST(HapticShell, T18_TorqueIsTheSumOfArmsCrossForces) {
+    ShellRig rig(make_joined_patch(bumpy_ground(40)), shell_of(make_box({-0.02, -0.008, 0}, {0.03, 0.008, 0.01}), 1000));
+    rig.tool.friction = 0.3;
+    rig.tool.surface_stiffness = 3e3;
+    rig.at({0, 0, 0.012}, about({1, 2, 0}, 0.1));
+    rig.go({0.004, 0.003, -3e-3}, about({1, -1, 0.5}, 0.2), 200);
+    uint32_t judged = 0;
+    for (int k = 0; k < 200; ++k) {
+        rig.at({0.004 + 1e-5 * k, 0.003, -3e-3}, about({1, -1, 0.5}, 0.2 + 1e-4 * k));
+        Vec3d force = Vec3d::Zero(), torque = Vec3d::Zero();
+        for (const ShellContact& c : rig.state.contact) {
+            const Vec3d arm = rotate(rig.state.proxy_turn, rig.tool.shell[c.point].arm);
+            EXPECT_LT((arm - c.arm).norm(), 1e-14);
+            force += c.force;
+            torque += arm.cross(c.force);
+        }
+        EXPECT_LT((rig.state.command.force - force).norm(), 1e-12 * force.norm());
+        EXPECT_LT((rig.state.command.torque - torque).norm(), 1e-12 * (torque.norm() + 0.03 * force.norm()));
+        judged += rig.state.contact.size() > 1;
+    }
+    EXPECT_GT(judged, 150u);
+}
+
+// A plate that lies flat on a plane: no torque; coupling and all of its points in series.
+TEST(HapticShell, PlateFlatOnAPlaneFeelsNoTorqueAndTheSeriesStiffness) {
+    const std::vector<ShellPoint> shell = shell_of(make_box({-0.02, -0.015, 0}, {0.02, 0.015, 0.004}), 1000);
+    Vec3d middle = Vec3d::Zero();
+    double below = 0;
+    for (const ShellPoint& p : shell)
+        if (p.arm.z() < 1e-9) middle += p.arm, ++below;
+    middle /= below;
+    // held where its lower points are balanced
+    std::vector<ShellPoint> held = shell;
+    for (ShellPoint& p : held) p.arm -= Vec3d(middle.x(), middle.y(), 0);
+    ShellRig rig(make_joined_patch(make_plane(10, 0.1)), held);
+    rig.tool.surface_stiffness = 300;
+    rig.at({0, 0, 1e-3});
+    rig.go({0, 0, -2e-3}, 100);
+    rig.rest(200);
+    const double in_series = 1 / (1 / rig.tool.coupling_stiffness + 1 / (below * rig.tool.surface_stiffness));
+    EXPECT_EQ(rig.state.contact.size(), static_cast<size_t>(below));
+    EXPECT_NEAR(rig.state.command.force.z(), in_series * 2e-3, 1e-9);
+    EXPECT_LT(rig.state.command.force.head<2>().norm(), 1e-12);
+    EXPECT_LT(rig.state.command.torque.norm(), 1e-12);
+}
+
+// A peg a little wider than its square hole: pressed from four sides, forces balance and nothing is left over.
+TEST(HapticShell, PegInAHoleIsPressedFromAllSidesInBalance) {
+    Mesh hole;  // four walls that face the middle
+    const double a = 0.01, depth = 0.04;
+    const Vec3d wall[4][4] = {{{a, -a, 0}, {a, -a, depth}, {a, a, depth}, {a, a, 0}}, {{-a, a, 0}, {-a, a, depth}, {-a, -a, depth}, {-a, -a, 0}},
+                              {{a, a, 0}, {a, a, depth}, {-a, a, depth}, {-a, a, 0}}, {{-a, -a, 0}, {-a, -a, depth}, {a, -a, depth}, {a, -a, 0}}};
+    for (const auto& w : wall) {
+        const uint32_t first = static_cast<uint32_t>(hole.position.size());
+        for (const Vec3d& p : w) hole.position.push_back(p);
+        hole.triangle.push_back({first, first + 1, first + 2});
+        hole.triangle.push_back({first, first + 2, first + 3});
+    }
+    const double wide = a + 5e-5;
+    ShellRig rig(make_joined_patch(hole), shell_of(make_box({-wide, -wide, 0.01}, {wide, wide, 0.03}), 400, {0, 0, 0.02}));
+    rig.state.proxy_valid = true;  // it is in: nobody has to bring it there
+    rig.state.proxy = {0, 0, 0.02};
+    rig.state.gain = 1;
+    rig.at({0, 0, 0.02});
+    rig.rest(60);
+    double pressed = 0;
+    for (const ShellContact& c : rig.state.contact) pressed += c.force.norm();
+    EXPECT_GT(rig.state.contact.size(), 150u);
+    EXPECT_GT(pressed, 150 * 0.5 * rig.tool.surface_stiffness * 5e-5);
+    // what points are spread unevenly on opposite walls, the coupling takes; the balance itself is to rounding
+    const Vec3d coupling = rig.tool.coupling_stiffness * (rig.state.device.position - rig.state.proxy);
+    EXPECT_LT((rig.state.command.force + coupling).norm(), 1e-6 * pressed);
+    EXPECT_LT(rig.state.command.force.norm(), 1e-4 * pressed);
+    EXPECT_LT(rig.state.command.force.z(), 1e-12 * pressed);
+    // against one wall: the device pulls it aside by 2 mm, and only the coupling's pull comes back
+    rig.go({2e-3, 0, 0.02}, 100);
+    rig.rest(60);
+    EXPECT_NEAR(rig.state.command.force.x(), -rig.tool.coupling_stiffness * 2e-3, 0.01 * rig.tool.coupling_stiffness * 2e-3);
+}
+
+// Where a shell rests on a bumpy solid is the bottom of the energy that brute force sees: no small motion lowers it.
+TEST(HapticShell, RestsAtTheBottomOfTheTrueEnergy) {
+    const Mesh ball = bumpy_ball();
+    ShellRig rig(make_joined_patch(ball), shell_of(make_box({-0.015, -0.004, 0}, {0.015, 0.004, 0.006}), 300));
+    rig.tool.surface_stiffness = 2e3;
+    rig.at({0, 0, 0.04}, about({1, 0, 0}, 0.05));
+    rig.go({0.002, -0.001, 0.026}, about({0.3, 1, 0.2}, 0.12), 300);
+    rig.rest(500);
+    ASSERT_GT(rig.state.contact.size(), 1u);
+    const double peak = rig.state.command.force.norm();
+    for (int axis = 0; axis < 6; ++axis) {
+        const double h = axis < 3 ? 1e-7 : 1e-6;
+        const Vec3d way = h * Vec3d::Unit(axis % 3);
+        const auto energy = [&](double sign) {
+            return axis < 3 ? shell_energy(rig, rig.state.proxy + sign * way, rig.state.proxy_turn)
+                            : shell_energy(rig, rig.state.proxy, multiply(from_rotation_vector(sign * way), rig.state.proxy_turn));
+        };
+        const double slope = (energy(1) - energy(-1)) / (2 * h);
+        EXPECT_LT(std::abs(slope), (axis < 3 ? 1e-5 : 3e-7) * peak) << "axis " << axis;
+    }
+}
+
+// ---- passing over ----
+
+// A press, a drag and a tumble on a surface that moves, published anew every 16 ms: passing over points changes no bit.
+TEST(HapticShell, PassingOverPointsChangesNoBit) {
+    const std::vector<ShellPoint> shell = shell_of(make_box({-0.03, -0.004, 0}, {0.03, 0.004, 0.008}), 500);
+    ShellRig quick(make_joined_patch(bumpy_ground(40)), shell);
+    quick.tool.friction = 0.2;
+    quick.params.greatest_age = 0.02;
+    ShellRig slow = quick;
+    slow.scratch.all_points = true;
+    uint64_t touched = 0, torqued = 0;
+    for (int k = 0; k < 400; ++k) {
+        const double t = 1e-3 * k;
+        if (k % 16 == 0) {
+            for (ShellRig* rig : {&quick, &slow}) {
+                for (size_t v = 0; v < rig->model.position.size(); ++v) {
+                    Vec3d& p = rig->model.position[v];
+                    const double phase = 60 * p.x() + 9 * t;
+                    p.z() += 2e-4 * std::sin(phase);
+                    rig->model.velocity[v] = Vec3d(0.01, 0, 0.03 * std::cos(phase));
+                }
+                rig->publish(true);
+            }
+        }
+        DeviceState hand;
+        hand.time = t;
+        hand.position = Vec3d(0.01 * std::sin(3 * t), 0.008 * std::sin(5 * t), 4e-3 + 9e-3 * std::cos(11 * t));
+        hand.orientation = multiply(about({1, 0.3, 0}, 0.25 * std::sin(7 * t)), about({0, 0, 1}, 0.4 * t));
+        for (ShellRig* rig : {&quick, &slow}) {
+            shell_tick(rig->params, rig->model, t, rig->tool, hand, rig->scratch, rig->state);
+        }
+        ASSERT_EQ(quick.state.command.force, slow.state.command.force) << k;
+        ASSERT_EQ(quick.state.command.torque, slow.state.command.torque) << k;
+        ASSERT_EQ(quick.state.proxy, slow.state.proxy) << k;
+        ASSERT_EQ(quick.state.contact.size(), slow.state.contact.size()) << k;
+        touched += quick.state.contacts > 0;
+        torqued += quick.state.command.torque.norm() > 1e-4;
+    }
+    EXPECT_GT(touched, 100u);
+    EXPECT_GT(torqued, 100u);
+    EXPECT_LT(2 * quick.scratch.looked_at, slow.scratch.looked_at);
+}
+
+// ---- what must hold whatever the hand does ----
+
+TEST(HapticShell, FreeMotionIsWithoutForceOrTorque) {
+    ShellRig rig(make_joined_patch(make_plane()), shell_of(make_box({-0.02, -0.004, 0}, {0.02, 0.004, 0.006}), 400));
+    rig.at({0, 0, 0.01});
+    for (int k = 0; k < 300; ++k) {
+        rig.at({5e-5 * k, 0, 0.006}, about({0, 0, 1}, 0.005 * k));
+        ASSERT_EQ(rig.state.command.force.norm(), 0);
+        ASSERT_EQ(rig.state.command.torque.norm(), 0);
+    }
+    EXPECT_LT((rig.state.proxy - rig.state.device.position).norm(), 1e-15);
+    EXPECT_LT(rotation_vector(rig.state.proxy_turn, rig.state.device.orientation).norm(), 1e-12);
+}
+
+// Wall of 1 mm, the hand 20 mm beyond: the instrument stays where it came from, and force and turn are the coupling's.
+TEST(HapticShell, T07_ThinWallKeepsTheInstrumentOnItsSide) {
+    ShellRig rig(make_joined_patch(make_box({-0.05, -0.05, -1e-3}, {0.05, 0.05, 0})), shell_of(make_box({-0.01, -0.004, 0}, {0.01, 0.004, 0.02}), 600));
+    rig.at({0, 0, 2e-3});
+    rig.go({0, 0, -0.02}, 80);  // 0.28 m/s
+    for (int k = 0; k < 300; ++k) {
+        rig.at({1e-5 * k, 0, -0.02});
+        EXPECT_GT(rig.state.proxy.z(), -1e-3);
+    }
+    EXPECT_NEAR(rig.state.command.force.z(), rig.tool.coupling_stiffness * 0.02, 0.01 * rig.tool.coupling_stiffness * 0.02);
+    rig.go({3e-3, 0, 5e-3}, 100);
+    EXPECT_EQ(rig.state.command.force.norm(), 0);
+}
+
+// Found past the middle of a thin wall, the instrument is not pulled through: no force at all.
+TEST(HapticShell, T07_FarSideOfAThinWallDoesNotPull) {
+    ShellRig rig(make_joined_patch(make_box({-0.05, -0.05, -1e-3}, {0.05, 0.05, 0})), shell_of(make_box({-0.01, -0.004, 0}, {0.01, 0.004, 0.02}), 600));
+    rig.state.proxy_valid = true;
+    rig.state.gain = 1;
+    rig.state.proxy = {0, 0, -8e-4};
+    for (int k = 0; k < 20; ++k) EXPECT_GE(rig.at({0, 0, -8e-4}).z(), 0);
+}
+
+// An open sheet of 1 mm stops an instrument on the side that it came from, either side.
+TEST(HapticShell, T07_SheetStopsTheInstrumentOnTheSideItIsOn) {
+    for (const double side : {1.0, -1.0}) {
+        ShellRig rig(make_joined_patch(make_plane(10, 0.1), 5e-4), shell_of(make_box({-0.01, -0.01, -0.005}, {0.01, 0.01, 0.005}), 600));
+        rig.at({0, 0, side * 0.012});
+        rig.go({0, 0, -side * 4e-3}, 100);
+        rig.rest(100);
+        EXPECT_NEAR(rig.state.command.force.z(), side * rig.tool.coupling_stiffness * (9.5e-3), 0.01 * rig.tool.coupling_stiffness * 9.5e-3) << side;
+        EXPECT_NEAR(rig.state.proxy.z(), side * 5.5e-3, 1e-4);
+    }
+}
+
+// Friction of one point on a plane, dragged aside: Coulomb's bound at every tick and the closed form while it slides.
+TEST(HapticShell, T11_FrictionStaysInItsCone) {
+    for (const double mu : {0.0, 0.3, 1.0, 1e6}) {
+        ShellRig rig(make_joined_patch(make_plane(10, 0.1)), {{Vec3d::Zero(), Vec3d(0, 0, 1)}});
+        rig.tool.friction = mu;
+        rig.at({0, 0, 2e-3});
+        rig.go({0, 0, -4e-3}, 100);
+        rig.rest(60);
+        const double normal = rig.tool.coupling_stiffness * 4e-3 / (1 + rig.tool.coupling_stiffness / rig.tool.surface_stiffness);
+        for (int k = 1; k <= 200; ++k) {
+            rig.at({5e-5 * k, 0, -4e-3});
+            for (const ShellContact& c : rig.state.contact)
+                ASSERT_LE(c.force.head<2>().norm(), mu * c.force.z() * (1 + 1e-12) + 1e-12);
+        }
+        const Vec3d force = rig.rest(20);
+        EXPECT_NEAR(force.z(), normal, 1e-6 * normal);
+        // 10 mm aside: held, the springs in series pull back; else the cone says
+        const double held = rig.tool.coupling_stiffness * 0.01 / (1 + rig.tool.coupling_stiffness / rig.tool.surface_stiffness);
+        EXPECT_NEAR(-force.x(), std::min(mu * normal, held), 1e-5 * held) << mu;
+    }
+}
+
+// A plane that rises at 0.1 m/s under a still hand: the instrument rides on it, nothing passes through, and the force is
+// that of the lifted coupling. With friction a plane that goes aside takes it along until the cone gives way.
+TEST(HapticShell, T12_MovingSurfaceCarriesTheInstrument) {
+    ShellRig rig(make_joined_patch(make_plane(10, 0.1)), shell_of(make_box({-0.01, -0.01, 0}, {0.01, 0.01, 0.005}), 400));
+    rig.at({0, 0, 1e-3});
+    rig.rest(60);
+    double height = 0;
+    for (int k = 0; k < 60; ++k) {
+        if (k % 15 == 0) {
+            for (size_t v = 0; v < rig.model.position.size(); ++v) rig.model.position[v].z() = height, rig.model.velocity[v] = {0, 0, 0.1};
+            rig.publish(true);
+        }
+        rig.model.time = 1e-3 * static_cast<double>(rig.tick - static_cast<uint64_t>(k % 15));
+        DeviceState still = rig.state.device;
+        still.time = rig.time();
+        shell_tick(rig.params, rig.model, rig.time(), rig.tool, still, rig.scratch, rig.state);
+        ++rig.tick;
+        const double now = height + 0.1e-3 * (k % 15);
+        if (now > 1.001e-3) {
+            EXPECT_NEAR(rig.state.command.force.z(), rig.tool.coupling_stiffness * (now - 1e-3), 2e-3) << k;
+            EXPECT_GT(rig.state.proxy.z(), now - 1e-5);
+        }
+        if (k % 15 == 14) height += 1.5e-3;
+    }
+    EXPECT_GT(rig.state.command.force.z(), 2);
+}
+
+// A shell that starts with a corner inside feels nothing until all of it was outside.
+TEST(HapticShell, T13_StartInsideTissueIsWithoutForceUntilOutside) {
+    ShellRig rig(make_joined_patch(make_box({-0.05, -0.05, -0.03}, {0.05, 0.05, 0})), shell_of(make_box({-0.01, -0.01, 0}, {0.01, 0.01, 0.01}), 400));
+    rig.at({0, 0, -5e-3});
+    rig.rest(100);
+    EXPECT_EQ(rig.state.command.force.norm(), 0);
+    rig.go({0, 0, -1e-3}, 50);
+    EXPECT_EQ(rig.state.command.force.norm(), 0);
+    rig.go({0, 0, 1e-3}, 50);
+    rig.go({0, 0, -1e-3}, 50);
+    rig.rest(50);
+    EXPECT_NEAR(rig.state.command.force.z(), rig.tool.coupling_stiffness * 1e-3, 1e-3);
+}
+
+// The surface jumps by 4 mm from one model to the next: no tick changes force or torque by more than ramp and motions say.
+TEST(HapticShell, T06_JumpOfTheContactSetRampsForceAndTorque) {
+    ShellRig rig(make_joined_patch(make_plane(10, 0.1)), shell_of(make_box({0, -0.01, 0}, {0.04, 0.01, 0.005}), 400));
+    rig.at({0, 0, 1e-3});
+    rig.go({0, 0, -1e-3}, 100);
+    rig.rest(60);
+    Vec3d force = rig.state.command.force, torque = rig.state.command.torque;
+    for (Vec3d& p : rig.model.position) p.z() += 4e-3;
+    rig.publish();
+    const double ramp = rig.params.force_slew * 1e-3, lever = rig.tool.shell_radius + 1e-3;
+    for (int k = 0; k < 100; ++k) {
+        rig.rest(1);
+        ASSERT_LE((rig.state.command.force - force).norm(), ramp * (1 + 1e-9));
+        ASSERT_LE((rig.state.command.torque - torque).norm(), ramp * lever);
+        force = rig.state.command.force, torque = rig.state.command.torque;
+    }
+    EXPECT_GT(force.z(), 1.5);
+}
+
+// ---- closed loop ----
+
+// A device with mass and inertia, held by nothing but its damping, against the coupling through a plate that a box holds
+// from all sides: what is left of a knock after three seconds.
+struct SixDevice {
+    double mass = 0.1, damping = 0.5;            // kg, N s/m
+    double inertia = 1e-4, turn_damping = 5e-4;  // kg m^2, N m s/rad
+    Vec3d place = Vec3d::Zero(), velocity = Vec3d::Zero(), spin = Vec3d::Zero();
+    Quat turn;
+    // exact flow of a tick under constant force and torque
+    void step(const Vec3d& force, const Vec3d& torque) {
+        const auto flow = [](double m, double b, const Vec3d& f, Vec3d& v) {
+            const double keep = std::exp(-b / m * 1e-3);
+            const Vec3d end = f / b, way = 1e-3 * end + (m / b) * (1 - keep) * (v - end);
+            v = end + keep * (v - end);
+            return way;
+        };
+        place += flow(mass, damping, force, velocity);
+        turn = normalized(multiply(from_rotation_vector(flow(inertia, turn_damping, torque, spin)), turn));
+    }
+};
+
+// Speed (m/s or rad/s) three seconds after a knock over that of the knock, with `share` of the stiffest coupling that
+// theory allows.
+double left_of_a_knock(double share, bool turning) {
+    SixDevice device;
+    ShellRig rig(make_joined_patch(make_plane(2, 0.1)), shell_of(make_box({-0.01, -0.01, 0}, {0.01, 0.01, 0.004}), 100));
+    const double stiffest = stiffest_coupling(device.damping, 1e-3), stiffest_turn = stiffest_coupling(device.turn_damping, 1e-3);
+    EXPECT_DOUBLE_EQ(stiffest, 1000);
+    rig.tool.coupling_stiffness = turning ? 100 : share * stiffest;
+    rig.tool.turn_stiffness = turning ? share * stiffest_turn : 0.05;
+    rig.tool.surface_stiffness = 1e6;
+    rig.params.force_slew = 1e9;
+    // pressed into the plane by 1 N all the time
+    const Vec3d weight(0, 0, -1);
+    rig.at({0, 0, 1e-3});
+    device.place = {0, 0, -1 / rig.tool.coupling_stiffness};
+    rig.go(device.place, 200);
+    const double knock = turning ? 0.05 : 2e-3;
+    double fastest = 0;  // of the last half second
+    for (int k = 0; k < 3200; ++k) {
+        if (k == 200) turning ? device.spin.x() += knock : device.velocity.z() -= knock;
+        DeviceState sample;
+        sample.time = rig.time();
+        sample.position = device.place;
+        sample.velocity = device.velocity;
+        sample.orientation = device.turn;
+        rig.with(sample);
+        device.step(rig.state.command.force + weight, rig.state.command.torque);
+        if (k >= 2700) fastest = std::max(fastest, turning ? std::abs(device.spin.x()) : std::abs(device.velocity.z()));
+    }
+    return fastest / knock;
+}
+
+// Case T01 for an instrument: a knock dies away below the limit b / (T / 2) that is computed and grows above it;
+// translation and turn. The damping that is left, b - K T / 2, moves a mass m at the rate exp(-t (b - K T / 2) / 2 m).
+TEST(HapticShell, T01_QuietBelowTheComputedCouplingAndRestlessAboveIt) {
+    for (const bool turning : {false, true}) {
+        EXPECT_LT(left_of_a_knock(0.9, turning), 0.8) << turning;
+        EXPECT_GT(left_of_a_knock(1.1, turning), 1.2) << turning;
+    }
+}
+
+// Two seconds of poking, sliding and tilting: through both ports of the coupling no energy comes out that did not go in,
+// but for what holding forces for a tick makes, bounded by stiffness * way^2 / 2 a tick.
+TEST(HapticShell, PokingTakesEnergyAndGivesNone) {
+    ShellRig rig(make_joined_patch(bumpy_ground(30)), shell_of(make_box({-0.01, -0.005, 0}, {0.02, 0.005, 0.006}), 300));
+    rig.tool.friction = 0.2;
+    rig.at({0, 0, 0.015});
+    rig.rest(60);
+    double energy = 0, made = 0, most = 0;
+    for (int k = 0; k < 2000; ++k) {
+        const double t = 1e-3 * k;
+        const DeviceState before = rig.state.device;
+        const Vec3d force = rig.state.command.force, torque = rig.state.command.torque;
+        const Vec3d place(5e-3 * std::sin(4 * t), 3e-3 * std::sin(7 * t), 5e-3 + 8e-3 * std::cos(13 * t));
+        const Quat turn = about({1, 0.5, 0.2}, 0.15 * std::sin(9 * t));
+        rig.at(place, turn);
+        const Vec3d way = place - before.position, turned = rotation_vector(before.orientation, rig.state.device.orientation);
+        // the hand does -F dx while the force of the tick before is held
+        energy -= force.dot(way) + torque.dot(turned);
+        made += 0.5 * rig.tool.coupling_stiffness * way.squaredNorm() + 0.5 * rig.tool.turn_stiffness * turned.squaredNorm();
+        most = std::max(most, energy);
+        ASSERT_GT(energy, -made - 1e-6) << k;
+    }
+    EXPECT_GT(most, 2e-3);
+}
+
+}  // namespace
+}  // namespace trocar
