@@ -161,11 +161,8 @@ void fields(V& v, T& t) {
         v.item(t.position), v.item(t.velocity), v.item(t.triangle), v.item(t.neighbour), v.item(t.body);
         v.item(t.half_thickness), v.item(t.group), v.item(t.give.body), v.item(t.give.share), v.item(t.give.normal);
         v.item(t.give.device), v.item(t.give.device_velocity);
-<<<<<<< HEAD
         v.item(t.pull), v.item(t.pull_before), v.item(t.period);
-=======
         v.item(t.shell.tip), v.item(t.shell.turn), v.item(t.shell.node), v.item(t.shell.clear), v.item(t.shell.nearest);
->>>>>>> main
     } else if constexpr (is<T, PictureBody>) {
         v.item(t.mesh), v.item(t.origin), v.item(t.orientation), v.item(t.box), v.item(t.vertices), v.item(t.depths), v.item(t.removed), v.item(t.exposed);
     } else if constexpr (is<T, PictureWitness>) {

@@ -8,13 +8,12 @@
 namespace trocar {
 
 // A scene of content/scenes with organs of few triangles, so that tests are quick. every_contact_stage is
-// kidney_on_liver with all that [contact] can switch on; skin_press is tet_liver_press under a skin; torn_solid is jaw_grasp
-// with a gallbladder of tetrahedra.
+// kidney_on_liver with all that [contact] can switch on; skin_press is tet_liver_press under a skin.
 inline BuiltScene small_scene(const std::string& name, const std::string& triangles = "1000") {
     std::vector<Override> overrides;
     const bool every = name == "every_contact_stage";
-    const bool skin = name == "skin_press", torn = name == "torn_solid", grasp = torn || name == "jaw_grasp";
-    const std::string file = every ? "kidney_on_liver" : skin ? "tet_liver_press" : torn ? "jaw_grasp" : name;
+    const bool skin = name == "skin_press";
+    const std::string file = every ? "kidney_on_liver" : skin ? "tet_liver_press" : name;
     const std::string path = (source_folder() / "content/scenes" / (file + ".toml")).string();
     for (const BodySpec& body : read_scene_file(path, {}).bodies) {
         if (body.motion == Motion::kStatic) continue;
@@ -22,14 +21,13 @@ inline BuiltScene small_scene(const std::string& name, const std::string& triang
         if (body.solid) overrides.push_back({body.name + ".cells", "8"});
         if (body.solid && skin) overrides.push_back({body.name + ".skin", "true"});
     }
-    if (grasp) {  // early and from afar, so that few passes see links, and springs that break
+    if (name == "jaw_grasp") {  // early and from afar, so that few passes see links, and springs that break
         for (const char* link : {"link.upper.", "link.lower."}) {
             overrides.push_back({std::string(link) + "from", "0.35"});
             overrides.push_back({std::string(link) + "until", "0.6"});
             overrides.push_back({std::string(link) + "within", "0.03"});
         }
         overrides.push_back({"gallbladder.break_strain", "0.05"});
-        if (torn) overrides.insert(overrides.end(), {{"gallbladder.model", "solid"}, {"gallbladder.cells", "7"}, {"gallbladder.skin", "true"}});
     }
     if (every) {
         for (const char* key : {"contact.contours", "contact.regions", "contact.faces"}) overrides.push_back({key, "true"});
@@ -39,7 +37,7 @@ inline BuiltScene small_scene(const std::string& name, const std::string& triang
 }
 
 inline const std::vector<std::string>& scene_names() {
-    static const std::vector<std::string> names{"probe_on_liver", "kidney_on_liver", "wrl_pair", "every_contact_stage", "tet_liver_press", "jaw_grasp", "skin_press", "torn_solid", "shaft_on_liver", "dial_and_button"};
+    static const std::vector<std::string> names{"probe_on_liver", "kidney_on_liver", "wrl_pair", "every_contact_stage", "tet_liver_press", "jaw_grasp", "skin_press", "shaft_on_liver", "dial_and_button"};
     return names;
 }
 
