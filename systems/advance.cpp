@@ -323,7 +323,8 @@ void share_room(std::span<AdvanceScratch> scratches) {
     level_implicit(&ImplicitScratch::direction);
     level_implicit(&ImplicitScratch::sums);
     for (auto ImplicitScratch::* field : {&ImplicitScratch::spoke, &ImplicitScratch::block, &ImplicitScratch::residual,
-                                          &ImplicitScratch::applied, &ImplicitScratch::change, &ImplicitScratch::lambda}) {
+                                          &ImplicitScratch::applied, &ImplicitScratch::change, &ImplicitScratch::lambda, &ImplicitScratch::volume_lambda,
+                                          &ImplicitScratch::slope, &ImplicitScratch::volume_force, &ImplicitScratch::volume_block}) {
         level_implicit(field);
     }
 }
