@@ -259,6 +259,10 @@ struct LocalContactModel {
     double reach = 0;             // m, from the segment; 0 = nothing was looked at yet
     double fastest = 0;           // m/s, of its vertices
     SurfaceGive give;
+    // N, of what links hold on the simulated tool, mean over the pass before this one and over the one before that: the
+    // hand feels the way from one to the other while the next pass is under way, so without a step and a pass late
+    Vec3d pull = Vec3d::Zero(), pull_before = Vec3d::Zero();
+    double period = 0;            // s, of a pass
     std::vector<Vec3d> position;  // m, world
     std::vector<Vec3d> velocity;  // m/s
     std::vector<Triangle> triangle;
@@ -312,6 +316,8 @@ struct ToolState {
     Vec3d effect_velocity = Vec3d::Zero();  // m/s, of the device at the last tick, for inertia
     std::array<EffectState, kMaxEffects> effect{};
     HapticEvents events;
+    Vec3d link_force = Vec3d::Zero();       // N, of links on the simulated tool, mean over the last pass
+    Vec3d link_force_before = Vec3d::Zero();  // and over the one before
     ToolPass last_pass;                     // of the simulation, not of the tick
     // of a tool with a shell, whose tip is at `proxy`
     Quat proxy_turn;                               // of the instrument kept outside the surface

@@ -222,6 +222,7 @@ double give_share(const Vec3d& normal, const Vec3d& tip_way, const Vec3d& device
 
 void publish_give(const Surfaces& surfaces, const HandTool& tool, ToolState& state, LocalContactModel& out) {
     out.give = {};
+    out.pull = state.link_force, out.pull_before = state.link_force_before;
     const uint32_t body = tool.body;
     const Vec3d tip = surfaces.poses.origin[body] + rotate(surfaces.poses.orientation[body], tool.tip);
     const double force = state.command.force.norm();
