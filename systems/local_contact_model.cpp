@@ -117,6 +117,7 @@ void clear_model(LocalContactModel& model) {
 
 // Where a shell is, and where its device would have it: its points in runs, a box for each that holds both.
 constexpr uint32_t kShellRuns = 8;
+constexpr double kFarEnough = 4e-3;  // m, from a surface: a point that the ticks of the next pass will hardly ask for
 struct ShellPlaces {
     Vec3d tip, device;
     Quat turn, device_turn;
@@ -272,18 +273,24 @@ void publish_outlook(const HandTool& tool, const ToolState& state, LocalContactS
     shell.nearest.clear();
     begin_moment(out, {}, scratch.placed);
     for (uint32_t root = 0; root < shell.node.size(); root = next_tree(out, root)) {
-        uint32_t hint = kNone;  // of the point before
+        uint32_t hint = kNone;  // of the last point that was asked for
+        double clear = 0;       // m, of that one
+        Vec3d asked = Vec3d::Zero();
         for (const ShellPoint& point : tool.shell) {
+            // distances change no faster than places: far points need no answer of their own
             const Vec3d place = at.tip + rotate(at.turn, point.arm);
-            const NearestTriangle nearest = find_nearest(out, root, place, hint, out.reach, scratch.placed);
-            shell.nearest.push_back(nearest.triangle);
-            if (nearest.triangle == kNone) {
-                shell.clear.push_back(out.reach - out.half_thickness[shell.node[root].triangles.first]);
+            const double known = clear - (place - asked).norm();
+            if (known > kFarEnough) {
+                shell.nearest.push_back(hint);
+                shell.clear.push_back(known);
                 continue;
             }
-            hint = nearest.triangle;
-            const SurfaceSide side = side_of(out, nearest, 0, scratch.placed);
-            shell.clear.push_back(side.distance);
+            const NearestTriangle nearest = find_nearest(out, root, place, hint, out.reach, scratch.placed);
+            clear = out.reach - out.half_thickness[shell.node[root].triangles.first];
+            if (nearest.triangle != kNone) hint = nearest.triangle, clear = side_of(out, nearest, 0, scratch.placed).distance;
+            asked = place;
+            shell.nearest.push_back(hint);
+            shell.clear.push_back(clear);
         }
     }
 }
