@@ -3,6 +3,7 @@
 #include <cmath>
 
 #include "engine/device.hpp"
+#include "engine/error.hpp"
 #include "engine/thread_pool.hpp"
 #include "frame/scenes_under_test.hpp"
 #include "systems/frame.hpp"
@@ -24,12 +25,14 @@ struct FeltForces {
     std::vector<double> middle;        // s, of the passes
     std::vector<Vec3d> pushed;         // N
     double lowest_energy = 0;          // J, of the observer
+    double oldest = 0;                 // s, of the surfaces under the forces
 
     // ticks as the frame will, on the model that it just published
     void on_pass(const World& w) {
         for (uint64_t k = 0; k < w.clock.period; ++k) {
             const double t = static_cast<double>(w.clock.tick + k) * 1e-3;
             tick_tool(haptic_params(w.clock.contact_rate), w.local_contact[0], t, tool, {}, read_device(device, t), scratch, state);
+            oldest = std::max(oldest, state.model_age);
             time.push_back(t);
             felt.push_back(state.output.force);
         }
@@ -105,6 +108,24 @@ TEST(HapticForce, TheHandFeelsWhatTheTissueDoes) {
         EXPECT_LT(felt.step, part.step) << part.name;
     }
     EXPECT_GT(f.lowest_energy, -1e-3);
+}
+
+// contact.rate: contacts are found so often, no surface under a force is older than the time from one pass to the next, and
+// the hand feels the same tissue.
+TEST(HapticForce, ContactsAreFoundAtTheRateOfTheScene) {
+    const std::string scene = (source_folder() / "content/scenes/probe_on_liver.toml").string();
+    for (const uint32_t rate : {30u, 60u, 120u}) {
+        const FeltForces f = feel(build_scene(read_scene_file(scene, {{"liver.triangles", "4000"}, {"contact.rate", std::to_string(rate)}})).world, 1500);
+        EXPECT_EQ(f.middle.size(), size_t{rate} * 3 / 2);
+        EXPECT_LT(f.oldest, 1.0 / rate);
+        EXPECT_GT(f.oldest, 1.0 / rate - 2.1e-3);
+        const Felt felt = compare(f, 0.9, 1.4);
+        std::printf("%u Hz: oldest %.1f ms, felt %.3f N of %.3f N, error %.3f N rms\n", rate, 1e3 * f.oldest, felt.felt, felt.pushed, felt.error);
+        EXPECT_NEAR(felt.felt / felt.pushed, 1, 0.03);
+        EXPECT_LT(felt.error, 0.05);
+    }
+    for (const char* wrong : {"0", "50", "240", "60.5", "fast"})
+        EXPECT_THROW(read_scene_file(scene, {{"contact.rate", wrong}}), InputError) << wrong;
 }
 
 }  // namespace
