@@ -75,6 +75,7 @@ BodySpec read_body(const std::string& file, const toml::table& table) {
     body.line = section.line();
     section.read("name", body.name);
     if (body.name.empty()) section.fail("a [[body]] needs a name");
+    section.read("node", body.node);
     section.read("shape", body.shape);
     section.read("file", body.file);
     if (body.shape.empty() && body.file.empty()) section.fail("body \"" + body.name + "\" needs a shape or a file");

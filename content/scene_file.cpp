@@ -65,6 +65,8 @@ SceneFile read_scene_file(const std::filesystem::path& path, const std::vector<O
     if (const toml::table* contact = top.table("contact"))
         read_contact({file, *contact, "[contact]"}, scene.settings.contact);
     if (const toml::table* camera = top.table("camera")) scene.camera = read_camera({file, *camera, "[camera]"});
+    if (const toml::array* nodes = top.tables("node"))
+        for (const toml::node& node : *nodes) scene.nodes.push_back(read_node(file, *node.as_table()));
     if (const toml::array* bodies = top.tables("body"))
         for (const toml::node& node : *bodies) {
             const BodySpec body = read_body(file, *node.as_table());

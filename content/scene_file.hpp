@@ -8,6 +8,7 @@
 #include "components/haptics.hpp"
 #include "components/scene.hpp"
 #include "content/attach_spec.hpp"
+#include "content/node_spec.hpp"
 #include "content/scatter.hpp"
 namespace trocar {
 
@@ -22,6 +23,7 @@ struct KeyframeSpec {
 // One [[body]] of a scene file.
 struct BodySpec {
     std::string name;
+    std::string node;   // in whose frame it lies; empty = the world
     uint32_t line = 0;  // of the scene file, for errors
     std::string shape;  // generated shape, used when `file` is empty
     uint32_t triangles = 10000;
@@ -82,6 +84,7 @@ struct ToolSpec {
     Pivot pivot;
     DeviceLimits limits;
     std::vector<HapticEffect> effects;
+    std::vector<ToolExchangeSpec> exchanges;
 };
 
 struct CameraSpec {
@@ -106,6 +109,7 @@ struct SceneFile {
     std::filesystem::path path;
     std::vector<SceneParameter> parameters;
     SceneSettings settings;
+    std::vector<NodeSpec> nodes;
     std::vector<BodySpec> bodies;
     std::vector<ToolSpec> tools;
     std::vector<LinkSpec> links;
@@ -116,8 +120,8 @@ struct SceneFile {
 
 // One --set key=value: `seconds=2`, `contact.cell_edges=3`, `liver.tissue.youngs_modulus=2e4`, `a.file=kidney.wrl`.
 // The first word is a top-level key or table, a key of [parameters], or the name of a body (scattered ones by the name
-// before the number); tools are named by their body as `tool.BODY.key`, links, staples and cuts by their name as
-// `link.NAME.key`.
+// before the number); tools are named by their body as `tool.BODY.key`, links, staples, cuts and nodes by their name
+// as `link.NAME.key`.
 struct Override {
     std::string key;
     std::string value;

@@ -84,7 +84,7 @@ void apply_override(toml::table& root, const Override& o) {
     toml::table* table = &root;
     size_t next = 0;
     if (toml::table* parameters = root["parameters"].as_table(); words.size() == 1 && parameters && parameters->contains(o.key)) table = parameters;
-    const bool named = words[0] == "link" || words[0] == "staple" || words[0] == "cut";
+    const bool named = words[0] == "link" || words[0] == "staple" || words[0] == "cut" || words[0] == "node";
     if (words.size() > 2 && (words[0] == "tool" || named)) {
         table = named_table(root, words[0].c_str(), named ? "name" : "body", words[1]);
         if (!table) throw InputError("--set " + o.key + ": the scene has no " + words[0] + (named ? "" : " on a body") + " named \"" + words[1] + "\"");

@@ -12,6 +12,7 @@ TissueRegionSpec read_tissue_region(const std::string& file, const toml::table& 
 LinkSpec read_link(const std::string& file, const toml::table& table);
 LinkSpec read_staple(const std::string& file, const toml::table& table);
 CutSpec read_cut(const std::string& file, const toml::table& table);
+NodeSpec read_node(const std::string& file, const toml::table& table);
 
 // Takes [parameters] out of the scene and puts their values where other keys name them.
 std::vector<SceneParameter> take_parameters(const std::string& file, toml::table& root);

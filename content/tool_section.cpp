@@ -1,3 +1,5 @@
+#include <cmath>
+
 #include "content/scene_sections.hpp"
 
 namespace trocar {
@@ -100,12 +102,28 @@ HapticEffect read_effect(TomlSection section) {
     return e;
 }
 
+ToolExchangeSpec read_exchange(TomlSection section) {
+    ToolExchangeSpec exchange;
+    exchange.line = section.line();
+    section.read("body", exchange.body);
+    section.read("tip", exchange.tip);
+    section.read("tip_radius", exchange.tip_radius, 1e-9, 10);
+    section.read("time", exchange.time, 0, 1e9);
+    section.read_count("buttons", exchange.buttons, 0, 4294967295.0);
+    section.refuse_unknown();
+    if (exchange.body.empty()) section.fail("a [[tool.exchange]] needs the body that comes into the hand");
+    if (std::isfinite(exchange.time) == (exchange.buttons != 0)) section.fail("a [[tool.exchange]] needs a time or buttons (bits)");
+    return exchange;
+}
+
 // The tables of a [[tool]].
 void read_tool_tables(const std::string& file, TomlSection& section, ToolSpec& tool) {
     if (const toml::table* hand = section.table("hand")) tool.hand = read_hand({file, *hand, "[tool.hand]"});
     if (const toml::table* workspace = section.table("workspace")) tool.workspace = read_workspace({file, *workspace, "[tool.workspace]"});
     if (const toml::table* pivot = section.table("pivot")) tool.pivot = read_pivot({file, *pivot, "[tool.pivot]"});
     if (const toml::table* limits = section.table("limits")) tool.limits = read_limits({file, *limits, "[tool.limits]"});
+    if (const toml::array* exchanges = section.tables("exchange"))
+        for (const toml::node& node : *exchanges) tool.exchanges.push_back(read_exchange({file, *node.as_table(), "[[tool.exchange]]"}));
     const toml::array* effects = section.tables("effect");
     if (!effects) return;
     for (const toml::node& node : *effects) tool.effects.push_back(read_effect({file, *node.as_table(), "[[tool.effect]]"}));

@@ -1,5 +1,6 @@
 #pragma once
 #include "components/links.hpp"
+#include "components/nodes.hpp"
 #include "components/solids.hpp"
 #include "components/tears.hpp"
 namespace trocar {
@@ -11,6 +12,8 @@ struct OtherForces {
     const Tears* tears = nullptr;        // with the next two: springs that break
     Torn* torn = nullptr;
     TornSprings* torn_springs = nullptr;
+    const Nodes* nodes = nullptr;        // with the next one: bodies with one coordinate
+    NodeState* node_state = nullptr;
 };
 
 }  // namespace trocar

@@ -10,6 +10,7 @@
 #include "components/links.hpp"
 #include "components/lives.hpp"
 #include "components/mesh.hpp"
+#include "components/nodes.hpp"
 #include "components/particles.hpp"
 #include "components/paths.hpp"
 #include "components/picture.hpp"
@@ -35,6 +36,7 @@ struct World {
     Paths paths;
     Tears tears;
     Pools pools;
+    Nodes nodes;
     // state
     Clock clock;
     Poses poses;
@@ -46,6 +48,7 @@ struct World {
     Links links;
     Torn torn;
     Lives lives;
+    NodeState node_state;
     // derived each pass
     BodyBoxes boxes;
     CandidatePairs pairs;
@@ -111,6 +114,8 @@ enum class Resource : uint8_t {
     kTornSprings,
     kPools,
     kLives,
+    kNodes,
+    kNodeState,
     kCount
 };
 

@@ -125,17 +125,18 @@ void check_springs(const World& w, uint32_t prototype, Faults& f) {
 
 void check_solid(const World& w, uint32_t prototype, uint32_t particles, Faults& f) {
     const Solids& s = w.solids;
-    if (prototype >= s.info.size() || s.info[prototype].count == 0) return;
+    if (!has_own_nodes(s, prototype)) return;
     const SolidInfo& info = s.info[prototype];
     const std::string name = "solid of mesh " + std::to_string(prototype) + ": ";
+    const bool shell = info.count == 0;  // under a skin
     bool whole = f.inside(info.inner, s.position.size(), name + "inner nodes") && f.inside(info.nodes, s.node_volume.size(), name + "volumes of nodes") &&
                  f.inside(info.tetrahedra, s.rest.size(), name + "tetrahedra") && f.inside(info.tetrahedra, s.per_rest.size(), name + "tetrahedra") &&
                  f.inside({info.slices.first + prototype, info.slices.count + 1}, s.slot_column.size(), name + "slices");
     for (const auto& corner : s.corner) whole = whole && f.inside(info.tetrahedra, corner.size(), name + "corners");
     if (info.varied) whole = whole && f.inside(info.tetrahedra, s.factor.size(), name + "stiffnesses");
     const uint32_t tets = info.tetrahedra.count;
-    f.require(info.count <= tets && tets % kSliceWidth == 0 && uint64_t{info.slices.count} * kSliceWidth + skin_rows(info) == particles && tets < kNone / 4 &&
-                  info.nodes.count <= particles && uint64_t{surface_nodes(w.meshes, info, prototype)} + info.inner.count == info.nodes.count,
+    f.require(info.count <= tets && tets % kSliceWidth == 0 && (shell || uint64_t{info.slices.count} * kSliceWidth + skin_rows(info) == particles) && tets < kNone / 4 &&
+                  info.nodes.count + skin_rows(info) <= particles && uint64_t{surface_nodes(w.meshes, info, prototype)} + info.inner.count == info.nodes.count,
               name + "nodes and tetrahedra do not fit");
     if (!whole || !f.first.empty() || !f.inside(info.skin, s.skin_node.size(), name + "skin") || !f.inside(info.skin, s.skin_weight.size(), name + "skin")) return;
     f.require(info.skin.count == 0 || info.skin.count == w.meshes.info[prototype].vertices.count, name + "skin does not fit the surface");
@@ -189,11 +190,27 @@ void check_hinges(const World& w, uint32_t prototype, Faults& f) {
     check_columns(h.column, h.slot, h.first[prototype], slices, kSliceWidth, uint64_t{32} * groups.count + 1, name, f);
 }
 
+void check_tet_colours(const World& w, uint32_t prototype, Faults& f) {
+    const Solids& s = w.solids;
+    const std::string name = "colours of tetrahedra of mesh " + std::to_string(prototype);
+    f.require(prototype < s.colours.size() && s.batch.size() == s.batch_volume.size() && s.batch.size() == s.batch_factor.size(), name + " are missing");
+    if (!f.first.empty() || !f.inside(s.colours[prototype], s.colour.size(), name)) return;
+    const uint32_t ends = (s.info[prototype].slices.count + 4) * kSliceWidth;
+    for (uint32_t c = s.colours[prototype].first; c < s.colours[prototype].end(); ++c) {
+        if (!f.inside(s.colour[c], s.batch.size(), name)) return;
+        for (uint32_t b = s.colour[c].first; b < s.colour[c].end(); ++b)
+            for (const uint32_t node : s.batch[b]) f.below(node, ends, false, name + ": corner");
+    }
+}
+
 void check_colours(const World& w, uint32_t prototype, Faults& f) {
     const Springs& s = w.springs;
     const std::string name = "colours of springs of mesh " + std::to_string(prototype);
     f.require(prototype < s.colours.size() && s.batch.size() == s.batch_rest.size(), name + " are missing");
     if (!f.first.empty() || !f.inside(s.colours[prototype], s.colour.size(), name)) return;
+    f.require(!s.info[prototype].varied || s.batch_factor.size() >= (s.colours[prototype].count > 0 ? s.colour[s.colours[prototype].end() - 1].end() : 0), name + ": stiffnesses are missing");
+    if (is_solid(w.solids, prototype)) check_tet_colours(w, prototype, f);
+    if (!f.first.empty()) return;
     const uint32_t ends = s.vertices[prototype].count + 2 * kSliceWidth;
     for (uint32_t c = s.colours[prototype].first; c < s.colours[prototype].end(); ++c) {
         if (!f.inside(s.colour[c], s.batch.size(), name)) return;
@@ -384,6 +401,42 @@ void check_tools(const World& w, Faults& f) {
     for (const DeviceTrace& trace : w.haptics.trace) f.require(!trace.sample.empty(), "a device trace is empty");
 }
 
+void check_nodes(const World& w, Faults& f) {
+    const Nodes& n = w.nodes;
+    const NodeState& s = w.node_state;
+    const uint32_t nodes = static_cast<uint32_t>(n.name.size()), bodies = static_cast<uint32_t>(w.bodies.mesh.size());
+    const uint32_t tools = static_cast<uint32_t>(w.haptics.tool.size()), drives = static_cast<uint32_t>(n.drive.size());
+    f.require(n.parent.size() == nodes && s.enabled.size() == nodes && n.of_body.size() == (nodes > 0 ? bodies : 0) && s.drive.size() == drives &&
+                  s.seen.size() == n.toggle.size() + n.exchange.size() && s.laid_down.size() == (n.exchange.empty() ? 0 : tools) &&
+                  s.off.size() == (nodes > 0 || !n.exchange.empty() ? bodies : 0),
+              "nodes: arrays that do not fit together");
+    if (!f.first.empty()) return;
+    for (uint32_t node = 0; node < nodes; ++node) f.below(n.parent[node], node, true, "parent of a node");
+    for (const uint32_t node : n.of_body) f.below(node, nodes, true, "node of a body");
+    uint64_t next = 0;
+    for (uint32_t i = 0; i < drives && f.first.empty(); ++i) {
+        const NodeDrive& d = n.drive[i];
+        f.below(d.body, bodies, false, "driven body");
+        f.below(d.node, nodes, false, "node of a driven body");
+        if (!f.first.empty()) return;
+        f.require(d.body >= next && w.bodies.motion[d.body] == Motion::kFree && d.behaviour != NodeBehaviour::kNone && d.behaviour <= NodeBehaviour::kDial &&
+                      d.inertia > 0 && std::isfinite(d.inertia) && d.lowest < d.highest && d.damping >= 0 && d.friction >= 0 && d.axis.allFinite() &&
+                      (d.click == 0 || d.click_width > 0) && std::isfinite(s.drive[i].place) && std::isfinite(s.drive[i].rate),
+                  "body " + std::to_string(d.body) + " is driven in no known way");
+        next = uint64_t{d.body} + 1;
+    }
+    for (const NodeSwitch& t : n.toggle) {
+        f.below(t.node, nodes, false, "switch of node");
+        f.below(t.tool, tools, true, "switch by tool");
+        f.below(t.drive, drives, true, "switch by driven body");
+        f.require(t.to <= 2 && t.event < NodeEventKind::kCount, "a switch is of no kind");
+    }
+    for (const ToolExchange& e : n.exchange) {
+        f.below(e.from, tools, false, "exchange of tool");
+        f.below(e.to, tools, false, "exchange for tool");
+    }
+}
+
 void check_contact_memory(const World& w, Faults& f) {
     const ContactMemory& m = w.contact_memory;
     const uint32_t rows = static_cast<uint32_t>(m.body.size()), bodies = static_cast<uint32_t>(w.bodies.mesh.size());
@@ -406,6 +459,7 @@ std::string find_fault(const World& w) {
     check_meshes(w.meshes, f);
     if (f.first.empty()) check_bodies(w, f);
     if (f.first.empty()) check_tools(w, f);
+    if (f.first.empty()) check_nodes(w, f);
     if (f.first.empty()) check_links(w, f);
     if (f.first.empty()) check_tears(w, f);
     f.require(w.pair_memory.b.size() == w.pair_memory.a.size() && w.pair_memory.direction.size() == w.pair_memory.a.size(),

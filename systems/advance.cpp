@@ -326,7 +326,8 @@ void share_room(std::span<AdvanceScratch> scratches) {
     level_implicit(&ImplicitScratch::direction);
     level_implicit(&ImplicitScratch::sums);
     for (auto ImplicitScratch::* field : {&ImplicitScratch::spoke, &ImplicitScratch::block, &ImplicitScratch::residual,
-                                          &ImplicitScratch::applied, &ImplicitScratch::change, &ImplicitScratch::lambda}) {
+                                          &ImplicitScratch::applied, &ImplicitScratch::change, &ImplicitScratch::lambda, &ImplicitScratch::volume_lambda,
+                                          &ImplicitScratch::slope, &ImplicitScratch::volume_force, &ImplicitScratch::volume_block}) {
         level_implicit(field);
     }
 }
@@ -366,6 +367,7 @@ void advance_island(const AdvanceParams& params, const AdvanceInputs& inputs, st
         observe(params.observer.begin);
         const bool books = params.account_energy && has_rows(scratch);
         if (has_rows(scratch)) apply_impulses(island);
+        settle_drives(island);
         if (books) book_measured(island, result.work_contact);
         move_hands(island);
         move_free_bodies(island);

@@ -387,7 +387,7 @@ void settle_rows(AdvanceIsland& island) {
     for (uint32_t pass = 0; pass < kMostSweeps; ++pass) {
         if (pass > 0) before = go_on(s, pass == 1 ? 0 : before);
         note_impulses(s);
-        const double change = sweep_rows(s);
+        const double change = std::max(sweep_rows(s), solve_drives(s));
         if (change < kSettledChange && pass + 1 >= island.params.contact.iterations) break;
     }
 }

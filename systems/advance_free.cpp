@@ -19,14 +19,6 @@ void set_inertia(AdvanceFree& f, const Quat& orientation) {
     for (int i = 0; i < 3; ++i) f.inv_inertia[i] = to_vec4(spin_of(f.mass.moments, principal, Vec3d::Unit(i)));
 }
 
-// Puts the end of the substep where the centre of mass is at `centre` under an orientation.
-void place_end(AdvanceRigid& rigid, const AdvanceFree& f, Vec4d centre, const Quat& orientation) {
-    RigidMap& place = rigid.place[1];
-    rigid.orientation[1] = orientation;
-    for (int i = 0; i < 3; ++i) place.column[i] = to_vec4(rotate(orientation, Vec3d::Unit(i)));
-    place.shift = centre - place.turn(f.centre);
-}
-
 Vec4d relative_velocity(const AdvanceScratch& s, const ContactActive& row, const ContactTurning& turning) {
     Vec4d v = row.rigid_velocity;
     for (uint32_t k = 0; k < row.nodes; ++k) v += row.weight[k] * s.node[row.node[k]].velocity;
@@ -41,7 +33,7 @@ double turning_response(const AdvanceScratch& s, const ContactTurning& turning, 
     for (int side = 0; side < 2; ++side) {
         if (turning.free[side] == kNone) continue;
         const AdvanceFree& f = s.free[turning.free[side]];
-        sum += dot(along, cross(f.respond(cross(turning.arm[side], way)), turning.arm[side]));
+        sum += dot(along, cross(f.respond(cross(turning.arm[side], way)), turning.arm[side]) + f.yield(way));
     }
     return sum;
 }
@@ -65,6 +57,13 @@ double friction_mass(const AdvanceScratch& s, double nodes_response, Vec4d norma
 
 }  // namespace
 
+void place_end(AdvanceRigid& rigid, const AdvanceFree& f, Vec4d centre, const Quat& orientation) {
+    RigidMap& place = rigid.place[1];
+    rigid.orientation[1] = orientation;
+    for (int i = 0; i < 3; ++i) place.column[i] = to_vec4(rotate(orientation, Vec3d::Unit(i)));
+    place.shift = centre - place.turn(f.centre);
+}
+
 void add_free_body(AdvanceIsland& island, uint32_t rigid_row) {
     AdvanceScratch& s = island.scratch;
     AdvanceRigid& rigid = s.rigid[rigid_row];
@@ -86,11 +85,16 @@ void add_free_body(AdvanceIsland& island, uint32_t rigid_row) {
     node.place = to_vec4(island.poses.origin[rigid.body]) + arm;
     node.velocity = to_vec4(island.poses.velocity[rigid.body]) + cross(f.spin, arm);
     s.change.emplace_back();
+    bind_drive(island, rigid.free);
 }
 
 void kick_free_bodies(AdvanceIsland& island) {
     AdvanceScratch& s = island.scratch;
     for (AdvanceFree& f : s.free) {
+        if (f.drive != kNone) {
+            kick_driven(island, f);
+            continue;
+        }
         AdvanceRigid& rigid = s.rigid[f.rigid];
         ContactNode& node = s.node[rigid.node];
         if (f.held) {
@@ -124,6 +128,10 @@ void kick_free_bodies(AdvanceIsland& island) {
 void move_free_bodies(AdvanceIsland& island) {
     AdvanceScratch& s = island.scratch;
     for (AdvanceFree& f : s.free) {
+        if (f.drive != kNone) {
+            move_driven(island, f);
+            continue;
+        }
         AdvanceRigid& rigid = s.rigid[f.rigid];
         ContactNode& node = s.node[rigid.node];
         const double seconds = moving_time(island, rigid.body);
@@ -150,6 +158,7 @@ void finish_free_bodies(AdvanceIsland& island) {
             ++island.result.nonfinite_particles;
             poses.velocity[rigid.body] = poses.angular_velocity[rigid.body] = Vec3d::Zero();
             if (!f.held) island.particles.last_dt[rigid.body] = 0;
+            if (f.drive != kNone) restore_drive(island, f);
             continue;
         }
         poses.origin[rigid.body] = to_vec3(node.place - arm);
@@ -164,6 +173,7 @@ double contact_work_on_free(const AdvanceIsland& island) {
     const AdvanceScratch& s = island.scratch;
     double work = 0;
     for (const AdvanceFree& f : s.free) {
+        if (f.drive != kNone) continue;  // settle_drives
         if (f.held) continue;  // its work is the hand's
         const uint32_t n = s.rigid[f.rigid].node;
         const ContactNodeChange& change = s.change[n];
@@ -201,7 +211,9 @@ void give_impulse(AdvanceScratch& s, const ContactActive& row, const ContactTurn
     for (int side = 0; side < 2; ++side) {
         if (turning.free[side] == kNone) continue;
         AdvanceFree& f = s.free[turning.free[side]];
-        f.spin += f.respond(cross(turning.arm[side], side == 0 ? impulse : -impulse));
+        const Vec4d j = side == 0 ? impulse : -impulse;
+        f.spin += f.respond(cross(turning.arm[side], j));
+        if (f.slides) s.node[s.rigid[f.rigid].node].velocity += f.yield(j);
     }
 }
 
@@ -269,7 +281,7 @@ void push_free_sides(AdvanceScratch& s, const ContactTurning& turning, Vec4d pus
         AdvanceRigid& rigid = s.rigid[f.rigid];
         ContactNode& node = s.node[rigid.node];
         const Vec4d way = side == 0 ? push : -push;
-        const Vec4d shift = node.inv_mass * way, turn = f.respond(cross(turning.arm[side], way));
+        const Vec4d shift = node.inv_mass * way + f.yield(way), turn = f.respond(cross(turning.arm[side], way));
         f.shift += shift;
         f.turn += turn;
         node.after += shift;
@@ -288,6 +300,10 @@ void finish_free_pushes(AdvanceIsland& island, double most) {
         const double way = std::sqrt(norm2(f.shift)) + radius * std::sqrt(norm2(f.turn));
         if (way == 0) continue;
         const double share = way > most ? most / way : 1;
+        if (f.drive != kNone) {
+            push_driven(island, f, share);
+            continue;
+        }
         const Vec4d shift = share * f.shift;
         node.place += shift;
         node.after = node.place;

@@ -51,7 +51,8 @@ inline Vec4d field_at(const AdvanceScratch& s, uint32_t point, Vec4d ContactNode
 // Time at the start of a substep, s: a quotient of integers, so that it does not depend on how calls are cut.
 double substep_time(const AdvanceParams& params, uint32_t substep);
 
-// Whether a body has forces besides springs and anchors: pressure, bending, tetrahedra.
+// Whether a body has forces besides springs and anchors that a step takes as they are at its start: pressure, bending, and of
+// bodies stepped by leapfrog tetrahedra.
 bool has_forces(const AdvanceInputs& inputs, uint32_t body);
 // Gives such bodies their rows of scratch.force; the island has `particles` in all.
 void give_forces(AdvanceIsland& island, uint32_t particles);
@@ -136,6 +137,19 @@ double go_on(AdvanceScratch& s, double before);
 // `most`.
 void push_free_sides(AdvanceScratch& s, const ContactTurning& turning, Vec4d push);
 void finish_free_pushes(AdvanceIsland& island, double most);
+
+// Free bodies with one coordinate (advance_drive.cpp), in the places of what is done with other free ones. Finds its drive;
+void bind_drive(AdvanceIsland& island, uint32_t free_row);
+void kick_driven(AdvanceIsland& island, AdvanceFree& f);
+void move_driven(AdvanceIsland& island, AdvanceFree& f);
+void push_driven(AdvanceIsland& island, AdvanceFree& f, double share);
+void restore_drive(AdvanceIsland& island, const AdvanceFree& f);
+// friction and limits, once: part of a sweep. Returns the largest change of a velocity, m/s;
+double solve_drives(AdvanceScratch& s);
+// after the rows: state and books.
+void settle_drives(AdvanceIsland& island);
+// Puts the end of the substep where the node of a free body is at `centre` under an orientation.
+void place_end(AdvanceRigid& rigid, const AdvanceFree& f, Vec4d centre, const Quat& orientation);
 
 // Velocities of all particles that are nodes before the kick of the first substep; those of later ones are known.
 void note_velocities(AdvanceIsland& island);

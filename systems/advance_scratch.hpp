@@ -5,6 +5,7 @@
 
 #include "components/bodies.hpp"
 #include "components/math.hpp"
+#include "components/nodes.hpp"
 #include "engine/geometry/four_points.hpp"
 #include "engine/geometry/vec4.hpp"
 #include "engine/spring_kernels.hpp"
@@ -65,6 +66,8 @@ struct ImplicitScratch {
     std::vector<float> block, residual, applied, change;      // 6, 3, 3, 3 fields
     std::vector<double> sums;                                 // 16 a chunk
     std::vector<float> lambda;                                // xpbd: 16 a batch
+    std::vector<float> volume_lambda;                         // likewise of tetrahedra
+    std::vector<float> slope, volume_force, volume_block;     // midpoint, tetrahedra: 9, 3 and 6 fields
 };
 
 // A rotation and a shift, or a rotation's rate and a velocity: x -> shift + x[0] column[0] + x[1] column[1] + ...
@@ -102,11 +105,26 @@ struct AdvanceFree {
     Vec4d spin_before = {};       // rad/s, before the rows of this substep
     Vec4d inv_inertia[3] = {};    // 1/(kg m^2), world axes, columns
     Vec4d shift = {}, turn = {};  // m, rad: pushed so far in this substep
+    Vec4d slide = {};             // of what slides along an axis: the axis over the root of its mass, 1/sqrt(kg)
+    // of a body with one coordinate; its node has no mass, and lies on the axis of what turns
+    uint32_t drive = kNone;       // row of Nodes::drive
+    bool slides = false;
+    Vec4d axis = {};              // unit, world
+    double inertia = 0;           // kg or kg m^2
+    double hold = 0;              // N or N m, Coulomb friction
+    double arm = 0;               // m per rad, or 1: what turns a change of the rate into one of a velocity
+    double rate_before = 0, rate_kicked = 0;         // m/s or rad/s, before and after the kick of this substep
+    double least_rate = 0, most_rate = 0;            // that reach the limits in this substep
+    double most_friction = 0;                        // N s or N m s
+    double friction_impulse = 0, stop_impulse = 0, damping_impulse = 0;  // of this substep
+    DriveState before;                               // at the start of the call
     // of a tool that its contacts turn (advance_held.cpp): in the hand, its centre of mass at the tip
     bool held = false;
     Quat target;                  // where the hand would turn it to by the end
     Vec3d target_spin;            // rad/s
 
+    // Velocity that an impulse adds to what slides, m/s.
+    Vec4d yield(Vec4d j) const { return dot(slide, j) * slide; }
     // Angular velocity that an angular impulse about the centre adds, rad/s.
     Vec4d respond(Vec4d j) const { return j[0] * inv_inertia[0] + j[1] * inv_inertia[1] + j[2] * inv_inertia[2]; }
 };

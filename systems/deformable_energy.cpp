@@ -5,6 +5,7 @@
 #include "engine/bending_forces.hpp"
 #include "engine/free_rotation.hpp"
 #include "engine/mass_properties.hpp"
+#include "engine/node_drive.hpp"
 #include "engine/parallel.hpp"
 #include "engine/pressure_force.hpp"
 #include "engine/shape_fit.hpp"
@@ -111,6 +112,13 @@ void measure_energy(const Springs& springs, const Bodies& bodies, const Poses& p
         energy.kinetic += 0.5 * free.mass * state.velocity.squaredNorm() +
                           0.5 * state.turning.dot(poses.angular_velocity[free.body]);
         energy.gravity -= free.mass * gravity.dot(state.place);
+    }
+    if (other.nodes) {
+        for (size_t i = 0; i < other.nodes->drive.size(); ++i) {
+            const DriveState& state = other.node_state->drive[i];
+            const double back = 0.5 * particles.last_dt[other.nodes->drive[i].body];
+            energy.elastic += drive_energy(other.nodes->drive[i], state.place - back * state.rate);
+        }
     }
     if (other.links) {
         for (const LinkGroup& g : other.links->group) {

@@ -27,6 +27,7 @@
 #include "systems/islands.hpp"
 #include "systems/link_bodies.hpp"
 #include "systems/local_contact_model.hpp"
+#include "systems/node_switching.hpp"
 #include "systems/overlap.hpp"
 #include "systems/penetration.hpp"
 #include "systems/picture_snapshot.hpp"
@@ -139,7 +140,11 @@ void device_input(FrameState& f) {
         if (!w.haptics.state[t].device_valid) w.haptics.state[t].device = f.scratch.device[t * (w.clock.period + 1)];
     }
 }
-void rigid_motion(FrameState& f) { follow_paths(f.world.paths, pass_seconds(f.world), f.world.poses); }
+void nodes(FrameState& f) {
+    World& w = f.world;
+    switch_nodes(pass_seconds(w), w.nodes, w.lives, w.haptics, w.poses, w.node_state, w.sleep);
+}
+void rigid_motion(FrameState& f) { follow_paths(f.world.paths, pass_seconds(f.world), f.world.node_state.off, f.world.poses); }
 void link(FrameState& f) {
     World& w = f.world;
     link_bodies(pass_seconds(w), w.haptics.state, {surfaces_of(w), w.solids, w.trees}, f.scratch.links, w.links, w.sleep, w.energy, w.report);
@@ -174,6 +179,7 @@ void find_fast_bodies(FrameState& f) {
     const double period = period_seconds(w);
     f.scratch.fast.clear();
     const auto add = [&](uint32_t body, const RigidSweep& sweep) {
+        if (is_off(w.node_state, body)) return;
         const double arm = w.meshes.info[w.bodies.mesh[body]].radius + sweep.pivot.norm();
         const double way = (f.scratch.coming.velocity[body].norm() + w.poses.angular_velocity[body].norm() * arm) * period;
         if (way > w.boxes.margin[body] && std::isfinite(way)) f.scratch.fast.push_back({body, sweep});
@@ -209,12 +215,14 @@ void body_boxes(FrameState& f) {
     compute_body_boxes(period_seconds(w), {w.meshes, w.bodies, f.scratch.coming, w.particles}, w.boxes);
     for (uint32_t body = 0; body < w.lives.away.size(); ++body)
         if (is_away(w.lives, body)) w.boxes.box[body] = {};
+    for (uint32_t body = 0; body < w.node_state.off.size(); ++body)
+        if (is_off(w.node_state, body)) w.boxes.box[body] = {};
     find_fast_bodies(f);
     cover_fast_ways(f.scratch.fast, period_seconds(w), surfaces_of(w), w.boxes);
 }
 void candidate_pairs(FrameState& f) {
     World& w = f.world;
-    find_candidate_pairs(w.bodies, w.boxes, {}, f.scratch.pairs, w.pairs);
+    find_candidate_pairs(w.bodies, w.boxes, w.nodes.apart, f.scratch.pairs, w.pairs);
     drop_unreachable_pairs(period_seconds(w), w.settings.gravity, surfaces_of(w), w.boxes, f.scratch.reachable, w.pairs);
 }
 std::span<const std::array<uint32_t, 2>> linked_bodies(FrameState& f) {
@@ -291,6 +299,7 @@ void local_contact(FrameState& f) {
     for (size_t t = 0; t < w.haptics.tool.size(); ++t) {
         publish_local_contact(haptic_params(w.clock.contact_rate), surfaces_of(w), w.boxes.box, w.haptics.tool[t], w.haptics.state[t], pass_seconds(w),
                               w.clock.pass + 1, f.scratch.local_contact, w.local_contact[t]);
+        w.local_contact[t].period = period_seconds(w);
         publish_give(surfaces_of(w), w.haptics.tool[t], w.haptics.state[t], w.local_contact[t]);
     }
     if (f.contact_hook.published) f.contact_hook.published(f.contact_hook.user, w);
@@ -301,6 +310,7 @@ void local_contact(FrameState& f) {
 OtherForces other_forces(World& w) {
     OtherForces other{&w.solids};
     if (!w.links.group.empty()) other.links = &w.links;
+    if (!w.nodes.drive.empty()) other.nodes = &w.nodes, other.node_state = &w.node_state;
     if (!w.tears.body.empty()) other.tears = &w.tears, other.torn = &w.torn, other.torn_springs = &w.torn_springs;
     return other;
 }
@@ -349,6 +359,7 @@ void advance_one_island(FrameState& f, uint32_t island, AdvanceScratch& scratch)
     World& w = f.world;
     const auto bodies = std::span(w.islands.body).subspan(w.islands.bodies[island].first, w.islands.bodies[island].count);
     if (is_asleep(w.sleep, bodies[0])) return;  // and then all of them
+    if (is_off(w.node_state, bodies[0])) return;  // and then it is alone
     const auto rows = std::span(w.islands.row).subspan(w.islands.rows[island].first, w.islands.rows[island].count);
     AdvanceParams params;
     params.tick = w.clock.tick;
@@ -400,6 +411,7 @@ void advance(FrameState& f) {
     remember_contacts(w.rows, w.contact_memory);
     share_room(f.scratch.advance);
     note_link_forces(period_seconds(w), w.links);
+    note_pull_on_tools(period_seconds(w), w.links, w.haptics.tool, w.haptics.state);
     f.times.response_ns = 0;
     w.report.deepest_residual = 0;
     for (uint32_t i = 0; i < count; ++i) {
@@ -424,11 +436,14 @@ void picture(FrameState& f) {
     write_picture_snapshot(w.clock.picture, pass_seconds(w), surfaces_of(w), w.normals, w.contacts, w.penetrations, w.haptics, w.picture, &w.tears);
     for (uint32_t body = 0; body < w.lives.away.size(); ++body)
         if (is_away(w.lives, body)) w.picture.body[body].mesh = kNone;
+    for (uint32_t body = 0; body < w.node_state.off.size(); ++body)
+        if (is_off(w.node_state, body)) w.picture.body[body].mesh = kNone;
 }
 
 bool any_path(const World& w) {
     return std::any_of(w.paths.body.begin(), w.paths.body.end(), [](uint32_t body) { return body != kNone; });
 }
+bool any_switch(const World& w) { return !w.nodes.toggle.empty() || !w.nodes.exchange.empty(); }
 bool any_pool(const World& w) { return !w.pools.slots.empty(); }
 bool any_tool(const World& w) { return !w.haptics.tool.empty(); }
 bool any_pair(const World& w) {
@@ -455,12 +470,13 @@ constexpr ResourceMask kShapes = mask(R::kMeshes, R::kBodies, R::kPoses, R::kPar
 constexpr FrameStage kBegin[] = {
     // name              run              reads                                                              writes
     {{"device input",    device_input,    mask(R::kClock, R::kPaths, R::kTools),                             mask(R::kToolState)}, any_tool},
-    {{"rigid motion",    rigid_motion,    mask(R::kClock, R::kPaths),                                        mask(R::kPoses)}, any_path},
+    {{"nodes",           nodes,           mask(R::kClock, R::kNodes, R::kTools, R::kLives), mask(R::kPoses, R::kToolState, R::kNodeState, R::kSleep)}, any_switch},
+    {{"rigid motion",    rigid_motion,    mask(R::kClock, R::kPaths, R::kNodeState),                                        mask(R::kPoses)}, any_path},
     {{"come and go",     come_and_go,     kShapes | mask(R::kSettings, R::kSprings, R::kSolids, R::kAnchors, R::kPools, R::kClock), mask(R::kPoses, R::kParticles, R::kSleep, R::kLives, R::kEnergy)}, any_pool},
     {{"links",           link,            kShapes | mask(R::kSolids, R::kClock, R::kTrees, R::kToolState),     mask(R::kLinks, R::kSleep, R::kEnergy, R::kReport)}, any_link},
     {{"tears",           tear,            mask(R::kSettings, R::kClock, R::kSprings, R::kSolids, R::kBodies, R::kPoses, R::kAnchors), mask(R::kParticles, R::kMeshes, R::kTrees, R::kTears, R::kTorn, R::kTornSprings, R::kSleep, R::kEnergy, R::kReport)}, any_tear},
-    {{"body boxes",      body_boxes,      kShapes | mask(R::kSettings, R::kClock, R::kTools, R::kToolState, R::kLives),    mask(R::kBoxes)}, any_pair},
-    {{"candidate pairs", candidate_pairs, kShapes | mask(R::kSettings, R::kClock, R::kBoxes),                mask(R::kPairs)}, any_pair},
+    {{"body boxes",      body_boxes,      kShapes | mask(R::kSettings, R::kClock, R::kTools, R::kToolState, R::kLives, R::kNodeState), mask(R::kBoxes)}, any_pair},
+    {{"candidate pairs", candidate_pairs, kShapes | mask(R::kSettings, R::kClock, R::kBoxes, R::kNodes),       mask(R::kPairs)}, any_pair},
     {{"sleep",           sleep,           mask(R::kSettings, R::kBodies, R::kPaths, R::kClock, R::kPairs, R::kLinks),     mask(R::kSleep, R::kParticles, R::kPairs, R::kEnergy, R::kReport)}, may_sleep},
     {{"refit trees",     refit,           kShapes | mask(R::kSettings, R::kClock, R::kBoxes, R::kPairs),            mask(R::kTrees)}, any_pair},
     {{"rasterise",       rasterise_,      kShapes | mask(R::kSettings, R::kBoxes, R::kPairs),                mask(R::kScreened, R::kOccupancy, R::kReport)}, any_pair},
@@ -478,14 +494,14 @@ constexpr FrameStage kBegin[] = {
 };
 
 constexpr FrameStage kAdvance[] = {
-    {{"advance", advance, mask(R::kSleep, R::kSettings, R::kMeshes, R::kSprings, R::kSolids, R::kBodies, R::kAnchors, R::kPaths, R::kTools, R::kClock, R::kIslands, R::kLocalContact, R::kTears),
-      mask(R::kPoses, R::kParticles, R::kRows, R::kContactMemory, R::kToolState, R::kLinks, R::kTorn, R::kTornSprings, R::kEnergy, R::kReport)}, any_mover},
+    {{"advance", advance, mask(R::kSleep, R::kSettings, R::kMeshes, R::kSprings, R::kSolids, R::kBodies, R::kAnchors, R::kPaths, R::kTools, R::kClock, R::kIslands, R::kLocalContact, R::kTears, R::kNodes),
+      mask(R::kPoses, R::kParticles, R::kRows, R::kContactMemory, R::kToolState, R::kLinks, R::kTorn, R::kTornSprings, R::kNodeState, R::kEnergy, R::kReport)}, any_mover},
 };
 
 constexpr FrameStage kEnd[] = {
     {{"surface normals", surface_normals, kShapes,                                                           mask(R::kNormals)}, any_deformable},
-    {{"energy",          energy,          mask(R::kSettings, R::kSprings, R::kSolids, R::kBodies, R::kPoses, R::kParticles, R::kAnchors, R::kLinks, R::kTears, R::kTornSprings), mask(R::kEnergy)}, any_energy},
-    {{"picture",         picture,         kShapes | mask(R::kClock, R::kNormals, R::kContacts, R::kPenetrations, R::kTools, R::kToolState, R::kTears, R::kLives), mask(R::kPicture)}, any_body},
+    {{"energy",          energy,          mask(R::kSettings, R::kSprings, R::kSolids, R::kBodies, R::kPoses, R::kParticles, R::kAnchors, R::kLinks, R::kTears, R::kTornSprings, R::kNodes, R::kNodeState), mask(R::kEnergy)}, any_energy},
+    {{"picture",         picture,         kShapes | mask(R::kClock, R::kNormals, R::kContacts, R::kPenetrations, R::kTools, R::kToolState, R::kTears, R::kLives, R::kNodeState), mask(R::kPicture)}, any_body},
 };
 
 constexpr std::string_view kFirstDetection = "body boxes", kAfterDetection = "local contact";

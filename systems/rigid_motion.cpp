@@ -1,15 +1,13 @@
 #include "systems/rigid_motion.hpp"
 
-#include <span>
-
 #include "engine/keyframe_path.hpp"
 namespace trocar {
 
-void follow_paths(const Paths& paths, double time, Poses& poses) {
+void follow_paths(const Paths& paths, double time, std::span<const uint8_t> off, Poses& poses) {
     for (uint32_t i = 0; i < paths.body.size(); ++i) {
         const PathPoint at = sample_path(std::span(paths.key).subspan(paths.keys[i].first, paths.keys[i].count), time);
         const uint32_t body = paths.body[i];
-        if (body == kNone) continue;  // the path of a device
+        if (body == kNone || (body < off.size() && off[body])) continue;  // the path of a device, or not there
         poses.origin[body] = at.position;
         poses.orientation[body] = at.orientation;
         poses.velocity[body] = at.velocity;

@@ -2,6 +2,7 @@
 
 #include <algorithm>
 #include <cmath>
+#include <iterator>
 #include <nlohmann/json.hpp>
 namespace trocar {
 
@@ -155,6 +156,24 @@ nlohmann::ordered_json tool_json(const ToolFigures& t) {
     return j;
 }
 
+constexpr const char* kNodeEvents[] = {"pressed", "released", "limit", "detent"};
+static_assert(std::size(kNodeEvents) == static_cast<size_t>(NodeEventKind::kCount));
+
+nlohmann::ordered_json drive_json(const RunFigures& f, size_t row) {
+    constexpr const char* kBehaviours[] = {"", "button", "slider", "dial"};
+    const DriveFigures& d = f.drive[row];
+    const std::string unit = d.behaviour == NodeBehaviour::kDial ? "rad" : "m";
+    double lowest = 0, highest = 0;
+    for (const PassFigures& p : f.pass) lowest = std::min(lowest, p.place[row]), highest = std::max(highest, p.place[row]);
+    nlohmann::ordered_json j = {{"body", d.body}, {"behaviour", kBehaviours[static_cast<size_t>(d.behaviour)]}, {"lowest_" + unit, lowest}, {"highest_" + unit, highest}};
+    for (size_t k = 0; k < std::size(kNodeEvents); ++k) j["events"][kNodeEvents[k]] = d.events.count[k];
+    for (uint64_t n = d.events.total - std::min<uint64_t>(d.events.total, kKeptNodeEvents); n < d.events.total; ++n) {
+        const NodeEvent& e = d.events.last[n % kKeptNodeEvents];
+        j["last_events"].push_back({{"event", kNodeEvents[static_cast<size_t>(e.kind)]}, {"time_s", e.time}, {"place_" + unit, e.place}});
+    }
+    return j;
+}
+
 }  // namespace
 
 std::string state_hash_text(const RunFigures& f) { return hex(f.state_hash); }
@@ -216,6 +235,7 @@ std::string metrics_json(const RunFigures& f) {
         j["haptics"]["scheduling"] = f.scheduling;
     }
     for (const ToolFigures& tool : f.tool) j["haptics"]["tools"].push_back(tool_json(tool));
+    for (size_t row = 0; row < f.drive.size(); ++row) j["nodes"].push_back(drive_json(f, row));
     if (f.replay) j["replay"] = {{"same", f.replay_difference.empty()}, {"difference", f.replay_difference}};
     j["energy"] = energy_json(f);
     for (const LinkFigures& l : f.link)
@@ -228,17 +248,24 @@ std::string passes_csv(const RunFigures& f) {
     std::string out =
         "time_s,detection_ms,response_ms,frame_ms,render_ms,depth_m,inside_vertices,contacts,pairs,force_n,"
         "contact_force_n,kinetic_j,elastic_j,pressure_j,bending_j,links_j,gravity_j,work_hand_j,work_contact_j,work_damping_j,"
-        "work_push_j,work_numeric_j,work_links_j,balance_j,residual_m,awake\n";
+        "work_push_j,work_numeric_j,work_links_j,balance_j,residual_m,awake";
+    for (const DriveFigures& d : f.drive) out += (d.behaviour == NodeBehaviour::kDial ? ",angle_rad_" : ",place_m_") + d.body;
+    out += "\n";
     char line[512];
     for (const PassFigures& p : f.pass) {
         std::snprintf(line, sizeof line,
-                      "%.3f,%.4f,%.4f,%.4f,%.4f,%.9g,%u,%u,%u,%.6g,%.6g,%.9g,%.9g,%.9g,%.9g,%.9g,%.9g,%.9g,%.9g,%.9g,%.9g,%.9g,%.9g,%.9g,%.9g,%u\n",
+                      "%.3f,%.4f,%.4f,%.4f,%.4f,%.9g,%u,%u,%u,%.6g,%.6g,%.9g,%.9g,%.9g,%.9g,%.9g,%.9g,%.9g,%.9g,%.9g,%.9g,%.9g,%.9g,%.9g,%.9g,%u",
                       p.time, p.detection_ms, p.response_ms, p.frame_ms, p.render_ms, p.depth, p.inside_vertices, p.contacts,
                       p.pairs, p.force, p.contact_force, p.energy.kinetic, p.energy.elastic, p.energy.pressure,
                       p.energy.bending, p.energy.links, p.energy.gravity, p.energy.work_hand, p.energy.work_contact,
                       p.energy.work_damping, p.energy.work_push, p.energy.work_numeric, p.energy.work_links,
                       p.energy.balance, p.residual, p.awake);
         out += line;
+        for (const double place : p.place) {
+            std::snprintf(line, sizeof line, ",%.9g", place);
+            out += line;
+        }
+        out += "\n";
     }
     return out;
 }

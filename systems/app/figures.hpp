@@ -4,6 +4,7 @@
 #include <vector>
 
 #include "components/math.hpp"
+#include "components/nodes.hpp"
 #include "components/report.hpp"
 #include "engine/device_link.hpp"
 #include "systems/app/tool_record.hpp"
@@ -27,6 +28,7 @@ struct PassFigures {
     double residual = 0;       // m, deepest overlap left at its end
     uint32_t awake = 0;        // bodies that can move and were not asleep
     bool picture = false;      // a displayed frame ends with this pass
+    std::vector<double> place;  // m or rad, of every body with one coordinate, at its end
     bool contact() const { return pairs > 0; }
 };
 
@@ -66,6 +68,13 @@ struct PairFigures {
     double depth = 0;        // m, deepest
 };
 
+// A body that its node leaves one coordinate.
+struct DriveFigures {
+    std::string body;
+    NodeBehaviour behaviour = NodeBehaviour::kNone;
+    NodeEvents events;
+};
+
 // What one tool's hand was told, and by what it was held.
 struct ToolFigures {
     std::string body;
@@ -100,6 +109,7 @@ struct RunFigures {
     Report report;
     std::vector<LinkFigures> link;
     std::vector<ToolFigures> tool;
+    std::vector<DriveFigures> drive;
     std::vector<ToolSample> tool_sample;  // of every pass
     std::vector<std::vector<float>> pass_stage_ms;  // per pass, per stage
     std::vector<PairFigures> pair;       // the dearest

@@ -22,6 +22,7 @@ namespace trocar {
 PassFigures pass_figures(const Frame& frame, double time) {
     const World& w = frame.world();
     PassFigures p;
+    for (const DriveState& drive : frame.world().node_state.drive) p.place.push_back(drive.place);
     p.time = time;
     for (const uint32_t row : frame.detection_stages())
         p.detection_ms += static_cast<double>(frame.times().stage_ns[row]) * 1e-6;

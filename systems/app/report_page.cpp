@@ -196,6 +196,29 @@ std::string time_section(const RunFigures& f) {
     return section("Over time", "", grid(cards));
 }
 
+// Places of what moves along or about an axis, and the force to the hand over them.
+std::string node_section(const RunFigures& f) {
+    std::string cards;
+    for (size_t row = 0; row < f.drive.size(); ++row) {
+        const bool dial = f.drive[row].behaviour == NodeBehaviour::kDial;
+        const char* const unit = dial ? "angle, degrees" : "way, mm";
+        std::vector<double> t, place, force;
+        for (const PassFigures& p : f.pass) {
+            t.push_back(p.time), place.push_back(p.place[row] * (dial ? 180 / M_PI : 1e3));
+            force.push_back(p.force);
+        }
+        const auto& count = f.drive[row].events.count;
+        const auto of = [&](NodeEventKind kind) { return std::to_string(count[static_cast<size_t>(kind)]); };
+        cards += card(svg_plot({f.drive[row].body, "simulated time, s", unit, {{unit, t, place}}, false}),
+                      dial ? "Detents passed: " + of(NodeEventKind::kDetent) + ", limits reached: " + of(NodeEventKind::kLimit) + "."
+                           : "Pressed " + of(NodeEventKind::kPressed) + ", released " + of(NodeEventKind::kReleased) + ", limits reached " + of(NodeEventKind::kLimit) + " times.");
+        if (f.ticks > 0)
+            cards += card(svg_plot({f.drive[row].body + ": force to the hand", unit, "N", {{"at the end of a pass", place, force, true}}}),
+                          "Largest command of the tools while it was there, whatever they touched.");
+    }
+    return cards.empty() ? "" : section("Buttons, sliders, dials", "", grid(cards));
+}
+
 std::string stage_section(const RunFigures& f) {
     std::vector<std::string> names;
     std::vector<double> p50, p99;
@@ -281,7 +304,7 @@ std::string html_page(const std::string& title, const std::string& body) {
 
 std::string report_html(const RunFigures& f, const ReportMedia& media) {
     const ContactColumns c = contact_columns(f);
-    return html_page(f.scene, head(f, c) + media_sections(media) + contact_section(c, f.direction) + time_section(f) + stage_section(f) + cost_sections(f, media) +
+    return html_page(f.scene, head(f, c) + media_sections(media) + contact_section(c, f.direction) + time_section(f) + node_section(f) + stage_section(f) + cost_sections(f, media) +
                                   haptics_section(f) + trouble_section(f.report));
 }
 

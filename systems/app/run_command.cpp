@@ -101,6 +101,8 @@ void finish_figures(const Frame& frame, double bytes_before, RunFigures& figures
         figures.tool[t].safety = w.haptics.state[t].safety;
         figures.tool[t].events = w.haptics.state[t].events;
     }
+    for (size_t d = 0; d < w.nodes.drive.size(); ++d)
+        figures.drive.push_back({w.bodies.name[w.nodes.drive[d].body], w.nodes.drive[d].behaviour, w.node_state.drive[d].events});
     for (const LinkGroup& g : w.links.group) {
         if (g.body != kNone) figures.link.push_back({g.name, g.made, g.broken, g.largest_force, g.largest_strain});
     }
@@ -250,6 +252,15 @@ void print_summary(const RunFigures& f, const fs::path& out, bool figures_only) 
                               std::string(f.tool.empty() ? "" : ", tools.csv") + std::string(f.render_ms.empty() ? "" : ", frames/") + "\n");
 }
 
+// A haptic thread holds its instruments from start to end.
+void refuse_what_is_not_live(const World& w) {
+    for (const HandTool& tool : w.haptics.tool) {
+        const bool in_node = !w.nodes.of_body.empty() && w.nodes.of_body[tool.body] != kNone && !w.nodes.toggle.empty();
+        if (in_node || !w.nodes.exchange.empty())
+            throw InputError("tool \"" + w.bodies.name[tool.body] + "\" is exchanged or hangs on a node: that runs in lockstep, without --live");
+    }
+}
+
 }  // namespace
 
 fs::path find_scene(const std::string& name) {
@@ -291,6 +302,7 @@ int run_command(const RunOptions& options) {
     pool.run([&] {
         const double bytes_before = resident_bytes();
         BuiltScene scene = build_scene(file);
+        if (options.live) refuse_what_is_not_live(scene.world);
         for (const std::string& warning : scene.warnings)
             std::fprintf(stderr, "trocar: warning: %s\n", warning.c_str());
         Trace trace(options.out.empty() || options.figures_only ? 0 : kTraceCapacity);

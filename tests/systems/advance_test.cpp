@@ -189,7 +189,7 @@ struct PressedShell : AdvanceScene {
                         {0.5, {-0.01, 0.004, 0.08}, {}, 0}});
     }
     void pass(uint32_t ms, uint32_t substeps_per_ms, uint32_t calls = 1, double friction = 0.2) {
-        follow_paths(paths, static_cast<double>(params.tick) * 1e-3, poses);
+        follow_paths(paths, static_cast<double>(params.tick) * 1e-3, {}, poses);
         clear_rows();
         find_rows(shell, ball, friction);
         for (uint32_t c = 0; c < calls; ++c) advance(ms / calls, ms / calls * substeps_per_ms);

@@ -1,0 +1,505 @@
+// The tree of nodes: folded poses, groups that are switched, and bodies with one coordinate, in whole frames.
+#include <gtest/gtest.h>
+
+#include <Eigen/Geometry>
+#include <cmath>
+#include <cstdio>
+#include <fstream>
+#include <functional>
+#include <numbers>
+
+#include "engine/capture_file.hpp"
+#include "engine/error.hpp"
+#include "engine/mass_properties.hpp"
+#include "engine/node_drive.hpp"
+#include "engine/thread_pool.hpp"
+#include "systems/frame.hpp"
+#include "tests/frame/scenes_under_test.hpp"
+namespace {
+using namespace trocar;
+namespace fs = std::filesystem;
+
+struct SceneText {
+    fs::path path;
+    explicit SceneText(const std::string& text) : path(fs::temp_directory_path() / ("trocar_nodes_" + std::to_string(getpid()) + ".toml")) {
+        std::ofstream(path) << text;
+    }
+    ~SceneText() { fs::remove(path); }
+    World build() const { return std::move(build_scene(read_scene_file(path, {})).world); }
+    std::string error() const {
+        try {
+            build();
+        } catch (const InputError& e) {
+            return e.what();
+        }
+        return "";
+    }
+};
+World world_of(const std::string& text) { return SceneText(text).build(); }
+std::string error_of(const std::string& text) { return SceneText(text).error(); }
+
+void run(World world, double seconds, const std::function<void(Frame&)>& each, uint32_t threads = 1) {
+    ThreadPool pool(threads);
+    pool.run([&] {
+        Frame frame(std::move(world), {});
+        const int passes = static_cast<int>(std::lround(seconds * 60));
+        for (int pass = 0; pass < passes; ++pass) {
+            frame.step();
+            each(frame);
+        }
+    });
+}
+double seconds_of(const Frame& f) { return static_cast<double>(f.world().clock.tick) * 1e-3; }
+
+// ---- the tree ----
+
+constexpr const char* kTree = R"(
+[[node]]
+name = "table"
+position = [1.0, 2.0, 3.0]
+rotation = [0.0, 0.0, 1.0, 90.0]
+scale = 2.0
+[[node]]
+name = "tray"
+parent = "table"
+position = [0.1, 0.0, 0.2]
+rotation = [1.0, 0.0, 0.0, 30.0]
+[[node]]
+name = "corner"
+parent = "tray"
+position = [0.0, 0.3, 0.0]
+rotation = [1.0, 1.0, 0.0, -50.0]
+scale = 0.5
+[[body]]
+name = "still"
+node = "corner"
+shape = "box"
+size = 0.1
+triangles = 12
+position = [0.01, 0.02, 0.03]
+rotation = [0.0, 1.0, 0.0, 20.0]
+[[body]]
+name = "moving"
+node = "tray"
+shape = "sphere"
+scale = 0.1
+triangles = 80
+motion = "kinematic"
+[[body.path]]
+time = 0.0
+position = [0.0, 0.0, 0.5]
+rotation = [0.0, 0.0, 1.0, 10.0]
+[[body.path]]
+time = 1.0
+position = [0.4, 0.0, 0.5]
+rotation = [0.0, 0.0, 1.0, 10.0]
+)";
+
+Eigen::Affine3d frame_of(const Vec3d& position, const Vec3d& axis, double degrees, double scale) {
+    return Eigen::Translation3d(position) * Eigen::AngleAxisd(degrees * M_PI / 180, axis.normalized()) * Eigen::Scaling(scale);
+}
+
+// Every vertex where the product of 4 x 4 matrices puts it. Breaks when a parent comes after its child, or a scale does not
+// reach the places below it.
+TEST(Nodes, PlacesAreTheProductOfTheFramesAbove) {
+    const World w = world_of(kTree);
+    const Eigen::Affine3d table = frame_of({1, 2, 3}, {0, 0, 1}, 90, 2), tray = table * frame_of({0.1, 0, 0.2}, {1, 0, 0}, 30, 1),
+                          corner = tray * frame_of({0, 0.3, 0}, {1, 1, 0}, -50, 0.5);
+    const Eigen::Affine3d still = corner * frame_of({0.01, 0.02, 0.03}, {0, 1, 0}, 20, 0.1);
+    const Surfaces s = surfaces_of(w);
+    for (uint32_t v = 0; v < 8; ++v) {
+        const Vec3d unit(v & 1 ? 0.5 : -0.5, v & 2 ? 0.5 : -0.5, v & 4 ? 0.5 : -0.5);
+        const Vec3d wanted = still * unit;
+        double nearest = 1;
+        for (uint32_t u = 0; u < 8; ++u) nearest = std::min(nearest, (vertex_position(s, 0, u) - wanted).norm());
+        EXPECT_LT(nearest, 1e-15 * 10);
+    }
+    for (uint32_t v = 0; v < w.meshes.info[w.bodies.mesh[1]].vertices.count; ++v)
+        EXPECT_NEAR(s.meshes.position[s.meshes.info[w.bodies.mesh[1]].vertices.first + v].norm(), 0.1, 1e-12) << "0.5 m * 0.1 * 2";
+    run(world_of(kTree), 0.5, [&](Frame& f) {
+        if (f.world().clock.pass != 30) return;
+        // the stage placed it where the last pass began
+        const double t = 1e-3 * static_cast<double>(pass_tick(29, 60));
+        EXPECT_LT((f.world().poses.origin[1] - tray * Vec3d(0.4 * t * t * (3 - 2 * t), 0, 0.5)).norm(), 1e-12) << "between two keys paths run by 3 t^2 - 2 t^3";
+    });
+}
+
+TEST(Nodes, AreRefusedWithTheLineAndTheName) {
+    const auto with = [](const std::string& more) { return error_of(std::string(kTree) + more); };
+    EXPECT_NE(with("[[node]]\nname = \"tray\"\n").find("two nodes are named \"tray\""), std::string::npos);
+    EXPECT_NE(with("[[node]]\nname = \"x\"\nparent = \"y\"\n").find("parent \"y\" names no node before it"), std::string::npos);
+    EXPECT_NE(with("[[body]]\nname = \"c\"\nshape = \"box\"\ntriangles = 12\nnode = \"nowhere\"\n").find("no node is named \"nowhere\""), std::string::npos);
+    EXPECT_NE(with("[[node]]\nname = \"d\"\nbehaviour = \"dial\"\n").find("has a behaviour but no body"), std::string::npos);
+    EXPECT_NE(with("[[node]]\nname = \"d\"\nbehaviour = \"dial\"\n[[body]]\nname = \"c\"\nshape = \"box\"\ntriangles = 12\nnode = \"d\"\n").find("must have motion = \"free\""),
+              std::string::npos);
+    EXPECT_NE(with("[[node]]\nname = \"d\"\nbehaviour = \"wheel\"\n").find("none of button, slider, dial"), std::string::npos);
+    EXPECT_NE(with("[[node]]\nname = \"b\"\nbehaviour = \"button\"\nstiffness = 1.0\n").find("limits"), std::string::npos);
+    EXPECT_NE(with("[[node]]\nname = \"b\"\n[[node.switch]]\nenabled = false\n").find("needs one of time"), std::string::npos);
+    EXPECT_NE(with("[[node]]\nname = \"b\"\n[[node.switch]]\ndriven = \"still\"\n").find("hangs on no node with a behaviour"), std::string::npos);
+    EXPECT_NE(with("[[node]]\nname = \"b\"\nstiffness = 2.0\n").find("stiffness"), std::string::npos) << "of a node without a behaviour";
+}
+
+// ---- groups ----
+
+constexpr const char* kShelf = R"(
+gravity = [0.0, 0.0, -9.81]
+[[node]]
+name = "shelf"
+[[node.switch]]
+time = 0.5
+enabled = false
+[[node.switch]]
+time = 0.7
+enabled = true
+[[node]]
+name = "board"
+parent = "shelf"
+[[body]]
+name = "board"
+node = "board"
+shape = "box"
+triangles = 12
+size = 1.0
+position = [0.0, 0.0, -0.5]
+[[body]]
+name = "stone"
+shape = "box"
+triangles = 12
+size = 0.1
+motion = "free"
+position = [0.0, 0.0, 0.0501]
+[[body]]
+name = "flyer"
+node = "shelf"
+shape = "sphere"
+triangles = 80
+size = 0.1
+motion = "free"
+position = [5.0, 0.0, 0.0]
+velocity = [1.0, 0.0, 2.0]
+spin = [0.0, 3.0, 1.0]
+)";
+
+// What lies on a disabled board falls through it by the closed form; a disabled body keeps every bit of its state, and goes on
+// as if no time had passed. Breaks when a child of a switched node stays, or a body that is off moves.
+TEST(Nodes, ADisabledGroupIsNeitherTouchedNorMoved) {
+    std::vector<Vec3d> path;  // of the flyer, after each pass
+    double rest = 0;
+    run(world_of(kShelf), 0.9, [&](Frame& f) {
+        const World& w = f.world();
+        path.push_back(w.poses.origin[2]);
+        const uint64_t pass = w.clock.pass;  // passes done
+        if (pass == 30) rest = w.poses.origin[1].z();
+        if (pass > 30 && pass <= 42) {
+            EXPECT_EQ(path[pass - 1], path[29]) << pass;
+            if (f.times().picture) { EXPECT_EQ(w.picture.body[0].mesh, kNone); }
+            const double t = 1e-3 * static_cast<double>(w.clock.tick - pass_tick(30, 60));
+            // velocities are half a step behind places: it was held there, so the first kick is half a step early
+            EXPECT_NEAR(w.poses.origin[1].z(), rest - 0.5 * 9.81 * (t * t + 1e-3 * t), 1e-6) << pass;
+        }
+    });
+    EXPECT_NEAR(rest, 0.05, 2e-4);
+    EXPECT_NE(path[42], path[29]);
+    // 0.2 s later by its own clock
+    const Vec3d start(5, 0, 0), speed(1, 0, 2);
+    for (size_t p = 42; p < path.size(); ++p) {
+        const double t = 1e-3 * static_cast<double>(pass_tick(p + 1, 60) - (pass_tick(42, 60) - pass_tick(30, 60)));
+        EXPECT_LT((path[p] - (start + t * speed - Vec3d(0, 0, 0.5 * 9.81 * t * t))).norm(), 1e-9);
+    }
+}
+
+// ---- bodies with one coordinate ----
+
+std::string driven(const std::string& behaviour, const std::string& body = "") {
+    return "gravity = [0.0, 0.0, 0.0]\n[[node]]\nname = \"n\"\nposition = [0.3, 0.1, 0.2]\nrotation = [1.0, 2.0, -1.0, 70.0]\naxis = [1.0, 0.5, 2.0]\n" + behaviour +
+           "[[body]]\nname = \"b\"\nnode = \"n\"\nshape = \"box\"\ntriangles = 12\nsize = 0.02\nmotion = \"free\"\nmass = 0.01\n" + body;
+}
+constexpr double kSide = 0.02, kMass = 0.01;
+
+void set_rate(World& w, double rate) {
+    const NodeDrive& drive = w.nodes.drive[0];
+    w.node_state.drive[0].rate = rate;
+    (turns(drive) ? w.poses.angular_velocity : w.poses.velocity)[drive.body] = rate * drive.axis;
+}
+
+// A slider on a spring with a damper: m q'' + c q' + k q = 0 from q' = v, at every pass; the axis is any, and the body stays on
+// it to the last digits. Breaks when the mass is not the body's, or the first kick is a whole one.
+TEST(DrivenBodies, SpringAndDamperFollowTheClosedForm) {
+    const double k = 400, c = 0.1, v = 0.2;
+    World world = world_of(driven("behaviour = \"slider\"\nstiffness = 400.0\ndamping = 0.1\n"));
+    const NodeDrive drive = world.nodes.drive[0];
+    set_rate(world, v);
+    const double decay = 0.5 * c / kMass, omega = std::sqrt(k / kMass - decay * decay);
+    EXPECT_NEAR(drive.axis.norm(), 1, 1e-15);
+    double largest = 0;
+    run(std::move(world), 0.5, [&](Frame& f) {
+        const World& w = f.world();
+        const double t = seconds_of(f), q = v / omega * std::exp(-decay * t) * std::sin(omega * t);
+        // of leapfrog steps of a millisecond: the spring's phase is off by (w dt)^2 / 24 a radian, that of damping before the kick
+        // by decay dt / 2
+        const double dt = 1e-3, phase = (omega * omega * dt * dt / 24 + 0.5 * decay * dt) * omega * t;
+        EXPECT_LT(std::abs(w.node_state.drive[0].place - q), 1.1 * (phase + decay * dt) * v / omega * std::exp(-decay * t)) << t;
+        largest = std::max(largest, std::abs(q));
+        const Vec3d way = w.poses.origin[0] - drive.origin;
+        EXPECT_LT(way.cross(drive.axis).norm(), 4e-16);
+        EXPECT_EQ(w.poses.orientation[0].w, drive.orientation.w);
+        EXPECT_LT(std::abs(w.energy.balance), 0.01 * 0.5 * kMass * v * v);
+    });
+    EXPECT_GT(largest, 0.5 * v / omega);
+}
+
+// A dial off its axis: I about the axis by hand (cube: m s^2 / 6 about any axis, and Steiner), a torque from a spring far away:
+// angle = rest (1 - cos(sqrt(k/I) t)), at first 1/2 torque/I t^2.
+TEST(DrivenBodies, ADialTurnsByTorqueOverInertia) {
+    World world = world_of(driven("behaviour = \"dial\"\nstiffness = 1e-4\nrest = 5729.5779513082325\n", "position = [0.03, 0.0, 0.0]\n"));  // 100 rad: 0.01 N m
+    const NodeDrive drive = world.nodes.drive[0];
+    const Vec3d axis = Vec3d(1, 0.5, 2).normalized();
+    const double inertia = kMass * kSide * kSide / 6 + kMass * Vec3d(0.03, 0, 0).cross(axis).squaredNorm();
+    EXPECT_NEAR(drive.inertia, inertia, 1e-12 * inertia);
+    const double omega = std::sqrt(1e-4 / inertia), radius = Vec3d(0.03, 0, 0).cross(axis).norm();
+    run(std::move(world), 0.3, [&](Frame& f) {
+        const World& w = f.world();
+        const double t = seconds_of(f), angle = 100 * (1 - std::cos(omega * t));
+        EXPECT_NEAR(w.node_state.drive[0].place, angle, 1e-3 * angle);
+        EXPECT_NEAR(0.5 * 0.01 / inertia * t * t, angle, 0.1 * angle);
+        const Vec3d arm = w.poses.origin[0] - Vec3d(0.3, 0.1, 0.2);
+        EXPECT_NEAR(arm.cross(drive.axis).norm(), radius, 1e-14) << "it stays on its circle";
+        EXPECT_NEAR((w.poses.velocity[0] - w.poses.angular_velocity[0].cross(arm)).norm(), 0, 1e-12);
+    });
+}
+
+// Coulomb friction stops it after I w^2 / (2 T), at I w / T, and holds it there.
+TEST(DrivenBodies, DryFrictionStopsADialAtTheComputedAngle) {
+    World world = world_of(driven("behaviour = \"dial\"\nfriction = 2e-5\n"));
+    const double inertia = kMass * kSide * kSide / 6, w0 = 10, stop = 0.5 * inertia * w0 * w0 / 2e-5, at = inertia * w0 / 2e-5;
+    set_rate(world, w0);
+    double last = -1;
+    run(std::move(world), 1.5 * at, [&](Frame& f) {
+        const double t = seconds_of(f), q = f.world().node_state.drive[0].place;
+        if (t < at - 0.01) { EXPECT_NEAR(q, w0 * t - 0.5 * 2e-5 / inertia * t * t, 2e-3 * stop); }
+        if (t > at + 0.01 && last >= 0) { EXPECT_EQ(q, last); }
+        if (t > at + 0.01) last = q;
+        EXPECT_LT(std::abs(f.world().energy.balance), 0.01 * 0.5 * inertia * w0 * w0);
+    });
+    EXPECT_NEAR(last, stop, 2e-3 * stop);
+}
+
+// Twelve detents of 2 mN m, damped so that it does not swing: 1.8 mN m leave it in the first notch, 2.2 carry it through the others to its limit.
+TEST(DrivenBodies, DetentsHoldBelowTheirTorqueAndGiveWayAbove) {
+    for (const double torque : {1.8e-3, 2.2e-3}) {
+        char text[400];
+        std::snprintf(text, sizeof text,
+                      "behaviour = \"dial\"\ndamping = 2.5e-4\ndetents = 12\ndetent = 2e-3\nlimits = [-90.0, 200.0]\nstiffness = 1e-5\nrest = %.12g\n",
+                      torque / 1e-5 * 180 / M_PI);
+        double place = 0;
+        uint32_t notches = 0, limits = 0;
+        run(world_of(driven(text)), 2, [&](Frame& f) {
+            const DriveState& d = f.world().node_state.drive[0];
+            place = d.place;
+            notches = d.events.count[static_cast<size_t>(NodeEventKind::kDetent)];
+            limits = d.events.count[static_cast<size_t>(NodeEventKind::kLimit)];
+            EXPECT_LE(d.place, 200 * M_PI / 180);
+        });
+        if (torque < 2e-3) {
+            EXPECT_NEAR(place, std::asin(torque / 2e-3) / 12, 2e-3) << "where spring and detent are even";
+            EXPECT_EQ(notches, 0u);
+        } else {
+            EXPECT_DOUBLE_EQ(place, 200 * M_PI / 180);
+            EXPECT_EQ(notches, 7u) << "at 15, 45, ... 195 degrees";
+            EXPECT_EQ(limits, 1u);
+        }
+    }
+}
+
+// The click is a force with a potential: drive_force is minus its slope everywhere, whatever is switched on.
+TEST(DrivenBodies, TheForceIsTheSlopeOfTheEnergy) {
+    NodeDrive d;
+    d.stiffness = 300, d.rest = -1e-3, d.click_at = 2e-3, d.click_width = 5e-4, d.click = 0.7, d.detents = 900, d.detent = 0.2;
+    for (int i = -200; i <= 800; ++i) {
+        const double q = i * 1e-5, h = 1e-8;
+        EXPECT_NEAR(drive_force(d, q), -(drive_energy(d, q + h) - drive_energy(d, q - h)) / (2 * h), 2e-5) << q;
+    }
+}
+
+// ---- with tools ----
+
+constexpr const char* kPress = R"(
+gravity = [0.0, 0.0, 0.0]
+[[node]]
+name = "button"
+behaviour = "button"
+axis = [0.0, 0.0, -1.0]
+limits = [0.0, 0.008]
+stiffness = 350.0
+rest = -0.001
+damping = 1.0
+[[body]]
+name = "button"
+node = "button"
+shape = "box"
+size = 0.02
+triangles = 108
+motion = "free"
+mass = 0.01
+[[body]]
+name = "probe"
+shape = "probe"
+triangles = 600
+motion = "hand"
+position = [0.002, 0.001, 0.03]
+[[tool]]
+body = "probe"
+tip_radius = 0.007
+stiffness = 600.0
+[[tool.path]]
+time = 0.0
+position = [0.002, 0.001, 0.03]
+[[tool.path]]
+time = 0.5
+position = [0.002, 0.001, 0.013]
+[[tool.path]]
+time = 1.0
+position = [0.002, 0.001, 0.013]
+)";
+
+// Held still, three forces are one: of the spring on the button, of the tissue on the simulated tool, to the hand; and the
+// place is that of two springs in a row. Breaks when the tick does not see where the button is.
+TEST(DrivenBodies, TheHandFeelsTheSpringOfAPressedButton) {
+    double worst_books = 0;
+    run(world_of(kPress), 1, [&](Frame& f) {
+        const World& w = f.world();
+        worst_books = std::max(worst_books, std::abs(w.energy.balance));
+        if (w.clock.pass < 60) return;
+        const double q = w.node_state.drive[0].place, spring = 350 * (q + 0.001);
+        const ToolState& tool = w.haptics.state[0];
+        // the device is 4 mm beyond touching: 600 (4 mm - q) = 350 (q + 1 mm)
+        EXPECT_NEAR(q, (600 * 0.004 - 350 * 0.001) / 950, 2e-5);
+        EXPECT_NEAR(tool.command.force.norm(), spring, 0.01 * spring);
+        EXPECT_NEAR(tool.command.force.z(), spring, 0.01 * spring);
+        EXPECT_NEAR(tool.contact_impulse.norm() / (1e-3 * w.clock.period), spring, 0.01 * spring);
+        EXPECT_LT(worst_books, 0.01 * w.energy.work_hand) << "of the work of the hand";
+        EXPECT_EQ(w.node_state.drive[0].events.count[static_cast<size_t>(NodeEventKind::kPressed)], 0u) << "4 mm were not reached";
+    });
+}
+
+// Pressed beyond its travel it stands at its stop, and the hand feels the coupling against it.
+TEST(DrivenBodies, AButtonStandsAtItsStop) {
+    SceneText scene(kPress);
+    World world = std::move(build_scene(read_scene_file(scene.path, {{"node.button.limits", "[0.0, 0.001]"}})).world);
+    run(std::move(world), 1, [&](Frame& f) {
+        const World& w = f.world();
+        EXPECT_LE(w.node_state.drive[0].place, 0.001);
+        if (w.clock.pass < 60) return;
+        EXPECT_DOUBLE_EQ(w.node_state.drive[0].place, 0.001);
+        EXPECT_NEAR(w.haptics.state[0].command.force.z(), 600 * 0.003, 0.01 * 600 * 0.003);
+        EXPECT_EQ(w.node_state.drive[0].events.count[static_cast<size_t>(NodeEventKind::kPressed)], 1u);
+        EXPECT_LT(w.report.deepest_residual, 1e-5);
+    });
+}
+
+World small_panel() { return std::move(small_scene("dial_and_button", "400").world); }
+
+// The scene: pressed and released once, the lamp on, the dial through its detents; the same bits on any number of threads,
+// and after a state was saved and loaded.
+TEST(DrivenBodies, TheSceneOfDialAndButtonGoesThroughItsEvents) {
+    uint64_t hash[2] = {0, 0};
+    for (const uint32_t threads : {1u, 2u}) {
+        run(
+            small_panel(), 6,
+            [&](Frame& f) {
+                const World& w = f.world();
+                if (w.clock.pass < 360) return;
+                hash[threads - 1] = state_hash(w);
+                const auto count = [&](size_t row, NodeEventKind kind) { return w.node_state.drive[row].events.count[static_cast<size_t>(kind)]; };
+                EXPECT_EQ(count(0, NodeEventKind::kPressed), 1u);
+                EXPECT_EQ(count(0, NodeEventKind::kReleased), 1u);
+                EXPECT_EQ(count(0, NodeEventKind::kLimit), 2u) << "down, and back up";
+                EXPECT_GE(count(1, NodeEventKind::kDetent), 4u);
+                const double place = w.node_state.drive[1].place, notch = place * 16 / (2 * M_PI);
+                EXPECT_GT(place, 1.2);
+                // friction holds it where the detent pulls less: asin(2 / 8) / 16
+                EXPECT_LT(std::abs(notch - std::round(notch)) * 2 * M_PI / 16, std::asin(0.25) / 16 + 1e-3) << "it rests in a detent";
+                EXPECT_LT(std::abs(w.energy.balance), 0.02 * w.energy.work_hand);
+                EXPECT_EQ(find_fault(w), "");
+            },
+            threads);
+    }
+    EXPECT_EQ(hash[0], hash[1]);
+}
+
+constexpr const char* kExchange = R"(
+[[body]]
+name = "floor"
+shape = "box"
+size = 1.0
+triangles = 12
+position = [0.0, 0.0, -0.5]
+[[body]]
+name = "probe"
+shape = "probe"
+triangles = 600
+motion = "hand"
+position = [0.0, 0.0, 0.03]
+[[body]]
+name = "ball"
+shape = "sphere"
+size = 0.02
+triangles = 320
+motion = "hand"
+position = [0.3, 0.0, 0.5]
+[[tool]]
+body = "probe"
+tip_radius = 0.007
+stiffness = 600.0
+friction = 0.0
+[[tool.exchange]]
+body = "ball"
+tip_radius = 0.01
+time = 1.0
+[[tool.exchange]]
+body = "probe"
+time = 2.0
+[[tool.path]]
+time = 0.0
+position = [0.0, 0.0, 0.03]
+[[tool.path]]
+time = 0.4
+position = [0.0, 0.0, 0.006]
+[[tool.path]]
+time = 0.7
+position = [0.0, 0.0, 0.006]
+[[tool.path]]
+time = 0.9
+position = [0.0, 0.0, 0.03]
+[[tool.path]]
+time = 1.3
+position = [0.0, 0.0, 0.008]
+[[tool.path]]
+time = 3.0
+position = [0.0, 0.0, 0.008]
+)";
+
+// 1 mm deep with the probe's tip, 2 mm with the ball; then the probe again, clear of the floor. What is laid down stays.
+TEST(ToolExchange, AnotherTipTakesThePlaceOfTheFirst) {
+    Vec3d laid_down;
+    run(world_of(kExchange), 2.5, [&](Frame& f) {
+        const World& w = f.world();
+        const auto force = [&](size_t tool) { return w.haptics.state[tool].command.force.z(); };
+        EXPECT_NE(is_off(w.node_state, 1), is_off(w.node_state, 2)) << w.clock.pass;
+        const double t = seconds_of(f);
+        if (w.clock.pass == 39) { EXPECT_NEAR(force(0), 600 * 0.001, 0.006); }
+        if (w.clock.pass == 62) laid_down = w.poses.origin[1];
+        if (w.clock.pass == 110) {
+            EXPECT_NEAR(force(1), 600 * 0.002, 0.012);
+            EXPECT_EQ(w.poses.origin[1], laid_down);
+            EXPECT_EQ(force(0), 0);
+            EXPECT_GT(w.haptics.state[1].ticks, 1500u) << "the hand goes on";
+        }
+        if (t > 2.05) { EXPECT_EQ(w.haptics.state[0].output.force.norm(), 0) << "a tip of 7 mm, 8 mm above the floor"; }
+    });
+    std::string same = kExchange;
+    same.replace(same.find("body = \"ball\""), 13, "body = \"probe\"");
+    EXPECT_NE(error_of(same).find("is in a hand already"), std::string::npos);
+}
+
+}  // namespace
