@@ -31,7 +31,7 @@ Span span_of(const HapticParams& params, const LocalContactModel& model, double 
              const Vec3d& last_device, const Vec3d& device) {
     const auto moment = [&](double age, const Vec3d& at) {
         const double shown = std::clamp(age, -params.greatest_age, params.greatest_age);
-        return SurfaceMoment{shown, model.give.body, surface_follow(params, model.give, at, shown)};
+        return SurfaceMoment{shown, model.give.body, surface_follow(params, model.give, at, model.time + age)};
     };
     Span span;
     span.elapsed = first ? params.dt : std::clamp(time - last_time, 0.0, kLongestGap);
