@@ -53,7 +53,8 @@ inline Vec4d field_at(const AdvanceScratch& s, uint32_t point, Vec4d ContactNode
 // Time at the start of a substep, s: a quotient of integers, so that it does not depend on how calls are cut.
 double substep_time(const AdvanceParams& params, uint32_t substep);
 
-// Whether a body has forces besides springs and anchors: pressure, bending, tetrahedra.
+// Whether a body has forces besides springs and anchors that a step takes as they are at its start: pressure, bending, and of
+// bodies stepped by leapfrog tetrahedra.
 bool has_forces(const AdvanceInputs& inputs, uint32_t body);
 // Gives such bodies their rows of scratch.force; the island has `particles` in all.
 void give_forces(AdvanceIsland& island, uint32_t particles);

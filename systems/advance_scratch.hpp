@@ -67,6 +67,8 @@ struct ImplicitScratch {
     std::vector<float> block, residual, applied, change;      // 6, 3, 3, 3 fields
     std::vector<double> sums;                                 // 16 a chunk
     std::vector<float> lambda;                                // xpbd: 16 a batch
+    std::vector<float> volume_lambda;                         // likewise of tetrahedra
+    std::vector<float> slope, volume_force, volume_block;     // midpoint, tetrahedra: 9, 3 and 6 fields
 };
 
 // A rotation and a shift, or a rotation's rate and a velocity: x -> shift + x[0] column[0] + x[1] column[1] + ...
