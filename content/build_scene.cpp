@@ -464,6 +464,7 @@ BuiltScene build_scene(const SceneFile& given) {
     BuiltScene built;
     World& world = built.world;
     world.settings = scene.settings;
+    world.clock.contact_rate = scene.contact_rate;
     PrototypeCache prototypes;
     for (const BodySpec& spec : scene.bodies)
         add_scene_body(scene, spec, prototypes.get(scene, spec, world, built.warnings), built);

@@ -467,7 +467,8 @@ std::string find_fault(const World& w) {
     if (f.first.empty()) check_contact_memory(w, f);
     const ContactParams& c = w.settings.contact;
     f.require(w.settings.substep > kShortestStep && c.tolerance > 0 && c.cell_edges > 0 && c.push_speed >= 0 && c.iterations < 1000 && w.settings.sleep_speed >= 0 && w.settings.sleep_after >= 0, "settings: out of range");
-    f.require(w.clock.contact_rate == 60 && w.clock.display_rate == 30 && w.clock.tick == pass_tick(w.clock.pass, 60), "clock: does not fit its passes");
+    const uint32_t rate = w.clock.contact_rate;
+    f.require((rate == 30 || rate == 60 || rate == 120) && w.clock.display_rate == 30 && w.clock.tick == pass_tick(w.clock.pass, rate), "clock: does not fit its passes");
     return f.first;
 }
 

@@ -125,7 +125,7 @@ void step_leapfrog(AdvanceIsland& island, const SpringKernels& kernels, AdvanceB
         fit_goals(totals, island.poses.orientation[b.body], b.step);
         fit_drag(totals, b.step);
     }
-    parallel_for(b.slices, kSlicesPerChunk, [&](uint32_t begin, uint32_t end) {
+    for_slices(b.slices, [&](uint32_t begin, uint32_t end) {
         kernels.step(&b.step, begin, end, work ? work + begin / kSlicesPerChunk * kSliceWidth : nullptr);
     });
 }
@@ -200,9 +200,9 @@ void round_remainders(AdvanceIsland& island, const AdvanceBody& b) {
     const float* remainder[3] = {b.step.remainder_x, b.step.remainder_y, b.step.remainder_z};
     uint64_t call = (island.params.tick + 1) * 0xbf58476d1ce4e5b9ull;
     call ^= call >> 29;
-    for (uint32_t v = 0; v < b.particles.count; ++v) {
+    const auto round = [&](uint32_t v) {
         Float4& o = island.particles.offset[b.particles.first + v];
-        if (!(o.w > 0)) continue;
+        if (!(o.w > 0)) return;
         const uint64_t z = (call + v) * 0x9e3779b97f4a7c15ull;  // a Weyl sequence: evenly spread over the particles
         float* const place[3] = {&o.x, &o.y, &o.z};
         for (int i = 0; i < 3; ++i) {
@@ -213,7 +213,10 @@ void round_remainders(AdvanceIsland& island, const AdvanceBody& b) {
             const float dice = static_cast<float>(static_cast<int32_t>(z >> (4 + 20 * i) & 0xfffff)) * 0x1p-20f;
             *place[i] = std::abs(r) > dice * std::abs(next - from) ? next : from;
         }
-    }
+    };
+    parallel_for_even(b.particles.count, kSlicesPerChunk * kSliceWidth, kLeastShared, [&](uint32_t begin, uint32_t end) {
+        for (uint32_t v = begin; v < end; ++v) round(v);
+    });
 }
 
 void finish_bodies(AdvanceIsland& island) {

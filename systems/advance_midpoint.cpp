@@ -158,7 +158,7 @@ void solve(AdvanceIsland& island, const AdvanceBody& b, ImplicitStep& step, Volu
         const double next = sum_over(b, s.sums, [&](uint32_t begin, uint32_t end, double* lanes) { kernels.move(&step, a, begin, end, lanes); });
         const float turn = static_cast<float>(next / rest);
         rest = next;
-        parallel_for(b.slices, kSlicesPerChunk, [&](uint32_t begin, uint32_t end) { kernels.turn(&step, turn, begin, end); });
+        for_slices(b.slices, [&](uint32_t begin, uint32_t end) { kernels.turn(&step, turn, begin, end); });
     }
     ++island.result.implicit_steps;
     island.result.implicit_iterations += iteration;

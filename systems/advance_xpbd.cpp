@@ -80,7 +80,7 @@ double energy_of(const AdvanceIsland& island, const AdvanceBody& b, const float*
     constexpr uint32_t kRow = kEnergySums * kSliceWidth;
     const SpringKernels& kernels = spring_kernels();
     sums.assign(size_t{chunk_count(b.slices, kSlicesPerChunk)} * kRow, 0.0);
-    parallel_for(b.slices, kSlicesPerChunk, [&](uint32_t begin, uint32_t end) {
+    for_slices(b.slices, [&](uint32_t begin, uint32_t end) {
         kernels.energy_sums(&step, begin, end, sums.data() + size_t{begin / kSlicesPerChunk} * kRow);
     });
     std::array<double, kEnergySums> t{};
@@ -160,9 +160,9 @@ void step_xpbd(AdvanceIsland& island, AdvanceBody& b, double* work) {
                 kernels.xpbd_volumes(&step, batches.first + begin, batches.first + end);
             });
         }
-        parallel_for(b.slices, kSlicesPerChunk, [&](uint32_t begin, uint32_t end) { kernels.xpbd_anchors(&step, begin, end); });
+        for_slices(b.slices, [&](uint32_t begin, uint32_t end) { kernels.xpbd_anchors(&step, begin, end); });
     }
-    parallel_for(b.slices, kSlicesPerChunk, [&](uint32_t begin, uint32_t end) { kernels.xpbd_finish(&step, begin, end); });
+    for_slices(b.slices, [&](uint32_t begin, uint32_t end) { kernels.xpbd_finish(&step, begin, end); });
     if (!books) return;
     if (work) work[0] += damped;
     book_own_work(island, b, before, damped);

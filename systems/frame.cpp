@@ -567,8 +567,6 @@ Frame::Frame(World world, const FrameOptions& options) : state_(new FrameState),
     World& w = state_->world;
     if (options.trace)
         for (const std::string& name : w.bodies.name) state_->island_name.push_back(options.trace->keep("island of " + name));
-    w.clock.contact_rate = 60;
-    w.clock.display_rate = 30;
     Graphs& g = *graphs_;
     g.state = state_.get();
     g.add(kBegin);
