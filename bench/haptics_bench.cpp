@@ -243,7 +243,7 @@ RateErrors slow_simulation(double rate, double hand_rate) {
             const Vec3d down(0, 0, -1);
             const double before = when - 1 / rate;
             const double share = pass == 0 ? 0 : give_share(-down, down * (u - yield_of(device(before), stiffness)), down * (device(when) - device(before)));
-            rig.model.give = {0, share, -down, down * device(when) + Vec3d(0, 0, kRigRadius), down * speed_at(when)};
+            rig.model.give = {0, share, -down, down * device(when) + Vec3d(0, 0, kRigRadius), down * speed_at(when), when, 0};
             if (share == 0) rig.model.give.body = kNone;
             group_triangles(rig.model);
             published = pass;

@@ -10,6 +10,7 @@
 #include "systems/app/commands.hpp"
 #include "systems/app/live_run.hpp"
 #include "systems/haptic_tick.hpp"
+#include "systems/haptic_tool.hpp"
 namespace trocar::bench {
 namespace {
 
@@ -36,7 +37,7 @@ struct TickTimer {
             const double time = static_cast<double>(tick) * 1e-3;
             const DeviceState sample = read_device(device, time);
             const double start = thread_seconds();
-            haptic_tick(params, model, time, tool, sample, scratch, state);
+            tick_tool(params, model, time, tool, {}, sample, scratch, state);
             const auto ns = static_cast<int64_t>(1e9 * (thread_seconds() - start));
             if (!model.triangle.empty()) near_us.add(ns);
             if (state.contacts > 0) touching_us.add(ns);

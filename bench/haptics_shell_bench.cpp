@@ -42,7 +42,7 @@ Wrench balanced(const HapticParams& params, const LocalContactModel& model, doub
                 const DeviceState& device) {
     PlacedSurface placed;
     const double age = std::clamp(time - model.time, -params.greatest_age, params.greatest_age);
-    begin_moment(model, {age, model.give.body, surface_follow(params, model.give, device.position, age)}, placed);
+    begin_moment(model, {age, model.give.body, surface_follow(params, model.give, device.position, time)}, placed);
     std::vector<std::array<Vec3d, 3>> corner(model.triangle.size());
     for (size_t t = 0; t < corner.size(); ++t)
         for (int k = 0; k < 3; ++k) {

@@ -214,9 +214,20 @@ struct HapticParams {
     double force_slew = 200;       // N/s, change of force beyond what the motion of the device explains
 };
 
-// Triangles of a local contact model that lie together, and a ball around them.
+// Disc around a triangle of a local contact model: s seconds later no point of the triangle is farther than
+// thickness + spread |s| from the disc moved by s velocity.
+struct TriangleDisc {
+    Vec3d centre = Vec3d::Zero();    // m, world, at the time of the model
+    Vec3d normal = Vec3d::Zero();    // unit, outward; zero for a triangle without area
+    Vec3d velocity = Vec3d::Zero();  // m/s, mean of the corners
+    double radius = 0;               // m
+    double thickness = 0;            // m, of rounding
+    double spread = 0;               // m/s, no corner's velocity differs from the mean by more
+};
+
+// Triangles of a local contact model that lie together, and a ball around them; or groups that do.
 struct TriangleGroup {
-    Range triangles;                 // rows of triangle
+    Range triangles;                 // rows of triangle, in a block rows of group
     Vec3d centre = Vec3d::Zero();    // m, world, at the time of the model
     double radius = 0;               // m
     Vec3d velocity = Vec3d::Zero();  // m/s, mean of the corners
@@ -228,8 +239,11 @@ struct SurfaceGive {
     uint32_t body = kNone;                    // whose surface; kNone: none goes along
     double share = 0;                         // of the device's way along the normal, 0..1
     Vec3d normal = Vec3d::Zero();             // unit
-    Vec3d device = Vec3d::Zero();             // m, where the device was
-    Vec3d device_velocity = Vec3d::Zero();    // m/s, how it moved
+    Vec3d device = Vec3d::Zero();             // m, where the device was ...
+    Vec3d device_velocity = Vec3d::Zero();    // m/s, how it moved ...
+    double time = 0;                          // s, and when that was
+    double gap = 0;                           // m, added to the tip's radius against that body: contacts hold the
+                                              // simulated tip a hair off its surface, or let it in
 };
 
 // Part of a surface and a box around it at the time of its model: a tree, depth first.
@@ -259,12 +273,18 @@ struct LocalContactModel {
     double reach = 0;             // m, from the segment; 0 = nothing was looked at yet
     double fastest = 0;           // m/s, of its vertices
     SurfaceGive give;
+    // N, of what links hold on the simulated tool, mean over the pass before this one and over the one before that: the
+    // hand feels the way from one to the other while the next pass is under way, so without a step and a pass late
+    Vec3d pull = Vec3d::Zero(), pull_before = Vec3d::Zero();
+    double period = 0;            // s, of a pass
     std::vector<Vec3d> position;  // m, world
     std::vector<Vec3d> velocity;  // m/s
     std::vector<Triangle> triangle;
     std::vector<std::array<uint32_t, 3>> neighbour;  // kNone where the patch ends
     std::vector<uint32_t> body;                      // per triangle
+    std::vector<TriangleDisc> disc;                  // one per triangle
     std::vector<TriangleGroup> group;                // all triangles in runs of neighbours in memory
+    std::vector<TriangleGroup> block;                // all groups in runs
     std::vector<double>
         half_thickness;  // m, per triangle; > 0: a sheet, it stops the tool on both sides; 0: of a closed body
     ShellOutlook shell;  // of a tool that has one
@@ -312,6 +332,8 @@ struct ToolState {
     Vec3d effect_velocity = Vec3d::Zero();  // m/s, of the device at the last tick, for inertia
     std::array<EffectState, kMaxEffects> effect{};
     HapticEvents events;
+    Vec3d link_force = Vec3d::Zero();       // N, of links on the simulated tool, mean over the last pass
+    Vec3d link_force_before = Vec3d::Zero();  // and over the one before
     ToolPass last_pass;                     // of the simulation, not of the tick
     // of a tool with a shell, whose tip is at `proxy`
     Quat proxy_turn;                               // of the instrument kept outside the surface

@@ -19,6 +19,7 @@
 #include "engine/deformable_setup.hpp"
 #include "engine/device.hpp"
 #include "engine/error.hpp"
+#include "engine/links.hpp"
 #include "engine/mass_properties.hpp"
 #include "engine/mesh_topology.hpp"
 #include "engine/point_shell.hpp"
@@ -90,6 +91,17 @@ void place_above(const SceneFile& scene, const BodySpec& spec, World& world, uin
     world.poses.origin[body] += shift + Vec3d(spec.position.x(), spec.position.y(), 0);
 }
 
+// Stable step (s) that a shell under a skin would have if its skin were simulated itself.
+double step_of_skin(const World& world, uint32_t body) {
+    Springs springs;
+    Bodies bodies = world.bodies;
+    Particles particles;
+    Anchors anchors;
+    add_springs(springs, world.meshes, bodies.mesh[body]);
+    add_deformable(world.meshes, springs, world.poses, body, bodies, particles, anchors);
+    return bodies.stable_dt[body];
+}
+
 std::string body_note(const World& world, uint32_t body, const Prototype& made) {
     constexpr const char* kMotions[] = {"static", "kinematic", "hand", "deformable", "free"};
     const MeshInfo& info = world.meshes.info[world.bodies.mesh[body]];
@@ -101,6 +113,10 @@ std::string body_note(const World& world, uint32_t body, const Prototype& made) 
     if (is_solid(world.solids, world.bodies.mesh[body])) {
         const SolidInfo& solid = world.solids.info[world.bodies.mesh[body]];
         std::snprintf(text, sizeof text, ", solid of %u tetrahedra, %u nodes%s", solid.count, solid.nodes.count, solid.skin.count > 0 ? " under this skin" : "");
+        note += text;
+    } else if (has_own_nodes(world.solids, world.bodies.mesh[body])) {
+        std::snprintf(text, sizeof text, ", under this skin a shell of %u nodes, whose step is %.3g times that of the skin itself",
+                      world.solids.info[world.bodies.mesh[body]].nodes.count, world.bodies.stable_dt[body] / step_of_skin(world, body));
         note += text;
     }
     if (is_deformable(world.bodies, body)) {
@@ -122,7 +138,7 @@ std::string body_note(const World& world, uint32_t body, const Prototype& made) 
 void fix_vertices_below(World& world, uint32_t body, double z) {
     const MeshInfo& info = world.meshes.info[world.bodies.mesh[body]];
     const Range particles = world.bodies.particles[body];
-    const bool solid = is_solid(world.solids, world.bodies.mesh[body]);
+    const bool solid = has_own_nodes(world.solids, world.bodies.mesh[body]);
     const uint32_t skin = skin_rows(world.solids, world.bodies.mesh[body]), surface = skin > 0 ? 0 : info.vertices.count;
     for (uint32_t v = 0; v < surface; ++v)
         if (world.meshes.position[info.vertices.first + v].z() < z) world.particles.offset[particles.first + v].w = 0;
@@ -239,6 +255,8 @@ void make_deformable(World& world, uint32_t body, double fixed_below) {
     if (has_bending(world.bodies, body)) add_hinges(world.springs, world.meshes, prototype);
     if (is_solid(world.solids, prototype))
         add_solid_body(world.meshes, world.springs, world.solids, world.poses, body, world.bodies, world.particles, world.anchors);
+    else if (has_own_nodes(world.solids, prototype))
+        add_caged_shell_body(world.meshes, world.springs, world.solids, world.poses, body, world.bodies, world.particles, world.anchors);
     else
         add_deformable(world.meshes, world.springs, world.poses, body, world.bodies, world.particles, world.anchors);
     fix_vertices_below(world, body, fixed_below);
@@ -251,9 +269,11 @@ void make_deformable(World& world, uint32_t body, double fixed_below) {
 Integrator pick_integrator(const World& world, uint32_t body, double wanted_error, std::string& why) {
     constexpr double kMostStepsPerMs = 5, kMidpointError = 1e-4;
     const Range rows = world.bodies.particles[body];
-    const uint32_t vertices = world.meshes.info[world.bodies.mesh[body]].vertices.count;
-    bool held = world.bodies.anchor_frame[body] == AnchorFrame::kWorld;
-    for (uint32_t v = 0; v < vertices && !held; ++v) held = !(world.particles.offset[rows.first + v].w > 0);
+    const uint32_t prototype = world.bodies.mesh[body];
+    // the nodes of a solid; a bed of no depth to speak of holds nothing
+    const uint32_t first = rows.first + skin_rows(world.solids, prototype), nodes = count_nodes(world.meshes, world.solids, prototype);
+    bool held = world.bodies.anchor_frame[body] == AnchorFrame::kWorld && world.bodies.tissue[body].depth < kNoBed;
+    for (uint32_t v = 0; v < nodes && !held; ++v) held = !(world.particles.offset[first + v].w > 0);
     const double steps = 1e-3 / world.bodies.stable_dt[body];
     char text[160];
     std::snprintf(text, sizeof text, "%.3g explicit steps a ms, %s, %.3g mm wanted", steps, held ? "held" : "free", wanted_error * 1e3);
@@ -290,8 +310,14 @@ bool may_tear(const SceneFile& scene, const BodySpec& spec) {
 }
 
 Prototype make_body_prototype(const SceneFile& scene, const BodySpec& spec, World& world, Mesh mesh, const PrototypeOptions& options) {
-    if (!spec.solid || spec.motion != Motion::kDeformable) return make_prototype(world.meshes, std::move(mesh), options);
+    if (spec.motion != Motion::kDeformable || (!spec.solid && !spec.skin)) return make_prototype(world.meshes, std::move(mesh), options);
+    const auto refuse = [&](const std::string& reason) { throw InputError(at(scene, spec.line) + "body \"" + spec.name + "\": " + reason); };
+    const bool swells = spec.tissue.pressure_modulus > 0 || spec.tissue.bending > 0;
+    if (swells && spec.solid) refuse("pressure_modulus and bending are for shells, not for solids");
+    if (swells) refuse("pressure_modulus and bending are not for a shell under a skin: take skin = false");
+    if (!spec.solid && may_tear(scene, spec)) refuse("a shell under a skin is not cut and does not break: take skin = false");
     try {
+        if (!spec.solid) return make_caged_shell(world.meshes, world.springs, world.solids, std::move(mesh), options, {spec.spacing, spec.cells});
         return make_solid(world.meshes, world.springs, world.solids, std::move(mesh), options, {spec.spacing, spec.cells, spec.skin, may_tear(scene, spec)});
     } catch (const InputError& error) {
         throw InputError(at(scene, spec.line) + "body \"" + spec.name + "\": " + error.what());
@@ -344,10 +370,7 @@ std::string choose_stepping(const SceneFile& scene, const BodySpec& spec, World&
     if (spec.integrator == "midpoint") stepping.integrator = Integrator::kMidpoint;
     if (spec.integrator == "xpbd") stepping.integrator = Integrator::kXpbd;
     const bool solid = is_solid(world.solids, world.bodies.mesh[body]);
-    if (solid && spec.integrator == "auto") stepping.integrator = Integrator::kLeapfrog, why += "; solids step by leapfrog";
     const auto refuse = [&](const std::string& reason) { throw InputError(at(scene, spec.line) + "body \"" + spec.name + "\": " + reason); };
-    if (solid && stepping.integrator != Integrator::kLeapfrog) refuse("a solid is stepped by leapfrog only");
-    if (solid && (has_pressure(world.bodies, body) || has_bending(world.bodies, body))) refuse("pressure_modulus and bending are for shells, not for solids");
     const double limit = world.bodies.stable_dt[body];
     const double others = other_forces_limit(world, body);
     char text[200];
@@ -361,12 +384,13 @@ std::string choose_stepping(const SceneFile& scene, const BodySpec& spec, World&
         refuse(text);
     }
     if (stepping.integrator == Integrator::kLeapfrog && spec.step == 0) return why;  // what bodies have anyway
-    constexpr double kUsualStep[] = {0, 5e-3, 1e-3};  // s
-    stepping.step = spec.step > 0 ? spec.step : std::min(others, kUsualStep[static_cast<size_t>(stepping.integrator)]);
-    stepping.iterations = spec.iterations > 0 ? spec.iterations : stepping.integrator == Integrator::kXpbd ? 1 : 10;
+    const double usual_step[] = {0, solid ? 2e-3 : 5e-3, 1e-3};  // s; pressed at 5 ms solids overlap by millimetres
+    stepping.step = spec.step > 0 ? spec.step : std::min(others, usual_step[static_cast<size_t>(stepping.integrator)]);
+    stepping.iterations = spec.iterations > 0 ? spec.iterations : stepping.integrator == Integrator::kXpbd ? 1 : solid ? 30 : 10;
     world.bodies.stepping.resize(body + 1);
     world.bodies.stepping[body] = stepping;
     if (stepping.integrator == Integrator::kXpbd) colour_springs(world.springs, world.bodies.mesh[body]);
+    if (stepping.integrator == Integrator::kXpbd && solid) colour_tetrahedra(world.solids, world.bodies.mesh[body]);
     return why;
 }
 
@@ -440,6 +464,7 @@ BuiltScene build_scene(const SceneFile& given) {
     BuiltScene built;
     World& world = built.world;
     world.settings = scene.settings;
+    world.clock.contact_rate = scene.contact_rate;
     PrototypeCache prototypes;
     for (const BodySpec& spec : scene.bodies)
         add_scene_body(scene, spec, prototypes.get(scene, spec, world, built.warnings), built);

@@ -1,8 +1,10 @@
 #include "content/make_solid.hpp"
 
 #include <algorithm>
+#include <cmath>
 
 #include "content/mesh_distance.hpp"
+#include "content/organ_surface.hpp"
 #include "content/surface_texture.hpp"
 #include "engine/error.hpp"
 #include "engine/mesh_topology.hpp"
@@ -103,6 +105,26 @@ Prototype make_solid(Meshes& meshes, Springs& springs, Solids& solids, Mesh mesh
     made.shift = skin.shift;
     made.cleaning = skin.cleaning;
     return made;
+}
+
+Prototype make_caged_shell(Meshes& meshes, Springs& springs, Solids& solids, Mesh mesh, const PrototypeOptions& options,
+                           const SolidOptions& fill) {
+    Meshes alone;
+    Prototype skin = make_prototype(alone, std::move(mesh), options);
+    if (skin.row == kNone) return skin;
+    const Mesh surface{alone.name[0], alone.position, alone.triangle, alone.uv, alone.triangle_material, alone.material};
+    const MeshInfo& info = alone.info[0];
+    const double spacing = fill.spacing > 0 ? fill.spacing : (info.box.max - info.box.min).maxCoeff() / fill.cells;
+    constexpr double kFewest = 20;
+    const double wanted = std::max(kFewest, info.area / (0.25 * std::sqrt(3.0) * spacing * spacing));  // equilateral ones
+    Mesh cage{{}, surface.position, surface.triangle, {}, {}, {}};
+    if (!(wanted < static_cast<double>(surface.triangle.size())))
+        throw InputError("the surface has no more triangles than the cage that it would ride on; take wider cells");
+    simplify_mesh(cage, static_cast<uint32_t>(wanted));
+    SolidSkin carried{bind_to_surface(surface.position, cage.position, cage.triangle), cage.triangle};
+    skin.row = add_prototype(meshes, surface, skin.judgement.admitted_as);
+    add_caged_shell(meshes, skin.row, cage.position, carried, springs, solids);
+    return skin;
 }
 
 }  // namespace trocar

@@ -23,4 +23,10 @@ Prototype add_tet_mesh(Meshes& meshes, Springs& springs, Solids& solids, const T
 Prototype make_solid(Meshes& meshes, Springs& springs, Solids& solids, Mesh mesh, const PrototypeOptions& options,
                      const SolidOptions& fill);
 
+// As make_prototype, for a shell whose surface is too fine for its stiffness: the surface as given rides on a simplified one
+// with edges of about fill.spacing (or its largest extent / fill.cells), which has the springs. Throws InputError when the
+// surface is no finer than that, or cannot ride on what simplifying left of it.
+Prototype make_caged_shell(Meshes& meshes, Springs& springs, Solids& solids, Mesh mesh, const PrototypeOptions& options,
+                           const SolidOptions& fill);
+
 }  // namespace trocar

@@ -7,7 +7,9 @@
 namespace trocar {
 namespace {
 
-void read_contact(TomlSection section, ContactParams& contact) {
+void read_contact(TomlSection section, ContactParams& contact, uint32_t& rate) {
+    section.read_count("rate", rate, 1, 1000);
+    if (rate != 30 && rate != 60 && rate != 120) section.fail("rate must be 30, 60 or 120 (Hz)");
     section.read("tolerance", contact.tolerance, 1e-12, 1e3);
     section.read("cell_edges", contact.cell_edges, 0.01, 1000);
     section.read("push_speed", contact.push_speed, 0, 1e3);
@@ -63,7 +65,7 @@ SceneFile read_scene_file(const std::filesystem::path& path, const std::vector<O
     top.read("sleep_speed", scene.settings.sleep_speed, 0, 1e3);
     top.read("sleep_after", scene.settings.sleep_after, 0, 1e6);
     if (const toml::table* contact = top.table("contact"))
-        read_contact({file, *contact, "[contact]"}, scene.settings.contact);
+        read_contact({file, *contact, "[contact]"}, scene.settings.contact, scene.contact_rate);
     if (const toml::table* camera = top.table("camera")) scene.camera = read_camera({file, *camera, "[camera]"});
     if (const toml::array* nodes = top.tables("node"))
         for (const toml::node& node : *nodes) scene.nodes.push_back(read_node(file, *node.as_table()));

@@ -109,6 +109,7 @@ struct SceneFile {
     std::filesystem::path path;
     std::vector<SceneParameter> parameters;
     SceneSettings settings;
+    uint32_t contact_rate = 60;  // Hz, contact passes a simulated second
     std::vector<NodeSpec> nodes;
     std::vector<BodySpec> bodies;
     std::vector<ToolSpec> tools;

@@ -49,6 +49,7 @@ DeviceLimits read_limits(TomlSection section) {
     section.read("force_slew", limits.force_slew, 0, 1e9);
     section.read("torque_slew", limits.torque_slew, 0, 1e9);
     section.read("dissipation", limits.dissipation, 0, 1e3);
+    section.read("turn_dissipation", limits.turn_dissipation, 0, 1e2);
     section.refuse_unknown();
     return limits;
 }

@@ -228,7 +228,7 @@ void add_bending_forces(const Springs& springs, uint32_t prototype, double rigid
     });
     const uint32_t* column = hinges.column.data() + hinges.first[prototype];
     float* const force[3] = {force_x, force_y, force_z};
-    parallel_for(springs.info[prototype].slices.count, kSlicesPerChunk, [&](uint32_t begin, uint32_t end) {
+    for_slices(springs.info[prototype].slices.count, [&](uint32_t begin, uint32_t end) {
         gather_forces(hinge_force.data(), hinges, column, begin, end, force);
     });
 }

@@ -122,7 +122,8 @@ void add_deformable(const Meshes& meshes, const Springs& springs, const Poses& p
 void update_stable_dt(const Springs& springs, uint32_t body, const Particles& particles, const Anchors& anchors,
                       Bodies& bodies) {
     const uint32_t prototype = bodies.mesh[body];
-    const Range slices = springs.info[prototype].slices, rows = bodies.particles[body];
+    const uint32_t skin = springs.info[prototype].skin;
+    const Range slices = springs.info[prototype].slices, rows{bodies.particles[body].first + skin, bodies.particles[body].count - skin};
     const std::span held = std::span(anchors.stiffness).subspan(rows.first, rows.count);
     const std::vector<double> diagonal(held.begin(), held.end());
     double omega_squared = stiffest_mode(

@@ -1,12 +1,18 @@
 #pragma once
 #include "engine/spring_kernels.hpp"
+#include "engine/tet_kernels.hpp"
 namespace trocar {
 
 // One linearised implicit step of one body, of midpoint with t = theta = 1/2: (M + t^2 h^2 K) dv = h f(x + t h v), v' =
 // v + dv, x' = x + h v + t h dv, solved by conjugate gradients with the inverse 3 x 3 diagonal blocks before it. K = sum over springs of
 // k (a I + (1 - a) d d^T) with a = max(0, 1 - rest / length): the Hessian without what squeezed springs take from it,
 // so that the matrix stays positive (Teran et al., SCA 2005). Forces, goals and K are taken at x + t h v: then what the
-// linearisation leaves out is of second order in h. Plain C types, as in spring_kernels.hpp.
+// linearisation leaves out is of second order in h. Tetrahedra add V psi'' g g^T with g the gradient of J (tet_kernels.hpp):
+// nothing where pressure stays as it is. The rest of their Hessian, V psi' times that of J, has both signs: springs take its
+// place that are at least as large whatever moves. 6 V J is d1 . (d2 x c) + d2 . (d3 x a) + d3 . (d1 x b) in second order,
+// d of corners 1, 2, 3 from corner 0, a, b, c the edges there: at most |c| (d1^2 + d2^2) / 2 + |a| (d2^2 + d3^2) / 2 + ...;
+// so |psi'| / 6 (|b| + |c|) from corner 0 to 1, and round. (Without it crushed bodies run away at long steps. A matrix that
+// is off by any bounded amount leaves the step of second order.) Plain C types, as in spring_kernels.hpp.
 struct ImplicitStep {
     const SpringStep* spring;  // offset: the start; new_offset, new_velocity: the end; force_*: taken as they are
     float* place;              // 4 per particle: x + theta h v, m; w = inverse mass
@@ -21,6 +27,16 @@ struct ImplicitStep {
     float keep_before, keep_after;  // shares of the velocity relative to the drag left by damping before and after
     float rigid_velocity[3];        // of the goals of a free body under `direction`: rigid_velocity + rigid_turn x place
     float rigid_turn[3];
+    const float* volume_force;      // 3 fields, N, of tetrahedra at `place`; null = none
+    const float* volume_block;      // 6 fields as block, N/m, of their stiffness
+    const float* volume_pull;       // 3 fields, N s/m, their stiffness times `direction`
+};
+
+// Tetrahedra of a body in an implicit step; groups of 16 as in TetStep, results in its corner_force, to be gathered.
+struct ImplicitTets {
+    const TetStep* tets;       // offset: the places of the step
+    const float* direction;    // 4 per node
+    float* slope;              // 12 fields of `tets->tetrahedra`: sqrt(V psi'') g at corners 1, 2 and 3; springs from corner 0 to them
 };
 
 // One step of extended position based dynamics (Macklin, Mueller, Chentanez, MIG 2016) of one body. The increments of
@@ -35,6 +51,15 @@ struct XpbdStep {
     float* anchor_lambda;       // 3 fields of `rows`; null with one sweep
     unsigned rows;              // particles, padded to 16
     float compliance;           // 1 / (stiffness dt^2), m/(N s^2)
+    const float* factor;        // 16 per batch: stiffness of a spring / `stiffness`; null = 1
+    // tetrahedra, 16 a batch, no two of one share a node: the constraint J = 1 with the compliance (J - 1) / (V psi'),
+    // 1 / (V bulk) where the volume force is linear
+    const unsigned* corners;    // 64 per batch, as ends
+    const float* volume;        // 16 per batch, m^3, six times the volume at rest
+    const float* volume_factor; // 16 per batch, of bulk and crush
+    float* volume_lambda;       // 16 per batch, J s^2; null with one sweep
+    float bulk, crush;          // Pa
+    float least_slope2;         // 1/m^2: squared gradients of J at a corner count as no less
 };
 
 // Same bits from both instruction sets. `sums` (16 doubles) is added to lane by lane.
@@ -52,11 +77,18 @@ struct ImplicitKernels {
     // New velocities and places, damping after. Adds its work, J.
     void (*finish)(const ImplicitStep* step, unsigned first, unsigned last, double* sums);
 
+    // Slopes at the places and, in corner_force, the diagonal of the corners' stiffness: xx yy zz; then the rest: xy xz yz.
+    void (*tet_slopes)(const ImplicitTets* step, unsigned first, unsigned last);
+    void (*tet_blocks)(const ImplicitTets* step, unsigned first, unsigned last);
+    // In corner_force: stiffness times direction.
+    void (*tet_pull)(const ImplicitTets* step, unsigned first, unsigned last);
+
     // Xpbd: damping, gravity and other forces, first increments of slices, and the places they lead to in new_offset;
     // adds the work of damping, J.
     void (*xpbd_predict)(const XpbdStep* step, unsigned first, unsigned last, double* sums);
     // Springs of batches of one colour; anchors of slices.
     void (*xpbd_springs)(const XpbdStep* step, unsigned first, unsigned last);
+    void (*xpbd_volumes)(const XpbdStep* step, unsigned first, unsigned last);
     void (*xpbd_anchors)(const XpbdStep* step, unsigned first, unsigned last);
     // Velocities and places of slices.
     void (*xpbd_finish)(const XpbdStep* step, unsigned first, unsigned last);

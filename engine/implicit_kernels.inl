@@ -74,11 +74,12 @@ void begin(const ImplicitStep* s, unsigned first, unsigned last, double* sums) {
             const V length = root(multiply_add(dx, dx, multiply_add(dy, dy, dz * dz)));
             const V per_length = where_positive(length, one / length);
             const V ratio = load(b->rest_length + 16 * c + lane) * per_length;
-            const V pull = where_positive(length, one - ratio);
+            const V factor = b->spring_factor ? load(b->spring_factor + 16 * c + lane) : one;
+            const V pull = factor * where_positive(length, one - ratio);
             fx = multiply_add(pull, dx, fx);
             fy = multiply_add(pull, dy, fy);
             fz = multiply_add(pull, dz, fz);
-            const V real = is_other(neighbour, row);
+            const V real = factor * is_other(neighbour, row);
             const V a = real * larger(one - ratio, zero), along = root(real - a) * per_length;
             const V ux = along * dx, uy = along * dy, uz = along * dz;
             float* spoke = s->spoke + 64 * c + lane;
@@ -102,6 +103,15 @@ void begin(const ImplicitStep* s, unsigned first, unsigned last, double* sums) {
             fy = fy + load(b->force_y + row);
             fz = fz + load(b->force_z + row);
         }
+        const V qk = part * k;
+        V kxx = qk * xx, kyy = qk * yy, kzz = qk * zz, u = qk * xy, v = qk * xz, w = qk * yz;
+        if (s->volume_force) {
+            const Three force = load3(s->volume_force, s->rows, row), more = load3(s->volume_block, s->rows, row),
+                        across = load3(s->volume_block + 3ul * s->rows, s->rows, row);
+            fx = fx + force.x, fy = fy + force.y, fz = fz + force.z;
+            kxx = multiply_add(part, more.x, kxx), kyy = multiply_add(part, more.y, kyy), kzz = multiply_add(part, more.z, kzz);
+            u = multiply_add(part, across.x, u), v = multiply_add(part, across.y, v), w = multiply_add(part, across.z, w);
+        }
         const V mass = where_positive(p.w, one / p.w);
         const Three r = {where_positive(p.w, h * multiply_add(mass, set(b->gravity[0]), fx)),
                          where_positive(p.w, h * multiply_add(mass, set(b->gravity[1]), fy)),
@@ -109,9 +119,8 @@ void begin(const ImplicitStep* s, unsigned first, unsigned last, double* sums) {
         store3(s->residual, s->rows, row, r);
         store3(s->change, s->rows, row, {zero, zero, zero});
         // inverse of the symmetric block by its minors; zero for what is fixed
-        const V qk = part * k, own = multiply_add(part, anchor, mass);
-        const V a = multiply_add(qk, xx, own), d = multiply_add(qk, yy, own), f = multiply_add(qk, zz, own);
-        const V u = qk * xy, v = qk * xz, w = qk * yz;
+        const V own = multiply_add(part, anchor, mass);
+        const V a = kxx + own, d = kyy + own, f = kzz + own;
         const V m0 = d * f - w * w, m1 = v * w - u * f, m2 = u * w - d * v;
         const V det = multiply_add(a, m0, multiply_add(u, m1, v * m2)), scale = where_positive(p.w, one / det);
         const unsigned long n = s->rows;
@@ -147,13 +156,98 @@ void apply(const ImplicitStep* s, unsigned first, unsigned last, double* sums) {
         const V anchor = load(b->anchor_stiffness + row);
         const V mass = where_positive(at.w, set(1) / at.w);
         const Three goal = rigid(s->rigid_velocity, s->rigid_turn, {at.x, at.y, at.z});
-        const auto whole = [&](V springs, V own, V with) {
-            const V held = multiply_add(anchor, own - with, k * springs);
+        Three tets = {zero, zero, zero};
+        if (s->volume_force) tets = load3(s->volume_pull, s->rows, row);
+        const auto whole = [&](V springs, V own, V with, V volumes) {
+            const V held = multiply_add(anchor, own - with, multiply_add(k, springs, volumes));
             return where_positive(at.w, multiply_add(part, held, mass * own));
         };
-        const Three out = {whole(sum.x, p.x, goal.x), whole(sum.y, p.y, goal.y), whole(sum.z, p.z, goal.z)};
+        const Three out = {whole(sum.x, p.x, goal.x, tets.x), whole(sum.y, p.y, goal.y, tets.y), whole(sum.z, p.z, goal.z, tets.z)};
         store3(s->applied, s->rows, row, out);
         add_doubles(sums + lane, dot3({p.x, p.y, p.z}, out));
+    }
+}
+
+TROCAR_LANES Three cross(Three a, Three b) { return {a.y * b.z - a.z * b.y, a.z * b.x - a.x * b.z, a.x * b.y - a.y * b.x}; }
+TROCAR_LANES Three between(const Lanes& from, const Lanes& to) { return {to.x - from.x, to.y - from.y, to.z - from.z}; }
+TROCAR_LANES Three slope_of(const ImplicitTets* s, int corner, unsigned t) {
+    return load3(s->slope + 3ul * corner * s->tets->tetrahedra, s->tets->tetrahedra, t);
+}
+TROCAR_LANES V smaller(V a, V b) { return set(0) - larger(set(0) - a, set(0) - b); }
+// 1 where a < b, else 0.
+TROCAR_LANES V is_less(V a, V b) { return where_positive(b - a, set(1)); }
+
+void tet_slopes(const ImplicitTets* s, unsigned first, unsigned last) {
+    const TetStep* b = s->tets;
+    const unsigned long corner_rows = 4ul * b->tetrahedra;
+    const V zero = set(0);
+    for (unsigned t = 16 * first; t < 16 * last; t += kWidth) {
+        const Lanes p0 = gather4(b->offset, b->corner0 + t);
+        const Three x = between(p0, gather4(b->offset, b->corner1 + t)), y = between(p0, gather4(b->offset, b->corner2 + t)),
+                    z = between(p0, gather4(b->offset, b->corner3 + t));
+        const Three area[3] = {cross(y, z), cross(z, x), cross(x, y)};
+        const V swelling = (dot3(x, area[0]) - load(b->rest + t)) * load(b->per_rest + t);
+        const V sloping = is_less(set(-1), swelling) * is_less(swelling, set(kStretchCap));
+        V stiffness = sloping * multiply_add(set(b->crush), is_less(swelling, set(kCrushed - 1)), set(b->bulk));
+        if (b->factor) stiffness = stiffness * load(b->factor + t);
+        const V share = root(stiffness * load(b->per_rest + t) * set(1.0f / 6));
+        const V held = larger(smaller(swelling, set(kStretchCap)), set(-1));
+        const V pressure = multiply_add(set(b->crush), smaller(held + set(1 - kCrushed), zero), set(b->bulk) * held);
+        V size = larger(pressure, zero - pressure) * set(1.0f / 6);
+        if (b->factor) size = size * load(b->factor + t);
+        const V lx = root(dot3(x, x)), ly = root(dot3(y, y)), lz = root(dot3(z, z));
+        const V spring[3] = {size * (ly + lz), size * (lz + lx), size * (lx + ly)};
+        Three all = {zero, zero, zero};
+        V springs = zero;
+        for (int k = 0; k < 3; ++k) {
+            const Three g = {share * area[k].x, share * area[k].y, share * area[k].z};
+            store3(s->slope + 3ul * k * b->tetrahedra, b->tetrahedra, t, g);
+            keep_store(s->slope + (9ul + k) * b->tetrahedra + t, spring[k]);
+            store4(b->corner_force + 4ul * t + (k + 1) * corner_rows,
+                   {multiply_add(g.x, g.x, spring[k]), multiply_add(g.y, g.y, spring[k]), multiply_add(g.z, g.z, spring[k]), zero});
+            springs = springs + spring[k];
+            all = {all.x + g.x, all.y + g.y, all.z + g.z};
+        }
+        store4(b->corner_force + 4ul * t,
+               {multiply_add(all.x, all.x, springs), multiply_add(all.y, all.y, springs), multiply_add(all.z, all.z, springs), zero});
+    }
+}
+
+void tet_blocks(const ImplicitTets* s, unsigned first, unsigned last) {
+    const TetStep* b = s->tets;
+    const unsigned long corner_rows = 4ul * b->tetrahedra;
+    const V zero = set(0);
+    for (unsigned t = 16 * first; t < 16 * last; t += kWidth) {
+        Three all = {zero, zero, zero};
+        for (int k = 0; k < 3; ++k) {
+            const Three g = slope_of(s, k, t);
+            store4(b->corner_force + 4ul * t + (k + 1) * corner_rows, {g.x * g.y, g.x * g.z, g.y * g.z, zero});
+            all = {all.x + g.x, all.y + g.y, all.z + g.z};
+        }
+        store4(b->corner_force + 4ul * t, {all.x * all.y, all.x * all.z, all.y * all.z, zero});
+    }
+}
+
+void tet_pull(const ImplicitTets* s, unsigned first, unsigned last) {
+    const TetStep* b = s->tets;
+    const unsigned long corner_rows = 4ul * b->tetrahedra;
+    const V zero = set(0);
+    for (unsigned t = 16 * first; t < 16 * last; t += kWidth) {
+        const Lanes p0 = gather4(s->direction, b->corner0 + t);
+        const Three way[3] = {between(p0, gather4(s->direction, b->corner1 + t)), between(p0, gather4(s->direction, b->corner2 + t)),
+                              between(p0, gather4(s->direction, b->corner3 + t))};
+        const Three slope[3] = {slope_of(s, 0, t), slope_of(s, 1, t), slope_of(s, 2, t)};
+        const V along = dot3(slope[0], way[0]) + (dot3(slope[1], way[1]) + dot3(slope[2], way[2]));
+        float* out = b->corner_force + 4ul * t;
+        Three all = {zero, zero, zero};
+        for (int k = 0; k < 3; ++k) {
+            const V spring = load(s->slope + (9ul + k) * b->tetrahedra + t);
+            const Three f = {multiply_add(spring, way[k].x, along * slope[k].x), multiply_add(spring, way[k].y, along * slope[k].y),
+                             multiply_add(spring, way[k].z, along * slope[k].z)};
+            store4(out + (k + 1) * corner_rows, {f.x, f.y, f.z, zero});
+            all = {all.x + f.x, all.y + f.y, all.z + f.z};
+        }
+        store4(out, {zero - all.x, zero - all.y, zero - all.z, zero});
     }
 }
 
@@ -218,7 +312,7 @@ void xpbd_predict(const XpbdStep* s, unsigned first, unsigned last, double* sums
 }
 
 void xpbd_springs(const XpbdStep* s, unsigned first, unsigned last) {
-    const V compliance = set(s->compliance), one = set(1), zero = set(0);
+    const V soft = set(s->compliance), one = set(1), zero = set(0);
     for (unsigned batch = first; batch < last; ++batch) {
         for (unsigned lane = 0; lane < 16; lane += kWidth) {
             const unsigned *i = s->ends + 32ul * batch + lane, *j = i + 16;
@@ -226,6 +320,7 @@ void xpbd_springs(const XpbdStep* s, unsigned first, unsigned last) {
                         dj = gather4(s->increment, j);
             const V x = (xj.x - xi.x) + (dj.x - di.x), y = (xj.y - xi.y) + (dj.y - di.y), z = (xj.z - xi.z) + (dj.z - di.z);
             const V length = root(multiply_add(x, x, multiply_add(y, y, z * z)));
+            const V compliance = s->factor ? soft / load(s->factor + 16ul * batch + lane) : soft;
             const V weight = (xi.w + xj.w) + compliance;
             V push = load(s->rest + 16ul * batch + lane) - length;
             if (s->lambda) push = push - compliance * load(s->lambda + 16ul * batch + lane);
@@ -234,6 +329,50 @@ void xpbd_springs(const XpbdStep* s, unsigned first, unsigned last) {
             const V by = where_positive(length, push * (one / length)), ai = zero - by * xi.w, aj = by * xj.w;
             scatter4(s->increment, i, {multiply_add(ai, x, di.x), multiply_add(ai, y, di.y), multiply_add(ai, z, di.z), zero});
             scatter4(s->increment, j, {multiply_add(aj, x, dj.x), multiply_add(aj, y, dj.y), multiply_add(aj, z, dj.z), zero});
+        }
+    }
+}
+
+void xpbd_volumes(const XpbdStep* s, unsigned first, unsigned last) {
+    const V zero = set(0), one = set(1), per_dt2 = set(1 / (s->spring->dt * s->spring->dt)), cap = set(kStretchCap);
+    for (unsigned batch = first; batch < last; ++batch) {
+        for (unsigned lane = 0; lane < 16; lane += kWidth) {
+            const unsigned* node = s->corners + 64ul * batch + lane;
+            Lanes x[4], d[4];
+            for (int k = 0; k < 4; ++k) x[k] = gather4(s->place, node + 16 * k), d[k] = gather4(s->increment, node + 16 * k);
+            const auto way = [&](int k) {
+                return Three{(x[k].x - x[0].x) + (d[k].x - d[0].x), (x[k].y - x[0].y) + (d[k].y - d[0].y), (x[k].z - x[0].z) + (d[k].z - d[0].z)};
+            };
+            const Three a = way(1), b = way(2), c = way(3);
+            const V rest = load(s->volume + 16ul * batch + lane), per_rest = where_positive(rest, one / rest);
+            Three g[4];  // of J
+            g[1] = cross(b, c), g[2] = cross(c, a), g[3] = cross(a, b);
+            const V swelling = (dot3(a, g[1]) - rest) * per_rest;
+            V sum = zero;
+            g[0] = {zero, zero, zero};
+            for (int k = 1; k < 4; ++k) {
+                g[k] = {per_rest * g[k].x, per_rest * g[k].y, per_rest * g[k].z};
+                g[0] = {g[0].x - g[k].x, g[0].y - g[k].y, g[0].z - g[k].z};
+                sum = multiply_add(x[k].w, dot3(g[k], g[k]), sum);
+            }
+            sum = multiply_add(x[0].w, dot3(g[0], g[0]), sum);
+            // a flat or thin tetrahedron has hardly a slope: its corners are not sent farther than a good one's would be
+            const V all = (x[0].w + x[1].w) + (x[2].w + x[3].w);
+            sum = larger(sum, set(s->least_slope2) * all);
+            // J - 1 as the volume force holds it, psi' over it: bulk, more where crushed
+            const V held = larger(smaller(swelling, cap), set(-1)), crushed = smaller(held + set(1 - kCrushed), zero);
+            const V stiffness = set(s->bulk) - set(s->crush) * crushed / larger(zero - held, set(1 - kCrushed));
+            const V hard = stiffness * (load(s->volume_factor + 16ul * batch + lane) * rest) * set(1.0f / 6);
+            const V compliance = where_positive(hard, per_dt2 / hard);
+            const V weight = sum + compliance;
+            V push = zero - held;
+            if (s->volume_lambda) push = push - compliance * load(s->volume_lambda + 16ul * batch + lane);
+            push = where_positive(weight, push / weight);
+            if (s->volume_lambda) keep_store(s->volume_lambda + 16ul * batch + lane, load(s->volume_lambda + 16ul * batch + lane) + push);
+            for (int k = 0; k < 4; ++k) {
+                const V by = x[k].w * push;
+                scatter4(s->increment, node + 16 * k, {multiply_add(by, g[k].x, d[k].x), multiply_add(by, g[k].y, d[k].y), multiply_add(by, g[k].z, d[k].z), zero});
+            }
         }
     }
 }

@@ -13,6 +13,7 @@ namespace {
 }  // namespace
 
 extern const ImplicitKernels kImplicitKernelsAvx512 = {predict, begin, apply, move, turn, finish,
-                                                       xpbd_predict, xpbd_springs, xpbd_anchors, xpbd_finish};
+                                                       tet_slopes, tet_blocks, tet_pull,
+                                                       xpbd_predict, xpbd_springs, xpbd_volumes, xpbd_anchors, xpbd_finish};
 
 }  // namespace trocar

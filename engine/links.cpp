@@ -111,7 +111,7 @@ double omega_squared_of(double limit, double damping) {
 }  // namespace
 
 uint32_t count_nodes(const Meshes& meshes, const Solids& solids, uint32_t prototype) {
-    return is_solid(solids, prototype) ? solids.info[prototype].nodes.count : meshes.info[prototype].vertices.count;
+    return has_own_nodes(solids, prototype) ? solids.info[prototype].nodes.count : meshes.info[prototype].vertices.count;
 }
 
 bool is_of_material(const Meshes& meshes, uint32_t prototype, uint32_t node, uint32_t material) {
@@ -126,7 +126,7 @@ bool is_of_material(const Meshes& meshes, uint32_t prototype, uint32_t node, uin
 
 Vec3d rest_of_node(const Meshes& meshes, const Solids& solids, uint32_t prototype, uint32_t node) {
     const Range surface{meshes.info[prototype].vertices.first,
-                        is_solid(solids, prototype) ? surface_nodes(meshes, solids.info[prototype], prototype) : meshes.info[prototype].vertices.count};
+                        has_own_nodes(solids, prototype) ? surface_nodes(meshes, solids.info[prototype], prototype) : meshes.info[prototype].vertices.count};
     return node < surface.count ? meshes.position[surface.first + node]
                                 : solids.position[solids.info[prototype].inner.first + node - surface.count];
 }

@@ -260,8 +260,9 @@ void colour_springs(Springs& springs, uint32_t prototype) {
     const uint32_t padded = slices.count * kSliceWidth;
     struct Spring {
         uint32_t a, b;
-        float rest;
+        float rest, factor;
     };
+    const bool varied = springs.info[prototype].varied;
     std::vector<std::vector<Spring>> by_colour;
     std::vector<std::vector<uint8_t>> used(padded);  // colours at a vertex
     for (uint32_t v = 0; v < padded; ++v) {
@@ -280,21 +281,28 @@ void colour_springs(Springs& springs, uint32_t prototype) {
                 used[end][colour] = 1;
             }
             by_colour.resize(std::max(by_colour.size(), colour + 1));
-            by_colour[colour].push_back({v, far_end, springs.rest_length[half_edge]});
+            by_colour[colour].push_back({v, far_end, springs.rest_length[half_edge], varied ? springs.factor[half_edge] : 1.0f});
         }
     }
     springs.colours[prototype] = grow(springs.colour.size(), by_colour.size());
+    std::array<float, kSliceWidth> ones;
+    ones.fill(1);
     for (const std::vector<Spring>& list : by_colour) {
         const size_t batches = (list.size() + kSliceWidth - 1) / kSliceWidth;
         springs.colour.push_back(grow(springs.batch.size(), batches));
         for (size_t b = 0; b < batches; ++b) {
             auto& ends = springs.batch.emplace_back();
             auto& rest = springs.batch_rest.emplace_back();
+            std::array<float, kSliceWidth> factor;
             for (uint32_t lane = 0; lane < kSliceWidth; ++lane) {
                 const size_t i = b * kSliceWidth + lane;
-                const Spring s = i < list.size() ? list[i] : Spring{padded + 2 * lane, padded + 2 * lane + 1, 0};
+                const Spring s = i < list.size() ? list[i] : Spring{padded + 2 * lane, padded + 2 * lane + 1, 0, 1};
                 ends[lane] = s.a, ends[kSliceWidth + lane] = s.b, rest[lane] = s.rest;
+                factor[lane] = s.factor;
             }
+            if (!varied) continue;
+            springs.batch_factor.resize(springs.batch.size(), ones);
+            springs.batch_factor.back() = factor;
         }
     }
 }

@@ -29,22 +29,19 @@ void run_watched(uint32_t chunks, const RunChunk& run_chunk) {
     watched = times;
 }
 
-}  // namespace
-
-void watch_loops(std::vector<LoopTime>* times) { watched = times; }
-
-void parallel_for_chunks(uint32_t count, uint32_t grain, void (*call)(const void*, uint32_t, uint32_t),
-                         const void* body) {
+template <typename Partitioner>
+void share_chunks(uint32_t count, uint32_t grain, uint32_t least_chunks,
+                  void (*call)(const void*, uint32_t, uint32_t), const void* body, const Partitioner& partitioner) {
     const uint32_t chunks = chunk_count(count, grain);
     const auto run_chunk = [&](uint32_t chunk) {
         const uint32_t begin = chunk * grain;
         call(body, begin, begin + grain < count ? begin + grain : count);
     };
-    if (watched && chunks > 1 && thread_count() <= 1) {
+    if (watched && chunks >= least_chunks && thread_count() <= 1) {
         run_watched(chunks, run_chunk);
         return;
     }
-    if (chunks <= 1 || thread_count() <= 1) {
+    if (chunks < least_chunks || thread_count() <= 1) {
         for (uint32_t chunk = 0; chunk < chunks; ++chunk) run_chunk(chunk);
         return;
     }
@@ -56,8 +53,22 @@ void parallel_for_chunks(uint32_t count, uint32_t grain, void (*call)(const void
     };
     hand_over(&begun);
     // isolate: while this stage waits it must not pick up another stage
-    tbb::this_task_arena::isolate([&] { tbb::parallel_for(0u, chunks, run_task, tbb::simple_partitioner()); });
+    tbb::this_task_arena::isolate([&] { tbb::parallel_for(0u, chunks, run_task, partitioner); });
     take_over(&done);
+}
+
+}  // namespace
+
+void watch_loops(std::vector<LoopTime>* times) { watched = times; }
+
+void parallel_for_chunks(uint32_t count, uint32_t grain, void (*call)(const void*, uint32_t, uint32_t),
+                         const void* body) {
+    share_chunks(count, grain, 2, call, body, tbb::simple_partitioner());
+}
+
+void parallel_for_even_chunks(uint32_t count, uint32_t grain, uint32_t least_chunks,
+                              void (*call)(const void*, uint32_t, uint32_t), const void* body) {
+    share_chunks(count, grain, std::max(2u, least_chunks), call, body, tbb::static_partitioner());
 }
 
 }  // namespace trocar

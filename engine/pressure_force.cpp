@@ -106,7 +106,7 @@ double find_volume_gradient(const Springs& springs, uint32_t prototype, const Fl
     const uint32_t* column = springs.fans.column.data() + springs.fans.first[prototype];
     float* const gradient[3] = {gradient_x, gradient_y, gradient_z};
     sums.assign(size_t{chunk_count(slices, kSlicesPerChunk)} * kSliceWidth, 0.0);
-    parallel_for(slices, kSlicesPerChunk, [&](uint32_t begin, uint32_t end) {
+    for_slices(slices, [&](uint32_t begin, uint32_t end) {
         gradient_slices(&offset->x, column, springs.fans.corner.data(), begin, end, gradient,
                         sums.data() + size_t{begin / kSlicesPerChunk} * kSliceWidth);
     });

@@ -32,6 +32,7 @@ constexpr Elements elements_of() {
     else if constexpr (std::is_same_v<T, Quat>) return {A::kF64, 4};
     else if constexpr (std::is_same_v<T, Box>) return {A::kF64, 6};
     else if constexpr (std::is_same_v<T, std::array<uint32_t, 2 * kSliceWidth>>) return {A::kU32, 2 * kSliceWidth};
+    else if constexpr (std::is_same_v<T, std::array<uint32_t, 4 * kBatchWidth>>) return {A::kU32, 4 * kBatchWidth};
     else if constexpr (std::is_same_v<T, std::array<uint16_t, 2 * kSliceWidth>>) return {A::kU16, 2 * kSliceWidth};
     else if constexpr (std::is_same_v<T, std::array<uint32_t, 4>>) return {A::kU32, 4};
     else if constexpr (std::is_same_v<T, std::array<double, 4>>) return {A::kF64, 4};
@@ -111,6 +112,7 @@ void fields(V& v, T& t) {
         v.item(t.coupling_force), v.item(t.contact_impulse), v.item(t.device_valid), v.item(t.time), v.item(t.ticks);
         v.item(t.model_age), v.item(t.gain), v.item(t.largest_force), v.item(t.rejected_samples), v.item(t.touched);
         v.item(t.last_pass.touched), v.item(t.last_pass.tip), v.item(t.last_pass.device);
+        v.item(t.link_force), v.item(t.link_force_before);
         v.item(t.hand), v.item(t.clutch), v.item(t.safety), v.item(t.effect_velocity), v.item(t.effect), v.item(t.events);
         v.item(t.proxy_turn), v.item(t.contact), v.item(t.device_spin), v.item(t.coupling_torque), v.item(t.contact_moment);
     } else if constexpr (is<T, NodeEvent>) {
@@ -152,13 +154,16 @@ void fields(V& v, T& t) {
         v.item(t.point), v.item(t.body), v.item(t.arm), v.item(t.force), v.item(t.slip), v.item(t.depth), v.item(t.side);
     } else if constexpr (is<T, SurfaceNode>) {
         v.item(t.box), v.item(t.speed), v.item(t.triangles), v.item(t.next), v.item(t.body);
+    } else if constexpr (is<T, TriangleDisc>) {
+        v.item(t.centre), v.item(t.normal), v.item(t.velocity), v.item(t.radius), v.item(t.thickness), v.item(t.spread);
     } else if constexpr (is<T, TriangleGroup>) {
         v.item(t.triangles), v.item(t.centre), v.item(t.radius), v.item(t.velocity), v.item(t.spread);
     } else if constexpr (is<T, LocalContactModel>) {
         v.item(t.time), v.item(t.sequence), v.item(t.from), v.item(t.to), v.item(t.reach), v.item(t.fastest);
         v.item(t.position), v.item(t.velocity), v.item(t.triangle), v.item(t.neighbour), v.item(t.body);
-        v.item(t.half_thickness), v.item(t.group), v.item(t.give.body), v.item(t.give.share), v.item(t.give.normal);
-        v.item(t.give.device), v.item(t.give.device_velocity);
+        v.item(t.half_thickness), v.item(t.disc), v.item(t.group), v.item(t.block), v.item(t.give.body), v.item(t.give.share), v.item(t.give.normal);
+        v.item(t.give.device), v.item(t.give.device_velocity), v.item(t.give.time), v.item(t.give.gap);
+        v.item(t.pull), v.item(t.pull_before), v.item(t.period);
         v.item(t.shell.tip), v.item(t.shell.turn), v.item(t.shell.node), v.item(t.shell.clear), v.item(t.shell.nearest);
     } else if constexpr (is<T, PictureBody>) {
         v.item(t.mesh), v.item(t.origin), v.item(t.orientation), v.item(t.box), v.item(t.vertices), v.item(t.depths), v.item(t.removed), v.item(t.exposed);
@@ -333,7 +338,7 @@ void visit_resource(World& w, Resource resource, Visitor& v) {
         case Resource::kSprings:
             v.array(FIELD(springs.info)), v.array(FIELD(springs.slice_column)), v.array(FIELD(springs.neighbour)),
                 v.array(FIELD(springs.rest_length)), v.array(FIELD(springs.colours)), v.array(FIELD(springs.colour)), v.array(FIELD(springs.batch)),
-                v.array(FIELD(springs.batch_rest)), v.array(FIELD(springs.factor)), v.array(FIELD(springs.packed)), v.array(FIELD(springs.area_share)),
+                v.array(FIELD(springs.batch_rest)), v.array(FIELD(springs.batch_factor)), v.array(FIELD(springs.factor)), v.array(FIELD(springs.packed)), v.array(FIELD(springs.area_share)),
                 v.array(FIELD(springs.vertices)), v.array(FIELD(springs.fans.first)), v.array(FIELD(springs.fans.volume)),
                 v.array(FIELD(springs.fans.column)), v.array(FIELD(springs.fans.corner)), v.array(FIELD(springs.hinges.groups)),
                 v.array(FIELD(springs.hinges.vertex)), v.array(FIELD(springs.hinges.sine)), v.array(FIELD(springs.hinges.cosine)),
@@ -344,7 +349,8 @@ void visit_resource(World& w, Resource resource, Visitor& v) {
         case Resource::kSolids:
             v.array(FIELD(solids.info)), v.array(FIELD(solids.position)), v.array(FIELD(solids.corner[0])),
                 v.array(FIELD(solids.corner[1])), v.array(FIELD(solids.corner[2])), v.array(FIELD(solids.corner[3])),
-                v.array(FIELD(solids.rest)), v.array(FIELD(solids.per_rest)), v.array(FIELD(solids.factor)), v.array(FIELD(solids.slot_column)),
+                v.array(FIELD(solids.rest)), v.array(FIELD(solids.per_rest)), v.array(FIELD(solids.factor)), v.array(FIELD(solids.slot_column)), v.array(FIELD(solids.colours)), v.array(FIELD(solids.colour)), v.array(FIELD(solids.batch)),
+                v.array(FIELD(solids.batch_volume)), v.array(FIELD(solids.batch_factor)),
                 v.array(FIELD(solids.slot)), v.array(FIELD(solids.node_volume)), v.array(FIELD(solids.skin_node)),
                 v.array(FIELD(solids.skin_weight));
             break;

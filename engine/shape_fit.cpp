@@ -28,7 +28,7 @@ ShapeTotals sum_shape(const SpringStep& body, uint32_t slices, std::vector<doubl
     const SpringKernels& kernels = spring_kernels();
     const uint32_t chunks = chunk_count(slices, kSlicesPerChunk);
     chunk_sums.assign(static_cast<size_t>(chunks) * kRow, 0.0);
-    parallel_for(slices, kSlicesPerChunk, [&](uint32_t begin, uint32_t end) {
+    for_slices(slices, [&](uint32_t begin, uint32_t end) {
         kernels.shape_sums(&body, begin, end, chunk_sums.data() + begin / kSlicesPerChunk * kRow);
     });
     ShapeTotals totals;

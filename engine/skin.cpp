@@ -48,6 +48,44 @@ FloatBox box_of(std::span<const Vec3d> node, const Tetrahedron& t) {
     return box;
 }
 
+// Squared distance of p to a triangle (Ericson, "Real-time collision detection", 2005, 5.1.5).
+double distance_to_triangle(const Vec3d& p, const Vec3d& a, const Vec3d& b, const Vec3d& c) {
+    const Vec3d ab = b - a, ac = c - a, normal = ab.cross(ac);
+    const double area2 = normal.squaredNorm();
+    const double v = normal.dot((p - a).cross(ac)), w = normal.dot(ab.cross(p - a));
+    if (area2 > 0 && v >= 0 && w >= 0 && v + w <= area2) return std::pow(normal.dot(p - a), 2) / area2;
+    const auto to_edge = [&](const Vec3d& from, const Vec3d& way) {
+        const double length2 = way.squaredNorm(), along = length2 > 0 ? std::clamp(way.dot(p - from) / length2, 0.0, 1.0) : 0.0;
+        return (from + along * way - p).squaredNorm();
+    };
+    return std::min({to_edge(a, ab), to_edge(a, ac), to_edge(b, c - b)});
+}
+
+uint32_t farthest_from_plane(std::span<const Vec3d> node, const Triangle& t) {
+    const Vec3d normal = (node[t[1]] - node[t[0]]).cross(node[t[2]] - node[t[0]]);
+    uint32_t best = t[0];
+    double most = 0;
+    for (uint32_t i = 0; i < node.size(); ++i) {
+        const double height = std::abs(normal.dot(node[i] - node[t[0]]));
+        if (height > most) most = height, best = i;
+    }
+    return best;
+}
+
+// Weights of a point on a triangle and its apex. Where all nodes lie in one plane so must the point.
+void add_binding(const Vec3d& p, std::span<const Vec3d> node, const Triangle& t, uint32_t apex, SkinBinding& skin) {
+    const Vec3d &a = node[t[0]], ab = node[t[1]] - a, ac = node[t[2]] - a, normal = ab.cross(ac), far = node[apex] - a;
+    const double height = normal.dot(p - a), most = normal.dot(far), edge = std::sqrt(std::max(ab.squaredNorm(), ac.squaredNorm()));
+    const bool flat = std::abs(most) <= 1e-9 * normal.norm() * edge;
+    const double share = flat ? 0 : height / most;
+    if (std::abs(share) > 0.5 || (flat && std::abs(height) > 1e-6 * normal.norm() * edge))
+        throw InputError("the surface that is simulated is too coarse for the skin that rides on it; take finer cells");
+    const Vec3d in_plane = p - a - share * far;
+    const double area2 = normal.squaredNorm(), v = normal.dot(in_plane.cross(ac)) / area2, w = normal.dot(ab.cross(in_plane)) / area2;
+    skin.node.push_back({t[0], t[1], t[2], flat ? t[0] : apex});
+    skin.weight.push_back({1 - v - w - share, v, w, share});
+}
+
 }  // namespace
 
 SkinBinding bind_skin(std::span<const Vec3d> point, std::span<const Vec3d> node, std::span<const Tetrahedron> tetrahedra) {
@@ -89,6 +127,33 @@ SkinBinding bind_skin(std::span<const Vec3d> point, std::span<const Vec3d> node,
         }
         skin.outside = std::max(skin.outside, out);
         skin.node[v] = tetrahedra[best];
+    }
+    return skin;
+}
+
+SkinBinding bind_to_surface(std::span<const Vec3d> point, std::span<const Vec3d> node, std::span<const Triangle> triangle) {
+    std::vector<FloatBox> boxes;
+    double longest2 = 0;
+    for (const Triangle& t : triangle) {
+        boxes.push_back(box_of(node, {t[0], t[1], t[2], t[2]}));
+        for (int k = 0; k < 3; ++k) longest2 = std::max(longest2, (node[t[k]] - node[t[(k + 1) % 3]]).squaredNorm());
+    }
+    BoxTree tree;
+    build_box_tree(boxes, tree);
+    std::vector<uint32_t> apex(triangle.size(), kNone);
+    SkinBinding skin;
+    for (size_t v = 0; v < point.size(); ++v) {
+        const float q[3] = {static_cast<float>(point[v].x()), static_cast<float>(point[v].y()), static_cast<float>(point[v].z())};
+        uint32_t best = kNone;
+        double least = INFINITY;
+        visit_near_boxes(tree, q, std::numeric_limits<float>::max(), [&](uint32_t t) {
+            const double d2 = distance_to_triangle(point[v], node[triangle[t][0]], node[triangle[t][1]], node[triangle[t][2]]);
+            if (d2 < least || (d2 == least && t < best)) least = d2, best = t;
+            return std::nextafter(static_cast<float>(std::min(least * (1 + 1e-6), 1e30)), INFINITY);
+        });
+        if (apex[best] == kNone) apex[best] = farthest_from_plane(node, triangle[best]);
+        skin.outside = std::max(skin.outside, std::sqrt(least));
+        add_binding(point[v], node, triangle[best], apex[best], skin);
     }
     return skin;
 }

@@ -35,6 +35,17 @@ struct SkinBinding {
 SkinBinding bind_skin(std::span<const Vec3d> point, std::span<const Vec3d> node,
                       std::span<const std::array<uint32_t, 4>> tetrahedra);
 
+// Binds points (m) to a surface of triangles between nodes: to three nodes of the nearest triangle and, for how far a point
+// lies off it, to an apex, the node farthest from that triangle's plane. So linear motions are followed exactly and force and
+// moment are kept, as in tetrahedra; what an apex gets is a share of how far the point lies off over how far the apex does.
+// Throws InputError when that is more than half: the surface is too coarse for the points.
+SkinBinding bind_to_surface(std::span<const Vec3d> point, std::span<const Vec3d> node, std::span<const Triangle> triangle);
+
+// Whether bodies of a prototype have nodes of their own: a solid, or a shell under a skin.
+inline bool has_own_nodes(const Solids& solids, uint32_t prototype) {
+    return prototype < solids.info.size() && solids.info[prototype].nodes.count > 0;
+}
+
 // Writes offsets and velocities of the skin of a body from those of its nodes; nothing for a body without. Same bits for
 // any number of threads.
 void drape_skin(const Solids& solids, const Bodies& bodies, uint32_t body, Particles& particles);

@@ -1,10 +1,13 @@
 #include "engine/solid_setup.hpp"
 
+#include <Eigen/Geometry>
 #include <algorithm>
+#include <cmath>
 #include <map>
 
 #include "engine/check.hpp"
 #include "engine/deformable_setup.hpp"
+#include "engine/edge_table.hpp"
 #include "engine/mesh_topology.hpp"
 #include "engine/mesh_view.hpp"
 #include "engine/solid_limit.hpp"
@@ -103,17 +106,27 @@ void append_edge_springs(const Meshes& meshes, uint32_t prototype, const Filling
     info.mean_geometry = mean;
 }
 
+// A row of a prototype that has no tetrahedra.
+void add_without_tetrahedra(SolidInfo info, Solids& solids) {
+    info.slices = grown(solids.slot_column.size() - solids.info.size(), 0);
+    solids.slot_column.push_back(static_cast<uint32_t>(solids.slot.size() / kSliceWidth));
+    solids.info.push_back(info);
+}
+
+Range append_skin(const SkinBinding& binding, size_t vertices, Solids& solids) {
+    TROCAR_ASSERT(binding.node.size() == vertices);
+    const Range rows = grown(solids.skin_node.size(), vertices);
+    solids.skin_node.insert(solids.skin_node.end(), binding.node.begin(), binding.node.end());
+    solids.skin_weight.insert(solids.skin_weight.end(), binding.weight.begin(), binding.weight.end());
+    return rows;
+}
+
 }  // namespace
 
 void add_solid(const Meshes& meshes, uint32_t prototype, std::span<const Vec3d> inner,
                std::span<const Tetrahedron> tetrahedra, Springs& springs, Solids& solids, const SolidSkin* skin) {
     TROCAR_ASSERT(!tetrahedra.empty() && solids.info.size() <= prototype);
-    while (solids.info.size() < prototype) {
-        SolidInfo skipped;
-        skipped.slices = grown(solids.slot_column.size() - solids.info.size(), 0);
-        solids.slot_column.push_back(static_cast<uint32_t>(solids.slot.size() / kSliceWidth));
-        solids.info.push_back(skipped);
-    }
+    while (solids.info.size() < prototype) add_without_tetrahedra({}, solids);
     const MeshView surface = mesh_view(meshes, prototype);
     Filling filling{{}, tetrahedra};
     if (!skin) filling.node.assign(surface.position.begin(), surface.position.end());
@@ -125,12 +138,7 @@ void add_solid(const Meshes& meshes, uint32_t prototype, std::span<const Vec3d> 
     SolidInfo info;
     info.inner = grown(solids.position.size(), inner.size());
     solids.position.insert(solids.position.end(), inner.begin(), inner.end());
-    if (skin) {
-        TROCAR_ASSERT(skin->binding.node.size() == surface.position.size());
-        info.skin = grown(solids.skin_node.size(), surface.position.size());
-        solids.skin_node.insert(solids.skin_node.end(), skin->binding.node.begin(), skin->binding.node.end());
-        solids.skin_weight.insert(solids.skin_weight.end(), skin->binding.weight.begin(), skin->binding.weight.end());
-    }
+    if (skin) info.skin = append_skin(skin->binding, surface.position.size(), solids);
     append_tetrahedra(filling, info, solids);
     append_slots(filling, info.tetrahedra.count, info, solids);
     info.nodes = grown(solids.node_volume.size(), filling.node.size());
@@ -139,6 +147,92 @@ void add_solid(const Meshes& meshes, uint32_t prototype, std::span<const Vec3d> 
         for (const uint32_t node : t) solids.node_volume[info.nodes.first + node] += 0.25 * filling.volume(t);
     }
     solids.info.push_back(info);
+}
+
+void add_caged_shell(const Meshes& meshes, uint32_t prototype, std::span<const Vec3d> node, const SolidSkin& skin, Springs& springs, Solids& solids) {
+    TROCAR_ASSERT(solids.info.size() <= prototype);
+    while (solids.info.size() < prototype) add_without_tetrahedra({}, solids);
+    const EdgeTable table = make_edge_table(skin.boundary, static_cast<uint32_t>(node.size()));
+    add_springs(springs, meshes, prototype, node, table.edge, {meshes.info[prototype].vertices.count, skin.boundary});
+    SolidInfo info;
+    info.inner = grown(solids.position.size(), node.size());
+    solids.position.insert(solids.position.end(), node.begin(), node.end());
+    info.skin = append_skin(skin.binding, meshes.info[prototype].vertices.count, solids);
+    info.nodes = grown(solids.node_volume.size(), node.size());
+    std::vector<double> share(node.size());
+    double area = 0;
+    for (const Triangle& t : skin.boundary) {
+        const double third = (node[t[1]] - node[t[0]]).cross(node[t[2]] - node[t[0]]).norm() / 6;
+        for (const uint32_t v : t) share[v] += third;
+        area += 3 * third;
+    }
+    for (const double s : share) solids.node_volume.push_back(s / area);
+    add_without_tetrahedra(info, solids);
+}
+
+void add_caged_shell_body(const Meshes& meshes, const Springs& springs, const Solids& solids, const Poses& poses,
+                          uint32_t body, Bodies& bodies, Particles& particles, Anchors& anchors) {
+    const uint32_t prototype = bodies.mesh[body];
+    const SolidInfo& info = solids.info[prototype];
+    const MeshInfo& mesh = meshes.info[prototype];
+    const Tissue& tissue = bodies.tissue[body];
+    const bool sheet = mesh.admission == Admission::kSheet;
+    const double whole = sheet ? mesh.area * (bodies.thickness[body] > 0 ? bodies.thickness[body] : tissue.wall) : std::abs(mesh.volume);
+    std::vector<double> volume(solids.node_volume.begin() + info.nodes.first, solids.node_volume.begin() + info.nodes.end());
+    for (double& v : volume) v *= whole;
+    BodyNodes nodes;
+    nodes.skin = skin_rows(info);
+    nodes.inner = std::span(solids.position).subspan(info.inner.first, info.inner.count);
+    nodes.volume = volume;
+    nodes.spring_stiffness = 0.5 * std::sqrt(3.0) * tissue.youngs_modulus * tissue.wall;  // as add_deformable
+    add_deformable(meshes, springs, poses, body, bodies, particles, anchors, &nodes);
+    drape_skin(solids, bodies, body, particles);
+    update_stable_dt(springs, body, particles, anchors, bodies);
+}
+
+void colour_tetrahedra(Solids& solids, uint32_t prototype) {
+    TROCAR_ASSERT(is_solid(solids, prototype));
+    if (solids.colours.size() <= prototype) solids.colours.resize(prototype + 1);
+    if (solids.colours[prototype].count > 0) return;
+    const SolidInfo& info = solids.info[prototype];
+    const uint32_t padded = info.slices.count * kSliceWidth;
+    std::vector<std::vector<uint32_t>> by_colour;
+    std::vector<std::vector<uint8_t>> used(padded);  // colours at a node
+    for (uint32_t t = 0; t < info.count; ++t) {
+        const auto taken = [&](size_t colour) {
+            return std::any_of(solids.corner.begin(), solids.corner.end(), [&](const auto& corner) {
+                const auto& list = used[corner[info.tetrahedra.first + t]];
+                return colour < list.size() && list[colour];
+            });
+        };
+        size_t colour = 0;
+        while (taken(colour)) ++colour;
+        for (const auto& corner : solids.corner) {
+            auto& list = used[corner[info.tetrahedra.first + t]];
+            list.resize(std::max(list.size(), colour + 1));
+            list[colour] = 1;
+        }
+        by_colour.resize(std::max(by_colour.size(), colour + 1));
+        by_colour[colour].push_back(t);
+    }
+    solids.colours[prototype] = grown(solids.colour.size(), by_colour.size());
+    for (const std::vector<uint32_t>& list : by_colour) {
+        const size_t batches = (list.size() + kBatchWidth - 1) / kBatchWidth;
+        solids.colour.push_back(grown(solids.batch.size(), batches));
+        for (size_t b = 0; b < batches; ++b) {
+            auto& node = solids.batch.emplace_back();
+            auto& volume = solids.batch_volume.emplace_back();
+            auto& factor = solids.batch_factor.emplace_back();
+            for (uint32_t lane = 0; lane < kBatchWidth; ++lane) {
+                const size_t i = b * kBatchWidth + lane;
+                const bool real = i < list.size();
+                const uint32_t t = info.tetrahedra.first + (real ? list[i] : 0);
+                for (uint32_t k = 0; k < 4; ++k) node[kBatchWidth * k + lane] = real ? solids.corner[k][t] : padded + 4 * lane + k;
+                volume[lane] = real ? solids.rest[t] : 0.0f;
+                factor[lane] = real && info.varied ? solids.factor[t] : 1.0f;
+            }
+        }
+    }
 }
 
 void add_solid_body(const Meshes& meshes, const Springs& springs, const Solids& solids, const Poses& poses,

@@ -24,6 +24,17 @@ struct SolidSkin {
 void add_solid(const Meshes& meshes, uint32_t prototype, std::span<const Vec3d> inner,
                std::span<const std::array<uint32_t, 4>> tetrahedra, Springs& springs, Solids& solids, const SolidSkin* skin = nullptr);
 
+// A shell under a skin: springs along the edges of `boundary`, a surface between nodes (m, body frame), for a prototype
+// whose vertices ride on them. The rows of Solids are those of a solid without tetrahedra.
+void add_caged_shell(const Meshes& meshes, uint32_t prototype, std::span<const Vec3d> node, const SolidSkin& skin, Springs& springs, Solids& solids);
+// As add_deformable for a body of such a prototype: mass by the volume of the skin (a sheet: its area), shared by the area
+// around the nodes; stiffness and anchors as of any shell.
+void add_caged_shell_body(const Meshes& meshes, const Springs& springs, const Solids& solids, const Poses& poses,
+                          uint32_t body, Bodies& bodies, Particles& particles, Anchors& anchors);
+
+// Adds the colours of the tetrahedra of a prototype unless it has them: greedy, as colour_springs.
+void colour_tetrahedra(Solids& solids, uint32_t prototype);
+
 // As add_deformable of deformable_setup.hpp, for a body whose prototype is a solid: masses from the tetrahedra's
 // volumes, stiffnesses by solid_moduli, anchors at the surface only, stable_dt by update_solid_dt. Throws InputError when a material value is
 // impossible; Poisson's ratio must be at least 0.25 (springs cannot do less) and below 0.5.

@@ -7,7 +7,7 @@
 namespace trocar {
 namespace {
 
-constexpr uint32_t kRun = 8;
+constexpr uint32_t kRun = 16;
 constexpr double kRounding = 1e-12;  // of squares, beside 1
 
 void enlarge(Box& box, const Box& other) {
@@ -22,12 +22,14 @@ void add_runs(const LocalContactModel& model, uint32_t begin, uint32_t end, Surf
         SurfaceNode run;
         run.triangles = {first, std::min(kRun, end - first)};
         run.body = model.body[first];
+        double fastest2 = 0;
         for (uint32_t t = first; t < run.triangles.end(); ++t) {
             for (const uint32_t v : model.triangle[t]) {
                 enlarge(run.box, {model.position[v], model.position[v]});
-                run.speed = std::max(run.speed, model.velocity[v].norm());
+                fastest2 = std::max(fastest2, model.velocity[v].squaredNorm());
             }
         }
+        run.speed = std::sqrt(fastest2);
         scratch.order.push_back(static_cast<uint32_t>(scratch.run.size()));
         scratch.run.push_back(run);
     }

@@ -38,7 +38,7 @@ struct SurfaceTreeScratch {
     std::vector<uint32_t> order;
 };
 
-// Makes model.shell.node: per body a tree over runs of up to 8 triangles that follow each other, halved at the median
+// Makes model.shell.node: per body a tree over runs of up to 16 triangles that follow each other, halved at the median
 // along the longest axis. No allocation once warm.
 void build_surface_trees(SurfaceTreeScratch& scratch, LocalContactModel& model);
 

@@ -122,25 +122,33 @@ PlacedTets place_tets(const Solids& solids, const Bodies& bodies, const Particle
 
 }  // namespace
 
-double tet_energy(const Solids& solids, const Bodies& bodies, const Particles& particles, uint32_t body, double back,
-                  std::vector<double>& chunk_sums, const TornSprings* torn) {
+double tet_energy(const TetStep& step, const SolidModuli& moduli, const float* velocity_x, const float* velocity_y, const float* velocity_z,
+                  double back, std::vector<double>& chunk_sums) {
     constexpr uint32_t kChunk = kGroupsPerChunk * kSliceWidth;
-    const PlacedTets tets = place_tets(solids, bodies, particles, body, back);
-    const SolidModuli moduli = solid_moduli(bodies.tissue[body]);
-    const bool may_tear = torn && torn->rest.size() >= tets.info.tetrahedra.end();
-    chunk_sums.assign(chunk_count(tets.info.count, kChunk), 0.0);
-    parallel_for(tets.info.count, kChunk, [&](uint32_t begin, uint32_t end) {
+    const auto place = [&](uint32_t node) {
+        const float* o = step.offset + 4ul * node;
+        return Vec3d(o[0] - back * velocity_x[node], o[1] - back * velocity_y[node], o[2] - back * velocity_z[node]);
+    };
+    chunk_sums.assign(chunk_count(step.tetrahedra, kChunk), 0.0);
+    parallel_for(step.tetrahedra, kChunk, [&](uint32_t begin, uint32_t end) {
         double sum = 0;
         for (uint32_t t = begin; t < end; ++t) {
-            if (may_tear && torn->rest[tets.info.tetrahedra.first + t] == 0) continue;
-            const double factor = tets.info.varied ? double{solids.factor[tets.info.tetrahedra.first + t]} : 1.0;
-            sum += factor * tet_energy(moduli.bulk, moduli.crush, tets.rest(t), tets.six_volumes(t));
+            if (step.rest[t] == 0) continue;
+            const double six = six_volumes(place(step.corner0[t]), place(step.corner1[t]), place(step.corner2[t]), place(step.corner3[t]));
+            sum += (step.factor ? double{step.factor[t]} : 1.0) * tet_energy(moduli.bulk, moduli.crush, step.rest[t], six);
         }
         chunk_sums[begin / kChunk] = sum;
     });
     double total = 0;
     for (const double sum : chunk_sums) total += sum;
     return total;
+}
+
+double tet_energy(const Solids& solids, const Bodies& bodies, const Particles& particles, uint32_t body, double back,
+                  std::vector<double>& chunk_sums, const TornSprings* torn) {
+    const uint32_t first = bodies.particles[body].first + skin_rows(solids.info[bodies.mesh[body]]);
+    return tet_energy(bind_tets(solids, bodies, particles, body, torn), solid_moduli(bodies.tissue[body]), particles.velocity_x.data() + first,
+                      particles.velocity_y.data() + first, particles.velocity_z.data() + first, back, chunk_sums);
 }
 
 std::vector<double> volume_ratios(const Solids& solids, const Bodies& bodies, const Particles& particles,

@@ -54,6 +54,10 @@ float add_tet_forces(const TetStep& body, uint32_t slices);
 double tet_energy(const Solids& solids, const Bodies& bodies, const Particles& particles, uint32_t body, double back,
                   std::vector<double>& chunk_sums, const TornSprings* torn = nullptr);
 
+// The same at step.offset - back * velocity; rows of rest 0 hold nothing.
+double tet_energy(const TetStep& step, const SolidModuli& moduli, const float* velocity_x, const float* velocity_y, const float* velocity_z,
+                  double back, std::vector<double>& chunk_sums);
+
 // Signed volume / rest volume of every tetrahedron of a body as it stands.
 std::vector<double> volume_ratios(const Solids& solids, const Bodies& bodies, const Particles& particles, uint32_t body);
 

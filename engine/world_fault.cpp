@@ -125,17 +125,18 @@ void check_springs(const World& w, uint32_t prototype, Faults& f) {
 
 void check_solid(const World& w, uint32_t prototype, uint32_t particles, Faults& f) {
     const Solids& s = w.solids;
-    if (prototype >= s.info.size() || s.info[prototype].count == 0) return;
+    if (!has_own_nodes(s, prototype)) return;
     const SolidInfo& info = s.info[prototype];
     const std::string name = "solid of mesh " + std::to_string(prototype) + ": ";
+    const bool shell = info.count == 0;  // under a skin
     bool whole = f.inside(info.inner, s.position.size(), name + "inner nodes") && f.inside(info.nodes, s.node_volume.size(), name + "volumes of nodes") &&
                  f.inside(info.tetrahedra, s.rest.size(), name + "tetrahedra") && f.inside(info.tetrahedra, s.per_rest.size(), name + "tetrahedra") &&
                  f.inside({info.slices.first + prototype, info.slices.count + 1}, s.slot_column.size(), name + "slices");
     for (const auto& corner : s.corner) whole = whole && f.inside(info.tetrahedra, corner.size(), name + "corners");
     if (info.varied) whole = whole && f.inside(info.tetrahedra, s.factor.size(), name + "stiffnesses");
     const uint32_t tets = info.tetrahedra.count;
-    f.require(info.count <= tets && tets % kSliceWidth == 0 && uint64_t{info.slices.count} * kSliceWidth + skin_rows(info) == particles && tets < kNone / 4 &&
-                  info.nodes.count <= particles && uint64_t{surface_nodes(w.meshes, info, prototype)} + info.inner.count == info.nodes.count,
+    f.require(info.count <= tets && tets % kSliceWidth == 0 && (shell || uint64_t{info.slices.count} * kSliceWidth + skin_rows(info) == particles) && tets < kNone / 4 &&
+                  info.nodes.count + skin_rows(info) <= particles && uint64_t{surface_nodes(w.meshes, info, prototype)} + info.inner.count == info.nodes.count,
               name + "nodes and tetrahedra do not fit");
     if (!whole || !f.first.empty() || !f.inside(info.skin, s.skin_node.size(), name + "skin") || !f.inside(info.skin, s.skin_weight.size(), name + "skin")) return;
     f.require(info.skin.count == 0 || info.skin.count == w.meshes.info[prototype].vertices.count, name + "skin does not fit the surface");
@@ -189,11 +190,27 @@ void check_hinges(const World& w, uint32_t prototype, Faults& f) {
     check_columns(h.column, h.slot, h.first[prototype], slices, kSliceWidth, uint64_t{32} * groups.count + 1, name, f);
 }
 
+void check_tet_colours(const World& w, uint32_t prototype, Faults& f) {
+    const Solids& s = w.solids;
+    const std::string name = "colours of tetrahedra of mesh " + std::to_string(prototype);
+    f.require(prototype < s.colours.size() && s.batch.size() == s.batch_volume.size() && s.batch.size() == s.batch_factor.size(), name + " are missing");
+    if (!f.first.empty() || !f.inside(s.colours[prototype], s.colour.size(), name)) return;
+    const uint32_t ends = (s.info[prototype].slices.count + 4) * kSliceWidth;
+    for (uint32_t c = s.colours[prototype].first; c < s.colours[prototype].end(); ++c) {
+        if (!f.inside(s.colour[c], s.batch.size(), name)) return;
+        for (uint32_t b = s.colour[c].first; b < s.colour[c].end(); ++b)
+            for (const uint32_t node : s.batch[b]) f.below(node, ends, false, name + ": corner");
+    }
+}
+
 void check_colours(const World& w, uint32_t prototype, Faults& f) {
     const Springs& s = w.springs;
     const std::string name = "colours of springs of mesh " + std::to_string(prototype);
     f.require(prototype < s.colours.size() && s.batch.size() == s.batch_rest.size(), name + " are missing");
     if (!f.first.empty() || !f.inside(s.colours[prototype], s.colour.size(), name)) return;
+    f.require(!s.info[prototype].varied || s.batch_factor.size() >= (s.colours[prototype].count > 0 ? s.colour[s.colours[prototype].end() - 1].end() : 0), name + ": stiffnesses are missing");
+    if (is_solid(w.solids, prototype)) check_tet_colours(w, prototype, f);
+    if (!f.first.empty()) return;
     const uint32_t ends = s.vertices[prototype].count + 2 * kSliceWidth;
     for (uint32_t c = s.colours[prototype].first; c < s.colours[prototype].end(); ++c) {
         if (!f.inside(s.colour[c], s.batch.size(), name)) return;
@@ -450,7 +467,8 @@ std::string find_fault(const World& w) {
     if (f.first.empty()) check_contact_memory(w, f);
     const ContactParams& c = w.settings.contact;
     f.require(w.settings.substep > kShortestStep && c.tolerance > 0 && c.cell_edges > 0 && c.push_speed >= 0 && c.iterations < 1000 && w.settings.sleep_speed >= 0 && w.settings.sleep_after >= 0, "settings: out of range");
-    f.require(w.clock.contact_rate == 60 && w.clock.display_rate == 30 && w.clock.tick == pass_tick(w.clock.pass, 60), "clock: does not fit its passes");
+    const uint32_t rate = w.clock.contact_rate;
+    f.require((rate == 30 || rate == 60 || rate == 120) && w.clock.display_rate == 30 && w.clock.tick == pass_tick(w.clock.pass, rate), "clock: does not fit its passes");
     return f.first;
 }
 

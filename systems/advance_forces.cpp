@@ -25,7 +25,7 @@ void set_pressure(AdvanceIsland& island, const AdvanceBody& b, const Forces& f) 
     const double volume = find_volume_gradient(in.springs, in.bodies.mesh[b.body], b.now, island.scratch.force_sums,
                                                f.axis[0], f.axis[1], f.axis[2]);
     const float p = static_cast<float>(find_pressure(in.springs, in.bodies, b.body, volume));
-    parallel_for(b.slices, kSlicesPerChunk, [&](uint32_t begin, uint32_t end) {
+    for_slices(b.slices, [&](uint32_t begin, uint32_t end) {
         for (float* axis : f.axis) {
             for (uint32_t i = begin * kSliceWidth; i < end * kSliceWidth; ++i) axis[i] *= p;
         }
@@ -40,28 +40,33 @@ void add_tets(AdvanceIsland& island, const AdvanceBody& b, const Forces& f) {
     island.result.min_volume_ratio = std::min<double>(island.result.min_volume_ratio, add_tet_forces(step, b.slices));
 }
 
+bool takes_tets_as_they_are(const AdvanceInputs& in, uint32_t body) {
+    return stepping_of(in.bodies, body).integrator == Integrator::kLeapfrog && has_tets(in.other.solids, in.bodies, body);
+}
+
 }  // namespace
 
 bool has_forces(const AdvanceInputs& inputs, uint32_t body) {
-    return has_pressure(inputs.bodies, body) || has_bending(inputs.bodies, body) ||
-           has_tets(inputs.other.solids, inputs.bodies, body);
+    return has_pressure(inputs.bodies, body) || has_bending(inputs.bodies, body) || takes_tets_as_they_are(inputs, body);
 }
 
 void give_forces(AdvanceIsland& island, uint32_t particles) {
     AdvanceScratch& s = island.scratch;
     const AdvanceInputs& in = island.inputs;
-    const auto forced = [&](const AdvanceBody& b) { return b.linked || has_forces(in, b.body); };
-    if (std::none_of(s.body.begin(), s.body.end(), forced)) return;
-    s.force.assign(size_t{3} * particles, 0.0f);
     uint32_t corners = 0;
-    for (AdvanceBody& b : s.body) {
-        if (!forced(b)) continue;
-        const Forces f = forces_of(s, b);
-        b.step.force_x = f.axis[0], b.step.force_y = f.axis[1], b.step.force_z = f.axis[2];
+    for (const AdvanceBody& b : s.body) {
         if (has_tets(in.other.solids, in.bodies, b.body))
             corners = std::max(corners, corner_rows(bind_tets(*in.other.solids, in.bodies, island.particles, b.body)));
     }
     if (s.corner_force.size() < corners) s.corner_force.resize(corners);
+    const auto forced = [&](const AdvanceBody& b) { return b.linked || has_forces(in, b.body); };
+    if (std::none_of(s.body.begin(), s.body.end(), forced)) return;
+    s.force.assign(size_t{3} * particles, 0.0f);
+    for (AdvanceBody& b : s.body) {
+        if (!forced(b)) continue;
+        const Forces f = forces_of(s, b);
+        b.step.force_x = f.axis[0], b.step.force_y = f.axis[1], b.step.force_z = f.axis[2];
+    }
 }
 
 void find_forces(AdvanceIsland& island, AdvanceBody& b) {
@@ -78,7 +83,7 @@ void find_forces(AdvanceIsland& island, AdvanceBody& b) {
         add_bending_forces(in.springs, in.bodies.mesh[b.body], bending_rigidity(in.bodies.tissue[b.body]), b.now,
                            island.scratch.hinge_force, f.axis[0], f.axis[1], f.axis[2]);
     }
-    if (has_tets(in.other.solids, in.bodies, b.body)) add_tets(island, b, f);
+    if (takes_tets_as_they_are(in, b.body)) add_tets(island, b, f);
     if (b.linked) add_link_forces(island.scratch, static_cast<uint32_t>(&b - island.scratch.body.data()), f.axis);
 }
 

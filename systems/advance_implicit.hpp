@@ -11,8 +11,7 @@ namespace trocar {
 template <typename Call>
 double sum_over(const AdvanceBody& b, std::vector<double>& sums, const Call& call) {
     std::fill(sums.begin(), sums.end(), 0.0);
-    parallel_for(b.slices, kSlicesPerChunk,
-                 [&](uint32_t begin, uint32_t end) { call(begin, end, sums.data() + begin / kSlicesPerChunk * kSliceWidth); });
+    for_slices(b.slices, [&](uint32_t begin, uint32_t end) { call(begin, end, sums.data() + begin / kSlicesPerChunk * kSliceWidth); });
     double sum = 0;
     for (const double s : sums) sum += s;
     return sum;

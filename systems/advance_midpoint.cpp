@@ -7,6 +7,7 @@
 #include "engine/parallel.hpp"
 #include "engine/shape_fit.hpp"
 #include "engine/spring_step.hpp"
+#include "engine/tet_forces.hpp"
 #include "systems/advance_implicit.hpp"
 namespace trocar {
 namespace {
@@ -77,8 +78,71 @@ ImplicitStep bind_implicit(ImplicitScratch& s, const AdvanceBody& b) {
     return step;
 }
 
+// The tetrahedra of the body that is stepped.
+struct Volumes {
+    TetStep tets = {};
+    ImplicitTets step = {};
+    uint32_t groups = 0;  // of 16; 0 = has none
+};
+// Groups that a kernel takes at once.
+constexpr uint32_t kGroupsPerChunk = 256;
+
+// Adds what the corners of tetrahedra hold to three fields of the nodes, which start from 0.
+void gather_corners(const AdvanceBody& b, TetStep& tets, float* field, size_t rows) {
+    std::fill_n(field, 3 * rows, 0.0f);
+    tets.force_x = field, tets.force_y = field + rows, tets.force_z = field + 2 * rows;
+    parallel_for(b.slices, kGroupsPerChunk, [&](uint32_t begin, uint32_t end) { tet_kernels().gather(&tets, begin, end); });
+}
+
+// Volume forces and stiffness at the places of the step; notes the least volume.
+void bind_volumes(AdvanceIsland& island, const AdvanceBody& b, ImplicitStep& step, Volumes& v) {
+    const AdvanceInputs& in = island.inputs;
+    if (!has_tets(in.other.solids, in.bodies, b.body)) return;
+    ImplicitScratch& s = island.scratch.implicit;
+    const size_t rows = b.particles.count;
+    v.tets = bind_tets(*in.other.solids, in.bodies, island.particles, b.body, in.other.torn_springs);
+    v.tets.offset = step.place;
+    v.tets.corner_force = &island.scratch.corner_force[0].x;
+    v.groups = v.tets.tetrahedra / kSliceWidth;
+    s.slope.resize(size_t{12} * v.tets.tetrahedra);
+    s.volume_force.assign(3 * rows, 0.0f);
+    s.volume_block.resize(6 * rows);
+    v.step = {&v.tets, step.direction, s.slope.data()};
+    v.tets.force_x = s.volume_force.data(), v.tets.force_y = v.tets.force_x + rows, v.tets.force_z = v.tets.force_y + rows;
+    island.result.min_volume_ratio = std::min<double>(island.result.min_volume_ratio, add_tet_forces(v.tets, b.slices));
+    const ImplicitKernels& kernels = implicit_kernels();
+    parallel_for(v.groups, kGroupsPerChunk, [&](uint32_t begin, uint32_t end) { kernels.tet_slopes(&v.step, begin, end); });
+    gather_corners(b, v.tets, s.volume_block.data(), rows);
+    parallel_for(v.groups, kGroupsPerChunk, [&](uint32_t begin, uint32_t end) { kernels.tet_blocks(&v.step, begin, end); });
+    gather_corners(b, v.tets, s.volume_block.data() + 3 * rows, rows);
+    step.volume_force = step.volume_pull = s.volume_force.data();
+    step.volume_block = s.volume_block.data();
+}
+
+// Whether some tetrahedron is, at the start of the step.
+bool is_crushed(AdvanceIsland& island, const AdvanceBody& b) {
+    const AdvanceInputs& in = island.inputs;
+    if (!has_tets(in.other.solids, in.bodies, b.body)) return false;
+    ImplicitScratch& s = island.scratch.implicit;
+    const size_t rows = b.particles.count;
+    s.volume_force.assign(3 * rows, 0.0f);
+    TetStep tets = bind_tets(*in.other.solids, in.bodies, island.particles, b.body, in.other.torn_springs);
+    tets.offset = b.step.offset;
+    tets.corner_force = &island.scratch.corner_force[0].x;
+    tets.force_x = s.volume_force.data(), tets.force_y = tets.force_x + rows, tets.force_z = tets.force_y + rows;
+    return add_tet_forces(tets, b.slices) < kCrushed;
+}
+
+// Stiffness of the tetrahedra times the direction.
+void pull_volumes(AdvanceIsland& island, const AdvanceBody& b, Volumes& v) {
+    if (v.groups == 0) return;
+    const ImplicitKernels& kernels = implicit_kernels();
+    parallel_for(v.groups, kGroupsPerChunk, [&](uint32_t begin, uint32_t end) { kernels.tet_pull(&v.step, begin, end); });
+    gather_corners(b, v.tets, island.scratch.implicit.volume_force.data(), b.particles.count);
+}
+
 // Conjugate gradients on the velocities; begin has run. Books iterations and residual.
-void solve(AdvanceIsland& island, const AdvanceBody& b, ImplicitStep& step, double start) {
+void solve(AdvanceIsland& island, const AdvanceBody& b, ImplicitStep& step, Volumes& volumes, double start) {
     const ImplicitKernels& kernels = implicit_kernels();
     ImplicitScratch& s = island.scratch.implicit;
     const GoalMotion goals = b.shape ? GoalMotion(s, b.step) : GoalMotion({}, b.step);
@@ -87,13 +151,14 @@ void solve(AdvanceIsland& island, const AdvanceBody& b, ImplicitStep& step, doub
     const double enough = b.stepping.tolerance * b.stepping.tolerance * start;
     for (; iteration < b.stepping.iterations && rest > enough; ++iteration) {
         goals.follow(s, b.step, step);
+        pull_volumes(island, b, volumes);
         const double bent = sum_over(b, s.sums, [&](uint32_t begin, uint32_t end, double* lanes) { kernels.apply(&step, begin, end, lanes); });
         if (!(bent > 0)) break;
         const float a = static_cast<float>(rest / bent);
         const double next = sum_over(b, s.sums, [&](uint32_t begin, uint32_t end, double* lanes) { kernels.move(&step, a, begin, end, lanes); });
         const float turn = static_cast<float>(next / rest);
         rest = next;
-        parallel_for(b.slices, kSlicesPerChunk, [&](uint32_t begin, uint32_t end) { kernels.turn(&step, turn, begin, end); });
+        for_slices(b.slices, [&](uint32_t begin, uint32_t end) { kernels.turn(&step, turn, begin, end); });
     }
     ++island.result.implicit_steps;
     island.result.implicit_iterations += iteration;
@@ -111,8 +176,8 @@ void step_midpoint(AdvanceIsland& island, AdvanceBody& b, double* work) {
     const double before = books ? energy_before(island, b) : 0;
     b.last_dt = 0;
     // what rows do to single particles makes the midpoint ring for ever at steps beyond the explicit limit; backward
-    // Euler damps it out
-    step.theta = b.touched ? 1.0f : 0.5f;
+    // Euler damps it out; so it does where tetrahedra are crushed, which no linearisation looks far enough ahead for
+    step.theta = b.touched || is_crushed(island, b) ? 1.0f : 0.5f;
     b.step.kick_dt = b.step.dt;
     // a held body is damped half before and half after, which keeps the second order; the rigid motion that a free
     // body's damping leaves alone is known at the start only
@@ -130,8 +195,10 @@ void step_midpoint(AdvanceIsland& island, AdvanceBody& b, double* work) {
         half_way.offset = step.place;
         fit_goals(sum_shape(half_way, b.slices, scratch.shape_sums), island.poses.orientation[b.body], b.step);
     }
+    Volumes volumes;
+    bind_volumes(island, b, step, volumes);
     const double start = sum_over(b, s.sums, [&](uint32_t begin, uint32_t end, double* lanes) { kernels.begin(&step, begin, end, lanes); });
-    solve(island, b, step, start);
+    solve(island, b, step, volumes, start);
     damped += sum_over(b, s.sums, [&](uint32_t begin, uint32_t end, double* lanes) { kernels.finish(&step, begin, end, lanes); });
     if (!books) return;
     if (work) work[0] += damped;

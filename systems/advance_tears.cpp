@@ -131,7 +131,7 @@ void break_springs(AdvanceIsland& island) {
         if (b.tear == kNone) continue;
         const float most = static_cast<float>(1 + island.inputs.other.tears->body[b.tear].break_strain);
         s.overstretched.assign(chunk_count(b.slices, kSlicesPerChunk), 0);
-        parallel_for(b.slices, kSlicesPerChunk, [&](uint32_t begin, uint32_t end) {
+        for_slices(b.slices, [&](uint32_t begin, uint32_t end) {
             s.overstretched[begin / kSlicesPerChunk] = any_long(b.step, &b.next->x, begin, end, most);
         });
         if (tears_as_solid(island.inputs.other.tears->body[b.tear])) {

@@ -2,6 +2,7 @@
 
 #include "engine/implicit_kernels.hpp"
 #include "engine/shape_fit.hpp"
+#include "engine/tet_forces.hpp"
 #include "systems/advance_implicit.hpp"
 namespace trocar {
 namespace {
@@ -22,8 +23,8 @@ XpbdStep bind_xpbd(AdvanceIsland& island, const AdvanceBody& b) {
     ImplicitScratch& s = island.scratch.implicit;
     const Springs& springs = island.inputs.springs;
     const size_t rows = b.particles.count;
-    s.place.assign(rows + 2 * kSliceWidth, Float4{});
-    s.direction.assign(rows + 2 * kSliceWidth, Float4{});
+    s.place.assign(rows + 4 * kSliceWidth, Float4{});
+    s.direction.assign(rows + 4 * kSliceWidth, Float4{});
     s.sums.resize(size_t{chunk_count(b.slices, kSlicesPerChunk)} * kSliceWidth);
     XpbdStep step = {};
     step.spring = &b.step;
@@ -32,6 +33,22 @@ XpbdStep bind_xpbd(AdvanceIsland& island, const AdvanceBody& b) {
     step.ends = springs.batch.data()->data();
     step.rest = springs.batch_rest.data()->data();
     step.rows = static_cast<uint32_t>(rows);
+    const uint32_t prototype = island.inputs.bodies.mesh[b.body];
+    if (springs.info[prototype].varied) step.factor = springs.batch_factor.data()->data();
+    if (has_tets(island.inputs.other.solids, island.inputs.bodies, b.body)) {
+        const Solids& solids = *island.inputs.other.solids;
+        const SolidModuli moduli = solid_moduli(island.inputs.bodies.tissue[b.body]);
+        step.corners = solids.batch.data()->data();
+        step.volume = solids.batch_volume.data()->data();
+        step.volume_factor = solids.batch_factor.data()->data();
+        step.bulk = static_cast<float>(moduli.bulk), step.crush = static_cast<float>(moduli.crush);
+        const double least = 0.5 / springs.info[prototype].mean_rest;  // of a good one it is 1.2 over an edge
+        step.least_slope2 = static_cast<float>(least * least);
+        if (b.stepping.iterations > 1) {
+            s.volume_lambda.assign(solids.batch.size() * kSliceWidth, 0.0f);
+            step.volume_lambda = s.volume_lambda.data();
+        }
+    }
     step.compliance = static_cast<float>(1 / (static_cast<double>(b.step.stiffness) * island.dt * island.dt));
     if (b.stepping.iterations > 1) {
         s.lambda.assign(springs.batch.size() * kSliceWidth, 0.0f);
@@ -63,12 +80,19 @@ double energy_of(const AdvanceIsland& island, const AdvanceBody& b, const float*
     constexpr uint32_t kRow = kEnergySums * kSliceWidth;
     const SpringKernels& kernels = spring_kernels();
     sums.assign(size_t{chunk_count(b.slices, kSlicesPerChunk)} * kRow, 0.0);
-    parallel_for(b.slices, kSlicesPerChunk, [&](uint32_t begin, uint32_t end) {
+    for_slices(b.slices, [&](uint32_t begin, uint32_t end) {
         kernels.energy_sums(&step, begin, end, sums.data() + size_t{begin / kSlicesPerChunk} * kRow);
     });
     std::array<double, kEnergySums> t{};
     for (size_t i = 0; i < sums.size(); ++i) t[i % kRow / kSliceWidth] += sums[i];
-    return 0.5 * t[kSumMvv] + 0.25 * step.stiffness * t[kSumStretch] + 0.5 * t[kSumAnchor] -
+    const AdvanceInputs& in = island.inputs;
+    double volumes = 0;
+    if (has_tets(in.other.solids, in.bodies, b.body)) {
+        TetStep tets = bind_tets(*in.other.solids, in.bodies, island.particles, b.body, in.other.torn_springs);
+        tets.offset = offset;
+        volumes = tet_energy(tets, solid_moduli(in.bodies.tissue[b.body]), step.velocity_x, step.velocity_y, step.velocity_z, back, sums);
+    }
+    return volumes + 0.5 * t[kSumMvv] + 0.25 * step.stiffness * t[kSumStretch] + 0.5 * t[kSumAnchor] -
            island.params.gravity.dot(Vec3d(t[kSumMPlace], t[kSumMPlace + 1], t[kSumMPlace + 2]));
 }
 
@@ -129,9 +153,16 @@ void step_xpbd(AdvanceIsland& island, AdvanceBody& b, double* work) {
                 kernels.xpbd_springs(&step, batches.first + begin, batches.first + end);
             });
         }
-        parallel_for(b.slices, kSlicesPerChunk, [&](uint32_t begin, uint32_t end) { kernels.xpbd_anchors(&step, begin, end); });
+        const Solids* solids = step.corners ? island.inputs.other.solids : nullptr;
+        for (uint32_t c = 0; solids && c < solids->colours[island.inputs.bodies.mesh[b.body]].count; ++c) {
+            const Range batches = solids->colour[solids->colours[island.inputs.bodies.mesh[b.body]].first + c];
+            parallel_for(batches.count, kBatchesPerChunk, [&](uint32_t begin, uint32_t end) {
+                kernels.xpbd_volumes(&step, batches.first + begin, batches.first + end);
+            });
+        }
+        for_slices(b.slices, [&](uint32_t begin, uint32_t end) { kernels.xpbd_anchors(&step, begin, end); });
     }
-    parallel_for(b.slices, kSlicesPerChunk, [&](uint32_t begin, uint32_t end) { kernels.xpbd_finish(&step, begin, end); });
+    for_slices(b.slices, [&](uint32_t begin, uint32_t end) { kernels.xpbd_finish(&step, begin, end); });
     if (!books) return;
     if (work) work[0] += damped;
     book_own_work(island, b, before, damped);

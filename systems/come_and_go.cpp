@@ -1,7 +1,7 @@
 #include "systems/come_and_go.hpp"
 
 #include "engine/geometry/quaternion.hpp"
-#include "engine/tet_forces.hpp"
+#include "engine/skin.hpp"
 namespace trocar {
 namespace {
 
@@ -15,9 +15,10 @@ void rest_at_place(const Meshes& meshes, const Solids& solids, const Bodies& bod
         o = {static_cast<float>(placed.x()), static_cast<float>(placed.y()), static_cast<float>(placed.z()), o.w};
     };
     for (uint32_t v = 0; v < surface.count; ++v) put(rows.first + v, meshes.position[surface.first + v]);
-    if (is_solid(solids, mesh)) {
+    if (has_own_nodes(solids, mesh)) {
         const Range inner = solids.info[mesh].inner;
-        for (uint32_t i = 0; i < inner.count; ++i) put(rows.first + surface.count + i, solids.position[inner.first + i]);
+        const uint32_t before = skin_rows(solids, mesh) > 0 ? skin_rows(solids, mesh) : surface.count;
+        for (uint32_t i = 0; i < inner.count; ++i) put(rows.first + before + i, solids.position[inner.first + i]);
     }
     for (uint32_t row = rows.first; row < rows.end(); ++row) p.velocity_x[row] = p.velocity_y[row] = p.velocity_z[row] = 0;
     p.last_dt[body] = 0;

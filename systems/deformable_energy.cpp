@@ -22,7 +22,7 @@ EnergyTotals sum_energy(const SpringStep& body, uint32_t slices, std::vector<dou
     const SpringKernels& kernels = spring_kernels();
     const uint32_t chunks = chunk_count(slices, kSlicesPerChunk);
     chunk_sums.assign(static_cast<size_t>(chunks) * kRow, 0.0);
-    parallel_for(slices, kSlicesPerChunk, [&](uint32_t begin, uint32_t end) {
+    for_slices(slices, [&](uint32_t begin, uint32_t end) {
         kernels.energy_sums(&body, begin, end, chunk_sums.data() + begin / kSlicesPerChunk * kRow);
     });
     EnergyTotals totals{};

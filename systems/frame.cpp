@@ -299,6 +299,7 @@ void local_contact(FrameState& f) {
     for (size_t t = 0; t < w.haptics.tool.size(); ++t) {
         publish_local_contact(haptic_params(w.clock.contact_rate), surfaces_of(w), w.boxes.box, w.haptics.tool[t], w.haptics.state[t], pass_seconds(w),
                               w.clock.pass + 1, f.scratch.local_contact, w.local_contact[t]);
+        w.local_contact[t].period = period_seconds(w);
         publish_give(surfaces_of(w), w.haptics.tool[t], w.haptics.state[t], w.local_contact[t]);
     }
     if (f.contact_hook.published) f.contact_hook.published(f.contact_hook.user, w);
@@ -410,6 +411,7 @@ void advance(FrameState& f) {
     remember_contacts(w.rows, w.contact_memory);
     share_room(f.scratch.advance);
     note_link_forces(period_seconds(w), w.links);
+    note_pull_on_tools(period_seconds(w), w.links, w.haptics.tool, w.haptics.state);
     f.times.response_ns = 0;
     w.report.deepest_residual = 0;
     for (uint32_t i = 0; i < count; ++i) {
@@ -565,8 +567,6 @@ Frame::Frame(World world, const FrameOptions& options) : state_(new FrameState),
     World& w = state_->world;
     if (options.trace)
         for (const std::string& name : w.bodies.name) state_->island_name.push_back(options.trace->keep("island of " + name));
-    w.clock.contact_rate = 60;
-    w.clock.display_rate = 30;
     Graphs& g = *graphs_;
     g.state = state_.get();
     g.add(kBegin);

@@ -44,8 +44,9 @@ double next_gain(const HapticParams& params, bool accepted, double sample_age, d
     return std::clamp(gain, 0.0, 1.0);
 }
 
-Vec3d surface_follow(const HapticParams& params, const SurfaceGive& give, const Vec3d& device, double age) {
+Vec3d surface_follow(const HapticParams& params, const SurfaceGive& give, const Vec3d& device, double time) {
     if (give.body == kNone) return Vec3d::Zero();
+    const double age = std::clamp(time - give.time, -params.greatest_age, params.greatest_age);
     const double way = give.share * give.normal.dot(device - give.device - age * give.device_velocity);
     return std::clamp(way, -params.reach_margin, params.reach_margin) * give.normal;
 }

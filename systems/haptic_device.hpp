@@ -11,8 +11,8 @@ bool take_sample(const HapticParams& params, const DeviceState& sample, ToolStat
 double next_gain(const HapticParams& params, bool accepted, double sample_age, double model_age, double elapsed,
                  double gain);
 
-// How far (m) the surface that gives way is beyond where its velocity alone takes it, with the device there: the share
-// of what the device went otherwise than it did at the pass.
-Vec3d surface_follow(const HapticParams& params, const SurfaceGive& give, const Vec3d& device, double age);
+// How far (m) the surface that gives way is beyond where its velocity alone takes it, with the device there at `time` (s):
+// the share of what the device went otherwise than it did at the pass.
+Vec3d surface_follow(const HapticParams& params, const SurfaceGive& give, const Vec3d& device, double time);
 
 }  // namespace trocar

@@ -9,7 +9,7 @@
 namespace trocar {
 namespace {
 
-constexpr double kSlipSpeed = 1;     // m/s, of points beyond twice that of the device
+constexpr double kSlipSpeed = 0.25;  // m/s, of points beyond twice that of the device
 constexpr double kThickest = 5e-3;   // m, half of the thickest sheet that points are passed over beside
 constexpr double kAgainst = -0.5;    // cosine between a way out and the normal into the instrument
 constexpr double kLongestGap = 0.1;  // s, ticks farther apart than this count as this far
@@ -31,7 +31,7 @@ Span span_of(const HapticParams& params, const LocalContactModel& model, double 
              const Vec3d& last_device, const Vec3d& device) {
     const auto moment = [&](double age, const Vec3d& at) {
         const double shown = std::clamp(age, -params.greatest_age, params.greatest_age);
-        return SurfaceMoment{shown, model.give.body, surface_follow(params, model.give, at, shown)};
+        return SurfaceMoment{shown, model.give.body, surface_follow(params, model.give, at, model.time + age)};
     };
     Span span;
     span.elapsed = first ? params.dt : std::clamp(time - last_time, 0.0, kLongestGap);
@@ -137,11 +137,14 @@ bool find_planes(const LocalContactModel& model, const HandTool& tool, const Spa
 }
 
 // Moves the tool for one tick and leaves what holds it in state.contact.
-void move_shell(const ShellSprings& springs, double most, double radius, const Pose& pose, ShellScratch& s, ToolState& state) {
+void move_shell(const ShellSprings& springs, double band, double radius, const Pose& pose, ShellScratch& s, ToolState& state) {
     ShellStep step;
+    double most = band;  // and as far as a surface that came in pushes it
+    for (const ShellPlane& plane : s.plane)
+        if (plane.distance < 0) most = std::max(most, band + plane.carried.norm());
     // friction counts on the normal forces of the tick before, then on those that come out
     for (uint32_t round = 0; round < (springs.friction > 0 ? 2u : 1u); ++round) {
-        step = solve_shell(springs, s.plane);
+        step = solve_shell(springs, s.plane, step);
         if (springs.friction <= 0 || round > 0) break;
         for (ShellPlane& plane : s.plane) plane.held = shell_force(springs, plane, step).normal;
     }
@@ -210,14 +213,14 @@ void slew_command(const HapticParams& params, const HandTool& tool, const Wrench
 
 // Moves the tool, or waits until all of it is outside.
 void update_shell(const LocalContactModel& model, const HandTool& tool, const Span& span,
-                  double most, const Pose& pose, ShellScratch& s, ToolState& state) {
-    if (!covers(model, tool, pose, span.now, most)) {
+                  double band, const Pose& pose, ShellScratch& s, ToolState& state) {
+    if (!covers(model, tool, pose, span.now, band)) {
         state.proxy_valid = false;
         state.contact.clear();
         return;
     }
     note_ways(model, tool, span.now, pose, s);
-    const bool inside = find_planes(model, tool, span, pose, most, state.contact, s);
+    const bool inside = find_planes(model, tool, span, pose, band, state.contact, s);
     if (!state.proxy_valid) {
         state.proxy = pose.tip;
         state.proxy_turn = pose.turn;
@@ -227,7 +230,7 @@ void update_shell(const LocalContactModel& model, const HandTool& tool, const Sp
     }
     ShellSprings springs{tool.coupling_stiffness, tool.turn_stiffness, tool.surface_stiffness, tool.friction, {}};
     springs.way = {state.device.position - pose.tip, rotation_vector(pose.turn, state.device.orientation)};
-    move_shell(springs, most, tool.shell_radius, pose, s, state);
+    move_shell(springs, band, tool.shell_radius, pose, s, state);
 }
 
 }  // namespace
@@ -251,9 +254,9 @@ void shell_tick(const HapticParams& params, const LocalContactModel& model, doub
     const Vec3d device_turn = rotation_vector(normalized(last.orientation), state.device.orientation);
     state.device_spin = span.elapsed > 0 ? Vec3d(device_turn / span.elapsed) : Vec3d(Vec3d::Zero());
     const double surface_way = model.fastest * std::abs(span.now.age - span.before.age) + (span.now.follow - span.before.follow).norm();
-    const double most = kSlipSpeed * span.elapsed + 2 * (device_way + device_turn.norm() * tool.shell_radius) + 2 * surface_way;
+    const double band = kSlipSpeed * span.elapsed + 2 * (device_way + device_turn.norm() * tool.shell_radius);
     const Pose pose = state.proxy_valid ? Pose{state.proxy, state.proxy_turn} : Pose{state.device.position, state.device.orientation};
-    update_shell(model, tool, span, most, pose, scratch, state);
+    update_shell(model, tool, span, band, pose, scratch, state);
 
     state.contacts = static_cast<uint32_t>(state.contact.size());
     state.touched = strongest_body(state.contact);

@@ -29,10 +29,11 @@ struct ShellScratch {
 // shell near surfaces, moves the instrument to where the coupling to the device (translation and turn about the tip)
 // balances with the springs of the points inside (solve_shell), and sets force and torque on the hand: the sums of
 // state.contact[i].force and of arm x force, exactly. Distances are exact and signed, of points against the triangles of
-// the model as the age of the model and model.give put them. Points move at most 1 mm and twice what the device moved in a
-// tick: a farther device is followed over several. Zero after a refused sample, fading when model or device stop coming;
-// a change that the motion of the device does not explain ramps in. A shell that starts inside tissue gets no force until
-// all of it was outside once. Same code in lockstep and live; depends on its arguments alone; no allocation once warm.
+// the model as the age of the model and model.give put them. Points move at most 0.25 mm and twice what the device moved
+// in a tick, and as far as a surface pushes them: a farther device is followed over several. Zero after a refused sample,
+// fading when model or device stop coming; a change that the motion of the device does not explain ramps in. A shell that
+// starts inside tissue gets no force until all of it was outside once. Same code in lockstep and live; depends on its
+// arguments alone; no allocation once warm.
 void shell_tick(const HapticParams& params, const LocalContactModel& model, double time, const HandTool& tool,
                 const DeviceState& sample, ShellScratch& scratch, ToolState& state);
 

@@ -124,8 +124,8 @@ ShellForce shell_force(const ShellSprings& springs, const ShellPlane& plane, con
     return f;
 }
 
-ShellStep solve_shell(const ShellSprings& springs, std::span<const ShellPlane> planes) {
-    ShellStep step;
+ShellStep solve_shell(const ShellSprings& springs, std::span<const ShellPlane> planes, const ShellStep& start) {
+    ShellStep step = start;
     Slope s = slope_at<true>(springs, planes, step);
     double first = 0;  // what Newton's first step promised, J
     for (uint32_t k = 0; k < kMostSteps; ++k) {
@@ -134,6 +134,8 @@ ShellStep solve_shell(const ShellSprings& springs, std::span<const ShellPlane> p
         for (size_t i = 0; i < 6; ++i) promise += way[i] * s.downhill[i];
         first = std::max(first, promise);
         if (!(promise > 1e-24 * first)) break;
+        // too little for energies to tell: the planes that hold are found, and this step ends on their balance
+        if (promise < 1e-12 * s.energy) return moved(step, way, 1);
         double share = 1;
         Slope next = slope_at<true>(springs, planes, moved(step, way, share));
         for (uint32_t half = 0; half < kMostHalvings && !(next.energy <= s.energy - 1e-4 * share * promise + 1e-15 * s.energy); ++half) {

@@ -42,10 +42,10 @@ ShellForce shell_force(const ShellSprings& springs, const ShellPlane& plane, con
 
 // The step after which coupling and planes balance: the least of the convex energy
 //   k/2 |shift - way|^2 + K/2 |turn - way|^2 + sum of k_s/2 min(0, distance + n . (shift + turn x arm))^2
-// and of friction springs that yield at friction * held, by Newton's method with halved steps. Exact to rounding; no
-// allocation. A tool without mass, after the static virtual coupling of Barbic & James (IEEE Trans. Haptics 1(1), 2008,
+// and of friction springs that yield at friction * held, by Newton's method with halved steps. Exact to rounding,
+// whatever step it starts from; no allocation. A tool without mass, after the static virtual coupling of Barbic & James (IEEE Trans. Haptics 1(1), 2008,
 // section 5): what the device feels is never stiffer than the coupling, however stiff and many the points are.
-ShellStep solve_shell(const ShellSprings& springs, std::span<const ShellPlane> planes);
+ShellStep solve_shell(const ShellSprings& springs, std::span<const ShellPlane> planes, const ShellStep& start = {});
 
 // The stiffest coupling (N/m or N m/rad) that stays passive when a device of damping `damping` (N s/m or N m s/rad) feels
 // it in ticks of `dt` s, each force `delay` s late: b / (dt / 2 + delay) (Colgate & Schenkel 1997; Gil et al. 2009).

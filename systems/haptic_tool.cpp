@@ -25,6 +25,12 @@ void add_contact_stiffness(const HandTool& tool, const Vec3d& force, std::array<
         for (int j = 0; j < 3; ++j) stiffness[static_cast<size_t>(3 * i + j)] += tool.coupling_stiffness * n[i] * n[j];
 }
 
+// What links pull on the hand now, N: on the way from one pass to the next.
+Vec3d link_pull(const LocalContactModel& model, double age) {
+    const double share = model.period > 0 ? std::clamp(age / model.period, 0.0, 1.0) : 1.0;
+    return model.pull_before + share * (model.pull - model.pull_before);
+}
+
 EffectInput effect_input(const HapticParams& params, const LocalContactModel& model, double time, const HandTool& tool,
                          std::span<const HapticEffect> effects, double elapsed, const ToolState& state) {
     EffectInput in;
@@ -99,6 +105,7 @@ void tick_tool(const HapticParams& params, const LocalContactModel& model, doubl
     }
     add_contact_stiffness(tool, state.command.force, wanted.stiffness);
     const double gain = safety.gain * state.gain;
+    wanted.force += gain * link_pull(model, state.model_age);
     if (!effects.empty())
         add_effects(params, effects, time, gain, effect_input(params, model, time, tool, effects, elapsed, state), state, wanted);
     state.effect_velocity = state.device.velocity;

@@ -1,8 +1,11 @@
 #include "systems/local_contact_model.hpp"
 
+#include <Eigen/Geometry>
 #include <algorithm>
 #include <cmath>
+#include <limits>
 
+#include "engine/geometry/point_triangle.hpp"
 #include "engine/geometry/quaternion.hpp"
 #include "engine/mesh_view.hpp"
 namespace trocar {
@@ -106,6 +109,7 @@ void clear_model(LocalContactModel& model) {
     model.neighbour.clear();
     model.body.clear();
     model.half_thickness.clear();
+    model.give = {};
     model.shell.node.clear();
     model.shell.clear.clear();
     model.shell.nearest.clear();
@@ -113,6 +117,7 @@ void clear_model(LocalContactModel& model) {
 
 // Where a shell is, and where its device would have it: its points in runs, a box for each that holds both.
 constexpr uint32_t kShellRuns = 8;
+constexpr double kFarEnough = 4e-3;  // m, from a surface: a point that the ticks of the next pass will hardly ask for
 struct ShellPlaces {
     Vec3d tip, device;
     Quat turn, device_turn;
@@ -152,6 +157,85 @@ void mark_within_reach(const HapticParams& params, const Surfaces& s, uint32_t b
     }
 }
 
+TriangleDisc disc_around(const LocalContactModel& model, const Triangle& t) {
+    const Vec3d &a = model.position[t[0]], &b = model.position[t[1]], &c = model.position[t[2]];
+    const Vec3d &u = model.velocity[t[0]], &v = model.velocity[t[1]], &w = model.velocity[t[2]];
+    TriangleDisc disc;
+    disc.centre = (a + b + c) / 3;
+    disc.velocity = (u + v + w) / 3;
+    const Vec3d n = (b - a).cross(c - a);
+    const double length = n.norm();
+    if (length > 0) disc.normal = n / length;
+    const auto apart2 = [](const Vec3d& p, const Vec3d& q) { return (p - q).squaredNorm(); };
+    const auto off = [&](const Vec3d& p) { return std::abs(disc.normal.dot(p - disc.centre)); };
+    disc.radius = std::sqrt(std::max({apart2(a, disc.centre), apart2(b, disc.centre), apart2(c, disc.centre)}));
+    disc.spread = std::sqrt(std::max({apart2(u, disc.velocity), apart2(v, disc.velocity), apart2(w, disc.velocity)}));
+    disc.thickness = std::max({off(a), off(b), off(c)});
+    return disc;
+}
+
+// Ball around parts (discs, groups), and how they move.
+template <typename Part>
+void bound_parts(std::span<const Part> parts, TriangleGroup& group) {
+    group.centre.setZero(), group.velocity.setZero();
+    for (const Part& p : parts) group.centre += p.centre, group.velocity += p.velocity;
+    group.centre /= static_cast<double>(parts.size()), group.velocity /= static_cast<double>(parts.size());
+    group.radius = group.spread = 0;
+    for (const Part& p : parts) {
+        group.radius = std::max(group.radius, (p.centre - group.centre).norm() + p.radius);
+        group.spread = std::max(group.spread, (p.velocity - group.velocity).norm() + p.spread);
+    }
+}
+
+// Bounds triangles, groups and blocks of one body, or of all.
+void bound_groups(LocalContactModel& model, uint32_t body) {
+    const auto wanted = [&](uint32_t triangle) { return body == kNone || model.body[triangle] == body; };
+    model.disc.resize(model.triangle.size());
+    for (uint32_t t = 0; t < model.triangle.size(); ++t)
+        if (wanted(t)) model.disc[t] = disc_around(model, model.triangle[t]);
+    for (TriangleGroup& group : model.group)
+        if (wanted(group.triangles.first)) bound_parts(std::span<const TriangleDisc>(model.disc).subspan(group.triangles.first, group.triangles.count), group);
+    for (TriangleGroup& block : model.block)
+        if (wanted(model.group[block.triangles.first].triangles.first))
+            bound_parts(std::span<const TriangleGroup>(model.group).subspan(block.triangles.first, block.triangles.count), block);
+    double fastest2 = 0;
+    for (const Vec3d& v : model.velocity) fastest2 = std::max(fastest2, v.squaredNorm());
+    model.fastest = std::sqrt(fastest2);
+}
+
+// Distance (m) of the surface of a body that carries a point: the nearest within 60 degrees of its force; infinite when
+// nothing is nearer than `most`.
+double carrying_distance(const LocalContactModel& model, uint32_t body, const Vec3d& point, const Vec3d& normal, double most) {
+    double nearest = std::numeric_limits<double>::infinity();
+    for (const TriangleGroup& group : model.group) {
+        if (model.body[group.triangles.first] != body) continue;
+        if ((group.centre - point).norm() - group.radius > std::min(most, nearest)) continue;
+        for (uint32_t t = group.triangles.first; t < group.triangles.end(); ++t) {
+            const auto corner = [&](int k) { return model.position[model.triangle[t][k]]; };
+            const TrianglePoint q = closest_point_on_triangle(point, corner(0), corner(1), corner(2));
+            const double distance = std::sqrt(q.squared_distance);
+            if (distance <= most && distance < nearest && -q.offset.dot(normal) >= 0.5 * distance) nearest = distance;
+        }
+    }
+    return nearest;
+}
+
+// Lets the surface of a body go at `velocity` (m/s) up to `near` (m) from a point, and less so up to `far`.
+void take_along(uint32_t body, const Vec3d& point, const Vec3d& velocity, double near, double far, LocalContactModel& out) {
+    const auto first = std::find(out.body.begin(), out.body.end(), body);
+    if (first == out.body.end()) return;
+    // vertices stand in the order of first use, so those of a body lie together
+    const auto vertex_of = [&](auto triangle) -> size_t {
+        return triangle == out.body.end() ? out.position.size() : out.triangle[static_cast<size_t>(triangle - out.body.begin())][0];
+    };
+    const size_t end = vertex_of(std::find_if(first, out.body.end(), [&](uint32_t b) { return b != body; }));
+    for (size_t v = vertex_of(first); v < end; ++v) {
+        const double away = (out.position[v] - point).norm();
+        out.velocity[v] += std::clamp((far - away) / (far - near), 0.0, 1.0) * (velocity - out.velocity[v]);
+    }
+    bound_groups(out, body);
+}
+
 }  // namespace
 
 void publish_local_contact(const HapticParams& params, const Surfaces& surfaces, std::span<const Box> boxes,
@@ -189,18 +273,24 @@ void publish_outlook(const HandTool& tool, const ToolState& state, LocalContactS
     shell.nearest.clear();
     begin_moment(out, {}, scratch.placed);
     for (uint32_t root = 0; root < shell.node.size(); root = next_tree(out, root)) {
-        uint32_t hint = kNone;  // of the point before
+        uint32_t hint = kNone;  // of the last point that was asked for
+        double clear = 0;       // m, of that one
+        Vec3d asked = Vec3d::Zero();
         for (const ShellPoint& point : tool.shell) {
+            // distances change no faster than places: far points need no answer of their own
             const Vec3d place = at.tip + rotate(at.turn, point.arm);
-            const NearestTriangle nearest = find_nearest(out, root, place, hint, out.reach, scratch.placed);
-            shell.nearest.push_back(nearest.triangle);
-            if (nearest.triangle == kNone) {
-                shell.clear.push_back(out.reach - out.half_thickness[shell.node[root].triangles.first]);
+            const double known = clear - (place - asked).norm();
+            if (known > kFarEnough) {
+                shell.nearest.push_back(hint);
+                shell.clear.push_back(known);
                 continue;
             }
-            hint = nearest.triangle;
-            const SurfaceSide side = side_of(out, nearest, 0, scratch.placed);
-            shell.clear.push_back(side.distance);
+            const NearestTriangle nearest = find_nearest(out, root, place, hint, out.reach, scratch.placed);
+            clear = out.reach - out.half_thickness[shell.node[root].triangles.first];
+            if (nearest.triangle != kNone) hint = nearest.triangle, clear = side_of(out, nearest, 0, scratch.placed).distance;
+            asked = place;
+            shell.nearest.push_back(hint);
+            shell.clear.push_back(clear);
         }
     }
 }
@@ -214,50 +304,53 @@ double give_share(const Vec3d& normal, const Vec3d& tip_way, const Vec3d& device
 }
 
 void publish_give(const Surfaces& surfaces, const HandTool& tool, ToolState& state, LocalContactModel& out) {
+    constexpr double kMostGap = 5e-4;  // m
     out.give = {};
+    out.pull = state.link_force, out.pull_before = state.link_force_before;
     const uint32_t body = tool.body;
-    const Vec3d tip = surfaces.poses.origin[body] + rotate(surfaces.poses.orientation[body], tool.tip);
+    const Vec3d arm = rotate(surfaces.poses.orientation[body], tool.tip), tip = surfaces.poses.origin[body] + arm;
     const double force = state.command.force.norm();
     const ToolPass now{state.contacts > 0 && force > 0 ? state.touched : kNone, tip, state.device.position};
-    const ToolPass& before = state.last_pass;
-    if (now.touched != kNone && now.touched == before.touched && is_deformable(surfaces.bodies, now.touched)) {
-        const Vec3d normal = state.command.force / force;
-        const double share = give_share(normal, now.tip - before.tip, now.device - before.device);
-        if (share > 0) out.give = {now.touched, share, normal, now.device, state.device.velocity};
-    }
+    const ToolPass before = state.last_pass;
     state.last_pass = now;
+    if (now.touched == kNone || !is_deformable(surfaces.bodies, now.touched)) return;
+    const Vec3d normal = state.command.force / force;
+    const double share = now.touched == before.touched ? give_share(normal, tip - before.tip, now.device - before.device) : 0;
+    if (!tool.shell.empty()) {
+        if (share > 0) out.give = {now.touched, share, normal, now.device, state.device.velocity, state.device.time, 0};
+        return;
+    }
+    const double gap = carrying_distance(out, now.touched, tip, normal, tool.tip_radius + kMostGap) - tool.tip_radius;
+    if (!(std::abs(gap) <= std::min(kMostGap, 0.5 * tool.tip_radius))) return;
+    out.give = {now.touched, share, normal, now.device, state.device.velocity, state.device.time, gap};
+    const double near = tool.tip_radius + 1.5 * surfaces.meshes.info[surfaces.bodies.mesh[now.touched]].mean_edge;
+    take_along(now.touched, tip, surfaces.poses.velocity[body] + surfaces.poses.angular_velocity[body].cross(arm), near, 2 * near, out);
 }
 
 void group_triangles(LocalContactModel& model) {
-    constexpr uint32_t kRun = 16;
+    constexpr uint32_t kTriangles = 8, kGroups = 16;  // of a group, of a block
     model.group.clear();
-    model.fastest = 0;
-    for (const Vec3d& v : model.velocity) model.fastest = std::max(model.fastest, v.norm());
+    model.block.clear();
     const uint32_t count = static_cast<uint32_t>(model.triangle.size());
     for (uint32_t first = 0; first < count;) {
         uint32_t end = first + 1;
-        while (end < count && end < first + kRun && model.body[end] == model.body[first]) ++end;
+        while (end < count && end < first + kTriangles && model.body[end] == model.body[first]) ++end;
         TriangleGroup group;
         group.triangles = {first, end - first};
-        Box box;
-        for (uint32_t t = first; t < end; ++t) {
-            for (const uint32_t v : model.triangle[t]) {
-                box.min = box.min.cwiseMin(model.position[v]);
-                box.max = box.max.cwiseMax(model.position[v]);
-                group.velocity += model.velocity[v];
-            }
-        }
-        group.centre = 0.5 * (box.min + box.max);
-        group.velocity /= 3.0 * (end - first);
-        for (uint32_t t = first; t < end; ++t) {
-            for (const uint32_t v : model.triangle[t]) {
-                group.radius = std::max(group.radius, (model.position[v] - group.centre).norm());
-                group.spread = std::max(group.spread, (model.velocity[v] - group.velocity).norm());
-            }
-        }
         model.group.push_back(group);
         first = end;
     }
+    const uint32_t groups = static_cast<uint32_t>(model.group.size());
+    const auto body = [&](uint32_t g) { return model.body[model.group[g].triangles.first]; };
+    for (uint32_t first = 0; first < groups;) {
+        uint32_t end = first + 1;
+        while (end < groups && end < first + kGroups && body(end) == body(first)) ++end;
+        TriangleGroup block;
+        block.triangles = {first, end - first};
+        model.block.push_back(block);
+        first = end;
+    }
+    bound_groups(model, kNone);
 }
 
 }  // namespace trocar

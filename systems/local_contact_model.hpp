@@ -31,16 +31,21 @@ void publish_local_contact(const HapticParams& params, const Surfaces& surfaces,
 // every point of it is to every tree.
 void publish_outlook(const HandTool& tool, const ToolState& state, LocalContactScratch& scratch, LocalContactModel& out);
 
-// How the surface that a tool presses goes with the device, from where this contact pass and the one before found both:
-// the share of the device's way along the force that the simulated tip went. None without contact with one deformable
-// body in both, or when the device moved less than 0.1 mm or mostly along the surface. Linear in position, so that it
-// holds whatever the hand does next (Mark et al., SIGGRAPH 1996; Picinbono & Lombardo 1999), unlike a force drawn on in
-// time. Then keeps this pass in state.last_pass for the next one.
+// How the surface of the deformable body that a tool presses goes on until the next pass:
+// - around the simulated tip it goes where that goes, dent and all. The velocities of single vertices do not say so: under
+//   a tip that slides, what lies ahead is at rest until it is met, and what was passed springs back.
+// - The share of the device's way along the force that the tip went since the pass before is what it goes on to give way
+//   by; none when the device moved less than 0.1 mm or mostly along the surface. Linear in position, so that it holds
+//   whatever the hand does next (Mark et al., SIGGRAPH 1996; Picinbono & Lombardo 1999), unlike a force drawn on in time.
+// - The gap is what contacts left between the tip and the surface that carries it.
+// Nothing of it without contact, or while the simulated tip lags the device's behind and is farther than 0.5 mm from the
+// surface; of a tool with a shell the share alone. Then keeps this pass in state.last_pass for the next one.
 void publish_give(const Surfaces& surfaces, const HandTool& tool, ToolState& state, LocalContactModel& out);
 // The share alone: what the tip moved (m) against what the device moved (m), along a unit normal.
 double give_share(const Vec3d& normal, const Vec3d& tip_way, const Vec3d& device_way);
 
-// Makes model.group and model.fastest from the rest of a model: runs of up to 16 triangles of one body.
+// Makes model.disc, model.group, model.block and model.fastest from the rest of a model: groups are runs of up to 8
+// triangles of one body, blocks of up to 16 groups.
 void group_triangles(LocalContactModel& model);
 
 }  // namespace trocar

@@ -3,6 +3,7 @@
 #include <algorithm>
 #include <cmath>
 #include <cstdio>
+#include <cstring>
 #include <nlohmann/json.hpp>
 
 #include "content/save_mesh.hpp"
@@ -92,6 +93,14 @@ void write_bodies(const World& world, uint64_t pass, const fs::path& folder) {
     }
 }
 
+// Hz, at which a stretch found contacts.
+uint32_t contact_rate_of(const Capture::Stretch& stretch) {
+    uint32_t rate = Clock{}.contact_rate;
+    for (const CaptureArray& a : stretch.state.arrays)
+        if (a.name == "clock.contact_rate" && a.bytes.size() == sizeof rate) std::memcpy(&rate, a.bytes.data(), sizeof rate);
+    return std::max(1u, rate);
+}
+
 struct VtpExport {
     const fs::path& folder;
     std::vector<std::string> body;
@@ -106,9 +115,10 @@ std::string capture_csv(const Capture& capture) {
     out += "\n";
     char text[256];
     for (const Capture::Stretch& stretch : capture.stretches) {
+        const uint32_t rate = contact_rate_of(stretch);
         for (const CaptureStep& s : stretch.steps) {
             std::snprintf(text, sizeof text, "%llu,%.3f,%.6g,%.6g,%.6g,%.9g,%.9g,%llu,%llu,%016llx", static_cast<unsigned long long>(s.pass),
-                          static_cast<double>(pass_tick(s.pass, 60)) * 1e-3, s.frame_ms, s.detection_ms, s.response_ms, s.depth, s.force,
+                          static_cast<double>(pass_tick(s.pass, rate)) * 1e-3, s.frame_ms, s.detection_ms, s.response_ms, s.depth, s.force,
                           static_cast<unsigned long long>(s.contacts), static_cast<unsigned long long>(s.inside_vertices),
                           static_cast<unsigned long long>(s.state_hash));
             out += text;

@@ -194,6 +194,8 @@ TEST_F(DeviceCommands, WrongTablesOfAToolAreRefusedWithTheirPlace) {
         {"tool.probe.pivot.device=\"elbow\"", "none of handle, tip"},
         {"tool.probe.pivot.lenght=1", "did you mean \"length\""},
         {"tool.probe.limits.torque=-1", "outside"},
+        {"tool.probe.dof=4", "dof is 3"},
+        {"tool.probe.points=100", "points"},
         {"tool.probe.pass_through=-1", "outside"},
     };
     for (const auto& c : cases) {

@@ -412,7 +412,7 @@ TEST(HapticTick, ASurfaceThatGivesWayGoesWithTheDevice) {
         Rig rig = still_rig(make_patch(make_plane()));
         rig.at({0, 0, 0.01});
         rig.go({0, 0, kRadius - 1e-3}, 0.05);
-        rig.model.give = {body, 0.4, Vec3d::UnitZ(), rig.state.device.position, Vec3d::Zero()};
+        rig.model.give = {body, 0.4, Vec3d::UnitZ(), rig.state.device.position, Vec3d::Zero(), rig.model.time, 0};
         const double share = body == 0 ? 0.4 : 0;
         for (const double more : {5e-4, 2e-3, -5e-4, 1e-3}) {
             rig.go({0, 0, kRadius - 1e-3 - more}, 0.05);
@@ -430,7 +430,7 @@ TEST(HapticTick, ASurfaceThatGivesWayGoesWithTheDevice) {
     rig.model.time = rig.time();
     for (Vec3d& v : rig.model.velocity) v = Vec3d(0, 0, -0.02);
     group_triangles(rig.model);
-    rig.model.give = {0, 0.4, Vec3d::UnitZ(), rig.state.device.position, Vec3d(0, 0, -0.05)};
+    rig.model.give = {0, 0.4, Vec3d::UnitZ(), rig.state.device.position, Vec3d(0, 0, -0.05), rig.model.time, 0};
     for (int k = 0; k < 20; ++k) {
         const double age = rig.time() - rig.model.time;
         EXPECT_NEAR(rig.at({0, 0, kRadius - 1e-3 - 0.05 * age}).z(), rig.tool.coupling_stiffness * (1e-3 + 0.03 * age), 1e-6);
@@ -715,6 +715,42 @@ TEST(HapticTick, ProxyStaysOutsideUnderRandomStrokes) {
     EXPECT_GT(touching, 500);
     EXPECT_GT(brute_force_winding(mesh.position, mesh.triangle, rig.state.proxy), -0.5);
     EXPECT_LT(brute_force_winding(mesh.position, mesh.triangle, rig.state.proxy), 0.5);
+}
+
+// What sleeps and what is not looked at changes no bit: ticks of random strokes over a body that moves and gives way, against
+// those that ask every triangle of the model at every step.
+TEST(HapticTick, AskingEveryTriangleChangesNoBit) {
+    std::mt19937 random(23);
+    std::uniform_real_distribution<double> in_box(-0.026, 0.026);
+    Mesh mesh = reference::make_sphere(Vec3d::Zero(), 0.02, 4);
+    for (Vec3d& p : mesh.position) p *= 1 + 0.15 * std::sin(400 * p.x()) * std::cos(300 * p.y());
+    LocalContactModel model = make_patch(mesh);
+    Rig quick = still_rig(model), whole = still_rig(model);
+    whole.scratch.near.ask_all = true;
+    quick.tool.friction = whole.tool.friction = 0.3;
+    quick.at({0, 0, 0.04}), whole.at({0, 0, 0.04});
+    int touching = 0;
+    size_t fewest = mesh.triangle.size();
+    for (int stroke = 0; stroke < 25; ++stroke) {
+        const Vec3d target(in_box(random), in_box(random), in_box(random));
+        const Vec3d begin = quick.state.device.position, drift(in_box(random), in_box(random), in_box(random));
+        model.time = quick.time();
+        for (size_t v = 0; v < mesh.position.size(); ++v) model.velocity[v] = drift + 4 * drift.cross(mesh.position[v]);
+        group_triangles(model);
+        model.give = {0, 0.5, Vec3d::UnitZ(), begin, Vec3d::Zero(), quick.time(), 1e-4 * (stroke % 3 - 1)};
+        quick.model = whole.model = model;
+        for (int k = 1; k <= 30; ++k) {
+            const Vec3d device = begin + (target - begin) * (k / 30.0);
+            ASSERT_EQ((quick.at(device) - whole.at(device)).norm(), 0) << stroke << ' ' << k;
+            ASSERT_EQ((quick.state.proxy - whole.state.proxy).norm(), 0) << stroke << ' ' << k;
+            ASSERT_EQ(quick.state.contacts, whole.state.contacts) << stroke << ' ' << k;
+            touching += quick.state.contacts > 0;
+            fewest = std::min(fewest, quick.scratch.near.triangle.size());
+        }
+    }
+    EXPECT_GT(touching, 200);
+    EXPECT_LT(fewest, mesh.triangle.size() / 20);
+    EXPECT_EQ(whole.scratch.near.triangle.size(), mesh.triangle.size());
 }
 
 // Same inputs, same bits; a scratch full of something else changes nothing.

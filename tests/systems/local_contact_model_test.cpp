@@ -315,32 +315,144 @@ TEST(LocalContactModel, FeedsTheTick) {
     EXPECT_GT(state.command.force.norm(), 0.99);
 }
 
+// Every bound of a model holds its triangles at every age it may get: discs, groups, blocks.
+TEST(LocalContactModel, BoundsHoldTheirTrianglesAsTheyMove) {
+    const Scene s = busy_scene();
+    LocalContactScratch scratch;
+    LocalContactModel m;
+    publish_local_contact({}, s.surfaces(), {}, tool_of(0), holding({0, 0, 0.03}, {0, 0, 0.03}), 0, 0, scratch, m);
+    ASSERT_GT(m.triangle.size(), 200u);
+    std::vector<uint32_t> seen(m.triangle.size());
+    const auto outside = [](const auto& ball, const Vec3d& p, double age) {
+        return (p - ball.centre - age * ball.velocity).norm() - ball.radius - ball.spread * std::abs(age);
+    };
+    for (const TriangleGroup& block : m.block) {
+        for (uint32_t g = block.triangles.first; g < block.triangles.end(); ++g) {
+            for (uint32_t t = m.group[g].triangles.first; t < m.group[g].triangles.end(); ++t) {
+                ++seen[t];
+                EXPECT_EQ(m.body[t], m.body[m.group[block.triangles.first].triangles.first]);
+                const TriangleDisc& disc = m.disc[t];
+                for (const double age : {-0.03, 0.0, 0.01, 0.035}) {
+                    for (const uint32_t v : m.triangle[t]) {
+                        const Vec3d p = m.position[v] + age * m.velocity[v];
+                        ASSERT_LT(outside(m.group[g], p, age), 1e-12);
+                        ASSERT_LT(outside(block, p, age), 1e-12);
+                        ASSERT_LT(outside(disc, p, age), 1e-12);
+                        const double height = disc.normal.dot(p - disc.centre - age * disc.velocity);
+                        ASSERT_LT(std::abs(height), disc.thickness + disc.spread * std::abs(age) + 1e-12);
+                    }
+                }
+            }
+        }
+    }
+    EXPECT_EQ(std::count(seen.begin(), seen.end(), 1u), static_cast<int64_t>(seen.size()));
+}
+
+// A tool on an organ (a ball of 30 mm): its tip 3 mm above the surface, less what a test says.
+struct Pressing {
+    Scene scene = busy_scene();
+    HandTool tool = tool_of(0);
+    ToolState state;
+    LocalContactScratch scratch;
+    LocalContactModel model;
+    Vec3d tip = Vec3d(0.001, -0.002, 0.033);
+
+    explicit Pressing(uint32_t touched) {
+        state = holding(tip, tip);
+        state.contacts = 1, state.touched = touched, state.command.force = {0, 0, 2};
+    }
+    void pass() {
+        scene.poses.origin[0] = tip;
+        publish_local_contact({}, scene.surfaces(), {}, tool, state, 0, 0, scratch, model);
+        publish_give(scene.surfaces(), tool, state, model);
+    }
+};
+
 // Two passes of a tool that presses an organ: the share of the device's way that the simulated tip went, and none where
 // that says nothing.
 TEST(LocalContactModel, SaysHowTheSurfaceGivesWay) {
-    Scene s = busy_scene();
-    const Vec3d normal(0, 0, 1);
-    HandTool tool;
-    tool.body = 0;
     const auto give = [&](uint32_t touched, const Vec3d& device_way, const Vec3d& tip_way) {
-        ToolState state;
-        LocalContactModel model;
-        state.contacts = 1, state.touched = touched, state.command.force = 2 * normal;
-        publish_give(s.surfaces(), tool, state, model);
-        EXPECT_EQ(model.give.body, kNone);  // there was no pass before
-        state.device.position += device_way;
-        s.poses.origin[0] += tip_way;
-        publish_give(s.surfaces(), tool, state, model);
-        s.poses.origin[0] -= tip_way;
-        return model.give.body == kNone ? 0 : model.give.share;
+        Pressing p(touched);
+        p.pass();
+        EXPECT_EQ(p.model.give.share, 0);  // there was no pass before
+        p.state.device.position += device_way, p.tip += tip_way;
+        p.pass();
+        EXPECT_EQ(p.model.give.body, touched == 1 ? 1u : kNone);
+        return p.model.give.share;
     };
-    EXPECT_NEAR(give(1, {0, 0, -1e-3}, {0, 0, -3e-4}), 0.3, 1e-12);
-    EXPECT_NEAR(give(1, {2e-4, 0, -1e-3}, {5e-4, 0, -3e-4}), 0.3, 1e-12);
+    EXPECT_NEAR(give(1, {0, 0, -1e-3}, {0, 0, -3e-4}), 0.3, 1e-9);
+    EXPECT_NEAR(give(1, {2e-4, 0, -1e-3}, {5e-4, 0, -3e-4}), 0.3, 1e-9);
     EXPECT_EQ(give(1, {0, 0, -1e-3}, {0, 0, 3e-4}), 0);     // against the hand
-    EXPECT_EQ(give(1, {0, 0, -1e-3}, {0, 0, -3e-3}), 0.95);
+    EXPECT_EQ(give(1, {0, 0, -2e-4}, {0, 0, -4e-4}), 0.95);
     EXPECT_EQ(give(1, {0, 0, -5e-5}, {0, 0, -3e-5}), 0);    // hardly moved
     EXPECT_EQ(give(1, {1e-3, 0, -2e-4}, {0, 0, -1e-4}), 0); // rubbed
     EXPECT_EQ(give(2, {0, 0, -1e-3}, {0, 0, -3e-4}), 0);    // rigid
+}
+
+// The gap is that of the surface that carries the tip; a tip that is not there yet says nothing.
+TEST(LocalContactModel, SaysWhatContactsLeftUnderTheTip) {
+    for (const double up : {-3e-4, 0.0, 2e-4, 4e-4, 8e-4}) {
+        Pressing p(1);
+        p.tip.z() += up;
+        p.pass();
+        if (up > 5e-4) {
+            EXPECT_EQ(p.model.give.body, kNone);
+            EXPECT_EQ(p.model.give.gap, 0);
+            continue;
+        }
+        EXPECT_EQ(p.model.give.body, 1u);
+        double nearest = 1;
+        for (uint32_t t = 0; t < p.model.triangle.size(); ++t) {
+            const Triangle& v = p.model.triangle[t];
+            if (p.model.body[t] == 1)
+                nearest = std::min(nearest, exact_triangle_distance(p.tip, p.model.position[v[0]], p.model.position[v[1]], p.model.position[v[2]]));
+        }
+        EXPECT_NEAR(p.model.give.gap, nearest - p.tool.tip_radius, 1e-12) << up;
+        EXPECT_NEAR(p.model.give.gap, up, 1e-4);
+    }
+    // a wall beside the tip does not carry it
+    Pressing p(1);
+    p.state.command.force = {2, 0, 0};
+    p.pass();
+    EXPECT_EQ(p.model.give.body, kNone);
+}
+
+// Around the tip the surface goes as the tip does, farther off as it did, and no other body at all.
+TEST(LocalContactModel, ThePressedSurfaceGoesWithTheTip) {
+    Pressing p(1);
+    p.scene.poses.velocity[0] = {-0.05, 0.02, 0.01};
+    p.scene.poses.origin[0] = p.tip;
+    LocalContactModel before;
+    publish_local_contact({}, p.scene.surfaces(), {}, p.tool, p.state, 0, 0, p.scratch, before);
+    p.pass();
+    const double near = p.tool.tip_radius + 1.5 * p.scene.meshes.info[p.scene.bodies.mesh[1]].mean_edge;
+    ASSERT_EQ(p.model.position.size(), before.position.size());
+    std::vector<bool> organ(before.position.size());
+    for (uint32_t t = 0; t < before.triangle.size(); ++t)
+        for (const uint32_t v : before.triangle[t]) organ[v] = before.body[t] == 1;
+    std::array<int, 4> count{};
+    double fastest = 0;
+    for (size_t v = 0; v < organ.size(); ++v) {
+        const double away = (before.position[v] - p.tip).norm();
+        const Vec3d &was = before.velocity[v], &is = p.model.velocity[v];
+        fastest = std::max(fastest, is.norm());
+        if (!organ[v]) {
+            ++count[0];
+            EXPECT_EQ((is - was).norm(), 0);
+        } else if (away <= near) {
+            ++count[1];
+            EXPECT_LT((is - p.scene.poses.velocity[0]).norm(), 1e-15);
+        } else if (away < 2 * near) {
+            ++count[2];
+            const double share = (2 * near - away) / near;
+            EXPECT_LT((is - was - share * (p.scene.poses.velocity[0] - was)).norm(), 1e-15);
+        } else {
+            ++count[3];
+            EXPECT_EQ((is - was).norm(), 0);
+        }
+    }
+    for (const int n : count) EXPECT_GT(n, 10);
+    EXPECT_NEAR(p.model.fastest, fastest, 1e-15);
 }
 
 }  // namespace

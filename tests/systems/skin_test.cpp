@@ -243,5 +243,109 @@ TEST(Skin, SagsAsTheFineSolidDoes) {
     }
 }
 
+// ---- shells under a skin ----
+
+uint32_t add_caged(AdvanceScene& s, double cells, AnchorFrame frame = AnchorFrame::kWorld, double damping = 0, int levels = 4) {
+    const Prototype made = make_caged_shell(s.meshes, s.springs, s.solids, subdivided_sphere(kRadius, levels), {}, {0, cells});
+    EXPECT_EQ(made.judgement.admitted_as, Admission::kSolid) << made.judgement.reason;
+    const uint32_t body = s.add_body(made.row, Motion::kKinematic, Vec3d::Zero(), soft(damping), frame);
+    s.bodies.motion[body] = Motion::kDeformable;
+    s.bodies.tissue[body].depth = 0.05;
+    add_caged_shell_body(s.meshes, s.springs, s.solids, s.poses, body, s.bodies, s.particles, s.anchors);
+    return body;
+}
+
+// A shell's fine surface on its coarse one: linear motions to round-off, weights of a triangle and an apex, mass kept.
+TEST(CagedShell, LinearFieldIsFollowedAndMassIsThatOfTheSkin) {
+    AdvanceScene s;
+    const uint32_t ball = add_caged(s, 8);
+    const uint32_t prototype = s.bodies.mesh[ball];
+    const SolidInfo& info = s.solids.info[prototype];
+    ASSERT_EQ(info.count, 0u);
+    ASSERT_EQ(info.skin.count, vertices_of(s, ball));
+    EXPECT_LT(info.nodes.count, vertices_of(s, ball) / 4);
+    Eigen::Matrix3d slope;
+    slope << 1.2, 0.3, -0.1, 0.2, 0.7, 0.4, -0.3, 0.1, 1.1;
+    uint32_t off = 0;
+    for (uint32_t v = 0; v < info.skin.count; ++v) {
+        Vec3d sum = Vec3d::Zero();
+        double one = 0;
+        for (int k = 0; k < 4; ++k) {
+            const double w = s.solids.skin_weight[info.skin.first + v][k];
+            sum += w * (slope * s.solids.position[info.inner.first + s.solids.skin_node[info.skin.first + v][k]]);
+            one += w;
+        }
+        off += std::abs(s.solids.skin_weight[info.skin.first + v][3]) > 1e-3;
+        EXPECT_NEAR(one, 1, 1e-14);
+        EXPECT_LT((sum - slope * rest_of(s, ball, v)).norm(), 1e-14);
+    }
+    EXPECT_GT(off, info.skin.count / 4) << "a ball bulges out of its chords: else no apex was needed";
+    double mass = 0;
+    const Range nodes = nodes_of(s, ball);
+    for (uint32_t i = nodes.first; i < nodes.end(); ++i) mass += s.particles.offset[i].w > 0 ? 1 / double{s.particles.offset[i].w} : 0;
+    const double wanted = s.bodies.tissue[ball].density * s.meshes.info[prototype].volume;
+    EXPECT_NEAR(mass, wanted, 1e-6 * wanted);
+    EXPECT_GT(s.bodies.stable_dt[ball], 0);
+}
+
+// One row on one vertex of the skin: its impulse and moment go to the nodes whole.
+TEST(CagedShell, ContactGivesItsImpulseAndMomentToTheNodes) {
+    AdvanceScene s;
+    s.params.gravity.setZero();
+    const uint32_t ball = add_caged(s, 6);
+    s.bodies.spring_stiffness[ball] = 0;  // nothing but the contact
+    std::fill(s.anchors.stiffness.begin(), s.anchors.stiffness.end(), 0.0f);
+    const uint32_t wall = s.add_body(s.add_mesh(flat_square(0.2), Admission::kSheet), Motion::kStatic, {0, 0, -kRadius});
+    const Range nodes = nodes_of(s, ball);
+    for (uint32_t i = nodes.first; i < nodes.end(); ++i) s.particles.velocity_x[i] = 0.02f, s.particles.velocity_z[i] = -0.05f;
+    drape_skin(s.solids, s.bodies, ball, s.particles);
+    uint32_t lowest = 0;
+    for (uint32_t v = 0; v < vertices_of(s, ball); ++v) {
+        if (rest_of(s, ball, v).z() < rest_of(s, ball, lowest).z()) lowest = v;
+    }
+    s.params.contact.push_speed = 0;
+    s.add_row(ball, lowest, wall, {0, 1, 2}, {0.4, 0.3, 0.3}, {0, 0, 1}, 0, 0.2);
+    const Particles before = s.particles;
+    s.advance(1, 1);
+    const Vec3d impulse = s.rows.impulse[0];
+    EXPECT_GT(impulse.z(), 0);
+    Vec3d linear = -impulse, angular = Vec3d::Zero(), at = Vec3d::Zero();
+    const uint32_t row = s.solids.info[s.bodies.mesh[ball]].skin.first + lowest;
+    for (int k = 0; k < 4; ++k) at += s.solids.skin_weight[row][k] * place(before, nodes.first + s.solids.skin_node[row][k]);
+    angular -= at.cross(impulse);
+    double size = 0;
+    for (uint32_t i = nodes.first; i < nodes.end(); ++i) {
+        const Vec3d change = (speed(s.particles, i) - speed(before, i)) / before.offset[i].w;
+        linear += change;
+        angular += place(before, i).cross(change);
+        size += speed(s.particles, i).norm() / before.offset[i].w;
+    }
+    EXPECT_LT(linear.norm(), 1.2e-7 * size);  // an ulp of the velocities
+    EXPECT_LT(angular.norm(), 1.2e-7 * size * kRadius);
+}
+
+// The step gained: that of the cage over that of the skin's own springs, about the ratio of edges - masses grow with their
+// square, stiffness does not. And under its weight on its bed the cage sinks as the shell does.
+TEST(CagedShell, GainsStepAndSinksAsTheShellDoes) {
+    AdvanceScene fine, coarse;
+    Tissue tissue = soft(60);
+    tissue.depth = 0.05;
+    const uint32_t shell = fine.add_body(fine.add_mesh(subdivided_sphere(kRadius, 4)), Motion::kDeformable, Vec3d::Zero(), tissue);
+    const uint32_t caged = add_caged(coarse, 8, AnchorFrame::kWorld, 60);
+    const double gained = coarse.bodies.stable_dt[caged] / fine.bodies.stable_dt[shell];
+    const double edges = coarse.springs.info[coarse.bodies.mesh[caged]].mean_rest / fine.springs.info[0].mean_rest;
+    std::printf("shell under a skin: %.3g times the step, edges %.3g times as long\n", gained, edges);
+    EXPECT_GT(gained, 0.6 * edges);
+    EXPECT_GT(edges, 2);
+    for (AdvanceScene* s : {&fine, &coarse}) {
+        for (int i = 0; i < 40; ++i) s->advance(20, substeps_for(20e-3, s->bodies.stable_dt[0], 1e-3));
+    }
+    double sag[2] = {0, 0};
+    for (uint32_t v = 0; v < vertices_of(fine, shell); ++v) sag[0] -= (fine.offset(shell, v) - rest_of(fine, shell, v)).z();
+    for (uint32_t v = 0; v < vertices_of(coarse, caged); ++v) sag[1] -= (coarse.offset(caged, v) - rest_of(coarse, caged, v)).z();
+    EXPECT_GT(sag[0], 0);
+    EXPECT_NEAR(sag[1] / sag[0], 1, 0.05);
+}
+
 }  // namespace
 }  // namespace trocar
