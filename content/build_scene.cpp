@@ -311,6 +311,11 @@ bool may_tear(const SceneFile& scene, const BodySpec& spec) {
 
 Prototype make_body_prototype(const SceneFile& scene, const BodySpec& spec, World& world, Mesh mesh, const PrototypeOptions& options) {
     if (spec.motion != Motion::kDeformable || (!spec.solid && !spec.skin)) return make_prototype(world.meshes, std::move(mesh), options);
+    const auto refuse = [&](const std::string& reason) { throw InputError(at(scene, spec.line) + "body \"" + spec.name + "\": " + reason); };
+    const bool swells = spec.tissue.pressure_modulus > 0 || spec.tissue.bending > 0;
+    if (swells && spec.solid) refuse("pressure_modulus and bending are for shells, not for solids");
+    if (swells) refuse("pressure_modulus and bending are not for a shell under a skin: take skin = false");
+    if (!spec.solid && may_tear(scene, spec)) refuse("a shell under a skin is not cut and does not break: take skin = false");
     try {
         if (!spec.solid) return make_caged_shell(world.meshes, world.springs, world.solids, std::move(mesh), options, {spec.spacing, spec.cells});
         return make_solid(world.meshes, world.springs, world.solids, std::move(mesh), options, {spec.spacing, spec.cells, spec.skin, may_tear(scene, spec)});
@@ -366,10 +371,6 @@ std::string choose_stepping(const SceneFile& scene, const BodySpec& spec, World&
     if (spec.integrator == "xpbd") stepping.integrator = Integrator::kXpbd;
     const bool solid = is_solid(world.solids, world.bodies.mesh[body]);
     const auto refuse = [&](const std::string& reason) { throw InputError(at(scene, spec.line) + "body \"" + spec.name + "\": " + reason); };
-    if (solid && (has_pressure(world.bodies, body) || has_bending(world.bodies, body))) refuse("pressure_modulus and bending are for shells, not for solids");
-    const bool caged = !solid && has_own_nodes(world.solids, world.bodies.mesh[body]);
-    if (caged && (has_pressure(world.bodies, body) || has_bending(world.bodies, body))) refuse("pressure_modulus and bending are not for a shell under a skin: take skin = false");
-    if (caged && may_tear(scene, spec)) refuse("a shell under a skin is not cut and does not break: take skin = false");
     const double limit = world.bodies.stable_dt[body];
     const double others = other_forces_limit(world, body);
     char text[200];

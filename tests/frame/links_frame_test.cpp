@@ -268,6 +268,57 @@ until = 1.6
     EXPECT_LT(largest_step, 0.4) << "no jerk where it holds and lets go";
 }
 
+// A shell under a skin in a scene: its figures are said, a rod presses the fine surface, and what it cannot do is refused.
+TEST(CagedShellsInScenes, PressedAndRefused) {
+    const std::string scene = R"(
+gravity = [0.0, 0.0, 0.0]
+[[body]]
+name = "a"
+shape = "sphere"
+size = 0.1
+triangles = 3000
+motion = "deformable"
+skin = true
+cells = 8
+[body.tissue]
+damping = 20.0
+[[body]]
+name = "rod"
+shape = "sphere"
+size = 0.03
+triangles = 200
+motion = "kinematic"
+[[body.path]]
+time = 0.0
+position = [0.0, 0.0, 0.07]
+[[body.path]]
+time = 0.5
+position = [0.0, 0.0, 0.06]
+)";
+    BuiltScene built = WrittenScene("caged", scene).build();
+    EXPECT_NE(built.notes[0].find("times that of the skin itself"), std::string::npos) << built.notes[0];
+    EXPECT_EQ(find_fault(built.world), "");
+    run(std::move(built.world), 60, [&](const Frame& f, int pass) {
+        const World& w = f.world();
+        EXPECT_EQ(w.report.nonfinite_particles + w.report.runaway_bodies, 0u);
+        if (pass < 59) return;
+        EXPECT_GT(w.report.contact_events, 5u);
+        EXPECT_LT(w.report.deepest_residual, 2e-4);
+        float top = 0;  // the skin lies under the rod, 5 mm deep
+        for (uint32_t v = 0; v < w.meshes.info[0].vertices.count; ++v) {
+            if (w.meshes.position[v].head<2>().norm() < 2e-3) top = std::max(top, w.particles.offset[v].z);
+        }
+        EXPECT_NEAR(top, 0.045, 1e-3);
+        EXPECT_LT(std::abs(w.energy.balance), 0.02 * w.energy.work_hand);
+        EXPECT_EQ(find_fault(w), "");
+    });
+    const auto error = [&](const std::string& table, const std::vector<Override>& o = {}) { return WrittenScene("caged_bad", scene + table).error(o); };
+    EXPECT_NE(error("", {{"a.tissue.pressure_modulus", "1e4"}}).find("not for a shell under a skin"), std::string::npos);
+    EXPECT_NE(error("[[cut]]\nbody = \"a\"\nsphere = [0, 0, 0.05, 0.01]\n").find("is not cut and does not break"), std::string::npos);
+    EXPECT_NE(error("", {{"a.cells", "200"}}).find("take wider cells"), std::string::npos);
+    EXPECT_EQ(error("", {{"a.integrator", "midpoint"}}), "");
+}
+
 constexpr const char* kCutScene = R"(
 gravity = [0.0, 0.0, 0.0]
 [[body]]
