@@ -109,8 +109,7 @@ void clear_sums(AdvanceScratch& s) {
 }
 
 // One kick and drift.
-void step_leapfrog(AdvanceIsland& island, const SpringKernels& kernels, AdvanceBody& b, double* work) {
-    AdvanceScratch& s = island.scratch;
+void step_leapfrog(AdvanceIsland& island, const SpringKernels& kernels, AdvanceBody& b, double* work, std::vector<double>& shape_sums) {
     // the very first kick is half a one: velocities fall half a step behind
     const double kick = 0.5 * (b.last_dt + island.dt);
     b.last_dt = island.dt;
@@ -121,7 +120,7 @@ void step_leapfrog(AdvanceIsland& island, const SpringKernels& kernels, AdvanceB
     b.step.kick_less = static_cast<float>(kick * (left - 1));
     b.step.keep = static_cast<float>(std::exp(-b.damping * kick));
     if (b.shape) {
-        const ShapeTotals totals = sum_shape(b.step, b.slices, s.shape_sums);
+        const ShapeTotals totals = sum_shape(b.step, b.slices, shape_sums);
         fit_goals(totals, island.poses.orientation[b.body], b.step);
         fit_drag(totals, b.step);
     }
@@ -130,17 +129,27 @@ void step_leapfrog(AdvanceIsland& island, const SpringKernels& kernels, AdvanceB
     });
 }
 
+// Bodies whose steps need nothing but springs and anchors: many of them are stepped at the same time.
+bool steps_alone(const AdvanceBody& b) { return b.stepping.integrator == Integrator::kLeapfrog && !b.step.force_x; }
+
 void step_bodies(AdvanceIsland& island, const SpringKernels& kernels, uint32_t substep) {
+    constexpr uint32_t kBodiesPerChunk = 16;
     AdvanceScratch& s = island.scratch;
-    size_t chunk = 0;
+    const uint32_t bodies = static_cast<uint32_t>(s.body.size());
+    uint32_t chunk = 0;
     for (AdvanceBody& b : s.body) {
+        b.first_chunk = chunk;
+        chunk += chunk_count(b.slices, kSlicesPerChunk);
+    }
+    if (s.body_shape_sums.size() < chunk_count(bodies, kBodiesPerChunk)) s.body_shape_sums.resize(chunk_count(bodies, kBodiesPerChunk));
+    const auto step = [&](AdvanceBody& b, std::vector<double>& shape_sums) {
         b.next = (substep % 2 == 0 ? s.offset_a : s.offset_b).data() + b.buffer;
         b.step.offset = &b.now->x;
         b.step.new_offset = &b.next->x;
-        double* work = island.params.account_energy && b.damping > 0 ? s.sums.data() + chunk * kSliceWidth : nullptr;
+        double* work = island.params.account_energy && b.damping > 0 ? s.sums.data() + b.first_chunk * kSliceWidth : nullptr;
         find_forces(island, b);
         switch (b.stepping.integrator) {
-            case Integrator::kLeapfrog: step_leapfrog(island, kernels, b, work); break;
+            case Integrator::kLeapfrog: step_leapfrog(island, kernels, b, work, shape_sums); break;
             case Integrator::kMidpoint: step_midpoint(island, b, work); break;
             case Integrator::kXpbd: step_xpbd(island, b, work); break;
         }
@@ -148,8 +157,14 @@ void step_bodies(AdvanceIsland& island, const SpringKernels& kernels, uint32_t s
         const float* turn = b.step.drag_turn;
         b.drag_velocity = make_vec4(drag[0], drag[1], drag[2]);
         b.drag_turn = make_vec4(turn[0], turn[1], turn[2]);
-        chunk += chunk_count(b.slices, kSlicesPerChunk);
+    };
+    if (!std::all_of(s.body.begin(), s.body.end(), steps_alone)) {
+        for (AdvanceBody& b : s.body) step(b, s.shape_sums);
+        return;
     }
+    parallel_for(bodies, kBodiesPerChunk, [&](uint32_t begin, uint32_t end) {
+        for (uint32_t i = begin; i < end; ++i) step(s.body[i], s.body_shape_sums[begin / kBodiesPerChunk]);
+    });
 }
 
 bool is_lost(const Float4& o) { return !(std::abs(o.x) < kLost && std::abs(o.y) < kLost && std::abs(o.z) < kLost); }
@@ -308,12 +323,29 @@ void share_room(std::span<AdvanceScratch> scratches) {
     level(&AdvanceScratch::slot_of_body);
     level(&AdvanceScratch::plan);
     level(&AdvanceScratch::skin_point);
-    level(&AdvanceScratch::active);
     level(&AdvanceScratch::free);
     level(&AdvanceScratch::turning);
     level(&AdvanceScratch::warm);
     level(&AdvanceScratch::block);
-    level(&AdvanceScratch::active_block);
+    level(&AdvanceScratch::strip);
+    level(&AdvanceScratch::along);
+    level(&AdvanceScratch::group_of_row);
+    level(&AdvanceScratch::next_of_group);
+    level(&AdvanceScratch::ungrouped);
+    level(&AdvanceScratch::node_sums);
+    size_t groups = 0, chunks = 0;
+    for (const AdvanceScratch& s : scratches) groups = std::max(groups, s.group.size()), chunks = std::max(chunks, s.body_shape_sums.size());
+    for (AdvanceScratch& s : scratches) s.group.resize(groups), s.body_shape_sums.resize(chunks);
+    const auto level_each = [&](size_t count, const auto& field) {
+        for (size_t i = 0; i < count; ++i) {
+            size_t most = 0;
+            for (AdvanceScratch& s : scratches) most = std::max(most, field(s, i).capacity());
+            for (AdvanceScratch& s : scratches) field(s, i).reserve(most);
+        }
+    };
+    level_each(groups, [](AdvanceScratch& s, size_t i) -> auto& { return s.group[i].active; });
+    level_each(groups, [](AdvanceScratch& s, size_t i) -> auto& { return s.group[i].active_block; });
+    level_each(chunks, [](AdvanceScratch& s, size_t i) -> auto& { return s.body_shape_sums[i]; });
     level(&AdvanceScratch::open_blocks_of_node);
     level(&AdvanceScratch::link);
     level(&AdvanceScratch::overstretched);

@@ -316,31 +316,48 @@ void add_pushes(const AdvanceIsland& island, const ContactBlock& block, const Fo
     }
 }
 
+// Puts the rows of a group that fit into blocks.
+void fill_blocks(AdvanceIsland& island, Range rows) {
+    AdvanceScratch& s = island.scratch;
+    const uint32_t idle = add_idle_node(s);
+    s.open_blocks_of_node.resize(s.node.size(), 0);
+    BlockFiller filler(island, idle);
+    // points of edges are apart, their blocks have one part more; and rows that start outside, of which most do not act
+    const auto kind_of = [&](const ContactPlan& plan) {
+        return is_edge(plan) ? 1 : std::signbit(island.rows.distance[plan.row]) ? 0 : 2;
+    };
+    for (int kind = 0; kind < 3; ++kind) {
+        for (uint32_t i = rows.first; i < rows.end(); ++i) {
+            const ContactPlan& plan = s.plan[i];
+            if (plan.in_block && kind_of(plan) == kind) filler.add(plan);
+        }
+        filler.close_all();
+    }
+}
+
 }  // namespace
 
 void plan_blocks(AdvanceIsland& island) {
     AdvanceScratch& s = island.scratch;
     s.block.clear();
-    s.active_block.clear();
+    for (uint32_t g = 0; g < s.phase[4]; ++g) s.group[g].block = {};
     if (s.plan.size() < kFewestRows) return;
     find_opposable(s);
-    const uint32_t idle = add_idle_node(s);
-    s.open_blocks_of_node.assign(s.node.size(), 0);
     make_room(s.block, s.plan.size() / 4 + kOpenBlocks);
-    BlockFiller filler(island, idle);
     for (ContactPlan& plan : s.plan) plan.in_block = fits_block(s, plan);
-    // points of edges are apart, their blocks have one part more; and rows that start outside, of which most do not act
-    const auto group_of = [&](const ContactPlan& plan) {
-        return is_edge(plan) ? 1 : std::signbit(island.rows.distance[plan.row]) ? 0 : 2;
-    };
-    for (int group = 0; group < 3; ++group) {
-        for (const ContactPlan& plan : s.plan) {
-            if (plan.in_block && group_of(plan) == group) filler.add(plan);
-        }
-        filler.close_all();
+    uint32_t kept = 0;
+    for (uint32_t g = 0; g < s.phase[4]; ++g) {
+        RowGroup& group = s.group[g];
+        const uint32_t first_block = uint32_t(s.block.size());
+        fill_blocks(island, group.plan);
+        group.block = {first_block, uint32_t(s.block.size()) - first_block};
+        const uint32_t first = kept;
+        for (uint32_t i = group.plan.first; i < group.plan.end(); ++i)
+            if (!s.plan[i].in_block) s.plan[kept++] = s.plan[i];
+        group.plan = {first, kept - first};
+        make_room(group.active_block, group.block.count);
     }
-    std::erase_if(s.plan, [&](const ContactPlan& plan) { return plan.in_block; });
-    make_room(s.active_block, s.block.size());
+    s.plan.resize(kept);
 }
 
 void forget_blocks(AdvanceIsland& island) {
@@ -356,23 +373,25 @@ void forget_blocks(AdvanceIsland& island) {
     }
 }
 
-void activate_blocks(AdvanceIsland& island, double reach) {
+void activate_blocks(AdvanceIsland& island, double reach, RowGroup& group) {
     AdvanceScratch& s = island.scratch;
-    s.active_block.clear();
-    for (uint32_t i = 0; i < s.block.size(); ++i) {
+    group.active_block.clear();
+    uint64_t active = 0;
+    for (uint32_t i = group.block.first; i < group.block.end(); ++i) {
         ContactBlock& block = s.block[i];
         if (!any(block.open) || !activate(island, reach, block)) {
             block.normal_impulse = Vec4d{};
             block.friction_impulse = FourPoints{};
             continue;
         }
-        s.active_block.push_back(i);
-        island.result.active_rows += uint32_t(std::popcount(mask_bits(block.active)));
+        group.active_block.push_back(i);
+        active += uint32_t(std::popcount(mask_bits(block.active)));
     }
+    std::atomic_ref(island.result.active_rows).fetch_add(active, std::memory_order_relaxed);
 }
 
-void start_blocks(AdvanceScratch& s) {
-    for (const uint32_t i : s.active_block) {
+void start_blocks(AdvanceScratch& s, const RowGroup& group) {
+    for (const uint32_t i : group.active_block) {
         const ContactBlock& block = s.block[i];
         if (!any(block.normal_impulse > 0)) continue;
         const FourPoints impulse = block.normal_impulse * block.normal + block.friction_impulse;
@@ -383,22 +402,22 @@ void start_blocks(AdvanceScratch& s) {
     }
 }
 
-void solve_blocks(AdvanceScratch& s) {
-    for (const uint32_t i : s.active_block) {
+void solve_blocks(AdvanceScratch& s, const RowGroup& group) {
+    for (const uint32_t i : group.active_block) {
         s.block[i].edges ? solve_block<true>(s, s.block[i]) : solve_block<false>(s, s.block[i]);
     }
 }
 
-void add_block_impulses(AdvanceScratch& s) {
-    for (const uint32_t i : s.active_block) {
+void add_block_impulses(AdvanceScratch& s, const RowGroup& group) {
+    for (const uint32_t i : group.active_block) {
         ContactBlock& block = s.block[i];
         block.impulse = block.impulse + (block.normal_impulse * block.normal + block.friction_impulse);
     }
 }
 
-bool push_blocks(AdvanceIsland& island, double most) {
+bool push_blocks(AdvanceIsland& island, double most, const RowGroup& group) {
     bool pushed = false;
-    for (const uint32_t i : island.scratch.active_block) {
+    for (const uint32_t i : group.active_block) {
         const ContactBlock& block = island.scratch.block[i];
         const Vec4d overlap = -gaps_after(island.scratch, block);
         const Mask4 deep = block.active & (overlap > kRestingOverlap);
@@ -409,9 +428,9 @@ bool push_blocks(AdvanceIsland& island, double most) {
     return pushed;
 }
 
-double deepest_in_blocks(const AdvanceScratch& s) {
+double deepest_in_blocks(const AdvanceScratch& s, const RowGroup& group) {
     Vec4d deepest = {};
-    for (const uint32_t i : s.active_block) {
+    for (const uint32_t i : group.active_block) {
         deepest = greatest(keep(s.block[i].active, -gaps_after(s, s.block[i])), deepest);
     }
     return std::max({deepest[0], deepest[1], deepest[2], deepest[3]});

@@ -242,7 +242,7 @@ bool has_free_side(const AdvanceScratch& s, const ContactPlan& plan) {
 }
 
 // Adds a row to the active ones, or ends it. approach: m/s along the normal, before any impulse of the substep.
-void activate(AdvanceIsland& island, uint32_t plan_row, const RowState& r, double approach) {
+void activate(AdvanceIsland& island, uint32_t plan_row, const RowState& r, double approach, std::vector<ContactActive>& rows) {
     AdvanceScratch& s = island.scratch;
     ContactPlan& plan = s.plan[plan_row];
     const Foot foot = find_foot(island, plan, r);
@@ -251,8 +251,7 @@ void activate(AdvanceIsland& island, uint32_t plan_row, const RowState& r, doubl
         end_row(island, plan.row);
         return;
     }
-    s.active.resize(s.active.size() + 1);
-    ContactActive& active = s.active.back();
+    ContactActive& active = rows.emplace_back();
     active.plan = plan_row;
     active.friction = plan.friction;
     active.normal = r.normal;
@@ -292,11 +291,10 @@ void activate(AdvanceIsland& island, uint32_t plan_row, const RowState& r, doubl
     note_rows(s, active);
 }
 
-void find_active_rows(AdvanceIsland& island, double reach) {
-    AdvanceScratch& s = island.scratch;
-    s.active.clear();
-    s.turning.clear();
-    for (uint32_t i = 0; i < s.plan.size(); ++i) {
+void find_active_rows(AdvanceIsland& island, double reach, RowGroup& group) {
+    const AdvanceScratch& s = island.scratch;
+    group.active.clear();
+    for (uint32_t i = group.plan.first; i < group.plan.end(); ++i) {
         const ContactPlan& plan = s.plan[i];
         if (plan.ended) continue;
         const RowState r = find_gap(s, plan);
@@ -307,9 +305,9 @@ void find_active_rows(AdvanceIsland& island, double reach) {
         if (!std::isfinite(gap_after + norm2(velocity))) continue;
         // a free body's row may be crossed because of an impulse at another of its rows
         if (!(gap_after < 0) && (s.free.empty() || !has_free_side(s, plan))) continue;
-        activate(island, i, r, dot(r.normal, velocity));
+        activate(island, i, r, dot(r.normal, velocity), group.active);
     }
-    island.result.active_rows += s.active.size();
+    std::atomic_ref(island.result.active_rows).fetch_add(group.active.size(), std::memory_order_relaxed);
 }
 
 // Gives one row the impulse that its nodes' velocities ask for now. kNodes is how many it has, 0 for any number.
@@ -343,9 +341,9 @@ void solve_row(AdvanceScratch& s, ContactActive& row) {
 
 // Every row starts from what it carried in the substep before: what rests is found at once, and one sweep a substep is
 // enough for what changes slowly.
-void start_rows(AdvanceScratch& s) {
-    start_blocks(s);
-    for (ContactActive& row : s.active) {
+void start_rows(AdvanceScratch& s, RowGroup& group) {
+    start_blocks(s, group);
+    for (ContactActive& row : group.active) {
         const Vec4d warm = s.warm[row.plan];
         row.normal_impulse = std::max(0.0, dot(warm, row.normal));
         if (row.normal_impulse == 0) continue;
@@ -360,14 +358,14 @@ void start_rows(AdvanceScratch& s) {
             node.velocity += (row.weight[k] * node.inv_mass) * impulse;
         }
     }
-    std::fill(s.warm.begin(), s.warm.end(), Vec4d{});
+    std::fill_n(s.warm.begin() + group.plan.first, group.plan.count, Vec4d{});
 }
 
 // One sweep over all rows. Returns the largest change of a relative velocity among rows with free bodies, m/s.
 double sweep_rows(AdvanceScratch& s) {
     double change = 0;
-    solve_blocks(s);
-    for (ContactActive& row : s.active) {
+    solve_blocks(s, only_group(s));
+    for (ContactActive& row : only_group(s).active) {
         if (row.turning != kNone) {
             change = std::max(change, solve_turning_row(s, row));
         } else {
@@ -396,18 +394,29 @@ Vec4d particle_velocity(const Particles& p, uint32_t i) {
     return make_vec4(p.velocity_x[i], p.velocity_y[i], p.velocity_z[i]);
 }
 
+// Runs visit(node, sums of its chunk) for all nodes.
+template <typename Visit>
+void for_nodes(AdvanceScratch& s, const Visit& visit) {
+    const uint32_t nodes = uint32_t(s.node.size());
+    s.node_sums.assign(chunk_count(nodes, kNodesPerChunk), {});
+    parallel_for(nodes, kNodesPerChunk, [&](uint32_t begin, uint32_t end) {
+        NodeSums sums;
+        for (uint32_t n = begin; n < end; ++n) visit(n, sums);
+        s.node_sums[begin / kNodesPerChunk] = sums;
+    });
+}
+
 // Writes what the rows did to the particles: velocity, and the drift that belongs to it. Books the work: a leapfrog kick
 // does work at the mean of the velocities before and after it, all its impulses together; what damping took is at
 // that mean too, where the kernel's books had the velocity before the rows.
 void scatter_velocities(AdvanceIsland& island) {
     AdvanceScratch& s = island.scratch;
     Particles& p = island.particles;
-    Vec4d work = {}, damped = {};
-    for (uint32_t n = 0; n < s.node.size(); ++n) {
+    const auto scatter = [&](uint32_t n, NodeSums& sums) {
         ContactNode& node = s.node[n];
         const ContactNodeChange& change = s.change[n];
         const __m256d same = _mm256_cmp_pd((__m256d)node.velocity, (__m256d)change.kicked, _CMP_EQ_UQ);
-        if (_mm256_movemask_pd(same) == 15 || node.particle == kNone || node.inv_mass == 0) continue;
+        if (_mm256_movemask_pd(same) == 15 || node.particle == kNone || node.inv_mass == 0) return;
         const __m128 velocity = _mm256_cvtpd_ps((__m256d)node.velocity);
         p.velocity_x[node.particle] = velocity[0];
         p.velocity_y[node.particle] = velocity[1];
@@ -415,11 +424,14 @@ void scatter_velocities(AdvanceIsland& island) {
         node.velocity = float_vec4(velocity);
         const Vec4d kick = node.velocity - change.kicked;
         move_particle(s.body[node.owner], node, island.dt * kick);
-        if (s.body[node.owner].measured()) continue;
+        if (s.body[node.owner].measured()) return;
         const Vec4d half = (0.5 / node.inv_mass) * kick;
-        work += half * (change.before + node.velocity);
-        damped += half * (change.damped - change.before);
-    }
+        sums.work += half * (change.before + node.velocity);
+        sums.damped += half * (change.damped - change.before);
+    };
+    for_nodes(s, scatter);
+    Vec4d work = {}, damped = {};
+    for (const NodeSums& sums : s.node_sums) work += sums.work, damped += sums.damped;
     if (island.params.account_energy) {
         island.result.work_contact += work[0] + work[1] + work[2];
         island.result.work_damping += damped[0] + damped[1] + damped[2];
@@ -431,11 +443,11 @@ void scatter_velocities(AdvanceIsland& island) {
 void book_hands(AdvanceIsland& island) {
     const AdvanceScratch& s = island.scratch;
     double hand = 0;
-    for (const ContactActive& row : s.active) {
+    const auto book = [&](const ContactActive& row) {
         const ContactPlan& plan = s.plan[row.plan];
         const auto is_held = [&](uint32_t rigid) { return rigid != kNone && s.rigid[rigid].free != kNone && s.free[s.rigid[rigid].free].held; };
         const auto is_driven = [&](uint32_t rigid) { return rigid != kNone && (s.rigid[rigid].free == kNone || is_held(rigid)); };
-        if (is_driven(plan.rigid_a) == is_driven(plan.rigid_b)) continue;
+        if (is_driven(plan.rigid_a) == is_driven(plan.rigid_b)) return;
         Vec4d surface = row.rigid_velocity;
         for (uint32_t k = 0; k < row.nodes; ++k) {
             const uint32_t n = row.node[k];
@@ -449,14 +461,17 @@ void book_hands(AdvanceIsland& island) {
             surface += (side == 0 ? 0.5 : -0.5) * cross(f.spin_before + f.spin, turning.arm[side]);
         }
         hand -= dot(surface, row.normal_impulse * row.normal + row.friction_impulse);
-    }
+    };
+    for (uint32_t g = 0; g < s.phase[4]; ++g)
+        for (const ContactActive& row : s.group[g].active) book(row);
     island.result.work_hand += hand;
     island.result.work_contact -= hand;
 }
 
-void add_impulses(AdvanceIsland& island) {
+void add_impulses(AdvanceIsland& island, const RowGroup& group) {
     AdvanceScratch& s = island.scratch;
-    for (const ContactActive& row : s.active) {
+    add_block_impulses(s, group);
+    for (const ContactActive& row : group.active) {
         const Vec4d impulse = row.normal_impulse * row.normal + row.friction_impulse;
         ContactPlan& plan = s.plan[row.plan];
         plan.impulse += impulse;
@@ -490,9 +505,7 @@ double note_kick(const AdvanceBody& body, const ContactNode& node, ContactNodeCh
 // if one of them is not finite.
 double gather_nodes(AdvanceIsland& island) {
     AdvanceScratch& s = island.scratch;
-    Vec4d most = {}, total = {};
-    double work = 0;
-    for (uint32_t n = 0; n < s.node.size(); ++n) {
+    const auto gather = [&](uint32_t n, NodeSums& sums) {
         ContactNode& node = s.node[n];
         ContactNodeChange& change = s.change[n];
         if (node.particle != kNone) {
@@ -502,15 +515,19 @@ double gather_nodes(AdvanceIsland& island) {
             node.place = body.origin + float_vec4(_mm_load_ps(&body.now[vertex].x));
             node.after = body.origin + float_vec4(_mm_load_ps(&body.next[vertex].x));
             node.velocity = particle_velocity(island.particles, node.particle);
-            if (island.params.account_energy) work += note_kick(body, node, change);
+            if (island.params.account_energy) sums.work[0] += note_kick(body, node, change);
         }
         change.kicked = node.velocity;
         change.change = Vec4d{};
         change.rows = 0;
         change.pushed = change.opposed = false;
-        most = greatest(node.velocity * node.velocity, most);
-        total += node.velocity;
-    }
+        sums.fastest = greatest(node.velocity * node.velocity, sums.fastest);
+        sums.total += node.velocity;
+    };
+    for_nodes(s, gather);
+    Vec4d most = {}, total = {};
+    double work = 0;
+    for (const NodeSums& sums : s.node_sums) most = greatest(sums.fastest, most), total += sums.total, work += sums.work[0];
     if (std::isfinite(work)) island.result.work_push -= work;  // else a body about to be restored
     const bool finite = std::isfinite(total[0] + total[1] + total[2]);
     return finite ? std::sqrt(most[0] + most[1] + most[2]) : std::numeric_limits<double>::infinity();
@@ -522,7 +539,6 @@ void plan_contacts(AdvanceIsland& island, std::span<const uint32_t> island_rows)
     AdvanceScratch& s = island.scratch;
     s.plan.clear();
     s.skin_point.clear();
-    s.active.clear();
     s.node_of_particle.resize(island.particles.offset.size(), kNone);
     // neighbours in the list are neighbours on the surface and share nodes: parts of a long list are dealt in turn, so
     // that the processor can work on one row while another waits for its sums; a short one converges better in order
@@ -537,8 +553,9 @@ void plan_contacts(AdvanceIsland& island, std::span<const uint32_t> island_rows)
             s.plan.push_back(make_plan(island, island_rows[row]));
         }
     }
+    group_rows(island);
     plan_blocks(island);
-    make_room(s.active, s.plan.size());
+    for (uint32_t g = 0; g < s.phase[4]; ++g) make_room(s.group[g].active, s.group[g].plan.count);
     s.warm.clear();
     if (starts_warm(island)) {
         make_room(s.warm, s.plan.size());
@@ -574,9 +591,12 @@ void apply_impulses(AdvanceIsland& island) {
     const double fastest = gather_nodes(island) + fastest_rigid(island);
     // most rows are seen to be too far away without asking for velocities: none is closed faster than twice `fastest`
     const double reach = 2.001 * fastest * island.dt;
-    activate_blocks(island, reach);
-    find_active_rows(island, reach);
-    if (starts_warm(island)) start_rows(s);
+    s.turning.clear();
+    for_each_group(s, [&](RowGroup& group) {
+        activate_blocks(island, reach, group);
+        find_active_rows(island, reach, group);
+        if (starts_warm(island)) start_rows(s, group);
+    });
     const auto is_free = [](const AdvanceFree& f) { return !f.held; };
     if (!s.turning.empty() && std::any_of(s.free.begin(), s.free.end(), is_free)) {
         settle_rows(island);
@@ -586,14 +606,15 @@ void apply_impulses(AdvanceIsland& island) {
     } else {
         const uint32_t sweeps = std::max(island.params.contact.iterations, s.skin_point.empty() ? 1 : kSkinSweeps);
         for (uint32_t pass = 0; pass < sweeps; ++pass) {
-            solve_blocks(s);
-            for (ContactActive& row : s.active) row.nodes == 4 ? solve_row<4>(s, row) : solve_row<0>(s, row);
+            for_each_group(s, [&](RowGroup& group) {
+                solve_blocks(s, group);
+                for (ContactActive& row : group.active) row.nodes == 4 ? solve_row<4>(s, row) : solve_row<0>(s, row);
+            });
         }
     }
     scatter_velocities(island);
     if (island.params.account_energy && !s.rigid.empty()) book_hands(island);
-    add_impulses(island);
-    add_block_impulses(s);
+    for_each_group(s, [&](const RowGroup& group) { add_impulses(island, group); });
 }
 
 }  // namespace trocar

@@ -241,7 +241,7 @@ double solve_turning_row(AdvanceScratch& s, ContactActive& row) {
 }
 
 void note_impulses(AdvanceScratch& s) {
-    for (const ContactActive& row : s.active) {
+    for (const ContactActive& row : only_group(s).active) {
         if (row.turning == kNone) continue;
         s.turning[row.turning].normal_before = row.normal_impulse;
         s.turning[row.turning].friction_before = row.friction_impulse;
@@ -250,7 +250,7 @@ void note_impulses(AdvanceScratch& s) {
 
 double go_on(AdvanceScratch& s, double before) {
     double now = 0;
-    for (const ContactActive& row : s.active) {
+    for (const ContactActive& row : only_group(s).active) {
         if (row.turning == kNone) continue;
         const ContactTurning& t = s.turning[row.turning];
         const double normal = row.normal_impulse - t.normal_before;
@@ -258,7 +258,7 @@ double go_on(AdvanceScratch& s, double before) {
     }
     const bool grows = !(now < before);  // also the first time, and when nothing changes any more
     const double share = grows ? 0 : now / before;
-    for (ContactActive& row : s.active) {
+    for (ContactActive& row : only_group(s).active) {
         if (row.turning == kNone) continue;
         ContactTurning& t = s.turning[row.turning];
         const Vec4d friction = row.friction_impulse - t.friction_before;

@@ -1,8 +1,10 @@
 #pragma once
 #include <algorithm>
+#include <atomic>
 #include <cmath>
 #include <limits>
 
+#include "engine/parallel.hpp"
 #include "systems/advance.hpp"
 namespace trocar {
 
@@ -158,7 +160,7 @@ void note_velocities(AdvanceIsland& island);
 inline void end_row(AdvanceIsland& island, uint32_t row) {
     double& distance = island.rows.distance[row];
     distance = std::copysign(std::numeric_limits<double>::infinity(), distance);
-    ++island.result.ended_rows;
+    std::atomic_ref(island.result.ended_rows).fetch_add(1, std::memory_order_relaxed);
 }
 // Finds the rows that are crossed or would be in this substep and gives them impulses; after kick and drift. Projected
 // Gauss-Seidel over the active rows in their order, accumulated impulses clamped (Moreau 1988; Catto 2005): one sweep
@@ -176,7 +178,7 @@ inline Vec4d start_impulse(const AdvanceIsland& island, uint32_t row) {
     return island.rows.carried.empty() ? Vec4d{} : island.dt * to_vec4(island.rows.carried[row]);
 }
 // Moves remaining overlap of the active rows out without touching velocities, in substeps in which a millisecond begins;
-// after move_hands.
+// after move_hands. Where rows are grouped as many sweeps as ContactParams::iterations, while any row is left; else one.
 void push_out(AdvanceIsland& island, uint32_t substep);
 
 // Share of the way of a push that the side of the point goes, unless bodies share it by mass.
@@ -186,12 +188,29 @@ double share_of_point(const AdvanceIsland& island, const ContactPlan& plan);
 // does. plan_blocks takes rows out of scratch.plan; a row any of whose nodes may be pressed from both sides stays.
 void plan_blocks(AdvanceIsland& island);
 void forget_blocks(AdvanceIsland& island);
-void activate_blocks(AdvanceIsland& island, double reach);  // reach: m, infinite unless all velocities are finite
-void start_blocks(AdvanceScratch& s);  // see start_rows
-void solve_blocks(AdvanceScratch& s);
-void add_block_impulses(AdvanceScratch& s);
-bool push_blocks(AdvanceIsland& island, double most);
-double deepest_in_blocks(const AdvanceScratch& s);
+void activate_blocks(AdvanceIsland& island, double reach, RowGroup& group);  // reach: m, infinite unless all velocities are finite
+void start_blocks(AdvanceScratch& s, const RowGroup& group);  // see start_rows
+void solve_blocks(AdvanceScratch& s, const RowGroup& group);
+void add_block_impulses(AdvanceScratch& s, const RowGroup& group);
+bool push_blocks(AdvanceIsland& island, double most, const RowGroup& group);
+double deepest_in_blocks(const AdvanceScratch& s, const RowGroup& group);
+// Groups of rows (advance_groups.cpp). Bodies are put into strips across the way they spread most; rows inside a strip are a
+// group, rows between a strip and the next are another, and the few others a last one. Phases: strips; even borders; odd
+// borders; the rest. Orders plan by group. Short lists, skins, and islands with rigid bodies that rows move have one group.
+void group_rows(AdvanceIsland& island);
+template <typename Run>  // Run: void(RowGroup&)
+void for_each_group(AdvanceScratch& s, const Run& run) {
+    for (int phase = 0; phase < 4; ++phase) {
+        const uint32_t first = s.phase[phase];
+        parallel_for(s.phase[phase + 1] - first, 1, [&](uint32_t begin, uint32_t end) {
+            for (uint32_t i = begin; i < end; ++i) run(s.group[first + i]);
+        });
+    }
+}
+// Group of an island that has one.
+inline RowGroup& only_group(AdvanceScratch& s) { return s.group[0]; }
+constexpr uint32_t kNodesPerChunk = 4096;
+
 inline bool has_rows(const AdvanceScratch& s) { return !s.plan.empty() || !s.block.empty(); }
 
 // Room for n rows; when more is needed, for twice as many: passes differ by a few rows, and fresh pages cost more than

@@ -43,6 +43,13 @@ void move_node(AdvanceScratch& s, uint32_t node, Vec4d move) {
     }
 }
 
+// Whether a row's push is not seen before all are made, so that it must not be made twice: see move_node; and so it is with
+// free bodies.
+bool is_moved_midway(const AdvanceScratch& s, const ContactActive& row) {
+    const auto opposed = [&](uint32_t node) { return s.change[node].opposed; };
+    return row.turning != kNone || std::any_of(row.node.begin(), row.node.begin() + row.nodes, opposed);
+}
+
 // Moves both sides by their inverse masses, or each side by its share of the way; with a free body always by mass.
 void add_push(AdvanceIsland& island, const ContactActive& row, Vec4d way) {
     AdvanceScratch& s = island.scratch;
@@ -156,22 +163,28 @@ double tet_push_work(const HalfWay& at, uint32_t v) {
 
 // Books the pushes of the last substep of a call from the springs themselves: the next forces are not there yet.
 void book_last_pushes(AdvanceIsland& island) {
-    const AdvanceScratch& s = island.scratch;
-    for (uint32_t n = 0; n < s.node.size(); ++n) {
-        const ContactNode& node = s.node[n];
-        if (!s.change[n].pushed || node.particle == kNone) continue;
-        const AdvanceBody& body = s.body[node.owner];
-        const HalfWay at{island, body};
-        const uint32_t v = node.particle - body.particles.first;
-        island.result.work_push += node_push_work(at, v, s.change[n].change, node.inv_mass) + tet_push_work(at, v);
-    }
+    AdvanceScratch& s = island.scratch;
+    const uint32_t nodes = uint32_t(s.node.size());
+    s.node_sums.assign(chunk_count(nodes, kNodesPerChunk), {});
+    parallel_for(nodes, kNodesPerChunk, [&](uint32_t begin, uint32_t end) {
+        double& work = s.node_sums[begin / kNodesPerChunk].work[0];
+        for (uint32_t n = begin; n < end; ++n) {
+            const ContactNode& node = s.node[n];
+            if (!s.change[n].pushed || node.particle == kNone) continue;
+            const AdvanceBody& body = s.body[node.owner];
+            const HalfWay at{island, body};
+            const uint32_t v = node.particle - body.particles.first;
+            work += node_push_work(at, v, s.change[n].change, node.inv_mass) + tet_push_work(at, v);
+        }
+    });
+    for (const NodeSums& sums : s.node_sums) island.result.work_push += sums.work[0];
 }
 
 // Limits the moves to `most`, however many rows push a node, and makes them. What is booked is what the floats hold.
 void make_moves(AdvanceIsland& island, double most) {
     AdvanceScratch& s = island.scratch;
-    for (uint32_t n = 0; n < s.node.size(); ++n) {
-        if (is_free(s, n)) continue;
+    const auto make_move = [&](uint32_t n) {
+        if (is_free(s, n)) return;
         ContactNodeChange& change = s.change[n];
         ContactNode& node = s.node[n];
         float* offset = nullptr;
@@ -184,7 +197,7 @@ void make_moves(AdvanceIsland& island, double most) {
         }
         if (!change.opposed) change.change = node.after - (origin + before);
         const double size2 = norm2(change.change);
-        if (!(size2 > 0)) continue;
+        if (!(size2 > 0)) return;
         if (size2 > most * most) change.change *= most / std::sqrt(size2);
         if (offset != nullptr) {
             move_particle(s.body[node.owner], node, change.change);
@@ -194,7 +207,10 @@ void make_moves(AdvanceIsland& island, double most) {
             node.place = node.after = node.place + change.change;
             s.rigid[node.owner].place[1].shift = node.place;
         }
-    }
+    };
+    parallel_for(uint32_t(s.node.size()), kNodesPerChunk, [&](uint32_t begin, uint32_t end) {
+        for (uint32_t n = begin; n < end; ++n) make_move(n);
+    });
 }
 
 }  // namespace
@@ -218,21 +234,37 @@ void push_out(AdvanceIsland& island, uint32_t substep) {
     Vec4d normal;
     if (ms > 0) {
         const double most = params.contact.push_speed * 1e-3 * static_cast<double>(ms);
+        // in a heap of many bodies one push undoes another
+        const uint32_t sweeps = s.phase[4] > 1 ? params.contact.iterations : 1;
+        for_each_group(s, [&](RowGroup& group) {
+            Vec4d normal;
+            bool again = true;
+            group.pushed = false;
+            for (uint32_t sweep = 0; sweep < sweeps && again; ++sweep) {
+                again = false;
+                for (const ContactActive& row : group.active) {
+                    if (sweep > 0 && is_moved_midway(s, row)) continue;
+                    const double overlap = -gap_after(s, s.plan[row.plan], normal);
+                    if (!(overlap > kRestingOverlap)) continue;
+                    add_push(island, row, std::min(overlap, most) * normal);
+                    again = true;
+                }
+                again = push_blocks(island, most, group) || again;
+                group.pushed = group.pushed || again;
+            }
+        });
         bool any = false;
-        for (const ContactActive& row : s.active) {
-            const double overlap = -gap_after(s, s.plan[row.plan], normal);
-            if (!(overlap > kRestingOverlap)) continue;
-            add_push(island, row, std::min(overlap, most) * normal);
-            any = true;
-        }
-        any = push_blocks(island, most) || any;
+        for (uint32_t g = 0; g < s.phase[4]; ++g) any = any || s.group[g].pushed;
         if (any) make_moves(island, most);
         if (any && !s.turning.empty()) finish_free_pushes(island, most);
     }
     if (substep + 1 < params.substeps) return;
     if (params.account_energy) book_last_pushes(island);
-    double deepest = deepest_in_blocks(s);
-    for (const ContactActive& row : s.active) deepest = std::max(deepest, -gap_after(s, s.plan[row.plan], normal));
+    double deepest = 0;
+    for (uint32_t g = 0; g < s.phase[4]; ++g) {
+        deepest = std::max(deepest, deepest_in_blocks(s, s.group[g]));
+        for (const ContactActive& row : s.group[g].active) deepest = std::max(deepest, -gap_after(s, s.plan[row.plan], normal));
+    }
     island.result.deepest_residual = deepest;
     for (uint32_t n = 0; n < s.node.size(); ++n) {
         island.result.opposing_planes += s.change[n].opposed && s.node[n].particle != kNone;

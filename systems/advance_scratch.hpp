@@ -17,6 +17,7 @@ struct AdvanceBody {
     Range particles;
     uint32_t slices = 0;
     uint32_t buffer = 0;          // row of its first particle in the offset buffers
+    uint32_t first_chunk = 0;     // of its slices in sums
     bool shape = false;           // anchors are the best-fit rigid copy
     double damping = 0;           // 1/s
     double last_dt = 0;           // s
@@ -229,6 +230,21 @@ struct ContactBlock {
     FourPoints friction_impulse;      // N s
 };
 
+// Rows that are worked on one after the other. Where an island has more than one group, groups of a phase share no node
+// and may be worked on at the same time.
+struct RowGroup {
+    Range plan, block;                   // rows of AdvanceScratch::plan, block
+    std::vector<ContactActive> active;   // rows of plan that act in this substep
+    std::vector<uint32_t> active_block;  // rows of block that do
+    bool pushed = false;
+};
+
+// What the nodes of a chunk add up to.
+struct NodeSums {
+    Vec4d fastest = {}, total = {};  // (m/s)^2, largest of each axis; m/s
+    Vec4d work = {}, damped = {};    // J
+};
+
 // Reused memory of advance_island, one per thread that may run it. Its content means nothing between calls.
 struct AdvanceScratch {
     std::vector<Float4> offset_a, offset_b;  // the two buffers of a substep, bodies of the island one after the other
@@ -247,12 +263,18 @@ struct AdvanceScratch {
     std::vector<uint32_t> slot_of_body;      // row of body or of rigid or kNone, one per body of the world
     std::vector<ContactSkinPoint> skin_point;
     std::vector<ContactPlan> plan;  // of rows that are not in a block
-    std::vector<ContactActive> active;
     std::vector<AdvanceFree> free;
     std::vector<ContactTurning> turning;  // of the active rows with a free side
     std::vector<Vec4d> warm;              // N s, of the substep before; as plan, or empty: starts_warm
     std::vector<ContactBlock> block;
-    std::vector<uint32_t> active_block;
+    std::vector<RowGroup> group;       // the first of them are in use, see phase
+    std::array<uint32_t, 5> phase{};   // first group of each phase, and their number
+    std::vector<uint32_t> strip;       // per row of body, while rows are grouped
+    std::vector<std::pair<double, uint32_t>> along;        // m, row of body: bodies in the order of strips
+    std::vector<uint32_t> group_of_row, next_of_group;     // while rows are grouped
+    std::vector<ContactPlan> ungrouped;                    // likewise
+    std::vector<NodeSums> node_sums;                       // per chunk of nodes
+    std::vector<std::vector<double>> body_shape_sums;      // as shape_sums, per chunk of bodies
     std::vector<uint16_t> open_blocks_of_node;  // while blocks are filled: which of those open have it; as node
     ImplicitScratch implicit;
     std::vector<AdvanceLink> link;

@@ -288,20 +288,23 @@ void cut_to_hulls(const ScreenedTriangles& screened, Range a, Range b, DirectChu
     cut_to_hull_of(screened.box, small, hull, c.rows[a_first]);
 }
 
-// Mean velocities of deformable bodies; what is not finite stands still.
-void find_drifts(const Surfaces& s, std::vector<Vec3d>& drift) {
+// Mean velocities of the deformable bodies in pairs; what is not finite stands still.
+void find_drifts(const Surfaces& s, const CandidatePairs& pairs, CandidateCellsScratch& scratch) {
     const uint32_t bodies = uint32_t(s.bodies.mesh.size());
-    drift.resize(bodies);
+    scratch.drift.resize(bodies);
+    scratch.paired.assign(bodies, 0);
+    for (const auto* side : {&pairs.a, &pairs.b})
+        for (const uint32_t body : *side) scratch.paired[body] = is_deformable(s.bodies, body);
     parallel_for(bodies, 32, [&](uint32_t begin, uint32_t end) {
         for (uint32_t body = begin; body < end; ++body) {
-            if (!is_deformable(s.bodies, body)) continue;
+            if (!scratch.paired[body]) continue;
             const Range rows = s.bodies.particles[body];
             Vec3d sum = Vec3d::Zero();
             for (uint32_t i = rows.first; i < rows.end(); ++i) {
                 const Vec3d v(s.particles.velocity_x[i], s.particles.velocity_y[i], s.particles.velocity_z[i]);
                 if (v.allFinite()) sum += v;
             }
-            drift[body] = sum / std::max(1u, rows.count);
+            scratch.drift[body] = sum / std::max(1u, rows.count);
         }
     });
 }
@@ -389,7 +392,7 @@ void search_direct(const CandidatePairs& pairs, const ScreenedTriangles& screene
     scratch.direct.resize(count);
     scratch.is_direct.assign(count, 0);
     if (direct == nullptr) return;
-    find_drifts(direct->surfaces, scratch.drift);
+    if (count > 0) find_drifts(direct->surfaces, pairs, scratch);
     if (scratch.chunk.size() < chunk_count(count, grain)) scratch.chunk.resize(chunk_count(count, grain));
     parallel_for(count, grain, [&](uint32_t begin, uint32_t end) {
         DirectChunk& chunk = scratch.chunk[begin / grain];

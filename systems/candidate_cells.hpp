@@ -42,7 +42,8 @@ struct CandidateCellsScratch {
     std::vector<DirectChunk> chunk;                      // per chunk of pairs
     std::vector<uint8_t> is_direct;                      // per pair
     std::vector<DirectPair> direct;                      // per pair that is
-    std::vector<Vec3d> drift;                            // m/s, per deformable body: mean velocity
+    std::vector<uint8_t> paired;                         // per body: deformable and in a pair
+    std::vector<Vec3d> drift;                            // m/s, mean velocity of those
 };
 
 // OHC instruction (thesis 3.3.2): for every candidate pair the triangles that are near the other body and the triangle
