@@ -52,6 +52,8 @@ std::vector<NodeFrame> node_frames(const SceneFile& scene) {
             above = frames[parent];
         }
         frames.push_back({above(node.position), normalized(multiply(above.turn, node.orientation)), above.scale * node.scale});
+        if (!(frames.back().scale >= 1e-9 && frames.back().scale <= 1e9) || !(frames.back().origin.norm() < 1e9))
+            refuse(scene, node.line, "node \"" + node.name + "\": with those above it lies or scales beyond 1e9");
     }
     return frames;
 }

