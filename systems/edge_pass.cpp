@@ -335,6 +335,8 @@ void write_row(const Surfaces& s, uint32_t pair, uint32_t body, uint32_t other, 
     to.other[row] = other;
     to.vertex[row] = e.vertex;
     to.along[row] = e.along;
+    to.third[row] = kNone;
+    to.across[row] = 0;
     to.point[row] = frame_to_world(s, other, e.point);
     to.closest[row] = frame_to_world(s, other, e.answer.point);
     to.normal[row] = direction_to_world(s, other, e.answer.normal);
@@ -369,21 +371,16 @@ void find_edge_contacts(const ContactParams& params, const Surfaces& surfaces, c
     }
     if (rows == contacts.pair.size()) return;
 
-    // merge: the vertex rows of a side, then its edges
-    resize_contacts(scratch.merged, rows);
-    uint32_t from = 0, to = 0;
-    for (uint32_t row = 0; row < sides; ++row) {
+    // merge from the back: the vertex rows of a side, then its edges
+    uint32_t from = uint32_t(contacts.pair.size()), to = uint32_t(rows);
+    resize_contacts(contacts, rows);
+    for (uint32_t row = sides; row-- > 0;) {
         const uint32_t pair = row / 2, body = row % 2 ? pairs.b[pair] : pairs.a[pair];
         const uint32_t other = row % 2 ? pairs.a[pair] : pairs.b[pair];
-        while (from < contacts.pair.size() && contacts.pair[from] == pair && contacts.body[from] == body) {
-            copy_contact(contacts, from++, scratch.merged, to++);
-        }
         const EdgeContact* found = scratch.chunk[row / grain].found.data() + scratch.side[row].first;
-        for (uint32_t i = 0; i < scratch.side[row].count; ++i) {
-            write_row(surfaces, pair, body, other, found[i], scratch.merged, to++);
-        }
+        for (uint32_t i = scratch.side[row].count; i-- > 0;) write_row(surfaces, pair, body, other, found[i], contacts, --to);
+        while (from > 0 && contacts.pair[from - 1] == pair && contacts.body[from - 1] == body) copy_contact(contacts, --from, contacts, --to);
     }
-    std::swap(contacts, scratch.merged);
 }
 
 }  // namespace trocar

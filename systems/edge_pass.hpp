@@ -38,7 +38,6 @@ struct EdgeChunk {
 struct EdgePassScratch {
     std::vector<EdgeChunk> chunk;
     std::vector<Range> side;  // two per candidate pair: rows of the chunk's found
-    Contacts merged;
 };
 
 // Deepest inside point of edges that cross the other surface, to params.tolerance (m): every edge with both ends

@@ -338,21 +338,18 @@ void find_face_contacts(const ContactParams& params, uint32_t most_queries, cons
     for (uint32_t i = 0; i < chunks; ++i) rows += scratch.chunk[i].found.size();
     if (rows == contacts.pair.size()) return;
 
-    // merge: vertices and edges of a side, then its faces
-    resize_contacts(scratch.merged, rows);
-    scratch.merged.most = contacts.most;
-    uint32_t from = 0, to = 0;
-    for (uint32_t row = 0; row < 2 * count; ++row) {
+    // merge from the back: vertices and edges of a side, then its faces
+    uint32_t from = uint32_t(contacts.pair.size()), to = uint32_t(rows);
+    resize_contacts(contacts, rows);
+    for (uint32_t row = 2 * count; row-- > 0;) {
         const uint32_t body = row % 2 ? pairs.b[row / 2] : pairs.a[row / 2];
-        while (from < contacts.pair.size() && contacts.pair[from] == row / 2 && contacts.body[from] == body) {
-            copy_contact(contacts, from++, scratch.merged, to++);
+        if (scratch.side[row].count > 0) {
+            const Side side = make_side(in, pairs, trees, row);
+            const FaceContact* found = scratch.chunk[row / 2 / grain].found.data() + scratch.side[row].first;
+            for (uint32_t i = scratch.side[row].count; i-- > 0;) write_row(surfaces, row / 2, side, found[i], contacts, --to);
         }
-        if (scratch.side[row].count == 0) continue;
-        const Side side = make_side(in, pairs, trees, row);
-        const FaceContact* found = scratch.chunk[row / 2 / grain].found.data() + scratch.side[row].first;
-        for (uint32_t i = 0; i < scratch.side[row].count; ++i) write_row(surfaces, row / 2, side, found[i], scratch.merged, to++);
+        while (from > 0 && contacts.pair[from - 1] == row / 2 && contacts.body[from - 1] == body) copy_contact(contacts, --from, contacts, --to);
     }
-    std::swap(contacts, scratch.merged);
 }
 
 }  // namespace trocar

@@ -38,7 +38,6 @@ struct FaceDepthScratch {
     std::vector<Chunk> chunk;
     std::vector<Range> side;        // two per candidate pair: rows of the chunk's found
     std::vector<uint32_t> queries;  // per candidate pair: what it cost
-    Contacts merged;
 };
 
 // Searches the inside of faces for points deeper than their corners and edges, and adds those found to the contacts: the
