@@ -39,6 +39,9 @@ AdvanceBody make_body(const AdvanceIsland& island, uint32_t body, uint32_t buffe
     b.damping = bodies.tissue[body].damping;
     b.last_dt = island.particles.last_dt[body];
     b.stepping = stepping_of(bodies, body);
+    // an impulse acts in the kick, as every force: what damps a held body after it damps the impulse, or else a load at rest
+    // would be borne by damping in part
+    if (!b.shape && !b.measured()) b.impulse_left = std::exp(-0.5 * b.damping * island.dt);
     b.origin = to_vec4(island.poses.origin[body]);
     b.orientation = island.poses.orientation[body];
     b.now = island.particles.offset.data() + b.particles.first;

@@ -28,7 +28,8 @@ uint32_t node_slot(AdvanceScratch& s, uint32_t owner, uint32_t vertex) {
         ContactNode& node = s.node.emplace_back();
         node.particle = particle;
         node.owner = owner;
-        node.inv_mass = body.now[vertex].w;
+        node.particle_inv_mass = body.now[vertex].w;
+        node.inv_mass = body.impulse_left * node.particle_inv_mass;
         s.change.emplace_back();
     }
     return slot;
@@ -425,9 +426,10 @@ void scatter_velocities(AdvanceIsland& island) {
         const Vec4d kick = node.velocity - change.kicked;
         move_particle(s.body[node.owner], node, island.dt * kick);
         if (s.body[node.owner].measured()) return;
+        const double left = s.body[node.owner].impulse_left;
         const Vec4d half = (0.5 / node.inv_mass) * kick;
         sums.work += half * (change.before + node.velocity);
-        sums.damped += half * (change.damped - change.before);
+        sums.damped += left * half * (change.damped - change.before) - (1 - left) * half * (change.before + node.velocity);
     };
     for_nodes(s, scatter);
     Vec4d work = {}, damped = {};
@@ -498,7 +500,7 @@ double note_kick(const AdvanceBody& body, const ContactNode& node, ContactNodeCh
     change.damped = change.before + lost;
     change.acceleration = (node.velocity - change.damped) / double(body.step.kick_dt);
     change.damped += double(body.step.kick_less) * change.acceleration;
-    return change.pushed ? dot(0.5 * (before + change.acceleration), change.change) / node.inv_mass : 0;
+    return change.pushed ? dot(0.5 * (before + change.acceleration), change.change) / node.particle_inv_mass : 0;
 }
 
 // Nodes after kick and drift; books the pushes of the substep before. Returns a bound of their velocities, m/s; infinite

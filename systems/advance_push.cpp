@@ -174,7 +174,7 @@ void book_last_pushes(AdvanceIsland& island) {
             const AdvanceBody& body = s.body[node.owner];
             const HalfWay at{island, body};
             const uint32_t v = node.particle - body.particles.first;
-            work += node_push_work(at, v, s.change[n].change, node.inv_mass) + tet_push_work(at, v);
+            work += node_push_work(at, v, s.change[n].change, node.particle_inv_mass) + tet_push_work(at, v);
         }
     });
     for (const NodeSums& sums : s.node_sums) island.result.work_push += sums.work[0];

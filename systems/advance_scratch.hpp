@@ -20,6 +20,7 @@ struct AdvanceBody {
     uint32_t first_chunk = 0;     // of its slices in sums
     bool shape = false;           // anchors are the best-fit rigid copy
     double damping = 0;           // 1/s
+    double impulse_left = 1;      // what the damping after a kick leaves of an impulse
     double last_dt = 0;           // s
     double kinetic = 0;           // J, at the start of the call
     Stepping stepping;
@@ -135,7 +136,8 @@ struct ContactNode {
     Vec4d place;     // m, world, at the start of the substep
     Vec4d after;     // m, world, at its end
     Vec4d velocity;  // m/s
-    double inv_mass = 0;
+    double inv_mass = 0;           // 1/kg: m/s that an impulse of 1 N s gives
+    double particle_inv_mass = 0;  // 1/kg, of a particle: without what damping takes of an impulse
     uint32_t particle = kNone;  // row of Particles; kNone for a rigid body
     uint32_t owner = 0;         // row of body, or of rigid
 };

@@ -1,0 +1,144 @@
+// Scenes of tools, run as a user runs them.
+#include <gtest/gtest.h>
+
+#include <algorithm>
+#include <cmath>
+
+#include "engine/thread_pool.hpp"
+#include "frame/scenes_under_test.hpp"
+#include "reference/leapfrog_double.hpp"
+#include "systems/app/tool_record.hpp"
+#include "systems/frame.hpp"
+namespace trocar {
+namespace {
+
+World scene_world(const std::string& name, const std::vector<Override>& overrides) {
+    return std::move(build_scene(read_scene_file(source_folder() / "content/scenes" / (name + ".toml"), overrides)).world);
+}
+
+// Steps to a time (s) and looks after every pass.
+template <typename Look>
+void run_until(Frame& frame, double time, const Look& look) {
+    while (static_cast<double>(frame.world().clock.tick) < 1e3 * time) {
+        frame.step();
+        look(frame.world());
+    }
+}
+
+// Springs and anchors of a shell without bending and pressure, in double.
+reference::DoubleBody double_copy(const World& w, uint32_t body) {
+    reference::DoubleBody b;
+    const MeshView view = mesh_view(w.meshes, w.bodies.mesh[body]);
+    for (uint32_t v = 0; v < view.position.size(); ++v) {
+        const uint32_t p = w.bodies.particles[body].first + v;
+        b.place.push_back(vertex_position(surfaces_of(w), body, v) - w.poses.origin[body]);
+        b.inv_mass.push_back(w.particles.offset[p].w);
+        b.goal.push_back({w.anchors.rest_x[p], w.anchors.rest_y[p], w.anchors.rest_z[p]});
+        b.anchor.push_back(w.anchors.stiffness[p]);
+    }
+    for (const auto& [i, j] : view.edge) {
+        b.spring.push_back({i, j});
+        b.rest_length.push_back((view.position[i] - view.position[j]).norm());
+    }
+    b.stiffness = w.bodies.spring_stiffness[body];
+    return b;
+}
+
+// What two hands press a tissue with, its springs and anchors bear, and each hand feels its own share: to 1 %. Breaks when
+// damping bears a part of a load at rest, when a reaction is lost, counted twice or given to the other tool, and when the hand feels another surface than the tissue has.
+TEST(ToolScenes, TwoHandsFeelWhatTheTissueBears) {
+    ThreadPool pool(0);
+    pool.run([&] {
+        Frame frame(scene_world("two_tools", {{"liver.tissue.bending", "0.0"}, {"liver.tissue.pressure_modulus", "0.0"}}), {});
+        run_until(frame, 2.9, [](const World&) {});
+        const World& w = frame.world();
+        const double period = 1e-3 * w.clock.period;
+        Vec3d pressed = Vec3d::Zero(), borne = Vec3d::Zero();
+        ASSERT_EQ(w.haptics.state.size(), 2u);
+        for (const ToolState& tool : w.haptics.state) {
+            const Vec3d tissue = tool.contact_impulse / period;
+            EXPECT_GT(tissue.norm(), 0.05);
+            EXPECT_NEAR(tool.output.force.norm(), tissue.norm(), 0.01 * tissue.norm());
+            EXPECT_LT((tool.output.force - tissue).norm(), 0.03 * tissue.norm()) << "friction of the one contact and of the many differs";
+            pressed += tissue;
+        }
+        const reference::DoubleBody liver = double_copy(w, 0);
+        const std::vector<Vec3d> f = reference::forces(liver);
+        for (size_t i = 0; i < f.size(); ++i)
+            if (liver.inv_mass[i] > 0) borne += f[i];
+        EXPECT_LT((pressed - borne).norm(), 1e-3 * pressed.norm()) << pressed.transpose() << " and " << borne.transpose();
+    });
+}
+
+// Below the force that the wall bears the needle stays outside; beyond it goes through and the wall lets it alone, shaft and
+// all; drawn out, it may be stopped again. Breaks when the proxy or the simulated needle slips through a thin wall, and when
+// the wall pushes out a needle that is through it.
+TEST(ToolScenes, NeedleGoesThroughTheWallWhenPressedHarderThanItBears) {
+    ThreadPool pool(0);
+    pool.run([&] {
+        Frame frame(scene_world("needle_wall", {{"wall.triangles", "4000"}}), {});
+        const auto passed = [&] { return frame.world().haptics.state[0].events.count[static_cast<size_t>(HapticEventKind::kPassThrough)]; };
+        run_until(frame, 2.1, [](const World&) {});
+        const ToolState& tool = frame.world().haptics.state[0];
+        EXPECT_EQ(passed(), 0u);
+        EXPECT_GT(tool.output.force.z(), 0.3);
+        EXPECT_LT(tool.output.force.norm(), 1.5);
+        EXPECT_EQ(tool.pierce.body, kNone);
+        double largest = 0;
+        run_until(frame, 3.5, [&](const World& w) {
+            const ToolState& at = w.haptics.state[0];
+            largest = std::max(largest, at.output.force.norm());
+        });
+        EXPECT_EQ(passed(), 1u);
+        EXPECT_LT(largest, 1.6);
+        EXPECT_EQ(tool.pierce.body, 0u);
+        // the pass in which it broke through still pushed; from the next on nothing does
+        Vec3d after = Vec3d::Zero();
+        run_until(frame, 3.6, [&](const World& w) { after += w.haptics.state[0].contact_impulse; });
+        EXPECT_EQ(after, Vec3d::Zero());
+        EXPECT_LT((tool.proxy - tool.device.position).norm(), 1e-9);
+        EXPECT_LT(tool.proxy.z(), -0.02);
+        run_until(frame, 4.9, [](const World&) {});
+        EXPECT_EQ(tool.pierce.body, kNone);
+        EXPECT_EQ(tool.output.force, Vec3d::Zero());
+        EXPECT_LT(frame.world().energy.kinetic, 1e-6);
+    });
+}
+
+// The map of the force that a sliding probe felt is darkest over the lump, and shows nothing where there is none.
+TEST(ToolScenes, LongPalpationFindsTheLump) {
+    const auto map_of = [](const std::string& lump) {
+        std::vector<ToolSample> samples;
+        ThreadPool pool(0);
+        pool.run([&] {
+            Frame frame(scene_world("palpate", {{"lump", lump}, {"liver.cells", "20"}, {"liver.triangles", "5000"}}), {});
+            run_until(frame, 29.5, [&](const World&) { record_tools(frame, samples); });
+        });
+        return *force_map(samples, 0);
+    };
+    // largest over the median, and where
+    const auto peak = [](const ForceMap& map, Vec3d& at) {
+        std::vector<double> felt;
+        double highest = 0;
+        for (uint32_t k = 0; k < map.force.size(); ++k) {
+            if (std::isnan(map.force[k])) continue;
+            felt.push_back(map.force[k]);
+            if (map.force[k] <= highest) continue;
+            highest = map.force[k];
+            at = (map.right_from + (k % map.columns + 0.5) * map.cell) * map.right + (map.up_from + (k / map.columns + 0.5) * map.cell) * map.up;
+        }
+        std::nth_element(felt.begin(), felt.begin() + static_cast<ptrdiff_t>(felt.size() / 2), felt.end());
+        return highest / felt[felt.size() / 2];
+    };
+    Vec3d place = Vec3d::Zero();
+    const ForceMap map = map_of("10.0");
+    const double with = peak(map, place);
+    const Vec3d lump = Vec3d(0.01, -0.005, 0.033), off = place - (lump - lump.dot(map.normal) * map.normal);
+    EXPECT_LT(off.norm(), 0.012) << "its radius";
+    EXPECT_GT(with, 1.5);
+    const double without = peak(map_of("1.0"), place);
+    EXPECT_LT(without, 0.8 * with);
+}
+
+}  // namespace
+}  // namespace trocar
