@@ -415,12 +415,12 @@ void search_direct(const CandidatePairs& pairs, const ScreenedTriangles& screene
 void put_direct(const CandidatePairs& pairs, const CandidateCellsScratch& scratch, CandidateTriangles& candidates) {
     const uint32_t grain = direct_grain(pairs);
     parallel_for(uint32_t(pairs.a.size()), grain, [&](uint32_t begin, uint32_t end) {
-        const DirectChunk& chunk = scratch.chunk[begin / grain];
         const auto copy = [](const auto& from, Range rows, auto& to, Range place) {
             std::copy_n(from.begin() + rows.first, rows.count, to.begin() + place.first);
         };
         for (uint32_t pair = begin; pair < end; ++pair) {
             if (!scratch.is_direct[pair]) continue;
+            const DirectChunk& chunk = scratch.chunk[begin / grain];
             const DirectPair& found = scratch.direct[pair];
             copy(chunk.crossing, found.crossing, candidates.triangle, candidates.pair[pair]);
             for (int side = 0; side < 2; ++side) copy(chunk.near, found.near[side], candidates.near, candidates.side[2 * pair + side]);
