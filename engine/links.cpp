@@ -210,7 +210,10 @@ void drop_broken_links(Links& links) {
 }
 
 void reserve_links(Links& links, size_t rows, uint32_t groups) {
-    for (uint32_t i = 0; i < groups; ++i) links.group.emplace_back().entity = {static_cast<uint32_t>(links.group.size() - 1), 0};
+    for (uint32_t i = 0; i < groups; ++i) {
+        const uint32_t index = static_cast<uint32_t>(links.group.size());
+        links.group.emplace_back().entity = {index, 0};
+    }
     renumber(links);
     links.node.reserve(rows), links.far_node.reserve(rows), links.point.reserve(rows);
     links.rest.reserve(rows), links.stretch.reserve(rows), links.whole.reserve(rows);

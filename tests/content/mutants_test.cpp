@@ -59,7 +59,7 @@ TEST_F(Mutants, five_hundred_scenes_recordings_and_messages_too) {
 // What the TOML parser itself asserts is an error that names its line, not the end of the program.
 TEST(MalformedScenes, AreNamedWhereTheParserIsLost) {
     const std::filesystem::path file = std::filesystem::temp_directory_path() / "trocar_malformed.toml";
-    for (const char* line : {"[[`ody]]", "[[\x1aody]]", "a = {, b = 1}"}) {
+    for (const char* line : {"[[`ody]]", "[[\x1aody]]", "a = {, b = 1}", "\xc7\xb7 = 3"}) {
         std::ofstream(file) << "name = \"x\"\n\n" << line << "\nseconds = 1\n";
         try {
             read_scene_file(file, {});

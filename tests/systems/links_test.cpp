@@ -474,6 +474,8 @@ TEST(Links, NamesStaySafe) {
     EXPECT_EQ(s.links.node, (std::vector<uint32_t>{0, 0, 1})) << "rows lie in the order of their groups";
     EXPECT_EQ(find_link_group(s.links, {7, 0}), kNone);
     EXPECT_EQ(find_link_group(s.links, {}), kNone);
+    reserve_links(s.links, 8, 3);  // spare groups bear their own names too
+    for (uint32_t g = 0; g < s.links.group.size(); ++g) EXPECT_EQ(s.links.group[g].entity.index, g);
 }
 
 // A staple set while things move: one link between the nearest nodes, pulled tight to its length; the work of pulling is
