@@ -8,6 +8,7 @@
 
 #include "engine/check.hpp"
 #include "engine/error.hpp"
+#include "engine/geometry/quaternion.hpp"
 #include "engine/keyframe_path.hpp"
 #include "engine/text_file.hpp"
 #include "engine/whole_file.hpp"
@@ -95,6 +96,7 @@ DeviceState read_sample(const TraceLine& line, size_t columns) {
     const Quat& q = state.orientation;
     const double length2 = q.w * q.w + q.x * q.x + q.y * q.y + q.z * q.z;
     if (!(std::abs(length2 - 1) < 1e-6)) line.fail(0, "orientation is not a unit quaternion");
+    if (std::abs(length2 - 1) > 1e-12) state.orientation = normalized(q);  // what was recorded stays bit for bit
     return state;
 }
 

@@ -146,6 +146,15 @@ TEST(Device, ReadsWindowsLinesAndASpareEmptyLine) {
     EXPECT_EQ(trace.sample[0].velocity, Vec3d(4, 5, 6));
 }
 
+// Turns written with few digits are made unit again.
+TEST(Device, TurnsOfFewDigitsAreMadeUnit) {
+    const TemporaryFile file;
+    file.write(kHeader + std::string("0,1,2,3,1,0,0,0.0009,4,5,6,7\n"));
+    const Quat q = read_device_trace(file.path).sample.at(0).orientation;
+    EXPECT_NEAR(q.w * q.w + q.x * q.x + q.y * q.y + q.z * q.z, 1, 1e-15);
+    EXPECT_NEAR(q.z / q.w, 0.0009, 1e-15);
+}
+
 // Every kind of damage names the file, the line and the column.
 TEST(Device, BadRecordingsAreRefusedWithTheirPlace) {
     const TemporaryFile file;

@@ -1,7 +1,8 @@
 #include "tests/reference/leapfrog_double.hpp"
 
-#include <Eigen/Dense>
 #include <cmath>
+
+#include "tests/reference/dense.hpp"
 namespace trocar::reference {
 namespace {
 
@@ -24,10 +25,7 @@ std::vector<Vec3d> goals(const DoubleBody& b) {
     for (size_t i = 0; i < b.place.size(); ++i) {
         moment += b.anchor[i] * (b.place[i] - centre) * (b.goal[i] - rest).transpose();
     }
-    const Eigen::JacobiSVD<Matrix3d> svd(moment, Eigen::ComputeFullU | Eigen::ComputeFullV);
-    Matrix3d sign = Matrix3d::Identity();
-    sign(2, 2) = (svd.matrixU() * svd.matrixV().transpose()).determinant() > 0 ? 1 : -1;
-    const Matrix3d turn = svd.matrixU() * sign * svd.matrixV().transpose();
+    const Matrix3d turn = nearest_rotation(moment);
     std::vector<Vec3d> out;
     for (const Vec3d& r : b.goal) out.push_back(turn * (r - rest) + centre);
     return out;
@@ -53,7 +51,7 @@ void rigid_motion(const DoubleBody& b, Vec3d& centre, Vec3d& velocity, Vec3d& tu
         inertia += (r.squaredNorm() * Matrix3d::Identity() - r * r.transpose()) / b.inv_mass[i];
         angular += r.cross(b.velocity[i] - velocity) / b.inv_mass[i];
     }
-    turning = inertia.ldlt().solve(angular);
+    turning = solve_symmetric(inertia, angular);
 }
 
 }  // namespace
@@ -119,7 +117,7 @@ double stiffest_mode(DoubleBody b) {
     }
     for (int r = 0; r < n; ++r)
         for (int c = 0; c < n; ++c) h(r, c) *= std::sqrt(b.inv_mass[r / 3] * b.inv_mass[c / 3]);
-    return Eigen::SelfAdjointEigenSolver<Eigen::MatrixXd>(0.5 * (h + h.transpose()), Eigen::EigenvaluesOnly).eigenvalues().maxCoeff();
+    return largest_eigenvalue(0.5 * (h + h.transpose()));
 }
 
 }  // namespace trocar::reference

@@ -1,10 +1,12 @@
 #include "tests/reference/solid_double.hpp"
 
-#include <Eigen/Dense>
+#include <Eigen/LU>
 #include <Eigen/Sparse>
 #include <algorithm>
 #include <cmath>
 #include <random>
+
+#include "tests/reference/dense.hpp"
 namespace trocar::reference {
 namespace {
 
@@ -85,10 +87,7 @@ Matrix3d edges_of(const std::array<Vec3d, 4>& p) {
 Element corotational_element(const DoubleSolid& s, const std::array<Vec3d, 4>& rest, const std::array<Vec3d, 4>& p) {
     const double mu = s.youngs_modulus / (2 * (1 + s.poisson)), lambda = 2 * mu * s.poisson / (1 - 2 * s.poisson);
     const Matrix3d from = edges_of(rest), deformation = edges_of(p) * from.inverse();
-    const Eigen::JacobiSVD<Matrix3d> svd(deformation, Eigen::ComputeFullU | Eigen::ComputeFullV);
-    Matrix3d sign = Matrix3d::Identity();
-    sign(2, 2) = (svd.matrixU() * svd.matrixV().transpose()).determinant() > 0 ? 1 : -1;
-    const Matrix3d turn = svd.matrixU() * sign * svd.matrixV().transpose();
+    const Matrix3d turn = nearest_rotation(deformation);
     const double volume = from.determinant() / 6;
     Eigen::Matrix<double, 4, 3> shape;  // gradients of the four hat functions
     shape.bottomRows<3>() = from.inverse();
@@ -218,7 +217,7 @@ double stiffest_mode(const DoubleSolid& s, double density) {
             }
         }
     });
-    return Eigen::SelfAdjointEigenSolver<Eigen::MatrixXd>(h, Eigen::EigenvaluesOnly).eigenvalues().maxCoeff();
+    return largest_eigenvalue(h);
 }
 
 void lattice_box(int nx, int ny, int nz, double h, double jitter, std::vector<Vec3d>& position,

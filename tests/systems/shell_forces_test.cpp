@@ -1,12 +1,12 @@
 #include <gtest/gtest.h>
 
-#include <Eigen/Dense>
 #include <cstring>
 
 #include "content/plain_shapes.hpp"
 #include "engine/error.hpp"
 #include "engine/thread_pool.hpp"
 #include "tests/systems/advance_scene.hpp"
+#include "tests/reference/dense.hpp"
 
 // Forces of shells besides springs and anchors: inner pressure, bending.
 namespace trocar {
@@ -266,7 +266,7 @@ TEST(Pressure, LimitIsBelowThatOfTheStiffestMode) {
             for (int r = 0; r < 3 * n; ++r)
                 h(r, c) = -(up[r / 3][r % 3] - down[r / 3][r % 3]) / (2 * step) * std::sqrt(b.inv_mass[r / 3] * b.inv_mass[c / 3]);
         }
-        const double most = Eigen::SelfAdjointEigenSolver<Eigen::MatrixXd>(0.5 * (h + h.transpose())).eigenvalues().maxCoeff();
+        const double most = reference::largest_eigenvalue(0.5 * (h + h.transpose()));
         EXPECT_LE(limit, 2 / std::sqrt(most)) << stretch.transpose();
         if (stretch.isOnes()) {
             EXPECT_GE(limit, 0.5 * 2 / std::sqrt(most)) << "at most 1 / kStretchReserve^2 where pressure rules";
@@ -496,7 +496,7 @@ double true_limit(const Bent& s, const Vec3d& stretch) {
             h(i, j) = h(j, i) = second / (4 * step * step) * std::sqrt(b.inv_mass[i / 3] * b.inv_mass[j / 3]);
         }
     }
-    return 2 / std::sqrt(Eigen::SelfAdjointEigenSolver<Eigen::MatrixXd>(h).eigenvalues().maxCoeff());
+    return 2 / std::sqrt(reference::largest_eigenvalue(h));
 }
 TEST(Bending, LimitIsBelowThatOfTheStiffestMode) {
     Tissue tissue = plate(1e4, 8e-3);

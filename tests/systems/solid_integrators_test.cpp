@@ -1,7 +1,6 @@
 // Solids stepped by midpoint and xpbd: against the double model, a dense solve, each other, and in a scene.
 #include <gtest/gtest.h>
 
-#include <Eigen/Dense>
 #include <cstdio>
 #include <cstring>
 
@@ -12,6 +11,7 @@
 #include "engine/thread_pool.hpp"
 #include "reference/paths.hpp"
 #include "systems/frame.hpp"
+#include "tests/reference/dense.hpp"
 #include "tests/reference/solid_double.hpp"
 #include "tests/systems/advance_scene.hpp"
 namespace trocar {
@@ -178,7 +178,7 @@ void compare_with_dense_solve(float most_shake, double theta) {
         matrix.block<3, 3>(3 * v, 3 * v) += (w > 0 ? 1 / w : 1e12) * Eigen::Matrix3d::Identity();
         right.segment<3>(3 * v) = w > 0 ? Vec3d(h * (force[v] + s.params.gravity / w)) : Vec3d(Vec3d::Zero());
     }
-    const Eigen::VectorXd change = matrix.ldlt().solve(right);
+    const Eigen::VectorXd change = reference::solve_symmetric(matrix, right);
     choose(s, Integrator::kMidpoint, 400, 1e-8);
     s.advance(4, 1);
     for (uint32_t v = 0; v < count; ++v) {
