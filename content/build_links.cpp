@@ -71,7 +71,10 @@ LinkGroup make_group(const SceneFile& scene, const LinkSpec& spec, const World& 
     g.begin = spec.from, g.end = spec.until;
     if (!spec.grip) return g;
     const auto& tools = world.haptics.tool;
-    const auto tool = std::find_if(tools.begin(), tools.end(), [&](const HandTool& t) { return t.body == g.holder; });
+    const auto tool = std::find_if(tools.begin(), tools.end(), [&](const HandTool& t) {
+        const auto jaws = std::span(world.haptics.jaw).subspan(t.jaws.first, t.jaws.count);
+        return t.body == g.holder || std::any_of(jaws.begin(), jaws.end(), [&](const ToolJaw& j) { return j.body == g.holder; });
+    });
     if (tool == tools.end()) refuse(scene, spec.line, "link \"" + spec.name + "\": grip = true, but no [[tool]] holds \"" + spec.holder + "\"");
     g.tool = static_cast<uint32_t>(tool - tools.begin());
     return g;

@@ -151,7 +151,7 @@ void fix_vertices_below(World& world, uint32_t body, double z) {
 void add_path(Paths& paths, uint32_t body, const std::vector<KeyframeSpec>& keys) {
     paths.body.push_back(body);
     paths.keys.push_back({static_cast<uint32_t>(paths.key.size()), static_cast<uint32_t>(keys.size())});
-    for (const KeyframeSpec& k : keys) paths.key.push_back({k.time, k.position, k.orientation, k.jump});
+    for (const KeyframeSpec& k : keys) paths.key.push_back({k.time, k.position, k.orientation, k.jump, k.grip});
 }
 
 // A tool whose whole body feels. Its turns follow the hand as quickly as its moves; both without overshoot.
@@ -175,6 +175,39 @@ void give_shell(const SceneFile& scene, const ToolSpec& spec, const World& world
     if (spec.stiffness > limit) fail(text);
 }
 
+// The jaws meet neither their instrument nor each other.
+void add_jaws(const SceneFile& scene, const ToolSpec& spec, World& world, HandTool& tool) {
+    tool.grip_closed = spec.grip_closed;
+    tool.jaws = {static_cast<uint32_t>(world.haptics.jaw.size()), static_cast<uint32_t>(spec.jaws.size())};
+    if (spec.dof == 6 && !spec.jaws.empty())
+        throw InputError(at(scene, spec.jaws[0].line) + "tool \"" + spec.body + "\" with dof = 6: a [[tool.jaw]] is for tools that feel with their tip");
+    for (const JawSpec& s : spec.jaws) {
+        const auto& names = world.bodies.name;
+        const auto found = std::find(names.begin(), names.end(), s.body);
+        if (found == names.end()) throw InputError(at(scene, s.line) + "no body is named \"" + s.body + "\"");
+        const uint32_t body = static_cast<uint32_t>(found - names.begin());
+        const auto& jaws = world.haptics.jaw;
+        if (world.bodies.motion[body] != Motion::kHand || body == tool.body ||
+            std::any_of(jaws.begin(), jaws.end(), [&](const ToolJaw& j) { return j.body == body; }))
+            throw InputError(at(scene, s.line) + "body \"" + s.body + "\" of a jaw must have motion = \"hand\" and be nothing else");
+        world.haptics.jaw.push_back(s.jaw);
+        world.haptics.jaw.back().body = body;
+    }
+}
+
+// Bodies of one instrument: ascending pairs that do not meet.
+void keep_jaws_apart(World& world) {
+    auto& apart = world.nodes.apart;
+    for (const HandTool& tool : world.haptics.tool) {
+        std::vector<uint32_t> parts{tool.body};
+        for (uint32_t j = tool.jaws.first; j < tool.jaws.end(); ++j) parts.push_back(world.haptics.jaw[j].body);
+        for (size_t a = 0; a < parts.size(); ++a)
+            for (size_t b = 0; b < a; ++b) apart.push_back({std::min(parts[a], parts[b]), std::max(parts[a], parts[b])});
+    }
+    std::sort(apart.begin(), apart.end());
+    apart.erase(std::unique(apart.begin(), apart.end()), apart.end());
+}
+
 void add_tool(const SceneFile& scene, const ToolSpec& spec, World& world) {
     const auto& names = world.bodies.name;
     const auto found = std::find(names.begin(), names.end(), spec.body);
@@ -195,6 +228,7 @@ void add_tool(const SceneFile& scene, const ToolSpec& spec, World& world) {
     tool.pivot = spec.pivot;
     tool.limits = spec.limits;
     if (spec.dof == 6) give_shell(scene, spec, world, tool);
+    add_jaws(scene, spec, world, tool);
     tool.effects = {static_cast<uint32_t>(world.haptics.effect.size()), static_cast<uint32_t>(spec.effects.size())};
     world.haptics.effect.insert(world.haptics.effect.end(), spec.effects.begin(), spec.effects.end());
     if (world.haptics.tool.size() == kMaxTools) throw InputError(at(scene, spec.line) + "more than " + std::to_string(kMaxTools) + " tools");
@@ -207,7 +241,14 @@ void add_tool(const SceneFile& scene, const ToolSpec& spec, World& world) {
     }
     world.haptics.tool.push_back(tool);
     world.haptics.state.emplace_back();
-    add_tool_exchanges(scene, spec, world, static_cast<uint32_t>(world.haptics.tool.size() - 1));
+    const uint32_t row = static_cast<uint32_t>(world.haptics.tool.size() - 1);
+    add_tool_exchanges(scene, spec, world, row);
+    for (uint32_t t = row + 1; t < world.haptics.tool.size() && spec.dof == 6; ++t) {
+        ToolSpec other = spec;  // feels with all of its own body
+        other.body = world.bodies.name[world.haptics.tool[t].body];
+        other.tip = world.haptics.tool[t].tip;
+        give_shell(scene, other, world, world.haptics.tool[t]);
+    }
 }
 
 Camera make_camera(const CameraSpec& spec) {
@@ -427,6 +468,7 @@ void add_scene_body(const SceneFile& scene, const BodySpec& spec, const Prototyp
     world.poses.origin[body] = spec.position;
     world.poses.orientation[body] = spec.orientation;
     if (!spec.above.empty()) place_above(scene, spec, world, body);
+    if (spec.haptic.body != kNone) world.haptics.surface.push_back(spec.haptic), world.haptics.surface.back().body = body;
     if (spec.motion == Motion::kHand) world.bodies.inv_mass[body] = 1 / (spec.mass > 0 ? spec.mass : 0.05);
     if (spec.motion == Motion::kFree) {
         if (!set_rigid_mass(world.meshes, body, spec.mass, world.bodies, world.particles))
@@ -471,10 +513,13 @@ BuiltScene build_scene(const SceneFile& given) {
     for (const ToolSpec& spec : scene.tools) add_tool(scene, spec, world);
     for (uint32_t body = 0; body < world.bodies.mesh.size(); ++body) {
         const bool held = std::any_of(world.haptics.tool.begin(), world.haptics.tool.end(), [&](const HandTool& t) { return t.body == body; });
-        if (world.bodies.motion[body] == Motion::kHand && !held)
+        const bool jaw = std::any_of(world.haptics.jaw.begin(), world.haptics.jaw.end(), [&](const ToolJaw& j) { return j.body == body; });
+        if (world.bodies.motion[body] == Motion::kHand && !held && !jaw)
             throw InputError(at(scene, scene.bodies[body].line) + "body \"" + world.bodies.name[body] + "\" is hand-driven but no [[tool]] holds it");
+        if (held && jaw) throw InputError(at(scene, scene.bodies[body].line) + "body \"" + world.bodies.name[body] + "\" is both a tool and a jaw");
     }
     add_scene_nodes(scene, world);
+    if (!world.haptics.jaw.empty()) keep_jaws_apart(world);
     add_scene_links(scene, world);
     add_scene_cuts(scene, world);
     open_pools(world);

@@ -395,9 +395,16 @@ void check_tools(const World& w, Faults& f) {
         f.require(tool.shell.empty() || (tool.turn_stiffness > 0 && tool.surface_stiffness > 0 && tool.coupling_stiffness > 0),
                   "a tool that feels with all of its body has no stiffness");
         f.require(tool.pivot.kind <= PivotKind::kTip, "a pivot is of no kind");
+        f.inside(tool.jaws, w.haptics.jaw.size(), "jaws of a tool");
     }
+    for (const ToolJaw& jaw : w.haptics.jaw) f.below(jaw.body, bodies, false, "jaw of body");
     for (const HapticEffect& e : w.haptics.effect)
         f.require(e.kind <= EffectKind::kMagnet && e.trigger <= EffectTrigger::kRelease, "an effect is of no kind");
+    for (const HapticSurface& s : w.haptics.surface) {
+        f.below(s.body, bodies, false, "surface of body");
+        f.require(s.stiffness >= 0 && s.damping >= 0 && s.height >= 0 && s.length > 0 && s.texture <= TextureKind::kNoise,
+                  "a surface feels in no known way");
+    }
     for (const DeviceTrace& trace : w.haptics.trace) f.require(!trace.sample.empty(), "a device trace is empty");
 }
 

@@ -260,7 +260,7 @@ void finish_bodies(AdvanceIsland& island) {
     for (const AdvanceRigid& rigid : island.scratch.rigid) {
         if (rigid.node == kNone || rigid.free != kNone) continue;
         const ContactNode& node = island.scratch.node[rigid.node];
-        island.poses.origin[rigid.body] = to_vec3(node.place);
+        island.poses.origin[rigid.body] = to_vec3(rigid.jaw == kNone ? node.place : rigid.place[1].shift);
         island.poses.velocity[rigid.body] = to_vec3(node.velocity);
         island.poses.orientation[rigid.body] = rigid.orientation[1];
         island.poses.angular_velocity[rigid.body] =

@@ -479,8 +479,10 @@ void add_impulses(AdvanceIsland& island, const RowGroup& group) {
         plan.impulse += impulse;
         if (!s.warm.empty()) s.warm[row.plan] = impulse;
         const auto on_tool = [&](uint32_t rigid, int side, Vec4d j) {
-            if (rigid == kNone || s.rigid[rigid].tool == kNone) return;
-            ToolState& tool = island.tools[s.rigid[rigid].tool];
+            if (rigid == kNone) return;
+            const AdvanceRigid& hit = s.rigid[s.rigid[rigid].holder == kNone ? rigid : s.rigid[rigid].holder];
+            if (hit.tool == kNone) return;
+            ToolState& tool = island.tools[hit.tool];
             tool.contact_impulse += to_vec3(j);
             if (row.turning != kNone) tool.contact_moment += to_vec3(cross(s.turning[row.turning].arm[side], j));
         };

@@ -90,7 +90,8 @@ void pull_linked_rigids(AdvanceIsland& island) {
         if (link.rigid == kNone) continue;
         AdvanceRigid& rigid = s.rigid[link.rigid];
         const Vec4d impulse = -link.kick * link.force;
-        if (rigid.tool != kNone) island.tools[rigid.tool].contact_impulse += to_vec3(impulse);
+        const uint32_t tool = rigid.holder == kNone ? rigid.tool : s.rigid[rigid.holder].tool;
+        if (tool != kNone) island.tools[tool].contact_impulse += to_vec3(impulse);
         if (rigid.node == kNone) continue;
         ContactNode& node = s.node[rigid.node];
         node.velocity += node.inv_mass * impulse;

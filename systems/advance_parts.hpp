@@ -120,6 +120,7 @@ void note_coupling(AdvanceIsland& island, const AdvanceFree& f);
 struct HandPose {
     Vec3d origin;
     Quat orientation;
+    double grip = 0;  // rad
 };
 HandPose hand_pose(const AdvanceIsland& island, uint32_t tool, uint32_t substep);
 

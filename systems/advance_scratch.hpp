@@ -89,6 +89,8 @@ struct AdvanceRigid {
     uint32_t tool = kNone;  // row of tools, if a hand with a device
     uint32_t node = kNone;  // of the translation, of a hand or a free body
     uint32_t free = kNone;  // row of free, if free
+    uint32_t jaw = kNone;   // row of jaws, if a jaw: it has its tool's node
+    uint32_t holder = kNone;  // row of rigid: of a jaw's tool, before its own
     Quat orientation[2];
     RigidMap place[2];              // m, body frame to world
     RigidMap velocity;              // m/s, of a point of the body frame, less that of the node if there is one

@@ -112,6 +112,27 @@ TEST(HapticForce, TheHandFeelsWhatTheTissueDoes) {
     EXPECT_GT(f.lowest_energy, -1e-3);
 }
 
+// A jab faster than any surface, and back out: what the observer books stays above -1 mJ, and since it first touched the hand
+// never got back more than it gave, by the forces that the device was told, each held until the next tick. Breaks when the
+// force that ramps is booked as what the tissue gets (-5.7 mJ).
+TEST(HapticForce, AJabGivesNoEnergy) {
+    const FeltForces f = feel(small_scene("probe_on_liver", "10000").world, 5300);
+    EXPECT_GT(f.lowest_energy, -1e-3);
+    double given = 0, least = 0, largest = 0;
+    for (size_t k = 1; k < f.time.size(); ++k) {
+        if (f.time[k] < 3.4) continue;
+        const Vec3d way = read_device(f.device, f.time[k]).position - read_device(f.device, f.time[k - 1]).position;
+        given -= f.felt[k - 1].dot(way);
+        largest = std::max(largest, f.felt[k].norm());
+        least = std::min(least, given);
+    }
+    std::printf("hand gave %.1f mJ in all, least %.3f mJ; observer's least %.3f mJ; largest force %.2f N\n", 1e3 * given, 1e3 * least,
+                1e3 * f.lowest_energy, largest);
+    EXPECT_GT(largest, 3);
+    EXPECT_GT(given, 0.05);
+    EXPECT_GT(least, -1e-3);
+}
+
 // contact.rate: contacts are found so often, no surface under a force is older than the time from one pass to the next, and
 // the hand feels the same tissue.
 TEST(HapticForce, ContactsAreFoundAtTheRateOfTheScene) {
