@@ -46,6 +46,18 @@ class CommandLine : public testing::Test {
     fs::path folder_;
 };
 
+// A scene is built and not run; what is wrong is told by its line.
+TEST_F(CommandLine, CheckNamesTheWrongLineOfAScene) {
+    const std::string scene = "[[body]]\nname = \"floor\"\nshape = \"box\"\ntriangles = 12\n[body.haptic]\nstatic_friction = ";
+    const Outcome good = run("check " + write("good.toml", scene + "0.2\n").string());
+    EXPECT_EQ(good.code, 0) << good.err;
+    EXPECT_NE(good.out.find("a sound scene of 1 bodies"), std::string::npos) << good.out;
+    const Outcome bad = run("check " + write("bad.toml", scene + "-0.2\n").string());
+    EXPECT_EQ(bad.code, 2);
+    EXPECT_NE(bad.err.find("bad.toml:6:"), std::string::npos) << bad.err;
+    expect_one_line(bad.err);
+}
+
 TEST_F(CommandLine, HelpTeachesAndEveryCommandHasAnExample) {
     EXPECT_EQ(run("--help").code, 0);
     for (const char* command : {"run", "check", "query", "collide", "convert", "view", "organ", "scenes"}) {

@@ -582,7 +582,7 @@ position = [0.0, 0.0, 0.005]
     const auto error = [&](const std::string& haptic) { return error_of(floor + "[body.haptic]\n" + haptic + probe); };
     EXPECT_NE(error("static_friction = 0.1\ndynamic_friction = 0.2\n").find("must not be above"), std::string::npos);
     EXPECT_NE(error("dynamic_friction = 0.2\n").find("needs a static_friction"), std::string::npos);
-    EXPECT_NE(error("texture = \"grating\"\n").find(":7:1: [body.haptic]: a texture needs a height"), std::string::npos) << error("texture = \"grating\"\n");
+    EXPECT_NE(error("texture = \"grating\"\n").find(":7:1: a texture needs a height"), std::string::npos) << error("texture = \"grating\"\n");
     EXPECT_NE(error("texture = \"velvet\"\n").find("none of none, grating, noise"), std::string::npos) << error("texture = \"velvet\"\n");
     EXPECT_NE(error("stifness = 1.0\n").find(":8:1"), std::string::npos) << error("stifness = 1.0\n");
     EXPECT_NE(error("damping = -1.0\n").find("damping"), std::string::npos);
@@ -686,10 +686,10 @@ time = 0.0
 grip = 100.0
 [[tool.path]]
 time = 0.5
-grip = 30.0
+grip = 6.0
 [[tool.path]]
 time = 0.7
-grip = 30.0
+grip = 6.0
 [[tool.path]]
 time = 1.2
 position = [0.0, 0.0, -0.02]
@@ -705,7 +705,6 @@ position = [0.0, 0.0, 0.014]
 youngs_modulus = 5e3
 friction = 0.8
 )";
-    scene.replace(scene.find("[[body]]\nname = \"handle\""), 0, "");
     const World made = world_of(scene);
     uint32_t ball = 0;
     while (made.bodies.name[ball] != "ball") ++ball;
@@ -724,7 +723,7 @@ friction = 0.8
         work = std::max(work, std::abs(w.energy.work_hand));
         balance = std::max(balance, std::abs(w.energy.balance));
     });
-    std::printf("lifted %.1f mm of 20, hand's work %.3f mJ, books to %.4f mJ\n", 1e3 * (from - to), 1e3 * work, 1e3 * balance);
+    std::printf("lifted %.1f mm of 20, hand's work %.4f mJ, books to %.6f mJ\n", 1e3 * (from - to), 1e3 * work, 1e3 * balance);
     EXPECT_NEAR(to, from - 0.02, 0.003);
     EXPECT_LT(balance, 0.02 * work);
 }
