@@ -133,6 +133,21 @@ TEST(HapticForce, AJabGivesNoEnergy) {
     EXPECT_GT(least, -1e-3);
 }
 
+// A dial that is driven through its detents meets the tool again and again. What the hand feels then is within what the dial
+// takes, friction, detent and damping over the lever, and the blow of the tool's 50 g against the dial's inertia; felt against a
+// surface that does not know of the touch for a pass or two it was 1.1 N.
+TEST(HapticForce, ADrivenDialIsMetWithoutASpike) {
+    const FeltForces f = feel(small_scene("dial_and_button", "600").world, 5400);
+    double largest = 0;
+    for (size_t k = 1; k < f.time.size(); ++k)
+        if (f.time[k] > 3.3) largest = std::max(largest, f.felt[k].norm());
+    const Felt felt = compare(f, 3.5, 5.2);
+    std::printf("largest %.3f N; felt %.3f N of %.3f N, error %.3f N rms\n", largest, felt.felt, felt.pushed, felt.error);
+    EXPECT_GT(largest, 0.3);
+    EXPECT_LT(largest, 0.85);
+    EXPECT_GT(f.lowest_energy, -1e-4);
+}
+
 // contact.rate: contacts are found so often, no surface under a force is older than the time from one pass to the next, and
 // the hand feels the same tissue.
 TEST(HapticForce, ContactsAreFoundAtTheRateOfTheScene) {
