@@ -490,7 +490,7 @@ constexpr FrameStage kBegin[] = {
     {{"tears",           tear,            mask(R::kSettings, R::kClock, R::kSprings, R::kSolids, R::kBodies, R::kPoses, R::kAnchors), mask(R::kParticles, R::kMeshes, R::kTrees, R::kTears, R::kTorn, R::kTornSprings, R::kSleep, R::kEnergy, R::kReport)}, any_tear},
     {{"body boxes",      body_boxes,      kShapes | mask(R::kSettings, R::kClock, R::kTools, R::kToolState, R::kLives, R::kNodeState), mask(R::kBoxes)}, any_pair},
     {{"candidate pairs", candidate_pairs, kShapes | mask(R::kSettings, R::kClock, R::kBoxes, R::kNodes, R::kTools), mask(R::kPairs, R::kToolState)}, any_pair},
-    {{"sleep",           sleep,           mask(R::kSettings, R::kBodies, R::kPaths, R::kClock, R::kPairs, R::kLinks),     mask(R::kSleep, R::kParticles, R::kPairs, R::kEnergy, R::kReport)}, may_sleep},
+    {{"sleep",           sleep,           mask(R::kSettings, R::kBodies, R::kPaths, R::kClock, R::kPairs, R::kLinks, R::kTools), mask(R::kSleep, R::kParticles, R::kPairs, R::kEnergy, R::kReport)}, may_sleep},
     {{"refit trees",     refit,           kShapes | mask(R::kSettings, R::kClock, R::kBoxes, R::kPairs),            mask(R::kTrees)}, any_pair},
     {{"rasterise",       rasterise_,      kShapes | mask(R::kSettings, R::kBoxes, R::kPairs),                mask(R::kScreened, R::kOccupancy, R::kReport)}, any_pair},
     {{"candidate cells", candidate_cells, kShapes | mask(R::kSettings, R::kClock, R::kBoxes, R::kPairs, R::kScreened, R::kOccupancy), mask(R::kCandidates)}, any_pair},
@@ -502,7 +502,7 @@ constexpr FrameStage kBegin[] = {
     {{"deep overlap",    deep_overlap,    kShapes | mask(R::kPairs, R::kContacts, R::kTrees),                 mask(R::kPairMemory, R::kPenetrations)}, wants_ways_out},
     {{"regions",         regions,         kShapes | mask(R::kPairs, R::kScreened, R::kNear, R::kContacts, R::kContours), mask(R::kRegions)}, wants_regions},
     {{"contact rows",    contact_rows,    kShapes | mask(R::kSettings, R::kClock, R::kBoxes, R::kPairs, R::kCandidates, R::kContacts, R::kPenetrations, R::kContactMemory), mask(R::kRows, R::kReport)}, any_pair},
-    {{"islands",         islands,         mask(R::kBodies, R::kRows, R::kLinks),                             mask(R::kIslands)}, any_mover},
+    {{"islands",         islands,         mask(R::kBodies, R::kRows, R::kLinks, R::kTools),                  mask(R::kIslands)}, any_mover},
     {{"local contact",   local_contact,   kShapes | mask(R::kClock, R::kTools, R::kToolState, R::kNodes, R::kNodeState, R::kBoxes),     mask(R::kToolState, R::kLocalContact)}, any_tool},
 };
 
