@@ -47,6 +47,20 @@ ScatterSpec read_scatter(TomlSection section) {
     return scatter;
 }
 
+// The path so many times on end; a time after the first begins when the one before ends, in its place.
+void repeat_path(uint32_t times, std::vector<KeyframeSpec>& path) {
+    if (path.empty()) return;
+    const size_t keys = path.size(), first = path[0].time > 0 ? 0 : 1;
+    const double period = path.back().time;
+    for (uint32_t n = 1; n < times; ++n) {
+        for (size_t k = first; k < keys; ++k) {
+            KeyframeSpec key = path[k];
+            key.time += n * period;
+            path.push_back(key);
+        }
+    }
+}
+
 }  // namespace
 
 std::vector<KeyframeSpec> read_path(const std::string& file, TomlSection& owner, std::string_view key) {
@@ -66,6 +80,11 @@ std::vector<KeyframeSpec> read_path(const std::string& file, TomlSection& owner,
             section.fail("time must be later than that of the key before");
         path.push_back(frame);
     }
+    uint32_t times = 1;
+    owner.read_count("repeat", times, 1, 1e6);
+    if (times > 1 && path.size() < 2) owner.fail("repeat needs a path of two keys or more");
+    if (times * path.size() > 4'000'000) owner.fail("a path repeated " + std::to_string(times) + " times has more than 4 million keys");
+    repeat_path(times, path);
     return path;
 }
 
@@ -132,6 +151,7 @@ BodySpec read_body(const std::string& file, const toml::table& table) {
         read_tissue(inner, body.tissue);
     }
     body.path = read_path(file, section, "path");
+    section.read("apart", body.apart);
     section.read("break_strain", body.break_strain, 1e-9, 1e12);
     if (const toml::array* groups = section.tables("group"))
         for (const toml::node& node : *groups) body.groups.push_back(read_group(file, *node.as_table()));

@@ -53,6 +53,7 @@ struct BodySpec {
     Vec3d velocity = Vec3d::Zero();          // m/s, free: at the start, of its origin
     Vec3d spin = Vec3d::Zero();              // rad/s, free: at the start, world axes
     std::vector<KeyframeSpec> path;          // kinematic
+    std::vector<std::string> apart;          // bodies that it does not meet, such as the wall that an instrument's port lies in
     std::array<float, 3> color{-1, -1, -1};  // overrides the material's diffuse colour
     double break_strain = std::numeric_limits<double>::infinity();  // springs break above it
     std::vector<GroupSpec> groups;

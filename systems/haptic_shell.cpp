@@ -117,12 +117,19 @@ bool find_planes(const LocalContactModel& model, const HandTool& tool, const Spa
         const uint32_t body = model.shell.node[root].body;
         for (uint32_t k = 0; k < points; ++k, ++row) {
             const double ways = s.shifted + s.turned * s.radius[k] + s.surface_way;
-            if (!s.all_points && s.clear[row] - ways > band) continue;
+            const double known = s.clear[row] - ways;
+            if (!s.all_points && known > band) continue;
             const Vec3d arm = rotate(pose.turn, tool.shell[k].arm);
             const NearestTriangle nearest = find_nearest(model, root, pose.tip + arm, s.nearest[row], model.reach, s.surface);
             ++s.looked_at;
             s.clear[row] = model.reach - kThickest + ways;
             if (nearest.triangle == kNone) continue;
+            const double apart = std::sqrt(nearest.at.squared_distance) - model.half_thickness[nearest.triangle];
+            if (!s.all_points && known > 0 && apart >= band) {  // was outside and did not come through
+                s.nearest[row] = nearest.triangle;
+                s.clear[row] = apart + ways;
+                continue;
+            }
             const ShellContact* held = before.find(body, k);
             const SurfaceSide side = side_of(model, nearest, held ? held->side : 0, s.surface);
             s.nearest[row] = nearest.triangle;

@@ -28,11 +28,9 @@ struct TickSpan {
     SurfaceTime before;  // of the surface at the last tick
     SurfaceTime now;
     double travel = 0;   // m, the proxy may go
+    double surface_way = 0;  // m, the fastest surface near the proxy went
     double moved() const { return now.age - before.age; }
-    // m, a surface that went fastest since the last tick
-    double surface_way(const LocalContactModel& model) const {
-        return model.fastest * std::abs(moved()) + (now.follow - before.follow).norm();
-    }
+    double way_at(double speed) const { return speed * std::abs(moved()) + (now.follow - before.follow).norm(); }
 };
 
 // A surface is not advanced for longer than it was published for: a stalled one stands still.
@@ -50,7 +48,7 @@ TickSpan span_of(const HapticParams& params, const LocalContactModel& model, dou
 // that the surface cannot pass over its centre.
 void carry_proxy(const LocalContactModel& model, const TickSpan& span, double radius, const Room& room,
                  HapticScratch& scratch, ToolState& state) {
-    const double way = span.surface_way(model);
+    const double way = span.surface_way;
     if (way == 0 && state.contacts == 0) return;
     const int steps = static_cast<int>(std::clamp(std::ceil(way / (0.5 * radius)), 1.0, 16.0));
     bool was_outside = state.contacts > 0;
@@ -154,13 +152,14 @@ void haptic_tick(const HapticParams& params, const LocalContactModel& model, dou
     const double device_way = (state.device.position - last.position).norm();
     span.before.follow = surface_follow(params, model.give, last.position, time - span.elapsed);
     span.now.follow = surface_follow(params, model.give, state.device.position, time);
-    const double surface_way = span.surface_way(model);
-    span.travel = std::min((state.device.position - centre).norm(), kSlipSpeed * span.elapsed + 2 * device_way) +
-                  2 * surface_way + 10 * kSkin;
+    const double own_travel = std::min((state.device.position - centre).norm(), kSlipSpeed * span.elapsed + 2 * device_way) + 10 * kSkin;
+    const double most_way = span.way_at(model.fastest);
+    span.surface_way = span.way_at(fastest_near(model, span.now, tool, centre, own_travel + 3 * most_way + kNearby));
+    span.travel = own_travel + 2 * span.surface_way;
     // beyond what the model shows there may be anything
     const double farthest = tool.tip_radius + std::max(0.0, model.give.gap) + span.travel + span.now.follow.norm();
     if (segment_distance(centre, model.from, model.to) + farthest <= model.reach) {
-        gather_near(model, span.now, tool, centre, span.travel + surface_way + kNearby, scratch.near);
+        gather_near(model, span.now, tool, centre, span.travel + span.surface_way + kNearby, scratch.near);
         update_proxy(model, span, tool, scratch, state);
     } else {
         state.proxy_valid = false;
@@ -168,7 +167,7 @@ void haptic_tick(const HapticParams& params, const LocalContactModel& model, dou
     }
     if (state.contacts == 0) state.touched = kNone;
     Vec3d drift = Vec3d::Zero();
-    if (state.contacts > 0 && surface_way > 0) {
+    if (state.contacts > 0 && span.surface_way > 0) {
         const SurfaceMotion motion = surface_motion(state.proxy, kNearby, scratch.near);
         drift = motion.velocity;
         if (motion.body != kNone && motion.body == model.give.body && span.elapsed > 0)
