@@ -98,6 +98,9 @@ double step_of_skin(const World& world, uint32_t body) {
     Particles particles;
     Anchors anchors;
     add_springs(springs, world.meshes, bodies.mesh[body]);
+    const MeshView skin = mesh_view(world.meshes, bodies.mesh[body]);
+    if (has_pressure(bodies, body)) add_fans(springs, skin, bodies.mesh[body]);
+    if (has_bending(bodies, body)) add_hinges(springs, skin, bodies.mesh[body]);
     add_deformable(world.meshes, springs, world.poses, body, bodies, particles, anchors);
     return bodies.stable_dt[body];
 }
@@ -292,8 +295,10 @@ void make_deformable(World& world, uint32_t body, double fixed_below) {
     const uint32_t prototype = world.bodies.mesh[body];
     if (world.springs.info.size() <= prototype || world.springs.info[prototype].slices.count == 0)
         add_springs(world.springs, world.meshes, prototype);
-    if (has_pressure(world.bodies, body)) add_fans(world.springs, world.meshes, prototype);
-    if (has_bending(world.bodies, body)) add_hinges(world.springs, world.meshes, prototype);
+    // those of a shell under a skin came with its nodes
+    const bool rides = has_own_nodes(world.solids, prototype);
+    if (has_pressure(world.bodies, body) && !rides) add_fans(world.springs, mesh_view(world.meshes, prototype), prototype);
+    if (has_bending(world.bodies, body) && !rides) add_hinges(world.springs, mesh_view(world.meshes, prototype), prototype);
     if (is_solid(world.solids, prototype))
         add_solid_body(world.meshes, world.springs, world.solids, world.poses, body, world.bodies, world.particles, world.anchors);
     else if (has_own_nodes(world.solids, prototype))
@@ -353,12 +358,12 @@ bool may_tear(const SceneFile& scene, const BodySpec& spec) {
 Prototype make_body_prototype(const SceneFile& scene, const BodySpec& spec, World& world, Mesh mesh, const PrototypeOptions& options) {
     if (spec.motion != Motion::kDeformable || (!spec.solid && !spec.skin)) return make_prototype(world.meshes, std::move(mesh), options);
     const auto refuse = [&](const std::string& reason) { throw InputError(at(scene, spec.line) + "body \"" + spec.name + "\": " + reason); };
-    const bool swells = spec.tissue.pressure_modulus > 0 || spec.tissue.bending > 0;
-    if (swells && spec.solid) refuse("pressure_modulus and bending are for shells, not for solids");
-    if (swells) refuse("pressure_modulus and bending are not for a shell under a skin: take skin = false");
-    if (!spec.solid && may_tear(scene, spec)) refuse("a shell under a skin is not cut and does not break: take skin = false");
+    if (spec.solid && (spec.tissue.pressure_modulus > 0 || spec.tissue.bending > 0)) refuse("pressure_modulus and bending are for shells, not for solids");
+    if (!spec.solid && may_tear(scene, spec))
+        refuse("a shell under a skin is not cut and does not break: its skin would stretch over the gap; take skin = false");
     try {
-        if (!spec.solid) return make_caged_shell(world.meshes, world.springs, world.solids, std::move(mesh), options, {spec.spacing, spec.cells});
+        if (!spec.solid) return make_caged_shell(world.meshes, world.springs, world.solids, std::move(mesh), options,
+                                                  {.spacing = spec.spacing, .cells = spec.cells, .pressure = spec.tissue.pressure_modulus > 0, .bending = spec.tissue.bending > 0});
         return make_solid(world.meshes, world.springs, world.solids, std::move(mesh), options, {spec.spacing, spec.cells, spec.skin, may_tear(scene, spec)});
     } catch (const InputError& error) {
         throw InputError(at(scene, spec.line) + "body \"" + spec.name + "\": " + error.what());
@@ -372,7 +377,8 @@ struct PrototypeCache {
 
     const Prototype& get(const SceneFile& scene, const BodySpec& spec, World& world, std::vector<std::string>& warnings) {
         // what tears has springs of its own
-        const std::string own = may_tear(scene, spec) || !spec.regions.empty() ? spec.name : "";
+        std::string own = may_tear(scene, spec) || !spec.regions.empty() ? spec.name : "";
+        if (spec.skin && !spec.solid) own += std::string(spec.tissue.pressure_modulus > 0 ? "|swells" : "") + (spec.tissue.bending > 0 ? "|bends" : "");
         char key[512];
         std::snprintf(key, sizeof key, "%s|%s|%s|%u|%llu|%.17g|%.17g|%g,%g,%g|%d|%d,%.17g,%.17g", own.c_str(), spec.file.c_str(), spec.shape.c_str(), spec.triangles,
                       static_cast<unsigned long long>(spec.seed), spec.scale, spec.size, static_cast<double>(spec.color[0]),
@@ -482,15 +488,8 @@ void add_scene_body(const SceneFile& scene, const BodySpec& spec, const Prototyp
     if (spec.motion == Motion::kDeformable) {
         make_deformable(world, body, spec.fixed_below);
         if (!spec.regions.empty()) add_tissue_regions(scene, spec, world, body);
-        const bool tears = may_tear(scene, spec);
-        if (tears) let_tear(world, body, spec.break_strain);
+        if (may_tear(scene, spec)) let_tear(world, body, spec.break_strain);
         why = choose_stepping(scene, spec, world, body);
-        if (!spec.regions.empty() && stepping_of(world.bodies, body).integrator != Integrator::kLeapfrog)
-            throw InputError(at(scene, spec.line) + "body \"" + spec.name + "\": a body with regions is stepped by leapfrog only");
-        if (tears) {
-            if (std::isfinite(spec.break_strain) && stepping_of(world.bodies, body).integrator == Integrator::kXpbd)
-                throw InputError(at(scene, spec.line) + "body \"" + spec.name + "\": springs stepped by xpbd do not break");
-        }
     }
     if (spec.scatter.rate > 0 && spec.copy + 1 == spec.scatter.count) add_pool(scene, spec, body, world);
     if (spec.copy > 0) return;

@@ -352,14 +352,13 @@ void visit_resource(World& w, Resource resource, Visitor& v) {
                 v.array(FIELD(springs.fans.column)), v.array(FIELD(springs.fans.corner)), v.array(FIELD(springs.hinges.groups)),
                 v.array(FIELD(springs.hinges.vertex)), v.array(FIELD(springs.hinges.sine)), v.array(FIELD(springs.hinges.cosine)),
                 v.array(FIELD(springs.hinges.weight)), v.array(FIELD(springs.hinges.cap)), v.array(FIELD(springs.hinges.first)),
-                v.array(FIELD(springs.hinges.column)), v.array(FIELD(springs.hinges.slot)),
-                v.array(FIELD(springs.colours)), v.array(FIELD(springs.colour)), v.array(FIELD(springs.batch)), v.array(FIELD(springs.batch_rest));
+                v.array(FIELD(springs.hinges.column)), v.array(FIELD(springs.hinges.slot)), v.array(FIELD(springs.batch_half_edge));
             break;
         case Resource::kSolids:
             v.array(FIELD(solids.info)), v.array(FIELD(solids.position)), v.array(FIELD(solids.corner[0])),
                 v.array(FIELD(solids.corner[1])), v.array(FIELD(solids.corner[2])), v.array(FIELD(solids.corner[3])),
                 v.array(FIELD(solids.rest)), v.array(FIELD(solids.per_rest)), v.array(FIELD(solids.factor)), v.array(FIELD(solids.slot_column)), v.array(FIELD(solids.colours)), v.array(FIELD(solids.colour)), v.array(FIELD(solids.batch)),
-                v.array(FIELD(solids.batch_volume)), v.array(FIELD(solids.batch_factor)),
+                v.array(FIELD(solids.batch_volume)), v.array(FIELD(solids.batch_factor)), v.array(FIELD(solids.batch_tetrahedron)),
                 v.array(FIELD(solids.slot)), v.array(FIELD(solids.node_volume)), v.array(FIELD(solids.skin_node)),
                 v.array(FIELD(solids.skin_weight));
             break;
