@@ -16,39 +16,16 @@
 #include "engine/thread_pool.hpp"
 #include "systems/frame.hpp"
 #include "tests/frame/scenes_under_test.hpp"
+#include "tests/frame/written_scene.hpp"
 namespace {
 using namespace trocar;
 namespace fs = std::filesystem;
 
-struct SceneText {
-    fs::path path;
-    explicit SceneText(const std::string& text) : path(fs::temp_directory_path() / ("trocar_nodes_" + std::to_string(getpid()) + ".toml")) {
-        std::ofstream(path) << text;
-    }
-    ~SceneText() { fs::remove(path); }
-    World build() const { return std::move(build_scene(read_scene_file(path, {})).world); }
-    std::string error() const {
-        try {
-            build();
-        } catch (const InputError& e) {
-            return e.what();
-        }
-        return "";
-    }
-};
-World world_of(const std::string& text) { return SceneText(text).build(); }
-std::string error_of(const std::string& text) { return SceneText(text).error(); }
+World world_of(const std::string& text) { return std::move(WrittenScene("nodes", text).build().world); }
+std::string error_of(const std::string& text) { return WrittenScene("nodes", text).error(); }
 
-void run(World world, double seconds, const std::function<void(Frame&)>& each, uint32_t threads = 1) {
-    ThreadPool pool(threads);
-    pool.run([&] {
-        Frame frame(std::move(world), {});
-        const int passes = static_cast<int>(std::lround(seconds * 60));
-        for (int pass = 0; pass < passes; ++pass) {
-            frame.step();
-            each(frame);
-        }
-    });
+void run_for(World world, double seconds, const std::function<void(Frame&)>& each, uint32_t threads = 1) {
+    run(std::move(world), static_cast<int>(std::lround(seconds * 60)), [&](Frame& frame, int) { each(frame); }, threads);
 }
 double seconds_of(const Frame& f) { return static_cast<double>(f.world().clock.tick) * 1e-3; }
 
@@ -117,7 +94,7 @@ TEST(Nodes, PlacesAreTheProductOfTheFramesAbove) {
     }
     for (uint32_t v = 0; v < w.meshes.info[w.bodies.mesh[1]].vertices.count; ++v)
         EXPECT_NEAR(s.meshes.position[s.meshes.info[w.bodies.mesh[1]].vertices.first + v].norm(), 0.1, 1e-12) << "0.5 m * 0.1 * 2";
-    run(world_of(kTree), 0.5, [&](Frame& f) {
+    run_for(world_of(kTree), 0.5, [&](Frame& f) {
         if (f.world().clock.pass != 30) return;
         // the stage placed it where the last pass began
         const double t = 1e-3 * static_cast<double>(pass_tick(29, 60));
@@ -187,7 +164,7 @@ spin = [0.0, 3.0, 1.0]
 TEST(Nodes, ADisabledGroupIsNeitherTouchedNorMoved) {
     std::vector<Vec3d> path;  // of the flyer, after each pass
     double rest = 0;
-    run(world_of(kShelf), 0.9, [&](Frame& f) {
+    run_for(world_of(kShelf), 0.9, [&](Frame& f) {
         const World& w = f.world();
         path.push_back(w.poses.origin[2]);
         const uint64_t pass = w.clock.pass;  // passes done
@@ -234,7 +211,7 @@ TEST(DrivenBodies, SpringAndDamperFollowTheClosedForm) {
     const double decay = 0.5 * c / kMass, omega = std::sqrt(k / kMass - decay * decay);
     EXPECT_NEAR(drive.axis.norm(), 1, 1e-15);
     double largest = 0;
-    run(std::move(world), 0.5, [&](Frame& f) {
+    run_for(std::move(world), 0.5, [&](Frame& f) {
         const World& w = f.world();
         const double t = seconds_of(f), q = v / omega * std::exp(-decay * t) * std::sin(omega * t);
         // of leapfrog steps of a millisecond: the spring's phase is off by (w dt)^2 / 24 a radian, that of damping before the kick
@@ -259,7 +236,7 @@ TEST(DrivenBodies, ADialTurnsByTorqueOverInertia) {
     const double inertia = kMass * kSide * kSide / 6 + kMass * Vec3d(0.03, 0, 0).cross(axis).squaredNorm();
     EXPECT_NEAR(drive.inertia, inertia, 1e-12 * inertia);
     const double omega = std::sqrt(1e-4 / inertia), radius = Vec3d(0.03, 0, 0).cross(axis).norm();
-    run(std::move(world), 0.3, [&](Frame& f) {
+    run_for(std::move(world), 0.3, [&](Frame& f) {
         const World& w = f.world();
         const double t = seconds_of(f), angle = 100 * (1 - std::cos(omega * t));
         EXPECT_NEAR(w.node_state.drive[0].place, angle, 1e-3 * angle);
@@ -276,7 +253,7 @@ TEST(DrivenBodies, DryFrictionStopsADialAtTheComputedAngle) {
     const double inertia = kMass * kSide * kSide / 6, w0 = 10, stop = 0.5 * inertia * w0 * w0 / 2e-5, at = inertia * w0 / 2e-5;
     set_rate(world, w0);
     double last = -1;
-    run(std::move(world), 1.5 * at, [&](Frame& f) {
+    run_for(std::move(world), 1.5 * at, [&](Frame& f) {
         const double t = seconds_of(f), q = f.world().node_state.drive[0].place;
         if (t < at - 0.01) { EXPECT_NEAR(q, w0 * t - 0.5 * 2e-5 / inertia * t * t, 2e-3 * stop); }
         if (t > at + 0.01 && last >= 0) { EXPECT_EQ(q, last); }
@@ -295,7 +272,7 @@ TEST(DrivenBodies, DetentsHoldBelowTheirTorqueAndGiveWayAbove) {
                       torque / 1e-5 * 180 / M_PI);
         double place = 0;
         uint32_t notches = 0, limits = 0;
-        run(world_of(driven(text)), 2, [&](Frame& f) {
+        run_for(world_of(driven(text)), 2, [&](Frame& f) {
             const DriveState& d = f.world().node_state.drive[0];
             place = d.place;
             notches = d.events.count[static_cast<size_t>(NodeEventKind::kDetent)];
@@ -368,7 +345,7 @@ position = [0.002, 0.001, 0.013]
 // place is that of two springs in a row. Breaks when the tick does not see where the button is.
 TEST(DrivenBodies, TheHandFeelsTheSpringOfAPressedButton) {
     double worst_books = 0;
-    run(world_of(kPress), 1, [&](Frame& f) {
+    run_for(world_of(kPress), 1, [&](Frame& f) {
         const World& w = f.world();
         worst_books = std::max(worst_books, std::abs(w.energy.balance));
         if (w.clock.pass < 60) return;
@@ -386,9 +363,8 @@ TEST(DrivenBodies, TheHandFeelsTheSpringOfAPressedButton) {
 
 // Pressed beyond its travel it stands at its stop, and the hand feels the coupling against it.
 TEST(DrivenBodies, AButtonStandsAtItsStop) {
-    SceneText scene(kPress);
-    World world = std::move(build_scene(read_scene_file(scene.path, {{"node.button.limits", "[0.0, 0.001]"}})).world);
-    run(std::move(world), 1, [&](Frame& f) {
+    World world = std::move(WrittenScene("nodes", kPress).build({{"node.button.limits", "[0.0, 0.001]"}}).world);
+    run_for(std::move(world), 1, [&](Frame& f) {
         const World& w = f.world();
         EXPECT_LE(w.node_state.drive[0].place, 0.001);
         if (w.clock.pass < 60) return;
@@ -406,7 +382,7 @@ World small_panel() { return std::move(small_scene("dial_and_button", "400").wor
 TEST(DrivenBodies, TheSceneOfDialAndButtonGoesThroughItsEvents) {
     uint64_t hash[2] = {0, 0};
     for (const uint32_t threads : {1u, 2u}) {
-        run(
+        run_for(
             small_panel(), 6,
             [&](Frame& f) {
                 const World& w = f.world();
@@ -484,7 +460,7 @@ position = [0.0, 0.0, 0.008]
 // 1 mm deep with the probe's tip, 2 mm with the ball; then the probe again, clear of the floor. What is laid down stays.
 TEST(ToolExchange, AnotherTipTakesThePlaceOfTheFirst) {
     Vec3d laid_down;
-    run(world_of(kExchange), 2.5, [&](Frame& f) {
+    run_for(world_of(kExchange), 2.5, [&](Frame& f) {
         const World& w = f.world();
         const auto force = [&](size_t tool) { return w.haptics.state[tool].command.force.z(); };
         EXPECT_NE(is_off(w.node_state, 1), is_off(w.node_state, 2)) << w.clock.pass;
@@ -536,7 +512,7 @@ position = [0.0, 0.0, 0.03]
 time = 1.3
 position = [0.0, 0.0, 0.018]
 )";
-    run(world_of(scene), 2.0, [&](Frame& f) {
+    run_for(world_of(scene), 2.0, [&](Frame& f) {
         const World& w = f.world();
         const auto force = [&](size_t tool) { return w.haptics.state[tool].command.force.z(); };
         // springs of points give a hundredth, the lowest point of a ball of triangles is less than 0.1 mm higher
@@ -574,7 +550,7 @@ position = [0.0, 0.0, 0.005]
 )";
     const auto pressed = [&](const std::string& haptic) {
         double force = 0;
-        run(world_of(floor + haptic + probe), 0.8, [&](Frame& f) { force = f.world().haptics.state[0].output.force.z(); });
+        run_for(world_of(floor + haptic + probe), 0.8, [&](Frame& f) { force = f.world().haptics.state[0].output.force.z(); });
         return force;
     };
     EXPECT_NEAR(pressed("[body.haptic]\nstiffness = 300.0\n"), 200 * 0.002, 1e-6);
@@ -646,7 +622,7 @@ grip = 0.0
 // is the first button.
 TEST(ToolJaws, TurnByTheGripAboutTheInstrument) {
     int closed = 0;
-    run(world_of(kJaws), 1.0, [&](Frame& f) {
+    run_for(world_of(kJaws), 1.0, [&](Frame& f) {
         const World& w = f.world();
         const ToolState& tool = w.haptics.state[0];
         if (seconds_of(f) < 0.05) return;
@@ -715,7 +691,7 @@ friction = 0.8
     };
     const double from = middle(made).z();
     double to = 0, least_gap = 1, work = 0, balance = 0, tool = 0;
-    run(world_of(scene), 1.3, [&](Frame& f) {
+    run_for(world_of(scene), 1.3, [&](Frame& f) {
         const World& w = f.world();
         to = middle(w).z();
         tool = w.poses.origin[0].z();

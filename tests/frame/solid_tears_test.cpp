@@ -20,23 +20,13 @@
 #include "systems/frame.hpp"
 #include "systems/tear_bodies.hpp"
 #include "tests/frame/scenes_under_test.hpp"
+#include "tests/frame/written_scene.hpp"
 #include "tests/reference/solid_cases.hpp"
 namespace {
 using namespace trocar;
 namespace fs = std::filesystem;
 
-BuiltScene build(const std::string& text, const std::vector<Override>& overrides = {}) {
-    const fs::path path = fs::temp_directory_path() / ("trocar_solid_tears_" + std::to_string(std::hash<std::string>{}(text)) + ".toml");
-    std::ofstream(path) << text;
-    try {
-        BuiltScene scene = build_scene(read_scene_file(path, overrides));
-        fs::remove(path);
-        return scene;
-    } catch (...) {
-        fs::remove(path);
-        throw;
-    }
-}
+BuiltScene build(const std::string& text, const std::vector<Override>& overrides = {}) { return WrittenScene("solid_tears", text).build(overrides); }
 
 constexpr const char* kBalls = R"(
 gravity = [0.0, 0.0, -1.0]

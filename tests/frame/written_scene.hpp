@@ -1,0 +1,51 @@
+#pragma once
+#include <unistd.h>
+
+#include <filesystem>
+#include <fstream>
+#include <string>
+#include <utility>
+#include <vector>
+
+#include "content/build_scene.hpp"
+#include "engine/error.hpp"
+#include "engine/thread_pool.hpp"
+#include "systems/frame.hpp"
+
+namespace trocar {
+
+// A scene written down in a test, in a file while it lives.
+struct WrittenScene {
+    std::filesystem::path path;
+    WrittenScene(const std::string& name, const std::string& text)
+        : path(std::filesystem::temp_directory_path() / ("trocar_" + name + "_" + std::to_string(getpid()) + ".toml")) {
+        std::ofstream(path) << text;
+    }
+    WrittenScene(const WrittenScene&) = delete;
+    ~WrittenScene() { std::filesystem::remove(path); }
+    BuiltScene build(const std::vector<Override>& overrides = {}) const { return build_scene(read_scene_file(path, overrides)); }
+    // What building it is refused with; empty when it is built.
+    std::string error(const std::vector<Override>& overrides = {}) const {
+        try {
+            build(overrides);
+        } catch (const InputError& e) {
+            return e.what();
+        }
+        return "";
+    }
+};
+
+// Steps a world and looks (Frame&, int pass) after each pass.
+template <typename Look>
+void run(World world, int passes, const Look& look, uint32_t threads = 1) {
+    ThreadPool pool(threads);
+    pool.run([&] {
+        Frame frame(std::move(world), {});
+        for (int i = 0; i < passes; ++i) {
+            frame.step();
+            look(frame, i);
+        }
+    });
+}
+
+}  // namespace trocar
