@@ -199,8 +199,8 @@ SceneFile fold_nodes(const SceneFile& scene) {
 }
 
 void add_tool_exchanges(const SceneFile& scene, const ToolSpec& spec, World& world, uint32_t tool) {
-    if (!spec.exchanges.empty() && !world.haptics.tool[tool].shell.empty())
-        refuse(scene, spec.exchanges[0].line, "tool \"" + spec.body + "\" feels with its whole body (dof = 6): it cannot be exchanged");
+    if (!spec.exchanges.empty() && world.haptics.tool[tool].jaws.count > 0)
+        refuse(scene, spec.exchanges[0].line, "tool \"" + spec.body + "\" has jaws: it cannot be exchanged");
     uint32_t from = tool;
     for (const ToolExchangeSpec& exchange : spec.exchanges) {
         const auto& names = world.bodies.name;

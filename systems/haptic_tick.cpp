@@ -6,6 +6,7 @@
 
 #include "engine/check.hpp"
 #include "systems/haptic_device.hpp"
+#include "systems/haptic_surface.hpp"
 namespace trocar {
 namespace {
 
@@ -83,6 +84,7 @@ bool is_clear(const Vec3d& centre, HapticScratch& scratch) {
 // Moves the proxy to where it belongs for the device's present position.
 void update_proxy(const LocalContactModel& model, const TickSpan& span, const HandTool& tool, HapticScratch& scratch,
                   ToolState& state) {
+    constexpr double kSlow = 1e-3;  // m/s
     const Vec3d goal = state.device.position;
     if (!state.proxy_valid) {
         state.proxy = goal;
@@ -93,7 +95,13 @@ void update_proxy(const LocalContactModel& model, const TickSpan& span, const Ha
     const Room room{state.proxy, span.travel};
     carry_proxy(model, span, tool.tip_radius, room, scratch, state);
     if (!state.proxy_valid) return;
-    const ProxySearch s = find_proxy(state.proxy, goal, room, tool.friction, state.contacts > 0, scratch);
+    const Vec3d carried = state.proxy;
+    const double friction = feel_of(tool, model, state.touched, state.sliding).friction;
+    const ProxySearch s = find_proxy(state.proxy, goal, room, friction, state.contacts > 0, scratch);
+    if (!model.surface.empty()) {
+        state.sliding = state.contacts > 0 && (s.proxy - carried).norm() > kSlow * span.elapsed;
+        state.carried += carried - room.origin;
+    }
     state.proxy = s.proxy;
     state.proxy_valid = !s.inside;
     state.contacts = s.inside ? 0 : s.active;
@@ -109,26 +117,26 @@ Vec3d limited(const Vec3d& v, double most) {
 }
 
 // Force of the coupling on the hand. N
-Vec3d coupling_force(const HandTool& tool, const ToolState& state, const Vec3d& surface_velocity) {
+Vec3d coupling_force(const HandTool& tool, const SurfaceFeel& feel, const ToolState& state, const Vec3d& surface_velocity) {
     if (!state.proxy_valid || state.contacts == 0) return Vec3d::Zero();
-    const Vec3d spring = tool.coupling_stiffness * (state.proxy - state.device.position);
+    const Vec3d spring = feel.stiffness * (state.proxy - state.device.position);
     const double pull = spring.norm();
     if (pull == 0) return Vec3d::Zero();
     const Vec3d direction = spring / pull;
     const double speed = (state.device.velocity - surface_velocity).dot(direction);
     // damping starts with the spring from zero, so that first touch and release are without a step
-    const double damping = std::clamp(-tool.coupling_damping * speed, -pull, pull);
+    const double damping = std::clamp(-feel.damping * speed, -pull, pull);
     // a hair below the maximum, so that rounding never exceeds it
     return limited((pull + damping) * direction, tool.max_force * (1 - 1e-12));
 }
 
 // Force on the hand (N) on the way from the last command to `wanted`: as far as the motions since then explain, and a
 // little more each tick, so that a new set of contacts ramps in.
-Vec3d slewed_force(const HapticParams& params, const HandTool& tool, const TickSpan& span, const Vec3d& wanted,
+Vec3d slewed_force(const HapticParams& params, const HandTool& tool, const SurfaceFeel& feel, const TickSpan& span, const Vec3d& wanted,
                    const Vec3d& drift, const DeviceState& last, double last_gain, const ToolState& state) {
     const double way = (state.device.position - last.position).norm() + drift.norm() * span.moved();
-    const double explained = tool.coupling_stiffness * way +
-                             tool.coupling_damping * (state.device.velocity - last.velocity).norm() +
+    const double explained = feel.stiffness * way +
+                             feel.damping * (state.device.velocity - last.velocity).norm() +
                              tool.max_force * std::abs(state.gain - last_gain);
     return state.command.force + limited(wanted - state.command.force, explained + params.force_slew * span.elapsed);
 }
@@ -165,7 +173,7 @@ void haptic_tick(const HapticParams& params, const LocalContactModel& model, dou
         state.proxy_valid = false;
         state.contacts = 0;
     }
-    if (state.contacts == 0) state.touched = kNone;
+    if (state.contacts == 0) state.touched = kNone, state.sliding = false, state.carried.setZero();
     Vec3d drift = Vec3d::Zero();
     if (state.contacts > 0 && span.surface_way > 0) {
         const SurfaceMotion motion = surface_motion(state.proxy, kNearby, scratch.near);
@@ -173,9 +181,10 @@ void haptic_tick(const HapticParams& params, const LocalContactModel& model, dou
         if (motion.body != kNone && motion.body == model.give.body && span.elapsed > 0)
             drift += (span.now.follow - span.before.follow) / span.elapsed;
     }
-    const Vec3d wanted = state.gain * coupling_force(tool, state, drift);
+    const SurfaceFeel feel = feel_of(tool, model, state.touched, state.sliding);
+    state.pull = state.gain * coupling_force(tool, feel, state, drift);
     state.command.force =
-        accepted ? slewed_force(params, tool, span, wanted, drift, last, last_gain, state) : Vec3d(Vec3d::Zero());
+        accepted ? slewed_force(params, tool, feel, span, state.pull, drift, last, last_gain, state) : Vec3d(Vec3d::Zero());
     state.largest_force = std::max(state.largest_force, state.command.force.norm());
 }
 

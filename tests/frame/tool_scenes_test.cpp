@@ -73,6 +73,35 @@ TEST(ToolScenes, TwoHandsFeelWhatTheTissueBears) {
     });
 }
 
+// The same of an instrument that feels with all of its body: pressed across the liver and held, its hand feels what springs and
+// anchors bear, force and torque. Breaks when the points of the shell stand where the simulated contacts do not.
+TEST(ToolScenes, AShellFeelsWhatTheTissueBears) {
+    ThreadPool pool(0);
+    pool.run([&] {
+        const auto path = source_folder() / "content/scenes/shaft_on_liver.toml";
+        for (const double height : {0.048, 0.044}) {
+            SceneFile scene = read_scene_file(path, {{"liver.tissue.bending", "0.0"}, {"liver.tissue.pressure_modulus", "0.0"}, {"liver.triangles", "4000"}});
+            scene.tools[0].path.resize(3);
+            scene.tools[0].path[2].position.z() = height;
+            Frame frame(std::move(build_scene(scene).world), {});
+            run_until(frame, 2.5, [](const World&) {});
+            const World& w = frame.world();
+            const ToolState& tool = w.haptics.state[0];
+            const reference::DoubleBody liver = double_copy(w, 0);
+            const std::vector<Vec3d> f = reference::forces(liver);
+            Vec3d borne = Vec3d::Zero();
+            for (size_t i = 0; i < f.size(); ++i)
+                if (liver.inv_mass[i] > 0) borne += f[i];
+            const Vec3d moment = tool.contact_moment / (1e-3 * w.clock.period);
+            std::printf("felt %.4f N of %.4f N (%.2f %%), torque %.5f of %.5f N m\n", tool.output.force.norm(), borne.norm(),
+                        100 * (tool.output.force.norm() / borne.norm() - 1), tool.output.torque.norm(), moment.norm());
+            EXPECT_GT(borne.norm(), 0.3);
+            EXPECT_NEAR(tool.output.force.norm(), borne.norm(), 0.01 * borne.norm()) << height;
+            EXPECT_NEAR(tool.output.torque.norm(), moment.norm(), 0.02 * moment.norm()) << height;
+        }
+    });
+}
+
 // Below the force that the wall bears the needle stays outside; beyond it goes through and the wall lets it alone, shaft and
 // all; drawn out, it may be stopped again. Breaks when the proxy or the simulated needle slips through a thin wall, and when
 // the wall pushes out a needle that is through it.
