@@ -2,6 +2,7 @@
 #include <array>
 #include <vector>
 
+#include "components/haptic_surface.hpp"
 #include "components/math.hpp"
 #include "components/mesh.hpp"
 namespace trocar {
@@ -142,7 +143,8 @@ struct HapticEvents {
 
 // What the last stage before the device remembers.
 struct SafetyState {
-    Vec3d contact_force = Vec3d::Zero();   // N, of contact, let through at the last tick
+    Vec3d contact_force = Vec3d::Zero();   // N, of contact, let through at the last tick ...
+    Vec3d pull = Vec3d::Zero();            // N, ... and of the coupling on what the proxy touches
     Vec3d from_device = Vec3d::Zero();     // m, where the device and the proxy were then
     Vec3d from_proxy = Vec3d::Zero();
     double energy = 0;                     // J, that contact took from the hand; below zero it gave some
@@ -154,7 +156,7 @@ struct SafetyState {
     uint64_t limited_ticks = 0;
     uint64_t safe_ticks = 0;               // ticks with the force held at or on its way to zero by trouble
     // the same of the turning of a tool with a shell, a coupling of its own
-    Vec3d contact_torque = Vec3d::Zero();  // N m
+    Vec3d contact_torque = Vec3d::Zero(), pull_torque = Vec3d::Zero();  // N m
     Quat from_device_turn, from_proxy_turn;
     double turn_energy = 0;                // J
     double lowest_turn_energy = 0;         // J
@@ -170,6 +172,15 @@ struct ClutchState {
 struct ShellPoint {
     Vec3d arm = Vec3d::Zero();     // m, from the tip, axes of the body
     Vec3d inward = Vec3d::Zero();  // unit, into the instrument, axes of the body
+};
+
+// A body of its own that turns about an axis of an instrument as far as the device's grip says. Constant after load.
+struct ToolJaw {
+    uint32_t body = kNone;
+    Vec3d pivot = Vec3d::Zero();  // m, frame of the instrument: where the jaw's origin is
+    Quat closed;                  // jaw frame to that of the instrument, at grip 0
+    Vec3d axis{1, 0, 0};          // unit, frame of the instrument
+    double share = 0.5;           // of the grip that it turns by, against the clock about the axis; negative: with it
 };
 
 // A tool held by a device. Constant after load.
@@ -189,6 +200,8 @@ struct HandTool {
     Pivot pivot;
     DeviceLimits limits;
     Range effects;  // rows of Haptics::effect
+    Range jaws;     // rows of Haptics::jaw
+    double grip_closed = 0;  // rad, a grip below counts as the first button down
     // The rest is of tools whose whole instrument feels (dof = 6); those with a sphere at the tip have no shell.
     std::vector<ShellPoint> shell;    // neighbours in space follow each other
     double shell_radius = 0;          // m, of the farthest point of the shell
@@ -288,6 +301,8 @@ struct LocalContactModel {
     std::vector<double>
         half_thickness;  // m, per triangle; > 0: a sheet, it stops the tool on both sides; 0: of a closed body
     ShellOutlook shell;  // of a tool that has one
+    std::vector<HapticSurface> surface;  // of bodies that feel otherwise than the tool says
+    bool in_hand = true;          // false: another instrument was exchanged for this one
 };
 
 // What a contact pass found of one tool, for the next one to compare with.
@@ -321,6 +336,10 @@ struct ToolState {
     bool proxy_valid = false;     // false until the sphere is seen clear of every surface: no force
     uint32_t contacts = 0;        // surface constraints active on the proxy
     uint32_t touched = kNone;     // body whose surface holds the proxy; kNone without contacts
+    bool sliding = false;              // along the surface, faster than 1 mm/s
+    Vec3d carried = Vec3d::Zero();     // m, that surface took the proxy along since it was touched
+    Vec3d pull = Vec3d::Zero();         // N, of the coupling of device and proxy: what `command` is on its way to, and
+    Vec3d pull_torque = Vec3d::Zero();  // N m, of one that turns
     DeviceCommand command;        // of contact alone
     DeviceCommand output;         // what the device is told: contact and effects within limits
     bool device_valid = false;  // `device` is a sample that was accepted
@@ -354,6 +373,8 @@ struct Haptics {
     std::vector<HandTool> tool;      // constant
     std::vector<DeviceTrace> trace;  // constant
     std::vector<HapticEffect> effect;  // constant
+    std::vector<ToolJaw> jaw;          // constant
+    std::vector<HapticSurface> surface;  // constant; one a body that feels otherwise than its tool says
     std::vector<ToolState> state;    // one per tool
     uint64_t ticks = 0;
     double max_force = 0;           // N, largest commanded

@@ -65,6 +65,7 @@ struct Springs {
     std::vector<std::array<uint32_t, 2 * kSliceWidth>> batch;    // 16 first ends, then 16 second ends
     std::vector<std::array<float, kSliceWidth>> batch_rest;      // m
     std::vector<std::array<float, kSliceWidth>> batch_factor;    // as factor; as batch, up to the last varied prototype
+    std::vector<std::array<uint32_t, kSliceWidth>> batch_half_edge;  // row of neighbour, of the first end; kNone of padding
 };
 
 }  // namespace trocar

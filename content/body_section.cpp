@@ -2,6 +2,7 @@
 
 #include <algorithm>
 #include <cmath>
+#include <numbers>
 
 #include "content/tissues.hpp"
 namespace trocar {
@@ -32,6 +33,29 @@ void read_tissue(TomlSection& section, Tissue& t) {
     section.refuse_unknown();
 }
 
+HapticSurface read_surface(TomlSection section, Motion motion) {
+    HapticSurface s;
+    s.body = 0;  // known when it is built
+    s.deformable = motion == Motion::kDeformable;
+    section.read("stiffness", s.stiffness, 0, 1e7);
+    section.read("damping", s.damping, 0, 1e6);
+    section.read("static_friction", s.static_friction, 0, 1e3);
+    s.dynamic_friction = s.static_friction;
+    section.read("dynamic_friction", s.dynamic_friction, 0, 1e3);
+    section.read_enum<TextureKind>("texture", s.texture,
+                                   {{"none", TextureKind::kNone}, {"grating", TextureKind::kGrating}, {"noise", TextureKind::kNoise}});
+    section.read("height", s.height, 0, 1e-2);
+    section.read("length", s.length, 1e-6, 1);
+    section.read_direction("along", s.along);
+    section.refuse_unknown();
+    if (s.stiffness > 0 && motion != Motion::kStatic && motion != Motion::kKinematic)
+        section.fail("stiffness is for bodies that are static or kinematic: what gives way by itself is as stiff as it is");
+    if (s.dynamic_friction >= 0 && s.static_friction < 0) section.fail("dynamic_friction needs a static_friction");
+    if (s.dynamic_friction > s.static_friction) section.fail("dynamic_friction must not be above static_friction");
+    if ((s.texture != TextureKind::kNone) != (s.height > 0)) section.fail("a texture needs a height (m), and a height a texture");
+    return s;
+}
+
 ScatterSpec read_scatter(TomlSection section) {
     ScatterSpec scatter;
     section.read_count("count", scatter.count, 1, 1e6);
@@ -47,25 +71,51 @@ ScatterSpec read_scatter(TomlSection section) {
     return scatter;
 }
 
+// The path so many times on end; a time after the first begins when the one before ends, in its place.
+void repeat_path(uint32_t times, std::vector<KeyframeSpec>& path) {
+    if (path.empty()) return;
+    const size_t keys = path.size(), first = path[0].time > 0 ? 0 : 1;
+    const double period = path.back().time;
+    for (uint32_t n = 1; n < times; ++n) {
+        for (size_t k = first; k < keys; ++k) {
+            KeyframeSpec key = path[k];
+            key.time += n * period;
+            path.push_back(key);
+        }
+    }
+}
+
 }  // namespace
 
-std::vector<KeyframeSpec> read_path(const std::string& file, TomlSection& owner, std::string_view key) {
+void read_degrees(TomlSection& section, std::string_view key, double& angle) {
+    double degrees = angle * (180 / std::numbers::pi);
+    section.read(key, degrees, 0, 180);
+    angle = degrees * (std::numbers::pi / 180);
+}
+
+std::vector<KeyframeSpec> read_path(const std::string& file, TomlSection& owner, std::string_view key, bool with_grip) {
     std::vector<KeyframeSpec> path;
     const toml::array* array = owner.tables(key);
     if (!array) return path;
     for (const toml::node& node : *array) {
         TomlSection section(file, *node.as_table(), std::string(key));
         KeyframeSpec frame;
-        if (!path.empty()) frame.position = path.back().position, frame.orientation = path.back().orientation;
+        if (!path.empty()) frame.position = path.back().position, frame.orientation = path.back().orientation, frame.grip = path.back().grip;
         section.read("time", frame.time, 0, 1e9);
         section.read("position", frame.position);
         section.read("rotation", frame.orientation);
         section.read("jump", frame.jump);
+        if (with_grip) read_degrees(section, "grip", frame.grip);
         section.refuse_unknown();
         if (!path.empty() && frame.time <= path.back().time)
             section.fail("time must be later than that of the key before");
         path.push_back(frame);
     }
+    uint32_t times = 1;
+    owner.read_count("repeat", times, 1, 1e6);
+    if (times > 1 && path.size() < 2) owner.fail("repeat needs a path of two keys or more");
+    if (times * path.size() > 4'000'000) owner.fail("a path repeated " + std::to_string(times) + " times has more than 4 million keys");
+    repeat_path(times, path);
     return path;
 }
 
@@ -132,11 +182,13 @@ BodySpec read_body(const std::string& file, const toml::table& table) {
         read_tissue(inner, body.tissue);
     }
     body.path = read_path(file, section, "path");
+    section.read("apart", body.apart);
     section.read("break_strain", body.break_strain, 1e-9, 1e12);
     if (const toml::array* groups = section.tables("group"))
         for (const toml::node& node : *groups) body.groups.push_back(read_group(file, *node.as_table()));
     if (const toml::array* regions = section.tables("region"))
         for (const toml::node& node : *regions) body.regions.push_back(read_tissue_region(file, *node.as_table()));
+    if (const toml::table* haptic = section.table("haptic")) body.haptic = read_surface({file, *haptic, "[body.haptic]"}, body.motion);
     if (const toml::table* scatter = section.table("scatter")) body.scatter = read_scatter({file, *scatter, "[body.scatter]"});
     section.refuse_unknown();
     if (body.scatter.count > 0 && (body.motion == Motion::kHand || !body.above.empty()))

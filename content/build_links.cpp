@@ -71,7 +71,10 @@ LinkGroup make_group(const SceneFile& scene, const LinkSpec& spec, const World& 
     g.begin = spec.from, g.end = spec.until;
     if (!spec.grip) return g;
     const auto& tools = world.haptics.tool;
-    const auto tool = std::find_if(tools.begin(), tools.end(), [&](const HandTool& t) { return t.body == g.holder; });
+    const auto tool = std::find_if(tools.begin(), tools.end(), [&](const HandTool& t) {
+        const auto jaws = std::span(world.haptics.jaw).subspan(t.jaws.first, t.jaws.count);
+        return t.body == g.holder || std::any_of(jaws.begin(), jaws.end(), [&](const ToolJaw& j) { return j.body == g.holder; });
+    });
     if (tool == tools.end()) refuse(scene, spec.line, "link \"" + spec.name + "\": grip = true, but no [[tool]] holds \"" + spec.holder + "\"");
     g.tool = static_cast<uint32_t>(tool - tools.begin());
     return g;
@@ -141,8 +144,6 @@ void add_scene_cuts(const SceneFile& scene, World& world) {
             refuse(scene, spec.line, name + "a solid is cut by a region, not by a material");
         if (has_pressure(world.bodies, group.body) || has_bending(world.bodies, group.body))
             refuse(scene, spec.line, name + "a body that is cut cannot keep its volume or bend: set pressure_modulus and bending to 0");
-        if (stepping_of(world.bodies, group.body).integrator == Integrator::kXpbd)
-            refuse(scene, spec.line, name + "a body stepped by xpbd cannot be cut");
         const auto& bodies = world.tears.body;
         const auto tear = std::find_if(bodies.begin(), bodies.end(), [&](const TearBody& t) { return t.body == group.body; });
         world.tears.cut.push_back({static_cast<uint32_t>(tear - bodies.begin()), spec.time, group.region, group.material});

@@ -107,8 +107,18 @@ void add_drive(const SceneFile& scene, uint32_t node, uint32_t body, const NodeF
 }
 
 // What is driven meets neither what stands nor what else is driven in the node above: its guides are in its numbers.
-void keep_apart(World& world) {
+// Besides what the scene keeps apart.
+void keep_apart(const SceneFile& scene, World& world) {
     Nodes& nodes = world.nodes;
+    for (uint32_t body = 0; body < scene.bodies.size(); ++body) {
+        for (const std::string& name : scene.bodies[body].apart) {
+            const auto found = std::find(world.bodies.name.begin(), world.bodies.name.end(), name);
+            if (found == world.bodies.name.end()) refuse(scene, scene.bodies[body].line, "apart: no body is named \"" + name + "\"");
+            const uint32_t other = static_cast<uint32_t>(found - world.bodies.name.begin());
+            if (other == body) refuse(scene, scene.bodies[body].line, "apart: body \"" + name + "\" names itself");
+            nodes.apart.push_back({std::min(body, other), std::max(body, other)});
+        }
+    }
     const auto parent_of = [&](uint32_t body) { return nodes.of_body[body] == kNone ? kNone : nodes.parent[nodes.of_body[body]]; };
     for (const NodeDrive& drive : nodes.drive) {
         for (uint32_t other = 0; other < world.bodies.mesh.size(); ++other) {
@@ -119,6 +129,7 @@ void keep_apart(World& world) {
         }
     }
     std::sort(nodes.apart.begin(), nodes.apart.end());
+    nodes.apart.erase(std::unique(nodes.apart.begin(), nodes.apart.end()), nodes.apart.end());
 }
 
 void add_switches(const SceneFile& scene, World& world) {
@@ -188,8 +199,8 @@ SceneFile fold_nodes(const SceneFile& scene) {
 }
 
 void add_tool_exchanges(const SceneFile& scene, const ToolSpec& spec, World& world, uint32_t tool) {
-    if (!spec.exchanges.empty() && !world.haptics.tool[tool].shell.empty())
-        refuse(scene, spec.exchanges[0].line, "tool \"" + spec.body + "\" feels with its whole body (dof = 6): it cannot be exchanged");
+    if (!spec.exchanges.empty() && world.haptics.tool[tool].jaws.count > 0)
+        refuse(scene, spec.exchanges[0].line, "tool \"" + spec.body + "\" has jaws: it cannot be exchanged");
     uint32_t from = tool;
     for (const ToolExchangeSpec& exchange : spec.exchanges) {
         const auto& names = world.bodies.name;
@@ -218,7 +229,7 @@ void add_tool_exchanges(const SceneFile& scene, const ToolSpec& spec, World& wor
 }
 
 void add_scene_nodes(const SceneFile& scene, World& world) {
-    if (scene.nodes.empty() && world.nodes.exchange.empty()) return;
+    if (scene.nodes.empty() && world.nodes.exchange.empty()) return keep_apart(scene, world);
     Nodes& nodes = world.nodes;
     if (!nodes.exchange.empty()) world.node_state.laid_down.resize(world.haptics.tool.size(), 0);
     const std::vector<NodeFrame> frames = node_frames(scene);
@@ -240,7 +251,7 @@ void add_scene_nodes(const SceneFile& scene, World& world) {
     for (uint32_t n = 0; n < scene.nodes.size(); ++n)
         if (scene.nodes[n].drive.behaviour != NodeBehaviour::kNone && driven[n] == kNone)
             refuse(scene, scene.nodes[n].line, "node \"" + scene.nodes[n].name + "\" has a behaviour but no body");
-    keep_apart(world);
+    keep_apart(scene, world);
     add_switches(scene, world);
     if (!nodes.name.empty()) check_bodies_of_nodes(scene, world);
     NodeState& state = world.node_state;

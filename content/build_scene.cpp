@@ -98,6 +98,9 @@ double step_of_skin(const World& world, uint32_t body) {
     Particles particles;
     Anchors anchors;
     add_springs(springs, world.meshes, bodies.mesh[body]);
+    const MeshView skin = mesh_view(world.meshes, bodies.mesh[body]);
+    if (has_pressure(bodies, body)) add_fans(springs, skin, bodies.mesh[body]);
+    if (has_bending(bodies, body)) add_hinges(springs, skin, bodies.mesh[body]);
     add_deformable(world.meshes, springs, world.poses, body, bodies, particles, anchors);
     return bodies.stable_dt[body];
 }
@@ -151,7 +154,7 @@ void fix_vertices_below(World& world, uint32_t body, double z) {
 void add_path(Paths& paths, uint32_t body, const std::vector<KeyframeSpec>& keys) {
     paths.body.push_back(body);
     paths.keys.push_back({static_cast<uint32_t>(paths.key.size()), static_cast<uint32_t>(keys.size())});
-    for (const KeyframeSpec& k : keys) paths.key.push_back({k.time, k.position, k.orientation, k.jump});
+    for (const KeyframeSpec& k : keys) paths.key.push_back({k.time, k.position, k.orientation, k.jump, k.grip});
 }
 
 // A tool whose whole body feels. Its turns follow the hand as quickly as its moves; both without overshoot.
@@ -175,6 +178,39 @@ void give_shell(const SceneFile& scene, const ToolSpec& spec, const World& world
     if (spec.stiffness > limit) fail(text);
 }
 
+// The jaws meet neither their instrument nor each other.
+void add_jaws(const SceneFile& scene, const ToolSpec& spec, World& world, HandTool& tool) {
+    tool.grip_closed = spec.grip_closed;
+    tool.jaws = {static_cast<uint32_t>(world.haptics.jaw.size()), static_cast<uint32_t>(spec.jaws.size())};
+    if (spec.dof == 6 && !spec.jaws.empty())
+        throw InputError(at(scene, spec.jaws[0].line) + "tool \"" + spec.body + "\" with dof = 6: a [[tool.jaw]] is for tools that feel with their tip");
+    for (const JawSpec& s : spec.jaws) {
+        const auto& names = world.bodies.name;
+        const auto found = std::find(names.begin(), names.end(), s.body);
+        if (found == names.end()) throw InputError(at(scene, s.line) + "no body is named \"" + s.body + "\"");
+        const uint32_t body = static_cast<uint32_t>(found - names.begin());
+        const auto& jaws = world.haptics.jaw;
+        if (world.bodies.motion[body] != Motion::kHand || body == tool.body ||
+            std::any_of(jaws.begin(), jaws.end(), [&](const ToolJaw& j) { return j.body == body; }))
+            throw InputError(at(scene, s.line) + "body \"" + s.body + "\" of a jaw must have motion = \"hand\" and be nothing else");
+        world.haptics.jaw.push_back(s.jaw);
+        world.haptics.jaw.back().body = body;
+    }
+}
+
+// Bodies of one instrument: ascending pairs that do not meet.
+void keep_jaws_apart(World& world) {
+    auto& apart = world.nodes.apart;
+    for (const HandTool& tool : world.haptics.tool) {
+        std::vector<uint32_t> parts{tool.body};
+        for (uint32_t j = tool.jaws.first; j < tool.jaws.end(); ++j) parts.push_back(world.haptics.jaw[j].body);
+        for (size_t a = 0; a < parts.size(); ++a)
+            for (size_t b = 0; b < a; ++b) apart.push_back({std::min(parts[a], parts[b]), std::max(parts[a], parts[b])});
+    }
+    std::sort(apart.begin(), apart.end());
+    apart.erase(std::unique(apart.begin(), apart.end()), apart.end());
+}
+
 void add_tool(const SceneFile& scene, const ToolSpec& spec, World& world) {
     const auto& names = world.bodies.name;
     const auto found = std::find(names.begin(), names.end(), spec.body);
@@ -195,6 +231,7 @@ void add_tool(const SceneFile& scene, const ToolSpec& spec, World& world) {
     tool.pivot = spec.pivot;
     tool.limits = spec.limits;
     if (spec.dof == 6) give_shell(scene, spec, world, tool);
+    add_jaws(scene, spec, world, tool);
     tool.effects = {static_cast<uint32_t>(world.haptics.effect.size()), static_cast<uint32_t>(spec.effects.size())};
     world.haptics.effect.insert(world.haptics.effect.end(), spec.effects.begin(), spec.effects.end());
     if (world.haptics.tool.size() == kMaxTools) throw InputError(at(scene, spec.line) + "more than " + std::to_string(kMaxTools) + " tools");
@@ -207,7 +244,14 @@ void add_tool(const SceneFile& scene, const ToolSpec& spec, World& world) {
     }
     world.haptics.tool.push_back(tool);
     world.haptics.state.emplace_back();
-    add_tool_exchanges(scene, spec, world, static_cast<uint32_t>(world.haptics.tool.size() - 1));
+    const uint32_t row = static_cast<uint32_t>(world.haptics.tool.size() - 1);
+    add_tool_exchanges(scene, spec, world, row);
+    for (uint32_t t = row + 1; t < world.haptics.tool.size() && spec.dof == 6; ++t) {
+        ToolSpec other = spec;  // feels with all of its own body
+        other.body = world.bodies.name[world.haptics.tool[t].body];
+        other.tip = world.haptics.tool[t].tip;
+        give_shell(scene, other, world, world.haptics.tool[t]);
+    }
 }
 
 Camera make_camera(const CameraSpec& spec) {
@@ -251,8 +295,10 @@ void make_deformable(World& world, uint32_t body, double fixed_below) {
     const uint32_t prototype = world.bodies.mesh[body];
     if (world.springs.info.size() <= prototype || world.springs.info[prototype].slices.count == 0)
         add_springs(world.springs, world.meshes, prototype);
-    if (has_pressure(world.bodies, body)) add_fans(world.springs, world.meshes, prototype);
-    if (has_bending(world.bodies, body)) add_hinges(world.springs, world.meshes, prototype);
+    // those of a shell under a skin came with its nodes
+    const bool rides = has_own_nodes(world.solids, prototype);
+    if (has_pressure(world.bodies, body) && !rides) add_fans(world.springs, mesh_view(world.meshes, prototype), prototype);
+    if (has_bending(world.bodies, body) && !rides) add_hinges(world.springs, mesh_view(world.meshes, prototype), prototype);
     if (is_solid(world.solids, prototype))
         add_solid_body(world.meshes, world.springs, world.solids, world.poses, body, world.bodies, world.particles, world.anchors);
     else if (has_own_nodes(world.solids, prototype))
@@ -312,12 +358,12 @@ bool may_tear(const SceneFile& scene, const BodySpec& spec) {
 Prototype make_body_prototype(const SceneFile& scene, const BodySpec& spec, World& world, Mesh mesh, const PrototypeOptions& options) {
     if (spec.motion != Motion::kDeformable || (!spec.solid && !spec.skin)) return make_prototype(world.meshes, std::move(mesh), options);
     const auto refuse = [&](const std::string& reason) { throw InputError(at(scene, spec.line) + "body \"" + spec.name + "\": " + reason); };
-    const bool swells = spec.tissue.pressure_modulus > 0 || spec.tissue.bending > 0;
-    if (swells && spec.solid) refuse("pressure_modulus and bending are for shells, not for solids");
-    if (swells) refuse("pressure_modulus and bending are not for a shell under a skin: take skin = false");
-    if (!spec.solid && may_tear(scene, spec)) refuse("a shell under a skin is not cut and does not break: take skin = false");
+    if (spec.solid && (spec.tissue.pressure_modulus > 0 || spec.tissue.bending > 0)) refuse("pressure_modulus and bending are for shells, not for solids");
+    if (!spec.solid && may_tear(scene, spec))
+        refuse("a shell under a skin is not cut and does not break: its skin would stretch over the gap; take skin = false");
     try {
-        if (!spec.solid) return make_caged_shell(world.meshes, world.springs, world.solids, std::move(mesh), options, {spec.spacing, spec.cells});
+        if (!spec.solid) return make_caged_shell(world.meshes, world.springs, world.solids, std::move(mesh), options,
+                                                  {.spacing = spec.spacing, .cells = spec.cells, .pressure = spec.tissue.pressure_modulus > 0, .bending = spec.tissue.bending > 0});
         return make_solid(world.meshes, world.springs, world.solids, std::move(mesh), options, {spec.spacing, spec.cells, spec.skin, may_tear(scene, spec)});
     } catch (const InputError& error) {
         throw InputError(at(scene, spec.line) + "body \"" + spec.name + "\": " + error.what());
@@ -331,7 +377,8 @@ struct PrototypeCache {
 
     const Prototype& get(const SceneFile& scene, const BodySpec& spec, World& world, std::vector<std::string>& warnings) {
         // what tears has springs of its own
-        const std::string own = may_tear(scene, spec) || !spec.regions.empty() ? spec.name : "";
+        std::string own = may_tear(scene, spec) || !spec.regions.empty() ? spec.name : "";
+        if (spec.skin && !spec.solid) own += std::string(spec.tissue.pressure_modulus > 0 ? "|swells" : "") + (spec.tissue.bending > 0 ? "|bends" : "");
         char key[512];
         std::snprintf(key, sizeof key, "%s|%s|%s|%u|%llu|%.17g|%.17g|%g,%g,%g|%d|%d,%.17g,%.17g", own.c_str(), spec.file.c_str(), spec.shape.c_str(), spec.triangles,
                       static_cast<unsigned long long>(spec.seed), spec.scale, spec.size, static_cast<double>(spec.color[0]),
@@ -427,6 +474,7 @@ void add_scene_body(const SceneFile& scene, const BodySpec& spec, const Prototyp
     world.poses.origin[body] = spec.position;
     world.poses.orientation[body] = spec.orientation;
     if (!spec.above.empty()) place_above(scene, spec, world, body);
+    if (spec.haptic.body != kNone) world.haptics.surface.push_back(spec.haptic), world.haptics.surface.back().body = body;
     if (spec.motion == Motion::kHand) world.bodies.inv_mass[body] = 1 / (spec.mass > 0 ? spec.mass : 0.05);
     if (spec.motion == Motion::kFree) {
         if (!set_rigid_mass(world.meshes, body, spec.mass, world.bodies, world.particles))
@@ -440,15 +488,8 @@ void add_scene_body(const SceneFile& scene, const BodySpec& spec, const Prototyp
     if (spec.motion == Motion::kDeformable) {
         make_deformable(world, body, spec.fixed_below);
         if (!spec.regions.empty()) add_tissue_regions(scene, spec, world, body);
-        const bool tears = may_tear(scene, spec);
-        if (tears) let_tear(world, body, spec.break_strain);
+        if (may_tear(scene, spec)) let_tear(world, body, spec.break_strain);
         why = choose_stepping(scene, spec, world, body);
-        if (!spec.regions.empty() && stepping_of(world.bodies, body).integrator != Integrator::kLeapfrog)
-            throw InputError(at(scene, spec.line) + "body \"" + spec.name + "\": a body with regions is stepped by leapfrog only");
-        if (tears) {
-            if (std::isfinite(spec.break_strain) && stepping_of(world.bodies, body).integrator == Integrator::kXpbd)
-                throw InputError(at(scene, spec.line) + "body \"" + spec.name + "\": springs stepped by xpbd do not break");
-        }
     }
     if (spec.scatter.rate > 0 && spec.copy + 1 == spec.scatter.count) add_pool(scene, spec, body, world);
     if (spec.copy > 0) return;
@@ -471,10 +512,13 @@ BuiltScene build_scene(const SceneFile& given) {
     for (const ToolSpec& spec : scene.tools) add_tool(scene, spec, world);
     for (uint32_t body = 0; body < world.bodies.mesh.size(); ++body) {
         const bool held = std::any_of(world.haptics.tool.begin(), world.haptics.tool.end(), [&](const HandTool& t) { return t.body == body; });
-        if (world.bodies.motion[body] == Motion::kHand && !held)
+        const bool jaw = std::any_of(world.haptics.jaw.begin(), world.haptics.jaw.end(), [&](const ToolJaw& j) { return j.body == body; });
+        if (world.bodies.motion[body] == Motion::kHand && !held && !jaw)
             throw InputError(at(scene, scene.bodies[body].line) + "body \"" + world.bodies.name[body] + "\" is hand-driven but no [[tool]] holds it");
+        if (held && jaw) throw InputError(at(scene, scene.bodies[body].line) + "body \"" + world.bodies.name[body] + "\" is both a tool and a jaw");
     }
     add_scene_nodes(scene, world);
+    if (!world.haptics.jaw.empty()) keep_jaws_apart(world);
     add_scene_links(scene, world);
     add_scene_cuts(scene, world);
     open_pools(world);

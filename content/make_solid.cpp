@@ -6,8 +6,10 @@
 #include "content/mesh_distance.hpp"
 #include "content/organ_surface.hpp"
 #include "content/surface_texture.hpp"
+#include "engine/bending_forces.hpp"
 #include "engine/error.hpp"
 #include "engine/mesh_topology.hpp"
+#include "engine/pressure_force.hpp"
 #include "engine/solid_setup.hpp"
 #include "engine/solid_tears.hpp"
 namespace trocar {
@@ -122,8 +124,14 @@ Prototype make_caged_shell(Meshes& meshes, Springs& springs, Solids& solids, Mes
         throw InputError("the surface has no more triangles than the cage that it would ride on; take wider cells");
     simplify_mesh(cage, static_cast<uint32_t>(wanted));
     SolidSkin carried{bind_to_surface(surface.position, cage.position, cage.triangle), cage.triangle};
+    Meshes cages;
+    if (fill.pressure || fill.bending) add_prototype(cages, cage, judge_mesh(cage).admitted_as);
+    if (fill.pressure && cages.info[0].admission != Admission::kSolid && skin.judgement.admitted_as == Admission::kSolid)
+        throw InputError("the surface that is simulated does not enclose a volume that pressure could keep; take finer cells");
     skin.row = add_prototype(meshes, surface, skin.judgement.admitted_as);
     add_caged_shell(meshes, skin.row, cage.position, carried, springs, solids);
+    if (fill.pressure) add_fans(springs, mesh_view(cages, 0), skin.row);
+    if (fill.bending) add_hinges(springs, mesh_view(cages, 0), skin.row);
     return skin;
 }
 

@@ -18,6 +18,7 @@ struct KeyframeSpec {
     Vec3d position = Vec3d::Zero();  // m
     Quat orientation;
     bool jump = false;  // arrives at once instead of moving there from the key before
+    double grip = 0;    // rad, of a tool's hand
 };
 
 // One [[body]] of a scene file.
@@ -53,12 +54,21 @@ struct BodySpec {
     Vec3d velocity = Vec3d::Zero();          // m/s, free: at the start, of its origin
     Vec3d spin = Vec3d::Zero();              // rad/s, free: at the start, world axes
     std::vector<KeyframeSpec> path;          // kinematic
+    std::vector<std::string> apart;          // bodies that it does not meet, such as the wall that an instrument's port lies in
     std::array<float, 3> color{-1, -1, -1};  // overrides the material's diffuse colour
     double break_strain = std::numeric_limits<double>::infinity();  // springs break above it
     std::vector<GroupSpec> groups;
     std::vector<TissueRegionSpec> regions;
+    HapticSurface haptic;                    // body < kNone: it has properties of its own
     ScatterSpec scatter;                     // count > 0: this is one of so many copies
     uint32_t copy = 0;                       // which
+};
+
+// One [[tool.jaw]]: a hand body that the grip turns about an axis of the tool's body.
+struct JawSpec {
+    uint32_t line = 0;
+    std::string body;
+    ToolJaw jaw;  // body is known when it is built
 };
 
 // One [[tool]]: a device that drives a hand body.
@@ -85,6 +95,8 @@ struct ToolSpec {
     DeviceLimits limits;
     std::vector<HapticEffect> effects;
     std::vector<ToolExchangeSpec> exchanges;
+    std::vector<JawSpec> jaws;
+    double grip_closed = 0;  // rad, a grip below counts as the first button
 };
 
 struct CameraSpec {

@@ -109,6 +109,18 @@ void TomlSection::read(std::string_view key, std::string& value) {
     }
 }
 
+void TomlSection::read(std::string_view key, std::vector<std::string>& values) {
+    const toml::node* node = find(key);
+    if (!node) return;
+    const auto add = [&](const toml::node& word) {
+        if (!word.is_string()) fail(word, std::string(key) + " must be a string or an array of strings");
+        values.push_back(*word.value<std::string>());
+    };
+    const toml::array* array = node->as_array();
+    if (!array) return add(*node);
+    for (const toml::node& word : *array) add(word);
+}
+
 void TomlSection::read(std::string_view key, bool& value) {
     if (const toml::node* node = find(key)) {
         if (!node->is_boolean()) fail(*node, std::string(key) + " must be true or false");

@@ -33,6 +33,7 @@ class TomlSection {
     const toml::node* find(std::string_view key);
     void read(std::string_view key, double& value, double lowest = -1e300, double highest = 1e300);
     void read(std::string_view key, std::string& value);
+    void read(std::string_view key, std::vector<std::string>& values);  // one string, or an array of them
     void read(std::string_view key, bool& value);
     void read(std::string_view key, Vec3d& value);
     void read(std::string_view key, Quat& value);  // [axis x, y, z, degrees]

@@ -117,6 +117,19 @@ ToolExchangeSpec read_exchange(TomlSection section) {
     return exchange;
 }
 
+JawSpec read_jaw(TomlSection section) {
+    JawSpec s;
+    s.line = section.line();
+    section.read("body", s.body);
+    section.read("pivot", s.jaw.pivot);
+    section.read("rotation", s.jaw.closed);
+    section.read_direction("axis", s.jaw.axis);
+    section.read("share", s.jaw.share, -1, 1);
+    section.refuse_unknown();
+    if (s.body.empty()) section.fail("a [[tool.jaw]] needs the name of its body");
+    return s;
+}
+
 // The tables of a [[tool]].
 void read_tool_tables(const std::string& file, TomlSection& section, ToolSpec& tool) {
     if (const toml::table* hand = section.table("hand")) tool.hand = read_hand({file, *hand, "[tool.hand]"});
@@ -125,6 +138,8 @@ void read_tool_tables(const std::string& file, TomlSection& section, ToolSpec& t
     if (const toml::table* limits = section.table("limits")) tool.limits = read_limits({file, *limits, "[tool.limits]"});
     if (const toml::array* exchanges = section.tables("exchange"))
         for (const toml::node& node : *exchanges) tool.exchanges.push_back(read_exchange({file, *node.as_table(), "[[tool.exchange]]"}));
+    if (const toml::array* jaws = section.tables("jaw"))
+        for (const toml::node& node : *jaws) tool.jaws.push_back(read_jaw({file, *node.as_table(), "[[tool.jaw]]"}));
     const toml::array* effects = section.tables("effect");
     if (!effects) return;
     for (const toml::node& node : *effects) tool.effects.push_back(read_effect({file, *node.as_table(), "[[tool.effect]]"}));
@@ -160,7 +175,8 @@ ToolSpec read_tool(const std::string& file, const toml::table& table) {
     section.read("friction", tool.friction, 0, 1e6);
     section.read("pass_through", tool.pass_through, 0, 1e6);
     section.read("trace", tool.trace);
-    tool.path = read_path(file, section, "path");
+    tool.path = read_path(file, section, "path", true);
+    read_degrees(section, "grip_closed", tool.grip_closed);
     read_tool_tables(file, section, tool);
     section.refuse_unknown();
     if (tool.path.empty() && tool.trace.empty())

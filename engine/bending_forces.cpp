@@ -5,7 +5,6 @@
 #include <cmath>
 
 #include "engine/lanes_avx2.hpp"
-#include "engine/mesh_view.hpp"
 #include "engine/parallel.hpp"
 #include "engine/spring_step.hpp"
 namespace trocar {
@@ -196,14 +195,13 @@ double bending_rigidity(const Tissue& tissue) {
     return tissue.bending * tissue.wall * tissue.wall * tissue.wall / (12 * (1 - 1.0 / 9));
 }
 
-void add_hinges(Springs& springs, const Meshes& meshes, uint32_t prototype) {
+void add_hinges(Springs& springs, const MeshView& mesh, uint32_t prototype) {
     Hinges& hinges = springs.hinges;
     if (hinges.groups.size() <= prototype) {
         hinges.groups.resize(prototype + 1, {});
         hinges.first.resize(prototype + 1, kNone);
     }
     if (hinges.first[prototype] != kNone) return;
-    const MeshView mesh = mesh_view(meshes, prototype);
     std::vector<RestHinge> rest;
     for (uint32_t e = 0; e < mesh.edge.size(); ++e) {
         RestHinge hinge;
@@ -249,7 +247,8 @@ double find_bending_energy(const Springs& springs, uint32_t prototype, double ri
 double bending_omega_squared(const Springs& springs, const Bodies& bodies, const Particles& particles, uint32_t body) {
     const Hinges& hinges = springs.hinges;
     const uint32_t prototype = bodies.mesh[body];
-    const Range groups = hinges.groups[prototype], rows = bodies.particles[body];
+    const uint32_t skin = springs.info[prototype].skin;
+    const Range groups = hinges.groups[prototype], rows{bodies.particles[body].first + skin, bodies.particles[body].count - skin};
     const Float4* offset = particles.offset.data() + rows.first;
     const auto place = [&](uint32_t v) { return Vec3d(offset[v].x, offset[v].y, offset[v].z); };
     std::vector<double> row_sum(rows.count, 0.0);

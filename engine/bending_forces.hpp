@@ -5,6 +5,7 @@
 #include "components/mesh.hpp"
 #include "components/particles.hpp"
 #include "components/springs.hpp"
+#include "engine/mesh_view.hpp"
 namespace trocar {
 
 // Bending across edges after discrete shells (Grinspun, Hirani, Desbrun, Schroeder, SCA 2003): an edge of length l at
@@ -24,8 +25,8 @@ inline bool has_bending(const Bodies& bodies, uint32_t body) { return bodies.tis
 // D of a material, N m.
 double bending_rigidity(const Tissue& tissue);
 
-// Makes the hinges of a prototype (its edges between two triangles) unless they are there. Needs its springs.
-void add_hinges(Springs& springs, const Meshes& meshes, uint32_t prototype);
+// Makes the hinges of a prototype (edges between two triangles) unless they are there; `mesh` as add_fans. Needs its springs.
+void add_hinges(Springs& springs, const MeshView& mesh, uint32_t prototype);
 
 // Adds the bending forces (N, rows as offset) of particles that stand at `offset`. Hinges write their four forces, then
 // every vertex gathers its own in fixed order: same bits for any number of threads. hinge_force is reused memory.

@@ -24,6 +24,7 @@ DeviceState read_scripted(const Device& device, double time) {
     state.position = point.position;
     state.orientation = point.orientation;
     state.velocity = point.velocity;
+    state.grip = point.grip;
     if (device.tremor.amplitude > 0) {
         // three frequencies without a common period, so that the path does not repeat
         constexpr double kDetune[3] = {1.0, 0.8793852415718169, 1.1371580426032577};

@@ -51,7 +51,7 @@ struct XpbdStep {
     float* anchor_lambda;       // 3 fields of `rows`; null with one sweep
     unsigned rows;              // particles, padded to 16
     float compliance;           // 1 / (stiffness dt^2), m/(N s^2)
-    const float* factor;        // 16 per batch: stiffness of a spring / `stiffness`; null = 1
+    const float* factor;        // 16 per batch: stiffness of a spring / `stiffness`; 0 = broken; null = 1
     // tetrahedra, 16 a batch, no two of one share a node: the constraint J = 1 with the compliance (J - 1) / (V psi'),
     // 1 / (V bulk) where the volume force is linear
     const unsigned* corners;    // 64 per batch, as ends

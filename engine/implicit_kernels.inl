@@ -320,11 +320,12 @@ void xpbd_springs(const XpbdStep* s, unsigned first, unsigned last) {
                         dj = gather4(s->increment, j);
             const V x = (xj.x - xi.x) + (dj.x - di.x), y = (xj.y - xi.y) + (dj.y - di.y), z = (xj.z - xi.z) + (dj.z - di.z);
             const V length = root(multiply_add(x, x, multiply_add(y, y, z * z)));
-            const V compliance = s->factor ? soft / load(s->factor + 16ul * batch + lane) : soft;
+            const V factor = s->factor ? load(s->factor + 16ul * batch + lane) : one;
+            const V compliance = s->factor ? where_positive(factor, soft / factor) : soft;
             const V weight = (xi.w + xj.w) + compliance;
             V push = load(s->rest + 16ul * batch + lane) - length;
             if (s->lambda) push = push - compliance * load(s->lambda + 16ul * batch + lane);
-            push = where_positive(weight, push / weight);
+            push = where_positive(factor, where_positive(weight, push / weight));
             if (s->lambda) keep_store(s->lambda + 16ul * batch + lane, load(s->lambda + 16ul * batch + lane) + push);
             const V by = where_positive(length, push * (one / length)), ai = zero - by * xi.w, aj = by * xj.w;
             scatter4(s->increment, i, {multiply_add(ai, x, di.x), multiply_add(ai, y, di.y), multiply_add(ai, z, di.z), zero});

@@ -30,16 +30,18 @@ Vec3d key_velocity(std::span<const Keyframe> keys, size_t k) {
     return velocity;
 }
 
+PathPoint place_of(const Keyframe& key) { return {key.position, key.orientation, Vec3d::Zero(), Vec3d::Zero(), key.grip}; }
+
 }  // namespace
 
 PathPoint sample_path(std::span<const Keyframe> keys, double time) {
     PathPoint at;
     if (keys.empty()) return at;
-    if (!(time > keys.front().time)) return {keys.front().position, keys.front().orientation};
-    if (time >= keys.back().time) return {keys.back().position, keys.back().orientation};
+    if (!(time > keys.front().time)) return place_of(keys.front());
+    if (time >= keys.back().time) return place_of(keys.back());
     const size_t k = interval_of(keys, time);
     const Keyframe &a = keys[k], &b = keys[k + 1];
-    if (b.jump) return {a.position, a.orientation};
+    if (b.jump) return place_of(a);
 
     const double length = b.time - a.time, u = (time - a.time) / length;
     const Vec3d va = key_velocity(keys, k) * length, vb = key_velocity(keys, k + 1) * length,
@@ -50,6 +52,7 @@ PathPoint sample_path(std::span<const Keyframe> keys, double time) {
     const Vec3d turn = rotation_vector(a.orientation, b.orientation);
     at.orientation = normalized(multiply(from_rotation_vector(rise * turn), a.orientation));
     at.angular_velocity = turn * (rise_rate / length);
+    at.grip = a.grip + rise * (b.grip - a.grip);
     return at;
 }
 

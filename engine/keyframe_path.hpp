@@ -10,6 +10,7 @@ struct PathPoint {
     Quat orientation;
     Vec3d velocity = Vec3d::Zero();          // m/s
     Vec3d angular_velocity = Vec3d::Zero();  // rad/s, world axes
+    double grip = 0;                         // rad, at rest at every key as orientation is
 };
 
 // Place on a path at a time (s). Passes through every key with continuous velocity and never leaves the interval

@@ -261,6 +261,7 @@ void colour_springs(Springs& springs, uint32_t prototype) {
     struct Spring {
         uint32_t a, b;
         float rest, factor;
+        uint32_t half_edge;
     };
     const bool varied = springs.info[prototype].varied;
     std::vector<std::vector<Spring>> by_colour;
@@ -281,7 +282,7 @@ void colour_springs(Springs& springs, uint32_t prototype) {
                 used[end][colour] = 1;
             }
             by_colour.resize(std::max(by_colour.size(), colour + 1));
-            by_colour[colour].push_back({v, far_end, springs.rest_length[half_edge], varied ? springs.factor[half_edge] : 1.0f});
+            by_colour[colour].push_back({v, far_end, springs.rest_length[half_edge], varied ? springs.factor[half_edge] : 1.0f, static_cast<uint32_t>(half_edge)});
         }
     }
     springs.colours[prototype] = grow(springs.colour.size(), by_colour.size());
@@ -293,12 +294,13 @@ void colour_springs(Springs& springs, uint32_t prototype) {
         for (size_t b = 0; b < batches; ++b) {
             auto& ends = springs.batch.emplace_back();
             auto& rest = springs.batch_rest.emplace_back();
+            auto& half_edge = springs.batch_half_edge.emplace_back();
             std::array<float, kSliceWidth> factor;
             for (uint32_t lane = 0; lane < kSliceWidth; ++lane) {
                 const size_t i = b * kSliceWidth + lane;
-                const Spring s = i < list.size() ? list[i] : Spring{padded + 2 * lane, padded + 2 * lane + 1, 0, 1};
+                const Spring s = i < list.size() ? list[i] : Spring{padded + 2 * lane, padded + 2 * lane + 1, 0, 1, kNone};
                 ends[lane] = s.a, ends[kSliceWidth + lane] = s.b, rest[lane] = s.rest;
-                factor[lane] = s.factor;
+                factor[lane] = s.factor, half_edge[lane] = s.half_edge;
             }
             if (!varied) continue;
             springs.batch_factor.resize(springs.batch.size(), ones);

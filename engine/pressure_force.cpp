@@ -4,7 +4,6 @@
 #include <cmath>
 
 #include "engine/lanes_avx2.hpp"
-#include "engine/mesh_view.hpp"
 #include "engine/parallel.hpp"
 #include "engine/spring_step.hpp"
 namespace trocar {
@@ -66,7 +65,7 @@ double facing_corners(const Springs& springs, uint32_t prototype, const Float4* 
 
 }  // namespace
 
-void add_fans(Springs& springs, const Meshes& meshes, uint32_t prototype) {
+void add_fans(Springs& springs, const MeshView& mesh, uint32_t prototype) {
     Fans& fans = springs.fans;
     if (fans.first.size() <= prototype) {
         fans.first.resize(prototype + 1, kNone);
@@ -74,8 +73,7 @@ void add_fans(Springs& springs, const Meshes& meshes, uint32_t prototype) {
     }
     if (fans.first[prototype] != kNone) return;
     fans.first[prototype] = static_cast<uint32_t>(fans.column.size());
-    fans.volume[prototype] = meshes.info[prototype].volume;
-    const MeshView mesh = mesh_view(meshes, prototype);
+    fans.volume[prototype] = mesh.info->volume;
     const auto degree = [&](uint32_t v) {
         return v < mesh.position.size() ? mesh.incident_first[v + 1] - mesh.incident_first[v] : 0u;
     };
@@ -127,7 +125,8 @@ double find_pressure_energy(const Springs& springs, const Bodies& bodies, uint32
 
 double pressure_omega_squared(const Springs& springs, const Bodies& bodies, const Particles& particles, uint32_t body) {
     const uint32_t prototype = bodies.mesh[body];
-    const Range rows = bodies.particles[body];
+    const uint32_t skin = springs.info[prototype].skin;
+    const Range rows{bodies.particles[body].first + skin, bodies.particles[body].count - skin};
     const Float4* offset = particles.offset.data() + rows.first;
     std::vector<float> gradient(size_t{3} * rows.count);
     std::vector<double> sums;

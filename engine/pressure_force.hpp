@@ -5,6 +5,7 @@
 #include "components/mesh.hpp"
 #include "components/particles.hpp"
 #include "components/springs.hpp"
+#include "engine/mesh_view.hpp"
 namespace trocar {
 
 // Inner pressure of a closed shell: energy U = K (V - V0)^2 / (2 V0) of the enclosed volume V, V0 that of the rest shape.
@@ -14,8 +15,9 @@ namespace trocar {
 
 inline bool has_pressure(const Bodies& bodies, uint32_t body) { return bodies.tissue[body].pressure_modulus > 0; }
 
-// Makes the triangle fans of a prototype unless they are there. Needs its springs.
-void add_fans(Springs& springs, const Meshes& meshes, uint32_t prototype);
+// Makes the triangle fans of a prototype unless they are there: of the surface that its springs lie on, whose vertices are
+// the nodes; under a skin that is not the surface of the prototype. Needs its springs.
+void add_fans(Springs& springs, const MeshView& mesh, uint32_t prototype);
 
 // Writes dV/dx (m^2, rows as offset) of particles that stand at `offset` and returns V (m^3), taken about the first of
 // them: V = 1/3 sum of x_i . dV/dx_i, as V is homogeneous of degree three. Gather, fixed order, sums in double: same bits

@@ -73,7 +73,7 @@ void fields(V& v, T& t) {
         v.item(t.name), v.item(t.diffuse), v.item(t.specular), v.item(t.shininess), v.item(t.transparency);
         v.item(t.texture), v.item(t.image);
     } else if constexpr (is<T, Keyframe>) {
-        v.item(t.time), v.item(t.position), v.item(t.orientation), v.item(t.jump);
+        v.item(t.time), v.item(t.position), v.item(t.orientation), v.item(t.jump), v.item(t.grip);
     } else if constexpr (is<T, DeviceState>) {
         v.item(t.time), v.item(t.position), v.item(t.orientation), v.item(t.velocity), v.item(t.buttons), v.item(t.grip);
     } else if constexpr (is<T, DeviceCommand>) {
@@ -102,7 +102,7 @@ void fields(V& v, T& t) {
     } else if constexpr (is<T, SafetyState>) {
         v.item(t.contact_force), v.item(t.from_device), v.item(t.from_proxy), v.item(t.energy), v.item(t.lowest_energy);
         v.item(t.dissipated), v.item(t.started), v.item(t.gain), v.item(t.limiting), v.item(t.limited_ticks), v.item(t.safe_ticks);
-        v.item(t.contact_torque), v.item(t.from_device_turn), v.item(t.from_proxy_turn), v.item(t.turn_energy), v.item(t.lowest_turn_energy);
+        v.item(t.pull), v.item(t.pull_torque), v.item(t.contact_torque), v.item(t.from_device_turn), v.item(t.from_proxy_turn), v.item(t.turn_energy), v.item(t.lowest_turn_energy);
     } else if constexpr (is<T, ClutchState>) {
         v.item(t.started), v.item(t.offset), v.item(t.tool);
     } else if constexpr (is<T, DeviceTrace>) {
@@ -115,6 +115,13 @@ void fields(V& v, T& t) {
         v.item(t.link_force), v.item(t.link_force_before);
         v.item(t.hand), v.item(t.clutch), v.item(t.safety), v.item(t.effect_velocity), v.item(t.effect), v.item(t.events);
         v.item(t.proxy_turn), v.item(t.contact), v.item(t.device_spin), v.item(t.coupling_torque), v.item(t.contact_moment);
+        v.item(t.sliding), v.item(t.carried), v.item(t.pull), v.item(t.pull_torque);
+    } else if constexpr (is<T, HapticSurface>) {
+        v.item(t.body), v.item(t.stiffness), v.item(t.damping), v.item(t.static_friction), v.item(t.dynamic_friction), v.item(t.texture);
+        v.item(t.height), v.item(t.length), v.item(t.along), v.item(t.deformable);
+        v.item(t.origin), v.item(t.orientation), v.item(t.velocity), v.item(t.spin);
+    } else if constexpr (is<T, ToolJaw>) {
+        v.item(t.body), v.item(t.pivot), v.item(t.closed), v.item(t.axis), v.item(t.share);
     } else if constexpr (is<T, NodeEvent>) {
         v.item(t.kind), v.item(t.time), v.item(t.place);
     } else if constexpr (is<T, NodeEvents>) {
@@ -147,6 +154,7 @@ void fields(V& v, T& t) {
         v.item(t.body), v.item(t.tip), v.item(t.tip_radius), v.item(t.coupling_stiffness), v.item(t.coupling_damping);
         v.item(t.max_force), v.item(t.friction), v.item(t.path), v.item(t.trace);
         v.item(t.pass_through), v.item(t.hand), v.item(t.workspace), v.item(t.pivot), v.item(t.limits), v.item(t.effects);
+        v.item(t.jaws), v.item(t.grip_closed);
         v.item(t.shell), v.item(t.shell_radius), v.item(t.turn_stiffness), v.item(t.turn_damping), v.item(t.inertia), v.item(t.surface_stiffness);
     } else if constexpr (is<T, ShellPoint>) {
         v.item(t.arm), v.item(t.inward);
@@ -165,6 +173,7 @@ void fields(V& v, T& t) {
         v.item(t.give.device), v.item(t.give.device_velocity), v.item(t.give.time), v.item(t.give.gap);
         v.item(t.pull), v.item(t.pull_before), v.item(t.period);
         v.item(t.shell.tip), v.item(t.shell.turn), v.item(t.shell.node), v.item(t.shell.clear), v.item(t.shell.nearest);
+        v.item(t.surface), v.item(t.in_hand);
     } else if constexpr (is<T, PictureBody>) {
         v.item(t.mesh), v.item(t.origin), v.item(t.orientation), v.item(t.box), v.item(t.vertices), v.item(t.depths), v.item(t.removed), v.item(t.exposed);
     } else if constexpr (is<T, PictureWitness>) {
@@ -343,14 +352,13 @@ void visit_resource(World& w, Resource resource, Visitor& v) {
                 v.array(FIELD(springs.fans.column)), v.array(FIELD(springs.fans.corner)), v.array(FIELD(springs.hinges.groups)),
                 v.array(FIELD(springs.hinges.vertex)), v.array(FIELD(springs.hinges.sine)), v.array(FIELD(springs.hinges.cosine)),
                 v.array(FIELD(springs.hinges.weight)), v.array(FIELD(springs.hinges.cap)), v.array(FIELD(springs.hinges.first)),
-                v.array(FIELD(springs.hinges.column)), v.array(FIELD(springs.hinges.slot)),
-                v.array(FIELD(springs.colours)), v.array(FIELD(springs.colour)), v.array(FIELD(springs.batch)), v.array(FIELD(springs.batch_rest));
+                v.array(FIELD(springs.hinges.column)), v.array(FIELD(springs.hinges.slot)), v.array(FIELD(springs.batch_half_edge));
             break;
         case Resource::kSolids:
             v.array(FIELD(solids.info)), v.array(FIELD(solids.position)), v.array(FIELD(solids.corner[0])),
                 v.array(FIELD(solids.corner[1])), v.array(FIELD(solids.corner[2])), v.array(FIELD(solids.corner[3])),
                 v.array(FIELD(solids.rest)), v.array(FIELD(solids.per_rest)), v.array(FIELD(solids.factor)), v.array(FIELD(solids.slot_column)), v.array(FIELD(solids.colours)), v.array(FIELD(solids.colour)), v.array(FIELD(solids.batch)),
-                v.array(FIELD(solids.batch_volume)), v.array(FIELD(solids.batch_factor)),
+                v.array(FIELD(solids.batch_volume)), v.array(FIELD(solids.batch_factor)), v.array(FIELD(solids.batch_tetrahedron)),
                 v.array(FIELD(solids.slot)), v.array(FIELD(solids.node_volume)), v.array(FIELD(solids.skin_node)),
                 v.array(FIELD(solids.skin_weight));
             break;
@@ -370,6 +378,7 @@ void visit_resource(World& w, Resource resource, Visitor& v) {
             break;
         case Resource::kTools:
             v.array(FIELD(haptics.tool)), v.array(FIELD(haptics.trace)), v.array(FIELD(haptics.effect));
+            v.array(FIELD(haptics.surface)), v.array(FIELD(haptics.jaw));
             break;
         case Resource::kClock:
             v.value(FIELD(clock.tick)), v.value(FIELD(clock.pass)), v.value(FIELD(clock.picture)), v.value(FIELD(clock.contact_rate)),

@@ -223,12 +223,14 @@ void colour_tetrahedra(Solids& solids, uint32_t prototype) {
             auto& node = solids.batch.emplace_back();
             auto& volume = solids.batch_volume.emplace_back();
             auto& factor = solids.batch_factor.emplace_back();
+            auto& row = solids.batch_tetrahedron.emplace_back();
             for (uint32_t lane = 0; lane < kBatchWidth; ++lane) {
                 const size_t i = b * kBatchWidth + lane;
                 const bool real = i < list.size();
                 const uint32_t t = info.tetrahedra.first + (real ? list[i] : 0);
                 for (uint32_t k = 0; k < 4; ++k) node[kBatchWidth * k + lane] = real ? solids.corner[k][t] : padded + 4 * lane + k;
                 volume[lane] = real ? solids.rest[t] : 0.0f;
+                row[lane] = real ? t : kNone;
                 factor[lane] = real && info.varied ? solids.factor[t] : 1.0f;
             }
         }

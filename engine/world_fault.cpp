@@ -193,20 +193,22 @@ void check_hinges(const World& w, uint32_t prototype, Faults& f) {
 void check_tet_colours(const World& w, uint32_t prototype, Faults& f) {
     const Solids& s = w.solids;
     const std::string name = "colours of tetrahedra of mesh " + std::to_string(prototype);
-    f.require(prototype < s.colours.size() && s.batch.size() == s.batch_volume.size() && s.batch.size() == s.batch_factor.size(), name + " are missing");
+    f.require(prototype < s.colours.size() && s.batch.size() == s.batch_volume.size() && s.batch.size() == s.batch_factor.size() && s.batch.size() == s.batch_tetrahedron.size(), name + " are missing");
     if (!f.first.empty() || !f.inside(s.colours[prototype], s.colour.size(), name)) return;
     const uint32_t ends = (s.info[prototype].slices.count + 4) * kSliceWidth;
     for (uint32_t c = s.colours[prototype].first; c < s.colours[prototype].end(); ++c) {
         if (!f.inside(s.colour[c], s.batch.size(), name)) return;
-        for (uint32_t b = s.colour[c].first; b < s.colour[c].end(); ++b)
+        for (uint32_t b = s.colour[c].first; b < s.colour[c].end(); ++b) {
             for (const uint32_t node : s.batch[b]) f.below(node, ends, false, name + ": corner");
+            for (const uint32_t row : s.batch_tetrahedron[b]) f.below(row, s.rest.size(), true, name + ": row");
+        }
     }
 }
 
 void check_colours(const World& w, uint32_t prototype, Faults& f) {
     const Springs& s = w.springs;
     const std::string name = "colours of springs of mesh " + std::to_string(prototype);
-    f.require(prototype < s.colours.size() && s.batch.size() == s.batch_rest.size(), name + " are missing");
+    f.require(prototype < s.colours.size() && s.batch.size() == s.batch_rest.size() && s.batch.size() == s.batch_half_edge.size(), name + " are missing");
     if (!f.first.empty() || !f.inside(s.colours[prototype], s.colour.size(), name)) return;
     f.require(!s.info[prototype].varied || s.batch_factor.size() >= (s.colours[prototype].count > 0 ? s.colour[s.colours[prototype].end() - 1].end() : 0), name + ": stiffnesses are missing");
     if (is_solid(w.solids, prototype)) check_tet_colours(w, prototype, f);
@@ -214,8 +216,10 @@ void check_colours(const World& w, uint32_t prototype, Faults& f) {
     const uint32_t ends = s.vertices[prototype].count + 2 * kSliceWidth;
     for (uint32_t c = s.colours[prototype].first; c < s.colours[prototype].end(); ++c) {
         if (!f.inside(s.colour[c], s.batch.size(), name)) return;
-        for (uint32_t b = s.colour[c].first; b < s.colour[c].end(); ++b)
+        for (uint32_t b = s.colour[c].first; b < s.colour[c].end(); ++b) {
             for (const uint32_t end : s.batch[b]) f.below(end, ends, false, name + ": end");
+            for (const uint32_t row : s.batch_half_edge[b]) f.below(row, s.neighbour.size(), true, name + ": half-edge");
+        }
     }
 }
 
@@ -395,9 +399,16 @@ void check_tools(const World& w, Faults& f) {
         f.require(tool.shell.empty() || (tool.turn_stiffness > 0 && tool.surface_stiffness > 0 && tool.coupling_stiffness > 0),
                   "a tool that feels with all of its body has no stiffness");
         f.require(tool.pivot.kind <= PivotKind::kTip, "a pivot is of no kind");
+        f.inside(tool.jaws, w.haptics.jaw.size(), "jaws of a tool");
     }
+    for (const ToolJaw& jaw : w.haptics.jaw) f.below(jaw.body, bodies, false, "jaw of body");
     for (const HapticEffect& e : w.haptics.effect)
         f.require(e.kind <= EffectKind::kMagnet && e.trigger <= EffectTrigger::kRelease, "an effect is of no kind");
+    for (const HapticSurface& s : w.haptics.surface) {
+        f.below(s.body, bodies, false, "surface of body");
+        f.require(s.stiffness >= 0 && s.damping >= 0 && s.height >= 0 && s.length > 0 && s.texture <= TextureKind::kNoise,
+                  "a surface feels in no known way");
+    }
     for (const DeviceTrace& trace : w.haptics.trace) f.require(!trace.sample.empty(), "a device trace is empty");
 }
 

@@ -4,6 +4,7 @@
 #include <bit>
 #include <cmath>
 #include <limits>
+#include <utility>
 
 #include "engine/check.hpp"
 #include "engine/deformable_setup.hpp"
@@ -13,7 +14,7 @@
 #include "engine/skin.hpp"
 #include "engine/spring_step.hpp"
 #include "engine/surfaces.hpp"
-#include "systems/advance_parts.hpp"
+#include "systems/advance_implicit.hpp"
 namespace trocar {
 namespace {
 
@@ -132,6 +133,20 @@ void step_leapfrog(AdvanceIsland& island, const SpringKernels& kernels, AdvanceB
     });
 }
 
+// Forces besides springs and anchors at the start of a substep. Whether a body stepped by leapfrog must go through it finely.
+bool find_forces_of(AdvanceIsland& island, AdvanceBody& b) {
+    if (!b.step.force_x) return false;
+    const double so_far = std::exchange(island.result.min_volume_ratio, std::numeric_limits<double>::infinity());
+    find_forces(island, b);
+    const double least = std::exchange(island.result.min_volume_ratio, std::min(so_far, island.result.min_volume_ratio));
+    return b.stepping.integrator == Integrator::kLeapfrog && !b.touched && is_wild(island, b, least);
+}
+
+void step_wild(AdvanceIsland& island, AdvanceBody& b, double* work) {
+    const double damped = step_finely(island, b);
+    if (work) work[0] += damped;
+}
+
 // Bodies whose steps need nothing but springs and anchors: many of them are stepped at the same time.
 bool steps_alone(const AdvanceBody& b) { return b.stepping.integrator == Integrator::kLeapfrog && !b.step.force_x; }
 
@@ -150,9 +165,9 @@ void step_bodies(AdvanceIsland& island, const SpringKernels& kernels, uint32_t s
         b.step.offset = &b.now->x;
         b.step.new_offset = &b.next->x;
         double* work = island.params.account_energy && b.damping > 0 ? s.sums.data() + b.first_chunk * kSliceWidth : nullptr;
-        find_forces(island, b);
+        const bool wild = find_forces_of(island, b);
         switch (b.stepping.integrator) {
-            case Integrator::kLeapfrog: step_leapfrog(island, kernels, b, work, shape_sums); break;
+            case Integrator::kLeapfrog: wild ? step_wild(island, b, work) : step_leapfrog(island, kernels, b, work, shape_sums); break;
             case Integrator::kMidpoint: step_midpoint(island, b, work); break;
             case Integrator::kXpbd: step_xpbd(island, b, work); break;
         }
@@ -260,7 +275,7 @@ void finish_bodies(AdvanceIsland& island) {
     for (const AdvanceRigid& rigid : island.scratch.rigid) {
         if (rigid.node == kNone || rigid.free != kNone) continue;
         const ContactNode& node = island.scratch.node[rigid.node];
-        island.poses.origin[rigid.body] = to_vec3(node.place);
+        island.poses.origin[rigid.body] = to_vec3(rigid.jaw == kNone ? node.place : rigid.place[1].shift);
         island.poses.velocity[rigid.body] = to_vec3(node.velocity);
         island.poses.orientation[rigid.body] = rigid.orientation[1];
         island.poses.angular_velocity[rigid.body] =
@@ -328,6 +343,8 @@ void share_room(std::span<AdvanceScratch> scratches) {
     level(&AdvanceScratch::skin_point);
     level(&AdvanceScratch::free);
     level(&AdvanceScratch::turning);
+    level(&AdvanceScratch::held);
+    level(&AdvanceScratch::held_active);
     level(&AdvanceScratch::warm);
     level(&AdvanceScratch::block);
     level(&AdvanceScratch::strip);
@@ -361,7 +378,8 @@ void share_room(std::span<AdvanceScratch> scratches) {
     level_implicit(&ImplicitScratch::direction);
     level_implicit(&ImplicitScratch::sums);
     for (auto ImplicitScratch::* field : {&ImplicitScratch::spoke, &ImplicitScratch::block, &ImplicitScratch::residual,
-                                          &ImplicitScratch::applied, &ImplicitScratch::change, &ImplicitScratch::lambda, &ImplicitScratch::volume_lambda,
+                                          &ImplicitScratch::applied, &ImplicitScratch::change, &ImplicitScratch::lambda, &ImplicitScratch::volume_lambda, &ImplicitScratch::left_rest, &ImplicitScratch::free_residual, &ImplicitScratch::free_block,
+                                          &ImplicitScratch::left_factor, &ImplicitScratch::left_volume,
                                           &ImplicitScratch::slope, &ImplicitScratch::volume_force, &ImplicitScratch::volume_block}) {
         level_implicit(field);
     }
@@ -395,6 +413,7 @@ void advance_island(const AdvanceParams& params, const AdvanceInputs& inputs, st
         place_rigid_bodies(island, substep);
         island.substep = substep;
         find_link_forces(island);
+        if (has_rows(scratch)) find_held_rows(island);
         step_bodies(island, kernels, substep);
         pull_hands(island, substep);
         kick_free_bodies(island);

@@ -56,6 +56,7 @@ struct AdvanceInputs {
     // Per body, s after the start of the call: a hand or free body goes no farther than it has come by then, but keeps its
     // velocity: there it first touches what no row holds yet. Empty: none is held.
     std::span<const double> stop = {};
+    std::span<const ToolJaw> jaws = {};  // of the tools
 };
 
 // What calls did to an island: added up over calls but for what is marked `last`. Work in J on its deformable bodies.

@@ -61,7 +61,7 @@ ContactPlan make_plan(AdvanceIsland& island, uint32_t row) {
     plan.weight_a = {1.0 - rows.along[row] - rows.across[row], rows.along[row], rows.across[row]};
     plan.weight_b = {rows.weight[row][0], rows.weight[row][1], rows.weight[row][2]};
     plan.normal = to_vec4(rows.normal[row]);
-    plan.impulse = Vec4d{};
+    plan.impulse = plan.held = Vec4d{};
     plan.friction = rows.friction[row];
     plan.ended = std::isinf(rows.distance[row]);
     if (is_deformable(bodies, a)) {
@@ -242,16 +242,10 @@ bool has_free_side(const AdvanceScratch& s, const ContactPlan& plan) {
     return is_free(plan.rigid_a) || is_free(plan.rigid_b);
 }
 
-// Adds a row to the active ones, or ends it. approach: m/s along the normal, before any impulse of the substep.
-void activate(AdvanceIsland& island, uint32_t plan_row, const RowState& r, double approach, std::vector<ContactActive>& rows) {
+// Adds a row to the active ones. approach: m/s along the normal, before any impulse of the substep.
+void add_active(AdvanceIsland& island, uint32_t plan_row, const RowState& r, const Foot& foot, double approach, std::vector<ContactActive>& rows) {
     AdvanceScratch& s = island.scratch;
-    ContactPlan& plan = s.plan[plan_row];
-    const Foot foot = find_foot(island, plan, r);
-    if (foot.left_behind) {
-        plan.ended = true;
-        end_row(island, plan.row);
-        return;
-    }
+    const ContactPlan& plan = s.plan[plan_row];
     ContactActive& active = rows.emplace_back();
     active.plan = plan_row;
     active.friction = plan.friction;
@@ -288,6 +282,25 @@ void activate(AdvanceIsland& island, uint32_t plan_row, const RowState& r, doubl
     // both impulses act at one point, so that angular momentum is kept: the foot, which a deformable plane rides on
     if (!s.free.empty() && has_free_side(s, plan)) {
         add_turning_sides(island, plan, plan.rigid_b == kNone ? foot.point : r.point, active);
+    }
+}
+
+// Adds a row to the active ones, or ends it. What the implicit step gave counts as given.
+void activate(AdvanceIsland& island, uint32_t plan_row, const RowState& r, double approach, std::vector<ContactActive>& rows) {
+    AdvanceScratch& s = island.scratch;
+    ContactPlan& plan = s.plan[plan_row];
+    const Foot foot = find_foot(island, plan, r);
+    if (foot.left_behind) {
+        plan.ended = true;
+        end_row(island, plan.row);
+        return;
+    }
+    add_active(island, plan_row, r, foot, approach, rows);
+    ContactActive& active = rows.back();
+    active.normal_impulse = dot(plan.held, active.normal);
+    if (active.normal_impulse > 0) {
+        active.friction_impulse = plan.held - active.normal_impulse * active.normal;
+        active.friction = std::max(active.friction, std::sqrt(norm2(active.friction_impulse)) / active.normal_impulse);
     }
     note_rows(s, active);
 }
@@ -345,6 +358,7 @@ void solve_row(AdvanceScratch& s, ContactActive& row) {
 void start_rows(AdvanceScratch& s, RowGroup& group) {
     start_blocks(s, group);
     for (ContactActive& row : group.active) {
+        if (row.normal_impulse > 0) continue;  // held, and given already
         const Vec4d warm = s.warm[row.plan];
         row.normal_impulse = std::max(0.0, dot(warm, row.normal));
         if (row.normal_impulse == 0) continue;
@@ -479,8 +493,10 @@ void add_impulses(AdvanceIsland& island, const RowGroup& group) {
         plan.impulse += impulse;
         if (!s.warm.empty()) s.warm[row.plan] = impulse;
         const auto on_tool = [&](uint32_t rigid, int side, Vec4d j) {
-            if (rigid == kNone || s.rigid[rigid].tool == kNone) return;
-            ToolState& tool = island.tools[s.rigid[rigid].tool];
+            if (rigid == kNone) return;
+            const AdvanceRigid& hit = s.rigid[s.rigid[rigid].holder == kNone ? rigid : s.rigid[rigid].holder];
+            if (hit.tool == kNone) return;
+            ToolState& tool = island.tools[hit.tool];
             tool.contact_impulse += to_vec3(j);
             if (row.turning != kNone) tool.contact_moment += to_vec3(cross(s.turning[row.turning].arm[side], j));
         };
@@ -585,6 +601,33 @@ void note_velocities(AdvanceIsland& island) {
     for (uint32_t n = 0; n < s.node.size(); ++n) {
         const uint32_t i = s.node[n].particle;
         if (i != kNone) s.change[n].before = particle_velocity(island.particles, i);
+    }
+}
+
+void find_held_rows(AdvanceIsland& island) {
+    AdvanceScratch& s = island.scratch;
+    s.held.clear();
+    s.held_active.clear();
+    if (std::none_of(s.body.begin(), s.body.end(), [](const AdvanceBody& b) { return b.synchronous(); })) return;
+    for (ContactNode& node : s.node) {
+        if (node.particle == kNone || !s.body[node.owner].synchronous()) continue;
+        const AdvanceBody& body = s.body[node.owner];
+        node.place = body.origin + float_vec4(_mm_load_ps(&body.now[node.particle - body.particles.first].x));
+    }
+    for (uint32_t i = 0; i < s.plan.size(); ++i) {
+        ContactPlan& plan = s.plan[i];
+        plan.held = Vec4d{};
+        const uint32_t rigid = plan.rigid_a != kNone ? plan.rigid_a : plan.rigid_b;
+        if (plan.ended || rigid == kNone || s.rigid[rigid].node != kNone || (plan.rigid_a != kNone && plan.rigid_b != kNone)) continue;
+        uint32_t point = plan.rigid_a == kNone ? plan.node_a[0] : plan.node_b[0];
+        if (point & kSkinPoint) point = s.skin_point[point & ~kSkinPoint].node[0];
+        const uint32_t owner = s.node[point].owner;
+        if (!s.body[owner].synchronous()) continue;
+        const RowState r = find_gap(s, plan);
+        const Foot foot = find_foot(island, plan, r);
+        if (foot.left_behind || !std::isfinite(r.gap)) continue;
+        add_active(island, i, r, foot, 0, s.held_active);
+        s.held.push_back({.owner = owner});
     }
 }
 

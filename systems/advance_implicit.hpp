@@ -17,9 +17,22 @@ double sum_over(const AdvanceBody& b, std::vector<double>& sums, const Call& cal
     return sum;
 }
 
+// Solids with crushed tetrahedra that no row touches go through a substep in finer explicit ones (advance_fine.cpp): backward
+// Euler would stop in folds that inertia leaves, and let go, their nodes cross a cell in a step, for which no limit was made.
+// Springs and volumes have rests besides the one they were made for: what is thrown about at random may end in one.
+// Least volume of a tetrahedron over that at rest where its body would be in so many seconds at the velocities it has;
+double least_volume(AdvanceIsland& island, const AdvanceBody& b, double seconds);
+// whether that is how it must be stepped, given that least volume now: below kCrushed, or fast and below it a substep ago or
+// from now; a body stepped by leapfrog only if it is fast;
+bool is_wild(AdvanceIsland& island, const AdvanceBody& b, double least);
+// the substep, with forces of links as they are. Returns the work of damping, J.
+double step_finely(AdvanceIsland& island, AdvanceBody& b);
+
 // Energy of a measured body where it is now, before its step of the books: springs, anchors, gravity and motion, J.
 double energy_before(const AdvanceIsland& island, const AdvanceBody& b);
-// Books as the step's own work what its energy changed by from `before` (J) but for damping and the forces of others.
-void book_own_work(AdvanceIsland& island, AdvanceBody& b, double before, double damped);
+// Work of the forces that others put in, along the way of the step, J.
+double work_of_others(const SpringStep& step, uint32_t particles);
+// Books as the step's own work what its energy changed by from `before` (J) but for what is known: damping, others, rows.
+void book_own_work(AdvanceIsland& island, AdvanceBody& b, double before, double known);
 
 }  // namespace trocar

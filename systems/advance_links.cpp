@@ -1,6 +1,7 @@
 #include <cmath>
 
 #include "engine/surfaces.hpp"
+#include "engine/tet_forces.hpp"
 #include "systems/advance_parts.hpp"
 namespace trocar {
 namespace {
@@ -24,7 +25,44 @@ Vec4d far_place(const AdvanceScratch& s, const AdvanceLink& link, int end) {
     return place_of(b, end == 0 ? b.now : b.next, link.far_node);
 }
 
+// Where a body takes the forces of its links: where it is, or, if its places and velocities belong to the same time, half
+// way through the substep as far as its velocity says. Taken at its start such forces would feed every swing (with them
+// half way it is Verlet's method in terms of places).
+Vec4d place_at_kick(const AdvanceIsland& island, const AdvanceBody& b, uint32_t node) {
+    const Vec4d place = place_of(b, b.now, node);
+    if (!b.synchronous()) return place;
+    const Particles& p = island.particles;
+    const uint32_t i = b.particles.first + node;
+    return place + 0.5 * island.dt * make_vec4(p.velocity_x[i], p.velocity_y[i], p.velocity_z[i]);
+}
+Vec4d far_place_at_kick(const AdvanceIsland& island, const AdvanceLink& link, bool half_way) {
+    const AdvanceScratch& s = island.scratch;
+    if (link.rigid == kNone) return place_at_kick(island, s.body[link.far_body], link.far_node);
+    const AdvanceRigid& rigid = s.rigid[link.rigid];
+    const Vec4d place = rigid.place[0](link.point);
+    return half_way && rigid.node == kNone ? 0.5 * (place + rigid.place[1](link.point)) : place;
+}
+
 double stretch_of(const AdvanceLink& link, Vec4d way) { return std::sqrt(norm2(way)) - link.rest; }
+
+// Whether a node of a solid has lost its last tetrahedron: it is fixed and no spring is left to it.
+bool is_lost(const AdvanceIsland& island, uint32_t body, uint32_t node) {
+    const AdvanceBody& b = island.scratch.body[body];
+    const Solids* solids = island.inputs.other.solids;
+    if (b.now[node].w > 0 || !solids || !is_solid(*solids, island.inputs.bodies.mesh[b.body])) return false;
+    for (size_t c = b.step.slice_column[node / kSliceWidth]; c < b.step.slice_column[node / kSliceWidth + 1]; ++c) {
+        if (b.step.neighbour[c * kSliceWidth + node % kSliceWidth] != node) return false;
+    }
+    return true;
+}
+
+void break_link(AdvanceIsland& island, const AdvanceLink& link) {
+    Links& links = *island.inputs.other.links;
+    links.whole[link.row] = 0;
+    ++links.group[link.group].broken;
+    ++island.result.broken_links;
+    island.result.work_links -= 0.5 * link.stiffness * links.stretch[link.row] * links.stretch[link.row];
+}
 
 }  // namespace
 
@@ -57,6 +95,10 @@ void gather_links(AdvanceIsland& island) {
             link.point = to_vec4(links->point[row]);
             link.rest = static_cast<double>(links->rest[row]);
             link.gauge = link.rest > 0 ? link.rest : group.gauge;
+            if (is_lost(island, link.body, link.node) || (link.rigid == kNone && is_lost(island, link.far_body, link.far_node))) {
+                break_link(island, link);
+                continue;
+            }
             s.link.push_back(link);
         }
     }
@@ -66,7 +108,7 @@ void find_link_forces(AdvanceIsland& island) {
     AdvanceScratch& s = island.scratch;
     for (AdvanceLink& link : s.link) {
         const AdvanceBody& b = s.body[link.body];
-        const Vec4d way = far_place(s, link, 0) - place_of(b, b.now, link.node);
+        const Vec4d way = far_place_at_kick(island, link, b.synchronous()) - place_at_kick(island, b, link.node);
         const double length = std::sqrt(norm2(way)), stretch = length - link.rest;
         link.force = link.rest == 0 ? link.stiffness * way : length > 0 ? Vec4d(link.stiffness * stretch / length * way) : Vec4d{};
         // a body that is about to be restored must not take its partner with it
@@ -90,7 +132,8 @@ void pull_linked_rigids(AdvanceIsland& island) {
         if (link.rigid == kNone) continue;
         AdvanceRigid& rigid = s.rigid[link.rigid];
         const Vec4d impulse = -link.kick * link.force;
-        if (rigid.tool != kNone) island.tools[rigid.tool].contact_impulse += to_vec3(impulse);
+        const uint32_t tool = rigid.holder == kNone ? rigid.tool : s.rigid[rigid.holder].tool;
+        if (tool != kNone) island.tools[tool].contact_impulse += to_vec3(impulse);
         if (rigid.node == kNone) continue;
         ContactNode& node = s.node[rigid.node];
         node.velocity += node.inv_mass * impulse;
@@ -128,10 +171,7 @@ void finish_links(AdvanceIsland& island) {
         const double strain = stretch_of(link, far_place(s, link, 1) - place_of(b, b.next, link.node)) / link.gauge;
         group.largest_strain = std::max(group.largest_strain, strain);
         if (!(strain > link.break_strain)) continue;
-        links.whole[link.row] = 0;
-        ++group.broken;
-        ++island.result.broken_links;
-        island.result.work_links -= 0.5 * link.stiffness * stretch * stretch;
+        break_link(island, link);
     }
     std::erase_if(s.link, [&](const AdvanceLink& link) { return island.inputs.other.links->whole[link.row] == 0; });
 }

@@ -84,6 +84,8 @@ struct Volumes {
     ImplicitTets step = {};
     uint32_t groups = 0;  // of 16; 0 = has none
 };
+// With held rows; in the last two none joins, those that pull let go.
+constexpr uint32_t kMostSolves = 6;
 // Groups that a kernel takes at once.
 constexpr uint32_t kGroupsPerChunk = 256;
 
@@ -119,20 +121,6 @@ void bind_volumes(AdvanceIsland& island, const AdvanceBody& b, ImplicitStep& ste
     step.volume_block = s.volume_block.data();
 }
 
-// Whether some tetrahedron is, at the start of the step.
-bool is_crushed(AdvanceIsland& island, const AdvanceBody& b) {
-    const AdvanceInputs& in = island.inputs;
-    if (!has_tets(in.other.solids, in.bodies, b.body)) return false;
-    ImplicitScratch& s = island.scratch.implicit;
-    const size_t rows = b.particles.count;
-    s.volume_force.assign(3 * rows, 0.0f);
-    TetStep tets = bind_tets(*in.other.solids, in.bodies, island.particles, b.body, in.other.torn_springs);
-    tets.offset = b.step.offset;
-    tets.corner_force = &island.scratch.corner_force[0].x;
-    tets.force_x = s.volume_force.data(), tets.force_y = tets.force_x + rows, tets.force_z = tets.force_y + rows;
-    return add_tet_forces(tets, b.slices) < kCrushed;
-}
-
 // Stiffness of the tetrahedra times the direction.
 void pull_volumes(AdvanceIsland& island, const AdvanceBody& b, Volumes& v) {
     if (v.groups == 0) return;
@@ -142,7 +130,7 @@ void pull_volumes(AdvanceIsland& island, const AdvanceBody& b, Volumes& v) {
 }
 
 // Conjugate gradients on the velocities; begin has run. Books iterations and residual.
-void solve(AdvanceIsland& island, const AdvanceBody& b, ImplicitStep& step, Volumes& volumes, double start) {
+void solve(AdvanceIsland& island, const AdvanceBody& b, ImplicitStep& step, Volumes& volumes, double start, bool held) {
     const ImplicitKernels& kernels = implicit_kernels();
     ImplicitScratch& s = island.scratch.implicit;
     const GoalMotion goals = b.shape ? GoalMotion(s, b.step) : GoalMotion({}, b.step);
@@ -152,7 +140,8 @@ void solve(AdvanceIsland& island, const AdvanceBody& b, ImplicitStep& step, Volu
     for (; iteration < b.stepping.iterations && rest > enough; ++iteration) {
         goals.follow(s, b.step, step);
         pull_volumes(island, b, volumes);
-        const double bent = sum_over(b, s.sums, [&](uint32_t begin, uint32_t end, double* lanes) { kernels.apply(&step, begin, end, lanes); });
+        double bent = sum_over(b, s.sums, [&](uint32_t begin, uint32_t end, double* lanes) { kernels.apply(&step, begin, end, lanes); });
+        if (held) bent += apply_held_rows(island, b);
         if (!(bent > 0)) break;
         const float a = static_cast<float>(rest / bent);
         const double next = sum_over(b, s.sums, [&](uint32_t begin, uint32_t end, double* lanes) { kernels.move(&step, a, begin, end, lanes); });
@@ -160,7 +149,6 @@ void solve(AdvanceIsland& island, const AdvanceBody& b, ImplicitStep& step, Volu
         rest = next;
         for_slices(b.slices, [&](uint32_t begin, uint32_t end) { kernels.turn(&step, turn, begin, end); });
     }
-    ++island.result.implicit_steps;
     island.result.implicit_iterations += iteration;
     if (start > 0) island.result.worst_implicit_residual = std::max(island.result.worst_implicit_residual, std::sqrt(rest / start));
 }
@@ -176,8 +164,14 @@ void step_midpoint(AdvanceIsland& island, AdvanceBody& b, double* work) {
     const double before = books ? energy_before(island, b) : 0;
     b.last_dt = 0;
     // what rows do to single particles makes the midpoint ring for ever at steps beyond the explicit limit; backward
-    // Euler damps it out; so it does where tetrahedra are crushed, which no linearisation looks far enough ahead for
-    step.theta = b.touched || is_crushed(island, b) ? 1.0f : 0.5f;
+    // Euler damps it out
+    if (!b.touched && is_wild(island, b, least_volume(island, b, 0))) {
+        const double damped = step_finely(island, b);
+        if (!books) return;
+        if (work) work[0] += damped;
+        return book_own_work(island, b, before, damped + work_of_others(b.step, b.particles.count));
+    }
+    step.theta = b.touched ? 1.0f : 0.5f;
     b.step.kick_dt = b.step.dt;
     // a held body is damped half before and half after, which keeps the second order; the rigid motion that a free
     // body's damping leaves alone is known at the start only
@@ -198,11 +192,19 @@ void step_midpoint(AdvanceIsland& island, AdvanceBody& b, double* work) {
     Volumes volumes;
     bind_volumes(island, b, step, volumes);
     const double start = sum_over(b, s.sums, [&](uint32_t begin, uint32_t end, double* lanes) { kernels.begin(&step, begin, end, lanes); });
-    solve(island, b, step, volumes, start);
+    ++island.result.implicit_steps;
+    const bool held = bind_held_rows(island, b);
+    if (!held) solve(island, b, step, volumes, start, false);
+    for (uint32_t pass = 0; held && pass < kMostSolves; ++pass) {
+        solve(island, b, step, volumes, start_held_rows(island, b, step), true);
+        if (!judge_held_rows(island, b, pass + 3 < kMostSolves)) break;
+    }
+    const double pressed = held ? settle_held_rows(island, b) : 0;
     damped += sum_over(b, s.sums, [&](uint32_t begin, uint32_t end, double* lanes) { kernels.finish(&step, begin, end, lanes); });
     if (!books) return;
     if (work) work[0] += damped;
-    book_own_work(island, b, before, damped);
+    if (std::isfinite(pressed)) island.result.work_contact += pressed;  // else a body about to be restored
+    book_own_work(island, b, before, damped + pressed + work_of_others(b.step, b.particles.count));
 }
 
 }  // namespace trocar

@@ -8,6 +8,8 @@
 #include "systems/advance.hpp"
 namespace trocar {
 
+struct ImplicitStep;
+
 // Below this cosine between a row's normal and its triangle's, the foot along the normal is too far away to be used.
 constexpr double kLeastCosine = 0.2;
 // Two rows press a node from both sides when the cosine of their ways is below this.
@@ -74,6 +76,25 @@ void finish_links(AdvanceIsland& island);
 uint32_t tear_of(const Tears* tears, uint32_t body);
 // Breaks the springs that are too long at the end of a substep (advance_tears.cpp): from the next one on they do not pull.
 void break_springs(AdvanceIsland& island);
+// Rows between a body stepped by midpoint and one whose motion is given (static or scripted) act within the step
+// (advance_hold.cpp). The step alone lets what a row pressed in the step before spring back as if nobody held it; rows then
+// catch its surface, and at steps beyond the explicit limit the inside runs through it. So a row that closes gives, within the
+// step, the impulse -c (n . v - least) along its normal n, v the velocity of its point against its plane at the end of the
+// step, and at most friction times that across: linear in v, so that it is part of the matrix (Baraff and Witkin, "Large
+// steps in cloth simulation", 1998, hold points by filtering instead, which rows of several nodes cannot). c is kHold times
+// what the block of the point's nodes resists with. Rows that would pull let go, rows that the step closes join, and the
+// system is solved again. What is left, 1/kHold of the way, apply_impulses takes. Finds the rows that may, at the start of a
+// substep;
+void find_held_rows(AdvanceIsland& island);
+// for one body's step, once its blocks are there; then, for each solve, their share of right-hand side and blocks (returns
+// residual . block residual); of the matrix times the direction (returns its part of direction . applied); what they did (returns
+// whether the system is another now); and at the end: their work on the body, J.
+bool bind_held_rows(AdvanceIsland& island, const AdvanceBody& b);
+double start_held_rows(AdvanceIsland& island, const AdvanceBody& b, ImplicitStep& step);
+double apply_held_rows(AdvanceIsland& island, const AdvanceBody& b);
+bool judge_held_rows(AdvanceIsland& island, const AdvanceBody& b, bool may_add);
+double settle_held_rows(AdvanceIsland& island, const AdvanceBody& b);
+
 // One step of a body whose stepping is midpoint, and its books. `work` is where the kernel puts the work of damping, 16
 // lanes; null when nobody asks. b.step is bound to this substep.
 void step_midpoint(AdvanceIsland& island, AdvanceBody& b, double* work);
@@ -120,6 +141,7 @@ void note_coupling(AdvanceIsland& island, const AdvanceFree& f);
 struct HandPose {
     Vec3d origin;
     Quat orientation;
+    double grip = 0;  // rad
 };
 HandPose hand_pose(const AdvanceIsland& island, uint32_t tool, uint32_t substep);
 

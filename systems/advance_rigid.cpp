@@ -17,6 +17,49 @@ void set_pose(AdvanceRigid& rigid, int end, Vec4d origin, const Quat& orientatio
     for (int i = 0; i < 3; ++i) rigid.place[end].column[i] = to_vec4(rotate(orientation, Vec3d::Unit(i)));
 }
 
+// Row of the jaw that a body is, or kNone.
+uint32_t jaw_of(const AdvanceInputs& in, uint32_t body) {
+    for (uint32_t j = 0; j < in.jaws.size(); ++j)
+        if (in.jaws[j].body == body) return j;
+    return kNone;
+}
+
+// Where the grip puts a jaw on its tool at a moment of the call.
+void place_jaw(const AdvanceIsland& island, AdvanceRigid& rigid, int end, Vec4d tool_origin, const Quat& tool_turn, uint32_t substep) {
+    const ToolJaw& jaw = island.inputs.jaws[rigid.jaw];
+    const double angle = jaw.share * hand_pose(island, island.scratch.rigid[rigid.holder].tool, substep).grip;
+    const Quat on_tool = multiply(from_rotation_vector(angle * jaw.axis), jaw.closed);
+    set_pose(rigid, end, tool_origin + to_vec4(rotate(tool_turn, jaw.pivot)), normalized(multiply(tool_turn, on_tool)));
+}
+
+// A jaw moves with its tool's node, so that what presses on it presses on the tool, and turns beside it.
+uint32_t jaw_slot(AdvanceIsland& island, uint32_t row) {
+    AdvanceScratch& s = island.scratch;
+    const auto tools = island.inputs.tools;
+    const auto tool = std::find_if(tools.begin(), tools.end(), [&](const HandTool& t) { return row >= t.jaws.first && row < t.jaws.end(); });
+    const uint32_t holder = rigid_slot(island, tool->body), slot = static_cast<uint32_t>(s.rigid.size());
+    AdvanceRigid& rigid = s.rigid.emplace_back();
+    rigid.body = island.inputs.jaws[row].body;
+    rigid.velocity = RigidMap{};
+    rigid.jaw = row;
+    rigid.holder = holder;
+    rigid.node = s.rigid[holder].node;
+    s.slot_of_body[rigid.body] = slot;
+    place_jaw(island, rigid, 1, s.node[rigid.node].place, s.rigid[holder].orientation[1], 0);
+    rigid.place[0] = rigid.place[1];
+    rigid.orientation[0] = rigid.orientation[1];
+    return slot;
+}
+
+// The turn of a jaw and the way of its pivot about the tool's origin in a substep; the tool's own way is the node's.
+void turn_jaw(const AdvanceIsland& island, AdvanceRigid& rigid, uint32_t substep) {
+    const AdvanceRigid& tool = island.scratch.rigid[rigid.holder];
+    place_jaw(island, rigid, 0, tool.place[0].shift, tool.orientation[0], substep);
+    place_jaw(island, rigid, 1, tool.place[0].shift, tool.orientation[1], substep + 1);
+    rigid.velocity.shift = (rigid.place[1].shift - rigid.place[0].shift) / island.dt;
+    for (int i = 0; i < 3; ++i) rigid.velocity.column[i] = (rigid.place[1].column[i] - rigid.place[0].column[i]) / island.dt;
+}
+
 }  // namespace
 
 HandPose hand_pose(const AdvanceIsland& island, uint32_t t, uint32_t substep) {
@@ -28,7 +71,7 @@ HandPose hand_pose(const AdvanceIsland& island, uint32_t t, uint32_t substep) {
     const Quat orientation =
         normalized(multiply(from_rotation_vector(share * rotation_vector(device[0].orientation, device[1].orientation)),
                             device[0].orientation));
-    return {tip - rotate(orientation, island.inputs.tools[t].tip), orientation};
+    return {tip - rotate(orientation, island.inputs.tools[t].tip), orientation, device[0].grip + share * (device[1].grip - device[0].grip)};
 }
 
 double substep_time(const AdvanceParams& params, uint32_t substep) {
@@ -39,6 +82,7 @@ double substep_time(const AdvanceParams& params, uint32_t substep) {
 uint32_t rigid_slot(AdvanceIsland& island, uint32_t body) {
     AdvanceScratch& s = island.scratch;
     if (s.slot_of_body[body] != kNone) return s.slot_of_body[body];
+    if (const uint32_t jaw = jaw_of(island.inputs, body); jaw != kNone) return jaw_slot(island, jaw);
     const uint32_t slot = static_cast<uint32_t>(s.rigid.size());
     s.slot_of_body[body] = slot;
     AdvanceRigid& rigid = s.rigid.emplace_back();
@@ -82,6 +126,10 @@ void place_rigid_bodies(AdvanceIsland& island, uint32_t substep) {
     for (AdvanceRigid& rigid : island.scratch.rigid) {
         rigid.place[0] = rigid.place[1];
         rigid.orientation[0] = rigid.orientation[1];
+        if (rigid.jaw != kNone) {
+            turn_jaw(island, rigid, substep);
+            continue;
+        }
         if (rigid.path == kNone && (rigid.tool == kNone || rigid.free != kNone)) continue;
         if (rigid.tool != kNone) {
             // the hand turns with the device; its translation follows in pull_hands
@@ -103,7 +151,7 @@ void place_rigid_bodies(AdvanceIsland& island, uint32_t substep) {
 
 void pull_hands(AdvanceIsland& island, uint32_t substep) {
     for (AdvanceRigid& rigid : island.scratch.rigid) {
-        if (rigid.node == kNone || rigid.free != kNone) continue;
+        if (rigid.node == kNone || rigid.free != kNone || rigid.jaw != kNone) continue;
         ContactNode& node = island.scratch.node[rigid.node];
         ContactNodeChange& change = island.scratch.change[rigid.node];
         change.before = node.velocity;
@@ -134,6 +182,10 @@ void move_hands(AdvanceIsland& island) {
     for (AdvanceRigid& rigid : island.scratch.rigid) {
         if (rigid.node == kNone || rigid.free != kNone) continue;
         ContactNode& node = island.scratch.node[rigid.node];
+        if (rigid.jaw != kNone) {
+            rigid.place[1].shift += node.place - island.scratch.rigid[rigid.holder].place[0].shift;
+            continue;
+        }
         node.place += moving_time(island, rigid.body) * node.velocity;
         node.after = node.place;
         rigid.place[1].shift = node.place;

@@ -69,7 +69,9 @@ struct ImplicitScratch {
     std::vector<double> sums;                                 // 16 a chunk
     std::vector<float> lambda;                                // xpbd: 16 a batch
     std::vector<float> volume_lambda;                         // likewise of tetrahedra
+    std::vector<float> left_rest, left_factor, left_volume;   // xpbd: batches of a body that tears, as they are now
     std::vector<float> slope, volume_force, volume_block;     // midpoint, tetrahedra: 9, 3 and 6 fields
+    std::vector<float> free_residual, free_block;             // midpoint: residual and block without held rows
 };
 
 // A rotation and a shift, or a rotation's rate and a velocity: x -> shift + x[0] column[0] + x[1] column[1] + ...
@@ -89,6 +91,8 @@ struct AdvanceRigid {
     uint32_t tool = kNone;  // row of tools, if a hand with a device
     uint32_t node = kNone;  // of the translation, of a hand or a free body
     uint32_t free = kNone;  // row of free, if free
+    uint32_t jaw = kNone;   // row of jaws, if a jaw: it has its tool's node
+    uint32_t holder = kNone;  // row of rigid: of a jaw's tool, before its own
     Quat orientation[2];
     RigidMap place[2];              // m, body frame to world
     RigidMap velocity;              // m/s, of a point of the body frame, less that of the node if there is one
@@ -167,6 +171,7 @@ struct ContactPlan {
     Vec4d point_b;  // m, body frame, if rigid
     Vec4d normal;   // body frame if b is rigid, else world
     Vec4d impulse;  // N s, given so far in the call
+    Vec4d held;     // N s, of it what the implicit step of this substep gave
     std::array<double, 3> weight_a;
     std::array<double, 3> weight_b;
     double offset = 0;  // m, half the thickness of a sheet
@@ -196,6 +201,15 @@ struct ContactActive {
     uint32_t point_nodes = 0;  // how many of them, the first, are on the side of the point
     uint32_t plan = 0;
     uint32_t turning = kNone;  // row of turning, if a free body has a side
+};
+
+// How a row holds a body in its implicit step: see advance_hold.cpp.
+struct HeldRow {
+    uint32_t owner = 0;              // row of body
+    bool on = false;                 // it presses
+    double stiffness = 0, grip = 0;  // kg, impulse per velocity along the normal and across
+    Vec4d velocity = {}, end_velocity = {};  // m/s, of the point against its plane, before and after the step
+    Vec4d impulse = {};              // N s, on the point
 };
 
 // What an active row needs to know of its free sides: of the point, of the plane.
@@ -267,6 +281,8 @@ struct AdvanceScratch {
     std::vector<ContactPlan> plan;  // of rows that are not in a block
     std::vector<AdvanceFree> free;
     std::vector<ContactTurning> turning;  // of the active rows with a free side
+    std::vector<ContactActive> held_active;  // rows as a substep starts, of bodies that are stepped by midpoint
+    std::vector<HeldRow> held;               // as held_active
     std::vector<Vec4d> warm;              // N s, of the substep before; as plan, or empty: starts_warm
     std::vector<ContactBlock> block;
     std::vector<RowGroup> group;       // the first of them are in use, see phase

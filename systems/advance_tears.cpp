@@ -2,6 +2,7 @@
 
 #include <algorithm>
 #include <cmath>
+#include <limits>
 
 #include "engine/parallel.hpp"
 #include "engine/solid_tears.hpp"
@@ -127,15 +128,17 @@ uint32_t tear_of(const Tears* tears, uint32_t body) {
 
 void break_springs(AdvanceIsland& island) {
     AdvanceScratch& s = island.scratch;
-    for (const AdvanceBody& b : s.body) {
+    for (AdvanceBody& b : s.body) {
         if (b.tear == kNone) continue;
         const float most = static_cast<float>(1 + island.inputs.other.tears->body[b.tear].break_strain);
         s.overstretched.assign(chunk_count(b.slices, kSlicesPerChunk), 0);
         for_slices(b.slices, [&](uint32_t begin, uint32_t end) {
             s.overstretched[begin / kSlicesPerChunk] = any_long(b.step, &b.next->x, begin, end, most);
         });
+        if (std::count(s.overstretched.begin(), s.overstretched.end(), uint8_t{1}) == 0) continue;
+        b.energy = std::numeric_limits<double>::quiet_NaN();  // what breaks holds goes to work_links
         if (tears_as_solid(island.inputs.other.tears->body[b.tear])) {
-            if (std::count(s.overstretched.begin(), s.overstretched.end(), uint8_t{1}) > 0) break_tetrahedra(island, b, most);
+            break_tetrahedra(island, b, most);
             continue;
         }
         for (uint32_t chunk = 0; chunk < s.overstretched.size(); ++chunk) {

@@ -1,4 +1,6 @@
+#include <algorithm>
 #include <cmath>
+#include <span>
 
 #include "engine/implicit_kernels.hpp"
 #include "engine/shape_fit.hpp"
@@ -7,16 +9,46 @@
 namespace trocar {
 namespace {
 
-// Work of the forces that others put in, J.
-double work_of_others(const SpringStep& step, uint32_t particles) {
-    if (!step.force_x) return 0;
-    double work = 0;
-    for (uint32_t i = 0; i < particles; ++i) {
-        const float *from = step.offset + 4ul * i, *to = step.new_offset + 4ul * i;
-        work += double(step.force_x[i]) * (double(to[0]) - from[0]) + double(step.force_y[i]) * (double(to[1]) - from[1]) +
-                double(step.force_z[i]) * (double(to[2]) - from[2]);
-    }
-    return work;
+// Batches of a colour that one thread takes at once.
+constexpr uint32_t kBatchesPerChunk = 256;
+
+Range batches_of(std::span<const Range> colour, Range colours) {
+    return colours.count == 0 ? Range{} : Range{colour[colours.first].first, colour[colours.end() - 1].end() - colour[colours.first].first};
+}
+
+// Springs and tetrahedra of a body that tears, as what has torn has left them: b.step and the volumes are bound to that.
+void bind_what_is_left(AdvanceIsland& island, const AdvanceBody& b, XpbdStep& step) {
+    ImplicitScratch& s = island.scratch.implicit;
+    const Springs& springs = island.inputs.springs;
+    const uint32_t prototype = island.inputs.bodies.mesh[b.body];
+    const Range rows = batches_of(springs.colour, springs.colours[prototype]);
+    s.left_rest.resize(size_t{kSliceWidth} * rows.count), s.left_factor.resize(s.left_rest.size());
+    parallel_for(rows.count, kBatchesPerChunk, [&](uint32_t begin, uint32_t end) {
+        for (uint32_t i = begin * kSliceWidth; i < end * kSliceWidth; ++i) {
+            const uint32_t batch = rows.first + i / kSliceWidth, lane = i % kSliceWidth, h = springs.batch_half_edge[batch][lane];
+            const bool whole = h != kNone && b.step.neighbour[h] != springs.batch[batch][lane];
+            s.left_rest[i] = whole ? b.step.rest_length[h] : 0.0f;
+            s.left_factor[i] = !whole ? 0.0f : b.step.spring_factor ? b.step.spring_factor[h] : 1.0f;
+        }
+    });
+    step.rest = s.left_rest.data() - size_t{kSliceWidth} * rows.first;
+    step.factor = s.left_factor.data() - size_t{kSliceWidth} * rows.first;
+    if (!step.corners) return;
+    const Solids& solids = *island.inputs.other.solids;
+    const Range tets = batches_of(solids.colour, solids.colours[prototype]);
+    const std::vector<float>& rest = island.inputs.other.torn_springs->rest;
+    s.left_volume.resize(size_t{kBatchWidth} * tets.count);
+    parallel_for(tets.count, kBatchesPerChunk, [&](uint32_t begin, uint32_t end) {
+        for (uint32_t i = begin * kBatchWidth; i < end * kBatchWidth; ++i) {
+            const uint32_t t = solids.batch_tetrahedron[tets.first + i / kBatchWidth][i % kBatchWidth];
+            s.left_volume[i] = t == kNone ? 0.0f : rest[t];
+        }
+    });
+    step.volume = s.left_volume.data() - size_t{kBatchWidth} * tets.first;
+}
+
+bool may_tear(const Tears* tears, uint32_t body) {
+    return tears && std::any_of(tears->body.begin(), tears->body.end(), [&](const TearBody& t) { return t.body == body; });
 }
 
 XpbdStep bind_xpbd(AdvanceIsland& island, const AdvanceBody& b) {
@@ -49,6 +81,7 @@ XpbdStep bind_xpbd(AdvanceIsland& island, const AdvanceBody& b) {
             step.volume_lambda = s.volume_lambda.data();
         }
     }
+    if (may_tear(island.inputs.other.tears, b.body)) bind_what_is_left(island, b, step);
     step.compliance = static_cast<float>(1 / (static_cast<double>(b.step.stiffness) * island.dt * island.dt));
     if (b.stepping.iterations > 1) {
         s.lambda.assign(springs.batch.size() * kSliceWidth, 0.0f);
@@ -58,13 +91,6 @@ XpbdStep bind_xpbd(AdvanceIsland& island, const AdvanceBody& b) {
     }
     return step;
 }
-
-// Batches of a colour that one thread takes at once.
-constexpr uint32_t kBatchesPerChunk = 256;
-
-}  // namespace
-
-namespace {
 
 // Of a body whose velocities are `back` seconds behind its places.
 double energy_of(const AdvanceIsland& island, const AdvanceBody& b, const float* offset, double back) {
@@ -116,11 +142,36 @@ void book_measured(AdvanceIsland& island, double& work) {
     }
 }
 
-void book_own_work(AdvanceIsland& island, AdvanceBody& b, double before, double damped) {
+double work_of_others(const SpringStep& step, uint32_t particles) {
+    if (!step.force_x) return 0;
+    double work = 0;
+    for (uint32_t i = 0; i < particles; ++i) {
+        const float *from = step.offset + 4ul * i, *to = step.new_offset + 4ul * i;
+        work += double(step.force_x[i]) * (double(to[0]) - from[0]) + double(step.force_y[i]) * (double(to[1]) - from[1]) +
+                double(step.force_z[i]) * (double(to[2]) - from[2]);
+    }
+    return work;
+}
+
+void book_own_work(AdvanceIsland& island, AdvanceBody& b, double before, double known) {
     b.energy = energy_after(island, b);
-    const double own = b.energy - before - damped - work_of_others(b.step, b.particles.count);
+    const double own = b.energy - before - known;
     if (std::isfinite(own)) island.result.work_numeric += own;  // else a body about to be restored
 }
+
+namespace {
+
+// Power of the forces that others put in, at the velocities before the step, W.
+double power_of_others(const SpringStep& step, uint32_t particles) {
+    if (!step.force_x) return 0;
+    double power = 0;
+    for (uint32_t i = 0; i < particles; ++i) {
+        power += double(step.force_x[i]) * step.velocity_x[i] + double(step.force_y[i]) * step.velocity_y[i] + double(step.force_z[i]) * step.velocity_z[i];
+    }
+    return power;
+}
+
+}  // namespace
 
 void step_xpbd(AdvanceIsland& island, AdvanceBody& b, double* work) {
     const ImplicitKernels& kernels = implicit_kernels();
@@ -131,6 +182,8 @@ void step_xpbd(AdvanceIsland& island, AdvanceBody& b, double* work) {
     const bool books = island.params.account_energy;
     const double before = books ? energy_before(island, b) : 0;
     const double kick = 0.5 * (b.last_dt + island.dt);
+    // a kick does its work half at the velocities before it, half at those after it: energy is that of half a step back
+    const double half_others = books ? 0.5 * kick * power_of_others(b.step, b.particles.count) : 0;
     b.last_dt = island.dt;
     b.step.kick_dt = static_cast<float>(kick);
     b.step.keep = static_cast<float>(std::exp(-b.damping * kick));
@@ -165,7 +218,7 @@ void step_xpbd(AdvanceIsland& island, AdvanceBody& b, double* work) {
     for_slices(b.slices, [&](uint32_t begin, uint32_t end) { kernels.xpbd_finish(&step, begin, end); });
     if (!books) return;
     if (work) work[0] += damped;
-    book_own_work(island, b, before, damped);
+    book_own_work(island, b, before, damped + half_others + 0.5 * kick / island.dt * work_of_others(b.step, b.particles.count));
 }
 
 }  // namespace trocar

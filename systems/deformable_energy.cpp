@@ -46,7 +46,8 @@ void look_back(const Particles& particles, Range rows, float back, std::vector<F
 void add_other_energies(const Springs& springs, const Bodies& bodies, const Particles& particles, uint32_t body,
                         float back, EnergyScratch& scratch, Energy& energy) {
     if (!has_pressure(bodies, body) && !has_bending(bodies, body)) return;
-    const Range rows = bodies.particles[body];
+    const uint32_t skin = springs.info[bodies.mesh[body]].skin;
+    const Range rows{bodies.particles[body].first + skin, bodies.particles[body].count - skin};
     look_back(particles, rows, back, scratch.offset);
     if (has_bending(bodies, body)) {
         energy.bending += find_bending_energy(springs, bodies.mesh[body], bending_rigidity(bodies.tissue[body]),

@@ -23,6 +23,7 @@
 #include "systems/edge_rows.hpp"
 #include "systems/face_depth.hpp"
 #include "systems/fast_bodies.hpp"
+#include "systems/haptic_surface.hpp"
 #include "systems/haptic_tool.hpp"
 #include "systems/islands.hpp"
 #include "systems/link_bodies.hpp"
@@ -99,6 +100,8 @@ namespace {
 double period_seconds(const World& w) { return w.clock.period * 1e-3; }
 double pass_seconds(const World& w) { return static_cast<double>(w.clock.tick) * 1e-3; }
 
+std::span<const ToolJaw> jaws_of(const Haptics& haptics, const HandTool& tool) { return std::span(haptics.jaw).subspan(tool.jaws.first, tool.jaws.count); }
+
 // ---- begin ----
 
 // Live: what the haptic thread saw last, reached evenly over the pass from what it saw before.
@@ -114,6 +117,7 @@ void follow_live_devices(FrameState& f) {
             const double share = static_cast<double>(ms) / static_cast<double>(per_tool - 1);
             device = to;
             device.position = from.position + share * (to.position - from.position);
+            device.grip = from.grip + share * (to.grip - from.grip);
             const Vec3d turn = rotation_vector(from.orientation, to.orientation);
             device.orientation = normalized(multiply(from_rotation_vector(share * turn), from.orientation));
         }
@@ -230,6 +234,8 @@ void candidate_pairs(FrameState& f) {
 }
 std::span<const std::array<uint32_t, 2>> linked_bodies(FrameState& f) {
     joined_by_links(f.world.bodies, f.world.links, f.scratch.joined);
+    for (const HandTool& tool : f.world.haptics.tool)
+        for (uint32_t j = tool.jaws.first; j < tool.jaws.end(); ++j) f.scratch.joined.push_back({tool.body, f.world.haptics.jaw[j].body});
     return f.scratch.joined;
 }
 // Bodies that nobody moves and nothing comes near are left alone until the next pass.
@@ -301,9 +307,13 @@ void local_contact(FrameState& f) {
     w.local_contact.resize(w.haptics.tool.size());
     for (size_t t = 0; t < w.haptics.tool.size(); ++t) {
         publish_local_contact(haptic_params(w.clock.contact_rate), surfaces_of(w), w.boxes.box, w.haptics.tool[t], w.haptics.state[t], pass_seconds(w),
-                              w.clock.pass + 1, f.scratch.local_contact, w.local_contact[t]);
+                              w.clock.pass + 1, f.scratch.local_contact, w.local_contact[t], jaws_of(w.haptics, w.haptics.tool[t]));
         w.local_contact[t].period = period_seconds(w);
-        publish_give(surfaces_of(w), w.haptics.tool[t], w.haptics.state[t], w.local_contact[t]);
+        w.local_contact[t].in_hand = w.node_state.laid_down.empty() || !w.node_state.laid_down[t];
+        publish_surfaces(w.haptics.surface, w.poses, w.local_contact[t]);
+        if (!w.nodes.drive.empty() && w.bodies.inv_mass[w.haptics.tool[t].body] > 0)
+            publish_yield(w.nodes, w.node_state, 1 / w.bodies.inv_mass[w.haptics.tool[t].body], w.haptics.tool[t], w.haptics.state[t], w.local_contact[t]);
+        publish_give(surfaces_of(w), w.haptics.tool[t], w.haptics.state[t], f.scratch.local_contact, w.local_contact[t]);
     }
     if (f.contact_hook.published) f.contact_hook.published(f.contact_hook.user, w);
 }
@@ -376,7 +386,7 @@ void advance_one_island(FrameState& f, uint32_t island, AdvanceScratch& scratch)
     const uint32_t calls = with_tool ? params.ticks : 1;  // the tick needs whole numbers of substeps in its millisecond
     params.substeps = calls * count_substeps(w.bodies, bodies, params.ticks * 1e-3 / calls, w.settings.substep, w.links.stable_dt);
     if (with_tool && !f.options.external_ticks) params.tick_hook = {haptic_ticks, &ticks};
-    const AdvanceInputs inputs{w.meshes, w.springs, w.bodies, w.anchors, w.paths, w.haptics.tool, f.scratch.device, params.ticks + 1, other_forces(w), f.scratch.stop};
+    const AdvanceInputs inputs{w.meshes, w.springs, w.bodies, w.anchors, w.paths, w.haptics.tool, f.scratch.device, params.ticks + 1, other_forces(w), f.scratch.stop, w.haptics.jaw};
     advance_island(params, inputs, bodies, rows, scratch, w.particles, w.poses, w.rows, w.haptics.state, f.scratch.advance_result[island]);
 }
 
@@ -414,7 +424,7 @@ void advance(FrameState& f) {
     remember_contacts(w.rows, w.contact_memory);
     share_room(f.scratch.advance);
     note_link_forces(period_seconds(w), w.links);
-    note_pull_on_tools(period_seconds(w), w.links, w.haptics.tool, w.haptics.state);
+    note_pull_on_tools(period_seconds(w), w.links, w.haptics.tool, w.haptics.jaw, w.haptics.state);
     f.times.response_ns = 0;
     w.report.deepest_residual = 0;
     for (uint32_t i = 0; i < count; ++i) {
@@ -480,7 +490,7 @@ constexpr FrameStage kBegin[] = {
     {{"tears",           tear,            mask(R::kSettings, R::kClock, R::kSprings, R::kSolids, R::kBodies, R::kPoses, R::kAnchors), mask(R::kParticles, R::kMeshes, R::kTrees, R::kTears, R::kTorn, R::kTornSprings, R::kSleep, R::kEnergy, R::kReport)}, any_tear},
     {{"body boxes",      body_boxes,      kShapes | mask(R::kSettings, R::kClock, R::kTools, R::kToolState, R::kLives, R::kNodeState), mask(R::kBoxes)}, any_pair},
     {{"candidate pairs", candidate_pairs, kShapes | mask(R::kSettings, R::kClock, R::kBoxes, R::kNodes, R::kTools), mask(R::kPairs, R::kToolState)}, any_pair},
-    {{"sleep",           sleep,           mask(R::kSettings, R::kBodies, R::kPaths, R::kClock, R::kPairs, R::kLinks),     mask(R::kSleep, R::kParticles, R::kPairs, R::kEnergy, R::kReport)}, may_sleep},
+    {{"sleep",           sleep,           mask(R::kSettings, R::kBodies, R::kPaths, R::kClock, R::kPairs, R::kLinks, R::kTools), mask(R::kSleep, R::kParticles, R::kPairs, R::kEnergy, R::kReport)}, may_sleep},
     {{"refit trees",     refit,           kShapes | mask(R::kSettings, R::kClock, R::kBoxes, R::kPairs),            mask(R::kTrees)}, any_pair},
     {{"rasterise",       rasterise_,      kShapes | mask(R::kSettings, R::kBoxes, R::kPairs),                mask(R::kScreened, R::kOccupancy, R::kReport)}, any_pair},
     {{"candidate cells", candidate_cells, kShapes | mask(R::kSettings, R::kClock, R::kBoxes, R::kPairs, R::kScreened, R::kOccupancy), mask(R::kCandidates)}, any_pair},
@@ -492,8 +502,8 @@ constexpr FrameStage kBegin[] = {
     {{"deep overlap",    deep_overlap,    kShapes | mask(R::kPairs, R::kContacts, R::kTrees),                 mask(R::kPairMemory, R::kPenetrations)}, wants_ways_out},
     {{"regions",         regions,         kShapes | mask(R::kPairs, R::kScreened, R::kNear, R::kContacts, R::kContours), mask(R::kRegions)}, wants_regions},
     {{"contact rows",    contact_rows,    kShapes | mask(R::kSettings, R::kClock, R::kBoxes, R::kPairs, R::kCandidates, R::kContacts, R::kPenetrations, R::kContactMemory), mask(R::kRows, R::kReport)}, any_pair},
-    {{"islands",         islands,         mask(R::kBodies, R::kRows, R::kLinks),                             mask(R::kIslands)}, any_mover},
-    {{"local contact",   local_contact,   kShapes | mask(R::kClock, R::kTools, R::kToolState, R::kBoxes),     mask(R::kToolState, R::kLocalContact)}, any_tool},
+    {{"islands",         islands,         mask(R::kBodies, R::kRows, R::kLinks, R::kTools),                  mask(R::kIslands)}, any_mover},
+    {{"local contact",   local_contact,   kShapes | mask(R::kClock, R::kTools, R::kToolState, R::kNodes, R::kNodeState, R::kBoxes),     mask(R::kToolState, R::kLocalContact)}, any_tool},
 };
 
 constexpr FrameStage kAdvance[] = {

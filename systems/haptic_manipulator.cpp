@@ -62,6 +62,7 @@ DeviceState place_tool(const HandTool& tool, const DeviceState& device, ClutchSt
     state.position = held ? clutch.tool : Vec3d(raw + clutch.offset);
     state.velocity = held ? Vec3d(Vec3d::Zero()) : rotate(w.turn, w.scale * device.velocity);
     state.orientation = multiply(w.turn, device.orientation);
+    if (tool.grip_closed > 0 && device.grip < tool.grip_closed) state.buttons |= 1;
     if (state.position.allFinite()) {
         clutch.tool = state.position;
         clutch.started = true;

@@ -4,6 +4,7 @@ namespace trocar {
 
 // Where a tool is when its device is at `device` (device frame): into the world by the workspace, held while a clutch
 // button is down, then through the pivot. The same sample twice gives the same place twice.
+// A grip below grip_closed presses the first button.
 // Workspace: x = origin + turn (scale x_device) + what the clutch moved. Pivot at P with the handle at H, u = (H - P)/r,
 // r = |H - P|: kHandle puts the tip at H - length u, so that it moves as J = I - (length / r)(I - u u^T) says: inverted
 // and scaled by the lever across, as the hand does along. kTip leaves it where the device is. Either way the

@@ -13,8 +13,10 @@ namespace {
 
 constexpr double kConverged = 1e-10;  // m, a smaller step ends the search
 constexpr uint32_t kSteps = 16;       // of one search; a longer one goes on in the next tick
+constexpr uint32_t kMostTouched = 60; // features in a tick, summed over its steps, before another step is too much
 constexpr uint32_t kSweeps = 40;      // Newton steps to the first touch of one triangle
 constexpr double kAhead = 2e-4;       // m, triangles are woken for this much more than is asked
+constexpr double kFirstLook = 3e-4;   // m, of a sweep is looked at first; four times as far each time that it is free
 constexpr double kHair = 1e-9;        // m, they wake earlier than their distance says: more than it was rounded by
 
 // ---- surface near the proxy ----
@@ -151,6 +153,43 @@ double corner_angle(const NearTriangle& near, uint32_t vertex) {
     return std::atan2(u.cross(v).norm(), u.dot(v));
 }
 
+// Rows of the triangles around a feature, ascending.
+struct RowsAround {
+    static constexpr uint32_t kCapacity = 32;
+    std::array<uint32_t, kCapacity> row;
+    uint32_t count = 0;
+    bool complete = false;  // they close around it, and all of them are at hand
+};
+
+// By the neighbours of the model, starting from `row`.
+RowsAround rows_around(const NearSurface& near, uint32_t row, Feature feature) {
+    const LocalContactModel& model = *near.model;
+    RowsAround around;
+    const auto add = [&](uint32_t triangle) {
+        if (triangle == kNone || around.count == RowsAround::kCapacity) return false;
+        const auto found = std::lower_bound(near.row.begin(), near.row.end(), triangle);
+        if (found == near.row.end() || *found != triangle) return false;
+        around.row[around.count++] = static_cast<uint32_t>(found - near.row.begin());
+        return true;
+    };
+    const uint32_t start = near.row[row];
+    around.row[around.count++] = row;
+    if (dimension(feature) == 1) {
+        around.complete = add(model.neighbour[start][static_cast<int>(feature) - static_cast<int>(Feature::kEdge0)]);
+    } else if (dimension(feature) == 0) {
+        const uint32_t vertex = model.triangle[start][static_cast<int>(feature)];
+        const auto next = [&](uint32_t t) {
+            const Triangle& c = model.triangle[t];
+            return model.neighbour[t][c[0] == vertex ? 2 : c[1] == vertex ? 0 : 1];
+        };
+        uint32_t t = next(start);
+        while (t != start && add(t)) t = next(t);
+        around.complete = t == start;
+    }
+    std::sort(around.row.begin(), around.row.begin() + around.count);
+    return around;
+}
+
 // Whether the point that lies at -offset from a feature is behind it: angle-weighted pseudonormal (Baerentzen & Aanaes,
 // TVCG 11(3), 2005). Nothing is behind a sheet. `gone` (m): length of the path to that point; all that hold the feature
 // are touched there, so they wake by then.
@@ -159,10 +198,16 @@ bool is_behind(NearSurface& near, uint32_t row, Feature feature, const Vec3d& of
     const FeatureVertices f = feature_vertices(near.triangle[row].vertex, feature);
     if (f.a == kNone) return exact_disc(near, row).normal.dot(offset) > 0;
     Vec3d pseudonormal = Vec3d::Zero();
-    for (const uint32_t k : near.awake) {
-        if (near.wake[k] > gone || !holds(near.triangle[k].vertex, f)) continue;
+    const auto add = [&](uint32_t k) {
         const Vec3d& normal = exact_disc(near, k).normal;
         pseudonormal += (f.b == kNone ? corner_angle(near.triangle[k], f.a) : 1.0) * normal;
+    };
+    const RowsAround around = rows_around(near, row, feature);
+    if (around.complete) {
+        for (uint32_t k = 0; k < around.count; ++k) add(around.row[k]);
+    } else {
+        for (const uint32_t k : near.awake)
+            if (near.wake[k] <= gone && holds(near.triangle[k].vertex, f)) add(k);
     }
     return pseudonormal.dot(offset) > 0;
 }
@@ -189,6 +234,7 @@ Planes gather_planes(const Vec3d& centre, HapticScratch& scratch) {
     if (!nearest) return planes;
     planes.inside = is_behind(scratch.near, nearest->near, nearest->feature, nearest->offset, scratch.near.path);
     for (const TouchedFeature& f : scratch.touched) {
+        if (planes.half_spaces.count == HalfSpaces::kCapacity) break;
         const NearDisc& disc = exact_disc(scratch.near, f.near);
         const bool way_out = planes.inside && &f == nearest;
         const bool behind = way_out || is_behind(scratch.near, f.near, f.feature, f.offset, scratch.near.path);
@@ -260,7 +306,10 @@ void gather_ahead(const Vec3d& from, const Vec3d& step, HapticScratch& scratch) 
         if (near.wake[row] > near.path + length || near.triangle[row].held || near.triangle[row].overlaps_at == near.path) continue;
         const NearDisc& disc = near.disc[row];
         const double gap = disc_distance(disc, from) - disc.offset;
-        if (gap - kHair > length) continue;
+        if (gap - kHair > length) {
+            sleep(row, gap, near);
+            continue;
+        }
         const double h0 = disc.normal.dot(from - disc.centre), h1 = h0 + disc.normal.dot(step);
         const double height = h0 * h1 > 0 ? std::min(std::abs(h0), std::abs(h1)) : 0;
         const double most = disc.offset + disc.slack;
@@ -271,7 +320,7 @@ void gather_ahead(const Vec3d& from, const Vec3d& step, HapticScratch& scratch) 
 }
 
 // Share of `step` that is free.
-double sweep(const Vec3d& from, const Vec3d& step, HapticScratch& scratch) {
+double sweep_at_once(const Vec3d& from, const Vec3d& step, HapticScratch& scratch) {
     gather_ahead(from, step, scratch);
     // the soonest first: what it leaves free, most of the others cannot shorten
     std::vector<SweptTriangle>& ahead = scratch.ahead;
@@ -284,6 +333,17 @@ double sweep(const Vec3d& from, const Vec3d& step, HapticScratch& scratch) {
         ahead.pop_back();
     }
     return least;
+}
+
+// The same, looking only a little ahead first: in narrow places most steps end there.
+double sweep(const Vec3d& from, const Vec3d& step, HapticScratch& scratch) {
+    const double length = step.norm();
+    for (double look = kFirstLook; look < length; look *= 4) {
+        const double share = look / length, free = sweep_at_once(from, share * step, scratch);
+        if (free < 1) return share * free;
+        if (scratch.near.touched > kMostTouched) return share;
+    }
+    return sweep_at_once(from, step, scratch);
 }
 
 // ---- proxy ----
@@ -307,13 +367,32 @@ double share_within(const Vec3d& from, const Vec3d& step, const Vec3d& origin, d
 
 }  // namespace
 
+double fastest_near(const LocalContactModel& model, const SurfaceTime& at, const HandTool& tool, const Vec3d& centre, double travel) {
+    double fastest = 0;
+    for (const TriangleGroup& block : model.block) {
+        if (block.velocity.norm() + block.spread <= fastest) continue;
+        const uint32_t first = model.group[block.triangles.first].triangles.first, body = model.body[first];
+        const double reach = tool.tip_radius + model.half_thickness[first] + (body == model.give.body ? model.give.gap : 0) + travel;
+        const Vec3d more = beyond(model, at, body);
+        if (!may_meet(block, at, more, centre, reach)) continue;
+        for (uint32_t g = block.triangles.first; g < block.triangles.end(); ++g) {
+            const TriangleGroup& group = model.group[g];
+            const double speed = group.velocity.norm() + group.spread;
+            if (speed > fastest && may_meet(group, at, more, centre, reach)) fastest = speed;
+        }
+    }
+    return std::min(fastest, model.fastest);
+}
+
 void gather_near(const LocalContactModel& model, const SurfaceTime& at, const HandTool& tool, const Vec3d& centre,
                  double travel, NearSurface& near) {
+    near.row.clear();
     near.triangle.clear();
     near.disc.clear();
     near.wake.clear();
     near.model = &model;
     near.time = at;
+    near.touched = 0;
     start_path(centre, near);
     NearTriangle triangle;
     NearDisc disc;
@@ -329,9 +408,12 @@ void gather_near(const LocalContactModel& model, const SurfaceTime& at, const Ha
             const TriangleGroup& group = model.group[g];
             if (!near.ask_all && !may_meet(group, at, more, centre, reach)) continue;
             for (uint32_t t = group.triangles.first; t < group.triangles.end(); ++t) {
-                const double gap = place_disc(model.disc[t], at, more, centre, disc);
+                const TriangleDisc& still = model.disc[t];
+                const double ball = still.radius + still.thickness + still.spread * std::abs(at.age);
+                if (!near.ask_all && !within(still.centre + at.age * still.velocity + more, centre, ball + reach)) continue;
+                const double gap = place_disc(still, at, more, centre, disc);
                 if (!near.ask_all && gap > travel) continue;
-                triangle.row = t;
+                near.row.push_back(t);
                 triangle.vertex = model.triangle[t];
                 near.triangle.push_back(triangle);
                 near.disc.push_back(disc);
@@ -346,7 +428,7 @@ void place_near(const SurfaceTime& at, const Vec3d& centre, NearSurface& near) {
     start_path(centre, near);
     for (uint32_t row = 0; row < near.triangle.size(); ++row) {
         NearTriangle& triangle = near.triangle[row];
-        const double gap = place_disc(near.model->disc[triangle.row], at, beyond(*near.model, at, triangle.body), centre, near.disc[row]);
+        const double gap = place_disc(near.model->disc[near.row[row]], at, beyond(*near.model, at, triangle.body), centre, near.disc[row]);
         triangle.placed = false;
         triangle.overlaps_at = -1;
         near.wake[row] = near.ask_all ? -1 : gap - kHair;
@@ -373,10 +455,11 @@ void find_touched(const Vec3d& centre, HapticScratch& scratch) {
             sleep(row, distance - most, near);
             continue;
         }
-        touched.push_back({row, q.feature, q.offset, distance});
+        near.triangle[row].touch = static_cast<uint32_t>(touched.size());
+        touched.push_back({row, q.feature, near.triangle[row].vertex, q.offset, distance});
         if (distance - (near.disc[row].offset - kSkin) <= 0.5 * kSkin) near.triangle[row].overlaps_at = near.path;
     }
-    const auto triangle = [&](const TouchedFeature& f) -> const Triangle& { return near.triangle[f.near].vertex; };
+    near.touched += static_cast<uint32_t>(touched.size());
     // faces before edges before vertices, then the nearer: the first of this order always stays, however rounding names
     // the features around a point above a vertex
     const auto comes_before = [](const TouchedFeature& f, const TouchedFeature& g) {
@@ -385,11 +468,17 @@ void find_touched(const Vec3d& centre, HapticScratch& scratch) {
     };
     // a triangle that holds the feature but whose own closest point is elsewhere comes nearer
     const auto is_shadowed = [&](const TouchedFeature& f) {
-        const FeatureVertices mine = feature_vertices(triangle(f), f.feature);
+        const FeatureVertices mine = feature_vertices(f.vertex, f.feature);
         if (mine.a == kNone) return false;
-        return std::any_of(touched.begin(), touched.end(), [&](const TouchedFeature& other) {
-            return holds(triangle(other), mine) && comes_before(other, f) &&
-                   !same_feature(feature_vertices(triangle(other), other.feature), mine);
+        const auto shadows = [&](const TouchedFeature& other) {
+            return holds(other.vertex, mine) && comes_before(other, f) &&
+                   !same_feature(feature_vertices(other.vertex, other.feature), mine);
+        };
+        const RowsAround around = rows_around(near, f.near, f.feature);
+        if (!around.complete) return std::any_of(touched.begin(), touched.end(), shadows);
+        return std::any_of(around.row.begin(), around.row.begin() + around.count, [&](uint32_t row) {
+            const uint32_t k = near.triangle[row].touch;
+            return k < touched.size() && touched[k].near == row && shadows(touched[k]);
         });
     };
     // marked first: removing while looking would change what the later ones see
@@ -432,6 +521,7 @@ ProxySearch find_proxy(const Vec3d& start, const Vec3d& goal, const Room& room, 
     ProxySearch s;
     s.proxy = start;
     for (uint32_t k = 0; k < kSteps; ++k) {
+        if (k >= 1 && scratch.near.touched > kMostTouched) break;
         const Planes planes = gather_planes(s.proxy, scratch);
         if (planes.inside && !was_outside) {
             s.inside = true;

@@ -27,12 +27,12 @@ struct NearDisc {
 };
 
 struct NearTriangle {
-    uint32_t row = kNone;         // of the model
     Triangle vertex;              // of the model
     uint32_t body = kNone;
     bool sheet = false;
     bool held = false;            // its plane is among the planes of the present step
     bool placed = false;          // the corners were taken
+    uint32_t touch = 0;           // row of HapticScratch::touched, if that one names this triangle
     double overlaps_at = -1;      // m, path where it was touched last: it is held by its plane, or by that of a nearer one
     std::array<Vec3d, 3> corner;  // m
 };
@@ -40,7 +40,8 @@ struct NearTriangle {
 // The triangles that a tip may come to in a tick. Most of them it cannot touch before it went some way: they sleep until
 // then. Sleeping saves time and never changes an answer.
 struct NearSurface {
-    std::vector<NearTriangle> triangle;  // in the order of the model
+    std::vector<uint32_t> row;           // of the model, ascending
+    std::vector<NearTriangle> triangle;  // one per row
     std::vector<NearDisc> disc;          // one per triangle
     std::vector<double> wake;            // m, one per triangle: length of the tip's path before which it cannot touch
     std::vector<uint32_t> awake;         // rows whose `wake` is at most `horizon`, ascending
@@ -49,6 +50,7 @@ struct NearSurface {
     double horizon = -1;                 // m
     SurfaceTime time;
     const LocalContactModel* model = nullptr;  // of this tick
+    uint32_t touched = 0;                // features that the tip touched since the triangles were gathered, step by step
     bool ask_all = false;                // tests: take the whole model and let nothing sleep
 };
 
@@ -56,6 +58,7 @@ struct NearSurface {
 struct TouchedFeature {
     uint32_t near = 0;  // row of NearSurface::triangle
     Feature feature = Feature::kFace;
+    Triangle vertex{};             // of the triangle
     Vec3d offset = Vec3d::Zero();  // m, from the tip's centre to the closest point
     double distance = 0;           // m
     bool shadowed = false;         // a neighbour is touched nearer
@@ -74,6 +77,8 @@ struct HapticScratch {
     ShellScratch shell;  // of a tool that has one
 };
 
+// Speed (m/s) of the fastest surface that may come nearer than `travel` (m) to touching a tip at `centre`, or a bound on it.
+double fastest_near(const LocalContactModel& model, const SurfaceTime& at, const HandTool& tool, const Vec3d& centre, double travel);
 // Takes the triangles that a tip may touch somewhere nearer than `travel` (m) to `centre`, as they lie then.
 void gather_near(const LocalContactModel& model, const SurfaceTime& at, const HandTool& tool, const Vec3d& centre,
                  double travel, NearSurface& near);
@@ -105,7 +110,9 @@ struct Room {
 
 // Moves the tip from `start` to the point nearest to `goal` that it can slide to along a path that passes no surface
 // (the god-object of Zilles & Salisbury, IROS 1995, with the finite radius of Ruspini, Kolarov & Khatib, SIGGRAPH 1997);
-// friction by the cone of Harwin & Melder (Eurohaptics 2002).
+// friction by the cone of Harwin & Melder (Eurohaptics 2002). It gets as far as a tick has time for, told by
+// the number of its steps and of the features that they touched since the triangles were gathered: places of many
+// triangles take several ticks, a step of 0.3 mm in each at least.
 ProxySearch find_proxy(const Vec3d& start, const Vec3d& goal, const Room& room, double friction, bool was_outside,
                        HapticScratch& scratch);
 

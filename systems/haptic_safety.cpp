@@ -17,6 +17,17 @@ bool is_finite(const DeviceCommand& c) {
            std::all_of(c.stiffness.begin(), c.stiffness.end(), [](double k) { return std::isfinite(k); });
 }
 
+// `force` with the damping that takes a debt of energy back, as far as the limits let it.
+Vec3d damped(const Dissipation& limits, double dt, const Vec3d& velocity, double least_speed2, const Vec3d& force, double& energy, double& dissipated) {
+    const double speed2 = velocity.squaredNorm();
+    if (!(energy < 0 && force.squaredNorm() > 0 && speed2 > least_speed2 && limits.damping > 0)) return force;
+    const Vec3d felt = limited_to(force - std::min(-energy / (dt * speed2), limits.damping) * velocity, limits.most);
+    const double taken = std::max(0.0, (limited_to(force, limits.most) - felt).dot(velocity) * dt);
+    dissipated += taken;
+    energy += taken;
+    return felt;
+}
+
 }  // namespace
 
 Vec3d limited_to(const Vec3d& v, double most) {
@@ -26,50 +37,38 @@ Vec3d limited_to(const Vec3d& v, double most) {
     return length > most ? Vec3d(v * (most * (1 - 1e-12) / length)) : v;
 }
 
-Vec3d dissipate(double dissipation, double dt, const Vec3d& device, const Vec3d& velocity, const Vec3d& proxy,
+Vec3d dissipate(const Dissipation& limits, double dt, const Vec3d& device, const Vec3d& velocity, const Vec3d& proxy, const Vec3d& pull,
                 const Vec3d& contact_force, SafetyState& state) {
     if (!state.started) {
         state.started = true;
         state.from_device = device;
         state.from_proxy = proxy;
     }
-    const Vec3d mean = 0.5 * (state.contact_force + contact_force);
+    const Vec3d mean = 0.5 * (state.pull + pull);
     state.energy += mean.dot(proxy - state.from_proxy) - state.contact_force.dot(device - state.from_device);
     state.lowest_energy = std::min(state.lowest_energy, state.energy);
     state.from_device = device;
     state.from_proxy = proxy;
-    Vec3d force = contact_force;
-    const double speed2 = velocity.squaredNorm();
-    if (state.energy < 0 && contact_force.squaredNorm() > 0 && speed2 > 1e-12 && dissipation > 0) {
-        const double damping = std::min(-state.energy / (dt * speed2), dissipation);
-        force -= damping * velocity;
-        state.dissipated += damping * speed2 * dt;
-        state.energy += damping * speed2 * dt;
-    }
+    state.contact_force = contact_force;
+    state.pull = pull;
+    const Vec3d force = damped(limits, dt, velocity, 1e-12, contact_force, state.energy, state.dissipated);
     // out of contact a coupling holds nothing: what friction took is no credit for the next touch
     if (contact_force.squaredNorm() == 0) state.energy = std::min(state.energy, 0.0);
-    state.contact_force = contact_force;
     return force;
 }
 
-Vec3d dissipate_turning(double dissipation, double dt, const Quat& device, const Vec3d& spin, const Quat& proxy,
+Vec3d dissipate_turning(const Dissipation& limits, double dt, const Quat& device, const Vec3d& spin, const Quat& proxy, const Vec3d& pull,
                         const Vec3d& contact_torque, SafetyState& state) {
-    const Vec3d mean = 0.5 * (state.contact_torque + contact_torque);
+    const Vec3d mean = 0.5 * (state.pull_torque + pull);
     state.turn_energy += mean.dot(rotation_vector(state.from_proxy_turn, proxy)) -
                          state.contact_torque.dot(rotation_vector(state.from_device_turn, device));
     state.lowest_turn_energy = std::min(state.lowest_turn_energy, state.turn_energy);
     state.from_device_turn = device;
     state.from_proxy_turn = proxy;
-    Vec3d torque = contact_torque;
-    const double rate2 = spin.squaredNorm();
-    if (state.turn_energy < 0 && contact_torque.squaredNorm() > 0 && rate2 > 1e-9 && dissipation > 0) {
-        const double damping = std::min(-state.turn_energy / (dt * rate2), dissipation);
-        torque -= damping * spin;
-        state.dissipated += damping * rate2 * dt;
-        state.turn_energy += damping * rate2 * dt;
-    }
-    if (contact_torque.squaredNorm() == 0) state.turn_energy = std::min(state.turn_energy, 0.0);
     state.contact_torque = contact_torque;
+    state.pull_torque = pull;
+    const Vec3d torque = damped(limits, dt, spin, 1e-9, contact_torque, state.turn_energy, state.dissipated);
+    if (contact_torque.squaredNorm() == 0) state.turn_energy = std::min(state.turn_energy, 0.0);
     return torque;
 }
 

@@ -12,6 +12,7 @@ namespace {
 constexpr double kSlipSpeed = 0.25;  // m/s, of points beyond twice that of the device
 constexpr double kThickest = 5e-3;   // m, half of the thickest sheet that points are passed over beside
 constexpr double kAgainst = -0.5;    // cosine between a way out and the normal into the instrument
+constexpr double kLook = 5e-4;       // m, beyond the band: where no surface is nearer, a point that was outside is left alone
 constexpr double kLongestGap = 0.1;  // s, ticks farther apart than this count as this far
 
 struct Pose {
@@ -115,20 +116,33 @@ bool find_planes(const LocalContactModel& model, const HandTool& tool, const Spa
     size_t row = 0;
     for (uint32_t root = 0; root < model.shell.node.size(); root = next_tree(model, root)) {
         const uint32_t body = model.shell.node[root].body;
+        const double gap = body == model.give.body ? model.give.gap : 0;
         for (uint32_t k = 0; k < points; ++k, ++row) {
             const double ways = s.shifted + s.turned * s.radius[k] + s.surface_way;
-            if (!s.all_points && s.clear[row] - ways > band) continue;
+            const double known = s.clear[row] - ways, near = band + std::max(0.0, gap);
+            if (!s.all_points && known > near) continue;
             const Vec3d arm = rotate(pose.turn, tool.shell[k].arm);
-            const NearestTriangle nearest = find_nearest(model, root, pose.tip + arm, s.nearest[row], model.reach, s.surface);
+            const uint32_t hint = s.nearest[row];
+            const bool was_outside = !s.all_points && known > 0 && hint != kNone;
+            const double half = was_outside ? model.half_thickness[hint] : kThickest;
+            const double reach = was_outside ? std::min(model.reach, near + kLook + half) : model.reach;
+            const NearestTriangle nearest = find_nearest(model, root, pose.tip + arm, hint, reach, s.surface);
             ++s.looked_at;
-            s.clear[row] = model.reach - kThickest + ways;
+            s.clear[row] = reach - half + ways;
             if (nearest.triangle == kNone) continue;
+            const double apart = std::sqrt(nearest.at.squared_distance) - half;
+            if (was_outside && apart >= near) {  // and did not come through
+                s.nearest[row] = nearest.triangle;
+                s.clear[row] = apart + ways;
+                continue;
+            }
             const ShellContact* held = before.find(body, k);
-            const SurfaceSide side = side_of(model, nearest, held ? held->side : 0, s.surface);
+            SurfaceSide side = side_of(model, nearest, held ? held->side : 0, s.surface);
             s.nearest[row] = nearest.triangle;
             s.clear[row] = side.distance + ways;
-            if (side.distance >= band) continue;
             inside = inside || side.distance < 0;
+            side.distance -= gap;
+            if (side.distance >= band) continue;
             if (side.distance < 0 && side.normal.dot(rotate(pose.turn, tool.shell[k].inward)) < kAgainst) continue;
             s.plane.push_back(plane_of(model, span, k, body, arm, side, held));
         }
@@ -214,7 +228,7 @@ void slew_command(const HapticParams& params, const HandTool& tool, const Wrench
 // Moves the tool, or waits until all of it is outside.
 void update_shell(const LocalContactModel& model, const HandTool& tool, const Span& span,
                   double band, const Pose& pose, ShellScratch& s, ToolState& state) {
-    if (!covers(model, tool, pose, span.now, band)) {
+    if (!covers(model, tool, pose, span.now, band + std::max(0.0, model.give.gap))) {
         state.proxy_valid = false;
         state.contact.clear();
         return;
@@ -263,6 +277,8 @@ void shell_tick(const HapticParams& params, const LocalContactModel& model, doub
     Wrench wanted = sum_contacts(state.contact);
     wanted.force *= state.gain;
     wanted.torque *= state.gain;
+    state.pull = wanted.force;
+    state.pull_torque = wanted.torque;
     if (accepted) {
         slew_command(params, tool, wanted, span.elapsed, device_way, device_turn.norm(), surface_way, std::abs(state.gain - last_gain), state);
     } else {

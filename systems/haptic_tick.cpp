@@ -6,6 +6,7 @@
 
 #include "engine/check.hpp"
 #include "systems/haptic_device.hpp"
+#include "systems/haptic_surface.hpp"
 namespace trocar {
 namespace {
 
@@ -28,11 +29,9 @@ struct TickSpan {
     SurfaceTime before;  // of the surface at the last tick
     SurfaceTime now;
     double travel = 0;   // m, the proxy may go
+    double surface_way = 0;  // m, the fastest surface near the proxy went
     double moved() const { return now.age - before.age; }
-    // m, a surface that went fastest since the last tick
-    double surface_way(const LocalContactModel& model) const {
-        return model.fastest * std::abs(moved()) + (now.follow - before.follow).norm();
-    }
+    double way_at(double speed) const { return speed * std::abs(moved()) + (now.follow - before.follow).norm(); }
 };
 
 // A surface is not advanced for longer than it was published for: a stalled one stands still.
@@ -50,7 +49,7 @@ TickSpan span_of(const HapticParams& params, const LocalContactModel& model, dou
 // that the surface cannot pass over its centre.
 void carry_proxy(const LocalContactModel& model, const TickSpan& span, double radius, const Room& room,
                  HapticScratch& scratch, ToolState& state) {
-    const double way = span.surface_way(model);
+    const double way = span.surface_way;
     if (way == 0 && state.contacts == 0) return;
     const int steps = static_cast<int>(std::clamp(std::ceil(way / (0.5 * radius)), 1.0, 16.0));
     bool was_outside = state.contacts > 0;
@@ -85,6 +84,7 @@ bool is_clear(const Vec3d& centre, HapticScratch& scratch) {
 // Moves the proxy to where it belongs for the device's present position.
 void update_proxy(const LocalContactModel& model, const TickSpan& span, const HandTool& tool, HapticScratch& scratch,
                   ToolState& state) {
+    constexpr double kSlow = 1e-3;  // m/s
     const Vec3d goal = state.device.position;
     if (!state.proxy_valid) {
         state.proxy = goal;
@@ -95,7 +95,13 @@ void update_proxy(const LocalContactModel& model, const TickSpan& span, const Ha
     const Room room{state.proxy, span.travel};
     carry_proxy(model, span, tool.tip_radius, room, scratch, state);
     if (!state.proxy_valid) return;
-    const ProxySearch s = find_proxy(state.proxy, goal, room, tool.friction, state.contacts > 0, scratch);
+    const Vec3d carried = state.proxy;
+    const double friction = feel_of(tool, model, state.touched, state.sliding).friction;
+    const ProxySearch s = find_proxy(state.proxy, goal, room, friction, state.contacts > 0, scratch);
+    if (!model.surface.empty()) {
+        state.sliding = state.contacts > 0 && (s.proxy - carried).norm() > kSlow * span.elapsed;
+        state.carried += carried - room.origin;
+    }
     state.proxy = s.proxy;
     state.proxy_valid = !s.inside;
     state.contacts = s.inside ? 0 : s.active;
@@ -111,26 +117,26 @@ Vec3d limited(const Vec3d& v, double most) {
 }
 
 // Force of the coupling on the hand. N
-Vec3d coupling_force(const HandTool& tool, const ToolState& state, const Vec3d& surface_velocity) {
+Vec3d coupling_force(const HandTool& tool, const SurfaceFeel& feel, const ToolState& state, const Vec3d& surface_velocity) {
     if (!state.proxy_valid || state.contacts == 0) return Vec3d::Zero();
-    const Vec3d spring = tool.coupling_stiffness * (state.proxy - state.device.position);
+    const Vec3d spring = feel.stiffness * (state.proxy - state.device.position);
     const double pull = spring.norm();
     if (pull == 0) return Vec3d::Zero();
     const Vec3d direction = spring / pull;
     const double speed = (state.device.velocity - surface_velocity).dot(direction);
     // damping starts with the spring from zero, so that first touch and release are without a step
-    const double damping = std::clamp(-tool.coupling_damping * speed, -pull, pull);
+    const double damping = std::clamp(-feel.damping * speed, -pull, pull);
     // a hair below the maximum, so that rounding never exceeds it
     return limited((pull + damping) * direction, tool.max_force * (1 - 1e-12));
 }
 
 // Force on the hand (N) on the way from the last command to `wanted`: as far as the motions since then explain, and a
 // little more each tick, so that a new set of contacts ramps in.
-Vec3d slewed_force(const HapticParams& params, const HandTool& tool, const TickSpan& span, const Vec3d& wanted,
+Vec3d slewed_force(const HapticParams& params, const HandTool& tool, const SurfaceFeel& feel, const TickSpan& span, const Vec3d& wanted,
                    const Vec3d& drift, const DeviceState& last, double last_gain, const ToolState& state) {
     const double way = (state.device.position - last.position).norm() + drift.norm() * span.moved();
-    const double explained = tool.coupling_stiffness * way +
-                             tool.coupling_damping * (state.device.velocity - last.velocity).norm() +
+    const double explained = feel.stiffness * way +
+                             feel.damping * (state.device.velocity - last.velocity).norm() +
                              tool.max_force * std::abs(state.gain - last_gain);
     return state.command.force + limited(wanted - state.command.force, explained + params.force_slew * span.elapsed);
 }
@@ -154,29 +160,31 @@ void haptic_tick(const HapticParams& params, const LocalContactModel& model, dou
     const double device_way = (state.device.position - last.position).norm();
     span.before.follow = surface_follow(params, model.give, last.position, time - span.elapsed);
     span.now.follow = surface_follow(params, model.give, state.device.position, time);
-    const double surface_way = span.surface_way(model);
-    span.travel = std::min((state.device.position - centre).norm(), kSlipSpeed * span.elapsed + 2 * device_way) +
-                  2 * surface_way + 10 * kSkin;
+    const double own_travel = std::min((state.device.position - centre).norm(), kSlipSpeed * span.elapsed + 2 * device_way) + 10 * kSkin;
+    const double most_way = span.way_at(model.fastest);
+    span.surface_way = span.way_at(fastest_near(model, span.now, tool, centre, own_travel + 3 * most_way + kNearby));
+    span.travel = own_travel + 2 * span.surface_way;
     // beyond what the model shows there may be anything
     const double farthest = tool.tip_radius + std::max(0.0, model.give.gap) + span.travel + span.now.follow.norm();
     if (segment_distance(centre, model.from, model.to) + farthest <= model.reach) {
-        gather_near(model, span.now, tool, centre, span.travel + surface_way + kNearby, scratch.near);
+        gather_near(model, span.now, tool, centre, span.travel + span.surface_way + kNearby, scratch.near);
         update_proxy(model, span, tool, scratch, state);
     } else {
         state.proxy_valid = false;
         state.contacts = 0;
     }
-    if (state.contacts == 0) state.touched = kNone;
+    if (state.contacts == 0) state.touched = kNone, state.sliding = false, state.carried.setZero();
     Vec3d drift = Vec3d::Zero();
-    if (state.contacts > 0 && surface_way > 0) {
+    if (state.contacts > 0 && span.surface_way > 0) {
         const SurfaceMotion motion = surface_motion(state.proxy, kNearby, scratch.near);
         drift = motion.velocity;
         if (motion.body != kNone && motion.body == model.give.body && span.elapsed > 0)
             drift += (span.now.follow - span.before.follow) / span.elapsed;
     }
-    const Vec3d wanted = state.gain * coupling_force(tool, state, drift);
+    const SurfaceFeel feel = feel_of(tool, model, state.touched, state.sliding);
+    state.pull = state.gain * coupling_force(tool, feel, state, drift);
     state.command.force =
-        accepted ? slewed_force(params, tool, span, wanted, drift, last, last_gain, state) : Vec3d(Vec3d::Zero());
+        accepted ? slewed_force(params, tool, feel, span, state.pull, drift, last, last_gain, state) : Vec3d(Vec3d::Zero());
     state.largest_force = std::max(state.largest_force, state.command.force.norm());
 }
 

@@ -5,9 +5,11 @@
 
 #include "engine/check.hpp"
 #include "engine/simulated_hand.hpp"
+#include "systems/haptic_device.hpp"
 #include "systems/haptic_effects.hpp"
 #include "systems/haptic_manipulator.hpp"
 #include "systems/haptic_safety.hpp"
+#include "systems/haptic_surface.hpp"
 namespace trocar {
 namespace {
 
@@ -17,12 +19,12 @@ void add_event(HapticEventKind kind, double time, uint32_t value, HapticEvents& 
 }
 
 // The surface's stiffness as the hand feels it: of the coupling, along its force.
-void add_contact_stiffness(const HandTool& tool, const Vec3d& force, std::array<double, 9>& stiffness) {
+void add_contact_stiffness(double coupling, const Vec3d& force, std::array<double, 9>& stiffness) {
     const double length = force.norm();
     if (length <= 0) return;
     const Vec3d n = force / length;
     for (int i = 0; i < 3; ++i)
-        for (int j = 0; j < 3; ++j) stiffness[static_cast<size_t>(3 * i + j)] += tool.coupling_stiffness * n[i] * n[j];
+        for (int j = 0; j < 3; ++j) stiffness[static_cast<size_t>(3 * i + j)] += coupling * n[i] * n[j];
 }
 
 // What links pull on the hand now, N: on the way from one pass to the next.
@@ -60,11 +62,35 @@ void add_effects(const HapticParams& params, std::span<const HapticEffect> effec
     }
 }
 
+// Another instrument is in the hand: this one goes along without touching, so that it can be taken up at once.
+void rest_tool(const HapticParams& params, const LocalContactModel& model, double time, DeviceState sample, ToolState& state) {
+    sample.buttons = 0;
+    take_sample(params, sample, state);
+    state.time = time;
+    state.model_age = time - model.time;
+    ++state.ticks;
+    state.proxy_valid = state.sliding = false;
+    state.contacts = 0;
+    state.contact.clear();
+    state.touched = kNone;
+    state.command = state.output = {};
+    state.carried = state.pull = state.pull_torque = Vec3d::Zero();
+    state.effect = {};
+    SafetyState& safety = state.safety;
+    safety.gain = 0;
+    safety.started = false;
+    safety.contact_force = safety.pull = safety.contact_torque = safety.pull_torque = Vec3d::Zero();
+}
+
 }  // namespace
 
 void tick_tool(const HapticParams& params, const LocalContactModel& model, double time, const HandTool& tool,
                std::span<const HapticEffect> effects, const DeviceState& device, HapticScratch& scratch, ToolState& state) {
     const DeviceState sample = place_tool(tool, device, state.clutch);
+    if (!model.in_hand) {
+        rest_tool(params, model, time, sample, state);
+        return;
+    }
     const bool first = !state.device_valid;
     const double elapsed = first ? 0 : time - state.time;
     const uint64_t rejected = state.rejected_samples;
@@ -84,6 +110,7 @@ void tick_tool(const HapticParams& params, const LocalContactModel& model, doubl
         state.contacts = 0;
         state.contact.clear();
         state.command = {};
+        state.pull = state.pull_torque = Vec3d::Zero();
         passed = state.touched;
     }
     const bool touches = state.contacts > 0;
@@ -96,14 +123,18 @@ void tick_tool(const HapticParams& params, const LocalContactModel& model, doubl
     safety.gain = elapsed > params.silence ? 0 : std::min(1.0, safety.gain + std::max(0.0, elapsed) / params.rise_time);
     DeviceCommand wanted;
     wanted.at = state.device.position;
-    wanted.force = dissipate(tool.limits.dissipation, params.dt, state.device.position, state.device.velocity,
-                             state.proxy_valid ? state.proxy : state.device.position, safety.gain * state.command.force, safety);
+    const SurfaceFeel feel = feel_of(tool, model, state.touched, state.sliding);
+    const HapticSurface* surface = model.surface.empty() || !tool.shell.empty() ? nullptr : surface_of(model, state.touched);
+    const Vec3d felt = surface ? textured_force(*surface, state.model_age, feel.stiffness, state, state.command.force) : state.command.force;
+    const Vec3d proxy = state.proxy_valid ? state.proxy : state.device.position;
+    wanted.force = dissipate({tool.limits.dissipation, tool.max_force}, params.dt, state.device.position, state.device.velocity, proxy,
+                             safety.gain * state.pull, safety.gain * felt, safety);
     if (!tool.shell.empty()) {
         const Quat& turn = state.proxy_valid ? state.proxy_turn : state.device.orientation;
-        wanted.torque = dissipate_turning(tool.limits.turn_dissipation, params.dt, state.device.orientation, state.device_spin, turn,
-                                          safety.gain * state.command.torque, safety);
+        wanted.torque = dissipate_turning({tool.limits.turn_dissipation, tool.limits.torque}, params.dt, state.device.orientation, state.device_spin,
+                                          turn, safety.gain * state.pull_torque, safety.gain * state.command.torque, safety);
     }
-    add_contact_stiffness(tool, state.command.force, wanted.stiffness);
+    add_contact_stiffness(tool.shell.empty() ? feel.stiffness : tool.coupling_stiffness, state.command.force, wanted.stiffness);
     const double gain = safety.gain * state.gain;
     wanted.force += gain * link_pull(model, state.model_age);
     if (!effects.empty())

@@ -5,6 +5,7 @@
 namespace trocar {
 
 // One whole tick of one tool: where it is (place_tool), contact (haptic_tick, or shell_tick for a tool with a shell), effects, passivity, limits, events.
+// Of an instrument that is not in the hand (model.in_hand) the place alone, without buttons and forces.
 // `device` is what the device reported, in its own frame. state.command is the force of contact, state.output what the
 // device is told, in its frame. The same code in lockstep and live; depends on its arguments alone; no allocation once
 // warm.

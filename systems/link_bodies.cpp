@@ -40,12 +40,18 @@ void note_link_forces(double seconds, Links& links) {
     for (LinkGroup& g : links.group) g.largest_force = std::max(g.largest_force, g.impulse.norm() / seconds);
 }
 
-void note_pull_on_tools(double seconds, const Links& links, std::span<const HandTool> tools, std::span<ToolState> states) {
+void note_pull_on_tools(double seconds, const Links& links, std::span<const HandTool> tools, std::span<const ToolJaw> jaws,
+                        std::span<ToolState> states) {
+    const auto holds = [&](const HandTool& tool, uint32_t body) {
+        bool any = body == tool.body;
+        for (const ToolJaw& jaw : jaws.subspan(tool.jaws.first, tool.jaws.count)) any = any || body == jaw.body;
+        return any;
+    };
     for (size_t t = 0; t < tools.size(); ++t) {
         states[t].link_force_before = states[t].link_force;
         states[t].link_force.setZero();
         for (const LinkGroup& g : links.group) {
-            if (g.body != kNone && g.holder == tools[t].body) states[t].link_force -= g.impulse / seconds;
+            if (g.body != kNone && holds(tools[t], g.holder)) states[t].link_force -= g.impulse / seconds;
         }
     }
 }

@@ -12,7 +12,8 @@ void link_bodies(double now, std::span<const ToolState> tools, const LinkWorld& 
 
 // Keeps the largest force of every group, mean over a pass of `seconds`; after advance.
 void note_link_forces(double seconds, Links& links);
-// The same for the tools whose bodies hold links: ToolState::link_force.
-void note_pull_on_tools(double seconds, const Links& links, std::span<const HandTool> tools, std::span<ToolState> states);
+// The same for the tools whose bodies or jaws hold links: ToolState::link_force.
+void note_pull_on_tools(double seconds, const Links& links, std::span<const HandTool> tools, std::span<const ToolJaw> jaws,
+                        std::span<ToolState> states);
 
 }  // namespace trocar

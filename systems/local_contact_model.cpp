@@ -220,6 +220,26 @@ double carrying_distance(const LocalContactModel& model, uint32_t body, const Ve
     return nearest;
 }
 
+// How far (m) the points that a body holds would stand off its surface if the shell were where the simulated tool is, less
+// what their springs are pressed: a mean by their forces, so that there the springs bear what the contacts bear.
+double shell_gap(const HandTool& tool, const ToolState& state, uint32_t body, const Vec3d& tip, const Quat& turn, LocalContactScratch& scratch,
+                 const LocalContactModel& model) {
+    uint32_t root = 0;
+    while (root < model.shell.node.size() && model.shell.node[root].body != body) root = next_tree(model, root);
+    if (root >= model.shell.node.size()) return 0;
+    begin_moment(model, {}, scratch.placed);
+    double sum = 0, force = 0;
+    for (const ShellContact& c : state.contact) {
+        if (c.body != body) continue;
+        const NearestTriangle nearest = find_nearest(model, root, tip + rotate(turn, tool.shell[c.point].arm), kNone, model.reach, scratch.placed);
+        if (nearest.triangle == kNone) return 0;
+        const double press = c.depth * tool.surface_stiffness;
+        sum += press * (side_of(model, nearest, c.side, scratch.placed).distance + c.depth);
+        force += press;
+    }
+    return force > 0 ? sum / force : 0;
+}
+
 // Lets the surface of a body go at `velocity` (m/s) up to `near` (m) from a point, and less so up to `far`.
 void take_along(uint32_t body, const Vec3d& point, const Vec3d& velocity, double near, double far, LocalContactModel& out) {
     const auto first = std::find(out.body.begin(), out.body.end(), body);
@@ -240,7 +260,8 @@ void take_along(uint32_t body, const Vec3d& point, const Vec3d& velocity, double
 
 void publish_local_contact(const HapticParams& params, const Surfaces& surfaces, std::span<const Box> boxes,
                            const HandTool& tool, const ToolState& state, double time, uint64_t sequence,
-                           LocalContactScratch& scratch, LocalContactModel& out) {
+                           LocalContactScratch& scratch, LocalContactModel& out, std::span<const ToolJaw> jaws) {
+    const auto is_jaw = [&](uint32_t body) { return std::any_of(jaws.begin(), jaws.end(), [&](const ToolJaw& j) { return j.body == body; }); };
     clear_model(out);
     out.time = time;
     out.sequence = sequence;
@@ -252,7 +273,7 @@ void publish_local_contact(const HapticParams& params, const Surfaces& surfaces,
     const Bodies& bodies = surfaces.bodies;
     for (uint32_t body = 0; body < bodies.mesh.size(); ++body) {
         const MeshInfo& info = surfaces.meshes.info[bodies.mesh[body]];
-        if (body == tool.body || info.admission == Admission::kRefused) continue;
+        if (body == tool.body || is_jaw(body) || info.admission == Admission::kRefused) continue;
         const double half_thickness = info.admission == Admission::kSheet ? 0.5 * bodies.thickness[body] : 0;
         const double reach = out.reach + half_thickness;
         if (!boxes.empty() && !boxes_meet(boxes[body], segment_box(out.from, out.to, reach + tool.shell_radius))) continue;
@@ -303,7 +324,7 @@ double give_share(const Vec3d& normal, const Vec3d& tip_way, const Vec3d& device
     return std::clamp(normal.dot(tip_way) / along, 0.0, kMost);
 }
 
-void publish_give(const Surfaces& surfaces, const HandTool& tool, ToolState& state, LocalContactModel& out) {
+void publish_give(const Surfaces& surfaces, const HandTool& tool, ToolState& state, LocalContactScratch& scratch, LocalContactModel& out) {
     constexpr double kMostGap = 5e-4;  // m
     out.give = {};
     out.pull = state.link_force, out.pull_before = state.link_force_before;
@@ -313,16 +334,20 @@ void publish_give(const Surfaces& surfaces, const HandTool& tool, ToolState& sta
     const ToolPass now{state.contacts > 0 && force > 0 ? state.touched : kNone, tip, state.device.position};
     const ToolPass before = state.last_pass;
     state.last_pass = now;
-    if (now.touched == kNone || !is_deformable(surfaces.bodies, now.touched)) return;
+    if (now.touched == kNone) return;
+    const bool deformable = is_deformable(surfaces.bodies, now.touched);
+    if (!deformable && surfaces.bodies.motion[now.touched] != Motion::kFree) return;
     const Vec3d normal = state.command.force / force;
     const double share = now.touched == before.touched ? give_share(normal, tip - before.tip, now.device - before.device) : 0;
     if (!tool.shell.empty()) {
-        if (share > 0) out.give = {now.touched, share, normal, now.device, state.device.velocity, state.device.time, 0};
+        const double gap = shell_gap(tool, state, now.touched, tip, surfaces.poses.orientation[body], scratch, out);
+        out.give = {now.touched, share, normal, now.device, state.device.velocity, state.device.time, std::abs(gap) <= kMostGap ? gap : 0};
         return;
     }
     const double gap = carrying_distance(out, now.touched, tip, normal, tool.tip_radius + kMostGap) - tool.tip_radius;
     if (!(std::abs(gap) <= std::min(kMostGap, 0.5 * tool.tip_radius))) return;
     out.give = {now.touched, share, normal, now.device, state.device.velocity, state.device.time, gap};
+    if (!deformable) return;  // its velocities say how it moves
     const double near = tool.tip_radius + 1.5 * surfaces.meshes.info[surfaces.bodies.mesh[now.touched]].mean_edge;
     take_along(now.touched, tip, surfaces.poses.velocity[body] + surfaces.poses.angular_velocity[body].cross(arm), near, 2 * near, out);
 }

@@ -25,22 +25,22 @@ struct LocalContactScratch {
 // place of the segment; its trees and what lies around every point are found besides. No allocation once warm.
 void publish_local_contact(const HapticParams& params, const Surfaces& surfaces, std::span<const Box> boxes,
                            const HandTool& tool, const ToolState& state, double time, uint64_t sequence,
-                           LocalContactScratch& scratch, LocalContactModel& out);
+                           LocalContactScratch& scratch, LocalContactModel& out, std::span<const ToolJaw> jaws = {});
 
 // The part of it that only tools with a shell need, model.shell, from the rest: trees, where the shell is, and how near
 // every point of it is to every tree.
 void publish_outlook(const HandTool& tool, const ToolState& state, LocalContactScratch& scratch, LocalContactModel& out);
 
-// How the surface of the deformable body that a tool presses goes on until the next pass:
-// - around the simulated tip it goes where that goes, dent and all. The velocities of single vertices do not say so: under
+// How the surface of the deformable or free body that a tool presses goes on until the next pass:
+// - around the simulated tip tissue goes where that goes, dent and all. The velocities of single vertices do not say so: under
 //   a tip that slides, what lies ahead is at rest until it is met, and what was passed springs back.
 // - The share of the device's way along the force that the tip went since the pass before is what it goes on to give way
 //   by; none when the device moved less than 0.1 mm or mostly along the surface. Linear in position, so that it holds
 //   whatever the hand does next (Mark et al., SIGGRAPH 1996; Picinbono & Lombardo 1999), unlike a force drawn on in time.
-// - The gap is what contacts left between the tip and the surface that carries it.
+// - The gap is what contacts left between the tip, or the points of a shell, and the surface that carries it.
 // Nothing of it without contact, or while the simulated tip lags the device's behind and is farther than 0.5 mm from the
-// surface; of a tool with a shell the share alone. Then keeps this pass in state.last_pass for the next one.
-void publish_give(const Surfaces& surfaces, const HandTool& tool, ToolState& state, LocalContactModel& out);
+// surface; of a tool with a shell share and gap alone. Then keeps this pass in state.last_pass for the next one.
+void publish_give(const Surfaces& surfaces, const HandTool& tool, ToolState& state, LocalContactScratch& scratch, LocalContactModel& out);
 // The share alone: what the tip moved (m) against what the device moved (m), along a unit normal.
 double give_share(const Vec3d& normal, const Vec3d& tip_way, const Vec3d& device_way);
 

@@ -39,9 +39,12 @@ void wake_all(const Lives& lives, Sleep& sleep) {
 void let_go(ToolState& tool) {
     tool.proxy_valid = false;
     tool.contacts = 0;
+    tool.contact.clear();
     tool.touched = kNone;
     tool.command = tool.output = {};
-    tool.safety.contact_force.setZero();
+    tool.sliding = false;
+    tool.carried = tool.pull = tool.pull_torque = Vec3d::Zero();
+    tool.safety.contact_force = tool.safety.pull = tool.safety.contact_torque = tool.safety.pull_torque = Vec3d::Zero();
 }
 
 // The hand, with all that it did so far, holds the other instrument from now on.

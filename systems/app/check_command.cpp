@@ -2,9 +2,11 @@
 #include <nlohmann/json.hpp>
 
 #include "content/admission.hpp"
+#include "content/build_scene.hpp"
 #include "content/clean_mesh.hpp"
 #include "content/unit_guess.hpp"
 #include "engine/error.hpp"
+#include "engine/thread_pool.hpp"
 #include "engine/whole_file.hpp"
 #include "systems/app/commands.hpp"
 #include "systems/app/load_file.hpp"
@@ -59,10 +61,30 @@ std::string to_text(const std::string& file, const MeshJudgement& j, const std::
 
 }  // namespace
 
+namespace {
+
+// Builds a scene as `run` would, without running it: what is wrong throws with its file and line.
+void check_scene(const std::string& file, bool json) {
+    ThreadPool pool(1);
+    pool.run([&] {
+        const BuiltScene scene = build_scene(read_scene_file(file, {}));
+        for (const std::string& warning : scene.warnings) std::fprintf(stderr, "trocar: warning: %s\n", warning.c_str());
+        const size_t bodies = scene.world.bodies.mesh.size(), tools = scene.world.haptics.tool.size();
+        const nlohmann::ordered_json j{{"file", file}, {"scene", true}, {"bodies", bodies}, {"tools", tools}};
+        write_standard_output(json ? j.dump() + "\n" : file + ": a sound scene of " + std::to_string(bodies) + " bodies and " + std::to_string(tools) + " tools\n");
+    });
+}
+
+}  // namespace
+
 int check_command(const CheckOptions& options) {
     bool sound = true, readable = true;
     for (const std::string& file : options.files) {
         try {
+            if (std::filesystem::path(file).extension() == ".toml") {
+                check_scene(file, options.json);
+                continue;
+            }
             const LoadedMesh loaded = load_file(file);
             for (const std::string& warning : loaded.warnings)
                 std::fprintf(stderr, "trocar: warning: %s\n", warning.c_str());

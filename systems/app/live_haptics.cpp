@@ -19,6 +19,8 @@ LiveHaptics::LiveHaptics(const HapticParams& params, std::span<const LiveTool> t
     for (const LiveTool& tool : tools) {
         tools_.push_back(std::make_unique<Tool>());
         tools_.back()->setup = tool;
+        tools_.back()->model.back().in_hand = tool.in_hand;
+        tools_.back()->model.publish();
     }
 }
 
@@ -28,7 +30,7 @@ LiveHaptics::LiveHaptics(const HapticParams& params, std::span<const HandTool> t
     TROCAR_ASSERT(tools.size() == devices.size());
     for (size_t k = 0; k < tools.size(); ++k) {
         tools_.push_back(std::make_unique<Tool>());
-        tools_.back()->setup = {tools[k], {}, devices[k], nullptr};
+        tools_.back()->setup = {tools[k], {}, devices[k], nullptr, true};
     }
 }
 
@@ -77,7 +79,7 @@ void LiveHaptics::tick(uint64_t index, double time, int64_t now_ns) {
         t.model.update();
         const LocalContactModel& model = t.model.front();
         tick_tool(params_, model, time, t.setup.tool, t.setup.effects, t.sample, t.scratch, t.state);
-        if (t.setup.link) t.setup.link->write(t.state.output, now_ns);
+        if (t.setup.link && model.in_hand) t.setup.link->write(t.state.output, now_ns);
         if (model.reach > 0) figures_.contact_age.add(static_cast<int64_t>((time - model.time) * 1e9));
         figures_.max_force = std::max(figures_.max_force, t.state.largest_force);
         t.newest.back() = t.state;
@@ -97,11 +99,14 @@ void LiveHaptics::publish_model(uint32_t tool) {
 void take_tool_state(const ToolState& newest, ToolState& state) {
     const Vec3d coupling_force = state.coupling_force, contact_impulse = state.contact_impulse;
     const Vec3d coupling_torque = state.coupling_torque, contact_moment = state.contact_moment;
+    const Vec3d link_force = state.link_force, link_force_before = state.link_force_before;
     const ToolPass last_pass = state.last_pass;
     const ToolPierce pierce = state.pierce;
     state = newest;
     state.last_pass = last_pass;
     state.pierce = pierce;
+    state.link_force = link_force;
+    state.link_force_before = link_force_before;
     state.coupling_force = coupling_force;
     state.contact_impulse = contact_impulse;
     state.coupling_torque = coupling_torque;

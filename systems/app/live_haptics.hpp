@@ -33,7 +33,7 @@ struct LiveFigures {
 };
 
 // Copies what a tick found (device, proxy, contacts, command, counters) into the state that the simulation goes on
-// from; the coupling force, the impulse and what the last pass found stay, they are the simulation's own.
+// from; the forces of coupling, contacts and links and what the last pass found stay, they are the simulation's own.
 void take_tool_state(const ToolState& newest, ToolState& state);
 
 // What one tool is held by: a device that talks to us, or the hand of the scene.
@@ -42,6 +42,7 @@ struct LiveTool {
     std::span<const HapticEffect> effects;
     Device device;               // without a link
     DeviceLink* link = nullptr;  // its samples; told what to do after every tick
+    bool in_hand = true;         // at the start; instruments that are exchanged for one another have one device
 };
 
 // Haptic ticks on an own 1 kHz thread. The simulation gives it surfaces and takes its states through newest-value

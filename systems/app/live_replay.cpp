@@ -18,7 +18,11 @@ LiveReplay::LiveReplay(const HapticParams& params, const LiveRecording& recordin
     : params_(params), recording_(recording), file_(file), frame_(frame), tools_(recording.tools) {
     if (recording.start_hash != scene_hash(frame.world()) || recording.tools != frame.world().haptics.tool.size())
         throw InputError(file + ": was recorded with another scene, other settings (--set) or another version of the program");
-    for (Tool& tool : tools_) tool.model.emplace_back();  // before the first pass there is no surface
+    const std::vector<uint8_t>& laid_down = frame.world().node_state.laid_down;
+    for (uint32_t t = 0; t < tools_.size(); ++t) {
+        LocalContactModel& none = tools_[t].model.emplace_back();  // before the first pass there is no surface
+        none.in_hand = laid_down.empty() || !laid_down[t];
+    }
     for (uint32_t row = 0; row < recording.tick.size(); ++row) tools_[recording.tick[row].tool].tick.push_back(row);
     first_device_states(frame.world());
     frame.set_contact_hook({[](void* user, World&) { static_cast<LiveReplay*>(user)->keep_models(); }, this});

@@ -169,6 +169,8 @@ std::vector<std::unique_ptr<DeviceLink>> open_links(const std::vector<std::strin
         size_t tool = 0;
         while (tool < links.size() && world.bodies.name[world.haptics.tool[tool].body] != body) ++tool;
         if (tool == links.size()) throw InputError("--device " + text + ": the scene has no tool on a body named \"" + body + "\"");
+        if (!world.node_state.laid_down.empty() && world.node_state.laid_down[tool])
+            throw InputError("--device " + text + ": \"" + body + "\" comes into the hand of another instrument and has its device");
         if (links[tool]) throw InputError("--device " + text + ": the tool \"" + body + "\" has a device already");
         links[tool] = open_device(text.substr(equals + 1));
     }
@@ -192,10 +194,16 @@ bool run_live(const RunOptions& options, double seconds, Frame& frame, PictureWr
     collector.begin(world, seconds);
     first_device_states(world);
     const std::vector<std::unique_ptr<DeviceLink>> links = open_links(options.devices, world);
+    std::vector<DeviceLink*> link;
+    for (const auto& opened : links) link.push_back(opened.get());
+    for (const ToolExchange& e : world.nodes.exchange)
+        if (!link[e.to]) link[e.to] = link[e.from];  // one hand
+    const std::vector<uint8_t>& laid_down = world.node_state.laid_down;
     std::vector<LiveTool> tools;
     for (size_t t = 0; t < world.haptics.tool.size(); ++t) {
         const HandTool& tool = world.haptics.tool[t];
-        tools.push_back({tool, effects_of(world.haptics, tool), device_of(world.haptics, world.paths, tool), links[t].get()});
+        tools.push_back({tool, effects_of(world.haptics, tool), device_of(world.haptics, world.paths, tool), link[t],
+                         laid_down.empty() || !laid_down[t]});
     }
     LiveHaptics haptics(haptic_params(world.clock.contact_rate), tools, collector.recorder());
     frame.set_contact_hook({publish_models, &haptics});

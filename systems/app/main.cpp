@@ -126,10 +126,10 @@ void describe(CLI::App& app, Arguments& a) {
 
     CLI::App* check =
         app.add_subcommand("check", "Is a mesh sound: closed, manifold, oriented, free of self-crossings");
-    check->add_option("files", a.check.files, "Mesh files (.wrl .wrz .x3d .x3dv .iv .obj .stl .ply .off .vtk .gltf .glb .dae .fbx ...)")->required();
+    check->add_option("files", a.check.files, "Scenes (.toml), mesh files (.wrl .wrz .x3d .x3dv .iv .obj .stl .ply .off .vtk .gltf .glb .dae .fbx ...)")->required();
     check->add_flag("--json", a.check.json, "One JSON object a line");
     check->footer(
-        "Example: trocar check liver.wrl kidney.stl --json\nExit code 1 when a mesh cannot be admitted as solid.");
+        "Example: trocar check liver.wrl kidney.stl --json\nOf a scene: can it be built; else the line that is wrong. Exit code 1 when a mesh cannot be admitted as solid.");
 
     CLI::App* query = app.add_subcommand("query", "Signed distance, closest point, triangle and feature of points");
     query->add_option("mesh", a.query.mesh, "Mesh file")->required();

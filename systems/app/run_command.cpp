@@ -252,12 +252,11 @@ void print_summary(const RunFigures& f, const fs::path& out, bool figures_only) 
                               std::string(f.tool.empty() ? "" : ", tools.csv") + std::string(f.render_ms.empty() ? "" : ", frames/") + "\n");
 }
 
-// A haptic thread holds its instruments from start to end.
+// A haptic thread does not know of nodes that come and go.
 void refuse_what_is_not_live(const World& w) {
     for (const HandTool& tool : w.haptics.tool) {
         const bool in_node = !w.nodes.of_body.empty() && w.nodes.of_body[tool.body] != kNone && !w.nodes.toggle.empty();
-        if (in_node || !w.nodes.exchange.empty())
-            throw InputError("tool \"" + w.bodies.name[tool.body] + "\" is exchanged or hangs on a node: that runs in lockstep, without --live");
+        if (in_node) throw InputError("tool \"" + w.bodies.name[tool.body] + "\" hangs on a node that is switched: that runs in lockstep, without --live");
     }
 }
 

@@ -46,6 +46,48 @@ class CommandLine : public testing::Test {
     fs::path folder_;
 };
 
+// A scene is built and not run; what is wrong is told by its line.
+TEST_F(CommandLine, CheckNamesTheWrongLineOfAScene) {
+    const std::string scene = "[[body]]\nname = \"floor\"\nshape = \"box\"\ntriangles = 12\n[body.haptic]\nstatic_friction = ";
+    const Outcome good = run("check " + write("good.toml", scene + "0.2\n").string());
+    EXPECT_EQ(good.code, 0) << good.err;
+    EXPECT_NE(good.out.find("a sound scene of 1 bodies"), std::string::npos) << good.out;
+    const Outcome bad = run("check " + write("bad.toml", scene + "-0.2\n").string());
+    EXPECT_EQ(bad.code, 2);
+    EXPECT_NE(bad.err.find("bad.toml:6:"), std::string::npos) << bad.err;
+    expect_one_line(bad.err);
+}
+
+// Live, the instrument in the hand gives way to another whose shell then feels; the recording comes out the same to the bit.
+TEST_F(CommandLine, ALiveRunExchangesShells) {
+    const auto ball = [](const std::string& name, const char* size) {
+        return "[[body]]\nname = \"" + name + "\"\nshape = \"sphere\"\nsize = " + size + "\ntriangles = 320\nmotion = \"hand\"\n";
+    };
+    const auto key = [](const char* time, const char* height) {
+        return std::string("[[tool.path]]\ntime = ") + time + "\nposition = [0.0, 0.0, " + height + "]\n";
+    };
+    const std::string scene = "seconds = 1.2\n[[body]]\nname = \"floor\"\nshape = \"box\"\nsize = 1.0\ntriangles = 12\nposition = [0.0, 0.0, -0.5]\n" +
+                              ball("small", "0.02") + ball("large", "0.04") +
+                              "[[tool]]\nbody = \"small\"\ndof = 6\npoints = 200\nstiffness = 600.0\n[[tool.exchange]]\nbody = \"large\"\ntime = 0.6\n" +
+                              key("0.0", "0.03") + key("0.2", "0.009") + key("0.4", "0.009") + key("0.55", "0.03") + key("0.8", "0.018") + key("1.2", "0.018");
+    const std::string file = write("exchange.toml", scene).string(), out = (folder_ / "live").string();
+    const Outcome live = run("run " + file + " --live --no-render --out " + out);
+    ASSERT_EQ(live.code, 0) << live.err;
+    std::ifstream table(out + "/tools.csv");
+    double most[2] = {0, 0};  // N, of each instrument, up
+    for (std::string line; std::getline(table, line);) {
+        std::vector<std::string> cell(1);
+        for (const char c : line) {
+            if (c == ',') cell.emplace_back();
+            else cell.back().push_back(c);
+        }
+        if (cell[1] == "small" || cell[1] == "large") most[cell[1] == "large"] = std::max(most[cell[1] == "large"], std::stod(cell[10]));
+    }
+    EXPECT_GT(most[0], 0.3) << "1 mm deep";
+    EXPECT_GT(most[1], 0.6) << "2 mm deep";
+    EXPECT_EQ(run("run " + file + " --no-render --replay " + out + "/live.recording").code, 0);
+}
+
 TEST_F(CommandLine, HelpTeachesAndEveryCommandHasAnExample) {
     EXPECT_EQ(run("--help").code, 0);
     for (const char* command : {"run", "check", "query", "collide", "convert", "view", "organ", "scenes"}) {

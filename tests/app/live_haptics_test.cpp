@@ -97,6 +97,18 @@ TEST(LiveHaptics, RecordedValuesReplayToTheSameForces) {
     EXPECT_EQ(state[0].proxy, haptics.state[0].proxy);
 }
 
+// What links pull on a tool is found by the simulation: a tick's state must not wipe it out before it is published.
+TEST(LiveHaptics, TheSimulationsOwnForcesStay) {
+    ToolState newest, state;
+    newest.ticks = 7;
+    state.link_force = {1, 2, 3}, state.link_force_before = {4, 5, 6}, state.contact_impulse = {7, 8, 9};
+    take_tool_state(newest, state);
+    EXPECT_EQ(state.ticks, 7u);
+    EXPECT_EQ(state.link_force, Vec3d(1, 2, 3));
+    EXPECT_EQ(state.link_force_before, Vec3d(4, 5, 6));
+    EXPECT_EQ(state.contact_impulse, Vec3d(7, 8, 9));
+}
+
 // A simulation that fell behind by more than the watchdog allows gives models of their true age; breaks when the
 // slip is not added to the models' time.
 TEST(LiveHaptics, ModelsOfALateSimulationAreFresh) {

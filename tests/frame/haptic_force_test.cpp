@@ -112,6 +112,42 @@ TEST(HapticForce, TheHandFeelsWhatTheTissueDoes) {
     EXPECT_GT(f.lowest_energy, -1e-3);
 }
 
+// A jab faster than any surface, and back out: what the observer books stays above -1 mJ, and since it first touched the hand
+// never got back more than it gave, by the forces that the device was told, each held until the next tick. Breaks when the
+// force that ramps is booked as what the tissue gets (-5.7 mJ).
+TEST(HapticForce, AJabGivesNoEnergy) {
+    const FeltForces f = feel(small_scene("probe_on_liver", "10000").world, 5300);
+    EXPECT_GT(f.lowest_energy, -1e-3);
+    double given = 0, least = 0, largest = 0;
+    for (size_t k = 1; k < f.time.size(); ++k) {
+        if (f.time[k] < 3.4) continue;
+        const Vec3d way = read_device(f.device, f.time[k]).position - read_device(f.device, f.time[k - 1]).position;
+        given -= f.felt[k - 1].dot(way);
+        largest = std::max(largest, f.felt[k].norm());
+        least = std::min(least, given);
+    }
+    std::printf("hand gave %.1f mJ in all, least %.3f mJ; observer's least %.3f mJ; largest force %.2f N\n", 1e3 * given, 1e3 * least,
+                1e3 * f.lowest_energy, largest);
+    EXPECT_GT(largest, 3);
+    EXPECT_GT(given, 0.05);
+    EXPECT_GT(least, -1e-3);
+}
+
+// A dial that is driven through its detents meets the tool again and again. What the hand feels then is within what the dial
+// takes, friction, detent and damping over the lever, and the blow of the tool's 50 g against the dial's inertia; felt against a
+// surface that does not know of the touch for a pass or two it was 1.1 N.
+TEST(HapticForce, ADrivenDialIsMetWithoutASpike) {
+    const FeltForces f = feel(small_scene("dial_and_button", "600").world, 5400);
+    double largest = 0;
+    for (size_t k = 1; k < f.time.size(); ++k)
+        if (f.time[k] > 3.3) largest = std::max(largest, f.felt[k].norm());
+    const Felt felt = compare(f, 3.5, 5.2);
+    std::printf("largest %.3f N; felt %.3f N of %.3f N, error %.3f N rms\n", largest, felt.felt, felt.pushed, felt.error);
+    EXPECT_GT(largest, 0.3);
+    EXPECT_LT(largest, 0.85);
+    EXPECT_GT(f.lowest_energy, -1e-4);
+}
+
 // contact.rate: contacts are found so often, no surface under a force is older than the time from one pass to the next, and
 // the hand feels the same tissue.
 TEST(HapticForce, ContactsAreFoundAtTheRateOfTheScene) {

@@ -10,6 +10,7 @@
 
 #include "engine/capture_file.hpp"
 #include "engine/error.hpp"
+#include "engine/geometry/quaternion.hpp"
 #include "engine/mass_properties.hpp"
 #include "engine/node_drive.hpp"
 #include "engine/thread_pool.hpp"
@@ -501,6 +502,230 @@ TEST(ToolExchange, AnotherTipTakesThePlaceOfTheFirst) {
     std::string same = kExchange;
     same.replace(same.find("body = \"ball\""), 13, "body = \"probe\"");
     EXPECT_NE(error_of(same).find("is in a hand already"), std::string::npos);
+}
+
+// With dof = 6 the other instrument feels with its own shell: a ball of 20 mm instead of one of 10 mm, on a floor that stops
+// both by their lowest point. Breaks when the shell of the first instrument goes on feeling.
+TEST(ToolExchange, AShellGivesWayToAnother) {
+    const auto ball = [](const std::string& name, const char* size) {
+        return "[[body]]\nname = \"" + name + "\"\nshape = \"sphere\"\nsize = " + size + "\ntriangles = 1280\nmotion = \"hand\"\nposition = [0.0, 0.0, 0.03]\n";
+    };
+    const std::string scene = "[[body]]\nname = \"floor\"\nshape = \"box\"\nsize = 1.0\ntriangles = 12\nposition = [0.0, 0.0, -0.5]\n" + ball("small", "0.02") + ball("large", "0.04") + R"(
+[[tool]]
+body = "small"
+dof = 6
+points = 1000
+stiffness = 600.0
+friction = 0.0
+[[tool.exchange]]
+body = "large"
+time = 1.0
+[[tool.path]]
+time = 0.0
+position = [0.0, 0.0, 0.03]
+[[tool.path]]
+time = 0.4
+position = [0.0, 0.0, 0.009]
+[[tool.path]]
+time = 0.7
+position = [0.0, 0.0, 0.009]
+[[tool.path]]
+time = 0.9
+position = [0.0, 0.0, 0.03]
+[[tool.path]]
+time = 1.3
+position = [0.0, 0.0, 0.018]
+)";
+    run(world_of(scene), 2.0, [&](Frame& f) {
+        const World& w = f.world();
+        const auto force = [&](size_t tool) { return w.haptics.state[tool].command.force.z(); };
+        // springs of points give a hundredth, the lowest point of a ball of triangles is less than 0.1 mm higher
+        if (w.clock.pass == 40) { EXPECT_NEAR(force(0), 600 * 0.001, 0.05 * 0.6); }
+        if (w.clock.pass == 110) {
+            EXPECT_NEAR(force(1), 600 * 0.002, 0.05 * 1.2);
+            EXPECT_EQ(force(0), 0);
+        }
+    });
+    EXPECT_NE(world_of(scene).haptics.tool[0].shell_radius, world_of(scene).haptics.tool[1].shell_radius);
+}
+
+// ---- surfaces ----
+
+// A body's own properties reach the hand: 600 and 300 N/m in a row, pressed 2 mm; none of it without the table.
+TEST(HapticSurface, OfAScene) {
+    const std::string floor = "[[body]]\nname = \"floor\"\nshape = \"box\"\nsize = 1.0\ntriangles = 12\nposition = [0.0, 0.0, -0.5]\n";
+    const std::string probe = R"(
+[[body]]
+name = "probe"
+shape = "probe"
+triangles = 600
+motion = "hand"
+[[tool]]
+body = "probe"
+tip_radius = 0.007
+stiffness = 600.0
+friction = 0.0
+[[tool.path]]
+time = 0.0
+position = [0.0, 0.0, 0.03]
+[[tool.path]]
+time = 0.5
+position = [0.0, 0.0, 0.005]
+)";
+    const auto pressed = [&](const std::string& haptic) {
+        double force = 0;
+        run(world_of(floor + haptic + probe), 0.8, [&](Frame& f) { force = f.world().haptics.state[0].output.force.z(); });
+        return force;
+    };
+    EXPECT_NEAR(pressed("[body.haptic]\nstiffness = 300.0\n"), 200 * 0.002, 1e-6);
+    EXPECT_NEAR(pressed(""), 600 * 0.002, 1e-6);
+    const auto error = [&](const std::string& haptic) { return error_of(floor + "[body.haptic]\n" + haptic + probe); };
+    EXPECT_NE(error("static_friction = 0.1\ndynamic_friction = 0.2\n").find("must not be above"), std::string::npos);
+    EXPECT_NE(error("dynamic_friction = 0.2\n").find("needs a static_friction"), std::string::npos);
+    EXPECT_NE(error("texture = \"grating\"\n").find(":7:1: a texture needs a height"), std::string::npos) << error("texture = \"grating\"\n");
+    EXPECT_NE(error("texture = \"velvet\"\n").find("none of none, grating, noise"), std::string::npos) << error("texture = \"velvet\"\n");
+    EXPECT_NE(error("stifness = 1.0\n").find(":8:1"), std::string::npos) << error("stifness = 1.0\n");
+    EXPECT_NE(error("damping = -1.0\n").find("damping"), std::string::npos);
+    EXPECT_NE(error_of("[[body]]\nname = \"s\"\nshape = \"sphere\"\nmotion = \"deformable\"\n[body.haptic]\nstiffness = 100.0\n" + probe).find("static or kinematic"), std::string::npos);
+}
+
+// ---- jaws ----
+
+const std::string kJaws = R"(
+gravity = [0.0, 0.0, 0.0]
+[[body]]
+name = "handle"
+shape = "sphere"
+size = 0.004
+triangles = 80
+motion = "hand"
+[[body]]
+name = "left"
+shape = "grasper_jaw"
+triangles = 400
+motion = "hand"
+[[body]]
+name = "right"
+shape = "grasper_jaw"
+triangles = 400
+motion = "hand"
+[[tool]]
+body = "handle"
+tip_radius = 0.002
+stiffness = 600.0
+grip_closed = 5.0
+[[tool.jaw]]
+body = "left"
+pivot = [0.0, 0.001, 0.0]
+axis = [1.0, 0.0, 0.0]
+share = -0.5
+[[tool.jaw]]
+body = "right"
+pivot = [0.0, -0.001, 0.0]
+rotation = [0.0, 0.0, 1.0, 180.0]
+axis = [1.0, 0.0, 0.0]
+share = 0.5
+[[tool.path]]
+time = 0.0
+grip = 60.0
+[[tool.path]]
+time = 0.2
+grip = 60.0
+[[tool.path]]
+time = 0.5
+position = [0.0, 0.0, 0.01]
+rotation = [0.0, 1.0, 0.0, 90.0]
+grip = 20.0
+[[tool.path]]
+time = 0.8
+position = [0.0, 0.0, 0.01]
+grip = 0.0
+)";
+
+// Where the jaws are, to rounding: pivots go with the instrument, each jaw turns by half the grip. A grip below the limit
+// is the first button.
+TEST(ToolJaws, TurnByTheGripAboutTheInstrument) {
+    int closed = 0;
+    run(world_of(kJaws), 1.0, [&](Frame& f) {
+        const World& w = f.world();
+        const ToolState& tool = w.haptics.state[0];
+        if (seconds_of(f) < 0.05) return;
+        const Quat turn = w.poses.orientation[0];
+        // the simulated instrument is where its hand will be at the end of the pass
+        const double t = seconds_of(f);
+        const double u = t >= 0.8 ? 1 : t >= 0.5 ? (t - 0.5) / 0.3 : t >= 0.2 ? (t - 0.2) / 0.3 : 0, rise = u * u * (3 - 2 * u);
+        const double grip = std::numbers::pi / 180 * (t >= 0.5 ? 20 - 20 * rise : 60 - 40 * rise);
+        for (uint32_t k = 0; k < 2; ++k) {
+            const Vec3d pivot = w.poses.origin[0] + rotate(turn, Vec3d(0, k == 0 ? 1e-3 : -1e-3, 0));
+            EXPECT_LT((w.poses.origin[1 + k] - pivot).norm(), 1e-12) << t;
+            const Quat closed_turn = k == 0 ? Quat{} : from_rotation_vector({0, 0, std::numbers::pi});
+            const Quat wanted = multiply(turn, multiply(from_rotation_vector(Vec3d((k == 0 ? -0.5 : 0.5) * grip, 0, 0)), closed_turn));
+            EXPECT_LT(rotation_vector(wanted, w.poses.orientation[1 + k]).norm(), 1e-4) << t << " " << grip;
+        }
+        EXPECT_EQ((tool.device.buttons & 1) != 0, tool.device.grip < 5 * std::numbers::pi / 180);
+        closed += (tool.device.buttons & 1) != 0;
+    });
+    EXPECT_GT(closed, 10);
+    const auto with = [&](const std::string& from, const std::string& to) {
+        std::string text = kJaws;
+        text.replace(text.find(from), from.size(), to);
+        return error_of(text);
+    };
+    EXPECT_NE(with("body = \"left\"\npivot", "body = \"lost\"\npivot").find("no body is named \"lost\""), std::string::npos);
+    EXPECT_NE(with("body = \"left\"\npivot", "body = \"handle\"\npivot").find("be nothing else"), std::string::npos);
+    EXPECT_NE(with("tip_radius = 0.002\n", "dof = 6\n").find("feel with their tip"), std::string::npos);
+    EXPECT_NE(with("grip = 20.0", "grip = 200.0").find("grip"), std::string::npos);
+}
+
+// Jaws close on a soft ball that nothing holds, by contact and friction alone, and lift it: it comes along, and the books
+// agree. Breaks when jaws push nothing, when what they meet is lost on the tool's node, and when their own work is not booked.
+TEST(ToolJaws, GraspAndLiftByFriction) {
+    std::string scene = kJaws.substr(0, kJaws.find("[[tool.path]]")) + R"(
+[[tool.path]]
+time = 0.0
+grip = 100.0
+[[tool.path]]
+time = 0.5
+grip = 6.0
+[[tool.path]]
+time = 0.7
+grip = 6.0
+[[tool.path]]
+time = 1.2
+position = [0.0, 0.0, -0.02]
+[[body]]
+name = "ball"
+shape = "sphere"
+size = 0.008
+triangles = 320
+motion = "deformable"
+anchor = "shape"
+position = [0.0, 0.0, 0.014]
+[body.tissue]
+youngs_modulus = 5e3
+friction = 0.8
+)";
+    const World made = world_of(scene);
+    uint32_t ball = 0;
+    while (made.bodies.name[ball] != "ball") ++ball;
+    const auto middle = [&](const World& w) {
+        Vec3d sum = Vec3d::Zero();
+        for (uint32_t v = 0; v < w.bodies.particles[ball].count; ++v) sum += vertex_position(surfaces_of(w), ball, v);
+        return Vec3d(sum / w.bodies.particles[ball].count);
+    };
+    const double from = middle(made).z();
+    double to = 0, least_gap = 1, work = 0, balance = 0, tool = 0;
+    run(world_of(scene), 1.3, [&](Frame& f) {
+        const World& w = f.world();
+        to = middle(w).z();
+        tool = w.poses.origin[0].z();
+        least_gap = std::min(least_gap, std::abs(to - tool));
+        work = std::max(work, std::abs(w.energy.work_hand));
+        balance = std::max(balance, std::abs(w.energy.balance));
+    });
+    std::printf("lifted %.1f mm of 20, hand's work %.4f mJ, books to %.6f mJ\n", 1e3 * (from - to), 1e3 * work, 1e3 * balance);
+    EXPECT_NEAR(to, from - 0.02, 0.003);
+    EXPECT_LT(balance, 0.02 * work);
 }
 
 }  // namespace

@@ -2,8 +2,11 @@
 #include <gtest/gtest.h>
 
 #include <algorithm>
+#include <array>
 #include <cmath>
 
+#include "engine/error.hpp"
+#include "engine/keyframe_path.hpp"
 #include "engine/thread_pool.hpp"
 #include "frame/scenes_under_test.hpp"
 #include "reference/leapfrog_double.hpp"
@@ -67,6 +70,35 @@ TEST(ToolScenes, TwoHandsFeelWhatTheTissueBears) {
         for (size_t i = 0; i < f.size(); ++i)
             if (liver.inv_mass[i] > 0) borne += f[i];
         EXPECT_LT((pressed - borne).norm(), 1e-3 * pressed.norm()) << pressed.transpose() << " and " << borne.transpose();
+    });
+}
+
+// The same of an instrument that feels with all of its body: pressed across the liver and held, its hand feels what springs and
+// anchors bear, force and torque. Breaks when the points of the shell stand where the simulated contacts do not.
+TEST(ToolScenes, AShellFeelsWhatTheTissueBears) {
+    ThreadPool pool(0);
+    pool.run([&] {
+        const auto path = source_folder() / "content/scenes/shaft_on_liver.toml";
+        for (const double height : {0.048, 0.044}) {
+            SceneFile scene = read_scene_file(path, {{"liver.tissue.bending", "0.0"}, {"liver.tissue.pressure_modulus", "0.0"}, {"liver.triangles", "4000"}});
+            scene.tools[0].path.resize(3);
+            scene.tools[0].path[2].position.z() = height;
+            Frame frame(std::move(build_scene(scene).world), {});
+            run_until(frame, 2.5, [](const World&) {});
+            const World& w = frame.world();
+            const ToolState& tool = w.haptics.state[0];
+            const reference::DoubleBody liver = double_copy(w, 0);
+            const std::vector<Vec3d> f = reference::forces(liver);
+            Vec3d borne = Vec3d::Zero();
+            for (size_t i = 0; i < f.size(); ++i)
+                if (liver.inv_mass[i] > 0) borne += f[i];
+            const Vec3d moment = tool.contact_moment / (1e-3 * w.clock.period);
+            std::printf("felt %.4f N of %.4f N (%.2f %%), torque %.5f of %.5f N m\n", tool.output.force.norm(), borne.norm(),
+                        100 * (tool.output.force.norm() / borne.norm() - 1), tool.output.torque.norm(), moment.norm());
+            EXPECT_GT(borne.norm(), 0.3);
+            EXPECT_NEAR(tool.output.force.norm(), borne.norm(), 0.01 * borne.norm()) << height;
+            EXPECT_NEAR(tool.output.torque.norm(), moment.norm(), 0.02 * moment.norm()) << height;
+        }
     });
 }
 
@@ -138,6 +170,66 @@ TEST(ToolScenes, LongPalpationFindsTheLump) {
     EXPECT_GT(with, 1.5);
     const double without = peak(map_of("1.0"), place);
     EXPECT_LT(without, 0.8 * with);
+}
+
+// The whole theatre through a press of each hand, its liver coarser: books to 1 % of the largest elastic energy, nothing
+// lost, overlap left below 0.1 mm, both hands feel organs, no instrument ever meets the wall that its port lies in.
+TEST(ToolScenes, FieldStaysWholeUnderBothHands) {
+    ThreadPool pool(0);
+    pool.run([&] {
+        Frame frame(scene_world("field", {{"liver.cells", "10"}, {"liver.triangles", "3000"}, {"stomach.triangles", "2000"}, {"wall.triangles", "2000"}}), {});
+        const World& w = frame.world();
+        const uint32_t wall = 2;
+        ASSERT_EQ(w.bodies.name[wall], "wall");
+        std::array<double, 2> felt{};
+        double elastic = 0, balance = 0, residual = 0;
+        bool met_wall = false;
+        run_until(frame, 1.5, [&](const World&) {
+            for (size_t t = 0; t < 2; ++t) felt[t] = std::max(felt[t], w.haptics.state[t].output.force.norm());
+            elastic = std::max(elastic, w.energy.elastic), balance = std::max(balance, std::abs(w.energy.balance));
+            residual = std::max(residual, w.report.deepest_residual);
+            for (size_t p = 0; p < w.pairs.a.size(); ++p) met_wall |= w.pairs.a[p] == wall && w.bodies.motion[w.pairs.b[p]] == Motion::kHand;
+        });
+        EXPECT_FALSE(met_wall);
+        EXPECT_GT(felt[0], 0.2);
+        EXPECT_GT(felt[1], 0.2);
+        EXPECT_LT(balance, 0.01 * elastic);
+        EXPECT_LT(residual, 1e-4);
+        EXPECT_GT(w.report.min_volume_ratio, 0.0);
+        EXPECT_EQ(w.report.runaway_bodies + w.report.nonfinite_particles, 0u);
+    });
+}
+
+// `repeat` plays a path on end: a time later the hand is where it was, and its last key is the first of the next time.
+TEST(ToolScenes, RepeatedPathsComeBack) {
+    const World w = scene_world("field", {{"liver.cells", "6"}, {"liver.triangles", "1000"}, {"tool.left.repeat", "3"}, {"tool.right.repeat", "1"}});
+    const auto keys = [&](size_t tool) {
+        const Range range = w.paths.keys[w.haptics.tool[tool].path];
+        return std::span(w.paths.key).subspan(range.first, range.count);
+    };
+    ASSERT_EQ(keys(0).size(), 9u + 8u + 8u);
+    ASSERT_EQ(keys(1).size(), 6u);
+    EXPECT_EQ(keys(0).back().time, 15.0);
+    for (double time = 0; time < 5; time += 0.013)
+        for (const double later : {5.0, 10.0})
+            EXPECT_LT((sample_path(keys(0), time + later).position - sample_path(keys(0), time).position).norm(), 1e-12) << time;
+    EXPECT_EQ(sample_path(keys(0), 17.0).position, keys(0)[0].position);
+}
+
+TEST(ToolScenes, WhatIsKeptApartIsNamedAndAnother) {
+    const auto refused = [](const std::string& key, const std::string& value) -> std::string {
+        try {
+            scene_world("field", {{"liver.cells", "6"}, {"liver.triangles", "1000"}, {key, value}});
+        } catch (const InputError& error) {
+            return error.what();
+        }
+        return "";
+    };
+    EXPECT_NE(refused("left.apart", "door").find("no body is named \"door\""), std::string::npos);
+    EXPECT_NE(refused("left.apart", "left").find("names itself"), std::string::npos);
+    EXPECT_NE(refused("left.apart", "3").find("string"), std::string::npos);
+    EXPECT_NE(refused("tool.left.repeat", "0").find("repeat"), std::string::npos);
+    EXPECT_NE(refused("tool.left.repeat", "1000000").find("4 million"), std::string::npos);
 }
 
 }  // namespace

@@ -72,8 +72,8 @@ struct AdvanceScene {
         poses.orientation.push_back(orientation);
         poses.velocity.push_back(Vec3d::Zero());
         poses.angular_velocity.push_back(Vec3d::Zero());
-        if (motion == Motion::kDeformable && tissue.pressure_modulus > 0) add_fans(springs, meshes, mesh);
-        if (motion == Motion::kDeformable && tissue.bending > 0) add_hinges(springs, meshes, mesh);
+        if (motion == Motion::kDeformable && tissue.pressure_modulus > 0) add_fans(springs, mesh_view(meshes, mesh), mesh);
+        if (motion == Motion::kDeformable && tissue.bending > 0) add_hinges(springs, mesh_view(meshes, mesh), mesh);
         if (motion == Motion::kDeformable && is_solid(solids, mesh)) {
             add_solid_body(meshes, springs, solids, poses, body, bodies, particles, anchors);
         } else if (motion == Motion::kDeformable) {

@@ -409,33 +409,68 @@ TEST(HapticSafety, T05_ALateSimulationErrsAsMuchAsTheSurfaceAccelerated) {
 // The observer itself, against its own books: a spring that is let go later than it was loaded gives energy, and the
 // controller asks it back in proportion to speed, never more than its limit.
 TEST(HapticSafety, TheObserverCountsWhatACouplingGives) {
-    SafetyState state;
     const Vec3d z = Vec3d::UnitZ(), still = Vec3d::Zero();
-    dissipate(10, kTick, still, still, still, still, state);
-    dissipate(10, kTick, -1e-3 * z, still, still, 2 * z, state);  // 1 mm in without force, then 2 N
+    // the force is that of the coupling
+    const auto tick = [&](double damping, const Vec3d& device, const Vec3d& velocity, const Vec3d& proxy, const Vec3d& force, SafetyState& state) {
+        return dissipate({damping, 1e9}, kTick, device, velocity, proxy, force, force, state);
+    };
+    SafetyState state;
+    tick(10, still, still, still, still, state);
+    tick(10, -1e-3 * z, still, still, 2 * z, state);  // 1 mm in without force, then 2 N
     EXPECT_EQ(state.energy, 0);
-    Vec3d f = dissipate(10, kTick, still, 0.5 * z, still, z, state);  // back out under 2 N: 2 mJ given
+    Vec3d f = tick(10, still, 0.5 * z, still, z, state);  // back out under 2 N: 2 mJ given
     EXPECT_NEAR(state.lowest_energy, -2e-3, 1e-15);
     EXPECT_NEAR(f.z(), 1 - 2e-3 / (kTick * 0.25) * 0.5, 1e-12);
     EXPECT_NEAR(state.energy, 0, 1e-15);
     EXPECT_NEAR(state.dissipated, 2e-3, 1e-15);
     // 8 mJ would want more damping than is allowed: the rest stays a debt
     SafetyState deep;
-    dissipate(10, kTick, -4e-3 * z, still, still, 2 * z, deep);
-    f = dissipate(10, kTick, still, 0.5 * z, still, z, deep);
+    tick(10, -4e-3 * z, still, still, 2 * z, deep);
+    f = tick(10, still, 0.5 * z, still, z, deep);
     EXPECT_NEAR(f.z(), 1 - 10 * 0.5, 1e-12);
     EXPECT_NEAR(deep.energy, -8e-3 + 10 * 0.25 * kTick, 1e-15);
+    // and what the device cannot be told is not taken back: 1 N more of 3.5 is all that 2.5 N of limit leaves
+    SafetyState weak;
+    const auto weak_tick = [&](const Vec3d& device, const Vec3d& velocity, const Vec3d& force) {
+        return dissipate({10, 2.5}, kTick, device, velocity, still, force, force, weak);
+    };
+    weak_tick(-4e-3 * z, still, 2 * z);
+    f = weak_tick(still, -0.5 * z, 1.5 * z);
+    EXPECT_NEAR(f.z(), 2.5, 1e-9);
+    EXPECT_NEAR(weak.dissipated, 1 * 0.5 * kTick, 1e-12);
     // a spring that a surface lets go all at once gives what it held to the surface, and the hand nothing
     SafetyState gone;
-    for (int k = 0; k <= 1000; ++k) dissipate(0, kTick, -1e-6 * k * z, still, still, 600 * 1e-6 * k * z, gone);
+    for (int k = 0; k <= 1000; ++k) tick(0, -1e-6 * k * z, still, still, 600 * 1e-6 * k * z, gone);
     EXPECT_NEAR(gone.energy, 0.5 * 600 * 1e-6, 1e-6 * 600 * 1e-3);
-    dissipate(0, kTick, -1e-3 * z, still, -1e-3 * z, still, gone);
+    tick(0, -1e-3 * z, still, -1e-3 * z, still, gone);
     EXPECT_NEAR(gone.lowest_energy, 0, 1e-6);
     // a surface that moves with the hand gives nothing: the proxy's way counts too
     SafetyState moving;
-    dissipate(10, kTick, still, still, z * 1e-3, 2 * z, moving);
-    for (int k = 1; k < 100; ++k) dissipate(10, kTick, k * 1e-3 * z, z, (k + 1) * 1e-3 * z, 2 * z, moving);
+    tick(10, still, still, z * 1e-3, 2 * z, moving);
+    for (int k = 1; k < 100; ++k) tick(10, k * 1e-3 * z, z, (k + 1) * 1e-3 * z, 2 * z, moving);
     EXPECT_NEAR(moving.energy, 0, 1e-15);
+}
+
+// A force on its way: the coupling's spring falls with a surface that goes away under a resting hand, the felt force after
+// it. The surface gets the spring's energy, the hand nothing, so none is made; a hand that then comes out under the force
+// that lags gets what the lag gives, and that is counted. Breaks when both ends are booked with one force.
+TEST(HapticSafety, TheObserverBooksEachEndWithItsOwnForce) {
+    const Vec3d z = Vec3d::UnitZ(), still = Vec3d::Zero();
+    constexpr double k = 600, depth = 5e-3;
+    SafetyState state;
+    for (int i = 0; i <= 1000; ++i) {  // pressed in: k d^2 / 2 is stored
+        const double d = depth * i / 1000;
+        dissipate({0, 1e9}, kTick, -d * z, still, still, k * d * z, k * d * z, state);
+    }
+    for (int i = 1; i <= 10; ++i) {  // the surface leaves in 10 ms, the felt force takes 0.1 N a ms
+        const double d = depth * (10 - i) / 10;
+        dissipate({0, 1e9}, kTick, -depth * z, still, (-depth + d) * z, k * d * z, (k * depth - 0.1 * i) * z, state);
+    }
+    const double step = depth / 1000;
+    EXPECT_NEAR(state.lowest_energy, -1000 * 0.5 * k * step * step, 1e-12) << "what holding the force for each tick made";
+    const double before = state.energy, lag = k * depth - 1;
+    dissipate({0, 1e9}, kTick, (1e-3 - depth) * z, still, (1e-3 - depth) * z, still, (lag - 0.1) * z, state);
+    EXPECT_NEAR(state.energy, before - lag * 1e-3, 1e-12);
 }
 
 }  // namespace

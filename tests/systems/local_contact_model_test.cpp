@@ -364,7 +364,7 @@ struct Pressing {
     void pass() {
         scene.poses.origin[0] = tip;
         publish_local_contact({}, scene.surfaces(), {}, tool, state, 0, 0, scratch, model);
-        publish_give(scene.surfaces(), tool, state, model);
+        publish_give(scene.surfaces(), tool, state, scratch, model);
     }
 };
 

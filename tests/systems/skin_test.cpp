@@ -4,6 +4,7 @@
 #include <cstring>
 
 #include "content/make_solid.hpp"
+#include "content/organ_surface.hpp"
 #include "engine/error.hpp"
 #include "engine/skin.hpp"
 #include "engine/solid_limit.hpp"
@@ -245,20 +246,25 @@ TEST(Skin, SagsAsTheFineSolidDoes) {
 
 // ---- shells under a skin ----
 
-uint32_t add_caged(AdvanceScene& s, double cells, AnchorFrame frame = AnchorFrame::kWorld, double damping = 0, int levels = 4) {
-    const Prototype made = make_caged_shell(s.meshes, s.springs, s.solids, subdivided_sphere(kRadius, levels), {}, {0, cells});
+uint32_t add_caged(AdvanceScene& s, double cells, const Tissue& tissue, AnchorFrame frame = AnchorFrame::kWorld, int levels = 4) {
+    const Prototype made = make_caged_shell(s.meshes, s.springs, s.solids, subdivided_sphere(kRadius, levels), {},
+                                            {.cells = cells, .pressure = tissue.pressure_modulus > 0, .bending = tissue.bending > 0});
     EXPECT_EQ(made.judgement.admitted_as, Admission::kSolid) << made.judgement.reason;
-    const uint32_t body = s.add_body(made.row, Motion::kKinematic, Vec3d::Zero(), soft(damping), frame);
+    const uint32_t body = s.add_body(made.row, Motion::kKinematic, Vec3d::Zero(), tissue, frame);
     s.bodies.motion[body] = Motion::kDeformable;
-    s.bodies.tissue[body].depth = 0.05;
     add_caged_shell_body(s.meshes, s.springs, s.solids, s.poses, body, s.bodies, s.particles, s.anchors);
     return body;
+}
+Tissue bedded(double damping = 0) {
+    Tissue tissue = soft(damping);
+    tissue.depth = 0.05;
+    return tissue;
 }
 
 // A shell's fine surface on its coarse one: linear motions to round-off, weights of a triangle and an apex, mass kept.
 TEST(CagedShell, LinearFieldIsFollowedAndMassIsThatOfTheSkin) {
     AdvanceScene s;
-    const uint32_t ball = add_caged(s, 8);
+    const uint32_t ball = add_caged(s, 8, bedded());
     const uint32_t prototype = s.bodies.mesh[ball];
     const SolidInfo& info = s.solids.info[prototype];
     ASSERT_EQ(info.count, 0u);
@@ -292,7 +298,7 @@ TEST(CagedShell, LinearFieldIsFollowedAndMassIsThatOfTheSkin) {
 TEST(CagedShell, ContactGivesItsImpulseAndMomentToTheNodes) {
     AdvanceScene s;
     s.params.gravity.setZero();
-    const uint32_t ball = add_caged(s, 6);
+    const uint32_t ball = add_caged(s, 6, bedded());
     s.bodies.spring_stiffness[ball] = 0;  // nothing but the contact
     std::fill(s.anchors.stiffness.begin(), s.anchors.stiffness.end(), 0.0f);
     const uint32_t wall = s.add_body(s.add_mesh(flat_square(0.2), Admission::kSheet), Motion::kStatic, {0, 0, -kRadius});
@@ -324,6 +330,45 @@ TEST(CagedShell, ContactGivesItsImpulseAndMomentToTheNodes) {
     EXPECT_LT(angular.norm(), 1.2e-7 * size * kRadius);
 }
 
+// Pressure and bending under a skin are those of the coarse surface alone: nodes, step and energies are, to the bit, those of
+// a shell made of nothing but that surface, with the same masses and anchors.
+TEST(CagedShell, SwellsAndBendsAsTheShellThatCarriesIt) {
+    Tissue tissue = bedded(5);
+    tissue.pressure_modulus = 2e4, tissue.bending = 5e4, tissue.wall = 4e-3;
+    AdvanceScene caged, plain;
+    const uint32_t ball = add_caged(caged, 8, tissue);
+    const SolidInfo& info = caged.solids.info[caged.bodies.mesh[ball]];
+    Mesh cage = subdivided_sphere(kRadius, 4);
+    const double spacing = 2 * kRadius / 8, area = caged.meshes.info[0].area;
+    cage.position.assign(caged.meshes.position.begin(), caged.meshes.position.end());
+    cage.triangle.assign(caged.meshes.triangle.begin(), caged.meshes.triangle.end());
+    simplify_mesh(cage, static_cast<uint32_t>(area / (0.25 * std::sqrt(3.0) * spacing * spacing)));
+    ASSERT_EQ(cage.position.size(), info.nodes.count);
+    const uint32_t shell = plain.add_body(plain.add_mesh(cage), Motion::kDeformable, Vec3d::Zero(), tissue);
+    const Range nodes = nodes_of(caged, ball), rows = plain.range(shell);
+    for (uint32_t v = 0; v < nodes.count; ++v) {
+        ASSERT_EQ(place(caged.particles, nodes.first + v), place(plain.particles, rows.first + v));
+        plain.particles.offset[rows.first + v].w = caged.particles.offset[nodes.first + v].w;
+        plain.anchors.stiffness[rows.first + v] = caged.anchors.stiffness[nodes.first + v];
+        const Vec3d push = 0.2 * Vec3d(std::sin(3.0 * v), std::cos(5.0 * v), std::sin(7.0 * v));
+        plain.set_velocity(shell, v, push);
+        caged.set_velocity(ball, nodes.first + v - caged.range(ball).first, push);
+    }
+    update_stable_dt(plain.springs, shell, plain.particles, plain.anchors, plain.bodies);
+    EXPECT_EQ(plain.bodies.stable_dt[shell], caged.bodies.stable_dt[ball]);
+    for (AdvanceScene* s : {&caged, &plain}) {
+        s->open_books();
+        for (int i = 0; i < 10; ++i) s->advance(5, substeps_for(5e-3, plain.bodies.stable_dt[shell], 1e-3));
+        s->measure();
+        EXPECT_GT(s->energy.pressure, 1e-6);
+        EXPECT_GT(s->energy.bending, 1e-6);
+        EXPECT_LT(std::abs(s->energy.balance), 1e-2 * s->energy.kinetic);
+    }
+    EXPECT_EQ(plain.energy.pressure, caged.energy.pressure);
+    EXPECT_EQ(plain.energy.bending, caged.energy.bending);
+    for (uint32_t v = 0; v < nodes.count; ++v) EXPECT_EQ(place(caged.particles, nodes.first + v), place(plain.particles, rows.first + v)) << v;
+}
+
 // The step gained: that of the cage over that of the skin's own springs, about the ratio of edges - masses grow with their
 // square, stiffness does not. And under its weight on its bed the cage sinks as the shell does.
 TEST(CagedShell, GainsStepAndSinksAsTheShellDoes) {
@@ -331,7 +376,7 @@ TEST(CagedShell, GainsStepAndSinksAsTheShellDoes) {
     Tissue tissue = soft(60);
     tissue.depth = 0.05;
     const uint32_t shell = fine.add_body(fine.add_mesh(subdivided_sphere(kRadius, 4)), Motion::kDeformable, Vec3d::Zero(), tissue);
-    const uint32_t caged = add_caged(coarse, 8, AnchorFrame::kWorld, 60);
+    const uint32_t caged = add_caged(coarse, 8, bedded(60));
     const double gained = coarse.bodies.stable_dt[caged] / fine.bodies.stable_dt[shell];
     const double edges = coarse.springs.info[coarse.bodies.mesh[caged]].mean_rest / fine.springs.info[0].mean_rest;
     std::printf("shell under a skin: %.3g times the step, edges %.3g times as long\n", gained, edges);

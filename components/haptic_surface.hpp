@@ -1,0 +1,31 @@
+#pragma once
+#include "components/entity.hpp"
+#include "components/math.hpp"
+namespace trocar {
+
+enum class TextureKind : uint8_t {
+    kNone,
+    kGrating,  // height sin(2 pi x / length) along an axis of the body
+    kNoise,    // value noise on a lattice of `length`, -height..height
+};
+
+// How the surface of a body feels, where it differs from what the tool says. Constant after load but for the last four,
+// which a local contact model fills in.
+struct HapticSurface {
+    uint32_t body = kNone;
+    double stiffness = 0;           // N/m, in a row with the tool's coupling; 0 = hard. Of tissue it is what the tissue has
+    double damping = 0;             // N s/m, beside the coupling's
+    double static_friction = -1;    // Coulomb, while the tip sticks; < 0 = the tool's
+    double dynamic_friction = -1;   // while it slides
+    TextureKind texture = TextureKind::kNone;
+    double height = 0;              // m, amplitude
+    double length = 1e-3;           // m, period or lattice
+    Vec3d along{1, 0, 0};           // unit, body frame: of a grating
+    bool deformable = false;        // its texture goes along with what is touched, else with the body
+    Vec3d origin = Vec3d::Zero();   // m, world, at the time of the model
+    Quat orientation;
+    Vec3d velocity = Vec3d::Zero(); // m/s, of the origin, and
+    Vec3d spin = Vec3d::Zero();     // rad/s, of rigid bodies
+};
+
+}  // namespace trocar

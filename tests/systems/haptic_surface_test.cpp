@@ -1,0 +1,221 @@
+// How surfaces feel that have properties of their own: stiffness, damping, two frictions, textures; against closed forms.
+#include "systems/haptic_surface.hpp"
+
+#include <gtest/gtest.h>
+
+#include <cmath>
+#include <numbers>
+
+#include "engine/geometry/quaternion.hpp"
+#include "systems/haptic_tool.hpp"
+#include "tests/reference/haptic_rig.hpp"
+#include "tests/reference/local_patches.hpp"
+namespace trocar {
+namespace {
+
+using namespace reference;
+constexpr double kStiffness = 600;  // N/m, of the tool
+constexpr double kDepth = 2e-3;     // m
+
+// A plane that feels as `surface` says, and whole ticks on it without limits in the way.
+struct SurfaceRig {
+    HapticRig rig = still_rig(make_patch(make_plane(20)));
+    HandTool& tool = rig.tool;
+    ToolState& state = rig.state;
+
+    explicit SurfaceRig(HapticSurface surface) {
+        surface.body = 0;
+        rig.model.surface.push_back(surface);
+        tool.coupling_stiffness = kStiffness;
+        tool.limits.force_slew = 1e9;
+        tool.limits.dissipation = 0;
+        at({0, 0, 0.01});
+        for (int k = 0; k < 100; ++k) at({0, 0, kRigRadius + 1e-4});  // full gain
+    }
+    // N, that the device is told
+    Vec3d at(const Vec3d& position, const Vec3d& velocity = Vec3d::Zero()) {
+        DeviceState sample;
+        sample.time = rig.time();
+        sample.position = position;
+        sample.velocity = velocity;
+        tick_tool(rig.params, rig.model, rig.time(), tool, {}, sample, rig.scratch, state);
+        ++rig.tick;
+        return state.output.force;
+    }
+    Vec3d press(double x, double depth) { return at({x, 0, kRigRadius - depth}); }
+    Vec3d rest(double x, double depth) {
+        for (int k = 0; k < 20; ++k) press(x, depth);
+        return press(x, depth);
+    }
+    // in steps that the ramp of new contacts does not see
+    void go(double x, double from, double to) {
+        for (int k = 1; k <= 100; ++k) press(x, from + (to - from) * k / 100);
+    }
+};
+
+// 600 and 300 N/m in a row are 200; the device's own loop is told so. Breaks when either is used alone.
+TEST(HapticSurface, StiffnessIsInARowWithTheCoupling) {
+    HapticSurface s;
+    s.stiffness = 300;
+    SurfaceRig rig(s);
+    rig.go(0, 0, kDepth);
+    EXPECT_NEAR(rig.rest(0, kDepth).z(), 200 * kDepth, 1e-9);
+    EXPECT_NEAR(rig.state.output.stiffness[8], 200, 1e-9);
+    // another body's properties are not this one's
+    rig.rig.model.surface[0].body = 7;
+    EXPECT_NEAR(rig.rest(0, kDepth).z(), 600 * kDepth, 1e-9);
+}
+
+// Dragged at 10 mm/s: the pull grows as the coupling says up to 0.5 of the press, breaks away, and stays 0.2 of it while it
+// slides; at rest it sticks again, until 0.5 the other way. Breaks when one coefficient serves for both.
+TEST(HapticSurface, SticksByOneCoefficientAndSlidesByTheOther) {
+    HapticSurface s;
+    s.static_friction = 0.5, s.dynamic_friction = 0.2;
+    SurfaceRig rig(s);
+    rig.go(0, 0, kDepth);
+    const double press = kStiffness * kDepth, step = 1e-5;
+    double most = 0;
+    int slid = 0;
+    for (int k = 1; k <= 400; ++k) {
+        const Vec3d f = rig.press(step * k, kDepth);
+        EXPECT_NEAR(f.z(), press, 1e-6);
+        most = std::max(most, -f.x());
+        if (step * k < 0.5 * kDepth - 1e-9) {
+            ASSERT_NEAR(f.x(), -kStiffness * step * k, 1e-6) << k;
+            EXPECT_FALSE(rig.state.sliding) << k;
+        }
+        if (step * k < 0.5 * kDepth + 20 * step) continue;
+        ASSERT_NEAR(f.x(), -0.2 * press, 1e-6) << k;
+        EXPECT_TRUE(rig.state.sliding) << k;
+        ++slid;
+    }
+    EXPECT_NEAR(most, 0.5 * press, kStiffness * step);
+    EXPECT_GT(slid, 250);
+    rig.rest(400 * step, kDepth);
+    EXPECT_FALSE(rig.state.sliding);
+    const double stuck = rig.state.proxy.x();
+    double least = 0;
+    for (int k = 1; k <= 300; ++k) {
+        const double x = 400 * step - step * k;
+        const Vec3d f = rig.press(x, kDepth);
+        least = std::max(least, f.x());
+        if (stuck - x < 0.5 * kDepth - 1e-9) { ASSERT_NEAR(f.x(), kStiffness * (stuck - x), 1e-6) << k; }
+    }
+    EXPECT_NEAR(least, 0.5 * press, kStiffness * step);
+    // slower than 1 mm/s nothing slides: the static coefficient holds it back all the way
+    SurfaceRig slow(s);
+    slow.go(0, 0, kDepth);
+    for (int k = 1; k <= 3000; ++k) slow.press(5e-7 * k, kDepth);
+    EXPECT_NEAR(slow.state.output.force.x(), -0.5 * press, 1e-6);
+}
+
+// In and out at one speed v: damping takes 2 (b v (D - d) + k d^2 / 2), d = b v / k, for it never exceeds the spring. The
+// observer finds no energy made. Breaks when the surface's damping is left out or acts on the way in alone.
+TEST(HapticSurface, DampingTakesWhatItsFormulaSays) {
+    HapticSurface s;
+    s.damping = 4;
+    SurfaceRig rig(s);
+    rig.tool.coupling_damping = 2;
+    const double v = 0.02, way = v * kRigTick, b = 6, d = b * v / kStiffness;
+    double work = 0, deepest = 0;
+    Vec3d before = rig.at({0, 0, kRigRadius}, {0, 0, -v});
+    const auto go = [&](double depth, double speed) {
+        const Vec3d f = rig.at({0, 0, kRigRadius - depth}, {0, 0, -speed});
+        work += 0.5 * (before.z() + f.z()) * speed * kRigTick;
+        before = f;
+        deepest = std::max(deepest, depth);
+    };
+    for (int k = 1; k <= 200; ++k) go(k * way, v);
+    before = rig.at({0, 0, kRigRadius - 200 * way}, {0, 0, v});  // turns about
+    for (int k = 199; k >= 0; --k) go(k * way, -v);
+    const double taken = 2 * (b * v * (deepest - d) + 0.5 * kStiffness * d * d);
+    EXPECT_NEAR(work, taken, 0.01 * taken);
+    EXPECT_GT(rig.state.safety.lowest_energy, -1e-6);
+}
+
+// Over a grating of amplitude H the force is k (D + h D / (D + H)) up and -k (D - H ln(1 + D / H)) h' along, h = H sin(2 pi x
+// / L) where the tip is. Breaks when height or slope is taken elsewhere or the depth is left out.
+TEST(HapticSurface, AGratingIsFeltAsItsFormula) {
+    HapticSurface s;
+    s.texture = TextureKind::kGrating, s.height = 2e-4, s.length = 5e-3;
+    SurfaceRig rig(s);
+    rig.go(0, 0, kDepth);
+    double least = 10, most = 0;
+    for (int k = 1; k <= 1200; ++k) {
+        const double x = 1e-5 * k, phase = 2 * std::numbers::pi * x / s.length, h = s.height * std::sin(phase);
+        const double slope = s.height * 2 * std::numbers::pi / s.length * std::cos(phase);
+        const Vec3d f = rig.press(x, kDepth);
+        ASSERT_NEAR(f.z(), kStiffness * (kDepth + h * kDepth / (kDepth + s.height)), 1e-7) << x;
+        ASSERT_NEAR(f.x(), -kStiffness * (kDepth - s.height * std::log(1 + kDepth / s.height)) * slope, 1e-7) << x;
+        least = std::min(least, f.z()), most = std::max(most, f.z());
+    }
+    EXPECT_NEAR(most - least, 2 * kStiffness * s.height * kDepth / (kDepth + s.height), 1e-4);
+}
+
+// Pressed in on a hill, drawn into the valley, let out and back above: the work of the way round is none. Without the force
+// along the surface every round would give 0.3 mJ.
+TEST(HapticSurface, ATextureAloneGivesNoEnergy) {
+    HapticSurface s;
+    s.texture = TextureKind::kGrating, s.height = 5e-4, s.length = 5e-3;
+    SurfaceRig rig(s);
+    double work = 0, one_leg = 0;
+    Vec3d at(1.25e-3, 0, kRigRadius), before = rig.at(at);
+    const auto to = [&](double x, double depth) {
+        const Vec3d from = at, target(x, 0, kRigRadius - depth);
+        for (int k = 1; k <= 400; ++k) {
+            const Vec3d next = from + (target - from) * (k / 400.0);
+            const Vec3d f = rig.at(next);
+            work -= 0.5 * (before + f).dot(next - at);
+            before = f, at = next;
+        }
+    };
+    to(1.25e-3, kDepth);
+    one_leg = work;
+    to(3.75e-3, kDepth);
+    to(3.75e-3, 0);
+    EXPECT_GT(one_leg, 1e-3);
+    EXPECT_NEAR(work, 0, 2e-5);
+    EXPECT_GT(rig.state.safety.lowest_energy, -5e-5);
+}
+
+// Noise: bounded by its height, continuous with its slope (which is what it says), the same everywhere on a body that
+// moved, and not the same everywhere.
+TEST(HapticSurface, NoiseIsBoundedSmoothAndGoesWithTheBody) {
+    HapticSurface s;
+    s.texture = TextureKind::kNoise, s.height = 1e-3, s.length = 2e-3;
+    double least = 1, most = -1;
+    for (int i = 0; i < 4000; ++i) {
+        const Vec3d p(1.3e-5 * i - 0.02, 0.7e-5 * i, -1.1e-5 * i + 0.01);
+        const TextureHeight h = texture_height(s, p);
+        least = std::min(least, h.height), most = std::max(most, h.height);
+        EXPECT_LE(std::abs(h.height), s.height);
+        for (int k = 0; k < 3; ++k) {
+            const Vec3d step = 1e-8 * Vec3d::Unit(k);
+            EXPECT_NEAR((texture_height(s, p + step).height - texture_height(s, p - step).height) / 2e-8, h.slope[k], 1e-4);
+        }
+    }
+    EXPECT_LT(least, -0.5e-3);
+    EXPECT_GT(most, 0.5e-3);
+    // seen `age` later, or by who moved along
+    HapticSurface moving = s;
+    moving.origin = {0.3, -0.2, 0.1}, moving.orientation = from_rotation_vector({0.3, 0.2, -0.1});
+    moving.velocity = {0.1, 0, 0.2}, moving.spin = {0, 2, 1};
+    HapticSurface moved = moving;
+    const double age = 0.01;
+    moved.origin += age * moving.velocity, moved.orientation = multiply(from_rotation_vector(age * moving.spin), moving.orientation);
+    moved.velocity = moved.spin = Vec3d::Zero();
+    ToolState state, along;
+    state.proxy = {0.31, -0.2, 0.1}, state.device.position = {0.31, -0.2, 0.099};
+    const Vec3d force(0, 0, 0.6);
+    EXPECT_NEAR((textured_force(moving, age, kStiffness, state, force) - textured_force(moved, 0, kStiffness, state, force)).norm(), 0, 1e-12);
+    EXPECT_GT((textured_force(moving, 0, kStiffness, state, force) - textured_force(moved, 0, kStiffness, state, force)).norm(), 1e-3);
+    // tissue takes its texture along with the proxy
+    s.deformable = true;
+    along = state;
+    along.carried = {1e-3, -2e-3, 5e-4};
+    along.proxy += along.carried, along.device.position += along.carried;
+    EXPECT_NEAR((textured_force(s, age, kStiffness, along, force) - textured_force(s, 0, kStiffness, state, force)).norm(), 0, 1e-12);
+}
+
+}  // namespace
+}  // namespace trocar
