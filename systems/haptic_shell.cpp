@@ -12,6 +12,7 @@ namespace {
 constexpr double kSlipSpeed = 0.25;  // m/s, of points beyond twice that of the device
 constexpr double kThickest = 5e-3;   // m, half of the thickest sheet that points are passed over beside
 constexpr double kAgainst = -0.5;    // cosine between a way out and the normal into the instrument
+constexpr double kLook = 5e-4;       // m, beyond the band: where no surface is nearer, a point that was outside is left alone
 constexpr double kLongestGap = 0.1;  // s, ticks farther apart than this count as this far
 
 struct Pose {
@@ -121,12 +122,16 @@ bool find_planes(const LocalContactModel& model, const HandTool& tool, const Spa
             const double known = s.clear[row] - ways, near = band + std::max(0.0, gap);
             if (!s.all_points && known > near) continue;
             const Vec3d arm = rotate(pose.turn, tool.shell[k].arm);
-            const NearestTriangle nearest = find_nearest(model, root, pose.tip + arm, s.nearest[row], model.reach, s.surface);
+            const uint32_t hint = s.nearest[row];
+            const bool was_outside = !s.all_points && known > 0 && hint != kNone;
+            const double half = was_outside ? model.half_thickness[hint] : kThickest;
+            const double reach = was_outside ? std::min(model.reach, near + kLook + half) : model.reach;
+            const NearestTriangle nearest = find_nearest(model, root, pose.tip + arm, hint, reach, s.surface);
             ++s.looked_at;
-            s.clear[row] = model.reach - kThickest + ways;
+            s.clear[row] = reach - half + ways;
             if (nearest.triangle == kNone) continue;
-            const double apart = std::sqrt(nearest.at.squared_distance) - model.half_thickness[nearest.triangle];
-            if (!s.all_points && known > 0 && apart >= near) {  // was outside and did not come through
+            const double apart = std::sqrt(nearest.at.squared_distance) - half;
+            if (was_outside && apart >= near) {  // and did not come through
                 s.nearest[row] = nearest.triangle;
                 s.clear[row] = apart + ways;
                 continue;
