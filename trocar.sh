@@ -10,7 +10,7 @@ usage: ./trocar.sh COMMAND
   demo   install what is missing, build, run the three scenes into out/demo/ (pictures, film, figures)
   test   install what is missing, build, run every test but the long ones
   long   build, run the long tests (sweeps, 10,000-frame books)
-  debug  build unoptimised with the library's assertions, run the unit tests
+  debug  build for debuggers with the library's assertions, run the unit tests
   asan   build with address and undefined-behaviour sanitizers, run the unit tests
   tsan   build with the thread sanitizer, run the live tests and a live run
   fuzz   build with sanitizers, damage every kind of input for 10 minutes each: ./trocar.sh fuzz [MINUTES [ENDING...]]
