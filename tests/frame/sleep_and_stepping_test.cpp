@@ -181,9 +181,10 @@ TEST(Sleep, NobodyLooksTwiceAtWhoLiesStill) {
         Vec3& normal = w.normals.normal[w.bodies.particles[held].first];
         const Vec3 right = normal, mark(7, 7, 7);
         normal = mark;
+        const Clock clock = w.clock;
         for (int pass = 0; pass < 4; ++pass) frame.step();
         EXPECT_EQ(normal, mark);
-        --w.clock.pass;  // as after a state was put back: nothing is known of who sleeps
+        w.clock = clock;  // as after a state was put back: nothing is known of who sleeps
         for (int pass = 0; pass < 4; ++pass) frame.step();
         EXPECT_EQ(normal, right);
     });
