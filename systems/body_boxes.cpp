@@ -2,6 +2,8 @@
 
 #include <immintrin.h>
 
+#include <algorithm>
+
 #include "engine/geometry/contact_kernels.hpp"
 #include "engine/parallel.hpp"
 namespace trocar {
@@ -130,12 +132,14 @@ void compute_body_box(double period, const Surfaces& s, uint32_t body, BodyBoxes
 
 }  // namespace
 
-void compute_body_boxes(double period, const Surfaces& surfaces, BodyBoxes& boxes) {
+void compute_body_boxes(double period, const Surfaces& surfaces, BodyBoxes& boxes, const Sleepers& sleepers) {
     const uint32_t count = uint32_t(surfaces.bodies.mesh.size());
+    if (boxes.box.size() != count) std::fill(sleepers.seen.begin(), sleepers.seen.end(), 0);
     boxes.box.resize(count);
     boxes.margin.resize(count);
-    parallel_for(count, 1, [&](uint32_t begin, uint32_t end) {
-        for (uint32_t body = begin; body < end; ++body) compute_body_box(period, surfaces, body, boxes);
+    parallel_for(count, std::clamp(count / 64, 1u, 32u), [&](uint32_t begin, uint32_t end) {
+        for (uint32_t body = begin; body < end; ++body)
+            if (!was_seen(sleepers, body)) compute_body_box(period, surfaces, body, boxes);
     });
 }
 

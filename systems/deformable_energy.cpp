@@ -1,5 +1,6 @@
 #include "systems/deformable_energy.hpp"
 
+#include <algorithm>
 #include <array>
 
 #include "engine/bending_forces.hpp"
@@ -101,11 +102,21 @@ void add_body_energy(const Springs& springs, const Bodies& bodies, const Poses& 
 
 void measure_energy(const Springs& springs, const Bodies& bodies, const Poses& poses, const Particles& particles,
                     const Anchors& anchors, const Vec3d& gravity, double start, EnergyScratch& scratch,
-                    Energy& energy, const OtherForces& other) {
+                    Energy& energy, const OtherForces& other, const Sleepers& sleepers) {
     energy.kinetic = energy.elastic = energy.pressure = energy.bending = energy.links = energy.gravity = 0;
+    if (scratch.of_body.size() != bodies.motion.size()) {
+        scratch.of_body.assign(bodies.motion.size(), {});
+        std::fill(sleepers.seen.begin(), sleepers.seen.end(), 0);
+    }
     for (uint32_t body = 0; body < bodies.motion.size(); ++body) {
-        if (is_deformable(bodies, body))
-            add_body_energy(springs, bodies, poses, particles, anchors, gravity, body, scratch, energy, other);
+        if (!is_deformable(bodies, body)) continue;
+        Energy& own = scratch.of_body[body];
+        if (!was_seen(sleepers, body)) {
+            own = {};
+            add_body_energy(springs, bodies, poses, particles, anchors, gravity, body, scratch, own, other);
+        }
+        energy.kinetic += own.kinetic, energy.elastic += own.elastic, energy.pressure += own.pressure;
+        energy.bending += own.bending, energy.gravity += own.gravity;
     }
     for (const RigidMass& free : bodies.rigid_mass) {
         const FreeState state = free_state(free, poses, particles);

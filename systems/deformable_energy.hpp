@@ -7,10 +7,12 @@
 #include "components/report.hpp"
 #include "components/springs.hpp"
 #include "engine/other_forces.hpp"
+#include "engine/sleepers.hpp"
 namespace trocar {
 
 // Reused memory of measure_energy.
 struct EnergyScratch {
+    std::vector<Energy> of_body;  // its own terms alone; one per body
     std::vector<double> sums;
     std::vector<Float4> offset;   // half a substep back, of one body with other forces
     std::vector<float> gradient;  // 3 fields, as offset
@@ -20,10 +22,10 @@ struct EnergyScratch {
 // balance from `start` (their sum when the books were opened). Sums in double, fixed
 // order; large bodies in parallel. Everything is taken at the time of the
 // velocities, half a substep before that of the offsets: there the leapfrog's kinetic energy needs no knowledge of the
-// contact impulses to come.
+// contact impulses to come. Terms of seen sleepers are taken from the scratch.
 void measure_energy(const Springs& springs, const Bodies& bodies, const Poses& poses, const Particles& particles,
                     const Anchors& anchors, const Vec3d& gravity, double start, EnergyScratch& scratch, Energy& energy,
-                    const OtherForces& other = {});
+                    const OtherForces& other = {}, const Sleepers& sleepers = {});
 
 // Adds the energies of one deformable body, J.
 void add_body_energy(const Springs& springs, const Bodies& bodies, const Poses& poses, const Particles& particles,

@@ -8,6 +8,7 @@
 #include "engine/device.hpp"
 #include "engine/keyframe_path.hpp"
 #include "engine/parallel.hpp"
+#include "engine/sleepers.hpp"
 #include "engine/thread_pool.hpp"
 #include "systems/advance.hpp"
 #include "systems/body_boxes.hpp"
@@ -46,6 +47,9 @@ namespace trocar {
 struct FrameScratch {
     CandidatePairsScratch pairs;
     std::vector<std::array<uint32_t, 2>> apart;  // bodies that do not meet
+    std::vector<Box> swept_box;                  // what the last sweep was made over
+    std::vector<std::array<uint32_t, 2>> swept_apart;
+    CandidatePairs swept;                        // and what it found
     ReachablePairsScratch reachable;
     RefitTreesScratch refit;
     RasteriseScratch rasterise;
@@ -63,6 +67,10 @@ struct FrameScratch {
     LinkScratch links;
     std::vector<std::array<uint32_t, 2>> joined;  // bodies, by links
     SleepScratch sleep;
+    std::vector<uint64_t> sleeps;               // per body: which sleep it is in, 0 = awake
+    uint64_t last_sleep = 0;
+    std::array<std::vector<uint64_t>, 4> seen;  // per stage and body: see Sleepers
+    uint64_t next_pass = 0;                     // a clock that was put elsewhere means another state
     std::vector<uint32_t> leaving;               // bodies whose life is over in this pass
     std::vector<uint8_t> moving;                // per body: by its script
     SurfaceNormalsScratch normals;
@@ -71,8 +79,9 @@ struct FrameScratch {
     std::vector<FastBody> fast;                 // of this pass
     std::vector<double> stop;                   // s into the pass, per body where a fast one first touches; or empty
     std::vector<AdvanceScratch> advance;        // per thread
-    std::vector<AdvanceResult> advance_result;  // per island
-    std::vector<uint64_t> response_ns;          // per island
+    std::vector<uint32_t> awake;                // islands to be advanced
+    std::vector<AdvanceResult> advance_result;  // as awake
+    std::vector<uint64_t> response_ns;          // as awake
     std::vector<DeviceState> intended;          // tools * (period + 1): where the hands mean to be at every millisecond
     std::vector<DeviceState> device;            // the same for where the tools are
     LocalContactScratch local_contact;
@@ -98,6 +107,23 @@ namespace {
 
 double period_seconds(const World& w) { return w.clock.period * 1e-3; }
 double pass_seconds(const World& w) { return static_cast<double>(w.clock.tick) * 1e-3; }
+
+enum SleeperStage { kSeenByBoxes, kSeenByNormals, kSeenByEnergy, kSeenByPicture };
+Sleepers sleepers(FrameState& f, SleeperStage stage) {
+    if (f.options.look_at_sleepers) return {};
+    std::vector<uint64_t>& seen = f.scratch.seen[stage];
+    seen.resize(f.scratch.sleeps.size(), 0);
+    return {f.scratch.sleeps, seen};
+}
+// Gives every body that sleeps a number for this sleep.
+void number_sleeps(FrameState& f) {
+    const World& w = f.world;
+    f.scratch.sleeps.resize(w.bodies.mesh.size(), 0);
+    for (uint32_t body = 0; body < f.scratch.sleeps.size(); ++body) {
+        uint64_t& sleep = f.scratch.sleeps[body];
+        sleep = !lies_asleep(w.sleep, body) ? 0 : sleep != 0 ? sleep : ++f.scratch.last_sleep;
+    }
+}
 
 // ---- begin ----
 
@@ -173,6 +199,8 @@ void come_and_go(FrameState& f) {
     const double before = energies();
     send_away(w.meshes, w.solids, w.bodies, w.pools, leaving, w.lives, w.poses, w.particles, w.sleep);
     if (f.options.account_energy) w.energy.work_numeric += energies() - before;
+    for (const uint32_t body : leaving)
+        if (body < f.scratch.sleeps.size()) f.scratch.sleeps[body] = 0;
 }
 // Hands on the way to where their devices will be, and free bodies, that come faster than rows look ahead. (A hand that
 // tissue holds back from its device is not fast: rows hold it.)
@@ -214,7 +242,8 @@ void body_boxes(FrameState& f) {
         Vec3d& velocity = f.scratch.coming.velocity[free.body];
         velocity = Vec3d(velocity.norm() + period_seconds(w) * w.settings.gravity.norm(), 0, 0);
     }
-    compute_body_boxes(period_seconds(w), {w.meshes, w.bodies, f.scratch.coming, w.particles}, w.boxes);
+    number_sleeps(f);
+    compute_body_boxes(period_seconds(w), {w.meshes, w.bodies, f.scratch.coming, w.particles}, w.boxes, sleepers(f, kSeenByBoxes));
     for (uint32_t body = 0; body < w.lives.away.size(); ++body)
         if (is_away(w.lives, body)) w.boxes.box[body] = {};
     for (uint32_t body = 0; body < w.node_state.off.size(); ++body)
@@ -225,7 +254,15 @@ void body_boxes(FrameState& f) {
 void candidate_pairs(FrameState& f) {
     World& w = f.world;
     find_pierced_bodies(w.haptics.tool, w.boxes, w.nodes.apart, w.haptics.state, f.scratch.apart);
-    find_candidate_pairs(w.bodies, w.boxes, f.scratch.apart, f.scratch.pairs, w.pairs);
+    FrameScratch& s = f.scratch;
+    const auto same = [](const Box& a, const Box& b) { return a.min == b.min && a.max == b.max; };
+    const bool still = std::equal(w.boxes.box.begin(), w.boxes.box.end(), s.swept_box.begin(), s.swept_box.end(), same);
+    if (!still || s.apart != s.swept_apart) {  // else all sleep
+        find_candidate_pairs(w.bodies, w.boxes, s.apart, s.pairs, s.swept);
+        s.swept_box = w.boxes.box;
+        s.swept_apart = s.apart;
+    }
+    w.pairs = s.swept;
     drop_unreachable_pairs(period_seconds(w), w.settings.gravity, surfaces_of(w), w.boxes, f.scratch.reachable, w.pairs);
 }
 std::span<const std::array<uint32_t, 2>> linked_bodies(FrameState& f) {
@@ -242,6 +279,7 @@ void sleep(FrameState& f) {
         f.scratch.moving[w.paths.body[p]] = now <= w.paths.key[w.paths.keys[p].end() - 1].time + 2 * period_seconds(w);
     }
     fall_asleep_and_wake(w.settings, w.clock.period, w.bodies, f.scratch.moving, f.scratch.sleep, w.sleep, w.particles, w.pairs, w.energy, w.report, linked_bodies(f));
+    number_sleeps(f);
 }
 void refit(FrameState& f) {
     World& w = f.world;
@@ -358,11 +396,10 @@ void haptic_ticks(void* user, uint32_t ms) {
 }
 
 // One island through the whole pass; with a tool, the haptic tick runs between its milliseconds.
-void advance_one_island(FrameState& f, uint32_t island, AdvanceScratch& scratch) {
+void advance_one_island(FrameState& f, uint32_t row, AdvanceScratch& scratch) {
     World& w = f.world;
+    const uint32_t island = f.scratch.awake[row];
     const auto bodies = std::span(w.islands.body).subspan(w.islands.bodies[island].first, w.islands.bodies[island].count);
-    if (is_asleep(w.sleep, bodies[0])) return;  // and then all of them
-    if (is_off(w.node_state, bodies[0])) return;  // and then it is alone
     const auto rows = std::span(w.islands.row).subspan(w.islands.rows[island].first, w.islands.rows[island].count);
     AdvanceParams params;
     params.tick = w.clock.tick;
@@ -370,14 +407,14 @@ void advance_one_island(FrameState& f, uint32_t island, AdvanceScratch& scratch)
     params.gravity = w.settings.gravity;
     params.contact = w.settings.contact;
     params.account_energy = f.options.account_energy;
-    params.observer = {begin_response, end_response, &f.scratch.response_ns[island]};
+    params.observer = {begin_response, end_response, &f.scratch.response_ns[row]};
     IslandTicks ticks{f, bodies};
     const bool with_tool = !w.haptics.tool.empty() && island_has_tool(w, bodies);
     const uint32_t calls = with_tool ? params.ticks : 1;  // the tick needs whole numbers of substeps in its millisecond
     params.substeps = calls * count_substeps(w.bodies, bodies, params.ticks * 1e-3 / calls, w.settings.substep, w.links.stable_dt);
     if (with_tool && !f.options.external_ticks) params.tick_hook = {haptic_ticks, &ticks};
     const AdvanceInputs inputs{w.meshes, w.springs, w.bodies, w.anchors, w.paths, w.haptics.tool, f.scratch.device, params.ticks + 1, other_forces(w), f.scratch.stop};
-    advance_island(params, inputs, bodies, rows, scratch, w.particles, w.poses, w.rows, w.haptics.state, f.scratch.advance_result[island]);
+    advance_island(params, inputs, bodies, rows, scratch, w.particles, w.poses, w.rows, w.haptics.state, f.scratch.advance_result[row]);
 }
 
 // An island's span in the trace; small ones are left out.
@@ -397,9 +434,19 @@ uint32_t island_grain(const World& w) {
     return static_cast<uint32_t>(std::clamp(40.0 / std::max(us_per_island, 0.01), 1.0, 1024.0));
 }
 
+void find_awake_islands(const World& w, std::vector<uint32_t>& awake) {
+    awake.clear();
+    for (uint32_t i = 0; i < w.islands.bodies.size(); ++i) {
+        const uint32_t body = w.islands.body[w.islands.bodies[i].first];
+        // if it sleeps then all of them; if it is off then it is alone
+        if (!is_asleep(w.sleep, body) && !is_off(w.node_state, body)) awake.push_back(i);
+    }
+}
+
 void advance(FrameState& f) {
     World& w = f.world;
-    const uint32_t count = static_cast<uint32_t>(w.islands.bodies.size());
+    find_awake_islands(w, f.scratch.awake);
+    const uint32_t count = static_cast<uint32_t>(f.scratch.awake.size());
     f.scratch.advance.resize(std::max<size_t>(f.scratch.advance.size(), thread_count()));
     f.scratch.advance_result.assign(count, {});
     f.scratch.response_ns.assign(count, 0);
@@ -408,7 +455,7 @@ void advance(FrameState& f) {
         for (uint32_t i = begin; i < end; ++i) {
             const uint64_t start = f.options.trace ? now_ns() : 0;
             advance_one_island(f, i, f.scratch.advance[thread_index()]);
-            if (f.options.trace) trace_island(f, i, start);
+            if (f.options.trace) trace_island(f, f.scratch.awake[i], start);
         }
     });
     remember_contacts(w.rows, w.contact_memory);
@@ -427,16 +474,16 @@ void advance(FrameState& f) {
 
 // ---- end ----
 
-void surface_normals(FrameState& f) { compute_surface_normals(surfaces_of(f.world), f.scratch.normals, f.world.normals); }
+void surface_normals(FrameState& f) { compute_surface_normals(surfaces_of(f.world), f.scratch.normals, f.world.normals, sleepers(f, kSeenByNormals)); }
 void energy(FrameState& f) {
     World& w = f.world;
-    measure_energy(w.springs, w.bodies, w.poses, w.particles, w.anchors, w.settings.gravity, 0, f.scratch.energy, w.energy, other_forces(w));
+    measure_energy(w.springs, w.bodies, w.poses, w.particles, w.anchors, w.settings.gravity, 0, f.scratch.energy, w.energy, other_forces(w), sleepers(f, kSeenByEnergy));
     if (!f.energy_open) f.energy_start = w.energy.balance, f.energy_open = true;
     w.energy.balance -= f.energy_start;
 }
 void picture(FrameState& f) {
     World& w = f.world;
-    write_picture_snapshot(w.clock.picture, pass_seconds(w), surfaces_of(w), w.normals, w.contacts, w.penetrations, w.haptics, w.picture, &w.tears);
+    write_picture_snapshot(w.clock.picture, pass_seconds(w), surfaces_of(w), w.normals, w.contacts, w.penetrations, w.haptics, w.picture, &w.tears, sleepers(f, kSeenByPicture));
     for (uint32_t body = 0; body < w.lives.away.size(); ++body)
         if (is_away(w.lives, body)) w.picture.body[body].mesh = kNone;
     for (uint32_t body = 0; body < w.node_state.off.size(); ++body)
@@ -478,7 +525,7 @@ constexpr FrameStage kBegin[] = {
     {{"come and go",     come_and_go,     kShapes | mask(R::kSettings, R::kSprings, R::kSolids, R::kAnchors, R::kPools, R::kClock), mask(R::kPoses, R::kParticles, R::kSleep, R::kLives, R::kEnergy)}, any_pool},
     {{"links",           link,            kShapes | mask(R::kSolids, R::kClock, R::kTrees, R::kToolState),     mask(R::kLinks, R::kSleep, R::kEnergy, R::kReport)}, any_link},
     {{"tears",           tear,            mask(R::kSettings, R::kClock, R::kSprings, R::kSolids, R::kBodies, R::kPoses, R::kAnchors), mask(R::kParticles, R::kMeshes, R::kTrees, R::kTears, R::kTorn, R::kTornSprings, R::kSleep, R::kEnergy, R::kReport)}, any_tear},
-    {{"body boxes",      body_boxes,      kShapes | mask(R::kSettings, R::kClock, R::kTools, R::kToolState, R::kLives, R::kNodeState), mask(R::kBoxes)}, any_pair},
+    {{"body boxes",      body_boxes,      kShapes | mask(R::kSettings, R::kClock, R::kTools, R::kToolState, R::kLives, R::kNodeState, R::kSleep), mask(R::kBoxes)}, any_pair},
     {{"candidate pairs", candidate_pairs, kShapes | mask(R::kSettings, R::kClock, R::kBoxes, R::kNodes, R::kTools), mask(R::kPairs, R::kToolState)}, any_pair},
     {{"sleep",           sleep,           mask(R::kSettings, R::kBodies, R::kPaths, R::kClock, R::kPairs, R::kLinks),     mask(R::kSleep, R::kParticles, R::kPairs, R::kEnergy, R::kReport)}, may_sleep},
     {{"refit trees",     refit,           kShapes | mask(R::kSettings, R::kClock, R::kBoxes, R::kPairs),            mask(R::kTrees)}, any_pair},
@@ -608,6 +655,8 @@ void begin_pass(FrameState& f) {
     std::fill(f.times.stage_ns.begin(), f.times.stage_ns.end(), 0);
     f.times.picture = false;
     if (f.options.clear_caches) clear_caches(f);
+    if (clock.pass != f.scratch.next_pass) std::fill(f.scratch.sleeps.begin(), f.scratch.sleeps.end(), 0);
+    f.scratch.next_pass = clock.pass + 1;
 }
 
 // Moves the clock to the end of the pass; true when a picture is due there.

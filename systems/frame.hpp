@@ -22,6 +22,7 @@ std::span<const FrameStage> end_stages();      // at the display rate
 struct FrameOptions {
     bool serial = false;        // run_serial instead of the job graph
     bool clear_caches = false;  // forget hints, sweep orders and trees' shapes before every pass (tests)
+    bool look_at_sleepers = false;  // even where nothing has changed since the stage looked last (tests)
     bool account_energy = true;
     bool external_ticks = false;  // live: the haptic thread ticks, the frame does not
     Trace* trace = nullptr;

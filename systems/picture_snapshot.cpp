@@ -12,36 +12,56 @@ void grow(Box& box, const Vec3d& p) {
     box.max = box.max.cwiseMax(p);
 }
 
-void copy_shape(const Surfaces& surfaces, const SurfaceNormals& normals, uint32_t row, PictureSnapshot& out) {
-    PictureBody& body = out.body[row];
-    const Range particles = surfaces.bodies.particles[row];
-    const uint32_t count = surfaces.meshes.info[body.mesh].vertices.count;
-    body.vertices = {static_cast<uint32_t>(out.position.size()), count};
-    body.box = {};
-    for (uint32_t v = 0; v < count; ++v) {
-        const Float4& o = surfaces.particles.offset[particles.first + v];
-        out.position.emplace_back(o.x, o.y, o.z);
-        grow(body.box, Vec3d(o.x, o.y, o.z));
+// Rows of the vertices of all bodies, one body after the other. True if they lie as they did.
+bool lay_out(const Surfaces& surfaces, PictureSnapshot& out) {
+    const Bodies& bodies = surfaces.bodies;
+    bool as_before = out.body.size() == bodies.mesh.size();
+    out.body.resize(bodies.mesh.size());
+    uint32_t first = 0;
+    for (uint32_t row = 0; row < out.body.size(); ++row) {
+        const bool shown = bodies.mesh[row] != kNone && is_deformable(bodies, row);
+        const Range rows{shown ? first : 0, shown ? surfaces.meshes.info[bodies.mesh[row]].vertices.count : 0};
+        as_before = as_before && rows.first == out.body[row].vertices.first && rows.count == out.body[row].vertices.count;
+        out.body[row].vertices = rows;
+        first += rows.count;
     }
-    const auto first = normals.normal.begin() + particles.first;
-    out.normal.insert(out.normal.end(), first, first + count);
+    as_before = as_before && out.position.size() == first && out.normal.size() == first;
+    out.position.resize(first);
+    out.normal.resize(first);
+    return as_before;
 }
 
-void copy_bodies(const Surfaces& surfaces, const SurfaceNormals& normals, PictureSnapshot& out) {
+void copy_shape(const Surfaces& surfaces, const SurfaceNormals& normals, uint32_t row, PictureSnapshot& out) {
+    PictureBody& body = out.body[row];
+    const uint32_t from = surfaces.bodies.particles[row].first;
+    for (uint32_t v = 0; v < body.vertices.count; ++v) {
+        const Float4& o = surfaces.particles.offset[from + v];
+        out.position[body.vertices.first + v] = {o.x, o.y, o.z};
+        grow(body.box, Vec3d(o.x, o.y, o.z));
+    }
+    std::copy_n(normals.normal.begin() + from, body.vertices.count, out.normal.begin() + body.vertices.first);
+}
+
+void copy_bodies(const Surfaces& surfaces, const SurfaceNormals& normals, const Sleepers& sleepers, PictureSnapshot& out) {
     const Bodies& bodies = surfaces.bodies;
-    out.body.assign(bodies.mesh.size(), {});
-    out.position.clear();
-    out.normal.clear();
+    if (!lay_out(surfaces, out)) std::fill(sleepers.seen.begin(), sleepers.seen.end(), 0);
     for (uint32_t row = 0; row < out.body.size(); ++row) {
         PictureBody& body = out.body[row];
+        const bool seen = was_seen(sleepers, row);
+        const Range vertices = body.vertices;
+        const Box box = body.box;
+        body = {};
         body.mesh = bodies.mesh[row];
         if (body.mesh == kNone) continue;
+        body.vertices = vertices;
         body.origin = surfaces.poses.origin[row];
-        if (is_deformable(bodies, row)) {
-            copy_shape(surfaces, normals, row, out);
-        } else {
+        if (!is_deformable(bodies, row)) {
             body.orientation = surfaces.poses.orientation[row];
             body.box = surfaces.meshes.info[body.mesh].box;
+        } else if (seen) {
+            body.box = box;
+        } else {
+            copy_shape(surfaces, normals, row, out);
         }
     }
 }
@@ -111,10 +131,10 @@ void copy_removed(const Surfaces& surfaces, const Tears* tears, PictureSnapshot&
 
 void write_picture_snapshot(uint64_t number, double time, const Surfaces& surfaces, const SurfaceNormals& normals,
                             const Contacts& contacts, const Penetrations& penetrations, const Haptics& haptics,
-                            PictureSnapshot& out, const Tears* tears) {
+                            PictureSnapshot& out, const Tears* tears, const Sleepers& sleepers) {
     out.number = number;
     out.time = time;
-    copy_bodies(surfaces, normals, out);
+    copy_bodies(surfaces, normals, sleepers, out);
     copy_depths(surfaces, contacts, out);
     copy_witnesses(contacts, penetrations, out);
     copy_tools(haptics, out);

@@ -1,5 +1,6 @@
 #include "systems/surface_normals.hpp"
 
+#include <algorithm>
 #include <cmath>
 
 #include "engine/parallel.hpp"
@@ -34,11 +35,14 @@ void compute_body_normals(const MeshView& mesh, const Float4* offset, SurfaceNor
 
 }  // namespace
 
-void compute_surface_normals(const Surfaces& surfaces, SurfaceNormalsScratch& scratch, SurfaceNormals& normals) {
-    if (normals.normal.size() != surfaces.particles.offset.size())
+void compute_surface_normals(const Surfaces& surfaces, SurfaceNormalsScratch& scratch, SurfaceNormals& normals,
+                             const Sleepers& sleepers) {
+    if (normals.normal.size() != surfaces.particles.offset.size()) {
         normals.normal.assign(surfaces.particles.offset.size(), Vec3::Zero());
+        std::fill(sleepers.seen.begin(), sleepers.seen.end(), 0);
+    }
     for (uint32_t body = 0; body < surfaces.bodies.mesh.size(); ++body) {
-        if (surfaces.bodies.mesh[body] == kNone || !is_deformable(surfaces.bodies, body)) continue;
+        if (surfaces.bodies.mesh[body] == kNone || !is_deformable(surfaces.bodies, body) || was_seen(sleepers, body)) continue;
         const uint32_t first = surfaces.bodies.particles[body].first;
         compute_body_normals(mesh_view(surfaces.meshes, surfaces.bodies.mesh[body]),
                              surfaces.particles.offset.data() + first, scratch, normals.normal.data() + first);

@@ -1,5 +1,6 @@
 #pragma once
 #include "components/picture.hpp"
+#include "engine/sleepers.hpp"
 #include "engine/surfaces.hpp"
 namespace trocar {
 
@@ -9,7 +10,8 @@ struct SurfaceNormalsScratch {
 
 // Unit normals of the vertices of every deformable body: the sum of the incident triangles' normals weighted by their
 // area (Gouraud 1971 with area weights), in ascending order of the triangles. Zero where that sum vanishes or is not
-// finite. Rows of other particles (padding) keep zero.
-void compute_surface_normals(const Surfaces& surfaces, SurfaceNormalsScratch& scratch, SurfaceNormals& normals);
+// finite. Rows of other particles (padding) keep zero, those of seen sleepers what they had.
+void compute_surface_normals(const Surfaces& surfaces, SurfaceNormalsScratch& scratch, SurfaceNormals& normals,
+                             const Sleepers& sleepers = {});
 
 }  // namespace trocar

@@ -2,6 +2,7 @@
 
 #include <cstring>
 #include <fstream>
+#include <functional>
 
 #include "engine/error.hpp"
 #include "engine/thread_pool.hpp"
@@ -139,6 +140,54 @@ TEST(Sleep, SameBitsForAnyThreads) {
         });
     }
     EXPECT_EQ(hash[0], hash[1]);
+}
+
+// Boxes, normals, pictures and books of sleepers are those of a run that looks at them again and again, while some fall
+// asleep, are woken, leave their slot asleep and come back; and at who lies still nobody looks twice.
+void expect_same_with_and_without_looking(const std::function<BuiltScene()>& build, int passes) {
+    FrameOptions look;
+    look.look_at_sleepers = true;
+    Frame skips(std::move(build().world), {}), looks(std::move(build().world), look);
+    uint64_t slept = 0;
+    for (int pass = 0; pass < passes; ++pass) {
+        skips.step(), looks.step();
+        for (const Resource r : {Resource::kBoxes, Resource::kNormals, Resource::kPicture, Resource::kEnergy, Resource::kParticles})
+            ASSERT_EQ(resource_hash(skips.world(), r), resource_hash(looks.world(), r)) << resource_name(r) << " in pass " << pass;
+        slept += skips.world().report.asleep_bodies;
+    }
+    EXPECT_GT(slept, 100u);
+}
+
+TEST(Sleep, WhoLiesStillLooksTheSame) {
+    ThreadPool pool(1);
+    pool.run([&] {
+        expect_same_with_and_without_looking([] { return build_scene(scene_of(kBoxes)); }, 60 * 4);
+        const std::vector<Override> few{{"count", "6"}, {"rate", "25"}, {"life", "1.5"}, {"resolution", "80"}, {"sleep_speed", "0.5"}, {"sleep_after", "0.1"}};
+        const auto stress = source_folder() / "content/scenes/stress_come_and_go.toml";
+        expect_same_with_and_without_looking([&] { return build_scene(read_scene_file(stress, few)); }, 60 * 3);
+    });
+}
+
+TEST(Sleep, NobodyLooksTwiceAtWhoLiesStill) {
+    ThreadPool pool(1);
+    pool.run([&] {
+        Frame frame(std::move(build_scene(scene_of(kBoxes)).world), {});
+        World& w = frame.world();
+        const uint32_t held = body_named(w, "held");
+        int passes = 0;
+        for (; passes < 60 * 2 && !is_asleep(w.sleep, held); ++passes) frame.step();
+        for (int pass = 0; pass < 4; ++pass) frame.step();
+        ASSERT_TRUE(is_asleep(w.sleep, held));
+        Vec3& normal = w.normals.normal[w.bodies.particles[held].first];
+        const Vec3 right = normal, mark(7, 7, 7);
+        normal = mark;
+        const Clock clock = w.clock;
+        for (int pass = 0; pass < 4; ++pass) frame.step();
+        EXPECT_EQ(normal, mark);
+        w.clock = clock;  // as after a state was put back: nothing is known of who sleeps
+        for (int pass = 0; pass < 4; ++pass) frame.step();
+        EXPECT_EQ(normal, right);
+    });
 }
 
 TEST(Sleep, ZeroSpeedMeansNever) {
