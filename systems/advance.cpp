@@ -413,7 +413,7 @@ void advance_island(const AdvanceParams& params, const AdvanceInputs& inputs, st
         place_rigid_bodies(island, substep);
         island.substep = substep;
         find_link_forces(island);
-        if (has_rows(scratch)) find_held_rows(island);
+        find_held_rows(island);
         step_bodies(island, kernels, substep);
         pull_hands(island, substep);
         kick_free_bodies(island);

@@ -1,5 +1,6 @@
 #include "tests/reference/solid_double.hpp"
 
+#include <Eigen/Geometry>
 #include <Eigen/LU>
 #include <Eigen/Sparse>
 #include <algorithm>
