@@ -1,5 +1,5 @@
 #pragma once
-#include <Eigen/Core>
+#include <Eigen/Geometry>
 
 // Eigen's decompositions, which are slow to compile, behind plain functions.
 namespace trocar::reference {

@@ -1,7 +1,5 @@
 #include "tests/reference/solid_double.hpp"
 
-#include <Eigen/Geometry>
-#include <Eigen/LU>
 #include <Eigen/Sparse>
 #include <algorithm>
 #include <cmath>
