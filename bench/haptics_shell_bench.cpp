@@ -38,7 +38,8 @@ struct Wrench {
 };
 
 // Where coupling and contacts balance for a device there, from every triangle and every point: distances by looking at all
-// triangles, planes and balance again until nothing moves. Without friction.
+// triangles, planes and balance again until nothing moves. The touched body begins where its simulated contacts stand, off
+// its triangles by the model's gap. Without friction.
 Wrench balanced(const HapticParams& params, const LocalContactModel& model, double time, const HandTool& tool, const ToolState& start,
                 const DeviceState& device) {
     PlacedSurface placed;
@@ -69,7 +70,7 @@ Wrench balanced(const HapticParams& params, const LocalContactModel& model, doub
             if (nearest.triangle == kNone) continue;
             const SurfaceSide side = side_of(model, nearest, 0, placed);
             ShellPlane plane;
-            plane.distance = side.distance, plane.normal = side.normal, plane.arm = arm;
+            plane.distance = side.distance - (model.body[nearest.triangle] == model.give.body ? model.give.gap : 0), plane.normal = side.normal, plane.arm = arm;
             planes.push_back(plane);
         }
         ShellSprings springs{tool.coupling_stiffness, tool.turn_stiffness, tool.surface_stiffness, 0, {}};
