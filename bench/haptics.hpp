@@ -17,6 +17,8 @@ std::vector<double> touching_us(const std::vector<TickCost>& cost);
 void tick_rows(Report& report);
 // The same of two instruments that feel with their whole bodies, and the error of their forces and torques.
 void shell_rows(Report& report);
+// Energy that the device takes from an arm poking tissue for ten simulated minutes; minutes of one core, so not when quick.
+void poke_rows(Report& report);
 // Period of a live tick beside an idle thread of the same run, age of the surface under the force.
 void live_rows(Report& report);
 

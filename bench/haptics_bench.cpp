@@ -400,6 +400,7 @@ int haptics_suite(int argc, char** argv) {
     if (wanted("rates")) rate_rows(report);
     if (wanted("stability")) stability_rows(report);
     if (wanted("faults")) fault_rows(report);
+    if (wanted("poke")) poke_rows(report);
     if (wanted("tick")) tick_rows(report);
     if (wanted("shell")) shell_rows(report);
     if (wanted("live")) live_rows(report);

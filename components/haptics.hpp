@@ -172,6 +172,7 @@ struct ClutchState {
 struct ShellPoint {
     Vec3d arm = Vec3d::Zero();     // m, from the tip, axes of the body
     Vec3d inward = Vec3d::Zero();  // unit, into the instrument, axes of the body
+    uint32_t jaw = kNone;          // row of HandTool::shell_jaw: then arm is from the jaw's pivot, and both in axes of the jaw
 };
 
 // A body of its own that turns about an axis of an instrument as far as the device's grip says. Constant after load.
@@ -209,6 +210,7 @@ struct HandTool {
     double turn_damping = 0;          // N m s/rad
     double inertia = 0;               // kg m^2, about the tip, of what the simulated coupling turns; the same every way
     double surface_stiffness = 0;     // N/m, of a point of the shell against a surface
+    std::vector<ToolJaw> shell_jaw;   // its jaws, as in Haptics::jaw
 };
 
 // How forces are rendered; the same for all tools.
@@ -262,7 +264,8 @@ struct SurfaceGive {
 // Part of a surface and a box around it at the time of its model: a tree, depth first.
 struct SurfaceNode {
     Box box;                  // m, world
-    double speed = 0;         // m/s, of its fastest vertex
+    Box velocity;             // m/s, of its vertices
+    double speed = 0;         // m/s, of the fastest of them
     Range triangles;          // rows of LocalContactModel::triangle; none: its two halves follow
     uint32_t next = 0;        // node after this one and all below it
     uint32_t body = kNone;
@@ -272,9 +275,12 @@ struct SurfaceNode {
 struct ShellOutlook {
     Vec3d tip = Vec3d::Zero();        // m, world, where the shell was then
     Quat turn;
+    double grip = 0;                  // rad
     std::vector<SurfaceNode> node;    // a tree a body, one after the other
     std::vector<double> clear;        // m, per point of the shell: no surface was nearer; 0: perhaps inside
     std::vector<uint32_t> nearest;    // per point: triangle of the model, or kNone where none is within reach
+    std::vector<double> speed;        // m/s, per point: nothing that was nearer to it than `around` is faster
+    double around = 0;                // m
 };
 
 // Surface within reach of a tool, frozen at one contact pass. Immutable once published; the tick reads nothing else.
@@ -321,6 +327,7 @@ struct ShellContact {
     Vec3d slip = Vec3d::Zero();    // m, world, how far friction is stretched along the surface
     double depth = 0;              // m
     double side = 1;               // of a sheet that the point is held on: where its normals point, or -1
+    bool sliding = false;          // along the surface, faster than 1 mm/s
 };
 
 // The body that a tool is stuck through.
@@ -367,6 +374,9 @@ struct ToolState {
     Vec3d device_spin = Vec3d::Zero();             // rad/s, of the device at the last tick
     Vec3d coupling_torque = Vec3d::Zero();         // N m, as coupling_force, about the tip
     Vec3d contact_moment = Vec3d::Zero();          // N m s, as contact_impulse, about the tip
+    // of any tool with jaws
+    double grip_moment = 0;                        // N m s, of the tissue on the simulated jaws that opens them, summed over the period
+    double grip_torque = 0;                        // N m, its mean over the last pass: what the fingers that close them feel
 };
 
 struct Haptics {

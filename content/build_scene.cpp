@@ -19,6 +19,7 @@
 #include "engine/deformable_setup.hpp"
 #include "engine/device.hpp"
 #include "engine/error.hpp"
+#include "engine/geometry/point_triangle.hpp"
 #include "engine/links.hpp"
 #include "engine/mass_properties.hpp"
 #include "engine/mesh_topology.hpp"
@@ -157,15 +158,39 @@ void add_path(Paths& paths, uint32_t body, const std::vector<KeyframeSpec>& keys
     for (const KeyframeSpec& k : keys) paths.key.push_back({k.time, k.position, k.orientation, k.jump, k.grip});
 }
 
+double area_of(const MeshView& mesh) {
+    double area = 0;
+    for (const Triangle& t : mesh.triangle) area += 0.5 * triangle_normal(mesh.position[t[0]], mesh.position[t[1]], mesh.position[t[2]]).norm();
+    return area;
+}
+
+// The points of an instrument and of its jaws, as many on each as its share of the area.
+void spread_points(const ToolSpec& spec, const World& world, HandTool& tool) {
+    const auto mesh_of = [&](uint32_t body) { return mesh_view(world.meshes, world.bodies.mesh[body]); };
+    const auto jaws = std::span(world.haptics.jaw).subspan(tool.jaws.first, tool.jaws.count);
+    double area = area_of(mesh_of(tool.body));
+    for (const ToolJaw& jaw : jaws) area += area_of(mesh_of(jaw.body));
+    const auto share = [&](uint32_t body) { return std::max(10u, static_cast<uint32_t>(spec.points * area_of(mesh_of(body)) / area)); };
+    tool.shell = make_point_shell(mesh_of(tool.body), spec.tip, jaws.empty() ? spec.points : share(tool.body));
+    tool.shell_radius = shell_radius(tool.shell);
+    tool.shell_jaw.assign(jaws.begin(), jaws.end());
+    for (uint32_t j = 0; j < jaws.size(); ++j) {
+        std::vector<ShellPoint> points = make_point_shell(mesh_of(jaws[j].body), Vec3d::Zero(), share(jaws[j].body));
+        // wherever the grip turns it
+        tool.shell_radius = std::max(tool.shell_radius, (jaws[j].pivot - spec.tip).norm() + shell_radius(points));
+        for (ShellPoint& p : points) p.jaw = j;
+        tool.shell.insert(tool.shell.end(), points.begin(), points.end());
+    }
+}
+
 // A tool whose whole body feels. Its turns follow the hand as quickly as its moves; both without overshoot.
 void give_shell(const SceneFile& scene, const ToolSpec& spec, const World& world, HandTool& tool) {
     const auto fail = [&](const std::string& why) { throw InputError(at(scene, spec.line) + "tool \"" + spec.body + "\" with dof = 6: " + why); };
     const double mass = world.bodies.inv_mass[tool.body] > 0 ? 1 / world.bodies.inv_mass[tool.body] : 0;
     if (!(mass > 0)) fail("its body needs a mass");
     if (!(spec.stiffness > 0)) fail("it needs a stiffness");
-    tool.shell = make_point_shell(mesh_view(world.meshes, world.bodies.mesh[tool.body]), spec.tip, spec.points);
+    spread_points(spec, world, tool);
     if (tool.shell.empty()) fail("its body has no surface");
-    tool.shell_radius = shell_radius(tool.shell);
     tool.turn_stiffness = spec.turn_stiffness;
     tool.inertia = mass * spec.turn_stiffness / spec.stiffness;
     tool.coupling_damping = spec.damping >= 0 ? spec.damping : 2 * std::sqrt(spec.stiffness * mass);
@@ -182,8 +207,6 @@ void give_shell(const SceneFile& scene, const ToolSpec& spec, const World& world
 void add_jaws(const SceneFile& scene, const ToolSpec& spec, World& world, HandTool& tool) {
     tool.grip_closed = spec.grip_closed;
     tool.jaws = {static_cast<uint32_t>(world.haptics.jaw.size()), static_cast<uint32_t>(spec.jaws.size())};
-    if (spec.dof == 6 && !spec.jaws.empty())
-        throw InputError(at(scene, spec.jaws[0].line) + "tool \"" + spec.body + "\" with dof = 6: a [[tool.jaw]] is for tools that feel with their tip");
     for (const JawSpec& s : spec.jaws) {
         const auto& names = world.bodies.name;
         const auto found = std::find(names.begin(), names.end(), s.body);
@@ -230,8 +253,8 @@ void add_tool(const SceneFile& scene, const ToolSpec& spec, World& world) {
     tool.workspace = spec.workspace;
     tool.pivot = spec.pivot;
     tool.limits = spec.limits;
-    if (spec.dof == 6) give_shell(scene, spec, world, tool);
     add_jaws(scene, spec, world, tool);
+    if (spec.dof == 6) give_shell(scene, spec, world, tool);
     tool.effects = {static_cast<uint32_t>(world.haptics.effect.size()), static_cast<uint32_t>(spec.effects.size())};
     world.haptics.effect.insert(world.haptics.effect.end(), spec.effects.begin(), spec.effects.end());
     if (world.haptics.tool.size() == kMaxTools) throw InputError(at(scene, spec.line) + "more than " + std::to_string(kMaxTools) + " tools");
@@ -409,36 +432,76 @@ double other_forces_limit(const World& world, uint32_t body) {
     return omega_squared > 0 ? kStableShare * 2 / std::sqrt(omega_squared) : std::numeric_limits<double>::infinity();
 }
 
-// Chooses how a deformable body is stepped; returns why, where the scene left it open.
-std::string choose_stepping(const SceneFile& scene, const BodySpec& spec, World& world, uint32_t body) {
-    std::string why;
+// How an integrator steps a body; step and iterations as the scene asks for, 0 = usual.
+Stepping make_stepping(const SceneFile& scene, const BodySpec& spec, const World& world, uint32_t body, Integrator integrator, double step, uint32_t iterations) {
     Stepping stepping;
-    if (spec.integrator == "auto") stepping.integrator = pick_integrator(world, body, spec.wanted_error, why);
-    if (spec.integrator == "midpoint") stepping.integrator = Integrator::kMidpoint;
-    if (spec.integrator == "xpbd") stepping.integrator = Integrator::kXpbd;
+    stepping.integrator = integrator;
     const bool solid = is_solid(world.solids, world.bodies.mesh[body]);
     const auto refuse = [&](const std::string& reason) { throw InputError(at(scene, spec.line) + "body \"" + spec.name + "\": " + reason); };
     const double limit = world.bodies.stable_dt[body];
     const double others = other_forces_limit(world, body);
     char text[200];
-    if (stepping.integrator != Integrator::kLeapfrog && spec.step > others) {
-        std::snprintf(text, sizeof text, "step = %g s is above the largest stable step under pressure and bending, %.4g s", spec.step, others);
+    if (integrator != Integrator::kLeapfrog && step > others) {
+        std::snprintf(text, sizeof text, "step = %g s is above the largest stable step under pressure and bending, %.4g s", step, others);
         refuse(text);
     }
-    if (stepping.integrator == Integrator::kLeapfrog && spec.step > limit) {
+    if (integrator == Integrator::kLeapfrog && step > limit) {
         std::snprintf(text, sizeof text, "step = %g s is above the largest stable step of leapfrog, %.4g s; take a shorter one%s",
-                      spec.step, limit, solid ? "" : " or integrator = \"midpoint\"");
+                      step, limit, solid ? "" : " or integrator = \"midpoint\"");
         refuse(text);
     }
-    if (stepping.integrator == Integrator::kLeapfrog && spec.step == 0) return why;  // what bodies have anyway
+    if (integrator == Integrator::kLeapfrog && step == 0) return stepping;  // what bodies have anyway
     const double usual_step[] = {0, solid ? 2e-3 : 5e-3, 1e-3};  // s; pressed at 5 ms solids overlap by millimetres
-    stepping.step = spec.step > 0 ? spec.step : std::min(others, usual_step[static_cast<size_t>(stepping.integrator)]);
-    stepping.iterations = spec.iterations > 0 ? spec.iterations : stepping.integrator == Integrator::kXpbd ? 1 : solid ? 30 : 10;
+    stepping.step = step > 0 ? step : std::min(others, usual_step[static_cast<size_t>(integrator)]);
+    stepping.iterations = iterations > 0 ? iterations : integrator == Integrator::kXpbd ? 1 : solid ? 30 : 10;
+    return stepping;
+}
+
+// Chooses how a deformable body is stepped; returns why, where the scene left it open.
+std::string choose_stepping(const SceneFile& scene, const BodySpec& spec, World& world, uint32_t body) {
+    std::string why;
+    Integrator integrator = Integrator::kLeapfrog;
+    if (spec.integrator == "auto") integrator = pick_integrator(world, body, spec.wanted_error, why);
+    if (spec.integrator == "midpoint") integrator = Integrator::kMidpoint;
+    if (spec.integrator == "xpbd") integrator = Integrator::kXpbd;
+    const Stepping stepping = make_stepping(scene, spec, world, body, integrator, spec.step, spec.iterations);
+    if (integrator == Integrator::kLeapfrog && spec.step == 0) return why;
     world.bodies.stepping.resize(body + 1);
     world.bodies.stepping[body] = stepping;
-    if (stepping.integrator == Integrator::kXpbd) colour_springs(world.springs, world.bodies.mesh[body]);
-    if (stepping.integrator == Integrator::kXpbd && solid) colour_tetrahedra(world.solids, world.bodies.mesh[body]);
+    if (integrator != Integrator::kXpbd) return why;
+    colour_springs(world.springs, world.bodies.mesh[body]);
+    if (is_solid(world.solids, world.bodies.mesh[body])) colour_tetrahedra(world.solids, world.bodies.mesh[body]);
     return why;
+}
+
+// Where the eye of a scene's camera is: see systems/render.hpp. m
+Vec3d eye_of(const SceneFile& scene, const BodySpec& spec) {
+    const Camera camera = make_camera(scene.camera);
+    if (camera.kind == CameraKind::kLaparoscope) return camera.position;
+    if (!(camera.distance > 0))
+        throw InputError(at(scene, spec.line) + "body \"" + spec.name + "\": [body.lod] with seen = true needs a [camera] that says its distance");
+    const double flat = std::cos(camera.elevation);
+    return camera.target + camera.distance * Vec3d(flat * std::cos(camera.azimuth), flat * std::sin(camera.azimuth), std::sin(camera.elevation));
+}
+
+// What [body.lod] asks for: leapfrog near tools, midpoint far from them. Says so.
+std::string add_detail(const SceneFile& scene, const BodySpec& spec, World& world, uint32_t body) {
+    constexpr uint32_t kIterations = 40;  // what a solve cut short leaves rings, and leapfrog has to go on with it
+    const auto refuse = [&](const std::string& reason) { throw InputError(at(scene, spec.line) + "body \"" + spec.name + "\": [body.lod] is for " + reason); };
+    if (!is_deformable(world.bodies, body)) refuse("deformable bodies");
+    const Stepping near = stepping_of(world.bodies, body);
+    if (near.integrator != Integrator::kLeapfrog) refuse("bodies that are stepped by leapfrog near tools; this one is coarse everywhere");
+    DetailRules& rules = world.detail;
+    rules.body.push_back(body);
+    rules.beyond.push_back(spec.lod.beyond);
+    rules.seen.push_back(spec.lod.seen);
+    rules.near.push_back(near);
+    rules.far.push_back(make_stepping(scene, spec, world, body, Integrator::kMidpoint, spec.lod.step, spec.lod.iterations > 0 ? spec.lod.iterations : kIterations));
+    if (spec.lod.seen) rules.eye.assign(1, eye_of(scene, spec));
+    world.bodies.stepping.resize(std::max<size_t>(world.bodies.stepping.size(), body + 1));
+    char text[100];
+    std::snprintf(text, sizeof text, "; by midpoint of %.3g ms while every tool is farther than %g m", 1e3 * rules.far.back().step, spec.lod.beyond);
+    return text;
 }
 
 // A pool of the copies that end with `last`: they wait asleep until they come.
@@ -491,10 +554,11 @@ void add_scene_body(const SceneFile& scene, const BodySpec& spec, const Prototyp
         if (may_tear(scene, spec)) let_tear(world, body, spec.break_strain);
         why = choose_stepping(scene, spec, world, body);
     }
+    const std::string detail = spec.lod.beyond > 0 ? add_detail(scene, spec, world, body) : "";
     if (spec.scatter.rate > 0 && spec.copy + 1 == spec.scatter.count) add_pool(scene, spec, body, world);
     if (spec.copy > 0) return;
     const std::string copies = spec.scatter.count > 1 ? "; " + std::to_string(spec.scatter.count) + " of them" : "";
-    built.notes.push_back(body_note(world, body, prototype) + (why.empty() ? "" : "; auto: " + why) + copies);
+    built.notes.push_back(body_note(world, body, prototype) + detail + (why.empty() ? "" : "; auto: " + why) + copies);
 }
 
 }  // namespace

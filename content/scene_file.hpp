@@ -21,6 +21,14 @@ struct KeyframeSpec {
     double grip = 0;    // rad, of a tool's hand
 };
 
+// [body.lod]: how a body is stepped while every tool is far from it.
+struct LodSpec {
+    double beyond = 0;        // m, from its box to the nearest tip; 0 = always as the body says
+    bool seen = false;        // the camera's eye counts as a tip
+    double step = 0;          // s; 0 = usual
+    uint32_t iterations = 0;  // 0 = usual
+};
+
 // One [[body]] of a scene file.
 struct BodySpec {
     std::string name;
@@ -48,6 +56,7 @@ struct BodySpec {
     uint32_t iterations = 0;                 // midpoint: conjugate gradients at most, xpbd: sweeps; 0 = usual
     double step = 0;                         // s, largest step of this body; 0 = usual
     double wanted_error = 1e-4;              // m, what auto may give away
+    LodSpec lod;
     double fixed_below = -1e300;             // m, vertices with rest z (body frame) below it are fixed
     double thickness = 1e-3;                 // m, sheets
     double mass = 0;                         // kg; 0: hand-driven 0.05 (what the coupling moves), free by its density
@@ -133,8 +142,8 @@ struct SceneFile {
 
 // One --set key=value: `seconds=2`, `contact.cell_edges=3`, `liver.tissue.youngs_modulus=2e4`, `a.file=kidney.wrl`.
 // The first word is a top-level key or table, a key of [parameters], or the name of a body (scattered ones by the name
-// before the number); tools are named by their body as `tool.BODY.key`, links, staples, cuts and nodes by their name
-// as `link.NAME.key`.
+// before the number), or `body` for every deformable body; tools are named by their body as `tool.BODY.key`, links, staples,
+// cuts and nodes by their name as `link.NAME.key`.
 struct Override {
     std::string key;
     std::string value;

@@ -27,6 +27,21 @@ toml::table* named_table(toml::table& root, const char* list, const char* name_k
     return nullptr;
 }
 
+// `body.KEY=VALUE`: as if it were said of every deformable body by name.
+void override_deformable_bodies(toml::table& root, const Override& o, const std::string& key) {
+    bool any = false;
+    toml::array* bodies = root.get_as<toml::array>("body");
+    for (size_t i = 0; bodies && i < bodies->size(); ++i) {
+        const toml::table* body = bodies->get_as<toml::table>(i);
+        const auto word = [body](const char* k) { return body && body->get(k) ? body->get(k)->value<std::string>().value_or("") : ""; };
+        const std::string name = word("name");
+        if (word("motion") != "deformable" || name.empty() || name == "body") continue;
+        apply_override(root, {name + "." + key, o.value});
+        any = true;
+    }
+    if (!any) throw InputError("--set " + o.key + ": the scene has no deformable body");
+}
+
 // What a node says where "$name" stands for a parameter; null if it does not.
 const toml::node* parameter_of(const std::string& file, const toml::node& node, const toml::table& parameters) {
     const auto text = node.value<std::string_view>();
@@ -81,6 +96,9 @@ void apply_override(toml::table& root, const Override& o) {
     for (std::string word; std::getline(stream, word, '.');) words.push_back(word);
     if (words.empty() || std::any_of(words.begin(), words.end(), [](const std::string& w) { return w.empty(); }))
         throw InputError("--set " + o.key + "=" + o.value + ": the key is empty");
+    if (words.size() > 1 && words[0] == "body" && !named_table(root, "body", "name", "body")) {
+        return override_deformable_bodies(root, o, o.key.substr(words[0].size() + 1));
+    }
     toml::table* table = &root;
     size_t next = 0;
     if (toml::table* parameters = root["parameters"].as_table(); words.size() == 1 && parameters && parameters->contains(o.key)) table = parameters;

@@ -4,6 +4,7 @@
 #include <tbb/task_arena.h>
 
 #include <algorithm>
+#include <ctime>
 
 #include "engine/loop_watch.hpp"
 #include "engine/race_detector.hpp"
@@ -14,16 +15,27 @@ namespace {
 
 thread_local std::vector<LoopTime>* watched = nullptr;
 
+uint64_t processor_ns() {
+    timespec t;
+    clock_gettime(CLOCK_THREAD_CPUTIME_ID, &t);
+    return static_cast<uint64_t>(t.tv_sec) * 1'000'000'000u + static_cast<uint64_t>(t.tv_nsec);
+}
+
 // Runs all chunks here and writes down how long the loop and its longest chunk took; loops inside are part of it.
 template <typename RunChunk>
 void run_watched(uint32_t chunks, const RunChunk& run_chunk) {
     std::vector<LoopTime>* const times = std::exchange(watched, nullptr);
-    LoopTime loop{now_ns(), 0, 0};
+    LoopTime loop;
+    loop.begin_ns = now_ns();
+    const uint64_t begin = processor_ns();
+    uint64_t start = begin;
     for (uint32_t chunk = 0; chunk < chunks; ++chunk) {
-        const uint64_t start = now_ns();
         run_chunk(chunk);
-        loop.longest_ns = std::max(loop.longest_ns, now_ns() - start);
+        const uint64_t end = processor_ns();
+        loop.longest_ns = std::max(loop.longest_ns, end - start);
+        start = end;
     }
+    loop.processor_ns = start - begin;
     loop.duration_ns = now_ns() - loop.begin_ns;
     times->push_back(loop);
     watched = times;

@@ -1,3 +1,4 @@
+#include "engine/geometry/quaternion.hpp"
 #include "engine/point_shell.hpp"
 
 #include <Eigen/Geometry>
@@ -172,6 +173,26 @@ std::vector<ShellPoint> make_point_shell(const MeshView& mesh, const Vec3d& tip,
     std::vector<ShellPoint> shell;
     for (const auto& [key, k] : order) shell.push_back({best[k].point - tip, -best[k].outward});
     return shell;
+}
+
+std::span<const ShellPoint> points_at_grip(const HandTool& tool, double grip, std::vector<ShellPoint>& placed) {
+    if (tool.shell_jaw.empty()) return tool.shell;
+    placed.assign(tool.shell.begin(), tool.shell.end());
+    for (ShellPoint& p : placed) {
+        if (p.jaw == kNone) continue;
+        const ToolJaw& jaw = tool.shell_jaw[p.jaw];
+        const Quat turn = multiply(from_rotation_vector(jaw.share * grip * jaw.axis), jaw.closed);
+        p.arm = jaw.pivot - tool.tip + rotate(turn, p.arm);
+        p.inward = rotate(turn, p.inward);
+    }
+    return placed;
+}
+
+double jaw_reach(const HandTool& tool) {
+    double most = 0;
+    for (const ShellPoint& p : tool.shell)
+        if (p.jaw != kNone) most = std::max(most, std::abs(tool.shell_jaw[p.jaw].share) * p.arm.norm());
+    return most;
 }
 
 double shell_radius(const std::vector<ShellPoint>& shell) {

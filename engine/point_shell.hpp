@@ -1,4 +1,5 @@
 #pragma once
+#include <span>
 #include <vector>
 
 #include "components/haptics.hpp"
@@ -15,5 +16,12 @@ std::vector<ShellPoint> make_point_shell(const MeshView& mesh, const Vec3d& tip,
 
 // Distance of the farthest point from the tip. m
 double shell_radius(const std::vector<ShellPoint>& shell);
+
+// The points of a tool where a grip (rad) puts its jaws: arms from the tip, all in axes of the instrument. Those of a tool
+// without jaws are its own; else they are written to `placed`.
+std::span<const ShellPoint> points_at_grip(const HandTool& tool, double grip, std::vector<ShellPoint>& placed);
+
+// How far (m) a point of the jaws goes at most when the grip changes by one radian.
+double jaw_reach(const HandTool& tool);
 
 }  // namespace trocar

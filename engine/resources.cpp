@@ -115,7 +115,7 @@ void fields(V& v, T& t) {
         v.item(t.link_force), v.item(t.link_force_before);
         v.item(t.hand), v.item(t.clutch), v.item(t.safety), v.item(t.effect_velocity), v.item(t.effect), v.item(t.events);
         v.item(t.proxy_turn), v.item(t.contact), v.item(t.device_spin), v.item(t.coupling_torque), v.item(t.contact_moment);
-        v.item(t.sliding), v.item(t.carried), v.item(t.pull), v.item(t.pull_torque);
+        v.item(t.sliding), v.item(t.carried), v.item(t.pull), v.item(t.pull_torque), v.item(t.grip_moment), v.item(t.grip_torque);
     } else if constexpr (is<T, HapticSurface>) {
         v.item(t.body), v.item(t.stiffness), v.item(t.damping), v.item(t.static_friction), v.item(t.dynamic_friction), v.item(t.texture);
         v.item(t.height), v.item(t.length), v.item(t.along), v.item(t.deformable);
@@ -155,13 +155,13 @@ void fields(V& v, T& t) {
         v.item(t.max_force), v.item(t.friction), v.item(t.path), v.item(t.trace);
         v.item(t.pass_through), v.item(t.hand), v.item(t.workspace), v.item(t.pivot), v.item(t.limits), v.item(t.effects);
         v.item(t.jaws), v.item(t.grip_closed);
-        v.item(t.shell), v.item(t.shell_radius), v.item(t.turn_stiffness), v.item(t.turn_damping), v.item(t.inertia), v.item(t.surface_stiffness);
+        v.item(t.shell), v.item(t.shell_radius), v.item(t.turn_stiffness), v.item(t.turn_damping), v.item(t.inertia), v.item(t.surface_stiffness), v.item(t.shell_jaw);
     } else if constexpr (is<T, ShellPoint>) {
-        v.item(t.arm), v.item(t.inward);
+        v.item(t.arm), v.item(t.inward), v.item(t.jaw);
     } else if constexpr (is<T, ShellContact>) {
-        v.item(t.point), v.item(t.body), v.item(t.arm), v.item(t.force), v.item(t.slip), v.item(t.depth), v.item(t.side);
+        v.item(t.point), v.item(t.body), v.item(t.arm), v.item(t.force), v.item(t.slip), v.item(t.depth), v.item(t.side), v.item(t.sliding);
     } else if constexpr (is<T, SurfaceNode>) {
-        v.item(t.box), v.item(t.speed), v.item(t.triangles), v.item(t.next), v.item(t.body);
+        v.item(t.box), v.item(t.velocity), v.item(t.speed), v.item(t.triangles), v.item(t.next), v.item(t.body);
     } else if constexpr (is<T, TriangleDisc>) {
         v.item(t.centre), v.item(t.normal), v.item(t.velocity), v.item(t.radius), v.item(t.thickness), v.item(t.spread);
     } else if constexpr (is<T, TriangleGroup>) {
@@ -172,7 +172,8 @@ void fields(V& v, T& t) {
         v.item(t.half_thickness), v.item(t.disc), v.item(t.group), v.item(t.block), v.item(t.give.body), v.item(t.give.share), v.item(t.give.normal);
         v.item(t.give.device), v.item(t.give.device_velocity), v.item(t.give.time), v.item(t.give.gap);
         v.item(t.pull), v.item(t.pull_before), v.item(t.period);
-        v.item(t.shell.tip), v.item(t.shell.turn), v.item(t.shell.node), v.item(t.shell.clear), v.item(t.shell.nearest);
+        v.item(t.shell.tip), v.item(t.shell.turn), v.item(t.shell.grip), v.item(t.shell.node), v.item(t.shell.clear), v.item(t.shell.nearest);
+        v.item(t.shell.speed), v.item(t.shell.around);
         v.item(t.surface), v.item(t.in_hand);
     } else if constexpr (is<T, PictureBody>) {
         v.item(t.mesh), v.item(t.origin), v.item(t.orientation), v.item(t.box), v.item(t.vertices), v.item(t.depths), v.item(t.removed), v.item(t.exposed);
@@ -520,6 +521,9 @@ void visit_resource(World& w, Resource resource, Visitor& v) {
             v.array(FIELD(node_state.enabled)), v.array(FIELD(node_state.laid_down)), v.array(FIELD(node_state.off)),
                 v.array(FIELD(node_state.seen)), v.array(FIELD(node_state.drive));
             break;
+        case Resource::kDetail:
+            v.array(FIELD(detail.body)), v.array(FIELD(detail.beyond)), v.array(FIELD(detail.seen)), v.array(FIELD(detail.near)), v.array(FIELD(detail.far)), v.array(FIELD(detail.eye));
+            break;
         case Resource::kCount:
             break;
     }
@@ -541,7 +545,8 @@ ResourceKind resource_kind(Resource resource) {
         case Resource::kTears:
         case Resource::kTools:
         case Resource::kPools:
-        case Resource::kNodes: return ResourceKind::kConstant;
+        case Resource::kNodes:
+        case Resource::kDetail: return ResourceKind::kConstant;
         case Resource::kClock:
         case Resource::kPoses:
         case Resource::kParticles:
@@ -583,7 +588,7 @@ const char* resource_name(Resource resource) {
         "clock",    "poses",     "particles",  "tool state", "pair memory", "contact memory", "boxes", "pairs", "trees",
         "screened", "occupancy", "candidates", "near",       "contacts", "penetrations", "contours", "regions", "rows",
         "islands",  "normals",   "local contact", "picture",    "energy",   "report", "sleep",
-        "links",    "tears",     "torn",       "torn springs", "pools", "lives", "nodes", "node state"};
+        "links",    "tears",     "torn",       "torn springs", "pools", "lives", "nodes", "node state", "detail"};
     static_assert(std::size(kNames) == static_cast<size_t>(Resource::kCount));
     return kNames[static_cast<size_t>(resource)];
 }

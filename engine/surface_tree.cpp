@@ -4,6 +4,7 @@
 #include <algorithm>
 #include <cmath>
 
+#include "engine/geometry/vec4.hpp"
 namespace trocar {
 namespace {
 
@@ -26,6 +27,7 @@ void add_runs(const LocalContactModel& model, uint32_t begin, uint32_t end, Surf
         for (uint32_t t = first; t < run.triangles.end(); ++t) {
             for (const uint32_t v : model.triangle[t]) {
                 enlarge(run.box, {model.position[v], model.position[v]});
+                enlarge(run.velocity, {model.velocity[v], model.velocity[v]});
                 fastest2 = std::max(fastest2, model.velocity[v].squaredNorm());
             }
         }
@@ -49,6 +51,7 @@ void add_nodes(SurfaceTreeScratch& scratch, uint32_t begin, uint32_t end, std::v
         const SurfaceNode& run = scratch.run[scratch.order[k]];
         const Vec3d centre = run.box.min + run.box.max;
         enlarge(node.box, run.box);
+        enlarge(node.velocity, run.velocity);
         enlarge(centres, {centre, centre});
         node.speed = std::max(node.speed, run.speed);
         node.body = run.body;
@@ -73,12 +76,14 @@ Vec3d corner_of(const LocalContactModel& model, const SurfaceMoment& at, uint32_
     return body == at.follower ? Vec3d(p + at.follow) : p;
 }
 
+Vec4d smaller(Vec4d a, Vec4d b) { return (Vec4d)_mm256_min_pd((__m256d)a, (__m256d)b); }
+Vec4d larger(Vec4d a, Vec4d b) { return (Vec4d)_mm256_max_pd((__m256d)a, (__m256d)b); }
+
 PlacedTriangle place(const LocalContactModel& model, uint32_t t, const SurfaceMoment& at) {
     PlacedTriangle row;
     for (int k = 0; k < 3; ++k) row.corner[k] = corner_of(model, at, model.body[t], model.triangle[t][k]);
-    const auto& [a, b, c] = row.corner;
-    row.centre = (a + b + c) / 3;
-    row.radius = std::sqrt(std::max({(a - row.centre).squaredNorm(), (b - row.centre).squaredNorm(), (c - row.centre).squaredNorm()}));
+    const Vec4d a = to_vec4(row.corner[0]), b = to_vec4(row.corner[1]), c = to_vec4(row.corner[2]);
+    row.box = {to_vec3(smaller(smaller(a, b), c)), to_vec3(larger(larger(a, b), c))};
     return row;
 }
 
@@ -92,16 +97,19 @@ uint32_t place_run(const LocalContactModel& model, uint32_t node, PlacedSurface&
     return run.first;
 }
 
+// Whether a box is farther than the root of `best`.
+bool is_beyond(Vec4d low, Vec4d high, Vec4d point, double best) {
+    const Vec4d off = larger(larger(low - point, point - high), Vec4d{});
+    return norm2(off) > best * (1 + kRounding) + kRounding * kRounding;
+}
+
 // Whether everything of a node is farther than the root of `best`; `point` is where it would be had the node not
 // followed.
-bool is_beyond(const SurfaceNode& node, double age, const Vec3d& point, double best) {
-    const double room = node.speed * age;
-    double sum = 0;
-    for (int k = 0; k < 3; ++k) {
-        const double d = std::max({node.box.min[k] - room - point[k], point[k] - node.box.max[k] - room, 0.0});
-        sum += d * d;
-    }
-    return sum > best * (1 + kRounding) + kRounding * kRounding;
+bool is_beyond(const SurfaceNode& node, double age, Vec4d point, double best) {
+    const bool back = age < 0;
+    const Vec4d low = to_vec4(node.box.min) + age * to_vec4(back ? node.velocity.max : node.velocity.min);
+    const Vec4d high = to_vec4(node.box.max) + age * to_vec4(back ? node.velocity.min : node.velocity.max);
+    return is_beyond(low, high, point, best);
 }
 
 void try_triangle(const PlacedTriangle& row, uint32_t t, const Vec3d& point, NearestTriangle& best) {
@@ -211,16 +219,15 @@ NearestTriangle find_nearest(const LocalContactModel& model, uint32_t root, cons
                              double reach, PlacedSurface& placed) {
     const std::vector<SurfaceNode>& node = model.shell.node;
     const SurfaceMoment& at = placed.moment;
-    const Vec3d back = node[root].body == at.follower ? Vec3d(point - at.follow) : point;
-    const double age = std::abs(at.age);
+    const Vec4d back = to_vec4(node[root].body == at.follower ? Vec3d(point - at.follow) : point);
+    const Vec4d at_point = to_vec4(point);
     NearestTriangle best;
     best.at.squared_distance = reach * reach;
     if (hint != kNone) {
         try_triangle(place(model, hint, at), hint, point, best);
     }
-    double distance = std::sqrt(best.at.squared_distance);
     for (uint32_t n = root; n < node[root].next;) {
-        if (is_beyond(node[n], age, back, best.at.squared_distance)) {
+        if (is_beyond(node[n], at.age, back, best.at.squared_distance)) {
             n = node[n].next;
             continue;
         }
@@ -228,15 +235,25 @@ NearestTriangle find_nearest(const LocalContactModel& model, uint32_t root, cons
         const uint32_t first = rows.count > 0 ? place_run(model, n, placed) : 0;
         for (uint32_t t = rows.first; t < rows.end(); ++t) {
             const PlacedTriangle& row = placed.triangle[first + (t - rows.first)];
-            const double room = row.radius + distance, off2 = (row.centre - point).squaredNorm();
-            if (off2 > room * room * (1 + kRounding) + kRounding * kRounding) continue;
+            if (is_beyond(to_vec4(row.box.min), to_vec4(row.box.max), at_point, best.at.squared_distance)) continue;
             try_triangle(row, t, point, best);
-            distance = std::sqrt(best.at.squared_distance);
         }
         ++n;
     }
     best.point = point + best.at.offset;
     return best;
+}
+
+double fastest_around(const LocalContactModel& model, uint32_t root, const Vec3d& point, double around) {
+    const std::vector<SurfaceNode>& node = model.shell.node;
+    double fastest = 0;
+    const Vec4d place = to_vec4(point);
+    for (uint32_t n = root; n < node[root].next;) {
+        const bool passed = node[n].speed <= fastest || is_beyond(node[n], 0, place, around * around);
+        if (!passed && node[n].triangles.count > 0) fastest = node[n].speed;
+        n = passed ? node[n].next : n + 1;
+    }
+    return fastest;
 }
 
 SurfaceSide side_of(const LocalContactModel& model, const NearestTriangle& nearest, double before,

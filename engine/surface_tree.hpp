@@ -13,11 +13,10 @@ struct SurfaceMoment {
     Vec3d follow = Vec3d::Zero();  // m
 };
 
-// A triangle of the model where it is at a moment, and a ball around it.
+// A triangle of the model where it is at a moment, and a box around it.
 struct PlacedTriangle {
     std::array<Vec3d, 3> corner;  // m, world
-    Vec3d centre = Vec3d::Zero();
-    double radius = 0;
+    Box box;
 };
 
 // The triangles that were asked for at one moment.
@@ -58,6 +57,10 @@ struct NearestTriangle {
 // `hint`: a triangle likely to be near, or kNone; the answer does not depend on it.
 NearestTriangle find_nearest(const LocalContactModel& model, uint32_t root, const Vec3d& point, uint32_t hint,
                              double reach, PlacedSurface& placed);
+
+// Speed (m/s) that no vertex of the triangles of a tree that are nearer than `around` (m) to a point at the model's time goes
+// beyond.
+double fastest_around(const LocalContactModel& model, uint32_t root, const Vec3d& point, double around);
 
 // A point beside its nearest triangle: signed distance (m, negative inside a closed body or within a sheet's thickness)
 // and the way out.

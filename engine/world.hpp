@@ -6,6 +6,7 @@
 #include "components/bodies.hpp"
 #include "components/clock.hpp"
 #include "components/contacts.hpp"
+#include "components/detail.hpp"
 #include "components/haptics.hpp"
 #include "components/links.hpp"
 #include "components/lives.hpp"
@@ -37,6 +38,7 @@ struct World {
     Tears tears;
     Pools pools;
     Nodes nodes;
+    DetailRules detail;
     // state
     Clock clock;
     Poses poses;
@@ -116,6 +118,7 @@ enum class Resource : uint8_t {
     kLives,
     kNodes,
     kNodeState,
+    kDetail,
     kCount
 };
 

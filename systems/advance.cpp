@@ -273,10 +273,12 @@ void finish_bodies(AdvanceIsland& island) {
         if (b.skin_node) drape_skin(*island.inputs.other.solids, island.inputs.bodies, b.body, island.particles);
     }
     for (const AdvanceRigid& rigid : island.scratch.rigid) {
-        if (rigid.node == kNone || rigid.free != kNone) continue;
+        if (rigid.node == kNone || (rigid.free != kNone && rigid.jaw == kNone)) continue;
         const ContactNode& node = island.scratch.node[rigid.node];
         island.poses.origin[rigid.body] = to_vec3(rigid.jaw == kNone ? node.place : rigid.place[1].shift);
-        island.poses.velocity[rigid.body] = to_vec3(node.velocity);
+        Vec4d velocity = node.velocity;
+        if (rigid.free != kNone) velocity += cross(island.scratch.free[rigid.free].spin, rigid.place[1].shift - node.place);
+        island.poses.velocity[rigid.body] = to_vec3(velocity);
         island.poses.orientation[rigid.body] = rigid.orientation[1];
         island.poses.angular_velocity[rigid.body] =
             rotation_vector(rigid.orientation[0], rigid.orientation[1]) / island.dt;
@@ -340,6 +342,9 @@ void share_room(std::span<AdvanceScratch> scratches) {
     level(&AdvanceScratch::node_of_particle);
     level(&AdvanceScratch::slot_of_body);
     level(&AdvanceScratch::plan);
+    size_t planned = 0;
+    for (const AdvanceScratch& s : scratches) planned = std::max(planned, s.planned.size());
+    for (AdvanceScratch& s : scratches) s.planned.resize(planned);
     level(&AdvanceScratch::skin_point);
     level(&AdvanceScratch::free);
     level(&AdvanceScratch::turning);
@@ -347,10 +352,12 @@ void share_room(std::span<AdvanceScratch> scratches) {
     level(&AdvanceScratch::held_active);
     level(&AdvanceScratch::warm);
     level(&AdvanceScratch::block);
+    level(&AdvanceScratch::fixed);
     level(&AdvanceScratch::strip);
     level(&AdvanceScratch::along);
     level(&AdvanceScratch::group_of_row);
     level(&AdvanceScratch::next_of_group);
+    level(&AdvanceScratch::dealt);
     level(&AdvanceScratch::ungrouped);
     level(&AdvanceScratch::node_sums);
     size_t groups = 0, chunks = 0;
@@ -400,9 +407,6 @@ void advance_island(const AdvanceParams& params, const AdvanceInputs& inputs, st
     };
     observe(params.observer.begin);
     plan_contacts(island, island_rows);
-    for (const ContactNode& node : scratch.node) {
-        if (node.particle != kNone) scratch.body[node.owner].touched = true;
-    }
     note_velocities(island);
     observe(params.observer.end);
     clear_sums(scratch);
@@ -422,11 +426,12 @@ void advance_island(const AdvanceParams& params, const AdvanceInputs& inputs, st
         const bool books = params.account_energy && has_rows(scratch);
         if (has_rows(scratch)) apply_impulses(island);
         settle_drives(island);
-        if (books) book_measured(island, result.work_contact);
+        if (books) book_measured(island, false, result.work_contact);
         move_hands(island);
         move_free_bodies(island);
-        if (has_rows(scratch)) push_out(island, substep);
-        if (books) book_measured(island, result.work_push);
+        carry_jaws(island, substep + 1);
+        if (has_rows(scratch)) push_out(island, substep), carry_jaws(island, substep + 1);
+        if (books) book_measured(island, true, result.work_push);
         observe(params.observer.end);
         finish_links(island);
         break_springs(island);

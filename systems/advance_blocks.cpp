@@ -15,7 +15,7 @@ constexpr uint32_t kOpenBlocks = 16;
 // Two ways within 60 degrees of a third are within 120 of each other, which is kOpposed.
 constexpr double kLean = 0.5;
 
-// Nodes of a row that lies between deformable bodies, in the order of the parts of a block.
+// Nodes of a row of a deformable body, in the order of the parts of a block.
 struct RowNodes {
     std::array<uint32_t, kParts> node;
     uint32_t count = 0;
@@ -29,46 +29,71 @@ RowNodes nodes_of(const ContactPlan& plan) {
     };
     add(plan.node_a[0]);
     if (plan.node_a[1] != plan.node_a[0]) add(plan.node_a[1]);
-    for (const uint32_t node : plan.node_b) add(node);
+    if (plan.rigid_b == kNone)
+        for (const uint32_t node : plan.node_b) add(node);
     return r;
 }
 bool is_edge(const ContactPlan& plan) { return plan.node_a[1] != plan.node_a[0]; }
 bool rides_skin(const ContactPlan& plan) { return (plan.node_a[0] | plan.node_b[0]) & kSkinPoint; }
 bool is_face(const ContactPlan& plan) { return plan.node_a[2] != plan.node_a[0]; }
 bool between_deformables(const ContactPlan& plan) { return plan.rigid_a == kNone && plan.rigid_b == kNone; }
+bool is_static(const AdvanceIsland& island, uint32_t rigid) {
+    return rigid != kNone && island.inputs.bodies.motion[island.scratch.rigid[rigid].body] == Motion::kStatic;
+}
+// Short lists with static bodies converge better in order.
+bool has_fixed_plane(const AdvanceIsland& island, const ContactPlan& plan) {
+    return island.scratch.phase[4] > 1 && plan.rigid_a == kNone && is_static(island, plan.rigid_b);
+}
+bool may_turn(const AdvanceIsland& island, const ContactPlan& plan) {
+    return !between_deformables(plan) && !has_fixed_plane(island, plan) &&
+           !(island.scratch.phase[4] > 1 && plan.rigid_b == kNone && is_static(island, plan.rigid_a));
+}
 
-// Calls visit(change of a node, way of a row that presses it).
+// Calls visit(change of a node, way of a row that presses it), group by group.
 template <typename Visit>
 void for_each_way(AdvanceScratch& s, const Visit& visit) {
-    for (const ContactPlan& plan : s.plan) {
+    const auto visit_plan = [&](const ContactPlan& plan) {
         const auto visit_all = [&](uint32_t point, Vec4d way) {
             visit_nodes(s, point, [&](uint32_t node, double) { visit(s.change[node], plan, way); });
         };
         if (plan.rigid_a == kNone) {
-            visit_all(plan.node_a[0], plan.normal);
-            if (is_edge(plan)) visit_all(plan.node_a[1], plan.normal);
-            if (is_face(plan)) visit_all(plan.node_a[2], plan.normal);
+            const Vec4d way = plan.rigid_b == kNone ? plan.normal : s.rigid[plan.rigid_b].place[0].turn(plan.normal);
+            visit_all(plan.node_a[0], way);
+            if (is_edge(plan)) visit_all(plan.node_a[1], way);
+            if (is_face(plan)) visit_all(plan.node_a[2], way);
         }
         if (plan.rigid_b == kNone) {
             for (const uint32_t point : plan.node_b) visit_all(point, -plan.normal);
         }
-    }
+    };
+    for_each_group(s, [&](const RowGroup& group) {
+        for (uint32_t i = group.plan.first; i < group.plan.end(); ++i) visit_plan(s.planned[i]);
+    });
 }
 
 // Finds the nodes that no two rows of the call can press from both sides: all ways lie within 60 degrees of their mean.
 // Planes of rigid bodies turn: theirs may.
-void find_opposable(AdvanceScratch& s) {
-    for (ContactNodeChange& change : s.change) change.first_way = Vec4d{}, change.may_oppose = false;
+void find_opposable(AdvanceIsland& island) {
+    AdvanceScratch& s = island.scratch;
+    parallel_for(uint32_t(s.change.size()), kNodesPerChunk, [&](uint32_t begin, uint32_t end) {
+        for (uint32_t n = begin; n < end; ++n) s.change[n].first_way = Vec4d{}, s.change[n].may_oppose = false;
+    });
     for_each_way(s, [](ContactNodeChange& change, const ContactPlan&, Vec4d way) { change.first_way += way; });
-    for_each_way(s, [](ContactNodeChange& change, const ContactPlan& plan, Vec4d way) {
+    for_each_way(s, [&](ContactNodeChange& change, const ContactPlan& plan, Vec4d way) {
         const double along = dot(change.first_way, way);
         const bool leans = !(along > 0 && along * along >= kLean * kLean * norm2(change.first_way));
-        change.may_oppose = change.may_oppose || leans || !between_deformables(plan);
+        change.may_oppose = change.may_oppose || leans || may_turn(island, plan);
     });
 }
 
-bool fits_block(const AdvanceScratch& s, const ContactPlan& plan) {
-    if (!between_deformables(plan) || rides_skin(plan) || is_face(plan)) return false;  // a block has no part for a third corner
+bool fits_block(const AdvanceIsland& island, const ContactPlan& plan) {
+    const AdvanceScratch& s = island.scratch;
+    const bool fixed = has_fixed_plane(island, plan);
+    if (fixed ? s.body[s.node[plan.node_a[0]].owner].synchronous()  // its step holds the row
+              : !between_deformables(plan) || rides_skin(plan)) {
+        return false;
+    }
+    if (is_face(plan)) return false;  // a block has no part for a third corner
     const RowNodes nodes = nodes_of(plan);
     const auto end = nodes.node.begin() + nodes.count;
     return nodes.distinct && std::none_of(nodes.node.begin(), end, [&](uint32_t n) { return s.change[n].may_oppose; });
@@ -92,7 +117,20 @@ ContactBlock empty_block(uint32_t idle) {
     return block;
 }
 
-void put_row(const AdvanceIsland& island, const ContactPlan& plan, uint32_t lane, ContactBlock& block) {
+void put_fixed_triangle(AdvanceIsland& island, const ContactPlan& plan, uint32_t lane, ContactBlock& block) {
+    AdvanceScratch& s = island.scratch;
+    const AdvanceRigid& rigid = s.rigid[plan.rigid_b];
+    const Meshes& meshes = island.inputs.meshes;
+    const uint32_t first = meshes.info[island.inputs.bodies.mesh[rigid.body]].vertices.first;
+    for (uint32_t k = 0; k < 3; ++k) {
+        const Vec4d corner = to_vec4(meshes.position[first + island.rows.triangle[plan.row][k]]);
+        set_lane(s.fixed[block.fixed].corner[k], lane, rigid.place[0](corner));
+        block.weight[2 + k][lane] = plan.weight_b[k];
+    }
+    set_lane(block.normal, lane, rigid.place[0].turn(plan.normal));
+}
+
+void put_row(AdvanceIsland& island, const ContactPlan& plan, uint32_t lane, ContactBlock& block) {
     const AdvanceScratch& s = island.scratch;
     const auto put = [&](uint32_t part, uint32_t node, double weight) {
         block.node[part][lane] = node;
@@ -106,56 +144,63 @@ void put_row(const AdvanceIsland& island, const ContactPlan& plan, uint32_t lane
     } else {
         put(0, plan.node_a[0], plan.weight_a[0] + plan.weight_a[1]);
     }
-    for (uint32_t k = 0; k < 3; ++k) put(2 + k, plan.node_b[k], plan.weight_b[k]);
-    set_lane(block.normal, lane, plan.normal);
+    if (plan.rigid_b == kNone) {
+        for (uint32_t k = 0; k < 3; ++k) put(2 + k, plan.node_b[k], plan.weight_b[k]);
+        set_lane(block.normal, lane, plan.normal);
+    } else {
+        put_fixed_triangle(island, plan, lane, block);
+    }
     block.offset[lane] = plan.offset;
     block.friction[lane] = plan.friction;
     block.point_share[lane] = share_of_point(island, plan);
     block.row[lane] = plan.row;
     block.open[lane] = plan.ended ? 0 : -1;
-    const Vec4d start = start_impulse(island, plan.row);
-    block.normal_impulse[lane] = std::max(0.0, dot(start, plan.normal));
-    set_lane(block.friction_impulse, lane, start - dot(start, plan.normal) * plan.normal);
+    const Vec4d start = start_impulse(island, plan.row), normal = lane_of(block.normal, lane);
+    block.normal_impulse[lane] = std::max(0.0, dot(start, normal));
+    set_lane(block.friction_impulse, lane, start - dot(start, normal) * normal);
 }
 
-// Puts rows into blocks: each into the first of a few unfinished ones that has none of its nodes.
-class BlockFiller {
+// Deals rows out to the blocks of a group: each to the first of a few unfinished ones that has none of its nodes.
+class BlockDealer {
  public:
-    BlockFiller(AdvanceIsland& island, uint32_t idle) : island_(island), idle_(idle) { block_.fill(kNone); }
-    void add(const ContactPlan& plan) {
-        AdvanceScratch& s = island_.scratch;
+    explicit BlockDealer(AdvanceScratch& s) : s_(s) { block_.fill(kNone); }
+    void add(ContactPlan& plan) {
         const RowNodes nodes = nodes_of(plan);
         uint32_t shared = 0;
-        for (uint32_t k = 0; k < nodes.count; ++k) shared |= s.open_blocks_of_node[nodes.node[k]];
+        for (uint32_t k = 0; k < nodes.count; ++k) shared |= s_.open_blocks_of_node[nodes.node[k]];
         uint32_t slot = uint32_t(std::countr_one(shared));
         if (slot >= kOpenBlocks) close(slot = next_ = (next_ + 1) % kOpenBlocks);
-        if (block_[slot] == kNone) {
-            block_[slot] = uint32_t(s.block.size());
-            s.block.push_back(empty_block(idle_));
-        }
-        ContactBlock& block = s.block[block_[slot]];
-        const uint32_t lane = uint32_t(std::find(block.row.begin(), block.row.end(), kNone) - block.row.begin());
-        put_row(island_, plan, lane, block);
-        for (uint32_t k = 0; k < nodes.count; ++k) s.open_blocks_of_node[nodes.node[k]] |= uint16_t(1u << slot);
-        if (lane == 3) close(slot);
+        if (block_[slot] == kNone) block_[slot] = count_++;
+        plan.block = block_[slot];
+        plan.lane = row_[slot].count;
+        row_[slot].nodes[row_[slot].count++] = nodes;
+        for (uint32_t k = 0; k < nodes.count; ++k) s_.open_blocks_of_node[nodes.node[k]] |= uint16_t(1u << slot);
+        if (row_[slot].count == 4) close(slot);
     }
     void close_all() {
         for (uint32_t slot = 0; slot < kOpenBlocks; ++slot) {
             if (block_[slot] != kNone) close(slot);
         }
     }
+    uint32_t count() const { return count_; }
 
  private:
     void close(uint32_t slot) {
-        AdvanceScratch& s = island_.scratch;
-        for (const auto& part : s.block[block_[slot]].node) {
-            for (const uint32_t node : part) s.open_blocks_of_node[node] &= uint16_t(~(1u << slot));
+        for (uint32_t i = 0; i < row_[slot].count; ++i) {
+            const RowNodes& nodes = row_[slot].nodes[i];
+            for (uint32_t k = 0; k < nodes.count; ++k) s_.open_blocks_of_node[nodes.node[k]] &= uint16_t(~(1u << slot));
         }
         block_[slot] = kNone;
+        row_[slot].count = 0;
     }
-    AdvanceIsland& island_;
-    uint32_t idle_;
-    std::array<uint32_t, kOpenBlocks> block_;  // per slot: row of block, or kNone
+    struct Rows {
+        std::array<RowNodes, 4> nodes;
+        uint32_t count = 0;
+    };
+    AdvanceScratch& s_;
+    std::array<uint32_t, kOpenBlocks> block_;  // per slot: row of block in the group, or kNone
+    std::array<Rows, kOpenBlocks> row_;        // and what is in it
+    uint32_t count_ = 0;
     uint32_t next_ = 0;                        // slot to close when none will do
 };
 
@@ -175,6 +220,12 @@ inline __attribute__((always_inline)) FourPoints plane_of(const AdvanceScratch& 
     return weighted({block.weight[2], block.weight[3], block.weight[4]}, part_of(s, block, 2, field),
                     part_of(s, block, 3, field), part_of(s, block, 4, field));
 }
+// Corners of the planes: their places, or where they are after the substep.
+inline __attribute__((always_inline)) FourPoints corner_of(const AdvanceScratch& s, const ContactBlock& block, uint32_t k, Vec4d ContactNode::* field) {
+    return block.fixed == kNone ? part_of(s, block, 2 + k, field) : s.fixed[block.fixed].corner[k];
+}
+// Parts that move: all, or those of the point.
+inline uint32_t parts_of(const ContactBlock& block) { return block.fixed == kNone ? kParts : 2; }
 
 // As find_foot of one row: weights of the corners, and which rows have left their triangle behind.
 struct FourFeet {
@@ -218,8 +269,8 @@ void end_rows(AdvanceIsland& island, ContactBlock& block, Mask4 ended) {
 // Which rows of a block act in this substep, and what their impulses need. As find_active_rows and activate.
 bool activate(AdvanceIsland& island, double reach, ContactBlock& block) {
     const AdvanceScratch& s = island.scratch;
-    const FourPoints a = part_of(s, block, 2, &ContactNode::place), b = part_of(s, block, 3, &ContactNode::place),
-                     c = part_of(s, block, 4, &ContactNode::place);
+    const FourPoints a = corner_of(s, block, 0, &ContactNode::place), b = corner_of(s, block, 1, &ContactNode::place),
+                     c = corner_of(s, block, 2, &ContactNode::place);
     const std::array<Vec4d, 3> fixed = {block.weight[2], block.weight[3], block.weight[4]};
     const FourPoints point = point_of(s, block, &ContactNode::place), plane = weighted(fixed, a, b, c);
     const Vec4d gap = dot(block.normal, point - plane) - block.offset;
@@ -227,8 +278,8 @@ bool activate(AdvanceIsland& island, double reach, ContactBlock& block) {
     if (!any(block.active)) return false;
     // what is inside acts whatever its velocity, if only that is finite
     if (!std::isfinite(reach) || any(block.active & (gap >= 0))) {
-        const FourPoints velocity =
-            point_of(s, block, &ContactNode::velocity) - plane_of(s, block, &ContactNode::velocity);
+        FourPoints velocity = point_of(s, block, &ContactNode::velocity);
+        if (block.fixed == kNone) velocity = velocity - plane_of(s, block, &ContactNode::velocity);
         const Vec4d gap_after = gap + least(dot(block.normal, velocity), Vec4d{}) * island.dt;
         const Vec4d all = gap_after + norm2(velocity);  // not finite if one of them is not
         block.active &= (gap_after < 0) & (all - all == 0);
@@ -262,11 +313,11 @@ void add_to_part(AdvanceScratch& s, const ContactBlock& block, uint32_t part, co
 }
 
 // As solve_row, for four rows.
-template <bool kEdges>
+template <bool kEdges, uint32_t kMoving>
 void solve_block(AdvanceScratch& s, ContactBlock& block) {
-    FourPoints part[kParts];
+    FourPoints part[kMoving];
     FourPoints velocity;
-    for (uint32_t k = 0; k < kParts; ++k) {
+    for (uint32_t k = 0; k < kMoving; ++k) {
         if (k == 1 && !kEdges) continue;
         part[k] = part_of(s, block, k, &ContactNode::velocity);
         velocity = velocity + block.lever[k] * part[k];
@@ -283,7 +334,7 @@ void solve_block(AdvanceScratch& s, ContactBlock& block) {
                                                       (friction - block.friction_impulse));
     block.normal_impulse = normal_impulse;
     block.friction_impulse = keep(block.active, friction);
-    for (uint32_t k = 0; k < kParts; ++k) {
+    for (uint32_t k = 0; k < kMoving; ++k) {
         if (k == 1 && !kEdges) continue;
         const std::array<Vec4d, 4> now = one_by_one(part[k] + (block.lever[k] * block.inv_mass[k]) * impulse);
         for (uint32_t lane = 0; lane < 4; ++lane) s.node[block.node[k][lane]].velocity = now[lane];
@@ -292,8 +343,9 @@ void solve_block(AdvanceScratch& s, ContactBlock& block) {
 
 // Gaps at the end of the substep, as gap_after.
 Vec4d gaps_after(const AdvanceScratch& s, const ContactBlock& block) {
-    const FourPoints apart = point_of(s, block, &ContactNode::after) - plane_of(s, block, &ContactNode::after);
-    return dot(block.normal, apart) - block.offset;
+    const auto corner = [&](uint32_t k) { return corner_of(s, block, k, &ContactNode::after); };
+    const FourPoints plane = weighted({block.weight[2], block.weight[3], block.weight[4]}, corner(0), corner(1), corner(2));
+    return dot(block.normal, point_of(s, block, &ContactNode::after) - plane) - block.offset;
 }
 
 // As add_push.
@@ -310,28 +362,73 @@ void add_pushes(const AdvanceIsland& island, const ContactBlock& block, const Fo
         scale[0] = keep(sum[0] > 0, block.point_share / sum[0]);
         scale[1] = keep(sum[1] > 0, (1 - block.point_share) / sum[1]);
     }
-    for (uint32_t k = 0; k < kParts; ++k) {
+    for (uint32_t k = 0; k < parts_of(block); ++k) {
         if (k == 1 && !block.edges) continue;
         add_to_part(s, block, k, (block.lever[k] * unit[k] * scale[k >= 2]) * way, &ContactNode::after);
     }
 }
 
-// Puts the rows of a group that fit into blocks.
-void fill_blocks(AdvanceIsland& island, Range rows) {
+// Deals out the rows of a group that fit, and counts its blocks.
+void deal_blocks(AdvanceIsland& island, RowGroup& group) {
     AdvanceScratch& s = island.scratch;
-    const uint32_t idle = add_idle_node(s);
-    s.open_blocks_of_node.resize(s.node.size(), 0);
-    BlockFiller filler(island, idle);
-    // points of edges are apart, their blocks have one part more; and rows that start outside, of which most do not act
+    BlockDealer dealer(s);
+    // points of edges are apart, their blocks have one part more; and rows that start outside, of which most do not act;
+    // and those with fixed planes
     const auto kind_of = [&](const ContactPlan& plan) {
-        return is_edge(plan) ? 1 : std::signbit(island.rows.distance[plan.row]) ? 0 : 2;
+        return (is_edge(plan) ? 1 : std::signbit(island.rows.distance[plan.row]) ? 0 : 2) + (plan.rigid_b == kNone ? 0 : 3);
     };
-    for (int kind = 0; kind < 3; ++kind) {
-        for (uint32_t i = rows.first; i < rows.end(); ++i) {
-            const ContactPlan& plan = s.plan[i];
-            if (plan.in_block && kind_of(plan) == kind) filler.add(plan);
+    uint32_t before_fixed = 0;
+    for (int kind = 0; kind < 6; ++kind) {
+        if (kind == 3) before_fixed = dealer.count();
+        for (uint32_t i = group.plan.first; i < group.plan.end(); ++i) {
+            ContactPlan& plan = s.planned[i];
+            if (plan.in_block && kind_of(plan) == kind) dealer.add(plan);
         }
-        filler.close_all();
+        dealer.close_all();
+    }
+    group.block.count = dealer.count();
+    group.fixed.count = dealer.count() - before_fixed;
+}
+
+void fill_blocks(AdvanceIsland& island, const RowGroup& group) {
+    AdvanceScratch& s = island.scratch;
+    for (uint32_t i = 0; i < group.block.count; ++i) {
+        ContactBlock& block = s.block[group.block.first + i];
+        block = empty_block(group.idle);
+        if (i + group.fixed.count < group.block.count) continue;
+        block.fixed = group.fixed.end() - (group.block.count - i);
+        s.fixed[block.fixed] = {};
+    }
+    for (uint32_t i = group.plan.first; i < group.plan.end(); ++i) {
+        const ContactPlan& plan = s.planned[i];
+        if (plan.in_block) put_row(island, plan, plan.lane, s.block[group.block.first + plan.block]);
+    }
+}
+
+// Places of the blocks of all groups, one after the other.
+void lay_out_blocks(AdvanceScratch& s) {
+    uint32_t blocks = 0, fixed = 0;
+    for (uint32_t g = 0; g < s.phase[4]; ++g) {
+        RowGroup& group = s.group[g];
+        group.block.first = blocks, group.fixed.first = fixed;
+        blocks += group.block.count, fixed += group.fixed.count;
+        make_room(group.active_block, group.block.count);
+    }
+    make_room(s.block, blocks);
+    make_room(s.fixed, fixed);
+    s.block.resize(blocks);
+    s.fixed.resize(fixed);
+}
+
+// Copies the plans that are not in a block to where they are worked on.
+void keep_single_rows(AdvanceScratch& s) {
+    s.plan.clear();
+    for (uint32_t g = 0; g < s.phase[4]; ++g) {
+        RowGroup& group = s.group[g];
+        const uint32_t first = uint32_t(s.plan.size());
+        for (uint32_t i = group.plan.first; i < group.plan.end(); ++i)
+            if (!s.planned[i].in_block) s.plan.push_back(s.planned[i]);
+        group.plan = {first, uint32_t(s.plan.size()) - first};
     }
 }
 
@@ -339,29 +436,30 @@ void fill_blocks(AdvanceIsland& island, Range rows) {
 
 void plan_blocks(AdvanceIsland& island) {
     AdvanceScratch& s = island.scratch;
-    s.block.clear();
-    for (uint32_t g = 0; g < s.phase[4]; ++g) s.group[g].block = {};
-    if (s.plan.size() < kFewestRows) return;
-    find_opposable(s);
-    make_room(s.block, s.plan.size() / 4 + kOpenBlocks);
-    for (ContactPlan& plan : s.plan) plan.in_block = fits_block(s, plan);
-    uint32_t kept = 0;
+    uint32_t rows = 0;
     for (uint32_t g = 0; g < s.phase[4]; ++g) {
-        RowGroup& group = s.group[g];
-        const uint32_t first_block = uint32_t(s.block.size());
-        fill_blocks(island, group.plan);
-        group.block = {first_block, uint32_t(s.block.size()) - first_block};
-        const uint32_t first = kept;
-        for (uint32_t i = group.plan.first; i < group.plan.end(); ++i)
-            if (!s.plan[i].in_block) s.plan[kept++] = s.plan[i];
-        group.plan = {first, kept - first};
-        make_room(group.active_block, group.block.count);
+        rows += s.group[g].plan.count;
+        s.group[g].block = s.group[g].fixed = {};
     }
-    s.plan.resize(kept);
+    if (rows < kFewestRows) {
+        s.block.clear();
+        keep_single_rows(s);
+        return;
+    }
+    find_opposable(island);
+    for_each_group(s, [&](RowGroup& group) {
+        for (uint32_t i = group.plan.first; i < group.plan.end(); ++i) s.planned[i].in_block = fits_block(island, s.planned[i]);
+    });
+    for (uint32_t g = 0; g < s.phase[4]; ++g) s.group[g].idle = add_idle_node(s);
+    s.open_blocks_of_node.resize(s.node.size(), 0);
+    for_each_group(s, [&](RowGroup& group) { deal_blocks(island, group); });
+    lay_out_blocks(s);
+    for_each_group(s, [&](RowGroup& group) { fill_blocks(island, group); });
+    keep_single_rows(s);
 }
 
 void forget_blocks(AdvanceIsland& island) {
-    for (const ContactBlock& block : island.scratch.block) {
+    const auto forget = [&](const ContactBlock& block) {
         for (uint32_t lane = 0; lane < 4; ++lane) {
             const uint32_t row = block.row[lane];
             if (row == kNone) continue;
@@ -370,7 +468,11 @@ void forget_blocks(AdvanceIsland& island) {
             const Vec4d last = block.normal_impulse[lane] * lane_of(block.normal, lane) + lane_of(block.friction_impulse, lane);
             island.rows.carried[row] = to_vec3(last / island.dt);
         }
-    }
+    };
+    const std::vector<ContactBlock>& blocks = island.scratch.block;
+    parallel_for(uint32_t(blocks.size()), 256, [&](uint32_t begin, uint32_t end) {
+        for (uint32_t i = begin; i < end; ++i) forget(blocks[i]);
+    });
 }
 
 void activate_blocks(AdvanceIsland& island, double reach, RowGroup& group) {
@@ -395,7 +497,7 @@ void start_blocks(AdvanceScratch& s, const RowGroup& group) {
         const ContactBlock& block = s.block[i];
         if (!any(block.normal_impulse > 0)) continue;
         const FourPoints impulse = block.normal_impulse * block.normal + block.friction_impulse;
-        for (uint32_t k = 0; k < kParts; ++k) {
+        for (uint32_t k = 0; k < parts_of(block); ++k) {
             if (k == 1 && !block.edges) continue;
             add_to_part(s, block, k, (block.lever[k] * block.inv_mass[k]) * impulse, &ContactNode::velocity);
         }
@@ -404,7 +506,12 @@ void start_blocks(AdvanceScratch& s, const RowGroup& group) {
 
 void solve_blocks(AdvanceScratch& s, const RowGroup& group) {
     for (const uint32_t i : group.active_block) {
-        s.block[i].edges ? solve_block<true>(s, s.block[i]) : solve_block<false>(s, s.block[i]);
+        ContactBlock& block = s.block[i];
+        if (block.fixed == kNone) {
+            block.edges ? solve_block<true, kParts>(s, block) : solve_block<false, kParts>(s, block);
+        } else {
+            block.edges ? solve_block<true, 2>(s, block) : solve_block<false, 2>(s, block);
+        }
     }
 }
 

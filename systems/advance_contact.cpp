@@ -18,6 +18,9 @@ constexpr uint32_t kHeldSweeps = 4;  // with tools that turn in the hand
 // Many rows of a skin share few nodes: after one sweep what is left of their speeds shakes them (20 times the work of damping
 // in a press of 20 mm).
 constexpr uint32_t kSkinSweeps = 4;
+// Sweeps over a group before the next one: its rows are still in the cache then (a tenth of the time of a heap's advance), and
+// groups still hear of each other.
+constexpr uint32_t kSweepsAtOnce = 2;
 
 uint32_t node_slot(AdvanceScratch& s, uint32_t owner, uint32_t vertex) {
     const AdvanceBody& body = s.body[owner];
@@ -31,6 +34,7 @@ uint32_t node_slot(AdvanceScratch& s, uint32_t owner, uint32_t vertex) {
         node.particle_inv_mass = body.now[vertex].w;
         node.inv_mass = body.impulse_left * node.particle_inv_mass;
         s.change.emplace_back();
+        s.body[owner].touched = true;
     }
     return slot;
 }
@@ -91,6 +95,20 @@ ContactPlan make_plan(AdvanceIsland& island, uint32_t row) {
     }
     if (meshes.info[bodies.mesh[b]].admission == Admission::kSheet) plan.offset = 0.5 * bodies.thickness[b];
     return plan;
+}
+
+// Gives the nodes and rigid sides of a row their places in scratch, in the order in which make_plan asks for them.
+void number_nodes(AdvanceIsland& island, uint32_t row) {
+    AdvanceScratch& s = island.scratch;
+    const ContactRows& rows = island.rows;
+    const auto number = [&](uint32_t body, std::initializer_list<uint32_t> vertices) {
+        if (!is_deformable(island.inputs.bodies, body)) return void(rigid_slot(island, body));
+        for (const uint32_t v : vertices)
+            if (v != kNone) node_slot(s, s.slot_of_body[body], v);
+    };
+    const Triangle& t = rows.triangle[row];
+    number(rows.body[row], {rows.vertex[row][0], rows.vertex[row][1], rows.third[row]});
+    number(rows.other[row], {t[0], t[1], t[2]});
 }
 
 // Where the two points of a row are at the start of a substep.
@@ -260,6 +278,7 @@ void add_active(AdvanceIsland& island, uint32_t plan_row, const RowState& r, con
     } else {
         const AdvanceRigid& rigid = s.rigid[plan.rigid_a];
         if (rigid.free == kNone) active.rigid_velocity += rigid.velocity(plan.point_a);
+        else if (rigid.jaw != kNone) active.rigid_velocity += rigid.grip_velocity(plan.point_a);
         if (rigid.node != kNone) add_node(active, rigid.node, 1);
     }
     active.point_nodes = active.nodes;
@@ -268,6 +287,7 @@ void add_active(AdvanceIsland& island, uint32_t plan_row, const RowState& r, con
     } else {
         const AdvanceRigid& rigid = s.rigid[plan.rigid_b];
         if (rigid.free == kNone) active.rigid_velocity -= rigid.velocity(foot.point);
+        else if (rigid.jaw != kNone) active.rigid_velocity -= rigid.grip_velocity(foot.point);
         if (rigid.node != kNone) add_node(active, rigid.node, -1);
     }
     double sum = 0;
@@ -498,7 +518,10 @@ void add_impulses(AdvanceIsland& island, const RowGroup& group) {
             if (hit.tool == kNone) return;
             ToolState& tool = island.tools[hit.tool];
             tool.contact_impulse += to_vec3(j);
-            if (row.turning != kNone) tool.contact_moment += to_vec3(cross(s.turning[row.turning].arm[side], j));
+            if (row.turning == kNone) return;
+            const Vec4d arm = s.turning[row.turning].arm[side];
+            tool.contact_moment += to_vec3(cross(arm, j));
+            add_grip_moment(island, rigid, s.node[hit.node].place + arm, j);
         };
         on_tool(plan.rigid_a, 0, impulse);
         on_tool(plan.rigid_b, 1, -impulse);
@@ -555,23 +578,30 @@ double gather_nodes(AdvanceIsland& island) {
 
 void plan_contacts(AdvanceIsland& island, std::span<const uint32_t> island_rows) {
     AdvanceScratch& s = island.scratch;
-    s.plan.clear();
     s.skin_point.clear();
     s.node_of_particle.resize(island.particles.offset.size(), kNone);
     // neighbours in the list are neighbours on the surface and share nodes: parts of a long list are dealt in turn, so
     // that the processor can work on one row while another waits for its sums; a short one converges better in order
-    constexpr uint32_t kMostParts = 8, kRowsPerPart = 32;
+    constexpr uint32_t kMostParts = 8, kRowsPerPart = 32, kPlansPerChunk = 512;
     const uint32_t count = static_cast<uint32_t>(island_rows.size());
     make_room(s.plan, count);
     make_room(s.node, s.node.size() + 2 * count);
     make_room(s.change, s.node.size() + 2 * count);
+    make_room(s.dealt, count);
+    make_room(s.ungrouped, count);
     const uint32_t parts = std::clamp(count / kRowsPerPart, 1u, kMostParts), part = (count + parts - 1) / parts;
-    for (uint32_t i = 0; i < part; ++i) {
-        for (uint32_t row = i; row < count; row += part) {
-            s.plan.push_back(make_plan(island, island_rows[row]));
-        }
-    }
+    s.dealt.clear();
+    for (uint32_t i = 0; i < part; ++i)
+        for (uint32_t row = i; row < count; row += part) s.dealt.push_back(island_rows[row]);
+    // nodes are numbered as rows come; once they are, plans can be made at the same time. Points of skins have no numbers
+    const bool rides = std::any_of(s.body.begin(), s.body.end(), [](const AdvanceBody& b) { return b.skin_node != nullptr; });
+    if (!rides)
+        for (const uint32_t row : s.dealt) number_nodes(island, row);
     group_rows(island);
+    if (s.planned.size() < count) s.planned.resize(count + count / 4);
+    parallel_for(count, rides ? std::max(count, 1u) : kPlansPerChunk, [&](uint32_t begin, uint32_t end) {
+        for (uint32_t i = begin; i < end; ++i) s.planned[i] = make_plan(island, s.dealt[i]);
+    });
     plan_blocks(island);
     for (uint32_t g = 0; g < s.phase[4]; ++g) make_room(s.group[g].active, s.group[g].plan.count);
     s.warm.clear();
@@ -589,19 +619,22 @@ void forget_contacts(AdvanceIsland& island) {
         for (size_t i = 0; i < s.warm.size(); ++i) island.rows.carried[s.plan[i].row] = to_vec3(s.warm[i] / island.dt);
     }
     forget_blocks(island);
-    for (const ContactNode& node : s.node) {
-        if (node.particle != kNone) s.node_of_particle[node.particle] = kNone;
-    }
+    parallel_for(uint32_t(s.node.size()), kNodesPerChunk, [&](uint32_t begin, uint32_t end) {
+        for (uint32_t n = begin; n < end; ++n)
+            if (s.node[n].particle != kNone) s.node_of_particle[s.node[n].particle] = kNone;
+    });
     for (const AdvanceBody& b : s.body) s.slot_of_body[b.body] = kNone;
     for (const AdvanceRigid& r : s.rigid) s.slot_of_body[r.body] = kNone;
 }
 
 void note_velocities(AdvanceIsland& island) {
     AdvanceScratch& s = island.scratch;
-    for (uint32_t n = 0; n < s.node.size(); ++n) {
-        const uint32_t i = s.node[n].particle;
-        if (i != kNone) s.change[n].before = particle_velocity(island.particles, i);
-    }
+    parallel_for(uint32_t(s.node.size()), kNodesPerChunk, [&](uint32_t begin, uint32_t end) {
+        for (uint32_t n = begin; n < end; ++n) {
+            const uint32_t i = s.node[n].particle;
+            if (i != kNone) s.change[n].before = particle_velocity(island.particles, i);
+        }
+    });
 }
 
 void find_held_rows(AdvanceIsland& island) {
@@ -650,10 +683,12 @@ void apply_impulses(AdvanceIsland& island) {
         for (uint32_t pass = 0; pass < std::max(island.params.contact.iterations, kHeldSweeps); ++pass) sweep_rows(s);
     } else {
         const uint32_t sweeps = std::max(island.params.contact.iterations, s.skin_point.empty() ? 1 : kSkinSweeps);
-        for (uint32_t pass = 0; pass < sweeps; ++pass) {
+        for (uint32_t pass = 0; pass < sweeps; pass += kSweepsAtOnce) {
             for_each_group(s, [&](RowGroup& group) {
-                solve_blocks(s, group);
-                for (ContactActive& row : group.active) row.nodes == 4 ? solve_row<4>(s, row) : solve_row<0>(s, row);
+                for (uint32_t sweep = pass; sweep < std::min(sweeps, pass + kSweepsAtOnce); ++sweep) {
+                    solve_blocks(s, group);
+                    for (ContactActive& row : group.active) row.nodes == 4 ? solve_row<4>(s, row) : solve_row<0>(s, row);
+                }
             });
         }
     }

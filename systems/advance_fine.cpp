@@ -1,9 +1,14 @@
+#include "systems/advance_fine.hpp"
+
+#include <immintrin.h>
+
 #include <algorithm>
 #include <cmath>
 
 #include "engine/deformable_setup.hpp"
 #include "engine/shape_fit.hpp"
 #include "engine/spring_step.hpp"
+#include "engine/surfaces.hpp"
 #include "engine/tet_forces.hpp"
 #include "systems/advance_implicit.hpp"
 namespace trocar {
@@ -12,6 +17,39 @@ namespace {
 // How many explicit steps go for one, and how much of an edge nodes may move in a step before anybody looks closer.
 constexpr uint32_t kFiner = 4;
 constexpr double kFarWay = 0.25;
+
+// Of shells: how many steps go for one where the ends of a spring move by more than kApart of its rest against each other in
+// a step; where nothing moves by kShortWay of the mean rest nobody looks.
+constexpr uint32_t kFinerShell = 2;
+constexpr float kApart = 0.05f;
+constexpr double kShortWay = 0.02;
+
+// Largest squared speed of the particles of a body, (m/s)^2; rows come in sixteens.
+float fastest_of(const Particles& p, Range rows) {
+    __m256 most = _mm256_setzero_ps();
+    for (uint32_t i = rows.first; i < rows.end(); i += 8) {
+        const __m256 x = _mm256_loadu_ps(&p.velocity_x[i]), y = _mm256_loadu_ps(&p.velocity_y[i]), z = _mm256_loadu_ps(&p.velocity_z[i]);
+        most = _mm256_max_ps(most, _mm256_fmadd_ps(x, x, _mm256_fmadd_ps(y, y, _mm256_mul_ps(z, z))));
+    }
+    alignas(32) float lane[8];
+    _mm256_store_ps(lane, most);
+    return *std::max_element(lane, lane + 8);
+}
+
+// Whether the ends of some spring move far against each other in dt.
+bool folds_fast(const SpringStep& step, uint32_t slices, float dt) {
+    const float share = kApart / dt;
+    for (uint32_t slice = 0; slice < slices; ++slice) {
+        for (size_t h = size_t{step.slice_column[slice]} * kSliceWidth; h < size_t{step.slice_column[slice + 1]} * kSliceWidth; ++h) {
+            const uint32_t p = slice * kSliceWidth + h % kSliceWidth, q = step.neighbour[h];
+            if (q <= p) continue;
+            const float x = step.velocity_x[q] - step.velocity_x[p], y = step.velocity_y[q] - step.velocity_y[p],
+                        z = step.velocity_z[q] - step.velocity_z[p], most = share * step.rest_length[h];
+            if ((x * x + y * y) + z * z > most * most) return true;
+        }
+    }
+    return false;
+}
 
 // Tetrahedra of a body whose forces go to s.volume_force.
 TetStep bind_loose_tets(AdvanceIsland& island, const AdvanceBody& b) {
@@ -57,6 +95,20 @@ bool is_wild(AdvanceIsland& island, const AdvanceBody& b, double least) {
     if (!(fastest > far * far)) return false;
     // what swells fast was crushed a step ago
     return least < kCrushed || least_volume(island, b, island.dt) < kCrushed || least_volume(island, b, -island.dt) < kCrushed;
+}
+
+uint32_t finer_steps(const AdvanceInputs& in, const Particles& particles, std::span<const uint32_t> island_bodies, double dt) {
+    for (const uint32_t body : island_bodies) {
+        if (!is_deformable(in.bodies, body) || stepping_of(in.bodies, body).integrator != Integrator::kLeapfrog) continue;
+        if (in.bodies.anchor_frame[body] == AnchorFrame::kShape || has_tets(in.other.solids, in.bodies, body)) continue;
+        const SpringInfo& info = in.springs.info[in.bodies.mesh[body]];
+        const double far = kShortWay * info.mean_rest / dt;
+        const Range rows{in.bodies.particles[body].first + info.skin, in.bodies.particles[body].count - info.skin};
+        if (!(fastest_of(particles, rows) > far * far)) continue;
+        const SpringStep step = bind_body(in.springs, in.bodies, in.anchors, particles, body, in.other.torn_springs);
+        if (folds_fast(step, info.slices.count, static_cast<float>(dt))) return kFinerShell;
+    }
+    return 1;
 }
 
 double step_finely(AdvanceIsland& island, AdvanceBody& b) {

@@ -288,6 +288,12 @@ void push_free_sides(AdvanceScratch& s, const ContactTurning& turning, Vec4d pus
         RigidMap& place = rigid.place[1];
         for (Vec4d& column : place.column) column += cross(turn, column);
         place.shift = node.after - place.turn(f.centre);
+        for (size_t k = 0; f.held && k < s.rigid.size(); ++k) {
+            AdvanceRigid& jaw = s.rigid[k];
+            if (jaw.jaw == kNone || jaw.free != turning.free[side]) continue;
+            for (Vec4d& column : jaw.place[1].column) column += cross(turn, column);
+            jaw.place[1].shift += shift + cross(turn, jaw.place[1].shift - node.after);
+        }
     }
 }
 

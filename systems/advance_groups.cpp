@@ -1,6 +1,7 @@
 #include <algorithm>
 #include <numeric>
 
+#include "engine/surfaces.hpp"
 #include "systems/advance_parts.hpp"
 namespace trocar {
 namespace {
@@ -12,8 +13,9 @@ constexpr uint32_t kBodiesPerStrip = 96, kMostStrips = 32;
 
 bool may_split(const AdvanceScratch& s) {
     const auto has_node = [](const AdvanceRigid& rigid) { return rigid.node != kNone; };
-    return s.plan.size() >= kFewestRows && s.body.size() >= 2 * kBodiesPerStrip && s.skin_point.empty() &&
-           std::none_of(s.rigid.begin(), s.rigid.end(), has_node);
+    const auto rides = [](const AdvanceBody& b) { return b.skin_node != nullptr; };
+    return s.dealt.size() >= kFewestRows && s.body.size() >= 2 * kBodiesPerStrip &&
+           std::none_of(s.body.begin(), s.body.end(), rides) && std::none_of(s.rigid.begin(), s.rigid.end(), has_node);
 }
 
 // Puts bodies into strips of equal numbers along the axis on which they spread most. Returns the number of strips.
@@ -49,14 +51,14 @@ void group_rows(AdvanceIsland& island) {
     AdvanceScratch& s = island.scratch;
     if (!may_split(s)) {
         set_groups(s, {0, 1, 1, 1, 1});
-        s.group[0].plan = {0, static_cast<uint32_t>(s.plan.size())};
+        s.group[0].plan = {0, static_cast<uint32_t>(s.dealt.size())};
         return;
     }
     const uint32_t strips = find_strips(s), even = strips / 2, odd = (strips - 1) / 2;  // borders
     set_groups(s, {0, strips, strips + even, strips + even + odd, strips + even + odd + 1});
-    const auto strip_of = [&](uint32_t rigid, uint32_t node) { return rigid == kNone ? s.strip[s.node[node].owner] : kNone; };
-    const auto group_of = [&](const ContactPlan& plan) {
-        uint32_t a = strip_of(plan.rigid_a, plan.node_a[0]), b = strip_of(plan.rigid_b, plan.node_b[0]);
+    const auto strip_of = [&](uint32_t body) { return is_deformable(island.inputs.bodies, body) ? s.strip[s.slot_of_body[body]] : kNone; };
+    const auto group_of = [&](uint32_t row) {
+        uint32_t a = strip_of(island.rows.body[row]), b = strip_of(island.rows.other[row]);
         if (a == kNone) a = b;
         if (b == kNone) b = a;
         if (a == b) return a;
@@ -65,19 +67,19 @@ void group_rows(AdvanceIsland& island) {
         return s.phase[low % 2 ? 2 : 1] + low / 2;
     };
     // a counting sort: rows keep their order within a group
-    const uint32_t rows = static_cast<uint32_t>(s.plan.size());
+    const uint32_t rows = static_cast<uint32_t>(s.dealt.size());
     s.group_of_row.resize(rows);
     for (uint32_t g = 0; g < s.phase[4]; ++g) s.group[g].plan = {};
-    for (uint32_t i = 0; i < rows; ++i) ++s.group[s.group_of_row[i] = group_of(s.plan[i])].plan.count;
+    for (uint32_t i = 0; i < rows; ++i) ++s.group[s.group_of_row[i] = group_of(s.dealt[i])].plan.count;
     s.next_of_group.assign(s.phase[4], 0);
     uint32_t first = 0;
     for (uint32_t g = 0; g < s.phase[4]; ++g) {
         s.next_of_group[g] = s.group[g].plan.first = first;
         first += s.group[g].plan.count;
     }
-    make_room(s.ungrouped, rows);
-    s.ungrouped.assign(s.plan.begin(), s.plan.end());
-    for (uint32_t i = 0; i < rows; ++i) s.plan[s.next_of_group[s.group_of_row[i]]++] = s.ungrouped[i];
+    s.ungrouped.swap(s.dealt);
+    s.dealt.resize(rows);
+    for (uint32_t i = 0; i < rows; ++i) s.dealt[s.next_of_group[s.group_of_row[i]]++] = s.ungrouped[i];
 }
 
 }  // namespace trocar

@@ -51,9 +51,7 @@ void pull_held_body(AdvanceIsland& island, AdvanceFree& f) {
     f.spin = inv_inertia * (f.spin / v + dt * to_vec4(torque));
     for (int i = 0; i < 3; ++i) f.inv_inertia[i] = inv_inertia * to_vec4(Vec3d::Unit(i));
     f.shift = f.turn = Vec4d{};
-    const RigidMap& place = rigid.place[0];
-    for (int i = 0; i < 3; ++i) rigid.velocity.column[i] = cross(f.spin, place.column[i]);
-    rigid.velocity.shift = cross(f.spin, place.shift - node.place);
+    note_spin(s, f);
 }
 
 void note_coupling(AdvanceIsland& island, const AdvanceFree& f) {

@@ -113,7 +113,8 @@ void find_link_forces(AdvanceIsland& island) {
         link.force = link.rest == 0 ? link.stiffness * way : length > 0 ? Vec4d(link.stiffness * stretch / length * way) : Vec4d{};
         // a body that is about to be restored must not take its partner with it
         if (!std::isfinite(norm2(link.force))) link.force = Vec4d{};
-        link.kick = b.synchronous() ? island.dt : 0.5 * (b.last_dt + island.dt);
+        // what goes from leapfrog to steps of one time gets half a kick more: see catch_up
+        link.kick = (b.synchronous() ? 1.0 : 0.5) * island.dt + 0.5 * b.last_dt;
     }
 }
 
@@ -134,6 +135,7 @@ void pull_linked_rigids(AdvanceIsland& island) {
         const Vec4d impulse = -link.kick * link.force;
         const uint32_t tool = rigid.holder == kNone ? rigid.tool : s.rigid[rigid.holder].tool;
         if (tool != kNone) island.tools[tool].contact_impulse += to_vec3(impulse);
+        add_grip_moment(island, link.rigid, rigid.place[0](link.point), impulse);
         if (rigid.node == kNone) continue;
         ContactNode& node = s.node[rigid.node];
         node.velocity += node.inv_mass * impulse;
@@ -141,9 +143,45 @@ void pull_linked_rigids(AdvanceIsland& island) {
         AdvanceFree& f = s.free[rigid.free];
         f.spin += f.respond(cross(rigid.place[0](link.point) - node.place, impulse));
         f.spin_before = f.spin;
-        for (int i = 0; i < 3; ++i) rigid.velocity.column[i] = cross(f.spin, rigid.place[0].column[i]);
-        rigid.velocity.shift = cross(f.spin, rigid.place[0].shift - node.place);
+        note_spin(s, f);
     }
+}
+
+double energy_of_others(const AdvanceIsland& island, bool pushed) {
+    const AdvanceScratch& s = island.scratch;
+    const auto way_of = [&](uint32_t n) {
+        const AdvanceBody& b = s.body[s.node[n].owner];
+        if (!b.measured()) return Vec4d{};
+        return pushed ? s.change[n].change : Vec4d((island.dt - 0.5 * b.last_dt) * (s.node[n].velocity - s.change[n].kicked));
+    };
+    double energy = 0;
+    for (uint32_t n = 0; n < s.node.size(); ++n) {
+        if (s.node[n].particle == kNone) continue;
+        const AdvanceBody& b = s.body[s.node[n].owner];
+        if (!b.step.force_x) continue;
+        const uint32_t v = s.node[n].particle - b.particles.first;
+        energy -= dot(make_vec4(b.step.force_x[v], b.step.force_y[v], b.step.force_z[v]), way_of(n));
+    }
+    const auto way_of_end = [&](uint32_t body, uint32_t node) {
+        if (body == kNone || !(pushed || s.body[body].synchronous())) return Vec4d{};
+        const uint32_t n = s.node_of_particle[s.body[body].particles.first + node];
+        return n == kNone ? Vec4d{} : way_of(n);
+    };
+    // links are stiff: their forces change on the way
+    for (const AdvanceLink& link : s.link) {
+        const Vec4d way = way_of_end(link.far_body, link.far_node) - way_of_end(link.body, link.node);
+        if (!(norm2(way) > 0)) continue;
+        Vec4d far;
+        if (link.rigid == kNone) {
+            far = place_at_velocity(island, s.body[link.far_body], link.far_node);
+        } else {
+            far = (s.body[link.body].synchronous() ? 0.0 : 0.5) * far_place(s, link, 0) + (s.body[link.body].synchronous() ? 1.0 : 0.5) * far_place(s, link, 1);
+        }
+        const Vec4d apart = far - place_at_velocity(island, s.body[link.body], link.node);
+        const double after = stretch_of(link, apart), before = stretch_of(link, apart - way);
+        energy += 0.5 * link.stiffness * (after * after - before * before) - dot(link.force, way);
+    }
+    return energy;
 }
 
 void finish_links(AdvanceIsland& island) {

@@ -121,6 +121,41 @@ void bind_volumes(AdvanceIsland& island, const AdvanceBody& b, ImplicitStep& ste
     step.volume_block = s.volume_block.data();
 }
 
+// A body that was stepped by leapfrog until now: a kick of half its last step brings its velocities, half a step behind, to
+// the time of its places.
+void catch_up(AdvanceIsland& island, AdvanceBody& b, double* work) {
+    const AdvanceInputs& in = island.inputs;
+    SpringStep step = b.step;
+    step.dt = 0;
+    step.remainder_x = nullptr;
+    const double kick = 0.5 * b.last_dt, left = b.shape ? 1.0 : std::exp(-0.5 * b.damping * kick);
+    step.kick_dt = static_cast<float>(kick * left);
+    step.kick_less = static_cast<float>(kick * (left - 1));
+    step.keep = static_cast<float>(std::exp(-b.damping * kick));
+    if (b.shape) {
+        const ShapeTotals totals = sum_shape(step, b.slices, island.scratch.shape_sums);
+        fit_goals(totals, island.poses.orientation[b.body], step);
+        fit_drag(totals, step);
+    }
+    if (has_tets(in.other.solids, in.bodies, b.body)) {
+        const size_t rows = b.particles.count;
+        std::vector<float>& force = island.scratch.implicit.volume_force;
+        force.assign(3 * rows, 0.0f);
+        const float* const others[3] = {step.force_x, step.force_y, step.force_z};
+        for (size_t i = 0; i < 3 && step.force_x; ++i) std::copy_n(others[i], rows, force.data() + i * rows);
+        TetStep tets = bind_tets(*in.other.solids, in.bodies, island.particles, b.body, in.other.torn_springs);
+        tets.offset = step.offset;
+        tets.corner_force = &island.scratch.corner_force[0].x;
+        tets.force_x = force.data(), tets.force_y = tets.force_x + rows, tets.force_z = tets.force_y + rows;
+        add_tet_forces(tets, b.slices);
+        step.force_x = tets.force_x, step.force_y = tets.force_y, step.force_z = tets.force_z;
+    }
+    for_slices(b.slices, [&](uint32_t begin, uint32_t end) {
+        spring_kernels().step(&step, begin, end, work ? work + begin / kSlicesPerChunk * kSliceWidth : nullptr);
+    });
+    b.last_dt = 0;
+}
+
 // Stiffness of the tetrahedra times the direction.
 void pull_volumes(AdvanceIsland& island, const AdvanceBody& b, Volumes& v) {
     if (v.groups == 0) return;
@@ -161,8 +196,8 @@ void step_midpoint(AdvanceIsland& island, AdvanceBody& b, double* work) {
     ImplicitScratch& s = scratch.implicit;
     ImplicitStep step = bind_implicit(s, b);
     const bool books = island.params.account_energy;
+    if (b.last_dt > 0) catch_up(island, b, work);
     const double before = books ? energy_before(island, b) : 0;
-    b.last_dt = 0;
     // what rows do to single particles makes the midpoint ring for ever at steps beyond the explicit limit; backward
     // Euler damps it out
     if (!b.touched && is_wild(island, b, least_volume(island, b, 0))) {

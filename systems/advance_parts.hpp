@@ -70,6 +70,9 @@ void find_link_forces(AdvanceIsland& island);
 void add_link_forces(const AdvanceScratch& s, uint32_t body, float* const axis[3]);
 // the other side of them on hands and free bodies, after those were kicked;
 void pull_linked_rigids(AdvanceIsland& island);
+// what the moves of nodes of measured bodies, by the rows' impulses or by pushes, add to the energy of links, pressure and
+// bending, J: an impulse acts with the forces as the step has taken them, a push against links as they are by then;
+double energy_of_others(const AdvanceIsland& island, bool pushed);
 // stretch, works and breaking at the end of a substep.
 void finish_links(AdvanceIsland& island);
 // Row of Tears::body whose springs may break, or kNone.
@@ -101,8 +104,9 @@ void step_midpoint(AdvanceIsland& island, AdvanceBody& b, double* work);
 // One step of a body whose stepping is xpbd.
 void step_xpbd(AdvanceIsland& island, AdvanceBody& b, double* work);
 
-// Adds what the energy of measured bodies has changed by since it was measured last.
-void book_measured(AdvanceIsland& island, double& work);
+// Adds what the energy of measured bodies, and that of what pulls at them from outside, has changed by since it was measured
+// last: by the rows' impulses, or by pushes.
+void book_measured(AdvanceIsland& island, bool pushed, double& work);
 
 // Energy of the velocities of a body as the particles have them now, J.
 double kinetic_energy(const AdvanceIsland& island, const AdvanceBody& b);
@@ -137,6 +141,12 @@ void add_held_body(AdvanceIsland& island, uint32_t rigid_row);
 void pull_held_body(AdvanceIsland& island, AdvanceFree& f);
 // What the coupling does at the end of the substep, for ToolState.
 void note_coupling(AdvanceIsland& island, const AdvanceFree& f);
+// Velocities of a tool's points, and of its jaws', from its spin now.
+void note_spin(AdvanceScratch& s, const AdvanceFree& f);
+// Jaws of tools that turn, where these and the grip put them at the start of a substep, as the end of the one before.
+void carry_jaws(AdvanceIsland& island, uint32_t substep);
+// What an impulse (N s) at a place (m, world) on a jaw does to the grip, for ToolState; nothing for other bodies.
+void add_grip_moment(AdvanceIsland& island, uint32_t rigid_row, Vec4d at, Vec4d impulse);
 // Where the body frame of a tool would be if it were in the hand, at the start of a substep.
 struct HandPose {
     Vec3d origin;
@@ -206,8 +216,9 @@ void push_out(AdvanceIsland& island, uint32_t substep);
 // Share of the way of a push that the side of the point goes, unless bodies share it by mass.
 double share_of_point(const AdvanceIsland& island, const ContactPlan& plan);
 
-// Long lists of rows between deformable bodies are worked on four at a time; each does what its namesake for one row
-// does. plan_blocks takes rows out of scratch.plan; a row any of whose nodes may be pressed from both sides stays.
+// Long lists of rows between deformable bodies are worked on four at a time, and where there are several groups those with
+// static bodies too; each does what its namesake for one row does. plan_blocks takes rows out of scratch.plan; a row any of
+// whose nodes may be pressed from both sides stays.
 void plan_blocks(AdvanceIsland& island);
 void forget_blocks(AdvanceIsland& island);
 void activate_blocks(AdvanceIsland& island, double reach, RowGroup& group);  // reach: m, infinite unless all velocities are finite
@@ -218,7 +229,7 @@ bool push_blocks(AdvanceIsland& island, double most, const RowGroup& group);
 double deepest_in_blocks(const AdvanceScratch& s, const RowGroup& group);
 // Groups of rows (advance_groups.cpp). Bodies are put into strips across the way they spread most; rows inside a strip are a
 // group, rows between a strip and the next are another, and the few others a last one. Phases: strips; even borders; odd
-// borders; the rest. Orders plan by group. Short lists, skins, and islands with rigid bodies that rows move have one group.
+// borders; the rest. Orders dealt by group. Short lists, skins, and islands with rigid bodies that rows move have one group.
 void group_rows(AdvanceIsland& island);
 template <typename Run>  // Run: void(RowGroup&)
 void for_each_group(AdvanceScratch& s, const Run& run) {

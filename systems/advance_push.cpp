@@ -231,7 +231,6 @@ void push_out(AdvanceIsland& island, uint32_t substep) {
     const uint64_t begin = params.tick * params.substeps + uint64_t{params.ticks} * substep, end = begin + params.ticks;
     const auto started = [&](uint64_t time) { return (time + params.substeps - 1) / params.substeps; };
     const uint64_t ms = started(end) - started(begin);  // that begin in this substep
-    Vec4d normal;
     if (ms > 0) {
         const double most = params.contact.push_speed * 1e-3 * static_cast<double>(ms);
         // in a heap of many bodies one push undoes another
@@ -260,11 +259,13 @@ void push_out(AdvanceIsland& island, uint32_t substep) {
     }
     if (substep + 1 < params.substeps) return;
     if (params.account_energy) book_last_pushes(island);
+    for_each_group(s, [&](RowGroup& group) {
+        Vec4d normal;
+        group.deepest = deepest_in_blocks(s, group);
+        for (const ContactActive& row : group.active) group.deepest = std::max(group.deepest, -gap_after(s, s.plan[row.plan], normal));
+    });
     double deepest = 0;
-    for (uint32_t g = 0; g < s.phase[4]; ++g) {
-        deepest = std::max(deepest, deepest_in_blocks(s, s.group[g]));
-        for (const ContactActive& row : s.group[g].active) deepest = std::max(deepest, -gap_after(s, s.plan[row.plan], normal));
-    }
+    for (uint32_t g = 0; g < s.phase[4]; ++g) deepest = std::max(deepest, s.group[g].deepest);
     island.result.deepest_residual = deepest;
     for (uint32_t n = 0; n < s.node.size(); ++n) {
         island.result.opposing_planes += s.change[n].opposed && s.node[n].particle != kNone;

@@ -44,8 +44,9 @@ uint32_t jaw_slot(AdvanceIsland& island, uint32_t row) {
     rigid.jaw = row;
     rigid.holder = holder;
     rigid.node = s.rigid[holder].node;
+    rigid.free = s.rigid[holder].free;
     s.slot_of_body[rigid.body] = slot;
-    place_jaw(island, rigid, 1, s.node[rigid.node].place, s.rigid[holder].orientation[1], 0);
+    place_jaw(island, rigid, 1, s.rigid[holder].place[1].shift, s.rigid[holder].orientation[1], 0);
     rigid.place[0] = rigid.place[1];
     rigid.orientation[0] = rigid.orientation[1];
     return slot;
@@ -58,9 +59,37 @@ void turn_jaw(const AdvanceIsland& island, AdvanceRigid& rigid, uint32_t substep
     place_jaw(island, rigid, 1, tool.place[0].shift, tool.orientation[1], substep + 1);
     rigid.velocity.shift = (rigid.place[1].shift - rigid.place[0].shift) / island.dt;
     for (int i = 0; i < 3; ++i) rigid.velocity.column[i] = (rigid.place[1].column[i] - rigid.place[0].column[i]) / island.dt;
+    rigid.grip_velocity = rigid.velocity;
 }
 
 }  // namespace
+
+void note_spin(AdvanceScratch& s, const AdvanceFree& f) {
+    for (AdvanceRigid& rigid : s.rigid) {
+        if (rigid.free == kNone || &s.free[rigid.free] != &f) continue;
+        const RigidMap& place = rigid.place[0];
+        rigid.velocity = rigid.jaw == kNone ? RigidMap{} : rigid.grip_velocity;
+        for (int i = 0; i < 3; ++i) rigid.velocity.column[i] += cross(f.spin, place.column[i]);
+        rigid.velocity.shift += cross(f.spin, place.shift - s.node[rigid.node].place);
+    }
+}
+
+void carry_jaws(AdvanceIsland& island, uint32_t substep) {
+    for (AdvanceRigid& rigid : island.scratch.rigid) {
+        if (rigid.jaw == kNone || rigid.free == kNone) continue;
+        const AdvanceRigid& tool = island.scratch.rigid[rigid.holder];
+        place_jaw(island, rigid, 1, tool.place[1].shift, tool.orientation[1], substep);
+    }
+}
+
+void add_grip_moment(AdvanceIsland& island, uint32_t rigid_row, Vec4d at, Vec4d impulse) {
+    const AdvanceRigid& rigid = island.scratch.rigid[rigid_row];
+    if (rigid.jaw == kNone) return;
+    const AdvanceRigid& tool = island.scratch.rigid[rigid.holder];
+    const ToolJaw& jaw = island.inputs.jaws[rigid.jaw];
+    const Vec4d axis = tool.place[0].turn(to_vec4(jaw.axis));
+    island.tools[tool.tool].grip_moment += jaw.share * dot(axis, cross(at - rigid.place[0].shift, impulse));
+}
 
 HandPose hand_pose(const AdvanceIsland& island, uint32_t t, uint32_t substep) {
     const AdvanceParams& params = island.params;

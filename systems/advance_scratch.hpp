@@ -90,12 +90,13 @@ struct AdvanceRigid {
     uint32_t path = kNone;  // row of Paths, if scripted
     uint32_t tool = kNone;  // row of tools, if a hand with a device
     uint32_t node = kNone;  // of the translation, of a hand or a free body
-    uint32_t free = kNone;  // row of free, if free
+    uint32_t free = kNone;  // row of free, if free or a tool that its contacts turn, or a jaw of one
     uint32_t jaw = kNone;   // row of jaws, if a jaw: it has its tool's node
     uint32_t holder = kNone;  // row of rigid: of a jaw's tool, before its own
     Quat orientation[2];
     RigidMap place[2];              // m, body frame to world
     RigidMap velocity;              // m/s, of a point of the body frame, less that of the node if there is one
+    RigidMap grip_velocity;         // m/s, of a jaw: the part of it that the grip makes
     Vec3d target, target_velocity;  // m, m/s: where a hand's origin would be if it were in the hand, at the end
 };
 
@@ -183,6 +184,7 @@ struct ContactPlan {
     uint32_t row = kNone;
     bool ended = false;
     bool in_block = false;
+    uint32_t block = 0, lane = 0;  // if in a block: which of its group, and where in it
 };
 
 // A row that acts in this substep.
@@ -221,7 +223,8 @@ struct ContactTurning {
     double friction_mass = 0;                    // kg, inverse of the largest response across the normal
 };
 
-// Four contact rows between deformable bodies that share no node, in the lanes of registers: what ContactPlan and
+// Four contact rows of deformable bodies, between each other or with static ones, that share no node, in the lanes of
+// registers: what ContactPlan and
 // ContactActive say of a row. Parts of a row: 0 the point, 1 the second end of its edge, 2-4 the corners of the triangle.
 // A lane without a row points to the node of no mass and is never open.
 struct ContactBlock {
@@ -237,6 +240,7 @@ struct ContactBlock {
     std::array<uint32_t, 4> row;         // of ContactRows, or kNone
     Mask4 open = {};                     // rows that have not ended
     bool edges = false;                  // some row has a second end
+    uint32_t fixed = kNone;              // row of AdvanceScratch::fixed, if the planes are static: parts 2-4 have no nodes
     // in this substep
     Mask4 active = {};
     std::array<Vec4d, kParts> lever;  // weights of the relative velocity: + for the point, - for its foot; 0 if not active
@@ -246,13 +250,21 @@ struct ContactBlock {
     FourPoints friction_impulse;      // N s
 };
 
+// Corners of the triangles of four static planes, m, world.
+struct FixedTriangles {
+    std::array<FourPoints, 3> corner;
+};
+
 // Rows that are worked on one after the other. Where an island has more than one group, groups of a phase share no node
 // and may be worked on at the same time.
 struct RowGroup {
     Range plan, block;                   // rows of AdvanceScratch::plan, block
     std::vector<ContactActive> active;   // rows of plan that act in this substep
     std::vector<uint32_t> active_block;  // rows of block that do
+    Range fixed;                         // rows of AdvanceScratch::fixed: of its last blocks
+    uint32_t idle = 0;                   // node of no mass, for its blocks
     bool pushed = false;
+    double deepest = 0;                  // m, overlap left by the last substep
 };
 
 // What the nodes of a chunk add up to.
@@ -278,19 +290,21 @@ struct AdvanceScratch {
     std::vector<uint32_t> node_of_particle;  // row of node or kNone, one per particle of the world
     std::vector<uint32_t> slot_of_body;      // row of body or of rigid or kNone, one per body of the world
     std::vector<ContactSkinPoint> skin_point;
-    std::vector<ContactPlan> plan;  // of rows that are not in a block
+    std::vector<ContactPlan> planned;  // of all rows of the call, the first of them, while blocks are filled
+    std::vector<ContactPlan> plan;     // of rows that are not in a block
     std::vector<AdvanceFree> free;
     std::vector<ContactTurning> turning;  // of the active rows with a free side
     std::vector<ContactActive> held_active;  // rows as a substep starts, of bodies that are stepped by midpoint
     std::vector<HeldRow> held;               // as held_active
     std::vector<Vec4d> warm;              // N s, of the substep before; as plan, or empty: starts_warm
     std::vector<ContactBlock> block;
+    std::vector<FixedTriangles> fixed;  // of the blocks with static planes
     std::vector<RowGroup> group;       // the first of them are in use, see phase
     std::array<uint32_t, 5> phase{};   // first group of each phase, and their number
     std::vector<uint32_t> strip;       // per row of body, while rows are grouped
     std::vector<std::pair<double, uint32_t>> along;        // m, row of body: bodies in the order of strips
     std::vector<uint32_t> group_of_row, next_of_group;     // while rows are grouped
-    std::vector<ContactPlan> ungrouped;                    // likewise
+    std::vector<uint32_t> dealt, ungrouped;                // rows of ContactRows, in the order of plan before blocks are made
     std::vector<NodeSums> node_sums;                       // per chunk of nodes
     std::vector<std::vector<double>> body_shape_sums;      // as shape_sums, per chunk of bodies
     std::vector<uint16_t> open_blocks_of_node;  // while blocks are filled: which of those open have it; as node

@@ -133,13 +133,17 @@ double energy_before(const AdvanceIsland& island, const AdvanceBody& b) {
     return energy_of(island, b, b.step.offset, b.synchronous() ? 0 : 0.5 * b.last_dt);
 }
 
-void book_measured(AdvanceIsland& island, double& work) {
+void book_measured(AdvanceIsland& island, bool pushed, double& work) {
+    bool any = false;
     for (AdvanceBody& b : island.scratch.body) {
         if (!b.measured() || !b.touched) continue;
         const double now = energy_after(island, b);
         if (std::isfinite(now - b.energy)) work += now - b.energy;  // else a body about to be restored
         b.energy = now;
+        any = any || b.step.force_x;
     }
+    const double others = any ? energy_of_others(island, pushed) : 0;
+    if (std::isfinite(others)) work += others;
 }
 
 double work_of_others(const SpringStep& step, uint32_t particles) {

@@ -5,6 +5,7 @@
 
 #include "engine/geometry/contact_kernels.hpp"
 #include "engine/geometry/point_triangle.hpp"
+#include "engine/parallel.hpp"
 namespace trocar {
 namespace {
 
@@ -158,6 +159,97 @@ void resize_rows(ContactRows& rows, size_t count) {
     rows.impulse.assign(count, Vec3d::Zero());
 }
 
+// Takes out the rows that are marked; columns at the same time.
+void take_out(const std::vector<uint8_t>& dropped, ContactRows& rows) {
+    const uint32_t count = uint32_t(rows.body.size());
+    if (std::find(dropped.begin(), dropped.begin() + count, 1) == dropped.begin() + count) return;
+    const auto compact = [&](auto& column) {
+        uint32_t kept = 0;
+        for (uint32_t row = 0; row < count; ++row)
+            if (!dropped[row]) column[kept++] = column[row];
+    };
+    const auto compact_column = [&](uint32_t column) {
+        switch (column) {
+            case 0: return compact(rows.contact);
+            case 1: return compact(rows.body);
+            case 2: return compact(rows.other);
+            case 3: return compact(rows.vertex);
+            case 4: return compact(rows.along);
+            case 5: return compact(rows.third);
+            case 6: return compact(rows.across);
+            case 7: return compact(rows.triangle);
+            case 8: return compact(rows.weight);
+            case 9: return compact(rows.normal);
+            case 10: return compact(rows.distance);
+            default: return compact(rows.friction);
+        }
+    };
+    constexpr uint32_t kColumns = 12, kFewRows = 1024;
+    parallel_for(kColumns, count < kFewRows ? kColumns : 1, [&](uint32_t begin, uint32_t end) {
+        for (uint32_t column = begin; column < end; ++column) compact_column(column);
+    });
+    resize_rows(rows, count - uint32_t(std::count(dropped.begin(), dropped.begin() + count, 1)));
+}
+
+struct RowInput {
+    const ContactParams& params;
+    const Surfaces& surfaces;
+    const CandidatePairs& pairs;
+    const Contacts& contacts;
+    const Penetrations& penetrations;
+};
+
+// Writes the row of contact i into row i. False if it has none.
+bool make_row(const RowInput& in, uint32_t i, ContactRowsScratch& scratch, ContactRows& rows) {
+    const Surfaces& surfaces = in.surfaces;
+    const Contacts& contacts = in.contacts;
+    if (in.params.faces && is_beyond_sheet(surfaces, contacts, i)) return false;
+    const uint32_t body = contacts.body[i], other = contacts.other[i];
+    Support at{contacts.closest[i], contacts.normal[i], contacts.distance[i], contacts.triangle[i]};
+    const bool both_rigid = !is_deformable(surfaces.bodies, body) && !is_deformable(surfaces.bodies, other);
+    if (both_rigid && surfaces.bodies.thickness[other] == 0) at = find_support(surfaces, contacts, i);
+    if (at.none) return false;
+    const uint32_t overlap = scratch.overlap[contacts.pair[i]];
+    const bool first = body == in.pairs.a[contacts.pair[i]];
+    Vec3d lead = Vec3d::Zero();  // the way out of a deep pair, for this side
+    if (in.params.deep == DeepResponse::kLastFree && overlap != kNone && in.penetrations.saturated[overlap]) {
+        const Vec3d& way = in.penetrations.way_out[overlap];
+        lead = first ? Vec3d(-way) : way;
+    }
+    // what would hold the pair back on its way
+    if (at.distance >= 0 && at.normal.dot(lead) < 0) return false;
+    Vec3d normal = at.normal;
+    double distance = at.distance;
+    if (in.params.direction == ResponseDirection::kThesis && distance < 0 && overlap != kNone) {
+        const Vec3d& way = in.penetrations.direction[overlap];
+        const Vec3d out = first ? Vec3d(-way) : way;
+        distance *= std::max(0.0, normal.dot(out));
+        normal = out;
+    }
+    if (lead != Vec3d::Zero() && distance < 0 && find_exit(surfaces, contacts, i, lead, scratch, at)) {
+        normal = lead;
+        distance = at.distance;
+    }
+    const Triangle& corner = mesh_view(surfaces.meshes, surfaces.bodies.mesh[other]).triangle[at.triangle];
+    const Vec3d p = world_to_frame(surfaces, other, at.closest);
+    rows.contact[i] = i;
+    rows.body[i] = body;
+    rows.other[i] = other;
+    rows.vertex[i] = contacts.vertex[i];
+    rows.along[i] = contacts.along[i];
+    rows.third[i] = contacts.third[i];
+    rows.across[i] = contacts.across[i];
+    rows.triangle[i] = corner;
+    rows.weight[i] = barycentric(p, vertex_in_frame(surfaces, other, corner[0]), vertex_in_frame(surfaces, other, corner[1]),
+                                 vertex_in_frame(surfaces, other, corner[2]));
+    rows.normal[i] = is_deformable(surfaces.bodies, other) ? normal : rotate_back(surfaces.poses.orientation[other], normal);
+    rows.distance[i] = distance;
+    rows.friction[i] = float(std::max(surfaces.bodies.tissue[body].friction, surfaces.bodies.tissue[other].friction));
+    return true;
+}
+
+constexpr uint32_t kRowsPerChunk = 512;
+
 }  // namespace
 
 void make_contact_rows(const ContactParams& params, const Surfaces& surfaces, const CandidatePairs& pairs,
@@ -177,58 +269,16 @@ void make_contact_rows(const ContactParams& params, const Surfaces& surfaces, co
     for (uint32_t i = 0; i < penetrations.pair.size(); ++i) scratch.overlap[penetrations.pair[i]] = i;
 
     resize_rows(rows, count);
-    uint32_t kept = 0;
-    for (uint32_t i = 0; i < count; ++i) {
-        if (scratch.dropped[i] || (params.faces && is_beyond_sheet(surfaces, contacts, i))) continue;
-        const uint32_t body = contacts.body[i], other = contacts.other[i];
-        Support at{contacts.closest[i], contacts.normal[i], contacts.distance[i], contacts.triangle[i]};
-        const bool both_rigid = !is_deformable(surfaces.bodies, body) && !is_deformable(surfaces.bodies, other);
-        if (both_rigid && surfaces.bodies.thickness[other] == 0) at = find_support(surfaces, contacts, i);
-        if (at.none) continue;
-        const uint32_t overlap = scratch.overlap[contacts.pair[i]];
-        Vec3d lead = Vec3d::Zero();  // the way out of a deep pair, for this side
-        if (params.deep == DeepResponse::kLastFree && overlap != kNone && penetrations.saturated[overlap]) {
-            const Vec3d& way = penetrations.way_out[overlap];
-            lead = body == pairs.a[contacts.pair[i]] ? Vec3d(-way) : way;
-        }
-        // what would hold the pair back on its way
-        if (at.distance >= 0 && at.normal.dot(lead) < 0) continue;
-        const uint32_t row = kept++;
-        Vec3d normal = at.normal;
-        double distance = at.distance;
-        if (params.direction == ResponseDirection::kThesis && distance < 0 && overlap != kNone) {
-            const Vec3d& way = penetrations.direction[overlap];
-            const Vec3d out = body == pairs.a[contacts.pair[i]] ? Vec3d(-way) : way;
-            distance *= std::max(0.0, normal.dot(out));
-            normal = out;
-        }
-        if (lead != Vec3d::Zero() && distance < 0 && find_exit(surfaces, contacts, i, lead, scratch, at)) {
-            normal = lead;
-            distance = at.distance;
-        }
-        const bool moves = is_deformable(surfaces.bodies, other);
-        const Triangle& corner = mesh_view(surfaces.meshes, surfaces.bodies.mesh[other]).triangle[at.triangle];
-        const Vec3d p = world_to_frame(surfaces, other, at.closest);
-        rows.contact[row] = i;
-        rows.body[row] = body;
-        rows.other[row] = other;
-        rows.vertex[row] = contacts.vertex[i];
-        rows.along[row] = contacts.along[i];
-        rows.third[row] = contacts.third[i];
-        rows.across[row] = contacts.across[i];
-        rows.triangle[row] = corner;
-        rows.weight[row] =
-            barycentric(p, vertex_in_frame(surfaces, other, corner[0]), vertex_in_frame(surfaces, other, corner[1]),
-                        vertex_in_frame(surfaces, other, corner[2]));
-        rows.normal[row] = moves ? normal : rotate_back(surfaces.poses.orientation[other], normal);
-        rows.distance[row] = distance;
-        rows.friction[row] =
-            float(std::max(surfaces.bodies.tissue[body].friction, surfaces.bodies.tissue[other].friction));
-    }
-    resize_rows(rows, kept);
+    const RowInput in{params, surfaces, pairs, contacts, penetrations};
+    // deep pairs share the grid of exits
+    const uint32_t grain = params.deep == DeepResponse::kLastFree ? std::max(count, 1u) : kRowsPerChunk;
+    parallel_for(count, grain, [&](uint32_t begin, uint32_t end) {
+        for (uint32_t i = begin; i < end; ++i) scratch.dropped[i] = scratch.dropped[i] || !make_row(in, i, scratch, rows);
+    });
+    take_out(scratch.dropped, rows);
 }
 
-void drop_idle_rows(double period, const Vec3d& gravity, const Surfaces& s, ContactRows& rows) {
+void drop_idle_rows(double period, const Vec3d& gravity, const Surfaces& s, ContactRowsScratch& scratch, ContactRows& rows) {
     const Bodies& bodies = s.bodies;
     const double fall = 0.5 * gravity.norm() * period * period;
     const auto velocity = [&](uint32_t body, uint32_t vertex) {
@@ -253,15 +303,11 @@ void drop_idle_rows(double period, const Vec3d& gravity, const Surfaces& s, Cont
         return !(rows.distance[row] > near + v.norm() * period);
     };
     const uint32_t count = uint32_t(rows.body.size());
-    uint32_t kept = 0;
-    for (uint32_t row = 0; row < count; ++row) {
-        if (!stays(row)) continue;
-        const auto move = [&](auto& column) { column[kept] = column[row]; };
-        move(rows.contact), move(rows.body), move(rows.other), move(rows.vertex), move(rows.along), move(rows.third);
-        move(rows.across), move(rows.triangle), move(rows.weight), move(rows.normal), move(rows.distance), move(rows.friction);
-        ++kept;
-    }
-    resize_rows(rows, kept);
+    scratch.dropped.resize(count);
+    parallel_for(count, kRowsPerChunk, [&](uint32_t begin, uint32_t end) {
+        for (uint32_t row = begin; row < end; ++row) scratch.dropped[row] = !stays(row);
+    });
+    take_out(scratch.dropped, rows);
 }
 
 }  // namespace trocar

@@ -6,7 +6,6 @@
 
 #include "engine/bit_rows.hpp"
 #include "engine/geometry/contact_kernels.hpp"
-#include "engine/geometry/vec4.hpp"
 #include "engine/parallel.hpp"
 namespace trocar {
 namespace {
@@ -54,7 +53,6 @@ struct FramePoints {
 struct Side {
     uint32_t row, body, other;
     bool reversed;  // body is the pair's b
-    Range candidates;
     MeshView mesh, other_mesh;
     FramePoints other_points;
     const ClosestPointTree* tree;
@@ -270,12 +268,54 @@ bool search_edge(const EdgeInput& in, const Side& side, const BodyPoints& points
                        : search_crossing_edge(e, b, a, triangles, c, best);
 }
 
-// Candidate triangles of the other body per triangle of this one, and the edges of the latter.
+FlatTriangle flatten(const BodyPoints& points, const Triangle& t) {
+    const Vec4d a = (Vec4d)points(t[0]), b = (Vec4d)points(t[1]), c = (Vec4d)points(t[2]);
+    const Vec4d u = b - a, v = c - a, normal = cross(u, v);
+    return {side_by_side(a, b, c, c), a, normal, norm2(u) * norm2(v)};
+}
+
+// Whether a triangle surely lies on one side of another's plane: rounding takes 1e-15 of the lengths that are multiplied.
+bool is_beside(const FlatTriangle& t, const FlatTriangle& plane) {
+    constexpr double kSure = 1e-10;
+    const FourPoints q{t.corner.x - plane.start[0], t.corner.y - plane.start[1], t.corner.z - plane.start[2]};
+    const Vec4d side = plane.normal[0] * q.x + plane.normal[1] * q.y + plane.normal[2] * q.z;
+    const Mask4 sure = side * side > (kSure * kSure * plane.size2) * norm2(q);
+    const uint32_t above = mask_bits(sure & (side > 0)), below = mask_bits(sure & (side < 0));
+    return above == 15 || below == 15;
+}
+
+// Candidates of a pair but those of which one triangle lies on one side of the other's plane: boxes of slanting triangles
+// meet long before they do.
+void sift_candidates(const EdgeInput& in, const CandidatePairs& pairs, uint32_t pair, EdgeChunk& c) {
+    const Surfaces& s = in.surfaces;
+    const uint32_t a = pairs.a[pair], b = pairs.b[pair];
+    const MeshView mesh_a = mesh_view(s.meshes, s.bodies.mesh[a]), mesh_b = mesh_view(s.meshes, s.bodies.mesh[b]);
+    const BodyPoints points_a(s, a, s.poses.origin[a]), points_b(s, b, s.poses.origin[a]);
+    const Range range = in.candidates.pair[pair];
+    const auto rows = std::span(in.candidates.triangle).subspan(range.first, range.count);
+    c.flat.clear();
+    if (c.flat_row.size() < mesh_b.triangle.size()) c.flat_row.resize(mesh_b.triangle.size(), kNone);
+    c.crossing.clear();
+    FlatTriangle own;
+    uint32_t last = kNone;
+    for (const auto& [triangle, other] : rows) {
+        if (triangle != last) own = flatten(points_a, mesh_a.triangle[last = triangle]);
+        if (c.flat_row[other] == kNone) {
+            c.flat_row[other] = uint32_t(c.flat.size());
+            c.flat.push_back(flatten(points_b, mesh_b.triangle[other]));
+        }
+        const FlatTriangle& far = c.flat[c.flat_row[other]];
+        if (!is_beside(own, far) && !is_beside(far, own)) c.crossing.push_back({triangle, other});
+    }
+    for (const auto& row : rows) c.flat_row[row[1]] = kNone;
+}
+
+// Triangles of the other body that may cross each triangle of this one, and the edges of the latter.
 void collect_edges(const EdgeInput& in, const Side& side, EdgeChunk& c) {
     clear_set(c.near_triangle, side.mesh.triangle.size());
     clear_set(c.near_vertex, side.mesh.position.size());
     c.near_edge.assign((side.mesh.edge.size() + 63) / 64, 0);
-    const auto rows = std::span(in.candidates.triangle).subspan(side.candidates.first, side.candidates.count);
+    const auto& rows = c.crossing;
     for (const auto& pair : rows) {
         const uint32_t own = pair[side.reversed];
         if (has_bit(c.near_triangle.word, own)) continue;
@@ -299,7 +339,7 @@ void collect_edges(const EdgeInput& in, const Side& side, EdgeChunk& c) {
 
 void find_side(const EdgeInput& in, const Side& side, Range& found, EdgeChunk& c) {
     found = {uint32_t(c.found.size()), 0};
-    if (side.tree == nullptr || side.candidates.count == 0) return;
+    if (side.tree == nullptr || c.crossing.empty()) return;
     collect_edges(in, side, c);
     const BodyPoints points(in.surfaces, side.body, in.surfaces.poses.origin[side.other]);
     for_each_bit(c.near_edge, [&](uint32_t edge) {
@@ -321,7 +361,6 @@ Side make_side(const EdgeInput& in, const CandidatePairs& pairs,
             body,
             other,
             reversed,
-            in.candidates.pair[pair],
             mesh_view(in.surfaces.meshes, bodies.mesh[body]),
             mesh_view(in.surfaces.meshes, bodies.mesh[other]),
             FramePoints(in.surfaces, other),
@@ -351,20 +390,21 @@ void find_edge_contacts(const ContactParams& params, const Surfaces& surfaces, c
                         std::span<const std::unique_ptr<ClosestPointTree>> trees, EdgePassScratch& scratch,
                         Report& report, Contacts& contacts) {
     const EdgeInput in{params, surfaces, candidates, near};
-    const uint32_t sides = 2 * uint32_t(pairs.a.size());
-    const uint32_t grain = std::max(1u, chunk_count(sides, kMostChunks));
+    const uint32_t count = uint32_t(pairs.a.size()), sides = 2 * count;
+    const uint32_t grain = std::max(1u, chunk_count(count, kMostChunks));
     scratch.side.resize(sides);
-    if (scratch.chunk.size() < chunk_count(sides, grain)) scratch.chunk.resize(chunk_count(sides, grain));
-    parallel_for(sides, grain, [&](uint32_t begin, uint32_t end) {
+    if (scratch.chunk.size() < chunk_count(count, grain)) scratch.chunk.resize(chunk_count(count, grain));
+    parallel_for(count, grain, [&](uint32_t begin, uint32_t end) {
         EdgeChunk& chunk = scratch.chunk[begin / grain];
         chunk.found.clear();
         chunk.counters = {};
-        for (uint32_t row = begin; row < end; ++row) {
-            find_side(in, make_side(in, pairs, trees, row), scratch.side[row], chunk);
+        for (uint32_t pair = begin; pair < end; ++pair) {
+            sift_candidates(in, pairs, pair, chunk);
+            for (const uint32_t row : {2 * pair, 2 * pair + 1}) find_side(in, make_side(in, pairs, trees, row), scratch.side[row], chunk);
         }
     });
     size_t rows = contacts.pair.size();
-    for (uint32_t i = 0; i < chunk_count(sides, grain); ++i) {
+    for (uint32_t i = 0; i < chunk_count(count, grain); ++i) {
         rows += scratch.chunk[i].found.size();
         report.tie_overflows += scratch.chunk[i].counters.tie_overflows;
         report.disagreements += scratch.chunk[i].counters.disagreements;
@@ -377,7 +417,7 @@ void find_edge_contacts(const ContactParams& params, const Surfaces& surfaces, c
     for (uint32_t row = sides; row-- > 0;) {
         const uint32_t pair = row / 2, body = row % 2 ? pairs.b[pair] : pairs.a[pair];
         const uint32_t other = row % 2 ? pairs.a[pair] : pairs.b[pair];
-        const EdgeContact* found = scratch.chunk[row / grain].found.data() + scratch.side[row].first;
+        const EdgeContact* found = scratch.chunk[pair / grain].found.data() + scratch.side[row].first;
         for (uint32_t i = scratch.side[row].count; i-- > 0;) write_row(surfaces, pair, body, other, found[i], contacts, --to);
         while (from > 0 && contacts.pair[from - 1] == pair && contacts.body[from - 1] == body) copy_contact(contacts, --from, contacts, --to);
     }

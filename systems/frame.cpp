@@ -11,6 +11,7 @@
 #include "engine/sleepers.hpp"
 #include "engine/thread_pool.hpp"
 #include "systems/advance.hpp"
+#include "systems/advance_fine.hpp"
 #include "systems/body_boxes.hpp"
 #include "systems/candidate_cells.hpp"
 #include "systems/candidate_pairs.hpp"
@@ -27,6 +28,7 @@
 #include "systems/haptic_surface.hpp"
 #include "systems/haptic_tool.hpp"
 #include "systems/islands.hpp"
+#include "systems/level_of_detail.hpp"
 #include "systems/link_bodies.hpp"
 #include "systems/local_contact_model.hpp"
 #include "systems/node_switching.hpp"
@@ -155,7 +157,7 @@ void follow_live_devices(FrameState& f) {
 // Where every device will be at each millisecond of the pass; the first is now.
 void device_input(FrameState& f) {
     World& w = f.world;
-    for (ToolState& state : w.haptics.state) state.contact_impulse = state.contact_moment = Vec3d::Zero();
+    for (ToolState& state : w.haptics.state) state.contact_impulse = state.contact_moment = Vec3d::Zero(), state.grip_moment = 0;
     if (f.options.external_ticks) {
         follow_live_devices(f);
         return;
@@ -335,11 +337,15 @@ void regions(FrameState& f) {
 void contact_rows(FrameState& f) {
     World& w = f.world;
     make_contact_rows(w.settings.contact, surfaces_of(w), w.pairs, w.contacts, w.penetrations, f.scratch.rows, w.report, w.rows);
-    drop_idle_rows(period_seconds(w), w.settings.gravity, surfaces_of(w), w.rows);
+    drop_idle_rows(period_seconds(w), w.settings.gravity, surfaces_of(w), f.scratch.rows, w.rows);
     add_edge_rows(surfaces_of(w), w.boxes, w.pairs, w.candidates, f.scratch.edge_rows, w.rows);
     recall_contacts(w.contact_memory, f.scratch.memory, w.rows);
 }
 void islands(FrameState& f) { find_islands(f.world.bodies, f.world.rows, f.scratch.islands, f.world.islands, linked_bodies(f)); }
+void level_of_detail(FrameState& f) {
+    World& w = f.world;
+    choose_detail(w.detail, w.islands, w.boxes, w.poses, w.haptics.tool, w.bodies.stepping);
+}
 void local_contact(FrameState& f) {
     World& w = f.world;
     w.local_contact.resize(w.haptics.tool.size());
@@ -424,6 +430,7 @@ void advance_one_island(FrameState& f, uint32_t row, AdvanceScratch& scratch) {
     params.substeps = calls * count_substeps(w.bodies, bodies, params.ticks * 1e-3 / calls, w.settings.substep, w.links.stable_dt);
     if (with_tool && !f.options.external_ticks) params.tick_hook = {haptic_ticks, &ticks};
     const AdvanceInputs inputs{w.meshes, w.springs, w.bodies, w.anchors, w.paths, w.haptics.tool, f.scratch.device, params.ticks + 1, other_forces(w), f.scratch.stop, w.haptics.jaw};
+    params.substeps *= finer_steps(inputs, w.particles, bodies, params.ticks * 1e-3 / params.substeps);
     advance_island(params, inputs, bodies, rows, scratch, w.particles, w.poses, w.rows, w.haptics.state, f.scratch.advance_result[row]);
 }
 
@@ -472,6 +479,7 @@ void advance(FrameState& f) {
     share_room(f.scratch.advance);
     note_link_forces(period_seconds(w), w.links);
     note_pull_on_tools(period_seconds(w), w.links, w.haptics.tool, w.haptics.jaw, w.haptics.state);
+    for (ToolState& state : w.haptics.state) state.grip_torque = state.grip_moment / period_seconds(w);
     f.times.response_ns = 0;
     w.report.deepest_residual = 0;
     for (uint32_t i = 0; i < count; ++i) {
@@ -522,6 +530,8 @@ bool any_body(const World& w) { return !w.bodies.mesh.empty(); }
 
 bool any_link(const World& w) { return !w.links.group.empty(); }
 bool any_tear(const World& w) { return !w.tears.body.empty(); }
+bool any_detail(const World& w) { return !w.detail.body.empty(); }
+bool wants_boxes(const World& w) { return any_pair(w) || any_detail(w); }
 bool may_sleep(const World& w) { return any_deformable(w) && w.settings.sleep_speed > 0; }
 
 using R = Resource;
@@ -535,7 +545,7 @@ constexpr FrameStage kBegin[] = {
     {{"come and go",     come_and_go,     kShapes | mask(R::kSettings, R::kSprings, R::kSolids, R::kAnchors, R::kPools, R::kClock), mask(R::kPoses, R::kParticles, R::kSleep, R::kLives, R::kEnergy)}, any_pool},
     {{"links",           link,            kShapes | mask(R::kSolids, R::kClock, R::kTrees, R::kToolState),     mask(R::kLinks, R::kSleep, R::kEnergy, R::kReport)}, any_link},
     {{"tears",           tear,            mask(R::kSettings, R::kClock, R::kSprings, R::kSolids, R::kBodies, R::kPoses, R::kAnchors), mask(R::kParticles, R::kMeshes, R::kTrees, R::kTears, R::kTorn, R::kTornSprings, R::kSleep, R::kEnergy, R::kReport)}, any_tear},
-    {{"body boxes",      body_boxes,      kShapes | mask(R::kSettings, R::kClock, R::kTools, R::kToolState, R::kLives, R::kNodeState, R::kSleep), mask(R::kBoxes)}, any_pair},
+    {{"body boxes",      body_boxes,      kShapes | mask(R::kSettings, R::kClock, R::kTools, R::kToolState, R::kLives, R::kNodeState, R::kSleep), mask(R::kBoxes)}, wants_boxes},
     {{"candidate pairs", candidate_pairs, kShapes | mask(R::kSettings, R::kClock, R::kBoxes, R::kNodes, R::kTools), mask(R::kPairs, R::kToolState)}, any_pair},
     {{"sleep",           sleep,           mask(R::kSettings, R::kBodies, R::kPaths, R::kClock, R::kPairs, R::kLinks, R::kTools), mask(R::kSleep, R::kParticles, R::kPairs, R::kEnergy, R::kReport)}, may_sleep},
     {{"refit trees",     refit,           kShapes | mask(R::kSettings, R::kClock, R::kBoxes, R::kPairs),            mask(R::kTrees)}, any_pair},
@@ -550,6 +560,7 @@ constexpr FrameStage kBegin[] = {
     {{"regions",         regions,         kShapes | mask(R::kPairs, R::kScreened, R::kNear, R::kContacts, R::kContours), mask(R::kRegions)}, wants_regions},
     {{"contact rows",    contact_rows,    kShapes | mask(R::kSettings, R::kClock, R::kBoxes, R::kPairs, R::kCandidates, R::kContacts, R::kPenetrations, R::kContactMemory), mask(R::kRows, R::kReport)}, any_pair},
     {{"islands",         islands,         mask(R::kBodies, R::kRows, R::kLinks, R::kTools),                  mask(R::kIslands)}, any_mover},
+    {{"level of detail", level_of_detail, mask(R::kDetail, R::kIslands, R::kBoxes, R::kPoses, R::kTools),     mask(R::kBodies)}, any_detail},
     {{"local contact",   local_contact,   kShapes | mask(R::kClock, R::kTools, R::kToolState, R::kNodes, R::kNodeState, R::kBoxes),     mask(R::kToolState, R::kLocalContact)}, any_tool},
 };
 

@@ -13,104 +13,12 @@ namespace {
 
 constexpr double kConverged = 1e-10;  // m, a smaller step ends the search
 constexpr uint32_t kSteps = 16;       // of one search; a longer one goes on in the next tick
-constexpr uint32_t kMostTouched = 60; // features in a tick, summed over its steps, before another step is too much
+constexpr uint32_t kMostFeatures = 64;   // of a step: twice what half-spaces hold
+constexpr uint32_t kMostAsked = 60;   // of NearSurface::asked, before another step is too much for a tick
+constexpr uint32_t kLook = 8;         // features that a look ahead counts for
+constexpr uint32_t kWithin = 16;      // triangles within it that count for one
 constexpr uint32_t kSweeps = 40;      // Newton steps to the first touch of one triangle
-constexpr double kAhead = 2e-4;       // m, triangles are woken for this much more than is asked
 constexpr double kFirstLook = 3e-4;   // m, of a sweep is looked at first; four times as far each time that it is free
-constexpr double kHair = 1e-9;        // m, they wake earlier than their distance says: more than it was rounded by
-
-// ---- surface near the proxy ----
-
-bool within(const Vec3d& a, const Vec3d& b, double distance) { return (a - b).squaredNorm() <= distance * distance; }
-
-Vec3d beyond(const LocalContactModel& model, const SurfaceTime& at, uint32_t body) {
-    return body == model.give.body ? at.follow : Vec3d(Vec3d::Zero());
-}
-
-bool may_meet(const TriangleGroup& group, const SurfaceTime& at, const Vec3d& beyond, const Vec3d& centre, double reach) {
-    return within(group.centre + at.age * group.velocity + beyond, centre, group.radius + group.spread * std::abs(at.age) + reach);
-}
-
-// Distance (m) from a point that no point of a triangle is nearer than.
-double disc_distance(const NearDisc& disc, const Vec3d& point) {
-    const Vec3d way = point - disc.centre;
-    const double height = disc.normal.dot(way);
-    const double out = std::max(0.0, std::sqrt(std::max(0.0, way.squaredNorm() - height * height)) - disc.radius);
-    return std::sqrt(height * height + out * out) - disc.slack;
-}
-
-// Takes the disc as it lies then; how far (m) from touching `centre` the triangle is at least.
-double place_disc(const TriangleDisc& disc, const SurfaceTime& at, const Vec3d& beyond, const Vec3d& centre, NearDisc& near) {
-    near.centre = disc.centre + at.age * disc.velocity + beyond;
-    near.normal = disc.normal;
-    near.radius = disc.radius;
-    near.slack = disc.thickness + disc.spread * std::abs(at.age);
-    return disc_distance(near, centre) - near.offset;
-}
-
-// Takes the corners of a row and its disc from them.
-void take_corners(NearSurface& near, uint32_t row) {
-    NearTriangle& triangle = near.triangle[row];
-    if (triangle.placed) return;
-    triangle.placed = true;
-    const LocalContactModel& model = *near.model;
-    const Vec3d more = beyond(model, near.time, triangle.body);
-    for (int k = 0; k < 3; ++k)
-        triangle.corner[k] = model.position[triangle.vertex[k]] + near.time.age * model.velocity[triangle.vertex[k]] + more;
-    const auto& [p, q, r] = triangle.corner;
-    NearDisc& disc = near.disc[row];
-    disc.centre = (p + q + r) / 3;
-    disc.radius = std::sqrt(
-        std::max({(p - disc.centre).squaredNorm(), (q - disc.centre).squaredNorm(), (r - disc.centre).squaredNorm()}));
-    const Vec3d n = triangle_normal(p, q, r);
-    const double length = n.norm();
-    disc.normal = length > 0 ? Vec3d(n / length) : Vec3d::Zero();
-    disc.slack = 0;
-}
-const NearDisc& exact_disc(NearSurface& near, uint32_t row) {
-    take_corners(near, row);
-    return near.disc[row];
-}
-
-void start_path(const Vec3d& centre, NearSurface& near) {
-    near.at = centre;
-    near.path = 0;
-    near.horizon = -1;
-}
-
-// Moves the tip there and wakes what it may touch within `ahead` (m) more.
-void go_to(const Vec3d& centre, double ahead, NearSurface& near) {
-    near.path += (centre - near.at).norm();
-    near.at = centre;
-    if (near.path + ahead <= near.horizon) return;
-    near.horizon = near.path + ahead + kAhead;
-    near.awake.clear();
-    for (uint32_t row = 0; row < near.wake.size(); ++row)
-        if (near.wake[row] <= near.horizon) near.awake.push_back(row);
-}
-
-// Lets a row sleep that the tip, where it is, is that far (m) from touching.
-void sleep(uint32_t row, double gap, NearSurface& near) {
-    if (!near.ask_all) near.wake[row] = near.path + gap - kHair;
-}
-
-// Whether a point of the way from - half to + half around `middle` may come nearer than `most` to the triangle in a
-// disc, where the way lies `height` or more off its plane: off the plane, and off the disc along the plane.
-bool may_come_near(const NearDisc& disc, const Vec3d& middle, double half, double height, double most) {
-    const double room2 = most * most - height * height;
-    if (room2 < 0) return false;
-    const Vec3d way = middle - disc.centre;
-    const double across = disc.normal.dot(way);
-    const double along = disc.radius + half + std::sqrt(room2);
-    // rounding of the squares: a part in 1e12 of what they were made of
-    return way.squaredNorm() - across * across <= along * along + 1e-12 * (way.squaredNorm() + along * along);
-}
-
-TrianglePoint closest_on_row(NearSurface& near, uint32_t row, const Vec3d& point) {
-    take_corners(near, row);
-    const auto& [a, b, c] = near.triangle[row].corner;
-    return closest_point_on_triangle(point, a, b, c);
-}
 
 // ---- features ----
 
@@ -147,13 +55,26 @@ bool same_feature(const FeatureVertices& f, const FeatureVertices& g) {
     return (f.a == g.a && f.b == g.b) || (f.a == g.b && f.b == g.a);
 }
 
-double corner_angle(const NearTriangle& near, uint32_t vertex) {
-    const int k = near.vertex[0] == vertex ? 0 : near.vertex[1] == vertex ? 1 : 2;
-    const Vec3d u = near.corner[(k + 1) % 3] - near.corner[k], v = near.corner[(k + 2) % 3] - near.corner[k];
-    return std::atan2(u.cross(v).norm(), u.dot(v));
+// Sine and cosine of a triangle's angle at a vertex, times the lengths of its sides there.
+struct Corner {
+    double sine = 0, cosine = 0;
+    double angle() const { return std::atan2(sine, cosine); }
+    // to kRoughAngle: a polynomial of the smaller over the larger
+    double rough_angle() const {
+        const double along = std::abs(cosine), large = std::max(sine, along), x = large > 0 ? std::min(sine, along) / large : 0;
+        const double a = x * (0.9724 - 0.1919 * x * x), b = sine > along ? M_PI / 2 - a : a;
+        return cosine < 0 ? M_PI - b : b;
+    }
+};
+constexpr double kRoughAngle = 0.006;  // rad
+Corner corner_at(const NearSurface& near, uint32_t row, uint32_t vertex) {
+    const Triangle& t = vertices_of(near, row);
+    const uint32_t k = t[0] == vertex ? 0 : t[1] == vertex ? 1 : 2;
+    const Vec3d corner = corner_of(near, row, k), u = corner_of(near, row, (k + 1) % 3) - corner, v = corner_of(near, row, (k + 2) % 3) - corner;
+    return {u.cross(v).norm(), u.dot(v)};
 }
 
-// Rows of the triangles around a feature, ascending.
+// Rows of the triangles around a feature.
 struct RowsAround {
     static constexpr uint32_t kCapacity = 32;
     std::array<uint32_t, kCapacity> row;
@@ -167,12 +88,12 @@ RowsAround rows_around(const NearSurface& near, uint32_t row, Feature feature) {
     RowsAround around;
     const auto add = [&](uint32_t triangle) {
         if (triangle == kNone || around.count == RowsAround::kCapacity) return false;
-        const auto found = std::lower_bound(near.row.begin(), near.row.end(), triangle);
-        if (found == near.row.end() || *found != triangle) return false;
-        around.row[around.count++] = static_cast<uint32_t>(found - near.row.begin());
+        const uint32_t other = row_of(near, triangle);
+        if (other == kNone) return false;
+        around.row[around.count++] = other;
         return true;
     };
-    const uint32_t start = near.row[row];
+    const uint32_t start = near.triangle[row].triangle;
     around.row[around.count++] = row;
     if (dimension(feature) == 1) {
         around.complete = add(model.neighbour[start][static_cast<int>(feature) - static_cast<int>(Feature::kEdge0)]);
@@ -186,7 +107,6 @@ RowsAround rows_around(const NearSurface& near, uint32_t row, Feature feature) {
         while (t != start && add(t)) t = next(t);
         around.complete = t == start;
     }
-    std::sort(around.row.begin(), around.row.begin() + around.count);
     return around;
 }
 
@@ -195,21 +115,75 @@ RowsAround rows_around(const NearSurface& near, uint32_t row, Feature feature) {
 // are touched there, so they wake by then.
 bool is_behind(NearSurface& near, uint32_t row, Feature feature, const Vec3d& offset, double gone) {
     if (near.triangle[row].sheet) return false;
-    const FeatureVertices f = feature_vertices(near.triangle[row].vertex, feature);
-    if (f.a == kNone) return exact_disc(near, row).normal.dot(offset) > 0;
-    Vec3d pseudonormal = Vec3d::Zero();
-    const auto add = [&](uint32_t k) {
-        const Vec3d& normal = exact_disc(near, k).normal;
-        pseudonormal += (f.b == kNone ? corner_angle(near.triangle[k], f.a) : 1.0) * normal;
-    };
-    const RowsAround around = rows_around(near, row, feature);
-    if (around.complete) {
-        for (uint32_t k = 0; k < around.count; ++k) add(around.row[k]);
-    } else {
-        for (const uint32_t k : near.awake)
-            if (near.wake[k] <= gone && holds(near.triangle[k].vertex, f)) add(k);
+    const FeatureVertices f = feature_vertices(vertices_of(near, row), feature);
+    if (f.a == kNone) return normal_of(near, row).dot(offset) > 0;
+    const auto weight = [&](uint32_t k) { return f.b == kNone ? corner_at(near, k, f.a).angle() : 1.0; };
+    RowsAround around = rows_around(near, row, feature);
+    const auto before = [&](uint32_t a, uint32_t b) { return near.triangle[a].triangle < near.triangle[b].triangle; };
+    double sum = 0;
+    if (!around.complete) {
+        near.candidate.clear();
+        for (uint32_t k = 0; k < near.triangle.size(); ++k)
+            if (wake_of(near, k) <= gone && holds(vertices_of(near, k), f)) near.candidate.push_back({0, k});
+        std::sort(near.candidate.begin(), near.candidate.end(),
+                  [&](const NearCandidate& a, const NearCandidate& b) { return before(a.row, b.row); });
+        for (const NearCandidate& c : near.candidate) sum += weight(c.row) * normal_of(near, c.row).dot(offset);
+        return sum > 0;
     }
-    return pseudonormal.dot(offset) > 0;
+    // where all of them say the same no angle changes it
+    uint32_t behind = 0;
+    for (uint32_t k = 0; k < around.count; ++k) behind += normal_of(near, around.row[k]).dot(offset) > 0;
+    if (behind == 0 || behind == around.count) return behind > 0;
+    double rough = 0, doubt = 0;
+    for (uint32_t k = 0; k < around.count && f.b == kNone; ++k) {
+        const double side = normal_of(near, around.row[k]).dot(offset);
+        rough += corner_at(near, around.row[k], f.a).rough_angle() * side;
+        doubt += kRoughAngle * std::abs(side);
+    }
+    if (std::abs(rough) > doubt) return rough > 0;
+    std::sort(around.row.begin(), around.row.begin() + around.count, before);
+    for (uint32_t k = 0; k < around.count; ++k) sum += weight(around.row[k]) * normal_of(near, around.row[k]).dot(offset);
+    return sum > 0;
+}
+
+// Takes a row among the features that the tip touches where it is, if it is one.
+void add_touched(uint32_t row, const Vec3d& centre, HapticScratch& scratch) {
+    NearSurface& near = scratch.near;
+    const double offset = offset_of(near, row), most = offset + kSkin;
+    const TrianglePoint q = closest_on_row(near, row, centre);
+    if (q.squared_distance > most * most) return;
+    const double distance = std::sqrt(q.squared_distance);
+    scratch.touched.push_back({row, near.triangle[row].triangle, q.feature, vertices_of(near, row), q.offset, distance});
+    if (distance - (offset - kSkin) <= 0.5 * kSkin) near.triangle[row].overlaps_at = near.path;
+}
+
+// Of a crowd of features that surface has brought over the tip only the nearest are looked at: half-spaces hold no more, and
+// what is left of the crowd is touched again once the tip has gone where those let it.
+void add_nearest(const Vec3d& centre, HapticScratch& scratch) {
+    constexpr double kAll = std::numeric_limits<double>::infinity();
+    NearSurface& near = scratch.near;
+    std::vector<TouchedFeature>& touched = scratch.touched;
+    const auto keep_nearest = [&] {
+        const auto nearer = [](const TouchedFeature& f, const TouchedFeature& g) {
+            return std::tie(f.distance, f.triangle) < std::tie(g.distance, g.triangle);
+        };
+        std::nth_element(touched.begin(), touched.begin() + (kMostFeatures - 1), touched.end(), nearer);
+        touched.resize(kMostFeatures);
+        return touched.back().distance;
+    };
+    std::nth_element(near.candidate.begin(), near.candidate.begin() + kMostFeatures, near.candidate.end(),
+                     [](const NearCandidate& a, const NearCandidate& b) { return a.least < b.least; });
+    double farthest = kAll;  // m, of the nearest kMostFeatures so far
+    for (const NearCandidate& c : near.candidate) {
+        if (c.least - kHair <= farthest) {
+            add_touched(c.row, centre, scratch);
+            if (touched.size() == 2 * kMostFeatures || (farthest == kAll && touched.size() >= kMostFeatures)) farthest = keep_nearest();
+        } else if (((corner_of(near, c.row, 0) + corner_of(near, c.row, 1) + corner_of(near, c.row, 2)) / 3 - centre).norm() <
+                   offset_of(near, c.row) - 2 * kSkin) {
+            near.triangle[c.row].overlaps_at = near.path;
+        }
+    }
+    if (touched.size() > kMostFeatures) keep_nearest();
 }
 
 // ---- planes ----
@@ -235,16 +209,16 @@ Planes gather_planes(const Vec3d& centre, HapticScratch& scratch) {
     planes.inside = is_behind(scratch.near, nearest->near, nearest->feature, nearest->offset, scratch.near.path);
     for (const TouchedFeature& f : scratch.touched) {
         if (planes.half_spaces.count == HalfSpaces::kCapacity) break;
-        const NearDisc& disc = exact_disc(scratch.near, f.near);
+        const double reach = offset_of(scratch.near, f.near);
         const bool way_out = planes.inside && &f == nearest;
         const bool behind = way_out || is_behind(scratch.near, f.near, f.feature, f.offset, scratch.near.path);
         if (behind && !way_out) continue;
         if (f.distance < 1e-12) {
-            scratch.near.triangle[f.near].held = planes.half_spaces.add({disc.normal, disc.offset});
+            scratch.near.triangle[f.near].held = planes.half_spaces.add({normal_of(scratch.near, f.near), reach});
         } else {
             const double side = behind ? 1 : -1;
             scratch.near.triangle[f.near].held =
-                planes.half_spaces.add({side / f.distance * f.offset, disc.offset + side * f.distance});
+                planes.half_spaces.add({side / f.distance * f.offset, reach + side * f.distance});
         }
     }
     return planes;
@@ -261,7 +235,7 @@ GapAlong gap_along(NearSurface& near, uint32_t row, const Vec3d& from, const Vec
     const TrianglePoint q = closest_on_row(near, row, from + t * step);
     const double distance = std::sqrt(q.squared_distance);
     GapAlong g;
-    g.gap = distance - (near.disc[row].offset - kSkin);
+    g.gap = distance - (offset_of(near, row) - kSkin);
     g.approach = distance > 0 ? q.offset.dot(step) / distance : 0;
     g.behind = ask_side && g.gap <= 0.5 * kSkin && is_behind(near, row, q.feature, q.offset, near.path + t * step.norm() + kHair);
     return g;
@@ -294,29 +268,32 @@ double sweep_to_triangle(NearSurface& near, uint32_t row, const Vec3d& from, con
     return t;
 }
 
-// Fills scratch.ahead with the triangles that a tip may touch along a step, and the share of it before which their
-// planes rule that out.
+// Fills scratch.ahead with the triangles that a tip may touch along a step, and the share of it before which that cannot
+// be: distances from triangles are convex, so they lie above their tangents.
 void gather_ahead(const Vec3d& from, const Vec3d& step, HapticScratch& scratch) {
     NearSurface& near = scratch.near;
-    const double length = step.norm(), half = 0.5 * length;
-    const Vec3d middle = from + 0.5 * step;
+    const double length = step.norm();
+    uint32_t within = 0;  // of the length of the step
     scratch.ahead.clear();
     go_to(from, length, near);
-    for (const uint32_t row : near.awake) {
-        if (near.wake[row] > near.path + length || near.triangle[row].held || near.triangle[row].overlaps_at == near.path) continue;
-        const NearDisc& disc = near.disc[row];
-        const double gap = disc_distance(disc, from) - disc.offset;
-        if (gap - kHair > length) {
-            sleep(row, gap, near);
-            continue;
+    for (uint32_t first = 0; first < near.triangle.size(); first += 4) {
+        NearFour& four = near.four[first / 4];
+        if (asleep(four, near.path + length)) continue;
+        const FourWays ways = ways_to(four, from);
+        refresh(ways, near, four);
+        for (uint32_t lane = 0; lane < 4 && first + lane < near.triangle.size(); ++lane) {
+            const NearTriangle& triangle = near.triangle[first + lane];
+            if (triangle.held || triangle.overlaps_at == near.path) continue;
+            const double distance = ways.distance[lane], gap = distance - four.offset[lane] - kHair;
+            if (gap > length) continue;
+            ++within;
+            const double along = ways.offset[0][lane] * step.x() + ways.offset[1][lane] * step.y() + ways.offset[2][lane] * step.z();
+            const double closing = (along + kHair * length) / distance;
+            if (gap > 0 && gap >= closing) continue;
+            scratch.ahead.push_back({gap > 0 ? gap / closing : 0, triangle.triangle, first + lane});
         }
-        const double h0 = disc.normal.dot(from - disc.centre), h1 = h0 + disc.normal.dot(step);
-        const double height = h0 * h1 > 0 ? std::min(std::abs(h0), std::abs(h1)) : 0;
-        const double most = disc.offset + disc.slack;
-        if (!may_come_near(disc, middle, half, height, most)) continue;
-        const double room = std::abs(h0) - most - kHair, closing = std::abs(h0) - (h0 > 0 ? h1 : -h1);
-        scratch.ahead.push_back({std::max(room > 0 && closing > 0 ? room / closing : 0, (gap - kHair) / length), row});
     }
+    near.asked += kLook + within / kWithin;
 }
 
 // Share of `step` that is free.
@@ -324,7 +301,7 @@ double sweep_at_once(const Vec3d& from, const Vec3d& step, HapticScratch& scratc
     gather_ahead(from, step, scratch);
     // the soonest first: what it leaves free, most of the others cannot shorten
     std::vector<SweptTriangle>& ahead = scratch.ahead;
-    const auto later = [](const SweptTriangle& a, const SweptTriangle& b) { return std::tie(a.from, a.near) > std::tie(b.from, b.near); };
+    const auto later = [](const SweptTriangle& a, const SweptTriangle& b) { return std::tie(a.from, a.triangle) > std::tie(b.from, b.triangle); };
     std::make_heap(ahead.begin(), ahead.end(), later);
     double least = 1;
     while (!ahead.empty() && ahead.front().from < least) {
@@ -341,7 +318,7 @@ double sweep(const Vec3d& from, const Vec3d& step, HapticScratch& scratch) {
     for (double look = kFirstLook; look < length; look *= 4) {
         const double share = look / length, free = sweep_at_once(from, share * step, scratch);
         if (free < 1) return share * free;
-        if (scratch.near.touched > kMostTouched) return share;
+        if (scratch.near.asked > kMostAsked) return share;
     }
     return sweep_at_once(from, step, scratch);
 }
@@ -367,104 +344,33 @@ double share_within(const Vec3d& from, const Vec3d& step, const Vec3d& origin, d
 
 }  // namespace
 
-double fastest_near(const LocalContactModel& model, const SurfaceTime& at, const HandTool& tool, const Vec3d& centre, double travel) {
-    double fastest = 0;
-    for (const TriangleGroup& block : model.block) {
-        if (block.velocity.norm() + block.spread <= fastest) continue;
-        const uint32_t first = model.group[block.triangles.first].triangles.first, body = model.body[first];
-        const double reach = tool.tip_radius + model.half_thickness[first] + (body == model.give.body ? model.give.gap : 0) + travel;
-        const Vec3d more = beyond(model, at, body);
-        if (!may_meet(block, at, more, centre, reach)) continue;
-        for (uint32_t g = block.triangles.first; g < block.triangles.end(); ++g) {
-            const TriangleGroup& group = model.group[g];
-            const double speed = group.velocity.norm() + group.spread;
-            if (speed > fastest && may_meet(group, at, more, centre, reach)) fastest = speed;
-        }
-    }
-    return std::min(fastest, model.fastest);
-}
-
-void gather_near(const LocalContactModel& model, const SurfaceTime& at, const HandTool& tool, const Vec3d& centre,
-                 double travel, NearSurface& near) {
-    near.row.clear();
-    near.triangle.clear();
-    near.disc.clear();
-    near.wake.clear();
-    near.model = &model;
-    near.time = at;
-    near.touched = 0;
-    start_path(centre, near);
-    NearTriangle triangle;
-    NearDisc disc;
-    for (const TriangleGroup& block : model.block) {
-        const uint32_t first = model.group[block.triangles.first].triangles.first;
-        triangle.body = model.body[first];
-        triangle.sheet = model.half_thickness[first] > 0;
-        disc.offset = tool.tip_radius + model.half_thickness[first] + (triangle.body == model.give.body ? model.give.gap : 0);
-        const double reach = disc.offset + travel;
-        const Vec3d more = beyond(model, at, triangle.body);
-        if (!near.ask_all && !may_meet(block, at, more, centre, reach)) continue;
-        for (uint32_t g = block.triangles.first; g < block.triangles.end(); ++g) {
-            const TriangleGroup& group = model.group[g];
-            if (!near.ask_all && !may_meet(group, at, more, centre, reach)) continue;
-            for (uint32_t t = group.triangles.first; t < group.triangles.end(); ++t) {
-                const TriangleDisc& still = model.disc[t];
-                const double ball = still.radius + still.thickness + still.spread * std::abs(at.age);
-                if (!near.ask_all && !within(still.centre + at.age * still.velocity + more, centre, ball + reach)) continue;
-                const double gap = place_disc(still, at, more, centre, disc);
-                if (!near.ask_all && gap > travel) continue;
-                near.row.push_back(t);
-                triangle.vertex = model.triangle[t];
-                near.triangle.push_back(triangle);
-                near.disc.push_back(disc);
-                near.wake.push_back(near.ask_all ? -1 : gap - kHair);
-            }
-        }
-    }
-}
-
-void place_near(const SurfaceTime& at, const Vec3d& centre, NearSurface& near) {
-    near.time = at;
-    start_path(centre, near);
-    for (uint32_t row = 0; row < near.triangle.size(); ++row) {
-        NearTriangle& triangle = near.triangle[row];
-        const double gap = place_disc(near.model->disc[near.row[row]], at, beyond(*near.model, at, triangle.body), centre, near.disc[row]);
-        triangle.placed = false;
-        triangle.overlaps_at = -1;
-        near.wake[row] = near.ask_all ? -1 : gap - kHair;
-    }
-}
-
 void find_touched(const Vec3d& centre, HapticScratch& scratch) {
     NearSurface& near = scratch.near;
     std::vector<TouchedFeature>& touched = scratch.touched;
     touched.clear();
     go_to(centre, 0, near);
-    for (const uint32_t row : near.awake) {
-        if (near.wake[row] > near.path) continue;
-        const double most = near.disc[row].offset + kSkin;
-        double distance = disc_distance(near.disc[row], centre);
-        if (distance <= most + kHair) distance = disc_distance(exact_disc(near, row), centre);
-        if (distance > most + kHair) {
-            sleep(row, distance - most, near);
-            continue;
-        }
-        const TrianglePoint q = closest_on_row(near, row, centre);
-        distance = std::sqrt(q.squared_distance);
-        if (q.squared_distance > most * most) {
-            sleep(row, distance - most, near);
-            continue;
-        }
-        near.triangle[row].touch = static_cast<uint32_t>(touched.size());
-        touched.push_back({row, q.feature, near.triangle[row].vertex, q.offset, distance});
-        if (distance - (near.disc[row].offset - kSkin) <= 0.5 * kSkin) near.triangle[row].overlaps_at = near.path;
+    near.candidate.clear();
+    for (uint32_t first = 0; first < near.triangle.size(); first += 4) {
+        NearFour& four = near.four[first / 4];
+        if (asleep(four, near.path)) continue;
+        const FourWays ways = ways_to(four, centre);
+        refresh(ways, near, four);
+        for (uint32_t lane = 0; lane < 4 && first + lane < near.triangle.size(); ++lane)
+            if (ways.distance[lane] <= four.offset[lane] + kSkin + kHair) near.candidate.push_back({ways.distance[lane], first + lane});
     }
-    near.touched += static_cast<uint32_t>(touched.size());
+    if (near.candidate.size() > kMostFeatures) {
+        add_nearest(centre, scratch);
+    } else {
+        for (const NearCandidate& c : near.candidate) add_touched(c.row, centre, scratch);
+    }
+    std::sort(touched.begin(), touched.end(), [](const TouchedFeature& f, const TouchedFeature& g) { return f.triangle < g.triangle; });
+    for (uint32_t k = 0; k < touched.size(); ++k) near.triangle[touched[k].near].touch = k;
+    near.asked += static_cast<uint32_t>(touched.size());
     // faces before edges before vertices, then the nearer: the first of this order always stays, however rounding names
     // the features around a point above a vertex
     const auto comes_before = [](const TouchedFeature& f, const TouchedFeature& g) {
-        return std::make_tuple(-dimension(f.feature), f.distance, f.near) <
-               std::make_tuple(-dimension(g.feature), g.distance, g.near);
+        return std::make_tuple(-dimension(f.feature), f.distance, f.triangle) <
+               std::make_tuple(-dimension(g.feature), g.distance, g.triangle);
     };
     // a triangle that holds the feature but whose own closest point is elsewhere comes nearer
     const auto is_shadowed = [&](const TouchedFeature& f) {
@@ -486,42 +392,12 @@ void find_touched(const Vec3d& centre, HapticScratch& scratch) {
     std::erase_if(touched, [](const TouchedFeature& f) { return f.shadowed; });
 }
 
-SurfaceMotion surface_motion(const Vec3d& point, double most, NearSurface& near) {
-    const LocalContactModel& model = *near.model;
-    go_to(point, 0, near);
-    double best = std::numeric_limits<double>::infinity();  // squared, m^2
-    uint32_t nearest = kNone;
-    TrianglePoint closest;
-    // those it touches first, then what may be nearer still; of equals the first of the model
-    for (const bool touching : {true, false}) {
-        for (uint32_t row = 0; row < near.triangle.size(); ++row) {
-            if ((near.wake[row] <= near.path) != touching) continue;
-            const double offset = near.disc[row].offset, bound = near.wake[row] - near.path + offset;
-            if (bound > offset + most || (bound > 0 && bound * bound > best)) continue;
-            const TrianglePoint q = closest_on_row(near, row, point);
-            const double limit = offset + most;
-            if (q.squared_distance >= limit * limit) continue;
-            if (q.squared_distance > best || (q.squared_distance == best && row > nearest)) continue;
-            best = q.squared_distance, nearest = row, closest = q;
-        }
-    }
-    if (nearest == kNone) return {};
-    const NearTriangle& n = near.triangle[nearest];
-    const Vec3d u = n.corner[1] - n.corner[0], v = n.corner[2] - n.corner[0];
-    const Vec3d w = point + closest.offset - n.corner[0];
-    const double uu = u.dot(u), uv = u.dot(v), vv = v.dot(v), area = uu * vv - uv * uv;
-    const double b = area > 0 ? std::clamp((vv * u.dot(w) - uv * v.dot(w)) / area, 0.0, 1.0) : 0;
-    const double c = area > 0 ? std::clamp((uu * v.dot(w) - uv * u.dot(w)) / area, 0.0, 1.0 - b) : 0;
-    return {(1 - b - c) * model.velocity[n.vertex[0]] + b * model.velocity[n.vertex[1]] + c * model.velocity[n.vertex[2]],
-            n.body};
-}
-
 ProxySearch find_proxy(const Vec3d& start, const Vec3d& goal, const Room& room, double friction, bool was_outside,
                        HapticScratch& scratch) {
     ProxySearch s;
     s.proxy = start;
     for (uint32_t k = 0; k < kSteps; ++k) {
-        if (k >= 1 && scratch.near.touched > kMostTouched) break;
+        if (k >= 1 && scratch.near.asked > kMostAsked) break;
         const Planes planes = gather_planes(s.proxy, scratch);
         if (planes.inside && !was_outside) {
             s.inside = true;

@@ -6,7 +6,12 @@
 #include <cmath>
 
 namespace trocar {
+
 namespace {
+
+double distance_after(const ShellPlane& plane, const ShellStep& step) {
+    return plane.distance + plane.normal.dot(step.shift + step.turn.cross(plane.arm));
+}
 
 constexpr uint32_t kMostSteps = 40;
 constexpr uint32_t kMostHalvings = 30;
@@ -51,10 +56,6 @@ Vector6 moved_by(const Vec3d& direction, const Vec3d& arm) {
     return {direction.x(), direction.y(), direction.z(), moment.x(), moment.y(), moment.z()};
 }
 
-double gap_after(const ShellPlane& plane, const ShellStep& step) {
-    return plane.distance + plane.normal.dot(step.shift + step.turn.cross(plane.arm));
-}
-
 // How far friction would be stretched along the plane if it held.
 Vec3d stretch_after(const ShellPlane& plane, const ShellStep& step) {
     const Vec3d way = plane.slip + step.shift + step.turn.cross(plane.arm) - plane.carried;
@@ -78,16 +79,16 @@ Slope slope_at(const ShellSprings& springs, std::span<const ShellPlane> planes, 
         for (int i = 0; i < 3; ++i) s.stiffness.at(i, i) = springs.stiffness, s.stiffness.at(i + 3, i + 3) = springs.turn_stiffness;
     const double k = springs.surface_stiffness;
     for (const ShellPlane& plane : planes) {
-        const double gap = gap_after(plane, step);
+        const double gap = distance_after(plane, step);
         Vec3d push = Vec3d::Zero();
         if (gap < 0) {
             push = -k * gap * plane.normal;
             s.energy += 0.5 * k * gap * gap;
             if (with_stiffness) add_outer(k, moved_by(plane.normal, plane.arm), s.stiffness);
         }
-        if (plane.held > 0 && springs.friction > 0) {
+        if (plane.held > 0 && plane.friction > 0) {
             const Vec3d stretch = stretch_after(plane, step);
-            const double length = stretch.norm(), most = springs.friction * plane.held;
+            const double length = stretch.norm(), most = plane.friction * plane.held;
             const bool yields = k * length > most;
             push -= (yields ? most / length : k) * stretch;
             s.energy += yields ? most * (length - 0.5 * most / k) : 0.5 * k * length * length;
@@ -112,14 +113,17 @@ ShellStep moved(const ShellStep& from, const Vector6& way, double share) {
 
 }  // namespace
 
+double gap_after(const ShellPlane& plane, const ShellStep& step) { return distance_after(plane, step); }
+
 ShellForce shell_force(const ShellSprings& springs, const ShellPlane& plane, const ShellStep& step) {
     ShellForce f;
     f.normal = springs.surface_stiffness * std::max(0.0, -gap_after(plane, step));
     f.force = f.normal * plane.normal;
-    if (springs.friction <= 0 || f.normal <= 0) return f;
+    if (plane.friction <= 0 || f.normal <= 0) return f;
     f.slip = stretch_after(plane, step);
-    const double most = springs.friction * f.normal / springs.surface_stiffness, length = f.slip.norm();
-    if (length > most) f.slip *= most / length;
+    const double most = plane.friction * f.normal / springs.surface_stiffness, length = f.slip.norm();
+    f.yields = length > most;
+    if (f.yields) f.slip *= most / length;
     f.force -= springs.surface_stiffness * f.slip;
     return f;
 }

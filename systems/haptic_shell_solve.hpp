@@ -14,7 +14,12 @@ struct ShellPlane {
     Vec3d carried = Vec3d::Zero();    // m, how far the surface went since the tick before
     Vec3d slip = Vec3d::Zero();       // m, how far friction was stretched then
     double held = 0;                  // N, normal force that friction may count on
+    double friction = 0;              // coefficient
     double side = 1;                  // as SurfaceSide::side
+    double gap = 0;                   // m, that the surface stands off by
+    uint32_t root = 0, row = 0;       // its tree, and what the shell's scratch knows of the point there
+    bool sliding = false;             // it slid in the tick before
+    Vec3d velocity = Vec3d::Zero();   // m/s, of the surface
 };
 
 // A small motion of the tool: of its tip, and a turn about it.
@@ -28,21 +33,24 @@ struct ShellSprings {
     double stiffness = 0;          // N/m, coupling
     double turn_stiffness = 0;     // N m/rad, coupling
     double surface_stiffness = 0;  // N/m, of each point, along the normal and for friction along the surface
-    double friction = 0;
     ShellStep way;                 // from the tool to the device
 };
+
+// Distance (m) of a plane's point after a step.
+double gap_after(const ShellPlane& plane, const ShellStep& step);
 
 // What a plane does to its point after a step.
 struct ShellForce {
     double normal = 0;             // N
     Vec3d force = Vec3d::Zero();   // N, on the tool
     Vec3d slip = Vec3d::Zero();    // m, along the plane, shortened to what friction holds
+    bool yields = false;           // it was
 };
 ShellForce shell_force(const ShellSprings& springs, const ShellPlane& plane, const ShellStep& step);
 
 // The step after which coupling and planes balance: the least of the convex energy
 //   k/2 |shift - way|^2 + K/2 |turn - way|^2 + sum of k_s/2 min(0, distance + n . (shift + turn x arm))^2
-// and of friction springs that yield at friction * held, by Newton's method with halved steps. Exact to rounding,
+// and of friction springs that yield at the plane's friction * held, by Newton's method with halved steps. Exact to rounding,
 // whatever step it starts from; no allocation. A tool without mass, after the static virtual coupling of Barbic & James (IEEE Trans. Haptics 1(1), 2008,
 // section 5): what the device feels is never stiffer than the coupling, however stiff and many the points are.
 ShellStep solve_shell(const ShellSprings& springs, std::span<const ShellPlane> planes, const ShellStep& start = {});

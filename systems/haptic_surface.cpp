@@ -122,12 +122,24 @@ TextureHeight texture_height(const HapticSurface& surface, const Vec3d& place) {
     return {surface.height * at.height, surface.height / surface.length * at.slope};
 }
 
+Vec3d touched_place(const ToolState& state) {
+    Vec3d sum = Vec3d::Zero();
+    double press = 0;
+    for (const ShellContact& c : state.contact) {
+        if (c.body != state.touched) continue;
+        const double force = c.force.norm();
+        sum += force * c.arm;
+        press += force;
+    }
+    return press > 0 ? Vec3d(state.proxy + sum / press) : state.proxy;
+}
+
 Vec3d textured_force(const HapticSurface& surface, double age, double stiffness, const ToolState& state, const Vec3d& force) {
     const double depth = (state.proxy - state.device.position).norm(), pull = force.norm();
     if (surface.texture == TextureKind::kNone || depth == 0 || pull == 0) return force;
     const Quat turn = multiply(from_rotation_vector(age * surface.spin), surface.orientation);
     const Vec3d carried = surface.deformable ? state.carried : Vec3d(age * surface.velocity);
-    const TextureHeight at = texture_height(surface, rotate_back(turn, state.proxy - carried - surface.origin));
+    const TextureHeight at = texture_height(surface, rotate_back(turn, touched_place(state) - carried - surface.origin));
     const Vec3d slope = rotate(turn, at.slope), normal = force / pull, along = slope - normal.dot(slope) * normal;
     // the smooth force may be less than the spring's: it ramps in and has a limit
     const double share = std::min(1.0, pull / (stiffness * depth)), most = surface.height;

@@ -39,6 +39,9 @@ struct TextureHeight {
 // `place` (m) in the frame of the texture. Continuous; noise with its slope.
 TextureHeight texture_height(const HapticSurface& surface, const Vec3d& place);
 
+// Where a texture is felt, m: at the proxy; by a shell in the middle of what touches, by the forces there.
+Vec3d touched_place(const ToolState& state);
+
 // The contact force with the texture felt, `age` (s) after the model's time. A tip pressed d = |proxy - device| deep at a
 // place of height h, |h| <= H, is held as by the energy U = k (d^2 / 2 + h (d - H ln(1 + d / H))): along the contact force it
 // grows by 1 + h / (d + H), never a pull and without a step at first touch; across it is -dU along the surface, up the

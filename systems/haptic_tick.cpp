@@ -45,24 +45,30 @@ TickSpan span_of(const HapticParams& params, const LocalContactModel& model, dou
     return span;
 }
 
-// Takes the proxy along with the surface that moved since the last tick, in steps shorter than half the tip's radius so
-// that the surface cannot pass over its centre.
+// Steps shorter than half the tip's radius, so that the surface cannot pass over its centre; where it is after one of them.
+int carry_steps(const TickSpan& span, double radius) {
+    return static_cast<int>(std::clamp(std::ceil(span.surface_way / (0.5 * radius)), 1.0, 16.0));
+}
+SurfaceTime after_step(const TickSpan& span, int step, int steps) {
+    const double left = double(steps - step) / steps;
+    return {span.now.age - span.moved() * left, span.now.follow - left * (span.now.follow - span.before.follow)};
+}
+
+// Takes the proxy along with the surface that moved since the last tick. It is at hand as after the first step.
 void carry_proxy(const LocalContactModel& model, const TickSpan& span, double radius, const Room& room,
                  HapticScratch& scratch, ToolState& state) {
     const double way = span.surface_way;
     if (way == 0 && state.contacts == 0) return;
-    const int steps = static_cast<int>(std::clamp(std::ceil(way / (0.5 * radius)), 1.0, 16.0));
+    const int steps = carry_steps(span, radius);
+    const Vec3d followed = span.now.follow - span.before.follow;
     bool was_outside = state.contacts > 0;
     for (int k = 1; k <= steps; ++k) {
-        const double left = double(steps - k) / steps;
-        const Vec3d followed = span.now.follow - span.before.follow;
-        const SurfaceTime at{span.now.age - span.moved() * left, span.now.follow - left * followed};
         if (was_outside && way > 0) {
             const SurfaceMotion motion = surface_motion(state.proxy, kNearby, scratch.near);
             state.proxy += span.moved() / steps * motion.velocity;
             if (motion.body != kNone && motion.body == model.give.body) state.proxy += followed / steps;
         }
-        if (steps > 1) place_near(at, room.origin, scratch.near);
+        if (k > 1) place_near(after_step(span, k, steps), room.origin, scratch.near);
         const ProxySearch s = find_proxy(state.proxy, state.proxy, room, 0, was_outside, scratch);
         state.proxy = s.proxy;
         was_outside = was_outside || s.active > 0;
@@ -78,7 +84,7 @@ void carry_proxy(const LocalContactModel& model, const TickSpan& span, double ra
 bool is_clear(const Vec3d& centre, HapticScratch& scratch) {
     find_touched(centre, scratch);
     return std::all_of(scratch.touched.begin(), scratch.touched.end(),
-                       [&](const TouchedFeature& f) { return f.distance >= scratch.near.disc[f.near].offset; });
+                       [&](const TouchedFeature& f) { return f.distance >= offset_of(scratch.near, f.near); });
 }
 
 // Moves the proxy to where it belongs for the device's present position.
@@ -167,7 +173,8 @@ void haptic_tick(const HapticParams& params, const LocalContactModel& model, dou
     // beyond what the model shows there may be anything
     const double farthest = tool.tip_radius + std::max(0.0, model.give.gap) + span.travel + span.now.follow.norm();
     if (segment_distance(centre, model.from, model.to) + farthest <= model.reach) {
-        gather_near(model, span.now, tool, centre, span.travel + span.surface_way + kNearby, scratch.near);
+        const int steps = state.proxy_valid ? carry_steps(span, tool.tip_radius) : 1;
+        gather_near(model, after_step(span, 1, steps), tool, centre, span.travel + span.surface_way + kNearby, scratch.near);
         update_proxy(model, span, tool, scratch, state);
     } else {
         state.proxy_valid = false;

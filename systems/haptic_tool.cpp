@@ -1,5 +1,6 @@
 #include "systems/haptic_tool.hpp"
 
+#include <Eigen/Geometry>
 #include <algorithm>
 #include <cmath>
 
@@ -31,6 +32,14 @@ void add_contact_stiffness(double coupling, const Vec3d& force, std::array<doubl
 Vec3d link_pull(const LocalContactModel& model, double age) {
     const double share = model.period > 0 ? std::clamp(age / model.period, 0.0, 1.0) : 1.0;
     return model.pull_before + share * (model.pull - model.pull_before);
+}
+
+// The part of it that contact does not say already: a shell is held by what its jaws press on, linked or not, as a tip that
+// the tissue hangs from is not.
+Vec3d unfelt_pull(const HandTool& tool, const Vec3d& pull, const Vec3d& contact) {
+    const double size2 = pull.squaredNorm();
+    if (tool.shell.empty() || size2 == 0) return pull;
+    return (1 - std::clamp(contact.dot(pull) / size2, 0.0, 1.0)) * pull;
 }
 
 EffectInput effect_input(const HapticParams& params, const LocalContactModel& model, double time, const HandTool& tool,
@@ -124,19 +133,20 @@ void tick_tool(const HapticParams& params, const LocalContactModel& model, doubl
     DeviceCommand wanted;
     wanted.at = state.device.position;
     const SurfaceFeel feel = feel_of(tool, model, state.touched, state.sliding);
-    const HapticSurface* surface = model.surface.empty() || !tool.shell.empty() ? nullptr : surface_of(model, state.touched);
+    const HapticSurface* surface = model.surface.empty() ? nullptr : surface_of(model, state.touched);
     const Vec3d felt = surface ? textured_force(*surface, state.model_age, feel.stiffness, state, state.command.force) : state.command.force;
     const Vec3d proxy = state.proxy_valid ? state.proxy : state.device.position;
     wanted.force = dissipate({tool.limits.dissipation, tool.max_force}, params.dt, state.device.position, state.device.velocity, proxy,
                              safety.gain * state.pull, safety.gain * felt, safety);
     if (!tool.shell.empty()) {
         const Quat& turn = state.proxy_valid ? state.proxy_turn : state.device.orientation;
+        const Vec3d twist = (touched_place(state) - state.proxy).cross(felt - state.command.force);
         wanted.torque = dissipate_turning({tool.limits.turn_dissipation, tool.limits.torque}, params.dt, state.device.orientation, state.device_spin,
-                                          turn, safety.gain * state.pull_torque, safety.gain * state.command.torque, safety);
+                                          turn, safety.gain * state.pull_torque, safety.gain * (state.command.torque + twist), safety);
     }
-    add_contact_stiffness(tool.shell.empty() ? feel.stiffness : tool.coupling_stiffness, state.command.force, wanted.stiffness);
+    add_contact_stiffness(feel.stiffness, state.command.force, wanted.stiffness);
     const double gain = safety.gain * state.gain;
-    wanted.force += gain * link_pull(model, state.model_age);
+    wanted.force += gain * unfelt_pull(tool, link_pull(model, state.model_age), state.command.force);
     if (!effects.empty())
         add_effects(params, effects, time, gain, effect_input(params, model, time, tool, effects, elapsed, state), state, wanted);
     state.effect_velocity = state.device.velocity;

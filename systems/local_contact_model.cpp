@@ -2,12 +2,14 @@
 
 #include <Eigen/Geometry>
 #include <algorithm>
+#include <array>
 #include <cmath>
 #include <limits>
 
 #include "engine/geometry/point_triangle.hpp"
 #include "engine/geometry/quaternion.hpp"
 #include "engine/mesh_view.hpp"
+#include "engine/point_shell.hpp"
 namespace trocar {
 namespace {
 
@@ -30,33 +32,61 @@ bool boxes_meet(const Box& a, const Box& b) {
     return (a.min.array() <= b.max.array()).all() && (b.min.array() <= a.max.array()).all();
 }
 
-// Marks for each vertex which sides of the box (frame of the body) it cannot come back from within `seconds`. Bits, so
-// that a triangle misses the box when one side is beyond for all its corners.
-void mark_vertices(const Surfaces& s, uint32_t body, const Box& box, double seconds, std::vector<uint8_t>& beyond) {
+// Where a vertex is in the frame of its body, m, and how far it may get from there along each axis.
+struct VertexRoom {
+    Vec3d place, slack;
+};
+
+// Calls with(room) where room(v) is that of vertex v in `seconds`.
+template <typename With>
+void with_rooms(const Surfaces& s, uint32_t body, double seconds, const With& with) {
     const MeshInfo& info = s.meshes.info[s.bodies.mesh[body]];
-    beyond.resize(info.vertices.count);
     if (!is_deformable(s.bodies, body)) {
         const double speed = s.poses.velocity[body].norm() + s.poses.angular_velocity[body].norm() * info.radius;
         const Vec3d slack = Vec3d::Constant(speed * seconds);
-        for (uint32_t v = 0; v < info.vertices.count; ++v)
-            beyond[v] = sides_beyond(box, s.meshes.position[info.vertices.first + v], slack);
+        with([&](uint32_t v) { return VertexRoom{s.meshes.position[info.vertices.first + v], slack}; });
         return;
     }
     const uint32_t first = s.bodies.particles[body].first;
-    for (uint32_t v = 0; v < info.vertices.count; ++v) {
+    with([&](uint32_t v) {
         const Float4& o = s.particles.offset[first + v];
-        const Vec3d velocity(s.particles.velocity_x[first + v], s.particles.velocity_y[first + v],
-                             s.particles.velocity_z[first + v]);
-        beyond[v] = sides_beyond(box, {o.x, o.y, o.z}, seconds * velocity.cwiseAbs());
-    }
+        const Vec3d velocity(s.particles.velocity_x[first + v], s.particles.velocity_y[first + v], s.particles.velocity_z[first + v]);
+        return VertexRoom{{o.x, o.y, o.z}, seconds * velocity.cwiseAbs()};
+    });
 }
 
-// Marks the triangles that are not beyond one side with all their corners.
-void mark_triangles(const MeshView& mesh, const std::vector<uint8_t>& beyond, std::vector<uint8_t>& wanted) {
-    for (uint32_t t = 0; t < mesh.triangle.size(); ++t) {
-        const Triangle& corner = mesh.triangle[t];
-        wanted[t] |= !(beyond[corner[0]] & beyond[corner[1]] & beyond[corner[2]]);
-    }
+bool has_zero_byte(uint64_t x) { return ((x - 0x0101010101010101u) & ~x & 0x8080808080808080u) != 0; }
+
+// Marks the triangles that may come to one of up to eight boxes (frame of the body) within `seconds`: those that are not beyond
+// one side of it with all their corners. A box around all says first which triangles need to be asked for each.
+void mark_triangles(const Surfaces& s, uint32_t body, std::span<const Box> boxes, double seconds, LocalContactScratch& scratch) {
+    constexpr uint64_t kNotAsked = 0, kEveryBox = 0x4040404040404040u;  // a bit that is no side
+    const MeshView mesh = mesh_view(s.meshes, s.bodies.mesh[body]);
+    Box all;
+    for (const Box& box : boxes) all.min = all.min.cwiseMin(box.min), all.max = all.max.cwiseMax(box.max);
+    scratch.beyond.resize(mesh.position.size());
+    scratch.beyond_each.assign(mesh.position.size(), kNotAsked);
+    scratch.wanted.assign(mesh.triangle.size(), 0);
+    with_rooms(s, body, seconds, [&](const auto& room_of) {
+        for (uint32_t v = 0; v < mesh.position.size(); ++v) {
+            const VertexRoom room = room_of(v);
+            scratch.beyond[v] = sides_beyond(all, room.place, room.slack);
+        }
+        const auto beyond_each = [&](uint32_t v) {
+            uint64_t& sides = scratch.beyond_each[v];
+            if (sides != kNotAsked) return sides;
+            const VertexRoom room = room_of(v);
+            sides = kEveryBox;
+            for (size_t k = 0; k < 8; ++k)
+                sides |= uint64_t{sides_beyond(boxes[std::min(k, boxes.size() - 1)], room.place, room.slack)} << (8 * k);
+            return sides;
+        };
+        for (uint32_t t = 0; t < mesh.triangle.size(); ++t) {
+            const Triangle& c = mesh.triangle[t];
+            if (scratch.beyond[c[0]] & scratch.beyond[c[1]] & scratch.beyond[c[2]]) continue;
+            scratch.wanted[t] = boxes.size() == 1 || has_zero_byte((beyond_each(c[0]) & beyond_each(c[1]) & beyond_each(c[2])) & ~kEveryBox);
+        }
+    });
 }
 
 uint32_t add_vertex(const Surfaces& s, uint32_t body, uint32_t vertex, LocalContactScratch& scratch,
@@ -113,10 +143,13 @@ void clear_model(LocalContactModel& model) {
     model.shell.node.clear();
     model.shell.clear.clear();
     model.shell.nearest.clear();
+    model.shell.speed.clear();
 }
 
 // Where a shell is, and where its device would have it: its points in runs, a box for each that holds both.
 constexpr uint32_t kShellRuns = 8;
+constexpr double kAround = 8e-3;      // m, around a point of a shell: what is farther hardly comes to it before the next pass
+constexpr double kSoon = 0.05;        // s, more than a model is felt for
 constexpr double kFarEnough = 4e-3;  // m, from a surface: a point that the ticks of the next pass will hardly ask for
 struct ShellPlaces {
     Vec3d tip, device;
@@ -127,12 +160,12 @@ ShellPlaces shell_places(const ToolState& state) {
     if (!state.proxy_valid) return {device.position, device.position, device.orientation, device.orientation};
     return {state.proxy, device.position, state.proxy_turn, device.orientation};
 }
-Box shell_box(const Surfaces& s, uint32_t body, const HandTool& tool, const ShellPlaces& at, uint32_t run, double reach) {
-    const size_t count = tool.shell.size(), begin = count * run / kShellRuns, end = count * (run + 1) / kShellRuns;
+Box shell_box(const Surfaces& s, uint32_t body, std::span<const ShellPoint> points, const ShellPlaces& at, uint32_t run, double reach) {
+    const size_t count = points.size(), begin = count * run / kShellRuns, end = count * (run + 1) / kShellRuns;
     Box box;
     for (size_t k = begin; k < end; ++k) {
-        const Vec3d p = world_to_frame(s, body, at.tip + rotate(at.turn, tool.shell[k].arm));
-        const Vec3d q = world_to_frame(s, body, at.device + rotate(at.device_turn, tool.shell[k].arm));
+        const Vec3d p = world_to_frame(s, body, at.tip + rotate(at.turn, points[k].arm));
+        const Vec3d q = world_to_frame(s, body, at.device + rotate(at.device_turn, points[k].arm));
         box.min = box.min.cwiseMin(p.cwiseMin(q));
         box.max = box.max.cwiseMax(p.cwiseMax(q));
     }
@@ -142,19 +175,16 @@ Box shell_box(const Surfaces& s, uint32_t body, const HandTool& tool, const Shel
 // Marks in scratch.wanted what of a body a tool may touch.
 void mark_within_reach(const HapticParams& params, const Surfaces& s, uint32_t body, const HandTool& tool, const ToolState& state,
                        double reach, LocalContactScratch& scratch, const LocalContactModel& out) {
-    const MeshView mesh = mesh_view(s.meshes, s.bodies.mesh[body]);
-    scratch.wanted.assign(mesh.triangle.size(), 0);
     if (tool.shell.empty()) {
         const Box box = segment_box(world_to_frame(s, body, out.from), world_to_frame(s, body, out.to), reach);
-        mark_vertices(s, body, box, params.greatest_age, scratch.beyond);
-        mark_triangles(mesh, scratch.beyond, scratch.wanted);
+        mark_triangles(s, body, {&box, 1}, params.greatest_age, scratch);
         return;
     }
     const ShellPlaces at = shell_places(state);
-    for (uint32_t run = 0; run < kShellRuns; ++run) {
-        mark_vertices(s, body, shell_box(s, body, tool, at, run, reach), params.greatest_age, scratch.beyond);
-        mark_triangles(mesh, scratch.beyond, scratch.wanted);
-    }
+    const auto points = points_at_grip(tool, state.device.grip, scratch.open);
+    std::array<Box, kShellRuns> boxes;
+    for (uint32_t run = 0; run < kShellRuns; ++run) boxes[run] = shell_box(s, body, points, at, run, reach);
+    mark_triangles(s, body, boxes, params.greatest_age, scratch);
 }
 
 TriangleDisc disc_around(const LocalContactModel& model, const Triangle& t) {
@@ -228,10 +258,11 @@ double shell_gap(const HandTool& tool, const ToolState& state, uint32_t body, co
     while (root < model.shell.node.size() && model.shell.node[root].body != body) root = next_tree(model, root);
     if (root >= model.shell.node.size()) return 0;
     begin_moment(model, {}, scratch.placed);
+    const auto points = points_at_grip(tool, state.device.grip, scratch.open);
     double sum = 0, force = 0;
     for (const ShellContact& c : state.contact) {
         if (c.body != body) continue;
-        const NearestTriangle nearest = find_nearest(model, root, tip + rotate(turn, tool.shell[c.point].arm), kNone, model.reach, scratch.placed);
+        const NearestTriangle nearest = find_nearest(model, root, tip + rotate(turn, points[c.point].arm), kNone, model.reach, scratch.placed);
         if (nearest.triangle == kNone) return 0;
         const double press = c.depth * tool.surface_stiffness;
         sum += press * (side_of(model, nearest, c.side, scratch.placed).distance + c.depth);
@@ -254,6 +285,12 @@ void take_along(uint32_t body, const Vec3d& point, const Vec3d& velocity, double
         out.velocity[v] += std::clamp((far - away) / (far - near), 0.0, 1.0) * (velocity - out.velocity[v]);
     }
     bound_groups(out, body);
+}
+
+// Node of the first triangles of a tree: inner nodes have none.
+uint32_t first_leaf(const LocalContactModel& model, uint32_t root) {
+    while (model.shell.node[root].triangles.count == 0) ++root;
+    return root;
 }
 
 }  // namespace
@@ -290,24 +327,31 @@ void publish_outlook(const HandTool& tool, const ToolState& state, LocalContactS
     ShellOutlook& shell = out.shell;
     shell.tip = at.tip;
     shell.turn = at.turn;
+    shell.grip = state.device.grip;
+    const auto points = points_at_grip(tool, shell.grip, scratch.open);
     shell.clear.clear();
     shell.nearest.clear();
+    shell.speed.clear();
+    shell.around = kAround + kSoon * (state.device.velocity.norm() + state.device_spin.norm() * tool.shell_radius);
     begin_moment(out, {}, scratch.placed);
     for (uint32_t root = 0; root < shell.node.size(); root = next_tree(out, root)) {
         uint32_t hint = kNone;  // of the last point that was asked for
         double clear = 0;       // m, of that one
         Vec3d asked = Vec3d::Zero();
-        for (const ShellPoint& point : tool.shell) {
+        const double half = out.half_thickness[shell.node[first_leaf(out, root)].triangles.first];
+        const double reach = std::min(out.reach, 2 * kFarEnough + half);
+        for (const ShellPoint& point : points) {
             // distances change no faster than places: far points need no answer of their own
             const Vec3d place = at.tip + rotate(at.turn, point.arm);
             const double known = clear - (place - asked).norm();
+            shell.speed.push_back(known > kFarEnough ? out.fastest : fastest_around(out, root, place, shell.around));
             if (known > kFarEnough) {
                 shell.nearest.push_back(hint);
                 shell.clear.push_back(known);
                 continue;
             }
-            const NearestTriangle nearest = find_nearest(out, root, place, hint, out.reach, scratch.placed);
-            clear = out.reach - out.half_thickness[shell.node[root].triangles.first];
+            const NearestTriangle nearest = find_nearest(out, root, place, hint, reach, scratch.placed);
+            clear = reach - half;
             if (nearest.triangle != kNone) hint = nearest.triangle, clear = side_of(out, nearest, 0, scratch.placed).distance;
             asked = place;
             shell.nearest.push_back(hint);

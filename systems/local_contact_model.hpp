@@ -8,13 +8,15 @@
 namespace trocar {
 
 struct LocalContactScratch {
-    std::vector<uint8_t> beyond;          // per vertex of the body at hand: sides of the box that it lies beyond
+    std::vector<uint8_t> beyond;          // per vertex of the body at hand: sides of the box around all that it lies beyond
+    std::vector<uint64_t> beyond_each;    // likewise, a byte a box, of those that were asked for
     std::vector<uint8_t> wanted;          // per triangle of the body at hand: not beyond
     std::vector<uint32_t> vertex_row;     // local vertex of the body at hand -> row of the model; kNone between bodies
     std::vector<uint32_t> triangle_row;   // the same for triangles
     std::vector<uint32_t> triangle_used;  // local triangles of the body at hand that are in the model
     SurfaceTreeScratch tree;              // for tools with a shell
     PlacedSurface placed;
+    std::vector<ShellPoint> open;         // points of a tool with jaws
 };
 
 // Copies every triangle that a tool may touch before the next passes: those of all bodies but its own that may come

@@ -61,8 +61,30 @@ void mark_near(const CandidateTriangles& candidates, const Side& side, OverlapCh
     }
 }
 
+// Marks the vertices that a plane across the line between the middles of both bodies parts from all of the other one.
+// Where that one has many vertices none is marked: looking at all of them would cost more than it saves.
+void mark_beyond(const OverlapInput& in, const Side& side, const BodyPoints& points, const Vec3d& origin, OverlapChunk& c) {
+    constexpr uint32_t kManyVertices = 1024;
+    const uint32_t count = uint32_t(side.mesh.position.size());
+    c.beyond.assign(count, 0);
+    const uint32_t others = in.surfaces.meshes.info[in.surfaces.bodies.mesh[side.other]].vertices.count;
+    if (others > kManyVertices) return;
+    const auto middle = [&](uint32_t body) { return Vec3d(0.5 * (in.boxes.box[body].min + in.boxes.box[body].max)); };
+    const Vec3d apart = middle(side.other) - middle(side.body);
+    const __m256d way = _mm256_setr_pd(apart.x(), apart.y(), apart.z(), 0);
+    const auto along = [&](const BodyPoints& p, uint32_t v) {
+        const Vec4d product = (Vec4d)_mm256_mul_pd(p(v), way);
+        return (product[0] + product[1]) + product[2];
+    };
+    const BodyPoints other_points(in.surfaces, side.other, origin);
+    double nearest = std::numeric_limits<double>::infinity();
+    for (uint32_t v = 0; v < others; ++v) nearest = std::min(nearest, along(other_points, v));
+    nearest -= 1e-12 * (apart.squaredNorm() + std::abs(nearest));
+    for (uint32_t v = 0; v < count; ++v) c.beyond[v] = along(points, v) < nearest;
+}
+
 // Joins the corners of screened triangles that are not near: nothing crosses them, so they lie on one side. A vertex
-// beyond the box of the other body settles its piece as outside.
+// beyond the box of the other body, or beyond a plane, settles its piece as outside.
 void flood_pieces(const OverlapInput& in, const Side& side, OverlapChunk& c) {
     const uint32_t count = uint32_t(side.mesh.position.size());
     c.region_vertex.assign((count + 63) / 64, 0);
@@ -71,17 +93,19 @@ void flood_pieces(const OverlapInput& in, const Side& side, OverlapChunk& c) {
         c.piece.resize(count);
     }
     for (uint32_t v = 0; v < count; ++v) c.parent[v] = v;
+    const Vec3d origin = in.surfaces.poses.origin[side.body];
+    const BodyPoints points(in.surfaces, side.body, origin);
+    mark_beyond(in, side, points, origin, c);
     const Range rows = in.screened.body[side.body];
     for (uint32_t row = rows.first; row < rows.end(); ++row) {
         const uint32_t triangle = in.screened.triangle[row];
-        if (has_bit(c.near_triangle, triangle)) continue;
         const Triangle& corner = side.mesh.triangle[triangle];
+        if (c.beyond[corner[0]] & c.beyond[corner[1]] & c.beyond[corner[2]]) continue;
+        if (has_bit(c.near_triangle, triangle)) continue;
         for (const uint32_t v : corner) set_bit(c.region_vertex, v);
         join(c.parent, corner[0], corner[1]);
         join(c.parent, corner[1], corner[2]);
     }
-    const Vec3d origin = in.surfaces.poses.origin[side.body];
-    const BodyPoints points(in.surfaces, side.body, origin);
     const Box box = in.boxes.box[side.other];
     const Vec3d a = box.min - origin, b = box.max - origin;
     const __m256d low = _mm256_setr_pd(a.x(), a.y(), a.z(), -1), high = _mm256_setr_pd(b.x(), b.y(), b.z(), 1);
@@ -89,7 +113,7 @@ void flood_pieces(const OverlapInput& in, const Side& side, OverlapChunk& c) {
     for_each_bit(c.region_vertex, [&](uint32_t v) {
         const __m256d p = points(v);
         const __m256d beyond = _mm256_or_pd(_mm256_cmp_pd(p, low, _CMP_LT_OQ), _mm256_cmp_pd(p, high, _CMP_GT_OQ));
-        if (_mm256_movemask_pd(beyond) != 0) c.piece[find_root(c.parent, v)] = kOutside;
+        if (c.beyond[v] || _mm256_movemask_pd(beyond) != 0) c.piece[find_root(c.parent, v)] = kOutside;
     });
 }
 
@@ -167,6 +191,9 @@ bool check_triangle(const Side& side, const Triangle& corner, OverlapChunk& c) {
 }
 
 void check_signs(const OverlapInput& in, const Side& side, OverlapChunk& c) {
+    const auto is_inside = [](const SurfacePoint& answer) { return answer.distance < 0; };
+    const auto inside = std::count_if(c.query_answer.begin(), c.query_answer.end(), is_inside);
+    if (inside == 0 || size_t(inside) == c.query_answer.size()) return;  // no sign changes along any edge
     c.settled.resize((c.query_vertex.size() + 63) / 64, 0);
     const Range rows = in.screened.body[side.body];
     const uint32_t* first = in.screened.triangle.data() + rows.first;

@@ -8,20 +8,12 @@
 
 #include "content/save_mesh.hpp"
 #include "engine/error.hpp"
+#include "engine/surface_mesh.hpp"
 #include "engine/whole_file.hpp"
 #include "systems/app/picture_writer.hpp"
 namespace trocar {
 namespace fs = std::filesystem;
 namespace {
-
-// The surface of a body in the world, and what is known at its vertices.
-Mesh body_surface(const World& world, uint32_t body) {
-    const MeshView view = mesh_view(world.meshes, world.bodies.mesh[body]);
-    Mesh mesh;
-    mesh.triangle.assign(view.triangle.begin(), view.triangle.end());
-    for (uint32_t v = 0; v < view.position.size(); ++v) mesh.position.push_back(vertex_position(surfaces_of(world), body, v));
-    return mesh;
-}
 
 PointField velocity_field(const World& world, uint32_t body, uint32_t vertices) {
     PointField field{"velocity", 3, {}};
@@ -81,7 +73,7 @@ void write_bodies(const World& world, uint64_t pass, const fs::path& folder) {
     char number[24];
     std::snprintf(number, sizeof number, "_%06llu.vtp", static_cast<unsigned long long>(pass));
     for (uint32_t body = 0; body < world.bodies.mesh.size(); ++body) {
-        const Mesh mesh = body_surface(world, body);
+        const Mesh mesh = surface_mesh(surfaces_of(world), body);
         const uint32_t vertices = static_cast<uint32_t>(mesh.position.size());
         std::vector<PointField> fields = contact_fields(world, body, vertices);
         fields.push_back(velocity_field(world, body, vertices));

@@ -100,6 +100,7 @@ void take_tool_state(const ToolState& newest, ToolState& state) {
     const Vec3d coupling_force = state.coupling_force, contact_impulse = state.contact_impulse;
     const Vec3d coupling_torque = state.coupling_torque, contact_moment = state.contact_moment;
     const Vec3d link_force = state.link_force, link_force_before = state.link_force_before;
+    const double grip_moment = state.grip_moment, grip_torque = state.grip_torque;
     const ToolPass last_pass = state.last_pass;
     const ToolPierce pierce = state.pierce;
     state = newest;
@@ -111,6 +112,8 @@ void take_tool_state(const ToolState& newest, ToolState& state) {
     state.contact_impulse = contact_impulse;
     state.coupling_torque = coupling_torque;
     state.contact_moment = contact_moment;
+    state.grip_moment = grip_moment;
+    state.grip_torque = grip_torque;
 }
 
 bool LiveHaptics::take_states(Haptics& haptics) {

@@ -109,11 +109,13 @@ void describe(CLI::App& app, Arguments& a) {
                     "usr1; several joined by commas; read them with `trocar capture` and `trocar replay`");
     run->add_flag("--figures-only", a.run.figures_only, "Into the folder metrics.json and passes.csv alone");
     run->add_flag("--no-render", a.no_render, "No pictures");
-    run->add_option("--set", a.sets, "Change a key of the scene, or a parameter that `trocar scenes` lists: KEY=VALUE, repeatable");
+    run->add_option("--set", a.sets, "Change a key of the scene (liver.tissue.wall=3e-3, contact.tolerance=1e-4; body.KEY: of every deformable body), or a parameter that `trocar scenes` lists: KEY=VALUE, repeatable");
     run->add_option("--threads", a.threads, "Worker threads (default: all cores); results never depend on it");
     run->add_option("--export-every", a.run.export_every, "Write every body as OBJ at every n-th picture");
     run->add_option("--slow-render", a.run.slow_render_ms,
                     "Live: draw each picture again and again for this many ms (a stress test)");
+    run->add_flag("--lod-error", a.run.lod_error,
+                  "Run the scene with its levels of detail ([body.lod]) and without, in lockstep: error of places and forces, time saved");
     run->add_flag("--json", a.run.json, "Print metrics.json to standard output");
     run->footer("Example: trocar run probe_on_liver --seconds 2 --set liver.tissue.youngs_modulus=2e4 --out out/probe\n"
                 "Ten thousand bodies: trocar run stress_rain --set count=10000 --set seed=7 --no-render\n"

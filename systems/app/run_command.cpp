@@ -6,6 +6,7 @@
 #include <cstdio>
 #include <cstring>
 #include <fstream>
+#include <initializer_list>
 #include <map>
 #include <optional>
 #include <thread>
@@ -14,11 +15,13 @@
 #include "content/save_mesh.hpp"
 #include "engine/error.hpp"
 #include "engine/offscreen.hpp"
+#include "engine/surface_mesh.hpp"
 #include "engine/thread_pool.hpp"
 #include "engine/trace.hpp"
 #include "engine/whole_file.hpp"
 #include "systems/app/capture.hpp"
 #include "systems/app/commands.hpp"
+#include "systems/app/detail_error.hpp"
 #include "systems/app/direction_trial.hpp"
 #include "systems/app/figures.hpp"
 #include "systems/app/live_replay.hpp"
@@ -36,23 +39,12 @@ namespace {
 constexpr size_t kTraceCapacity = 1u << 19;
 constexpr size_t kMostMeshes = 500;  // bodies that a run writes as files without being asked
 
-// World positions of a body as a mesh that the mesh commands can read back.
-Mesh body_surface(const World& world, uint32_t body) {
-    const MeshView view = mesh_view(world.meshes, world.bodies.mesh[body]);
-    Mesh mesh;
-    mesh.name = world.bodies.name[body];
-    mesh.triangle.assign(view.triangle.begin(), view.triangle.end());
-    for (uint32_t v = 0; v < view.position.size(); ++v)
-        mesh.position.push_back(vertex_position(surfaces_of(world), body, v));
-    return mesh;
-}
-
 void export_bodies(const World& world, const fs::path& folder, uint64_t picture) {
     prepare_folder(folder);
     char number[32];
     std::snprintf(number, sizeof number, "%06llu_", static_cast<unsigned long long>(picture));
     for (uint32_t b = 0; b < world.bodies.mesh.size(); ++b)
-        save_mesh(body_surface(world, b), folder / (number + world.bodies.name[b] + ".obj"));
+        save_mesh(surface_mesh(surfaces_of(world), b), folder / (number + world.bodies.name[b] + ".obj"));
 }
 
 void start_figures(const BuiltScene& scene, const SceneFile& file, const Frame& frame, const RunOptions& options,
@@ -220,6 +212,34 @@ std::string scale_text(const RunFigures& f) {
     return all + "\n";
 }
 
+// One line: quantiles of samples, and what share of them lies below each edge and beyond the last.
+std::string samples_text(const char* what, const char* unit, const std::vector<double>& samples, std::initializer_list<double> edges) {
+    char text[160];
+    std::snprintf(text, sizeof text, "  %-20s median %.4g, p99 %.4g, p99.9 %.4g, worst %.4g %s;", what, quantile(samples, 0.5), quantile(samples, 0.99),
+                  quantile(samples, 0.999), quantile(samples, 1), unit);
+    std::string line = text;
+    double from = -1e300;
+    const auto share = [&](double to) {
+        const auto inside = std::count_if(samples.begin(), samples.end(), [&](double x) { return x >= from && x < to; });
+        from = to;
+        return 100 * static_cast<double>(inside) / std::max(1.0, static_cast<double>(samples.size()));
+    };
+    for (const double edge : edges) {
+        std::snprintf(text, sizeof text, " below %g: %.3g %%,", edge, share(edge));
+        line += text;
+    }
+    std::snprintf(text, sizeof text, " beyond: %.3g %%\n", share(1e300));
+    return line + text;
+}
+
+// How the haptic thread of a live run kept time.
+std::string live_text(const RunFigures& f) {
+    if (!f.live || f.tick_us.empty()) return "";
+    return "  haptic thread: " + f.scheduling + "; " + std::to_string(f.missed_ticks) + " deadlines missed\n" +
+           samples_text("period of the tick", "us", f.tick_period_us, {950, 1050, 1500, 2000}) + samples_text("compute time", "us", f.tick_us, {10, 50, 200, 600}) +
+           samples_text("age of the surface", "ms", f.contact_age_ms, {10, 20, 50, 100});
+}
+
 void print_summary(const RunFigures& f, const fs::path& out, bool figures_only) {
     std::vector<double> total;
     double depth = 0;
@@ -235,7 +255,7 @@ void print_summary(const RunFigures& f, const fs::path& out, bool figures_only) 
                   f.scene.c_str(), f.simulated_s, f.wall_s, f.threads, f.threads == 1 ? "" : "s",
                   f.instruction_set.c_str(), total.size(), mean(total), quantile(total, 0.99), depth * 1e3,
                   static_cast<unsigned long long>(f.ticks), f.max_force, static_cast<unsigned long long>(f.state_hash));
-    write_standard_output(text + scale_text(f));
+    write_standard_output(text + live_text(f) + scale_text(f));
     for (const ToolFigures& t : f.tool) {
         if (t.device.empty()) continue;
         std::string counts;
@@ -287,6 +307,15 @@ std::string machine_text() {
 
 int run_command(const RunOptions& options) {
     const SceneFile file = read_scene_file(find_scene(options.scene), options.overrides);
+    if (options.lod_error) {
+        if (options.live || !options.replay.empty() || !options.capture.empty() || !options.out.empty())
+            throw InputError("--lod-error runs in lockstep and writes no files: without --live, --replay, --capture and --out");
+        std::string text;
+        ThreadPool pool(options.threads);
+        pool.run([&] { text = detail_error(file, options.seconds > 0 ? options.seconds : file.settings.seconds, options.json); });
+        write_standard_output(text);
+        return kDone;
+    }
     const bool replay = !options.replay.empty();
     const LiveRecording recording = replay ? read_live_recording(options.replay) : LiveRecording{};
     if (!options.capture.empty() && options.out.empty()) throw InputError("--capture: say where with --out FOLDER");

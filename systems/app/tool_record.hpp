@@ -19,6 +19,8 @@ struct ToolSample {
     Vec3d torque = Vec3d::Zero();     // N m, on the hand, about the tip
     Vec3d tissue = Vec3d::Zero();     // N, of the tissue on the simulated tool, mean over the pass
     uint32_t contacts = 0;            // surface constraints on the proxy
+    double grip = 0;                  // rad, of the device
+    double grip_torque = 0;           // N m, on the fingers, mean over the pass
 };
 
 // Adds a sample of every tool after a pass.

@@ -132,11 +132,13 @@ bool starts_with_any(std::string_view text, std::initializer_list<std::string_vi
     return std::any_of(heads.begin(), heads.end(), [text](std::string_view head) { return text.starts_with(head); });
 }
 
-// Whether a frame only passes a wish on: the C and C++ libraries, and what g++ made of their templates anywhere. A
-// library may call the copy of std::string's functions that lies in this program.
+// Whether a frame only passes a wish on: the C and C++ libraries, the loader (which makes room for a library's thread_local
+// variables when a thread first asks for one), and what g++ made of templates anywhere. A library may call the copy of
+// std::string's functions that lies in this program.
 bool passes_on(const Dl_info& info) {
     const std::string_view file = info.dli_fname ? info.dli_fname : "", symbol = info.dli_sname ? info.dli_sname : "";
     return file.find("libstdc++") != std::string_view::npos || file.find("libc.so") != std::string_view::npos ||
+           file.find("ld-linux") != std::string_view::npos ||
            starts_with_any(symbol, {"_ZNSt", "_ZNKSt", "_ZSt", "_Znwm", "_Znam"});
 }
 

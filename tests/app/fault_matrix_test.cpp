@@ -161,7 +161,7 @@ TEST(FaultMatrix, EveryWrongValueOfEveryKeyIsNamed) {
     const fs::path scenes = source_folder() / "content/scenes";
     for (const char* key : {"seconds", "gravity", "substep", "sleep_speed", "sleep_after", "contact.tolerance", "contact.cell_edges", "contact.iterations", "contact.share", "contact.deep",
                             "contact.faces", "camera.kind", "camera.fov", "camera.target", "liver.triangles", "liver.size", "liver.motion", "liver.anchor", "liver.integrator", "liver.position",
-                            "liver.rotation", "liver.color", "liver.tissue.youngs_modulus", "liver.tissue.poisson", "liver.fixed_below"})
+                            "liver.rotation", "liver.color", "liver.tissue.youngs_modulus", "liver.tissue.poisson", "liver.fixed_below", "liver.lod.beyond"})
         attempt(scenes / "kidney_on_liver.toml", key);
     for (const char* key : {"drop.scatter.count", "drop.scatter.columns", "drop.scatter.spacing", "drop.scatter.jitter", "drop.scatter.turned", "drop.scatter.rate", "drop.scatter.life"})
         attempt(scenes / "stress_rain.toml", key);

@@ -78,14 +78,14 @@ TEST(ToolsCsv, HoldsEveryNumber) {
     ToolSample s;
     s.time = 0.016;
     s.device = {1, 2, 3}, s.proxy = {4, 5, 6}, s.force = {7, 8, 9}, s.torque = {10, 11, 12}, s.tissue = {13, 14, 15.5};
-    s.contacts = 2;
+    s.contacts = 2, s.grip = 0.25, s.grip_torque = 17;
     const std::vector<ToolSample> samples{s};
     const std::vector<std::string> names{"probe"};
     std::istringstream lines(tools_csv(samples, names));
     std::string header, row;
     std::getline(lines, header);
     std::getline(lines, row);
-    EXPECT_EQ(row, "0.016,probe,1,2,3,4,5,6,7,8,9,10,11,12,13,14,15.5,2");
+    EXPECT_EQ(row, "0.016,probe,1,2,3,4,5,6,7,8,9,10,11,12,13,14,15.5,2,0.25,17");
     EXPECT_EQ(std::count(header.begin(), header.end(), ','), std::count(row.begin(), row.end(), ','));
 }
 

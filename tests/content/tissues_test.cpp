@@ -31,6 +31,25 @@ TEST(Tissues, APresetIsChosenByNameAndOverriddenKeyByKey) {
     EXPECT_NE(liver.youngs_modulus, kidney.youngs_modulus);
 }
 
+TEST(SceneOverrides, BodyStandsForEveryDeformableOne) {
+    const std::string others = "[[body]]\nname = \"second\"\nshape = \"sphere\"\nmotion = \"deformable\"\n[[body]]\nname = \"floor\"\nshape = \"table\"\n";
+    const SceneFile scene = scene_with(others, {{"body.integrator", "xpbd"}, {"body.model", "solid"}, {"body.tissue.youngs_modulus", "9e3"}, {"second.integrator", "midpoint"}});
+    EXPECT_EQ(scene.bodies[0].integrator, "xpbd");
+    EXPECT_EQ(scene.bodies[1].integrator, "midpoint") << "what comes later wins";
+    for (size_t i : {0u, 1u}) {
+        EXPECT_TRUE(scene.bodies[i].solid);
+        EXPECT_EQ(scene.bodies[i].tissue.youngs_modulus, 9e3);
+    }
+    EXPECT_FALSE(scene.bodies[2].solid);
+    EXPECT_EQ(scene.bodies[2].integrator, scene_with("").bodies[0].integrator);
+    try {
+        scene_with("", {{"organ.motion", "static"}, {"body.integrator", "xpbd"}});
+        ADD_FAILURE();
+    } catch (const InputError& error) {
+        EXPECT_NE(std::string(error.what()).find("the scene has no deformable body"), std::string::npos) << error.what();
+    }
+}
+
 TEST(Tissues, AnUnknownNameListsTheKnownOnes) {
     for (const char* lines : {"tissue = \"livre\"\n", "[body.tissue]\npreset = \"livre\"\n"}) {
         try {

@@ -4,8 +4,10 @@
 #include <chrono>
 #include <thread>
 
+#include "content/self_crossing.hpp"
 #include "engine/closest_point.hpp"
 #include "engine/parallel.hpp"
+#include "engine/surface_mesh.hpp"
 #include "engine/thread_pool.hpp"
 #include "systems/frame.hpp"
 #include "tests/frame/scenes_under_test.hpp"
@@ -41,6 +43,13 @@ uint32_t count_threads(uint32_t expected) {
     return count;
 }
 
+// Whether the surface of some body crosses itself: there pseudonormals need not tell what the winding number does.
+bool has_self_crossing(const World& w) {
+    for (uint32_t body = 0; body < w.bodies.mesh.size(); ++body)
+        if (count_self_crossings(surface_mesh(surfaces_of(w), body)).crossing > 0) return true;
+    return false;
+}
+
 uint64_t run_scene(const std::string& name, const Run& run) {
     force_avx2(run.avx2);
     uint64_t hash = 0;
@@ -57,7 +66,7 @@ uint64_t run_scene(const std::string& name, const Run& run) {
         Frame frame(std::move(world), options);
         for (uint32_t pass = 0; pass < run.passes; ++pass) frame.step();
         hash = state_hash(frame.world());
-        EXPECT_EQ(frame.world().report.disagreements, 0u);
+        EXPECT_TRUE(frame.world().report.disagreements == 0 || has_self_crossing(frame.world())) << frame.world().report.disagreements;
         const bool touched = frame.world().report.contact_events > 0 || frame.world().haptics.max_force > 0;
         EXPECT_TRUE(touched) << name << " never touched: nothing was tested";
     });

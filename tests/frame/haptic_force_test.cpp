@@ -11,6 +11,7 @@
 #include "systems/haptic_tool.hpp"
 #include "tests/reference/haptic_rig.hpp"
 #include "tests/reference/local_patches.hpp"
+#include "tests/reference/poked_tissue.hpp"
 
 // What the hand feels beside what the tissue does to the simulated tool, in whole frames.
 namespace trocar {
@@ -134,6 +135,23 @@ TEST(HapticForce, AJabGivesNoEnergy) {
     EXPECT_GT(largest, 3);
     EXPECT_GT(given, 0.05);
     EXPECT_GT(least, -1e-3);
+}
+
+// An arm pokes a liver here and there, 1 to 2 Hz, up to 20 mm deep: by the forces that the device is told, each held until the
+// next tick, no poke gives back more than it took. Breaks when the coupling's damping drives instead of damping.
+TEST(HapticForce, PokingTissueGivesNoEnergy) {
+    World world = small_scene("probe_on_liver", "5000").world;
+    reference::poke_at(world, 0, 20, 1);
+    const reference::PokeEnergy e = reference::poke_energy(std::move(world), 20);
+    std::printf("%u pokes, largest force %.2f N, hand gave %.1f mJ; least %.4f mJ, of one poke %.4f mJ; observer's least %.4f mJ\n", e.pokes,
+                e.largest, 1e3 * e.given, 1e3 * e.least, 1e3 * e.least_poke, 1e3 * e.observer);
+    EXPECT_EQ(e.unlike, 0) << "the frame ticks otherwise";
+    EXPECT_GT(e.pokes, 15);
+    EXPECT_GT(e.largest, 1);
+    EXPECT_GT(e.given, 0.01);
+    EXPECT_GT(e.least, -1e-4);
+    EXPECT_GT(e.least_poke, -1e-3);
+    EXPECT_GT(e.observer, -1e-3);
 }
 
 // A dial that is driven through its detents meets the tool again and again. What the hand feels then is within what the dial

@@ -649,12 +649,13 @@ TEST(ToolJaws, TurnByTheGripAboutTheInstrument) {
     };
     EXPECT_NE(with("body = \"left\"\npivot", "body = \"lost\"\npivot").find("no body is named \"lost\""), std::string::npos);
     EXPECT_NE(with("body = \"left\"\npivot", "body = \"handle\"\npivot").find("be nothing else"), std::string::npos);
-    EXPECT_NE(with("tip_radius = 0.002\n", "dof = 6\n").find("feel with their tip"), std::string::npos);
     EXPECT_NE(with("grip = 20.0", "grip = 200.0").find("grip"), std::string::npos);
 }
 
 // Jaws close on a soft ball that nothing holds, by contact and friction alone, and lift it: it comes along, and the books
-// agree. Breaks when jaws push nothing, when what they meet is lost on the tool's node, and when their own work is not booked.
+// agree, for a tool with a tip and for one whose jaws feel. While the second one closes in place its fingers do all of the
+// work, against the torque that they are told of. Breaks when jaws push nothing, when what they meet is lost on the tool, when
+// their own work is not booked or the torque is about another axis.
 TEST(ToolJaws, GraspAndLiftByFriction) {
     std::string scene = kJaws.substr(0, kJaws.find("[[tool.path]]")) + R"(
 [[tool.path]]
@@ -681,27 +682,75 @@ position = [0.0, 0.0, 0.014]
 youngs_modulus = 5e3
 friction = 0.8
 )";
-    const World made = world_of(scene);
-    uint32_t ball = 0;
-    while (made.bodies.name[ball] != "ball") ++ball;
-    const auto middle = [&](const World& w) {
-        Vec3d sum = Vec3d::Zero();
-        for (uint32_t v = 0; v < w.bodies.particles[ball].count; ++v) sum += vertex_position(surfaces_of(w), ball, v);
-        return Vec3d(sum / w.bodies.particles[ball].count);
-    };
-    const double from = middle(made).z();
-    double to = 0, least_gap = 1, work = 0, balance = 0, tool = 0;
-    run_for(world_of(scene), 1.3, [&](Frame& f) {
+    for (const bool feels : {false, true}) {
+        if (feels) scene.replace(scene.find("tip_radius = 0.002"), 18, "dof = 6\npoints = 400");
+        const World made = world_of(scene);
+        uint32_t ball = 0;
+        while (made.bodies.name[ball] != "ball") ++ball;
+        const auto middle = [&](const World& w) {
+            Vec3d sum = Vec3d::Zero();
+            for (uint32_t v = 0; v < w.bodies.particles[ball].count; ++v) sum += vertex_position(surfaces_of(w), ball, v);
+            return Vec3d(sum / w.bodies.particles[ball].count);
+        };
+        const double from = middle(made).z();
+        double to = 0, work = 0, balance = 0, closing = 0, fingers = 0, grip = made.haptics.state[0].device.grip, hardest = 0;
+        uint32_t felt = 0;
+        bool first = true;
+        run_for(world_of(scene), 1.3, [&](Frame& f) {
+            const World& w = f.world();
+            const ToolState& tool = w.haptics.state[0];
+            to = middle(w).z();
+            // a pass moves the jaws from one sample of the grip to the next
+            if (!first && seconds_of(f) < 0.55) fingers += tool.grip_torque * (grip - tool.device.grip), closing = w.energy.work_hand;
+            first = false;
+            grip = tool.device.grip;
+            hardest = std::max(hardest, tool.grip_torque);
+            for (const ShellContact& c : tool.contact) felt += c.point < w.haptics.tool[0].shell.size() && w.haptics.tool[0].shell[c.point].jaw != kNone;
+            work = std::max(work, std::abs(w.energy.work_hand));
+            balance = std::max(balance, std::abs(w.energy.balance));
+        });
+        std::printf("lifted %.1f mm of 20, hand's work %.4f mJ, books to %.6f mJ; closing %.4f mJ, by the fingers' torque %.4f mJ, at most %.3f mN m\n",
+                    1e3 * (from - to), 1e3 * work, 1e3 * balance, 1e3 * closing, 1e3 * fingers, 1e3 * hardest);
+        EXPECT_NEAR(to, from - 0.02, 0.003);
+        EXPECT_LT(balance, 0.02 * work);
+        if (!feels) continue;
+        EXPECT_GT(felt, 100u);
+        EXPECT_GT(hardest, 1e-4);
+        EXPECT_NEAR(fingers, closing, 0.05 * closing);
+    }
+}
+
+// A grip that closes holds what lies between the jaws by links, and its opening lets go; the hand feels the pull. Breaks when
+// links are made before, stay, or are made to the wrong jaw.
+TEST(ToolJaws, AttachAtClosing) {
+    size_t open = 0, held = 0, after = 0;
+    double pulled = 0, let_go = 0, twist = 0, work = 0, balance = 0, felt = 0, tissue = 0, most = 0, stuck = 0;
+    const std::vector<Override> coarse = {{"gallbladder.triangles", "1500"}};
+    BuiltScene scene = build_scene(read_scene_file(source_folder() / "content/scenes/grasp_by_hand.toml", coarse));
+    run_for(std::move(scene.world), 4.9, [&](Frame& f) {
         const World& w = f.world();
-        to = middle(w).z();
-        tool = w.poses.origin[0].z();
-        least_gap = std::min(least_gap, std::abs(to - tool));
+        const double t = seconds_of(f);
+        const auto force = [&] { return w.haptics.state[0].output.force.norm(); };
+        const auto tissue_force = [&] { return w.haptics.state[0].contact_impulse.norm() / (1e-3 * w.clock.period); };
+        if (t < 1.0) open = std::max(open, w.links.node.size());
+        if (t > 1.5 && t < 3.1) held = std::max(held, w.links.node.size());
+        if (t > 2.8 && t < 3.1) tissue = tissue_force(), felt = force();
+        if (t > 3.8 && t < 4.4) most = std::max(most, force());
+        if (t > 2.4 && t < 3.1) pulled = std::max(pulled, force()), twist = std::max(twist, w.haptics.state[0].output.torque.norm());
+        if (t > 4.5) after = std::max(after, w.links.node.size()), let_go = std::max(let_go, force()), stuck = std::max(stuck, tissue_force());
         work = std::max(work, std::abs(w.energy.work_hand));
         balance = std::max(balance, std::abs(w.energy.balance));
     });
-    std::printf("lifted %.1f mm of 20, hand's work %.4f mJ, books to %.6f mJ\n", 1e3 * (from - to), 1e3 * work, 1e3 * balance);
-    EXPECT_NEAR(to, from - 0.02, 0.003);
-    EXPECT_LT(balance, 0.02 * work);
+    std::printf("links %zu before, %zu held, %zu after; pull %.3f N (tissue %.3f) and %.2f mN m, %.3f N letting go, then %.3f N; books to %.3f %%\n", open, held, after, felt,
+                tissue, 1e3 * twist, most, let_go, 100 * balance / work);
+    EXPECT_EQ(open, 0u);
+    EXPECT_GT(held, 8u);
+    EXPECT_EQ(after, 0u);
+    EXPECT_NEAR(felt, tissue, 0.1 * tissue);
+    EXPECT_LT(most, 1.5 * pulled);
+    EXPECT_LT(let_go, 0.05 * pulled);
+    EXPECT_LT(stuck, 0.05 * pulled);
+    EXPECT_LT(balance, 0.01 * work);
 }
 
 }  // namespace

@@ -8,12 +8,14 @@
 namespace trocar {
 
 // A scene of content/scenes with organs of few triangles, so that tests are quick. every_contact_stage is
-// kidney_on_liver with all that [contact] can switch on; skin_press is tet_liver_press under a skin.
+// kidney_on_liver with all that [contact] can switch on; skin_press is tet_liver_press under a skin; near_and_far is
+// probe_on_liver with a liver that is stepped coarsely until the probe comes near.
 inline BuiltScene small_scene(const std::string& name, const std::string& triangles = "1000") {
     std::vector<Override> overrides;
     const bool every = name == "every_contact_stage";
     const bool skin = name == "skin_press";
-    const std::string file = every ? "kidney_on_liver" : skin ? "tet_liver_press" : name;
+    const bool detail = name == "near_and_far";
+    const std::string file = detail ? "probe_on_liver" : every ? "kidney_on_liver" : skin ? "tet_liver_press" : name;
     const std::string path = (source_folder() / "content/scenes" / (file + ".toml")).string();
     for (const BodySpec& body : read_scene_file(path, {}).bodies) {
         if (body.motion == Motion::kStatic) continue;
@@ -29,6 +31,7 @@ inline BuiltScene small_scene(const std::string& name, const std::string& triang
         }
         overrides.push_back({"gallbladder.break_strain", "0.05"});
     }
+    if (detail) overrides.push_back({"liver.lod.beyond", "0.02"});
     if (every) {
         for (const char* key : {"contact.contours", "contact.regions", "contact.faces"}) overrides.push_back({key, "true"});
         overrides.push_back({"contact.deep", "last_free"});
@@ -37,7 +40,7 @@ inline BuiltScene small_scene(const std::string& name, const std::string& triang
 }
 
 inline const std::vector<std::string>& scene_names() {
-    static const std::vector<std::string> names{"probe_on_liver", "kidney_on_liver", "wrl_pair", "every_contact_stage", "tet_liver_press", "jaw_grasp", "skin_press", "shaft_on_liver", "dial_and_button"};
+    static const std::vector<std::string> names{"probe_on_liver", "kidney_on_liver", "wrl_pair", "every_contact_stage", "tet_liver_press", "jaw_grasp", "skin_press", "shaft_on_liver", "dial_and_button", "near_and_far"};
     return names;
 }
 

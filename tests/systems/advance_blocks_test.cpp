@@ -1,11 +1,13 @@
 #include <gtest/gtest.h>
 
 #include <Eigen/LU>
+#include <algorithm>
 #include <cstring>
 #include <map>
 #include <set>
 
 #include "engine/thread_pool.hpp"
+#include "tests/reference/sample_meshes.hpp"
 #include "tests/systems/advance_scene.hpp"
 namespace trocar {
 namespace {
@@ -120,7 +122,7 @@ TEST(AdvanceBlocks, ManySweepsEqualAReferenceInDouble) {
             r.impulse = impulse;
         }
     }
-    s.params.contact.iterations = 3000;
+    s.params.contact.iterations = 400;
     s.params.contact.push_speed = 0;
     s.advance(1, 1);
     EXPECT_GT(s.rows_in_blocks(), 0.8 * double(s.rows.body.size()));
@@ -283,6 +285,67 @@ TEST(AdvanceGroups, ShareNoNodeAndGiveTheSameBitsOnAnyThreads) {
             for (uint32_t row = 0; row < s.rows.body.size(); ++row) EXPECT_EQ(seen.count(row), 1u);
             EXPECT_GT(s.result.active_rows, 1000u);
             EXPECT_LT((s.momentum() - before).norm(), 1e-6 * before.norm());
+            place[threads > 1] = s.particles.offset;
+        });
+    }
+    ASSERT_EQ(place[0].size(), place[1].size());
+    EXPECT_EQ(0, std::memcmp(place[0].data(), place[1].data(), place[0].size() * sizeof(Float4)));
+}
+
+// A sheet of balls that falls on a floor, which lies upside down and turned: its frame is not the world's.
+struct SheetOnFloor : Sheet {
+    explicit SheetOnFloor(Motion motion, double friction) {
+        const uint32_t balls = static_cast<uint32_t>(bodies.mesh.size());
+        const Quat turn = from_rotation_vector(std::numbers::pi * Vec3d(std::cos(0.4), std::sin(0.4), 0));
+        const uint32_t floor = add_body(add_mesh(reference::make_box({-2, -2, -0.01}, {2, 2, 0.01})), motion, Vec3d(0.9, 0.1, -0.038), {}, AnchorFrame::kWorld, turn);
+        for (uint32_t b = 0; b < balls; ++b) {
+            add_rows(b, floor, friction);
+            for (uint32_t v = 0; v < range(b).count; ++v) set_velocity(b, v, velocity(b, v) - Vec3d(0, 0, 0.6));
+        }
+        for (uint32_t row = 0; row < rows.body.size(); ++row) rows.friction[row] = static_cast<float>(friction);
+        params.contact.push_speed = 0;
+    }
+    size_t blocks_on_floor() const {
+        return static_cast<size_t>(std::count_if(scratch.block.begin(), scratch.block.end(), [](const ContactBlock& b) { return b.fixed != kNone; }));
+    }
+};
+
+// Without friction the velocities that rows ask for are one point, the nearest that all allow. A scripted floor without a
+// path stands as still as a static one, and its rows are worked on one by one: after many sweeps both ways must have come
+// to the same. Breaks when a fixed plane is put into the wrong frame or lane, or moves.
+TEST(AdvanceGroups, RowsOfAStaticFloorInBlocksDoWhatSingleOnesDo) {
+    ThreadPool pool(2);
+    pool.run([&] {
+        SheetOnFloor still(Motion::kStatic, 0), scripted(Motion::kKinematic, 0);
+        double most = 0;
+        for (SheetOnFloor* s : {&still, &scripted}) {
+            s->params.contact.iterations = 400;
+            s->advance(1, 1);
+        }
+        ASSERT_GT(still.scratch.phase[4], 1u);
+        EXPECT_GT(still.blocks_on_floor(), 300u);
+        EXPECT_EQ(scripted.blocks_on_floor(), 0u);
+        EXPECT_EQ(still.result.active_rows, scripted.result.active_rows);
+        for (uint32_t b = 0; b + 1 < still.bodies.mesh.size(); ++b)
+            for (uint32_t v = 0; v < still.range(b).count; ++v) most = std::max(most, (still.velocity(b, v) - scripted.velocity(b, v)).norm());
+        EXPECT_LT(most, 1e-5);
+    });
+}
+
+// Breaks when pushes of fixed planes go to the floor or the wrong way, or depend on threads.
+TEST(AdvanceGroups, AStaticFloorPushesBallsOutOnAnyThreads) {
+    std::vector<Float4> place[2];
+    for (const uint32_t threads : {1u, 4u}) {
+        ThreadPool pool(threads);
+        pool.run([&] {
+            SheetOnFloor s(Motion::kStatic, 0.3);
+            s.params.contact.push_speed = 0.5;
+            s.params.contact.iterations = 30;
+            const double deepest = -*std::min_element(s.rows.distance.begin(), s.rows.distance.end());
+            EXPECT_GT(deepest, 1.5e-3);
+            s.advance(16, 8);
+            EXPECT_GT(s.blocks_on_floor(), 300u);
+            EXPECT_LT(s.result.deepest_residual, 0.05 * deepest);
             place[threads > 1] = s.particles.offset;
         });
     }

@@ -10,6 +10,7 @@
 #include "systems/haptic_tool.hpp"
 #include "tests/reference/haptic_rig.hpp"
 #include "tests/reference/local_patches.hpp"
+#include "tests/reference/shell_rig.hpp"
 namespace trocar {
 namespace {
 
@@ -215,6 +216,176 @@ TEST(HapticSurface, NoiseIsBoundedSmoothAndGoesWithTheBody) {
     along.carried = {1e-3, -2e-3, 5e-4};
     along.proxy += along.carried, along.device.position += along.carried;
     EXPECT_NEAR((textured_force(s, age, kStiffness, along, force) - textured_force(s, 0, kStiffness, state, force)).norm(), 0, 1e-12);
+}
+
+// ---- tools that feel with their whole body ----
+
+// Whole ticks of a shell on a plane that feels as `surface` says.
+struct ShellSurfaceRig {
+    ShellRig rig;
+    HapticScratch scratch;
+    ToolState& state = rig.state;
+    double series = 0;  // N/m, of coupling and surface springs
+
+    ShellSurfaceRig(HapticSurface surface, const std::vector<Vec3d>& arms) : rig(make_joined_patch(make_plane(10, 0.1)), points(arms)) {
+        surface.body = 0;
+        rig.model.surface.push_back(surface);
+        rig.tool.coupling_stiffness = kStiffness;
+        rig.tool.limits.force_slew = rig.tool.limits.torque_slew = rig.tool.limits.torque = 1e9;
+        rig.tool.limits.dissipation = rig.tool.limits.turn_dissipation = 0;
+        series = 1 / (1 / kStiffness + 1 / (static_cast<double>(arms.size()) * rig.tool.surface_stiffness));
+        at({0, 0, 0.005});
+        for (int k = 0; k < 100; ++k) at({0, 0, 1e-4});
+    }
+    static std::vector<ShellPoint> points(const std::vector<Vec3d>& arms) {
+        std::vector<ShellPoint> shell;
+        for (const Vec3d& arm : arms) shell.push_back({arm, Vec3d(0, 0, 1)});
+        return shell;
+    }
+    Vec3d at(const Vec3d& position, const Vec3d& velocity = Vec3d::Zero()) {
+        DeviceState sample;
+        sample.time = rig.time();
+        sample.position = position;
+        sample.velocity = velocity;
+        if (!state.device_valid) state.device = sample;
+        if (rig.tick % 16 == 0) rig.publish();
+        tick_tool(rig.params, rig.model, rig.time(), rig.tool, {}, sample, scratch, state);
+        ++rig.tick;
+        return state.output.force;
+    }
+    Vec3d press(double x, double depth) { return at({x, 0, -depth}); }
+    Vec3d rest(double x, double depth) {
+        for (int k = 0; k < 20; ++k) press(x, depth);
+        return press(x, depth);
+    }
+    void go(double x, double from, double to) {
+        for (int k = 1; k <= 100; ++k) press(x, from + (to - from) * k / 100);
+    }
+};
+
+const std::vector<Vec3d> kOnePoint = {Vec3d::Zero()}, kFourPoints = {{-0.01, -0.01, 0}, {0.01, -0.01, 0}, {-0.01, 0.01, 0}, {0.01, 0.01, 0}};
+
+// Coupling, body and surface springs in a row, however many points bear; of the body's own kind only. Breaks when the body's
+// stiffness is left out or counted for every point.
+TEST(HapticSurface, AShellFeelsItInARowWithItsCoupling) {
+    HapticSurface s;
+    s.stiffness = 300;
+    for (const auto& arms : {kOnePoint, kFourPoints}) {
+        ShellSurfaceRig rig(s, arms);
+        rig.go(0, 0, kDepth);
+        const double row = 1 / (1 / rig.series + 1 / s.stiffness);
+        EXPECT_NEAR(rig.rest(0, kDepth).z(), row * kDepth, 1e-9);
+        EXPECT_LT(rig.state.output.torque.norm(), 1e-12);
+        EXPECT_NEAR(rig.state.output.stiffness[8], 200, 1e-9);
+        rig.rig.model.surface[0].body = 7;
+        EXPECT_NEAR(rig.rest(0, kDepth).z(), rig.series * kDepth, 1e-9);
+    }
+}
+
+// As with a tip: the pull grows as the springs in a row say up to 0.5 of the press, breaks away and stays 0.2 of it.
+TEST(HapticSurface, AShellSticksByOneCoefficientAndSlidesByTheOther) {
+    HapticSurface s;
+    s.static_friction = 0.5, s.dynamic_friction = 0.2;
+    ShellSurfaceRig rig(s, kOnePoint);
+    rig.go(0, 0, kDepth);
+    rig.rest(0, kDepth);
+    const double press = rig.series * kDepth, step = 1e-5;
+    double most = 0;
+    int slid = 0;
+    for (int k = 1; k <= 400; ++k) {
+        const Vec3d f = rig.press(step * k, kDepth);
+        EXPECT_NEAR(f.z(), press, 1e-6);
+        most = std::max(most, -f.x());
+        if (step * k < 0.5 * kDepth - 1e-9) {
+            ASSERT_NEAR(f.x(), -rig.series * step * k, 1e-6) << k;
+            EXPECT_FALSE(rig.state.sliding) << k;
+        }
+        if (step * k < 0.5 * kDepth + 20 * step) continue;
+        ASSERT_NEAR(f.x(), -0.2 * press, 1e-6) << k;
+        EXPECT_TRUE(rig.state.sliding) << k;
+        ++slid;
+    }
+    EXPECT_NEAR(most, 0.5 * press, kStiffness * step);
+    EXPECT_GT(slid, 250);
+    rig.rest(400 * step, kDepth);
+    EXPECT_FALSE(rig.state.sliding);
+    // slower than 1 mm/s nothing slides
+    ShellSurfaceRig slow(s, kOnePoint);
+    slow.go(0, 0, kDepth);
+    for (int k = 1; k <= 3000; ++k) slow.press(5e-7 * k, kDepth);
+    EXPECT_NEAR(slow.state.output.force.x(), -0.5 * press, 1e-6);
+}
+
+// On an incline a press straight down slides as soon as the slope is steeper than the cone: m g sin against mu m g cos, here
+// of a device that goes down into a plane of 30 degrees. 0.6 holds it, 0.5 does not.
+TEST(HapticSurface, AShellHoldsOnAnInclineBelowItsFriction) {
+    for (const double mu : {0.6, 0.5}) {
+        HapticSurface s;
+        s.static_friction = s.dynamic_friction = mu;
+        ShellSurfaceRig rig(s, kOnePoint);
+        // the plane is level: the press comes at 30 degrees to its normal
+        const double tilt = 30 * std::numbers::pi / 180;
+        const Vec3d way = kDepth * Vec3d(std::sin(tilt), 0, -std::cos(tilt));
+        for (int k = 0; k <= 100; ++k) rig.at(0.01 * k * way);
+        Vec3d f;
+        for (int k = 0; k < 50; ++k) f = rig.at(way);
+        const double normal = rig.series * kDepth * std::cos(tilt), along = rig.series * kDepth * std::sin(tilt);
+        EXPECT_NEAR(f.z(), normal, 1e-6);
+        EXPECT_NEAR(-f.x(), std::min(along, mu * normal), 1e-6) << mu;
+        EXPECT_EQ(-f.x() < along - 1e-6, mu == 0.5);
+    }
+}
+
+// In and out at one speed v: damping takes 2 (b v (D - d) + k d^2 / 2), d = b v / k. Breaks when it acts on the way in alone
+// or counts every point.
+TEST(HapticSurface, AShellsDampingTakesWhatItsFormulaSays) {
+    for (const auto& arms : {kOnePoint, kFourPoints}) {
+        HapticSurface s;
+        s.damping = 6;
+        ShellSurfaceRig rig(s, arms);
+        const double v = 0.02, way = v * kRigTick, d = s.damping * v / rig.series;
+        double work = 0, deepest = 0;
+        Vec3d before = rig.at({0, 0, 0}, {0, 0, -v});
+        const auto go = [&](double depth, double speed) {
+            const Vec3d f = rig.at({0, 0, -depth}, {0, 0, -speed});
+            work += 0.5 * (before.z() + f.z()) * speed * kRigTick;
+            before = f;
+            deepest = std::max(deepest, depth);
+        };
+        for (int k = 1; k <= 200; ++k) go(k * way, v);
+        before = rig.at({0, 0, -200 * way}, {0, 0, v});
+        for (int k = 199; k >= 0; --k) go(k * way, -v);
+        const double taken = 2 * (s.damping * v * (deepest - d) + 0.5 * rig.series * d * d);
+        EXPECT_NEAR(work, taken, 0.01 * taken);
+        EXPECT_GT(rig.state.safety.lowest_energy, -1e-6);
+    }
+}
+
+// A grating is felt at the middle of the points that touch, 20 mm from the tip: force by its formula there, torque the
+// formula's force times that arm besides what the points bear. Breaks when height or slope is taken at the tip.
+TEST(HapticSurface, AShellFeelsATextureWhereItTouches) {
+    HapticSurface s;
+    s.texture = TextureKind::kGrating, s.height = 2e-4, s.length = 5e-3;
+    ShellSurfaceRig rig(s, {{0.02, -0.01, 0}, {0.02, 0.01, 0}});
+    rig.rig.tool.turn_stiffness = 10;
+    rig.go(0, 0, kDepth);
+    double highest = 0;
+    for (int k = 0; k <= 100; ++k) {
+        const double x = 1e-4 * k;
+        const Vec3d f = rig.rest(x, kDepth);
+        Vec3d bare = Vec3d::Zero(), torque = Vec3d::Zero(), arm = Vec3d::Zero();
+        for (const ShellContact& c : rig.state.contact) bare += c.force, torque += c.arm.cross(c.force), arm += 0.5 * c.arm;
+        ASSERT_EQ(rig.state.contact.size(), 2u);
+        const double phase = 2 * std::numbers::pi * (rig.state.proxy + arm).x() / s.length, H = s.height;
+        const double h = H * std::sin(phase), slope = 2 * std::numbers::pi * H / s.length * std::cos(phase);
+        const double D = (rig.state.proxy - rig.state.device.position).norm();
+        EXPECT_NEAR(bare.z(), kStiffness * D, 1e-6);
+        EXPECT_NEAR(f.z(), kStiffness * (D + h * D / (D + H)), 1e-6) << x;
+        EXPECT_NEAR(f.x(), -kStiffness * (D - H * std::log1p(D / H)) * slope, 1e-6) << x;
+        EXPECT_LT((rig.state.output.torque - torque - arm.cross(f - bare)).norm(), 1e-7) << x;
+        highest = std::max(highest, f.z());
+    }
+    EXPECT_GT(highest, 1.05 * kStiffness * kDepth * 0.9);
 }
 
 }  // namespace

@@ -1,0 +1,280 @@
+#include "systems/haptic_near.hpp"
+
+#include <Eigen/Geometry>
+#include <algorithm>
+#include <cmath>
+#include <limits>
+
+#include "engine/geometry/four_points.hpp"
+namespace trocar {
+namespace {
+
+constexpr double kAhead = 3e-5;  // m, triangles are woken for this much more than is asked
+constexpr double kNever = std::numeric_limits<double>::infinity();
+
+bool within_distance(const Vec3d& a, const Vec3d& b, double distance) { return (a - b).squaredNorm() <= distance * distance; }
+
+Vec3d beyond(const LocalContactModel& model, const SurfaceTime& at, uint32_t body) {
+    return body == model.give.body ? at.follow : Vec3d(Vec3d::Zero());
+}
+
+bool may_meet(const TriangleGroup& group, const SurfaceTime& at, const Vec3d& beyond, const Vec3d& centre, double reach) {
+    return within_distance(group.centre + at.age * group.velocity + beyond, centre, group.radius + group.spread * std::abs(at.age) + reach);
+}
+
+// How far (m) from touching `centre` a group is at least.
+double group_gap(const TriangleGroup& group, const SurfaceTime& at, const Vec3d& beyond, const Vec3d& centre, double offset) {
+    return (group.centre + at.age * group.velocity + beyond - centre).norm() - group.radius - group.spread * std::abs(at.age) - offset;
+}
+
+// Everything asleep, the tip there.
+void start_path(const Vec3d& centre, NearSurface& near) {
+    near.disc.clear();
+    near.triangle.clear();
+    near.four.clear();
+    near.at = centre;
+    near.path = 0;
+    near.horizon = -1;
+}
+
+// How far (m) from `point` the discs around four triangles are at least.
+Vec4d disc_gaps(const std::array<const TriangleDisc*, 4>& disc, double age, const Vec3d& point) {
+    const auto four = [&](auto field) {
+        return side_by_side(to_vec4(field(*disc[0])), to_vec4(field(*disc[1])), to_vec4(field(*disc[2])), to_vec4(field(*disc[3])));
+    };
+    const auto each = [&](auto field) { return Vec4d{field(*disc[0]), field(*disc[1]), field(*disc[2]), field(*disc[3])}; };
+    const FourPoints centre = four([](const TriangleDisc& d) -> const Vec3d& { return d.centre; });
+    const FourPoints velocity = four([](const TriangleDisc& d) -> const Vec3d& { return d.velocity; });
+    const FourPoints normal = four([](const TriangleDisc& d) -> const Vec3d& { return d.normal; });
+    const FourPoints p{all_lanes(point.x()), all_lanes(point.y()), all_lanes(point.z())};
+    const FourPoints way = p - centre - all_lanes(age) * velocity;
+    const Vec4d height = dot(normal, way), across2 = greatest(norm2(way) - height * height, Vec4d{});
+    const Vec4d out = greatest(square_root(across2) - each([](const TriangleDisc& d) { return d.radius; }), Vec4d{});
+    const Vec4d slack = each([&](const TriangleDisc& d) { return d.thickness + d.spread * std::abs(age); });
+    return square_root(height * height + out * out) - slack;
+}
+
+// Looks at the triangles of a group, each by the disc around it.
+void open_group(NearSurface& near, NearGroup& group) {
+    const LocalContactModel& model = *near.model;
+    const Range triangles = model.group[group.group].triangles;
+    group.first = static_cast<uint32_t>(near.disc.size());
+    near.disc.resize(near.disc.size() + triangles.count, -1);
+    if (near.ask_all) return;
+    const Vec3d to = near.at - beyond(model, near.time, group.body);
+    const double nearer = near.path - group.offset - kHair;
+    for (uint32_t k = 0; k < triangles.count; k += 4) {
+        std::array<const TriangleDisc*, 4> disc;
+        for (uint32_t lane = 0; lane < 4; ++lane) disc[lane] = &model.disc[std::min(triangles.first + k + lane, triangles.end() - 1)];
+        const Vec4d gap = disc_gaps(disc, near.time.age, to);
+        for (uint32_t lane = 0; lane < 4 && k + lane < triangles.count; ++lane) near.disc[group.first + k + lane] = nearer + gap[lane];
+    }
+}
+
+// Wakes a triangle.
+void place_triangle(NearSurface& near, const NearGroup& group, uint32_t triangle) {
+    const LocalContactModel& model = *near.model;
+    const size_t row = near.triangle.size(), lane = row % 4;
+    NearTriangle one;
+    one.triangle = triangle, one.body = group.body, one.sheet = group.sheet;
+    near.triangle.push_back(one);
+    near.place[triangle] = static_cast<uint32_t>(row);
+    if (lane == 0) {
+        near.four.emplace_back();
+        for (double& wake : near.four.back().wake) wake = kNever;
+    }
+    NearFour& four = near.four.back();
+    const Vec3d more = beyond(model, near.time, group.body);
+    for (size_t k = 0; k < 3; ++k) {
+        const uint32_t v = model.triangle[triangle][k];
+        const Vec3d p = model.position[v] + near.time.age * model.velocity[v] + more;
+        for (size_t axis = 0; axis < 3; ++axis) four.corner[k][axis][lane] = p[static_cast<long>(axis)];
+    }
+    four.offset[lane] = group.offset;
+    four.wake[lane] = -1;
+}
+
+// Wakes the triangles of a group that the horizon has reached.
+void wake_group(NearSurface& near, NearGroup& group) {
+    if (group.first == kNone) open_group(near, group);
+    const Range triangles = near.model->group[group.group].triangles;
+    double next = kNever;
+    for (uint32_t k = 0; k < triangles.count; ++k) {
+        double& disc = near.disc[group.first + k];
+        if (disc <= near.horizon) {
+            place_triangle(near, group, triangles.first + k);
+            disc = kNever;
+        }
+        next = std::min(next, disc);
+    }
+    group.wake = next;
+}
+
+FourPoints load_four(const double (&axis)[3][4]) {
+    return {(Vec4d)_mm256_load_pd(axis[0]), (Vec4d)_mm256_load_pd(axis[1]), (Vec4d)_mm256_load_pd(axis[2])};
+}
+
+// Nearest to the origin on r + t e, 0 <= t <= 1.
+FourPoints nearest_on_sides(const FourPoints& r, const FourPoints& e, Vec4d length2) {
+    const Vec4d along = (Vec4d{} - dot(r, e)) / greatest(length2, all_lanes(1e-300));
+    return r + least(greatest(along, Vec4d{}), all_lanes(1)) * e;
+}
+
+FourPoints either(Mask4 mask, const FourPoints& a, const FourPoints& b) {
+    return {mask ? a.x : b.x, mask ? a.y : b.y, mask ? a.z : b.z};
+}
+
+}  // namespace
+
+FourWays ways_to(const NearFour& four, const Vec3d& point) {
+    const FourPoints p{all_lanes(point.x()), all_lanes(point.y()), all_lanes(point.z())};
+    const FourPoints a = load_four(four.corner[0]) - p, b = load_four(four.corner[1]) - p, c = load_four(four.corner[2]) - p;
+    const FourPoints ab = b - a, bc = c - b, ca = a - c;
+    const Vec4d ab2 = norm2(ab), bc2 = norm2(bc), ca2 = norm2(ca);
+    FourPoints q = nearest_on_sides(a, ab, ab2);
+    Vec4d q2 = norm2(q);
+    const FourPoints on_bc = nearest_on_sides(b, bc, bc2), on_ca = nearest_on_sides(c, ca, ca2);
+    const Vec4d bc_2 = norm2(on_bc), ca_2 = norm2(on_ca);
+    q = either(bc_2 < q2, on_bc, q);
+    q2 = least(bc_2, q2);
+    q = either(ca_2 < q2, on_ca, q);
+    q2 = least(ca_2, q2);
+    // narrower than a part in 1e8 its sides are as near as its face, whose normal is lost in rounding
+    const FourPoints n = cross(ca, ab);
+    const Vec4d n2 = norm2(n);
+    const Mask4 on_face = (n2 > all_lanes(1e-16) * ab2 * ca2) & (dot(cross(n, ab), a) < Vec4d{}) & (dot(cross(n, bc), b) < Vec4d{}) &
+                          (dot(cross(n, ca), c) < Vec4d{});
+    const Vec4d height = dot(n, a) / greatest(n2, all_lanes(1e-300));
+    q = either(on_face, height * n, q);
+    const Vec4d distance = square_root(norm2(q));
+    FourWays ways;
+    _mm256_store_pd(ways.distance, (__m256d)distance);
+    _mm256_store_pd(ways.offset[0], (__m256d)q.x);
+    _mm256_store_pd(ways.offset[1], (__m256d)q.y);
+    _mm256_store_pd(ways.offset[2], (__m256d)q.z);
+    return ways;
+}
+
+const Vec3d& normal_of(NearSurface& near, uint32_t row) {
+    NearTriangle& triangle = near.triangle[row];
+    if (triangle.has_normal) return triangle.normal;
+    triangle.has_normal = true;
+    const Vec3d n = triangle_normal(corner_of(near, row, 0), corner_of(near, row, 1), corner_of(near, row, 2));
+    const double length = n.norm();
+    if (length > 0) triangle.normal = n / length;
+    return triangle.normal;
+}
+
+TrianglePoint closest_on_row(const NearSurface& near, uint32_t row, const Vec3d& point) {
+    return closest_point_on_triangle(point, corner_of(near, row, 0), corner_of(near, row, 1), corner_of(near, row, 2));
+}
+
+uint32_t row_of(const NearSurface& near, uint32_t triangle) {
+    const uint32_t row = near.place[triangle];
+    return row < near.triangle.size() && near.triangle[row].triangle == triangle ? row : kNone;
+}
+
+double fastest_near(const LocalContactModel& model, const SurfaceTime& at, const HandTool& tool, const Vec3d& centre, double travel) {
+    double fastest = 0;
+    for (const TriangleGroup& block : model.block) {
+        if (block.velocity.norm() + block.spread <= fastest) continue;
+        const uint32_t first = model.group[block.triangles.first].triangles.first, body = model.body[first];
+        const double reach = tool.tip_radius + model.half_thickness[first] + (body == model.give.body ? model.give.gap : 0) + travel;
+        const Vec3d more = beyond(model, at, body);
+        if (!may_meet(block, at, more, centre, reach)) continue;
+        for (uint32_t g = block.triangles.first; g < block.triangles.end(); ++g) {
+            const TriangleGroup& group = model.group[g];
+            const double speed = group.velocity.norm() + group.spread;
+            if (speed > fastest && may_meet(group, at, more, centre, reach)) fastest = speed;
+        }
+    }
+    return std::min(fastest, model.fastest);
+}
+
+void gather_near(const LocalContactModel& model, const SurfaceTime& at, const HandTool& tool, const Vec3d& centre,
+                 double travel, NearSurface& near) {
+    near.group.clear();
+    near.model = &model;
+    near.time = at;
+    near.asked = 0;
+    start_path(centre, near);
+    if (near.place.size() < model.triangle.size()) near.place.resize(model.triangle.size());
+    NearGroup found;
+    for (const TriangleGroup& block : model.block) {
+        const uint32_t first = model.group[block.triangles.first].triangles.first;
+        found.body = model.body[first];
+        found.sheet = model.half_thickness[first] > 0;
+        found.offset = tool.tip_radius + model.half_thickness[first] + (found.body == model.give.body ? model.give.gap : 0);
+        const double reach = found.offset + travel;
+        const Vec3d more = beyond(model, at, found.body);
+        if (!near.ask_all && !may_meet(block, at, more, centre, reach)) continue;
+        for (uint32_t g = block.triangles.first; g < block.triangles.end(); ++g) {
+            if (!near.ask_all && !may_meet(model.group[g], at, more, centre, reach)) continue;
+            found.group = g;
+            found.wake = near.ask_all ? -1 : group_gap(model.group[g], at, more, centre, found.offset) - kHair;
+            near.group.push_back(found);
+        }
+    }
+}
+
+void place_near(const SurfaceTime& at, const Vec3d& centre, NearSurface& near) {
+    near.time = at;
+    start_path(centre, near);
+    for (NearGroup& group : near.group) {
+        const double gap = group_gap(near.model->group[group.group], at, beyond(*near.model, at, group.body), centre, group.offset);
+        group.first = kNone;
+        group.wake = near.ask_all ? -1 : gap - kHair;
+    }
+}
+
+void go_to(const Vec3d& centre, double ahead, NearSurface& near) {
+    near.path += (centre - near.at).norm();
+    near.at = centre;
+    if (near.path + ahead <= near.horizon) return;
+    near.horizon = near.path + ahead + kAhead;
+    for (NearGroup& group : near.group)
+        if (group.wake <= near.horizon) wake_group(near, group);
+}
+
+SurfaceMotion surface_motion(const Vec3d& point, double most, NearSurface& near) {
+    const LocalContactModel& model = *near.model;
+    near.candidate.clear();
+    // where something is touched nothing farther can be nearer
+    for (const double reach : {0.0, most}) {
+        go_to(point, reach, near);
+        for (uint32_t k = 0; k < near.four.size(); ++k) {
+            NearFour& four = near.four[k];
+            if (asleep(four, near.path + reach)) continue;
+            const FourWays ways = ways_to(four, point);
+            refresh(ways, near, four);
+            for (uint32_t lane = 0; lane < 4; ++lane)
+                if (ways.distance[lane] - kHair <= four.offset[lane] + reach) near.candidate.push_back({ways.distance[lane], 4 * k + lane});
+        }
+        if (!near.candidate.empty()) break;
+    }
+    if (near.candidate.empty()) return {};
+    std::swap(near.candidate[0], *std::min_element(near.candidate.begin(), near.candidate.end(),
+                                                   [](const NearCandidate& a, const NearCandidate& b) { return a.least < b.least; }));
+    // of equals the first of the model
+    double best = kNever;  // m^2
+    uint32_t nearest = kNone;
+    TrianglePoint closest;
+    for (const NearCandidate& c : near.candidate) {
+        const double bound = c.least - kHair, limit = offset_of(near, c.row) + most;
+        if (bound > 0 && bound * bound > best) continue;
+        const TrianglePoint q = closest_on_row(near, c.row, point);
+        if (q.squared_distance >= limit * limit || q.squared_distance > best) continue;
+        if (q.squared_distance == best && near.triangle[c.row].triangle > near.triangle[nearest].triangle) continue;
+        best = q.squared_distance, nearest = c.row, closest = q;
+    }
+    if (nearest == kNone) return {};
+    const Vec3d p = corner_of(near, nearest, 0), q = corner_of(near, nearest, 1), r = corner_of(near, nearest, 2);
+    const Vec3d u = q - p, v = r - p, w = point + closest.offset - p;
+    const double uu = u.dot(u), uv = u.dot(v), vv = v.dot(v), area = uu * vv - uv * uv;
+    const double b = area > 0 ? std::clamp((vv * u.dot(w) - uv * v.dot(w)) / area, 0.0, 1.0) : 0;
+    const double c = area > 0 ? std::clamp((uu * v.dot(w) - uv * u.dot(w)) / area, 0.0, 1.0 - b) : 0;
+    const Triangle& t = vertices_of(near, nearest);
+    return {(1 - b - c) * model.velocity[t[0]] + b * model.velocity[t[1]] + c * model.velocity[t[2]], near.triangle[nearest].body};
+}
+
+}  // namespace trocar
