@@ -10,11 +10,12 @@
 #include "engine/thread_pool.hpp"
 #include "systems/app/commands.hpp"
 #include "systems/app/figures.hpp"
+#include "systems/app/live_haptics.hpp"
 #include "systems/frame.hpp"
 #include "systems/haptic_device.hpp"
 #include "systems/haptic_tool.hpp"
 // Two instruments that feel with their whole bodies on one deforming liver: time of their ticks beside the error of what
-// they feel.
+// they feel. They take new surfaces as live ones do.
 namespace trocar::bench {
 namespace {
 
@@ -95,6 +96,8 @@ Wrench balanced(const HapticParams& params, const LocalContactModel& model, doub
 struct ShellProbe {
     HandTool tool, smooth;
     Device device;
+    LocalContactModel model;  // that it took last
+    bool waits = false;       // a newer one is there
     HapticScratch scratch;
     ShellScratch smooth_scratch;
     ToolState state, smooth_state;
@@ -122,14 +125,27 @@ struct ShellTimer {
         torque_peak = std::max(torque_peak, wanted.torque.norm());
         ++judged;
     }
+    // As the live thread does: one a tick.
+    void take_model(const World& world) {
+        const auto count = static_cast<uint32_t>(probe.size());
+        for (uint32_t n = 0; n < count; ++n) {
+            const uint32_t k = (first_asked(tick, count) + n) % count;
+            if (!probe[k]->waits) continue;
+            probe[k]->model = world.local_contact[k];
+            probe[k]->waits = false;
+            return;
+        }
+    }
     void on_pass(World& world) {
+        for (const auto& p : probe) p->waits = true;
         for (const uint64_t end = world.clock.tick + world.clock.period; tick < end; ++tick) {
+            take_model(world);
             const double time = static_cast<double>(tick) * 1e-3;
             double seconds = 0;
             bool touches = true;
             for (size_t k = 0; k < probe.size(); ++k) {
                 ShellProbe& p = *probe[k];
-                const LocalContactModel& model = world.local_contact[k];
+                const LocalContactModel& model = p.model;
                 const DeviceState sample = read_device(p.device, time);
                 const double start = thread_seconds();
                 tick_tool(params, model, time, p.tool, {}, sample, p.scratch, p.state);

@@ -2,14 +2,17 @@
 
 #include <Eigen/Geometry>
 #include <algorithm>
+#include <bit>
 #include <cmath>
-
-#include "engine/geometry/vec4.hpp"
+#include <limits>
 namespace trocar {
 namespace {
 
 constexpr uint32_t kRun = 16;
 constexpr double kRounding = 1e-12;  // of squares, beside 1
+constexpr double kOnward = 2e-3;     // m, runs are listed for this much more than is asked for: a point hardly goes farther until the next model
+constexpr double kFelt = 0.05;       // s, more than a model is felt for
+constexpr size_t kMostListed = 1 << 12;  // rows of PlacedSurface::listed
 
 void enlarge(Box& box, const Box& other) {
     box.min = box.min.cwiseMin(other.min);
@@ -76,49 +79,162 @@ Vec3d corner_of(const LocalContactModel& model, const SurfaceMoment& at, uint32_
     return body == at.follower ? Vec3d(p + at.follow) : p;
 }
 
-Vec4d smaller(Vec4d a, Vec4d b) { return (Vec4d)_mm256_min_pd((__m256d)a, (__m256d)b); }
-Vec4d larger(Vec4d a, Vec4d b) { return (Vec4d)_mm256_max_pd((__m256d)a, (__m256d)b); }
+std::array<Vec3d, 3> corners_of(const LocalContactModel& model, const SurfaceMoment& at, uint32_t t) {
+    const Triangle& v = model.triangle[t];
+    return {corner_of(model, at, model.body[t], v[0]), corner_of(model, at, model.body[t], v[1]),
+            corner_of(model, at, model.body[t], v[2])};
+}
 
-PlacedTriangle place(const LocalContactModel& model, uint32_t t, const SurfaceMoment& at) {
-    PlacedTriangle row;
-    for (int k = 0; k < 3; ++k) row.corner[k] = corner_of(model, at, model.body[t], model.triangle[t][k]);
-    const Vec4d a = to_vec4(row.corner[0]), b = to_vec4(row.corner[1]), c = to_vec4(row.corner[2]);
-    row.box = {to_vec3(smaller(smaller(a, b), c)), to_vec3(larger(larger(a, b), c))};
+// Triangles first, ..., `last` of a run, up to four of them.
+FourPlaced place_four(const LocalContactModel& model, uint32_t first, uint32_t last, const SurfaceMoment& at) {
+    const bool follows = model.body[first] == at.follower;
+    const Vec4d follow = to_vec4(at.follow), age = all_lanes(at.age);
+    const auto corner = [&](uint32_t lane, size_t k) {
+        const uint32_t v = model.triangle[std::min(first + lane, last)][k];
+        const Vec4d p = to_vec4(model.position[v]) + age * to_vec4(model.velocity[v]);
+        return follows ? p + follow : p;
+    };
+    FourPlaced row;
+    for (size_t k = 0; k < 3; ++k) row.corner[k] = side_by_side(corner(0, k), corner(1, k), corner(2, k), corner(3, k));
+    const auto& [a, b, c] = row.corner;
+    row.box.low = {least(least(a.x, b.x), c.x), least(least(a.y, b.y), c.y), least(least(a.z, b.z), c.z)};
+    row.box.high = {greatest(greatest(a.x, b.x), c.x), greatest(greatest(a.y, b.y), c.y), greatest(greatest(a.z, b.z), c.z)};
     return row;
 }
 
-// Triangles of a run at the moment; row of the first.
-uint32_t place_run(const LocalContactModel& model, uint32_t node, PlacedSurface& placed) {
+// Triangles of a run at the moment; row of the first four.
+uint32_t place_run(const LocalContactModel& model, uint32_t node, Range rows, PlacedSurface& placed) {
     PlacedSurface::Run& run = placed.run[node];
     if (run.stamp == placed.stamp) return run.first;
-    run = {placed.stamp, static_cast<uint32_t>(placed.triangle.size())};
-    const Range rows = model.shell.node[node].triangles;
-    for (uint32_t t = rows.first; t < rows.end(); ++t) placed.triangle.push_back(place(model, t, placed.moment));
+    run = {placed.stamp, static_cast<uint32_t>(placed.four.size())};
+    for (uint32_t t = rows.first; t < rows.end(); t += 4) placed.four.push_back(place_four(model, t, rows.end() - 1, placed.moment));
     return run.first;
 }
 
-// Whether a box is farther than the root of `best`.
-bool is_beyond(Vec4d low, Vec4d high, Vec4d point, double best) {
-    const Vec4d off = larger(larger(low - point, point - high), Vec4d{});
-    return norm2(off) > best * (1 + kRounding) + kRounding * kRounding;
+// A little more than squares are rounded by.
+double with_rounding(double squared) { return squared * (1 + kRounding) + kRounding * kRounding; }
+
+// Box around a node at another age, had it not followed.
+struct VecBox {
+    Vec4d low, high;
+};
+VecBox box_at(const SurfaceNode& node, double age) {
+    const bool back = age < 0;
+    return {to_vec4(node.box.min) + age * to_vec4(back ? node.velocity.max : node.velocity.min),
+            to_vec4(node.box.max) + age * to_vec4(back ? node.velocity.min : node.velocity.max)};
 }
 
 // Whether everything of a node is farther than the root of `best`; `point` is where it would be had the node not
 // followed.
 bool is_beyond(const SurfaceNode& node, double age, Vec4d point, double best) {
-    const bool back = age < 0;
-    const Vec4d low = to_vec4(node.box.min) + age * to_vec4(back ? node.velocity.max : node.velocity.min);
-    const Vec4d high = to_vec4(node.box.max) + age * to_vec4(back ? node.velocity.min : node.velocity.max);
-    return is_beyond(low, high, point, best);
+    const VecBox box = box_at(node, age);
+    return norm2(greatest(greatest(box.low - point, point - box.high), Vec4d{})) > with_rounding(best);
 }
 
-void try_triangle(const PlacedTriangle& row, uint32_t t, const Vec3d& point, NearestTriangle& best) {
-    const TrianglePoint at = closest_point_on_triangle(point, row.corner[0], row.corner[1], row.corner[2]);
+// One bit a box that is not farther than the root of `best` from a point.
+uint32_t boxes_within(const FourBoxes& box, const FourPoints& p, double best) {
+    const auto off = [](Vec4d low, Vec4d high, Vec4d at) { return greatest(greatest(low - at, at - high), Vec4d{}); };
+    const FourPoints apart{off(box.low.x, box.high.x, p.x), off(box.low.y, box.high.y, p.y), off(box.low.z, box.high.z, p.z)};
+    return mask_bits(norm2(apart) <= all_lanes(with_rounding(best)));
+}
+
+FourPoints in_all_lanes(const Vec3d& p) { return {all_lanes(p.x()), all_lanes(p.y()), all_lanes(p.z())}; }
+
+void try_triangle(const std::array<Vec3d, 3>& corner, uint32_t t, const Vec3d& point, NearestTriangle& best) {
+    const TrianglePoint at = closest_point_on_triangle(point, corner[0], corner[1], corner[2]);
     if (at.squared_distance < best.at.squared_distance ||
         (at.squared_distance == best.at.squared_distance && t < best.triangle)) {
         best.triangle = t;
         best.at = at;
     }
+}
+
+// The triangles of a run.
+void try_run(const LocalContactModel& model, uint32_t node, Range rows, const Vec3d& point, const FourPoints& at_point, PlacedSurface& placed,
+             NearestTriangle& best) {
+    const uint32_t first = place_run(model, node, rows, placed);
+    for (uint32_t k = 0; k < rows.count; k += 4) {
+        const FourPlaced& four = placed.four[first + k / 4];
+        const uint32_t left = rows.count - k, lanes = left < 4 ? (1u << left) - 1 : 15;
+        for (uint32_t near = boxes_within(four.box, at_point, best.at.squared_distance) & lanes; near != 0; near &= near - 1) {
+            const auto lane = static_cast<uint32_t>(std::countr_zero(near));
+            if (rows.first + k + lane == best.triangle) continue;
+            const auto corner = [&](const FourPoints& p) { return Vec3d(p.x[lane], p.y[lane], p.z[lane]); };
+            try_triangle({corner(four.corner[0]), corner(four.corner[1]), corner(four.corner[2])}, rows.first + k + lane, point, best);
+        }
+    }
+}
+
+// All runs of a tree. `back`: the point, had the surface not followed.
+void try_tree(const LocalContactModel& model, uint32_t root, const Vec3d& back, const Vec3d& point, const FourPoints& at_point,
+              PlacedSurface& placed, NearestTriangle& best) {
+    const std::vector<SurfaceNode>& node = model.shell.node;
+    const Vec4d from = to_vec4(back);
+    for (uint32_t n = root; n < node[root].next;) {
+        if (is_beyond(node[n], placed.moment.age, from, best.at.squared_distance)) {
+            n = node[n].next;
+            continue;
+        }
+        if (node[n].triangles.count > 0) try_run(model, n, node[n].triangles, point, at_point, placed, best);
+        ++n;
+    }
+}
+
+// The runs that were listed. `back`: the point, had the surface not followed.
+void try_listed(const LocalContactModel& model, Range fours, const FourPoints& back, const Vec3d& point, const FourPoints& at_point,
+                PlacedSurface& placed, NearestTriangle& best) {
+    const Vec4d age = all_lanes(placed.moment.age);
+    for (uint32_t k = fours.first; k < fours.end(); ++k) {
+        const FourRuns& four = placed.listed[k];
+        const FourBoxes box{four.box.low + age * four.velocity.low, four.box.high + age * four.velocity.high};
+        for (uint32_t near = boxes_within(box, back, best.at.squared_distance); near != 0; near &= near - 1) {
+            const auto lane = static_cast<size_t>(std::countr_zero(near));
+            try_run(model, four.node[lane], four.triangles[lane], point, at_point, placed, best);
+        }
+    }
+}
+
+// Lists the runs of a tree nearer than `within` to a place at any time until kFelt.
+void list_runs(const LocalContactModel& model, uint32_t root, const Vec3d& place, double within, RunsAround& around, std::vector<FourRuns>& listed) {
+    const std::vector<SurfaceNode>& tree = model.shell.node;
+    const double within2 = with_rounding(within * within);
+    const Vec4d middle = to_vec4(place);
+    const FourPoints beyond = in_all_lanes(Vec3d::Constant(std::numeric_limits<double>::infinity()));
+    const auto first = static_cast<uint32_t>(listed.size());
+    uint32_t lane = 4;
+    for (uint32_t n = root; n < tree[root].next;) {
+        const SurfaceNode& node = tree[n];
+        const VecBox begin = box_at(node, 0), end = box_at(node, kFelt);
+        const Vec4d off = greatest(greatest(least(begin.low, end.low) - middle, middle - greatest(begin.high, end.high)), Vec4d{});
+        if (norm2(off) > within2) {
+            n = node.next;
+            continue;
+        }
+        if (node.triangles.count > 0) {
+            if (lane == 4) listed.push_back({{beyond, beyond}, {}, {}, {}}), lane = 0;
+            FourRuns& four = listed.back();
+            set_lane(four.box.low, lane, begin.low), set_lane(four.box.high, lane, begin.high);
+            set_lane(four.velocity.low, lane, to_vec4(node.velocity.min)), set_lane(four.velocity.high, lane, to_vec4(node.velocity.max));
+            four.triangles[lane] = node.triangles;
+            four.node[lane++] = n;
+        }
+        ++n;
+    }
+    around = {root, place, within, {first, static_cast<uint32_t>(listed.size()) - first}};
+}
+
+// What is listed of the tree around a point, where that shows all within `distance` of it; lists it if need be. `back`: the
+// point, had the surface not followed.
+Range runs_around(const LocalContactModel& model, uint32_t root, const Vec3d& back, double distance, uint32_t asker, PlacedSurface& placed) {
+    if (placed.around.size() <= asker) placed.around.resize(asker + 1);
+    RunsAround& around = placed.around[asker];
+    if (around.root == root && (back - around.place).norm() + distance <= around.within) return around.fours;
+    if (placed.listed.size() > kMostListed) {
+        begin_model(placed);
+        placed.around.resize(asker + 1);
+    }
+    list_runs(model, root, back, distance + kOnward, placed.around[asker], placed.listed);
+    return placed.around[asker].fours;
 }
 
 // ---- sides ----
@@ -129,12 +245,6 @@ Vec3d unit_normal(const std::array<Vec3d, 3>& c) {
     const Vec3d n = triangle_normal(c[0], c[1], c[2]);
     const double length = n.norm();
     return length > 0 ? Vec3d(n / length) : Vec3d(Vec3d::Zero());
-}
-
-std::array<Vec3d, 3> corners_of(const LocalContactModel& model, const SurfaceMoment& at, uint32_t t) {
-    const Triangle& v = model.triangle[t];
-    return {corner_of(model, at, model.body[t], v[0]), corner_of(model, at, model.body[t], v[1]),
-            corner_of(model, at, model.body[t], v[2])};
 }
 
 struct Pseudonormal {
@@ -206,40 +316,36 @@ uint32_t tree_count(const LocalContactModel& model) {
     return count;
 }
 
+void begin_model(PlacedSurface& placed) {
+    placed.around.clear();
+    placed.listed.clear();
+}
+
 void begin_moment(const LocalContactModel& model, const SurfaceMoment& moment, PlacedSurface& placed) {
-    constexpr size_t kRoom = 1 << 13;  // for what a shell usually comes near, so that memory is asked for once
+    constexpr size_t kRoom = 1 << 11;  // for what a shell usually comes near, so that memory is asked for once
     placed.moment = moment;
     ++placed.stamp;
-    placed.triangle.clear();
-    if (placed.triangle.capacity() < kRoom) placed.triangle.reserve(kRoom), placed.run.reserve(4 * kRoom);
+    placed.four.clear();
+    if (placed.four.capacity() < kRoom) {
+        placed.four.reserve(kRoom), placed.run.reserve(16 * kRoom);
+        placed.around.reserve(kRoom), placed.listed.reserve(kMostListed + kRoom);
+    }
     if (placed.run.size() < model.shell.node.size()) placed.run.resize(model.shell.node.size());
 }
 
 NearestTriangle find_nearest(const LocalContactModel& model, uint32_t root, const Vec3d& point, uint32_t hint,
-                             double reach, PlacedSurface& placed) {
-    const std::vector<SurfaceNode>& node = model.shell.node;
+                             double reach, PlacedSurface& placed, uint32_t asker) {
     const SurfaceMoment& at = placed.moment;
-    const Vec4d back = to_vec4(node[root].body == at.follower ? Vec3d(point - at.follow) : point);
-    const Vec4d at_point = to_vec4(point);
     NearestTriangle best;
     best.at.squared_distance = reach * reach;
-    if (hint != kNone) {
-        try_triangle(place(model, hint, at), hint, point, best);
-    }
-    for (uint32_t n = root; n < node[root].next;) {
-        if (is_beyond(node[n], at.age, back, best.at.squared_distance)) {
-            n = node[n].next;
-            continue;
-        }
-        const Range rows = node[n].triangles;
-        const uint32_t first = rows.count > 0 ? place_run(model, n, placed) : 0;
-        for (uint32_t t = rows.first; t < rows.end(); ++t) {
-            const PlacedTriangle& row = placed.triangle[first + (t - rows.first)];
-            if (is_beyond(to_vec4(row.box.min), to_vec4(row.box.max), at_point, best.at.squared_distance)) continue;
-            try_triangle(row, t, point, best);
-        }
-        ++n;
-    }
+    if (hint != kNone) try_triangle(corners_of(model, at, hint), hint, point, best);
+    const FourPoints at_point = in_all_lanes(point);
+    const Vec3d back = model.shell.node[root].body == at.follower ? Vec3d(point - at.follow) : point;
+    const double distance = std::sqrt(best.at.squared_distance);
+    if (asker != kNone && distance < kOnward && at.age >= 0 && at.age <= kFelt)
+        try_listed(model, runs_around(model, root, back, distance, asker, placed), in_all_lanes(back), point, at_point, placed, best);
+    else
+        try_tree(model, root, back, point, at_point, placed, best);
     best.point = point + best.at.offset;
     return best;
 }

@@ -3,6 +3,7 @@
 #include <vector>
 
 #include "components/haptics.hpp"
+#include "engine/geometry/four_points.hpp"
 #include "engine/geometry/point_triangle.hpp"
 namespace trocar {
 
@@ -13,22 +14,47 @@ struct SurfaceMoment {
     Vec3d follow = Vec3d::Zero();  // m
 };
 
-// A triangle of the model where it is at a moment, and a box around it.
-struct PlacedTriangle {
-    std::array<Vec3d, 3> corner;  // m, world
-    Box box;
+// Boxes side by side, a lane each.
+struct FourBoxes {
+    FourPoints low, high;  // m, world
 };
 
-// The triangles that were asked for at one moment.
+// Up to four triangles of a run where they are at a moment, a lane each; lanes left over repeat the last one.
+struct FourPlaced {
+    std::array<FourPoints, 3> corner;  // m, world
+    FourBoxes box;
+};
+
+// Runs of triangles of a tree, a lane each, and what bounds them: at the time of the model they lie in the boxes, and no
+// vertex is faster than those say. Lanes left over are beyond everything.
+struct FourRuns {
+    FourBoxes box;
+    FourBoxes velocity;  // m/s
+    std::array<Range, 4> triangles{};  // of the model
+    std::array<uint32_t, 4> node{};    // of the tree
+};
+
+// All runs of a tree that come nearer than `within` to a place while the model is felt: listed once for one who asks, whose point
+// hardly goes farther than that until the next model.
+struct RunsAround {
+    uint32_t root = kNone;        // of the tree; kNone: not listed
+    Vec3d place = Vec3d::Zero();  // m, world, had the surface not followed
+    double within = 0;            // m
+    Range fours;                  // rows of PlacedSurface::listed
+};
+
+// The triangles that were asked for at one moment, and what is known of where others are for longer.
 struct PlacedSurface {
     struct Run {
         uint64_t stamp = 0;  // of the moment at which it was placed
-        uint32_t first = 0;  // row of triangle
+        uint32_t first = 0;  // row of four
     };
     SurfaceMoment moment;
     uint64_t stamp = 0;
-    std::vector<PlacedTriangle> triangle;  // run after run as they were asked for
-    std::vector<Run> run;                  // per node
+    std::vector<FourPlaced> four;  // run after run as they were asked for
+    std::vector<Run> run;          // per node
+    std::vector<RunsAround> around;  // of who asked
+    std::vector<FourRuns> listed;
 };
 
 // What lies between runs of triangles and their tree while it is built.
@@ -45,7 +71,9 @@ void build_surface_trees(SurfaceTreeScratch& scratch, LocalContactModel& model);
 inline uint32_t next_tree(const LocalContactModel& model, uint32_t root) { return model.shell.node[root].next; }
 uint32_t tree_count(const LocalContactModel& model);
 
-// Another moment, or another model.
+// Another model than before: forgets what was listed.
+void begin_model(PlacedSurface& placed);
+// Another moment.
 void begin_moment(const LocalContactModel& model, const SurfaceMoment& moment, PlacedSurface& placed);
 
 // Nearest triangle of one tree; on equal distances the lowest row. triangle == kNone if none is nearer than `reach` (m).
@@ -55,8 +83,9 @@ struct NearestTriangle {
     Vec3d point = Vec3d::Zero();  // m, world, on the triangle
 };
 // `hint`: a triangle likely to be near, or kNone; the answer does not depend on it.
+// `asker`: a small number, the same for points that move little between one question and the next, or kNone: likewise.
 NearestTriangle find_nearest(const LocalContactModel& model, uint32_t root, const Vec3d& point, uint32_t hint,
-                             double reach, PlacedSurface& placed);
+                             double reach, PlacedSurface& placed, uint32_t asker = kNone);
 
 // Speed (m/s) that no vertex of the triangles of a tree that are nearer than `around` (m) to a point at the model's time goes
 // beyond.

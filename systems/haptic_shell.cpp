@@ -66,6 +66,7 @@ void note_ways(const LocalContactModel& model, const HandTool& tool, const Surfa
             s.plane.reserve(2 * points), s.place.reserve(2 * points), s.clear.reserve(4 * points), s.nearest.reserve(4 * points);
             s.asked_at.reserve(4 * points), s.bound.reserve(4 * points), s.radius.reserve(2 * points), s.near.reserve(4 * points), s.listed.reserve(4 * points);
         }
+        begin_model(s.surface);
         s.sequence = model.sequence;
         s.model_time = model.time;
         s.clear = model.shell.clear;
@@ -174,7 +175,7 @@ void add_planes(const LocalContactModel& model, const HandTool& tool, const Span
         const bool was_outside = !s.all_points && row.known > 0 && hint != kNone;
         const double half = was_outside ? model.half_thickness[hint] : kThickest;
         const double reach = was_outside ? std::min(model.reach, near + kLook + half) : model.reach;
-        const NearestTriangle nearest = find_nearest(model, row.root, s.place[k], hint, reach, s.surface);
+        const NearestTriangle nearest = find_nearest(model, row.root, s.place[k], hint, reach, s.surface, row.row);
         ++s.looked_at;
         const double surface_way = model.shell.speed[row.row] * s.aged + s.followed;
         s.asked_at[row.row] = s.place[k];
@@ -252,7 +253,8 @@ bool planes_hold(const LocalContactModel& model, const Pose& pose, const ShellSt
         if (gap > kBeside && way_of(plane, step) < plane.distance) continue;
         const Vec3d point = pose.tip + rotate(pose.turn, pose.point[plane.point].arm);
         const double half = model.half_thickness[s.nearest[plane.row]];
-        const NearestTriangle nearest = find_nearest(model, plane.root, point, s.nearest[plane.row], std::abs(gap + plane.gap) + half + kLook, s.surface);
+        const double reach = std::abs(gap + plane.gap) + half + kLook;
+        const NearestTriangle nearest = find_nearest(model, plane.root, point, s.nearest[plane.row], reach, s.surface, plane.row);
         ++s.looked_at;
         const double is = nearest.triangle == kNone ? kLook : side_of(model, nearest, plane.side, s.surface).distance - plane.gap;
         wrong += std::abs(std::min(0.0, is) - std::min(0.0, gap));

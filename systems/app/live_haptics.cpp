@@ -21,6 +21,7 @@ LiveHaptics::LiveHaptics(const HapticParams& params, std::span<const LiveTool> t
         tools_.back()->setup = tool;
         tools_.back()->model.back().in_hand = tool.in_hand;
         tools_.back()->model.publish();
+        tools_.back()->model.update();
     }
 }
 
@@ -72,11 +73,27 @@ bool LiveHaptics::take_sample(Tool& t, double time) const {
     return true;
 }
 
+// A tool that took its surface is done for this tick; instruments that are exchanged for one another change hands at once.
+void LiveHaptics::take_model(uint64_t index) {
+    const auto count = static_cast<uint32_t>(tools_.size());
+    const DeviceLink* taken = nullptr;
+    for (uint32_t n = 0, first = count > 0 ? first_asked(index, count) : 0; n < count; ++n) {
+        Tool& t = *tools_[(first + n) % count];
+        if (!t.model.update()) continue;
+        if (!t.setup.link) return;
+        taken = t.setup.link;
+        break;
+    }
+    if (!taken) return;
+    for (const std::unique_ptr<Tool>& t : tools_)
+        if (t->setup.link == taken) t->model.update();
+}
+
 void LiveHaptics::tick(uint64_t index, double time, int64_t now_ns) {
+    take_model(index);
     for (uint32_t k = 0; k < tools_.size(); ++k) {
         Tool& t = *tools_[k];
         if (!take_sample(t, time)) continue;
-        t.model.update();
         const LocalContactModel& model = t.model.front();
         tick_tool(params_, model, time, t.setup.tool, t.setup.effects, t.sample, t.scratch, t.state);
         if (t.setup.link && model.in_hand) t.setup.link->write(t.state.output, now_ns);

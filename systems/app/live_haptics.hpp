@@ -45,8 +45,13 @@ struct LiveTool {
     bool in_hand = true;         // at the start; instruments that are exchanged for one another have one device
 };
 
+// The tool that is asked first, in a tick of all tools, whether a new surface waits for it; then those after it, round to
+// the first again, and the one that has one takes it: a tick on a new surface costs several others, so never more than one
+// tool has its own in the same tick, and none waits longer than there are tools.
+inline uint32_t first_asked(uint64_t tick, uint32_t tools) { return static_cast<uint32_t>(tick % tools); }
+
 // Haptic ticks on an own 1 kHz thread. The simulation gives it surfaces and takes its states through newest-value
-// mailboxes; nobody waits for anybody.
+// mailboxes; nobody waits for anybody. Tools take new surfaces one a tick (first_asked), those that share a device together.
 class LiveHaptics {
  public:
     // What `tools` view must outlive this. A tool whose link has given no sample yet does not tick.
@@ -78,6 +83,7 @@ class LiveHaptics {
     struct Tool;
     void tick(uint64_t index, double time, int64_t now_ns);
     void make_room();
+    void take_model(uint64_t index);
     bool take_sample(Tool& tool, double time) const;
     HapticParams params_;
     std::vector<std::unique_ptr<Tool>> tools_;

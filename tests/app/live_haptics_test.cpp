@@ -2,6 +2,8 @@
 
 #include <gtest/gtest.h>
 
+#include <algorithm>
+#include <array>
 #include <cmath>
 
 #include "systems/haptic_tool.hpp"
@@ -95,6 +97,43 @@ TEST(LiveHaptics, RecordedValuesReplayToTheSameForces) {
         ASSERT_EQ(state[t.tool].output.force, t.force) << k;
     }
     EXPECT_EQ(state[0].proxy, haptics.state[0].proxy);
+}
+
+// Both tools get their surfaces at the same time: each takes its own in another tick than the other, and none stays behind.
+// Breaks when a tick takes all that wait.
+TEST(LiveHaptics, OneToolATickTakesANewSurface) {
+    const std::vector<HandTool> tools(2, plain_tool());
+    std::vector<Device> devices(2);
+    const std::vector<Keyframe> path = {{0.0, {0, 0, 0.01}, {}, 0}, {0.1, {0, 0, 0.001}, {}, 0}};
+    devices[0].path = devices[1].path = path;
+    Recording recording;
+    recording.tick.resize(20'000);
+    LiveHaptics live({}, tools, devices, {&Recording::record, &recording});
+    PeriodicOptions options;
+    options.real_time = false;
+    const int64_t start = monotonic_ns();
+    live.start(options, start);
+    constexpr uint64_t kPasses = 20;
+    for (uint64_t pass = 0; pass < kPasses; ++pass) {
+        for (uint32_t k = 0; k < 2; ++k) {
+            live.model_to_fill(k) = rising_plane(pass + 1, static_cast<double>(monotonic_ns() - start) * 1e-9);
+            live.publish_model(k);
+        }
+        sleep_until_ns(monotonic_ns() + 16'000'000);
+    }
+    live.stop();
+    std::array<std::vector<uint64_t>, 2> taken_at;  // ticks, by tool
+    std::array<uint64_t, 2> sequence{};
+    for (size_t k = 0; k < recording.count; ++k) {
+        const LiveTick& t = recording.tick[k];
+        if (t.model_sequence > sequence[t.tool]) taken_at[t.tool].push_back(t.tick);
+        sequence[t.tool] = t.model_sequence;
+    }
+    EXPECT_GT(taken_at[0].size(), kPasses / 2);
+    EXPECT_GT(taken_at[1].size(), kPasses / 2);
+    for (const uint64_t tick : taken_at[0]) EXPECT_EQ(std::count(taken_at[1].begin(), taken_at[1].end(), tick), 0) << tick;
+    EXPECT_EQ(sequence[0], kPasses);
+    EXPECT_EQ(sequence[1], kPasses);
 }
 
 // What links pull on a tool is found by the simulation: a tick's state must not wipe it out before it is published.

@@ -3,6 +3,8 @@
 #include <gtest/gtest.h>
 
 #include <Eigen/Geometry>
+#include <algorithm>
+#include <array>
 #include <cmath>
 #include <random>
 
@@ -579,6 +581,60 @@ TEST(HapticShell, PokingTakesEnergyAndGivesNone) {
         ASSERT_GT(energy, -made - 1e-6) << k;
     }
     EXPECT_GT(most, 2e-3);
+}
+
+// What was listed around a point answers as the whole tree does, and as all triangles one by one: on a surface that bends as it
+// goes, one that follows, and for points that stroll out of what was listed for them, until more was listed than is kept. Breaks
+// when a list is asked farther than it reaches, or later.
+TEST(HapticShell, ListedRunsGiveTheNearestTriangle) {
+    ShellRig rig(make_joined_patch(make_sphere(Vec3d::Zero(), 0.03, 6)), {{{0, 0, 0}, {0, 0, 1}, kNone}});
+    for (size_t v = 0; v < rig.model.position.size(); ++v) {
+        const Vec3d& p = rig.model.position[v];
+        rig.model.velocity[v] = 0.02 * Vec3d(std::sin(150 * p.y()), std::cos(130 * p.z()), std::sin(110 * p.x()));
+    }
+    rig.publish();
+    std::mt19937 random(5);
+    std::uniform_real_distribution<double> any(-1, 1);
+    const auto vector = [&] { return Vec3d(any(random), any(random), any(random)); };
+    PlacedSurface listed, fresh;
+    begin_model(listed);
+    std::array<Vec3d, 40> point;
+    std::array<uint32_t, 40> hint;
+    hint.fill(kNone);
+    for (Vec3d& p : point) p = 0.03 * vector().normalized();
+    size_t most = 0;
+    for (uint32_t tick = 0; tick < 300; ++tick) {
+        most = std::max(most, listed.listed.size());
+        const double late = tick % 20 > 16 ? 0.5 : 0;  // s, later than lists are made for
+        const SurfaceMoment moment{late + 0.03 + 0.031 * any(random), tick % 3 == 0 ? 0u : kNone, 3e-4 * vector()};
+        begin_moment(rig.model, moment, listed);
+        begin_moment(rig.model, moment, fresh);
+        for (uint32_t k = 0; k < point.size(); ++k) {
+            point[k] += 1e-3 * vector();
+            point[k] *= std::clamp(point[k].norm(), 0.0295, 0.0305) / point[k].norm();
+            const NearestTriangle found = find_nearest(rig.model, 0, point[k], hint[k], 0.01, listed, k);
+            const NearestTriangle wanted = find_nearest(rig.model, 0, point[k], kNone, 0.01, fresh);
+            ASSERT_EQ(found.triangle, wanted.triangle) << tick << " " << k;
+            ASSERT_EQ(found.at.squared_distance, wanted.at.squared_distance);
+            hint[k] = found.triangle;
+            if (k > 0 || tick % 10 > 0) continue;
+            NearestTriangle best;
+            best.at.squared_distance = 1e-4;
+            for (uint32_t t = 0; t < rig.model.triangle.size(); ++t) {
+                std::array<Vec3d, 3> c;
+                for (size_t corner = 0; corner < 3; ++corner) {
+                    const uint32_t v = rig.model.triangle[t][corner];
+                    c[corner] = rig.model.position[v] + moment.age * rig.model.velocity[v];
+                    if (moment.follower == 0) c[corner] += moment.follow;
+                }
+                const TrianglePoint at = closest_point_on_triangle(point[k], c[0], c[1], c[2]);
+                if (at.squared_distance < best.at.squared_distance) best.triangle = t, best.at = at;
+            }
+            ASSERT_EQ(found.triangle, best.triangle);
+            ASSERT_EQ(found.at.squared_distance, best.at.squared_distance);
+        }
+    }
+    EXPECT_GT(most, listed.listed.size());  // it began anew at least once
 }
 
 }  // namespace
