@@ -57,6 +57,35 @@ bool may_meet(double period, double fall, const Surfaces& s, const BodyBoxes& bo
     return true;
 }
 
+void add_jolt(BodyJolt& jolt, uint32_t by, double way) {
+    if (way > jolt.most) jolt = {way, jolt.most, by};
+    else jolt.second = std::max(jolt.second, way);
+}
+
+// How far a pair would run into each other, m: on the axis that parts them most, or along the line between their middles.
+double running_in(double period, double fall, const Surfaces& s, const BodyBoxes& boxes, const std::vector<BodyDrift>& drift, uint32_t a, uint32_t b) {
+    const Box box_a = without_margin(s, boxes, a), box_b = without_margin(s, boxes, b);
+    const auto velocity = [&](uint32_t body) { return is_deformable(s.bodies, body) ? drift[body].velocity : s.poses.velocity[body]; };
+    const Vec3d nearing = (velocity(a) - velocity(b)) * period, after = box_b.min - box_a.max, before = box_a.min - box_b.max;
+    int axis = 0;
+    const double gap = after.cwiseMax(before).maxCoeff(&axis);
+    const double on_axis = after[axis] > before[axis] ? nearing[axis] : -nearing[axis];
+    if (gap > 0 || !is_deformable(s.bodies, a) || !is_deformable(s.bodies, b)) return on_axis + fall - std::max(gap, 0.0);
+    return nearing.dot((box_b.min + box_b.max - box_a.min - box_a.max).normalized()) + fall;
+}
+
+void find_jolts(double period, double fall, const Surfaces& surfaces, const BodyBoxes& boxes, const CandidatePairs& pairs, ReachablePairsScratch& s) {
+    s.jolt.assign(surfaces.bodies.mesh.size(), {});
+    for (size_t i = 0; i < pairs.a.size(); ++i) {
+        const uint32_t a = pairs.a[i], b = pairs.b[i];
+        if (!s.reachable[i]) continue;
+        const double way = running_in(period, fall, surfaces, boxes, s.drift, a, b);
+        if (!(way > fall) || !std::isfinite(way)) continue;  // side by side, or at rest on each other
+        add_jolt(s.jolt[a], b, way);
+        add_jolt(s.jolt[b], a, way);
+    }
+}
+
 }  // namespace
 
 void drop_unreachable_pairs(double period, const Vec3d& gravity, const Surfaces& surfaces, const BodyBoxes& boxes,
@@ -67,23 +96,22 @@ void drop_unreachable_pairs(double period, const Vec3d& gravity, const Surfaces&
     s.drift.resize(bodies);
     s.reachable.assign(pairs.a.size(), 0);
     const double fall = 0.5 * gravity.norm() * period * period;
-    bool any_apart = false;
     for (size_t i = 0; i < pairs.a.size(); ++i) {
         const uint32_t a = pairs.a[i], b = pairs.b[i];
         s.reachable[i] = !is_deformable(surfaces.bodies, a) || !is_deformable(surfaces.bodies, b) || !are_apart(fall, surfaces, boxes, a, b);
+        s.asked[a] = s.asked[b] = 1;
         if (s.reachable[i]) s.disturbed[a] = s.disturbed[b] = 1;
-        else s.asked[a] = s.asked[b] = 1, any_apart = true;
     }
-    if (!any_apart) return;
     parallel_for(bodies, kBodiesPerChunk, [&](uint32_t begin, uint32_t end) {
         for (uint32_t body = begin; body < end; ++body)
-            if (s.asked[body]) s.drift[body] = drift_of(period, surfaces, body);
+            if (s.asked[body] && is_deformable(surfaces.bodies, body)) s.drift[body] = drift_of(period, surfaces, body);
     });
     for (size_t i = 0; i < pairs.a.size(); ++i) {
         if (s.reachable[i]) continue;
         s.reachable[i] = may_meet(period, fall, surfaces, boxes, s.drift, pairs.a[i], pairs.b[i]);
         if (s.reachable[i]) s.disturbed[pairs.a[i]] = s.disturbed[pairs.b[i]] = 1;
     }
+    find_jolts(period, fall, surfaces, boxes, pairs, s);
     size_t kept = 0;
     for (size_t i = 0; i < pairs.a.size(); ++i) {
         if (!s.disturbed[pairs.a[i]] && !s.disturbed[pairs.b[i]]) continue;
