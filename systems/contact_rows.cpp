@@ -301,7 +301,9 @@ void drop_idle_rows(double period, const Vec3d& gravity, const Surfaces& s, std:
         }
         if (is_deformable(bodies, other))
             for (int k = 0; k < 3; ++k) v -= rows.weight[row][k] * velocity(other, rows.triangle[row][k]);
-        return !(rows.distance[row] > near + v.norm() * period + jolt_of(jolt, body, other) + jolt_of(jolt, other, body));
+        const Vec3d normal = is_deformable(bodies, other) ? rows.normal[row] : rotate(s.poses.orientation[other], rows.normal[row]);
+        const double jolts = jolt_along(jolt, body, -normal) + jolt_along(jolt, other, normal);
+        return !(rows.distance[row] > near + v.norm() * period + jolts);
     };
     const uint32_t count = uint32_t(rows.body.size());
     scratch.dropped.resize(count);

@@ -57,32 +57,34 @@ bool may_meet(double period, double fall, const Surfaces& s, const BodyBoxes& bo
     return true;
 }
 
-void add_jolt(BodyJolt& jolt, uint32_t by, double way) {
-    if (way > jolt.most) jolt = {way, jolt.most, by};
-    else jolt.second = std::max(jolt.second, way);
-}
-
-// How far a pair would run into each other, m: on the axis that parts them most, or along the line between their middles.
-double running_in(double period, double fall, const Surfaces& s, const BodyBoxes& boxes, const std::vector<BodyDrift>& drift, uint32_t a, uint32_t b) {
+// How far a pair would run into each other, along the axis that parts them most or, where none does, along the line between their
+// middles: what b may do to a.
+Vec3d running_in(double period, double fall, const Surfaces& s, const BodyBoxes& boxes, const std::vector<BodyDrift>& drift, uint32_t a, uint32_t b) {
     const Box box_a = without_margin(s, boxes, a), box_b = without_margin(s, boxes, b);
     const auto velocity = [&](uint32_t body) { return is_deformable(s.bodies, body) ? drift[body].velocity : s.poses.velocity[body]; };
     const Vec3d nearing = (velocity(a) - velocity(b)) * period, after = box_b.min - box_a.max, before = box_a.min - box_b.max;
     int axis = 0;
-    const double gap = after.cwiseMax(before).maxCoeff(&axis);
-    const double on_axis = after[axis] > before[axis] ? nearing[axis] : -nearing[axis];
-    if (gap > 0 || !is_deformable(s.bodies, a) || !is_deformable(s.bodies, b)) return on_axis + fall - std::max(gap, 0.0);
-    return nearing.dot((box_b.min + box_b.max - box_a.min - box_a.max).normalized()) + fall;
+    const double gap = std::max(after.cwiseMax(before).maxCoeff(&axis), 0.0);
+    Vec3d way = Vec3d::Unit(axis);
+    if (!(after[axis] > before[axis])) way = -way;
+    if (gap == 0 && is_deformable(s.bodies, a) && is_deformable(s.bodies, b))
+        way = (box_b.min + box_b.max - box_a.min - box_a.max).normalized();
+    const double in = nearing.dot(way) - gap;
+    if (!(in > 0) || !std::isfinite(in)) return Vec3d::Zero();  // side by side, or at rest on each other
+    return -(in + fall) * way;
 }
 
 void find_jolts(double period, double fall, const Surfaces& surfaces, const BodyBoxes& boxes, const CandidatePairs& pairs, ReachablePairsScratch& s) {
     s.jolt.assign(surfaces.bodies.mesh.size(), {});
+    const auto add = [&](uint32_t body, const Vec3d& way) {
+        s.jolt[body].low = s.jolt[body].low.cwiseMin(way);
+        s.jolt[body].high = s.jolt[body].high.cwiseMax(way);
+    };
     for (size_t i = 0; i < pairs.a.size(); ++i) {
-        const uint32_t a = pairs.a[i], b = pairs.b[i];
         if (!s.reachable[i]) continue;
-        const double way = running_in(period, fall, surfaces, boxes, s.drift, a, b);
-        if (!(way > fall) || !std::isfinite(way)) continue;  // side by side, or at rest on each other
-        add_jolt(s.jolt[a], b, way);
-        add_jolt(s.jolt[b], a, way);
+        const Vec3d way = running_in(period, fall, surfaces, boxes, s.drift, pairs.a[i], pairs.b[i]);
+        add(pairs.a[i], way);
+        add(pairs.b[i], -way);
     }
 }
 

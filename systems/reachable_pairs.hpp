@@ -12,16 +12,15 @@ struct BodyDrift {
     double stray = 0;                // m, how far vertices may stray from it
 };
 
-// How far a body may get in the coming period from where its velocity takes it, because another one that it runs into stops it:
-// the farthest of all that it may run into, and the farthest but one.
+// How far a body may get in the coming period from where its velocity takes it, because others that it runs into stop it or that
+// run into it push it: a box of ways, m.
 struct BodyJolt {
-    double most = 0, second = 0;  // m
-    uint32_t by = kNone;          // body that may do the most
+    Vec3d low = Vec3d::Zero(), high = Vec3d::Zero();
 };
-// What others than `except` may do, m; 0 for bodies without a row.
-inline double jolt_of(std::span<const BodyJolt> jolt, uint32_t body, uint32_t except) {
+// The farthest along a unit vector, m; 0 for bodies without a row.
+inline double jolt_along(std::span<const BodyJolt> jolt, uint32_t body, const Vec3d& way) {
     if (body >= jolt.size()) return 0;
-    return jolt[body].by == except ? jolt[body].second : jolt[body].most;
+    return way.cwiseProduct(jolt[body].low).cwiseMax(way.cwiseProduct(jolt[body].high)).sum();
 }
 
 struct ReachablePairsScratch {
