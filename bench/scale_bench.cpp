@@ -352,9 +352,9 @@ void goal_rows(bool quick, Report& report) {
         uint32_t count, passes;
         double p99;
     };
-    // a pass of the heap of 1,000 asks 111,000 queries of 0.22 us, steps 102,000 nodes five times at 17 ns and sweeps 31,000
+    // sixty times a second the heap of 1,000 asks 111,000 queries of 0.22 us, steps 102,000 nodes five times at 17 ns and sweeps 31,000
     // acting rows six times in each step at 21 ns: 53 ms of processor time. Finding triangles and edges and planning rows may
-    // take as much, and an impact half as much again: 159 ms a pass, which is a picture of two passes on two cores
+    // take as much, and an impact half as much again: 159 ms a pass, which is a picture on two cores
     std::vector<Goals> list{{"rain", 1000, 90, 150}};
     if (!quick) list.push_back({"rain", 10000, 60, 1500});
     for (const Goals& g : list) {
