@@ -342,9 +342,9 @@ void share_room(std::span<AdvanceScratch> scratches) {
     level(&AdvanceScratch::node_of_particle);
     level(&AdvanceScratch::slot_of_body);
     level(&AdvanceScratch::plan);
-    size_t planned = 0;
-    for (const AdvanceScratch& s : scratches) planned = std::max(planned, s.planned.size());
-    for (AdvanceScratch& s : scratches) s.planned.resize(planned);
+    level(&AdvanceScratch::sketch);
+    level(&AdvanceScratch::way);
+    level(&AdvanceScratch::may_oppose);
     level(&AdvanceScratch::skin_point);
     level(&AdvanceScratch::free);
     level(&AdvanceScratch::turning);

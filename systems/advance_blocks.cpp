@@ -14,89 +14,119 @@ constexpr uint32_t kFewestRows = 64;
 constexpr uint32_t kOpenBlocks = 16;
 // Two ways within 60 degrees of a third are within 120 of each other, which is kOpposed.
 constexpr double kLean = 0.5;
+constexpr uint32_t kPlansPerChunk = 512;
 
-// Nodes of a row of a deformable body, in the order of the parts of a block.
+// Nodes of a row that is in a block.
 struct RowNodes {
     std::array<uint32_t, kParts> node;
     uint32_t count = 0;
-    bool distinct = true;
 };
-RowNodes nodes_of(const ContactPlan& plan) {
+RowNodes nodes_of(const RowSketch& row) {
     RowNodes r;
-    const auto add = [&](uint32_t node) {
-        for (uint32_t k = 0; k < r.count; ++k) r.distinct = r.distinct && r.node[k] != node;
-        r.node[r.count++] = node;
-    };
-    add(plan.node_a[0]);
-    if (plan.node_a[1] != plan.node_a[0]) add(plan.node_a[1]);
-    if (plan.rigid_b == kNone)
-        for (const uint32_t node : plan.node_b) add(node);
+    for (uint32_t part = 0; part < kParts; ++part)
+        if (row.node[part] != kNone) r.node[r.count++] = row.node[part];
     return r;
 }
+bool are_distinct(const RowNodes& nodes) {
+    for (uint32_t i = 0; i < nodes.count; ++i)
+        for (uint32_t k = 0; k < i; ++k)
+            if (nodes.node[i] == nodes.node[k]) return false;
+    return true;
+}
 bool is_edge(const ContactPlan& plan) { return plan.node_a[1] != plan.node_a[0]; }
-bool rides_skin(const ContactPlan& plan) { return (plan.node_a[0] | plan.node_b[0]) & kSkinPoint; }
-bool is_face(const ContactPlan& plan) { return plan.node_a[2] != plan.node_a[0]; }
-bool between_deformables(const ContactPlan& plan) { return plan.rigid_a == kNone && plan.rigid_b == kNone; }
-bool is_static(const AdvanceIsland& island, uint32_t rigid) {
-    return rigid != kNone && island.inputs.bodies.motion[island.scratch.rigid[rigid].body] == Motion::kStatic;
-}
-// Short lists with static bodies converge better in order.
-bool has_fixed_plane(const AdvanceIsland& island, const ContactPlan& plan) {
-    return island.scratch.phase[4] > 1 && plan.rigid_a == kNone && is_static(island, plan.rigid_b);
-}
-bool may_turn(const AdvanceIsland& island, const ContactPlan& plan) {
-    return !between_deformables(plan) && !has_fixed_plane(island, plan) &&
-           !(island.scratch.phase[4] > 1 && plan.rigid_b == kNone && is_static(island, plan.rigid_a));
+
+// Whether a side of a row is at rest for the whole call. Short lists with static bodies converge better in order.
+bool is_fixed(const AdvanceIsland& island, uint32_t body) {
+    return island.scratch.phase[4] > 1 && island.inputs.bodies.motion[body] == Motion::kStatic;
 }
 
-// Calls visit(change of a node, way of a row that presses it), group by group.
-template <typename Visit>
-void for_each_way(AdvanceScratch& s, const Visit& visit) {
-    const auto visit_plan = [&](const ContactPlan& plan) {
-        const auto visit_all = [&](uint32_t point, Vec4d way) {
-            visit_nodes(s, point, [&](uint32_t node, double) { visit(s.change[node], plan, way); });
-        };
-        if (plan.rigid_a == kNone) {
-            const Vec4d way = plan.rigid_b == kNone ? plan.normal : s.rigid[plan.rigid_b].place[0].turn(plan.normal);
-            visit_all(plan.node_a[0], way);
-            if (is_edge(plan)) visit_all(plan.node_a[1], way);
-            if (is_face(plan)) visit_all(plan.node_a[2], way);
-        }
-        if (plan.rigid_b == kNone) {
-            for (const uint32_t point : plan.node_b) visit_all(point, -plan.normal);
-        }
-    };
-    for_each_group(s, [&](const RowGroup& group) {
-        for (uint32_t i = group.plan.first; i < group.plan.end(); ++i) visit_plan(s.planned[i]);
-    });
-}
-
-// Finds the nodes that no two rows of the call can press from both sides: all ways lie within 60 degrees of their mean.
-// Planes of rigid bodies turn: theirs may.
-void find_opposable(AdvanceIsland& island) {
-    AdvanceScratch& s = island.scratch;
-    parallel_for(uint32_t(s.change.size()), kNodesPerChunk, [&](uint32_t begin, uint32_t end) {
-        for (uint32_t n = begin; n < end; ++n) s.change[n].first_way = Vec4d{}, s.change[n].may_oppose = false;
-    });
-    for_each_way(s, [](ContactNodeChange& change, const ContactPlan&, Vec4d way) { change.first_way += way; });
-    for_each_way(s, [&](ContactNodeChange& change, const ContactPlan& plan, Vec4d way) {
-        const double along = dot(change.first_way, way);
-        const bool leans = !(along > 0 && along * along >= kLean * kLean * norm2(change.first_way));
-        change.may_oppose = change.may_oppose || leans || may_turn(island, plan);
-    });
-}
-
-bool fits_block(const AdvanceIsland& island, const ContactPlan& plan) {
+// Way of a row's normal in the world.
+Vec4d way_of(const AdvanceIsland& island, uint32_t row) {
     const AdvanceScratch& s = island.scratch;
-    const bool fixed = has_fixed_plane(island, plan);
-    if (fixed ? s.body[s.node[plan.node_a[0]].owner].synchronous()  // its step holds the row
-              : !between_deformables(plan) || rides_skin(plan)) {
+    const Vec4d normal = to_vec4(island.rows.normal[row]);
+    const uint32_t other = island.rows.other[row];
+    return is_deformable(island.inputs.bodies, other) ? normal : s.rigid[s.slot_of_body[other]].place[0].turn(normal);
+}
+
+bool fits_block(const AdvanceIsland& island, uint32_t row, const RowSketch& sketch) {
+    const AdvanceScratch& s = island.scratch;
+    const Bodies& bodies = island.inputs.bodies;
+    const uint32_t point = island.rows.body[row], plane = island.rows.other[row];
+    if (island.rows.third[row] != kNone || !is_deformable(bodies, point)) return false;  // a block has no part for a third corner
+    const AdvanceBody& body = s.body[s.slot_of_body[point]];
+    if (is_deformable(bodies, plane) ? body.skin_node || s.body[s.slot_of_body[plane]].skin_node
+                                     : !is_fixed(island, plane) || body.synchronous()) {  // whose step holds the row
         return false;
     }
-    if (is_face(plan)) return false;  // a block has no part for a third corner
-    const RowNodes nodes = nodes_of(plan);
-    const auto end = nodes.node.begin() + nodes.count;
-    return nodes.distinct && std::none_of(nodes.node.begin(), end, [&](uint32_t n) { return s.change[n].may_oppose; });
+    return are_distinct(nodes_of(sketch));
+}
+
+// Points of edges are apart, their blocks have one part more; and rows that start outside, of which most do not act; and those
+// with fixed planes, whose kinds are the last.
+constexpr uint8_t kFixedPlane = 3, kKinds = 6;
+RowSketch make_sketch(const AdvanceIsland& island, uint32_t row) {
+    const AdvanceScratch& s = island.scratch;
+    const ContactRows& rows = island.rows;
+    const Bodies& bodies = island.inputs.bodies;
+    RowSketch sketch;
+    sketch.node.fill(kNone);
+    const auto put = [&](uint32_t part, const AdvanceBody& body, uint32_t vertex) {
+        if (!body.skin_node) sketch.node[part] = s.node_of_particle[body.particles.first + vertex];
+    };
+    const bool edge = rows.vertex[row][1] != rows.vertex[row][0];
+    if (is_deformable(bodies, rows.body[row])) {
+        const AdvanceBody& body = s.body[s.slot_of_body[rows.body[row]]];
+        put(0, body, rows.vertex[row][0]);
+        if (edge) put(1, body, rows.vertex[row][1]);
+        if (rows.third[row] != kNone) put(5, body, rows.third[row]);
+    }
+    const bool plane_moves = is_deformable(bodies, rows.other[row]);
+    for (uint32_t k = 0; plane_moves && k < 3; ++k) put(2 + k, s.body[s.slot_of_body[rows.other[row]]], rows.triangle[row][k]);
+    const int kind = edge ? 1 : std::signbit(rows.distance[row]) ? 0 : 2;
+    sketch.kind = fits_block(island, row, sketch) ? static_cast<uint8_t>(kind + (plane_moves ? 0 : kFixedPlane)) : RowSketch::kSingle;
+    return sketch;
+}
+
+// Calls visit(node, way of a row that presses it, row of sketch), group by group.
+template <typename Visit>
+void for_each_way(AdvanceIsland& island, const Visit& visit) {
+    AdvanceScratch& s = island.scratch;
+    for_each_group(s, [&](RowGroup& group) {
+        for (uint32_t i = group.plan.first; i < group.plan.end(); ++i) {
+            const Vec4d way = way_of(island, s.dealt[i]), back = -way;
+            const auto& node = s.sketch[i].node;
+            for (const uint32_t part : {0, 1, 5, 2, 3, 4})
+                if (node[part] != kNone) visit(node[part], part < 2 || part == 5 ? way : back, i);
+        }
+    });
+}
+
+// Planes of rigid bodies turn.
+bool may_turn(const AdvanceIsland& island, uint32_t row) {
+    const Bodies& bodies = island.inputs.bodies;
+    for (const uint32_t body : {island.rows.body[row], island.rows.other[row]})
+        if (!is_deformable(bodies, body) && !is_fixed(island, body)) return true;
+    return false;
+}
+
+// Finds the nodes that no two rows of the call can press from both sides: all ways lie within 60 degrees of their mean. Rows of
+// other nodes, and of planes that may turn, are in no block.
+void find_opposable(AdvanceIsland& island) {
+    AdvanceScratch& s = island.scratch;
+    s.way.assign(s.node.size(), Vec4d{});
+    s.may_oppose.assign(s.node.size(), 0);
+    for_each_way(island, [&](uint32_t node, Vec4d way, uint32_t) { s.way[node] += way; });
+    for_each_way(island, [&](uint32_t node, Vec4d way, uint32_t i) {
+        const double along = dot(s.way[node], way);
+        const bool leans = !(along > 0 && along * along >= kLean * kLean * norm2(s.way[node]));
+        if (leans || may_turn(island, s.dealt[i])) s.may_oppose[node] = 1;
+    });
+    for_each_group(s, [&](RowGroup& group) {
+        for (uint32_t i = group.plan.first; i < group.plan.end(); ++i) {
+            const auto& node = s.sketch[i].node;
+            if (std::any_of(node.begin(), node.end(), [&](uint32_t n) { return n != kNone && s.may_oppose[n]; })) s.sketch[i].kind = RowSketch::kSingle;
+        }
+    });
 }
 
 // Particle-less and without mass: what lanes without a row, and vertices without a second end, point to.
@@ -164,15 +194,15 @@ void put_row(AdvanceIsland& island, const ContactPlan& plan, uint32_t lane, Cont
 class BlockDealer {
  public:
     explicit BlockDealer(AdvanceScratch& s) : s_(s) { block_.fill(kNone); }
-    void add(ContactPlan& plan) {
-        const RowNodes nodes = nodes_of(plan);
+    void add(RowSketch& row) {
+        const RowNodes nodes = nodes_of(row);
         uint32_t shared = 0;
         for (uint32_t k = 0; k < nodes.count; ++k) shared |= s_.open_blocks_of_node[nodes.node[k]];
         uint32_t slot = uint32_t(std::countr_one(shared));
         if (slot >= kOpenBlocks) close(slot = next_ = (next_ + 1) % kOpenBlocks);
         if (block_[slot] == kNone) block_[slot] = count_++;
-        plan.block = block_[slot];
-        plan.lane = row_[slot].count;
+        row.block = block_[slot];
+        row.lane = static_cast<uint8_t>(row_[slot].count);
         row_[slot].nodes[row_[slot].count++] = nodes;
         for (uint32_t k = 0; k < nodes.count; ++k) s_.open_blocks_of_node[nodes.node[k]] |= uint16_t(1u << slot);
         if (row_[slot].count == 4) close(slot);
@@ -369,21 +399,13 @@ void add_pushes(const AdvanceIsland& island, const ContactBlock& block, const Fo
 }
 
 // Deals out the rows of a group that fit, and counts its blocks.
-void deal_blocks(AdvanceIsland& island, RowGroup& group) {
-    AdvanceScratch& s = island.scratch;
+void deal_blocks(AdvanceScratch& s, RowGroup& group) {
     BlockDealer dealer(s);
-    // points of edges are apart, their blocks have one part more; and rows that start outside, of which most do not act;
-    // and those with fixed planes
-    const auto kind_of = [&](const ContactPlan& plan) {
-        return (is_edge(plan) ? 1 : std::signbit(island.rows.distance[plan.row]) ? 0 : 2) + (plan.rigid_b == kNone ? 0 : 3);
-    };
     uint32_t before_fixed = 0;
-    for (int kind = 0; kind < 6; ++kind) {
-        if (kind == 3) before_fixed = dealer.count();
-        for (uint32_t i = group.plan.first; i < group.plan.end(); ++i) {
-            ContactPlan& plan = s.planned[i];
-            if (plan.in_block && kind_of(plan) == kind) dealer.add(plan);
-        }
+    for (uint8_t kind = 0; kind < kKinds; ++kind) {
+        if (kind == kFixedPlane) before_fixed = dealer.count();
+        for (uint32_t i = group.plan.first; i < group.plan.end(); ++i)
+            if (s.sketch[i].kind == kind) dealer.add(s.sketch[i]);
         dealer.close_all();
     }
     group.block.count = dealer.count();
@@ -400,8 +422,8 @@ void fill_blocks(AdvanceIsland& island, const RowGroup& group) {
         s.fixed[block.fixed] = {};
     }
     for (uint32_t i = group.plan.first; i < group.plan.end(); ++i) {
-        const ContactPlan& plan = s.planned[i];
-        if (plan.in_block) put_row(island, plan, plan.lane, s.block[group.block.first + plan.block]);
+        const RowSketch& row = s.sketch[i];
+        if (row.kind != RowSketch::kSingle) put_row(island, make_plan(island, s.dealt[i]), row.lane, s.block[group.block.first + row.block]);
     }
 }
 
@@ -420,42 +442,51 @@ void lay_out_blocks(AdvanceScratch& s) {
     s.fixed.resize(fixed);
 }
 
-// Copies the plans that are not in a block to where they are worked on.
-void keep_single_rows(AdvanceScratch& s) {
-    s.plan.clear();
+// Plans the rows that are not in a block; all of them without sketches.
+void plan_single_rows(AdvanceIsland& island, bool sketched) {
+    AdvanceScratch& s = island.scratch;
+    const auto is_single = [&](uint32_t i) { return !sketched || s.sketch[i].kind == RowSketch::kSingle; };
+    // the list of single rows, in place
+    uint32_t count = 0;
     for (uint32_t g = 0; g < s.phase[4]; ++g) {
         RowGroup& group = s.group[g];
-        const uint32_t first = uint32_t(s.plan.size());
+        const uint32_t first = count;
         for (uint32_t i = group.plan.first; i < group.plan.end(); ++i)
-            if (!s.planned[i].in_block) s.plan.push_back(s.planned[i]);
-        group.plan = {first, uint32_t(s.plan.size()) - first};
+            if (is_single(i)) s.dealt[count++] = s.dealt[i];
+        group.plan = {first, count - first};
     }
+    make_room(s.plan, count);
+    s.plan.resize(count);
+    parallel_for(count, any_rides(s) ? std::max(count, 1u) : kPlansPerChunk, [&](uint32_t begin, uint32_t end) {
+        for (uint32_t i = begin; i < end; ++i) s.plan[i] = make_plan(island, s.dealt[i]);
+    });
 }
 
 }  // namespace
 
 void plan_blocks(AdvanceIsland& island) {
     AdvanceScratch& s = island.scratch;
-    uint32_t rows = 0;
-    for (uint32_t g = 0; g < s.phase[4]; ++g) {
-        rows += s.group[g].plan.count;
-        s.group[g].block = s.group[g].fixed = {};
-    }
+    for (uint32_t g = 0; g < s.phase[4]; ++g) s.group[g].block = s.group[g].fixed = {};
+    const uint32_t rows = static_cast<uint32_t>(s.dealt.size());
     if (rows < kFewestRows) {
         s.block.clear();
-        keep_single_rows(s);
+        plan_single_rows(island, false);
         return;
     }
-    find_opposable(island);
-    for_each_group(s, [&](RowGroup& group) {
-        for (uint32_t i = group.plan.first; i < group.plan.end(); ++i) s.planned[i].in_block = fits_block(island, s.planned[i]);
+    make_room(s.sketch, rows);
+    s.sketch.resize(rows);
+    make_room(s.way, s.node.capacity());
+    make_room(s.may_oppose, s.node.capacity());
+    parallel_for(rows, kPlansPerChunk, [&](uint32_t begin, uint32_t end) {
+        for (uint32_t i = begin; i < end; ++i) s.sketch[i] = make_sketch(island, s.dealt[i]);
     });
+    find_opposable(island);
     for (uint32_t g = 0; g < s.phase[4]; ++g) s.group[g].idle = add_idle_node(s);
     s.open_blocks_of_node.resize(s.node.size(), 0);
-    for_each_group(s, [&](RowGroup& group) { deal_blocks(island, group); });
+    for_each_group(s, [&](RowGroup& group) { deal_blocks(s, group); });
     lay_out_blocks(s);
     for_each_group(s, [&](RowGroup& group) { fill_blocks(island, group); });
-    keep_single_rows(s);
+    plan_single_rows(island, true);
 }
 
 void forget_blocks(AdvanceIsland& island) {

@@ -22,22 +22,17 @@ constexpr uint32_t kSkinSweeps = 4;
 // groups still hear of each other.
 constexpr uint32_t kSweepsAtOnce = 2;
 
-uint32_t node_slot(AdvanceScratch& s, uint32_t owner, uint32_t vertex) {
+void add_node(AdvanceScratch& s, uint32_t owner, uint32_t particle) {
     const AdvanceBody& body = s.body[owner];
-    const uint32_t particle = body.particles.first + vertex;
-    uint32_t& slot = s.node_of_particle[particle];
-    if (slot == kNone) {
-        slot = static_cast<uint32_t>(s.node.size());
-        ContactNode& node = s.node.emplace_back();
-        node.particle = particle;
-        node.owner = owner;
-        node.particle_inv_mass = body.now[vertex].w;
-        node.inv_mass = body.impulse_left * node.particle_inv_mass;
-        s.change.emplace_back();
-        s.body[owner].touched = true;
-    }
-    return slot;
+    s.node_of_particle[particle] = static_cast<uint32_t>(s.node.size());
+    ContactNode& node = s.node.emplace_back();
+    node.particle = particle;
+    node.owner = owner;
+    node.particle_inv_mass = body.now[particle - body.particles.first].w;
+    node.inv_mass = body.impulse_left * node.particle_inv_mass;
+    s.change.emplace_back();
 }
+uint32_t node_slot(const AdvanceScratch& s, uint32_t owner, uint32_t vertex) { return s.node_of_particle[s.body[owner].particles.first + vertex]; }
 
 // Node of a vertex of a deformable body, or the new skin point of one that rides.
 uint32_t vertex_slot(AdvanceScratch& s, uint32_t owner, uint32_t vertex) {
@@ -53,62 +48,34 @@ Vec4d rest_position(const Meshes& meshes, uint32_t prototype, uint32_t vertex) {
     return to_vec4(meshes.position[meshes.info[prototype].vertices.first + vertex]);
 }
 
-ContactPlan make_plan(AdvanceIsland& island, uint32_t row) {
+// Gives the rigid sides and the nodes of all rows their places in scratch: nodes in the order of bodies and particles, so that
+// what is done to all of them runs through memory once, and rows find theirs close together.
+void number_nodes(AdvanceIsland& island) {
     AdvanceScratch& s = island.scratch;
     const ContactRows& rows = island.rows;
-    const Bodies& bodies = island.inputs.bodies;
-    const Meshes& meshes = island.inputs.meshes;
-    const uint32_t a = rows.body[row], b = rows.other[row];
-    ContactPlan plan;
-    plan.row = row;
-    const bool in_face = rows.third[row] != kNone;
-    plan.weight_a = {1.0 - rows.along[row] - rows.across[row], rows.along[row], rows.across[row]};
-    plan.weight_b = {rows.weight[row][0], rows.weight[row][1], rows.weight[row][2]};
-    plan.normal = to_vec4(rows.normal[row]);
-    plan.impulse = plan.held = Vec4d{};
-    plan.friction = rows.friction[row];
-    plan.ended = std::isinf(rows.distance[row]);
-    if (is_deformable(bodies, a)) {
-        TROCAR_ASSERT(s.slot_of_body[a] != kNone);
-        const auto& vertex = rows.vertex[row];
-        plan.node_a[0] = vertex_slot(s, s.slot_of_body[a], vertex[0]);
-        plan.node_a[1] = vertex[1] == vertex[0] ? plan.node_a[0] : vertex_slot(s, s.slot_of_body[a], vertex[1]);
-        plan.node_a[2] = in_face ? vertex_slot(s, s.slot_of_body[a], rows.third[row]) : plan.node_a[0];
-    } else {
-        plan.rigid_a = rigid_slot(island, a);
-        plan.point_a = plan.weight_a[0] * rest_position(meshes, bodies.mesh[a], rows.vertex[row][0]) +
-                       plan.weight_a[1] * rest_position(meshes, bodies.mesh[a], rows.vertex[row][1]);
-        if (in_face) plan.point_a += plan.weight_a[2] * rest_position(meshes, bodies.mesh[a], rows.third[row]);
-    }
-    if (is_deformable(bodies, b)) {
-        TROCAR_ASSERT(s.slot_of_body[b] != kNone);
-        for (int i = 0; i < 3; ++i) plan.node_b[i] = vertex_slot(s, s.slot_of_body[b], rows.triangle[row][i]);
-    } else {
-        plan.rigid_b = rigid_slot(island, b);
-        plan.point_b = Vec4d{};
-        for (int i = 0; i < 3; ++i) {
-            plan.point_b += plan.weight_b[i] * rest_position(meshes, bodies.mesh[b], rows.triangle[row][i]);
-        }
-    }
-    if (plan.rigid_a != kNone && plan.rigid_b != kNone) {
-        plan.restitution = std::max(bodies.tissue[a].restitution, bodies.tissue[b].restitution);
-    }
-    if (meshes.info[bodies.mesh[b]].admission == Admission::kSheet) plan.offset = 0.5 * bodies.thickness[b];
-    return plan;
-}
-
-// Gives the nodes and rigid sides of a row their places in scratch, in the order in which make_plan asks for them.
-void number_nodes(AdvanceIsland& island, uint32_t row) {
-    AdvanceScratch& s = island.scratch;
-    const ContactRows& rows = island.rows;
-    const auto number = [&](uint32_t body, std::initializer_list<uint32_t> vertices) {
+    constexpr uint32_t kAsked = kNone - 1;
+    const auto ask = [&](uint32_t body, std::initializer_list<uint32_t> vertices) {
         if (!is_deformable(island.inputs.bodies, body)) return void(rigid_slot(island, body));
-        for (const uint32_t v : vertices)
-            if (v != kNone) node_slot(s, s.slot_of_body[body], v);
+        TROCAR_ASSERT(s.slot_of_body[body] != kNone);
+        AdvanceBody& b = s.body[s.slot_of_body[body]];
+        b.touched = true;
+        for (const uint32_t v : vertices) {
+            if (v == kNone) continue;
+            if (!b.skin_node) s.node_of_particle[b.particles.first + v] = kAsked;
+            else for (const uint32_t node : b.skin_node[v]) s.node_of_particle[b.particles.first + node] = kAsked;
+        }
     };
-    const Triangle& t = rows.triangle[row];
-    number(rows.body[row], {rows.vertex[row][0], rows.vertex[row][1], rows.third[row]});
-    number(rows.other[row], {t[0], t[1], t[2]});
+    for (const uint32_t row : s.dealt) {
+        const Triangle& t = rows.triangle[row];
+        ask(rows.body[row], {rows.vertex[row][0], rows.vertex[row][1], rows.third[row]});
+        ask(rows.other[row], {t[0], t[1], t[2]});
+    }
+    for (uint32_t owner = 0; owner < s.body.size(); ++owner) {
+        const AdvanceBody& b = s.body[owner];
+        if (!b.touched) continue;
+        for (uint32_t particle = b.particles.first; particle < b.particles.end(); ++particle)
+            if (s.node_of_particle[particle] == kAsked) add_node(s, owner, particle);
+    }
 }
 
 // Where the two points of a row are at the start of a substep.
@@ -576,13 +543,57 @@ double gather_nodes(AdvanceIsland& island) {
 
 }  // namespace
 
+ContactPlan make_plan(AdvanceIsland& island, uint32_t row) {
+    AdvanceScratch& s = island.scratch;
+    const ContactRows& rows = island.rows;
+    const Bodies& bodies = island.inputs.bodies;
+    const Meshes& meshes = island.inputs.meshes;
+    const uint32_t a = rows.body[row], b = rows.other[row];
+    ContactPlan plan;
+    plan.row = row;
+    const bool in_face = rows.third[row] != kNone;
+    plan.weight_a = {1.0 - rows.along[row] - rows.across[row], rows.along[row], rows.across[row]};
+    plan.weight_b = {rows.weight[row][0], rows.weight[row][1], rows.weight[row][2]};
+    plan.normal = to_vec4(rows.normal[row]);
+    plan.impulse = plan.held = Vec4d{};
+    plan.friction = rows.friction[row];
+    plan.ended = std::isinf(rows.distance[row]);
+    if (is_deformable(bodies, a)) {
+        TROCAR_ASSERT(s.slot_of_body[a] != kNone);
+        const auto& vertex = rows.vertex[row];
+        plan.node_a[0] = vertex_slot(s, s.slot_of_body[a], vertex[0]);
+        plan.node_a[1] = vertex[1] == vertex[0] ? plan.node_a[0] : vertex_slot(s, s.slot_of_body[a], vertex[1]);
+        plan.node_a[2] = in_face ? vertex_slot(s, s.slot_of_body[a], rows.third[row]) : plan.node_a[0];
+    } else {
+        plan.rigid_a = rigid_slot(island, a);
+        plan.point_a = plan.weight_a[0] * rest_position(meshes, bodies.mesh[a], rows.vertex[row][0]) +
+                       plan.weight_a[1] * rest_position(meshes, bodies.mesh[a], rows.vertex[row][1]);
+        if (in_face) plan.point_a += plan.weight_a[2] * rest_position(meshes, bodies.mesh[a], rows.third[row]);
+    }
+    if (is_deformable(bodies, b)) {
+        TROCAR_ASSERT(s.slot_of_body[b] != kNone);
+        for (int i = 0; i < 3; ++i) plan.node_b[i] = vertex_slot(s, s.slot_of_body[b], rows.triangle[row][i]);
+    } else {
+        plan.rigid_b = rigid_slot(island, b);
+        plan.point_b = Vec4d{};
+        for (int i = 0; i < 3; ++i) {
+            plan.point_b += plan.weight_b[i] * rest_position(meshes, bodies.mesh[b], rows.triangle[row][i]);
+        }
+    }
+    if (plan.rigid_a != kNone && plan.rigid_b != kNone) {
+        plan.restitution = std::max(bodies.tissue[a].restitution, bodies.tissue[b].restitution);
+    }
+    if (meshes.info[bodies.mesh[b]].admission == Admission::kSheet) plan.offset = 0.5 * bodies.thickness[b];
+    return plan;
+}
+
 void plan_contacts(AdvanceIsland& island, std::span<const uint32_t> island_rows) {
     AdvanceScratch& s = island.scratch;
     s.skin_point.clear();
     s.node_of_particle.resize(island.particles.offset.size(), kNone);
     // neighbours in the list are neighbours on the surface and share nodes: parts of a long list are dealt in turn, so
     // that the processor can work on one row while another waits for its sums; a short one converges better in order
-    constexpr uint32_t kMostParts = 8, kRowsPerPart = 32, kPlansPerChunk = 512;
+    constexpr uint32_t kMostParts = 8, kRowsPerPart = 32;
     const uint32_t count = static_cast<uint32_t>(island_rows.size());
     make_room(s.plan, count);
     make_room(s.node, s.node.size() + 2 * count);
@@ -593,15 +604,8 @@ void plan_contacts(AdvanceIsland& island, std::span<const uint32_t> island_rows)
     s.dealt.clear();
     for (uint32_t i = 0; i < part; ++i)
         for (uint32_t row = i; row < count; row += part) s.dealt.push_back(island_rows[row]);
-    // nodes are numbered as rows come; once they are, plans can be made at the same time. Points of skins have no numbers
-    const bool rides = std::any_of(s.body.begin(), s.body.end(), [](const AdvanceBody& b) { return b.skin_node != nullptr; });
-    if (!rides)
-        for (const uint32_t row : s.dealt) number_nodes(island, row);
+    number_nodes(island);
     group_rows(island);
-    if (s.planned.size() < count) s.planned.resize(count + count / 4);
-    parallel_for(count, rides ? std::max(count, 1u) : kPlansPerChunk, [&](uint32_t begin, uint32_t end) {
-        for (uint32_t i = begin; i < end; ++i) s.planned[i] = make_plan(island, s.dealt[i]);
-    });
     plan_blocks(island);
     for (uint32_t g = 0; g < s.phase[4]; ++g) make_room(s.group[g].active, s.group[g].plan.count);
     s.warm.clear();

@@ -115,6 +115,12 @@ double kinetic_energy(const AdvanceIsland& island, const AdvanceBody& b);
 // out: those may give energy. After the last substep, before the state is written.
 bool has_run_away(const AdvanceIsland& island, const AdvanceBody& b);
 
+// What stays the same about a row; its nodes have their places.
+ContactPlan make_plan(AdvanceIsland& island, uint32_t row);
+// Whether some body of the island has a skin that rides on its nodes: then plans are made one after the other.
+inline bool any_rides(const AdvanceScratch& s) {
+    return std::any_of(s.body.begin(), s.body.end(), [](const AdvanceBody& b) { return b.skin_node != nullptr; });
+}
 // Finds the nodes, rigid sides and plans of the island's rows; rows that have ended are left out.
 void plan_contacts(AdvanceIsland& island, std::span<const uint32_t> island_rows);
 // Empties the look-up tables that plan_contacts filled.
@@ -217,8 +223,8 @@ void push_out(AdvanceIsland& island, uint32_t substep);
 double share_of_point(const AdvanceIsland& island, const ContactPlan& plan);
 
 // Long lists of rows between deformable bodies are worked on four at a time, and where there are several groups those with
-// static bodies too; each does what its namesake for one row does. plan_blocks takes rows out of scratch.plan; a row any of
-// whose nodes may be pressed from both sides stays.
+// static bodies too; each does what its namesake for one row does. plan_blocks makes blocks of the rows of scratch.dealt, and
+// plans of the others; a row any of whose nodes may be pressed from both sides is one of those.
 void plan_blocks(AdvanceIsland& island);
 void forget_blocks(AdvanceIsland& island);
 void activate_blocks(AdvanceIsland& island, double reach, RowGroup& group);  // reach: m, infinite unless all velocities are finite

@@ -154,7 +154,6 @@ struct ContactNodeChange {
     Vec4d change;           // m, of the place by push-out
     Vec4d first_way;        // of the first active row that is not in a block
     uint32_t rows = 0;      // active rows that are not in a block
-    bool may_oppose = true;  // rows of the call may press it from both sides: none of them is in a block
     bool opposed = false;
     bool pushed = false;
 };
@@ -183,8 +182,15 @@ struct ContactPlan {
     uint32_t rigid_a = kNone, rigid_b = kNone;  // rows of rigid, or kNone
     uint32_t row = kNone;
     bool ended = false;
-    bool in_block = false;
-    uint32_t block = 0, lane = 0;  // if in a block: which of its group, and where in it
+};
+
+// What is asked of a row while it is decided where it is worked on: a tenth of its plan.
+struct RowSketch {
+    std::array<uint32_t, 6> node;  // point, second end of its edge, corners of the triangle, third corner of a face; kNone: no particle, or a skin's
+    uint32_t block = 0;            // if in a block: which of its group,
+    uint8_t lane = 0;              // and where in it
+    uint8_t kind = 0;              // rows of a kind share blocks; kSingle: none
+    static constexpr uint8_t kSingle = 255;
 };
 
 // A row that acts in this substep.
@@ -290,7 +296,9 @@ struct AdvanceScratch {
     std::vector<uint32_t> node_of_particle;  // row of node or kNone, one per particle of the world
     std::vector<uint32_t> slot_of_body;      // row of body or of rigid or kNone, one per body of the world
     std::vector<ContactSkinPoint> skin_point;
-    std::vector<ContactPlan> planned;  // of all rows of the call, the first of them, while blocks are filled
+    std::vector<RowSketch> sketch;     // of all rows of the call, as dealt, while blocks are filled
+    std::vector<Vec4d> way;            // per node: sum of the ways of all rows that press it; likewise
+    std::vector<uint8_t> may_oppose;   // per node: rows of the call may press it from both sides: none of them is in a block; likewise
     std::vector<ContactPlan> plan;     // of rows that are not in a block
     std::vector<AdvanceFree> free;
     std::vector<ContactTurning> turning;  // of the active rows with a free side

@@ -339,6 +339,7 @@ void cut_to_slabs(const DirectInput& in, const ScreenedTriangles& screened, std:
     if (!(distance > 0)) return;
     const Vec3d way = apart / distance, mean = 0.5 * (drift[body[0]] + drift[body[1]]);
     double slack = 0.5 * in.gravity * in.period * in.period + 1e-12 * (distance + base.norm());
+    slack += jolt_along(in.jolt, body[0], way) + jolt_along(in.jolt, body[1], -way);
     for (const uint32_t b : body) slack += 0.05 * s.meshes.info[s.bodies.mesh[b]].mean_edge + 0.5 * s.bodies.thickness[b];
     double farthest[2];
     for (int k = 0; k < 2; ++k) farthest[k] = reach_along(s, body[k], in.period, base, k ? Vec3d(-way) : way, mean, c.along[k]);

@@ -5,6 +5,7 @@
 
 #include "components/contacts.hpp"
 #include "engine/surfaces.hpp"
+#include "systems/reachable_pairs.hpp"
 namespace trocar {
 
 // What comparing pairs directly needs, and which it is done for.
@@ -14,6 +15,7 @@ struct DirectInput {
     double period = 0;   // s
     double gravity = 0;  // m/s^2
     uint64_t most = 0;   // see is_direct
+    std::span<const BodyJolt> jolt{};  // per body; may be empty
 };
 
 // What a run of directly compared pairs found, pair after pair, as local triangles.
@@ -52,7 +54,7 @@ struct CandidateCellsScratch {
 // that are direct (engine/direct_pairs.hpp) have all their triangles compared, eight at a time. Between deformable bodies
 // those are left out that cannot come near in the period along the way from one body's middle to the other's: there no
 // point of one body is nearer to the other than their places differ, and each goes as far as its vertices' speeds beside
-// the mean of both bodies, to and fro, the fall of one of them, and 0.05 mean edges each.
+// the mean of both bodies, to and fro, the fall of one of them, what others may do to both, and 0.05 mean edges each.
 void find_candidate_triangles(const CandidatePairs& pairs, const ScreenedTriangles& screened,
                               const Occupancy& occupancy, CandidateCellsScratch& scratch,
                               CandidateTriangles& candidates, const DirectInput* direct = nullptr);

@@ -278,7 +278,8 @@ void make_contact_rows(const ContactParams& params, const Surfaces& surfaces, co
     take_out(scratch.dropped, rows);
 }
 
-void drop_idle_rows(double period, const Vec3d& gravity, const Surfaces& s, ContactRowsScratch& scratch, ContactRows& rows) {
+void drop_idle_rows(double period, const Vec3d& gravity, const Surfaces& s, std::span<const BodyJolt> jolt, ContactRowsScratch& scratch,
+                    ContactRows& rows) {
     const Bodies& bodies = s.bodies;
     const double fall = 0.5 * gravity.norm() * period * period;
     const auto velocity = [&](uint32_t body, uint32_t vertex) {
@@ -300,7 +301,9 @@ void drop_idle_rows(double period, const Vec3d& gravity, const Surfaces& s, Cont
         }
         if (is_deformable(bodies, other))
             for (int k = 0; k < 3; ++k) v -= rows.weight[row][k] * velocity(other, rows.triangle[row][k]);
-        return !(rows.distance[row] > near + v.norm() * period);
+        const Vec3d normal = is_deformable(bodies, other) ? rows.normal[row] : rotate(s.poses.orientation[other], rows.normal[row]);
+        const double jolts = jolt_along(jolt, body, -normal) + jolt_along(jolt, other, normal);
+        return !(rows.distance[row] > near + v.norm() * period + jolts);
     };
     const uint32_t count = uint32_t(rows.body.size());
     scratch.dropped.resize(count);

@@ -6,6 +6,7 @@
 #include "components/report.hpp"
 #include "engine/exit_grid.hpp"
 #include "engine/surfaces.hpp"
+#include "systems/reachable_pairs.hpp"
 namespace trocar {
 
 struct ContactRowsScratch {
@@ -32,9 +33,9 @@ void make_contact_rows(const ContactParams& params, const Surfaces& surfaces, co
                        Report& report, ContactRows& rows);
 
 // Drops rows that cannot act in the coming period (s): their point is farther from its plane than both may go towards each
-// other at the speeds they have beside each other, plus the fall of one of them and 0.05 mean edges of each. Rows of rigid
-// bodies that move stay. Order is kept.
-void drop_idle_rows(double period, const Vec3d& gravity, const Surfaces& surfaces, ContactRowsScratch& scratch,
-                    ContactRows& rows);
+// other at the speeds they have beside each other, plus the fall of one of them, what others may do to both (`jolt`, per body; may be
+// empty) and 0.05 mean edges of each. Rows of rigid bodies that move stay. Order is kept.
+void drop_idle_rows(double period, const Vec3d& gravity, const Surfaces& surfaces, std::span<const BodyJolt> jolt,
+                    ContactRowsScratch& scratch, ContactRows& rows);
 
 }  // namespace trocar

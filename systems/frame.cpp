@@ -300,7 +300,7 @@ void rasterise_(FrameState& f) {
 }
 void candidate_cells(FrameState& f) {
     const World& w = f.world;
-    const DirectInput direct{surfaces_of(w), w.boxes, period_seconds(w), w.settings.gravity.norm(), f.direct_tests};
+    const DirectInput direct{surfaces_of(w), w.boxes, period_seconds(w), w.settings.gravity.norm(), f.direct_tests, f.scratch.reachable.jolt};
     find_candidate_triangles(w.pairs, w.screened, w.occupancy, f.scratch.cells, f.world.candidates, &direct);
 }
 void contours(FrameState& f) {
@@ -337,7 +337,7 @@ void regions(FrameState& f) {
 void contact_rows(FrameState& f) {
     World& w = f.world;
     make_contact_rows(w.settings.contact, surfaces_of(w), w.pairs, w.contacts, w.penetrations, f.scratch.rows, w.report, w.rows);
-    drop_idle_rows(period_seconds(w), w.settings.gravity, surfaces_of(w), f.scratch.rows, w.rows);
+    drop_idle_rows(period_seconds(w), w.settings.gravity, surfaces_of(w), f.scratch.reachable.jolt, f.scratch.rows, w.rows);
     add_edge_rows(surfaces_of(w), w.boxes, w.pairs, w.candidates, f.scratch.edge_rows, w.rows);
     recall_contacts(w.contact_memory, f.scratch.memory, w.rows);
 }

@@ -57,6 +57,37 @@ bool may_meet(double period, double fall, const Surfaces& s, const BodyBoxes& bo
     return true;
 }
 
+// How far a pair would run into each other, along the axis that parts them most or, where none does, along the line between their
+// middles: what b may do to a.
+Vec3d running_in(double period, double fall, const Surfaces& s, const BodyBoxes& boxes, const std::vector<BodyDrift>& drift, uint32_t a, uint32_t b) {
+    const Box box_a = without_margin(s, boxes, a), box_b = without_margin(s, boxes, b);
+    const auto velocity = [&](uint32_t body) { return is_deformable(s.bodies, body) ? drift[body].velocity : s.poses.velocity[body]; };
+    const Vec3d nearing = (velocity(a) - velocity(b)) * period, after = box_b.min - box_a.max, before = box_a.min - box_b.max;
+    int axis = 0;
+    const double gap = std::max(after.cwiseMax(before).maxCoeff(&axis), 0.0);
+    Vec3d way = Vec3d::Unit(axis);
+    if (!(after[axis] > before[axis])) way = -way;
+    if (gap == 0 && is_deformable(s.bodies, a) && is_deformable(s.bodies, b))
+        way = (box_b.min + box_b.max - box_a.min - box_a.max).normalized();
+    const double in = nearing.dot(way) - gap;
+    if (!(in > 0) || !std::isfinite(in)) return Vec3d::Zero();  // side by side, or at rest on each other
+    return -(in + fall) * way;
+}
+
+void find_jolts(double period, double fall, const Surfaces& surfaces, const BodyBoxes& boxes, const CandidatePairs& pairs, ReachablePairsScratch& s) {
+    s.jolt.assign(surfaces.bodies.mesh.size(), {});
+    const auto add = [&](uint32_t body, const Vec3d& way) {
+        s.jolt[body].low = s.jolt[body].low.cwiseMin(way);
+        s.jolt[body].high = s.jolt[body].high.cwiseMax(way);
+    };
+    for (size_t i = 0; i < pairs.a.size(); ++i) {
+        if (!s.reachable[i]) continue;
+        const Vec3d way = running_in(period, fall, surfaces, boxes, s.drift, pairs.a[i], pairs.b[i]);
+        add(pairs.a[i], way);
+        add(pairs.b[i], -way);
+    }
+}
+
 }  // namespace
 
 void drop_unreachable_pairs(double period, const Vec3d& gravity, const Surfaces& surfaces, const BodyBoxes& boxes,
@@ -67,23 +98,22 @@ void drop_unreachable_pairs(double period, const Vec3d& gravity, const Surfaces&
     s.drift.resize(bodies);
     s.reachable.assign(pairs.a.size(), 0);
     const double fall = 0.5 * gravity.norm() * period * period;
-    bool any_apart = false;
     for (size_t i = 0; i < pairs.a.size(); ++i) {
         const uint32_t a = pairs.a[i], b = pairs.b[i];
         s.reachable[i] = !is_deformable(surfaces.bodies, a) || !is_deformable(surfaces.bodies, b) || !are_apart(fall, surfaces, boxes, a, b);
+        s.asked[a] = s.asked[b] = 1;
         if (s.reachable[i]) s.disturbed[a] = s.disturbed[b] = 1;
-        else s.asked[a] = s.asked[b] = 1, any_apart = true;
     }
-    if (!any_apart) return;
     parallel_for(bodies, kBodiesPerChunk, [&](uint32_t begin, uint32_t end) {
         for (uint32_t body = begin; body < end; ++body)
-            if (s.asked[body]) s.drift[body] = drift_of(period, surfaces, body);
+            if (s.asked[body] && is_deformable(surfaces.bodies, body)) s.drift[body] = drift_of(period, surfaces, body);
     });
     for (size_t i = 0; i < pairs.a.size(); ++i) {
         if (s.reachable[i]) continue;
         s.reachable[i] = may_meet(period, fall, surfaces, boxes, s.drift, pairs.a[i], pairs.b[i]);
         if (s.reachable[i]) s.disturbed[pairs.a[i]] = s.disturbed[pairs.b[i]] = 1;
     }
+    find_jolts(period, fall, surfaces, boxes, pairs, s);
     size_t kept = 0;
     for (size_t i = 0; i < pairs.a.size(); ++i) {
         if (!s.disturbed[pairs.a[i]] && !s.disturbed[pairs.b[i]]) continue;

@@ -1,4 +1,5 @@
 #pragma once
+#include <span>
 #include <vector>
 
 #include "components/contacts.hpp"
@@ -11,10 +12,22 @@ struct BodyDrift {
     double stray = 0;                // m, how far vertices may stray from it
 };
 
+// How far a body may get in the coming period from where its velocity takes it, because others that it runs into stop it or that
+// run into it push it: a box of ways, m.
+struct BodyJolt {
+    Vec3d low = Vec3d::Zero(), high = Vec3d::Zero();
+};
+// The farthest along a unit vector, m; 0 for bodies without a row.
+inline double jolt_along(std::span<const BodyJolt> jolt, uint32_t body, const Vec3d& way) {
+    if (body >= jolt.size()) return 0;
+    return way.cwiseProduct(jolt[body].low).cwiseMax(way.cwiseProduct(jolt[body].high)).sum();
+}
+
 struct ReachablePairsScratch {
     std::vector<uint8_t> asked;      // per body: its drift is wanted
     std::vector<uint8_t> disturbed;  // per body: something may touch it in this period
     std::vector<BodyDrift> drift;    // per body, where asked
+    std::vector<BodyJolt> jolt;      // per body
     std::vector<uint8_t> reachable;  // per pair
 };
 
@@ -22,7 +35,9 @@ struct ReachablePairsScratch {
 // it moves; bodies that fall side by side would all look through each other although nothing moves between them. A pair
 // stays when along every axis the gap of the bodies is less than what they come nearer by their mean velocities, what
 // vertices stray from them (as body_boxes bounds it) and what gravity may add to one of them alone; or when one of them may
-// be touched by anything else in this period, for then it need not keep its velocity. Order is kept.
+// be touched by anything else in this period, for then it need not keep its velocity. Order is kept. scratch.jolt: along the axis on
+// which two bodies are farthest apart, or from middle to middle where no axis parts them, how far their mean velocities and the
+// fall would take one into the other.
 void drop_unreachable_pairs(double period, const Vec3d& gravity, const Surfaces& surfaces, const BodyBoxes& boxes,
                             ReachablePairsScratch& scratch, CandidatePairs& pairs);
 

@@ -73,6 +73,43 @@ TEST_F(DeformableSetup, FixedBodyHasNoLimit) {
     EXPECT_EQ(scene.bodies.stable_dt[body], std::numeric_limits<double>::infinity());
 }
 
+// A copy takes the limit of the body before; what differs in what the limit hangs on has its own.
+TEST_F(DeformableSetup, CopiesShareTheLimitOnlyWhileTheyAreEqual) {
+    const uint32_t first = add(subdivided_sphere(0.05, 2)), mesh = scene.bodies.mesh[first];
+    const auto add_copy = [&] { return scene.add_body(mesh, Motion::kDeformable, {1, 0, 0}, scene.bodies.tissue[first]); };
+    const auto limit_of = [&](uint32_t body) {
+        update_stable_dt(scene.springs, body, scene.particles, scene.anchors, scene.bodies);
+        return scene.bodies.stable_dt[body];
+    };
+    const auto alone = [&](uint32_t body) {  // as the first of its kind
+        scene.bodies.stable_dt[body - 1] = std::numeric_limits<double>::infinity();
+        const double limit = limit_of(body);
+        scene.bodies.stable_dt[body - 1] = limit_of(body - 1);
+        return limit;
+    };
+    const double limit = limit_of(first);
+    const uint32_t copy = add_copy();
+    EXPECT_EQ(scene.bodies.stable_dt[copy], limit);
+    EXPECT_EQ(alone(copy), limit);
+    const Range rows = scene.range(copy);
+    const auto expect_own = [&](const char* what) {
+        const double own = limit_of(copy);
+        EXPECT_EQ(own, alone(copy)) << what;
+        EXPECT_NE(own, limit) << what;
+    };
+    scene.bodies.tissue[copy].damping *= 8;
+    expect_own("damping");
+    scene.bodies.tissue[copy].damping /= 8;
+    for (uint32_t p = rows.first; p < rows.end(); ++p) scene.anchors.stiffness[p] *= 3;
+    expect_own("anchors");
+    for (uint32_t p = rows.first; p < rows.end(); ++p) scene.anchors.stiffness[p] /= 3;
+    for (uint32_t p = rows.first; p < rows.end(); ++p) scene.particles.offset[p].w *= 2;
+    expect_own("masses");
+    for (uint32_t p = rows.first; p < rows.end(); ++p) scene.particles.offset[p].w /= 2;
+    scene.bodies.spring_stiffness[copy] *= 2;
+    expect_own("springs");
+}
+
 TEST_F(DeformableSetup, TurnedBodyStartsAtRest) {
     for (const AnchorFrame frame : {AnchorFrame::kWorld, AnchorFrame::kShape}) {
         const uint32_t body = add(subdivided_sphere(0.05, 2, 0.1), frame, from_rotation_vector({0.3, -1, 0.4}));

@@ -66,6 +66,33 @@ INSTANTIATE_TEST_SUITE_P(Few, SmallStressScenes,
                                          Small{"come_and_go", {{"count", "12"}, {"life", "0.3"}, {"resolution", "80"}}, 60}),
                          [](const auto& info) { return info.param.name; });
 
+// Three layers of nine balls fall 0.3 m on each other: the lower ones bounce while the upper ones still come. Looking at contacts at 60 Hz
+// left 4.9 % here.
+TEST(StressScenes, RainThatHitsLeavesNoOverlap) {
+    ThreadPool pool(1);
+    pool.run([&] {
+        Frame frame(std::move(stress_scene("rain", {{"count", "27"}, {"drop.scatter.columns", "[3, 3]"}}).world), {});
+        const World& w = frame.world();
+        double left = 0;
+        for (uint32_t pass = 0; pass < 160; ++pass) frame.step(), left = std::max(left, w.report.deepest_residual);
+        std::printf("27 balls: %.2f %% of their size left at most, balance %.2g J of %.3g J that gravity gave\n", 100 * left / smallest_body(w), w.energy.balance, -w.energy.gravity);
+        EXPECT_LE(left, 0.01 * smallest_body(w));
+    });
+}
+
+// What falls beside others that something stops within the pass has its rows already: without them the stack's upper balls sink in by 0.7 %.
+TEST(StressScenes, StackThatLandsLeavesNoOverlap) {
+    ThreadPool pool(1);
+    pool.run([&] {
+        Frame frame(std::move(build_scene(read_scene_file(source_folder() / "content/scenes/soft_stack.toml", {})).world), {});
+        const World& w = frame.world();
+        double left = 0;
+        for (uint32_t pass = 0; pass < 60; ++pass) frame.step(), left = std::max(left, w.report.deepest_residual);
+        std::printf("stack: %.3f %% of a ball left at most\n", 100 * left / smallest_body(w));
+        EXPECT_LE(left, 0.001 * smallest_body(w));
+    });
+}
+
 // Two organs that begin 26 mm deep in each other are pushed apart the way they came, at the speed that the scene names.
 TEST(StressScenes, FullContactIsPushedApart) {
     ThreadPool pool(1);

@@ -182,7 +182,7 @@ TEST(CandidateCells, DirectPairsSeeAllThatComesInThePeriod) {
                      scene.near, scene.contacts);
         make_contact_rows(scene.params, scene.surfaces(), scene.pairs, scene.contacts, scene.penetrations, scene.rows_scratch, scene.report, scene.rows);
         idle += scene.rows.body.size();
-        drop_idle_rows(scene.period, Vec3d(0, 0, -9.81), scene.surfaces(), scene.rows_scratch, scene.rows);
+        drop_idle_rows(scene.period, Vec3d(0, 0, -9.81), scene.surfaces(), {}, scene.rows_scratch, scene.rows);
         idle -= scene.rows.body.size();
         std::set<std::array<uint32_t, 2>> rows;
         for (uint32_t i = 0; i < scene.rows.body.size(); ++i) rows.insert({scene.rows.body[i], scene.rows.vertex[i][0]});

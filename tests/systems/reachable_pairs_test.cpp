@@ -90,6 +90,32 @@ TEST(ReachablePairs, WhoMayBeTouchedOtherwiseKeepsItsPairs) {
     EXPECT_FALSE(c.has(above, top));
 }
 
+// Low falls 33 mm in the period and runs into the floor after 20: as far as it then is above where it would have been, one that
+// falls with it may come nearer. Side by side nobody jolts anybody.
+TEST(ReachablePairs, WhoIsStoppedIsJoltedByWhatIsLeftOfItsWay) {
+    Cubes c(0.02);
+    const Vec3d down(0, 0, -2), up = Vec3d::UnitZ();
+    const uint32_t floor = c.add(Motion::kStatic, Vec3d(0, 0, -0.06), Vec3d::Zero());
+    const uint32_t low = c.add(Motion::kDeformable, Vec3d(0, 0, 0), down), above = c.add(Motion::kDeformable, Vec3d(0, 0, 0.06), down);
+    c.find();
+    const double fall = 0.5 * 9.81 * kPeriod * kPeriod, left = 2 * kPeriod + fall - 0.02;
+    EXPECT_NEAR(jolt_along(c.scratch.jolt, low, up), left, 1e-6);
+    EXPECT_NEAR(jolt_along(c.scratch.jolt, low, Vec3d(0.6, 0, 0.8)), 0.8 * left, 1e-6);
+    EXPECT_NEAR(jolt_along(c.scratch.jolt, floor, -up), left, 1e-6);
+    for (const Vec3d& way : {Vec3d(-up), Vec3d::UnitX().eval()}) EXPECT_EQ(jolt_along(c.scratch.jolt, low, way), 0);
+    for (const Vec3d& way : {up, Vec3d(-up)}) EXPECT_EQ(jolt_along(c.scratch.jolt, above, way), 0);
+    EXPECT_EQ(jolt_along({}, low, up), 0);
+    // two cubes that overlap on every axis run into each other along the line between their middles
+    Cubes two(0.02);
+    const uint32_t a = two.add(Motion::kDeformable, Vec3d(0, 0, 0), Vec3d(0.3, 0, 0)), b = two.add(Motion::kDeformable, Vec3d(0.03, 0.03, 0), Vec3d::Zero());
+    two.find();
+    const Vec3d way = Vec3d(1, 1, 0).normalized();
+    const double in = 0.3 * kPeriod * way.x() + fall;
+    EXPECT_NEAR(jolt_along(two.scratch.jolt, a, -way), in, 1e-6);
+    EXPECT_NEAR(jolt_along(two.scratch.jolt, b, way), in, 1e-6);
+    EXPECT_EQ(jolt_along(two.scratch.jolt, a, way), 0);
+}
+
 // No pair is dropped of which vertices can be in each other's way: vertices moved on straight lines with their own
 // velocities, one body under gravity and the other not, at many moments of the period.
 TEST(ReachablePairs, NothingThatCouldMeetIsDropped) {
