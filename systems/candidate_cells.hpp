@@ -3,9 +3,9 @@
 #include <span>
 #include <vector>
 
+#include "components/body_jolt.hpp"
 #include "components/contacts.hpp"
 #include "engine/surfaces.hpp"
-#include "systems/reachable_pairs.hpp"
 namespace trocar {
 
 // What comparing pairs directly needs, and which it is done for.

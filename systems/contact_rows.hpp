@@ -2,11 +2,11 @@
 #include <vector>
 
 #include "components/bodies.hpp"
+#include "components/body_jolt.hpp"
 #include "components/contacts.hpp"
 #include "components/report.hpp"
 #include "engine/exit_grid.hpp"
 #include "engine/surfaces.hpp"
-#include "systems/reachable_pairs.hpp"
 namespace trocar {
 
 struct ContactRowsScratch {

@@ -1,7 +1,7 @@
 #pragma once
-#include <span>
 #include <vector>
 
+#include "components/body_jolt.hpp"
 #include "components/contacts.hpp"
 #include "engine/surfaces.hpp"
 namespace trocar {
@@ -11,17 +11,6 @@ struct BodyDrift {
     Vec3d velocity = Vec3d::Zero();  // m/s, mean of its vertices
     double stray = 0;                // m, how far vertices may stray from it
 };
-
-// How far a body may get in the coming period from where its velocity takes it, because others that it runs into stop it or that
-// run into it push it: a box of ways, m.
-struct BodyJolt {
-    Vec3d low = Vec3d::Zero(), high = Vec3d::Zero();
-};
-// The farthest along a unit vector, m; 0 for bodies without a row.
-inline double jolt_along(std::span<const BodyJolt> jolt, uint32_t body, const Vec3d& way) {
-    if (body >= jolt.size()) return 0;
-    return way.cwiseProduct(jolt[body].low).cwiseMax(way.cwiseProduct(jolt[body].high)).sum();
-}
 
 struct ReachablePairsScratch {
     std::vector<uint8_t> asked;      // per body: its drift is wanted
