@@ -76,7 +76,8 @@ TEST_F(DeformableSetup, FixedBodyHasNoLimit) {
 // A copy takes the limit of the body before; what differs in what the limit hangs on has its own.
 TEST_F(DeformableSetup, CopiesShareTheLimitOnlyWhileTheyAreEqual) {
     const uint32_t first = add(subdivided_sphere(0.05, 2)), mesh = scene.bodies.mesh[first];
-    const auto add_copy = [&] { return scene.add_body(mesh, Motion::kDeformable, {1, 0, 0}, scene.bodies.tissue[first]); };
+    const Tissue tissue = scene.bodies.tissue[first];
+    const auto add_copy = [&] { return scene.add_body(mesh, Motion::kDeformable, {1, 0, 0}, tissue); };
     const auto limit_of = [&](uint32_t body) {
         update_stable_dt(scene.springs, body, scene.particles, scene.anchors, scene.bodies);
         return scene.bodies.stable_dt[body];
