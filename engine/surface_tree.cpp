@@ -11,7 +11,7 @@ namespace {
 constexpr uint32_t kRun = 16;
 constexpr double kRounding = 1e-12;  // of squares, beside 1
 constexpr double kOnward = 2e-3;     // m, runs are listed for this much more than is asked for: a point hardly goes farther until the next model
-constexpr double kFelt = 0.05;       // s, more than a model is felt for
+constexpr double kFelt = 0.05;       // s, models that are older are asked by their trees
 constexpr size_t kMostListed = 1 << 12;  // rows of PlacedSurface::listed
 
 void enlarge(Box& box, const Box& other) {
@@ -226,13 +226,9 @@ void list_runs(const LocalContactModel& model, uint32_t root, const Vec3d& place
 // What is listed of the tree around a point, where that shows all within `distance` of it; lists it if need be. `back`: the
 // point, had the surface not followed.
 Range runs_around(const LocalContactModel& model, uint32_t root, const Vec3d& back, double distance, uint32_t asker, PlacedSurface& placed) {
-    if (placed.around.size() <= asker) placed.around.resize(asker + 1);
     RunsAround& around = placed.around[asker];
     if (around.root == root && (back - around.place).norm() + distance <= around.within) return around.fours;
-    if (placed.listed.size() > kMostListed) {
-        begin_model(placed);
-        placed.around.resize(asker + 1);
-    }
+    if (placed.listed.size() > kMostListed) begin_model(static_cast<uint32_t>(placed.around.size()), placed);
     list_runs(model, root, back, distance + kOnward, placed.around[asker], placed.listed);
     return placed.around[asker].fours;
 }
@@ -316,9 +312,10 @@ uint32_t tree_count(const LocalContactModel& model) {
     return count;
 }
 
-void begin_model(PlacedSurface& placed) {
-    placed.around.clear();
+void begin_model(uint32_t askers, PlacedSurface& placed) {
+    placed.around.assign(askers, {});
     placed.listed.clear();
+    placed.listed.reserve(kMostListed + kMostListed / 2);  // a list may begin below the one and end beyond it
 }
 
 void begin_moment(const LocalContactModel& model, const SurfaceMoment& moment, PlacedSurface& placed) {
@@ -326,10 +323,7 @@ void begin_moment(const LocalContactModel& model, const SurfaceMoment& moment, P
     placed.moment = moment;
     ++placed.stamp;
     placed.four.clear();
-    if (placed.four.capacity() < kRoom) {
-        placed.four.reserve(kRoom), placed.run.reserve(16 * kRoom);
-        placed.around.reserve(kRoom), placed.listed.reserve(kMostListed + kRoom);
-    }
+    if (placed.four.capacity() < kRoom) placed.four.reserve(kRoom), placed.run.reserve(16 * kRoom);
     if (placed.run.size() < model.shell.node.size()) placed.run.resize(model.shell.node.size());
 }
 

@@ -34,7 +34,7 @@ struct FourRuns {
     std::array<uint32_t, 4> node{};    // of the tree
 };
 
-// All runs of a tree that come nearer than `within` to a place while the model is felt: listed once for one who asks, whose point
+// All runs of a tree that come nearer than `within` to a place until the model is 50 ms old: listed once for one who asks, whose point
 // hardly goes farther than that until the next model.
 struct RunsAround {
     uint32_t root = kNone;        // of the tree; kNone: not listed
@@ -71,8 +71,8 @@ void build_surface_trees(SurfaceTreeScratch& scratch, LocalContactModel& model);
 inline uint32_t next_tree(const LocalContactModel& model, uint32_t root) { return model.shell.node[root].next; }
 uint32_t tree_count(const LocalContactModel& model);
 
-// Another model than before: forgets what was listed.
-void begin_model(PlacedSurface& placed);
+// Another model than before, with that many askers: forgets what was listed.
+void begin_model(uint32_t askers, PlacedSurface& placed);
 // Another moment.
 void begin_moment(const LocalContactModel& model, const SurfaceMoment& moment, PlacedSurface& placed);
 
@@ -83,7 +83,7 @@ struct NearestTriangle {
     Vec3d point = Vec3d::Zero();  // m, world, on the triangle
 };
 // `hint`: a triangle likely to be near, or kNone; the answer does not depend on it.
-// `asker`: a small number, the same for points that move little between one question and the next, or kNone: likewise.
+// `asker`: less than begin_model was told, the same for points that move little between one question and the next; or kNone: likewise.
 NearestTriangle find_nearest(const LocalContactModel& model, uint32_t root, const Vec3d& point, uint32_t hint,
                              double reach, PlacedSurface& placed, uint32_t asker = kNone);
 

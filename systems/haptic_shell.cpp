@@ -65,8 +65,9 @@ void note_ways(const LocalContactModel& model, const HandTool& tool, const Surfa
         if (s.place.capacity() < points) {
             s.plane.reserve(2 * points), s.place.reserve(2 * points), s.clear.reserve(4 * points), s.nearest.reserve(4 * points);
             s.asked_at.reserve(4 * points), s.bound.reserve(4 * points), s.radius.reserve(2 * points), s.near.reserve(4 * points), s.listed.reserve(4 * points);
+            s.surface.around.reserve(4 * points);
         }
-        begin_model(s.surface);
+        begin_model(static_cast<uint32_t>(rows), s.surface);
         s.sequence = model.sequence;
         s.model_time = model.time;
         s.clear = model.shell.clear;

@@ -597,7 +597,7 @@ TEST(HapticShell, ListedRunsGiveTheNearestTriangle) {
     std::uniform_real_distribution<double> any(-1, 1);
     const auto vector = [&] { return Vec3d(any(random), any(random), any(random)); };
     PlacedSurface listed, fresh;
-    begin_model(listed);
+    begin_model(40, listed);
     std::array<Vec3d, 40> point;
     std::array<uint32_t, 40> hint;
     hint.fill(kNone);
