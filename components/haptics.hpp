@@ -261,14 +261,22 @@ struct SurfaceGive {
                                               // simulated tip a hair off its surface, or let it in
 };
 
-// Part of a surface and a box around it at the time of its model: a tree, depth first.
-struct SurfaceNode {
-    Box box;                  // m, world
-    Box velocity;             // m/s, of its vertices
-    double speed = 0;         // m/s, of the fastest of them
-    Range triangles;          // rows of LocalContactModel::triangle; none: its two halves follow
-    uint32_t next = 0;        // node after this one and all below it
+// Up to four parts of a surface side by side, a lane each, and boxes around them at the time of their model.
+// Rounded outwards; ticks search hundreds of nodes, so they are kept small.
+struct alignas(64) SurfaceNode {
+    using Lanes = std::array<float, 4>;
+    std::array<Lanes, 3> low{}, high{};                    // m, world, by axis
+    std::array<Lanes, 3> velocity_low{}, velocity_high{};  // m/s, of the vertices
+    std::array<Range, 4> part{};                           // rows of LocalContactModel::triangle; none: `first` is a node
+    Lanes speed{};                                         // m/s, of the fastest of the vertices
+    uint32_t lanes = 0;                                    // that hold a part
+};
+
+// A body's surface in a model: a tree of nodes.
+struct SurfaceTree {
     uint32_t body = kNone;
+    uint32_t root = 0;          // node
+    double half_thickness = 0;  // m, of a sheet, or 0
 };
 
 // What a shell knows of the surface around it when its model was made.
@@ -276,10 +284,11 @@ struct ShellOutlook {
     Vec3d tip = Vec3d::Zero();        // m, world, where the shell was then
     Quat turn;
     double grip = 0;                  // rad
-    std::vector<SurfaceNode> node;    // a tree a body, one after the other
-    std::vector<double> clear;        // m, per point of the shell: no surface was nearer; 0: perhaps inside
-    std::vector<uint32_t> nearest;    // per point: triangle of the model, or kNone where none is within reach
-    std::vector<double> speed;        // m/s, per point: nothing that was nearer to it than `around` is faster
+    std::vector<SurfaceNode> node;
+    std::vector<SurfaceTree> tree;    // one a body
+    std::vector<double> clear;        // m, per tree and point of the shell: no surface was nearer; 0: perhaps inside
+    std::vector<uint32_t> nearest;    // likewise: triangle of the model, or kNone where none is within reach
+    std::vector<double> speed;        // m/s, likewise: nothing that was nearer to it than `around` is faster
     double around = 0;                // m
 };
 

@@ -161,7 +161,9 @@ void fields(V& v, T& t) {
     } else if constexpr (is<T, ShellContact>) {
         v.item(t.point), v.item(t.body), v.item(t.arm), v.item(t.force), v.item(t.slip), v.item(t.depth), v.item(t.side), v.item(t.sliding);
     } else if constexpr (is<T, SurfaceNode>) {
-        v.item(t.box), v.item(t.velocity), v.item(t.speed), v.item(t.triangles), v.item(t.next), v.item(t.body);
+        v.item(t.low), v.item(t.high), v.item(t.velocity_low), v.item(t.velocity_high), v.item(t.speed), v.item(t.part), v.item(t.lanes);
+    } else if constexpr (is<T, SurfaceTree>) {
+        v.item(t.body), v.item(t.root), v.item(t.half_thickness);
     } else if constexpr (is<T, TriangleDisc>) {
         v.item(t.centre), v.item(t.normal), v.item(t.velocity), v.item(t.radius), v.item(t.thickness), v.item(t.spread);
     } else if constexpr (is<T, TriangleGroup>) {
@@ -172,7 +174,7 @@ void fields(V& v, T& t) {
         v.item(t.half_thickness), v.item(t.disc), v.item(t.group), v.item(t.block), v.item(t.give.body), v.item(t.give.share), v.item(t.give.normal);
         v.item(t.give.device), v.item(t.give.device_velocity), v.item(t.give.time), v.item(t.give.gap);
         v.item(t.pull), v.item(t.pull_before), v.item(t.period);
-        v.item(t.shell.tip), v.item(t.shell.turn), v.item(t.shell.grip), v.item(t.shell.node), v.item(t.shell.clear), v.item(t.shell.nearest);
+        v.item(t.shell.tip), v.item(t.shell.turn), v.item(t.shell.grip), v.item(t.shell.node), v.item(t.shell.tree), v.item(t.shell.clear), v.item(t.shell.nearest);
         v.item(t.shell.speed), v.item(t.shell.around);
         v.item(t.surface), v.item(t.in_hand);
     } else if constexpr (is<T, PictureBody>) {

@@ -10,9 +10,7 @@ namespace {
 
 constexpr uint32_t kRun = 16;
 constexpr double kRounding = 1e-12;  // of squares, beside 1
-constexpr double kOnward = 2e-3;     // m, runs are listed for this much more than is asked for: a point hardly goes farther until the next model
-constexpr double kFelt = 0.05;       // s, models that are older are asked by their trees
-constexpr size_t kMostListed = 1 << 12;  // rows of PlacedSurface::listed
+constexpr size_t kDeepest = 64;      // nodes that wait while a tree is walked: three a level, which quarters its runs
 
 void enlarge(Box& box, const Box& other) {
     box.min = box.min.cwiseMin(other.min);
@@ -23,9 +21,8 @@ void add_runs(const LocalContactModel& model, uint32_t begin, uint32_t end, Surf
     scratch.run.clear();
     scratch.order.clear();
     for (uint32_t first = begin; first < end; first += kRun) {
-        SurfaceNode run;
+        TriangleRun run;
         run.triangles = {first, std::min(kRun, end - first)};
-        run.body = model.body[first];
         double fastest2 = 0;
         for (uint32_t t = first; t < run.triangles.end(); ++t) {
             for (const uint32_t v : model.triangle[t]) {
@@ -40,26 +37,14 @@ void add_runs(const LocalContactModel& model, uint32_t begin, uint32_t end, Surf
     }
 }
 
-// Nodes of the runs order[begin..end), depth first.
-void add_nodes(SurfaceTreeScratch& scratch, uint32_t begin, uint32_t end, std::vector<SurfaceNode>& nodes) {
-    const uint32_t row = static_cast<uint32_t>(nodes.size());
-    if (end - begin == 1) {
-        nodes.push_back(scratch.run[scratch.order[begin]]);
-        nodes[row].next = row + 1;
-        return;
-    }
-    SurfaceNode node;
+// Orders the runs order[begin..end) by the median of the longest axis of their middles; its row.
+uint32_t halve(SurfaceTreeScratch& scratch, uint32_t begin, uint32_t end) {
     Box centres;
     for (uint32_t k = begin; k < end; ++k) {
-        const SurfaceNode& run = scratch.run[scratch.order[k]];
-        const Vec3d centre = run.box.min + run.box.max;
-        enlarge(node.box, run.box);
-        enlarge(node.velocity, run.velocity);
+        const Box& box = scratch.run[scratch.order[k]].box;
+        const Vec3d centre = box.min + box.max;
         enlarge(centres, {centre, centre});
-        node.speed = std::max(node.speed, run.speed);
-        node.body = run.body;
     }
-    nodes.push_back(node);
     int axis;
     (centres.max - centres.min).maxCoeff(&axis);
     const auto comes_before = [&](uint32_t a, uint32_t b) {
@@ -69,9 +54,51 @@ void add_nodes(SurfaceTreeScratch& scratch, uint32_t begin, uint32_t end, std::v
     };
     const uint32_t middle = begin + (end - begin) / 2;
     std::nth_element(scratch.order.begin() + begin, scratch.order.begin() + middle, scratch.order.begin() + end, comes_before);
-    add_nodes(scratch, begin, middle, nodes);
-    add_nodes(scratch, middle, end, nodes);
-    nodes[row].next = static_cast<uint32_t>(nodes.size());
+    return middle;
+}
+
+float rounded_down(double x) {
+    const auto f = static_cast<float>(x);
+    return f <= x ? f : std::nextafter(f, -std::numeric_limits<float>::infinity());
+}
+float rounded_up(double x) { return -rounded_down(-x); }
+
+// Puts the runs order[begin..end) in a lane; `node` is what holds them where they are several.
+void set_part(const SurfaceTreeScratch& scratch, uint32_t begin, uint32_t end, uint32_t row, SurfaceNode& node) {
+    TriangleRun all = scratch.run[scratch.order[begin]];
+    for (uint32_t k = begin + 1; k < end; ++k) {
+        const TriangleRun& run = scratch.run[scratch.order[k]];
+        enlarge(all.box, run.box);
+        enlarge(all.velocity, run.velocity);
+        all.speed = std::max(all.speed, run.speed);
+    }
+    const uint32_t lane = node.lanes++;
+    for (int axis = 0; axis < 3; ++axis) {
+        const auto a = static_cast<size_t>(axis);
+        node.low[a][lane] = rounded_down(all.box.min[axis]), node.high[a][lane] = rounded_up(all.box.max[axis]);
+        node.velocity_low[a][lane] = rounded_down(all.velocity.min[axis]), node.velocity_high[a][lane] = rounded_up(all.velocity.max[axis]);
+    }
+    node.speed[lane] = rounded_up(all.speed);
+    node.part[lane] = end - begin == 1 ? all.triangles : Range{row, 0};
+}
+
+// Node of the runs order[begin..end) and all below it.
+void add_node(SurfaceTreeScratch& scratch, uint32_t begin, uint32_t end, std::vector<SurfaceNode>& nodes) {
+    const auto row = static_cast<uint32_t>(nodes.size());
+    nodes.emplace_back();
+    const auto add_part = [&](uint32_t first, uint32_t last) {
+        if (first == last) return;
+        set_part(scratch, first, last, static_cast<uint32_t>(nodes.size()), nodes[row]);
+        if (last - first > 1) add_node(scratch, first, last, nodes);
+    };
+    const auto add_half = [&](uint32_t first, uint32_t last) {
+        const uint32_t middle = last - first > 1 ? halve(scratch, first, last) : first;
+        add_part(first, middle);
+        add_part(middle, last);
+    };
+    const uint32_t middle = end - begin > 1 ? halve(scratch, begin, end) : begin;
+    add_half(begin, middle);
+    add_half(middle, end);
 }
 
 Vec3d corner_of(const LocalContactModel& model, const SurfaceMoment& at, uint32_t body, uint32_t vertex) {
@@ -95,16 +122,17 @@ FourPlaced place_four(const LocalContactModel& model, uint32_t first, uint32_t l
         return follows ? p + follow : p;
     };
     FourPlaced row;
-    for (size_t k = 0; k < 3; ++k) row.corner[k] = side_by_side(corner(0, k), corner(1, k), corner(2, k), corner(3, k));
+    const auto corners = [&](size_t k) { return side_by_side(corner(0, k), corner(1, k), corner(2, k), corner(3, k)); };
+    row.corner = {corners(0), corners(1), corners(2)};
     const auto& [a, b, c] = row.corner;
     row.box.low = {least(least(a.x, b.x), c.x), least(least(a.y, b.y), c.y), least(least(a.z, b.z), c.z)};
     row.box.high = {greatest(greatest(a.x, b.x), c.x), greatest(greatest(a.y, b.y), c.y), greatest(greatest(a.z, b.z), c.z)};
     return row;
 }
 
-// Triangles of a run at the moment; row of the first four.
-uint32_t place_run(const LocalContactModel& model, uint32_t node, Range rows, PlacedSurface& placed) {
-    PlacedSurface::Run& run = placed.run[node];
+// Triangles of the run in a lane at the moment; row of the first four.
+uint32_t place_run(const LocalContactModel& model, uint32_t lane, Range rows, PlacedSurface& placed) {
+    PlacedSurface::Run& run = placed.run[lane];
     if (run.stamp == placed.stamp) return run.first;
     run = {placed.stamp, static_cast<uint32_t>(placed.four.size())};
     for (uint32_t t = rows.first; t < rows.end(); t += 4) placed.four.push_back(place_four(model, t, rows.end() - 1, placed.moment));
@@ -114,21 +142,17 @@ uint32_t place_run(const LocalContactModel& model, uint32_t node, Range rows, Pl
 // A little more than squares are rounded by.
 double with_rounding(double squared) { return squared * (1 + kRounding) + kRounding * kRounding; }
 
-// Box around a node at another age, had it not followed.
-struct VecBox {
-    Vec4d low, high;
-};
-VecBox box_at(const SurfaceNode& node, double age) {
-    const bool back = age < 0;
-    return {to_vec4(node.box.min) + age * to_vec4(back ? node.velocity.max : node.velocity.min),
-            to_vec4(node.box.max) + age * to_vec4(back ? node.velocity.min : node.velocity.max)};
+FourPoints side_by_side(const std::array<SurfaceNode::Lanes, 3>& p) {
+    const auto lanes = [](const SurfaceNode::Lanes& x) { return (Vec4d)_mm256_cvtps_pd(_mm_load_ps(x.data())); };
+    return {lanes(p[0]), lanes(p[1]), lanes(p[2])};
 }
 
-// Whether everything of a node is farther than the root of `best`; `point` is where it would be had the node not
-// followed.
-bool is_beyond(const SurfaceNode& node, double age, Vec4d point, double best) {
-    const VecBox box = box_at(node, age);
-    return norm2(greatest(greatest(box.low - point, point - box.high), Vec4d{})) > with_rounding(best);
+// Boxes around the parts of a node at another age, had they not followed.
+FourBoxes boxes_at(const SurfaceNode& node, double age) {
+    const bool back = age < 0;
+    const Vec4d ages = all_lanes(age);
+    return {side_by_side(node.low) + ages * side_by_side(back ? node.velocity_high : node.velocity_low),
+            side_by_side(node.high) + ages * side_by_side(back ? node.velocity_low : node.velocity_high)};
 }
 
 // One bit a box that is not farther than the root of `best` from a point.
@@ -138,99 +162,35 @@ uint32_t boxes_within(const FourBoxes& box, const FourPoints& p, double best) {
     return mask_bits(norm2(apart) <= all_lanes(with_rounding(best)));
 }
 
-FourPoints in_all_lanes(const Vec3d& p) { return {all_lanes(p.x()), all_lanes(p.y()), all_lanes(p.z())}; }
-
-void try_triangle(const std::array<Vec3d, 3>& corner, uint32_t t, const Vec3d& point, NearestTriangle& best) {
-    const TrianglePoint at = closest_point_on_triangle(point, corner[0], corner[1], corner[2]);
-    if (at.squared_distance < best.at.squared_distance ||
-        (at.squared_distance == best.at.squared_distance && t < best.triangle)) {
-        best.triangle = t;
-        best.at = at;
-    }
+// One bit a part of a node that is not farther than the root of `best` from a point; it is where it would be had they not
+// followed.
+uint32_t parts_within(const SurfaceNode& node, double age, const FourPoints& point, double best) {
+    return boxes_within(boxes_at(node, age), point, best) & ((1u << node.lanes) - 1);
 }
 
+FourPoints in_all_lanes(const Vec3d& p) { return {all_lanes(p.x()), all_lanes(p.y()), all_lanes(p.z())}; }
+
+// Nearest so far.
+struct Nearer {
+    uint32_t triangle = kNone;
+    double squared_distance = 0;
+};
+
 // The triangles of a run.
-void try_run(const LocalContactModel& model, uint32_t node, Range rows, const Vec3d& point, const FourPoints& at_point, PlacedSurface& placed,
-             NearestTriangle& best) {
-    const uint32_t first = place_run(model, node, rows, placed);
+void try_run(const LocalContactModel& model, uint32_t run, Range rows, const FourPoints& point, PlacedSurface& placed, Nearer& best) {
+    const uint32_t first = place_run(model, run, rows, placed);
     for (uint32_t k = 0; k < rows.count; k += 4) {
         const FourPlaced& four = placed.four[first + k / 4];
         const uint32_t left = rows.count - k, lanes = left < 4 ? (1u << left) - 1 : 15;
-        for (uint32_t near = boxes_within(four.box, at_point, best.at.squared_distance) & lanes; near != 0; near &= near - 1) {
+        uint32_t near = boxes_within(four.box, point, best.squared_distance) & lanes;
+        if (near == 0) continue;
+        const Vec4d squared = squared_distances(point, four.corner);
+        for (near &= mask_bits(squared <= all_lanes(best.squared_distance)); near != 0; near &= near - 1) {
             const auto lane = static_cast<uint32_t>(std::countr_zero(near));
-            if (rows.first + k + lane == best.triangle) continue;
-            const auto corner = [&](const FourPoints& p) { return Vec3d(p.x[lane], p.y[lane], p.z[lane]); };
-            try_triangle({corner(four.corner[0]), corner(four.corner[1]), corner(four.corner[2])}, rows.first + k + lane, point, best);
+            const uint32_t t = rows.first + k + lane;
+            if (squared[lane] < best.squared_distance || t < best.triangle) best = {t, squared[lane]};
         }
     }
-}
-
-// All runs of a tree. `back`: the point, had the surface not followed.
-void try_tree(const LocalContactModel& model, uint32_t root, const Vec3d& back, const Vec3d& point, const FourPoints& at_point,
-              PlacedSurface& placed, NearestTriangle& best) {
-    const std::vector<SurfaceNode>& node = model.shell.node;
-    const Vec4d from = to_vec4(back);
-    for (uint32_t n = root; n < node[root].next;) {
-        if (is_beyond(node[n], placed.moment.age, from, best.at.squared_distance)) {
-            n = node[n].next;
-            continue;
-        }
-        if (node[n].triangles.count > 0) try_run(model, n, node[n].triangles, point, at_point, placed, best);
-        ++n;
-    }
-}
-
-// The runs that were listed. `back`: the point, had the surface not followed.
-void try_listed(const LocalContactModel& model, Range fours, const FourPoints& back, const Vec3d& point, const FourPoints& at_point,
-                PlacedSurface& placed, NearestTriangle& best) {
-    const Vec4d age = all_lanes(placed.moment.age);
-    for (uint32_t k = fours.first; k < fours.end(); ++k) {
-        const FourRuns& four = placed.listed[k];
-        const FourBoxes box{four.box.low + age * four.velocity.low, four.box.high + age * four.velocity.high};
-        for (uint32_t near = boxes_within(box, back, best.at.squared_distance); near != 0; near &= near - 1) {
-            const auto lane = static_cast<size_t>(std::countr_zero(near));
-            try_run(model, four.node[lane], four.triangles[lane], point, at_point, placed, best);
-        }
-    }
-}
-
-// Lists the runs of a tree nearer than `within` to a place at any time until kFelt.
-void list_runs(const LocalContactModel& model, uint32_t root, const Vec3d& place, double within, RunsAround& around, std::vector<FourRuns>& listed) {
-    const std::vector<SurfaceNode>& tree = model.shell.node;
-    const double within2 = with_rounding(within * within);
-    const Vec4d middle = to_vec4(place);
-    const FourPoints beyond = in_all_lanes(Vec3d::Constant(std::numeric_limits<double>::infinity()));
-    const auto first = static_cast<uint32_t>(listed.size());
-    uint32_t lane = 4;
-    for (uint32_t n = root; n < tree[root].next;) {
-        const SurfaceNode& node = tree[n];
-        const VecBox begin = box_at(node, 0), end = box_at(node, kFelt);
-        const Vec4d off = greatest(greatest(least(begin.low, end.low) - middle, middle - greatest(begin.high, end.high)), Vec4d{});
-        if (norm2(off) > within2) {
-            n = node.next;
-            continue;
-        }
-        if (node.triangles.count > 0) {
-            if (lane == 4) listed.push_back({{beyond, beyond}, {}, {}, {}}), lane = 0;
-            FourRuns& four = listed.back();
-            set_lane(four.box.low, lane, begin.low), set_lane(four.box.high, lane, begin.high);
-            set_lane(four.velocity.low, lane, to_vec4(node.velocity.min)), set_lane(four.velocity.high, lane, to_vec4(node.velocity.max));
-            four.triangles[lane] = node.triangles;
-            four.node[lane++] = n;
-        }
-        ++n;
-    }
-    around = {root, place, within, {first, static_cast<uint32_t>(listed.size()) - first}};
-}
-
-// What is listed of the tree around a point, where that shows all within `distance` of it; lists it if need be. `back`: the
-// point, had the surface not followed.
-Range runs_around(const LocalContactModel& model, uint32_t root, const Vec3d& back, double distance, uint32_t asker, PlacedSurface& placed) {
-    RunsAround& around = placed.around[asker];
-    if (around.root == root && (back - around.place).norm() + distance <= around.within) return around.fours;
-    if (placed.listed.size() > kMostListed) begin_model(static_cast<uint32_t>(placed.around.size()), placed);
-    list_runs(model, root, back, distance + kOnward, placed.around[asker], placed.listed);
-    return placed.around[asker].fours;
 }
 
 // ---- sides ----
@@ -295,27 +255,18 @@ Vec3d velocity_at(const LocalContactModel& model, uint32_t t, const std::array<V
 }  // namespace
 
 void build_surface_trees(SurfaceTreeScratch& scratch, LocalContactModel& model) {
-    model.shell.node.clear();
+    std::vector<SurfaceNode>& node = model.shell.node;
+    node.clear();
+    model.shell.tree.clear();
     const uint32_t count = static_cast<uint32_t>(model.triangle.size());
     for (uint32_t begin = 0; begin < count;) {
         uint32_t end = begin + 1;
         while (end < count && model.body[end] == model.body[begin]) ++end;
+        model.shell.tree.push_back({model.body[begin], static_cast<uint32_t>(node.size()), model.half_thickness[begin]});
         add_runs(model, begin, end, scratch);
-        add_nodes(scratch, 0, static_cast<uint32_t>(scratch.run.size()), model.shell.node);
+        add_node(scratch, 0, static_cast<uint32_t>(scratch.run.size()), node);
         begin = end;
     }
-}
-
-uint32_t tree_count(const LocalContactModel& model) {
-    uint32_t count = 0;
-    for (uint32_t root = 0; root < model.shell.node.size(); root = next_tree(model, root)) ++count;
-    return count;
-}
-
-void begin_model(uint32_t askers, PlacedSurface& placed) {
-    placed.around.assign(askers, {});
-    placed.listed.clear();
-    placed.listed.reserve(kMostListed + kMostListed / 2);  // a list may begin below the one and end beyond it
 }
 
 void begin_moment(const LocalContactModel& model, const SurfaceMoment& moment, PlacedSurface& placed) {
@@ -324,34 +275,54 @@ void begin_moment(const LocalContactModel& model, const SurfaceMoment& moment, P
     ++placed.stamp;
     placed.four.clear();
     if (placed.four.capacity() < kRoom) placed.four.reserve(kRoom), placed.run.reserve(16 * kRoom);
-    if (placed.run.size() < model.shell.node.size()) placed.run.resize(model.shell.node.size());
+    if (placed.run.size() < 4 * model.shell.node.size()) placed.run.resize(4 * model.shell.node.size());
 }
 
-NearestTriangle find_nearest(const LocalContactModel& model, uint32_t root, const Vec3d& point, uint32_t hint,
-                             double reach, PlacedSurface& placed, uint32_t asker) {
+NearestTriangle find_nearest(const LocalContactModel& model, const SurfaceTree& tree, const Vec3d& point, uint32_t hint,
+                             double reach, PlacedSurface& placed) {
     const SurfaceMoment& at = placed.moment;
-    NearestTriangle best;
-    best.at.squared_distance = reach * reach;
-    if (hint != kNone) try_triangle(corners_of(model, at, hint), hint, point, best);
-    const FourPoints at_point = in_all_lanes(point);
-    const Vec3d back = model.shell.node[root].body == at.follower ? Vec3d(point - at.follow) : point;
-    const double distance = std::sqrt(best.at.squared_distance);
-    if (asker != kNone && distance < kOnward && at.age >= 0 && at.age <= kFelt)
-        try_listed(model, runs_around(model, root, back, distance, asker, placed), in_all_lanes(back), point, at_point, placed, best);
-    else
-        try_tree(model, root, back, point, at_point, placed, best);
-    best.point = point + best.at.offset;
-    return best;
+    const auto closest = [&](uint32_t t) {
+        const std::array<Vec3d, 3> c = corners_of(model, at, t);
+        return closest_point_on_triangle(point, c[0], c[1], c[2]);
+    };
+    NearestTriangle nearest;
+    Nearer best{kNone, reach * reach};
+    if (hint != kNone) nearest.at = closest(hint);
+    if (nearest.at.squared_distance < best.squared_distance) best = {hint, nearest.at.squared_distance};
+    const FourPoints at_point = in_all_lanes(point), back = in_all_lanes(tree.body == at.follower ? Vec3d(point - at.follow) : point);
+    std::array<uint32_t, kDeepest> waits;
+    size_t waiting = 0;
+    for (uint32_t n = tree.root;; n = waits[--waiting]) {
+        const SurfaceNode& node = model.shell.node[n];
+        for (uint32_t near = parts_within(node, at.age, back, best.squared_distance); near != 0; near &= near - 1) {
+            const auto lane = static_cast<uint32_t>(std::countr_zero(near));
+            const Range part = node.part[lane];
+            if (part.count > 0) try_run(model, 4 * n + lane, part, at_point, placed, best);
+            else waits[waiting++] = part.first;
+        }
+        if (waiting == 0) break;
+    }
+    if (best.triangle == kNone) return {};
+    nearest.triangle = best.triangle;
+    if (best.triangle != hint) nearest.at = closest(best.triangle);
+    nearest.point = point + nearest.at.offset;
+    return nearest;
 }
 
-double fastest_around(const LocalContactModel& model, uint32_t root, const Vec3d& point, double around) {
-    const std::vector<SurfaceNode>& node = model.shell.node;
+double fastest_around(const LocalContactModel& model, const SurfaceTree& tree, const Vec3d& point, double around) {
     double fastest = 0;
-    const Vec4d place = to_vec4(point);
-    for (uint32_t n = root; n < node[root].next;) {
-        const bool passed = node[n].speed <= fastest || is_beyond(node[n], 0, place, around * around);
-        if (!passed && node[n].triangles.count > 0) fastest = node[n].speed;
-        n = passed ? node[n].next : n + 1;
+    const FourPoints place = in_all_lanes(point);
+    std::array<uint32_t, kDeepest> waits;
+    size_t waiting = 0;
+    for (uint32_t n = tree.root;; n = waits[--waiting]) {
+        const SurfaceNode& node = model.shell.node[n];
+        for (uint32_t near = parts_within(node, 0, place, around * around); near != 0; near &= near - 1) {
+            const auto lane = static_cast<uint32_t>(std::countr_zero(near));
+            if (node.speed[lane] <= fastest) continue;
+            if (node.part[lane].count > 0) fastest = node.speed[lane];
+            else waits[waiting++] = node.part[lane].first;
+        }
+        if (waiting == 0) break;
     }
     return fastest;
 }

@@ -3,7 +3,7 @@
 #include <vector>
 
 #include "components/haptics.hpp"
-#include "engine/geometry/four_points.hpp"
+#include "engine/geometry/four_triangles.hpp"
 #include "engine/geometry/point_triangle.hpp"
 namespace trocar {
 
@@ -21,29 +21,11 @@ struct FourBoxes {
 
 // Up to four triangles of a run where they are at a moment, a lane each; lanes left over repeat the last one.
 struct FourPlaced {
-    std::array<FourPoints, 3> corner;  // m, world
+    FourTriangles corner;  // m, world
     FourBoxes box;
 };
 
-// Runs of triangles of a tree, a lane each, and what bounds them: at the time of the model they lie in the boxes, and no
-// vertex is faster than those say. Lanes left over are beyond everything.
-struct FourRuns {
-    FourBoxes box;
-    FourBoxes velocity;  // m/s
-    std::array<Range, 4> triangles{};  // of the model
-    std::array<uint32_t, 4> node{};    // of the tree
-};
-
-// All runs of a tree that come nearer than `within` to a place until the model is 50 ms old: listed once for one who asks, whose point
-// hardly goes farther than that until the next model.
-struct RunsAround {
-    uint32_t root = kNone;        // of the tree; kNone: not listed
-    Vec3d place = Vec3d::Zero();  // m, world, had the surface not followed
-    double within = 0;            // m
-    Range fours;                  // rows of PlacedSurface::listed
-};
-
-// The triangles that were asked for at one moment, and what is known of where others are for longer.
+// The triangles that were asked for at one moment.
 struct PlacedSurface {
     struct Run {
         uint64_t stamp = 0;  // of the moment at which it was placed
@@ -52,27 +34,27 @@ struct PlacedSurface {
     SurfaceMoment moment;
     uint64_t stamp = 0;
     std::vector<FourPlaced> four;  // run after run as they were asked for
-    std::vector<Run> run;          // per node
-    std::vector<RunsAround> around;  // of who asked
-    std::vector<FourRuns> listed;
+    std::vector<Run> run;          // per lane of a node
+};
+
+// Triangles that follow each other, and what bounds them.
+struct TriangleRun {
+    Box box;              // m, world
+    Box velocity;         // m/s, of the vertices
+    double speed = 0;     // m/s, of the fastest of them
+    Range triangles;
 };
 
 // What lies between runs of triangles and their tree while it is built.
 struct SurfaceTreeScratch {
-    std::vector<SurfaceNode> run;
+    std::vector<TriangleRun> run;
     std::vector<uint32_t> order;
 };
 
-// Makes model.shell.node: per body a tree over runs of up to 16 triangles that follow each other, halved at the median
-// along the longest axis. No allocation once warm.
+// Makes model.shell.node and .tree: per body a tree over runs of up to 16 triangles that follow each other, halved at the
+// median along the longest axis, two halvings a node. No allocation once warm.
 void build_surface_trees(SurfaceTreeScratch& scratch, LocalContactModel& model);
 
-// Root of the first tree is node 0; of the next, the one after it and all below.
-inline uint32_t next_tree(const LocalContactModel& model, uint32_t root) { return model.shell.node[root].next; }
-uint32_t tree_count(const LocalContactModel& model);
-
-// Another model than before, with that many askers: forgets what was listed.
-void begin_model(uint32_t askers, PlacedSurface& placed);
 // Another moment.
 void begin_moment(const LocalContactModel& model, const SurfaceMoment& moment, PlacedSurface& placed);
 
@@ -83,13 +65,12 @@ struct NearestTriangle {
     Vec3d point = Vec3d::Zero();  // m, world, on the triangle
 };
 // `hint`: a triangle likely to be near, or kNone; the answer does not depend on it.
-// `asker`: less than begin_model was told, the same for points that move little between one question and the next; or kNone: likewise.
-NearestTriangle find_nearest(const LocalContactModel& model, uint32_t root, const Vec3d& point, uint32_t hint,
-                             double reach, PlacedSurface& placed, uint32_t asker = kNone);
+NearestTriangle find_nearest(const LocalContactModel& model, const SurfaceTree& tree, const Vec3d& point, uint32_t hint,
+                             double reach, PlacedSurface& placed);
 
 // Speed (m/s) that no vertex of the triangles of a tree that are nearer than `around` (m) to a point at the model's time goes
 // beyond.
-double fastest_around(const LocalContactModel& model, uint32_t root, const Vec3d& point, double around);
+double fastest_around(const LocalContactModel& model, const SurfaceTree& tree, const Vec3d& point, double around);
 
 // A point beside its nearest triangle: signed distance (m, negative inside a closed body or within a sheet's thickness)
 // and the way out.

@@ -65,18 +65,16 @@ void note_ways(const LocalContactModel& model, const HandTool& tool, const Surfa
         if (s.place.capacity() < points) {
             s.plane.reserve(2 * points), s.place.reserve(2 * points), s.clear.reserve(4 * points), s.nearest.reserve(4 * points);
             s.asked_at.reserve(4 * points), s.bound.reserve(4 * points), s.radius.reserve(2 * points), s.near.reserve(4 * points), s.listed.reserve(4 * points);
-            s.surface.around.reserve(4 * points);
         }
-        begin_model(static_cast<uint32_t>(rows), s.surface);
         s.sequence = model.sequence;
         s.model_time = model.time;
         s.clear = model.shell.clear;
         s.nearest = model.shell.nearest;
-        s.place.resize(points);
         const auto shown = points_at_grip(tool, model.shell.grip, s.shown);
-        for (size_t k = 0; k < points; ++k) s.place[k] = model.shell.tip + rotate(model.shell.turn, shown[k].arm);
-        s.asked_at.clear();
-        while (s.asked_at.size() < rows) s.asked_at.insert(s.asked_at.end(), s.place.begin(), s.place.end());
+        s.asked_at.resize(rows);
+        for (size_t k = 0; k < points; ++k) s.asked_at[k] = model.shell.tip + rotate(model.shell.turn, shown[k].arm);
+        for (size_t row = points; row < rows; ++row) s.asked_at[row] = s.asked_at[row - points];
+        s.place.resize(points);
         s.moment = {0, model.give.body, Vec3d::Zero()};
         s.aged = s.followed = s.shifted = s.turned = 0;
         s.tip = model.shell.tip, s.turn = model.shell.turn, s.grip = model.shell.grip;
@@ -90,6 +88,14 @@ void note_ways(const LocalContactModel& model, const HandTool& tool, const Surfa
     s.shifted += (pose.tip - s.tip).norm() + pose.reach * std::abs(pose.grip - s.grip);
     s.turned += angle_between(s.turn, pose.turn);
     s.tip = pose.tip, s.turn = pose.turn, s.grip = pose.grip;
+}
+
+// A point was asked for its distance (m) where it is now, at s.moment.
+void note_distance(const LocalContactModel& model, uint32_t point, uint32_t row, const Vec3d& place, double distance, ShellScratch& s) {
+    s.asked_at[row] = place;
+    s.clear[row] = distance + model.shell.speed[row] * s.aged + s.followed;
+    s.bound[row] = s.clear[row] + s.shifted + s.turned * s.radius[point];
+    ++s.looked_at;
 }
 
 // Whether the model shows every surface that a point may reach.
@@ -146,7 +152,7 @@ void list_near(const LocalContactModel& model, const HandTool& tool, const Pose&
     s.near.clear();
     s.within = within;
     uint32_t row = 0;
-    for (uint32_t root = 0; root < model.shell.node.size(); root = next_tree(model, root)) {
+    for (uint32_t tree = 0; tree < model.shell.tree.size(); ++tree) {
         for (uint32_t k = 0; k < s.place.size(); ++k, ++row) {
             const double surface = model.shell.speed[row] * s.aged + s.followed, own = s.shifted + s.turned * s.radius[k];
             if (s.bound[row] - surface - own > within && far > within && !s.all_points) continue;
@@ -154,7 +160,7 @@ void list_near(const LocalContactModel& model, const HandTool& tool, const Pose&
             s.place[k] = pose.tip + rotate(pose.turn, pose.point[k].arm);
             const double left = s.clear[row] - surface - (s.place[k] - s.asked_at[row]).norm(), known = std::min(left, far);
             s.bound[row] = left + surface + own;
-            if (known <= within || s.all_points) s.near.push_back({root, k, row, known});
+            if (known <= within || s.all_points) s.near.push_back({tree, k, row, known});
         }
     }
 }
@@ -168,7 +174,7 @@ void add_planes(const LocalContactModel& model, const HandTool& tool, const Span
     const double most = need.most + std::max(0.0, model.give.gap);
     for (ShellNear& row : s.near) {
         if (row.taken || (!s.all_points && row.known > most)) continue;
-        const uint32_t k = row.point, body = model.shell.node[row.root].body;
+        const uint32_t k = row.point, body = model.shell.tree[row.tree].body;
         const double gap = body == model.give.body ? model.give.gap : 0;
         const double room = need.of(pose.point[k].arm), near = room + std::max(0.0, gap);
         if (!s.all_points && row.known > near) continue;
@@ -176,10 +182,7 @@ void add_planes(const LocalContactModel& model, const HandTool& tool, const Span
         const bool was_outside = !s.all_points && row.known > 0 && hint != kNone;
         const double half = was_outside ? model.half_thickness[hint] : kThickest;
         const double reach = was_outside ? std::min(model.reach, near + kLook + half) : model.reach;
-        const NearestTriangle nearest = find_nearest(model, row.root, s.place[k], hint, reach, s.surface, row.row);
-        ++s.looked_at;
-        const double surface_way = model.shell.speed[row.row] * s.aged + s.followed;
-        s.asked_at[row.row] = s.place[k];
+        const NearestTriangle nearest = find_nearest(model, model.shell.tree[row.tree], s.place[k], hint, reach, s.surface);
         row.known = reach - half;
         const ShellContact* held = before.find(body, k);
         SurfaceSide side;
@@ -191,15 +194,14 @@ void add_planes(const LocalContactModel& model, const HandTool& tool, const Span
                 row.known = side.distance;
             }
         }
-        s.clear[row.row] = row.known + surface_way;
-        s.bound[row.row] = s.clear[row.row] + s.shifted + s.turned * s.radius[k];
+        note_distance(model, k, row.row, s.place[k], row.known, s);
         inside = inside || row.known < 0;
         if (nearest.triangle == kNone || row.known >= near || side.distance - gap >= room) continue;
         side.distance -= gap;
         row.taken = true;
         if (side.distance < 0 && side.normal.dot(rotate(pose.turn, pose.point[k].inward)) < kAgainst) continue;
         ShellPlane plane = plane_of(model, span, k, body, s.place[k] - pose.tip, side, held);
-        plane.gap = gap, plane.root = row.root, plane.row = row.row;
+        plane.gap = gap, plane.tree = row.tree, plane.row = row.row;
         plane.friction = feel_of(tool, model, body, held && held->sliding).friction;
         if (pose.point[k].jaw != kNone && !span.again) {
             // against a jaw that moves by itself the surface goes the other way
@@ -255,9 +257,11 @@ bool planes_hold(const LocalContactModel& model, const Pose& pose, const ShellSt
         const Vec3d point = pose.tip + rotate(pose.turn, pose.point[plane.point].arm);
         const double half = model.half_thickness[s.nearest[plane.row]];
         const double reach = std::abs(gap + plane.gap) + half + kLook;
-        const NearestTriangle nearest = find_nearest(model, plane.root, point, s.nearest[plane.row], reach, s.surface, plane.row);
-        ++s.looked_at;
-        const double is = nearest.triangle == kNone ? kLook : side_of(model, nearest, plane.side, s.surface).distance - plane.gap;
+        const NearestTriangle nearest = find_nearest(model, model.shell.tree[plane.tree], point, s.nearest[plane.row], reach, s.surface);
+        const double distance = nearest.triangle == kNone ? reach - half : side_of(model, nearest, plane.side, s.surface).distance;
+        note_distance(model, plane.point, plane.row, point, distance, s);
+        if (nearest.triangle != kNone) s.nearest[plane.row] = nearest.triangle;
+        const double is = distance - plane.gap;
         wrong += std::abs(std::min(0.0, is) - std::min(0.0, gap));
         depth -= std::min(0.0, gap);
     }

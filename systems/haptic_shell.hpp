@@ -8,7 +8,7 @@ namespace trocar {
 
 // A point of a shell that may be near a surface.
 struct ShellNear {
-    uint32_t root = 0;   // of the tree
+    uint32_t tree = 0;
     uint32_t point = 0;
     uint32_t row = 0;    // of tree and point
     double known = 0;    // m, the surface is not nearer

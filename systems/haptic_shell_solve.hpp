@@ -17,7 +17,7 @@ struct ShellPlane {
     double friction = 0;              // coefficient
     double side = 1;                  // as SurfaceSide::side
     double gap = 0;                   // m, that the surface stands off by
-    uint32_t root = 0, row = 0;       // its tree, and what the shell's scratch knows of the point there
+    uint32_t tree = 0, row = 0;       // of the surface, and what the shell's scratch knows of the point there
     bool sliding = false;             // it slid in the tick before
     Vec3d velocity = Vec3d::Zero();   // m/s, of the surface
 };

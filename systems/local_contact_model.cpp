@@ -141,6 +141,7 @@ void clear_model(LocalContactModel& model) {
     model.half_thickness.clear();
     model.give = {};
     model.shell.node.clear();
+    model.shell.tree.clear();
     model.shell.clear.clear();
     model.shell.nearest.clear();
     model.shell.speed.clear();
@@ -254,15 +255,14 @@ double carrying_distance(const LocalContactModel& model, uint32_t body, const Ve
 // what their springs are pressed: a mean by their forces, so that there the springs bear what the contacts bear.
 double shell_gap(const HandTool& tool, const ToolState& state, uint32_t body, const Vec3d& tip, const Quat& turn, LocalContactScratch& scratch,
                  const LocalContactModel& model) {
-    uint32_t root = 0;
-    while (root < model.shell.node.size() && model.shell.node[root].body != body) root = next_tree(model, root);
-    if (root >= model.shell.node.size()) return 0;
+    const auto tree = std::find_if(model.shell.tree.begin(), model.shell.tree.end(), [&](const SurfaceTree& t) { return t.body == body; });
+    if (tree == model.shell.tree.end()) return 0;
     begin_moment(model, {}, scratch.placed);
     const auto points = points_at_grip(tool, state.device.grip, scratch.open);
     double sum = 0, force = 0;
     for (const ShellContact& c : state.contact) {
         if (c.body != body) continue;
-        const NearestTriangle nearest = find_nearest(model, root, tip + rotate(turn, points[c.point].arm), kNone, model.reach, scratch.placed);
+        const NearestTriangle nearest = find_nearest(model, *tree, tip + rotate(turn, points[c.point].arm), kNone, model.reach, scratch.placed);
         if (nearest.triangle == kNone) return 0;
         const double press = c.depth * tool.surface_stiffness;
         sum += press * (side_of(model, nearest, c.side, scratch.placed).distance + c.depth);
@@ -285,12 +285,6 @@ void take_along(uint32_t body, const Vec3d& point, const Vec3d& velocity, double
         out.velocity[v] += std::clamp((far - away) / (far - near), 0.0, 1.0) * (velocity - out.velocity[v]);
     }
     bound_groups(out, body);
-}
-
-// Node of the first triangles of a tree: inner nodes have none.
-uint32_t first_leaf(const LocalContactModel& model, uint32_t root) {
-    while (model.shell.node[root].triangles.count == 0) ++root;
-    return root;
 }
 
 }  // namespace
@@ -334,23 +328,22 @@ void publish_outlook(const HandTool& tool, const ToolState& state, LocalContactS
     shell.speed.clear();
     shell.around = kAround + kSoon * (state.device.velocity.norm() + state.device_spin.norm() * tool.shell_radius);
     begin_moment(out, {}, scratch.placed);
-    for (uint32_t root = 0; root < shell.node.size(); root = next_tree(out, root)) {
+    for (const SurfaceTree& tree : shell.tree) {
         uint32_t hint = kNone;  // of the last point that was asked for
         double clear = 0;       // m, of that one
         Vec3d asked = Vec3d::Zero();
-        const double half = out.half_thickness[shell.node[first_leaf(out, root)].triangles.first];
-        const double reach = std::min(out.reach, 2 * kFarEnough + half);
+        const double half = tree.half_thickness, reach = std::min(out.reach, 2 * kFarEnough + half);
         for (const ShellPoint& point : points) {
             // distances change no faster than places: far points need no answer of their own
             const Vec3d place = at.tip + rotate(at.turn, point.arm);
             const double known = clear - (place - asked).norm();
-            shell.speed.push_back(known > kFarEnough ? out.fastest : fastest_around(out, root, place, shell.around));
+            shell.speed.push_back(known > kFarEnough ? out.fastest : fastest_around(out, tree, place, shell.around));
             if (known > kFarEnough) {
                 shell.nearest.push_back(hint);
                 shell.clear.push_back(known);
                 continue;
             }
-            const NearestTriangle nearest = find_nearest(out, root, place, hint, reach, scratch.placed);
+            const NearestTriangle nearest = find_nearest(out, tree, place, hint, reach, scratch.placed);
             clear = reach - half;
             if (nearest.triangle != kNone) hint = nearest.triangle, clear = side_of(out, nearest, 0, scratch.placed).distance;
             asked = place;
