@@ -4,6 +4,7 @@
 
 #include <random>
 
+#include "engine/geometry/four_triangles.hpp"
 #include "tests/engine/closest_point_meshes.hpp"
 #include "tests/reference/brute_force_distance.hpp"
 namespace trocar {
@@ -121,6 +122,38 @@ TEST(PointTriangle, G28_G29_ScaleDoesNotMatter) {
             ASSERT_EQ(distance_of(got), s * one) << "scale " << s;
         }
     }
+}
+
+// Four at a time give the bits of one by one: triangles of all shapes down to points, queries beside every feature, on it, and far
+// away, lanes in any mixture. Breaks when an operation differs or one is fused with another.
+TEST(FourTriangles, GiveTheBitsOfOneByOne) {
+    std::mt19937_64 random(17);
+    std::uniform_real_distribution<double> unit(0, 1);
+    std::array<size_t, 7> features{};
+    for (int i = 0; i < 60000; ++i) {
+        std::array<std::array<Vec3d, 3>, 4> t;
+        for (size_t lane = 0; lane < 4; ++lane) {
+            const int kind = (i + static_cast<int>(lane)) % 5;
+            t[lane] = random_sliver(random, kind == 0 ? 1.0 : std::pow(10.0, -12 * unit(random)), kind & 1);
+            if (kind == 2) t[lane][2] = t[lane][0] + unit(random) * (t[lane][1] - t[lane][0]);  // in a line, to rounding
+            if (kind == 3 && i % 7 == 0) t[lane][1] = t[lane][0];
+            if (kind == 4 && i % 11 == 0) t[lane][1] = t[lane][2] = t[lane][0];
+        }
+        const auto& near = t[static_cast<size_t>(i % 4)];
+        const double s = 1.4 * unit(random) - 0.2, r = 1.4 * unit(random) - 0.2;
+        Vec3d p = near[0] + s * (near[1] - near[0]) + r * (near[2] - near[0]) + std::pow(10.0, -9 * unit(random)) * random_direction(random);
+        if (i % 13 == 0) p = near[i % 3];
+        const auto corners = [&](size_t k) {
+            return side_by_side(to_vec4(t[0][k]), to_vec4(t[1][k]), to_vec4(t[2][k]), to_vec4(t[3][k]));
+        };
+        const Vec4d got = squared_distances({all_lanes(p.x()), all_lanes(p.y()), all_lanes(p.z())}, {corners(0), corners(1), corners(2)});
+        for (size_t lane = 0; lane < 4; ++lane) {
+            const TrianglePoint wanted = closest_point_on_triangle(p, t[lane][0], t[lane][1], t[lane][2]);
+            ++features[static_cast<size_t>(wanted.feature)];
+            ASSERT_EQ(got[lane], wanted.squared_distance) << "case " << i << " lane " << lane << " feature " << static_cast<int>(wanted.feature);
+        }
+    }
+    for (const size_t count : features) EXPECT_GT(count, 500u);
 }
 
 }  // namespace
