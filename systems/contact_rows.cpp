@@ -290,7 +290,10 @@ void drop_idle_rows(double period, const Vec3d& gravity, const Surfaces& s, std:
         const uint32_t body = rows.body[row], other = rows.other[row];
         for (const uint32_t b : {body, other})
             if (!is_deformable(bodies, b) && bodies.motion[b] != Motion::kStatic) return true;
-        const auto slack = [&](uint32_t b) { return 0.05 * s.meshes.info[bodies.mesh[b]].mean_edge + 0.5 * bodies.thickness[b]; };
+        const auto slack = [&](uint32_t b) {
+            const double stray = is_deformable(bodies, b) ? 0.05 * s.meshes.info[bodies.mesh[b]].mean_edge : 0.0;
+            return stray + 0.5 * bodies.thickness[b];
+        };
         const double near = fall + slack(body) + slack(other);
         if (rows.distance[row] < near) return true;
         Vec3d v = Vec3d::Zero();

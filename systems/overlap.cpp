@@ -30,7 +30,7 @@ void join(std::vector<uint32_t>& parent, uint32_t a, uint32_t b) {
 struct Side {
     uint32_t body, other;
     bool reversed;  // body is the pair's b
-    Range candidates;
+    Range candidates, crossing;
     MeshView mesh;          // of body
     double margin;          // m, of both together
     double half_thickness;  // m, of other
@@ -46,17 +46,25 @@ struct OverlapInput {
     const OverlapScratch& scratch;
 };
 
-// Marks the triangles near the other body and their corners; every corner gets a triangle close by as hint.
+// Marks the triangles near the other body and what the vertices to ask about are: corners that may come near, and all of
+// triangles that may cross. Every one gets a triangle close by as hint.
 void mark_near(const CandidateTriangles& candidates, const Side& side, OverlapChunk& c) {
     c.near_triangle.assign((side.mesh.triangle.size() + 63) / 64, 0);
     c.near_vertex.assign((side.mesh.position.size() + 63) / 64, 0);
     if (c.hint.size() < side.mesh.position.size()) c.hint.resize(side.mesh.position.size());
+    const auto mark = [&](uint32_t v, uint32_t across) {
+        set_bit(c.near_vertex, v);
+        c.hint[v] = across;
+    };
+    for (uint32_t i = side.crossing.first; i < side.crossing.end(); ++i) {
+        const auto& row = candidates.triangle[i];
+        for (const uint32_t v : side.mesh.triangle[row[side.reversed]]) mark(v, row[!side.reversed]);
+    }
     for (uint32_t i = side.candidates.first; i < side.candidates.end(); ++i) {
         const auto [own, across] = candidates.near[i];
         set_bit(c.near_triangle, own);
-        for (const uint32_t v : side.mesh.triangle[own]) {
-            set_bit(c.near_vertex, v);
-            c.hint[v] = across;
+        for (uint32_t k = 0; k < 3; ++k) {
+            if (candidates.near_corners[i] >> k & 1) mark(side.mesh.triangle[own][k], across);
         }
     }
 }
@@ -286,6 +294,7 @@ Side make_side(const Surfaces& s, const BodyBoxes& boxes, const CandidatePairs& 
             other,
             reversed,
             candidates.side[row],
+            candidates.pair[pair],
             mesh_view(s.meshes, s.bodies.mesh[body]),
             boxes.margin[a] + boxes.margin[b],
             admission == Admission::kSheet ? 0.5 * s.bodies.thickness[other] : 0.0,

@@ -51,8 +51,8 @@ struct OverlapScratch {
 };
 
 // Overlap phase (thesis 4.1.1, FindOverlapReg): every vertex of a inside b or nearer to it than the margins of both
-// together, and the reverse, at any depth and for any number of bodies; equal to testing every vertex. Contacts ascend
-// by pair, side and vertex. trees[bodies.tree[i]] is the tree of body i, refitted.
+// together, and the reverse, at any depth and for any number of bodies; equal to testing every vertex but those that
+// candidates leave out. Contacts ascend by pair, side and vertex. trees[bodies.tree[i]] is the tree of body i, refitted.
 // Signs: a solid's by pseudonormal, checked against the Lipschitz bound along every near edge of the mesh and settled
 // by winding number where they disagree (counted).
 void find_overlap(const Surfaces& surfaces, const BodyBoxes& boxes, const CandidatePairs& pairs,
