@@ -245,7 +245,7 @@ TEST(CandidateCells, DirectPairsSeeAllThatComesOntoAStaticBody) {
         expect_all_that_comes(scene, 0, "round " + std::to_string(round), coming);
     }
     EXPECT_GT(coming.met, 300u);
-    EXPECT_LT(coming.asked_near, 0.8 * with_cells);
+    EXPECT_LT(coming.asked_near, 0.9 * with_cells);
     EXPECT_GT(coming.idle, 50u);
 }
 
