@@ -6,6 +6,7 @@
 
 #include "engine/direct_pairs.hpp"
 #include "engine/geometry/contact_kernels.hpp"
+#include "engine/geometry/project_vertices.hpp"
 #include "engine/parallel.hpp"
 namespace trocar {
 namespace {
@@ -337,25 +338,27 @@ Vec3d way_between(const Surfaces& s, const BodyBoxes& boxes, uint32_t a, uint32_
 
 // How far every vertex of a body may get along a direction in a period beside a body that moves with `drift`, m from
 // `base`; returns the farthest. What is not finite does not count.
-double reach_along(const Surfaces& s, uint32_t body, double period, const Vec3d& base, const Vec3d& way, const Vec3d& drift, std::vector<double>& along) {
-    const BodyPoints points(s, body, base);
-    const __m256d w = _mm256_setr_pd(way.x(), way.y(), way.z(), 0);
-    const bool moves = !is_static(s.bodies, body);
-    const uint32_t first = moves ? s.bodies.particles[body].first : 0;
-    const Particles& v = s.particles;
-    const double still = drift.dot(way);
-    along.resize(s.meshes.info[s.bodies.mesh[body]].vertices.count);
-    double farthest = -std::numeric_limits<double>::infinity();
-    for (uint32_t i = 0; i < along.size(); ++i) {
-        const Vec4d p = (Vec4d)_mm256_mul_pd(points(i), w);
-        along[i] = (p[0] + p[1]) + p[2];
-        if (moves) {
-            const uint32_t row = first + i;
-            const double speed = way.x() * v.velocity_x[row] + way.y() * v.velocity_y[row] + way.z() * v.velocity_z[row] - still;
-            along[i] += std::abs(speed) * period;
+double reach_along(const Surfaces& s, uint32_t body, double period, const Vec3d& base, const Vec3d& way, const Vec3d& drift,
+                   std::vector<double>& along) {
+    project_vertices(s, body, base, way, along);
+    const uint32_t count = uint32_t(along.size());
+    if (!is_static(s.bodies, body)) {
+        const Particles& v = s.particles;
+        const double still = drift.dot(way);
+        const uint32_t first = s.bodies.particles[body].first;
+        const float *x = v.velocity_x.data() + first, *y = v.velocity_y.data() + first, *z = v.velocity_z.data() + first;
+        uint32_t i = 0;
+        for (; i + 4 <= count; i += 4) {
+            const auto part = [i](const float* at, double factor) { return factor * (Vec4d)_mm256_cvtps_pd(_mm_loadu_ps(at + i)); };
+            const Vec4d speed = part(x, way.x()) + part(y, way.y()) + part(z, way.z()) - still;
+            const Vec4d size = (Vec4d)_mm256_andnot_pd(_mm256_set1_pd(-0.0), (__m256d)speed);
+            _mm256_storeu_pd(&along[i], (__m256d)((Vec4d)_mm256_loadu_pd(&along[i]) + size * period));
         }
-        if (along[i] > farthest) farthest = along[i];
+        for (; i < count; ++i) along[i] += std::abs(way.x() * x[i] + way.y() * y[i] + way.z() * z[i] - still) * period;
     }
+    double farthest = -std::numeric_limits<double>::infinity();
+    for (const double a : along)
+        if (a > farthest) farthest = a;
     return farthest;
 }
 

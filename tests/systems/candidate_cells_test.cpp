@@ -6,6 +6,7 @@
 #include <random>
 #include <set>
 
+#include "systems/parted_triangles.hpp"
 #include "tests/reference/brute_force_contact.hpp"
 #include "tests/systems/contact_scene.hpp"
 namespace trocar::test {
@@ -151,6 +152,34 @@ TEST(CandidateCells, DirectPairsLoseNothingAndRepeatNothing) {
             EXPECT_GT(scene.occupancy.cell_key.size(), 0u);
         }
     }
+}
+
+// Edges that pass the other surface are as deep as when every corner near it is asked about: those of triangles that may cross are
+// asked about even where they stay away themselves. Breaks when only what may get there is.
+TEST(CandidateCells, DirectPairsFindTheSameEdges) {
+    uint64_t edges = 0;
+    PartedTrianglesScratch parted_scratch;
+    for (int round = 0; round < 20; ++round) {
+        ContactScene scene({{make_noisy_sphere(3, 0.06, 0.1, round), Motion::kDeformable, Vec3d(1, 0, 0), {}},
+                            {make_noisy_sphere(8, 0.05, 0.2, 1), Motion::kDeformable, Vec3d(1.095, 0.002 * round, 0.005), {}}});
+        std::vector<std::array<double, 5>> found[2];
+        for (const bool direct : {false, true}) {
+            direct ? find_directly(scene, 1u << 30) : scene.find_triangles();
+            if (direct) drop_parted_triangles(scene.surfaces(), scene.pairs, parted_scratch, scene.candidates);
+            find_overlap(scene.surfaces(), scene.boxes, scene.pairs, scene.screened, scene.candidates, scene.trees, scene.overlap_scratch,
+                         scene.report, scene.near, scene.contacts);
+            find_edge_contacts(scene.params, scene.surfaces(), scene.pairs, scene.candidates, scene.near, scene.trees, scene.edge_scratch,
+                               scene.report, scene.contacts);
+            const Contacts& c = scene.contacts;
+            for (uint32_t i = 0; i < c.body.size(); ++i) {
+                const auto [v, w] = c.vertex[i];
+                if (v != w) found[direct].push_back({double(c.body[i]), double(v), double(w), c.along[i], c.distance[i]});
+            }
+        }
+        EXPECT_EQ(found[0], found[1]) << "round " << round;
+        edges += found[0].size();
+    }
+    EXPECT_GT(edges, 50u);
 }
 
 struct Coming {
