@@ -73,7 +73,8 @@ struct CandidateTriangles {
 };
 
 // Signed distances that the overlap phase has worked out: every vertex of a triangle near the other surface but those
-// that candidates leave out, and every vertex of a piece that lies inside it. Two sides per candidate pair: 2p = vertices of a against b, 2p + 1 the reverse.
+// that candidates leave out, and every vertex of a piece that lies inside it. Two sides per candidate pair: 2p = vertices
+// of a against b, 2p + 1 the reverse.
 struct NearVertices {
     std::vector<Range> side;            // rows of vertex
     std::vector<uint32_t> vertex;       // local vertex, ascending within a side

@@ -14,7 +14,8 @@ inline void project_vertices(const Surfaces& s, uint32_t body, const Vec3d& base
         const Float4* offset = s.particles.offset.data() + s.bodies.particles[body].first;
         const Vec3d shift = s.poses.origin[body] - base;
         for (; v + 4 <= count; v += 4) {
-            __m128 x = _mm_load_ps(&offset[v].x), y = _mm_load_ps(&offset[v + 1].x), z = _mm_load_ps(&offset[v + 2].x), w = _mm_load_ps(&offset[v + 3].x);
+            const auto load = [&](uint32_t k) { return _mm_load_ps(&offset[v + k].x); };
+            __m128 x = load(0), y = load(1), z = load(2), w = load(3);
             _MM_TRANSPOSE4_PS(x, y, z, w);
             const auto part = [](__m128 p, double from, double factor) { return ((Vec4d)_mm256_cvtps_pd(p) + from) * factor; };
             const Vec4d sum = (part(x, shift.x(), way.x()) + part(y, shift.y(), way.y())) + part(z, shift.z(), way.z());
