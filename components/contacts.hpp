@@ -69,10 +69,12 @@ struct CandidateTriangles {
     std::vector<std::array<uint32_t, 2>> triangle;       // may cross: local triangle of a, of b; ascending, each once
     std::vector<Range> side;                             // rows of near
     std::vector<std::array<uint32_t, 2>> near;           // local triangle, ascending, each once; one of the other it is near
+    std::vector<uint8_t> near_corners;                   // per row of near: bit k of corner k, 0 where that one surely stays away
 };
 
-// Signed distances that the overlap phase has worked out: every vertex of a triangle near the other surface, and every
-// vertex of a piece that lies inside it. Two sides per candidate pair: 2p = vertices of a against b, 2p + 1 the reverse.
+// Signed distances that the overlap phase has worked out: every vertex of a triangle near the other surface but those
+// that candidates leave out, and every vertex of a piece that lies inside it. Two sides per candidate pair: 2p = vertices
+// of a against b, 2p + 1 the reverse.
 struct NearVertices {
     std::vector<Range> side;            // rows of vertex
     std::vector<uint32_t> vertex;       // local vertex, ascending within a side

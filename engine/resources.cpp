@@ -425,7 +425,7 @@ void visit_resource(World& w, Resource resource, Visitor& v) {
             break;
         case Resource::kCandidates:
             v.array(FIELD(candidates.pair)), v.array(FIELD(candidates.triangle)), v.array(FIELD(candidates.side)),
-                v.array(FIELD(candidates.near));
+                v.array(FIELD(candidates.near)), v.array(FIELD(candidates.near_corners));
             break;
         case Resource::kNear:
             v.array(FIELD(near.side)), v.array(FIELD(near.vertex)), v.array(FIELD(near.distance)), v.array(FIELD(near.triangle));

@@ -6,11 +6,13 @@
 
 #include "engine/direct_pairs.hpp"
 #include "engine/geometry/contact_kernels.hpp"
+#include "engine/geometry/project_vertices.hpp"
 #include "engine/parallel.hpp"
 namespace trocar {
 namespace {
 
 constexpr uint32_t kMostChunks = 64;
+constexpr uint8_t kAllCorners = 7;
 constexpr size_t kCrowded = 16384;  // triangle pairs of a cell from which sorting beats testing all
 
 uint32_t find_pair(const CandidatePairs& pairs, const std::vector<uint32_t>& first, uint32_t a, uint32_t b) {
@@ -267,15 +269,27 @@ void cut_to_hull_of(const std::vector<PackedBox>& box, Range rows, __m256 hull, 
         if (meets(face, load_box(box[row]))) kept.push_back(row);
 }
 
-void lay_out_sides(const std::vector<PackedBox>& box, DirectChunk& c) {
-    const std::vector<uint32_t>& rows = c.rows[1];
+void lay_out_sides(const std::vector<PackedBox>& box, const std::vector<uint32_t>& rows, BoxSides& sides) {
     const size_t room = (rows.size() + 7) / 8 * 8;
-    for (auto& side : c.sides) side.assign(room, std::numeric_limits<float>::infinity());  // meets nothing
+    for (auto& side : sides) side.resize(room);
     for (size_t i = 0; i < rows.size(); ++i) {
-        for (int k = 0; k < 3; ++k) c.sides[k][i] = box[rows[i]].min[k], c.sides[3 + k][i] = box[rows[i]].neg_max[k];
+        for (int k = 0; k < 3; ++k) sides[k][i] = box[rows[i]].min[k], sides[3 + k][i] = box[rows[i]].neg_max[k];
     }
-    c.across.assign(rows.size(), kNone);
+    for (auto& side : sides) std::fill(side.begin() + rows.size(), side.end(), std::numeric_limits<float>::infinity());  // meets nothing
 }
+
+// Which of eight boxes meet one: bits.
+struct BoxLimits {
+    __m256 limit[6];
+    explicit BoxLimits(const PackedBox& box) {
+        for (int k = 0; k < 3; ++k) limit[k] = _mm256_set1_ps(-box.neg_max[k]), limit[3 + k] = _mm256_set1_ps(-box.min[k]);
+    }
+    uint32_t meeting(const BoxSides& sides, size_t first) const {
+        __m256 met = _mm256_cmp_ps(_mm256_loadu_ps(&sides[0][first]), limit[0], _CMP_LE_OQ);
+        for (int k = 1; k < 6; ++k) met = _mm256_and_ps(met, _mm256_cmp_ps(_mm256_loadu_ps(&sides[k][first]), limit[k], _CMP_LE_OQ));
+        return uint32_t(_mm256_movemask_ps(met));
+    }
+};
 
 void cut_to_hulls(const ScreenedTriangles& screened, Range a, Range b, DirectChunk& c) {
     __m256 hull = empty_hull();
@@ -309,22 +323,42 @@ void find_drifts(const Surfaces& s, const CandidatePairs& pairs, CandidateCellsS
     });
 }
 
+bool is_static(const Bodies& bodies, uint32_t body) { return bodies.motion[body] == Motion::kStatic; }
+
+// Along which way two bodies are looked at, not of unit length: from middle to middle; across the side where a static one,
+// often a wall or a floor, is passed least.
+Vec3d way_between(const Surfaces& s, const BodyBoxes& boxes, uint32_t a, uint32_t b) {
+    const Box &box_a = boxes.box[a], &box_b = boxes.box[b];
+    if (!is_static(s.bodies, a) && !is_static(s.bodies, b)) return 0.5 * (box_b.min + box_b.max - box_a.min - box_a.max);
+    const Vec3d after = box_b.min - box_a.max, before = box_a.min - box_b.max;
+    int axis = 0;
+    after.cwiseMax(before).maxCoeff(&axis);
+    return after[axis] > before[axis] ? Vec3d(Vec3d::Unit(axis)) : Vec3d(-Vec3d::Unit(axis));
+}
+
 // How far every vertex of a body may get along a direction in a period beside a body that moves with `drift`, m from
 // `base`; returns the farthest. What is not finite does not count.
-double reach_along(const Surfaces& s, uint32_t body, double period, const Vec3d& base, const Vec3d& way, const Vec3d& drift, std::vector<double>& along) {
-    const BodyPoints points(s, body, base);
-    const __m256d w = _mm256_setr_pd(way.x(), way.y(), way.z(), 0);
-    const uint32_t first = s.bodies.particles[body].first;
-    const Particles& v = s.particles;
-    const double still = drift.dot(way);
-    along.resize(s.meshes.info[s.bodies.mesh[body]].vertices.count);
-    double farthest = -std::numeric_limits<double>::infinity();
-    for (uint32_t i = 0; i < along.size(); ++i) {
-        const Vec4d p = (Vec4d)_mm256_mul_pd(points(i), w);
-        const double speed = way.x() * v.velocity_x[first + i] + way.y() * v.velocity_y[first + i] + way.z() * v.velocity_z[first + i] - still;
-        along[i] = (p[0] + p[1]) + p[2] + std::abs(speed) * period;
-        if (along[i] > farthest) farthest = along[i];
+double reach_along(const Surfaces& s, uint32_t body, double period, const Vec3d& base, const Vec3d& way, const Vec3d& drift,
+                   std::vector<double>& along) {
+    project_vertices(s, body, base, way, along);
+    const uint32_t count = uint32_t(along.size());
+    if (!is_static(s.bodies, body)) {
+        const Particles& v = s.particles;
+        const double still = drift.dot(way);
+        const uint32_t first = s.bodies.particles[body].first;
+        const float *x = v.velocity_x.data() + first, *y = v.velocity_y.data() + first, *z = v.velocity_z.data() + first;
+        uint32_t i = 0;
+        for (; i + 4 <= count; i += 4) {
+            const auto part = [i](const float* at, double factor) { return factor * (Vec4d)_mm256_cvtps_pd(_mm_loadu_ps(at + i)); };
+            const Vec4d speed = part(x, way.x()) + part(y, way.y()) + part(z, way.z()) - still;
+            const Vec4d size = (Vec4d)_mm256_andnot_pd(_mm256_set1_pd(-0.0), (__m256d)speed);
+            _mm256_storeu_pd(&along[i], (__m256d)((Vec4d)_mm256_loadu_pd(&along[i]) + size * period));
+        }
+        for (; i < count; ++i) along[i] += std::abs(way.x() * x[i] + way.y() * y[i] + way.z() * z[i] - still) * period;
     }
+    double farthest = -std::numeric_limits<double>::infinity();
+    for (const double a : along)
+        if (a > farthest) farthest = a;
     return farthest;
 }
 
@@ -332,53 +366,73 @@ double reach_along(const Surfaces& s, uint32_t body, double period, const Vec3d&
 void cut_to_slabs(const DirectInput& in, const ScreenedTriangles& screened, std::span<const Vec3d> drift,
                   const std::array<uint32_t, 2>& body, DirectChunk& c) {
     const Surfaces& s = in.surfaces;
-    if (!is_deformable(s.bodies, body[0]) || !is_deformable(s.bodies, body[1])) return;
-    const auto middle = [&](int k) { return Vec3d(0.5 * (in.boxes.box[body[k]].min + in.boxes.box[body[k]].max)); };
-    const Vec3d base = middle(0), apart = middle(1) - base;
+    for (int k = 0; k < 2; ++k) c.corners[k].assign(c.rows[k].size(), kAllCorners);
+    constexpr uint32_t kManyVertices = 4096;  // of a static body: of these the triangles at hand would be few
+    for (const uint32_t b : body) {
+        if (is_deformable(s.bodies, b)) continue;
+        if (!is_static(s.bodies, b) || s.meshes.info[s.bodies.mesh[b]].vertices.count > kManyVertices) return;
+    }
+    const Box& first = in.boxes.box[body[0]];
+    const Vec3d base = 0.5 * (first.min + first.max), apart = way_between(s, in.boxes, body[0], body[1]);
     const double distance = apart.norm();
     if (!(distance > 0)) return;
-    const Vec3d way = apart / distance, mean = 0.5 * (drift[body[0]] + drift[body[1]]);
+    const bool both_move = !is_static(s.bodies, body[0]) && !is_static(s.bodies, body[1]);
+    const Vec3d way = apart / distance, mean = both_move ? Vec3d(0.5 * (drift[body[0]] + drift[body[1]])) : Vec3d::Zero();
     double slack = 0.5 * in.gravity * in.period * in.period + 1e-12 * (distance + base.norm());
     slack += jolt_along(in.jolt, body[0], way) + jolt_along(in.jolt, body[1], -way);
-    for (const uint32_t b : body) slack += 0.05 * s.meshes.info[s.bodies.mesh[b]].mean_edge + 0.5 * s.bodies.thickness[b];
+    for (const uint32_t b : body)
+        slack += (is_static(s.bodies, b) ? 0.0 : 0.05 * s.meshes.info[s.bodies.mesh[b]].mean_edge) + 0.5 * s.bodies.thickness[b];
     double farthest[2];
     for (int k = 0; k < 2; ++k) farthest[k] = reach_along(s, body[k], in.period, base, k ? Vec3d(-way) : way, mean, c.along[k]);
     for (int k = 0; k < 2; ++k) {
         const MeshView mesh = mesh_view(s.meshes, s.bodies.mesh[body[k]]);
         const double needed = -farthest[1 - k] - slack;
-        std::erase_if(c.rows[k], [&](uint32_t row) {
+        const auto gets_there = [&](uint32_t v) { return !(c.along[k][v] < needed); };
+        uint32_t kept = 0;
+        for (const uint32_t row : c.rows[k]) {
             const Triangle& t = mesh.triangle[screened.triangle[row]];
-            return c.along[k][t[0]] < needed && c.along[k][t[1]] < needed && c.along[k][t[2]] < needed;
-        });
+            const int corners = gets_there(t[0]) | gets_there(t[1]) << 1 | gets_there(t[2]) << 2;
+            if (corners == 0) continue;
+            c.rows[k][kept] = row;
+            c.corners[k][kept++] = uint8_t(corners);
+        }
+        c.rows[k].resize(kept);
+        c.corners[k].resize(kept);
     }
 }
 
 // Every triangle of a against every one of b. Finds ascend by a, then b.
 void compare_directly(const ScreenedTriangles& screened, DirectChunk& c, DirectPair& found) {
-    lay_out_sides(screened.box, c);
+    lay_out_sides(screened.box, c.rows[1], c.sides);
+    lay_out_sides(screened.tight, c.rows[1], c.tight_sides);
+    c.across.resize(c.rows[1].size());
+    c.met.assign(c.sides[0].size() / 8, 0);
     const uint32_t first_crossing = uint32_t(c.crossing.size()), first_near = uint32_t(c.near.size());
-    for (const uint32_t row : c.rows[0]) {
-        const PackedBox& own = screened.box[row];
-        const __m256 tight = facing(load_box(screened.tight[row]));
-        __m256 limit[6];
-        for (int k = 0; k < 3; ++k) limit[k] = _mm256_set1_ps(-own.neg_max[k]), limit[3 + k] = _mm256_set1_ps(-own.min[k]);
-        bool near = false;
-        for (size_t i = 0; i < c.sides[0].size(); i += 8) {
-            __m256 met = _mm256_cmp_ps(_mm256_loadu_ps(&c.sides[0][i]), limit[0], _CMP_LE_OQ);
-            for (int k = 1; k < 6; ++k) met = _mm256_and_ps(met, _mm256_cmp_ps(_mm256_loadu_ps(&c.sides[k][i]), limit[k], _CMP_LE_OQ));
-            for (uint32_t bits = uint32_t(_mm256_movemask_ps(met)); bits != 0; bits &= bits - 1) {
-                const size_t j = i + uint32_t(__builtin_ctz(bits));
-                const uint32_t other = c.rows[1][j];
-                if (!near) c.near.push_back({screened.triangle[row], screened.triangle[other]}), near = true;
-                if (c.across[j] == kNone) c.across[j] = screened.triangle[row];
-                if (meets(tight, load_box(screened.tight[other]))) c.crossing.push_back({screened.triangle[row], screened.triangle[other]});
-            }
+    const auto triangle_at = [&](size_t j) { return screened.triangle[c.rows[1][j]]; };
+    for (size_t r = 0; r < c.rows[0].size(); ++r) {
+        const uint32_t row = c.rows[0][r], triangle = screened.triangle[row];
+        const BoxLimits limits(screened.box[row]), tight(screened.tight[row]);
+        uint32_t across = kNone;
+        for (size_t i = 0; i < c.met.size(); ++i) {
+            const uint32_t met = limits.meeting(c.sides, 8 * i);
+            if (met == 0) continue;
+            if (across == kNone) across = triangle_at(8 * i + uint32_t(__builtin_ctz(met)));
+            for (uint32_t fresh = met & ~c.met[i]; fresh != 0; fresh &= fresh - 1) c.across[8 * i + uint32_t(__builtin_ctz(fresh))] = triangle;
+            c.met[i] |= uint8_t(met);
+            for (uint32_t bits = met & tight.meeting(c.tight_sides, 8 * i); bits != 0; bits &= bits - 1)
+                c.crossing.push_back({triangle, triangle_at(8 * i + uint32_t(__builtin_ctz(bits)))});
         }
+        if (across == kNone) continue;
+        c.near.push_back({triangle, across});
+        c.near_corners.push_back(c.corners[0][r]);
     }
     found.crossing = {first_crossing, uint32_t(c.crossing.size()) - first_crossing};
     found.near[0] = {first_near, uint32_t(c.near.size()) - first_near};
-    for (size_t j = 0; j < c.rows[1].size(); ++j)
-        if (c.across[j] != kNone) c.near.push_back({screened.triangle[c.rows[1][j]], c.across[j]});
+    for (size_t j = 0; j < c.rows[1].size(); ++j) {
+        if (!(c.met[j / 8] >> (j % 8) & 1)) continue;
+        c.near.push_back({triangle_at(j), c.across[j]});
+        c.near_corners.push_back(c.corners[1][j]);
+    }
     found.near[1] = {found.near[0].end(), uint32_t(c.near.size()) - found.near[0].end()};
 }
 
@@ -399,6 +453,7 @@ void search_direct(const CandidatePairs& pairs, const ScreenedTriangles& screene
         DirectChunk& chunk = scratch.chunk[begin / grain];
         chunk.crossing.clear();
         chunk.near.clear();
+        chunk.near_corners.clear();
         for (uint32_t pair = begin; pair < end; ++pair) {
             scratch.is_direct[pair] = is_direct(pairs, screened, pair, direct->most);
             if (!scratch.is_direct[pair]) continue;
@@ -424,7 +479,10 @@ void put_direct(const CandidatePairs& pairs, const CandidateCellsScratch& scratc
             const DirectChunk& chunk = scratch.chunk[begin / grain];
             const DirectPair& found = scratch.direct[pair];
             copy(chunk.crossing, found.crossing, candidates.triangle, candidates.pair[pair]);
-            for (int side = 0; side < 2; ++side) copy(chunk.near, found.near[side], candidates.near, candidates.side[2 * pair + side]);
+            for (int side = 0; side < 2; ++side) {
+                copy(chunk.near, found.near[side], candidates.near, candidates.side[2 * pair + side]);
+                copy(chunk.near_corners, found.near[side], candidates.near_corners, candidates.side[2 * pair + side]);
+            }
         }
     });
 }
@@ -451,6 +509,7 @@ void find_candidate_triangles(const CandidatePairs& pairs, const ScreenedTriangl
     sort_by_row(any_cells ? rows : 0, scratch.near, scratch);
     drop_repeats(scratch.by_row);
     deal_out(screened, scratch, candidates.side, candidates.near);
+    candidates.near_corners.assign(candidates.near.size(), kAllCorners);
     put_direct(pairs, scratch, candidates);
 }
 

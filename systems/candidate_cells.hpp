@@ -18,13 +18,19 @@ struct DirectInput {
     std::span<const BodyJolt> jolt{};  // per body; may be empty
 };
 
+// Lower and negated upper ends of boxes, axis by axis; eights are full.
+using BoxSides = std::array<std::vector<float>, 6>;
+
 // What a run of directly compared pairs found, pair after pair, as local triangles.
 struct DirectChunk {
     std::vector<std::array<uint32_t, 2>> crossing, near;
+    std::vector<uint8_t> near_corners;        // per row of near
     std::vector<double> along[2];             // m, of the pair at hand: how far vertices may get on the way to the other body
     std::vector<uint32_t> rows[2];            // what meets the hull of the other body
-    std::array<std::vector<float>, 6> sides;  // of the enlarged boxes of rows[1]
-    std::vector<uint32_t> across;             // per row of rows[1]: one that it is near, or kNone
+    std::vector<uint8_t> corners[2];          // per row of those: bits of the corners that may get to the other body, or all
+    BoxSides sides, tight_sides;              // of the enlarged boxes of rows[1] and of their own
+    std::vector<uint8_t> met;                 // per eight rows of rows[1]: bits of those near a triangle of the other body
+    std::vector<uint32_t> across;             // per row of rows[1] that is: which
 };
 // Where a pair's finds are in its chunk.
 struct DirectPair {
@@ -51,10 +57,12 @@ struct CandidateCellsScratch {
 // OHC instruction (thesis 3.3.2): for every candidate pair the triangles that are near the other body and the triangle
 // pairs that may cross, read from the shared cells and the oversize list, ascending. A pair that may cross is reported
 // once, by the cell that holds the larger of the lower corners; a near triangle by the first cell that shows it. Pairs
-// that are direct (engine/direct_pairs.hpp) have all their triangles compared, eight at a time. Between deformable bodies
-// those are left out that cannot come near in the period along the way from one body's middle to the other's: there no
-// point of one body is nearer to the other than their places differ, and each goes as far as its vertices' speeds beside
-// the mean of both bodies, to and fro, the fall of one of them, what others may do to both, and 0.05 mean edges each.
+// that are direct (engine/direct_pairs.hpp) have all their triangles compared, eight at a time. Between deformable bodies, and
+// such and static ones, those triangles and of the others those corners are left out that cannot come near in the period along
+// the way from one body's middle to the other's, or across the side where a static one's box is passed least: there no point of
+// one body is nearer to the other than their places differ, and each goes as far as its vertices' speeds beside the mean of both
+// bodies (beside a static one: their speeds), to and fro, the fall of one of them, what others may do to both, and 0.05 mean
+// edges of each that deforms.
 void find_candidate_triangles(const CandidatePairs& pairs, const ScreenedTriangles& screened,
                               const Occupancy& occupancy, CandidateCellsScratch& scratch,
                               CandidateTriangles& candidates, const DirectInput* direct = nullptr);

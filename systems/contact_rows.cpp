@@ -280,6 +280,7 @@ void make_contact_rows(const ContactParams& params, const Surfaces& surfaces, co
 
 void drop_idle_rows(double period, const Vec3d& gravity, const Surfaces& s, std::span<const BodyJolt> jolt, ContactRowsScratch& scratch,
                     ContactRows& rows) {
+    constexpr double kTurning = 0.25;  // of a speed, that may turn towards the plane
     const Bodies& bodies = s.bodies;
     const double fall = 0.5 * gravity.norm() * period * period;
     const auto velocity = [&](uint32_t body, uint32_t vertex) {
@@ -290,7 +291,10 @@ void drop_idle_rows(double period, const Vec3d& gravity, const Surfaces& s, std:
         const uint32_t body = rows.body[row], other = rows.other[row];
         for (const uint32_t b : {body, other})
             if (!is_deformable(bodies, b) && bodies.motion[b] != Motion::kStatic) return true;
-        const auto slack = [&](uint32_t b) { return 0.05 * s.meshes.info[bodies.mesh[b]].mean_edge + 0.5 * bodies.thickness[b]; };
+        const auto slack = [&](uint32_t b) {
+            const double stray = is_deformable(bodies, b) ? 0.05 * s.meshes.info[bodies.mesh[b]].mean_edge : 0.0;
+            return stray + 0.5 * bodies.thickness[b];
+        };
         const double near = fall + slack(body) + slack(other);
         if (rows.distance[row] < near) return true;
         Vec3d v = Vec3d::Zero();
@@ -303,7 +307,8 @@ void drop_idle_rows(double period, const Vec3d& gravity, const Surfaces& s, std:
             for (int k = 0; k < 3; ++k) v -= rows.weight[row][k] * velocity(other, rows.triangle[row][k]);
         const Vec3d normal = is_deformable(bodies, other) ? rows.normal[row] : rotate(s.poses.orientation[other], rows.normal[row]);
         const double jolts = jolt_along(jolt, body, -normal) + jolt_along(jolt, other, normal);
-        return !(rows.distance[row] > near + v.norm() * period + jolts);
+        const double coming = std::max(0.0, -v.dot(normal)) + kTurning * v.norm();
+        return !(rows.distance[row] > near + coming * period + jolts);
     };
     const uint32_t count = uint32_t(rows.body.size());
     scratch.dropped.resize(count);

@@ -32,9 +32,10 @@ void make_contact_rows(const ContactParams& params, const Surfaces& surfaces, co
                        const Contacts& contacts, const Penetrations& penetrations, ContactRowsScratch& scratch,
                        Report& report, ContactRows& rows);
 
-// Drops rows that cannot act in the coming period (s): their point is farther from its plane than both may go towards each
-// other at the speeds they have beside each other, plus the fall of one of them, what others may do to both (`jolt`, per body; may be
-// empty) and 0.05 mean edges of each. Rows of rigid bodies that move stay. Order is kept.
+// Drops rows that cannot act in the coming period (s): their point is farther from its plane than both go towards each other
+// at the speeds they have beside each other and a quarter of that in whatever way, plus the fall of one of them, what
+// others may do to both (`jolt`, per body; may be empty) and 0.05 mean edges of each that deforms. Rows of rigid
+// bodies that move stay. Order is kept.
 void drop_idle_rows(double period, const Vec3d& gravity, const Surfaces& surfaces, std::span<const BodyJolt> jolt,
                     ContactRowsScratch& scratch, ContactRows& rows);
 

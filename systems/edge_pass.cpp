@@ -268,46 +268,9 @@ bool search_edge(const EdgeInput& in, const Side& side, const BodyPoints& points
                        : search_crossing_edge(e, b, a, triangles, c, best);
 }
 
-FlatTriangle flatten(const BodyPoints& points, const Triangle& t) {
-    const Vec4d a = (Vec4d)points(t[0]), b = (Vec4d)points(t[1]), c = (Vec4d)points(t[2]);
-    const Vec4d u = b - a, v = c - a, normal = cross(u, v);
-    return {side_by_side(a, b, c, c), a, normal, norm2(u) * norm2(v)};
-}
-
-// Whether a triangle surely lies on one side of another's plane: rounding takes 1e-15 of the lengths that are multiplied.
-bool is_beside(const FlatTriangle& t, const FlatTriangle& plane) {
-    constexpr double kSure = 1e-10;
-    const FourPoints q{t.corner.x - plane.start[0], t.corner.y - plane.start[1], t.corner.z - plane.start[2]};
-    const Vec4d side = plane.normal[0] * q.x + plane.normal[1] * q.y + plane.normal[2] * q.z;
-    const Mask4 sure = side * side > (kSure * kSure * plane.size2) * norm2(q);
-    const uint32_t above = mask_bits(sure & (side > 0)), below = mask_bits(sure & (side < 0));
-    return above == 15 || below == 15;
-}
-
-// Candidates of a pair but those of which one triangle lies on one side of the other's plane: boxes of slanting triangles
-// meet long before they do.
-void sift_candidates(const EdgeInput& in, const CandidatePairs& pairs, uint32_t pair, EdgeChunk& c) {
-    const Surfaces& s = in.surfaces;
-    const uint32_t a = pairs.a[pair], b = pairs.b[pair];
-    const MeshView mesh_a = mesh_view(s.meshes, s.bodies.mesh[a]), mesh_b = mesh_view(s.meshes, s.bodies.mesh[b]);
-    const BodyPoints points_a(s, a, s.poses.origin[a]), points_b(s, b, s.poses.origin[a]);
-    const Range range = in.candidates.pair[pair];
-    const auto rows = std::span(in.candidates.triangle).subspan(range.first, range.count);
-    c.flat.clear();
-    if (c.flat_row.size() < mesh_b.triangle.size()) c.flat_row.resize(mesh_b.triangle.size(), kNone);
-    c.crossing.clear();
-    FlatTriangle own;
-    uint32_t last = kNone;
-    for (const auto& [triangle, other] : rows) {
-        if (triangle != last) own = flatten(points_a, mesh_a.triangle[last = triangle]);
-        if (c.flat_row[other] == kNone) {
-            c.flat_row[other] = uint32_t(c.flat.size());
-            c.flat.push_back(flatten(points_b, mesh_b.triangle[other]));
-        }
-        const FlatTriangle& far = c.flat[c.flat_row[other]];
-        if (!is_beside(own, far) && !is_beside(far, own)) c.crossing.push_back({triangle, other});
-    }
-    for (const auto& row : rows) c.flat_row[row[1]] = kNone;
+std::span<const std::array<uint32_t, 2>> crossing_of(const EdgeInput& in, const Side& side) {
+    const Range rows = in.candidates.pair[side.row / 2];
+    return std::span(in.candidates.triangle).subspan(rows.first, rows.count);
 }
 
 // Triangles of the other body that may cross each triangle of this one, and the edges of the latter.
@@ -315,7 +278,7 @@ void collect_edges(const EdgeInput& in, const Side& side, EdgeChunk& c) {
     clear_set(c.near_triangle, side.mesh.triangle.size());
     clear_set(c.near_vertex, side.mesh.position.size());
     c.near_edge.assign((side.mesh.edge.size() + 63) / 64, 0);
-    const auto& rows = c.crossing;
+    const auto rows = crossing_of(in, side);
     for (const auto& pair : rows) {
         const uint32_t own = pair[side.reversed];
         if (has_bit(c.near_triangle.word, own)) continue;
@@ -339,7 +302,7 @@ void collect_edges(const EdgeInput& in, const Side& side, EdgeChunk& c) {
 
 void find_side(const EdgeInput& in, const Side& side, Range& found, EdgeChunk& c) {
     found = {uint32_t(c.found.size()), 0};
-    if (side.tree == nullptr || c.crossing.empty()) return;
+    if (side.tree == nullptr || crossing_of(in, side).empty()) return;
     collect_edges(in, side, c);
     const BodyPoints points(in.surfaces, side.body, in.surfaces.poses.origin[side.other]);
     for_each_bit(c.near_edge, [&](uint32_t edge) {
@@ -399,7 +362,6 @@ void find_edge_contacts(const ContactParams& params, const Surfaces& surfaces, c
         chunk.found.clear();
         chunk.counters = {};
         for (uint32_t pair = begin; pair < end; ++pair) {
-            sift_candidates(in, pairs, pair, chunk);
             for (const uint32_t row : {2 * pair, 2 * pair + 1}) find_side(in, make_side(in, pairs, trees, row), scratch.side[row], chunk);
         }
     });

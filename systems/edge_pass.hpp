@@ -8,7 +8,6 @@
 #include "components/contacts.hpp"
 #include "components/report.hpp"
 #include "engine/closest_point.hpp"
-#include "engine/geometry/four_points.hpp"
 #include "engine/surfaces.hpp"
 namespace trocar {
 
@@ -26,19 +25,8 @@ struct RankedBits {
     std::vector<uint32_t> before;  // members in the words before
 };
 
-// A triangle and its plane.
-struct FlatTriangle {
-    FourPoints corner;  // m; the fourth is the third
-    Vec4d start = {};   // m, its first corner
-    Vec4d normal = {};  // m^2, not of unit length
-    double size2 = 0;   // m^4, product of the squares of the edges that make the normal
-};
-
 // Working arrays of a run of pairs; sets are of the body at hand.
 struct EdgeChunk {
-    std::vector<FlatTriangle> flat;                    // of the second body of the pair at hand
-    std::vector<uint32_t> flat_row;                    // per triangle of it: row of flat, or kNone
-    std::vector<std::array<uint32_t, 2>> crossing;     // candidates of the pair that may cross
     RankedBits near_triangle, near_vertex;
     std::vector<uint64_t> near_edge;
     std::vector<uint32_t> opposite_first;  // per near triangle by rank: rows of opposite

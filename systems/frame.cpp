@@ -33,6 +33,7 @@
 #include "systems/local_contact_model.hpp"
 #include "systems/node_switching.hpp"
 #include "systems/overlap.hpp"
+#include "systems/parted_triangles.hpp"
 #include "systems/penetration.hpp"
 #include "systems/picture_snapshot.hpp"
 #include "systems/pierced_bodies.hpp"
@@ -57,6 +58,7 @@ struct FrameScratch {
     RefitTreesScratch refit;
     RasteriseScratch rasterise;
     CandidateCellsScratch cells;
+    PartedTrianglesScratch parted;
     OverlapScratch overlap;
     ContoursScratch contours;
     EdgePassScratch edges;
@@ -302,6 +304,7 @@ void candidate_cells(FrameState& f) {
     const World& w = f.world;
     const DirectInput direct{surfaces_of(w), w.boxes, period_seconds(w), w.settings.gravity.norm(), f.direct_tests, f.scratch.reachable.jolt};
     find_candidate_triangles(w.pairs, w.screened, w.occupancy, f.scratch.cells, f.world.candidates, &direct);
+    drop_parted_triangles(surfaces_of(w), w.pairs, f.scratch.parted, f.world.candidates);
 }
 void contours(FrameState& f) {
     World& w = f.world;

@@ -3,7 +3,7 @@
 #include <algorithm>
 
 #include "engine/bit_rows.hpp"
-#include "engine/geometry/contact_kernels.hpp"
+#include "engine/geometry/project_vertices.hpp"
 #include "engine/parallel.hpp"
 namespace trocar {
 namespace {
@@ -30,7 +30,7 @@ void join(std::vector<uint32_t>& parent, uint32_t a, uint32_t b) {
 struct Side {
     uint32_t body, other;
     bool reversed;  // body is the pair's b
-    Range candidates;
+    Range candidates, crossing;
     MeshView mesh;          // of body
     double margin;          // m, of both together
     double half_thickness;  // m, of other
@@ -46,24 +46,32 @@ struct OverlapInput {
     const OverlapScratch& scratch;
 };
 
-// Marks the triangles near the other body and their corners; every corner gets a triangle close by as hint.
+// Marks the triangles near the other body and what the vertices to ask about are: corners that may come near, and all of
+// triangles that may cross. Every one gets a triangle close by as hint.
 void mark_near(const CandidateTriangles& candidates, const Side& side, OverlapChunk& c) {
     c.near_triangle.assign((side.mesh.triangle.size() + 63) / 64, 0);
     c.near_vertex.assign((side.mesh.position.size() + 63) / 64, 0);
     if (c.hint.size() < side.mesh.position.size()) c.hint.resize(side.mesh.position.size());
+    const auto mark = [&](uint32_t v, uint32_t across) {
+        set_bit(c.near_vertex, v);
+        c.hint[v] = across;
+    };
+    for (uint32_t i = side.crossing.first; i < side.crossing.end(); ++i) {
+        const auto& row = candidates.triangle[i];
+        for (const uint32_t v : side.mesh.triangle[row[side.reversed]]) mark(v, row[!side.reversed]);
+    }
     for (uint32_t i = side.candidates.first; i < side.candidates.end(); ++i) {
         const auto [own, across] = candidates.near[i];
         set_bit(c.near_triangle, own);
-        for (const uint32_t v : side.mesh.triangle[own]) {
-            set_bit(c.near_vertex, v);
-            c.hint[v] = across;
+        for (uint32_t k = 0; k < 3; ++k) {
+            if (candidates.near_corners[i] >> k & 1) mark(side.mesh.triangle[own][k], across);
         }
     }
 }
 
 // Marks the vertices that a plane across the line between the middles of both bodies parts from all of the other one.
 // Where that one has many vertices none is marked: looking at all of them would cost more than it saves.
-void mark_beyond(const OverlapInput& in, const Side& side, const BodyPoints& points, const Vec3d& origin, OverlapChunk& c) {
+void mark_beyond(const OverlapInput& in, const Side& side, const Vec3d& origin, OverlapChunk& c) {
     constexpr uint32_t kManyVertices = 1024;
     const uint32_t count = uint32_t(side.mesh.position.size());
     c.beyond.assign(count, 0);
@@ -71,16 +79,19 @@ void mark_beyond(const OverlapInput& in, const Side& side, const BodyPoints& poi
     if (others > kManyVertices) return;
     const auto middle = [&](uint32_t body) { return Vec3d(0.5 * (in.boxes.box[body].min + in.boxes.box[body].max)); };
     const Vec3d apart = middle(side.other) - middle(side.body);
-    const __m256d way = _mm256_setr_pd(apart.x(), apart.y(), apart.z(), 0);
-    const auto along = [&](const BodyPoints& p, uint32_t v) {
-        const Vec4d product = (Vec4d)_mm256_mul_pd(p(v), way);
-        return (product[0] + product[1]) + product[2];
-    };
-    const BodyPoints other_points(in.surfaces, side.other, origin);
+    project_vertices(in.surfaces, side.other, origin, apart, c.along);
     double nearest = std::numeric_limits<double>::infinity();
-    for (uint32_t v = 0; v < others; ++v) nearest = std::min(nearest, along(other_points, v));
+    for (const double a : c.along) nearest = std::min(nearest, a);
     nearest -= 1e-12 * (apart.squaredNorm() + std::abs(nearest));
-    for (uint32_t v = 0; v < count; ++v) c.beyond[v] = along(points, v) < nearest;
+    project_vertices(in.surfaces, side.body, origin, apart, c.along);
+    for (uint32_t v = 0; v < count; ++v) c.beyond[v] = c.along[v] < nearest;
+}
+
+// Whether some vertex that nobody asks about may be inside the other body.
+bool is_any_unknown(const Side& side, const OverlapChunk& c) {
+    for (uint32_t v = 0; v < side.mesh.position.size(); ++v)
+        if (!c.beyond[v] && !has_bit(c.near_vertex, v)) return true;
+    return false;
 }
 
 // Joins the corners of screened triangles that are not near: nothing crosses them, so they lie on one side. A vertex
@@ -95,7 +106,6 @@ void flood_pieces(const OverlapInput& in, const Side& side, OverlapChunk& c) {
     for (uint32_t v = 0; v < count; ++v) c.parent[v] = v;
     const Vec3d origin = in.surfaces.poses.origin[side.body];
     const BodyPoints points(in.surfaces, side.body, origin);
-    mark_beyond(in, side, points, origin, c);
     const Range rows = in.screened.body[side.body];
     for (uint32_t row = rows.first; row < rows.end(); ++row) {
         const uint32_t triangle = in.screened.triangle[row];
@@ -259,10 +269,13 @@ void find_side(const OverlapInput& in, const Side& side, OverlapSide& found, Ove
     if (!side.sheet) {
         c.settled.clear();
         if (side.solid) check_signs(in, side, c);
-        flood_pieces(in, side, c);
-        decide_pieces(in, side, points, c);
-        measure_inside(in, side, points, c);
-        if (side.solid) check_signs(in, side, c);
+        mark_beyond(in, side, in.surfaces.poses.origin[side.body], c);
+        if (is_any_unknown(side, c)) {
+            flood_pieces(in, side, c);
+            decide_pieces(in, side, points, c);
+            measure_inside(in, side, points, c);
+            if (side.solid) check_signs(in, side, c);
+        }
     }
     for_each_bit(c.near_vertex, [&](uint32_t v) {
         const SurfacePoint& answer = c.query_answer[c.row[v]];
@@ -286,6 +299,7 @@ Side make_side(const Surfaces& s, const BodyBoxes& boxes, const CandidatePairs& 
             other,
             reversed,
             candidates.side[row],
+            candidates.pair[pair],
             mesh_view(s.meshes, s.bodies.mesh[body]),
             boxes.margin[a] + boxes.margin[b],
             admission == Admission::kSheet ? 0.5 * s.bodies.thickness[other] : 0.0,

@@ -24,6 +24,7 @@ struct OverlapChunk {
     std::vector<uint32_t> parent;   // per vertex: union-find over triangles that nothing crosses
     std::vector<uint8_t> piece;     // per root vertex: which side of the other surface it is on
     std::vector<uint8_t> beyond;    // per vertex: 1 if a plane has it on one side and all of the other body on the other
+    std::vector<double> along;      // per vertex: where it is on the way from body to body, m^2
     std::vector<uint32_t> row;      // per vertex: row of answer
     // queries of the side at hand
     std::vector<uint32_t> query_vertex, query_hint;
@@ -51,8 +52,8 @@ struct OverlapScratch {
 };
 
 // Overlap phase (thesis 4.1.1, FindOverlapReg): every vertex of a inside b or nearer to it than the margins of both
-// together, and the reverse, at any depth and for any number of bodies; equal to testing every vertex. Contacts ascend
-// by pair, side and vertex. trees[bodies.tree[i]] is the tree of body i, refitted.
+// together, and the reverse, at any depth and for any number of bodies; equal to testing every vertex but those that
+// candidates leave out. Contacts ascend by pair, side and vertex. trees[bodies.tree[i]] is the tree of body i, refitted.
 // Signs: a solid's by pseudonormal, checked against the Lipschitz bound along every near edge of the mesh and settled
 // by winding number where they disagree (counted).
 void find_overlap(const Surfaces& surfaces, const BodyBoxes& boxes, const CandidatePairs& pairs,

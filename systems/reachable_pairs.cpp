@@ -77,6 +77,7 @@ Vec3d running_in(double period, double fall, const Surfaces& s, const BodyBoxes&
 void find_jolts(double period, double fall, const Surfaces& surfaces, const BodyBoxes& boxes, const CandidatePairs& pairs, ReachablePairsScratch& s) {
     s.jolt.assign(surfaces.bodies.mesh.size(), {});
     const auto add = [&](uint32_t body, const Vec3d& way) {
+        if (surfaces.bodies.motion[body] == Motion::kStatic) return;
         s.jolt[body].low = s.jolt[body].low.cwiseMin(way);
         s.jolt[body].high = s.jolt[body].high.cwiseMax(way);
     };

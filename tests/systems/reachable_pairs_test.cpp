@@ -101,7 +101,7 @@ TEST(ReachablePairs, WhoIsStoppedIsJoltedByWhatIsLeftOfItsWay) {
     const double fall = 0.5 * 9.81 * kPeriod * kPeriod, left = 2 * kPeriod + fall - 0.02;
     EXPECT_NEAR(jolt_along(c.scratch.jolt, low, up), left, 1e-6);
     EXPECT_NEAR(jolt_along(c.scratch.jolt, low, Vec3d(0.6, 0, 0.8)), 0.8 * left, 1e-6);
-    EXPECT_NEAR(jolt_along(c.scratch.jolt, floor, -up), left, 1e-6);
+    EXPECT_EQ(jolt_along(c.scratch.jolt, floor, -up), 0) << "nothing moves a static body";
     for (const Vec3d& way : {Vec3d(-up), Vec3d::UnitX().eval()}) EXPECT_EQ(jolt_along(c.scratch.jolt, low, way), 0);
     for (const Vec3d& way : {up, Vec3d(-up)}) EXPECT_EQ(jolt_along(c.scratch.jolt, above, way), 0);
     EXPECT_EQ(jolt_along({}, low, up), 0);

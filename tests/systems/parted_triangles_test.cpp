@@ -1,0 +1,67 @@
+#include "systems/parted_triangles.hpp"
+
+#include <gtest/gtest.h>
+
+#include <algorithm>
+
+#include "engine/geometry/triangle_triangle.hpp"
+#include "tests/systems/contact_scene.hpp"
+namespace trocar::test {
+namespace {
+
+Corners corners_of(const ContactScene& scene, uint32_t body, uint32_t triangle) {
+    const Surfaces s = scene.surfaces();
+    Corners corners;
+    const Triangle& t = mesh_view(s.meshes, s.bodies.mesh[body]).triangle[triangle];
+    for (int k = 0; k < 3; ++k) corners[k] = vertex_position(s, body, t[k]);
+    return corners;
+}
+
+// What is dropped has no common point, by exact arithmetic; what stays keeps its order. Returns how many are dropped.
+size_t expect_only_parted_dropped(ContactScene& scene, const std::string& what) {
+    scene.find_triangles();
+    const CandidateTriangles before = scene.candidates;
+    PartedTrianglesScratch scratch;
+    drop_parted_triangles(scene.surfaces(), scene.pairs, scratch, scene.candidates);
+    const auto rows_of = [](const CandidateTriangles& c, uint32_t pair) {
+        return std::span(c.triangle).subspan(c.pair[pair].first, c.pair[pair].count);
+    };
+    for (uint32_t pair = 0; pair < scene.pairs.a.size(); ++pair) {
+        const auto kept = rows_of(scene.candidates, pair);
+        auto next = kept.begin();
+        for (const auto& row : rows_of(before, pair)) {
+            if (next != kept.end() && *next == row) {
+                ++next;
+                continue;
+            }
+            EXPECT_EQ(meet_triangles(corners_of(scene, scene.pairs.a[pair], row[0]), corners_of(scene, scene.pairs.b[pair], row[1])),
+                      Meeting::kDisjoint) << what << ": " << row[0] << " and " << row[1];
+        }
+        EXPECT_TRUE(next == kept.end()) << what << ": order, or a pair that was not there";
+    }
+    EXPECT_EQ(scene.candidates.near, before.near);
+    return before.triangle.size() - scene.candidates.triangle.size();
+}
+
+// Breaks when a plane's side is taken for all corners from one of them, or pairs of bodies write into each other's rows.
+TEST(PartedTriangles, OnlyTrianglesWithoutACommonPointAreDropped) {
+    ContactScene scene({{make_noisy_sphere(10, 1, 0.1, 0), Motion::kDeformable, Vec3d(-0.9, -0.2, 0.1), {}},
+                        {make_noisy_sphere(10, 1, 0.1, 1), Motion::kHand, Vec3d(0.9, 0, 0), turn({1, 1, 0}, 1)},
+                        {make_noisy_sphere(14, 1, 0.1, 2), Motion::kDeformable, Vec3d(0, 0.8, -0.3), {}}});
+    const size_t dropped = expect_only_parted_dropped(scene, "spheres");
+    EXPECT_GT(dropped, scene.candidates.triangle.size()) << "most boxes that meet are of triangles that do not";
+    EXPECT_GT(scene.candidates.triangle.size(), 100u);
+}
+
+// Triangles in a common plane and with a common corner or edge stay. Breaks when a plane through a corner parts.
+TEST(PartedTriangles, TouchingTrianglesStay) {
+    for (const double shift : {0.0, 0.25}) {
+        ContactScene scene({{make_box({1, 1, 1}, {4, 4, 4}), Motion::kDeformable, Vec3d::Zero(), {}},
+                            {make_box({1, 1, 1}, {4, 4, 4}), Motion::kDeformable, Vec3d(1, shift, 0), {}}});
+        expect_only_parted_dropped(scene, "shifted by " + std::to_string(shift));
+        EXPECT_GT(scene.candidates.triangle.size(), 32u);
+    }
+}
+
+}  // namespace
+}  // namespace trocar::test
