@@ -33,6 +33,7 @@ void start_path(const Vec3d& centre, NearSurface& near) {
     near.triangle.clear();
     near.four.clear();
     near.at = centre;
+    ++near.places;
     near.path = 0;
     near.horizon = -1;
 }
@@ -92,6 +93,7 @@ void place_triangle(NearSurface& near, const NearGroup& group, uint32_t triangle
     }
     four.offset[lane] = group.offset;
     four.wake[lane] = -1;
+    four.seen = near.places - 1;
 }
 
 // Wakes the triangles of a group that the horizon has reached.
@@ -124,9 +126,7 @@ FourPoints either(Mask4 mask, const FourPoints& a, const FourPoints& b) {
     return {mask ? a.x : b.x, mask ? a.y : b.y, mask ? a.z : b.z};
 }
 
-}  // namespace
-
-FourWays ways_to(const NearFour& four, const Vec3d& point) {
+FourWays nearest_of(const NearFour& four, const Vec3d& point) {
     const FourPoints p{all_lanes(point.x()), all_lanes(point.y()), all_lanes(point.z())};
     const FourPoints a = load_four(four.corner[0]) - p, b = load_four(four.corner[1]) - p, c = load_four(four.corner[2]) - p;
     const FourPoints ab = b - a, bc = c - b, ca = a - c;
@@ -153,6 +153,18 @@ FourWays ways_to(const NearFour& four, const Vec3d& point) {
     _mm256_store_pd(ways.offset[1], (__m256d)q.y);
     _mm256_store_pd(ways.offset[2], (__m256d)q.z);
     return ways;
+}
+
+}  // namespace
+
+const FourWays& ways_to(const NearSurface& near, NearFour& four) {
+    if (four.seen == near.places) return four.ways;
+    four.ways = nearest_of(four, near.at);
+    four.seen = near.places;
+    const double path = near.path - kSkin - kHair;
+    for (int lane = 0; lane < 4 && !near.ask_all; ++lane)
+        if (four.wake[lane] < kNever) four.wake[lane] = path + (four.ways.distance[lane] - four.offset[lane]);
+    return four.ways;
 }
 
 const Vec3d& normal_of(NearSurface& near, uint32_t row) {
@@ -228,8 +240,11 @@ void place_near(const SurfaceTime& at, const Vec3d& centre, NearSurface& near) {
 }
 
 void go_to(const Vec3d& centre, double ahead, NearSurface& near) {
-    near.path += (centre - near.at).norm();
-    near.at = centre;
+    if (centre != near.at) {
+        near.path += (centre - near.at).norm();
+        near.at = centre;
+        ++near.places;
+    }
     if (near.path + ahead <= near.horizon) return;
     near.horizon = near.path + ahead + kAhead;
     for (NearGroup& group : near.group)
@@ -245,8 +260,7 @@ SurfaceMotion surface_motion(const Vec3d& point, double most, NearSurface& near)
         for (uint32_t k = 0; k < near.four.size(); ++k) {
             NearFour& four = near.four[k];
             if (asleep(four, near.path + reach)) continue;
-            const FourWays ways = ways_to(four, point);
-            refresh(ways, near, four);
+            const FourWays& ways = ways_to(near, four);
             for (uint32_t lane = 0; lane < 4; ++lane)
                 if (ways.distance[lane] - kHair <= four.offset[lane] + reach) near.candidate.push_back({ways.distance[lane], 4 * k + lane});
         }

@@ -41,11 +41,20 @@ struct NearTriangle {
     double overlaps_at = -1;      // m, path where it was touched last: it is held by its plane, or by that of a nearer one
 };
 
+// Four triangles as a point sees them: the points of them that are nearest to it, to kHair; of needles perhaps one of the
+// plane that is nearer still.
+struct FourWays {
+    alignas(32) double distance[4];   // m
+    alignas(32) double offset[3][4];  // m, from the point
+};
+
 // Where four of them are, side by side. Lanes that no triangle has never wake.
 struct alignas(32) NearFour {
     double corner[3][3][4] = {};  // m, of corner, axis, lane
     double offset[4] = {};        // m
     double wake[4] = {};          // m, length of the tip's path before which it cannot touch
+    FourWays ways;                // from NearSurface::at, if `seen` is NearSurface::places; see ways_to
+    uint32_t seen = 0;
 };
 
 // Triangle that may be the nearest, or be touched.
@@ -64,6 +73,7 @@ struct NearSurface {
     std::vector<NearCandidate> candidate;  // scratch
     std::vector<uint32_t> place;         // of triangles of models: where in `triangle` it is, if it says so there
     Vec3d at = Vec3d::Zero();            // m, the tip's centre
+    uint32_t places = 0;                 // where it was so far, this one included
     double path = 0;                     // m, it went since the groups were placed
     double horizon = -1;                 // m, path up to which nothing sleeps that may be touched
     SurfaceTime time;
@@ -82,25 +92,12 @@ void place_near(const SurfaceTime& at, const Vec3d& centre, NearSurface& near);
 // Moves the tip there and wakes what it may touch within `ahead` (m) more.
 void go_to(const Vec3d& centre, double ahead, NearSurface& near);
 
-// Four triangles as a point sees them: the points of them that are nearest to it, to kHair; of needles perhaps one of the
-// plane that is nearer still.
-struct FourWays {
-    alignas(32) double distance[4];   // m
-    alignas(32) double offset[3][4];  // m, from the point
-};
-FourWays ways_to(const NearFour& four, const Vec3d& point);
-
 // Whether none of four wakes on a path of that length.
 inline bool asleep(const NearFour& four, double path) {
     return four.wake[0] > path && four.wake[1] > path && four.wake[2] > path && four.wake[3] > path;
 }
-// Lets four sleep as long as the tip, where it is, is from touching them.
-inline void refresh(const FourWays& ways, const NearSurface& near, NearFour& four) {
-    if (near.ask_all) return;
-    const double path = near.path - kSkin - kHair;
-    for (int lane = 0; lane < 4; ++lane)
-        if (four.wake[lane] < std::numeric_limits<double>::infinity()) four.wake[lane] = path + (ways.distance[lane] - four.offset[lane]);
-}
+// Four triangles as the tip sees them from where it is; then they sleep for as long as it is from touching them.
+const FourWays& ways_to(const NearSurface& near, NearFour& four);
 
 inline const NearFour& four_of(const NearSurface& near, uint32_t row) { return near.four[row / 4]; }
 inline double offset_of(const NearSurface& near, uint32_t row) { return four_of(near, row).offset[row % 4]; }

@@ -279,8 +279,7 @@ void gather_ahead(const Vec3d& from, const Vec3d& step, HapticScratch& scratch) 
     for (uint32_t first = 0; first < near.triangle.size(); first += 4) {
         NearFour& four = near.four[first / 4];
         if (asleep(four, near.path + length)) continue;
-        const FourWays ways = ways_to(four, from);
-        refresh(ways, near, four);
+        const FourWays& ways = ways_to(near, four);
         for (uint32_t lane = 0; lane < 4 && first + lane < near.triangle.size(); ++lane) {
             const NearTriangle& triangle = near.triangle[first + lane];
             if (triangle.held || triangle.overlaps_at == near.path) continue;
@@ -353,8 +352,7 @@ void find_touched(const Vec3d& centre, HapticScratch& scratch) {
     for (uint32_t first = 0; first < near.triangle.size(); first += 4) {
         NearFour& four = near.four[first / 4];
         if (asleep(four, near.path)) continue;
-        const FourWays ways = ways_to(four, centre);
-        refresh(ways, near, four);
+        const FourWays& ways = ways_to(near, four);
         for (uint32_t lane = 0; lane < 4 && first + lane < near.triangle.size(); ++lane)
             if (ways.distance[lane] <= four.offset[lane] + kSkin + kHair) near.candidate.push_back({ways.distance[lane], first + lane});
     }
