@@ -229,16 +229,20 @@ struct HapticParams {
     double force_slew = 200;       // N/s, change of force beyond what the motion of the device explains
 };
 
-// Disc around a triangle of a local contact model: s seconds later no point of the triangle is farther than
-// thickness + spread |s| from the disc moved by s velocity.
-struct TriangleDisc {
-    Vec3d centre = Vec3d::Zero();    // m, world, at the time of the model
-    Vec3d normal = Vec3d::Zero();    // unit, outward; zero for a triangle without area
-    Vec3d velocity = Vec3d::Zero();  // m/s, mean of the corners
-    double radius = 0;               // m
-    double thickness = 0;            // m, of rounding
-    double spread = 0;               // m/s, no corner's velocity differs from the mean by more
+// Discs around the triangles of a group, a lane for each: s seconds later no point of a triangle is farther than
+// thickness + spread |s| from its disc moved by s velocity, to kDiscRounding. Lanes without a triangle are infinitely far.
+inline constexpr uint32_t kGroupTriangles = 8;
+using GroupLanes = std::array<float, kGroupTriangles>;
+struct TriangleDiscs {
+    std::array<GroupLanes, 3> centre{};    // m, world axes, from the centre of the group, at the time of the model
+    std::array<GroupLanes, 3> normal{};    // unit, outward; zero for a triangle without area
+    std::array<GroupLanes, 3> velocity{};  // m/s, mean of the corners, less that of the group
+    GroupLanes radius{};                   // m
+    GroupLanes thickness{};                // m, of rounding; -infinity: no triangle
+    GroupLanes spread{};                   // m/s, no corner's velocity differs from the mean by more
 };
+// of the lengths that come together: from the centre of the group to where it is asked for, its radius, how far it spread
+inline constexpr double kDiscRounding = 4e-6;
 
 // Triangles of a local contact model that lie together, and a ball around them; or groups that do.
 struct TriangleGroup {
@@ -301,7 +305,7 @@ struct LocalContactModel {
     std::vector<Triangle> triangle;
     std::vector<std::array<uint32_t, 3>> neighbour;  // kNone where the patch ends
     std::vector<uint32_t> body;                      // per triangle
-    std::vector<TriangleDisc> disc;                  // one per triangle
+    std::vector<TriangleDiscs> disc;                 // one per group
     std::vector<TriangleGroup> group;                // all triangles in runs of neighbours in memory
     std::vector<TriangleGroup> block;                // all groups in runs
     std::vector<double>

@@ -162,7 +162,7 @@ void fields(V& v, T& t) {
         v.item(t.point), v.item(t.body), v.item(t.arm), v.item(t.force), v.item(t.slip), v.item(t.depth), v.item(t.side), v.item(t.sliding);
     } else if constexpr (is<T, SurfaceNode>) {
         v.item(t.box), v.item(t.velocity), v.item(t.speed), v.item(t.triangles), v.item(t.next), v.item(t.body);
-    } else if constexpr (is<T, TriangleDisc>) {
+    } else if constexpr (is<T, TriangleDiscs>) {
         v.item(t.centre), v.item(t.normal), v.item(t.velocity), v.item(t.radius), v.item(t.thickness), v.item(t.spread);
     } else if constexpr (is<T, TriangleGroup>) {
         v.item(t.triangles), v.item(t.centre), v.item(t.radius), v.item(t.velocity), v.item(t.spread);

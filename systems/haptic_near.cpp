@@ -29,7 +29,6 @@ double group_gap(const TriangleGroup& group, const SurfaceTime& at, const Vec3d&
 
 // Everything asleep, the tip there.
 void start_path(const Vec3d& centre, NearSurface& near) {
-    near.disc.clear();
     near.triangle.clear();
     near.four.clear();
     near.at = centre;
@@ -38,38 +37,39 @@ void start_path(const Vec3d& centre, NearSurface& near) {
     near.horizon = -1;
 }
 
-// How far (m) from `point` the discs around four triangles are at least.
-Vec4d disc_gaps(const std::array<const TriangleDisc*, 4>& disc, double age, const Vec3d& point) {
-    const auto four = [&](auto field) {
-        return side_by_side(to_vec4(field(*disc[0])), to_vec4(field(*disc[1])), to_vec4(field(*disc[2])), to_vec4(field(*disc[3])));
+typedef float Vec8f __attribute__((vector_size(32)));
+Vec8f load_lanes(const GroupLanes& a) { return (Vec8f)_mm256_loadu_ps(a.data()); }
+Vec8f lanes_of(float x) { return Vec8f{x, x, x, x, x, x, x, x}; }
+Vec8f square_roots(Vec8f a) { return (Vec8f)_mm256_sqrt_ps((__m256)a); }
+Vec8f positive(Vec8f a) { return (Vec8f)_mm256_max_ps((__m256)a, _mm256_setzero_ps()); }
+
+// How far (m) from a point, from where the centre of their group is, the discs around its triangles are at least.
+Vec8f disc_gaps(const TriangleDiscs& disc, float age, const Vec3& point) {
+    const auto way_along = [&](size_t axis) {
+        return lanes_of(point[static_cast<long>(axis)]) - load_lanes(disc.centre[axis]) - lanes_of(age) * load_lanes(disc.velocity[axis]);
     };
-    const auto each = [&](auto field) { return Vec4d{field(*disc[0]), field(*disc[1]), field(*disc[2]), field(*disc[3])}; };
-    const FourPoints centre = four([](const TriangleDisc& d) -> const Vec3d& { return d.centre; });
-    const FourPoints velocity = four([](const TriangleDisc& d) -> const Vec3d& { return d.velocity; });
-    const FourPoints normal = four([](const TriangleDisc& d) -> const Vec3d& { return d.normal; });
-    const FourPoints p{all_lanes(point.x()), all_lanes(point.y()), all_lanes(point.z())};
-    const FourPoints way = p - centre - all_lanes(age) * velocity;
-    const Vec4d height = dot(normal, way), across2 = greatest(norm2(way) - height * height, Vec4d{});
-    const Vec4d out = greatest(square_root(across2) - each([](const TriangleDisc& d) { return d.radius; }), Vec4d{});
-    const Vec4d slack = each([&](const TriangleDisc& d) { return d.thickness + d.spread * std::abs(age); });
-    return square_root(height * height + out * out) - slack;
+    const Vec8f x = way_along(0), y = way_along(1), z = way_along(2);
+    const Vec8f height = load_lanes(disc.normal[0]) * x + load_lanes(disc.normal[1]) * y + load_lanes(disc.normal[2]) * z;
+    const Vec8f height2 = height * height, across = square_roots(positive(x * x + y * y + z * z - height2));
+    const Vec8f out = positive(across - load_lanes(disc.radius));
+    return square_roots(height2 + out * out) - load_lanes(disc.thickness) - lanes_of(std::abs(age)) * load_lanes(disc.spread);
 }
 
 // Looks at the triangles of a group, each by the disc around it.
-void open_group(NearSurface& near, NearGroup& group) {
+void open_group(const NearSurface& near, NearGroup& group) {
+    constexpr float kAway = std::numeric_limits<float>::infinity();
     const LocalContactModel& model = *near.model;
-    const Range triangles = model.group[group.group].triangles;
-    group.first = static_cast<uint32_t>(near.disc.size());
-    near.disc.resize(near.disc.size() + triangles.count, -1);
-    if (near.ask_all) return;
-    const Vec3d to = near.at - beyond(model, near.time, group.body);
-    const double nearer = near.path - group.offset - kHair;
-    for (uint32_t k = 0; k < triangles.count; k += 4) {
-        std::array<const TriangleDisc*, 4> disc;
-        for (uint32_t lane = 0; lane < 4; ++lane) disc[lane] = &model.disc[std::min(triangles.first + k + lane, triangles.end() - 1)];
-        const Vec4d gap = disc_gaps(disc, near.time.age, to);
-        for (uint32_t lane = 0; lane < 4 && k + lane < triangles.count; ++lane) near.disc[group.first + k + lane] = nearer + gap[lane];
+    const TriangleGroup& of = model.group[group.group];
+    group.open = true;
+    group.opened = near.path;
+    if (near.ask_all) {
+        for (uint32_t k = 0; k < kGroupTriangles; ++k) group.gap[k] = k < of.triangles.count ? -kAway : kAway;
+        return;
     }
+    const Vec3d point = near.at - beyond(model, near.time, group.body) - of.centre - near.time.age * of.velocity;
+    const double rounding = kDiscRounding * (point.norm() + group.offset + of.radius + std::abs(near.time.age) * of.spread);
+    const Vec8f gap = disc_gaps(model.disc[group.group], static_cast<float>(near.time.age), point.cast<float>());
+    _mm256_storeu_ps(group.gap.data(), (__m256)(gap - lanes_of(static_cast<float>(group.offset + kHair + rounding))));
 }
 
 // Wakes a triangle.
@@ -98,18 +98,19 @@ void place_triangle(NearSurface& near, const NearGroup& group, uint32_t triangle
 
 // Wakes the triangles of a group that the horizon has reached.
 void wake_group(NearSurface& near, NearGroup& group) {
-    if (group.first == kNone) open_group(near, group);
-    const Range triangles = near.model->group[group.group].triangles;
-    double next = kNever;
-    for (uint32_t k = 0; k < triangles.count; ++k) {
-        double& disc = near.disc[group.first + k];
-        if (disc <= near.horizon) {
-            place_triangle(near, group, triangles.first + k);
-            disc = kNever;
+    if (!group.open) open_group(near, group);
+    constexpr float kAway = std::numeric_limits<float>::infinity();
+    const uint32_t first = near.model->group[group.group].triangles.first;
+    const float ahead = static_cast<float>(near.horizon - group.opened);
+    float next = kAway;
+    for (uint32_t k = 0; k < kGroupTriangles; ++k) {
+        if (group.gap[k] <= ahead) {
+            place_triangle(near, group, first + k);
+            group.gap[k] = kAway;
         }
-        next = std::min(next, disc);
+        next = std::min(next, group.gap[k]);
     }
-    group.wake = next;
+    group.wake = group.opened + static_cast<double>(next);
 }
 
 FourPoints load_four(const double (&axis)[3][4]) {
@@ -234,7 +235,7 @@ void place_near(const SurfaceTime& at, const Vec3d& centre, NearSurface& near) {
     start_path(centre, near);
     for (NearGroup& group : near.group) {
         const double gap = group_gap(near.model->group[group.group], at, beyond(*near.model, at, group.body), centre, group.offset);
-        group.first = kNone;
+        group.open = false;
         group.wake = near.ask_all ? -1 : gap - kHair;
     }
 }

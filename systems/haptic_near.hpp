@@ -23,10 +23,12 @@ struct SurfaceTime {
 struct NearGroup {
     uint32_t group = 0;  // row of the model
     uint32_t body = kNone;
-    uint32_t first = kNone;  // row of NearSurface::disc of its first triangle; kNone until the group woke
     bool sheet = false;
+    bool open = false;       // it woke: its triangles wake by themselves
     double offset = 0;       // m, tip radius + half thickness: how near the centre of the tip may come
     double wake = 0;         // m, path before which none of its triangles wakes that sleep still
+    double opened = 0;       // m, path when it woke ...
+    GroupLanes gap{};        // m, ... and for how much more each triangle sleeps; infinite once awake
 };
 
 // A triangle that woke.
@@ -67,7 +69,6 @@ struct NearCandidate {
 // then, and of groups that do nothing else is looked at. Sleeping saves time and never changes an answer.
 struct NearSurface {
     std::vector<NearGroup> group;        // ascending
-    std::vector<double> disc;            // m, of each triangle of groups that woke: path before which it sleeps; infinite once awake
     std::vector<NearTriangle> triangle;  // those that woke, as they did
     std::vector<NearFour> four;          // rows 4 k to 4 k + 3 of `triangle`
     std::vector<NearCandidate> candidate;  // scratch
