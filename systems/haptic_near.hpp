@@ -21,7 +21,8 @@ struct SurfaceTime {
 
 // Group of the model, some triangle of which a tip may come to in a tick.
 struct NearGroup {
-    uint32_t group = 0;  // row of the model
+    uint32_t group = 0;  // row of the model, and of its block
+    uint32_t block = 0;
     uint32_t body = kNone;
     bool sheet = false;
     bool open = false;       // it woke: its triangles wake by themselves
@@ -39,6 +40,7 @@ struct NearTriangle {
     bool has_normal = false;
     bool held = false;            // its plane is among the planes of the present step
     uint32_t touch = 0;           // row of HapticScratch::touched, if that one names this triangle
+    std::array<float, 3> angle{-1, -1, -1};  // rad, roughly, at its corners; below zero until it was asked for
     Vec3d normal = Vec3d::Zero();  // see normal_of
     double overlaps_at = -1;      // m, path where it was touched last: it is held by its plane, or by that of a nearer one
 };
@@ -50,13 +52,14 @@ struct FourWays {
     alignas(32) double offset[3][4];  // m, from the point
 };
 
-// Where four of them are, side by side. Lanes that no triangle has never wake.
+// Where four of them are, side by side. Lanes that no triangle has touch nothing and never wake.
 struct alignas(32) NearFour {
-    double corner[3][3][4] = {};  // m, of corner, axis, lane
-    double offset[4] = {};        // m
-    double wake[4] = {};          // m, length of the tip's path before which it cannot touch
-    FourWays ways;                // from NearSurface::at, if `seen` is NearSurface::places; see ways_to
-    uint32_t seen = 0;
+    double corner[3][3][4];  // m, of corner, axis, lane
+    double offset[4];        // m
+    double wake[4];          // m, length of the tip's path before which it cannot touch
+    FourWays ways;           // from NearSurface::at, if `seen` is NearSurface::places; see ways_to
+    uint32_t seen;
+    NearFour() {}  // filled where it is added: zeros before that would take as long again
 };
 
 // Triangle that may be the nearest, or be touched.

@@ -223,6 +223,11 @@ void bound_parts(std::span<const Part> parts, TriangleGroup& group) {
     }
 }
 
+template <size_t count>
+void set_lane(std::array<std::array<float, count>, 3>& lanes, uint32_t lane, const Vec3d& v) {
+    for (size_t axis = 0; axis < 3; ++axis) lanes[axis][lane] = static_cast<float>(v[static_cast<long>(axis)]);
+}
+
 // Bounds the triangles of a group, and the group.
 void bound_triangles(const LocalContactModel& model, TriangleGroup& group, TriangleDiscs& discs) {
     std::array<TriangleDisc, kGroupTriangles> each;
@@ -233,16 +238,28 @@ void bound_triangles(const LocalContactModel& model, TriangleGroup& group, Trian
         discs.thickness[k] = -std::numeric_limits<float>::infinity();
         if (k >= triangles.count) continue;
         const TriangleDisc& disc = each[k];
-        const Vec3 centre = (disc.centre - group.centre).cast<float>(), velocity = (disc.velocity - group.velocity).cast<float>();
-        for (size_t axis = 0; axis < 3; ++axis) {
-            const auto row = static_cast<long>(axis);
-            discs.centre[axis][k] = centre[row];
-            discs.velocity[axis][k] = velocity[row];
-            discs.normal[axis][k] = static_cast<float>(disc.normal[row]);
-        }
+        set_lane(discs.centre, k, disc.centre - group.centre);
+        set_lane(discs.velocity, k, disc.velocity - group.velocity);
+        set_lane(discs.normal, k, disc.normal);
         discs.radius[k] = static_cast<float>(disc.radius);
         discs.thickness[k] = static_cast<float>(disc.thickness);
         discs.spread[k] = static_cast<float>(disc.spread);
+    }
+}
+
+// Bounds the groups of a block, and the block.
+void bound_block(const LocalContactModel& model, TriangleGroup& block, GroupBalls& balls) {
+    const std::span<const TriangleGroup> groups = std::span(model.group).subspan(block.triangles.first, block.triangles.count);
+    bound_parts(groups, block);
+    for (uint32_t k = 0; k < kBlockGroups; ++k) {
+        balls.radius[k] = -std::numeric_limits<float>::infinity();
+        if (k >= groups.size()) continue;
+        const TriangleGroup& group = groups[k];
+        set_lane(balls.centre, k, group.centre - block.centre);
+        set_lane(balls.velocity, k, group.velocity - block.velocity);
+        balls.radius[k] = static_cast<float>(group.radius);
+        balls.spread[k] = static_cast<float>(group.spread);
+        balls.speed[k] = static_cast<float>((1 + kDiscRounding) * (group.velocity.norm() + group.spread));
     }
 }
 
@@ -252,9 +269,9 @@ void bound_groups(LocalContactModel& model, uint32_t body) {
     model.disc.resize(model.group.size());
     for (uint32_t g = 0; g < model.group.size(); ++g)
         if (wanted(model.group[g].triangles.first)) bound_triangles(model, model.group[g], model.disc[g]);
-    for (TriangleGroup& block : model.block)
-        if (wanted(model.group[block.triangles.first].triangles.first))
-            bound_parts(std::span<const TriangleGroup>(model.group).subspan(block.triangles.first, block.triangles.count), block);
+    model.ball.resize(model.block.size());
+    for (uint32_t b = 0; b < model.block.size(); ++b)
+        if (wanted(model.group[model.block[b].triangles.first].triangles.first)) bound_block(model, model.block[b], model.ball[b]);
     double fastest2 = 0;
     for (const Vec3d& v : model.velocity) fastest2 = std::max(fastest2, v.squaredNorm());
     model.fastest = std::sqrt(fastest2);
@@ -424,7 +441,6 @@ void publish_give(const Surfaces& surfaces, const HandTool& tool, ToolState& sta
 }
 
 void group_triangles(LocalContactModel& model) {
-    constexpr uint32_t kGroups = 16;  // of a block
     model.group.clear();
     model.block.clear();
     const uint32_t count = static_cast<uint32_t>(model.triangle.size());
@@ -440,7 +456,7 @@ void group_triangles(LocalContactModel& model) {
     const auto body = [&](uint32_t g) { return model.body[model.group[g].triangles.first]; };
     for (uint32_t first = 0; first < groups;) {
         uint32_t end = first + 1;
-        while (end < groups && end < first + kGroups && body(end) == body(first)) ++end;
+        while (end < groups && end < first + kBlockGroups && body(end) == body(first)) ++end;
         TriangleGroup block;
         block.triangles = {first, end - first};
         model.block.push_back(block);

@@ -315,6 +315,10 @@ TEST(LocalContactModel, FeedsTheTick) {
     EXPECT_GT(state.command.force.norm(), 0.99);
 }
 
+template <typename Lanes>
+Vec3d lane_of(const std::array<Lanes, 3>& lanes, uint32_t lane) {
+    return {lanes[0][lane], lanes[1][lane], lanes[2][lane]};
+}
 // The disc around a triangle of a group, in the world.
 struct DiscInTest {
     Vec3d centre, normal, velocity;
@@ -323,8 +327,7 @@ struct DiscInTest {
 DiscInTest disc_of(const LocalContactModel& m, uint32_t group, uint32_t triangle) {
     const TriangleDiscs& discs = m.disc[group];
     const uint32_t lane = triangle - m.group[group].triangles.first;
-    const auto vector = [&](const std::array<GroupLanes, 3>& of) { return Vec3d(of[0][lane], of[1][lane], of[2][lane]); };
-    return {m.group[group].centre + vector(discs.centre), vector(discs.normal), m.group[group].velocity + vector(discs.velocity),
+    return {m.group[group].centre + lane_of(discs.centre, lane), lane_of(discs.normal, lane), m.group[group].velocity + lane_of(discs.velocity, lane),
             discs.radius[lane], discs.thickness[lane], discs.spread[lane]};
 }
 
@@ -358,6 +361,23 @@ TEST(LocalContactModel, BoundsHoldTheirTrianglesAsTheyMove) {
                 }
             }
             for (uint32_t k = m.group[g].triangles.count; k < kGroupTriangles; ++k) EXPECT_EQ(m.disc[g].thickness[k], -INFINITY);
+        }
+    }
+    for (uint32_t b = 0; b < m.block.size(); ++b) {
+        const Range groups = m.block[b].triangles;
+        const GroupBalls& ball = m.ball[b];
+        for (uint32_t k = 0; k < kBlockGroups; ++k) {
+            if (k >= groups.count) {
+                EXPECT_EQ(ball.radius[k], -INFINITY);
+                continue;
+            }
+            const TriangleGroup& group = m.group[groups.first + k];
+            const double rounding = kDiscRounding * (m.block[b].radius + m.block[b].spread);
+            EXPECT_NEAR((m.block[b].centre + lane_of(ball.centre, k) - group.centre).norm(), 0, rounding);
+            EXPECT_NEAR((m.block[b].velocity + lane_of(ball.velocity, k) - group.velocity).norm(), 0, rounding);
+            EXPECT_NEAR(ball.radius[k], group.radius, rounding);
+            EXPECT_NEAR(ball.spread[k], group.spread, rounding);
+            EXPECT_GE(ball.speed[k], group.velocity.norm() + group.spread);
         }
     }
     EXPECT_EQ(std::count(seen.begin(), seen.end(), 1u), static_cast<int64_t>(seen.size()));
