@@ -229,16 +229,30 @@ struct HapticParams {
     double force_slew = 200;       // N/s, change of force beyond what the motion of the device explains
 };
 
-// Disc around a triangle of a local contact model: s seconds later no point of the triangle is farther than
-// thickness + spread |s| from the disc moved by s velocity.
-struct TriangleDisc {
-    Vec3d centre = Vec3d::Zero();    // m, world, at the time of the model
-    Vec3d normal = Vec3d::Zero();    // unit, outward; zero for a triangle without area
-    Vec3d velocity = Vec3d::Zero();  // m/s, mean of the corners
-    double radius = 0;               // m
-    double thickness = 0;            // m, of rounding
-    double spread = 0;               // m/s, no corner's velocity differs from the mean by more
+// Discs around the triangles of a group, a lane for each: s seconds later no point of a triangle is farther than
+// thickness + spread |s| from its disc moved by s velocity, to kDiscRounding. Lanes without a triangle are infinitely far.
+inline constexpr uint32_t kGroupTriangles = 8, kBlockGroups = 16;
+using GroupLanes = std::array<float, kGroupTriangles>;
+using BlockLanes = std::array<float, kBlockGroups>;
+struct TriangleDiscs {
+    std::array<GroupLanes, 3> centre{};    // m, world axes, from the centre of the group, at the time of the model
+    std::array<GroupLanes, 3> normal{};    // unit, outward; zero for a triangle without area
+    std::array<GroupLanes, 3> velocity{};  // m/s, mean of the corners, less that of the group
+    GroupLanes radius{};                   // m
+    GroupLanes thickness{};                // m, of rounding; -infinity: no triangle
+    GroupLanes spread{};                   // m/s, no corner's velocity differs from the mean by more
 };
+// Balls around the groups of a block, likewise: s seconds later all of a group is within radius + spread |s| of its centre
+// moved by s velocity.
+struct GroupBalls {
+    std::array<BlockLanes, 3> centre{};    // m, world axes, from the centre of the block, at the time of the model
+    std::array<BlockLanes, 3> velocity{};  // m/s, less that of the block
+    BlockLanes radius{};                   // m; -infinity: no group
+    BlockLanes spread{};                   // m/s
+    BlockLanes speed{};                    // m/s, nothing of it is faster
+};
+// of the lengths that come together: from the centre of the group or block to where it is asked for, its radius, how far it spread
+inline constexpr double kDiscRounding = 4e-6;
 
 // Triangles of a local contact model that lie together, and a ball around them; or groups that do.
 struct TriangleGroup {
@@ -310,9 +324,10 @@ struct LocalContactModel {
     std::vector<Triangle> triangle;
     std::vector<std::array<uint32_t, 3>> neighbour;  // kNone where the patch ends
     std::vector<uint32_t> body;                      // per triangle
-    std::vector<TriangleDisc> disc;                  // one per triangle
+    std::vector<TriangleDiscs> disc;                 // one per group
     std::vector<TriangleGroup> group;                // all triangles in runs of neighbours in memory
     std::vector<TriangleGroup> block;                // all groups in runs
+    std::vector<GroupBalls> ball;                    // one per block
     std::vector<double>
         half_thickness;  // m, per triangle; > 0: a sheet, it stops the tool on both sides; 0: of a closed body
     ShellOutlook shell;  // of a tool that has one

@@ -22,54 +22,81 @@ bool may_meet(const TriangleGroup& group, const SurfaceTime& at, const Vec3d& be
     return within_distance(group.centre + at.age * group.velocity + beyond, centre, group.radius + group.spread * std::abs(at.age) + reach);
 }
 
-// How far (m) from touching `centre` a group is at least.
-double group_gap(const TriangleGroup& group, const SurfaceTime& at, const Vec3d& beyond, const Vec3d& centre, double offset) {
-    return (group.centre + at.age * group.velocity + beyond - centre).norm() - group.radius - group.spread * std::abs(at.age) - offset;
+typedef float Vec8f __attribute__((vector_size(32)));
+template <typename Lanes>
+Vec8f load_lanes(const Lanes& a, size_t first = 0) { return (Vec8f)_mm256_loadu_ps(a.data() + first); }
+template <typename Lanes>
+void put_lanes(Vec8f a, Lanes& lanes, size_t first = 0) { _mm256_storeu_ps(lanes.data() + first, (__m256)a); }
+Vec8f lanes_of(float x) { return Vec8f{x, x, x, x, x, x, x, x}; }
+Vec8f square_roots(Vec8f a) { return (Vec8f)_mm256_sqrt_ps((__m256)a); }
+Vec8f positive(Vec8f a) { return (Vec8f)_mm256_max_ps((__m256)a, _mm256_setzero_ps()); }
+
+template <typename Lanes>
+Vec8f way_along(const std::array<Lanes, 3>& centre, const std::array<Lanes, 3>& velocity, float age, const Vec3& point, size_t axis, size_t first = 0) {
+    return lanes_of(point[static_cast<long>(axis)]) - load_lanes(centre[axis], first) - lanes_of(age) * load_lanes(velocity[axis], first);
+}
+
+// A point as a group or a block sees it that goes on to another time: from its centre, and what lanes may round.
+struct PointFrom {
+    Vec3 point;
+    float age = 0;       // s
+    double rounding = 0; // m
+};
+PointFrom point_from(const TriangleGroup& group, double age, const Vec3d& point, double offset) {
+    const Vec3d from = point - group.centre - age * group.velocity;
+    return {from.cast<float>(), static_cast<float>(age), kDiscRounding * (from.norm() + offset + group.radius + std::abs(age) * group.spread)};
+}
+
+// How far (m) from touching a tip there the groups of a block are at least.
+BlockLanes group_gaps(const LocalContactModel& model, uint32_t block, const SurfaceTime& at, const Vec3d& beyond, const Vec3d& centre, double offset) {
+    const PointFrom from = point_from(model.block[block], at.age, centre - beyond, offset);
+    const GroupBalls& ball = model.ball[block];
+    BlockLanes gap;
+    for (size_t first = 0; first < kBlockGroups; first += 8) {
+        const auto along = [&](size_t axis) { return way_along(ball.centre, ball.velocity, from.age, from.point, axis, first); };
+        const Vec8f x = along(0), y = along(1), z = along(2);
+        const Vec8f reach = load_lanes(ball.radius, first) + lanes_of(std::abs(from.age)) * load_lanes(ball.spread, first);
+        put_lanes(square_roots(x * x + y * y + z * z) - reach - lanes_of(static_cast<float>(offset + kHair + from.rounding)), gap, first);
+    }
+    return gap;
 }
 
 // Everything asleep, the tip there.
 void start_path(const Vec3d& centre, NearSurface& near) {
-    near.disc.clear();
     near.triangle.clear();
     near.four.clear();
     near.at = centre;
+    ++near.places;
     near.path = 0;
     near.horizon = -1;
 }
 
-// How far (m) from `point` the discs around four triangles are at least.
-Vec4d disc_gaps(const std::array<const TriangleDisc*, 4>& disc, double age, const Vec3d& point) {
-    const auto four = [&](auto field) {
-        return side_by_side(to_vec4(field(*disc[0])), to_vec4(field(*disc[1])), to_vec4(field(*disc[2])), to_vec4(field(*disc[3])));
-    };
-    const auto each = [&](auto field) { return Vec4d{field(*disc[0]), field(*disc[1]), field(*disc[2]), field(*disc[3])}; };
-    const FourPoints centre = four([](const TriangleDisc& d) -> const Vec3d& { return d.centre; });
-    const FourPoints velocity = four([](const TriangleDisc& d) -> const Vec3d& { return d.velocity; });
-    const FourPoints normal = four([](const TriangleDisc& d) -> const Vec3d& { return d.normal; });
-    const FourPoints p{all_lanes(point.x()), all_lanes(point.y()), all_lanes(point.z())};
-    const FourPoints way = p - centre - all_lanes(age) * velocity;
-    const Vec4d height = dot(normal, way), across2 = greatest(norm2(way) - height * height, Vec4d{});
-    const Vec4d out = greatest(square_root(across2) - each([](const TriangleDisc& d) { return d.radius; }), Vec4d{});
-    const Vec4d slack = each([&](const TriangleDisc& d) { return d.thickness + d.spread * std::abs(age); });
-    return square_root(height * height + out * out) - slack;
+// How far (m) from touching a tip there the discs around the triangles of a group are at least.
+GroupLanes disc_gaps(const LocalContactModel& model, uint32_t group, double age, const Vec3d& centre, double offset) {
+    const PointFrom from = point_from(model.group[group], age, centre, offset);
+    const TriangleDiscs& disc = model.disc[group];
+    const auto along = [&](size_t axis) { return way_along(disc.centre, disc.velocity, from.age, from.point, axis); };
+    const Vec8f x = along(0), y = along(1), z = along(2);
+    const Vec8f height = load_lanes(disc.normal[0]) * x + load_lanes(disc.normal[1]) * y + load_lanes(disc.normal[2]) * z;
+    const Vec8f height2 = height * height, across = square_roots(positive(x * x + y * y + z * z - height2));
+    const Vec8f out = positive(across - load_lanes(disc.radius));
+    const Vec8f slack = load_lanes(disc.thickness) + lanes_of(std::abs(from.age)) * load_lanes(disc.spread);
+    GroupLanes gap;
+    put_lanes(square_roots(height2 + out * out) - slack - lanes_of(static_cast<float>(offset + kHair + from.rounding)), gap);
+    return gap;
 }
 
 // Looks at the triangles of a group, each by the disc around it.
-void open_group(NearSurface& near, NearGroup& group) {
-    const LocalContactModel& model = *near.model;
-    const Range triangles = model.group[group.group].triangles;
-    group.first = static_cast<uint32_t>(near.disc.size());
-    near.disc.resize(near.disc.size() + triangles.count, -1);
-    if (near.ask_all) return;
-    const Vec3d to = near.at - beyond(model, near.time, group.body);
-    const double nearer = near.path - group.offset - kHair;
-    for (uint32_t k = 0; k < triangles.count; k += 4) {
-        std::array<const TriangleDisc*, 4> disc;
-        for (uint32_t lane = 0; lane < 4; ++lane) disc[lane] = &model.disc[std::min(triangles.first + k + lane, triangles.end() - 1)];
-        const Vec4d gap = disc_gaps(disc, near.time.age, to);
-        for (uint32_t lane = 0; lane < 4 && k + lane < triangles.count; ++lane) near.disc[group.first + k + lane] = nearer + gap[lane];
-    }
+void open_group(const NearSurface& near, NearGroup& group) {
+    constexpr float kAway = std::numeric_limits<float>::infinity();
+    group.open = true;
+    group.opened = near.path;
+    group.gap = disc_gaps(*near.model, group.group, near.time.age, near.at - beyond(*near.model, near.time, group.body), group.offset);
+    const Range triangles = near.model->group[group.group].triangles;
+    for (uint32_t k = 0; near.ask_all && k < triangles.count; ++k) group.gap[k] = -kAway;
 }
+
+void put_four(Vec4d a, double (&to)[4]) { _mm256_store_pd(to, (__m256d)a); }
 
 // Wakes a triangle.
 void place_triangle(NearSurface& near, const NearGroup& group, uint32_t triangle) {
@@ -80,8 +107,11 @@ void place_triangle(NearSurface& near, const NearGroup& group, uint32_t triangle
     near.triangle.push_back(one);
     near.place[triangle] = static_cast<uint32_t>(row);
     if (lane == 0) {
-        near.four.emplace_back();
-        for (double& wake : near.four.back().wake) wake = kNever;
+        NearFour& empty = near.four.emplace_back();
+        for (auto& corner : empty.corner)
+            for (auto& axis : corner) put_four(all_lanes(0), axis);
+        put_four(all_lanes(-kNever), empty.offset);
+        put_four(all_lanes(kNever), empty.wake);
     }
     NearFour& four = near.four.back();
     const Vec3d more = beyond(model, near.time, group.body);
@@ -92,22 +122,24 @@ void place_triangle(NearSurface& near, const NearGroup& group, uint32_t triangle
     }
     four.offset[lane] = group.offset;
     four.wake[lane] = -1;
+    four.seen = near.places - 1;
 }
 
 // Wakes the triangles of a group that the horizon has reached.
 void wake_group(NearSurface& near, NearGroup& group) {
-    if (group.first == kNone) open_group(near, group);
-    const Range triangles = near.model->group[group.group].triangles;
-    double next = kNever;
-    for (uint32_t k = 0; k < triangles.count; ++k) {
-        double& disc = near.disc[group.first + k];
-        if (disc <= near.horizon) {
-            place_triangle(near, group, triangles.first + k);
-            disc = kNever;
+    if (!group.open) open_group(near, group);
+    constexpr float kAway = std::numeric_limits<float>::infinity();
+    const uint32_t first = near.model->group[group.group].triangles.first;
+    const float ahead = static_cast<float>(near.horizon - group.opened);
+    float next = kAway;
+    for (uint32_t k = 0; k < kGroupTriangles; ++k) {
+        if (group.gap[k] <= ahead) {
+            place_triangle(near, group, first + k);
+            group.gap[k] = kAway;
         }
-        next = std::min(next, disc);
+        next = std::min(next, group.gap[k]);
     }
-    group.wake = next;
+    group.wake = group.opened + static_cast<double>(next);
 }
 
 FourPoints load_four(const double (&axis)[3][4]) {
@@ -124,9 +156,7 @@ FourPoints either(Mask4 mask, const FourPoints& a, const FourPoints& b) {
     return {mask ? a.x : b.x, mask ? a.y : b.y, mask ? a.z : b.z};
 }
 
-}  // namespace
-
-FourWays ways_to(const NearFour& four, const Vec3d& point) {
+FourWays nearest_of(const NearFour& four, const Vec3d& point) {
     const FourPoints p{all_lanes(point.x()), all_lanes(point.y()), all_lanes(point.z())};
     const FourPoints a = load_four(four.corner[0]) - p, b = load_four(four.corner[1]) - p, c = load_four(four.corner[2]) - p;
     const FourPoints ab = b - a, bc = c - b, ca = a - c;
@@ -148,11 +178,23 @@ FourWays ways_to(const NearFour& four, const Vec3d& point) {
     q = either(on_face, height * n, q);
     const Vec4d distance = square_root(norm2(q));
     FourWays ways;
-    _mm256_store_pd(ways.distance, (__m256d)distance);
-    _mm256_store_pd(ways.offset[0], (__m256d)q.x);
-    _mm256_store_pd(ways.offset[1], (__m256d)q.y);
-    _mm256_store_pd(ways.offset[2], (__m256d)q.z);
+    put_four(distance, ways.distance);
+    put_four(q.x, ways.offset[0]);
+    put_four(q.y, ways.offset[1]);
+    put_four(q.z, ways.offset[2]);
     return ways;
+}
+
+}  // namespace
+
+const FourWays& ways_to(const NearSurface& near, NearFour& four) {
+    if (four.seen == near.places) return four.ways;
+    four.ways = nearest_of(four, near.at);
+    four.seen = near.places;
+    const double path = near.path - kSkin - kHair;
+    for (int lane = 0; lane < 4 && !near.ask_all; ++lane)
+        if (four.wake[lane] < kNever) four.wake[lane] = path + (four.ways.distance[lane] - four.offset[lane]);
+    return four.ways;
 }
 
 const Vec3d& normal_of(NearSurface& near, uint32_t row) {
@@ -176,14 +218,17 @@ uint32_t row_of(const NearSurface& near, uint32_t triangle) {
 
 double fastest_near(const LocalContactModel& model, const SurfaceTime& at, const HandTool& tool, const Vec3d& centre, double travel) {
     double fastest = 0;
-    for (const TriangleGroup& block : model.block) {
+    for (uint32_t b = 0; b < model.block.size(); ++b) {
+        const TriangleGroup& block = model.block[b];
         if (block.velocity.norm() + block.spread <= fastest) continue;
         const uint32_t first = model.group[block.triangles.first].triangles.first, body = model.body[first];
         const double reach = tool.tip_radius + model.half_thickness[first] + (body == model.give.body ? model.give.gap : 0) + travel;
         const Vec3d more = beyond(model, at, body);
         if (!may_meet(block, at, more, centre, reach)) continue;
-        for (uint32_t g = block.triangles.first; g < block.triangles.end(); ++g) {
-            const TriangleGroup& group = model.group[g];
+        const BlockLanes gap = group_gaps(model, b, at, more, centre, reach);
+        for (uint32_t k = 0; k < block.triangles.count; ++k) {
+            if (gap[k] > 0 || static_cast<double>(model.ball[b].speed[k]) <= fastest) continue;
+            const TriangleGroup& group = model.group[block.triangles.first + k];
             const double speed = group.velocity.norm() + group.spread;
             if (speed > fastest && may_meet(group, at, more, centre, reach)) fastest = speed;
         }
@@ -200,18 +245,19 @@ void gather_near(const LocalContactModel& model, const SurfaceTime& at, const Ha
     start_path(centre, near);
     if (near.place.size() < model.triangle.size()) near.place.resize(model.triangle.size());
     NearGroup found;
-    for (const TriangleGroup& block : model.block) {
+    for (found.block = 0; found.block < model.block.size(); ++found.block) {
+        const TriangleGroup& block = model.block[found.block];
         const uint32_t first = model.group[block.triangles.first].triangles.first;
         found.body = model.body[first];
         found.sheet = model.half_thickness[first] > 0;
         found.offset = tool.tip_radius + model.half_thickness[first] + (found.body == model.give.body ? model.give.gap : 0);
-        const double reach = found.offset + travel;
         const Vec3d more = beyond(model, at, found.body);
-        if (!near.ask_all && !may_meet(block, at, more, centre, reach)) continue;
-        for (uint32_t g = block.triangles.first; g < block.triangles.end(); ++g) {
-            if (!near.ask_all && !may_meet(model.group[g], at, more, centre, reach)) continue;
-            found.group = g;
-            found.wake = near.ask_all ? -1 : group_gap(model.group[g], at, more, centre, found.offset) - kHair;
+        if (!near.ask_all && !may_meet(block, at, more, centre, found.offset + travel)) continue;
+        const BlockLanes gap = group_gaps(model, found.block, at, more, centre, found.offset);
+        for (uint32_t k = 0; k < block.triangles.count; ++k) {
+            found.wake = near.ask_all ? -1 : static_cast<double>(gap[k]);
+            if (found.wake > travel) continue;
+            found.group = block.triangles.first + k;
             near.group.push_back(found);
         }
     }
@@ -220,16 +266,25 @@ void gather_near(const LocalContactModel& model, const SurfaceTime& at, const Ha
 void place_near(const SurfaceTime& at, const Vec3d& centre, NearSurface& near) {
     near.time = at;
     start_path(centre, near);
+    const LocalContactModel& model = *near.model;
+    uint32_t block = kNone;
+    BlockLanes gap{};
     for (NearGroup& group : near.group) {
-        const double gap = group_gap(near.model->group[group.group], at, beyond(*near.model, at, group.body), centre, group.offset);
-        group.first = kNone;
-        group.wake = near.ask_all ? -1 : gap - kHair;
+        if (group.block != block) {
+            block = group.block;
+            gap = group_gaps(model, block, at, beyond(model, at, group.body), centre, group.offset);
+        }
+        group.open = false;
+        group.wake = near.ask_all ? -1 : static_cast<double>(gap[group.group - model.block[block].triangles.first]);
     }
 }
 
 void go_to(const Vec3d& centre, double ahead, NearSurface& near) {
-    near.path += (centre - near.at).norm();
-    near.at = centre;
+    if (centre != near.at) {
+        near.path += (centre - near.at).norm();
+        near.at = centre;
+        ++near.places;
+    }
     if (near.path + ahead <= near.horizon) return;
     near.horizon = near.path + ahead + kAhead;
     for (NearGroup& group : near.group)
@@ -245,8 +300,7 @@ SurfaceMotion surface_motion(const Vec3d& point, double most, NearSurface& near)
         for (uint32_t k = 0; k < near.four.size(); ++k) {
             NearFour& four = near.four[k];
             if (asleep(four, near.path + reach)) continue;
-            const FourWays ways = ways_to(four, point);
-            refresh(ways, near, four);
+            const FourWays& ways = ways_to(near, four);
             for (uint32_t lane = 0; lane < 4; ++lane)
                 if (ways.distance[lane] - kHair <= four.offset[lane] + reach) near.candidate.push_back({ways.distance[lane], 4 * k + lane});
         }

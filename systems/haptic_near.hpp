@@ -21,12 +21,15 @@ struct SurfaceTime {
 
 // Group of the model, some triangle of which a tip may come to in a tick.
 struct NearGroup {
-    uint32_t group = 0;  // row of the model
+    uint32_t group = 0;  // row of the model, and of its block
+    uint32_t block = 0;
     uint32_t body = kNone;
-    uint32_t first = kNone;  // row of NearSurface::disc of its first triangle; kNone until the group woke
     bool sheet = false;
+    bool open = false;       // it woke: its triangles wake by themselves
     double offset = 0;       // m, tip radius + half thickness: how near the centre of the tip may come
     double wake = 0;         // m, path before which none of its triangles wakes that sleep still
+    double opened = 0;       // m, path when it woke ...
+    GroupLanes gap{};        // m, ... and for how much more each triangle sleeps; infinite once awake
 };
 
 // A triangle that woke.
@@ -37,15 +40,26 @@ struct NearTriangle {
     bool has_normal = false;
     bool held = false;            // its plane is among the planes of the present step
     uint32_t touch = 0;           // row of HapticScratch::touched, if that one names this triangle
+    std::array<float, 3> angle{-1, -1, -1};  // rad, roughly, at its corners; below zero until it was asked for
     Vec3d normal = Vec3d::Zero();  // see normal_of
     double overlaps_at = -1;      // m, path where it was touched last: it is held by its plane, or by that of a nearer one
 };
 
-// Where four of them are, side by side. Lanes that no triangle has never wake.
+// Four triangles as a point sees them: the points of them that are nearest to it, to kHair; of needles perhaps one of the
+// plane that is nearer still.
+struct FourWays {
+    alignas(32) double distance[4];   // m
+    alignas(32) double offset[3][4];  // m, from the point
+};
+
+// Where four of them are, side by side. Lanes that no triangle has touch nothing and never wake.
 struct alignas(32) NearFour {
-    double corner[3][3][4] = {};  // m, of corner, axis, lane
-    double offset[4] = {};        // m
-    double wake[4] = {};          // m, length of the tip's path before which it cannot touch
+    double corner[3][3][4];  // m, of corner, axis, lane
+    double offset[4];        // m
+    double wake[4];          // m, length of the tip's path before which it cannot touch
+    FourWays ways;           // from NearSurface::at, if `seen` is NearSurface::places; see ways_to
+    uint32_t seen;
+    NearFour() {}  // filled where it is added: zeros before that would take as long again
 };
 
 // Triangle that may be the nearest, or be touched.
@@ -58,12 +72,12 @@ struct NearCandidate {
 // then, and of groups that do nothing else is looked at. Sleeping saves time and never changes an answer.
 struct NearSurface {
     std::vector<NearGroup> group;        // ascending
-    std::vector<double> disc;            // m, of each triangle of groups that woke: path before which it sleeps; infinite once awake
     std::vector<NearTriangle> triangle;  // those that woke, as they did
     std::vector<NearFour> four;          // rows 4 k to 4 k + 3 of `triangle`
     std::vector<NearCandidate> candidate;  // scratch
     std::vector<uint32_t> place;         // of triangles of models: where in `triangle` it is, if it says so there
     Vec3d at = Vec3d::Zero();            // m, the tip's centre
+    uint32_t places = 0;                 // where it was so far, this one included
     double path = 0;                     // m, it went since the groups were placed
     double horizon = -1;                 // m, path up to which nothing sleeps that may be touched
     SurfaceTime time;
@@ -82,25 +96,12 @@ void place_near(const SurfaceTime& at, const Vec3d& centre, NearSurface& near);
 // Moves the tip there and wakes what it may touch within `ahead` (m) more.
 void go_to(const Vec3d& centre, double ahead, NearSurface& near);
 
-// Four triangles as a point sees them: the points of them that are nearest to it, to kHair; of needles perhaps one of the
-// plane that is nearer still.
-struct FourWays {
-    alignas(32) double distance[4];   // m
-    alignas(32) double offset[3][4];  // m, from the point
-};
-FourWays ways_to(const NearFour& four, const Vec3d& point);
-
 // Whether none of four wakes on a path of that length.
 inline bool asleep(const NearFour& four, double path) {
     return four.wake[0] > path && four.wake[1] > path && four.wake[2] > path && four.wake[3] > path;
 }
-// Lets four sleep as long as the tip, where it is, is from touching them.
-inline void refresh(const FourWays& ways, const NearSurface& near, NearFour& four) {
-    if (near.ask_all) return;
-    const double path = near.path - kSkin - kHair;
-    for (int lane = 0; lane < 4; ++lane)
-        if (four.wake[lane] < std::numeric_limits<double>::infinity()) four.wake[lane] = path + (ways.distance[lane] - four.offset[lane]);
-}
+// Four triangles as the tip sees them from where it is; then they sleep for as long as it is from touching them.
+const FourWays& ways_to(const NearSurface& near, NearFour& four);
 
 inline const NearFour& four_of(const NearSurface& near, uint32_t row) { return near.four[row / 4]; }
 inline double offset_of(const NearSurface& near, uint32_t row) { return four_of(near, row).offset[row % 4]; }

@@ -59,7 +59,7 @@ bool same_feature(const FeatureVertices& f, const FeatureVertices& g) {
 struct Corner {
     double sine = 0, cosine = 0;
     double angle() const { return std::atan2(sine, cosine); }
-    // to kRoughAngle: a polynomial of the smaller over the larger
+    // to less than kRoughAngle: a polynomial of the smaller over the larger
     double rough_angle() const {
         const double along = std::abs(cosine), large = std::max(sine, along), x = large > 0 ? std::min(sine, along) / large : 0;
         const double a = x * (0.9724 - 0.1919 * x * x), b = sine > along ? M_PI / 2 - a : a;
@@ -72,6 +72,13 @@ Corner corner_at(const NearSurface& near, uint32_t row, uint32_t vertex) {
     const uint32_t k = t[0] == vertex ? 0 : t[1] == vertex ? 1 : 2;
     const Vec3d corner = corner_of(near, row, k), u = corner_of(near, row, (k + 1) % 3) - corner, v = corner_of(near, row, (k + 2) % 3) - corner;
     return {u.cross(v).norm(), u.dot(v)};
+}
+
+double rough_angle(NearSurface& near, uint32_t row, uint32_t vertex) {
+    const Triangle& t = vertices_of(near, row);
+    float& angle = near.triangle[row].angle[t[0] == vertex ? 0 : t[1] == vertex ? 1 : 2];
+    if (angle < 0) angle = static_cast<float>(corner_at(near, row, vertex).rough_angle());
+    return angle;
 }
 
 // Rows of the triangles around a feature.
@@ -137,7 +144,7 @@ bool is_behind(NearSurface& near, uint32_t row, Feature feature, const Vec3d& of
     double rough = 0, doubt = 0;
     for (uint32_t k = 0; k < around.count && f.b == kNone; ++k) {
         const double side = normal_of(near, around.row[k]).dot(offset);
-        rough += corner_at(near, around.row[k], f.a).rough_angle() * side;
+        rough += rough_angle(near, around.row[k], f.a) * side;
         doubt += kRoughAngle * std::abs(side);
     }
     if (std::abs(rough) > doubt) return rough > 0;
@@ -279,8 +286,7 @@ void gather_ahead(const Vec3d& from, const Vec3d& step, HapticScratch& scratch) 
     for (uint32_t first = 0; first < near.triangle.size(); first += 4) {
         NearFour& four = near.four[first / 4];
         if (asleep(four, near.path + length)) continue;
-        const FourWays ways = ways_to(four, from);
-        refresh(ways, near, four);
+        const FourWays& ways = ways_to(near, four);
         for (uint32_t lane = 0; lane < 4 && first + lane < near.triangle.size(); ++lane) {
             const NearTriangle& triangle = near.triangle[first + lane];
             if (triangle.held || triangle.overlaps_at == near.path) continue;
@@ -353,8 +359,7 @@ void find_touched(const Vec3d& centre, HapticScratch& scratch) {
     for (uint32_t first = 0; first < near.triangle.size(); first += 4) {
         NearFour& four = near.four[first / 4];
         if (asleep(four, near.path)) continue;
-        const FourWays ways = ways_to(four, centre);
-        refresh(ways, near, four);
+        const FourWays& ways = ways_to(near, four);
         for (uint32_t lane = 0; lane < 4 && first + lane < near.triangle.size(); ++lane)
             if (ways.distance[lane] <= four.offset[lane] + kSkin + kHair) near.candidate.push_back({ways.distance[lane], first + lane});
     }

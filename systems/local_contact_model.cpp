@@ -188,6 +188,12 @@ void mark_within_reach(const HapticParams& params, const Surfaces& s, uint32_t b
     mark_triangles(s, body, boxes, params.greatest_age, scratch);
 }
 
+// Disc around a triangle, see TriangleDiscs.
+struct TriangleDisc {
+    Vec3d centre, normal = Vec3d::Zero(), velocity;
+    double radius, thickness, spread;
+};
+
 TriangleDisc disc_around(const LocalContactModel& model, const Triangle& t) {
     const Vec3d &a = model.position[t[0]], &b = model.position[t[1]], &c = model.position[t[2]];
     const Vec3d &u = model.velocity[t[0]], &v = model.velocity[t[1]], &w = model.velocity[t[2]];
@@ -218,17 +224,55 @@ void bound_parts(std::span<const Part> parts, TriangleGroup& group) {
     }
 }
 
+template <size_t count>
+void set_lane(std::array<std::array<float, count>, 3>& lanes, uint32_t lane, const Vec3d& v) {
+    for (size_t axis = 0; axis < 3; ++axis) lanes[axis][lane] = static_cast<float>(v[static_cast<long>(axis)]);
+}
+
+// Bounds the triangles of a group, and the group.
+void bound_triangles(const LocalContactModel& model, TriangleGroup& group, TriangleDiscs& discs) {
+    std::array<TriangleDisc, kGroupTriangles> each;
+    const Range triangles = group.triangles;
+    for (uint32_t k = 0; k < triangles.count; ++k) each[k] = disc_around(model, model.triangle[triangles.first + k]);
+    bound_parts(std::span<const TriangleDisc>(each).first(triangles.count), group);
+    for (uint32_t k = 0; k < kGroupTriangles; ++k) {
+        discs.thickness[k] = -std::numeric_limits<float>::infinity();
+        if (k >= triangles.count) continue;
+        const TriangleDisc& disc = each[k];
+        set_lane(discs.centre, k, disc.centre - group.centre);
+        set_lane(discs.velocity, k, disc.velocity - group.velocity);
+        set_lane(discs.normal, k, disc.normal);
+        discs.radius[k] = static_cast<float>(disc.radius);
+        discs.thickness[k] = static_cast<float>(disc.thickness);
+        discs.spread[k] = static_cast<float>(disc.spread);
+    }
+}
+
+// Bounds the groups of a block, and the block.
+void bound_block(const LocalContactModel& model, TriangleGroup& block, GroupBalls& balls) {
+    const std::span<const TriangleGroup> groups = std::span(model.group).subspan(block.triangles.first, block.triangles.count);
+    bound_parts(groups, block);
+    for (uint32_t k = 0; k < kBlockGroups; ++k) {
+        balls.radius[k] = -std::numeric_limits<float>::infinity();
+        if (k >= groups.size()) continue;
+        const TriangleGroup& group = groups[k];
+        set_lane(balls.centre, k, group.centre - block.centre);
+        set_lane(balls.velocity, k, group.velocity - block.velocity);
+        balls.radius[k] = static_cast<float>(group.radius);
+        balls.spread[k] = static_cast<float>(group.spread);
+        balls.speed[k] = static_cast<float>((1 + kDiscRounding) * (group.velocity.norm() + group.spread));
+    }
+}
+
 // Bounds triangles, groups and blocks of one body, or of all.
 void bound_groups(LocalContactModel& model, uint32_t body) {
     const auto wanted = [&](uint32_t triangle) { return body == kNone || model.body[triangle] == body; };
-    model.disc.resize(model.triangle.size());
-    for (uint32_t t = 0; t < model.triangle.size(); ++t)
-        if (wanted(t)) model.disc[t] = disc_around(model, model.triangle[t]);
-    for (TriangleGroup& group : model.group)
-        if (wanted(group.triangles.first)) bound_parts(std::span<const TriangleDisc>(model.disc).subspan(group.triangles.first, group.triangles.count), group);
-    for (TriangleGroup& block : model.block)
-        if (wanted(model.group[block.triangles.first].triangles.first))
-            bound_parts(std::span<const TriangleGroup>(model.group).subspan(block.triangles.first, block.triangles.count), block);
+    model.disc.resize(model.group.size());
+    for (uint32_t g = 0; g < model.group.size(); ++g)
+        if (wanted(model.group[g].triangles.first)) bound_triangles(model, model.group[g], model.disc[g]);
+    model.ball.resize(model.block.size());
+    for (uint32_t b = 0; b < model.block.size(); ++b)
+        if (wanted(model.group[model.block[b].triangles.first].triangles.first)) bound_block(model, model.block[b], model.ball[b]);
     double fastest2 = 0;
     for (const Vec3d& v : model.velocity) fastest2 = std::max(fastest2, v.squaredNorm());
     model.fastest = std::sqrt(fastest2);
@@ -390,13 +434,12 @@ void publish_give(const Surfaces& surfaces, const HandTool& tool, ToolState& sta
 }
 
 void group_triangles(LocalContactModel& model) {
-    constexpr uint32_t kTriangles = 8, kGroups = 16;  // of a group, of a block
     model.group.clear();
     model.block.clear();
     const uint32_t count = static_cast<uint32_t>(model.triangle.size());
     for (uint32_t first = 0; first < count;) {
         uint32_t end = first + 1;
-        while (end < count && end < first + kTriangles && model.body[end] == model.body[first]) ++end;
+        while (end < count && end < first + kGroupTriangles && model.body[end] == model.body[first]) ++end;
         TriangleGroup group;
         group.triangles = {first, end - first};
         model.group.push_back(group);
@@ -406,7 +449,7 @@ void group_triangles(LocalContactModel& model) {
     const auto body = [&](uint32_t g) { return model.body[model.group[g].triangles.first]; };
     for (uint32_t first = 0; first < groups;) {
         uint32_t end = first + 1;
-        while (end < groups && end < first + kGroups && body(end) == body(first)) ++end;
+        while (end < groups && end < first + kBlockGroups && body(end) == body(first)) ++end;
         TriangleGroup block;
         block.triangles = {first, end - first};
         model.block.push_back(block);

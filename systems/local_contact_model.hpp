@@ -46,8 +46,8 @@ void publish_give(const Surfaces& surfaces, const HandTool& tool, ToolState& sta
 // The share alone: what the tip moved (m) against what the device moved (m), along a unit normal.
 double give_share(const Vec3d& normal, const Vec3d& tip_way, const Vec3d& device_way);
 
-// Makes model.disc, model.group, model.block and model.fastest from the rest of a model: groups are runs of up to 8
-// triangles of one body, blocks of up to 16 groups.
+// Makes model.group, model.block, their bounds and model.fastest from the rest of a model: groups are runs of triangles of one
+// body, blocks are runs of groups.
 void group_triangles(LocalContactModel& model);
 
 }  // namespace trocar

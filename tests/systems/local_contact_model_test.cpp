@@ -315,6 +315,22 @@ TEST(LocalContactModel, FeedsTheTick) {
     EXPECT_GT(state.command.force.norm(), 0.99);
 }
 
+template <typename Lanes>
+Vec3d lane_of(const std::array<Lanes, 3>& lanes, uint32_t lane) {
+    return {lanes[0][lane], lanes[1][lane], lanes[2][lane]};
+}
+// The disc around a triangle of a group, in the world.
+struct DiscInTest {
+    Vec3d centre, normal, velocity;
+    double radius, thickness, spread;
+};
+DiscInTest disc_of(const LocalContactModel& m, uint32_t group, uint32_t triangle) {
+    const TriangleDiscs& discs = m.disc[group];
+    const uint32_t lane = triangle - m.group[group].triangles.first;
+    return {m.group[group].centre + lane_of(discs.centre, lane), lane_of(discs.normal, lane), m.group[group].velocity + lane_of(discs.velocity, lane),
+            discs.radius[lane], discs.thickness[lane], discs.spread[lane]};
+}
+
 // Every bound of a model holds its triangles at every age it may get: discs, groups, blocks.
 TEST(LocalContactModel, BoundsHoldTheirTrianglesAsTheyMove) {
     const Scene s = busy_scene();
@@ -331,18 +347,37 @@ TEST(LocalContactModel, BoundsHoldTheirTrianglesAsTheyMove) {
             for (uint32_t t = m.group[g].triangles.first; t < m.group[g].triangles.end(); ++t) {
                 ++seen[t];
                 EXPECT_EQ(m.body[t], m.body[m.group[block.triangles.first].triangles.first]);
-                const TriangleDisc& disc = m.disc[t];
+                const DiscInTest disc = disc_of(m, g, t);
                 for (const double age : {-0.03, 0.0, 0.01, 0.035}) {
                     for (const uint32_t v : m.triangle[t]) {
                         const Vec3d p = m.position[v] + age * m.velocity[v];
                         ASSERT_LT(outside(m.group[g], p, age), 1e-12);
                         ASSERT_LT(outside(block, p, age), 1e-12);
-                        ASSERT_LT(outside(disc, p, age), 1e-12);
+                        const double rounding = kDiscRounding * (m.group[g].radius + m.group[g].spread * std::abs(age));
+                        ASSERT_LT(outside(disc, p, age), rounding);
                         const double height = disc.normal.dot(p - disc.centre - age * disc.velocity);
-                        ASSERT_LT(std::abs(height), disc.thickness + disc.spread * std::abs(age) + 1e-12);
+                        ASSERT_LT(std::abs(height), disc.thickness + disc.spread * std::abs(age) + rounding);
                     }
                 }
             }
+            for (uint32_t k = m.group[g].triangles.count; k < kGroupTriangles; ++k) EXPECT_EQ(m.disc[g].thickness[k], -INFINITY);
+        }
+    }
+    for (uint32_t b = 0; b < m.block.size(); ++b) {
+        const Range groups = m.block[b].triangles;
+        const GroupBalls& ball = m.ball[b];
+        for (uint32_t k = 0; k < kBlockGroups; ++k) {
+            if (k >= groups.count) {
+                EXPECT_EQ(ball.radius[k], -INFINITY);
+                continue;
+            }
+            const TriangleGroup& group = m.group[groups.first + k];
+            const double rounding = kDiscRounding * (m.block[b].radius + m.block[b].spread);
+            EXPECT_NEAR((m.block[b].centre + lane_of(ball.centre, k) - group.centre).norm(), 0, rounding);
+            EXPECT_NEAR((m.block[b].velocity + lane_of(ball.velocity, k) - group.velocity).norm(), 0, rounding);
+            EXPECT_NEAR(ball.radius[k], group.radius, rounding);
+            EXPECT_NEAR(ball.spread[k], group.spread, rounding);
+            EXPECT_GE(ball.speed[k], group.velocity.norm() + group.spread);
         }
     }
     EXPECT_EQ(std::count(seen.begin(), seen.end(), 1u), static_cast<int64_t>(seen.size()));
