@@ -89,6 +89,26 @@ void mark_triangles(const Surfaces& s, uint32_t body, std::span<const Box> boxes
     });
 }
 
+// Replaces the velocities of the vertices of a tissue, from row `first` on, by the mean over the triangles around each, twice; first those that go
+// faster than `most` (m/s) against the rest are held to that. What a vertex does against its neighbours, or when it snaps back, is over within a
+// fraction of a pass: told on until the next one, it only makes the surface pass through itself.
+void smooth_velocities(uint32_t first, uint32_t first_triangle, double most, LocalContactScratch& scratch, LocalContactModel& out) {
+    const std::span<Vec3d> velocity = std::span(out.velocity).subspan(first);
+    const std::span<const Triangle> triangles = std::span<const Triangle>(out.triangle).subspan(first_triangle);
+    Vec3d mean = Vec3d::Zero();
+    for (const Vec3d& v : velocity) mean += v / static_cast<double>(velocity.size());
+    for (Vec3d& v : velocity)
+        if (const double speed = (v - mean).norm(); speed > most) v = mean + most / speed * (v - mean);
+    for (int round = 0; round < 2; ++round) {
+        scratch.around.assign(velocity.size(), VelocitySum{});
+        for (const Triangle& t : triangles) {
+            const Vec3d sum = velocity[t[0] - first] + velocity[t[1] - first] + velocity[t[2] - first];
+            for (const uint32_t v : t) scratch.around[v - first].sum += sum, scratch.around[v - first].count += 3;
+        }
+        for (size_t v = 0; v < velocity.size(); ++v) velocity[v] = scratch.around[v].sum / scratch.around[v].count;
+    }
+}
+
 uint32_t add_vertex(const Surfaces& s, uint32_t body, uint32_t vertex, LocalContactScratch& scratch,
                     LocalContactModel& out) {
     uint32_t& row = scratch.vertex_row[vertex];
@@ -100,9 +120,9 @@ uint32_t add_vertex(const Surfaces& s, uint32_t body, uint32_t vertex, LocalCont
     return row;
 }
 
-void add_body(const Surfaces& s, uint32_t body, double half_thickness, LocalContactScratch& scratch,
-              LocalContactModel& out) {
+void add_body(const Surfaces& s, uint32_t body, double half_thickness, double fastest, LocalContactScratch& scratch, LocalContactModel& out) {
     const MeshView mesh = mesh_view(s.meshes, s.bodies.mesh[body]);
+    const uint32_t first = static_cast<uint32_t>(out.position.size()), first_triangle = static_cast<uint32_t>(out.triangle.size());
     scratch.triangle_used.clear();
     if (scratch.vertex_row.size() < mesh.position.size()) scratch.vertex_row.resize(mesh.position.size(), kNone);
     if (scratch.triangle_row.size() < mesh.triangle.size()) scratch.triangle_row.resize(mesh.triangle.size(), kNone);
@@ -130,6 +150,7 @@ void add_body(const Surfaces& s, uint32_t body, double half_thickness, LocalCont
         scratch.triangle_row[t] = kNone;
         for (const uint32_t v : mesh.triangle[t]) scratch.vertex_row[v] = kNone;
     }
+    if (is_deformable(s.bodies, body)) smooth_velocities(first, first_triangle, fastest, scratch, out);
 }
 
 void clear_model(LocalContactModel& model) {
@@ -353,7 +374,7 @@ void publish_local_contact(const HapticParams& params, const Surfaces& surfaces,
         const double reach = out.reach + half_thickness;
         if (!boxes.empty() && !boxes_meet(boxes[body], segment_box(out.from, out.to, reach + tool.shell_radius))) continue;
         mark_within_reach(params, surfaces, body, tool, state, reach, scratch, out);
-        add_body(surfaces, body, half_thickness, scratch, out);
+        add_body(surfaces, body, half_thickness, speed, scratch, out);
     }
     group_triangles(out);
     if (!tool.shell.empty()) publish_outlook(tool, state, scratch, out);

@@ -7,6 +7,11 @@
 #include "engine/surfaces.hpp"
 namespace trocar {
 
+struct VelocitySum {
+    Vec3d sum = Vec3d::Zero();  // m/s
+    double count = 0;
+};
+
 struct LocalContactScratch {
     std::vector<uint8_t> beyond;          // per vertex of the body at hand: sides of the box around all that it lies beyond
     std::vector<uint64_t> beyond_each;    // likewise, a byte a box, of those that were asked for
@@ -14,6 +19,7 @@ struct LocalContactScratch {
     std::vector<uint32_t> vertex_row;     // local vertex of the body at hand -> row of the model; kNone between bodies
     std::vector<uint32_t> triangle_row;   // the same for triangles
     std::vector<uint32_t> triangle_used;  // local triangles of the body at hand that are in the model
+    std::vector<VelocitySum> around;      // per vertex of the body at hand that is in the model: over the triangles around it
     SurfaceTreeScratch tree;              // for tools with a shell
     PlacedSurface placed;
     std::vector<ShellPoint> open;         // points of a tool with jaws
@@ -21,7 +27,8 @@ struct LocalContactScratch {
 
 // Copies every triangle that a tool may touch before the next passes: those of all bodies but its own that may come
 // nearer to the segment from the device to the proxy than the tool travels in params.greatest_age (told by boxes, so a
-// few more), with their vertex velocities. `boxes`: one world box per body that holds it, or empty for "look at all".
+// few more), with their vertex velocities: of tissue each the mean over the triangles around it, twice, none faster against the rest than tools go.
+// `boxes`: one world box per body that holds it, or empty for "look at all".
 // `time` (s) and `sequence` name the contact pass. Bodies ascend, triangles ascend within a body, vertices in the order
 // of first use. For a tool with a shell all points of it, where they are and where the device would have them, take the
 // place of the segment; its trees and what lies around every point are found besides. No allocation once warm.

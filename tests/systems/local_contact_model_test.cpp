@@ -188,8 +188,20 @@ TEST(LocalContactModel, NothingUnseenIsMetInTime) {
     EXPECT_GT(met, 100u);
 }
 
-// Positions and velocities are the surface's own, vertices are shared, neighbours are those of the mesh, the half
-// thickness is the sheet's.
+// Of each vertex the mean over the triangles around it of what their corners have.
+std::map<uint32_t, Vec3d> means_around(const LocalContactModel& m, const std::map<uint32_t, Vec3d>& value) {
+    std::map<uint32_t, Vec3d> means;
+    for (const auto& [vertex, v] : value) {
+        std::vector<Vec3d> around;
+        for (const Triangle& t : m.triangle)
+            if (std::find(t.begin(), t.end(), vertex) != t.end()) around.push_back((value.at(t[0]) + value.at(t[1]) + value.at(t[2])) / 3);
+        for (const Vec3d& a : around) means.try_emplace(vertex, Vec3d::Zero()).first->second += a / static_cast<double>(around.size());
+    }
+    return means;
+}
+
+// Positions are the surface's own, velocities too where it is rigid and means twice over the triangles around where it is not; vertices are
+// shared, neighbours are those of the mesh, the half thickness is the sheet's.
 TEST(LocalContactModel, RowsAreTheSurfaces) {
     const Scene scene = busy_scene();
     const Surfaces s = scene.surfaces();
@@ -200,6 +212,7 @@ TEST(LocalContactModel, RowsAreTheSurfaces) {
     ASSERT_EQ(model.triangle.size(), model.neighbour.size());
     ASSERT_EQ(model.triangle.size(), model.half_thickness.size());
     const std::map<Key, uint32_t> rows = rows_of(model);
+    std::map<uint32_t, Vec3d> raw;  // velocities of the tissue's vertices
     double fastest = 0;
     uint32_t last_body = 0, inner = 0, rim = 0;
     for (const uint32_t body : model.body) {
@@ -215,8 +228,10 @@ TEST(LocalContactModel, RowsAreTheSurfaces) {
             EXPECT_EQ(model.half_thickness[row], body == 4 ? 0.5e-3 : 0);
             for (int k = 0; k < 3; ++k) {
                 const Vec3d v = vertex_velocity(s, body, mesh.triangle[t][k]);
-                EXPECT_EQ(model.velocity[model.triangle[row][k]], v);
-                fastest = std::max(fastest, v.norm());
+                const uint32_t vertex = model.triangle[row][k];
+                if (body == 1) raw[vertex] = v;
+                else EXPECT_EQ(model.velocity[vertex], v);
+                fastest = std::max(fastest, model.velocity[vertex].norm());
                 const uint32_t across = mesh.neighbour[t][k], found = model.neighbour[row][k];
                 const auto expected = across == kNone ? rows.end() : rows.find(key_of(body, corners(s, body, across)));
                 EXPECT_EQ(found, expected == rows.end() ? kNone : expected->second);
@@ -230,9 +245,46 @@ TEST(LocalContactModel, RowsAreTheSurfaces) {
             }
         }
     }
+    const std::map<uint32_t, Vec3d> tissue = means_around(model, means_around(model, raw));
+    EXPECT_GT(tissue.size(), 100u);
+    for (const auto& [vertex, v] : tissue) EXPECT_LT((model.velocity[vertex] - v).norm(), 1e-14) << vertex;
     EXPECT_EQ(model.fastest, fastest);
     EXPECT_GT(inner, 300u);
     EXPECT_GT(rim, 10u);
+}
+
+// What a tissue does as a whole stays, what each vertex does for itself goes, and one that snaps takes nothing far along: a surface told on for a
+// pass keeps its shape.
+TEST(LocalContactModel, TissueGoesOnWithoutItsRipples) {
+    Scene scene = busy_scene();
+    LocalContactScratch scratch;
+    LocalContactModel model;
+    std::mt19937 random(3);
+    std::normal_distribution<float> normal;
+    const Vec3d whole(0.3, -0.2, 0.1);
+    const Range rows = scene.bodies.particles[1];
+    const auto publish = [&](float ripple, float snap) {
+        for (uint32_t k = rows.first; k < rows.end(); ++k) {
+            scene.particles.velocity_x[k] = float(whole.x()) + ripple * normal(random);
+            scene.particles.velocity_y[k] = float(whole.y()) + ripple * normal(random);
+            scene.particles.velocity_z[k] = float(whole.z()) + ripple * normal(random) + (k % 97 == 0 ? snap : 0);
+        }
+        publish_local_contact({}, scene.surfaces(), {}, tool_of(0), holding({0, 0, 0.03}, {0, 0, 0.03}), 0, 0, scratch, model);
+        double sum = 0, most = 0;
+        size_t vertices = 0;
+        for (size_t t = 0; t < model.triangle.size() && model.body[t] == 1; ++t) {
+            for (const uint32_t v : model.triangle[t]) {
+                const double off = (model.velocity[v] - whole).norm();
+                sum += off * off, most = std::max(most, off), ++vertices;
+            }
+        }
+        EXPECT_GT(vertices, 300u);
+        return std::pair{std::sqrt(sum / static_cast<double>(vertices)), most};
+    };
+    EXPECT_LT(publish(0, 0).second, 1e-7);
+    EXPECT_LT(publish(0.1f, 0).first, 0.37 * 0.1 * std::sqrt(3.0));
+    // 100 m/s: held to the speed of tools, 0.5 m/s beyond the mean, and shared out
+    EXPECT_LT(publish(0, 100).second, 0.5 + 100.0 / 97 + 0.5);
 }
 
 // World boxes spare bodies, never triangles within reach; a fast device looks farther.
