@@ -2,6 +2,7 @@
 
 #include <algorithm>
 #include <cmath>
+#include <numeric>
 
 #include "content/mesh_distance.hpp"
 #include "content/organ_surface.hpp"
@@ -40,6 +41,26 @@ std::vector<uint32_t> boundary_first(const TetMesh& tets, std::span<const Triang
         if (!outside[v]) to[v] = next++;
     }
     return to;
+}
+
+// Puts nodes of as many tetrahedra next to each other, among `kWindow` that lie together: sixteen nodes are stepped side by side and take as long as
+// the one with the most neighbours.
+void order_nodes(TetMesh& tets) {
+    constexpr size_t kWindow = 512;
+    std::vector<uint32_t> valence(tets.position.size(), 0), order(valence.size()), to(valence.size());
+    for (const auto& t : tets.tetrahedron) {
+        for (const uint32_t v : t) ++valence[v];
+    }
+    std::iota(order.begin(), order.end(), 0u);
+    for (size_t begin = 0; begin < order.size(); begin += kWindow) {
+        const size_t end = std::min(begin + kWindow, order.size());
+        std::stable_sort(order.begin() + static_cast<ptrdiff_t>(begin), order.begin() + static_cast<ptrdiff_t>(end),
+                         [&](uint32_t a, uint32_t b) { return valence[a] > valence[b]; });
+    }
+    std::vector<Vec3d> position(order.size());
+    for (uint32_t row = 0; row < order.size(); ++row) position[row] = tets.position[order[row]], to[order[row]] = row;
+    tets.position.swap(position);
+    for (auto& t : tets.tetrahedron) t = {to[t[0]], to[t[1]], to[t[2]], to[t[3]]};
 }
 
 // All nodes as vertices behind those of the skin, each on itself.
@@ -90,8 +111,9 @@ Prototype make_solid(Meshes& meshes, Springs& springs, Solids& solids, Mesh mesh
     const Box box = alone.info[0].box;
     const double extent = (box.max - box.min).maxCoeff();
     const double spacing = fill.spacing > 0 ? fill.spacing : extent / fill.cells;
-    const TetMesh tets = stuff_isosurface({spacing, 1}, box, mesh_distance(surface, skin.judgement.admitted_as));
+    TetMesh tets = stuff_isosurface({spacing, 1}, box, mesh_distance(surface, skin.judgement.admitted_as));
     if (tets.tetrahedron.empty()) throw InputError("no tetrahedra: the lattice is too wide for this shape");
+    order_nodes(tets);
     if (fill.skin) {
         // before anything is appended: a skin may be refused
         SolidSkin carried{bind_skin(surface.position, tets.position, tets.tetrahedron), boundary_of(tets)};

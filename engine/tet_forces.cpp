@@ -12,8 +12,12 @@
 namespace trocar {
 namespace {
 
-// Groups of 16 tetrahedra that a kernel takes at once: the same cut for any number of threads.
+// Groups of 16 tetrahedra whose energy is summed at once: the same cut for any number of threads.
 constexpr uint32_t kGroupsPerChunk = 256;
+
+// Groups and slices of nodes that a kernel takes at once: about 4 us each.
+constexpr uint32_t kGroupsPressed = 64, kSlicesGathered = 32;
+constexpr uint32_t kLeastChunks = 5;  // fewer are not worth another thread
 
 // Corner `k` of tetrahedron t.
 uint32_t corner(const Solids& solids, const SolidInfo& info, int k, uint32_t t) {
@@ -66,17 +70,19 @@ float add_tet_forces(const TetStep& body, uint32_t slices) {
     const TetKernels& kernels = tet_kernels();
     const uint32_t groups = body.tetrahedra / kSliceWidth;
     std::fill_n(body.corner_force + 16ul * body.tetrahedra, 4, 0.0f);
-    std::array<float, 64 * kSliceWidth> least;  // of up to 64 chunks at a time
+    constexpr uint32_t kAtATime = 256 * kGroupsPressed;
+    std::array<float, kAtATime / kGroupsPressed * kSliceWidth> least;
     float lowest = 1;
-    for (uint32_t begin = 0; begin < groups; begin += 64 * kGroupsPerChunk) {
-        least.fill(1.0f);
-        const uint32_t count = std::min(groups - begin, 64 * kGroupsPerChunk);
-        parallel_for(count, kGroupsPerChunk, [&](uint32_t from, uint32_t to) {
-            kernels.press(&body, begin + from, begin + to, least.data() + from / kGroupsPerChunk * kSliceWidth);
+    for (uint32_t begin = 0; begin < groups; begin += kAtATime) {
+        const uint32_t count = std::min(groups - begin, kAtATime);
+        const size_t lanes = size_t{chunk_count(count, kGroupsPressed)} * kSliceWidth;
+        std::fill_n(least.begin(), lanes, 1.0f);
+        parallel_for_even(count, kGroupsPressed, kLeastChunks, [&](uint32_t from, uint32_t to) {
+            kernels.press(&body, begin + from, begin + to, least.data() + from / kGroupsPressed * kSliceWidth);
         });
-        lowest = std::min(lowest, *std::min_element(least.begin(), least.end()));
+        lowest = std::min(lowest, *std::min_element(least.begin(), least.begin() + static_cast<ptrdiff_t>(lanes)));
     }
-    parallel_for(slices, kGroupsPerChunk, [&](uint32_t from, uint32_t to) { kernels.gather(&body, from, to); });
+    parallel_for_even(slices, kSlicesGathered, kLeastChunks, [&](uint32_t from, uint32_t to) { kernels.gather(&body, from, to); });
     return lowest;
 }
 
