@@ -428,10 +428,10 @@ void advance_one_island(FrameState& f, uint32_t row, AdvanceScratch& scratch) {
     params.account_energy = f.options.account_energy;
     params.observer = {begin_response, end_response, &f.scratch.response_ns[row]};
     IslandTicks ticks{f, bodies};
-    const bool with_tool = !w.haptics.tool.empty() && island_has_tool(w, bodies);
-    const uint32_t calls = with_tool ? params.ticks : 1;  // the tick needs whole numbers of substeps in its millisecond
+    const bool ticks_inside = !f.options.external_ticks && !w.haptics.tool.empty() && island_has_tool(w, bodies);
+    const uint32_t calls = ticks_inside ? params.ticks : 1;  // the tick needs whole numbers of substeps in its millisecond
     params.substeps = calls * count_substeps(w.bodies, bodies, params.ticks * 1e-3 / calls, w.settings.substep, w.links.stable_dt);
-    if (with_tool && !f.options.external_ticks) params.tick_hook = {haptic_ticks, &ticks};
+    if (ticks_inside) params.tick_hook = {haptic_ticks, &ticks};
     const AdvanceInputs inputs{w.meshes, w.springs, w.bodies, w.anchors, w.paths, w.haptics.tool, f.scratch.device, params.ticks + 1, other_forces(w), f.scratch.stop, w.haptics.jaw};
     params.substeps *= finer_steps(inputs, w.particles, bodies, params.ticks * 1e-3 / params.substeps);
     advance_island(params, inputs, bodies, rows, scratch, w.particles, w.poses, w.rows, w.haptics.state, f.scratch.advance_result[row]);
