@@ -187,6 +187,8 @@ void first_device_states(World& world) {
     }
 }
 
+int64_t time_let_go(int64_t behind, int64_t period) { return behind > period ? behind : 0; }
+
 bool run_live(const RunOptions& options, double seconds, Frame& frame, PictureWriter* pictures,
               LiveRecording* recording, FrameRecorder* recorder, RunFigures& figures) {
     World& world = frame.world();
@@ -218,11 +220,9 @@ bool run_live(const RunOptions& options, double seconds, Frame& frame, PictureWr
     uint64_t late = 0, published = 0;
     while (static_cast<double>(world.clock.tick) < seconds * 1000 && !(drawing && drawing->failed())) {
         const int64_t due = start + slip + static_cast<int64_t>(world.clock.tick) * kMillisecond;
-        const int64_t now = monotonic_ns();
-        if (now > due + kMillisecond && world.clock.pass > 0) {
-            ++late;
-            slip += now - due;
-        }
+        const int64_t behind = world.clock.pass > 0 ? monotonic_ns() - due : 0;
+        late += behind > kMillisecond;
+        slip += time_let_go(behind, static_cast<int64_t>(world.clock.period) * kMillisecond);
         haptics.set_slip(static_cast<double>(slip) * 1e-9);
         sleep_until_ns(due);
         haptics.take_states(world.haptics);

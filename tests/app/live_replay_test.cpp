@@ -84,6 +84,13 @@ LiveRecording made_up_recording() {
     return r;
 }
 
+// A pass that is a little late is caught up with, so that a run keeps to the clock; a long stall is not hurried after.
+TEST(LiveRun, CatchesUpWithLessThanAPass) {
+    EXPECT_EQ(time_let_go(-5, 100), 0);
+    EXPECT_EQ(time_let_go(100, 100), 0);
+    EXPECT_EQ(time_let_go(101, 100), 101);
+}
+
 // A run against the real clock, with haptics on their thread, comes out again to the bit from what it recorded, through
 // a file and with another number of threads. A value that reached the run on a way that is not recorded breaks it.
 TEST(LiveReplay, ALiveRunComesOutTheSame) {
