@@ -69,20 +69,43 @@ void mark_near(const CandidateTriangles& candidates, const Side& side, OverlapCh
     }
 }
 
-// Marks the vertices that a plane across the line between the middles of both bodies parts from all of the other one.
-// Where that one has many vertices none is marked: looking at all of them would cost more than it saves.
+// Marks the vertices of a rigid body that are beyond the box of the other one, in the frame of the former.
+void mark_beyond_box(const OverlapInput& in, const Side& side, OverlapChunk& c) {
+    const Quat& turn = in.surfaces.poses.orientation[side.body];
+    const Box& box = in.boxes.box[side.other];
+    const Vec3d middle = 0.5 * (box.min + box.max) - in.surfaces.poses.origin[side.body], half = 0.5 * (box.max - box.min);
+    const Vec3d own = rotate_back(turn, middle);
+    Vec3d reach = Vec3d::Constant(1e-12 * (middle.norm() + half.norm()));
+    for (int k = 0; k < 3; ++k) reach += half[k] * rotate_back(turn, Vec3d::Unit(k)).cwiseAbs();
+    const uint32_t count = uint32_t(side.mesh.position.size());
+    uint32_t v = 0;
+    for (; v + 4 <= count; v += 4) {
+        const FourPoints p = load_four(&side.mesh.position[v]);
+        const auto size_of = [](Vec4d x) { return (Vec4d)_mm256_andnot_pd(_mm256_set1_pd(-0.0), (__m256d)x); };
+        const Mask4 beyond = (size_of(p.x - own.x()) > reach.x()) | (size_of(p.y - own.y()) > reach.y()) | (size_of(p.z - own.z()) > reach.z());
+        const uint32_t bits = mask_bits(beyond);
+        for (uint32_t k = 0; k < 4; ++k) c.beyond[v + k] = bits >> k & 1;
+    }
+    for (; v < count; ++v) c.beyond[v] = ((side.mesh.position[v] - own).cwiseAbs().array() > reach.array()).any();
+}
+
+// Marks the vertices that a plane across the way from the body to the other parts from all of that one, and those of a rigid
+// body that are beyond its box. Where the other has many vertices no plane is put: looking at all of them would cost more
+// than it saves.
 void mark_beyond(const OverlapInput& in, const Side& side, const Vec3d& origin, OverlapChunk& c) {
     constexpr uint32_t kManyVertices = 1024;
     const uint32_t count = uint32_t(side.mesh.position.size());
     c.beyond.assign(count, 0);
+    if (!is_deformable(in.surfaces.bodies, side.body)) return mark_beyond_box(in, side, c);
     const uint32_t others = in.surfaces.meshes.info[in.surfaces.bodies.mesh[side.other]].vertices.count;
     if (others > kManyVertices) return;
-    const auto middle = [&](uint32_t body) { return Vec3d(0.5 * (in.boxes.box[body].min + in.boxes.box[body].max)); };
-    const Vec3d apart = middle(side.other) - middle(side.body);
+    const Vec3d apart = way_between(in.surfaces, in.boxes, side.body, side.other);
     project_vertices(in.surfaces, side.other, origin, apart, c.along);
     double nearest = std::numeric_limits<double>::infinity();
     for (const double a : c.along) nearest = std::min(nearest, a);
-    nearest -= 1e-12 * (apart.squaredNorm() + std::abs(nearest));
+    const auto radius = [&](uint32_t body) { return in.surfaces.meshes.info[in.surfaces.bodies.mesh[body]].radius; };
+    const double size = (in.surfaces.poses.origin[side.other] - origin).norm() + radius(side.other) + radius(side.body);
+    nearest -= 1e-12 * (size * apart.norm() + std::abs(nearest));
     project_vertices(in.surfaces, side.body, origin, apart, c.along);
     for (uint32_t v = 0; v < count; ++v) c.beyond[v] = c.along[v] < nearest;
 }
