@@ -7,6 +7,7 @@
 #include "engine/direct_pairs.hpp"
 #include "engine/geometry/contact_kernels.hpp"
 #include "engine/geometry/project_vertices.hpp"
+#include "engine/geometry/sum_velocities.hpp"
 #include "engine/parallel.hpp"
 namespace trocar {
 namespace {
@@ -313,12 +314,7 @@ void find_drifts(const Surfaces& s, const CandidatePairs& pairs, CandidateCellsS
         for (uint32_t body = begin; body < end; ++body) {
             if (!scratch.paired[body]) continue;
             const Range rows = s.bodies.particles[body];
-            Vec3d sum = Vec3d::Zero();
-            for (uint32_t i = rows.first; i < rows.end(); ++i) {
-                const Vec3d v(s.particles.velocity_x[i], s.particles.velocity_y[i], s.particles.velocity_z[i]);
-                if (v.allFinite()) sum += v;
-            }
-            scratch.drift[body] = sum / std::max(1u, rows.count);
+            scratch.drift[body] = sum_velocities(s.particles, rows.first, rows.count).sum / std::max(1u, rows.count);
         }
     });
 }

@@ -16,7 +16,7 @@ constexpr float kSamePoint = 0.1f;
 // What is found deeper than this (m) does not rest: between jaws that do not give way, impulses against each other would
 // grow from pass to pass.
 constexpr double kRestingDepth = 5e-5;
-constexpr uint32_t kRowsPerChunk = 1024;
+constexpr uint32_t kRowsPerChunk = 1024, kEdgesPerChunk = 128;
 
 // Whose point it is, in the order of Contacts: pair, side, vertices before edges before faces.
 struct PointKey {
@@ -140,6 +140,28 @@ void write_row(const Surfaces& s, const ContactMemory& memory, const KeptEdge& e
     to.triangle[row] = e.answer.triangle;
 }
 
+// Asks about the edges at the front of a list that lie on the same body, all at once. Returns how many they are.
+uint32_t ask_about_edges(double tolerance, const Surfaces& s, const BodyBoxes& boxes, std::span<const std::unique_ptr<ClosestPointTree>> trees,
+                         const ContactMemory& memory, std::span<KeptEdge> edges) {
+    constexpr uint32_t kMost = 32;
+    std::array<Vec3d, kMost> point;
+    std::array<double, kMost> radius;
+    std::array<SurfacePoint, kMost> answer;
+    const uint32_t other = memory.other[edges[0].memory];
+    uint32_t count = 0;
+    for (; count < std::min<size_t>(edges.size(), kMost) && memory.other[edges[count].memory] == other; ++count) {
+        const uint32_t m = edges[count].memory, body = memory.body[m];
+        const double along = memory.along[m], reach = reach_of(s.bodies, boxes, body) + reach_of(s.bodies, boxes, other);
+        const Vec3d at = (1 - along) * vertex_position(s, body, memory.vertex[m][0]) + along * vertex_position(s, body, memory.vertex[m][1]);
+        point[count] = edges[count].point = world_to_frame(s, other, at);
+        radius[count] = at.allFinite() ? std::min(reach, tolerance) : -1;  // no answer
+    }
+    QueryCounters counters;
+    trees[s.bodies.tree[other]]->query(std::span(point).first(count), std::span(radius).first(count), {}, std::span(answer).first(count), counters);
+    for (uint32_t i = 0; i < count; ++i) edges[i].answer = answer[i];
+    return count;
+}
+
 }  // namespace
 
 void keep_edges(const ContactParams& params, const Surfaces& surfaces, const BodyBoxes& boxes, const CandidatePairs& pairs,
@@ -148,18 +170,8 @@ void keep_edges(const ContactParams& params, const Surfaces& surfaces, const Bod
     scratch.kept.clear();
     order_memory(memory, scratch.order);
     find_lost_edges(surfaces, pairs, memory, contacts, scratch);
-    parallel_for(uint32_t(scratch.kept.size()), 32, [&](uint32_t begin, uint32_t end) {
-        for (uint32_t i = begin; i < end; ++i) {
-            KeptEdge& e = scratch.kept[i];
-            const uint32_t body = memory.body[e.memory], other = memory.other[e.memory];
-            const auto [v, w] = memory.vertex[e.memory];
-            const double along = memory.along[e.memory];
-            const Vec3d point = (1 - along) * vertex_position(surfaces, body, v) + along * vertex_position(surfaces, body, w);
-            if (!point.allFinite()) continue;
-            e.point = world_to_frame(surfaces, other, point);
-            const double reach = reach_of(surfaces.bodies, boxes, body) + reach_of(surfaces.bodies, boxes, other);
-            e.answer = trees[surfaces.bodies.tree[other]]->query(e.point, std::min(reach, params.tolerance));
-        }
+    parallel_for(uint32_t(scratch.kept.size()), kEdgesPerChunk, [&](uint32_t begin, uint32_t end) {
+        while (begin < end) begin = ask_about_edges(params.tolerance, surfaces, boxes, trees, memory, std::span(scratch.kept).subspan(begin, end - begin)) + begin;
     });
     std::erase_if(scratch.kept, [](const KeptEdge& e) { return e.answer.triangle == kNone; });
 
