@@ -171,7 +171,8 @@ void keep_edges(const ContactParams& params, const Surfaces& surfaces, const Bod
     order_memory(memory, scratch.order);
     find_lost_edges(surfaces, pairs, memory, contacts, scratch);
     parallel_for(uint32_t(scratch.kept.size()), kEdgesPerChunk, [&](uint32_t begin, uint32_t end) {
-        while (begin < end) begin = ask_about_edges(params.tolerance, surfaces, boxes, trees, memory, std::span(scratch.kept).subspan(begin, end - begin)) + begin;
+        for (uint32_t i = begin; i < end;)
+            i += ask_about_edges(params.tolerance, surfaces, boxes, trees, memory, std::span(scratch.kept).subspan(i, end - i));
     });
     std::erase_if(scratch.kept, [](const KeptEdge& e) { return e.answer.triangle == kNone; });
 

@@ -390,9 +390,9 @@ void find_edge_contacts(const ContactParams& params, const Surfaces& surfaces, c
     parallel_for(count, grain, [&](uint32_t begin, uint32_t end) {
         const EdgeChunk& chunk = scratch.chunk[begin / grain];
         for (uint32_t row = 2 * begin; row < 2 * end; ++row) {
-            const uint32_t pair = row / 2, a = pairs.a[pair], b = pairs.b[pair];
-            for (uint32_t i = 0; i < scratch.side[row].count; ++i)
-                write_row(surfaces, pair, row % 2 ? b : a, row % 2 ? a : b, chunk.found[scratch.side[row].first + i], contacts, scratch.first[row] + i);
+            const uint32_t pair = row / 2, body = row % 2 ? pairs.b[pair] : pairs.a[pair], other = row % 2 ? pairs.a[pair] : pairs.b[pair];
+            const EdgeContact* found = chunk.found.data() + scratch.side[row].first;
+            for (uint32_t i = 0; i < scratch.side[row].count; ++i) write_row(surfaces, pair, body, other, found[i], contacts, scratch.first[row] + i);
         }
     });
 }

@@ -20,6 +20,7 @@ void open_column(std::span<const uint32_t> before, std::vector<Value>& column) {
 }  // namespace
 
 void open_rows(std::span<const uint32_t> before, Contacts& contacts) {
+    if (before.empty()) return;
     const auto open = [&](uint32_t column) {
         switch (column) {  // the widest first: who takes a narrow one last has not long to go
             case 0: return open_column(before, contacts.point);
