@@ -6,8 +6,8 @@
 #include <compare>
 
 #include "engine/geometry/contact_kernels.hpp"
+#include "engine/open_rows.hpp"
 #include "engine/parallel.hpp"
-#include "systems/open_rows.hpp"
 namespace trocar {
 namespace {
 

@@ -1,4 +1,4 @@
-#include "systems/open_rows.hpp"
+#include "engine/open_rows.hpp"
 
 #include <gtest/gtest.h>
 
