@@ -238,7 +238,12 @@ void ClosestPointTree::Impl::query_batch(std::span<const Vec3d> points, std::spa
     const MeshletKernels& kernels = chosen_kernels();
     uint32_t first[kBatch + 1] = {};
     uint32_t lane[kBatch * kSlots];
-    Winner decided[kBatch];
+    uint32_t answered = 0;  // bits; a row that is neither answered nor has lanes is far from everything
+    const auto decide = [&](uint32_t i, const Winner& winner) {
+        out[i] = answer(points[i], radius[i], winner);
+        answered |= 1u << i;
+    };
+    static_assert(kBatch <= 32);
     const auto meshlet_of_hint = [&](uint32_t i) {
         return !hint.empty() && hint[i] < lane_of_triangle.size() ? lane_of_triangle[hint[i]] / 16 : kNone;
     };
@@ -251,7 +256,7 @@ void ClosestPointTree::Impl::query_batch(std::span<const Vec3d> points, std::spa
         const double far = q.cwiseAbs().maxCoeff();
         if (!(far < INFINITY) || !(radius[i] >= 0)) continue;
         if (far > kFarthest) {
-            decided[i] = scan(points[i]);
+            decide(i, scan(points[i]));
             continue;
         }
         Search search;
@@ -270,10 +275,10 @@ void ClosestPointTree::Impl::query_batch(std::span<const Vec3d> points, std::spa
         if (search.nearest != kNone) previous = {points[i], search.upper, search.nearest};
         if (search.overflow) {
             ++counters.tie_overflows;
-            decided[i] = search_exactly(search);
+            decide(i, search_exactly(search));
             continue;
         }
-        if (search.count == 0 && radius[i] == INFINITY) decided[i] = scan(points[i]);
+        if (search.count == 0 && radius[i] == INFINITY) decide(i, scan(points[i]));
         for (uint32_t j = 0; j < search.count; ++j) {
             _mm_prefetch(reinterpret_cast<const char*>(&lanes[search.lane[j]]), _MM_HINT_T0);
             lane[first[i + 1]++] = search.lane[j];
@@ -281,9 +286,11 @@ void ClosestPointTree::Impl::query_batch(std::span<const Vec3d> points, std::spa
     }
     for (uint32_t j = 0; j < first[points.size()]; ++j) prefetch_lane(lane[j]);
     for (uint32_t i = 0; i < points.size(); ++i) {
-        for (uint32_t j = first[i]; j < first[i + 1]; ++j)
-            prefer(decided[i], evaluate(points[i], lane[j]), lane[j], lanes[lane[j]].triangle);
-        out[i] = answer(points[i], radius[i], decided[i]);
+        if (!(answered >> i & 1)) {
+            Winner winner;
+            for (uint32_t j = first[i]; j < first[i + 1]; ++j) prefer(winner, evaluate(points[i], lane[j]), lane[j], lanes[lane[j]].triangle);
+            out[i] = answer(points[i], radius[i], winner);
+        }
         if (cross_checked && admission == Admission::kSolid && disagrees(points[i], out[i])) ++counters.disagreements;
     }
 }

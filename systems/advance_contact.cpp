@@ -21,6 +21,7 @@ constexpr uint32_t kSkinSweeps = 4;
 // Sweeps over a group before the next one: its rows are still in the cache then (a tenth of the time of a heap's advance), and
 // groups still hear of each other.
 constexpr uint32_t kSweepsAtOnce = 2;
+constexpr uint32_t kRowsPerChunk = 2048;
 
 void add_node(AdvanceScratch& s, uint32_t owner, uint32_t particle) {
     const AdvanceBody& body = s.body[owner];
@@ -54,22 +55,33 @@ void number_nodes(AdvanceIsland& island) {
     AdvanceScratch& s = island.scratch;
     const ContactRows& rows = island.rows;
     constexpr uint32_t kAsked = kNone - 1;
+    for (const uint32_t row : s.dealt)
+        for (const uint32_t body : {rows.body[row], rows.other[row]})
+            if (!is_deformable(island.inputs.bodies, body)) rigid_slot(island, body);
+    // several threads may ask for one node
+    const auto put = [](auto& place, auto value) {
+        const std::atomic_ref at(place);
+        if (at.load(std::memory_order_relaxed) != value) at.store(value, std::memory_order_relaxed);
+    };
     const auto ask = [&](uint32_t body, std::initializer_list<uint32_t> vertices) {
-        if (!is_deformable(island.inputs.bodies, body)) return void(rigid_slot(island, body));
+        if (!is_deformable(island.inputs.bodies, body)) return;
         TROCAR_ASSERT(s.slot_of_body[body] != kNone);
         AdvanceBody& b = s.body[s.slot_of_body[body]];
-        b.touched = true;
+        put(b.touched, true);
         for (const uint32_t v : vertices) {
             if (v == kNone) continue;
-            if (!b.skin_node) s.node_of_particle[b.particles.first + v] = kAsked;
-            else for (const uint32_t node : b.skin_node[v]) s.node_of_particle[b.particles.first + node] = kAsked;
+            if (!b.skin_node) put(s.node_of_particle[b.particles.first + v], kAsked);
+            else for (const uint32_t node : b.skin_node[v]) put(s.node_of_particle[b.particles.first + node], kAsked);
         }
     };
-    for (const uint32_t row : s.dealt) {
-        const Triangle& t = rows.triangle[row];
-        ask(rows.body[row], {rows.vertex[row][0], rows.vertex[row][1], rows.third[row]});
-        ask(rows.other[row], {t[0], t[1], t[2]});
-    }
+    parallel_for(static_cast<uint32_t>(s.dealt.size()), kRowsPerChunk, [&](uint32_t begin, uint32_t end) {
+        for (uint32_t i = begin; i < end; ++i) {
+            const uint32_t row = s.dealt[i];
+            const Triangle& t = rows.triangle[row];
+            ask(rows.body[row], {rows.vertex[row][0], rows.vertex[row][1], rows.third[row]});
+            ask(rows.other[row], {t[0], t[1], t[2]});
+        }
+    });
     for (uint32_t owner = 0; owner < s.body.size(); ++owner) {
         const AdvanceBody& b = s.body[owner];
         if (!b.touched) continue;

@@ -7,6 +7,7 @@
 #include "engine/direct_pairs.hpp"
 #include "engine/geometry/contact_kernels.hpp"
 #include "engine/geometry/project_vertices.hpp"
+#include "engine/geometry/sum_velocities.hpp"
 #include "engine/parallel.hpp"
 namespace trocar {
 namespace {
@@ -313,28 +314,12 @@ void find_drifts(const Surfaces& s, const CandidatePairs& pairs, CandidateCellsS
         for (uint32_t body = begin; body < end; ++body) {
             if (!scratch.paired[body]) continue;
             const Range rows = s.bodies.particles[body];
-            Vec3d sum = Vec3d::Zero();
-            for (uint32_t i = rows.first; i < rows.end(); ++i) {
-                const Vec3d v(s.particles.velocity_x[i], s.particles.velocity_y[i], s.particles.velocity_z[i]);
-                if (v.allFinite()) sum += v;
-            }
-            scratch.drift[body] = sum / std::max(1u, rows.count);
+            scratch.drift[body] = sum_velocities(s.particles, rows.first, rows.count).sum / std::max(1u, rows.count);
         }
     });
 }
 
 bool is_static(const Bodies& bodies, uint32_t body) { return bodies.motion[body] == Motion::kStatic; }
-
-// Along which way two bodies are looked at, not of unit length: from middle to middle; across the side where a static one,
-// often a wall or a floor, is passed least.
-Vec3d way_between(const Surfaces& s, const BodyBoxes& boxes, uint32_t a, uint32_t b) {
-    const Box &box_a = boxes.box[a], &box_b = boxes.box[b];
-    if (!is_static(s.bodies, a) && !is_static(s.bodies, b)) return 0.5 * (box_b.min + box_b.max - box_a.min - box_a.max);
-    const Vec3d after = box_b.min - box_a.max, before = box_a.min - box_b.max;
-    int axis = 0;
-    after.cwiseMax(before).maxCoeff(&axis);
-    return after[axis] > before[axis] ? Vec3d(Vec3d::Unit(axis)) : Vec3d(-Vec3d::Unit(axis));
-}
 
 // How far every vertex of a body may get along a direction in a period beside a body that moves with `drift`, m from
 // `base`; returns the farthest. What is not finite does not count.

@@ -1,11 +1,12 @@
 #include "systems/contact_memory.hpp"
 
 #include <algorithm>
+#include <atomic>
 #include <cmath>
 #include <compare>
-#include <numeric>
 
 #include "engine/geometry/contact_kernels.hpp"
+#include "engine/open_rows.hpp"
 #include "engine/parallel.hpp"
 namespace trocar {
 namespace {
@@ -15,6 +16,7 @@ constexpr float kSamePoint = 0.1f;
 // What is found deeper than this (m) does not rest: between jaws that do not give way, impulses against each other would
 // grow from pass to pass.
 constexpr double kRestingDepth = 5e-5;
+constexpr uint32_t kRowsPerChunk = 1024, kEdgesPerChunk = 128;
 
 // Whose point it is, in the order of Contacts: pair, side, vertices before edges before faces.
 struct PointKey {
@@ -31,14 +33,26 @@ PointKey key_of(const Contacts& c, uint32_t row) { return key_of(c.body[row], c.
 PointKey key_of(const ContactRows& r, uint32_t row) { return key_of(r.body[row], r.other[row], r.vertex[row], r.third[row]); }
 
 void order_memory(const ContactMemory& memory, std::vector<uint32_t>& order) {
-    order.resize(memory.body.size());
-    std::iota(order.begin(), order.end(), 0u);
-    const auto earlier = [&](uint32_t a, uint32_t b) {
+    const uint32_t count = uint32_t(memory.body.size());
+    order.resize(count);
+    std::atomic<bool> sorted{true};
+    parallel_for(count, kRowsPerChunk, [&](uint32_t begin, uint32_t end) {
+        bool ascends = true;
+        PointKey before = begin > 0 ? key_of(memory, begin - 1) : PointKey{};
+        for (uint32_t row = begin; row < end; ++row) {
+            order[row] = row;
+            const PointKey key = key_of(memory, row);
+            ascends = ascends && before <= key;
+            before = key;
+        }
+        if (!ascends) sorted.store(false, std::memory_order_relaxed);
+    });
+    // rows have this order but for those of crossing edges of rigid bodies, which come last
+    if (sorted.load(std::memory_order_relaxed)) return;
+    std::sort(order.begin(), order.end(), [&](uint32_t a, uint32_t b) {
         const auto less = key_of(memory, a) <=> key_of(memory, b);
         return less == 0 ? a < b : less < 0;
-    };
-    // rows have this order but for those of crossing edges of rigid bodies, which come last
-    if (!std::is_sorted(order.begin(), order.end(), earlier)) std::sort(order.begin(), order.end(), earlier);
+    });
 }
 
 bool is_closed(const Surfaces& s, uint32_t body) {
@@ -46,34 +60,73 @@ bool is_closed(const Surfaces& s, uint32_t body) {
     return admission == Admission::kSolid || admission == Admission::kWinding;
 }
 
+// First of `count` rows, whose keys key(row) ascend, that does not come before `wanted`.
+template <typename Key, typename KeyOf>
+uint32_t lower_row(uint32_t count, const Key& wanted, const KeyOf& key) {
+    uint32_t first = 0;
+    while (count > 0) {
+        const uint32_t half = count / 2;
+        if (key(first + half) < wanted) {
+            first += half + 1;
+            count -= half + 1;
+        } else {
+            count = half;
+        }
+    }
+    return first;
+}
+
+// Where a remembered edge belongs; pair is kNone if it is none of a candidate pair, or contacts have it.
+struct EdgePlace {
+    const Surfaces& surfaces;
+    const CandidatePairs& pairs;
+    const ContactMemory& memory;
+    const Contacts& contacts;
+    uint32_t contact = 0, pair = 0;  // first that do not come before the edge at hand
+
+    uint32_t contacts_in_all() const { return uint32_t(contacts.body.size()); }
+    std::array<uint32_t, 2> pair_at(uint32_t row) const { return {pairs.a[row], pairs.b[row]}; }
+    std::array<uint32_t, 2> pair_of(uint32_t m) const {
+        return {std::min(memory.body[m], memory.other[m]), std::max(memory.body[m], memory.other[m])};
+    }
+    // Goes to any remembered row; go_on goes to a later one.
+    void go_to(uint32_t m) {
+        contact = lower_row(contacts_in_all(), key_of(memory, m), [&](uint32_t row) { return key_of(contacts, row); });
+        pair = lower_row(uint32_t(pairs.a.size()), pair_of(m), [&](uint32_t row) { return pair_at(row); });
+    }
+    LostEdge go_on(uint32_t m) {
+        const uint32_t body = memory.body[m], other = memory.other[m];
+        if (memory.vertex[m][0] == memory.vertex[m][1] || !is_closed(surfaces, other)) return {};
+        if (!is_deformable(surfaces.bodies, body) && !is_deformable(surfaces.bodies, other)) return {};
+        const PointKey wanted = key_of(memory, m);
+        while (contact < contacts_in_all() && key_of(contacts, contact) < wanted) ++contact;
+        uint32_t end = contact;
+        while (end < contacts_in_all() && key_of(contacts, end) == wanted) ++end;
+        // an edge may lie on two places, of which the edge pass finds the deeper: each would sink in turn
+        if (end > contact && std::abs(contacts.along[contact] - memory.along[m]) < kSamePoint) return {};
+        const auto both = pair_of(m);
+        while (pair < pairs.a.size() && pair_at(pair) < both) ++pair;
+        return pair < pairs.a.size() && pair_at(pair) == both ? LostEdge{pair, end} : LostEdge{};
+    }
+};
+
 // Remembered edges of candidate pairs that contacts do not have.
 void find_lost_edges(const Surfaces& s, const CandidatePairs& pairs, const ContactMemory& memory,
                      const Contacts& contacts, ContactMemoryScratch& scratch) {
-    uint32_t contact = 0, pair = 0;
-    for (const uint32_t m : scratch.order) {
-        const uint32_t body = memory.body[m], other = memory.other[m];
-        if (memory.vertex[m][0] == memory.vertex[m][1] || !is_closed(s, other)) continue;
-        if (!is_deformable(s.bodies, body) && !is_deformable(s.bodies, other)) continue;
-        const PointKey wanted = key_of(memory, m);
-        while (contact < contacts.body.size() && key_of(contacts, contact) < wanted) ++contact;
-        // an edge may lie on two places, of which the edge pass finds the deeper: each would sink in turn
-        const bool found = contact < contacts.body.size() && key_of(contacts, contact) == wanted &&
-                           std::abs(contacts.along[contact] - memory.along[m]) < kSamePoint;
-        if (found) continue;
-        const std::array<uint32_t, 2> both{std::min(body, other), std::max(body, other)};
-        const auto here = [&] { return std::array<uint32_t, 2>{pairs.a[pair], pairs.b[pair]}; };
-        while (pair < pairs.a.size() && here() < both) ++pair;
-        if (pair == pairs.a.size() || here() != both) continue;
-        const auto [v, w] = memory.vertex[m];
-        const double along = memory.along[m];
-        const Vec3d point = (1 - along) * vertex_position(s, body, v) + along * vertex_position(s, body, w);
-        if (point.allFinite()) scratch.kept.push_back({pair, m, world_to_frame(s, other, point), {}});
-    }
+    const uint32_t count = uint32_t(scratch.order.size());
+    scratch.lost.resize(count);
+    parallel_for(count, kRowsPerChunk, [&](uint32_t begin, uint32_t end) {
+        EdgePlace place{s, pairs, memory, contacts};
+        place.go_to(scratch.order[begin]);
+        for (uint32_t i = begin; i < end; ++i) scratch.lost[i] = place.go_on(scratch.order[i]);
+    });
+    for (uint32_t i = 0; i < count; ++i)
+        if (scratch.lost[i].pair != kNone) scratch.kept.push_back({scratch.lost[i], scratch.order[i], Vec3d::Zero(), {}});
 }
 
 void write_row(const Surfaces& s, const ContactMemory& memory, const KeptEdge& e, Contacts& to, uint32_t row) {
     const uint32_t other = memory.other[e.memory];
-    to.pair[row] = e.pair;
+    to.pair[row] = e.place.pair;
     to.body[row] = memory.body[e.memory];
     to.other[row] = other;
     to.vertex[row] = memory.vertex[e.memory];
@@ -87,6 +140,28 @@ void write_row(const Surfaces& s, const ContactMemory& memory, const KeptEdge& e
     to.triangle[row] = e.answer.triangle;
 }
 
+// Asks about the edges at the front of a list that lie on the same body, all at once. Returns how many they are.
+uint32_t ask_about_edges(double tolerance, const Surfaces& s, const BodyBoxes& boxes, std::span<const std::unique_ptr<ClosestPointTree>> trees,
+                         const ContactMemory& memory, std::span<KeptEdge> edges) {
+    constexpr uint32_t kMost = 32;
+    std::array<Vec3d, kMost> point;
+    std::array<double, kMost> radius;
+    std::array<SurfacePoint, kMost> answer;
+    const uint32_t other = memory.other[edges[0].memory];
+    uint32_t count = 0;
+    for (; count < std::min<size_t>(edges.size(), kMost) && memory.other[edges[count].memory] == other; ++count) {
+        const uint32_t m = edges[count].memory, body = memory.body[m];
+        const double along = memory.along[m], reach = reach_of(s.bodies, boxes, body) + reach_of(s.bodies, boxes, other);
+        const Vec3d at = (1 - along) * vertex_position(s, body, memory.vertex[m][0]) + along * vertex_position(s, body, memory.vertex[m][1]);
+        point[count] = edges[count].point = world_to_frame(s, other, at);
+        radius[count] = at.allFinite() ? std::min(reach, tolerance) : -1;  // no answer
+    }
+    QueryCounters counters;
+    trees[s.bodies.tree[other]]->query(std::span(point).first(count), std::span(radius).first(count), {}, std::span(answer).first(count), counters);
+    for (uint32_t i = 0; i < count; ++i) edges[i].answer = answer[i];
+    return count;
+}
+
 }  // namespace
 
 void keep_edges(const ContactParams& params, const Surfaces& surfaces, const BodyBoxes& boxes, const CandidatePairs& pairs,
@@ -95,41 +170,41 @@ void keep_edges(const ContactParams& params, const Surfaces& surfaces, const Bod
     scratch.kept.clear();
     order_memory(memory, scratch.order);
     find_lost_edges(surfaces, pairs, memory, contacts, scratch);
-    parallel_for(uint32_t(scratch.kept.size()), 32, [&](uint32_t begin, uint32_t end) {
-        for (uint32_t i = begin; i < end; ++i) {
-            KeptEdge& e = scratch.kept[i];
-            const uint32_t body = memory.body[e.memory], other = memory.other[e.memory];
-            const double reach = reach_of(surfaces.bodies, boxes, body) + reach_of(surfaces.bodies, boxes, other);
-            e.answer = trees[surfaces.bodies.tree[other]]->query(e.point, std::min(reach, params.tolerance));
-        }
+    parallel_for(uint32_t(scratch.kept.size()), kEdgesPerChunk, [&](uint32_t begin, uint32_t end) {
+        for (uint32_t i = begin; i < end;)
+            i += ask_about_edges(params.tolerance, surfaces, boxes, trees, memory, std::span(scratch.kept).subspan(i, end - i));
     });
     std::erase_if(scratch.kept, [](const KeptEdge& e) { return e.answer.triangle == kNone; });
 
-    if (scratch.kept.empty()) return;
-    uint32_t from = uint32_t(contacts.pair.size()), to = from + uint32_t(scratch.kept.size());
-    resize_contacts(contacts, to);
-    for (auto e = scratch.kept.rbegin(); e != scratch.kept.rend(); ++e) {
-        const PointKey key = key_of(memory, e->memory);
-        while (from > 0 && key < key_of(contacts, from - 1)) copy_contact(contacts, --from, contacts, --to);
-        write_row(surfaces, memory, *e, contacts, --to);
-    }
+    scratch.before.clear();
+    for (const KeptEdge& e : scratch.kept) scratch.before.push_back(e.place.before);
+    open_rows(scratch.before, contacts);
+    parallel_for(uint32_t(scratch.kept.size()), kRowsPerChunk, [&](uint32_t begin, uint32_t end) {
+        for (uint32_t i = begin; i < end; ++i) write_row(surfaces, memory, scratch.kept[i], contacts, scratch.before[i] + i);
+    });
 }
 
 void recall_contacts(const ContactMemory& memory, ContactMemoryScratch& scratch, ContactRows& rows) {
     rows.carried.assign(rows.body.size(), Vec3d::Zero());
+    if (memory.body.empty()) return;
     order_memory(memory, scratch.order);
-    auto next = scratch.order.begin();
-    PointKey before{};
-    for (uint32_t row = 0; row < rows.body.size() && !memory.body.empty(); ++row) {
-        const PointKey wanted = key_of(rows, row);
-        if (wanted < before) next = scratch.order.begin();
-        before = wanted;
-        while (next != scratch.order.end() && key_of(memory, *next) < wanted) ++next;
-        if (rows.distance[row] < -kRestingDepth) continue;
-        for (auto m = next; m != scratch.order.end() && key_of(memory, *m) == wanted; ++m) {
-            if (std::abs(memory.along[*m] - rows.along[row]) < kSamePoint) rows.carried[row] = memory.force[*m];
+    const uint32_t remembered = uint32_t(scratch.order.size());
+    const auto key_at = [&](uint32_t i) { return key_of(memory, scratch.order[i]); };
+    parallel_for(uint32_t(rows.body.size()), kRowsPerChunk, [&](uint32_t begin, uint32_t end) {
+        uint32_t next = 0;
+        PointKey before{};
+        for (uint32_t row = begin; row < end; ++row) {
+            const PointKey wanted = key_of(rows, row);
+            if (row == begin || wanted < before) next = lower_row(remembered, wanted, key_at);
+            before = wanted;
+            while (next < remembered && key_at(next) < wanted) ++next;
+            if (rows.distance[row] < -kRestingDepth) continue;
+            for (uint32_t i = next; i < remembered && key_at(i) == wanted; ++i) {
+                const uint32_t m = scratch.order[i];
+                if (std::abs(memory.along[m] - rows.along[row]) < kSamePoint) rows.carried[row] = memory.force[m];
+            }
         }
-    }
+    });
 }
 
 void remember_contacts(const ContactRows& rows, ContactMemory& memory) {

@@ -10,16 +10,24 @@
 #include "engine/surfaces.hpp"
 namespace trocar {
 
+// Where a remembered edge that contacts do not have would be: its candidate pair, and the contact that it comes before.
+struct LostEdge {
+    uint32_t pair = kNone, before = kNone;  // rows
+};
+
 // A point of an edge that had a row in the pass before.
 struct KeptEdge {
-    uint32_t pair = kNone, memory = kNone;  // rows
+    LostEdge place;
+    uint32_t memory = kNone;                // row
     Vec3d point = Vec3d::Zero();            // m, frame of the other body
     SurfacePoint answer;                    // likewise
 };
 
 struct ContactMemoryScratch {
     std::vector<uint32_t> order;  // rows of memory, ascending by point
+    std::vector<LostEdge> lost;    // per row of order
     std::vector<KeptEdge> kept;
+    std::vector<uint32_t> before;  // as kept: the contact that it comes before
 };
 
 // Adds to contacts the points of edges that had a row in the pass before, as long as they are within params.tolerance of

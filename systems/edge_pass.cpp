@@ -6,6 +6,7 @@
 
 #include "engine/bit_rows.hpp"
 #include "engine/geometry/contact_kernels.hpp"
+#include "engine/open_rows.hpp"
 #include "engine/parallel.hpp"
 namespace trocar {
 namespace {
@@ -240,23 +241,14 @@ bool may_cross(const std::array<uint32_t, 2>& triangles, const EdgeChunk& c) {
                        [&](uint32_t t) { return t == kNone || has_bit(c.near_triangle.word, t); });
 }
 
-bool search_edge(const EdgeInput& in, const Side& side, const BodyPoints& points, uint32_t edge, EdgeChunk& c,
-                 EdgeContact& best) {
+bool search_edge(const EdgeInput& in, const Side& side, uint32_t edge, EdgeChunk& c, EdgeContact& best) {
     const auto [v0, v1] = side.mesh.edge[edge];
-    if (!has_bit(c.near_vertex.word, v0) || !has_bit(c.near_vertex.word, v1)) return false;
-    const uint32_t first = in.near.side[side.row].first;
-    const uint32_t row0 = first + rank_of(c.near_vertex, v0), row1 = first + rank_of(c.near_vertex, v1);
-    Sample a{0, -in.near.distance[row0], in.near.triangle[row0]};
-    Sample b{0, -in.near.distance[row1], in.near.triangle[row1]};
+    if (!has_bit(c.near_vertex, v0) || !has_bit(c.near_vertex, v1)) return false;
+    const EdgeEnd &from = c.end[v0], &to = c.end[v1];
+    Sample a{0, from.depth, from.triangle}, b{0, to.depth, to.triangle};
     const auto& triangles = side.mesh.edge_triangle[edge];
     if ((a.depth > 0) == (b.depth > 0) && !may_cross(triangles, c)) return false;
-    const auto in_frame = [&](uint32_t v) {
-        const Vec3d p = points.point(v);
-        return is_deformable(in.surfaces.bodies, side.other)
-                   ? p
-                   : rotate_back(in.surfaces.poses.orientation[side.other], p);
-    };
-    const Vec4d p = to_vec4(in_frame(v0)), q = to_vec4(in_frame(v1));
+    const Vec4d p = from.place, q = to.place;
     const double length = std::sqrt(norm2(q - p));
     if (!(length > 0)) return false;
     b.s = length;
@@ -276,7 +268,6 @@ std::span<const std::array<uint32_t, 2>> crossing_of(const EdgeInput& in, const 
 // Triangles of the other body that may cross each triangle of this one, and the edges of the latter.
 void collect_edges(const EdgeInput& in, const Side& side, EdgeChunk& c) {
     clear_set(c.near_triangle, side.mesh.triangle.size());
-    clear_set(c.near_vertex, side.mesh.position.size());
     c.near_edge.assign((side.mesh.edge.size() + 63) / 64, 0);
     const auto rows = crossing_of(in, side);
     for (const auto& pair : rows) {
@@ -286,10 +277,6 @@ void collect_edges(const EdgeInput& in, const Side& side, EdgeChunk& c) {
         for (const uint32_t edge : side.mesh.triangle_edge[own]) set_bit(c.near_edge, edge);
     }
     count_ranks(c.near_triangle);
-    const Range vertices = in.near.side[side.row];
-    for (uint32_t i = vertices.first; i < vertices.end(); ++i) set_bit(c.near_vertex.word, in.near.vertex[i]);
-    count_ranks(c.near_vertex);
-
     // counting sort of the candidates by triangle of this body
     c.opposite_first.assign(c.near_triangle.before.back() + 66, 0);
     for (const auto& pair : rows) ++c.opposite_first[rank_of(c.near_triangle, pair[side.reversed]) + 2];
@@ -300,14 +287,29 @@ void collect_edges(const EdgeInput& in, const Side& side, EdgeChunk& c) {
     }
 }
 
+// What is known of the vertices that the overlap phase has worked out.
+void collect_ends(const EdgeInput& in, const Side& side, EdgeChunk& c) {
+    c.near_vertex.assign((side.mesh.position.size() + 63) / 64, 0);
+    if (c.end.size() < side.mesh.position.size()) c.end.resize(side.mesh.position.size());
+    const BodyPoints points(in.surfaces, side.body, in.surfaces.poses.origin[side.other]);
+    const bool turned = !is_deformable(in.surfaces.bodies, side.other);
+    const Range vertices = in.near.side[side.row];
+    for (uint32_t i = vertices.first; i < vertices.end(); ++i) {
+        const uint32_t v = in.near.vertex[i];
+        set_bit(c.near_vertex, v);
+        const Vec3d p = points.point(v);
+        c.end[v] = {to_vec4(turned ? rotate_back(in.surfaces.poses.orientation[side.other], p) : p), -in.near.distance[i], in.near.triangle[i]};
+    }
+}
+
 void find_side(const EdgeInput& in, const Side& side, Range& found, EdgeChunk& c) {
     found = {uint32_t(c.found.size()), 0};
     if (side.tree == nullptr || crossing_of(in, side).empty()) return;
     collect_edges(in, side, c);
-    const BodyPoints points(in.surfaces, side.body, in.surfaces.poses.origin[side.other]);
+    collect_ends(in, side, c);
     for_each_bit(c.near_edge, [&](uint32_t edge) {
         EdgeContact best;
-        if (search_edge(in, side, points, edge, c, best)) c.found.push_back(best);
+        if (search_edge(in, side, edge, c, best)) c.found.push_back(best);
     });
     found.count = uint32_t(c.found.size()) - found.first;
 }
@@ -346,6 +348,20 @@ void write_row(const Surfaces& s, uint32_t pair, uint32_t body, uint32_t other, 
     to.triangle[row] = e.answer.triangle;
 }
 
+// The edges of a side come after its vertices.
+void find_places(const CandidatePairs& pairs, const Contacts& contacts, EdgePassScratch& scratch) {
+    const uint32_t sides = 2 * uint32_t(pairs.a.size()), vertices = uint32_t(contacts.pair.size());
+    scratch.before.clear();
+    scratch.first.resize(sides);
+    uint32_t contact = 0;
+    for (uint32_t row = 0; row < sides; ++row) {
+        const uint32_t pair = row / 2, body = row % 2 ? pairs.b[pair] : pairs.a[pair];
+        while (contact < vertices && contacts.pair[contact] == pair && contacts.body[contact] == body) ++contact;
+        scratch.first[row] = contact + uint32_t(scratch.before.size());
+        scratch.before.insert(scratch.before.end(), scratch.side[row].count, contact);
+    }
+}
+
 }  // namespace
 
 void find_edge_contacts(const ContactParams& params, const Surfaces& surfaces, const CandidatePairs& pairs,
@@ -365,24 +381,20 @@ void find_edge_contacts(const ContactParams& params, const Surfaces& surfaces, c
             for (const uint32_t row : {2 * pair, 2 * pair + 1}) find_side(in, make_side(in, pairs, trees, row), scratch.side[row], chunk);
         }
     });
-    size_t rows = contacts.pair.size();
     for (uint32_t i = 0; i < chunk_count(count, grain); ++i) {
-        rows += scratch.chunk[i].found.size();
         report.tie_overflows += scratch.chunk[i].counters.tie_overflows;
         report.disagreements += scratch.chunk[i].counters.disagreements;
     }
-    if (rows == contacts.pair.size()) return;
-
-    // merge from the back: the vertex rows of a side, then its edges
-    uint32_t from = uint32_t(contacts.pair.size()), to = uint32_t(rows);
-    resize_contacts(contacts, rows);
-    for (uint32_t row = sides; row-- > 0;) {
-        const uint32_t pair = row / 2, body = row % 2 ? pairs.b[pair] : pairs.a[pair];
-        const uint32_t other = row % 2 ? pairs.a[pair] : pairs.b[pair];
-        const EdgeContact* found = scratch.chunk[pair / grain].found.data() + scratch.side[row].first;
-        for (uint32_t i = scratch.side[row].count; i-- > 0;) write_row(surfaces, pair, body, other, found[i], contacts, --to);
-        while (from > 0 && contacts.pair[from - 1] == pair && contacts.body[from - 1] == body) copy_contact(contacts, --from, contacts, --to);
-    }
+    find_places(pairs, contacts, scratch);
+    open_rows(scratch.before, contacts);
+    parallel_for(count, grain, [&](uint32_t begin, uint32_t end) {
+        const EdgeChunk& chunk = scratch.chunk[begin / grain];
+        for (uint32_t row = 2 * begin; row < 2 * end; ++row) {
+            const uint32_t pair = row / 2, body = row % 2 ? pairs.b[pair] : pairs.a[pair], other = row % 2 ? pairs.a[pair] : pairs.b[pair];
+            const EdgeContact* found = chunk.found.data() + scratch.side[row].first;
+            for (uint32_t i = 0; i < scratch.side[row].count; ++i) write_row(surfaces, pair, body, other, found[i], contacts, scratch.first[row] + i);
+        }
+    });
 }
 
 }  // namespace trocar

@@ -8,6 +8,7 @@
 #include "components/contacts.hpp"
 #include "components/report.hpp"
 #include "engine/closest_point.hpp"
+#include "engine/geometry/vec4.hpp"
 #include "engine/surfaces.hpp"
 namespace trocar {
 
@@ -25,10 +26,18 @@ struct RankedBits {
     std::vector<uint32_t> before;  // members in the words before
 };
 
+// What is known of a vertex, in the frame of the other body.
+struct EdgeEnd {
+    Vec4d place;       // m
+    double depth;      // m
+    uint32_t triangle;  // of the other body, nearest
+};
+
 // Working arrays of a run of pairs; sets are of the body at hand.
 struct EdgeChunk {
-    RankedBits near_triangle, near_vertex;
-    std::vector<uint64_t> near_edge;
+    RankedBits near_triangle;
+    std::vector<uint64_t> near_vertex, near_edge;
+    std::vector<EdgeEnd> end;              // per vertex of near_vertex
     std::vector<uint32_t> opposite_first;  // per near triangle by rank: rows of opposite
     std::vector<uint32_t> opposite;        // triangles of the other body that may cross it
     std::vector<EdgeContact> found;        // of all sides of the run
@@ -37,7 +46,9 @@ struct EdgeChunk {
 
 struct EdgePassScratch {
     std::vector<EdgeChunk> chunk;
-    std::vector<Range> side;  // two per candidate pair: rows of the chunk's found
+    std::vector<Range> side;       // two per candidate pair: rows of the chunk's found
+    std::vector<uint32_t> before;  // per row found: the contact that it comes before
+    std::vector<uint32_t> first;   // per side: row of Contacts of the first found
 };
 
 // Deepest inside point of edges that cross the other surface, to params.tolerance (m): every edge with both ends

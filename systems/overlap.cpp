@@ -28,7 +28,7 @@ void join(std::vector<uint32_t>& parent, uint32_t a, uint32_t b) {
 
 // One side of one pair: the vertices of `body` against the surface of `other`.
 struct Side {
-    uint32_t body, other;
+    uint32_t pair, body, other;
     bool reversed;  // body is the pair's b
     Range candidates, crossing;
     MeshView mesh;          // of body
@@ -69,22 +69,76 @@ void mark_near(const CandidateTriangles& candidates, const Side& side, OverlapCh
     }
 }
 
-// Marks the vertices that a plane across the line between the middles of both bodies parts from all of the other one.
-// Where that one has many vertices none is marked: looking at all of them would cost more than it saves.
-void mark_beyond(const OverlapInput& in, const Side& side, const Vec3d& origin, OverlapChunk& c) {
+// Marks the vertices of a rigid body that are beyond the box of the other one, in the frame of the former.
+void mark_beyond_box(const OverlapInput& in, const Side& side, OverlapChunk& c) {
+    const Quat& turn = in.surfaces.poses.orientation[side.body];
+    const Box& box = in.boxes.box[side.other];
+    const Vec3d middle = 0.5 * (box.min + box.max) - in.surfaces.poses.origin[side.body], half = 0.5 * (box.max - box.min);
+    const Vec3d own = rotate_back(turn, middle);
+    Vec3d reach = Vec3d::Constant(1e-12 * (middle.norm() + half.norm()));
+    for (int k = 0; k < 3; ++k) reach += half[k] * rotate_back(turn, Vec3d::Unit(k)).cwiseAbs();
+    const uint32_t count = uint32_t(side.mesh.position.size());
+    uint32_t v = 0;
+    for (; v + 4 <= count; v += 4) {
+        const FourPoints p = load_four(&side.mesh.position[v]);
+        const auto size_of = [](Vec4d x) { return (Vec4d)_mm256_andnot_pd(_mm256_set1_pd(-0.0), (__m256d)x); };
+        const Mask4 beyond = (size_of(p.x - own.x()) > reach.x()) | (size_of(p.y - own.y()) > reach.y()) | (size_of(p.z - own.z()) > reach.z());
+        const uint32_t bits = mask_bits(beyond);
+        for (uint32_t k = 0; k < 4; ++k) c.beyond[v + k] = bits >> k & 1;
+    }
+    for (; v < count; ++v) c.beyond[v] = ((side.mesh.position[v] - own).cwiseAbs().array() > reach.array()).any();
+}
+
+// Where the vertices of both bodies of a pair are on the way from the first to the second; looked at once for both sides.
+void project_pair(const OverlapInput& in, const Side& side, OverlapChunk& c) {
+    if (c.projected == side.pair) return;
+    c.projected = side.pair;
+    const uint32_t a = side.reversed ? side.other : side.body, b = side.reversed ? side.body : side.other;
+    const Vec3d origin = in.surfaces.poses.origin[a], way = way_between(in.surfaces, in.boxes, a, b);
+    project_vertices(in.surfaces, a, origin, way, c.along[0]);
+    project_vertices(in.surfaces, b, origin, way, c.along[1]);
+}
+
+// Least and greatest of some coordinates; what is no number does not count.
+double least_of(std::span<const double> along) {
+    Vec4d lanes = all_lanes(std::numeric_limits<double>::infinity());
+    size_t v = 0;
+    for (; v + 4 <= along.size(); v += 4) lanes = least((Vec4d)_mm256_loadu_pd(&along[v]), lanes);
+    double nearest = std::min({lanes[0], lanes[1], lanes[2], lanes[3]});
+    for (; v < along.size(); ++v) nearest = std::min(nearest, along[v]);
+    return nearest;
+}
+double greatest_of(std::span<const double> along) {
+    Vec4d lanes = all_lanes(-std::numeric_limits<double>::infinity());
+    size_t v = 0;
+    for (; v + 4 <= along.size(); v += 4) lanes = greatest((Vec4d)_mm256_loadu_pd(&along[v]), lanes);
+    double farthest = std::max({lanes[0], lanes[1], lanes[2], lanes[3]});
+    for (; v < along.size(); ++v) farthest = std::max(farthest, along[v]);
+    return farthest;
+}
+
+// Marks the vertices that a plane across the way between the bodies parts from all of the other one, and those of a rigid
+// body that are beyond the other's box. Where the other has many vertices no plane is put: looking at all of them would cost
+// more than it saves.
+void mark_beyond(const OverlapInput& in, const Side& side, OverlapChunk& c) {
     constexpr uint32_t kManyVertices = 1024;
+    const Surfaces& s = in.surfaces;
     const uint32_t count = uint32_t(side.mesh.position.size());
     c.beyond.assign(count, 0);
-    const uint32_t others = in.surfaces.meshes.info[in.surfaces.bodies.mesh[side.other]].vertices.count;
-    if (others > kManyVertices) return;
-    const auto middle = [&](uint32_t body) { return Vec3d(0.5 * (in.boxes.box[body].min + in.boxes.box[body].max)); };
-    const Vec3d apart = middle(side.other) - middle(side.body);
-    project_vertices(in.surfaces, side.other, origin, apart, c.along);
-    double nearest = std::numeric_limits<double>::infinity();
-    for (const double a : c.along) nearest = std::min(nearest, a);
-    nearest -= 1e-12 * (apart.squaredNorm() + std::abs(nearest));
-    project_vertices(in.surfaces, side.body, origin, apart, c.along);
-    for (uint32_t v = 0; v < count; ++v) c.beyond[v] = c.along[v] < nearest;
+    if (!is_deformable(s.bodies, side.body)) return mark_beyond_box(in, side, c);
+    const MeshInfo &own = s.meshes.info[s.bodies.mesh[side.body]], &others = s.meshes.info[s.bodies.mesh[side.other]];
+    if (others.vertices.count > kManyVertices) return;
+    project_pair(in, side, c);
+    const std::vector<double>&along = c.along[side.reversed], &across = c.along[!side.reversed];
+    const double nearest = side.reversed ? greatest_of(across) : least_of(across);
+    const double apart = way_between(s, in.boxes, side.body, side.other).norm();
+    const double size = (s.poses.origin[side.other] - s.poses.origin[side.body]).norm() + own.radius + others.radius;
+    const double slack = 1e-12 * (size * apart + std::abs(nearest));  // far more than rounding: the way is no unit vector
+    if (side.reversed) {
+        for (uint32_t v = 0; v < count; ++v) c.beyond[v] = along[v] > nearest + slack;
+    } else {
+        for (uint32_t v = 0; v < count; ++v) c.beyond[v] = along[v] < nearest - slack;
+    }
 }
 
 // Whether some vertex that nobody asks about may be inside the other body.
@@ -269,7 +323,7 @@ void find_side(const OverlapInput& in, const Side& side, OverlapSide& found, Ove
     if (!side.sheet) {
         c.settled.clear();
         if (side.solid) check_signs(in, side, c);
-        mark_beyond(in, side, in.surfaces.poses.origin[side.body], c);
+        mark_beyond(in, side, c);
         if (is_any_unknown(side, c)) {
             flood_pieces(in, side, c);
             decide_pieces(in, side, points, c);
@@ -295,7 +349,8 @@ Side make_side(const Surfaces& s, const BodyBoxes& boxes, const CandidatePairs& 
     const bool reversed = row % 2 != 0;
     const uint32_t body = reversed ? b : a, other = reversed ? a : b;
     const Admission admission = s.meshes.info[s.bodies.mesh[other]].admission;
-    return {body,
+    return {pair,
+            body,
             other,
             reversed,
             candidates.side[row],
@@ -368,7 +423,7 @@ void find_overlap(const Surfaces& surfaces, const BodyBoxes& boxes, const Candid
                   std::span<const std::unique_ptr<ClosestPointTree>> trees, OverlapScratch& scratch, Report& report,
                   NearVertices& near, Contacts& contacts) {
     const uint32_t sides = 2 * uint32_t(pairs.a.size());
-    const uint32_t grain = std::max(1u, chunk_count(sides, kMostChunks));
+    const uint32_t grain = 2 * std::max(1u, chunk_count(sides / 2, kMostChunks));  // both sides of a pair in one chunk
     prepare_hints(surfaces, scratch);
     scratch.side.resize(sides);
     if (scratch.chunk.size() < chunk_count(sides, grain)) scratch.chunk.resize(chunk_count(sides, grain));
@@ -380,6 +435,7 @@ void find_overlap(const Surfaces& surfaces, const BodyBoxes& boxes, const Candid
         chunk.vertex.clear();
         chunk.point.clear();
         chunk.answer.clear();
+        chunk.projected = kNone;
         chunk.sign_disagreements = chunk.tie_overflows = chunk.disagreements = 0;
         for (uint32_t row = begin; row < end; ++row) find_side(in, side_at(row), scratch.side[row], chunk);
     });

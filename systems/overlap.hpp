@@ -24,7 +24,8 @@ struct OverlapChunk {
     std::vector<uint32_t> parent;   // per vertex: union-find over triangles that nothing crosses
     std::vector<uint8_t> piece;     // per root vertex: which side of the other surface it is on
     std::vector<uint8_t> beyond;    // per vertex: 1 if a plane has it on one side and all of the other body on the other
-    std::vector<double> along;      // per vertex: where it is on the way from body to body, m^2
+    std::vector<double> along[2];   // per vertex of the pair's bodies: where it is on the way from the first to the second
+    uint32_t projected = kNone;     // the pair that `along` is of
     std::vector<uint32_t> row;      // per vertex: row of answer
     // queries of the side at hand
     std::vector<uint32_t> query_vertex, query_hint;

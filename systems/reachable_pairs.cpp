@@ -3,6 +3,7 @@
 #include <algorithm>
 #include <cmath>
 
+#include "engine/geometry/sum_velocities.hpp"
 #include "engine/parallel.hpp"
 namespace trocar {
 namespace {
@@ -11,23 +12,25 @@ constexpr uint32_t kBodiesPerChunk = 32;
 
 BodyDrift drift_of(double period, const Surfaces& s, uint32_t body) {
     const MeshInfo& info = s.meshes.info[s.bodies.mesh[body]];
-    const uint32_t first = s.bodies.particles[body].first, end = first + info.vertices.count;
     const Particles& p = s.particles;
-    const auto velocity = [&](uint32_t i) { return Vec3d(p.velocity_x[i], p.velocity_y[i], p.velocity_z[i]); };
-    Vec3d sum = Vec3d::Zero();
-    uint32_t count = 0;
-    for (uint32_t i = first; i < end; ++i) {
-        const Vec3d v = velocity(i);
-        if (v.allFinite()) sum += v, ++count;
-    }
-    BodyDrift drift{sum / std::max(1u, count), 0};
+    const uint32_t first = s.bodies.particles[body].first, end = first + info.vertices.count;
+    const VelocitySum all = sum_velocities(p, first, info.vertices.count);
+    const uint32_t count = all.count;
+    BodyDrift drift{all.sum / std::max(1u, count), 0};
     double fastest = 0, squares = 0;
-    for (uint32_t i = first; i < end; ++i) {
-        const double square = (velocity(i) - drift.velocity).squaredNorm();
-        if (!std::isfinite(square)) continue;
+    const auto add = [&](double square) {
+        if (!std::isfinite(square)) return;
         fastest = std::max(fastest, square);
         squares += square;
+    };
+    uint32_t i = first;
+    for (; i + 4 <= end; i += 4) {
+        const auto beside = [&](const std::vector<float>& v, double mean) { return (Vec4d)_mm256_cvtps_pd(_mm_loadu_ps(&v[i])) - mean; };
+        const Vec4d x = beside(p.velocity_x, drift.velocity.x()), y = beside(p.velocity_y, drift.velocity.y()),
+                    z = beside(p.velocity_z, drift.velocity.z()), square = x * x + (y * y + z * z);
+        for (int k = 0; k < 4; ++k) add(square[k]);
     }
+    for (; i < end; ++i) add((Vec3d(p.velocity_x[i], p.velocity_y[i], p.velocity_z[i]) - drift.velocity).squaredNorm());
     const double mean = std::sqrt(squares / std::max(1u, count)) * period;
     drift.stray = std::min({std::sqrt(fastest) * period, mean + 0.5 * info.mean_edge, 3 * info.mean_edge}) + 0.05 * info.mean_edge;
     return drift;

@@ -5,6 +5,14 @@
 #include "engine/geometry/four_points.hpp"
 namespace trocar {
 
+// Rest positions of four vertices that follow each other, axis by axis. m
+inline FourPoints load_four(const Vec3d* rest) {
+    const double* p = rest->data();
+    const __m256d a = _mm256_loadu_pd(p), b = _mm256_loadu_pd(p + 4), c = _mm256_loadu_pd(p + 8);
+    const __m256d xy = _mm256_blend_pd(a, b, 12), zx = _mm256_permute2f128_pd(a, c, 0x21), yz = _mm256_blend_pd(b, c, 12);
+    return {(Vec4d)_mm256_shuffle_pd(xy, zx, 10), (Vec4d)_mm256_shuffle_pd(xy, yz, 5), (Vec4d)_mm256_shuffle_pd(zx, yz, 10)};
+}
+
 // Coordinates of a body's vertices along a direction, from `base`: m times the direction's length.
 inline void project_vertices(const Surfaces& s, uint32_t body, const Vec3d& base, const Vec3d& way, std::vector<double>& along) {
     const uint32_t count = s.meshes.info[s.bodies.mesh[body]].vertices.count;
@@ -24,10 +32,32 @@ inline void project_vertices(const Surfaces& s, uint32_t body, const Vec3d& base
     }
     const BodyPoints points(s, body, base);
     const __m256d factor = _mm256_setr_pd(way.x(), way.y(), way.z(), 0);
+    if (!is_deformable(s.bodies, body)) {
+        // in the body's frame: turning one direction is less than turning every vertex
+        const Vec3d* rest = s.meshes.position.data() + s.meshes.info[s.bodies.mesh[body]].vertices.first;
+        const Vec3d turned = rotate_back(s.poses.orientation[body], way);
+        const double shift = (s.poses.origin[body] - base).dot(way);
+        for (; v + 4 <= count; v += 4) {
+            const FourPoints p = load_four(rest + v);
+            _mm256_storeu_pd(&along[v], (__m256d)(((p.x * turned.x() + p.y * turned.y()) + p.z * turned.z()) + shift));
+        }
+    }
     for (; v < count; ++v) {
         const Vec4d part = (Vec4d)_mm256_mul_pd(points(v), factor);
         along[v] = (part[0] + part[1]) + part[2];
     }
+}
+
+// Along which way two bodies are looked at, not of unit length: from middle to middle; across the side where a static one,
+// often a wall or a floor, is passed least.
+inline Vec3d way_between(const Surfaces& s, const BodyBoxes& boxes, uint32_t a, uint32_t b) {
+    const Box &box_a = boxes.box[a], &box_b = boxes.box[b];
+    const auto is_static = [&](uint32_t body) { return s.bodies.motion[body] == Motion::kStatic; };
+    if (!is_static(a) && !is_static(b)) return 0.5 * (box_b.min + box_b.max - box_a.min - box_a.max);
+    const Vec3d after = box_b.min - box_a.max, before = box_a.min - box_b.max;
+    int axis = 0;
+    after.cwiseMax(before).maxCoeff(&axis);
+    return after[axis] > before[axis] ? Vec3d(Vec3d::Unit(axis)) : Vec3d(-Vec3d::Unit(axis));
 }
 
 }  // namespace trocar

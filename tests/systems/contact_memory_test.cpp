@@ -62,4 +62,34 @@ TEST(ContactMemory, RowsFindWhatTheirPointsCarried) {
     for (const Vec3d& f : now.carried) EXPECT_EQ(f, Vec3d(0, 0, 0));
 }
 
+// Thousands of rows, which several threads share, find what a search of the whole memory finds; in order, and with rows of
+// crossing edges behind them, which come out of order, in memory too.
+TEST(ContactMemory, LongListsFindTheSameAsASearch) {
+    std::vector<Row> before, after;
+    for (uint32_t a = 0; a < 40; ++a)
+        for (uint32_t b = a + 1; b < a + 4; ++b)
+            for (uint32_t v = 0; v < 50; ++v) {
+                const Vec3d some(0, 0, 1e-3);
+                if (v % 3 != 0) before.push_back({a, b, {v, v}, 0, some, force(a + 0.01 * b + 1e-4 * v)});
+                if (v % 4 != 0) after.push_back({a, b, {v, v}});
+            }
+    for (uint32_t i = 0; i < 30; ++i) {
+        before.push_back({i, i + 1, {i, i + 7}, 0.5f, Vec3d(1, 0, 0), force(100 + i)});
+        after.push_back({29 - i, 30 - i, {29 - i, 36 - i}, 0.52f});
+    }
+    ContactMemory memory;
+    remember_contacts(rows_of(before), memory);
+    ContactRows now = rows_of(after);
+    ContactMemoryScratch scratch;
+    recall_contacts(memory, scratch, now);
+    uint32_t found = 0;
+    for (size_t i = 0; i < after.size(); ++i) {
+        const auto same = [&](const Row& r) { return r.body == after[i].body && r.other == after[i].other && r.vertex == after[i].vertex; };
+        const auto at = std::find_if(before.begin(), before.end(), same);
+        found += at != before.end();
+        EXPECT_EQ(now.carried[i], at != before.end() ? at->carried : Vec3d(0, 0, 0)) << i;
+    }
+    EXPECT_EQ(found, 120u * 25 + 30);
+}
+
 }  // namespace
