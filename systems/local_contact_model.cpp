@@ -100,7 +100,7 @@ void smooth_velocities(uint32_t first, uint32_t first_triangle, double most, Loc
     for (Vec3d& v : velocity)
         if (const double speed = (v - mean).norm(); speed > most) v = mean + most / speed * (v - mean);
     for (int round = 0; round < 2; ++round) {
-        scratch.around.assign(velocity.size(), VelocitySum{});
+        scratch.around.assign(velocity.size(), RingSum{});
         for (const Triangle& t : triangles) {
             const Vec3d sum = velocity[t[0] - first] + velocity[t[1] - first] + velocity[t[2] - first];
             for (const uint32_t v : t) scratch.around[v - first].sum += sum, scratch.around[v - first].count += 3;

@@ -7,7 +7,7 @@
 #include "engine/surfaces.hpp"
 namespace trocar {
 
-struct VelocitySum {
+struct RingSum {
     Vec3d sum = Vec3d::Zero();  // m/s
     double count = 0;
 };
@@ -19,7 +19,7 @@ struct LocalContactScratch {
     std::vector<uint32_t> vertex_row;     // local vertex of the body at hand -> row of the model; kNone between bodies
     std::vector<uint32_t> triangle_row;   // the same for triangles
     std::vector<uint32_t> triangle_used;  // local triangles of the body at hand that are in the model
-    std::vector<VelocitySum> around;      // per vertex of the body at hand that is in the model: over the triangles around it
+    std::vector<RingSum> around;      // per vertex of the body at hand that is in the model: over the triangles around it
     SurfaceTreeScratch tree;              // for tools with a shell
     PlacedSurface placed;
     std::vector<ShellPoint> open;         // points of a tool with jaws
