@@ -1,11 +1,15 @@
+#include <array>
 #include <atomic>
+#include <cmath>
 #include <cstdio>
+#include <map>
 #include <thread>
 
 #include "bench/haptics.hpp"
 #include "content/build_scene.hpp"
 #include "content/scene_file.hpp"
 #include "engine/device.hpp"
+#include "engine/surfaces.hpp"
 #include "engine/thread_pool.hpp"
 #include "systems/app/commands.hpp"
 #include "systems/app/live_run.hpp"
@@ -20,6 +24,42 @@ World probe_scene(const char* triangles) {
     return build_scene(read_scene_file(find_scene("probe_on_liver"), overrides)).world;
 }
 
+// How far off a surface near a tool is that goes on as its model says until the next pass; beside it, held still.
+class SurfaceAhead {
+ public:
+    void on_pass(const World& world, const LocalContactModel& model, const Vec3d& tip) {
+        constexpr double kNear = 0.012;  // m
+        const Surfaces surfaces = surfaces_of(world);
+        for (const Told& t : told_) {
+            const Vec3d now = vertex_position(surfaces, t.body, t.vertex);
+            off2_ += (now - t.ahead).squaredNorm(), held2_ += (now - t.was).squaredNorm(), ++count_;
+        }
+        told_.clear();
+        for (uint32_t body = 0; body < world.bodies.mesh.size(); ++body) {
+            if (!is_deformable(world.bodies, body)) continue;
+            std::map<std::array<double, 3>, uint32_t> vertex_at;
+            for (uint32_t v = 0; v < world.meshes.info[world.bodies.mesh[body]].vertices.count; ++v)
+                if (const Vec3d p = vertex_position(surfaces, body, v); (p - tip).norm() < kNear) vertex_at[{p.x(), p.y(), p.z()}] = v;
+            for (size_t row = 0; row < model.position.size(); ++row) {
+                const Vec3d& p = model.position[row];
+                if (const auto at = vertex_at.find({p.x(), p.y(), p.z()}); at != vertex_at.end())
+                    told_.push_back({body, at->second, p + 1e-3 * world.clock.period * model.velocity[row], p});
+            }
+        }
+    }
+    double rms() const { return std::sqrt(off2_ / static_cast<double>(count_)); }
+    double rms_held() const { return std::sqrt(held2_ / static_cast<double>(count_)); }
+
+ private:
+    struct Told {
+        uint32_t body, vertex;
+        Vec3d ahead, was;
+    };
+    std::vector<Told> told_;
+    double off2_ = 0, held2_ = 0;
+    uint64_t count_ = 0;
+};
+
 // Times ticks of the first tool on each surface that the simulation publishes, until the next one.
 struct TickTimer {
     HapticParams params;
@@ -30,10 +70,12 @@ struct TickTimer {
     size_t triangles = 0;  // most in a model
     uint64_t tick = 0;
     std::vector<TickCost>* cost = nullptr;
+    SurfaceAhead ahead;
 
     void on_pass(World& world) {
         const LocalContactModel& model = world.local_contact[0];
         triangles = std::max(triangles, model.triangle.size());
+        ahead.on_pass(world, model, state.device.position);
         for (const uint64_t end = world.clock.tick + world.clock.period; tick < end; ++tick) {
             const double time = static_cast<double>(tick) * 1e-3;
             const DeviceState sample = read_device(device, time);
@@ -123,6 +165,7 @@ void tick_rows(Report& report) {
     ThreadPool pool(0);
     std::vector<TickCost> cost;
     size_t triangles = 0;
+    SurfaceAhead ahead;  // of one of the runs, which are identical
     const int runs = tick_runs(report);
     for (int run = 0; run < runs; ++run) {
         TickTimer timer;
@@ -137,6 +180,7 @@ void tick_rows(Report& report) {
             while (static_cast<double>(w.clock.tick) < (report.quick() ? 1200 : 4000)) frame.step();
         });
         triangles = std::max(triangles, timer.triangles);
+        ahead = timer.ahead;
     }
     const std::vector<double> us = touching_us(cost);
     char note[160];
@@ -145,6 +189,11 @@ void tick_rows(Report& report) {
     Row row = limited("tick in contact, p99.9", quantile(us, 0.999), "us", 50, 20);
     row.note = note;
     report.add(row);
+    Row surface;
+    surface.name = "surface under the tip a pass ahead, RMS error", surface.ours = 1e3 * ahead.rms(), surface.unit = "mm";
+    std::snprintf(note, sizeof note, "within 12 mm of the device; held still it is %.4g mm off", 1e3 * ahead.rms_held());
+    surface.note = note;
+    report.add(surface);
 }
 
 void poke_rows(Report& report) {
