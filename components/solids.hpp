@@ -42,7 +42,7 @@ struct Solids {
     std::vector<std::array<float, kBatchWidth>> batch_volume;       // m^3, as rest
     std::vector<std::array<float, kBatchWidth>> batch_factor;       // as factor, 1 where that has no rows
     std::vector<std::array<uint32_t, kBatchWidth>> batch_tetrahedron;  // row of rest; kNone of padding
-    std::vector<double> node_volume;                 // m^3, a quarter of the volume around a node
+    std::vector<double> node_volume;                 // m^3, what a node stands for: see engine/lumped_volume.hpp
 };
 
 }  // namespace trocar

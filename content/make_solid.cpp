@@ -96,7 +96,7 @@ Prototype add_tet_mesh(Meshes& meshes, Springs& springs, Solids& solids, const T
     if (tears) surface.position.insert(surface.position.end(), inner.begin(), inner.end()), inner.clear();
     made.row = add_prototype(meshes, surface, made.judgement.admitted_as);
     if (tears) keep_room(room_for_tears(surface, corners, false), meshes);
-    add_solid(meshes, made.row, inner, corners, springs, solids);
+    add_solid(meshes, made.row, inner, corners, springs, solids, nullptr, tears);
     return made;
 }
 
@@ -122,7 +122,7 @@ Prototype make_solid(Meshes& meshes, Springs& springs, Solids& solids, Mesh mesh
         if (fill.tears) add_riding_nodes(tets, surface, carried.binding);
         skin.row = add_prototype(meshes, surface, skin.judgement.admitted_as);
         if (fill.tears) keep_room(room_for_tears(surface, tets.tetrahedron, true), meshes);
-        add_solid(meshes, skin.row, tets.position, tets.tetrahedron, springs, solids, &carried);
+        add_solid(meshes, skin.row, tets.position, tets.tetrahedron, springs, solids, &carried, fill.tears);
         return skin;
     }
     Prototype made = add_tet_mesh(meshes, springs, solids, tets, surface, fill.tears);

@@ -153,7 +153,7 @@ double stiffest_tetrahedron(const ScaledStiffness& whole, const Solids& solids, 
     std::map<std::array<uint32_t, 2>, double> around;  // edge -> sum of the tetrahedra's volume / sum of squared lengths
     std::map<std::array<uint32_t, 2>, const Rod*> rod_of;
     for (const Rod& r : whole.rod) rod_of[{r.a, r.b}] = &r;
-    std::vector<double> share(info.count);
+    std::vector<double> share(info.count), quarters(info.nodes.count, 0.0);
     const auto node = [&](uint32_t t, int k) { return solids.corner[k][info.tetrahedra.first + t]; };
     const auto edge = [&](uint32_t t, int i, int j) { return std::array{std::min(node(t, i), node(t, j)), std::max(node(t, i), node(t, j))}; };
     for (uint32_t t = 0; t < info.count; ++t) {
@@ -162,6 +162,7 @@ double stiffest_tetrahedron(const ScaledStiffness& whole, const Solids& solids, 
             for (int j = i + 1; j < 4; ++j) squared += std::pow(rod_of.at(edge(t, i, j))->length, 2);
         }
         share[t] = double{solids.rest[info.tetrahedra.first + t]} / squared;
+        for (int k = 0; k < 4; ++k) quarters[node(t, k)] += double{solids.rest[info.tetrahedra.first + t]} / 24;
         for (int i = 0; i < 4; ++i) {
             for (int j = i + 1; j < 4; ++j) around[edge(t, i, j)] += share[t];
         }
@@ -173,7 +174,7 @@ double stiffest_tetrahedron(const ScaledStiffness& whole, const Solids& solids, 
         const double quarter = double{solids.rest[info.tetrahedra.first + t]} / 24;
         for (int k = 0; k < 4; ++k) {
             const uint32_t v = node(t, k);
-            one.root.push_back(whole.root[v] * std::sqrt(solids.node_volume[info.nodes.first + v] / quarter));
+            one.root.push_back(whole.root[v] * std::sqrt(quarters[v] / quarter));
             one.held.push_back(whole.held[v]);
         }
         for (uint32_t i = 0; i < 4; ++i) {

@@ -8,6 +8,7 @@
 #include "engine/check.hpp"
 #include "engine/deformable_setup.hpp"
 #include "engine/edge_table.hpp"
+#include "engine/lumped_volume.hpp"
 #include "engine/mesh_topology.hpp"
 #include "engine/mesh_view.hpp"
 #include "engine/solid_limit.hpp"
@@ -124,7 +125,7 @@ Range append_skin(const SkinBinding& binding, size_t vertices, Solids& solids) {
 }  // namespace
 
 void add_solid(const Meshes& meshes, uint32_t prototype, std::span<const Vec3d> inner,
-               std::span<const Tetrahedron> tetrahedra, Springs& springs, Solids& solids, const SolidSkin* skin) {
+               std::span<const Tetrahedron> tetrahedra, Springs& springs, Solids& solids, const SolidSkin* skin, bool tears) {
     TROCAR_ASSERT(!tetrahedra.empty() && solids.info.size() <= prototype);
     while (solids.info.size() < prototype) add_without_tetrahedra({}, solids);
     const MeshView surface = mesh_view(meshes, prototype);
@@ -142,10 +143,8 @@ void add_solid(const Meshes& meshes, uint32_t prototype, std::span<const Vec3d> 
     append_tetrahedra(filling, info, solids);
     append_slots(filling, info.tetrahedra.count, info, solids);
     info.nodes = grown(solids.node_volume.size(), filling.node.size());
-    solids.node_volume.resize(info.nodes.end(), 0.0);
-    for (const Tetrahedron& t : tetrahedra) {
-        for (const uint32_t node : t) solids.node_volume[info.nodes.first + node] += 0.25 * filling.volume(t);
-    }
+    const std::vector<double> volume = tears ? quarter_volumes(filling.node, tetrahedra) : lumped_volume(filling.node, tetrahedra);
+    solids.node_volume.insert(solids.node_volume.end(), volume.begin(), volume.end());
     solids.info.push_back(info);
 }
 

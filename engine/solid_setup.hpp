@@ -16,13 +16,15 @@ inline constexpr double kNoBed = 1e9;
 // Fills a prototype with tetrahedra: nodes are the vertices of its surface, then `inner` (m, body frame); corners name
 // nodes, volumes are positive. Makes the rows of Solids and the springs along the edges of the tetrahedra. Prototypes
 // passed over get empty rows. The prototype must not have springs yet. With a skin `inner` are all nodes, the surface rides
-// on them, and the anchors' bed is what `boundary`, triangles between nodes, is.
+// on them, and the anchors' bed is what `boundary`, triangles between nodes, is. Nodes of one that `tears` weigh what the tetrahedra around them do,
+// so that those take their mass along; all others are lumped evenly (engine/lumped_volume.hpp).
 struct SolidSkin {
     SkinBinding binding;
     std::vector<Triangle> boundary;
 };
 void add_solid(const Meshes& meshes, uint32_t prototype, std::span<const Vec3d> inner,
-               std::span<const std::array<uint32_t, 4>> tetrahedra, Springs& springs, Solids& solids, const SolidSkin* skin = nullptr);
+               std::span<const std::array<uint32_t, 4>> tetrahedra, Springs& springs, Solids& solids, const SolidSkin* skin = nullptr,
+               bool tears = false);
 
 // A shell under a skin: springs along the edges of `boundary`, a surface between nodes (m, body frame), for a prototype
 // whose vertices ride on them. The rows of Solids are those of a solid without tetrahedra.
