@@ -33,6 +33,9 @@ constexpr Counter kCounters[] = {
     {"sign_disagreements", &Report::sign_disagreements}, {"ended_rows", &Report::ended_rows},
     {"opposing_planes", &Report::opposing_planes},       {"nonfinite_particles", &Report::nonfinite_particles},
     {"late_passes", &Report::late_passes},               {"runaway_bodies", &Report::runaway_bodies},
+    {"broken_springs", &Report::broken_springs},         {"broken_links", &Report::broken_links},
+    {"removed_triangles", &Report::removed_triangles},   {"removed_tetrahedra", &Report::removed_tetrahedra},
+    {"opened_bodies", &Report::opened_bodies},           {"disagreements", &Report::disagreements},
 };
 
 [[noreturn]] void refuse_trigger(const std::string& word) {

@@ -25,11 +25,11 @@ fs::path scratch_folder(const std::string& name) {
 }
 
 // A run of `passes` passes with these triggers; the folder of its captures.
-fs::path captured_run(const std::string& name, const std::string& triggers, uint32_t passes) {
+fs::path captured_run(const std::string& name, const std::string& triggers, uint32_t passes, World (*scene)() = quick_scene) {
     const fs::path folder = scratch_folder(name);
     ThreadPool pool(2);
     pool.run([&] {
-        Frame frame(quick_scene(), {});
+        Frame frame(scene(), {});
         CaptureHeader header;
         header.scene = "balls";
         header.stage_names = frame.stage_names();
@@ -107,6 +107,30 @@ TEST(Capture, TheWorstPassAndARisingCounterAreKeptWithTheirPast) {
     EXPECT_GT(last.depth, 0) << "ends with the pass that touched";
     EXPECT_EQ(rose.front().filename().string(), "contact_events_" + std::to_string(last.pass) + ".cap");
     EXPECT_EQ(replay(touched).difference, "");
+}
+
+// Breaks when springs that break start no capture, or the tissue that is left does not run again as it did.
+TEST(Capture, TissueThatTearsIsKept) {
+    const fs::path folder = captured_run("tears", "counter=broken_springs", 60, [] {
+        const std::string path = (source_folder() / "content/scenes/tet_liver_press.toml").string();
+        return build_scene(read_scene_file(path, {{"liver.cells", "6"}, {"liver.triangles", "600"}, {"liver.break_strain", "0.01"}})).world;
+    });
+    std::vector<fs::path> rose(fs::directory_iterator(folder), fs::directory_iterator{});
+    ASSERT_EQ(rose.size(), 1u);
+    const Capture torn = open_capture(rose.front());
+    EXPECT_NE(torn.reason.find("broken_springs rose"), std::string::npos) << torn.reason;
+    EXPECT_EQ(replay(torn).difference, "");
+    // the first pass in which anything broke
+    ThreadPool pool(1);
+    pool.run([&] {
+        Frame frame(world_at(torn, 0), {});
+        const uint64_t last = torn.stretches.back().steps.back().pass;
+        for (uint64_t pass = torn.stretches.front().pass; pass <= last; ++pass) {
+            EXPECT_EQ(frame.world().report.broken_springs, 0u) << pass;
+            frame.step();
+        }
+        EXPECT_GT(frame.world().report.broken_springs, 0u);
+    });
 }
 
 TEST(Capture, TheFirstDifferenceIsNamedByPassStageArrayAndRow) {
