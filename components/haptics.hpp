@@ -302,8 +302,10 @@ struct ShellOutlook {
     std::vector<SurfaceTree> tree;    // one a body
     std::vector<double> clear;        // m, per tree and point of the shell: no surface was nearer; 0: perhaps inside
     std::vector<uint32_t> nearest;    // likewise: triangle of the model, or kNone where none is within reach
-    std::vector<double> speed;        // m/s, likewise: nothing that was nearer to it than `around` is faster
-    double around = 0;                // m
+    std::vector<Vec3d> place;         // m, world, per point of the shell: where it was then
+    std::vector<double> speed;        // m/s, per tree and point: nothing faster comes nearer to that place than `around` ...
+    double around = 0;                // m, ...
+    double ahead = 0;                 // s, ... up to this age of the model, going on as that says
 };
 
 // Surface within reach of a tool, frozen at one contact pass. Immutable once published; the tick reads nothing else.

@@ -177,7 +177,7 @@ void fields(V& v, T& t) {
         v.item(t.give.device), v.item(t.give.device_velocity), v.item(t.give.time), v.item(t.give.gap);
         v.item(t.pull), v.item(t.pull_before), v.item(t.period);
         v.item(t.shell.tip), v.item(t.shell.turn), v.item(t.shell.grip), v.item(t.shell.node), v.item(t.shell.tree), v.item(t.shell.clear), v.item(t.shell.nearest);
-        v.item(t.shell.speed), v.item(t.shell.around);
+        v.item(t.shell.place), v.item(t.shell.speed), v.item(t.shell.around), v.item(t.shell.ahead);
         v.item(t.surface), v.item(t.in_hand);
     } else if constexpr (is<T, PictureBody>) {
         v.item(t.mesh), v.item(t.origin), v.item(t.orientation), v.item(t.box), v.item(t.vertices), v.item(t.depths), v.item(t.removed), v.item(t.exposed);

@@ -132,7 +132,7 @@ FourPlaced place_four(const LocalContactModel& model, uint32_t first, uint32_t l
 
 // Triangles of the run in a lane at the moment; row of the first four.
 uint32_t place_run(const LocalContactModel& model, uint32_t lane, Range rows, PlacedSurface& placed) {
-    PlacedSurface::Run& run = placed.run[lane];
+    PlacedSurface::Row& run = placed.run[lane];
     if (run.stamp == placed.stamp) return run.first;
     run = {placed.stamp, static_cast<uint32_t>(placed.four.size())};
     for (uint32_t t = rows.first; t < rows.end(); t += 4) placed.four.push_back(place_four(model, t, rows.end() - 1, placed.moment));
@@ -140,7 +140,7 @@ uint32_t place_run(const LocalContactModel& model, uint32_t lane, Range rows, Pl
 }
 
 // A little more than squares are rounded by.
-double with_rounding(double squared) { return squared * (1 + kRounding) + kRounding * kRounding; }
+Vec4d with_rounding(Vec4d squared) { return squared * (1 + kRounding) + kRounding * kRounding; }
 
 FourPoints side_by_side(const std::array<SurfaceNode::Lanes, 3>& p) {
     const auto lanes = [](const SurfaceNode::Lanes& x) { return (Vec4d)_mm256_cvtps_pd(_mm_load_ps(x.data())); };
@@ -156,16 +156,26 @@ FourBoxes boxes_at(const SurfaceNode& node, double age) {
 }
 
 // One bit a box that is not farther than the root of `best` from a point.
-uint32_t boxes_within(const FourBoxes& box, const FourPoints& p, double best) {
+uint32_t boxes_within(const FourBoxes& box, const FourPoints& p, Vec4d best) {
     const auto off = [](Vec4d low, Vec4d high, Vec4d at) { return greatest(greatest(low - at, at - high), Vec4d{}); };
     const FourPoints apart{off(box.low.x, box.high.x, p.x), off(box.low.y, box.high.y, p.y), off(box.low.z, box.high.z, p.z)};
-    return mask_bits(norm2(apart) <= all_lanes(with_rounding(best)));
+    return mask_bits(norm2(apart) <= with_rounding(best));
 }
 
 // One bit a part of a node that is not farther than the root of `best` from a point; it is where it would be had they not
 // followed.
-uint32_t parts_within(const SurfaceNode& node, double age, const FourPoints& point, double best) {
-    return boxes_within(boxes_at(node, age), point, best) & ((1u << node.lanes) - 1);
+uint32_t parts_within(const NodePlaced& node, const FourPoints& point, double best) {
+    return boxes_within(node.box, point, all_lanes(best)) & ((1u << node.lanes) - 1);
+}
+
+// A node at the moment; row of it.
+uint32_t place_node(const LocalContactModel& model, uint32_t n, PlacedSurface& placed) {
+    PlacedSurface::Row& row = placed.node_row[n];
+    if (row.stamp == placed.stamp) return row.first;
+    row = {placed.stamp, static_cast<uint32_t>(placed.node.size())};
+    const SurfaceNode& node = model.shell.node[n];
+    placed.node.push_back({boxes_at(node, placed.moment.age), node.part, node.lanes});
+    return row.first;
 }
 
 FourPoints in_all_lanes(const Vec3d& p) { return {all_lanes(p.x()), all_lanes(p.y()), all_lanes(p.z())}; }
@@ -182,7 +192,7 @@ void try_run(const LocalContactModel& model, uint32_t run, Range rows, const Fou
     for (uint32_t k = 0; k < rows.count; k += 4) {
         const FourPlaced& four = placed.four[first + k / 4];
         const uint32_t left = rows.count - k, lanes = left < 4 ? (1u << left) - 1 : 15;
-        uint32_t near = boxes_within(four.box, point, best.squared_distance) & lanes;
+        uint32_t near = boxes_within(four.box, point, all_lanes(best.squared_distance)) & lanes;
         if (near == 0) continue;
         const Vec4d squared = squared_distances(point, four.corner);
         for (near &= mask_bits(squared <= all_lanes(best.squared_distance)); near != 0; near &= near - 1) {
@@ -273,9 +283,11 @@ void begin_moment(const LocalContactModel& model, const SurfaceMoment& moment, P
     constexpr size_t kRoom = 1 << 11;  // for what a shell usually comes near, so that memory is asked for once
     placed.moment = moment;
     ++placed.stamp;
+    placed.node.clear();
     placed.four.clear();
-    if (placed.four.capacity() < kRoom) placed.four.reserve(kRoom), placed.run.reserve(16 * kRoom);
-    if (placed.run.size() < 4 * model.shell.node.size()) placed.run.resize(4 * model.shell.node.size());
+    if (placed.four.capacity() < kRoom)
+        placed.four.reserve(kRoom), placed.node.reserve(kRoom), placed.node_row.reserve(4 * kRoom), placed.run.reserve(16 * kRoom);
+    if (placed.node_row.size() < model.shell.node.size()) placed.node_row.resize(model.shell.node.size()), placed.run.resize(4 * model.shell.node.size());
 }
 
 NearestTriangle find_nearest(const LocalContactModel& model, const SurfaceTree& tree, const Vec3d& point, uint32_t hint,
@@ -293,8 +305,8 @@ NearestTriangle find_nearest(const LocalContactModel& model, const SurfaceTree& 
     std::array<uint32_t, kDeepest> waits;
     size_t waiting = 0;
     for (uint32_t n = tree.root;; n = waits[--waiting]) {
-        const SurfaceNode& node = model.shell.node[n];
-        for (uint32_t near = parts_within(node, at.age, back, best.squared_distance); near != 0; near &= near - 1) {
+        const NodePlaced& node = placed.node[place_node(model, n, placed)];
+        for (uint32_t near = parts_within(node, back, best.squared_distance); near != 0; near &= near - 1) {
             const auto lane = static_cast<uint32_t>(std::countr_zero(near));
             const Range part = node.part[lane];
             if (part.count > 0) try_run(model, 4 * n + lane, part, at_point, placed, best);
@@ -309,17 +321,19 @@ NearestTriangle find_nearest(const LocalContactModel& model, const SurfaceTree& 
     return nearest;
 }
 
-double fastest_around(const LocalContactModel& model, const SurfaceTree& tree, const Vec3d& point, double around) {
+double fastest_around(const LocalContactModel& model, const SurfaceTree& tree, const Vec3d& point, double around, double ahead) {
     double fastest = 0;
     const FourPoints place = in_all_lanes(point);
     std::array<uint32_t, kDeepest> waits;
     size_t waiting = 0;
     for (uint32_t n = tree.root;; n = waits[--waiting]) {
         const SurfaceNode& node = model.shell.node[n];
-        for (uint32_t near = parts_within(node, 0, place, around * around); near != 0; near &= near - 1) {
+        const Vec4d speed = (Vec4d)_mm256_cvtps_pd(_mm_load_ps(node.speed.data())), reach = all_lanes(around) + all_lanes(ahead) * speed;
+        const uint32_t faster = mask_bits(speed > all_lanes(fastest)) & ((1u << node.lanes) - 1);
+        const FourBoxes box{side_by_side(node.low), side_by_side(node.high)};
+        for (uint32_t near = boxes_within(box, place, reach * reach) & faster; near != 0; near &= near - 1) {
             const auto lane = static_cast<uint32_t>(std::countr_zero(near));
-            if (node.speed[lane] <= fastest) continue;
-            if (node.part[lane].count > 0) fastest = node.speed[lane];
+            if (node.part[lane].count > 0) fastest = std::max(fastest, static_cast<double>(node.speed[lane]));
             else waits[waiting++] = node.part[lane].first;
         }
         if (waiting == 0) break;

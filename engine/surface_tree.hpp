@@ -25,16 +25,25 @@ struct FourPlaced {
     FourBoxes box;
 };
 
-// The triangles that were asked for at one moment.
+// A node where it is at a moment, had its parts not followed.
+struct NodePlaced {
+    FourBoxes box;
+    std::array<Range, 4> part{};  // as of SurfaceNode
+    uint32_t lanes = 0;
+};
+
+// The nodes and triangles that were asked for at one moment: points that lie together ask for the same ones.
 struct PlacedSurface {
-    struct Run {
+    struct Row {
         uint64_t stamp = 0;  // of the moment at which it was placed
-        uint32_t first = 0;  // row of four
+        uint32_t first = 0;  // row of what was placed
     };
     SurfaceMoment moment;
     uint64_t stamp = 0;
-    std::vector<FourPlaced> four;  // run after run as they were asked for
-    std::vector<Run> run;          // per lane of a node
+    std::vector<NodePlaced> node;  // as they were asked for
+    std::vector<FourPlaced> four;  // run after run likewise
+    std::vector<Row> node_row;     // per node
+    std::vector<Row> run;          // per lane of a node
 };
 
 // Triangles that follow each other, and what bounds them.
@@ -68,9 +77,9 @@ struct NearestTriangle {
 NearestTriangle find_nearest(const LocalContactModel& model, const SurfaceTree& tree, const Vec3d& point, uint32_t hint,
                              double reach, PlacedSurface& placed);
 
-// Speed (m/s) that no vertex of the triangles of a tree that are nearer than `around` (m) to a point at the model's time goes
-// beyond.
-double fastest_around(const LocalContactModel& model, const SurfaceTree& tree, const Vec3d& point, double around);
+// Speed (m/s) of the fastest of a tree's triangles that may come nearer than `around` (m) to a point within `ahead` (s) before
+// or after the model's time, each in a straight line at the speed of its fastest vertex, or a bound on it.
+double fastest_around(const LocalContactModel& model, const SurfaceTree& tree, const Vec3d& point, double around, double ahead);
 
 // A point beside its nearest triangle: signed distance (m, negative inside a closed body or within a sheet's thickness)
 // and the way out.

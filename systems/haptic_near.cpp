@@ -185,6 +185,37 @@ FourWays nearest_of(const NearFour& four, const Vec3d& point) {
     return ways;
 }
 
+// Of the triangles that come within `reach` (m) of touching at a point, the nearest to it that is nearer than `most` beyond touching;
+// of equals the first of the model.
+struct NearestRow {
+    uint32_t row = kNone;
+    TrianglePoint at;
+};
+NearestRow nearest_row(const Vec3d& point, double reach, double most, NearSurface& near) {
+    near.candidate.clear();
+    go_to(point, reach, near);
+    for (uint32_t k = 0; k < near.four.size(); ++k) {
+        NearFour& four = near.four[k];
+        if (asleep(four, near.path + reach)) continue;
+        const FourWays& ways = ways_to(near, four);
+        for (uint32_t lane = 0; lane < 4; ++lane)
+            if (ways.distance[lane] - kHair <= four.offset[lane] + reach) near.candidate.push_back({ways.distance[lane], 4 * k + lane});
+    }
+    NearestRow nearest;
+    if (near.candidate.empty()) return nearest;
+    std::swap(near.candidate[0], *std::min_element(near.candidate.begin(), near.candidate.end(),
+                                                   [](const NearCandidate& a, const NearCandidate& b) { return a.least < b.least; }));
+    for (const NearCandidate& c : near.candidate) {
+        const double bound = c.least - kHair, limit = offset_of(near, c.row) + most, best = nearest.at.squared_distance;
+        if (bound > 0 && bound * bound > best) continue;
+        const TrianglePoint q = closest_on_row(near, c.row, point);
+        if (q.squared_distance >= limit * limit || q.squared_distance > best) continue;
+        if (q.squared_distance == best && near.triangle[c.row].triangle > near.triangle[nearest.row].triangle) continue;
+        nearest = {c.row, q};
+    }
+    return nearest;
+}
+
 }  // namespace
 
 const FourWays& ways_to(const NearSurface& near, NearFour& four) {
@@ -293,34 +324,16 @@ void go_to(const Vec3d& centre, double ahead, NearSurface& near) {
 
 SurfaceMotion surface_motion(const Vec3d& point, double most, NearSurface& near) {
     const LocalContactModel& model = *near.model;
-    near.candidate.clear();
-    // where something is touched nothing farther can be nearer
-    for (const double reach : {0.0, most}) {
-        go_to(point, reach, near);
-        for (uint32_t k = 0; k < near.four.size(); ++k) {
-            NearFour& four = near.four[k];
-            if (asleep(four, near.path + reach)) continue;
-            const FourWays& ways = ways_to(near, four);
-            for (uint32_t lane = 0; lane < 4; ++lane)
-                if (ways.distance[lane] - kHair <= four.offset[lane] + reach) near.candidate.push_back({ways.distance[lane], 4 * k + lane});
-        }
-        if (!near.candidate.empty()) break;
+    double least_offset = kNever;  // m
+    for (const NearGroup& group : near.group) least_offset = std::min(least_offset, group.offset);
+    // where something is touched nothing farther can be nearer; else what is looked at grows until what is beyond cannot be
+    NearestRow found;
+    for (double reach = 0;; reach = std::min(most, std::max(kAhead, 3 * reach))) {
+        found = nearest_row(point, reach, most, near);
+        if (reach == most || (found.row != kNone && (reach == 0 || found.at.squared_distance <= std::pow(least_offset + reach, 2)))) break;
     }
-    if (near.candidate.empty()) return {};
-    std::swap(near.candidate[0], *std::min_element(near.candidate.begin(), near.candidate.end(),
-                                                   [](const NearCandidate& a, const NearCandidate& b) { return a.least < b.least; }));
-    // of equals the first of the model
-    double best = kNever;  // m^2
-    uint32_t nearest = kNone;
-    TrianglePoint closest;
-    for (const NearCandidate& c : near.candidate) {
-        const double bound = c.least - kHair, limit = offset_of(near, c.row) + most;
-        if (bound > 0 && bound * bound > best) continue;
-        const TrianglePoint q = closest_on_row(near, c.row, point);
-        if (q.squared_distance >= limit * limit || q.squared_distance > best) continue;
-        if (q.squared_distance == best && near.triangle[c.row].triangle > near.triangle[nearest].triangle) continue;
-        best = q.squared_distance, nearest = c.row, closest = q;
-    }
+    const uint32_t nearest = found.row;
+    const TrianglePoint& closest = found.at;
     if (nearest == kNone) return {};
     const Vec3d p = corner_of(near, nearest, 0), q = corner_of(near, nearest, 1), r = corner_of(near, nearest, 2);
     const Vec3d u = q - p, v = r - p, w = point + closest.offset - p;

@@ -2,6 +2,7 @@
 
 #include <algorithm>
 #include <cmath>
+#include <limits>
 
 #include "engine/check.hpp"
 #include "engine/geometry/quaternion.hpp"
@@ -70,10 +71,9 @@ void note_ways(const LocalContactModel& model, const HandTool& tool, const Surfa
         s.model_time = model.time;
         s.clear = model.shell.clear;
         s.nearest = model.shell.nearest;
-        const auto shown = points_at_grip(tool, model.shell.grip, s.shown);
-        s.asked_at.resize(rows);
-        for (size_t k = 0; k < points; ++k) s.asked_at[k] = model.shell.tip + rotate(model.shell.turn, shown[k].arm);
-        for (size_t row = points; row < rows; ++row) s.asked_at[row] = s.asked_at[row - points];
+        s.asked_at.clear();
+        for (size_t tree = 0; tree < model.shell.tree.size(); ++tree)
+            s.asked_at.insert(s.asked_at.end(), model.shell.place.begin(), model.shell.place.end());
         s.place.resize(points);
         s.moment = {0, model.give.body, Vec3d::Zero()};
         s.aged = s.followed = s.shifted = s.turned = 0;
@@ -148,7 +148,9 @@ struct Need {
 void list_near(const LocalContactModel& model, const HandTool& tool, const Pose& pose, double within, ShellScratch& s) {
     const double apart_by = (pose.tip - model.shell.tip).norm() + angle_between(model.shell.turn, pose.turn) * tool.shell_radius +
                             pose.reach * std::abs(pose.grip - model.shell.grip);
-    const double far = model.shell.around - apart_by - model.fastest * s.aged - s.followed;
+    // surfaces faster than model.shell.speed says stay this far from the points
+    const bool told = std::abs(s.moment.age) <= model.shell.ahead;
+    const double far = told ? model.shell.around - apart_by - s.followed : -std::numeric_limits<double>::infinity();
     s.near.clear();
     s.within = within;
     uint32_t row = 0;

@@ -38,7 +38,7 @@ struct ShellScratch {
     double shifted = 0, turned = 0;  // since the model was made: ways of the tip and of jaws (m), of turning (rad)
     double followed = 0, aged = 0;  // since the model was made: way (m) of a surface that follows, time (s) that others were moved on by
     // of a tool with jaws
-    std::vector<ShellPoint> open, opened, shown;  // its points at the grip now, at the tick before and when the model was made
+    std::vector<ShellPoint> open, opened;  // its points at the grip now and at the tick before
     uint64_t looked_at = 0;  // points asked for their distance, ever
 };
 

@@ -3,8 +3,10 @@
 #include <Eigen/Geometry>
 #include <algorithm>
 #include <array>
+#include <bit>
 #include <cmath>
 
+#include "engine/geometry/four_points.hpp"
 namespace trocar {
 
 namespace {
@@ -18,35 +20,40 @@ constexpr uint32_t kMostHalvings = 30;
 
 using Vector6 = std::array<double, 6>;
 
-// Lower triangle, row by row.
+// Row by row, two registers each; what is above the diagonal is not looked at.
 struct Matrix6 {
-    std::array<double, 21> entry{};
-    double& at(int i, int j) { return entry[static_cast<size_t>(i * (i + 1) / 2 + j)]; }
+    std::array<Vec4d, 12> half_row{};
+    double at(int i, int j) const { return half_row[static_cast<size_t>(2 * i + j / 4)][j % 4]; }
+    void set(int i, int j, double x) { half_row[static_cast<size_t>(2 * i + j / 4)][j % 4] = x; }
 };
 
 void add_outer(double k, const Vector6& v, Matrix6& m) {
-    for (int i = 0; i < 6; ++i) {
-        const double kv = k * v[static_cast<size_t>(i)];
-        for (int j = 0; j <= i; ++j) m.at(i, j) += kv * v[static_cast<size_t>(j)];
+    const Vec4d first{v[0], v[1], v[2], v[3]}, second{v[4], v[5], 0, 0};
+    for (size_t i = 0; i < 6; ++i) {
+        const Vec4d kv = all_lanes(k * v[i]);
+        m.half_row[2 * i] += kv * first;
+        m.half_row[2 * i + 1] += kv * second;
     }
 }
 
 // m x = b by Cholesky's method; m is positive definite: the coupling's springs are on its diagonal.
-Vector6 solve(Matrix6 m, Vector6 b) {
+Vector6 solve(const Matrix6& matrix, Vector6 b) {
+    std::array<Vector6, 6> root;
+    const auto m = [&](int i, int j) -> double& { return root[static_cast<size_t>(i)][static_cast<size_t>(j)]; };
     for (int i = 0; i < 6; ++i) {
         for (int j = 0; j <= i; ++j) {
-            double sum = m.at(i, j);
-            for (int k = 0; k < j; ++k) sum -= m.at(i, k) * m.at(j, k);
-            m.at(i, j) = i == j ? std::sqrt(std::max(sum, 1e-300)) : sum / m.at(j, j);
+            double sum = matrix.at(i, j);
+            for (int k = 0; k < j; ++k) sum -= m(i, k) * m(j, k);
+            m(i, j) = i == j ? std::sqrt(std::max(sum, 1e-300)) : sum / m(j, j);
         }
     }
     for (int i = 0; i < 6; ++i) {
-        for (int k = 0; k < i; ++k) b[static_cast<size_t>(i)] -= m.at(i, k) * b[static_cast<size_t>(k)];
-        b[static_cast<size_t>(i)] /= m.at(i, i);
+        for (int k = 0; k < i; ++k) b[static_cast<size_t>(i)] -= m(i, k) * b[static_cast<size_t>(k)];
+        b[static_cast<size_t>(i)] /= m(i, i);
     }
     for (int i = 5; i >= 0; --i) {
-        for (int k = i + 1; k < 6; ++k) b[static_cast<size_t>(i)] -= m.at(k, i) * b[static_cast<size_t>(k)];
-        b[static_cast<size_t>(i)] /= m.at(i, i);
+        for (int k = i + 1; k < 6; ++k) b[static_cast<size_t>(i)] -= m(k, i) * b[static_cast<size_t>(k)];
+        b[static_cast<size_t>(i)] /= m(i, i);
     }
     return b;
 }
@@ -62,29 +69,64 @@ Vec3d stretch_after(const ShellPlane& plane, const ShellStep& step) {
     return way - plane.normal.dot(way) * plane.normal;
 }
 
+// What says whether planes do anything, four side by side: most do not.
+struct FourPlanes {
+    Vec4d distance = {};
+    FourPoints normal, arm;
+    Mask4 grips = {};  // they have friction
+};
+constexpr size_t kFours = 64;  // of them; planes beyond are asked one by one
+
+struct SidePlanes {
+    std::array<FourPlanes, kFours> four;
+    uint32_t fours = 0;
+};
+
+void put_side_by_side(std::span<const ShellPlane> planes, SidePlanes& side) {
+    side.fours = static_cast<uint32_t>(std::min(kFours, planes.size() / 4));
+    for (uint32_t n = 0; n < side.fours; ++n) {
+        const ShellPlane* p = &planes[4 * n];
+        const auto four = [&](auto of) { return Vec4d{of(p[0]), of(p[1]), of(p[2]), of(p[3])}; };
+        FourPlanes& to = side.four[n];
+        to.distance = four([](const ShellPlane& q) { return q.distance; });
+        to.normal = {four([](const ShellPlane& q) { return q.normal.x(); }), four([](const ShellPlane& q) { return q.normal.y(); }),
+                     four([](const ShellPlane& q) { return q.normal.z(); })};
+        to.arm = {four([](const ShellPlane& q) { return q.arm.x(); }), four([](const ShellPlane& q) { return q.arm.y(); }),
+                  four([](const ShellPlane& q) { return q.arm.z(); })};
+        to.grips = four([](const ShellPlane& q) { return q.held > 0 && q.friction > 0 ? 1.0 : 0.0; }) > Vec4d{};
+    }
+}
+
+FourPoints in_all_lanes(const Vec3d& p) { return {all_lanes(p.x()), all_lanes(p.y()), all_lanes(p.z())}; }
+
+// One bit a plane that presses or grips after a step: distance_after below zero, to the bit, or friction.
+uint32_t planes_at_work(const FourPlanes& p, const FourPoints& shift, const FourPoints& turn) {
+    const FourPoints way = shift + cross(turn, p.arm);
+    const Vec4d gap = p.distance + (p.normal.x * way.x + (p.normal.y * way.y + p.normal.z * way.z));
+    return mask_bits((gap < Vec4d{}) | p.grips);
+}
+
 struct Slope {
     double energy = 0;    // J
     Vector6 downhill{};   // N, N m
     Matrix6 stiffness;
 };
 
-// Energy, force and stiffness of everything after a step; the last only where it is asked for.
-template <bool with_stiffness>
-Slope slope_at(const ShellSprings& springs, std::span<const ShellPlane> planes, const ShellStep& step) {
+// Energy, force and stiffness of everything after a step.
+Slope slope_at(const ShellSprings& springs, std::span<const ShellPlane> planes, const SidePlanes& side, const ShellStep& step) {
     Slope s;
     const Vec3d left = springs.way.shift - step.shift, turn = springs.way.turn - step.turn;
     s.energy = 0.5 * springs.stiffness * left.squaredNorm() + 0.5 * springs.turn_stiffness * turn.squaredNorm();
     Vec3d force = springs.stiffness * left, torque = springs.turn_stiffness * turn;
-    if (with_stiffness)
-        for (int i = 0; i < 3; ++i) s.stiffness.at(i, i) = springs.stiffness, s.stiffness.at(i + 3, i + 3) = springs.turn_stiffness;
+    for (int i = 0; i < 3; ++i) s.stiffness.set(i, i, springs.stiffness), s.stiffness.set(i + 3, i + 3, springs.turn_stiffness);
     const double k = springs.surface_stiffness;
-    for (const ShellPlane& plane : planes) {
+    const auto add = [&](const ShellPlane& plane) {
         const double gap = distance_after(plane, step);
         Vec3d push = Vec3d::Zero();
         if (gap < 0) {
             push = -k * gap * plane.normal;
             s.energy += 0.5 * k * gap * gap;
-            if (with_stiffness) add_outer(k, moved_by(plane.normal, plane.arm), s.stiffness);
+            add_outer(k, moved_by(plane.normal, plane.arm), s.stiffness);
         }
         if (plane.held > 0 && plane.friction > 0) {
             const Vec3d stretch = stretch_after(plane, step);
@@ -92,17 +134,20 @@ Slope slope_at(const ShellSprings& springs, std::span<const ShellPlane> planes, 
             const bool yields = k * length > most;
             push -= (yields ? most / length : k) * stretch;
             s.energy += yields ? most * (length - 0.5 * most / k) : 0.5 * k * length * length;
-            if (with_stiffness) {
-                const Vec3d u = plane.normal.unitOrthogonal(), v = plane.normal.cross(u);
-                const Vec3d along = yields ? Vec3d(stretch / length) : u;
-                const Vec3d across = yields ? Vec3d(plane.normal.cross(along)) : v;
-                add_outer(yields ? most / length : k, moved_by(across, plane.arm), s.stiffness);
-                if (!yields) add_outer(k, moved_by(along, plane.arm), s.stiffness);
-            }
+            const Vec3d u = plane.normal.unitOrthogonal(), v = plane.normal.cross(u);
+            const Vec3d along = yields ? Vec3d(stretch / length) : u;
+            const Vec3d across = yields ? Vec3d(plane.normal.cross(along)) : v;
+            add_outer(yields ? most / length : k, moved_by(across, plane.arm), s.stiffness);
+            if (!yields) add_outer(k, moved_by(along, plane.arm), s.stiffness);
         }
         force += push;
         torque += plane.arm.cross(push);
-    }
+    };
+    const FourPoints shift = in_all_lanes(step.shift), turned = in_all_lanes(step.turn);
+    for (uint32_t n = 0; n < side.fours; ++n)
+        for (uint32_t work = planes_at_work(side.four[n], shift, turned); work != 0; work &= work - 1)
+            add(planes[4 * n + static_cast<uint32_t>(std::countr_zero(work))]);
+    for (const ShellPlane& plane : planes.subspan(4 * side.fours)) add(plane);
     s.downhill = {force.x(), force.y(), force.z(), torque.x(), torque.y(), torque.z()};
     return s;
 }
@@ -129,8 +174,10 @@ ShellForce shell_force(const ShellSprings& springs, const ShellPlane& plane, con
 }
 
 ShellStep solve_shell(const ShellSprings& springs, std::span<const ShellPlane> planes, const ShellStep& start) {
+    SidePlanes side;
+    put_side_by_side(planes, side);
     ShellStep step = start;
-    Slope s = slope_at<true>(springs, planes, step);
+    Slope s = slope_at(springs, planes, side, step);
     double first = 0;  // what Newton's first step promised, J
     for (uint32_t k = 0; k < kMostSteps; ++k) {
         const Vector6 way = solve(s.stiffness, s.downhill);
@@ -141,10 +188,10 @@ ShellStep solve_shell(const ShellSprings& springs, std::span<const ShellPlane> p
         // too little for energies to tell: the planes that hold are found, and this step ends on their balance
         if (promise < 1e-12 * s.energy) return moved(step, way, 1);
         double share = 1;
-        Slope next = slope_at<true>(springs, planes, moved(step, way, share));
+        Slope next = slope_at(springs, planes, side, moved(step, way, share));
         for (uint32_t half = 0; half < kMostHalvings && !(next.energy <= s.energy - 1e-4 * share * promise + 1e-15 * s.energy); ++half) {
             share *= 0.5;
-            next = slope_at<true>(springs, planes, moved(step, way, share));
+            next = slope_at(springs, planes, side, moved(step, way, share));
         }
         step = moved(step, way, share);
         s = next;

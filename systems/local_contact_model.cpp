@@ -166,11 +166,13 @@ void clear_model(LocalContactModel& model) {
     model.shell.clear.clear();
     model.shell.nearest.clear();
     model.shell.speed.clear();
+    model.shell.place.clear();
 }
 
 // Where a shell is, and where its device would have it: its points in runs, a box for each that holds both.
 constexpr uint32_t kShellRuns = 8;
-constexpr double kAround = 8e-3;      // m, around a point of a shell: what is farther hardly comes to it before the next pass
+constexpr double kAround = 4e-3;      // m, around a point of a shell: a surface that stays farther is none that it comes to
+constexpr double kShared = 4e-3;      // m, points far from a surface and as near to each other share a bound on its speed
 constexpr double kSoon = 0.05;        // s, more than a model is felt for
 constexpr double kFarEnough = 4e-3;  // m, from a surface: a point that the ticks of the next pass will hardly ask for
 struct ShellPlaces {
@@ -377,10 +379,11 @@ void publish_local_contact(const HapticParams& params, const Surfaces& surfaces,
         add_body(surfaces, body, half_thickness, speed, scratch, out);
     }
     group_triangles(out);
-    if (!tool.shell.empty()) publish_outlook(tool, state, scratch, out);
+    if (!tool.shell.empty()) publish_outlook(params, tool, state, scratch, out);
 }
 
-void publish_outlook(const HandTool& tool, const ToolState& state, LocalContactScratch& scratch, LocalContactModel& out) {
+void publish_outlook(const HapticParams& params, const HandTool& tool, const ToolState& state, LocalContactScratch& scratch,
+                     LocalContactModel& out) {
     build_surface_trees(scratch.tree, out);
     const ShellPlaces at = shell_places(state);
     ShellOutlook& shell = out.shell;
@@ -391,19 +394,27 @@ void publish_outlook(const HandTool& tool, const ToolState& state, LocalContactS
     shell.clear.clear();
     shell.nearest.clear();
     shell.speed.clear();
+    shell.place.clear();
+    for (const ShellPoint& point : points) shell.place.push_back(at.tip + rotate(at.turn, point.arm));
+    shell.ahead = params.greatest_age;
     shell.around = kAround + kSoon * (state.device.velocity.norm() + state.device_spin.norm() * tool.shell_radius);
     begin_moment(out, {}, scratch.placed);
     for (const SurfaceTree& tree : shell.tree) {
         uint32_t hint = kNone;  // of the last point that was asked for
         double clear = 0;       // m, of that one
         Vec3d asked = Vec3d::Zero();
+        double speed = 0;  // m/s, around ...
+        const Vec3d* shared = nullptr;  // ... there
         const double half = tree.half_thickness, reach = std::min(out.reach, 2 * kFarEnough + half);
-        for (const ShellPoint& point : points) {
+        for (const Vec3d& place : shell.place) {
             // distances change no faster than places: far points need no answer of their own
-            const Vec3d place = at.tip + rotate(at.turn, point.arm);
             const double known = clear - (place - asked).norm();
-            shell.speed.push_back(known > kFarEnough ? out.fastest : fastest_around(out, tree, place, shell.around));
             if (known > kFarEnough) {
+                if (!shared || (place - *shared).norm() > kShared) {
+                    shared = &place;
+                    speed = fastest_around(out, tree, place, shell.around + kShared, shell.ahead);
+                }
+                shell.speed.push_back(speed);
                 shell.nearest.push_back(hint);
                 shell.clear.push_back(known);
                 continue;
@@ -414,6 +425,7 @@ void publish_outlook(const HandTool& tool, const ToolState& state, LocalContactS
             asked = place;
             shell.nearest.push_back(hint);
             shell.clear.push_back(clear);
+            shell.speed.push_back(fastest_around(out, tree, place, shell.around, shell.ahead));
         }
     }
 }

@@ -38,7 +38,8 @@ void publish_local_contact(const HapticParams& params, const Surfaces& surfaces,
 
 // The part of it that only tools with a shell need, model.shell, from the rest: trees, where the shell is, and how near
 // every point of it is to every tree.
-void publish_outlook(const HandTool& tool, const ToolState& state, LocalContactScratch& scratch, LocalContactModel& out);
+void publish_outlook(const HapticParams& params, const HandTool& tool, const ToolState& state, LocalContactScratch& scratch,
+                     LocalContactModel& out);
 
 // How the surface of the deformable or free body that a tool presses goes on until the next pass:
 // - around the simulated tip tissue goes where that goes, dent and all. The velocities of single vertices do not say so: under

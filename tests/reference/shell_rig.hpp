@@ -52,7 +52,7 @@ struct ShellRig {
         if (moved) model.time = time();
         model.reach = 0.04;
         group_triangles(model);
-        publish_outlook(tool, state, publishing, model);
+        publish_outlook(params, tool, state, publishing, model);
     }
     Vec3d at(const Vec3d& position, const Quat& turn = {}) {
         DeviceState sample;

@@ -364,6 +364,127 @@ TEST(HapticShell, PassingOverPointsChangesNoBit) {
     }
 }
 
+// One vertex far off that goes as fast as tissue may: what is said of the speeds around a point holds for every triangle at every
+// age, is of its own region, and points that the fast one cannot come to are not asked for it. No bit changes by that.
+TEST(HapticShell, SpeedsAreOfTheRegionOfAPoint) {
+    const std::vector<ShellPoint> shell = shell_of(make_box({-0.01, -0.004, 0}, {0.01, 0.004, 0.008}), 300);
+    ShellRig quick(make_joined_patch(bumpy_ground(60)), shell);
+    quick.params.greatest_age = 0.034;
+    LocalContactModel& model = quick.model;
+    const auto corner = [](const Vec3d& a, const Vec3d& b) { return a.x() + a.y() < b.x() + b.y(); };
+    const auto fast = static_cast<size_t>(std::max_element(model.position.begin(), model.position.end(), corner) - model.position.begin());
+    for (size_t v = 0; v < model.position.size(); ++v) {
+        const Vec3d& p = model.position[v];
+        model.velocity[v] = 0.01 * Vec3d(0, std::sin(100 * p.x()), std::cos(120 * p.y()));
+    }
+    model.velocity[fast] = Vec3d(-0.5, -0.5, 0.4);
+    // in the fast one's way
+    quick.state.device.position = Vec3d(0.028, 0.028, 2e-3);
+    quick.publish();
+    const ShellOutlook& outlook = model.shell;
+    const double fastest = model.velocity[fast].norm();
+    EXPECT_EQ(outlook.ahead, quick.params.greatest_age);
+    ASSERT_EQ(outlook.speed.size(), shell.size());
+    ASSERT_EQ(outlook.place.size(), shell.size());
+    std::mt19937 random(8);
+    std::uniform_real_distribution<double> any(-1, 1);
+    uint32_t calm = 0, excluded = 0;
+    const auto judge = [&](const Vec3d& place, double speed) {
+        calm += speed < 0.1 * fastest;
+        for (const Triangle& t : model.triangle) {
+            const double own = std::max({model.velocity[t[0]].norm(), model.velocity[t[1]].norm(), model.velocity[t[2]].norm()});
+            if (own <= speed) continue;
+            ++excluded;
+            for (int k = -8; k <= 8; ++k) {
+                const double age = outlook.ahead * k / 8;
+                std::array<Vec3d, 3> c;
+                for (size_t i = 0; i < 3; ++i) c[i] = model.position[t[i]] + age * model.velocity[t[i]];
+                ASSERT_GT(closest_point_on_triangle(place, c[0], c[1], c[2]).squared_distance, outlook.around * outlook.around) << age;
+            }
+        }
+    };
+    for (size_t k = 0; k < shell.size(); ++k) judge(outlook.place[k], outlook.speed[k]);
+    for (int k = 0; k < 400; ++k) {
+        const Vec3d jitter(any(random), any(random), any(random));
+        const Vec3d along = model.position[fast] + 1.2 * outlook.ahead * any(random) * model.velocity[fast];
+        const Vec3d place = k % 2 == 0 ? Vec3d(along + 6e-3 * jitter) : Vec3d(jitter.cwiseProduct(Vec3d(0.05, 0.05, 0.01)));
+        judge(place, fastest_around(model, outlook.tree[0], place, outlook.around, outlook.ahead));
+    }
+    EXPECT_GT(calm, 100u);
+    EXPECT_GT(excluded, 1000u);
+
+    model.velocity[fast].z() = 0.1;  // below the shell: a surface that passes itself has no inside
+    ShellRig slow = quick;
+    slow.scratch.all_points = true;
+    uint64_t touched = 0;
+    for (int k = 0; k < 300; ++k) {
+        DeviceState hand;
+        hand.time = 1e-3 * k;
+        hand.position = Vec3d(0.028 - 1.5e-4 * k, 0.028 - 1e-4 * k, -3e-3 + 8e-3 * std::cos(0.03 * k));
+        for (ShellRig* rig : {&quick, &slow}) {
+            rig->tick = static_cast<uint64_t>(k);
+            if (k % 34 == 0) rig->publish(true);
+            shell_tick(rig->params, rig->model, hand.time, rig->tool, hand, rig->scratch, rig->state);
+        }
+        ASSERT_EQ(quick.state.command.force, slow.state.command.force) << k;
+        ASSERT_EQ(quick.state.command.torque, slow.state.command.torque) << k;
+        touched += quick.state.contacts > 0;
+    }
+    EXPECT_GT(touched, 50u);
+    EXPECT_LT(4 * quick.scratch.looked_at, slow.scratch.looked_at);
+}
+
+// The step is at the bottom of the energy of coupling, planes and friction springs, those on planes that were left included:
+// it grows whichever way one goes from there.
+TEST(HapticShell, StepsEndAtTheBottomOfTheEnergy) {
+    std::mt19937 random(11);
+    std::uniform_real_distribution<double> any(-1, 1);
+    const auto vector = [&] { return Vec3d(any(random), any(random), any(random)); };
+    uint32_t pressing = 0, gripping = 0, left = 0;
+    for (const size_t count : {3u, 4u, 9u, 30u, 270u}) {
+        for (int round = 0; round < 20; ++round) {
+            ShellSprings springs{500, 1.5, 5e3, {1e-3 * vector(), 0.02 * vector()}};
+            std::vector<ShellPlane> planes(count);
+            for (ShellPlane& plane : planes) {
+                plane.normal = vector().normalized();
+                plane.arm = 0.03 * vector();
+                plane.distance = 6e-4 * any(random);
+                plane.slip = 1e-4 * vector();
+                plane.slip -= plane.normal.dot(plane.slip) * plane.normal;
+                plane.carried = 1e-4 * vector();
+                if (any(random) > 0) plane.friction = 0.3, plane.held = std::max(0.0, any(random));
+            }
+            const auto energy = [&](const ShellStep& step) {
+                double sum = 0.5 * springs.stiffness * (step.shift - springs.way.shift).squaredNorm() +
+                             0.5 * springs.turn_stiffness * (step.turn - springs.way.turn).squaredNorm();
+                for (const ShellPlane& plane : planes) {
+                    const Vec3d way = step.shift + step.turn.cross(plane.arm);
+                    const double gap = std::min(0.0, plane.distance + plane.normal.dot(way)), k = springs.surface_stiffness;
+                    sum += 0.5 * k * gap * gap;
+                    Vec3d slid = plane.slip + way - plane.carried;
+                    slid -= plane.normal.dot(slid) * plane.normal;
+                    const double most = plane.friction * plane.held, length = slid.norm();
+                    sum += k * length > most ? most * (length - 0.5 * most / k) : 0.5 * k * length * length;
+                }
+                return sum;
+            };
+            const ShellStep step = solve_shell(springs, planes);
+            const double least = energy(step);
+            for (int way = 0; way < 40; ++way) {
+                const Vec3d shift = 1e-7 * vector(), turn = 3e-6 * vector();
+                ASSERT_GE(energy({step.shift + shift, step.turn + turn}), least * (1 - 1e-12)) << count;
+            }
+            for (const ShellPlane& plane : planes) {
+                const bool in = gap_after(plane, step) < 0, grips = plane.held > 0 && plane.friction > 0;
+                pressing += in, gripping += grips, left += grips && !in;
+            }
+        }
+    }
+    EXPECT_GT(pressing, 100u);
+    EXPECT_GT(gripping, 100u);
+    EXPECT_GT(left, 30u);
+}
+
 // ---- what must hold whatever the hand does ----
 
 TEST(HapticShell, FreeMotionIsWithoutForceOrTorque) {

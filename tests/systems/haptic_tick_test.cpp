@@ -2,7 +2,7 @@
 
 #include <gtest/gtest.h>
 
-#include <Eigen/Geometry>
+#include <Eigen/Dense>
 #include <cmath>
 #include <random>
 
@@ -29,6 +29,64 @@ constexpr double kRadius = reference::kRigRadius;
 // m, of the proxy's ball from the surface
 double clearance(const Rig& rig) {
     return brute_force_distance(rig.model.position, rig.model.triangle, rig.state.proxy).distance - rig.tool.tip_radius;
+}
+
+// ---- what carries the tip ----
+
+// The motion of the surface beside a tip is that of the point of it that is nearest among all that is touched, else among all that
+// is near: against every triangle, with a sheet beside a solid so that the nearest is not always the first to be touched.
+TEST(HapticNear, MotionIsOfTheNearestSurface) {
+    constexpr double kMost = 2e-4;  // m
+    Rig rig(make_patch(make_ground(40, 0.012, [](const Vec3d& p) {
+        return Vec3d(p.x(), p.y(), 2e-4 * std::sin(700 * p.x()) * std::cos(600 * p.y()));
+    })));
+    LocalContactModel& model = rig.model;
+    for (size_t v = 0; v < model.position.size(); ++v) {
+        const Vec3d& p = model.position[v];
+        model.velocity[v] = Vec3d(std::sin(300 * p.x()), std::cos(200 * p.y()), 10 * p.x());
+    }
+    for (size_t t = model.triangle.size() / 2; t < model.triangle.size(); ++t) model.body[t] = 1, model.half_thickness[t] = 1.5e-4;
+    group_triangles(model);
+    std::mt19937 random(4);
+    std::uniform_real_distribution<double> any(-1, 1);
+    NearSurface near;
+    uint32_t touched = 0, beside = 0, none = 0, sheets = 0;
+    for (int k = 0; k < 3000; ++k) {
+        const double across = k % 2 == 0 ? 5e-4 : 8e-3;  // many of them where the two meet
+        const Vec3d centre(8e-3 * any(random), across * any(random), kRadius + 2.2e-4 + 3.5e-4 * any(random));
+        double best = 1, best_touched = 1;
+        uint32_t nearest = kNone, nearest_touched = kNone;
+        bool doubtful = false;
+        for (uint32_t t = 0; t < model.triangle.size(); ++t) {
+            const Triangle& c = model.triangle[t];
+            const double distance = std::sqrt(closest_point_on_triangle(centre, model.position[c[0]], model.position[c[1]], model.position[c[2]]).squared_distance);
+            const double gap = distance - kRadius - model.half_thickness[t];
+            doubtful = doubtful || std::abs(gap) < 5e-9 || std::abs(gap - kMost) < 5e-9;
+            if (gap < kMost && distance < best) best = distance, nearest = t;
+            if (gap < 0 && distance < best_touched) best_touched = distance, nearest_touched = t;
+        }
+        if (doubtful) continue;
+        touched += nearest_touched != kNone;
+        if (nearest_touched != kNone) nearest = nearest_touched;
+        gather_near(model, {}, rig.tool, centre, 1e-3, near);
+        const SurfaceMotion motion = surface_motion(centre, kMost, near);
+        none += nearest == kNone;
+        ASSERT_EQ(motion.body, nearest == kNone ? kNone : model.body[nearest]) << k;
+        if (nearest == kNone) continue;
+        beside += nearest_touched == kNone;
+        sheets += model.body[nearest] == 1;
+        const Triangle& c = model.triangle[nearest];
+        const Vec3d &a = model.position[c[0]], q = centre + closest_point_on_triangle(centre, a, model.position[c[1]], model.position[c[2]]).offset;
+        Eigen::Matrix<double, 3, 2> sides;
+        sides << model.position[c[1]] - a, model.position[c[2]] - a;
+        const Eigen::Vector2d share = sides.colPivHouseholderQr().solve(q - a);
+        const Vec3d wanted = (1 - share.sum()) * model.velocity[c[0]] + share[0] * model.velocity[c[1]] + share[1] * model.velocity[c[2]];
+        ASSERT_LT((motion.velocity - wanted).norm(), 1e-9) << k;
+    }
+    EXPECT_GT(touched, 300u);
+    EXPECT_GT(beside, 300u);
+    EXPECT_GT(none, 100u);
+    EXPECT_GT(sheets, 300u);
 }
 
 // ---- plane ----
