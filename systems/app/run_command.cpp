@@ -199,6 +199,11 @@ std::string scale_text(const RunFigures& f) {
                   f.bytes_per_body, quantile(residual, 0.99) * 1e3, quantile(residual, 1) * 1e3,
                   f.body_size > 0 ? 100 * quantile(residual, 1) / f.body_size : 0);
     std::string all = text;
+    if (f.live && !f.render_ms.empty()) {
+        std::snprintf(text, sizeof text, "  %zu pictures drawn beside it, %llu dropped; one %.2f ms median, %.2f ms p99\n", f.render_ms.size(),
+                      static_cast<unsigned long long>(f.report.dropped_pictures), quantile(f.render_ms, 0.5), quantile(f.render_ms, 0.99));
+        all += text;
+    }
     std::vector<std::pair<double, const StageFigures*>> stages;
     double total = 0;
     for (const StageFigures& s : f.stage) stages.emplace_back(mean(s.ms) * static_cast<double>(s.ms.size()), &s), total += stages.back().first;

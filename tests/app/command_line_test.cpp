@@ -420,6 +420,12 @@ TEST_F(CommandLine, ALiveRunIsRepeatedFromItsRecording) {
     const std::string scene = "run probe_on_liver --set liver.triangles=1000 --set probe.triangles=1000 ";
     const Outcome live = run(scene + "--live --seconds 0.2 --json --out " + out.string());
     ASSERT_EQ(live.code, 0) << live.err;
+    const Outcome told = run(scene + "--live --seconds 0.2 --out " + (folder_ / "told").string());
+    unsigned drawn = 0, dropped = 0;
+    const size_t line = told.out.find(" pictures drawn beside it, ");
+    ASSERT_NE(line, std::string::npos) << told.out;
+    ASSERT_EQ(std::sscanf(told.out.c_str() + told.out.rfind('\n', line) + 1, " %u pictures drawn beside it, %u dropped", &drawn, &dropped), 2) << told.out;
+    EXPECT_EQ(drawn + dropped, 6u) << "thirty a second";
     const Outcome again = run(scene + "--no-render --json --replay " + recording.string());
     ASSERT_EQ(again.code, 0) << again.err;
     const nlohmann::json a = nlohmann::json::parse(live.out), b = nlohmann::json::parse(again.out);
