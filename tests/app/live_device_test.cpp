@@ -19,24 +19,26 @@ namespace fs = std::filesystem;
 struct Recording {
     std::vector<LiveTick> tick;
     size_t count = 0;
-    std::atomic<size_t> old = 0;  // ticks on a sample of a tenth of a second ago or more
+    std::atomic<size_t> pressed = 0;  // ticks with a force of 0.2 N and more
+    std::atomic<size_t> old = 0;      // ticks on a sample of a tenth of a second ago or more
     static void record(void* user, const LiveTick& tick) {
         Recording& r = *static_cast<Recording*>(user);
+        if (tick.force.norm() > 0.2) ++r.pressed;
         if (tick.time - tick.sample.time > 0.1) ++r.old;
         if (r.count < r.tick.size()) r.tick[r.count++] = tick;
     }
 };
 
 // A device that reports every millisecond: it goes down to 2 mm above the plane's middle, where a tip of 3 mm is pressed
-// 1 mm, stays, and after `unplugged` ms says nothing any more.
-DeviceLink::Loop pressing_device(int unplugged, std::atomic<double>* felt) {
+// 1 mm, stays, and once `unplugged` says nothing any more.
+DeviceLink::Loop pressing_device(const std::atomic<bool>* unplugged, std::atomic<double>* felt) {
     return [=](DeviceLink& link) {
         const int64_t start = monotonic_ns();
         for (int ms = 0; !link.stopping(); ++ms) {
             sleep_until_ns(start + ms * 1'000'000);
             bool fresh = false;
             *felt = link.command(monotonic_ns(), fresh).force.norm();
-            if (ms >= unplugged) continue;
+            if (*unplugged) continue;
             DeviceState state;
             state.time = 1000 + ms * 1e-3;  // a clock of its own
             state.position = {0, 0, 0.002 + 0.008 * std::max(0.0, 1 - ms / 40.0)};
@@ -49,9 +51,10 @@ DeviceLink::Loop pressing_device(int unplugged, std::atomic<double>* felt) {
 // allows (8 ms and 5 ms to fall), and the device's thread is told nothing but zero in the end.
 TEST(LiveDevice, T15_AnUnpluggedDeviceIsLetGo) {
     Recording recording;
-    recording.tick.resize(20'000);
+    recording.tick.resize(40'000);
     std::atomic<double> felt{-1};
-    DeviceLink link("test", pressing_device(150, &felt));
+    std::atomic<bool> unplugged = false;
+    DeviceLink link("test", pressing_device(&unplugged, &felt));
     LiveTool tool;
     tool.tool.tip_radius = 3e-3;
     tool.link = &link;
@@ -63,22 +66,24 @@ TEST(LiveDevice, T15_AnUnpluggedDeviceIsLetGo) {
     PeriodicOptions options;
     options.real_time = false;
     live.start(options, monotonic_ns());
-    for (int k = 0; k < 20'000 && recording.old < 50; ++k) sleep_until_ns(monotonic_ns() + 1'000'000);
+    for (int k = 0; k < 15'000 && recording.pressed < 50; ++k) sleep_until_ns(monotonic_ns() + 1'000'000);
+    unplugged = true;
+    const size_t old = recording.old;  // a device held up by the machine's load may have aged before
+    for (int k = 0; k < 15'000 && recording.old < old + 50; ++k) sleep_until_ns(monotonic_ns() + 1'000'000);
+    for (int k = 0; k < 10'000 && felt != 0; ++k) sleep_until_ns(monotonic_ns() + 1'000'000);
     live.stop();
-    bool pressed = false;
     size_t stale = 0;
     double allowed = 0;
     for (size_t k = 0; k < recording.count; ++k) {
         const LiveTick& t = recording.tick[k];
         const double age = t.time - t.sample.time;
-        pressed = pressed || t.force.norm() > 0.2;
         // (a missed tick leaves its share of the fall to the next one)
         const double step = k > 0 ? t.time - recording.tick[k - 1].time : 0;
         if (age <= params.device_timeout + params.fall_time + std::max(step, 1e-3)) continue;
         ++stale;
         allowed = std::max(allowed, t.force.norm());
     }
-    EXPECT_TRUE(pressed);
+    EXPECT_GE(recording.pressed, 50u);
     EXPECT_GT(stale, 20u);
     EXPECT_EQ(allowed, 0);
     EXPECT_EQ(felt, 0);
@@ -87,7 +92,8 @@ TEST(LiveDevice, T15_AnUnpluggedDeviceIsLetGo) {
 // The tick stops while the hand presses: the device's own thread lets go by itself.
 TEST(LiveDevice, AStoppedTickLetsTheDeviceGo) {
     std::atomic<double> felt{-1};
-    DeviceLink link("test", pressing_device(1 << 30, &felt));
+    const std::atomic<bool> unplugged = false;
+    DeviceLink link("test", pressing_device(&unplugged, &felt));
     DeviceCommand command;
     command.force = {0, 0, 2};
     while (felt != 2) {
