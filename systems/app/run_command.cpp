@@ -199,10 +199,12 @@ std::string scale_text(const RunFigures& f) {
                   f.bytes_per_body, quantile(residual, 0.99) * 1e3, quantile(residual, 1) * 1e3,
                   f.body_size > 0 ? 100 * quantile(residual, 1) / f.body_size : 0);
     std::string all = text;
-    if (f.live && !f.render_ms.empty()) {
-        std::snprintf(text, sizeof text, "  %zu pictures drawn beside it, %llu dropped; one %.2f ms median, %.2f ms p99\n", f.render_ms.size(),
-                      static_cast<unsigned long long>(f.report.dropped_pictures), quantile(f.render_ms, 0.5), quantile(f.render_ms, 0.99));
+    if (f.live && (!f.render_ms.empty() || f.report.dropped_pictures > 0)) {
+        std::snprintf(text, sizeof text, "  %zu pictures drawn beside it, %llu dropped", f.render_ms.size(),
+                      static_cast<unsigned long long>(f.report.dropped_pictures));
         all += text;
+        std::snprintf(text, sizeof text, "; one %.2f ms median, %.2f ms p99", quantile(f.render_ms, 0.5), quantile(f.render_ms, 0.99));
+        all += std::string(f.render_ms.empty() ? "" : text) + "\n";
     }
     std::vector<std::pair<double, const StageFigures*>> stages;
     double total = 0;

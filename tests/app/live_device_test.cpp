@@ -18,59 +18,70 @@ namespace fs = std::filesystem;
 
 struct Recording {
     std::vector<LiveTick> tick;
-    size_t count = 0;
+    std::atomic<size_t> count = 0;
     std::atomic<size_t> pressed = 0;  // ticks with a force of 0.2 N and more
-    std::atomic<size_t> old = 0;      // ticks on a sample of a tenth of a second ago or more
+    std::atomic<size_t> old = 0;      // ticks on a sample of a quarter of a second ago or more
     static void record(void* user, const LiveTick& tick) {
         Recording& r = *static_cast<Recording*>(user);
         if (tick.force.norm() > 0.2) ++r.pressed;
-        if (tick.time - tick.sample.time > 0.1) ++r.old;
-        if (r.count < r.tick.size()) r.tick[r.count++] = tick;
+        if (tick.time - tick.sample.time > 0.25) ++r.old;
+        if (r.count < r.tick.size()) r.tick[r.count] = tick, ++r.count;
     }
 };
 
-// A device that reports every millisecond: it goes down to 2 mm above the plane's middle, where a tip of 3 mm is pressed
-// 1 mm, stays, and once `unplugged` says nothing any more.
-DeviceLink::Loop pressing_device(const std::atomic<bool>* unplugged, std::atomic<double>* felt) {
-    return [=](DeviceLink& link) {
+// What a test tells the device's thread.
+struct Hand {
+    std::atomic<bool> down = false, unplugged = false;
+    std::atomic<double> felt{-1};
+};
+
+// A device that reports every millisecond: once `down`, it goes to 2 mm above the plane's middle, where a tip of 3 mm is
+// pressed 1 mm, and stays; once `unplugged` it says nothing any more.
+DeviceLink::Loop pressing_device(Hand& hand) {
+    return [&hand](DeviceLink& link) {
         const int64_t start = monotonic_ns();
+        double height = 0.01;
         for (int ms = 0; !link.stopping(); ++ms) {
             sleep_until_ns(start + ms * 1'000'000);
             bool fresh = false;
-            *felt = link.command(monotonic_ns(), fresh).force.norm();
-            if (*unplugged) continue;
+            hand.felt = link.command(monotonic_ns(), fresh).force.norm();
+            if (hand.unplugged) continue;
+            if (hand.down) height = std::max(0.002, height - 0.0002);
             DeviceState state;
             state.time = 1000 + ms * 1e-3;  // a clock of its own
-            state.position = {0, 0, 0.002 + 0.008 * std::max(0.0, 1 - ms / 40.0)};
+            state.position = {0, 0, height};
             link.publish(state, monotonic_ns());
         }
     };
 }
 
 // T15 on the running thread: whatever the timing of this machine, no tick gives force on a sample older than the watchdog
-// allows (8 ms and 5 ms to fall), and the device's thread is told nothing but zero in the end.
+// allows (here 100 ms and 5 ms to fall), and the device's thread is told nothing but zero in the end.
 TEST(LiveDevice, T15_AnUnpluggedDeviceIsLetGo) {
     Recording recording;
     recording.tick.resize(40'000);
-    std::atomic<double> felt{-1};
-    std::atomic<bool> unplugged = false;
-    DeviceLink link("test", pressing_device(&unplugged, &felt));
+    Hand hand;
+    DeviceLink link("test", pressing_device(hand));
     LiveTool tool;
     tool.tool.tip_radius = 3e-3;
     tool.link = &link;
     HapticParams params;
     params.model_timeout = 1e9;
+    params.device_timeout = 0.1;  // far longer than a loaded machine holds the device's thread up: in time it presses
     LiveHaptics live(params, std::span(&tool, 1), {&Recording::record, &recording});
     live.model_to_fill(0) = reference::make_patch(reference::make_plane());
     live.publish_model(0);
     PeriodicOptions options;
     options.real_time = false;
     live.start(options, monotonic_ns());
+    // a tip that is down before the first tick would begin inside and be let out softly
+    for (int k = 0; k < 15'000 && recording.count == 0; ++k) sleep_until_ns(monotonic_ns() + 1'000'000);
+    hand.down = true;
     for (int k = 0; k < 15'000 && recording.pressed < 50; ++k) sleep_until_ns(monotonic_ns() + 1'000'000);
-    unplugged = true;
+    hand.unplugged = true;
     const size_t old = recording.old;  // a device held up by the machine's load may have aged before
     for (int k = 0; k < 15'000 && recording.old < old + 50; ++k) sleep_until_ns(monotonic_ns() + 1'000'000);
-    for (int k = 0; k < 10'000 && felt != 0; ++k) sleep_until_ns(monotonic_ns() + 1'000'000);
+    for (int k = 0; k < 10'000 && hand.felt != 0; ++k) sleep_until_ns(monotonic_ns() + 1'000'000);
     live.stop();
     size_t stale = 0;
     double allowed = 0;
@@ -86,22 +97,21 @@ TEST(LiveDevice, T15_AnUnpluggedDeviceIsLetGo) {
     EXPECT_GE(recording.pressed, 50u);
     EXPECT_GT(stale, 20u);
     EXPECT_EQ(allowed, 0);
-    EXPECT_EQ(felt, 0);
+    EXPECT_EQ(hand.felt, 0);
 }
 
 // The tick stops while the hand presses: the device's own thread lets go by itself.
 TEST(LiveDevice, AStoppedTickLetsTheDeviceGo) {
-    std::atomic<double> felt{-1};
-    const std::atomic<bool> unplugged = false;
-    DeviceLink link("test", pressing_device(&unplugged, &felt));
+    Hand hand;
+    DeviceLink link("test", pressing_device(hand));
     DeviceCommand command;
     command.force = {0, 0, 2};
-    while (felt != 2) {
+    while (hand.felt != 2) {
         link.write(command, monotonic_ns());
         sleep_until_ns(monotonic_ns() + 500'000);
     }
-    for (int k = 0; k < 10'000 && felt > 0; ++k) sleep_until_ns(monotonic_ns() + 1'000'000);
-    EXPECT_EQ(felt, 0);
+    for (int k = 0; k < 10'000 && hand.felt > 0; ++k) sleep_until_ns(monotonic_ns() + 1'000'000);
+    EXPECT_EQ(hand.felt, 0);
 }
 
 // A tool whose device has said nothing yet neither ticks nor records.
