@@ -20,6 +20,7 @@ constexpr double kThickest = 5e-3;   // m, half of the thickest sheet that point
 constexpr double kAgainst = -0.5;    // cosine between a way out and the normal into the instrument
 constexpr double kLook = 5e-4;       // m, beyond the band: where no surface is nearer, a point that was outside is left alone
 constexpr double kLongestGap = 0.1;  // s, ticks farther apart than this count as this far
+constexpr double kAround = 1e-3;     // m, beyond a point's nearest triangle: others are remembered, to be asked first the next time
 constexpr uint32_t kMostLooks = 2;   // a tick, at the surface from where the instrument came to
 constexpr double kSlow = 1e-3;       // m/s, slower than this along a surface nothing slides
 constexpr double kSettled = 1e-6;    // m, a way of points after which another look changes nothing
@@ -65,9 +66,11 @@ void note_ways(const LocalContactModel& model, const HandTool& tool, const Surfa
     if (anew) {
         if (s.place.capacity() < points) {
             s.plane.reserve(2 * points), s.place.reserve(2 * points), s.clear.reserve(4 * points), s.nearest.reserve(4 * points);
-            s.asked_at.reserve(4 * points), s.bound.reserve(4 * points), s.radius.reserve(2 * points), s.near.reserve(4 * points), s.listed.reserve(4 * points);
+            s.asked_at.reserve(4 * points), s.bound.reserve(4 * points), s.radius.reserve(2 * points), s.near.reserve(4 * points), s.listed.reserve(4 * points), s.around.reserve(4 * points);
         }
         s.sequence = model.sequence;
+        ++s.models;
+        s.around.resize(std::max(s.around.size(), rows));
         s.model_time = model.time;
         s.clear = model.shell.clear;
         s.nearest = model.shell.nearest;
@@ -96,6 +99,29 @@ void note_distance(const LocalContactModel& model, uint32_t point, uint32_t row,
     s.clear[row] = distance + model.shell.speed[row] * s.aged + s.followed;
     s.bound[row] = s.clear[row] + s.shifted + s.turned * s.radius[point];
     ++s.looked_at;
+}
+
+// Nearest triangle of a tree to a point at s.moment. Neither it nor the surface goes far between two ticks: the triangles that were
+// around it when the tree was last searched mostly tell.
+NearestTriangle nearest_to(const LocalContactModel& model, uint32_t tree, uint32_t point, uint32_t row, const Vec3d& place, double reach,
+                           ShellScratch& s) {
+    if (s.all_points) return find_nearest(model, model.shell.tree[tree], place, s.nearest[row], reach, s.surface);
+    ShellAround& around = s.around[row];
+    const double surface = model.shell.speed[row] * s.aged + s.followed;
+    const Vec3d& then = model.shell.place[point];
+    NearestTriangle nearest;
+    const bool asked = around.models == s.models;
+    if (std::abs(s.moment.age) <= model.shell.ahead && (asked || !model.shell.found.empty())) {
+        const double gone = (place - (asked ? around.place : then)).norm() + surface, far = model.shell.around - (place - then).norm() - s.followed;
+        const TrianglesAround& found = asked ? around.found : model.shell.found[row];
+        if (nearest_of(model, found, place, gone, far, reach, s.surface, nearest)) return nearest;
+    }
+    nearest = find_nearest_around(model, model.shell.tree[tree], place, s.nearest[row], reach + kAround, kAround, s.surface, around.found);
+    for (double& others : around.found.others) others += surface;
+    ++s.searched;
+    around.place = place;
+    around.models = s.models;
+    return nearest.at.squared_distance <= reach * reach ? nearest : NearestTriangle{};
 }
 
 // Whether the model shows every surface that a point may reach.
@@ -184,7 +210,7 @@ void add_planes(const LocalContactModel& model, const HandTool& tool, const Span
         const bool was_outside = !s.all_points && row.known > 0 && hint != kNone;
         const double half = was_outside ? model.half_thickness[hint] : kThickest;
         const double reach = was_outside ? std::min(model.reach, near + kLook + half) : model.reach;
-        const NearestTriangle nearest = find_nearest(model, model.shell.tree[row.tree], s.place[k], hint, reach, s.surface);
+        const NearestTriangle nearest = nearest_to(model, row.tree, k, row.row, s.place[k], reach, s);
         row.known = reach - half;
         const ShellContact* held = before.find(body, k);
         SurfaceSide side;
@@ -259,7 +285,7 @@ bool planes_hold(const LocalContactModel& model, const Pose& pose, const ShellSt
         const Vec3d point = pose.tip + rotate(pose.turn, pose.point[plane.point].arm);
         const double half = model.half_thickness[s.nearest[plane.row]];
         const double reach = std::abs(gap + plane.gap) + half + kLook;
-        const NearestTriangle nearest = find_nearest(model, model.shell.tree[plane.tree], point, s.nearest[plane.row], reach, s.surface);
+        const NearestTriangle nearest = nearest_to(model, plane.tree, plane.point, plane.row, point, reach, s);
         const double distance = nearest.triangle == kNone ? reach - half : side_of(model, nearest, plane.side, s.surface).distance;
         note_distance(model, plane.point, plane.row, point, distance, s);
         if (nearest.triangle != kNone) s.nearest[plane.row] = nearest.triangle;
