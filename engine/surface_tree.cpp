@@ -121,8 +121,8 @@ void corners_of_four(const LocalContactModel& model, const std::array<uint32_t, 
         const Vec4d p = to_vec4(model.position[v]) + age * to_vec4(model.velocity[v]);
         return follows ? p + follow : p;
     };
-    const auto corners = [&](size_t k) { return side_by_side(corner_of_lane(0, k), corner_of_lane(1, k), corner_of_lane(2, k), corner_of_lane(3, k)); };
-    corner.a = corners(0), corner.b = corners(1), corner.c = corners(2);
+    const auto four = [&](size_t k) { return side_by_side(corner_of_lane(0, k), corner_of_lane(1, k), corner_of_lane(2, k), corner_of_lane(3, k)); };
+    corner.a = four(0), corner.b = four(1), corner.c = four(2);
 }
 
 // Triangles first, ..., `last` of a run, up to four of them.

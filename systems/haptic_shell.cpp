@@ -1,10 +1,12 @@
 #include "systems/haptic_shell.hpp"
 
 #include <algorithm>
+#include <bit>
 #include <cmath>
 #include <limits>
 
 #include "engine/check.hpp"
+#include "engine/geometry/four_points.hpp"
 #include "engine/geometry/quaternion.hpp"
 #include "engine/point_shell.hpp"
 #include "systems/haptic_device.hpp"
@@ -66,7 +68,8 @@ void note_ways(const LocalContactModel& model, const HandTool& tool, const Surfa
     if (anew) {
         if (s.place.capacity() < points) {
             s.plane.reserve(2 * points), s.place.reserve(2 * points), s.clear.reserve(4 * points), s.nearest.reserve(4 * points);
-            s.asked_at.reserve(4 * points), s.bound.reserve(4 * points), s.radius.reserve(2 * points), s.near.reserve(4 * points), s.listed.reserve(4 * points), s.around.reserve(4 * points);
+            s.asked_at.reserve(4 * points), s.bound.reserve(4 * points), s.radius.reserve(2 * points), s.near.reserve(4 * points);
+            s.listed.reserve(4 * points), s.around.reserve(4 * points);
         }
         s.sequence = model.sequence;
         ++s.models;
@@ -170,6 +173,13 @@ struct Need {
     double of(const Vec3d& arm) const { return std::clamp((step.shift + step.turn.cross(arm)).norm(), least, most); }
 };
 
+// One bit each of the points k, ..., k + 3, whose rows begin at `row`, that may be nearer than `within` to a surface by what ways alone tell.
+uint32_t four_near(const LocalContactModel& model, uint32_t row, uint32_t k, double within, const ShellScratch& s) {
+    const auto four = [](const double* x) { return (Vec4d)_mm256_loadu_pd(x); };
+    const Vec4d surface = four(&model.shell.speed[row]) * all_lanes(s.aged), own = all_lanes(s.turned) * four(&s.radius[k]);
+    return mask_bits(four(&s.bound[row]) - surface - own > all_lanes(within + s.followed + s.shifted)) ^ 15;
+}
+
 // Lists in scratch.near the points, of all trees, that may be nearer than `within` to a surface.
 void list_near(const LocalContactModel& model, const HandTool& tool, const Pose& pose, double within, ShellScratch& s) {
     const double apart_by = (pose.tip - model.shell.tip).norm() + angle_between(model.shell.turn, pose.turn) * tool.shell_radius +
@@ -177,18 +187,24 @@ void list_near(const LocalContactModel& model, const HandTool& tool, const Pose&
     // surfaces faster than model.shell.speed says stay this far from the points
     const bool told = std::abs(s.moment.age) <= model.shell.ahead;
     const double far = told ? model.shell.around - apart_by - s.followed : -std::numeric_limits<double>::infinity();
+    const bool passes = far > within && !s.all_points;
     s.near.clear();
     s.within = within;
-    uint32_t row = 0;
+    const auto points = static_cast<uint32_t>(s.place.size());
+    const auto list = [&](uint32_t tree, uint32_t k) {
+        const uint32_t row = tree * points + k;
+        const double surface = model.shell.speed[row] * s.aged + s.followed, own = s.shifted + s.turned * s.radius[k];
+        // nothing comes nearer faster than places change
+        s.place[k] = pose.tip + rotate(pose.turn, pose.point[k].arm);
+        const double left = s.clear[row] - surface - (s.place[k] - s.asked_at[row]).norm(), known = std::min(left, far);
+        s.bound[row] = left + surface + own;
+        if (known <= within || s.all_points) s.near.push_back({tree, k, row, known});
+    };
     for (uint32_t tree = 0; tree < model.shell.tree.size(); ++tree) {
-        for (uint32_t k = 0; k < s.place.size(); ++k, ++row) {
-            const double surface = model.shell.speed[row] * s.aged + s.followed, own = s.shifted + s.turned * s.radius[k];
-            if (s.bound[row] - surface - own > within && far > within && !s.all_points) continue;
-            // nothing comes nearer faster than places change
-            s.place[k] = pose.tip + rotate(pose.turn, pose.point[k].arm);
-            const double left = s.clear[row] - surface - (s.place[k] - s.asked_at[row]).norm(), known = std::min(left, far);
-            s.bound[row] = left + surface + own;
-            if (known <= within || s.all_points) s.near.push_back({tree, k, row, known});
+        for (uint32_t k = 0; k < points; k += 4) {
+            const uint32_t count = std::min(4u, points - k);
+            uint32_t near = passes && count == 4 ? four_near(model, tree * points + k, k, within, s) : (1u << count) - 1;
+            for (; near != 0; near &= near - 1) list(tree, k + static_cast<uint32_t>(std::countr_zero(near)));
         }
     }
 }
