@@ -293,6 +293,12 @@ struct SurfaceTree {
     double half_thickness = 0;  // m, of a sheet, or 0
 };
 
+// Triangles of one tree around a point, the nearest first: while neither has gone far, one of them stays the nearest.
+struct TrianglesAround {
+    std::array<uint32_t, 8> triangle{kNone, kNone, kNone, kNone, kNone, kNone, kNone, kNone};  // rows; kNone where there are fewer
+    std::array<double, 2> others{};    // m, all but the first four were not nearer, all but these eight
+};
+
 // What a shell knows of the surface around it when its model was made.
 struct ShellOutlook {
     Vec3d tip = Vec3d::Zero();        // m, world, where the shell was then
@@ -302,6 +308,7 @@ struct ShellOutlook {
     std::vector<SurfaceTree> tree;    // one a body
     std::vector<double> clear;        // m, per tree and point of the shell: no surface was nearer; 0: perhaps inside
     std::vector<uint32_t> nearest;    // likewise: triangle of the model, or kNone where none is within reach
+    std::vector<TrianglesAround> found;  // likewise, at the time of the model; none where nothing was near. No answer depends on them
     std::vector<Vec3d> place;         // m, world, per point of the shell: where it was then
     std::vector<double> speed;        // m/s, per tree and point: nothing faster comes nearer to that place than `around` ...
     double around = 0;                // m, ...

@@ -112,30 +112,35 @@ std::array<Vec3d, 3> corners_of(const LocalContactModel& model, const SurfaceMom
             corner_of(model, at, model.body[t], v[2])};
 }
 
-// Triangles first, ..., `last` of a run, up to four of them.
-FourPlaced place_four(const LocalContactModel& model, uint32_t first, uint32_t last, const SurfaceMoment& at) {
-    const bool follows = model.body[first] == at.follower;
+// Four triangles of one body at the moment.
+void corners_of_four(const LocalContactModel& model, const std::array<uint32_t, 4>& triangle, const SurfaceMoment& at, FourTriangles& corner) {
+    const bool follows = model.body[triangle[0]] == at.follower;
     const Vec4d follow = to_vec4(at.follow), age = all_lanes(at.age);
-    const auto corner = [&](uint32_t lane, size_t k) {
-        const uint32_t v = model.triangle[std::min(first + lane, last)][k];
+    const auto corner_of_lane = [&](size_t lane, size_t k) {
+        const uint32_t v = model.triangle[triangle[lane]][k];
         const Vec4d p = to_vec4(model.position[v]) + age * to_vec4(model.velocity[v]);
         return follows ? p + follow : p;
     };
-    FourPlaced row;
-    const auto corners = [&](size_t k) { return side_by_side(corner(0, k), corner(1, k), corner(2, k), corner(3, k)); };
-    row.corner = {corners(0), corners(1), corners(2)};
+    const auto four = [&](size_t k) { return side_by_side(corner_of_lane(0, k), corner_of_lane(1, k), corner_of_lane(2, k), corner_of_lane(3, k)); };
+    corner.a = four(0), corner.b = four(1), corner.c = four(2);
+}
+
+// Triangles first, ..., `last` of a run, up to four of them.
+void place_four(const LocalContactModel& model, uint32_t first, uint32_t last, const SurfaceMoment& at, FourPlaced& row) {
+    corners_of_four(model, {first, std::min(first + 1, last), std::min(first + 2, last), std::min(first + 3, last)}, at, row.corner);
     const auto& [a, b, c] = row.corner;
     row.box.low = {least(least(a.x, b.x), c.x), least(least(a.y, b.y), c.y), least(least(a.z, b.z), c.z)};
     row.box.high = {greatest(greatest(a.x, b.x), c.x), greatest(greatest(a.y, b.y), c.y), greatest(greatest(a.z, b.z), c.z)};
-    return row;
 }
 
 // Triangles of the run in a lane at the moment; row of the first four.
 uint32_t place_run(const LocalContactModel& model, uint32_t lane, Range rows, PlacedSurface& placed) {
     PlacedSurface::Row& run = placed.run[lane];
     if (run.stamp == placed.stamp) return run.first;
-    run = {placed.stamp, static_cast<uint32_t>(placed.four.size())};
-    for (uint32_t t = rows.first; t < rows.end(); t += 4) placed.four.push_back(place_four(model, t, rows.end() - 1, placed.moment));
+    run = {placed.stamp, placed.fours};
+    placed.fours += (rows.count + 3) / 4;
+    if (placed.four.size() < placed.fours) placed.four.resize(placed.fours);
+    for (uint32_t k = 0; k < rows.count; k += 4) place_four(model, rows.first + k, rows.end() - 1, placed.moment, placed.four[run.first + k / 4]);
     return run.first;
 }
 
@@ -172,35 +177,91 @@ uint32_t parts_within(const NodePlaced& node, const FourPoints& point, double be
 uint32_t place_node(const LocalContactModel& model, uint32_t n, PlacedSurface& placed) {
     PlacedSurface::Row& row = placed.node_row[n];
     if (row.stamp == placed.stamp) return row.first;
-    row = {placed.stamp, static_cast<uint32_t>(placed.node.size())};
+    row = {placed.stamp, placed.nodes++};
+    if (placed.node.size() < placed.nodes) placed.node.resize(placed.nodes);
     const SurfaceNode& node = model.shell.node[n];
-    placed.node.push_back({boxes_at(node, placed.moment.age), node.part, node.lanes});
+    NodePlaced& at = placed.node[row.first];
+    at.box = boxes_at(node, placed.moment.age);
+    at.part = node.part, at.lanes = node.lanes;
     return row.first;
 }
 
 FourPoints in_all_lanes(const Vec3d& p) { return {all_lanes(p.x()), all_lanes(p.y()), all_lanes(p.z())}; }
 
+bool comes_before(double squared, uint32_t triangle, double other_squared, uint32_t other) {
+    return squared < other_squared || (squared == other_squared && triangle < other);
+}
+
 // Nearest so far.
 struct Nearer {
     uint32_t triangle = kNone;
     double squared_distance = 0;
+    double limit() const { return squared_distance; }  // m^2, as far as more are looked for
+    void take(uint32_t t, double squared) {
+        if (comes_before(squared, t, squared_distance, triangle)) triangle = t, squared_distance = squared;
+    }
+};
+
+// Nearest so far and what lies around.
+struct NearestEight {
+    double around = 0;    // m
+    uint32_t hint = kNone;  // taken first
+    double most = 0;      // m^2
+    uint32_t count = 0;
+    std::array<uint32_t, 8> triangle;
+    std::array<double, 8> squared;
+    double limit() const { return most; }
+    void take(uint32_t t, double square) {
+        if (t == hint && count > 0) return;
+        if (count == 8 && !comes_before(square, t, squared[7], triangle[7])) return;
+        size_t k = count < 8 ? count++ : 7;
+        for (; k > 0 && comes_before(square, t, squared[k - 1], triangle[k - 1]); --k) squared[k] = squared[k - 1], triangle[k] = triangle[k - 1];
+        squared[k] = square, triangle[k] = t;
+        const double wide = std::sqrt(squared[0]) + around;
+        most = std::min(most, wide * wide);
+        if (count == 8) most = std::min(most, squared[7]);
+    }
 };
 
 // The triangles of a run.
-void try_run(const LocalContactModel& model, uint32_t run, Range rows, const FourPoints& point, PlacedSurface& placed, Nearer& best) {
+template <typename Best>
+void try_run(const LocalContactModel& model, uint32_t run, Range rows, const FourPoints& point, PlacedSurface& placed, Best& best) {
     const uint32_t first = place_run(model, run, rows, placed);
     for (uint32_t k = 0; k < rows.count; k += 4) {
         const FourPlaced& four = placed.four[first + k / 4];
         const uint32_t left = rows.count - k, lanes = left < 4 ? (1u << left) - 1 : 15;
-        uint32_t near = boxes_within(four.box, point, all_lanes(best.squared_distance)) & lanes;
+        uint32_t near = boxes_within(four.box, point, all_lanes(best.limit())) & lanes;
         if (near == 0) continue;
         const Vec4d squared = squared_distances(point, four.corner);
-        for (near &= mask_bits(squared <= all_lanes(best.squared_distance)); near != 0; near &= near - 1) {
+        for (near &= mask_bits(squared <= all_lanes(best.limit())); near != 0; near &= near - 1) {
             const auto lane = static_cast<uint32_t>(std::countr_zero(near));
-            const uint32_t t = rows.first + k + lane;
-            if (squared[lane] < best.squared_distance || t < best.triangle) best = {t, squared[lane]};
+            best.take(rows.first + k + lane, squared[lane]);
         }
     }
+}
+
+// All triangles of a tree that are not farther than best.limit().
+template <typename Best>
+void search_tree(const LocalContactModel& model, const SurfaceTree& tree, const Vec3d& point, PlacedSurface& placed, Best& best) {
+    const SurfaceMoment& at = placed.moment;
+    const FourPoints at_point = in_all_lanes(point), back = in_all_lanes(tree.body == at.follower ? Vec3d(point - at.follow) : point);
+    std::array<uint32_t, kDeepest> waits;
+    size_t waiting = 0;
+    for (uint32_t n = tree.root;; n = waits[--waiting]) {
+        const NodePlaced& node = placed.node[place_node(model, n, placed)];
+        for (uint32_t near = parts_within(node, back, best.limit()); near != 0; near &= near - 1) {
+            const auto lane = static_cast<uint32_t>(std::countr_zero(near));
+            const Range part = node.part[lane];
+            if (part.count > 0) try_run(model, 4 * n + lane, part, at_point, placed, best);
+            else waits[waiting++] = part.first;
+        }
+        if (waiting == 0) break;
+    }
+}
+
+TrianglePoint closest_on(const LocalContactModel& model, const SurfaceMoment& at, const Vec3d& point, uint32_t t) {
+    const std::array<Vec3d, 3> c = corners_of(model, at, t);
+    return closest_point_on_triangle(point, c[0], c[1], c[2]);
 }
 
 // ---- sides ----
@@ -283,42 +344,75 @@ void begin_moment(const LocalContactModel& model, const SurfaceMoment& moment, P
     constexpr size_t kRoom = 1 << 11;  // for what a shell usually comes near, so that memory is asked for once
     placed.moment = moment;
     ++placed.stamp;
-    placed.node.clear();
-    placed.four.clear();
-    if (placed.four.capacity() < kRoom)
-        placed.four.reserve(kRoom), placed.node.reserve(kRoom), placed.node_row.reserve(4 * kRoom), placed.run.reserve(16 * kRoom);
+    placed.nodes = placed.fours = 0;
+    if (placed.four.size() < kRoom)
+        placed.four.resize(kRoom), placed.node.resize(kRoom), placed.node_row.reserve(4 * kRoom), placed.run.reserve(16 * kRoom);
     if (placed.node_row.size() < model.shell.node.size()) placed.node_row.resize(model.shell.node.size()), placed.run.resize(4 * model.shell.node.size());
 }
 
 NearestTriangle find_nearest(const LocalContactModel& model, const SurfaceTree& tree, const Vec3d& point, uint32_t hint,
                              double reach, PlacedSurface& placed) {
     const SurfaceMoment& at = placed.moment;
-    const auto closest = [&](uint32_t t) {
-        const std::array<Vec3d, 3> c = corners_of(model, at, t);
-        return closest_point_on_triangle(point, c[0], c[1], c[2]);
-    };
     NearestTriangle nearest;
     Nearer best{kNone, reach * reach};
-    if (hint != kNone) nearest.at = closest(hint);
+    if (hint != kNone) nearest.at = closest_on(model, at, point, hint);
     if (nearest.at.squared_distance < best.squared_distance) best = {hint, nearest.at.squared_distance};
-    const FourPoints at_point = in_all_lanes(point), back = in_all_lanes(tree.body == at.follower ? Vec3d(point - at.follow) : point);
-    std::array<uint32_t, kDeepest> waits;
-    size_t waiting = 0;
-    for (uint32_t n = tree.root;; n = waits[--waiting]) {
-        const NodePlaced& node = placed.node[place_node(model, n, placed)];
-        for (uint32_t near = parts_within(node, back, best.squared_distance); near != 0; near &= near - 1) {
-            const auto lane = static_cast<uint32_t>(std::countr_zero(near));
-            const Range part = node.part[lane];
-            if (part.count > 0) try_run(model, 4 * n + lane, part, at_point, placed, best);
-            else waits[waiting++] = part.first;
-        }
-        if (waiting == 0) break;
-    }
+    search_tree(model, tree, point, placed, best);
     if (best.triangle == kNone) return {};
     nearest.triangle = best.triangle;
-    if (best.triangle != hint) nearest.at = closest(best.triangle);
+    if (best.triangle != hint) nearest.at = closest_on(model, at, point, best.triangle);
     nearest.point = point + nearest.at.offset;
     return nearest;
+}
+
+NearestTriangle find_nearest_around(const LocalContactModel& model, const SurfaceTree& tree, const Vec3d& point, uint32_t hint,
+                                    double reach, double around, PlacedSurface& placed, TrianglesAround& found) {
+    const SurfaceMoment& at = placed.moment;
+    NearestTriangle nearest;
+    NearestEight best;
+    best.around = around, best.most = reach * reach;
+    if (hint != kNone) nearest.at = closest_on(model, at, point, hint);
+    if (nearest.at.squared_distance <= best.most) best.take(hint, nearest.at.squared_distance), best.hint = hint;
+    search_tree(model, tree, point, placed, best);
+    found.triangle.fill(kNone);
+    std::copy_n(best.triangle.begin(), best.count, found.triangle.begin());
+    const double most = std::sqrt(best.most);
+    found.others = {best.count > 4 ? std::min(most, std::sqrt(best.squared[4])) : most, most};
+    if (best.count == 0) return {};
+    nearest.triangle = best.triangle[0];
+    if (nearest.triangle != hint) nearest.at = closest_on(model, at, point, nearest.triangle);
+    nearest.point = point + nearest.at.offset;
+    return nearest;
+}
+
+bool nearest_of(const LocalContactModel& model, const TrianglesAround& found, const Vec3d& point, double gone, double far, double reach,
+                const PlacedSurface& placed, NearestTriangle& nearest) {
+    const FourPoints at_point = in_all_lanes(point);
+    Nearer best{kNone, reach * reach};
+    const auto is_nearest = [&](double others) {
+        const double left = (1 - 1e-9) * std::min(others - gone, far);
+        return left > 0 && best.squared_distance < left * left;
+    };
+    FourTriangles corner;
+    bool sure = false;
+    for (size_t four = 0; four < 2 && !sure && found.triangle[4 * four] != kNone; ++four) {
+        std::array<uint32_t, 4> t;
+        for (size_t lane = 0; lane < 4; ++lane) {
+            const uint32_t other = found.triangle[4 * four + lane];
+            t[lane] = other != kNone ? other : t[lane - 1];
+        }
+        corners_of_four(model, t, placed.moment, corner);
+        const Vec4d squared = squared_distances(at_point, corner);
+        for (size_t lane = 0; lane < 4; ++lane) best.take(t[lane], squared[lane]);
+        sure = is_nearest(found.others[four]);
+    }
+    if (!sure && !is_nearest(found.others[1])) return false;
+    nearest = {};
+    if (best.triangle == kNone) return true;
+    nearest.triangle = best.triangle;
+    nearest.at = closest_on(model, placed.moment, point, best.triangle);
+    nearest.point = point + nearest.at.offset;
+    return true;
 }
 
 double fastest_around(const LocalContactModel& model, const SurfaceTree& tree, const Vec3d& point, double around, double ahead) {

@@ -40,8 +40,9 @@ struct PlacedSurface {
     };
     SurfaceMoment moment;
     uint64_t stamp = 0;
-    std::vector<NodePlaced> node;  // as they were asked for
-    std::vector<FourPlaced> four;  // run after run likewise
+    std::vector<NodePlaced> node;  // the first `nodes` of them, as they were asked for
+    std::vector<FourPlaced> four;  // the first `fours` of them, run after run likewise
+    uint32_t nodes = 0, fours = 0;
     std::vector<Row> node_row;     // per node
     std::vector<Row> run;          // per lane of a node
 };
@@ -76,6 +77,14 @@ struct NearestTriangle {
 // `hint`: a triangle likely to be near, or kNone; the answer does not depend on it.
 NearestTriangle find_nearest(const LocalContactModel& model, const SurfaceTree& tree, const Vec3d& point, uint32_t hint,
                              double reach, PlacedSurface& placed);
+
+// The same answer, and the triangles within `around` (m) of the nearest or as near as eight of them.
+NearestTriangle find_nearest_around(const LocalContactModel& model, const SurfaceTree& tree, const Vec3d& point, uint32_t hint,
+                                    double reach, double around, PlacedSurface& placed, TrianglesAround& found);
+// The same answer from triangles that were found around the point before. It and the surface went no farther than `gone` (m) in sum
+// since; triangles that are not nearer than `far` (m) may have gone farther. False if one that was not found then may be nearer.
+bool nearest_of(const LocalContactModel& model, const TrianglesAround& found, const Vec3d& point, double gone, double far, double reach,
+                const PlacedSurface& placed, NearestTriangle& nearest);
 
 // Speed (m/s) of the fastest of a tree's triangles that may come nearer than `around` (m) to a point within `ahead` (s) before
 // or after the model's time, each in a straight line at the speed of its fastest vertex, or a bound on it.

@@ -1,10 +1,12 @@
 #include "systems/haptic_shell.hpp"
 
 #include <algorithm>
+#include <bit>
 #include <cmath>
 #include <limits>
 
 #include "engine/check.hpp"
+#include "engine/geometry/four_points.hpp"
 #include "engine/geometry/quaternion.hpp"
 #include "engine/point_shell.hpp"
 #include "systems/haptic_device.hpp"
@@ -20,6 +22,7 @@ constexpr double kThickest = 5e-3;   // m, half of the thickest sheet that point
 constexpr double kAgainst = -0.5;    // cosine between a way out and the normal into the instrument
 constexpr double kLook = 5e-4;       // m, beyond the band: where no surface is nearer, a point that was outside is left alone
 constexpr double kLongestGap = 0.1;  // s, ticks farther apart than this count as this far
+constexpr double kAround = 1e-3;     // m, beyond a point's nearest triangle: others are remembered, to be asked first the next time
 constexpr uint32_t kMostLooks = 2;   // a tick, at the surface from where the instrument came to
 constexpr double kSlow = 1e-3;       // m/s, slower than this along a surface nothing slides
 constexpr double kSettled = 1e-6;    // m, a way of points after which another look changes nothing
@@ -65,9 +68,12 @@ void note_ways(const LocalContactModel& model, const HandTool& tool, const Surfa
     if (anew) {
         if (s.place.capacity() < points) {
             s.plane.reserve(2 * points), s.place.reserve(2 * points), s.clear.reserve(4 * points), s.nearest.reserve(4 * points);
-            s.asked_at.reserve(4 * points), s.bound.reserve(4 * points), s.radius.reserve(2 * points), s.near.reserve(4 * points), s.listed.reserve(4 * points);
+            s.asked_at.reserve(4 * points), s.bound.reserve(4 * points), s.radius.reserve(2 * points), s.near.reserve(4 * points);
+            s.listed.reserve(4 * points), s.around.reserve(4 * points);
         }
         s.sequence = model.sequence;
+        ++s.models;
+        s.around.resize(std::max(s.around.size(), rows));
         s.model_time = model.time;
         s.clear = model.shell.clear;
         s.nearest = model.shell.nearest;
@@ -96,6 +102,29 @@ void note_distance(const LocalContactModel& model, uint32_t point, uint32_t row,
     s.clear[row] = distance + model.shell.speed[row] * s.aged + s.followed;
     s.bound[row] = s.clear[row] + s.shifted + s.turned * s.radius[point];
     ++s.looked_at;
+}
+
+// Nearest triangle of a tree to a point at s.moment. Neither it nor the surface goes far between two ticks: the triangles that were
+// around it when the tree was last searched mostly tell.
+NearestTriangle nearest_to(const LocalContactModel& model, uint32_t tree, uint32_t point, uint32_t row, const Vec3d& place, double reach,
+                           ShellScratch& s) {
+    if (s.all_points) return find_nearest(model, model.shell.tree[tree], place, s.nearest[row], reach, s.surface);
+    ShellAround& around = s.around[row];
+    const double surface = model.shell.speed[row] * s.aged + s.followed;
+    const Vec3d& then = model.shell.place[point];
+    NearestTriangle nearest;
+    const bool asked = around.models == s.models;
+    if (std::abs(s.moment.age) <= model.shell.ahead && (asked || !model.shell.found.empty())) {
+        const double gone = (place - (asked ? around.place : then)).norm() + surface, far = model.shell.around - (place - then).norm() - s.followed;
+        const TrianglesAround& found = asked ? around.found : model.shell.found[row];
+        if (nearest_of(model, found, place, gone, far, reach, s.surface, nearest)) return nearest;
+    }
+    nearest = find_nearest_around(model, model.shell.tree[tree], place, s.nearest[row], reach + kAround, kAround, s.surface, around.found);
+    for (double& others : around.found.others) others += surface;
+    ++s.searched;
+    around.place = place;
+    around.models = s.models;
+    return nearest.at.squared_distance <= reach * reach ? nearest : NearestTriangle{};
 }
 
 // Whether the model shows every surface that a point may reach.
@@ -144,6 +173,13 @@ struct Need {
     double of(const Vec3d& arm) const { return std::clamp((step.shift + step.turn.cross(arm)).norm(), least, most); }
 };
 
+// One bit each of the points k, ..., k + 3, whose rows begin at `row`, that may be nearer than `within` to a surface by what ways alone tell.
+uint32_t four_near(const LocalContactModel& model, uint32_t row, uint32_t k, double within, const ShellScratch& s) {
+    const auto four = [](const double* x) { return (Vec4d)_mm256_loadu_pd(x); };
+    const Vec4d surface = four(&model.shell.speed[row]) * all_lanes(s.aged), own = all_lanes(s.turned) * four(&s.radius[k]);
+    return mask_bits(four(&s.bound[row]) - surface - own > all_lanes(within + s.followed + s.shifted)) ^ 15;
+}
+
 // Lists in scratch.near the points, of all trees, that may be nearer than `within` to a surface.
 void list_near(const LocalContactModel& model, const HandTool& tool, const Pose& pose, double within, ShellScratch& s) {
     const double apart_by = (pose.tip - model.shell.tip).norm() + angle_between(model.shell.turn, pose.turn) * tool.shell_radius +
@@ -151,18 +187,24 @@ void list_near(const LocalContactModel& model, const HandTool& tool, const Pose&
     // surfaces faster than model.shell.speed says stay this far from the points
     const bool told = std::abs(s.moment.age) <= model.shell.ahead;
     const double far = told ? model.shell.around - apart_by - s.followed : -std::numeric_limits<double>::infinity();
+    const bool passes = far > within && !s.all_points;
     s.near.clear();
     s.within = within;
-    uint32_t row = 0;
+    const auto points = static_cast<uint32_t>(s.place.size());
+    const auto list = [&](uint32_t tree, uint32_t k) {
+        const uint32_t row = tree * points + k;
+        const double surface = model.shell.speed[row] * s.aged + s.followed, own = s.shifted + s.turned * s.radius[k];
+        // nothing comes nearer faster than places change
+        s.place[k] = pose.tip + rotate(pose.turn, pose.point[k].arm);
+        const double left = s.clear[row] - surface - (s.place[k] - s.asked_at[row]).norm(), known = std::min(left, far);
+        s.bound[row] = left + surface + own;
+        if (known <= within || s.all_points) s.near.push_back({tree, k, row, known});
+    };
     for (uint32_t tree = 0; tree < model.shell.tree.size(); ++tree) {
-        for (uint32_t k = 0; k < s.place.size(); ++k, ++row) {
-            const double surface = model.shell.speed[row] * s.aged + s.followed, own = s.shifted + s.turned * s.radius[k];
-            if (s.bound[row] - surface - own > within && far > within && !s.all_points) continue;
-            // nothing comes nearer faster than places change
-            s.place[k] = pose.tip + rotate(pose.turn, pose.point[k].arm);
-            const double left = s.clear[row] - surface - (s.place[k] - s.asked_at[row]).norm(), known = std::min(left, far);
-            s.bound[row] = left + surface + own;
-            if (known <= within || s.all_points) s.near.push_back({tree, k, row, known});
+        for (uint32_t k = 0; k < points; k += 4) {
+            const uint32_t count = std::min(4u, points - k);
+            uint32_t near = passes && count == 4 ? four_near(model, tree * points + k, k, within, s) : (1u << count) - 1;
+            for (; near != 0; near &= near - 1) list(tree, k + static_cast<uint32_t>(std::countr_zero(near)));
         }
     }
 }
@@ -184,7 +226,7 @@ void add_planes(const LocalContactModel& model, const HandTool& tool, const Span
         const bool was_outside = !s.all_points && row.known > 0 && hint != kNone;
         const double half = was_outside ? model.half_thickness[hint] : kThickest;
         const double reach = was_outside ? std::min(model.reach, near + kLook + half) : model.reach;
-        const NearestTriangle nearest = find_nearest(model, model.shell.tree[row.tree], s.place[k], hint, reach, s.surface);
+        const NearestTriangle nearest = nearest_to(model, row.tree, k, row.row, s.place[k], reach, s);
         row.known = reach - half;
         const ShellContact* held = before.find(body, k);
         SurfaceSide side;
@@ -259,7 +301,7 @@ bool planes_hold(const LocalContactModel& model, const Pose& pose, const ShellSt
         const Vec3d point = pose.tip + rotate(pose.turn, pose.point[plane.point].arm);
         const double half = model.half_thickness[s.nearest[plane.row]];
         const double reach = std::abs(gap + plane.gap) + half + kLook;
-        const NearestTriangle nearest = find_nearest(model, model.shell.tree[plane.tree], point, s.nearest[plane.row], reach, s.surface);
+        const NearestTriangle nearest = nearest_to(model, plane.tree, plane.point, plane.row, point, reach, s);
         const double distance = nearest.triangle == kNone ? reach - half : side_of(model, nearest, plane.side, s.surface).distance;
         note_distance(model, plane.point, plane.row, point, distance, s);
         if (nearest.triangle != kNone) s.nearest[plane.row] = nearest.triangle;

@@ -15,6 +15,13 @@ struct ShellNear {
     bool taken = false;  // it became a plane, or would pull the wrong way
 };
 
+// What was found around a point of a shell, and when.
+struct ShellAround {
+    TrianglesAround found;          // `others`: plus what surfaces may have gone up to then
+    Vec3d place = Vec3d::Zero();    // m, where the point was
+    uint64_t models = 0;            // that the scratch had seen by then
+};
+
 // What a shell's tick works with. It remembers how near surfaces were only to pass over points that cannot have come
 // near since: forces do not depend on it.
 struct ShellScratch {
@@ -26,6 +33,8 @@ struct ShellScratch {
     std::vector<double> bound;      // m, likewise: clear plus what the point may have gone up to then
     std::vector<double> radius;     // m, per point: of its arm
     std::vector<uint32_t> nearest;  // per tree and point: triangle, as a hint
+    std::vector<ShellAround> around;  // per tree and point
+    uint64_t models = 0;            // ever
     std::vector<ShellNear> near, listed;  // of the present look, and while more are listed
     double within = 0;              // m, as near as these
     std::vector<ShellPlane> plane;
@@ -39,7 +48,8 @@ struct ShellScratch {
     double followed = 0, aged = 0;  // since the model was made: way (m) of a surface that follows, time (s) that others were moved on by
     // of a tool with jaws
     std::vector<ShellPoint> open, opened;  // its points at the grip now and at the tick before
-    uint64_t looked_at = 0;  // points asked for their distance, ever
+    uint64_t looked_at = 0;  // points asked for their distance, ever ...
+    uint64_t searched = 0;   // ... and those of them that a tree was searched for
 };
 
 // One tick of one tool with a shell at `time` (s): takes the device's sample (or refuses it), finds the points of the

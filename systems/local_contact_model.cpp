@@ -165,6 +165,7 @@ void clear_model(LocalContactModel& model) {
     model.shell.tree.clear();
     model.shell.clear.clear();
     model.shell.nearest.clear();
+    model.shell.found.clear();
     model.shell.speed.clear();
     model.shell.place.clear();
 }
@@ -174,6 +175,7 @@ constexpr uint32_t kShellRuns = 8;
 constexpr double kAround = 4e-3;      // m, around a point of a shell: a surface that stays farther is none that it comes to
 constexpr double kShared = 4e-3;      // m, points far from a surface and as near to each other share a bound on its speed
 constexpr double kSoon = 0.05;        // s, more than a model is felt for
+constexpr double kBeside = 1e-3;      // m, beyond the nearest triangle of a point: others are found along with it
 constexpr double kFarEnough = 4e-3;  // m, from a surface: a point that the ticks of the next pass will hardly ask for
 struct ShellPlaces {
     Vec3d tip, device;
@@ -393,6 +395,7 @@ void publish_outlook(const HapticParams& params, const HandTool& tool, const Too
     const auto points = points_at_grip(tool, shell.grip, scratch.open);
     shell.clear.clear();
     shell.nearest.clear();
+    shell.found.clear();
     shell.speed.clear();
     shell.place.clear();
     for (const ShellPoint& point : points) shell.place.push_back(at.tip + rotate(at.turn, point.arm));
@@ -416,10 +419,11 @@ void publish_outlook(const HapticParams& params, const HandTool& tool, const Too
                 }
                 shell.speed.push_back(speed);
                 shell.nearest.push_back(hint);
+                shell.found.push_back({});
                 shell.clear.push_back(known);
                 continue;
             }
-            const NearestTriangle nearest = find_nearest(out, tree, place, hint, reach, scratch.placed);
+            const NearestTriangle nearest = find_nearest_around(out, tree, place, hint, reach, kBeside, scratch.placed, shell.found.emplace_back());
             clear = reach - half;
             if (nearest.triangle != kNone) hint = nearest.triangle, clear = side_of(out, nearest, 0, scratch.placed).distance;
             asked = place;

@@ -329,9 +329,10 @@ TEST(HapticShell, PassingOverPointsChangesNoBit) {
         }
         ShellRig slow = quick;
         slow.scratch.all_points = true;
-        uint64_t touched = 0, torqued = 0;
+        uint64_t touched = 0, torqued = 0, looked_at = 0, searched = 0;
         for (int k = 0; k < 400; ++k) {
             const double t = 1e-3 * k;
+            const uint64_t looked_before = quick.scratch.looked_at, searched_before = quick.scratch.searched;
             if (k % 16 == 0) {
                 for (ShellRig* rig : {&quick, &slow}) {
                     for (size_t v = 0; v < rig->model.position.size(); ++v) {
@@ -355,12 +356,14 @@ TEST(HapticShell, PassingOverPointsChangesNoBit) {
             ASSERT_EQ(quick.state.command.torque, slow.state.command.torque) << k;
             ASSERT_EQ(quick.state.proxy, slow.state.proxy) << k;
             ASSERT_EQ(quick.state.contact.size(), slow.state.contact.size()) << k;
+            if (quick.state.contacts > 0) looked_at += quick.scratch.looked_at - looked_before, searched += quick.scratch.searched - searched_before;
             touched += quick.state.contacts > 0;
             torqued += quick.state.command.torque.norm() > 1e-4;
         }
         EXPECT_GT(touched, 100u);
         EXPECT_GT(torqued, 100u);
         EXPECT_LT(2 * quick.scratch.looked_at, slow.scratch.looked_at);
+        EXPECT_LT(3 * searched, looked_at);
     }
 }
 
@@ -432,6 +435,36 @@ TEST(HapticShell, SpeedsAreOfTheRegionOfAPoint) {
     }
     EXPECT_GT(touched, 50u);
     EXPECT_LT(4 * quick.scratch.looked_at, slow.scratch.looked_at);
+}
+
+// A tool goes to and fro between a surface at rest and one that slides away under it, several millimetres a model: what was around
+// its points says no longer what is. Asking every point anew changes no bit.
+TEST(HapticShell, PointsThatCrossToAFastSurfaceAreAskedAnew) {
+    ShellRig quick(make_joined_patch(bumpy_ground(60)), shell_of(make_box({-0.01, -0.004, 0}, {0.01, 0.004, 0.008}), 300));
+    quick.params.greatest_age = 0.034;
+    const LocalContactModel rest = quick.model;
+    ShellRig slow = quick;
+    slow.scratch.all_points = true;
+    uint64_t touched = 0;
+    for (int k = 0; k < 500; ++k) {
+        DeviceState hand;
+        hand.time = 1e-3 * k;
+        hand.position = Vec3d(-0.03 * std::cos(0.01 * k), 0, 1e-3 + 6e-3 * std::max(0.0, 1 - 0.02 * k));
+        for (ShellRig* rig : {&quick, &slow}) {
+            rig->tick = static_cast<uint64_t>(k);
+            if (k % 34 == 0) {
+                for (size_t v = 0; v < rest.position.size(); ++v)
+                    rig->model.velocity[v] = 0.3 * std::clamp(0.5 + 100 * rest.position[v].x(), 0.0, 1.0) * Vec3d(0.2, 1, 0);
+                rig->publish(true);
+            }
+            shell_tick(rig->params, rig->model, hand.time, rig->tool, hand, rig->scratch, rig->state);
+        }
+        ASSERT_EQ(quick.state.command.force, slow.state.command.force) << k;
+        ASSERT_EQ(quick.state.command.torque, slow.state.command.torque) << k;
+        touched += quick.state.contacts > 0;
+    }
+    EXPECT_GT(touched, 150u);
+    EXPECT_LT(quick.scratch.searched, quick.scratch.looked_at);
 }
 
 // The step is at the bottom of the energy of coupling, planes and friction springs, those on planes that were left included:
@@ -751,6 +784,72 @@ TEST(HapticShell, TreesGiveTheNearestTriangle) {
             ASSERT_EQ(found.at.squared_distance, best.at.squared_distance);
         }
     }
+}
+
+// What was found around a point stays the whole truth as far as it says so: points stroll on a surface that bends, follows and
+// turns back; some sit on its corners, where six triangles are as near. Breaks when a way is left out of what has gone, when a
+// triangle that was never looked at may be nearer, or when equal distances are told apart otherwise.
+TEST(HapticShell, TrianglesAroundAPointTellTheNearest) {
+    ShellRig rig(make_joined_patch(make_sphere(Vec3d::Zero(), 0.03, 5)), {{{0, 0, 0}, {0, 0, 1}, kNone}});
+    double fastest = 0;
+    for (size_t v = 0; v < rig.model.position.size(); ++v) {
+        const Vec3d& p = rig.model.position[v];
+        rig.model.velocity[v] = 0.03 * Vec3d(std::sin(150 * p.y()), std::cos(130 * p.z()), std::sin(110 * p.x()));
+        fastest = std::max(fastest, rig.model.velocity[v].norm());
+    }
+    rig.publish();
+    std::mt19937 random(6);
+    std::uniform_real_distribution<double> any(-1, 1);
+    const auto vector = [&] { return Vec3d(any(random), any(random), any(random)); };
+    const SurfaceTree& tree = rig.model.shell.tree[0];
+    struct Asked {
+        Vec3d point, at;
+        SurfaceMoment moment;
+        TrianglesAround found;
+    };
+    std::vector<Asked> asked(60);
+    for (Asked& a : asked) a.point = 0.03 * vector().normalized();
+    PlacedSurface placed;
+    uint32_t told = 0, asks = 0, none = 0, judged = 0;
+    for (uint32_t tick = 0; tick < 400; ++tick) {
+        const double t = 1e-3 * tick;
+        const SurfaceMoment moment{0.02 * std::sin(25 * t), 0, Vec3d(1e-3 * std::sin(20 * t), 0, 5e-4 * std::cos(31 * t))};
+        begin_moment(rig.model, moment, placed);
+        for (uint32_t k = 0; k < asked.size(); ++k) {
+            Asked& a = asked[k];
+            a.point += 5e-5 * vector();
+            if (k < 20) a.point = rig.model.position[37 * k] + moment.age * rig.model.velocity[37 * k] + moment.follow;
+            const double reach = (tick + k) % 5 == 0 ? 1e-4 : 3e-3;
+            const NearestTriangle wanted = find_nearest(rig.model, tree, a.point, kNone, reach, placed);
+            NearestTriangle nearest;
+            const double gone = (a.point - a.at).norm() + fastest * std::abs(moment.age - a.moment.age) + (moment.follow - a.moment.follow).norm();
+            const bool tells = nearest_of(rig.model, a.found, a.point, gone, 1, reach, placed, nearest);
+            if (!tells) {
+                const uint32_t hint = tick % 2 == 0 ? wanted.triangle : kNone;
+                nearest = find_nearest_around(rig.model, tree, a.point, hint, reach, k % 3 == 0 ? 1e-4 : 1e-3, placed, a.found);
+                a.at = a.point, a.moment = moment;
+            }
+            ++asks, told += tells, none += tells && wanted.triangle == kNone;
+            ASSERT_EQ(nearest.triangle, wanted.triangle) << tick << " " << k;
+            ASSERT_EQ(nearest.at.squared_distance, wanted.at.squared_distance) << tick << " " << k;
+            ASSERT_EQ(nearest.point, wanted.point) << tick << " " << k;
+            if (tells || k % 6 > 0 || judged > 300) continue;
+            ++judged;
+            for (uint32_t row = 0; row < rig.model.triangle.size(); ++row) {
+                const auto place = std::find(a.found.triangle.begin(), a.found.triangle.end(), row) - a.found.triangle.begin();
+                std::array<Vec3d, 3> c;
+                for (size_t i = 0; i < 3; ++i) {
+                    const uint32_t v = rig.model.triangle[row][i];
+                    c[i] = rig.model.position[v] + moment.age * rig.model.velocity[v] + moment.follow;
+                }
+                const double distance = std::sqrt(closest_point_on_triangle(a.point, c[0], c[1], c[2]).squared_distance);
+                ASSERT_GE(distance, place < 4 ? 0 : place < 8 ? a.found.others[0] * (1 - 1e-12) : a.found.others[1] * (1 - 1e-12));
+            }
+        }
+    }
+    EXPECT_GT(told, 0.6 * asks);
+    EXPECT_GT(none, 100u);
+    EXPECT_GT(judged, 200u);
 }
 
 }  // namespace
