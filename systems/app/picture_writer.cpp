@@ -4,10 +4,12 @@
 #include <cstdio>
 #include <cstring>
 #include <fstream>
+#include <string>
 
 #include "engine/error.hpp"
 #include "engine/image_file.hpp"
 #include "engine/trace.hpp"
+#include "systems/app/progress.hpp"
 namespace trocar {
 namespace fs = std::filesystem;
 namespace {
@@ -78,6 +80,8 @@ std::string PictureWriter::finish_film() {
         made = !files_.empty() && film_->finish();
         if (!made) film_error_ = film_->error();
     } else if (film_error_.empty() && !files_.empty() && ffmpeg_present()) {
+        Progress progress("Film");
+        progress.show(0, std::to_string(files_.size()) + " pictures");
         made = write_video(out_ / "frames" / "%06d.png", 0, kFilmRate, out_ / "film.mp4", film_error_);
     }
     if (!film_error_.empty()) std::fprintf(stderr, "trocar: warning: no film: %s\n", film_error_.c_str());

@@ -21,8 +21,9 @@ void Progress::show(double done, const std::string& note) {
     constexpr int kWidth = 30;
     const int filled = static_cast<int>(std::clamp(done, 0.0, 1.0) * kWidth);
     const double elapsed = static_cast<double>(now - start_ns_) * 1e-9;
-    const double left = done > 0.01 ? elapsed * (1 - done) / done : 0;
-    std::fprintf(stderr, "\r\033[K%s [%.*s%.*s] %3.0f %% %s, %.0f s left", title_.c_str(), filled,
+    char left[32] = "";
+    if (done > 0.01) std::snprintf(left, sizeof left, ", %.0f s left", elapsed * (1 - done) / done);
+    std::fprintf(stderr, "\r\033[K%s [%.*s%.*s] %3.0f %% %s%s", title_.c_str(), filled,
                  "##############################", kWidth - filled, "..............................", done * 100, note.c_str(), left);
     std::fflush(stderr);
 }
