@@ -203,8 +203,11 @@ std::string scale_text(const RunFigures& f) {
         std::snprintf(text, sizeof text, "  %zu pictures drawn beside it, %llu dropped", f.render_ms.size(),
                       static_cast<unsigned long long>(f.report.dropped_pictures));
         all += text;
-        std::snprintf(text, sizeof text, "; one %.2f ms median, %.2f ms p99", quantile(f.render_ms, 0.5), quantile(f.render_ms, 0.99));
-        all += std::string(f.render_ms.empty() ? "" : text) + "\n";
+        if (!f.render_ms.empty()) {
+            std::snprintf(text, sizeof text, "; one %.2f ms median, %.2f ms p99", quantile(f.render_ms, 0.5), quantile(f.render_ms, 0.99));
+            all += text;
+        }
+        all += "\n";
     }
     std::vector<std::pair<double, const StageFigures*>> stages;
     double total = 0;

@@ -829,6 +829,11 @@ TEST(HapticShell, TrianglesAroundAPointTellTheNearest) {
                 nearest = find_nearest_around(rig.model, tree, a.point, hint, reach, k % 3 == 0 ? 1e-4 : 1e-3, placed, a.found);
                 a.at = a.point, a.moment = moment;
             }
+            if (tells && wanted.at.squared_distance > 0 && wanted.triangle != kNone) {
+                NearestTriangle other;
+                ASSERT_FALSE(nearest_of(rig.model, a.found, a.point, gone, 0.9 * std::sqrt(wanted.at.squared_distance), reach, placed, other))
+                    << "something faster may be nearer";
+            }
             ++asks, told += tells, none += tells && wanted.triangle == kNone;
             ASSERT_EQ(nearest.triangle, wanted.triangle) << tick << " " << k;
             ASSERT_EQ(nearest.at.squared_distance, wanted.at.squared_distance) << tick << " " << k;
