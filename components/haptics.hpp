@@ -229,20 +229,17 @@ struct HapticParams {
     double force_slew = 200;       // N/s, change of force beyond what the motion of the device explains
 };
 
-// Discs around the triangles of a group, a lane for each: s seconds later no point of a triangle is farther than
-// thickness + spread |s| from its disc moved by s velocity, to kDiscRounding. Lanes without a triangle are infinitely far.
+// Corners of the triangles of a group, a lane for each triangle: s seconds later a corner is moved by s velocity. Lanes without a triangle
+// lie kFarLane away.
 inline constexpr uint32_t kGroupTriangles = 8, kBlockGroups = 16;
 using GroupLanes = std::array<float, kGroupTriangles>;
 using BlockLanes = std::array<float, kBlockGroups>;
-struct TriangleDiscs {
-    std::array<GroupLanes, 3> centre{};    // m, world axes, from the centre of the group, at the time of the model
-    std::array<GroupLanes, 3> normal{};    // unit, outward; zero for a triangle without area
-    std::array<GroupLanes, 3> velocity{};  // m/s, mean of the corners, less that of the group
-    GroupLanes radius{};                   // m
-    GroupLanes thickness{};                // m, of rounding; -infinity: no triangle
-    GroupLanes spread{};                   // m/s, no corner's velocity differs from the mean by more
+inline constexpr float kFarLane = 1e9F;  // m
+struct TriangleLanes {
+    std::array<std::array<GroupLanes, 3>, 3> corner{};    // m, by corner and world axis, from the centre of the group, at the time of the model
+    std::array<std::array<GroupLanes, 3>, 3> velocity{};  // m/s, likewise, less that of the group
 };
-// Balls around the groups of a block, likewise: s seconds later all of a group is within radius + spread |s| of its centre
+// Balls around the groups of a block: s seconds later all of a group is within radius + spread |s| of its centre
 // moved by s velocity.
 struct GroupBalls {
     std::array<BlockLanes, 3> centre{};    // m, world axes, from the centre of the block, at the time of the model
@@ -251,8 +248,9 @@ struct GroupBalls {
     BlockLanes spread{};                   // m/s
     BlockLanes speed{};                    // m/s, nothing of it is faster
 };
-// of the lengths that come together: from the centre of the group or block to where it is asked for, its radius, how far it spread
-inline constexpr double kDiscRounding = 4e-6;
+// What lanes round, of the lengths that come together: from the centre of the group or block to where it is asked for, its radius, how far
+// it spread.
+inline constexpr double kLaneRounding = 4e-6;
 
 // Triangles of a local contact model that lie together, and a ball around them; or groups that do.
 struct TriangleGroup {
@@ -333,7 +331,7 @@ struct LocalContactModel {
     std::vector<Triangle> triangle;
     std::vector<std::array<uint32_t, 3>> neighbour;  // kNone where the patch ends
     std::vector<uint32_t> body;                      // per triangle
-    std::vector<TriangleDiscs> disc;                 // one per group
+    std::vector<TriangleLanes> lanes;                // one per group
     std::vector<TriangleGroup> group;                // all triangles in runs of neighbours in memory
     std::vector<TriangleGroup> block;                // all groups in runs
     std::vector<GroupBalls> ball;                    // one per block

@@ -2,14 +2,16 @@
 
 #include <Eigen/Geometry>
 #include <algorithm>
+#include <bit>
 #include <cmath>
 #include <limits>
 
-#include "engine/geometry/four_points.hpp"
+#include "engine/geometry/eight_points.hpp"
 namespace trocar {
 namespace {
 
-constexpr double kAhead = 3e-5;  // m, triangles are woken for this much more than is asked
+constexpr double kFirstReach = 3e-5;  // m, beyond touching, of a look for the surface that carries the tip
+constexpr uint32_t kUsualGroups = 512;   // room for so many groups is set aside at once
 constexpr double kNever = std::numeric_limits<double>::infinity();
 
 bool within_distance(const Vec3d& a, const Vec3d& b, double distance) { return (a - b).squaredNorm() <= distance * distance; }
@@ -18,18 +20,14 @@ Vec3d beyond(const LocalContactModel& model, const SurfaceTime& at, uint32_t bod
     return body == model.give.body ? at.follow : Vec3d(Vec3d::Zero());
 }
 
+// m, of the centre of a tip from a triangle that it touches
+double touching_distance(const LocalContactModel& model, uint32_t triangle, double tip_radius) {
+    return tip_radius + model.half_thickness[triangle] + (model.body[triangle] == model.give.body ? model.give.gap : 0);
+}
+
 bool may_meet(const TriangleGroup& group, const SurfaceTime& at, const Vec3d& beyond, const Vec3d& centre, double reach) {
     return within_distance(group.centre + at.age * group.velocity + beyond, centre, group.radius + group.spread * std::abs(at.age) + reach);
 }
-
-typedef float Vec8f __attribute__((vector_size(32)));
-template <typename Lanes>
-Vec8f load_lanes(const Lanes& a, size_t first = 0) { return (Vec8f)_mm256_loadu_ps(a.data() + first); }
-template <typename Lanes>
-void put_lanes(Vec8f a, Lanes& lanes, size_t first = 0) { _mm256_storeu_ps(lanes.data() + first, (__m256)a); }
-Vec8f lanes_of(float x) { return Vec8f{x, x, x, x, x, x, x, x}; }
-Vec8f square_roots(Vec8f a) { return (Vec8f)_mm256_sqrt_ps((__m256)a); }
-Vec8f positive(Vec8f a) { return (Vec8f)_mm256_max_ps((__m256)a, _mm256_setzero_ps()); }
 
 template <typename Lanes>
 Vec8f way_along(const std::array<Lanes, 3>& centre, const std::array<Lanes, 3>& velocity, float age, const Vec3& point, size_t axis, size_t first = 0) {
@@ -44,7 +42,7 @@ struct PointFrom {
 };
 PointFrom point_from(const TriangleGroup& group, double age, const Vec3d& point, double offset) {
     const Vec3d from = point - group.centre - age * group.velocity;
-    return {from.cast<float>(), static_cast<float>(age), kDiscRounding * (from.norm() + offset + group.radius + std::abs(age) * group.spread)};
+    return {from.cast<float>(), static_cast<float>(age), kLaneRounding * (from.norm() + offset + group.radius + std::abs(age) * group.spread)};
 }
 
 // How far (m) from touching a tip there the groups of a block are at least.
@@ -61,128 +59,119 @@ BlockLanes group_gaps(const LocalContactModel& model, uint32_t block, const Surf
     return gap;
 }
 
-// Everything asleep, the tip there.
+// Everything to be looked at anew, the tip there.
 void start_path(const Vec3d& centre, NearSurface& near) {
     near.triangle.clear();
-    near.four.clear();
     near.at = centre;
     ++near.places;
     near.path = 0;
-    near.horizon = -1;
 }
 
-// How far (m) from touching a tip there the discs around the triangles of a group are at least.
-GroupLanes disc_gaps(const LocalContactModel& model, uint32_t group, double age, const Vec3d& centre, double offset) {
-    const PointFrom from = point_from(model.group[group], age, centre, offset);
-    const TriangleDiscs& disc = model.disc[group];
-    const auto along = [&](size_t axis) { return way_along(disc.centre, disc.velocity, from.age, from.point, axis); };
-    const Vec8f x = along(0), y = along(1), z = along(2);
-    const Vec8f height = load_lanes(disc.normal[0]) * x + load_lanes(disc.normal[1]) * y + load_lanes(disc.normal[2]) * z;
-    const Vec8f height2 = height * height, across = square_roots(positive(x * x + y * y + z * z - height2));
-    const Vec8f out = positive(across - load_lanes(disc.radius));
-    const Vec8f slack = load_lanes(disc.thickness) + lanes_of(std::abs(from.age)) * load_lanes(disc.spread);
-    GroupLanes gap;
-    put_lanes(square_roots(height2 + out * out) - slack - lanes_of(static_cast<float>(offset + kHair + from.rounding)), gap);
-    return gap;
-}
-
-// Looks at the triangles of a group, each by the disc around it.
-void open_group(const NearSurface& near, NearGroup& group) {
-    constexpr float kAway = std::numeric_limits<float>::infinity();
-    group.open = true;
-    group.opened = near.path;
-    group.gap = disc_gaps(*near.model, group.group, near.time.age, near.at - beyond(*near.model, near.time, group.body), group.offset);
-    const Range triangles = near.model->group[group.group].triangles;
-    for (uint32_t k = 0; near.ask_all && k < triangles.count; ++k) group.gap[k] = -kAway;
-}
-
-void put_four(Vec4d a, double (&to)[4]) { _mm256_store_pd(to, (__m256d)a); }
-
-// Wakes a triangle.
-void place_triangle(NearSurface& near, const NearGroup& group, uint32_t triangle) {
-    const LocalContactModel& model = *near.model;
-    const size_t row = near.triangle.size(), lane = row % 4;
-    NearTriangle one;
-    one.triangle = triangle, one.body = group.body, one.sheet = group.sheet;
-    near.triangle.push_back(one);
-    near.place[triangle] = static_cast<uint32_t>(row);
-    if (lane == 0) {
-        NearFour& empty = near.four.emplace_back();
-        for (auto& corner : empty.corner)
-            for (auto& axis : corner) put_four(all_lanes(0), axis);
-        put_four(all_lanes(-kNever), empty.offset);
-        put_four(all_lanes(kNever), empty.wake);
-    }
-    NearFour& four = near.four.back();
-    const Vec3d more = beyond(model, near.time, group.body);
-    for (size_t k = 0; k < 3; ++k) {
-        const uint32_t v = model.triangle[triangle][k];
-        const Vec3d p = model.position[v] + near.time.age * model.velocity[v] + more;
-        for (size_t axis = 0; axis < 3; ++axis) four.corner[k][axis][lane] = p[static_cast<long>(axis)];
-    }
-    four.offset[lane] = group.offset;
-    four.wake[lane] = -1;
-    four.seen = near.places - 1;
-}
-
-// Wakes the triangles of a group that the horizon has reached.
-void wake_group(NearSurface& near, NearGroup& group) {
-    if (!group.open) open_group(near, group);
-    constexpr float kAway = std::numeric_limits<float>::infinity();
-    const uint32_t first = near.model->group[group.group].triangles.first;
-    const float ahead = static_cast<float>(near.horizon - group.opened);
-    float next = kAway;
-    for (uint32_t k = 0; k < kGroupTriangles; ++k) {
-        if (group.gap[k] <= ahead) {
-            place_triangle(near, group, first + k);
-            group.gap[k] = kAway;
-        }
-        next = std::min(next, group.gap[k]);
-    }
-    group.wake = group.opened + static_cast<double>(next);
-}
-
-FourPoints load_four(const double (&axis)[3][4]) {
-    return {(Vec4d)_mm256_load_pd(axis[0]), (Vec4d)_mm256_load_pd(axis[1]), (Vec4d)_mm256_load_pd(axis[2])};
-}
+EightPoints load_eight(const std::array<GroupLanes, 3>& lanes) { return {load_lanes(lanes[0]), load_lanes(lanes[1]), load_lanes(lanes[2])}; }
+EightPoints eight_of(const Vec3d& p) { return {lanes_of(static_cast<float>(p.x())), lanes_of(static_cast<float>(p.y())), lanes_of(static_cast<float>(p.z()))}; }
 
 // Nearest to the origin on r + t e, 0 <= t <= 1.
-FourPoints nearest_on_sides(const FourPoints& r, const FourPoints& e, Vec4d length2) {
-    const Vec4d along = (Vec4d{} - dot(r, e)) / greatest(length2, all_lanes(1e-300));
-    return r + least(greatest(along, Vec4d{}), all_lanes(1)) * e;
+EightPoints nearest_on_sides(const EightPoints& r, const EightPoints& e, Vec8f length2) {
+    const Vec8f along = (Vec8f{} - dot(r, e)) / greatest(length2, lanes_of(1e-30f));
+    return r + least(greatest(along, Vec8f{}), lanes_of(1)) * e;
 }
 
-FourPoints either(Mask4 mask, const FourPoints& a, const FourPoints& b) {
-    return {mask ? a.x : b.x, mask ? a.y : b.y, mask ? a.z : b.z};
+// Looks at the triangles of a group. Corners are rounded by less than `doubt`, sides by `side_doubt`: what a plane through a triangle says
+// is off by less than the distance times the doubt of its sides over its height, and where a triangle is so narrow that this says nothing
+// its sides are as near as its face, to half the height.
+void look_at(NearSurface& near, uint32_t row) {
+    const LocalContactModel& model = *near.model;
+    NearGroup& group = near.group[row];
+    GroupSight& sight = near.sight[row];
+    const TriangleGroup& of = model.group[group.group];
+    const double age = near.time.age, extent = of.radius + of.spread * std::abs(age);
+    const Vec3d from = near.at - beyond(model, near.time, group.body) - of.centre - age * of.velocity;
+    const double far = from.norm() + group.offset + extent;
+    const Vec8f doubt = lanes_of(static_cast<float>(kLaneRounding * far)), narrow = lanes_of(static_cast<float>(kLaneRounding * far * extent));
+    const TriangleLanes& lanes = model.lanes[group.group];
+    const auto corner = [&](size_t k) { return load_eight(lanes.corner[k]) + lanes_of(static_cast<float>(age)) * load_eight(lanes.velocity[k]); };
+    EightPoints a = corner(0), b = corner(1), c = corner(2);
+    const EightPoints ab = b - a, bc = c - b, ca = a - c, p = eight_of(from);
+    a = a - p, b = b - p, c = c - p;
+    const Vec8f ab2 = norm2(ab), ca2 = norm2(ca);
+    EightPoints q = nearest_on_sides(a, ab, ab2);
+    Vec8f q2 = norm2(q);
+    for (const EightPoints& side : {nearest_on_sides(b, bc, norm2(bc)), nearest_on_sides(c, ca, ca2)}) {
+        const Vec8f side2 = norm2(side);
+        q = either(side2 < q2, side, q), q2 = least(side2, q2);
+    }
+    const EightPoints n = cross(ca, ab);
+    const Vec8f n2 = norm2(n), height2 = n2 / greatest(ab2 + ca2, lanes_of(1e-30f)), height = square_roots(height2);
+    const Mask8 wide = height2 > narrow;
+    const Mask8 on_face = wide & (dot(cross(n, ab), a) < Vec8f{}) & (dot(cross(n, bc), b) < Vec8f{}) & (dot(cross(n, ca), c) < Vec8f{});
+    q = either(on_face, dot(n, a) / greatest(n2, lanes_of(1e-37f)) * n, q);
+    const Vec8f distance = square_roots(norm2(q)), off = doubt + (wide ? narrow / height : height);
+    put_lanes(distance, sight.distance), put_lanes(off, sight.doubt);
+    put_lanes(q.x, sight.offset[0]), put_lanes(q.y, sight.offset[1]), put_lanes(q.z, sight.offset[2]);
+    sight.at = near.at;
+    group.seen = near.places;
+    group.wake = near.path + static_cast<double>(least_lane(distance - off)) - group.offset - kHair;
 }
 
-FourWays nearest_of(const NearFour& four, const Vec3d& point) {
-    const FourPoints p{all_lanes(point.x()), all_lanes(point.y()), all_lanes(point.z())};
-    const FourPoints a = load_four(four.corner[0]) - p, b = load_four(four.corner[1]) - p, c = load_four(four.corner[2]) - p;
-    const FourPoints ab = b - a, bc = c - b, ca = a - c;
-    const Vec4d ab2 = norm2(ab), bc2 = norm2(bc), ca2 = norm2(ca);
-    FourPoints q = nearest_on_sides(a, ab, ab2);
-    Vec4d q2 = norm2(q);
-    const FourPoints on_bc = nearest_on_sides(b, bc, bc2), on_ca = nearest_on_sides(c, ca, ca2);
-    const Vec4d bc_2 = norm2(on_bc), ca_2 = norm2(on_ca);
-    q = either(bc_2 < q2, on_bc, q);
-    q2 = least(bc_2, q2);
-    q = either(ca_2 < q2, on_ca, q);
-    q2 = least(ca_2, q2);
-    // narrower than a part in 1e8 its sides are as near as its face, whose normal is lost in rounding
-    const FourPoints n = cross(ca, ab);
-    const Vec4d n2 = norm2(n);
-    const Mask4 on_face = (n2 > all_lanes(1e-16) * ab2 * ca2) & (dot(cross(n, ab), a) < Vec4d{}) & (dot(cross(n, bc), b) < Vec4d{}) &
-                          (dot(cross(n, ca), c) < Vec4d{});
-    const Vec4d height = dot(n, a) / greatest(n2, all_lanes(1e-300));
-    q = either(on_face, height * n, q);
-    const Vec4d distance = square_root(norm2(q));
-    FourWays ways;
-    put_four(distance, ways.distance);
-    put_four(q.x, ways.offset[0]);
-    put_four(q.y, ways.offset[1]);
-    put_four(q.z, ways.offset[2]);
-    return ways;
+// How near (m) to touching the triangles of a group a tip comes at least along a step from where it is, by what it saw last.
+struct GapsAlong {
+    Vec8f gap;       // m, here
+    Vec8f approach;  // m, less at the end of the step
+};
+GapsAlong gaps_along(const NearSurface& near, uint32_t row, const Vec3d& step, double length) {
+    const GroupSight& sight = near.sight[row];
+    const EightPoints offset = load_eight(sight.offset);
+    const Vec3d gone = near.at - sight.at;
+    const Vec8f distance = load_lanes(sight.distance), doubt = load_lanes(sight.doubt);
+    const Vec8f nearer = dot(eight_of(gone), offset) + lanes_of(static_cast<float>(gone.norm())) * doubt;  // m2, for the distance
+    const Vec8f inverse = lanes_of(1) / greatest(distance, lanes_of(1e-30f));
+    const Vec8f touching = lanes_of(static_cast<float>(near.group[row].offset + kHair));
+    return {distance - doubt - touching - nearer * inverse, (dot(eight_of(step), offset) + lanes_of(static_cast<float>(length)) * doubt) * inverse};
+}
+
+uint32_t lanes_within(const GapsAlong& g, double beyond) {
+    const Vec8f lowest = g.gap - positive(g.approach);
+    return mask_bits(!(lowest > lanes_of(static_cast<float>(beyond))));
+}
+
+// Whether nothing of a group can come within `beyond` (m) of touching the tip along a step; by no new look.
+bool stays_away(const NearSurface& near, uint32_t row, const Vec3d& step, double length, double beyond) {
+    const NearGroup& group = near.group[row];
+    if (group.wake > near.path + length + beyond) return true;
+    if (group.seen == kNone || group.seen == near.places) return false;
+    return lanes_within(gaps_along(near, row, step, length), beyond) == 0;
+}
+
+// Lanes that a tip touches where it is, beyond doubt.
+uint32_t lanes_touched(const GroupSight& sight, double offset) {
+    return mask_bits(load_lanes(sight.distance) + load_lanes(sight.doubt) < lanes_of(static_cast<float>(offset - 2 * kSkin)));
+}
+
+// Fills near.ahead with the triangles that may come within `beyond` (m) of touching the tip along a step, without those that it touches
+// already if only free ones are wanted.
+void find_along(const Vec3d& step, double beyond, bool free_ones, NearSurface& near) {
+    const double length = step.norm();
+    near.ahead.clear();
+    for (uint32_t row = 0; row < near.group.size(); ++row) {
+        if (stays_away(near, row, step, length, beyond)) continue;
+        const NearGroup& group = near.group[row];
+        if (group.seen != near.places) look_at(near, row);
+        const Range triangles = near.model->group[group.group].triangles;
+        const GroupSight& sight = near.sight[row];
+        const GapsAlong g = gaps_along(near, row, step, length);
+        uint32_t lanes = lanes_within(g, beyond);
+        if (free_ones) lanes &= ~lanes_touched(sight, group.offset);
+        for (; lanes != 0; lanes &= lanes - 1) {
+            const auto lane = static_cast<uint32_t>(std::countr_zero(lanes));
+            const float gap = g.gap[lane];
+            near.ahead.push_back({triangles.first + lane, static_cast<double>(sight.distance[lane] - sight.doubt[lane]),
+                                  gap > 0 ? static_cast<double>(gap / g.approach[lane]) : 0});
+        }
+    }
+    near.found = static_cast<uint32_t>(near.ahead.size());
+    if (!near.ask_all) return;
+    near.ahead.clear();
+    for (uint32_t t = 0; t < near.model->triangle.size(); ++t) near.ahead.push_back({t, -1, 0});
 }
 
 // Of the triangles that come within `reach` (m) of touching at a point, the nearest to it that is nearer than `most` beyond touching;
@@ -192,47 +181,58 @@ struct NearestRow {
     TrianglePoint at;
 };
 NearestRow nearest_row(const Vec3d& point, double reach, double most, NearSurface& near) {
-    near.candidate.clear();
-    go_to(point, reach, near);
-    for (uint32_t k = 0; k < near.four.size(); ++k) {
-        NearFour& four = near.four[k];
-        if (asleep(four, near.path + reach)) continue;
-        const FourWays& ways = ways_to(near, four);
-        for (uint32_t lane = 0; lane < 4; ++lane)
-            if (ways.distance[lane] - kHair <= four.offset[lane] + reach) near.candidate.push_back({ways.distance[lane], 4 * k + lane});
-    }
+    go_to(point, near);
+    find_within(reach, near);
     NearestRow nearest;
-    if (near.candidate.empty()) return nearest;
-    std::swap(near.candidate[0], *std::min_element(near.candidate.begin(), near.candidate.end(),
-                                                   [](const NearCandidate& a, const NearCandidate& b) { return a.least < b.least; }));
-    for (const NearCandidate& c : near.candidate) {
-        const double bound = c.least - kHair, limit = offset_of(near, c.row) + most, best = nearest.at.squared_distance;
-        if (bound > 0 && bound * bound > best) continue;
-        const TrianglePoint q = closest_on_row(near, c.row, point);
+    if (near.ahead.empty()) return nearest;
+    std::swap(near.ahead[0], *std::min_element(near.ahead.begin(), near.ahead.end(),
+                                               [](const TriangleAhead& a, const TriangleAhead& b) { return a.least < b.least; }));
+    for (const TriangleAhead& one : near.ahead) {
+        const double best = nearest.at.squared_distance;
+        if (one.least > 0 && one.least * one.least > best) continue;
+        const uint32_t row = ask_for(near, one.triangle);
+        const double limit = offset_of(near, row) + most;
+        const TrianglePoint q = closest_on_row(near, row, point);
         if (q.squared_distance >= limit * limit || q.squared_distance > best) continue;
-        if (q.squared_distance == best && near.triangle[c.row].triangle > near.triangle[nearest.row].triangle) continue;
-        nearest = {c.row, q};
+        if (q.squared_distance == best && one.triangle > near.triangle[nearest.row].triangle) continue;
+        nearest = {row, q};
     }
     return nearest;
 }
 
 }  // namespace
 
-const FourWays& ways_to(const NearSurface& near, NearFour& four) {
-    if (four.seen == near.places) return four.ways;
-    four.ways = nearest_of(four, near.at);
-    four.seen = near.places;
-    const double path = near.path - kSkin - kHair;
-    for (int lane = 0; lane < 4 && !near.ask_all; ++lane)
-        if (four.wake[lane] < kNever) four.wake[lane] = path + (four.ways.distance[lane] - four.offset[lane]);
-    return four.ways;
+void find_within(double beyond, NearSurface& near) { find_along(Vec3d::Zero(), beyond, false, near); }
+
+void find_ahead(const Vec3d& step, NearSurface& near) { find_along(step, 0, true, near); }
+
+uint32_t row_of(const NearSurface& near, uint32_t triangle) {
+    const uint32_t row = near.place[triangle];
+    return row < near.triangle.size() && near.triangle[row].triangle == triangle ? row : kNone;
+}
+
+uint32_t ask_for(NearSurface& near, uint32_t triangle) {
+    if (const uint32_t row = row_of(near, triangle); row != kNone) return row;
+    const LocalContactModel& model = *near.model;
+    const auto row = static_cast<uint32_t>(near.triangle.size());
+    NearTriangle& one = near.triangle.emplace_back();
+    one.triangle = triangle, one.body = model.body[triangle];
+    one.sheet = model.half_thickness[triangle] > 0;
+    one.offset = touching_distance(model, triangle, near.tip_radius);
+    const Vec3d more = beyond(model, near.time, one.body);
+    for (size_t k = 0; k < 3; ++k) {
+        const uint32_t v = model.triangle[triangle][k];
+        one.corner[k] = model.position[v] + near.time.age * model.velocity[v] + more;
+    }
+    near.place[triangle] = row;
+    return row;
 }
 
 const Vec3d& normal_of(NearSurface& near, uint32_t row) {
     NearTriangle& triangle = near.triangle[row];
     if (triangle.has_normal) return triangle.normal;
     triangle.has_normal = true;
-    const Vec3d n = triangle_normal(corner_of(near, row, 0), corner_of(near, row, 1), corner_of(near, row, 2));
+    const Vec3d n = triangle_normal(triangle.corner[0], triangle.corner[1], triangle.corner[2]);
     const double length = n.norm();
     if (length > 0) triangle.normal = n / length;
     return triangle.normal;
@@ -242,18 +242,13 @@ TrianglePoint closest_on_row(const NearSurface& near, uint32_t row, const Vec3d&
     return closest_point_on_triangle(point, corner_of(near, row, 0), corner_of(near, row, 1), corner_of(near, row, 2));
 }
 
-uint32_t row_of(const NearSurface& near, uint32_t triangle) {
-    const uint32_t row = near.place[triangle];
-    return row < near.triangle.size() && near.triangle[row].triangle == triangle ? row : kNone;
-}
-
 double fastest_near(const LocalContactModel& model, const SurfaceTime& at, const HandTool& tool, const Vec3d& centre, double travel) {
     double fastest = 0;
     for (uint32_t b = 0; b < model.block.size(); ++b) {
         const TriangleGroup& block = model.block[b];
         if (block.velocity.norm() + block.spread <= fastest) continue;
         const uint32_t first = model.group[block.triangles.first].triangles.first, body = model.body[first];
-        const double reach = tool.tip_radius + model.half_thickness[first] + (body == model.give.body ? model.give.gap : 0) + travel;
+        const double reach = touching_distance(model, first, tool.tip_radius) + travel;
         const Vec3d more = beyond(model, at, body);
         if (!may_meet(block, at, more, centre, reach)) continue;
         const BlockLanes gap = group_gaps(model, b, at, more, centre, reach);
@@ -273,25 +268,29 @@ void gather_near(const LocalContactModel& model, const SurfaceTime& at, const Ha
     near.model = &model;
     near.time = at;
     near.asked = 0;
+    near.tip_radius = tool.tip_radius;
+    near.places = 0;
     start_path(centre, near);
-    if (near.place.size() < model.triangle.size()) near.place.resize(model.triangle.size());
+    // far more than it needs: the pages of new memory take longer than a tick's work
+    if (near.place.size() < model.triangle.size()) near.place.resize(4 * model.triangle.size());
+    if (near.sight.empty()) near.sight.resize(kUsualGroups), near.group.reserve(kUsualGroups);
     NearGroup found;
     for (found.block = 0; found.block < model.block.size(); ++found.block) {
         const TriangleGroup& block = model.block[found.block];
         const uint32_t first = model.group[block.triangles.first].triangles.first;
         found.body = model.body[first];
-        found.sheet = model.half_thickness[first] > 0;
-        found.offset = tool.tip_radius + model.half_thickness[first] + (found.body == model.give.body ? model.give.gap : 0);
+        found.offset = touching_distance(model, first, tool.tip_radius);
         const Vec3d more = beyond(model, at, found.body);
-        if (!near.ask_all && !may_meet(block, at, more, centre, found.offset + travel)) continue;
+        if (!may_meet(block, at, more, centre, found.offset + travel)) continue;
         const BlockLanes gap = group_gaps(model, found.block, at, more, centre, found.offset);
         for (uint32_t k = 0; k < block.triangles.count; ++k) {
-            found.wake = near.ask_all ? -1 : static_cast<double>(gap[k]);
+            found.wake = static_cast<double>(gap[k]);
             if (found.wake > travel) continue;
             found.group = block.triangles.first + k;
             near.group.push_back(found);
         }
     }
+    if (near.sight.size() < near.group.size()) near.sight.resize(near.group.size());
 }
 
 void place_near(const SurfaceTime& at, const Vec3d& centre, NearSurface& near) {
@@ -305,21 +304,16 @@ void place_near(const SurfaceTime& at, const Vec3d& centre, NearSurface& near) {
             block = group.block;
             gap = group_gaps(model, block, at, beyond(model, at, group.body), centre, group.offset);
         }
-        group.open = false;
-        group.wake = near.ask_all ? -1 : static_cast<double>(gap[group.group - model.block[block].triangles.first]);
+        group.seen = kNone;
+        group.wake = static_cast<double>(gap[group.group - model.block[block].triangles.first]);
     }
 }
 
-void go_to(const Vec3d& centre, double ahead, NearSurface& near) {
-    if (centre != near.at) {
-        near.path += (centre - near.at).norm();
-        near.at = centre;
-        ++near.places;
-    }
-    if (near.path + ahead <= near.horizon) return;
-    near.horizon = near.path + ahead + kAhead;
-    for (NearGroup& group : near.group)
-        if (group.wake <= near.horizon) wake_group(near, group);
+void go_to(const Vec3d& centre, NearSurface& near) {
+    if (centre == near.at) return;
+    near.path += (centre - near.at).norm();
+    near.at = centre;
+    ++near.places;
 }
 
 SurfaceMotion surface_motion(const Vec3d& point, double most, NearSurface& near) {
@@ -328,7 +322,7 @@ SurfaceMotion surface_motion(const Vec3d& point, double most, NearSurface& near)
     for (const NearGroup& group : near.group) least_offset = std::min(least_offset, group.offset);
     // where something is touched nothing farther can be nearer; else what is looked at grows until what is beyond cannot be
     NearestRow found;
-    for (double reach = 0;; reach = std::min(most, std::max(kAhead, 3 * reach))) {
+    for (double reach = 0;; reach = std::min(most, std::max(kFirstReach, 3 * reach))) {
         found = nearest_row(point, reach, most, near);
         if (reach == most || (found.row != kNone && (reach == 0 || found.at.squared_distance <= std::pow(least_offset + reach, 2)))) break;
     }

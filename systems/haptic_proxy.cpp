@@ -13,10 +13,10 @@ namespace {
 
 constexpr double kConverged = 1e-10;  // m, a smaller step ends the search
 constexpr uint32_t kSteps = 16;       // of one search; a longer one goes on in the next tick
-constexpr uint32_t kMostFeatures = 64;   // of a step: twice what half-spaces hold
+constexpr uint32_t kMostFeatures = HalfSpaces::kCapacity;  // of a step; a crowd of more is as much as a tick has time for
 constexpr uint32_t kMostAsked = 60;   // of NearSurface::asked, before another step is too much for a tick
 constexpr uint32_t kLook = 8;         // features that a look ahead counts for
-constexpr uint32_t kWithin = 16;      // triangles within it that count for one
+constexpr uint32_t kFound = 8;       // triangles found by it that count for one
 constexpr uint32_t kSweeps = 40;      // Newton steps to the first touch of one triangle
 constexpr double kFirstLook = 3e-4;   // m, of a sweep is looked at first; four times as far each time that it is free
 
@@ -81,27 +81,23 @@ double rough_angle(NearSurface& near, uint32_t row, uint32_t vertex) {
     return angle;
 }
 
-// Rows of the triangles around a feature.
-struct RowsAround {
+// Triangles around a feature.
+struct TrianglesAt {
     static constexpr uint32_t kCapacity = 32;
-    std::array<uint32_t, kCapacity> row;
+    std::array<uint32_t, kCapacity> triangle;
     uint32_t count = 0;
-    bool complete = false;  // they close around it, and all of them are at hand
+    bool complete = false;  // they close around it
 };
 
-// By the neighbours of the model, starting from `row`.
-RowsAround rows_around(const NearSurface& near, uint32_t row, Feature feature) {
-    const LocalContactModel& model = *near.model;
-    RowsAround around;
+// By the neighbours of the model, starting from `start`.
+TrianglesAt triangles_at(const LocalContactModel& model, uint32_t start, Feature feature) {
+    TrianglesAt around;
     const auto add = [&](uint32_t triangle) {
-        if (triangle == kNone || around.count == RowsAround::kCapacity) return false;
-        const uint32_t other = row_of(near, triangle);
-        if (other == kNone) return false;
-        around.row[around.count++] = other;
+        if (triangle == kNone || around.count == TrianglesAt::kCapacity) return false;
+        around.triangle[around.count++] = triangle;
         return true;
     };
-    const uint32_t start = near.triangle[row].triangle;
-    around.row[around.count++] = row;
+    around.triangle[around.count++] = start;
     if (dimension(feature) == 1) {
         around.complete = add(model.neighbour[start][static_cast<int>(feature) - static_cast<int>(Feature::kEdge0)]);
     } else if (dimension(feature) == 0) {
@@ -118,57 +114,57 @@ RowsAround rows_around(const NearSurface& near, uint32_t row, Feature feature) {
 }
 
 // Whether the point that lies at -offset from a feature is behind it: angle-weighted pseudonormal (Baerentzen & Aanaes,
-// TVCG 11(3), 2005). Nothing is behind a sheet. `gone` (m): length of the path to that point; all that hold the feature
-// are touched there, so they wake by then.
-bool is_behind(NearSurface& near, uint32_t row, Feature feature, const Vec3d& offset, double gone) {
+// TVCG 11(3), 2005). Nothing is behind a sheet.
+bool is_behind(NearSurface& near, uint32_t row, Feature feature, const Vec3d& offset) {
     if (near.triangle[row].sheet) return false;
     const FeatureVertices f = feature_vertices(vertices_of(near, row), feature);
     if (f.a == kNone) return normal_of(near, row).dot(offset) > 0;
+    const auto side = [&](uint32_t k) { return normal_of(near, k).dot(offset); };
     const auto weight = [&](uint32_t k) { return f.b == kNone ? corner_at(near, k, f.a).angle() : 1.0; };
-    RowsAround around = rows_around(near, row, feature);
-    const auto before = [&](uint32_t a, uint32_t b) { return near.triangle[a].triangle < near.triangle[b].triangle; };
+    TrianglesAt around = triangles_at(*near.model, near.triangle[row].triangle, feature);
     double sum = 0;
     if (!around.complete) {
-        near.candidate.clear();
-        for (uint32_t k = 0; k < near.triangle.size(); ++k)
-            if (wake_of(near, k) <= gone && holds(vertices_of(near, k), f)) near.candidate.push_back({0, k});
-        std::sort(near.candidate.begin(), near.candidate.end(),
-                  [&](const NearCandidate& a, const NearCandidate& b) { return before(a.row, b.row); });
-        for (const NearCandidate& c : near.candidate) sum += weight(c.row) * normal_of(near, c.row).dot(offset);
+        for (const NearGroup& group : near.group) {
+            const Range triangles = near.model->group[group.group].triangles;
+            for (uint32_t t = triangles.first; t < triangles.end(); ++t)
+                if (holds(near.model->triangle[t], f)) sum += weight(ask_for(near, t)) * side(ask_for(near, t));
+        }
         return sum > 0;
     }
     // where all of them say the same no angle changes it
     uint32_t behind = 0;
-    for (uint32_t k = 0; k < around.count; ++k) behind += normal_of(near, around.row[k]).dot(offset) > 0;
+    for (uint32_t k = 0; k < around.count; ++k) behind += side(ask_for(near, around.triangle[k])) > 0;
     if (behind == 0 || behind == around.count) return behind > 0;
     double rough = 0, doubt = 0;
     for (uint32_t k = 0; k < around.count && f.b == kNone; ++k) {
-        const double side = normal_of(near, around.row[k]).dot(offset);
-        rough += rough_angle(near, around.row[k], f.a) * side;
-        doubt += kRoughAngle * std::abs(side);
+        const uint32_t other = row_of(near, around.triangle[k]);
+        rough += rough_angle(near, other, f.a) * side(other);
+        doubt += kRoughAngle * std::abs(side(other));
     }
     if (std::abs(rough) > doubt) return rough > 0;
-    std::sort(around.row.begin(), around.row.begin() + around.count, before);
-    for (uint32_t k = 0; k < around.count; ++k) sum += weight(around.row[k]) * normal_of(near, around.row[k]).dot(offset);
+    std::sort(around.triangle.begin(), around.triangle.begin() + around.count);
+    for (uint32_t k = 0; k < around.count; ++k) {
+        const uint32_t other = row_of(near, around.triangle[k]);
+        sum += weight(other) * side(other);
+    }
     return sum > 0;
 }
 
-// Takes a row among the features that the tip touches where it is, if it is one.
-void add_touched(uint32_t row, const Vec3d& centre, HapticScratch& scratch) {
+// Takes a triangle among the features that the tip touches where it is, if it is one.
+void add_touched(uint32_t triangle, const Vec3d& centre, HapticScratch& scratch) {
     NearSurface& near = scratch.near;
-    const double offset = offset_of(near, row), most = offset + kSkin;
+    const uint32_t row = ask_for(near, triangle);
+    const double most = offset_of(near, row) + kSkin;
     const TrianglePoint q = closest_on_row(near, row, centre);
     if (q.squared_distance > most * most) return;
-    const double distance = std::sqrt(q.squared_distance);
-    scratch.touched.push_back({row, near.triangle[row].triangle, q.feature, vertices_of(near, row), q.offset, distance});
-    if (distance - (offset - kSkin) <= 0.5 * kSkin) near.triangle[row].overlaps_at = near.path;
+    scratch.touched.push_back({row, triangle, q.feature, vertices_of(near, row), q.offset, std::sqrt(q.squared_distance)});
 }
 
 // Of a crowd of features that surface has brought over the tip only the nearest are looked at: half-spaces hold no more, and
 // what is left of the crowd is touched again once the tip has gone where those let it.
 void add_nearest(const Vec3d& centre, HapticScratch& scratch) {
     constexpr double kAll = std::numeric_limits<double>::infinity();
-    NearSurface& near = scratch.near;
+    std::vector<TriangleAhead>& crowd = scratch.near.ahead;
     std::vector<TouchedFeature>& touched = scratch.touched;
     const auto keep_nearest = [&] {
         const auto nearer = [](const TouchedFeature& f, const TouchedFeature& g) {
@@ -178,47 +174,41 @@ void add_nearest(const Vec3d& centre, HapticScratch& scratch) {
         touched.resize(kMostFeatures);
         return touched.back().distance;
     };
-    std::nth_element(near.candidate.begin(), near.candidate.begin() + kMostFeatures, near.candidate.end(),
-                     [](const NearCandidate& a, const NearCandidate& b) { return a.least < b.least; });
+    std::nth_element(crowd.begin(), crowd.begin() + kMostFeatures, crowd.end(), [](const TriangleAhead& a, const TriangleAhead& b) { return a.least < b.least; });
     double farthest = kAll;  // m, of the nearest kMostFeatures so far
-    for (const NearCandidate& c : near.candidate) {
-        if (c.least - kHair <= farthest) {
-            add_touched(c.row, centre, scratch);
-            if (touched.size() == 2 * kMostFeatures || (farthest == kAll && touched.size() >= kMostFeatures)) farthest = keep_nearest();
-        } else if (((corner_of(near, c.row, 0) + corner_of(near, c.row, 1) + corner_of(near, c.row, 2)) / 3 - centre).norm() <
-                   offset_of(near, c.row) - 2 * kSkin) {
-            near.triangle[c.row].overlaps_at = near.path;
-        }
+    for (const TriangleAhead& one : crowd) {
+        if (one.least > farthest) continue;
+        add_touched(one.triangle, centre, scratch);
+        if (touched.size() == 2 * kMostFeatures || (farthest == kAll && touched.size() >= kMostFeatures)) farthest = keep_nearest();
     }
     if (touched.size() > kMostFeatures) keep_nearest();
 }
 
 // ---- planes ----
 
-struct Planes {
-    HalfSpaces half_spaces;  // relative to the centre of the tip
-    bool inside = false;     // the nearest feature is seen from behind
-};
-
 // Tangent planes of the touched features, relative to `centre`. Every one leaves its triangle wholly on the other side,
 // so any step that keeps to them is safe. Features seen from behind hold nothing; but when the nearest one is, the
 // surface has passed over the centre, and the way out is through it.
-Planes gather_planes(const Vec3d& centre, HapticScratch& scratch) {
+const Planes& gather_planes(const Vec3d& centre, HapticScratch& scratch) {
+    if (scratch.near.at == centre && scratch.planes_place == scratch.near.places) return scratch.planes;
     // of the planes before this
     for (const TouchedFeature& f : scratch.touched)
         if (f.near < scratch.near.triangle.size()) scratch.near.triangle[f.near].held = false;
     find_touched(centre, scratch);
-    Planes planes;
+    Planes& planes = scratch.planes;
+    planes.half_spaces.count = 0;
+    planes.inside = false;
+    scratch.planes_place = scratch.near.places;
     const TouchedFeature* nearest = nullptr;
     for (const TouchedFeature& f : scratch.touched)
         if (!nearest || f.distance < nearest->distance) nearest = &f;
     if (!nearest) return planes;
-    planes.inside = is_behind(scratch.near, nearest->near, nearest->feature, nearest->offset, scratch.near.path);
+    planes.inside = is_behind(scratch.near, nearest->near, nearest->feature, nearest->offset);
     for (const TouchedFeature& f : scratch.touched) {
         if (planes.half_spaces.count == HalfSpaces::kCapacity) break;
         const double reach = offset_of(scratch.near, f.near);
         const bool way_out = planes.inside && &f == nearest;
-        const bool behind = way_out || is_behind(scratch.near, f.near, f.feature, f.offset, scratch.near.path);
+        const bool behind = way_out || is_behind(scratch.near, f.near, f.feature, f.offset);
         if (behind && !way_out) continue;
         if (f.distance < 1e-12) {
             scratch.near.triangle[f.near].held = planes.half_spaces.add({normal_of(scratch.near, f.near), reach});
@@ -244,7 +234,7 @@ GapAlong gap_along(NearSurface& near, uint32_t row, const Vec3d& from, const Vec
     GapAlong g;
     g.gap = distance - (offset_of(near, row) - kSkin);
     g.approach = distance > 0 ? q.offset.dot(step) / distance : 0;
-    g.behind = ask_side && g.gap <= 0.5 * kSkin && is_behind(near, row, q.feature, q.offset, near.path + t * step.norm() + kHair);
+    g.behind = ask_side && g.gap <= 0.5 * kSkin && is_behind(near, row, q.feature, q.offset);
     return g;
 }
 
@@ -275,45 +265,22 @@ double sweep_to_triangle(NearSurface& near, uint32_t row, const Vec3d& from, con
     return t;
 }
 
-// Fills scratch.ahead with the triangles that a tip may touch along a step, and the share of it before which that cannot
-// be: distances from triangles are convex, so they lie above their tangents.
-void gather_ahead(const Vec3d& from, const Vec3d& step, HapticScratch& scratch) {
-    NearSurface& near = scratch.near;
-    const double length = step.norm();
-    uint32_t within = 0;  // of the length of the step
-    scratch.ahead.clear();
-    go_to(from, length, near);
-    for (uint32_t first = 0; first < near.triangle.size(); first += 4) {
-        NearFour& four = near.four[first / 4];
-        if (asleep(four, near.path + length)) continue;
-        const FourWays& ways = ways_to(near, four);
-        for (uint32_t lane = 0; lane < 4 && first + lane < near.triangle.size(); ++lane) {
-            const NearTriangle& triangle = near.triangle[first + lane];
-            if (triangle.held || triangle.overlaps_at == near.path) continue;
-            const double distance = ways.distance[lane], gap = distance - four.offset[lane] - kHair;
-            if (gap > length) continue;
-            ++within;
-            const double along = ways.offset[0][lane] * step.x() + ways.offset[1][lane] * step.y() + ways.offset[2][lane] * step.z();
-            const double closing = (along + kHair * length) / distance;
-            if (gap > 0 && gap >= closing) continue;
-            scratch.ahead.push_back({gap > 0 ? gap / closing : 0, triangle.triangle, first + lane});
-        }
-    }
-    near.asked += kLook + within / kWithin;
-}
-
 // Share of `step` that is free.
 double sweep_at_once(const Vec3d& from, const Vec3d& step, HapticScratch& scratch) {
-    gather_ahead(from, step, scratch);
+    NearSurface& near = scratch.near;
+    go_to(from, near);
+    find_ahead(step, near);
+    near.asked += kLook + near.found / kFound;
     // the soonest first: what it leaves free, most of the others cannot shorten
-    std::vector<SweptTriangle>& ahead = scratch.ahead;
-    const auto later = [](const SweptTriangle& a, const SweptTriangle& b) { return std::tie(a.from, a.triangle) > std::tie(b.from, b.triangle); };
-    std::make_heap(ahead.begin(), ahead.end(), later);
+    std::vector<TriangleAhead>& ahead = near.ahead;
     double least = 1;
-    while (!ahead.empty() && ahead.front().from < least) {
-        least = std::min(least, sweep_to_triangle(scratch.near, ahead.front().near, from, step, least));
-        std::pop_heap(ahead.begin(), ahead.end(), later);
+    while (!ahead.empty()) {
+        const auto soonest = std::min_element(ahead.begin(), ahead.end(), [](const TriangleAhead& a, const TriangleAhead& b) { return a.from < b.from; });
+        const uint32_t row = ask_for(near, soonest->triangle);
+        if (!near.triangle[row].held) least = std::min(least, sweep_to_triangle(near, row, from, step, least));
+        *soonest = ahead.back();
         ahead.pop_back();
+        std::erase_if(ahead, [&](const TriangleAhead& a) { return a.from >= least; });
     }
     return least;
 }
@@ -354,23 +321,18 @@ void find_touched(const Vec3d& centre, HapticScratch& scratch) {
     NearSurface& near = scratch.near;
     std::vector<TouchedFeature>& touched = scratch.touched;
     touched.clear();
-    go_to(centre, 0, near);
-    near.candidate.clear();
-    for (uint32_t first = 0; first < near.triangle.size(); first += 4) {
-        NearFour& four = near.four[first / 4];
-        if (asleep(four, near.path)) continue;
-        const FourWays& ways = ways_to(near, four);
-        for (uint32_t lane = 0; lane < 4 && first + lane < near.triangle.size(); ++lane)
-            if (ways.distance[lane] <= four.offset[lane] + kSkin + kHair) near.candidate.push_back({ways.distance[lane], first + lane});
-    }
-    if (near.candidate.size() > kMostFeatures) {
+    scratch.planes_place = kNone;
+    go_to(centre, near);
+    find_within(kSkin, near);
+    if (near.ahead.size() > kMostFeatures) {
         add_nearest(centre, scratch);
     } else {
-        for (const NearCandidate& c : near.candidate) add_touched(c.row, centre, scratch);
+        for (const TriangleAhead& one : near.ahead) add_touched(one.triangle, centre, scratch);
     }
     std::sort(touched.begin(), touched.end(), [](const TouchedFeature& f, const TouchedFeature& g) { return f.triangle < g.triangle; });
     for (uint32_t k = 0; k < touched.size(); ++k) near.triangle[touched[k].near].touch = k;
-    near.asked += static_cast<uint32_t>(touched.size());
+    scratch.touched_crowd = touched.size() == kMostFeatures;
+    near.asked += touched.size() < kMostFeatures ? static_cast<uint32_t>(touched.size()) : kMostAsked + 1;
     // faces before edges before vertices, then the nearer: the first of this order always stays, however rounding names
     // the features around a point above a vertex
     const auto comes_before = [](const TouchedFeature& f, const TouchedFeature& g) {
@@ -385,10 +347,10 @@ void find_touched(const Vec3d& centre, HapticScratch& scratch) {
             return holds(other.vertex, mine) && comes_before(other, f) &&
                    !same_feature(feature_vertices(other.vertex, other.feature), mine);
         };
-        const RowsAround around = rows_around(near, f.near, f.feature);
+        const TrianglesAt around = triangles_at(*near.model, f.triangle, f.feature);
         if (!around.complete) return std::any_of(touched.begin(), touched.end(), shadows);
-        return std::any_of(around.row.begin(), around.row.begin() + around.count, [&](uint32_t row) {
-            const uint32_t k = near.triangle[row].touch;
+        return std::any_of(around.triangle.begin(), around.triangle.begin() + around.count, [&](uint32_t triangle) {
+            const uint32_t row = row_of(near, triangle), k = row == kNone ? kNone : near.triangle[row].touch;
             return k < touched.size() && touched[k].near == row && shadows(touched[k]);
         });
     };
@@ -397,15 +359,25 @@ void find_touched(const Vec3d& centre, HapticScratch& scratch) {
     std::erase_if(touched, [](const TouchedFeature& f) { return f.shadowed; });
 }
 
+void gather_surface(const LocalContactModel& model, const SurfaceTime& at, const HandTool& tool, const Vec3d& centre, double travel, HapticScratch& scratch) {
+    scratch.planes_place = kNone;
+    gather_near(model, at, tool, centre, travel, scratch.near);
+}
+
 ProxySearch find_proxy(const Vec3d& start, const Vec3d& goal, const Room& room, double friction, bool was_outside,
-                       HapticScratch& scratch) {
+                       HapticScratch& scratch, bool leave_crowd) {
     ProxySearch s;
     s.proxy = start;
     for (uint32_t k = 0; k < kSteps; ++k) {
         if (k >= 1 && scratch.near.asked > kMostAsked) break;
-        const Planes planes = gather_planes(s.proxy, scratch);
+        const Planes& planes = gather_planes(s.proxy, scratch);
         if (planes.inside && !was_outside) {
             s.inside = true;
+            return s;
+        }
+        if (k == 0 && leave_crowd && scratch.touched_crowd) {
+            s.left = true;
+            s.active = planes.half_spaces.count;
             return s;
         }
         const Vec3d pull = goal - s.proxy;

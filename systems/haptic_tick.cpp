@@ -54,11 +54,12 @@ SurfaceTime after_step(const TickSpan& span, int step, int steps) {
     return {span.now.age - span.moved() * left, span.now.follow - left * (span.now.follow - span.before.follow)};
 }
 
-// Takes the proxy along with the surface that moved since the last tick. It is at hand as after the first step.
-void carry_proxy(const LocalContactModel& model, const TickSpan& span, double radius, const Room& room,
+// Takes the proxy along with the surface that moved since the last tick. It is at hand as after the first step. False: in a crowd of features
+// the way out of the surface is left to the search for the goal.
+bool carry_proxy(const LocalContactModel& model, const TickSpan& span, double radius, const Room& room,
                  HapticScratch& scratch, ToolState& state) {
     const double way = span.surface_way;
-    if (way == 0 && state.contacts == 0) return;
+    if (way == 0 && state.contacts == 0) return true;
     const int steps = carry_steps(span, radius);
     const Vec3d followed = span.now.follow - span.before.follow;
     bool was_outside = state.contacts > 0;
@@ -69,15 +70,17 @@ void carry_proxy(const LocalContactModel& model, const TickSpan& span, double ra
             if (motion.body != kNone && motion.body == model.give.body) state.proxy += followed / steps;
         }
         if (k > 1) place_near(after_step(span, k, steps), room.origin, scratch.near);
-        const ProxySearch s = find_proxy(state.proxy, state.proxy, room, 0, was_outside, scratch);
+        const ProxySearch s = find_proxy(state.proxy, state.proxy, room, 0, was_outside, scratch, k == steps);
         state.proxy = s.proxy;
         was_outside = was_outside || s.active > 0;
         if (s.inside) {
             state.proxy_valid = false;
             state.contacts = 0;
-            return;
+            return true;
         }
+        if (s.left) return false;
     }
+    return true;
 }
 
 // Whether a tip there is clear of all that is near.
@@ -99,13 +102,13 @@ void update_proxy(const LocalContactModel& model, const TickSpan& span, const Ha
         return;
     }
     const Room room{state.proxy, span.travel};
-    carry_proxy(model, span, tool.tip_radius, room, scratch, state);
+    const bool came_out = carry_proxy(model, span, tool.tip_radius, room, scratch, state);
     if (!state.proxy_valid) return;
     const Vec3d carried = state.proxy;
     const double friction = feel_of(tool, model, state.touched, state.sliding).friction;
     const ProxySearch s = find_proxy(state.proxy, goal, room, friction, state.contacts > 0, scratch);
     if (!model.surface.empty()) {
-        state.sliding = state.contacts > 0 && (s.proxy - carried).norm() > kSlow * span.elapsed;
+        if (came_out) state.sliding = state.contacts > 0 && (s.proxy - carried).norm() > kSlow * span.elapsed;
         state.carried += carried - room.origin;
     }
     state.proxy = s.proxy;
@@ -174,7 +177,7 @@ void haptic_tick(const HapticParams& params, const LocalContactModel& model, dou
     const double farthest = tool.tip_radius + std::max(0.0, model.give.gap) + span.travel + span.now.follow.norm();
     if (segment_distance(centre, model.from, model.to) + farthest <= model.reach) {
         const int steps = state.proxy_valid ? carry_steps(span, tool.tip_radius) : 1;
-        gather_near(model, after_step(span, 1, steps), tool, centre, span.travel + span.surface_way + kNearby, scratch.near);
+        gather_surface(model, after_step(span, 1, steps), tool, centre, span.travel + span.surface_way + kNearby, scratch);
         update_proxy(model, span, tool, scratch, state);
     } else {
         state.proxy_valid = false;

@@ -213,30 +213,25 @@ void mark_within_reach(const HapticParams& params, const Surfaces& s, uint32_t b
     mark_triangles(s, body, boxes, params.greatest_age, scratch);
 }
 
-// Disc around a triangle, see TriangleDiscs.
-struct TriangleDisc {
-    Vec3d centre, normal = Vec3d::Zero(), velocity;
-    double radius, thickness, spread;
+// Ball around the corners of a triangle, and how they move.
+struct TriangleBall {
+    Vec3d centre, velocity;
+    double radius, spread;
 };
 
-TriangleDisc disc_around(const LocalContactModel& model, const Triangle& t) {
-    const Vec3d &a = model.position[t[0]], &b = model.position[t[1]], &c = model.position[t[2]];
-    const Vec3d &u = model.velocity[t[0]], &v = model.velocity[t[1]], &w = model.velocity[t[2]];
-    TriangleDisc disc;
-    disc.centre = (a + b + c) / 3;
-    disc.velocity = (u + v + w) / 3;
-    const Vec3d n = (b - a).cross(c - a);
-    const double length = n.norm();
-    if (length > 0) disc.normal = n / length;
-    const auto apart2 = [](const Vec3d& p, const Vec3d& q) { return (p - q).squaredNorm(); };
-    const auto off = [&](const Vec3d& p) { return std::abs(disc.normal.dot(p - disc.centre)); };
-    disc.radius = std::sqrt(std::max({apart2(a, disc.centre), apart2(b, disc.centre), apart2(c, disc.centre)}));
-    disc.spread = std::sqrt(std::max({apart2(u, disc.velocity), apart2(v, disc.velocity), apart2(w, disc.velocity)}));
-    disc.thickness = std::max({off(a), off(b), off(c)});
-    return disc;
+TriangleBall ball_around(const LocalContactModel& model, const Triangle& t) {
+    const auto mean_and_farthest = [&](const std::vector<Vec3d>& of, Vec3d& mean, double& farthest) {
+        const Vec3d &a = of[t[0]], &b = of[t[1]], &c = of[t[2]];
+        mean = (a + b + c) / 3;
+        farthest = std::sqrt(std::max({(a - mean).squaredNorm(), (b - mean).squaredNorm(), (c - mean).squaredNorm()}));
+    };
+    TriangleBall ball;
+    mean_and_farthest(model.position, ball.centre, ball.radius);
+    mean_and_farthest(model.velocity, ball.velocity, ball.spread);
+    return ball;
 }
 
-// Ball around parts (discs, groups), and how they move.
+// Ball around parts (triangles, groups), and how they move.
 template <typename Part>
 void bound_parts(std::span<const Part> parts, TriangleGroup& group) {
     group.centre.setZero(), group.velocity.setZero();
@@ -255,21 +250,18 @@ void set_lane(std::array<std::array<float, count>, 3>& lanes, uint32_t lane, con
 }
 
 // Bounds the triangles of a group, and the group.
-void bound_triangles(const LocalContactModel& model, TriangleGroup& group, TriangleDiscs& discs) {
-    std::array<TriangleDisc, kGroupTriangles> each;
+void bound_triangles(const LocalContactModel& model, TriangleGroup& group, TriangleLanes& lanes) {
+    std::array<TriangleBall, kGroupTriangles> each;
     const Range triangles = group.triangles;
-    for (uint32_t k = 0; k < triangles.count; ++k) each[k] = disc_around(model, model.triangle[triangles.first + k]);
-    bound_parts(std::span<const TriangleDisc>(each).first(triangles.count), group);
-    for (uint32_t k = 0; k < kGroupTriangles; ++k) {
-        discs.thickness[k] = -std::numeric_limits<float>::infinity();
-        if (k >= triangles.count) continue;
-        const TriangleDisc& disc = each[k];
-        set_lane(discs.centre, k, disc.centre - group.centre);
-        set_lane(discs.velocity, k, disc.velocity - group.velocity);
-        set_lane(discs.normal, k, disc.normal);
-        discs.radius[k] = static_cast<float>(disc.radius);
-        discs.thickness[k] = static_cast<float>(disc.thickness);
-        discs.spread[k] = static_cast<float>(disc.spread);
+    for (uint32_t k = 0; k < triangles.count; ++k) each[k] = ball_around(model, model.triangle[triangles.first + k]);
+    bound_parts(std::span<const TriangleBall>(each).first(triangles.count), group);
+    for (uint32_t lane = 0; lane < kGroupTriangles; ++lane) {
+        for (size_t k = 0; k < 3; ++k) {
+            const bool here = lane < triangles.count;
+            const uint32_t v = here ? model.triangle[triangles.first + lane][k] : 0;
+            set_lane(lanes.corner[k], lane, here ? Vec3d(model.position[v] - group.centre) : Vec3d::Constant(kFarLane));
+            set_lane(lanes.velocity[k], lane, here ? Vec3d(model.velocity[v] - group.velocity) : Vec3d::Zero());
+        }
     }
 }
 
@@ -285,16 +277,16 @@ void bound_block(const LocalContactModel& model, TriangleGroup& block, GroupBall
         set_lane(balls.velocity, k, group.velocity - block.velocity);
         balls.radius[k] = static_cast<float>(group.radius);
         balls.spread[k] = static_cast<float>(group.spread);
-        balls.speed[k] = static_cast<float>((1 + kDiscRounding) * (group.velocity.norm() + group.spread));
+        balls.speed[k] = static_cast<float>((1 + kLaneRounding) * (group.velocity.norm() + group.spread));
     }
 }
 
 // Bounds triangles, groups and blocks of one body, or of all.
 void bound_groups(LocalContactModel& model, uint32_t body) {
     const auto wanted = [&](uint32_t triangle) { return body == kNone || model.body[triangle] == body; };
-    model.disc.resize(model.group.size());
+    model.lanes.resize(model.group.size());
     for (uint32_t g = 0; g < model.group.size(); ++g)
-        if (wanted(model.group[g].triangles.first)) bound_triangles(model, model.group[g], model.disc[g]);
+        if (wanted(model.group[g].triangles.first)) bound_triangles(model, model.group[g], model.lanes[g]);
     model.ball.resize(model.block.size());
     for (uint32_t b = 0; b < model.block.size(); ++b)
         if (wanted(model.group[model.block[b].triangles.first].triangles.first)) bound_block(model, model.block[b], model.ball[b]);

@@ -33,6 +33,82 @@ double clearance(const Rig& rig) {
 
 // ---- what carries the tip ----
 
+// Triangles of every shape around the origin: well shaped, needles down to none of a width, specks, all of them going and crumpling.
+LocalContactModel any_triangles(std::mt19937& random) {
+    std::uniform_real_distribution<double> any(-1, 1);
+    const auto vector = [&] { return Vec3d(any(random), any(random), any(random)); };
+    Mesh mesh;
+    for (uint32_t t = 0; t < 400; ++t) {
+        const Vec3d a = 6e-3 * vector(), b = a + std::pow(10, -3 - 1.5 * (1 + any(random))) * vector();
+        const double width = t % 4 == 0 ? 0 : std::pow(10, -3 - 3.0 * (t % 3) * (1 + any(random)));
+        const Vec3d c = t % 4 == 3 ? Vec3d(a + 1e-3 * vector()) : Vec3d(a + 0.5 * (1 + any(random)) * (b - a) + width * vector());
+        for (const Vec3d& p : {a, b, c}) mesh.position.push_back(p);
+        mesh.triangle.push_back({3 * t, 3 * t + 1, 3 * t + 2});
+    }
+    LocalContactModel model = make_patch(mesh);
+    const Vec3d going = 0.3 * vector();
+    for (size_t v = 0; v < model.position.size(); ++v) model.velocity[v] = going + 0.05 * vector();
+    group_triangles(model);
+    return model;
+}
+
+// What a tip sees in floats, and what it still says of places and steps near by, leaves out no triangle that is touched there, and puts none
+// later or farther than it is: against every triangle in doubles. Breaks without the doubt of needles' planes, or with tangents taken
+// where the tip was without the way from there.
+TEST(HapticNear, NoTriangleAheadIsLeftOut) {
+    std::mt19937 random(11);
+    std::uniform_real_distribution<double> any(-1, 1);
+    const auto vector = [&] { return Vec3d(any(random), any(random), any(random)); };
+    uint64_t told = 0, within = 0, asked_ahead = 0, hit = 0;
+    for (int round = 0; round < 40; ++round) {
+        const LocalContactModel model = any_triangles(random);
+        HandTool tool;
+        tool.tip_radius = round % 2 == 0 ? 4e-3 : 2e-5;
+        const SurfaceTime at{0.01 * any(random), Vec3d::Zero()};
+        const auto distance_from = [&](uint32_t t, const Vec3d& p) {
+            const auto corner = [&](size_t k) { return Vec3d(model.position[model.triangle[t][k]] + at.age * model.velocity[model.triangle[t][k]]); };
+            return std::sqrt(closest_point_on_triangle(p, corner(0), corner(1), corner(2)).squared_distance);
+        };
+        Vec3d centre = 3e-3 * vector();
+        NearSurface near;
+        gather_near(model, at, tool, centre, 3e-3, near);
+        for (int place = 0; place < 12; ++place) {
+            const double beyond = place % 3 == 0 ? 2e-4 : 0;
+            find_within(beyond, near);
+            std::vector<double> least(model.triangle.size(), -1);
+            for (const TriangleAhead& one : near.ahead) least[one.triangle] = one.least;
+            told += near.ahead.size();
+            for (uint32_t t = 0; t < model.triangle.size(); ++t) {
+                const double distance = distance_from(t, centre);
+                ASSERT_LE(least[t], distance) << round << ' ' << t;
+                if (distance > tool.tip_radius + beyond) continue;
+                ++within;
+                ASSERT_TRUE(std::any_of(near.ahead.begin(), near.ahead.end(), [&](const TriangleAhead& one) { return one.triangle == t; })) << round << ' ' << t;
+            }
+            const Vec3d step = (place % 2 == 0 ? 3e-4 : 5e-5) * vector();
+            find_ahead(step, near);
+            asked_ahead += near.ahead.size();
+            std::vector<double> from(model.triangle.size(), 2);
+            for (const TriangleAhead& one : near.ahead) from[one.triangle] = one.from;
+            for (uint32_t t = 0; t < model.triangle.size(); ++t) {
+                if (distance_from(t, centre) < tool.tip_radius) continue;
+                for (double share = 0; share <= 1; share += 1.0 / 16) {
+                    if (distance_from(t, centre + share * step) > tool.tip_radius) continue;
+                    ASSERT_LE(from[t], share) << round << ' ' << t;
+                    ++hit;
+                    break;
+                }
+            }
+            centre += 0.4 * step;
+            go_to(centre, near);
+        }
+    }
+    EXPECT_GT(hit, 400u);
+    EXPECT_GT(within, 5000u);
+    EXPECT_LT(static_cast<double>(told), 1.05 * static_cast<double>(within));
+    EXPECT_LT(static_cast<double>(asked_ahead), 3.0 * static_cast<double>(hit));
+}
+
 // The motion of the surface beside a tip is that of the point of it that is nearest among all that is touched, else among all that
 // is near: against every triangle, with a sheet beside a solid so that the nearest is not always the first to be touched.
 TEST(HapticNear, MotionIsOfTheNearestSurface) {

@@ -371,19 +371,7 @@ template <typename Lanes>
 Vec3d lane_of(const std::array<Lanes, 3>& lanes, uint32_t lane) {
     return {lanes[0][lane], lanes[1][lane], lanes[2][lane]};
 }
-// The disc around a triangle of a group, in the world.
-struct DiscInTest {
-    Vec3d centre, normal, velocity;
-    double radius, thickness, spread;
-};
-DiscInTest disc_of(const LocalContactModel& m, uint32_t group, uint32_t triangle) {
-    const TriangleDiscs& discs = m.disc[group];
-    const uint32_t lane = triangle - m.group[group].triangles.first;
-    return {m.group[group].centre + lane_of(discs.centre, lane), lane_of(discs.normal, lane), m.group[group].velocity + lane_of(discs.velocity, lane),
-            discs.radius[lane], discs.thickness[lane], discs.spread[lane]};
-}
-
-// Every bound of a model holds its triangles at every age it may get: discs, groups, blocks.
+// Every bound of a model holds its triangles at every age it may get: groups, blocks; and lanes say where corners are.
 TEST(LocalContactModel, BoundsHoldTheirTrianglesAsTheyMove) {
     const Scene s = busy_scene();
     LocalContactScratch scratch;
@@ -399,20 +387,19 @@ TEST(LocalContactModel, BoundsHoldTheirTrianglesAsTheyMove) {
             for (uint32_t t = m.group[g].triangles.first; t < m.group[g].triangles.end(); ++t) {
                 ++seen[t];
                 EXPECT_EQ(m.body[t], m.body[m.group[block.triangles.first].triangles.first]);
-                const DiscInTest disc = disc_of(m, g, t);
+                const uint32_t lane = t - m.group[g].triangles.first;
                 for (const double age : {-0.03, 0.0, 0.01, 0.035}) {
-                    for (const uint32_t v : m.triangle[t]) {
+                    for (size_t k = 0; k < 3; ++k) {
+                        const uint32_t v = m.triangle[t][k];
                         const Vec3d p = m.position[v] + age * m.velocity[v];
                         ASSERT_LT(outside(m.group[g], p, age), 1e-12);
                         ASSERT_LT(outside(block, p, age), 1e-12);
-                        const double rounding = kDiscRounding * (m.group[g].radius + m.group[g].spread * std::abs(age));
-                        ASSERT_LT(outside(disc, p, age), rounding);
-                        const double height = disc.normal.dot(p - disc.centre - age * disc.velocity);
-                        ASSERT_LT(std::abs(height), disc.thickness + disc.spread * std::abs(age) + rounding);
+                        const Vec3d told = m.group[g].centre + lane_of(m.lanes[g].corner[k], lane) + age * (m.group[g].velocity + lane_of(m.lanes[g].velocity[k], lane));
+                        ASSERT_LT((told - p).norm(), 1e-6 * (m.group[g].radius + m.group[g].spread * std::abs(age)));
                     }
                 }
             }
-            for (uint32_t k = m.group[g].triangles.count; k < kGroupTriangles; ++k) EXPECT_EQ(m.disc[g].thickness[k], -INFINITY);
+            for (uint32_t k = m.group[g].triangles.count; k < kGroupTriangles; ++k) EXPECT_GT(lane_of(m.lanes[g].corner[0], k).norm(), 1e8);
         }
     }
     for (uint32_t b = 0; b < m.block.size(); ++b) {
@@ -424,7 +411,7 @@ TEST(LocalContactModel, BoundsHoldTheirTrianglesAsTheyMove) {
                 continue;
             }
             const TriangleGroup& group = m.group[groups.first + k];
-            const double rounding = kDiscRounding * (m.block[b].radius + m.block[b].spread);
+            const double rounding = kLaneRounding * (m.block[b].radius + m.block[b].spread);
             EXPECT_NEAR((m.block[b].centre + lane_of(ball.centre, k) - group.centre).norm(), 0, rounding);
             EXPECT_NEAR((m.block[b].velocity + lane_of(ball.velocity, k) - group.velocity).norm(), 0, rounding);
             EXPECT_NEAR(ball.radius[k], group.radius, rounding);
