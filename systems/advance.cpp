@@ -339,6 +339,7 @@ void share_room(std::span<AdvanceScratch> scratches) {
     level(&AdvanceScratch::shape_sums);
     level(&AdvanceScratch::node);
     level(&AdvanceScratch::change);
+    level(&AdvanceScratch::moved_in);
     level(&AdvanceScratch::node_of_particle);
     level(&AdvanceScratch::slot_of_body);
     level(&AdvanceScratch::plan);

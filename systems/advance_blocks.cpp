@@ -187,7 +187,7 @@ void put_row(AdvanceIsland& island, const ContactPlan& plan, uint32_t lane, Cont
     block.open[lane] = plan.ended ? 0 : -1;
     const Vec4d start = start_impulse(island, plan.row), normal = lane_of(block.normal, lane);
     block.normal_impulse[lane] = std::max(0.0, dot(start, normal));
-    set_lane(block.friction_impulse, lane, start - dot(start, normal) * normal);
+    if (block.normal_impulse[lane] > 0) set_lane(block.friction_impulse, lane, start - dot(start, normal) * normal);
 }
 
 // Deals rows out to the blocks of a group: each to the first of a few unfinished ones that has none of its nodes.
@@ -355,6 +355,7 @@ void solve_block(AdvanceScratch& s, ContactBlock& block) {
     const Vec4d approach = dot(block.normal, velocity);
     const Vec4d normal_impulse =
         greatest(block.normal_impulse - (approach - block.least_velocity) * block.inv_sum, Vec4d{});
+    if (!any((normal_impulse > 0) | (block.normal_impulse > 0))) return;  // nor is there friction
     const Vec4d most = block.friction * normal_impulse;
     FourPoints friction = block.friction_impulse - block.inv_sum * (velocity - approach * block.normal);
     const Vec4d size2 = norm2(friction);
@@ -379,7 +380,7 @@ Vec4d gaps_after(const AdvanceScratch& s, const ContactBlock& block) {
 }
 
 // As add_push.
-void add_pushes(const AdvanceIsland& island, const ContactBlock& block, const FourPoints& way) {
+void add_pushes(const AdvanceIsland& island, const ContactBlock& block, const FourPoints& way, uint8_t sweep) {
     AdvanceScratch& s = island.scratch;
     const bool by_mass = island.params.contact.share == ResponseShare::kMass;
     Vec4d unit[kParts], scale[2] = {block.inv_sum, block.inv_sum};
@@ -395,7 +396,16 @@ void add_pushes(const AdvanceIsland& island, const ContactBlock& block, const Fo
     for (uint32_t k = 0; k < parts_of(block); ++k) {
         if (k == 1 && !block.edges) continue;
         add_to_part(s, block, k, (block.lever[k] * unit[k] * scale[k >= 2]) * way, &ContactNode::after);
+        for (const uint32_t node : block.node[k]) s.moved_in[node] = sweep;
     }
+}
+
+// Whether a node of a block has moved since the block was looked at in the sweep before.
+bool has_moved(const AdvanceScratch& s, const ContactBlock& block, uint8_t sweep) {
+    bool moved = false;
+    for (uint32_t k = 0; k < parts_of(block); ++k)
+        for (const uint32_t node : block.node[k]) moved |= s.moved_in[node] + 1 >= sweep;
+    return moved;
 }
 
 // Deals out the rows of a group that fit, and counts its blocks.
@@ -553,14 +563,15 @@ void add_block_impulses(AdvanceScratch& s, const RowGroup& group) {
     }
 }
 
-bool push_blocks(AdvanceIsland& island, double most, const RowGroup& group) {
+bool push_blocks(AdvanceIsland& island, double most, const RowGroup& group, uint8_t sweep) {
     bool pushed = false;
     for (const uint32_t i : group.active_block) {
         const ContactBlock& block = island.scratch.block[i];
+        if (sweep > 1 && !has_moved(island.scratch, block, sweep)) continue;
         const Vec4d overlap = -gaps_after(island.scratch, block);
         const Mask4 deep = block.active & (overlap > kRestingOverlap);
         if (!any(deep)) continue;
-        add_pushes(island, block, keep(deep, least(overlap, all_lanes(most))) * block.normal);
+        add_pushes(island, block, keep(deep, least(overlap, all_lanes(most))) * block.normal, sweep);
         pushed = true;
     }
     return pushed;

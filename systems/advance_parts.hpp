@@ -231,7 +231,8 @@ void activate_blocks(AdvanceIsland& island, double reach, RowGroup& group);  // 
 void start_blocks(AdvanceScratch& s, const RowGroup& group);  // see start_rows
 void solve_blocks(AdvanceScratch& s, const RowGroup& group);
 void add_block_impulses(AdvanceScratch& s, const RowGroup& group);
-bool push_blocks(AdvanceIsland& island, double most, const RowGroup& group);
+// Counted from 1, a sweep passes over blocks none of whose nodes has moved since the sweep before.
+bool push_blocks(AdvanceIsland& island, double most, const RowGroup& group, uint8_t sweep);
 double deepest_in_blocks(const AdvanceScratch& s, const RowGroup& group);
 // Groups of rows (advance_groups.cpp). Bodies are put into strips across the way they spread most; rows inside a strip are a
 // group, rows between a strip and the next are another, and the few others a last one. Phases: strips; even borders; odd

@@ -35,11 +35,12 @@ bool is_free(const AdvanceScratch& s, uint32_t node) {
 
 // Later rows see the move; but a node pressed from both sides stays where it was for all of them and goes half of each
 // way: it meets its two planes midway.
-void move_node(AdvanceScratch& s, uint32_t node, Vec4d move) {
+void move_node(AdvanceScratch& s, uint32_t node, Vec4d move, uint8_t sweep) {
     if (s.change[node].opposed) {
         s.change[node].change += 0.5 * move;
     } else {
         s.node[node].after += move;
+        s.moved_in[node] = sweep;
     }
 }
 
@@ -51,7 +52,7 @@ bool is_moved_midway(const AdvanceScratch& s, const ContactActive& row) {
 }
 
 // Moves both sides by their inverse masses, or each side by its share of the way; with a free body always by mass.
-void add_push(AdvanceIsland& island, const ContactActive& row, Vec4d way) {
+void add_push(AdvanceIsland& island, const ContactActive& row, Vec4d way, uint8_t sweep) {
     AdvanceScratch& s = island.scratch;
     const bool by_mass = island.params.contact.share == ResponseShare::kMass || row.turning != kNone;
     double scale[2] = {row.inv_sum, row.inv_sum};  // of the side of the point, of the plane
@@ -70,7 +71,7 @@ void add_push(AdvanceIsland& island, const ContactActive& row, Vec4d way) {
         const double inv_mass = s.node[row.node[k]].inv_mass;
         if (!(inv_mass > 0) || is_free(s, row.node[k])) continue;
         const double unit = by_mass ? inv_mass : 1.0;
-        move_node(s, row.node[k], (row.weight[k] * unit * scale[k >= row.point_nodes]) * way);
+        move_node(s, row.node[k], (row.weight[k] * unit * scale[k >= row.point_nodes]) * way, sweep);
     }
     if (row.turning != kNone) push_free_sides(s, s.turning[row.turning], row.inv_sum * way);
 }
@@ -235,20 +236,22 @@ void push_out(AdvanceIsland& island, uint32_t substep) {
         const double most = params.contact.push_speed * 1e-3 * static_cast<double>(ms);
         // in a heap of many bodies one push undoes another
         const uint32_t sweeps = s.phase[4] > 1 ? params.contact.iterations : 1;
+        s.moved_in.assign(s.node.size(), 0);
         for_each_group(s, [&](RowGroup& group) {
             Vec4d normal;
             bool again = true;
             group.pushed = false;
             for (uint32_t sweep = 0; sweep < sweeps && again; ++sweep) {
                 again = false;
+                const uint8_t stamp = static_cast<uint8_t>(std::min(sweep + 1, 255u));
                 for (const ContactActive& row : group.active) {
                     if (sweep > 0 && is_moved_midway(s, row)) continue;
                     const double overlap = -gap_after(s, s.plan[row.plan], normal);
                     if (!(overlap > kRestingOverlap)) continue;
-                    add_push(island, row, std::min(overlap, most) * normal);
+                    add_push(island, row, std::min(overlap, most) * normal, stamp);
                     again = true;
                 }
-                again = push_blocks(island, most, group) || again;
+                again = push_blocks(island, most, group, stamp) || again;
                 group.pushed = group.pushed || again;
             }
         });

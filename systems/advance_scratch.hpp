@@ -293,6 +293,7 @@ struct AdvanceScratch {
     std::vector<double> shape_sums;  // per chunk of slices: kShapeSums * 16
     std::vector<ContactNode> node;
     std::vector<ContactNodeChange> change;   // as node
+    std::vector<uint8_t> moved_in;           // as node: sweep of push_out, from 1, that moved it last in this substep; 0: none
     std::vector<uint32_t> node_of_particle;  // row of node or kNone, one per particle of the world
     std::vector<uint32_t> slot_of_body;      // row of body or of rigid or kNone, one per body of the world
     std::vector<ContactSkinPoint> skin_point;
