@@ -274,7 +274,7 @@ void finish_bodies(AdvanceIsland& island) {
     }
     for (const AdvanceRigid& rigid : island.scratch.rigid) {
         if (rigid.node == kNone || (rigid.free != kNone && rigid.jaw == kNone)) continue;
-        const ContactNode& node = island.scratch.node[rigid.node];
+        const ContactNode node = island.scratch.node[rigid.node];
         island.poses.origin[rigid.body] = to_vec3(rigid.jaw == kNone ? node.place : rigid.place[1].shift);
         Vec4d velocity = node.velocity;
         if (rigid.free != kNone) velocity += cross(island.scratch.free[rigid.free].spin, rigid.place[1].shift - node.place);

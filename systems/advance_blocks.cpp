@@ -131,7 +131,7 @@ void find_opposable(AdvanceIsland& island) {
 
 // Particle-less and without mass: what lanes without a row, and vertices without a second end, point to.
 uint32_t add_idle_node(AdvanceScratch& s) {
-    ContactNode& node = s.node.emplace_back();
+    const ContactNode node = s.node.add();
     node.place = node.after = node.velocity = Vec4d{};
     s.change.emplace_back();
     return static_cast<uint32_t>(s.node.size()) - 1;
@@ -234,24 +234,25 @@ class BlockDealer {
     uint32_t next_ = 0;                        // slot to close when none will do
 };
 
-// Places of the nodes of one part of a block, one of the fields of ContactNode.
-inline __attribute__((always_inline)) FourPoints part_of(const AdvanceScratch& s, const ContactBlock& block, uint32_t part, Vec4d ContactNode::* field) {
+// Places of the nodes of one part of a block, one of the fields of ContactNodes.
+inline __attribute__((always_inline)) FourPoints part_of(const AdvanceScratch& s, const ContactBlock& block, uint32_t part, std::vector<Vec4d> ContactNodes::* field) {
     const auto& n = block.node[part];
-    return side_by_side(s.node[n[0]].*field, s.node[n[1]].*field, s.node[n[2]].*field, s.node[n[3]].*field);
+    const Vec4d* value = (s.node.*field).data();
+    return side_by_side(value[n[0]], value[n[1]], value[n[2]], value[n[3]]);
 }
-inline __attribute__((always_inline)) FourPoints point_of(const AdvanceScratch& s, const ContactBlock& block, Vec4d ContactNode::* field) {
+inline __attribute__((always_inline)) FourPoints point_of(const AdvanceScratch& s, const ContactBlock& block, std::vector<Vec4d> ContactNodes::* field) {
     const FourPoints point = block.weight[0] * part_of(s, block, 0, field);
     return block.edges ? point + block.weight[1] * part_of(s, block, 1, field) : point;
 }
 inline __attribute__((always_inline)) FourPoints weighted(const std::array<Vec4d, 3>& w, const FourPoints& a, const FourPoints& b, const FourPoints& c) {
     return w[0] * a + w[1] * b + w[2] * c;
 }
-inline __attribute__((always_inline)) FourPoints plane_of(const AdvanceScratch& s, const ContactBlock& block, Vec4d ContactNode::* field) {
+inline __attribute__((always_inline)) FourPoints plane_of(const AdvanceScratch& s, const ContactBlock& block, std::vector<Vec4d> ContactNodes::* field) {
     return weighted({block.weight[2], block.weight[3], block.weight[4]}, part_of(s, block, 2, field),
                     part_of(s, block, 3, field), part_of(s, block, 4, field));
 }
 // Corners of the planes: their places, or where they are after the substep.
-inline __attribute__((always_inline)) FourPoints corner_of(const AdvanceScratch& s, const ContactBlock& block, uint32_t k, Vec4d ContactNode::* field) {
+inline __attribute__((always_inline)) FourPoints corner_of(const AdvanceScratch& s, const ContactBlock& block, uint32_t k, std::vector<Vec4d> ContactNodes::* field) {
     return block.fixed == kNone ? part_of(s, block, 2 + k, field) : s.fixed[block.fixed].corner[k];
 }
 // Parts that move: all, or those of the point.
@@ -299,17 +300,17 @@ void end_rows(AdvanceIsland& island, ContactBlock& block, Mask4 ended) {
 // Which rows of a block act in this substep, and what their impulses need. As find_active_rows and activate.
 bool activate(AdvanceIsland& island, double reach, ContactBlock& block) {
     const AdvanceScratch& s = island.scratch;
-    const FourPoints a = corner_of(s, block, 0, &ContactNode::place), b = corner_of(s, block, 1, &ContactNode::place),
-                     c = corner_of(s, block, 2, &ContactNode::place);
+    const FourPoints a = corner_of(s, block, 0, &ContactNodes::place), b = corner_of(s, block, 1, &ContactNodes::place),
+                     c = corner_of(s, block, 2, &ContactNodes::place);
     const std::array<Vec4d, 3> fixed = {block.weight[2], block.weight[3], block.weight[4]};
-    const FourPoints point = point_of(s, block, &ContactNode::place), plane = weighted(fixed, a, b, c);
+    const FourPoints point = point_of(s, block, &ContactNodes::place), plane = weighted(fixed, a, b, c);
     const Vec4d gap = dot(block.normal, point - plane) - block.offset;
     block.active = block.open & (gap < reach);
     if (!any(block.active)) return false;
     // what is inside acts whatever its velocity, if only that is finite
     if (!std::isfinite(reach) || any(block.active & (gap >= 0))) {
-        FourPoints velocity = point_of(s, block, &ContactNode::velocity);
-        if (block.fixed == kNone) velocity = velocity - plane_of(s, block, &ContactNode::velocity);
+        FourPoints velocity = point_of(s, block, &ContactNodes::velocity);
+        if (block.fixed == kNone) velocity = velocity - plane_of(s, block, &ContactNodes::velocity);
         const Vec4d gap_after = gap + least(dot(block.normal, velocity), Vec4d{}) * island.dt;
         const Vec4d all = gap_after + norm2(velocity);  // not finite if one of them is not
         block.active &= (gap_after < 0) & (all - all == 0);
@@ -337,9 +338,10 @@ bool activate(AdvanceIsland& island, double reach, ContactBlock& block) {
 
 // Adds to a field of the nodes of one part.
 void add_to_part(AdvanceScratch& s, const ContactBlock& block, uint32_t part, const FourPoints& way,
-                 Vec4d ContactNode::* field) {
+                 std::vector<Vec4d> ContactNodes::* field) {
     const std::array<Vec4d, 4> ways = one_by_one(way);
-    for (uint32_t lane = 0; lane < 4; ++lane) s.node[block.node[part][lane]].*field += ways[lane];
+    Vec4d* value = (s.node.*field).data();
+    for (uint32_t lane = 0; lane < 4; ++lane) value[block.node[part][lane]] += ways[lane];
 }
 
 // As solve_row, for four rows.
@@ -349,7 +351,7 @@ void solve_block(AdvanceScratch& s, ContactBlock& block) {
     FourPoints velocity;
     for (uint32_t k = 0; k < kMoving; ++k) {
         if (k == 1 && !kEdges) continue;
-        part[k] = part_of(s, block, k, &ContactNode::velocity);
+        part[k] = part_of(s, block, k, &ContactNodes::velocity);
         velocity = velocity + block.lever[k] * part[k];
     }
     const Vec4d approach = dot(block.normal, velocity);
@@ -368,15 +370,15 @@ void solve_block(AdvanceScratch& s, ContactBlock& block) {
     for (uint32_t k = 0; k < kMoving; ++k) {
         if (k == 1 && !kEdges) continue;
         const std::array<Vec4d, 4> now = one_by_one(part[k] + (block.lever[k] * block.inv_mass[k]) * impulse);
-        for (uint32_t lane = 0; lane < 4; ++lane) s.node[block.node[k][lane]].velocity = now[lane];
+        for (uint32_t lane = 0; lane < 4; ++lane) s.node.velocity[block.node[k][lane]] = now[lane];
     }
 }
 
 // Gaps at the end of the substep, as gap_after.
 Vec4d gaps_after(const AdvanceScratch& s, const ContactBlock& block) {
-    const auto corner = [&](uint32_t k) { return corner_of(s, block, k, &ContactNode::after); };
+    const auto corner = [&](uint32_t k) { return corner_of(s, block, k, &ContactNodes::after); };
     const FourPoints plane = weighted({block.weight[2], block.weight[3], block.weight[4]}, corner(0), corner(1), corner(2));
-    return dot(block.normal, point_of(s, block, &ContactNode::after) - plane) - block.offset;
+    return dot(block.normal, point_of(s, block, &ContactNodes::after) - plane) - block.offset;
 }
 
 // As add_push.
@@ -395,7 +397,7 @@ void add_pushes(const AdvanceIsland& island, const ContactBlock& block, const Fo
     }
     for (uint32_t k = 0; k < parts_of(block); ++k) {
         if (k == 1 && !block.edges) continue;
-        add_to_part(s, block, k, (block.lever[k] * unit[k] * scale[k >= 2]) * way, &ContactNode::after);
+        add_to_part(s, block, k, (block.lever[k] * unit[k] * scale[k >= 2]) * way, &ContactNodes::after);
         for (const uint32_t node : block.node[k]) s.moved_in[node] = sweep;
     }
 }
@@ -540,7 +542,7 @@ void start_blocks(AdvanceScratch& s, const RowGroup& group) {
         const FourPoints impulse = block.normal_impulse * block.normal + block.friction_impulse;
         for (uint32_t k = 0; k < parts_of(block); ++k) {
             if (k == 1 && !block.edges) continue;
-            add_to_part(s, block, k, (block.lever[k] * block.inv_mass[k]) * impulse, &ContactNode::velocity);
+            add_to_part(s, block, k, (block.lever[k] * block.inv_mass[k]) * impulse, &ContactNodes::velocity);
         }
     }
 }

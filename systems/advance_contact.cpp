@@ -26,7 +26,7 @@ constexpr uint32_t kRowsPerChunk = 2048;
 void add_node(AdvanceScratch& s, uint32_t owner, uint32_t particle) {
     const AdvanceBody& body = s.body[owner];
     s.node_of_particle[particle] = static_cast<uint32_t>(s.node.size());
-    ContactNode& node = s.node.emplace_back();
+    const ContactNode node = s.node.add();
     node.particle = particle;
     node.owner = owner;
     node.particle_inv_mass = body.now[particle - body.particles.first].w;
@@ -99,16 +99,16 @@ struct RowState {
 RowState find_gap(const AdvanceScratch& s, const ContactPlan& plan) {
     RowState r;
     if (plan.rigid_a == kNone) {
-        r.point = field_at(s, plan.node_a[0], &ContactNode::place);
+        r.point = field_at(s, plan.node_a[0], &ContactNodes::place);
         if (plan.weight_a[1] != 0 || plan.weight_a[2] != 0) {
-            r.point = plan.weight_a[0] * r.point + plan.weight_a[1] * field_at(s, plan.node_a[1], &ContactNode::place);
+            r.point = plan.weight_a[0] * r.point + plan.weight_a[1] * field_at(s, plan.node_a[1], &ContactNodes::place);
         }
-        if (plan.weight_a[2] != 0) r.point += plan.weight_a[2] * field_at(s, plan.node_a[2], &ContactNode::place);
+        if (plan.weight_a[2] != 0) r.point += plan.weight_a[2] * field_at(s, plan.node_a[2], &ContactNodes::place);
     } else {
         r.point = s.rigid[plan.rigid_a].place[0](plan.point_a);
     }
     if (plan.rigid_b == kNone) {
-        const auto place = [&](int k) { return field_at(s, plan.node_b[k], &ContactNode::place); };
+        const auto place = [&](int k) { return field_at(s, plan.node_b[k], &ContactNodes::place); };
         r.plane = plan.weight_b[0] * place(0) + plan.weight_b[1] * place(1) + plan.weight_b[2] * place(2);
         r.normal = plan.normal;
     } else {
@@ -131,14 +131,14 @@ Vec4d rigid_velocity(const AdvanceScratch& s, uint32_t slot, Vec4d point) {
 Vec4d relative_velocity(const AdvanceScratch& s, const ContactPlan& plan) {
     Vec4d v;
     if (plan.rigid_a == kNone) {
-        v = plan.weight_a[0] * field_at(s, plan.node_a[0], &ContactNode::velocity);
-        if (plan.weight_a[1] != 0) v += plan.weight_a[1] * field_at(s, plan.node_a[1], &ContactNode::velocity);
-        if (plan.weight_a[2] != 0) v += plan.weight_a[2] * field_at(s, plan.node_a[2], &ContactNode::velocity);
+        v = plan.weight_a[0] * field_at(s, plan.node_a[0], &ContactNodes::velocity);
+        if (plan.weight_a[1] != 0) v += plan.weight_a[1] * field_at(s, plan.node_a[1], &ContactNodes::velocity);
+        if (plan.weight_a[2] != 0) v += plan.weight_a[2] * field_at(s, plan.node_a[2], &ContactNodes::velocity);
     } else {
         v = rigid_velocity(s, plan.rigid_a, plan.point_a);
     }
     if (plan.rigid_b != kNone) return v - rigid_velocity(s, plan.rigid_b, plan.point_b);
-    for (int k = 0; k < 3; ++k) v -= plan.weight_b[k] * field_at(s, plan.node_b[k], &ContactNode::velocity);
+    for (int k = 0; k < 3; ++k) v -= plan.weight_b[k] * field_at(s, plan.node_b[k], &ContactNodes::velocity);
     return v;
 }
 
@@ -191,7 +191,7 @@ Foot find_foot(Vec4d a, Vec4d b, Vec4d c, Vec4d point, Vec4d plane, Vec4d normal
 Foot find_foot(const AdvanceIsland& island, const ContactPlan& plan, const RowState& r) {
     const AdvanceScratch& s = island.scratch;
     if (plan.rigid_b == kNone) {
-        const auto place = [&](int k) { return field_at(s, plan.node_b[k], &ContactNode::place); };
+        const auto place = [&](int k) { return field_at(s, plan.node_b[k], &ContactNodes::place); };
         return find_foot(place(0), place(1), place(2), r.point, r.plane, r.normal, plan.weight_b);
     }
     const AdvanceRigid& rigid = s.rigid[plan.rigid_b];
@@ -347,7 +347,7 @@ void solve_row(AdvanceScratch& s, ContactActive& row) {
         row.friction_impulse = friction;
     }
     for (uint32_t k = 0; k < nodes; ++k) {
-        ContactNode& node = s.node[row.node[k]];
+        const ContactNode node = s.node[row.node[k]];
         node.velocity += (row.weight[k] * node.inv_mass) * impulse;
     }
 }
@@ -368,7 +368,7 @@ void start_rows(AdvanceScratch& s, RowGroup& group) {
             continue;
         }
         for (uint32_t k = 0; k < row.nodes; ++k) {
-            ContactNode& node = s.node[row.node[k]];
+            const ContactNode node = s.node[row.node[k]];
             node.velocity += (row.weight[k] * node.inv_mass) * impulse;
         }
     }
@@ -427,7 +427,7 @@ void scatter_velocities(AdvanceIsland& island) {
     AdvanceScratch& s = island.scratch;
     Particles& p = island.particles;
     const auto scatter = [&](uint32_t n, NodeSums& sums) {
-        ContactNode& node = s.node[n];
+        const ContactNode node = s.node[n];
         const ContactNodeChange& change = s.change[n];
         const __m256d same = _mm256_cmp_pd((__m256d)node.velocity, (__m256d)change.kicked, _CMP_EQ_UQ);
         if (_mm256_movemask_pd(same) == 15 || node.particle == kNone || node.inv_mass == 0) return;
@@ -526,7 +526,7 @@ double note_kick(const AdvanceBody& body, const ContactNode& node, ContactNodeCh
 double gather_nodes(AdvanceIsland& island) {
     AdvanceScratch& s = island.scratch;
     const auto gather = [&](uint32_t n, NodeSums& sums) {
-        ContactNode& node = s.node[n];
+        const ContactNode node = s.node[n];
         ContactNodeChange& change = s.change[n];
         if (node.particle != kNone) {
             const AdvanceBody& body = s.body[node.owner];
@@ -608,7 +608,7 @@ void plan_contacts(AdvanceIsland& island, std::span<const uint32_t> island_rows)
     constexpr uint32_t kMostParts = 8, kRowsPerPart = 32;
     const uint32_t count = static_cast<uint32_t>(island_rows.size());
     make_room(s.plan, count);
-    make_room(s.node, s.node.size() + 2 * count);
+    if (s.node.capacity() < s.node.size() + 2 * count) s.node.reserve(2 * (s.node.size() + 2 * count));
     make_room(s.change, s.node.size() + 2 * count);
     make_room(s.dealt, count);
     make_room(s.ungrouped, count);
@@ -658,7 +658,8 @@ void find_held_rows(AdvanceIsland& island) {
     s.held.clear();
     s.held_active.clear();
     if (std::none_of(s.body.begin(), s.body.end(), [](const AdvanceBody& b) { return b.synchronous(); })) return;
-    for (ContactNode& node : s.node) {
+    for (size_t n = 0; n < s.node.size(); ++n) {
+        const ContactNode node = s.node[n];
         if (node.particle == kNone || !s.body[node.owner].synchronous()) continue;
         const AdvanceBody& body = s.body[node.owner];
         node.place = body.origin + float_vec4(_mm_load_ps(&body.now[node.particle - body.particles.first].x));

@@ -45,10 +45,10 @@ void visit_nodes(const AdvanceScratch& s, uint32_t point, const Visit& visit) {
     for (int k = 0; k < 4; ++k) visit(skin.node[k], skin.weight[k]);
 }
 // Place, after or velocity of a node or of a skin point.
-inline Vec4d field_at(const AdvanceScratch& s, uint32_t point, Vec4d ContactNode::* field) {
-    if (!(point & kSkinPoint)) return s.node[point].*field;
+inline Vec4d field_at(const AdvanceScratch& s, uint32_t point, std::vector<Vec4d> ContactNodes::* field) {
+    if (!(point & kSkinPoint)) return (s.node.*field)[point];
     Vec4d sum = {};
-    visit_nodes(s, point, [&](uint32_t node, double share) { sum += share * (s.node[node].*field); });
+    visit_nodes(s, point, [&](uint32_t node, double share) { sum += share * (s.node.*field)[node]; });
     return sum;
 }
 
@@ -261,7 +261,7 @@ void make_room(std::vector<Row>& rows, size_t n) {
 }
 
 // Adds to the place of a node's particle at the end of the substep.
-inline void move_particle(AdvanceBody& body, ContactNode& node, Vec4d way) {
+inline void move_particle(AdvanceBody& body, const ContactNode& node, Vec4d way) {
     float* offset = &body.next[node.particle - body.particles.first].x;
     const __m128 old = _mm_load_ps(offset);
     const __m128 moved = _mm256_cvtpd_ps((__m256d)(float_vec4(old) + way));

@@ -11,14 +11,14 @@ namespace {
 double gap_after(const AdvanceScratch& s, const ContactPlan& plan, Vec4d& normal) {
     Vec4d apart;
     if (plan.rigid_a == kNone) {
-        apart = plan.weight_a[0] * field_at(s, plan.node_a[0], &ContactNode::after);
-        if (plan.weight_a[1] != 0) apart += plan.weight_a[1] * field_at(s, plan.node_a[1], &ContactNode::after);
-        if (plan.weight_a[2] != 0) apart += plan.weight_a[2] * field_at(s, plan.node_a[2], &ContactNode::after);
+        apart = plan.weight_a[0] * field_at(s, plan.node_a[0], &ContactNodes::after);
+        if (plan.weight_a[1] != 0) apart += plan.weight_a[1] * field_at(s, plan.node_a[1], &ContactNodes::after);
+        if (plan.weight_a[2] != 0) apart += plan.weight_a[2] * field_at(s, plan.node_a[2], &ContactNodes::after);
     } else {
         apart = s.rigid[plan.rigid_a].place[1](plan.point_a);
     }
     if (plan.rigid_b == kNone) {
-        for (int k = 0; k < 3; ++k) apart -= plan.weight_b[k] * field_at(s, plan.node_b[k], &ContactNode::after);
+        for (int k = 0; k < 3; ++k) apart -= plan.weight_b[k] * field_at(s, plan.node_b[k], &ContactNodes::after);
         normal = plan.normal;
     } else {
         const RigidMap& place = s.rigid[plan.rigid_b].place[1];
@@ -29,7 +29,7 @@ double gap_after(const AdvanceScratch& s, const ContactPlan& plan, Vec4d& normal
 }
 
 bool is_free(const AdvanceScratch& s, uint32_t node) {
-    const ContactNode& n = s.node[node];
+    const ConstContactNode n = s.node[node];
     return n.particle == kNone && n.owner < s.rigid.size() && s.rigid[n.owner].free != kNone;  // the node of no mass has no owner
 }
 
@@ -170,7 +170,7 @@ void book_last_pushes(AdvanceIsland& island) {
     parallel_for(nodes, kNodesPerChunk, [&](uint32_t begin, uint32_t end) {
         double& work = s.node_sums[begin / kNodesPerChunk].work[0];
         for (uint32_t n = begin; n < end; ++n) {
-            const ContactNode& node = s.node[n];
+            const ContactNode node = s.node[n];
             if (!s.change[n].pushed || node.particle == kNone) continue;
             const AdvanceBody& body = s.body[node.owner];
             const HalfWay at{island, body};
@@ -187,7 +187,7 @@ void make_moves(AdvanceIsland& island, double most) {
     const auto make_move = [&](uint32_t n) {
         if (is_free(s, n)) return;
         ContactNodeChange& change = s.change[n];
-        ContactNode& node = s.node[n];
+        const ContactNode node = s.node[n];
         float* offset = nullptr;
         Vec4d origin = node.place, before = {};
         if (node.particle != kNone) {

@@ -136,15 +136,52 @@ struct AdvanceFree {
     Vec4d respond(Vec4d j) const { return j[0] * inv_inertia[0] + j[1] * inv_inertia[1] + j[2] * inv_inertia[2]; }
 };
 
-// A particle, a hand or a free body that contact rows act on.
-struct ContactNode {
-    Vec4d place;     // m, world, at the start of the substep
-    Vec4d after;     // m, world, at its end
-    Vec4d velocity;  // m/s
-    double inv_mass = 0;           // 1/kg: m/s that an impulse of 1 N s gives
-    double particle_inv_mass = 0;  // 1/kg, of a particle: without what damping takes of an impulse
-    uint32_t particle = kNone;  // row of Particles; kNone for a rigid body
-    uint32_t owner = 0;         // row of body, or of rigid
+// One row of ContactNodes.
+template <typename Vector, typename Number, typename Row>
+struct ContactNodeRow {
+    Vector& place;
+    Vector& after;
+    Vector& velocity;
+    Number& inv_mass;
+    Number& particle_inv_mass;
+    Row& particle;
+    Row& owner;
+};
+using ContactNode = ContactNodeRow<Vec4d, double, uint32_t>;
+using ConstContactNode = ContactNodeRow<const Vec4d, const double, const uint32_t>;
+
+// Particles, hands and free bodies that contact rows act on. Field by field: a sweep over rows asks for one field of many
+// nodes, here and there, and a cache holds four times as many of them so.
+struct ContactNodes {
+    std::vector<Vec4d> place;     // m, world, at the start of the substep
+    std::vector<Vec4d> after;     // m, world, at its end
+    std::vector<Vec4d> velocity;  // m/s
+    std::vector<double> inv_mass;           // 1/kg: m/s that an impulse of 1 N s gives
+    std::vector<double> particle_inv_mass;  // 1/kg, of a particle: without what damping takes of an impulse
+    std::vector<uint32_t> particle;  // row of Particles; kNone for a rigid body
+    std::vector<uint32_t> owner;     // row of body, or of rigid
+
+    size_t size() const { return place.size(); }
+    size_t capacity() const { return place.capacity(); }
+    ContactNode operator[](size_t i) { return {place[i], after[i], velocity[i], inv_mass[i], particle_inv_mass[i], particle[i], owner[i]}; }
+    ConstContactNode operator[](size_t i) const { return {place[i], after[i], velocity[i], inv_mass[i], particle_inv_mass[i], particle[i], owner[i]}; }
+    // A node at rest at the origin, without mass.
+    ContactNode add() {
+        for (auto* field : {&place, &after, &velocity}) field->push_back(Vec4d{});
+        for (auto* field : {&inv_mass, &particle_inv_mass}) field->push_back(0);
+        particle.push_back(kNone), owner.push_back(0);
+        return (*this)[size() - 1];
+    }
+    void clear() {
+        for (auto* field : {&place, &after, &velocity}) field->clear();
+        for (auto* field : {&inv_mass, &particle_inv_mass}) field->clear();
+        for (auto* field : {&particle, &owner}) field->clear();
+    }
+    void reserve(size_t n) {
+        for (auto* field : {&place, &after, &velocity}) field->reserve(n);
+        for (auto* field : {&inv_mass, &particle_inv_mass}) field->reserve(n);
+        for (auto* field : {&particle, &owner}) field->reserve(n);
+    }
 };
 struct ContactNodeChange {
     Vec4d before;        // m/s, before the kick of this substep
@@ -291,7 +328,7 @@ struct AdvanceScratch {
     std::vector<AdvanceRigid> rigid;
     std::vector<double> sums;        // per chunk of slices: 16 lanes of damping work
     std::vector<double> shape_sums;  // per chunk of slices: kShapeSums * 16
-    std::vector<ContactNode> node;
+    ContactNodes node;
     std::vector<ContactNodeChange> change;   // as node
     std::vector<uint8_t> moved_in;           // as node: sweep of push_out, from 1, that moved it last in this substep; 0: none
     std::vector<uint32_t> node_of_particle;  // row of node or kNone, one per particle of the world
