@@ -15,6 +15,7 @@ constexpr uint32_t kOpenBlocks = 16;
 // Two ways within 60 degrees of a third are within 120 of each other, which is kOpposed.
 constexpr double kLean = 0.5;
 constexpr uint32_t kPlansPerChunk = 512;
+constexpr uint32_t kRowsAhead = 8;  // that are fetched before they are asked for
 
 // Nodes of a row that is in a block.
 struct RowNodes {
@@ -33,7 +34,6 @@ bool are_distinct(const RowNodes& nodes) {
             if (nodes.node[i] == nodes.node[k]) return false;
     return true;
 }
-bool is_edge(const ContactPlan& plan) { return plan.node_a[1] != plan.node_a[0]; }
 
 // Whether a side of a row is at rest for the whole call. Short lists with static bodies converge better in order.
 bool is_fixed(const AdvanceIsland& island, uint32_t body) {
@@ -137,57 +137,81 @@ uint32_t add_idle_node(AdvanceScratch& s) {
     return static_cast<uint32_t>(s.node.size()) - 1;
 }
 
-ContactBlock empty_block(uint32_t idle) {
-    ContactBlock block;
+// Leaves out what activate writes before it is read.
+void clear_block(uint32_t idle, ContactBlock& block) {
     for (auto& nodes : block.node) nodes.fill(idle);
     block.weight.fill(Vec4d{});
     block.inv_mass.fill(Vec4d{});
-    block.lever.fill(Vec4d{});
+    block.normal = block.impulse = block.friction_impulse = FourPoints{};
+    block.offset = block.friction = block.point_share = block.normal_impulse = Vec4d{};
     block.row.fill(kNone);
-    return block;
+    block.open = Mask4{};
+    block.edges = false;
+    block.fixed = kNone;
 }
 
-void put_fixed_triangle(AdvanceIsland& island, const ContactPlan& plan, uint32_t lane, ContactBlock& block) {
+void put_fixed_triangle(AdvanceIsland& island, uint32_t row, uint32_t lane, ContactBlock& block) {
     AdvanceScratch& s = island.scratch;
-    const AdvanceRigid& rigid = s.rigid[plan.rigid_b];
+    const uint32_t other = island.rows.other[row];
+    const RigidMap& place = s.rigid[s.slot_of_body[other]].place[0];
     const Meshes& meshes = island.inputs.meshes;
-    const uint32_t first = meshes.info[island.inputs.bodies.mesh[rigid.body]].vertices.first;
+    const uint32_t first = meshes.info[island.inputs.bodies.mesh[other]].vertices.first;
     for (uint32_t k = 0; k < 3; ++k) {
-        const Vec4d corner = to_vec4(meshes.position[first + island.rows.triangle[plan.row][k]]);
-        set_lane(s.fixed[block.fixed].corner[k], lane, rigid.place[0](corner));
-        block.weight[2 + k][lane] = plan.weight_b[k];
+        const Vec4d corner = to_vec4(meshes.position[first + island.rows.triangle[row][k]]);
+        set_lane(s.fixed[block.fixed].corner[k], lane, place(corner));
+        block.weight[2 + k][lane] = island.rows.weight[row][k];
     }
-    set_lane(block.normal, lane, rigid.place[0].turn(plan.normal));
+    set_lane(block.normal, lane, place.turn(to_vec4(island.rows.normal[row])));
 }
 
-void put_row(AdvanceIsland& island, const ContactPlan& plan, uint32_t lane, ContactBlock& block) {
+// As make_plan, of a row that fits_block.
+void put_row(AdvanceIsland& island, uint32_t row, const RowSketch& sketch, ContactBlock& block) {
     const AdvanceScratch& s = island.scratch;
-    const auto put = [&](uint32_t part, uint32_t node, double weight) {
+    const ContactRows& rows = island.rows;
+    const uint32_t lane = sketch.lane;
+    const auto put = [&](uint32_t part, double weight) {
+        const uint32_t node = sketch.node[part];
         block.node[part][lane] = node;
         block.weight[part][lane] = weight;
-        block.inv_mass[part][lane] = s.node[node].inv_mass;
+        block.inv_mass[part][lane] = s.node.inv_mass[node];
     };
-    if (is_edge(plan)) {
-        put(0, plan.node_a[0], plan.weight_a[0]);
-        put(1, plan.node_a[1], plan.weight_a[1]);
+    const double along = rows.along[row];
+    if (sketch.node[1] != kNone) {
+        put(0, 1.0 - along);
+        put(1, along);
         block.edges = true;
     } else {
-        put(0, plan.node_a[0], plan.weight_a[0] + plan.weight_a[1]);
+        put(0, (1.0 - along) + along);
     }
-    if (plan.rigid_b == kNone) {
-        for (uint32_t k = 0; k < 3; ++k) put(2 + k, plan.node_b[k], plan.weight_b[k]);
-        set_lane(block.normal, lane, plan.normal);
+    if (sketch.node[2] != kNone) {
+        for (uint32_t k = 0; k < 3; ++k) put(2 + k, rows.weight[row][k]);
+        set_lane(block.normal, lane, to_vec4(rows.normal[row]));
     } else {
-        put_fixed_triangle(island, plan, lane, block);
+        put_fixed_triangle(island, row, lane, block);
     }
-    block.offset[lane] = plan.offset;
-    block.friction[lane] = plan.friction;
-    block.point_share[lane] = share_of_point(island, plan);
-    block.row[lane] = plan.row;
-    block.open[lane] = plan.ended ? 0 : -1;
-    const Vec4d start = start_impulse(island, plan.row), normal = lane_of(block.normal, lane);
+    const Bodies& bodies = island.inputs.bodies;
+    const uint32_t other = rows.other[row];
+    if (island.inputs.meshes.info[bodies.mesh[other]].admission == Admission::kSheet) block.offset[lane] = 0.5 * bodies.thickness[other];
+    block.friction[lane] = rows.friction[row];
+    block.point_share[lane] = share_of_point(island, row);
+    block.row[lane] = row;
+    block.open[lane] = std::isinf(rows.distance[row]) ? 0 : -1;
+    const Vec4d start = start_impulse(island, row), normal = lane_of(block.normal, lane);
     block.normal_impulse[lane] = std::max(0.0, dot(start, normal));
     if (block.normal_impulse[lane] > 0) set_lane(block.friction_impulse, lane, start - dot(start, normal) * normal);
+}
+
+// Rows of a group lie here and there in memory.
+void fetch_row(const ContactRows& rows, uint32_t row) {
+    __builtin_prefetch(&rows.body[row]);
+    __builtin_prefetch(&rows.other[row]);
+    __builtin_prefetch(&rows.along[row]);
+    __builtin_prefetch(&rows.triangle[row]);
+    __builtin_prefetch(&rows.weight[row]);
+    __builtin_prefetch(&rows.normal[row]);
+    __builtin_prefetch(&rows.distance[row]);
+    __builtin_prefetch(&rows.friction[row]);
+    if (!rows.carried.empty()) __builtin_prefetch(&rows.carried[row]);
 }
 
 // Deals rows out to the blocks of a group: each to the first of a few unfinished ones that has none of its nodes.
@@ -426,16 +450,20 @@ void deal_blocks(AdvanceScratch& s, RowGroup& group) {
 
 void fill_blocks(AdvanceIsland& island, const RowGroup& group) {
     AdvanceScratch& s = island.scratch;
-    for (uint32_t i = 0; i < group.block.count; ++i) {
-        ContactBlock& block = s.block[group.block.first + i];
-        block = empty_block(group.idle);
-        if (i + group.fixed.count < group.block.count) continue;
-        block.fixed = group.fixed.end() - (group.block.count - i);
-        s.fixed[block.fixed] = {};
-    }
+    const uint32_t before_fixed = group.block.count - group.fixed.count;
     for (uint32_t i = group.plan.first; i < group.plan.end(); ++i) {
+        if (i + kRowsAhead < group.plan.end()) fetch_row(island.rows, s.dealt[i + kRowsAhead]);
         const RowSketch& row = s.sketch[i];
-        if (row.kind != RowSketch::kSingle) put_row(island, make_plan(island, s.dealt[i]), row.lane, s.block[group.block.first + row.block]);
+        if (row.kind == RowSketch::kSingle) continue;
+        ContactBlock& block = s.block[group.block.first + row.block];
+        if (row.lane == 0) {  // the first of the block
+            clear_block(group.idle, block);
+            if (row.block >= before_fixed) {
+                block.fixed = group.fixed.first + row.block - before_fixed;
+                s.fixed[block.fixed] = {};
+            }
+        }
+        put_row(island, s.dealt[i], row, block);
     }
 }
 

@@ -220,7 +220,7 @@ inline Vec4d start_impulse(const AdvanceIsland& island, uint32_t row) {
 void push_out(AdvanceIsland& island, uint32_t substep);
 
 // Share of the way of a push that the side of the point goes, unless bodies share it by mass.
-double share_of_point(const AdvanceIsland& island, const ContactPlan& plan);
+double share_of_point(const AdvanceIsland& island, uint32_t row);
 
 // Long lists of rows between deformable bodies are worked on four at a time, and where there are several groups those with
 // static bodies too; each does what its namesake for one row does. plan_blocks makes blocks of the rows of scratch.dealt, and

@@ -2,6 +2,7 @@
 #include <cmath>
 
 #include "engine/geometry/quaternion.hpp"
+#include "engine/surfaces.hpp"
 #include "engine/tet_forces.hpp"
 #include "systems/advance_parts.hpp"
 namespace trocar {
@@ -63,7 +64,7 @@ void add_push(AdvanceIsland& island, const ContactActive& row, Vec4d way, uint8_
         }
         const ContactPlan& plan = s.plan[row.plan];
         const bool both_rigid = plan.rigid_a != kNone && plan.rigid_b != kNone;  // a hand and something firm
-        const double point = both_rigid ? double(sum[0] > 0) : share_of_point(island, plan);
+        const double point = both_rigid ? double(sum[0] > 0) : share_of_point(island, plan.row);
         scale[0] = sum[0] > 0 ? point / sum[0] : 0;
         scale[1] = sum[1] > 0 ? (1 - point) / sum[1] : 0;
     }
@@ -216,13 +217,13 @@ void make_moves(AdvanceIsland& island, double most) {
 
 }  // namespace
 
-double share_of_point(const AdvanceIsland& island, const ContactPlan& plan) {
-    if (plan.rigid_a != kNone) return 0;
-    if (plan.rigid_b != kNone) return 1;
-    if (island.params.contact.share == ResponseShare::kHalf) return 0.5;
+double share_of_point(const AdvanceIsland& island, uint32_t row) {
     const Bodies& bodies = island.inputs.bodies;
-    const double a = bodies.spring_stiffness[island.rows.body[plan.row]];
-    const double b = bodies.spring_stiffness[island.rows.other[plan.row]];
+    const uint32_t point = island.rows.body[row], plane = island.rows.other[row];
+    if (!is_deformable(bodies, point)) return 0;
+    if (!is_deformable(bodies, plane)) return 1;
+    if (island.params.contact.share == ResponseShare::kHalf) return 0.5;
+    const double a = bodies.spring_stiffness[point], b = bodies.spring_stiffness[plane];
     return b / (a + b);
 }
 
