@@ -1,6 +1,7 @@
 #include <algorithm>
 #include <bit>
 #include <cmath>
+#include <cstddef>
 
 #include "engine/check.hpp"
 #include "engine/surfaces.hpp"
@@ -15,7 +16,8 @@ constexpr uint32_t kOpenBlocks = 16;
 // Two ways within 60 degrees of a third are within 120 of each other, which is kOpposed.
 constexpr double kLean = 0.5;
 constexpr uint32_t kPlansPerChunk = 512;
-constexpr uint32_t kRowsAhead = 8;  // that are fetched before they are asked for
+// That are fetched before they are asked for.
+constexpr uint32_t kRowsAhead = 8, kBlocksAhead = 3;
 
 // Nodes of a row that is in a block.
 struct RowNodes {
@@ -212,6 +214,28 @@ void fetch_row(const ContactRows& rows, uint32_t row) {
     __builtin_prefetch(&rows.distance[row]);
     __builtin_prefetch(&rows.friction[row]);
     if (!rows.carried.empty()) __builtin_prefetch(&rows.carried[row]);
+}
+
+// Part of a block that a loop over blocks asks for, bytes.
+struct BlockPart {
+    size_t first, end;
+};
+constexpr BlockPart kWholeBlock = {0, sizeof(ContactBlock)};
+constexpr BlockPart kGapPart = {0, offsetof(ContactBlock, lever)};
+constexpr BlockPart kSweepPart = {offsetof(ContactBlock, node), offsetof(ContactBlock, impulse)};
+constexpr BlockPart kSumPart = {offsetof(ContactBlock, normal_impulse), offsetof(ContactBlock, point_share)};
+
+// Calls run(block) for the active blocks of a group, one after the other. They come from far away in memory: that of a later
+// one is fetched meanwhile.
+template <typename Run>
+inline __attribute__((always_inline)) void for_active_blocks(AdvanceScratch& s, const RowGroup& group, BlockPart part, const Run& run) {
+    constexpr size_t kLine = 64;
+    const std::vector<uint32_t>& active = group.active_block;
+    for (size_t i = 0; i < active.size(); ++i) {
+        const char* later = reinterpret_cast<const char*>(&s.block[active[std::min(i + kBlocksAhead, active.size() - 1)]]);
+        for (size_t byte = part.first / kLine * kLine; byte < part.end; byte += kLine) __builtin_prefetch(later + byte);
+        run(s.block[active[i]]);
+    }
 }
 
 // Deals rows out to the blocks of a group: each to the first of a few unfinished ones that has none of its nodes.
@@ -564,54 +588,51 @@ void activate_blocks(AdvanceIsland& island, double reach, RowGroup& group) {
 }
 
 void start_blocks(AdvanceScratch& s, const RowGroup& group) {
-    for (const uint32_t i : group.active_block) {
-        const ContactBlock& block = s.block[i];
-        if (!any(block.normal_impulse > 0)) continue;
+    for_active_blocks(s, group, kSweepPart, [&](const ContactBlock& block) {
+        if (!any(block.normal_impulse > 0)) return;
         const FourPoints impulse = block.normal_impulse * block.normal + block.friction_impulse;
         for (uint32_t k = 0; k < parts_of(block); ++k) {
             if (k == 1 && !block.edges) continue;
             add_to_part(s, block, k, (block.lever[k] * block.inv_mass[k]) * impulse, &ContactNodes::velocity);
         }
-    }
+    });
 }
 
 void solve_blocks(AdvanceScratch& s, const RowGroup& group) {
-    for (const uint32_t i : group.active_block) {
-        ContactBlock& block = s.block[i];
+    for_active_blocks(s, group, kSweepPart, [&](ContactBlock& block) {
         if (block.fixed == kNone) {
             block.edges ? solve_block<true, kParts>(s, block) : solve_block<false, kParts>(s, block);
         } else {
             block.edges ? solve_block<true, 2>(s, block) : solve_block<false, 2>(s, block);
         }
-    }
+    });
 }
 
 void add_block_impulses(AdvanceScratch& s, const RowGroup& group) {
-    for (const uint32_t i : group.active_block) {
-        ContactBlock& block = s.block[i];
+    for_active_blocks(s, group, kSumPart, [&](ContactBlock& block) {
         block.impulse = block.impulse + (block.normal_impulse * block.normal + block.friction_impulse);
-    }
+    });
 }
 
 bool push_blocks(AdvanceIsland& island, double most, const RowGroup& group, uint8_t sweep) {
+    AdvanceScratch& s = island.scratch;
     bool pushed = false;
-    for (const uint32_t i : group.active_block) {
-        const ContactBlock& block = island.scratch.block[i];
-        if (sweep > 1 && !has_moved(island.scratch, block, sweep)) continue;
-        const Vec4d overlap = -gaps_after(island.scratch, block);
+    for_active_blocks(s, group, kGapPart, [&](const ContactBlock& block) {
+        if (sweep > 1 && !has_moved(s, block, sweep)) return;
+        const Vec4d overlap = -gaps_after(s, block);
         const Mask4 deep = block.active & (overlap > kRestingOverlap);
-        if (!any(deep)) continue;
+        if (!any(deep)) return;
         add_pushes(island, block, keep(deep, least(overlap, all_lanes(most))) * block.normal, sweep);
         pushed = true;
-    }
+    });
     return pushed;
 }
 
-double deepest_in_blocks(const AdvanceScratch& s, const RowGroup& group) {
+double deepest_in_blocks(AdvanceScratch& s, const RowGroup& group) {
     Vec4d deepest = {};
-    for (const uint32_t i : group.active_block) {
-        deepest = greatest(keep(s.block[i].active, -gaps_after(s, s.block[i])), deepest);
-    }
+    for_active_blocks(s, group, kGapPart, [&](const ContactBlock& block) {
+        deepest = greatest(keep(block.active, -gaps_after(s, block)), deepest);
+    });
     return std::max({deepest[0], deepest[1], deepest[2], deepest[3]});
 }
 

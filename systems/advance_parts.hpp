@@ -233,7 +233,7 @@ void solve_blocks(AdvanceScratch& s, const RowGroup& group);
 void add_block_impulses(AdvanceScratch& s, const RowGroup& group);
 // Counted from 1, a sweep passes over blocks none of whose nodes has moved since the sweep before.
 bool push_blocks(AdvanceIsland& island, double most, const RowGroup& group, uint8_t sweep);
-double deepest_in_blocks(const AdvanceScratch& s, const RowGroup& group);
+double deepest_in_blocks(AdvanceScratch& s, const RowGroup& group);
 // Groups of rows (advance_groups.cpp). Bodies are put into strips across the way they spread most; rows inside a strip are a
 // group, rows between a strip and the next are another, and the few others a last one. Phases: strips; even borders; odd
 // borders; the rest. Orders dealt by group. Short lists, skins, and islands with rigid bodies that rows move have one group.

@@ -267,30 +267,29 @@ struct ContactTurning {
 };
 
 // Four contact rows of deformable bodies, between each other or with static ones, that share no node, in the lanes of
-// registers: what ContactPlan and
-// ContactActive say of a row. Parts of a row: 0 the point, 1 the second end of its edge, 2-4 the corners of the triangle.
-// A lane without a row points to the node of no mass and is never open.
-struct ContactBlock {
+// registers: what ContactPlan and ContactActive say of a row. Parts of a row: 0 the point, 1 the second end of its edge, 2-4 the
+// corners of the triangle. A lane without a row points to the node of no mass and is never open.
+// What is asked for together is together: from offset to active what gaps need, from node to friction_impulse what sweeps do.
+struct alignas(64) ContactBlock {
     static constexpr uint32_t kParts = 5;
-    std::array<std::array<uint32_t, 4>, kParts> node;  // part, lane
-    std::array<Vec4d, kParts> weight;
-    std::array<Vec4d, kParts> inv_mass;  // 1/kg
-    FourPoints normal;                   // world
     Vec4d offset = {};                   // m, half the thickness of a sheet
-    Vec4d friction = {};
-    Vec4d point_share = {};              // of the way of a push, that the side of the point goes; unless by mass
-    FourPoints impulse;                  // N s, given so far in the call
-    std::array<uint32_t, 4> row;         // of ContactRows, or kNone
-    Mask4 open = {};                     // rows that have not ended
+    std::array<Vec4d, kParts> weight;
+    std::array<std::array<uint32_t, 4>, kParts> node;  // part, lane
     bool edges = false;                  // some row has a second end
     uint32_t fixed = kNone;              // row of AdvanceScratch::fixed, if the planes are static: parts 2-4 have no nodes
-    // in this substep
-    Mask4 active = {};
-    std::array<Vec4d, kParts> lever;  // weights of the relative velocity: + for the point, - for its foot; 0 if not active
-    Vec4d inv_sum = {};               // kg, 1 / sum of lever^2 * inverse mass; 0 if not active
-    Vec4d least_velocity = {};        // m/s, along the normal
-    Vec4d normal_impulse = {};        // N s
-    FourPoints friction_impulse;      // N s
+    FourPoints normal;                   // world
+    Mask4 active = {};                   // in this substep, as what follows
+    std::array<Vec4d, kParts> lever;     // weights of the relative velocity: + for the point, - for its foot; 0 if not active
+    std::array<Vec4d, kParts> inv_mass;  // 1/kg, of the call
+    Vec4d inv_sum = {};                  // kg, 1 / sum of lever^2 * inverse mass; 0 if not active
+    Vec4d least_velocity = {};           // m/s, along the normal
+    Vec4d friction = {};                 // of the call
+    Vec4d normal_impulse = {};           // N s
+    FourPoints friction_impulse;         // N s
+    FourPoints impulse;                  // N s, given so far in the call
+    Vec4d point_share = {};              // of the way of a push, that the side of the point goes; unless by mass
+    Mask4 open = {};                     // rows that have not ended
+    std::array<uint32_t, 4> row;         // of ContactRows, or kNone
 };
 
 // Corners of the triangles of four static planes, m, world.
