@@ -89,12 +89,35 @@ RowSketch make_sketch(const AdvanceIsland& island, uint32_t row) {
     return sketch;
 }
 
+// Rows of a group lie here and there in memory.
+void fetch_way(const ContactRows& rows, uint32_t row) {
+    __builtin_prefetch(&rows.other[row]);
+    __builtin_prefetch(&rows.normal[row]);
+}
+void fetch_sides(const ContactRows& rows, uint32_t row) {
+    __builtin_prefetch(&rows.body[row]);
+    __builtin_prefetch(&rows.other[row]);
+    __builtin_prefetch(&rows.vertex[row]);
+    __builtin_prefetch(&rows.third[row]);
+    __builtin_prefetch(&rows.triangle[row]);
+    __builtin_prefetch(&rows.distance[row]);
+}
+void fetch_row(const ContactRows& rows, uint32_t row) {
+    fetch_sides(rows, row);
+    __builtin_prefetch(&rows.along[row]);
+    __builtin_prefetch(&rows.weight[row]);
+    __builtin_prefetch(&rows.normal[row]);
+    __builtin_prefetch(&rows.friction[row]);
+    if (!rows.carried.empty()) __builtin_prefetch(&rows.carried[row]);
+}
+
 // Calls visit(node, way of a row that presses it, row of sketch), group by group.
 template <typename Visit>
 void for_each_way(AdvanceIsland& island, const Visit& visit) {
     AdvanceScratch& s = island.scratch;
     for_each_group(s, [&](RowGroup& group) {
         for (uint32_t i = group.plan.first; i < group.plan.end(); ++i) {
+            if (i + kRowsAhead < group.plan.end()) fetch_way(island.rows, s.dealt[i + kRowsAhead]);
             const Vec4d way = way_of(island, s.dealt[i]), back = -way;
             const auto& node = s.sketch[i].node;
             for (const uint32_t part : {0, 1, 5, 2, 3, 4})
@@ -203,19 +226,6 @@ void put_row(AdvanceIsland& island, uint32_t row, const RowSketch& sketch, Conta
     if (block.normal_impulse[lane] > 0) set_lane(block.friction_impulse, lane, start - dot(start, normal) * normal);
 }
 
-// Rows of a group lie here and there in memory.
-void fetch_row(const ContactRows& rows, uint32_t row) {
-    __builtin_prefetch(&rows.body[row]);
-    __builtin_prefetch(&rows.other[row]);
-    __builtin_prefetch(&rows.along[row]);
-    __builtin_prefetch(&rows.triangle[row]);
-    __builtin_prefetch(&rows.weight[row]);
-    __builtin_prefetch(&rows.normal[row]);
-    __builtin_prefetch(&rows.distance[row]);
-    __builtin_prefetch(&rows.friction[row]);
-    if (!rows.carried.empty()) __builtin_prefetch(&rows.carried[row]);
-}
-
 // Part of a block that a loop over blocks asks for, bytes.
 struct BlockPart {
     size_t first, end;
@@ -225,15 +235,19 @@ constexpr BlockPart kGapPart = {0, offsetof(ContactBlock, lever)};
 constexpr BlockPart kSweepPart = {offsetof(ContactBlock, node), offsetof(ContactBlock, impulse)};
 constexpr BlockPart kSumPart = {offsetof(ContactBlock, normal_impulse), offsetof(ContactBlock, point_share)};
 
+inline __attribute__((always_inline)) void fetch(const ContactBlock& block, BlockPart part) {
+    constexpr size_t kLine = 64;
+    const char* start = reinterpret_cast<const char*>(&block);
+    for (size_t byte = part.first / kLine * kLine; byte < part.end; byte += kLine) __builtin_prefetch(start + byte);
+}
+
 // Calls run(block) for the active blocks of a group, one after the other. They come from far away in memory: that of a later
 // one is fetched meanwhile.
 template <typename Run>
 inline __attribute__((always_inline)) void for_active_blocks(AdvanceScratch& s, const RowGroup& group, BlockPart part, const Run& run) {
-    constexpr size_t kLine = 64;
     const std::vector<uint32_t>& active = group.active_block;
     for (size_t i = 0; i < active.size(); ++i) {
-        const char* later = reinterpret_cast<const char*>(&s.block[active[std::min(i + kBlocksAhead, active.size() - 1)]]);
-        for (size_t byte = part.first / kLine * kLine; byte < part.end; byte += kLine) __builtin_prefetch(later + byte);
+        if (i + kBlocksAhead < active.size()) fetch(s.block[active[i + kBlocksAhead]], part);
         run(s.block[active[i]]);
     }
 }
@@ -533,7 +547,6 @@ void plan_blocks(AdvanceIsland& island) {
     for (uint32_t g = 0; g < s.phase[4]; ++g) s.group[g].block = s.group[g].fixed = {};
     const uint32_t rows = static_cast<uint32_t>(s.dealt.size());
     if (rows < kFewestRows) {
-        s.block.clear();
         plan_single_rows(island, false);
         return;
     }
@@ -542,7 +555,10 @@ void plan_blocks(AdvanceIsland& island) {
     make_room(s.way, s.node.capacity());
     make_room(s.may_oppose, s.node.capacity());
     parallel_for(rows, kPlansPerChunk, [&](uint32_t begin, uint32_t end) {
-        for (uint32_t i = begin; i < end; ++i) s.sketch[i] = make_sketch(island, s.dealt[i]);
+        for (uint32_t i = begin; i < end; ++i) {
+            if (i + kRowsAhead < end) fetch_sides(island.rows, s.dealt[i + kRowsAhead]);
+            s.sketch[i] = make_sketch(island, s.dealt[i]);
+        }
     });
     find_opposable(island);
     for (uint32_t g = 0; g < s.phase[4]; ++g) s.group[g].idle = add_idle_node(s);
@@ -564,9 +580,10 @@ void forget_blocks(AdvanceIsland& island) {
             island.rows.carried[row] = to_vec3(last / island.dt);
         }
     };
-    const std::vector<ContactBlock>& blocks = island.scratch.block;
-    parallel_for(uint32_t(blocks.size()), 256, [&](uint32_t begin, uint32_t end) {
-        for (uint32_t i = begin; i < end; ++i) forget(blocks[i]);
+    const AdvanceScratch& s = island.scratch;
+    const uint32_t blocks = s.group[s.phase[4] - 1].block.end();
+    parallel_for(blocks, 256, [&](uint32_t begin, uint32_t end) {
+        for (uint32_t i = begin; i < end; ++i) forget(s.block[i]);
     });
 }
 
@@ -575,6 +592,7 @@ void activate_blocks(AdvanceIsland& island, double reach, RowGroup& group) {
     group.active_block.clear();
     uint64_t active = 0;
     for (uint32_t i = group.block.first; i < group.block.end(); ++i) {
+        if (i + kBlocksAhead < group.block.end()) fetch(s.block[i + kBlocksAhead], kWholeBlock);
         ContactBlock& block = s.block[i];
         if (!any(block.open) || !activate(island, reach, block)) {
             block.normal_impulse = Vec4d{};

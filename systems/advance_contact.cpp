@@ -51,7 +51,7 @@ Vec4d rest_position(const Meshes& meshes, uint32_t prototype, uint32_t vertex) {
 
 // Gives the rigid sides and the nodes of all rows their places in scratch: nodes in the order of bodies and particles, so that
 // what is done to all of them runs through memory once, and rows find theirs close together.
-void number_nodes(AdvanceIsland& island) {
+void number_nodes(AdvanceIsland& island, std::span<const uint32_t> island_rows) {
     AdvanceScratch& s = island.scratch;
     const ContactRows& rows = island.rows;
     constexpr uint32_t kAsked = kNone - 1;
@@ -74,9 +74,9 @@ void number_nodes(AdvanceIsland& island) {
             else for (const uint32_t node : b.skin_node[v]) put(s.node_of_particle[b.particles.first + node], kAsked);
         }
     };
-    parallel_for(static_cast<uint32_t>(s.dealt.size()), kRowsPerChunk, [&](uint32_t begin, uint32_t end) {
+    parallel_for(static_cast<uint32_t>(island_rows.size()), kRowsPerChunk, [&](uint32_t begin, uint32_t end) {
         for (uint32_t i = begin; i < end; ++i) {
-            const uint32_t row = s.dealt[i];
+            const uint32_t row = island_rows[i];
             const Triangle& t = rows.triangle[row];
             ask(rows.body[row], {rows.vertex[row][0], rows.vertex[row][1], rows.third[row]});
             ask(rows.other[row], {t[0], t[1], t[2]});
@@ -616,7 +616,7 @@ void plan_contacts(AdvanceIsland& island, std::span<const uint32_t> island_rows)
     s.dealt.clear();
     for (uint32_t i = 0; i < part; ++i)
         for (uint32_t row = i; row < count; row += part) s.dealt.push_back(island_rows[row]);
-    number_nodes(island);
+    number_nodes(island, island_rows);
     group_rows(island);
     plan_blocks(island);
     for (uint32_t g = 0; g < s.phase[4]; ++g) make_room(s.group[g].active, s.group[g].plan.count);

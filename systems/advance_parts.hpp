@@ -251,7 +251,7 @@ void for_each_group(AdvanceScratch& s, const Run& run) {
 inline RowGroup& only_group(AdvanceScratch& s) { return s.group[0]; }
 constexpr uint32_t kNodesPerChunk = 4096;
 
-inline bool has_rows(const AdvanceScratch& s) { return !s.plan.empty() || !s.block.empty(); }
+inline bool has_rows(const AdvanceScratch& s) { return !s.dealt.empty(); }
 
 // Room for n rows; when more is needed, for twice as many: passes differ by a few rows, and fresh pages cost more than
 // what is done with them.
