@@ -495,6 +495,7 @@ void fill_blocks(AdvanceIsland& island, const RowGroup& group) {
         if (row.kind == RowSketch::kSingle) continue;
         ContactBlock& block = s.block[group.block.first + row.block];
         if (row.lane == 0) {  // the first of the block
+            if (row.block + kBlocksAhead < group.block.count) fetch(s.block[group.block.first + row.block + kBlocksAhead], kWholeBlock);
             clear_block(group.idle, block);
             if (row.block >= before_fixed) {
                 block.fixed = group.fixed.first + row.block - before_fixed;
