@@ -83,8 +83,8 @@ void gather_bodies(AdvanceIsland& island, std::span<const uint32_t> island_bodie
     AdvanceScratch& s = island.scratch;
     s.body.clear();
     s.rigid.clear();
-    s.node.clear();
-    s.change.clear();
+    s.node.resize(0);
+    s.change.resize(0);
     s.free.clear();
     s.turning.clear();
     s.slot_of_body.resize(island.inputs.bodies.mesh.size(), kNone);

@@ -156,9 +156,8 @@ void find_opposable(AdvanceIsland& island) {
 
 // Particle-less and without mass: what lanes without a row, and vertices without a second end, point to.
 uint32_t add_idle_node(AdvanceScratch& s) {
-    const ContactNode node = s.node.add();
+    const ContactNode node = add_node(s);
     node.place = node.after = node.velocity = Vec4d{};
-    s.change.emplace_back();
     return static_cast<uint32_t>(s.node.size()) - 1;
 }
 

@@ -23,16 +23,6 @@ constexpr uint32_t kSkinSweeps = 4;
 constexpr uint32_t kSweepsAtOnce = 2;
 constexpr uint32_t kRowsPerChunk = 2048;
 
-void add_node(AdvanceScratch& s, uint32_t owner, uint32_t particle) {
-    const AdvanceBody& body = s.body[owner];
-    s.node_of_particle[particle] = static_cast<uint32_t>(s.node.size());
-    const ContactNode node = s.node.add();
-    node.particle = particle;
-    node.owner = owner;
-    node.particle_inv_mass = body.now[particle - body.particles.first].w;
-    node.inv_mass = body.impulse_left * node.particle_inv_mass;
-    s.change.emplace_back();
-}
 uint32_t node_slot(const AdvanceScratch& s, uint32_t owner, uint32_t vertex) { return s.node_of_particle[s.body[owner].particles.first + vertex]; }
 
 // Node of a vertex of a deformable body, or the new skin point of one that rides.
@@ -82,11 +72,24 @@ void number_nodes(AdvanceIsland& island, std::span<const uint32_t> island_rows) 
             ask(rows.other[row], {t[0], t[1], t[2]});
         }
     });
+    const size_t first = s.node.size();
     for (uint32_t owner = 0; owner < s.body.size(); ++owner) {
         const AdvanceBody& b = s.body[owner];
         if (!b.touched) continue;
-        for (uint32_t particle = b.particles.first; particle < b.particles.end(); ++particle)
-            if (s.node_of_particle[particle] == kAsked) add_node(s, owner, particle);
+        for (uint32_t particle = b.particles.first; particle < b.particles.end(); ++particle) {
+            if (s.node_of_particle[particle] != kAsked) continue;
+            s.node_of_particle[particle] = static_cast<uint32_t>(s.node.particle.size());
+            s.node.particle.push_back(particle);
+            s.node.owner.push_back(owner);
+        }
+    }
+    s.node.resize(s.node.particle.size());
+    s.change.resize(s.node.size());
+    for (size_t n = first; n < s.node.size(); ++n) {
+        const ContactNode node = s.node[n];
+        const AdvanceBody& b = s.body[node.owner];
+        node.particle_inv_mass = b.now[node.particle - b.particles.first].w;
+        node.inv_mass = b.impulse_left * node.particle_inv_mass;
     }
 }
 
@@ -222,7 +225,7 @@ void add_point(const AdvanceScratch& s, ContactActive& active, uint32_t point, d
 // Counts a row for its nodes, and sees which are pressed from both sides.
 void note_rows(AdvanceScratch& s, const ContactActive& active) {
     for (uint32_t k = 0; k < active.nodes; ++k) {
-        ContactNodeChange& change = s.change[active.node[k]];
+        const ContactNodeChange change = s.change[active.node[k]];
         // past the side of its triangle a point's push turns the sign of the corner across: nobody presses that one
         const bool of_point = k < active.point_nodes, pressed = (active.weight[k] > 0) == of_point;
         const Vec4d way = of_point ? active.normal : -active.normal;
@@ -428,7 +431,7 @@ void scatter_velocities(AdvanceIsland& island) {
     Particles& p = island.particles;
     const auto scatter = [&](uint32_t n, NodeSums& sums) {
         const ContactNode node = s.node[n];
-        const ContactNodeChange& change = s.change[n];
+        const ContactNodeChange change = s.change[n];
         const __m256d same = _mm256_cmp_pd((__m256d)node.velocity, (__m256d)change.kicked, _CMP_EQ_UQ);
         if (_mm256_movemask_pd(same) == 15 || node.particle == kNone || node.inv_mass == 0) return;
         const __m128 velocity = _mm256_cvtpd_ps((__m256d)node.velocity);
@@ -511,7 +514,7 @@ void add_impulses(AdvanceIsland& island, const RowGroup& group) {
 // forces did against the push of the substep before, J: energy does not depend on the way, and half the sum of the
 // forces at the start of that substep and after the push is the force in the middle of the push, seen half a substep
 // back (exact where forces are linear in place).
-double note_kick(const AdvanceBody& body, const ContactNode& node, ContactNodeChange& change) {
+double note_kick(const AdvanceBody& body, const ContactNode& node, const ContactNodeChange& change) {
     Vec4d drag = body.drag_velocity;
     if (body.shape) drag += cross(body.drag_turn, node.place - body.origin);
     const Vec4d lost = (double(body.step.keep) - 1.0) * (change.before - drag), before = change.acceleration;
@@ -527,7 +530,7 @@ double gather_nodes(AdvanceIsland& island) {
     AdvanceScratch& s = island.scratch;
     const auto gather = [&](uint32_t n, NodeSums& sums) {
         const ContactNode node = s.node[n];
-        ContactNodeChange& change = s.change[n];
+        const ContactNodeChange change = s.change[n];
         if (node.particle != kNone) {
             const AdvanceBody& body = s.body[node.owner];
             const uint32_t vertex = node.particle - body.particles.first;
@@ -608,8 +611,8 @@ void plan_contacts(AdvanceIsland& island, std::span<const uint32_t> island_rows)
     constexpr uint32_t kMostParts = 8, kRowsPerPart = 32;
     const uint32_t count = static_cast<uint32_t>(island_rows.size());
     make_room(s.plan, count);
-    if (s.node.capacity() < s.node.size() + 2 * count) s.node.reserve(2 * (s.node.size() + 2 * count));
-    make_room(s.change, s.node.size() + 2 * count);
+    const size_t nodes = s.node.size() + 2 * count;
+    if (s.node.capacity() < nodes) s.node.reserve(2 * nodes), s.change.reserve(2 * nodes);
     make_room(s.dealt, count);
     make_room(s.ungrouped, count);
     const uint32_t parts = std::clamp(count / kRowsPerPart, 1u, kMostParts), part = (count + parts - 1) / parts;

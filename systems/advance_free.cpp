@@ -79,12 +79,11 @@ void add_free_body(AdvanceIsland& island, uint32_t rigid_row) {
     f.centre = to_vec4(mass->centre);
     f.spin = to_vec4(island.poses.angular_velocity[rigid.body]);
     const Vec4d arm = to_vec4(rotate(island.poses.orientation[rigid.body], mass->centre));
-    const ContactNode node = s.node.add();
+    const ContactNode node = add_node(s);
     node.owner = rigid_row;
     node.inv_mass = 1 / mass->mass;
     node.place = to_vec4(island.poses.origin[rigid.body]) + arm;
     node.velocity = to_vec4(island.poses.velocity[rigid.body]) + cross(f.spin, arm);
-    s.change.emplace_back();
     bind_drive(island, rigid.free);
 }
 
@@ -176,7 +175,7 @@ double contact_work_on_free(const AdvanceIsland& island) {
         if (f.drive != kNone) continue;  // settle_drives
         if (f.held) continue;  // its work is the hand's
         const uint32_t n = s.rigid[f.rigid].node;
-        const ContactNodeChange& change = s.change[n];
+        const ConstContactNodeChange change = s.change[n];
         const Vec4d kick = s.node[n].velocity - change.kicked;
         // as for particles: a kick does work at the mean of the velocities before and after all of its parts
         work += 0.5 * f.mass.mass * dot(kick, f.keep * change.before + s.node[n].velocity);

@@ -18,12 +18,11 @@ void add_held_body(AdvanceIsland& island, uint32_t rigid_row) {
     f.centre = to_vec4(tool.tip);
     f.spin = to_vec4(island.poses.angular_velocity[rigid.body]);
     const Vec4d arm = to_vec4(rotate(island.poses.orientation[rigid.body], tool.tip));
-    const ContactNode node = s.node.add();
+    const ContactNode node = add_node(s);
     node.owner = rigid_row;
     node.inv_mass = island.inputs.bodies.inv_mass[rigid.body];
     node.place = to_vec4(island.poses.origin[rigid.body]) + arm;
     node.velocity = to_vec4(island.poses.velocity[rigid.body]) + cross(f.spin, arm);
-    s.change.emplace_back();
 }
 
 // Springs and dampers act with their values at the end of the substep, as those of hands that only move do: stable for any

@@ -37,6 +37,14 @@ inline double moving_time(const AdvanceIsland& island, uint32_t body) {
     return std::clamp(island.inputs.stop[body] - island.substep * island.dt, 0.0, island.dt);
 }
 
+// A new node: at rest at the origin, without particle or mass.
+inline ContactNode add_node(AdvanceScratch& s) {
+    const size_t row = s.node.size();
+    s.node.resize(row + 1);
+    s.change.resize(row + 1);
+    return s.node[row];
+}
+
 // Calls visit(node, share) for a node, or for the nodes of a skin point.
 template <typename Visit>
 void visit_nodes(const AdvanceScratch& s, uint32_t point, const Visit& visit) {

@@ -48,7 +48,7 @@ void move_node(AdvanceScratch& s, uint32_t node, Vec4d move, uint8_t sweep) {
 // Whether a row's push is not seen before all are made, so that it must not be made twice: see move_node; and so it is with
 // free bodies.
 bool is_moved_midway(const AdvanceScratch& s, const ContactActive& row) {
-    const auto opposed = [&](uint32_t node) { return s.change[node].opposed; };
+    const auto opposed = [&](uint32_t node) { return s.change[node].opposed != 0; };
     return row.turning != kNone || std::any_of(row.node.begin(), row.node.begin() + row.nodes, opposed);
 }
 
@@ -187,7 +187,7 @@ void make_moves(AdvanceIsland& island, double most) {
     AdvanceScratch& s = island.scratch;
     const auto make_move = [&](uint32_t n) {
         if (is_free(s, n)) return;
-        ContactNodeChange& change = s.change[n];
+        const ContactNodeChange change = s.change[n];
         const ContactNode node = s.node[n];
         float* offset = nullptr;
         Vec4d origin = node.place, before = {};

@@ -165,17 +165,12 @@ struct ContactNodes {
     size_t capacity() const { return place.capacity(); }
     ContactNode operator[](size_t i) { return {place[i], after[i], velocity[i], inv_mass[i], particle_inv_mass[i], particle[i], owner[i]}; }
     ConstContactNode operator[](size_t i) const { return {place[i], after[i], velocity[i], inv_mass[i], particle_inv_mass[i], particle[i], owner[i]}; }
-    // A node at rest at the origin, without mass.
-    ContactNode add() {
-        for (auto* field : {&place, &after, &velocity}) field->push_back(Vec4d{});
-        for (auto* field : {&inv_mass, &particle_inv_mass}) field->push_back(0);
-        particle.push_back(kNone), owner.push_back(0);
-        return (*this)[size() - 1];
-    }
-    void clear() {
-        for (auto* field : {&place, &after, &velocity}) field->clear();
-        for (auto* field : {&inv_mass, &particle_inv_mass}) field->clear();
-        for (auto* field : {&particle, &owner}) field->clear();
+    // New nodes are at rest at the origin, without particle or mass.
+    void resize(size_t n) {
+        for (auto* field : {&place, &after, &velocity}) field->resize(n, Vec4d{});
+        for (auto* field : {&inv_mass, &particle_inv_mass}) field->resize(n, 0);
+        particle.resize(n, kNone);
+        owner.resize(n, 0);
     }
     void reserve(size_t n) {
         for (auto* field : {&place, &after, &velocity}) field->reserve(n);
@@ -183,16 +178,51 @@ struct ContactNodes {
         for (auto* field : {&particle, &owner}) field->reserve(n);
     }
 };
-struct ContactNodeChange {
-    Vec4d before;        // m/s, before the kick of this substep
-    Vec4d kicked;        // m/s, after it
-    Vec4d damped;        // m/s, before it and what damping takes off; of a particle, while energy is accounted
-    Vec4d acceleration;  // m/s^2, of everything else in the kick; likewise
-    Vec4d change;           // m, of the place by push-out
-    Vec4d first_way;        // of the first active row that is not in a block
-    uint32_t rows = 0;      // active rows that are not in a block
-    bool opposed = false;
-    bool pushed = false;
+
+// One row of ContactNodeChanges.
+template <typename Vector, typename Row, typename Flag>
+struct ContactNodeChangeRow {
+    Vector& before;
+    Vector& kicked;
+    Vector& damped;
+    Vector& acceleration;
+    Vector& change;
+    Vector& first_way;
+    Row& rows;
+    Flag& opposed;
+    Flag& pushed;
+};
+using ContactNodeChange = ContactNodeChangeRow<Vec4d, uint32_t, uint8_t>;
+using ConstContactNodeChange = ContactNodeChangeRow<const Vec4d, const uint32_t, const uint8_t>;
+
+// What a substep does to each row of ContactNodes.
+struct ContactNodeChanges {
+    std::vector<Vec4d> before;        // m/s, before the kick of this substep
+    std::vector<Vec4d> kicked;        // m/s, after it
+    std::vector<Vec4d> damped;        // m/s, before it and what damping takes off; of a particle, while energy is accounted
+    std::vector<Vec4d> acceleration;  // m/s^2, of everything else in the kick; likewise
+    std::vector<Vec4d> change;        // m, of the place by push-out
+    std::vector<Vec4d> first_way;     // of the first active row that is not in a block
+    std::vector<uint32_t> rows;       // active rows that are not in a block
+    std::vector<uint8_t> opposed;     // two of them press it from both sides
+    std::vector<uint8_t> pushed;      // its change is booked from the springs
+
+    size_t size() const { return before.size(); }
+    size_t capacity() const { return before.capacity(); }
+    ContactNodeChange operator[](size_t i) { return {before[i], kicked[i], damped[i], acceleration[i], change[i], first_way[i], rows[i], opposed[i], pushed[i]}; }
+    ConstContactNodeChange operator[](size_t i) const {
+        return {before[i], kicked[i], damped[i], acceleration[i], change[i], first_way[i], rows[i], opposed[i], pushed[i]};
+    }
+    void resize(size_t n) {
+        for (auto* field : {&before, &kicked, &damped, &acceleration, &change, &first_way}) field->resize(n, Vec4d{});
+        rows.resize(n, 0);
+        for (auto* field : {&opposed, &pushed}) field->resize(n, 0);
+    }
+    void reserve(size_t n) {
+        for (auto* field : {&before, &kicked, &damped, &acceleration, &change, &first_way}) field->reserve(n);
+        rows.reserve(n);
+        for (auto* field : {&opposed, &pushed}) field->reserve(n);
+    }
 };
 
 // A vertex of a skin that rows act on: they name it by kSkinPoint | its row of skin_point, and give to its nodes.
@@ -328,7 +358,7 @@ struct AdvanceScratch {
     std::vector<double> sums;        // per chunk of slices: 16 lanes of damping work
     std::vector<double> shape_sums;  // per chunk of slices: kShapeSums * 16
     ContactNodes node;
-    std::vector<ContactNodeChange> change;   // as node
+    ContactNodeChanges change;  // as node
     std::vector<uint8_t> moved_in;           // as node: sweep of push_out, from 1, that moved it last in this substep; 0: none
     std::vector<uint32_t> node_of_particle;  // row of node or kNone, one per particle of the world
     std::vector<uint32_t> slot_of_body;      // row of body or of rigid or kNone, one per body of the world
