@@ -83,8 +83,8 @@ void gather_bodies(AdvanceIsland& island, std::span<const uint32_t> island_bodie
     AdvanceScratch& s = island.scratch;
     s.body.clear();
     s.rigid.clear();
-    s.node.clear();
-    s.change.clear();
+    s.node.resize(0);
+    s.change.resize(0);
     s.free.clear();
     s.turning.clear();
     s.slot_of_body.resize(island.inputs.bodies.mesh.size(), kNone);
@@ -274,7 +274,7 @@ void finish_bodies(AdvanceIsland& island) {
     }
     for (const AdvanceRigid& rigid : island.scratch.rigid) {
         if (rigid.node == kNone || (rigid.free != kNone && rigid.jaw == kNone)) continue;
-        const ContactNode& node = island.scratch.node[rigid.node];
+        const ContactNode node = island.scratch.node[rigid.node];
         island.poses.origin[rigid.body] = to_vec3(rigid.jaw == kNone ? node.place : rigid.place[1].shift);
         Vec4d velocity = node.velocity;
         if (rigid.free != kNone) velocity += cross(island.scratch.free[rigid.free].spin, rigid.place[1].shift - node.place);
@@ -339,6 +339,7 @@ void share_room(std::span<AdvanceScratch> scratches) {
     level(&AdvanceScratch::shape_sums);
     level(&AdvanceScratch::node);
     level(&AdvanceScratch::change);
+    level(&AdvanceScratch::moved_in);
     level(&AdvanceScratch::node_of_particle);
     level(&AdvanceScratch::slot_of_body);
     level(&AdvanceScratch::plan);

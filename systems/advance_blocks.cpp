@@ -1,6 +1,7 @@
 #include <algorithm>
 #include <bit>
 #include <cmath>
+#include <cstddef>
 
 #include "engine/check.hpp"
 #include "engine/surfaces.hpp"
@@ -15,6 +16,8 @@ constexpr uint32_t kOpenBlocks = 16;
 // Two ways within 60 degrees of a third are within 120 of each other, which is kOpposed.
 constexpr double kLean = 0.5;
 constexpr uint32_t kPlansPerChunk = 512;
+// That are fetched before they are asked for.
+constexpr uint32_t kRowsAhead = 8, kBlocksAhead = 3;
 
 // Nodes of a row that is in a block.
 struct RowNodes {
@@ -33,7 +36,6 @@ bool are_distinct(const RowNodes& nodes) {
             if (nodes.node[i] == nodes.node[k]) return false;
     return true;
 }
-bool is_edge(const ContactPlan& plan) { return plan.node_a[1] != plan.node_a[0]; }
 
 // Whether a side of a row is at rest for the whole call. Short lists with static bodies converge better in order.
 bool is_fixed(const AdvanceIsland& island, uint32_t body) {
@@ -87,12 +89,35 @@ RowSketch make_sketch(const AdvanceIsland& island, uint32_t row) {
     return sketch;
 }
 
+// Rows of a group lie here and there in memory.
+void fetch_way(const ContactRows& rows, uint32_t row) {
+    __builtin_prefetch(&rows.other[row]);
+    __builtin_prefetch(&rows.normal[row]);
+}
+void fetch_sides(const ContactRows& rows, uint32_t row) {
+    __builtin_prefetch(&rows.body[row]);
+    __builtin_prefetch(&rows.other[row]);
+    __builtin_prefetch(&rows.vertex[row]);
+    __builtin_prefetch(&rows.third[row]);
+    __builtin_prefetch(&rows.triangle[row]);
+    __builtin_prefetch(&rows.distance[row]);
+}
+void fetch_row(const ContactRows& rows, uint32_t row) {
+    fetch_sides(rows, row);
+    __builtin_prefetch(&rows.along[row]);
+    __builtin_prefetch(&rows.weight[row]);
+    __builtin_prefetch(&rows.normal[row]);
+    __builtin_prefetch(&rows.friction[row]);
+    if (!rows.carried.empty()) __builtin_prefetch(&rows.carried[row]);
+}
+
 // Calls visit(node, way of a row that presses it, row of sketch), group by group.
 template <typename Visit>
 void for_each_way(AdvanceIsland& island, const Visit& visit) {
     AdvanceScratch& s = island.scratch;
     for_each_group(s, [&](RowGroup& group) {
         for (uint32_t i = group.plan.first; i < group.plan.end(); ++i) {
+            if (i + kRowsAhead < group.plan.end()) fetch_way(island.rows, s.dealt[i + kRowsAhead]);
             const Vec4d way = way_of(island, s.dealt[i]), back = -way;
             const auto& node = s.sketch[i].node;
             for (const uint32_t part : {0, 1, 5, 2, 3, 4})
@@ -131,63 +156,99 @@ void find_opposable(AdvanceIsland& island) {
 
 // Particle-less and without mass: what lanes without a row, and vertices without a second end, point to.
 uint32_t add_idle_node(AdvanceScratch& s) {
-    ContactNode& node = s.node.emplace_back();
+    const ContactNode node = add_node(s);
     node.place = node.after = node.velocity = Vec4d{};
-    s.change.emplace_back();
     return static_cast<uint32_t>(s.node.size()) - 1;
 }
 
-ContactBlock empty_block(uint32_t idle) {
-    ContactBlock block;
+// Leaves out what activate writes before it is read.
+void clear_block(uint32_t idle, ContactBlock& block) {
     for (auto& nodes : block.node) nodes.fill(idle);
     block.weight.fill(Vec4d{});
     block.inv_mass.fill(Vec4d{});
-    block.lever.fill(Vec4d{});
+    block.normal = block.impulse = block.friction_impulse = FourPoints{};
+    block.offset = block.friction = block.point_share = block.normal_impulse = Vec4d{};
     block.row.fill(kNone);
-    return block;
+    block.open = Mask4{};
+    block.edges = false;
+    block.fixed = kNone;
 }
 
-void put_fixed_triangle(AdvanceIsland& island, const ContactPlan& plan, uint32_t lane, ContactBlock& block) {
+void put_fixed_triangle(AdvanceIsland& island, uint32_t row, uint32_t lane, ContactBlock& block) {
     AdvanceScratch& s = island.scratch;
-    const AdvanceRigid& rigid = s.rigid[plan.rigid_b];
+    const uint32_t other = island.rows.other[row];
+    const RigidMap& place = s.rigid[s.slot_of_body[other]].place[0];
     const Meshes& meshes = island.inputs.meshes;
-    const uint32_t first = meshes.info[island.inputs.bodies.mesh[rigid.body]].vertices.first;
+    const uint32_t first = meshes.info[island.inputs.bodies.mesh[other]].vertices.first;
     for (uint32_t k = 0; k < 3; ++k) {
-        const Vec4d corner = to_vec4(meshes.position[first + island.rows.triangle[plan.row][k]]);
-        set_lane(s.fixed[block.fixed].corner[k], lane, rigid.place[0](corner));
-        block.weight[2 + k][lane] = plan.weight_b[k];
+        const Vec4d corner = to_vec4(meshes.position[first + island.rows.triangle[row][k]]);
+        set_lane(s.fixed[block.fixed].corner[k], lane, place(corner));
+        block.weight[2 + k][lane] = island.rows.weight[row][k];
     }
-    set_lane(block.normal, lane, rigid.place[0].turn(plan.normal));
+    set_lane(block.normal, lane, place.turn(to_vec4(island.rows.normal[row])));
 }
 
-void put_row(AdvanceIsland& island, const ContactPlan& plan, uint32_t lane, ContactBlock& block) {
+// As make_plan, of a row that fits_block.
+void put_row(AdvanceIsland& island, uint32_t row, const RowSketch& sketch, ContactBlock& block) {
     const AdvanceScratch& s = island.scratch;
-    const auto put = [&](uint32_t part, uint32_t node, double weight) {
+    const ContactRows& rows = island.rows;
+    const uint32_t lane = sketch.lane;
+    const auto put = [&](uint32_t part, double weight) {
+        const uint32_t node = sketch.node[part];
         block.node[part][lane] = node;
         block.weight[part][lane] = weight;
-        block.inv_mass[part][lane] = s.node[node].inv_mass;
+        block.inv_mass[part][lane] = s.node.inv_mass[node];
     };
-    if (is_edge(plan)) {
-        put(0, plan.node_a[0], plan.weight_a[0]);
-        put(1, plan.node_a[1], plan.weight_a[1]);
+    const double along = rows.along[row];
+    if (sketch.node[1] != kNone) {
+        put(0, 1.0 - along);
+        put(1, along);
         block.edges = true;
     } else {
-        put(0, plan.node_a[0], plan.weight_a[0] + plan.weight_a[1]);
+        put(0, (1.0 - along) + along);
     }
-    if (plan.rigid_b == kNone) {
-        for (uint32_t k = 0; k < 3; ++k) put(2 + k, plan.node_b[k], plan.weight_b[k]);
-        set_lane(block.normal, lane, plan.normal);
+    if (sketch.node[2] != kNone) {
+        for (uint32_t k = 0; k < 3; ++k) put(2 + k, rows.weight[row][k]);
+        set_lane(block.normal, lane, to_vec4(rows.normal[row]));
     } else {
-        put_fixed_triangle(island, plan, lane, block);
+        put_fixed_triangle(island, row, lane, block);
     }
-    block.offset[lane] = plan.offset;
-    block.friction[lane] = plan.friction;
-    block.point_share[lane] = share_of_point(island, plan);
-    block.row[lane] = plan.row;
-    block.open[lane] = plan.ended ? 0 : -1;
-    const Vec4d start = start_impulse(island, plan.row), normal = lane_of(block.normal, lane);
+    const Bodies& bodies = island.inputs.bodies;
+    const uint32_t other = rows.other[row];
+    if (island.inputs.meshes.info[bodies.mesh[other]].admission == Admission::kSheet) block.offset[lane] = 0.5 * bodies.thickness[other];
+    block.friction[lane] = rows.friction[row];
+    block.point_share[lane] = share_of_point(island, row);
+    block.row[lane] = row;
+    block.open[lane] = std::isinf(rows.distance[row]) ? 0 : -1;
+    const Vec4d start = start_impulse(island, row), normal = lane_of(block.normal, lane);
     block.normal_impulse[lane] = std::max(0.0, dot(start, normal));
-    set_lane(block.friction_impulse, lane, start - dot(start, normal) * normal);
+    if (block.normal_impulse[lane] > 0) set_lane(block.friction_impulse, lane, start - dot(start, normal) * normal);
+}
+
+// Part of a block that a loop over blocks asks for, bytes.
+struct BlockPart {
+    size_t first, end;
+};
+constexpr BlockPart kWholeBlock = {0, sizeof(ContactBlock)};
+constexpr BlockPart kGapPart = {0, offsetof(ContactBlock, lever)};
+constexpr BlockPart kSweepPart = {offsetof(ContactBlock, node), offsetof(ContactBlock, impulse)};
+constexpr BlockPart kSumPart = {offsetof(ContactBlock, normal_impulse), offsetof(ContactBlock, point_share)};
+
+inline __attribute__((always_inline)) void fetch(const ContactBlock& block, BlockPart part) {
+    constexpr size_t kLine = 64;
+    const char* start = reinterpret_cast<const char*>(&block);
+    for (size_t byte = part.first / kLine * kLine; byte < part.end; byte += kLine) __builtin_prefetch(start + byte);
+}
+
+// Calls run(block) for the active blocks of a group, one after the other. They come from far away in memory: that of a later
+// one is fetched meanwhile.
+template <typename Run>
+inline __attribute__((always_inline)) void for_active_blocks(AdvanceScratch& s, const RowGroup& group, BlockPart part, const Run& run) {
+    const std::vector<uint32_t>& active = group.active_block;
+    for (size_t i = 0; i < active.size(); ++i) {
+        if (i + kBlocksAhead < active.size()) fetch(s.block[active[i + kBlocksAhead]], part);
+        run(s.block[active[i]]);
+    }
 }
 
 // Deals rows out to the blocks of a group: each to the first of a few unfinished ones that has none of its nodes.
@@ -234,24 +295,25 @@ class BlockDealer {
     uint32_t next_ = 0;                        // slot to close when none will do
 };
 
-// Places of the nodes of one part of a block, one of the fields of ContactNode.
-inline __attribute__((always_inline)) FourPoints part_of(const AdvanceScratch& s, const ContactBlock& block, uint32_t part, Vec4d ContactNode::* field) {
+// Places of the nodes of one part of a block, one of the fields of ContactNodes.
+inline __attribute__((always_inline)) FourPoints part_of(const AdvanceScratch& s, const ContactBlock& block, uint32_t part, std::vector<Vec4d> ContactNodes::* field) {
     const auto& n = block.node[part];
-    return side_by_side(s.node[n[0]].*field, s.node[n[1]].*field, s.node[n[2]].*field, s.node[n[3]].*field);
+    const Vec4d* value = (s.node.*field).data();
+    return side_by_side(value[n[0]], value[n[1]], value[n[2]], value[n[3]]);
 }
-inline __attribute__((always_inline)) FourPoints point_of(const AdvanceScratch& s, const ContactBlock& block, Vec4d ContactNode::* field) {
+inline __attribute__((always_inline)) FourPoints point_of(const AdvanceScratch& s, const ContactBlock& block, std::vector<Vec4d> ContactNodes::* field) {
     const FourPoints point = block.weight[0] * part_of(s, block, 0, field);
     return block.edges ? point + block.weight[1] * part_of(s, block, 1, field) : point;
 }
 inline __attribute__((always_inline)) FourPoints weighted(const std::array<Vec4d, 3>& w, const FourPoints& a, const FourPoints& b, const FourPoints& c) {
     return w[0] * a + w[1] * b + w[2] * c;
 }
-inline __attribute__((always_inline)) FourPoints plane_of(const AdvanceScratch& s, const ContactBlock& block, Vec4d ContactNode::* field) {
+inline __attribute__((always_inline)) FourPoints plane_of(const AdvanceScratch& s, const ContactBlock& block, std::vector<Vec4d> ContactNodes::* field) {
     return weighted({block.weight[2], block.weight[3], block.weight[4]}, part_of(s, block, 2, field),
                     part_of(s, block, 3, field), part_of(s, block, 4, field));
 }
 // Corners of the planes: their places, or where they are after the substep.
-inline __attribute__((always_inline)) FourPoints corner_of(const AdvanceScratch& s, const ContactBlock& block, uint32_t k, Vec4d ContactNode::* field) {
+inline __attribute__((always_inline)) FourPoints corner_of(const AdvanceScratch& s, const ContactBlock& block, uint32_t k, std::vector<Vec4d> ContactNodes::* field) {
     return block.fixed == kNone ? part_of(s, block, 2 + k, field) : s.fixed[block.fixed].corner[k];
 }
 // Parts that move: all, or those of the point.
@@ -299,17 +361,17 @@ void end_rows(AdvanceIsland& island, ContactBlock& block, Mask4 ended) {
 // Which rows of a block act in this substep, and what their impulses need. As find_active_rows and activate.
 bool activate(AdvanceIsland& island, double reach, ContactBlock& block) {
     const AdvanceScratch& s = island.scratch;
-    const FourPoints a = corner_of(s, block, 0, &ContactNode::place), b = corner_of(s, block, 1, &ContactNode::place),
-                     c = corner_of(s, block, 2, &ContactNode::place);
+    const FourPoints a = corner_of(s, block, 0, &ContactNodes::place), b = corner_of(s, block, 1, &ContactNodes::place),
+                     c = corner_of(s, block, 2, &ContactNodes::place);
     const std::array<Vec4d, 3> fixed = {block.weight[2], block.weight[3], block.weight[4]};
-    const FourPoints point = point_of(s, block, &ContactNode::place), plane = weighted(fixed, a, b, c);
+    const FourPoints point = point_of(s, block, &ContactNodes::place), plane = weighted(fixed, a, b, c);
     const Vec4d gap = dot(block.normal, point - plane) - block.offset;
     block.active = block.open & (gap < reach);
     if (!any(block.active)) return false;
     // what is inside acts whatever its velocity, if only that is finite
     if (!std::isfinite(reach) || any(block.active & (gap >= 0))) {
-        FourPoints velocity = point_of(s, block, &ContactNode::velocity);
-        if (block.fixed == kNone) velocity = velocity - plane_of(s, block, &ContactNode::velocity);
+        FourPoints velocity = point_of(s, block, &ContactNodes::velocity);
+        if (block.fixed == kNone) velocity = velocity - plane_of(s, block, &ContactNodes::velocity);
         const Vec4d gap_after = gap + least(dot(block.normal, velocity), Vec4d{}) * island.dt;
         const Vec4d all = gap_after + norm2(velocity);  // not finite if one of them is not
         block.active &= (gap_after < 0) & (all - all == 0);
@@ -337,9 +399,10 @@ bool activate(AdvanceIsland& island, double reach, ContactBlock& block) {
 
 // Adds to a field of the nodes of one part.
 void add_to_part(AdvanceScratch& s, const ContactBlock& block, uint32_t part, const FourPoints& way,
-                 Vec4d ContactNode::* field) {
+                 std::vector<Vec4d> ContactNodes::* field) {
     const std::array<Vec4d, 4> ways = one_by_one(way);
-    for (uint32_t lane = 0; lane < 4; ++lane) s.node[block.node[part][lane]].*field += ways[lane];
+    Vec4d* value = (s.node.*field).data();
+    for (uint32_t lane = 0; lane < 4; ++lane) value[block.node[part][lane]] += ways[lane];
 }
 
 // As solve_row, for four rows.
@@ -349,12 +412,13 @@ void solve_block(AdvanceScratch& s, ContactBlock& block) {
     FourPoints velocity;
     for (uint32_t k = 0; k < kMoving; ++k) {
         if (k == 1 && !kEdges) continue;
-        part[k] = part_of(s, block, k, &ContactNode::velocity);
+        part[k] = part_of(s, block, k, &ContactNodes::velocity);
         velocity = velocity + block.lever[k] * part[k];
     }
     const Vec4d approach = dot(block.normal, velocity);
     const Vec4d normal_impulse =
         greatest(block.normal_impulse - (approach - block.least_velocity) * block.inv_sum, Vec4d{});
+    if (!any((normal_impulse > 0) | (block.normal_impulse > 0))) return;  // nor is there friction
     const Vec4d most = block.friction * normal_impulse;
     FourPoints friction = block.friction_impulse - block.inv_sum * (velocity - approach * block.normal);
     const Vec4d size2 = norm2(friction);
@@ -367,19 +431,19 @@ void solve_block(AdvanceScratch& s, ContactBlock& block) {
     for (uint32_t k = 0; k < kMoving; ++k) {
         if (k == 1 && !kEdges) continue;
         const std::array<Vec4d, 4> now = one_by_one(part[k] + (block.lever[k] * block.inv_mass[k]) * impulse);
-        for (uint32_t lane = 0; lane < 4; ++lane) s.node[block.node[k][lane]].velocity = now[lane];
+        for (uint32_t lane = 0; lane < 4; ++lane) s.node.velocity[block.node[k][lane]] = now[lane];
     }
 }
 
 // Gaps at the end of the substep, as gap_after.
 Vec4d gaps_after(const AdvanceScratch& s, const ContactBlock& block) {
-    const auto corner = [&](uint32_t k) { return corner_of(s, block, k, &ContactNode::after); };
+    const auto corner = [&](uint32_t k) { return corner_of(s, block, k, &ContactNodes::after); };
     const FourPoints plane = weighted({block.weight[2], block.weight[3], block.weight[4]}, corner(0), corner(1), corner(2));
-    return dot(block.normal, point_of(s, block, &ContactNode::after) - plane) - block.offset;
+    return dot(block.normal, point_of(s, block, &ContactNodes::after) - plane) - block.offset;
 }
 
 // As add_push.
-void add_pushes(const AdvanceIsland& island, const ContactBlock& block, const FourPoints& way) {
+void add_pushes(const AdvanceIsland& island, const ContactBlock& block, const FourPoints& way, uint8_t sweep) {
     AdvanceScratch& s = island.scratch;
     const bool by_mass = island.params.contact.share == ResponseShare::kMass;
     Vec4d unit[kParts], scale[2] = {block.inv_sum, block.inv_sum};
@@ -394,8 +458,17 @@ void add_pushes(const AdvanceIsland& island, const ContactBlock& block, const Fo
     }
     for (uint32_t k = 0; k < parts_of(block); ++k) {
         if (k == 1 && !block.edges) continue;
-        add_to_part(s, block, k, (block.lever[k] * unit[k] * scale[k >= 2]) * way, &ContactNode::after);
+        add_to_part(s, block, k, (block.lever[k] * unit[k] * scale[k >= 2]) * way, &ContactNodes::after);
+        for (const uint32_t node : block.node[k]) s.moved_in[node] = sweep;
     }
+}
+
+// Whether a node of a block has moved since the block was looked at in the sweep before.
+bool has_moved(const AdvanceScratch& s, const ContactBlock& block, uint8_t sweep) {
+    bool moved = false;
+    for (uint32_t k = 0; k < parts_of(block); ++k)
+        for (const uint32_t node : block.node[k]) moved |= s.moved_in[node] + 1 >= sweep;
+    return moved;
 }
 
 // Deals out the rows of a group that fit, and counts its blocks.
@@ -414,16 +487,21 @@ void deal_blocks(AdvanceScratch& s, RowGroup& group) {
 
 void fill_blocks(AdvanceIsland& island, const RowGroup& group) {
     AdvanceScratch& s = island.scratch;
-    for (uint32_t i = 0; i < group.block.count; ++i) {
-        ContactBlock& block = s.block[group.block.first + i];
-        block = empty_block(group.idle);
-        if (i + group.fixed.count < group.block.count) continue;
-        block.fixed = group.fixed.end() - (group.block.count - i);
-        s.fixed[block.fixed] = {};
-    }
+    const uint32_t before_fixed = group.block.count - group.fixed.count;
     for (uint32_t i = group.plan.first; i < group.plan.end(); ++i) {
+        if (i + kRowsAhead < group.plan.end()) fetch_row(island.rows, s.dealt[i + kRowsAhead]);
         const RowSketch& row = s.sketch[i];
-        if (row.kind != RowSketch::kSingle) put_row(island, make_plan(island, s.dealt[i]), row.lane, s.block[group.block.first + row.block]);
+        if (row.kind == RowSketch::kSingle) continue;
+        ContactBlock& block = s.block[group.block.first + row.block];
+        if (row.lane == 0) {  // the first of the block
+            if (row.block + kBlocksAhead < group.block.count) fetch(s.block[group.block.first + row.block + kBlocksAhead], kWholeBlock);
+            clear_block(group.idle, block);
+            if (row.block >= before_fixed) {
+                block.fixed = group.fixed.first + row.block - before_fixed;
+                s.fixed[block.fixed] = {};
+            }
+        }
+        put_row(island, s.dealt[i], row, block);
     }
 }
 
@@ -469,7 +547,6 @@ void plan_blocks(AdvanceIsland& island) {
     for (uint32_t g = 0; g < s.phase[4]; ++g) s.group[g].block = s.group[g].fixed = {};
     const uint32_t rows = static_cast<uint32_t>(s.dealt.size());
     if (rows < kFewestRows) {
-        s.block.clear();
         plan_single_rows(island, false);
         return;
     }
@@ -478,7 +555,10 @@ void plan_blocks(AdvanceIsland& island) {
     make_room(s.way, s.node.capacity());
     make_room(s.may_oppose, s.node.capacity());
     parallel_for(rows, kPlansPerChunk, [&](uint32_t begin, uint32_t end) {
-        for (uint32_t i = begin; i < end; ++i) s.sketch[i] = make_sketch(island, s.dealt[i]);
+        for (uint32_t i = begin; i < end; ++i) {
+            if (i + kRowsAhead < end) fetch_sides(island.rows, s.dealt[i + kRowsAhead]);
+            s.sketch[i] = make_sketch(island, s.dealt[i]);
+        }
     });
     find_opposable(island);
     for (uint32_t g = 0; g < s.phase[4]; ++g) s.group[g].idle = add_idle_node(s);
@@ -500,9 +580,10 @@ void forget_blocks(AdvanceIsland& island) {
             island.rows.carried[row] = to_vec3(last / island.dt);
         }
     };
-    const std::vector<ContactBlock>& blocks = island.scratch.block;
-    parallel_for(uint32_t(blocks.size()), 256, [&](uint32_t begin, uint32_t end) {
-        for (uint32_t i = begin; i < end; ++i) forget(blocks[i]);
+    const AdvanceScratch& s = island.scratch;
+    const uint32_t blocks = s.group[s.phase[4] - 1].block.end();
+    parallel_for(blocks, 256, [&](uint32_t begin, uint32_t end) {
+        for (uint32_t i = begin; i < end; ++i) forget(s.block[i]);
     });
 }
 
@@ -511,6 +592,7 @@ void activate_blocks(AdvanceIsland& island, double reach, RowGroup& group) {
     group.active_block.clear();
     uint64_t active = 0;
     for (uint32_t i = group.block.first; i < group.block.end(); ++i) {
+        if (i + kBlocksAhead < group.block.end()) fetch(s.block[i + kBlocksAhead], kWholeBlock);
         ContactBlock& block = s.block[i];
         if (!any(block.open) || !activate(island, reach, block)) {
             block.normal_impulse = Vec4d{};
@@ -524,53 +606,51 @@ void activate_blocks(AdvanceIsland& island, double reach, RowGroup& group) {
 }
 
 void start_blocks(AdvanceScratch& s, const RowGroup& group) {
-    for (const uint32_t i : group.active_block) {
-        const ContactBlock& block = s.block[i];
-        if (!any(block.normal_impulse > 0)) continue;
+    for_active_blocks(s, group, kSweepPart, [&](const ContactBlock& block) {
+        if (!any(block.normal_impulse > 0)) return;
         const FourPoints impulse = block.normal_impulse * block.normal + block.friction_impulse;
         for (uint32_t k = 0; k < parts_of(block); ++k) {
             if (k == 1 && !block.edges) continue;
-            add_to_part(s, block, k, (block.lever[k] * block.inv_mass[k]) * impulse, &ContactNode::velocity);
+            add_to_part(s, block, k, (block.lever[k] * block.inv_mass[k]) * impulse, &ContactNodes::velocity);
         }
-    }
+    });
 }
 
 void solve_blocks(AdvanceScratch& s, const RowGroup& group) {
-    for (const uint32_t i : group.active_block) {
-        ContactBlock& block = s.block[i];
+    for_active_blocks(s, group, kSweepPart, [&](ContactBlock& block) {
         if (block.fixed == kNone) {
             block.edges ? solve_block<true, kParts>(s, block) : solve_block<false, kParts>(s, block);
         } else {
             block.edges ? solve_block<true, 2>(s, block) : solve_block<false, 2>(s, block);
         }
-    }
+    });
 }
 
 void add_block_impulses(AdvanceScratch& s, const RowGroup& group) {
-    for (const uint32_t i : group.active_block) {
-        ContactBlock& block = s.block[i];
+    for_active_blocks(s, group, kSumPart, [&](ContactBlock& block) {
         block.impulse = block.impulse + (block.normal_impulse * block.normal + block.friction_impulse);
-    }
+    });
 }
 
-bool push_blocks(AdvanceIsland& island, double most, const RowGroup& group) {
+bool push_blocks(AdvanceIsland& island, double most, const RowGroup& group, uint8_t sweep) {
+    AdvanceScratch& s = island.scratch;
     bool pushed = false;
-    for (const uint32_t i : group.active_block) {
-        const ContactBlock& block = island.scratch.block[i];
-        const Vec4d overlap = -gaps_after(island.scratch, block);
+    for_active_blocks(s, group, kGapPart, [&](const ContactBlock& block) {
+        if (sweep > 1 && !has_moved(s, block, sweep)) return;
+        const Vec4d overlap = -gaps_after(s, block);
         const Mask4 deep = block.active & (overlap > kRestingOverlap);
-        if (!any(deep)) continue;
-        add_pushes(island, block, keep(deep, least(overlap, all_lanes(most))) * block.normal);
+        if (!any(deep)) return;
+        add_pushes(island, block, keep(deep, least(overlap, all_lanes(most))) * block.normal, sweep);
         pushed = true;
-    }
+    });
     return pushed;
 }
 
-double deepest_in_blocks(const AdvanceScratch& s, const RowGroup& group) {
+double deepest_in_blocks(AdvanceScratch& s, const RowGroup& group) {
     Vec4d deepest = {};
-    for (const uint32_t i : group.active_block) {
-        deepest = greatest(keep(s.block[i].active, -gaps_after(s, s.block[i])), deepest);
-    }
+    for_active_blocks(s, group, kGapPart, [&](const ContactBlock& block) {
+        deepest = greatest(keep(block.active, -gaps_after(s, block)), deepest);
+    });
     return std::max({deepest[0], deepest[1], deepest[2], deepest[3]});
 }
 

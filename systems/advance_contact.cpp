@@ -23,16 +23,6 @@ constexpr uint32_t kSkinSweeps = 4;
 constexpr uint32_t kSweepsAtOnce = 2;
 constexpr uint32_t kRowsPerChunk = 2048;
 
-void add_node(AdvanceScratch& s, uint32_t owner, uint32_t particle) {
-    const AdvanceBody& body = s.body[owner];
-    s.node_of_particle[particle] = static_cast<uint32_t>(s.node.size());
-    ContactNode& node = s.node.emplace_back();
-    node.particle = particle;
-    node.owner = owner;
-    node.particle_inv_mass = body.now[particle - body.particles.first].w;
-    node.inv_mass = body.impulse_left * node.particle_inv_mass;
-    s.change.emplace_back();
-}
 uint32_t node_slot(const AdvanceScratch& s, uint32_t owner, uint32_t vertex) { return s.node_of_particle[s.body[owner].particles.first + vertex]; }
 
 // Node of a vertex of a deformable body, or the new skin point of one that rides.
@@ -51,7 +41,7 @@ Vec4d rest_position(const Meshes& meshes, uint32_t prototype, uint32_t vertex) {
 
 // Gives the rigid sides and the nodes of all rows their places in scratch: nodes in the order of bodies and particles, so that
 // what is done to all of them runs through memory once, and rows find theirs close together.
-void number_nodes(AdvanceIsland& island) {
+void number_nodes(AdvanceIsland& island, std::span<const uint32_t> island_rows) {
     AdvanceScratch& s = island.scratch;
     const ContactRows& rows = island.rows;
     constexpr uint32_t kAsked = kNone - 1;
@@ -74,19 +64,32 @@ void number_nodes(AdvanceIsland& island) {
             else for (const uint32_t node : b.skin_node[v]) put(s.node_of_particle[b.particles.first + node], kAsked);
         }
     };
-    parallel_for(static_cast<uint32_t>(s.dealt.size()), kRowsPerChunk, [&](uint32_t begin, uint32_t end) {
+    parallel_for(static_cast<uint32_t>(island_rows.size()), kRowsPerChunk, [&](uint32_t begin, uint32_t end) {
         for (uint32_t i = begin; i < end; ++i) {
-            const uint32_t row = s.dealt[i];
+            const uint32_t row = island_rows[i];
             const Triangle& t = rows.triangle[row];
             ask(rows.body[row], {rows.vertex[row][0], rows.vertex[row][1], rows.third[row]});
             ask(rows.other[row], {t[0], t[1], t[2]});
         }
     });
+    const size_t first = s.node.size();
     for (uint32_t owner = 0; owner < s.body.size(); ++owner) {
         const AdvanceBody& b = s.body[owner];
         if (!b.touched) continue;
-        for (uint32_t particle = b.particles.first; particle < b.particles.end(); ++particle)
-            if (s.node_of_particle[particle] == kAsked) add_node(s, owner, particle);
+        for (uint32_t particle = b.particles.first; particle < b.particles.end(); ++particle) {
+            if (s.node_of_particle[particle] != kAsked) continue;
+            s.node_of_particle[particle] = static_cast<uint32_t>(s.node.particle.size());
+            s.node.particle.push_back(particle);
+            s.node.owner.push_back(owner);
+        }
+    }
+    s.node.resize(s.node.particle.size());
+    s.change.resize(s.node.size());
+    for (size_t n = first; n < s.node.size(); ++n) {
+        const ContactNode node = s.node[n];
+        const AdvanceBody& b = s.body[node.owner];
+        node.particle_inv_mass = b.now[node.particle - b.particles.first].w;
+        node.inv_mass = b.impulse_left * node.particle_inv_mass;
     }
 }
 
@@ -99,16 +102,16 @@ struct RowState {
 RowState find_gap(const AdvanceScratch& s, const ContactPlan& plan) {
     RowState r;
     if (plan.rigid_a == kNone) {
-        r.point = field_at(s, plan.node_a[0], &ContactNode::place);
+        r.point = field_at(s, plan.node_a[0], &ContactNodes::place);
         if (plan.weight_a[1] != 0 || plan.weight_a[2] != 0) {
-            r.point = plan.weight_a[0] * r.point + plan.weight_a[1] * field_at(s, plan.node_a[1], &ContactNode::place);
+            r.point = plan.weight_a[0] * r.point + plan.weight_a[1] * field_at(s, plan.node_a[1], &ContactNodes::place);
         }
-        if (plan.weight_a[2] != 0) r.point += plan.weight_a[2] * field_at(s, plan.node_a[2], &ContactNode::place);
+        if (plan.weight_a[2] != 0) r.point += plan.weight_a[2] * field_at(s, plan.node_a[2], &ContactNodes::place);
     } else {
         r.point = s.rigid[plan.rigid_a].place[0](plan.point_a);
     }
     if (plan.rigid_b == kNone) {
-        const auto place = [&](int k) { return field_at(s, plan.node_b[k], &ContactNode::place); };
+        const auto place = [&](int k) { return field_at(s, plan.node_b[k], &ContactNodes::place); };
         r.plane = plan.weight_b[0] * place(0) + plan.weight_b[1] * place(1) + plan.weight_b[2] * place(2);
         r.normal = plan.normal;
     } else {
@@ -131,14 +134,14 @@ Vec4d rigid_velocity(const AdvanceScratch& s, uint32_t slot, Vec4d point) {
 Vec4d relative_velocity(const AdvanceScratch& s, const ContactPlan& plan) {
     Vec4d v;
     if (plan.rigid_a == kNone) {
-        v = plan.weight_a[0] * field_at(s, plan.node_a[0], &ContactNode::velocity);
-        if (plan.weight_a[1] != 0) v += plan.weight_a[1] * field_at(s, plan.node_a[1], &ContactNode::velocity);
-        if (plan.weight_a[2] != 0) v += plan.weight_a[2] * field_at(s, plan.node_a[2], &ContactNode::velocity);
+        v = plan.weight_a[0] * field_at(s, plan.node_a[0], &ContactNodes::velocity);
+        if (plan.weight_a[1] != 0) v += plan.weight_a[1] * field_at(s, plan.node_a[1], &ContactNodes::velocity);
+        if (plan.weight_a[2] != 0) v += plan.weight_a[2] * field_at(s, plan.node_a[2], &ContactNodes::velocity);
     } else {
         v = rigid_velocity(s, plan.rigid_a, plan.point_a);
     }
     if (plan.rigid_b != kNone) return v - rigid_velocity(s, plan.rigid_b, plan.point_b);
-    for (int k = 0; k < 3; ++k) v -= plan.weight_b[k] * field_at(s, plan.node_b[k], &ContactNode::velocity);
+    for (int k = 0; k < 3; ++k) v -= plan.weight_b[k] * field_at(s, plan.node_b[k], &ContactNodes::velocity);
     return v;
 }
 
@@ -191,7 +194,7 @@ Foot find_foot(Vec4d a, Vec4d b, Vec4d c, Vec4d point, Vec4d plane, Vec4d normal
 Foot find_foot(const AdvanceIsland& island, const ContactPlan& plan, const RowState& r) {
     const AdvanceScratch& s = island.scratch;
     if (plan.rigid_b == kNone) {
-        const auto place = [&](int k) { return field_at(s, plan.node_b[k], &ContactNode::place); };
+        const auto place = [&](int k) { return field_at(s, plan.node_b[k], &ContactNodes::place); };
         return find_foot(place(0), place(1), place(2), r.point, r.plane, r.normal, plan.weight_b);
     }
     const AdvanceRigid& rigid = s.rigid[plan.rigid_b];
@@ -222,7 +225,7 @@ void add_point(const AdvanceScratch& s, ContactActive& active, uint32_t point, d
 // Counts a row for its nodes, and sees which are pressed from both sides.
 void note_rows(AdvanceScratch& s, const ContactActive& active) {
     for (uint32_t k = 0; k < active.nodes; ++k) {
-        ContactNodeChange& change = s.change[active.node[k]];
+        const ContactNodeChange change = s.change[active.node[k]];
         // past the side of its triangle a point's push turns the sign of the corner across: nobody presses that one
         const bool of_point = k < active.point_nodes, pressed = (active.weight[k] > 0) == of_point;
         const Vec4d way = of_point ? active.normal : -active.normal;
@@ -347,7 +350,7 @@ void solve_row(AdvanceScratch& s, ContactActive& row) {
         row.friction_impulse = friction;
     }
     for (uint32_t k = 0; k < nodes; ++k) {
-        ContactNode& node = s.node[row.node[k]];
+        const ContactNode node = s.node[row.node[k]];
         node.velocity += (row.weight[k] * node.inv_mass) * impulse;
     }
 }
@@ -368,7 +371,7 @@ void start_rows(AdvanceScratch& s, RowGroup& group) {
             continue;
         }
         for (uint32_t k = 0; k < row.nodes; ++k) {
-            ContactNode& node = s.node[row.node[k]];
+            const ContactNode node = s.node[row.node[k]];
             node.velocity += (row.weight[k] * node.inv_mass) * impulse;
         }
     }
@@ -427,8 +430,8 @@ void scatter_velocities(AdvanceIsland& island) {
     AdvanceScratch& s = island.scratch;
     Particles& p = island.particles;
     const auto scatter = [&](uint32_t n, NodeSums& sums) {
-        ContactNode& node = s.node[n];
-        const ContactNodeChange& change = s.change[n];
+        const ContactNode node = s.node[n];
+        const ContactNodeChange change = s.change[n];
         const __m256d same = _mm256_cmp_pd((__m256d)node.velocity, (__m256d)change.kicked, _CMP_EQ_UQ);
         if (_mm256_movemask_pd(same) == 15 || node.particle == kNone || node.inv_mass == 0) return;
         const __m128 velocity = _mm256_cvtpd_ps((__m256d)node.velocity);
@@ -511,7 +514,7 @@ void add_impulses(AdvanceIsland& island, const RowGroup& group) {
 // forces did against the push of the substep before, J: energy does not depend on the way, and half the sum of the
 // forces at the start of that substep and after the push is the force in the middle of the push, seen half a substep
 // back (exact where forces are linear in place).
-double note_kick(const AdvanceBody& body, const ContactNode& node, ContactNodeChange& change) {
+double note_kick(const AdvanceBody& body, const ContactNode& node, const ContactNodeChange& change) {
     Vec4d drag = body.drag_velocity;
     if (body.shape) drag += cross(body.drag_turn, node.place - body.origin);
     const Vec4d lost = (double(body.step.keep) - 1.0) * (change.before - drag), before = change.acceleration;
@@ -526,8 +529,8 @@ double note_kick(const AdvanceBody& body, const ContactNode& node, ContactNodeCh
 double gather_nodes(AdvanceIsland& island) {
     AdvanceScratch& s = island.scratch;
     const auto gather = [&](uint32_t n, NodeSums& sums) {
-        ContactNode& node = s.node[n];
-        ContactNodeChange& change = s.change[n];
+        const ContactNode node = s.node[n];
+        const ContactNodeChange change = s.change[n];
         if (node.particle != kNone) {
             const AdvanceBody& body = s.body[node.owner];
             const uint32_t vertex = node.particle - body.particles.first;
@@ -608,15 +611,15 @@ void plan_contacts(AdvanceIsland& island, std::span<const uint32_t> island_rows)
     constexpr uint32_t kMostParts = 8, kRowsPerPart = 32;
     const uint32_t count = static_cast<uint32_t>(island_rows.size());
     make_room(s.plan, count);
-    make_room(s.node, s.node.size() + 2 * count);
-    make_room(s.change, s.node.size() + 2 * count);
+    const size_t nodes = s.node.size() + 2 * count;
+    if (s.node.capacity() < nodes) s.node.reserve(2 * nodes), s.change.reserve(2 * nodes);
     make_room(s.dealt, count);
     make_room(s.ungrouped, count);
     const uint32_t parts = std::clamp(count / kRowsPerPart, 1u, kMostParts), part = (count + parts - 1) / parts;
     s.dealt.clear();
     for (uint32_t i = 0; i < part; ++i)
         for (uint32_t row = i; row < count; row += part) s.dealt.push_back(island_rows[row]);
-    number_nodes(island);
+    number_nodes(island, island_rows);
     group_rows(island);
     plan_blocks(island);
     for (uint32_t g = 0; g < s.phase[4]; ++g) make_room(s.group[g].active, s.group[g].plan.count);
@@ -658,7 +661,8 @@ void find_held_rows(AdvanceIsland& island) {
     s.held.clear();
     s.held_active.clear();
     if (std::none_of(s.body.begin(), s.body.end(), [](const AdvanceBody& b) { return b.synchronous(); })) return;
-    for (ContactNode& node : s.node) {
+    for (size_t n = 0; n < s.node.size(); ++n) {
+        const ContactNode node = s.node[n];
         if (node.particle == kNone || !s.body[node.owner].synchronous()) continue;
         const AdvanceBody& body = s.body[node.owner];
         node.place = body.origin + float_vec4(_mm_load_ps(&body.now[node.particle - body.particles.first].x));

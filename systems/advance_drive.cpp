@@ -20,7 +20,7 @@ void place_driven(AdvanceIsland& island, AdvanceFree& f) {
     const NodeDrive& drive = drive_of(island, f);
     const double place = state_of(island, f).place;
     AdvanceRigid& rigid = island.scratch.rigid[f.rigid];
-    ContactNode& node = island.scratch.node[rigid.node];
+    const ContactNode node = island.scratch.node[rigid.node];
     node.place = node.after = to_vec4(drive_point(drive, place, to_vec3(f.centre)));
     place_end(rigid, f, node.place, drive_orientation(drive, place));
 }
@@ -44,7 +44,7 @@ void bind_drive(AdvanceIsland& island, uint32_t free_row) {
     f.damping += drive.damping / drive.inertia;
     f.hold = drive.friction;
     f.arm = f.slides ? 1 : island.inputs.meshes.info[island.inputs.bodies.mesh[body]].radius;
-    ContactNode& node = s.node[s.rigid[f.rigid].node];
+    const ContactNode node = s.node[s.rigid[f.rigid].node];
     node.inv_mass = 0;
     if (f.slides) {
         f.slide = f.axis / std::sqrt(drive.inertia);

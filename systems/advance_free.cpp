@@ -79,12 +79,11 @@ void add_free_body(AdvanceIsland& island, uint32_t rigid_row) {
     f.centre = to_vec4(mass->centre);
     f.spin = to_vec4(island.poses.angular_velocity[rigid.body]);
     const Vec4d arm = to_vec4(rotate(island.poses.orientation[rigid.body], mass->centre));
-    ContactNode& node = s.node.emplace_back();
+    const ContactNode node = add_node(s);
     node.owner = rigid_row;
     node.inv_mass = 1 / mass->mass;
     node.place = to_vec4(island.poses.origin[rigid.body]) + arm;
     node.velocity = to_vec4(island.poses.velocity[rigid.body]) + cross(f.spin, arm);
-    s.change.emplace_back();
     bind_drive(island, rigid.free);
 }
 
@@ -96,7 +95,7 @@ void kick_free_bodies(AdvanceIsland& island) {
             continue;
         }
         AdvanceRigid& rigid = s.rigid[f.rigid];
-        ContactNode& node = s.node[rigid.node];
+        const ContactNode node = s.node[rigid.node];
         if (f.held) {
             pull_held_body(island, f);
             continue;
@@ -133,7 +132,7 @@ void move_free_bodies(AdvanceIsland& island) {
             continue;
         }
         AdvanceRigid& rigid = s.rigid[f.rigid];
-        ContactNode& node = s.node[rigid.node];
+        const ContactNode node = s.node[rigid.node];
         const double seconds = moving_time(island, rigid.body);
         node.place += seconds * node.velocity;
         node.after = node.place;
@@ -151,7 +150,7 @@ void finish_free_bodies(AdvanceIsland& island) {
     Poses& poses = island.poses;
     for (const AdvanceFree& f : s.free) {
         const AdvanceRigid& rigid = s.rigid[f.rigid];
-        const ContactNode& node = s.node[rigid.node];
+        const ConstContactNode node = s.node[rigid.node];
         const Quat& q = rigid.orientation[1];
         const Vec4d arm = rigid.place[1].turn(f.centre);
         if (!std::isfinite(norm2(node.place) + norm2(node.velocity) + norm2(f.spin) + norm2(arm))) {
@@ -176,7 +175,7 @@ double contact_work_on_free(const AdvanceIsland& island) {
         if (f.drive != kNone) continue;  // settle_drives
         if (f.held) continue;  // its work is the hand's
         const uint32_t n = s.rigid[f.rigid].node;
-        const ContactNodeChange& change = s.change[n];
+        const ConstContactNodeChange change = s.change[n];
         const Vec4d kick = s.node[n].velocity - change.kicked;
         // as for particles: a kick does work at the mean of the velocities before and after all of its parts
         work += 0.5 * f.mass.mass * dot(kick, f.keep * change.before + s.node[n].velocity);
@@ -205,7 +204,7 @@ void add_turning_sides(AdvanceIsland& island, const ContactPlan& plan, Vec4d at,
 
 void give_impulse(AdvanceScratch& s, const ContactActive& row, const ContactTurning& turning, Vec4d impulse) {
     for (uint32_t k = 0; k < row.nodes; ++k) {
-        ContactNode& node = s.node[row.node[k]];
+        const ContactNode node = s.node[row.node[k]];
         node.velocity += (row.weight[k] * node.inv_mass) * impulse;
     }
     for (int side = 0; side < 2; ++side) {
@@ -279,7 +278,7 @@ void push_free_sides(AdvanceScratch& s, const ContactTurning& turning, Vec4d pus
         if (turning.free[side] == kNone) continue;
         AdvanceFree& f = s.free[turning.free[side]];
         AdvanceRigid& rigid = s.rigid[f.rigid];
-        ContactNode& node = s.node[rigid.node];
+        const ContactNode node = s.node[rigid.node];
         const Vec4d way = side == 0 ? push : -push;
         const Vec4d shift = node.inv_mass * way + f.yield(way), turn = f.respond(cross(turning.arm[side], way));
         f.shift += shift;
@@ -301,7 +300,7 @@ void finish_free_pushes(AdvanceIsland& island, double most) {
     AdvanceScratch& s = island.scratch;
     for (AdvanceFree& f : s.free) {
         AdvanceRigid& rigid = s.rigid[f.rigid];
-        ContactNode& node = s.node[rigid.node];
+        const ContactNode node = s.node[rigid.node];
         const double radius = island.inputs.meshes.info[island.inputs.bodies.mesh[rigid.body]].radius;
         const double way = std::sqrt(norm2(f.shift)) + radius * std::sqrt(norm2(f.turn));
         if (way == 0) continue;

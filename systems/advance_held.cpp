@@ -18,12 +18,11 @@ void add_held_body(AdvanceIsland& island, uint32_t rigid_row) {
     f.centre = to_vec4(tool.tip);
     f.spin = to_vec4(island.poses.angular_velocity[rigid.body]);
     const Vec4d arm = to_vec4(rotate(island.poses.orientation[rigid.body], tool.tip));
-    ContactNode& node = s.node.emplace_back();
+    const ContactNode node = add_node(s);
     node.owner = rigid_row;
     node.inv_mass = island.inputs.bodies.inv_mass[rigid.body];
     node.place = to_vec4(island.poses.origin[rigid.body]) + arm;
     node.velocity = to_vec4(island.poses.velocity[rigid.body]) + cross(f.spin, arm);
-    s.change.emplace_back();
 }
 
 // Springs and dampers act with their values at the end of the substep, as those of hands that only move do: stable for any
@@ -31,7 +30,7 @@ void add_held_body(AdvanceIsland& island, uint32_t rigid_row) {
 void pull_held_body(AdvanceIsland& island, AdvanceFree& f) {
     AdvanceScratch& s = island.scratch;
     AdvanceRigid& rigid = s.rigid[f.rigid];
-    ContactNode& node = s.node[rigid.node];
+    const ContactNode node = s.node[rigid.node];
     const HandTool& tool = island.inputs.tools[rigid.tool];
     const HandPose from = hand_pose(island, rigid.tool, island.substep), to = hand_pose(island, rigid.tool, island.substep + 1);
     const double dt = island.dt, w = island.inputs.bodies.inv_mass[rigid.body], v = 1 / tool.inertia;
@@ -56,7 +55,7 @@ void pull_held_body(AdvanceIsland& island, AdvanceFree& f) {
 
 void note_coupling(AdvanceIsland& island, const AdvanceFree& f) {
     const AdvanceRigid& rigid = island.scratch.rigid[f.rigid];
-    const ContactNode& node = island.scratch.node[rigid.node];
+    const ContactNode node = island.scratch.node[rigid.node];
     const HandTool& tool = island.inputs.tools[rigid.tool];
     ToolState& state = island.tools[rigid.tool];
     state.coupling_force = tool.coupling_stiffness * (rigid.target - to_vec3(node.place)) +

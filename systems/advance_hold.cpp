@@ -27,7 +27,7 @@ void for_held_rows(AdvanceIsland& island, const AdvanceBody& b, const Visit& vis
 template <typename Visit>
 void for_moving_nodes(const AdvanceScratch& s, const AdvanceBody& b, const ContactActive& row, const Visit& visit) {
     for (uint32_t k = 0; k < row.nodes; ++k) {
-        const ContactNode& node = s.node[row.node[k]];
+        const ConstContactNode node = s.node[row.node[k]];
         if (node.particle_inv_mass > 0) visit(node.particle - b.particles.first, row.weight[k]);
     }
 }

@@ -137,7 +137,7 @@ void pull_linked_rigids(AdvanceIsland& island) {
         if (tool != kNone) island.tools[tool].contact_impulse += to_vec3(impulse);
         add_grip_moment(island, link.rigid, rigid.place[0](link.point), impulse);
         if (rigid.node == kNone) continue;
-        ContactNode& node = s.node[rigid.node];
+        const ContactNode node = s.node[rigid.node];
         node.velocity += node.inv_mass * impulse;
         if (rigid.free == kNone) continue;
         AdvanceFree& f = s.free[rigid.free];

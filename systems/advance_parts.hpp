@@ -37,6 +37,14 @@ inline double moving_time(const AdvanceIsland& island, uint32_t body) {
     return std::clamp(island.inputs.stop[body] - island.substep * island.dt, 0.0, island.dt);
 }
 
+// A new node: at rest at the origin, without particle or mass.
+inline ContactNode add_node(AdvanceScratch& s) {
+    const size_t row = s.node.size();
+    s.node.resize(row + 1);
+    s.change.resize(row + 1);
+    return s.node[row];
+}
+
 // Calls visit(node, share) for a node, or for the nodes of a skin point.
 template <typename Visit>
 void visit_nodes(const AdvanceScratch& s, uint32_t point, const Visit& visit) {
@@ -45,10 +53,10 @@ void visit_nodes(const AdvanceScratch& s, uint32_t point, const Visit& visit) {
     for (int k = 0; k < 4; ++k) visit(skin.node[k], skin.weight[k]);
 }
 // Place, after or velocity of a node or of a skin point.
-inline Vec4d field_at(const AdvanceScratch& s, uint32_t point, Vec4d ContactNode::* field) {
-    if (!(point & kSkinPoint)) return s.node[point].*field;
+inline Vec4d field_at(const AdvanceScratch& s, uint32_t point, std::vector<Vec4d> ContactNodes::* field) {
+    if (!(point & kSkinPoint)) return (s.node.*field)[point];
     Vec4d sum = {};
-    visit_nodes(s, point, [&](uint32_t node, double share) { sum += share * (s.node[node].*field); });
+    visit_nodes(s, point, [&](uint32_t node, double share) { sum += share * (s.node.*field)[node]; });
     return sum;
 }
 
@@ -220,7 +228,7 @@ inline Vec4d start_impulse(const AdvanceIsland& island, uint32_t row) {
 void push_out(AdvanceIsland& island, uint32_t substep);
 
 // Share of the way of a push that the side of the point goes, unless bodies share it by mass.
-double share_of_point(const AdvanceIsland& island, const ContactPlan& plan);
+double share_of_point(const AdvanceIsland& island, uint32_t row);
 
 // Long lists of rows between deformable bodies are worked on four at a time, and where there are several groups those with
 // static bodies too; each does what its namesake for one row does. plan_blocks makes blocks of the rows of scratch.dealt, and
@@ -231,8 +239,9 @@ void activate_blocks(AdvanceIsland& island, double reach, RowGroup& group);  // 
 void start_blocks(AdvanceScratch& s, const RowGroup& group);  // see start_rows
 void solve_blocks(AdvanceScratch& s, const RowGroup& group);
 void add_block_impulses(AdvanceScratch& s, const RowGroup& group);
-bool push_blocks(AdvanceIsland& island, double most, const RowGroup& group);
-double deepest_in_blocks(const AdvanceScratch& s, const RowGroup& group);
+// Counted from 1, a sweep passes over blocks none of whose nodes has moved since the sweep before.
+bool push_blocks(AdvanceIsland& island, double most, const RowGroup& group, uint8_t sweep);
+double deepest_in_blocks(AdvanceScratch& s, const RowGroup& group);
 // Groups of rows (advance_groups.cpp). Bodies are put into strips across the way they spread most; rows inside a strip are a
 // group, rows between a strip and the next are another, and the few others a last one. Phases: strips; even borders; odd
 // borders; the rest. Orders dealt by group. Short lists, skins, and islands with rigid bodies that rows move have one group.
@@ -250,7 +259,7 @@ void for_each_group(AdvanceScratch& s, const Run& run) {
 inline RowGroup& only_group(AdvanceScratch& s) { return s.group[0]; }
 constexpr uint32_t kNodesPerChunk = 4096;
 
-inline bool has_rows(const AdvanceScratch& s) { return !s.plan.empty() || !s.block.empty(); }
+inline bool has_rows(const AdvanceScratch& s) { return !s.dealt.empty(); }
 
 // Room for n rows; when more is needed, for twice as many: passes differ by a few rows, and fresh pages cost more than
 // what is done with them.
@@ -260,7 +269,7 @@ void make_room(std::vector<Row>& rows, size_t n) {
 }
 
 // Adds to the place of a node's particle at the end of the substep.
-inline void move_particle(AdvanceBody& body, ContactNode& node, Vec4d way) {
+inline void move_particle(AdvanceBody& body, const ContactNode& node, Vec4d way) {
     float* offset = &body.next[node.particle - body.particles.first].x;
     const __m128 old = _mm_load_ps(offset);
     const __m128 moved = _mm256_cvtpd_ps((__m256d)(float_vec4(old) + way));

@@ -2,6 +2,7 @@
 #include <cmath>
 
 #include "engine/geometry/quaternion.hpp"
+#include "engine/surfaces.hpp"
 #include "engine/tet_forces.hpp"
 #include "systems/advance_parts.hpp"
 namespace trocar {
@@ -11,14 +12,14 @@ namespace {
 double gap_after(const AdvanceScratch& s, const ContactPlan& plan, Vec4d& normal) {
     Vec4d apart;
     if (plan.rigid_a == kNone) {
-        apart = plan.weight_a[0] * field_at(s, plan.node_a[0], &ContactNode::after);
-        if (plan.weight_a[1] != 0) apart += plan.weight_a[1] * field_at(s, plan.node_a[1], &ContactNode::after);
-        if (plan.weight_a[2] != 0) apart += plan.weight_a[2] * field_at(s, plan.node_a[2], &ContactNode::after);
+        apart = plan.weight_a[0] * field_at(s, plan.node_a[0], &ContactNodes::after);
+        if (plan.weight_a[1] != 0) apart += plan.weight_a[1] * field_at(s, plan.node_a[1], &ContactNodes::after);
+        if (plan.weight_a[2] != 0) apart += plan.weight_a[2] * field_at(s, plan.node_a[2], &ContactNodes::after);
     } else {
         apart = s.rigid[plan.rigid_a].place[1](plan.point_a);
     }
     if (plan.rigid_b == kNone) {
-        for (int k = 0; k < 3; ++k) apart -= plan.weight_b[k] * field_at(s, plan.node_b[k], &ContactNode::after);
+        for (int k = 0; k < 3; ++k) apart -= plan.weight_b[k] * field_at(s, plan.node_b[k], &ContactNodes::after);
         normal = plan.normal;
     } else {
         const RigidMap& place = s.rigid[plan.rigid_b].place[1];
@@ -29,29 +30,30 @@ double gap_after(const AdvanceScratch& s, const ContactPlan& plan, Vec4d& normal
 }
 
 bool is_free(const AdvanceScratch& s, uint32_t node) {
-    const ContactNode& n = s.node[node];
+    const ConstContactNode n = s.node[node];
     return n.particle == kNone && n.owner < s.rigid.size() && s.rigid[n.owner].free != kNone;  // the node of no mass has no owner
 }
 
 // Later rows see the move; but a node pressed from both sides stays where it was for all of them and goes half of each
 // way: it meets its two planes midway.
-void move_node(AdvanceScratch& s, uint32_t node, Vec4d move) {
+void move_node(AdvanceScratch& s, uint32_t node, Vec4d move, uint8_t sweep) {
     if (s.change[node].opposed) {
         s.change[node].change += 0.5 * move;
     } else {
         s.node[node].after += move;
+        s.moved_in[node] = sweep;
     }
 }
 
 // Whether a row's push is not seen before all are made, so that it must not be made twice: see move_node; and so it is with
 // free bodies.
 bool is_moved_midway(const AdvanceScratch& s, const ContactActive& row) {
-    const auto opposed = [&](uint32_t node) { return s.change[node].opposed; };
+    const auto opposed = [&](uint32_t node) { return s.change[node].opposed != 0; };
     return row.turning != kNone || std::any_of(row.node.begin(), row.node.begin() + row.nodes, opposed);
 }
 
 // Moves both sides by their inverse masses, or each side by its share of the way; with a free body always by mass.
-void add_push(AdvanceIsland& island, const ContactActive& row, Vec4d way) {
+void add_push(AdvanceIsland& island, const ContactActive& row, Vec4d way, uint8_t sweep) {
     AdvanceScratch& s = island.scratch;
     const bool by_mass = island.params.contact.share == ResponseShare::kMass || row.turning != kNone;
     double scale[2] = {row.inv_sum, row.inv_sum};  // of the side of the point, of the plane
@@ -62,7 +64,7 @@ void add_push(AdvanceIsland& island, const ContactActive& row, Vec4d way) {
         }
         const ContactPlan& plan = s.plan[row.plan];
         const bool both_rigid = plan.rigid_a != kNone && plan.rigid_b != kNone;  // a hand and something firm
-        const double point = both_rigid ? double(sum[0] > 0) : share_of_point(island, plan);
+        const double point = both_rigid ? double(sum[0] > 0) : share_of_point(island, plan.row);
         scale[0] = sum[0] > 0 ? point / sum[0] : 0;
         scale[1] = sum[1] > 0 ? (1 - point) / sum[1] : 0;
     }
@@ -70,7 +72,7 @@ void add_push(AdvanceIsland& island, const ContactActive& row, Vec4d way) {
         const double inv_mass = s.node[row.node[k]].inv_mass;
         if (!(inv_mass > 0) || is_free(s, row.node[k])) continue;
         const double unit = by_mass ? inv_mass : 1.0;
-        move_node(s, row.node[k], (row.weight[k] * unit * scale[k >= row.point_nodes]) * way);
+        move_node(s, row.node[k], (row.weight[k] * unit * scale[k >= row.point_nodes]) * way, sweep);
     }
     if (row.turning != kNone) push_free_sides(s, s.turning[row.turning], row.inv_sum * way);
 }
@@ -169,7 +171,7 @@ void book_last_pushes(AdvanceIsland& island) {
     parallel_for(nodes, kNodesPerChunk, [&](uint32_t begin, uint32_t end) {
         double& work = s.node_sums[begin / kNodesPerChunk].work[0];
         for (uint32_t n = begin; n < end; ++n) {
-            const ContactNode& node = s.node[n];
+            const ContactNode node = s.node[n];
             if (!s.change[n].pushed || node.particle == kNone) continue;
             const AdvanceBody& body = s.body[node.owner];
             const HalfWay at{island, body};
@@ -185,8 +187,8 @@ void make_moves(AdvanceIsland& island, double most) {
     AdvanceScratch& s = island.scratch;
     const auto make_move = [&](uint32_t n) {
         if (is_free(s, n)) return;
-        ContactNodeChange& change = s.change[n];
-        ContactNode& node = s.node[n];
+        const ContactNodeChange change = s.change[n];
+        const ContactNode node = s.node[n];
         float* offset = nullptr;
         Vec4d origin = node.place, before = {};
         if (node.particle != kNone) {
@@ -215,13 +217,13 @@ void make_moves(AdvanceIsland& island, double most) {
 
 }  // namespace
 
-double share_of_point(const AdvanceIsland& island, const ContactPlan& plan) {
-    if (plan.rigid_a != kNone) return 0;
-    if (plan.rigid_b != kNone) return 1;
-    if (island.params.contact.share == ResponseShare::kHalf) return 0.5;
+double share_of_point(const AdvanceIsland& island, uint32_t row) {
     const Bodies& bodies = island.inputs.bodies;
-    const double a = bodies.spring_stiffness[island.rows.body[plan.row]];
-    const double b = bodies.spring_stiffness[island.rows.other[plan.row]];
+    const uint32_t point = island.rows.body[row], plane = island.rows.other[row];
+    if (!is_deformable(bodies, point)) return 0;
+    if (!is_deformable(bodies, plane)) return 1;
+    if (island.params.contact.share == ResponseShare::kHalf) return 0.5;
+    const double a = bodies.spring_stiffness[point], b = bodies.spring_stiffness[plane];
     return b / (a + b);
 }
 
@@ -235,20 +237,22 @@ void push_out(AdvanceIsland& island, uint32_t substep) {
         const double most = params.contact.push_speed * 1e-3 * static_cast<double>(ms);
         // in a heap of many bodies one push undoes another
         const uint32_t sweeps = s.phase[4] > 1 ? params.contact.iterations : 1;
+        s.moved_in.assign(s.node.size(), 0);
         for_each_group(s, [&](RowGroup& group) {
             Vec4d normal;
             bool again = true;
             group.pushed = false;
             for (uint32_t sweep = 0; sweep < sweeps && again; ++sweep) {
                 again = false;
+                const uint8_t stamp = static_cast<uint8_t>(std::min(sweep + 1, 255u));
                 for (const ContactActive& row : group.active) {
                     if (sweep > 0 && is_moved_midway(s, row)) continue;
                     const double overlap = -gap_after(s, s.plan[row.plan], normal);
                     if (!(overlap > kRestingOverlap)) continue;
-                    add_push(island, row, std::min(overlap, most) * normal);
+                    add_push(island, row, std::min(overlap, most) * normal, stamp);
                     again = true;
                 }
-                again = push_blocks(island, most, group) || again;
+                again = push_blocks(island, most, group, stamp) || again;
                 group.pushed = group.pushed || again;
             }
         });

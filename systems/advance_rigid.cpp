@@ -131,12 +131,11 @@ uint32_t rigid_slot(AdvanceIsland& island, uint32_t body) {
         add_held_body(island, slot);
     } else if (in.bodies.motion[body] == Motion::kHand) {
         rigid.node = static_cast<uint32_t>(s.node.size());
-        ContactNode& node = s.node.emplace_back();
+        const ContactNode node = add_node(s);
         node.owner = slot;
         node.inv_mass = in.bodies.inv_mass[body];
         node.place = to_vec4(island.poses.origin[body]);
         node.velocity = to_vec4(island.poses.velocity[body]);
-        s.change.emplace_back();
     }
     if (in.bodies.motion[body] == Motion::kFree) add_free_body(island, slot);
     if (rigid.path != kNone) {
@@ -181,8 +180,8 @@ void place_rigid_bodies(AdvanceIsland& island, uint32_t substep) {
 void pull_hands(AdvanceIsland& island, uint32_t substep) {
     for (AdvanceRigid& rigid : island.scratch.rigid) {
         if (rigid.node == kNone || rigid.free != kNone || rigid.jaw != kNone) continue;
-        ContactNode& node = island.scratch.node[rigid.node];
-        ContactNodeChange& change = island.scratch.change[rigid.node];
+        const ContactNode node = island.scratch.node[rigid.node];
+        const ContactNodeChange change = island.scratch.change[rigid.node];
         change.before = node.velocity;
         if (rigid.tool == kNone) {
             node.velocity = Vec4d{};  // nobody holds it
@@ -210,7 +209,7 @@ void pull_hands(AdvanceIsland& island, uint32_t substep) {
 void move_hands(AdvanceIsland& island) {
     for (AdvanceRigid& rigid : island.scratch.rigid) {
         if (rigid.node == kNone || rigid.free != kNone) continue;
-        ContactNode& node = island.scratch.node[rigid.node];
+        const ContactNode node = island.scratch.node[rigid.node];
         if (rigid.jaw != kNone) {
             rigid.place[1].shift += node.place - island.scratch.rigid[rigid.holder].place[0].shift;
             continue;

@@ -136,26 +136,93 @@ struct AdvanceFree {
     Vec4d respond(Vec4d j) const { return j[0] * inv_inertia[0] + j[1] * inv_inertia[1] + j[2] * inv_inertia[2]; }
 };
 
-// A particle, a hand or a free body that contact rows act on.
-struct ContactNode {
-    Vec4d place;     // m, world, at the start of the substep
-    Vec4d after;     // m, world, at its end
-    Vec4d velocity;  // m/s
-    double inv_mass = 0;           // 1/kg: m/s that an impulse of 1 N s gives
-    double particle_inv_mass = 0;  // 1/kg, of a particle: without what damping takes of an impulse
-    uint32_t particle = kNone;  // row of Particles; kNone for a rigid body
-    uint32_t owner = 0;         // row of body, or of rigid
+// One row of ContactNodes.
+template <typename Vector, typename Number, typename Row>
+struct ContactNodeRow {
+    Vector& place;
+    Vector& after;
+    Vector& velocity;
+    Number& inv_mass;
+    Number& particle_inv_mass;
+    Row& particle;
+    Row& owner;
 };
-struct ContactNodeChange {
-    Vec4d before;        // m/s, before the kick of this substep
-    Vec4d kicked;        // m/s, after it
-    Vec4d damped;        // m/s, before it and what damping takes off; of a particle, while energy is accounted
-    Vec4d acceleration;  // m/s^2, of everything else in the kick; likewise
-    Vec4d change;           // m, of the place by push-out
-    Vec4d first_way;        // of the first active row that is not in a block
-    uint32_t rows = 0;      // active rows that are not in a block
-    bool opposed = false;
-    bool pushed = false;
+using ContactNode = ContactNodeRow<Vec4d, double, uint32_t>;
+using ConstContactNode = ContactNodeRow<const Vec4d, const double, const uint32_t>;
+
+// Particles, hands and free bodies that contact rows act on. Field by field: a sweep over rows asks for one field of many
+// nodes, here and there, and a cache holds four times as many of them so.
+struct ContactNodes {
+    std::vector<Vec4d> place;     // m, world, at the start of the substep
+    std::vector<Vec4d> after;     // m, world, at its end
+    std::vector<Vec4d> velocity;  // m/s
+    std::vector<double> inv_mass;           // 1/kg: m/s that an impulse of 1 N s gives
+    std::vector<double> particle_inv_mass;  // 1/kg, of a particle: without what damping takes of an impulse
+    std::vector<uint32_t> particle;  // row of Particles; kNone for a rigid body
+    std::vector<uint32_t> owner;     // row of body, or of rigid
+
+    size_t size() const { return place.size(); }
+    size_t capacity() const { return place.capacity(); }
+    ContactNode operator[](size_t i) { return {place[i], after[i], velocity[i], inv_mass[i], particle_inv_mass[i], particle[i], owner[i]}; }
+    ConstContactNode operator[](size_t i) const { return {place[i], after[i], velocity[i], inv_mass[i], particle_inv_mass[i], particle[i], owner[i]}; }
+    // New nodes are at rest at the origin, without particle or mass.
+    void resize(size_t n) {
+        for (auto* field : {&place, &after, &velocity}) field->resize(n, Vec4d{});
+        for (auto* field : {&inv_mass, &particle_inv_mass}) field->resize(n, 0);
+        particle.resize(n, kNone);
+        owner.resize(n, 0);
+    }
+    void reserve(size_t n) {
+        for (auto* field : {&place, &after, &velocity}) field->reserve(n);
+        for (auto* field : {&inv_mass, &particle_inv_mass}) field->reserve(n);
+        for (auto* field : {&particle, &owner}) field->reserve(n);
+    }
+};
+
+// One row of ContactNodeChanges.
+template <typename Vector, typename Row, typename Flag>
+struct ContactNodeChangeRow {
+    Vector& before;
+    Vector& kicked;
+    Vector& damped;
+    Vector& acceleration;
+    Vector& change;
+    Vector& first_way;
+    Row& rows;
+    Flag& opposed;
+    Flag& pushed;
+};
+using ContactNodeChange = ContactNodeChangeRow<Vec4d, uint32_t, uint8_t>;
+using ConstContactNodeChange = ContactNodeChangeRow<const Vec4d, const uint32_t, const uint8_t>;
+
+// What a substep does to each row of ContactNodes.
+struct ContactNodeChanges {
+    std::vector<Vec4d> before;        // m/s, before the kick of this substep
+    std::vector<Vec4d> kicked;        // m/s, after it
+    std::vector<Vec4d> damped;        // m/s, before it and what damping takes off; of a particle, while energy is accounted
+    std::vector<Vec4d> acceleration;  // m/s^2, of everything else in the kick; likewise
+    std::vector<Vec4d> change;        // m, of the place by push-out
+    std::vector<Vec4d> first_way;     // of the first active row that is not in a block
+    std::vector<uint32_t> rows;       // active rows that are not in a block
+    std::vector<uint8_t> opposed;     // two of them press it from both sides
+    std::vector<uint8_t> pushed;      // its change is booked from the springs
+
+    size_t size() const { return before.size(); }
+    size_t capacity() const { return before.capacity(); }
+    ContactNodeChange operator[](size_t i) { return {before[i], kicked[i], damped[i], acceleration[i], change[i], first_way[i], rows[i], opposed[i], pushed[i]}; }
+    ConstContactNodeChange operator[](size_t i) const {
+        return {before[i], kicked[i], damped[i], acceleration[i], change[i], first_way[i], rows[i], opposed[i], pushed[i]};
+    }
+    void resize(size_t n) {
+        for (auto* field : {&before, &kicked, &damped, &acceleration, &change, &first_way}) field->resize(n, Vec4d{});
+        rows.resize(n, 0);
+        for (auto* field : {&opposed, &pushed}) field->resize(n, 0);
+    }
+    void reserve(size_t n) {
+        for (auto* field : {&before, &kicked, &damped, &acceleration, &change, &first_way}) field->reserve(n);
+        rows.reserve(n);
+        for (auto* field : {&opposed, &pushed}) field->reserve(n);
+    }
 };
 
 // A vertex of a skin that rows act on: they name it by kSkinPoint | its row of skin_point, and give to its nodes.
@@ -230,30 +297,29 @@ struct ContactTurning {
 };
 
 // Four contact rows of deformable bodies, between each other or with static ones, that share no node, in the lanes of
-// registers: what ContactPlan and
-// ContactActive say of a row. Parts of a row: 0 the point, 1 the second end of its edge, 2-4 the corners of the triangle.
-// A lane without a row points to the node of no mass and is never open.
-struct ContactBlock {
+// registers: what ContactPlan and ContactActive say of a row. Parts of a row: 0 the point, 1 the second end of its edge, 2-4 the
+// corners of the triangle. A lane without a row points to the node of no mass and is never open.
+// What is asked for together is together: from offset to active what gaps need, from node to friction_impulse what sweeps do.
+struct alignas(64) ContactBlock {
     static constexpr uint32_t kParts = 5;
-    std::array<std::array<uint32_t, 4>, kParts> node;  // part, lane
-    std::array<Vec4d, kParts> weight;
-    std::array<Vec4d, kParts> inv_mass;  // 1/kg
-    FourPoints normal;                   // world
     Vec4d offset = {};                   // m, half the thickness of a sheet
-    Vec4d friction = {};
-    Vec4d point_share = {};              // of the way of a push, that the side of the point goes; unless by mass
-    FourPoints impulse;                  // N s, given so far in the call
-    std::array<uint32_t, 4> row;         // of ContactRows, or kNone
-    Mask4 open = {};                     // rows that have not ended
+    std::array<Vec4d, kParts> weight;
+    std::array<std::array<uint32_t, 4>, kParts> node;  // part, lane
     bool edges = false;                  // some row has a second end
     uint32_t fixed = kNone;              // row of AdvanceScratch::fixed, if the planes are static: parts 2-4 have no nodes
-    // in this substep
-    Mask4 active = {};
-    std::array<Vec4d, kParts> lever;  // weights of the relative velocity: + for the point, - for its foot; 0 if not active
-    Vec4d inv_sum = {};               // kg, 1 / sum of lever^2 * inverse mass; 0 if not active
-    Vec4d least_velocity = {};        // m/s, along the normal
-    Vec4d normal_impulse = {};        // N s
-    FourPoints friction_impulse;      // N s
+    FourPoints normal;                   // world
+    Mask4 active = {};                   // in this substep, as what follows
+    std::array<Vec4d, kParts> lever;     // weights of the relative velocity: + for the point, - for its foot; 0 if not active
+    std::array<Vec4d, kParts> inv_mass;  // 1/kg, of the call
+    Vec4d inv_sum = {};                  // kg, 1 / sum of lever^2 * inverse mass; 0 if not active
+    Vec4d least_velocity = {};           // m/s, along the normal
+    Vec4d friction = {};                 // of the call
+    Vec4d normal_impulse = {};           // N s
+    FourPoints friction_impulse;         // N s
+    FourPoints impulse;                  // N s, given so far in the call
+    Vec4d point_share = {};              // of the way of a push, that the side of the point goes; unless by mass
+    Mask4 open = {};                     // rows that have not ended
+    std::array<uint32_t, 4> row;         // of ContactRows, or kNone
 };
 
 // Corners of the triangles of four static planes, m, world.
@@ -291,8 +357,9 @@ struct AdvanceScratch {
     std::vector<AdvanceRigid> rigid;
     std::vector<double> sums;        // per chunk of slices: 16 lanes of damping work
     std::vector<double> shape_sums;  // per chunk of slices: kShapeSums * 16
-    std::vector<ContactNode> node;
-    std::vector<ContactNodeChange> change;   // as node
+    ContactNodes node;
+    ContactNodeChanges change;  // as node
+    std::vector<uint8_t> moved_in;           // as node: sweep of push_out, from 1, that moved it last in this substep; 0: none
     std::vector<uint32_t> node_of_particle;  // row of node or kNone, one per particle of the world
     std::vector<uint32_t> slot_of_body;      // row of body or of rigid or kNone, one per body of the world
     std::vector<ContactSkinPoint> skin_point;

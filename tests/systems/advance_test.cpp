@@ -417,7 +417,7 @@ TEST(Advance, WarmCallsKeepTheirMemory) {
         const AdvanceScratch& c = s.scratch;
         return std::vector<const void*>{
             c.offset_a.data(),     c.offset_b.data(), c.body.data(),   c.rigid.data(),
-            c.sums.data(),         c.node.data(),     c.change.data(), c.node_of_particle.data(),
+            c.sums.data(),         c.node.place.data(), c.change.before.data(), c.node_of_particle.data(),
             c.slot_of_body.data(), c.plan.data(),     c.group[0].active.data(), c.block.data()};
     };
     const auto warm = memory();
