@@ -67,6 +67,7 @@ struct Occupancy {
 struct CandidateTriangles {
     std::vector<Range> pair;                             // per candidate pair: rows of triangle
     std::vector<std::array<uint32_t, 2>> triangle;       // may cross: local triangle of a, of b; ascending, each once
+    std::vector<uint8_t> beside;                         // per row of triangle: 1 if they surely do not cross; empty: not looked at
     std::vector<Range> side;                             // rows of near
     std::vector<std::array<uint32_t, 2>> near;           // local triangle, ascending, each once; one of the other it is near
     std::vector<uint8_t> near_corners;                   // per row of near: bit k of corner k, 0 where that one surely stays away

@@ -308,6 +308,7 @@ void ClosestPointTree::query(std::span<const Vec3d> points, std::span<const doub
         std::fill(out.begin(), out.end(), SurfacePoint{});
         return;
     }
+    if (points.size() > 1) impl_->prefetch_small();
     Previous previous;
     for (size_t i = 0; i < points.size(); i += kBatch) {
         const size_t n = std::min<size_t>(kBatch, points.size() - i);

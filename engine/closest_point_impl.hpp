@@ -148,6 +148,7 @@ struct ClosestPointTree::Impl {
     Winner scan(const Vec3d& p) const;
     void prefetch_lane(uint32_t lane) const;
     void prefetch_meshlet(uint32_t m) const;
+    void prefetch_small() const;
     SurfacePoint answer(const Vec3d& p, double radius, const Winner& winner) const;
     template <typename Visit>  // Visit: void(corner a, b, c, normal), a the winning vertex
     void for_each_in_fan(const Winner& winner, const Visit& visit) const {

@@ -426,8 +426,8 @@ void visit_resource(World& w, Resource resource, Visitor& v) {
                 v.array(FIELD(occupancy.primitive_row)), v.array(FIELD(occupancy.oversize));
             break;
         case Resource::kCandidates:
-            v.array(FIELD(candidates.pair)), v.array(FIELD(candidates.triangle)), v.array(FIELD(candidates.side)),
-                v.array(FIELD(candidates.near)), v.array(FIELD(candidates.near_corners));
+            v.array(FIELD(candidates.pair)), v.array(FIELD(candidates.triangle)), v.array(FIELD(candidates.beside)),
+                v.array(FIELD(candidates.side)), v.array(FIELD(candidates.near)), v.array(FIELD(candidates.near_corners));
             break;
         case Resource::kNear:
             v.array(FIELD(near.side)), v.array(FIELD(near.vertex)), v.array(FIELD(near.distance)), v.array(FIELD(near.triangle));

@@ -262,12 +262,16 @@ void deal_out(const ScreenedTriangles& screened, const CandidateCellsScratch& sc
     }
 }
 
-// Rows whose box meets the hull of some others; the larger list is cut first.
+// Rows whose box meets a hull.
 void cut_to_hull_of(const std::vector<PackedBox>& box, Range rows, __m256 hull, std::vector<uint32_t>& kept) {
     const __m256 face = facing(hull);
-    kept.clear();
-    for (uint32_t row = rows.first; row < rows.end(); ++row)
-        if (meets(face, load_box(box[row]))) kept.push_back(row);
+    uint32_t count = 0;
+    kept.resize(rows.count);
+    for (uint32_t row = rows.first; row < rows.end(); ++row) {
+        kept[count] = row;
+        count += meets(face, load_box(box[row]));
+    }
+    kept.resize(count);
 }
 
 void lay_out_sides(const std::vector<PackedBox>& box, const std::vector<uint32_t>& rows, BoxSides& sides) {
@@ -292,6 +296,7 @@ struct BoxLimits {
     }
 };
 
+// The larger list is cut first.
 void cut_to_hulls(const ScreenedTriangles& screened, Range a, Range b, DirectChunk& c) {
     __m256 hull = empty_hull();
     const bool a_first = a.count > b.count;
@@ -496,6 +501,7 @@ void find_candidate_triangles(const CandidatePairs& pairs, const ScreenedTriangl
     deal_out(screened, scratch, candidates.side, candidates.near);
     candidates.near_corners.assign(candidates.near.size(), kAllCorners);
     put_direct(pairs, scratch, candidates);
+    candidates.beside.clear();
 }
 
 }  // namespace trocar

@@ -164,9 +164,11 @@ void take_out(const std::vector<uint8_t>& dropped, ContactRows& rows) {
     const uint32_t count = uint32_t(rows.body.size());
     if (std::find(dropped.begin(), dropped.begin() + count, 1) == dropped.begin() + count) return;
     const auto compact = [&](auto& column) {
-        uint32_t kept = 0;
-        for (uint32_t row = 0; row < count; ++row)
-            if (!dropped[row]) column[kept++] = column[row];
+        uint32_t kept = 0;  // every row is copied: which ones stay cannot be predicted
+        for (uint32_t row = 0; row < count; ++row) {
+            column[kept] = column[row];
+            kept += !dropped[row];
+        }
     };
     const auto compact_column = [&](uint32_t column) {
         switch (column) {

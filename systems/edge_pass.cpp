@@ -260,16 +260,19 @@ bool search_edge(const EdgeInput& in, const Side& side, uint32_t edge, EdgeChunk
                        : search_crossing_edge(e, b, a, triangles, c, best);
 }
 
-std::span<const std::array<uint32_t, 2>> crossing_of(const EdgeInput& in, const Side& side) {
-    const Range rows = in.candidates.pair[side.row / 2];
-    return std::span(in.candidates.triangle).subspan(rows.first, rows.count);
+void collect_crossing(const EdgeInput& in, const Side& side, EdgeChunk& c) {
+    const CandidateTriangles& all = in.candidates;
+    const Range rows = all.pair[side.row / 2];
+    c.crossing.clear();
+    for (uint32_t i = rows.first; i < rows.end(); ++i)
+        if (all.beside.empty() || !all.beside[i]) c.crossing.push_back(all.triangle[i]);
 }
 
 // Triangles of the other body that may cross each triangle of this one, and the edges of the latter.
-void collect_edges(const EdgeInput& in, const Side& side, EdgeChunk& c) {
+void collect_edges(const Side& side, EdgeChunk& c) {
     clear_set(c.near_triangle, side.mesh.triangle.size());
     c.near_edge.assign((side.mesh.edge.size() + 63) / 64, 0);
-    const auto rows = crossing_of(in, side);
+    const auto& rows = c.crossing;
     for (const auto& pair : rows) {
         const uint32_t own = pair[side.reversed];
         if (has_bit(c.near_triangle.word, own)) continue;
@@ -304,8 +307,10 @@ void collect_ends(const EdgeInput& in, const Side& side, EdgeChunk& c) {
 
 void find_side(const EdgeInput& in, const Side& side, Range& found, EdgeChunk& c) {
     found = {uint32_t(c.found.size()), 0};
-    if (side.tree == nullptr || crossing_of(in, side).empty()) return;
-    collect_edges(in, side, c);
+    if (side.tree == nullptr) return;
+    collect_crossing(in, side, c);
+    if (c.crossing.empty()) return;
+    collect_edges(side, c);
     collect_ends(in, side, c);
     for_each_bit(c.near_edge, [&](uint32_t edge) {
         EdgeContact best;

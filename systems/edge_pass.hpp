@@ -35,6 +35,7 @@ struct EdgeEnd {
 
 // Working arrays of a run of pairs; sets are of the body at hand.
 struct EdgeChunk {
+    std::vector<std::array<uint32_t, 2>> crossing;  // of the pair at hand: triangles of a and of b that may cross
     RankedBits near_triangle;
     std::vector<uint64_t> near_vertex, near_edge;
     std::vector<EdgeEnd> end;              // per vertex of near_vertex

@@ -69,6 +69,9 @@ void mark_near(const CandidateTriangles& candidates, const Side& side, OverlapCh
     }
 }
 
+// Of rows that follow each other, the first one a multiple of four.
+void set_four(std::vector<uint64_t>& bits, uint32_t first, uint32_t four) { bits[first / 64] |= uint64_t{four} << (first % 64); }
+
 // Marks the vertices of a rigid body that are beyond the box of the other one, in the frame of the former.
 void mark_beyond_box(const OverlapInput& in, const Side& side, OverlapChunk& c) {
     const Quat& turn = in.surfaces.poses.orientation[side.body];
@@ -83,10 +86,10 @@ void mark_beyond_box(const OverlapInput& in, const Side& side, OverlapChunk& c) 
         const FourPoints p = load_four(&side.mesh.position[v]);
         const auto size_of = [](Vec4d x) { return (Vec4d)_mm256_andnot_pd(_mm256_set1_pd(-0.0), (__m256d)x); };
         const Mask4 beyond = (size_of(p.x - own.x()) > reach.x()) | (size_of(p.y - own.y()) > reach.y()) | (size_of(p.z - own.z()) > reach.z());
-        const uint32_t bits = mask_bits(beyond);
-        for (uint32_t k = 0; k < 4; ++k) c.beyond[v + k] = bits >> k & 1;
+        set_four(c.beyond, v, mask_bits(beyond));
     }
-    for (; v < count; ++v) c.beyond[v] = ((side.mesh.position[v] - own).cwiseAbs().array() > reach.array()).any();
+    for (; v < count; ++v)
+        if (((side.mesh.position[v] - own).cwiseAbs().array() > reach.array()).any()) set_bit(c.beyond, v);
 }
 
 // Where the vertices of both bodies of a pair are on the way from the first to the second; looked at once for both sides.
@@ -124,7 +127,7 @@ void mark_beyond(const OverlapInput& in, const Side& side, OverlapChunk& c) {
     constexpr uint32_t kManyVertices = 1024;
     const Surfaces& s = in.surfaces;
     const uint32_t count = uint32_t(side.mesh.position.size());
-    c.beyond.assign(count, 0);
+    c.beyond.assign((count + 63) / 64, 0);
     if (!is_deformable(s.bodies, side.body)) return mark_beyond_box(in, side, c);
     const MeshInfo &own = s.meshes.info[s.bodies.mesh[side.body]], &others = s.meshes.info[s.bodies.mesh[side.other]];
     if (others.vertices.count > kManyVertices) return;
@@ -134,17 +137,20 @@ void mark_beyond(const OverlapInput& in, const Side& side, OverlapChunk& c) {
     const double apart = way_between(s, in.boxes, side.body, side.other).norm();
     const double size = (s.poses.origin[side.other] - s.poses.origin[side.body]).norm() + own.radius + others.radius;
     const double slack = 1e-12 * (size * apart + std::abs(nearest));  // far more than rounding: the way is no unit vector
-    if (side.reversed) {
-        for (uint32_t v = 0; v < count; ++v) c.beyond[v] = along[v] > nearest + slack;
-    } else {
-        for (uint32_t v = 0; v < count; ++v) c.beyond[v] = along[v] < nearest - slack;
-    }
+    const double sign = side.reversed ? -1 : 1, limit = sign * nearest - slack;  // along the way towards the other one
+    uint32_t v = 0;
+    for (; v + 4 <= count; v += 4) set_four(c.beyond, v, mask_bits(sign * (Vec4d)_mm256_loadu_pd(&along[v]) < all_lanes(limit)));
+    for (; v < count; ++v)
+        if (sign * along[v] < limit) set_bit(c.beyond, v);
 }
 
 // Whether some vertex that nobody asks about may be inside the other body.
 bool is_any_unknown(const Side& side, const OverlapChunk& c) {
-    for (uint32_t v = 0; v < side.mesh.position.size(); ++v)
-        if (!c.beyond[v] && !has_bit(c.near_vertex, v)) return true;
+    const size_t count = side.mesh.position.size();
+    for (size_t word = 0; word < c.beyond.size(); ++word) {
+        const uint64_t all = 64 * (word + 1) <= count ? ~uint64_t{0} : (uint64_t{1} << (count % 64)) - 1;
+        if ((~(c.beyond[word] | c.near_vertex[word]) & all) != 0) return true;
+    }
     return false;
 }
 
@@ -164,7 +170,7 @@ void flood_pieces(const OverlapInput& in, const Side& side, OverlapChunk& c) {
     for (uint32_t row = rows.first; row < rows.end(); ++row) {
         const uint32_t triangle = in.screened.triangle[row];
         const Triangle& corner = side.mesh.triangle[triangle];
-        if (c.beyond[corner[0]] & c.beyond[corner[1]] & c.beyond[corner[2]]) continue;
+        if (has_bit(c.beyond, corner[0]) && has_bit(c.beyond, corner[1]) && has_bit(c.beyond, corner[2])) continue;
         if (has_bit(c.near_triangle, triangle)) continue;
         for (const uint32_t v : corner) set_bit(c.region_vertex, v);
         join(c.parent, corner[0], corner[1]);
@@ -177,7 +183,7 @@ void flood_pieces(const OverlapInput& in, const Side& side, OverlapChunk& c) {
     for_each_bit(c.region_vertex, [&](uint32_t v) {
         const __m256d p = points(v);
         const __m256d beyond = _mm256_or_pd(_mm256_cmp_pd(p, low, _CMP_LT_OQ), _mm256_cmp_pd(p, high, _CMP_GT_OQ));
-        if (c.beyond[v] || _mm256_movemask_pd(beyond) != 0) c.piece[find_root(c.parent, v)] = kOutside;
+        if (has_bit(c.beyond, v) || _mm256_movemask_pd(beyond) != 0) c.piece[find_root(c.parent, v)] = kOutside;
     });
 }
 
@@ -237,17 +243,31 @@ bool settle_sign(const Side& side, uint32_t row, OverlapChunk& c) {
     return true;
 }
 
-// Signed distance is 1-Lipschitz, so it changes along an edge by no more than the edge is long. Where it does, a sign
-// is wrong: the surface is folded there and pseudonormals do not tell. A vertex put right may put its neighbours in
-// doubt.
+// Signed distance is 1-Lipschitz, so it changes along an edge by no more than the edge is long. Where it changes its sign and
+// does, a sign is wrong: the surface is folded there and pseudonormals do not tell.
+bool is_too_short(uint32_t i, uint32_t j, const OverlapChunk& c) {
+    const double a = c.query_answer[i].distance, b = c.query_answer[j].distance;
+    return !(a * b >= 0) && !(std::abs(a - b) <= (c.query_point[i] - c.query_point[j]).norm() * (1 + 1e-9));
+}
+
+// Whether there is such an edge at all, of any triangle of which all corners were asked about: of those of inside vertices.
+bool is_any_edge_too_short(const Side& side, const OverlapChunk& c) {
+    for (uint32_t i = 0; i < c.query_vertex.size(); ++i) {
+        if (!(c.query_answer[i].distance < 0)) continue;
+        const uint32_t v = c.query_vertex[i];
+        for (uint32_t k = side.mesh.incident_first[v]; k < side.mesh.incident_first[v + 1]; ++k)
+            for (const uint32_t w : side.mesh.triangle[side.mesh.incident[k]])
+                if (has_bit(c.near_vertex, w) && is_too_short(i, c.row[w], c)) return true;
+    }
+    return false;
+}
+
+// A vertex put right may put its neighbours in doubt.
 bool check_triangle(const Side& side, const Triangle& corner, OverlapChunk& c) {
     bool changed = false;
     for (uint32_t k = 0; k < 3; ++k) {
         const uint32_t i = c.row[corner[k]], j = c.row[corner[(k + 1) % 3]];
-        const double a = c.query_answer[i].distance, b = c.query_answer[j].distance;
-        if (a * b >= 0) continue;
-        const double length = (c.query_point[i] - c.query_point[j]).norm();
-        if (std::abs(a - b) <= length * (1 + 1e-9)) continue;
+        if (!is_too_short(i, j, c)) continue;
         changed = settle_sign(side, i, c) || changed;
         changed = settle_sign(side, j, c) || changed;
     }
@@ -258,6 +278,7 @@ void check_signs(const OverlapInput& in, const Side& side, OverlapChunk& c) {
     const auto is_inside = [](const SurfacePoint& answer) { return answer.distance < 0; };
     const auto inside = std::count_if(c.query_answer.begin(), c.query_answer.end(), is_inside);
     if (inside == 0 || size_t(inside) == c.query_answer.size()) return;  // no sign changes along any edge
+    if (!is_any_edge_too_short(side, c)) return;
     c.settled.resize((c.query_vertex.size() + 63) / 64, 0);
     const Range rows = in.screened.body[side.body];
     const uint32_t* first = in.screened.triangle.data() + rows.first;

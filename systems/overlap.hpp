@@ -19,11 +19,11 @@ struct OverlapSide {
 // Working arrays of a run of sides. Bit sets and per-vertex rows are of the body at hand.
 struct OverlapChunk {
     std::vector<uint64_t> near_triangle, near_vertex, region_vertex;
+    std::vector<uint64_t> beyond;   // vertices that a plane has on one side and all of the other body on the other
     std::vector<uint64_t> settled;  // per row of query_answer: the winding number was asked
     std::vector<uint32_t> hint;     // per vertex: a triangle of the other body close by
     std::vector<uint32_t> parent;   // per vertex: union-find over triangles that nothing crosses
     std::vector<uint8_t> piece;     // per root vertex: which side of the other surface it is on
-    std::vector<uint8_t> beyond;    // per vertex: 1 if a plane has it on one side and all of the other body on the other
     std::vector<double> along[2];   // per vertex of the pair's bodies: where it is on the way from the first to the second
     uint32_t projected = kNone;     // the pair that `along` is of
     std::vector<uint32_t> row;      // per vertex: row of answer

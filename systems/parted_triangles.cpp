@@ -1,6 +1,7 @@
 #include "systems/parted_triangles.hpp"
 
 #include <algorithm>
+#include <bit>
 #include <span>
 
 #include "engine/geometry/contact_kernels.hpp"
@@ -16,18 +17,54 @@ FlatTriangle flatten(const BodyPoints& points, const Triangle& t) {
     return {side_by_side(a, b, c, c), a, normal, norm2(u) * norm2(v)};
 }
 
-// Whether a triangle surely lies on one side of another's plane: rounding takes 1e-15 of the lengths that are multiplied.
-bool is_beside(const FlatTriangle& t, const FlatTriangle& plane) {
+// Where the corners of a triangle are from another's plane. Corners of no bit are so near that rounding may decide.
+struct Heights {
+    Vec4d height;           // m^3: times the length of the plane's normal
+    uint32_t above, below;  // bits of the corners; the fourth is the third
+    double reach2;          // m^2, sum of the squares of their ways from the plane's first corner
+
+    bool on_one_side() const { return above == 15 || below == 15; }
+    bool sure() const { return (above | below) == 15; }
+};
+
+// Rounding takes 1e-15 of the lengths that are multiplied.
+Heights heights_over(const FlatTriangle& t, const FlatTriangle& plane) {
     constexpr double kSure = 1e-10;
     const FourPoints q{t.corner.x - plane.start[0], t.corner.y - plane.start[1], t.corner.z - plane.start[2]};
-    const Vec4d side = plane.normal[0] * q.x + plane.normal[1] * q.y + plane.normal[2] * q.z;
-    const Mask4 sure = side * side > (kSure * kSure * plane.size2) * norm2(q);
-    const uint32_t above = mask_bits(sure & (side > 0)), below = mask_bits(sure & (side < 0));
-    return above == 15 || below == 15;
+    const Vec4d height = plane.normal[0] * q.x + plane.normal[1] * q.y + plane.normal[2] * q.z, size2 = norm2(q);
+    const Mask4 sure = height * height > (kSure * kSure * plane.size2) * size2;
+    return {height, mask_bits(sure & (height > 0)), mask_bits(sure & (height < 0)), (size2[0] + size2[1]) + (size2[2] + size2[3])};
 }
 
-// Moves the rows of a pair that stay to its front. Returns how many they are.
-uint32_t sift(const Surfaces& s, uint32_t a, uint32_t b, std::span<std::array<uint32_t, 2>> rows, PartedTrianglesScratch::Chunk& c) {
+struct Span {
+    double low, high;
+};
+
+// What a triangle that passes a plane cuts out of a line in that plane. Needs all heights to be sure.
+Span cut_of(const FlatTriangle& t, const Heights& h, Vec4d way, Vec4d base) {
+    const Vec4d along = way[0] * (t.corner.x - base[0]) + way[1] * (t.corner.y - base[1]) + way[2] * (t.corner.z - base[2]);
+    const uint32_t above = h.above & 7, one = std::popcount(above) == 1 ? above : above ^ 7;  // the corner that is alone on its side
+    const int i = std::countr_zero(one), j = (i + 1) % 3, k = (i + 2) % 3;
+    const double from = along[i], first = from + (along[j] - from) * (h.height[i] / (h.height[i] - h.height[j])),
+                 second = from + (along[k] - from) * (h.height[i] / (h.height[i] - h.height[k]));
+    return {std::min(first, second), std::max(first, second)};
+}
+
+// Whether two triangles that pass each other's planes surely pass the line common to both at different places (Moller, A fast
+// triangle-triangle intersection test, JGT 2, 1997). Heights a rounding above what counts as sure are right to 1e-5 of themselves.
+bool are_beside_each_other(const FlatTriangle& a, const Heights& over_b, const FlatTriangle& b, const Heights& over_a) {
+    constexpr double kParallel = 1e-6, kSure = 1e-4;
+    if (!over_a.sure() || !over_b.sure()) return false;
+    const Vec4d way = cross(a.normal, b.normal);
+    const double way2 = norm2(way);
+    if (!(way2 > kParallel * kParallel * a.size2 * b.size2)) return false;
+    const Span of_a = cut_of(a, over_b, way, b.start), of_b = cut_of(b, over_a, way, b.start);
+    const double gap = std::max(of_a.low - of_b.high, of_b.low - of_a.high);
+    return gap > 0 && gap * gap > kSure * kSure * way2 * (over_a.reach2 + over_b.reach2);
+}
+
+// Moves the rows of a pair that stay to its front, and marks those that do not cross. Returns how many they are.
+uint32_t sift(const Surfaces& s, uint32_t a, uint32_t b, std::span<std::array<uint32_t, 2>> rows, uint8_t* beside, PartedTrianglesScratch::Chunk& c) {
     const MeshView mesh_a = mesh_view(s.meshes, s.bodies.mesh[a]), mesh_b = mesh_view(s.meshes, s.bodies.mesh[b]);
     const BodyPoints points_a(s, a, s.poses.origin[a]), points_b(s, b, s.poses.origin[a]);
     c.flat.clear();
@@ -43,7 +80,12 @@ uint32_t sift(const Surfaces& s, uint32_t a, uint32_t b, std::span<std::array<ui
             c.used.push_back(other);
         }
         const FlatTriangle& far = c.flat[c.row[other]];
-        if (!is_beside(own, far) && !is_beside(far, own)) rows[kept++] = {triangle, other};
+        const Heights over_far = heights_over(own, far);
+        if (over_far.on_one_side()) continue;
+        const Heights over_own = heights_over(far, own);
+        if (over_own.on_one_side()) continue;
+        beside[kept] = are_beside_each_other(own, over_far, far, over_own);
+        rows[kept++] = {triangle, other};
     }
     for (const uint32_t triangle : c.used) c.row[triangle] = kNone;
     return kept;
@@ -55,21 +97,25 @@ void drop_parted_triangles(const Surfaces& surfaces, const CandidatePairs& pairs
                            CandidateTriangles& candidates) {
     const uint32_t count = uint32_t(pairs.a.size()), grain = std::max(1u, chunk_count(count, kMostChunks));
     if (scratch.chunk.size() < chunk_count(count, grain)) scratch.chunk.resize(chunk_count(count, grain));
+    candidates.beside.resize(candidates.triangle.size());
     parallel_for(count, grain, [&](uint32_t begin, uint32_t end) {
         for (uint32_t pair = begin; pair < end; ++pair) {
             Range& range = candidates.pair[pair];
             const auto rows = std::span(candidates.triangle).subspan(range.first, range.count);
-            range.count = sift(surfaces, pairs.a[pair], pairs.b[pair], rows, scratch.chunk[begin / grain]);
+            range.count = sift(surfaces, pairs.a[pair], pairs.b[pair], rows, candidates.beside.data() + range.first, scratch.chunk[begin / grain]);
         }
     });
     uint32_t kept = 0;
     for (Range& range : candidates.pair) {
         const auto from = candidates.triangle.begin() + range.first;
         std::copy(from, from + range.count, candidates.triangle.begin() + kept);
+        const auto beside = candidates.beside.begin() + range.first;
+        std::copy(beside, beside + range.count, candidates.beside.begin() + kept);
         range.first = kept;
         kept += range.count;
     }
     candidates.triangle.resize(kept);
+    candidates.beside.resize(kept);
 }
 
 }  // namespace trocar

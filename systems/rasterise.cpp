@@ -173,15 +173,23 @@ void screen_bodies(const Surfaces& surfaces, const BodyBoxes& boxes, const Vec3d
 
 // Puts the chunks' findings one after the other. Returns the mean edge of all, m.
 double gather_screens(uint32_t bodies, const RasteriseScratch& scratch, ScreenedTriangles& screened) {
-    screened.triangle.clear();
-    screened.box.clear();
-    screened.tight.clear();
-    for (const ScreenChunk& chunk : scratch.screen) {
-        const ptrdiff_t rows = chunk.rows;
-        screened.triangle.insert(screened.triangle.end(), chunk.triangle.begin(), chunk.triangle.begin() + rows);
-        screened.box.insert(screened.box.end(), chunk.box.begin(), chunk.box.begin() + rows);
-        screened.tight.insert(screened.tight.end(), chunk.tight.begin(), chunk.tight.begin() + rows);
-    }
+    size_t rows = 0;
+    for (const ScreenChunk& chunk : scratch.screen) rows += chunk.rows;
+    screened.triangle.resize(rows);
+    screened.box.resize(rows);
+    screened.tight.resize(rows);
+    const uint32_t chunks = uint32_t(scratch.screen.size());
+    parallel_for(chunks, std::max(1u, chunks / 16), [&](uint32_t begin, uint32_t end) {
+        size_t to = 0;
+        for (uint32_t i = 0; i < begin; ++i) to += scratch.screen[i].rows;
+        for (uint32_t i = begin; i < end; ++i) {
+            const ScreenChunk& chunk = scratch.screen[i];
+            std::copy_n(chunk.triangle.begin(), chunk.rows, screened.triangle.begin() + ptrdiff_t(to));
+            std::copy_n(chunk.box.begin(), chunk.rows, screened.box.begin() + ptrdiff_t(to));
+            std::copy_n(chunk.tight.begin(), chunk.rows, screened.tight.begin() + ptrdiff_t(to));
+            to += chunk.rows;
+        }
+    });
     screened.body.assign(bodies, {});
     uint32_t first = 0;
     double edge_sum = 0;
