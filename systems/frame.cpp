@@ -74,7 +74,7 @@ struct FrameScratch {
     SleepScratch sleep;
     std::vector<uint64_t> sleeps;               // per body: which sleep it is in, 0 = awake
     uint64_t last_sleep = 0;
-    std::array<std::vector<uint64_t>, 4> seen;  // per stage and body: see Sleepers
+    std::array<std::vector<uint64_t>, 5> seen;  // per stage and body: see Sleepers
     uint64_t next_pass = 0;                     // a clock that was put elsewhere means another state
     std::vector<uint32_t> leaving;               // bodies whose life is over in this pass
     std::vector<uint8_t> moving;                // per body: by its script
@@ -115,7 +115,7 @@ double pass_seconds(const World& w) { return static_cast<double>(w.clock.tick) *
 
 std::span<const ToolJaw> jaws_of(const Haptics& haptics, const HandTool& tool) { return std::span(haptics.jaw).subspan(tool.jaws.first, tool.jaws.count); }
 
-enum SleeperStage { kSeenByBoxes, kSeenByNormals, kSeenByEnergy, kSeenByPicture };
+enum SleeperStage { kSeenByBoxes, kSeenByPairs, kSeenByNormals, kSeenByEnergy, kSeenByPicture };
 Sleepers sleepers(FrameState& f, SleeperStage stage) {
     if (f.options.look_at_sleepers) return {};
     std::vector<uint64_t>& seen = f.scratch.seen[stage];
@@ -271,7 +271,7 @@ void candidate_pairs(FrameState& f) {
         s.swept_apart = s.apart;
     }
     w.pairs = s.swept;
-    drop_unreachable_pairs(period_seconds(w), w.settings.gravity, surfaces_of(w), w.boxes, f.scratch.reachable, w.pairs);
+    drop_unreachable_pairs(period_seconds(w), w.settings.gravity, surfaces_of(w), w.boxes, f.scratch.reachable, w.pairs, sleepers(f, kSeenByPairs));
 }
 std::span<const std::array<uint32_t, 2>> linked_bodies(FrameState& f) {
     joined_by_links(f.world.bodies, f.world.links, f.scratch.joined);

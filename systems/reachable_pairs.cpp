@@ -95,8 +95,9 @@ void find_jolts(double period, double fall, const Surfaces& surfaces, const Body
 }  // namespace
 
 void drop_unreachable_pairs(double period, const Vec3d& gravity, const Surfaces& surfaces, const BodyBoxes& boxes,
-                            ReachablePairsScratch& s, CandidatePairs& pairs) {
+                            ReachablePairsScratch& s, CandidatePairs& pairs, const Sleepers& sleepers) {
     const uint32_t bodies = static_cast<uint32_t>(surfaces.bodies.mesh.size());
+    if (s.drift.size() != bodies) std::fill(sleepers.seen.begin(), sleepers.seen.end(), 0);
     s.asked.assign(bodies, 0);
     s.disturbed.assign(bodies, 0);
     s.drift.resize(bodies);
@@ -110,7 +111,7 @@ void drop_unreachable_pairs(double period, const Vec3d& gravity, const Surfaces&
     }
     parallel_for(bodies, kBodiesPerChunk, [&](uint32_t begin, uint32_t end) {
         for (uint32_t body = begin; body < end; ++body)
-            if (s.asked[body] && is_deformable(surfaces.bodies, body)) s.drift[body] = drift_of(period, surfaces, body);
+            if (s.asked[body] && is_deformable(surfaces.bodies, body) && !was_seen(sleepers, body)) s.drift[body] = drift_of(period, surfaces, body);
     });
     for (size_t i = 0; i < pairs.a.size(); ++i) {
         if (s.reachable[i]) continue;

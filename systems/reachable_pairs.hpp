@@ -3,6 +3,7 @@
 
 #include "components/body_jolt.hpp"
 #include "components/contacts.hpp"
+#include "engine/sleepers.hpp"
 #include "engine/surfaces.hpp"
 namespace trocar {
 
@@ -26,8 +27,8 @@ struct ReachablePairsScratch {
 // vertices stray from them (as body_boxes bounds it) and what gravity may add to one of them alone; or when one of them may
 // be touched by anything else in this period, for then it need not keep its velocity. Order is kept. scratch.jolt: along the axis on
 // which two bodies are farthest apart, or from middle to middle where no axis parts them, how far their mean velocities and the
-// fall would take one into the other; static bodies are not moved.
+// fall would take one into the other; static bodies are not moved. Sleepers are looked at once.
 void drop_unreachable_pairs(double period, const Vec3d& gravity, const Surfaces& surfaces, const BodyBoxes& boxes,
-                            ReachablePairsScratch& scratch, CandidatePairs& pairs);
+                            ReachablePairsScratch& scratch, CandidatePairs& pairs, const Sleepers& sleepers = {});
 
 }  // namespace trocar

@@ -116,6 +116,35 @@ TEST(ReachablePairs, WhoIsStoppedIsJoltedByWhatIsLeftOfItsWay) {
     EXPECT_EQ(jolt_along(two.scratch.jolt, a, way), 0);
 }
 
+// A sleeper's drift is what it was when it fell asleep: it is not read again in this sleep, but in the next one it is. Breaks when seen is
+// never forgotten, or never kept.
+TEST(ReachablePairs, SleepersAreLookedAtOnce) {
+    Cubes c(0.02);
+    const uint32_t a = c.add(Motion::kDeformable, Vec3d(0, 0, 0), Vec3d(1, 0, 0)), b = c.add(Motion::kDeformable, Vec3d(0.05, 0, 0), Vec3d(-0.1, 0, 0));
+    std::vector<uint64_t> sleep = {1, 0}, seen = {0, 0};
+    const auto go = [&](float speed) {
+        for (uint32_t i = 0; i < 8; ++i) c.particles.velocity_x[c.bodies.particles[a].first + i] = speed;
+    };
+    CandidatePairsScratch s;
+    CandidatePairs all;
+    compute_body_boxes(kPeriod, c.surfaces(), c.boxes);
+    find_candidate_pairs(c.bodies, c.boxes, {}, s, all);
+    ASSERT_EQ(all.a.size(), 1u);
+    const auto find = [&] {
+        c.pairs = all;
+        drop_unreachable_pairs(kPeriod, Vec3d::Zero(), c.surfaces(), c.boxes, c.scratch, c.pairs, {sleep, seen});
+        return c.has(a, b);
+    };
+    go(0);
+    EXPECT_FALSE(find());
+    go(1);
+    EXPECT_FALSE(find()) << "not read while it sleeps";
+    sleep[a] = 2;
+    EXPECT_TRUE(find()) << "another sleep";
+    sleep[a] = 0;
+    EXPECT_TRUE(find()) << "awake";
+}
+
 // No pair is dropped of which vertices can be in each other's way: vertices moved on straight lines with their own
 // velocities, one body under gravity and the other not, at many moments of the period.
 TEST(ReachablePairs, NothingThatCouldMeetIsDropped) {
