@@ -39,9 +39,11 @@ LocalContactModel any_triangles(std::mt19937& random) {
     const auto vector = [&] { return Vec3d(any(random), any(random), any(random)); };
     Mesh mesh;
     for (uint32_t t = 0; t < 400; ++t) {
-        const Vec3d a = 6e-3 * vector(), b = a + std::pow(10, -3 - 1.5 * (1 + any(random))) * vector();
-        const double width = t % 4 == 0 ? 0 : std::pow(10, -3 - 3.0 * (t % 3) * (1 + any(random)));
-        const Vec3d c = t % 4 == 3 ? Vec3d(a + 1e-3 * vector()) : Vec3d(a + 0.5 * (1 + any(random)) * (b - a) + width * vector());
+        // by fours: of no width, needles, slivers of all widths, any
+        const uint32_t shape = t % 4;
+        const Vec3d a = 6e-3 * vector(), b = a + (shape == 1 ? 2e-3 : std::pow(10, -3 - 1.5 * (1 + any(random)))) * vector();
+        const double width = shape == 0 ? 0 : shape == 1 ? std::pow(10, -6 + any(random)) : std::pow(10, -3 - 3.0 * (1 + any(random)));
+        const Vec3d c = shape == 3 ? Vec3d(a + 1e-3 * vector()) : Vec3d(a + 0.5 * (1 + any(random)) * (b - a) + width * vector());
         for (const Vec3d& p : {a, b, c}) mesh.position.push_back(p);
         mesh.triangle.push_back({3 * t, 3 * t + 1, 3 * t + 2});
     }
@@ -53,14 +55,14 @@ LocalContactModel any_triangles(std::mt19937& random) {
 }
 
 // What a tip sees in floats, and what it still says of places and steps near by, leaves out no triangle that is touched there, and puts none
-// later or farther than it is: against every triangle in doubles. Breaks without the doubt of needles' planes, or with tangents taken
-// where the tip was without the way from there.
+// later or farther than it is: against every triangle in doubles. Breaks without the doubt of what floats round, or with tangents taken where
+// the tip was without the way from there.
 TEST(HapticNear, NoTriangleAheadIsLeftOut) {
     std::mt19937 random(11);
     std::uniform_real_distribution<double> any(-1, 1);
     const auto vector = [&] { return Vec3d(any(random), any(random), any(random)); };
     uint64_t told = 0, within = 0, asked_ahead = 0, hit = 0;
-    for (int round = 0; round < 40; ++round) {
+    for (int round = 0; round < 60; ++round) {
         const LocalContactModel model = any_triangles(random);
         HandTool tool;
         tool.tip_radius = round % 2 == 0 ? 4e-3 : 2e-5;
@@ -69,10 +71,16 @@ TEST(HapticNear, NoTriangleAheadIsLeftOut) {
             const auto corner = [&](size_t k) { return Vec3d(model.position[model.triangle[t][k]] + at.age * model.velocity[model.triangle[t][k]]); };
             return std::sqrt(closest_point_on_triangle(p, corner(0), corner(1), corner(2)).squared_distance);
         };
-        Vec3d centre = 3e-3 * vector();
+        Vec3d centre = Vec3d::Zero();
         NearSurface near;
-        gather_near(model, at, tool, centre, 3e-3, near);
-        for (int place = 0; place < 12; ++place) {
+        for (int place = 0; place < 24; ++place) {
+            if (place % 4 == 0) {  // over the face of one of them, be it ever so narrow
+                const Triangle& t = model.triangle[static_cast<size_t>(199.9 * (1 + any(random)))];
+                const auto corner = [&](size_t k) { return Vec3d(model.position[t[k]] + at.age * model.velocity[t[k]]); };
+                const Vec3d normal = (corner(1) - corner(0)).cross(corner(2) - corner(0)).stableNormalized();
+                centre = (corner(0) + corner(1) + corner(2)) / 3 + (tool.tip_radius + 1e-7 * any(random)) * normal;
+                gather_near(model, at, tool, centre, 2e-3, near);
+            }
             const double beyond = place % 3 == 0 ? 2e-4 : 0;
             find_within(beyond, near);
             std::vector<double> least(model.triangle.size(), -1);
