@@ -132,7 +132,10 @@ void PeriodicThread::loop(const PeriodicOptions& options, int64_t start,
         const int64_t begin = monotonic_ns();
         work(index, begin);
         const int64_t end = monotonic_ns();
-        if (last_begin > 0) figures_.period.add(begin - last_begin);
+        if (last_begin > 0) {
+            figures_.period.add(begin - last_begin);
+            figures_.doubled += begin - last_begin > 2 * options.period;
+        }
         figures_.late.add(begin - deadline);
         figures_.compute.add(end - begin);
         last_begin = begin;

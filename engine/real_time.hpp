@@ -59,6 +59,7 @@ struct PeriodicFigures {
     TimeHistogram late;     // start behind the deadline
     TimeHistogram compute;  // of the work
     uint64_t missed = 0;    // deadlines that passed while the thread was away; their runs are left out
+    uint64_t doubled = 0;   // periods longer than two of the asked: one each time the thread was away, however long
     RealTimeGrant grant;
 };
 

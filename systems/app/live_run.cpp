@@ -264,6 +264,7 @@ bool run_live(const RunOptions& options, double seconds, Frame& frame, PictureWr
     figures.tick_period_us = samples(timing.period, 1e3);
     figures.contact_age_ms = samples(haptics.figures().contact_age, 1e6);
     figures.missed_ticks = timing.missed;
+    figures.doubled_periods = timing.doubled;
     figures.scheduling = describe(timing.grant);
     return complete;
 }
