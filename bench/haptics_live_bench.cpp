@@ -1,7 +1,10 @@
+#include <unistd.h>
+
 #include <array>
 #include <atomic>
 #include <cmath>
 #include <cstdio>
+#include <fstream>
 #include <map>
 #include <thread>
 
@@ -106,9 +109,21 @@ class Burners {
     std::vector<std::thread> thread_;
 };
 
+// Time (s) that the host of a virtual machine has kept its processors from running, all together, since boot: the
+// eighth number of the first line of /proc/stat, in hundredths. 0 where it is not told.
+double stolen_seconds() {
+    std::ifstream file("/proc/stat");
+    std::string word;
+    double value = 0;
+    file >> word;
+    for (int k = 0; k < 8; ++k) file >> value;
+    return file ? value / static_cast<double>(sysconf(_SC_CLK_TCK)) : 0;
+}
+
 struct LiveFiguresAt {
     RunFigures run;
     PeriodicFigures idle;
+    double stolen = 0;    // s of processor time
     double stage_ms = 0;  // p99 of a pass until its surface is published
 };
 
@@ -123,11 +138,13 @@ LiveFiguresAt live_run(uint32_t contact_rate, double seconds) {
         options.external_ticks = true;
         Frame frame(std::move(world), options);
         for (const std::string& name : frame.stage_names()) result.run.stage.push_back({name, {}});
+        const double stolen = stolen_seconds();
         const Burners load;
         PeriodicThread idle;
         idle.start({}, monotonic_ns() + 20'000'000, [](uint64_t, int64_t) {});
         run_live({}, seconds, frame, nullptr, nullptr, nullptr, result.run);
         idle.stop();
+        result.stolen = stolen_seconds() - stolen;
         result.idle = idle.figures();
     });
     std::vector<double> frame_ms;
@@ -233,10 +250,12 @@ void live_rows(Report& report) {
             Row above = limited("tick periods above 2 ms, a minute", static_cast<double>(live.run.doubled_periods) * 60 / seconds, "", 5, 0);
             above.peer = "an idle thread of the same run", above.not_judged = unjudged;
             above.peer_value = static_cast<double>(live.idle.doubled) * 60 / seconds;
-            char missed[96];
-            std::snprintf(missed, sizeof missed, "longest %.2f ms (idle: %.2f), single deadlines missed %.3g a minute (idle: %.3g)",
+            char missed[160];
+            std::snprintf(missed, sizeof missed,
+                          "longest %.2f ms (idle: %.2f), single deadlines missed %.3g a minute (idle: %.3g); the host took %.0f ms of each processor a minute",
                           quantile(period, 1) * 1e-3, static_cast<double>(live.idle.period.largest) * 1e-6,
-                          static_cast<double>(live.run.missed_ticks) * 60 / seconds, static_cast<double>(live.idle.missed) * 60 / seconds);
+                          static_cast<double>(live.run.missed_ticks) * 60 / seconds, static_cast<double>(live.idle.missed) * 60 / seconds,
+                          1e3 * live.stolen / std::max(1u, std::thread::hardware_concurrency()) * 60 / seconds);
             above.note = missed;
             report.add(above);
         }
