@@ -47,6 +47,12 @@
 #include "systems/tear_bodies.hpp"
 namespace trocar {
 
+// Pairs that were left in a pass of a length (s) in which nothing of the last sweep moved.
+struct PairsAtRest {
+    double period = 0;
+    CandidatePairs pairs;
+};
+
 // Reused buffers of the systems; their content means nothing between passes but speed.
 struct FrameScratch {
     CandidatePairsScratch pairs;
@@ -54,6 +60,7 @@ struct FrameScratch {
     std::vector<Box> swept_box;                  // what the last sweep was made over
     std::vector<std::array<uint32_t, 2>> swept_apart;
     CandidatePairs swept;                        // and what it found
+    std::array<PairsAtRest, 2> at_rest;          // passes alternate between two lengths at most
     ReachablePairsScratch reachable;
     RefitTreesScratch refit;
     RasteriseScratch rasterise;
@@ -265,13 +272,28 @@ void candidate_pairs(FrameState& f) {
     FrameScratch& s = f.scratch;
     const auto same = [](const Box& a, const Box& b) { return a.min == b.min && a.max == b.max; };
     const bool still = std::equal(w.boxes.box.begin(), w.boxes.box.end(), s.swept_box.begin(), s.swept_box.end(), same);
-    if (!still || s.apart != s.swept_apart) {  // else all sleep
+    const bool swept = !still || s.apart != s.swept_apart;  // else all sleep
+    if (swept) {
         find_candidate_pairs(w.bodies, w.boxes, s.apart, s.pairs, s.swept);
         s.swept_box = w.boxes.box;
         s.swept_apart = s.apart;
     }
+    const Sleepers seen = sleepers(f, kSeenByPairs);
+    const bool rest = !swept && lie_still(surfaces_of(w), s.reachable, seen);
+    if (!rest) s.at_rest = {};
+    const double period = period_seconds(w);
+    for (const PairsAtRest& found : s.at_rest) {
+        if (found.period != period) continue;
+        w.pairs = found.pairs;
+        s.reachable.jolt.assign(w.bodies.mesh.size(), {});
+        return;
+    }
     w.pairs = s.swept;
-    drop_unreachable_pairs(period_seconds(w), w.settings.gravity, surfaces_of(w), w.boxes, f.scratch.reachable, w.pairs, sleepers(f, kSeenByPairs));
+    drop_unreachable_pairs(period, w.settings.gravity, surfaces_of(w), w.boxes, s.reachable, w.pairs, seen);
+    if (rest) {
+        s.at_rest[0] = std::move(s.at_rest[1]);
+        s.at_rest[1] = {period, w.pairs};
+    }
 }
 std::span<const std::array<uint32_t, 2>> linked_bodies(FrameState& f) {
     joined_by_links(f.world.bodies, f.world.links, f.scratch.joined);

@@ -129,4 +129,16 @@ void drop_unreachable_pairs(double period, const Vec3d& gravity, const Surfaces&
     pairs.b.resize(kept);
 }
 
+bool lie_still(const Surfaces& surfaces, const ReachablePairsScratch& scratch, const Sleepers& sleepers) {
+    const size_t bodies = surfaces.bodies.mesh.size();
+    if (scratch.asked.size() != bodies || sleepers.sleep.size() != bodies) return false;
+    for (uint32_t body = 0; body < bodies; ++body) {
+        if (!scratch.asked[body]) continue;
+        const bool still = is_deformable(surfaces.bodies, body) ? sleepers.sleep[body] != 0 && sleepers.seen[body] == sleepers.sleep[body]
+                                                                : surfaces.poses.velocity[body] == Vec3d::Zero();
+        if (!still) return false;
+    }
+    return true;
+}
+
 }  // namespace trocar

@@ -31,4 +31,8 @@ struct ReachablePairsScratch {
 void drop_unreachable_pairs(double period, const Vec3d& gravity, const Surfaces& surfaces, const BodyBoxes& boxes,
                             ReachablePairsScratch& scratch, CandidatePairs& pairs, const Sleepers& sleepers = {});
 
+// Whether each body of the pairs of the last call lies still as it lay then: a sleeper in the same sleep, a rigid body without
+// velocity. Then the same pairs, boxes and period give the same answer, and no body has a jolt.
+bool lie_still(const Surfaces& surfaces, const ReachablePairsScratch& scratch, const Sleepers& sleepers);
+
 }  // namespace trocar

@@ -153,7 +153,7 @@ void expect_same_with_and_without_looking(const std::function<BuiltScene()>& bui
     uint64_t slept = 0;
     for (int pass = 0; pass < passes; ++pass) {
         skips.step(), looks.step();
-        for (const Resource r : {Resource::kBoxes, Resource::kNormals, Resource::kPicture, Resource::kEnergy, Resource::kParticles})
+        for (const Resource r : {Resource::kBoxes, Resource::kPairs, Resource::kSleep, Resource::kNormals, Resource::kPicture, Resource::kEnergy, Resource::kParticles})
             ASSERT_EQ(resource_hash(skips.world(), r), resource_hash(looks.world(), r)) << resource_name(r) << " in pass " << pass;
         slept += skips.world().report.asleep_bodies;
     }

@@ -135,8 +135,16 @@ TEST(ReachablePairs, SleepersAreLookedAtOnce) {
         drop_unreachable_pairs(kPeriod, Vec3d::Zero(), c.surfaces(), c.boxes, c.scratch, c.pairs, {sleep, seen});
         return c.has(a, b);
     };
+    const auto still = [&] { return lie_still(c.surfaces(), c.scratch, {sleep, seen}); };
+    EXPECT_FALSE(still()) << "nothing was asked yet";
     go(0);
     EXPECT_FALSE(find());
+    EXPECT_FALSE(still()) << "b is awake";
+    sleep[b] = 1;
+    EXPECT_FALSE(still()) << "not yet seen in this sleep";
+    find();
+    EXPECT_TRUE(still());
+    sleep[b] = 0;
     go(1);
     EXPECT_FALSE(find()) << "not read while it sleeps";
     sleep[a] = 2;
