@@ -162,6 +162,29 @@ uint32_t ask_about_edges(double tolerance, const Surfaces& s, const BodyBoxes& b
     return count;
 }
 
+// Calls at(row, row of memory) for every row whose point is remembered.
+template <typename At>
+void for_each_remembered(const ContactMemory& memory, const ContactRows& rows, ContactMemoryScratch& scratch, const At& at) {
+    if (memory.body.empty()) return;
+    order_memory(memory, scratch.order);
+    const uint32_t remembered = uint32_t(scratch.order.size());
+    const auto key_at = [&](uint32_t i) { return key_of(memory, scratch.order[i]); };
+    parallel_for(uint32_t(rows.body.size()), kRowsPerChunk, [&](uint32_t begin, uint32_t end) {
+        uint32_t next = 0;
+        PointKey before{};
+        for (uint32_t row = begin; row < end; ++row) {
+            const PointKey wanted = key_of(rows, row);
+            if (row == begin || wanted < before) next = lower_row(remembered, wanted, key_at);
+            before = wanted;
+            while (next < remembered && key_at(next) < wanted) ++next;
+            for (uint32_t i = next; i < remembered && key_at(i) == wanted; ++i) {
+                const uint32_t m = scratch.order[i];
+                if (std::abs(memory.along[m] - rows.along[row]) < kSamePoint) at(row, m);
+            }
+        }
+    });
+}
+
 }  // namespace
 
 void keep_edges(const ContactParams& params, const Surfaces& surfaces, const BodyBoxes& boxes, const CandidatePairs& pairs,
@@ -184,26 +207,20 @@ void keep_edges(const ContactParams& params, const Surfaces& surfaces, const Bod
     });
 }
 
+void mark_pressed(const Surfaces& s, const ContactMemory& memory, const ContactRows& rows, ContactMemoryScratch& scratch) {
+    scratch.pressed.assign(rows.body.size(), 0);
+    for_each_remembered(memory, rows, scratch, [&](uint32_t row, uint32_t) {
+        const uint32_t body = rows.body[row];
+        const bool vertex = rows.vertex[row][0] == rows.vertex[row][1] && rows.third[row] == kNone;
+        if (!vertex || !is_deformable(s.bodies, body) || s.bodies.motion[rows.other[row]] != Motion::kStatic) return;
+        scratch.pressed[row] = rows.distance[row] < 0.5 * s.meshes.info[s.bodies.mesh[body]].mean_edge;
+    });
+}
+
 void recall_contacts(const ContactMemory& memory, ContactMemoryScratch& scratch, ContactRows& rows) {
     rows.carried.assign(rows.body.size(), Vec3d::Zero());
-    if (memory.body.empty()) return;
-    order_memory(memory, scratch.order);
-    const uint32_t remembered = uint32_t(scratch.order.size());
-    const auto key_at = [&](uint32_t i) { return key_of(memory, scratch.order[i]); };
-    parallel_for(uint32_t(rows.body.size()), kRowsPerChunk, [&](uint32_t begin, uint32_t end) {
-        uint32_t next = 0;
-        PointKey before{};
-        for (uint32_t row = begin; row < end; ++row) {
-            const PointKey wanted = key_of(rows, row);
-            if (row == begin || wanted < before) next = lower_row(remembered, wanted, key_at);
-            before = wanted;
-            while (next < remembered && key_at(next) < wanted) ++next;
-            if (rows.distance[row] < -kRestingDepth) continue;
-            for (uint32_t i = next; i < remembered && key_at(i) == wanted; ++i) {
-                const uint32_t m = scratch.order[i];
-                if (std::abs(memory.along[m] - rows.along[row]) < kSamePoint) rows.carried[row] = memory.force[m];
-            }
-        }
+    for_each_remembered(memory, rows, scratch, [&](uint32_t row, uint32_t m) {
+        if (!(rows.distance[row] < -kRestingDepth)) rows.carried[row] = memory.force[m];
     });
 }
 

@@ -280,8 +280,8 @@ void make_contact_rows(const ContactParams& params, const Surfaces& surfaces, co
     take_out(scratch.dropped, rows);
 }
 
-void drop_idle_rows(double period, const Vec3d& gravity, const Surfaces& s, std::span<const BodyJolt> jolt, ContactRowsScratch& scratch,
-                    ContactRows& rows) {
+void drop_idle_rows(double period, const Vec3d& gravity, const Surfaces& s, std::span<const BodyJolt> jolt,
+                    std::span<const uint8_t> pressed, ContactRowsScratch& scratch, ContactRows& rows) {
     constexpr double kTurning = 0.25;  // of a speed, that may turn towards the plane
     const Bodies& bodies = s.bodies;
     const double fall = 0.5 * gravity.norm() * period * period;
@@ -290,6 +290,7 @@ void drop_idle_rows(double period, const Vec3d& gravity, const Surfaces& s, std:
         return Vec3d(s.particles.velocity_x[i], s.particles.velocity_y[i], s.particles.velocity_z[i]);
     };
     const auto stays = [&](uint32_t row) {
+        if (!pressed.empty() && pressed[row]) return true;
         const uint32_t body = rows.body[row], other = rows.other[row];
         for (const uint32_t b : {body, other})
             if (!is_deformable(bodies, b) && bodies.motion[b] != Motion::kStatic) return true;

@@ -35,8 +35,8 @@ void make_contact_rows(const ContactParams& params, const Surfaces& surfaces, co
 // Drops rows that cannot act in the coming period (s): their point is farther from its plane than both go towards each other
 // at the speeds they have beside each other and a quarter of that in whatever way, plus the fall of one of them, what
 // others may do to both (`jolt`, per body; may be empty) and 0.05 mean edges of each that deforms. Rows of rigid
-// bodies that move stay. Order is kept.
+// bodies that move stay, and those marked in `pressed` (per row; may be empty). Order is kept.
 void drop_idle_rows(double period, const Vec3d& gravity, const Surfaces& surfaces, std::span<const BodyJolt> jolt,
-                    ContactRowsScratch& scratch, ContactRows& rows);
+                    std::span<const uint8_t> pressed, ContactRowsScratch& scratch, ContactRows& rows);
 
 }  // namespace trocar

@@ -362,7 +362,8 @@ void regions(FrameState& f) {
 void contact_rows(FrameState& f) {
     World& w = f.world;
     make_contact_rows(w.settings.contact, surfaces_of(w), w.pairs, w.contacts, w.penetrations, f.scratch.rows, w.report, w.rows);
-    drop_idle_rows(period_seconds(w), w.settings.gravity, surfaces_of(w), f.scratch.reachable.jolt, f.scratch.rows, w.rows);
+    mark_pressed(surfaces_of(w), w.contact_memory, w.rows, f.scratch.memory);
+    drop_idle_rows(period_seconds(w), w.settings.gravity, surfaces_of(w), f.scratch.reachable.jolt, f.scratch.memory.pressed, f.scratch.rows, w.rows);
     add_edge_rows(surfaces_of(w), w.boxes, w.pairs, w.candidates, f.scratch.edge_rows, w.rows);
     recall_contacts(w.contact_memory, f.scratch.memory, w.rows);
 }

@@ -77,15 +77,24 @@ double distance_for(const Vec3d& p, const Camera& camera, const CameraFrame& fra
     return nearer + std::max(std::abs(c.dot(frame.right)) / tan_x, std::abs(c.dot(frame.up)) / tan_y);
 }
 
+template <typename Visit>
+void visit_vertices(const PictureSnapshot& snapshot, const PictureBody& body, const Visit& visit) {
+    for (uint32_t v = body.vertices.first; v < body.vertices.end(); ++v)
+        if (snapshot.position[v].allFinite()) visit(body.origin + snapshot.position[v].cast<double>());
+}
+
+template <typename Visit>
+void visit_corners(const PictureBody& body, const Visit& visit) {
+    for (uint32_t k = 0; k < 8 && holds_something(body.box); ++k) visit(body.origin + rotate(body.orientation, corner_of(body.box, k)));
+}
+
 // Calls visit(world point) for the vertices of deformable bodies, or the box corners of rigid ones.
 template <typename Visit>
 void visit_points(const PictureSnapshot& snapshot, bool deformable, const Visit& visit) {
     for (const PictureBody& body : snapshot.body) {
         if (body.mesh == kNone || (body.vertices.count > 0) != deformable) continue;
-        for (uint32_t v = body.vertices.first; v < body.vertices.end(); ++v)
-            if (snapshot.position[v].allFinite()) visit(body.origin + snapshot.position[v].cast<double>());
-        for (uint32_t k = 0; k < 8 && !deformable && holds_something(body.box); ++k)
-            visit(body.origin + rotate(body.orientation, corner_of(body.box, k)));
+        visit_vertices(snapshot, body, visit);
+        if (!deformable) visit_corners(body, visit);
     }
 }
 
@@ -162,19 +171,23 @@ void place_ground(const PictureParams& params, const Camera& camera, const Pictu
             ground.shadows.push_back(make_shadow(body, ground, sky, 0.012 * ground.radius));
 }
 
-void place_markers(const PictureParams& params, const Box& box, const PictureSnapshot& snapshot,
+// Markers are as large as they can be seen: parts of the height of the picture where they are.
+void place_markers(const PictureParams& params, const Camera& camera, const PictureSnapshot& snapshot,
                    std::vector<Marker>& markers) {
+    constexpr double kLeastShown = 5e-6;  // m, 0.01 mm as the status prints it
     markers.clear();
-    const double size = holds_something(box) ? (box.max - box.min).norm() : 0.1;
+    const CameraFrame frame = camera_frame(camera);
+    const auto height_at = [&](const Vec3d& p) { return 2 * half_tangent(camera) * std::max((p - frame.eye).dot(frame.forward), 0.0); };
     if (params.witnesses)
         for (const PictureWitness& w : snapshot.witness) {
-            const double radius = std::clamp(0.08 * w.depth, 0.002 * size, 0.006 * size);
+            if (w.depth < kLeastShown) continue;
+            const double size = height_at(w.point), radius = std::clamp(0.08 * w.depth, 0.0025 * size, 0.0075 * size);
             markers.push_back({Marker::Kind::kArrow, w.point, w.closest, radius, {0.95f, 0.72f, 0.08f, 1.0f}});
             markers.push_back({Marker::Kind::kSphere, w.point, w.point, 1.8 * radius, {0.95f, 0.72f, 0.08f, 1.0f}});
         }
     if (!params.tools) return;
     for (const PictureTool& tool : snapshot.tool) {
-        const double radius = std::max(tool.radius, 0.004 * size);
+        const double radius = std::max(tool.radius, 0.005 * height_at(tool.proxy));
         // while nothing is touched both are where the tip is seen anyway
         if (!((tool.device - tool.proxy).norm() > 0.02 * radius)) continue;
         markers.push_back({Marker::Kind::kSphere, tool.device, tool.device, radius, {0.90f, 0.10f, 0.08f, 0.75f}});
@@ -264,6 +277,25 @@ void fit_camera(const PictureSnapshot& snapshot, uint32_t width, uint32_t height
     lay_floor_under(box, drawn_box(snapshot), camera);
 }
 
+void keep_in_picture(const PictureSnapshot& snapshot, uint32_t width, uint32_t height, Camera& camera) {
+    if (camera.kind != CameraKind::kOrbit || !(camera.floor_radius > 0)) return;
+    const CameraFrame frame = camera_frame(camera);
+    const Vec3d sky = unit_or(camera.up, Vec3d::UnitZ());
+    const double tan_y = kFill * half_tangent(camera), tan_x = tan_y * width / height, placed = camera.distance;
+    const auto needed = [&](const Vec3d& p) { return distance_for(p, camera, frame, tan_x, tan_y); };
+    for (const PictureBody& body : snapshot.body) {
+        if (body.mesh == kNone || body.vertices.count == 0) continue;
+        bool leaves = false, gone = false;
+        visit_corners(body, [&](const Vec3d& p) {
+            const Vec3d from = p - camera.floor;
+            const double height = from.dot(sky);
+            gone = gone || height < 0 || (from - height * sky).norm() > camera.floor_radius;
+            leaves = leaves || needed(p) > placed;
+        });
+        if (leaves && !gone) visit_vertices(snapshot, body, [&](const Vec3d& p) { camera.distance = std::max(camera.distance, needed(p)); });
+    }
+}
+
 View make_view(const Camera& camera, const Box& box, uint32_t width, uint32_t height) {
     const CameraFrame frame = camera_frame(camera);
     View view;
@@ -306,7 +338,7 @@ void render_picture(const PictureParams& params, const Camera& camera, const Pic
                     GlRenderer& renderer, RenderScratch& scratch, Image& out) {
     Box box = drawn_box(snapshot);
     place_ground(params, camera, snapshot, scratch.ground);
-    place_markers(params, box, snapshot, scratch.markers);
+    place_markers(params, camera, snapshot, scratch.markers);
     if (params.tools)
         for (const PictureTool& tool : snapshot.tool) {
             grow(box, tool.device);

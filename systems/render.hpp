@@ -19,6 +19,10 @@ void fit_camera(const Box& box, uint32_t width, uint32_t height, Camera& camera)
 // them, and rigid ones (instruments) may run out of it. A scene of rigid bodies alone is fitted by their boxes.
 void fit_camera(const PictureSnapshot& snapshot, uint32_t width, uint32_t height, Camera& camera);
 
+// Backs a camera that fit_camera has placed off, keeping its direction, until the vertices of the deformable bodies stay in the
+// picture; never comes nearer. Bodies that have fallen below its floor or left it are let go.
+void keep_in_picture(const PictureSnapshot& snapshot, uint32_t width, uint32_t height, Camera& camera);
+
 // Lays the floor under everything in a snapshot, around its deformable bodies (around all, if there are none), for a
 // camera that was placed by hand. fit_camera does the same.
 void lay_floor(const PictureSnapshot& snapshot, Camera& camera);

@@ -46,10 +46,12 @@ PictureWriter::PictureWriter(const PictureParams& params, const Camera& camera, 
 
 void PictureWriter::draw(const PictureSnapshot& snapshot) {
     if (!placed_) {
-        if (camera_.distance <= 0) fit_camera(snapshot, params_.width, params_.height, camera_);
+        fitted_ = fitted_ || camera_.distance <= 0;
+        if (fitted_) fit_camera(snapshot, params_.width, params_.height, camera_);
         else lay_floor(snapshot, camera_);
         placed_ = true;
     }
+    if (fitted_) keep_in_picture(snapshot, params_.width, params_.height, camera_);
     render_picture(params_, camera_, snapshot, renderer_, scratch_, image_);
 }
 

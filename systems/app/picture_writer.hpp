@@ -36,7 +36,7 @@ class PictureWriter {
     GlRenderer renderer_;
     RenderScratch scratch_;
     Image image_;
-    bool placed_ = false;
+    bool placed_ = false, fitted_ = false;
     std::vector<std::string> files_;
     std::optional<VideoWriter> film_;
     std::string film_error_;

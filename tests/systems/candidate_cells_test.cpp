@@ -207,7 +207,7 @@ void expect_all_that_comes(ContactScene& scene, uint32_t falling, const std::str
     coming.asked_near += scene.near.vertex.size();
     make_contact_rows(scene.params, scene.surfaces(), scene.pairs, scene.contacts, scene.penetrations, scene.rows_scratch, scene.report, scene.rows);
     coming.idle += scene.rows.body.size();
-    drop_idle_rows(scene.period, Vec3d(0, 0, -9.81), scene.surfaces(), {}, scene.rows_scratch, scene.rows);
+    drop_idle_rows(scene.period, Vec3d(0, 0, -9.81), scene.surfaces(), {}, {}, scene.rows_scratch, scene.rows);
     coming.idle -= scene.rows.body.size();
     std::set<std::array<uint32_t, 2>> rows;
     for (uint32_t i = 0; i < scene.rows.body.size(); ++i) rows.insert({scene.rows.body[i], scene.rows.vertex[i][0]});

@@ -483,6 +483,40 @@ TEST(Render, FitsTheOrganAndFillsThePicture) {
     }
 }
 
+// What leaves the picture is followed by going back, not forth again; what falls below the floor is let go
+TEST(Render, KeepsInThePictureWhatMoves) {
+    PictureScene scene;
+    scene.add_body(scene.add_mesh(reference::make_sphere({0, 0, 0}, 0.07, 3)), Motion::kDeformable, {0, 0, 0});
+    scene.add_body(scene.add_mesh(reference::make_sphere({0, 0, 0}, 0.02, 3)), Motion::kDeformable, {0, 0, 0.09});
+    PictureParams params;
+    params.width = 640, params.height = 480;
+    Camera camera;
+    fit_camera(scene.snapshot(), 640, 480, camera);
+    const double fitted = camera.distance;
+    const auto reach_at = [&](const Vec3d& origin) {
+        PictureSnapshot s = scene.snapshot();
+        s.body[1].origin = origin;
+        keep_in_picture(s, 640, 480, camera);
+        double reach = 0;
+        for (uint32_t v = s.body[1].vertices.first; v < s.body[1].vertices.end(); ++v) {
+            const Projection at = project(origin + s.position[v].cast<double>(), camera, params);
+            reach = std::max({reach, std::abs(at.x - 320) / 320, std::abs(at.y - 240) / 240});
+        }
+        return reach;
+    };
+    reach_at({0, 0, 0.09});
+    EXPECT_EQ(camera.distance, fitted);
+    EXPECT_NEAR(reach_at({0.12, 0.12, 0.05}), 0.88, 0.01);
+    const double back = camera.distance;
+    EXPECT_GT(back, 1.1 * fitted);
+    reach_at({0, 0, 0.09});
+    EXPECT_EQ(camera.distance, back);
+    reach_at({0.3, 0.3, -1});
+    EXPECT_EQ(camera.distance, back);
+    reach_at({40, 0, 0.1});
+    EXPECT_EQ(camera.distance, back);
+}
+
 // the floor lies just below the lowest body, rigid ones included, wherever the camera was put
 TEST(Render, LaysTheFloorUnderEverything) {
     PictureScene scene;
