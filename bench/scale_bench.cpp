@@ -54,7 +54,7 @@ uint32_t looks_of(const World& w) { return std::max(1u, w.clock.contact_rate / 6
 struct Run {
     std::vector<double> pass;   // s
     std::vector<bool> picture;  // per pass: a displayed frame ends with it
-    std::vector<double> residual;  // m, the deepest at the end of a look
+    std::vector<double> found, residual;  // m, the deepest at the beginning and at the end of a look
     uint64_t hash = 0;
     double processor = 0;  // s of all threads
     double bytes = 0;      // of the heap, scene and run
@@ -77,10 +77,15 @@ Run run_scene(const std::string& name, uint32_t count, uint32_t threads, uint32_
         const double start = processor();
         for (uint32_t i = 0; i < passes; ++i) {
             const uint64_t begin = now_ns();
-            double residual = 0;
-            for (uint32_t look = 0; look < looks_of(w); ++look) frame.step(), residual = std::max(residual, w.report.deepest_residual);
+            double found = 0, residual = 0;
+            for (uint32_t look = 0; look < looks_of(w); ++look) {
+                frame.step();
+                for (const double depth : w.penetrations.depth) found = std::max(found, depth);
+                residual = std::max(residual, w.report.deepest_residual);
+            }
             run.pass.push_back(static_cast<double>(now_ns() - begin) * 1e-9);
             run.picture.push_back(frame.times().picture);
+            run.found.push_back(found);
             run.residual.push_back(residual);
             run.contacts += static_cast<double>(w.contacts.point.size()) / passes;
         }
@@ -368,7 +373,7 @@ void goal_rows(bool quick, Report& report) {
                     .at_least = g.p99, .aim = g.p99 / 2, .not_judged = crowded(),
                     .note = format("median %.1f ms; half the processor time %.1f ms a frame", quantile(frames, 0.5), 1e3 * run.processor / g.passes)});
         report.add({.name = std::string(g.name) + ", " + std::to_string(g.count) + " bodies: deepest overlap left", .ours = 100 * quantile(run.residual, 1) / run.size, .unit = "%",
-                    .goal = Goal::kLimit, .at_least = 1, .aim = 0.5, .note = format("p99 of passes %.3g %%", 100 * quantile(run.residual, 0.99) / run.size)});
+                    .goal = Goal::kLimit, .at_least = 1, .aim = 0.5, .note = format("p99 of passes %.3g %%; found when passes begin: at most %.3g %%", 100 * quantile(run.residual, 0.99) / run.size, 100 * quantile(run.found, 1) / run.size)});
     }
     const uint32_t count = quick ? 1000 : 10000;
     ThreadPool pool(2);

@@ -68,6 +68,17 @@ double plunge(const Surfaces& s, const Contacts& contacts, uint32_t i, const Vec
     return steepest;
 }
 
+// Whether a corner of the triangles around a contact point lies behind a plane.
+bool goes_through(const Surfaces& s, const Contacts& contacts, uint32_t i, const Vec3d& plane, const Vec3d& normal) {
+    const uint32_t body = contacts.body[i];
+    const MeshView mesh = mesh_view(s.meshes, s.bodies.mesh[body]);
+    for (const uint32_t v : contacts.vertex[i])
+        for (uint32_t k = mesh.incident_first[v]; k < mesh.incident_first[v + 1]; ++k)
+            for (const uint32_t q : mesh.triangle[mesh.incident[k]])
+                if (normal.dot(vertex_position(s, body, q) - plane) < 0) return true;
+    return false;
+}
+
 // The plane that carries a contact between two rigid bodies: `distance` m from the point, on `triangle` of the other.
 struct Support {
     Vec3d closest, normal;
@@ -79,7 +90,8 @@ struct Support {
 // Near an edge of the other body the nearest point may lie on its side, while what carries is its top: two equal boxes
 // on top of each other. The normal of a contact lies in the other body's normal cone and against the point's own (Moreau;
 // as for the edges of polyhedra in Mirtich 1998), so of the faces around the nearest one that the point is over, the one
-// that its own edges run through least carries it. A point outside that no face carries touches nothing yet.
+// that its own edges run through least carries it. A point outside that no face carries touches nothing yet where its body
+// already reaches behind the plane (over the rim of the other); else it may come down on it (the raised end of a rod).
 Support find_support(const Surfaces& s, const Contacts& contacts, uint32_t i) {
     constexpr double kCarries = 0.05;  // sine; what faces of curved surfaces differ by
     constexpr double kSeam = 1e-3, kNear = 0.05;  // of a mean edge: how far beyond its face and behind the nearest
@@ -106,7 +118,7 @@ Support find_support(const Surfaces& s, const Contacts& contacts, uint32_t i) {
             best = {closest, normal, distance, triangle};
         }
     }
-    best.none = least == first && least > 0.5 && contacts.distance[i] > 0;
+    best.none = least == first && least > 0.5 && contacts.distance[i] > 0 && goes_through(s, contacts, i, best.closest, best.normal);
     return best;
 }
 

@@ -124,8 +124,8 @@ nlohmann::ordered_json pairs_json(const RunFigures& f) {
 }
 
 nlohmann::ordered_json scale_json(const RunFigures& f) {
-    std::vector<double> awake, residual, contacts;
-    for (const PassFigures& p : f.pass) awake.push_back(p.awake), residual.push_back(p.residual), contacts.push_back(p.contacts);
+    std::vector<double> awake, found, residual, contacts;
+    for (const PassFigures& p : f.pass) awake.push_back(p.awake), found.push_back(p.depth), residual.push_back(p.residual), contacts.push_back(p.contacts);
     return {{"movable_bodies", f.movable_bodies},
             {"body_size_m", f.body_size},
             {"bytes_per_body", f.bytes_per_body},
@@ -134,6 +134,9 @@ nlohmann::ordered_json scale_json(const RunFigures& f) {
             {"awake_bodies_end", f.pass.empty() ? 0 : f.pass.back().awake},
             {"contacts_mean", mean(contacts)},
             {"contacts_max", quantile(contacts, 1)},
+            {"found_p50_m", quantile(found, 0.5)},
+            {"found_p99_m", quantile(found, 0.99)},
+            {"found_max_m", quantile(found, 1)},
             {"residual_p99_m", quantile(residual, 0.99)},
             {"residual_max_m", quantile(residual, 1)}};
 }

@@ -351,6 +351,28 @@ TEST(HardCases, P19_FastBallAgainstATable) {
     }
 }
 
+// A blade lands on one end and slaps down with the other, which comes half as fast again: all of it stays above the table. The
+// oracle are its vertices. Breaks when a raised end, whose edges run down through the table's plane, has no rows (8 mm below).
+TEST(HardCases, P19_ABladeSlapsDownOnATable) {
+    double lowest = 0;
+    for (int tilt = 0; tilt < 6; ++tilt) {
+        SceneFile scene;
+        scene.bodies = {body("table", "table", Motion::kStatic, 0.6, {0, 0, -0.01}, 400),
+                        body("blade", "scissor_blade", Motion::kFree, 0.05, {0, 0, 0.09}, 300)};
+        scene.bodies[1].orientation = from_rotation_vector(Vec3d(1.2 + 0.1 * tilt, 0.3, 0));
+        scene.bodies[1].spin = {0, 4, 2};
+        scene.bodies[1].tissue.density = 7800;
+        scene.bodies[1].tissue.friction = 0.3;
+        run(scene, 0.5, [&](const Frame& f) {
+            const World& w = f.world();
+            const MeshView mesh = mesh_view(w.meshes, w.bodies.mesh[1]);
+            for (const Vec3d& p : mesh.position) lowest = std::min(lowest, (w.poses.origin[1] + rotate(w.poses.orientation[1], p)).z());
+        });
+    }
+    EXPECT_GT(lowest, -1.5e-3);
+    std::printf("blade on a table: %.2f mm below it at worst\n", -1e3 * lowest);
+}
+
 // The same for a hand: the probe's tip is driven through the table and far below it in one pass.
 TEST(HardCases, P19_FastHandAgainstATable) {
     for (const double phase : {0.0, 0.005, 0.011}) {
