@@ -318,13 +318,9 @@ TEST(Rest, SoftBlockSlidesOnASlopeAsCoulombSays) {
 // below the plane it lay on, m.
 double depth_of_lifted(double lift) {
     SceneFile scene = slope(0, 0.5);
-    scene.bodies[1] = block("ball", "sphere", Motion::kDeformable, 0.06, 2000);
-    scene.bodies[1].anchor_frame = AnchorFrame::kShape;
-    scene.bodies[1].above = "table";
-    scene.bodies[1].gap = 1e-5;
-    scene.bodies[1].tissue.youngs_modulus = 5e4;
-    scene.bodies[1].tissue.depth = 0.02;
-    scene.bodies[1].tissue.damping = 300;
+    scene.bodies[1].shape = "sphere";
+    scene.bodies[1].size = 0.06;
+    scene.bodies[1].triangles = 2000;
     scene.contact_rate = 120;
     double depth = -lift;
     ThreadPool pool(1);
