@@ -61,7 +61,7 @@ class ClosestPointTree {
     // Generalised winding number of the present surface, double, direct sum: 1 inside a closed outward surface.
     double winding_number(const Vec3d& point) const;
     // winding_number(point) > 0.5. Far triangles are summed in groups where a proven bound says that this cannot differ
-    // (winding_tree.hpp); only trees of kWinding meshes and cross-checked ones have such groups.
+    // (winding_tree.hpp) in trees of kWinding meshes and cross-checked ones; those of other solids count crossings of a ray.
     bool winds_around(const Vec3d& point) const;
 
     // Position of a vertex as the answers see it.

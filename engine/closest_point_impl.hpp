@@ -131,6 +131,7 @@ struct ClosestPointTree::Impl {
     Vec3d normal_of(const Triangle& t) const { return triangle_normal(position(t[0]), position(t[1]), position(t[2])); }
     void update_clusters();
     bool winds_around(const Vec3d& p) const;
+    bool count_windings_ahead(const Vec3d& p, int& windings) const;
     double winding(const Vec3d& p) const {
         return deformable ? trocar::winding_number(std::span<const Float4>(offset), mesh.triangle, p)
                           : trocar::winding_number(mesh.position, mesh.triangle, p);

@@ -35,7 +35,37 @@ bool ClosestPointTree::Impl::winds_around(const Vec3d& p) const {
             if (std::abs(sum.value - 0.5) > sum.error + kRounding) return sum.value > 0.5;
         }
     }
+    int windings;
+    if (admission == Admission::kSolid && count_windings_ahead(p, windings)) return windings > 0;
     return winding(p) > 0.5;
+}
+
+// The winding number about p of a surface that closes up, whatever crosses whatever: exact, from the faces that the ray
+// towards +x may meet. False when p lies on one of them.
+bool ClosestPointTree::Impl::count_windings_ahead(const Vec3d& p, int& windings) const {
+    windings = 0;
+    // rounding is monotonic: what lies ahead of p does so in the local frame, and boxes are rounded outward
+    const Vec3d q = (p - centre) * scale;
+    uint32_t stack[kBoxStack];
+    uint32_t height = 0;
+    if (!tree.node.empty()) stack[height++] = 0;
+    while (height > 0) {
+        const BoxNode& n = tree.node[stack[--height]];
+        for (uint32_t i = 0; i < n.count; ++i) {
+            if (!(n.high[0][i] >= q.x() && n.low[1][i] <= q.y() && n.high[1][i] >= q.y() && n.low[2][i] <= q.z() && n.high[2][i] >= q.z()))
+                continue;
+            if (n.child[i] < kBoxLeaf) {
+                stack[height++] = n.child[i];
+                continue;
+            }
+            const uint32_t m = n.child[i] & ~kBoxLeaf;
+            for (uint32_t j = 0; j < triangles_of(m); ++j) {
+                const Triangle& v = lanes[16 * m + j].vertex;
+                if (!count_winding(position(v[0]), position(v[1]), position(v[2]), p, windings)) return false;
+            }
+        }
+    }
+    return true;
 }
 
 // A closed surface has nothing inside it beyond its own box.

@@ -38,32 +38,34 @@ double winding_number(std::span<const Float4> position, std::span<const Triangle
     return sum_solid_angles(position, triangle, p);
 }
 
+bool count_winding(const Vec3d& corner_a, const Vec3d& corner_b, const Vec3d& corner_c, const Vec3d& point, int& windings) {
+    const Vec3d* corner[3] = {&corner_a, &corner_b, &corner_c};
+    const auto [low_y, high_y] = std::minmax({corner[0]->y(), corner[1]->y(), corner[2]->y()});
+    const auto [low_z, high_z] = std::minmax({corner[0]->z(), corner[1]->z(), corner[2]->z()});
+    if (point.y() < low_y || point.y() > high_y || point.z() < low_z || point.z() > high_z) return true;
+    const int side = orient3d(*corner[0], *corner[1], *corner[2], point);
+    if (side == 0 && meet_segment_triangle(point, point, {*corner[0], *corner[1], *corner[2]}) != Meeting::kDisjoint)
+        return false;
+    // the point around the face's outline seen along x, edges half-open in y: neighbours agree on their common edge
+    int around = 0;
+    for (int k = 0; k < 3; ++k) {
+        const Vec3d &a = *corner[k], &b = *corner[(k + 1) % 3];
+        if ((a.y() <= point.y()) == (b.y() <= point.y())) continue;
+        const int turn = orient2d(a.y(), a.z(), b.y(), b.z(), point.y(), point.z());
+        if (a.y() <= point.y() && turn > 0) ++around;
+        if (a.y() > point.y() && turn < 0) --around;
+    }
+    if (around * side < 0) windings += around;
+    return true;
+}
+
 bool count_windings(std::span<const Vec3d> position, std::span<const Triangle> triangle,
                     std::span<const uint32_t> faces, const Vec3d& point, int& windings) {
     windings = 0;
-    for (const uint32_t t : faces) {
-        const Vec3d* corner[3];
-        for (int k = 0; k < 3; ++k) corner[k] = &position[triangle[t][k]];
-        const auto [low_y, high_y] = std::minmax({corner[0]->y(), corner[1]->y(), corner[2]->y()});
-        const auto [low_z, high_z] = std::minmax({corner[0]->z(), corner[1]->z(), corner[2]->z()});
-        if (point.y() < low_y || point.y() > high_y || point.z() < low_z || point.z() > high_z) continue;
-        const int side = orient3d(*corner[0], *corner[1], *corner[2], point);
-        if (side == 0 &&
-            meet_segment_triangle(point, point, {*corner[0], *corner[1], *corner[2]}) != Meeting::kDisjoint) {
-            return false;
-        }
-        // the point around the face's outline seen along x, edges half-open in y: neighbours agree on their common edge
-        int around = 0;
-        for (int k = 0; k < 3; ++k) {
-            const Vec3d &a = *corner[k], &b = *corner[(k + 1) % 3];
-            if ((a.y() <= point.y()) == (b.y() <= point.y())) continue;
-            const int turn = orient2d(a.y(), a.z(), b.y(), b.z(), point.y(), point.z());
-            if (a.y() <= point.y() && turn > 0) ++around;
-            if (a.y() > point.y() && turn < 0) --around;
-        }
-        if (around * side < 0) windings += around;
-    }
-    return true;
+    return std::all_of(faces.begin(), faces.end(), [&](uint32_t t) {
+        const Triangle& v = triangle[t];
+        return count_winding(position[v[0]], position[v[1]], position[v[2]], point, windings);
+    });
 }
 
 }  // namespace trocar

@@ -19,4 +19,7 @@ double winding_number(std::span<const Float4> position, std::span<const Triangle
 bool count_windings(std::span<const Vec3d> position, std::span<const Triangle> triangle,
                     std::span<const uint32_t> faces, const Vec3d& point, int& windings);
 
+// Adds one face's share of that number to `windings`. False when the point lies on the face.
+bool count_winding(const Vec3d& a, const Vec3d& b, const Vec3d& c, const Vec3d& point, int& windings);
+
 }  // namespace trocar

@@ -780,6 +780,40 @@ TEST(ClosestPoint, CrossCheckCountsWrongPseudonormals) {
     EXPECT_EQ(off.disagreements, 0u);
 }
 
+// Solids bent until they pass through themselves, doubles and floats, at points of which rays graze corners and edges (those
+// of the surface moved along x) and at points anywhere, against the sum of solid angles. Breaks when a box ahead is left
+// out, when an edge is counted twice or not at all, and when the tree lies where the surface was.
+TEST(ClosestPoint, SidesOfFoldedSolidsAreCountedAlongARay) {
+    const TestMesh organ = make_organ(20);
+    std::vector<Float4> now = organ.moved([](const Vec3d& x) {  // a ring whose ends overlap
+                                      return Vec3d((1.2 - x.y()) * std::cos(4 * x.x()), (1.2 - x.y()) * std::sin(4 * x.x()), x.z());
+                                  }).offsets();
+    TestMesh bent = organ;
+    for (size_t v = 0; v < now.size(); ++v) bent.position[v] = {now[v].x, now[v].y, now[v].z};
+    const ClosestPointTree rigid(bent.view());
+    ClosestPointTree refitted(organ.view(), organ.offsets());
+    refitted.refit(now);
+    std::vector<Vec3d> points = points_in_box(bent, 1500, 5);
+    std::mt19937 random(6);
+    std::uniform_real_distribution<double> along(-1, 1);
+    for (size_t v = 0; v < bent.position.size(); v += 7) {
+        const double way = 2 * along(random);
+        points.push_back(bent.position[v] + Vec3d(way, 0, 0));
+        const Triangle& t = bent.triangle[v % bent.triangle.size()];
+        points.push_back(0.5 * (bent.position[t[0]] + bent.position[t[1]]) + Vec3d(way, 0, 0));
+    }
+    uint32_t twice = 0, outside = 0;
+    for (const Vec3d& p : points) {
+        const double direct = brute_force_winding(bent.position, bent.triangle, p);
+        twice += direct > 1.5;
+        outside += direct < 0.5;
+        ASSERT_EQ(rigid.winds_around(p), direct > 0.5) << p.transpose() << ", " << direct;
+        ASSERT_EQ(refitted.winds_around(p), direct > 0.5) << p.transpose() << ", " << direct;
+    }
+    EXPECT_GT(twice, 50u);
+    EXPECT_GT(outside, 500u);
+}
+
 TEST(ClosestPoint, WindingNumberOfTheTreeFollowsRefits) {
     const TestMesh cube = make_cube();
     std::vector<Float4> now = cube.offsets();
