@@ -144,6 +144,7 @@ LiveFiguresAt live_run(uint32_t contact_rate, double seconds) {
         idle.start({}, monotonic_ns() + 20'000'000, [](uint64_t, int64_t) {});
         run_live({}, seconds, frame, nullptr, nullptr, nullptr, result.run);
         idle.stop();
+        result.run.report = frame.world().report;
         result.stolen = stolen_seconds() - stolen;
         result.idle = idle.figures();
     });

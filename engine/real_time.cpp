@@ -32,6 +32,22 @@ int64_t bin_upper_end(uint32_t bin) {
     return (int64_t{64 + bin % 64 + 1} << octave) - 1;
 }
 
+std::vector<int> allowed_processors() {
+    cpu_set_t set;
+    CPU_ZERO(&set);
+    std::vector<int> allowed;
+    if (sched_getaffinity(0, sizeof set, &set) != 0) return allowed;  // more than a set of this size holds
+    for (int k = 0; k < CPU_SETSIZE; ++k)
+        if (CPU_ISSET(k, &set)) allowed.push_back(k);
+    return allowed;
+}
+void stay_on_processor(int processor) {
+    cpu_set_t set;
+    CPU_ZERO(&set);
+    CPU_SET(processor, &set);
+    pthread_setaffinity_np(pthread_self(), sizeof set, &set);
+}
+
 }  // namespace
 
 void TimeHistogram::add(int64_t ns) {
@@ -103,51 +119,82 @@ std::string kernel_name() {
 }
 
 std::string describe(const RealTimeGrant& grant) {
-    const std::string policy = grant.fifo ? "SCHED_FIFO " + std::to_string(grant.priority) : "SCHED_OTHER";
+    std::string policy = grant.fifo ? "SCHED_FIFO " + std::to_string(grant.priority) : "SCHED_OTHER";
+    if (grant.processors > 1) policy += " on " + std::to_string(grant.processors) + " processors";
     return policy + (grant.locked ? ", memory locked, " : ", memory not locked, ") + kernel_name();
 }
 
 void PeriodicThread::start(const PeriodicOptions& options, int64_t start, std::function<void(uint64_t, int64_t)> work) {
-    TROCAR_ASSERT(!running() && options.period > 0);
+    TROCAR_ASSERT(!running() && options.period > 0 && options.processors > 0);
+    options_ = options;
+    start_ = start;
+    work_ = std::move(work);
     stop_.store(false, std::memory_order_relaxed);
+    next_ = 0;
+    last_begin_ = 0;
     figures_ = {};
-    thread_ = std::thread([this, options, start, work = std::move(work)] {
-        set_float_mode();
-        loop(options, start, work);
-    });
+    const std::vector<int> allowed = allowed_processors();
+    const int threads = std::clamp(static_cast<int>(allowed.size()), 1, options.processors);
+    options_.processors = figures_.grant.processors = threads;
+    for (int k = 0; k < threads; ++k) {
+        // from the first to the last: neighbours may be two halves of one core
+        const int processor = threads > 1 ? allowed[static_cast<size_t>(k) * (allowed.size() - 1) / static_cast<size_t>(threads - 1)] : -1;
+        thread_.emplace_back([this, k, processor] {
+            set_float_mode();
+            if (processor >= 0) stay_on_processor(processor);
+            loop(k);
+        });
+    }
 }
 
 void PeriodicThread::stop() {
     stop_.store(true, std::memory_order_relaxed);
-    if (thread_.joinable()) thread_.join();
+    if (!running()) return;
+    for (std::thread& thread : thread_) thread.join();
+    thread_.clear();
+    // locked memory is the process's: it does not outlast the threads that needed it
+    if (figures_.grant.locked) munlockall();
 }
 
-void PeriodicThread::loop(const PeriodicOptions& options, int64_t start,
-                          const std::function<void(uint64_t, int64_t)>& work) {
-    if (options.real_time) figures_.grant = request_real_time(options.priority, true);
-    int64_t last_begin = 0;
-    for (uint64_t index = 0; !stop_.load(std::memory_order_relaxed);) {
-        const int64_t deadline = start + static_cast<int64_t>(index) * options.period;
-        sleep_until_ns(deadline);
-        const int64_t begin = monotonic_ns();
-        work(index, begin);
-        const int64_t end = monotonic_ns();
-        if (last_begin > 0) {
-            figures_.period.add(begin - last_begin);
-            figures_.doubled += begin - last_begin > 2 * options.period;
-        }
-        figures_.late.add(begin - deadline);
-        figures_.compute.add(end - begin);
-        last_begin = begin;
-        // the next deadline that has not passed: catching up by running twice in a row would only add jitter
-        const int64_t elapsed = end - start;
-        const int64_t reached = elapsed > 0 ? (elapsed + options.period - 1) / options.period : 0;
-        const uint64_t next = std::max(index + 1, static_cast<uint64_t>(reached));
-        figures_.missed += next - (index + 1);
-        index = next;
+void PeriodicThread::run(int thread, uint64_t index) {
+    const int64_t begin = monotonic_ns();
+    figures_.missed += index - next_;
+    work_(index, begin);
+    const int64_t end = monotonic_ns();
+    if (last_begin_ > 0) {
+        figures_.period.add(begin - last_begin_);
+        figures_.doubled += begin - last_begin_ > 2 * options_.period;
     }
-    // locked memory is the process's: it does not outlast the thread that needed it
-    if (figures_.grant.locked) munlockall();
+    figures_.relieved += thread > 0;
+    figures_.late.add(begin - (start_ + static_cast<int64_t>(index) * options_.period));
+    figures_.compute.add(end - begin);
+    last_begin_ = begin;
+    // the next deadline that has not passed: catching up by running twice in a row would only add jitter
+    const int64_t elapsed = end - start_;
+    const int64_t reached = elapsed > 0 ? (elapsed + options_.period - 1) / options_.period : 0;
+    next_ = std::max(index + 1, static_cast<uint64_t>(reached));
+    figures_.missed += next_ - (index + 1);
+}
+
+void PeriodicThread::loop(int thread) {
+    if (options_.real_time) {
+        RealTimeGrant grant = request_real_time(options_.priority, true);
+        grant.processors = options_.processors;
+        if (thread == 0) figures_.grant = grant;
+    }
+    // later than what a first thread that runs takes to wake, or both would share the runs and each other's caches
+    const int64_t first = start_ + thread * options_.period / 4;
+    for (uint64_t index = 0; !stop_.load(std::memory_order_relaxed);) {
+        sleep_until_ns(first + static_cast<int64_t>(index) * options_.period);
+        // nobody waits: who finds another at a run sleeps until the next
+        if (busy_.exchange(true, std::memory_order_acquire)) {
+            ++index;
+            continue;
+        }
+        if (index >= next_) run(thread, index);
+        index = next_;
+        busy_.store(false, std::memory_order_release);
+    }
 }
 
 }  // namespace trocar

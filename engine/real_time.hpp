@@ -5,6 +5,7 @@
 #include <functional>
 #include <string>
 #include <thread>
+#include <vector>
 namespace trocar {
 
 // Durations counted in bins of 1/64 of their power of two: percentiles are exact to 1.6 %, counting costs a few
@@ -34,6 +35,7 @@ struct RealTimeGrant {
     bool fifo = false;    // SCHED_FIFO
     bool locked = false;  // all memory of the process stays in once it was touched
     int priority = 0;     // of SCHED_FIFO
+    int processors = 1;   // with a thread of their own for the same deadlines
 };
 
 // Asks for SCHED_FIFO at `priority` for the calling thread, else for nice -20, and, with `lock_memory`, for mlockall.
@@ -43,7 +45,7 @@ RealTimeGrant request_real_time(int priority, bool lock_memory);
 int set_nice(int nice);
 // Lowers the calling thread below all others (nice 19, SCHED_BATCH); for drawing in live mode.
 void request_low_priority();
-// "SCHED_FIFO 80, memory locked, Linux 6.1.0-18-amd64".
+// "SCHED_FIFO 80 on 2 processors, memory locked, Linux 6.1.0-18-amd64".
 std::string describe(const RealTimeGrant& grant);
 std::string kernel_name();
 
@@ -51,6 +53,10 @@ struct PeriodicOptions {
     int64_t period = 1'000'000;  // ns
     bool real_time = true;       // ask for SCHED_FIFO and locked memory
     int priority = 80;
+    // Threads, each bound to a processor of its own: what the first has not begun a quarter of a period after its deadline
+    // the next one does, so that a processor that is held up (by the host of a virtual machine, by firmware) costs no run.
+    // At most as many as the process may use.
+    int processors = 1;
 };
 
 // What a periodic thread measured. Read it after stop.
@@ -58,13 +64,15 @@ struct PeriodicFigures {
     TimeHistogram period;   // between the starts of successive runs
     TimeHistogram late;     // start behind the deadline
     TimeHistogram compute;  // of the work
-    uint64_t missed = 0;    // deadlines that passed while the thread was away; their runs are left out
-    uint64_t doubled = 0;   // periods longer than two of the asked: one each time the thread was away, however long
+    uint64_t missed = 0;    // deadlines that passed while the threads were away; their runs are left out
+    uint64_t doubled = 0;   // periods longer than two of the asked: one each time they were away, however long
+    uint64_t relieved = 0;  // runs that the first thread had not begun in time and another did
     RealTimeGrant grant;
 };
 
 // A thread that runs `work(deadline_index, start_ns)` at start + index * period: absolute deadlines, so lateness never
-// adds up, and an index left out means a missed deadline.
+// adds up, and an index left out means a missed deadline. With several processors runs change threads, but one begins only
+// after the one before has ended and sees all it wrote.
 class PeriodicThread {
  public:
     PeriodicThread() = default;
@@ -76,13 +84,20 @@ class PeriodicThread {
     void start(const PeriodicOptions& options, int64_t start, std::function<void(uint64_t, int64_t)> work);
     // Ends after the run in progress and joins.
     void stop();
-    bool running() const { return thread_.joinable(); }
+    bool running() const { return !thread_.empty(); }
     const PeriodicFigures& figures() const { return figures_; }
 
  private:
-    void loop(const PeriodicOptions& options, int64_t start, const std::function<void(uint64_t, int64_t)>& work);
-    std::thread thread_;
+    void loop(int thread);
+    void run(int thread, uint64_t index);
+    PeriodicOptions options_;
+    int64_t start_ = 0;
+    std::function<void(uint64_t, int64_t)> work_;
+    std::vector<std::thread> thread_;
     std::atomic<bool> stop_{false};
+    std::atomic<bool> busy_{false};  // a thread is at the run; what follows is its own meanwhile
+    uint64_t next_ = 0;              // first deadline that has no run yet
+    int64_t last_begin_ = 0;
     PeriodicFigures figures_;
 };
 

@@ -236,6 +236,7 @@ std::string metrics_json(const RunFigures& f) {
         j["haptics"]["contact_age"] = percentiles(f.contact_age_ms, "ms");
         j["haptics"]["missed_ticks"] = f.missed_ticks;
         j["haptics"]["periods_above_2_ms"] = f.doubled_periods;
+        j["haptics"]["relieved_ticks"] = f.relieved_ticks;
         j["haptics"]["scheduling"] = f.scheduling;
     }
     for (const ToolFigures& tool : f.tool) j["haptics"]["tools"].push_back(tool_json(tool));

@@ -104,6 +104,7 @@ struct RunFigures {
     std::vector<double> contact_age_ms;  // live only
     uint64_t missed_ticks = 0;           // live only: deadlines that passed while the thread was away
     uint64_t doubled_periods = 0;        // live only: periods of the tick above 2 ms
+    uint64_t relieved_ticks = 0;         // live only: that the second processor began because the first was held up
     std::string scheduling;              // live only: what priority was got, kernel
     bool replay = false;
     std::string replay_difference;  // replay only: what came out otherwise than in the live run; empty = nothing

@@ -248,7 +248,7 @@ std::string samples_text(const char* what, const char* unit, const std::vector<d
 std::string live_text(const RunFigures& f) {
     if (!f.live || f.tick_us.empty()) return "";
     return "  haptic thread: " + f.scheduling + "; " + std::to_string(f.missed_ticks) + " deadlines missed, " +
-           std::to_string(f.doubled_periods) + " periods above 2 ms\n" +
+           std::to_string(f.doubled_periods) + " periods above 2 ms, " + std::to_string(f.relieved_ticks) + " ticks taken over by the second processor\n" +
            samples_text("period of the tick", "us", f.tick_period_us, {950, 1050, 1500, 2000}) + samples_text("compute time", "us", f.tick_us, {10, 50, 200, 600}) +
            samples_text("age of the surface", "ms", f.contact_age_ms, {10, 20, 50, 100});
 }

@@ -5,9 +5,11 @@
 #include <sched.h>
 
 #include <algorithm>
+#include <atomic>
 #include <cmath>
 #include <memory>
 #include <random>
+#include <thread>
 #include <vector>
 namespace trocar {
 namespace {
@@ -139,6 +141,74 @@ TEST(RealTime, GrantSaysWhatTheThreadGot) {
     EXPECT_EQ(text.find("SCHED_FIFO 7") != std::string::npos, grant.fifo);
     EXPECT_NE(text.find(kernel_name()), std::string::npos);
     EXPECT_EQ(kernel_name().rfind("Linux ", 0), 0u);
+}
+
+// Runs that change threads come one after the other and see what the one before wrote (plain variables: the thread sanitizer
+// looks on), and each deadline has one run or is counted as missed.
+TEST(RealTime, RunsOnTwoProcessorsAreOneAfterTheOther) {
+    cpu_set_t allowed;
+    CPU_ZERO(&allowed);
+    ASSERT_EQ(sched_getaffinity(0, sizeof allowed, &allowed), 0);
+    int first_processor = 0;
+    while (!CPU_ISSET(first_processor, &allowed)) ++first_processor;
+    PeriodicThread thread;
+    PeriodicOptions options;
+    options.period = 200'000;
+    options.real_time = false;
+    options.processors = 2;
+    const int64_t start = monotonic_ns() + 5'000'000;
+    std::vector<uint64_t> index;
+    uint64_t elsewhere = 0;
+    std::atomic<int> at_work{0}, most_at_work{0};
+    thread.start(options, start, [&](uint64_t k, int64_t at) {
+        most_at_work = std::max(most_at_work.load(), ++at_work);
+        index.push_back(k);
+        elsewhere += sched_getcpu() != first_processor;
+        if (k % 7 == 0) sleep_until_ns(at + 500'000);  // the other wakes meanwhile
+        --at_work;
+    });
+    sleep_until_ns(start + 300'000'000);
+    thread.stop();
+    EXPECT_EQ(most_at_work, 1);
+    ASSERT_GT(index.size(), 50u);
+    for (size_t k = 1; k < index.size(); ++k) EXPECT_GT(index[k], index[k - 1]);
+    const PeriodicFigures& f = thread.figures();
+    EXPECT_GE(f.missed + f.compute.count, index.back() + 1);  // some are left out after the last
+    EXPECT_EQ(f.compute.count, index.size());
+    if (f.grant.processors < 2) GTEST_SKIP() << "one processor here";
+    EXPECT_EQ(f.relieved, elsewhere);  // threads stay on their processors
+}
+
+// A processor that is kept for 0.2 s by a thread of higher priority that never sleeps: threads that are bound to their
+// processors cannot flee it, the runs go on at the other.
+TEST(RealTime, OneProcessorHeldUpIsRelievedByTheOther) {
+    const int64_t held_up = 200'000'000;
+    PeriodicThread thread;
+    PeriodicOptions options;
+    options.priority = 10;
+    options.processors = 2;
+    thread.start(options, monotonic_ns(), [](uint64_t, int64_t) {});
+    cpu_set_t first;
+    CPU_ZERO(&first);
+    ASSERT_EQ(sched_getaffinity(0, sizeof first, &first), 0);
+    for (int k = CPU_SETSIZE - 1, more = CPU_COUNT(&first) - 1; more > 0; --k)
+        if (CPU_ISSET(k, &first)) CPU_CLR(k, &first), --more;
+    bool granted = false;
+    std::thread hog([&] {
+        pthread_setaffinity_np(pthread_self(), sizeof first, &first);
+        granted = request_real_time(20, false).fifo;
+        const int64_t until = monotonic_ns() + held_up;
+        while (granted && monotonic_ns() < until) {
+        }
+    });
+    hog.join();
+    thread.stop();
+    const PeriodicFigures& f = thread.figures();
+    EXPECT_NE(f.grant.processors > 1, describe(f.grant).find(" processors") == std::string::npos);
+    if (!granted) GTEST_SKIP() << "SCHED_FIFO is not granted here";
+    if (f.grant.processors < 2) GTEST_SKIP() << "one processor here";
+    EXPECT_LT(f.period.largest, held_up / 2);
+    EXPECT_GT(f.relieved, 0u);
 }
 
 TEST(RealTime, ThreadCanBeStartedAgain) {
