@@ -141,19 +141,30 @@ void number_sleeps(FrameState& f) {
 
 // ---- begin ----
 
-// Live: what the haptic thread saw last, reached evenly over the pass from what it saw before.
+// Live: where a device will be a pass from now. Without this what is simulated lags behind the hand by a pass: 1.3 mm and
+// 0.8 N at 40 mm/s and 30 Hz. A hand that stops is overshot by no more than kMostAhead.
+Vec3d ahead(const DeviceState& device, double seconds) {
+    constexpr double kMostAhead = 2e-3;  // m
+    const Vec3d way = seconds * device.velocity;
+    const double length = way.norm();
+    return device.position + (length > kMostAhead ? kMostAhead / length : 1.0) * way;
+}
+
+// Live: what the haptic thread saw last, gone on with, reached evenly over the pass from where that led in the pass before.
 void follow_live_devices(FrameState& f) {
     World& w = f.world;
     const size_t tools = w.haptics.tool.size(), per_tool = w.clock.period + 1;
+    const double pass = 1.0 / w.clock.contact_rate;
     f.scratch.device.resize(tools * per_tool);
     for (size_t t = 0; t < tools; ++t) {
         const DeviceState to = w.haptics.state[t].device;
         const DeviceState from = f.scratch.live_device_known ? f.scratch.live_device[t] : to;
+        const Vec3d start = ahead(from, pass), way = ahead(to, pass) - start;
         for (size_t ms = 0; ms < per_tool; ++ms) {
             DeviceState& device = f.scratch.device[t * per_tool + ms];
             const double share = static_cast<double>(ms) / static_cast<double>(per_tool - 1);
             device = to;
-            device.position = from.position + share * (to.position - from.position);
+            device.position = start + share * way;
             device.grip = from.grip + share * (to.grip - from.grip);
             const Vec3d turn = rotation_vector(from.orientation, to.orientation);
             device.orientation = normalized(multiply(from_rotation_vector(share * turn), from.orientation));

@@ -91,6 +91,39 @@ TEST(LiveRun, CatchesUpWithLessThanAPass) {
     EXPECT_EQ(time_let_go(101, 100), 101);
 }
 
+// A pass simulates what is still to come: at its end a tool is where the hand is then, though the hand was seen at the pass's
+// start; a pass behind it would be v / 60 s away. One that stops is overshot, but never by more than two millimetres.
+TEST(LiveRun, ToolsKeepUpWithTheHand) {
+    with_frame(1, [](Frame& frame) {
+        World& w = frame.world();
+        const double pass = 1.0 / w.clock.contact_rate;
+        const uint32_t body = w.haptics.tool[0].body;
+        const Vec3d start = w.haptics.state[0].device.position + Vec3d(0, 0, 0.5);
+        for (const double speed : {0.03, 0.4}) {
+            const Vec3d velocity(speed, 0, 0.5 * speed);
+            const auto hand = [&](double time) { return Vec3d(start + time * velocity); };
+            const auto step = [&](const Vec3d& position, const Vec3d& moves) {
+                w.haptics.state[0].device.position = position;
+                w.haptics.state[0].device.velocity = moves;
+                frame.step();
+                return Vec3d(w.poses.origin[body] + rotate(w.poses.orientation[body], w.haptics.tool[0].tip));
+            };
+            Vec3d tip;
+            for (int k = 0; k < 60; ++k) tip = step(hand(k * pass), velocity);
+            const double behind = std::max(0.0, velocity.norm() * pass - 2e-3);
+            EXPECT_NEAR((tip - hand(60 * pass)).norm(), behind, 2e-5 + 0.01 * behind) << speed;
+            const Vec3d end = hand(60 * pass);
+            double farthest = 0;
+            for (int k = 0; k < 60; ++k) {
+                tip = step(end, Vec3d::Zero());
+                farthest = std::max(farthest, (tip - end).dot(velocity.normalized()));
+            }
+            EXPECT_LT(farthest, 2.1e-3) << speed;
+            EXPECT_NEAR((tip - end).norm(), 0, 1e-5) << speed;
+        }
+    });
+}
+
 // A run against the real clock, with haptics on their thread, comes out again to the bit from what it recorded, through
 // a file and with another number of threads. A value that reached the run on a way that is not recorded breaks it.
 TEST(LiveReplay, ALiveRunComesOutTheSame) {
