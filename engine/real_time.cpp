@@ -32,22 +32,6 @@ int64_t bin_upper_end(uint32_t bin) {
     return (int64_t{64 + bin % 64 + 1} << octave) - 1;
 }
 
-std::vector<int> allowed_processors() {
-    cpu_set_t set;
-    CPU_ZERO(&set);
-    std::vector<int> allowed;
-    if (sched_getaffinity(0, sizeof set, &set) != 0) return allowed;  // more than a set of this size holds
-    for (int k = 0; k < CPU_SETSIZE; ++k)
-        if (CPU_ISSET(k, &set)) allowed.push_back(k);
-    return allowed;
-}
-void stay_on_processor(int processor) {
-    cpu_set_t set;
-    CPU_ZERO(&set);
-    CPU_SET(processor, &set);
-    pthread_setaffinity_np(pthread_self(), sizeof set, &set);
-}
-
 }  // namespace
 
 void TimeHistogram::add(int64_t ns) {
@@ -112,6 +96,23 @@ int set_nice(int nice) {
     return before;
 }
 
+std::vector<int> allowed_processors() {
+    cpu_set_t set;
+    CPU_ZERO(&set);
+    std::vector<int> allowed;
+    if (sched_getaffinity(0, sizeof set, &set) != 0) return allowed;  // more than a set of this size holds
+    for (int k = 0; k < CPU_SETSIZE; ++k)
+        if (CPU_ISSET(k, &set)) allowed.push_back(k);
+    return allowed;
+}
+
+void allow_processors(std::span<const int> processors) {
+    cpu_set_t set;
+    CPU_ZERO(&set);
+    for (const int processor : processors) CPU_SET(processor, &set);
+    pthread_setaffinity_np(pthread_self(), sizeof set, &set);
+}
+
 std::string kernel_name() {
     utsname name{};
     if (uname(&name) != 0) return "unknown kernel";
@@ -138,10 +139,10 @@ void PeriodicThread::start(const PeriodicOptions& options, int64_t start, std::f
     options_.processors = figures_.grant.processors = threads;
     for (int k = 0; k < threads; ++k) {
         // from the first to the last: neighbours may be two halves of one core
-        const int processor = threads > 1 ? allowed[static_cast<size_t>(k) * (allowed.size() - 1) / static_cast<size_t>(threads - 1)] : -1;
-        thread_.emplace_back([this, k, processor] {
+        const size_t place = threads > 1 ? static_cast<size_t>(k) * (allowed.size() - 1) / static_cast<size_t>(threads - 1) : 0;
+        thread_.emplace_back([this, k, bound = threads > 1, processor = allowed.empty() ? 0 : allowed[place]] {
             set_float_mode();
-            if (processor >= 0) stay_on_processor(processor);
+            if (bound) allow_processors({&processor, 1});
             loop(k);
         });
     }

@@ -3,6 +3,7 @@
 #include <atomic>
 #include <cstdint>
 #include <functional>
+#include <span>
 #include <string>
 #include <thread>
 #include <vector>
@@ -43,6 +44,10 @@ struct RealTimeGrant {
 RealTimeGrant request_real_time(int priority, bool lock_memory);
 // Sets the nice value of the calling thread as far as permitted; returns what it was.
 int set_nice(int nice);
+// Processors that the calling thread may run on, ascending; empty where the kernel does not say.
+std::vector<int> allowed_processors();
+// Binds the calling thread to these; goes on without where that is refused.
+void allow_processors(std::span<const int> processors);
 // Lowers the calling thread below all others (nice 19, SCHED_BATCH); for drawing in live mode.
 void request_low_priority();
 // "SCHED_FIFO 80 on 2 processors, memory locked, Linux 6.1.0-18-amd64".
@@ -53,7 +58,7 @@ struct PeriodicOptions {
     int64_t period = 1'000'000;  // ns
     bool real_time = true;       // ask for SCHED_FIFO and locked memory
     int priority = 80;
-    // Threads, each bound to a processor of its own: what the first has not begun a quarter of a period after its deadline
+    // Threads, each bound to a processor of its own, the first to the first that the caller may use: what the first has not begun a quarter of a period after its deadline
     // the next one does, so that a processor that is held up (by the host of a virtual machine, by firmware) costs no run.
     // At most as many as the process may use.
     int processors = 1;

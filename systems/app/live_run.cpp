@@ -216,7 +216,11 @@ bool run_live(const RunOptions& options, double seconds, Frame& frame, PictureWr
     const int64_t start = monotonic_ns() + 20 * kMillisecond;
     PeriodicOptions ticks;
     ticks.processors = 2;  // a host that keeps one of them away for some milliseconds seldom keeps both
-    if (!tools.empty()) haptics.start(ticks, start);
+    const std::vector<int> allowed = allowed_processors();
+    if (!tools.empty()) {
+        haptics.start(ticks, start);
+        if (allowed.size() > 1) allow_processors(std::span(allowed).subspan(1));  // the first is the ticks'
+    }
     const int nice_before = set_nice(kSimulationNice);
     int64_t slip = 0;
     uint64_t late = 0, published = 0;
@@ -243,6 +247,7 @@ bool run_live(const RunOptions& options, double seconds, Frame& frame, PictureWr
     }
     figures.wall_s = static_cast<double>(monotonic_ns() - start) * 1e-9;
     set_nice(nice_before);
+    if (!tools.empty() && allowed.size() > 1) allow_processors(allowed);
     haptics.stop();
     for (const auto& link : links)
         if (link) link->let_go();
