@@ -58,9 +58,9 @@ struct PeriodicOptions {
     int64_t period = 1'000'000;  // ns
     bool real_time = true;       // ask for SCHED_FIFO and locked memory
     int priority = 80;
-    // Threads, each bound to a processor of its own, the first to the first that the caller may use: what the first has not begun a quarter of a period after its deadline
-    // the next one does, so that a processor that is held up (by the host of a virtual machine, by firmware) costs no run.
-    // At most as many as the process may use.
+    // Threads, each bound to a processor of its own, the first to the first that the caller may use: what it has not begun a
+    // quarter of a period after its deadline the next one does, so that a processor that is held up (by the host of a virtual
+    // machine, by firmware) costs no run. At most as many as the caller may use.
     int processors = 1;
 };
 

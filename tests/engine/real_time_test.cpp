@@ -146,11 +146,8 @@ TEST(RealTime, GrantSaysWhatTheThreadGot) {
 // Runs that change threads come one after the other and see what the one before wrote (plain variables: the thread sanitizer
 // looks on), and each deadline has one run or is counted as missed.
 TEST(RealTime, RunsOnTwoProcessorsAreOneAfterTheOther) {
-    cpu_set_t allowed;
-    CPU_ZERO(&allowed);
-    ASSERT_EQ(sched_getaffinity(0, sizeof allowed, &allowed), 0);
-    int first_processor = 0;
-    while (!CPU_ISSET(first_processor, &allowed)) ++first_processor;
+    const std::vector<int> allowed = allowed_processors();
+    ASSERT_FALSE(allowed.empty());
     PeriodicThread thread;
     PeriodicOptions options;
     options.period = 200'000;
@@ -163,7 +160,7 @@ TEST(RealTime, RunsOnTwoProcessorsAreOneAfterTheOther) {
     thread.start(options, start, [&](uint64_t k, int64_t at) {
         most_at_work = std::max(most_at_work.load(), ++at_work);
         index.push_back(k);
-        elsewhere += sched_getcpu() != first_processor;
+        elsewhere += sched_getcpu() != allowed[0];
         if (k % 7 == 0) sleep_until_ns(at + 500'000);  // the other wakes meanwhile
         --at_work;
     });
@@ -188,14 +185,11 @@ TEST(RealTime, OneProcessorHeldUpIsRelievedByTheOther) {
     options.priority = 10;
     options.processors = 2;
     thread.start(options, monotonic_ns(), [](uint64_t, int64_t) {});
-    cpu_set_t first;
-    CPU_ZERO(&first);
-    ASSERT_EQ(sched_getaffinity(0, sizeof first, &first), 0);
-    for (int k = CPU_SETSIZE - 1, more = CPU_COUNT(&first) - 1; more > 0; --k)
-        if (CPU_ISSET(k, &first)) CPU_CLR(k, &first), --more;
+    const std::vector<int> allowed = allowed_processors();
+    ASSERT_FALSE(allowed.empty());
     bool granted = false;
     std::thread hog([&] {
-        pthread_setaffinity_np(pthread_self(), sizeof first, &first);
+        allow_processors(std::span(allowed).first(1));
         granted = request_real_time(20, false).fifo;
         const int64_t until = monotonic_ns() + held_up;
         while (granted && monotonic_ns() < until) {
