@@ -5,6 +5,7 @@
 
 #include "engine/geometry/contact_kernels.hpp"
 #include "engine/geometry/point_triangle.hpp"
+#include "engine/nose_first.hpp"
 #include "engine/parallel.hpp"
 namespace trocar {
 namespace {
@@ -230,6 +231,9 @@ bool make_row(const RowInput& in, uint32_t i, ContactRowsScratch& scratch, Conta
         const Vec3d& way = in.penetrations.way_out[overlap];
         lead = first ? Vec3d(-way) : way;
     }
+    const bool nearest_way = in.params.direction != ResponseDirection::kThesis && lead == Vec3d::Zero();
+    const bool in_hand = surfaces.bodies.motion[body] == Motion::kHand || surfaces.bodies.motion[other] == Motion::kHand;
+    scratch.nose_first[i] = in_hand && !both_rigid && nearest_way && leaves_nose_first(surfaces, contacts, i);
     // what would hold the pair back on its way
     if (at.distance >= 0 && at.normal.dot(lead) < 0) return false;
     Vec3d normal = at.normal;
@@ -262,6 +266,21 @@ bool make_row(const RowInput& in, uint32_t i, ContactRowsScratch& scratch, Conta
     return true;
 }
 
+// Marks the rows of points that leave nose first, of pairs that other points inside lead apart. Through a fold of thin tissue
+// the nearest surface is its far side: a tool that is pulled on through the fold would hang in it.
+void drop_nose_first(const Contacts& contacts, ContactRowsScratch& scratch) {
+    const uint32_t count = uint32_t(contacts.pair.size());
+    for (uint32_t first = 0, end = 0; first < count; first = end) {
+        bool any = false, others = false;
+        for (end = first; end < count && contacts.pair[end] == contacts.pair[first]; ++end) {
+            any = any || scratch.nose_first[end];
+            others = others || (contacts.distance[end] < 0 && !scratch.dropped[end] && !scratch.nose_first[end]);
+        }
+        if (!any || !others) continue;
+        for (uint32_t i = first; i < end; ++i) scratch.dropped[i] = scratch.dropped[i] || scratch.nose_first[i];
+    }
+}
+
 constexpr uint32_t kRowsPerChunk = 512;
 
 }  // namespace
@@ -272,6 +291,7 @@ void make_contact_rows(const ContactParams& params, const Surfaces& surfaces, co
     const uint32_t count = uint32_t(contacts.pair.size()), bodies = uint32_t(surfaces.bodies.mesh.size());
     scratch.count.assign(bodies, 0);
     scratch.dropped.assign(count, 0);
+    scratch.nose_first.assign(count, 0);
     scratch.exit_pair = kNone;
     for (const uint32_t body : contacts.body) ++scratch.count[body];
     for (uint32_t body = 0; body < bodies; ++body) {
@@ -289,6 +309,7 @@ void make_contact_rows(const ContactParams& params, const Surfaces& surfaces, co
     parallel_for(count, grain, [&](uint32_t begin, uint32_t end) {
         for (uint32_t i = begin; i < end; ++i) scratch.dropped[i] = scratch.dropped[i] || !make_row(in, i, scratch, rows);
     });
+    drop_nose_first(contacts, scratch);
     take_out(scratch.dropped, rows);
 }
 

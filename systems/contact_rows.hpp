@@ -13,6 +13,7 @@ struct ContactRowsScratch {
     std::vector<uint32_t> count;    // contacts per body
     std::vector<uint32_t> crowded;  // contacts of one body beyond capacity, deepest first
     std::vector<uint8_t> dropped;   // per contact
+    std::vector<uint8_t> nose_first;  // per contact
     std::vector<uint32_t> overlap;  // per candidate pair: row of Penetrations or kNone
     // of the side at hand of a deep pair
     uint32_t exit_pair = kNone, exit_body = kNone;
@@ -27,7 +28,9 @@ struct ContactRowsScratch {
 // direction = thesis: a point inside an overlapping pair gets the pair's direction and its depth projected on it (thesis
 // 4.2). deep = last_free: a point inside a saturated pair gets the plane where the line along the pair's way out leaves the
 // other body, with the length of that line; outside ones that face against the way have no row. faces: points of a closed
-// body whose way to a sheet leads through the body have none.
+// body whose way to a sheet leads through the body have none. Between a tool in the hand and what deforms, points that would
+// leave the other nose first (nose_first.hpp) have none either, as long as the pair has another row of a point inside. (Coarse
+// balls that hit each other need all their rows.)
 void make_contact_rows(const ContactParams& params, const Surfaces& surfaces, const CandidatePairs& pairs,
                        const Contacts& contacts, const Penetrations& penetrations, ContactRowsScratch& scratch,
                        Report& report, ContactRows& rows);

@@ -5,7 +5,7 @@
 #include <utility>
 #include <vector>
 
-#include "engine/geometry/point_triangle.hpp"
+#include "engine/nose_first.hpp"
 #include "engine/parallel.hpp"
 namespace trocar {
 namespace {
@@ -41,30 +41,6 @@ bool near_medial_axis(const Surfaces& s, const Contacts& contacts, uint32_t witn
     const SurfacePoint there = tree->query(world_to_frame(s, other, deeper));
     return std::abs(there.distance) - depth < 0.85 * step &&
            direction_to_world(s, other, there.normal).dot(contacts.normal[witness]) < kOpposed;
-}
-
-// Whether the witness goes out with the inside of its own body behind it: the inward side of every face around it lies
-// against the way out. Moved by the depth, what is just under the witness comes to lie just under the other surface: the
-// bodies still overlap. So it is when two balls have passed each other's centres.
-bool leaves_nose_first(const Surfaces& s, const Contacts& contacts, uint32_t witness) {
-    constexpr double kLevel = 1e-9;  // a face along the way out says nothing
-    const uint32_t body = contacts.body[witness];
-    const MeshView mesh = mesh_view(s.meshes, s.bodies.mesh[body]);
-    const auto [v, w] = contacts.vertex[witness];
-    const uint32_t third = contacts.third[witness];
-    double least = 1, most = -1;
-    for (uint32_t k = mesh.incident_first[v]; k < mesh.incident_first[v + 1]; ++k) {
-        const Triangle& t = mesh.triangle[mesh.incident[k]];
-        const auto has = [&](uint32_t corner) { return t[0] == corner || t[1] == corner || t[2] == corner; };
-        if (!has(w) || (third != kNone && !has(third))) continue;
-        const Vec3d a = vertex_position(s, body, t[0]), b = vertex_position(s, body, t[1]), c = vertex_position(s, body, t[2]);
-        const Vec3d normal = triangle_normal(a, b, c);
-        if (!(normal.squaredNorm() > 0)) continue;
-        const double rise = normal.normalized().dot(contacts.normal[witness]);
-        least = std::min(least, rise);
-        most = std::max(most, rise);
-    }
-    return least >= -kLevel && most > kLevel && contacts.distance[witness] < 0;
 }
 
 // Of 26 directions and the one from middle to middle, that in which b leaves the slab that holds a soonest.

@@ -13,8 +13,8 @@ namespace trocar {
 void measure_penetrations(const CandidatePairs& pairs, const Contacts& contacts, Penetrations& penetrations);
 
 // Marks pairs so deep in each other that the depth and its direction say little about the way out:
-// - the witness goes out with the inside of its own body behind it (all faces around it look along the way out), as when
-//   two balls have passed each other's centres: moving by the depth then provably does not separate the bodies;
+// - the witness leaves nose first (nose_first.hpp), as when two balls have passed each other's centres: moving by the depth then
+//   provably does not separate the bodies;
 // - a tenth of the depth farther in it would not be deeper by nearly as much, and leave the other way: the medial axis lies
 //   between;
 // - another contact nearly as deep wants to leave the other way.

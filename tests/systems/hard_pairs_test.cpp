@@ -237,7 +237,8 @@ TEST(HardCases, P26_MillimetresAndMetres) {
     EXPECT_FALSE(guess_unit(170).rule.empty()) << "P26";
 }
 
-// A vertex inside two bodies has a row against each, whatever order the bodies come in.
+// Vertices inside two bodies have rows against each, whatever order the bodies come in: of the rod's four corners the two that would
+// leave the one in the hand with the rod behind them have none.
 TEST(HardCases, VertexInTwoBodiesObeysBoth) {
     const std::array<BodyInput, 3> input{
         {{make_box({1, 1, 1}, {2, 2, 2}), Motion::kDeformable, Vec3d(-0.4, 0, 0), {}},
@@ -256,7 +257,7 @@ TEST(HardCases, VertexInTwoBodiesObeysBoth) {
             if (scene.rows.distance[i] < 0) ++rows[order[scene.rows.other[i]]];
         }
         EXPECT_EQ(rows[0], 4u);
-        EXPECT_EQ(rows[1], 4u);
+        EXPECT_EQ(rows[1], 2u);
     } while (std::next_permutation(order.begin(), order.end()));
 }
 
