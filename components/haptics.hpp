@@ -239,8 +239,8 @@ struct TriangleLanes {
     std::array<std::array<GroupLanes, 3>, 3> corner{};    // m, by corner and world axis, from the centre of the group, at the time of the model
     std::array<std::array<GroupLanes, 3>, 3> velocity{};  // m/s, likewise, less that of the group
 };
-// Balls around the groups of a block: s seconds later all of a group is within radius + spread |s| of its centre
-// moved by s velocity.
+// Balls around the groups of a block, or the blocks of a cluster: s seconds later all of a group is within radius + spread |s|
+// of its centre moved by s velocity.
 struct GroupBalls {
     std::array<BlockLanes, 3> centre{};    // m, world axes, from the centre of the block, at the time of the model
     std::array<BlockLanes, 3> velocity{};  // m/s, less that of the block
@@ -252,9 +252,11 @@ struct GroupBalls {
 // it spread.
 inline constexpr double kLaneRounding = 4e-6;
 
-// Triangles of a local contact model that lie together, and a ball around them; or groups that do.
+// Triangles of a body in a local contact model that lie together, and a ball around them; or groups that do, or blocks.
 struct TriangleGroup {
-    Range triangles;                 // rows of triangle, in a block rows of group
+    Range triangles;                 // rows of triangle, in a block rows of group, in a cluster rows of block
+    uint32_t body = kNone;
+    double half_thickness = 0;       // m, see LocalContactModel
     Vec3d centre = Vec3d::Zero();    // m, world, at the time of the model
     double radius = 0;               // m
     Vec3d velocity = Vec3d::Zero();  // m/s, mean of the corners
@@ -334,7 +336,9 @@ struct LocalContactModel {
     std::vector<TriangleLanes> lanes;                // one per group
     std::vector<TriangleGroup> group;                // all triangles in runs of neighbours in memory
     std::vector<TriangleGroup> block;                // all groups in runs
+    std::vector<TriangleGroup> cluster;              // all blocks in runs
     std::vector<GroupBalls> ball;                    // one per block
+    std::vector<GroupBalls> cluster_ball;            // one per cluster
     std::vector<double>
         half_thickness;  // m, per triangle; > 0: a sheet, it stops the tool on both sides; 0: of a closed body
     ShellOutlook shell;  // of a tool that has one

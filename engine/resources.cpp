@@ -169,11 +169,11 @@ void fields(V& v, T& t) {
     } else if constexpr (is<T, GroupBalls>) {
         v.item(t.centre), v.item(t.velocity), v.item(t.radius), v.item(t.spread), v.item(t.speed);
     } else if constexpr (is<T, TriangleGroup>) {
-        v.item(t.triangles), v.item(t.centre), v.item(t.radius), v.item(t.velocity), v.item(t.spread);
+        v.item(t.triangles), v.item(t.body), v.item(t.half_thickness), v.item(t.centre), v.item(t.radius), v.item(t.velocity), v.item(t.spread);
     } else if constexpr (is<T, LocalContactModel>) {
         v.item(t.time), v.item(t.sequence), v.item(t.from), v.item(t.to), v.item(t.reach), v.item(t.fastest);
         v.item(t.position), v.item(t.velocity), v.item(t.triangle), v.item(t.neighbour), v.item(t.body);
-        v.item(t.half_thickness), v.item(t.lanes), v.item(t.group), v.item(t.block), v.item(t.ball), v.item(t.give.body), v.item(t.give.share), v.item(t.give.normal);
+        v.item(t.half_thickness), v.item(t.lanes), v.item(t.group), v.item(t.block), v.item(t.cluster), v.item(t.ball), v.item(t.cluster_ball), v.item(t.give.body), v.item(t.give.share), v.item(t.give.normal);
         v.item(t.give.device), v.item(t.give.device_velocity), v.item(t.give.time), v.item(t.give.gap);
         v.item(t.pull), v.item(t.pull_before), v.item(t.period);
         v.item(t.shell.tip), v.item(t.shell.turn), v.item(t.shell.grip), v.item(t.shell.node), v.item(t.shell.tree), v.item(t.shell.clear), v.item(t.shell.nearest);

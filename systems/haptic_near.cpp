@@ -21,12 +21,24 @@ Vec3d beyond(const LocalContactModel& model, const SurfaceTime& at, uint32_t bod
 }
 
 // m, of the centre of a tip from a triangle that it touches
-double touching_distance(const LocalContactModel& model, uint32_t triangle, double tip_radius) {
-    return tip_radius + model.half_thickness[triangle] + (model.body[triangle] == model.give.body ? model.give.gap : 0);
+double touching_distance(const LocalContactModel& model, uint32_t body, double half_thickness, double tip_radius) {
+    return tip_radius + half_thickness + (body == model.give.body ? model.give.gap : 0);
+}
+double touching_distance(const LocalContactModel& model, const TriangleGroup& of, double tip_radius) {
+    return touching_distance(model, of.body, of.half_thickness, tip_radius);
 }
 
-bool may_meet(const TriangleGroup& group, const SurfaceTime& at, const Vec3d& beyond, const Vec3d& centre, double reach) {
-    return within_distance(group.centre + at.age * group.velocity + beyond, centre, group.radius + group.spread * std::abs(at.age) + reach);
+// What a tip may touch.
+struct TipReach {
+    const SurfaceTime& at;
+    const Vec3d& centre;
+    double tip_radius;  // m
+    double travel;      // m, beyond touching
+};
+
+bool may_meet(const LocalContactModel& model, const TriangleGroup& group, const TipReach& tip) {
+    const double age = tip.at.age, reach = touching_distance(model, group, tip.tip_radius) + tip.travel;
+    return within_distance(group.centre + age * group.velocity + beyond(model, tip.at, group.body), tip.centre, group.radius + group.spread * std::abs(age) + reach);
 }
 
 template <typename Lanes>
@@ -45,10 +57,9 @@ PointFrom point_from(const TriangleGroup& group, double age, const Vec3d& point,
     return {from.cast<float>(), static_cast<float>(age), kLaneRounding * (from.norm() + offset + group.radius + std::abs(age) * group.spread)};
 }
 
-// How far (m) from touching a tip there the groups of a block are at least.
-BlockLanes group_gaps(const LocalContactModel& model, uint32_t block, const SurfaceTime& at, const Vec3d& beyond, const Vec3d& centre, double offset) {
-    const PointFrom from = point_from(model.block[block], at.age, centre - beyond, offset);
-    const GroupBalls& ball = model.ball[block];
+// How far (m) from touching a tip there the parts of a run are at least.
+BlockLanes gaps_of(const TriangleGroup& run, const GroupBalls& ball, const SurfaceTime& at, const Vec3d& beyond, const Vec3d& centre, double offset) {
+    const PointFrom from = point_from(run, at.age, centre - beyond, offset);
     BlockLanes gap;
     for (size_t first = 0; first < kBlockGroups; first += 8) {
         const auto along = [&](size_t axis) { return way_along(ball.centre, ball.velocity, from.age, from.point, axis, first); };
@@ -57,6 +68,28 @@ BlockLanes group_gaps(const LocalContactModel& model, uint32_t block, const Surf
         put_lanes(square_roots(x * x + y * y + z * z) - reach - lanes_of(static_cast<float>(offset + kHair + from.rounding)), gap, first);
     }
     return gap;
+}
+
+// Calls visit(part of a run, m from touching the tip at least) for those that may come within its reach.
+template <typename Visit>
+void for_parts_near(const LocalContactModel& model, const TriangleGroup& run, const GroupBalls& ball, const TipReach& tip, const Visit& visit) {
+    if (!may_meet(model, run, tip)) return;
+    const BlockLanes gap = gaps_of(run, ball, tip.at, beyond(model, tip.at, run.body), tip.centre, touching_distance(model, run, tip.tip_radius));
+    for (uint32_t k = 0; k < run.triangles.count; ++k)
+        if (static_cast<double>(gap[k]) <= tip.travel) visit(k, gap[k]);
+}
+
+// Calls visit(row) for the blocks that may; of those in which all is as slow as `least_speed` (m/s) says by then, none.
+template <typename Visit>
+void for_blocks_near(const LocalContactModel& model, const TipReach& tip, const Visit& visit, const double* least_speed = nullptr) {
+    for (uint32_t c = 0; c < model.cluster.size(); ++c) {
+        const TriangleGroup& cluster = model.cluster[c];
+        const auto is_slow = [&](double speed) { return least_speed && speed <= *least_speed; };
+        if (is_slow(cluster.velocity.norm() + cluster.spread)) continue;
+        for_parts_near(model, cluster, model.cluster_ball[c], tip, [&](uint32_t k, float) {
+            if (!is_slow(static_cast<double>(model.cluster_ball[c].speed[k]))) visit(cluster.triangles.first + k);
+        });
+    }
 }
 
 // Everything to be looked at anew, the tip there.
@@ -218,7 +251,7 @@ uint32_t ask_for(NearSurface& near, uint32_t triangle) {
     NearTriangle& one = near.triangle.emplace_back();
     one.triangle = triangle, one.body = model.body[triangle];
     one.sheet = model.half_thickness[triangle] > 0;
-    one.offset = touching_distance(model, triangle, near.tip_radius);
+    one.offset = touching_distance(model, one.body, model.half_thickness[triangle], near.tip_radius);
     const Vec3d more = beyond(model, near.time, one.body);
     for (size_t k = 0; k < 3; ++k) {
         const uint32_t v = model.triangle[triangle][k];
@@ -243,22 +276,16 @@ TrianglePoint closest_on_row(const NearSurface& near, uint32_t row, const Vec3d&
 }
 
 double fastest_near(const LocalContactModel& model, const SurfaceTime& at, const HandTool& tool, const Vec3d& centre, double travel) {
+    const TipReach tip{at, centre, tool.tip_radius, travel};
     double fastest = 0;
-    for (uint32_t b = 0; b < model.block.size(); ++b) {
-        const TriangleGroup& block = model.block[b];
-        if (block.velocity.norm() + block.spread <= fastest) continue;
-        const uint32_t first = model.group[block.triangles.first].triangles.first, body = model.body[first];
-        const double reach = touching_distance(model, first, tool.tip_radius) + travel;
-        const Vec3d more = beyond(model, at, body);
-        if (!may_meet(block, at, more, centre, reach)) continue;
-        const BlockLanes gap = group_gaps(model, b, at, more, centre, reach);
-        for (uint32_t k = 0; k < block.triangles.count; ++k) {
-            if (gap[k] > 0 || static_cast<double>(model.ball[b].speed[k]) <= fastest) continue;
-            const TriangleGroup& group = model.group[block.triangles.first + k];
+    for_blocks_near(model, tip, [&](uint32_t b) {
+        for_parts_near(model, model.block[b], model.ball[b], tip, [&](uint32_t k, float) {
+            if (static_cast<double>(model.ball[b].speed[k]) <= fastest) return;
+            const TriangleGroup& group = model.group[model.block[b].triangles.first + k];
             const double speed = group.velocity.norm() + group.spread;
-            if (speed > fastest && may_meet(group, at, more, centre, reach)) fastest = speed;
-        }
-    }
+            if (speed > fastest && may_meet(model, group, tip)) fastest = speed;
+        });
+    }, &fastest);
     return std::min(fastest, model.fastest);
 }
 
@@ -274,22 +301,14 @@ void gather_near(const LocalContactModel& model, const SurfaceTime& at, const Ha
     // far more than it needs: the pages of new memory take longer than a tick's work
     if (near.place.size() < model.triangle.size()) near.place.resize(4 * model.triangle.size());
     if (near.sight.empty()) near.sight.resize(kUsualGroups), near.group.reserve(kUsualGroups);
-    NearGroup found;
-    for (found.block = 0; found.block < model.block.size(); ++found.block) {
-        const TriangleGroup& block = model.block[found.block];
-        const uint32_t first = model.group[block.triangles.first].triangles.first;
-        found.body = model.body[first];
-        found.offset = touching_distance(model, first, tool.tip_radius);
-        const Vec3d more = beyond(model, at, found.body);
-        if (!may_meet(block, at, more, centre, found.offset + travel)) continue;
-        const BlockLanes gap = group_gaps(model, found.block, at, more, centre, found.offset);
-        for (uint32_t k = 0; k < block.triangles.count; ++k) {
-            found.wake = static_cast<double>(gap[k]);
-            if (found.wake > travel) continue;
-            found.group = block.triangles.first + k;
-            near.group.push_back(found);
-        }
-    }
+    const TipReach tip{at, centre, tool.tip_radius, travel};
+    for_blocks_near(model, tip, [&](uint32_t b) {
+        const TriangleGroup& block = model.block[b];
+        const double offset = touching_distance(model, block, tool.tip_radius);
+        for_parts_near(model, block, model.ball[b], tip, [&](uint32_t k, float gap) {
+            near.group.push_back({block.triangles.first + k, b, block.body, kNone, offset, static_cast<double>(gap)});
+        });
+    });
     if (near.sight.size() < near.group.size()) near.sight.resize(near.group.size());
 }
 
@@ -302,7 +321,7 @@ void place_near(const SurfaceTime& at, const Vec3d& centre, NearSurface& near) {
     for (NearGroup& group : near.group) {
         if (group.block != block) {
             block = group.block;
-            gap = group_gaps(model, block, at, beyond(model, at, group.body), centre, group.offset);
+            gap = gaps_of(model.block[block], model.ball[block], at, beyond(model, at, group.body), centre, group.offset);
         }
         group.seen = kNone;
         group.wake = static_cast<double>(gap[group.group - model.block[block].triangles.first]);

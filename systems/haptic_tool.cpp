@@ -164,6 +164,14 @@ void tick_tool(const HapticParams& params, const LocalContactModel& model, doubl
     if (safety.limiting && !was_limiting) add_event(HapticEventKind::kLimit, time, 0, state.events);
 }
 
+void rehearse_tick(const HapticParams& params, const LocalContactModel& model, const HandTool& tool, const ToolState& state, HapticScratch& scratch) {
+    if (!tool.shell.empty() || !state.device_valid || !model.in_hand) return;
+    ToolState forgotten = state;
+    DeviceState sample = state.device;
+    sample.time += params.dt;
+    haptic_tick(params, model, state.time + params.dt, tool, sample, scratch, forgotten);
+}
+
 DeviceState hand_sample(const HandTool& tool, const DeviceState& intended, double dt, const DeviceCommand& output,
                         HandModelState& hand) {
     if (tool.hand.mass <= 0) return intended;

@@ -12,6 +12,11 @@ namespace trocar {
 void tick_tool(const HapticParams& params, const LocalContactModel& model, double time, const HandTool& tool,
                std::span<const HapticEffect> effects, const DeviceState& device, HapticScratch& scratch, ToolState& state);
 
+// Goes through the contact of the next tick on a model that is new to a tool, its device where it is, and forgets the answer: then the
+// model lies near in memory, and that tick takes half as long. For when the force is out; no later answer depends on it. A tool
+// with a shell has nothing to rehearse.
+void rehearse_tick(const HapticParams& params, const LocalContactModel& model, const HandTool& tool, const ToolState& state, HapticScratch& scratch);
+
 // What the device under a tool reports when its hand means to be at `intended`: that, or where forces pushed a hand that
 // gives way (tool.hand, moved on by a tick under the last output).
 DeviceState hand_sample(const HandTool& tool, const DeviceState& intended, double dt, const DeviceCommand& output,

@@ -265,34 +265,49 @@ void bound_triangles(const LocalContactModel& model, TriangleGroup& group, Trian
     }
 }
 
-// Bounds the groups of a block, and the block.
-void bound_block(const LocalContactModel& model, TriangleGroup& block, GroupBalls& balls) {
-    const std::span<const TriangleGroup> groups = std::span(model.group).subspan(block.triangles.first, block.triangles.count);
-    bound_parts(groups, block);
+// Bounds a run of parts (groups of a block, blocks of a cluster), and each of them.
+void bound_run(std::span<const TriangleGroup> parts, TriangleGroup& run, GroupBalls& balls) {
+    bound_parts(parts, run);
     for (uint32_t k = 0; k < kBlockGroups; ++k) {
         balls.radius[k] = -std::numeric_limits<float>::infinity();
-        if (k >= groups.size()) continue;
-        const TriangleGroup& group = groups[k];
-        set_lane(balls.centre, k, group.centre - block.centre);
-        set_lane(balls.velocity, k, group.velocity - block.velocity);
-        balls.radius[k] = static_cast<float>(group.radius);
-        balls.spread[k] = static_cast<float>(group.spread);
-        balls.speed[k] = static_cast<float>((1 + kLaneRounding) * (group.velocity.norm() + group.spread));
+        if (k >= parts.size()) continue;
+        const TriangleGroup& part = parts[k];
+        set_lane(balls.centre, k, part.centre - run.centre);
+        set_lane(balls.velocity, k, part.velocity - run.velocity);
+        balls.radius[k] = static_cast<float>(part.radius);
+        balls.spread[k] = static_cast<float>(part.spread);
+        balls.speed[k] = static_cast<float>((1 + kLaneRounding) * (part.velocity.norm() + part.spread));
     }
 }
 
-// Bounds triangles, groups and blocks of one body, or of all.
+// Bounds runs of one body, or of all.
+void bound_runs(uint32_t body, const std::vector<TriangleGroup>& parts, std::vector<TriangleGroup>& runs, std::vector<GroupBalls>& balls) {
+    balls.resize(runs.size());
+    for (size_t r = 0; r < runs.size(); ++r)
+        if (body == kNone || runs[r].body == body) bound_run(std::span(parts).subspan(runs[r].triangles.first, runs[r].triangles.count), runs[r], balls[r]);
+}
+
+// Bounds triangles, groups, blocks and clusters of one body, or of all.
 void bound_groups(LocalContactModel& model, uint32_t body) {
-    const auto wanted = [&](uint32_t triangle) { return body == kNone || model.body[triangle] == body; };
     model.lanes.resize(model.group.size());
-    for (uint32_t g = 0; g < model.group.size(); ++g)
-        if (wanted(model.group[g].triangles.first)) bound_triangles(model, model.group[g], model.lanes[g]);
-    model.ball.resize(model.block.size());
-    for (uint32_t b = 0; b < model.block.size(); ++b)
-        if (wanted(model.group[model.block[b].triangles.first].triangles.first)) bound_block(model, model.block[b], model.ball[b]);
+    for (size_t g = 0; g < model.group.size(); ++g)
+        if (body == kNone || model.group[g].body == body) bound_triangles(model, model.group[g], model.lanes[g]);
+    bound_runs(body, model.group, model.block, model.ball);
+    bound_runs(body, model.block, model.cluster, model.cluster_ball);
     double fastest2 = 0;
     for (const Vec3d& v : model.velocity) fastest2 = std::max(fastest2, v.squaredNorm());
     model.fastest = std::sqrt(fastest2);
+}
+
+// Puts parts of one body that follow each other into runs of kBlockGroups at most.
+void find_runs(std::span<const TriangleGroup> parts, std::vector<TriangleGroup>& runs) {
+    runs.clear();
+    for (uint32_t first = 0, end = 0; first < parts.size(); first = end) {
+        for (end = first + 1; end < parts.size() && end < first + kBlockGroups && parts[end].body == parts[first].body;) ++end;
+        TriangleGroup run;
+        run.triangles = {first, end - first}, run.body = parts[first].body, run.half_thickness = parts[first].half_thickness;
+        runs.push_back(run);
+    }
 }
 
 // Distance (m) of the surface of a body that carries a point: the nearest within 60 degrees of its force; infinite when
@@ -300,7 +315,7 @@ void bound_groups(LocalContactModel& model, uint32_t body) {
 double carrying_distance(const LocalContactModel& model, uint32_t body, const Vec3d& point, const Vec3d& normal, double most) {
     double nearest = std::numeric_limits<double>::infinity();
     for (const TriangleGroup& group : model.group) {
-        if (model.body[group.triangles.first] != body) continue;
+        if (group.body != body) continue;
         if ((group.centre - point).norm() - group.radius > std::min(most, nearest)) continue;
         for (uint32_t t = group.triangles.first; t < group.triangles.end(); ++t) {
             const auto corner = [&](int k) { return model.position[model.triangle[t][k]]; };
@@ -464,26 +479,17 @@ void publish_give(const Surfaces& surfaces, const HandTool& tool, ToolState& sta
 
 void group_triangles(LocalContactModel& model) {
     model.group.clear();
-    model.block.clear();
     const uint32_t count = static_cast<uint32_t>(model.triangle.size());
     for (uint32_t first = 0; first < count;) {
         uint32_t end = first + 1;
         while (end < count && end < first + kGroupTriangles && model.body[end] == model.body[first]) ++end;
         TriangleGroup group;
-        group.triangles = {first, end - first};
+        group.triangles = {first, end - first}, group.body = model.body[first], group.half_thickness = model.half_thickness[first];
         model.group.push_back(group);
         first = end;
     }
-    const uint32_t groups = static_cast<uint32_t>(model.group.size());
-    const auto body = [&](uint32_t g) { return model.body[model.group[g].triangles.first]; };
-    for (uint32_t first = 0; first < groups;) {
-        uint32_t end = first + 1;
-        while (end < groups && end < first + kBlockGroups && body(end) == body(first)) ++end;
-        TriangleGroup block;
-        block.triangles = {first, end - first};
-        model.block.push_back(block);
-        first = end;
-    }
+    find_runs(model.group, model.block);
+    find_runs(model.block, model.cluster);
     bound_groups(model, kNone);
 }
 

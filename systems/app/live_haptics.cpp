@@ -73,24 +73,25 @@ bool LiveHaptics::take_sample(Tool& t, double time) const {
     return true;
 }
 
-// A tool that took its surface is done for this tick; instruments that are exchanged for one another change hands at once.
+bool LiveHaptics::take_model(Tool& t) const {
+    if (!t.model.update()) return false;
+    rehearse_tick(params_, t.model.front(), t.setup.tool, t.state, t.scratch);
+    return true;
+}
+
+// One tool takes its surface; instruments that are exchanged for one another change hands at once.
 void LiveHaptics::take_model(uint64_t index) {
     const auto count = static_cast<uint32_t>(tools_.size());
-    const DeviceLink* taken = nullptr;
     for (uint32_t n = 0, first = count > 0 ? first_asked(index, count) : 0; n < count; ++n) {
-        Tool& t = *tools_[(first + n) % count];
-        if (!t.model.update()) continue;
-        if (!t.setup.link) return;
-        taken = t.setup.link;
-        break;
+        Tool& taken = *tools_[(first + n) % count];
+        if (!take_model(taken)) continue;
+        for (const std::unique_ptr<Tool>& t : tools_)
+            if (taken.setup.link && t->setup.link == taken.setup.link) take_model(*t);
+        return;
     }
-    if (!taken) return;
-    for (const std::unique_ptr<Tool>& t : tools_)
-        if (t->setup.link == taken) t->model.update();
 }
 
 void LiveHaptics::tick(uint64_t index, double time, int64_t now_ns) {
-    take_model(index);
     for (uint32_t k = 0; k < tools_.size(); ++k) {
         Tool& t = *tools_[k];
         if (!take_sample(t, time)) continue;
@@ -104,6 +105,8 @@ void LiveHaptics::tick(uint64_t index, double time, int64_t now_ns) {
         if (recorder_.record)
             recorder_.record(recorder_.user, {index, time, k, model.sequence, t.sample, t.state.output.force, t.state.output.torque});
     }
+    // now that forces are out there is time to make surfaces of the next tick ready
+    take_model(index + 1);
 }
 
 LocalContactModel& LiveHaptics::model_to_fill(uint32_t tool) { return tools_[tool]->model.back(); }

@@ -51,7 +51,8 @@ struct LiveTool {
 inline uint32_t first_asked(uint64_t tick, uint32_t tools) { return static_cast<uint32_t>(tick % tools); }
 
 // Haptic ticks on an own 1 kHz thread. The simulation gives it surfaces and takes its states through newest-value
-// mailboxes; nobody waits for anybody. Tools take new surfaces one a tick (first_asked), those that share a device together.
+// mailboxes; nobody waits for anybody. Tools take new surfaces one a tick (first_asked), those that share a device together: at its
+// end, for the next one.
 class LiveHaptics {
  public:
     // What `tools` view must outlive this. A tool whose link has given no sample yet does not tick.
@@ -84,6 +85,7 @@ class LiveHaptics {
     void tick(uint64_t index, double time, int64_t now_ns);
     void make_room();
     void take_model(uint64_t index);
+    bool take_model(Tool& tool) const;
     bool take_sample(Tool& tool, double time) const;
     HapticParams params_;
     std::vector<std::unique_ptr<Tool>> tools_;

@@ -6,6 +6,7 @@
 #include <cmath>
 #include <random>
 
+#include "systems/haptic_tool.hpp"
 #include "tests/reference/brute_force_distance.hpp"
 #include "tests/reference/brute_force_proxy.hpp"
 #include "tests/reference/haptic_rig.hpp"
@@ -859,30 +860,42 @@ TEST(HapticTick, ProxyStaysOutsideUnderRandomStrokes) {
     EXPECT_LT(brute_force_winding(mesh.position, mesh.triangle, rig.state.proxy), 0.5);
 }
 
-// What sleeps and what is not looked at changes no bit: ticks of random strokes over a body that moves, crumples and gives way,
-// against those that ask every triangle of the model at every step.
-TEST(HapticTick, AskingEveryTriangleChangesNoBit) {
-    std::mt19937 random(23);
-    std::uniform_real_distribution<double> in_box(-0.026, 0.026);
+// Random strokes over a body that moves, crumples and gives way.
+struct CrumplingBall {
+    std::mt19937 random{23};
+    std::uniform_real_distribution<double> in_box{-0.026, 0.026};
     Mesh mesh = reference::make_sphere(Vec3d::Zero(), 0.02, 4);
-    for (Vec3d& p : mesh.position) p *= 1 + 0.15 * std::sin(400 * p.x()) * std::cos(300 * p.y());
-    LocalContactModel model = make_patch(mesh);
-    Rig quick = still_rig(model), whole = still_rig(model);
+    LocalContactModel model;
+
+    CrumplingBall() {
+        for (Vec3d& p : mesh.position) p *= 1 + 0.15 * std::sin(400 * p.x()) * std::cos(300 * p.y());
+        model = make_patch(mesh);
+    }
+    // Makes the surface of a stroke that starts somewhere at a time; where the stroke goes.
+    Vec3d next(int stroke, const Vec3d& begin, double time) {
+        const auto anywhere = [&] { const double x = in_box(random), y = in_box(random), z = in_box(random); return Vec3d(x, y, z); };
+        const Vec3d target = anywhere(), drift = anywhere();
+        model.time = time;
+        const double crumple = 6.0 * (stroke % 3);
+        for (size_t v = 0; v < mesh.position.size(); ++v) model.velocity[v] = drift + 4 * drift.cross(mesh.position[v]) + crumple * anywhere();
+        group_triangles(model);
+        model.give = {0, 0.5, Vec3d::UnitZ(), begin, Vec3d::Zero(), time, 1e-4 * (stroke % 3 - 1)};
+        return target;
+    }
+};
+
+// What sleeps and what is not looked at changes no bit: against ticks that ask every triangle of the model at every step.
+TEST(HapticTick, AskingEveryTriangleChangesNoBit) {
+    CrumplingBall ball;
+    Rig quick = still_rig(ball.model), whole = still_rig(ball.model);
     whole.scratch.near.ask_all = true;
     quick.tool.friction = whole.tool.friction = 0.3;
     quick.at({0, 0, 0.04}), whole.at({0, 0, 0.04});
     int touching = 0;
-    size_t fewest = mesh.triangle.size();
+    size_t fewest = ball.mesh.triangle.size();
     for (int stroke = 0; stroke < 25; ++stroke) {
-        const Vec3d target(in_box(random), in_box(random), in_box(random));
-        const Vec3d begin = quick.state.device.position, drift(in_box(random), in_box(random), in_box(random));
-        model.time = quick.time();
-        const double crumple = 6.0 * (stroke % 3);
-        for (size_t v = 0; v < mesh.position.size(); ++v)
-            model.velocity[v] = drift + 4 * drift.cross(mesh.position[v]) + crumple * Vec3d(in_box(random), in_box(random), in_box(random));
-        group_triangles(model);
-        model.give = {0, 0.5, Vec3d::UnitZ(), begin, Vec3d::Zero(), quick.time(), 1e-4 * (stroke % 3 - 1)};
-        quick.model = whole.model = model;
+        const Vec3d begin = quick.state.device.position, target = ball.next(stroke, begin, quick.time());
+        quick.model = whole.model = ball.model;
         for (int k = 1; k <= 30; ++k) {
             const Vec3d device = begin + (target - begin) * (k / 30.0);
             ASSERT_EQ((quick.at(device) - whole.at(device)).norm(), 0) << stroke << ' ' << k;
@@ -893,8 +906,32 @@ TEST(HapticTick, AskingEveryTriangleChangesNoBit) {
         }
     }
     EXPECT_GT(touching, 200);
-    EXPECT_LT(fewest, mesh.triangle.size() / 20);
-    EXPECT_EQ(whole.scratch.near.triangle.size(), mesh.triangle.size());
+    EXPECT_LT(fewest, ball.mesh.triangle.size() / 20);
+    EXPECT_EQ(whole.scratch.near.triangle.size(), ball.mesh.triangle.size());
+}
+
+// Whether and when a surface is rehearsed changes no bit of what follows, and a rehearsal has gone where the tick goes.
+TEST(HapticTick, ARehearsalChangesNoBit) {
+    CrumplingBall ball;
+    Rig plain = still_rig(ball.model), rehearsed = still_rig(ball.model);
+    plain.at({0, 0, 0.04}), rehearsed.at({0, 0, 0.04});
+    int touching = 0;
+    for (int stroke = 0; stroke < 25; ++stroke) {
+        const Vec3d begin = plain.state.device.position, target = ball.next(stroke, begin, plain.time());
+        plain.model = rehearsed.model = ball.model;
+        for (int k = 1; k <= 30; ++k) {
+            if (k % 7 == 1) rehearse_tick(rehearsed.params, rehearsed.model, rehearsed.tool, rehearsed.state, rehearsed.scratch);
+            if (k == 1) {
+                EXPECT_EQ(rehearsed.scratch.near.model, &rehearsed.model);
+            }
+            const Vec3d device = begin + (target - begin) * (k / 30.0);
+            ASSERT_EQ((plain.at(device) - rehearsed.at(device)).norm(), 0) << stroke << ' ' << k;
+            ASSERT_EQ((plain.state.proxy - rehearsed.state.proxy).norm(), 0) << stroke << ' ' << k;
+            touching += plain.state.contacts > 0;
+        }
+        EXPECT_EQ(plain.state.ticks, rehearsed.state.ticks);
+    }
+    EXPECT_GT(touching, 200);
 }
 
 // Same inputs, same bits; a scratch full of something else changes nothing.

@@ -386,7 +386,8 @@ TEST(LocalContactModel, BoundsHoldTheirTrianglesAsTheyMove) {
         for (uint32_t g = block.triangles.first; g < block.triangles.end(); ++g) {
             for (uint32_t t = m.group[g].triangles.first; t < m.group[g].triangles.end(); ++t) {
                 ++seen[t];
-                EXPECT_EQ(m.body[t], m.body[m.group[block.triangles.first].triangles.first]);
+                EXPECT_EQ(m.body[t], block.body);
+                EXPECT_EQ(m.body[t], m.group[g].body);
                 const uint32_t lane = t - m.group[g].triangles.first;
                 for (const double age : {-0.03, 0.0, 0.01, 0.035}) {
                     for (size_t k = 0; k < 3; ++k) {
@@ -402,23 +403,34 @@ TEST(LocalContactModel, BoundsHoldTheirTrianglesAsTheyMove) {
             for (uint32_t k = m.group[g].triangles.count; k < kGroupTriangles; ++k) EXPECT_GT(lane_of(m.lanes[g].corner[0], k).norm(), 1e8);
         }
     }
-    for (uint32_t b = 0; b < m.block.size(); ++b) {
-        const Range groups = m.block[b].triangles;
-        const GroupBalls& ball = m.ball[b];
-        for (uint32_t k = 0; k < kBlockGroups; ++k) {
-            if (k >= groups.count) {
-                EXPECT_EQ(ball.radius[k], -INFINITY);
-                continue;
+    const auto expect_balls = [](const std::vector<TriangleGroup>& runs, const std::vector<GroupBalls>& balls, const std::vector<TriangleGroup>& parts) {
+        size_t held = 0;
+        ASSERT_EQ(runs.size(), balls.size());
+        for (uint32_t r = 0; r < runs.size(); ++r) {
+            const TriangleGroup& run = runs[r];
+            const GroupBalls& ball = balls[r];
+            held += run.triangles.count;
+            for (uint32_t k = 0; k < kBlockGroups; ++k) {
+                if (k >= run.triangles.count) {
+                    EXPECT_EQ(ball.radius[k], -INFINITY);
+                    continue;
+                }
+                const TriangleGroup& part = parts[run.triangles.first + k];
+                const double rounding = kLaneRounding * (run.radius + run.spread);
+                EXPECT_EQ(part.body, run.body);
+                EXPECT_LT((part.centre - run.centre).norm() + part.radius, run.radius + rounding);
+                EXPECT_NEAR((run.centre + lane_of(ball.centre, k) - part.centre).norm(), 0, rounding);
+                EXPECT_NEAR((run.velocity + lane_of(ball.velocity, k) - part.velocity).norm(), 0, rounding);
+                EXPECT_NEAR(ball.radius[k], part.radius, rounding);
+                EXPECT_NEAR(ball.spread[k], part.spread, rounding);
+                EXPECT_GE(ball.speed[k], part.velocity.norm() + part.spread);
             }
-            const TriangleGroup& group = m.group[groups.first + k];
-            const double rounding = kLaneRounding * (m.block[b].radius + m.block[b].spread);
-            EXPECT_NEAR((m.block[b].centre + lane_of(ball.centre, k) - group.centre).norm(), 0, rounding);
-            EXPECT_NEAR((m.block[b].velocity + lane_of(ball.velocity, k) - group.velocity).norm(), 0, rounding);
-            EXPECT_NEAR(ball.radius[k], group.radius, rounding);
-            EXPECT_NEAR(ball.spread[k], group.spread, rounding);
-            EXPECT_GE(ball.speed[k], group.velocity.norm() + group.spread);
         }
-    }
+        EXPECT_EQ(held, parts.size());
+    };
+    expect_balls(m.block, m.ball, m.group);
+    expect_balls(m.cluster, m.cluster_ball, m.block);
+    EXPECT_GT(m.block.size(), m.cluster.size());
     EXPECT_EQ(std::count(seen.begin(), seen.end(), 1u), static_cast<int64_t>(seen.size()));
 }
 
