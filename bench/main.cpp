@@ -28,6 +28,7 @@ constexpr Suite kSuites[] = {
 
 int main(int argc, char** argv) {
     trocar::set_float_mode();
+    trocar::keep_freed_memory();
     for (const Suite& suite : kSuites) {
         if (argc < 2 || std::strcmp(argv[1], suite.name) != 0) continue;
         try {

@@ -1,11 +1,13 @@
 #include "engine/thread_pool.hpp"
 
+#include <malloc.h>
 #include <tbb/global_control.h>
 #include <tbb/task_arena.h>
 #include <tbb/task_scheduler_observer.h>
 #include <xmmintrin.h>
 
 #include <algorithm>
+#include <limits>
 #include <thread>
 
 #include "engine/check.hpp"
@@ -14,6 +16,13 @@ namespace trocar {
 
 void set_float_mode() {
     _mm_setcsr(_mm_getcsr() | 0x8040);  // FTZ | DAZ
+}
+
+void keep_freed_memory() {
+    constexpr int kPiece = 64 << 20, kNeverGiveBack = std::numeric_limits<int>::max();
+    mallopt(M_MMAP_THRESHOLD, kNeverGiveBack);
+    mallopt(M_TRIM_THRESHOLD, kNeverGiveBack);
+    mallopt(M_TOP_PAD, kPiece);
 }
 
 namespace {

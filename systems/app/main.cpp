@@ -368,6 +368,7 @@ int dispatch(const CLI::App& app, Arguments& a) {
 
 int main(int argc, char** argv) {
     trocar::set_float_mode();
+    trocar::keep_freed_memory();
     CLI::App app;
     Arguments arguments;
     describe(app, arguments);
