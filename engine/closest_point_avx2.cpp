@@ -3,9 +3,11 @@
 #include "engine/closest_point_kernels.hpp"
 namespace trocar {
 
+namespace {
 struct Lanes3 {
     __m256 x, y, z;
 };
+}  // namespace
 
 // entry i (0..15) of a table of 16 floats, per lane
 static inline __attribute__((always_inline)) __m256 look_up(const float* table, __m256i i) {

@@ -7,9 +7,11 @@ namespace trocar {
 #pragma GCC diagnostic ignored "-Wmaybe-uninitialized"
 #pragma GCC diagnostic ignored "-Wuninitialized"
 
+namespace {
 struct Lanes3 {
     __m512 x, y, z;
 };
+}  // namespace
 
 static inline __attribute__((always_inline)) Lanes3 corner(const Meshlet* m, int k) {
     const __m512i i = _mm512_cvtepu8_epi32(_mm_load_si128((const __m128i*)m->corner[k]));

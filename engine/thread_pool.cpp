@@ -19,7 +19,7 @@ void set_float_mode() {
 }
 
 void keep_freed_memory() {
-    constexpr int kPiece = 64 << 20, kNeverGiveBack = std::numeric_limits<int>::max();
+    constexpr int kPiece = 16 << 20, kNeverGiveBack = std::numeric_limits<int>::max();
     mallopt(M_MMAP_THRESHOLD, kNeverGiveBack);
     mallopt(M_TRIM_THRESHOLD, kNeverGiveBack);
     mallopt(M_TOP_PAD, kPiece);

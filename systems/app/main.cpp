@@ -369,15 +369,15 @@ int dispatch(const CLI::App& app, Arguments& a) {
 int main(int argc, char** argv) {
     trocar::set_float_mode();
     trocar::keep_freed_memory();
-    CLI::App app;
-    Arguments arguments;
-    describe(app, arguments);
     try {
-        app.parse(argc, argv);
-    } catch (const CLI::ParseError& e) {
-        return app.exit(e) == 0 ? trocar::kDone : trocar::kUsage;
-    }
-    try {
+        CLI::App app;
+        Arguments arguments;
+        describe(app, arguments);
+        try {
+            app.parse(argc, argv);
+        } catch (const CLI::ParseError& e) {
+            return app.exit(e) == 0 ? trocar::kDone : trocar::kUsage;
+        }
         return dispatch(app, arguments);
     } catch (const trocar::InputError& e) {
         std::fprintf(stderr, "trocar: %s\n", e.what());
