@@ -15,7 +15,8 @@
 namespace trocar {
 
 void set_float_mode() {
-    _mm_setcsr(_mm_getcsr() | 0x8040);  // FTZ | DAZ
+    constexpr unsigned kFlush = 0x8040, kRounding = 0x6000;  // FTZ | DAZ; rounding control, 0 = to nearest
+    _mm_setcsr((_mm_getcsr() | kFlush) & ~kRounding);
 }
 
 void keep_freed_memory() {

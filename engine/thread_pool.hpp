@@ -4,7 +4,7 @@
 #include <memory>
 namespace trocar {
 
-// Flush-to-zero and denormals-are-zero for the calling thread. First statement of every main and of every thread we
+// Rounding to nearest, flush-to-zero and denormals-are-zero for the calling thread. First statement of every main and of every thread we
 // start: Embree sets it inside a commit and the scheduler remembers the mode of its first user.
 void set_float_mode();
 

@@ -46,7 +46,7 @@ void let_come(const Pools& pools, uint64_t tick, Lives& lives, Sleep& sleep) {
     sleep.group.resize(lives.away.size(), kNone);
     for (size_t pool = 0; pool < pools.slots.size(); ++pool) {
         uint32_t slot = pools.slots[pool].first;
-        while (static_cast<double>(lives.came[pool]) <= static_cast<double>(tick) * 1e-3 * pools.rate[pool]) {
+        while (static_cast<double>(lives.came[pool]) * 1e3 <= static_cast<double>(tick) * pools.rate[pool]) {  // exact for whole rates
             slot = free_slot(lives, pools.slots[pool], slot);
             if (slot == kNone) break;
             lives.away[slot] = 0;

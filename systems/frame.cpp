@@ -708,6 +708,7 @@ void clear_caches(FrameState& f) {
 }
 
 void begin_pass(FrameState& f) {
+    set_float_mode();  // whoever ran since the last pass may have changed it
     Clock& clock = f.world.clock;
     clock.period = static_cast<uint32_t>(pass_tick(clock.pass + 1, clock.contact_rate) - clock.tick);
     std::fill(f.times.stage_ns.begin(), f.times.stage_ns.end(), 0);

@@ -55,7 +55,7 @@ std::string verdict(Soak soak) {
     return soak.broken.substr(0, soak.broken.find(':'));
 }
 
-TEST(Soak, EveryRuleBreaksByItsName) {
+TEST(Soak, S07_EveryRuleBreaksByItsName) {
     EXPECT_EQ(verdict(quiet_soak()), "");
     Soak soak = quiet_soak();
     for (Episode& e : soak.episode) e.resident += 0.5 * e.minute;
@@ -92,7 +92,7 @@ TEST(Soak, MemoryOfTheWarmUpIsNotHeldAgainstIt) {
     EXPECT_EQ(verdict(soak), "");
 }
 
-TEST(SoakCommand, FaultsAreSurvivedAndEveryEpisodeEndsTheSame) {
+TEST(SoakCommand, S01_FaultsAreSurvivedAndEveryEpisodeEndsTheSame) {
     const std::filesystem::path folder = std::filesystem::path(testing::TempDir()) / "trocar_soak";
     std::filesystem::create_directories(folder);
     const Outcome outcome = run_program("soak probe_on_liver --minutes 0.03 --seconds 0.5 --set liver.triangles=600 --faults nan,blast --out out --json", folder, folder);

@@ -34,7 +34,7 @@ std::string replaced(std::string text, const std::string& from, const std::strin
     return text;
 }
 
-TEST(ObjFile, a_tetrahedron_in_all_spellings) {
+TEST(ObjFile, S10_a_tetrahedron_in_all_spellings) {
     expect_tetra(kTetra);
     expect_tetra(replaced(kTetra, "\n", "\r\n"));
     expect_tetra(replaced(kTetra, "\n", "\r"));
@@ -103,7 +103,7 @@ TEST_F(ObjFiles, materials_come_from_the_file_beside) {
         warns(load_mesh(put("b.obj", "mtllib gone.mtl\n" + kTetra)), "b.obj:1: material file 'gone.mtl' is not read: there is no such file"));
 }
 
-TEST(ObjFile, errors_name_the_line) {
+TEST(ObjFile, S09_errors_name_the_line) {
     const std::string points = "v 0 0 0\nv 1 0 0\nv 0 1 0\n";
     EXPECT_EQ(error_of(points + "f 1 2 0\n"), "a.obj:4: vertex number 0: they count from 1");
     EXPECT_EQ(error_of(points + "f 1 2 4\n"), "a.obj:4: vertex number 4 when there are 3");

@@ -59,7 +59,7 @@ TEST(StlFile, ascii_is_read_to_double) {
     EXPECT_EQ(load_mesh(ascii_tetra() + ascii_tetra(), "a.stl").mesh.triangle.size(), 8u);
 }
 
-TEST(StlFile, wrong_counts_are_refused_before_anything_is_allocated) {
+TEST(StlFile, S08_wrong_counts_are_refused_before_anything_is_allocated) {
     std::string bytes = binary_tetra();
     bytes.replace(80, 4, "\xff\xff\xff\xff");
     EXPECT_EQ(error_of(bytes), "a.stl: binary STL names 4294967295 facets but holds only 4");

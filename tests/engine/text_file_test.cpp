@@ -58,7 +58,7 @@ TEST_F(TextFile, every_cut_of_a_packed_file_is_refused) {
     EXPECT_NE(error_of(put("damaged", damaged)).find("damaged gzip data"), std::string::npos);
 }
 
-TEST_F(TextFile, limits_hold_for_stored_and_unpacked_size) {
+TEST_F(TextFile, S11_limits_hold_for_stored_and_unpacked_size) {
     const std::string zeros(5000000, '\0');
     EXPECT_EQ(error_of(put("zeros", zeros), 5000000), "no error");
     EXPECT_NE(error_of(put("zeros", zeros), 4999999).find("the limit is"), std::string::npos);

@@ -2,6 +2,8 @@
 
 #include <filesystem>
 #include <fstream>
+#include <regex>
+#include <sstream>
 #include <string>
 #include <vector>
 
@@ -126,8 +128,8 @@ TEST(Layering, ThirdPartyLibrariesAreNamedInOnePlace) {
     }
 }
 
-// Every hard case of contact and of haptics has a test, whose name, and so its failure, says which: G closest point and
-// sign, P pairs and depth, H the grid, T touch.
+// Every hard case of contact, of haptics and of long runs has a test, whose name, and so its failure, says which: G closest point and
+// sign, P pairs and depth, H the grid, T touch, S long runs.
 TEST(HardCases, EveryCaseHasATestOfItsName) {
     std::string names;
     const fs::path root = trocar::source_folder();
@@ -138,12 +140,32 @@ TEST(HardCases, EveryCaseHasATestOfItsName) {
             if (starts_with(line, "TEST")) names += "_" + line.substr(line.find(", ") + 2, line.find(')') - line.find(", ") - 2) + "_\n";
         }
     }
-    for (const auto& [letter, count] : {std::pair{'G', 37}, {'P', 28}, {'H', 20}, {'T', 19}}) {
+    for (const auto& [letter, count] : {std::pair{'G', 37}, {'P', 28}, {'H', 20}, {'T', 19}, {'S', 11}}) {
         for (int i = 1; i <= count; ++i) {
             const std::string id = letter + std::string(i < 10 ? "0" : "") + std::to_string(i);
             EXPECT_NE(names.find("_" + id), std::string::npos) << id << " has no test";
         }
     }
+}
+
+// Breaks when a key that scenes may have is not in their reference.
+TEST(Documents, EveryKeyOfAScene) {
+    const fs::path root = trocar::source_folder();
+    std::stringstream reference;
+    reference << std::ifstream(root / "docs/scenes.md").rdbuf();
+    const std::string text = reference.str();
+    const std::regex reads(R"re(\.(read|read_[a-z]+|tables?|find)(<[A-Za-z]+>)?\("([a-z0-9_]+)")re");
+    size_t keys = 0;
+    for (const fs::directory_entry& entry : fs::directory_iterator(root / "content")) {
+        if (entry.path().extension() != ".cpp") continue;
+        std::stringstream stream;
+        stream << std::ifstream(entry.path()).rdbuf();
+        const std::string source = stream.str();
+        if (source.find("TomlSection") == std::string::npos) continue;
+        for (std::sregex_iterator it(source.begin(), source.end(), reads), end; it != end; ++it, ++keys)
+            EXPECT_NE(text.find("`" + (*it)[3].str() + "`"), std::string::npos) << entry.path() << " reads " << (*it)[3] << ", docs/scenes.md does not say so";
+    }
+    EXPECT_GT(keys, 150u);
 }
 
 }  // namespace
