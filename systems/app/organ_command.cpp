@@ -12,16 +12,11 @@
 #include "engine/error.hpp"
 #include "engine/whole_file.hpp"
 #include "systems/app/commands.hpp"
+#include "systems/app/format.hpp"
 #include "systems/app/progress.hpp"
 #include "systems/app/standard_streams.hpp"
 namespace trocar {
 namespace {
-
-std::string format(const char* pattern, double value) {
-    char text[64];
-    std::snprintf(text, sizeof text, pattern, value);
-    return text;
-}
 
 // "5 (1123.3 ml), 57 (1563.0 ml)", for messages.
 std::string list_values(const Volume& volume) {

@@ -2,9 +2,9 @@
 
 #include <algorithm>
 #include <cmath>
-#include <cstdio>
 #include <numeric>
 
+#include "systems/app/format.hpp"
 #include "systems/app/svg_plot.hpp"
 namespace trocar {
 namespace {
@@ -12,12 +12,6 @@ namespace {
 constexpr size_t kPairsKept = 40, kPairsShown = 12, kBands = 8;
 constexpr double kLeastSpan = 20e-6;  // s
 constexpr const char* kColors[kBands] = {"#1f6feb", "#d1495b", "#2a9d5c", "#e29a2f", "#7b4ab8", "#00a3a3", "#a05a2c", "#9aa4b2"};
-
-std::string format(const char* pattern, auto... values) {
-    char text[512];
-    std::snprintf(text, sizeof text, pattern, values...);
-    return text;
-}
 
 struct PairCost {
     uint32_t a, b, vertices;

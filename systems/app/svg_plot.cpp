@@ -3,19 +3,14 @@
 #include <algorithm>
 #include <cmath>
 #include <cstddef>
-#include <cstdio>
+
+#include "systems/app/format.hpp"
 namespace trocar {
 namespace {
 
 constexpr double kWidth = 640, kHeight = 300, kLeft = 64, kRight = 16, kTop = 34, kBottom = 46;
 constexpr const char* kColors[] = {"#1f6feb", "#d1495b", "#2a9d5c", "#e29a2f",
                                    "#7b4ab8", "#4d4d4d", "#00a3a3", "#a05a2c"};
-
-std::string format(const char* pattern, auto... values) {
-    char text[512];
-    std::snprintf(text, sizeof text, pattern, values...);
-    return text;
-}
 
 struct Axis {
     double low, high, step;

@@ -2,9 +2,9 @@
 
 #include <algorithm>
 #include <cmath>
-#include <cstdio>
 
 #include "engine/depth_colours.hpp"
+#include "systems/app/format.hpp"
 #include "systems/app/svg_plot.hpp"
 #include "systems/frame.hpp"
 namespace trocar {
@@ -13,12 +13,6 @@ namespace {
 constexpr uint32_t kCells = 40;  // along the longer side
 constexpr size_t kLeastTouches = 30;
 constexpr double kFarthest = 2.5;  // cells from a sample to a cell that it fills
-
-std::string format(const char* pattern, auto... values) {
-    char text[512];
-    std::snprintf(text, sizeof text, pattern, values...);
-    return text;
-}
 
 // The x axis of the world, or y if the plane is square to it, as it lies in the plane.
 Vec3d right_of(const Vec3d& normal) {

@@ -1,0 +1,15 @@
+#pragma once
+#include <algorithm>
+#include <cstdio>
+#include <string>
+namespace trocar {
+
+// What printf would print, of any length.
+inline std::string format(const char* pattern, auto... values) {
+    const int length = std::snprintf(nullptr, 0, pattern, values...);
+    std::string text(static_cast<size_t>(std::max(length, 0)), '\0');
+    std::snprintf(text.data(), text.size() + 1, pattern, values...);
+    return text;
+}
+
+}  // namespace trocar

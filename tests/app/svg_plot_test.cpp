@@ -1,0 +1,52 @@
+#include "systems/app/svg_plot.hpp"
+
+#include <gtest/gtest.h>
+
+#include <cmath>
+#include <pugixml.hpp>
+
+namespace trocar {
+namespace {
+
+Plot busy_plot() {
+    Plot plot{"a < b & \"c\"", "time, s", "N", {}};
+    plot.mark_y = 2, plot.mark_label = "limit";
+    for (const bool dots : {false, true}) {
+        PlotSeries series{dots ? "dots" : "line", {}, {}, dots};
+        for (int i = 0; i < 2000; ++i) series.x.push_back(1e-3 * i), series.y.push_back(std::sin(0.01 * i) * (dots ? 1 : 3));
+        plot.series.push_back(series);
+    }
+    return plot;
+}
+
+// Breaks when a piece of the picture is cut short, as by a buffer that is too small for it.
+TEST(SvgPlot, IsXmlWithEverythingInIt) {
+    for (const bool outliers : {false, true}) {
+        Plot plot = busy_plot();
+        plot.cut_outliers = outliers;
+        plot.log_x_from = outliers ? 1e-3 : 0;
+        const std::string svg = svg_plot(plot);
+        pugi::xml_document document;
+        const pugi::xml_parse_result result = document.load_string(svg.c_str());
+        ASSERT_TRUE(result) << result.description() << " at " << svg.substr(size_t(std::max<ptrdiff_t>(0, result.offset - 60)), 120);
+        EXPECT_EQ(document.select_nodes("//circle").size(), 2000u);
+        EXPECT_EQ(document.select_nodes("//polyline[@points][@stroke]").size(), 1u);
+        EXPECT_EQ(document.select_nodes("//text[contains(@transform, 'rotate(-90)')][text()='N']").size(), 1u);
+        EXPECT_EQ(document.select_nodes("//text[text()='time, s']").size(), 1u);
+        EXPECT_EQ(document.select_nodes("//text[contains(text(), 'a < b & \"c\"')]").size() + document.select_nodes("//*[contains(text(), 'limit')]").size() > 0, true);
+        for (const pugi::xpath_node& line : document.select_nodes("//line")) {
+            for (const char* name : {"x1", "x2", "y1", "y2"}) EXPECT_TRUE(std::isfinite(line.node().attribute(name).as_double(NAN))) << name;
+        }
+    }
+}
+
+TEST(SvgPlot, BarsHaveTheirNamesAndValues) {
+    const std::string svg = svg_bars("stages", "ms", {"contact rows", "advance"}, {1, 2.5}, {2, 12.125});
+    pugi::xml_document document;
+    ASSERT_TRUE(document.load_string(svg.c_str()));
+    EXPECT_EQ(document.select_nodes("//text[text()='contact rows']").size(), 1u);
+    EXPECT_NE(svg.find("2.500 / 12.125 ms"), std::string::npos) << svg;
+}
+
+}  // namespace
+}  // namespace trocar
