@@ -40,6 +40,7 @@ struct DeviceLimits {
     double torque_slew = 0;    // N m/s; 0 = the same
     double dissipation = 10;   // N s/m, most damping by which energy that sampling made is taken back; 0 = none
     double turn_dissipation = 0.01;  // N m s/rad, the same for turning
+    double surface_age = 0;    // s, an older surface is not trusted: force falls to zero; 0 = HapticParams::model_timeout
 };
 
 // Where the space that a hand reaches lies in the world: world = origin + turn (scale * device).

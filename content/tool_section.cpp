@@ -50,6 +50,7 @@ DeviceLimits read_limits(TomlSection section) {
     section.read("torque_slew", limits.torque_slew, 0, 1e9);
     section.read("dissipation", limits.dissipation, 0, 1e3);
     section.read("turn_dissipation", limits.turn_dissipation, 0, 1e2);
+    section.read("surface_age", limits.surface_age, 0, 1);
     section.refuse_unknown();
     return limits;
 }

@@ -79,7 +79,7 @@ void fields(V& v, T& t) {
     } else if constexpr (is<T, DeviceCommand>) {
         v.item(t.force), v.item(t.torque), v.item(t.at), v.item(t.stiffness);
     } else if constexpr (is<T, DeviceLimits>) {
-        v.item(t.torque), v.item(t.force_slew), v.item(t.torque_slew), v.item(t.dissipation);
+        v.item(t.torque), v.item(t.force_slew), v.item(t.torque_slew), v.item(t.dissipation), v.item(t.turn_dissipation), v.item(t.surface_age);
     } else if constexpr (is<T, Workspace>) {
         v.item(t.origin), v.item(t.turn), v.item(t.scale), v.item(t.clutch);
     } else if constexpr (is<T, Pivot>) {

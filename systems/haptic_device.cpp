@@ -36,10 +36,11 @@ bool take_sample(const HapticParams& params, const DeviceState& sample, ToolStat
     return true;
 }
 
-double next_gain(const HapticParams& params, bool accepted, double sample_age, double model_age, double elapsed,
-                 double gain) {
+double next_gain(const HapticParams& params, const DeviceLimits& limits, bool accepted, double sample_age, double model_age,
+                 double elapsed, double gain) {
     if (!accepted) return 0;
-    const bool stale = model_age > params.model_timeout || sample_age > params.device_timeout;
+    const double oldest = limits.surface_age > 0 ? limits.surface_age : params.model_timeout;
+    const bool stale = model_age > oldest || sample_age > params.device_timeout;
     gain += stale ? -elapsed / params.fall_time : elapsed / params.rise_time;
     return std::clamp(gain, 0.0, 1.0);
 }

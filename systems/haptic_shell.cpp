@@ -523,7 +523,7 @@ void shell_tick(const HapticParams& params, const LocalContactModel& model, doub
     const bool accepted = take_sample(params, sample, state);
     if (!state.device_valid) return;
     const Span span = span_of(params, model, time, last_time, first, last.position, state.device.position);
-    state.gain = next_gain(params, accepted, time - state.device.time, state.model_age, span.elapsed, state.gain);
+    state.gain = next_gain(params, tool.limits, accepted, time - state.device.time, state.model_age, span.elapsed, state.gain);
 
     const double device_way = (state.device.position - last.position).norm();
     const Vec3d device_turn = rotation_vector(normalized(last.orientation), state.device.orientation);

@@ -163,7 +163,7 @@ void haptic_tick(const HapticParams& params, const LocalContactModel& model, dou
     ++state.ticks;
     const bool accepted = take_sample(params, sample, state);
     if (!state.device_valid) return;
-    state.gain = next_gain(params, accepted, time - state.device.time, state.model_age, span.elapsed, state.gain);
+    state.gain = next_gain(params, tool.limits, accepted, time - state.device.time, state.model_age, span.elapsed, state.gain);
 
     const Vec3d centre = state.proxy_valid ? state.proxy : state.device.position;
     const double device_way = (state.device.position - last.position).norm();

@@ -21,7 +21,7 @@
 //   missing, unreadable, folder  CommandLine.MissingFilesAreNamed, FaultMatrix.DanglingLinksFoldersAndSceneFilesThatAreNone
 //   out of disk in capture       FaultMatrix.AFullDiskEndsTheCaptureNotTheRun
 //   killed in capture            Capture.AKilledRunLeavesAReadableCapture, Capture.ACaptureCutShortAnywhere...
-//   device or simulation stalls  LiveHaptics.AStalledSimulationLetsTheForceGo, SoakCommand (pause)
+//   device or simulation stalls  StalledSimulation.LetsTheForceGo, SoakCommand (pause)
 //   bad samples of a device      HapticTick.T14BadSamplesAreRefused
 //   NaN in simulation            Advance.M10_BodyThatIsNotFiniteIsRestoredAlone, FaultMatrix.ANodeThatIsNoNumber...
 //   too many threads             FaultMatrix.SixtyFourThreadsOnFewCoresGiveTheSameState
