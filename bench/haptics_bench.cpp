@@ -391,7 +391,7 @@ void fault_rows(Report& report) {
             if (rig.at({0, 0, 0}).norm() == 0) return 1e3 * (rig.time() - start);
         return kNoValue;
     };
-    report.add(limit_row("simulation stalls: no new surface, surface_age = 15 ms (for 120 Hz)", stalled(0.015), "ms", 20, 5));
+    report.add(limit_row("simulation stalls: no new surface, surface_age = 14 ms (for 120 Hz)", stalled(0.014), "ms", 20, 5));
     Row stall = limit_row("the same where the scene does not say surface_age (0.1 s)", stalled(0), "ms", kNoValue, kNoValue);
     stall.goal = Goal::kNone;
     stall.note = "a surface of up to that age is still felt: those of 30 Hz passes are 35 ms old, a busy machine delays them";

@@ -2,6 +2,7 @@
 #include <signal.h>
 #include <unistd.h>
 
+#include <array>
 #include <cstring>
 #include <fstream>
 #include <random>
@@ -301,6 +302,21 @@ TEST(CaptureCommand, RunCaptureReplayInfoDiff) {
     const Outcome none = run_program("replay " + std::string(source_folder() / "README.md"), folder, folder);
     EXPECT_EQ(none.code, 2);
     EXPECT_NE(none.err.find("is not a capture"), std::string::npos) << none.err;
+}
+
+// Breaks when a limit is left out of what captures keep: the run replayed from one would go otherwise.
+TEST(Capture, KeepsAllLimitsOfADevice) {
+    constexpr size_t kNumbers = sizeof(DeviceLimits) / sizeof(double);
+    std::array<double, kNumbers> number;
+    for (size_t i = 0; i < kNumbers; ++i) number[i] = 0.125 + static_cast<double>(i);
+    World saved = quick_scene(), loaded = quick_scene();
+    std::memcpy(static_cast<void*>(&saved.haptics.tool.at(0).limits), number.data(), sizeof number);
+    CaptureRecord record;
+    save_resource(saved, Resource::kTools, record);
+    load_resource(record, Resource::kTools, loaded);
+    std::array<double, kNumbers> back;
+    std::memcpy(back.data(), &loaded.haptics.tool.at(0).limits, sizeof back);
+    EXPECT_EQ(back, number);
 }
 
 }  // namespace
