@@ -93,7 +93,7 @@ case "${1:-}" in
         build tsan
         run_tests tsan -R Live
         step "a live run"
-        TSAN_OPTIONS="suppressions=$PWD/tests/races.supp" build/tsan/trocar run probe_on_liver --live --seconds 3 --out out/tsan
+        TSAN_OPTIONS="suppressions=$PWD/tests/races.supp:history_size=7" build/tsan/trocar run probe_on_liver --live --seconds 3 --out out/tsan
         ;;
     demo)
         build release
