@@ -8,7 +8,7 @@
 namespace trocar {
 namespace {
 
-constexpr const char* kProgram = "trocar-assimp-reader";
+constexpr const char* kAssimpReader = "trocar-assimp-reader";
 constexpr int kUnknownFormat = 2;
 
 ChildLimits limits_for(size_t bytes) {
@@ -41,9 +41,9 @@ void load_pictures(MeshStream& stream, const std::filesystem::path& path) {
 }  // namespace
 
 LoadedMesh read_with_assimp(std::string_view bytes, const std::filesystem::path& path) {
-    const std::filesystem::path program = find_helper_program(kProgram);
+    const std::filesystem::path program = find_helper_program(kAssimpReader);
     if (program.empty()) {
-        throw InputError(path.string() + ": not a format this program reads itself, and " + kProgram +
+        throw InputError(path.string() + ": not a format this program reads itself, and " + kAssimpReader +
                          ", which reads others, is not installed");
     }
     const ChildLimits limits = limits_for(bytes.size());

@@ -77,7 +77,7 @@ std::string trimmed(std::string_view text) {
     return std::string(text);
 }
 
-std::string shown(std::string_view text) {
+std::string in_quotes(std::string_view text) {
     std::string out = "'";
     for (const char c : text.substr(0, 40)) out += c >= ' ' && c < 127 ? c : '?';
     return out + "'";
@@ -94,7 +94,7 @@ int read_numbers(const Lines& lines, std::string_view rest, const char* what, in
         if (!stop || (stop != end && !is_blank(*stop)) || !std::isfinite(out[k])) {
             std::string_view word(at, static_cast<size_t>(end - at));
             lines.fail(std::string(what) + " needs " + std::to_string(needed) + " finite numbers, found " +
-                       (at == end ? std::to_string(k) : shown(next_word(word))));
+                       (at == end ? std::to_string(k) : in_quotes(next_word(word))));
         }
         at = stop;
     }
@@ -148,7 +148,7 @@ void read_corner(const Lines& lines, ObjState& s, std::string_view word) {
         if (at != end && *at != '/') texture = read_row(lines, at, end, s.uv.size(), "texture coordinate");
         if (at != end && *at == '/' && ++at != end) read_row(lines, at, end, s.normals, "normal");
     }
-    if (at != end) lines.fail("a corner that is not v, v/vt, v//vn or v/vt/vn: " + shown(word));
+    if (at != end) lines.fail("a corner that is not v, v/vt, v//vn or v/vt/vn: " + in_quotes(word));
     s.texture.push_back(texture);
 }
 
@@ -243,7 +243,7 @@ void read_material_file(ObjState& s, const Lines& from, const std::string& name)
     const LocalFile file = find_local_file(from.path.parent_path(), from.path.parent_path(), name);
     if (!file.refusal.empty()) {
         return warn_once(s, "mtllib " + name,
-                         from.place() + ": material file " + shown(name) + " is not read: " + file.refusal);
+                         from.place() + ": material file " + in_quotes(name) + " is not read: " + file.refusal);
     }
     try {
         const std::string text = read_text_file(file.path, kMaterialFileLimit);
@@ -283,7 +283,7 @@ void use_material(ObjState& s, const Lines& lines, std::string_view rest) {
     if (material.size() >= 65535) lines.fail("more than 65535 materials");
     const auto known = s.known_row.find(name);
     if (known == s.known_row.end()) {
-        warn_once(s, "usemtl " + name, lines.place() + ": material " + shown(name) + " is not defined");
+        warn_once(s, "usemtl " + name, lines.place() + ": material " + in_quotes(name) + " is not defined");
         material.emplace_back();
         material.back().name = name;
     } else {
@@ -321,7 +321,7 @@ void read_line(const Lines& lines, ObjState& s, std::string_view key, std::strin
         for (const std::string_view ignored : kIgnored) {
             if (key == ignored) return;
         }
-        warn_once(s, std::string(key), lines.place() + ": lines that begin with " + shown(key) + " are passed over");
+        warn_once(s, std::string(key), lines.place() + ": lines that begin with " + in_quotes(key) + " are passed over");
     }
 }
 

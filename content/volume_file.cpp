@@ -14,7 +14,7 @@ namespace {
 
 namespace fs = std::filesystem;
 
-constexpr const char* kProgram = "trocar-volume-reader";
+constexpr const char* kVolumeReader = "trocar-volume-reader";
 constexpr uint32_t kSideLimit = 1u << 20;  // voxels
 
 [[noreturn]] void refuse(const std::string& reason) { throw InputError("its reader's answer is not sound: " + reason); }
@@ -36,7 +36,7 @@ std::string last_line(const std::string& text) {
     return text.substr(begin == std::string::npos ? 0 : begin + 1, end - (begin == std::string::npos ? 0 : begin + 1) + 1);
 }
 
-std::string trimmed(const std::string& text) {
+std::string without_blanks(const std::string& text) {
     const size_t begin = text.find_first_not_of(" \t\r"), end = text.find_last_not_of(" \t\r");
     return begin == std::string::npos ? "" : text.substr(begin, end - begin + 1);
 }
@@ -50,9 +50,9 @@ std::string lower_case(std::string text) {
 std::string named_data_file(const std::string& line) {
     const size_t colon = line.find_first_of(":=");
     if (colon == std::string::npos) return "";
-    const std::string key = lower_case(trimmed(line.substr(0, colon)));
+    const std::string key = lower_case(without_blanks(line.substr(0, colon)));
     if (key != "data file" && key != "datafile" && key != "elementdatafile") return "";
-    return trimmed(line.substr(colon + 1));
+    return without_blanks(line.substr(colon + 1));
 }
 
 // A text header that names its voxels' files must name them below its own folder, like every file that is read.
@@ -76,7 +76,7 @@ void refuse_outside_files(const fs::path& path) {
     bool listed = false;
     for (size_t begin = 0, end; begin < text.size(); begin = end + 1) {
         end = std::min(text.find('\n', begin), text.size());
-        const std::string line = trimmed(text.substr(begin, end - begin));
+        const std::string line = without_blanks(text.substr(begin, end - begin));
         const std::string name = listed ? line : named_data_file(line), word = lower_case(name);
         if ((nrrd && !listed && line.empty()) || word == "local") return;  // voxels begin
         if (name.empty()) continue;
@@ -125,9 +125,9 @@ Volume read_volume(const fs::path& path, const std::string& series) {
     const fs::file_status status = fs::status(path, fault);
     if (!fs::exists(status)) throw InputError(path.string() + ": no such file or folder");
     if (fs::is_regular_file(status)) refuse_outside_files(path);
-    const fs::path program = find_helper_program(kProgram);
+    const fs::path program = find_helper_program(kVolumeReader);
     if (program.empty()) {
-        throw InputError(path.string() + ": " + kProgram + ", which reads volumes, is not there: this program was built " +
+        throw InputError(path.string() + ": " + kVolumeReader + ", which reads volumes, is not there: this program was built " +
                          "without ITK (package libinsighttoolkit5-dev)");
     }
     const ChildLimits limits{.cpu_seconds = 120,

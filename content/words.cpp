@@ -8,7 +8,7 @@
 namespace trocar {
 namespace {
 
-bool is_blank(char c) { return static_cast<unsigned char>(c) <= ' '; }
+bool is_space(char c) { return static_cast<unsigned char>(c) <= ' '; }
 
 }  // namespace
 
@@ -20,7 +20,7 @@ void Words::skip_blanks() {
     for (; at != end; ++at) {
         if (comment != '\0' && *at == comment) {
             while (at + 1 != end && at[1] != '\n' && at[1] != '\r') ++at;
-        } else if (!is_blank(*at)) {
+        } else if (!is_space(*at)) {
             return;
         }
         line += *at == '\n' || (*at == '\r' && (at + 1 == end || at[1] != '\n'));
@@ -30,7 +30,7 @@ void Words::skip_blanks() {
 std::string_view Words::next() {
     skip_blanks();
     const char* const begin = at;
-    while (at != end && !is_blank(*at)) ++at;
+    while (at != end && !is_space(*at)) ++at;
     return {begin, static_cast<size_t>(at - begin)};
 }
 

@@ -22,7 +22,7 @@ struct Branch {
 };
 
 // Halves rows [begin, end) until they are single; every branch comes before those below it. Returns its box.
-FloatBox halve(std::span<const FloatBox> boxes, std::span<uint32_t> rows, uint32_t begin, uint32_t end,
+FloatBox halve_boxes(std::span<const FloatBox> boxes, std::span<uint32_t> rows, uint32_t begin, uint32_t end,
                std::vector<Branch>& branch) {
     const uint32_t at = static_cast<uint32_t>(branch.size());
     branch.push_back({begin, end});
@@ -34,9 +34,9 @@ FloatBox halve(std::span<const FloatBox> boxes, std::span<uint32_t> rows, uint32
     cut.left = std::clamp(cut.left, least, count - least);
     apply_cut(boxes, cut, mine);
     branch[at].low = at + 1;
-    FloatBox box = halve(boxes, rows, begin, begin + cut.left, branch);
+    FloatBox box = halve_boxes(boxes, rows, begin, begin + cut.left, branch);
     branch[at].high = static_cast<uint32_t>(branch.size());
-    grow(box, halve(boxes, rows, begin + cut.left, end, branch));
+    grow(box, halve_boxes(boxes, rows, begin + cut.left, end, branch));
     branch[at].area = half_area(box);
     return box;
 }
@@ -96,12 +96,12 @@ uint32_t make_node(const std::vector<Branch>& branch, uint32_t from, uint32_t pa
     return at;
 }
 
-float least(const float* v) {
+float least_of_eight(const float* v) {
     __m128 m = _mm_min_ps(_mm_load_ps(v), _mm_load_ps(v + 4));
     m = _mm_min_ps(m, _mm_movehl_ps(m, m));
     return _mm_cvtss_f32(_mm_min_ss(m, _mm_movehdup_ps(m)));
 }
-float greatest(const float* v) {
+float greatest_of_eight(const float* v) {
     __m128 m = _mm_max_ps(_mm_load_ps(v), _mm_load_ps(v + 4));
     m = _mm_max_ps(m, _mm_movehl_ps(m, m));
     return _mm_cvtss_f32(_mm_max_ss(m, _mm_movehdup_ps(m)));
@@ -169,7 +169,7 @@ void build_box_tree(std::span<const FloatBox> boxes, BoxTree& tree) {
     for (uint32_t i = 0; i < count; ++i) tree.row[i] = i;
     std::vector<Branch> branch;
     branch.reserve(2 * count - 1);
-    halve(boxes, tree.row, 0, count, branch);
+    halve_boxes(boxes, tree.row, 0, count, branch);
     double area = 0;
     for (const FloatBox& box : boxes) area += half_area(box);
     share_places(branch, static_cast<float>(area / count));
@@ -193,7 +193,7 @@ double refit_box_tree(std::span<const FloatBox> boxes, BoxTree& tree) {
             area += half_area(box);
         }
         FloatBox sum;
-        for (int k = 0; k < 3; ++k) sum.min[k] = least(node.low[k]), sum.max[k] = greatest(node.high[k]);
+        for (int k = 0; k < 3; ++k) sum.min[k] = least_of_eight(node.low[k]), sum.max[k] = greatest_of_eight(node.high[k]);
         area += half_area(sum);
         if (at == 0) break;
         BoxNode& parent = tree.node[node.parent];

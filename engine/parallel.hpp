@@ -4,6 +4,8 @@
 #include <vector>
 namespace trocar {
 
+constexpr uint32_t kMostChunks = 64;  // of work that is cut into as few pieces as keep many threads busy
+
 inline uint32_t chunk_count(uint32_t count, uint32_t grain) { return (count + grain - 1) / grain; }
 
 // Runs body(begin, end) over [0, count) in chunks of `grain` rows. Chunk boundaries depend on count and grain alone,

@@ -12,7 +12,6 @@
 namespace trocar {
 namespace {
 
-constexpr uint32_t kMostChunks = 64;
 constexpr uint8_t kAllCorners = 7;
 constexpr size_t kCrowded = 16384;  // triangle pairs of a cell from which sorting beats testing all
 

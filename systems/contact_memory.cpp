@@ -124,7 +124,7 @@ void find_lost_edges(const Surfaces& s, const CandidatePairs& pairs, const Conta
         if (scratch.lost[i].pair != kNone) scratch.kept.push_back({scratch.lost[i], scratch.order[i], Vec3d::Zero(), {}});
 }
 
-void write_row(const Surfaces& s, const ContactMemory& memory, const KeptEdge& e, Contacts& to, uint32_t row) {
+void write_kept(const Surfaces& s, const ContactMemory& memory, const KeptEdge& e, Contacts& to, uint32_t row) {
     const uint32_t other = memory.other[e.memory];
     to.pair[row] = e.place.pair;
     to.body[row] = memory.body[e.memory];
@@ -203,7 +203,7 @@ void keep_edges(const ContactParams& params, const Surfaces& surfaces, const Bod
     for (const KeptEdge& e : scratch.kept) scratch.before.push_back(e.place.before);
     open_rows(scratch.before, contacts);
     parallel_for(uint32_t(scratch.kept.size()), kRowsPerChunk, [&](uint32_t begin, uint32_t end) {
-        for (uint32_t i = begin; i < end; ++i) write_row(surfaces, memory, scratch.kept[i], contacts, scratch.before[i] + i);
+        for (uint32_t i = begin; i < end; ++i) write_kept(surfaces, memory, scratch.kept[i], contacts, scratch.before[i] + i);
     });
 }
 

@@ -10,8 +10,6 @@
 namespace trocar {
 namespace {
 
-constexpr uint32_t kMostChunks = 64;
-
 using Corners = std::array<Vec3d, 3>;
 using Signs = std::array<int, 3>;
 
@@ -159,7 +157,7 @@ void follow(uint32_t piece, bool closed, uint32_t first_segment, ContourChunk& c
     found.closed.push_back(closed);
 }
 
-void find_pair(const PairInput& in, std::span<const std::array<uint32_t, 2>> candidates, ContourChunk& c) {
+void find_contours_of(const PairInput& in, std::span<const std::array<uint32_t, 2>> candidates, ContourChunk& c) {
     const uint32_t point = uint32_t(c.found.point.size()), segment = uint32_t(c.found.triangle.size()),
                    curve = uint32_t(c.found.curve.size());
     find_pieces(in, candidates, c);
@@ -223,7 +221,7 @@ void find_contours(const Surfaces& surfaces, const CandidatePairs& pairs, const 
                                mesh_view(surfaces.meshes, surfaces.bodies.mesh[b]), BodyPoints(surfaces, a, origin),
                                BodyPoints(surfaces, b, origin), origin};
             const Range rows = candidates.pair[pair];
-            find_pair(in, std::span(candidates.triangle).subspan(rows.first, rows.count), chunk);
+            find_contours_of(in, std::span(candidates.triangle).subspan(rows.first, rows.count), chunk);
         }
     });
     clear(contours);

@@ -11,7 +11,6 @@
 namespace trocar {
 namespace {
 
-constexpr uint32_t kMostChunks = 64;
 constexpr uint32_t kMostQueries = 48;  // of one edge; 2^-48 of it is far below any tolerance
 
 void clear_set(RankedBits& set, size_t size) { set.word.assign((size + 63) / 64, 0); }
@@ -337,7 +336,7 @@ Side make_side(const EdgeInput& in, const CandidatePairs& pairs,
             closed ? trees[bodies.tree[other]].get() : nullptr};
 }
 
-void write_row(const Surfaces& s, uint32_t pair, uint32_t body, uint32_t other, const EdgeContact& e, Contacts& to,
+void write_edge(const Surfaces& s, uint32_t pair, uint32_t body, uint32_t other, const EdgeContact& e, Contacts& to,
                uint32_t row) {
     to.pair[row] = pair;
     to.body[row] = body;
@@ -397,7 +396,7 @@ void find_edge_contacts(const ContactParams& params, const Surfaces& surfaces, c
         for (uint32_t row = 2 * begin; row < 2 * end; ++row) {
             const uint32_t pair = row / 2, body = row % 2 ? pairs.b[pair] : pairs.a[pair], other = row % 2 ? pairs.a[pair] : pairs.b[pair];
             const EdgeContact* found = chunk.found.data() + scratch.side[row].first;
-            for (uint32_t i = 0; i < scratch.side[row].count; ++i) write_row(surfaces, pair, body, other, found[i], contacts, scratch.first[row] + i);
+            for (uint32_t i = 0; i < scratch.side[row].count; ++i) write_edge(surfaces, pair, body, other, found[i], contacts, scratch.first[row] + i);
         }
     });
 }

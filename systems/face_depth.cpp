@@ -9,7 +9,6 @@
 namespace trocar {
 namespace {
 
-constexpr uint32_t kMostChunks = 64;
 using Chunk = FaceDepthScratch::Chunk;
 
 struct Input {
@@ -292,7 +291,7 @@ double search_pair(const Input& in, const std::array<Side, 2>& sides, const Cont
     return left;
 }
 
-void write_row(const Surfaces& s, uint32_t pair, const Side& side, const FaceContact& f, Contacts& to, uint32_t row) {
+void write_face(const Surfaces& s, uint32_t pair, const Side& side, const FaceContact& f, Contacts& to, uint32_t row) {
     const Triangle& t = side.mesh.triangle[f.face];
     to.pair[row] = pair;
     to.body[row] = side.body;
@@ -346,7 +345,7 @@ void find_face_contacts(const ContactParams& params, uint32_t most_queries, cons
         if (scratch.side[row].count > 0) {
             const Side side = make_side(in, pairs, trees, row);
             const FaceContact* found = scratch.chunk[row / 2 / grain].found.data() + scratch.side[row].first;
-            for (uint32_t i = scratch.side[row].count; i-- > 0;) write_row(surfaces, row / 2, side, found[i], contacts, --to);
+            for (uint32_t i = scratch.side[row].count; i-- > 0;) write_face(surfaces, row / 2, side, found[i], contacts, --to);
         }
         while (from > 0 && contacts.pair[from - 1] == row / 2 && contacts.body[from - 1] == body) copy_contact(contacts, --from, contacts, --to);
     }

@@ -9,7 +9,6 @@ namespace trocar {
 namespace {
 
 constexpr uint32_t kQueriesPerChunk = 64;
-constexpr uint32_t kMostChunks = 64;
 enum Piece : uint8_t { kUnknown, kOutside, kInside };
 
 uint32_t find_root(std::vector<uint32_t>& parent, uint32_t v) {

@@ -9,8 +9,6 @@
 namespace trocar {
 namespace {
 
-constexpr uint32_t kMostChunks = 64;
-
 FlatTriangle flatten(const BodyPoints& points, const Triangle& t) {
     const Vec4d a = (Vec4d)points(t[0]), b = (Vec4d)points(t[1]), c = (Vec4d)points(t[2]);
     const Vec4d u = b - a, v = c - a, normal = cross(u, v);

@@ -9,8 +9,6 @@
 namespace trocar {
 namespace {
 
-constexpr uint32_t kMostChunks = 64;
-
 uint32_t find_root(std::vector<uint32_t>& parent, uint32_t v) {
     while (parent[v] != v) v = parent[v] = parent[parent[v]];
     return v;

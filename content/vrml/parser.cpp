@@ -45,7 +45,7 @@ struct Parser {
 
 constexpr size_t kWarningLimit = 100;
 
-std::string_view text_of(const Parser& p, const Token& token) {
+std::string_view token_text(const Parser& p, const Token& token) {
     return std::string_view(p.document.text).substr(token.offset, token.length);
 }
 
@@ -55,9 +55,9 @@ std::string describe_path(const Parser& p) {
     std::vector<std::string> types;
     for (const Frame& frame : p.frames) {
         if (frame.kind == FrameKind::kNode) {
-            types.push_back(printable(vrml::text_of(p.document, p.document.node[frame.row].type)));
+            types.push_back(printable(text_of(p.document, p.document.node[frame.row].type)));
         } else if (frame.kind == FrameKind::kBody) {
-            types.push_back("PROTO " + printable(vrml::text_of(p.document, p.document.prototype[frame.row].name)));
+            types.push_back("PROTO " + printable(text_of(p.document, p.document.prototype[frame.row].name)));
         }
     }
     return vrml::describe_path(types);
@@ -82,7 +82,7 @@ std::string shown(const Parser& p, const Token& token) {
         case TokenKind::kString:
             return "a string";
         default:
-            return "'" + printable(text_of(p, token)) + "'";
+            return "'" + printable(token_text(p, token)) + "'";
     }
 }
 
@@ -157,7 +157,7 @@ void open_node(Parser& p, const Token& type, Range name) {
     if (row >= kNodeLimit) fail(p, type.offset, "more than " + std::to_string(kNodeLimit) + " nodes");
     p.document.node.push_back({range_of(type), name, type.offset, {}, {}});
     p.open.push_back(true);
-    if (name.count > 0) p.names.back()[vrml::text_of(p.document, name)] = row;
+    if (name.count > 0) p.names.back()[text_of(p.document, name)] = row;
     push_frame(p, FrameKind::kNode, row, type.offset);
     ++p.open_nodes;
 }
@@ -177,11 +177,11 @@ void close_node(Parser& p) {
 void read_use(Parser& p, const Token& keyword) {
     const Token name = next_name(p.lexer);
     if (name.length == 0) fail(p, keyword.offset, "USE without a name");
-    const auto found = p.names.back().find(text_of(p, name));
+    const auto found = p.names.back().find(token_text(p, name));
     if (found == p.names.back().end()) {
-        warn(p, name.offset, "USE of '" + printable(text_of(p, name)) + "', which no DEF before it names");
+        warn(p, name.offset, "USE of '" + printable(token_text(p, name)) + "', which no DEF before it names");
     } else if (p.open[found->second]) {
-        fail(p, name.offset, "USE of '" + printable(text_of(p, name)) + "' inside itself");
+        fail(p, name.offset, "USE of '" + printable(token_text(p, name)) + "' inside itself");
     } else {
         p.refs.push_back({found->second, true});
     }
@@ -212,12 +212,12 @@ bool is_value_type(std::string_view word) {
 
 // True when a word that stands where a value is due begins a node.
 bool begins_node(const Parser& p, const Token& token) {
-    const std::string_view word = text_of(p, token);
+    const std::string_view word = token_text(p, token);
     return word == "DEF" || word == "USE" || peek_token(p.lexer).kind == TokenKind::kOpenBrace;
 }
 
 void read_node_word(Parser& p, const Token& token) {
-    const std::string_view word = text_of(p, token);
+    const std::string_view word = token_text(p, token);
     if (word == "USE") {
         read_use(p, token);
     } else if (word == "DEF") {
@@ -246,7 +246,7 @@ void read_value(Parser& p, Range name) {
             break;
         case TokenKind::kWord: {
             next_token(p.lexer);
-            const std::string_view word = text_of(p, token);
+            const std::string_view word = token_text(p, token);
             if (word == "IS") {
                 field.is = true;
                 add_word(p, field, next_name(p.lexer));
@@ -258,7 +258,7 @@ void read_value(Parser& p, Range name) {
                 add_word(p, field, token);
                 // VRML 1.0 writes sets of flags as (SIDES | TOP)
                 Token part = token;
-                while (word[0] == '(' && !text_of(p, part).ends_with(')') &&
+                while (word[0] == '(' && !token_text(p, part).ends_with(')') &&
                        peek_token(p.lexer).kind == TokenKind::kWord) {
                     part = next_token(p.lexer);
                     add_word(p, field, part);
@@ -279,7 +279,7 @@ void read_interface(Parser& p, std::string_view access, bool with_value) {
     if (name.length == 0) fail(p, name.offset, "expected a field name");
     if (!is_event(access) && with_value) return read_value(p, range_of(name));
     const Token is = peek_token(p.lexer);
-    if (is.kind == TokenKind::kWord && text_of(p, is) == "IS") {
+    if (is.kind == TokenKind::kWord && token_text(p, is) == "IS") {
         next_token(p.lexer);
         next_name(p.lexer);
     }
@@ -325,7 +325,7 @@ void close_interface(Parser& p) {
 
 // Statements that may stand between nodes. False when the word begins none.
 bool read_statement(Parser& p, const Token& token) {
-    const std::string_view word = text_of(p, token);
+    const std::string_view word = token_text(p, token);
     if (word == "PROTO" || word == "EXTERNPROTO") {
         if (peek_token(p.lexer).kind == TokenKind::kOpenBrace) return false;
         open_prototype(p, token, word == "EXTERNPROTO");
@@ -334,7 +334,7 @@ bool read_statement(Parser& p, const Token& token) {
     if (word == "ROUTE") {
         next_name(p.lexer);
         const Token to = next_name(p.lexer);
-        if (text_of(p, to) != "TO") fail(p, to.offset, "expected TO in a ROUTE");
+        if (token_text(p, to) != "TO") fail(p, to.offset, "expected TO in a ROUTE");
         next_name(p.lexer);
         return true;
     }
@@ -343,7 +343,7 @@ bool read_statement(Parser& p, const Token& token) {
 
 // Statements of X3D between its header and its nodes.
 bool read_file_statement(Parser& p, const Token& token) {
-    const std::string_view word = text_of(p, token);
+    const std::string_view word = token_text(p, token);
     if (word == "PROFILE" || word == "COMPONENT") {
         next_name(p.lexer);
         return true;
@@ -372,9 +372,9 @@ void step_node(Parser& p, const Token& token) {
         case TokenKind::kWord: {
             if (read_statement(p, token)) return;
             if (begins_node(p, token)) return read_node_word(p, token);
-            const std::string_view word = text_of(p, token);
+            const std::string_view word = token_text(p, token);
             const Token next = peek_token(p.lexer);
-            if (is_interface(word) && next.kind == TokenKind::kWord && is_value_type(text_of(p, next))) {
+            if (is_interface(word) && next.kind == TokenKind::kWord && is_value_type(token_text(p, next))) {
                 return read_interface(p, word, true);
             }
             return read_value(p, range_of(token));
@@ -416,10 +416,10 @@ void step_array(Parser& p, const Token& token) {
 
 void step_interface(Parser& p, const Token& token) {
     if (token.kind == TokenKind::kCloseBracket) return close_interface(p);
-    if (token.kind != TokenKind::kWord || !is_interface(text_of(p, token))) {
+    if (token.kind != TokenKind::kWord || !is_interface(token_text(p, token))) {
         fail(p, token.offset, "expected a field of the PROTO or ']', found " + shown(p, token));
     }
-    read_interface(p, text_of(p, token), p.frames.back().kind == FrameKind::kInterface);
+    read_interface(p, token_text(p, token), p.frames.back().kind == FrameKind::kInterface);
 }
 
 void step_body(Parser& p, const Token& token) {

@@ -82,7 +82,7 @@ void add_word(XmlParser& p, Field& field, Range bytes, bool quoted) {
     ++field.words.count;
 }
 
-std::string_view trimmed(std::string_view text) {
+std::string_view without_space(std::string_view text) {
     while (!text.empty() && static_cast<unsigned char>(text.front()) <= ' ') text.remove_prefix(1);
     while (!text.empty() && static_cast<unsigned char>(text.back()) <= ' ') text.remove_suffix(1);
     return text;
@@ -91,7 +91,7 @@ std::string_view trimmed(std::string_view text) {
 // Numbers, quoted strings, or else the whole as one word: attributes do not say their type.
 void read_value(XmlParser& p, Range value, Field& field) {
     const std::string_view whole = std::string_view(p.document.text).substr(0, value.end());
-    const std::string_view inside = trimmed(whole.substr(value.first));
+    const std::string_view inside = without_space(whole.substr(value.first));
     if (inside.empty()) return;
     Lexer lexer{whole, value.first};
     try {

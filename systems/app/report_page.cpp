@@ -3,6 +3,7 @@
 #include <algorithm>
 #include <cmath>
 
+#include "systems/app/format.hpp"
 #include "systems/app/run_costs.hpp"
 #include "systems/app/svg_plot.hpp"
 namespace trocar {
@@ -38,12 +39,6 @@ std::string section(const std::string& title, const std::string& note, const std
 
 std::string grid(const std::string& cards) { return "<div class=\"grid\">" + cards + "</div>"; }
 
-std::string number(double v, const char* pattern) {
-    char text[64];
-    std::snprintf(text, sizeof text, pattern, v);
-    return text;
-}
-
 std::string fact(const std::string& value, const std::string& what) {
     return "<div class=\"fact\"><b>" + value + "</b><span>" + what + "</span></div>";
 }
@@ -54,17 +49,17 @@ std::string row(const std::string& name, const std::string& value) {
 
 std::string head(const RunFigures& f, const ContactColumns& c) {
     std::string facts =
-        fact(number(f.simulated_s, "%.2f s"), "simulated in " + number(f.wall_s, "%.2f s") + " of real time");
+        fact(format("%.2f s", f.simulated_s), "simulated in " + format("%.2f s", f.wall_s) + " of real time");
     facts += fact(std::to_string(c.total.size()),
                   "contact events in " + std::to_string(f.pass.size()) + " passes (60 a second)");
     if (!c.total.empty()) {
-        facts += fact(number(mean(c.total), "%.3f ms"),
-                      "per contact event on average; 99 % are below " + number(quantile(c.total, .99), "%.3f ms"));
-        facts += fact(number(mean(c.response), "%.3f ms"), "of it for the response");
-        facts += fact(number(quantile(c.depth_mm, 1), "%.2f mm"), "deepest penetration");
+        facts += fact(format("%.3f ms", mean(c.total)),
+                      "per contact event on average; 99 % are below " + format("%.3f ms", quantile(c.total, .99)));
+        facts += fact(format("%.3f ms", mean(c.response)), "of it for the response");
+        facts += fact(format("%.2f mm", quantile(c.depth_mm, 1)), "deepest penetration");
     }
     if (f.ticks > 0)
-        facts += fact(number(f.max_force, "%.2f N"),
+        facts += fact(format("%.2f N", f.max_force),
                       "largest force on the hand, in " + std::to_string(f.ticks) + " ticks of 1 ms");
     std::string table = "<table>";
     for (const std::string& body : f.bodies) table += row("body", escape_html(body));
@@ -95,9 +90,9 @@ std::string media_sections(const ReportMedia& media) {
 // What one pass leaves of the deepest overlap, by direction of the response.
 std::string direction_note(const DirectionFigures& d) {
     if (!(d.depth > 0)) return "";
-    return "<p>One pass from the deepest overlap, " + number(1e3 * d.depth, "%.3f mm") + " at " + number(d.time, "%.2f s") +
-           ", leaves " + number(1e3 * d.left_thesis, "%.4f mm") + " with <code>contact.direction = thesis</code> (one direction a pair) and " +
-           number(1e3 * d.left_local, "%.4f mm") + " with <code>local</code> (each point its own).</p>";
+    return "<p>One pass from the deepest overlap, " + format("%.3f mm", 1e3 * d.depth) + " at " + format("%.2f s", d.time) +
+           ", leaves " + format("%.4f mm", 1e3 * d.left_thesis) + " with <code>contact.direction = thesis</code> (one direction a pair) and " +
+           format("%.4f mm", 1e3 * d.left_local) + " with <code>local</code> (each point its own).</p>";
 }
 
 std::string contact_section(const ContactColumns& c, const DirectionFigures& direction) {
@@ -107,7 +102,7 @@ std::string contact_section(const ContactColumns& c, const DirectionFigures& dir
     const auto over_events = [&](const char* title, const char* series, const std::vector<double>& ms) {
         Plot plot{title, "contact event, in order of time", "ms", {{series, event, ms}}};
         plot.mark_y = mean(ms);
-        plot.mark_label = "mean " + number(mean(ms), "%.3f ms");
+        plot.mark_label = "mean " + format("%.3f ms", mean(ms));
         plot.cut_outliers = true;
         return svg_plot(plot);
     };
@@ -140,7 +135,7 @@ std::string force_note(const RunFigures& f) {
     return std::string(
                "To the hand: what the device was told at the end of the pass. Of the tissue on the tool: mean of "
                "the contact impulses of the pass.") +
-           (f.max_force > 0 ? " Largest " + number(f.max_force, "%.2f N") + "." : "");
+           (f.max_force > 0 ? " Largest " + format("%.2f N", f.max_force) + "." : "");
 }
 
 std::string time_section(const RunFigures& f) {
@@ -260,11 +255,11 @@ std::string haptics_section(const RunFigures& f) {
     if (f.tick_us.empty()) return "";
     std::string cards =
         histogram_card("Compute time of a tick", "us", f.tick_us,
-                       "Half of the ticks take no longer than " + number(quantile(f.tick_us, .5), "%.1f us") +
-                           ", 999 of 1000 no longer than " + number(quantile(f.tick_us, .999), "%.1f us") + ".");
+                       "Half of the ticks take no longer than " + format("%.1f us", quantile(f.tick_us, .5)) +
+                           ", 999 of 1000 no longer than " + format("%.1f us", quantile(f.tick_us, .999)) + ".");
     if (f.live) {
         cards += histogram_card("Period of the tick", "us", f.tick_period_us,
-                                "999 of 1000 no longer than " + number(quantile(f.tick_period_us, .999), "%.0f us") +
+                                "999 of 1000 no longer than " + format("%.0f us", quantile(f.tick_period_us, .999)) +
                                     "; " + escape_html(f.scheduling) + ".");
         cards += histogram_card("Age of the surface under the force", "ms", f.contact_age_ms, "");
     }

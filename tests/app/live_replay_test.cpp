@@ -29,7 +29,7 @@ void with_frame(uint32_t threads, const Work& work) {
 }
 
 // What a replay says about a recording.
-std::string replay(const LiveRecording& recording, uint32_t threads = 2) {
+std::string replay_live(const LiveRecording& recording, uint32_t threads = 2) {
     std::string difference;
     with_frame(threads, [&](Frame& frame) {
         LiveReplay replay({}, recording, "file", frame);
@@ -55,7 +55,7 @@ std::string error_of(const fs::path& path) {
 
 void expect_error(const LiveRecording& recording, const std::string& text) {
     try {
-        replay(recording);
+        replay_live(recording);
         ADD_FAILURE() << "accepted: " << text;
     } catch (const InputError& e) {
         EXPECT_NE(std::string(e.what()).find(text), std::string::npos) << e.what();
@@ -145,7 +145,7 @@ TEST(LiveReplay, ALiveRunComesOutTheSame) {
     write_live_recording(file, recording);
     const LiveRecording again = read_live_recording(file);
     fs::remove(file);
-    for (const uint32_t threads : {1u, 3u}) EXPECT_EQ(replay(again, threads), "");
+    for (const uint32_t threads : {1u, 3u}) EXPECT_EQ(replay_live(again, threads), "");
 
     // and it would tell: a hand that was a nanometre elsewhere, a force that was a bit more
     LiveRecording changed = again;
@@ -153,10 +153,10 @@ TEST(LiveReplay, ALiveRunComesOutTheSame) {
     while (changed.tick[felt].force.norm() == 0) ++felt;
     ASSERT_LT(felt, changed.taken.back());
     changed.tick[felt].sample.position.z() += 1e-9;
-    EXPECT_NE(replay(changed).find("another force"), std::string::npos);
+    EXPECT_NE(replay_live(changed).find("another force"), std::string::npos);
     changed = again;
     changed.tick[felt].force.x() = std::nextafter(changed.tick[felt].force.x(), 10);
-    EXPECT_NE(replay(changed).find("1 haptic ticks gave another force"), std::string::npos);
+    EXPECT_NE(replay_live(changed).find("1 haptic ticks gave another force"), std::string::npos);
 }
 
 // Pictures that can no longer be written end a live run at once and with the reason, though another thread draws them.
@@ -234,7 +234,7 @@ TEST(LiveReplay, BadFilesAreRefusedWithAReason) {
 
 TEST(LiveReplay, AnotherSceneAndContradictionsAreRefused) {
     const LiveRecording good = made_up_recording();
-    EXPECT_NE(replay(good).find("recorded 0000000000000001"), std::string::npos);  // its hash is made up; all else fits
+    EXPECT_NE(replay_live(good).find("recorded 0000000000000001"), std::string::npos);  // its hash is made up; all else fits
     LiveRecording bad = good;
     bad.start_hash ^= 1;
     expect_error(bad, "another scene");

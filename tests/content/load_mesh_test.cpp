@@ -48,7 +48,7 @@ TEST_F(LoadMesh, formats_are_told_by_content) {
 
 // --- real surfaces, when they are there. Counts, boxes and volumes as an independent reader gave them.
 
-struct Expected {
+struct FileFacts {
     const char* file;
     size_t vertices, triangles;
     double x, y, z, volume;  // four to five digits
@@ -56,7 +56,7 @@ struct Expected {
     size_t unpaired;
 };
 
-constexpr Expected kExpected[] = {
+constexpr FileFacts kExpected[] = {
     {"vrml/iv21.iv", 4, 4, 1, 1, 1, 0.16667, 0},
     {"vrml/nohdr.wrl", 4, 4, 1, 1, 1, 0.16667, 0},
     {"vrml/v1_thesis.wrl", 4, 4, 1, 1, 1, 0.16667, 0},
@@ -124,7 +124,7 @@ constexpr Expected kExpected[] = {
 
 // Of Debian's assimp-testmodels, below /usr/share/assimp/models. The .wrl and .x3d are those of the table above; the
 // cubes are known, the others were counted by the reader of the table or have the counts of their headers.
-constexpr Expected kTestModels[] = {
+constexpr FileFacts kTestModels[] = {
     {"WRL/MotionCaptureROM.WRL", 1042, 2000, 64.06, 67.59, 14.31, 1005.9, 16},
     {"WRL/Wuson.wrl", 2117, 3732, .92, 3.244, 1.516, 1.1228, 412},
     {"X3D/HelloX3dTrademark.x3d", 482, 960, 2, 2, 2, 4.12194, 0},
@@ -137,7 +137,7 @@ constexpr Expected kTestModels[] = {
     {"OFF/Wuson.off", 2117, 3732, .92, 1.516, 3.244, 1.1228, 412},
 };
 
-void expect_surface(const Expected& e, const fs::path& path) {
+void expect_surface(const FileFacts& e, const fs::path& path) {
     SCOPED_TRACE(e.file);
     const LoadedMesh loaded = load_mesh(path);
     const MeshSums sums = sum_mesh(loaded.mesh);
@@ -156,12 +156,12 @@ void expect_surface(const Expected& e, const fs::path& path) {
 TEST(LoadRealMesh, counts_boxes_and_volumes_are_those_of_an_independent_reader) {
     const fs::path data = shared_data_folder();
     if (data.empty()) GTEST_SKIP() << "the folder of real surfaces is absent";
-    for (const Expected& e : kExpected) expect_surface(e, data / e.file);
+    for (const FileFacts& e : kExpected) expect_surface(e, data / e.file);
     // a scene file that is not in the table would not be looked at
     for (const auto& entry : fs::recursive_directory_iterator(data / "vrml")) {
         if (!entry.is_regular_file()) continue;
         const std::string name = fs::relative(entry.path(), data).string();
-        const auto is_it = [&](const Expected& e) { return name == e.file; };
+        const auto is_it = [&](const FileFacts& e) { return name == e.file; };
         EXPECT_TRUE(std::any_of(std::begin(kExpected), std::end(kExpected), is_it)) << name;
     }
 }
@@ -169,13 +169,13 @@ TEST(LoadRealMesh, counts_boxes_and_volumes_are_those_of_an_independent_reader) 
 TEST(LoadRealMesh, test_models_of_debian) {
     const fs::path models = "/usr/share/assimp/models";
     if (!fs::is_directory(models)) GTEST_SKIP() << "the package assimp-testmodels is absent";
-    for (const Expected& e : kTestModels) expect_surface(e, models / e.file);
+    for (const FileFacts& e : kTestModels) expect_surface(e, models / e.file);
     for (const auto& entry : fs::recursive_directory_iterator(models)) {
         std::string ending = entry.path().extension().string();
         for (char& c : ending) c = static_cast<char>(std::tolower(c));
         if (ending != ".wrl" && ending != ".wrz" && ending != ".x3d" && ending != ".x3dv" && ending != ".iv") continue;
         const std::string name = fs::relative(entry.path(), models).string();
-        const auto is_it = [&](const Expected& e) { return name == e.file; };
+        const auto is_it = [&](const FileFacts& e) { return name == e.file; };
         EXPECT_TRUE(std::any_of(std::begin(kTestModels), std::end(kTestModels), is_it)) << name;
     }
 }

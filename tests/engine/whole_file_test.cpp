@@ -23,7 +23,7 @@ struct WholeFile : testing::Test {
     }
 };
 
-std::string error_of(const fs::path& path, std::string_view bytes = "text") {
+std::string write_error(const fs::path& path, std::string_view bytes = "text") {
     try {
         write_whole_file(path, bytes);
     } catch (const InputError& error) {
@@ -55,20 +55,20 @@ TEST_F(WholeFile, a_link_keeps_pointing_where_it_did) {
 }
 
 TEST_F(WholeFile, a_full_device_is_an_error_also_behind_a_link) {
-    EXPECT_EQ(error_of("/dev/full"), "/dev/full: cannot write: No space left on device");
+    EXPECT_EQ(write_error("/dev/full"), "/dev/full: cannot write: No space left on device");
     fs::create_symlink("/dev/full", folder / "out.json");
-    EXPECT_NE(error_of(folder / "out.json").find("No space left"), std::string::npos);
-    EXPECT_EQ(error_of("/dev/null"), "no error");
+    EXPECT_NE(write_error(folder / "out.json").find("No space left"), std::string::npos);
+    EXPECT_EQ(write_error("/dev/null"), "no error");
 }
 
 TEST_F(WholeFile, bad_places_are_named) {
-    EXPECT_NE(error_of(folder / "absent" / "a").find("absent/a: cannot write: No such file"), std::string::npos);
-    EXPECT_NE(error_of(folder).find("it is a folder"), std::string::npos);
+    EXPECT_NE(write_error(folder / "absent" / "a").find("absent/a: cannot write: No such file"), std::string::npos);
+    EXPECT_NE(write_error(folder).find("it is a folder"), std::string::npos);
     write_whole_file(folder / "file", "x");
-    EXPECT_NE(error_of(folder / "file" / "a").find("Not a directory"), std::string::npos);
+    EXPECT_NE(write_error(folder / "file" / "a").find("Not a directory"), std::string::npos);
     if (::geteuid() != 0) {
         fs::permissions(folder, fs::perms::owner_read | fs::perms::owner_exec);
-        EXPECT_NE(error_of(folder / "new").find("Permission denied"), std::string::npos);
+        EXPECT_NE(write_error(folder / "new").find("Permission denied"), std::string::npos);
         fs::permissions(folder, fs::perms::owner_all);
     }
 }

@@ -46,7 +46,6 @@ void run(const SceneFile& scene, double seconds, const std::function<void(const 
     });
 }
 
-double seconds_of(const Frame& f) { return static_cast<double>(f.world().clock.tick) * 1e-3; }
 Vec3d centre_of(const World& w, uint32_t b) {
     return w.poses.origin[b] + rotate(w.poses.orientation[b], find_rigid_mass(w.bodies, b)->centre);
 }

@@ -27,7 +27,6 @@ std::string error_of(const std::string& text) { return WrittenScene("nodes", tex
 void run_for(World world, double seconds, const std::function<void(Frame&)>& each, uint32_t threads = 1) {
     run(std::move(world), static_cast<int>(std::lround(seconds * 60)), [&](Frame& frame, int) { each(frame); }, threads);
 }
-double seconds_of(const Frame& f) { return static_cast<double>(f.world().clock.tick) * 1e-3; }
 
 // ---- the tree ----
 

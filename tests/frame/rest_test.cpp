@@ -30,7 +30,6 @@ void run(const SceneFile& scene, double seconds, const std::function<void(const 
         }
     });
 }
-double seconds_of(const Frame& f) { return static_cast<double>(f.world().clock.tick) * 1e-3; }
 
 // Masses, places and velocities of the particles of a body that can move.
 struct Cloud {

@@ -5,7 +5,10 @@
 #include "content/build_scene.hpp"
 #include "content/scene_file.hpp"
 #include "reference/paths.hpp"
+#include "systems/frame.hpp"
 namespace trocar {
+
+inline double seconds_of(const Frame& f) { return static_cast<double>(f.world().clock.tick) * 1e-3; }
 
 // A scene of content/scenes with organs of few triangles, so that tests are quick. every_contact_stage is
 // kidney_on_liver with all that [contact] can switch on; skin_press is tet_liver_press under a skin; near_and_far is

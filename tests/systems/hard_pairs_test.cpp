@@ -22,7 +22,7 @@ namespace {
 double depth_of(const ContactScene& scene) {
     return scene.penetrations.depth.empty() ? 0 : scene.penetrations.depth[0];
 }
-double volume_of(const ContactScene& scene) {
+double overlap_volume(const ContactScene& scene) {
     return std::accumulate(scene.regions.volume.begin(), scene.regions.volume.end(), 0.0);
 }
 
@@ -63,7 +63,7 @@ bool check_pair(uint32_t seed) {
     const RandomPair pair(seed);
     const std::string what = "seed " + std::to_string(seed);
     const ContactScene base = scene_of(pair.a, pair.b, pair.at, pair.turn_b);
-    const double depth = depth_of(base), volume = volume_of(base);
+    const double depth = depth_of(base), volume = overlap_volume(base);
 
     Mesh turned_b = pair.b;
     for (Vec3d& p : turned_b.position) p = rotate(pair.turn_b, p);
@@ -72,7 +72,7 @@ bool check_pair(uint32_t seed) {
     swapped.run_with_regions();
     EXPECT_EQ(depth_of(swapped), depth) << what;
     EXPECT_EQ(swapped.regions.pair.size(), base.regions.pair.size()) << what;
-    EXPECT_NEAR(volume_of(swapped), volume, 1e-13) << what;
+    EXPECT_NEAR(overlap_volume(swapped), volume, 1e-13) << what;
     if (depth > 0) {
         EXPECT_EQ(Vec3d(-swapped.penetrations.direction[0]), base.penetrations.direction[0]) << what;
     }
@@ -80,11 +80,11 @@ bool check_pair(uint32_t seed) {
     const ContactScene moved =
         scene_of(pair.a, pair.b, pair.at, pair.turn_b, 1, Vec3d(3, -7, 11), turn({1, 2, 3}, 0.1 + seed));
     EXPECT_NEAR(depth_of(moved), depth, 2 * kTolerance) << what;
-    EXPECT_NEAR(volume_of(moved), volume, 1e-12) << what;
+    EXPECT_NEAR(overlap_volume(moved), volume, 1e-12) << what;
     for (const double scale : {0x1p-20, 0x1p10}) {
         const ContactScene scaled = scene_of(pair.a, pair.b, pair.at, pair.turn_b, scale);
         EXPECT_NEAR(depth_of(scaled) / scale, depth, 2 * kTolerance) << what << " scale " << scale;
-        EXPECT_NEAR(volume_of(scaled) / (scale * scale * scale), volume, 1e-12) << what << " scale " << scale;
+        EXPECT_NEAR(overlap_volume(scaled) / (scale * scale * scale), volume, 1e-12) << what << " scale " << scale;
     }
 
     // other orders of vertices, faces and of the corners in a face
@@ -98,7 +98,7 @@ bool check_pair(uint32_t seed) {
     std::shuffle(permuted.triangle.begin(), permuted.triangle.end(), random);
     const ContactScene other = scene_of(permuted, pair.b, pair.at, pair.turn_b);
     EXPECT_NEAR(depth_of(other), depth, 2 * kTolerance) << what;
-    EXPECT_NEAR(volume_of(other), volume, 1e-13) << what;
+    EXPECT_NEAR(overlap_volume(other), volume, 1e-13) << what;
 
     // 1-Lipschitz; a way of the depth less a little cannot separate, whichever way
     std::uniform_real_distribution<double> unit(-1, 1);
