@@ -187,8 +187,9 @@ double contact_work_on_free(const AdvanceIsland& island) {
 
 void add_turning_sides(AdvanceIsland& island, const ContactPlan& plan, Vec4d at, ContactActive& active) {
     AdvanceScratch& s = island.scratch;
-    active.turning = static_cast<uint32_t>(s.turning.size());
-    ContactTurning& turning = s.turning.emplace_back();
+    active.turning = active.plan;
+    ContactTurning& turning = s.turning[active.turning];
+    turning = {};
     const uint32_t side_rigid[2] = {plan.rigid_a, plan.rigid_b};
     for (int side = 0; side < 2; ++side) {
         if (side_rigid[side] == kNone || s.rigid[side_rigid[side]].free == kNone) continue;
@@ -239,25 +240,27 @@ double solve_turning_row(AdvanceScratch& s, ContactActive& row) {
     return row.inv_sum > 0 ? change / row.inv_sum : 0;
 }
 
-void note_impulses(AdvanceScratch& s) {
-    for (const ContactActive& row : only_group(s).active) {
+void note_impulses(AdvanceScratch& s, const RowGroup& group) {
+    for (const ContactActive& row : group.active) {
         if (row.turning == kNone) continue;
         s.turning[row.turning].normal_before = row.normal_impulse;
         s.turning[row.turning].friction_before = row.friction_impulse;
     }
 }
 
-double go_on(AdvanceScratch& s, double before) {
-    double now = 0;
-    for (const ContactActive& row : only_group(s).active) {
+double squared_change(const AdvanceScratch& s, const RowGroup& group) {
+    double sum = 0;
+    for (const ContactActive& row : group.active) {
         if (row.turning == kNone) continue;
         const ContactTurning& t = s.turning[row.turning];
         const double normal = row.normal_impulse - t.normal_before;
-        now += normal * normal + norm2(row.friction_impulse - t.friction_before);
+        sum += normal * normal + norm2(row.friction_impulse - t.friction_before);
     }
-    const bool grows = !(now < before);  // also the first time, and when nothing changes any more
-    const double share = grows ? 0 : now / before;
-    for (ContactActive& row : only_group(s).active) {
+    return sum;
+}
+
+void go_on(AdvanceScratch& s, RowGroup& group, double share) {
+    for (ContactActive& row : group.active) {
         if (row.turning == kNone) continue;
         ContactTurning& t = s.turning[row.turning];
         const Vec4d friction = row.friction_impulse - t.friction_before;
@@ -270,7 +273,6 @@ double go_on(AdvanceScratch& s, double before) {
         row.friction_impulse += friction_on;
         give_impulse(s, row, t, normal_on * row.normal + friction_on);
     }
-    return now;
 }
 
 void push_free_sides(AdvanceScratch& s, const ContactTurning& turning, Vec4d push) {

@@ -12,29 +12,35 @@ constexpr uint32_t kFewestRows = 2048;
 constexpr uint32_t kBodiesPerStrip = 96, kMostStrips = 32;
 
 bool may_split(const AdvanceScratch& s) {
-    const auto has_node = [](const AdvanceRigid& rigid) { return rigid.node != kNone; };
+    const auto is_led = [&](const AdvanceRigid& rigid) {
+        return rigid.node != kNone && (rigid.free == kNone || s.free[rigid.free].held || s.free[rigid.free].drive != kNone);
+    };
     const auto rides = [](const AdvanceBody& b) { return b.skin_node != nullptr; };
-    return s.dealt.size() >= kFewestRows && s.body.size() >= 2 * kBodiesPerStrip &&
-           std::none_of(s.body.begin(), s.body.end(), rides) && std::none_of(s.rigid.begin(), s.rigid.end(), has_node);
+    return s.dealt.size() >= kFewestRows && s.body.size() + s.free.size() >= 2 * kBodiesPerStrip &&
+           std::none_of(s.body.begin(), s.body.end(), rides) && std::none_of(s.rigid.begin(), s.rigid.end(), is_led);
 }
 
 // Puts bodies into strips of equal numbers along the axis on which they spread most. Returns the number of strips.
 uint32_t find_strips(AdvanceScratch& s) {
-    const auto place = [](const AdvanceBody& b) { return b.origin + float_vec4(_mm_load_ps(&b.now->x)); };
+    const uint32_t soft = static_cast<uint32_t>(s.body.size()), bodies = soft + static_cast<uint32_t>(s.free.size());
+    const auto place = [&](uint32_t i) -> Vec4d {
+        if (i >= soft) return s.node.place[s.rigid[s.free[i - soft].rigid].node];
+        return s.body[i].origin + float_vec4(_mm_load_ps(&s.body[i].now->x));
+    };
     Vec4d sum = {}, squares = {};
-    for (const AdvanceBody& b : s.body) {
-        const Vec4d p = place(b);
+    for (uint32_t i = 0; i < bodies; ++i) {
+        const Vec4d p = place(i);
         sum += p, squares += p * p;
     }
-    const Vec4d spread = squares - sum * sum / static_cast<double>(s.body.size());
+    const Vec4d spread = squares - sum * sum / static_cast<double>(bodies);
     const uint32_t axis = spread[0] >= spread[1] && spread[0] >= spread[2] ? 0 : spread[1] >= spread[2] ? 1 : 2;
     s.along.clear();
-    for (uint32_t i = 0; i < s.body.size(); ++i) {
-        const double x = place(s.body[i])[axis];
+    for (uint32_t i = 0; i < bodies; ++i) {
+        const double x = place(i)[axis];
         s.along.push_back({std::isfinite(x) ? x : 0.0, i});
     }
     std::sort(s.along.begin(), s.along.end());
-    const uint32_t bodies = static_cast<uint32_t>(s.body.size()), strips = std::min(bodies / kBodiesPerStrip, kMostStrips);
+    const uint32_t strips = std::min(bodies / kBodiesPerStrip, kMostStrips);
     s.strip.resize(bodies);
     for (uint32_t i = 0; i < bodies; ++i) s.strip[s.along[i].second] = static_cast<uint32_t>(uint64_t{i} * strips / bodies);
     return strips;
@@ -56,7 +62,11 @@ void group_rows(AdvanceIsland& island) {
     }
     const uint32_t strips = find_strips(s), even = strips / 2, odd = (strips - 1) / 2;  // borders
     set_groups(s, {0, strips, strips + even, strips + even + odd, strips + even + odd + 1});
-    const auto strip_of = [&](uint32_t body) { return is_deformable(island.inputs.bodies, body) ? s.strip[s.slot_of_body[body]] : kNone; };
+    const auto strip_of = [&](uint32_t body) {
+        const uint32_t slot = s.slot_of_body[body];
+        if (is_deformable(island.inputs.bodies, body)) return s.strip[slot];
+        return s.rigid[slot].free == kNone ? kNone : s.strip[s.body.size() + s.rigid[slot].free];
+    };
     const auto group_of = [&](uint32_t row) {
         uint32_t a = strip_of(island.rows.body[row]), b = strip_of(island.rows.other[row]);
         if (a == kNone) a = b;

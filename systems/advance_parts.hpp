@@ -177,10 +177,11 @@ void add_turning_sides(AdvanceIsland& island, const ContactPlan& plan, Vec4d at,
 double solve_turning_row(AdvanceScratch& s, ContactActive& row);
 // Gives a row with a free side an impulse.
 void give_impulse(AdvanceScratch& s, const ContactActive& row, const ContactTurning& turning, Vec4d impulse);
-// Remembers the impulses of the rows with a free side before a sweep; and after it, given the squared change in the sweep
-// before (0 = none), moves them on along the conjugate direction. Returns the squared change in this sweep, (N s)^2.
-void note_impulses(AdvanceScratch& s);
-double go_on(AdvanceScratch& s, double before);
+// Remembers the impulses of a group's rows with a free side before a sweep; what it changed them by, squared, (N s)^2; and
+// moves them on along the conjugate direction, of which `share` is kept.
+void note_impulses(AdvanceScratch& s, const RowGroup& group);
+double squared_change(const AdvanceScratch& s, const RowGroup& group);
+void go_on(AdvanceScratch& s, RowGroup& group, double share);
 // Moves the free sides of a row by their share of an impulse-like `push`, kg m; then all at once, none farther than
 // `most`.
 void push_free_sides(AdvanceScratch& s, const ContactTurning& turning, Vec4d push);
@@ -244,7 +245,7 @@ bool push_blocks(AdvanceIsland& island, double most, const RowGroup& group, uint
 double deepest_in_blocks(AdvanceScratch& s, const RowGroup& group);
 // Groups of rows (advance_groups.cpp). Bodies are put into strips across the way they spread most; rows inside a strip are a
 // group, rows between a strip and the next are another, and the few others a last one. Phases: strips; even borders; odd
-// borders; the rest. Orders dealt by group. Short lists, skins, and islands with rigid bodies that rows move have one group.
+// borders; the rest. Orders dealt by group. Short lists, skins, and islands with hands or driven bodies have one group.
 void group_rows(AdvanceIsland& island);
 template <typename Run>  // Run: void(RowGroup&)
 void for_each_group(AdvanceScratch& s, const Run& run) {
@@ -255,8 +256,10 @@ void for_each_group(AdvanceScratch& s, const Run& run) {
         });
     }
 }
-// Group of an island that has one.
-inline RowGroup& only_group(AdvanceScratch& s) { return s.group[0]; }
+// Whether an active row has a free side.
+inline bool any_turns(const AdvanceScratch& s) {
+    return std::any_of(s.group.begin(), s.group.begin() + s.phase[4], [](const RowGroup& group) { return group.turning_rows > 0; });
+}
 constexpr uint32_t kNodesPerChunk = 4096;
 
 inline bool has_rows(const AdvanceScratch& s) { return !s.dealt.empty(); }

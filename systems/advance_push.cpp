@@ -259,7 +259,7 @@ void push_out(AdvanceIsland& island, uint32_t substep) {
         bool any = false;
         for (uint32_t g = 0; g < s.phase[4]; ++g) any = any || s.group[g].pushed;
         if (any) make_moves(island, most);
-        if (any && !s.turning.empty()) finish_free_pushes(island, most);
+        if (any && any_turns(s)) finish_free_pushes(island, most);
     }
     if (substep + 1 < params.substeps) return;
     if (params.account_energy) book_last_pushes(island);

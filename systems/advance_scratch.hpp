@@ -275,7 +275,7 @@ struct ContactActive {
     uint32_t nodes = 0;
     uint32_t point_nodes = 0;  // how many of them, the first, are on the side of the point
     uint32_t plan = 0;
-    uint32_t turning = kNone;  // row of turning, if a free body has a side
+    uint32_t turning = kNone;  // row of turning: that of its plan, if a free body has a side
 };
 
 // How a row holds a body in its implicit step: see advance_hold.cpp.
@@ -335,6 +335,9 @@ struct RowGroup {
     std::vector<uint32_t> active_block;  // rows of block that do
     Range fixed;                         // rows of AdvanceScratch::fixed: of its last blocks
     uint32_t idle = 0;                   // node of no mass, for its blocks
+    uint32_t turning_rows = 0;           // of active, that have a free side
+    double change = 0;                   // m/s, largest of their relative velocities in the last sweep,
+    double squares = 0;                  // (N s)^2, and of their impulses
     bool pushed = false;
     double deepest = 0;                  // m, overlap left by the last substep
 };
@@ -368,7 +371,7 @@ struct AdvanceScratch {
     std::vector<uint8_t> may_oppose;   // per node: rows of the call may press it from both sides: none of them is in a block; likewise
     std::vector<ContactPlan> plan;     // of rows that are not in a block
     std::vector<AdvanceFree> free;
-    std::vector<ContactTurning> turning;  // of the active rows with a free side
+    std::vector<ContactTurning> turning;  // as plan, of the active rows with a free side; empty without free bodies
     std::vector<ContactActive> held_active;  // rows as a substep starts, of bodies that are stepped by midpoint
     std::vector<HeldRow> held;               // as held_active
     std::vector<Vec4d> warm;              // N s, of the substep before; as plan, or empty: starts_warm
@@ -376,8 +379,8 @@ struct AdvanceScratch {
     std::vector<FixedTriangles> fixed;  // of the blocks with static planes
     std::vector<RowGroup> group;       // the first of them are in use, see phase
     std::array<uint32_t, 5> phase{};   // first group of each phase, and their number
-    std::vector<uint32_t> strip;       // per row of body, while rows are grouped
-    std::vector<std::pair<double, uint32_t>> along;        // m, row of body: bodies in the order of strips
+    std::vector<uint32_t> strip;       // per row of body and then of free, while rows are grouped
+    std::vector<std::pair<double, uint32_t>> along;        // m, row of strip: bodies in the order of strips
     std::vector<uint32_t> group_of_row, next_of_group;     // while rows are grouped
     std::vector<uint32_t> dealt, ungrouped;                // rows of ContactRows, in the order of plan before blocks are made
     std::vector<NodeSums> node_sums;                       // per chunk of nodes
