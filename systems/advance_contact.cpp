@@ -642,8 +642,10 @@ void plan_contacts(AdvanceIsland& island, std::span<const uint32_t> island_rows)
         make_room(s.warm, s.plan.size());
         for (const ContactPlan& plan : s.plan) s.warm.push_back(start_impulse(island, plan.row));
     }
-    s.turning.clear();
-    if (!s.free.empty()) make_room(s.turning, s.plan.size()), s.turning.resize(s.plan.size());
+    if (!s.free.empty()) {
+        make_room(s.turning, s.plan.size());
+        s.turning.resize(s.plan.size());
+    }
 }
 
 void forget_contacts(AdvanceIsland& island) {
