@@ -51,7 +51,8 @@ std::string head(const RunFigures& f, const ContactColumns& c) {
     std::string facts =
         fact(format("%.2f s", f.simulated_s), "simulated in " + format("%.2f s", f.wall_s) + " of real time");
     facts += fact(std::to_string(c.total.size()),
-                  "contact events in " + std::to_string(f.pass.size()) + " passes (60 a second)");
+                  "contact events in " + std::to_string(f.pass.size()) + " passes" +
+                      (f.simulated_s > 0 ? format(" (%.0f a second)", static_cast<double>(f.pass.size()) / f.simulated_s) : ""));
     if (!c.total.empty()) {
         facts += fact(format("%.3f ms", mean(c.total)),
                       "per contact event on average; 99 % are below " + format("%.3f ms", quantile(c.total, .99)));
@@ -187,7 +188,7 @@ std::string time_section(const RunFigures& f) {
     whole.mark_y = 1000.0 / 30;
     whole.mark_label = "33 ms: a picture's time";
     whole.cut_outliers = true;
-    cards += card(svg_plot(whole), "Every second pass draws a picture; the first one also compiles its shaders.");
+    cards += card(svg_plot(whole), "A pass that ends a displayed frame draws a picture; the first one also compiles its shaders.");
     return section("Over time", "", grid(cards));
 }
 

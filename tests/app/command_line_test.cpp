@@ -383,6 +383,19 @@ TEST_F(CommandLine, RunWritesWhatItSays) {
         EXPECT_EQ(entry.path().filename().string().find("tmp"), std::string::npos) << entry.path();
 }
 
+// Breaks when the page takes one contact rate for every scene's.
+TEST_F(CommandLine, ReportTellsTheContactRateOfTheRun) {
+    const fs::path out = folder_ / "rate";
+    for (const char* rate : {"30", "120"}) {
+        const Outcome outcome = run("run probe_on_liver --seconds 0.2 --no-render --set liver.triangles=300 --set probe.triangles=300 --set contact.rate=" +
+                                    std::string(rate) + " --out " + out.string());
+        ASSERT_EQ(outcome.code, 0) << outcome.err;
+        std::ifstream file(out / "report.html");
+        const std::string page(std::istreambuf_iterator<char>(file), {});
+        EXPECT_NE(page.find(" passes (" + std::string(rate) + " a second)"), std::string::npos) << rate;
+    }
+}
+
 // What levels of detail cost is told beside the full model; and their passes are captured and run again to the bit.
 TEST_F(CommandLine, LevelsOfDetailTellTheirError) {
     const std::string scene = "run probe_on_liver --seconds 0.6 --set liver.triangles=600 --set probe.triangles=300 ";
