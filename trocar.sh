@@ -21,7 +21,7 @@ TXT
 
 packages=(g++ cmake ninja-build libembree-dev libeigen3-dev libtbb-dev libosmesa6-dev libtomlplusplus-dev libcli11-dev
     nlohmann-json3-dev libpng-dev libjpeg-dev libgif-dev zlib1g-dev libdeflate-dev libzstd-dev libmeshoptimizer-dev libinsighttoolkit5-dev libpugixml-dev libassimp-dev libgtest-dev assimp-testmodels libwebsockets-dev)
-optional=(ffmpeg ccache libcoin-dev parallel libopenigtlink-dev)
+optional=(ffmpeg libcoin-dev parallel libopenigtlink-dev)
 
 options=()  # for cmake
 started=$SECONDS
