@@ -16,6 +16,7 @@ void read_contact(TomlSection section, ContactParams& contact, uint32_t& rate) {
     section.read_enum<DeepResponse>("deep", contact.deep,
                                     {{"none", DeepResponse::kNone}, {"last_free", DeepResponse::kLastFree}});
     section.read("faces", contact.faces);
+    section.read("edges_ahead", contact.edges_ahead);
     section.read("contours", contact.contours);
     section.read("regions", contact.regions);
     section.read_count("iterations", contact.iterations, 1, 100);

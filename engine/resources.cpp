@@ -338,7 +338,7 @@ void visit_resource(World& w, Resource resource, Visitor& v) {
                 v.value(FIELD(settings.contact.push_speed)), v.value(FIELD(settings.contact.cell_edges)),
                 v.value(FIELD(settings.contact.iterations)), v.value(FIELD(settings.contact.row_capacity)),
                 v.value(FIELD(settings.contact.share)), v.value(FIELD(settings.contact.direction)),
-                v.value(FIELD(settings.contact.deep)), v.value(FIELD(settings.contact.faces)),
+                v.value(FIELD(settings.contact.deep)), v.value(FIELD(settings.contact.faces)), v.value(FIELD(settings.contact.edges_ahead)),
                 v.value(FIELD(settings.contact.contours)), v.value(FIELD(settings.contact.regions)),
                 v.value(FIELD(settings.contact.cross_check));
             break;

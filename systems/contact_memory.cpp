@@ -1,9 +1,7 @@
 #include "systems/contact_memory.hpp"
 
 #include <algorithm>
-#include <atomic>
 #include <cmath>
-#include <compare>
 
 #include "engine/geometry/contact_kernels.hpp"
 #include "engine/open_rows.hpp"
@@ -18,11 +16,6 @@ constexpr float kSamePoint = 0.1f;
 constexpr double kRestingDepth = 5e-5;
 constexpr uint32_t kRowsPerChunk = 1024, kEdgesPerChunk = 128;
 
-// Whose point it is, in the order of Contacts: pair, side, vertices before edges before faces.
-struct PointKey {
-    uint64_t pair, point;
-    auto operator<=>(const PointKey&) const = default;
-};
 PointKey key_of(uint32_t body, uint32_t other, const std::array<uint32_t, 2>& vertex, uint32_t third) {
     const uint64_t first = std::min(body, other), second = std::max(body, other);
     const uint64_t side = body > other, face = third != kNone, edge = vertex[0] != vertex[1];
@@ -32,27 +25,36 @@ PointKey key_of(const ContactMemory& m, uint32_t row) { return key_of(m.body[row
 PointKey key_of(const Contacts& c, uint32_t row) { return key_of(c.body[row], c.other[row], c.vertex[row], c.third[row]); }
 PointKey key_of(const ContactRows& r, uint32_t row) { return key_of(r.body[row], r.other[row], r.vertex[row], r.third[row]); }
 
-void order_memory(const ContactMemory& memory, std::vector<uint32_t>& order) {
+// Rows have this order but for those of rigid bodies' edges and of edges ahead, which come last, in an order of their own:
+// ascending runs are merged.
+void order_memory(const ContactMemory& memory, ContactMemoryScratch& scratch) {
     const uint32_t count = uint32_t(memory.body.size());
+    std::vector<uint32_t>& order = scratch.order;
     order.resize(count);
-    std::atomic<bool> sorted{true};
+    scratch.key.resize(count);
     parallel_for(count, kRowsPerChunk, [&](uint32_t begin, uint32_t end) {
-        bool ascends = true;
-        PointKey before = begin > 0 ? key_of(memory, begin - 1) : PointKey{};
         for (uint32_t row = begin; row < end; ++row) {
             order[row] = row;
-            const PointKey key = key_of(memory, row);
-            ascends = ascends && before <= key;
-            before = key;
+            scratch.key[row] = key_of(memory, row);
         }
-        if (!ascends) sorted.store(false, std::memory_order_relaxed);
     });
-    // rows have this order but for those of crossing edges of rigid bodies, which come last
-    if (sorted.load(std::memory_order_relaxed)) return;
-    std::sort(order.begin(), order.end(), [&](uint32_t a, uint32_t b) {
-        const auto less = key_of(memory, a) <=> key_of(memory, b);
-        return less == 0 ? a < b : less < 0;
-    });
+    scratch.run.assign(1, 0);
+    for (uint32_t row = 1; row < count; ++row)
+        if (scratch.key[row] < scratch.key[row - 1]) scratch.run.push_back(row);
+    scratch.run.push_back(count);
+    const auto comes_before = [&](uint32_t a, uint32_t b) { return scratch.key[a] < scratch.key[b]; };
+    while (scratch.run.size() > 2) {
+        scratch.merged.resize(count);
+        uint32_t kept = 0;
+        for (size_t r = 0; r + 1 < scratch.run.size(); r += 2) {
+            const auto at = [&](size_t run) { return order.begin() + scratch.run[std::min(run, scratch.run.size() - 1)]; };
+            std::merge(at(r), at(r + 1), at(r + 1), at(r + 2), scratch.merged.begin() + scratch.run[r], comes_before);
+            scratch.run[kept++] = scratch.run[r];
+        }
+        scratch.run.resize(kept);
+        scratch.run.push_back(count);
+        order.swap(scratch.merged);
+    }
 }
 
 bool is_closed(const Surfaces& s, uint32_t body) {
@@ -166,9 +168,9 @@ uint32_t ask_about_edges(double tolerance, const Surfaces& s, const BodyBoxes& b
 template <typename At>
 void for_each_remembered(const ContactMemory& memory, const ContactRows& rows, ContactMemoryScratch& scratch, const At& at) {
     if (memory.body.empty()) return;
-    order_memory(memory, scratch.order);
+    order_memory(memory, scratch);
     const uint32_t remembered = uint32_t(scratch.order.size());
-    const auto key_at = [&](uint32_t i) { return key_of(memory, scratch.order[i]); };
+    const auto key_at = [&](uint32_t i) { return scratch.key[scratch.order[i]]; };
     parallel_for(uint32_t(rows.body.size()), kRowsPerChunk, [&](uint32_t begin, uint32_t end) {
         uint32_t next = 0;
         PointKey before{};
@@ -191,7 +193,7 @@ void keep_edges(const ContactParams& params, const Surfaces& surfaces, const Bod
                 std::span<const std::unique_ptr<ClosestPointTree>> trees, const ContactMemory& memory,
                 ContactMemoryScratch& scratch, Contacts& contacts) {
     scratch.kept.clear();
-    order_memory(memory, scratch.order);
+    order_memory(memory, scratch);
     find_lost_edges(surfaces, pairs, memory, contacts, scratch);
     parallel_for(uint32_t(scratch.kept.size()), kEdgesPerChunk, [&](uint32_t begin, uint32_t end) {
         for (uint32_t i = begin; i < end;)
@@ -232,7 +234,8 @@ void remember_contacts(const ContactRows& rows, ContactMemory& memory) {
     memory.force.clear();
     for (uint32_t row = 0; row < rows.carried.size(); ++row) {
         const bool edge = rows.vertex[row][0] != rows.vertex[row][1];
-        if ((rows.impulse[row] == Vec3d::Zero() && !edge) || rows.third[row] != kNone) continue;
+        const bool ahead = rows.contact[row] == kNone && rows.distance[row] > 0;  // of edges that have not met
+        if ((rows.impulse[row] == Vec3d::Zero() && (!edge || ahead)) || rows.third[row] != kNone) continue;
         memory.body.push_back(rows.body[row]);
         memory.other.push_back(rows.other[row]);
         memory.vertex.push_back(rows.vertex[row]);

@@ -1,4 +1,5 @@
 #pragma once
+#include <compare>
 #include <cstdint>
 #include <memory>
 #include <span>
@@ -23,8 +24,16 @@ struct KeptEdge {
     SurfacePoint answer;                    // likewise
 };
 
+// Whose point it is, in the order of Contacts: pair, side, vertices before edges before faces.
+struct PointKey {
+    uint64_t pair = 0, point = 0;
+    auto operator<=>(const PointKey&) const = default;
+};
+
 struct ContactMemoryScratch {
-    std::vector<uint32_t> order;  // rows of memory, ascending by point
+    std::vector<uint32_t> order;       // rows of memory, ascending by point
+    std::vector<PointKey> key;         // per row of memory
+    std::vector<uint32_t> run, merged;  // of the sort: first rows of ascending runs; its other buffer
     std::vector<LostEdge> lost;    // per row of order
     std::vector<KeptEdge> kept;
     std::vector<uint32_t> before;  // as kept: the contact that it comes before

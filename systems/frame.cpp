@@ -23,6 +23,7 @@
 #include "systems/device_input.hpp"
 #include "systems/edge_pass.hpp"
 #include "systems/edge_rows.hpp"
+#include "systems/edges_ahead.hpp"
 #include "systems/face_depth.hpp"
 #include "systems/fast_bodies.hpp"
 #include "systems/haptic_surface.hpp"
@@ -74,6 +75,7 @@ struct FrameScratch {
     RegionsScratch regions;
     ContactRowsScratch rows;
     EdgeRowsScratch edge_rows;
+    EdgesAheadScratch edges_ahead;
     ContactMemoryScratch memory;
     IslandsScratch islands;
     LinkScratch links;
@@ -376,6 +378,10 @@ void contact_rows(FrameState& f) {
     mark_pressed(surfaces_of(w), w.contact_memory, w.rows, f.scratch.memory);
     drop_idle_rows(period_seconds(w), w.settings.gravity, surfaces_of(w), f.scratch.reachable.jolt, f.scratch.memory.pressed, f.scratch.rows, w.rows);
     add_edge_rows(surfaces_of(w), w.boxes, w.pairs, w.candidates, f.scratch.edge_rows, w.rows);
+    if (w.settings.contact.edges_ahead) {
+        const double period = period_seconds(w), fall = 0.5 * w.settings.gravity.norm() * period * period;
+        add_edges_ahead(period, fall, surfaces_of(w), w.boxes, w.pairs, w.candidates, w.near, w.contacts, f.scratch.edges_ahead, w.rows);
+    }
     recall_contacts(w.contact_memory, f.scratch.memory, w.rows);
 }
 void islands(FrameState& f) { find_islands(f.world.bodies, f.world.rows, f.scratch.islands, f.world.islands, linked_bodies(f)); }
@@ -595,7 +601,7 @@ constexpr FrameStage kBegin[] = {
     {{"penetration",     penetration,     mask(R::kPairs, R::kContacts),                                     mask(R::kPenetrations, R::kReport)}, any_pair},
     {{"deep overlap",    deep_overlap,    kShapes | mask(R::kPairs, R::kContacts, R::kTrees),                 mask(R::kPairMemory, R::kPenetrations)}, wants_ways_out},
     {{"regions",         regions,         kShapes | mask(R::kPairs, R::kScreened, R::kNear, R::kContacts, R::kContours), mask(R::kRegions)}, wants_regions},
-    {{"contact rows",    contact_rows,    kShapes | mask(R::kSettings, R::kClock, R::kBoxes, R::kPairs, R::kCandidates, R::kContacts, R::kPenetrations, R::kContactMemory), mask(R::kRows, R::kReport)}, any_pair},
+    {{"contact rows",    contact_rows,    kShapes | mask(R::kSettings, R::kClock, R::kBoxes, R::kPairs, R::kCandidates, R::kNear, R::kContacts, R::kPenetrations, R::kContactMemory), mask(R::kRows, R::kReport)}, any_pair},
     {{"islands",         islands,         mask(R::kBodies, R::kRows, R::kLinks, R::kTools),                  mask(R::kIslands)}, any_mover},
     {{"level of detail", level_of_detail, mask(R::kDetail, R::kIslands, R::kBoxes, R::kPoses, R::kTools),     mask(R::kBodies)}, any_detail},
     {{"local contact",   local_contact,   kShapes | mask(R::kClock, R::kTools, R::kToolState, R::kNodes, R::kNodeState, R::kBoxes),     mask(R::kToolState, R::kLocalContact)}, any_tool},

@@ -123,8 +123,9 @@ void describe(CLI::App& app, Arguments& a) {
                 "trocar run probe_on_liver --replay out/live/live.recording\n"
                 "Keys of [contact]: tolerance (m, 1e-4: depth along edges and in faces), direction = local | thesis (each point its own way "
                 "out, or one a pair), share = mass | stiffness | half, push_speed (m/s), faces = true (deepest points inside faces "
-                "get rows too), deep = none | last_free (a pair so deep that shortest ways out no longer agree is led back the way "
-                "it came; one that starts so, the shortest way that surely parts it), cross_check, contours, regions");
+                "get rows too), edges_ahead = true (edges about to cross get rows too), deep = none | last_free (a pair so deep that "
+                "shortest ways out no longer agree is led back the way it came; one that starts so, the shortest way that surely parts "
+                "it), cross_check, contours, regions");
 
     CLI::App* check =
         app.add_subcommand("check", "Is a mesh sound: closed, manifold, oriented, free of self-crossings");

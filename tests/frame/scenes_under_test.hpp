@@ -36,7 +36,7 @@ inline BuiltScene small_scene(const std::string& name, const std::string& triang
     }
     if (detail) overrides.push_back({"liver.lod.beyond", "0.02"});
     if (every) {
-        for (const char* key : {"contact.contours", "contact.regions", "contact.faces"}) overrides.push_back({key, "true"});
+        for (const char* key : {"contact.contours", "contact.regions", "contact.faces", "contact.edges_ahead"}) overrides.push_back({key, "true"});
         overrides.push_back({"contact.deep", "last_free"});
     }
     return build_scene(read_scene_file(path, overrides));

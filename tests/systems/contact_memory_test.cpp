@@ -14,10 +14,12 @@ struct Row {
     Vec3d impulse = Vec3d::Zero(), carried = Vec3d::Zero();
     uint32_t third = kNone;
     double distance = 0;
+    uint32_t contact = 0;
 };
 ContactRows rows_of(const std::vector<Row>& list) {
     ContactRows rows;
     for (const Row& r : list) {
+        rows.contact.push_back(r.contact);
         rows.body.push_back(r.body);
         rows.other.push_back(r.other);
         rows.vertex.push_back(r.vertex);
@@ -32,7 +34,7 @@ ContactRows rows_of(const std::vector<Row>& list) {
 Vec3d force(double x) { return {x, 0, 1}; }
 
 // Every point finds what it carried and no other's: sides of a pair, vertex and edge, two points of one edge, an edge that
-// slid on, and rows of crossing edges, which come out of order. What carried nothing is forgotten, but for edges.
+// slid on, and rows of crossing edges, which come out of order. What carried nothing is forgotten, but for edges that are contacts.
 TEST(ContactMemory, RowsFindWhatTheirPointsCarried) {
     const Vec3d some(0, 0, 1e-3);
     ContactMemory memory;
@@ -44,9 +46,11 @@ TEST(ContactMemory, RowsFindWhatTheirPointsCarried) {
                                {0, 1, {7, 9}, 0.5f, some, force(9), 11},
                                {1, 0, {5, 5}, 0, some, force(4)},
                                {0, 2, {5, 5}, 0, some, force(5)},
-                               {0, 1, {1, 2}, 0.5f, some, force(6)}}),
+                               {0, 1, {1, 2}, 0.5f, some, force(6)},
+                               {0, 1, {2, 3}, 0.5f, some, force(7), kNone, 1e-3, kNone},
+                               {0, 1, {3, 4}, 0.5f, Vec3d::Zero(), Vec3d::Zero(), kNone, 1e-3, kNone}}),
                       memory);
-    EXPECT_EQ(memory.body.size(), 7u);
+    EXPECT_EQ(memory.body.size(), 8u);
 
     ContactRows now = rows_of({{0, 1, {4, 4}}, {0, 1, {5, 5}}, {0, 1, {6, 6}}, {0, 1, {5, 9}, 0.75f}, {0, 1, {5, 9}, 0.45f},
                                {0, 1, {7, 9}, 0.5f}, {0, 1, {7, 9}, 0.5f, Vec3d::Zero(), Vec3d::Zero(), 11}, {1, 0, {5, 5}}, {0, 2, {5, 5}},
@@ -63,7 +67,7 @@ TEST(ContactMemory, RowsFindWhatTheirPointsCarried) {
 }
 
 // Thousands of rows, which several threads share, find what a search of the whole memory finds; in order, and with rows of
-// crossing edges behind them, which come out of order, in memory too.
+// crossing edges behind them, which come out of order (some ascend, some do not), in memory too.
 TEST(ContactMemory, LongListsFindTheSameAsASearch) {
     std::vector<Row> before, after;
     for (uint32_t a = 0; a < 40; ++a)
@@ -77,6 +81,10 @@ TEST(ContactMemory, LongListsFindTheSameAsASearch) {
         before.push_back({i, i + 1, {i, i + 7}, 0.5f, Vec3d(1, 0, 0), force(100 + i)});
         after.push_back({29 - i, 30 - i, {29 - i, 36 - i}, 0.52f});
     }
+    for (uint32_t i = 0; i < 29; ++i) {
+        before.push_back({90 - i, 91 - i, {i, i + 7}, 0.5f, Vec3d(1, 0, 0), force(200 + i)});
+        after.push_back({62 + i, 63 + i, {28 - i, 35 - i}, 0.5f});
+    }
     ContactMemory memory;
     remember_contacts(rows_of(before), memory);
     ContactRows now = rows_of(after);
@@ -89,7 +97,7 @@ TEST(ContactMemory, LongListsFindTheSameAsASearch) {
         found += at != before.end();
         EXPECT_EQ(now.carried[i], at != before.end() ? at->carried : Vec3d(0, 0, 0)) << i;
     }
-    EXPECT_EQ(found, 120u * 25 + 30);
+    EXPECT_EQ(found, 120u * 25 + 30 + 29);
 }
 
 }  // namespace
