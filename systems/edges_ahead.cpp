@@ -148,9 +148,8 @@ bool is_closed(const Surfaces& s, uint32_t body) {
 }
 
 bool is_wanted(const Surfaces& s, uint32_t a, uint32_t b) {
-    const Bodies& bodies = s.bodies;
-    return (is_deformable(bodies, a) || is_deformable(bodies, b)) && bodies.motion[a] != Motion::kHand && bodies.motion[b] != Motion::kHand &&
-           is_closed(s, a) && is_closed(s, b);
+    const auto is_free = [&](uint32_t body) { return s.bodies.motion[body] == Motion::kHand || s.bodies.motion[body] == Motion::kFree; };
+    return (is_deformable(s.bodies, a) || is_deformable(s.bodies, b)) && !is_free(a) && !is_free(b) && is_closed(s, a) && is_closed(s, b);
 }
 
 // Contacts of one side of a pair that are on edges: their ends, in order.

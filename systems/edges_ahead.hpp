@@ -42,7 +42,8 @@ struct EdgesAheadScratch {
 // they meet no vertex is on a face, so that they would be found only once they have passed each other (the edge-edge case of
 // Bridson, Fedkiw, Anderson 2002, "Robust treatment of collisions, contact and friction for cloth animation", section 4).
 // Nearest points and normal are of now; places at the end of the period are those of uniform motion, with `fall` (m) more.
-// For pairs with a deformable body and without a tool in the hand. Of each pair the edges of the body with the shorter ones
+// For pairs of deformable bodies, and of theirs with static or scripted ones: heavy boxes that such rows hold sink into the
+// folds of a crushed shell, and so do tools. Of each pair the edges of the body with the shorter ones
 // are asked, against the edges of the triangles nearest to their ends. Rows come last, in the order of pairs, edge and edge
 // of the other; they name no contact.
 void add_edges_ahead(double period, double fall, const Surfaces& surfaces, const BodyBoxes& boxes, const CandidatePairs& pairs,

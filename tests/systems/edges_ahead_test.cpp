@@ -77,10 +77,12 @@ TEST(EdgesAhead, NoRowWithoutAMeeting) {
     }
 }
 
-// A tool in the hand has its own guard against folds; edges that cross have contacts, whose way out is another one.
-TEST(EdgesAhead, NoneForHandsAndForWhatHasCrossed) {
-    ContactScene hand = crossed_bars({0, 0, 1}, Motion::kHand);
-    EXPECT_TRUE(edges_ahead(hand).body.empty());
+// Tools and free bodies would sink into folds; edges that cross have contacts, whose way out is another one.
+TEST(EdgesAhead, NoneForFreeBodiesAndForWhatHasCrossed) {
+    for (const Motion motion : {Motion::kHand, Motion::kFree}) {
+        ContactScene free = crossed_bars({0, 0, 1}, motion);
+        EXPECT_TRUE(edges_ahead(free).body.empty());
+    }
     ContactScene crossed = crossed_bars({0, 0, -1});  // a row of the edges' own would hold back what parts
     crossed.poses.origin[1].z() -= 1.5 * kGap;
     EXPECT_TRUE(edges_ahead(crossed).body.empty());
