@@ -12,7 +12,7 @@ namespace trocar {
 namespace {
 
 constexpr char kMagic[] = "trocarCP";
-constexpr uint32_t kVersion = 1, kByteOrder = 0x01020304;
+constexpr uint32_t kVersion = 2, kByteOrder = 0x01020304;
 constexpr size_t kKindSize = 8, kHeaderSize = 16, kRecordHeaderSize = kKindSize + 3 * sizeof(uint64_t);
 constexpr uint64_t kMostUnpacked = uint64_t{4} << 30;  // bytes, all records together
 constexpr int kZstdLevel = 3;
