@@ -20,7 +20,7 @@ struct Surface {
 }  // namespace
 
 DistanceField mesh_distance(const Mesh& mesh, Admission admission) {
-    TROCAR_ASSERT(admission == Admission::kSolid || admission == Admission::kWinding);
+    TROCAR_ASSERT(has_inside(admission));
     const auto surface = std::make_shared<Surface>();
     const uint32_t row = add_prototype(surface->meshes, mesh, admission);
     surface->tree = std::make_unique<ClosestPointTree>(mesh_view(surface->meshes, row));

@@ -124,7 +124,7 @@ SurfacePoint ClosestPointTree::Impl::answer(const Vec3d& p, double radius, const
     out.point = p + closest.offset;
     out.triangle = winner.triangle;
     out.feature = closest.feature;
-    const bool is_signed = admission == Admission::kSolid || admission == Admission::kWinding;
+    const bool is_signed = has_inside(admission);
 
     Vec3d direction = Vec3d::Zero();
     const double side = side_of(p, winner, d, direction);

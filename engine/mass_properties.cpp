@@ -57,7 +57,7 @@ SolidMoments solid_moments(const MeshView& mesh) {
 
 bool set_rigid_mass(const Meshes& meshes, uint32_t body, double mass, Bodies& bodies, Particles& particles) {
     const MeshView view = mesh_view(meshes, bodies.mesh[body]);
-    if (view.info->admission != Admission::kSolid && view.info->admission != Admission::kWinding) return false;
+    if (!has_inside(view.info->admission)) return false;
     const SolidMoments unit = solid_moments(view);
     if (!(unit.volume > 0) || !std::isfinite(unit.volume)) return false;
     const auto& i = unit.inertia;

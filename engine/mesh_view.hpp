@@ -4,6 +4,9 @@
 #include "components/mesh.hpp"
 namespace trocar {
 
+// Whether a surface encloses an inside.
+inline bool has_inside(Admission admission) { return admission == Admission::kSolid || admission == Admission::kWinding; }
+
 // One prototype's slices of Meshes. All indices are local to the prototype.
 struct MeshView {
     const MeshInfo* info = nullptr;

@@ -17,6 +17,7 @@ struct Surfaces {
 // Bodies that forces move, and that their contacts join into islands.
 inline bool joins_islands(Motion m) { return m == Motion::kDeformable || m == Motion::kHand || m == Motion::kFree; }
 inline bool is_deformable(const Bodies& bodies, uint32_t body) { return bodies.motion[body] == Motion::kDeformable; }
+inline bool has_inside(const Surfaces& s, uint32_t body) { return has_inside(s.meshes.info[s.bodies.mesh[body]].admission); }
 
 // Position of a vertex relative to the body's frame: offset from the origin if deformable, rest position if rigid. m
 inline Vec3d vertex_in_frame(const Surfaces& s, uint32_t body, uint32_t vertex) {

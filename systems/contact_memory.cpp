@@ -57,11 +57,6 @@ void order_memory(const ContactMemory& memory, ContactMemoryScratch& scratch) {
     }
 }
 
-bool is_closed(const Surfaces& s, uint32_t body) {
-    const Admission admission = s.meshes.info[s.bodies.mesh[body]].admission;
-    return admission == Admission::kSolid || admission == Admission::kWinding;
-}
-
 // First of `count` rows, whose keys key(row) ascend, that does not come before `wanted`.
 template <typename Key, typename KeyOf>
 uint32_t lower_row(uint32_t count, const Key& wanted, const KeyOf& key) {
@@ -98,7 +93,7 @@ struct EdgePlace {
     }
     LostEdge go_on(uint32_t m) {
         const uint32_t body = memory.body[m], other = memory.other[m];
-        if (memory.vertex[m][0] == memory.vertex[m][1] || !is_closed(surfaces, other)) return {};
+        if (memory.vertex[m][0] == memory.vertex[m][1] || !has_inside(surfaces, other)) return {};
         if (!is_deformable(surfaces.bodies, body) && !is_deformable(surfaces.bodies, other)) return {};
         const PointKey wanted = key_of(memory, m);
         while (contact < contacts_in_all() && key_of(contacts, contact) < wanted) ++contact;

@@ -324,8 +324,6 @@ Side make_side(const EdgeInput& in, const CandidatePairs& pairs,
     const bool reversed = row % 2 != 0;
     const uint32_t body = reversed ? pairs.b[pair] : pairs.a[pair], other = reversed ? pairs.a[pair] : pairs.b[pair];
     const Bodies& bodies = in.surfaces.bodies;
-    const Admission admission = in.surfaces.meshes.info[bodies.mesh[other]].admission;
-    const bool closed = admission == Admission::kSolid || admission == Admission::kWinding;
     return {row,
             body,
             other,
@@ -333,7 +331,7 @@ Side make_side(const EdgeInput& in, const CandidatePairs& pairs,
             mesh_view(in.surfaces.meshes, bodies.mesh[body]),
             mesh_view(in.surfaces.meshes, bodies.mesh[other]),
             FramePoints(in.surfaces, other),
-            closed ? trees[bodies.tree[other]].get() : nullptr};
+            has_inside(in.surfaces, other) ? trees[bodies.tree[other]].get() : nullptr};
 }
 
 void write_edge(const Surfaces& s, uint32_t pair, uint32_t body, uint32_t other, const EdgeContact& e, Contacts& to,

@@ -3,6 +3,7 @@
 #include <algorithm>
 #include <cmath>
 
+#include "engine/edge_meeting.hpp"
 #include "engine/geometry/contact_kernels.hpp"
 namespace trocar {
 namespace {
@@ -14,7 +15,8 @@ constexpr double kDeepest = 0.05;     // mean edges of overlap; beyond it the ed
 
 // A sharp edge in world axes.
 struct SharpEdge {
-    Vec3d a, b;         // m, ends
+    std::array<uint32_t, 2> vertex;  // local, ends
+    Vec3d a, b;         // m, the same
     Vec3d into[2];      // unit, from the edge's start into its two faces: to their far corners
     uint32_t triangle;  // the first of its two
 };
@@ -35,6 +37,7 @@ bool load_edge(const Surfaces& s, uint32_t body, uint32_t edge, SharpEdge& e) {
     }
     // a face bends away from the other's plane: outward
     if (!(normal[0].dot(normal[1]) < kSharp && normal[0].dot(across[1]) < 0)) return false;
+    e.vertex = mesh.edge[edge];
     e.a = vertex_position(s, body, v);
     e.b = vertex_position(s, body, w);
     for (int k = 0; k < 2; ++k) e.into[k] = direction_to_world(s, body, across[k]);
@@ -83,33 +86,6 @@ bool find_passing(const SharpEdge& a, const SharpEdge& b, double margin, double 
     return p.along_a >= 0 && p.along_a <= 1 && p.along_b >= 0 && p.along_b <= 1;
 }
 
-void add_row(const Surfaces& s, uint32_t body, uint32_t other, uint32_t edge, uint32_t other_edge, const SharpEdge& b,
-             const Passing& p, ContactRows& rows) {
-    const MeshView mesh = mesh_view(s.meshes, s.bodies.mesh[body]);
-    const MeshView far = mesh_view(s.meshes, s.bodies.mesh[other]);
-    const Triangle& corner = far.triangle[b.triangle];
-    std::array<float, 3> weight{};
-    for (int k = 0; k < 3; ++k) {
-        if (corner[k] == far.edge[other_edge][1]) weight[k] = static_cast<float>(p.along_b);
-    }
-    for (int k = 0; k < 3; ++k) {
-        if (corner[k] == far.edge[other_edge][0]) weight[k] = 1.0f - static_cast<float>(p.along_b);
-    }
-    rows.contact.push_back(kNone);
-    rows.body.push_back(body);
-    rows.other.push_back(other);
-    rows.vertex.push_back(mesh.edge[edge]);
-    rows.along.push_back(static_cast<float>(p.along_a));
-    rows.third.push_back(kNone);
-    rows.across.push_back(0);
-    rows.triangle.push_back(corner);
-    rows.weight.push_back(weight);
-    rows.normal.push_back(rotate_back(s.poses.orientation[other], p.normal));
-    rows.distance.push_back(p.distance);
-    rows.friction.push_back(static_cast<float>(std::max(s.bodies.tissue[body].friction, s.bodies.tissue[other].friction)));
-    rows.impulse.push_back(Vec3d::Zero());
-}
-
 }  // namespace
 
 void add_edge_rows(const Surfaces& surfaces, const BodyBoxes& boxes, const CandidatePairs& pairs,
@@ -133,7 +109,11 @@ void add_edge_rows(const Surfaces& surfaces, const BodyBoxes& boxes, const Candi
             load_edge(surfaces, body[0], first, a);
             for (const uint32_t second : scratch.edge[1]) {
                 load_edge(surfaces, body[1], second, b);
-                if (find_passing(a, b, margin, deepest, passing)) add_row(surfaces, body[0], body[1], first, second, b, passing, rows);
+                if (!find_passing(a, b, margin, deepest, passing)) continue;
+                append_edge_row(surfaces,
+                                {body[0], body[1], a.vertex, b.vertex, static_cast<float>(passing.along_a), static_cast<float>(passing.along_b),
+                                 b.triangle, passing.normal, passing.distance},
+                                rows);
             }
         }
     }

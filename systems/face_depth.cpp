@@ -232,8 +232,6 @@ Side make_side(const Input& in, const CandidatePairs& pairs, std::span<const std
     const Surfaces& s = in.surfaces;
     const uint32_t a = pairs.a[row / 2], b = pairs.b[row / 2];
     const uint32_t body = row % 2 ? b : a, other = row % 2 ? a : b;
-    const Admission admission = s.meshes.info[s.bodies.mesh[other]].admission;
-    const bool closed = admission == Admission::kSolid || admission == Admission::kWinding;
     return {body,
             other,
             row % 2 != 0,
@@ -242,7 +240,7 @@ Side make_side(const Input& in, const CandidatePairs& pairs, std::span<const std
             in.candidates.pair[row / 2],
             mesh_view(s.meshes, s.bodies.mesh[body]),
             mesh_view(s.meshes, s.bodies.mesh[other]),
-            closed ? trees[s.bodies.tree[other]].get() : nullptr,
+            has_inside(s, other) ? trees[s.bodies.tree[other]].get() : nullptr,
             BodyPoints(s, body, s.poses.origin[other]),
             !is_deformable(s.bodies, other),
             s.poses.orientation[other]};

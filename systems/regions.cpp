@@ -397,11 +397,6 @@ void find_pair(const PairInput& in, RegionsChunk& c) {
     add_rows(in, c, c.found);
 }
 
-bool is_closed(const Surfaces& s, uint32_t body) {
-    const Admission admission = s.meshes.info[s.bodies.mesh[body]].admission;
-    return admission == Admission::kSolid || admission == Admission::kWinding;
-}
-
 // Rows of segment and point that belong to a pair; curves, segments and points of pairs lie in order.
 void find_rows(const Contours& k, uint32_t pair, Range& points, Range& segments) {
     points = segments = {};
@@ -443,7 +438,7 @@ void find_regions(const Surfaces& surfaces, const CandidatePairs& pairs, const S
         for (uint32_t pair = begin; pair < end; ++pair) {
             const uint32_t a = pairs.a[pair], b = pairs.b[pair];
             Range rows{scratch.contact_first[pair], scratch.contact_first[pair + 1] - scratch.contact_first[pair]};
-            if (rows.count == 0 || !is_closed(surfaces, a) || !is_closed(surfaces, b)) continue;
+            if (rows.count == 0 || !has_inside(surfaces, a) || !has_inside(surfaces, b)) continue;
             const Vec3d centre = contacts.point[rows.first];
             const MeshView mesh_a = mesh_view(surfaces.meshes, surfaces.bodies.mesh[a]),
                            mesh_b = mesh_view(surfaces.meshes, surfaces.bodies.mesh[b]);
