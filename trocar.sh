@@ -7,7 +7,7 @@ usage() {
     cat <<'TXT'
 usage: ./trocar.sh COMMAND
 
-  demo   install what is missing, build, run the three scenes into out/demo/ (pictures, film, figures)
+  demo   install what is missing, build the programs, run the three scenes into out/demo/ (pictures, film, figures)
   test   install what is missing, build, run every test but the long ones
   long   build, run the long tests (sweeps, 10,000-frame books)
   debug  build for debuggers with the library's assertions, run the unit tests
@@ -44,7 +44,7 @@ setup() {
     install_packages "${optional[@]}" || step "an optional package is not to be had (${optional[*]}): going on without"
 }
 
-build() {  # preset
+build() {  # preset target...; without targets everything
     setup
     local launcher=()
     if command -v ccache >/dev/null; then
@@ -55,7 +55,7 @@ build() {  # preset
     cmake --preset "$1" "${launcher[@]}" "${options[@]}" >"build-$1.log" 2>&1 || { cat "build-$1.log"; exit 1; }
     rm -f "build-$1.log"
     step "building ($1)"
-    cmake --build --preset "$1" -- --quiet
+    cmake --build --preset "$1" -- --quiet "${@:2}"
     step "built"
 }
 
@@ -95,7 +95,7 @@ case "${1:-}" in
         TSAN_OPTIONS="suppressions=$PWD/tests/races.supp:history_size=7" build/tsan/trocar run probe_on_liver --live --seconds 3 --out out/tsan
         ;;
     demo)
-        build release
+        build release programs
         for scene in probe_on_liver kidney_on_liver wrl_pair; do
             step "running $scene"
             build/release/trocar run "content/scenes/$scene.toml" --out "out/demo/$scene"

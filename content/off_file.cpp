@@ -87,7 +87,7 @@ void read_text(Words& words, const Prefix& prefix, LoadedMesh& loaded, PolygonLi
 
 // --- bytes
 
-struct Bytes {
+struct BinaryWords {
     Words& words;
 
     uint64_t left() const { return static_cast<uint64_t>(words.end - words.at); }
@@ -108,7 +108,7 @@ struct Bytes {
 };
 
 void read_bytes(Words& words, const Prefix& prefix, LoadedMesh& loaded, PolygonList& list) {
-    Bytes bytes{words};
+    BinaryWords bytes{words};
     const uint64_t each = 4 * (3u + (prefix.normal ? 3 : 0) + (prefix.colour ? 4 : 0) + (prefix.texture ? 2 : 0));
     Counts counts;
     counts.vertices = bytes.count("a number of vertices", each);

@@ -25,7 +25,7 @@ struct Descriptor {
     }
 };
 
-[[noreturn]] void fail(const std::filesystem::path& path, const std::string& reason) {
+[[noreturn]] void fail_to_read(const std::filesystem::path& path, const std::string& reason) {
     throw InputError(path.string() + ": " + reason);
 }
 
@@ -45,7 +45,7 @@ struct Inflater {
 std::string unpack(const std::filesystem::path& path, std::string_view packed, uint64_t limit) {
     Inflater inflater;
     z_stream& stream = inflater.stream;
-    if (inflateInit2(&stream, 15 + 16) != Z_OK) fail(path, "cannot start unpacking gzip");
+    if (inflateInit2(&stream, 15 + 16) != Z_OK) fail_to_read(path, "cannot start unpacking gzip");
     inflater.ready = true;
     std::string text;
     size_t used = 0, written = 0;
@@ -61,14 +61,14 @@ std::string unpack(const std::filesystem::path& path, std::string_view packed, u
         const int status = inflate(&stream, Z_NO_FLUSH);
         used += give - stream.avail_in;
         written += room - stream.avail_out;
-        if (written > limit) fail(path, "unpacks to more than " + describe_bytes(limit));
+        if (written > limit) fail_to_read(path, "unpacks to more than " + describe_bytes(limit));
         if (status == Z_STREAM_END) {
             if (!is_gzip(packed.substr(used))) break;
-            if (inflateReset(&stream) != Z_OK) fail(path, "cannot unpack gzip");
+            if (inflateReset(&stream) != Z_OK) fail_to_read(path, "cannot unpack gzip");
         } else if (status == Z_BUF_ERROR || (status == Z_OK && used == packed.size() && stream.avail_out > 0)) {
-            fail(path, "gzip data is cut short after " + describe_bytes(written) + " of text");
+            fail_to_read(path, "gzip data is cut short after " + describe_bytes(written) + " of text");
         } else if (status != Z_OK) {
-            fail(path, std::string("damaged gzip data: ") + (stream.msg ? stream.msg : "unknown fault"));
+            fail_to_read(path, std::string("damaged gzip data: ") + (stream.msg ? stream.msg : "unknown fault"));
         }
     }
     text.resize(written);
@@ -91,14 +91,14 @@ std::string describe_bytes(uint64_t bytes) {
 
 std::string read_file_bytes(const std::filesystem::path& path, uint64_t limit) {
     Descriptor file{::open(path.c_str(), O_RDONLY | O_CLOEXEC)};
-    if (file.fd < 0) fail(path, std::strerror(errno));
+    if (file.fd < 0) fail_to_read(path, std::strerror(errno));
     struct stat info {};
-    if (::fstat(file.fd, &info) != 0) fail(path, std::strerror(errno));
-    if (S_ISDIR(info.st_mode)) fail(path, "is a folder, not a file");
+    if (::fstat(file.fd, &info) != 0) fail_to_read(path, std::strerror(errno));
+    if (S_ISDIR(info.st_mode)) fail_to_read(path, "is a folder, not a file");
     uint64_t expected = kChunk;
     if (S_ISREG(info.st_mode)) {
         expected = static_cast<uint64_t>(info.st_size);
-        if (expected > limit) fail(path, "has " + describe_bytes(expected) + ", the limit is " + describe_bytes(limit));
+        if (expected > limit) fail_to_read(path, "has " + describe_bytes(expected) + ", the limit is " + describe_bytes(limit));
     } else {
         limit = std::min(limit, kStreamLimit);
     }
@@ -109,10 +109,10 @@ std::string read_file_bytes(const std::filesystem::path& path, uint64_t limit) {
         if (filled == bytes.size()) bytes.resize(std::max<uint64_t>(filled + filled / 2, expected) + 1);
         const ssize_t got = ::read(file.fd, bytes.data() + filled, bytes.size() - filled);
         if (got < 0 && errno == EINTR) continue;
-        if (got < 0) fail(path, std::strerror(errno));
+        if (got < 0) fail_to_read(path, std::strerror(errno));
         if (got == 0) break;
         filled += static_cast<size_t>(got);
-        if (filled > limit) fail(path, "is longer than the limit of " + describe_bytes(limit));
+        if (filled > limit) fail_to_read(path, "is longer than the limit of " + describe_bytes(limit));
     }
     bytes.resize(filled);
     return bytes;

@@ -16,7 +16,7 @@ namespace {
 
 namespace fs = std::filesystem;
 
-[[noreturn]] void fail(const fs::path& path, const std::string& reason) {
+[[noreturn]] void fail_to_write(const fs::path& path, const std::string& reason) {
     throw InputError(path.string() + ": cannot write: " + reason);
 }
 
@@ -41,7 +41,7 @@ void write_all(int fd, std::string_view bytes, const fs::path& path) {
     }
     // some file systems report a full disk only here
     if (::close(fd) != 0 && fault == 0 && errno != EINTR) fault = errno;
-    if (fault != 0) fail(path, std::strerror(fault));
+    if (fault != 0) fail_to_write(path, std::strerror(fault));
 }
 
 // A stream of this process must be appended to, even when the shell has pointed it at a regular file.
@@ -60,12 +60,12 @@ void stage(const FileContents& file, const fs::path& target, const struct stat* 
         fd = ::open(temporary.c_str(), O_WRONLY | O_CREAT | O_EXCL | O_CLOEXEC, 0666);
         if (fd < 0 && errno != EEXIST) break;
     }
-    if (fd < 0) fail(file.path, std::strerror(errno));
+    if (fd < 0) fail_to_write(file.path, std::strerror(errno));
     staged.files.push_back({temporary, target});
     if (existing && ::fchmod(fd, existing->st_mode & 0777) != 0) {
         const int fault = errno;
         ::close(fd);
-        fail(file.path, std::strerror(fault));
+        fail_to_write(file.path, std::strerror(fault));
     }
     write_all(fd, file.bytes, file.path);
 }
@@ -77,21 +77,21 @@ void write_whole_files(std::span<const FileContents> files) {
     for (const FileContents& file : files) {
         struct stat info {};
         const bool exists = ::stat(file.path.c_str(), &info) == 0;
-        if (exists && S_ISDIR(info.st_mode)) fail(file.path, "it is a folder");
+        if (exists && S_ISDIR(info.st_mode)) fail_to_write(file.path, "it is a folder");
         if (names_own_stream(file.path) || (exists && !S_ISREG(info.st_mode))) {
             const int fd = ::open(file.path.c_str(), O_WRONLY | O_APPEND | O_CLOEXEC);
-            if (fd < 0) fail(file.path, std::strerror(errno));
+            if (fd < 0) fail_to_write(file.path, std::strerror(errno));
             write_all(fd, file.bytes, file.path);
             continue;
         }
-        if (exists && ::access(file.path.c_str(), W_OK) != 0) fail(file.path, std::strerror(errno));
+        if (exists && ::access(file.path.c_str(), W_OK) != 0) fail_to_write(file.path, std::strerror(errno));
         std::error_code ignored;
         const fs::path target = exists ? fs::canonical(file.path, ignored) : file.path;
         stage(file, target.empty() ? file.path : target, exists ? &info : nullptr, staged);
     }
     // in the order given, so that a file that names others appears after them
     for (const Staged::File& file : staged.files) {
-        if (::rename(file.temporary.c_str(), file.target.c_str()) != 0) fail(file.target, std::strerror(errno));
+        if (::rename(file.temporary.c_str(), file.target.c_str()) != 0) fail_to_write(file.target, std::strerror(errno));
     }
     staged.files.clear();
 }

@@ -612,7 +612,7 @@ constexpr FrameStage kAdvance[] = {
       mask(R::kPoses, R::kParticles, R::kRows, R::kContactMemory, R::kToolState, R::kLinks, R::kTorn, R::kTornSprings, R::kNodeState, R::kEnergy, R::kReport)}, any_mover},
 };
 
-constexpr FrameStage kEnd[] = {
+constexpr FrameStage kEndStages[] = {
     {{"surface normals", surface_normals, kShapes,                                                           mask(R::kNormals)}, any_deformable},
     {{"energy",          energy,          mask(R::kSettings, R::kSprings, R::kSolids, R::kBodies, R::kPoses, R::kParticles, R::kAnchors, R::kLinks, R::kTears, R::kTornSprings, R::kNodes, R::kNodeState), mask(R::kEnergy)}, any_energy},
     {{"picture",         picture,         kShapes | mask(R::kClock, R::kNormals, R::kContacts, R::kPenetrations, R::kTools, R::kToolState, R::kTears, R::kLives, R::kNodeState), mask(R::kPicture)}, any_body},
@@ -624,7 +624,7 @@ constexpr std::string_view kFirstDetection = "body boxes", kAfterDetection = "lo
 
 std::span<const FrameStage> begin_stages() { return kBegin; }
 std::span<const FrameStage> advance_stages() { return kAdvance; }
-std::span<const FrameStage> end_stages() { return kEnd; }
+std::span<const FrameStage> end_stages() { return kEndStages; }
 
 // The stages this scene wants, and the graphs over them: one for a pass, one for a picture.
 struct Frame::Graphs {
@@ -690,7 +690,7 @@ Frame::Frame(World world, const FrameOptions& options) : state_(new FrameState),
     }
     g.add(kAdvance);
     g.end_first = static_cast<uint32_t>(g.stages.size());
-    g.add(kEnd);
+    g.add(kEndStages);
     g.begin_ns.assign(g.stages.size(), 0);
     state_->times.stage_ns.assign(g.stages.size(), 0);
     g.pass_list = {&g, 0};

@@ -1,15 +1,8 @@
 #include "systems/islands.hpp"
 
 #include "engine/surfaces.hpp"
+#include "engine/union_find.hpp"
 namespace trocar {
-namespace {
-
-uint32_t find_root(std::vector<uint32_t>& parent, uint32_t body) {
-    while (parent[body] != body) body = parent[body] = parent[parent[body]];
-    return body;
-}
-
-}  // namespace
 
 void find_islands(const Bodies& bodies, const ContactRows& rows, IslandsScratch& scratch, Islands& islands,
                   std::span<const std::array<uint32_t, 2>> joined) {
@@ -17,13 +10,7 @@ void find_islands(const Bodies& bodies, const ContactRows& rows, IslandsScratch&
     scratch.parent.resize(count);
     for (uint32_t body = 0; body < count; ++body) scratch.parent[body] = body;
     const auto join = [&](uint32_t body, uint32_t other) {
-        if (!joins_islands(bodies.motion[body]) || !joins_islands(bodies.motion[other])) return;
-        const uint32_t a = find_root(scratch.parent, body), b = find_root(scratch.parent, other);
-        if (a < b) {
-            scratch.parent[b] = a;
-        } else {
-            scratch.parent[a] = b;
-        }
+        if (joins_islands(bodies.motion[body]) && joins_islands(bodies.motion[other])) join_sets(scratch.parent, body, other);
     };
     for (uint32_t row = 0; row < rows.body.size(); ++row) join(rows.body[row], rows.other[row]);
     for (const auto& [body, other] : joined) join(body, other);

@@ -5,25 +5,13 @@
 #include "engine/bit_rows.hpp"
 #include "engine/geometry/project_vertices.hpp"
 #include "engine/parallel.hpp"
+#include "engine/union_find.hpp"
 namespace trocar {
 namespace {
 
 constexpr uint32_t kQueriesPerChunk = 64;
 enum Piece : uint8_t { kUnknown, kOutside, kInside };
 
-uint32_t find_root(std::vector<uint32_t>& parent, uint32_t v) {
-    while (parent[v] != v) v = parent[v] = parent[parent[v]];
-    return v;
-}
-void join(std::vector<uint32_t>& parent, uint32_t a, uint32_t b) {
-    a = find_root(parent, a);
-    b = find_root(parent, b);
-    if (a < b) {
-        parent[b] = a;
-    } else {
-        parent[a] = b;
-    }
-}
 
 // One side of one pair: the vertices of `body` against the surface of `other`.
 struct Side {
@@ -172,8 +160,8 @@ void flood_pieces(const OverlapInput& in, const Side& side, OverlapChunk& c) {
         if (has_bit(c.beyond, corner[0]) && has_bit(c.beyond, corner[1]) && has_bit(c.beyond, corner[2])) continue;
         if (has_bit(c.near_triangle, triangle)) continue;
         for (const uint32_t v : corner) set_bit(c.region_vertex, v);
-        join(c.parent, corner[0], corner[1]);
-        join(c.parent, corner[1], corner[2]);
+        join_sets(c.parent, corner[0], corner[1]);
+        join_sets(c.parent, corner[1], corner[2]);
     }
     const Box box = in.boxes.box[side.other];
     const Vec3d a = box.min - origin, b = box.max - origin;

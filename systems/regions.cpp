@@ -6,18 +6,9 @@
 
 #include "engine/geometry/contact_kernels.hpp"
 #include "engine/parallel.hpp"
+#include "engine/union_find.hpp"
 namespace trocar {
 namespace {
-
-uint32_t find_root(std::vector<uint32_t>& parent, uint32_t v) {
-    while (parent[v] != v) v = parent[v] = parent[parent[v]];
-    return v;
-}
-void join(std::vector<uint32_t>& parent, uint32_t a, uint32_t b) {
-    a = find_root(parent, a);
-    b = find_root(parent, b);
-    parent[std::max(a, b)] = std::min(a, b);
-}
 
 // One body of the pair.
 struct Half {
@@ -185,7 +176,7 @@ void join_half(const PairInput& in, uint32_t side, RegionsChunk& c) {
             const uint32_t u = half.first_node + half.mesh.triangle[triangle][k],
                            v = half.first_node + half.mesh.triangle[triangle][(k + 1) % 3];
             if (c.inside[u] && c.inside[v] && points_on(side, half.mesh.triangle_edge[triangle][k], c).empty()) {
-                join(c.parent, u, v);
+                join_sets(c.parent, u, v);
             }
         }
     }
@@ -194,9 +185,9 @@ void join_half(const PairInput& in, uint32_t side, RegionsChunk& c) {
         find_spans(in, side, c.hit_edge[side][i], c);
         size_t row = 0;
         for (const uint32_t p : points_on(side, c.hit_edge[side][i], c)) {
-            if (in.contours.outward[p] && row < c.span.size()) join(c.parent, c.span[row++].node, point_node(in, p));
+            if (in.contours.outward[p] && row < c.span.size()) join_sets(c.parent, c.span[row++].node, point_node(in, p));
         }
-        if (row < c.span.size() && c.inside[half.first_node + v]) join(c.parent, c.span[row].node, half.first_node + v);
+        if (row < c.span.size() && c.inside[half.first_node + v]) join_sets(c.parent, c.span[row].node, half.first_node + v);
     }
 }
 
@@ -385,7 +376,7 @@ void find_pair(const PairInput& in, RegionsChunk& c) {
     for (uint32_t node = 0; node < nodes; ++node) c.parent[node] = node;
     for (uint32_t i = in.segments.first; i < in.segments.end(); ++i) {
         const auto& [p, q] = in.contours.end[i];
-        join(c.parent, point_node(in, p), point_node(in, q));
+        join_sets(c.parent, point_node(in, p), point_node(in, q));
     }
     for (uint32_t side = 0; side < 2; ++side) join_half(in, side, c);
     number_regions(in, c);

@@ -3,13 +3,9 @@
 #include <algorithm>
 
 #include "engine/surfaces.hpp"
+#include "engine/union_find.hpp"
 namespace trocar {
 namespace {
-
-uint32_t find_root(std::vector<uint32_t>& parent, uint32_t body) {
-    while (parent[body] != body) body = parent[body] = parent[parent[body]];
-    return body;
-}
 
 // Whether the root mean square speed of a body is below `speed` and nothing of it is ten times as fast; not if a velocity
 // is not finite.
@@ -50,9 +46,7 @@ void find_groups(const SceneSettings& settings, const Bodies& bodies, std::span<
         s.restless[b] = is_deformable(bodies, b) ? sleep.still[b] < enough : !lies_anyway(b);
     }
     const auto join = [&](uint32_t body, uint32_t other) {
-        if (lies_anyway(body) || lies_anyway(other)) return;
-        const uint32_t a = find_root(s.parent, body), b = find_root(s.parent, other);
-        s.parent[std::max(a, b)] = std::min(a, b);
+        if (!lies_anyway(body) && !lies_anyway(other)) join_sets(s.parent, body, other);
     };
     for (size_t i = 0; i < pairs.a.size(); ++i) join(pairs.a[i], pairs.b[i]);
     for (const auto& [body, other] : joined) join(body, other);

@@ -2,7 +2,7 @@
 # and fits better. Fails when two files of a group define functions of one name, but for those looked at.
 #   cmake -DBUILD=<build folder> -P unity_names.cmake
 cmake_minimum_required(VERSION 3.25)
-set(looked_at to_text turn fail error_of put same_bits rows_of)  # their parameters cannot be mistaken for each other's
+set(looked_at to_text to_json turn fail error_of put same_bits rows_of)  # their parameters cannot be mistaken for each other's
 file(GLOB_RECURSE groups ${BUILD}/CMakeFiles/*/Unity/*.cxx ${BUILD}/tests/CMakeFiles/*/Unity/*.cxx)
 if(NOT groups)
   message("no files are compiled in groups")

@@ -31,6 +31,7 @@
 #include "systems/app/report_page.hpp"
 #include "systems/app/run_costs.hpp"
 #include "systems/app/standard_streams.hpp"
+#include "systems/app/version.hpp"
 #include "systems/frame.hpp"
 namespace trocar {
 namespace fs = std::filesystem;
@@ -51,7 +52,7 @@ void start_figures(const BuiltScene& scene, const SceneFile& file, const Frame& 
                    RunFigures& figures) {
     figures.scene = file.settings.name;
     figures.description = file.settings.description;
-    figures.version = TROCAR_VERSION;
+    figures.version = program_version();
     figures.instruction_set = instruction_set();
     figures.machine = machine_text();
     figures.threads = thread_count();

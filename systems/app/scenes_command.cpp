@@ -11,6 +11,7 @@
 #include "engine/whole_file.hpp"
 #include "systems/app/commands.hpp"
 #include "systems/app/standard_streams.hpp"
+#include "systems/app/version.hpp"
 namespace trocar {
 namespace fs = std::filesystem;
 
@@ -70,7 +71,7 @@ int scenes_command(bool json) {
 }
 
 std::string version_text() {
-    std::string text = std::string("trocar ") + TROCAR_VERSION + " (" + instruction_set() + ")\n";
+    std::string text = std::string("trocar ") + program_version() + " (" + instruction_set() + ")\n";
     text += std::string("Embree ") + closest_point_library() + "\n";
     text += "compiler " + std::string(__VERSION__) + "\n";
     OffscreenContext context;

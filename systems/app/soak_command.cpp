@@ -25,6 +25,7 @@
 #include "systems/app/soak.hpp"
 #include "systems/app/standard_streams.hpp"
 #include "systems/app/svg_plot.hpp"
+#include "systems/app/version.hpp"
 namespace trocar {
 namespace fs = std::filesystem;
 namespace {
@@ -272,7 +273,7 @@ int soak_command(const SoakOptions& options) {
         Frame frame(std::move(scene.world), {});
         std::optional<FrameRecorder> recorder;
         if (!options.out.empty()) {
-            CaptureHeader header{soak.scene, TROCAR_VERSION, instruction_set(), machine_text(), frame.stage_names(), scene.camera, scene.picture, false};
+            CaptureHeader header{soak.scene, program_version(), instruction_set(), machine_text(), frame.stage_names(), scene.camera, scene.picture, false};
             recorder.emplace(frame, std::move(header), CaptureTriggers{}, options.out / "captures");
         }
         Soaker soaker(options, frame, options.seconds > 0 ? options.seconds : file.settings.seconds, recorder ? &*recorder : nullptr);
