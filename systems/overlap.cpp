@@ -12,7 +12,6 @@ namespace {
 constexpr uint32_t kQueriesPerChunk = 64;
 enum Piece : uint8_t { kUnknown, kOutside, kInside };
 
-
 // One side of one pair: the vertices of `body` against the surface of `other`.
 struct Side {
     uint32_t pair, body, other;
