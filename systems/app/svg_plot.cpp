@@ -8,7 +8,7 @@
 namespace trocar {
 namespace {
 
-constexpr double kWidth = 640, kHeight = 300, kLeft = 64, kRight = 16, kTop = 34, kBottom = 46;
+constexpr double kWidth = 640, kHeight = 300, kLeft = 64, kRight = 16, kTop = 34, kBottom = 46, kDigitWidth = 7;
 constexpr const char* kColors[] = {"#1f6feb", "#d1495b", "#2a9d5c", "#e29a2f",
                                    "#7b4ab8", "#4d4d4d", "#00a3a3", "#a05a2c"};
 
@@ -125,9 +125,9 @@ std::string draw_axes(const Plot& plot, const PlotFrame& f) {
     for (double x = f.x.low; x <= f.x.high + f.x.step * 0.01; x += f.x.step) {
         svg += format("<line class=\"g\" x1=\"%.1f\" x2=\"%.1f\" y1=\"%g\" y2=\"%g\"/>", f.px(x), f.px(x), kTop,
                       kHeight - kBottom);
-        svg +=
-            format("<text class=\"n\" text-anchor=\"middle\" x=\"%.1f\" y=\"%g\">", f.px(x), kHeight - kBottom + 15) +
-            (plot.log_x_from > 0 ? format("%g", std::pow(10.0, x)) : number(x, f.x.step)) + "</text>";
+        const std::string label = plot.log_x_from > 0 ? format("%g", std::pow(10.0, x)) : number(x, f.x.step);
+        const double middle = std::min(f.px(x), kWidth - 1 - 0.5 * kDigitWidth * static_cast<double>(label.size()));
+        svg += format("<text class=\"n\" text-anchor=\"middle\" x=\"%.1f\" y=\"%g\">", middle, kHeight - kBottom + 15) + label + "</text>";
     }
     for (double y = f.y.low; y <= f.y.high + f.y.step * 0.01; y += f.y.step) {
         svg += format("<line class=\"g\" x1=\"%g\" x2=\"%g\" y1=\"%.1f\" y2=\"%.1f\"/>", kLeft, kWidth - kRight,
@@ -196,9 +196,10 @@ std::string svg_plot(const Plot& plot) {
     if (!plot.mark_label.empty()) {
         svg += format("<line class=\"m\" x1=\"%g\" x2=\"%g\" y1=\"%.1f\" y2=\"%.1f\"/>", kLeft, kWidth - kRight,
                       f.py(plot.mark_y), f.py(plot.mark_y));
-        svg += format("<text class=\"n h\" text-anchor=\"end\" x=\"%g\" y=\"%.1f\">", kWidth - kRight - 4,
-                      f.py(plot.mark_y) - 5) +
-               escape_html(plot.mark_label) + "</text>";
+        // where the names of several series would be, so that no curve runs through it
+        const double y = plot.series.size() > 1 ? f.py(plot.mark_y) - 5 : 18;
+        svg += format("<text class=\"n h\" text-anchor=\"end\" x=\"%g\" y=\"%.1f\">", kWidth - kRight, y) + escape_html(plot.mark_label) +
+               "</text>";
     }
     return svg + "</svg>";
 }

@@ -2,6 +2,7 @@
 
 #include <gtest/gtest.h>
 
+#include <algorithm>
 #include <cmath>
 #include <pugixml.hpp>
 #include <set>
@@ -42,6 +43,21 @@ TEST(SvgPlot, IsXmlWithEverythingInIt) {
             for (const char* name : {"x1", "x2", "y1", "y2"}) EXPECT_TRUE(std::isfinite(line.node().attribute(name).as_double(NAN))) << name;
         }
     }
+}
+
+// Breaks when the curve runs through what its mark is called, or the last tick's label is cut off at the edge.
+TEST(SvgPlot, LabelsAreLegible) {
+    Plot plot{"ms", "vertices", "ms", {{"line", {1, 20, 90'000}, {1, 3, 2}, false}}};
+    plot.mark_y = 2, plot.mark_label = "mean 2 ms";
+    plot.log_x_from = 1;
+    pugi::xml_document document;
+    ASSERT_TRUE(document.load_string(svg_plot(plot).c_str()));
+    const auto label = document.select_node("//text[text()='mean 2 ms']").node(), tick = document.select_node("//text[text()='100000']").node();
+    ASSERT_TRUE(label && tick);
+    double top = 300;
+    for (const pugi::xpath_node& line : document.select_nodes("//line")) top = std::min(top, line.node().attribute("y1").as_double(300));
+    EXPECT_LT(label.attribute("y").as_double(300), top);
+    EXPECT_LT(tick.attribute("x").as_double(1e9) + 0.5 * 6.7 * 6, 640) << "six digits of 6.7";
 }
 
 TEST(SvgPlot, BarsHaveTheirNamesAndValues) {
