@@ -624,7 +624,6 @@ void plan_contacts(AdvanceIsland& island, std::span<const uint32_t> island_rows)
     // that the processor can work on one row while another waits for its sums; a short one converges better in order
     constexpr uint32_t kMostParts = 8, kRowsPerPart = 32;
     const uint32_t count = static_cast<uint32_t>(island_rows.size());
-    make_room(s.plan, count);
     const size_t nodes = s.node.size() + 2 * count;
     if (s.node.capacity() < nodes) s.node.reserve(2 * nodes), s.change.reserve(2 * nodes);
     make_room(s.dealt, count);

@@ -28,6 +28,7 @@
 #include "systems/fast_bodies.hpp"
 #include "systems/haptic_surface.hpp"
 #include "systems/haptic_tool.hpp"
+#include "systems/island_memory.hpp"
 #include "systems/islands.hpp"
 #include "systems/level_of_detail.hpp"
 #include "systems/link_bodies.hpp"
@@ -92,8 +93,12 @@ struct FrameScratch {
     Poses coming;                               // poses with the coming speed of hands and free bodies
     std::vector<FastBody> fast;                 // of this pass
     std::vector<double> stop;                   // s into the pass, per body where a fast one first touches; or empty
-    std::vector<AdvanceScratch> advance;        // per thread
+    std::vector<AdvanceScratch> advance;        // per thread, for the islands that share
+    std::vector<AdvanceScratch> own_advance;    // of the islands that do not
     std::vector<uint32_t> awake;                // islands to be advanced
+    std::vector<uint32_t> island_size;          // as awake: particles
+    std::vector<uint32_t> island_order;
+    std::vector<uint32_t> own_memory;           // as awake: row of own_advance or kNone
     std::vector<AdvanceResult> advance_result;  // as awake
     std::vector<uint64_t> response_ns;          // as awake
     std::vector<DeviceState> intended;          // tools * (period + 1): where the hands mean to be at every millisecond
@@ -503,18 +508,34 @@ void find_awake_islands(const World& w, std::vector<uint32_t>& awake) {
     }
 }
 
+void choose_memory(FrameState& f) {
+    const World& w = f.world;
+    FrameScratch& s = f.scratch;
+    s.island_size.clear();
+    for (const uint32_t island : s.awake) {
+        uint32_t particles = 0;
+        const Range bodies = w.islands.bodies[island];
+        for (uint32_t i = bodies.first; i < bodies.end(); ++i) particles += w.bodies.particles[w.islands.body[i]].count;
+        s.island_size.push_back(particles);
+    }
+    pick_large_islands(s.island_size, thread_count(), s.island_order, s.own_memory);
+    s.advance.resize(std::max<size_t>(s.advance.size(), thread_count()));
+    s.own_advance.resize(std::max<size_t>(s.own_advance.size(), std::ranges::count_if(s.own_memory, [](uint32_t own) { return own != kNone; })));
+}
+
 void advance(FrameState& f) {
     World& w = f.world;
     find_awake_islands(w, f.scratch.awake);
+    choose_memory(f);
     const uint32_t count = static_cast<uint32_t>(f.scratch.awake.size());
-    f.scratch.advance.resize(std::max<size_t>(f.scratch.advance.size(), thread_count()));
     f.scratch.advance_result.assign(count, {});
     f.scratch.response_ns.assign(count, 0);
     f.times.tick_ns.assign(w.haptics.tool.size() * w.clock.period, 0);
     parallel_for(count, island_grain(w), [&](uint32_t begin, uint32_t end) {
         for (uint32_t i = begin; i < end; ++i) {
             const uint64_t start = f.options.trace ? now_ns() : 0;
-            advance_one_island(f, i, f.scratch.advance[thread_index()]);
+            const uint32_t own = f.scratch.own_memory[i];
+            advance_one_island(f, i, own == kNone ? f.scratch.advance[thread_index()] : f.scratch.own_advance[own]);
             if (f.options.trace) trace_island(f, f.scratch.awake[i], start);
         }
     });
