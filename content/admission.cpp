@@ -6,6 +6,7 @@
 
 #include "content/orientation.hpp"
 #include "content/self_crossing.hpp"
+#include "engine/disjoint_sets.hpp"
 #include "engine/edge_table.hpp"
 #include "engine/geometry/predicates.hpp"
 namespace trocar {

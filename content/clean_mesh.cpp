@@ -7,6 +7,7 @@
 #include <numeric>
 
 #include "content/orientation.hpp"
+#include "engine/disjoint_sets.hpp"
 #include "engine/edge_table.hpp"
 #include "engine/geometry/predicates.hpp"
 namespace trocar {

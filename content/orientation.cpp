@@ -5,6 +5,7 @@
 #include <cmath>
 #include <utility>
 
+#include "engine/disjoint_sets.hpp"
 #include "engine/geometry/winding_number.hpp"
 namespace trocar {
 namespace {

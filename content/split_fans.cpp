@@ -4,6 +4,7 @@
 #include <algorithm>
 #include <cmath>
 
+#include "engine/disjoint_sets.hpp"
 #include "engine/edge_table.hpp"
 namespace trocar {
 namespace {

@@ -1,9 +1,9 @@
 #include "engine/edge_table.hpp"
 
 #include <algorithm>
-#include <numeric>
 
 #include "engine/check.hpp"
+#include "engine/disjoint_sets.hpp"
 namespace trocar {
 
 EdgeTable make_edge_table(std::span<const Triangle> triangles, uint32_t vertices) {
@@ -42,12 +42,6 @@ EdgeTable make_edge_table(std::span<const Triangle> triangles, uint32_t vertices
     }
     table.first.push_back(static_cast<uint32_t>(packed.size()));
     return table;
-}
-
-std::vector<uint32_t> make_sets(uint32_t count) {
-    std::vector<uint32_t> sets(count);
-    std::iota(sets.begin(), sets.end(), 0u);
-    return sets;
 }
 
 uint32_t number_pieces(const EdgeTable& table, uint32_t triangles, std::vector<uint32_t>& piece_of_triangle) {

@@ -26,19 +26,6 @@ inline uint32_t half_edge_start(std::span<const Triangle> triangles, uint32_t ha
     return triangles[half_edge / 3][half_edge % 3];
 }
 
-// Disjoint sets over 0..count-1 in one array, each named by its lowest member.
-inline uint32_t find_set(std::vector<uint32_t>& sets, uint32_t i) {
-    while (sets[i] != i) i = sets[i] = sets[sets[i]];
-    return i;
-}
-inline void join_sets(std::vector<uint32_t>& sets, uint32_t i, uint32_t j) {
-    i = find_set(sets, i);
-    j = find_set(sets, j);
-    if (i < j) sets[j] = i;
-    if (j < i) sets[i] = j;
-}
-std::vector<uint32_t> make_sets(uint32_t count);
-
 // Numbers the edge-connected pieces of a table's triangles, 0 for the piece of the lowest triangle and so on; returns
 // how many there are.
 uint32_t number_pieces(const EdgeTable& table, uint32_t triangles, std::vector<uint32_t>& piece_of_triangle);

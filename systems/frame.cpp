@@ -508,6 +508,7 @@ void find_awake_islands(const World& w, std::vector<uint32_t>& awake) {
     }
 }
 
+// Which scratch each awake island is advanced in.
 void choose_memory(FrameState& f) {
     const World& w = f.world;
     FrameScratch& s = f.scratch;

@@ -1,7 +1,7 @@
 #include "systems/islands.hpp"
 
+#include "engine/disjoint_sets.hpp"
 #include "engine/surfaces.hpp"
-#include "engine/union_find.hpp"
 namespace trocar {
 
 void find_islands(const Bodies& bodies, const ContactRows& rows, IslandsScratch& scratch, Islands& islands,
@@ -21,7 +21,7 @@ void find_islands(const Bodies& bodies, const ContactRows& rows, IslandsScratch&
     scratch.island.assign(count, kNone);
     for (uint32_t body = 0; body < count; ++body) {
         if (!joins_islands(bodies.motion[body])) continue;
-        const uint32_t root = find_root(scratch.parent, body);
+        const uint32_t root = find_set(scratch.parent, body);
         if (root == body) {
             scratch.island[body] = uint32_t(islands.bodies.size());
             islands.bodies.push_back({});

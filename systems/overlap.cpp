@@ -3,9 +3,9 @@
 #include <algorithm>
 
 #include "engine/bit_rows.hpp"
+#include "engine/disjoint_sets.hpp"
 #include "engine/geometry/project_vertices.hpp"
 #include "engine/parallel.hpp"
-#include "engine/union_find.hpp"
 namespace trocar {
 namespace {
 
@@ -169,7 +169,7 @@ void flood_pieces(const OverlapInput& in, const Side& side, OverlapChunk& c) {
     for_each_bit(c.region_vertex, [&](uint32_t v) {
         const __m256d p = points(v);
         const __m256d beyond = _mm256_or_pd(_mm256_cmp_pd(p, low, _CMP_LT_OQ), _mm256_cmp_pd(p, high, _CMP_GT_OQ));
-        if (has_bit(c.beyond, v) || _mm256_movemask_pd(beyond) != 0) c.piece[find_root(c.parent, v)] = kOutside;
+        if (has_bit(c.beyond, v) || _mm256_movemask_pd(beyond) != 0) c.piece[find_set(c.parent, v)] = kOutside;
     });
 }
 
@@ -287,7 +287,7 @@ void decide_pieces(const OverlapInput& in, const Side& side, const BodyPoints& p
     for (uint32_t row = 0; row < asked; ++row) {
         const uint32_t v = c.query_vertex[row];
         if (!has_bit(c.region_vertex, v)) continue;
-        uint8_t& piece = c.piece[find_root(c.parent, v)];
+        uint8_t& piece = c.piece[find_set(c.parent, v)];
         if (piece == kUnknown) piece = c.query_answer[row].distance < 0 ? kInside : kOutside;
     }
     for_each_bit(c.region_vertex, [&](uint32_t v) {
@@ -306,7 +306,7 @@ void measure_inside(const OverlapInput& in, const Side& side, const BodyPoints& 
     for (uint32_t row = 0; row < asked; ++row) set_bit(c.near_vertex, c.query_vertex[row]);
     uint32_t hint = asked > 0 ? c.query_answer[0].triangle : kNone;
     for_each_bit(c.region_vertex, [&](uint32_t v) {
-        if (c.piece[find_root(c.parent, v)] != kInside || has_bit(c.near_vertex, v)) return;
+        if (c.piece[find_set(c.parent, v)] != kInside || has_bit(c.near_vertex, v)) return;
         add_query(in, side, points, v, hint, c);
     });
     if (c.query_vertex.size() == asked) return;

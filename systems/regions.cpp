@@ -4,9 +4,9 @@
 #include <algorithm>
 #include <cmath>
 
+#include "engine/disjoint_sets.hpp"
 #include "engine/geometry/contact_kernels.hpp"
 #include "engine/parallel.hpp"
-#include "engine/union_find.hpp"
 namespace trocar {
 namespace {
 
@@ -197,14 +197,14 @@ void number_regions(const PairInput& in, RegionsChunk& c) {
     c.sum.clear();
     for (uint32_t node = 0; node < c.parent.size(); ++node) {
         if (node < in.first_point_node && !c.inside[node]) continue;
-        uint32_t& region = c.region[find_root(c.parent, node)];
+        uint32_t& region = c.region[find_set(c.parent, node)];
         if (region == kNone) {
             region = uint32_t(c.sum.size());
             c.sum.emplace_back();
         }
     }
 }
-RegionSum& region_of(uint32_t node, RegionsChunk& c) { return c.sum[c.region[find_root(c.parent, node)]]; }
+RegionSum& region_of(uint32_t node, RegionsChunk& c) { return c.sum[c.region[find_set(c.parent, node)]]; }
 
 void enlarge(Box& box, const Vec3d& p) {
     box.min = box.min.cwiseMin(p);

@@ -2,8 +2,8 @@
 
 #include <algorithm>
 
+#include "engine/disjoint_sets.hpp"
 #include "engine/surfaces.hpp"
-#include "engine/union_find.hpp"
 namespace trocar {
 namespace {
 
@@ -51,7 +51,7 @@ void find_groups(const SceneSettings& settings, const Bodies& bodies, std::span<
     for (size_t i = 0; i < pairs.a.size(); ++i) join(pairs.a[i], pairs.b[i]);
     for (const auto& [body, other] : joined) join(body, other);
     for (uint32_t b = 0; b < count; ++b) {
-        if (s.restless[b]) s.restless[find_root(s.parent, b)] = 1;
+        if (s.restless[b]) s.restless[find_set(s.parent, b)] = 1;
     }
 }
 
@@ -73,7 +73,7 @@ void fall_asleep_and_wake(const SceneSettings& settings, uint32_t period, const 
     report.awake_bodies = report.asleep_bodies = 0;
     for (uint32_t b = 0; b < count; ++b) {
         if (!is_deformable(bodies, b)) continue;
-        const uint32_t root = find_root(s.parent, b);
+        const uint32_t root = find_set(s.parent, b);
         const bool sleeps = !s.restless[root], slept = is_asleep(sleep, b);
         if (sleeps && !slept) {
             energy.work_numeric -= stop(particles, bodies.particles[b]);
@@ -83,7 +83,7 @@ void fall_asleep_and_wake(const SceneSettings& settings, uint32_t period, const 
         sleep.group[b] = sleeps ? root : kNone;
         ++(sleeps ? report.asleep_bodies : report.awake_bodies);
     }
-    const auto is_awake = [&](uint32_t b) { return s.restless[find_root(s.parent, b)] != 0; };
+    const auto is_awake = [&](uint32_t b) { return s.restless[find_set(s.parent, b)] != 0; };
     size_t kept = 0;
     for (size_t i = 0; i < pairs.a.size(); ++i) {
         if (!is_awake(pairs.a[i]) && !is_awake(pairs.b[i])) continue;

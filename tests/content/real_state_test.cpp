@@ -2,6 +2,7 @@
 #include <sstream>
 
 #include "content/admission.hpp"
+#include "engine/disjoint_sets.hpp"
 #include "engine/edge_table.hpp"
 #include "tests/content/mesh_sums.hpp"
 namespace trocar {
