@@ -3,7 +3,6 @@
 #include "components/springs.hpp"
 #include "engine/best_fit_rotation.hpp"
 #include "engine/geometry/quaternion.hpp"
-#include "engine/parallel.hpp"
 #include "engine/spring_step.hpp"
 namespace trocar {
 namespace {
@@ -24,18 +23,8 @@ Vec3d rigid_turning(const ShapeTotals& t, double mass, const Vec3d& centre, cons
 }  // namespace
 
 ShapeTotals sum_shape(const SpringStep& body, uint32_t slices, std::vector<double>& chunk_sums) {
-    constexpr uint32_t kRow = kShapeSums * kSliceWidth;
     const SpringKernels& kernels = spring_kernels();
-    const uint32_t chunks = chunk_count(slices, kSlicesPerChunk);
-    chunk_sums.assign(static_cast<size_t>(chunks) * kRow, 0.0);
-    for_slices(slices, [&](uint32_t begin, uint32_t end) {
-        kernels.shape_sums(&body, begin, end, chunk_sums.data() + begin / kSlicesPerChunk * kRow);
-    });
-    ShapeTotals totals;
-    for (uint32_t chunk = 0; chunk < chunks; ++chunk) {
-        for (uint32_t i = 0; i < kRow; ++i) totals.sum[i / kSliceWidth] += chunk_sums[chunk * kRow + i];
-    }
-    return totals;
+    return {sum_slices<kShapeSums>(slices, chunk_sums, [&](uint32_t begin, uint32_t end, double* sums) { kernels.shape_sums(&body, begin, end, sums); })};
 }
 
 void fit_goals(const ShapeTotals& t, Quat& orientation, SpringStep& step) {

@@ -35,4 +35,9 @@ SpringStep bind_body(const Springs& springs, const Bodies& bodies, const Anchors
     return step;
 }
 
+std::array<double, kEnergySums> sum_energy(const SpringStep& body, uint32_t slices, std::vector<double>& chunk_sums) {
+    const SpringKernels& kernels = spring_kernels();
+    return sum_slices<kEnergySums>(slices, chunk_sums, [&](uint32_t begin, uint32_t end, double* sums) { kernels.energy_sums(&body, begin, end, sums); });
+}
+
 }  // namespace trocar

@@ -1,4 +1,7 @@
 #pragma once
+#include <array>
+#include <vector>
+
 #include "components/bodies.hpp"
 #include "components/particles.hpp"
 #include "components/springs.hpp"
@@ -25,5 +28,32 @@ template <typename Body>  // Body: void(uint32_t begin, uint32_t end)
 void for_slices(uint32_t slices, const Body& body) {
     parallel_for_even(slices, kSlicesPerChunk, kLeastShared, body);
 }
+
+// Runs kernel(begin, end, sums) over the slices of a body and adds up what it leaves in sums[kSums][16], one lane of all sums
+// after another: every sum in the order of chunks and lanes, none waiting for another. chunk_sums is scratch.
+template <int kSums, typename Kernel>  // Kernel: void(uint32_t begin, uint32_t end, double* sums)
+std::array<double, kSums> sum_slices(uint32_t slices, std::vector<double>& chunk_sums, const Kernel& kernel) {
+    constexpr uint32_t kRow = kSums * kSliceWidth;
+    constexpr int kAtOnce = kSums % 8 == 0 ? 8 : kSums;  // as many as stay in registers
+    chunk_sums.assign(size_t{chunk_count(slices, kSlicesPerChunk)} * kRow, 0.0);
+    for_slices(slices, [&](uint32_t begin, uint32_t end) { kernel(begin, end, chunk_sums.data() + size_t{begin / kSlicesPerChunk} * kRow); });
+    std::array<double, kSums> total{};
+    for (int first = 0; first < kSums; first += kAtOnce) {
+        double sum[kAtOnce] = {};
+        for (const double* row = chunk_sums.data(); row != chunk_sums.data() + chunk_sums.size(); row += kRow) {
+            for (uint32_t lane = 0; lane < kSliceWidth; ++lane) {
+                const double* column = row + first * kSliceWidth + lane;
+#pragma GCC unroll 8
+                for (int s = 0; s < kAtOnce; ++s) sum[s] += column[s * kSliceWidth];
+            }
+        }
+#pragma GCC unroll 8
+        for (int s = 0; s < kAtOnce; ++s) total[first + s] = sum[s];
+    }
+    return total;
+}
+
+// The sums that the energy of a body needs, of all its particles. chunk_sums is scratch.
+std::array<double, kEnergySums> sum_energy(const SpringStep& body, uint32_t slices, std::vector<double>& chunk_sums);
 
 }  // namespace trocar

@@ -103,14 +103,7 @@ double energy_of(const AdvanceIsland& island, const AdvanceBody& b, const float*
         Quat orientation = island.poses.orientation[b.body];
         fit_goals(sum_shape(step, b.slices, sums), orientation, step);
     }
-    constexpr uint32_t kRow = kEnergySums * kSliceWidth;
-    const SpringKernels& kernels = spring_kernels();
-    sums.assign(size_t{chunk_count(b.slices, kSlicesPerChunk)} * kRow, 0.0);
-    for_slices(b.slices, [&](uint32_t begin, uint32_t end) {
-        kernels.energy_sums(&step, begin, end, sums.data() + size_t{begin / kSlicesPerChunk} * kRow);
-    });
-    std::array<double, kEnergySums> t{};
-    for (size_t i = 0; i < sums.size(); ++i) t[i % kRow / kSliceWidth] += sums[i];
+    const std::array<double, kEnergySums> t = sum_energy(step, b.slices, sums);
     const AdvanceInputs& in = island.inputs;
     double volumes = 0;
     if (has_tets(in.other.solids, in.bodies, b.body)) {

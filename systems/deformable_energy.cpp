@@ -16,23 +16,6 @@
 namespace trocar {
 namespace {
 
-using EnergyTotals = std::array<double, kEnergySums>;
-
-EnergyTotals sum_energy(const SpringStep& body, uint32_t slices, std::vector<double>& chunk_sums) {
-    constexpr uint32_t kRow = kEnergySums * kSliceWidth;
-    const SpringKernels& kernels = spring_kernels();
-    const uint32_t chunks = chunk_count(slices, kSlicesPerChunk);
-    chunk_sums.assign(static_cast<size_t>(chunks) * kRow, 0.0);
-    for_slices(slices, [&](uint32_t begin, uint32_t end) {
-        kernels.energy_sums(&body, begin, end, chunk_sums.data() + begin / kSlicesPerChunk * kRow);
-    });
-    EnergyTotals totals{};
-    for (uint32_t chunk = 0; chunk < chunks; ++chunk) {
-        for (uint32_t i = 0; i < kRow; ++i) totals[i / kSliceWidth] += chunk_sums[chunk * kRow + i];
-    }
-    return totals;
-}
-
 // Where the particles of a body were half a substep back.
 void look_back(const Particles& particles, Range rows, float back, std::vector<Float4>& offset) {
     offset.resize(rows.count);
@@ -45,7 +28,7 @@ void look_back(const Particles& particles, Range rows, float back, std::vector<F
 }
 
 void add_other_energies(const Springs& springs, const Bodies& bodies, const Particles& particles, uint32_t body,
-                        float back, EnergyScratch& scratch, Energy& energy) {
+                        float back, BodyEnergyScratch& scratch, Energy& energy) {
     if (!has_pressure(bodies, body) && !has_bending(bodies, body)) return;
     const uint32_t skin = springs.info[bodies.mesh[body]].skin;
     const Range rows{bodies.particles[body].first + skin, bodies.particles[body].count - skin};
@@ -80,7 +63,7 @@ FreeState free_state(const RigidMass& free, const Poses& poses, const Particles&
 }  // namespace
 
 void add_body_energy(const Springs& springs, const Bodies& bodies, const Poses& poses, const Particles& particles,
-                     const Anchors& anchors, const Vec3d& gravity, uint32_t body, EnergyScratch& scratch, Energy& energy,
+                     const Anchors& anchors, const Vec3d& gravity, uint32_t body, BodyEnergyScratch& scratch, Energy& energy,
                      const OtherForces& other) {
     const uint32_t slices = springs.info[bodies.mesh[body]].slices.count;
     SpringStep step = bind_body(springs, bodies, anchors, particles, body, other.torn_springs);
@@ -89,7 +72,7 @@ void add_body_energy(const Springs& springs, const Bodies& bodies, const Poses& 
         Quat orientation = poses.orientation[body];
         fit_goals(sum_shape(step, slices, scratch.sums), orientation, step);
     }
-    const EnergyTotals t = sum_energy(step, slices, scratch.sums);
+    const std::array<double, kEnergySums> t = sum_energy(step, slices, scratch.sums);
     energy.kinetic += 0.5 * t[kSumMvv];
     // every spring was met from both its ends
     energy.elastic += 0.25 * step.stiffness * t[kSumStretch] + 0.5 * t[kSumAnchor];
@@ -109,13 +92,18 @@ void measure_energy(const Springs& springs, const Bodies& bodies, const Poses& p
         scratch.of_body.assign(bodies.motion.size(), {});
         std::fill(sleepers.seen.begin(), sleepers.seen.end(), 0);
     }
-    for (uint32_t body = 0; body < bodies.motion.size(); ++body) {
-        if (!is_deformable(bodies, body)) continue;
-        Energy& own = scratch.of_body[body];
-        if (!was_seen(sleepers, body)) {
-            own = {};
-            add_body_energy(springs, bodies, poses, particles, anchors, gravity, body, scratch, own, other);
+    const uint32_t count = static_cast<uint32_t>(bodies.motion.size());
+    const uint32_t grain = std::max(1u, chunk_count(count, static_cast<uint32_t>(scratch.part.size())));
+    parallel_for(count, grain, [&](uint32_t begin, uint32_t end) {
+        for (uint32_t body = begin; body < end; ++body) {
+            if (!is_deformable(bodies, body) || was_seen(sleepers, body)) continue;
+            scratch.of_body[body] = {};
+            add_body_energy(springs, bodies, poses, particles, anchors, gravity, body, scratch.part[begin / grain], scratch.of_body[body], other);
         }
+    });
+    for (uint32_t body = 0; body < count; ++body) {
+        if (!is_deformable(bodies, body)) continue;
+        const Energy& own = scratch.of_body[body];
         energy.kinetic += own.kinetic, energy.elastic += own.elastic, energy.pressure += own.pressure;
         energy.bending += own.bending, energy.gravity += own.gravity;
     }

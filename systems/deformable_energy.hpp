@@ -1,4 +1,5 @@
 #pragma once
+#include <array>
 #include <vector>
 
 #include "components/bodies.hpp"
@@ -11,25 +12,27 @@
 namespace trocar {
 
 // Reused memory of measure_energy.
-struct EnergyScratch {
-    std::vector<Energy> of_body;  // its own terms alone; one per body
+struct BodyEnergyScratch {
     std::vector<double> sums;
-    std::vector<Float4> offset;   // half a substep back, of one body with other forces
+    std::vector<Float4> offset;   // half a substep back, of a body with other forces
     std::vector<float> gradient;  // 3 fields, as offset
+};
+struct EnergyScratch {
+    std::vector<Energy> of_body;             // its own terms alone; one per body
+    std::array<BodyEnergyScratch, 16> part;  // of bodies, measured at the same time
 };
 
 // Sets energy.kinetic, elastic, pressure, bending, links and gravity (J) from the state of all deformable and free bodies, and
-// balance from `start` (their sum when the books were opened). Sums in double, fixed
-// order; large bodies in parallel. Everything is taken at the time of the
-// velocities, half a substep before that of the offsets: there the leapfrog's kinetic energy needs no knowledge of the
-// contact impulses to come. Terms of seen sleepers are taken from the scratch.
+// balance from `start` (their sum when the books were opened). Sums in double, fixed order; bodies in parallel, and large ones
+// within. Everything is taken at the time of the velocities, half a substep before that of the offsets: there the leapfrog's
+// kinetic energy needs no knowledge of the contact impulses to come. Terms of seen sleepers are taken from the scratch.
 void measure_energy(const Springs& springs, const Bodies& bodies, const Poses& poses, const Particles& particles,
                     const Anchors& anchors, const Vec3d& gravity, double start, EnergyScratch& scratch, Energy& energy,
                     const OtherForces& other = {}, const Sleepers& sleepers = {});
 
 // Adds the energies of one deformable body, J.
 void add_body_energy(const Springs& springs, const Bodies& bodies, const Poses& poses, const Particles& particles,
-                     const Anchors& anchors, const Vec3d& gravity, uint32_t body, EnergyScratch& scratch, Energy& energy,
+                     const Anchors& anchors, const Vec3d& gravity, uint32_t body, BodyEnergyScratch& scratch, Energy& energy,
                      const OtherForces& other = {});
 
 // Linear momentum (kg m/s) and angular momentum about the world origin (kg m^2/s) of one deformable or free body.

@@ -224,7 +224,7 @@ void come_and_go(FrameState& f) {
     const auto energies = [&] {
         Energy sum;
         for (const uint32_t body : leaving)
-            add_body_energy(w.springs, w.bodies, w.poses, w.particles, w.anchors, w.settings.gravity, body, f.scratch.energy, sum, other);
+            add_body_energy(w.springs, w.bodies, w.poses, w.particles, w.anchors, w.settings.gravity, body, f.scratch.energy.part[0], sum, other);
         return sum.kinetic + sum.elastic + sum.pressure + sum.bending + sum.gravity;
     };
     find_leaving(w.pools, w.lives, w.clock.tick, leaving);
@@ -681,6 +681,7 @@ struct Frame::Graphs {
     void add(std::span<const FrameStage> list) {
         for (const FrameStage& row : list) {
             if (!row.wanted(state->world)) continue;
+            if (!state->options.pictures && (row.stage.writes & mask(R::kNormals, R::kPicture))) continue;
             stages.push_back(row.stage);
             names.emplace_back(row.stage.name);
         }

@@ -24,6 +24,7 @@ struct FrameOptions {
     bool clear_caches = false;  // forget hints, sweep orders and trees' shapes before every pass (tests)
     bool look_at_sleepers = false;  // even where nothing has changed since the stage looked last (tests)
     bool account_energy = true;
+    bool pictures = true;         // false: without the stages whose results only pictures show; snapshot_now works all the same
     bool external_ticks = false;  // live: the haptic thread ticks, the frame does not
     Trace* trace = nullptr;
 };

@@ -45,8 +45,8 @@ void add_record(const CaptureRecord& record, Capture& capture) {
     }
 }
 
-// Results that caches and clocks cannot change: compared between runs.
-bool is_compared(Resource r) { return r != Resource::kReport && r != Resource::kEnergy && r != Resource::kPicture; }
+// Results that caches and clocks cannot change, and that a run without pictures has too: compared between runs.
+bool is_compared(Resource r) { return r != Resource::kReport && r != Resource::kEnergy && r != Resource::kNormals && r != Resource::kPicture; }
 
 CaptureRecord state_of(const World& world, uint64_t pass) {
     CaptureRecord record{"state", {}};

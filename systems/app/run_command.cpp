@@ -351,11 +351,12 @@ int run_command(const RunOptions& options) {
         FrameOptions frame_options;
         frame_options.trace = options.out.empty() || options.figures_only ? nullptr : &trace;
         frame_options.external_ticks = options.live || replay;
+        const bool draws = options.render && !options.figures_only && file.settings.render && !options.out.empty();
+        frame_options.pictures = draws;
         Frame frame(std::move(scene.world), frame_options);
         start_figures(scene, file, frame, options, figures);
         std::optional<PictureWriter> pictures;
-        if (options.render && !options.figures_only && file.settings.render && !options.out.empty())
-            pictures.emplace(scene.picture, scene.camera, frame.world().meshes, options.out, !options.live);
+        if (draws) pictures.emplace(scene.picture, scene.camera, frame.world().meshes, options.out, !options.live);
         const double seconds = options.seconds > 0 ? options.seconds : file.settings.seconds;
         PictureWriter* const writer = pictures ? &*pictures : nullptr;
         std::optional<LiveReplay> repeat;

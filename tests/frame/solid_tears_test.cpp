@@ -236,7 +236,7 @@ TEST(SolidTears, WhatStaysKeepsItsMomentumAndTheBooksTheRest) {
             if (w.particles.offset[p].w > 0) w.particles.velocity_x[p] += 0.1f;
         }
         const Particles before = w.particles;
-        EnergyScratch scratch;
+        BodyEnergyScratch scratch;
         const auto total = [&] {
             Energy e;
             const OtherForces other{&w.solids, nullptr, &w.tears, &w.torn, &w.torn_springs};

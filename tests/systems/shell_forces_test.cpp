@@ -607,7 +607,7 @@ TEST(ShellForces, BodiesWithoutThemCostNothing) {
     EXPECT_EQ(s.scratch.force.capacity() + s.scratch.force_sums.capacity(), 0u);
     EXPECT_EQ(s.springs.fans.first.capacity() + s.springs.fans.corner.capacity(), 0u);
     EXPECT_EQ(s.springs.hinges.first.capacity() + s.springs.hinges.slot.capacity() + s.scratch.hinge_force.capacity(), 0u);
-    EXPECT_EQ(s.energy_scratch.offset.capacity() + s.energy_scratch.gradient.capacity(), 0u);
+    for (const BodyEnergyScratch& part : s.energy_scratch.part) EXPECT_EQ(part.offset.capacity() + part.gradient.capacity(), 0u);
     EXPECT_EQ(s.energy.pressure, 0);
 }
 
