@@ -9,10 +9,12 @@
 #include "engine/geometry/project_vertices.hpp"
 #include "engine/geometry/sum_velocities.hpp"
 #include "engine/parallel.hpp"
+#include "engine/thread_pool.hpp"
 namespace trocar {
 namespace {
 
 constexpr uint8_t kAllCorners = 7;
+constexpr uint32_t kMostRuns = 2 * kMostChunks;  // of cells, then of pairs with triangles too large for them
 constexpr size_t kCrowded = 16384;  // triangle pairs of a cell from which sorting beats testing all
 
 uint32_t find_pair(const CandidatePairs& pairs, const std::vector<uint32_t>& first, uint32_t a, uint32_t b) {
@@ -26,23 +28,25 @@ __m256 empty_hull() { return _mm256_set1_ps(std::numeric_limits<float>::infinity
 // What every test of a cell needs.
 struct CellTest {
     const ScreenedTriangles& screened;
-    CandidateCellsScratch& scratch;
-    uint64_t key;  // of the cell
+    CellChunk& found;
+    std::vector<uint32_t>& near_side;  // see NearSides
+    uint64_t key;                      // of the cell
     float inv_size;
-    uint32_t pair;
+    uint32_t run, pair;
 
-    bool is_near(uint32_t row, bool of_b) const { return scratch.near_side[row] == 2 * pair + of_b; }
+    uint32_t side(bool of_b) const { return (2 * pair + of_b) * kMostRuns + run; }  // for 16 million pairs
+    bool is_near(uint32_t row, bool of_b) const { return near_side[row] == side(of_b); }
     void add_near(uint32_t own, uint32_t across, bool of_b) const {
         if (is_near(own, of_b)) return;
-        scratch.near_side[own] = 2 * pair + of_b;
-        scratch.near.push_back({own, across, 2 * pair + of_b});
+        near_side[own] = side(of_b);
+        found.near.push_back({own, across, 2 * pair + of_b});
     }
     void add_both(uint32_t a, uint32_t b) const {
         add_near(a, b, false);
         add_near(b, a, true);
     }
     void add_crossing(uint32_t a, __m256 tight_a, uint32_t b, __m256 tight_b) const {
-        if (cell_of_meeting(tight_a, tight_b, inv_size) == key) scratch.crossing.push_back({a, b, pair});
+        if (cell_of_meeting(tight_a, tight_b, inv_size) == key) found.crossing.push_back({a, b, pair});
     }
 };
 
@@ -86,16 +90,16 @@ void find_near(const CellTest& test, std::span<const uint32_t> own, std::span<co
 }
 
 void test_all(const CellTest& test, std::span<const uint32_t> rows_a, std::span<const uint32_t> rows_b) {
-    CandidateCellsScratch& scratch = test.scratch;
-    cut_to_hulls(test.screened.box, rows_a, rows_b, scratch.near_a, scratch.near_b);
-    if (scratch.near_b.empty()) return;
-    find_near(test, scratch.near_a, scratch.near_b, false);
-    find_near(test, scratch.near_b, scratch.near_a, true);
+    CellChunk& c = test.found;
+    cut_to_hulls(test.screened.box, rows_a, rows_b, c.near_a, c.near_b);
+    if (c.near_b.empty()) return;
+    find_near(test, c.near_a, c.near_b, false);
+    find_near(test, c.near_b, c.near_a, true);
     const std::vector<PackedBox>& tight = test.screened.tight;
-    cut_to_hulls(tight, scratch.near_a, scratch.near_b, scratch.sweep_a, scratch.sweep_b);
-    for (const uint32_t a : scratch.sweep_a) {
+    cut_to_hulls(tight, c.near_a, c.near_b, c.sweep_a, c.sweep_b);
+    for (const uint32_t a : c.sweep_a) {
         const __m256 tight_a = load_box(tight[a]), face = facing(tight_a);
-        for (const uint32_t b : scratch.sweep_b) {
+        for (const uint32_t b : c.sweep_b) {
             const __m256 tight_b = load_box(tight[b]);
             if (meets(face, tight_b)) test.add_crossing(a, tight_a, b, tight_b);
         }
@@ -124,7 +128,7 @@ uint32_t widest_axis(const std::vector<PackedBox>& box, std::span<const uint32_t
 
 // The same by a sweep.
 void test_crowded(const CellTest& test, std::span<const uint32_t> rows_a, std::span<const uint32_t> rows_b) {
-    CandidateCellsScratch& scratch = test.scratch;
+    CellChunk& c = test.found;
     const std::vector<PackedBox>&box = test.screened.box, &tight = test.screened.tight;
     const uint32_t axis = widest_axis(box, rows_a, rows_b);
     const auto from = [&](uint32_t row) { return box[row].min[axis]; };
@@ -141,89 +145,85 @@ void test_crowded(const CellTest& test, std::span<const uint32_t> rows_a, std::s
         const __m256 tight_a = load_box(tight[a]), tight_b = load_box(tight[b]);
         if (meets(facing(tight_a), tight_b)) test.add_crossing(a, tight_a, b, tight_b);
     };
-    sorted(rows_a, scratch.sweep_a);
-    sorted(rows_b, scratch.sweep_b);
+    sorted(rows_a, c.sweep_a);
+    sorted(rows_b, c.sweep_b);
     size_t i = 0, j = 0;
-    while (i < scratch.sweep_a.size() && j < scratch.sweep_b.size()) {
-        const uint32_t a = scratch.sweep_a[i], b = scratch.sweep_b[j];
+    while (i < c.sweep_a.size() && j < c.sweep_b.size()) {
+        const uint32_t a = c.sweep_a[i], b = c.sweep_b[j];
         if (from(a) <= from(b)) {
-            for (size_t k = j; k < scratch.sweep_b.size() && from(scratch.sweep_b[k]) <= to(a); ++k) {
-                compare(a, scratch.sweep_b[k]);
+            for (size_t k = j; k < c.sweep_b.size() && from(c.sweep_b[k]) <= to(a); ++k) {
+                compare(a, c.sweep_b[k]);
             }
             ++i;
         } else {
-            for (size_t k = i; k < scratch.sweep_a.size() && from(scratch.sweep_a[k]) <= to(b); ++k) {
-                compare(scratch.sweep_a[k], b);
+            for (size_t k = i; k < c.sweep_a.size() && from(c.sweep_a[k]) <= to(b); ++k) {
+                compare(c.sweep_a[k], b);
             }
             ++j;
         }
     }
 }
 
-void search_cells(const CandidatePairs& pairs, const ScreenedTriangles& screened, const Occupancy& occupancy,
-                  CandidateCellsScratch& scratch) {
-    const float inv_size = 1.0f / float(occupancy.cell_size);
+// Forgets the finds of the last search and makes room for this one on every thread, without touching it.
+void start_search(uint32_t rows, CandidateCellsScratch& scratch) {
+    for (CellChunk& c : scratch.cells) c.crossing.clear(), c.near.clear();
+    if (rows == 0) return;
+    ++scratch.search;
+    scratch.near_sides.resize(thread_count());
+    for (NearSides& sides : scratch.near_sides) sides.last.reserve(rows);
+    scratch.cells.resize(kMostRuns);
+}
+
+// What the calling thread remembers while it is at one run.
+std::vector<uint32_t>& near_sides(const ScreenedTriangles& screened, CandidateCellsScratch& scratch) {
+    NearSides& own = scratch.near_sides[thread_index()];
+    if (own.search != scratch.search) own.last.assign(screened.triangle.size(), kNone);
+    own.search = scratch.search;
+    return own.last;
+}
+
+void search_cell(const CandidatePairs& pairs, const ScreenedTriangles& screened, const Occupancy& occupancy, uint32_t cell,
+                 uint32_t run, std::vector<uint32_t>& near_side, CandidateCellsScratch& scratch) {
     const auto rows_of = [&](uint32_t object) {
         const uint32_t first = occupancy.primitive_first[object];
         return std::span(occupancy.primitive_row).subspan(first, occupancy.primitive_first[object + 1] - first);
     };
-    for (uint32_t cell = 0; cell < occupancy.cell_key.size(); ++cell) {
-        const uint32_t end = occupancy.object_first[cell + 1];
-        for (uint32_t i = occupancy.object_first[cell]; i < end; ++i) {
-            for (uint32_t j = i + 1; j < end; ++j) {
-                const uint32_t pair = find_pair(pairs, scratch.pair_first, occupancy.object[i], occupancy.object[j]);
-                if (pair == kNone || scratch.is_direct[pair]) continue;
-                const CellTest test{screened, scratch, occupancy.cell_key[cell], inv_size, pair};
-                const auto a = rows_of(i), b = rows_of(j);
-                a.size() * b.size() <= kCrowded ? test_all(test, a, b) : test_crowded(test, a, b);
-            }
+    const float inv_size = 1.0f / float(occupancy.cell_size);
+    const uint32_t end = occupancy.object_first[cell + 1];
+    for (uint32_t i = occupancy.object_first[cell]; i < end; ++i) {
+        for (uint32_t j = i + 1; j < end; ++j) {
+            const uint32_t pair = find_pair(pairs, scratch.pair_first, occupancy.object[i], occupancy.object[j]);
+            if (pair == kNone || scratch.is_direct[pair]) continue;
+            const CellTest test{screened, scratch.cells[run], near_side, occupancy.cell_key[cell], inv_size, run, pair};
+            const auto a = rows_of(i), b = rows_of(j);
+            a.size() * b.size() <= kCrowded ? test_all(test, a, b) : test_crowded(test, a, b);
         }
     }
 }
 
-// Triangles too large for the cells: each against everything of the other body.
-void search_oversize(const CandidatePairs& pairs, const ScreenedTriangles& screened, const Occupancy& occupancy,
-                     CandidateCellsScratch& scratch) {
-    const std::vector<uint32_t>& large = occupancy.oversize;
-    if (large.empty()) return;
-    const auto large_of = [&](uint32_t body) {
-        const auto begin = std::lower_bound(large.begin(), large.end(), screened.body[body].first);
-        return std::span(begin, std::lower_bound(begin, large.end(), screened.body[body].end()));
-    };
-    for (uint32_t pair = 0; pair < pairs.a.size(); ++pair) {
-        if (scratch.is_direct[pair]) continue;
-        const Range rows_a = screened.body[pairs.a[pair]], rows_b = screened.body[pairs.b[pair]];
-        const auto large_a = large_of(pairs.a[pair]), large_b = large_of(pairs.b[pair]);
-        const CellTest test{screened, scratch, 0, 0, pair};
-        const auto compare = [&](uint32_t a, uint32_t b) {
-            if (!meets(facing(load_box(screened.box[a])), load_box(screened.box[b]))) return;
-            test.add_both(a, b);
-            if (!meets(facing(load_box(screened.tight[a])), load_box(screened.tight[b]))) return;
-            scratch.crossing.push_back({a, b, pair});
-        };
-        for (const uint32_t a : large_a) {
-            for (uint32_t b = rows_b.first; b < rows_b.end(); ++b) compare(a, b);
-        }
-        for (const uint32_t b : large_b) {
-            auto skip = large_a.begin();
-            for (uint32_t a = rows_a.first; a < rows_a.end(); ++a) {
-                if (skip != large_a.end() && *skip == a) {
-                    ++skip;
-                } else {
-                    compare(a, b);
-                }
-            }
-        }
-    }
+void search_cells(const CandidatePairs& pairs, const ScreenedTriangles& screened, const Occupancy& occupancy,
+                  CandidateCellsScratch& scratch) {
+    const uint32_t cells = uint32_t(occupancy.cell_key.size()), grain = std::max(8u, chunk_count(cells, kMostChunks));
+    parallel_for(cells, grain, [&](uint32_t begin, uint32_t end) {
+        std::vector<uint32_t>& near_side = near_sides(screened, scratch);
+        for (uint32_t cell = begin; cell < end; ++cell) search_cell(pairs, screened, occupancy, cell, begin / grain, near_side, scratch);
+    });
 }
 
-// Sorts finds by their first entry, then by group (the third), then by the second.
-void sort_by_row(uint32_t rows, const std::vector<std::array<uint32_t, 3>>& found, CandidateCellsScratch& scratch) {
+using Finds = std::vector<std::array<uint32_t, 3>>;
+
+// Sorts the finds of all runs by their first entry, then by group (the third), then by the second.
+void sort_by_row(uint32_t rows, Finds CellChunk::*found, CandidateCellsScratch& scratch) {
     scratch.first.assign(rows + 1, 0);
-    for (const auto& f : found) ++scratch.first[f[0] + 1];
+    size_t count = 0;
+    for (const CellChunk& c : scratch.cells) {
+        count += (c.*found).size();
+        for (const auto& f : c.*found) ++scratch.first[f[0] + 1];
+    }
     for (uint32_t i = 0; i < rows; ++i) scratch.first[i + 1] += scratch.first[i];
-    scratch.by_row.resize(found.size());
-    for (const auto& f : found) scratch.by_row[scratch.first[f[0]]++] = f;
+    scratch.by_row.resize(count);
+    for (const CellChunk& c : scratch.cells)
+        for (const auto& f : c.*found) scratch.by_row[scratch.first[f[0]]++] = f;
     uint32_t begin = 0;
     for (uint32_t row = 0; row < rows; ++row) {
         const uint32_t end = scratch.first[row];
@@ -238,7 +238,7 @@ void sort_by_row(uint32_t rows, const std::vector<std::array<uint32_t, 3>>& foun
 }
 
 // A triangle that several cells found near one body: the first find stays. After sort_by_row.
-void drop_repeats(std::vector<std::array<uint32_t, 3>>& finds) {
+void drop_repeats(Finds& finds) {
     const auto same = [](const auto& x, const auto& y) { return x[0] == y[0] && x[2] == y[2]; };
     finds.erase(std::unique(finds.begin(), finds.end(), same), finds.end());
 }
@@ -273,13 +273,28 @@ void cut_to_hull_of(const std::vector<PackedBox>& box, Range rows, __m256 hull, 
     kept.resize(count);
 }
 
+void put_side(const PackedBox& box, size_t place, BoxSides& sides) {
+    for (int k = 0; k < 3; ++k) sides[k][place] = box.min[k], sides[3 + k][place] = box.neg_max[k];
+}
+
 void lay_out_sides(const std::vector<PackedBox>& box, const std::vector<uint32_t>& rows, BoxSides& sides) {
     const size_t room = (rows.size() + 7) / 8 * 8;
     for (auto& side : sides) side.resize(room);
-    for (size_t i = 0; i < rows.size(); ++i) {
-        for (int k = 0; k < 3; ++k) sides[k][i] = box[rows[i]].min[k], sides[3 + k][i] = box[rows[i]].neg_max[k];
-    }
+    for (size_t i = 0; i < rows.size(); ++i) put_side(box[rows[i]], i, sides);
     for (auto& side : sides) std::fill(side.begin() + rows.size(), side.end(), std::numeric_limits<float>::infinity());  // meets nothing
+}
+
+// Hulls of eight rows each.
+void lay_out_hulls(const std::vector<PackedBox>& box, const std::vector<uint32_t>& rows, BoxSides& hulls) {
+    const size_t eights = (rows.size() + 7) / 8, room = (eights + 7) / 8 * 8;
+    for (auto& side : hulls) side.assign(room, std::numeric_limits<float>::infinity());
+    for (size_t e = 0; e < eights; ++e) {
+        __m256 hull = empty_hull();
+        for (size_t i = 8 * e; i < std::min(rows.size(), 8 * e + 8); ++i) hull = _mm256_min_ps(hull, load_box(box[rows[i]]));
+        PackedBox packed;
+        _mm256_store_ps(packed.min.data(), hull);
+        put_side(packed, e, hulls);
+    }
 }
 
 // Which of eight boxes meet one: bits.
@@ -294,6 +309,19 @@ struct BoxLimits {
         return uint32_t(_mm256_movemask_ps(met));
     }
 };
+
+// Calls with every row whose box meets one, ascending, by the eights whose hulls meet it: triangles of a mesh that follow each other
+// are neighbours more often than not.
+template <typename Eight>  // Eight: void(size_t eight, uint32_t met)
+void for_each_meeting_eight(const BoxLimits& limits, const BoxSides& sides, const BoxSides& hulls, const Eight& look_at) {
+    for (size_t i = 0; i < hulls[0].size(); i += 8) {
+        for (uint32_t eights = limits.meeting(hulls, i); eights != 0; eights &= eights - 1) {
+            const size_t eight = i + uint32_t(__builtin_ctz(eights));
+            const uint32_t met = limits.meeting(sides, 8 * eight);
+            if (met != 0) look_at(eight, met);
+        }
+    }
+}
 
 // The larger list is cut first.
 void cut_to_hulls(const ScreenedTriangles& screened, Range a, Range b, DirectChunk& c) {
@@ -394,6 +422,7 @@ void cut_to_slabs(const DirectInput& in, const ScreenedTriangles& screened, std:
 void compare_directly(const ScreenedTriangles& screened, DirectChunk& c, DirectPair& found) {
     lay_out_sides(screened.box, c.rows[1], c.sides);
     lay_out_sides(screened.tight, c.rows[1], c.tight_sides);
+    lay_out_hulls(screened.box, c.rows[1], c.hulls);
     c.across.resize(c.rows[1].size());
     c.met.assign(c.sides[0].size() / 8, 0);
     const uint32_t first_crossing = uint32_t(c.crossing.size()), first_near = uint32_t(c.near.size());
@@ -402,15 +431,13 @@ void compare_directly(const ScreenedTriangles& screened, DirectChunk& c, DirectP
         const uint32_t row = c.rows[0][r], triangle = screened.triangle[row];
         const BoxLimits limits(screened.box[row]), tight(screened.tight[row]);
         uint32_t across = kNone;
-        for (size_t i = 0; i < c.met.size(); ++i) {
-            const uint32_t met = limits.meeting(c.sides, 8 * i);
-            if (met == 0) continue;
+        for_each_meeting_eight(limits, c.sides, c.hulls, [&](size_t i, uint32_t met) {
             if (across == kNone) across = triangle_at(8 * i + uint32_t(__builtin_ctz(met)));
             for (uint32_t fresh = met & ~c.met[i]; fresh != 0; fresh &= fresh - 1) c.across[8 * i + uint32_t(__builtin_ctz(fresh))] = triangle;
             c.met[i] |= uint8_t(met);
             for (uint32_t bits = met & tight.meeting(c.tight_sides, 8 * i); bits != 0; bits &= bits - 1)
                 c.crossing.push_back({triangle, triangle_at(8 * i + uint32_t(__builtin_ctz(bits)))});
-        }
+        });
         if (across == kNone) continue;
         c.near.push_back({triangle, across});
         c.near_corners.push_back(c.corners[0][r]);
@@ -456,6 +483,55 @@ void search_direct(const CandidatePairs& pairs, const ScreenedTriangles& screene
     });
 }
 
+// Every one of `large` against the other body's triangles but `done`, both ascending.
+void compare_large(const CellTest& test, std::span<const uint32_t> large, Range others, std::span<const uint32_t> done, bool large_of_b) {
+    const std::vector<PackedBox>&box = test.screened.box, &tight = test.screened.tight;
+    CellChunk& c = test.found;
+    __m256 hull = empty_hull();
+    for (const uint32_t row : large) hull = _mm256_min_ps(hull, load_box(box[row]));
+    cut_to_hull_of(box, others, hull, c.near_b);
+    std::erase_if(c.near_b, [&](uint32_t row) { return std::binary_search(done.begin(), done.end(), row); });
+    hull = empty_hull();
+    for (const uint32_t row : c.near_b) hull = _mm256_min_ps(hull, load_box(box[row]));
+    keep_meeting(box, large, hull, c.near_a);
+    lay_out_sides(box, c.near_b, c.sides);
+    lay_out_hulls(box, c.near_b, c.hulls);
+    for (const uint32_t row : c.near_a) {
+        const __m256 face = facing(load_box(tight[row]));
+        for_each_meeting_eight(BoxLimits(box[row]), c.sides, c.hulls, [&](size_t eight, uint32_t met) {
+            for (; met != 0; met &= met - 1) {
+                const uint32_t other = c.near_b[8 * eight + uint32_t(__builtin_ctz(met))];
+                const uint32_t a = large_of_b ? other : row, b = large_of_b ? row : other;
+                test.add_both(a, b);
+                if (meets(face, load_box(tight[other]))) c.crossing.push_back({a, b, test.pair});
+            }
+        });
+    }
+}
+
+void search_oversize(const CandidatePairs& pairs, const ScreenedTriangles& screened, const Occupancy& occupancy,
+                     CandidateCellsScratch& scratch) {
+    const std::vector<uint32_t>& large = occupancy.oversize;
+    if (large.empty()) return;
+    const auto large_of = [&](Range rows) {
+        const auto begin = std::lower_bound(large.begin(), large.end(), rows.first);
+        return std::span(begin, std::lower_bound(begin, large.end(), rows.end()));
+    };
+    const uint32_t grain = direct_grain(pairs);
+    parallel_for(uint32_t(pairs.a.size()), grain, [&](uint32_t begin, uint32_t end) {
+        std::vector<uint32_t>& near_side = near_sides(screened, scratch);
+        const uint32_t run = kMostChunks + begin / grain;
+        for (uint32_t pair = begin; pair < end; ++pair) {
+            if (scratch.is_direct[pair]) continue;
+            const Range rows_a = screened.body[pairs.a[pair]], rows_b = screened.body[pairs.b[pair]];
+            const auto large_a = large_of(rows_a), large_b = large_of(rows_b);
+            const CellTest test{screened, scratch.cells[run], near_side, 0, 0, run, pair};
+            if (!large_a.empty()) compare_large(test, large_a, rows_b, {}, false);
+            if (!large_b.empty()) compare_large(test, large_b, rows_a, large_a, true);
+        }
+    });
+}
+
 // Copies them to their places.
 void put_direct(const CandidatePairs& pairs, const CandidateCellsScratch& scratch, CandidateTriangles& candidates) {
     const uint32_t grain = direct_grain(pairs);
@@ -482,20 +558,17 @@ void find_candidate_triangles(const CandidatePairs& pairs, const ScreenedTriangl
                               const Occupancy& occupancy, CandidateCellsScratch& scratch,
                               CandidateTriangles& candidates, const DirectInput* direct) {
     const uint32_t bodies = uint32_t(screened.body.size());
-    const uint32_t rows = uint32_t(screened.triangle.size());
     scratch.pair_first.assign(bodies + 1, 0);
     for (const uint32_t a : pairs.a) ++scratch.pair_first[a + 1];
     for (uint32_t i = 0; i < bodies; ++i) scratch.pair_first[i + 1] += scratch.pair_first[i];
-    scratch.crossing.clear();
-    scratch.near.clear();
     search_direct(pairs, screened, direct, scratch, candidates);
-    const bool any_cells = !occupancy.cell_key.empty() || !occupancy.oversize.empty();
-    if (any_cells) scratch.near_side.assign(rows, kNone);
+    const uint32_t rows = occupancy.cell_key.empty() && occupancy.oversize.empty() ? 0 : uint32_t(screened.triangle.size());
+    start_search(rows, scratch);
     search_cells(pairs, screened, occupancy, scratch);
     search_oversize(pairs, screened, occupancy, scratch);
-    sort_by_row(any_cells ? rows : 0, scratch.crossing, scratch);
+    sort_by_row(rows, &CellChunk::crossing, scratch);
     deal_out(screened, scratch, candidates.pair, candidates.triangle);
-    sort_by_row(any_cells ? rows : 0, scratch.near, scratch);
+    sort_by_row(rows, &CellChunk::near, scratch);
     drop_repeats(scratch.by_row);
     deal_out(screened, scratch, candidates.side, candidates.near);
     candidates.near_corners.assign(candidates.near.size(), kAllCorners);

@@ -29,6 +29,7 @@ struct DirectChunk {
     std::vector<uint32_t> rows[2];            // what meets the hull of the other body
     std::vector<uint8_t> corners[2];          // per row of those: bits of the corners that may get to the other body, or all
     BoxSides sides, tight_sides;              // of the enlarged boxes of rows[1] and of their own
+    BoxSides hulls;                           // of the enlarged boxes, each of eight rows
     std::vector<uint8_t> met;                 // per eight rows of rows[1]: bits of those near a triangle of the other body
     std::vector<uint32_t> across;             // per row of rows[1] that is: which
 };
@@ -38,15 +39,26 @@ struct DirectPair {
     std::array<Range, 2> near;
 };
 
-struct CandidateCellsScratch {
-    std::vector<uint32_t> pair_first;  // per body: its first pair as a
-    // one row per find, in cell order, then by (row of a, row of b), then by pair
+// What a run of cells found, in cell order, or a run of pairs by their triangles too large for cells.
+struct CellChunk {
     std::vector<std::array<uint32_t, 3>> crossing, near;  // ScreenedTriangles rows of a and b, pair; near: own, across, side
-    std::vector<std::array<uint32_t, 3>> by_row;
-    std::vector<uint32_t> near_side;                     // per row of ScreenedTriangles: last side it was found near
+    std::vector<uint32_t> near_a, near_b;                 // rows of a cell that meet the hull of the other body's; large ones, others
+    std::vector<uint32_t> sweep_a, sweep_b;               // those whose own boxes do
+    BoxSides sides, hulls;                                // of near_b beside large ones
+};
+// What a thread remembers of the run of cells at hand.
+struct NearSides {
+    std::vector<uint32_t> last;  // per row of ScreenedTriangles: run and side it was last found near
+    uint64_t search = 0;         // the search it is of
+};
+
+struct CandidateCellsScratch {
+    std::vector<uint32_t> pair_first;                    // per body: its first pair as a
+    std::vector<CellChunk> cells;                        // per run of cells, then per run of pairs
+    std::vector<NearSides> near_sides;                   // per thread
+    uint64_t search = 0;                                 // searches there were
+    std::vector<std::array<uint32_t, 3>> by_row;         // finds by (row of a, row of b), then by pair
     std::vector<uint32_t> first;                         // counting sort
-    std::vector<uint32_t> near_a, near_b;                // rows of a cell that meet the hull of the other body's
-    std::vector<uint32_t> sweep_a, sweep_b;              // those whose own boxes do
     std::vector<DirectChunk> chunk;                      // per chunk of pairs
     std::vector<uint8_t> is_direct;                      // per pair
     std::vector<DirectPair> direct;                      // per pair that is
@@ -56,7 +68,7 @@ struct CandidateCellsScratch {
 
 // OHC instruction (thesis 3.3.2): for every candidate pair the triangles that are near the other body and the triangle
 // pairs that may cross, read from the shared cells and the oversize list, ascending. A pair that may cross is reported
-// once, by the cell that holds the larger of the lower corners; a near triangle by the first cell that shows it. Pairs
+// once, by the cell that holds the larger of the lower corners; a near triangle once, with one of the triangles it is near. Pairs
 // that are direct (engine/direct_pairs.hpp) have all their triangles compared, eight at a time. Between deformable bodies, and
 // such and static ones, those triangles and of the others those corners are left out that cannot come near in the period along
 // the way from one body's middle to the other's, or across the side where a static one's box is passed least: there no point of

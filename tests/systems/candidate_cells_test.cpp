@@ -6,6 +6,7 @@
 #include <random>
 #include <set>
 
+#include "engine/thread_pool.hpp"
 #include "systems/parted_triangles.hpp"
 #include "tests/reference/brute_force_contact.hpp"
 #include "tests/systems/contact_scene.hpp"
@@ -74,6 +75,28 @@ TEST(CandidateCells, H16_H18_EqualBruteForceForAnyCellSize) {
         ASSERT_GT(scene.candidates.triangle.size(), 500u);
         expect_all_pairs(scene, "cell of " + std::to_string(edges) + " edges");
     }
+}
+
+// Breaks when what a thread saw in one run of cells is taken for what it has seen in the next.
+TEST(CandidateCells, SameOnAnyNumberOfThreads) {
+    CandidateTriangles first;
+    for (const uint32_t threads : {1u, 2u, 3u, 8u}) {
+        ThreadPool pool(threads);
+        pool.run([&] {
+            ContactScene scene({{make_noisy_sphere(20, 1, 0.1, 0), Motion::kDeformable, Vec3d(-0.9, -0.2, 0.1), {}},
+                                {make_noisy_sphere(20, 1, 0.1, 1), Motion::kHand, Vec3d(0.9, 0, 0), turn({1, 1, 0}, 1)},
+                                {make_noisy_sphere(20, 1, 0.1, 2), Motion::kDeformable, Vec3d(0, 0.8, -0.3), {}}});
+            scene.params.cell_edges = 1;
+            scene.find_triangles();
+            ASSERT_GT(scene.occupancy.cell_key.size(), 100u);
+            const CandidateTriangles& found = scene.candidates;
+            if (threads == 1) first = found;
+            EXPECT_EQ(found.triangle, first.triangle) << threads;
+            EXPECT_EQ(found.near, first.near) << threads;
+            EXPECT_EQ(found.near_corners, first.near_corners) << threads;
+        });
+    }
+    EXPECT_GT(first.near.size(), 500u);
 }
 
 // Breaks when the far frame's rounding loses a pair.
