@@ -310,8 +310,8 @@ struct BoxLimits {
     }
 };
 
-// Calls with every row whose box meets one, ascending, by the eights whose hulls meet it: triangles of a mesh that follow each other
-// are neighbours more often than not.
+// Calls with every eight that has boxes which meet one, ascending, and with their bits. Looks only at eights whose hulls meet it:
+// triangles of a mesh that follow each other are neighbours more often than not.
 template <typename Eight>  // Eight: void(size_t eight, uint32_t met)
 void for_each_meeting_eight(const BoxLimits& limits, const BoxSides& sides, const BoxSides& hulls, const Eight& look_at) {
     for (size_t i = 0; i < hulls[0].size(); i += 8) {
