@@ -25,6 +25,12 @@ uint32_t find_pair(const CandidatePairs& pairs, const std::vector<uint32_t>& fir
 
 __m256 empty_hull() { return _mm256_set1_ps(std::numeric_limits<float>::infinity()); }
 
+__m256 hull_of(const std::vector<PackedBox>& box, std::span<const uint32_t> rows) {
+    __m256 hull = empty_hull();
+    for (const uint32_t row : rows) hull = _mm256_min_ps(hull, load_box(box[row]));
+    return hull;
+}
+
 // What every test of a cell needs.
 struct CellTest {
     const ScreenedTriangles& screened;
@@ -68,9 +74,7 @@ __m256 keep_meeting(const std::vector<PackedBox>& box, std::span<const uint32_t>
 // Cuts both lists to what meets the hull of the other: most boxes of a cell are away from the other body's.
 void cut_to_hulls(const std::vector<PackedBox>& box, std::span<const uint32_t> rows_a, std::span<const uint32_t> rows_b,
                   std::vector<uint32_t>& kept_a, std::vector<uint32_t>& kept_b) {
-    __m256 hull = empty_hull();
-    for (const uint32_t b : rows_b) hull = _mm256_min_ps(hull, load_box(box[b]));
-    hull = keep_meeting(box, rows_a, hull, kept_a);
+    const __m256 hull = keep_meeting(box, rows_a, hull_of(box, rows_b), kept_a);
     kept_b.clear();
     if (!kept_a.empty()) keep_meeting(box, rows_b, hull, kept_b);
 }
@@ -289,10 +293,8 @@ void lay_out_hulls(const std::vector<PackedBox>& box, const std::vector<uint32_t
     const size_t eights = (rows.size() + 7) / 8, room = (eights + 7) / 8 * 8;
     for (auto& side : hulls) side.assign(room, std::numeric_limits<float>::infinity());
     for (size_t e = 0; e < eights; ++e) {
-        __m256 hull = empty_hull();
-        for (size_t i = 8 * e; i < std::min(rows.size(), 8 * e + 8); ++i) hull = _mm256_min_ps(hull, load_box(box[rows[i]]));
         PackedBox packed;
-        _mm256_store_ps(packed.min.data(), hull);
+        _mm256_store_ps(packed.min.data(), hull_of(box, std::span(rows).subspan(8 * e, std::min(size_t{8}, rows.size() - 8 * e))));
         put_side(packed, e, hulls);
     }
 }
@@ -330,9 +332,7 @@ void cut_to_hulls(const ScreenedTriangles& screened, Range a, Range b, DirectChu
     const Range small = a_first ? b : a;
     for (uint32_t row = small.first; row < small.end(); ++row) hull = _mm256_min_ps(hull, load_box(screened.box[row]));
     cut_to_hull_of(screened.box, a_first ? a : b, hull, c.rows[!a_first]);
-    hull = empty_hull();
-    for (const uint32_t row : c.rows[!a_first]) hull = _mm256_min_ps(hull, load_box(screened.box[row]));
-    cut_to_hull_of(screened.box, small, hull, c.rows[a_first]);
+    cut_to_hull_of(screened.box, small, hull_of(screened.box, c.rows[!a_first]), c.rows[a_first]);
 }
 
 // Mean velocities of the deformable bodies in pairs; what is not finite stands still.
@@ -452,12 +452,12 @@ void compare_directly(const ScreenedTriangles& screened, DirectChunk& c, DirectP
     found.near[1] = {found.near[0].end(), uint32_t(c.near.size()) - found.near[0].end()};
 }
 
-uint32_t direct_grain(const CandidatePairs& pairs) { return std::max(1u, chunk_count(uint32_t(pairs.a.size()), kMostChunks)); }
+uint32_t pair_grain(const CandidatePairs& pairs) { return std::max(1u, chunk_count(uint32_t(pairs.a.size()), kMostChunks)); }
 
 // Finds of all directly compared pairs, and how many they are.
 void search_direct(const CandidatePairs& pairs, const ScreenedTriangles& screened, const DirectInput* direct,
                    CandidateCellsScratch& scratch, CandidateTriangles& candidates) {
-    const uint32_t count = uint32_t(pairs.a.size()), grain = direct_grain(pairs);
+    const uint32_t count = uint32_t(pairs.a.size()), grain = pair_grain(pairs);
     candidates.pair.assign(count, {});
     candidates.side.assign(2 * size_t{count}, {});
     scratch.direct.resize(count);
@@ -487,13 +487,9 @@ void search_direct(const CandidatePairs& pairs, const ScreenedTriangles& screene
 void compare_large(const CellTest& test, std::span<const uint32_t> large, Range others, std::span<const uint32_t> done, bool large_of_b) {
     const std::vector<PackedBox>&box = test.screened.box, &tight = test.screened.tight;
     CellChunk& c = test.found;
-    __m256 hull = empty_hull();
-    for (const uint32_t row : large) hull = _mm256_min_ps(hull, load_box(box[row]));
-    cut_to_hull_of(box, others, hull, c.near_b);
+    cut_to_hull_of(box, others, hull_of(box, large), c.near_b);
     std::erase_if(c.near_b, [&](uint32_t row) { return std::binary_search(done.begin(), done.end(), row); });
-    hull = empty_hull();
-    for (const uint32_t row : c.near_b) hull = _mm256_min_ps(hull, load_box(box[row]));
-    keep_meeting(box, large, hull, c.near_a);
+    keep_meeting(box, large, hull_of(box, c.near_b), c.near_a);
     lay_out_sides(box, c.near_b, c.sides);
     lay_out_hulls(box, c.near_b, c.hulls);
     for (const uint32_t row : c.near_a) {
@@ -509,6 +505,7 @@ void compare_large(const CellTest& test, std::span<const uint32_t> large, Range 
     }
 }
 
+// Triangles too large for the cells: each against everything of the other body.
 void search_oversize(const CandidatePairs& pairs, const ScreenedTriangles& screened, const Occupancy& occupancy,
                      CandidateCellsScratch& scratch) {
     const std::vector<uint32_t>& large = occupancy.oversize;
@@ -517,7 +514,7 @@ void search_oversize(const CandidatePairs& pairs, const ScreenedTriangles& scree
         const auto begin = std::lower_bound(large.begin(), large.end(), rows.first);
         return std::span(begin, std::lower_bound(begin, large.end(), rows.end()));
     };
-    const uint32_t grain = direct_grain(pairs);
+    const uint32_t grain = pair_grain(pairs);
     parallel_for(uint32_t(pairs.a.size()), grain, [&](uint32_t begin, uint32_t end) {
         std::vector<uint32_t>& near_side = near_sides(screened, scratch);
         const uint32_t run = kMostChunks + begin / grain;
@@ -534,7 +531,7 @@ void search_oversize(const CandidatePairs& pairs, const ScreenedTriangles& scree
 
 // Copies them to their places.
 void put_direct(const CandidatePairs& pairs, const CandidateCellsScratch& scratch, CandidateTriangles& candidates) {
-    const uint32_t grain = direct_grain(pairs);
+    const uint32_t grain = pair_grain(pairs);
     parallel_for(uint32_t(pairs.a.size()), grain, [&](uint32_t begin, uint32_t end) {
         const auto copy = [](const auto& from, Range rows, auto& to, Range place) {
             std::copy_n(from.begin() + rows.first, rows.count, to.begin() + place.first);

@@ -11,7 +11,7 @@
 #include "engine/sleepers.hpp"
 namespace trocar {
 
-// Reused memory of measure_energy.
+// Reused memory: of one body at a time, and of measure_energy.
 struct BodyEnergyScratch {
     std::vector<double> sums;
     std::vector<Float4> offset;   // half a substep back, of a body with other forces

@@ -87,4 +87,25 @@ TEST(AbsentFeatures, OneThreadStartsNoOther) {
     EXPECT_EQ(threads_of_process(), before);
 }
 
+// Breaks when a run without pictures pays for them, simulates something else, or cannot show a picture when asked.
+TEST(AbsentFeatures, WithoutPicturesNothingIsMadeForThem) {
+    ThreadPool pool(1);
+    pool.run([&] {
+        FrameOptions blind;
+        blind.pictures = false;
+        Frame frame(small_scene("probe_on_liver").world, blind), drawn(small_scene("probe_on_liver").world, {});
+        for (const char* stage : {"surface normals", "picture"}) {
+            EXPECT_FALSE(has_stage(frame, stage));
+            EXPECT_TRUE(has_stage(drawn, stage));
+        }
+        while (drawn.world().clock.picture < 2) frame.step(), drawn.step();
+        EXPECT_EQ(frame.world().normals.normal.capacity() + frame.world().picture.position.capacity(), 0u);
+        EXPECT_EQ(state_hash(frame.world()), state_hash(drawn.world()));
+        EXPECT_EQ(frame.world().energy.balance, drawn.world().energy.balance);
+        EXPECT_EQ(frame.snapshot_now().normal, drawn.snapshot_now().normal);
+        EXPECT_EQ(frame.snapshot_now().position, drawn.snapshot_now().position);
+        EXPECT_GT(drawn.snapshot_now().position.size(), 100u);
+    });
+}
+
 }  // namespace
