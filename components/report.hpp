@@ -28,7 +28,7 @@ struct Report {
     uint64_t dropped_contacts = 0;        // beyond capacity, shallowest first
     uint64_t oversize_triangles = 0;      // spanned more than 64 cells
     uint64_t tie_overflows = 0;           // closest-point queries restarted in double
-    uint64_t sign_disagreements = 0;      // distance jumped by more than the relative motion allows
+    uint64_t sign_disagreements = 0;      // of pseudonormal and winding number, which had the last word
     uint64_t disagreements = 0;           // of pseudonormal and winding number; only with contact.cross_check
     uint64_t ended_rows = 0;              // planes left behind by a sliding vertex
     uint64_t opposing_planes = 0;         // vertices pressed from both sides at the end of a pass

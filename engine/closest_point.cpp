@@ -327,6 +327,12 @@ SurfacePoint ClosestPointTree::query(const Vec3d& point, double radius) const {
 double ClosestPointTree::winding_number(const Vec3d& point) const { return impl_->winding(point); }
 
 bool ClosestPointTree::winds_around(const Vec3d& point) const { return impl_->winds_around(point); }
+bool ClosestPointTree::settle_side(const Vec3d& point, SurfacePoint& answer) const {
+    if (winds_around(point) == (answer.distance < 0)) return false;
+    answer.distance = -answer.distance;
+    answer.normal = -answer.normal;
+    return true;
+}
 
 void ClosestPointTree::cross_check(bool on) {
     impl_->cross_checked = on;

@@ -63,6 +63,9 @@ class ClosestPointTree {
     // winding_number(point) > 0.5. Far triangles are summed in groups where a proven bound says that this cannot differ
     // (winding_tree.hpp) in trees of kWinding meshes and cross-checked ones; those of other solids count crossings of a ray.
     bool winds_around(const Vec3d& point) const;
+    // Puts an answer to `point` on the side that the winding number tells: where a deformed surface has folded over itself its
+    // pseudonormals do not know. True when it was on the other one.
+    bool settle_side(const Vec3d& point, SurfacePoint& answer) const;
 
     // Position of a vertex as the answers see it.
     Vec3d vertex(uint32_t v) const;

@@ -1,4 +1,6 @@
 #pragma once
+#include <limits>
+
 #include "components/bodies.hpp"
 #include "components/mesh.hpp"
 #include "components/particles.hpp"
@@ -18,6 +20,15 @@ struct Surfaces {
 inline bool joins_islands(Motion m) { return m == Motion::kDeformable || m == Motion::kHand || m == Motion::kFree; }
 inline bool is_deformable(const Bodies& bodies, uint32_t body) { return bodies.motion[body] == Motion::kDeformable; }
 inline bool has_inside(const Surfaces& s, uint32_t body) { return has_inside(s.meshes.info[s.bodies.mesh[body]].admission); }
+
+// Depth from which a point inside a body is asked about twice (ClosestPointTree::settle_side): a deformable solid may have
+// folded over itself. Of edge points of crushed livers that pseudonormals called deeper than a tenth of an edge, the winding
+// number called half outside, of shallower ones one in fifty. m
+inline double doubtful_depth(const Surfaces& s, uint32_t body) {
+    const MeshInfo& info = s.meshes.info[s.bodies.mesh[body]];
+    if (!is_deformable(s.bodies, body) || info.admission != Admission::kSolid) return std::numeric_limits<double>::infinity();
+    return 0.1 * info.mean_edge;
+}
 
 // Position of a vertex relative to the body's frame: offset from the origin if deformable, rest position if rigid. m
 inline Vec3d vertex_in_frame(const Surfaces& s, uint32_t body, uint32_t vertex) {

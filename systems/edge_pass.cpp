@@ -56,6 +56,7 @@ struct Side {
     MeshView mesh, other_mesh;
     FramePoints other_points;
     const ClosestPointTree* tree;
+    double doubtful;  // m, of depth
 };
 
 // A place on the edge where something is known of the depth.
@@ -79,11 +80,12 @@ struct EdgeSearch {
     EdgeSearch(const EdgeInput& input, const Side& of, Vec4d from, Vec4d way, double metres)
         : in(input), side(of), start(from), direction(way), length(metres) {}
     Vec4d at(double s) const { return start + s * direction; }
-    SurfacePoint ask(double s, uint32_t hint, QueryCounters& counters) const {
+    SurfacePoint ask(double s, uint32_t hint, EdgeChunk& c) const {
         const Vec3d p = to_vec3(at(s));
         const double radius = std::numeric_limits<double>::infinity();
         SurfacePoint answer;
-        side.tree->query({&p, 1}, {&radius, 1}, {&hint, 1}, {&answer, 1}, counters);
+        side.tree->query({&p, 1}, {&radius, 1}, {&hint, 1}, {&answer, 1}, c.counters);
+        if (-answer.distance > side.doubtful) c.sign_disagreements += side.tree->settle_side(p, answer);
         return answer;
     }
     double distance_to(uint32_t t, double s) const {
@@ -112,7 +114,7 @@ struct EdgeSearch {
 // Piyavskii-Shubert search of the deepest point on the intervals added, to the tolerance; `deepest` is what must be
 // beaten. `look`: the edge surely passes the surface and gets one query however short its way inside. Of equal bounds
 // the first interval is split first. True when found.
-bool search(EdgeSearch& e, double deepest, bool look, EdgeContact& best, QueryCounters& counters) {
+bool search(EdgeSearch& e, double deepest, bool look, EdgeContact& best, EdgeChunk& c) {
     bool found = false;
     for (uint32_t query = 0; query < kMostQueries && e.intervals > 0; ++query) {
         const uint32_t pick =
@@ -127,7 +129,7 @@ bool search(EdgeSearch& e, double deepest, bool look, EdgeContact& best, QueryCo
         const float along = float(std::clamp(peak, a.s + 0.1 * width, b.s - 0.1 * width) / e.length);
         const double s = double(along) * e.length;
         if (!(s > a.s && s < b.s)) continue;
-        const SurfacePoint answer = e.ask(s, a.triangle != kNone ? a.triangle : b.triangle, counters);
+        const SurfacePoint answer = e.ask(s, a.triangle != kNone ? a.triangle : b.triangle, c);
         if (answer.triangle == kNone) break;
         if (-answer.distance > deepest) {
             found = true;
@@ -194,7 +196,7 @@ bool search_outside_edge(EdgeSearch& e, const Sample& a, const Sample& b, const 
     x.last.s = single ? e.length + b.depth : std::min(x.last.s + pad, e.length);
     if (single) x.first.triangle = x.last.triangle = kNone;
     e.add(x.first, x.last);
-    return search(e, 1e-12 * e.length, true, best, c.counters);  // less is rounding: two surfaces that only touch
+    return search(e, 1e-12 * e.length, true, best, c);  // less is rounding: two surfaces that only touch
 }
 
 // One end inside (a), the other outside (b): only when some point can be deeper than a by more than the tolerance.
@@ -216,12 +218,12 @@ bool search_crossing_edge(EdgeSearch& e, const Sample& a, const Sample& b, const
     for (int look = 0; look < 4; ++look) {
         const double last = at.s + sign * (at.depth - enough);
         if ((last - a.s) * sign <= 0 || e.distance_to(a.triangle, last) <= enough) return false;
-        const SurfacePoint answer = e.ask(last, a.triangle, c.counters);
+        const SurfacePoint answer = e.ask(last, a.triangle, c);
         at = {last, -answer.distance, answer.triangle};
         if (at.depth > 0) break;
     }
     sign > 0 ? e.add(a, at) : e.add(at, a);
-    return search(e, std::max(a.depth, 0.0), false, best, c.counters);
+    return search(e, std::max(a.depth, 0.0), false, best, c);
 }
 
 // Both ends inside: only when the edge leaves the other body and can be deeper on the way than at its ends.
@@ -231,7 +233,7 @@ bool search_inside_edge(EdgeSearch& e, const Sample& a, const Sample& b, const s
     e.add(a, b);
     if (e.intervals == 0 || e.bound[0] <= deepest + e.in.params.tolerance) return false;
     if (find_crossings(e, triangles, c).count == 0) return false;
-    return search(e, deepest, false, best, c.counters);
+    return search(e, deepest, false, best, c);
 }
 
 // False when the surface surely does not pass the edge: what passes it meets both triangles beside it.
@@ -331,7 +333,8 @@ Side make_side(const EdgeInput& in, const CandidatePairs& pairs,
             mesh_view(in.surfaces.meshes, bodies.mesh[body]),
             mesh_view(in.surfaces.meshes, bodies.mesh[other]),
             FramePoints(in.surfaces, other),
-            has_inside(in.surfaces, other) ? trees[bodies.tree[other]].get() : nullptr};
+            has_inside(in.surfaces, other) ? trees[bodies.tree[other]].get() : nullptr,
+            doubtful_depth(in.surfaces, other)};
 }
 
 void write_edge(const Surfaces& s, uint32_t pair, uint32_t body, uint32_t other, const EdgeContact& e, Contacts& to,
@@ -379,6 +382,7 @@ void find_edge_contacts(const ContactParams& params, const Surfaces& surfaces, c
         EdgeChunk& chunk = scratch.chunk[begin / grain];
         chunk.found.clear();
         chunk.counters = {};
+        chunk.sign_disagreements = 0;
         for (uint32_t pair = begin; pair < end; ++pair) {
             for (const uint32_t row : {2 * pair, 2 * pair + 1}) find_side(in, make_side(in, pairs, trees, row), scratch.side[row], chunk);
         }
@@ -386,6 +390,7 @@ void find_edge_contacts(const ContactParams& params, const Surfaces& surfaces, c
     for (uint32_t i = 0; i < chunk_count(count, grain); ++i) {
         report.tie_overflows += scratch.chunk[i].counters.tie_overflows;
         report.disagreements += scratch.chunk[i].counters.disagreements;
+        report.sign_disagreements += scratch.chunk[i].sign_disagreements;
     }
     find_places(pairs, contacts, scratch);
     open_rows(scratch.before, contacts);

@@ -30,6 +30,7 @@ struct Side {
     BodyPoints points;  // of body, about the origin of other
     bool turned;        // other is rigid: the frame of the search is its own
     Quat turn;
+    double doubtful;    // m, of depth
 
     Vec3d place(uint32_t v) const { return turned ? rotate_back(turn, points.point(v)) : points.point(v); }
 };
@@ -84,6 +85,7 @@ SurfacePoint ask(const Side& side, const Vec3d& p, uint32_t hint) {
     SurfacePoint answer;
     QueryCounters counters;
     side.tree->query({&p, 1}, {&radius, 1}, {&hint, 1}, {&answer, 1}, counters);
+    if (-answer.distance > side.doubtful) side.tree->settle_side(p, answer);
     return answer;
 }
 
@@ -243,7 +245,8 @@ Side make_side(const Input& in, const CandidatePairs& pairs, std::span<const std
             has_inside(s, other) ? trees[s.bodies.tree[other]].get() : nullptr,
             BodyPoints(s, body, s.poses.origin[other]),
             !is_deformable(s.bodies, other),
-            s.poses.orientation[other]};
+            s.poses.orientation[other],
+            doubtful_depth(s, other)};
 }
 
 // Both sides of one pair, whose contacts are `rows`. Returns the bound of what is left open, 0 if nothing is.

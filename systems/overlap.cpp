@@ -218,15 +218,11 @@ void run_queries(const Side& side, uint32_t first, OverlapChunk& c) {
 
 // Takes the winding number's word for the side of one vertex, once. True when it was on the other side.
 bool settle_sign(const Side& side, uint32_t row, OverlapChunk& c) {
-    SurfacePoint& answer = c.query_answer[row];
     if (has_bit(c.settled, row)) return false;
     set_bit(c.settled, row);
-    const bool inside = side.tree->winds_around(c.query_point[row]);
-    if (inside == (answer.distance < 0)) return false;
-    answer.distance = -answer.distance;
-    answer.normal = -answer.normal;
-    ++c.sign_disagreements;
-    return true;
+    const bool changed = side.tree->settle_side(c.query_point[row], c.query_answer[row]);
+    c.sign_disagreements += changed;
+    return changed;
 }
 
 // Signed distance is 1-Lipschitz, so it changes along an edge by no more than the edge is long. Where it changes its sign and

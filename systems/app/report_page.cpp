@@ -274,7 +274,7 @@ std::string trouble_section(const Report& r) {
         {r.dropped_contacts, "contacts beyond the capacity of a body, the shallowest, were dropped"},
         {r.oversize_triangles, "times a triangle spanned more than 64 cells of the grid and was tested by its box"},
         {r.tie_overflows, "closest-point queries met too many equal answers and started again in double"},
-        {r.sign_disagreements, "signs were settled by the winding number, because a distance jumped"},
+        {r.sign_disagreements, "signs were settled by the winding number, because a surface had folded over itself"},
         {r.disagreements, "signs by pseudonormal differed from the winding number (contact.cross_check)"},
         {r.ended_rows, "contact planes were left behind by a sliding point"},
         {r.opposing_planes, "vertices at the end of a pass had planes that press from opposite sides"},
