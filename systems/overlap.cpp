@@ -1,6 +1,7 @@
 #include "systems/overlap.hpp"
 
 #include <algorithm>
+#include <cmath>
 
 #include "engine/bit_rows.hpp"
 #include "engine/disjoint_sets.hpp"
@@ -21,6 +22,7 @@ struct Side {
     double margin;          // m, of both together
     double half_thickness;  // m, of other
     bool solid, sheet;      // other
+    double doubtful;        // m, of depth in other
     const ClosestPointTree* tree;
 };
 
@@ -191,6 +193,7 @@ void clear_queries(OverlapChunk& c) {
     c.query_hint.clear();
     c.query_point.clear();
     c.query_radius.clear();
+    c.settled.clear();
 }
 
 // Answers the queries from row `first` on. A sheet is as thick as its thickness.
@@ -214,6 +217,7 @@ void run_queries(const Side& side, uint32_t first, OverlapChunk& c) {
         c.disagreements += counters.disagreements;
     }
     for (uint32_t i = first; i < c.query_vertex.size(); ++i) c.row[c.query_vertex[i]] = i;
+    c.settled.resize((c.query_vertex.size() + 63) / 64, 0);
 }
 
 // Takes the winding number's word for the side of one vertex, once. True when it was on the other side.
@@ -223,6 +227,25 @@ bool settle_sign(const Side& side, uint32_t row, OverlapChunk& c) {
     const bool changed = side.tree->settle_side(c.query_point[row], c.query_answer[row]);
     c.sign_disagreements += changed;
     return changed;
+}
+
+double longest_edge_at(const Side& side, uint32_t row, const OverlapChunk& c) {
+    const uint32_t v = c.query_vertex[row];
+    double longest2 = 0;
+    for (uint32_t k = side.mesh.incident_first[v]; k < side.mesh.incident_first[v + 1]; ++k)
+        for (const uint32_t w : side.mesh.triangle[side.mesh.incident[k]])
+            longest2 = std::max(longest2, (side.mesh.position[w] - side.mesh.position[v]).squaredNorm());
+    return std::sqrt(longest2);
+}
+
+// Settles the sides of vertices that seem so deep that they are doubtful, but not deeper than their edges are long: what
+// check_signs cannot tell.
+void settle_doubtful(const Side& side, uint32_t first, OverlapChunk& c) {
+    if (!std::isfinite(side.doubtful)) return;
+    for (uint32_t row = first; row < c.query_vertex.size(); ++row) {
+        const double depth = -c.query_answer[row].distance;
+        if (depth > side.doubtful && depth < longest_edge_at(side, row, c)) settle_sign(side, row, c);
+    }
 }
 
 // Signed distance is 1-Lipschitz, so it changes along an edge by no more than the edge is long. Where it changes its sign and
@@ -261,7 +284,6 @@ void check_signs(const OverlapInput& in, const Side& side, OverlapChunk& c) {
     const auto inside = std::count_if(c.query_answer.begin(), c.query_answer.end(), is_inside);
     if (inside == 0 || size_t(inside) == c.query_answer.size()) return;  // no sign changes along any edge
     if (!is_any_edge_too_short(side, c)) return;
-    c.settled.resize((c.query_vertex.size() + 63) / 64, 0);
     const Range rows = in.screened.body[side.body];
     const uint32_t* first = in.screened.triangle.data() + rows.first;
     for (bool changed = true; changed;) {
@@ -307,11 +329,11 @@ void measure_inside(const OverlapInput& in, const Side& side, const BodyPoints& 
     });
     if (c.query_vertex.size() == asked) return;
     run_queries(side, asked, c);
-    c.settled.resize((c.query_vertex.size() + 63) / 64, 0);
     for (uint32_t row = asked; row < c.query_vertex.size(); ++row) {
         set_bit(c.near_vertex, c.query_vertex[row]);
         if (side.solid && c.query_answer[row].distance >= 0) settle_sign(side, row, c);
     }
+    settle_doubtful(side, asked, c);
 }
 
 void find_side(const OverlapInput& in, const Side& side, OverlapSide& found, OverlapChunk& c) {
@@ -324,7 +346,7 @@ void find_side(const OverlapInput& in, const Side& side, OverlapSide& found, Ove
     for_each_bit(c.near_vertex, [&](uint32_t v) { add_query(in, side, points, v, c.hint[v], c); });
     run_queries(side, 0, c);
     if (!side.sheet) {
-        c.settled.clear();
+        settle_doubtful(side, 0, c);
         if (side.solid) check_signs(in, side, c);
         mark_beyond(in, side, c);
         if (is_any_unknown(side, c)) {
@@ -363,6 +385,7 @@ Side make_side(const Surfaces& s, const BodyBoxes& boxes, const CandidatePairs& 
             admission == Admission::kSheet ? 0.5 * s.bodies.thickness[other] : 0.0,
             admission == Admission::kSolid,
             admission == Admission::kSheet,
+            doubtful_depth(s, other),
             admission == Admission::kRefused ? nullptr : trees[s.bodies.tree[other]].get()};
 }
 

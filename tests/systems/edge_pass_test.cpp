@@ -202,6 +202,33 @@ void compare_random_pairs(uint32_t pairs, uint32_t seed, uint32_t samples) {
 TEST(EdgePass, P09_RandomTetrahedraAndBoxesEqualExactTests) { compare_random_pairs(sample_count(2000, 8), 11, 60); }
 TEST(LongEdgePass, P09_RandomTetrahedraAndBoxesEqualExactTests) { compare_random_pairs(sample_count(20000, 160), 12, 200); }
 
+// A ball whose lower cap was pushed out through its top: the space in the cap, a cup now, is outside, while the pseudonormals
+// around it say inside. Breaks when sides are not settled by the winding number: of edges that cross from wall to wall of the
+// cup, of a vertex in it whose edges are long, of a face that covers it.
+TEST(EdgePass, PointsInTheCupOfAFoldedBallAreOutside) {
+    const std::pair<const char*, BodyInput> others[] = {
+        {"edges", {make_box({6, 0.02, 0.02}), Motion::kStatic, Vec3d(0.1, 0.03, 1.5), {}}},
+        {"vertices", {make_box({4, 0.02, 0.02}), Motion::kStatic, Vec3d(2.1, 0.03, 1.5), {}}},
+        {"faces", {make_box({6, 6, 0.02}), Motion::kStatic, Vec3d(0.1, 0.03, 1.5), {}}}};
+    for (const auto& [what, other] : others) {
+        ContactScene scene({{make_sphere(9, [](const Vec3d& p) { return p; }), Motion::kDeformable, Vec3d::Zero(), {}}, other});
+        scene.params.faces = true;
+        for (Float4& p : scene.particles.offset)
+            if (p.z < -0.6f) p.z += 2.2f;
+        scene.run();
+        EXPECT_GT(scene.report.sign_disagreements, 0u) << what;
+        const reference::Surface folded(scene.surfaces(), 0);
+        const double deep = 0.1 * scene.meshes.info[0].mean_edge;
+        uint32_t inside = 0;
+        for (uint32_t i = 0; i < scene.contacts.pair.size(); ++i) {
+            if (scene.contacts.body[i] != 1 || !(scene.contacts.distance[i] < -deep)) continue;
+            EXPECT_GT(folded.winding_number(scene.contacts.point[i]), 0.5) << what << " " << scene.contacts.point[i].transpose();
+            ++inside;
+        }
+        EXPECT_EQ(inside, 0u) << what << ": nothing at this height is inside the ball";
+    }
+}
+
 // P02, P03: faces in one plane: touching is not overlapping.
 TEST(EdgePass, P02_P03_CubesSharingAFacePlane) {
     for (const double shift : {0.0, 0.25, 1.0}) {
