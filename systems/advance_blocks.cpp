@@ -11,7 +11,7 @@ namespace {
 
 constexpr uint32_t kParts = ContactBlock::kParts;
 // Fewer rows than this converge better one after the other, in the order of the surface.
-constexpr uint32_t kFewestRows = 64;
+constexpr uint32_t kFewestRows = 64, kFewestWithFixed = 2048;
 constexpr uint32_t kOpenBlocks = 16;
 // Two ways within 60 degrees of a third are within 120 of each other, which is kOpposed.
 constexpr double kLean = 0.5;
@@ -39,7 +39,8 @@ bool are_distinct(const RowNodes& nodes) {
 
 // Whether a side of a row is at rest for the whole call. Short lists with static bodies converge better in order.
 bool is_fixed(const AdvanceIsland& island, uint32_t body) {
-    return island.scratch.phase[4] > 1 && island.inputs.bodies.motion[body] == Motion::kStatic;
+    const AdvanceScratch& s = island.scratch;
+    return (s.phase[4] > 1 || s.dealt.size() >= kFewestWithFixed) && island.inputs.bodies.motion[body] == Motion::kStatic;
 }
 
 // Way of a row's normal in the world.

@@ -222,6 +222,8 @@ double solve_turning_row(AdvanceScratch& s, ContactActive& row) {
     Vec4d velocity = relative_velocity(s, row, turning);
     const double wanted = (dot(row.normal, velocity) - row.least_velocity) * row.inv_sum;
     const double normal_impulse = std::max(0.0, row.normal_impulse - wanted);
+    // most rows carry nothing, and do not begin to
+    if (normal_impulse == 0 && row.normal_impulse == 0 && norm2(row.friction_impulse) == 0) return 0;
     const double normal_change = normal_impulse - row.normal_impulse;
     row.normal_impulse = normal_impulse;
     double change = std::abs(normal_change);

@@ -5,11 +5,10 @@
 #include "components/math.hpp"
 namespace trocar {
 
-// v turned by q.
+// v turned by q. Scalars: Eigen's expressions were calls, a twentieth of the time of a scene with much on static bodies.
 inline Vec3d rotate(const Quat& q, const Vec3d& v) {
-    const Vec3d u(q.x, q.y, q.z);
-    const Vec3d t = 2.0 * u.cross(v);
-    return v + q.w * t + u.cross(t);
+    const double tx = 2 * (q.y * v.z() - q.z * v.y()), ty = 2 * (q.z * v.x() - q.x * v.z()), tz = 2 * (q.x * v.y() - q.y * v.x());
+    return {v.x() + q.w * tx + (q.y * tz - q.z * ty), v.y() + q.w * ty + (q.z * tx - q.x * tz), v.z() + q.w * tz + (q.x * ty - q.y * tx)};
 }
 inline Quat conjugate(const Quat& q) { return {q.w, -q.x, -q.y, -q.z}; }
 inline Vec3d rotate_back(const Quat& q, const Vec3d& v) { return rotate(conjugate(q), v); }
