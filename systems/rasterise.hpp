@@ -61,7 +61,7 @@ struct RasteriseScratch {
     std::vector<KeyedReference> keyed, keyed_spare;  // instead of the table
     CellBits bits;                                   // instead of the table
     std::vector<CellRange> cells;                    // per row of ScreenedTriangles, with bits
-    uint32_t most_words = 1 << 17;                   // of bits; beyond, the table
+    uint32_t most_words = 1 << 20;                   // of bits, 8 MB a layer; beyond, the table
     size_t most_counted = 400'000;                   // triangles in the table; beyond, sorting is faster, by a tenth
 };
 

@@ -132,7 +132,7 @@ TEST(Rasterise, H01_PlaceOfTheSceneDoesNotMatter) {
 
 // A used table or grid of bits, grown or shrunken, gives the layers of a fresh one.
 TEST(Rasterise, H13_H17_NoStaleCells) {
-    for (const uint32_t most_words : {0u, 1u << 17}) {
+    for (const uint32_t most_words : {0u, 1u << 20}) {
         ContactScene scene = three_balls();
         scene.rasterise_scratch.most_words = most_words;
         for (int pass = 0; pass < 6; ++pass) {
