@@ -23,6 +23,7 @@ struct SurfacePoint {
 struct QueryCounters {
     uint64_t tie_overflows = 0;
     uint64_t disagreements = 0;  // of pseudonormal and winding number, cross-checked trees only
+    uint64_t settled = 0;        // answers that settle_side changed, for its callers to count
 };
 
 // Signed closest-point queries on one triangle mesh, exact to double rounding: a tree over groups of 16 triangles finds

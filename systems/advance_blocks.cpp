@@ -10,7 +10,7 @@ namespace trocar {
 namespace {
 
 constexpr uint32_t kParts = ContactBlock::kParts;
-// Fewer rows than this converge better one after the other, in the order of the surface.
+// Fewer rows than this converge better one after the other, in the order of the surface; with static planes, this.
 constexpr uint32_t kFewestRows = 64, kFewestWithFixed = 2048;
 constexpr uint32_t kOpenBlocks = 16;
 // Two ways within 60 degrees of a third are within 120 of each other, which is kOpposed.

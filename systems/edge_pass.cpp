@@ -80,12 +80,12 @@ struct EdgeSearch {
     EdgeSearch(const EdgeInput& input, const Side& of, Vec4d from, Vec4d way, double metres)
         : in(input), side(of), start(from), direction(way), length(metres) {}
     Vec4d at(double s) const { return start + s * direction; }
-    SurfacePoint ask(double s, uint32_t hint, EdgeChunk& c) const {
+    SurfacePoint ask(double s, uint32_t hint, QueryCounters& counters) const {
         const Vec3d p = to_vec3(at(s));
         const double radius = std::numeric_limits<double>::infinity();
         SurfacePoint answer;
-        side.tree->query({&p, 1}, {&radius, 1}, {&hint, 1}, {&answer, 1}, c.counters);
-        if (-answer.distance > side.doubtful) c.sign_disagreements += side.tree->settle_side(p, answer);
+        side.tree->query({&p, 1}, {&radius, 1}, {&hint, 1}, {&answer, 1}, counters);
+        if (-answer.distance > side.doubtful) counters.settled += side.tree->settle_side(p, answer);
         return answer;
     }
     double distance_to(uint32_t t, double s) const {
@@ -114,7 +114,7 @@ struct EdgeSearch {
 // Piyavskii-Shubert search of the deepest point on the intervals added, to the tolerance; `deepest` is what must be
 // beaten. `look`: the edge surely passes the surface and gets one query however short its way inside. Of equal bounds
 // the first interval is split first. True when found.
-bool search(EdgeSearch& e, double deepest, bool look, EdgeContact& best, EdgeChunk& c) {
+bool search(EdgeSearch& e, double deepest, bool look, EdgeContact& best, QueryCounters& counters) {
     bool found = false;
     for (uint32_t query = 0; query < kMostQueries && e.intervals > 0; ++query) {
         const uint32_t pick =
@@ -129,7 +129,7 @@ bool search(EdgeSearch& e, double deepest, bool look, EdgeContact& best, EdgeChu
         const float along = float(std::clamp(peak, a.s + 0.1 * width, b.s - 0.1 * width) / e.length);
         const double s = double(along) * e.length;
         if (!(s > a.s && s < b.s)) continue;
-        const SurfacePoint answer = e.ask(s, a.triangle != kNone ? a.triangle : b.triangle, c);
+        const SurfacePoint answer = e.ask(s, a.triangle != kNone ? a.triangle : b.triangle, counters);
         if (answer.triangle == kNone) break;
         if (-answer.distance > deepest) {
             found = true;
@@ -196,7 +196,7 @@ bool search_outside_edge(EdgeSearch& e, const Sample& a, const Sample& b, const 
     x.last.s = single ? e.length + b.depth : std::min(x.last.s + pad, e.length);
     if (single) x.first.triangle = x.last.triangle = kNone;
     e.add(x.first, x.last);
-    return search(e, 1e-12 * e.length, true, best, c);  // less is rounding: two surfaces that only touch
+    return search(e, 1e-12 * e.length, true, best, c.counters);  // less is rounding: two surfaces that only touch
 }
 
 // One end inside (a), the other outside (b): only when some point can be deeper than a by more than the tolerance.
@@ -218,12 +218,12 @@ bool search_crossing_edge(EdgeSearch& e, const Sample& a, const Sample& b, const
     for (int look = 0; look < 4; ++look) {
         const double last = at.s + sign * (at.depth - enough);
         if ((last - a.s) * sign <= 0 || e.distance_to(a.triangle, last) <= enough) return false;
-        const SurfacePoint answer = e.ask(last, a.triangle, c);
+        const SurfacePoint answer = e.ask(last, a.triangle, c.counters);
         at = {last, -answer.distance, answer.triangle};
         if (at.depth > 0) break;
     }
     sign > 0 ? e.add(a, at) : e.add(at, a);
-    return search(e, std::max(a.depth, 0.0), false, best, c);
+    return search(e, std::max(a.depth, 0.0), false, best, c.counters);
 }
 
 // Both ends inside: only when the edge leaves the other body and can be deeper on the way than at its ends.
@@ -233,7 +233,7 @@ bool search_inside_edge(EdgeSearch& e, const Sample& a, const Sample& b, const s
     e.add(a, b);
     if (e.intervals == 0 || e.bound[0] <= deepest + e.in.params.tolerance) return false;
     if (find_crossings(e, triangles, c).count == 0) return false;
-    return search(e, deepest, false, best, c);
+    return search(e, deepest, false, best, c.counters);
 }
 
 // False when the surface surely does not pass the edge: what passes it meets both triangles beside it.
@@ -382,7 +382,6 @@ void find_edge_contacts(const ContactParams& params, const Surfaces& surfaces, c
         EdgeChunk& chunk = scratch.chunk[begin / grain];
         chunk.found.clear();
         chunk.counters = {};
-        chunk.sign_disagreements = 0;
         for (uint32_t pair = begin; pair < end; ++pair) {
             for (const uint32_t row : {2 * pair, 2 * pair + 1}) find_side(in, make_side(in, pairs, trees, row), scratch.side[row], chunk);
         }
@@ -390,7 +389,7 @@ void find_edge_contacts(const ContactParams& params, const Surfaces& surfaces, c
     for (uint32_t i = 0; i < chunk_count(count, grain); ++i) {
         report.tie_overflows += scratch.chunk[i].counters.tie_overflows;
         report.disagreements += scratch.chunk[i].counters.disagreements;
-        report.sign_disagreements += scratch.chunk[i].sign_disagreements;
+        report.sign_disagreements += scratch.chunk[i].counters.settled;
     }
     find_places(pairs, contacts, scratch);
     open_rows(scratch.before, contacts);

@@ -43,7 +43,6 @@ struct EdgeChunk {
     std::vector<uint32_t> opposite;        // triangles of the other body that may cross it
     std::vector<EdgeContact> found;        // of all sides of the run
     QueryCounters counters;
-    uint64_t sign_disagreements = 0;
 };
 
 struct EdgePassScratch {

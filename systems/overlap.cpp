@@ -229,22 +229,21 @@ bool settle_sign(const Side& side, uint32_t row, OverlapChunk& c) {
     return changed;
 }
 
-double longest_edge_at(const Side& side, uint32_t row, const OverlapChunk& c) {
-    const uint32_t v = c.query_vertex[row];
+double longest_edge_at(const Side& side, const BodyPoints& points, uint32_t v) {
+    const Vec3d p = points.point(v);
     double longest2 = 0;
     for (uint32_t k = side.mesh.incident_first[v]; k < side.mesh.incident_first[v + 1]; ++k)
-        for (const uint32_t w : side.mesh.triangle[side.mesh.incident[k]])
-            longest2 = std::max(longest2, (side.mesh.position[w] - side.mesh.position[v]).squaredNorm());
+        for (const uint32_t w : side.mesh.triangle[side.mesh.incident[k]]) longest2 = std::max(longest2, (points.point(w) - p).squaredNorm());
     return std::sqrt(longest2);
 }
 
 // Settles the sides of vertices that seem so deep that they are doubtful, but not deeper than their edges are long: what
 // check_signs cannot tell.
-void settle_doubtful(const Side& side, uint32_t first, OverlapChunk& c) {
+void settle_doubtful(const Side& side, const BodyPoints& points, uint32_t first, OverlapChunk& c) {
     if (!std::isfinite(side.doubtful)) return;
     for (uint32_t row = first; row < c.query_vertex.size(); ++row) {
         const double depth = -c.query_answer[row].distance;
-        if (depth > side.doubtful && depth < longest_edge_at(side, row, c)) settle_sign(side, row, c);
+        if (depth > side.doubtful && depth < longest_edge_at(side, points, c.query_vertex[row])) settle_sign(side, row, c);
     }
 }
 
@@ -314,6 +313,7 @@ void decide_pieces(const OverlapInput& in, const Side& side, const BodyPoints& p
     if (c.query_vertex.size() == asked) return;
     run_queries(side, asked, c);
     for (uint32_t row = asked; row < c.query_vertex.size(); ++row) {
+        if (-c.query_answer[row].distance > side.doubtful) settle_sign(side, row, c);  // whatever its edges: a whole piece goes by it
         c.piece[c.query_vertex[row]] = c.query_answer[row].distance < 0 ? kInside : kOutside;
     }
 }
@@ -333,7 +333,7 @@ void measure_inside(const OverlapInput& in, const Side& side, const BodyPoints& 
         set_bit(c.near_vertex, c.query_vertex[row]);
         if (side.solid && c.query_answer[row].distance >= 0) settle_sign(side, row, c);
     }
-    settle_doubtful(side, asked, c);
+    settle_doubtful(side, points, asked, c);
 }
 
 void find_side(const OverlapInput& in, const Side& side, OverlapSide& found, OverlapChunk& c) {
@@ -346,7 +346,7 @@ void find_side(const OverlapInput& in, const Side& side, OverlapSide& found, Ove
     for_each_bit(c.near_vertex, [&](uint32_t v) { add_query(in, side, points, v, c.hint[v], c); });
     run_queries(side, 0, c);
     if (!side.sheet) {
-        settle_doubtful(side, 0, c);
+        settle_doubtful(side, points, 0, c);
         if (side.solid) check_signs(in, side, c);
         mark_beyond(in, side, c);
         if (is_any_unknown(side, c)) {
