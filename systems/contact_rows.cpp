@@ -232,8 +232,8 @@ bool make_row(const RowInput& in, uint32_t i, ContactRowsScratch& scratch, Conta
         lead = first ? Vec3d(-way) : way;
     }
     const bool nearest_way = in.params.direction != ResponseDirection::kThesis && lead == Vec3d::Zero();
-    const bool in_hand = surfaces.bodies.motion[body] == Motion::kHand || surfaces.bodies.motion[other] == Motion::kHand;
-    scratch.nose_first[i] = in_hand && !both_rigid && nearest_way && leaves_nose_first(surfaces, contacts, i);
+    const auto is_pushed = [&](uint32_t b) { return surfaces.bodies.motion[b] == Motion::kHand || surfaces.bodies.motion[b] == Motion::kFree; };
+    scratch.nose_first[i] = (is_pushed(body) || is_pushed(other)) && !both_rigid && nearest_way && leaves_nose_first(surfaces, contacts, i);
     // what would hold the pair back on its way
     if (at.distance >= 0 && at.normal.dot(lead) < 0) return false;
     Vec3d normal = at.normal;
@@ -267,7 +267,7 @@ bool make_row(const RowInput& in, uint32_t i, ContactRowsScratch& scratch, Conta
 }
 
 // Marks the rows of points that leave nose first, of pairs that other points inside lead apart. Through a fold of thin tissue
-// the nearest surface is its far side: a tool that is pulled on through the fold would hang in it.
+// the nearest surface is its far side: a tool or a free body would hang in it, and pull the tissue over itself like a sock.
 void drop_nose_first(const Contacts& contacts, ContactRowsScratch& scratch) {
     const uint32_t count = uint32_t(contacts.pair.size());
     for (uint32_t first = 0, end = 0; first < count; first = end) {

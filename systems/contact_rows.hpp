@@ -28,9 +28,9 @@ struct ContactRowsScratch {
 // direction = thesis: a point inside an overlapping pair gets the pair's direction and its depth projected on it (thesis
 // 4.2). deep = last_free: a point inside a saturated pair gets the plane where the line along the pair's way out leaves the
 // other body, with the length of that line; outside ones that face against the way have no row. faces: points of a closed
-// body whose way to a sheet leads through the body have none. Between a tool in the hand and what deforms, points that would
-// leave the other nose first (nose_first.hpp) have none either, as long as the pair has another row of a point inside. (Coarse
-// balls that hit each other need all their rows.)
+// body whose way to a sheet leads through the body have none. Between a tool in the hand or a free body and what deforms, points that
+// would leave the other nose first (nose_first.hpp) have none either, as long as the pair has another row of a point inside.
+// (Coarse balls that hit each other need all their rows.)
 void make_contact_rows(const ContactParams& params, const Surfaces& surfaces, const CandidatePairs& pairs,
                        const Contacts& contacts, const Penetrations& penetrations, ContactRowsScratch& scratch,
                        Report& report, ContactRows& rows);

@@ -103,13 +103,18 @@ TEST(ContactRows, P27_TheShallowestAreDroppedAndCounted) {
     EXPECT_TRUE(std::is_sorted(scene.rows.contact.begin(), scene.rows.contact.end()));
 }
 
+class ThroughAWall : public testing::TestWithParam<Motion> {};
+INSTANTIATE_TEST_SUITE_P(ContactRows, ThroughAWall, testing::Values(Motion::kHand, Motion::kFree), [](const auto& motion) {
+    return motion.param == Motion::kHand ? "InTheHand" : "Free";
+});
+
 // A ball has passed the middle of a thin wall that deforms: there its nearest surface is the wall's far side, which the ball
 // would leave nose first, on through the wall. Those points have no row; all others lead back. Breaks when the wall
 // holds the ball from both sides, and when points short of the middle lose theirs.
-TEST(ContactRows, NothingLeadsOnThroughAThinWall) {
+TEST_P(ThroughAWall, NothingLeadsOnThroughAThinWall) {
     constexpr double kRadius = 0.05, kPast = 1.4e-3;  // m; the wall is 2e-3 thick, its near side at z = 0
     ContactScene scene({{make_box({0.2, 0.2, 2e-3}, {20, 20, 1}), Motion::kDeformable, Vec3d(0, 0, -1e-3), {}},
-                        {make_noisy_sphere(24, kRadius, 0, 0), Motion::kHand, Vec3d(0, 0, kRadius - kPast), turn({1, 2, 0}, 1)}});
+                        {make_noisy_sphere(24, kRadius, 0, 0), GetParam(), Vec3d(0, 0, kRadius - kPast), turn({1, 2, 0}, 1)}});
     scene.run();
     const Contacts& contacts = scene.contacts;
     const auto is_past = [&](uint32_t i) {
