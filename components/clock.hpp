@@ -14,6 +14,9 @@ struct Clock {
     double substep = 1e-3;      // s, upper bound of the explicit step; islands may take smaller ones
 };
 
+// Contact passes a second that there may be: whole numbers of passes a picture.
+inline bool is_contact_rate(uint32_t rate) { return rate == 30 || rate == 60 || rate == 120 || rate == 240; }
+
 inline uint64_t pass_tick(uint64_t pass, uint32_t rate) { return pass * 1000 / rate; }
 
 }  // namespace trocar

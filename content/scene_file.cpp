@@ -2,6 +2,7 @@
 
 #include <unordered_set>
 
+#include "components/clock.hpp"
 #include "content/scene_sections.hpp"
 #include "engine/error.hpp"
 namespace trocar {
@@ -9,7 +10,7 @@ namespace {
 
 void read_contact(TomlSection section, ContactParams& contact, uint32_t& rate) {
     section.read_count("rate", rate, 1, 1000);
-    if (rate != 30 && rate != 60 && rate != 120 && rate != 240) section.fail("rate must be 30, 60, 120 or 240 (Hz)");
+    if (!is_contact_rate(rate)) section.fail("rate must be 30, 60, 120 or 240 (Hz)");
     section.read("tolerance", contact.tolerance, 1e-12, 1e3);
     section.read("cell_edges", contact.cell_edges, 0.01, 1000);
     section.read("push_speed", contact.push_speed, 0, 1e3);

@@ -494,7 +494,7 @@ std::string find_fault(const World& w) {
     const ContactParams& c = w.settings.contact;
     f.require(w.settings.substep > kShortestStep && c.tolerance > 0 && c.cell_edges > 0 && c.push_speed >= 0 && c.iterations < 1000 && w.settings.sleep_speed >= 0 && w.settings.sleep_after >= 0, "settings: out of range");
     const uint32_t rate = w.clock.contact_rate;
-    f.require((rate == 30 || rate == 60 || rate == 120 || rate == 240) && w.clock.display_rate == 30 && w.clock.tick == pass_tick(w.clock.pass, rate), "clock: does not fit its passes");
+    f.require(is_contact_rate(rate) && w.clock.display_rate == 30 && w.clock.tick == pass_tick(w.clock.pass, rate), "clock: does not fit its passes");
     return f.first;
 }
 

@@ -22,7 +22,8 @@ struct Small {
     const char* name;
     std::vector<Override> overrides;
     uint32_t passes;
-    double residual = 0.01;  // of the smallest body: overlap that a pass may leave
+    double residual = 0.01;        // of the smallest body: overlap that a pass may leave
+    double usual_residual = 0.01;  // that nine of ten passes may leave
 };
 void PrintTo(const Small& s, std::ostream* out) { *out << s.name; }
 
@@ -44,9 +45,11 @@ TEST_P(SmallStressScenes, RunTheSameOnAnyThreads) {
         pool.run([&] {
             Frame frame(std::move(stress_scene(GetParam().name, GetParam().overrides).world), {});
             const World& w = frame.world();
-            double deepest = 0;
-            for (uint32_t pass = 0; pass < GetParam().passes; ++pass) frame.step(), deepest = std::max(deepest, w.report.deepest_residual);
-            EXPECT_LE(deepest, GetParam().residual * smallest_body(w));
+            std::vector<double> left;
+            for (uint32_t pass = 0; pass < GetParam().passes; ++pass) frame.step(), left.push_back(w.report.deepest_residual);
+            std::ranges::sort(left);
+            EXPECT_LE(left.back(), GetParam().residual * smallest_body(w));
+            EXPECT_LE(left[left.size() * 9 / 10], GetParam().usual_residual * smallest_body(w));
             hash[threads > 1] = state_hash(w);
             EXPECT_EQ(w.report.nonfinite_particles, 0u);
             EXPECT_EQ(w.report.runaway_bodies, 0u);
@@ -60,10 +63,9 @@ INSTANTIATE_TEST_SUITE_P(Few, SmallStressScenes,
                                          Small{"packed", {{"count", "8"}, {"resolution", "200"}}, 6},
                                          Small{"sparse", {{"count", "30"}, {"resolution", "80"}}, 20},
                                          Small{"large", {{"count", "2"}, {"resolution", "600"}}, 60},
-                                         // a corner of a box that wrinkles a ball: 0.8 to 2.1 % with all bodies (docs/figures.md)
-                                         Small{"mixed", {{"count", "8"}, {"rigid", "6"}, {"resolution", "80"}}, 160, 0.02},
+                                         Small{"mixed", {{"count", "8"}, {"rigid", "6"}, {"resolution", "80"}}, 160, 0.01, 0.001},
                                          Small{"settle", {{"count", "9"}, {"columns", "2"}, {"resolution", "48"}}, 40, 0.02},
-                                         Small{"full_contact", {{"resolution", "600"}}, 3, 0.12},
+                                         Small{"full_contact", {{"resolution", "600"}}, 3, 0.12, 0.12},
                                          Small{"come_and_go", {{"count", "12"}, {"life", "0.3"}, {"resolution", "80"}}, 60}),
                          [](const auto& info) { return info.param.name; });
 
@@ -81,7 +83,6 @@ TEST(StressScenes, RainThatHitsLeavesNoOverlap) {
     });
 }
 
-// What falls beside others that something stops within the pass has its rows already: without them the stack's upper balls sink in by 0.7 %.
 // How many contacts of 27 balls that rain are found deeper than a hundredth of a ball.
 uint32_t deep_contacts_of_rain(const std::string& edges_ahead) {
     Frame frame(std::move(stress_scene("rain", {{"count", "27"}, {"drop.scatter.columns", "[3, 3]"}, {"contact.edges_ahead", edges_ahead}}).world), {});
@@ -107,6 +108,29 @@ TEST(StressScenes, EdgesAheadLeaveFewDeepContacts) {
     });
 }
 
+// Boxes hit balls and leave with a wrinkle of them around a corner. Where nearest surfaces hold that, a box pulls the ball over
+// itself like a sock, to seven times its length: here a spring was stretched by 2.5 of its length.
+TEST(StressScenes, LongBoxesLetGoOfTheBallsTheyHit) {
+    ThreadPool pool(2);
+    pool.run([&] {
+        Frame frame(std::move(stress_scene("mixed", {{"seed", "2"}, {"soft.scatter.spacing", "[0.165, 0.165, 0.36]"}, {"box.scatter.spacing", "[0.24, 0.24, 0.36]"}, {"box.position", "[0.0, 0.0, 0.30]"}}).world), {});
+        const World& w = frame.world();
+        for (uint32_t pass = 0; pass < 240; ++pass) frame.step();
+        double most = 0;
+        for (uint32_t body = 0; body < w.bodies.mesh.size(); ++body) {
+            if (w.bodies.motion[body] != Motion::kDeformable) continue;
+            const MeshView mesh = mesh_view(w.meshes, w.bodies.mesh[body]);
+            for (const auto& [a, b] : mesh.edge) {
+                const auto place = [&](uint32_t v) { const Float4& o = w.particles.offset[w.bodies.particles[body].first + v]; return Vec3d(o.x, o.y, o.z); };
+                most = std::max(most, (place(a) - place(b)).norm() / (mesh.position[a] - mesh.position[b]).norm() - 1);
+            }
+        }
+        std::printf("largest stretch of an edge: %.2f\n", most);
+        EXPECT_LT(most, 1);
+    });
+}
+
+// What falls beside others that something stops within the pass has its rows already: without them the stack's upper balls sink in by 0.7 %.
 TEST(StressScenes, StackThatLandsLeavesNoOverlap) {
     ThreadPool pool(1);
     pool.run([&] {
