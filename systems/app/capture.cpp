@@ -42,7 +42,7 @@ constexpr Counter kCounters[] = {
     std::string counters;
     for (const Counter& c : kCounters) counters += std::string(counters.empty() ? "" : ", ") + c.name;
     throw InputError("--capture " + word +
-                     ": write 5-25 (contact passes), worst, over=33 (ms), nan, usr1 or counter=NAME, joined by commas; counters: " + counters);
+                     ": write 5-25 (contact passes), worst, over=33 (ms), nan, usr1 or counter=NAME, joined by commas (ranges and counters more than once); counters: " + counters);
 }
 
 void parse_trigger(const std::string& word, CaptureTriggers& triggers) {
@@ -54,11 +54,12 @@ void parse_trigger(const std::string& word, CaptureTriggers& triggers) {
     } else if (word == "usr1") {
         triggers.signal = true;
     } else if (word.starts_with("over=")) {
+        if (triggers.over_ms > 0) throw InputError("--capture " + word + ": over= is given twice");
         triggers.over_ms = std::strtod(word.c_str() + 5, &end);
         if (*end != 0 || !(triggers.over_ms > 0) || !std::isfinite(triggers.over_ms)) refuse_trigger(word);
     } else if (word.starts_with("counter=")) {
-        triggers.counter = word.substr(8);
-        if (!report_counter({}, triggers.counter)) refuse_trigger(word);
+        triggers.counters.push_back(word.substr(8));
+        if (!report_counter({}, triggers.counters.back())) refuse_trigger(word);
     } else {
         const size_t dash = word.find('-');
         if (word.empty() || dash == std::string::npos || word.find_first_not_of("0123456789-") != std::string::npos) refuse_trigger(word);
@@ -66,7 +67,8 @@ void parse_trigger(const std::string& word, CaptureTriggers& triggers) {
         if (end != word.c_str() + dash || dash == 0 || dash + 1 == word.size()) refuse_trigger(word);
         const uint64_t last = std::strtoull(word.c_str() + dash + 1, &end, 10);
         if (*end != 0 || last < first) refuse_trigger(word);
-        triggers.passes = {first, last};
+        const std::array range{first, last};
+        if (std::find(triggers.ranges.begin(), triggers.ranges.end(), range) == triggers.ranges.end()) triggers.ranges.push_back(range);
     }
 }
 
@@ -172,7 +174,7 @@ void FrameRecorder::guarded(const Write& write) {
         write();
     } catch (const InputError& error) {
         failure_ = error.what();
-        range_.reset();
+        open_ranges_.clear();
         worst_.clear();
     }
 }
@@ -198,7 +200,7 @@ void FrameRecorder::before_pass() {
         save_resource(frame_.world(), Resource::kToolState, tools);
         input_before_ = std::exchange(input_, std::move(tools.arrays));
     }
-    const bool begins = triggers_.passes && pass == (*triggers_.passes)[0];
+    const bool begins = std::any_of(triggers_.ranges.begin(), triggers_.ranges.end(), [&](const auto& range) { return range[0] == pass; });
     if (!kept_.empty() && !begins && pass % kStatePeriod != 0) return;
     auto stretch = std::make_shared<Stretch>();
     stretch->state.kind = "state";
@@ -209,8 +211,13 @@ void FrameRecorder::before_pass() {
         a.name = "before." + a.name;
         stretch->state.arrays.push_back(std::move(a));
     }
-    if (begins) guarded([&] { range_ = open("passes_" + std::to_string((*triggers_.passes)[0]) + "-" + std::to_string((*triggers_.passes)[1]) + ".cap", "passes"); });
-    if (range_) guarded([&] { range_->add(stretch->state); });
+    for (const auto& [first, last] : triggers_.ranges) {
+        if (first != pass) continue;
+        guarded([&] { open_ranges_.push_back({last, open("passes_" + std::to_string(first) + "-" + std::to_string(last) + ".cap", "passes")}); });
+    }
+    guarded([&] {
+        for (OpenRange& range : open_ranges_) range.writer->add(stretch->state);
+    });
     kept_.push_back(std::move(stretch));
     while (kept_.size() > kKept / kStatePeriod + 1) kept_.pop_front();
 }
@@ -224,15 +231,16 @@ void FrameRecorder::after_pass(const PassFigures& pass) {
     step.depth = pass.depth, step.force = pass.force, step.contacts = pass.contacts, step.inside_vertices = pass.inside_vertices;
     step.stage_ns = frame_.times().stage_ns;
     step.input = input_;
-    if (range_) {
+    if (!open_ranges_.empty()) {
         for (uint32_t r = 0; r < static_cast<uint32_t>(Resource::kCount); ++r)
             step.resource_hash.push_back(resource_hash(w, static_cast<Resource>(r)));
         guarded([&] {
-            range_->add(to_record(step));
-            if (step.pass != (*triggers_.passes)[1]) return;
-            range_->finish();
-            range_.reset();
+            for (OpenRange& range : open_ranges_) {
+                range.writer->add(to_record(step));
+                if (step.pass == range.last) range.writer->finish();
+            }
         });
+        std::erase_if(open_ranges_, [&](const OpenRange& range) { return range.last == step.pass; });
     }
     kept_.back()->steps.push_back(std::move(step));
     look_for_triggers(kept_.back()->steps.back());
@@ -248,10 +256,12 @@ void FrameRecorder::look_for_triggers(const CaptureStep& step) {
         write(kept_, step.pass, "usr1");
     }
     if (triggers_.lost && rose("nonfinite_particles")) write(kept_, step.pass, "nan");
-    if (!triggers_.counter.empty() && rose(triggers_.counter)) {
-        write(kept_, step.pass, triggers_.counter + " rose");
-        triggers_.counter.clear();  // the first time tells; a counter may rise in every pass
-    }
+    // the first time tells; a counter may rise in every pass
+    std::erase_if(triggers_.counters, [&](const std::string& counter) {
+        if (!rose(counter)) return false;
+        write(kept_, step.pass, counter + " rose");
+        return true;
+    });
     if (step.pass < kFirstJudged) return;
     if (triggers_.over_ms > 0 && step.frame_ms > triggers_.over_ms && over_ < kMostOver) {
         ++over_;
@@ -275,12 +285,10 @@ void FrameRecorder::write_now(const std::string& reason) {
 }
 
 void FrameRecorder::finish() {
-    if (range_) {
-        guarded([&] {
-            range_->finish();
-            range_.reset();
-        });
-    }
+    guarded([&] {
+        for (OpenRange& range : open_ranges_) range.writer->finish();
+    });
+    open_ranges_.clear();
     if (worst_.empty()) return;
     char reason[64];
     std::snprintf(reason, sizeof reason, "worst pass %llu: %.3f ms", static_cast<unsigned long long>(worst_pass_), worst_ms_);

@@ -15,18 +15,18 @@ namespace trocar {
 
 // What sets a capture off. Several may be asked for at once.
 struct CaptureTriggers {
-    std::optional<std::array<uint64_t, 2>> passes;  // these contact passes, first and last
-    bool worst = false;                             // the slowest pass of the run
-    double over_ms = 0;                             // passes slower than this; 0 = none. At most kMostOver of them
-    bool lost = false;                              // particles that were not finite and were restored
-    std::string counter;                            // a counter of Report that rises; empty = none
-    bool signal = false;                            // SIGUSR1
-    bool any() const { return passes || worst || over_ms > 0 || lost || !counter.empty() || signal; }
+    std::vector<std::array<uint64_t, 2>> ranges;  // these contact passes, first and last; may overlap
+    bool worst = false;                           // the slowest pass of the run
+    double over_ms = 0;                           // passes slower than this; 0 = none. At most kMostOver of them
+    bool lost = false;                            // particles that were not finite and were restored
+    std::vector<std::string> counters;            // counters of Report, each the first time that it rises
+    bool signal = false;                          // SIGUSR1
+    bool any() const { return !ranges.empty() || worst || over_ms > 0 || lost || !counters.empty() || signal; }
 };
 inline constexpr uint32_t kMostOver = 10;
 
-// "5-25", "worst", "over=33" (ms), "nan", "counter=ended_rows", "usr1", several joined by commas. Throws InputError that
-// says what may be written.
+// "5-25", "worst", "over=33" (ms), "nan", "counter=ended_rows", "usr1", several joined by commas; ranges and counters more
+// than once. Throws InputError that says what may be written.
 CaptureTriggers parse_capture_triggers(const std::string& text);
 
 // The value of a counter of Report by its name in metrics.json; nothing when there is none of that name.
@@ -87,6 +87,11 @@ class FrameRecorder {
         std::deque<CaptureStep> steps;
     };
     using Kept = std::deque<std::shared_ptr<Stretch>>;
+    // A range of passes that is being written.
+    struct OpenRange {
+        uint64_t last;
+        std::unique_ptr<CaptureWriter> writer;
+    };
     template <typename Write>
     void guarded(const Write& write);
     void look_for_triggers(const CaptureStep& step);
@@ -103,7 +108,7 @@ class FrameRecorder {
     uint64_t worst_pass_ = 0;
     uint32_t over_ = 0;
     Report report_;
-    std::unique_ptr<CaptureWriter> range_;
+    std::vector<OpenRange> open_ranges_;
     std::vector<std::string> files_;
     std::string failure_;
 };

@@ -241,6 +241,7 @@ std::string metrics_json(const RunFigures& f) {
     }
     for (const ToolFigures& tool : f.tool) j["haptics"]["tools"].push_back(tool_json(tool));
     for (size_t row = 0; row < f.drive.size(); ++row) j["nodes"].push_back(drive_json(f, row));
+    if (f.capture_asked) j["captures"] = f.captures;
     if (f.replay) j["replay"] = {{"same", f.replay_difference.empty()}, {"difference", f.replay_difference}};
     j["energy"] = energy_json(f);
     for (const LinkFigures& l : f.link)

@@ -119,6 +119,8 @@ struct RunFigures {
     uint64_t movable_bodies = 0;         // deformable and free
     double body_size = 0;                // m, diameter of the smallest of them
     double bytes_per_body = 0;           // resident memory that the scene and its run took, over all bodies
+    bool capture_asked = false, meshes_written = false;
+    std::vector<std::string> captures;  // files written, in order
     std::vector<std::string> bodies;  // "liver: 5002 vertices, deformable, 1 substep"
 };
 

@@ -254,6 +254,17 @@ std::string live_text(const RunFigures& f) {
            samples_text("age of the surface", "ms", f.contact_age_ms, {10, 20, 50, 100});
 }
 
+std::string files_text(const RunFigures& f, bool figures_only) {
+    std::string text = "metrics.json, passes.csv";
+    if (!figures_only) text = "report.html, trace.json, " + text;
+    if (!f.tool.empty()) text += ", tools.csv";
+    if (f.meshes_written) text += ", meshes/";
+    if (!f.render_ms.empty()) text += ", frames/";
+    for (const std::string& capture : f.captures) text += ", captures/" + capture;
+    if (f.capture_asked && f.captures.empty()) text += "; no capture: nothing set one off";
+    return text;
+}
+
 void print_summary(const RunFigures& f, const fs::path& out, bool figures_only) {
     std::vector<double> total;
     double depth = 0;
@@ -280,10 +291,7 @@ void print_summary(const RunFigures& f, const fs::path& out, bool figures_only) 
     if (f.replay)
         write_standard_output(f.replay_difference.empty() ? "  the same to the bit as the live run\n"
                                                           : "  not the same as the live run: " + f.replay_difference + "\n");
-    if (!out.empty() && figures_only) write_standard_output("  wrote " + out.string() + "/: metrics.json, passes.csv" + (f.tool.empty() ? "" : ", tools.csv") + "\n");
-    else if (!out.empty())
-        write_standard_output("  wrote " + out.string() + "/: report.html, metrics.json, trace.json, meshes/" +
-                              std::string(f.tool.empty() ? "" : ", tools.csv") + std::string(f.render_ms.empty() ? "" : ", frames/") + "\n");
+    if (!out.empty()) write_standard_output("  wrote " + out.string() + "/: " + files_text(f, figures_only) + "\n");
 }
 
 // A haptic thread does not know of nodes that come and go.
@@ -292,6 +300,14 @@ void refuse_what_is_not_live(const World& w) {
         const bool in_node = !w.nodes.of_body.empty() && w.nodes.of_body[tool.body] != kNone && !w.nodes.toggle.empty();
         if (in_node) throw InputError("tool \"" + w.bodies.name[tool.body] + "\" hangs on a node that is switched: that runs in lockstep, without --live");
     }
+}
+
+void finish_captures(FrameRecorder& recorder, RunFigures& figures) {
+    recorder.finish();
+    figures.capture_asked = true;
+    figures.captures = recorder.files();
+    if (!recorder.failure().empty())
+        std::fprintf(stderr, "trocar: warning: capturing stopped, the run went on: %s\n", recorder.failure().c_str());
 }
 
 }  // namespace
@@ -368,9 +384,7 @@ int run_command(const RunOptions& options) {
         const bool tells = !replay && (!options.out.empty() || options.json);  // those who look at figures
         if (options.live) run_recorded(options, seconds, frame, writer, capture, figures);
         else run_lockstep(options, seconds, repeat ? &*repeat : nullptr, frame, writer, capture, frame_options.trace, tells ? &trial : nullptr, figures);
-        if (recorder) recorder->finish();
-        if (recorder && !recorder->failure().empty())
-            std::fprintf(stderr, "trocar: warning: capturing stopped, the run went on: %s\n", recorder->failure().c_str());
+        if (recorder) finish_captures(*recorder, figures);
         finish_figures(frame, bytes_before, figures);
         if (tells && !options.live) figures.direction = trial.run();
         if (options.out.empty()) return;
@@ -380,7 +394,8 @@ int run_command(const RunOptions& options) {
             if (!figures.tool.empty()) write_tools(options.out, figures);
             return;
         }
-        if (frame.world().bodies.mesh.size() <= kMostMeshes || options.export_every > 0)
+        figures.meshes_written = frame.world().bodies.mesh.size() <= kMostMeshes || options.export_every > 0;
+        if (figures.meshes_written)
             export_bodies(frame.world(), options.out / "meshes", frame.world().clock.picture);
         const std::string film = pictures ? pictures->finish_film() : "";
         write_whole_file(options.out / "metrics.json", metrics_json(figures));

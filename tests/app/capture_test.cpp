@@ -241,11 +241,23 @@ TEST(Capture, ABuiltSceneHasNoFault) {
 }
 
 TEST(Capture, TriggersAreReadOrTaught) {
-    EXPECT_EQ((*parse_capture_triggers("5-25").passes)[1], 25u);
+    EXPECT_EQ(parse_capture_triggers("5-25").ranges[0][1], 25u);
+    EXPECT_EQ(parse_capture_triggers("5-25,7-9,5-25").ranges, (std::vector<std::array<uint64_t, 2>>{{5, 25}, {7, 9}}));
+    EXPECT_EQ(parse_capture_triggers("counter=ended_rows,counter=late_passes").counters.size(), 2u);
     EXPECT_TRUE(parse_capture_triggers("worst,nan").lost);
     EXPECT_EQ(parse_capture_triggers("over=2.5").over_ms, 2.5);
-    for (const char* bad : {"", "5", "25-5", "-5", "5-", "over=", "over=-1", "over=x", "counter=nothing", "worst,", "best"})
+    for (const char* bad : {"", "5", "25-5", "-5", "5-", "over=", "over=-1", "over=x", "counter=nothing", "worst,", "best", "over=1,over=2"})
         EXPECT_THROW(parse_capture_triggers(bad), InputError) << bad;
+}
+
+TEST(Capture, RangesMayOverlap) {
+    const fs::path folder = captured_run("ranges", "2-20,18-33,40-41", 42);
+    for (const auto& [file, first, count] : {std::tuple{"passes_2-20.cap", 2u, 19u}, {"passes_18-33.cap", 18u, 16u}, {"passes_40-41.cap", 40u, 2u}}) {
+        const Capture capture = open_capture(folder / file);
+        EXPECT_EQ(capture.stretches.front().pass, first) << file;
+        EXPECT_EQ(capture.passes(), count) << file;
+        EXPECT_EQ(replay(capture).difference, "") << file;
+    }
 }
 
 TEST(Capture, ParaViewGetsFieldsAtEveryPass) {
