@@ -184,8 +184,16 @@ std::vector<std::string> thread_names() {
 }
 
 // Who was there, what a displayed frame cost and which stages took it.
-std::string scale_text(const RunFigures& f) {
+std::string frames_text(const RunFigures& f) {
     const std::vector<double> frames = displayed_frames(f.pass);
+    if (frames.empty()) return "  shorter than a displayed frame\n";
+    char text[160];
+    std::snprintf(text, sizeof text, "  %.1f frames a second; a frame %.2f ms median, %.2f ms p99, %.2f ms worst\n",
+                  f.wall_s > 0 ? static_cast<double>(f.frames) / f.wall_s : 0, quantile(frames, 0.5), quantile(frames, 0.99), quantile(frames, 1));
+    return text;
+}
+
+std::string scale_text(const RunFigures& f) {
     std::vector<double> residual, found;
     double awake = 0, contacts = 0;
     for (const PassFigures& p : f.pass) awake += p.awake, contacts += p.contacts, residual.push_back(p.residual), found.push_back(p.depth);
@@ -193,15 +201,13 @@ std::string scale_text(const RunFigures& f) {
     const double passes = std::max(1.0, static_cast<double>(f.pass.size()));
     char text[768];
     std::snprintf(text, sizeof text,
-                  "  %.1f frames a second; a frame %.2f ms median, %.2f ms p99, %.2f ms worst\n"
                   "  %llu bodies that move, %.0f awake on average, %u at the end; %.0f contacts; %.0f bytes a body\n"
                   "  overlap found by a pass: median %.3g mm, p99 %.3g mm, worst %.3g mm, which is %.2g %% of the smallest body\n"
                   "  overlap left of it: p99 %.3g mm, worst %.3g mm, which is %.2g %% of the smallest body\n",
-                  f.wall_s > 0 ? static_cast<double>(f.frames) / f.wall_s : 0, quantile(frames, 0.5), quantile(frames, 0.99), quantile(frames, 1),
                   static_cast<unsigned long long>(f.movable_bodies), awake / passes, f.pass.empty() ? 0 : f.pass.back().awake, contacts / passes,
                   f.bytes_per_body, quantile(found, 0.5) * 1e3, quantile(found, 0.99) * 1e3, quantile(found, 1) * 1e3, percent(quantile(found, 1)),
                   quantile(residual, 0.99) * 1e3, quantile(residual, 1) * 1e3, percent(quantile(residual, 1)));
-    std::string all = text;
+    std::string all = frames_text(f) + text;
     if (f.live && (!f.render_ms.empty() || f.report.dropped_pictures > 0)) {
         std::snprintf(text, sizeof text, "  %zu pictures drawn beside it, %llu dropped", f.render_ms.size(),
                       static_cast<unsigned long long>(f.report.dropped_pictures));
