@@ -16,7 +16,7 @@ struct ContactParams {
     double tolerance = 1e-4;        // m, deepest point along an edge is found to this
     double cell_edges = 2.5;        // cell size of the occupancy grid in mean edges of the surviving triangles
     double push_speed = 0.1;        // m/s, fastest removal of remaining overlap
-    uint32_t iterations = 1;        // velocity passes over the rows of an island per substep
+    uint32_t iterations = 2;        // velocity passes over the rows of an island per substep
     uint32_t row_capacity = 65536;  // rows kept per body; beyond it the shallowest go, counted, and what lies on them sinks
     bool cross_check = false;       // compare every solid's sign with the winding number; Report::disagreements
     ResponseShare share = ResponseShare::kMass;

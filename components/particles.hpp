@@ -16,7 +16,7 @@ struct Particles {
 // Deformable bodies that lie still: one row per body, or empty where a scene lets nobody sleep.
 struct Sleep {
     std::vector<uint32_t> still;  // ms that the body has been slower than sleep_speed; 0 for rigid bodies
-    std::vector<uint32_t> group;  // kNone = awake; else the smallest body of the island with which it fell asleep
+    std::vector<uint32_t> group;  // kNone = awake; else the root of the sleeping bodies whose boxes meet its own
 };
 
 // Anchors of deformable bodies: a spring of rest length zero from a particle to its goal. Constant after load.

@@ -95,12 +95,12 @@ bool find_hold(const LinkWorld& w, const LinkGroup& g, const Vec3d& place, LinkH
     return true;
 }
 
-double inverse_mass_of_holder(const Bodies& bodies, const Meshes& meshes, uint32_t holder) {
+// Of a rigid holder where a link pulls at it, 1/kg: at most. The point may lie far outside of it: links without rest length hold
+// nodes where they were.
+double inverse_mass_of_holder(const Bodies& bodies, uint32_t holder, const Vec3d& point) {
     if (bodies.motion[holder] == Motion::kHand) return bodies.inv_mass[holder];
     const RigidMass* free = bodies.motion[holder] == Motion::kFree ? find_rigid_mass(bodies, holder) : nullptr;
-    if (!free) return 0;
-    const double arm = meshes.info[bodies.mesh[holder]].radius + free->centre.norm();
-    return 1 / free->mass + arm * arm / free->moments.minCoeff();
+    return free ? 1 / free->mass + (point - free->centre).squaredNorm() / free->moments.minCoeff() : 0;
 }
 
 // omega^2 that an explicit limit stands for, 1/s^2: the inverse of (sqrt(c^2 + 4 omega^2) - c) / omega^2.
@@ -239,11 +239,11 @@ Entity add_staple(const LinkWorld& world, const Staple& staple, Links& links, En
         free_link_group(links, name, energy);
         return {};
     }
-    update_link_limits(world.surfaces.bodies, world.surfaces.meshes, world.solids, world.surfaces.particles, scratch, links);
+    update_link_limits(world.surfaces.bodies, world.solids, world.surfaces.particles, scratch, links);
     return name;
 }
 
-void update_link_limits(const Bodies& bodies, const Meshes& meshes, const Solids& solids, const Particles& particles, LinkScratch& link_scratch,
+void update_link_limits(const Bodies& bodies, const Solids& solids, const Particles& particles, LinkScratch& link_scratch,
                         Links& links) {
     std::vector<double>& scratch = link_scratch.sums;
     links.stable_dt.assign(bodies.mesh.size(), std::numeric_limits<double>::infinity());
@@ -252,7 +252,7 @@ void update_link_limits(const Bodies& bodies, const Meshes& meshes, const Solids
     for (const LinkGroup& g : links.group) {
         if (g.body == kNone || g.rows.count == 0) continue;
         const bool nodes = is_deformable(bodies, g.holder);
-        const double of_holder = nodes ? 0 : inverse_mass_of_holder(bodies, meshes, g.holder), k = g.stiffness;
+        const double k = g.stiffness;
         for (uint32_t row = g.rows.first; row < g.rows.end(); ++row) {
             if (!links.whole[row]) continue;
             const uint32_t near = first_node(bodies, solids, g.body) + links.node[row];
@@ -263,6 +263,7 @@ void update_link_limits(const Bodies& bodies, const Meshes& meshes, const Solids
                 scratch[near] += k * (1 + share);
                 if (far_w > 0) scratch[far] += k * (1 + 1 / share);
             } else {
+                const double of_holder = inverse_mass_of_holder(bodies, g.holder, links.point[row]);
                 const double share = of_holder > 0 ? g.rows.count * of_holder / w : 0;
                 scratch[near] += k * (1 + share);
                 if (share > 0) on_holder[g.holder] += k * (1 + 1 / share) * of_holder;

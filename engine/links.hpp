@@ -77,7 +77,7 @@ Entity add_staple(const LinkWorld& world, const Staple& staple, Links& links, En
 // move, else the share of the far side: |x - y|^2 <= (1 + s) |x|^2 + (1 + 1/s) |y|^2 for any s > 0. Holders that forces
 // move get their sum of k (1 + 1/s) (1/m + r^2 / I). s makes both alike for one link between equal masses, and spreads the
 // light nodes of many links over a heavy holder.
-void update_link_limits(const Bodies& bodies, const Meshes& meshes, const Solids& solids, const Particles& particles, LinkScratch& scratch,
+void update_link_limits(const Bodies& bodies, const Solids& solids, const Particles& particles, LinkScratch& scratch,
                         Links& links);
 
 // Pairs of bodies joined by links, but for static holders: what islands and sleep go by.

@@ -157,6 +157,15 @@ double tet_energy(const Solids& solids, const Bodies& bodies, const Particles& p
                       particles.velocity_y.data() + first, particles.velocity_z.data() + first, back, chunk_sums);
 }
 
+double least_volume_ratio(const Solids& solids, const Bodies& bodies, const Particles& particles, uint32_t body, const TornSprings* torn) {
+    const PlacedTets tets = place_tets(solids, bodies, particles, body, 0);
+    const float* rest = bind_tets(solids, bodies, particles, body, torn).rest;
+    double least = 1;
+    for (uint32_t t = 0; t < tets.info.count; ++t)
+        if (rest[t] > 0) least = std::min(least, tets.six_volumes(t) / tets.rest(t));
+    return least;
+}
+
 std::vector<double> volume_ratios(const Solids& solids, const Bodies& bodies, const Particles& particles,
                                   uint32_t body) {
     const PlacedTets tets = place_tets(solids, bodies, particles, body, 0);

@@ -24,6 +24,10 @@ constexpr uint32_t kFinerShell = 2;
 constexpr float kApart = 0.05f;
 constexpr double kShortWay = 0.02;
 
+// Of solids that something touches: below which volume ratio how many steps go for one.
+constexpr double kPressed = 0.7, kCrushedFlat = 0.5;
+constexpr uint32_t kFinerPressed = 2, kFinerCrushed = 4;
+
 // Largest squared speed of the particles of a body, (m/s)^2; rows come in sixteens.
 float fastest_of(const Particles& p, Range rows) {
     __m256 most = _mm256_setzero_ps();
@@ -49,6 +53,15 @@ bool folds_fast(const SpringStep& step, uint32_t slices, float dt) {
         }
     }
     return false;
+}
+
+bool has_fast_folds(const AdvanceInputs& in, const Particles& particles, uint32_t body, double dt) {
+    const SpringInfo& info = in.springs.info[in.bodies.mesh[body]];
+    const double far = kShortWay * info.mean_rest / dt;
+    const Range rows{in.bodies.particles[body].first + info.skin, in.bodies.particles[body].count - info.skin};
+    if (!(fastest_of(particles, rows) > far * far)) return false;
+    const SpringStep step = bind_body(in.springs, in.bodies, in.anchors, particles, body, in.other.torn_springs);
+    return folds_fast(step, info.slices.count, static_cast<float>(dt));
 }
 
 // Tetrahedra of a body whose forces go to s.volume_force.
@@ -97,18 +110,21 @@ bool is_wild(AdvanceIsland& island, const AdvanceBody& b, double least) {
     return least < kCrushed || least_volume(island, b, island.dt) < kCrushed || least_volume(island, b, -island.dt) < kCrushed;
 }
 
-uint32_t finer_steps(const AdvanceInputs& in, const Particles& particles, std::span<const uint32_t> island_bodies, double dt) {
+uint32_t finer_steps(const AdvanceInputs& in, const Particles& particles, std::span<const uint32_t> island_bodies,
+                     const ContactRows& rows, std::span<const uint32_t> island_rows, double dt) {
+    uint32_t most = 1;
     for (const uint32_t body : island_bodies) {
         if (!is_deformable(in.bodies, body) || stepping_of(in.bodies, body).integrator != Integrator::kLeapfrog) continue;
-        if (in.bodies.anchor_frame[body] == AnchorFrame::kShape || has_tets(in.other.solids, in.bodies, body)) continue;
-        const SpringInfo& info = in.springs.info[in.bodies.mesh[body]];
-        const double far = kShortWay * info.mean_rest / dt;
-        const Range rows{in.bodies.particles[body].first + info.skin, in.bodies.particles[body].count - info.skin};
-        if (!(fastest_of(particles, rows) > far * far)) continue;
-        const SpringStep step = bind_body(in.springs, in.bodies, in.anchors, particles, body, in.other.torn_springs);
-        if (folds_fast(step, info.slices.count, static_cast<float>(dt))) return kFinerShell;
+        if (has_tets(in.other.solids, in.bodies, body)) {
+            const auto touches = [&](uint32_t row) { return rows.body[row] == body || rows.other[row] == body; };
+            if (!std::any_of(island_rows.begin(), island_rows.end(), touches)) continue;
+            const double least = least_volume_ratio(*in.other.solids, in.bodies, particles, body, in.other.torn_springs);
+            most = std::max(most, least < kCrushedFlat ? kFinerCrushed : least < kPressed ? kFinerPressed : 1u);
+        } else if (most < kFinerShell && in.bodies.anchor_frame[body] != AnchorFrame::kShape && has_fast_folds(in, particles, body, dt)) {
+            most = kFinerShell;
+        }
     }
-    return 1;
+    return most;
 }
 
 double step_finely(AdvanceIsland& island, AdvanceBody& b) {

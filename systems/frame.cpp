@@ -298,7 +298,8 @@ void candidate_pairs(FrameState& f) {
     }
     const Sleepers seen = sleepers(f, kSeenByPairs);
     const bool rest = !swept && lie_still(surfaces_of(w), s.reachable, seen);
-    if (!rest) s.at_rest = {};
+    if (!rest)
+        for (PairsAtRest& found : s.at_rest) found.period = 0;  // what memory they have they keep
     const double period = period_seconds(w);
     for (const PairsAtRest& found : s.at_rest) {
         if (found.period != period) continue;
@@ -309,8 +310,9 @@ void candidate_pairs(FrameState& f) {
     w.pairs = s.swept;
     drop_unreachable_pairs(period, w.settings.gravity, surfaces_of(w), w.boxes, s.reachable, w.pairs, seen);
     if (rest) {
-        s.at_rest[0] = std::move(s.at_rest[1]);
-        s.at_rest[1] = {period, w.pairs};
+        std::swap(s.at_rest[0], s.at_rest[1]);
+        s.at_rest[1].period = period;
+        s.at_rest[1].pairs = w.pairs;
     }
 }
 std::span<const std::array<uint32_t, 2>> linked_bodies(FrameState& f) {
@@ -478,7 +480,7 @@ void advance_one_island(FrameState& f, uint32_t row, AdvanceScratch& scratch) {
     params.substeps = calls * count_substeps(w.bodies, bodies, params.ticks * 1e-3 / calls, w.settings.substep, w.links.stable_dt);
     if (ticks_inside) params.tick_hook = {haptic_ticks, &ticks};
     const AdvanceInputs inputs{w.meshes, w.springs, w.bodies, w.anchors, w.paths, w.haptics.tool, f.scratch.device, params.ticks + 1, other_forces(w), f.scratch.stop, w.haptics.jaw};
-    params.substeps *= finer_steps(inputs, w.particles, bodies, params.ticks * 1e-3 / params.substeps);
+    params.substeps *= finer_steps(inputs, w.particles, bodies, w.rows, rows, params.ticks * 1e-3 / params.substeps);
     advance_island(params, inputs, bodies, rows, scratch, w.particles, w.poses, w.rows, w.haptics.state, f.scratch.advance_result[row]);
 }
 
@@ -646,7 +648,6 @@ constexpr std::string_view kFirstDetection = "body boxes", kAfterDetection = "lo
 
 std::span<const FrameStage> begin_stages() { return kBegin; }
 std::span<const FrameStage> advance_stages() { return kAdvance; }
-std::span<const FrameStage> end_stages() { return kEndStages; }
 
 // The stages this scene wants, and the graphs over them: one for a pass, one for a picture.
 struct Frame::Graphs {

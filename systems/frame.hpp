@@ -17,7 +17,6 @@ struct FrameStage {
 // The three lists, in the order of a serial run; see README for the table in words.
 std::span<const FrameStage> begin_stages();    // at the contact rate
 std::span<const FrameStage> advance_stages();  // at the contact rate
-std::span<const FrameStage> end_stages();      // at the display rate
 
 struct FrameOptions {
     bool serial = false;        // run_serial instead of the job graph

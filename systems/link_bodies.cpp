@@ -32,7 +32,7 @@ void link_bodies(double now, std::span<const ToolState> tools, const LinkWorld& 
         wake(sleep, g.holder);
         changed = true;
     }
-    if (changed) update_link_limits(world.surfaces.bodies, world.surfaces.meshes, world.solids, world.surfaces.particles, scratch, links);
+    if (changed) update_link_limits(world.surfaces.bodies, world.solids, world.surfaces.particles, scratch, links);
     report.links = links.node.size();
 }
 

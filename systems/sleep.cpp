@@ -7,17 +7,19 @@
 namespace trocar {
 namespace {
 
-// Whether the root mean square speed of a body is below `speed` and nothing of it is ten times as fast; not if a velocity
-// is not finite.
+// Whether the root mean square speed of what moves of a body is not above `speed` and nothing of it is ten times as fast; not
+// if a velocity is not finite.
 bool is_slow(const Particles& p, Range rows, double speed) {
     double sum = 0;
     float fastest = 0;
+    uint32_t moving = 0;  // neither pinned nor padding
     for (uint32_t i = rows.first; i < rows.end(); ++i) {
         const float x = p.velocity_x[i], y = p.velocity_y[i], z = p.velocity_z[i], v2 = x * x + y * y + z * z;
         sum += static_cast<double>(v2);
         fastest = std::max(fastest, v2);
+        moving += p.offset[i].w > 0;
     }
-    return sum < speed * speed * rows.count && static_cast<double>(fastest) < 100 * speed * speed;
+    return sum <= speed * speed * moving && static_cast<double>(fastest) < 100 * speed * speed;
 }
 
 // Takes the velocities of a body. Returns the energy they were, J.

@@ -20,7 +20,7 @@ using namespace trocar;
 // What a pass starts from, apart from caches: enough to play a scene again in the same frame.
 struct Start {
     explicit Start(const World& w)
-        : clock(w.clock), poses(w.poses), particles(w.particles), tools(w.haptics.state), ways_out(w.pair_memory), memory(w.contact_memory), links(w.links), torn(w.torn), energy(w.energy) {}
+        : clock(w.clock), poses(w.poses), particles(w.particles), tools(w.haptics.state), ways_out(w.pair_memory), memory(w.contact_memory), links(w.links), torn(w.torn), energy(w.energy), sleep(w.sleep) {}
     void restore(World& w) const {
         w.clock = clock;
         w.poses = poses;
@@ -31,6 +31,7 @@ struct Start {
         w.links = links;
         w.torn = torn;
         w.energy = energy;
+        w.sleep = sleep;
     }
     Clock clock;
     Poses poses;
@@ -41,6 +42,7 @@ struct Start {
     Links links;
     Torn torn;
     Energy energy;
+    Sleep sleep;
 };
 
 std::string list(const AllocationCount& count) {

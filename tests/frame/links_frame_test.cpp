@@ -141,7 +141,7 @@ time = 0.3
 
 // The scene of the issue, coarse: the jaws hold, the tissue comes along, nothing grows, and it goes back when released.
 TEST(LinksInScenes, JawsGraspPullAndRelease) {
-    std::vector<Override> coarse{{"gallbladder.triangles", "1500"}, {"upper_jaw.triangles", "600"}, {"lower_jaw.triangles", "600"}};
+    std::vector<Override> coarse{{"gallbladder.triangles", "3000"}, {"upper_jaw.triangles", "600"}, {"lower_jaw.triangles", "600"}};
     BuiltScene scene = build_scene(read_scene_file(source_folder() / "content/scenes/jaw_grasp.toml", coarse));
     double residual_early = 0, residual_late = 0, work = 0, worst = 0, lifted = 0, back = 0, peak_links = 0;
     const Range rows = scene.world.bodies.particles[0];
@@ -167,7 +167,7 @@ TEST(LinksInScenes, JawsGraspPullAndRelease) {
     });
     std::printf("jaws: work %.4g J, books off by %.2f %%, residual %.3f then %.3f mm, lifted %.1f mm, back to %.2f mm\n", work,
                 100 * worst / work, residual_early * 1e3, residual_late * 1e3, lifted * 1e3, back * 1e3);
-    EXPECT_LT(worst, 1e-2 * work);
+    EXPECT_LT(worst, 5e-3 * work);
     EXPECT_LE(residual_late, std::max(1.1 * residual_early, 1e-4));
     EXPECT_GT(lifted, 0.01);
     EXPECT_LT(back, 0.002);
@@ -401,7 +401,7 @@ TEST(Breaking, MoreStepsWhereShellsFold) {
     const AdvanceInputs in{w.meshes, w.springs, w.bodies, w.anchors, w.paths, w.haptics.tool, {}, 2, {}};
     const Range rows = w.bodies.particles[body];
     const double dt = 2e-4;
-    const auto steps = [&] { return finer_steps(in, w.particles, std::span(&body, 1), dt); };
+    const auto steps = [&] { return finer_steps(in, w.particles, std::span(&body, 1), w.rows, {}, dt); };
     EXPECT_EQ(steps(), 1u);
     std::fill_n(w.particles.velocity_x.begin() + rows.first, rows.count, 10.0f);  // all alike
     EXPECT_EQ(steps(), 1u);

@@ -109,7 +109,7 @@ TEST(Sleep, LiesStillUntilSomethingComesNear) {
                 EXPECT_EQ(w.report.asleep_bodies, 3u);
                 EXPECT_EQ(w.report.awake_bodies, 0u);
             }
-            if (asleep) {
+            if (asleep && woke_at == 0) {  // under the plunger it rests again, elsewhere
                 ASSERT_TRUE(same(low_place, places(w, low))) << pass;
             }
             if (!asleep && slept_at > 0 && woke_at == 0) {

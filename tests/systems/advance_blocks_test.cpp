@@ -179,6 +179,7 @@ TEST(AdvanceBlocks, MomentumAndBooks) {
 // Also where rows end on the way: what a block holds does not depend on it.
 TEST(AdvanceBlocks, SplitCallsGiveTheSameBits) {
     Collision whole({0.2, 1.5, 0}, 0.1), split({0.2, 1.5, 0}, 0.1);
+    whole.params.contact.iterations = split.params.contact.iterations = 1;  // from two on a call starts from what rows carried at the end of the last
     whole.advance(10, 20);
     for (int i = 0; i < 10; ++i) split.advance(1, 2);
     EXPECT_GT(whole.result.ended_rows, 10u);

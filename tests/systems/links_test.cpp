@@ -35,7 +35,7 @@ struct LinkScene : AdvanceScene {
         g.body = body, g.holder = holder, g.stiffness = stiffness, g.rest = rest, g.gauge = 0.1;
         const Entity name = add_link_group(links, g);
         EXPECT_GT(make_links(world(), name.index, link_scratch, links, energy), 0u);
-        update_link_limits(bodies, meshes, solids, particles, link_scratch, links);
+        update_link_limits(bodies, solids, particles, link_scratch, links);
         return name;
     }
     void let_break(uint32_t body, double strain) {
@@ -151,7 +151,7 @@ TEST(Links, PullOfTheHoldersIsTheMomentumOfTheTissue) {
         g.region = {RegionKind::kSphere, Vec3d::Zero(), Vec3d::Zero(), 0.015};
         ASSERT_GT(make_links(s.world(), add_link_group(s.links, g).index, s.link_scratch, s.links, s.energy), 5u);
     }
-    update_link_limits(s.bodies, s.meshes, s.solids, s.particles, s.link_scratch, s.links);
+    update_link_limits(s.bodies, s.solids, s.particles, s.link_scratch, s.links);
     s.open();
     const uint32_t substeps = count_substeps(s.bodies, s.moving(), 0.01, 1e-3, s.links.stable_dt);
     double work = 0, worst = 0;
