@@ -1,6 +1,8 @@
 #pragma once
+#include <algorithm>
 #include <limits>
 #include <string>
+#include <string_view>
 #include <vector>
 
 #include "components/entity.hpp"
@@ -61,7 +63,7 @@ struct RigidMass {
 // of detail). One row per body.
 struct Bodies {
     std::vector<Entity> entity;
-    std::vector<std::string> name;
+    std::vector<std::string> name;  // see is_body_name
     std::vector<uint32_t> mesh;               // prototype
     std::vector<Motion> motion;
     std::vector<Range> particles;             // deformable: rows of Particles; else empty
@@ -75,6 +77,12 @@ struct Bodies {
     std::vector<double> thickness;            // m, sheets only
     std::vector<RigidMass> rigid_mass;        // one row per free body, ascending by body
 };
+
+// Names become parts of file names and of messages: at most 80 bytes, none of them a /, a \, a " or a control character.
+inline bool is_body_name(std::string_view name) {
+    const auto is_bad = [](char c) { return (c >= 0 && c < ' ') || c == 127 || c == '/' || c == '\\' || c == '"'; };
+    return name.size() <= 80 && std::none_of(name.begin(), name.end(), is_bad);
+}
 
 inline Stepping stepping_of(const Bodies& bodies, uint32_t body) {
     return body < bodies.stepping.size() ? bodies.stepping[body] : Stepping{};

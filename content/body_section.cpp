@@ -136,6 +136,7 @@ BodySpec read_body(const std::string& file, const toml::table& table) {
     body.line = section.line();
     section.read("name", body.name);
     if (body.name.empty()) section.fail("a [[body]] needs a name");
+    if (!is_body_name(body.name)) section.fail("the name of a body has at most 80 bytes, and no /, \\, \" or control character");
     section.read("node", body.node);
     section.read("shape", body.shape);
     section.read("file", body.file);

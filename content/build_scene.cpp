@@ -46,7 +46,12 @@ fs::path find_file(const SceneFile& scene, const std::string& name) {
 
 Mesh load_body_mesh(const SceneFile& scene, const BodySpec& body, std::vector<std::string>& warnings) {
     if (!body.file.empty()) {
-        LoadedMesh loaded = load_mesh(find_file(scene, body.file));
+        LoadedMesh loaded;
+        try {
+            loaded = load_mesh(find_file(scene, body.file));
+        } catch (const InputError& error) {
+            throw InputError(at(scene, body.line) + error.what());
+        }
         warnings.insert(warnings.end(), loaded.warnings.begin(), loaded.warnings.end());
         return std::move(loaded.mesh);
     }

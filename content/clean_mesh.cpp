@@ -260,6 +260,8 @@ void orient(Mesh& mesh, CleanReport& report) {
     }
 }
 
+}  // namespace
+
 void drop_unused_vertices(Mesh& mesh) {
     std::vector<uint32_t> to(mesh.position.size(), kNone);
     for (const Triangle& t : mesh.triangle) {
@@ -274,8 +276,6 @@ void drop_unused_vertices(Mesh& mesh) {
     mesh.position.resize(kept);
     for (Triangle& t : mesh.triangle) t = {to[t[0]], to[t[1]], to[t[2]]};
 }
-
-}  // namespace
 
 uint32_t drop_faces(Mesh& mesh, const std::vector<uint8_t>& dropped) {
     uint32_t kept = 0;
@@ -326,6 +326,13 @@ CleanReport clean_mesh(Mesh& mesh, const CleanParams& params) {
     report.vertices_after = static_cast<uint32_t>(mesh.position.size());
     report.triangles_after = static_cast<uint32_t>(mesh.triangle.size());
     report.unused_vertices = report.vertices_before - report.welded_vertices - report.vertices_after;
+    return report;
+}
+
+CleanReport orient_mesh(Mesh& mesh) {
+    CleanReport report;
+    report.refused = !is_usable(mesh);
+    if (!report.refused) orient(mesh, report);
     return report;
 }
 

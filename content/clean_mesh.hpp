@@ -38,11 +38,17 @@ uint32_t weld_vertices(Mesh& mesh, double tolerance);
 // Drops the faces marked with 1; texture coordinates and material rows follow. Returns how many went.
 uint32_t drop_faces(Mesh& mesh, const std::vector<uint8_t>& dropped);
 
+// Drops vertices that no triangle names; the order of the rest stays. Materials and texture coordinates are of triangles.
+void drop_unused_vertices(Mesh& mesh);
+
 // Makes a mesh fit for contact without moving a vertex beyond the weld tolerance: welds, drops repeated and doubled
 // faces, drops faces without area where the surface stays as closed as it was (slivers stay), turns faces to agree and
 // closed pieces outward (hollows inward), drops unused vertices. Order is kept. A mesh with a coordinate that is not
 // finite or an index out of range is returned as it came.
 CleanReport clean_mesh(Mesh& mesh, const CleanParams& params);
+
+// Only turns faces to agree and closed pieces outward (hollows inward), as clean_mesh does: no face goes, so rows stay.
+CleanReport orient_mesh(Mesh& mesh);
 
 // The changes one by one, "12 vertices welded"; empty when there were none.
 std::vector<std::string> list_cleaning(const CleanReport& report);

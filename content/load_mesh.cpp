@@ -11,16 +11,11 @@
 #include "content/vrml/x3d.hpp"
 #include "content/vtk_file.hpp"
 #include "content/weld_exact.hpp"
+#include "content/words.hpp"
 #include "engine/error.hpp"
 #include "engine/text_file.hpp"
 namespace trocar {
 namespace {
-
-std::string lower(std::string_view text) {
-    std::string out(text);
-    for (char& c : out) c = c >= 'A' && c <= 'Z' ? static_cast<char>(c | 0x20) : c;
-    return out;
-}
 
 // Whether one of the first lines begins the way only OBJ lines do.
 bool looks_like_obj(std::string_view text) {
@@ -45,7 +40,7 @@ bool looks_like_obj(std::string_view text) {
 }
 
 bool looks_like_ascii_stl(std::string_view text) {
-    const std::string head = lower(text.substr(0, 4096));
+    const std::string head = lower_case(text.substr(0, 4096));
     const size_t first = head.find_first_not_of(" \t\r\n");
     if (first == std::string::npos || head.compare(first, 5, "solid") != 0) return false;
     return head.find("facet", first) != std::string::npos || head.find("endsolid", first) != std::string::npos;
@@ -69,7 +64,7 @@ bool by_content(std::string_view bytes, const std::filesystem::path&) {
 }
 
 bool by_stl_ending(std::string_view, const std::filesystem::path& path) {
-    return lower(path.extension().string()) == ".stl";
+    return lower_case(path.extension().string()) == ".stl";
 }
 
 LoadedMesh read_scene(std::string bytes, const std::filesystem::path& path, const LoadProgress& progress) {
@@ -93,6 +88,7 @@ constexpr Reader kReaders[] = {
 
 LoadedMesh load_mesh(std::string bytes, const std::filesystem::path& path, const LoadProgress& progress) {
     if (bytes.empty()) throw InputError(path.string() + ": empty file");
+    if (bytes.starts_with("\xef\xbb\xbf") && !is_binary_stl(bytes)) bytes.erase(0, 3);
     const Reader* const reader =
         std::find_if(std::begin(kReaders), std::end(kReaders), [&](const Reader& r) { return r.is_it(bytes, path); });
     LoadedMesh loaded = reader == std::end(kReaders) ? read_with_assimp(bytes, path)

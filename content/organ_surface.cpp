@@ -8,6 +8,7 @@
 #include <map>
 #include <numeric>
 
+#include "content/clean_mesh.hpp"
 #include "content/marching_cubes.hpp"
 #include "content/mesh_box.hpp"
 #include "content/remeshing.hpp"
@@ -113,22 +114,6 @@ uint64_t count_open_edges(const Mesh& mesh) {
         open += pair ? 0 : 1;
     }
     return open;
-}
-
-// Drops vertices that no triangle names; the order of the rest stays.
-void drop_unused_vertices(Mesh& mesh) {
-    std::vector<uint32_t> row(mesh.position.size(), kNone);
-    for (const Triangle& t : mesh.triangle) {
-        for (const uint32_t v : t) row[v] = 0;
-    }
-    uint32_t kept = 0;
-    for (uint32_t v = 0; v < row.size(); ++v) {
-        if (row[v] == kNone) continue;
-        mesh.position[kept] = mesh.position[v];
-        row[v] = kept++;
-    }
-    mesh.position.resize(kept);
-    for (Triangle& t : mesh.triangle) t = {row[t[0]], row[t[1]], row[t[2]]};
 }
 
 // Blurring tears thin necks: keeps the closed piece of largest volume and the hollows inside it. Returns how many outer

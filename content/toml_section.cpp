@@ -202,7 +202,7 @@ void TomlSection::refuse_unknown() const {
 
 double TomlSection::number(const toml::node& node, std::string_view key, double lowest, double highest) const {
     if (!node.is_number()) fail(node, std::string(key) + " must be a number");
-    const double d = *node.value<double>();
+    const double d = node.is_integer() ? static_cast<double>(*node.value<int64_t>()) : *node.value<double>();  // not every integer is a double
     if (!std::isfinite(d) || d < lowest || d > highest) {
         std::ostringstream text;
         text << key << " = " << d << " is outside " << lowest << " to " << highest;

@@ -7,6 +7,7 @@
 #include <fstream>
 
 #include "content/local_file.hpp"
+#include "content/words.hpp"
 #include "engine/child_process.hpp"
 #include "engine/error.hpp"
 namespace trocar {
@@ -39,10 +40,6 @@ std::string last_line(const std::string& text) {
 std::string without_blanks(const std::string& text) {
     const size_t begin = text.find_first_not_of(" \t\r"), end = text.find_last_not_of(" \t\r");
     return begin == std::string::npos ? "" : text.substr(begin, end - begin + 1);
-}
-std::string lower_case(std::string text) {
-    std::transform(text.begin(), text.end(), text.begin(), [](unsigned char c) { return std::tolower(c); });
-    return text;
 }
 
 // A header's own file of voxels, as NRRD ("data file: x") and MetaImage ("ElementDataFile = x") name it; empty for other

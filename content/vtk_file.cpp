@@ -86,10 +86,16 @@ double from_bytes(const char* at, Scalar type) {
             return static_cast<double>(number_from_bytes<uint64_t>(at, true));
         case Scalar::kFloat:
             return number_from_bytes<float>(at, true);
-        default:
+        case Scalar::kDouble:
             return number_from_bytes<double>(at, true);
+        case Scalar::kBit:
+        case Scalar::kString:
+            break;  // no numbers: the callers refuse them
     }
+    return std::numeric_limits<double>::quiet_NaN();
 }
+
+bool is_number(const NamedScalar& scalar) { return scalar.type != Scalar::kString && scalar.type != Scalar::kBit; }
 
 // Reads `count` numbers, each handed to `take`. Room was checked.
 template <typename Take>
@@ -111,7 +117,7 @@ uint64_t read_count(VtkState& s, const char* what) {
 void read_points(VtkState& s) {
     const uint64_t count = read_count(s, "a number of points");
     const NamedScalar scalar = read_type(s);
-    if (scalar.type == Scalar::kString || scalar.type == Scalar::kBit) s.words.fail("points that are no numbers");
+    if (!is_number(scalar)) s.words.fail("points that are no numbers");
     if (3 * count > (s.binary ? s.left() / scalar.size : s.left() / 2 + 1) || count >= kNone) {
         s.words.fail("the file is too short for " + std::to_string(count) + " points");
     }
@@ -138,7 +144,8 @@ void add_cell(VtkState& s, std::span<const uint32_t> corner, bool strips) {
 // Whole numbers of a list; what is no number of a point becomes kNone, which cut_polygons refuses by name.
 std::vector<uint32_t> read_rows(VtkState& s, uint64_t count, const NamedScalar& scalar) {
     std::vector<uint32_t> row;
-    if (count > (s.binary ? s.left() / std::max(scalar.size, 1u) : s.left() / 2 + 1)) {
+    if (!is_number(scalar)) s.words.fail("a list of corners that are no numbers");
+    if (count > (s.binary ? s.left() / scalar.size : s.left() / 2 + 1)) {
         s.words.fail("the file is too short for a list of " + std::to_string(count) + " numbers");
     }
     row.reserve(count);

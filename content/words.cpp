@@ -76,13 +76,13 @@ uint64_t Words::count(const char* what, uint64_t most) {
     return value;
 }
 
-bool same_word(std::string_view word, std::string_view lower) {
-    if (word.size() != lower.size()) return false;
-    for (size_t i = 0; i < word.size(); ++i) {
-        if ((word[i] | 0x20) != lower[i]) return false;
-    }
-    return true;
+std::string lower_case(std::string_view text) {
+    std::string out(text);
+    for (char& c : out) c = c >= 'A' && c <= 'Z' ? static_cast<char>(c | 0x20) : c;
+    return out;
 }
+
+bool same_word(std::string_view word, std::string_view lower) { return word.size() == lower.size() && lower_case(word) == lower; }
 
 std::string shown(std::string_view word) {
     if (word.empty()) return "the end of the file";

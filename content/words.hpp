@@ -28,6 +28,9 @@ struct Words {
     uint64_t count(const char* what, uint64_t most);
 };
 
+// ASCII letters in lower case.
+std::string lower_case(std::string_view text);
+
 // Compares without regard to case; `lower` is in lower case.
 bool same_word(std::string_view word, std::string_view lower);
 

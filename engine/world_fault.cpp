@@ -1,3 +1,4 @@
+#include <algorithm>
 #include <cmath>
 #include <span>
 
@@ -250,6 +251,7 @@ void check_bodies(const World& w, Faults& f) {
                   b.anchor_frame.size() == n && b.tissue.size() == n && b.spring_stiffness.size() == n && b.inv_mass.size() == n &&
                   b.stable_dt.size() == n && b.thickness.size() == n,
               "bodies: arrays of different length");
+    f.require(std::all_of(b.name.begin(), b.name.end(), is_body_name), "the name of a body is no name");
     f.require(w.poses.origin.size() == n && w.poses.orientation.size() == n && w.poses.velocity.size() == n && w.poses.angular_velocity.size() == n,
               "poses: not one per body");
     f.require(b.stepping.size() <= n, "bodies: more steppings than bodies");
@@ -401,7 +403,13 @@ void check_tools(const World& w, Faults& f) {
         f.require(tool.pivot.kind <= PivotKind::kTip, "a pivot is of no kind");
         f.inside(tool.jaws, w.haptics.jaw.size(), "jaws of a tool");
     }
-    for (const ToolJaw& jaw : w.haptics.jaw) f.below(jaw.body, bodies, false, "jaw of body");
+    for (size_t j = 0; j < w.haptics.jaw.size(); ++j) {
+        const uint32_t body = w.haptics.jaw[j].body;
+        f.below(body, bodies, false, "jaw of body");
+        const auto holds = [&](const HandTool& tool) { return j >= tool.jaws.first && j < tool.jaws.end(); };
+        f.require(std::count_if(w.haptics.tool.begin(), w.haptics.tool.end(), holds) == 1, "a jaw is not of one tool");
+        f.require(std::none_of(w.haptics.tool.begin(), w.haptics.tool.end(), [&](const HandTool& tool) { return tool.body == body; }), "a jaw is a tool");
+    }
     for (const HapticEffect& e : w.haptics.effect)
         f.require(e.kind <= EffectKind::kMagnet && e.trigger <= EffectTrigger::kRelease, "an effect is of no kind");
     for (const HapticSurface& s : w.haptics.surface) {

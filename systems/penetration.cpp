@@ -118,7 +118,7 @@ void mark_saturated(const Surfaces& surfaces, const CandidatePairs& pairs, const
                              near_medial_axis(surfaces, contacts, p.witness[i], trees);
             auto row = std::lower_bound(contacts.pair.begin(), contacts.pair.end(), p.pair[i]) - contacts.pair.begin();
             for (; size_t(row) < contacts.pair.size() && contacts.pair[row] == p.pair[i] && !p.saturated[i]; ++row) {
-                if (contacts.distance[row] > -0.9 * p.depth[i] || !(p.depth[i] > 0)) continue;
+                if (contacts.distance[row] > -0.9 * p.depth[i]) continue;  // where one lies on the other all of depth 0 count
                 p.saturated[i] = way_out(pairs, contacts, uint32_t(row)).dot(p.direction[i]) < kOpposed;
             }
         }

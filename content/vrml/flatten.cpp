@@ -77,7 +77,7 @@ Placement rotation(const Vec3d& axis, double angle) {
 template <size_t Count>
 std::array<double, Count> values(const Walk& w, NodeId id, std::string_view name, std::array<double, Count> otherwise) {
     const Value value = find_value(w.scene, id, name);
-    const std::span<const double> numbers = numbers_of(value);
+    const std::span<const double> numbers = numbers_of(value, Count);
     if (numbers.size() < Count) return otherwise;
     for (uint32_t k = 0; k < Count; ++k) {
         otherwise[k] = numbers[k];

@@ -180,6 +180,8 @@ void read_use(Parser& p, const Token& keyword) {
     const auto found = p.names.back().find(token_text(p, name));
     if (found == p.names.back().end()) {
         warn(p, name.offset, "USE of '" + printable(token_text(p, name)) + "', which no DEF before it names");
+    } else if (p.open[found->second] && text_of(p.document, p.document.node[found->second].type) == "Script") {
+        // a script that knows itself has no shape to repeat
     } else if (p.open[found->second]) {
         fail(p, name.offset, "USE of '" + printable(token_text(p, name)) + "' inside itself");
     } else {
@@ -346,6 +348,22 @@ bool read_file_statement(Parser& p, const Token& token) {
     const std::string_view word = token_text(p, token);
     if (word == "PROFILE" || word == "COMPONENT") {
         next_name(p.lexer);
+        return true;
+    }
+    if (word == "UNIT") {  // category, name, factor
+        const Token category = next_name(p.lexer);
+        next_name(p.lexer);
+        const Token factor = next_token(p.lexer);
+        if (factor.kind != TokenKind::kNumber) fail(p, factor.offset, "expected a factor in a UNIT, found " + shown(p, factor));
+        if (token_text(p, category) == "length" && factor.number != 1) warn(p, token.offset, "a unit of length is not applied: give a scale");
+        return true;
+    }
+    if (word == "EXPORT" || word == "IMPORT") {  // NODE [AS NAME], FILE.NODE [AS NAME]
+        next_name(p.lexer);
+        if (token_text(p, peek_token(p.lexer)) == "AS") {
+            next_token(p.lexer);
+            next_name(p.lexer);
+        }
         return true;
     }
     if (word == "META") {

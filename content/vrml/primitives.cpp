@@ -8,7 +8,7 @@ namespace {
 constexpr uint32_t kAround = 32, kDown = 16;
 
 double number_of(const Scene& scene, NodeId id, std::string_view name, double otherwise) {
-    const std::span<const double> numbers = numbers_of(find_value(scene, id, name));
+    const std::span<const double> numbers = numbers_of(find_value(scene, id, name), 1);
     return numbers.empty() ? otherwise : numbers[0];
 }
 
@@ -106,7 +106,7 @@ void make_primitive(const Scene& scene, NodeId id, std::vector<Vec3d>& position,
     if (role == Role::kBox) {
         Vec3d size(number_of(scene, id, "width", 2), number_of(scene, id, "height", 2),
                    number_of(scene, id, "depth", 2));
-        const std::span<const double> numbers = numbers_of(find_value(scene, id, "size"));
+        const std::span<const double> numbers = numbers_of(find_value(scene, id, "size"), 3);
         if (numbers.size() >= 3) size = {numbers[0], numbers[1], numbers[2]};
         if (is_size(size[0]) && is_size(size[1]) && is_size(size[2])) make_box(size, position, triangle);
         return;

@@ -6,6 +6,7 @@
 #include "content/vrml/flatten.hpp"
 #include "content/vrml/lexer.hpp"
 #include "content/vrml/x3d.hpp"
+#include "content/words.hpp"
 #include "engine/error.hpp"
 #include "engine/text_file.hpp"
 namespace trocar::vrml {
@@ -18,17 +19,11 @@ struct Header {
     std::string format;
 };
 
-std::string lower(std::string_view text) {
-    std::string out(text);
-    for (char& c : out) c = c >= 'A' && c <= 'Z' ? static_cast<char>(c | 0x20) : c;
-    return out;
-}
-
 // What the first line says, whatever its case; empty format when it is not a header.
 Header read_header(std::string_view text) {
     if (text.starts_with("\xef\xbb\xbf")) text.remove_prefix(3);
     while (!text.empty() && static_cast<unsigned char>(text[0]) <= ' ') text.remove_prefix(1);
-    const std::string line = lower(text.substr(0, 32));
+    const std::string line = lower_case(text.substr(0, 32));
     if (line.starts_with("#vrml v1")) return {Language::kOne, "VRML 1.0"};
     if (line.starts_with("#vrml v2")) return {Language::k97, "VRML97"};
     if (line.starts_with("<")) return {Language::k97, "X3D"};
@@ -241,7 +236,19 @@ Value find_value(const Scene& scene, NodeId id, std::string_view name) {
 
 std::span<const double> numbers_of(const Value& value) {
     if (!value) return {};
+    if (value.field->numbers.count > 0 && value.field->words.count > 0) {
+        const Range bytes = value.document->word[value.field->words.first].bytes;
+        throw InputError(describe_place(*value.document, bytes.first) + ": '" + printable(text_of(*value.document, bytes)) + "' among the numbers of '" +
+                         printable(text_of(*value.document, value.field->name)) + "'");
+    }
     return std::span(value.document->number).subspan(value.field->numbers.first, value.field->numbers.count);
+}
+
+std::span<const double> numbers_of(const Value& value, size_t least) {
+    const std::span<const double> numbers = numbers_of(value);
+    if (!value || value.field->is || numbers.size() >= least || (numbers.empty() && value.field->words.count == 0)) return numbers;
+    throw InputError(describe_place(*value.document, value.field->offset) + ": '" + printable(text_of(*value.document, value.field->name)) + "' has " +
+                     std::to_string(numbers.size()) + " of " + std::to_string(least) + " numbers");
 }
 
 std::span<const double> numbers_at(const Scene& scene, NodeId id, std::string_view name) {
@@ -271,7 +278,7 @@ NodeId first_node(Scene& scene, const Value& value) {
 }
 
 bool flag_of(const Value& value, bool otherwise) {
-    const std::string text = lower(text_of(value));
+    const std::string text = lower_case(text_of(value));
     return text == "true" ? true : text == "false" ? false : otherwise;
 }
 

@@ -79,7 +79,10 @@ std::string place_of(const Scene& scene, NodeId id);
 // The value of a field, through IS to the instance or the default of the PROTO.
 Value find_value(const Scene& scene, NodeId id, std::string_view name);
 
+// The numbers of a field; InputError with file and line where a word stands among them.
 std::span<const double> numbers_of(const Value& value);
+// The same; also where there are some, or a word, but not as many as `least`.
+std::span<const double> numbers_of(const Value& value, size_t least);
 std::span<const double> numbers_at(const Scene& scene, NodeId id, std::string_view name);  // empty for no node
 std::vector<std::string> urls_of(const Value& value);  // the strings or words, at most 16
 std::string text_of(const Value& value);              // first string or word, empty if none

@@ -360,6 +360,10 @@ Document parse_x3d(std::string text, std::filesystem::path path) {
              std::string("not well-formed XML: ") + result.description());
     }
     const xml_node root = xml.child("X3D");
+    for (const xml_node& unit : root.child("head").children("unit")) {
+        const double factor = unit.attribute("conversionFactor").as_double(1);
+        if (std::string_view(unit.attribute("category").value()) == "length" && factor != 1) warn(p, offset_of(p, unit), "a unit of length is not applied: give a scale");
+    }
     const xml_node scene = root.child("Scene");
     p.document.roots = add_refs(p, refs_of(read_children(p, scene ? scene : root)));
     if (p.suppressed > 0) {

@@ -14,10 +14,17 @@
 namespace trocar {
 namespace {
 
-// What import would do to the mesh before contact sees it.
-std::vector<std::string> list_repairs(Mesh mesh) { return list_cleaning(clean_mesh(mesh, {})); }
+// What import does to a mesh before contact sees it, and what it is then.
+struct Import {
+    std::vector<std::string> changes;
+    Admission admitted_as = Admission::kRefused;
+};
+Import import_of(Mesh mesh) {
+    std::vector<std::string> changes = list_cleaning(clean_mesh(mesh, {}));
+    return {std::move(changes), judge_mesh(mesh, true).admitted_as};
+}
 
-nlohmann::ordered_json to_json(const std::string& file, const MeshJudgement& j, const std::vector<std::string>& repairs) {
+nlohmann::ordered_json to_json(const std::string& file, const MeshJudgement& j, const Import& import) {
     const UnitGuess guess = guess_unit((j.bbox_max - j.bbox_min).norm());
     const auto row = [](const Vec3d& v) { return nlohmann::ordered_json{v.x(), v.y(), v.z()}; };
     return {{"file", file},
@@ -40,12 +47,13 @@ nlohmann::ordered_json to_json(const std::string& file, const MeshJudgement& j, 
             {"bbox_max", row(j.bbox_max)},
             {"admitted_as", admission_name(j.admitted_as)},
             {"reason", j.reason},
-            {"repairs", repairs},
+            {"repairs", import.changes},
+            {"imported_as", admission_name(import.admitted_as)},
             {"unit_guess", guess.unit},
             {"unit_rule", guess.rule}};
 }
 
-std::string to_text(const std::string& file, const MeshJudgement& j, const std::vector<std::string>& repairs) {
+std::string to_text(const std::string& file, const MeshJudgement& j, const Import& import) {
     char text[1024];
     std::snprintf(text, sizeof text,
                   "%s: %s%s%s\n  %u vertices, %u triangles, %u component%s; closed %s, manifold %s, oriented %s; "
@@ -55,7 +63,8 @@ std::string to_text(const std::string& file, const MeshJudgement& j, const std::
                   j.manifold ? "yes" : "no", j.oriented ? "yes" : "no", j.degenerate, j.self_crossing, j.volume, j.area,
                   j.bbox_max.x() - j.bbox_min.x(), j.bbox_max.y() - j.bbox_min.y(), j.bbox_max.z() - j.bbox_min.z());
     std::string all = text;
-    for (const std::string& repair : repairs) all += "  import: " + repair + "\n";
+    for (const std::string& change : import.changes) all += "  import: " + change + "\n";
+    if (import.admitted_as != j.admitted_as) all += std::string("  after import: ") + admission_name(import.admitted_as) + "\n";
     return all + "  unit: perhaps " + guess_unit((j.bbox_max - j.bbox_min).norm()).unit + "\n";
 }
 
@@ -91,12 +100,12 @@ int check_command(const CheckOptions& options) {
             MeshJudgement judgement = judge_mesh(loaded.mesh, true);
             judgement.vertices += static_cast<uint32_t>(loaded.unused_points);  // what the file lists
             sound = sound && judgement.admitted_as == Admission::kSolid;
-            const std::vector<std::string> repairs = list_repairs(loaded.mesh);
-            write_standard_output(options.json ? to_json(file, judgement, repairs).dump() + "\n"
-                                               : to_text(file, judgement, repairs));
+            const Import import = import_of(loaded.mesh);
+            write_standard_output(options.json ? to_json(file, judgement, import).dump() + "\n" : to_text(file, judgement, import));
         } catch (const InputError& e) {
             // the other files still get their answer
             std::fprintf(stderr, "trocar: %s\n", e.what());
+            if (options.json) write_standard_output(nlohmann::ordered_json{{"file", file}, {"error", e.what()}}.dump(-1, ' ', false, nlohmann::ordered_json::error_handler_t::replace) + "\n");
             readable = false;
         }
     }

@@ -126,6 +126,7 @@ void write_contours(const World& w, const std::filesystem::path& file) {
 }  // namespace
 
 int collide_command(const CollideOptions& options) {
+    if (!options.contours.empty() && options.contours.extension() != ".obj") throw InputError(options.contours.string() + ": contours are written as .obj");
     World world;
     const uint32_t mesh_a = load_prototype(world, options.a), mesh_b = load_prototype(world, options.b);
     add_body(world, options.a, mesh_a, Motion::kStatic);

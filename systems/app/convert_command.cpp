@@ -53,6 +53,8 @@ int convert_command(const ConvertOptions& options) {
     if (!changes.refusal.empty()) {
         for (const std::string& line : changes.lines) std::fprintf(stderr, "trocar: %s\n", line.c_str());
         std::fprintf(stderr, "trocar: %s: cannot be repaired: %s\n", options.in.c_str(), changes.refusal.c_str());
+    } else if (loaded.mesh.triangle.empty()) {
+        throw InputError(options.in + ": no face is left after cleaning");
     } else {
         save_mesh(loaded.mesh, options.out);
     }

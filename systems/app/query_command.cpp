@@ -1,4 +1,5 @@
 #include <algorithm>
+#include <cctype>
 #include <array>
 #include <charconv>
 #include <cmath>
@@ -22,6 +23,14 @@ namespace {
 constexpr const char* kFeatureNames[] = {"vertex0", "vertex1", "vertex2", "edge0", "edge1", "edge2", "face"};
 
 // One x,y,z a line; blanks, tabs and semicolons separate as well as commas; a first line of words is a header.
+constexpr double kFarthestPoint = 1e150;  // squares of larger ones are no numbers
+
+// Whether a field is neither a number nor one of the words for none.
+bool is_word(const char* p, const char* stop) {
+    double value = 0;
+    return p < stop && std::isalpha(static_cast<unsigned char>(*p)) && std::from_chars(p, stop, value).ec != std::errc();
+}
+
 std::vector<Vec3d> parse_points(const std::string& file, const std::string& text) {
     std::vector<Vec3d> points;
     size_t line_number = 0;
@@ -41,9 +50,9 @@ std::vector<Vec3d> parse_points(const std::string& file, const std::string& text
             skip();
             if (p < stop && *p == '+') ++p;
             const auto [next, error] = std::from_chars(p, stop, v[k]);
-            if (error != std::errc() || !std::isfinite(v[k])) {
-                if (points.empty() && k == 0 && line_number == 1) break;  // header
-                throw InputError(file + ":" + std::to_string(line_number) + ": three finite numbers x,y,z are needed");
+            if (error != std::errc() || !(std::abs(v[k]) < kFarthestPoint)) {
+                if (line_number == 1 && k == 0 && is_word(p, stop)) break;  // header
+                throw InputError(file + ":" + std::to_string(line_number) + ": three numbers x,y,z are needed, finite and below 1e150");
             }
             p = next;
             if (k == 2) points.push_back(v);
@@ -120,14 +129,10 @@ int query_command(const QueryOptions& options) {
     LoadedMesh loaded = load_file(options.mesh);
     for (const std::string& warning : loaded.warnings) std::fprintf(stderr, "trocar: warning: %s\n", warning.c_str());
     const std::vector<uint32_t> file_triangle = drop_repeated_corners(loaded.mesh);
-    MeshJudgement judgement = judge_mesh(loaded.mesh, true);
+    const std::string turned = describe_cleaning(orient_mesh(loaded.mesh));
+    if (!turned.empty()) std::fprintf(stderr, "trocar: warning: %s: %s\n", options.mesh.c_str(), turned.c_str());
+    const MeshJudgement judgement = judge_mesh(loaded.mesh, true);
     if (judgement.admitted_as == Admission::kRefused) throw InputError(options.mesh + ": " + judgement.reason);
-    if (judgement.closed && judgement.volume < 0) {
-        std::fprintf(stderr, "trocar: warning: %s: the surface faces inward; its triangles are turned round\n",
-                     options.mesh.c_str());
-        for (Triangle& t : loaded.mesh.triangle) std::swap(t[1], t[2]);
-        judgement = judge_mesh(loaded.mesh, true);
-    }
     if (judgement.admitted_as != Admission::kSolid)
         std::fprintf(stderr, "trocar: warning: %s: %s\n", options.mesh.c_str(), judgement.reason.c_str());
     const std::string text = options.points == "-" ? read_standard_input() : read_text_file(options.points);

@@ -14,6 +14,7 @@ int view_command(const ViewOptions& options) {
     if (uint64_t(options.width) * options.height > kImagePixelLimit) {
         throw InputError("--size: more than " + std::to_string(kImagePixelLimit) + " pixels");
     }
+    if (options.out.extension() != ".png") throw InputError(options.out.string() + ": the picture is a PNG; its name must end in .png");
     if (!std::isfinite(options.azimuth) || !std::isfinite(options.elevation)) {
         throw InputError("--azimuth and --elevation: finite degrees are needed");
     }

@@ -610,6 +610,30 @@ TEST(Vrml, broken_text_is_an_error_with_a_place) {
         EXPECT_NE(error_of_text(whole.substr(0, size)), "no error") << size;
 }
 
+// Geometry must not change because a number was mistyped.
+TEST(Vrml, words_among_numbers_and_too_few_of_them_are_refused_with_their_place) {
+    const auto refused = [](const std::string& text, const std::string& reason) {
+        const std::string error = error_of_text(text);
+        EXPECT_NE(error.find(reason), std::string::npos) << text << "\n-> " << error;
+        EXPECT_NE(error.find("a.wrl:2:"), std::string::npos) << error;
+    };
+    std::string points = kTetra;
+    points.insert(points.find('0'), "x ");
+    refused(old_file("Coordinate3 { " + points + " } IndexedFaceSet { " + kTetraFaces + " }"), "'x' among the numbers of 'point'");
+    refused(new_file("Transform { translation 1 2 children Shape { geometry Box {} } }"), "'translation' has 2 of 3 numbers");
+    refused(new_file("Shape { geometry Sphere { radius TRUE } }"), "'radius' has 0 of 1 numbers");
+    refused(new_file("Shape { geometry Box { size 1 2 } }"), "'size' has 2 of 3 numbers");
+    const std::string xml = "<X3D version='3.0'>\n<Scene><Transform translation='1 O 0'><Shape><Box/></Shape></Transform></Scene></X3D>";
+    refused(xml, "'O' among the numbers of 'translation'");
+}
+
+TEST(Vrml, units_exports_and_scripts_that_know_themselves) {
+    EXPECT_TRUE(warns(load_text("#X3D V3.3 utf8\nPROFILE Immersive\nUNIT length mm 0.001\nEXPORT A AS B\nShape { geometry Box {} }"), "a unit of length is not applied"));
+    EXPECT_TRUE(warns(load_text("<X3D><head><unit category='length' name='mm' conversionFactor='0.001'/></head><Scene><Shape><Box/></Shape></Scene></X3D>"),
+                      "a unit of length is not applied"));
+    EXPECT_EQ(load_text(new_file("DEF S Script { field SFNode self USE S directOutput TRUE } Shape { geometry Box {} }")).mesh.triangle.size(), 12u);
+}
+
 TEST(Vrml, seams_are_welded_and_corners_keep_their_texture_coordinates) {
     // two triangles that share an edge, written with six points
     const LoadedMesh loaded =

@@ -39,6 +39,9 @@ TEST(VtkFile, parts_of_text) {
                      "POLYGONS 5 12\nOFFSETS vtktypeint64\n0 3 6 9 12\nCONNECTIVITY vtktypeint64\n0 2 1 0 1 3 1 2 3\n0 "
                      "3 2\n",
                  "VTK ascii");
+    std::string bytes = kHead + kPoints + kPolygons;
+    bytes.replace(bytes.find("float"), 5, "unsigned_char");
+    expect_tetra(bytes, "VTK ascii");
     std::string precise = kHead + kPoints + kPolygons;
     precise.replace(precise.find("0 0 0 1"), 5, "0.1 1e-9 3");
     EXPECT_EQ(load_mesh(precise, "a.vtk").mesh.position[0], Vec3d(0.1, 1e-9, 3));
@@ -74,6 +77,18 @@ TEST(VtkFile, bytes_are_big_endian) {
     for (const std::string& whole : {bytes, newer}) {
         for (size_t size = 20; size < whole.size(); ++size)
             EXPECT_NE(error_of(whole.substr(0, size)), "no error") << size;
+    }
+}
+
+// A list of one byte a row that is read as doubles would be read beyond its end.
+TEST(VtkFile, corners_are_numbers) {
+    std::string bytes = kHead;
+    bytes.replace(bytes.find("ASCII"), 5, "BINARY");
+    bytes += "POINTS 1 float\n";
+    put<float>(bytes, {0, 0, 0});
+    for (const char* type : {"string", "bit"}) {
+        const std::string list = bytes + "\nPOLYGONS 2 3\nOFFSETS " + type + "\n" + std::string(2, '\0');
+        EXPECT_NE(error_of(list).find("a list of corners that are no numbers"), std::string::npos) << error_of(list);
     }
 }
 
