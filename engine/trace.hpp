@@ -30,6 +30,8 @@ class Trace {
     }
     // A name that lives as long as the trace. One thread at a time.
     std::string_view keep(std::string name) { return names_.emplace_back(std::move(name)); }
+    // Forgets the spans.
+    void clear() { count_ = 0; }
     size_t size() const { return std::min(count_.load(), events_.size()); }
     size_t dropped() const { return count_.load() - size(); }
     const TraceEvent& operator[](size_t row) const { return events_[row]; }

@@ -1,6 +1,7 @@
 #include "systems/app/capture.hpp"
 
 #include <algorithm>
+#include <charconv>
 #include <cmath>
 #include <csignal>
 #include <cstdlib>
@@ -16,9 +17,6 @@ void each_resource(ResourceKind kind, const Visit& visit) {
     for (uint32_t r = 0; r < static_cast<uint32_t>(Resource::kCount); ++r)
         if (resource_kind(static_cast<Resource>(r)) == kind) visit(static_cast<Resource>(r));
 }
-
-// The first passes pay for memory and caches: they are no news.
-constexpr uint64_t kFirstJudged = 8;
 
 volatile std::sig_atomic_t asked_by_signal = 0;
 void ask(int) { asked_by_signal = 1; }
@@ -61,12 +59,12 @@ void parse_trigger(const std::string& word, CaptureTriggers& triggers) {
         triggers.counters.push_back(word.substr(8));
         if (!report_counter({}, triggers.counters.back())) refuse_trigger(word);
     } else {
-        const size_t dash = word.find('-');
-        if (word.empty() || dash == std::string::npos || word.find_first_not_of("0123456789-") != std::string::npos) refuse_trigger(word);
-        const uint64_t first = std::strtoull(word.c_str(), &end, 10);
-        if (end != word.c_str() + dash || dash == 0 || dash + 1 == word.size()) refuse_trigger(word);
-        const uint64_t last = std::strtoull(word.c_str() + dash + 1, &end, 10);
-        if (*end != 0 || last < first) refuse_trigger(word);
+        uint64_t first = 0, last = 0;
+        const char* const stop = word.data() + word.size();
+        const auto [dash, bad_first] = std::from_chars(word.data(), stop, first);
+        if (bad_first != std::errc{} || dash == stop || *dash != '-') refuse_trigger(word);
+        const auto [after, bad_last] = std::from_chars(dash + 1, stop, last);
+        if (bad_last != std::errc{} || after != stop || last < first) refuse_trigger(word);
         const std::array range{first, last};
         if (std::find(triggers.ranges.begin(), triggers.ranges.end(), range) == triggers.ranges.end()) triggers.ranges.push_back(range);
     }
@@ -133,17 +131,17 @@ CaptureStep read_step(const CaptureRecord& r) {
 
 FrameRecorder::FrameRecorder(const Frame& frame, CaptureHeader header, const CaptureTriggers& triggers, std::filesystem::path folder)
     : frame_(frame), header_(std::move(header)), triggers_(triggers), folder_(std::move(folder)) {
+    for (const auto& range : triggers_.ranges) waiting_.push_back(range);
     scene_.kind = "scene";
     save_resources(frame.world(), ResourceKind::kConstant, scene_);
     report_ = frame.world().report;
-    if (triggers_.signal) {
-        asked_by_signal = 0;
-        std::signal(SIGUSR1, ask);
-    }
 }
-FrameRecorder::~FrameRecorder() {
-    if (triggers_.signal) std::signal(SIGUSR1, SIG_DFL);
+
+CaptureSignal::CaptureSignal() {
+    asked_by_signal = 0;
+    std::signal(SIGUSR1, ask);
 }
+CaptureSignal::~CaptureSignal() { std::signal(SIGUSR1, SIG_DFL); }
 
 std::unique_ptr<CaptureWriter> FrameRecorder::open(const std::string& name, const std::string& reason) {
     auto writer = std::make_unique<CaptureWriter>(folder_ / name);
@@ -213,6 +211,7 @@ void FrameRecorder::before_pass() {
     }
     for (const auto& [first, last] : triggers_.ranges) {
         if (first != pass) continue;
+        std::erase(waiting_, std::array{first, last});
         guarded([&] { open_ranges_.push_back({last, open("passes_" + std::to_string(first) + "-" + std::to_string(last) + ".cap", "passes")}); });
     }
     guarded([&] {
@@ -255,7 +254,10 @@ void FrameRecorder::look_for_triggers(const CaptureStep& step) {
         asked_by_signal = 0;
         write(kept_, step.pass, "usr1");
     }
-    if (triggers_.lost && rose("nonfinite_particles")) write(kept_, step.pass, "nan");
+    if (triggers_.lost && rose("nonfinite_particles") && lost_ < kMostCaptures) {
+        ++lost_;
+        write(kept_, step.pass, "nan");
+    }
     // the first time tells; a counter may rise in every pass
     std::erase_if(triggers_.counters, [&](const std::string& counter) {
         if (!rose(counter)) return false;
@@ -263,7 +265,7 @@ void FrameRecorder::look_for_triggers(const CaptureStep& step) {
         return true;
     });
     if (step.pass < kFirstJudged) return;
-    if (triggers_.over_ms > 0 && step.frame_ms > triggers_.over_ms && over_ < kMostOver) {
+    if (triggers_.over_ms > 0 && step.frame_ms > triggers_.over_ms && over_ < kMostCaptures) {
         ++over_;
         std::snprintf(reason, sizeof reason, "over %g ms: %.3f ms", triggers_.over_ms, step.frame_ms);
         write(kept_, step.pass, reason);
@@ -285,6 +287,11 @@ void FrameRecorder::write_now(const std::string& reason) {
 }
 
 void FrameRecorder::finish() {
+    const std::string end = ": the run ended before pass " + std::to_string(frame_.world().clock.pass);
+    for (const auto& [first, last] : waiting_) notes_.push_back(std::to_string(first) + "-" + std::to_string(last) + end);
+    for (const OpenRange& range : open_ranges_) notes_.push_back("...-" + std::to_string(range.last) + end);
+    if (over_ == kMostCaptures) notes_.push_back("over: the first " + std::to_string(over_) + " passes alone are kept");
+    if (lost_ == kMostCaptures) notes_.push_back("nan: the first " + std::to_string(lost_) + " passes alone are kept");
     guarded([&] {
         for (OpenRange& range : open_ranges_) range.writer->finish();
     });

@@ -16,14 +16,15 @@ namespace trocar {
 // What sets a capture off. Several may be asked for at once.
 struct CaptureTriggers {
     std::vector<std::array<uint64_t, 2>> ranges;  // these contact passes, first and last; may overlap
-    bool worst = false;                           // the slowest pass of the run
-    double over_ms = 0;                           // passes slower than this; 0 = none. At most kMostOver of them
-    bool lost = false;                            // particles that were not finite and were restored
+    bool worst = false;                           // the slowest pass of the run; neither judges the first kFirstJudged
+    double over_ms = 0;                           // passes slower than this; 0 = none. At most kMostCaptures of them
+    bool lost = false;                            // particles that were not finite and were restored; kMostCaptures times
     std::vector<std::string> counters;            // counters of Report, each the first time that it rises
-    bool signal = false;                          // SIGUSR1
+    bool signal = false;                          // SIGUSR1, see CaptureSignal
     bool any() const { return !ranges.empty() || worst || over_ms > 0 || lost || !counters.empty() || signal; }
 };
-inline constexpr uint32_t kMostOver = 10;
+inline constexpr uint32_t kMostCaptures = 10;  // for one such reason
+inline constexpr uint64_t kFirstJudged = 8;    // pass: those before pay for memory and caches and are no news
 
 // "5-25", "worst", "over=33" (ms), "nan", "counter=ended_rows", "usr1", several joined by commas; ranges and counters more
 // than once. Throws InputError that says what may be written.
@@ -59,14 +60,22 @@ struct CaptureHeader {
 void save_resources(const World& world, ResourceKind kind, CaptureRecord& record);
 void load_resources(const CaptureRecord& record, ResourceKind kind, World& world);
 
-// Watches a run and writes captures of it: the last `before` passes are kept in memory (a state every kStatePeriod
+// While it lives SIGUSR1 is a trigger; without it the signal ends the program.
+class CaptureSignal {
+ public:
+    CaptureSignal();
+    ~CaptureSignal();
+    CaptureSignal(const CaptureSignal&) = delete;
+    CaptureSignal& operator=(const CaptureSignal&) = delete;
+};
+
+// Watches a run and writes captures of it: the last kKept passes are kept in memory (a state every kStatePeriod
 // passes, hashes and times of every pass) and written when a trigger asks. Captures of a range of passes are written as
 // they run, with hashes of every resource.
 class FrameRecorder {
  public:
     // `folder` must exist. A capture that cannot be written ends capturing, not the run: see failure().
     FrameRecorder(const Frame& frame, CaptureHeader header, const CaptureTriggers& triggers, std::filesystem::path folder);
-    ~FrameRecorder();
     void before_pass();
     void after_pass(const PassFigures& pass);
     void finish();  // after the last pass
@@ -75,6 +84,8 @@ class FrameRecorder {
     void write_now(const std::string& reason);
     // Why capturing ended early; empty while it goes on. What was written until then can be read.
     const std::string& failure() const { return failure_; }
+    // After finish(): which of the triggers did not get all that they asked for.
+    const std::vector<std::string>& notes() const { return notes_; }
     // Names of the files written, in order.
     const std::vector<std::string>& files() const { return files_; }
 
@@ -106,9 +117,11 @@ class FrameRecorder {
     Kept kept_, worst_;
     double worst_ms_ = 0;
     uint64_t worst_pass_ = 0;
-    uint32_t over_ = 0;
+    uint32_t over_ = 0, lost_ = 0;  // captures written for that reason
     Report report_;
     std::vector<OpenRange> open_ranges_;
+    std::vector<std::array<uint64_t, 2>> waiting_;  // ranges that have not begun
+    std::vector<std::string> notes_;
     std::vector<std::string> files_;
     std::string failure_;
 };

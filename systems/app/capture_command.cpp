@@ -8,6 +8,8 @@
 #include "engine/whole_file.hpp"
 #include "systems/app/capture_export.hpp"
 #include "systems/app/commands.hpp"
+#include "systems/app/format.hpp"
+#include "systems/app/run_costs.hpp"
 #include "systems/app/standard_streams.hpp"
 namespace trocar {
 namespace {
@@ -31,12 +33,6 @@ std::string longest_stage(const Capture& capture, const CaptureStep& step) {
     return text;
 }
 
-std::string hex(uint64_t value) {
-    char text[20];
-    std::snprintf(text, sizeof text, "%016llx", static_cast<unsigned long long>(value));
-    return text;
-}
-
 std::string info_json(const Capture& c) {
     nlohmann::ordered_json out{{"file", c.file},       {"scene", c.header.scene},   {"reason", c.reason},
                                {"version", c.header.version}, {"instruction_set", c.header.instruction_set}, {"machine", c.header.machine},
@@ -46,21 +42,25 @@ std::string info_json(const Capture& c) {
         out["worst_pass"] = worst->pass, out["worst_ms"] = worst->frame_ms;
         out["state_hash"] = hex(c.stretches.back().steps.empty() ? worst->state_hash : c.stretches.back().steps.back().state_hash);
     }
-    return out.dump() + "\n";
+    return out.dump(-1, ' ', false, nlohmann::ordered_json::error_handler_t::replace) + "\n";  // names of files may be anything
+}
+
+// What is damaged or was never finished must not pass for whole. Returns kNo then, else `code`.
+int judge_whole(const Capture& c, int code) {
+    if (c.damage.empty()) return code;
+    std::fprintf(stderr, "trocar: warning: %s is not whole: it %s; this is about the %zu passes before\n", c.file.c_str(), c.damage.c_str(), c.passes());
+    return kNo;
 }
 
 void print_info(const Capture& c) {
     const CaptureHeader& h = c.header;
-    char text[512];
-    std::snprintf(text, sizeof text, "%s: scene %s, %s, trocar %s, %s\n  %s%s\n  passes %llu to %llu, %zu states\n", c.file.c_str(), h.scene.c_str(),
-                  c.reason.c_str(), h.version.c_str(), h.instruction_set.c_str(), h.machine.c_str(), h.live ? ", live" : "",
-                  static_cast<unsigned long long>(c.stretches.front().pass), static_cast<unsigned long long>(c.stretches.front().pass + c.passes() - (c.passes() > 0)),
-                  c.stretches.size());
-    write_standard_output(text);
+    write_standard_output(format("%s: scene %s, %s, trocar %s, %s\n  %s%s\n  passes %llu to %llu, %zu states\n", c.file.c_str(), h.scene.c_str(), c.reason.c_str(),
+                                 h.version.c_str(), h.instruction_set.c_str(), h.machine.c_str(), h.live ? ", live" : "",
+                                 static_cast<unsigned long long>(c.stretches.front().pass),
+                                 static_cast<unsigned long long>(c.stretches.front().pass + c.passes() - (c.passes() > 0)), c.stretches.size()));
     if (const CaptureStep* worst = worst_step(c)) {
-        std::snprintf(text, sizeof text, "  slowest: pass %llu, %.3f ms (%s); depth %.3f mm, %llu contacts\n", static_cast<unsigned long long>(worst->pass),
-                      worst->frame_ms, longest_stage(c, *worst).c_str(), worst->depth * 1e3, static_cast<unsigned long long>(worst->contacts));
-        write_standard_output(text);
+        write_standard_output(format("  slowest: pass %llu, %.3f ms (%s); depth %.3f mm, %llu contacts\n", static_cast<unsigned long long>(worst->pass),
+                                     worst->frame_ms, longest_stage(c, *worst).c_str(), worst->depth * 1e3, static_cast<unsigned long long>(worst->contacts)));
     }
     if (!c.damage.empty()) write_standard_output("  not whole: it " + c.damage + "\n");
 }
@@ -88,7 +88,8 @@ int diff(const Capture& a, const Capture& b) {
             }
         }
     }
-    write_standard_output("the same in all " + std::to_string(compared) + " passes that both hold\n");
+    if (compared == 0) write_standard_output("no pass is in both\n");
+    else write_standard_output("the same in all " + std::to_string(compared) + " passes that both hold\n");
     return compared > 0 ? kDone : kNo;
 }
 
@@ -116,7 +117,7 @@ int profile(const ReplayOptions& options, const Capture& capture) {
     constexpr size_t kTraceCapacity = 1u << 18;
     Trace trace(options.trace.empty() ? 0 : kTraceCapacity);
     const PassProfile profile = profile_pass(capture, *options.frame, options.repeat, options.trace.empty() ? nullptr : &trace);
-    if (!options.trace.empty()) write_whole_file(options.trace, trace.to_json({"main"}));
+    if (!options.trace.empty()) write_trace(options.trace, trace, {"main"});
     if (options.json) write_standard_output(profile_json(profile, *options.frame));
     else print_profile(profile, *options.frame);
     return kDone;
@@ -126,12 +127,18 @@ int replay(const ReplayOptions& options, const Capture& capture) {
     const ReplayVerdict verdict = replay_capture(capture, {});
     const bool same = verdict.difference.empty();
     if (options.json) {
-        write_standard_output(nlohmann::ordered_json{{"passes", verdict.compared}, {"same", same}, {"difference", verdict.difference}, {"threads", thread_count()}}.dump() + "\n");
+        write_standard_output(nlohmann::ordered_json{{"passes", verdict.compared}, {"same", same}, {"difference", verdict.difference}, {"whole", capture.damage.empty()},
+                                                     {"damage", capture.damage}, {"threads", thread_count()}}.dump() + "\n");
     } else {
         write_standard_output(std::to_string(verdict.compared) + " passes run again on " + std::to_string(thread_count()) + " thread" + (thread_count() == 1 ? "" : "s") +
                               ": " + (same ? "the same to the bit" : verdict.difference) + "\n");
     }
-    return same ? kDone : kNo;
+    return judge_whole(capture, same ? kDone : kNo);
+}
+
+void refuse_same(const std::filesystem::path& a, const std::filesystem::path& b) {
+    if (!a.empty() && !b.empty() && std::filesystem::weakly_canonical(a) == std::filesystem::weakly_canonical(b))
+        throw InputError("capture export: " + a.string() + " is named twice");
 }
 
 }  // namespace
@@ -145,21 +152,26 @@ int capture_info_command(const std::vector<std::string>& files, bool json) {
     return kDone;
 }
 
-int capture_diff_command(const std::string& a, const std::string& b) { return diff(open_capture(a), open_capture(b)); }
+int capture_diff_command(const std::string& a, const std::string& b) {
+    const Capture one = open_capture(a), other = open_capture(b);
+    return judge_whole(one, judge_whole(other, diff(one, other)));
+}
 
 int capture_export_command(const CaptureExportOptions& options) {
     const Capture capture = open_capture(options.file);
     if (options.vtp.empty() && options.png.empty() && options.trace.empty() && options.csv.empty())
         throw InputError("capture export: say what to write: --vtp FOLDER, --png FOLDER, --trace FILE or --csv FILE");
+    refuse_same(options.csv, options.file), refuse_same(options.trace, options.file), refuse_same(options.csv, options.trace);
     if (!options.csv.empty()) write_whole_file(options.csv, capture_csv(capture));
     if (!options.trace.empty()) write_whole_file(options.trace, capture_trace(capture));
     set_offscreen_threads(0);
     ThreadPool pool(options.threads);
     pool.run([&] {
         if (!options.vtp.empty()) export_vtp(capture, options.vtp);
-        if (!options.png.empty()) export_pictures(capture, options.png);
+        if (!options.png.empty() && export_pictures(capture, options.png) == 0)
+            std::fprintf(stderr, "trocar: note: no picture falls into the passes of %s\n", options.file.c_str());
     });
-    return kDone;
+    return judge_whole(capture, kDone);
 }
 
 int replay_command(const ReplayOptions& options) {

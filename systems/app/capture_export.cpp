@@ -10,7 +10,9 @@
 #include "engine/error.hpp"
 #include "engine/surface_mesh.hpp"
 #include "engine/whole_file.hpp"
+#include "systems/app/format.hpp"
 #include "systems/app/picture_writer.hpp"
+#include "systems/app/svg_plot.hpp"
 namespace trocar {
 namespace fs = std::filesystem;
 namespace {
@@ -155,16 +157,13 @@ void export_vtp(const Capture& capture, const fs::path& folder) {
     replay_capture(capture, {each, &state});
     for (const std::string& body : state.body) {
         std::string out = "<?xml version=\"1.0\"?>\n<VTKFile type=\"Collection\" version=\"0.1\" byte_order=\"LittleEndian\">\n<Collection>\n";
-        char text[256];
-        for (const auto& [pass, seconds] : state.pass) {
-            std::snprintf(text, sizeof text, "<DataSet timestep=\"%.3f\" part=\"0\" file=\"%s_%06llu.vtp\"/>\n", seconds, body.c_str(), static_cast<unsigned long long>(pass));
-            out += text;
-        }
+        for (const auto& [pass, seconds] : state.pass)
+            out += format("<DataSet timestep=\"%.3f\" part=\"0\" file=\"%s_%06llu.vtp\"/>\n", seconds, escape_html(body).c_str(), static_cast<unsigned long long>(pass));
         write_whole_file(folder / (body + ".pvd"), out + "</Collection>\n</VTKFile>\n");
     }
 }
 
-void export_pictures(const Capture& capture, const fs::path& folder) {
+size_t export_pictures(const Capture& capture, const fs::path& folder) {
     prepare_folder(folder);
     const World world = world_at(capture, 0);
     PictureWriter pictures(capture.header.picture, capture.header.camera, world.meshes, folder, false);
@@ -173,6 +172,7 @@ void export_pictures(const Capture& capture, const fs::path& folder) {
                              },
                              &pictures});
     pictures.finish_film();
+    return pictures.files().size();
 }
 
 }  // namespace trocar

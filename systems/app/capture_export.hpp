@@ -13,7 +13,7 @@ std::string capture_trace(const Capture& capture);
 // springs of a vertex of their relative stretch, the same times Young's modulus), and BODY.pvd series that ParaView
 // opens. Throws InputError.
 void export_vtp(const Capture& capture, const std::filesystem::path& folder);
-// Runs the capture again and draws every picture it takes: frames/*.png.
-void export_pictures(const Capture& capture, const std::filesystem::path& folder);
+// Runs the capture again and draws every picture it takes: frames/*.png. Returns how many.
+size_t export_pictures(const Capture& capture, const std::filesystem::path& folder);
 
 }  // namespace trocar

@@ -203,6 +203,7 @@ PassProfile profile_pass(const Capture& capture, uint64_t pass, uint32_t repeat,
         take_input(earlier, frame);
         frame.step();
     }
+    if (trace) trace->clear();  // of the way there
     CaptureRecord start{"state", {}};
     save_resources(frame.world(), ResourceKind::kState, start);
     save_resources(frame.world(), ResourceKind::kBooks, start);

@@ -4,6 +4,9 @@
 #include <cmath>
 #include <iterator>
 #include <nlohmann/json.hpp>
+
+#include "systems/app/format.hpp"
+#include "systems/app/stop_signal.hpp"
 namespace trocar {
 
 double quantile(std::vector<double> values, double q) {
@@ -45,12 +48,6 @@ ContactColumns contact_columns(const RunFigures& f) {
 
 namespace {
 
-std::string hex(uint64_t value) {
-    char text[20];
-    std::snprintf(text, sizeof text, "%016llx", static_cast<unsigned long long>(value));
-    return text;
-}
-
 nlohmann::ordered_json percentiles(const std::vector<double>& v, const char* unit) {
     const std::string u = unit;
     return {{"p50_" + u, quantile(v, 0.5)},
@@ -59,7 +56,10 @@ nlohmann::ordered_json percentiles(const std::vector<double>& v, const char* uni
             {"max_" + u, quantile(v, 1)}};
 }
 
-nlohmann::ordered_json report_json(const Report& r) {
+nlohmann::ordered_json report_json(const RunFigures& f) {
+    const Report& r = f.report;
+    double deepest = 0;  // of all passes; the report's own is of the last
+    for (const PassFigures& p : f.pass) deepest = std::max(deepest, p.residual);
     return {{"contact_passes", r.contact_passes},
             {"contact_events", r.contact_events},
             {"dropped_contacts", r.dropped_contacts},
@@ -84,7 +84,7 @@ nlohmann::ordered_json report_json(const Report& r) {
             {"opened_bodies", r.opened_bodies},
             {"dropped_pictures", r.dropped_pictures},
             {"late_passes", r.late_passes},
-            {"deepest_residual_m", r.deepest_residual}};
+            {"deepest_residual_m", deepest}};
 }
 
 nlohmann::ordered_json energy_json(const RunFigures& f) {
@@ -241,12 +241,13 @@ std::string metrics_json(const RunFigures& f) {
     }
     for (const ToolFigures& tool : f.tool) j["haptics"]["tools"].push_back(tool_json(tool));
     for (size_t row = 0; row < f.drive.size(); ++row) j["nodes"].push_back(drive_json(f, row));
+    if (f.stopped_by != 0) j["stopped_by"] = name_of_signal(f.stopped_by);
     if (f.capture_asked) j["captures"] = f.captures;
     if (f.replay) j["replay"] = {{"same", f.replay_difference.empty()}, {"difference", f.replay_difference}};
     j["energy"] = energy_json(f);
     for (const LinkFigures& l : f.link)
         j["links"].push_back({{"name", l.name}, {"made", l.made}, {"broken", l.broken}, {"max_force_n", l.force}, {"max_strain", l.strain}});
-    j["report"] = report_json(f.report);
+    j["report"] = report_json(f);
     return j.dump(2) + "\n";
 }
 

@@ -24,7 +24,6 @@ struct PassFigures {
     double force = 0;          // N, commanded to the hand (largest tool)
     double contact_force = 0;  // N, mean contact impulse / period on the hand tool
     Energy energy;             // newest computed
-    double peak_elastic = 0;   // J so far
     double residual = 0;       // m, deepest overlap left at its end
     uint32_t awake = 0;        // bodies that can move and were not asleep
     bool picture = false;      // a displayed frame ends with this pass
@@ -119,7 +118,9 @@ struct RunFigures {
     uint64_t movable_bodies = 0;         // deformable and free
     double body_size = 0;                // m, diameter of the smallest of them
     double bytes_per_body = 0;           // resident memory that the scene and its run took, over all bodies
+    int stopped_by = 0;  // signal, 0 = none: the run went on to its end
     bool capture_asked = false, meshes_written = false;
+    std::string write_failure;  // of a picture or a mesh, the first; empty = none. The run went on without
     std::vector<std::string> captures;  // files written, in order
     std::vector<std::string> bodies;  // "liver: 5002 vertices, deformable, 1 substep"
 };

@@ -1,5 +1,6 @@
 #pragma once
 #include <algorithm>
+#include <cstdint>
 #include <cstdio>
 #include <string>
 namespace trocar {
@@ -11,5 +12,8 @@ inline std::string format(const char* pattern, auto... values) {
     std::snprintf(text.data(), text.size() + 1, pattern, values...);
     return text;
 }
+
+// Sixteen hexadecimal digits.
+inline std::string hex(uint64_t value) { return format("%016llx", static_cast<unsigned long long>(value)); }
 
 }  // namespace trocar

@@ -15,6 +15,7 @@
 #include "engine/ring.hpp"
 #include "engine/thread_pool.hpp"
 #include "systems/app/live_haptics.hpp"
+#include "systems/app/stop_signal.hpp"
 #include "systems/haptic_manipulator.hpp"
 #include "systems/sleep.hpp"
 namespace trocar {
@@ -72,9 +73,8 @@ class DrawingThread {
         stop_ = true;
         if (thread_.joinable()) thread_.join();
     }
-    bool failed() const { return failed_; }
-    // What ended the drawing early, such as a full disk; null when nothing did. After stop().
-    std::exception_ptr error() const { return error_; }
+    // What ended the drawing early, such as a full disk; empty when nothing did. After stop().
+    const std::string& failure() const { return failure_; }
     const std::vector<double>& milliseconds() const { return milliseconds_; }
 
    private:
@@ -88,9 +88,8 @@ class DrawingThread {
             }
             try {
                 milliseconds_.push_back(pictures_.take(newest_.front(), slow_ms_));
-            } catch (...) {
-                error_ = std::current_exception();
-                failed_ = true;
+            } catch (const std::exception& error) {
+                failure_ = error.what();
                 return;
             }
         }
@@ -99,8 +98,8 @@ class DrawingThread {
     double slow_ms_;
     Latest<PictureSnapshot> newest_;
     std::vector<double> milliseconds_;
-    std::exception_ptr error_;
-    std::atomic<bool> stop_{false}, failed_{false};
+    std::string failure_;
+    std::atomic<bool> stop_{false};
     std::thread thread_;
 };
 
@@ -223,11 +222,11 @@ bool run_live(const RunOptions& options, double seconds, Frame& frame, PictureWr
     }
     const int nice_before = set_nice(kSimulationNice);
     int64_t slip = 0;
-    uint64_t late = 0, published = 0;
-    while (static_cast<double>(world.clock.tick) < seconds * 1000 && !(drawing && drawing->failed())) {
+    uint64_t published = 0;
+    while (static_cast<double>(world.clock.tick) < seconds * 1000 && stop_signal() == 0) {
         const int64_t due = start + slip + static_cast<int64_t>(world.clock.tick) * kMillisecond;
         const int64_t behind = world.clock.pass > 0 ? monotonic_ns() - due : 0;
-        late += behind > kMillisecond;
+        world.report.late_passes += behind > kMillisecond;
         slip += time_let_go(behind, static_cast<int64_t>(world.clock.period) * kMillisecond);
         haptics.set_slip(static_cast<double>(slip) * 1e-9);
         sleep_until_ns(due);
@@ -246,6 +245,7 @@ bool run_live(const RunOptions& options, double seconds, Frame& frame, PictureWr
         record_tools(frame, figures.tool_sample);
     }
     figures.wall_s = static_cast<double>(monotonic_ns() - start) * 1e-9;
+    figures.stopped_by = static_cast<double>(world.clock.tick) < seconds * 1000 ? stop_signal() : 0;
     set_nice(nice_before);
     if (!tools.empty() && allowed.size() > 1) allow_processors(allowed);
     haptics.stop();
@@ -255,11 +255,10 @@ bool run_live(const RunOptions& options, double seconds, Frame& frame, PictureWr
     frame.set_contact_hook({});
     if (drawing) {
         drawing->stop();
-        if (drawing->error()) std::rethrow_exception(drawing->error());
+        figures.write_failure = drawing->failure();
         figures.render_ms = drawing->milliseconds();
         world.report.dropped_pictures = published - std::min<uint64_t>(published, figures.render_ms.size());
     }
-    world.report.late_passes = late;
     figures.tool.resize(tools.size());
     for (size_t t = 0; t < tools.size(); ++t)
         if (links[t]) figures.tool[t].device = links[t]->name(), figures.tool[t].counts = links[t]->counts();

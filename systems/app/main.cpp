@@ -83,6 +83,8 @@ void take_labels(const std::vector<std::string>& words, OrganOptions& organ) {
     if (organ.volume.empty() || organ.out.empty()) throw InputError("organ: a volume and a surface to write are needed; see trocar organ --help");
 }
 
+constexpr uint32_t kMostThreads = 1024;
+
 void describe(CLI::App& app, Arguments& a) {
     app.description("Trocar: virtual surgery, headless. Contact, penetration depth, deformation, 1 kHz haptics.");
     app.set_version_flag("--version", [] { return version_text(); });
@@ -91,7 +93,7 @@ void describe(CLI::App& app, Arguments& a) {
 
     CLI::App* run = app.add_subcommand("run", "Simulate a scene: pictures, film, figures, trace");
     run->add_option("scene", a.run.scene, "Scene file, or the name of a scene that `trocar scenes` lists")->required();
-    CLI::Option* seconds = run->add_option("--seconds", a.run.seconds, "Simulated time, s (default: the scene's)");
+    CLI::Option* seconds = run->add_option("--seconds", a.run.seconds, "Simulated time, s (default: the scene's)")->check(CLI::Range(1e-3, 1e6));
     run->add_option("--out", a.run.out, "Folder for frames/, film, meshes/, metrics.json, trace.json, report.html");
     CLI::Option* live = run->add_flag("--live", a.run.live,
                                       "Real clock: haptics on its own 1 kHz thread, drawing at low priority; with --out "
@@ -106,11 +108,12 @@ void describe(CLI::App& app, Arguments& a) {
         ->excludes(seconds);
     run->add_option("--capture", a.run.capture,
                     "Write captures/*.cap into the folder when: 5-25 (contact passes), worst, over=33 (ms), nan, counter=NAME, "
-                    "usr1; several joined by commas; read them with `trocar capture` and `trocar replay`");
+                    "usr1; several joined by commas. worst and over look at passes from the ninth on, over and nan write ten at most; read them with `trocar capture` and `trocar replay`")
+        ->check(CLI::Validator([](const std::string& text) { return std::string(text.empty() ? "it says nothing" : ""); }, "TRIGGERS"));
     run->add_flag("--figures-only", a.run.figures_only, "Into the folder metrics.json and passes.csv alone");
     run->add_flag("--no-render", a.no_render, "No pictures");
     run->add_option("--set", a.sets, "Change a key of the scene (liver.tissue.wall=3e-3, contact.tolerance=1e-4; body.KEY: of every deformable body), or a parameter that `trocar scenes` lists: KEY=VALUE, repeatable");
-    run->add_option("--threads", a.threads, "Worker threads (default: all cores); results never depend on it");
+    run->add_option("--threads", a.threads, "Worker threads (default: all cores); results never depend on it")->check(CLI::Range(0u, kMostThreads));
     run->add_option("--export-every", a.run.export_every, "Write every body as OBJ at every n-th picture");
     run->add_option("--slow-render", a.run.slow_render_ms,
                     "Live: draw each picture again and again for this many ms (a stress test)");
@@ -138,7 +141,7 @@ void describe(CLI::App& app, Arguments& a) {
     query->add_option("mesh", a.query.mesh, "Mesh file")->required();
     query->add_option("points", a.query.points, "CSV of x,y,z in file units; - reads standard input")->required();
     query->add_option("--out", a.query.out, "CSV to write (default: standard output)");
-    query->add_option("--threads", a.threads, "Worker threads (default: all cores)");
+    query->add_option("--threads", a.threads, "Worker threads (default: all cores)")->check(CLI::Range(0u, kMostThreads));
     query->add_flag("--cross-check", a.query.cross_check,
                     "Compare every sign of a solid with the winding number; standard error tells how many differ");
     query->add_flag("--json", a.query.json, "JSON instead of CSV");
@@ -218,13 +221,13 @@ void describe(CLI::App& app, Arguments& a) {
     CLI::App* soak = app.add_subcommand("soak", "Run a scene again and again for minutes and judge whether anything drifts");
     soak->add_option("scene", a.soak.scene, "Scene file, or the name of a scene that `trocar scenes` lists")->required();
     soak->add_option("--minutes", a.soak.minutes, "How long (default 10)")->check(CLI::PositiveNumber);
-    soak->add_option("--seconds", a.soak.seconds, "Simulated time of an episode, s (default: the scene's)");
+    soak->add_option("--seconds", a.soak.seconds, "Simulated time of an episode, s (default: the scene's)")->check(CLI::Range(1e-3, 1e6));
     soak->add_option("--faults", a.soak.faults, "Faults put into every third episode: nan, blast (m/s beyond reason), pause (200 ms)")
         ->delimiter(',')
         ->check(CLI::IsMember({"nan", "blast", "pause"}));
     soak->add_option("--out", a.soak.out, "Folder for soak.json, soak.csv, soak.html, captures/");
     soak->add_option("--set", a.sets, "Change a key of the scene: KEY=VALUE, repeatable");
-    soak->add_option("--threads", a.soak.threads, "Worker threads (default: all cores); results never depend on it");
+    soak->add_option("--threads", a.soak.threads, "Worker threads (default: all cores); results never depend on it")->check(CLI::Range(0u, kMostThreads));
     soak->add_flag("--json", a.soak.json, "Print soak.json instead of a line a minute");
     soak->footer("Example: trocar soak probe_on_liver --minutes 30 --faults nan,pause --out out/soak\n"
                  "Every episode starts from the same state and must end in the same state. Rules: the lower bound of the drift (median\n"
@@ -236,7 +239,7 @@ void describe(CLI::App& app, Arguments& a) {
     sweep->add_option("file", a.sweep.file, "Sweep file")->required();
     sweep->add_option("--engine", a.sweep.engine, "local (default), parallel (GNU parallel), slurm (an array job), merge (only make the table of what is there)")
         ->check(CLI::IsMember({"local", "parallel", "slurm", "merge"}));
-    sweep->add_option("--out", a.sweep.out, "Folder (default out/sweep_NAME): runs/00000/..., runs.txt, sweep.csv, sweep.json");
+    sweep->add_option("--out", a.sweep.out, "Folder (default out/sweep_NAME): runs/ with a folder of each, runs.txt, sweep.csv, sweep.json");
     sweep->add_option("--jobs", a.sweep.jobs, "Runs at once (default: cores / threads of a run)")->check(CLI::Range(1, 4096));
     sweep->add_flag("--dry-run", a.sweep.dry_run, "Print the commands and run none");
     sweep->add_flag("--json", a.sweep.json, "Print sweep.json");
@@ -251,16 +254,17 @@ void describe(CLI::App& app, Arguments& a) {
 
     CLI::App* replay = app.add_subcommand("replay", "Run a capture again and compare; or one of its passes many times");
     replay->add_option("capture", a.replay.file, "A .cap file of `trocar run --capture`")->required();
-    replay->add_flag("--check", a.default_said, "Compare only (the default)");
-    CLI::Option* frame = replay->add_option("--frame", a.replay.frame, "Contact pass to run again and again, from its own start");
+    CLI::Option* compare = replay->add_flag("--check", a.default_said, "Compare only (the default)");
+    CLI::Option* frame = replay->add_option("--frame", a.replay.frame, "Contact pass to run again and again, from its own start")->excludes(compare);
     replay->add_option("--repeat", a.replay.repeat, "How often (default 100)")->needs(frame)->check(CLI::Range(1, 1000000));
     replay->add_flag("--profile", a.default_said, "Median time of every stage of the pass (the default with --frame)")->needs(frame);
     replay->add_option("--trace", a.replay.trace, "Trace of the repetitions to write")->needs(frame);
-    replay->add_option("--threads", a.replay.threads, "Worker threads (default: all cores); results never depend on it");
+    replay->add_option("--threads", a.replay.threads, "Worker threads (default: all cores); results never depend on it")->check(CLI::Range(0u, kMostThreads));
     replay->add_flag("--json", a.replay.json, "JSON");
     replay->footer("Example: trocar replay out/captures/worst.cap\n"
                    "         trocar replay out/captures/worst.cap --frame 61 --repeat 200\n"
-                   "Exit code 1 when it does not come out the same to the bit; the first pass, stage, array and row are named.");
+                   "Exit code 1 when it does not come out the same to the bit, and the first pass, stage, array and row are named; also when the capture\n"
+                   "is not whole: what there is of it is compared.");
 
     CLI::App* capture = app.add_subcommand("capture", "What a capture holds; compare two; export for other tools");
     capture->require_subcommand(1);
@@ -275,7 +279,7 @@ void describe(CLI::App& app, Arguments& a) {
     exported->add_option("--png", a.capture.png, "Folder for frames/*.png");
     exported->add_option("--trace", a.capture.trace, "Chrome trace (JSON) of the stages of every pass: Perfetto, speedscope");
     exported->add_option("--csv", a.capture.csv, "One line a pass");
-    exported->add_option("--threads", a.capture.threads, "Worker threads (default: all cores)");
+    exported->add_option("--threads", a.capture.threads, "Worker threads (default: all cores)")->check(CLI::Range(0u, kMostThreads));
     capture->footer("Example: trocar run kidney_on_liver --out out/k --capture worst,5-25\n"
                     "         trocar capture info out/k/captures/*.cap\n"
                     "         trocar capture export out/k/captures/worst.cap --vtp out/vtp --csv out/passes.csv");
@@ -374,6 +378,8 @@ int main(int argc, char** argv) {
         CLI::App app;
         Arguments arguments;
         describe(app, arguments);
+        if (argc > 1 && argv[1][0] != '-' && app.get_subcommands([&](const CLI::App* command) { return command->get_name() == argv[1]; }).empty())
+            throw trocar::InputError(std::string("there is no command \"") + argv[1] + "\"; trocar --help lists them");
         try {
             app.parse(argc, argv);
         } catch (const CLI::ParseError& e) {

@@ -278,7 +278,8 @@ std::string trouble_section(const Report& r) {
         {r.disagreements, "signs by pseudonormal differed from the winding number (contact.cross_check)"},
         {r.ended_rows, "contact planes were left behind by a sliding point"},
         {r.opposing_planes, "vertices at the end of a pass had planes that press from opposite sides"},
-        {r.nonfinite_particles, "particles were lost and their bodies restored"},
+        {r.nonfinite_particles, "particles were lost and their bodies restored: the simulation broke"},
+        {r.runaway_bodies, "times a body was put back because its energy had grown of itself"},
         {r.dropped_pictures, "pictures were dropped, because drawing was late"},
         {r.late_passes, "contact passes were late"}};
     std::string rows;

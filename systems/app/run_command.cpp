@@ -3,6 +3,7 @@
 
 #include <algorithm>
 #include <cerrno>
+#include <cmath>
 #include <cstdio>
 #include <cstring>
 #include <fstream>
@@ -24,6 +25,7 @@
 #include "systems/app/detail_error.hpp"
 #include "systems/app/direction_trial.hpp"
 #include "systems/app/figures.hpp"
+#include "systems/app/format.hpp"
 #include "systems/app/live_replay.hpp"
 #include "systems/app/live_run.hpp"
 #include "systems/app/picture_writer.hpp"
@@ -31,6 +33,7 @@
 #include "systems/app/report_page.hpp"
 #include "systems/app/run_costs.hpp"
 #include "systems/app/standard_streams.hpp"
+#include "systems/app/stop_signal.hpp"
 #include "systems/app/version.hpp"
 #include "systems/frame.hpp"
 namespace trocar {
@@ -105,6 +108,24 @@ void finish_figures(const Frame& frame, double bytes_before, RunFigures& figures
     }
 }
 
+// A full disk must not end the simulation, nor cost the figures: the first failure is told at the end.
+template <typename Write>
+void attempt(RunFigures& figures, const Write& write) {
+    try {
+        write();
+    } catch (const InputError& error) {
+        if (figures.write_failure.empty()) figures.write_failure = error.what();
+    }
+}
+
+void take_picture(Frame& frame, PictureWriter& pictures, RunFigures& figures, PassFigures& pass) {
+    attempt(figures, [&] {
+        pass.render_ms = pictures.take(frame.world().picture);
+        pass.frame_ms += pass.render_ms;
+        figures.render_ms.push_back(pass.render_ms);
+    });
+}
+
 // Everything in one deterministic order, as fast as the machine goes; of its own accord or as a live run went.
 void run_lockstep(const RunOptions& options, double seconds, LiveReplay* replay, Frame& frame, PictureWriter* pictures,
                   FrameRecorder* recorder, Trace* trace, DirectionTrial* trial, RunFigures& figures) {
@@ -113,7 +134,7 @@ void run_lockstep(const RunOptions& options, double seconds, LiveReplay* replay,
     Progress progress(figures.scene);
     const uint64_t start = now_ns();
     const double end_tick = replay ? static_cast<double>(replay->end_tick()) : seconds * 1000;
-    while (static_cast<double>(frame.world().clock.tick) < end_tick) {
+    while (static_cast<double>(frame.world().clock.tick) < end_tick && stop_signal() == 0) {
         const double time = static_cast<double>(frame.world().clock.tick) * 1e-3;
         if (replay) replay->begin_pass();
         if (recorder) recorder->before_pass();
@@ -127,15 +148,10 @@ void run_lockstep(const RunOptions& options, double seconds, LiveReplay* replay,
         if (trace) trace_pairs(frame, names, *trace);
         if (recorder) recorder->after_pass(pass);
         if (trial) trial->after_pass(pass);
-        if (frame.times().picture) {
-            if (pictures) {
-                pass.render_ms = pictures->take(frame.world().picture);
-                pass.frame_ms += pass.render_ms;
-                figures.render_ms.push_back(pass.render_ms);
-            }
-            if (options.export_every > 0 && !options.out.empty() &&
-                (frame.world().clock.picture - 1) % options.export_every == 0)
-                export_bodies(frame.world(), options.out / "meshes", frame.world().clock.picture - 1);
+        if (frame.times().picture && figures.write_failure.empty()) {
+            if (pictures) take_picture(frame, *pictures, figures, pass);
+            if (options.export_every > 0 && !options.out.empty() && (frame.world().clock.picture - 1) % options.export_every == 0)
+                attempt(figures, [&] { export_bodies(frame.world(), options.out / "meshes", frame.world().clock.picture - 1); });
         }
         add_stage_times(frame, figures);
         for (const uint64_t ns : frame.times().tick_ns) figures.tick_us.push_back(static_cast<double>(ns) * 1e-3);
@@ -146,6 +162,7 @@ void run_lockstep(const RunOptions& options, double seconds, LiveReplay* replay,
         progress.show(time * 1e3 / end_tick, note);
     }
     figures.wall_s = static_cast<double>(now_ns() - start) * 1e-9;
+    figures.stopped_by = static_cast<double>(frame.world().clock.tick) < end_tick ? stop_signal() : 0;
     costs.finish(frame, figures);
     if (replay) figures.replay_difference = replay->difference();
 }
@@ -260,6 +277,15 @@ std::string live_text(const RunFigures& f) {
            samples_text("age of the surface", "ms", f.contact_age_ms, {10, 20, 50, 100});
 }
 
+// Why the figures of a run mean nothing; empty = no reason.
+std::string ruin_text(const RunFigures& f) {
+    if (f.report.nonfinite_particles > 0)
+        return std::to_string(f.report.nonfinite_particles) + " particles had places or speeds that are no numbers, and their bodies were put back";
+    for (const PassFigures& p : f.pass)
+        if (!std::isfinite(p.energy.balance)) return format("the energy is no number after %.3f s", p.time);
+    return "";
+}
+
 std::string files_text(const RunFigures& f, bool figures_only) {
     std::string text = "metrics.json, passes.csv";
     if (!figures_only) text = "report.html, trace.json, " + text;
@@ -308,10 +334,29 @@ void refuse_what_is_not_live(const World& w) {
     }
 }
 
+// What an earlier run left would be taken for this one's.
+void clear_outputs(const fs::path& folder) {
+    std::error_code error;
+    const auto clear = [&](const fs::path& inside, const auto& is_ours) {
+        for (const fs::directory_entry& old : fs::directory_iterator(inside, error)) {
+            if (fs::is_regular_file(old.symlink_status(error)) && is_ours(old.path())) fs::remove(old.path(), error);
+        }
+    };
+    clear(folder, [](const fs::path& file) {
+        const std::string name = file.filename().string();
+        return name == "report.html" || name == "metrics.json" || name == "passes.csv" || name == "trace.json" || name == "tools.csv" || name == "film.mp4" ||
+               (name.starts_with("force_map_") && name.ends_with(".svg"));
+    });
+    clear(folder / "frames", [](const fs::path& file) { return file.extension() == ".png"; });
+    clear(folder / "captures", [](const fs::path& file) { return file.extension() == ".cap"; });
+    clear(folder / "meshes", [](const fs::path& file) { return file.extension() == ".obj" || file.extension() == ".mtl"; });
+}
+
 void finish_captures(FrameRecorder& recorder, RunFigures& figures) {
     recorder.finish();
     figures.capture_asked = true;
     figures.captures = recorder.files();
+    for (const std::string& note : recorder.notes()) std::fprintf(stderr, "trocar: note: --capture %s\n", note.c_str());
     if (!recorder.failure().empty())
         std::fprintf(stderr, "trocar: warning: capturing stopped, the run went on: %s\n", recorder.failure().c_str());
 }
@@ -355,8 +400,11 @@ int run_command(const RunOptions& options) {
     const bool replay = !options.replay.empty();
     const LiveRecording recording = replay ? read_live_recording(options.replay) : LiveRecording{};
     if (!options.capture.empty() && options.out.empty()) throw InputError("--capture: say where with --out FOLDER");
+    const StopOnSignal stop;
     const CaptureTriggers triggers = options.capture.empty() ? CaptureTriggers{} : parse_capture_triggers(options.capture);
-    if (!options.out.empty()) prepare_folder(options.out);
+    std::optional<CaptureSignal> capture_signal;
+    if (triggers.signal) capture_signal.emplace();
+    if (!options.out.empty()) prepare_folder(options.out), clear_outputs(options.out);
     if (triggers.any()) prepare_folder(options.out / "captures");
     set_offscreen_threads(0);
     // live: one core belongs to the haptic thread
@@ -394,30 +442,35 @@ int run_command(const RunOptions& options) {
         finish_figures(frame, bytes_before, figures);
         if (tells && !options.live) figures.direction = trial.run();
         if (options.out.empty()) return;
-        if (options.figures_only) {
-            write_whole_file(options.out / "passes.csv", passes_csv(figures));
-            write_whole_file(options.out / "metrics.json", metrics_json(figures));
-            if (!figures.tool.empty()) write_tools(options.out, figures);
-            return;
-        }
-        figures.meshes_written = frame.world().bodies.mesh.size() <= kMostMeshes || options.export_every > 0;
-        if (figures.meshes_written)
-            export_bodies(frame.world(), options.out / "meshes", frame.world().clock.picture);
-        const std::string film = pictures ? pictures->finish_film() : "";
-        write_whole_file(options.out / "metrics.json", metrics_json(figures));
         write_whole_file(options.out / "passes.csv", passes_csv(figures));
+        write_whole_file(options.out / "metrics.json", metrics_json(figures));
         if (!figures.tool.empty()) write_tools(options.out, figures);
-        write_whole_file(options.out / "trace.json", trace.to_json(thread_names()));
+        if (options.figures_only) return;
+        write_trace(options.out / "trace.json", trace, thread_names());
+        if (frame.world().bodies.mesh.size() <= kMostMeshes || options.export_every > 0) {
+            attempt(figures, [&] {
+                export_bodies(frame.world(), options.out / "meshes", frame.world().clock.picture);
+                figures.meshes_written = true;
+            });
+        }
+        const std::string film = pictures ? pictures->finish_film() : "";
         std::vector<size_t> worst = worst_passes(figures, 6);
         for (size_t& pass : worst) pass = picture_of_pass(figures, pass);
         const ReportMedia media = pictures ? embed_media(options.out, pictures->files(), film, worst) : ReportMedia{};
         write_whole_file(options.out / "report.html", report_html(figures, media));
     });
+    const std::string ruin = ruin_text(figures);
+    if (!ruin.empty()) std::fprintf(stderr, "trocar: warning: the simulation broke: %s\n", ruin.c_str());
     if (options.json)
         write_standard_output(metrics_json(figures));
     else
         print_summary(figures, options.out, options.figures_only);
-    return figures.replay_difference.empty() ? kDone : kNo;
+    if (figures.stopped_by != 0) {
+        std::fprintf(stderr, "trocar: stopped by %s after %.3f s of simulated time; what was written tells of that time\n", name_of_signal(figures.stopped_by), figures.simulated_s);
+        return exit_code_of_signal(figures.stopped_by);
+    }
+    if (!figures.write_failure.empty()) throw InputError(figures.write_failure + "; the figures of the run are whole");
+    return ruin.empty() && figures.replay_difference.empty() ? kDone : kNo;
 }
 
 }  // namespace trocar

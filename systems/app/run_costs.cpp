@@ -2,8 +2,10 @@
 
 #include <algorithm>
 #include <cmath>
+#include <cstdio>
 #include <numeric>
 
+#include "engine/whole_file.hpp"
 #include "systems/app/format.hpp"
 #include "systems/app/svg_plot.hpp"
 namespace trocar {
@@ -227,6 +229,12 @@ std::string pair_section(const RunFigures& f) {
 std::string cost_sections(const RunFigures& f, const ReportMedia& media) {
     if (f.pass_stage_ms.empty()) return "";
     return "<h2>Where the time went</h2>" + timeline(f) + "<div class=\"grid\">" + frame_histogram(f) + "</div>" + worst_section(f, media) + pair_section(f);
+}
+
+void write_trace(const std::filesystem::path& file, const Trace& trace, const std::vector<std::string>& thread_names) {
+    write_whole_file(file, trace.to_json(thread_names));
+    if (trace.dropped() > 0)
+        std::fprintf(stderr, "trocar: note: %s holds the first %zu of %zu spans\n", file.c_str(), trace.size(), trace.size() + trace.dropped());
 }
 
 }  // namespace trocar

@@ -1,4 +1,5 @@
 #pragma once
+#include <filesystem>
 #include <map>
 #include <string>
 #include <vector>
@@ -33,5 +34,8 @@ size_t picture_of_pass(const RunFigures& figures, size_t pass);
 // Sections of report.html: timeline of stage costs, histogram of frames, the worst passes with their pictures, a meter per
 // pair. media.worst holds the pictures of worst_passes in their order.
 std::string cost_sections(const RunFigures& figures, const ReportMedia& media);
+
+// Writes a trace, and on standard error how much of it there was no room for.
+void write_trace(const std::filesystem::path& file, const Trace& trace, const std::vector<std::string>& thread_names);
 
 }  // namespace trocar

@@ -29,7 +29,7 @@ struct Soak {
     double minutes = 0;
 };
 
-// Medians and intervals over the episodes after the warm-up, a minute.
+// Medians and intervals over the episodes after the warm-up: a minute, or a fifth of a shorter run.
 struct Drifts {
     Drift resident, heap, median;  // MiB, MiB, ms
 };

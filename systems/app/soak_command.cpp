@@ -24,6 +24,7 @@
 #include "systems/app/report_page.hpp"
 #include "systems/app/soak.hpp"
 #include "systems/app/standard_streams.hpp"
+#include "systems/app/stop_signal.hpp"
 #include "systems/app/svg_plot.hpp"
 #include "systems/app/version.hpp"
 namespace trocar {
@@ -97,11 +98,11 @@ class Soaker {
         Episode e;
         e.with_fault = !options_.faults.empty() && number % kFaultPeriod == kFaultPeriod - 1;
         const double end_tick = seconds_ * 1000;
+        const auto middle = static_cast<uint64_t>(0.5 * seconds_ * world.clock.contact_rate);  // pass
         std::vector<double> pass_ms, tick_us;
         double largest_energy = 0, largest_balance = 0;
-        while (static_cast<double>(world.clock.tick) < end_tick && soak.broken.empty()) {
-            const bool now = e.with_fault && e.passes == static_cast<uint64_t>(end_tick / 1000 * 30);  // in the middle
-            if (now) {
+        while (static_cast<double>(world.clock.tick) < end_tick && soak.broken.empty() && stop_signal() == 0) {
+            if (e.with_fault && e.passes == middle) {
                 for (const std::string& fault : options_.faults) inject(fault, world);
                 soak.faults += options_.faults.size();
             }
@@ -206,17 +207,17 @@ void run_soak(const SoakOptions& options, Soaker& soaker, Soak& soak) {
     uint64_t printed = 0;
     do {
         Episode e = soaker.run(soak.episodes, soak);
+        if (stop_signal() != 0 && !soak.episode.empty()) break;  // not a whole one
         e.minute = minutes();
         ++soak.episodes, soak.passes += e.passes, soak.lost += e.lost;
         if (soak.episode.empty() || e.minute >= static_cast<double>(soak.episode.size()) * options.minutes / kKeptEpisodes) soak.episode.push_back(e);
-        // the first episode finds its memory; the second is the first that is like all others
         judge_episode(e, soak.episode.front(), soak);
         progress.show(std::min(1.0, e.minute / options.minutes), std::to_string(soak.episodes) + " episodes");
         if (!options.json && static_cast<uint64_t>(e.minute) > printed) {
             printed = static_cast<uint64_t>(e.minute);
             print_minute(soak);
         }
-    } while (minutes() < options.minutes && soak.broken.empty());
+    } while (minutes() < options.minutes && soak.broken.empty() && stop_signal() == 0);
     soak.minutes = minutes();
 }
 
@@ -266,8 +267,10 @@ int soak_command(const SoakOptions& options) {
     const SceneFile file = read_scene_file(find_scene(options.scene), options.overrides);
     if (!options.out.empty()) prepare_folder(options.out), prepare_folder(options.out / "captures");
     ThreadPool pool(options.threads);
+    const StopOnSignal stop;
     Soak soak;
     soak.scene = file.settings.name;
+    Drifts drifts;
     pool.run([&] {
         BuiltScene scene = build_scene(file);
         Frame frame(std::move(scene.world), {});
@@ -278,10 +281,10 @@ int soak_command(const SoakOptions& options) {
         }
         Soaker soaker(options, frame, options.seconds > 0 ? options.seconds : file.settings.seconds, recorder ? &*recorder : nullptr);
         run_soak(options, soaker, soak);
+        drifts = measure_drifts(soak);
+        judge_drifts(drifts, soak);
         if (!soak.broken.empty() && recorder) recorder->write_now("broken " + soak.broken);
     });
-    const Drifts drifts = measure_drifts(soak);
-    judge_drifts(drifts, soak);
     const std::string json = soak_json(soak, drifts);
     if (!options.out.empty()) {
         write_whole_file(options.out / "soak.json", json);
@@ -294,7 +297,10 @@ int soak_command(const SoakOptions& options) {
         print_minute(soak);
         write_standard_output(soak.broken.empty() ? "sound: no rule broken\n" : "broken: " + soak.broken + "\n");
     }
-    return soak.broken.empty() ? kDone : kNo;
+    if (!soak.broken.empty()) return kNo;
+    if (stop_signal() == 0) return kDone;
+    std::fprintf(stderr, "trocar: stopped by %s after %.2f of %.2f minutes\n", name_of_signal(stop_signal()), soak.minutes, options.minutes);
+    return exit_code_of_signal(stop_signal());
 }
 
 }  // namespace trocar

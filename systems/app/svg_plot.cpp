@@ -101,7 +101,7 @@ double shown_top(const Plot& plot, double highest) {
 
 // False when there is nothing to show.
 bool find_frame(const Plot& plot, PlotFrame& frame) {
-    double x0 = INFINITY, x1 = -INFINITY, y0 = plot.zero_y ? 0 : INFINITY, y1 = plot.zero_y ? 0 : -INFINITY;
+    double x0 = INFINITY, x1 = -INFINITY, y0 = 0, y1 = 0;
     for (const PlotSeries& s : plot.series) {
         for (size_t i = 0; i < s.x.size(); ++i) {
             if (!std::isfinite(s.x[i]) || !std::isfinite(s.y[i])) continue;

@@ -12,7 +12,6 @@ struct PlotSeries {
 struct Plot {
     std::string title, x_label, y_label;
     std::vector<PlotSeries> series = {};
-    bool zero_y = true;  // the y axis reaches zero
     double mark_y = 0;   // horizontal reference line, drawn when mark_label is set
     std::string mark_label = {};
     double log_x_from = 0;      // > 0: x on a logarithmic scale; smaller values stand here

@@ -3,6 +3,7 @@
 #include <algorithm>
 #include <atomic>
 #include <cstdio>
+#include <exception>
 #include <fstream>
 #include <iterator>
 #include <mutex>
@@ -13,8 +14,10 @@
 #include "content/sweep_file.hpp"
 #include "engine/child_process.hpp"
 #include "engine/error.hpp"
+#include "engine/state_hash.hpp"
 #include "engine/whole_file.hpp"
 #include "systems/app/commands.hpp"
+#include "systems/app/format.hpp"
 #include "systems/app/picture_writer.hpp"
 #include "systems/app/progress.hpp"
 #include "systems/app/standard_streams.hpp"
@@ -45,17 +48,27 @@ std::string command_line(const Job& job) {
     return line;
 }
 
-// A run is done when its metrics are there, which are written whole and last but the pictures, for this very command.
-bool is_done(const Job& job) { return read_text(job.folder / "command") == command_line(job) && fs::exists(job.folder / "metrics.json"); }
+// A run is done when this very command ended well: what a signal stopped leaves metrics too, of the time until then.
+bool is_done(const Job& job) {
+    return read_text(job.folder / "command") == command_line(job) && read_text(job.folder / "exit") == "0\n" && fs::exists(job.folder / "metrics.json");
+}
+
+// A run is known by its values, so that it is found again when others come before it.
+std::string name_of_run(const SweepFile& sweep, const std::vector<std::string>& values) {
+    StateHash hash;
+    for (size_t a = 0; a < values.size(); ++a) {
+        const std::string line = sweep.axes[a].key + "=" + values[a] + "\n";
+        hash.add_bytes(reinterpret_cast<const std::byte*>(line.data()), line.size());
+    }
+    return hex(hash.value);
+}
 
 std::vector<Job> expand(const SweepFile& sweep, const fs::path& out) {
     std::error_code error;
     const std::string program = fs::read_symlink("/proc/self/exe", error).string();
     std::vector<Job> jobs;
     for (const auto& values : combinations(sweep)) {
-        char name[32];
-        std::snprintf(name, sizeof name, "%05zu", jobs.size());
-        Job job{values, {}, fs::absolute(out / "runs" / name)};
+        Job job{values, {}, fs::absolute(out / "runs" / name_of_run(sweep, values))};
         std::string scene = sweep.scene;
         for (size_t a = 0; a < values.size(); ++a)
             if (sweep.axes[a].key == "scene") scene = values[a];
@@ -84,7 +97,7 @@ void check_jobs(const SweepFile& sweep, const std::vector<Job>& jobs) {
 // What a shell does for one job: nothing if it is done, else run and keep what was said.
 std::string shell_line(const Job& job) {
     const std::string folder = quoted(job.folder.string());
-    return "test -e " + folder + "/metrics.json || { " + command_line(job) + " > " + folder + "/log 2>&1; echo $? > " + folder + "/exit; }";
+    return "test \"$(cat " + folder + "/exit 2>/dev/null)\" = 0 || { " + command_line(job) + " > " + folder + "/log 2>&1; echo $? > " + folder + "/exit; }";
 }
 
 // Folders, commands, and the list of lines that any engine can work off. Results of another command are cleared.
@@ -106,12 +119,16 @@ void prepare(const fs::path& out, const std::vector<Job>& jobs) {
 void run_here(const std::vector<Job>& jobs, uint32_t at_once) {
     std::atomic<size_t> next{0}, done{0};
     std::mutex lock;
+    std::exception_ptr failure;  // no process or pipe to be had
     Progress progress("sweep");
     const auto work = [&] {
         for (size_t i = next++; i < jobs.size(); i = next++) {
-            if (!is_done(jobs[i])) {
-                const ChildResult result = run_child({"/bin/sh", "-c", shell_line(jobs[i])}, {});
-                static_cast<void>(result);  // its exit code and words are in its folder
+            try {
+                if (!is_done(jobs[i])) static_cast<void>(run_child({"/bin/sh", "-c", shell_line(jobs[i])}, {}));  // its exit code and words are in its folder
+            } catch (...) {
+                const std::lock_guard guard(lock);
+                failure = std::current_exception();
+                return;
             }
             const std::lock_guard guard(lock);
             progress.show(static_cast<double>(++done) / static_cast<double>(jobs.size()), std::to_string(done) + " of " + std::to_string(jobs.size()) + " runs");
@@ -120,6 +137,7 @@ void run_here(const std::vector<Job>& jobs, uint32_t at_once) {
     std::vector<std::thread> threads;
     for (uint32_t t = 0; t < at_once; ++t) threads.emplace_back(work);
     for (std::thread& thread : threads) thread.join();
+    if (failure) std::rethrow_exception(failure);
 }
 
 std::string find_program(const char* name) {
@@ -223,7 +241,7 @@ int sweep_command(const SweepOptions& options) {
     }
     const uint32_t cores = std::max(1u, std::thread::hardware_concurrency());
     const uint32_t at_once = options.jobs > 0 ? options.jobs : std::max(1u, cores / sweep.threads);
-    prepare(out, jobs);
+    if (options.engine != "merge") prepare(out, jobs);  // which clears what is not done
     const auto done = static_cast<size_t>(std::count_if(jobs.begin(), jobs.end(), is_done));
     if (options.engine == "parallel") run_by_parallel(out, at_once);
     else if (options.engine == "slurm") run_by_slurm(sweep, out, jobs.size(), at_once);

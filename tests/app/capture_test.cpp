@@ -246,7 +246,7 @@ TEST(Capture, TriggersAreReadOrTaught) {
     EXPECT_EQ(parse_capture_triggers("counter=ended_rows,counter=late_passes").counters.size(), 2u);
     EXPECT_TRUE(parse_capture_triggers("worst,nan").lost);
     EXPECT_EQ(parse_capture_triggers("over=2.5").over_ms, 2.5);
-    for (const char* bad : {"", "5", "25-5", "-5", "5-", "over=", "over=-1", "over=x", "counter=nothing", "worst,", "best", "over=1,over=2"})
+    for (const char* bad : {"", "5", "25-5", "-5", "5-", "over=", "over=-1", "over=x", "counter=nothing", "worst,", "best", "over=1,over=2", "5--7", "1-99999999999999999999999", "5-7x"})
         EXPECT_THROW(parse_capture_triggers(bad), InputError) << bad;
 }
 

@@ -1,9 +1,12 @@
 #include <gtest/gtest.h>
 
+#include <algorithm>
 #include <array>
 #include <cmath>
 #include <filesystem>
+#include <cstdlib>
 #include <fstream>
+#include <iterator>
 #include <nlohmann/json.hpp>
 #include <sstream>
 #include <string>
@@ -256,6 +259,69 @@ TEST_F(CommandLine, QueryRefusesABadRowWithItsLine) {
     const Outcome outcome = run("query " + whole.string() + " " + points.string());
     EXPECT_EQ(outcome.code, 2);
     EXPECT_NE(outcome.err.find("p.csv:3:"), std::string::npos) << outcome.err;
+}
+
+TEST_F(CommandLine, QueryLosesNoRowAndKnowsTheInsideOfTurnedFaces) {
+    const fs::path whole = write("whole.obj", cube(2));
+    for (const char* first : {"nan,nan,nan", "inf,0,0", "\"1\",2,3", "1e400,0,0", "1e155,0,0"}) {
+        const Outcome outcome = run("query " + whole.string() + " " + write("first.csv", std::string(first) + "\n1,1,1\n").string());
+        EXPECT_EQ(outcome.code, 2) << first;
+        EXPECT_NE(outcome.err.find("first.csv:1:"), std::string::npos) << outcome.err;
+    }
+    std::string turned = cube(2);
+    const size_t face = turned.rfind("f ");
+    std::istringstream words(turned.substr(face + 2));
+    std::vector<std::string> corner{std::istream_iterator<std::string>(words), {}};
+    std::reverse(corner.begin(), corner.end());
+    turned.resize(face + 1);
+    for (const std::string& c : corner) turned += " " + c;
+    const fs::path file = write("turned.obj", turned + "\n");
+    const Outcome outcome = run("query " + file.string() + " " + write("one.csv", "1,1,0.25\n").string());
+    EXPECT_NE(outcome.out.find("\n-0.25,"), std::string::npos) << outcome.out;
+    EXPECT_NE(outcome.err.find("turned to agree"), std::string::npos) << outcome.err;
+    EXPECT_EQ(nlohmann::json::parse(run("check --json " + file.string()).out)["imported_as"], "solid");
+}
+
+TEST_F(CommandLine, WhatCannotBeIsRefusedInOneLine) {
+    for (const auto& [arguments, reason] : std::vector<std::pair<std::string, std::string>>{
+             {"bogus", "there is no command \"bogus\""}, {"run probe_on_liver --seconds -1", "--seconds"}, {"run probe_on_liver --threads 100000", "--threads"},
+             {"run probe_on_liver --out x --capture \"\"", "--capture"}, {"view shape:sphere --out a.jpg", "must end in .png"}}) {
+        const Outcome outcome = run(arguments);
+        EXPECT_EQ(outcome.code, 2) << arguments;
+        EXPECT_NE(outcome.err.find(reason), std::string::npos) << outcome.err;
+    }
+    const std::string scene = "[[body]]\nname = \"NAME\"\nshape = \"sphere\"\n";
+    for (const char* name : {"../evil", "a\\\"b", "tab\\tbed"}) {
+        std::string text = scene;
+        text.replace(text.find("NAME"), 4, name);
+        const Outcome outcome = run("check " + write("names.toml", text).string());
+        EXPECT_EQ(outcome.code, 2) << name;
+        EXPECT_NE(outcome.err.find("the name of a body"), std::string::npos) << outcome.err;
+    }
+}
+
+// A run that is stopped writes what it has, its captures too, and says so with the code that shells expect.
+TEST_F(CommandLine, AStoppedRunKeepsWhatItHas) {
+    const fs::path out = folder_ / "stopped", err = folder_ / "stopped.txt";
+    const std::string command = "cd " + trocar::source_folder().string() + " && timeout --preserve-status -s TERM 2 " + trocar::program_path().string() +
+                                " run probe_on_liver --set liver.triangles=300 --no-render --seconds 10000 --threads 1 --capture worst --out " + out.string() + " 2> " + err.string() + " > /dev/null";
+    const int status = std::system(command.c_str());
+    EXPECT_EQ(WEXITSTATUS(status), 128 + 15);
+    std::stringstream told;
+    told << std::ifstream(err).rdbuf();
+    EXPECT_NE(told.str().find("stopped by SIGTERM"), std::string::npos) << told.str();
+    const nlohmann::json metrics = nlohmann::json::parse(std::ifstream(out / "metrics.json"));
+    EXPECT_EQ(metrics["stopped_by"], "SIGTERM");
+    EXPECT_GT(metrics["simulated_s"].get<double>(), 0);
+    EXPECT_TRUE(fs::exists(out / "captures/worst.cap"));
+    EXPECT_TRUE(fs::exists(out / "report.html"));
+}
+
+// What is no number in the end is told, and the exit code says that the figures mean nothing.
+TEST_F(CommandLine, ABrokenSimulationIsTold) {
+    const Outcome outcome = run("run " + write("broken.toml", "seconds = 0.5\n[[body]]\nname = \"a\"\nshape = \"sphere\"\ntriangles = 80\nmotion = \"free\"\nsize = 1e-3\nvelocity = [1e200, 0.0, 0.0]\n").string());
+    EXPECT_EQ(outcome.code, 1) << outcome.err << outcome.out;
+    EXPECT_NE(outcome.err.find("the simulation broke"), std::string::npos) << outcome.err;
 }
 
 TEST_F(CommandLine, CollideReportsTheDepthOfTwoCubes) {

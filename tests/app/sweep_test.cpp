@@ -85,12 +85,26 @@ TEST(SweepCommand, RunsMergesResumesAndIsTheSameOnEveryEngine) {
     EXPECT_NE(rows[0]["state_hash"], rows[2]["state_hash"]) << "another height";
 
     // done runs are left alone; a lost one and one of another command are run again
-    const auto stamp = fs::last_write_time(out / "runs/00001/metrics.json");
-    fs::remove_all(out / "runs/00002");
+    const fs::path second = out / "runs" / rows[1]["run"].get<std::string>() / "metrics.json";
+    const auto stamp = fs::last_write_time(second);
+    fs::remove_all(out / "runs" / rows[2]["run"].get<std::string>());
     const Outcome again = run("--out " + out.string());
     EXPECT_EQ(again.code, 0);
     EXPECT_NE(again.out.find("4 runs, 3 were there, 0 failed"), std::string::npos) << again.out;
-    EXPECT_EQ(fs::last_write_time(out / "runs/00001/metrics.json"), stamp);
+    EXPECT_EQ(fs::last_write_time(second), stamp);
+    // the table of what is there touches nothing, a value more leaves the rest where it is
+    fs::remove(out / "runs" / rows[3]["run"].get<std::string>() / "exit");
+    const Outcome table = run("--engine merge --out " + out.string());
+    EXPECT_EQ(table.code, 1);
+    EXPECT_TRUE(fs::exists(out / "runs" / rows[3]["run"].get<std::string>() / "metrics.json"));
+    std::string more = kSweep;
+    const size_t list = more.find("[", more.find("[vary]") + 6);
+    more.insert(list + 1, more.compare(list + 1, 1, "[") == 0 ? "[0.0, 0.0, -1.0], " : "7.0, ");
+    const Outcome wider = run_program("sweep " + write(folder / "drop.toml", more).string() + " --out " + out.string(), source_folder(), folder);
+    EXPECT_NE(wider.out.find("6 runs, 3 were there, 0 failed"), std::string::npos) << wider.out << wider.err;
+    EXPECT_EQ(fs::last_write_time(second), stamp);
+    write(folder / "drop.toml", kSweep);
+    ASSERT_EQ(run("--out " + out.string()).code, 0);
     if (std::system("command -v parallel >/dev/null 2>&1") == 0) {
         ASSERT_EQ(run("--engine parallel --out " + (folder / "p").string()).code, 0);
         EXPECT_EQ(text_of(folder / "p/sweep.csv"), text_of(out / "sweep.csv"));
