@@ -239,6 +239,7 @@ int deform_suite(int argc, char** argv) {
         std::copy(argv + i + 2, argv + argc, argv + i);
         argc -= 2;
     }
+    report.check_parts(argc, argv, {"rates", "threads", "stability", "errors", "models"});
     const std::string only = argc > 1 ? argv[1] : "";
     const auto wanted = [&](const char* part) { return only.empty() || only == part; };
     if (wanted("rates")) rate_rows(report);

@@ -404,6 +404,7 @@ void fault_rows(Report& report) {
 int haptics_suite(int argc, char** argv) {
     using namespace trocar::bench;
     Report report("haptics", argc, argv);
+    report.check_parts(argc, argv, {"paths", "rates", "stability", "faults", "poke", "tick", "shell", "live"});
     const std::string only = argc > 1 ? argv[1] : "";
     const auto wanted = [&](const char* part) { return only.empty() || only == part; };
     if (wanted("paths")) path_rows(report);

@@ -10,6 +10,7 @@
 #include <optional>
 #include <thread>
 
+#include "engine/error.hpp"
 #include "engine/whole_file.hpp"
 namespace trocar::bench {
 namespace {
@@ -96,6 +97,18 @@ Report::Report(std::string suite, int& argc, char** argv) : suite_(std::move(sui
         }
     }
     argc = kept;
+}
+
+void Report::check_parts(int argc, char** argv, std::initializer_list<const char*> parts) const {
+    for (int i = 1; i < argc; ++i) {
+        std::string list;
+        bool known = false;
+        for (const char* part : parts) {
+            known = known || std::strcmp(argv[i], part) == 0;
+            list += (list.empty() ? "" : ", ") + std::string(part);
+        }
+        if (!known) throw InputError(suite_ + " has no part \"" + argv[i] + "\": " + list + "; also --quick and --json FILE");
+    }
 }
 
 void Report::heading(const std::string& text) {

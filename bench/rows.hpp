@@ -2,6 +2,7 @@
 #include <chrono>
 #include <cmath>
 #include <functional>
+#include <initializer_list>
 #include <limits>
 #include <string>
 #include <utility>
@@ -42,6 +43,8 @@ class Report {
  public:
     Report(std::string suite, int& argc, char** argv);
     bool quick() const { return quick_; }
+    // Throws InputError that lists the parts when an argument that is left is none of them.
+    void check_parts(int argc, char** argv, std::initializer_list<const char*> parts) const;
     // Printed with the seconds since the suite began.
     void heading(const std::string& text);
     // Rows of a plot are printed at the end, summed up by series.

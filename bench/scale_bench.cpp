@@ -434,6 +434,7 @@ void bullet_rows(uint32_t count, uint32_t passes, Report& report) {
 int scale_suite(int argc, char** argv) {
     using namespace trocar::bench;
     Report report("scale", argc, argv);
+    report.check_parts(argc, argv, {"idle", "counts", "path", "allocations", "goals", "bullet"});
     const bool quick = report.quick();
     const auto wanted = [&](const char* part) {
         return argc < 2 || std::any_of(argv + 1, argv + argc, [&](const char* word) { return std::string(word) == part; });

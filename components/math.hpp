@@ -33,6 +33,13 @@ struct Box {
     Vec3d max = Vec3d::Constant(-std::numeric_limits<double>::infinity());
 };
 
+// A point that is not finite changes nothing.
+inline void grow(Box& box, const Vec3d& p) {
+    if (!p.allFinite()) return;
+    box.min = box.min.cwiseMin(p);
+    box.max = box.max.cwiseMax(p);
+}
+
 // Texture coordinate.
 struct Vec2 {
     float u = 0, v = 0;

@@ -1,6 +1,5 @@
 #pragma once
 #include <string>
-#include <vector>
 
 #include "components/contacts.hpp"
 #include "components/math.hpp"

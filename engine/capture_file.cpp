@@ -13,8 +13,9 @@ namespace {
 
 constexpr char kMagic[] = "trocarCP";
 constexpr uint32_t kVersion = 2, kByteOrder = 0x01020304;
-constexpr size_t kKindSize = 8, kHeaderSize = 16, kRecordHeaderSize = kKindSize + 3 * sizeof(uint64_t);
+constexpr size_t kKindSize = 8, kRecordHeaderSize = kKindSize + 3 * sizeof(uint64_t);
 constexpr uint64_t kMostUnpacked = uint64_t{4} << 30;  // bytes, all records together
+constexpr uint32_t kMostArrays = 1 << 16;               // of a record; the widest has some hundred
 constexpr int kZstdLevel = 3;
 
 template <typename T>
@@ -73,7 +74,7 @@ bool unpack_array(ByteReader& reader, CaptureArray& a) {
 bool unpack(std::span<const std::byte> raw, CaptureRecord& record) {
     ByteReader reader{raw};
     uint32_t arrays = 0;
-    if (!reader.take(arrays)) return false;
+    if (!reader.take(arrays) || arrays > kMostArrays) return false;
     for (uint32_t i = 0; i < arrays; ++i) {
         CaptureArray array;
         if (!unpack_array(reader, array)) return false;
@@ -99,6 +100,7 @@ std::string read_record(ByteReader& file, uint64_t& unpacked, CaptureRecord& rec
         return "is cut short";
     if (hash_of(kind, stored) != hash) return "is damaged: its checksum does not fit";
     if (raw_size > kMostUnpacked - unpacked) return "would unpack to more than 4 GiB";
+    if (ZSTD_getFrameContentSize(stored.data(), stored.size()) != raw_size) return "does not unpack";
     unpacked += raw_size;
     std::vector<std::byte> raw(raw_size);
     const size_t got = ZSTD_decompress(raw.data(), raw.size(), stored.data(), stored.size());
@@ -159,7 +161,7 @@ std::string read_text(const CaptureRecord& record, const std::string& name) {
     return {reinterpret_cast<const char*>(a.bytes.data()), a.bytes.size()};
 }
 
-CaptureWriter::CaptureWriter(const std::filesystem::path& path) : path_(path), file_(std::fopen(path.c_str(), "wbe")) {
+CaptureWriter::CaptureWriter(const std::filesystem::path& path) : path_(path), file_(std::fopen(path.c_str(), "wbe"), std::fclose) {
     if (!file_) throw InputError(path.string() + ": cannot be written: " + std::strerror(errno));
     std::vector<std::byte> header;
     for (size_t i = 0; i < 8; ++i) header.push_back(static_cast<std::byte>(kMagic[i]));
@@ -167,12 +169,9 @@ CaptureWriter::CaptureWriter(const std::filesystem::path& path) : path_(path), f
     append(header, kByteOrder);
     write(header);
 }
-CaptureWriter::~CaptureWriter() {
-    if (file_) std::fclose(file_);
-}
 
 void CaptureWriter::write(std::span<const std::byte> bytes) {
-    if (std::fwrite(bytes.data(), 1, bytes.size(), file_) != bytes.size() || std::fflush(file_) != 0)
+    if (std::fwrite(bytes.data(), 1, bytes.size(), file_.get()) != bytes.size() || std::fflush(file_.get()) != 0)
         throw InputError(path_.string() + ": cannot be written: " + std::strerror(errno));
 }
 
@@ -191,9 +190,7 @@ void CaptureWriter::add(const CaptureRecord& record) {
 
 void CaptureWriter::finish() {
     add({"end", {}});
-    std::FILE* file = file_;
-    file_ = nullptr;
-    if (std::fclose(file) != 0) throw InputError(path_.string() + ": cannot be written: " + std::strerror(errno));
+    if (std::fclose(file_.release()) != 0) throw InputError(path_.string() + ": cannot be written: " + std::strerror(errno));
 }
 
 CaptureFile read_capture(const std::filesystem::path& path) {

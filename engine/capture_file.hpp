@@ -3,6 +3,7 @@
 #include <cstdint>
 #include <cstdio>
 #include <filesystem>
+#include <memory>
 #include <span>
 #include <string>
 #include <vector>
@@ -49,9 +50,6 @@ class CaptureWriter {
  public:
     // Throws InputError "file: reason", also when a write fails later.
     explicit CaptureWriter(const std::filesystem::path& path);
-    ~CaptureWriter();
-    CaptureWriter(const CaptureWriter&) = delete;
-    CaptureWriter& operator=(const CaptureWriter&) = delete;
     void add(const CaptureRecord& record);
     // Writes the "end" record and closes. Without it a reader says that the capture was not finished.
     void finish();
@@ -59,7 +57,7 @@ class CaptureWriter {
  private:
     void write(std::span<const std::byte> bytes);
     std::filesystem::path path_;
-    std::FILE* file_ = nullptr;
+    std::unique_ptr<std::FILE, int (*)(std::FILE*)> file_;
 };
 
 struct CaptureFile {

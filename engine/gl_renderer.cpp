@@ -415,7 +415,6 @@ struct GlRenderer::Impl {
     explicit Impl(const Meshes& m) : meshes(m) {}
 
     void resize(const PictureParams& params);
-    void free_target();
     StaticMesh& static_mesh(uint32_t mesh, bool is_rigid);
     void upload(const PictureSnapshot& snapshot, const PictureParams& params);
     void make_body(BodyBuffers& buffers, uint32_t mesh, bool is_rigid);

@@ -1,7 +1,5 @@
 #pragma once
 #include <cstdint>
-#include <functional>
-#include <vector>
 namespace trocar {
 
 constexpr uint32_t kMostChunks = 64;  // of work that is cut into as few pieces as keep many threads busy

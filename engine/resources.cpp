@@ -1,4 +1,3 @@
-#include <cmath>
 #include <cstring>
 #include <span>
 
@@ -492,7 +491,7 @@ void visit_resource(World& w, Resource resource, Visitor& v) {
                 v.value(FIELD(report.implicit_steps)), v.value(FIELD(report.implicit_iterations)),
                 v.value(FIELD(report.links)), v.value(FIELD(report.broken_links)), v.value(FIELD(report.broken_springs)),
                 v.value(FIELD(report.removed_triangles)), v.value(FIELD(report.removed_tetrahedra)), v.value(FIELD(report.opened_bodies)),
-                v.value(FIELD(report.worst_implicit_residual)), v.value(FIELD(report.min_volume_ratio));
+                v.value(FIELD(report.worst_implicit_residual));
             break;
         case Resource::kSleep:
             v.array(FIELD(sleep.still)), v.array(FIELD(sleep.group));

@@ -1,5 +1,4 @@
 #include <algorithm>
-#include <numeric>
 
 #include "engine/surfaces.hpp"
 #include "systems/advance_parts.hpp"

@@ -1,6 +1,5 @@
 #include <immintrin.h>
 
-#include <cmath>
 
 #include "engine/shape_fit.hpp"
 #include "engine/spring_step.hpp"

@@ -2,7 +2,6 @@
 
 #include <algorithm>
 #include <limits>
-#include <utility>
 
 #include "engine/direct_pairs.hpp"
 #include "engine/geometry/contact_kernels.hpp"

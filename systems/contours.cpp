@@ -2,7 +2,6 @@
 
 #include <Eigen/Geometry>
 #include <algorithm>
-#include <cmath>
 
 #include "engine/geometry/contact_kernels.hpp"
 #include "engine/geometry/predicates.hpp"

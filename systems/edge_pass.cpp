@@ -2,7 +2,6 @@
 
 #include <algorithm>
 #include <cmath>
-#include <utility>
 
 #include "engine/bit_rows.hpp"
 #include "engine/geometry/contact_kernels.hpp"
@@ -11,7 +10,7 @@
 namespace trocar {
 namespace {
 
-constexpr uint32_t kMostQueries = 48;  // of one edge; 2^-48 of it is far below any tolerance
+constexpr uint32_t kMostQueries = 48;  // of one edge
 
 void clear_set(RankedBits& set, size_t size) { set.word.assign((size + 63) / 64, 0); }
 void count_ranks(RankedBits& set) {

@@ -2,7 +2,6 @@
 
 #include <algorithm>
 #include <cmath>
-#include <utility>
 
 #include "engine/geometry/contact_kernels.hpp"
 #include "engine/parallel.hpp"

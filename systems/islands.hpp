@@ -9,7 +9,7 @@ namespace trocar {
 
 struct IslandsScratch {
     std::vector<uint32_t> parent;  // union-find, the smallest body is the root
-    std::vector<uint32_t> island;  // per root body
+    std::vector<uint32_t> island;  // per body: row of the island of its set
     std::vector<uint32_t> next;
 };
 

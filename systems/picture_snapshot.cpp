@@ -5,13 +5,6 @@
 namespace trocar {
 namespace {
 
-// Comparisons, not std::min of three: a coordinate that is not a number changes nothing.
-void grow(Box& box, const Vec3d& p) {
-    if (!p.allFinite()) return;
-    box.min = box.min.cwiseMin(p);
-    box.max = box.max.cwiseMax(p);
-}
-
 // Rows of the vertices of all bodies, one body after the other. True if they lie as they did.
 bool lay_out(const Surfaces& surfaces, PictureSnapshot& out) {
     const Bodies& bodies = surfaces.bodies;

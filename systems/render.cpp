@@ -20,12 +20,6 @@ Vec3d corner_of(const Box& box, uint32_t k) {
     return {(k & 1 ? box.max : box.min).x(), (k & 2 ? box.max : box.min).y(), (k & 4 ? box.max : box.min).z()};
 }
 
-void grow(Box& box, const Vec3d& p) {
-    if (!p.allFinite()) return;
-    box.min = box.min.cwiseMin(p);
-    box.max = box.max.cwiseMax(p);
-}
-
 Vec3d unit_or(const Vec3d& v, const Vec3d& otherwise) {
     const double length = v.norm();
     return length > 0 && std::isfinite(length) ? Vec3d(v / length) : otherwise;
