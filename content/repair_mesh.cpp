@@ -40,12 +40,13 @@ void split(Mesh& mesh, RepairReport& report) {
     say(report, split.vertices, "vertex added where parts touched", "vertices added where parts touched");
 }
 
-void keep_largest(Mesh& mesh, RepairReport& report) {
+// Returns the share of the area that went.
+double keep_largest(Mesh& mesh, RepairReport& report) {
     const uint32_t faces = static_cast<uint32_t>(mesh.triangle.size());
     const EdgeTable table = make_edge_table(mesh.triangle, static_cast<uint32_t>(mesh.position.size()));
     std::vector<uint32_t> piece;
     const uint32_t pieces = number_pieces(table, faces, piece);
-    if (pieces < 2) return;
+    if (pieces < 2) return 0;
     std::vector<double> area(pieces, 0);
     double whole = 0;
     for (uint32_t t = 0; t < faces; ++t) {
@@ -59,6 +60,7 @@ void keep_largest(Mesh& mesh, RepairReport& report) {
     drop_faces(mesh, dropped);
     say(report, pieces - 1, "smaller piece dropped", "smaller pieces dropped",
         " (" + std::to_string(count) + " faces, " + digits(100 * (1 - area[largest] / whole)) + " % of the area)");
+    return 1 - area[largest] / whole;
 }
 
 HoleReport fill(Mesh& mesh, const RepairParams& params, RepairReport& report) {
@@ -113,10 +115,12 @@ RepairReport repair_mesh(Mesh& mesh, const RepairParams& params) {
         return report;
     }
     clean(mesh, params.weld_tolerance, report);
-    double first_area = 0, lost = 0;
+    double first_area = 0, lost = 0, beside = 0;
     for (uint32_t round = 0; round <= params.rounds && !mesh.triangle.empty(); ++round) {
         split(mesh, report);
-        keep_largest(mesh, report);
+        const double dropped = keep_largest(mesh, report);
+        if (round == 0) beside = dropped;  // later on it counts as lost by cutting
+        if (beside > params.most_beside) break;
         holes = fill(mesh, params, report);
         drop_slivers(mesh, params, report);
         clean(mesh, 0, report);
@@ -128,9 +132,12 @@ RepairReport repair_mesh(Mesh& mesh, const RepairParams& params) {
         if (report.after.self_crossing + report.after.self_touching >= kSelfCrossingLimit) break;
         cut_crossings(mesh, mark_self_crossings(mesh), round, report);
     }
-    if (mesh.triangle.empty()) report.after = judge_mesh(mesh);
+    if (mesh.triangle.empty() || beside > params.most_beside) report.after = judge_mesh(mesh);
     finish(report, holes);
-    if (lost > params.most_lost) {
+    if (beside > params.most_beside) {
+        report.solid = false;
+        report.reason = "the pieces beside the largest have " + digits(100 * beside) + " % of the area, and cannot be joined to it";
+    } else if (lost > params.most_lost) {
         report.solid = false;
         report.reason = "cutting out the faces that cross takes " + digits(100 * lost) + " % of the area with it";
     }

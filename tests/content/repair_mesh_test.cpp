@@ -173,6 +173,15 @@ TEST(RepairMesh, a_dirty_sphere_is_a_sphere_again) {
     }
 }
 
+// Half a model is not debris.
+TEST(RepairMesh, a_piece_as_large_as_the_largest_is_not_thrown_away) {
+    Mesh both = make_sphere(Vec3d::Zero(), 1, 3);
+    append(both, make_sphere(Vec3d(1, 0.01, 0.02), 1, 3));
+    const RepairReport report = repair_mesh(both, {});
+    EXPECT_FALSE(report.solid) << all_lines(report);
+    EXPECT_NE(report.reason.find("the pieces beside the largest have 50 % of the area"), std::string::npos) << report.reason;
+}
+
 TEST(RepairMesh, a_spike_through_the_other_side_is_cut_off) {
     Mesh sphere = make_sphere(Vec3d::Zero(), 1, 4);
     const double volume = sum_mesh(sphere).volume;
