@@ -2,6 +2,7 @@
 
 #include <Eigen/Geometry>
 #include <algorithm>
+#include <atomic>
 #include <cstring>
 
 #include "components/springs.hpp"
@@ -157,12 +158,18 @@ double tet_energy(const Solids& solids, const Bodies& bodies, const Particles& p
                       particles.velocity_y.data() + first, particles.velocity_z.data() + first, back, chunk_sums);
 }
 
-double least_volume_ratio(const Solids& solids, const Bodies& bodies, const Particles& particles, uint32_t body, const TornSprings* torn) {
-    const PlacedTets tets = place_tets(solids, bodies, particles, body, 0);
+double least_volume_ratio(const Solids& solids, const Bodies& bodies, const Particles& particles, uint32_t body, double ahead, const TornSprings* torn) {
+    constexpr uint32_t kChunk = 1024;
+    const PlacedTets now = place_tets(solids, bodies, particles, body, 0), then = place_tets(solids, bodies, particles, body, -ahead);
     const float* rest = bind_tets(solids, bodies, particles, body, torn).rest;
-    double least = 1;
-    for (uint32_t t = 0; t < tets.info.count; ++t)
-        if (rest[t] > 0) least = std::min(least, tets.six_volumes(t) / tets.rest(t));
+    std::atomic<double> least{1};
+    parallel_for(now.info.count, kChunk, [&](uint32_t begin, uint32_t end) {
+        double lowest = 1;
+        for (uint32_t t = begin; t < end; ++t)
+            if (rest[t] > 0) lowest = std::min(lowest, std::min(now.six_volumes(t), then.six_volumes(t)) / now.rest(t));
+        for (double known = least; lowest < known && !least.compare_exchange_weak(known, lowest);) {  // the least of all, whoever comes first
+        }
+    });
     return least;
 }
 

@@ -24,9 +24,9 @@ constexpr uint32_t kFinerShell = 2;
 constexpr float kApart = 0.05f;
 constexpr double kShortWay = 0.02;
 
-// Of solids that something touches: below which volume ratio how many steps go for one.
-constexpr double kPressed = 0.7, kCrushedFlat = 0.5;
-constexpr uint32_t kFinerPressed = 2, kFinerCrushed = 4;
+// Of solids that something touches: below which volume ratio how many steps go for one, now or in the middle of the pass as things move.
+constexpr double kPressed = 0.45, kPressedFlat = 0.3;
+constexpr uint32_t kFinerPressed = 2, kFinerPressedFlat = 4;
 
 // Largest squared speed of the particles of a body, (m/s)^2; rows come in sixteens.
 float fastest_of(const Particles& p, Range rows) {
@@ -111,15 +111,15 @@ bool is_wild(AdvanceIsland& island, const AdvanceBody& b, double least) {
 }
 
 uint32_t finer_steps(const AdvanceInputs& in, const Particles& particles, std::span<const uint32_t> island_bodies,
-                     const ContactRows& rows, std::span<const uint32_t> island_rows, double dt) {
+                     const ContactRows& rows, std::span<const uint32_t> island_rows, double dt, double seconds) {
     uint32_t most = 1;
     for (const uint32_t body : island_bodies) {
         if (!is_deformable(in.bodies, body) || stepping_of(in.bodies, body).integrator != Integrator::kLeapfrog) continue;
         if (has_tets(in.other.solids, in.bodies, body)) {
             const auto touches = [&](uint32_t row) { return rows.body[row] == body || rows.other[row] == body; };
             if (!std::any_of(island_rows.begin(), island_rows.end(), touches)) continue;
-            const double least = least_volume_ratio(*in.other.solids, in.bodies, particles, body, in.other.torn_springs);
-            most = std::max(most, least < kCrushedFlat ? kFinerCrushed : least < kPressed ? kFinerPressed : 1u);
+            const double least = least_volume_ratio(*in.other.solids, in.bodies, particles, body, 0.5 * seconds, in.other.torn_springs);
+            most = std::max(most, least < kPressedFlat ? kFinerPressedFlat : least < kPressed ? kFinerPressed : 1u);
         } else if (most < kFinerShell && in.bodies.anchor_frame[body] != AnchorFrame::kShape && has_fast_folds(in, particles, body, dt)) {
             most = kFinerShell;
         }
