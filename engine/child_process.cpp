@@ -190,6 +190,7 @@ ChildEnd collect(pid_t pid, const ChildLimits& limits, Pipe& output, Pipe& error
         if (ended && ready <= 0) return ChildEnd::kExited;
         const double seconds = std::chrono::duration<double>(Clock::now() - start).count();
         if (limits.wall_seconds > 0 && seconds > limits.wall_seconds) return ChildEnd::kWallLimit;
+        if (limits.stop && limits.stop()) return ChildEnd::kStopped;
     }
 }
 
@@ -260,6 +261,8 @@ std::string describe_child_end(const ChildResult& result, const ChildLimits& lim
             return "was stopped after " + seconds_text(limits.wall_seconds);
         case ChildEnd::kOutputLimit:
             return "was stopped after an answer of " + describe_bytes(limits.output_bytes);
+        case ChildEnd::kStopped:
+            return "was stopped";
     }
     return "";
 }

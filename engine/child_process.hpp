@@ -12,6 +12,7 @@ struct ChildLimits {
     double wall_seconds = 0;           // from its start
     uint64_t address_space_bytes = 0;  // more is refused to it: it fails in its own way, see ChildResult
     uint64_t output_bytes = 0;         // on its standard output
+    bool (*stop)() = nullptr;          // asked every few milliseconds: true ends the child
 };
 
 enum class ChildEnd {
@@ -20,6 +21,7 @@ enum class ChildEnd {
     kCpuLimit,  // the rest: stopped at a limit
     kWallLimit,
     kOutputLimit,
+    kStopped,
 };
 
 // How a child ended. What it does when memory is refused is its own affair (an exit code, a crash, a message): the

@@ -69,12 +69,12 @@ struct CandidateCellsScratch {
 // OHC instruction (thesis 3.3.2): for every candidate pair the triangles that are near the other body and the triangle
 // pairs that may cross, read from the shared cells and the oversize list, ascending. A pair that may cross is reported
 // once, by the cell that holds the larger of the lower corners; a near triangle once, with one of the triangles it is near. Pairs
-// that are direct (engine/direct_pairs.hpp) have all their triangles compared, eight at a time. Between deformable bodies, and
-// such and static ones, those triangles and of the others those corners are left out that cannot come near in the period along
-// the way from one body's middle to the other's, or across the side where a static one's box is passed least: there no point of
-// one body is nearer to the other than their places differ, and each goes as far as its vertices' speeds beside the mean of both
-// bodies (beside a static one: their speeds), to and fro, the fall of one of them, what others may do to both, and 0.05 mean
-// edges of each that deforms.
+// that are direct (engine/direct_pairs.hpp) have all their triangles compared, eight at a time; where each body is deformable or static
+// those corners are left out, and triangles without a corner left, that cannot meet the other body in the period T. On the way w
+// (unit; from one body's middle to the other's, or across the side where a static one's box is passed least) a vertex gets to
+//   s(x) = x.w + |(v - u).w| T                 u the mean velocity of both bodies, none beside a static one
+// and a corner of a stays when s(x) >= -max over b of s, taken on -w, less the slack
+//   0.5 g T^2 + what others may do to both (jolt) + sum of 0.05 mean edge (of what deforms) + half the thickness of each.
 void find_candidate_triangles(const CandidatePairs& pairs, const ScreenedTriangles& screened,
                               const Occupancy& occupancy, CandidateCellsScratch& scratch,
                               CandidateTriangles& candidates, const DirectInput* direct = nullptr);

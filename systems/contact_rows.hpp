@@ -35,10 +35,13 @@ void make_contact_rows(const ContactParams& params, const Surfaces& surfaces, co
                        const Contacts& contacts, const Penetrations& penetrations, ContactRowsScratch& scratch,
                        Report& report, ContactRows& rows);
 
-// Drops rows that cannot act in the coming period (s): their point is farther from its plane than both go towards each other
-// at the speeds they have beside each other and a quarter of that in whatever way, plus the fall of one of them, what
-// others may do to both (`jolt`, per body; may be empty) and 0.05 mean edges of each that deforms. Rows of rigid
-// bodies that move stay, and those marked in `pressed` (per row; may be empty). Order is kept.
+// Drops rows that cannot act in the coming period T (s). With v the velocity of the point beside the plane's (m/s) and n the normal
+// a row stays when
+//   distance <= max(0, -v.n) T + 0.25 |v| T          as they move, and as that may turn
+//               + 0.5 g T^2                          the fall of one of them alone
+//               + jolt(body, -n) + jolt(other, n)    what others may do to both (per body; may be empty)
+//               + sum over both of 0.05 mean edge (of what deforms) + half the thickness
+// Rows of rigid bodies that move stay, and those marked in `pressed` (per row; may be empty). Order is kept.
 void drop_idle_rows(double period, const Vec3d& gravity, const Surfaces& surfaces, std::span<const BodyJolt> jolt,
                     std::span<const uint8_t> pressed, ContactRowsScratch& scratch, ContactRows& rows);
 

@@ -21,6 +21,7 @@
 #include "systems/app/picture_writer.hpp"
 #include "systems/app/progress.hpp"
 #include "systems/app/standard_streams.hpp"
+#include "systems/app/stop_signal.hpp"
 namespace trocar {
 namespace fs = std::filesystem;
 namespace {
@@ -116,15 +117,17 @@ void prepare(const fs::path& out, const std::vector<Job>& jobs) {
     write_whole_file(out / "runs.txt", lines);
 }
 
+constexpr ChildLimits kUntilStopped{.stop = [] { return stop_signal() != 0; }};
+
 void run_here(const std::vector<Job>& jobs, uint32_t at_once) {
     std::atomic<size_t> next{0}, done{0};
     std::mutex lock;
     std::exception_ptr failure;  // no process or pipe to be had
     Progress progress("sweep");
     const auto work = [&] {
-        for (size_t i = next++; i < jobs.size(); i = next++) {
+        for (size_t i = next++; i < jobs.size() && stop_signal() == 0; i = next++) {
             try {
-                if (!is_done(jobs[i])) static_cast<void>(run_child({"/bin/sh", "-c", shell_line(jobs[i])}, {}));  // its exit code and words are in its folder
+                if (!is_done(jobs[i])) static_cast<void>(run_child({"/bin/sh", "-c", shell_line(jobs[i])}, kUntilStopped));  // its exit code and words are in its folder
             } catch (...) {
                 const std::lock_guard guard(lock);
                 failure = std::current_exception();
@@ -151,8 +154,8 @@ void run_by_parallel(const fs::path& out, uint32_t at_once) {
     const std::string parallel = find_program("parallel");
     if (parallel.empty()) throw InputError("--engine parallel: GNU parallel is not installed (apt-get install parallel)");
     const ChildResult result = run_child({"/bin/sh", "-c", "exec " + quoted(parallel) + " --will-cite --jobs " + std::to_string(at_once) + " --joblog " +
-                                          quoted((out / "joblog").string()) + " < " + quoted((out / "runs.txt").string())}, {});
-    if (result.end != ChildEnd::kExited) throw InputError("parallel " + describe_child_end(result, {}));
+                                          quoted((out / "joblog").string()) + " < " + quoted((out / "runs.txt").string())}, kUntilStopped);
+    if (result.end != ChildEnd::kExited && result.end != ChildEnd::kStopped) throw InputError("parallel " + describe_child_end(result, {}));
 }
 
 // An array job: task k works off line k + 1 of runs.txt.
@@ -169,7 +172,8 @@ void run_by_slurm(const SweepFile& sweep, const fs::path& out, size_t jobs, uint
     const std::string sbatch = find_program("sbatch");
     if (sbatch.empty())
         throw InputError("--engine slurm: no sbatch here; submit " + script.string() + " where there is one, then run this command again with --engine merge");
-    const ChildResult result = run_child({sbatch, "--wait", script.string()}, {});
+    const ChildResult result = run_child({sbatch, "--wait", script.string()}, kUntilStopped);
+    if (result.end == ChildEnd::kStopped) return;  // the array goes on
     if (result.end != ChildEnd::kExited) throw InputError("sbatch " + describe_child_end(result, {}));
     // the exit code of --wait is the highest of the tasks': the table tells which
     if (result.output.find("Submitted") == std::string::npos) throw InputError("sbatch: " + last_error_line(result));
@@ -241,6 +245,7 @@ int sweep_command(const SweepOptions& options) {
     }
     const uint32_t cores = std::max(1u, std::thread::hardware_concurrency());
     const uint32_t at_once = options.jobs > 0 ? options.jobs : std::max(1u, cores / sweep.threads);
+    const StopOnSignal stop;
     if (options.engine != "merge") prepare(out, jobs);  // which clears what is not done
     const auto done = static_cast<size_t>(std::count_if(jobs.begin(), jobs.end(), is_done));
     if (options.engine == "parallel") run_by_parallel(out, at_once);
@@ -250,7 +255,9 @@ int sweep_command(const SweepOptions& options) {
     char text[256];
     std::snprintf(text, sizeof text, "%s: %zu runs, %zu were there, %zu failed or missing; table in ", sweep.name.c_str(), jobs.size(), done, missing);
     write_standard_output(options.json ? read_text(out / "sweep.json") : text + (out / "sweep.csv").string() + "\n");
-    return missing == 0 ? kDone : kNo;
+    if (stop_signal() == 0) return missing == 0 ? kDone : kNo;
+    std::fprintf(stderr, "trocar: stopped by %s; the same command goes on where this one ended\n", name_of_signal(stop_signal()));
+    return exit_code_of_signal(stop_signal());
 }
 
 }  // namespace trocar

@@ -72,6 +72,14 @@ TEST_F(ChildProcess, sees_no_input_and_no_descriptor_of_ours) {
     EXPECT_EQ(result.output, "");
 }
 
+TEST_F(ChildProcess, is_stopped_with_all_of_its_group_when_asked) {
+    const auto begin = std::chrono::steady_clock::now();
+    const ChildResult result = run_child({"/bin/sh", "-c", "echo here; sleep 60 & wait"}, {.stop = [] { return true; }});
+    EXPECT_EQ(result.end, ChildEnd::kStopped);
+    EXPECT_EQ(describe_child_end(result, {}), "was stopped");
+    EXPECT_LT(std::chrono::steady_clock::now() - begin, std::chrono::seconds(30));
+}
+
 TEST_F(ChildProcess, a_child_that_hangs_is_stopped_by_the_clock) {
     const ChildLimits limits{.wall_seconds = 0.1};
     const ChildResult result = shell("sleep 1000", limits);
