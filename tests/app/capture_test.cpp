@@ -311,6 +311,20 @@ TEST(CaptureCommand, RunCaptureReplayInfoDiff) {
     EXPECT_NE(info.out.find("\"passes\":8"), std::string::npos) << info.out;
     EXPECT_EQ(run_program("replay out/captures/worst.cap", folder, folder).code, 0);
     EXPECT_EQ(run_program("capture diff out/captures/worst.cap out/captures/passes_2-9.cap", folder, folder).code, 0);
+    // what is cut short is compared as far as it goes, and never taken for whole
+    fs::copy_file(folder / "out/captures/passes_2-9.cap", folder / "cut.cap");
+    fs::resize_file(folder / "cut.cap", fs::file_size(folder / "cut.cap") - 100);
+    for (const char* command : {"replay cut.cap", "capture diff cut.cap out/captures/passes_2-9.cap", "capture export cut.cap --csv cut.csv"}) {
+        const Outcome cut = run_program(command, folder, folder);
+        EXPECT_EQ(cut.code, 1) << command;
+        EXPECT_NE(cut.err.find("cut.cap is not whole"), std::string::npos) << cut.err;
+    }
+    EXPECT_EQ(run_program("capture export out/captures/worst.cap --csv same --trace same", folder, folder).code, 2);
+    // a run leaves nothing of an earlier one to be taken for its own, and says what it could not catch
+    const Outcome later = run_program(run + "900-901 --out out", folder, folder);
+    EXPECT_EQ(later.code, 0);
+    EXPECT_NE(later.err.find("900-901: the run ended before pass"), std::string::npos) << later.err;
+    EXPECT_TRUE(fs::is_empty(folder / "out/captures"));
     const Outcome none = run_program("replay " + std::string(source_folder() / "README.md"), folder, folder);
     EXPECT_EQ(none.code, 2);
     EXPECT_NE(none.err.find("is not a capture"), std::string::npos) << none.err;
