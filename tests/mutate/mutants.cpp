@@ -180,6 +180,21 @@ void put_big_endian(std::string& out, Value value) {
     out.append(std::make_reverse_iterator(bytes + sizeof value), std::make_reverse_iterator(bytes));
 }
 
+// Since version 5.1 lists begin with where each cell begins.
+std::string make_newer_vtk(const Mesh& mesh, bool binary) {
+    const size_t count = mesh.triangle.size();
+    std::string out = std::string(kVtkHead) + (binary ? "BINARY" : "ASCII") + "\nDATASET POLYDATA\nPOINTS " + std::to_string(mesh.position.size()) + " double\n";
+    const auto put = [&](auto value) { binary ? put_big_endian(out, value) : void(out += std::to_string(value) + " "); };
+    for (const Vec3d& p : mesh.position)
+        for (int c = 0; c < 3; ++c) put(p[c]);
+    out += "\nPOLYGONS " + std::to_string(count + 1) + " " + std::to_string(3 * count) + "\nOFFSETS vtktypeint64\n";
+    for (size_t t = 0; t <= count; ++t) put(static_cast<int64_t>(3 * t));
+    out += "\nCONNECTIVITY int\n";
+    for (const Triangle& t : mesh.triangle)
+        for (const uint32_t v : t) put(static_cast<int32_t>(v));
+    return out + "\n";
+}
+
 std::string make_binary_vtk(const Mesh& mesh) {
     std::string out =
         std::string(kVtkHead) + "BINARY\nDATASET POLYDATA\nPOINTS " + std::to_string(mesh.position.size()) + " float\n";
@@ -223,6 +238,10 @@ constexpr const char* kNumbers[] = {"0",
 bool is_number_byte(char c) { return (c >= '0' && c <= '9') || c == '.' || c == '-' || c == '+'; }
 bool is_blank(char c) { return c == ' ' || c == '\n' || c == '\t' || c == ',' || c == '\r'; }
 
+constexpr const char* kKnown[] = {"bit", "char", "unsigned_char", "short", "unsigned_int", "vtktypeint64", "float", "double", "string", "uchar", "list", "int8",
+                                  "float64", "ASCII", "BINARY", "OFFSETS", "CONNECTIVITY", "FIELD", "METADATA", "TRUE", "NULL", "DEF", "USE", "IS", "Script",
+                                  "UNIT", "EXPORT", "AS", "f", "vt", "o", "facet", "endsolid", "element", "end_header"};
+
 // The run of bytes around a place that `belongs` says yes to.
 template <typename Belongs>
 std::pair<size_t, size_t> run_around(const std::string& bytes, size_t at, const Belongs& belongs) {
@@ -234,7 +253,7 @@ std::pair<size_t, size_t> run_around(const std::string& bytes, size_t at, const 
 
 void edit(std::string& bytes, const std::string& other, Random& random) {
     const size_t at = below(random, bytes.size()), length = 1 + below(random, std::min<size_t>(bytes.size(), 64));
-    switch (below(random, 10)) {
+    switch (below(random, 11)) {
         case 0:
             bytes[at] = static_cast<char>(bytes[at] ^ (1 << below(random, 8)));
             break;
@@ -265,6 +284,11 @@ void edit(std::string& bytes, const std::string& other, Random& random) {
             const auto [first, count] = run_around(bytes, at, [](char c) { return !is_blank(c); });
             const std::string word = " " + bytes.substr(first, count) + " ";
             bytes.insert(below(random, 2) == 0 ? first : below(random, bytes.size()), word);
+            break;
+        }
+        case 9: {  // a word that some format knows for another
+            const auto [first, count] = run_around(bytes, at, [](char c) { return !is_blank(c); });
+            bytes.replace(first, count, kKnown[below(random, std::size(kKnown))]);
             break;
         }
         default: {
@@ -385,6 +409,8 @@ std::vector<Seed> make_seeds() {
         {"a.stl", kStl}};
     const Mesh mesh = reference::make_sphere(Vec3d(1, 2, 3), 0.1, 1);
     seeds.push_back({"b.vtk", make_binary_vtk(mesh)});
+    seeds.push_back({"c.vtk", make_newer_vtk(mesh, false)});
+    seeds.push_back({"d.vtk", make_newer_vtk(mesh, true)});
     const fs::path folder = fs::temp_directory_path() / ("trocar_seeds_" + std::to_string(::getpid()));
     fs::create_directories(folder);
     for (const char* name : {"b.stl", "b.ply", "b.obj", "b.wrl"}) {
