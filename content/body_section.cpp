@@ -136,7 +136,8 @@ BodySpec read_body(const std::string& file, const toml::table& table) {
     body.line = section.line();
     section.read("name", body.name);
     if (body.name.empty()) section.fail("a [[body]] needs a name");
-    if (!is_body_name(body.name)) section.fail("the name of a body has at most 80 bytes, and no /, \\, \" or control character");
+    constexpr size_t kLongestName = 64;  // copies get a number behind it
+    if (!is_body_name(body.name) || body.name.size() > kLongestName) section.fail("the name of a body has at most 64 bytes, and no /, \\, \" or control character");
     section.read("node", body.node);
     section.read("shape", body.shape);
     section.read("file", body.file);

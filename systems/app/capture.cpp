@@ -131,7 +131,6 @@ CaptureStep read_step(const CaptureRecord& r) {
 
 FrameRecorder::FrameRecorder(const Frame& frame, CaptureHeader header, const CaptureTriggers& triggers, std::filesystem::path folder)
     : frame_(frame), header_(std::move(header)), triggers_(triggers), folder_(std::move(folder)) {
-    for (const auto& range : triggers_.ranges) waiting_.push_back(range);
     scene_.kind = "scene";
     save_resources(frame.world(), ResourceKind::kConstant, scene_);
     report_ = frame.world().report;
@@ -211,7 +210,6 @@ void FrameRecorder::before_pass() {
     }
     for (const auto& [first, last] : triggers_.ranges) {
         if (first != pass) continue;
-        std::erase(waiting_, std::array{first, last});
         guarded([&] { open_ranges_.push_back({last, open("passes_" + std::to_string(first) + "-" + std::to_string(last) + ".cap", "passes")}); });
     }
     guarded([&] {
@@ -287,9 +285,10 @@ void FrameRecorder::write_now(const std::string& reason) {
 }
 
 void FrameRecorder::finish() {
-    const std::string end = ": the run ended before pass " + std::to_string(frame_.world().clock.pass);
-    for (const auto& [first, last] : waiting_) notes_.push_back(std::to_string(first) + "-" + std::to_string(last) + end);
-    for (const OpenRange& range : open_ranges_) notes_.push_back("...-" + std::to_string(range.last) + end);
+    const uint64_t pass = frame_.world().clock.pass;
+    for (const auto& [first, last] : triggers_.ranges) {
+        if (last >= pass) notes_.push_back(std::to_string(first) + "-" + std::to_string(last) + ": the run ended before pass " + std::to_string(pass));
+    }
     if (over_ == kMostCaptures) notes_.push_back("over: the first " + std::to_string(over_) + " passes alone are kept");
     if (lost_ == kMostCaptures) notes_.push_back("nan: the first " + std::to_string(lost_) + " passes alone are kept");
     guarded([&] {

@@ -120,7 +120,6 @@ class FrameRecorder {
     uint32_t over_ = 0, lost_ = 0;  // captures written for that reason
     Report report_;
     std::vector<OpenRange> open_ranges_;
-    std::vector<std::array<uint64_t, 2>> waiting_;  // ranges that have not begun
     std::vector<std::string> notes_;
     std::vector<std::string> files_;
     std::string failure_;

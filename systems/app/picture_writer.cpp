@@ -31,16 +31,21 @@ void prepare_folder(const std::filesystem::path& folder) {
     fs::remove(probe, error);
 }
 
+void clear_pictures(const fs::path& folder) {
+    std::error_code error;
+    for (const fs::directory_entry& old : fs::directory_iterator(folder / "frames", error)) {
+        const std::string name = old.path().filename().string();
+        if (name.find_first_not_of("0123456789") == 6 && name.substr(6) == ".png") fs::remove(old.path(), error);
+    }
+    fs::remove(folder / "film.mp4", error);
+}
+
 PictureWriter::PictureWriter(const PictureParams& params, const Camera& camera, const Meshes& meshes,
                              const fs::path& out, bool film_meanwhile)
     : params_(params), camera_(camera), out_(out), renderer_(meshes) {
     if (out_.empty()) return;
     prepare_folder(out_ / "frames");
-    std::error_code error;
-    for (const fs::directory_entry& old : fs::directory_iterator(out_ / "frames", error)) {
-        if (old.path().extension() == ".png") fs::remove(old.path(), error);  // of an earlier, longer run
-    }
-    fs::remove(out_ / "film.mp4", error);
+    clear_pictures(out_);  // of an earlier, longer run
     if (film_meanwhile && ffmpeg_present()) film_.emplace(out_ / "film.mp4", params_.width, params_.height, kFilmRate);
 }
 

@@ -12,6 +12,9 @@ namespace trocar {
 // Makes a folder and refuses early, with an InputError, when nothing can be written there.
 void prepare_folder(const std::filesystem::path& folder);
 
+// Removes frames/000000.png ... and film.mp4 of an earlier run from a folder, and nothing else.
+void clear_pictures(const std::filesystem::path& folder);
+
 // Draws pictures and keeps them as frames/000000.png ... and, where ffmpeg is there, as film.mp4 in a folder (none: it
 // only draws). Used by one thread at a time.
 class PictureWriter {

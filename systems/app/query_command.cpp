@@ -129,7 +129,9 @@ int query_command(const QueryOptions& options) {
     LoadedMesh loaded = load_file(options.mesh);
     for (const std::string& warning : loaded.warnings) std::fprintf(stderr, "trocar: warning: %s\n", warning.c_str());
     const std::vector<uint32_t> file_triangle = drop_repeated_corners(loaded.mesh);
-    const std::string turned = describe_cleaning(orient_mesh(loaded.mesh));
+    CleanReport oriented = orient_mesh(loaded.mesh);
+    oriented.cavities = 0;  // are as they should be
+    const std::string turned = describe_cleaning(oriented);
     if (!turned.empty()) std::fprintf(stderr, "trocar: warning: %s: %s\n", options.mesh.c_str(), turned.c_str());
     const MeshJudgement judgement = judge_mesh(loaded.mesh, true);
     if (judgement.admitted_as == Admission::kRefused) throw InputError(options.mesh + ": " + judgement.reason);

@@ -334,22 +334,20 @@ void refuse_what_is_not_live(const World& w) {
     }
 }
 
-// What an earlier run left would be taken for this one's.
+// What an earlier run left would be taken for this one's. Only what runs write: meshes stay, a scene may read them.
 void clear_outputs(const fs::path& folder) {
     std::error_code error;
     const auto clear = [&](const fs::path& inside, const auto& is_ours) {
         for (const fs::directory_entry& old : fs::directory_iterator(inside, error)) {
-            if (fs::is_regular_file(old.symlink_status(error)) && is_ours(old.path())) fs::remove(old.path(), error);
+            if (fs::is_regular_file(old.symlink_status(error)) && is_ours(old.path().filename().string())) fs::remove(old.path(), error);
         }
     };
-    clear(folder, [](const fs::path& file) {
-        const std::string name = file.filename().string();
-        return name == "report.html" || name == "metrics.json" || name == "passes.csv" || name == "trace.json" || name == "tools.csv" || name == "film.mp4" ||
+    clear(folder, [](const std::string& name) {
+        return name == "report.html" || name == "metrics.json" || name == "passes.csv" || name == "trace.json" || name == "tools.csv" ||
                (name.starts_with("force_map_") && name.ends_with(".svg"));
     });
-    clear(folder / "frames", [](const fs::path& file) { return file.extension() == ".png"; });
-    clear(folder / "captures", [](const fs::path& file) { return file.extension() == ".cap"; });
-    clear(folder / "meshes", [](const fs::path& file) { return file.extension() == ".obj" || file.extension() == ".mtl"; });
+    clear_pictures(folder);
+    clear(folder / "captures", [](const std::string& name) { return name.ends_with(".cap"); });
 }
 
 void finish_captures(FrameRecorder& recorder, RunFigures& figures) {
@@ -404,7 +402,7 @@ int run_command(const RunOptions& options) {
     const CaptureTriggers triggers = options.capture.empty() ? CaptureTriggers{} : parse_capture_triggers(options.capture);
     std::optional<CaptureSignal> capture_signal;
     if (triggers.signal) capture_signal.emplace();
-    if (!options.out.empty()) prepare_folder(options.out), clear_outputs(options.out);
+    if (!options.out.empty()) prepare_folder(options.out);
     if (triggers.any()) prepare_folder(options.out / "captures");
     set_offscreen_threads(0);
     // live: one core belongs to the haptic thread
@@ -414,6 +412,7 @@ int run_command(const RunOptions& options) {
     pool.run([&] {
         const double bytes_before = resident_bytes();
         BuiltScene scene = build_scene(file);
+        if (!options.out.empty()) clear_outputs(options.out);  // not before: a scene that cannot be built costs nothing
         if (options.live) refuse_what_is_not_live(scene.world);
         for (const std::string& warning : scene.warnings)
             std::fprintf(stderr, "trocar: warning: %s\n", warning.c_str());

@@ -325,6 +325,14 @@ TEST(CaptureCommand, RunCaptureReplayInfoDiff) {
     EXPECT_EQ(later.code, 0);
     EXPECT_NE(later.err.find("900-901: the run ended before pass"), std::string::npos) << later.err;
     EXPECT_TRUE(fs::is_empty(folder / "out/captures"));
+    // what others put there stays, and a scene that cannot be built costs nothing
+    fs::create_directories(folder / "out/frames");
+    for (const char* own : {"out/meshes/mine.obj", "out/frames/photo.png"}) std::ofstream(folder / own) << "mine";
+    std::ofstream(folder / "bad.toml") << "[[body]]\nname = \"a\"\nfile = \"nope.obj\"\n";
+    EXPECT_EQ(run_program("run bad.toml --out out", folder, folder).code, 2);
+    EXPECT_TRUE(fs::exists(folder / "out/metrics.json"));
+    EXPECT_EQ(run_program("run kidney_on_liver --seconds 0.05 --set liver.triangles=600 --set kidney.triangles=400 --out out", folder, folder).code, 0);
+    for (const char* own : {"out/meshes/mine.obj", "out/frames/photo.png", "out/frames/000000.png"}) EXPECT_TRUE(fs::exists(folder / own)) << own;
     const Outcome none = run_program("replay " + std::string(source_folder() / "README.md"), folder, folder);
     EXPECT_EQ(none.code, 2);
     EXPECT_NE(none.err.find("is not a capture"), std::string::npos) << none.err;
