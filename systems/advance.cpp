@@ -342,6 +342,7 @@ void share_room(std::span<AdvanceScratch> scratches) {
     level(&AdvanceScratch::moved_in);
     level(&AdvanceScratch::node_of_particle);
     level(&AdvanceScratch::slot_of_body);
+    level(&AdvanceScratch::touched);
     level(&AdvanceScratch::plan);
     level(&AdvanceScratch::sketch);
     level(&AdvanceScratch::way);

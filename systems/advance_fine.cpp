@@ -77,6 +77,14 @@ TetStep bind_loose_tets(AdvanceIsland& island, const AdvanceBody& b) {
     return tets;
 }
 
+// Per body of the island: has it a row? Others keep what was written of them.
+void mark_touched(const Bodies& bodies, std::span<const uint32_t> island_bodies, const ContactRows& rows, std::span<const uint32_t> island_rows,
+                  std::vector<uint8_t>& touched) {
+    touched.resize(bodies.mesh.size());
+    for (const uint32_t body : island_bodies) touched[body] = 0;
+    for (const uint32_t row : island_rows) touched[rows.body[row]] = touched[rows.other[row]] = 1;
+}
+
 }  // namespace
 
 double least_volume(AdvanceIsland& island, const AdvanceBody& b, double seconds) {
@@ -110,14 +118,15 @@ bool is_wild(AdvanceIsland& island, const AdvanceBody& b, double least) {
     return least < kCrushed || least_volume(island, b, island.dt) < kCrushed || least_volume(island, b, -island.dt) < kCrushed;
 }
 
-uint32_t finer_steps(const AdvanceInputs& in, const Particles& particles, std::span<const uint32_t> island_bodies,
-                     const ContactRows& rows, std::span<const uint32_t> island_rows, double dt, double seconds) {
+uint32_t finer_steps(const AdvanceInputs& in, const Particles& particles, std::span<const uint32_t> island_bodies, const ContactRows& rows,
+                     std::span<const uint32_t> island_rows, double dt, double seconds, std::vector<uint8_t>& touched) {
+    const auto is_solid = [&](uint32_t body) { return has_tets(in.other.solids, in.bodies, body); };
+    if (std::any_of(island_bodies.begin(), island_bodies.end(), is_solid)) mark_touched(in.bodies, island_bodies, rows, island_rows, touched);
     uint32_t most = 1;
     for (const uint32_t body : island_bodies) {
         if (!is_deformable(in.bodies, body) || stepping_of(in.bodies, body).integrator != Integrator::kLeapfrog) continue;
-        if (has_tets(in.other.solids, in.bodies, body)) {
-            const auto touches = [&](uint32_t row) { return rows.body[row] == body || rows.other[row] == body; };
-            if (!std::any_of(island_rows.begin(), island_rows.end(), touches)) continue;
+        if (is_solid(body)) {
+            if (!touched[body]) continue;
             const double least = least_volume_ratio(*in.other.solids, in.bodies, particles, body, 0.5 * seconds, in.other.torn_springs);
             most = std::max(most, least < kPressedFlat ? kFinerPressedFlat : least < kPressed ? kFinerPressed : 1u);
         } else if (most < kFinerShell && in.bodies.anchor_frame[body] != AnchorFrame::kShape && has_fast_folds(in, particles, body, dt)) {

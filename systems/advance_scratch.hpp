@@ -388,6 +388,7 @@ struct AdvanceScratch {
     std::vector<uint16_t> open_blocks_of_node;  // while blocks are filled: which of those open have it; as node
     ImplicitScratch implicit;
     std::vector<AdvanceLink> link;
+    std::vector<uint8_t> touched;        // per body of the world: finer_steps; only if the island has solids
     std::vector<uint8_t> overstretched;  // per chunk of slices of one body: some spring is
 };
 

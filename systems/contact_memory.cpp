@@ -3,6 +3,7 @@
 #include <algorithm>
 #include <cmath>
 
+#include "engine/check.hpp"
 #include "engine/geometry/contact_kernels.hpp"
 #include "engine/open_rows.hpp"
 #include "engine/parallel.hpp"
@@ -24,38 +25,6 @@ PointKey key_of(uint32_t body, uint32_t other, const std::array<uint32_t, 2>& ve
 PointKey key_of(const ContactMemory& m, uint32_t row) { return key_of(m.body[row], m.other[row], m.vertex[row], kNone); }
 PointKey key_of(const Contacts& c, uint32_t row) { return key_of(c.body[row], c.other[row], c.vertex[row], c.third[row]); }
 PointKey key_of(const ContactRows& r, uint32_t row) { return key_of(r.body[row], r.other[row], r.vertex[row], r.third[row]); }
-
-// Rows have this order but for those of rigid bodies' edges and of edges ahead, which come last, in an order of their own:
-// ascending runs are merged.
-void order_memory(const ContactMemory& memory, ContactMemoryScratch& scratch) {
-    const uint32_t count = uint32_t(memory.body.size());
-    std::vector<uint32_t>& order = scratch.order;
-    order.resize(count);
-    scratch.key.resize(count);
-    parallel_for(count, kRowsPerChunk, [&](uint32_t begin, uint32_t end) {
-        for (uint32_t row = begin; row < end; ++row) {
-            order[row] = row;
-            scratch.key[row] = key_of(memory, row);
-        }
-    });
-    scratch.run.assign(1, 0);
-    for (uint32_t row = 1; row < count; ++row)
-        if (scratch.key[row] < scratch.key[row - 1]) scratch.run.push_back(row);
-    scratch.run.push_back(count);
-    const auto comes_before = [&](uint32_t a, uint32_t b) { return scratch.key[a] < scratch.key[b]; };
-    while (scratch.run.size() > 2) {
-        scratch.merged.resize(count);
-        uint32_t kept = 0;
-        for (size_t r = 0; r + 1 < scratch.run.size(); r += 2) {
-            const auto at = [&](size_t run) { return order.begin() + scratch.run[std::min(run, scratch.run.size() - 1)]; };
-            std::merge(at(r), at(r + 1), at(r + 1), at(r + 2), scratch.merged.begin() + scratch.run[r], comes_before);
-            scratch.run[kept++] = scratch.run[r];
-        }
-        scratch.run.resize(kept);
-        scratch.run.push_back(count);
-        order.swap(scratch.merged);
-    }
-}
 
 // First of `count` rows, whose keys key(row) ascend, that does not come before `wanted`.
 template <typename Key, typename KeyOf>
@@ -163,7 +132,7 @@ uint32_t ask_about_edges(double tolerance, const Surfaces& s, const BodyBoxes& b
 template <typename At>
 void for_each_remembered(const ContactMemory& memory, const ContactRows& rows, ContactMemoryScratch& scratch, const At& at) {
     if (memory.body.empty()) return;
-    order_memory(memory, scratch);
+    TROCAR_ASSERT(scratch.order.size() == memory.body.size());
     const uint32_t remembered = uint32_t(scratch.order.size());
     const auto key_at = [&](uint32_t i) { return scratch.key[scratch.order[i]]; };
     parallel_for(uint32_t(rows.body.size()), kRowsPerChunk, [&](uint32_t begin, uint32_t end) {
@@ -184,11 +153,42 @@ void for_each_remembered(const ContactMemory& memory, const ContactRows& rows, C
 
 }  // namespace
 
+// Rows have this order but for those of rigid bodies' edges and of edges ahead, which come last, in an order of their own:
+// ascending runs are merged.
+void order_memory(const ContactMemory& memory, ContactMemoryScratch& scratch) {
+    const uint32_t count = uint32_t(memory.body.size());
+    std::vector<uint32_t>& order = scratch.order;
+    order.resize(count);
+    scratch.key.resize(count);
+    parallel_for(count, kRowsPerChunk, [&](uint32_t begin, uint32_t end) {
+        for (uint32_t row = begin; row < end; ++row) {
+            order[row] = row;
+            scratch.key[row] = key_of(memory, row);
+        }
+    });
+    scratch.run.assign(1, 0);
+    for (uint32_t row = 1; row < count; ++row)
+        if (scratch.key[row] < scratch.key[row - 1]) scratch.run.push_back(row);
+    scratch.run.push_back(count);
+    const auto comes_before = [&](uint32_t a, uint32_t b) { return scratch.key[a] < scratch.key[b]; };
+    while (scratch.run.size() > 2) {
+        scratch.merged.resize(count);
+        uint32_t kept = 0;
+        for (size_t r = 0; r + 1 < scratch.run.size(); r += 2) {
+            const auto at = [&](size_t run) { return order.begin() + scratch.run[std::min(run, scratch.run.size() - 1)]; };
+            std::merge(at(r), at(r + 1), at(r + 1), at(r + 2), scratch.merged.begin() + scratch.run[r], comes_before);
+            scratch.run[kept++] = scratch.run[r];
+        }
+        scratch.run.resize(kept);
+        scratch.run.push_back(count);
+        order.swap(scratch.merged);
+    }
+}
+
 void keep_edges(const ContactParams& params, const Surfaces& surfaces, const BodyBoxes& boxes, const CandidatePairs& pairs,
                 std::span<const std::unique_ptr<ClosestPointTree>> trees, const ContactMemory& memory,
                 ContactMemoryScratch& scratch, Contacts& contacts) {
     scratch.kept.clear();
-    order_memory(memory, scratch);
     find_lost_edges(surfaces, pairs, memory, contacts, scratch);
     parallel_for(uint32_t(scratch.kept.size()), kEdgesPerChunk, [&](uint32_t begin, uint32_t end) {
         for (uint32_t i = begin; i < end;)

@@ -40,6 +40,9 @@ struct ContactMemoryScratch {
     std::vector<uint8_t> pressed;  // per contact row: mark_pressed
 };
 
+// Sorts what is remembered by point: scratch.order and key, for the functions below until remember_contacts is called.
+void order_memory(const ContactMemory& memory, ContactMemoryScratch& scratch);
+
 // Adds to contacts the points of edges that had a row in the pass before, as long as they are within params.tolerance of
 // the surface: the edge pass finds edges only while they cross, so that one held up by another would be let go when it
 // has been pushed out, sink for a pass, and be found again: tissue on tissue trembles at mm/s. Pairs with a deformable

@@ -56,6 +56,7 @@ TEST(ContactMemory, RowsFindWhatTheirPointsCarried) {
                                {0, 1, {7, 9}, 0.5f}, {0, 1, {7, 9}, 0.5f, Vec3d::Zero(), Vec3d::Zero(), 11}, {1, 0, {5, 5}}, {0, 2, {5, 5}},
                                {1, 2, {5, 5}}, {0, 1, {1, 2}, 0.52f}, {0, 1, {5, 5}, 0, Vec3d::Zero(), Vec3d::Zero(), kNone, -1e-4}});
     ContactMemoryScratch scratch;
+    order_memory(memory, scratch);
     recall_contacts(memory, scratch, now);
     const std::vector<double> expected{0, 1, 0, 3, 0, 0, 0, 4, 5, 0, 6, 0};
     ASSERT_EQ(now.carried.size(), expected.size());
@@ -89,6 +90,7 @@ TEST(ContactMemory, LongListsFindTheSameAsASearch) {
     remember_contacts(rows_of(before), memory);
     ContactRows now = rows_of(after);
     ContactMemoryScratch scratch;
+    order_memory(memory, scratch);
     recall_contacts(memory, scratch, now);
     uint32_t found = 0;
     for (size_t i = 0; i < after.size(); ++i) {
