@@ -2,6 +2,7 @@
 
 #include <algorithm>
 #include <cmath>
+#include <compare>
 #include <limits>
 #include <map>
 #include <numbers>
@@ -398,19 +399,32 @@ Prototype make_body_prototype(const SceneFile& scene, const BodySpec& spec, Worl
     }
 }
 
+// What makes the prototypes of two bodies the same.
+struct PrototypeKey {
+    std::string own;  // the body, if it has one of its own: what tears or has regions
+    std::string file, shape;
+    uint32_t triangles;
+    uint64_t seed;
+    double scale, size, cells, spacing;
+    std::array<float, 3> color;
+    bool deformable, solid, skin, swells, bends;  // the last two: only where they are of the prototype
+    auto operator<=>(const PrototypeKey&) const = default;
+};
+
+PrototypeKey key_of(const SceneFile& scene, const BodySpec& spec) {
+    const bool caged = spec.skin && !spec.solid;
+    return {may_tear(scene, spec) || !spec.regions.empty() ? spec.name : "", spec.file, spec.shape, spec.triangles, spec.seed,
+            spec.scale, spec.size, spec.cells, spec.spacing, spec.color, spec.motion == Motion::kDeformable, spec.solid, spec.skin,
+            caged && spec.tissue.pressure_modulus > 0, caged && spec.tissue.bending > 0};
+}
+
 // Prototypes of a scene; bodies with the same source share one, but not rigid with deformable ones: springs are made in
 // the order of the prototypes.
 struct PrototypeCache {
-    std::map<std::string, Prototype> made;
+    std::map<PrototypeKey, Prototype> made;
 
     const Prototype& get(const SceneFile& scene, const BodySpec& spec, World& world, std::vector<std::string>& warnings) {
-        // what tears has springs of its own
-        std::string own = may_tear(scene, spec) || !spec.regions.empty() ? spec.name : "";
-        if (spec.skin && !spec.solid) own += std::string(spec.tissue.pressure_modulus > 0 ? "|swells" : "") + (spec.tissue.bending > 0 ? "|bends" : "");
-        char key[512];
-        std::snprintf(key, sizeof key, "%s|%s|%s|%u|%llu|%.17g|%.17g|%g,%g,%g|%d|%d,%.17g,%.17g", own.c_str(), spec.file.c_str(), spec.shape.c_str(), spec.triangles,
-                      static_cast<unsigned long long>(spec.seed), spec.scale, spec.size, static_cast<double>(spec.color[0]),
-                      static_cast<double>(spec.color[1]), static_cast<double>(spec.color[2]), spec.motion == Motion::kDeformable, spec.solid + 2 * spec.skin, spec.cells, spec.spacing);
+        const PrototypeKey key = key_of(scene, spec);
         if (const auto found = made.find(key); found != made.end()) return found->second;
         Mesh mesh = load_body_mesh(scene, spec, warnings);
         if (spec.color[0] >= 0) {

@@ -9,12 +9,9 @@ namespace {
 
 // The value as TOML would read it; a bare word becomes a string.
 void insert_value(toml::table& table, const std::string& key, const std::string& value) {
-    try {
-        toml::table parsed = toml::parse("v = " + value);
-        parsed.get("v")->visit([&](auto& node) { table.insert_or_assign(key, node); });
-    } catch (const toml::parse_error&) {
-        table.insert_or_assign(key, value);
-    }
+    const std::optional<toml::table> parsed = parse_toml("v = " + value);
+    if (!parsed) table.insert_or_assign(key, value);
+    else parsed->get("v")->visit([&](const auto& node) { table.insert_or_assign(key, node); });
 }
 
 toml::table* named_table(toml::table& root, const char* list, const char* name_key, const std::string& name) {

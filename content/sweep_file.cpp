@@ -1,5 +1,6 @@
 #include "content/sweep_file.hpp"
 
+#include <algorithm>
 #include <cmath>
 #include <sstream>
 
@@ -14,20 +15,26 @@ constexpr size_t kMostRuns = 1'000'000;
     throw InputError(place(file, at) + reason);
 }
 
+// What goes into a line of a list of commands, or of a job script.
+std::string one_line(const std::string& file, const toml::source_region& at, const std::string& text) {
+    if (std::any_of(text.begin(), text.end(), [](unsigned char c) { return c < ' ' || c == 127; })) refuse(file, at, "line ends and other control characters do not go into commands");
+    return text;
+}
+
 // A value as --set takes it: words bare, lists and numbers as TOML writes them.
-std::string value_text(const toml::node& node) {
-    if (const auto text = node.value<std::string>(); node.is_string()) return *text;
+std::string value_text(const std::string& file, const toml::node& node) {
+    if (const auto text = node.value<std::string>(); node.is_string()) return one_line(file, node.source(), *text);
     std::ostringstream out;
     out.precision(17);
     if (const auto number = node.value<double>(); node.is_floating_point()) out << *number;
     else node.visit([&](const auto& v) { out << v; });
-    return out.str();
+    return one_line(file, node.source(), out.str());
 }
 
 std::string text_of(const std::string& file, const toml::node& node, const std::string& key) {
     const auto text = node.value<std::string>();
     if (!node.is_string() || text->empty()) refuse(file, node.source(), key + " must be a string");
-    return *text;
+    return one_line(file, node.source(), *text);
 }
 
 std::vector<SweepAxis> read_axes(const std::string& file, const toml::node& node) {
@@ -35,10 +42,10 @@ std::vector<SweepAxis> read_axes(const std::string& file, const toml::node& node
     std::vector<SweepAxis> axes;
     size_t runs = 1;
     for (const auto& [key, values] : *node.as_table()) {
-        SweepAxis axis{std::string(key.str()), {}};
+        SweepAxis axis{one_line(file, key.source(), std::string(key.str())), {}};
         const toml::array* list = values.as_array();
         if (!list || list->empty()) refuse(file, values.source(), "vary \"" + axis.key + "\" needs a list of values; a key with dots stands in quotes");
-        for (const toml::node& value : *list) axis.values.push_back(value_text(value));
+        for (const toml::node& value : *list) axis.values.push_back(value_text(file, value));
         runs *= axis.values.size();
         if (runs > kMostRuns) refuse(file, values.source(), "more than a million runs");
         axes.push_back(std::move(axis));
@@ -60,7 +67,7 @@ void read_key(const std::string& file, const std::string& key, const toml::node&
         if (!node.is_table()) refuse(file, node.source(), "set must be a table");
         for (const auto& [name, value] : *node.as_table()) {
             if (value.is_table()) refuse(file, value.source(), "a key of [set] with dots stands in quotes: \"contact.tolerance\"");
-            sweep.fixed.push_back({std::string(name.str()), value_text(value)});
+            sweep.fixed.push_back({one_line(file, name.source(), std::string(name.str())), value_text(file, value)});
         }
     } else if (key == "columns") {
         if (!node.is_array()) refuse(file, node.source(), "columns must be a list of paths into metrics.json");

@@ -61,6 +61,16 @@ size_t line_of_no_return(const std::string& text, const std::string& file) {
 
 }  // namespace
 
+std::optional<toml::table> parse_toml(std::string_view text) {
+    try {
+        return toml::parse(text);
+    } catch (const toml::parse_error&) {
+        return std::nullopt;
+    } catch (const ParserIsLost&) {
+        return std::nullopt;
+    }
+}
+
 std::string place(const std::string& file, const toml::source_region& source) {
     if (source.begin.line == 0) return file + ": ";  // came from the command line
     return file + ":" + std::to_string(source.begin.line) + ":" + std::to_string(source.begin.column) + ": ";

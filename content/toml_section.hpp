@@ -4,6 +4,7 @@
 #include <array>
 #include <cmath>
 #include <filesystem>
+#include <optional>
 #include <string>
 #include <string_view>
 #include <utility>
@@ -11,6 +12,9 @@
 
 #include "components/math.hpp"
 namespace trocar {
+
+// A text as TOML, or nothing if it is none.
+std::optional<toml::table> parse_toml(std::string_view text);
 
 // "file:line:column: ", or "file: " for what came from the command line.
 std::string place(const std::string& file, const toml::source_region& source);

@@ -343,6 +343,8 @@ void share_room(std::span<AdvanceScratch> scratches) {
     level(&AdvanceScratch::node_of_particle);
     level(&AdvanceScratch::slot_of_body);
     level(&AdvanceScratch::touched);
+    level(&AdvanceScratch::link_end);
+    level(&AdvanceScratch::link_group);
     level(&AdvanceScratch::plan);
     level(&AdvanceScratch::sketch);
     level(&AdvanceScratch::way);

@@ -443,8 +443,8 @@ Vec4d gaps_after(const AdvanceScratch& s, const ContactBlock& block) {
     return dot(block.normal, point_of(s, block, &ContactNodes::after) - plane) - block.offset;
 }
 
-// As add_push.
-void add_pushes(const AdvanceIsland& island, const ContactBlock& block, const FourPoints& way, uint8_t sweep) {
+// As add_push, for the rows that are deep.
+void add_pushes(const AdvanceIsland& island, const ContactBlock& block, const FourPoints& way, const Mask4& deep, uint8_t sweep) {
     AdvanceScratch& s = island.scratch;
     const bool by_mass = island.params.contact.share == ResponseShare::kMass;
     Vec4d unit[kParts], scale[2] = {block.inv_sum, block.inv_sum};
@@ -460,14 +460,15 @@ void add_pushes(const AdvanceIsland& island, const ContactBlock& block, const Fo
     for (uint32_t k = 0; k < parts_of(block); ++k) {
         if (k == 1 && !block.edges) continue;
         add_to_part(s, block, k, (block.lever[k] * unit[k] * scale[k >= 2]) * way, &ContactNodes::after);
-        for (const uint32_t node : block.node[k]) s.moved_in[node] = sweep;
+        for (uint32_t lane = 0; lane < 4; ++lane)
+            if (deep[lane] && block.inv_mass[k][lane] > 0) s.moved_in[block.node[k][lane]] = sweep;
     }
 }
 
 // Whether a node of a block has moved since the block was looked at in the sweep before.
 bool has_moved(const AdvanceScratch& s, const ContactBlock& block, uint8_t sweep) {
     bool moved = false;
-    for (uint32_t k = 0; k < parts_of(block); ++k)
+    for (uint32_t k = 0; k < parts_of(block); k += k == 0 && !block.edges ? 2 : 1)
         for (const uint32_t node : block.node[k]) moved |= s.moved_in[node] + 1 >= sweep;
     return moved;
 }
@@ -641,7 +642,7 @@ bool push_blocks(AdvanceIsland& island, double most, const RowGroup& group, uint
         const Vec4d overlap = -gaps_after(s, block);
         const Mask4 deep = block.active & (overlap > kRestingOverlap);
         if (!any(deep)) return;
-        add_pushes(island, block, keep(deep, least(overlap, all_lanes(most))) * block.normal, sweep);
+        add_pushes(island, block, keep(deep, least(overlap, all_lanes(most))) * block.normal, deep, sweep);
         pushed = true;
     });
     return pushed;

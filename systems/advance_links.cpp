@@ -1,4 +1,6 @@
+#include <algorithm>
 #include <cmath>
+#include <utility>
 
 #include "engine/surfaces.hpp"
 #include "engine/tet_forces.hpp"
@@ -64,6 +66,35 @@ void break_link(AdvanceIsland& island, const AdvanceLink& link) {
     island.result.work_links -= 0.5 * link.stiffness * links.stretch[link.row] * links.stretch[link.row];
 }
 
+// The groups that hold bodies of the island, ascending.
+void find_island_groups(const HoldingGroups& holding, AdvanceScratch& s) {
+    s.link_group.clear();
+    for (const AdvanceBody& b : s.body) {
+        const auto of_body = holding.of(b.body);
+        s.link_group.insert(s.link_group.end(), of_body.begin(), of_body.end());
+    }
+    std::sort(s.link_group.begin(), s.link_group.end());
+}
+
+// Both ends of every link, in the order of links, body by body.
+void sort_link_ends(AdvanceScratch& s) {
+    for (AdvanceBody& b : s.body) b.link_ends = {};
+    const auto count = [&](uint32_t body) {
+        if (body != kNone) ++s.body[body].link_ends.count;
+    };
+    for (const AdvanceLink& link : s.link) count(link.body), count(link.far_body);
+    uint32_t first = 0;
+    for (AdvanceBody& b : s.body) {
+        b.link_ends.first = first;
+        first += std::exchange(b.link_ends.count, 0);
+    }
+    s.link_end.resize(first);
+    const auto place = [&](uint32_t body, uint32_t end) {
+        if (body != kNone) s.link_end[s.body[body].link_ends.first + s.body[body].link_ends.count++] = end;
+    };
+    for (uint32_t l = 0; l < s.link.size(); ++l) place(s.link[l].body, 2 * l), place(s.link[l].far_body, 2 * l + 1);
+}
+
 }  // namespace
 
 void gather_links(AdvanceIsland& island) {
@@ -72,9 +103,9 @@ void gather_links(AdvanceIsland& island) {
     Links* links = island.inputs.other.links;
     if (!links) return;
     const Bodies& bodies = island.inputs.bodies;
-    for (uint32_t g = 0; g < links->group.size(); ++g) {
+    find_island_groups(*island.inputs.other.holding, s);
+    for (const uint32_t g : s.link_group) {
         LinkGroup& group = links->group[g];
-        if (group.body == kNone || group.rows.count == 0 || s.slot_of_body[group.body] == kNone) continue;
         AdvanceLink link;
         link.group = g;
         link.body = s.slot_of_body[group.body];
@@ -102,6 +133,7 @@ void gather_links(AdvanceIsland& island) {
             s.link.push_back(link);
         }
     }
+    sort_link_ends(s);
 }
 
 void find_link_forces(AdvanceIsland& island) {
@@ -119,10 +151,13 @@ void find_link_forces(AdvanceIsland& island) {
 }
 
 void add_link_forces(const AdvanceScratch& s, uint32_t body, float* const axis[3]) {
-    for (const AdvanceLink& link : s.link) {
+    const Range ends = s.body[body].link_ends;
+    for (uint32_t e = ends.first; e < ends.end(); ++e) {
+        const AdvanceLink& link = s.link[s.link_end[e] / 2];
+        const bool far = s.link_end[e] % 2 != 0;
         for (int i = 0; i < 3; ++i) {
-            if (link.body == body) axis[i][link.node] += static_cast<float>(link.force[i]);
-            if (link.far_body == body) axis[i][link.far_node] -= static_cast<float>(link.force[i]);
+            float& force = axis[i][far ? link.far_node : link.node];
+            force = far ? force - static_cast<float>(link.force[i]) : force + static_cast<float>(link.force[i]);
         }
     }
 }
@@ -211,7 +246,7 @@ void finish_links(AdvanceIsland& island) {
         if (!(strain > link.break_strain)) continue;
         break_link(island, link);
     }
-    std::erase_if(s.link, [&](const AdvanceLink& link) { return island.inputs.other.links->whole[link.row] == 0; });
+    if (std::erase_if(s.link, [&](const AdvanceLink& link) { return island.inputs.other.links->whole[link.row] == 0; }) > 0) sort_link_ends(s);
 }
 
 }  // namespace trocar

@@ -42,6 +42,7 @@ struct AdvanceBody {
     const std::array<uint32_t, 4>* skin_node = nullptr;
     const std::array<double, 4>* skin_weight = nullptr;
     bool linked = false;   // a link of the call pulls at it
+    Range link_ends;       // rows of AdvanceScratch::link_end: those of its links
     uint32_t tear = kNone;  // row of Tears::body
 };
 
@@ -388,6 +389,8 @@ struct AdvanceScratch {
     std::vector<uint16_t> open_blocks_of_node;  // while blocks are filled: which of those open have it; as node
     ImplicitScratch implicit;
     std::vector<AdvanceLink> link;
+    std::vector<uint32_t> link_end;      // 2 * row of link, + 1 for its far end; body by body
+    std::vector<uint32_t> link_group;    // rows of Links::group that the island has
     std::vector<uint8_t> touched;        // per body of the world: finer_steps; only if the island has solids
     std::vector<uint8_t> overstretched;  // per chunk of slices of one body: some spring is
 };

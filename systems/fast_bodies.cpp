@@ -3,12 +3,15 @@
 #include <algorithm>
 #include <limits>
 
+#include "engine/parallel.hpp"
 namespace trocar {
 namespace {
 
+constexpr uint32_t kPairsPerChunk = 8;
+
 const FastBody* find_fast(std::span<const FastBody> fast, uint32_t body) {
-    const auto at = std::find_if(fast.begin(), fast.end(), [&](const FastBody& f) { return f.body == body; });
-    return at != fast.end() ? &*at : nullptr;
+    const auto at = std::ranges::lower_bound(fast, body, {}, &FastBody::body);
+    return at != fast.end() && at->body == body ? &*at : nullptr;
 }
 
 // The way of a body as another one sees it that goes with `velocity`.
@@ -20,6 +23,47 @@ RigidSweep seen_from(const Surfaces& s, uint32_t other, const RigidSweep& sweep,
     seen.orientation = multiply(conjugate(turn), sweep.orientation);
     seen.spin = rotate_back(turn, sweep.spin);
     return seen;
+}
+
+// Whether the ball that the mover turns in stays so far from the other body, which goes with `velocity`, that no touch is found: that
+// may be by up to two tolerances before there is one.
+bool passes_by(const Surfaces& s, const BodyBoxes& boxes, uint32_t mover, const RigidSweep& sweep, uint32_t other, const Vec3d& velocity,
+               double seconds, double tolerance) {
+    const double arm = s.meshes.info[s.bodies.mesh[mover]].radius + sweep.pivot.norm();
+    double apart = 0;
+    if (is_deformable(s.bodies, other)) {
+        const Box& box = boxes.box[other];
+        apart = (sweep.place - sweep.place.cwiseMax(box.min).cwiseMin(box.max)).norm();
+    } else {
+        apart = (sweep.place - s.poses.origin[other]).norm() - s.meshes.info[s.bodies.mesh[other]].radius;
+    }
+    return apart > arm + (sweep.velocity - velocity).norm() * seconds + 3 * tolerance;
+}
+
+// When a pair with a fast body first touches, s, or infinity.
+double touch_of(double tolerance, std::span<const FastBody> fast, double seconds, const Surfaces& s, const BodyBoxes& boxes,
+                std::span<const std::unique_ptr<ClosestPointTree>> trees, uint32_t mover, uint32_t other) {
+    constexpr double kNever = std::numeric_limits<double>::infinity();
+    const Bodies& bodies = s.bodies;
+    const FastBody* own = find_fast(fast, mover);
+    if (own == nullptr) {
+        std::swap(mover, other);
+        own = find_fast(fast, mover);
+    }
+    if (own == nullptr) return kNever;
+    // tissue gives way to a hand: held at its surface, the tool would stay far behind the hand, and the hand feel nothing
+    if (bodies.motion[mover] == Motion::kHand && is_deformable(bodies, other)) return kNever;
+    const FastBody* second = find_fast(fast, other);
+    Vec3d velocity = Vec3d::Zero();
+    if (second != nullptr) {
+        velocity = second->sweep.velocity;
+    } else if (!is_deformable(bodies, other)) {
+        velocity = s.poses.velocity[other];
+    }
+    const double least = tolerance + 0.5 * bodies.thickness[other];
+    if (passes_by(s, boxes, mover, own->sweep, other, velocity, seconds, least)) return kNever;
+    return first_touch(mesh_view(s.meshes, bodies.mesh[mover]), *trees[bodies.tree[mover]], mesh_view(s.meshes, bodies.mesh[other]),
+                       *trees[bodies.tree[other]], seen_from(s, other, own->sweep, velocity), seconds, least);
 }
 
 }  // namespace
@@ -35,36 +79,20 @@ void cover_fast_ways(std::span<const FastBody> fast, double seconds, const Surfa
     }
 }
 
-void find_stops(double tolerance, std::span<const FastBody> fast, double seconds, const Surfaces& surfaces,
-                const CandidatePairs& pairs, std::span<const std::unique_ptr<ClosestPointTree>> trees,
+void find_stops(double tolerance, std::span<const FastBody> fast, double seconds, const Surfaces& surfaces, const BodyBoxes& boxes,
+                const CandidatePairs& pairs, std::span<const std::unique_ptr<ClosestPointTree>> trees, std::vector<double>& touch,
                 std::vector<double>& stop) {
-    const Bodies& bodies = surfaces.bodies;
-    stop.assign(fast.empty() ? 0 : bodies.mesh.size(), std::numeric_limits<double>::infinity());
+    stop.assign(fast.empty() ? 0 : surfaces.bodies.mesh.size(), std::numeric_limits<double>::infinity());
     if (fast.empty()) return;
+    touch.resize(pairs.a.size());
+    parallel_for(static_cast<uint32_t>(pairs.a.size()), kPairsPerChunk, [&](uint32_t begin, uint32_t end) {
+        for (uint32_t pair = begin; pair < end; ++pair)
+            touch[pair] = touch_of(tolerance, fast, seconds, surfaces, boxes, trees, pairs.a[pair], pairs.b[pair]);
+    });
     for (uint32_t pair = 0; pair < pairs.a.size(); ++pair) {
-        uint32_t mover = pairs.a[pair], other = pairs.b[pair];
-        const FastBody* own = find_fast(fast, mover);
-        if (own == nullptr) {
-            std::swap(mover, other);
-            own = find_fast(fast, mover);
-        }
-        if (own == nullptr) continue;
-        // tissue gives way to a hand: held at its surface, the tool would stay far behind the hand, and the hand feel nothing
-        if (bodies.motion[mover] == Motion::kHand && is_deformable(bodies, other)) continue;
-        const FastBody* second = find_fast(fast, other);
-        Vec3d velocity = Vec3d::Zero();
-        if (second != nullptr) {
-            velocity = second->sweep.velocity;
-        } else if (!is_deformable(bodies, other)) {
-            velocity = surfaces.poses.velocity[other];
-        }
-        const double touch = first_touch(mesh_view(surfaces.meshes, bodies.mesh[mover]), *trees[bodies.tree[mover]],
-                                         mesh_view(surfaces.meshes, bodies.mesh[other]), *trees[bodies.tree[other]],
-                                         seen_from(surfaces, other, own->sweep, velocity), seconds,
-                                         tolerance + 0.5 * bodies.thickness[other]);
-        if (!(touch > 0)) continue;  // contact rows have it
-        stop[mover] = std::min(stop[mover], touch);
-        if (second != nullptr) stop[other] = std::min(stop[other], touch);
+        if (!(touch[pair] > 0)) continue;  // contact rows have it
+        for (const uint32_t body : {pairs.a[pair], pairs.b[pair]})
+            if (find_fast(fast, body)) stop[body] = std::min(stop[body], touch[pair]);
     }
 }
 

@@ -21,8 +21,9 @@ void cover_fast_ways(std::span<const FastBody> fast, double seconds, const Surfa
 // stop[body] = the time (s after the start of the pass) at which a fast body first comes nearer than `tolerance` (m) to
 // another one of its pairs that it does not touch yet, or infinity. Other bodies go on with the velocity they have at the
 // start, without turning; deformable ones stay, and stop no hand. One row per body, none if no body is fast.
-void find_stops(double tolerance, std::span<const FastBody> fast, double seconds, const Surfaces& surfaces,
-                const CandidatePairs& pairs, std::span<const std::unique_ptr<ClosestPointTree>> trees,
+// `fast` ascends by body; `touch` is reused memory, one row per pair.
+void find_stops(double tolerance, std::span<const FastBody> fast, double seconds, const Surfaces& surfaces, const BodyBoxes& boxes,
+                const CandidatePairs& pairs, std::span<const std::unique_ptr<ClosestPointTree>> trees, std::vector<double>& touch,
                 std::vector<double>& stop);
 
 }  // namespace trocar

@@ -50,7 +50,7 @@ constexpr FrameStage kBegin[] = {
     {{"candidate pairs", stages::candidate_pairs, kShapes | mask(R::kSettings, R::kClock, R::kBoxes, R::kNodes, R::kTools), mask(R::kPairs, R::kToolState)}, any_pair},
     {{"sleep",           stages::sleep,           mask(R::kSettings, R::kBodies, R::kPaths, R::kClock, R::kPairs, R::kLinks, R::kTools), mask(R::kSleep, R::kParticles, R::kPairs, R::kEnergy, R::kReport)}, may_sleep},
     {{"refit trees",     stages::refit,           kShapes | mask(R::kSettings, R::kClock, R::kBoxes, R::kPairs),            mask(R::kTrees)}, any_pair},
-    {{"rasterise",       stages::rasterise,      kShapes | mask(R::kSettings, R::kBoxes, R::kPairs),                mask(R::kScreened, R::kOccupancy, R::kReport)}, any_pair},
+    {{"rasterise",       stages::rasterise_bodies,      kShapes | mask(R::kSettings, R::kBoxes, R::kPairs),                mask(R::kScreened, R::kOccupancy, R::kReport)}, any_pair},
     {{"candidate cells", stages::candidate_cells, kShapes | mask(R::kSettings, R::kClock, R::kBoxes, R::kPairs, R::kScreened, R::kOccupancy), mask(R::kCandidates)}, any_pair},
     {{"contours",        stages::contours,        kShapes | mask(R::kPairs, R::kCandidates),                         mask(R::kContours)}, wants_contours},
     {{"overlap",         stages::overlap,         kShapes | mask(R::kBoxes, R::kPairs, R::kScreened, R::kCandidates, R::kTrees), mask(R::kNear, R::kContacts, R::kReport)}, any_pair},

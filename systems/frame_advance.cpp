@@ -66,7 +66,7 @@ void advance_one_island(FrameState& f, uint32_t row, AdvanceScratch& scratch) {
     const uint32_t calls = ticks_inside ? params.ticks : 1;  // the tick needs whole numbers of substeps in its millisecond
     params.substeps = calls * count_substeps(w.bodies, bodies, params.ticks * 1e-3 / calls, w.settings.substep, w.links.stable_dt);
     if (ticks_inside) params.tick_hook = {haptic_ticks, &ticks};
-    const AdvanceInputs inputs{w.meshes, w.springs, w.bodies, w.anchors, w.paths, w.haptics.tool, f.scratch.device, params.ticks + 1, other_forces(w), f.scratch.stop, w.haptics.jaw};
+    const AdvanceInputs inputs{w.meshes, w.springs, w.bodies, w.anchors, w.paths, w.haptics.tool, f.scratch.device, params.ticks + 1, other_forces(f), f.scratch.stop, w.haptics.jaw};
     params.substeps *= finer_steps(inputs, w.particles, bodies, w.rows, rows, params.ticks * 1e-3 / params.substeps, params.ticks * 1e-3, scratch.touched);
     advance_island(params, inputs, bodies, rows, scratch, w.particles, w.poses, w.rows, w.haptics.state, f.scratch.advance_result[row]);
 }
@@ -118,6 +118,7 @@ void choose_memory(FrameState& f) {
 void advance(FrameState& f) {
     World& w = f.world;
     find_awake_islands(w, f.scratch.awake);
+    if (!w.links.group.empty()) find_holding_groups(w.links, static_cast<uint32_t>(w.bodies.mesh.size()), f.scratch.holding);
     choose_memory(f);
     const uint32_t count = static_cast<uint32_t>(f.scratch.awake.size());
     f.scratch.advance_result.assign(count, {});

@@ -39,6 +39,7 @@ void find_fast_bodies(FrameState& f) {
         const Vec3d velocity = w.poses.velocity[body] + spin.cross(arm) + 0.5 * period * w.settings.gravity;
         add(body, {free.centre, w.poses.origin[body] + arm, velocity, w.poses.orientation[body], spin});
     }
+    std::ranges::sort(f.scratch.fast, {}, &FastBody::body);
 }
 }  // namespace
 
@@ -98,9 +99,9 @@ void candidate_pairs(FrameState& f) {
 void refit(FrameState& f) {
     World& w = f.world;
     refit_trees(w.bodies, w.particles, w.pairs, f.scratch.refit, w.trees);
-    find_stops(w.settings.contact.tolerance, f.scratch.fast, period_seconds(w), surfaces_of(w), w.pairs, w.trees, f.scratch.stop);
+    find_stops(w.settings.contact.tolerance, f.scratch.fast, period_seconds(w), surfaces_of(w), w.boxes, w.pairs, w.trees, f.scratch.touch, f.scratch.stop);
 }
-void rasterise(FrameState& f) {
+void rasterise_bodies(FrameState& f) {
     World& w = f.world;
     rasterise(w.settings.contact, surfaces_of(w), w.boxes, w.pairs, f.scratch.rasterise, w.report, w.screened, w.occupancy, f.direct_tests);
 }

@@ -6,7 +6,7 @@ namespace trocar::stages {
 void surface_normals(FrameState& f) { compute_surface_normals(surfaces_of(f.world), f.scratch.normals, f.world.normals, sleepers(f, kSeenByNormals)); }
 void energy(FrameState& f) {
     World& w = f.world;
-    measure_energy(w.springs, w.bodies, w.poses, w.particles, w.anchors, w.settings.gravity, 0, f.scratch.energy, w.energy, other_forces(w), sleepers(f, kSeenByEnergy));
+    measure_energy(w.springs, w.bodies, w.poses, w.particles, w.anchors, w.settings.gravity, 0, f.scratch.energy, w.energy, other_forces(f), sleepers(f, kSeenByEnergy));
     if (!f.energy_open) f.energy_start = w.energy.balance, f.energy_open = true;
     w.energy.balance -= f.energy_start;
 }

@@ -17,7 +17,7 @@ void sleep(FrameState& frame);
 void body_boxes(FrameState& frame);
 void candidate_pairs(FrameState& frame);
 void refit(FrameState& frame);
-void rasterise(FrameState& frame);
+void rasterise_bodies(FrameState& frame);
 void candidate_cells(FrameState& frame);
 void contours(FrameState& frame);
 void overlap(FrameState& frame);

@@ -25,9 +25,10 @@ std::span<const std::array<uint32_t, 2>> linked_bodies(FrameState& f) {
     return f.scratch.joined;
 }
 
-OtherForces other_forces(World& w) {
+OtherForces other_forces(FrameState& f) {
+    World& w = f.world;
     OtherForces other{&w.solids};
-    if (!w.links.group.empty()) other.links = &w.links;
+    if (!w.links.group.empty()) other.links = &w.links, other.holding = &f.scratch.holding;
     if (!w.nodes.drive.empty()) other.nodes = &w.nodes, other.node_state = &w.node_state;
     if (!w.tears.body.empty()) other.tears = &w.tears, other.torn = &w.torn, other.torn_springs = &w.torn_springs;
     return other;

@@ -67,6 +67,7 @@ struct FrameScratch {
     ContactMemoryScratch memory;
     IslandsScratch islands;
     LinkScratch links;
+    HoldingGroups holding;                      // of this pass
     std::vector<std::array<uint32_t, 2>> joined;  // bodies, by links
     SleepScratch sleep;
     std::vector<uint64_t> sleeps;               // per body: which sleep it is in, 0 = awake
@@ -79,6 +80,7 @@ struct FrameScratch {
     EnergyScratch energy;
     Poses coming;                               // poses with the coming speed of hands and free bodies
     std::vector<FastBody> fast;                 // of this pass
+    std::vector<double> touch;                  // per pair, s into the pass
     std::vector<double> stop;                   // s into the pass, per body where a fast one first touches; or empty
     std::vector<AdvanceScratch> advance;        // per thread, for the islands that share
     std::vector<AdvanceScratch> own_advance;    // of the islands that do not
@@ -119,6 +121,6 @@ Sleepers sleepers(FrameState& frame, SleeperStage stage);
 void number_sleeps(FrameState& frame);
 // Pairs of bodies that links and jaws join; valid until the next call.
 std::span<const std::array<uint32_t, 2>> linked_bodies(FrameState& frame);
-OtherForces other_forces(World& world);
+OtherForces other_forces(FrameState& frame);
 
 }  // namespace trocar

@@ -60,6 +60,36 @@ bool may_meet(double period, double fall, const Surfaces& s, const BodyBoxes& bo
     return true;
 }
 
+// A rigid body as a ball about its origin that keeps its velocity.
+struct RigidBall {
+    Vec3d centre, velocity;
+    double radius, stray;  // m; how far turning takes its points
+};
+RigidBall ball_of(double period, const Surfaces& s, uint32_t body) {
+    const double radius = s.meshes.info[s.bodies.mesh[body]].radius;
+    return {s.poses.origin[body], s.poses.velocity[body], radius, std::min(2 * radius, s.poses.angular_velocity[body].norm() * radius * period)};
+}
+
+// Free bodies keep their velocity as long as nothing touches them; hands and scripts do as they like.
+bool may_meet_free(double period, double fall, const Surfaces& s, const BodyBoxes& boxes, const std::vector<BodyDrift>& drift, uint32_t free, uint32_t other) {
+    const Motion motion = s.bodies.motion[other];
+    if (motion != Motion::kFree && motion != Motion::kStatic && motion != Motion::kDeformable) return true;
+    const RigidBall ball = ball_of(period, s, free);
+    double apart = 0, stray = ball.stray;
+    Vec3d velocity = Vec3d::Zero();
+    if (motion == Motion::kFree) {
+        const RigidBall second = ball_of(period, s, other);
+        apart = (ball.centre - second.centre).norm() - second.radius, stray += second.stray, velocity = second.velocity;
+    } else {
+        const Box box = without_margin(s, boxes, other);
+        apart = (ball.centre - ball.centre.cwiseMax(box.min).cwiseMin(box.max)).norm();
+        if (motion == Motion::kDeformable) stray += drift[other].stray, velocity = drift[other].velocity;
+    }
+    const auto edge = [&](uint32_t body) { return s.meshes.info[s.bodies.mesh[body]].mean_edge; };
+    const double slack = fall + 0.05 * (edge(free) + edge(other)) + 0.5 * (s.bodies.thickness[free] + s.bodies.thickness[other]);
+    return !(apart - ball.radius > (ball.velocity - velocity).norm() * period + stray + slack);
+}
+
 // How far a pair would run into each other, along the axis that parts them most or, where none does, along the line between their
 // middles: what b may do to a.
 Vec3d running_in(double period, double fall, const Surfaces& s, const BodyBoxes& boxes, const std::vector<BodyDrift>& drift, uint32_t a, uint32_t b) {
@@ -103,11 +133,16 @@ void drop_unreachable_pairs(double period, const Vec3d& gravity, const Surfaces&
     s.drift.resize(bodies);
     s.reachable.assign(pairs.a.size(), 0);
     const double fall = 0.5 * gravity.norm() * period * period;
+    const auto is_free = [&](uint32_t body) { return surfaces.bodies.motion[body] == Motion::kFree; };
+    const auto disturb = [&](uint32_t a, uint32_t b) {
+        for (const uint32_t body : {a, b}) s.disturbed[body] |= surfaces.bodies.motion[body] != Motion::kStatic;
+    };
     for (size_t i = 0; i < pairs.a.size(); ++i) {
         const uint32_t a = pairs.a[i], b = pairs.b[i];
-        s.reachable[i] = !is_deformable(surfaces.bodies, a) || !is_deformable(surfaces.bodies, b) || !are_apart(fall, surfaces, boxes, a, b);
+        const bool soft = is_deformable(surfaces.bodies, a) && is_deformable(surfaces.bodies, b);
+        s.reachable[i] = soft ? !are_apart(fall, surfaces, boxes, a, b) : !is_free(a) && !is_free(b);
         s.asked[a] = s.asked[b] = 1;
-        if (s.reachable[i]) s.disturbed[a] = s.disturbed[b] = 1;
+        if (s.reachable[i]) disturb(a, b);
     }
     parallel_for(bodies, kBodiesPerChunk, [&](uint32_t begin, uint32_t end) {
         for (uint32_t body = begin; body < end; ++body)
@@ -115,13 +150,16 @@ void drop_unreachable_pairs(double period, const Vec3d& gravity, const Surfaces&
     });
     for (size_t i = 0; i < pairs.a.size(); ++i) {
         if (s.reachable[i]) continue;
-        s.reachable[i] = may_meet(period, fall, surfaces, boxes, s.drift, pairs.a[i], pairs.b[i]);
-        if (s.reachable[i]) s.disturbed[pairs.a[i]] = s.disturbed[pairs.b[i]] = 1;
+        const uint32_t a = pairs.a[i], b = pairs.b[i];
+        s.reachable[i] = is_free(a)   ? may_meet_free(period, fall, surfaces, boxes, s.drift, a, b)
+                         : is_free(b) ? may_meet_free(period, fall, surfaces, boxes, s.drift, b, a)
+                                      : may_meet(period, fall, surfaces, boxes, s.drift, a, b);
+        if (s.reachable[i]) disturb(a, b);
     }
     find_jolts(period, fall, surfaces, boxes, pairs, s);
     size_t kept = 0;
     for (size_t i = 0; i < pairs.a.size(); ++i) {
-        if (!s.disturbed[pairs.a[i]] && !s.disturbed[pairs.b[i]]) continue;
+        if (!s.reachable[i] && !s.disturbed[pairs.a[i]] && !s.disturbed[pairs.b[i]]) continue;
         pairs.a[kept] = pairs.a[i], pairs.b[kept] = pairs.b[i];
         ++kept;
     }

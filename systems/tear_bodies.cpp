@@ -236,7 +236,8 @@ void cut_bodies(const TearPass& pass, Particles& particles, Meshes& meshes, std:
         const uint32_t body = tear.body, prototype = bodies.mesh[body];
         MeshInfo& info = meshes.info[prototype];
         const bool solid = tears_as_solid(tear);
-        const bool untouched = solid ? !settle_solid(pass, tear, particles, torn, energy) : torn.triangle.empty();
+        const auto of_this = [t](const std::array<uint32_t, 2>& lost) { return lost[0] == t; };
+        const bool untouched = solid ? !settle_solid(pass, tear, particles, torn, energy) : std::none_of(torn.triangle.begin(), torn.triangle.end(), of_this);
         if (untouched && info.triangles.count == (solid ? tear.outer : tear.order.count)) continue;
         std::vector<Triangle> corner;
         const std::vector<uint8_t> gone = solid ? hidden_flags(tears, tear, lost_tetrahedra(pass, tear, torn), corner) : removed_flags(tears, t, torn);

@@ -8,6 +8,7 @@
 
 #include "content/save_mesh.hpp"
 #include "engine/error.hpp"
+#include "engine/spring_step.hpp"
 #include "engine/surface_mesh.hpp"
 #include "engine/whole_file.hpp"
 #include "systems/app/format.hpp"
@@ -29,10 +30,12 @@ std::vector<PointField> contact_fields(const World& world, uint32_t body, uint32
     const Contacts& c = world.contacts;
     for (size_t i = 0; i < c.body.size(); ++i) {
         if (c.body[i] != body) continue;
-        for (const uint32_t v : c.vertex[i]) {
+        const auto mark = [&](uint32_t v) {
             contact.values[v] = 1;
             depth.values[v] = std::max(depth.values[v], static_cast<float>(-c.distance[i]));
-        }
+        };
+        for (const uint32_t v : c.vertex[i]) mark(v);
+        if (c.third[i] != kNone) mark(c.third[i]);
     }
     return {depth, contact};
 }
@@ -44,32 +47,36 @@ uint32_t node_under(const Solids& solids, uint32_t prototype, uint32_t vertex) {
     return solids.skin_node[row][static_cast<size_t>(std::max_element(weight.begin(), weight.end()) - weight.begin())];
 }
 
-// Mean over the springs of a vertex (of a skin: of the node under it) of |length / rest length - 1|; zero for rigid bodies.
-PointField strain_field(const World& world, uint32_t body, uint32_t vertices) {
-    PointField field{"strain", 1, std::vector<float>(vertices, 0.0f)};
-    if (!is_deformable(world.bodies, body)) return field;
-    const Springs& s = world.springs;
-    const uint32_t prototype = world.bodies.mesh[body], first = world.bodies.particles[body].first + s.info[prototype].skin;
-    const uint32_t* column = s.slice_column.data() + s.info[prototype].slices.first + prototype;
+}  // namespace
+
+std::vector<float> vertex_strain(const World& world, uint32_t body) {
+    const uint32_t vertices = world.meshes.info[world.bodies.mesh[body]].vertices.count;
+    std::vector<float> strain(vertices, 0.0f);
+    if (!is_deformable(world.bodies, body)) return strain;
+    const SpringInfo& info = world.springs.info[world.bodies.mesh[body]];
+    const uint32_t prototype = world.bodies.mesh[body], first = world.bodies.particles[body].first + info.skin;
+    const SpringStep s = bind_body(world.springs, world.bodies, world.anchors, world.particles, body, world.tears.body.empty() ? nullptr : &world.torn_springs);
     const auto place = [&](uint32_t v) {
         const Float4& o = world.particles.offset[first + v];
         return Vec3d(o.x, o.y, o.z);
     };
     for (uint32_t row = 0; row < vertices; ++row) {
-        const uint32_t v = s.info[prototype].skin > 0 ? node_under(world.solids, prototype, row) : row;
+        const uint32_t v = info.skin > 0 ? node_under(world.solids, prototype, row) : row;
         const uint32_t slice = v / kSliceWidth, lane = v % kSliceWidth;
         double sum = 0, springs = 0;
-        for (uint32_t c = column[slice]; c < column[slice + 1]; ++c) {
+        for (uint32_t c = s.slice_column[slice]; c < s.slice_column[slice + 1]; ++c) {
             const uint32_t far_end = s.neighbour[c * kSliceWidth + lane];
             const double rest = s.rest_length[c * kSliceWidth + lane];
             if (far_end == v || rest <= 0) continue;
             sum += std::abs((place(far_end) - place(v)).norm() / rest - 1);
             ++springs;
         }
-        if (springs > 0) field.values[row] = static_cast<float>(sum / springs);
+        if (springs > 0) strain[row] = static_cast<float>(sum / springs);
     }
-    return field;
+    return strain;
 }
+
+namespace {
 
 void write_bodies(const World& world, uint64_t pass, const fs::path& folder) {
     char number[24];
@@ -79,7 +86,7 @@ void write_bodies(const World& world, uint64_t pass, const fs::path& folder) {
         const uint32_t vertices = static_cast<uint32_t>(mesh.position.size());
         std::vector<PointField> fields = contact_fields(world, body, vertices);
         fields.push_back(velocity_field(world, body, vertices));
-        fields.push_back(strain_field(world, body, vertices));
+        fields.push_back({"strain", 1, vertex_strain(world, body)});
         PointField stress{"stress", 1, fields.back().values};
         for (float& value : stress.values) value *= static_cast<float>(world.bodies.tissue[body].youngs_modulus);
         fields.push_back(std::move(stress));

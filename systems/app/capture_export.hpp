@@ -1,5 +1,6 @@
 #pragma once
 #include <filesystem>
+#include <vector>
 
 #include "systems/app/capture_replay.hpp"
 namespace trocar {
@@ -8,6 +9,9 @@ namespace trocar {
 std::string capture_csv(const Capture& capture);
 // The stages of every pass one after the other, as Chrome trace events: how long each took, not when it ran beside others.
 std::string capture_trace(const Capture& capture);
+// Per vertex of a body: mean over its springs that are whole (of a skin: those of the node under it) of |length / rest length - 1|;
+// zeros for rigid bodies.
+std::vector<float> vertex_strain(const World& world, uint32_t body);
 // Runs the capture again and writes every body after every pass as BODY_PASS.vtp with point fields velocity (m/s), depth
 // (m, of vertices inside another body), contact (1 on vertices with a contact row), strain and stress (Pa: mean over the
 // springs of a vertex of their relative stretch, the same times Young's modulus), and BODY.pvd series that ParaView

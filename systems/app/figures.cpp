@@ -256,7 +256,7 @@ std::string passes_csv(const RunFigures& f) {
         "time_s,detection_ms,response_ms,frame_ms,render_ms,depth_m,inside_vertices,contacts,pairs,force_n,"
         "contact_force_n,kinetic_j,elastic_j,pressure_j,bending_j,links_j,gravity_j,work_hand_j,work_contact_j,work_damping_j,"
         "work_push_j,work_numeric_j,work_links_j,balance_j,residual_m,awake";
-    for (const DriveFigures& d : f.drive) out += (d.behaviour == NodeBehaviour::kDial ? ",angle_rad_" : ",place_m_") + d.body;
+    for (const DriveFigures& d : f.drive) out += "," + csv_field((d.behaviour == NodeBehaviour::kDial ? "angle_rad_" : "place_m_") + d.body);
     out += "\n";
     char line[512];
     for (const PassFigures& p : f.pass) {

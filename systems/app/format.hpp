@@ -13,6 +13,14 @@ inline std::string format(const char* pattern, auto... values) {
     return text;
 }
 
+// A field of a CSV line: in quotation marks where it has to be (RFC 4180).
+inline std::string csv_field(const std::string& text) {
+    if (text.find_first_of(",\"\n") == std::string::npos) return text;
+    std::string out = "\"";
+    for (const char c : text) out += c == '"' ? std::string("\"\"") : std::string(1, c);
+    return out + "\"";
+}
+
 // Sixteen hexadecimal digits.
 inline std::string hex(uint64_t value) { return format("%016llx", static_cast<unsigned long long>(value)); }
 

@@ -125,8 +125,8 @@ class TickCollector {
         if (!recording_) return;
         recording_->start_hash = scene_hash(world);
         recording_->tools = static_cast<uint32_t>(world.haptics.tool.size());
-        // room for all of it: growing would copy megabytes between two passes
-        recording_->tick.reserve(static_cast<size_t>(seconds * 1100) * recording_->tools);
+        // growing would copy megabytes between two passes; pages that nobody writes cost nothing
+        recording_->tick.reserve(static_cast<size_t>(std::min(seconds, kRoomSeconds) * 1100) * recording_->tools);
     }
     void add_pass(const World& world, double slip) {
         if (!recording_) return;
@@ -142,6 +142,7 @@ class TickCollector {
     }
 
    private:
+    static constexpr double kRoomSeconds = 3600;
     static constexpr size_t kRoom = 1u << 15;  // ticks; the simulation may be away for as many ms
     void empty_ring() {
         for (LiveTick tick; ring_.pop(tick);) recording_->tick.push_back(tick);

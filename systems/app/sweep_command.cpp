@@ -179,13 +179,6 @@ void run_by_slurm(const SweepFile& sweep, const fs::path& out, size_t jobs, uint
     if (result.output.find("Submitted") == std::string::npos) throw InputError("sbatch: " + last_error_line(result));
 }
 
-std::string csv_field(const std::string& text) {
-    if (text.find_first_of(",\"\n") == std::string::npos) return text;
-    std::string out = "\"";
-    for (const char c : text) out += c == '"' ? std::string("\"\"") : std::string(1, c);
-    return out + "\"";
-}
-
 // The value at "a.b.c"; null where there is none.
 nlohmann::ordered_json at_path(const nlohmann::ordered_json& root, const std::string& path) {
     const nlohmann::ordered_json* node = &root;
@@ -195,6 +188,16 @@ nlohmann::ordered_json at_path(const nlohmann::ordered_json& root, const std::st
         node = &(*node)[word];
     }
     return *node;
+}
+
+// Columns that no run has, though some run ended: most likely misspelt.
+void warn_of_unknown(const std::vector<std::string>& columns, const nlohmann::ordered_json& rows) {
+    const auto is_done = [](const nlohmann::ordered_json& row) { return row["failed"].is_null(); };
+    if (std::none_of(rows.begin(), rows.end(), is_done)) return;
+    for (const std::string& column : columns) {
+        const auto has = [&](const nlohmann::ordered_json& row) { return !row[column].is_null(); };
+        if (std::none_of(rows.begin(), rows.end(), has)) std::fprintf(stderr, "trocar: warning: column \"%s\": no run has that in its metrics.json\n", column.c_str());
+    }
 }
 
 // sweep.csv and sweep.json of what is done. Returns how many runs are not.
@@ -225,6 +228,7 @@ size_t merge(const SweepFile& sweep, const fs::path& out, const std::vector<Job>
         csv += "," + csv_field(failed) + "\n";
         rows.push_back(row);
     }
+    warn_of_unknown(sweep.columns, rows);
     write_whole_file(out / "sweep.csv", csv);
     write_whole_file(out / "sweep.json", nlohmann::ordered_json{{"sweep", sweep.name}, {"runs", rows}}.dump(1) + "\n");
     return missing;

@@ -50,7 +50,7 @@ std::string tools_csv(std::span<const ToolSample> samples, std::span<const std::
         "time_s,tool,device_x_m,device_y_m,device_z_m,proxy_x_m,proxy_y_m,proxy_z_m,force_x_n,force_y_n,force_z_n,"
         "torque_x_nm,torque_y_nm,torque_z_nm,tissue_x_n,tissue_y_n,tissue_z_n,contacts,grip_rad,grip_nm\n";
     for (const ToolSample& s : samples) {
-        out += format("%.3f,", s.time) + tools[s.tool];
+        out += format("%.3f,", s.time) + csv_field(tools[s.tool]);
         for (const Vec3d* v : {&s.device, &s.proxy, &s.force, &s.torque, &s.tissue}) out += format(",%.9g,%.9g,%.9g", v->x(), v->y(), v->z());
         out += format(",%u,%.9g,%.9g\n", s.contacts, s.grip, s.grip_torque);
     }

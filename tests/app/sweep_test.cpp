@@ -48,7 +48,10 @@ TEST(SweepFile, EveryCombinationOnceInOrder) {
                                                                                        {"scene = \"x\"\n[vary]\na = 1\n", "needs a list of values"},
                                                                                        {"scene = \"x\"\nsecond = 1\n", "unknown key \"second\""},
                                                                                        {"scene = \"x\"\nseconds = -1\n", "must be a positive number"},
-                                                                                       {"scene = [", "s.toml:1:"}}) {
+                                                                                       {"scene = [", "s.toml:1:"},
+                                                                                       {"scene = \"x\"\n[vary]\na = [\"b\\nc\"]\n", "s.toml:3:6: line ends"},
+                                                                                       {"scene = \"x\"\nname = \"a\\u001b\"\n[vary]\na = [1]\n", "s.toml:2:8: line ends"},
+                                                                                       {"scene = \"x\"\n[set]\nk = \"a\\rb\"\n", "s.toml:3:5: line ends"}}) {
         try {
             read_sweep_file(write(folder / "s.toml", text));
             ADD_FAILURE() << text;

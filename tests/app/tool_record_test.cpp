@@ -56,6 +56,18 @@ TEST(ForceMap, ShowsTheForceWhereItWasFelt) {
     EXPECT_LT((top - Vec3d(0.01, -0.005, 0)).norm(), 1.5e-3);
 }
 
+// A body's name may hold a comma: it must not shift the columns behind it.
+TEST(ToolsCsv, NamesWithCommasAreOneField) {
+    ToolSample sample;
+    sample.contacts = 3;
+    const std::vector<std::string> names{"p,<b>"};
+    std::istringstream lines(tools_csv(std::span(&sample, 1), names));
+    std::string header, row;
+    std::getline(lines, header), std::getline(lines, row);
+    EXPECT_EQ(row.substr(0, 14), "0.000,\"p,<b>\",");
+    EXPECT_EQ(std::count(row.begin(), row.end(), ','), std::count(header.begin(), header.end(), ',') + 1);
+}
+
 TEST(ForceMap, NeedsASurfaceToShow) {
     EXPECT_FALSE(force_map(rows_over(0.06, 0.004), 1));  // a line
     EXPECT_FALSE(force_map(rows_over(0.06, 0.04), 0));   // another tool

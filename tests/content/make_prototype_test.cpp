@@ -2,8 +2,12 @@
 
 #include <gtest/gtest.h>
 
+#include <filesystem>
+#include <fstream>
 #include <limits>
 
+#include "content/build_scene.hpp"
+#include "content/scene_file.hpp"
 #include "engine/mesh_view.hpp"
 #include "tests/reference/sample_meshes.hpp"
 
@@ -77,6 +81,31 @@ TEST(MakePrototype, OrdersForLocality) {
     const MeshView a = mesh_view(meshes, 0), b = mesh_view(meshes, 1);
     for (size_t v = 0; v < a.position.size(); ++v) ASSERT_EQ(a.position[v], b.position[v]);
     EXPECT_NEAR(a.info->volume, b.info->volume, 1e-14);
+}
+
+// Bodies share a prototype only if all of what makes it is the same, however long the names of their files are, and whatever is in
+// them. Breaks when they are compared as a text that is cut off.
+TEST(Prototypes, FilesWithLongNamesAreNotTakenForEachOther) {
+    namespace fs = std::filesystem;
+    const fs::path top = fs::path(testing::TempDir()) / "long_names", folder = top / std::string(200, 'a') / std::string(200, 'b') / std::string(200, 'c');
+    fs::create_directories(folder);
+    const std::string corners = "v 0 0 0\nv 1 0 0\nv 0 1 0\nv 0 0 1\n";
+    std::ofstream(folder / "a.obj") << corners << "f 1 3 2\nf 1 2 4\nf 2 3 4\nf 1 4 3\n";
+    std::ofstream(folder / "b.obj") << corners << "v 1 1 1\nf 1 3 2\nf 1 2 4\nf 1 4 3\nf 2 3 5\nf 3 4 5\nf 4 2 5\n";
+    std::ofstream scene(top / "scene.toml");
+    int number = 0;
+    for (const char* body : {"a", "b", "b"}) {
+        scene << "[[body]]\nname = \"" << body << ++number << "\"\nfile = \"" << (folder / body).string() << ".obj\"\n";
+    }
+    scene << "[[body]]\nname = \"half\"\nscale = 0.5\nfile = \"" << (folder / "b").string() << ".obj\"\n";
+    scene.close();
+    const World w = build_scene(read_scene_file(top / "scene.toml", {})).world;
+    const auto triangles = [&](uint32_t body) { return w.meshes.info[w.bodies.mesh[body]].triangles.count; };
+    EXPECT_EQ(triangles(0), 4u);
+    EXPECT_EQ(triangles(1), 6u);
+    EXPECT_EQ(w.bodies.mesh[1], w.bodies.mesh[2]);
+    EXPECT_NEAR(w.meshes.info[w.bodies.mesh[3]].radius, 0.5 * w.meshes.info[w.bodies.mesh[1]].radius, 1e-9);
+    fs::remove_all(top);
 }
 
 }  // namespace

@@ -50,6 +50,12 @@ TEST(SceneOverrides, BodyStandsForEveryDeformableOne) {
     }
 }
 
+// Text that the parser of TOML loses its way in is a word like any other that is no TOML: the program ended with SIGABRT.
+TEST(SceneOverrides, ValuesThatAreNoTomlAreWords) {
+    for (const char* value : {"[}", "[ [}", "[\n}9", "a b", "\"", "{", "1e", "[[[["})
+        EXPECT_THROW(scene_with("", {{"body.integrator", value}}), InputError) << value;
+}
+
 TEST(Tissues, AnUnknownNameListsTheKnownOnes) {
     for (const char* lines : {"tissue = \"livre\"\n", "[body.tissue]\npreset = \"livre\"\n"}) {
         try {

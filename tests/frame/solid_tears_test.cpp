@@ -239,7 +239,7 @@ TEST(SolidTears, WhatStaysKeepsItsMomentumAndTheBooksTheRest) {
         BodyEnergyScratch scratch;
         const auto total = [&] {
             Energy e;
-            const OtherForces other{&w.solids, nullptr, &w.tears, &w.torn, &w.torn_springs};
+            const OtherForces other{.solids = &w.solids, .tears = &w.tears, .torn = &w.torn, .torn_springs = &w.torn_springs};
             add_body_energy(w.springs, w.bodies, w.poses, w.particles, w.anchors, w.settings.gravity, 0, scratch, e, other);
             return e.kinetic + e.elastic + e.gravity;
         };

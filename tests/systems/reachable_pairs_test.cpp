@@ -90,6 +90,39 @@ TEST(ReachablePairs, WhoMayBeTouchedOtherwiseKeepsItsPairs) {
     EXPECT_FALSE(c.has(above, top));
 }
 
+// Free bodies side by side, as soft ones. A turning one reaches as far as its corners. Breaks when balls' radii, spins or the
+// others' velocities are left out, or a static body makes its pairs stay.
+TEST(ReachablePairs, FreeBodiesKeepTheirVelocity) {
+    Cubes c(0.02);
+    const Vec3d down(0, 0, -2);
+    const uint32_t a = c.add(Motion::kFree, Vec3d(0, 0, 0), down), b = c.add(Motion::kFree, Vec3d(0.08, 0, 0), down);
+    const uint32_t wall = c.add(Motion::kStatic, Vec3d(-0.1, 0, 0), Vec3d::Zero()), soft = c.add(Motion::kDeformable, Vec3d(0, 0.08, 0), down);
+    for (const uint32_t body : {a, b}) c.poses.velocity[body] = down;
+    c.poses.origin[wall] = Vec3d(-0.13, 0, 0);
+    c.find();
+    EXPECT_FALSE(c.has(a, b)) << "the balls are 10.7 mm apart";
+    EXPECT_FALSE(c.has(a, soft)) << "and the ball and the box 25";
+    EXPECT_FALSE(c.has(b, soft));
+    EXPECT_FALSE(c.has(a, wall)) << "75 mm from the ball, which goes 33";
+    c.poses.origin[wall] = Vec3d(-0.07, 0, 0);
+    c.find();
+    EXPECT_TRUE(c.has(a, wall)) << "15 mm from it";
+    EXPECT_FALSE(c.has(b, soft)) << "what only the wall may touch";
+    c.poses.origin[wall] = Vec3d(-1, 0, 0);
+    c.poses.angular_velocity[b] = Vec3d(0, 0, 30);  // 17 mm a period
+    c.find();
+    EXPECT_TRUE(c.has(a, b));
+    c.poses.angular_velocity[b].setZero();
+    c.poses.velocity[b].x() = -1;
+    c.find();
+    EXPECT_TRUE(c.has(a, b));
+    c.poses.velocity[b] = down;
+    const uint32_t hand = c.add(Motion::kHand, Vec3d(0.0, -0.07, 0), Vec3d::Zero());
+    c.find();
+    EXPECT_TRUE(c.has(a, hand)) << "a hand does as it likes";
+    EXPECT_TRUE(c.has(a, b)) << "and may push a into b";
+}
+
 // Low falls 33 mm in the period and runs into the floor after 20: as far as it then is above where it would have been, one that
 // falls with it may come nearer. Side by side nobody jolts anybody.
 TEST(ReachablePairs, WhoIsStoppedIsJoltedByWhatIsLeftOfItsWay) {
