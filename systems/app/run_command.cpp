@@ -126,6 +126,21 @@ void take_picture(Frame& frame, PictureWriter& pictures, RunFigures& figures, Pa
     });
 }
 
+// Pairs that start so deep in each other that most likely nobody meant it, the first three by name. What the first
+// pass found.
+void warn_of_deep_starts(const World& w) {
+    constexpr double kDeep = 0.125;  // of the smaller body
+    size_t deep = 0;
+    for (size_t i = 0; i < w.penetrations.pair.size(); ++i) {
+        const uint32_t a = w.pairs.a[w.penetrations.pair[i]], b = w.pairs.b[w.penetrations.pair[i]];
+        const double size = 2 * std::min(w.meshes.info[w.bodies.mesh[a]].radius, w.meshes.info[w.bodies.mesh[b]].radius), depth = w.penetrations.depth[i];
+        if (!(depth > kDeep * size) || ++deep > 3) continue;
+        std::fprintf(stderr, "trocar: warning: \"%s\" and \"%s\" start %.3g mm inside each other, %.2g %% of the smaller one: move them apart\n", w.bodies.name[a].c_str(),
+                     w.bodies.name[b].c_str(), 1e3 * depth, 100 * depth / size);
+    }
+    if (deep > 3) std::fprintf(stderr, "trocar: warning: and so do %zu more pairs\n", deep - 3);
+}
+
 // Everything in one deterministic order, as fast as the machine goes; of its own accord or as a live run went.
 void run_lockstep(const RunOptions& options, double seconds, LiveReplay* replay, Frame& frame, PictureWriter* pictures,
                   FrameRecorder* recorder, Trace* trace, DirectionTrial* trial, RunFigures& figures) {
@@ -142,6 +157,7 @@ void run_lockstep(const RunOptions& options, double seconds, LiveReplay* replay,
         const uint64_t pass_start = now_ns();
         frame.step();
         const double frame_ms = static_cast<double>(now_ns() - pass_start) * 1e-6;
+        if (frame.world().clock.pass == 1) warn_of_deep_starts(frame.world());
         PassFigures pass = pass_figures(frame, time);
         pass.frame_ms = frame_ms;
         costs.add(frame, figures);
