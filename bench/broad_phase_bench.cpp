@@ -19,9 +19,7 @@ using namespace trocar::test;
 class Balls {
  public:
     Balls(uint32_t count, uint32_t n, double spacing, double jitter) : scene({}), random_(7) {
-        mesh_ = make_sphere(n, [](const Vec3d& p) {
-            return Vec3d((1 + 0.05 * std::sin(6 * p.x() + 1) * std::cos(4 * p.y())) * p);
-        });
+        mesh_ = make_sphere(n, [](const Vec3d& p) { return Vec3d((1 + 0.05 * std::sin(6 * p.x() + 1) * std::cos(4 * p.y())) * p); });
         order_for_locality(mesh_);
         const uint32_t row = add_prototype(scene.meshes, mesh_, Admission::kSolid);
         const uint32_t side = uint32_t(std::ceil(std::cbrt(double(count))));
@@ -49,8 +47,7 @@ class Balls {
         at[1] = thread_seconds();
         find_candidate_pairs(scene.bodies, scene.boxes, {}, scene.pairs_scratch, scene.pairs);
         at[2] = thread_seconds();
-        rasterise(scene.params, s, scene.boxes, scene.pairs, scene.rasterise_scratch, scene.report, scene.screened,
-                  scene.occupancy);
+        rasterise(scene.params, s, scene.boxes, scene.pairs, scene.rasterise_scratch, scene.report, scene.screened, scene.occupancy);
         at[3] = thread_seconds();
         find_candidate_triangles(scene.pairs, scene.screened, scene.occupancy, scene.cells_scratch, scene.candidates);
         at[4] = thread_seconds();
@@ -145,8 +142,7 @@ void compare_scene(const Scene& about, Report& report) {
     // each at its best cell: 2 to 6 edges for the rasterise-all, the default for ours
     double best_edges = 0, best = INFINITY;
     for (const double edges : {2.0, 3.0, 4.0, 6.0}) {
-        const double seconds =
-            interleaved_medians(report.quick() ? 1 : 2, {[&] { all.find(soup, edges * soup.mean_edge, of_all); }})[0];
+        const double seconds = interleaved_medians(report.quick() ? 1 : 2, {[&] { all.find(soup, edges * soup.mean_edge, of_all); }})[0];
         if (seconds < best) best = seconds, best_edges = edges;
     }
     const bool brute = !report.quick() && about.bodies * about.n < 30000;
@@ -159,22 +155,38 @@ void compare_scene(const Scene& about, Report& report) {
     const TrianglePairs& truth = brute ? of_brute : of_trees;
 
     report.heading(about.name + std::string(": ") + std::to_string(soup.triangle.size()) + " triangles, " +
-                   std::to_string(balls.scene.pairs.a.size()) + " pairs of boxes, " +
-                   std::to_string(balls.scene.screened.triangle.size()) + " triangles screened, " +
-                   std::to_string(truth.size()) + " pairs of triangles" + (brute ? "" : " (by the trees)"));
+                   std::to_string(balls.scene.pairs.a.size()) + " pairs of boxes, " + std::to_string(balls.scene.screened.triangle.size()) +
+                   " triangles screened, " + std::to_string(truth.size()) + " pairs of triangles" + (brute ? "" : " (by the trees)"));
     char edges[64];
     std::snprintf(edges, sizeof edges, "rasterise-all at %g edges", best_edges);
-    Row row{.name = std::string(about.name) + ": OHC", .ours = 1e3 * cost[0], .unit = "ms", .peer = edges,
-            .peer_value = 1e3 * cost[1], .error = missing(truth, ours), .peer_error = missing(truth, of_all),
-            .error_unit = "missed", .note = balls.stages()};
+    Row row{.name = std::string(about.name) + ": OHC",
+            .ours = 1e3 * cost[0],
+            .unit = "ms",
+            .peer = edges,
+            .peer_value = 1e3 * cost[1],
+            .error = missing(truth, ours),
+            .peer_error = missing(truth, of_all),
+            .error_unit = "missed",
+            .note = balls.stages()};
     if (about.at_least > 0) row.goal = Goal::kRatio, row.at_least = about.at_least, row.aim = about.aim;
     report.add(row);
-    report.add({.name = std::string(about.name) + ": OHC", .ours = 1e3 * cost[0], .unit = "ms",
-                .peer = "sweep-and-prune + trees", .peer_value = 1e3 * cost[2], .error = missing(truth, ours),
-                .peer_error = missing(truth, of_trees), .error_unit = "missed"});
+    report.add({.name = std::string(about.name) + ": OHC",
+                .ours = 1e3 * cost[0],
+                .unit = "ms",
+                .peer = "sweep-and-prune + trees",
+                .peer_value = 1e3 * cost[2],
+                .error = missing(truth, ours),
+                .peer_error = missing(truth, of_trees),
+                .error_unit = "missed"});
     if (brute) {
-        report.add({.name = std::string(about.name) + ": OHC", .ours = 1e3 * cost[0], .unit = "ms", .peer = "brute force",
-                    .peer_value = 1e3 * brute_seconds, .error = missing(truth, ours), .peer_error = 0, .error_unit = "missed"});
+        report.add({.name = std::string(about.name) + ": OHC",
+                    .ours = 1e3 * cost[0],
+                    .unit = "ms",
+                    .peer = "brute force",
+                    .peer_value = 1e3 * brute_seconds,
+                    .error = missing(truth, ours),
+                    .peer_error = 0,
+                    .error_unit = "missed"});
     }
 }
 
@@ -188,8 +200,13 @@ void measure_moving_bodies(Report& report) {
         if (round >= 2) ms.push_back(1e3 * (thread_seconds() - begin));
     }
     std::sort(ms.begin(), ms.end());
-    report.add({.name = "whole broad phase, 10,000 moving bodies of 192, sparse", .ours = ms[ms.size() / 2], .unit = "ms",
-                .goal = Goal::kLimit, .at_least = 8, .aim = 6, .note = balls.stages()});
+    report.add({.name = "whole broad phase, 10,000 moving bodies of 192, sparse",
+                .ours = ms[ms.size() / 2],
+                .unit = "ms",
+                .goal = Goal::kLimit,
+                .at_least = 8,
+                .aim = 6,
+                .note = balls.stages()});
 }
 
 // The boxes of both are the same; all of them move every round.
@@ -230,7 +247,8 @@ void compare_boxes(uint32_t count, double spacing, double jitter, bool judged, R
     std::sort(ours.begin(), ours.end());
     std::sort(theirs.begin(), theirs.end());
     Row row{.name = "box pairs, " + std::to_string(count) + " moving, " + std::to_string(pairs.a.size()) + " pairs",
-            .ours = ours[ours.size() / 2], .unit = "ms"};
+            .ours = ours[ours.size() / 2],
+            .unit = "ms"};
 #ifdef TROCAR_WITH_BULLET
     row.peer = "Bullet dbvt";
     row.peer_value = theirs[theirs.size() / 2];

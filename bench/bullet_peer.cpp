@@ -75,8 +75,8 @@ BulletBody bullet_links(const SpringGraph& graph, int iterations) {
 BulletDeformable bullet_deformable(const SpringGraph& graph, double dt, double damping) {
     auto w = std::make_shared<DeformableWorld>();
     w->solver.setDeformableSolver(&w->body_solver);
-    w->world = std::make_unique<btDeformableMultiBodyDynamicsWorld>(&w->dispatcher, &w->broadphase, &w->solver,
-                                                                    &w->configuration, &w->body_solver);
+    w->world = std::make_unique<btDeformableMultiBodyDynamicsWorld>(&w->dispatcher, &w->broadphase, &w->solver, &w->configuration,
+                                                                    &w->body_solver);
     w->world->setImplicit(true);
     w->world->setLineSearch(false);
     w->make_body(w->world->getWorldInfo(), graph);

@@ -72,8 +72,10 @@ BulletWorld bullet_world(const World& w) {
     info.m_broadphase = &rain->broadphase;
     info.m_sparsesdf.Initialize();
     for (uint32_t body = 0; body < w.bodies.mesh.size(); ++body) {
-        if (w.bodies.motion[body] == Motion::kDeformable) rain->add_soft(w, body);
-        else rain->add_box(w, body);
+        if (w.bodies.motion[body] == Motion::kDeformable)
+            rain->add_soft(w, body);
+        else
+            rain->add_box(w, body);
     }
     return {[rain] {
                 rain->world.stepSimulation(btScalar(1.0 / 60), 0);

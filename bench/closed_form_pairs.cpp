@@ -71,7 +71,8 @@ Mesh cylinder(double h, double r, uint32_t n) {
 // Block with a groove along y: walls at `angle` from the vertical, apex at the origin.
 Mesh groove(double angle, uint32_t n) {
     const double open = std::tan(angle), wide = open + 0.5;
-    const std::array<Vec3d, 7> outline{Vec3d(-wide, 0, -0.5), {wide, 0, -0.5}, {wide, 0, 1}, {open, 0, 1}, {0, 0, 0}, {-open, 0, 1}, {-wide, 0, 1}};
+    const std::array<Vec3d, 7> outline{Vec3d(-wide, 0, -0.5), {wide, 0, -0.5}, {wide, 0, 1}, {open, 0, 1}, {0, 0, 0},
+                                       {-open, 0, 1},         {-wide, 0, 1}};
     Mesh mesh;
     for (uint32_t row = 0; row <= n; ++row)
         for (const Vec3d& p : outline) mesh.position.push_back(p + Vec3d(0, -1.5 + 3.0 * row / n, 0));
@@ -119,7 +120,8 @@ std::vector<ClosedFormPair> closed_form_pairs(uint32_t level) {
     const auto add = [&](const char* name, Mesh a, Mesh b, const Vec3d& at, const Quat& turned, double depth, double separation) {
         pairs.push_back({name,
                          {{std::move(a), Motion::kStatic, Vec3d::Zero(), {}}, {std::move(b), Motion::kHand, kScale * at, turned}},
-                         kScale * depth, kScale * separation});
+                         kScale * depth,
+                         kScale * separation});
     };
     // a half-space is a slab as wide as need be, its top at z = 0
     const auto slab = [&] {
@@ -138,9 +140,11 @@ std::vector<ClosedFormPair> closed_form_pairs(uint32_t level) {
     const Vec3d half(0.6, 0.9, 1.3), down = rotate_back(tilt, Vec3d::UnitZ());
     add("ellipsoid on half-space", slab(), ellipsoid(half, n), {0.1, 0.2, half.cwiseProduct(down).norm() - sunk}, tilt, sunk, sunk);
     add("torus on half-space", slab(), scaled(make_torus(1, 0.35, 6 * n, 3 * n)), {0.1, 0.2, s + 0.35 - sunk}, tilt, sunk, sunk);
-    add("two spheres, shallow", ball(1, n), ball(1, n), {1.8, 0.1, 0.05}, tilt, 2 - Vec3d(1.8, 0.1, 0.05).norm(), 2 - Vec3d(1.8, 0.1, 0.05).norm());
+    add("two spheres, shallow", ball(1, n), ball(1, n), {1.8, 0.1, 0.05}, tilt, 2 - Vec3d(1.8, 0.1, 0.05).norm(),
+        2 - Vec3d(1.8, 0.1, 0.05).norm());
     const Vec3d past(0.4, 0.25, 0.1);  // each centre far inside the other
-    add("two spheres, past the centres", ball(1, n), ball(0.8, n), past, tilt, std::max(0.8 - std::abs(past.norm() - 1), 1 - std::abs(past.norm() - 0.8)), 1.8 - past.norm());
+    add("two spheres, past the centres", ball(1, n), ball(0.8, n), past, tilt,
+        std::max(0.8 - std::abs(past.norm() - 1), 1 - std::abs(past.norm() - 0.8)), 1.8 - past.norm());
     const Vec3d corner(1.0, 0.9, 0.85);
     const double clear = (corner - corner.cwiseMin(0.8)).norm();
     add("sphere at the corner of a box", box({1.6, 1.6, 1.6}, n), ball(0.5, n), corner, tilt, 0.5 - clear, 0.5 - clear);
@@ -154,9 +158,11 @@ std::vector<ClosedFormPair> closed_form_pairs(uint32_t level) {
     const Vec3d beside(1.4, 0.5, 0.3);
     const double phi = std::hypot(std::hypot(beside.x(), beside.y()) - 1, beside.z()) - 0.3;
     add("sphere outside on a torus", scaled(make_torus(1, 0.3, 6 * n, 3 * n)), ball(0.4, n), beside, tilt, 0.4 - phi, 0.4 - phi);
-    add("sphere in the hole of a torus", scaled(make_torus(1, 0.3, 6 * n, 3 * n)), ball(0.71, n), {0, 0, 0}, tilt, 0.01, std::sqrt(1.01 * 1.01 - 1));
+    add("sphere in the hole of a torus", scaled(make_torus(1, 0.3, 6 * n, 3 * n)), ball(0.71, n), {0, 0, 0}, tilt, 0.01,
+        std::sqrt(1.01 * 1.01 - 1));
     const double angle = 30 * M_PI / 180, delta = 0.05;
-    add("sphere in a V-groove", groove(angle, n), ball(0.4, n), {0, 0.02, (0.4 - delta) / std::sin(angle)}, tilt, delta, delta / std::sin(angle));
+    add("sphere in a V-groove", groove(angle, n), ball(0.4, n), {0, 0.02, (0.4 - delta) / std::sin(angle)}, tilt, delta,
+        delta / std::sin(angle));
     const Mesh ring = scaled(make_torus(1, 0.55, 6 * n, 4 * n));
     add("two linked tori", ring, ring, {1, 0, 0}, turn({1, 0, 0}, M_PI / 2), 0.1, none);
     add("sphere in a hollow sphere", together(ball(1.2, n), inside_out(ball(1, n))), ball(0.5, n), {0.2, 0.1, 0}, tilt, 0, 0);

@@ -9,8 +9,8 @@ namespace trocar::bench {
 struct ClosedFormPair {
     std::string name;
     std::vector<test::BodyInput> bodies;
-    double depth = 0;        // m, thesis depth of the smooth surfaces
-    double separation = 0;   // m, translational penetration depth of the smooth shapes; NaN where it is no closed form
+    double depth = 0;       // m, thesis depth of the smooth surfaces
+    double separation = 0;  // m, translational penetration depth of the smooth shapes; NaN where it is no closed form
 };
 
 // Tessellation levels 0 to 3: each has half the edge length of the one before.

@@ -24,14 +24,12 @@ Box box_of(const std::vector<Vec3d>& points) {
 }
 void sort_along_curve(std::vector<Vec3d>& points) {
     const Box box = box_of(points);
-    std::sort(points.begin(), points.end(),
-              [&](const Vec3d& a, const Vec3d& b) { return hilbert_key(a, box) < hilbert_key(b, box); });
+    std::sort(points.begin(), points.end(), [&](const Vec3d& a, const Vec3d& b) { return hilbert_key(a, box) < hilbert_key(b, box); });
 }
 
 std::unique_ptr<ClosestPointTree> make_tree(const TestMesh& mesh, const std::vector<Float4>* floats, bool embree) {
     search_with_embree(embree);
-    auto tree = floats ? std::make_unique<ClosestPointTree>(mesh.view(), *floats)
-                       : std::make_unique<ClosestPointTree>(mesh.view());
+    auto tree = floats ? std::make_unique<ClosestPointTree>(mesh.view(), *floats) : std::make_unique<ClosestPointTree>(mesh.view());
     search_with_embree(false);
     return tree;
 }
@@ -63,8 +61,7 @@ struct Answers {
 
 // One set of points on one mesh: ours without a hint and with last frame's, rtcPointQuery, CGAL.
 void query_rows(const TestMesh& mesh, const std::string& name, std::vector<Vec3d> points, bool judged, Report& report) {
-    const std::unique_ptr<ClosestPointTree> own = make_tree(mesh, nullptr, false),
-                                            embree = make_tree(mesh, nullptr, true);
+    const std::unique_ptr<ClosestPointTree> own = make_tree(mesh, nullptr, false), embree = make_tree(mesh, nullptr, true);
     const double margin = 0.01 * mesh.diagonal();
     Answers cold(points.size(), kInfinity), warm(points.size(), kInfinity), reference(points.size(), kInfinity);
     std::mt19937_64 random(3);
@@ -74,8 +71,7 @@ void query_rows(const TestMesh& mesh, const std::string& name, std::vector<Vec3d
     std::vector<uint32_t> hint;
     for (const SurfacePoint& s : warm.surface) hint.push_back(s.triangle);
     std::vector<std::function<void()>> jobs = {[&] { cold.ask(*own, points); }, [&] { warm.ask(*own, points, hint); },
-                                               [&] { reference.ask(*embree, points); },
-                                               [&] { reference.ask(*embree, points, hint); }};
+                                               [&] { reference.ask(*embree, points); }, [&] { reference.ask(*embree, points, hint); }};
 #ifdef TROCAR_WITH_CGAL
     const CgalSurface peer(mesh.position, mesh.triangle);
     std::vector<double> peer_distance(points.size());
@@ -87,24 +83,21 @@ void query_rows(const TestMesh& mesh, const std::string& name, std::vector<Vec3d
     warm.take_distances();
     reference.take_distances();
     const double error = largest_error(mesh, points, cold.distance);
-    const auto row = [&](const std::string& what, double ours, const char* peer_name, double peer_value,
-                         double peer_error) {
+    const auto row = [&](const std::string& what, double ours, const char* peer_name, double peer_value, double peer_error) {
         Row r{name + ", " + what, ours * per_query, "ns", peer_name, peer_value * per_query};
         r.error = error;
         r.peer_error = peer_error;
         r.error_unit = "diagonals";
         return r;
     };
-    Row own_row = row("against rtcPointQuery", seconds[0], "rtcPointQuery", seconds[2],
-                      largest_error(mesh, points, reference.distance));
+    Row own_row = row("against rtcPointQuery", seconds[0], "rtcPointQuery", seconds[2], largest_error(mesh, points, reference.distance));
     own_row.note = cold.distance == reference.distance ? "same bits" : "ANSWERS DIFFER";
     report.add(own_row);
     Row warm_row = row("last frame's triangle known", seconds[1], "rtcPointQuery", seconds[3], kNoValue);
     warm_row.note = cold.distance == warm.distance ? "same bits" : "ANSWERS DIFFER";
     report.add(warm_row);
 #ifdef TROCAR_WITH_CGAL
-    Row cgal = row("against CGAL", seconds[0], "CGAL closest point + side", seconds[4],
-                   largest_error(mesh, points, peer_distance));
+    Row cgal = row("against CGAL", seconds[0], "CGAL closest point + side", seconds[4], largest_error(mesh, points, peer_distance));
     if (judged) cgal.goal = Goal::kRatio, cgal.at_least = 5, cgal.aim = 8;
     report.add(cgal);
 #else
@@ -118,11 +111,10 @@ void refit_rows(const TestMesh& mesh, Report& report) {
     for (Float4& o : bent) o.z += 0.02f * o.x;
     const auto own = make_tree(mesh, &rest, false), embree = make_tree(mesh, &rest, true);
     bool odd = false;
-    const std::vector<double> seconds = interleaved_medians(
-        21, {[&] { own->refit((odd = !odd) ? bent : rest); }, [&] { embree->refit(odd ? bent : rest); }});
+    const std::vector<double> seconds =
+        interleaved_medians(21, {[&] { own->refit((odd = !odd) ? bent : rest); }, [&] { embree->refit(odd ? bent : rest); }});
     const double per_100k = 1e8 / static_cast<double>(mesh.triangle.size());
-    Row row{"refit per 100,000 triangles, signs included", seconds[0] * per_100k, "ms", "with Embree's tree too",
-            seconds[1] * per_100k};
+    Row row{"refit per 100,000 triangles, signs included", seconds[0] * per_100k, "ms", "with Embree's tree too", seconds[1] * per_100k};
     std::vector<Vec3d> points = points_near(mesh, 200, 0.01 * mesh.diagonal(), 7);
     TestMesh now = mesh;
     const std::vector<Float4>& floats = odd ? bent : rest;
@@ -157,9 +149,8 @@ struct Pair {
             b.tree = make_tree(mesh, &b.offset, embree);
             for (uint32_t v = 0; v < mesh.position.size(); ++v) b.order.push_back(v);
             const Box box = box_of(mesh.position);
-            std::sort(b.order.begin(), b.order.end(), [&](uint32_t u, uint32_t v) {
-                return hilbert_key(mesh.position[u], box) < hilbert_key(mesh.position[v], box);
-            });
+            std::sort(b.order.begin(), b.order.end(),
+                      [&](uint32_t u, uint32_t v) { return hilbert_key(mesh.position[u], box) < hilbert_key(mesh.position[v], box); });
             b.hint.assign(mesh.position.size(), kNone);
         }
     }
@@ -179,15 +170,12 @@ struct Pair {
             Body &from = body[side], &to = body[1 - side];
             const Vec3d move = side == 0 ? Vec3d(-shift) : shift;  // into the frame of `to`
             Vec3 low = Vec3::Constant(INFINITY), high = -low;
-            for (const Float4& o : to.offset)
-                low = low.cwiseMin(Vec3(o.x, o.y, o.z)), high = high.cwiseMax(Vec3(o.x, o.y, o.z));
+            for (const Float4& o : to.offset) low = low.cwiseMin(Vec3(o.x, o.y, o.z)), high = high.cwiseMax(Vec3(o.x, o.y, o.z));
             points.clear(), vertex.clear(), hint.clear();
             for (const uint32_t v : from.order) {
                 const Float4& o = from.offset[v];
                 const Vec3d p = Vec3d(o.x, o.y, o.z) + move;
-                if (((low.cast<double>() - p).array() > margin).any() ||
-                    ((p - high.cast<double>()).array() > margin).any())
-                    continue;
+                if (((low.cast<double>() - p).array() > margin).any() || ((p - high.cast<double>()).array() > margin).any()) continue;
                 points.push_back(p), vertex.push_back(v), hint.push_back(from.hint[v]);
             }
             Answers answers(points.size(), margin);
@@ -204,8 +192,7 @@ struct Pair {
     }
 };
 
-void pair_row(const TestMesh& mesh, const std::string& name, const Vec3d& shift, double at_least, double aim,
-              Report& report) {
+void pair_row(const TestMesh& mesh, const std::string& name, const Vec3d& shift, double at_least, double aim, Report& report) {
     Pair own(mesh, shift, false), embree(mesh, shift, true);
     std::vector<double> seconds[2];
     std::vector<Vec3d> points;
@@ -221,20 +208,16 @@ void pair_row(const TestMesh& mesh, const std::string& name, const Vec3d& shift,
         }
         same = same && own.depth == embree.depth && own.contacts == embree.contacts;
     }
-    for (std::vector<double>& s : seconds)
-        std::nth_element(s.begin(), s.begin() + static_cast<ptrdiff_t>(s.size() / 2), s.end());
-    Row row{name, 1e3 * seconds[0][seconds[0].size() / 2], "ms", "rtcPointQuery",
-            1e3 * seconds[1][seconds[1].size() / 2]};
+    for (std::vector<double>& s : seconds) std::nth_element(s.begin(), s.begin() + static_cast<ptrdiff_t>(s.size() / 2), s.end());
+    Row row{name, 1e3 * seconds[0][seconds[0].size() / 2], "ms", "rtcPointQuery", 1e3 * seconds[1][seconds[1].size() / 2]};
     // the last frame's deepest vertices again, by brute force
     double truth = 0;
     for (int side = 0; side < 2; ++side) {
         const Pair::Body &from = own.body[side], &to = own.body[1 - side];
         TestMesh now = mesh;
-        for (size_t v = 0; v < to.offset.size(); ++v)
-            now.position[v] = Vec3d(to.offset[v].x, to.offset[v].y, to.offset[v].z);
+        for (size_t v = 0; v < to.offset.size(); ++v) now.position[v] = Vec3d(to.offset[v].x, to.offset[v].y, to.offset[v].z);
         for (size_t v = 0; v < from.offset.size(); ++v) {
-            const Vec3d p =
-                Vec3d(from.offset[v].x, from.offset[v].y, from.offset[v].z) + (side == 0 ? Vec3d(-shift) : shift);
+            const Vec3d p = Vec3d(from.offset[v].x, from.offset[v].y, from.offset[v].z) + (side == 0 ? Vec3d(-shift) : shift);
             if (!(to.tree->query(p, own.margin).distance < -0.98 * own.depth)) continue;
             const BruteForceAnswer answer = brute_force_distance(now.position, now.triangle, p);
             if (answer.winding > 0.5) truth = std::max(truth, answer.distance);
@@ -273,8 +256,7 @@ void sign_rows(Report& report) {
             }
         }
     }
-    Row row{"wrong signs, " + std::to_string(points) + " points, distances over 1e-9 diagonals",
-            static_cast<double>(wrong), ""};
+    Row row{"wrong signs, " + std::to_string(points) + " points, distances over 1e-9 diagonals", static_cast<double>(wrong), ""};
     row.goal = Goal::kLimit, row.at_least = 0, row.aim = 0;
     row.note = "exact arithmetic of our own";
 #ifdef TROCAR_WITH_CGAL
@@ -300,12 +282,11 @@ void winding_rows(const TestMesh& organ, Report& report) {
                                                                 },
                                                                 [&] {
                                                                     for (size_t i = 0; i < points.size(); ++i)
-                                                                        direct[i] =
-                                                                            tree->winding_number(points[i]) > 0.5;
+                                                                        direct[i] = tree->winding_number(points[i]) > 0.5;
                                                                 }});
     const double count = static_cast<double>(points.size());
-    Row row{"winding number's side, open mesh of " + std::to_string(open.triangle.size()) + " triangles",
-            1e6 * seconds[0] / (20 * count), "us", "sum of all triangles", 1e6 * seconds[1] / count};
+    Row row{"winding number's side, open mesh of " + std::to_string(open.triangle.size()) + " triangles", 1e6 * seconds[0] / (20 * count),
+            "us", "sum of all triangles", 1e6 * seconds[1] / count};
     uint64_t differ = 0;
     for (size_t i = 0; i < points.size(); ++i) differ += fast[i] != direct[i];
     row.error = static_cast<double>(differ);

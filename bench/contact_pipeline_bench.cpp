@@ -37,25 +37,22 @@ void measure(const char* name, ContactScene& scene, uint32_t passes) {
             [&] { find_candidate_pairs(scene.bodies, scene.boxes, {}, scene.pairs_scratch, scene.pairs); },
             [&] { refit_trees(scene.bodies, scene.particles, scene.pairs, scene.refit_scratch, scene.trees); },
             [&] {
-                rasterise(scene.params, s, scene.boxes, scene.pairs, scene.rasterise_scratch, scene.report,
-                          scene.screened, scene.occupancy);
+                rasterise(scene.params, s, scene.boxes, scene.pairs, scene.rasterise_scratch, scene.report, scene.screened,
+                          scene.occupancy);
+            },
+            [&] { find_candidate_triangles(scene.pairs, scene.screened, scene.occupancy, scene.cells_scratch, scene.candidates); },
+            [&] {
+                find_overlap(s, scene.boxes, scene.pairs, scene.screened, scene.candidates, scene.trees, scene.overlap_scratch,
+                             scene.report, scene.near, scene.contacts);
             },
             [&] {
-                find_candidate_triangles(scene.pairs, scene.screened, scene.occupancy, scene.cells_scratch,
-                                         scene.candidates);
-            },
-            [&] {
-                find_overlap(s, scene.boxes, scene.pairs, scene.screened, scene.candidates, scene.trees,
-                             scene.overlap_scratch, scene.report, scene.near, scene.contacts);
-            },
-            [&] {
-                find_edge_contacts(scene.params, s, scene.pairs, scene.candidates, scene.near, scene.trees,
-                                   scene.edge_scratch, scene.report, scene.contacts);
+                find_edge_contacts(scene.params, s, scene.pairs, scene.candidates, scene.near, scene.trees, scene.edge_scratch,
+                                   scene.report, scene.contacts);
             },
             [&] { measure_penetrations(scene.pairs, scene.contacts, scene.penetrations); },
             [&] {
-                make_contact_rows(scene.params, s, scene.pairs, scene.contacts, scene.penetrations, scene.rows_scratch,
-                                  scene.report, scene.rows);
+                make_contact_rows(scene.params, s, scene.pairs, scene.contacts, scene.penetrations, scene.rows_scratch, scene.report,
+                                  scene.rows);
             },
             [&] { find_islands(scene.bodies, scene.rows, scene.islands_scratch, scene.islands); }};
         double total = 0;
@@ -82,9 +79,8 @@ void measure(const char* name, ContactScene& scene, uint32_t passes) {
     std::printf(
         "%s: bodies %zu, pairs %zu, screened %zu, shared cells %zu, triangle pairs %zu, queried vertices %zu, "
         "contacts %zu, inside %u, edge rows %u, depth %.2f mm\n",
-        name, scene.bodies.mesh.size(), scene.pairs.a.size(), scene.screened.triangle.size(),
-        scene.occupancy.cell_key.size(), scene.candidates.triangle.size(), scene.near.vertex.size(),
-        scene.contacts.pair.size(), inside, edges, depth * 1e3);
+        name, scene.bodies.mesh.size(), scene.pairs.a.size(), scene.screened.triangle.size(), scene.occupancy.cell_key.size(),
+        scene.candidates.triangle.size(), scene.near.vertex.size(), scene.contacts.pair.size(), inside, edges, depth * 1e3);
     for (uint32_t i = 0; i < 10; ++i) {
         std::printf("  %-16s p50 %8.1f us   p99 %8.1f us\n", stage_name[i], at(cost[i], 0.5), at(cost[i], 0.99));
     }
@@ -98,29 +94,27 @@ void measure_stages(int argc, char** argv) {
     const std::string only = argc > 2 ? argv[2] : "";
     const auto wanted = [&](const char* name) { return only.empty() || only == name; };
     if (wanted("goal")) {
-        ContactScene scene({{ellipsoid(29, {0.10, 0.075, 0.045}, 0.03), Motion::kDeformable, Vec3d::Zero(), {}},
-                            {ellipsoid(29, {0.03, 0.055, 0.028}, 0.03), Motion::kDeformable, Vec3d(0.01, 0.005, 0.0688),
-                             turn(Vec3d(0, 0, 1), 0.4)}});
+        ContactScene scene(
+            {{ellipsoid(29, {0.10, 0.075, 0.045}, 0.03), Motion::kDeformable, Vec3d::Zero(), {}},
+             {ellipsoid(29, {0.03, 0.055, 0.028}, 0.03), Motion::kDeformable, Vec3d(0.01, 0.005, 0.0688), turn(Vec3d(0, 0, 1), 0.4)}});
         if (argc > 3) scene.params.cell_edges = std::atof(argv[3]);
         measure("goal: 5 mm deep, 200 inside", scene, passes);
     }
     if (wanted("kidney")) {
-        ContactScene scene({{ellipsoid(29, {0.10, 0.075, 0.045}, 0.03), Motion::kDeformable, Vec3d::Zero(), {}},
-                            {ellipsoid(29, {0.03, 0.055, 0.028}, 0.03), Motion::kDeformable, Vec3d(0.01, 0.005, 0.0655),
-                             turn(Vec3d(0, 0, 1), 0.4)}});
+        ContactScene scene(
+            {{ellipsoid(29, {0.10, 0.075, 0.045}, 0.03), Motion::kDeformable, Vec3d::Zero(), {}},
+             {ellipsoid(29, {0.03, 0.055, 0.028}, 0.03), Motion::kDeformable, Vec3d(0.01, 0.005, 0.0655), turn(Vec3d(0, 0, 1), 0.4)}});
         if (argc > 3) scene.params.cell_edges = std::atof(argv[3]);
         measure("kidney on liver", scene, passes);
     }
     if (wanted("probe")) {
-        ContactScene scene(
-            {{ellipsoid(29, {0.10, 0.075, 0.045}, 0.03), Motion::kDeformable, Vec3d::Zero(), {}},
-             {ellipsoid(12, {0.004, 0.004, 0.06}, 0), Motion::kHand, Vec3d(0.01, 0.005, 0.095), turn({1, 0, 0}, 0.3)}});
+        ContactScene scene({{ellipsoid(29, {0.10, 0.075, 0.045}, 0.03), Motion::kDeformable, Vec3d::Zero(), {}},
+                            {ellipsoid(12, {0.004, 0.004, 0.06}, 0), Motion::kHand, Vec3d(0.01, 0.005, 0.095), turn({1, 0, 0}, 0.3)}});
         measure("probe on liver", scene, passes);
     }
     if (wanted("deep")) {
-        ContactScene scene(
-            {{ellipsoid(29, {0.10, 0.075, 0.045}, 0.03), Motion::kDeformable, Vec3d::Zero(), {}},
-             {ellipsoid(29, {0.06, 0.055, 0.035}, 0.03), Motion::kDeformable, Vec3d(0.01, 0, 0.03), {}}});
+        ContactScene scene({{ellipsoid(29, {0.10, 0.075, 0.045}, 0.03), Motion::kDeformable, Vec3d::Zero(), {}},
+                            {ellipsoid(29, {0.06, 0.055, 0.035}, 0.03), Motion::kDeformable, Vec3d(0.01, 0, 0.03), {}}});
         measure("deep overlap", scene, passes / 2);
     }
     if (wanted("pile")) {

@@ -40,8 +40,7 @@ double enclosed_volume(std::span<const Vec3d> position, std::span<const Triangle
     double six = 0;
     for (const Triangle& t : triangles) {
         const Vec3d &a = position[t[0]], &b = position[t[1]], &c = position[t[2]];
-        six += a.x() * (b.y() * c.z() - b.z() * c.y()) + a.y() * (b.z() * c.x() - b.x() * c.z()) +
-               a.z() * (b.x() * c.y() - b.y() * c.x());
+        six += a.x() * (b.y() * c.z() - b.z() * c.y()) + a.y() * (b.z() * c.x() - b.x() * c.z()) + a.z() * (b.x() * c.y() - b.y() * c.x());
     }
     return six / 6;
 }
@@ -63,7 +62,9 @@ struct Subject {
 };
 
 const Subject& sphere() {
-    static const Subject subject{{"sphere", {Vec3d::Constant(-0.09), Vec3d::Constant(0.09)}, 1,
+    static const Subject subject{{"sphere",
+                                  {Vec3d::Constant(-0.09), Vec3d::Constant(0.09)},
+                                  1,
                                   [](const Vec3d& p) { return (p - Vec3d(0.0011, 0.0007, -0.0003)).norm() - 0.08; }},
                                  4.0 / 3 * M_PI * 0.08 * 0.08 * 0.08};
     return subject;
@@ -106,7 +107,7 @@ void run_stuffing(benchmark::State& state, const Subject& subject, double cell) 
 
 // The same liver in each format, written once into a folder of this process.
 class MeshFiles {
-   public:
+ public:
     explicit MeshFiles(uint32_t triangles) {
         folder_ = std::filesystem::temp_directory_path() / ("trocar_content_bench_" + std::to_string(::getpid()));
         std::filesystem::create_directories(folder_);
@@ -120,12 +121,13 @@ class MeshFiles {
     }
     std::string path(const std::string& name) const { return (folder_ / name).string(); }
 
-   private:
+ private:
     std::filesystem::path folder_;
 };
 
 void finish_reading(benchmark::State& state, const std::string& path, size_t triangles) {
-    state.counters["MB/s"] = benchmark::Counter(double(std::filesystem::file_size(path)) * 1e-6, benchmark::Counter::kIsIterationInvariantRate);
+    state.counters["MB/s"] =
+        benchmark::Counter(double(std::filesystem::file_size(path)) * 1e-6, benchmark::Counter::kIsIterationInvariantRate);
     state.counters["triangles"] = double(triangles);
 }
 

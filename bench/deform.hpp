@@ -13,8 +13,8 @@ bool have_bullet();
 
 // A Bullet soft body of the same masses and springs, gravity along -z, collisions off. Empty functions without Bullet.
 struct BulletBody {
-    std::function<void()> step;                     // 1 ms
-    std::function<std::vector<Vec3d>()> places;     // m
+    std::function<void()> step;                  // 1 ms
+    std::function<std::vector<Vec3d>()> places;  // m
     explicit operator bool() const { return static_cast<bool>(step); }
 };
 // Position-based links with so many iterations a step.

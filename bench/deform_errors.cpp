@@ -55,12 +55,11 @@ struct Method {
     double dt;  // s
     uint32_t iterations;
 };
-const char* name_of(Integrator i) {
-    return i == Integrator::kLeapfrog ? "leapfrog" : i == Integrator::kMidpoint ? "midpoint" : "xpbd";
-}
+const char* name_of(Integrator i) { return i == Integrator::kLeapfrog ? "leapfrog" : i == Integrator::kMidpoint ? "midpoint" : "xpbd"; }
 std::string text_of(const Method& m) {
     char text[80];
-    std::snprintf(text, sizeof text, m.integrator == Integrator::kLeapfrog ? "%s %.3g ms" : "%s %.3g ms x %u", name_of(m.integrator), m.dt * 1e3, m.iterations);
+    std::snprintf(text, sizeof text, m.integrator == Integrator::kLeapfrog ? "%s %.3g ms" : "%s %.3g ms x %u", name_of(m.integrator),
+                  m.dt * 1e3, m.iterations);
     return text;
 }
 
@@ -169,11 +168,13 @@ FreeOutcome run_free(double stiffness, const Method& m) {
     return out;
 }
 
-void block_rows(Report& report, const char* kind, double stiffness, double reference_dt, const std::vector<Method>& methods, const std::string& cache) {
+void block_rows(Report& report, const char* kind, double stiffness, double reference_dt, const std::vector<Method>& methods,
+                const std::string& cache) {
     const SpringGraph graph = block_graph(15, 0.15, 3.375, stiffness);
     const uint32_t frames = report.quick() ? 40 : 100;
     const Frames truth = reference_frames(graph, reference_dt, frames, cache);
-    Row own{std::string(kind) + " block, the reference against itself at twice the step", rms(graph, truth, reference_frames(graph, 2 * reference_dt, frames, cache)) * 1e3, "mm"};
+    Row own{std::string(kind) + " block, the reference against itself at twice the step",
+            rms(graph, truth, reference_frames(graph, 2 * reference_dt, frames, cache)) * 1e3, "mm"};
     own.goal = Goal::kLimit, own.at_least = 1e-3, own.aim = 1e-4;
     report.add(own);
     const bool soft = stiffness < 1000;
@@ -184,11 +185,14 @@ void block_rows(Report& report, const char* kind, double stiffness, double refer
         Row row{std::string(kind) + " block, " + text_of(m), 100 * o.share, "%"};
         row.error = o.error * 1e3, row.error_unit = "mm RMS";
         row.plot = std::string("20k-tet organ block, ") + kind, row.axes = kAxes;
-        row.series = std::string(name_of(m.integrator)) + (m.integrator == Integrator::kXpbd && m.iterations > 1 ? ", sweeps" : m.iterations > 10 ? ", to the end" : "");
+        row.series = std::string(name_of(m.integrator)) + (m.integrator == Integrator::kXpbd && m.iterations > 1 ? ", sweeps"
+                                                           : m.iterations > 10                                   ? ", to the end"
+                                                                                                                 : "");
         const FreeOutcome free = run_free(stiffness, m);
         row.beside = {{kFreeEnergy, free.energy}, {kFreeAngular, free.angular}, {kFreeDrift, free.drift}};
         if (soft && m.integrator == Integrator::kLeapfrog && m.dt == 1e-3) row.goal = Goal::kLimit, row.at_least = 4, row.aim = 2.5;
-        if (!soft && m.integrator == Integrator::kMidpoint && m.dt == 10e-3 && m.iterations == 10) row.goal = Goal::kLimit, row.at_least = 5, row.aim = 4;
+        if (!soft && m.integrator == Integrator::kMidpoint && m.dt == 10e-3 && m.iterations == 10)
+            row.goal = Goal::kLimit, row.at_least = 5, row.aim = 4;
         const bool judged = row.goal != Goal::kNone;
         report.add(row);
         if (judged) {
@@ -230,12 +234,38 @@ void error_rows(Report& report, const std::string& cache) {
     report.heading("Share of one core, and RMS error of all free vertices over all frames against double leapfrog with a tiny step");
     using enum Integrator;
     block_rows(report, "soft", 50, 0.05e-3,
-               {{kLeapfrog, 2e-3, 1}, {kLeapfrog, 1e-3, 1}, {kLeapfrog, 0.5e-3, 1}, {kMidpoint, 1e-3, 10}, {kMidpoint, 2e-3, 10},
-                {kMidpoint, 5e-3, 10}, {kMidpoint, 10e-3, 10}, {kXpbd, 0.1e-3, 1}, {kXpbd, 0.2e-3, 1}, {kXpbd, 0.25e-3, 1},
-                {kXpbd, 1e-3 / 3, 1}, {kXpbd, 0.5e-3, 1}, {kXpbd, 1e-3, 1}, {kXpbd, 0.5e-3, 2}, {kXpbd, 1e-3, 3}, {kXpbd, 1e-3, 10}, {kXpbd, 2e-3, 10}, {kXpbd, 10e-3, 50}}, cache);
+               {{kLeapfrog, 2e-3, 1},
+                {kLeapfrog, 1e-3, 1},
+                {kLeapfrog, 0.5e-3, 1},
+                {kMidpoint, 1e-3, 10},
+                {kMidpoint, 2e-3, 10},
+                {kMidpoint, 5e-3, 10},
+                {kMidpoint, 10e-3, 10},
+                {kXpbd, 0.1e-3, 1},
+                {kXpbd, 0.2e-3, 1},
+                {kXpbd, 0.25e-3, 1},
+                {kXpbd, 1e-3 / 3, 1},
+                {kXpbd, 0.5e-3, 1},
+                {kXpbd, 1e-3, 1},
+                {kXpbd, 0.5e-3, 2},
+                {kXpbd, 1e-3, 3},
+                {kXpbd, 1e-3, 10},
+                {kXpbd, 2e-3, 10},
+                {kXpbd, 10e-3, 50}},
+               cache);
     block_rows(report, "stiff", 5000, 0.025e-3,
-               {{kLeapfrog, 0.2e-3, 1}, {kLeapfrog, 0.1e-3, 1}, {kMidpoint, 1e-3, 10}, {kMidpoint, 2e-3, 10}, {kMidpoint, 5e-3, 10},
-                {kMidpoint, 10e-3, 10}, {kMidpoint, 10e-3, 40}, {kXpbd, 0.1e-3, 1}, {kXpbd, 0.5e-3, 1}, {kXpbd, 1e-3, 5}, {kXpbd, 10e-3, 50}}, cache);
+               {{kLeapfrog, 0.2e-3, 1},
+                {kLeapfrog, 0.1e-3, 1},
+                {kMidpoint, 1e-3, 10},
+                {kMidpoint, 2e-3, 10},
+                {kMidpoint, 5e-3, 10},
+                {kMidpoint, 10e-3, 10},
+                {kMidpoint, 10e-3, 40},
+                {kXpbd, 0.1e-3, 1},
+                {kXpbd, 0.5e-3, 1},
+                {kXpbd, 1e-3, 5},
+                {kXpbd, 10e-3, 50}},
+               cache);
 }
 
 void model_rows(Report& report) {
@@ -261,7 +291,8 @@ void model_rows(Report& report) {
         add(name("cantilever, 2 cells high"), sag_cantilever(kSprings, 2, nu) - 1, sag_cantilever(kCorotational, 2, nu) - 1);
         add(name("cantilever, 4 cells high"), sag_cantilever(kSprings, 4, nu) - 1, sag_cantilever(kCorotational, 4, nu) - 1);
         add(name("Hertz, 2 edges to the radius"), press_sphere(kSprings, 6, 2, nu) - 1, press_sphere(kCorotational, 6, 2, nu) - 1);
-        if (!report.quick()) add(name("Hertz, 4 edges to the radius"), press_sphere(kSprings, 12, 4, nu) - 1, press_sphere(kCorotational, 12, 4, nu) - 1);
+        if (!report.quick())
+            add(name("Hertz, 4 edges to the radius"), press_sphere(kSprings, 12, 4, nu) - 1, press_sphere(kCorotational, 12, 4, nu) - 1);
     }
 }
 

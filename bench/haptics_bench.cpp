@@ -36,21 +36,24 @@ struct ReplayedPath {
     std::function<Vec3d(const Vec3d& device, const Vec3d& before)> proxy;
 };
 
-Vec3d out_of_plane(const Vec3d& p, const Vec3d& normal, double height) {
-    return p + std::max(0.0, height - normal.dot(p)) * normal;
-}
+Vec3d out_of_plane(const Vec3d& p, const Vec3d& normal, double height) { return p + std::max(0.0, height - normal.dot(p)) * normal; }
 
 ReplayedPath plane_path() {
-    return {"plane", reference::make_plane(40), 4000, 1,
-            [](double t) {
-                return Vec3d(0.03 * std::sin(kWhole * 0.5 * t), 0.02 * std::sin(kWhole * 0.8 * t), 4e-3 * std::cos(kWhole * t));
-            },
-            [](const Vec3d& p, const Vec3d&) { return out_of_plane(p, Vec3d::UnitZ(), kRigRadius); }};
+    return {
+        "plane",
+        reference::make_plane(40),
+        4000,
+        1,
+        [](double t) { return Vec3d(0.03 * std::sin(kWhole * 0.5 * t), 0.02 * std::sin(kWhole * 0.8 * t), 4e-3 * std::cos(kWhole * t)); },
+        [](const Vec3d& p, const Vec3d&) { return out_of_plane(p, Vec3d::UnitZ(), kRigRadius); }};
 }
 
 ReplayedPath sphere_path() {
     constexpr double kBig = 0.03;
-    return {"sphere", reference::make_sphere(Vec3d::Zero(), kBig, 6), 4000, 1,
+    return {"sphere",
+            reference::make_sphere(Vec3d::Zero(), kBig, 6),
+            4000,
+            1,
             [](double t) -> Vec3d {
                 const double a = kWhole * 0.25 * t, b = 0.6 * std::sin(kWhole * 0.4 * t);
                 const double r = kBig + kRigRadius - 1e-3 + 4e-3 * std::cos(kWhole * t);
@@ -63,7 +66,10 @@ ReplayedPath sphere_path() {
 ReplayedPath groove_path() {
     const Vec3d left = Vec3d(1, 0, 1).normalized(), right = Vec3d(-1, 0, 1).normalized();
     const Mesh mesh = reference::make_ground(40, 0.05, [](const Vec3d& p) { return Vec3d(p.x(), p.y(), std::abs(p.x())); });
-    return {"groove", mesh, 4000, 1,
+    return {"groove",
+            mesh,
+            4000,
+            1,
             [](double t) {
                 return Vec3d(8e-3 * std::sin(kWhole * 0.7 * t), 0.02 * std::sin(kWhole * 0.3 * t), 6e-3 + 7e-3 * std::cos(kWhole * t));
             },
@@ -92,7 +98,10 @@ Mesh torus(double ring, double tube, uint32_t around, uint32_t across) {
 
 ReplayedPath torus_path() {
     static constexpr double kRing = 0.03, kTube = 0.012;
-    return {"torus", torus(kRing, kTube, 320, 128), 4000, 1,
+    return {"torus",
+            torus(kRing, kTube, 320, 128),
+            4000,
+            1,
             [](double t) {
                 const double u = kWhole * 0.2 * t, v = kWhole * 0.5 * t;
                 const double r = kTube + kRigRadius - 1e-3 + 3e-3 * std::cos(kWhole * t);
@@ -124,7 +133,10 @@ ReplayedPath organ_path(bool quick) {
         small.triangle.push_back(t);
     }
     const Mesh slow = small;
-    return {"organ (liver of 20,000 triangles)", small, 1000, quick ? 50u : 10u,
+    return {"organ (liver of 20,000 triangles)",
+            small,
+            1000,
+            quick ? 50u : 10u,
             [top](double t) -> Vec3d {
                 return top + Vec3d(8e-3 * std::sin(kWhole * 1.0 * t), 6e-3 * std::sin(kWhole * 1.6 * t), 4e-3 * std::cos(kWhole * 2 * t));
             },
@@ -204,8 +216,7 @@ void path_rows(Report& report) {
 // Tissue without inertia under a coupling: F(u) = 300 u + 2e6 u^3 (N, m) = K (way of the device - u).
 double yield_of(double device, double stiffness) {
     double u = 0;
-    for (int k = 0; k < 60; ++k)
-        u -= (300 * u + 2e6 * u * u * u - stiffness * (device - u)) / (300 + 6e6 * u * u + stiffness);
+    for (int k = 0; k < 60; ++k) u -= (300 * u + 2e6 * u * u * u - stiffness * (device - u)) / (300 + 6e6 * u * u + stiffness);
     return u;
 }
 
@@ -242,7 +253,8 @@ RateErrors slow_simulation(double rate, double hand_rate) {
             // what the simulation knows of its two last passes
             const Vec3d down(0, 0, -1);
             const double before = when - 1 / rate;
-            const double share = pass == 0 ? 0 : give_share(-down, down * (u - yield_of(device(before), stiffness)), down * (device(when) - device(before)));
+            const double share =
+                pass == 0 ? 0 : give_share(-down, down * (u - yield_of(device(before), stiffness)), down * (device(when) - device(before)));
             rig.model.give = {0, share, -down, down * device(when) + Vec3d(0, 0, kRigRadius), down * speed_at(when), when, 0};
             if (share == 0) rig.model.give.body = kNone;
             group_triangles(rig.model);

@@ -208,13 +208,16 @@ void tick_rows(Report& report) {
     }
     const std::vector<double> us = touching_us(cost);
     char note[160];
-    std::snprintf(note, sizeof note, "minimum of %d identical runs per tick; %zu triangles in reach at most, median %.1f us, largest %.1f us, %zu ticks in contact",
-                  runs, triangles, quantile(us, 0.5), quantile(us, 1), us.size());
+    std::snprintf(
+        note, sizeof note,
+        "minimum of %d identical runs per tick; %zu triangles in reach at most, median %.1f us, largest %.1f us, %zu ticks in contact",
+        runs, triangles, quantile(us, 0.5), quantile(us, 1), us.size());
     Row row = limited("tick in contact, p99.9", quantile(us, 0.999), "us", 50, 20);
     row.note = note;
     report.add(row);
     Row rehearsal;
-    rehearsal.name = "making a new surface ready, after the force of a tick is out, p99", rehearsal.ours = quantile(touching_us(ready), 0.99), rehearsal.unit = "us";
+    rehearsal.name = "making a new surface ready, after the force of a tick is out, p99",
+    rehearsal.ours = quantile(touching_us(ready), 0.99), rehearsal.unit = "us";
     report.add(rehearsal);
     Row surface;
     surface.name = "surface under the tip a pass ahead, RMS error", surface.ours = 1e3 * ahead.rms(), surface.unit = "mm";
@@ -226,13 +229,16 @@ void tick_rows(Report& report) {
 void poke_rows(Report& report) {
     if (report.quick()) return;
     constexpr double kSeconds = 600;
-    report.heading("Energy of an arm of 0.2 kg and 300 N/m poking a liver of 10,000 triangles for ten simulated minutes, by forces told to the device");
+    report.heading(
+        "Energy of an arm of 0.2 kg and 300 N/m poking a liver of 10,000 triangles for ten simulated minutes, by forces told to the "
+        "device");
     World world = probe_scene("10000");
     reference::poke_at(world, 0, kSeconds, 2);
     const reference::PokeEnergy e = reference::poke_energy(std::move(world), kSeconds);
     char note[160];
-    std::snprintf(note, sizeof note, "%u pokes, largest force %.2f N, the hand gave %.2f J in all; the device's observer booked %.4f mJ at least",
-                  e.pokes, e.largest, e.given, 1e3 * e.observer);
+    std::snprintf(note, sizeof note,
+                  "%u pokes, largest force %.2f N, the hand gave %.2f J in all; the device's observer booked %.4f mJ at least", e.pokes,
+                  e.largest, e.given, 1e3 * e.observer);
     report.add(limited("energy got back beyond what was given, since the start", -1e3 * e.least, "mJ", 1, 0.1));
     Row poke = limited("the same since a poke began, the worst of all pokes", -1e3 * e.least_poke, "mJ", 1, 0.1);
     poke.note = note;
@@ -257,12 +263,14 @@ void live_rows(Report& report) {
             Row p999 = limited("tick period p99.9", quantile(period, 0.999) * 1e-3, "ms", 1.5, 1.1);
             p999.peer = "an idle thread of the same run", p999.peer_value = idle999, p999.not_judged = unjudged;
             report.add(p999);
-            Row above = limited("tick periods above 2 ms, a minute", static_cast<double>(live.run.doubled_periods) * 60 / seconds, "", 5, 0);
+            Row above =
+                limited("tick periods above 2 ms, a minute", static_cast<double>(live.run.doubled_periods) * 60 / seconds, "", 5, 0);
             above.peer = "an idle thread of the same run", above.not_judged = unjudged;
             above.peer_value = static_cast<double>(live.idle.doubled) * 60 / seconds;
             char missed[160];
             std::snprintf(missed, sizeof missed,
-                          "longest %.2f ms (idle: %.2f), single deadlines missed %.3g a minute (idle: %.3g); the host took %.0f ms of each processor a minute",
+                          "longest %.2f ms (idle: %.2f), single deadlines missed %.3g a minute (idle: %.3g); the host took %.0f ms of each "
+                          "processor a minute",
                           quantile(period, 1) * 1e-3, static_cast<double>(live.idle.period.largest) * 1e-6,
                           static_cast<double>(live.run.missed_ticks) * 60 / seconds, static_cast<double>(live.idle.missed) * 60 / seconds,
                           1e3 * live.stolen / std::max(1u, std::thread::hardware_concurrency()) * 60 / seconds);

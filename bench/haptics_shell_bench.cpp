@@ -73,7 +73,8 @@ Wrench balanced(const HapticParams& params, const LocalContactModel& model, doub
             if (nearest.triangle == kNone) continue;
             const SurfaceSide side = side_of(model, nearest, 0, placed);
             ShellPlane plane;
-            plane.distance = side.distance - (model.body[nearest.triangle] == model.give.body ? model.give.gap : 0), plane.normal = side.normal, plane.arm = arm;
+            plane.distance = side.distance - (model.body[nearest.triangle] == model.give.body ? model.give.gap : 0),
+            plane.normal = side.normal, plane.arm = arm;
             planes.push_back(plane);
         }
         ShellSprings springs{tool.coupling_stiffness, tool.turn_stiffness, tool.surface_stiffness, {}};
@@ -201,20 +202,27 @@ void shell_rows(Report& report) {
     for (const auto& probe : timer.probe) timer.looked_at += probe->scratch.shell.looked_at;
     const std::vector<double> us = touching_us(cost);
     char note[280];
-    std::snprintf(note, sizeof note, "minimum of %d identical runs per tick; %zu points, %zu triangles in reach at most, up to %zu contacts a tool, median %.0f us, largest %.0f us, %zu ticks with both in contact; %.0f points looked at a tick",
+    std::snprintf(note, sizeof note,
+                  "minimum of %d identical runs per tick; %zu points, %zu triangles in reach at most, up to %zu contacts a tool, median "
+                  "%.0f us, largest %.0f us, %zu ticks with both in contact; %.0f points looked at a tick",
                   runs, timer.points, timer.triangles, timer.contacts, quantile(us, 0.5), quantile(us, 1), us.size(),
                   static_cast<double>(timer.looked_at) / static_cast<double>(timer.tick));
     Row row = limited("6-DOF tick, both tools in contact, p99.9", 1e-3 * quantile(us, 0.999), "ms", 0.6, 0.35);
     row.note = note;
     row.error = 100 * std::sqrt(timer.force2 / static_cast<double>(std::max<uint64_t>(1, timer.judged))) / timer.peak;
     report.add(row);
-    std::snprintf(note, sizeof note, "against all points and all triangles iterated to balance, %llu ticks (%llu more have none: planes come and go); peak %.2f N, largest error %.3f %% in tick %llu",
-                  static_cast<unsigned long long>(timer.judged), static_cast<unsigned long long>(timer.unsettled), timer.peak, 100 * timer.largest / timer.peak, static_cast<unsigned long long>(timer.worst));
+    std::snprintf(note, sizeof note,
+                  "against all points and all triangles iterated to balance, %llu ticks (%llu more have none: planes come and go); peak "
+                  "%.2f N, largest error %.3f %% in tick %llu",
+                  static_cast<unsigned long long>(timer.judged), static_cast<unsigned long long>(timer.unsettled), timer.peak,
+                  100 * timer.largest / timer.peak, static_cast<unsigned long long>(timer.worst));
     Row force = limited("6-DOF force error RMS", row.error, "%", 2, 1);
     force.note = note;
     report.add(force);
     std::snprintf(note, sizeof note, "about the tip; peak %.1f mN m", 1e3 * timer.torque_peak);
-    Row torque = limited("6-DOF torque error RMS", 100 * std::sqrt(timer.torque2 / static_cast<double>(std::max<uint64_t>(1, timer.judged))) / timer.torque_peak, "%", 2, 1);
+    Row torque =
+        limited("6-DOF torque error RMS",
+                100 * std::sqrt(timer.torque2 / static_cast<double>(std::max<uint64_t>(1, timer.judged))) / timer.torque_peak, "%", 2, 1);
     torque.note = note;
     report.add(torque);
 }

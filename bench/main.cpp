@@ -17,10 +17,18 @@ constexpr Suite kSuites[] = {
 #ifdef TROCAR_WITH_BENCHMARK
     {"content", content_suite, "marching cubes, stuffing, reading against assimp and Coin; takes Google Benchmark's flags"},
 #endif
-    {"contact", contact_suite, "contact beside its peers: [--quick] [--json FILE] [query|broad|missed|thesis|error]; or stages [passes] [goal|kidney|probe|deep|pile] [cell edges]"},
-    {"deform", deform_suite, "integrators: rates, stable steps, error against time: [rates|threads|stability|errors|models] [--quick] [--json FILE] [--cache DIR of references, out/bench]; Bullet as peer"},
-    {"scale", scale_suite, "bodies x threads with state hashes, growth, memory, critical path, idle cost: [--quick] [--json FILE] [idle|counts|path|allocations|goals|bullet]"},
-    {"haptics", haptics_suite, "forces on replayed paths, slow simulations, stability, faults, ticks, live ticks: [--quick] [--json FILE] [paths|rates|stability|faults|tick|shell|live]"},
+    {"contact", contact_suite,
+     "contact beside its peers: [--quick] [--json FILE] [query|broad|missed|thesis|error]; or stages [passes] "
+     "[goal|kidney|probe|deep|pile] [cell edges]"},
+    {"deform", deform_suite,
+     "integrators: rates, stable steps, error against time: [rates|threads|stability|errors|models] [--quick] [--json FILE] [--cache DIR "
+     "of references, out/bench]; Bullet as peer"},
+    {"scale", scale_suite,
+     "bodies x threads with state hashes, growth, memory, critical path, idle cost: [--quick] [--json FILE] "
+     "[idle|counts|path|allocations|goals|bullet]"},
+    {"haptics", haptics_suite,
+     "forces on replayed paths, slow simulations, stability, faults, ticks, live ticks: [--quick] [--json FILE] "
+     "[paths|rates|stability|faults|tick|shell|live]"},
     {"report", report_suite, "DIR: draws what suites wrote with --json DIR/NAME.json as one page, DIR/report.html"},
 };
 

@@ -112,8 +112,12 @@ void add(const char* name, const Tally& tally, Report& report) {
     std::snprintf(note, sizeof note, "%zu poses, %zu in contact; triangle pairs missed %zu, crossings missed %zu, insides missed %zu",
                   tally.poses, tally.meeting, tally.pairs_missed, tally.contacts_missed, tally.inside_missed);
     report.add({.name = std::string("missed against exact tests: ") + name,
-                .ours = double(tally.pairs_missed + tally.contacts_missed + tally.inside_missed), .unit = "missed",
-                .goal = Goal::kLimit, .at_least = 0, .aim = 0, .note = note});
+                .ours = double(tally.pairs_missed + tally.contacts_missed + tally.inside_missed),
+                .unit = "missed",
+                .goal = Goal::kLimit,
+                .at_least = 0,
+                .aim = 0,
+                .note = note});
 }
 
 Mesh shape_of(const char* name, uint32_t triangles) {
@@ -153,13 +157,23 @@ void compare_overlap_tests(Report& report) {
         const bool ours = !scene.penetrations.pair.empty();
         const std::string name = "kidney " + std::string(place.name) + " on liver, contact pass";
         for (size_t i = 0; i < peers.size(); ++i) {
-            report.add({.name = name, .ours = 1e3 * cost[0], .unit = "ms", .peer = peers[i].name, .peer_value = 1e3 * cost[i + 1],
-                        .error = double(ours != place.meet), .peer_error = double(bool(answer[i]) != place.meet),
-                        .error_unit = "wrong", .note = "the peer answers yes or no"});
+            report.add({.name = name,
+                        .ours = 1e3 * cost[0],
+                        .unit = "ms",
+                        .peer = peers[i].name,
+                        .peer_value = 1e3 * cost[i + 1],
+                        .error = double(ours != place.meet),
+                        .peer_error = double(bool(answer[i]) != place.meet),
+                        .error_unit = "wrong",
+                        .note = "the peer answers yes or no"});
         }
         if (peers.empty()) {
-            report.add({.name = name, .ours = 1e3 * cost[0], .unit = "ms", .error = double(ours != place.meet),
-                        .error_unit = "wrong", .note = "neither FCL (libfcl-dev) nor CGAL (libcgal-dev) is installed: no peer"});
+            report.add({.name = name,
+                        .ours = 1e3 * cost[0],
+                        .unit = "ms",
+                        .error = double(ours != place.meet),
+                        .error_unit = "wrong",
+                        .note = "neither FCL (libfcl-dev) nor CGAL (libcgal-dev) is installed: no peer"});
         }
     }
 }

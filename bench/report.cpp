@@ -16,12 +16,8 @@ namespace {
 using json = nlohmann::json;
 constexpr const char* kColours[] = {"#7a7a7a", "#1f6feb", "#d1495b", "#7b4ab8", "#9fd8b4", "#4fb477", "#1f7a46", "#a05a2c"};
 
-double value(const json& row, const char* key) {
-    return row.contains(key) && row[key].is_number() ? row[key].get<double>() : std::nan("");
-}
-std::string text(const json& row, const char* key) {
-    return row.contains(key) && row[key].is_string() ? row[key].get<std::string>() : "";
-}
+double value(const json& row, const char* key) { return row.contains(key) && row[key].is_number() ? row[key].get<double>() : std::nan(""); }
+std::string text(const json& row, const char* key) { return row.contains(key) && row[key].is_string() ? row[key].get<std::string>() : ""; }
 std::string figure(double v) {
     char out[32];
     std::snprintf(out, sizeof out, std::abs(v) >= 1000 && std::abs(v) < 1e7 ? "%.0f" : "%.3g", v);
@@ -38,7 +34,8 @@ std::vector<json> read_rows(const std::filesystem::path& folder, std::string& ma
     for (const auto& file : files) {
         std::ifstream stream(file);
         const json suite = json::parse(stream, nullptr, false);
-        if (suite.is_discarded() || !suite.is_object() || !suite.contains("rows")) throw InputError(file.string() + ": not the rows of a suite");
+        if (suite.is_discarded() || !suite.is_object() || !suite.contains("rows"))
+            throw InputError(file.string() + ": not the rows of a suite");
         if (!text(suite, "machine").empty()) machine = text(suite, "machine");
         for (const json& row : suite["rows"]) rows.push_back(row);
     }
@@ -68,7 +65,8 @@ class LogPlot {
         return kHeight - kBottom - (std::log10(std::max(v, floor_)) - low_) / (high_ - low_) * (kHeight - kBottom - kTop);
     }
     // `lines`: through the dots of a series in their order; else a cross at its median.
-    std::string draw(const std::string& title, const std::vector<Dot>& dots, const std::vector<std::string>& series, bool lines = false) const {
+    std::string draw(const std::string& title, const std::vector<Dot>& dots, const std::vector<std::string>& series,
+                     bool lines = false) const {
         std::string out = head(title);
         for (size_t s = 0; s < series.size(); ++s) {
             const char* colour = kColours[s % std::size(kColours)];
@@ -77,7 +75,8 @@ class LogPlot {
                 if (d.series != series[s]) continue;
                 xs.push_back(d.x), ys.push_back(std::max(d.y, floor_));
                 append(out, "<circle cx='%.1f' cy='%.1f' r='3.2' fill='%s' fill-opacity='0.55'><title>", x(d.x), y(d.y), colour);
-                out += escape_html(d.name) + ": " + figure(d.x) + " " + labels_.x_unit + ", " + figure(d.y) + " " + labels_.y_unit + "</title></circle>\n";
+                out += escape_html(d.name) + ": " + figure(d.x) + " " + labels_.x_unit + ", " + figure(d.y) + " " + labels_.y_unit +
+                       "</title></circle>\n";
             }
             if (xs.empty()) continue;
             if (lines) {
@@ -107,23 +106,29 @@ class LogPlot {
         out += line;
     }
     static void add_key(std::string& out, size_t s, const std::string& name) {
-        append(out, "<circle cx='%.0f' cy='%.0f' r='4' fill='%s'/>", kWidth - kRight + 16, kTop + 8 + 18.0 * double(s), kColours[s % std::size(kColours)]);
+        append(out, "<circle cx='%.0f' cy='%.0f' r='4' fill='%s'/>", kWidth - kRight + 16, kTop + 8 + 18.0 * double(s),
+               kColours[s % std::size(kColours)]);
         append(out, "<text x='%.0f' y='%.0f'>%s</text>\n", kWidth - kRight + 25, kTop + 12 + 18.0 * double(s), escape_html(name).c_str());
     }
     std::string head(const std::string& title) const {
         std::string out;
-        append(out, "<svg viewBox='0 0 %.0f %.0f' width='%.0f' font-size='11' font-family='sans-serif' fill='#222'>\n", kWidth, kHeight, kWidth);
+        append(out, "<svg viewBox='0 0 %.0f %.0f' width='%.0f' font-size='11' font-family='sans-serif' fill='#222'>\n", kWidth, kHeight,
+               kWidth);
         append(out, "<text x='%.0f' y='18' font-size='13' font-weight='bold'>%s</text>\n", kLeft, escape_html(title).c_str());
         for (double d = left_; d <= right_ + 0.5; ++d) {
             const double at = x(std::pow(10, d));
-            append(out, "<path d='M%.1f %.0fV%.0f' stroke='#ddd'/><text x='%.1f' y='%.0f' text-anchor='middle'>%g</text>\n", at, kTop, kHeight - kBottom, at, kHeight - kBottom + 15, std::pow(10, d));
+            append(out, "<path d='M%.1f %.0fV%.0f' stroke='#ddd'/><text x='%.1f' y='%.0f' text-anchor='middle'>%g</text>\n", at, kTop,
+                   kHeight - kBottom, at, kHeight - kBottom + 15, std::pow(10, d));
         }
         for (double d = low_; d <= high_ + 0.5; ++d) {
             const double at = y(std::pow(10, d));
-            append(out, "<path d='M%.0f %.1fH%.0f' stroke='#ddd'/><text x='%.0f' y='%.1f' text-anchor='end'>%s%g</text>\n", kLeft, at, kWidth - kRight, kLeft - 6, at + 4, d == low_ ? "&#8804;" : "", std::pow(10, d));
+            append(out, "<path d='M%.0f %.1fH%.0f' stroke='#ddd'/><text x='%.0f' y='%.1f' text-anchor='end'>%s%g</text>\n", kLeft, at,
+                   kWidth - kRight, kLeft - 6, at + 4, d == low_ ? "&#8804;" : "", std::pow(10, d));
         }
-        append(out, "<text x='%.0f' y='%.0f' text-anchor='middle'>%s</text>\n", (kLeft + kWidth - kRight) / 2, kHeight - 8, escape_html(labels_.x).c_str());
-        append(out, "<text transform='translate(14 %.0f) rotate(-90)' text-anchor='middle'>%s</text>\n", (kTop + kHeight - kBottom) / 2, escape_html(labels_.y).c_str());
+        append(out, "<text x='%.0f' y='%.0f' text-anchor='middle'>%s</text>\n", (kLeft + kWidth - kRight) / 2, kHeight - 8,
+               escape_html(labels_.x).c_str());
+        append(out, "<text transform='translate(14 %.0f) rotate(-90)' text-anchor='middle'>%s</text>\n", (kTop + kHeight - kBottom) / 2,
+               escape_html(labels_.y).c_str());
         return out;
     }
     double floor_;
@@ -144,8 +149,9 @@ std::string plots(const std::vector<json>& rows) {
         if (std::isfinite(shape)) smooth[plot].push_back({ms, shape, name, text(row, "name")});
     }
     if (order.empty()) return "";
-    std::string out = "<h2>Speed against error</h2>\n<p>A dot is a pair of bodies and a method; a cross is a method's median "
-                      "time and the error that nine in ten of its pairs stay below. To the left is faster, down is truer. Hover for the names.</p>\n";
+    std::string out =
+        "<h2>Speed against error</h2>\n<p>A dot is a pair of bodies and a method; a cross is a method's median "
+        "time and the error that nine in ten of its pairs stay below. To the left is faster, down is truer. Hover for the names.</p>\n";
     for (const std::string& plot : order) {
         out += "<div>" + LogPlot(mesh[plot], 1e-6).draw(plot + ": depth against the mesh", mesh[plot], series);
         if (!smooth[plot].empty()) {
@@ -188,7 +194,8 @@ std::string line_charts(const std::vector<json>& rows) {
         for (const std::string& name : names) out += "<th>" + escape_html(name) + "</th>";
         out += "</tr>\n";
         for (const json& row : list) {
-            out += "<tr><td>" + escape_html(text(row, "name")) + "</td><td>" + figure(value(row, "ours")) + "</td><td>" + figure(value(row, "error")) + "</td>";
+            out += "<tr><td>" + escape_html(text(row, "name")) + "</td><td>" + figure(value(row, "ours")) + "</td><td>" +
+                   figure(value(row, "error")) + "</td>";
             const json beside = row.value("beside", json::object());
             for (const std::string& name : names) out += "<td>" + figure(value(beside, name.c_str())) + "</td>";
             out += "</tr>\n";
@@ -210,14 +217,17 @@ std::string judged(const json& row) {
 
 // The rows with a goal, or those without one.
 std::string table(const std::vector<json>& rows, bool with_goal) {
-    std::string out = "<table><tr><th>what</th><th>ours</th><th>peer</th><th>times</th><th>error</th><th>peer's error</th><th>goal</th><th>note</th></tr>\n";
+    std::string out =
+        "<table><tr><th>what</th><th>ours</th><th>peer</th><th>times</th><th>error</th><th>peer's "
+        "error</th><th>goal</th><th>note</th></tr>\n";
     for (const json& row : rows) {
         if ((!text(row, "plot").empty() && text(row, "axes").empty()) || has_goal(row) != with_goal) continue;
         const std::string unit = " " + escape_html(text(row, "unit"));
         out += "<tr><td>" + escape_html(text(row, "name")) + "</td><td>" + figure(value(row, "ours")) + unit + "</td><td>";
         if (!text(row, "peer").empty()) out += escape_html(text(row, "peer")) + ": " + figure(value(row, "peer_value")) + unit;
-        out += "</td><td>" + figure(value(row, "ratio")) + "</td><td>" + figure(value(row, "error")) + " " + escape_html(text(row, "error_unit")) +
-               "</td><td>" + figure(value(row, "peer_error")) + "</td>" + judged(row) + "<td>" + escape_html(text(row, "note")) + "</td></tr>\n";
+        out += "</td><td>" + figure(value(row, "ratio")) + "</td><td>" + figure(value(row, "error")) + " " +
+               escape_html(text(row, "error_unit")) + "</td><td>" + figure(value(row, "peer_error")) + "</td>" + judged(row) + "<td>" +
+               escape_html(text(row, "note")) + "</td></tr>\n";
     }
     return out + "</table>\n";
 }
@@ -238,13 +248,15 @@ int report_suite(int argc, char** argv) {
         std::string machine;
         const std::vector<json> rows = read_rows(folder, machine);
         if (rows.empty()) throw InputError(folder.string() + ": no rows; run suites with --json " + (folder / "SUITE.json").string());
-        write_whole_file(page, "<!doctype html><html lang='en'><meta charset='utf-8'><title>Trocar: speed and error</title>\n"
-                               "<style>body{font:14px sans-serif;max-width:1580px;margin:24px auto;color:#222}table{border-collapse:collapse}"
-                               "td,th{padding:3px 9px;border-bottom:1px solid #ddd;text-align:left;vertical-align:top}"
-                               "td:nth-child(2),td:nth-child(4),td:nth-child(5),td:nth-child(7){white-space:nowrap}.met{color:#1f7a46}.missed{color:#b00020;font-weight:bold}</style>\n<h1>Speed and error</h1>\n"
-                               "<p>Processor time of one thread, medians of runs in turn with the peers of the same row" +
-                                   (machine.empty() ? "" : "; " + escape_html(machine)) + ".</p>\n<h2>Goals</h2>\n" + table(rows, true) +
-                                   plots(rows) + line_charts(rows) + "<h2>More figures</h2>\n" + table(rows, false) + "</html>\n");
+        write_whole_file(page,
+                         "<!doctype html><html lang='en'><meta charset='utf-8'><title>Trocar: speed and error</title>\n"
+                         "<style>body{font:14px sans-serif;max-width:1580px;margin:24px auto;color:#222}table{border-collapse:collapse}"
+                         "td,th{padding:3px 9px;border-bottom:1px solid #ddd;text-align:left;vertical-align:top}"
+                         "td:nth-child(2),td:nth-child(4),td:nth-child(5),td:nth-child(7){white-space:nowrap}.met{color:#1f7a46}.missed{"
+                         "color:#b00020;font-weight:bold}</style>\n<h1>Speed and error</h1>\n"
+                         "<p>Processor time of one thread, medians of runs in turn with the peers of the same row" +
+                             (machine.empty() ? "" : "; " + escape_html(machine)) + ".</p>\n<h2>Goals</h2>\n" + table(rows, true) +
+                             plots(rows) + line_charts(rows) + "<h2>More figures</h2>\n" + table(rows, false) + "</html>\n");
         std::printf("%s: %zu rows\n", page.string().c_str(), rows.size());
         return 0;
     } catch (const InputError& error) {

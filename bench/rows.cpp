@@ -15,16 +15,17 @@
 namespace trocar::bench {
 namespace {
 
-double ratio_of(const Row& row) {
-    return row.goal == Goal::kPeerShare ? row.ours / row.peer_value : row.peer_value / row.ours;
-}
+double ratio_of(const Row& row) { return row.goal == Goal::kPeerShare ? row.ours / row.peer_value : row.peer_value / row.ours; }
 
 std::optional<bool> reaches(const Row& row, double limit) {
     if (row.goal == Goal::kNone || !row.not_judged.empty()) return {};
     switch (row.goal) {
-        case Goal::kRatio: return ratio_of(row) >= limit;
-        case Goal::kPeerShare: return ratio_of(row) <= limit;
-        default: return row.ours <= limit;
+        case Goal::kRatio:
+            return ratio_of(row) >= limit;
+        case Goal::kPeerShare:
+            return ratio_of(row) <= limit;
+        default:
+            return row.ours <= limit;
     }
 }
 std::optional<bool> met(const Row& row) { return reaches(row, row.at_least); }
@@ -75,7 +76,9 @@ void print(const Row& row) {
     if (row.goal != Goal::kNone) {
         const std::optional<bool> judged = met(row);
         std::printf("  [%s %.3g, aim %.3g: %s]", row.goal == Goal::kRatio ? "at least" : "at most", row.at_least, row.aim,
-                    !judged ? row.not_judged.c_str() : *judged ? "met" : "MISSED");
+                    !judged   ? row.not_judged.c_str()
+                    : *judged ? "met"
+                              : "MISSED");
     }
     for (const auto& [name, value] : row.beside) std::printf("  %s %.3g", name.c_str(), value);
     if (!row.note.empty()) std::printf("  %s", row.note.c_str());
@@ -132,7 +135,8 @@ void Report::print_plots() const {
         if (std::isfinite(row.smooth_error)) values[2].push_back(row.smooth_error);
     }
     for (auto& [plot, series] : plots) {
-        std::printf("%s: median time; error of nine in ten pairs and largest error, against the mesh and against the smooth shape\n", plot.c_str());
+        std::printf("%s: median time; error of nine in ten pairs and largest error, against the mesh and against the smooth shape\n",
+                    plot.c_str());
         for (auto& [name, values] : series) {
             for (std::vector<double>& v : values) std::sort(v.begin(), v.end());
             const auto part = [](const std::vector<double>& v, double p) { return v[size_t(p * double(v.size() - 1))]; };
@@ -167,7 +171,8 @@ int Report::finish() {
     bool missed = false;
     print_plots();
     print_goals();
-    nlohmann::ordered_json j = {{"suite", suite_}, {"machine", machine_class()}, {"quick", quick_}, {"rows", nlohmann::ordered_json::array()}};
+    nlohmann::ordered_json j = {
+        {"suite", suite_}, {"machine", machine_class()}, {"quick", quick_}, {"rows", nlohmann::ordered_json::array()}};
     for (const Row& row : rows_) {
         missed = missed || !met(row).value_or(true);
         j["rows"].push_back(to_json(suite_, row));

@@ -1,6 +1,4 @@
 // How cost grows with the number of bodies, what threads bring, and what a frame costs that has nothing to do.
-#include "bench/scale.hpp"
-
 #include <malloc.h>
 #include <unistd.h>
 
@@ -9,6 +7,7 @@
 #include <cstdio>
 #include <cstdlib>
 
+#include "bench/scale.hpp"
 #include "bench/suites.hpp"
 #include "content/build_scene.hpp"
 #include "engine/loop_watch.hpp"
@@ -52,8 +51,8 @@ uint32_t looks_of(const World& w) { return std::max(1u, w.clock.contact_rate / 6
 
 // One run of a scene: wall seconds of every pass, and what was there.
 struct Run {
-    std::vector<double> pass;   // s
-    std::vector<bool> picture;  // per pass: a displayed frame ends with it
+    std::vector<double> pass;             // s
+    std::vector<bool> picture;            // per pass: a displayed frame ends with it
     std::vector<double> found, residual;  // m, the deepest at the beginning and at the end of a look
     uint64_t hash = 0;
     double processor = 0;  // s of all threads
@@ -130,7 +129,8 @@ double growth(const std::vector<double>& count, const std::vector<double>& cost)
 
 // Count x threads: least wall time a pass over interleaved runs, the hash beside each.
 void count_rows(const char* scene, const std::vector<uint32_t>& counts, uint32_t passes, int rounds, double most_growth, Report& report) {
-    report.heading(std::string(scene) + ": count x threads, " + std::to_string(passes) + " passes, least of " + std::to_string(rounds) + " interleaved runs");
+    report.heading(std::string(scene) + ": count x threads, " + std::to_string(passes) + " passes, least of " + std::to_string(rounds) +
+                   " interleaved runs");
     constexpr uint32_t kThreads[] = {1, 2, 4};
     std::vector<double> numbers, costs;
     for (const uint32_t count : counts) {
@@ -139,8 +139,10 @@ void count_rows(const char* scene, const std::vector<uint32_t>& counts, uint32_t
             for (size_t t = 0; t < std::size(kThreads); ++t) {
                 if (t == 2 && round > 0) continue;  // for its hash alone, where there are fewer cores
                 const Run run = run_scene(scene, count, kThreads[t], passes);
-                if (round == 0) runs.push_back(run);
-                else take_least(run, runs[t]);
+                if (round == 0)
+                    runs.push_back(run);
+                else
+                    take_least(run, runs[t]);
             }
         }
         numbers.push_back(count), costs.push_back(runs[0].processor);
@@ -148,22 +150,37 @@ void count_rows(const char* scene, const std::vector<uint32_t>& counts, uint32_t
         for (size_t t = 0; t < std::size(kThreads); ++t) {
             differ += runs[t].hash != runs[0].hash;
             Row row{.name = std::string(scene) + ", " + std::to_string(count) + " bodies, " + std::to_string(kThreads[t]) + " threads",
-                    .ours = 1e3 * sum(runs[t].pass) / passes, .unit = "ms/pass"};
-            row.note = format("%.2f ms of processor time; ", 1e3 * runs[t].processor / passes) + format("%.0f contacts; hash ", runs[t].contacts);
+                    .ours = 1e3 * sum(runs[t].pass) / passes,
+                    .unit = "ms/pass"};
+            row.note =
+                format("%.2f ms of processor time; ", 1e3 * runs[t].processor / passes) + format("%.0f contacts; hash ", runs[t].contacts);
             char hash[20];
             std::snprintf(hash, sizeof hash, "%016llx", static_cast<unsigned long long>(runs[t].hash));
             row.note += hash;
             report.add(row);
         }
-        report.add({.name = std::string(scene) + ", " + std::to_string(count) + " bodies: hashes that differ from one thread's", .ours = differ, .unit = "",
-                    .goal = Goal::kLimit, .at_least = 0, .aim = 0});
-        report.add({.name = std::string(scene) + ", " + std::to_string(count) + " bodies: memory a body", .ours = runs[0].bytes / count / 1024, .unit = "KiB"});
+        report.add({.name = std::string(scene) + ", " + std::to_string(count) + " bodies: hashes that differ from one thread's",
+                    .ours = differ,
+                    .unit = "",
+                    .goal = Goal::kLimit,
+                    .at_least = 0,
+                    .aim = 0});
+        report.add({.name = std::string(scene) + ", " + std::to_string(count) + " bodies: memory a body",
+                    .ours = runs[0].bytes / count / 1024,
+                    .unit = "KiB"});
         if (count >= 1000) {
             const double efficiency = sum(runs[0].pass) / (2 * sum(runs[1].pass));
             // held against 1 as the peer: at least 0.8 of it
-            report.add({.name = std::string(scene) + ", " + std::to_string(count) + " bodies: two threads take", .ours = sum(runs[1].pass) / passes * 1e3, .unit = "ms/pass",
-                        .peer = "half of one thread", .peer_value = sum(runs[0].pass) / passes * 500, .goal = Goal::kRatio, .at_least = 0.8, .aim = 0.9,
-                        .not_judged = crowded(), .note = format("efficiency %.2f", efficiency)});
+            report.add({.name = std::string(scene) + ", " + std::to_string(count) + " bodies: two threads take",
+                        .ours = sum(runs[1].pass) / passes * 1e3,
+                        .unit = "ms/pass",
+                        .peer = "half of one thread",
+                        .peer_value = sum(runs[0].pass) / passes * 500,
+                        .goal = Goal::kRatio,
+                        .at_least = 0.8,
+                        .aim = 0.9,
+                        .not_judged = crowded(),
+                        .note = format("efficiency %.2f", efficiency)});
         }
     }
     if (counts.size() < 2) return;
@@ -186,8 +203,10 @@ double measured_efficiency(const PathScene& scene, int rounds) {
     for (int round = 0; round < rounds; ++round) {
         for (uint32_t t = 0; t < 2; ++t) {
             const Run run = run_scene(scene.name, scene.count, t + 1, scene.passes, scene.more);
-            if (round == 0) runs[t] = run;
-            else take_least(run, runs[t]);
+            if (round == 0)
+                runs[t] = run;
+            else
+                take_least(run, runs[t]);
         }
     }
     return sum(runs[0].pass) / (2 * sum(runs[1].pass));
@@ -200,7 +219,8 @@ struct StageSplit {
 };
 double with_cores(const StageSplit& s, double cores) {
     double seconds = s.serial;
-    for (const LoopTime& l : s.loops) seconds += 1e-9 * std::max(static_cast<double>(l.longest_ns), static_cast<double>(l.processor_ns) / cores);
+    for (const LoopTime& l : s.loops)
+        seconds += 1e-9 * std::max(static_cast<double>(l.longest_ns), static_cast<double>(l.processor_ns) / cores);
     return seconds;
 }
 
@@ -237,7 +257,8 @@ SplitRun split_run(const PathScene& scene) {
     pool.run([&] {
         BuiltScene built = stress(scene.name, scene.count, scene.more);
         const auto& motion = built.world.bodies.motion;
-        run.label = std::string(scene.name) + ", " + std::to_string(std::count_if(motion.begin(), motion.end(), [](Motion m) { return joins_islands(m); })) + " bodies: ";
+        run.label = std::string(scene.name) + ", " +
+                    std::to_string(std::count_if(motion.begin(), motion.end(), [](Motion m) { return joins_islands(m); })) + " bodies: ";
         Trace trace(1 << 16);
         FrameOptions options;
         options.trace = &trace;
@@ -292,7 +313,8 @@ void critical_path_rows(const PathScene& scene, double measured, int rounds, Rep
         for (const auto& stages : run.pass) whole += critical_path(run, stages, cores);
         Row row{.name = run.label + format("critical path, %.0f cores", cores), .ours = 1e3 * whole / scene.passes, .unit = "ms/pass"};
         row.note = format("predicted efficiency %.2f", total / (cores * whole));
-        if (cores == 2) row.note += format(", measured with two threads %.2f", measured) + (crowded().empty() ? "" : " (" + crowded() + ")");
+        if (cores == 2)
+            row.note += format(", measured with two threads %.2f", measured) + (crowded().empty() ? "" : " (" + crowded() + ")");
         report.add(row);
     }
 }
@@ -309,7 +331,12 @@ void idle_rows(Report& report) {
             empty.step();
             us.push_back(1e-3 * static_cast<double>(now_ns() - start));
         }
-        report.add({.name = "empty scene, a frame (2 passes)", .ours = 2 * quantile(us, 0.5), .unit = "us", .goal = Goal::kLimit, .at_least = 20, .aim = 5});
+        report.add({.name = "empty scene, a frame (2 passes)",
+                    .ours = 2 * quantile(us, 0.5),
+                    .unit = "us",
+                    .goal = Goal::kLimit,
+                    .at_least = 20,
+                    .aim = 5});
         // the stages of a full frame with nothing in them: what scheduling them costs
         std::vector<Stage> hollow;
         for (const auto list : {begin_stages(), advance_stages()})
@@ -322,8 +349,13 @@ void idle_rows(Report& report) {
             graph.run();
             us.push_back(1e-3 * static_cast<double>(now_ns() - start));
         }
-        report.add({.name = "job graph of all " + std::to_string(hollow.size()) + " stages, 2 threads, a pass", .ours = quantile(us, 0.5), .unit = "us", .goal = Goal::kLimit,
-                    .at_least = 50, .aim = 20, .note = format("least %.1f, p99 %.1f us", quantile(us, 0), quantile(us, 0.99))});
+        report.add({.name = "job graph of all " + std::to_string(hollow.size()) + " stages, 2 threads, a pass",
+                    .ours = quantile(us, 0.5),
+                    .unit = "us",
+                    .goal = Goal::kLimit,
+                    .at_least = 50,
+                    .aim = 20,
+                    .note = format("least %.1f, p99 %.1f us", quantile(us, 0), quantile(us, 0.99))});
     });
 }
 
@@ -344,8 +376,13 @@ void allocation_row(uint32_t count, Report& report) {
         start_counting_allocations();
         for (int i = 0; i < kPasses; ++i) frame.step();
         const AllocationCount c = stop_counting_allocations();
-        report.add({.name = "allocations a warm pass, rain of " + std::to_string(count), .ours = static_cast<double>(c.ours) / kPasses, .unit = "", .goal = Goal::kLimit,
-                    .at_least = 0, .aim = 0, .note = c.callers.empty() ? "" : c.callers[0]});
+        report.add({.name = "allocations a warm pass, rain of " + std::to_string(count),
+                    .ours = static_cast<double>(c.ours) / kPasses,
+                    .unit = "",
+                    .goal = Goal::kLimit,
+                    .at_least = 0,
+                    .aim = 0,
+                    .note = c.callers.empty() ? "" : c.callers[0]});
     });
 }
 
@@ -364,21 +401,36 @@ void goal_rows(bool quick, Report& report) {
     // 115 ms a pass, 460 ms a picture, 230 ms on two cores
     std::vector<Goals> list{{"rain", 1000, 90, 230}};
     // ten times as many in a basin ten times as wide make a heap as deep
-    const std::vector<Override> wide{{"columns", "70"}, {"plate", "12"}, {"ground", "-0.2"}, {"low", "-5.3"}, {"left", "-5.744"}, {"right", "5.744"}};
+    const std::vector<Override> wide{{"columns", "70"}, {"plate", "12"},    {"ground", "-0.2"},
+                                     {"low", "-5.3"},   {"left", "-5.744"}, {"right", "5.744"}};
     if (!quick) list.push_back({"rain", 10000, 60, 2300, wide});
     for (const Goals& g : list) {
         const Run run = run_scene(g.name, g.count, 2, g.passes, g.more);
         const std::vector<double> frames = displayed(run);
-        report.add({.name = std::string(g.name) + ", " + std::to_string(g.count) + " bodies: p99 frame", .ours = quantile(frames, 0.99), .unit = "ms", .goal = Goal::kLimit,
-                    .at_least = g.p99, .aim = g.p99 / 2, .not_judged = crowded(),
-                    .note = format("median %.1f ms; half the processor time %.1f ms a frame", quantile(frames, 0.5), 1e3 * run.processor / g.passes)});
-        report.add({.name = std::string(g.name) + ", " + std::to_string(g.count) + " bodies: deepest overlap left", .ours = 100 * quantile(run.residual, 1) / run.size, .unit = "%",
-                    .goal = Goal::kLimit, .at_least = 1, .aim = 0.5, .note = format("p99 of passes %.3g %%; found when passes begin: at most %.3g %%", 100 * quantile(run.residual, 0.99) / run.size, 100 * quantile(run.found, 1) / run.size)});
+        report.add({.name = std::string(g.name) + ", " + std::to_string(g.count) + " bodies: p99 frame",
+                    .ours = quantile(frames, 0.99),
+                    .unit = "ms",
+                    .goal = Goal::kLimit,
+                    .at_least = g.p99,
+                    .aim = g.p99 / 2,
+                    .not_judged = crowded(),
+                    .note = format("median %.1f ms; half the processor time %.1f ms a frame", quantile(frames, 0.5),
+                                   1e3 * run.processor / g.passes)});
+        report.add({.name = std::string(g.name) + ", " + std::to_string(g.count) + " bodies: deepest overlap left",
+                    .ours = 100 * quantile(run.residual, 1) / run.size,
+                    .unit = "%",
+                    .goal = Goal::kLimit,
+                    .at_least = 1,
+                    .aim = 0.5,
+                    .note = format("p99 of passes %.3g %%; found when passes begin: at most %.3g %%",
+                                   100 * quantile(run.residual, 0.99) / run.size, 100 * quantile(run.found, 1) / run.size)});
     }
     const uint32_t count = quick ? 1000 : 10000;
     ThreadPool pool(2);
     pool.run([&] {
-        BuiltScene built = stress("settle", count, {{"columns", std::to_string(static_cast<int>(std::ceil(std::sqrt(count))))}, {"floor", "8"}, {"ground", "-0.133333333"}});
+        BuiltScene built = stress(
+            "settle", count,
+            {{"columns", std::to_string(static_cast<int>(std::ceil(std::sqrt(count))))}, {"floor", "8"}, {"ground", "-0.133333333"}});
         Frame frame(std::move(built.world), {});
         int waited = 0;
         while (waited < 400 && (frame.world().report.asleep_bodies < count)) frame.step(), ++waited;
@@ -398,7 +450,12 @@ void goal_rows(bool quick, Report& report) {
             if (frame.times().picture) frames.push_back(total), total = 0;
         }
         const double asleep = static_cast<double>(frame.world().report.asleep_bodies);
-        report.add({.name = std::to_string(count) + " bodies asleep: p99 frame", .ours = quantile(frames, 0.99), .unit = "ms", .goal = Goal::kLimit, .at_least = 2, .aim = 1,
+        report.add({.name = std::to_string(count) + " bodies asleep: p99 frame",
+                    .ours = quantile(frames, 0.99),
+                    .unit = "ms",
+                    .goal = Goal::kLimit,
+                    .at_least = 2,
+                    .aim = 1,
                     .not_judged = asleep < count ? format("only %.0f slept after %.0f passes", asleep, waited) : crowded(),
                     .note = format("median %.3f ms; the first after the last fell asleep %.3f ms", quantile(frames, 0.5), first)});
     });
@@ -411,7 +468,8 @@ void bullet_rows(uint32_t count, uint32_t passes, Report& report) {
         BuiltScene built = stress("rain", count);
         const BulletWorld bullet = bullet_world(built.world);
         if (!bullet) {
-            report.add({.name = "rain beside Bullet", .ours = kNoValue, .unit = "ms/pass", .note = "libbullet-dev is not installed: no peer"});
+            report.add(
+                {.name = "rain beside Bullet", .ours = kNoValue, .unit = "ms/pass", .note = "libbullet-dev is not installed: no peer"});
             return;
         }
         Frame frame(std::move(built.world), {});
@@ -423,8 +481,12 @@ void bullet_rows(uint32_t count, uint32_t passes, Report& report) {
             bullet.step();
             ours += middle - start, theirs += thread_seconds() - middle;
         }
-        report.add({.name = "rain, " + std::to_string(count) + " bodies, " + std::to_string(passes) + " passes", .ours = 1e3 * ours / passes, .unit = "ms/pass", .peer = "Bullet",
-                    .peer_value = 1e3 * theirs / passes, .note = format("lowest node of Bullet's bodies %.1f mm below the floor", std::max(0.0, -1e3 * bullet.lowest()))});
+        report.add({.name = "rain, " + std::to_string(count) + " bodies, " + std::to_string(passes) + " passes",
+                    .ours = 1e3 * ours / passes,
+                    .unit = "ms/pass",
+                    .peer = "Bullet",
+                    .peer_value = 1e3 * theirs / passes,
+                    .note = format("lowest node of Bullet's bodies %.1f mm below the floor", std::max(0.0, -1e3 * bullet.lowest()))});
     });
 }
 
@@ -441,14 +503,19 @@ int scale_suite(int argc, char** argv) {
     };
     if (wanted("idle")) idle_rows(report);
     if (wanted("counts")) {
-        if (quick) count_rows("sparse", {250, 1000}, 6, 1, 1.1, report);
-        else count_rows("sparse", {625, 2500, 10000}, 20, 3, 1.1, report);
-        if (quick) count_rows("rain", {60}, 20, 1, 0, report);
-        else count_rows("rain", {125, 500, 1000}, 60, 2, 0, report);
+        if (quick)
+            count_rows("sparse", {250, 1000}, 6, 1, 1.1, report);
+        else
+            count_rows("sparse", {625, 2500, 10000}, 20, 3, 1.1, report);
+        if (quick)
+            count_rows("rain", {60}, 20, 1, 0, report);
+        else
+            count_rows("rain", {125, 500, 1000}, 60, 2, 0, report);
     }
     if (wanted("path")) {
-        std::vector<PathScene> scenes{{"rain", 1000, 40}, {"sparse", 10000, 8}, {"packed", 1000, 6}, {"mixed", 100, 40, {{"rigid", "50"}}},
-                                      {"large", 100, 4}, {"full_contact", 0, 3, {{"resolution", "50000"}}}};
+        std::vector<PathScene> scenes{{"rain", 1000, 40},  {"sparse", 10000, 8},
+                                      {"packed", 1000, 6}, {"mixed", 100, 40, {{"rigid", "50"}}},
+                                      {"large", 100, 4},   {"full_contact", 0, 3, {{"resolution", "50000"}}}};
         if (quick) scenes = {{"rain", 100, 30}, {"sparse", 1000, 6}, {"packed", 64, 6}, {"full_contact", 0, 3, {{"resolution", "5000"}}}};
         for (const PathScene& scene : scenes) critical_path_rows(scene, measured_efficiency(scene, 2), 2, report);
     }

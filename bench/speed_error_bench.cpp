@@ -13,22 +13,20 @@ namespace {
 
 using namespace trocar::test;
 
-double deepest_contact(const ContactScene& scene) {
-    return scene.penetrations.depth.empty() ? 0 : scene.penetrations.depth[0];
-}
+double deepest_contact(const ContactScene& scene) { return scene.penetrations.depth.empty() ? 0 : scene.penetrations.depth[0]; }
 
 double vertex_depth(ContactScene& scene) {
     scene.find_triangles();
-    find_overlap(scene.surfaces(), scene.boxes, scene.pairs, scene.screened, scene.candidates, scene.trees,
-                 scene.overlap_scratch, scene.report, scene.near, scene.contacts);
+    find_overlap(scene.surfaces(), scene.boxes, scene.pairs, scene.screened, scene.candidates, scene.trees, scene.overlap_scratch,
+                 scene.report, scene.near, scene.contacts);
     measure_penetrations(scene.pairs, scene.contacts, scene.penetrations);
     return deepest_contact(scene);
 }
 
 double edge_depth(ContactScene& scene) {
     vertex_depth(scene);
-    find_edge_contacts(scene.params, scene.surfaces(), scene.pairs, scene.candidates, scene.near, scene.trees,
-                       scene.edge_scratch, scene.report, scene.contacts);
+    find_edge_contacts(scene.params, scene.surfaces(), scene.pairs, scene.candidates, scene.near, scene.trees, scene.edge_scratch,
+                       scene.report, scene.contacts);
     measure_penetrations(scene.pairs, scene.contacts, scene.penetrations);
     return deepest_contact(scene);
 }
@@ -81,9 +79,14 @@ void measure_pair(const std::string& name, const std::string& plot, ContactScene
     for (size_t i = 0; i < methods.size(); ++i) jobs.push_back([&, i] { depth[i] = methods[i].run(); });
     const std::vector<double> seconds = interleaved_medians(report.quick() ? 1 : 3, jobs);
     for (size_t i = 0; i < methods.size(); ++i) {
-        report.add({.name = name + ", " + methods[i].name, .ours = 1e3 * seconds[i], .unit = "ms",
-                    .error = 1e3 * std::abs(depth[i] - truth.mesh), .smooth_error = 1e3 * std::abs(depth[i] - truth.smooth),
-                    .error_unit = "mm", .plot = plot, .series = methods[i].name});
+        report.add({.name = name + ", " + methods[i].name,
+                    .ours = 1e3 * seconds[i],
+                    .unit = "ms",
+                    .error = 1e3 * std::abs(depth[i] - truth.mesh),
+                    .smooth_error = 1e3 * std::abs(depth[i] - truth.smooth),
+                    .error_unit = "mm",
+                    .plot = plot,
+                    .series = methods[i].name});
     }
 }
 
@@ -91,8 +94,9 @@ struct OrganPair {
     const char *under, *on;
     double turned, sunk;  // rad, m
 };
-constexpr OrganPair kOrganPairs[] = {{"liver", "kidney", 0, 0.004},    {"liver", "kidney", 0, 0.02},   {"liver", "kidney", 0.9, 0.008},
-                                     {"stomach", "gallbladder", 0.4, 0.006}, {"liver", "bowel", 0.3, 0.005}, {"liver", "probe", 0, 0.005},
+constexpr OrganPair kOrganPairs[] = {{"liver", "kidney", 0, 0.004},        {"liver", "kidney", 0, 0.02},
+                                     {"liver", "kidney", 0.9, 0.008},      {"stomach", "gallbladder", 0.4, 0.006},
+                                     {"liver", "bowel", 0.3, 0.005},       {"liver", "probe", 0, 0.005},
                                      {"kidney", "gallbladder", 1.3, 0.012}};
 
 }  // namespace
@@ -130,8 +134,8 @@ void plot_speed_and_error(Report& report) {
         Mesh under = make_shape(pair.under, triangles), on = make_shape(pair.on, triangles / 2);
         order_for_locality(under);
         order_for_locality(on);
-        ContactScene scene({{under, Motion::kDeformable, Vec3d::Zero(), {}},
-                            {on, Motion::kDeformable, Vec3d::Zero(), turn({1, 2, 0}, pair.turned)}});
+        ContactScene scene(
+            {{under, Motion::kDeformable, Vec3d::Zero(), {}}, {on, Motion::kDeformable, Vec3d::Zero(), turn({1, 2, 0}, pair.turned)}});
         // the lowest vertex of one goes straight below the highest of the other
         Vec3d top(0, 0, -INFINITY), tip(0, 0, INFINITY);
         for (uint32_t v = 0; v < under.position.size(); ++v) {

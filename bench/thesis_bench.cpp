@@ -11,9 +11,8 @@ namespace {
 using namespace trocar::test;
 
 Mesh ellipsoid(uint32_t n, const Vec3d& half) {
-    Mesh mesh = make_sphere(n, [&](const Vec3d& p) {
-        return Vec3d(half.cwiseProduct(p) * (1 + 0.03 * std::sin(5 * p.x()) * std::cos(4 * p.y())));
-    });
+    Mesh mesh = make_sphere(
+        n, [&](const Vec3d& p) { return Vec3d(half.cwiseProduct(p) * (1 + 0.03 * std::sin(5 * p.x()) * std::cos(4 * p.y()))); });
     order_for_locality(mesh);
     return mesh;
 }
@@ -60,8 +59,8 @@ void compare_scene(const char* name, const std::vector<BodyInput>& bodies, Repor
     const InsideVertices truth = inside_vertices(scene);
     const DeepestPoint surface = surface_depth(scene, 1e-6, 400'000);
     for (const double edges : {1.0, 2.5}) {
-        const std::vector<double> cost = interleaved_medians(
-            report.quick() ? 3 : 9, {[&] { scene.run(); }, [&] { thesis.run(soup, edges * soup.mean_edge, pairs); }});
+        const std::vector<double> cost =
+            interleaved_medians(report.quick() ? 3 : 9, {[&] { scene.run(); }, [&] { thesis.run(soup, edges * soup.mean_edge, pairs); }});
         std::set<std::array<uint32_t, 2>> ours, theirs;
         for (uint32_t i = 0; i < scene.contacts.pair.size(); ++i) {
             const auto& v = scene.contacts.vertex[i];
@@ -77,13 +76,19 @@ void compare_scene(const char* name, const std::vector<BodyInput>& bodies, Repor
                       truth.vertex.size(), of_theirs.missed, of_theirs.wrong, of_ours.missed, of_ours.wrong);
         char peer[64];
         std::snprintf(peer, sizeof peer, "thesis2008, cell %g edges", edges);
-        report.add({.name = std::string(name) + ": whole contact pass", .ours = 1e3 * cost[0], .unit = "ms", .peer = peer,
-                    .peer_value = 1e3 * cost[1], .error = 1e3 * std::abs(depth - surface.depth),
-                    .peer_error = 1e3 * std::abs(thesis_depth - surface.depth), .error_unit = "mm of depth", .note = note});
+        report.add({.name = std::string(name) + ": whole contact pass",
+                    .ours = 1e3 * cost[0],
+                    .unit = "ms",
+                    .peer = peer,
+                    .peer_value = 1e3 * cost[1],
+                    .error = 1e3 * std::abs(depth - surface.depth),
+                    .peer_error = 1e3 * std::abs(thesis_depth - surface.depth),
+                    .error_unit = "mm of depth",
+                    .note = note});
     }
     char text[160];
-    std::snprintf(text, sizeof text, "  (%s: depth of the surfaces %.4f mm, not more than %.4f mm above; of the vertices %.4f mm)",
-                  name, 1e3 * surface.depth, 1e3 * surface.slack, 1e3 * truth.depth);
+    std::snprintf(text, sizeof text, "  (%s: depth of the surfaces %.4f mm, not more than %.4f mm above; of the vertices %.4f mm)", name,
+                  1e3 * surface.depth, 1e3 * surface.slack, 1e3 * truth.depth);
     report.heading(text);
 }
 
@@ -92,10 +97,10 @@ void compare_scene(const char* name, const std::vector<BodyInput>& bodies, Repor
 void compare_with_thesis(Report& report) {
     report.heading("The thesis' algorithm (2008) written from its text, beside ours");
     const Mesh liver = ellipsoid(29, {0.10, 0.075, 0.045}), kidney = ellipsoid(29, {0.03, 0.055, 0.028}),
-               probe = make_sphere(12, [](const Vec3d& p) { return Vec3d(Vec3d(0.004, 0.004, 0.06).cwiseProduct(p)); });
+               probe = make_sphere(12, [](const Vec3d&p) { return Vec3d(Vec3d(0.004, 0.004, 0.06).cwiseProduct(p)); });
     const BodyInput under{liver, Motion::kDeformable, Vec3d::Zero(), {}};
-    compare_scene("kidney 5 mm into liver",
-                  {under, {kidney, Motion::kDeformable, Vec3d(0.01, 0.005, 0.0688), turn(Vec3d(0, 0, 1), 0.4)}}, report);
+    compare_scene("kidney 5 mm into liver", {under, {kidney, Motion::kDeformable, Vec3d(0.01, 0.005, 0.0688), turn(Vec3d(0, 0, 1), 0.4)}},
+                  report);
     compare_scene("kidney deep in liver", {under, {kidney, Motion::kDeformable, Vec3d(0.01, 0.005, 0.04), {}}}, report);
     compare_scene("probe on liver", {under, {probe, Motion::kHand, Vec3d(0.01, 0.005, 0.095), turn({1, 0, 0}, 0.3)}}, report);
     compare_scene("crossed bars, edges only",

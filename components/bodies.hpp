@@ -64,18 +64,18 @@ struct RigidMass {
 struct Bodies {
     std::vector<Entity> entity;
     std::vector<std::string> name;  // see is_body_name
-    std::vector<uint32_t> mesh;               // prototype
+    std::vector<uint32_t> mesh;     // prototype
     std::vector<Motion> motion;
-    std::vector<Range> particles;             // deformable: rows of Particles; else empty
-    std::vector<uint32_t> tree;               // row of World::trees
+    std::vector<Range> particles;  // deformable: rows of Particles; else empty
+    std::vector<uint32_t> tree;    // row of World::trees
     std::vector<AnchorFrame> anchor_frame;
     std::vector<Tissue> tissue;
-    std::vector<float> spring_stiffness;      // N/m, one k per body
-    std::vector<double> inv_mass;             // 1/kg, rigid: of the translation; 0 = cannot be pushed
-    std::vector<double> stable_dt;            // s, computed limit of the explicit step; infinity for rigid bodies
-    std::vector<Stepping> stepping;           // empty = leapfrog for all
-    std::vector<double> thickness;            // m, sheets only
-    std::vector<RigidMass> rigid_mass;        // one row per free body, ascending by body
+    std::vector<float> spring_stiffness;  // N/m, one k per body
+    std::vector<double> inv_mass;         // 1/kg, rigid: of the translation; 0 = cannot be pushed
+    std::vector<double> stable_dt;        // s, computed limit of the explicit step; infinity for rigid bodies
+    std::vector<Stepping> stepping;       // empty = leapfrog for all
+    std::vector<double> thickness;        // m, sheets only
+    std::vector<RigidMass> rigid_mass;    // one row per free body, ascending by body
 };
 
 // Names become parts of file names and of messages: at most 80 bytes, none of them a /, a \, a " or a control character.
@@ -92,7 +92,7 @@ inline Stepping stepping_of(const Bodies& bodies, uint32_t body) {
 // particle offsets and orientation that of the anchors: constant for kWorld, the best-fit rigid copy for kShape. One row
 // per body.
 struct Poses {
-    std::vector<Vec3d> origin;            // m
+    std::vector<Vec3d> origin;  // m
     std::vector<Quat> orientation;
     std::vector<Vec3d> velocity;          // m/s, rigid: of the origin; free: half a step behind the place (leapfrog)
     std::vector<Vec3d> angular_velocity;  // rad/s, rigid, world axes

@@ -5,13 +5,13 @@ namespace trocar {
 // Simulated time in whole milliseconds. Contact pass k starts at tick floor(k * 1000 / contact_rate), picture k is
 // taken at tick floor(k * 1000 / display_rate): integers, so nothing drifts however long a run lasts.
 struct Clock {
-    uint64_t tick = 0;          // ms since the start, of the present contact pass
-    uint64_t pass = 0;          // contact passes begun
-    uint64_t picture = 0;       // pictures taken
-    uint32_t contact_rate = 60; // Hz
-    uint32_t display_rate = 30; // Hz
-    uint32_t period = 16;       // ms, of the present pass
-    double substep = 1e-3;      // s, upper bound of the explicit step; islands may take smaller ones
+    uint64_t tick = 0;           // ms since the start, of the present contact pass
+    uint64_t pass = 0;           // contact passes begun
+    uint64_t picture = 0;        // pictures taken
+    uint32_t contact_rate = 60;  // Hz
+    uint32_t display_rate = 30;  // Hz
+    uint32_t period = 16;        // ms, of the present pass
+    double substep = 1e-3;       // s, upper bound of the explicit step; islands may take smaller ones
 };
 
 // Contact passes a second that there may be: whole numbers of passes a picture.

@@ -42,65 +42,65 @@ struct alignas(32) PackedBox {
 // Triangles that can matter this pass: their box, enlarged by the reach of their body (margin, and half the thickness
 // of a sheet), meets the overlap of two enlarged body boxes. Non-finite triangles are left out.
 struct ScreenedTriangles {
-    Vec3d origin = Vec3d::Zero();         // m, world: boxes are relative to it
-    std::vector<Range> body;              // per body: rows of triangle; empty for a body in no pair
-    std::vector<uint32_t> triangle;       // local, ascending within a body
-    std::vector<PackedBox> box;           // enlarged, rounded outward
-    std::vector<PackedBox> tight;         // of the triangle alone, rounded outward
+    Vec3d origin = Vec3d::Zero();    // m, world: boxes are relative to it
+    std::vector<Range> body;         // per body: rows of triangle; empty for a body in no pair
+    std::vector<uint32_t> triangle;  // local, ascending within a body
+    std::vector<PackedBox> box;      // enlarged, rounded outward
+    std::vector<PackedBox> tight;    // of the triangle alone, rounded outward
 };
 
 // The occupancy grid (thesis: OHC) as three flat layers. Only cells shared by two or more bodies are filled.
 struct Occupancy {
-    double cell_size = 0;                 // m
-    Vec3d origin = Vec3d::Zero();         // corner of cell (0, 0, 0), m, world
-    std::vector<uint64_t> cell_key;       // cell layer: packed 21-bit x, y, z, ascending
-    std::vector<uint32_t> object_first;   // cell -> rows of object; cell_key.size() + 1
-    std::vector<uint32_t> object;         // object layer: body
-    std::vector<uint32_t> primitive_first;// object row -> rows of primitive; object.size() + 1
-    std::vector<uint32_t> primitive;      // primitive layer: local triangle, ascending
-    std::vector<uint32_t> primitive_row;  // the same triangles as rows of ScreenedTriangles
-    std::vector<uint32_t> oversize;       // rows of ScreenedTriangles that span too many cells, ascending; tested by box
+    double cell_size = 0;                   // m
+    Vec3d origin = Vec3d::Zero();           // corner of cell (0, 0, 0), m, world
+    std::vector<uint64_t> cell_key;         // cell layer: packed 21-bit x, y, z, ascending
+    std::vector<uint32_t> object_first;     // cell -> rows of object; cell_key.size() + 1
+    std::vector<uint32_t> object;           // object layer: body
+    std::vector<uint32_t> primitive_first;  // object row -> rows of primitive; object.size() + 1
+    std::vector<uint32_t> primitive;        // primitive layer: local triangle, ascending
+    std::vector<uint32_t> primitive_row;    // the same triangles as rows of ScreenedTriangles
+    std::vector<uint32_t> oversize;         // rows of ScreenedTriangles that span too many cells, ascending; tested by box
 };
 
 // What the shared cells say about each candidate pair: which triangles are near the other body, that is, whose enlarged
 // boxes meet; and which pairs of triangles may cross, that is, whose own boxes meet. Two sides per candidate pair: 2p =
 // triangles of a, 2p + 1 of b.
 struct CandidateTriangles {
-    std::vector<Range> pair;                             // per candidate pair: rows of triangle
-    std::vector<std::array<uint32_t, 2>> triangle;       // may cross: local triangle of a, of b; ascending, each once
-    std::vector<uint8_t> beside;                         // per row of triangle: 1 if they surely do not cross; empty: not looked at
-    std::vector<Range> side;                             // rows of near
-    std::vector<std::array<uint32_t, 2>> near;           // local triangle, ascending, each once; one of the other it is near
-    std::vector<uint8_t> near_corners;                   // per row of near: bit k of corner k, 0 where that one surely stays away
+    std::vector<Range> pair;                        // per candidate pair: rows of triangle
+    std::vector<std::array<uint32_t, 2>> triangle;  // may cross: local triangle of a, of b; ascending, each once
+    std::vector<uint8_t> beside;                    // per row of triangle: 1 if they surely do not cross; empty: not looked at
+    std::vector<Range> side;                        // rows of near
+    std::vector<std::array<uint32_t, 2>> near;      // local triangle, ascending, each once; one of the other it is near
+    std::vector<uint8_t> near_corners;              // per row of near: bit k of corner k, 0 where that one surely stays away
 };
 
 // Signed distances that the overlap phase has worked out: every vertex of a triangle near the other surface but those
 // that candidates leave out, and every vertex of a piece that lies inside it. Two sides per candidate pair: 2p = vertices
 // of a against b, 2p + 1 the reverse.
 struct NearVertices {
-    std::vector<Range> side;            // rows of vertex
-    std::vector<uint32_t> vertex;       // local vertex, ascending within a side
-    std::vector<double> distance;       // m, signed, to the other surface (sheets: less half the thickness)
-    std::vector<uint32_t> triangle;     // local triangle of the other body that is nearest
+    std::vector<Range> side;         // rows of vertex
+    std::vector<uint32_t> vertex;    // local vertex, ascending within a side
+    std::vector<double> distance;    // m, signed, to the other surface (sheets: less half the thickness)
+    std::vector<uint32_t> triangle;  // local triangle of the other body that is nearest
 };
 
 // Points of one body's surface near or inside another body. Ascending (pair, side, vertex before edge before face,
 // index).
 struct Contacts {
-    std::vector<uint32_t> pair;                  // row of CandidatePairs
-    std::vector<uint32_t> body;                  // whose point it is
-    std::vector<uint32_t> other;                 // whose surface it is near
-    std::vector<std::array<uint32_t, 2>> vertex; // local vertices of body; equal for a vertex point
-    std::vector<float> along;                    // point = (1 - along - across) * vertex[0] + along * vertex[1]
-    std::vector<uint32_t> third;                 // of a point inside a face: its third corner; else kNone
-    std::vector<float> across;                   // and + across * third; else 0
-    std::vector<Vec3d> point;                    // world, m
-    std::vector<Vec3d> closest;                  // nearest surface point of other, world, m
-    std::vector<Vec3d> normal;                   // unit, outward from other
-    std::vector<double> distance;                // m, signed, < 0 inside
-    std::vector<uint32_t> triangle;              // local triangle of other that holds `closest`
-    std::vector<double> most;                    // m, per candidate pair, with ContactParams::faces: if the search of
-                                                 // faces had to stop, nothing is deeper than this; else 0
+    std::vector<uint32_t> pair;                   // row of CandidatePairs
+    std::vector<uint32_t> body;                   // whose point it is
+    std::vector<uint32_t> other;                  // whose surface it is near
+    std::vector<std::array<uint32_t, 2>> vertex;  // local vertices of body; equal for a vertex point
+    std::vector<float> along;                     // point = (1 - along - across) * vertex[0] + along * vertex[1]
+    std::vector<uint32_t> third;                  // of a point inside a face: its third corner; else kNone
+    std::vector<float> across;                    // and + across * third; else 0
+    std::vector<Vec3d> point;                     // world, m
+    std::vector<Vec3d> closest;                   // nearest surface point of other, world, m
+    std::vector<Vec3d> normal;                    // unit, outward from other
+    std::vector<double> distance;                 // m, signed, < 0 inside
+    std::vector<uint32_t> triangle;               // local triangle of other that holds `closest`
+    std::vector<double> most;                     // m, per candidate pair, with ContactParams::faces: if the search of
+                                                  // faces had to stop, nothing is deeper than this; else 0
 };
 
 // Where the surfaces of candidate pairs cross, as curves of segments. b counts as moved against a by an infinitesimal
@@ -125,13 +125,13 @@ struct OverlapRegions {
     std::vector<uint32_t> pair;        // row of CandidatePairs
     std::vector<uint32_t> vertices_a;  // of a inside b
     std::vector<uint32_t> vertices_b;
-    std::vector<uint32_t> curves;      // of Contours
-    std::vector<double> contour;       // m, length of those
-    std::vector<double> area;          // m^2, of both surfaces inside the other: what bounds the region
-    std::vector<double> volume;        // m^3
-    std::vector<double> depth;         // m, largest of the shortest distances
-    std::vector<Vec3d> direction;      // unit, the way b must go to leave a; zero without a witness
-    std::vector<uint32_t> witness;     // row of Contacts, kNone if no vertex or edge point is inside
+    std::vector<uint32_t> curves;   // of Contours
+    std::vector<double> contour;    // m, length of those
+    std::vector<double> area;       // m^2, of both surfaces inside the other: what bounds the region
+    std::vector<double> volume;     // m^3
+    std::vector<double> depth;      // m, largest of the shortest distances
+    std::vector<Vec3d> direction;   // unit, the way b must go to leave a; zero without a witness
+    std::vector<uint32_t> witness;  // row of Contacts, kNone if no vertex or edge point is inside
 };
 
 // Ways out that pairs of bodies last agreed on, for DeepResponse::kLastFree. Ascending by (a, b).
@@ -151,44 +151,44 @@ struct ContactMemory {
 
 // Depth of every candidate pair that overlaps. `depth` is the thesis depth: the largest of the shortest distances.
 struct Penetrations {
-    std::vector<uint32_t> pair;            // row of CandidatePairs
-    std::vector<double> depth;             // m
-    std::vector<Vec3d> direction;          // unit, the way b must go to leave a
-    std::vector<uint32_t> witness;         // row of Contacts
+    std::vector<uint32_t> pair;     // row of CandidatePairs
+    std::vector<double> depth;      // m
+    std::vector<Vec3d> direction;   // unit, the way b must go to leave a
+    std::vector<uint32_t> witness;  // row of Contacts
     std::vector<uint32_t> vertices_a_in_b;
     std::vector<uint32_t> vertices_b_in_a;
     std::vector<uint32_t> edge_contacts;
     std::vector<uint32_t> face_contacts;
-    std::vector<uint8_t> saturated;        // so deep that other ways out are about as short; see mark_saturated
-    std::vector<Vec3d> way_out;            // unit, what a saturated pair last agreed on; zero if not saturated or unknown
-    std::vector<double> surface_depth;     // m, with ContactParams::faces: no point of either surface is deeper by more
-                                           // than the tolerance; else equal to depth
+    std::vector<uint8_t> saturated;     // so deep that other ways out are about as short; see mark_saturated
+    std::vector<Vec3d> way_out;         // unit, what a saturated pair last agreed on; zero if not saturated or unknown
+    std::vector<double> surface_depth;  // m, with ContactParams::faces: no point of either surface is deeper by more
+                                        // than the tolerance; else equal to depth
 };
 
 // One-sided constraints for the substeps of this period: a point of `body` stays outside a plane that rides on a
 // triangle of `other`. Same order as Contacts.
 struct ContactRows {
-    std::vector<uint32_t> contact;                 // row of Contacts
+    std::vector<uint32_t> contact;  // row of Contacts
     std::vector<uint32_t> body, other;
-    std::vector<std::array<uint32_t, 2>> vertex;   // local vertices of body
+    std::vector<std::array<uint32_t, 2>> vertex;  // local vertices of body
     std::vector<float> along;
-    std::vector<uint32_t> third;                   // as in Contacts
+    std::vector<uint32_t> third;  // as in Contacts
     std::vector<float> across;
-    std::vector<Triangle> triangle;                // local vertices of the triangle of other
-    std::vector<std::array<float, 3>> weight;      // barycentric coordinates of the plane point, sum 1
-    std::vector<Vec3d> normal;                     // unit, outward from other; in the body frame if other is rigid
-    std::vector<double> distance;                  // m, at the start of the period; infinite once the row has ended
+    std::vector<Triangle> triangle;            // local vertices of the triangle of other
+    std::vector<std::array<float, 3>> weight;  // barycentric coordinates of the plane point, sum 1
+    std::vector<Vec3d> normal;                 // unit, outward from other; in the body frame if other is rigid
+    std::vector<double> distance;              // m, at the start of the period; infinite once the row has ended
     std::vector<float> friction;
-    std::vector<Vec3d> impulse;                    // N s, on body, summed over the period (written by response)
-    std::vector<Vec3d> carried;                    // N, on body, world axes, in the last substep before; empty = nothing
+    std::vector<Vec3d> impulse;  // N s, on body, summed over the period (written by response)
+    std::vector<Vec3d> carried;  // N, on body, world axes, in the last substep before; empty = nothing
 };
 
 // Bodies joined by contact rows. Islands ascend by their smallest body; bodies and rows inside ascend.
 struct Islands {
-    std::vector<Range> bodies;     // per island: rows of body
+    std::vector<Range> bodies;  // per island: rows of body
     std::vector<uint32_t> body;
-    std::vector<Range> rows;       // per island: rows of row
-    std::vector<uint32_t> row;     // rows of ContactRows
+    std::vector<Range> rows;    // per island: rows of row
+    std::vector<uint32_t> row;  // rows of ContactRows
 };
 
 }  // namespace trocar

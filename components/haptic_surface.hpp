@@ -13,19 +13,19 @@ enum class TextureKind : uint8_t {
 // which a local contact model fills in.
 struct HapticSurface {
     uint32_t body = kNone;
-    double stiffness = 0;           // N/m, in a row with the tool's coupling; 0 = hard. Of tissue it is what the tissue has
-    double damping = 0;             // N s/m, beside the coupling's
-    double static_friction = -1;    // Coulomb, while the tip sticks; < 0 = the tool's
-    double dynamic_friction = -1;   // while it slides
+    double stiffness = 0;          // N/m, in a row with the tool's coupling; 0 = hard. Of tissue it is what the tissue has
+    double damping = 0;            // N s/m, beside the coupling's
+    double static_friction = -1;   // Coulomb, while the tip sticks; < 0 = the tool's
+    double dynamic_friction = -1;  // while it slides
     TextureKind texture = TextureKind::kNone;
-    double height = 0;              // m, amplitude
-    double length = 1e-3;           // m, period or lattice
-    Vec3d along{1, 0, 0};           // unit, body frame: of a grating
-    bool deformable = false;        // its texture goes along with what is touched, else with the body
-    Vec3d origin = Vec3d::Zero();   // m, world, at the time of the model
+    double height = 0;             // m, amplitude
+    double length = 1e-3;          // m, period or lattice
+    Vec3d along{1, 0, 0};          // unit, body frame: of a grating
+    bool deformable = false;       // its texture goes along with what is touched, else with the body
+    Vec3d origin = Vec3d::Zero();  // m, world, at the time of the model
     Quat orientation;
-    Vec3d velocity = Vec3d::Zero(); // m/s, of the origin, and
-    Vec3d spin = Vec3d::Zero();     // rad/s, of rigid bodies
+    Vec3d velocity = Vec3d::Zero();  // m/s, of the origin, and
+    Vec3d spin = Vec3d::Zero();      // rad/s, of rigid bodies
 };
 
 }  // namespace trocar

@@ -27,20 +27,20 @@ struct DeviceTrace {
 // What it is told to do: a force field around a place, so that a device with a faster loop of its own may follow the
 // hand between two commands: force(x) = force - stiffness * (x - at).
 struct DeviceCommand {
-    Vec3d force = Vec3d::Zero();         // N, on the hand, when it is at `at`
-    Vec3d torque = Vec3d::Zero();        // N m, on the hand, about the tip
-    Vec3d at = Vec3d::Zero();            // m
-    std::array<double, 9> stiffness{};   // N/m, row by row, symmetric, not negative
+    Vec3d force = Vec3d::Zero();        // N, on the hand, when it is at `at`
+    Vec3d torque = Vec3d::Zero();       // N m, on the hand, about the tip
+    Vec3d at = Vec3d::Zero();           // m
+    std::array<double, 9> stiffness{};  // N/m, row by row, symmetric, not negative
 };
 
 // What a device must not be asked beyond. Vectors are scaled, so their direction stays.
 struct DeviceLimits {
-    double torque = 0.2;       // N m; the largest force is HandTool::max_force
-    double force_slew = 0;     // N/s; 0 = from none to the largest force in 3 ms
-    double torque_slew = 0;    // N m/s; 0 = the same
-    double dissipation = 10;   // N s/m, most damping by which energy that sampling made is taken back; 0 = none
+    double torque = 0.2;             // N m; the largest force is HandTool::max_force
+    double force_slew = 0;           // N/s; 0 = from none to the largest force in 3 ms
+    double torque_slew = 0;          // N m/s; 0 = the same
+    double dissipation = 10;         // N s/m, most damping by which energy that sampling made is taken back; 0 = none
     double turn_dissipation = 0.01;  // N m s/rad, the same for turning
-    double surface_age = 0;    // s, an older surface is not trusted: force falls to zero; 0 = HapticParams::model_timeout
+    double surface_age = 0;          // s, an older surface is not trusted: force falls to zero; 0 = HapticParams::model_timeout
 };
 
 // Where the space that a hand reaches lies in the world: world = origin + turn (scale * device).
@@ -67,15 +67,15 @@ struct Pivot {
 // A hand with an arm behind it that follows a path and gives way to forces: mass on a spring and damper between it and
 // where it means to be. mass = 0: a hand that no force moves.
 struct HandModel {
-    double mass = 0;          // kg, of hand and device
-    double damping = 0;       // N s/m, of the device
-    double stiffness = 0;     // N/m, of the arm
-    double arm_damping = 0;   // N s/m, of the arm
-    double friction = 0;      // N, Coulomb, of the device
-    double encoder = 0;       // m, step of the reported position; 0 = exact
-    uint32_t delay = 0;       // ticks until a command acts, 0..7
-    double tremor = 0;        // m, amplitude
-    double tremor_rate = 9;   // Hz
+    double mass = 0;         // kg, of hand and device
+    double damping = 0;      // N s/m, of the device
+    double stiffness = 0;    // N/m, of the arm
+    double arm_damping = 0;  // N s/m, of the arm
+    double friction = 0;     // N, Coulomb, of the device
+    double encoder = 0;      // m, step of the reported position; 0 = exact
+    uint32_t delay = 0;      // ticks until a command acts, 0..7
+    double tremor = 0;       // m, amplitude
+    double tremor_rate = 9;  // Hz
 };
 inline constexpr uint32_t kMostHandDelay = 7;
 struct HandModelState {
@@ -84,8 +84,8 @@ struct HandModelState {
     Vec3d velocity = Vec3d::Zero();  // m/s
     std::array<Vec3d, kMostHandDelay + 1> force{Vec3d::Zero(), Vec3d::Zero(), Vec3d::Zero(), Vec3d::Zero(),
                                                 Vec3d::Zero(), Vec3d::Zero(), Vec3d::Zero(), Vec3d::Zero()};  // N, newest first
-    Vec3d reported = Vec3d::Zero();           // m, through the encoder
-    Vec3d reported_velocity = Vec3d::Zero();  // m/s
+    Vec3d reported = Vec3d::Zero();                                                                           // m, through the encoder
+    Vec3d reported_velocity = Vec3d::Zero();                                                                  // m/s
 };
 
 enum class EffectKind : uint8_t {
@@ -109,18 +109,18 @@ enum class EffectTrigger : uint8_t {
 struct HapticEffect {
     EffectKind kind = EffectKind::kConstant;
     EffectTrigger trigger = EffectTrigger::kTime;
-    double start = 0;              // s, kTime
-    double duration = 0;           // s; 0 = for ever, or while the button is held
-    uint32_t buttons = 0;          // kButton
-    Vec3d point = Vec3d::Zero();   // m, world
-    Vec3d direction{0, 0, 1};      // unit, world
-    double stiffness = 0;          // N/m
-    double damping = 0;            // N s/m, springs and viscosity
-    double force = 0;              // N
-    double impulse = 0;            // N s
-    double frequency = 0;          // Hz
-    double mass = 0;               // kg
-    double reach = 0;              // m
+    double start = 0;             // s, kTime
+    double duration = 0;          // s; 0 = for ever, or while the button is held
+    uint32_t buttons = 0;         // kButton
+    Vec3d point = Vec3d::Zero();  // m, world
+    Vec3d direction{0, 0, 1};     // unit, world
+    double stiffness = 0;         // N/m
+    double damping = 0;           // N s/m, springs and viscosity
+    double force = 0;             // N
+    double impulse = 0;           // N s
+    double frequency = 0;         // Hz
+    double mass = 0;              // kg
+    double reach = 0;             // m
 };
 inline constexpr uint32_t kMaxEffects = 16;  // of a tool
 struct EffectState {
@@ -131,8 +131,8 @@ struct EffectState {
 enum class HapticEventKind : uint8_t { kTouch, kRelease, kButtonDown, kButtonUp, kPassThrough, kLimit, kCount };
 struct HapticEvent {
     HapticEventKind kind = HapticEventKind::kTouch;
-    double time = 0;      // s
-    uint32_t value = 0;   // buttons that changed, body that was passed through; else 0
+    double time = 0;     // s
+    uint32_t value = 0;  // buttons that changed, body that was passed through; else 0
 };
 inline constexpr uint32_t kKeptEvents = 16;
 // The last events of a tool and how many there were of each kind.
@@ -144,23 +144,23 @@ struct HapticEvents {
 
 // What the last stage before the device remembers.
 struct SafetyState {
-    Vec3d contact_force = Vec3d::Zero();   // N, of contact, let through at the last tick ...
-    Vec3d pull = Vec3d::Zero();            // N, ... and of the coupling on what the proxy touches
-    Vec3d from_device = Vec3d::Zero();     // m, where the device and the proxy were then
+    Vec3d contact_force = Vec3d::Zero();  // N, of contact, let through at the last tick ...
+    Vec3d pull = Vec3d::Zero();           // N, ... and of the coupling on what the proxy touches
+    Vec3d from_device = Vec3d::Zero();    // m, where the device and the proxy were then
     Vec3d from_proxy = Vec3d::Zero();
-    double energy = 0;                     // J, that contact took from the hand; below zero it gave some
-    double lowest_energy = 0;              // J
-    double dissipated = 0;                 // J, taken back by damping
+    double energy = 0;         // J, that contact took from the hand; below zero it gave some
+    double lowest_energy = 0;  // J
+    double dissipated = 0;     // J, taken back by damping
     bool started = false;
-    double gain = 1;                       // share let through after a silence, 0..1
-    bool limiting = false;                 // a limit cut the last command
+    double gain = 1;        // share let through after a silence, 0..1
+    bool limiting = false;  // a limit cut the last command
     uint64_t limited_ticks = 0;
-    uint64_t safe_ticks = 0;               // ticks with the force held at or on its way to zero by trouble
+    uint64_t safe_ticks = 0;  // ticks with the force held at or on its way to zero by trouble
     // the same of the turning of a tool with a shell, a coupling of its own
     Vec3d contact_torque = Vec3d::Zero(), pull_torque = Vec3d::Zero();  // N m
     Quat from_device_turn, from_proxy_turn;
-    double turn_energy = 0;                // J
-    double lowest_turn_energy = 0;         // J
+    double turn_energy = 0;         // J
+    double lowest_turn_energy = 0;  // J
 };
 
 struct ClutchState {
@@ -194,24 +194,24 @@ struct HandTool {
     double coupling_damping = 5;      // N s/m
     double max_force = 3.3;           // N, of the device
     double friction = 0.1;
-    uint32_t path = kNone;   // row of Paths: the scripted hand
-    uint32_t trace = kNone;  // row of Haptics::trace: the recorded hand
+    uint32_t path = kNone;    // row of Paths: the scripted hand
+    uint32_t trace = kNone;   // row of Haptics::trace: the recorded hand
     double pass_through = 0;  // N, harder presses go through the surface; 0 = never
     HandModel hand;           // of a scripted hand that gives way
     Workspace workspace;
     Pivot pivot;
     DeviceLimits limits;
-    Range effects;  // rows of Haptics::effect
-    Range jaws;     // rows of Haptics::jaw
+    Range effects;           // rows of Haptics::effect
+    Range jaws;              // rows of Haptics::jaw
     double grip_closed = 0;  // rad, a grip below counts as the first button down
     // The rest is of tools whose whole instrument feels (dof = 6); those with a sphere at the tip have no shell.
-    std::vector<ShellPoint> shell;    // neighbours in space follow each other
-    double shell_radius = 0;          // m, of the farthest point of the shell
-    double turn_stiffness = 0;        // N m/rad, of the coupling
-    double turn_damping = 0;          // N m s/rad
-    double inertia = 0;               // kg m^2, about the tip, of what the simulated coupling turns; the same every way
-    double surface_stiffness = 0;     // N/m, of a point of the shell against a surface
-    std::vector<ToolJaw> shell_jaw;   // its jaws, as in Haptics::jaw
+    std::vector<ShellPoint> shell;   // neighbours in space follow each other
+    double shell_radius = 0;         // m, of the farthest point of the shell
+    double turn_stiffness = 0;       // N m/rad, of the coupling
+    double turn_damping = 0;         // N m s/rad
+    double inertia = 0;              // kg m^2, about the tip, of what the simulated coupling turns; the same every way
+    double surface_stiffness = 0;    // N/m, of a point of the shell against a surface
+    std::vector<ToolJaw> shell_jaw;  // its jaws, as in Haptics::jaw
 };
 
 // How forces are rendered; the same for all tools.
@@ -237,7 +237,8 @@ using GroupLanes = std::array<float, kGroupTriangles>;
 using BlockLanes = std::array<float, kBlockGroups>;
 inline constexpr float kFarLane = 1e9F;  // m
 struct TriangleLanes {
-    std::array<std::array<GroupLanes, 3>, 3> corner{};    // m, by corner and world axis, from the centre of the group, at the time of the model
+    std::array<std::array<GroupLanes, 3>, 3>
+        corner{};  // m, by corner and world axis, from the centre of the group, at the time of the model
     std::array<std::array<GroupLanes, 3>, 3> velocity{};  // m/s, likewise, less that of the group
 };
 // Balls around the groups of a block, or the blocks of a cluster: s seconds later all of a group is within radius + spread |s|
@@ -255,7 +256,7 @@ inline constexpr double kLaneRounding = 4e-6;
 
 // Triangles of a body in a local contact model that lie together, and a ball around them; or groups that do, or blocks.
 struct TriangleGroup {
-    Range triangles;                 // rows of triangle, in a block rows of group, in a cluster rows of block
+    Range triangles;  // rows of triangle, in a block rows of group, in a cluster rows of block
     uint32_t body = kNone;
     double half_thickness = 0;       // m, see LocalContactModel
     Vec3d centre = Vec3d::Zero();    // m, world, at the time of the model
@@ -266,14 +267,14 @@ struct TriangleGroup {
 
 // How a pressed surface goes with the device that presses it, until the next contact pass says where it is.
 struct SurfaceGive {
-    uint32_t body = kNone;                    // whose surface; kNone: none goes along
-    double share = 0;                         // of the device's way along the normal, 0..1
-    Vec3d normal = Vec3d::Zero();             // unit
-    Vec3d device = Vec3d::Zero();             // m, where the device was ...
-    Vec3d device_velocity = Vec3d::Zero();    // m/s, how it moved ...
-    double time = 0;                          // s, and when that was
-    double gap = 0;                           // m, added to the tip's radius against that body: contacts hold the
-                                              // simulated tip a hair off its surface, or let it in
+    uint32_t body = kNone;                  // whose surface; kNone: none goes along
+    double share = 0;                       // of the device's way along the normal, 0..1
+    Vec3d normal = Vec3d::Zero();           // unit
+    Vec3d device = Vec3d::Zero();           // m, where the device was ...
+    Vec3d device_velocity = Vec3d::Zero();  // m/s, how it moved ...
+    double time = 0;                        // s, and when that was
+    double gap = 0;                         // m, added to the tip's radius against that body: contacts hold the
+                                            // simulated tip a hair off its surface, or let it in
 };
 
 // Up to four parts of a surface side by side, a lane each, and boxes around them at the time of their model.
@@ -297,33 +298,33 @@ struct SurfaceTree {
 // Triangles of one tree around a point, the nearest first: while neither has gone far, one of them stays the nearest.
 struct TrianglesAround {
     std::array<uint32_t, 8> triangle{kNone, kNone, kNone, kNone, kNone, kNone, kNone, kNone};  // rows; kNone where there are fewer
-    std::array<double, 2> others{};    // m, all but the first four were not nearer, all but these eight
+    std::array<double, 2> others{};  // m, all but the first four were not nearer, all but these eight
 };
 
 // What a shell knows of the surface around it when its model was made.
 struct ShellOutlook {
-    Vec3d tip = Vec3d::Zero();        // m, world, where the shell was then
+    Vec3d tip = Vec3d::Zero();  // m, world, where the shell was then
     Quat turn;
-    double grip = 0;                  // rad
+    double grip = 0;  // rad
     std::vector<SurfaceNode> node;
-    std::vector<SurfaceTree> tree;    // one a body
-    std::vector<double> clear;        // m, per tree and point of the shell: no surface was nearer; 0: perhaps inside
-    std::vector<uint32_t> nearest;    // likewise: triangle of the model, or kNone where none is within reach
+    std::vector<SurfaceTree> tree;       // one a body
+    std::vector<double> clear;           // m, per tree and point of the shell: no surface was nearer; 0: perhaps inside
+    std::vector<uint32_t> nearest;       // likewise: triangle of the model, or kNone where none is within reach
     std::vector<TrianglesAround> found;  // likewise, at the time of the model; none where nothing was near. No answer depends on them
-    std::vector<Vec3d> place;         // m, world, per point of the shell: where it was then
-    std::vector<double> speed;        // m/s, per tree and point: nothing faster comes nearer to that place than `around` ...
-    double around = 0;                // m, ...
-    double ahead = 0;                 // s, ... up to this age of the model, going on as that says
+    std::vector<Vec3d> place;            // m, world, per point of the shell: where it was then
+    std::vector<double> speed;           // m/s, per tree and point: nothing faster comes nearer to that place than `around` ...
+    double around = 0;                   // m, ...
+    double ahead = 0;                    // s, ... up to this age of the model, going on as that says
 };
 
 // Surface within reach of a tool, frozen at one contact pass. Immutable once published; the tick reads nothing else.
 struct LocalContactModel {
-    double time = 0;              // s, of the positions
-    uint64_t sequence = 0;        // contact pass that made it, from 1; 0 = none did
-    Vec3d from = Vec3d::Zero();   // m, world: every surface nearer than reach to the segment from -> to is here
-    Vec3d to = Vec3d::Zero();     // m
-    double reach = 0;             // m, from the segment; 0 = nothing was looked at yet
-    double fastest = 0;           // m/s, of its vertices
+    double time = 0;             // s, of the positions
+    uint64_t sequence = 0;       // contact pass that made it, from 1; 0 = none did
+    Vec3d from = Vec3d::Zero();  // m, world: every surface nearer than reach to the segment from -> to is here
+    Vec3d to = Vec3d::Zero();    // m
+    double reach = 0;            // m, from the segment; 0 = nothing was looked at yet
+    double fastest = 0;          // m/s, of its vertices
     SurfaceGive give;
     // N, of what links hold on the simulated tool, mean over the pass before this one and over the one before that: the
     // hand feels the way from one to the other while the next pass is under way, so without a step and a pass late
@@ -340,30 +341,29 @@ struct LocalContactModel {
     std::vector<TriangleGroup> cluster;              // all blocks in runs
     std::vector<GroupBalls> ball;                    // one per block
     std::vector<GroupBalls> cluster_ball;            // one per cluster
-    std::vector<double>
-        half_thickness;  // m, per triangle; > 0: a sheet, it stops the tool on both sides; 0: of a closed body
-    ShellOutlook shell;  // of a tool that has one
-    std::vector<HapticSurface> surface;  // of bodies that feel otherwise than the tool says
-    bool in_hand = true;          // false: another instrument was exchanged for this one
+    std::vector<double> half_thickness;              // m, per triangle; > 0: a sheet, it stops the tool on both sides; 0: of a closed body
+    ShellOutlook shell;                              // of a tool that has one
+    std::vector<HapticSurface> surface;              // of bodies that feel otherwise than the tool says
+    bool in_hand = true;                             // false: another instrument was exchanged for this one
 };
 
 // What a contact pass found of one tool, for the next one to compare with.
 struct ToolPass {
-    uint32_t touched = kNone;            // body
-    Vec3d tip = Vec3d::Zero();           // m, world, of the simulated tool
-    Vec3d device = Vec3d::Zero();        // m
+    uint32_t touched = kNone;      // body
+    Vec3d tip = Vec3d::Zero();     // m, world, of the simulated tool
+    Vec3d device = Vec3d::Zero();  // m
 };
 
 // A point of a shell that a surface holds.
 struct ShellContact {
-    uint32_t point = 0;            // of HandTool::shell
-    uint32_t body = kNone;         // whose surface
-    Vec3d arm = Vec3d::Zero();     // m, world axes, from the tip
-    Vec3d force = Vec3d::Zero();   // N, on the tool
-    Vec3d slip = Vec3d::Zero();    // m, world, how far friction is stretched along the surface
-    double depth = 0;              // m
-    double side = 1;               // of a sheet that the point is held on: where its normals point, or -1
-    bool sliding = false;          // along the surface, faster than 1 mm/s
+    uint32_t point = 0;           // of HandTool::shell
+    uint32_t body = kNone;        // whose surface
+    Vec3d arm = Vec3d::Zero();    // m, world axes, from the tip
+    Vec3d force = Vec3d::Zero();  // N, on the tool
+    Vec3d slip = Vec3d::Zero();   // m, world, how far friction is stretched along the surface
+    double depth = 0;             // m
+    double side = 1;              // of a sheet that the point is held on: where its normals point, or -1
+    bool sliding = false;         // along the surface, faster than 1 mm/s
 };
 
 // The body that a tool is stuck through.
@@ -375,18 +375,18 @@ struct ToolPierce {
 // State of one tool's force rendering between ticks.
 struct ToolState {
     DeviceState device;
-    Vec3d proxy = Vec3d::Zero();  // m, world: centre of the tip sphere, kept outside the surface
-    bool proxy_valid = false;     // false until the sphere is seen clear of every surface: no force
-    uint32_t contacts = 0;        // surface constraints active on the proxy
-    uint32_t touched = kNone;     // body whose surface holds the proxy; kNone without contacts
-    bool sliding = false;              // along the surface, faster than 1 mm/s
-    Vec3d carried = Vec3d::Zero();     // m, that surface took the proxy along since it was touched
+    Vec3d proxy = Vec3d::Zero();        // m, world: centre of the tip sphere, kept outside the surface
+    bool proxy_valid = false;           // false until the sphere is seen clear of every surface: no force
+    uint32_t contacts = 0;              // surface constraints active on the proxy
+    uint32_t touched = kNone;           // body whose surface holds the proxy; kNone without contacts
+    bool sliding = false;               // along the surface, faster than 1 mm/s
+    Vec3d carried = Vec3d::Zero();      // m, that surface took the proxy along since it was touched
     Vec3d pull = Vec3d::Zero();         // N, of the coupling of device and proxy: what `command` is on its way to, and
     Vec3d pull_torque = Vec3d::Zero();  // N m, of one that turns
-    DeviceCommand command;        // of contact alone
-    DeviceCommand output;         // what the device is told: contact and effects within limits
-    bool device_valid = false;  // `device` is a sample that was accepted
-    double time = 0;            // s, of the last tick
+    DeviceCommand command;              // of contact alone
+    DeviceCommand output;               // what the device is told: contact and effects within limits
+    bool device_valid = false;          // `device` is a sample that was accepted
+    double time = 0;                    // s, of the last tick
     uint64_t ticks = 0;
     double model_age = 0;                   // s, of the surface under the force at the last tick
     double gain = 1;                        // share of the force let through, 0..1: timeouts and recovery
@@ -400,28 +400,28 @@ struct ToolState {
     Vec3d effect_velocity = Vec3d::Zero();  // m/s, of the device at the last tick, for inertia
     std::array<EffectState, kMaxEffects> effect{};
     HapticEvents events;
-    Vec3d link_force = Vec3d::Zero();       // N, of links on the simulated tool, mean over the last pass
+    Vec3d link_force = Vec3d::Zero();         // N, of links on the simulated tool, mean over the last pass
     Vec3d link_force_before = Vec3d::Zero();  // and over the one before
-    ToolPass last_pass;                     // of the simulation, not of the tick
-    ToolPierce pierce;                      // likewise
+    ToolPass last_pass;                       // of the simulation, not of the tick
+    ToolPierce pierce;                        // likewise
     // of a tool with a shell, whose tip is at `proxy`
-    Quat proxy_turn;                               // of the instrument kept outside the surface
-    std::vector<ShellContact> contact;             // points ascend
-    Vec3d device_spin = Vec3d::Zero();             // rad/s, of the device at the last tick
-    Vec3d coupling_torque = Vec3d::Zero();         // N m, as coupling_force, about the tip
-    Vec3d contact_moment = Vec3d::Zero();          // N m s, as contact_impulse, about the tip
+    Quat proxy_turn;                        // of the instrument kept outside the surface
+    std::vector<ShellContact> contact;      // points ascend
+    Vec3d device_spin = Vec3d::Zero();      // rad/s, of the device at the last tick
+    Vec3d coupling_torque = Vec3d::Zero();  // N m, as coupling_force, about the tip
+    Vec3d contact_moment = Vec3d::Zero();   // N m s, as contact_impulse, about the tip
     // of any tool with jaws
-    double grip_moment = 0;                        // N m s, of the tissue on the simulated jaws that opens them, summed over the period
-    double grip_torque = 0;                        // N m, its mean over the last pass: what the fingers that close them feel
+    double grip_moment = 0;  // N m s, of the tissue on the simulated jaws that opens them, summed over the period
+    double grip_torque = 0;  // N m, its mean over the last pass: what the fingers that close them feel
 };
 
 struct Haptics {
-    std::vector<HandTool> tool;      // constant
-    std::vector<DeviceTrace> trace;  // constant
-    std::vector<HapticEffect> effect;  // constant
-    std::vector<ToolJaw> jaw;          // constant
+    std::vector<HandTool> tool;          // constant
+    std::vector<DeviceTrace> trace;      // constant
+    std::vector<HapticEffect> effect;    // constant
+    std::vector<ToolJaw> jaw;            // constant
     std::vector<HapticSurface> surface;  // constant; one a body that feels otherwise than its tool says
-    std::vector<ToolState> state;    // one per tool
+    std::vector<ToolState> state;        // one per tool
     uint64_t ticks = 0;
     double max_force = 0;           // N, largest commanded
     uint64_t rejected_samples = 0;  // device samples refused (not finite, jump)

@@ -31,9 +31,9 @@ struct Mesh {
     std::string name;
     std::vector<Vec3d> position;
     std::vector<Triangle> triangle;
-    std::vector<std::array<Vec2, 3>> uv;       // per triangle corner; empty, or one row per triangle
-    std::vector<uint16_t> triangle_material;   // empty = material 0 for all
-    std::vector<Material> material;            // may be empty
+    std::vector<std::array<Vec2, 3>> uv;      // per triangle corner; empty, or one row per triangle
+    std::vector<uint16_t> triangle_material;  // empty = material 0 for all
+    std::vector<Material> material;           // may be empty
 };
 
 // What a surface is good for in contact, decided once at load.
@@ -47,35 +47,35 @@ enum class Admission : uint8_t {
 // Every prototype mesh of a scene, flat. A prototype owns ranges; the indices inside a range are local to the
 // prototype, so that copies of a body share one topology. Constant after load. Metres, body frame.
 struct MeshInfo {
-    Range vertices;          // rows of position, incident_first (see there)
-    Range triangles;         // rows of triangle, neighbour, triangle_edge
-    Range edges;             // rows of edge
-    Range incident;          // rows of incident
-    uint32_t components = 0; // edge-connected pieces
+    Range vertices;           // rows of position, incident_first (see there)
+    Range triangles;          // rows of triangle, neighbour, triangle_edge
+    Range edges;              // rows of edge
+    Range incident;           // rows of incident
+    uint32_t components = 0;  // edge-connected pieces
     Admission admission = Admission::kRefused;
-    double volume = 0;       // m^3, signed volume of the closed surface
-    double area = 0;         // m^2
-    double mean_edge = 0;    // m
-    double max_edge = 0;     // m
-    double radius = 0;       // m, largest distance of a vertex from the origin of the body frame
-    Box box;                 // of the rest shape, body frame
+    double volume = 0;     // m^3, signed volume of the closed surface
+    double area = 0;       // m^2
+    double mean_edge = 0;  // m
+    double max_edge = 0;   // m
+    double radius = 0;     // m, largest distance of a vertex from the origin of the body frame
+    Box box;               // of the rest shape, body frame
 };
 
 struct Meshes {
-    std::vector<std::string> name;                           // one per prototype
-    std::vector<MeshInfo> info;                              // one per prototype
-    std::vector<Vec3d> position;                             // rest position of a vertex
-    std::vector<uint32_t> component;                         // piece a vertex belongs to
-    std::vector<Triangle> triangle;                          // local vertices
-    std::vector<std::array<uint32_t, 3>> neighbour;          // local triangle across corner edge k -> k+1, or kNone
-    std::vector<std::array<uint32_t, 3>> triangle_edge;      // local edge of corner edge k -> k+1
-    std::vector<std::array<uint32_t, 2>> edge;               // local vertices, lower first, ascending
-    std::vector<std::array<uint32_t, 2>> edge_triangle;      // local triangles on both sides, kNone at a rim
-    std::vector<uint32_t> incident_first;                    // vertices.count + 1 rows per prototype, at vertices.first + prototype row
-    std::vector<uint32_t> incident;                          // local triangles around a vertex, ascending
-    std::vector<std::array<Vec2, 3>> uv;                     // as triangle; zero where the file has none
-    std::vector<uint16_t> triangle_material;                 // as triangle; row of `material` of the prototype
-    std::vector<Range> materials;                            // one per prototype: rows of material
+    std::vector<std::string> name;                       // one per prototype
+    std::vector<MeshInfo> info;                          // one per prototype
+    std::vector<Vec3d> position;                         // rest position of a vertex
+    std::vector<uint32_t> component;                     // piece a vertex belongs to
+    std::vector<Triangle> triangle;                      // local vertices
+    std::vector<std::array<uint32_t, 3>> neighbour;      // local triangle across corner edge k -> k+1, or kNone
+    std::vector<std::array<uint32_t, 3>> triangle_edge;  // local edge of corner edge k -> k+1
+    std::vector<std::array<uint32_t, 2>> edge;           // local vertices, lower first, ascending
+    std::vector<std::array<uint32_t, 2>> edge_triangle;  // local triangles on both sides, kNone at a rim
+    std::vector<uint32_t> incident_first;                // vertices.count + 1 rows per prototype, at vertices.first + prototype row
+    std::vector<uint32_t> incident;                      // local triangles around a vertex, ascending
+    std::vector<std::array<Vec2, 3>> uv;                 // as triangle; zero where the file has none
+    std::vector<uint16_t> triangle_material;             // as triangle; row of `material` of the prototype
+    std::vector<Range> materials;                        // one per prototype: rows of material
     std::vector<Material> material;
 };
 

@@ -40,14 +40,14 @@ struct NodeDrive {
     Quat orientation;              // of the body at 0
     double inertia = 0;            // kg, or kg m^2 about the axis
     double lowest = -std::numeric_limits<double>::infinity(), highest = std::numeric_limits<double>::infinity();  // m or rad
-    double stiffness = 0, rest = 0;  // N/m or N m/rad of the return spring; m or rad where it pulls to
-    double damping = 0;            // N s/m or N m s/rad
-    double friction = 0;           // N or N m, Coulomb
-    double detents = 0;            // in a turn of a dial; one lies at 0
-    double detent = 0;             // N m, most that a detent holds
+    double stiffness = 0, rest = 0;                             // N/m or N m/rad of the return spring; m or rad where it pulls to
+    double damping = 0;                                         // N s/m or N m s/rad
+    double friction = 0;                                        // N or N m, Coulomb
+    double detents = 0;                                         // in a turn of a dial; one lies at 0
+    double detent = 0;                                          // N m, most that a detent holds
     double click_at = std::numeric_limits<double>::infinity();  // m, a button from here on counts as pressed ...
-    double click_width = 0;        // m, ... and over this way its spring eases
-    double click = 0;              // N, by so much
+    double click_width = 0;                                     // m, ... and over this way its spring eases
+    double click = 0;                                           // N, by so much
 };
 
 struct DriveState {
@@ -56,45 +56,45 @@ struct DriveState {
     double friction_impulse = 0;  // N s or N m s, in the last substep
     double stop_impulse = 0;      // likewise, of the limits
     bool pressed = false;
-    int32_t notch = 0;            // nearest detent
-    int8_t limit = 0;             // -1, 1: it is at the lowest, highest place
+    int32_t notch = 0;  // nearest detent
+    int8_t limit = 0;   // -1, 1: it is at the lowest, highest place
     NodeEvents events;
 };
 
 // Enables or disables a node at a time, when a button of a tool is pressed, or when a driven body reports an event.
 struct NodeSwitch {
     uint32_t node = kNone;
-    uint8_t to = 0;                // 0 = disabled, 1 = enabled, 2 = the other of the two
+    uint8_t to = 0;                                         // 0 = disabled, 1 = enabled, 2 = the other of the two
     double time = std::numeric_limits<double>::infinity();  // s
-    uint32_t tool = kNone, buttons = 0;  // bits
+    uint32_t tool = kNone, buttons = 0;                     // bits
     uint32_t drive = kNone;
     NodeEventKind event = NodeEventKind::kPressed;
 };
 
 // Another instrument comes into the hand that holds one: at a time or when a button is pressed.
 struct ToolExchange {
-    uint32_t from = kNone, to = kNone;  // rows of tools
+    uint32_t from = kNone, to = kNone;                      // rows of tools
     double time = std::numeric_limits<double>::infinity();  // s
-    uint32_t buttons = 0;               // bits
+    uint32_t buttons = 0;                                   // bits
 };
 
 // The tree of nodes that a scene hangs bodies on. Its frames are folded into the poses at load. Constant.
 struct Nodes {
     std::vector<std::string> name;
-    std::vector<uint32_t> parent;            // a row before its own, or kNone
-    std::vector<uint32_t> of_body;           // per body: its node or kNone; empty without nodes
-    std::vector<NodeDrive> drive;            // ascending by body
+    std::vector<uint32_t> parent;   // a row before its own, or kNone
+    std::vector<uint32_t> of_body;  // per body: its node or kNone; empty without nodes
+    std::vector<NodeDrive> drive;   // ascending by body
     std::vector<NodeSwitch> toggle;
     std::vector<ToolExchange> exchange;
     std::vector<std::array<uint32_t, 2>> apart;  // bodies (a < b, ascending) that do not meet: what is driven and what stands
 };
 
 struct NodeState {
-    std::vector<uint8_t> enabled;   // per node: its own switch
-    std::vector<uint8_t> laid_down; // per tool: not in the hand; empty without exchanges
-    std::vector<uint8_t> off;       // per body: neither touched, moved nor drawn; empty without nodes and exchanges
-    std::vector<uint64_t> seen;     // per switch, then per exchange: buttons down, or events so far, or 1 = its time came
-    std::vector<DriveState> drive;  // as Nodes::drive
+    std::vector<uint8_t> enabled;    // per node: its own switch
+    std::vector<uint8_t> laid_down;  // per tool: not in the hand; empty without exchanges
+    std::vector<uint8_t> off;        // per body: neither touched, moved nor drawn; empty without nodes and exchanges
+    std::vector<uint64_t> seen;      // per switch, then per exchange: buttons down, or events so far, or 1 = its time came
+    std::vector<DriveState> drive;   // as Nodes::drive
 };
 
 inline bool is_off(const NodeState& state, uint32_t body) { return body < state.off.size() && state.off[body] != 0; }

@@ -6,11 +6,11 @@ namespace trocar {
 
 // Point masses of every deformable body, one array per field; a body owns a range padded to a multiple of 16.
 struct Particles {
-    std::vector<Float4> offset;      // m, from the body's origin; w = inverse mass 1/kg, 0 = fixed or padding
-    std::vector<float> velocity_x;   // m/s, half a step behind the offset (leapfrog)
+    std::vector<Float4> offset;     // m, from the body's origin; w = inverse mass 1/kg, 0 = fixed or padding
+    std::vector<float> velocity_x;  // m/s, half a step behind the offset (leapfrog)
     std::vector<float> velocity_y;
     std::vector<float> velocity_z;
-    std::vector<double> last_dt;     // s, one per body row: substep that the velocities are half of behind; 0 = not started
+    std::vector<double> last_dt;  // s, one per body row: substep that the velocities are half of behind; 0 = not started
 };
 
 // Deformable bodies that lie still: one row per body, or empty where a scene lets nobody sleep.
@@ -21,9 +21,9 @@ struct Sleep {
 
 // Anchors of deformable bodies: a spring of rest length zero from a particle to its goal. Constant after load.
 struct Anchors {
-    std::vector<float> stiffness;    // N/m, one per particle; 0 = none
-    std::vector<float> rest_x;       // m, goal of the particle: kWorld from the body's origin, world axes;
-    std::vector<float> rest_y;       //    kShape in the prototype's frame
+    std::vector<float> stiffness;  // N/m, one per particle; 0 = none
+    std::vector<float> rest_x;     // m, goal of the particle: kWorld from the body's origin, world axes;
+    std::vector<float> rest_y;     //    kShape in the prototype's frame
     std::vector<float> rest_z;
 };
 

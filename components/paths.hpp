@@ -6,11 +6,11 @@ namespace trocar {
 
 // One key of a scripted motion.
 struct Keyframe {
-    double time = 0;                  // s
-    Vec3d position = Vec3d::Zero();   // m
+    double time = 0;                 // s
+    Vec3d position = Vec3d::Zero();  // m
     Quat orientation;
-    uint64_t jump = 0;                // 1 = arrives at once instead of moving there from the key before
-    double grip = 0;                  // rad, of a device
+    uint64_t jump = 0;  // 1 = arrives at once instead of moving there from the key before
+    double grip = 0;    // rad, of a device
 };
 
 // Scripted motions of kinematic bodies. Constant after load.

@@ -9,11 +9,11 @@ namespace trocar {
 struct SceneSettings {
     std::string name;
     std::string description;
-    double seconds = 3;                       // s, default length of a run
-    Vec3d gravity = Vec3d(0, 0, -9.81);       // m/s^2
-    double substep = 1e-3;                    // s, largest explicit step; the computed limit may ask for less
-    double sleep_speed = 1e-4;                // m/s, root mean square: a group of slower bodies falls asleep; 0 = never
-    double sleep_after = 0.5;                 // s, of being that slow
+    double seconds = 3;                  // s, default length of a run
+    Vec3d gravity = Vec3d(0, 0, -9.81);  // m/s^2
+    double substep = 1e-3;               // s, largest explicit step; the computed limit may ask for less
+    double sleep_speed = 1e-4;           // m/s, root mean square: a group of slower bodies falls asleep; 0 = never
+    double sleep_after = 0.5;            // s, of being that slow
     ContactParams contact;
     bool render = true;
 };

@@ -11,13 +11,13 @@ namespace trocar {
 inline constexpr uint32_t kSliceWidth = 16;
 
 struct SpringInfo {
-    Range slices;          // rows of slice_column, one per 16 vertices
-    double mean_rest = 0;  // m
+    Range slices;              // rows of slice_column, one per 16 vertices
+    double mean_rest = 0;      // m
     double mean_geometry = 0;  // m, solids: mean over the edges of stiffness / modulus
-    uint32_t varied = 0;   // 1: springs differ in stiffness, see factor
-    uint32_t skin = 0;     // rows of a body before its nodes: vertices of a surface that rides on them, see Solids; padded to 16
-    uint32_t packed = kNone;  // row of Springs::packed of its first column, kNone = has none
-    float rest_unit = 0;      // m, of the rest lengths in packed
+    uint32_t varied = 0;       // 1: springs differ in stiffness, see factor
+    uint32_t skin = 0;         // rows of a body before its nodes: vertices of a surface that rides on them, see Solids; padded to 16
+    uint32_t packed = kNone;   // row of Springs::packed of its first column, kNone = has none
+    float rest_unit = 0;       // m, of the rest lengths in packed
 };
 
 // Triangles around the vertices of prototypes that have a body which keeps its volume, in slices as those of Springs: a
@@ -45,26 +45,26 @@ struct Hinges {
 };
 
 struct Springs {
-    std::vector<SpringInfo> info;             // one per prototype
-    std::vector<uint32_t> slice_column;       // first column of a slice; slices.count + 1 rows per prototype, at slices.first + prototype row
-    std::vector<uint32_t> neighbour;          // 16 per column: local vertex at the far end; padding names the vertex itself
-    std::vector<float> rest_length;           // 16 per column: m; padding 0
-    std::vector<float> factor;                // as rest_length, up to the last varied prototype: stiffness / spring_stiffness of the body
+    std::vector<SpringInfo> info;        // one per prototype
+    std::vector<uint32_t> slice_column;  // first column of a slice; slices.count + 1 rows per prototype, at slices.first + prototype row
+    std::vector<uint32_t> neighbour;     // 16 per column: local vertex at the far end; padding names the vertex itself
+    std::vector<float> rest_length;      // 16 per column: m; padding 0
+    std::vector<float> factor;           // as rest_length, up to the last varied prototype: stiffness / spring_stiffness of the body
     // Of prototypes whose columns a core's cache does not hold: a column in one cache line, the same springs to the bit.
     // 16 far ends as neighbour + 32768 - the slice's first vertex, then 16 rest lengths / rest_unit.
     std::vector<std::array<uint16_t, 2 * kSliceWidth>> packed;
-    std::vector<float> area_share;            // one per vertex of the prototype (padded to 16): third of the incident area, m^2; padding 0
-    std::vector<Range> vertices;              // one per prototype: rows of area_share
+    std::vector<float> area_share;  // one per vertex of the prototype (padded to 16): third of the incident area, m^2; padding 0
+    std::vector<Range> vertices;    // one per prototype: rows of area_share
     Fans fans;
     Hinges hinges;
     // The same springs, each once, in colours: no two of a colour share an end. Only of prototypes of bodies stepped by
     // xpbd, else empty ranges; no rows at all where nobody is. 16 springs a batch; padding names rows beyond the
     // prototype's padded vertices: 2 lane and 2 lane + 1 from there.
-    std::vector<Range> colours;               // one per prototype: rows of colour
-    std::vector<Range> colour;                // batches
-    std::vector<std::array<uint32_t, 2 * kSliceWidth>> batch;    // 16 first ends, then 16 second ends
-    std::vector<std::array<float, kSliceWidth>> batch_rest;      // m
-    std::vector<std::array<float, kSliceWidth>> batch_factor;    // as factor; as batch, up to the last varied prototype
+    std::vector<Range> colours;                                      // one per prototype: rows of colour
+    std::vector<Range> colour;                                       // batches
+    std::vector<std::array<uint32_t, 2 * kSliceWidth>> batch;        // 16 first ends, then 16 second ends
+    std::vector<std::array<float, kSliceWidth>> batch_rest;          // m
+    std::vector<std::array<float, kSliceWidth>> batch_factor;        // as factor; as batch, up to the last varied prototype
     std::vector<std::array<uint32_t, kSliceWidth>> batch_half_edge;  // row of neighbour, of the first end; kNone of padding
 };
 

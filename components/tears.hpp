@@ -38,7 +38,7 @@ struct Cut {
 
 // Constant after load but for `order`, which follows Torn::triangle.
 struct Tears {
-    std::vector<TearBody> body;   // ascending by body
+    std::vector<TearBody> body;  // ascending by body
     std::vector<Cut> cut;
     std::vector<uint32_t> order;  // number of the triangles of a prototype as they lie now, those that are not there last
     std::vector<TearFace> face;
@@ -57,8 +57,8 @@ struct Torn {
 struct TornSprings {
     std::vector<uint32_t> neighbour;
     std::vector<float> rest_length;
-    std::vector<float> factor;    // as Springs::factor, where a solid may tear: less what the lost tetrahedra gave
-    std::vector<float> rest;      // as Solids::rest and per_rest, up to the last solid that may tear; 0 of a lost one, like padding
+    std::vector<float> factor;  // as Springs::factor, where a solid may tear: less what the lost tetrahedra gave
+    std::vector<float> rest;    // as Solids::rest and per_rest, up to the last solid that may tear; 0 of a lost one, like padding
     std::vector<float> per_rest;
 };
 

@@ -20,8 +20,7 @@ std::string find_bad_element(const Mesh& mesh) {
     for (size_t t = 0; t < mesh.triangle.size(); ++t) {
         for (const uint32_t v : mesh.triangle[t]) {
             if (v < mesh.position.size()) continue;
-            return "face " + std::to_string(t) + ": names vertex " + std::to_string(v) + " of " +
-                   std::to_string(mesh.position.size());
+            return "face " + std::to_string(t) + ": names vertex " + std::to_string(v) + " of " + std::to_string(mesh.position.size());
         }
     }
     return mesh.triangle.empty() ? "no face" : "";
@@ -45,8 +44,7 @@ void measure(const Mesh& mesh, MeshJudgement& out) {
     const Vec3d middle = 0.5 * (box.min + box.max);
     Vec3d vector_area = Vec3d::Zero();
     for (const Triangle& t : mesh.triangle) {
-        const Vec3d a = mesh.position[t[0]] - middle, b = mesh.position[t[1]] - middle,
-                    c = mesh.position[t[2]] - middle;
+        const Vec3d a = mesh.position[t[0]] - middle, b = mesh.position[t[1]] - middle, c = mesh.position[t[2]] - middle;
         const Vec3d normal = (b - a).cross(c - a);
         out.volume += a.dot(b.cross(c)) / 6;
         out.area += 0.5 * normal.norm();
@@ -65,9 +63,7 @@ uint32_t count_bow_ties(const Mesh& mesh, const EdgeTable& table) {
         for (const uint32_t end : table.edge[e]) {
             if (users.size() > 2) excused[end] = 1;
             if (users.size() != 2) continue;
-            const auto corner_at = [&](uint32_t h) {
-                return half_edge_start(mesh.triangle, h) == end ? h : h / 3 * 3 + (h + 1) % 3;
-            };
+            const auto corner_at = [&](uint32_t h) { return half_edge_start(mesh.triangle, h) == end ? h : h / 3 * 3 + (h + 1) % 3; };
             join_sets(sets, corner_at(users[0]), corner_at(users[1]));
         }
     }

@@ -8,9 +8,9 @@ namespace trocar {
 struct MeshJudgement {
     uint32_t vertices = 0;  // used or not
     uint32_t triangles = 0;
-    bool closed = false;    // no edge with an odd number of faces
-    bool manifold = false;  // at most two faces an edge, one fan a vertex
-    bool oriented = false;  // every edge with two or more faces is used equally in both directions, no piece inside out
+    bool closed = false;              // no edge with an odd number of faces
+    bool manifold = false;            // at most two faces an edge, one fan a vertex
+    bool oriented = false;            // every edge with two or more faces is used equally in both directions, no piece inside out
     uint32_t components = 0;          // edge-connected pieces
     uint32_t degenerate = 0;          // faces lower than 1e-7 of their longest edge, a float's unit, or less
     uint32_t zero_area = 0;           // of those: corners exactly in a line, or a vertex named twice

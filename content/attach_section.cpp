@@ -1,6 +1,6 @@
-#include "content/scene_sections.hpp"
-
 #include <cmath>
+
+#include "content/scene_sections.hpp"
 namespace trocar {
 namespace {
 
@@ -13,7 +13,8 @@ bool read_region(TomlSection& section, Region& region) {
     if (section.read("box", 6, v)) region = {RegionKind::kBox, {v[0], v[1], v[2]}, {v[3], v[4], v[5]}, 0}, ++given;
     if (section.read("capsule", 7, v)) region = {RegionKind::kCapsule, {v[0], v[1], v[2]}, {v[3], v[4], v[5]}, v[6]}, ++given;
     if (given > 1) section.fail("give one of sphere, box and capsule");
-    if (region.kind == RegionKind::kBox && (region.a.array() > region.b.array()).any()) section.fail("box: its first corner must be the lowest");
+    if (region.kind == RegionKind::kBox && (region.a.array() > region.b.array()).any())
+        section.fail("box: its first corner must be the lowest");
     if (region.radius < 0) section.fail("a radius must not be negative");
     return given > 0;
 }
@@ -59,7 +60,8 @@ LinkSpec read_link(const std::string& file, const toml::table& table) {
     section.read("group", link.group);
     const bool region = read_region(section, link.region);
     link.frame_given = section.find("frame") != nullptr;
-    section.read_enum<RegionFrame>("frame", link.frame, {{"to", RegionFrame::kHolder}, {"rest", RegionFrame::kRest}, {"world", RegionFrame::kWorld}});
+    section.read_enum<RegionFrame>("frame", link.frame,
+                                   {{"to", RegionFrame::kHolder}, {"rest", RegionFrame::kRest}, {"world", RegionFrame::kWorld}});
     section.read("within", link.within, 0, 1e3);
     section.read("stiffness", link.stiffness, 1e-9, 1e12);
     section.read("rest", link.rest, 0, 1e3);

@@ -1,9 +1,8 @@
-#include "content/scene_sections.hpp"
-
 #include <algorithm>
 #include <cmath>
 #include <numbers>
 
+#include "content/scene_sections.hpp"
 #include "content/tissues.hpp"
 namespace trocar {
 namespace {
@@ -111,15 +110,15 @@ std::vector<KeyframeSpec> read_path(const std::string& file, TomlSection& owner,
     for (const toml::node& node : *array) {
         TomlSection section(file, *node.as_table(), std::string(key));
         KeyframeSpec frame;
-        if (!path.empty()) frame.position = path.back().position, frame.orientation = path.back().orientation, frame.grip = path.back().grip;
+        if (!path.empty())
+            frame.position = path.back().position, frame.orientation = path.back().orientation, frame.grip = path.back().grip;
         section.read("time", frame.time, 0, 1e9);
         section.read("position", frame.position);
         section.read("rotation", frame.orientation);
         section.read("jump", frame.jump);
         if (with_grip) read_degrees(section, "grip", frame.grip);
         section.refuse_unknown();
-        if (!path.empty() && frame.time <= path.back().time)
-            section.fail("time must be later than that of the key before");
+        if (!path.empty() && frame.time <= path.back().time) section.fail("time must be later than that of the key before");
         path.push_back(frame);
     }
     uint32_t times = 1;
@@ -137,7 +136,8 @@ BodySpec read_body(const std::string& file, const toml::table& table) {
     section.read("name", body.name);
     if (body.name.empty()) section.fail("a [[body]] needs a name");
     constexpr size_t kLongestName = 64;  // copies get a number behind it
-    if (!is_body_name(body.name) || body.name.size() > kLongestName) section.fail("the name of a body has at most 64 bytes, and no /, \\, \" or control character");
+    if (!is_body_name(body.name) || body.name.size() > kLongestName)
+        section.fail("the name of a body has at most 64 bytes, and no /, \\, \" or control character");
     section.read("node", body.node);
     section.read("shape", body.shape);
     section.read("file", body.file);
@@ -164,8 +164,7 @@ BodySpec read_body(const std::string& file, const toml::table& table) {
     section.read("rotation", body.orientation);
     section.read("above", body.above);
     section.read("gap", body.gap, -1e3, 1e3);
-    section.read_enum<AnchorFrame>("anchor", body.anchor_frame,
-                                   {{"world", AnchorFrame::kWorld}, {"shape", AnchorFrame::kShape}});
+    section.read_enum<AnchorFrame>("anchor", body.anchor_frame, {{"world", AnchorFrame::kWorld}, {"shape", AnchorFrame::kShape}});
     section.read_enum<bool>("model", body.solid, {{"shell", false}, {"solid", true}});
     section.read("cells", body.cells, 1, 500);
     section.read("spacing", body.spacing, 1e-9, 1e9);
@@ -209,8 +208,7 @@ BodySpec read_body(const std::string& file, const toml::table& table) {
         section.fail("body \"" + body.name + "\": what is scattered can neither be held by a hand nor stand above another body");
     if (body.scatter.rate > 0 && (body.motion != Motion::kDeformable || std::isfinite(body.break_strain)))
         section.fail("body \"" + body.name + "\": only deformable bodies that do not break come and go (scatter.rate)");
-    if (body.motion == Motion::kKinematic && body.path.empty())
-        section.fail("kinematic body \"" + body.name + "\" needs a [[body.path]]");
+    if (body.motion == Motion::kKinematic && body.path.empty()) section.fail("kinematic body \"" + body.name + "\" needs a [[body.path]]");
     if (body.motion != Motion::kFree && (!body.velocity.isZero(0) || !body.spin.isZero(0)))
         section.fail("body \"" + body.name + "\": only a free body starts with a velocity or spin of its own");
     return body;

@@ -44,7 +44,8 @@ void take_group(const SceneFile& scene, const LinkSpec& spec, const World& world
     g.frame = RegionFrame::kRest;
     if (found->material.empty()) return;
     g.material = find_material(world, world.bodies.mesh[g.body], found->material);
-    if (g.material == kNone) refuse(scene, found->line, "group \"" + found->name + "\": the mesh has no material \"" + found->material + "\"");
+    if (g.material == kNone)
+        refuse(scene, found->line, "group \"" + found->name + "\": the mesh has no material \"" + found->material + "\"");
 }
 
 LinkGroup make_group(const SceneFile& scene, const LinkSpec& spec, const World& world) {
@@ -52,7 +53,8 @@ LinkGroup make_group(const SceneFile& scene, const LinkSpec& spec, const World& 
     g.name = spec.name;
     g.body = find_body(scene, spec, world, spec.body);
     g.holder = find_body(scene, spec, world, spec.holder);
-    if (!is_deformable(world.bodies, g.body)) refuse(scene, spec.line, "link \"" + spec.name + "\": body \"" + spec.body + "\" must be deformable");
+    if (!is_deformable(world.bodies, g.body))
+        refuse(scene, spec.line, "link \"" + spec.name + "\": body \"" + spec.body + "\" must be deformable");
     if (g.body == g.holder) refuse(scene, spec.line, "link \"" + spec.name + "\": a body cannot be linked to itself");
     if (scene.bodies[g.body].scatter.rate > 0 || scene.bodies[g.holder].scatter.rate > 0)
         refuse(scene, spec.line, "link \"" + spec.name + "\": bodies that come and go cannot be linked");
@@ -75,7 +77,8 @@ LinkGroup make_group(const SceneFile& scene, const LinkSpec& spec, const World& 
         const auto jaws = std::span(world.haptics.jaw).subspan(t.jaws.first, t.jaws.count);
         return t.body == g.holder || std::any_of(jaws.begin(), jaws.end(), [&](const ToolJaw& j) { return j.body == g.holder; });
     });
-    if (tool == tools.end()) refuse(scene, spec.line, "link \"" + spec.name + "\": grip = true, but no [[tool]] holds \"" + spec.holder + "\"");
+    if (tool == tools.end())
+        refuse(scene, spec.line, "link \"" + spec.name + "\": grip = true, but no [[tool]] holds \"" + spec.holder + "\"");
     g.tool = static_cast<uint32_t>(tool - tools.begin());
     return g;
 }
@@ -116,7 +119,9 @@ void add_tissue_regions(const SceneFile& scene, const BodySpec& spec, World& wor
         const bool is_vertex = skin_rows(world.solids, prototype) == 0;
         for (uint32_t v = 0; v < count; ++v) {
             const Vec3d rest = rest_of_node(world.meshes, world.solids, prototype, v);
-            if (!contains(where.region, rest) || (where.material != kNone && !(is_vertex && is_of_material(world.meshes, prototype, v, where.material)))) continue;
+            if (!contains(where.region, rest) ||
+                (where.material != kNone && !(is_vertex && is_of_material(world.meshes, prototype, v, where.material))))
+                continue;
             nodes.stiffness[v] = field.place.empty() ? region.stiffness : value_at(field, rest);
             nodes.density[v] = region.density;
             nodes.fixed[v] = region.fixed;

@@ -13,7 +13,8 @@ void add_tissue_regions(const SceneFile& scene, const BodySpec& spec, World& wor
 // Fills world.tears.cut from the [[cut]] tables. Throws InputError likewise, also for bodies that cannot be cut.
 void add_scene_cuts(const SceneFile& scene, World& world);
 
-// Lets springs of a body break above a strain and triangles be removed; the prototype must be the body's own. Returns its row of world.tears.body.
+// Lets springs of a body break above a strain and triangles be removed; the prototype must be the body's own. Returns its row of
+// world.tears.body.
 uint32_t let_tear(World& world, uint32_t body, double break_strain);
 
 }  // namespace trocar

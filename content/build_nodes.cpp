@@ -46,9 +46,12 @@ std::vector<NodeFrame> node_frames(const SceneFile& scene) {
         NodeFrame above;
         if (!node.parent.empty()) {
             const uint32_t parent = find_node(scene, node.parent, n);
-            if (parent == kNone) refuse(scene, node.line, "node \"" + node.name + "\": parent \"" + node.parent + "\" names no node before it");
+            if (parent == kNone)
+                refuse(scene, node.line, "node \"" + node.name + "\": parent \"" + node.parent + "\" names no node before it");
             if (scene.nodes[parent].drive.behaviour != NodeBehaviour::kNone)
-                refuse(scene, node.line, "node \"" + node.name + "\": what hangs on a node that moves would have to move with it; take a parent without a behaviour");
+                refuse(scene, node.line,
+                       "node \"" + node.name +
+                           "\": what hangs on a node that moves would have to move with it; take a parent without a behaviour");
             above = frames[parent];
         }
         frames.push_back({above(node.position), normalized(multiply(above.turn, node.orientation)), above.scale * node.scale});
@@ -59,7 +62,8 @@ std::vector<NodeFrame> node_frames(const SceneFile& scene) {
 }
 
 void fold_body(const SceneFile& scene, const NodeFrame& frame, BodySpec& body) {
-    if (!body.above.empty()) refuse(scene, body.line, "body \"" + body.name + "\" stands above another body: it cannot lie in a node as well");
+    if (!body.above.empty())
+        refuse(scene, body.line, "body \"" + body.name + "\" stands above another body: it cannot lie in a node as well");
     if (frame.scale != 1 && body.scale == 0 && body.size == 0)
         refuse(scene, body.line, "body \"" + body.name + "\": a guessed scale cannot lie in a node with a scale of its own");
     body.position = frame(body.position);
@@ -123,7 +127,8 @@ void keep_apart(const SceneFile& scene, World& world) {
     for (const NodeDrive& drive : nodes.drive) {
         for (uint32_t other = 0; other < world.bodies.mesh.size(); ++other) {
             const bool stands = world.bodies.motion[other] == Motion::kStatic;
-            const bool sibling = other > drive.body && std::any_of(nodes.drive.begin(), nodes.drive.end(), [&](const NodeDrive& d) { return d.body == other; }) &&
+            const bool sibling = other > drive.body &&
+                                 std::any_of(nodes.drive.begin(), nodes.drive.end(), [&](const NodeDrive& d) { return d.body == other; }) &&
                                  parent_of(other) == parent_of(drive.body);
             if (stands || sibling) nodes.apart.push_back({std::min(drive.body, other), std::max(drive.body, other)});
         }
@@ -165,7 +170,9 @@ void add_switches(const SceneFile& scene, World& world) {
 bool may_be_off(const World& world, uint32_t body) {
     for (uint32_t node = world.nodes.of_body[body]; node != kNone; node = world.nodes.parent[node]) {
         const auto& toggle = world.nodes.toggle;
-        if (!world.node_state.enabled[node] || std::any_of(toggle.begin(), toggle.end(), [&](const NodeSwitch& s) { return s.node == node; })) return true;
+        if (!world.node_state.enabled[node] ||
+            std::any_of(toggle.begin(), toggle.end(), [&](const NodeSwitch& s) { return s.node == node; }))
+            return true;
     }
     return false;
 }
@@ -179,13 +186,17 @@ void check_bodies_of_nodes(const SceneFile& scene, const World& world) {
             const auto found = std::find(world.bodies.name.begin(), world.bodies.name.end(), name);
             if (found == world.bodies.name.end()) continue;  // add_scene_links says so
             const uint32_t body = static_cast<uint32_t>(found - world.bodies.name.begin());
-            if (driven(body)) refuse(scene, link.line, "link \"" + link.name + "\": \"" + name + "\" is moved by its node and cannot be linked");
-            if (may_be_off(world, body)) refuse(scene, link.line, "link \"" + link.name + "\": \"" + name + "\" hangs on a node that is disabled or switched and cannot be linked");
+            if (driven(body))
+                refuse(scene, link.line, "link \"" + link.name + "\": \"" + name + "\" is moved by its node and cannot be linked");
+            if (may_be_off(world, body))
+                refuse(scene, link.line,
+                       "link \"" + link.name + "\": \"" + name + "\" hangs on a node that is disabled or switched and cannot be linked");
         }
     }
     for (uint32_t body = 0; body < scene.bodies.size(); ++body)
         if (scene.bodies[body].scatter.rate > 0 && may_be_off(world, body))
-            refuse(scene, scene.bodies[body].line, "body \"" + scene.bodies[body].name + "\" comes and goes: its node can be neither disabled nor switched");
+            refuse(scene, scene.bodies[body].line,
+                   "body \"" + scene.bodies[body].name + "\" comes and goes: its node can be neither disabled nor switched");
 }
 
 }  // namespace
@@ -207,13 +218,16 @@ void add_tool_exchanges(const SceneFile& scene, const ToolSpec& spec, World& wor
         const auto found = std::find(names.begin(), names.end(), exchange.body);
         if (found == names.end()) refuse(scene, exchange.line, "no body is named \"" + exchange.body + "\"");
         const uint32_t body = static_cast<uint32_t>(found - names.begin());
-        if (world.bodies.motion[body] != Motion::kHand) refuse(scene, exchange.line, "body \"" + exchange.body + "\" of a tool must have motion = \"hand\"");
+        if (world.bodies.motion[body] != Motion::kHand)
+            refuse(scene, exchange.line, "body \"" + exchange.body + "\" of a tool must have motion = \"hand\"");
         const auto& tools = world.haptics.tool;
         const auto known = std::find_if(tools.begin(), tools.end(), [&](const HandTool& t) { return t.body == body; });
         uint32_t to = static_cast<uint32_t>(known - tools.begin());  // an instrument may come back
-        if (known != tools.end() && (to < tool || to == from)) refuse(scene, exchange.line, "body \"" + exchange.body + "\" is in a hand already");
+        if (known != tools.end() && (to < tool || to == from))
+            refuse(scene, exchange.line, "body \"" + exchange.body + "\" is in a hand already");
         if (known == tools.end()) {
-            if (tools.size() == kMaxTools) refuse(scene, exchange.line, "more than " + std::to_string(kMaxTools) + " tools and instruments to exchange");
+            if (tools.size() == kMaxTools)
+                refuse(scene, exchange.line, "more than " + std::to_string(kMaxTools) + " tools and instruments to exchange");
             HandTool other = tools[tool];
             other.body = body;
             other.tip = exchange.tip;
@@ -244,7 +258,8 @@ void add_scene_nodes(const SceneFile& scene, World& world) {
         const uint32_t node = node_of(scene, scene.bodies[body]);
         nodes.of_body.push_back(node);
         if (node == kNone || scene.nodes[node].drive.behaviour == NodeBehaviour::kNone) continue;
-        if (driven[node] != kNone) refuse(scene, scene.bodies[body].line, "node \"" + scene.nodes[node].name + "\" moves one body and has two");
+        if (driven[node] != kNone)
+            refuse(scene, scene.bodies[body].line, "node \"" + scene.nodes[node].name + "\" moves one body and has two");
         driven[node] = body;
         add_drive(scene, node, body, frames[node], world);
     }

@@ -34,9 +34,7 @@ namespace trocar {
 namespace fs = std::filesystem;
 namespace {
 
-std::string at(const SceneFile& scene, uint32_t line) {
-    return scene.path.string() + ":" + std::to_string(line) + ":1: ";
-}
+std::string at(const SceneFile& scene, uint32_t line) { return scene.path.string() + ":" + std::to_string(line) + ":1: "; }
 
 fs::path find_file(const SceneFile& scene, const std::string& name) {
     const fs::path given(name);
@@ -79,8 +77,7 @@ Box world_box(const World& world, uint32_t body) {
     const MeshInfo& info = world.meshes.info[world.bodies.mesh[body]];
     Box box;
     for (uint32_t v = 0; v < info.vertices.count; ++v) {
-        const Vec3d p = world.poses.origin[body] +
-                        rotate(world.poses.orientation[body], world.meshes.position[info.vertices.first + v]);
+        const Vec3d p = world.poses.origin[body] + rotate(world.poses.orientation[body], world.meshes.position[info.vertices.first + v]);
         box.min = box.min.cwiseMin(p), box.max = box.max.cwiseMax(p);
     }
     return box;
@@ -90,8 +87,7 @@ void place_above(const SceneFile& scene, const BodySpec& spec, World& world, uin
     const auto& names = world.bodies.name;
     const auto found = std::find(names.begin(), names.begin() + body, spec.above);
     if (found == names.begin() + body)
-        throw InputError(at(scene, spec.line) + "above = \"" + spec.above + "\" names no body before \"" + spec.name +
-                         "\"");
+        throw InputError(at(scene, spec.line) + "above = \"" + spec.above + "\" names no body before \"" + spec.name + "\"");
     const Box below = world_box(world, static_cast<uint32_t>(found - names.begin())), own = world_box(world, body);
     Vec3d shift = 0.5 * (below.min + below.max - own.min - own.max);
     shift.z() = below.max.z() + spec.gap - own.min.z();
@@ -116,13 +112,13 @@ std::string body_note(const World& world, uint32_t body, const Prototype& made) 
     constexpr const char* kMotions[] = {"static", "kinematic", "hand", "deformable", "free"};
     const MeshInfo& info = world.meshes.info[world.bodies.mesh[body]];
     char text[256];
-    std::snprintf(text, sizeof text, "%s: %u vertices, %u triangles, %s, %.1f ml", world.bodies.name[body].c_str(),
-                  info.vertices.count, info.triangles.count, kMotions[static_cast<size_t>(world.bodies.motion[body])],
-                  info.volume * 1e6);
+    std::snprintf(text, sizeof text, "%s: %u vertices, %u triangles, %s, %.1f ml", world.bodies.name[body].c_str(), info.vertices.count,
+                  info.triangles.count, kMotions[static_cast<size_t>(world.bodies.motion[body])], info.volume * 1e6);
     std::string note = text;
     if (is_solid(world.solids, world.bodies.mesh[body])) {
         const SolidInfo& solid = world.solids.info[world.bodies.mesh[body]];
-        std::snprintf(text, sizeof text, ", solid of %u tetrahedra, %u nodes%s", solid.count, solid.nodes.count, solid.skin.count > 0 ? " under this skin" : "");
+        std::snprintf(text, sizeof text, ", solid of %u tetrahedra, %u nodes%s", solid.count, solid.nodes.count,
+                      solid.skin.count > 0 ? " under this skin" : "");
         note += text;
     } else if (has_own_nodes(world.solids, world.bodies.mesh[body])) {
         std::snprintf(text, sizeof text, ", under this skin a shell of %u nodes, whose step is %.3g times that of the skin itself",
@@ -166,7 +162,8 @@ void add_path(Paths& paths, uint32_t body, const std::vector<KeyframeSpec>& keys
 
 double area_of(const MeshView& mesh) {
     double area = 0;
-    for (const Triangle& t : mesh.triangle) area += 0.5 * triangle_normal(mesh.position[t[0]], mesh.position[t[1]], mesh.position[t[2]]).norm();
+    for (const Triangle& t : mesh.triangle)
+        area += 0.5 * triangle_normal(mesh.position[t[0]], mesh.position[t[1]], mesh.position[t[2]]).norm();
     return area;
 }
 
@@ -191,7 +188,9 @@ void spread_points(const ToolSpec& spec, const World& world, HandTool& tool) {
 
 // A tool whose whole body feels. Its turns follow the hand as quickly as its moves; both without overshoot.
 void give_shell(const SceneFile& scene, const ToolSpec& spec, const World& world, HandTool& tool) {
-    const auto fail = [&](const std::string& why) { throw InputError(at(scene, spec.line) + "tool \"" + spec.body + "\" with dof = 6: " + why); };
+    const auto fail = [&](const std::string& why) {
+        throw InputError(at(scene, spec.line) + "tool \"" + spec.body + "\" with dof = 6: " + why);
+    };
     const double mass = world.bodies.inv_mass[tool.body] > 0 ? 1 / world.bodies.inv_mass[tool.body] : 0;
     if (!(mass > 0)) fail("its body needs a mass");
     if (!(spec.stiffness > 0)) fail("it needs a stiffness");
@@ -205,7 +204,8 @@ void give_shell(const SceneFile& scene, const ToolSpec& spec, const World& world
     if (spec.hand.mass <= 0 || spec.hand.damping <= 0) return;
     const double limit = spec.hand.damping / (0.5e-3 + 1e-3 * spec.hand.delay);
     char text[160];
-    std::snprintf(text, sizeof text, "stiffness %g N/m is more than a device of %g N s/m takes quietly at 1 kHz: at most %g", spec.stiffness, spec.hand.damping, limit);
+    std::snprintf(text, sizeof text, "stiffness %g N/m is more than a device of %g N s/m takes quietly at 1 kHz: at most %g",
+                  spec.stiffness, spec.hand.damping, limit);
     if (spec.stiffness > limit) fail(text);
 }
 
@@ -263,7 +263,8 @@ void add_tool(const SceneFile& scene, const ToolSpec& spec, World& world) {
     if (spec.dof == 6) give_shell(scene, spec, world, tool);
     tool.effects = {static_cast<uint32_t>(world.haptics.effect.size()), static_cast<uint32_t>(spec.effects.size())};
     world.haptics.effect.insert(world.haptics.effect.end(), spec.effects.begin(), spec.effects.end());
-    if (world.haptics.tool.size() == kMaxTools) throw InputError(at(scene, spec.line) + "more than " + std::to_string(kMaxTools) + " tools");
+    if (world.haptics.tool.size() == kMaxTools)
+        throw InputError(at(scene, spec.line) + "more than " + std::to_string(kMaxTools) + " tools");
     if (!spec.trace.empty()) {
         tool.trace = static_cast<uint32_t>(world.haptics.trace.size());
         world.haptics.trace.push_back(read_device_trace(find_file(scene, spec.trace)));
@@ -365,8 +366,8 @@ void make_trees(World& world) {
         if (is_deformable(world.bodies, body)) {
             const Range rows = world.bodies.particles[body];
             world.bodies.tree[body] = static_cast<uint32_t>(world.trees.size());
-            world.trees.push_back(std::make_unique<ClosestPointTree>(
-                view, std::span(world.particles.offset).subspan(rows.first, rows.count)));
+            world.trees.push_back(
+                std::make_unique<ClosestPointTree>(view, std::span(world.particles.offset).subspan(rows.first, rows.count)));
             continue;
         }
         const auto [found, fresh] = shared.try_emplace(prototype, static_cast<uint32_t>(world.trees.size()));
@@ -386,14 +387,22 @@ bool may_tear(const SceneFile& scene, const BodySpec& spec) {
 
 Prototype make_body_prototype(const SceneFile& scene, const BodySpec& spec, World& world, Mesh mesh, const PrototypeOptions& options) {
     if (spec.motion != Motion::kDeformable || (!spec.solid && !spec.skin)) return make_prototype(world.meshes, std::move(mesh), options);
-    const auto refuse = [&](const std::string& reason) { throw InputError(at(scene, spec.line) + "body \"" + spec.name + "\": " + reason); };
-    if (spec.solid && (spec.tissue.pressure_modulus > 0 || spec.tissue.bending > 0)) refuse("pressure_modulus and bending are for shells, not for solids");
+    const auto refuse = [&](const std::string& reason) {
+        throw InputError(at(scene, spec.line) + "body \"" + spec.name + "\": " + reason);
+    };
+    if (spec.solid && (spec.tissue.pressure_modulus > 0 || spec.tissue.bending > 0))
+        refuse("pressure_modulus and bending are for shells, not for solids");
     if (!spec.solid && may_tear(scene, spec))
         refuse("a shell under a skin is not cut and does not break: its skin would stretch over the gap; take skin = false");
     try {
-        if (!spec.solid) return make_caged_shell(world.meshes, world.springs, world.solids, std::move(mesh), options,
-                                                  {.spacing = spec.spacing, .cells = spec.cells, .pressure = spec.tissue.pressure_modulus > 0, .bending = spec.tissue.bending > 0});
-        return make_solid(world.meshes, world.springs, world.solids, std::move(mesh), options, {spec.spacing, spec.cells, spec.skin, may_tear(scene, spec)});
+        if (!spec.solid)
+            return make_caged_shell(world.meshes, world.springs, world.solids, std::move(mesh), options,
+                                    {.spacing = spec.spacing,
+                                     .cells = spec.cells,
+                                     .pressure = spec.tissue.pressure_modulus > 0,
+                                     .bending = spec.tissue.bending > 0});
+        return make_solid(world.meshes, world.springs, world.solids, std::move(mesh), options,
+                          {spec.spacing, spec.cells, spec.skin, may_tear(scene, spec)});
     } catch (const InputError& error) {
         throw InputError(at(scene, spec.line) + "body \"" + spec.name + "\": " + error.what());
     }
@@ -413,9 +422,21 @@ struct PrototypeKey {
 
 PrototypeKey key_of(const SceneFile& scene, const BodySpec& spec) {
     const bool caged = spec.skin && !spec.solid;
-    return {may_tear(scene, spec) || !spec.regions.empty() ? spec.name : "", spec.file, spec.shape, spec.triangles, spec.seed,
-            spec.scale, spec.size, spec.cells, spec.spacing, spec.color, spec.motion == Motion::kDeformable, spec.solid, spec.skin,
-            caged && spec.tissue.pressure_modulus > 0, caged && spec.tissue.bending > 0};
+    return {may_tear(scene, spec) || !spec.regions.empty() ? spec.name : "",
+            spec.file,
+            spec.shape,
+            spec.triangles,
+            spec.seed,
+            spec.scale,
+            spec.size,
+            spec.cells,
+            spec.spacing,
+            spec.color,
+            spec.motion == Motion::kDeformable,
+            spec.solid,
+            spec.skin,
+            caged && spec.tissue.pressure_modulus > 0,
+            caged && spec.tissue.bending > 0};
 }
 
 // Prototypes of a scene; bodies with the same source share one, but not rigid with deformable ones: springs are made in
@@ -436,9 +457,11 @@ struct PrototypeCache {
         options.recentre = spec.file.empty() ? Recentre::kNone : Recentre::kVolumeCentroid;
         Prototype prototype = make_body_prototype(scene, spec, world, std::move(mesh), options);
         const std::string source = spec.file.empty() ? "shape " + spec.shape : spec.file;
-        if (prototype.row == kNone) throw InputError(at(scene, spec.line) + "body \"" + spec.name + "\": " + source + ": " + prototype.judgement.reason);
+        if (prototype.row == kNone)
+            throw InputError(at(scene, spec.line) + "body \"" + spec.name + "\": " + source + ": " + prototype.judgement.reason);
         if (prototype.judgement.admitted_as != Admission::kSolid)
-            warnings.push_back("body \"" + spec.name + "\" is treated as " + admission_name(prototype.judgement.admitted_as) + ": " + prototype.judgement.reason);
+            warnings.push_back("body \"" + spec.name + "\" is treated as " + admission_name(prototype.judgement.admitted_as) + ": " +
+                               prototype.judgement.reason);
         return made.emplace(key, std::move(prototype)).first->second;
     }
 };
@@ -452,11 +475,14 @@ double other_forces_limit(const World& world, uint32_t body) {
 }
 
 // How an integrator steps a body; step and iterations as the scene asks for, 0 = usual.
-Stepping make_stepping(const SceneFile& scene, const BodySpec& spec, const World& world, uint32_t body, Integrator integrator, double step, uint32_t iterations) {
+Stepping make_stepping(const SceneFile& scene, const BodySpec& spec, const World& world, uint32_t body, Integrator integrator, double step,
+                       uint32_t iterations) {
     Stepping stepping;
     stepping.integrator = integrator;
     const bool solid = is_solid(world.solids, world.bodies.mesh[body]);
-    const auto refuse = [&](const std::string& reason) { throw InputError(at(scene, spec.line) + "body \"" + spec.name + "\": " + reason); };
+    const auto refuse = [&](const std::string& reason) {
+        throw InputError(at(scene, spec.line) + "body \"" + spec.name + "\": " + reason);
+    };
     const double limit = world.bodies.stable_dt[body];
     const double others = other_forces_limit(world, body);
     char text[200];
@@ -465,12 +491,12 @@ Stepping make_stepping(const SceneFile& scene, const BodySpec& spec, const World
         refuse(text);
     }
     if (integrator == Integrator::kLeapfrog && step > limit) {
-        std::snprintf(text, sizeof text, "step = %g s is above the largest stable step of leapfrog, %.4g s; take a shorter one%s",
-                      step, limit, solid ? "" : " or integrator = \"midpoint\"");
+        std::snprintf(text, sizeof text, "step = %g s is above the largest stable step of leapfrog, %.4g s; take a shorter one%s", step,
+                      limit, solid ? "" : " or integrator = \"midpoint\"");
         refuse(text);
     }
     if (integrator == Integrator::kLeapfrog && step == 0) return stepping;  // what bodies have anyway
-    const double usual_step[] = {0, solid ? 2e-3 : 5e-3, 1e-3};  // s; pressed at 5 ms solids overlap by millimetres
+    const double usual_step[] = {0, solid ? 2e-3 : 5e-3, 1e-3};             // s; pressed at 5 ms solids overlap by millimetres
     stepping.step = step > 0 ? step : std::min(others, usual_step[static_cast<size_t>(integrator)]);
     stepping.iterations = iterations > 0 ? iterations : integrator == Integrator::kXpbd ? 1 : solid ? 30 : 10;
     return stepping;
@@ -498,15 +524,19 @@ Vec3d eye_of(const SceneFile& scene, const BodySpec& spec) {
     const Camera camera = make_camera(scene.camera);
     if (camera.kind == CameraKind::kLaparoscope) return camera.position;
     if (!(camera.distance > 0))
-        throw InputError(at(scene, spec.line) + "body \"" + spec.name + "\": [body.lod] with seen = true needs a [camera] that says its distance");
+        throw InputError(at(scene, spec.line) + "body \"" + spec.name +
+                         "\": [body.lod] with seen = true needs a [camera] that says its distance");
     const double flat = std::cos(camera.elevation);
-    return camera.target + camera.distance * Vec3d(flat * std::cos(camera.azimuth), flat * std::sin(camera.azimuth), std::sin(camera.elevation));
+    return camera.target +
+           camera.distance * Vec3d(flat * std::cos(camera.azimuth), flat * std::sin(camera.azimuth), std::sin(camera.elevation));
 }
 
 // What [body.lod] asks for: leapfrog near tools, midpoint far from them. Says so.
 std::string add_detail(const SceneFile& scene, const BodySpec& spec, World& world, uint32_t body) {
     constexpr uint32_t kIterations = 40;  // what a solve cut short leaves rings, and leapfrog has to go on with it
-    const auto refuse = [&](const std::string& reason) { throw InputError(at(scene, spec.line) + "body \"" + spec.name + "\": [body.lod] is for " + reason); };
+    const auto refuse = [&](const std::string& reason) {
+        throw InputError(at(scene, spec.line) + "body \"" + spec.name + "\": [body.lod] is for " + reason);
+    };
     if (!is_deformable(world.bodies, body)) refuse("deformable bodies");
     const Stepping near = stepping_of(world.bodies, body);
     if (near.integrator != Integrator::kLeapfrog) refuse("bodies that are stepped by leapfrog near tools; this one is coarse everywhere");
@@ -515,11 +545,13 @@ std::string add_detail(const SceneFile& scene, const BodySpec& spec, World& worl
     rules.beyond.push_back(spec.lod.beyond);
     rules.seen.push_back(spec.lod.seen);
     rules.near.push_back(near);
-    rules.far.push_back(make_stepping(scene, spec, world, body, Integrator::kMidpoint, spec.lod.step, spec.lod.iterations > 0 ? spec.lod.iterations : kIterations));
+    rules.far.push_back(make_stepping(scene, spec, world, body, Integrator::kMidpoint, spec.lod.step,
+                                      spec.lod.iterations > 0 ? spec.lod.iterations : kIterations));
     if (spec.lod.seen) rules.eye.assign(1, eye_of(scene, spec));
     world.bodies.stepping.resize(std::max<size_t>(world.bodies.stepping.size(), body + 1));
     char text[100];
-    std::snprintf(text, sizeof text, "; by midpoint of %.3g ms while every tool is farther than %g m", 1e3 * rules.far.back().step, spec.lod.beyond);
+    std::snprintf(text, sizeof text, "; by midpoint of %.3g ms while every tool is farther than %g m", 1e3 * rules.far.back().step,
+                  spec.lod.beyond);
     return text;
 }
 
@@ -537,7 +569,8 @@ void open_pools(World& world) {
     if (world.pools.slots.empty()) return;
     const uint32_t count = static_cast<uint32_t>(world.bodies.mesh.size());
     world.pools.orientation = world.poses.orientation;
-    world.lives = {std::vector<uint8_t>(count), std::vector<uint32_t>(count), std::vector<uint64_t>(count), std::vector<uint64_t>(world.pools.slots.size())};
+    world.lives = {std::vector<uint8_t>(count), std::vector<uint32_t>(count), std::vector<uint64_t>(count),
+                   std::vector<uint64_t>(world.pools.slots.size())};
     world.sleep = {std::vector<uint32_t>(count), std::vector<uint32_t>(count, kNone)};
     for (const Range slots : world.pools.slots) {
         for (uint32_t body = slots.first; body < slots.end(); ++body) {
@@ -590,15 +623,17 @@ BuiltScene build_scene(const SceneFile& given) {
     world.settings = scene.settings;
     world.clock.contact_rate = scene.contact_rate;
     PrototypeCache prototypes;
-    for (const BodySpec& spec : scene.bodies)
-        add_scene_body(scene, spec, prototypes.get(scene, spec, world, built.warnings), built);
+    for (const BodySpec& spec : scene.bodies) add_scene_body(scene, spec, prototypes.get(scene, spec, world, built.warnings), built);
     for (const ToolSpec& spec : scene.tools) add_tool(scene, spec, world);
     for (uint32_t body = 0; body < world.bodies.mesh.size(); ++body) {
-        const bool held = std::any_of(world.haptics.tool.begin(), world.haptics.tool.end(), [&](const HandTool& t) { return t.body == body; });
+        const bool held =
+            std::any_of(world.haptics.tool.begin(), world.haptics.tool.end(), [&](const HandTool& t) { return t.body == body; });
         const bool jaw = std::any_of(world.haptics.jaw.begin(), world.haptics.jaw.end(), [&](const ToolJaw& j) { return j.body == body; });
         if (world.bodies.motion[body] == Motion::kHand && !held && !jaw)
-            throw InputError(at(scene, scene.bodies[body].line) + "body \"" + world.bodies.name[body] + "\" is hand-driven but no [[tool]] holds it");
-        if (held && jaw) throw InputError(at(scene, scene.bodies[body].line) + "body \"" + world.bodies.name[body] + "\" is both a tool and a jaw");
+            throw InputError(at(scene, scene.bodies[body].line) + "body \"" + world.bodies.name[body] +
+                             "\" is hand-driven but no [[tool]] holds it");
+        if (held && jaw)
+            throw InputError(at(scene, scene.bodies[body].line) + "body \"" + world.bodies.name[body] + "\" is both a tool and a jaw");
     }
     add_scene_nodes(scene, world);
     if (!world.haptics.jaw.empty()) keep_jaws_apart(world);

@@ -33,8 +33,7 @@ struct CellHash {
     std::vector<uint32_t> head;  // slot -> first vertex of the cell, or kNone
     std::vector<uint32_t> next;  // vertex -> next of the same cell, or kNone
 
-    explicit CellHash(size_t vertices)
-        : key(std::bit_ceil(2 * vertices + 2)), head(key.size(), kNone), next(vertices, kNone) {}
+    explicit CellHash(size_t vertices) : key(std::bit_ceil(2 * vertices + 2)), head(key.size(), kNone), next(vertices, kNone) {}
     uint32_t& find(const CellKey& cell) {
         size_t slot = hash_cell(cell) & (head.size() - 1);
         while (head[slot] != kNone && key[slot] != cell) slot = (slot + 1) & (head.size() - 1);
@@ -45,8 +44,7 @@ struct CellHash {
 
 // Equal coordinates, equal cell: -0 is 0.
 CellKey exact_cell(const Vec3d& p) {
-    return {std::bit_cast<uint64_t>(p.x() + 0.0), std::bit_cast<uint64_t>(p.y() + 0.0),
-            std::bit_cast<uint64_t>(p.z() + 0.0)};
+    return {std::bit_cast<uint64_t>(p.x() + 0.0), std::bit_cast<uint64_t>(p.y() + 0.0), std::bit_cast<uint64_t>(p.z() + 0.0)};
 }
 
 std::vector<uint32_t> map_equal(const std::vector<Vec3d>& position) {
@@ -195,9 +193,7 @@ void find_doubled_faces(const Mesh& mesh, std::vector<uint8_t>& same, std::vecto
         Triangle corner;  // ascending
         uint32_t face;
         bool odd;  // the face runs against the ascending order
-        bool operator<(const Row& other) const {
-            return corner != other.corner ? corner < other.corner : face < other.face;
-        }
+        bool operator<(const Row& other) const { return corner != other.corner ? corner < other.corner : face < other.face; }
     };
     std::vector<Row> rows(mesh.triangle.size());
     for (uint32_t t = 0; t < rows.size(); ++t) {
@@ -220,9 +216,7 @@ void find_doubled_faces(const Mesh& mesh, std::vector<uint8_t>& same, std::vecto
     }
 }
 
-uint32_t count_marked(const std::vector<uint8_t>& marks) {
-    return static_cast<uint32_t>(std::count(marks.begin(), marks.end(), 1));
-}
+uint32_t count_marked(const std::vector<uint8_t>& marks) { return static_cast<uint32_t>(std::count(marks.begin(), marks.end(), 1)); }
 
 void drop_doubled_faces(Mesh& mesh, CleanReport& report) {
     std::vector<uint8_t> same, opposite;
@@ -294,8 +288,7 @@ uint32_t drop_faces(Mesh& mesh, const std::vector<uint8_t>& dropped) {
 }
 
 uint32_t weld_vertices(Mesh& mesh, double tolerance) {
-    const std::vector<uint32_t> to =
-        tolerance > 0 ? map_near(mesh.position, box_of(mesh.position), tolerance) : map_equal(mesh.position);
+    const std::vector<uint32_t> to = tolerance > 0 ? map_near(mesh.position, box_of(mesh.position), tolerance) : map_equal(mesh.position);
     for (Triangle& t : mesh.triangle) t = {to[t[0]], to[t[1]], to[t[2]]};
     uint32_t joined = 0;
     for (uint32_t v = 0; v < to.size(); ++v) joined += to[v] != v;

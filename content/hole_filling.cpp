@@ -125,8 +125,7 @@ bool span_rim(Span& s, std::vector<Triangle>& added) {
 void add_faces(Mesh& mesh, const std::vector<Triangle>& added, const std::vector<uint32_t>& ends_at) {
     for (const Triangle& t : added) {
         mesh.triangle.push_back(t);
-        if (!mesh.triangle_material.empty())
-            mesh.triangle_material.push_back(mesh.triangle_material[ends_at[t[0]] / 3]);
+        if (!mesh.triangle_material.empty()) mesh.triangle_material.push_back(mesh.triangle_material[ends_at[t[0]] / 3]);
         if (mesh.uv.empty()) continue;
         std::array<Vec2, 3> row;
         for (size_t k = 0; k < 3; ++k) row[k] = mesh.uv[ends_at[t[k]] / 3][(ends_at[t[k]] + 1) % 3];
@@ -170,8 +169,7 @@ HoleReport fill_holes(Mesh& mesh, const HoleLimits& limits) {
             Span span{mesh, table, rim, {}, {}, {}};
             for (size_t i = 0; i < rim.size(); ++i) {
                 const Triangle& t = mesh.triangle[ends_at[rim[i]] / 3];
-                span.outer_normal.push_back(
-                    (mesh.position[t[1]] - mesh.position[t[0]]).cross(mesh.position[t[2]] - mesh.position[t[0]]));
+                span.outer_normal.push_back((mesh.position[t[1]] - mesh.position[t[0]]).cross(mesh.position[t[2]] - mesh.position[t[0]]));
             }
             filled = span_rim(span, added);
         }

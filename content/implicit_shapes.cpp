@@ -52,8 +52,7 @@ void fill_block(const ImplicitShape& shape, const std::array<uint32_t, 3>& low, 
     if (!far && side > kSmallestBlock) {
         const uint32_t half = side / 2;
         for (uint32_t child = 0; child < 8; ++child) {
-            const std::array<uint32_t, 3> from{low[0] + (child & 1) * half, low[1] + (child >> 1 & 1) * half,
-                                               low[2] + (child >> 2) * half};
+            const std::array<uint32_t, 3> from{low[0] + (child & 1) * half, low[1] + (child >> 1 & 1) * half, low[2] + (child >> 2) * half};
             if (from[0] < grid.nx && from[1] < grid.ny && from[2] < grid.nz) fill_block(shape, from, half, grid);
         }
         return;
@@ -118,19 +117,15 @@ double lattice_noise(const Vec3d& point, uint64_t seed) {
         return static_cast<double>(mix_bits((x << 42 | y << 21 | z) ^ mix_bits(seed)) >> 11) * 0x1p-52 - 1.0;
     };
     const auto blend = [](double a, double b, double w) { return a + (b - a) * w; };
-    const auto face = [&](int dz) {
-        return blend(blend(at(0, 0, dz), at(1, 0, dz), wx), blend(at(0, 1, dz), at(1, 1, dz), wx), wy);
-    };
+    const auto face = [&](int dz) { return blend(blend(at(0, 0, dz), at(1, 0, dz), wx), blend(at(0, 1, dz), at(1, 1, dz), wx), wy); };
     return blend(face(0), face(1), wz);
 }
 
 ScalarGrid sample_shape(const ImplicitShape& shape, double spacing) {
     TROCAR_ASSERT(spacing > 0);
     const Vec3d extent = shape.box.max - shape.box.min;
-    const Vec3d cells(std::ceil(extent.x() / spacing), std::ceil(extent.y() / spacing),
-                      std::ceil(extent.z() / spacing));
-    if (!((cells.array() + 3).prod() < 0x1p31))
-        throw InputError(shape.name + ": more triangles asked than a grid can give");
+    const Vec3d cells(std::ceil(extent.x() / spacing), std::ceil(extent.y() / spacing), std::ceil(extent.z() / spacing));
+    if (!((cells.array() + 3).prod() < 0x1p31)) throw InputError(shape.name + ": more triangles asked than a grid can give");
     ScalarGrid grid;
     grid.nx = static_cast<uint32_t>(cells.x()) + 3;
     grid.ny = static_cast<uint32_t>(cells.y()) + 3;
@@ -186,8 +181,7 @@ ImplicitShape liver_shape(uint64_t seed) {
                             6 * kMm * groove(p, mm(0, -12, 0), mm(27, 2, 0), 17 * kMm);
         f = smooth_subtraction(f, below - beds, 15 * kMm);
         const double wavelength = 42 * kMm;
-        return f + 1.0 * kMm * lattice_noise(p / wavelength, seed) +
-               0.35 * kMm * lattice_noise(p / (0.4 * wavelength), seed + 1);
+        return f + 1.0 * kMm * lattice_noise(p / wavelength, seed) + 0.35 * kMm * lattice_noise(p / (0.4 * wavelength), seed + 1);
     };
     return shape;
 }
@@ -207,8 +201,7 @@ ImplicitShape kidney_shape(uint64_t seed) {
         const double hilum = ellipsoid_distance(p, mm(-1, -33, 2), mm(18, 20, 10));
         f = smooth_subtraction(f, hilum, 8 * kMm);
         const double wavelength = 26 * kMm;
-        f += 0.5 * kMm * lattice_noise(p / wavelength, seed) +
-             0.15 * kMm * lattice_noise(p / (0.4 * wavelength), seed + 1);
+        f += 0.5 * kMm * lattice_noise(p / wavelength, seed) + 0.15 * kMm * lattice_noise(p / (0.4 * wavelength), seed + 1);
         return f;
     };
     return shape;
@@ -224,22 +217,20 @@ ImplicitShape stomach_shape(uint64_t seed) {
             double radius;
         };
         // along the middle, from the fundus to the stump of the duodenum
-        static const Ball kBody[] = {{mm(36, 68, 0), 40e-3},   {mm(42, 30, 0), 38e-3},  {mm(38, -12, 0), 32e-3},
-                                     {mm(22, -50, 0), 28e-3},  {mm(-8, -72, 0), 25e-3}, {mm(-36, -66, 0), 19e-3},
+        static const Ball kBody[] = {{mm(36, 68, 0), 40e-3},    {mm(42, 30, 0), 38e-3},   {mm(38, -12, 0), 32e-3},
+                                     {mm(22, -50, 0), 28e-3},   {mm(-8, -72, 0), 25e-3},  {mm(-36, -66, 0), 19e-3},
                                      {mm(-57, -46, 0), 9.5e-3}, {mm(-68, -32, 0), 14e-3}, {mm(-84, -27, 0), 12e-3}};
         // flatter from front to back than it is wide
         const Vec3d q(p.x(), p.y(), p.z() / 0.84);
         double f = 1;
         for (size_t i = 0; i + 1 < std::size(kBody); ++i) {
-            const double part = capsule_distance(q, kBody[i].centre, kBody[i + 1].centre, kBody[i].radius,
-                                                 kBody[i + 1].radius);
+            const double part = capsule_distance(q, kBody[i].centre, kBody[i + 1].centre, kBody[i].radius, kBody[i + 1].radius);
             f = i == 0 ? part : smooth_union(f, part, 9 * kMm);
         }
         const double oesophagus = capsule_distance(q, mm(8, 36, 0), mm(-20, 96, 0), 13e-3, 9e-3);
         f = smooth_union(f, oesophagus, 14 * kMm);
         const double wavelength = 34 * kMm;
-        return f + 1.0 * kMm * lattice_noise(p / wavelength, seed) +
-               0.35 * kMm * lattice_noise(p / (0.4 * wavelength), seed + 1);
+        return f + 1.0 * kMm * lattice_noise(p / wavelength, seed) + 0.35 * kMm * lattice_noise(p / (0.4 * wavelength), seed + 1);
     };
     return shape;
 }

@@ -128,8 +128,7 @@ Mesh blade_in_mm(uint32_t triangles) {
         const double way = (z - kHeel) / (kEnd - kHeel);
         const double wide = 3.4 - 2.3 * way * way, thick = 1.1 - 0.5 * way, bevel = 0.95 - 0.35 * way;
         constexpr double kEdge = 0.9;
-        const Vec3d corner[5] = {
-            {kEdge, 0, z}, {kEdge - bevel, thick, z}, {kEdge - wide, thick, z}, {kEdge - wide, 0, z}, {kEdge, 0, z}};
+        const Vec3d corner[5] = {{kEdge, 0, z}, {kEdge - bevel, thick, z}, {kEdge - wide, thick, z}, {kEdge - wide, 0, z}, {kEdge, 0, z}};
         const size_t side = std::min<size_t>(static_cast<size_t>(4 * u), 3);
         return Vec3d(corner[side] + (4 * u - double(side)) * (corner[side + 1] - corner[side]));
     };
@@ -163,8 +162,8 @@ Mesh make_scissors(uint32_t triangles) {
 
 Mesh make_needle(uint32_t triangles) {
     constexpr double kLength = 26, kThick = 0.33;
-    const CentreLine line = measure_curve(
-        [](double t) { return Vec3d(kLength / M_PI * std::cos(M_PI * t), kLength / M_PI * std::sin(M_PI * t), 0); });
+    const CentreLine line =
+        measure_curve([](double t) { return Vec3d(kLength / M_PI * std::cos(M_PI * t), kLength / M_PI * std::sin(M_PI * t), 0); });
     const RadiusProfile profile = make_profile({{0, 0}, {kThick, kThick}, {17, kThick}, {line.length, 0}}, true);
     Loft loft = tube_loft(line, profile);
     loft.size = [profile](double v) {
@@ -181,13 +180,11 @@ Mesh make_tacker(uint32_t triangles) {
         const double angle = 2 * M_PI * kTurns * t;
         return Vec3d(kCoil * std::cos(angle), kCoil * std::sin(angle), kPitch * kTurns * (t - 0.4));
     });
-    const RadiusProfile profile =
-        make_profile({{0, 0}, {kWire, kWire}, {line.length - 3, kWire}, {line.length, 0}}, true);
+    const RadiusProfile profile = make_profile({{0, 0}, {kWire, kWire}, {line.length - 3, kWire}, {line.length, 0}}, true);
     Loft tack = tube_loft(line, profile);
     tack.tile = 2;
     Mesh mesh;
-    append(revolve({{0, -kShaft}, {2.5, -kShaft}, {2.5, 0}, {2.1, 0}, {2.1, -3}, {0, -3}}, triangles / 2), kInsulation,
-           mesh);
+    append(revolve({{0, -kShaft}, {2.5, -kShaft}, {2.5, 0}, {2.1, 0}, {2.1, -3}, {0, -3}}, triangles / 2), kInsulation, mesh);
     append(loft_surface(tack, triangles - triangles / 2), kSteel, mesh);
     return in_metres(std::move(mesh));
 }

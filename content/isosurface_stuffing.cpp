@@ -116,9 +116,9 @@ struct FieldSampler {
         for (uint32_t z = whole.first[2]; z < whole.end[2]; z += side) {
             for (uint32_t y = whole.first[1]; y < whole.end[1]; y += side) {
                 for (uint32_t x = whole.first[0]; x < whole.end[0]; x += side) {
-                    parts.push_back({{x, y, z},
-                                     {std::min(x + side, whole.end[0]), std::min(y + side, whole.end[1]),
-                                      std::min(z + side, whole.end[2])}});
+                    parts.push_back(
+                        {{x, y, z},
+                         {std::min(x + side, whole.end[0]), std::min(y + side, whole.end[1]), std::min(z + side, whole.end[2])}});
                 }
             }
         }
@@ -156,8 +156,10 @@ struct FieldSampler {
             for (size_t i = 0; i < smaller.size(); ++i) points.push_back(middle(smaller[i], reach[i]));
             distance(points, found);
             for (size_t i = 0; i < smaller.size(); ++i) {
-                if (std::abs(found[i]) > 1.001 * steepness * reach[i]) fill(smaller[i], std::copysign(INFINITY, static_cast<float>(found[i])));
-                else near.push_back(smaller[i]);
+                if (std::abs(found[i]) > 1.001 * steepness * reach[i])
+                    fill(smaller[i], std::copysign(INFINITY, static_cast<float>(found[i])));
+                else
+                    near.push_back(smaller[i]);
             }
             blocks.swap(near);
         }
@@ -170,8 +172,8 @@ struct Stuffer {
     Lattice lattice;
     const DistanceField& distance;
     std::vector<int8_t> sign{};
-    std::vector<uint8_t> cut_mask{};   // a site's owned edges that have a cut point
-    std::vector<uint32_t> first_cut{}; // row of the first of them
+    std::vector<uint8_t> cut_mask{};    // a site's owned edges that have a cut point
+    std::vector<uint32_t> first_cut{};  // row of the first of them
     std::vector<Vec3d> cut{};
     std::vector<float> along{};        // part of the edge from its owner to the cut point
     std::vector<uint32_t> moved_to{};  // per site: cut point it was moved onto, or kNone
@@ -423,9 +425,9 @@ struct Filler {
     // v: inside, inside, outside, outside. Columns p q, pr qr, ps qs.
     void fill_wedge(const std::array<uint32_t, 4>& v) {
         const auto [p, q, r, t] = v;
-        const bool first = starts_at(p, q, r);     // column 0 before column 1
-        const bool third = !starts_at(p, q, t);    // column 2 before column 0
-        bool second = !first;                      // column 1 before column 2: free unless 0 lies between
+        const bool first = starts_at(p, q, r);   // column 0 before column 1
+        const bool third = !starts_at(p, q, t);  // column 2 before column 0
+        bool second = !first;                    // column 1 before column 2: free unless 0 lies between
         if (first != third) second = squared_distance({p, r}, {q, t}) <= squared_distance({q, r}, {p, t});
         fill_prism({Corner{p}, {p, r}, {p, t}}, {Corner{q}, {q, r}, {q, t}}, {first, second, third});
     }

@@ -31,10 +31,10 @@ inline constexpr double kStuffingMaxDihedral = 164.8;
 // fast tetrahedral meshes with good dihedral angles" (2007), uniform form: a body-centred cubic lattice; cut points
 // where its edges cross the surface; lattice points nearer than alpha of an edge to a cut point move onto it
 // (about 0.285 of long edges, 0.399 of short ones); what is left of each lattice tetrahedron is filled from a few
-// stencils, their diagonals chosen by the parity rule. The angles hold for any field, rough or smooth. Cut points lie on the surface of the field (regula falsi, to a
-// ten-thousandth of an edge); parts thinner than an edge may be lost. Surfaces of neighbours agree: the boundary is
-// watertight. `box` holds the surface. Vertices are in order of first use. Throws InputError when the lattice would
-// have more than 2^27 points; an empty mesh when nothing is inside.
+// stencils, their diagonals chosen by the parity rule. The angles hold for any field, rough or smooth. Cut points lie on the surface of the
+// field (regula falsi, to a ten-thousandth of an edge); parts thinner than an edge may be lost. Surfaces of neighbours agree: the boundary
+// is watertight. `box` holds the surface. Vertices are in order of first use. Throws InputError when the lattice would have more than 2^27
+// points; an empty mesh when nothing is inside.
 TetMesh stuff_isosurface(const StuffingParams& params, const Box& box, const DistanceField& distance);
 
 // Faces that one tetrahedron has alone, outward; indices of vertices are kept.
@@ -45,10 +45,10 @@ struct TetFacts {
     double min_dihedral = 180, max_dihedral = 0;
     double min_volume = 0, max_volume = 0;  // signed
     double volume = 0;
-    uint64_t inverted = 0;        // of no volume or less
+    uint64_t inverted = 0;  // of no volume or less
     uint64_t boundary_faces = 0;
-    uint64_t bad_faces = 0;       // of three tetrahedra or more, or of two on the same side
-    uint64_t open_edges = 0;      // of the boundary, not crossed equally often in both directions
+    uint64_t bad_faces = 0;   // of three tetrahedra or more, or of two on the same side
+    uint64_t open_edges = 0;  // of the boundary, not crossed equally often in both directions
 };
 TetFacts judge_tets(const TetMesh& mesh);
 

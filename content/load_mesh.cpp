@@ -19,8 +19,7 @@ namespace {
 
 // Whether one of the first lines begins the way only OBJ lines do.
 bool looks_like_obj(std::string_view text) {
-    constexpr std::string_view kKeys[] = {"v", "vt", "vn", "f",      "o",      "g",    "s",  "l",
-                                          "p", "vp", "mg", "usemtl", "mtllib", "curv", "deg"};
+    constexpr std::string_view kKeys[] = {"v", "vt", "vn", "f", "o", "g", "s", "l", "p", "vp", "mg", "usemtl", "mtllib", "curv", "deg"};
     if (text.starts_with("\xef\xbb\xbf")) text.remove_prefix(3);
     int lines = 0;
     while (!text.empty() && lines < 20) {
@@ -63,9 +62,7 @@ bool by_content(std::string_view bytes, const std::filesystem::path&) {
     return LooksLike(bytes);
 }
 
-bool by_stl_ending(std::string_view, const std::filesystem::path& path) {
-    return lower_case(path.extension().string()) == ".stl";
-}
+bool by_stl_ending(std::string_view, const std::filesystem::path& path) { return lower_case(path.extension().string()) == ".stl"; }
 
 LoadedMesh read_scene(std::string bytes, const std::filesystem::path& path, const LoadProgress& progress) {
     return vrml::flatten_document(vrml::read_document(std::move(bytes), path, progress), progress);
@@ -74,14 +71,10 @@ LoadedMesh read_scene(std::string bytes, const std::filesystem::path& path, cons
 // Asked in this order. An exact size tells binary STL whatever word it begins with; one of the wrong length cannot be
 // told by its content, but its reader gives the better message.
 constexpr Reader kReaders[] = {
-    {by_content<is_binary_stl>, read_with<read_binary_stl>},
-    {by_content<looks_like_ascii_stl>, read_with<read_ascii_stl>},
-    {by_content<looks_like_ply>, read_with<read_ply>},
-    {by_content<looks_like_vtk>, read_with<read_vtk>},
-    {by_content<looks_like_off>, read_with<read_off>},
-    {by_content<vrml::looks_like_vrml>, read_scene},
-    {by_content<looks_like_obj>, read_with<read_obj>},
-    {by_stl_ending, read_with<read_binary_stl>},
+    {by_content<is_binary_stl>, read_with<read_binary_stl>}, {by_content<looks_like_ascii_stl>, read_with<read_ascii_stl>},
+    {by_content<looks_like_ply>, read_with<read_ply>},       {by_content<looks_like_vtk>, read_with<read_vtk>},
+    {by_content<looks_like_off>, read_with<read_off>},       {by_content<vrml::looks_like_vrml>, read_scene},
+    {by_content<looks_like_obj>, read_with<read_obj>},       {by_stl_ending, read_with<read_binary_stl>},
 };
 
 }  // namespace
@@ -91,8 +84,7 @@ LoadedMesh load_mesh(std::string bytes, const std::filesystem::path& path, const
     if (bytes.starts_with("\xef\xbb\xbf") && !is_binary_stl(bytes)) bytes.erase(0, 3);
     const Reader* const reader =
         std::find_if(std::begin(kReaders), std::end(kReaders), [&](const Reader& r) { return r.is_it(bytes, path); });
-    LoadedMesh loaded = reader == std::end(kReaders) ? read_with_assimp(bytes, path)
-                                                     : reader->read(std::move(bytes), path, progress);
+    LoadedMesh loaded = reader == std::end(kReaders) ? read_with_assimp(bytes, path) : reader->read(std::move(bytes), path, progress);
     if (loaded.mesh.triangle.empty()) {
         // the first thing passed over is most likely why
         std::string reason = ": " + loaded.format + " without a face";

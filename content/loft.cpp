@@ -191,9 +191,7 @@ struct TextureScale {
 std::vector<ChainPoint> chain_of(const Ring& ring, uint32_t side, const std::vector<double>& u_of, double along,
                                  const TextureScale& scale) {
     std::vector<ChainPoint> chain;
-    const auto texture = [&](double u) {
-        return Vec2{static_cast<float>(u * scale.u), static_cast<float>(along * scale.v)};
-    };
+    const auto texture = [&](double u) { return Vec2{static_cast<float>(u * scale.u), static_cast<float>(along * scale.v)}; };
     if (ring.count.empty()) return {{ring.first, 0, texture(0)}};
     uint32_t offset = 0;
     for (uint32_t k = 0; k < side; ++k) offset += ring.count[k];
@@ -201,8 +199,7 @@ std::vector<ChainPoint> chain_of(const Ring& ring, uint32_t side, const std::vec
     for (uint32_t i = 0; i <= ring.count[side]; ++i) {
         const uint32_t local = offset + i;
         const uint32_t vertex = ring.first + local % total;
-        chain.push_back(
-            {vertex, (i + ring.phase) / ring.count[side], texture(u_of[vertex] + (local >= total ? 1 : 0))});
+        chain.push_back({vertex, (i + ring.phase) / ring.count[side], texture(u_of[vertex] + (local >= total ? 1 : 0))});
     }
     return chain;
 }
@@ -221,8 +218,8 @@ void zip_chains(const std::vector<ChainPoint>& low, const std::vector<ChainPoint
     size_t i = 0, j = 0;
     while (i + 1 < low.size() || j + 1 < high.size()) {
         // the side whose next edge has its middle first
-        const bool step_low = j + 1 == high.size() || (i + 1 < low.size() && low[i].place + low[i + 1].place <=
-                                                                                 high[j].place + high[j + 1].place);
+        const bool step_low =
+            j + 1 == high.size() || (i + 1 < low.size() && low[i].place + low[i + 1].place <= high[j].place + high[j + 1].place);
         if (step_low) {
             add(low[i], low[i + 1], beside(high[j], low[i], low[i + 1], high.size() == 1));
             ++i;
@@ -280,8 +277,7 @@ Mesh loft_surface(const Loft& loft, uint32_t triangles) {
         girth = std::max(girth, sum);
     }
     const double total = stations.back().along;
-    const TextureScale scale{std::max(1.0, std::round(girth / loft.tile)),
-                             std::max(1.0, std::round(total / loft.tile)) / total};
+    const TextureScale scale{std::max(1.0, std::round(girth / loft.tile)), std::max(1.0, std::round(total / loft.tile)) / total};
     for (size_t i = 0; i + 1 < rings.size() + (loft.ring ? 1 : 0); ++i) {
         const Ring &low = rings[i], &high = rings[(i + 1) % rings.size()];
         const double end = i + 1 == rings.size() ? total : high.along;

@@ -37,8 +37,7 @@ Vec3d find_centroid(const Mesh& mesh) {
     double volume = 0, area = 0, size = 0;
     Vec3d volume_moment = Vec3d::Zero(), area_moment = Vec3d::Zero();
     for (const Triangle& t : mesh.triangle) {
-        const Vec3d a = mesh.position[t[0]] - middle, b = mesh.position[t[1]] - middle,
-                    c = mesh.position[t[2]] - middle;
+        const Vec3d a = mesh.position[t[0]] - middle, b = mesh.position[t[1]] - middle, c = mesh.position[t[2]] - middle;
         const double cone = a.dot(b.cross(c)) / 6;
         const double face = 0.5 * (b - a).cross(c - a).norm();
         volume += cone;

@@ -43,8 +43,8 @@ std::vector<uint32_t> boundary_first(const TetMesh& tets, std::span<const Triang
     return to;
 }
 
-// Puts nodes of as many tetrahedra next to each other, among `kWindow` that lie together: sixteen nodes are stepped side by side and take as long as
-// the one with the most neighbours.
+// Puts nodes of as many tetrahedra next to each other, among `kWindow` that lie together: sixteen nodes are stepped side by side and take
+// as long as the one with the most neighbours.
 void order_nodes(TetMesh& tets) {
     constexpr size_t kWindow = 512;
     std::vector<uint32_t> valence(tets.position.size(), 0), order(valence.size()), to(valence.size());
@@ -105,8 +105,7 @@ Prototype make_solid(Meshes& meshes, Springs& springs, Solids& solids, Mesh mesh
     Meshes alone;
     Prototype skin = make_prototype(alone, std::move(mesh), options);
     if (skin.row == kNone) return skin;
-    if (skin.judgement.admitted_as == Admission::kSheet)
-        throw InputError("a solid needs a closed surface: " + skin.judgement.reason);
+    if (skin.judgement.admitted_as == Admission::kSheet) throw InputError("a solid needs a closed surface: " + skin.judgement.reason);
     Mesh surface{alone.name[0], alone.position, alone.triangle, {}, {}, alone.material};
     const Box box = alone.info[0].box;
     const double extent = (box.max - box.min).maxCoeff();

@@ -8,8 +8,8 @@ namespace trocar {
 struct SolidOptions {
     double spacing = 0;  // m, long edge of the lattice; 0 = largest extent / cells
     double cells = 12;
-    bool skin = false;   // the surface is kept as given and rides on the tetrahedra; else their boundary is the surface
-    bool tears = false;  // may lose tetrahedra: keeps room for the faces behind them, see engine/solid_tears.hpp
+    bool skin = false;                       // the surface is kept as given and rides on the tetrahedra; else their boundary is the surface
+    bool tears = false;                      // may lose tetrahedra: keeps room for the faces behind them, see engine/solid_tears.hpp
     bool pressure = false, bending = false;  // a caged shell: bodies of it may keep their volume, may bend
 };
 

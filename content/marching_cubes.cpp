@@ -82,9 +82,7 @@ constexpr bool cut_polygon(const Loop& loop, int from, int to, CubeCase& out) {
         if (!allowed(from, mid) || !allowed(mid, to)) continue;
         CubeCase attempt = out;
         for (const int i : {from, mid, to}) {
-            attempt.corner[3 * attempt.triangles + (i == from  ? 0
-                                                    : i == mid ? 1
-                                                               : 2)] = static_cast<uint8_t>(loop.edge[i]);
+            attempt.corner[3 * attempt.triangles + (i == from ? 0 : i == mid ? 1 : 2)] = static_cast<uint8_t>(loop.edge[i]);
         }
         ++attempt.triangles;
         if (cut_polygon(loop, from, mid, attempt) && cut_polygon(loop, mid, to, attempt)) {
@@ -205,11 +203,9 @@ struct Contourer {
         for (uint32_t y = 0; y < grid.ny; ++y) {
             const size_t at = size_t(y) * grid.nx;
             const uint8_t* signs = inside[side].data() + at;
-            for_each_difference(signs, signs + 1, grid.nx - 1,
-                                [&](uint32_t x) { edges.x[side][at + x] = add_vertex(x, y, z, 0); });
+            for_each_difference(signs, signs + 1, grid.nx - 1, [&](uint32_t x) { edges.x[side][at + x] = add_vertex(x, y, z, 0); });
             if (y + 1 == grid.ny) break;
-            for_each_difference(signs, signs + grid.nx, grid.nx,
-                                [&](uint32_t x) { edges.y[side][at + x] = add_vertex(x, y, z, 1); });
+            for_each_difference(signs, signs + grid.nx, grid.nx, [&](uint32_t x) { edges.y[side][at + x] = add_vertex(x, y, z, 1); });
         }
     }
 
@@ -228,9 +224,8 @@ struct Contourer {
         const auto& x1 = edges.x[1 - lower];
         const auto& y0 = edges.y[lower];
         const auto& y1 = edges.y[1 - lower];
-        const std::array<const uint32_t*, 12> source{&x0[at],      &x0[up],          &x1[at],      &x1[up],
-                                                     &y0[at],      &y0[at + 1],      &y1[at],      &y1[at + 1],
-                                                     &edges.z[at], &edges.z[at + 1], &edges.z[up], &edges.z[up + 1]};
+        const std::array<const uint32_t*, 12> source{&x0[at], &x0[up],     &x1[at],      &x1[up],          &y0[at],      &y0[at + 1],
+                                                     &y1[at], &y1[at + 1], &edges.z[at], &edges.z[at + 1], &edges.z[up], &edges.z[up + 1]};
         std::array<uint32_t, 4> centre{};
         for (int k = 0; k < cube.centres; ++k) {
             Vec3d sum = Vec3d::Zero();

@@ -32,8 +32,7 @@ DistanceField mesh_distance(const Mesh& mesh, Admission admission) {
             radius.fill(std::numeric_limits<double>::infinity());
             QueryCounters counters;
             const uint32_t count = end - begin;
-            surface->tree->query(points.subspan(begin, count), std::span(radius).first(count), {},
-                                 std::span(found).first(count), counters);
+            surface->tree->query(points.subspan(begin, count), std::span(radius).first(count), {}, std::span(found).first(count), counters);
             for (uint32_t i = 0; i < count; ++i) distance[begin + i] = found[i].distance;
         });
     };

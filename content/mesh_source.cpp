@@ -43,9 +43,8 @@ LoadedMesh load_mesh_or_shape(const std::string& source, const LoadProgress& pro
     if (words.size() > 4) throw InputError(source + ": write shape:NAME:TRIANGLES:SEED");
     LoadedMesh loaded;
     loaded.format = "shape";
-    loaded.mesh =
-        make_shape(bare ? words[0] : words[1], words.size() > 2 ? parse_count<uint32_t>(source, words[2]) : kTriangles,
-                   words.size() > 3 ? parse_count<uint64_t>(source, words[3]) : 1);
+    loaded.mesh = make_shape(bare ? words[0] : words[1], words.size() > 2 ? parse_count<uint32_t>(source, words[2]) : kTriangles,
+                             words.size() > 3 ? parse_count<uint64_t>(source, words[3]) : 1);
     return loaded;
 }
 

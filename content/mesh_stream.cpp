@@ -46,11 +46,9 @@ struct Bytes {
     }
     template <typename Row>
     void rows(std::vector<Row>& rows, uint64_t count, const char* what) {
-        if (count > rest.size() / sizeof(Row))
-            throw InputError(std::string("the reader's answer ends within its ") + what);
+        if (count > rest.size() / sizeof(Row)) throw InputError(std::string("the reader's answer ends within its ") + what);
         rows.resize(count);
-        if (count > 0)
-            std::memcpy(static_cast<void*>(rows.data()), take(count * sizeof(Row), what).data(), count * sizeof(Row));
+        if (count > 0) std::memcpy(static_cast<void*>(rows.data()), take(count * sizeof(Row), what).data(), count * sizeof(Row));
     }
     std::string text(const char* what) { return std::string(take(value<uint64_t>(what), what)); }
 };
@@ -102,10 +100,9 @@ Material read_material(Bytes& bytes, std::string& picture) {
 std::string encode_mesh_stream(const MeshStream& stream) {
     const Mesh& mesh = stream.mesh;
     std::string out(kMagic);
-    out.reserve(256 + 24 * mesh.position.size() + 12 * mesh.triangle.size() + 24 * mesh.uv.size() +
-                2 * mesh.triangle_material.size());
-    for (const uint64_t count : {mesh.position.size(), mesh.triangle.size(), mesh.uv.size(),
-                                 mesh.triangle_material.size(), mesh.material.size(), stream.warnings.size()}) {
+    out.reserve(256 + 24 * mesh.position.size() + 12 * mesh.triangle.size() + 24 * mesh.uv.size() + 2 * mesh.triangle_material.size());
+    for (const uint64_t count : {mesh.position.size(), mesh.triangle.size(), mesh.uv.size(), mesh.triangle_material.size(),
+                                 mesh.material.size(), stream.warnings.size()}) {
         put(out, count);
     }
     put_rows(out, mesh.position);

@@ -14,8 +14,10 @@ NodeSwitchSpec read_switch(TomlSection section) {
     section.read_count("buttons", spec.buttons, 0, 4294967295.0);
     section.read("driven", spec.driven);
     section.read_enum<NodeEventKind>("event", spec.event,
-                                     {{"pressed", NodeEventKind::kPressed}, {"released", NodeEventKind::kReleased},
-                                      {"limit", NodeEventKind::kLimit}, {"detent", NodeEventKind::kDetent}});
+                                     {{"pressed", NodeEventKind::kPressed},
+                                      {"released", NodeEventKind::kReleased},
+                                      {"limit", NodeEventKind::kLimit},
+                                      {"detent", NodeEventKind::kDetent}});
     section.refuse_unknown();
     const int given = std::isfinite(spec.time) + (spec.buttons != 0) + !spec.driven.empty();
     if (given != 1) section.fail("a [[node.switch]] needs one of time, buttons (bits) and driven (a body)");
@@ -25,14 +27,15 @@ NodeSwitchSpec read_switch(TomlSection section) {
 
 void read_drive(TomlSection& section, NodeSpec& node) {
     NodeDrive& d = node.drive;
-    section.read_enum<NodeBehaviour>("behaviour", d.behaviour,
-                                     {{"button", NodeBehaviour::kButton}, {"slider", NodeBehaviour::kSlider}, {"dial", NodeBehaviour::kDial}});
+    section.read_enum<NodeBehaviour>(
+        "behaviour", d.behaviour, {{"button", NodeBehaviour::kButton}, {"slider", NodeBehaviour::kSlider}, {"dial", NodeBehaviour::kDial}});
     if (d.behaviour == NodeBehaviour::kNone) return;
     const bool button = d.behaviour == NodeBehaviour::kButton, dial = d.behaviour == NodeBehaviour::kDial;
     section.read_direction("axis", d.axis);
     std::vector<double> limits;
     if (section.read("limits", 2, limits)) {
-        if (!(limits[0] <= 0 && limits[1] >= 0 && limits[0] < limits[1])) section.fail("limits must be two places with 0, where the body begins, between them");
+        if (!(limits[0] <= 0 && limits[1] >= 0 && limits[0] < limits[1]))
+            section.fail("limits must be two places with 0, where the body begins, between them");
         d.lowest = limits[0], d.highest = limits[1];
     } else if (button) {
         section.fail("a button needs limits = [0, its travel in m]");

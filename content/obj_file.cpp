@@ -131,8 +131,7 @@ uint32_t read_row(const Lines& lines, const char*& at, const char* end, uint64_t
     if (at == digits) lines.fail(std::string("expected the number of a ") + what);
     if (value == 0) lines.fail(std::string(what) + " number 0: they count from 1");
     if (value > count) {
-        lines.fail(std::string(what) + " number " + std::string(begin, at) + " when there are " +
-                   std::to_string(count));
+        lines.fail(std::string(what) + " number " + std::string(begin, at) + " when there are " + std::to_string(count));
     }
     return static_cast<uint32_t>(negative ? count - value : value - 1);
 }
@@ -241,8 +240,7 @@ void read_material_line(const Lines& lines, ObjState& s, std::string_view key, s
 void read_material_file(ObjState& s, const Lines& from, const std::string& name) {
     const LocalFile file = find_local_file(from.path.parent_path(), from.path.parent_path(), name);
     if (!file.refusal.empty()) {
-        return warn_once(s, "mtllib " + name,
-                         from.place() + ": material file " + in_quotes(name) + " is not read: " + file.refusal);
+        return warn_once(s, "mtllib " + name, from.place() + ": material file " + in_quotes(name) + " is not read: " + file.refusal);
     }
     try {
         const std::string text = read_text_file(file.path, kMaterialFileLimit);

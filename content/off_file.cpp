@@ -123,8 +123,7 @@ void read_bytes(Words& words, const Prefix& prefix, LoadedMesh& loaded, PolygonL
         if (bytes.left() + 12 < each) words.fail("binary data is cut short");
         if (prefix.texture) {
             const char* const uv = begin + each - 8;
-            list.point_uv.push_back(
-                texture_coordinate(number_from_bytes<float>(uv, true), number_from_bytes<float>(uv + 4, true)));
+            list.point_uv.push_back(texture_coordinate(number_from_bytes<float>(uv, true), number_from_bytes<float>(uv + 4, true)));
         }
         words.at = begin + each;
     }

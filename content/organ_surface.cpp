@@ -71,8 +71,7 @@ double enclosed_volume(const Mesh& mesh) {
     for (const Triangle& t : mesh.triangle) {
         const Vec3d o = mesh.position[mesh.triangle[0][0]];
         const Vec3d a = mesh.position[t[0]] - o, b = mesh.position[t[1]] - o, c = mesh.position[t[2]] - o;
-        six += a.x() * (b.y() * c.z() - b.z() * c.y()) + a.y() * (b.z() * c.x() - b.x() * c.z()) +
-               a.z() * (b.x() * c.y() - b.y() * c.x());
+        six += a.x() * (b.y() * c.z() - b.z() * c.y()) + a.y() * (b.z() * c.x() - b.x() * c.z()) + a.z() * (b.x() * c.y() - b.y() * c.x());
     }
     return six / 6;
 }
@@ -109,8 +108,7 @@ uint64_t count_open_edges(const Mesh& mesh) {
     uint64_t open = 0;
     for (uint32_t e = 0; e < table.edge.size(); ++e) {
         const auto users = table.users(e);
-        const bool pair = users.size() == 2 && half_edge_start(mesh.triangle, users[0]) !=
-                                                   half_edge_start(mesh.triangle, users[1]);
+        const bool pair = users.size() == 2 && half_edge_start(mesh.triangle, users[0]) != half_edge_start(mesh.triangle, users[1]);
         open += pair ? 0 : 1;
     }
     return open;
@@ -181,7 +179,8 @@ void remesh_on_itself(Mesh& mesh, uint32_t triangles) {
     Meshes meshes;
     const uint32_t row = add_prototype(meshes, mesh, Admission::kSolid);
     const ClosestPointTree tree(mesh_view(meshes, row));
-    remesh_evenly({triangles}, [&](const Vec3d& p) { return tree.query(p).point; }, mesh.position, mesh.triangle);
+    remesh_evenly(
+        {triangles}, [&](const Vec3d& p) { return tree.query(p).point; }, mesh.position, mesh.triangle);
 }
 
 std::string percent(double part) {
@@ -262,8 +261,8 @@ double simplify_mesh(Mesh& mesh, uint32_t triangles) {
     std::vector<uint32_t> index, kept(3 * mesh.triangle.size());
     for (const Triangle& t : mesh.triangle) index.insert(index.end(), t.begin(), t.end());
     float error = 0;
-    const size_t count = meshopt_simplify(kept.data(), index.data(), index.size(), points.data(), mesh.position.size(),
-                                          3 * sizeof(float), size_t(triangles) * 3, 1.0f, 0, &error);
+    const size_t count = meshopt_simplify(kept.data(), index.data(), index.size(), points.data(), mesh.position.size(), 3 * sizeof(float),
+                                          size_t(triangles) * 3, 1.0f, 0, &error);
     mesh.triangle.clear();
     for (size_t i = 0; i < count; i += 3) mesh.triangle.push_back({kept[i], kept[i + 1], kept[i + 2]});
     while (drop_fins(mesh) > 0) {
@@ -272,8 +271,7 @@ double simplify_mesh(Mesh& mesh, uint32_t triangles) {
     return error;
 }
 
-OrganSurface make_organ_surface(const OrganParams& params, const Volume& volume, VoxelMask mask,
-                                const OrganProgress& progress) {
+OrganSurface make_organ_surface(const OrganParams& params, const Volume& volume, VoxelMask mask, const OrganProgress& progress) {
     TROCAR_ASSERT(mask.count > 0);
     OrganWork work{{}, progress};
     OrganSurface& organ = work.organ;

@@ -8,11 +8,11 @@
 namespace trocar {
 
 struct OrganParams {
-    double blur = 1;            // voxels, standard deviation along each index; 0 = the bare steps of the voxels
-    uint32_t smooth = 10;       // rounds of Taubin smoothing
-    uint32_t triangles = 0;     // wanted after simplification; 0 = as contoured
-    bool even = false;          // simplify to even triangles, for simulation, instead of fewest for the shape
-    bool all_pieces = false;    // keep every piece of the selection, not the largest only
+    double blur = 1;          // voxels, standard deviation along each index; 0 = the bare steps of the voxels
+    uint32_t smooth = 10;     // rounds of Taubin smoothing
+    uint32_t triangles = 0;   // wanted after simplification; 0 = as contoured
+    bool even = false;        // simplify to even triangles, for simulation, instead of fewest for the shape
+    bool all_pieces = false;  // keep every piece of the selection, not the largest only
 };
 
 // What one stage of the pipeline left.
@@ -25,11 +25,11 @@ struct OrganStage {
 };
 
 struct OrganSurface {
-    Mesh mesh;                          // mm, in the patient's frame of the volume
-    double voxel_volume = 0;            // mm^3, of all voxels kept: what the surface should enclose
-    uint64_t voxels_selected = 0;       // by label or threshold
-    uint64_t voxels_kept = 0;           // of those, after dropping smaller pieces
-    std::vector<uint64_t> pieces;       // voxels of each 6-connected piece, largest first
+    Mesh mesh;                     // mm, in the patient's frame of the volume
+    double voxel_volume = 0;       // mm^3, of all voxels kept: what the surface should enclose
+    uint64_t voxels_selected = 0;  // by label or threshold
+    uint64_t voxels_kept = 0;      // of those, after dropping smaller pieces
+    std::vector<uint64_t> pieces;  // voxels of each 6-connected piece, largest first
     std::vector<OrganStage> stages;
     std::vector<std::string> warnings;  // one line each
     MeshJudgement judgement;
@@ -51,8 +51,7 @@ using OrganProgress = std::function<void(double done, const std::string& stage)>
 //  5. judgement.
 // Every stage is checked for holes. The selection must not be empty and must have a frame of organ_frame(params)
 // voxels. Throws InputError when nothing is left of it.
-OrganSurface make_organ_surface(const OrganParams& params, const Volume& volume, VoxelMask selection,
-                                const OrganProgress& progress = {});
+OrganSurface make_organ_surface(const OrganParams& params, const Volume& volume, VoxelMask selection, const OrganProgress& progress = {});
 
 // Voxels of frame that the blur needs around a selection.
 uint32_t organ_frame(const OrganParams& params);

@@ -78,15 +78,13 @@ std::vector<Piece> gather_pieces(const Mesh& mesh, const EdgeTable& table) {
         }
     }
     for (uint32_t e = 0; e < table.edge.size(); ++e) {
-        for_each_balance(mesh, table, e, sets, use,
-                         [&](uint32_t set, int balance) { pieces[piece_of[set]].closed &= balance == 0; });
+        for_each_balance(mesh, table, e, sets, use, [&](uint32_t set, int balance) { pieces[piece_of[set]].closed &= balance == 0; });
     }
     for (Piece& piece : pieces) {
         const Vec3d middle = 0.5 * (piece.box.min + piece.box.max);
         double area = 0;
         for (const uint32_t t : piece.face) {
-            const Vec3d a = mesh.position[mesh.triangle[t][0]] - middle,
-                        b = mesh.position[mesh.triangle[t][1]] - middle,
+            const Vec3d a = mesh.position[mesh.triangle[t][0]] - middle, b = mesh.position[mesh.triangle[t][1]] - middle,
                         c = mesh.position[mesh.triangle[t][2]] - middle;
             piece.volume += a.dot(b.cross(c)) / 6;
             area += 0.5 * (b - a).cross(c - a).norm();
@@ -151,8 +149,7 @@ void turn_face(Mesh& mesh, uint32_t face) {
 OrientationReport agree_orientation(Mesh& mesh, const EdgeTable& table) {
     OrientationReport report;
     const uint32_t faces = static_cast<uint32_t>(mesh.triangle.size());
-    Flood flood{
-        std::vector<uint32_t>(3 * faces, kNone), std::vector<uint8_t>(faces, 0), std::vector<uint8_t>(faces, 0), {}};
+    Flood flood{std::vector<uint32_t>(3 * faces, kNone), std::vector<uint8_t>(faces, 0), std::vector<uint8_t>(faces, 0), {}};
     for (uint32_t e = 0; e < table.edge.size(); ++e) {
         const auto users = table.users(e);
         if (users.size() != 2) continue;
@@ -163,8 +160,7 @@ OrientationReport agree_orientation(Mesh& mesh, const EdgeTable& table) {
         if (flood.seen[seed]) continue;
         const bool orientable = flood_patch(mesh, seed, flood);
         report.unorientable += !orientable;
-        const auto turns =
-            std::count_if(flood.patch.begin(), flood.patch.end(), [&](uint32_t t) { return flood.turned[t]; });
+        const auto turns = std::count_if(flood.patch.begin(), flood.patch.end(), [&](uint32_t t) { return flood.turned[t]; });
         const uint8_t minority = 2 * static_cast<size_t>(turns) <= flood.patch.size();
         for (const uint32_t t : flood.patch) flood.turned[t] = orientable && flood.turned[t] == minority;
     }

@@ -23,8 +23,7 @@ Mesh make_cuboid(const Vec3d& size, const std::array<uint32_t, 3>& cells) {
             const bool rim = z == 0 || z == cells[2] || y == 0 || y == cells[1];
             for (uint32_t x = 0; x <= cells[0]; x += rim ? 1 : cells[0]) {
                 key.push_back(key_of({x, y, z}));
-                mesh.position.push_back({size.x() * (double(x) / cells[0] - 0.5),
-                                         size.y() * (double(y) / cells[1] - 0.5),
+                mesh.position.push_back({size.x() * (double(x) / cells[0] - 0.5), size.y() * (double(y) / cells[1] - 0.5),
                                          size.z() * (double(z) / cells[2] - 0.5)});
             }
         }
@@ -107,15 +106,12 @@ std::vector<Ring> outline_probe(double fine) {
     const auto as_is = [](double z) { return z; };
     const double quarter = M_PI / 2;
     const Piece pieces[] = {
-        {0, quarter, kTip * quarter, 1, 1, [](double a) { return kTip * std::sin(a); },
-         [](double a) { return -kTip * std::cos(a); }},
-        {0, 0.016, 0.0165, 1, 1.8,
-         [](double z) { return kShaft + (kTip - kShaft) * (0.5 + 0.5 * std::cos(M_PI * z / 0.016)); }, as_is},
+        {0, quarter, kTip * quarter, 1, 1, [](double a) { return kTip * std::sin(a); }, [](double a) { return -kTip * std::cos(a); }},
+        {0, 0.016, 0.0165, 1, 1.8, [](double z) { return kShaft + (kTip - kShaft) * (0.5 + 0.5 * std::cos(M_PI * z / 0.016)); }, as_is},
         {0.016, 0.04, 0.024, 1.8, 3, [](double) { return kShaft; }, as_is},
         {0.04, 0.108, 0.068, 3, 3, [](double) { return kShaft; }, as_is},
         {0.108, 0.118, 0.0105, 3, 3,
-         [](double z) { return kHandle + (kShaft - kHandle) * (0.5 + 0.5 * std::cos(M_PI * (z - 0.108) / 0.01)); },
-         as_is},
+         [](double z) { return kHandle + (kShaft - kHandle) * (0.5 + 0.5 * std::cos(M_PI * (z - 0.108) / 0.01)); }, as_is},
         {0.118, 0.1535, 0.0355, 3, 3, [](double) { return kHandle; }, as_is},
         {quarter, 0, kHandle * quarter, 3, 3, [](double a) { return kHandle * std::sin(a); },
          [](double a) { return 0.1535 + kHandle * std::cos(a); }},
@@ -128,14 +124,12 @@ std::vector<Ring> outline_probe(double fine) {
         const uint32_t steps = std::max(2u, static_cast<uint32_t>(std::lround(piece.length / row)));
         for (uint32_t i = 1; i <= steps; ++i) {
             const double t = double(i) / steps;
-            const double part = t * (piece.size_from + (piece.size_to - piece.size_from) * t / 2) /
-                                ((piece.size_from + piece.size_to) / 2);
+            const double part = t * (piece.size_from + (piece.size_to - piece.size_from) * t / 2) / ((piece.size_from + piece.size_to) / 2);
             const double at = piece.from + (piece.to - piece.from) * part;
             const double size = fine * (piece.size_from + (piece.size_to - piece.size_from) * t);
             Ring ring{piece.radius(at), piece.height(at), arc + piece.length * part, 0, 0, 0};
             if (ring.radius < 1e-9) ring.radius = 0;
-            ring.count =
-                ring.radius == 0 ? 1 : std::max(6u, static_cast<uint32_t>(std::lround(2 * M_PI * ring.radius / size)));
+            ring.count = ring.radius == 0 ? 1 : std::max(6u, static_cast<uint32_t>(std::lround(2 * M_PI * ring.radius / size)));
             ring.phase = rings.size() % 2 == 0 ? 0.0 : 0.5;
             rings.push_back(ring);
         }
@@ -164,8 +158,7 @@ void zip_rings(const Ring& low, const Ring& high, double tile, Mesh& mesh) {
     const uint32_t last_high = high.count > 1 ? high.count : 0;
     for (uint32_t i = 0, j = 0; i < last_low || j < last_high;) {
         // the side whose next edge has its middle first
-        const bool step_low =
-            j == last_high || (i < last_low && turn(low, i) + turn(low, i + 1) <= turn(high, j) + turn(high, j + 1));
+        const bool step_low = j == last_high || (i < last_low && turn(low, i) + turn(low, i + 1) <= turn(high, j) + turn(high, j + 1));
         if (step_low) {
             const double middle = (turn(low, i) + turn(low, i + 1)) / 2;
             mesh.triangle.push_back({vertex(low, i), vertex(low, i + 1), vertex(high, j)});
@@ -214,8 +207,7 @@ Mesh make_sphere(uint32_t triangles) {
         const bool outward = (b - a).cross(c - a).dot(a) > 0;
         const auto vertex = [&, &a = a, &b = b, &c = c](uint32_t i, uint32_t j) {
             const Vec3d place = double(n - i - j) * a + double(i) * b + double(j) * c;
-            const std::array<int64_t, 3> key{std::llround(place.x() * 1e3), std::llround(place.y() * 1e3),
-                                             std::llround(place.z() * 1e3)};
+            const std::array<int64_t, 3> key{std::llround(place.x() * 1e3), std::llround(place.y() * 1e3), std::llround(place.z() * 1e3)};
             const auto [found, fresh] = known.try_emplace(key, static_cast<uint32_t>(mesh.position.size()));
             if (fresh) mesh.position.push_back(0.5 * place.normalized());
             return found->second;

@@ -77,9 +77,7 @@ double read_binary(Source& s, Scalar type) {
 }
 
 // A number that may be nan: whoever uses it looks.
-double read_scalar(Source& s, Scalar type) {
-    return s.coding == Coding::kAscii ? s.words.number(true) : read_binary(s, type);
-}
+double read_scalar(Source& s, Scalar type) { return s.coding == Coding::kAscii ? s.words.number(true) : read_binary(s, type); }
 
 uint64_t read_list_count(Source& s, const Property& p) {
     const double count = read_scalar(s, p.count);
@@ -103,9 +101,8 @@ std::vector<std::string_view> split(std::string_view line) {
 }
 
 Scalar read_type(const Words& words, std::string_view name) {
-    constexpr std::string_view kNames[][2] = {{"char", "int8"},     {"uchar", "uint8"},   {"short", "int16"},
-                                              {"ushort", "uint16"}, {"int", "int32"},     {"uint", "uint32"},
-                                              {"float", "float32"}, {"double", "float64"}};
+    constexpr std::string_view kNames[][2] = {{"char", "int8"}, {"uchar", "uint8"}, {"short", "int16"},   {"ushort", "uint16"},
+                                              {"int", "int32"}, {"uint", "uint32"}, {"float", "float32"}, {"double", "float64"}};
     for (size_t k = 0; k < std::size(kNames); ++k) {
         if (name == kNames[k][0] || name == kNames[k][1]) return static_cast<Scalar>(k);
     }
@@ -137,8 +134,8 @@ void read_header_line(const Words& words, const std::vector<std::string_view>& w
             header.texture.assign(word[2].data(), word.back().data() + word.back().size());
         }
     } else {
-        header.warnings.push_back(words.path.string() + ":" + std::to_string(words.line) + ": unknown line " +
-                                  shown(word[0]) + " in the header is passed over");
+        header.warnings.push_back(words.path.string() + ":" + std::to_string(words.line) + ": unknown line " + shown(word[0]) +
+                                  " in the header is passed over");
     }
 }
 
@@ -190,17 +187,15 @@ void check_room(const Source& s, const Element& element) {
 }
 
 // Reads one row: scalars to `value`, the lists asked for to `list`; the others are passed over.
-void read_row(Source& s, const Element& element, std::vector<double>& value, int wanted, std::vector<double>& list,
-              int also_wanted, std::vector<double>& also) {
+void read_row(Source& s, const Element& element, std::vector<double>& value, int wanted, std::vector<double>& list, int also_wanted,
+              std::vector<double>& also) {
     for (size_t k = 0; k < element.property.size(); ++k) {
         const Property& p = element.property[k];
         if (!p.list) {
             value[k] = read_scalar(s, p.type);
             continue;
         }
-        std::vector<double>* const out = static_cast<int>(k) == wanted        ? &list
-                                         : static_cast<int>(k) == also_wanted ? &also
-                                                                              : nullptr;
+        std::vector<double>* const out = static_cast<int>(k) == wanted ? &list : static_cast<int>(k) == also_wanted ? &also : nullptr;
         if (out) out->clear();
         for (uint64_t left = read_list_count(s, p); left > 0; --left) {
             const double number = read_scalar(s, p.type);
@@ -211,8 +206,7 @@ void read_row(Source& s, const Element& element, std::vector<double>& value, int
 
 void read_vertices(Source& s, const Element& element, const std::string& wanted, LoadedMesh& loaded, PolygonList& list,
                    std::vector<double>* field) {
-    const int column[] = {find_property(element, {"x"}, false), find_property(element, {"y"}, false),
-                          find_property(element, {"z"}, false)};
+    const int column[] = {find_property(element, {"x"}, false), find_property(element, {"y"}, false), find_property(element, {"z"}, false)};
     if (column[0] < 0 || column[1] < 0 || column[2] < 0) s.words.fail("the vertices have no x, y and z");
     const int u = find_property(element, {"s", "u", "texture_u", "texture_s"}, false);
     const int v = find_property(element, {"t", "v", "texture_v", "texture_t"}, false);
@@ -287,7 +281,8 @@ bool looks_like_ply(std::string_view bytes) {
 
 namespace {
 
-LoadedMesh read_any_ply(std::string_view bytes, const std::filesystem::path& path, const std::string& property, std::vector<double>* field) {
+LoadedMesh read_any_ply(std::string_view bytes, const std::filesystem::path& path, const std::string& property,
+                        std::vector<double>* field) {
     Source source{Words{bytes.data(), bytes.data() + bytes.size(), path}};
     const Header header = read_header(source.words);
     source.coding = header.coding;

@@ -9,9 +9,7 @@ namespace {
 using Point = std::array<double, 2>;
 
 // Twice the signed area of a triangle, > 0 when it turns left.
-double turn(const Point& a, const Point& b, const Point& c) {
-    return (b[0] - a[0]) * (c[1] - a[1]) - (b[1] - a[1]) * (c[0] - a[0]);
-}
+double turn(const Point& a, const Point& b, const Point& c) { return (b[0] - a[0]) * (c[1] - a[1]) - (b[1] - a[1]) * (c[0] - a[0]); }
 
 // Corners without the coordinate the normal is longest in, so that nothing is rounded, oriented to turn left. Returns
 // twice the area, or 0 when there is none.
@@ -104,8 +102,7 @@ bool clip_ears(PolygonScratch& s, double area, std::vector<Triangle>& triangle) 
         const uint32_t before = s.previous[at], after = s.next[at];
         const double doubled = turn(s.point[before], s.point[at], s.point[after]);
         // corners on straight edges wait until no true ear is left, so that they get a triangle with area
-        const bool ear =
-            doubled > flat ? is_free(s, before, at, after, s.tests) : accept_flat && std::abs(doubled) <= flat;
+        const bool ear = doubled > flat ? is_free(s, before, at, after, s.tests) : accept_flat && std::abs(doubled) <= flat;
         if (ear) {
             triangle.push_back({before, at, after});
             clip(s, at);

@@ -7,12 +7,11 @@
 namespace trocar {
 namespace {
 
-void check_corners(const PolygonList& list, size_t polygon, uint32_t first, size_t points,
-                   const std::filesystem::path& path) {
+void check_corners(const PolygonList& list, size_t polygon, uint32_t first, size_t points, const std::filesystem::path& path) {
     for (uint32_t k = first; k < list.end[polygon]; ++k) {
         if (list.corner[k] < points) continue;
-        throw InputError(path.string() + ": polygon " + std::to_string(polygon) + " (from 0) has corner " +
-                         std::to_string(list.corner[k]) + " when there are " + std::to_string(points) + " points");
+        throw InputError(path.string() + ": polygon " + std::to_string(polygon) + " (from 0) has corner " + std::to_string(list.corner[k]) +
+                         " when there are " + std::to_string(points) + " points");
     }
 }
 

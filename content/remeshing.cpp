@@ -79,8 +79,7 @@ double evenness(const Vec3d& a, const Vec3d& b, const Vec3d& c) {
 // The normal turns by less than 60 degrees, and the triangle is no sliver, or no worse than before.
 bool keeps_shape(const Vec3d& normal_before, double evenness_before, const Vec3d& a, const Vec3d& b, const Vec3d& c) {
     const Vec3d normal = twice_area(a, b, c);
-    return normal.dot(normal_before) > 0.5 * normal.norm() * normal_before.norm() &&
-           evenness(a, b, c) > std::min(0.1, evenness_before);
+    return normal.dot(normal_before) > 0.5 * normal.norm() * normal_before.norm() && evenness(a, b, c) > std::min(0.1, evenness_before);
 }
 
 struct Remesher {
@@ -112,8 +111,8 @@ struct Remesher {
             const uint32_t p = edges.from[next_in(g)];
             const uint32_t q = edges.from[previous_in(g)];
             if (p == other || q == other) return;
-            sound = sound && keeps_shape(normal_of(g), evenness(position[moved], position[p], position[q]), place,
-                                         position[p], position[q]);
+            sound =
+                sound && keeps_shape(normal_of(g), evenness(position[moved], position[p], position[q]), place, position[p], position[q]);
         });
         return sound;
     }

@@ -89,8 +89,7 @@ void cut_crossings(Mesh& mesh, std::vector<uint8_t> marked, uint32_t rings, Repa
     }
     const auto cut = std::count(marked.begin(), marked.end(), 1);
     drop_faces(mesh, marked);
-    say(report, static_cast<uint64_t>(cut), "face cut out", "faces cut out",
-        ": " + std::to_string(pairs) + " of them met others");
+    say(report, static_cast<uint64_t>(cut), "face cut out", "faces cut out", ": " + std::to_string(pairs) + " of them met others");
 }
 
 void finish(RepairReport& report, const HoleReport& holes) {
@@ -99,8 +98,8 @@ void finish(RepairReport& report, const HoleReport& holes) {
     report.reason = report.after.reason;
     if (holes.left == 0) return;
     report.reason += "; " + std::to_string(holes.left) + (holes.left == 1 ? " hole" : " holes") +
-                     " beyond the limits for filling, the largest of " + std::to_string(holes.largest_edges) +
-                     " edges and " + digits(holes.largest_diagonal) + " across";
+                     " beyond the limits for filling, the largest of " + std::to_string(holes.largest_edges) + " edges and " +
+                     digits(holes.largest_diagonal) + " across";
 }
 
 }  // namespace

@@ -10,7 +10,7 @@ struct RepairParams {
     double weld_tolerance = 1e-6;  // of the diagonal of the box
     double sliver_height = 1e-4;   // faces lower than this of their longest edge go
     HoleLimits holes;
-    uint32_t rounds = 10;     // of cutting out faces that cross and closing the hole
+    uint32_t rounds = 10;      // of cutting out faces that cross and closing the hole
     double most_lost = 0.2;    // of the area, by cutting out; more is no repair
     double most_beside = 0.4;  // of the area, in pieces beside the largest; more is no debris, nor a part of an instrument's hinge
 };

@@ -50,8 +50,7 @@ void put_float(Output& out, float value) { out.number(value); }
 std::string plain_name(std::string_view name, const std::string& otherwise) {
     std::string plain;
     for (const char c : name.substr(0, 80)) {
-        const bool keep = (c >= 'a' && c <= 'z') || (c >= 'A' && c <= 'Z') || (c >= '0' && c <= '9') || c == '_' ||
-                          c == '-' || c == '.';
+        const bool keep = (c >= 'a' && c <= 'z') || (c >= 'A' && c <= 'Z') || (c >= '0' && c <= '9') || c == '_' || c == '-' || c == '.';
         plain += keep ? c : '_';
     }
     return plain.empty() ? otherwise : plain;
@@ -123,9 +122,7 @@ bool is_plain(const Mesh& mesh) {
            m.transparency == none.transparency && m.texture.empty() && m.image.width == 0;
 }
 
-std::string material_name(const Mesh& mesh, size_t m) {
-    return plain_name(mesh.material[m].name, "material") + "_" + std::to_string(m);
-}
+std::string material_name(const Mesh& mesh, size_t m) { return plain_name(mesh.material[m].name, "material") + "_" + std::to_string(m); }
 
 std::string write_mtl(const Mesh& mesh, const std::vector<std::string>& textures) {
     Output out;
@@ -398,8 +395,7 @@ void write_vtp(const Mesh& mesh, std::span<const PointField> fields, const fs::p
     }
     out << "<CellData>\n";
     if (!mesh.triangle_material.empty()) {
-        put_face_array(out, "Int32", "material", mesh.triangle.size(),
-                       [&](size_t t) { return mesh.triangle_material[t]; });
+        put_face_array(out, "Int32", "material", mesh.triangle.size(), [&](size_t t) { return mesh.triangle_material[t]; });
     }
     if (!mesh.uv.empty() && !per_point) {
         open_array(out, "Float32", "texture_coordinates", 6);

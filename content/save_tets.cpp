@@ -22,8 +22,8 @@ void put_block(std::string& data, const std::vector<Value>& values) {
 }
 
 std::string array_element(const char* type, const char* name, const char* components, size_t offset) {
-    return std::string("        <DataArray type=\"") + type + "\" Name=\"" + name + "\"" + components +
-           " format=\"appended\" offset=\"" + std::to_string(offset) + "\"/>\n";
+    return std::string("        <DataArray type=\"") + type + "\" Name=\"" + name + "\"" + components + " format=\"appended\" offset=\"" +
+           std::to_string(offset) + "\"/>\n";
 }
 
 }  // namespace
@@ -50,8 +50,8 @@ std::string encode_vtu(const TetMesh& mesh) {
         "header_type=\"UInt64\">\n  <UnstructuredGrid>\n    <Piece NumberOfPoints=\"" +
         std::to_string(mesh.position.size()) + "\" NumberOfCells=\"" + std::to_string(mesh.tetrahedron.size()) + "\">\n";
     xml += "      <Points>\n" + array_element("Float64", "Points", " NumberOfComponents=\"3\"", 0) + "      </Points>\n";
-    xml += "      <Cells>\n" + array_element("Int64", "connectivity", "", at_corners) +
-           array_element("Int64", "offsets", "", at_ends) + array_element("UInt8", "types", "", at_types) + "      </Cells>\n";
+    xml += "      <Cells>\n" + array_element("Int64", "connectivity", "", at_corners) + array_element("Int64", "offsets", "", at_ends) +
+           array_element("UInt8", "types", "", at_types) + "      </Cells>\n";
     xml += "    </Piece>\n  </UnstructuredGrid>\n  <AppendedData encoding=\"raw\">\n_";
     return xml + data + "\n  </AppendedData>\n</VTKFile>\n";
 }

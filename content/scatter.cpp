@@ -45,7 +45,8 @@ void scatter_body(const BodySpec& pattern, std::vector<BodySpec>& bodies) {
         Vec3d place = Vec3d(copy % columns[0], copy / columns[0] % columns[1], copy / layer) - middle;
         for (uint32_t k = 0; k < 3; ++k) place[k] += s.jitter * (2 * random_number(s.seed, copy, k) - 1);
         body.position += place.cwiseProduct(s.spacing);
-        if (s.turned) body.orientation = random_turn(random_number(s.seed, copy, 3), random_number(s.seed, copy, 4), random_number(s.seed, copy, 5));
+        if (s.turned)
+            body.orientation = random_turn(random_number(s.seed, copy, 3), random_number(s.seed, copy, 4), random_number(s.seed, copy, 5));
         bodies.push_back(std::move(body));
     }
 }

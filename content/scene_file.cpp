@@ -14,8 +14,7 @@ void read_contact(TomlSection section, ContactParams& contact, uint32_t& rate) {
     section.read("tolerance", contact.tolerance, 1e-12, 1e3);
     section.read("cell_edges", contact.cell_edges, 0.01, 1000);
     section.read("push_speed", contact.push_speed, 0, 1e3);
-    section.read_enum<DeepResponse>("deep", contact.deep,
-                                    {{"none", DeepResponse::kNone}, {"last_free", DeepResponse::kLastFree}});
+    section.read_enum<DeepResponse>("deep", contact.deep, {{"none", DeepResponse::kNone}, {"last_free", DeepResponse::kLastFree}});
     section.read("faces", contact.faces);
     section.read("edges_ahead", contact.edges_ahead);
     section.read("contours", contact.contours);
@@ -23,18 +22,16 @@ void read_contact(TomlSection section, ContactParams& contact, uint32_t& rate) {
     section.read_count("iterations", contact.iterations, 1, 100);
     section.read("cross_check", contact.cross_check);
     section.read_enum<ResponseShare>(
-        "share", contact.share,
-        {{"mass", ResponseShare::kMass}, {"stiffness", ResponseShare::kStiffness}, {"half", ResponseShare::kHalf}});
-    section.read_enum<ResponseDirection>(
-        "direction", contact.direction, {{"local", ResponseDirection::kLocal}, {"thesis", ResponseDirection::kThesis}});
+        "share", contact.share, {{"mass", ResponseShare::kMass}, {"stiffness", ResponseShare::kStiffness}, {"half", ResponseShare::kHalf}});
+    section.read_enum<ResponseDirection>("direction", contact.direction,
+                                         {{"local", ResponseDirection::kLocal}, {"thesis", ResponseDirection::kThesis}});
     section.refuse_unknown();
 }
 
 CameraSpec read_camera(TomlSection section) {
     CameraSpec camera;
     section.read("kind", camera.kind);
-    if (camera.kind != "orbit" && camera.kind != "laparoscope")
-        section.fail("camera kind must be orbit or laparoscope");
+    if (camera.kind != "orbit" && camera.kind != "laparoscope") section.fail("camera kind must be orbit or laparoscope");
     section.read("target", camera.target);
     section.read("position", camera.position);
     section.read("azimuth", camera.azimuth);
@@ -74,8 +71,10 @@ SceneFile read_scene_file(const std::filesystem::path& path, const std::vector<O
     if (const toml::array* bodies = top.tables("body"))
         for (const toml::node& node : *bodies) {
             const BodySpec body = read_body(file, *node.as_table());
-            if (body.scatter.count > 0) scatter_body(body, scene.bodies);
-            else scene.bodies.push_back(body);
+            if (body.scatter.count > 0)
+                scatter_body(body, scene.bodies);
+            else
+                scene.bodies.push_back(body);
         }
     if (const toml::array* tools = top.tables("tool"))
         for (const toml::node& node : *tools) scene.tools.push_back(read_tool(file, *node.as_table()));

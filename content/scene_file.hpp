@@ -47,15 +47,15 @@ struct BodySpec {
     double gap = 0.005;  // m
     AnchorFrame anchor_frame = AnchorFrame::kWorld;
     Tissue tissue;
-    bool solid = false;                      // filled with tetrahedra; else a shell
-    double cells = 12;                       // solids: lattice cells along the largest extent
-    double spacing = 0;                      // m, solids: of the lattice; 0 = from cells
-    bool skin = false;                       // solids: the surface as given rides on the tetrahedra
-    bool bed = false;                        // solids: anchors as a shell has them
-    std::string integrator = "leapfrog";     // leapfrog | midpoint | xpbd | auto
-    uint32_t iterations = 0;                 // midpoint: conjugate gradients at most, xpbd: sweeps; 0 = usual
-    double step = 0;                         // s, largest step of this body; 0 = usual
-    double wanted_error = 1e-4;              // m, what auto may give away
+    bool solid = false;                   // filled with tetrahedra; else a shell
+    double cells = 12;                    // solids: lattice cells along the largest extent
+    double spacing = 0;                   // m, solids: of the lattice; 0 = from cells
+    bool skin = false;                    // solids: the surface as given rides on the tetrahedra
+    bool bed = false;                     // solids: anchors as a shell has them
+    std::string integrator = "leapfrog";  // leapfrog | midpoint | xpbd | auto
+    uint32_t iterations = 0;              // midpoint: conjugate gradients at most, xpbd: sweeps; 0 = usual
+    double step = 0;                      // s, largest step of this body; 0 = usual
+    double wanted_error = 1e-4;           // m, what auto may give away
     LodSpec lod;
     double fixed_below = -1e300;             // m, vertices with rest z (body frame) below it are fixed
     double thickness = 1e-3;                 // m, sheets
@@ -68,9 +68,9 @@ struct BodySpec {
     double break_strain = std::numeric_limits<double>::infinity();  // springs break above it
     std::vector<GroupSpec> groups;
     std::vector<TissueRegionSpec> regions;
-    HapticSurface haptic;                    // body < kNone: it has properties of its own
-    ScatterSpec scatter;                     // count > 0: this is one of so many copies
-    uint32_t copy = 0;                       // which
+    HapticSurface haptic;  // body < kNone: it has properties of its own
+    ScatterSpec scatter;   // count > 0: this is one of so many copies
+    uint32_t copy = 0;     // which
 };
 
 // One [[tool.jaw]]: a hand body that the grip turns about an axis of the tool's body.
@@ -90,13 +90,13 @@ struct ToolSpec {
     double damping = 5;         // N s/m
     double max_force = 3.3;     // N
     double friction = 0.1;
-    double pass_through = 0;    // N, 0 = never
-    uint32_t dof = 3;           // 3: a sphere at the tip feels; 6: all of the body, force and torque
-    uint32_t points = 1000;     // dof = 6: of the shell, about
+    double pass_through = 0;       // N, 0 = never
+    uint32_t dof = 3;              // 3: a sphere at the tip feels; 6: all of the body, force and torque
+    uint32_t points = 1000;        // dof = 6: of the shell, about
     double turn_stiffness = 0.5;   // N m/rad
     double turn_damping = -1;      // N m s/rad; < 0, as damping: critical
     double surface_stiffness = 0;  // N/m of a point; 0 = 100 times stiffness
-    std::string trace;  // recorded device trace; else path
+    std::string trace;             // recorded device trace; else path
     std::vector<KeyframeSpec> path;
     HandModel hand;
     Workspace workspace;

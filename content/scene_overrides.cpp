@@ -1,8 +1,7 @@
-#include "content/scene_sections.hpp"
-
 #include <algorithm>
 #include <sstream>
 
+#include "content/scene_sections.hpp"
 #include "engine/error.hpp"
 namespace trocar {
 namespace {
@@ -10,8 +9,10 @@ namespace {
 // The value as TOML would read it; a bare word becomes a string.
 void insert_value(toml::table& table, const std::string& key, const std::string& value) {
     const std::optional<toml::table> parsed = parse_toml("v = " + value);
-    if (!parsed) table.insert_or_assign(key, value);
-    else parsed->get("v")->visit([&](const auto& node) { table.insert_or_assign(key, node); });
+    if (!parsed)
+        table.insert_or_assign(key, value);
+    else
+        parsed->get("v")->visit([&](const auto& node) { table.insert_or_assign(key, node); });
 }
 
 toml::table* named_table(toml::table& root, const char* list, const char* name_key, const std::string& name) {
@@ -57,14 +58,18 @@ void fill_in_parameters(const std::string& file, const toml::table& parameters, 
         for (const auto& [key, value] : *table) keys.emplace_back(key.str());
         for (const std::string& key : keys) {
             toml::node& inner = *table->get(key);
-            if (const toml::node* value = parameter_of(file, inner, parameters)) table->insert_or_assign(key, *value);
-            else fill_in_parameters(file, parameters, inner);
+            if (const toml::node* value = parameter_of(file, inner, parameters))
+                table->insert_or_assign(key, *value);
+            else
+                fill_in_parameters(file, parameters, inner);
         }
     } else if (toml::array* array = node.as_array()) {
         for (size_t i = 0; i < array->size(); ++i) {
             toml::node& inner = *array->get(i);
-            if (const toml::node* value = parameter_of(file, inner, parameters)) array->replace(array->cbegin() + static_cast<ptrdiff_t>(i), *value);
-            else fill_in_parameters(file, parameters, inner);
+            if (const toml::node* value = parameter_of(file, inner, parameters))
+                array->replace(array->cbegin() + static_cast<ptrdiff_t>(i), *value);
+            else
+                fill_in_parameters(file, parameters, inner);
         }
     }
 }
@@ -77,7 +82,9 @@ std::vector<SceneParameter> take_parameters(const std::string& file, toml::table
     if (node && !node->is_table()) throw InputError(place(file, node->source()) + "parameters must be a table");
     const toml::table parameters = node ? *node->as_table() : toml::table{};
     for (const auto& [key, value] : parameters) {
-        if (!value.is_value()) throw InputError(place(file, key.source()) + "parameter \"" + std::string(key.str()) + "\" must be a number, a string, true or false");
+        if (!value.is_value())
+            throw InputError(place(file, key.source()) + "parameter \"" + std::string(key.str()) +
+                             "\" must be a number, a string, true or false");
         std::ostringstream text;
         value.visit([&](const auto& v) { text << v; });
         list.push_back({std::string(key.str()), text.str()});
@@ -98,11 +105,14 @@ void apply_override(toml::table& root, const Override& o) {
     }
     toml::table* table = &root;
     size_t next = 0;
-    if (toml::table* parameters = root["parameters"].as_table(); words.size() == 1 && parameters && parameters->contains(o.key)) table = parameters;
+    if (toml::table* parameters = root["parameters"].as_table(); words.size() == 1 && parameters && parameters->contains(o.key))
+        table = parameters;
     const bool named = words[0] == "link" || words[0] == "staple" || words[0] == "cut" || words[0] == "node";
     if (words.size() > 2 && (words[0] == "tool" || named)) {
         table = named_table(root, words[0].c_str(), named ? "name" : "body", words[1]);
-        if (!table) throw InputError("--set " + o.key + ": the scene has no " + words[0] + (named ? "" : " on a body") + " named \"" + words[1] + "\"");
+        if (!table)
+            throw InputError("--set " + o.key + ": the scene has no " + words[0] + (named ? "" : " on a body") + " named \"" + words[1] +
+                             "\"");
         next = 2;
     } else if (words.size() > 1) {
         if (toml::table* body = named_table(root, "body", "name", words[0])) table = body, next = 1;

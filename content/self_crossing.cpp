@@ -18,8 +18,8 @@ void enlarge(Box& box, const Box& other) {
 }
 
 bool overlap(const Box& a, const Box& b) {
-    return a.min.x() <= b.max.x() && b.min.x() <= a.max.x() && a.min.y() <= b.max.y() && b.min.y() <= a.max.y() &&
-           a.min.z() <= b.max.z() && b.min.z() <= a.max.z();
+    return a.min.x() <= b.max.x() && b.min.x() <= a.max.x() && a.min.y() <= b.max.y() && b.min.y() <= a.max.y() && a.min.z() <= b.max.z() &&
+           b.min.z() <= a.max.z();
 }
 
 // Boxes over faces in the order of a Hilbert curve: leaves of kLeafFaces, then pairs of pairs. Unlike a grid it does
@@ -70,8 +70,7 @@ bool separated_at_corner(const Vec3d& a1, const Vec3d& a2, const Vec3d& b1, cons
     const double la1 = a1.norm(), la2 = a2.norm(), lb1 = b1.norm(), lb2 = b2.norm();
     const Vec3d apart = a1 / la1 + a2 / la2 - b1 / lb1 - b2 / lb2;
     const double margin = 1e-12 * apart.norm();
-    return apart.dot(a1) > margin * la1 && apart.dot(a2) > margin * la2 && apart.dot(b1) < -margin * lb1 &&
-           apart.dot(b2) < -margin * lb2;
+    return apart.dot(a1) > margin * la1 && apart.dot(a2) > margin * la2 && apart.dot(b1) < -margin * lb1 && apart.dot(b2) < -margin * lb2;
 }
 
 // A shared corner is no news: what counts is an opposite edge that reaches the other face, since two convex sets with
@@ -82,8 +81,7 @@ Meeting meet_at_shared_corner(const Corners& a, int a_shared, const Corners& b, 
     if (separated_at_corner(a1 - corner, a2 - corner, b1 - corner, b2 - corner)) return Meeting::kDisjoint;
     if (orient3d(a[0], a[1], a[2], b1) * orient3d(a[0], a[1], a[2], b2) > 0) return Meeting::kDisjoint;
     if (orient3d(b[0], b[1], b[2], a1) * orient3d(b[0], b[1], b[2], a2) > 0) return Meeting::kDisjoint;
-    if (meet_segment_triangle(a1, a2, b) == Meeting::kDisjoint &&
-        meet_segment_triangle(b1, b2, a) == Meeting::kDisjoint) {
+    if (meet_segment_triangle(a1, a2, b) == Meeting::kDisjoint && meet_segment_triangle(b1, b2, a) == Meeting::kDisjoint) {
         return Meeting::kDisjoint;
     }
     return meet_triangles(a, b);

@@ -31,8 +31,8 @@ Vec3d volume_centroid(const Mesh& mesh) {
     Vec3d moment = Vec3d::Zero();
     for (const Triangle& t : mesh.triangle) {
         const Vec3d &a = mesh.position[t[0]], &b = mesh.position[t[1]], &c = mesh.position[t[2]];
-        const double six = a.x() * (b.y() * c.z() - b.z() * c.y()) + a.y() * (b.z() * c.x() - b.x() * c.z()) +
-                           a.z() * (b.x() * c.y() - b.y() * c.x());
+        const double six =
+            a.x() * (b.y() * c.z() - b.z() * c.y()) + a.y() * (b.z() * c.x() - b.x() * c.z()) + a.z() * (b.x() * c.y() - b.y() * c.x());
         volume += six;
         moment += six * (a + b + c);
     }
@@ -59,13 +59,11 @@ Mesh make_organ(const ImplicitShape& shape, uint32_t triangles, double tile, Mat
 }
 
 Mesh make_liver(uint32_t triangles, uint64_t seed) {
-    return make_organ(liver_shape(seed), triangles, 0.08,
-                      surface_material("liver", {0.35f, 0.33f, 0.32f}, 0.45f, paint_liver(seed)));
+    return make_organ(liver_shape(seed), triangles, 0.08, surface_material("liver", {0.35f, 0.33f, 0.32f}, 0.45f, paint_liver(seed)));
 }
 
 Mesh make_kidney(uint32_t triangles, uint64_t seed) {
-    return make_organ(kidney_shape(seed), triangles, 0.06,
-                      surface_material("kidney", {0.4f, 0.38f, 0.37f}, 0.5f, paint_kidney(seed)));
+    return make_organ(kidney_shape(seed), triangles, 0.06, surface_material("kidney", {0.4f, 0.38f, 0.37f}, 0.5f, paint_kidney(seed)));
 }
 
 Mesh with_material(Mesh mesh, Material material) {
@@ -82,8 +80,7 @@ Material plain_material(std::string name, std::array<float, 3> diffuse, float sp
 Material steel(uint64_t seed) { return surface_material("steel", {0.6f, 0.6f, 0.6f}, 0.6f, paint_steel(seed)); }
 
 Mesh make_stomach(uint32_t triangles, uint64_t seed) {
-    return make_organ(stomach_shape(seed), triangles, 0.09,
-                      surface_material("stomach", {0.36f, 0.33f, 0.33f}, 0.5f, paint_stomach(seed)));
+    return make_organ(stomach_shape(seed), triangles, 0.09, surface_material("stomach", {0.36f, 0.33f, 0.33f}, 0.5f, paint_stomach(seed)));
 }
 
 Mesh textured_gallbladder(uint32_t triangles, uint64_t seed) {
@@ -92,8 +89,7 @@ Mesh textured_gallbladder(uint32_t triangles, uint64_t seed) {
 }
 
 Mesh textured_bowel(uint32_t triangles, uint64_t seed) {
-    return with_material(make_bowel(triangles, seed),
-                         surface_material("small bowel", {0.4f, 0.36f, 0.36f}, 0.55f, paint_bowel(seed)));
+    return with_material(make_bowel(triangles, seed), surface_material("small bowel", {0.4f, 0.36f, 0.36f}, 0.55f, paint_bowel(seed)));
 }
 
 Mesh textured_wall(uint32_t triangles, uint64_t seed) {
@@ -130,23 +126,19 @@ Mesh textured_sphere(uint32_t triangles, uint64_t) {
 }
 
 Mesh textured_table(uint32_t triangles, uint64_t seed) {
-    return with_material(make_table(triangles),
-                         surface_material("drape", {0.04f, 0.04f, 0.04f}, 0.1f, paint_drape(seed)));
+    return with_material(make_table(triangles), surface_material("drape", {0.04f, 0.04f, 0.04f}, 0.1f, paint_drape(seed)));
 }
 
 constexpr std::array<Recipe, 18> kRecipes{{
     {"liver", 100, make_liver, "human liver, 0.21 x 0.15 x 0.12 m; right lobe -x, head +y, belly +z; centred"},
     {"kidney", 100, make_kidney, "human kidney, 0.11 x 0.06 x 0.045 m; poles along x, hilum -y; centred"},
-    {"gallbladder", 200, textured_gallbladder,
-     "human gallbladder with neck and stump of the duct; fundus -y, belly +z"},
+    {"gallbladder", 200, textured_gallbladder, "human gallbladder with neck and stump of the duct; fundus -y, belly +z"},
     {"stomach", 100, make_stomach, "human stomach, J-shaped; fundus +x +y, pylorus -x, belly +z; centred"},
     {"bowel", 200, textured_bowel, "loop of small bowel, 28 mm wide, 0.42 m long, meandering in the plane of x and y"},
     {"hernia_wall", 200, textured_wall, "abdominal wall, 0.2 x 0.16 x 0.018 m, an oval defect through it; outside +z"},
     {"surgical_mesh", 100, textured_mesh, "open sheet with hexagonal pores, 0.15 x 0.1 m in z = 0; centred"},
-    {"probe", 300, of_steel<make_probe>,
-     "palpation probe, 0.167 m; tip sphere of 7 mm centred at the origin, shaft along +z"},
-    {"grasper", 1000, of_steel<make_grasper>,
-     "grasper of 5 mm, jaws open by 30 degrees about x; pivot at the origin, +z"},
+    {"probe", 300, of_steel<make_probe>, "palpation probe, 0.167 m; tip sphere of 7 mm centred at the origin, shaft along +z"},
+    {"grasper", 1000, of_steel<make_grasper>, "grasper of 5 mm, jaws open by 30 degrees about x; pivot at the origin, +z"},
     {"grasper_jaw", 400, of_steel<make_grasper_jaw>, "one toothed jaw, 19 mm; pivot at the origin, tip +z, teeth -y"},
     {"scissors", 400, of_steel<make_scissors>, "scissors of 5 mm, open by 30 degrees about y; pivot at the origin, +z"},
     {"scissor_blade", 100, of_steel<make_scissor_blade>, "one blade, 21 mm, flat side y = 0, edge +x; tip +z"},

@@ -90,8 +90,7 @@ LoadedMesh read_ascii_stl(std::string_view text, const std::filesystem::path& pa
             expect(words, "endfacet", "after 'endloop'");
             mesh.triangle.push_back({first, first + 1, first + 2});
         } else {
-            words.fail(word.empty() ? "the file ends without 'endsolid'"
-                                    : "expected 'facet' or 'endsolid', found " + shown(word));
+            words.fail(word.empty() ? "the file ends without 'endsolid'" : "expected 'facet' or 'endsolid', found " + shown(word));
         }
     }
     return loaded;

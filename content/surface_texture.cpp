@@ -132,8 +132,7 @@ void grow_vessels(std::vector<Vessel> growing, Dice& dice, VesselMap& map) {
             if (gone < next_branch || width < 0.7) continue;
             next_branch = gone + dice.roll(0.1, 0.3) * v.length;
             const double turn = (dice.roll() < 0.5 ? -1 : 1) * dice.roll(0.45, 0.95);
-            growing.push_back(
-                {v.x, v.y, v.heading + turn, 0.62 * width, dice.roll(0.3, 0.6) * left * v.length, 0.5 * v.straight});
+            growing.push_back({v.x, v.y, v.heading + turn, 0.62 * width, dice.roll(0.3, 0.6) * left * v.length, 0.5 * v.straight});
         }
     }
 }
@@ -252,8 +251,7 @@ Image paint_bowel(uint64_t seed) {
 Image paint_muscle(uint64_t seed) {
     return paint_picture([seed](double u, double v) {
         const double bent = v + 0.015 * cloud(u, v, 6, 2, seed + 20);
-        const double fibres =
-            0.6 * periodic_noise(u, bent, 5, 110, seed + 40) + 0.4 * periodic_noise(u, bent, 9, 60, seed + 41);
+        const double fibres = 0.6 * periodic_noise(u, bent, 5, 110, seed + 40) + 0.4 * periodic_noise(u, bent, 9, 60, seed + 41);
         const double patches = cloud(u, v, 4, 4, seed);
         Colour c = blend(Colour(118, 34, 34), Colour(168, 66, 58), 0.5 + 0.3 * patches + 0.45 * fibres);
         c = blend(c, Colour(214, 176, 160), 0.35 * ramp(fibres, 0.35, 0.8));
@@ -264,8 +262,7 @@ Image paint_muscle(uint64_t seed) {
 Image paint_fascia(uint64_t seed) {
     return paint_picture([seed](double u, double v) {
         const double bent = v + 0.02 * cloud(u, v, 5, 2, seed + 20);
-        const double fibres =
-            0.5 * periodic_noise(u, bent, 4, 90, seed + 40) + 0.5 * periodic_noise(u, bent, 7, 44, seed + 41);
+        const double fibres = 0.5 * periodic_noise(u, bent, 4, 90, seed + 40) + 0.5 * periodic_noise(u, bent, 7, 44, seed + 41);
         const double patches = cloud(u, v, 4, 5, seed);
         Colour c = blend(Colour(196, 160, 142), Colour(228, 206, 188), 0.5 + 0.3 * patches + 0.4 * fibres);
         c = blend(c, Colour(178, 88, 76), 0.35 * ramp(cloud(u, v, 3, 4, seed + 70), 0.0, 0.7));

@@ -17,7 +17,8 @@ constexpr size_t kMostRuns = 1'000'000;
 
 // What goes into a line of a list of commands, or of a job script.
 std::string one_line(const std::string& file, const toml::source_region& at, const std::string& text) {
-    if (std::any_of(text.begin(), text.end(), [](unsigned char c) { return c < ' ' || c == 127; })) refuse(file, at, "line ends and other control characters do not go into commands");
+    if (std::any_of(text.begin(), text.end(), [](unsigned char c) { return c < ' ' || c == 127; }))
+        refuse(file, at, "line ends and other control characters do not go into commands");
     return text;
 }
 
@@ -26,8 +27,10 @@ std::string value_text(const std::string& file, const toml::node& node) {
     if (const auto text = node.value<std::string>(); node.is_string()) return one_line(file, node.source(), *text);
     std::ostringstream out;
     out.precision(17);
-    if (const auto number = node.value<double>(); node.is_floating_point()) out << *number;
-    else node.visit([&](const auto& v) { out << v; });
+    if (const auto number = node.value<double>(); node.is_floating_point())
+        out << *number;
+    else
+        node.visit([&](const auto& v) { out << v; });
     return one_line(file, node.source(), out.str());
 }
 
@@ -44,7 +47,8 @@ std::vector<SweepAxis> read_axes(const std::string& file, const toml::node& node
     for (const auto& [key, values] : *node.as_table()) {
         SweepAxis axis{one_line(file, key.source(), std::string(key.str())), {}};
         const toml::array* list = values.as_array();
-        if (!list || list->empty()) refuse(file, values.source(), "vary \"" + axis.key + "\" needs a list of values; a key with dots stands in quotes");
+        if (!list || list->empty())
+            refuse(file, values.source(), "vary \"" + axis.key + "\" needs a list of values; a key with dots stands in quotes");
         for (const toml::node& value : *list) axis.values.push_back(value_text(file, value));
         runs *= axis.values.size();
         if (runs > kMostRuns) refuse(file, values.source(), "more than a million runs");
@@ -54,15 +58,20 @@ std::vector<SweepAxis> read_axes(const std::string& file, const toml::node& node
 }
 
 void read_key(const std::string& file, const std::string& key, const toml::node& node, SweepFile& sweep) {
-    if (key == "name") sweep.name = text_of(file, node, key);
-    else if (key == "scene") sweep.scene = text_of(file, node, key);
-    else if (key == "vary") sweep.axes = read_axes(file, node);
+    if (key == "name")
+        sweep.name = text_of(file, node, key);
+    else if (key == "scene")
+        sweep.scene = text_of(file, node, key);
+    else if (key == "vary")
+        sweep.axes = read_axes(file, node);
     else if (key == "seconds" || key == "threads") {
         const double value = node.is_number() ? *node.value<double>() : -1;
         const bool whole = key == "seconds" || value == std::floor(value);
         if (!(value > 0 && value < 1e6 && whole)) refuse(file, node.source(), key + " must be a positive number");
-        if (key == "seconds") sweep.seconds = value;
-        else sweep.threads = static_cast<uint32_t>(value);
+        if (key == "seconds")
+            sweep.seconds = value;
+        else
+            sweep.threads = static_cast<uint32_t>(value);
     } else if (key == "set") {
         if (!node.is_table()) refuse(file, node.source(), "set must be a table");
         for (const auto& [name, value] : *node.as_table()) {
@@ -91,8 +100,14 @@ SweepFile read_sweep_file(const std::filesystem::path& path) {
     if (sweep.scene.empty() && !scene_varies) throw InputError(file + ": a sweep needs a scene");
     if (sweep.axes.empty()) throw InputError(file + ": nothing varies: [vary] with a list of values a key");
     if (sweep.columns.empty())
-        sweep.columns = {"state_hash", "wall_s", "displayed_frame.p99_ms", "contact.total_ms_mean", "contact.max_depth_m", "scale.residual_max_m",
-                         "energy.worst_balance_of_peak", "report.nonfinite_particles"};
+        sweep.columns = {"state_hash",
+                         "wall_s",
+                         "displayed_frame.p99_ms",
+                         "contact.total_ms_mean",
+                         "contact.max_depth_m",
+                         "scale.residual_max_m",
+                         "energy.worst_balance_of_peak",
+                         "report.nonfinite_particles"};
     return sweep;
 }
 

@@ -25,7 +25,7 @@ void vary_tissue(const NodeTissue& nodes, const Meshes& meshes, uint32_t body, S
 
 // Values at given places, from a painted field: a PLY file whose vertices carry the numbers `property`.
 struct PaintedField {
-    std::vector<Vec3d> place;   // file units
+    std::vector<Vec3d> place;  // file units
     std::vector<double> value;
 };
 // Throws InputError "file: reason" when the file has no such number for every vertex, or one is not finite.

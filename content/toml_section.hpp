@@ -40,9 +40,9 @@ class TomlSection {
     void read(std::string_view key, std::vector<std::string>& values);  // one string, or an array of them
     void read(std::string_view key, bool& value);
     void read(std::string_view key, Vec3d& value);
-    void read(std::string_view key, Quat& value);  // [axis x, y, z, degrees]
+    void read(std::string_view key, Quat& value);                                // [axis x, y, z, degrees]
     bool read(std::string_view key, size_t count, std::vector<double>& values);  // false when the key is not there
-    void read_direction(std::string_view key, Vec3d& direction);  // any length but none
+    void read_direction(std::string_view key, Vec3d& direction);                 // any length but none
     void read_counts(std::string_view key, std::array<uint32_t, 2>& value, double lowest, double highest);
     template <typename Int>
     void read_count(std::string_view key, Int& value, double lowest, double highest) {

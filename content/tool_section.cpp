@@ -17,7 +17,8 @@ HandModel read_hand(TomlSection section) {
     section.read("tremor", hand.tremor, 0, 0.1);
     section.read("tremor_rate", hand.tremor_rate, 0.01, 100);
     section.refuse_unknown();
-    if (hand.mass == 0 && (hand.damping > 0 || hand.stiffness > 0 || hand.arm_damping > 0 || hand.friction > 0 || hand.encoder > 0 || hand.delay > 0))
+    if (hand.mass == 0 &&
+        (hand.damping > 0 || hand.stiffness > 0 || hand.arm_damping > 0 || hand.friction > 0 || hand.encoder > 0 || hand.delay > 0))
         section.fail("[tool.hand] gives way to forces only with a mass");
     return hand;
 }
@@ -63,13 +64,27 @@ void check_effect(const TomlSection& section, const HapticEffect& e, const std::
     switch (e.kind) {
         case EffectKind::kSpringPoint:
         case EffectKind::kSpringLine:
-        case EffectKind::kSpringPlane: need(e.stiffness, "stiffness"); break;
-        case EffectKind::kConstant: need(e.force, "force"); break;
-        case EffectKind::kImpulse: need(e.impulse, "impulse"); break;
-        case EffectKind::kVibration: need(e.force, "force"), need(e.frequency, "frequency"); break;
-        case EffectKind::kViscosity: need(e.damping, "damping"); break;
-        case EffectKind::kInertia: need(e.mass, "mass"); break;
-        case EffectKind::kMagnet: need(e.force, "force"), need(e.reach, "reach"); break;
+        case EffectKind::kSpringPlane:
+            need(e.stiffness, "stiffness");
+            break;
+        case EffectKind::kConstant:
+            need(e.force, "force");
+            break;
+        case EffectKind::kImpulse:
+            need(e.impulse, "impulse");
+            break;
+        case EffectKind::kVibration:
+            need(e.force, "force"), need(e.frequency, "frequency");
+            break;
+        case EffectKind::kViscosity:
+            need(e.damping, "damping");
+            break;
+        case EffectKind::kInertia:
+            need(e.mass, "mass");
+            break;
+        case EffectKind::kMagnet:
+            need(e.force, "force"), need(e.reach, "reach");
+            break;
     }
     if (e.trigger == EffectTrigger::kButton) need(e.buttons, "buttons (bits) with when = \"button\"");
 }
@@ -80,13 +95,20 @@ HapticEffect read_effect(TomlSection section) {
     section.read("kind", kind);
     if (kind.empty()) section.fail("a [[tool.effect]] needs a kind");
     section.read_enum<EffectKind>("kind", e.kind,
-                                  {{"spring_to_point", EffectKind::kSpringPoint}, {"spring_to_line", EffectKind::kSpringLine},
-                                   {"spring_to_plane", EffectKind::kSpringPlane}, {"constant", EffectKind::kConstant},
-                                   {"impulse", EffectKind::kImpulse}, {"vibration", EffectKind::kVibration},
-                                   {"viscosity", EffectKind::kViscosity}, {"inertia", EffectKind::kInertia}, {"magnet", EffectKind::kMagnet}});
+                                  {{"spring_to_point", EffectKind::kSpringPoint},
+                                   {"spring_to_line", EffectKind::kSpringLine},
+                                   {"spring_to_plane", EffectKind::kSpringPlane},
+                                   {"constant", EffectKind::kConstant},
+                                   {"impulse", EffectKind::kImpulse},
+                                   {"vibration", EffectKind::kVibration},
+                                   {"viscosity", EffectKind::kViscosity},
+                                   {"inertia", EffectKind::kInertia},
+                                   {"magnet", EffectKind::kMagnet}});
     section.read_enum<EffectTrigger>("when", e.trigger,
-                                     {{"time", EffectTrigger::kTime}, {"button", EffectTrigger::kButton},
-                                      {"touch", EffectTrigger::kTouch}, {"release", EffectTrigger::kRelease}});
+                                     {{"time", EffectTrigger::kTime},
+                                      {"button", EffectTrigger::kButton},
+                                      {"touch", EffectTrigger::kTouch},
+                                      {"release", EffectTrigger::kRelease}});
     section.read("start", e.start, 0, 1e9);
     section.read("duration", e.duration, 0, 1e9);
     section.read_count("buttons", e.buttons, 0, 4294967295.0);
@@ -145,7 +167,8 @@ void read_tool_tables(const std::string& file, TomlSection& section, ToolSpec& t
     if (!effects) return;
     for (const toml::node& node : *effects) tool.effects.push_back(read_effect({file, *node.as_table(), "[[tool.effect]]"}));
     if (tool.effects.size() > kMaxEffects)
-        section.fail("tool \"" + tool.body + "\" has " + std::to_string(tool.effects.size()) + " effects; the most is " + std::to_string(kMaxEffects));
+        section.fail("tool \"" + tool.body + "\" has " + std::to_string(tool.effects.size()) + " effects; the most is " +
+                     std::to_string(kMaxEffects));
 }
 
 // What a tool has whose whole body feels.
@@ -168,7 +191,8 @@ ToolSpec read_tool(const std::string& file, const toml::table& table) {
     section.read("tip", tool.tip);
     section.read("tip_radius", tool.tip_radius, 0, 10);
     section.read_count("dof", tool.dof, 3, 6);
-    if (tool.dof != 3 && tool.dof != 6) section.fail("tool \"" + tool.body + "\": dof is 3 (a sphere at the tip feels) or 6 (the whole body does)");
+    if (tool.dof != 3 && tool.dof != 6)
+        section.fail("tool \"" + tool.body + "\": dof is 3 (a sphere at the tip feels) or 6 (the whole body does)");
     if (tool.dof == 6) read_shell(section, tool);
     section.read("stiffness", tool.stiffness, 0, 1e7);
     section.read("damping", tool.damping, 0, 1e6);
@@ -180,8 +204,7 @@ ToolSpec read_tool(const std::string& file, const toml::table& table) {
     read_degrees(section, "grip_closed", tool.grip_closed);
     read_tool_tables(file, section, tool);
     section.refuse_unknown();
-    if (tool.path.empty() && tool.trace.empty())
-        section.fail("tool \"" + tool.body + "\" needs a trace or a [[tool.path]]");
+    if (tool.path.empty() && tool.trace.empty()) section.fail("tool \"" + tool.body + "\" needs a trace or a [[tool.path]]");
     return tool;
 }
 

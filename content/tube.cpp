@@ -78,8 +78,8 @@ double RadiusProfile::radius(double s) const {
     const double x = std::clamp((s - key[i].s) / h, 0.0, 1.0);
     const double a = key[i].radius * key[i].radius, b = key[i + 1].radius * key[i + 1].radius;
     const double x2 = x * x, x3 = x2 * x;
-    const double square = (2 * x3 - 3 * x2 + 1) * a + (x3 - 2 * x2 + x) * h * slope[i] + (3 * x2 - 2 * x3) * b +
-                          (x3 - x2) * h * slope[i + 1];
+    const double square =
+        (2 * x3 - 3 * x2 + 1) * a + (x3 - 2 * x2 + x) * h * slope[i] + (3 * x2 - 2 * x3) * b + (x3 - x2) * h * slope[i + 1];
     return std::sqrt(std::max(square, 0.0));
 }
 
@@ -89,8 +89,7 @@ RadiusProfile make_profile(std::vector<RadiusKey> keys, bool pointed) {
     const size_t count = keys.size();
     std::vector<double> rise(count - 1);
     for (size_t i = 0; i + 1 < count; ++i) {
-        rise[i] =
-            (keys[i + 1].radius * keys[i + 1].radius - keys[i].radius * keys[i].radius) / (keys[i + 1].s - keys[i].s);
+        rise[i] = (keys[i + 1].radius * keys[i + 1].radius - keys[i].radius * keys[i].radius) / (keys[i + 1].s - keys[i].s);
     }
     // Fritsch and Butland 1984: harmonic mean of the rises, level where they change sign; ends steep enough to be round
     profile.slope.assign(count, 0.0);
@@ -109,8 +108,7 @@ double profile_volume(const RadiusProfile& profile) {
     for (size_t i = 0; i + 1 < profile.key.size(); ++i) {
         const RadiusKey &a = profile.key[i], &b = profile.key[i + 1];
         const double h = b.s - a.s;
-        sum += h * (a.radius * a.radius + b.radius * b.radius) / 2 +
-               h * h * (profile.slope[i] - profile.slope[i + 1]) / 12;
+        sum += h * (a.radius * a.radius + b.radius * b.radius) / 2 + h * h * (profile.slope[i] - profile.slope[i + 1]) / 12;
     }
     return M_PI * sum;
 }
@@ -120,8 +118,7 @@ Loft tube_loft(const CentreLine& line, const RadiusProfile& profile, std::functi
     loft.samples = 512;
     loft.point = [line, profile, swell](double u, double v) {
         // slow at round ends, where the radius grows with the root of the way
-        const double s =
-            profile.key.back().s * (profile.pointed ? 1 - std::cos(M_PI / 2 * v) : (1 - std::cos(M_PI * v)) / 2);
+        const double s = profile.key.back().s * (profile.pointed ? 1 - std::cos(M_PI / 2 * v) : (1 - std::cos(M_PI * v)) / 2);
         Vec3d along, x, y;
         const Vec3d centre = line.at(s, along, x, y);
         const double radius = profile.radius(s) * (swell ? swell(u, s) : 1.0);

@@ -40,7 +40,6 @@ RadiusProfile make_profile(std::vector<RadiusKey> keys, bool pointed = false);
 double profile_volume(const RadiusProfile& profile);
 
 // The tube around a centre line. `swell(u, s)` multiplies the radius; empty = 1.
-Loft tube_loft(const CentreLine& line, const RadiusProfile& profile,
-               std::function<double(double u, double s)> swell = {});
+Loft tube_loft(const CentreLine& line, const RadiusProfile& profile, std::function<double(double u, double s)> swell = {});
 
 }  // namespace trocar

@@ -69,9 +69,8 @@ CentreLine bowel_line() {
         const double s = kLength * (i + 0.5) / kSteps;
         const double heading = kTurn * std::sin(2 * M_PI * s / kWave + 0.35);
         const double rise = 0.28 * std::sin(2 * M_PI * s / (0.62 * kWave) + 1.0);
-        place.push_back(place.back() + kLength / kSteps *
-                                           Vec3d(std::cos(heading) * std::cos(rise), std::sin(heading) * std::cos(rise),
-                                                 std::sin(rise)));
+        place.push_back(place.back() +
+                        kLength / kSteps * Vec3d(std::cos(heading) * std::cos(rise), std::sin(heading) * std::cos(rise), std::sin(rise)));
     }
     Vec3d middle = Vec3d::Zero();
     for (const Vec3d& p : place) middle += p / double(place.size());

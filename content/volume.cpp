@@ -24,16 +24,26 @@ template <typename Work>
 auto with_voxels(const Volume& volume, const Work& work) {
     const char* bytes = volume.voxels.data();
     switch (volume.type) {
-        case VoxelType::kUint8: return work(Voxels<uint8_t>{bytes});
-        case VoxelType::kInt8: return work(Voxels<int8_t>{bytes});
-        case VoxelType::kUint16: return work(Voxels<uint16_t>{bytes});
-        case VoxelType::kInt16: return work(Voxels<int16_t>{bytes});
-        case VoxelType::kUint32: return work(Voxels<uint32_t>{bytes});
-        case VoxelType::kInt32: return work(Voxels<int32_t>{bytes});
-        case VoxelType::kUint64: return work(Voxels<uint64_t>{bytes});
-        case VoxelType::kInt64: return work(Voxels<int64_t>{bytes});
-        case VoxelType::kFloat: return work(Voxels<float>{bytes});
-        case VoxelType::kDouble: break;
+        case VoxelType::kUint8:
+            return work(Voxels<uint8_t>{bytes});
+        case VoxelType::kInt8:
+            return work(Voxels<int8_t>{bytes});
+        case VoxelType::kUint16:
+            return work(Voxels<uint16_t>{bytes});
+        case VoxelType::kInt16:
+            return work(Voxels<int16_t>{bytes});
+        case VoxelType::kUint32:
+            return work(Voxels<uint32_t>{bytes});
+        case VoxelType::kInt32:
+            return work(Voxels<int32_t>{bytes});
+        case VoxelType::kUint64:
+            return work(Voxels<uint64_t>{bytes});
+        case VoxelType::kInt64:
+            return work(Voxels<int64_t>{bytes});
+        case VoxelType::kFloat:
+            return work(Voxels<float>{bytes});
+        case VoxelType::kDouble:
+            break;
     }
     return work(Voxels<double>{bytes});
 }
@@ -85,8 +95,8 @@ size_t voxel_bytes(VoxelType type) {
 }
 
 const char* voxel_type_name(VoxelType type) {
-    constexpr std::array<const char*, 10> kNames{"uint8", "int8", "uint16", "int16", "uint32",
-                                                 "int32", "uint64", "int64", "float", "double"};
+    constexpr std::array<const char*, 10> kNames{"uint8", "int8",   "uint16", "int16", "uint32",
+                                                 "int32", "uint64", "int64",  "float", "double"};
     return kNames[static_cast<size_t>(type)];
 }
 
@@ -96,8 +106,7 @@ Vec3d place_of_index(const Volume& volume, const Vec3d& index) {
 
 double signed_voxel_volume(const Volume& volume) {
     const auto& [a, b, c] = volume.step;
-    return a.x() * (b.y() * c.z() - b.z() * c.y()) + a.y() * (b.z() * c.x() - b.x() * c.z()) +
-           a.z() * (b.x() * c.y() - b.y() * c.x());
+    return a.x() * (b.y() * c.z() - b.z() * c.y()) + a.y() * (b.z() * c.x() - b.x() * c.z()) + a.z() * (b.x() * c.y() - b.y() * c.x());
 }
 
 double voxel_volume(const Volume& volume) { return std::abs(signed_voxel_volume(volume)); }

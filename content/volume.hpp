@@ -17,11 +17,11 @@ const char* voxel_type_name(VoxelType type);
 // A segmented or measured image in space. Lengths are the file's, for medical images millimetres; x runs to the
 // patient's left, y to the back, z to the head (LPS, the convention of DICOM and ITK).
 struct Volume {
-    std::array<uint32_t, 3> size{};               // voxels
-    Vec3d origin = Vec3d::Zero();                 // middle of voxel (0, 0, 0)
+    std::array<uint32_t, 3> size{};                                             // voxels
+    Vec3d origin = Vec3d::Zero();                                               // middle of voxel (0, 0, 0)
     std::array<Vec3d, 3> step{Vec3d::UnitX(), Vec3d::UnitY(), Vec3d::UnitZ()};  // to the next voxel along each index
     VoxelType type = VoxelType::kUint8;
-    std::string voxels;                           // x fastest, little endian; size[0] * size[1] * size[2] values
+    std::string voxels;  // x fastest, little endian; size[0] * size[1] * size[2] values
 };
 
 // Place of a point given in voxel indices.
@@ -37,10 +37,10 @@ std::vector<std::pair<double, uint64_t>> count_values(const Volume& volume, size
 // Chosen voxels inside the box around them, enlarged by a frame of voxels that are not chosen (and may lie outside of
 // the volume).
 struct VoxelMask {
-    std::array<int64_t, 3> first{};   // voxel of the volume that inside[0] stands for
-    std::array<uint32_t, 3> size{};   // voxels, frame included
-    std::vector<uint8_t> inside;      // 1 = chosen, x fastest
-    uint64_t count = 0;               // of them
+    std::array<int64_t, 3> first{};  // voxel of the volume that inside[0] stands for
+    std::array<uint32_t, 3> size{};  // voxels, frame included
+    std::vector<uint8_t> inside;     // 1 = chosen, x fastest
+    uint64_t count = 0;              // of them
 };
 
 // Chooses the voxels with value `label`, or of value `threshold` and above. `frame` >= 1 voxels. An empty mask (count

@@ -64,10 +64,9 @@ void refuse_outside_files(const fs::path& path) {
     const fs::path folder = path.has_parent_path() ? path.parent_path() : fs::path(".");
     const auto check = [&](const std::string& name) {
         const bool pattern = name.find('%') != std::string::npos;  // one file a slice, numbered
-        const std::string refusal = !pattern ? find_local_file(folder, folder, name).refusal
-                                    : name.find_first_of("/\\") != std::string::npos
-                                        ? "numbered slices must lie beside their header"
-                                        : "";
+        const std::string refusal = !pattern                                         ? find_local_file(folder, folder, name).refusal
+                                    : name.find_first_of("/\\") != std::string::npos ? "numbered slices must lie beside their header"
+                                                                                     : "";
         if (!refusal.empty()) throw InputError(path.string() + ": data file \"" + name + "\": " + refusal);
     };
     bool listed = false;

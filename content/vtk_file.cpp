@@ -9,20 +9,7 @@
 namespace trocar {
 namespace {
 
-enum class Scalar : uint8_t {
-    kBit,
-    kInt8,
-    kUint8,
-    kInt16,
-    kUint16,
-    kInt32,
-    kUint32,
-    kInt64,
-    kUint64,
-    kFloat,
-    kDouble,
-    kString
-};
+enum class Scalar : uint8_t { kBit, kInt8, kUint8, kInt16, kUint16, kInt32, kUint32, kInt64, kUint64, kFloat, kDouble, kString };
 
 struct NamedScalar {
     std::string_view name;
@@ -110,9 +97,7 @@ void read_numbers(VtkState& s, uint64_t count, const NamedScalar& scalar, Take t
 }
 
 // At least a digit and a blank, or one byte, stand for each number.
-uint64_t read_count(VtkState& s, const char* what) {
-    return s.words.count(what, s.binary ? s.left() : s.left() / 2 + 1);
-}
+uint64_t read_count(VtkState& s, const char* what) { return s.words.count(what, s.binary ? s.left() : s.left() / 2 + 1); }
 
 void read_points(VtkState& s) {
     const uint64_t count = read_count(s, "a number of points");
@@ -194,8 +179,7 @@ void skip_field(VtkState& s) {
         const std::string_view name = s.words.next();
         const uint64_t width = read_count(s, "a number of components"), rows = read_count(s, "a number of rows");
         const NamedScalar scalar = read_type(s);
-        if (rows > 0 && width > (s.left() + 1) / rows)
-            s.words.fail("array " + shown(name) + " is longer than the file");
+        if (rows > 0 && width > (s.left() + 1) / rows) s.words.fail("array " + shown(name) + " is longer than the file");
         if (scalar.type == Scalar::kString) s.words.fail("array " + shown(name) + " of strings is not read");
         read_numbers(s, width * rows, scalar, [](double) {});
     }
@@ -245,8 +229,7 @@ LoadedMesh read_vtk(std::string_view bytes, const std::filesystem::path& path) {
         } else if (word == "METADATA") {
             skip_metadata(s);
         } else if (word == "POINT_DATA" || word == "CELL_DATA") {
-            s.loaded.warnings.push_back(path.string() + ":" + std::to_string(s.words.line) +
-                                        ": data of points and cells is passed over");
+            s.loaded.warnings.push_back(path.string() + ":" + std::to_string(s.words.line) + ": data of points and cells is passed over");
             break;  // nothing about the shape comes after it
         } else {
             s.words.fail("expected POINTS, POLYGONS or another part of POLYDATA, found " + shown(word));

@@ -15,11 +15,8 @@ constexpr double kMostPitch = 6.6e-3;           // m
 
 // Point of the outline of a rectangle, u from its lower left corner, a side a quarter.
 Vec3d rectangle(const Vec3d& half, double u) {
-    const Vec3d corner[5] = {{-half.x(), -half.y(), 0},
-                             {half.x(), -half.y(), 0},
-                             {half.x(), half.y(), 0},
-                             {-half.x(), half.y(), 0},
-                             {-half.x(), -half.y(), 0}};
+    const Vec3d corner[5] = {
+        {-half.x(), -half.y(), 0}, {half.x(), -half.y(), 0}, {half.x(), half.y(), 0}, {-half.x(), half.y(), 0}, {-half.x(), -half.y(), 0}};
     const size_t side = std::min<size_t>(static_cast<size_t>(4 * u), 3);
     return corner[side] + (4 * u - double(side)) * (corner[side + 1] - corner[side]);
 }
@@ -132,11 +129,7 @@ Mesh make_hernia_wall(const WallSize& size, uint32_t triangles) {
                            : piece == 1 ? Vec3d(hole(0) + way * (outer - hole(0)))
                            : piece == 2 ? outer
                                         : Vec3d(outer + way * (hole(0) - outer));
-        const double lift = size.thickness / 2 *
-                            (piece == 0   ? std::sin(turn)
-                             : piece == 1 ? 1.0
-                             : piece == 2 ? 1 - 2 * way
-                                          : -1.0);
+        const double lift = size.thickness / 2 * (piece == 0 ? std::sin(turn) : piece == 1 ? 1.0 : piece == 2 ? 1 - 2 * way : -1.0);
         const double bend = plan.x() / size.bend;
         return Vec3d((size.bend + lift) * std::sin(bend), plan.y(), (size.bend + lift) * std::cos(bend) - size.bend);
     };
@@ -176,8 +169,7 @@ Mesh make_surgical_mesh(const MeshCells& cells) {
     for (uint32_t j = 0; j < cells.rows; ++j) {
         const bool shifted = j % 2 == 1;
         for (uint32_t i = shifted ? 1 : 0; i + 2 <= 2 * cells.columns; i += 2) {
-            add_cell({corner(i, j), corner(i + 1, j), corner(i + 2, j), corner(i + 2, j + 1), corner(i + 1, j + 1),
-                      corner(i, j + 1)},
+            add_cell({corner(i, j), corner(i + 1, j), corner(i + 2, j), corner(i + 2, j + 1), corner(i + 1, j + 1), corner(i, j + 1)},
                      cells, sheet);
         }
         for (uint32_t i = 0; shifted && i <= 2 * cells.columns; i += 2 * cells.columns - 1) {

@@ -12,9 +12,7 @@ bool is_space(char c) { return static_cast<unsigned char>(c) <= ' '; }
 
 }  // namespace
 
-void Words::fail(const std::string& reason) const {
-    throw InputError(path.string() + ":" + std::to_string(line) + ": " + reason);
-}
+void Words::fail(const std::string& reason) const { throw InputError(path.string() + ":" + std::to_string(line) + ": " + reason); }
 
 void Words::skip_blanks() {
     for (; at != end; ++at) {
@@ -70,8 +68,7 @@ uint64_t Words::count(const char* what, uint64_t most) {
     }
     if (!good) fail(std::string("expected ") + what + ", found " + shown(word));
     if (value > most) {
-        fail(std::string(what) + " " + std::string(word) + ": the file has room for no more than " +
-             std::to_string(most));
+        fail(std::string(what) + " " + std::string(word) + ": the file has room for no more than " + std::to_string(most));
     }
     return value;
 }

@@ -10,9 +10,9 @@
 namespace trocar {
 namespace {
 
-constexpr uint32_t kGroup = 8;               // hinges at a time
-constexpr uint32_t kGroupsPerChunk = 2048;   // the same cut for any number of threads
-constexpr double kLeastHeight = 0.25;        // mean edges: flatter triangles bend as if they were this high
+constexpr uint32_t kGroup = 8;              // hinges at a time
+constexpr uint32_t kGroupsPerChunk = 2048;  // the same cut for any number of threads
+constexpr double kLeastHeight = 0.25;       // mean edges: flatter triangles bend as if they were this high
 
 struct Vectors {
     __m256 x, y, z;
@@ -157,8 +157,7 @@ void append_hinges(Hinges& hinges, const std::vector<RestHinge>& rest) {
         const auto each = [&](auto&& value) {
             for (size_t i = group * kGroup; i < (group + 1) * kGroup; ++i) value(i < rest.size() ? &rest[i] : nullptr);
         };
-        for (int corner = 0; corner < 4; ++corner)
-            each([&](const RestHinge* h) { hinges.vertex.push_back(h ? h->vertex[corner] : 0); });
+        for (int corner = 0; corner < 4; ++corner) each([&](const RestHinge* h) { hinges.vertex.push_back(h ? h->vertex[corner] : 0); });
         each([&](const RestHinge* h) { hinges.sine.push_back(h ? static_cast<float>(h->sine) : 0.0f); });
         each([&](const RestHinge* h) { hinges.cosine.push_back(h ? static_cast<float>(h->cosine) : 1.0f); });
         each([&](const RestHinge* h) { hinges.weight.push_back(h ? static_cast<float>(h->weight) : 0.0f); });
@@ -191,9 +190,7 @@ void append_slots(Hinges& hinges, const std::vector<RestHinge>& rest, uint32_t s
 
 }  // namespace
 
-double bending_rigidity(const Tissue& tissue) {
-    return tissue.bending * tissue.wall * tissue.wall * tissue.wall / (12 * (1 - 1.0 / 9));
-}
+double bending_rigidity(const Tissue& tissue) { return tissue.bending * tissue.wall * tissue.wall * tissue.wall / (12 * (1 - 1.0 / 9)); }
 
 void add_hinges(Springs& springs, const MeshView& mesh, uint32_t prototype) {
     Hinges& hinges = springs.hinges;
@@ -207,14 +204,15 @@ void add_hinges(Springs& springs, const MeshView& mesh, uint32_t prototype) {
         RestHinge hinge;
         if (make_hinge(mesh, e, hinge)) rest.push_back(hinge);
     }
-    hinges.groups[prototype] = {static_cast<uint32_t>(hinges.weight.size() / kGroup), static_cast<uint32_t>((rest.size() + kGroup - 1) / kGroup)};
+    hinges.groups[prototype] = {static_cast<uint32_t>(hinges.weight.size() / kGroup),
+                                static_cast<uint32_t>((rest.size() + kGroup - 1) / kGroup)};
     hinges.first[prototype] = static_cast<uint32_t>(hinges.column.size());
     append_hinges(hinges, rest);
     append_slots(hinges, rest, springs.info[prototype].slices.count);
 }
 
-void add_bending_forces(const Springs& springs, uint32_t prototype, double rigidity, const Float4* offset,
-                        std::vector<Float4>& hinge_force, float* force_x, float* force_y, float* force_z) {
+void add_bending_forces(const Springs& springs, uint32_t prototype, double rigidity, const Float4* offset, std::vector<Float4>& hinge_force,
+                        float* force_x, float* force_y, float* force_z) {
     const Hinges& hinges = springs.hinges;
     const Range groups = hinges.groups[prototype];
     const size_t rows = size_t{4} * kGroup * groups.count;
@@ -226,13 +224,11 @@ void add_bending_forces(const Springs& springs, uint32_t prototype, double rigid
     });
     const uint32_t* column = hinges.column.data() + hinges.first[prototype];
     float* const force[3] = {force_x, force_y, force_z};
-    for_slices(springs.info[prototype].slices.count, [&](uint32_t begin, uint32_t end) {
-        gather_forces(hinge_force.data(), hinges, column, begin, end, force);
-    });
+    for_slices(springs.info[prototype].slices.count,
+               [&](uint32_t begin, uint32_t end) { gather_forces(hinge_force.data(), hinges, column, begin, end, force); });
 }
 
-double find_bending_energy(const Springs& springs, uint32_t prototype, double rigidity, const Float4* offset,
-                           std::vector<double>& sums) {
+double find_bending_energy(const Springs& springs, uint32_t prototype, double rigidity, const Float4* offset, std::vector<double>& sums) {
     const Range groups = springs.hinges.groups[prototype];
     sums.assign(size_t{chunk_count(groups.count, kGroupsPerChunk)} * kGroup, 0.0);
     parallel_for(groups.count, kGroupsPerChunk, [&](uint32_t begin, uint32_t end) {

@@ -30,12 +30,11 @@ void add_hinges(Springs& springs, const MeshView& mesh, uint32_t prototype);
 
 // Adds the bending forces (N, rows as offset) of particles that stand at `offset`. Hinges write their four forces, then
 // every vertex gathers its own in fixed order: same bits for any number of threads. hinge_force is reused memory.
-void add_bending_forces(const Springs& springs, uint32_t prototype, double rigidity, const Float4* offset,
-                        std::vector<Float4>& hinge_force, float* force_x, float* force_y, float* force_z);
+void add_bending_forces(const Springs& springs, uint32_t prototype, double rigidity, const Float4* offset, std::vector<Float4>& hinge_force,
+                        float* force_x, float* force_y, float* force_z);
 
 // U of all hinges, J, summed in double in fixed order. `sums` is reused memory.
-double find_bending_energy(const Springs& springs, uint32_t prototype, double rigidity, const Float4* offset,
-                           std::vector<double>& sums);
+double find_bending_energy(const Springs& springs, uint32_t prototype, double rigidity, const Float4* offset, std::vector<double>& sums);
 
 // Bound of omega^2 (1/s^2) that bending adds to the stiffest mode: the largest row sum of k |dtheta/dx_i| |dtheta/dx_j| /
 // m_i at rest, with the reserve below for flattened triangles (the forces of flatter ones are capped, see Hinges::cap)

@@ -7,10 +7,9 @@
 namespace trocar {
 
 std::array<Vec3d, 3> rotation_rows(const Quat& q) {
-    const double xx = q.x * q.x, yy = q.y * q.y, zz = q.z * q.z, xy = q.x * q.y, xz = q.x * q.z, yz = q.y * q.z,
-                 wx = q.w * q.x, wy = q.w * q.y, wz = q.w * q.z;
-    return {Vec3d(1 - 2 * (yy + zz), 2 * (xy - wz), 2 * (xz + wy)),
-            Vec3d(2 * (xy + wz), 1 - 2 * (xx + zz), 2 * (yz - wx)),
+    const double xx = q.x * q.x, yy = q.y * q.y, zz = q.z * q.z, xy = q.x * q.y, xz = q.x * q.z, yz = q.y * q.z, wx = q.w * q.x,
+                 wy = q.w * q.y, wz = q.w * q.z;
+    return {Vec3d(1 - 2 * (yy + zz), 2 * (xy - wz), 2 * (xz + wy)), Vec3d(2 * (xy + wz), 1 - 2 * (xx + zz), 2 * (yz - wx)),
             Vec3d(2 * (xz - wy), 2 * (yz + wx), 1 - 2 * (xx + yy))};
 }
 

@@ -22,8 +22,7 @@ struct Branch {
 };
 
 // Halves rows [begin, end) until they are single; every branch comes before those below it. Returns its box.
-FloatBox halve_boxes(std::span<const FloatBox> boxes, std::span<uint32_t> rows, uint32_t begin, uint32_t end,
-               std::vector<Branch>& branch) {
+FloatBox halve_boxes(std::span<const FloatBox> boxes, std::span<uint32_t> rows, uint32_t begin, uint32_t end, std::vector<Branch>& branch) {
     const uint32_t at = static_cast<uint32_t>(branch.size());
     branch.push_back({begin, end});
     const uint32_t count = end - begin;

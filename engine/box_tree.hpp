@@ -83,31 +83,25 @@ void visit_near_boxes(const BoxTree& tree, const float* q, float limit, const Vi
     uint32_t child[kBoxStack], height = 0, at = 0;
     const __m256 x = _mm256_set1_ps(q[0]), y = _mm256_set1_ps(q[1]), z = _mm256_set1_ps(q[2]);
     const auto outside = [](const float* low, const float* high, __m256 p) {
-        return _mm256_max_ps(
-            _mm256_max_ps(_mm256_sub_ps(_mm256_load_ps(low), p), _mm256_sub_ps(p, _mm256_load_ps(high))),
-            _mm256_setzero_ps());
+        return _mm256_max_ps(_mm256_max_ps(_mm256_sub_ps(_mm256_load_ps(low), p), _mm256_sub_ps(p, _mm256_load_ps(high))),
+                             _mm256_setzero_ps());
     };
     for (;;) {
         if (at < kBoxLeaf) {
             const BoxNode& n = tree.node[at];
-            const __m256 dx = outside(n.low[0], n.high[0], x), dy = outside(n.low[1], n.high[1], y),
-                         dz = outside(n.low[2], n.high[2], z);
+            const __m256 dx = outside(n.low[0], n.high[0], x), dy = outside(n.low[1], n.high[1], y), dz = outside(n.low[2], n.high[2], z);
             const __m256 d = _mm256_fmadd_ps(dz, dz, _mm256_fmadd_ps(dy, dy, _mm256_mul_ps(dx, dx)));
-            const uint32_t near =
-                static_cast<uint32_t>(_mm256_movemask_ps(_mm256_cmp_ps(d, _mm256_set1_ps(limit), _CMP_LE_OQ)));
+            const uint32_t near = static_cast<uint32_t>(_mm256_movemask_ps(_mm256_cmp_ps(d, _mm256_set1_ps(limit), _CMP_LE_OQ)));
             if (near != 0) {
                 // distances >= 0 are in order as integers too; their upper halves are enough to tell who is near
                 const __m256i bits = _mm256_srli_epi32(_mm256_castps_si256(d), 16);
-                const __m128i least = _mm_minpos_epu16(
-                    _mm_packus_epi32(_mm256_castsi256_si128(bits), _mm256_extracti128_si256(bits, 1)));
+                const __m128i least = _mm_minpos_epu16(_mm_packus_epi32(_mm256_castsi256_si128(bits), _mm256_extracti128_si256(bits, 1)));
                 const uint32_t best = static_cast<uint32_t>(_mm_cvtsi128_si32(least)) >> 16;
                 const uint32_t others = near & ~(1u << best);
-                const __m256i front = _mm256_cvtepu8_epi32(
-                    _mm_loadl_epi64(reinterpret_cast<const __m128i*>(kLanesToFront[others].data())));
+                const __m256i front = _mm256_cvtepu8_epi32(_mm_loadl_epi64(reinterpret_cast<const __m128i*>(kLanesToFront[others].data())));
                 _mm256_storeu_ps(squared + height, _mm256_permutevar8x32_ps(d, front));
-                _mm256_storeu_si256(
-                    reinterpret_cast<__m256i*>(child + height),
-                    _mm256_permutevar8x32_epi32(_mm256_load_si256(reinterpret_cast<const __m256i*>(n.child)), front));
+                _mm256_storeu_si256(reinterpret_cast<__m256i*>(child + height),
+                                    _mm256_permutevar8x32_epi32(_mm256_load_si256(reinterpret_cast<const __m256i*>(n.child)), front));
                 height += static_cast<uint32_t>(std::popcount(others));
                 at = n.child[best];
                 continue;

@@ -15,7 +15,7 @@ constexpr char kMagic[] = "trocarCP";
 constexpr uint32_t kVersion = 2, kByteOrder = 0x01020304;
 constexpr size_t kKindSize = 8, kRecordHeaderSize = kKindSize + 3 * sizeof(uint64_t);
 constexpr uint64_t kMostUnpacked = uint64_t{4} << 30;  // bytes, all records together
-constexpr uint32_t kMostArrays = 1 << 16;               // of a record; the widest has some hundred
+constexpr uint32_t kMostArrays = 1 << 16;              // of a record; the widest has some hundred
 constexpr int kZstdLevel = 3;
 
 template <typename T>
@@ -60,8 +60,7 @@ struct ByteReader {
 bool unpack_array(ByteReader& reader, CaptureArray& a) {
     uint16_t name_size = 0;
     std::span<const std::byte> name, rows;
-    if (!reader.take(name_size) || !reader.take(name, name_size) || !reader.take(a.type) || !reader.take(a.columns) ||
-        !reader.take(a.rows))
+    if (!reader.take(name_size) || !reader.take(name, name_size) || !reader.take(a.type) || !reader.take(a.columns) || !reader.take(a.rows))
         return false;
     if (a.type >= ArrayType::kCount || a.columns == 0 || a.columns > 1024) return false;
     const uint64_t row_size = a.columns * element_size(a.type);
@@ -122,8 +121,8 @@ const CaptureArray& find_array(const CaptureRecord& record, const std::string& n
     for (const CaptureArray& a : record.arrays) {
         if (a.name != name) continue;
         if (a.type != type || a.columns != columns)
-            throw InputError("record " + record.kind + ": array " + name + " is " + std::to_string(a.columns) + " x " +
-                             name_of(a.type) + ", not " + std::to_string(columns) + " x " + name_of(type));
+            throw InputError("record " + record.kind + ": array " + name + " is " + std::to_string(a.columns) + " x " + name_of(a.type) +
+                             ", not " + std::to_string(columns) + " x " + name_of(type));
         return a;
     }
     throw InputError("record " + record.kind + ": array " + name + " is missing");

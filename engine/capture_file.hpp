@@ -15,7 +15,7 @@ constexpr size_t element_size(ArrayType type) {  // bytes
     constexpr size_t kSizes[] = {1, 2, 4, 8, 4, 8};
     return kSizes[static_cast<size_t>(type)];
 }
-const char* name_of(ArrayType type);    // "u8", "f32", ...
+const char* name_of(ArrayType type);  // "u8", "f32", ...
 
 // A named array of rows x columns elements, row by row.
 struct CaptureArray {

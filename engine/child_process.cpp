@@ -37,9 +37,7 @@ struct Pipe {
     }
 };
 
-[[noreturn]] void fail(const std::string& program, int fault) {
-    throw InputError(program + ": cannot start: " + std::strerror(fault));
-}
+[[noreturn]] void fail(const std::string& program, int fault) { throw InputError(program + ": cannot start: " + std::strerror(fault)); }
 
 void open_pipe(Pipe& pipe, const std::string& program) {
     int ends[2];
@@ -54,8 +52,7 @@ int open_memory_file(std::string_view bytes, const std::string& program) {
     if (fd < 0) fail(program, errno);
     size_t done = 0;
     while (done < bytes.size()) {
-        const ssize_t got =
-            ::pwrite(fd, bytes.data() + done, std::min(bytes.size() - done, size_t{1} << 30), static_cast<off_t>(done));
+        const ssize_t got = ::pwrite(fd, bytes.data() + done, std::min(bytes.size() - done, size_t{1} << 30), static_cast<off_t>(done));
         if (got < 0 && errno == EINTR) continue;
         if (got <= 0) {
             const int fault = errno;
@@ -85,8 +82,7 @@ void limit(int resource, uint64_t soft, uint64_t hard) {
 }
 
 // Between fork and exec only calls that are safe in a signal handler are allowed: no allocation, no throw.
-[[noreturn]] void become(char* const* arguments, const ChildLimits& limits, int input, int output, int errors,
-                         int report, pid_t parent) {
+[[noreturn]] void become(char* const* arguments, const ChildLimits& limits, int input, int output, int errors, int report, pid_t parent) {
     ::setpgid(0, 0);
     ::prctl(PR_SET_PDEATHSIG, SIGKILL);
     if (::getppid() != parent) ::_exit(127);
@@ -112,8 +108,8 @@ void limit(int resource, uint64_t soft, uint64_t hard) {
 }
 
 // Starts the child; returns when exec has succeeded, throws when it has not.
-void start(Child& child, const std::vector<std::string>& arguments, const ChildLimits& limits, std::string_view text,
-           Pipe& output, Pipe& errors) {
+void start(Child& child, const std::vector<std::string>& arguments, const ChildLimits& limits, std::string_view text, Pipe& output,
+           Pipe& errors) {
     const std::string& program = arguments.front();
     std::vector<char*> pointers;
     for (const std::string& argument : arguments) pointers.push_back(const_cast<char*>(argument.c_str()));
@@ -216,9 +212,7 @@ ChildResult run_child(const std::vector<std::string>& arguments, const ChildLimi
     while (::wait4(child.pid, &status, 0, &usage) < 0 && errno == EINTR) {
     }
     child.pid = -1;
-    const auto seconds = [](const timeval& t) {
-        return static_cast<double>(t.tv_sec) + 1e-6 * static_cast<double>(t.tv_usec);
-    };
+    const auto seconds = [](const timeval& t) { return static_cast<double>(t.tv_sec) + 1e-6 * static_cast<double>(t.tv_usec); };
     result.cpu_seconds = seconds(usage.ru_utime) + seconds(usage.ru_stime);
     result.peak_resident_bytes = static_cast<uint64_t>(usage.ru_maxrss) * 1024;
     if (result.end != ChildEnd::kExited) return result;

@@ -41,8 +41,7 @@ constexpr int kChildOutOfMemory = 75;
 // Runs a program to its end: arguments[0] is its path (no search, no shell). Its standard input is a file in memory
 // that holds `input`; no other descriptor is inherited, and it leads a process group of its own, of which nothing is
 // left when this returns. It dies with this process. Throws InputError "program: cannot start: reason".
-ChildResult run_child(const std::vector<std::string>& arguments, const ChildLimits& limits,
-                      std::string_view input = {});
+ChildResult run_child(const std::vector<std::string>& arguments, const ChildLimits& limits, std::string_view input = {});
 
 // The last line of its standard error, control characters made blanks, cut to 300 bytes.
 std::string last_error_line(const ChildResult& result);

@@ -299,9 +299,8 @@ void ClosestPointTree::rebuild() {
 
 uint64_t ClosestPointTree::rebuilds() const { return impl_->rebuilds; }
 
-void ClosestPointTree::query(std::span<const Vec3d> points, std::span<const double> radius,
-                             std::span<const uint32_t> hint, std::span<SurfacePoint> out,
-                             QueryCounters& counters) const {
+void ClosestPointTree::query(std::span<const Vec3d> points, std::span<const double> radius, std::span<const uint32_t> hint,
+                             std::span<SurfacePoint> out, QueryCounters& counters) const {
     TROCAR_ASSERT(radius.size() == points.size() && out.size() == points.size());
     TROCAR_ASSERT(hint.empty() || hint.size() == points.size());
     if (impl_->boxes.empty()) {
@@ -312,8 +311,8 @@ void ClosestPointTree::query(std::span<const Vec3d> points, std::span<const doub
     Previous previous;
     for (size_t i = 0; i < points.size(); i += kBatch) {
         const size_t n = std::min<size_t>(kBatch, points.size() - i);
-        impl_->query_batch(points.subspan(i, n), radius.subspan(i, n), hint.empty() ? hint : hint.subspan(i, n),
-                           out.subspan(i, n), previous, counters);
+        impl_->query_batch(points.subspan(i, n), radius.subspan(i, n), hint.empty() ? hint : hint.subspan(i, n), out.subspan(i, n),
+                           previous, counters);
     }
 }
 

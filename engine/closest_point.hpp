@@ -11,11 +11,10 @@ enum class Feature : uint8_t { kVertex0, kVertex1, kVertex2, kEdge0, kEdge1, kEd
 
 // Nearest surface point. triangle == kNone when nothing lies within the radius asked for.
 struct SurfacePoint {
-    Vec3d point = Vec3d::Zero();  // m, frame of the tree
-    Vec3d normal =
-        Vec3d::Zero();    // unit, outward: sign * (query - point) / distance, or the pseudonormal when on the surface
-    double distance = 0;  // m, signed: < 0 inside. Unsigned (>= 0) for sheets
-    uint32_t triangle = kNone;  // local triangle
+    Vec3d point = Vec3d::Zero();   // m, frame of the tree
+    Vec3d normal = Vec3d::Zero();  // unit, outward: sign * (query - point) / distance, or the pseudonormal when on the surface
+    double distance = 0;           // m, signed: < 0 inside. Unsigned (>= 0) for sheets
+    uint32_t triangle = kNone;     // local triangle
     Feature feature = Feature::kFace;
 };
 
@@ -52,8 +51,8 @@ class ClosestPointTree {
     // Answers point i into out[i]. radius[i] (m, may be infinite) bounds the search: a surface at exactly that
     // distance may or may not be found, anything nearer is. hint[i] = a triangle likely to be near, or kNone; an empty
     // span means no hints. Thread-safe against other queries.
-    void query(std::span<const Vec3d> points, std::span<const double> radius, std::span<const uint32_t> hint,
-               std::span<SurfacePoint> out, QueryCounters& counters) const;
+    void query(std::span<const Vec3d> points, std::span<const double> radius, std::span<const uint32_t> hint, std::span<SurfacePoint> out,
+               QueryCounters& counters) const;
     SurfacePoint query(const Vec3d& point, double radius = std::numeric_limits<double>::infinity()) const;
 
     // Compares the sign of every answer of a solid with the winding number and counts where they differ.

@@ -88,8 +88,8 @@ static inline __attribute__((always_inline)) __m256 half_distance(const Meshlet*
     const Lanes3 a = subtract(a0, p), b = subtract(b0, p), c = subtract(c0, p);
     const __m256 d = _mm256_min_ps(to_segment(a, ab), _mm256_min_ps(to_segment(b, bc), to_segment(c, ca)));
     const Lanes3 n = cross(ca, ab);
-    const __m256 s = _mm256_max_ps(dot(cross(n, ab), a),
-                                   _mm256_max_ps(dot(cross(n, bc), b), dot(cross(n, ca), c)));  // <= 0: above the face
+    const __m256 s =
+        _mm256_max_ps(dot(cross(n, ab), a), _mm256_max_ps(dot(cross(n, bc), b), dot(cross(n, ca), c)));  // <= 0: above the face
     const __m256 h = dot(n, a);
     const __m256 face = _mm256_mul_ps(h, _mm256_div_ps(h, _mm256_max_ps(dot(n, n), _mm256_set1_ps(1e-36f))));
     const __m256 above = _mm256_cmp_ps(s, _mm256_setzero_ps(), _CMP_LE_OQ);
@@ -121,8 +121,7 @@ static inline __attribute__((always_inline)) HalfMeasure half_measure(const Mesh
                             _mm256_cmp_ps(l2, _mm256_set1_ps(1e-14f), _CMP_GE_OQ));
     r.slenderness = _mm256_and_ps(r.sound, _mm256_div_ps(l2, _mm256_sqrt_ps(n2)));
     r.size = _mm256_and_ps(r.sound,
-                           _mm256_mul_ps(_mm256_sqrt_ps(l2),
-                                         _mm256_fmadd_ps(r.slenderness, _mm256_set1_ps(24.0f), _mm256_set1_ps(16.0f))));
+                           _mm256_mul_ps(_mm256_sqrt_ps(l2), _mm256_fmadd_ps(r.slenderness, _mm256_set1_ps(24.0f), _mm256_set1_ps(16.0f))));
     return r;
 }
 
@@ -130,8 +129,7 @@ static void measure(const Meshlet* m, MeshletMeasure* out) {
     const HalfMeasure low = half_measure(m, 0), high = half_measure(m, 1);
     out->slenderness = greatest(low.slenderness, high.slenderness);
     out->size_term = greatest(low.size, high.size);
-    out->slender_lanes =
-        ~((uint32_t)_mm256_movemask_ps(low.sound) | (uint32_t)_mm256_movemask_ps(high.sound) << 8) & 0xffffu;
+    out->slender_lanes = ~((uint32_t)_mm256_movemask_ps(low.sound) | (uint32_t)_mm256_movemask_ps(high.sound) << 8) & 0xffffu;
     const float* rows[6] = {m->x, m->y, m->z, m->more_x, m->more_y, m->more_z};
     for (int k = 0; k < 3; ++k) {
         __m256 low0 = _mm256_load_ps(rows[k]), high0 = _mm256_load_ps(rows[k] + 8), low1 = low0, high1 = high0;

@@ -83,8 +83,8 @@ static float distance(const Meshlet* m, const float* q, float limit, float* squa
     const Lanes3 a = subtract(a0, p), b = subtract(b0, p), c = subtract(c0, p);
     __m512 d = _mm512_min_ps(to_segment(a, ab), _mm512_min_ps(to_segment(b, bc), to_segment(c, ca)));
     const Lanes3 n = cross(ca, ab);
-    const __m512 s = _mm512_max_ps(dot(cross(n, ab), a),
-                                   _mm512_max_ps(dot(cross(n, bc), b), dot(cross(n, ca), c)));  // <= 0: above the face
+    const __m512 s =
+        _mm512_max_ps(dot(cross(n, ab), a), _mm512_max_ps(dot(cross(n, bc), b), dot(cross(n, ca), c)));  // <= 0: above the face
     const __m512 h = dot(n, a);
     const __m512 face = _mm512_mul_ps(h, _mm512_div_ps(h, _mm512_max_ps(dot(n, n), _mm512_set1_ps(1e-36f))));
     const __mmask16 above = _mm512_cmp_ps_mask(s, _mm512_setzero_ps(), _CMP_LE_OQ);
@@ -100,12 +100,10 @@ static void measure(const Meshlet* m, MeshletMeasure* out) {
     const Lanes3 n = cross(ca, ab);
     const __m512 n2 = dot(n, n);
     const __m512 l2 = _mm512_max_ps(dot(ab, ab), _mm512_max_ps(dot(bc, bc), dot(ca, ca)));
-    const __mmask16 sound =
-        _mm512_cmp_ps_mask(n2, _mm512_mul_ps(_mm512_set1_ps(1e-4f), _mm512_mul_ps(l2, l2)), _CMP_GE_OQ) &
-        _mm512_cmp_ps_mask(l2, _mm512_set1_ps(1e-14f), _CMP_GE_OQ);
+    const __mmask16 sound = _mm512_cmp_ps_mask(n2, _mm512_mul_ps(_mm512_set1_ps(1e-4f), _mm512_mul_ps(l2, l2)), _CMP_GE_OQ) &
+                            _mm512_cmp_ps_mask(l2, _mm512_set1_ps(1e-14f), _CMP_GE_OQ);
     const __m512 slenderness = _mm512_maskz_div_ps(sound, l2, _mm512_sqrt_ps(n2));
-    const __m512 size =
-        _mm512_mul_ps(_mm512_sqrt_ps(l2), _mm512_fmadd_ps(slenderness, _mm512_set1_ps(24.0f), _mm512_set1_ps(16.0f)));
+    const __m512 size = _mm512_mul_ps(_mm512_sqrt_ps(l2), _mm512_fmadd_ps(slenderness, _mm512_set1_ps(24.0f), _mm512_set1_ps(16.0f)));
     out->slenderness = greatest(slenderness);
     out->size_term = greatest(_mm512_maskz_mov_ps(sound, size));
     out->slender_lanes = (uint32_t)(uint16_t)~sound;

@@ -33,12 +33,12 @@ struct Lane {
 // What one query carries through the traversal.
 struct Search {
     const MeshletKernels* kernels;
-    Vec3d point;               // m
-    alignas(16) float q[4];    // local frame; the fourth is 0
-    float query_error;         // 2^-24 |q| and a little
-    float upper;               // the nearest triangle is not farther, local frame
-    uint32_t first;            // meshlet visited before the traversal
-    uint32_t nearest;          // meshlet that set upper last
+    Vec3d point;             // m
+    alignas(16) float q[4];  // local frame; the fourth is 0
+    float query_error;       // 2^-24 |q| and a little
+    float upper;             // the nearest triangle is not farther, local frame
+    uint32_t first;          // meshlet visited before the traversal
+    uint32_t nearest;        // meshlet that set upper last
     uint32_t count;
     bool overflow;
     uint32_t lane[kSlots];

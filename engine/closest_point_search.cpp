@@ -20,17 +20,15 @@ void prefer(Winner& winner, const TrianglePoint& closest, uint32_t lane, uint32_
 float round_up(double x) { return static_cast<float>(x) * (1.0f + 4.0f * kUnit) + 1e-30f; }
 
 // The traversals round the differences to their boxes and the squares; 8 units cover them
-float search_radius(const Search& search) {
-    return (search.upper + search.query_error) * (1.0f + 16.0f * kUnit) + 1e-30f;
-}
+float search_radius(const Search& search) { return (search.upper + search.query_error) * (1.0f + 16.0f * kUnit) + 1e-30f; }
 
 float squared_reach(const Search& search) { return search_radius(search) * search_radius(search); }
 
 // Embree's leaves hold several meshlets and call for all of them
 bool near_box(const Search& search, const FloatBox& box) {
     const __m128 q = _mm_load_ps(search.q);
-    const __m128 outside = _mm_max_ps(
-        _mm_max_ps(_mm_sub_ps(_mm_load_ps(box.min), q), _mm_sub_ps(q, _mm_load_ps(box.max))), _mm_setzero_ps());
+    const __m128 outside =
+        _mm_max_ps(_mm_max_ps(_mm_sub_ps(_mm_load_ps(box.min), q), _mm_sub_ps(q, _mm_load_ps(box.max))), _mm_setzero_ps());
     return _mm_cvtss_f32(_mm_dp_ps(outside, outside, 0x71)) <= squared_reach(search);
 }
 
@@ -113,8 +111,7 @@ void ClosestPointTree::Impl::visit_exactly(ExactSearch& exact, uint32_t m) const
     if (d < search.upper) search.upper = std::min(search.upper, round_up(d));
 }
 
-void ClosestPointTree::Impl::start(Search& search, const MeshletKernels& kernels, const Vec3d& p, const Vec3d& q,
-                                   double radius) const {
+void ClosestPointTree::Impl::start(Search& search, const MeshletKernels& kernels, const Vec3d& p, const Vec3d& q, double radius) const {
     search.kernels = &kernels;
     search.point = p;
     for (int k = 0; k < 3; ++k) search.q[k] = static_cast<float>(q[k]);
@@ -212,15 +209,13 @@ void ClosestPointTree::Impl::search_exactly_with_embree(ExactSearch& exact) cons
 // Every triangle in double: for points beyond the range of float, and meshes with vertices that are not finite.
 Winner ClosestPointTree::Impl::scan(const Vec3d& p) const {
     Winner winner;
-    for (uint32_t t = 0; t < lane_of_triangle.size(); ++t)
-        prefer(winner, evaluate(p, lane_of_triangle[t]), lane_of_triangle[t], t);
+    for (uint32_t t = 0; t < lane_of_triangle.size(); ++t) prefer(winner, evaluate(p, lane_of_triangle[t]), lane_of_triangle[t], t);
     return winner;
 }
 
 void ClosestPointTree::Impl::prefetch_meshlet(uint32_t m) const {
     if (m == kNone) return;
-    for (uint32_t i = 0; i < kNarrowLines; ++i)
-        _mm_prefetch(reinterpret_cast<const char*>(&pool[first_line[m] + i]), _MM_HINT_T0);
+    for (uint32_t i = 0; i < kNarrowLines; ++i) _mm_prefetch(reinterpret_cast<const char*>(&pool[first_line[m] + i]), _MM_HINT_T0);
 }
 
 // The meshlets of a small mesh all at once: of a thousand bodies none is in the cache when its turn comes.
@@ -233,15 +228,13 @@ void ClosestPointTree::Impl::prefetch_small() const {
 void ClosestPointTree::Impl::prefetch_lane(uint32_t lane) const {
     const Lane& row = lanes[lane];
     for (const uint32_t v : row.vertex)
-        _mm_prefetch(
-            deformable ? reinterpret_cast<const char*>(&offset[v]) : reinterpret_cast<const char*>(&mesh.position[v]),
-            _MM_HINT_T0);
+        _mm_prefetch(deformable ? reinterpret_cast<const char*>(&offset[v]) : reinterpret_cast<const char*>(&mesh.position[v]),
+                     _MM_HINT_T0);
     _mm_prefetch(reinterpret_cast<const char*>(&mesh.neighbour[row.triangle]), _MM_HINT_T0);
 }
 
-void ClosestPointTree::Impl::query_batch(std::span<const Vec3d> points, std::span<const double> radius,
-                                         std::span<const uint32_t> hint, std::span<SurfacePoint> out,
-                                         Previous& previous, QueryCounters& counters) const {
+void ClosestPointTree::Impl::query_batch(std::span<const Vec3d> points, std::span<const double> radius, std::span<const uint32_t> hint,
+                                         std::span<SurfacePoint> out, Previous& previous, QueryCounters& counters) const {
     const MeshletKernels& kernels = chosen_kernels();
     uint32_t first[kBatch + 1] = {};
     uint32_t lane[kBatch * kSlots];
@@ -295,7 +288,8 @@ void ClosestPointTree::Impl::query_batch(std::span<const Vec3d> points, std::spa
     for (uint32_t i = 0; i < points.size(); ++i) {
         if (!(answered >> i & 1)) {
             Winner winner;
-            for (uint32_t j = first[i]; j < first[i + 1]; ++j) prefer(winner, evaluate(points[i], lane[j]), lane[j], lanes[lane[j]].triangle);
+            for (uint32_t j = first[i]; j < first[i + 1]; ++j)
+                prefer(winner, evaluate(points[i], lane[j]), lane[j], lanes[lane[j]].triangle);
             out[i] = answer(points[i], radius[i], winner);
         }
         if (cross_checked && admission == Admission::kSolid && disagrees(points[i], out[i])) ++counters.disagreements;

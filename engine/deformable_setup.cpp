@@ -44,8 +44,7 @@ void check_poisson(const Bodies& bodies, uint32_t body) {
 }
 
 double body_mass(const MeshInfo& info, const Tissue& tissue, double thickness) {
-    if (info.admission == Admission::kSheet)
-        return tissue.density * info.area * (thickness > 0 ? thickness : tissue.wall);
+    if (info.admission == Admission::kSheet) return tissue.density * info.area * (thickness > 0 ? thickness : tissue.wall);
     return tissue.density * std::abs(info.volume);
 }
 
@@ -71,7 +70,8 @@ bool steps_as_body_before(uint32_t body, Range rows, const Particles& particles,
     if (body == 0 || bodies.mesh[body - 1] != bodies.mesh[body] || !std::isfinite(bodies.stable_dt[body - 1])) return false;
     const Range before = bodies.particles[body - 1], own = bodies.particles[body];
     const uint32_t skin = own.count - rows.count;
-    if (before.count != own.count || before.end() > own.first || bodies.spring_stiffness[body - 1] != bodies.spring_stiffness[body]) return false;
+    if (before.count != own.count || before.end() > own.first || bodies.spring_stiffness[body - 1] != bodies.spring_stiffness[body])
+        return false;
     if (bodies.tissue[body - 1].damping != bodies.tissue[body].damping) return false;
     for (const uint32_t b : {body - 1, body})
         if (has_pressure(bodies, b) || has_bending(bodies, b)) return false;
@@ -84,8 +84,8 @@ bool steps_as_body_before(uint32_t body, Range rows, const Particles& particles,
 
 }  // namespace
 
-void add_deformable(const Meshes& meshes, const Springs& springs, const Poses& poses, uint32_t body, Bodies& bodies,
-                    Particles& particles, Anchors& anchors, const BodyNodes* nodes) {
+void add_deformable(const Meshes& meshes, const Springs& springs, const Poses& poses, uint32_t body, Bodies& bodies, Particles& particles,
+                    Anchors& anchors, const BodyNodes* nodes) {
     check_tissue(bodies, body);
     if (nodes) check_poisson(bodies, body);
     const uint32_t prototype = bodies.mesh[body];
@@ -94,20 +94,19 @@ void add_deformable(const Meshes& meshes, const Springs& springs, const Poses& p
     const Tissue& tissue = bodies.tissue[body];
     if (has_pressure(bodies, body) && (info.admission != Admission::kSolid || info.volume == 0))
         refuse(bodies, body, "only a closed, oriented surface without self-crossings keeps its volume (pressure modulus)");
-    const std::span share =
-        std::span(springs.area_share).subspan(springs.vertices[prototype].first, springs.vertices[prototype].count);
+    const std::span share = std::span(springs.area_share).subspan(springs.vertices[prototype].first, springs.vertices[prototype].count);
     const double mass = nodes ? tissue.density * std::accumulate(nodes->volume.begin(), nodes->volume.end(), 0.0)
                               : body_mass(info, tissue, bodies.thickness[body]);
     if (!(mass > 0 && std::isfinite(mass) && info.area > 0)) refuse(bodies, body, "a deformable body must have a mass");
 
-    bodies.spring_stiffness[body] = static_cast<float>(
-        nodes ? nodes->spring_stiffness : 0.5 * std::sqrt(3.0) * tissue.youngs_modulus * tissue.wall);
+    bodies.spring_stiffness[body] =
+        static_cast<float>(nodes ? nodes->spring_stiffness : 0.5 * std::sqrt(3.0) * tissue.youngs_modulus * tissue.wall);
     bodies.inv_mass[body] = 0;
     const Range rows{static_cast<uint32_t>(particles.offset.size()), static_cast<uint32_t>(share.size())};
     bodies.particles[body] = rows;
     particles.offset.resize(rows.end());
-    for (auto* field : {&particles.velocity_x, &particles.velocity_y, &particles.velocity_z, &anchors.stiffness,
-                        &anchors.rest_x, &anchors.rest_y, &anchors.rest_z}) {
+    for (auto* field : {&particles.velocity_x, &particles.velocity_y, &particles.velocity_z, &anchors.stiffness, &anchors.rest_x,
+                        &anchors.rest_y, &anchors.rest_z}) {
         field->resize(rows.end(), 0.0f);
     }
     if (particles.last_dt.size() <= body) particles.last_dt.resize(body + 1, 0.0);
@@ -135,8 +134,7 @@ void add_deformable(const Meshes& meshes, const Springs& springs, const Poses& p
     if (!nodes) update_stable_dt(springs, body, particles, anchors, bodies);
 }
 
-void update_stable_dt(const Springs& springs, uint32_t body, const Particles& particles, const Anchors& anchors,
-                      Bodies& bodies) {
+void update_stable_dt(const Springs& springs, uint32_t body, const Particles& particles, const Anchors& anchors, Bodies& bodies) {
     const uint32_t prototype = bodies.mesh[body];
     const uint32_t skin = springs.info[prototype].skin;
     const Range slices = springs.info[prototype].slices, rows{bodies.particles[body].first + skin, bodies.particles[body].count - skin};
@@ -144,15 +142,15 @@ void update_stable_dt(const Springs& springs, uint32_t body, const Particles& pa
     if (steps_as_body_before(body, rows, particles, anchors, bodies)) return void(bodies.stable_dt[body] = bodies.stable_dt[body - 1]);
     const std::span held = std::span(anchors.stiffness).subspan(rows.first, rows.count);
     const std::vector<double> diagonal(held.begin(), held.end());
-    double omega_squared = stiffest_mode(
-        {std::span(springs.slice_column).subspan(slices.first + prototype, slices.count + 1), springs.neighbour.data(),
-         springs.info[prototype].varied ? springs.factor.data() : nullptr, bodies.spring_stiffness[body], diagonal, std::span(particles.offset).subspan(rows.first, rows.count)});
+    double omega_squared =
+        stiffest_mode({std::span(springs.slice_column).subspan(slices.first + prototype, slices.count + 1), springs.neighbour.data(),
+                       springs.info[prototype].varied ? springs.factor.data() : nullptr, bodies.spring_stiffness[body], diagonal,
+                       std::span(particles.offset).subspan(rows.first, rows.count)});
     if (has_pressure(bodies, body)) omega_squared += pressure_omega_squared(springs, bodies, particles, body);
     if (has_bending(bodies, body)) omega_squared += bending_omega_squared(springs, bodies, particles, body);
     const double damping = bodies.tissue[body].damping;
-    bodies.stable_dt[body] =
-        omega_squared > 0 ? kStableShare * (std::sqrt(damping * damping + 4 * omega_squared) - damping) / omega_squared
-                          : std::numeric_limits<double>::infinity();
+    bodies.stable_dt[body] = omega_squared > 0 ? kStableShare * (std::sqrt(damping * damping + 4 * omega_squared) - damping) / omega_squared
+                                               : std::numeric_limits<double>::infinity();
 }
 
 uint32_t substeps_for(double seconds, double stable_dt, double largest) {

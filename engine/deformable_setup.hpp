@@ -25,8 +25,8 @@ struct BodyNodes {
     double spring_stiffness = 0;     // N/m
     uint32_t skin = 0;               // rows before them; then no vertex is a node
 };
-void add_deformable(const Meshes& meshes, const Springs& springs, const Poses& poses, uint32_t body, Bodies& bodies,
-                    Particles& particles, Anchors& anchors, const BodyNodes* nodes = nullptr);
+void add_deformable(const Meshes& meshes, const Springs& springs, const Poses& poses, uint32_t body, Bodies& bodies, Particles& particles,
+                    Anchors& anchors, const BodyNodes* nodes = nullptr);
 
 // Works out bodies.stable_dt[body] again: call it after fixing particles (inverse mass 0) or changing masses.
 // Largest step of the leapfrog for any shape the body may take, kStableShare of (sqrt(c^2 + 4 omega^2) - c) / omega^2
@@ -34,8 +34,7 @@ void add_deformable(const Meshes& meshes, const Springs& springs, const Poses& p
 // rigid motions, hence also at most anchor_i I (the same split as Liu, Bargteil, O'Brien, Kavan, ACM TOG 32(6), 2013).
 // Contact rows act on velocities and places, not by stiffness: they leave the limit alone.
 // Other forces add their own bounds (pressure_omega_squared, bending_omega_squared).
-void update_stable_dt(const Springs& springs, uint32_t body, const Particles& particles, const Anchors& anchors,
-                      Bodies& bodies);
+void update_stable_dt(const Springs& springs, uint32_t body, const Particles& particles, const Anchors& anchors, Bodies& bodies);
 
 // Part of the limit above that is used: sqrt(1 - 0.04), for what the search for omega may miss.
 inline constexpr double kStableShare = 0.98;

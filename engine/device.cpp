@@ -40,8 +40,8 @@ DeviceState read_scripted(const Device& device, double time) {
 
 DeviceState read_recorded(const Device& device, double time) {
     TROCAR_ASSERT(!device.trace.empty());
-    const auto after = std::upper_bound(device.trace.begin(), device.trace.end(), time,
-                                        [](double t, const DeviceState& s) { return t < s.time; });
+    const auto after =
+        std::upper_bound(device.trace.begin(), device.trace.end(), time, [](double t, const DeviceState& s) { return t < s.time; });
     return after == device.trace.begin() ? device.trace.front() : *(after - 1);
 }
 
@@ -52,8 +52,7 @@ struct TraceLine {
     std::string_view text;
 
     [[noreturn]] void fail(size_t column, const std::string& reason) const {
-        throw InputError(path.string() + ":" + std::to_string(number) + ":" + std::to_string(column + 1) + ": " +
-                         reason);
+        throw InputError(path.string() + ":" + std::to_string(number) + ":" + std::to_string(column + 1) + ": " + reason);
     }
 };
 
@@ -63,8 +62,7 @@ Number read_number(const TraceLine& line, size_t first, size_t end) {
     const char* const begin = line.text.data() + first;
     const auto [stop, error] = std::from_chars(begin, line.text.data() + end, value);
     if (error != std::errc() || stop != line.text.data() + end)
-        line.fail(first, "\"" + std::string(line.text.substr(first, std::min<size_t>(end - first, 40))) +
-                             "\" is not a number in range");
+        line.fail(first, "\"" + std::string(line.text.substr(first, std::min<size_t>(end - first, 40))) + "\" is not a number in range");
     if constexpr (std::is_floating_point_v<Number>)
         if (!std::isfinite(value)) line.fail(first, "number is not finite");
     return value;
@@ -78,10 +76,8 @@ DeviceState read_sample(const TraceLine& line, size_t columns) {
         const size_t comma = line.text.find(',', first);
         const bool last = column + 1 == columns;
         if (!last && comma == std::string_view::npos)
-            line.fail(line.text.size(),
-                      "expected " + std::to_string(columns) + " numbers, found " + std::to_string(column + 1));
-        if (last && comma != std::string_view::npos)
-            line.fail(comma, "more than " + std::to_string(columns) + " numbers");
+            line.fail(line.text.size(), "expected " + std::to_string(columns) + " numbers, found " + std::to_string(column + 1));
+        if (last && comma != std::string_view::npos) line.fail(comma, "more than " + std::to_string(columns) + " numbers");
         const size_t end = last ? line.text.size() : comma;
         if (column == kColumns - 1)
             state.buttons = read_number<uint32_t>(line, first, end);
@@ -157,8 +153,7 @@ DeviceTrace read_device_trace(const std::filesystem::path& path) {
         if (line.text.empty()) continue;
         trace.sample.push_back(read_sample(line, with_grip ? kMostColumns : kColumns));
         const size_t rows = trace.sample.size();
-        if (rows > 1 && !(trace.sample[rows - 1].time > trace.sample[rows - 2].time))
-            line.fail(0, "time does not ascend");
+        if (rows > 1 && !(trace.sample[rows - 1].time > trace.sample[rows - 2].time)) line.fail(0, "time does not ascend");
     }
     if (trace.sample.empty()) throw InputError(path.string() + ": recording holds no sample");
     return trace;
@@ -172,8 +167,8 @@ void write_device_trace(const std::filesystem::path& path, std::span<const Devic
     text += '\n';
     for (const DeviceState& s : samples) {
         const Quat& q = s.orientation;
-        for (const double value : {s.time, s.position.x(), s.position.y(), s.position.z(), q.w, q.x, q.y, q.z,
-                                   s.velocity.x(), s.velocity.y(), s.velocity.z()})
+        for (const double value :
+             {s.time, s.position.x(), s.position.y(), s.position.z(), q.w, q.x, q.y, q.z, s.velocity.x(), s.velocity.y(), s.velocity.z()})
             append_number(text, value);
         text += std::to_string(s.buttons);
         if (with_grip) {

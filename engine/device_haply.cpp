@@ -26,9 +26,9 @@ namespace {
 
 using nlohmann::json;
 
-constexpr size_t kLongest = 64 * 1024;     // bytes of a message
-constexpr int64_t kRetry = 500'000'000;    // ns between attempts to connect
-constexpr lws_usec_t kLook = 20'000;       // us between looks at whether to stop
+constexpr size_t kLongest = 64 * 1024;   // bytes of a message
+constexpr int64_t kRetry = 500'000'000;  // ns between attempts to connect
+constexpr lws_usec_t kLook = 20'000;     // us between looks at whether to stop
 constexpr size_t kLongestId = 128;
 
 // The member of an object; null for anything else.
@@ -107,9 +107,8 @@ void send_command(Talk& talk) {
 }
 
 int on_event(lws* socket, lws_callback_reasons reason, void*, void* in, size_t size) {
-    if (reason != LWS_CALLBACK_CLIENT_ESTABLISHED && reason != LWS_CALLBACK_CLIENT_RECEIVE &&
-        reason != LWS_CALLBACK_CLIENT_WRITEABLE && reason != LWS_CALLBACK_CLIENT_CLOSED &&
-        reason != LWS_CALLBACK_CLIENT_CONNECTION_ERROR)
+    if (reason != LWS_CALLBACK_CLIENT_ESTABLISHED && reason != LWS_CALLBACK_CLIENT_RECEIVE && reason != LWS_CALLBACK_CLIENT_WRITEABLE &&
+        reason != LWS_CALLBACK_CLIENT_CLOSED && reason != LWS_CALLBACK_CLIENT_CONNECTION_ERROR)
         return 0;
     Talk& talk = *static_cast<Talk*>(lws_context_user(lws_get_context(socket)));
     switch (reason) {
@@ -124,8 +123,11 @@ int on_event(lws* socket, lws_callback_reasons reason, void*, void* in, size_t s
             take_message(talk);
             lws_callback_on_writable(socket);  // a state for every command: the answer asks for the next
             break;
-        case LWS_CALLBACK_CLIENT_WRITEABLE: send_command(talk); break;
-        default: talk.socket = nullptr;  // closed, or never was
+        case LWS_CALLBACK_CLIENT_WRITEABLE:
+            send_command(talk);
+            break;
+        default:
+            talk.socket = nullptr;  // closed, or never was
     }
     return 0;
 }

@@ -26,10 +26,10 @@ std::unique_ptr<DeviceLink> open_igtl_device(const std::string& specification, c
 
 namespace {
 
-constexpr size_t kHeader = 58, kLongestBody = 64 * 1024;        // bytes
-constexpr int64_t kRetry = 500'000'000, kStep = 10'000'000;     // ns
-constexpr int kTimeout = 10;                                    // ms of one wait
-constexpr double kVelocityFilter = 5e-3;                        // s
+constexpr size_t kHeader = 58, kLongestBody = 64 * 1024;     // bytes
+constexpr int64_t kRetry = 500'000'000, kStep = 10'000'000;  // ns
+constexpr int kTimeout = 10;                                 // ms of one wait
+constexpr double kVelocityFilter = 5e-3;                     // s
 
 uint64_t body_size(std::span<const std::byte> header) {
     uint64_t size = 0;

@@ -81,17 +81,28 @@ NetworkPlace parse_place(const std::string& specification, const std::string& re
 
 const char* describe(DeviceCount count) {
     switch (count) {
-        case DeviceCount::kReceived: return "received";
-        case DeviceCount::kAccepted: return "accepted";
-        case DeviceCount::kMalformed: return "malformed";
-        case DeviceCount::kOversized: return "oversized";
-        case DeviceCount::kOutOfOrder: return "out_of_order";
-        case DeviceCount::kStranger: return "stranger";
-        case DeviceCount::kLost: return "lost";
-        case DeviceCount::kOverrun: return "overrun";
-        case DeviceCount::kSent: return "sent";
-        case DeviceCount::kReconnected: return "reconnected";
-        case DeviceCount::kCount: break;
+        case DeviceCount::kReceived:
+            return "received";
+        case DeviceCount::kAccepted:
+            return "accepted";
+        case DeviceCount::kMalformed:
+            return "malformed";
+        case DeviceCount::kOversized:
+            return "oversized";
+        case DeviceCount::kOutOfOrder:
+            return "out_of_order";
+        case DeviceCount::kStranger:
+            return "stranger";
+        case DeviceCount::kLost:
+            return "lost";
+        case DeviceCount::kOverrun:
+            return "overrun";
+        case DeviceCount::kSent:
+            return "sent";
+        case DeviceCount::kReconnected:
+            return "reconnected";
+        case DeviceCount::kCount:
+            break;
     }
     return "";
 }

@@ -13,16 +13,16 @@ namespace trocar {
 
 // What happened to what a device sent.
 enum class DeviceCount : uint8_t {
-    kReceived,    // packets or messages, of any kind
-    kAccepted,    // became a sample
-    kMalformed,   // dropped: no message of the protocol, or values that no device can have
-    kOversized,   // dropped: too long
-    kOutOfOrder,  // dropped: late, or a second time
-    kStranger,    // dropped: from another sender while one is served
-    kLost,        // numbers that never came
-    kOverrun,     // dropped by the system: they came faster than they were taken
-    kSent,        // commands to the device
-    kReconnected, // the device went away and came back
+    kReceived,     // packets or messages, of any kind
+    kAccepted,     // became a sample
+    kMalformed,    // dropped: no message of the protocol, or values that no device can have
+    kOversized,    // dropped: too long
+    kOutOfOrder,   // dropped: late, or a second time
+    kStranger,     // dropped: from another sender while one is served
+    kLost,         // numbers that never came
+    kOverrun,      // dropped by the system: they came faster than they were taken
+    kSent,         // commands to the device
+    kReconnected,  // the device went away and came back
     kCount,
 };
 const char* describe(DeviceCount count);
@@ -64,9 +64,7 @@ class DeviceLink {
     void publish(const DeviceState& state, int64_t now_ns);
     // Newest command, none when it is older than kSilence; `fresh` when it was not given before.
     DeviceCommand command(int64_t now_ns, bool& fresh);
-    void count(DeviceCount what, uint64_t by = 1) {
-        counts_[static_cast<size_t>(what)].fetch_add(by, std::memory_order_relaxed);
-    }
+    void count(DeviceCount what, uint64_t by = 1) { counts_[static_cast<size_t>(what)].fetch_add(by, std::memory_order_relaxed); }
 
  private:
     std::string name_;
@@ -79,10 +77,10 @@ class DeviceLink {
 
 // One way to reach devices.
 struct DeviceBackend {
-    std::string name;         // first word of a specification
-    std::string usage;        // "udp[:[ADDRESS:]PORT]"
+    std::string name;   // first word of a specification
+    std::string usage;  // "udp[:[ADDRESS:]PORT]"
     std::string description;
-    bool built = true;        // false: its library was absent when this program was built
+    bool built = true;  // false: its library was absent when this program was built
 };
 const std::vector<DeviceBackend>& device_backends();
 

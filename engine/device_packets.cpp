@@ -79,12 +79,18 @@ bool is_sound(const Vec3d& v) { return is_sound(v.x()) && is_sound(v.y()) && is_
 
 const char* describe(PacketFault fault) {
     switch (fault) {
-        case PacketFault::kNone: return "sound";
-        case PacketFault::kShort: return "cut short";
-        case PacketFault::kLong: return "too long";
-        case PacketFault::kForeign: return "not a packet of this protocol";
-        case PacketFault::kVersion: return "of another version";
-        case PacketFault::kValue: return "a value is not finite or out of range";
+        case PacketFault::kNone:
+            return "sound";
+        case PacketFault::kShort:
+            return "cut short";
+        case PacketFault::kLong:
+            return "too long";
+        case PacketFault::kForeign:
+            return "not a packet of this protocol";
+        case PacketFault::kVersion:
+            return "of another version";
+        case PacketFault::kValue:
+            return "a value is not finite or out of range";
     }
     return "";
 }

@@ -30,7 +30,7 @@ enum class PacketFault : uint8_t {
     kLong,     // more than a packet
     kForeign,  // other magic bytes
     kVersion,
-    kValue,    // not finite, out of range, no unit quaternion
+    kValue,  // not finite, out of range, no unit quaternion
 };
 const char* describe(PacketFault fault);
 

@@ -64,8 +64,10 @@ void exchange(DeviceLink& link, Library& library) {
     }
     link.count(DeviceCount::kReceived);
     DeviceState state = to_state(plain);
-    if (is_sound(state)) link.publish(state, monotonic_ns());
-    else link.count(DeviceCount::kMalformed);
+    if (is_sound(state))
+        link.publish(state, monotonic_ns());
+    else
+        link.count(DeviceCount::kMalformed);
 }
 
 // Half a second from now, or when the link stops.

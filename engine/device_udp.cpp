@@ -13,11 +13,11 @@
 namespace trocar {
 namespace {
 
-constexpr uint32_t kBatch = 32;             // packets a system call
-constexpr uint32_t kMostARound = 64;        // batches before commands go out again
-constexpr int64_t kRest = 200'000;          // ns between rounds: a flood is taken in few wake-ups
+constexpr uint32_t kBatch = 32;                // packets a system call
+constexpr uint32_t kMostARound = 64;           // batches before commands go out again
+constexpr int64_t kRest = 200'000;             // ns between rounds: a flood is taken in few wake-ups
 constexpr int64_t kPeerSilence = 500'000'000;  // ns, after it another sender is served
-constexpr size_t kRoom = 256;               // bytes, longer packets are seen to be too long
+constexpr size_t kRoom = 256;                  // bytes, longer packets are seen to be too long
 
 struct Socket {
     int fd = -1;
@@ -108,13 +108,16 @@ struct Talk {
     void answer(int fd, int64_t now) {
         bool fresh = false;
         const DeviceCommand command = link.command(now, fresh);
-        if (fresh) commanded = now, released = false;
-        else if (released || now - commanded <= DeviceLink::kSilence) return;
-        else released = true;
+        if (fresh)
+            commanded = now, released = false;
+        else if (released || now - commanded <= DeviceLink::kSilence)
+            return;
+        else
+            released = true;
         if (!has_peer) return;
         const auto bytes = encode_packet(ForcePacket{++sent, newest.sequence, newest.state.time, command});
-        const ssize_t done = ::sendto(fd, bytes.data(), bytes.size(), MSG_DONTWAIT | MSG_NOSIGNAL,
-                                      reinterpret_cast<const sockaddr*>(&peer), sizeof peer);
+        const ssize_t done =
+            ::sendto(fd, bytes.data(), bytes.size(), MSG_DONTWAIT | MSG_NOSIGNAL, reinterpret_cast<const sockaddr*>(&peer), sizeof peer);
         if (done == static_cast<ssize_t>(bytes.size())) link.count(DeviceCount::kSent);
     }
 };
@@ -131,8 +134,8 @@ void serve(DeviceLink& link, int fd) {
             for (int k = 0; k < count; ++k) {
                 mmsghdr& m = batch->message[k];
                 talk.count_overrun(m.msg_hdr);
-                talk.take(std::span(batch->bytes[k]).first(std::min<size_t>(m.msg_len, kRoom)),
-                          (m.msg_hdr.msg_flags & MSG_TRUNC) != 0, batch->from[k], now);
+                talk.take(std::span(batch->bytes[k]).first(std::min<size_t>(m.msg_len, kRoom)), (m.msg_hdr.msg_flags & MSG_TRUNC) != 0,
+                          batch->from[k], now);
             }
             if (count < static_cast<int>(kBatch)) break;
         }
@@ -157,8 +160,8 @@ std::unique_ptr<DeviceLink> open_udp_device(const std::string& specification, co
     const int yes = 1;
     ::setsockopt(socket->fd, SOL_SOCKET, SO_RXQ_OVFL, &yes, sizeof yes);
     if (::bind(socket->fd, reinterpret_cast<const sockaddr*>(&address), sizeof address) != 0)
-        refuse_device(specification, "cannot listen at " + place.host + ":" + std::to_string(place.port) + " (" +
-                                         std::strerror(errno) + ")");
+        refuse_device(specification,
+                      "cannot listen at " + place.host + ":" + std::to_string(place.port) + " (" + std::strerror(errno) + ")");
     return std::make_unique<DeviceLink>("UDP " + place.host + ":" + std::to_string(place.port),
                                         [socket](DeviceLink& link) { serve(link, socket->fd); });
 }

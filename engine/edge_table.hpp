@@ -14,17 +14,13 @@ struct EdgeTable {
     std::vector<uint32_t> first;                // edge -> rows of half_edge, edge.size() + 1
     std::vector<uint32_t> half_edge;            // ascending within an edge
 
-    std::span<const uint32_t> users(uint32_t e) const {
-        return std::span(half_edge).subspan(first[e], first[e + 1] - first[e]);
-    }
+    std::span<const uint32_t> users(uint32_t e) const { return std::span(half_edge).subspan(first[e], first[e + 1] - first[e]); }
 };
 
 // Builds the table in linear time for meshes of bounded degree. No triangle may name a vertex twice.
 EdgeTable make_edge_table(std::span<const Triangle> triangles, uint32_t vertices);
 
-inline uint32_t half_edge_start(std::span<const Triangle> triangles, uint32_t half_edge) {
-    return triangles[half_edge / 3][half_edge % 3];
-}
+inline uint32_t half_edge_start(std::span<const Triangle> triangles, uint32_t half_edge) { return triangles[half_edge / 3][half_edge % 3]; }
 
 // Numbers the edge-connected pieces of a table's triangles, 0 for the piece of the lowest triangle and so on; returns
 // how many there are.

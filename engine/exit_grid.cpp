@@ -64,7 +64,9 @@ ExitGrid::Exit ExitGrid::find(const Vec3d& p) const {
         if (!(way >= 0 && (best.triangle == kNone || way < best.way))) continue;
         const Vec3d q = p + way * way_;
         const double slack = -1e-12 * normal.squaredNorm();  // a line through an edge leaves by either side
-        if (normal.dot((b - a).cross(q - a)) < slack || normal.dot((c - b).cross(q - b)) < slack || normal.dot((a - c).cross(q - c)) < slack) continue;
+        if (normal.dot((b - a).cross(q - a)) < slack || normal.dot((c - b).cross(q - b)) < slack ||
+            normal.dot((a - c).cross(q - c)) < slack)
+            continue;
         best = {entry_[i], way};
     }
     return best;

@@ -15,9 +15,7 @@ struct SweepSearch {
     double best;       // s, no later touch is of interest
 
     Quat orientation_at(double t) const { return multiply(from_rotation_vector(t * sweep.spin), sweep.orientation); }
-    Vec3d to_other(const Vec3d& p, double t) const {
-        return sweep.place + t * sweep.velocity + rotate(orientation_at(t), p - sweep.pivot);
-    }
+    Vec3d to_other(const Vec3d& p, double t) const { return sweep.place + t * sweep.velocity + rotate(orientation_at(t), p - sweep.pivot); }
     Vec3d to_mover(const Vec3d& p, double t) const {
         return sweep.pivot + rotate_back(orientation_at(t), p - sweep.place - t * sweep.velocity);
     }
@@ -74,8 +72,8 @@ Box swept_box(const SweepSearch& s, const MeshView& mover, double seconds) {
 
 }  // namespace
 
-double first_touch(const MeshView& mover, const ClosestPointTree& mover_tree, const MeshView& other,
-                   const ClosestPointTree& other_tree, const RigidSweep& sweep, double seconds, double tolerance) {
+double first_touch(const MeshView& mover, const ClosestPointTree& mover_tree, const MeshView& other, const ClosestPointTree& other_tree,
+                   const RigidSweep& sweep, double seconds, double tolerance) {
     const double beyond = std::nextafter(seconds, std::numeric_limits<double>::infinity());
     SweepSearch s{sweep, other_tree, tolerance, beyond};
     for (const auto& [v, w] : mover.edge) sweep_edge(s, mover.position[v], mover.position[w]);

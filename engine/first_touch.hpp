@@ -18,7 +18,7 @@ struct RigidSweep {
 // first touch with a vertex or with two edges, so the mover's edges are taken to the other's surface and the other's
 // vertices to the mover's: conservative advancement (Mirtich 1996; Zhang et al. 2006) by the distance of the middle of
 // a piece of edge less its half length, which is 1-Lipschitz; pieces are halved when they are near. Thread-safe.
-double first_touch(const MeshView& mover, const ClosestPointTree& mover_tree, const MeshView& other,
-                   const ClosestPointTree& other_tree, const RigidSweep& sweep, double seconds, double tolerance);
+double first_touch(const MeshView& mover, const ClosestPointTree& mover_tree, const MeshView& other, const ClosestPointTree& other_tree,
+                   const RigidSweep& sweep, double seconds, double tolerance);
 
 }  // namespace trocar

@@ -190,8 +190,8 @@ void reserve(Buffer& buffer, GLenum target, size_t bytes) {
 template <typename Row, typename Fill>
 void stream(Buffer& buffer, size_t count, const Fill& fill) {
     reserve(buffer, GL_ARRAY_BUFFER, count * sizeof(Row));
-    void* rows = glMapBufferRange(GL_ARRAY_BUFFER, 0, static_cast<GLsizeiptr>(count * sizeof(Row)),
-                                  GL_MAP_WRITE_BIT | GL_MAP_INVALIDATE_BUFFER_BIT);
+    void* rows =
+        glMapBufferRange(GL_ARRAY_BUFFER, 0, static_cast<GLsizeiptr>(count * sizeof(Row)), GL_MAP_WRITE_BIT | GL_MAP_INVALIDATE_BUFFER_BIT);
     TROCAR_ASSERT(rows);
     fill(static_cast<Row*>(rows));
     glUnmapBuffer(GL_ARRAY_BUFFER);
@@ -210,8 +210,7 @@ void point_vertex_attributes() {
     glEnableVertexAttribArray(kPosition);
     glVertexAttribPointer(kPosition, 3, GL_FLOAT, GL_FALSE, sizeof(Vertex), nullptr);
     glEnableVertexAttribArray(kNormal);
-    glVertexAttribPointer(kNormal, 3, GL_FLOAT, GL_FALSE, sizeof(Vertex),
-                          reinterpret_cast<const void*>(offsetof(Vertex, normal)));
+    glVertexAttribPointer(kNormal, 3, GL_FLOAT, GL_FALSE, sizeof(Vertex), reinterpret_cast<const void*>(offsetof(Vertex, normal)));
 }
 
 Vertex make_vertex(const Vec3& p, const Vec3& n) { return {{p.x(), p.y(), p.z()}, {n.x(), n.y(), n.z()}}; }
@@ -283,9 +282,7 @@ std::array<float, 9> normal_matrix(const Matrix4& pose) {
     return out;
 }
 
-std::array<float, 3> floats(const Vec3d& v) {
-    return {static_cast<float>(v.x()), static_cast<float>(v.y()), static_cast<float>(v.z())};
-}
+std::array<float, 3> floats(const Vec3d& v) { return {static_cast<float>(v.x()), static_cast<float>(v.y()), static_cast<float>(v.z())}; }
 
 // Halves an image that is larger than `limit` until it fits (box filter on encoded values: a fallback, not a look).
 Image fit_image(const Image& image, uint32_t limit) {
@@ -297,8 +294,7 @@ Image fit_image(const Image& image, uint32_t limit) {
             for (uint32_t x = 0; x < half.width; ++x)
                 for (uint32_t c = 0; c < 4; ++c) {
                     const auto at = [&](uint32_t dx, uint32_t dy) {
-                        const size_t px = std::min(2 * x + dx, out.width - 1),
-                                     py = std::min(2 * y + dy, out.height - 1);
+                        const size_t px = std::min(2 * x + dx, out.width - 1), py = std::min(2 * y + dy, out.height - 1);
                         return uint32_t{out.rgba[4 * (py * out.width + px) + c]};
                     };
                     half.rgba[4 * (size_t{y} * half.width + x) + c] =
@@ -316,8 +312,8 @@ GLuint make_texture(const Image& image) {
     GLuint name = 0;
     glGenTextures(1, &name);
     glBindTexture(GL_TEXTURE_2D, name);
-    glTexImage2D(GL_TEXTURE_2D, 0, GL_RGBA8, static_cast<GLsizei>(fitted.width), static_cast<GLsizei>(fitted.height), 0,
-                 GL_RGBA, GL_UNSIGNED_BYTE, fitted.rgba.data());
+    glTexImage2D(GL_TEXTURE_2D, 0, GL_RGBA8, static_cast<GLsizei>(fitted.width), static_cast<GLsizei>(fitted.height), 0, GL_RGBA,
+                 GL_UNSIGNED_BYTE, fitted.rgba.data());
     glGenerateMipmap(GL_TEXTURE_2D);
     glTexParameteri(GL_TEXTURE_2D, GL_TEXTURE_MIN_FILTER, GL_LINEAR_MIPMAP_LINEAR);
     glTexParameteri(GL_TEXTURE_2D, GL_TEXTURE_MAG_FILTER, GL_LINEAR);
@@ -351,8 +347,7 @@ void add_rings(const std::vector<Ring>& rings, std::vector<Vertex>& vertex, std:
         for (uint32_t i = 0; i < kSides; ++i) {
             const float angle = 2 * std::numbers::pi_v<float> * static_cast<float>(i) / kSides;
             const float c = std::cos(angle), s = std::sin(angle);
-            vertex.push_back(
-                {{ring.radius * c, ring.radius * s, ring.height}, {ring.radial * c, ring.radial * s, ring.axial}});
+            vertex.push_back({{ring.radius * c, ring.radius * s, ring.height}, {ring.radial * c, ring.radial * s, ring.axial}});
         }
     for (uint32_t r = 0; r + 1 < rings.size(); ++r)
         for (uint32_t i = 0; i < kSides; ++i) {
@@ -445,8 +440,7 @@ void GlRenderer::Impl::resize(const PictureParams& params) {
     const auto attach = [&](GLuint& name, GLenum attachment, GLenum format) {
         glGenRenderbuffers(1, &name);
         glBindRenderbuffer(GL_RENDERBUFFER, name);
-        glRenderbufferStorage(GL_RENDERBUFFER, format, static_cast<GLsizei>(params.width),
-                              static_cast<GLsizei>(params.height));
+        glRenderbufferStorage(GL_RENDERBUFFER, format, static_cast<GLsizei>(params.width), static_cast<GLsizei>(params.height));
         glFramebufferRenderbuffer(GL_FRAMEBUFFER, attachment, GL_RENDERBUFFER, name);
     };
     glGenFramebuffers(1, &target.frame);
@@ -473,8 +467,7 @@ StaticMesh& GlRenderer::Impl::static_mesh(uint32_t mesh, bool is_rigid) {
         const Vec3d centre = 0.5 * (from.info->box.min + from.info->box.max);
         if (centre.allFinite()) out.centre = centre;
         for (size_t row = 0; row < out.mesh.source.size(); ++row)
-            rest.push_back(
-                make_vertex((from.position[out.mesh.source[row]] - out.centre).cast<float>(), out.mesh.normal[row]));
+            rest.push_back(make_vertex((from.position[out.mesh.source[row]] - out.centre).cast<float>(), out.mesh.normal[row]));
         std::vector<RenderGroup> groups;
         out.mesh.index = finite_triangles(out.mesh, rest.data(), groups);
         out.mesh.groups = groups;
@@ -493,8 +486,7 @@ StaticMesh& GlRenderer::Impl::static_mesh(uint32_t mesh, bool is_rigid) {
     if (texture.size() < meshes.material.size()) texture.resize(meshes.material.size(), 0);
     for (uint32_t m = materials.first; m < materials.end(); ++m) {
         const Image& image = meshes.material[m].image;
-        const bool whole =
-            image.width > 0 && image.height > 0 && image.rgba.size() == size_t{4} * image.width * image.height;
+        const bool whole = image.width > 0 && image.height > 0 && image.rgba.size() == size_t{4} * image.width * image.height;
         if (whole && !texture[m]) texture[m] = make_texture(image);
     }
     return out;
@@ -541,9 +533,10 @@ void GlRenderer::Impl::upload_shape(BodyBuffers& buffers, const PictureSnapshot&
     if (buffers.damaged) {
         std::vector<Vertex> row;
         for (size_t i = 0; i < count; ++i) row.push_back(make_vertex(position[source[i]], normal[source[i]]));
-        std::vector<uint32_t> index = finite_triangles(
-            mesh, row.data(), buffers.patched_groups, std::span(snapshot.removed).subspan(from.removed.first, from.removed.count));
-        add_exposed(mesh, row.data(), std::span(snapshot.exposed).subspan(from.exposed.first, from.exposed.count), index, buffers.patched_groups);
+        std::vector<uint32_t> index = finite_triangles(mesh, row.data(), buffers.patched_groups,
+                                                       std::span(snapshot.removed).subspan(from.removed.first, from.removed.count));
+        add_exposed(mesh, row.data(), std::span(snapshot.exposed).subspan(from.exposed.first, from.exposed.count), index,
+                    buffers.patched_groups);
         reserve(buffers.patched, GL_ELEMENT_ARRAY_BUFFER, std::max<size_t>(index.size(), 1) * 4);
         glBufferSubData(GL_ELEMENT_ARRAY_BUFFER, 0, static_cast<GLsizeiptr>(index.size() * 4), index.data());
     } else {
@@ -604,8 +597,7 @@ void GlRenderer::Impl::set_material(const SurfaceProgram& p, const Material& mat
     if (image) glBindTexture(GL_TEXTURE_2D, image);
 }
 
-const SurfaceProgram& GlRenderer::Impl::use_surface_program(uint32_t variant, const PictureParams& params,
-                                                            const View& view) {
+const SurfaceProgram& GlRenderer::Impl::use_surface_program(uint32_t variant, const PictureParams& params, const View& view) {
     SurfaceProgram& p = surface_programs[variant];
     if (!p.name) p = make_surface_program(variant);
     const auto basis = [&](float x, float y, float z) {
@@ -657,12 +649,9 @@ void GlRenderer::Impl::draw_backdrop(const PictureParams& params, const View& vi
         glBindFramebuffer(GL_FRAMEBUFFER, target.backdrop_frame);
         glBindVertexArray(empty_array);
         GLuint& program = background_programs[view.light_at_eye];
-        if (!program)
-            program =
-                link(variant_of(false, false, view.light_at_eye), shaders::kCoverVertex, shaders::kBackgroundFragment);
+        if (!program) program = link(variant_of(false, false, view.light_at_eye), shaders::kCoverVertex, shaders::kBackgroundFragment);
         glUseProgram(program);
-        glUniform2f(glGetUniformLocation(program, "size"), static_cast<float>(params.width),
-                    static_cast<float>(params.height));
+        glUniform2f(glGetUniformLocation(program, "size"), static_cast<float>(params.width), static_cast<float>(params.height));
         glDrawArrays(GL_TRIANGLES, 0, 3);
         if (ground.on) {
             const float radius = static_cast<float>(ground.radius);
@@ -696,8 +685,7 @@ void GlRenderer::Impl::draw_shadows(const View& view, const Ground& ground) {
     glDisable(GL_BLEND);
 }
 
-void GlRenderer::Impl::draw_body(const PictureParams& params, const View& view, const PictureBody& from, uint32_t row,
-                                 bool opaque) {
+void GlRenderer::Impl::draw_body(const PictureParams& params, const View& view, const PictureBody& from, uint32_t row, bool opaque) {
     const std::vector<RenderGroup>& groups =
         body[row].damaged ? body[row].patched_groups : static_mesh(from.mesh, body[row].rigid).mesh.groups;
     const Range materials = meshes.materials[from.mesh];
@@ -720,8 +708,7 @@ void GlRenderer::Impl::draw_body(const PictureParams& params, const View& view, 
     }
 }
 
-void GlRenderer::Impl::draw_surfaces(const PictureParams& params, const View& view, const PictureSnapshot& snapshot,
-                                     bool opaque) {
+void GlRenderer::Impl::draw_surfaces(const PictureParams& params, const View& view, const PictureSnapshot& snapshot, bool opaque) {
     glActiveTexture(GL_TEXTURE1);
     glBindTexture(GL_TEXTURE_2D, palette);
     glActiveTexture(GL_TEXTURE0);
@@ -759,8 +746,7 @@ void GlRenderer::Impl::draw_marker(const SurfaceProgram& p, const View& view, co
     const Vec3d from = m.from - view.eye;
     if (!from.allFinite() || !m.to.allFinite() || !(m.radius > 0)) return;
     const auto draw = [](GLsizei count, GLsizei first) {
-        glDrawElements(GL_TRIANGLES, count, GL_UNSIGNED_INT,
-                       reinterpret_cast<const void*>(size_t{4} * static_cast<size_t>(first)));
+        glDrawElements(GL_TRIANGLES, count, GL_UNSIGNED_INT, reinterpret_cast<const void*>(size_t{4} * static_cast<size_t>(first)));
     };
     if (m.kind == Marker::Kind::kSphere) {
         const Vec3d x = m.radius * Vec3d::UnitX(), y = m.radius * Vec3d::UnitY(), z = m.radius * Vec3d::UnitZ();
@@ -836,8 +822,8 @@ GlRenderer::GlRenderer(const Meshes& meshes) : impl_(std::make_unique<Impl>(mesh
 
 GlRenderer::~GlRenderer() = default;
 
-void GlRenderer::draw(const PictureParams& params, const View& view, const PictureSnapshot& snapshot,
-                      std::span<const Marker> markers, const Ground& ground, Image& out) {
+void GlRenderer::draw(const PictureParams& params, const View& view, const PictureSnapshot& snapshot, std::span<const Marker> markers,
+                      const Ground& ground, Image& out) {
     Impl& gl = *impl_;
     gl.context.make_current();
     gl.resize(params);

@@ -19,8 +19,8 @@ struct View {
     std::array<float, 3> sky{};                     // unit, against gravity
     float tan_x = 1, tan_y = 1;                     // of half the field of view
     float near_plane = 0, far_plane = 0;            // m
-    bool light_at_eye = false;    // laparoscope: one light beside the lens, quadratic fall-off, round mask
-    float light_distance = 0.1f;  // m, where the light at the eye has its nominal brightness
+    bool light_at_eye = false;                      // laparoscope: one light beside the lens, quadratic fall-off, round mask
+    float light_distance = 0.1f;                    // m, where the light at the eye has its nominal brightness
 };
 
 // Shape drawn beside the surfaces. Lit like plastic, linear colour with opacity.
@@ -64,8 +64,8 @@ class GlRenderer {
 
     // Draws and reads back; out has params.width x params.height pixels, rows top to bottom, opaque. Text and legend
     // are not drawn here.
-    void draw(const PictureParams& params, const View& view, const PictureSnapshot& snapshot,
-              std::span<const Marker> markers, const Ground& ground, Image& out);
+    void draw(const PictureParams& params, const View& view, const PictureSnapshot& snapshot, std::span<const Marker> markers,
+              const Ground& ground, Image& out);
 
  private:
     struct Impl;

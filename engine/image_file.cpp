@@ -261,9 +261,7 @@ Image decode_image(std::string_view bytes, const std::string& name) {
     fail(name, bytes.empty() ? "empty file" : "not a picture this program reads (PNG, JPEG, GIF)");
 }
 
-Image load_image(const std::filesystem::path& path) {
-    return decode_image(read_file_bytes(path, kImageFileLimit), path.string());
-}
+Image load_image(const std::filesystem::path& path) { return decode_image(read_file_bytes(path, kImageFileLimit), path.string()); }
 
 std::vector<std::byte> encode_png(const Image& image) {
     TROCAR_ASSERT(image.width > 0 && image.height > 0);
@@ -272,7 +270,8 @@ std::vector<std::byte> encode_png(const Image& image) {
     for (size_t i = 3; i < image.rgba.size(); i += 4) opaque = opaque && image.rgba[i] == 255;
     const std::vector<uint8_t> rows = filter_rows(image, opaque ? 3 : 4);
     // live pictures are packed thirty times a second: the quickest level is twice as quick as zlib's and no larger
-    const std::unique_ptr<libdeflate_compressor, decltype(&libdeflate_free_compressor)> compressor(libdeflate_alloc_compressor(1), libdeflate_free_compressor);
+    const std::unique_ptr<libdeflate_compressor, decltype(&libdeflate_free_compressor)> compressor(libdeflate_alloc_compressor(1),
+                                                                                                   libdeflate_free_compressor);
     TROCAR_ASSERT(compressor);
     std::vector<uint8_t> packed(libdeflate_zlib_compress_bound(compressor.get(), rows.size()));
     packed.resize(libdeflate_zlib_compress(compressor.get(), rows.data(), rows.size(), packed.data(), packed.size()));

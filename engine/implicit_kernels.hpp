@@ -14,52 +14,52 @@ namespace trocar {
 // so |psi'| / 6 (|b| + |c|) from corner 0 to 1, and round. (Without it crushed bodies run away at long steps. A matrix that
 // is off by any bounded amount leaves the step of second order.) Plain C types, as in spring_kernels.hpp.
 struct ImplicitStep {
-    const SpringStep* spring;  // offset: the start; new_offset, new_velocity: the end; force_*: taken as they are
-    float* place;              // 4 per particle: x + theta h v, m; w = inverse mass
-    float* direction;          // 4 per particle, m/s
-    float* spoke;              // 64 per column: direction * sqrt(1 - a) in x, y, z, then a
-    float* block;              // 6 fields of `rows`: inverse of the diagonal block, xx yy zz xy xz yz
-    float* residual;           // 3 fields of `rows`, N s
-    float* applied;            // 3 fields
-    float* change;             // 3 fields: dv, m/s
-    unsigned rows;             // particles, padded to 16
-    float theta;               // 1/2: midpoint; 1: backward Euler
+    const SpringStep* spring;       // offset: the start; new_offset, new_velocity: the end; force_*: taken as they are
+    float* place;                   // 4 per particle: x + theta h v, m; w = inverse mass
+    float* direction;               // 4 per particle, m/s
+    float* spoke;                   // 64 per column: direction * sqrt(1 - a) in x, y, z, then a
+    float* block;                   // 6 fields of `rows`: inverse of the diagonal block, xx yy zz xy xz yz
+    float* residual;                // 3 fields of `rows`, N s
+    float* applied;                 // 3 fields
+    float* change;                  // 3 fields: dv, m/s
+    unsigned rows;                  // particles, padded to 16
+    float theta;                    // 1/2: midpoint; 1: backward Euler
     float keep_before, keep_after;  // shares of the velocity relative to the drag left by damping before and after
     float rigid_velocity[3];        // of the goals of a free body under `direction`: rigid_velocity + rigid_turn x place
     float rigid_turn[3];
-    const float* volume_force;      // 3 fields, N, of tetrahedra at `place`; null = none
-    const float* volume_block;      // 6 fields as block, N/m, of their stiffness
-    const float* volume_pull;       // 3 fields, N s/m, their stiffness times `direction`
+    const float* volume_force;  // 3 fields, N, of tetrahedra at `place`; null = none
+    const float* volume_block;  // 6 fields as block, N/m, of their stiffness
+    const float* volume_pull;   // 3 fields, N s/m, their stiffness times `direction`
 };
 
 // Tetrahedra of a body in an implicit step; groups of 16 as in TetStep, results in its corner_force, to be gathered.
 struct ImplicitTets {
-    const TetStep* tets;       // offset: the places of the step
-    const float* direction;    // 4 per node
-    float* slope;              // 12 fields of `tets->tetrahedra`: sqrt(V psi'') g at corners 1, 2 and 3; springs from corner 0 to them
+    const TetStep* tets;     // offset: the places of the step
+    const float* direction;  // 4 per node
+    float* slope;            // 12 fields of `tets->tetrahedra`: sqrt(V psi'') g at corners 1, 2 and 3; springs from corner 0 to them
 };
 
 // One step of extended position based dynamics (Macklin, Mueller, Chentanez, MIG 2016) of one body. The increments of
 // the step are kept apart from the places: their sum is rounded once, at the end, and steps of 0.1 ms keep their digits.
 struct XpbdStep {
-    const SpringStep* spring;   // offset: the start; new_offset, new_velocity: the end; kick_dt, keep, drag, force_*
-    float* place;               // 4 per particle and 32 rows of padding: the start, m; w = inverse mass
-    float* increment;           // as place, m
-    const unsigned* ends;       // 32 per batch
-    const float* rest;          // 16 per batch, m
-    float* lambda;              // 16 per batch, N s^2; null with one sweep
-    float* anchor_lambda;       // 3 fields of `rows`; null with one sweep
-    unsigned rows;              // particles, padded to 16
-    float compliance;           // 1 / (stiffness dt^2), m/(N s^2)
-    const float* factor;        // 16 per batch: stiffness of a spring / `stiffness`; 0 = broken; null = 1
+    const SpringStep* spring;  // offset: the start; new_offset, new_velocity: the end; kick_dt, keep, drag, force_*
+    float* place;              // 4 per particle and 32 rows of padding: the start, m; w = inverse mass
+    float* increment;          // as place, m
+    const unsigned* ends;      // 32 per batch
+    const float* rest;         // 16 per batch, m
+    float* lambda;             // 16 per batch, N s^2; null with one sweep
+    float* anchor_lambda;      // 3 fields of `rows`; null with one sweep
+    unsigned rows;             // particles, padded to 16
+    float compliance;          // 1 / (stiffness dt^2), m/(N s^2)
+    const float* factor;       // 16 per batch: stiffness of a spring / `stiffness`; 0 = broken; null = 1
     // tetrahedra, 16 a batch, no two of one share a node: the constraint J = 1 with the compliance (J - 1) / (V psi'),
     // 1 / (V bulk) where the volume force is linear
-    const unsigned* corners;    // 64 per batch, as ends
-    const float* volume;        // 16 per batch, m^3, six times the volume at rest
-    const float* volume_factor; // 16 per batch, of bulk and crush
-    float* volume_lambda;       // 16 per batch, J s^2; null with one sweep
-    float bulk, crush;          // Pa
-    float least_slope2;         // 1/m^2: squared gradients of J at a corner count as no less
+    const unsigned* corners;     // 64 per batch, as ends
+    const float* volume;         // 16 per batch, m^3, six times the volume at rest
+    const float* volume_factor;  // 16 per batch, of bulk and crush
+    float* volume_lambda;        // 16 per batch, J s^2; null with one sweep
+    float bulk, crush;           // Pa
+    float least_slope2;          // 1/m^2: squared gradients of J at a corner count as no less
 };
 
 // Same bits from both instruction sets. `sums` (16 doubles) is added to lane by lane.

@@ -1,7 +1,6 @@
 // The kernels of both instruction sets. The file that includes this one defines V (kWidth floats), Lanes (x, y, z, w) and
 // set, load, keep_store, load4, store4, gather4, root, larger, where_positive, is_other, multiply_add and add_doubles.
 
-
 struct Three {
     V x, y, z;
 };
@@ -22,8 +21,8 @@ TROCAR_LANES Three rigid(const float* s, const float* t, Three p) {
 }
 TROCAR_LANES Three times_block(const ImplicitStep* s, unsigned row, Three r) {
     const unsigned long n = s->rows;
-    const V xx = load(s->block + row), yy = load(s->block + n + row), zz = load(s->block + 2 * n + row),
-            xy = load(s->block + 3 * n + row), xz = load(s->block + 4 * n + row), yz = load(s->block + 5 * n + row);
+    const V xx = load(s->block + row), yy = load(s->block + n + row), zz = load(s->block + 2 * n + row), xy = load(s->block + 3 * n + row),
+            xz = load(s->block + 4 * n + row), yz = load(s->block + 5 * n + row);
     return {dot3({xx, xy, xz}, r), dot3({xy, yy, yz}, r), dot3({xz, yz, zz}, r)};
 }
 TROCAR_LANES V goal_less_place(const SpringStep* s, unsigned row, int axis, V x) {
@@ -55,8 +54,7 @@ void predict(const ImplicitStep* s, unsigned first, unsigned last, double* sums)
         keep_store(b->new_velocity_x + row, v.x);
         keep_store(b->new_velocity_y + row, v.y);
         keep_store(b->new_velocity_z + row, v.z);
-        store4(s->place + 4ul * row,
-               {multiply_add(way, v.x, x.x), multiply_add(way, v.y, x.y), multiply_add(way, v.z, x.z), x.w});
+        store4(s->place + 4ul * row, {multiply_add(way, v.x, x.x), multiply_add(way, v.y, x.y), multiply_add(way, v.z, x.z), x.w});
     }
 }
 
@@ -257,8 +255,7 @@ void move(const ImplicitStep* s, float a, unsigned first, unsigned last, double*
         const Three applied = load3(s->applied, s->rows, row), dv = load3(s->change, s->rows, row);
         Three r = load3(s->residual, s->rows, row);
         const V by = set(a), back = set(-a);
-        store3(s->change, s->rows, row,
-               {multiply_add(by, p.x, dv.x), multiply_add(by, p.y, dv.y), multiply_add(by, p.z, dv.z)});
+        store3(s->change, s->rows, row, {multiply_add(by, p.x, dv.x), multiply_add(by, p.y, dv.y), multiply_add(by, p.z, dv.z)});
         r = {multiply_add(back, applied.x, r.x), multiply_add(back, applied.y, r.y), multiply_add(back, applied.z, r.z)};
         store3(s->residual, s->rows, row, r);
         add_doubles(sums + row % 16, dot3(r, times_block(s, row, r)));
@@ -270,8 +267,7 @@ void turn(const ImplicitStep* s, float b, unsigned first, unsigned last) {
     for (unsigned row = 16 * first; row < 16 * last; row += kWidth) {
         const Lanes p = load4(s->direction + 4ul * row);
         const Three z = times_block(s, row, load3(s->residual, s->rows, row));
-        store4(s->direction + 4ul * row,
-               {multiply_add(by, p.x, z.x), multiply_add(by, p.y, z.y), multiply_add(by, p.z, z.z), p.w});
+        store4(s->direction + 4ul * row, {multiply_add(by, p.x, z.x), multiply_add(by, p.y, z.y), multiply_add(by, p.z, z.z), p.w});
     }
 }
 
@@ -296,8 +292,8 @@ void xpbd_predict(const XpbdStep* s, unsigned first, unsigned last, double* sums
     const V dt = set(b->dt), kick = set(b->kick_dt), zero = set(0);
     for (unsigned row = 16 * first; row < 16 * last; row += kWidth) {
         const Lanes x = load4(b->offset + 4ul * row);
-        Three v = damp(b, b->keep, {load(b->velocity_x + row), load(b->velocity_y + row), load(b->velocity_z + row)},
-                       {x.x, x.y, x.z}, x.w, sums, row % 16);
+        Three v = damp(b, b->keep, {load(b->velocity_x + row), load(b->velocity_y + row), load(b->velocity_z + row)}, {x.x, x.y, x.z}, x.w,
+                       sums, row % 16);
         const auto kicked = [&](V speed, float gravity, const float* force) {
             const V a = force ? multiply_add(load(force + row), x.w, set(gravity)) : set(gravity);
             return where_positive(x.w, multiply_add(kick, a, speed));
@@ -316,8 +312,7 @@ void xpbd_springs(const XpbdStep* s, unsigned first, unsigned last) {
     for (unsigned batch = first; batch < last; ++batch) {
         for (unsigned lane = 0; lane < 16; lane += kWidth) {
             const unsigned *i = s->ends + 32ul * batch + lane, *j = i + 16;
-            const Lanes xi = gather4(s->place, i), xj = gather4(s->place, j), di = gather4(s->increment, i),
-                        dj = gather4(s->increment, j);
+            const Lanes xi = gather4(s->place, i), xj = gather4(s->place, j), di = gather4(s->increment, i), dj = gather4(s->increment, j);
             const V x = (xj.x - xi.x) + (dj.x - di.x), y = (xj.y - xi.y) + (dj.y - di.y), z = (xj.z - xi.z) + (dj.z - di.z);
             const V length = root(multiply_add(x, x, multiply_add(y, y, z * z)));
             const V factor = s->factor ? load(s->factor + 16ul * batch + lane) : one;
@@ -342,7 +337,8 @@ void xpbd_volumes(const XpbdStep* s, unsigned first, unsigned last) {
             Lanes x[4], d[4];
             for (int k = 0; k < 4; ++k) x[k] = gather4(s->place, node + 16 * k), d[k] = gather4(s->increment, node + 16 * k);
             const auto way = [&](int k) {
-                return Three{(x[k].x - x[0].x) + (d[k].x - d[0].x), (x[k].y - x[0].y) + (d[k].y - d[0].y), (x[k].z - x[0].z) + (d[k].z - d[0].z)};
+                return Three{(x[k].x - x[0].x) + (d[k].x - d[0].x), (x[k].y - x[0].y) + (d[k].y - d[0].y),
+                             (x[k].z - x[0].z) + (d[k].z - d[0].z)};
             };
             const Three a = way(1), b = way(2), c = way(3);
             const V rest = load(s->volume + 16ul * batch + lane), per_rest = where_positive(rest, one / rest);
@@ -372,7 +368,8 @@ void xpbd_volumes(const XpbdStep* s, unsigned first, unsigned last) {
             if (s->volume_lambda) keep_store(s->volume_lambda + 16ul * batch + lane, load(s->volume_lambda + 16ul * batch + lane) + push);
             for (int k = 0; k < 4; ++k) {
                 const V by = x[k].w * push;
-                scatter4(s->increment, node + 16 * k, {multiply_add(by, g[k].x, d[k].x), multiply_add(by, g[k].y, d[k].y), multiply_add(by, g[k].z, d[k].z), zero});
+                scatter4(s->increment, node + 16 * k,
+                         {multiply_add(by, g[k].x, d[k].x), multiply_add(by, g[k].y, d[k].y), multiply_add(by, g[k].z, d[k].z), zero});
             }
         }
     }
@@ -385,8 +382,7 @@ void xpbd_anchors(const XpbdStep* s, unsigned first, unsigned last) {
         const Lanes x = load4(s->place + 4ul * row), d = load4(s->increment + 4ul * row);
         const V k = load(b->anchor_stiffness + row) * dt2;
         const V share = k / multiply_add(k, x.w, set(1));  // 1 / (w + 1 / k)
-        Three push = {goal_less_place(b, row, 0, x.x) - d.x, goal_less_place(b, row, 1, x.y) - d.y,
-                      goal_less_place(b, row, 2, x.z) - d.z};
+        Three push = {goal_less_place(b, row, 0, x.x) - d.x, goal_less_place(b, row, 1, x.y) - d.y, goal_less_place(b, row, 2, x.z) - d.z};
         push = {share * push.x, share * push.y, share * push.z};
         if (s->anchor_lambda) {
             // compliance times lambda = lambda / k; share / k = 1 / (k w + 1)
@@ -395,8 +391,8 @@ void xpbd_anchors(const XpbdStep* s, unsigned first, unsigned last) {
             push = {push.x - part * lambda.x, push.y - part * lambda.y, push.z - part * lambda.z};
             store3(s->anchor_lambda, s->rows, row, {lambda.x + push.x, lambda.y + push.y, lambda.z + push.z});
         }
-        store4(s->increment + 4ul * row, {multiply_add(x.w, push.x, d.x), multiply_add(x.w, push.y, d.y),
-                                          multiply_add(x.w, push.z, d.z), zero});
+        store4(s->increment + 4ul * row,
+               {multiply_add(x.w, push.x, d.x), multiply_add(x.w, push.y, d.y), multiply_add(x.w, push.z, d.z), zero});
     }
 }
 

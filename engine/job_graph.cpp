@@ -60,9 +60,8 @@ JobGraph::JobGraph(std::span<const Stage> stages, FrameState& state, const Stage
     impl_->before.resize(stages.size());
     impl_->done.resize(stages.size());
     for (uint32_t i = 0; i < stages.size(); ++i) {
-        impl_->nodes.emplace_back(
-            impl_->graph,
-            [impl = impl_.get(), i](const tbb::flow::continue_msg&) TROCAR_NO_RACE_DETECTION { impl->run_node(i); });
+        impl_->nodes.emplace_back(impl_->graph,
+                                  [impl = impl_.get(), i](const tbb::flow::continue_msg&) TROCAR_NO_RACE_DETECTION { impl->run_node(i); });
     }
     for (const auto& [a, b] : stage_edges(stages)) {
         tbb::flow::make_edge(impl_->nodes[a], impl_->nodes[b]);

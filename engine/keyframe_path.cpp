@@ -9,8 +9,7 @@ namespace {
 
 // The key that begins the interval holding `time`; keys.front().time <= time < keys.back().time.
 size_t interval_of(std::span<const Keyframe> keys, double time) {
-    const auto after =
-        std::upper_bound(keys.begin(), keys.end(), time, [](double t, const Keyframe& key) { return t < key.time; });
+    const auto after = std::upper_bound(keys.begin(), keys.end(), time, [](double t, const Keyframe& key) { return t < key.time; });
     return static_cast<size_t>(after - keys.begin()) - 1;
 }
 
@@ -44,8 +43,7 @@ PathPoint sample_path(std::span<const Keyframe> keys, double time) {
     if (b.jump) return place_of(a);
 
     const double length = b.time - a.time, u = (time - a.time) / length;
-    const Vec3d va = key_velocity(keys, k) * length, vb = key_velocity(keys, k + 1) * length,
-                chord = b.position - a.position;
+    const Vec3d va = key_velocity(keys, k) * length, vb = key_velocity(keys, k + 1) * length, chord = b.position - a.position;
     const double u2 = u * u, rise = u2 * (3 - 2 * u), rise_rate = 6 * u * (1 - u);
     at.position = a.position + rise * chord + (u * (1 - u) * (1 - u)) * va + (u2 * (u - 1)) * vb;
     at.velocity = (rise_rate * chord + ((1 - u) * (1 - 3 * u)) * va + (u * (3 * u - 2)) * vb) / length;
@@ -57,8 +55,7 @@ PathPoint sample_path(std::span<const Keyframe> keys, double time) {
 }
 
 bool path_jumps(std::span<const Keyframe> keys, double from, double to) {
-    return std::any_of(keys.begin(), keys.end(),
-                       [&](const Keyframe& key) { return key.jump != 0 && key.time > from && key.time <= to; });
+    return std::any_of(keys.begin(), keys.end(), [&](const Keyframe& key) { return key.jump != 0 && key.time > from && key.time <= to; });
 }
 
 }  // namespace trocar

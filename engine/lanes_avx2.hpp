@@ -12,32 +12,27 @@ struct Lanes {
 inline __attribute__((always_inline)) Lanes transpose(__m256 a, __m256 b, __m256 c, __m256 d) {
     const __m256 ab_low = _mm256_unpacklo_ps(a, b), ab_high = _mm256_unpackhi_ps(a, b);
     const __m256 cd_low = _mm256_unpacklo_ps(c, d), cd_high = _mm256_unpackhi_ps(c, d);
-    return {_mm256_shuffle_ps(ab_low, cd_low, 0x44), _mm256_shuffle_ps(ab_low, cd_low, 0xEE),
-            _mm256_shuffle_ps(ab_high, cd_high, 0x44), _mm256_shuffle_ps(ab_high, cd_high, 0xEE)};
+    return {_mm256_shuffle_ps(ab_low, cd_low, 0x44), _mm256_shuffle_ps(ab_low, cd_low, 0xEE), _mm256_shuffle_ps(ab_high, cd_high, 0x44),
+            _mm256_shuffle_ps(ab_high, cd_high, 0xEE)};
 }
 inline __attribute__((always_inline)) __m256 join(const float* low, const float* high) {
     return _mm256_insertf128_ps(_mm256_castps128_ps256(_mm_load_ps(low)), _mm_load_ps(high), 1);
 }
 inline __attribute__((always_inline)) Lanes gather(const float* base, const unsigned* index) {
-    const auto rows = [&](int i) __attribute__((always_inline)) {
-        return join(base + 4ul * index[i], base + 4ul * index[i + 4]);
-    };
+    const auto rows = [&](int i) __attribute__((always_inline)) { return join(base + 4ul * index[i], base + 4ul * index[i + 4]); };
     return transpose(rows(0), rows(1), rows(2), rows(3));
 }
 // The same for numbers of 16 bits, counted from row `from`.
 inline __attribute__((always_inline)) Lanes gather_near(const float* base, const unsigned short* index, long from) {
     const float* first = base + 4 * from;
-    const auto rows = [&](int i) __attribute__((always_inline)) {
-        return join(first + 4ul * index[i], first + 4ul * index[i + 4]);
-    };
+    const auto rows = [&](int i) __attribute__((always_inline)) { return join(first + 4ul * index[i], first + 4ul * index[i + 4]); };
     return transpose(rows(0), rows(1), rows(2), rows(3));
 }
 inline __attribute__((always_inline)) __m256 widen(const unsigned short* values) {
     return _mm256_cvtepi32_ps(_mm256_cvtepu16_epi32(_mm_loadu_si128(reinterpret_cast<const __m128i*>(values))));
 }
 inline __attribute__((always_inline)) Lanes load(const float* rows) {
-    return transpose(join(rows, rows + 16), join(rows + 4, rows + 20), join(rows + 8, rows + 24),
-                     join(rows + 12, rows + 28));
+    return transpose(join(rows, rows + 16), join(rows + 4, rows + 20), join(rows + 8, rows + 24), join(rows + 12, rows + 28));
 }
 inline __attribute__((always_inline)) void store(float* rows, const Lanes& lanes) {
     const Lanes r = transpose(lanes.x, lanes.y, lanes.z, lanes.w);

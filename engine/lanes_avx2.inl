@@ -17,9 +17,7 @@ TROCAR_LANES V root(V v) { return _mm256_sqrt_ps(v); }
 TROCAR_LANES V larger(V a, V b) { return _mm256_max_ps(a, b); }
 TROCAR_LANES V multiply_add(V a, V b, V c) { return _mm256_fmadd_ps(a, b, c); }
 // value where `sign` is above zero, else 0
-TROCAR_LANES V where_positive(V sign, V value) {
-    return _mm256_and_ps(_mm256_cmp_ps(sign, _mm256_setzero_ps(), _CMP_GT_OQ), value);
-}
+TROCAR_LANES V where_positive(V sign, V value) { return _mm256_and_ps(_mm256_cmp_ps(sign, _mm256_setzero_ps(), _CMP_GT_OQ), value); }
 // 1 where the lane's number is not its own row, else 0
 TROCAR_LANES V is_other(const unsigned* number, unsigned row) {
     const __m256i own = _mm256_add_epi32(_mm256_set1_epi32(static_cast<int>(row)), _mm256_set_epi32(7, 6, 5, 4, 3, 2, 1, 0));
@@ -29,17 +27,15 @@ TROCAR_LANES V is_other(const unsigned* number, unsigned row) {
 TROCAR_LANES Lanes transpose(V a, V b, V c, V d) {
     const V ab_low = _mm256_unpacklo_ps(a, b), ab_high = _mm256_unpackhi_ps(a, b);
     const V cd_low = _mm256_unpacklo_ps(c, d), cd_high = _mm256_unpackhi_ps(c, d);
-    return {_mm256_shuffle_ps(ab_low, cd_low, 0x44), _mm256_shuffle_ps(ab_low, cd_low, 0xEE),
-            _mm256_shuffle_ps(ab_high, cd_high, 0x44), _mm256_shuffle_ps(ab_high, cd_high, 0xEE)};
+    return {_mm256_shuffle_ps(ab_low, cd_low, 0x44), _mm256_shuffle_ps(ab_low, cd_low, 0xEE), _mm256_shuffle_ps(ab_high, cd_high, 0x44),
+            _mm256_shuffle_ps(ab_high, cd_high, 0xEE)};
 }
 TROCAR_LANES V join(const float* low, const float* high) {
     return _mm256_insertf128_ps(_mm256_castps128_ps256(_mm_load_ps(low)), _mm_load_ps(high), 1);
 }
 // Rows of four floats by number: one 128-bit load each.
 TROCAR_LANES Lanes gather4(const float* base, const unsigned* number) {
-    const auto rows = [&](int i) __attribute__((always_inline)) {
-        return join(base + 4ul * number[i], base + 4ul * number[i + 4]);
-    };
+    const auto rows = [&](int i) __attribute__((always_inline)) { return join(base + 4ul * number[i], base + 4ul * number[i + 4]); };
     return transpose(rows(0), rows(1), rows(2), rows(3));
 }
 // Rows of four floats to numbers that all differ.

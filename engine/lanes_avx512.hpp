@@ -15,15 +15,13 @@ struct Lanes {
 inline __attribute__((always_inline)) Lanes transpose(__m512 a, __m512 b, __m512 c, __m512 d) {
     const __m512 ab_low = _mm512_unpacklo_ps(a, b), ab_high = _mm512_unpackhi_ps(a, b);
     const __m512 cd_low = _mm512_unpacklo_ps(c, d), cd_high = _mm512_unpackhi_ps(c, d);
-    return {_mm512_shuffle_ps(ab_low, cd_low, 0x44), _mm512_shuffle_ps(ab_low, cd_low, 0xEE),
-            _mm512_shuffle_ps(ab_high, cd_high, 0x44), _mm512_shuffle_ps(ab_high, cd_high, 0xEE)};
+    return {_mm512_shuffle_ps(ab_low, cd_low, 0x44), _mm512_shuffle_ps(ab_low, cd_low, 0xEE), _mm512_shuffle_ps(ab_high, cd_high, 0x44),
+            _mm512_shuffle_ps(ab_high, cd_high, 0xEE)};
 }
 
 // Rows index[0], index[4], index[8], index[12] in the four 128-bit groups.
 inline __attribute__((always_inline)) __m512 load_rows(const float* base, const unsigned* index) {
-    const auto row = [&](unsigned i) __attribute__((always_inline)) {
-        return _mm_load_ps(base + 4 * static_cast<unsigned long>(i));
-    };
+    const auto row = [&](unsigned i) __attribute__((always_inline)) { return _mm_load_ps(base + 4 * static_cast<unsigned long>(i)); };
     __m512 rows = _mm512_castps128_ps512(row(index[0]));
     rows = _mm512_mask_broadcast_f32x4(rows, 0x00F0, row(index[4]));
     rows = _mm512_mask_broadcast_f32x4(rows, 0x0F00, row(index[8]));
@@ -32,8 +30,7 @@ inline __attribute__((always_inline)) __m512 load_rows(const float* base, const 
 
 // One 128-bit load per neighbour instead of three gathers: one cache line is touched, not three.
 inline __attribute__((always_inline)) Lanes gather(const float* base, const unsigned* index) {
-    return transpose(load_rows(base, index), load_rows(base, index + 1), load_rows(base, index + 2),
-                     load_rows(base, index + 3));
+    return transpose(load_rows(base, index), load_rows(base, index + 1), load_rows(base, index + 2), load_rows(base, index + 3));
 }
 
 // The same for numbers of 16 bits, counted from row `from`.
@@ -62,8 +59,7 @@ inline __attribute__((always_inline)) void swap_groups(__m512& a, __m512& b, __m
     d = _mm512_shuffle_f32x4(ab_high, cd_high, 0xDD);
 }
 inline __attribute__((always_inline)) Lanes load(const float* rows) {
-    __m512 a = _mm512_loadu_ps(rows), b = _mm512_loadu_ps(rows + 16), c = _mm512_loadu_ps(rows + 32),
-           d = _mm512_loadu_ps(rows + 48);
+    __m512 a = _mm512_loadu_ps(rows), b = _mm512_loadu_ps(rows + 16), c = _mm512_loadu_ps(rows + 32), d = _mm512_loadu_ps(rows + 48);
     swap_groups(a, b, c, d);
     return transpose(a, b, c, d);
 }

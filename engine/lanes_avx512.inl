@@ -22,20 +22,18 @@ TROCAR_LANES V where_positive(V sign, V value) {
 }
 // 1 where the lane's number is not its own row, else 0
 TROCAR_LANES V is_other(const unsigned* number, unsigned row) {
-    const __m512i own = _mm512_add_epi32(_mm512_set1_epi32(static_cast<int>(row)),
-                                         _mm512_set_epi32(15, 14, 13, 12, 11, 10, 9, 8, 7, 6, 5, 4, 3, 2, 1, 0));
+    const __m512i own =
+        _mm512_add_epi32(_mm512_set1_epi32(static_cast<int>(row)), _mm512_set_epi32(15, 14, 13, 12, 11, 10, 9, 8, 7, 6, 5, 4, 3, 2, 1, 0));
     return _mm512_maskz_mov_ps(_mm512_cmpneq_epi32_mask(_mm512_loadu_si512(number), own), _mm512_set1_ps(1.0f));
 }
 TROCAR_LANES Lanes transpose(V a, V b, V c, V d) {
     const V ab_low = _mm512_unpacklo_ps(a, b), ab_high = _mm512_unpackhi_ps(a, b);
     const V cd_low = _mm512_unpacklo_ps(c, d), cd_high = _mm512_unpackhi_ps(c, d);
-    return {_mm512_shuffle_ps(ab_low, cd_low, 0x44), _mm512_shuffle_ps(ab_low, cd_low, 0xEE),
-            _mm512_shuffle_ps(ab_high, cd_high, 0x44), _mm512_shuffle_ps(ab_high, cd_high, 0xEE)};
+    return {_mm512_shuffle_ps(ab_low, cd_low, 0x44), _mm512_shuffle_ps(ab_low, cd_low, 0xEE), _mm512_shuffle_ps(ab_high, cd_high, 0x44),
+            _mm512_shuffle_ps(ab_high, cd_high, 0xEE)};
 }
 TROCAR_LANES V load_rows(const float* base, const unsigned* number) {
-    const auto row = [&](unsigned i) __attribute__((always_inline)) {
-        return _mm_load_ps(base + 4 * static_cast<unsigned long>(i));
-    };
+    const auto row = [&](unsigned i) __attribute__((always_inline)) { return _mm_load_ps(base + 4 * static_cast<unsigned long>(i)); };
     V rows = _mm512_castps128_ps512(row(number[0]));
     rows = _mm512_mask_broadcast_f32x4(rows, 0x00F0, row(number[4]));
     rows = _mm512_mask_broadcast_f32x4(rows, 0x0F00, row(number[8]));
@@ -43,8 +41,7 @@ TROCAR_LANES V load_rows(const float* base, const unsigned* number) {
 }
 // Rows of four floats by number: one 128-bit load each.
 TROCAR_LANES Lanes gather4(const float* base, const unsigned* number) {
-    return transpose(load_rows(base, number), load_rows(base, number + 1), load_rows(base, number + 2),
-                     load_rows(base, number + 3));
+    return transpose(load_rows(base, number), load_rows(base, number + 1), load_rows(base, number + 2), load_rows(base, number + 3));
 }
 // Rows of four floats to numbers that all differ.
 TROCAR_LANES void scatter4(float* base, const unsigned* number, const Lanes& lanes) {

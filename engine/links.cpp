@@ -125,8 +125,9 @@ bool is_of_material(const Meshes& meshes, uint32_t prototype, uint32_t node, uin
 }
 
 Vec3d rest_of_node(const Meshes& meshes, const Solids& solids, uint32_t prototype, uint32_t node) {
-    const Range surface{meshes.info[prototype].vertices.first,
-                        has_own_nodes(solids, prototype) ? surface_nodes(meshes, solids.info[prototype], prototype) : meshes.info[prototype].vertices.count};
+    const Range surface{meshes.info[prototype].vertices.first, has_own_nodes(solids, prototype)
+                                                                   ? surface_nodes(meshes, solids.info[prototype], prototype)
+                                                                   : meshes.info[prototype].vertices.count};
     return node < surface.count ? meshes.position[surface.first + node]
                                 : solids.position[solids.info[prototype].inner.first + node - surface.count];
 }
@@ -243,8 +244,7 @@ Entity add_staple(const LinkWorld& world, const Staple& staple, Links& links, En
     return name;
 }
 
-void update_link_limits(const Bodies& bodies, const Solids& solids, const Particles& particles, LinkScratch& link_scratch,
-                        Links& links) {
+void update_link_limits(const Bodies& bodies, const Solids& solids, const Particles& particles, LinkScratch& link_scratch, Links& links) {
     std::vector<double>& scratch = link_scratch.sums;
     links.stable_dt.assign(bodies.mesh.size(), std::numeric_limits<double>::infinity());
     scratch.assign(particles.offset.size() + bodies.mesh.size(), 0.0);

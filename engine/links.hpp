@@ -64,9 +64,9 @@ void reserve_links(Links& links, size_t rows, uint32_t groups = 0);
 struct Staple {
     uint32_t a = kNone, b = kNone;
     Vec3d place = Vec3d::Zero();
-    double reach = 0.01;    // m
-    double stiffness = 0;   // N/m
-    double rest = -1;       // m
+    double reach = 0.01;   // m
+    double stiffness = 0;  // N/m
+    double rest = -1;      // m
     double break_strain = std::numeric_limits<double>::infinity();
 };
 LinkGroup group_of(const Staple& staple);
@@ -77,8 +77,7 @@ Entity add_staple(const LinkWorld& world, const Staple& staple, Links& links, En
 // move, else the share of the far side: |x - y|^2 <= (1 + s) |x|^2 + (1 + 1/s) |y|^2 for any s > 0. Holders that forces
 // move get their sum of k (1 + 1/s) (1/m + r^2 / I). s makes both alike for one link between equal masses, and spreads the
 // light nodes of many links over a heavy holder.
-void update_link_limits(const Bodies& bodies, const Solids& solids, const Particles& particles, LinkScratch& scratch,
-                        Links& links);
+void update_link_limits(const Bodies& bodies, const Solids& solids, const Particles& particles, LinkScratch& scratch, Links& links);
 
 // Pairs of bodies joined by links, but for static holders: what islands and sleep go by.
 void joined_by_links(const Bodies& bodies, const Links& links, std::vector<std::array<uint32_t, 2>>& joined);

@@ -50,8 +50,7 @@ SolidMoments solid_moments(const MeshView& mesh) {
     sum.centre = near + shift;
     const Eigen::Matrix3d spread = second / 120 - sum.volume * (shift * shift.transpose());
     const double trace = spread.trace();
-    sum.inertia = {trace - spread(0, 0), trace - spread(1, 1), trace - spread(2, 2),
-                   -spread(0, 1),        -spread(0, 2),        -spread(1, 2)};
+    sum.inertia = {trace - spread(0, 0), trace - spread(1, 1), trace - spread(2, 2), -spread(0, 1), -spread(0, 2), -spread(1, 2)};
     return sum;
 }
 

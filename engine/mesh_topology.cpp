@@ -68,8 +68,7 @@ void append_looks(Meshes& meshes, const Mesh& mesh, const MeshInfo& info) {
     TROCAR_ASSERT(mesh.triangle_material.empty() || mesh.triangle_material.size() == mesh.triangle.size());
     meshes.uv.insert(meshes.uv.end(), mesh.uv.begin(), mesh.uv.end());
     meshes.uv.resize(info.triangles.end());
-    meshes.triangle_material.insert(meshes.triangle_material.end(), mesh.triangle_material.begin(),
-                                    mesh.triangle_material.end());
+    meshes.triangle_material.insert(meshes.triangle_material.end(), mesh.triangle_material.begin(), mesh.triangle_material.end());
     meshes.triangle_material.resize(info.triangles.end(), 0);
     const size_t first = meshes.material.size();
     meshes.material.insert(meshes.material.end(), mesh.material.begin(), mesh.material.end());
@@ -91,8 +90,7 @@ void measure(MeshInfo& info, const MeshView& mesh) {
     // the volume is summed about the middle of the box: about a far origin its cones would cancel each other away
     const Vec3d middle = mesh.position.empty() ? Vec3d::Zero() : Vec3d(0.5 * (info.box.min + info.box.max));
     for (const Triangle& t : mesh.triangle) {
-        const Vec3d a = mesh.position[t[0]] - middle, b = mesh.position[t[1]] - middle,
-                    c = mesh.position[t[2]] - middle;
+        const Vec3d a = mesh.position[t[0]] - middle, b = mesh.position[t[1]] - middle, c = mesh.position[t[2]] - middle;
         info.volume += a.dot(b.cross(c)) / 6.0;
         info.area += 0.5 * (b - a).cross(c - a).norm();
     }
@@ -152,7 +150,8 @@ void append_slices(Springs& springs, std::span<const Vec3d> position, std::span<
 }
 
 // Of triangles between `position`, whose rows begin `before` rows later.
-void append_area_shares(Springs& springs, std::span<const Vec3d> position, std::span<const Triangle> triangle, uint32_t before, Range rows) {
+void append_area_shares(Springs& springs, std::span<const Vec3d> position, std::span<const Triangle> triangle, uint32_t before,
+                        Range rows) {
     std::vector<double> share(rows.count, 0.0);
     for (const Triangle& t : triangle) {
         const Vec3d& a = position[t[0]];
@@ -220,7 +219,8 @@ void add_springs(Springs& springs, const Meshes& meshes, uint32_t prototype, std
     springs.vertices.push_back(grow(springs.area_share.size(), info.skin + slices * kSliceWidth));
     append_slices(springs, node, edge);
     const bool carried = info.skin > 0;
-    append_area_shares(springs, carried ? node : mesh.position, carried ? skin.boundary : mesh.triangle, info.skin, springs.vertices.back());
+    append_area_shares(springs, carried ? node : mesh.position, carried ? skin.boundary : mesh.triangle, info.skin,
+                       springs.vertices.back());
     pack_springs(springs, prototype);
 }
 
@@ -244,7 +244,8 @@ void pack_springs(Springs& springs, uint32_t prototype, size_t beyond) {
     for (size_t h = first; h < last; ++h) longest = std::max(longest, springs.rest_length[h]);
     info.rest_unit = longest / 65535;
     for (size_t h = first; h < last; ++h) {
-        const uint16_t units = longest > 0 ? static_cast<uint16_t>(std::lround(double{springs.rest_length[h]} / info.rest_unit)) : uint16_t{0};
+        const uint16_t units =
+            longest > 0 ? static_cast<uint16_t>(std::lround(double{springs.rest_length[h]} / info.rest_unit)) : uint16_t{0};
         packed[(h - first) / kSliceWidth][kSliceWidth + h % kSliceWidth] = units;
         springs.rest_length[h] = static_cast<float>(units) * info.rest_unit;
     }
@@ -272,9 +273,7 @@ void colour_springs(Springs& springs, uint32_t prototype) {
             const size_t half_edge = size_t{c} * kSliceWidth + v % kSliceWidth;
             const uint32_t far_end = springs.neighbour[half_edge];
             if (far_end <= v) continue;
-            const auto taken = [&](uint32_t vertex, size_t colour) {
-                return colour < used[vertex].size() && used[vertex][colour];
-            };
+            const auto taken = [&](uint32_t vertex, size_t colour) { return colour < used[vertex].size() && used[vertex][colour]; };
             size_t colour = 0;
             while (taken(v, colour) || taken(far_end, colour)) ++colour;
             for (const uint32_t end : {v, far_end}) {
@@ -282,7 +281,8 @@ void colour_springs(Springs& springs, uint32_t prototype) {
                 used[end][colour] = 1;
             }
             by_colour.resize(std::max(by_colour.size(), colour + 1));
-            by_colour[colour].push_back({v, far_end, springs.rest_length[half_edge], varied ? springs.factor[half_edge] : 1.0f, static_cast<uint32_t>(half_edge)});
+            by_colour[colour].push_back(
+                {v, far_end, springs.rest_length[half_edge], varied ? springs.factor[half_edge] : 1.0f, static_cast<uint32_t>(half_edge)});
         }
     }
     springs.colours[prototype] = grow(springs.colour.size(), by_colour.size());
@@ -323,8 +323,7 @@ void order_for_locality(Mesh& mesh) {
         for (uint32_t i = 0; i < count; ++i) from[i] = keyed[i].second;
         return from;
     };
-    const auto vertex_from =
-        by_key(mesh.position.size(), [&](uint32_t v) { return hilbert_key(mesh.position[v], box); });
+    const auto vertex_from = by_key(mesh.position.size(), [&](uint32_t v) { return hilbert_key(mesh.position[v], box); });
     std::vector<uint32_t> vertex_to(vertex_from.size());
     for (uint32_t v = 0; v < vertex_from.size(); ++v) vertex_to[vertex_from[v]] = v;
     permute(mesh.position, vertex_from);

@@ -25,9 +25,7 @@ struct MeshView {
 
 inline MeshView mesh_view(const Meshes& meshes, uint32_t prototype) {
     const MeshInfo& info = meshes.info[prototype];
-    const auto cut = [](const auto& rows, uint32_t first, uint32_t count) {
-        return std::span(rows).subspan(first, count);
-    };
+    const auto cut = [](const auto& rows, uint32_t first, uint32_t count) { return std::span(rows).subspan(first, count); };
     return {&info,
             cut(meshes.position, info.vertices.first, info.vertices.count),
             cut(meshes.component, info.vertices.first, info.vertices.count),

@@ -23,18 +23,30 @@ void open_rows(std::span<const uint32_t> before, Contacts& contacts) {
     if (before.empty()) return;
     const auto open = [&](uint32_t column) {
         switch (column) {  // the widest first: who takes a narrow one last has not long to go
-            case 0: return open_column(before, contacts.point);
-            case 1: return open_column(before, contacts.closest);
-            case 2: return open_column(before, contacts.normal);
-            case 3: return open_column(before, contacts.vertex);
-            case 4: return open_column(before, contacts.distance);
-            case 5: return open_column(before, contacts.pair);
-            case 6: return open_column(before, contacts.body);
-            case 7: return open_column(before, contacts.other);
-            case 8: return open_column(before, contacts.along);
-            case 9: return open_column(before, contacts.third);
-            case 10: return open_column(before, contacts.across);
-            default: return open_column(before, contacts.triangle);
+            case 0:
+                return open_column(before, contacts.point);
+            case 1:
+                return open_column(before, contacts.closest);
+            case 2:
+                return open_column(before, contacts.normal);
+            case 3:
+                return open_column(before, contacts.vertex);
+            case 4:
+                return open_column(before, contacts.distance);
+            case 5:
+                return open_column(before, contacts.pair);
+            case 6:
+                return open_column(before, contacts.body);
+            case 7:
+                return open_column(before, contacts.other);
+            case 8:
+                return open_column(before, contacts.along);
+            case 9:
+                return open_column(before, contacts.third);
+            case 10:
+                return open_column(before, contacts.across);
+            default:
+                return open_column(before, contacts.triangle);
         }
     };
     constexpr uint32_t kColumns = 12, kFewRows = 1024;

@@ -42,8 +42,8 @@ void run_watched(uint32_t chunks, const RunChunk& run_chunk) {
 }
 
 template <typename Partitioner>
-void share_chunks(uint32_t count, uint32_t grain, uint32_t least_chunks,
-                  void (*call)(const void*, uint32_t, uint32_t), const void* body, const Partitioner& partitioner) {
+void share_chunks(uint32_t count, uint32_t grain, uint32_t least_chunks, void (*call)(const void*, uint32_t, uint32_t), const void* body,
+                  const Partitioner& partitioner) {
     const uint32_t chunks = chunk_count(count, grain);
     const auto run_chunk = [&](uint32_t chunk) {
         const uint32_t begin = chunk * grain;
@@ -73,13 +73,12 @@ void share_chunks(uint32_t count, uint32_t grain, uint32_t least_chunks,
 
 void watch_loops(std::vector<LoopTime>* times) { watched = times; }
 
-void parallel_for_chunks(uint32_t count, uint32_t grain, void (*call)(const void*, uint32_t, uint32_t),
-                         const void* body) {
+void parallel_for_chunks(uint32_t count, uint32_t grain, void (*call)(const void*, uint32_t, uint32_t), const void* body) {
     share_chunks(count, grain, 2, call, body, tbb::simple_partitioner());
 }
 
-void parallel_for_even_chunks(uint32_t count, uint32_t grain, uint32_t least_chunks,
-                              void (*call)(const void*, uint32_t, uint32_t), const void* body) {
+void parallel_for_even_chunks(uint32_t count, uint32_t grain, uint32_t least_chunks, void (*call)(const void*, uint32_t, uint32_t),
+                              const void* body) {
     share_chunks(count, grain, std::max(2u, least_chunks), call, body, tbb::static_partitioner());
 }
 

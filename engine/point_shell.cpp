@@ -1,4 +1,3 @@
-#include "engine/geometry/quaternion.hpp"
 #include "engine/point_shell.hpp"
 
 #include <Eigen/Geometry>
@@ -7,12 +6,13 @@
 #include <numeric>
 #include <unordered_map>
 
+#include "engine/geometry/quaternion.hpp"
 #include "engine/geometry/space_curve.hpp"
 namespace trocar {
 namespace {
 
-constexpr uint32_t kTrials = 24;   // places tried for every point wanted
-constexpr uint32_t kHalvings = 18; // of the spacing, until the number fits
+constexpr uint32_t kTrials = 24;    // places tried for every point wanted
+constexpr uint32_t kHalvings = 18;  // of the spacing, until the number fits
 
 Vec3d area_vector(const MeshView& mesh, uint32_t t) {
     const Triangle& c = mesh.triangle[t];
@@ -83,7 +83,8 @@ std::vector<Place> spread_trials(const MeshView& mesh, uint32_t count) {
     for (uint32_t k = 0; k < count; ++k) {
         const double where = part(0.5 + 0.8191725133961645 * (k + 1)) * area;
         double u = part(0.5 + 0.6710436067037893 * (k + 1)), v = part(0.5 + 0.5497004779019703 * (k + 1));
-        const size_t t = std::min<size_t>(static_cast<size_t>(std::upper_bound(until.begin(), until.end(), where) - until.begin()), until.size() - 1);
+        const size_t t =
+            std::min<size_t>(static_cast<size_t>(std::upper_bound(until.begin(), until.end(), where) - until.begin()), until.size() - 1);
         if (u + v > 1) u = 1 - u, v = 1 - v;
         const Triangle& c = mesh.triangle[t];
         const Vec3d& a = mesh.position[c[0]];
@@ -99,7 +100,9 @@ struct Spacer {
     std::unordered_map<uint64_t, std::vector<uint32_t>> cell;
 
     uint64_t key(const Vec3d& p, int dx, int dy, int dz) const {
-        const auto at = [&](double x, int d) { return static_cast<uint64_t>(static_cast<int64_t>(std::floor(x / spacing)) + d) & 0x1fffff; };
+        const auto at = [&](double x, int d) {
+            return static_cast<uint64_t>(static_cast<int64_t>(std::floor(x / spacing)) + d) & 0x1fffff;
+        };
         return at(p.x(), dx) | at(p.y(), dy) << 21 | at(p.z(), dz) << 42;
     }
     void keep(const Place& place) {

@@ -11,8 +11,7 @@ namespace trocar {
 // `sharp_angle` (rad, between the normals) and at their corners first. Arms from `tip` (m, frame of the mesh); normals
 // into the solid, of the face or the mean of those around. Sorted along a space-filling curve. Depends on its arguments
 // alone. Never fewer than the corners of sharp edges; empty for a mesh without area.
-std::vector<ShellPoint> make_point_shell(const MeshView& mesh, const Vec3d& tip, uint32_t count,
-                                         double sharp_angle = 0.6);
+std::vector<ShellPoint> make_point_shell(const MeshView& mesh, const Vec3d& tip, uint32_t count, double sharp_angle = 0.6);
 
 // Distance of the farthest point from the tip. m
 double shell_radius(const std::vector<ShellPoint>& shell);

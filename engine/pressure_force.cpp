@@ -32,10 +32,9 @@ void gradient_slices(const float* offset, const uint32_t* column, const uint32_t
         _mm256_storeu_ps(gradient[2] + row, gz);
         const auto share = [&](__m256 x, float from, __m256 g) __attribute__((always_inline)) {
             const __m256 apart = _mm256_sub_ps(x, _mm256_set1_ps(from));
-            const __m256d low = _mm256_mul_pd(_mm256_cvtps_pd(_mm256_castps256_ps128(apart)),
-                                              _mm256_cvtps_pd(_mm256_castps256_ps128(g)));
-            const __m256d high = _mm256_mul_pd(_mm256_cvtps_pd(_mm256_extractf128_ps(apart, 1)),
-                                               _mm256_cvtps_pd(_mm256_extractf128_ps(g, 1)));
+            const __m256d low = _mm256_mul_pd(_mm256_cvtps_pd(_mm256_castps256_ps128(apart)), _mm256_cvtps_pd(_mm256_castps256_ps128(g)));
+            const __m256d high =
+                _mm256_mul_pd(_mm256_cvtps_pd(_mm256_extractf128_ps(apart, 1)), _mm256_cvtps_pd(_mm256_extractf128_ps(g, 1)));
             _mm256_storeu_pd(volume + lane, _mm256_add_pd(_mm256_loadu_pd(volume + lane), low));
             _mm256_storeu_pd(volume + lane + 4, _mm256_add_pd(_mm256_loadu_pd(volume + lane + 4), high));
         };
@@ -43,9 +42,7 @@ void gradient_slices(const float* offset, const uint32_t* column, const uint32_t
     }
 }
 
-double rest_volume(const Springs& springs, const Bodies& bodies, uint32_t body) {
-    return springs.fans.volume[bodies.mesh[body]];
-}
+double rest_volume(const Springs& springs, const Bodies& bodies, uint32_t body) { return springs.fans.volume[bodies.mesh[body]]; }
 
 // Sum over the edges around a vertex of the distance between the two corners that face the edge.
 double facing_corners(const Springs& springs, uint32_t prototype, const Float4* offset, uint32_t v) {
@@ -74,9 +71,7 @@ void add_fans(Springs& springs, const MeshView& mesh, uint32_t prototype) {
     if (fans.first[prototype] != kNone) return;
     fans.first[prototype] = static_cast<uint32_t>(fans.column.size());
     fans.volume[prototype] = mesh.info->volume;
-    const auto degree = [&](uint32_t v) {
-        return v < mesh.position.size() ? mesh.incident_first[v + 1] - mesh.incident_first[v] : 0u;
-    };
+    const auto degree = [&](uint32_t v) { return v < mesh.position.size() ? mesh.incident_first[v + 1] - mesh.incident_first[v] : 0u; };
     for (uint32_t slice = 0; slice < springs.info[prototype].slices.count; ++slice) {
         const size_t column = fans.corner.size() / (2 * kSliceWidth);
         fans.column.push_back(static_cast<uint32_t>(column));
@@ -98,8 +93,8 @@ void add_fans(Springs& springs, const MeshView& mesh, uint32_t prototype) {
     fans.column.push_back(static_cast<uint32_t>(fans.corner.size() / (2 * kSliceWidth)));
 }
 
-double find_volume_gradient(const Springs& springs, uint32_t prototype, const Float4* offset, std::vector<double>& sums,
-                            float* gradient_x, float* gradient_y, float* gradient_z) {
+double find_volume_gradient(const Springs& springs, uint32_t prototype, const Float4* offset, std::vector<double>& sums, float* gradient_x,
+                            float* gradient_y, float* gradient_z) {
     const uint32_t slices = springs.info[prototype].slices.count;
     const uint32_t* column = springs.fans.column.data() + springs.fans.first[prototype];
     float* const gradient[3] = {gradient_x, gradient_y, gradient_z};

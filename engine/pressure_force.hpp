@@ -22,8 +22,8 @@ void add_fans(Springs& springs, const MeshView& mesh, uint32_t prototype);
 // Writes dV/dx (m^2, rows as offset) of particles that stand at `offset` and returns V (m^3), taken about the first of
 // them: V = 1/3 sum of x_i . dV/dx_i, as V is homogeneous of degree three. Gather, fixed order, sums in double: same bits
 // for any number of threads. `sums` is reused memory.
-double find_volume_gradient(const Springs& springs, uint32_t prototype, const Float4* offset, std::vector<double>& sums,
-                            float* gradient_x, float* gradient_y, float* gradient_z);
+double find_volume_gradient(const Springs& springs, uint32_t prototype, const Float4* offset, std::vector<double>& sums, float* gradient_x,
+                            float* gradient_y, float* gradient_z);
 
 // p of a body (Pa) whose volume is V, and U (J).
 double find_pressure(const Springs& springs, const Bodies& bodies, uint32_t body, double volume);

@@ -71,8 +71,7 @@ void sleep_until_ns(int64_t deadline) {
 RealTimeGrant request_real_time(int priority, bool lock_memory) {
     RealTimeGrant grant;
     sched_param wanted{};
-    wanted.sched_priority =
-        std::clamp(priority, sched_get_priority_min(SCHED_FIFO), sched_get_priority_max(SCHED_FIFO));
+    wanted.sched_priority = std::clamp(priority, sched_get_priority_min(SCHED_FIFO), sched_get_priority_max(SCHED_FIFO));
     grant.fifo = pthread_setschedparam(pthread_self(), SCHED_FIFO, &wanted) == 0;
     if (grant.fifo)
         grant.priority = wanted.sched_priority;

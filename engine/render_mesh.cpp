@@ -82,12 +82,12 @@ RenderMesh split_vertices(const MeshView& mesh, bool creases) {
         for (uint32_t v = 0; v < mesh.position.size(); ++v) {
             out.inside[v] = static_cast<uint32_t>(out.source.size());
             out.source.push_back(v);
-            out.uv.push_back({static_cast<float>(mesh.position[v].x() / kInsideTile), static_cast<float>(mesh.position[v].y() / kInsideTile)});
+            out.uv.push_back(
+                {static_cast<float>(mesh.position[v].x() / kInsideTile), static_cast<float>(mesh.position[v].y() / kInsideTile)});
         }
     }
     for (const auto& edge : mesh.edge)
-        if (newest[edge[0]] != kNone && newest[edge[1]] != kNone)
-            out.line.insert(out.line.end(), {newest[edge[0]], newest[edge[1]]});
+        if (newest[edge[0]] != kNone && newest[edge[1]] != kNone) out.line.insert(out.line.end(), {newest[edge[0]], newest[edge[1]]});
     return out;
 }
 

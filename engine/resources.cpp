@@ -16,28 +16,46 @@ struct Elements {
 template <typename T>
 constexpr Elements elements_of() {
     using A = ArrayType;
-    if constexpr (std::is_enum_v<T> || std::is_same_v<T, bool>) return {A::kU8};
-    else if constexpr (std::is_floating_point_v<T>) return {sizeof(T) == 4 ? A::kF32 : A::kF64};
+    if constexpr (std::is_enum_v<T> || std::is_same_v<T, bool>)
+        return {A::kU8};
+    else if constexpr (std::is_floating_point_v<T>)
+        return {sizeof(T) == 4 ? A::kF32 : A::kF64};
     else if constexpr (std::is_arithmetic_v<T>)
         return {sizeof(T) == 1 ? A::kU8 : sizeof(T) == 2 ? A::kU16 : sizeof(T) == 4 ? A::kU32 : A::kU64};
     else if constexpr (std::is_same_v<T, Range> || std::is_same_v<T, Entity> || std::is_same_v<T, std::array<uint32_t, 2>>)
         return {A::kU32, 2};
-    else if constexpr (std::is_same_v<T, Triangle>) return {A::kU32, 3};
-    else if constexpr (std::is_same_v<T, Float4>) return {A::kF32, 4};
-    else if constexpr (std::is_same_v<T, PackedBox>) return {A::kF32, 8};
-    else if constexpr (std::is_same_v<T, Vec3> || std::is_same_v<T, std::array<float, 3>>) return {A::kF32, 3};
-    else if constexpr (std::is_same_v<T, std::array<Vec2, 3>>) return {A::kF32, 6};
-    else if constexpr (std::is_same_v<T, Vec3d>) return {A::kF64, 3};
-    else if constexpr (std::is_same_v<T, Quat>) return {A::kF64, 4};
-    else if constexpr (std::is_same_v<T, Box>) return {A::kF64, 6};
-    else if constexpr (std::is_same_v<T, std::array<uint32_t, 2 * kSliceWidth>>) return {A::kU32, 2 * kSliceWidth};
-    else if constexpr (std::is_same_v<T, std::array<uint32_t, 4 * kBatchWidth>>) return {A::kU32, 4 * kBatchWidth};
-    else if constexpr (std::is_same_v<T, std::array<uint16_t, 2 * kSliceWidth>>) return {A::kU16, 2 * kSliceWidth};
-    else if constexpr (std::is_same_v<T, std::array<uint32_t, 4>>) return {A::kU32, 4};
-    else if constexpr (std::is_same_v<T, std::array<double, 4>>) return {A::kF64, 4};
-    else if constexpr (std::is_same_v<T, std::array<float, kSliceWidth>>) return {A::kF32, kSliceWidth};
-    else if constexpr (std::is_same_v<T, Tissue>) return {A::kF64, sizeof(Tissue) / sizeof(double)};
-    else return {};
+    else if constexpr (std::is_same_v<T, Triangle>)
+        return {A::kU32, 3};
+    else if constexpr (std::is_same_v<T, Float4>)
+        return {A::kF32, 4};
+    else if constexpr (std::is_same_v<T, PackedBox>)
+        return {A::kF32, 8};
+    else if constexpr (std::is_same_v<T, Vec3> || std::is_same_v<T, std::array<float, 3>>)
+        return {A::kF32, 3};
+    else if constexpr (std::is_same_v<T, std::array<Vec2, 3>>)
+        return {A::kF32, 6};
+    else if constexpr (std::is_same_v<T, Vec3d>)
+        return {A::kF64, 3};
+    else if constexpr (std::is_same_v<T, Quat>)
+        return {A::kF64, 4};
+    else if constexpr (std::is_same_v<T, Box>)
+        return {A::kF64, 6};
+    else if constexpr (std::is_same_v<T, std::array<uint32_t, 2 * kSliceWidth>>)
+        return {A::kU32, 2 * kSliceWidth};
+    else if constexpr (std::is_same_v<T, std::array<uint32_t, 4 * kBatchWidth>>)
+        return {A::kU32, 4 * kBatchWidth};
+    else if constexpr (std::is_same_v<T, std::array<uint16_t, 2 * kSliceWidth>>)
+        return {A::kU16, 2 * kSliceWidth};
+    else if constexpr (std::is_same_v<T, std::array<uint32_t, 4>>)
+        return {A::kU32, 4};
+    else if constexpr (std::is_same_v<T, std::array<double, 4>>)
+        return {A::kF64, 4};
+    else if constexpr (std::is_same_v<T, std::array<float, kSliceWidth>>)
+        return {A::kF32, kSliceWidth};
+    else if constexpr (std::is_same_v<T, Tissue>)
+        return {A::kF64, sizeof(Tissue) / sizeof(double)};
+    else
+        return {};
 }
 template <typename T>
 constexpr bool is_plain_row = elements_of<T>().type != ArrayType::kCount;
@@ -78,7 +96,8 @@ void fields(V& v, T& t) {
     } else if constexpr (is<T, DeviceCommand>) {
         v.item(t.force), v.item(t.torque), v.item(t.at), v.item(t.stiffness);
     } else if constexpr (is<T, DeviceLimits>) {
-        v.item(t.torque), v.item(t.force_slew), v.item(t.torque_slew), v.item(t.dissipation), v.item(t.turn_dissipation), v.item(t.surface_age);
+        v.item(t.torque), v.item(t.force_slew), v.item(t.torque_slew), v.item(t.dissipation), v.item(t.turn_dissipation),
+            v.item(t.surface_age);
     } else if constexpr (is<T, Workspace>) {
         v.item(t.origin), v.item(t.turn), v.item(t.scale), v.item(t.clutch);
     } else if constexpr (is<T, Pivot>) {
@@ -101,7 +120,8 @@ void fields(V& v, T& t) {
     } else if constexpr (is<T, SafetyState>) {
         v.item(t.contact_force), v.item(t.from_device), v.item(t.from_proxy), v.item(t.energy), v.item(t.lowest_energy);
         v.item(t.dissipated), v.item(t.started), v.item(t.gain), v.item(t.limiting), v.item(t.limited_ticks), v.item(t.safe_ticks);
-        v.item(t.pull), v.item(t.pull_torque), v.item(t.contact_torque), v.item(t.from_device_turn), v.item(t.from_proxy_turn), v.item(t.turn_energy), v.item(t.lowest_turn_energy);
+        v.item(t.pull), v.item(t.pull_torque), v.item(t.contact_torque), v.item(t.from_device_turn), v.item(t.from_proxy_turn),
+            v.item(t.turn_energy), v.item(t.lowest_turn_energy);
     } else if constexpr (is<T, ClutchState>) {
         v.item(t.started), v.item(t.offset), v.item(t.tool);
     } else if constexpr (is<T, DeviceTrace>) {
@@ -139,7 +159,8 @@ void fields(V& v, T& t) {
     } else if constexpr (is<T, Region>) {
         v.item(t.kind), v.item(t.a), v.item(t.b), v.item(t.radius);
     } else if constexpr (is<T, LinkGroup>) {
-        v.item(t.entity), v.item(t.name), v.item(t.body), v.item(t.holder), v.item(t.phase), v.item(t.region), v.item(t.frame), v.item(t.material);
+        v.item(t.entity), v.item(t.name), v.item(t.body), v.item(t.holder), v.item(t.phase), v.item(t.region), v.item(t.frame),
+            v.item(t.material);
         v.item(t.within), v.item(t.most), v.item(t.stiffness), v.item(t.rest), v.item(t.break_strain), v.item(t.gauge);
         v.item(t.begin), v.item(t.end), v.item(t.tool), v.item(t.rows), v.item(t.made), v.item(t.broken), v.item(t.impulse);
         v.item(t.largest_force), v.item(t.largest_strain);
@@ -154,7 +175,8 @@ void fields(V& v, T& t) {
         v.item(t.max_force), v.item(t.friction), v.item(t.path), v.item(t.trace);
         v.item(t.pass_through), v.item(t.hand), v.item(t.workspace), v.item(t.pivot), v.item(t.limits), v.item(t.effects);
         v.item(t.jaws), v.item(t.grip_closed);
-        v.item(t.shell), v.item(t.shell_radius), v.item(t.turn_stiffness), v.item(t.turn_damping), v.item(t.inertia), v.item(t.surface_stiffness), v.item(t.shell_jaw);
+        v.item(t.shell), v.item(t.shell_radius), v.item(t.turn_stiffness), v.item(t.turn_damping), v.item(t.inertia),
+            v.item(t.surface_stiffness), v.item(t.shell_jaw);
     } else if constexpr (is<T, ShellPoint>) {
         v.item(t.arm), v.item(t.inward), v.item(t.jaw);
     } else if constexpr (is<T, ShellContact>) {
@@ -168,18 +190,22 @@ void fields(V& v, T& t) {
     } else if constexpr (is<T, GroupBalls>) {
         v.item(t.centre), v.item(t.velocity), v.item(t.radius), v.item(t.spread), v.item(t.speed);
     } else if constexpr (is<T, TriangleGroup>) {
-        v.item(t.triangles), v.item(t.body), v.item(t.half_thickness), v.item(t.centre), v.item(t.radius), v.item(t.velocity), v.item(t.spread);
+        v.item(t.triangles), v.item(t.body), v.item(t.half_thickness), v.item(t.centre), v.item(t.radius), v.item(t.velocity),
+            v.item(t.spread);
     } else if constexpr (is<T, LocalContactModel>) {
         v.item(t.time), v.item(t.sequence), v.item(t.from), v.item(t.to), v.item(t.reach), v.item(t.fastest);
         v.item(t.position), v.item(t.velocity), v.item(t.triangle), v.item(t.neighbour), v.item(t.body);
-        v.item(t.half_thickness), v.item(t.lanes), v.item(t.group), v.item(t.block), v.item(t.cluster), v.item(t.ball), v.item(t.cluster_ball), v.item(t.give.body), v.item(t.give.share), v.item(t.give.normal);
+        v.item(t.half_thickness), v.item(t.lanes), v.item(t.group), v.item(t.block), v.item(t.cluster), v.item(t.ball),
+            v.item(t.cluster_ball), v.item(t.give.body), v.item(t.give.share), v.item(t.give.normal);
         v.item(t.give.device), v.item(t.give.device_velocity), v.item(t.give.time), v.item(t.give.gap);
         v.item(t.pull), v.item(t.pull_before), v.item(t.period);
-        v.item(t.shell.tip), v.item(t.shell.turn), v.item(t.shell.grip), v.item(t.shell.node), v.item(t.shell.tree), v.item(t.shell.clear), v.item(t.shell.nearest);
+        v.item(t.shell.tip), v.item(t.shell.turn), v.item(t.shell.grip), v.item(t.shell.node), v.item(t.shell.tree), v.item(t.shell.clear),
+            v.item(t.shell.nearest);
         v.item(t.shell.place), v.item(t.shell.speed), v.item(t.shell.around), v.item(t.shell.ahead);
         v.item(t.surface), v.item(t.in_hand);
     } else if constexpr (is<T, PictureBody>) {
-        v.item(t.mesh), v.item(t.origin), v.item(t.orientation), v.item(t.box), v.item(t.vertices), v.item(t.depths), v.item(t.removed), v.item(t.exposed);
+        v.item(t.mesh), v.item(t.origin), v.item(t.orientation), v.item(t.box), v.item(t.vertices), v.item(t.depths), v.item(t.removed),
+            v.item(t.exposed);
     } else if constexpr (is<T, PictureWitness>) {
         v.item(t.point), v.item(t.closest), v.item(t.depth);
     } else if constexpr (is<T, PictureTool>) {
@@ -195,9 +221,13 @@ void fields(V& v, T& t) {
 struct Hasher {
     StateHash hash;
     template <typename T>
-    void array(const char*, const std::vector<T>& rows) { item(rows); }
+    void array(const char*, const std::vector<T>& rows) {
+        item(rows);
+    }
     template <typename T>
-    void value(const char*, const T& v) { item(v); }
+    void value(const char*, const T& v) {
+        item(v);
+    }
     void item(const std::string& text) { hash.add_word(text.size()), hash.add_bytes(text.data(), text.size()); }
     template <typename T>
     void item(const std::vector<T>& rows) {
@@ -210,8 +240,10 @@ struct Hasher {
     }
     template <typename T>
     void item(const T& v) {
-        if constexpr (is_plain_row<T>) hash.add_bytes(&v, sizeof v);
-        else fields(*this, v);
+        if constexpr (is_plain_row<T>)
+            hash.add_bytes(&v, sizeof v);
+        else
+            fields(*this, v);
     }
 };
 
@@ -265,8 +297,10 @@ struct Saver {
     }
     template <typename T>
     void item(const T& v) {
-        if constexpr (is_plain_row<T>) bytes(&v, sizeof v);
-        else fields(*this, v);
+        if constexpr (is_plain_row<T>)
+            bytes(&v, sizeof v);
+        else
+            fields(*this, v);
     }
 };
 
@@ -293,7 +327,9 @@ struct Loader {
         item(v);
         if (!stream.empty()) refuse();
     }
-    [[noreturn]] void refuse() const { throw InputError("record " + record.kind + ": array " + name + " is not what this program stores there"); }
+    [[noreturn]] void refuse() const {
+        throw InputError("record " + record.kind + ": array " + name + " is not what this program stores there");
+    }
     void bytes(void* data, size_t size) {
         if (stream.size() < size) refuse();
         if (size > 0) std::memcpy(data, stream.data(), size);
@@ -318,8 +354,10 @@ struct Loader {
     }
     template <typename T>
     void item(T& v) {
-        if constexpr (is_plain_row<T>) bytes(static_cast<void*>(&v), sizeof v);
-        else fields(*this, v);
+        if constexpr (is_plain_row<T>)
+            bytes(static_cast<void*>(&v), sizeof v);
+        else
+            fields(*this, v);
     }
 };
 
@@ -333,13 +371,12 @@ void visit_resource(World& w, Resource resource, Visitor& v) {
         case Resource::kSettings:
             v.value(FIELD(settings.gravity[0])), v.value(FIELD(settings.gravity[1])), v.value(FIELD(settings.gravity[2])),
                 v.value(FIELD(settings.substep)), v.value(FIELD(settings.sleep_speed)), v.value(FIELD(settings.sleep_after)),
-                v.value(FIELD(settings.contact.tolerance)),
-                v.value(FIELD(settings.contact.push_speed)), v.value(FIELD(settings.contact.cell_edges)),
-                v.value(FIELD(settings.contact.iterations)), v.value(FIELD(settings.contact.row_capacity)),
-                v.value(FIELD(settings.contact.share)), v.value(FIELD(settings.contact.direction)),
-                v.value(FIELD(settings.contact.deep)), v.value(FIELD(settings.contact.faces)), v.value(FIELD(settings.contact.edges_ahead)),
-                v.value(FIELD(settings.contact.contours)), v.value(FIELD(settings.contact.regions)),
-                v.value(FIELD(settings.contact.cross_check));
+                v.value(FIELD(settings.contact.tolerance)), v.value(FIELD(settings.contact.push_speed)),
+                v.value(FIELD(settings.contact.cell_edges)), v.value(FIELD(settings.contact.iterations)),
+                v.value(FIELD(settings.contact.row_capacity)), v.value(FIELD(settings.contact.share)),
+                v.value(FIELD(settings.contact.direction)), v.value(FIELD(settings.contact.deep)), v.value(FIELD(settings.contact.faces)),
+                v.value(FIELD(settings.contact.edges_ahead)), v.value(FIELD(settings.contact.contours)),
+                v.value(FIELD(settings.contact.regions)), v.value(FIELD(settings.contact.cross_check));
             break;
         case Resource::kMeshes:
             v.array(FIELD(meshes.name)), v.array(FIELD(meshes.info)), v.array(FIELD(meshes.position)), v.array(FIELD(meshes.component)),
@@ -350,8 +387,9 @@ void visit_resource(World& w, Resource resource, Visitor& v) {
             break;
         case Resource::kSprings:
             v.array(FIELD(springs.info)), v.array(FIELD(springs.slice_column)), v.array(FIELD(springs.neighbour)),
-                v.array(FIELD(springs.rest_length)), v.array(FIELD(springs.colours)), v.array(FIELD(springs.colour)), v.array(FIELD(springs.batch)),
-                v.array(FIELD(springs.batch_rest)), v.array(FIELD(springs.batch_factor)), v.array(FIELD(springs.factor)), v.array(FIELD(springs.packed)), v.array(FIELD(springs.area_share)),
+                v.array(FIELD(springs.rest_length)), v.array(FIELD(springs.colours)), v.array(FIELD(springs.colour)),
+                v.array(FIELD(springs.batch)), v.array(FIELD(springs.batch_rest)), v.array(FIELD(springs.batch_factor)),
+                v.array(FIELD(springs.factor)), v.array(FIELD(springs.packed)), v.array(FIELD(springs.area_share)),
                 v.array(FIELD(springs.vertices)), v.array(FIELD(springs.fans.first)), v.array(FIELD(springs.fans.volume)),
                 v.array(FIELD(springs.fans.column)), v.array(FIELD(springs.fans.corner)), v.array(FIELD(springs.hinges.groups)),
                 v.array(FIELD(springs.hinges.vertex)), v.array(FIELD(springs.hinges.sine)), v.array(FIELD(springs.hinges.cosine)),
@@ -361,10 +399,11 @@ void visit_resource(World& w, Resource resource, Visitor& v) {
         case Resource::kSolids:
             v.array(FIELD(solids.info)), v.array(FIELD(solids.position)), v.array(FIELD(solids.corner[0])),
                 v.array(FIELD(solids.corner[1])), v.array(FIELD(solids.corner[2])), v.array(FIELD(solids.corner[3])),
-                v.array(FIELD(solids.rest)), v.array(FIELD(solids.per_rest)), v.array(FIELD(solids.factor)), v.array(FIELD(solids.slot_column)), v.array(FIELD(solids.colours)), v.array(FIELD(solids.colour)), v.array(FIELD(solids.batch)),
-                v.array(FIELD(solids.batch_volume)), v.array(FIELD(solids.batch_factor)), v.array(FIELD(solids.batch_tetrahedron)),
-                v.array(FIELD(solids.slot)), v.array(FIELD(solids.node_volume)), v.array(FIELD(solids.skin_node)),
-                v.array(FIELD(solids.skin_weight));
+                v.array(FIELD(solids.rest)), v.array(FIELD(solids.per_rest)), v.array(FIELD(solids.factor)),
+                v.array(FIELD(solids.slot_column)), v.array(FIELD(solids.colours)), v.array(FIELD(solids.colour)),
+                v.array(FIELD(solids.batch)), v.array(FIELD(solids.batch_volume)), v.array(FIELD(solids.batch_factor)),
+                v.array(FIELD(solids.batch_tetrahedron)), v.array(FIELD(solids.slot)), v.array(FIELD(solids.node_volume)),
+                v.array(FIELD(solids.skin_node)), v.array(FIELD(solids.skin_weight));
             break;
         case Resource::kBodies:
             v.array(FIELD(bodies.entity)), v.array(FIELD(bodies.name)), v.array(FIELD(bodies.mesh)), v.array(FIELD(bodies.motion)),
@@ -433,15 +472,16 @@ void visit_resource(World& w, Resource resource, Visitor& v) {
             break;
         case Resource::kContacts:
             v.array(FIELD(contacts.pair)), v.array(FIELD(contacts.body)), v.array(FIELD(contacts.other)), v.array(FIELD(contacts.vertex)),
-                v.array(FIELD(contacts.along)), v.array(FIELD(contacts.third)), v.array(FIELD(contacts.across)), v.array(FIELD(contacts.point)), v.array(FIELD(contacts.closest)),
-                v.array(FIELD(contacts.normal)), v.array(FIELD(contacts.distance)), v.array(FIELD(contacts.triangle)),
-                v.array(FIELD(contacts.most));
+                v.array(FIELD(contacts.along)), v.array(FIELD(contacts.third)), v.array(FIELD(contacts.across)),
+                v.array(FIELD(contacts.point)), v.array(FIELD(contacts.closest)), v.array(FIELD(contacts.normal)),
+                v.array(FIELD(contacts.distance)), v.array(FIELD(contacts.triangle)), v.array(FIELD(contacts.most));
             break;
         case Resource::kPenetrations:
             v.array(FIELD(penetrations.pair)), v.array(FIELD(penetrations.depth)), v.array(FIELD(penetrations.direction)),
                 v.array(FIELD(penetrations.witness)), v.array(FIELD(penetrations.vertices_a_in_b)),
-                v.array(FIELD(penetrations.vertices_b_in_a)), v.array(FIELD(penetrations.edge_contacts)), v.array(FIELD(penetrations.face_contacts)),
-                v.array(FIELD(penetrations.saturated)), v.array(FIELD(penetrations.way_out)), v.array(FIELD(penetrations.surface_depth));
+                v.array(FIELD(penetrations.vertices_b_in_a)), v.array(FIELD(penetrations.edge_contacts)),
+                v.array(FIELD(penetrations.face_contacts)), v.array(FIELD(penetrations.saturated)), v.array(FIELD(penetrations.way_out)),
+                v.array(FIELD(penetrations.surface_depth));
             break;
         case Resource::kContours:
             v.array(FIELD(contours.pair)), v.array(FIELD(contours.curve)), v.array(FIELD(contours.closed)),
@@ -457,9 +497,9 @@ void visit_resource(World& w, Resource resource, Visitor& v) {
             break;
         case Resource::kRows:
             v.array(FIELD(rows.contact)), v.array(FIELD(rows.body)), v.array(FIELD(rows.other)), v.array(FIELD(rows.vertex)),
-                v.array(FIELD(rows.along)), v.array(FIELD(rows.third)), v.array(FIELD(rows.across)), v.array(FIELD(rows.triangle)), v.array(FIELD(rows.weight)), v.array(FIELD(rows.normal)),
-                v.array(FIELD(rows.distance)), v.array(FIELD(rows.friction)), v.array(FIELD(rows.impulse)),
-                v.array(FIELD(rows.carried));
+                v.array(FIELD(rows.along)), v.array(FIELD(rows.third)), v.array(FIELD(rows.across)), v.array(FIELD(rows.triangle)),
+                v.array(FIELD(rows.weight)), v.array(FIELD(rows.normal)), v.array(FIELD(rows.distance)), v.array(FIELD(rows.friction)),
+                v.array(FIELD(rows.impulse)), v.array(FIELD(rows.carried));
             break;
         case Resource::kIslands:
             v.array(FIELD(islands.bodies)), v.array(FIELD(islands.body)), v.array(FIELD(islands.rows)), v.array(FIELD(islands.row));
@@ -472,23 +512,23 @@ void visit_resource(World& w, Resource resource, Visitor& v) {
             break;
         case Resource::kPicture:
             v.value(FIELD(picture.number)), v.value(FIELD(picture.time)), v.array(FIELD(picture.body)), v.array(FIELD(picture.position)),
-                v.array(FIELD(picture.normal)), v.array(FIELD(picture.contact_depth)), v.array(FIELD(picture.removed)), v.array(FIELD(picture.exposed)), v.array(FIELD(picture.witness)),
-                v.array(FIELD(picture.tool)), v.value(FIELD(picture.depth)), v.value(FIELD(picture.force));
+                v.array(FIELD(picture.normal)), v.array(FIELD(picture.contact_depth)), v.array(FIELD(picture.removed)),
+                v.array(FIELD(picture.exposed)), v.array(FIELD(picture.witness)), v.array(FIELD(picture.tool)),
+                v.value(FIELD(picture.depth)), v.value(FIELD(picture.force));
             break;
         case Resource::kEnergy:
-            v.value(FIELD(energy.kinetic)), v.value(FIELD(energy.elastic)), v.value(FIELD(energy.pressure)), v.value(FIELD(energy.bending)), v.value(FIELD(energy.links)), v.value(FIELD(energy.gravity)),
-                v.value(FIELD(energy.work_hand)), v.value(FIELD(energy.work_contact)), v.value(FIELD(energy.work_damping)),
-                v.value(FIELD(energy.work_push)), v.value(FIELD(energy.work_numeric)), v.value(FIELD(energy.work_links)),
-                v.value(FIELD(energy.balance));
+            v.value(FIELD(energy.kinetic)), v.value(FIELD(energy.elastic)), v.value(FIELD(energy.pressure)), v.value(FIELD(energy.bending)),
+                v.value(FIELD(energy.links)), v.value(FIELD(energy.gravity)), v.value(FIELD(energy.work_hand)),
+                v.value(FIELD(energy.work_contact)), v.value(FIELD(energy.work_damping)), v.value(FIELD(energy.work_push)),
+                v.value(FIELD(energy.work_numeric)), v.value(FIELD(energy.work_links)), v.value(FIELD(energy.balance));
             break;
         case Resource::kReport:
             v.value(FIELD(report.contact_passes)), v.value(FIELD(report.contact_events)), v.value(FIELD(report.dropped_contacts)),
-                v.value(FIELD(report.oversize_triangles)), v.value(FIELD(report.tie_overflows)),
-                v.value(FIELD(report.sign_disagreements)), v.value(FIELD(report.disagreements)),
-                v.value(FIELD(report.ended_rows)), v.value(FIELD(report.opposing_planes)),
-                v.value(FIELD(report.nonfinite_particles)), v.value(FIELD(report.deepest_residual)), v.value(FIELD(report.min_volume_ratio)),
-                v.value(FIELD(report.runaway_bodies)), v.value(FIELD(report.awake_bodies)), v.value(FIELD(report.asleep_bodies)),
-                v.value(FIELD(report.implicit_steps)), v.value(FIELD(report.implicit_iterations)),
+                v.value(FIELD(report.oversize_triangles)), v.value(FIELD(report.tie_overflows)), v.value(FIELD(report.sign_disagreements)),
+                v.value(FIELD(report.disagreements)), v.value(FIELD(report.ended_rows)), v.value(FIELD(report.opposing_planes)),
+                v.value(FIELD(report.nonfinite_particles)), v.value(FIELD(report.deepest_residual)),
+                v.value(FIELD(report.min_volume_ratio)), v.value(FIELD(report.runaway_bodies)), v.value(FIELD(report.awake_bodies)),
+                v.value(FIELD(report.asleep_bodies)), v.value(FIELD(report.implicit_steps)), v.value(FIELD(report.implicit_iterations)),
                 v.value(FIELD(report.links)), v.value(FIELD(report.broken_links)), v.value(FIELD(report.broken_springs)),
                 v.value(FIELD(report.removed_triangles)), v.value(FIELD(report.removed_tetrahedra)), v.value(FIELD(report.opened_bodies)),
                 v.value(FIELD(report.worst_implicit_residual));
@@ -507,8 +547,8 @@ void visit_resource(World& w, Resource resource, Visitor& v) {
             v.array(FIELD(torn.spring)), v.array(FIELD(torn.triangle)), v.array(FIELD(torn.cut)), v.array(FIELD(torn.tetrahedron));
             break;
         case Resource::kTornSprings:
-            v.array(FIELD(torn_springs.neighbour)), v.array(FIELD(torn_springs.rest_length)), v.array(FIELD(torn_springs.factor)), v.array(FIELD(torn_springs.rest)),
-                v.array(FIELD(torn_springs.per_rest));
+            v.array(FIELD(torn_springs.neighbour)), v.array(FIELD(torn_springs.rest_length)), v.array(FIELD(torn_springs.factor)),
+                v.array(FIELD(torn_springs.rest)), v.array(FIELD(torn_springs.per_rest));
             break;
         case Resource::kPools:
             v.array(FIELD(pools.slots)), v.array(FIELD(pools.rate)), v.array(FIELD(pools.life)), v.array(FIELD(pools.orientation));
@@ -525,7 +565,8 @@ void visit_resource(World& w, Resource resource, Visitor& v) {
                 v.array(FIELD(node_state.seen)), v.array(FIELD(node_state.drive));
             break;
         case Resource::kDetail:
-            v.array(FIELD(detail.body)), v.array(FIELD(detail.beyond)), v.array(FIELD(detail.seen)), v.array(FIELD(detail.near)), v.array(FIELD(detail.far)), v.array(FIELD(detail.eye));
+            v.array(FIELD(detail.body)), v.array(FIELD(detail.beyond)), v.array(FIELD(detail.seen)), v.array(FIELD(detail.near)),
+                v.array(FIELD(detail.far)), v.array(FIELD(detail.eye));
             break;
         case Resource::kCount:
             break;
@@ -549,7 +590,8 @@ ResourceKind resource_kind(Resource resource) {
         case Resource::kTools:
         case Resource::kPools:
         case Resource::kNodes:
-        case Resource::kDetail: return ResourceKind::kConstant;
+        case Resource::kDetail:
+            return ResourceKind::kConstant;
         case Resource::kClock:
         case Resource::kPoses:
         case Resource::kParticles:
@@ -560,9 +602,11 @@ ResourceKind resource_kind(Resource resource) {
         case Resource::kTorn:
         case Resource::kSleep:
         case Resource::kLives:
-        case Resource::kNodeState: return ResourceKind::kState;
+        case Resource::kNodeState:
+            return ResourceKind::kState;
         case Resource::kEnergy:
-        case Resource::kReport: return ResourceKind::kBooks;
+        case Resource::kReport:
+            return ResourceKind::kBooks;
         case Resource::kBoxes:
         case Resource::kPairs:
         case Resource::kTrees:
@@ -577,21 +621,23 @@ ResourceKind resource_kind(Resource resource) {
         case Resource::kRows:
         case Resource::kIslands:
         case Resource::kTornSprings:
-        case Resource::kNormals: return ResourceKind::kDerived;
+        case Resource::kNormals:
+            return ResourceKind::kDerived;
         case Resource::kLocalContact:
         case Resource::kPicture:
-        case Resource::kCount: break;
+        case Resource::kCount:
+            break;
     }
     return ResourceKind::kOutput;
 }
 
 const char* resource_name(Resource resource) {
     constexpr const char* kNames[] = {
-        "settings", "meshes",    "springs",    "solids",     "bodies",     "anchors",  "paths",        "tools",
-        "clock",    "poses",     "particles",  "tool state", "pair memory", "contact memory", "boxes", "pairs", "trees",
-        "screened", "occupancy", "candidates", "near",       "contacts", "penetrations", "contours", "regions", "rows",
-        "islands",  "normals",   "local contact", "picture",    "energy",   "report", "sleep",
-        "links",    "tears",     "torn",       "torn springs", "pools", "lives", "nodes", "node state", "detail"};
+        "settings",     "meshes",        "springs",    "solids",      "bodies",         "anchors",  "paths",   "tools", "clock",
+        "poses",        "particles",     "tool state", "pair memory", "contact memory", "boxes",    "pairs",   "trees", "screened",
+        "occupancy",    "candidates",    "near",       "contacts",    "penetrations",   "contours", "regions", "rows",  "islands",
+        "normals",      "local contact", "picture",    "energy",      "report",         "sleep",    "links",   "tears", "torn",
+        "torn springs", "pools",         "lives",      "nodes",       "node state",     "detail"};
     static_assert(std::size(kNames) == static_cast<size_t>(Resource::kCount));
     return kNames[static_cast<size_t>(resource)];
 }

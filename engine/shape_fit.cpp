@@ -13,8 +13,7 @@ Vec3d rigid_turning(const ShapeTotals& t, double mass, const Vec3d& centre, cons
     const double xx = second(0, 0, 0), yy = second(1, 1, 1), zz = second(2, 2, 2);
     const Vec3d angular = t.vector(kSumL) - mass * centre.cross(velocity);
     Vec3d turning = Vec3d::Zero();
-    if (!solve_symmetric({yy + zz, xx + zz, xx + yy, -second(3, 0, 1), -second(4, 0, 2), -second(5, 1, 2)}, angular,
-                         turning)) {
+    if (!solve_symmetric({yy + zz, xx + zz, xx + yy, -second(3, 0, 1), -second(4, 0, 2), -second(5, 1, 2)}, angular, turning)) {
         return Vec3d::Zero();
     }
     return turning;
@@ -24,7 +23,8 @@ Vec3d rigid_turning(const ShapeTotals& t, double mass, const Vec3d& centre, cons
 
 ShapeTotals sum_shape(const SpringStep& body, uint32_t slices, std::vector<double>& chunk_sums) {
     const SpringKernels& kernels = spring_kernels();
-    return {sum_slices<kShapeSums>(slices, chunk_sums, [&](uint32_t begin, uint32_t end, double* sums) { kernels.shape_sums(&body, begin, end, sums); })};
+    return {sum_slices<kShapeSums>(slices, chunk_sums,
+                                   [&](uint32_t begin, uint32_t end, double* sums) { kernels.shape_sums(&body, begin, end, sums); })};
 }
 
 void fit_goals(const ShapeTotals& t, Quat& orientation, SpringStep& step) {

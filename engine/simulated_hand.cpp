@@ -6,7 +6,7 @@
 namespace trocar {
 namespace {
 
-constexpr int kParts = 8;                // of a tick
+constexpr int kParts = 8;                 // of a tick
 constexpr double kVelocityFilter = 5e-3;  // s
 
 // Velocity after `dt` under a constant force and damping; then Coulomb friction, which stops but never reverses.

@@ -121,7 +121,8 @@ SkinBinding bind_skin(std::span<const Vec3d> point, std::span<const Vec3d> node,
         if (!(out * out <= longest2)) {
             char text[200];
             std::snprintf(text, sizeof text,
-                          "vertex %zu of the skin lies more than an edge of the tetrahedra (%.3g m) outside them: a part thinner than the lattice; take finer cells",
+                          "vertex %zu of the skin lies more than an edge of the tetrahedra (%.3g m) outside them: a part thinner than the "
+                          "lattice; take finer cells",
                           v, std::sqrt(longest2));
             throw InputError(text);
         }

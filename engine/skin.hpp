@@ -32,8 +32,7 @@ struct SkinBinding {
 // Binds points (m) to the tetrahedra (positive volume) of nodes: to one that holds it, else to the one of those nearby in
 // which its least weight is largest. Ties: the lower tetrahedron. Throws InputError when a point is farther outside than
 // the longest edge around: a part that the tetrahedra do not fill.
-SkinBinding bind_skin(std::span<const Vec3d> point, std::span<const Vec3d> node,
-                      std::span<const std::array<uint32_t, 4>> tetrahedra);
+SkinBinding bind_skin(std::span<const Vec3d> point, std::span<const Vec3d> node, std::span<const std::array<uint32_t, 4>> tetrahedra);
 
 // Binds points (m) to a surface of triangles between nodes: to three nodes of the nearest triangle and, for how far a point
 // lies off it, to an apex, the node farthest from that triangle's plane. So linear motions are followed exactly and force and

@@ -90,15 +90,12 @@ void find_luma(const Image& image, std::vector<uint8_t>& luma) {
         const __m128i high = _mm_srli_epi16(_mm_hadd_epi16(sums[2], sums[3]), 4);
         _mm_storeu_si128(reinterpret_cast<__m128i*>(luma.data() + i), _mm_packus_epi16(low, high));
     }
-    for (; i < count; ++i)
-        luma[i] = static_cast<uint8_t>((5 * rgba[4 * i] + 9 * rgba[4 * i + 1] + 2 * rgba[4 * i + 2]) / 16);
+    for (; i < count; ++i) luma[i] = static_cast<uint8_t>((5 * rgba[4 * i] + 9 * rgba[4 * i + 1] + 2 * rgba[4 * i + 2]) / 16);
 }
 
 // One bit for each of the sixteen pixels from `here` on whose cross-shaped neighbourhood spans kLeastJump or more.
 uint32_t find_jumps(const uint8_t* here, int32_t width) {
-    const auto load = [here](int32_t offset) {
-        return _mm_loadu_si128(reinterpret_cast<const __m128i*>(here + offset));
-    };
+    const auto load = [here](int32_t offset) { return _mm_loadu_si128(reinterpret_cast<const __m128i*>(here + offset)); };
     const __m128i m = load(0), w = load(-1), e = load(1), n = load(-width), s = load(width);
     const __m128i high = _mm_max_epu8(m, _mm_max_epu8(_mm_max_epu8(w, e), _mm_max_epu8(n, s)));
     const __m128i low = _mm_min_epu8(m, _mm_min_epu8(_mm_min_epu8(w, e), _mm_min_epu8(n, s)));
@@ -143,8 +140,7 @@ void smooth_edges(SmoothEdgesScratch& scratch, Image& image) {
                 if (column + 1 < width) smooth_pixel(scratch, image, column, y);
             }
         }
-    for (const auto& change : scratch.changes)
-        std::copy(change.rgb.begin(), change.rgb.end(), &image.rgba[4 * size_t{change.pixel}]);
+    for (const auto& change : scratch.changes) std::copy(change.rgb.begin(), change.rgb.end(), &image.rgba[4 * size_t{change.pixel}]);
 }
 
 }  // namespace trocar

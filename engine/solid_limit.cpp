@@ -17,7 +17,7 @@ constexpr int kLanczosSteps = 60;
 
 struct Rod {
     uint32_t a, b;
-    Vec3d along;  // unit
+    Vec3d along;               // unit
     double stiffness, length;  // N/m, m
 };
 struct Cell {
@@ -111,8 +111,7 @@ ScaledStiffness whole_stiffness(const Meshes& meshes, const Springs& springs, co
     const uint32_t first = bodies.particles[body].first + skin_rows(info);
     const Range surface{meshes.info[prototype].vertices.first, surface_nodes(meshes, info, prototype)};
     const auto rest = [&](uint32_t node) -> const Vec3d& {
-        return node < surface.count ? meshes.position[surface.first + node]
-                                    : solids.position[info.inner.first + node - surface.count];
+        return node < surface.count ? meshes.position[surface.first + node] : solids.position[info.inner.first + node - surface.count];
     };
     ScaledStiffness matrix;
     for (uint32_t v = 0; v < info.nodes.count; ++v) {
@@ -155,7 +154,9 @@ double stiffest_tetrahedron(const ScaledStiffness& whole, const Solids& solids, 
     for (const Rod& r : whole.rod) rod_of[{r.a, r.b}] = &r;
     std::vector<double> share(info.count), quarters(info.nodes.count, 0.0);
     const auto node = [&](uint32_t t, int k) { return solids.corner[k][info.tetrahedra.first + t]; };
-    const auto edge = [&](uint32_t t, int i, int j) { return std::array{std::min(node(t, i), node(t, j)), std::max(node(t, i), node(t, j))}; };
+    const auto edge = [&](uint32_t t, int i, int j) {
+        return std::array{std::min(node(t, i), node(t, j)), std::max(node(t, i), node(t, j))};
+    };
     for (uint32_t t = 0; t < info.count; ++t) {
         double squared = 0;
         for (int i = 0; i < 4; ++i) {
@@ -201,14 +202,14 @@ double limit_of(double omega_squared, double damping) {
 
 }  // namespace
 
-void update_solid_dt(const Meshes& meshes, const Springs& springs, const Solids& solids, uint32_t body,
-                     const Particles& particles, const Anchors& anchors, Bodies& bodies) {
+void update_solid_dt(const Meshes& meshes, const Springs& springs, const Solids& solids, uint32_t body, const Particles& particles,
+                     const Anchors& anchors, Bodies& bodies) {
     const double stiffest = stiffest_mode(whole_stiffness(meshes, springs, solids, body, particles, anchors, bodies));
     bodies.stable_dt[body] = limit_of(stiffest, bodies.tissue[body].damping);
 }
 
-void update_tearing_solid_dt(const Meshes& meshes, const Springs& springs, const Solids& solids, uint32_t body,
-                             const Particles& particles, const Anchors& anchors, Bodies& bodies) {
+void update_tearing_solid_dt(const Meshes& meshes, const Springs& springs, const Solids& solids, uint32_t body, const Particles& particles,
+                             const Anchors& anchors, Bodies& bodies) {
     const ScaledStiffness whole = whole_stiffness(meshes, springs, solids, body, particles, anchors, bodies);
     bodies.stable_dt[body] = limit_of(stiffest_tetrahedron(whole, solids, bodies.mesh[body]), bodies.tissue[body].damping);
 }

@@ -20,15 +20,15 @@ namespace trocar {
 // kLanczosSteps steps of Lanczos' method (1950) without reorthogonalisation, which finds extreme values and finds them
 // from below (Parlett, "The symmetric eigenvalue problem", 1980, chapter 13). Double, fixed order: the same bits
 // everywhere.
-void update_solid_dt(const Meshes& meshes, const Springs& springs, const Solids& solids, uint32_t body,
-                     const Particles& particles, const Anchors& anchors, Bodies& bodies);
+void update_solid_dt(const Meshes& meshes, const Springs& springs, const Solids& solids, uint32_t body, const Particles& particles,
+                     const Anchors& anchors, Bodies& bodies);
 
 // The same for a solid that may lose tetrahedra, a limit for whatever is left of it: the largest of the eigenvalues of single
 // tetrahedra with their own share of springs and masses bounds that of any assembly of them (Irons, Treharne, "A bound
 // theorem in eigenvalues and its practical applications", 1971). Losing a soft, heavy neighbour may make a mode stiffer, so
 // the limit of the whole body does not hold.
-void update_tearing_solid_dt(const Meshes& meshes, const Springs& springs, const Solids& solids, uint32_t body,
-                             const Particles& particles, const Anchors& anchors, Bodies& bodies);
+void update_tearing_solid_dt(const Meshes& meshes, const Springs& springs, const Solids& solids, uint32_t body, const Particles& particles,
+                             const Anchors& anchors, Bodies& bodies);
 
 inline constexpr double kSolidShare = 0.8;
 inline constexpr double kStretched = 0.23;

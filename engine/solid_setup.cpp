@@ -26,9 +26,7 @@ Range grown(size_t first, size_t count) {
 struct Filling {
     std::vector<Vec3d> node;
     std::span<const Tetrahedron> tetrahedra;
-    double volume(const Tetrahedron& t) const {
-        return six_volumes(node[t[0]], node[t[1]], node[t[2]], node[t[3]]) / 6;
-    }
+    double volume(const Tetrahedron& t) const { return six_volumes(node[t[0]], node[t[1]], node[t[2]], node[t[3]]) / 6; }
 };
 
 void append_tetrahedra(const Filling& filling, SolidInfo& info, Solids& solids) {
@@ -124,8 +122,8 @@ Range append_skin(const SkinBinding& binding, size_t vertices, Solids& solids) {
 
 }  // namespace
 
-void add_solid(const Meshes& meshes, uint32_t prototype, std::span<const Vec3d> inner,
-               std::span<const Tetrahedron> tetrahedra, Springs& springs, Solids& solids, const SolidSkin* skin, bool tears) {
+void add_solid(const Meshes& meshes, uint32_t prototype, std::span<const Vec3d> inner, std::span<const Tetrahedron> tetrahedra,
+               Springs& springs, Solids& solids, const SolidSkin* skin, bool tears) {
     TROCAR_ASSERT(!tetrahedra.empty() && solids.info.size() <= prototype);
     while (solids.info.size() < prototype) add_without_tetrahedra({}, solids);
     const MeshView surface = mesh_view(meshes, prototype);
@@ -148,7 +146,8 @@ void add_solid(const Meshes& meshes, uint32_t prototype, std::span<const Vec3d> 
     solids.info.push_back(info);
 }
 
-void add_caged_shell(const Meshes& meshes, uint32_t prototype, std::span<const Vec3d> node, const SolidSkin& skin, Springs& springs, Solids& solids) {
+void add_caged_shell(const Meshes& meshes, uint32_t prototype, std::span<const Vec3d> node, const SolidSkin& skin, Springs& springs,
+                     Solids& solids) {
     TROCAR_ASSERT(solids.info.size() <= prototype);
     while (solids.info.size() < prototype) add_without_tetrahedra({}, solids);
     const EdgeTable table = make_edge_table(skin.boundary, static_cast<uint32_t>(node.size()));
@@ -169,8 +168,8 @@ void add_caged_shell(const Meshes& meshes, uint32_t prototype, std::span<const V
     add_without_tetrahedra(info, solids);
 }
 
-void add_caged_shell_body(const Meshes& meshes, const Springs& springs, const Solids& solids, const Poses& poses,
-                          uint32_t body, Bodies& bodies, Particles& particles, Anchors& anchors) {
+void add_caged_shell_body(const Meshes& meshes, const Springs& springs, const Solids& solids, const Poses& poses, uint32_t body,
+                          Bodies& bodies, Particles& particles, Anchors& anchors) {
     const uint32_t prototype = bodies.mesh[body];
     const SolidInfo& info = solids.info[prototype];
     const MeshInfo& mesh = meshes.info[prototype];
@@ -236,8 +235,8 @@ void colour_tetrahedra(Solids& solids, uint32_t prototype) {
     }
 }
 
-void add_solid_body(const Meshes& meshes, const Springs& springs, const Solids& solids, const Poses& poses,
-                    uint32_t body, Bodies& bodies, Particles& particles, Anchors& anchors) {
+void add_solid_body(const Meshes& meshes, const Springs& springs, const Solids& solids, const Poses& poses, uint32_t body, Bodies& bodies,
+                    Particles& particles, Anchors& anchors) {
     const uint32_t prototype = bodies.mesh[body];
     TROCAR_ASSERT(is_solid(solids, prototype));
     const SolidInfo& info = solids.info[prototype];

@@ -81,7 +81,8 @@ EdgeShares share_edges(const Springs& springs, const Solids& solids, uint32_t pr
             for (int j = 0; j < 4; ++j) {
                 if (i == j) continue;
                 row[count] = half_edge(springs, prototype, node[i], node[j]) - shares.first;
-                squared += 0.5 * double{springs.rest_length[shares.first + row[count]]} * double{springs.rest_length[shares.first + row[count]]};
+                squared +=
+                    0.5 * double{springs.rest_length[shares.first + row[count]]} * double{springs.rest_length[shares.first + row[count]]};
                 ++count;
             }
         }
@@ -101,8 +102,10 @@ SurfaceRoom room_for_tears(const Mesh& surface, std::span<const Tetrahedron> tet
     std::vector<Triangle> all;  // each face once
     uint32_t between = 0;
     for (size_t i = 0; i < faces.size(); ++i) {
-        if (i > 0 && faces[i].sorted == faces[i - 1].sorted) ++between;
-        else all.push_back(faces[i].sorted);
+        if (i > 0 && faces[i].sorted == faces[i - 1].sorted)
+            ++between;
+        else
+            all.push_back(faces[i].sorted);
     }
     const uint32_t nodes = 1 + *std::max_element(&tetrahedra.front()[0], &tetrahedra.back()[0] + 4);
     const size_t edges = make_edge_table(all, nodes).edge.size();
@@ -112,7 +115,8 @@ SurfaceRoom room_for_tears(const Mesh& surface, std::span<const Tetrahedron> tet
 
 void keep_room(const SurfaceRoom& room, Meshes& meshes) {
     const MeshInfo& info = meshes.info.back();
-    TROCAR_ASSERT(info.triangles.end() == meshes.triangle.size() && info.triangles.count <= room.triangles && info.edges.count <= room.edges);
+    TROCAR_ASSERT(info.triangles.end() == meshes.triangle.size() && info.triangles.count <= room.triangles &&
+                  info.edges.count <= room.edges);
     const size_t triangles = size_t{info.triangles.first} + room.triangles, edges = size_t{info.edges.first} + room.edges;
     meshes.triangle.resize(triangles);
     meshes.neighbour.resize(triangles, {kNone, kNone, kNone});
@@ -208,7 +212,8 @@ std::vector<Vec3d> places_of_nodes(const Solids& solids, const Bodies& bodies, c
     std::vector<Vec3d> place(info.nodes.count);
     for (uint32_t i = 0; i < info.nodes.count; ++i) {
         const Float4& o = particles.offset[first + i];
-        place[i] = Vec3d(o.x, o.y, o.z) - back * Vec3d(particles.velocity_x[first + i], particles.velocity_y[first + i], particles.velocity_z[first + i]);
+        place[i] = Vec3d(o.x, o.y, o.z) -
+                   back * Vec3d(particles.velocity_x[first + i], particles.velocity_y[first + i], particles.velocity_z[first + i]);
     }
     return place;
 }

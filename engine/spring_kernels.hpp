@@ -10,19 +10,19 @@ struct SpringStep {
     float *new_velocity_x, *new_velocity_y, *new_velocity_z;  // may be the same arrays
     float *remainder_x, *remainder_y, *remainder_z;           // m, what rounding left out of the places; may be null
     const unsigned* slice_column;                             // slices + 1
-    const unsigned* neighbour;                    // 16 per column: particle at the far end, itself = padding
-    const float* rest_length;                     // 16 per column, m
+    const unsigned* neighbour;                                // 16 per column: particle at the far end, itself = padding
+    const float* rest_length;                                 // 16 per column, m
     const unsigned short* packed;                 // 32 per column from first_column on, see Springs::packed; null = read the two above
     const float* spring_factor;                   // 16 per column: stiffness of a spring / `stiffness`; null = 1
     const float* anchor_stiffness;                // N/m
     const float *anchor_x, *anchor_y, *anchor_z;  // rest position, m
     const float *force_x, *force_y, *force_z;     // N, of everything besides springs and anchors; may be null
     float turn[9];                                // rows: anchor goal = centre + turn * rest
-    float turn_rest[9];      // what float left out of turn: without it the goals turn the body by themselves
-    float centre[3];         // m, high part of the goal of a rest position of zero
-    float centre_rest[3];    // m, what float left out of centre
-    float stiffness;         // N/m, of every spring, times its factor
-    float dt;                // s, of the drift
+    float turn_rest[9];                           // what float left out of turn: without it the goals turn the body by themselves
+    float centre[3];                              // m, high part of the goal of a rest position of zero
+    float centre_rest[3];                         // m, what float left out of centre
+    float stiffness;                              // N/m, of every spring, times its factor
+    float dt;                                     // s, of the drift
     unsigned first_column;
     float rest_unit;         // m, of packed
     float kick_dt;           // s, mean of this substep and the one before, times what damping leaves of an impulse on average

@@ -8,8 +8,7 @@ struct Goals {
     __m256 x, y, z;
 };
 inline __attribute__((always_inline)) Goals load_goals(const SpringStep* body, unsigned row) {
-    return {_mm256_loadu_ps(body->anchor_x + row), _mm256_loadu_ps(body->anchor_y + row),
-            _mm256_loadu_ps(body->anchor_z + row)};
+    return {_mm256_loadu_ps(body->anchor_x + row), _mm256_loadu_ps(body->anchor_y + row), _mm256_loadu_ps(body->anchor_z + row)};
 }
 // goal - x = turn * rest - (x - centre); the small difference is taken first.
 inline __attribute__((always_inline)) __m256 to_goal(const SpringStep* body, const Goals& rest, int axis, __m256 x) {
@@ -19,8 +18,7 @@ inline __attribute__((always_inline)) __m256 to_goal(const SpringStep* body, con
         return _mm256_fmadd_ps(_mm256_set1_ps(turn[0]), rest.x, sum);
     };
     const __m256 goal = turned(body->turn + 3 * axis, turned(body->turn_rest + 3 * axis, _mm256_setzero_ps()));
-    const __m256 place =
-        _mm256_sub_ps(_mm256_sub_ps(x, _mm256_set1_ps(body->centre[axis])), _mm256_set1_ps(body->centre_rest[axis]));
+    const __m256 place = _mm256_sub_ps(_mm256_sub_ps(x, _mm256_set1_ps(body->centre[axis])), _mm256_set1_ps(body->centre_rest[axis]));
     return _mm256_sub_ps(goal, place);
 }
 
@@ -39,10 +37,10 @@ void step_springs(const SpringStep* body, unsigned first, unsigned last, double*
         const unsigned long end = 16ul * body->slice_column[slice + 1];
         for (unsigned long h = 16ul * body->slice_column[slice]; h < end; h += 16) {
             const unsigned short* packed = kPacked ? body->packed + 2 * (h - first_half) + lane : nullptr;
-            const Lanes q = kPacked ? gather_near(body->offset, packed, long{16 * slice} - 32768)
-                                    : gather(body->offset, body->neighbour + h + lane);
-            const __m256 rest = kPacked ? _mm256_mul_ps(widen(packed + 16), set(body->rest_unit))
-                                        : _mm256_loadu_ps(body->rest_length + h + lane);
+            const Lanes q =
+                kPacked ? gather_near(body->offset, packed, long{16 * slice} - 32768) : gather(body->offset, body->neighbour + h + lane);
+            const __m256 rest =
+                kPacked ? _mm256_mul_ps(widen(packed + 16), set(body->rest_unit)) : _mm256_loadu_ps(body->rest_length + h + lane);
             const __m256 dx = _mm256_sub_ps(q.x, p.x), dy = _mm256_sub_ps(q.y, p.y), dz = _mm256_sub_ps(q.z, p.z);
             const __m256 squared = _mm256_fmadd_ps(dx, dx, _mm256_fmadd_ps(dy, dy, _mm256_mul_ps(dz, dz)));
             const __m256 length = _mm256_sqrt_ps(squared);
@@ -144,8 +142,7 @@ void shape_sums(const SpringStep* body, unsigned first, unsigned last, double* s
             const __m256d r[3] = {wide(body->anchor_x), wide(body->anchor_y), wide(body->anchor_z)};
             const __m256d v[3] = {wide(body->velocity_x), wide(body->velocity_y), wide(body->velocity_z)};
             const __m256d back = _mm256_set1_pd(body->back);
-            const __m256d x[3] = {_mm256_fnmadd_pd(back, v[0], _mm256_cvtps_pd(px)),
-                                  _mm256_fnmadd_pd(back, v[1], _mm256_cvtps_pd(py)),
+            const __m256d x[3] = {_mm256_fnmadd_pd(back, v[0], _mm256_cvtps_pd(px)), _mm256_fnmadd_pd(back, v[1], _mm256_cvtps_pd(py)),
                                   _mm256_fnmadd_pd(back, v[2], _mm256_cvtps_pd(pz))};
             const __m256d inv_mass = _mm256_cvtps_pd(pw);
             const __m256d m = _mm256_and_pd(_mm256_cmp_pd(inv_mass, zero, _CMP_GT_OQ), _mm256_div_pd(one, inv_mass));
@@ -176,10 +173,8 @@ void shape_sums(const SpringStep* body, unsigned first, unsigned last, double* s
 }
 
 // The four sums of moving masses, for one half of the lanes in double.
-inline __attribute__((always_inline)) void add_moving(double* sums, __m256d w, const __m256d* x, const __m256d* v,
-                                                      __m256d back) {
-    const __m256d m =
-        _mm256_and_pd(_mm256_cmp_pd(w, _mm256_setzero_pd(), _CMP_GT_OQ), _mm256_div_pd(_mm256_set1_pd(1.0), w));
+inline __attribute__((always_inline)) void add_moving(double* sums, __m256d w, const __m256d* x, const __m256d* v, __m256d back) {
+    const __m256d m = _mm256_and_pd(_mm256_cmp_pd(w, _mm256_setzero_pd(), _CMP_GT_OQ), _mm256_div_pd(_mm256_set1_pd(1.0), w));
     const auto add = [&](int sum, __m256d value) __attribute__((always_inline)) {
         _mm256_storeu_pd(sums + 16 * sum, _mm256_add_pd(_mm256_loadu_pd(sums + 16 * sum), value));
     };
@@ -201,17 +196,15 @@ void energy_sums(const SpringStep* body, unsigned first, unsigned last, double* 
         for (unsigned long h = 16ul * body->slice_column[slice]; h < end; h += 16) {
             const Lanes q = gather(body->offset, body->neighbour + h + lane);
             const __m256i index = _mm256_loadu_si256(reinterpret_cast<const __m256i*>(body->neighbour + h + lane));
-            const __m256 dx = _mm256_fnmadd_ps(
-                back, _mm256_sub_ps(_mm256_i32gather_ps(body->velocity_x, index, 4), v[0]), _mm256_sub_ps(q.x, p.x));
-            const __m256 dy = _mm256_fnmadd_ps(
-                back, _mm256_sub_ps(_mm256_i32gather_ps(body->velocity_y, index, 4), v[1]), _mm256_sub_ps(q.y, p.y));
-            const __m256 dz = _mm256_fnmadd_ps(
-                back, _mm256_sub_ps(_mm256_i32gather_ps(body->velocity_z, index, 4), v[2]), _mm256_sub_ps(q.z, p.z));
+            const __m256 dx =
+                _mm256_fnmadd_ps(back, _mm256_sub_ps(_mm256_i32gather_ps(body->velocity_x, index, 4), v[0]), _mm256_sub_ps(q.x, p.x));
+            const __m256 dy =
+                _mm256_fnmadd_ps(back, _mm256_sub_ps(_mm256_i32gather_ps(body->velocity_y, index, 4), v[1]), _mm256_sub_ps(q.y, p.y));
+            const __m256 dz =
+                _mm256_fnmadd_ps(back, _mm256_sub_ps(_mm256_i32gather_ps(body->velocity_z, index, 4), v[2]), _mm256_sub_ps(q.z, p.z));
             const __m256 squared = _mm256_fmadd_ps(dx, dx, _mm256_fmadd_ps(dy, dy, _mm256_mul_ps(dz, dz)));
-            const __m256 stretch =
-                _mm256_sub_ps(_mm256_sqrt_ps(squared), _mm256_loadu_ps(body->rest_length + h + lane));
-            const __m256 factor =
-                body->spring_factor ? _mm256_loadu_ps(body->spring_factor + h + lane) : _mm256_set1_ps(1.0f);
+            const __m256 stretch = _mm256_sub_ps(_mm256_sqrt_ps(squared), _mm256_loadu_ps(body->rest_length + h + lane));
+            const __m256 factor = body->spring_factor ? _mm256_loadu_ps(body->spring_factor + h + lane) : _mm256_set1_ps(1.0f);
             add_doubles(sums + 16 * kSumStretch + lane, _mm256_mul_ps(_mm256_mul_ps(stretch, stretch), factor));
         }
 
@@ -225,18 +218,14 @@ void energy_sums(const SpringStep* body, unsigned first, unsigned last, double* 
 
         // masses
         const __m256d wide_back = _mm256_set1_pd(body->back);
-        const __m256d low_x[3] = {_mm256_cvtps_pd(_mm256_castps256_ps128(p.x)),
-                                  _mm256_cvtps_pd(_mm256_castps256_ps128(p.y)),
+        const __m256d low_x[3] = {_mm256_cvtps_pd(_mm256_castps256_ps128(p.x)), _mm256_cvtps_pd(_mm256_castps256_ps128(p.y)),
                                   _mm256_cvtps_pd(_mm256_castps256_ps128(p.z))};
-        const __m256d low_v[3] = {_mm256_cvtps_pd(_mm256_castps256_ps128(v[0])),
-                                  _mm256_cvtps_pd(_mm256_castps256_ps128(v[1])),
+        const __m256d low_v[3] = {_mm256_cvtps_pd(_mm256_castps256_ps128(v[0])), _mm256_cvtps_pd(_mm256_castps256_ps128(v[1])),
                                   _mm256_cvtps_pd(_mm256_castps256_ps128(v[2]))};
         add_moving(sums + lane, _mm256_cvtps_pd(_mm256_castps256_ps128(p.w)), low_x, low_v, wide_back);
-        const __m256d high_x[3] = {_mm256_cvtps_pd(_mm256_extractf128_ps(p.x, 1)),
-                                   _mm256_cvtps_pd(_mm256_extractf128_ps(p.y, 1)),
+        const __m256d high_x[3] = {_mm256_cvtps_pd(_mm256_extractf128_ps(p.x, 1)), _mm256_cvtps_pd(_mm256_extractf128_ps(p.y, 1)),
                                    _mm256_cvtps_pd(_mm256_extractf128_ps(p.z, 1))};
-        const __m256d high_v[3] = {_mm256_cvtps_pd(_mm256_extractf128_ps(v[0], 1)),
-                                   _mm256_cvtps_pd(_mm256_extractf128_ps(v[1], 1)),
+        const __m256d high_v[3] = {_mm256_cvtps_pd(_mm256_extractf128_ps(v[0], 1)), _mm256_cvtps_pd(_mm256_extractf128_ps(v[1], 1)),
                                    _mm256_cvtps_pd(_mm256_extractf128_ps(v[2], 1))};
         add_moving(sums + lane + 4, _mm256_cvtps_pd(_mm256_extractf128_ps(p.w, 1)), high_x, high_v, wide_back);
     }

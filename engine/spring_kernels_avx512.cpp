@@ -8,8 +8,7 @@ struct Goals {
     __m512 x, y, z;
 };
 inline __attribute__((always_inline)) Goals load_goals(const SpringStep* body, unsigned row) {
-    return {_mm512_loadu_ps(body->anchor_x + row), _mm512_loadu_ps(body->anchor_y + row),
-            _mm512_loadu_ps(body->anchor_z + row)};
+    return {_mm512_loadu_ps(body->anchor_x + row), _mm512_loadu_ps(body->anchor_y + row), _mm512_loadu_ps(body->anchor_z + row)};
 }
 // goal - x = turn * rest - (x - centre); the small difference is taken first.
 inline __attribute__((always_inline)) __m512 to_goal(const SpringStep* body, const Goals& rest, int axis, __m512 x) {
@@ -19,8 +18,7 @@ inline __attribute__((always_inline)) __m512 to_goal(const SpringStep* body, con
         return _mm512_fmadd_ps(_mm512_set1_ps(turn[0]), rest.x, sum);
     };
     const __m512 goal = turned(body->turn + 3 * axis, turned(body->turn_rest + 3 * axis, _mm512_setzero_ps()));
-    const __m512 place =
-        _mm512_sub_ps(_mm512_sub_ps(x, _mm512_set1_ps(body->centre[axis])), _mm512_set1_ps(body->centre_rest[axis]));
+    const __m512 place = _mm512_sub_ps(_mm512_sub_ps(x, _mm512_set1_ps(body->centre[axis])), _mm512_set1_ps(body->centre_rest[axis]));
     return _mm512_sub_ps(goal, place);
 }
 
@@ -147,12 +145,11 @@ void shape_sums(const SpringStep* body, unsigned first, unsigned last, double* s
             const __m512d r[3] = {wide(body->anchor_x), wide(body->anchor_y), wide(body->anchor_z)};
             const __m512d v[3] = {wide(body->velocity_x), wide(body->velocity_y), wide(body->velocity_z)};
             const __m512d back = _mm512_set1_pd(body->back);
-            const __m512d x[3] = {_mm512_fnmadd_pd(back, v[0], to_double(p.x, half)),
-                                  _mm512_fnmadd_pd(back, v[1], to_double(p.y, half)),
+            const __m512d x[3] = {_mm512_fnmadd_pd(back, v[0], to_double(p.x, half)), _mm512_fnmadd_pd(back, v[1], to_double(p.y, half)),
                                   _mm512_fnmadd_pd(back, v[2], to_double(p.z, half))};
             const __m512d inv_mass = to_double(p.w, half);
-            const __m512d m = _mm512_maskz_div_pd(_mm512_cmp_pd_mask(inv_mass, _mm512_setzero_pd(), _CMP_GT_OQ),
-                                                  _mm512_set1_pd(1.0), inv_mass);
+            const __m512d m =
+                _mm512_maskz_div_pd(_mm512_cmp_pd_mask(inv_mass, _mm512_setzero_pd(), _CMP_GT_OQ), _mm512_set1_pd(1.0), inv_mass);
             total[kSumK] = _mm512_add_pd(total[kSumK], k);
             total[kSumM] = _mm512_add_pd(total[kSumM], m);
 #pragma GCC unroll 3
@@ -180,10 +177,8 @@ void shape_sums(const SpringStep* body, unsigned first, unsigned last, double* s
 }
 
 // The four sums of moving masses, for one half of the lanes in double.
-inline __attribute__((always_inline)) void add_moving(double* sums, __m512d w, const __m512d* x, const __m512d* v,
-                                                      __m512d back) {
-    const __m512d m =
-        _mm512_maskz_div_pd(_mm512_cmp_pd_mask(w, _mm512_setzero_pd(), _CMP_GT_OQ), _mm512_set1_pd(1.0), w);
+inline __attribute__((always_inline)) void add_moving(double* sums, __m512d w, const __m512d* x, const __m512d* v, __m512d back) {
+    const __m512d m = _mm512_maskz_div_pd(_mm512_cmp_pd_mask(w, _mm512_setzero_pd(), _CMP_GT_OQ), _mm512_set1_pd(1.0), w);
     const auto add = [&](int sum, __m512d value) __attribute__((always_inline)) {
         _mm512_storeu_pd(sums + 16 * sum, _mm512_add_pd(_mm512_loadu_pd(sums + 16 * sum), value));
     };
@@ -205,15 +200,14 @@ void energy_sums(const SpringStep* body, unsigned first, unsigned last, double* 
         for (unsigned long h = 16ul * body->slice_column[slice]; h < end; h += 16) {
             const Lanes q = gather(body->offset, body->neighbour + h + lane);
             const __m512i index = _mm512_loadu_si512(body->neighbour + h);
-            const __m512 dx = _mm512_fnmadd_ps(
-                back, _mm512_sub_ps(_mm512_i32gather_ps(index, body->velocity_x, 4), v[0]), _mm512_sub_ps(q.x, p.x));
-            const __m512 dy = _mm512_fnmadd_ps(
-                back, _mm512_sub_ps(_mm512_i32gather_ps(index, body->velocity_y, 4), v[1]), _mm512_sub_ps(q.y, p.y));
-            const __m512 dz = _mm512_fnmadd_ps(
-                back, _mm512_sub_ps(_mm512_i32gather_ps(index, body->velocity_z, 4), v[2]), _mm512_sub_ps(q.z, p.z));
+            const __m512 dx =
+                _mm512_fnmadd_ps(back, _mm512_sub_ps(_mm512_i32gather_ps(index, body->velocity_x, 4), v[0]), _mm512_sub_ps(q.x, p.x));
+            const __m512 dy =
+                _mm512_fnmadd_ps(back, _mm512_sub_ps(_mm512_i32gather_ps(index, body->velocity_y, 4), v[1]), _mm512_sub_ps(q.y, p.y));
+            const __m512 dz =
+                _mm512_fnmadd_ps(back, _mm512_sub_ps(_mm512_i32gather_ps(index, body->velocity_z, 4), v[2]), _mm512_sub_ps(q.z, p.z));
             const __m512 squared = _mm512_fmadd_ps(dx, dx, _mm512_fmadd_ps(dy, dy, _mm512_mul_ps(dz, dz)));
-            const __m512 stretch =
-                _mm512_sub_ps(_mm512_sqrt_ps(squared), _mm512_loadu_ps(body->rest_length + h + lane));
+            const __m512 stretch = _mm512_sub_ps(_mm512_sqrt_ps(squared), _mm512_loadu_ps(body->rest_length + h + lane));
             const __m512 factor = body->spring_factor ? _mm512_loadu_ps(body->spring_factor + h) : _mm512_set1_ps(1.0f);
             add_doubles(sums + 16 * kSumStretch + lane, _mm512_mul_ps(_mm512_mul_ps(stretch, stretch), factor));
         }
@@ -228,18 +222,14 @@ void energy_sums(const SpringStep* body, unsigned first, unsigned last, double* 
 
         // masses
         const __m512d wide_back = _mm512_set1_pd(body->back);
-        const __m512d low_x[3] = {_mm512_cvtps_pd(_mm512_castps512_ps256(p.x)),
-                                  _mm512_cvtps_pd(_mm512_castps512_ps256(p.y)),
+        const __m512d low_x[3] = {_mm512_cvtps_pd(_mm512_castps512_ps256(p.x)), _mm512_cvtps_pd(_mm512_castps512_ps256(p.y)),
                                   _mm512_cvtps_pd(_mm512_castps512_ps256(p.z))};
-        const __m512d low_v[3] = {_mm512_cvtps_pd(_mm512_castps512_ps256(v[0])),
-                                  _mm512_cvtps_pd(_mm512_castps512_ps256(v[1])),
+        const __m512d low_v[3] = {_mm512_cvtps_pd(_mm512_castps512_ps256(v[0])), _mm512_cvtps_pd(_mm512_castps512_ps256(v[1])),
                                   _mm512_cvtps_pd(_mm512_castps512_ps256(v[2]))};
         add_moving(sums + lane, _mm512_cvtps_pd(_mm512_castps512_ps256(p.w)), low_x, low_v, wide_back);
-        const __m512d high_x[3] = {_mm512_cvtps_pd(_mm512_extractf32x8_ps(p.x, 1)),
-                                   _mm512_cvtps_pd(_mm512_extractf32x8_ps(p.y, 1)),
+        const __m512d high_x[3] = {_mm512_cvtps_pd(_mm512_extractf32x8_ps(p.x, 1)), _mm512_cvtps_pd(_mm512_extractf32x8_ps(p.y, 1)),
                                    _mm512_cvtps_pd(_mm512_extractf32x8_ps(p.z, 1))};
-        const __m512d high_v[3] = {_mm512_cvtps_pd(_mm512_extractf32x8_ps(v[0], 1)),
-                                   _mm512_cvtps_pd(_mm512_extractf32x8_ps(v[1], 1)),
+        const __m512d high_v[3] = {_mm512_cvtps_pd(_mm512_extractf32x8_ps(v[0], 1)), _mm512_cvtps_pd(_mm512_extractf32x8_ps(v[1], 1)),
                                    _mm512_cvtps_pd(_mm512_extractf32x8_ps(v[2], 1))};
         add_moving(sums + lane + 8, _mm512_cvtps_pd(_mm512_extractf32x8_ps(p.w, 1)), high_x, high_v, wide_back);
     }

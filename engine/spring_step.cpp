@@ -2,8 +2,8 @@
 
 namespace trocar {
 
-SpringStep bind_body(const Springs& springs, const Bodies& bodies, const Anchors& anchors, const Particles& particles,
-                     uint32_t body, const TornSprings* torn) {
+SpringStep bind_body(const Springs& springs, const Bodies& bodies, const Anchors& anchors, const Particles& particles, uint32_t body,
+                     const TornSprings* torn) {
     const uint32_t prototype = bodies.mesh[body], first = bodies.particles[body].first + springs.info[prototype].skin;
     SpringStep step = {};
     step.offset = &particles.offset[first].x;
@@ -37,7 +37,8 @@ SpringStep bind_body(const Springs& springs, const Bodies& bodies, const Anchors
 
 std::array<double, kEnergySums> sum_energy(const SpringStep& body, uint32_t slices, std::vector<double>& chunk_sums) {
     const SpringKernels& kernels = spring_kernels();
-    return sum_slices<kEnergySums>(slices, chunk_sums, [&](uint32_t begin, uint32_t end, double* sums) { kernels.energy_sums(&body, begin, end, sums); });
+    return sum_slices<kEnergySums>(slices, chunk_sums,
+                                   [&](uint32_t begin, uint32_t end, double* sums) { kernels.energy_sums(&body, begin, end, sums); });
 }
 
 }  // namespace trocar

@@ -13,8 +13,8 @@ namespace trocar {
 // What the kernels need to read one deformable body as it stands: its springs, its anchors with goals at their rest
 // positions, its offsets and velocities. Nothing to write to, no time, no gravity, no drag. With `torn`, the springs that
 // are left.
-SpringStep bind_body(const Springs& springs, const Bodies& bodies, const Anchors& anchors, const Particles& particles,
-                     uint32_t body, const TornSprings* torn = nullptr);
+SpringStep bind_body(const Springs& springs, const Bodies& bodies, const Anchors& anchors, const Particles& particles, uint32_t body,
+                     const TornSprings* torn = nullptr);
 
 // Slices of a body that a kernel takes at once: the same cut for any number of threads, about 3 us; a body of 10,000
 // particles is then eight equal shares.
@@ -36,7 +36,8 @@ std::array<double, kSums> sum_slices(uint32_t slices, std::vector<double>& chunk
     constexpr uint32_t kRow = kSums * kSliceWidth;
     constexpr int kAtOnce = kSums % 8 == 0 ? 8 : kSums;  // as many as stay in registers
     chunk_sums.assign(size_t{chunk_count(slices, kSlicesPerChunk)} * kRow, 0.0);
-    for_slices(slices, [&](uint32_t begin, uint32_t end) { kernel(begin, end, chunk_sums.data() + size_t{begin / kSlicesPerChunk} * kRow); });
+    for_slices(slices,
+               [&](uint32_t begin, uint32_t end) { kernel(begin, end, chunk_sums.data() + size_t{begin / kSlicesPerChunk} * kRow); });
     std::array<double, kSums> total{};
     for (int first = 0; first < kSums; first += kAtOnce) {
         double sum[kAtOnce] = {};

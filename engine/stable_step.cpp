@@ -30,7 +30,8 @@ struct ScaledStiffness {
             for (uint32_t c = graph.slice_column[slice]; c < graph.slice_column[slice + 1]; ++c) {
                 for (uint32_t lane = 0; lane < kSliceWidth; ++lane) {
                     const uint32_t v = slice * kSliceWidth + lane, row = c * kSliceWidth + lane, far_end = graph.neighbour[row];
-                    if (far_end != v) visit(v, far_end, graph.factor ? graph.spring_stiffness * double{graph.factor[row]} : graph.spring_stiffness);
+                    if (far_end != v)
+                        visit(v, far_end, graph.factor ? graph.spring_stiffness * double{graph.factor[row]} : graph.spring_stiffness);
                 }
             }
         }

@@ -12,12 +12,12 @@ struct StiffnessGraph {
     const uint32_t* neighbour = nullptr;     // 16 per column; a lane's own number is padding
     const float* factor = nullptr;           // 16 per column: of spring_stiffness; null = 1
     double spring_stiffness = 0;
-    std::span<const double> diagonal;    // of anchors and of whatever else has a Hessian of at most diagonal[i] I
-    std::span<const Float4> particle;    // w = inverse mass; 0 = fixed
+    std::span<const double> diagonal;  // of anchors and of whatever else has a Hessian of at most diagonal[i] I
+    std::span<const Float4> particle;  // w = inverse mass; 0 = fixed
 };
 
-// Bound, but for the 4 % that kStableShare covers (engine/deformable_setup.hpp), of omega^2 (1/s^2) of the stiffest mode over all shapes the body may take.
-// The Hessian of a spring is at most k I however it is stretched or squeezed (its energy is 1/2 k d^2 - k L d + const,
+// Bound, but for the 4 % that kStableShare covers (engine/deformable_setup.hpp), of omega^2 (1/s^2) of the stiffest mode over all shapes
+// the body may take. The Hessian of a spring is at most k I however it is stretched or squeezed (its energy is 1/2 k d^2 - k L d + const,
 // and the second term is concave), so that of the body is at most (k Laplacian + diagonal) x I3: a matrix of scalars
 // that no motion changes. Its largest eigenvalue against the masses is found by 60 Lanczos steps from a fixed random
 // vector: after j steps the value found is less than (1 - e) of the true one with a probability below

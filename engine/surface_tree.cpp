@@ -113,7 +113,8 @@ std::array<Vec3d, 3> corners_of(const LocalContactModel& model, const SurfaceMom
 }
 
 // Four triangles of one body at the moment.
-void corners_of_four(const LocalContactModel& model, const std::array<uint32_t, 4>& triangle, const SurfaceMoment& at, FourTriangles& corner) {
+void corners_of_four(const LocalContactModel& model, const std::array<uint32_t, 4>& triangle, const SurfaceMoment& at,
+                     FourTriangles& corner) {
     const bool follows = model.body[triangle[0]] == at.follower;
     const Vec4d follow = to_vec4(at.follow), age = all_lanes(at.age);
     const auto corner_of_lane = [&](size_t lane, size_t k) {
@@ -121,7 +122,9 @@ void corners_of_four(const LocalContactModel& model, const std::array<uint32_t, 
         const Vec4d p = to_vec4(model.position[v]) + age * to_vec4(model.velocity[v]);
         return follows ? p + follow : p;
     };
-    const auto four = [&](size_t k) { return side_by_side(corner_of_lane(0, k), corner_of_lane(1, k), corner_of_lane(2, k), corner_of_lane(3, k)); };
+    const auto four = [&](size_t k) {
+        return side_by_side(corner_of_lane(0, k), corner_of_lane(1, k), corner_of_lane(2, k), corner_of_lane(3, k));
+    };
     corner.a = four(0), corner.b = four(1), corner.c = four(2);
 }
 
@@ -140,7 +143,8 @@ uint32_t place_run(const LocalContactModel& model, uint32_t lane, Range rows, Pl
     run = {placed.stamp, placed.fours};
     placed.fours += (rows.count + 3) / 4;
     if (placed.four.size() < placed.fours) placed.four.resize(placed.fours);
-    for (uint32_t k = 0; k < rows.count; k += 4) place_four(model, rows.first + k, rows.end() - 1, placed.moment, placed.four[run.first + k / 4]);
+    for (uint32_t k = 0; k < rows.count; k += 4)
+        place_four(model, rows.first + k, rows.end() - 1, placed.moment, placed.four[run.first + k / 4]);
     return run.first;
 }
 
@@ -204,9 +208,9 @@ struct Nearer {
 
 // Nearest so far and what lies around.
 struct NearestEight {
-    double around = 0;    // m
+    double around = 0;      // m
     uint32_t hint = kNone;  // taken first
-    double most = 0;      // m^2
+    double most = 0;        // m^2
     uint32_t count = 0;
     std::array<uint32_t, 8> triangle;
     std::array<double, 8> squared;
@@ -215,7 +219,8 @@ struct NearestEight {
         if (t == hint && count > 0) return;
         if (count == 8 && !comes_before(square, t, squared[7], triangle[7])) return;
         size_t k = count < 8 ? count++ : 7;
-        for (; k > 0 && comes_before(square, t, squared[k - 1], triangle[k - 1]); --k) squared[k] = squared[k - 1], triangle[k] = triangle[k - 1];
+        for (; k > 0 && comes_before(square, t, squared[k - 1], triangle[k - 1]); --k)
+            squared[k] = squared[k - 1], triangle[k] = triangle[k - 1];
         squared[k] = square, triangle[k] = t;
         const double wide = std::sqrt(squared[0]) + around;
         most = std::min(most, wide * wide);
@@ -252,8 +257,10 @@ void search_tree(const LocalContactModel& model, const SurfaceTree& tree, const 
         for (uint32_t near = parts_within(node, back, best.limit()); near != 0; near &= near - 1) {
             const auto lane = static_cast<uint32_t>(std::countr_zero(near));
             const Range part = node.part[lane];
-            if (part.count > 0) try_run(model, 4 * n + lane, part, at_point, placed, best);
-            else waits[waiting++] = part.first;
+            if (part.count > 0)
+                try_run(model, 4 * n + lane, part, at_point, placed, best);
+            else
+                waits[waiting++] = part.first;
         }
         if (waiting == 0) break;
     }
@@ -347,11 +354,12 @@ void begin_moment(const LocalContactModel& model, const SurfaceMoment& moment, P
     placed.nodes = placed.fours = 0;
     if (placed.four.size() < kRoom)
         placed.four.resize(kRoom), placed.node.resize(kRoom), placed.node_row.reserve(4 * kRoom), placed.run.reserve(16 * kRoom);
-    if (placed.node_row.size() < model.shell.node.size()) placed.node_row.resize(model.shell.node.size()), placed.run.resize(4 * model.shell.node.size());
+    if (placed.node_row.size() < model.shell.node.size())
+        placed.node_row.resize(model.shell.node.size()), placed.run.resize(4 * model.shell.node.size());
 }
 
-NearestTriangle find_nearest(const LocalContactModel& model, const SurfaceTree& tree, const Vec3d& point, uint32_t hint,
-                             double reach, PlacedSurface& placed) {
+NearestTriangle find_nearest(const LocalContactModel& model, const SurfaceTree& tree, const Vec3d& point, uint32_t hint, double reach,
+                             PlacedSurface& placed) {
     const SurfaceMoment& at = placed.moment;
     NearestTriangle nearest;
     Nearer best{kNone, reach * reach};
@@ -427,16 +435,17 @@ double fastest_around(const LocalContactModel& model, const SurfaceTree& tree, c
         const FourBoxes box{side_by_side(node.low), side_by_side(node.high)};
         for (uint32_t near = boxes_within(box, place, reach * reach) & faster; near != 0; near &= near - 1) {
             const auto lane = static_cast<uint32_t>(std::countr_zero(near));
-            if (node.part[lane].count > 0) fastest = std::max(fastest, static_cast<double>(node.speed[lane]));
-            else waits[waiting++] = node.part[lane].first;
+            if (node.part[lane].count > 0)
+                fastest = std::max(fastest, static_cast<double>(node.speed[lane]));
+            else
+                waits[waiting++] = node.part[lane].first;
         }
         if (waiting == 0) break;
     }
     return fastest;
 }
 
-SurfaceSide side_of(const LocalContactModel& model, const NearestTriangle& nearest, double before,
-                    const PlacedSurface& placed) {
+SurfaceSide side_of(const LocalContactModel& model, const NearestTriangle& nearest, double before, const PlacedSurface& placed) {
     const uint32_t t = nearest.triangle;
     const std::array<Vec3d, 3> corner = corners_of(model, placed.moment, t);
     const double distance = std::sqrt(nearest.at.squared_distance), half = model.half_thickness[t];

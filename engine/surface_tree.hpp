@@ -43,15 +43,15 @@ struct PlacedSurface {
     std::vector<NodePlaced> node;  // the first `nodes` of them, as they were asked for
     std::vector<FourPlaced> four;  // the first `fours` of them, run after run likewise
     uint32_t nodes = 0, fours = 0;
-    std::vector<Row> node_row;     // per node
-    std::vector<Row> run;          // per lane of a node
+    std::vector<Row> node_row;  // per node
+    std::vector<Row> run;       // per lane of a node
 };
 
 // Triangles that follow each other, and what bounds them.
 struct TriangleRun {
-    Box box;              // m, world
-    Box velocity;         // m/s, of the vertices
-    double speed = 0;     // m/s, of the fastest of them
+    Box box;           // m, world
+    Box velocity;      // m/s, of the vertices
+    double speed = 0;  // m/s, of the fastest of them
     Range triangles;
 };
 
@@ -75,8 +75,8 @@ struct NearestTriangle {
     Vec3d point = Vec3d::Zero();  // m, world, on the triangle
 };
 // `hint`: a triangle likely to be near, or kNone; the answer does not depend on it.
-NearestTriangle find_nearest(const LocalContactModel& model, const SurfaceTree& tree, const Vec3d& point, uint32_t hint,
-                             double reach, PlacedSurface& placed);
+NearestTriangle find_nearest(const LocalContactModel& model, const SurfaceTree& tree, const Vec3d& point, uint32_t hint, double reach,
+                             PlacedSurface& placed);
 
 // The same answer, and the triangles within `around` (m) of the nearest or as near as eight of them.
 NearestTriangle find_nearest_around(const LocalContactModel& model, const SurfaceTree& tree, const Vec3d& point, uint32_t hint,
@@ -100,7 +100,6 @@ struct SurfaceSide {
 };
 // Sign by the angle-weighted pseudonormal (Baerentzen & Aanaes, TVCG 11(3), 2005). A sheet has no inside: it keeps the
 // point on the side `before` that it was on (1 or -1), or where it is (0); round its rim it is a wire.
-SurfaceSide side_of(const LocalContactModel& model, const NearestTriangle& nearest, double before,
-                    const PlacedSurface& placed);
+SurfaceSide side_of(const LocalContactModel& model, const NearestTriangle& nearest, double before, const PlacedSurface& placed);
 
 }  // namespace trocar

@@ -21,15 +21,11 @@ constexpr uint32_t kGroupsPressed = 64, kSlicesGathered = 32;
 constexpr uint32_t kLeastChunks = 5;  // fewer are not worth another thread
 
 // Corner `k` of tetrahedron t.
-uint32_t corner(const Solids& solids, const SolidInfo& info, int k, uint32_t t) {
-    return solids.corner[k][info.tetrahedra.first + t];
-}
+uint32_t corner(const Solids& solids, const SolidInfo& info, int k, uint32_t t) { return solids.corner[k][info.tetrahedra.first + t]; }
 
 }  // namespace
 
-const TetKernels& tet_kernels() {
-    return std::strcmp(instruction_set(), "avx512") == 0 ? kTetKernelsAvx512 : kTetKernelsAvx2;
-}
+const TetKernels& tet_kernels() { return std::strcmp(instruction_set(), "avx512") == 0 ? kTetKernelsAvx512 : kTetKernelsAvx2; }
 
 SolidModuli solid_moduli(const Tissue& tissue) {
     const double nu = tissue.poisson, mu = tissue.youngs_modulus / (2 * (1 + nu));
@@ -94,9 +90,7 @@ double tet_energy(double bulk, double crush, double rest, double volume) {
     return rest / 6 * (0.5 * bulk * held * held + 0.5 * crush * crushed * crushed + beyond);
 }
 
-double six_volumes(const Vec3d& a, const Vec3d& b, const Vec3d& c, const Vec3d& d) {
-    return (b - a).dot((c - a).cross(d - a));
-}
+double six_volumes(const Vec3d& a, const Vec3d& b, const Vec3d& c, const Vec3d& d) { return (b - a).dot((c - a).cross(d - a)); }
 
 namespace {
 
@@ -110,19 +104,17 @@ struct PlacedTets {
 
     Vec3d place(uint32_t node) const {
         const Float4& o = particles.offset[first + node];
-        const Vec3d velocity(particles.velocity_x[first + node], particles.velocity_y[first + node],
-                             particles.velocity_z[first + node]);
+        const Vec3d velocity(particles.velocity_x[first + node], particles.velocity_y[first + node], particles.velocity_z[first + node]);
         return Vec3d(o.x, o.y, o.z) - back * velocity;
     }
     double six_volumes(uint32_t t) const {
-        return trocar::six_volumes(place(corner(solids, info, 0, t)), place(corner(solids, info, 1, t)),
-                                   place(corner(solids, info, 2, t)), place(corner(solids, info, 3, t)));
+        return trocar::six_volumes(place(corner(solids, info, 0, t)), place(corner(solids, info, 1, t)), place(corner(solids, info, 2, t)),
+                                   place(corner(solids, info, 3, t)));
     }
     double rest(uint32_t t) const { return solids.rest[info.tetrahedra.first + t]; }
 };
 
-PlacedTets place_tets(const Solids& solids, const Bodies& bodies, const Particles& particles, uint32_t body,
-                      double back) {
+PlacedTets place_tets(const Solids& solids, const Bodies& bodies, const Particles& particles, uint32_t body, double back) {
     const SolidInfo& info = solids.info[bodies.mesh[body]];
     return {solids, info, particles, bodies.particles[body].first + skin_rows(info), back};
 }
@@ -154,11 +146,13 @@ double tet_energy(const TetStep& step, const SolidModuli& moduli, const float* v
 double tet_energy(const Solids& solids, const Bodies& bodies, const Particles& particles, uint32_t body, double back,
                   std::vector<double>& chunk_sums, const TornSprings* torn) {
     const uint32_t first = bodies.particles[body].first + skin_rows(solids.info[bodies.mesh[body]]);
-    return tet_energy(bind_tets(solids, bodies, particles, body, torn), solid_moduli(bodies.tissue[body]), particles.velocity_x.data() + first,
-                      particles.velocity_y.data() + first, particles.velocity_z.data() + first, back, chunk_sums);
+    return tet_energy(bind_tets(solids, bodies, particles, body, torn), solid_moduli(bodies.tissue[body]),
+                      particles.velocity_x.data() + first, particles.velocity_y.data() + first, particles.velocity_z.data() + first, back,
+                      chunk_sums);
 }
 
-double least_volume_ratio(const Solids& solids, const Bodies& bodies, const Particles& particles, uint32_t body, double ahead, const TornSprings* torn) {
+double least_volume_ratio(const Solids& solids, const Bodies& bodies, const Particles& particles, uint32_t body, double ahead,
+                          const TornSprings* torn) {
     constexpr uint32_t kChunk = 1024;
     const PlacedTets now = place_tets(solids, bodies, particles, body, 0), then = place_tets(solids, bodies, particles, body, -ahead);
     const float* rest = bind_tets(solids, bodies, particles, body, torn).rest;
@@ -167,14 +161,14 @@ double least_volume_ratio(const Solids& solids, const Bodies& bodies, const Part
         double lowest = 1;
         for (uint32_t t = begin; t < end; ++t)
             if (rest[t] > 0) lowest = std::min(lowest, std::min(now.six_volumes(t), then.six_volumes(t)) / now.rest(t));
-        for (double known = least; lowest < known && !least.compare_exchange_weak(known, lowest);) {  // the least of all, whoever comes first
+        for (double known = least;
+             lowest < known && !least.compare_exchange_weak(known, lowest);) {  // the least of all, whoever comes first
         }
     });
     return least;
 }
 
-std::vector<double> volume_ratios(const Solids& solids, const Bodies& bodies, const Particles& particles,
-                                  uint32_t body) {
+std::vector<double> volume_ratios(const Solids& solids, const Bodies& bodies, const Particles& particles, uint32_t body) {
     const PlacedTets tets = place_tets(solids, bodies, particles, body, 0);
     std::vector<double> ratio(tets.info.count);
     for (uint32_t t = 0; t < ratio.size(); ++t) ratio[t] = tets.six_volumes(t) / tets.rest(t);

@@ -60,7 +60,8 @@ double tet_energy(const TetStep& step, const SolidModuli& moduli, const float* v
 
 // The least signed volume / rest volume of the tetrahedra that are left of a body, as it stands and `ahead` (s) later at the
 // velocities it has; at most 1.
-double least_volume_ratio(const Solids& solids, const Bodies& bodies, const Particles& particles, uint32_t body, double ahead, const TornSprings* torn = nullptr);
+double least_volume_ratio(const Solids& solids, const Bodies& bodies, const Particles& particles, uint32_t body, double ahead,
+                          const TornSprings* torn = nullptr);
 
 // Signed volume / rest volume of every tetrahedron of a body as it stands.
 std::vector<double> volume_ratios(const Solids& solids, const Bodies& bodies, const Particles& particles, uint32_t body);

@@ -9,16 +9,16 @@ namespace trocar {
 // -psi' * (area vector of the opposite face) / 3, is a polynomial: it has no place where it is not finite, and while the
 // signed volume is below the rest volume - flat or inverted too - it drives the corner back to its own side.
 struct TetStep {
-    const float* offset;                                             // 4 per node, m
-    const unsigned *corner0, *corner1, *corner2, *corner3;           // nodes, one per tetrahedron, padded to 16
-    const float *rest, *per_rest;                                    // m^3, 6 V and 1 / (6 V); padding 0
-    const float* factor;                                             // of bulk and crush, one per tetrahedron; null = 1
-    float bulk, crush;                                               // Pa
-    unsigned tetrahedra;                                             // padded
-    float* corner_force;                                             // 4 per (corner * tetrahedra + tetrahedron), N; then one row of zeros
-    const unsigned* slot_column;                                     // node slices + 1
-    const unsigned* slot;                                            // 16 per column: row of corner_force
-    float *force_x, *force_y, *force_z;                              // N, one per node
+    const float* offset;                                    // 4 per node, m
+    const unsigned *corner0, *corner1, *corner2, *corner3;  // nodes, one per tetrahedron, padded to 16
+    const float *rest, *per_rest;                           // m^3, 6 V and 1 / (6 V); padding 0
+    const float* factor;                                    // of bulk and crush, one per tetrahedron; null = 1
+    float bulk, crush;                                      // Pa
+    unsigned tetrahedra;                                    // padded
+    float* corner_force;                                    // 4 per (corner * tetrahedra + tetrahedron), N; then one row of zeros
+    const unsigned* slot_column;                            // node slices + 1
+    const unsigned* slot;                                   // 16 per column: row of corner_force
+    float *force_x, *force_y, *force_z;                     // N, one per node
 };
 
 inline constexpr float kStretchCap = 0.25f;  // J - 1 beyond which pressure does not grow: nothing of water swells so far

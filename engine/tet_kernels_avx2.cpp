@@ -55,8 +55,7 @@ void press(const TetStep* body, unsigned first, unsigned last, float* least) {
 void gather_corners(const TetStep* body, unsigned first, unsigned last) {
     for (unsigned half_slice = 2 * first; half_slice < 2 * last; ++half_slice) {
         const unsigned slice = half_slice / 2, lane = 8 * (half_slice % 2), row = 16 * slice + lane;
-        __m256 x = _mm256_loadu_ps(body->force_x + row), y = _mm256_loadu_ps(body->force_y + row),
-               z = _mm256_loadu_ps(body->force_z + row);
+        __m256 x = _mm256_loadu_ps(body->force_x + row), y = _mm256_loadu_ps(body->force_y + row), z = _mm256_loadu_ps(body->force_z + row);
         const unsigned long end = 16ul * body->slot_column[slice + 1];
         for (unsigned long h = 16ul * body->slot_column[slice]; h < end; h += 16) {
             const Lanes f = gather(body->corner_force, body->slot + h + lane);

@@ -55,8 +55,7 @@ void press(const TetStep* body, unsigned first, unsigned last, float* least) {
 void gather_corners(const TetStep* body, unsigned first, unsigned last) {
     for (unsigned slice = first; slice < last; ++slice) {
         const unsigned row = 16 * slice;
-        __m512 x = _mm512_loadu_ps(body->force_x + row), y = _mm512_loadu_ps(body->force_y + row),
-               z = _mm512_loadu_ps(body->force_z + row);
+        __m512 x = _mm512_loadu_ps(body->force_x + row), y = _mm512_loadu_ps(body->force_y + row), z = _mm512_loadu_ps(body->force_z + row);
         const unsigned long end = 16ul * body->slot_column[slice + 1];
         for (unsigned long h = 16ul * body->slot_column[slice]; h < end; h += 16) {
             const Lanes f = gather(body->corner_force, body->slot + h);

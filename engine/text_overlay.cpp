@@ -97,8 +97,8 @@ constexpr uint32_t kFineWidth = 5 * kFine, kFineHeight = 7 * kFine;
 using FineGlyph = std::array<uint8_t, kFineWidth * kFineHeight>;
 
 const Glyph& find_glyph(char character) {
-    const auto* found = std::find_if(std::begin(kGlyphs), std::end(kGlyphs),
-                                     [character](const Glyph& g) { return g.character == character; });
+    const auto* found =
+        std::find_if(std::begin(kGlyphs), std::end(kGlyphs), [character](const Glyph& g) { return g.character == character; });
     if (found != std::end(kGlyphs)) return *found;
     return *std::find_if(std::begin(kGlyphs), std::end(kGlyphs), [](const Glyph& g) { return g.character == '?'; });
 }
@@ -108,8 +108,7 @@ void double_glyph(const FineGlyph& from, uint32_t width, uint32_t height, FineGl
     const auto at = [&](uint32_t x, uint32_t y) { return x < width && y < height ? from[y * width + x] : uint8_t{0}; };
     for (uint32_t y = 0; y < height; ++y)
         for (uint32_t x = 0; x < width; ++x) {
-            const uint8_t here = at(x, y), north = at(x, y - 1), south = at(x, y + 1), west = at(x - 1, y),
-                          east = at(x + 1, y);
+            const uint8_t here = at(x, y), north = at(x, y - 1), south = at(x, y + 1), west = at(x - 1, y), east = at(x + 1, y);
             uint8_t* out = &to[4 * y * width + 2 * x];
             const bool turns = north != south && west != east;
             out[0] = turns && west == north ? west : here;
@@ -145,8 +144,7 @@ void blend(Image& image, int32_t x, int32_t y, const OverlayColour& colour, floa
     const float part = share * static_cast<float>(colour.opacity) / 255.0f;
     const uint8_t channel[] = {colour.red, colour.green, colour.blue};
     for (uint32_t c = 0; c < 3; ++c)
-        pixel[c] = static_cast<uint8_t>(
-            std::lround(static_cast<float>(pixel[c]) * (1 - part) + static_cast<float>(channel[c]) * part));
+        pixel[c] = static_cast<uint8_t>(std::lround(static_cast<float>(pixel[c]) * (1 - part) + static_cast<float>(channel[c]) * part));
 }
 
 }  // namespace
@@ -158,16 +156,14 @@ void draw_text(Image& image, int32_t x, int32_t y, uint32_t scale, const Overlay
             for (uint32_t row = 0; row < 7 * scale; ++row)
                 for (uint32_t column = 0; column < 5 * scale; ++column) {
                     const float share = coverage(fine, column, row, scale);
-                    if (share > 0)
-                        blend(image, x + static_cast<int32_t>(column), y + static_cast<int32_t>(row), colour, share);
+                    if (share > 0) blend(image, x + static_cast<int32_t>(column), y + static_cast<int32_t>(row), colour, share);
                 }
         }
         x += static_cast<int32_t>(6 * scale);
     }
 }
 
-void draw_panel(Image& image, int32_t x, int32_t y, uint32_t width, uint32_t height, uint32_t corner,
-                const OverlayColour& colour) {
+void draw_panel(Image& image, int32_t x, int32_t y, uint32_t width, uint32_t height, uint32_t corner, const OverlayColour& colour) {
     const float radius = static_cast<float>(corner);
     for (uint32_t row = 0; row < height; ++row)
         for (uint32_t column = 0; column < width; ++column) {

@@ -16,7 +16,6 @@ inline uint32_t text_width(std::string_view text, uint32_t scale) {
 }
 
 // Lays a rectangle with round corners (radius in pixels) over a picture.
-void draw_panel(Image& image, int32_t x, int32_t y, uint32_t width, uint32_t height, uint32_t corner,
-                const OverlayColour& colour);
+void draw_panel(Image& image, int32_t x, int32_t y, uint32_t width, uint32_t height, uint32_t corner, const OverlayColour& colour);
 
 }  // namespace trocar

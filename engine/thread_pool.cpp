@@ -45,16 +45,14 @@ struct ThreadPool::Impl {
     FloatModeObserver observer;
 };
 
-ThreadPool::ThreadPool(uint32_t threads)
-    : impl_(new Impl(threads == 0 ? std::max(1u, std::thread::hardware_concurrency()) : threads)) {}
+ThreadPool::ThreadPool(uint32_t threads) : impl_(new Impl(threads == 0 ? std::max(1u, std::thread::hardware_concurrency()) : threads)) {}
 ThreadPool::~ThreadPool() = default;
 void ThreadPool::run(const std::function<void()>& work) { impl_->arena.execute(work); }
 uint32_t ThreadPool::threads() const { return static_cast<uint32_t>(impl_->arena.max_concurrency()); }
 
 uint32_t thread_count() {
     const int index = tbb::this_task_arena::current_thread_index();
-    return index == tbb::task_arena::not_initialized ? 1u
-                                                     : static_cast<uint32_t>(tbb::this_task_arena::max_concurrency());
+    return index == tbb::task_arena::not_initialized ? 1u : static_cast<uint32_t>(tbb::this_task_arena::max_concurrency());
 }
 
 uint32_t thread_index() {

@@ -54,9 +54,8 @@ inline void find_block_codes(const std::vector<uint8_t>& outcode, std::vector<ui
 
 // Writes the triangles whose corners share no side, ascending, and returns their number; `found` has room for all. Runs
 // whose vertices all share one are passed over; in the others no branch, which would be guessed wrong along the rim.
-inline uint32_t find_sideless_triangles(std::span<const Triangle> triangle, const TriangleRuns& runs,
-                                        const std::vector<uint8_t>& outcode, const std::vector<uint8_t>& block_code,
-                                        uint32_t* found) {
+inline uint32_t find_sideless_triangles(std::span<const Triangle> triangle, const TriangleRuns& runs, const std::vector<uint8_t>& outcode,
+                                        const std::vector<uint8_t>& block_code, uint32_t* found) {
     const Triangle* const corners = triangle.data();
     const uint8_t* const code = outcode.data();
     uint32_t count = 0;

@@ -47,8 +47,7 @@ void write_all(int fd, std::string_view bytes, const fs::path& path) {
 // A stream of this process must be appended to, even when the shell has pointed it at a regular file.
 bool names_own_stream(const fs::path& path) {
     const std::string text = path.lexically_normal().string();
-    return text == "/dev/stdout" || text == "/dev/stderr" || text.starts_with("/dev/fd/") ||
-           text.starts_with("/proc/self/fd/");
+    return text == "/dev/stdout" || text == "/dev/stderr" || text.starts_with("/dev/fd/") || text.starts_with("/proc/self/fd/");
 }
 
 void stage(const FileContents& file, const fs::path& target, const struct stat* existing, Staged& staged) {

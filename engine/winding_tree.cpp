@@ -122,8 +122,7 @@ FarField far_field(const WindingCluster& c, const Vec3d& p) {
     const double cubic = x * (x * (s[0] * x + 3 * (s[3] * y + s[4] * z)) + 3 * s[5] * y * y + 6 * s[9] * y * z) +
                          y * (y * (s[1] * y + 3 * s[6] * z)) + z * z * (s[2] * z + 3 * (s[7] * x + s[8] * y));
     const double trace = (s[0] + s[5] + s[7]) * x + (s[3] + s[1] + s[8]) * y + (s[4] + s[6] + s[2]) * z;
-    const double value =
-        c.normal.dot(u) + per_r * (m[0] + m[1] + m[2] - 3 * along) + 0.5 * per_r2 * (15 * cubic - 9 * trace);
+    const double value = c.normal.dot(u) + per_r * (m[0] + m[1] + m[2] - 3 * along) + 0.5 * per_r2 * (15 * cubic - 9 * trace);
     return {kPerTurn * per_r2 * value, error};
 }
 

@@ -41,8 +41,7 @@ void join_winding_tree(const BoxTree& tree, WindingTree& winding);
 // Winding number about p from clusters whose error is at most `tolerance` each and, where none is, from
 // near(row of the boxes), which sums a box's triangles directly.
 template <typename Near>  // Near: double(uint32_t)
-FarField sum_winding(const BoxTree& tree, const WindingTree& winding, const Vec3d& p, double tolerance,
-                     const Near& near) {
+FarField sum_winding(const BoxTree& tree, const WindingTree& winding, const Vec3d& p, double tolerance, const Near& near) {
     FarField sum;
     uint32_t stack[kBoxStack];
     uint32_t height = 0;

@@ -34,20 +34,20 @@ struct Faults {
 void check_mesh(const Meshes& m, uint32_t prototype, Faults& f) {
     const MeshInfo& info = m.info[prototype];
     const std::string name = "mesh " + std::to_string(prototype) + ": ";
-    const bool whole = f.inside(info.vertices, m.position.size(), name + "vertices") &&
-                       f.inside(info.vertices, m.component.size(), name + "components") &&
-                       f.inside(info.triangles, m.triangle.size(), name + "triangles") &&
-                       f.inside(info.triangles, m.neighbour.size(), name + "neighbours") &&
-                       f.inside(info.triangles, m.triangle_edge.size(), name + "edges of triangles") &&
-                       f.inside(info.triangles, m.uv.size(), name + "texture coordinates") &&
-                       f.inside(info.triangles, m.triangle_material.size(), name + "materials of triangles") &&
-                       f.inside(info.edges, m.edge.size(), name + "edges") &&
-                       f.inside(info.edges, m.edge_triangle.size(), name + "triangles of edges") &&
-                       f.inside(info.incident, m.incident.size(), name + "incident triangles") &&
-                       f.inside({info.vertices.first + prototype, info.vertices.count + 1}, m.incident_first.size(), name + "vertex rows") &&
-                       f.inside(m.materials[prototype], m.material.size(), name + "materials");
+    const bool whole =
+        f.inside(info.vertices, m.position.size(), name + "vertices") && f.inside(info.vertices, m.component.size(), name + "components") &&
+        f.inside(info.triangles, m.triangle.size(), name + "triangles") &&
+        f.inside(info.triangles, m.neighbour.size(), name + "neighbours") &&
+        f.inside(info.triangles, m.triangle_edge.size(), name + "edges of triangles") &&
+        f.inside(info.triangles, m.uv.size(), name + "texture coordinates") &&
+        f.inside(info.triangles, m.triangle_material.size(), name + "materials of triangles") &&
+        f.inside(info.edges, m.edge.size(), name + "edges") && f.inside(info.edges, m.edge_triangle.size(), name + "triangles of edges") &&
+        f.inside(info.incident, m.incident.size(), name + "incident triangles") &&
+        f.inside({info.vertices.first + prototype, info.vertices.count + 1}, m.incident_first.size(), name + "vertex rows") &&
+        f.inside(m.materials[prototype], m.material.size(), name + "materials");
     if (!whole) return;
-    f.require(info.admission <= Admission::kRefused && std::isfinite(info.mean_edge) && std::isfinite(info.radius), name + "no such surface");
+    f.require(info.admission <= Admission::kRefused && std::isfinite(info.mean_edge) && std::isfinite(info.radius),
+              name + "no such surface");
     const uint32_t materials = std::max(1u, m.materials[prototype].count);
     for (uint32_t t = info.triangles.first; t < info.triangles.end(); ++t) {
         for (int k = 0; k < 3; ++k) {
@@ -77,7 +77,8 @@ void check_meshes(const Meshes& m, Faults& f) {
     if (!f.first.empty()) return;
     for (uint32_t p = 0; p < m.info.size() && f.first.empty(); ++p) check_mesh(m, p, f);
     for (const Material& material : m.material)
-        f.require(material.image.rgba.size() == size_t{4} * material.image.width * material.image.height, "a texture is not as large as it says");
+        f.require(material.image.rgba.size() == size_t{4} * material.image.width * material.image.height,
+                  "a texture is not as large as it says");
 }
 
 // Packed columns say the same as the others.
@@ -114,7 +115,8 @@ void check_springs(const World& w, uint32_t prototype, Faults& f) {
     if (!whole || s.neighbour.size() != s.rest_length.size()) return f.require(false, name + " do not fit together");
     const uint32_t* column = s.slice_column.data() + slices.first + prototype;
     for (uint32_t slice = 0; slice < slices.count; ++slice) {
-        f.require(column[slice] <= column[slice + 1] && uint64_t{column[slice + 1]} * kSliceWidth <= s.neighbour.size(), name + ": columns");
+        f.require(column[slice] <= column[slice + 1] && uint64_t{column[slice + 1]} * kSliceWidth <= s.neighbour.size(),
+                  name + ": columns");
         if (!f.first.empty()) return;
         for (uint64_t h = uint64_t{column[slice]} * kSliceWidth; h < uint64_t{column[slice + 1]} * kSliceWidth; ++h)
             f.require(s.neighbour[h] < padded, name + ": far end");
@@ -130,16 +132,22 @@ void check_solid(const World& w, uint32_t prototype, uint32_t particles, Faults&
     const SolidInfo& info = s.info[prototype];
     const std::string name = "solid of mesh " + std::to_string(prototype) + ": ";
     const bool shell = info.count == 0;  // under a skin
-    bool whole = f.inside(info.inner, s.position.size(), name + "inner nodes") && f.inside(info.nodes, s.node_volume.size(), name + "volumes of nodes") &&
-                 f.inside(info.tetrahedra, s.rest.size(), name + "tetrahedra") && f.inside(info.tetrahedra, s.per_rest.size(), name + "tetrahedra") &&
+    bool whole = f.inside(info.inner, s.position.size(), name + "inner nodes") &&
+                 f.inside(info.nodes, s.node_volume.size(), name + "volumes of nodes") &&
+                 f.inside(info.tetrahedra, s.rest.size(), name + "tetrahedra") &&
+                 f.inside(info.tetrahedra, s.per_rest.size(), name + "tetrahedra") &&
                  f.inside({info.slices.first + prototype, info.slices.count + 1}, s.slot_column.size(), name + "slices");
     for (const auto& corner : s.corner) whole = whole && f.inside(info.tetrahedra, corner.size(), name + "corners");
     if (info.varied) whole = whole && f.inside(info.tetrahedra, s.factor.size(), name + "stiffnesses");
     const uint32_t tets = info.tetrahedra.count;
-    f.require(info.count <= tets && tets % kSliceWidth == 0 && (shell || uint64_t{info.slices.count} * kSliceWidth + skin_rows(info) == particles) && tets < kNone / 4 &&
-                  info.nodes.count + skin_rows(info) <= particles && uint64_t{surface_nodes(w.meshes, info, prototype)} + info.inner.count == info.nodes.count,
+    f.require(info.count <= tets && tets % kSliceWidth == 0 &&
+                  (shell || uint64_t{info.slices.count} * kSliceWidth + skin_rows(info) == particles) && tets < kNone / 4 &&
+                  info.nodes.count + skin_rows(info) <= particles &&
+                  uint64_t{surface_nodes(w.meshes, info, prototype)} + info.inner.count == info.nodes.count,
               name + "nodes and tetrahedra do not fit");
-    if (!whole || !f.first.empty() || !f.inside(info.skin, s.skin_node.size(), name + "skin") || !f.inside(info.skin, s.skin_weight.size(), name + "skin")) return;
+    if (!whole || !f.first.empty() || !f.inside(info.skin, s.skin_node.size(), name + "skin") ||
+        !f.inside(info.skin, s.skin_weight.size(), name + "skin"))
+        return;
     f.require(info.skin.count == 0 || info.skin.count == w.meshes.info[prototype].vertices.count, name + "skin does not fit the surface");
     for (uint32_t row = info.skin.first; row < info.skin.end(); ++row) {
         for (const uint32_t node : s.skin_node[row]) f.below(node, info.nodes.count, false, name + "node of the skin");
@@ -170,7 +178,8 @@ void check_columns(std::span<const uint32_t> column, std::span<const uint32_t> e
 void check_fans(const World& w, uint32_t prototype, Faults& f) {
     const Fans& fans = w.springs.fans;
     const std::string name = "fans of mesh " + std::to_string(prototype);
-    f.require(prototype < fans.first.size() && fans.volume.size() == fans.first.size() && fans.volume[prototype] != 0, name + " are missing");
+    f.require(prototype < fans.first.size() && fans.volume.size() == fans.first.size() && fans.volume[prototype] != 0,
+              name + " are missing");
     if (!f.first.empty()) return;
     const uint32_t slices = w.springs.info[prototype].slices.count;
     check_columns(fans.column, fans.corner, fans.first[prototype], slices, 2 * kSliceWidth, uint64_t{slices} * kSliceWidth, name, f);
@@ -183,18 +192,22 @@ void check_hinges(const World& w, uint32_t prototype, Faults& f) {
     if (!f.first.empty()) return;
     const Range groups = h.groups[prototype];
     const size_t all = h.weight.size() / 8;
-    f.require(h.weight.size() == 8 * all && h.sine.size() == 8 * all && h.cosine.size() == 8 * all && h.cap.size() == 16 * all && h.vertex.size() == 32 * all,
+    f.require(h.weight.size() == 8 * all && h.sine.size() == 8 * all && h.cosine.size() == 8 * all && h.cap.size() == 16 * all &&
+                  h.vertex.size() == 32 * all,
               name + " do not fit together");
     if (!f.first.empty() || !f.inside(groups, all, name)) return;
     const uint32_t slices = w.springs.info[prototype].slices.count;
-    for (size_t i = size_t{32} * groups.first; i < size_t{32} * groups.end(); ++i) f.below(h.vertex[i], slices * kSliceWidth, false, name + ": vertex");
+    for (size_t i = size_t{32} * groups.first; i < size_t{32} * groups.end(); ++i)
+        f.below(h.vertex[i], slices * kSliceWidth, false, name + ": vertex");
     check_columns(h.column, h.slot, h.first[prototype], slices, kSliceWidth, uint64_t{32} * groups.count + 1, name, f);
 }
 
 void check_tet_colours(const World& w, uint32_t prototype, Faults& f) {
     const Solids& s = w.solids;
     const std::string name = "colours of tetrahedra of mesh " + std::to_string(prototype);
-    f.require(prototype < s.colours.size() && s.batch.size() == s.batch_volume.size() && s.batch.size() == s.batch_factor.size() && s.batch.size() == s.batch_tetrahedron.size(), name + " are missing");
+    f.require(prototype < s.colours.size() && s.batch.size() == s.batch_volume.size() && s.batch.size() == s.batch_factor.size() &&
+                  s.batch.size() == s.batch_tetrahedron.size(),
+              name + " are missing");
     if (!f.first.empty() || !f.inside(s.colours[prototype], s.colour.size(), name)) return;
     const uint32_t ends = (s.info[prototype].slices.count + 4) * kSliceWidth;
     for (uint32_t c = s.colours[prototype].first; c < s.colours[prototype].end(); ++c) {
@@ -209,9 +222,12 @@ void check_tet_colours(const World& w, uint32_t prototype, Faults& f) {
 void check_colours(const World& w, uint32_t prototype, Faults& f) {
     const Springs& s = w.springs;
     const std::string name = "colours of springs of mesh " + std::to_string(prototype);
-    f.require(prototype < s.colours.size() && s.batch.size() == s.batch_rest.size() && s.batch.size() == s.batch_half_edge.size(), name + " are missing");
+    f.require(prototype < s.colours.size() && s.batch.size() == s.batch_rest.size() && s.batch.size() == s.batch_half_edge.size(),
+              name + " are missing");
     if (!f.first.empty() || !f.inside(s.colours[prototype], s.colour.size(), name)) return;
-    f.require(!s.info[prototype].varied || s.batch_factor.size() >= (s.colours[prototype].count > 0 ? s.colour[s.colours[prototype].end() - 1].end() : 0), name + ": stiffnesses are missing");
+    f.require(!s.info[prototype].varied ||
+                  s.batch_factor.size() >= (s.colours[prototype].count > 0 ? s.colour[s.colours[prototype].end() - 1].end() : 0),
+              name + ": stiffnesses are missing");
     if (is_solid(w.solids, prototype)) check_tet_colours(w, prototype, f);
     if (!f.first.empty()) return;
     const uint32_t ends = s.vertices[prototype].count + 2 * kSliceWidth;
@@ -229,14 +245,16 @@ void check_body(const World& w, uint32_t body, Faults& f) {
     const std::string name = "body " + std::to_string(body);
     f.require(b.mesh[body] < w.meshes.info.size(), name + " is of no mesh");
     f.require(b.motion[body] <= Motion::kFree && b.anchor_frame[body] <= AnchorFrame::kShape, name + " moves in no known way");
-    f.require(b.stable_dt[body] > kShortestStep && b.thickness[body] >= 0 && b.inv_mass[body] >= 0, name + " has no step, mass or thickness");
+    f.require(b.stable_dt[body] > kShortestStep && b.thickness[body] >= 0 && b.inv_mass[body] >= 0,
+              name + " has no step, mass or thickness");
     if (!f.first.empty() || !is_deformable(b, body)) return;
     check_springs(w, b.mesh[body], f);
     if (f.first.empty() && has_pressure(b, body)) check_fans(w, b.mesh[body], f);
     if (f.first.empty() && has_bending(b, body)) check_hinges(w, b.mesh[body], f);
     if (!f.first.empty() || !f.inside(b.particles[body], w.particles.offset.size(), name + ": particles")) return;
     const Stepping stepping = stepping_of(b, body);
-    f.require(stepping.integrator <= Integrator::kXpbd && stepping.step > kShortestStep && stepping.iterations <= 10000, name + " is stepped in no known way");
+    f.require(stepping.integrator <= Integrator::kXpbd && stepping.step > kShortestStep && stepping.iterations <= 10000,
+              name + " is stepped in no known way");
     if (stepping.integrator == Integrator::kXpbd) check_colours(w, b.mesh[body], f);
     f.require(b.particles[body].count == w.springs.vertices[b.mesh[body]].count && b.particles[body].first % kSliceWidth == 0 &&
                   b.particles[body].count >= w.meshes.info[b.mesh[body]].vertices.count,
@@ -252,7 +270,8 @@ void check_bodies(const World& w, Faults& f) {
                   b.stable_dt.size() == n && b.thickness.size() == n,
               "bodies: arrays of different length");
     f.require(std::all_of(b.name.begin(), b.name.end(), is_body_name), "the name of a body is no name");
-    f.require(w.poses.origin.size() == n && w.poses.orientation.size() == n && w.poses.velocity.size() == n && w.poses.angular_velocity.size() == n,
+    f.require(w.poses.origin.size() == n && w.poses.orientation.size() == n && w.poses.velocity.size() == n &&
+                  w.poses.angular_velocity.size() == n,
               "poses: not one per body");
     f.require(b.stepping.size() <= n, "bodies: more steppings than bodies");
     std::vector<bool> has_mass(n);
@@ -266,11 +285,13 @@ void check_bodies(const World& w, Faults& f) {
     }
     for (size_t body = 0; body < b.motion.size() && body < n; ++body)
         f.require(b.motion[body] != Motion::kFree || has_mass[body], "a free body without a mass");
-    f.require(w.sleep.still.size() == w.sleep.group.size() && (w.sleep.still.empty() || w.sleep.still.size() == n), "sleep: not one per body");
+    f.require(w.sleep.still.size() == w.sleep.group.size() && (w.sleep.still.empty() || w.sleep.still.size() == n),
+              "sleep: not one per body");
     for (const uint32_t group : w.sleep.group) f.below(group, static_cast<uint32_t>(n), true, "sleep with body");
     const size_t slots = w.lives.away.size(), pools = w.pools.slots.size();
-    f.require(slots == (pools > 0 ? n : 0) && w.lives.generation.size() == slots && w.lives.since.size() == slots && w.pools.orientation.size() == slots &&
-                  w.pools.rate.size() == pools && w.pools.life.size() == pools && w.lives.came.size() == pools && (pools == 0 || w.settings.sleep_speed > 0),
+    f.require(slots == (pools > 0 ? n : 0) && w.lives.generation.size() == slots && w.lives.since.size() == slots &&
+                  w.pools.orientation.size() == slots && w.pools.rate.size() == pools && w.pools.life.size() == pools &&
+                  w.lives.came.size() == pools && (pools == 0 || w.settings.sleep_speed > 0),
               "pools and lives do not fit the bodies");
     for (size_t pool = 0; pool < pools && f.first.empty(); ++pool) {
         f.inside(w.pools.slots[pool], n, "slots of a pool");
@@ -279,9 +300,9 @@ void check_bodies(const World& w, Faults& f) {
             f.require(is_deformable(b, slot) && w.lives.since[slot] <= w.clock.tick, "a slot that is not deformable, or younger than now");
     }
     const size_t particles = w.particles.offset.size();
-    f.require(w.particles.velocity_x.size() == particles && w.particles.velocity_y.size() == particles && w.particles.velocity_z.size() == particles &&
-                  w.anchors.stiffness.size() == particles && w.anchors.rest_x.size() == particles && w.anchors.rest_y.size() == particles &&
-                  w.anchors.rest_z.size() == particles,
+    f.require(w.particles.velocity_x.size() == particles && w.particles.velocity_y.size() == particles &&
+                  w.particles.velocity_z.size() == particles && w.anchors.stiffness.size() == particles &&
+                  w.anchors.rest_x.size() == particles && w.anchors.rest_y.size() == particles && w.anchors.rest_z.size() == particles,
               "particles: arrays of different length");
     f.require(w.particles.last_dt.size() <= n, "particles: more steps than bodies");
     for (uint32_t body = 0; body < n && f.first.empty(); ++body) {
@@ -294,8 +315,9 @@ void check_links(const World& w, Faults& f) {
     const Links& l = w.links;
     const size_t rows = l.node.size();
     const uint32_t bodies = static_cast<uint32_t>(w.bodies.mesh.size());
-    f.require(l.far_node.size() == rows && l.point.size() == rows && l.rest.size() == rows && l.stretch.size() == rows && l.whole.size() == rows,
-              "links: arrays of different length");
+    f.require(
+        l.far_node.size() == rows && l.point.size() == rows && l.rest.size() == rows && l.stretch.size() == rows && l.whole.size() == rows,
+        "links: arrays of different length");
     f.require(l.stable_dt.empty() || l.stable_dt.size() == bodies, "links: steps are not one per body");
     for (const double dt : l.stable_dt) f.require(dt > kShortestStep, "links: a step is too short");
     uint64_t first = 0;
@@ -312,9 +334,9 @@ void check_links(const World& w, Faults& f) {
         f.below(group.body, bodies, false, "link of body");
         f.below(group.holder, bodies, false, "link to body");
         if (!f.first.empty()) return;
-        f.require(is_deformable(w.bodies, group.body) && group.body != group.holder && group.stiffness > 0 && std::isfinite(group.stiffness) &&
-                      group.gauge > 0 && group.break_strain > 0 && group.phase <= LinkPhase::kDone && group.frame <= RegionFrame::kWorld &&
-                      group.region.kind <= RegionKind::kCapsule,
+        f.require(is_deformable(w.bodies, group.body) && group.body != group.holder && group.stiffness > 0 &&
+                      std::isfinite(group.stiffness) && group.gauge > 0 && group.break_strain > 0 && group.phase <= LinkPhase::kDone &&
+                      group.frame <= RegionFrame::kWorld && group.region.kind <= RegionKind::kCapsule,
                   "link group " + std::to_string(g) + " holds in no known way");
         const bool nodes = is_deformable(w.bodies, group.holder);
         for (uint32_t row = group.rows.first; row < group.rows.end(); ++row) {
@@ -328,7 +350,8 @@ void check_links(const World& w, Faults& f) {
 
 void check_tear_faces(const World& w, const TearBody& t, uint32_t prototype, Faults& f) {
     const SolidInfo& info = w.solids.info[prototype];
-    f.require(t.faces.count == t.order.count && t.outer <= t.faces.count && info.tetrahedra.end() <= w.torn.tetrahedron.size(), "tears: faces of a solid are missing");
+    f.require(t.faces.count == t.order.count && t.outer <= t.faces.count && info.tetrahedra.end() <= w.torn.tetrahedron.size(),
+              "tears: faces of a solid are missing");
     if (!f.first.empty() || !f.inside(t.faces, w.tears.face.size(), "faces of a solid that tears")) return;
     for (uint32_t i = t.faces.first; i < t.faces.end(); ++i) {
         const TearFace& face = w.tears.face[i];
@@ -408,7 +431,8 @@ void check_tools(const World& w, Faults& f) {
         f.below(body, bodies, false, "jaw of body");
         const auto holds = [&](const HandTool& tool) { return j >= tool.jaws.first && j < tool.jaws.end(); };
         f.require(std::count_if(w.haptics.tool.begin(), w.haptics.tool.end(), holds) == 1, "a jaw is not of one tool");
-        f.require(std::none_of(w.haptics.tool.begin(), w.haptics.tool.end(), [&](const HandTool& tool) { return tool.body == body; }), "a jaw is a tool");
+        f.require(std::none_of(w.haptics.tool.begin(), w.haptics.tool.end(), [&](const HandTool& tool) { return tool.body == body; }),
+                  "a jaw is a tool");
     }
     for (const HapticEffect& e : w.haptics.effect)
         f.require(e.kind <= EffectKind::kMagnet && e.trigger <= EffectTrigger::kRelease, "an effect is of no kind");
@@ -425,9 +449,9 @@ void check_nodes(const World& w, Faults& f) {
     const NodeState& s = w.node_state;
     const uint32_t nodes = static_cast<uint32_t>(n.name.size()), bodies = static_cast<uint32_t>(w.bodies.mesh.size());
     const uint32_t tools = static_cast<uint32_t>(w.haptics.tool.size()), drives = static_cast<uint32_t>(n.drive.size());
-    f.require(n.parent.size() == nodes && s.enabled.size() == nodes && n.of_body.size() == (nodes > 0 ? bodies : 0) && s.drive.size() == drives &&
-                  s.seen.size() == n.toggle.size() + n.exchange.size() && s.laid_down.size() == (n.exchange.empty() ? 0 : tools) &&
-                  s.off.size() == (nodes > 0 || !n.exchange.empty() ? bodies : 0),
+    f.require(n.parent.size() == nodes && s.enabled.size() == nodes && n.of_body.size() == (nodes > 0 ? bodies : 0) &&
+                  s.drive.size() == drives && s.seen.size() == n.toggle.size() + n.exchange.size() &&
+                  s.laid_down.size() == (n.exchange.empty() ? 0 : tools) && s.off.size() == (nodes > 0 || !n.exchange.empty() ? bodies : 0),
               "nodes: arrays that do not fit together");
     if (!f.first.empty()) return;
     for (uint32_t node = 0; node < nodes; ++node) f.below(n.parent[node], node, true, "parent of a node");
@@ -438,9 +462,10 @@ void check_nodes(const World& w, Faults& f) {
         f.below(d.body, bodies, false, "driven body");
         f.below(d.node, nodes, false, "node of a driven body");
         if (!f.first.empty()) return;
-        f.require(d.body >= next && w.bodies.motion[d.body] == Motion::kFree && d.behaviour != NodeBehaviour::kNone && d.behaviour <= NodeBehaviour::kDial &&
-                      d.inertia > 0 && std::isfinite(d.inertia) && d.lowest < d.highest && d.damping >= 0 && d.friction >= 0 && d.axis.allFinite() &&
-                      (d.click == 0 || d.click_width > 0) && std::isfinite(s.drive[i].place) && std::isfinite(s.drive[i].rate),
+        f.require(d.body >= next && w.bodies.motion[d.body] == Motion::kFree && d.behaviour != NodeBehaviour::kNone &&
+                      d.behaviour <= NodeBehaviour::kDial && d.inertia > 0 && std::isfinite(d.inertia) && d.lowest < d.highest &&
+                      d.damping >= 0 && d.friction >= 0 && d.axis.allFinite() && (d.click == 0 || d.click_width > 0) &&
+                      std::isfinite(s.drive[i].place) && std::isfinite(s.drive[i].rate),
                   "body " + std::to_string(d.body) + " is driven in no known way");
         next = uint64_t{d.body} + 1;
     }
@@ -459,14 +484,18 @@ void check_nodes(const World& w, Faults& f) {
 void check_detail(const World& w, Faults& f) {
     const DetailRules& d = w.detail;
     const size_t rules = d.body.size();
-    f.require(d.beyond.size() == rules && d.seen.size() == rules && d.near.size() == rules && d.far.size() == rules, "levels of detail: arrays of different length");
+    f.require(d.beyond.size() == rules && d.seen.size() == rules && d.near.size() == rules && d.far.size() == rules,
+              "levels of detail: arrays of different length");
     for (size_t r = 0; r < rules && f.first.empty(); ++r) {
         f.below(d.body[r], static_cast<uint32_t>(w.bodies.stepping.size()), false, "level of detail of body");
         if (!f.first.empty()) return;
-        f.require(is_deformable(w.bodies, d.body[r]) && (r == 0 || d.body[r - 1] < d.body[r]) && d.beyond[r] > 0, "a level of detail is of no deformable body, or twice");
+        f.require(is_deformable(w.bodies, d.body[r]) && (r == 0 || d.body[r - 1] < d.body[r]) && d.beyond[r] > 0,
+                  "a level of detail is of no deformable body, or twice");
         f.require(!d.seen[r] || (d.eye.size() == 1 && d.eye[0].allFinite()), "a level of detail goes by an eye that is nowhere");
-        f.require(d.near[r].integrator == Integrator::kLeapfrog && d.far[r].integrator == Integrator::kMidpoint, "a level of detail is stepped in no known way");
-        for (const Stepping& s : {d.near[r], d.far[r]}) f.require(s.step > kShortestStep && s.iterations <= 10000, "a level of detail has no step");
+        f.require(d.near[r].integrator == Integrator::kLeapfrog && d.far[r].integrator == Integrator::kMidpoint,
+                  "a level of detail is stepped in no known way");
+        for (const Stepping& s : {d.near[r], d.far[r]})
+            f.require(s.step > kShortestStep && s.iterations <= 10000, "a level of detail has no step");
     }
 }
 
@@ -500,9 +529,12 @@ std::string find_fault(const World& w) {
               "pair memory: arrays of different length");
     if (f.first.empty()) check_contact_memory(w, f);
     const ContactParams& c = w.settings.contact;
-    f.require(w.settings.substep > kShortestStep && c.tolerance > 0 && c.cell_edges > 0 && c.push_speed >= 0 && c.iterations < 1000 && w.settings.sleep_speed >= 0 && w.settings.sleep_after >= 0, "settings: out of range");
+    f.require(w.settings.substep > kShortestStep && c.tolerance > 0 && c.cell_edges > 0 && c.push_speed >= 0 && c.iterations < 1000 &&
+                  w.settings.sleep_speed >= 0 && w.settings.sleep_after >= 0,
+              "settings: out of range");
     const uint32_t rate = w.clock.contact_rate;
-    f.require(is_contact_rate(rate) && w.clock.display_rate == 30 && w.clock.tick == pass_tick(w.clock.pass, rate), "clock: does not fit its passes");
+    f.require(is_contact_rate(rate) && w.clock.display_rate == 30 && w.clock.tick == pass_tick(w.clock.pass, rate),
+              "clock: does not fit its passes");
     return f.first;
 }
 

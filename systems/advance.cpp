@@ -167,9 +167,15 @@ void step_bodies(AdvanceIsland& island, const SpringKernels& kernels, uint32_t s
         double* work = island.params.account_energy && b.damping > 0 ? s.sums.data() + b.first_chunk * kSliceWidth : nullptr;
         const bool wild = find_forces_of(island, b);
         switch (b.stepping.integrator) {
-            case Integrator::kLeapfrog: wild ? step_wild(island, b, work) : step_leapfrog(island, kernels, b, work, shape_sums); break;
-            case Integrator::kMidpoint: step_midpoint(island, b, work); break;
-            case Integrator::kXpbd: step_xpbd(island, b, work); break;
+            case Integrator::kLeapfrog:
+                wild ? step_wild(island, b, work) : step_leapfrog(island, kernels, b, work, shape_sums);
+                break;
+            case Integrator::kMidpoint:
+                step_midpoint(island, b, work);
+                break;
+            case Integrator::kXpbd:
+                step_xpbd(island, b, work);
+                break;
         }
         const float* drag = b.step.drag_velocity;
         const float* turn = b.step.drag_turn;
@@ -280,8 +286,7 @@ void finish_bodies(AdvanceIsland& island) {
         if (rigid.free != kNone) velocity += cross(island.scratch.free[rigid.free].spin, rigid.place[1].shift - node.place);
         island.poses.velocity[rigid.body] = to_vec3(velocity);
         island.poses.orientation[rigid.body] = rigid.orientation[1];
-        island.poses.angular_velocity[rigid.body] =
-            rotation_vector(rigid.orientation[0], rigid.orientation[1]) / island.dt;
+        island.poses.angular_velocity[rigid.body] = rotation_vector(rigid.orientation[0], rigid.orientation[1]) / island.dt;
     }
     finish_free_bodies(island);
 }
@@ -321,7 +326,7 @@ void add_advance_result(const AdvanceResult& result, Energy& energy, Report& rep
 }
 
 void share_room(std::span<AdvanceScratch> scratches) {
-    const auto level = [&](auto AdvanceScratch::* field) {
+    const auto level = [&](auto AdvanceScratch::*field) {
         size_t most = 0;
         for (const AdvanceScratch& s : scratches) most = std::max(most, (s.*field).capacity());
         for (AdvanceScratch& s : scratches) (s.*field).reserve(most);
@@ -365,7 +370,8 @@ void share_room(std::span<AdvanceScratch> scratches) {
     level(&AdvanceScratch::ungrouped);
     level(&AdvanceScratch::node_sums);
     size_t groups = 0, chunks = 0;
-    for (const AdvanceScratch& s : scratches) groups = std::max(groups, s.group.size()), chunks = std::max(chunks, s.body_shape_sums.size());
+    for (const AdvanceScratch& s : scratches)
+        groups = std::max(groups, s.group.size()), chunks = std::max(chunks, s.body_shape_sums.size());
     for (AdvanceScratch& s : scratches) s.group.resize(groups), s.body_shape_sums.resize(chunks);
     const auto level_each = [&](size_t count, const auto& field) {
         for (size_t i = 0; i < count; ++i) {
@@ -374,13 +380,16 @@ void share_room(std::span<AdvanceScratch> scratches) {
             for (AdvanceScratch& s : scratches) field(s, i).reserve(most);
         }
     };
-    level_each(groups, [](AdvanceScratch& s, size_t i) -> auto& { return s.group[i].active; });
-    level_each(groups, [](AdvanceScratch& s, size_t i) -> auto& { return s.group[i].active_block; });
-    level_each(chunks, [](AdvanceScratch& s, size_t i) -> auto& { return s.body_shape_sums[i]; });
+    level_each(
+        groups, [](AdvanceScratch & s, size_t i) -> auto& { return s.group[i].active; });
+    level_each(
+        groups, [](AdvanceScratch & s, size_t i) -> auto& { return s.group[i].active_block; });
+    level_each(
+        chunks, [](AdvanceScratch & s, size_t i) -> auto& { return s.body_shape_sums[i]; });
     level(&AdvanceScratch::open_blocks_of_node);
     level(&AdvanceScratch::link);
     level(&AdvanceScratch::overstretched);
-    const auto level_implicit = [&](auto ImplicitScratch::* field) {
+    const auto level_implicit = [&](auto ImplicitScratch::*field) {
         size_t most = 0;
         for (const AdvanceScratch& s : scratches) most = std::max(most, (s.implicit.*field).capacity());
         for (AdvanceScratch& s : scratches) (s.implicit.*field).reserve(most);
@@ -388,17 +397,18 @@ void share_room(std::span<AdvanceScratch> scratches) {
     level_implicit(&ImplicitScratch::place);
     level_implicit(&ImplicitScratch::direction);
     level_implicit(&ImplicitScratch::sums);
-    for (auto ImplicitScratch::* field : {&ImplicitScratch::spoke, &ImplicitScratch::block, &ImplicitScratch::residual,
-                                          &ImplicitScratch::applied, &ImplicitScratch::change, &ImplicitScratch::lambda, &ImplicitScratch::volume_lambda, &ImplicitScratch::left_rest, &ImplicitScratch::free_residual, &ImplicitScratch::free_block,
-                                          &ImplicitScratch::left_factor, &ImplicitScratch::left_volume,
-                                          &ImplicitScratch::slope, &ImplicitScratch::volume_force, &ImplicitScratch::volume_block}) {
+    for (auto ImplicitScratch::*field :
+         {&ImplicitScratch::spoke, &ImplicitScratch::block, &ImplicitScratch::residual, &ImplicitScratch::applied, &ImplicitScratch::change,
+          &ImplicitScratch::lambda, &ImplicitScratch::volume_lambda, &ImplicitScratch::left_rest, &ImplicitScratch::free_residual,
+          &ImplicitScratch::free_block, &ImplicitScratch::left_factor, &ImplicitScratch::left_volume, &ImplicitScratch::slope,
+          &ImplicitScratch::volume_force, &ImplicitScratch::volume_block}) {
         level_implicit(field);
     }
 }
 
 void advance_island(const AdvanceParams& params, const AdvanceInputs& inputs, std::span<const uint32_t> island_bodies,
-                    std::span<const uint32_t> island_rows, AdvanceScratch& scratch, Particles& particles, Poses& poses,
-                    ContactRows& rows, std::span<ToolState> tools, AdvanceResult& result) {
+                    std::span<const uint32_t> island_rows, AdvanceScratch& scratch, Particles& particles, Poses& poses, ContactRows& rows,
+                    std::span<ToolState> tools, AdvanceResult& result) {
     TROCAR_ASSERT(params.substeps > 0 && params.ticks > 0);
     const double dt = 1e-3 * (static_cast<double>(params.ticks) / params.substeps);
     result.deepest_residual = 0;

@@ -96,8 +96,8 @@ uint32_t count_substeps(const Bodies& bodies, std::span<const uint32_t> island_b
 // back, at rest. State is complete between calls. Same bits for any number of threads. Distinct islands may run at the same time,
 // each with its own scratch.
 void advance_island(const AdvanceParams& params, const AdvanceInputs& inputs, std::span<const uint32_t> island_bodies,
-                    std::span<const uint32_t> island_rows, AdvanceScratch& scratch, Particles& particles, Poses& poses,
-                    ContactRows& rows, std::span<ToolState> tools, AdvanceResult& result);
+                    std::span<const uint32_t> island_rows, AdvanceScratch& scratch, Particles& particles, Poses& poses, ContactRows& rows,
+                    std::span<ToolState> tools, AdvanceResult& result);
 
 // Gives every scratch the room of the roomiest, so that after a pass it does not matter which thread runs which island:
 // none allocates for what another has done before.

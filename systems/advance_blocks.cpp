@@ -150,7 +150,8 @@ void find_opposable(AdvanceIsland& island) {
     for_each_group(s, [&](RowGroup& group) {
         for (uint32_t i = group.plan.first; i < group.plan.end(); ++i) {
             const auto& node = s.sketch[i].node;
-            if (std::any_of(node.begin(), node.end(), [&](uint32_t n) { return n != kNone && s.may_oppose[n]; })) s.sketch[i].kind = RowSketch::kSingle;
+            if (std::any_of(node.begin(), node.end(), [&](uint32_t n) { return n != kNone && s.may_oppose[n]; }))
+                s.sketch[i].kind = RowSketch::kSingle;
         }
     });
 }
@@ -293,28 +294,33 @@ class BlockDealer {
     std::array<uint32_t, kOpenBlocks> block_;  // per slot: row of block in the group, or kNone
     std::array<Rows, kOpenBlocks> row_;        // and what is in it
     uint32_t count_ = 0;
-    uint32_t next_ = 0;                        // slot to close when none will do
+    uint32_t next_ = 0;  // slot to close when none will do
 };
 
 // Places of the nodes of one part of a block, one of the fields of ContactNodes.
-inline __attribute__((always_inline)) FourPoints part_of(const AdvanceScratch& s, const ContactBlock& block, uint32_t part, std::vector<Vec4d> ContactNodes::* field) {
+inline __attribute__((always_inline)) FourPoints part_of(const AdvanceScratch& s, const ContactBlock& block, uint32_t part,
+                                                         std::vector<Vec4d> ContactNodes::*field) {
     const auto& n = block.node[part];
     const Vec4d* value = (s.node.*field).data();
     return side_by_side(value[n[0]], value[n[1]], value[n[2]], value[n[3]]);
 }
-inline __attribute__((always_inline)) FourPoints point_of(const AdvanceScratch& s, const ContactBlock& block, std::vector<Vec4d> ContactNodes::* field) {
+inline __attribute__((always_inline)) FourPoints point_of(const AdvanceScratch& s, const ContactBlock& block,
+                                                          std::vector<Vec4d> ContactNodes::*field) {
     const FourPoints point = block.weight[0] * part_of(s, block, 0, field);
     return block.edges ? point + block.weight[1] * part_of(s, block, 1, field) : point;
 }
-inline __attribute__((always_inline)) FourPoints weighted(const std::array<Vec4d, 3>& w, const FourPoints& a, const FourPoints& b, const FourPoints& c) {
+inline __attribute__((always_inline)) FourPoints weighted(const std::array<Vec4d, 3>& w, const FourPoints& a, const FourPoints& b,
+                                                          const FourPoints& c) {
     return w[0] * a + w[1] * b + w[2] * c;
 }
-inline __attribute__((always_inline)) FourPoints plane_of(const AdvanceScratch& s, const ContactBlock& block, std::vector<Vec4d> ContactNodes::* field) {
-    return weighted({block.weight[2], block.weight[3], block.weight[4]}, part_of(s, block, 2, field),
-                    part_of(s, block, 3, field), part_of(s, block, 4, field));
+inline __attribute__((always_inline)) FourPoints plane_of(const AdvanceScratch& s, const ContactBlock& block,
+                                                          std::vector<Vec4d> ContactNodes::*field) {
+    return weighted({block.weight[2], block.weight[3], block.weight[4]}, part_of(s, block, 2, field), part_of(s, block, 3, field),
+                    part_of(s, block, 4, field));
 }
 // Corners of the planes: their places, or where they are after the substep.
-inline __attribute__((always_inline)) FourPoints corner_of(const AdvanceScratch& s, const ContactBlock& block, uint32_t k, std::vector<Vec4d> ContactNodes::* field) {
+inline __attribute__((always_inline)) FourPoints corner_of(const AdvanceScratch& s, const ContactBlock& block, uint32_t k,
+                                                           std::vector<Vec4d> ContactNodes::*field) {
     return block.fixed == kNone ? part_of(s, block, 2 + k, field) : s.fixed[block.fixed].corner[k];
 }
 // Parts that move: all, or those of the point.
@@ -325,14 +331,13 @@ struct FourFeet {
     std::array<Vec4d, 3> weight;
     Mask4 left_behind;
 };
-FourFeet find_feet(const FourPoints& a, const FourPoints& b, const FourPoints& c, const FourPoints& point,
-                   const FourPoints& plane, const FourPoints& normal, const std::array<Vec4d, 3>& fixed) {
+FourFeet find_feet(const FourPoints& a, const FourPoints& b, const FourPoints& c, const FourPoints& point, const FourPoints& plane,
+                   const FourPoints& normal, const std::array<Vec4d, 3>& fixed) {
     const FourPoints u = b - a, v = c - a, twice_area = cross(u, v);
     const Vec4d edge2[3] = {norm2(c - b), norm2(v), norm2(u)};  // opposite corner k
     const Vec4d longest2 = greatest(edge2[0], greatest(edge2[1], edge2[2]));
     const Vec4d area2 = norm2(twice_area), along = dot(normal, twice_area);
-    const Mask4 near = (along > 0) & (along * along > (kLeastCosine * kLeastCosine) * area2) &
-                       (area2 > 1e-12 * longest2 * longest2);
+    const Mask4 near = (along > 0) & (along * along > (kLeastCosine * kLeastCosine) * area2) & (area2 > 1e-12 * longest2 * longest2);
     const FourPoints apart = point - plane, slide = apart - dot(normal, apart) * normal;
     const Mask4 slid = norm2(slide) > longest2;
 
@@ -400,7 +405,7 @@ bool activate(AdvanceIsland& island, double reach, ContactBlock& block) {
 
 // Adds to a field of the nodes of one part.
 void add_to_part(AdvanceScratch& s, const ContactBlock& block, uint32_t part, const FourPoints& way,
-                 std::vector<Vec4d> ContactNodes::* field) {
+                 std::vector<Vec4d> ContactNodes::*field) {
     const std::array<Vec4d, 4> ways = one_by_one(way);
     Vec4d* value = (s.node.*field).data();
     for (uint32_t lane = 0; lane < 4; ++lane) value[block.node[part][lane]] += ways[lane];
@@ -417,16 +422,15 @@ void solve_block(AdvanceScratch& s, ContactBlock& block) {
         velocity = velocity + block.lever[k] * part[k];
     }
     const Vec4d approach = dot(block.normal, velocity);
-    const Vec4d normal_impulse =
-        greatest(block.normal_impulse - (approach - block.least_velocity) * block.inv_sum, Vec4d{});
+    const Vec4d normal_impulse = greatest(block.normal_impulse - (approach - block.least_velocity) * block.inv_sum, Vec4d{});
     if (!any((normal_impulse > 0) | (block.normal_impulse > 0))) return;  // nor is there friction
     const Vec4d most = block.friction * normal_impulse;
     FourPoints friction = block.friction_impulse - block.inv_sum * (velocity - approach * block.normal);
     const Vec4d size2 = norm2(friction);
     const Mask4 slips = size2 > most * most;
     if (any(slips)) friction = (slips ? most / square_root(size2) : all_lanes(1)) * friction;
-    const FourPoints impulse = keep(block.active, (normal_impulse - block.normal_impulse) * block.normal +
-                                                      (friction - block.friction_impulse));
+    const FourPoints impulse =
+        keep(block.active, (normal_impulse - block.normal_impulse) * block.normal + (friction - block.friction_impulse));
     block.normal_impulse = normal_impulse;
     block.friction_impulse = keep(block.active, friction);
     for (uint32_t k = 0; k < kMoving; ++k) {
@@ -650,9 +654,8 @@ bool push_blocks(AdvanceIsland& island, double most, const RowGroup& group, uint
 
 double deepest_in_blocks(AdvanceScratch& s, const RowGroup& group) {
     Vec4d deepest = {};
-    for_active_blocks(s, group, kGapPart, [&](const ContactBlock& block) {
-        deepest = greatest(keep(block.active, -gaps_after(s, block)), deepest);
-    });
+    for_active_blocks(s, group, kGapPart,
+                      [&](const ContactBlock& block) { deepest = greatest(keep(block.active, -gaps_after(s, block)), deepest); });
     return std::max({deepest[0], deepest[1], deepest[2], deepest[3]});
 }
 

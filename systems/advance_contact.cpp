@@ -26,7 +26,9 @@ constexpr uint32_t kSkinSweeps = 4;
 constexpr uint32_t kSweepsAtOnce = 2;
 constexpr uint32_t kRowsPerChunk = 2048;
 
-uint32_t node_slot(const AdvanceScratch& s, uint32_t owner, uint32_t vertex) { return s.node_of_particle[s.body[owner].particles.first + vertex]; }
+uint32_t node_slot(const AdvanceScratch& s, uint32_t owner, uint32_t vertex) {
+    return s.node_of_particle[s.body[owner].particles.first + vertex];
+}
 
 // Node of a vertex of a deformable body, or the new skin point of one that rides.
 uint32_t vertex_slot(AdvanceScratch& s, uint32_t owner, uint32_t vertex) {
@@ -63,8 +65,10 @@ void number_nodes(AdvanceIsland& island, std::span<const uint32_t> island_rows) 
         put(b.touched, true);
         for (const uint32_t v : vertices) {
             if (v == kNone) continue;
-            if (!b.skin_node) put(s.node_of_particle[b.particles.first + v], kAsked);
-            else for (const uint32_t node : b.skin_node[v]) put(s.node_of_particle[b.particles.first + node], kAsked);
+            if (!b.skin_node)
+                put(s.node_of_particle[b.particles.first + v], kAsked);
+            else
+                for (const uint32_t node : b.skin_node[v]) put(s.node_of_particle[b.particles.first + node], kAsked);
         }
     };
     parallel_for(static_cast<uint32_t>(island_rows.size()), kRowsPerChunk, [&](uint32_t begin, uint32_t end) {
@@ -205,8 +209,8 @@ Foot find_foot(const AdvanceIsland& island, const ContactPlan& plan, const RowSt
     const uint32_t mesh = island.inputs.bodies.mesh[rigid.body];
     const Triangle& t = island.rows.triangle[plan.row];
     const Vec4d point = rigid.place[0].turn_back(r.point - rigid.place[0].shift);
-    return find_foot(rest_position(meshes, mesh, t[0]), rest_position(meshes, mesh, t[1]),
-                     rest_position(meshes, mesh, t[2]), point, plan.point_b, plan.normal, plan.weight_b);
+    return find_foot(rest_position(meshes, mesh, t[0]), rest_position(meshes, mesh, t[1]), rest_position(meshes, mesh, t[2]), point,
+                     plan.point_b, plan.normal, plan.weight_b);
 }
 
 void add_node(ContactActive& active, uint32_t node, double weight) {
@@ -246,7 +250,8 @@ bool has_free_side(const AdvanceScratch& s, const ContactPlan& plan) {
 }
 
 // Adds a row to the active ones. approach: m/s along the normal, before any impulse of the substep.
-void add_active(AdvanceIsland& island, uint32_t plan_row, const RowState& r, const Foot& foot, double approach, std::vector<ContactActive>& rows) {
+void add_active(AdvanceIsland& island, uint32_t plan_row, const RowState& r, const Foot& foot, double approach,
+                std::vector<ContactActive>& rows) {
     AdvanceScratch& s = island.scratch;
     const ContactPlan& plan = s.plan[plan_row];
     ContactActive& active = rows.emplace_back();
@@ -262,8 +267,10 @@ void add_active(AdvanceIsland& island, uint32_t plan_row, const RowState& r, con
         for (int i = 0; i < 3; ++i) add_point(s, active, plan.node_a[i], plan.weight_a[i]);
     } else {
         const AdvanceRigid& rigid = s.rigid[plan.rigid_a];
-        if (rigid.free == kNone) active.rigid_velocity += rigid.velocity(plan.point_a);
-        else if (rigid.jaw != kNone) active.rigid_velocity += rigid.grip_velocity(plan.point_a);
+        if (rigid.free == kNone)
+            active.rigid_velocity += rigid.velocity(plan.point_a);
+        else if (rigid.jaw != kNone)
+            active.rigid_velocity += rigid.grip_velocity(plan.point_a);
         if (rigid.node != kNone) add_node(active, rigid.node, 1);
     }
     active.point_nodes = active.nodes;
@@ -271,8 +278,10 @@ void add_active(AdvanceIsland& island, uint32_t plan_row, const RowState& r, con
         for (int k = 0; k < 3; ++k) add_point(s, active, plan.node_b[k], -foot.weight[k]);
     } else {
         const AdvanceRigid& rigid = s.rigid[plan.rigid_b];
-        if (rigid.free == kNone) active.rigid_velocity -= rigid.velocity(foot.point);
-        else if (rigid.jaw != kNone) active.rigid_velocity -= rigid.grip_velocity(foot.point);
+        if (rigid.free == kNone)
+            active.rigid_velocity -= rigid.velocity(foot.point);
+        else if (rigid.jaw != kNone)
+            active.rigid_velocity -= rigid.grip_velocity(foot.point);
         if (rigid.node != kNone) add_node(active, rigid.node, -1);
     }
     double sum = 0;
@@ -421,9 +430,7 @@ void settle_rows(AdvanceIsland& island) {
     }
 }
 
-Vec4d particle_velocity(const Particles& p, uint32_t i) {
-    return make_vec4(p.velocity_x[i], p.velocity_y[i], p.velocity_z[i]);
-}
+Vec4d particle_velocity(const Particles& p, uint32_t i) { return make_vec4(p.velocity_x[i], p.velocity_y[i], p.velocity_z[i]); }
 
 // Runs visit(node, sums of its chunk) for all nodes.
 template <typename Visit>
@@ -477,7 +484,9 @@ void book_hands(AdvanceIsland& island) {
     double hand = 0;
     const auto book = [&](const ContactActive& row) {
         const ContactPlan& plan = s.plan[row.plan];
-        const auto is_held = [&](uint32_t rigid) { return rigid != kNone && s.rigid[rigid].free != kNone && s.free[s.rigid[rigid].free].held; };
+        const auto is_held = [&](uint32_t rigid) {
+            return rigid != kNone && s.rigid[rigid].free != kNone && s.free[s.rigid[rigid].free].held;
+        };
         const auto is_driven = [&](uint32_t rigid) { return rigid != kNone && (s.rigid[rigid].free == kNone || is_held(rigid)); };
         if (is_driven(plan.rigid_a) == is_driven(plan.rigid_b)) return;
         Vec4d surface = row.rigid_velocity;

@@ -13,7 +13,9 @@ DriveState& state_of(const AdvanceIsland& island, const AdvanceFree& f) { return
 double rate_of(const AdvanceScratch& s, const AdvanceFree& f) {
     return dot(f.axis, f.slides ? s.node[s.rigid[f.rigid].node].velocity : f.spin);
 }
-void set_rate(AdvanceScratch& s, AdvanceFree& f, double rate) { (f.slides ? s.node[s.rigid[f.rigid].node].velocity : f.spin) = rate * f.axis; }
+void set_rate(AdvanceScratch& s, AdvanceFree& f, double rate) {
+    (f.slides ? s.node[s.rigid[f.rigid].node].velocity : f.spin) = rate * f.axis;
+}
 
 // Puts the end of the substep where the coordinate says.
 void place_driven(AdvanceIsland& island, AdvanceFree& f) {

@@ -78,8 +78,8 @@ TetStep bind_loose_tets(AdvanceIsland& island, const AdvanceBody& b) {
 }
 
 // Per body of the island: has it a row? Others keep what was written of them.
-void mark_touched(const Bodies& bodies, std::span<const uint32_t> island_bodies, const ContactRows& rows, std::span<const uint32_t> island_rows,
-                  std::vector<uint8_t>& touched) {
+void mark_touched(const Bodies& bodies, std::span<const uint32_t> island_bodies, const ContactRows& rows,
+                  std::span<const uint32_t> island_rows, std::vector<uint8_t>& touched) {
     touched.resize(bodies.mesh.size());
     for (const uint32_t body : island_bodies) touched[body] = 0;
     for (const uint32_t row : island_rows) touched[rows.body[row]] = touched[rows.other[row]] = 1;
@@ -110,7 +110,8 @@ bool is_wild(AdvanceIsland& island, const AdvanceBody& b, double least) {
     const Particles& p = island.particles;
     float fastest = 0;
     for (uint32_t i = b.particles.first; i < b.particles.end(); ++i) {
-        fastest = std::max(fastest, p.velocity_x[i] * p.velocity_x[i] + p.velocity_y[i] * p.velocity_y[i] + p.velocity_z[i] * p.velocity_z[i]);
+        fastest =
+            std::max(fastest, p.velocity_x[i] * p.velocity_x[i] + p.velocity_y[i] * p.velocity_y[i] + p.velocity_z[i] * p.velocity_z[i]);
     }
     const double far = kFarWay * in.springs.info[in.bodies.mesh[b.body]].mean_rest / island.dt;
     if (!(fastest > far * far)) return false;
@@ -121,7 +122,8 @@ bool is_wild(AdvanceIsland& island, const AdvanceBody& b, double least) {
 uint32_t finer_steps(const AdvanceInputs& in, const Particles& particles, std::span<const uint32_t> island_bodies, const ContactRows& rows,
                      std::span<const uint32_t> island_rows, double dt, double seconds, std::vector<uint8_t>& touched) {
     const auto is_solid = [&](uint32_t body) { return has_tets(in.other.solids, in.bodies, body); };
-    if (std::any_of(island_bodies.begin(), island_bodies.end(), is_solid)) mark_touched(in.bodies, island_bodies, rows, island_rows, touched);
+    if (std::any_of(island_bodies.begin(), island_bodies.end(), is_solid))
+        mark_touched(in.bodies, island_bodies, rows, island_rows, touched);
     uint32_t most = 1;
     for (const uint32_t body : island_bodies) {
         if (!is_deformable(in.bodies, body) || stepping_of(in.bodies, body).integrator != Integrator::kLeapfrog) continue;

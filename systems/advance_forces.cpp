@@ -22,8 +22,8 @@ Forces forces_of(AdvanceScratch& s, const AdvanceBody& b) {
 
 void set_pressure(AdvanceIsland& island, const AdvanceBody& b, const Forces& f) {
     const AdvanceInputs& in = island.inputs;
-    const double volume = find_volume_gradient(in.springs, in.bodies.mesh[b.body], b.now, island.scratch.force_sums,
-                                               f.axis[0], f.axis[1], f.axis[2]);
+    const double volume =
+        find_volume_gradient(in.springs, in.bodies.mesh[b.body], b.now, island.scratch.force_sums, f.axis[0], f.axis[1], f.axis[2]);
     const float p = static_cast<float>(find_pressure(in.springs, in.bodies, b.body, volume));
     for_slices(b.slices, [&](uint32_t begin, uint32_t end) {
         for (float* axis : f.axis) {

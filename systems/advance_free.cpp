@@ -48,8 +48,7 @@ Vec4d any_tangent(Vec4d normal) {
 // sliding row would settle along it times the velocity, not against the velocity.
 double friction_mass(const AdvanceScratch& s, double nodes_response, Vec4d normal, const ContactTurning& turning) {
     const Vec4d u = any_tangent(normal), v = cross(normal, u);
-    const double uu = turning_response(s, turning, u, u), vv = turning_response(s, turning, v, v),
-                 uv = turning_response(s, turning, u, v);
+    const double uu = turning_response(s, turning, u, u), vv = turning_response(s, turning, v, v), uv = turning_response(s, turning, u, v);
     const double half = 0.5 * (uu - vv);
     const double largest = nodes_response + 0.5 * (uu + vv) + std::sqrt(half * half + uv * uv);
     return largest > 0 ? 1 / largest : 0;
@@ -109,9 +108,8 @@ void kick_free_bodies(AdvanceIsland& island) {
         const Vec4d fall = kick * to_vec4(island.params.gravity), lost = (keep - 1) * node.velocity;
         if (f.damping > 0 && island.params.account_energy) {
             const Vec4d spin = keep * f.spin;
-            island.result.work_damping +=
-                dot(lost, node.velocity + 0.5 * (lost + fall)) * f.mass.mass +
-                0.5 * dot(spin_momentum(f, rigid.orientation[0], spin - f.spin), spin + f.spin);
+            island.result.work_damping += dot(lost, node.velocity + 0.5 * (lost + fall)) * f.mass.mass +
+                                          0.5 * dot(spin_momentum(f, rigid.orientation[0], spin - f.spin), spin + f.spin);
         }
         node.velocity += lost + fall;
         f.spin *= keep;
@@ -173,7 +171,7 @@ double contact_work_on_free(const AdvanceIsland& island) {
     double work = 0;
     for (const AdvanceFree& f : s.free) {
         if (f.drive != kNone) continue;  // settle_drives
-        if (f.held) continue;  // its work is the hand's
+        if (f.held) continue;            // its work is the hand's
         const uint32_t n = s.rigid[f.rigid].node;
         const ConstContactNodeChange change = s.change[n];
         const Vec4d kick = s.node[n].velocity - change.kicked;
@@ -322,8 +320,7 @@ void finish_free_pushes(AdvanceIsland& island, double most) {
         place_end(rigid, f, node.place, normalized(turned));
         const Vec3d spin = spin_of(f.mass.moments, principal_frame(f, rigid.orientation[1]), to_vec3(momentum));
         if (f.held) continue;
-        island.result.work_push += 0.5 * dot(momentum, to_vec4(spin) - f.spin) -
-                                   f.mass.mass * dot(to_vec4(island.params.gravity), shift);
+        island.result.work_push += 0.5 * dot(momentum, to_vec4(spin) - f.spin) - f.mass.mass * dot(to_vec4(island.params.gravity), shift);
         f.spin = to_vec4(spin);
     }
 }

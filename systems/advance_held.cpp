@@ -43,7 +43,8 @@ void pull_held_body(AdvanceIsland& island, AdvanceFree& f) {
     f.spin_before = f.spin;
     const double k = tool.coupling_stiffness, b = tool.coupling_damping;
     node.inv_mass = w / (1 + dt * w * (b + k * dt));
-    node.velocity = node.inv_mass * (node.velocity / w + dt * (k * (to_vec4(rigid.target) - node.place) + b * to_vec4(rigid.target_velocity)));
+    node.velocity =
+        node.inv_mass * (node.velocity / w + dt * (k * (to_vec4(rigid.target) - node.place) + b * to_vec4(rigid.target_velocity)));
     const double turn_k = tool.turn_stiffness, turn_b = tool.turn_damping;
     const double inv_inertia = v / (1 + dt * v * (turn_b + turn_k * dt));
     const Vec3d torque = turn_k * rotation_vector(rigid.orientation[0], to.orientation) + turn_b * f.target_spin;
@@ -60,8 +61,8 @@ void note_coupling(AdvanceIsland& island, const AdvanceFree& f) {
     ToolState& state = island.tools[rigid.tool];
     state.coupling_force = tool.coupling_stiffness * (rigid.target - to_vec3(node.place)) +
                            tool.coupling_damping * (rigid.target_velocity - to_vec3(node.velocity));
-    state.coupling_torque = tool.turn_stiffness * rotation_vector(rigid.orientation[1], f.target) +
-                            tool.turn_damping * (f.target_spin - to_vec3(f.spin));
+    state.coupling_torque =
+        tool.turn_stiffness * rotation_vector(rigid.orientation[1], f.target) + tool.turn_damping * (f.target_spin - to_vec3(f.spin));
 }
 
 }  // namespace trocar

@@ -126,7 +126,9 @@ double apply_held_rows(AdvanceIsland& island, const AdvanceBody& b) {
     for_held_rows(island, b, [&](HeldRow& h, const ContactActive& row) {
         if (!h.on) return;
         Vec4d q = {};
-        for_moving_nodes(s, b, row, [&](uint32_t v, double weight) { q += weight * make_vec4(im.direction[v].x, im.direction[v].y, im.direction[v].z); });
+        for_moving_nodes(s, b, row, [&](uint32_t v, double weight) {
+            q += weight * make_vec4(im.direction[v].x, im.direction[v].y, im.direction[v].z);
+        });
         const Vec4d f = press(h, row.normal, q);
         bent += dot(q, f);
         for_moving_nodes(s, b, row, [&](uint32_t v, double weight) { add(im.applied, b.particles.count, v, weight * f); });
@@ -154,7 +156,8 @@ bool judge_held_rows(AdvanceIsland& island, const AdvanceBody& b, bool may_add) 
             return;
         }
         h.impulse = -press(h, row.normal, velocity - row.least_velocity * row.normal);
-        const double most = row.friction * h.stiffness * -closing, across = h.grip * std::sqrt(norm2(velocity - dot(row.normal, velocity) * row.normal));
+        const double most = row.friction * h.stiffness * -closing,
+                     across = h.grip * std::sqrt(norm2(velocity - dot(row.normal, velocity) * row.normal));
         if (across <= kMoreFriction * most) return;
         h.grip *= most / across;
         changed = changed || may_add;

@@ -8,9 +8,7 @@
 namespace trocar {
 namespace {
 
-Vec4d place_of(const AdvanceBody& b, const Float4* offsets, uint32_t node) {
-    return b.origin + float_vec4(_mm_load_ps(&offsets[node].x));
-}
+Vec4d place_of(const AdvanceBody& b, const Float4* offsets, uint32_t node) { return b.origin + float_vec4(_mm_load_ps(&offsets[node].x)); }
 
 // Half way through the substep that ends at `offsets`: the time of the velocities.
 Vec4d place_at_velocity(const AdvanceIsland& island, const AdvanceBody& b, uint32_t node) {
@@ -210,7 +208,8 @@ double energy_of_others(const AdvanceIsland& island, bool pushed) {
         if (link.rigid == kNone) {
             far = place_at_velocity(island, s.body[link.far_body], link.far_node);
         } else {
-            far = (s.body[link.body].synchronous() ? 0.0 : 0.5) * far_place(s, link, 0) + (s.body[link.body].synchronous() ? 1.0 : 0.5) * far_place(s, link, 1);
+            far = (s.body[link.body].synchronous() ? 0.0 : 0.5) * far_place(s, link, 0) +
+                  (s.body[link.body].synchronous() ? 1.0 : 0.5) * far_place(s, link, 1);
         }
         const Vec4d apart = far - place_at_velocity(island, s.body[link.body], link.node);
         const double after = stretch_of(link, apart), before = stretch_of(link, apart - way);
@@ -232,7 +231,8 @@ void finish_links(AdvanceIsland& island) {
             const Vec4d from = rigid.place[0](link.point), to = rigid.place[1](link.point);
             far = to - (b.synchronous() ? 0.0 : 0.5) * (to - from);
             // what scripts and hands do, they do from one such time to the next
-            if (rigid.free == kNone || s.free[rigid.free].held) island.result.work_hand += dot(link.force, link.known ? far - link.far : to - from);
+            if (rigid.free == kNone || s.free[rigid.free].held)
+                island.result.work_hand += dot(link.force, link.known ? far - link.far : to - from);
             link.far = far;
             link.known = true;
         } else {
@@ -246,7 +246,8 @@ void finish_links(AdvanceIsland& island) {
         if (!(strain > link.break_strain)) continue;
         break_link(island, link);
     }
-    if (std::erase_if(s.link, [&](const AdvanceLink& link) { return island.inputs.other.links->whole[link.row] == 0; }) > 0) sort_link_ends(s);
+    if (std::erase_if(s.link, [&](const AdvanceLink& link) { return island.inputs.other.links->whole[link.row] == 0; }) > 0)
+        sort_link_ends(s);
 }
 
 }  // namespace trocar

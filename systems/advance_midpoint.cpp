@@ -16,7 +16,7 @@ namespace {
 // a free body do when its particles move so. Without it the anchors would hold the body where it is.
 struct GoalMotion {
     double stiffness = 0;
-    Vec3d centre = Vec3d::Zero();   // m
+    Vec3d centre = Vec3d::Zero();     // m
     std::array<double, 6> inertia{};  // about the centre: xx yy zz xy xz yz
 
     GoalMotion(const ImplicitScratch& s, const SpringStep& step) {
@@ -179,7 +179,8 @@ void solve(AdvanceIsland& island, const AdvanceBody& b, ImplicitStep& step, Volu
         if (held) bent += apply_held_rows(island, b);
         if (!(bent > 0)) break;
         const float a = static_cast<float>(rest / bent);
-        const double next = sum_over(b, s.sums, [&](uint32_t begin, uint32_t end, double* lanes) { kernels.move(&step, a, begin, end, lanes); });
+        const double next =
+            sum_over(b, s.sums, [&](uint32_t begin, uint32_t end, double* lanes) { kernels.move(&step, a, begin, end, lanes); });
         const float turn = static_cast<float>(next / rest);
         rest = next;
         for_slices(b.slices, [&](uint32_t begin, uint32_t end) { kernels.turn(&step, turn, begin, end); });

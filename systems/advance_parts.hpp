@@ -53,7 +53,7 @@ void visit_nodes(const AdvanceScratch& s, uint32_t point, const Visit& visit) {
     for (int k = 0; k < 4; ++k) visit(skin.node[k], skin.weight[k]);
 }
 // Place, after or velocity of a node or of a skin point.
-inline Vec4d field_at(const AdvanceScratch& s, uint32_t point, std::vector<Vec4d> ContactNodes::* field) {
+inline Vec4d field_at(const AdvanceScratch& s, uint32_t point, std::vector<Vec4d> ContactNodes::*field) {
     if (!(point & kSkinPoint)) return (s.node.*field)[point];
     Vec4d sum = {};
     visit_nodes(s, point, [&](uint32_t node, double share) { sum += share * (s.node.*field)[node]; });
@@ -217,9 +217,7 @@ inline void end_row(AdvanceIsland& island, uint32_t row) {
 void apply_impulses(AdvanceIsland& island);
 // Whether rows start from what they carried in the substep before. Not where a substep has one sweep: that cannot take
 // back what another row has made superfluous (one that did made a pressing tool's tissue chatter).
-inline bool starts_warm(const AdvanceIsland& island) {
-    return island.params.contact.iterations > 1 || !island.scratch.free.empty();
-}
+inline bool starts_warm(const AdvanceIsland& island) { return island.params.contact.iterations > 1 || !island.scratch.free.empty(); }
 // What a row carried in the last substep before the call, N s.
 inline Vec4d start_impulse(const AdvanceIsland& island, uint32_t row) {
     return island.rows.carried.empty() ? Vec4d{} : island.dt * to_vec4(island.rows.carried[row]);
@@ -237,7 +235,7 @@ double share_of_point(const AdvanceIsland& island, uint32_t row);
 void plan_blocks(AdvanceIsland& island);
 void forget_blocks(AdvanceIsland& island);
 void activate_blocks(AdvanceIsland& island, double reach, RowGroup& group);  // reach: m, infinite unless all velocities are finite
-void start_blocks(AdvanceScratch& s, const RowGroup& group);  // see start_rows
+void start_blocks(AdvanceScratch& s, const RowGroup& group);                 // see start_rows
 void solve_blocks(AdvanceScratch& s, const RowGroup& group);
 void add_block_impulses(AdvanceScratch& s, const RowGroup& group);
 // Counted from 1, a sweep passes over blocks none of whose nodes has moved since the sweep before.

@@ -98,9 +98,8 @@ struct HalfWay {
         const SpringStep& step = body.step;
         const auto row = [](const float* values) { return make_vec4(values[0], values[1], values[2]); };
         const Vec4d rest = make_vec4(step.anchor_x[v], step.anchor_y[v], step.anchor_z[v]);
-        const Vec4d at_start =
-            make_vec4(dot(row(step.turn), rest), dot(row(step.turn + 3), rest), dot(row(step.turn + 6), rest)) +
-            row(step.centre) + row(step.centre_rest);
+        const Vec4d at_start = make_vec4(dot(row(step.turn), rest), dot(row(step.turn + 3), rest), dot(row(step.turn + 6), rest)) +
+                               row(step.centre) + row(step.centre_rest);
         return at_start + 0.5 * island.dt * (row(step.drag_velocity) + cross(row(step.drag_turn), at_start));
     }
 };

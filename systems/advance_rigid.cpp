@@ -36,7 +36,8 @@ void place_jaw(const AdvanceIsland& island, AdvanceRigid& rigid, int end, Vec4d 
 uint32_t jaw_slot(AdvanceIsland& island, uint32_t row) {
     AdvanceScratch& s = island.scratch;
     const auto tools = island.inputs.tools;
-    const auto tool = std::find_if(tools.begin(), tools.end(), [&](const HandTool& t) { return row >= t.jaws.first && row < t.jaws.end(); });
+    const auto tool =
+        std::find_if(tools.begin(), tools.end(), [&](const HandTool& t) { return row >= t.jaws.first && row < t.jaws.end(); });
     const uint32_t holder = rigid_slot(island, tool->body), slot = static_cast<uint32_t>(s.rigid.size());
     AdvanceRigid& rigid = s.rigid.emplace_back();
     rigid.body = island.inputs.jaws[row].body;
@@ -97,9 +98,8 @@ HandPose hand_pose(const AdvanceIsland& island, uint32_t t, uint32_t substep) {
     const double share = static_cast<double>(substep * params.ticks - ms * params.substeps) / params.substeps;
     const DeviceState* device = island.inputs.devices.data() + size_t{t} * island.inputs.device_stride + ms;
     const Vec3d tip = device[0].position + share * (device[1].position - device[0].position);
-    const Quat orientation =
-        normalized(multiply(from_rotation_vector(share * rotation_vector(device[0].orientation, device[1].orientation)),
-                            device[0].orientation));
+    const Quat orientation = normalized(
+        multiply(from_rotation_vector(share * rotation_vector(device[0].orientation, device[1].orientation)), device[0].orientation));
     return {tip - rotate(orientation, island.inputs.tools[t].tip), orientation, device[0].grip + share * (device[1].grip - device[0].grip)};
 }
 
@@ -123,8 +123,7 @@ uint32_t rigid_slot(AdvanceIsland& island, uint32_t body) {
         if (path != in.paths.body.end()) rigid.path = static_cast<uint32_t>(path - in.paths.body.begin());
     }
     if (in.bodies.motion[body] == Motion::kHand) {
-        const auto tool =
-            std::find_if(in.tools.begin(), in.tools.end(), [&](const HandTool& t) { return t.body == body; });
+        const auto tool = std::find_if(in.tools.begin(), in.tools.end(), [&](const HandTool& t) { return t.body == body; });
         if (tool != in.tools.end()) rigid.tool = static_cast<uint32_t>(tool - in.tools.begin());
     }
     if (rigid.tool != kNone && in.tools[rigid.tool].inertia > 0 && in.bodies.inv_mass[body] > 0) {

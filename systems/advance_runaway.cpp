@@ -1,6 +1,5 @@
 #include <immintrin.h>
 
-
 #include "engine/shape_fit.hpp"
 #include "engine/spring_step.hpp"
 #include "systems/advance_parts.hpp"
@@ -35,7 +34,8 @@ Sums sum_potential(const AdvanceIsland& island, const AdvanceBody& b, const Floa
     for (uint32_t v = 0; v < b.particles.count; ++v) {
         const Vec3d x = place(v), rest(step.anchor_x[v], step.anchor_y[v], step.anchor_z[v]);
         Vec3d goal;
-        for (int i = 0; i < 3; ++i) goal[i] = step.centre[i] + Vec3d(step.turn[3 * i], step.turn[3 * i + 1], step.turn[3 * i + 2]).dot(rest);
+        for (int i = 0; i < 3; ++i)
+            goal[i] = step.centre[i] + Vec3d(step.turn[3 * i], step.turn[3 * i + 1], step.turn[3 * i + 2]).dot(rest);
         sums.elastic += 0.5 * step.anchor_stiffness[v] * (x - goal).squaredNorm();
         const double mass = at[v].w > 0 ? 1.0 / at[v].w : 0;
         sums.mass += mass;
@@ -78,8 +78,7 @@ bool has_run_away(const AdvanceIsland& island, const AdvanceBody& b) {
     if (kinetic <= kNoise * before.mass) return false;
     const Sums after = sum_potential(island, b, b.now, 0.5 * b.last_dt);
     const double grown = (kinetic - b.kinetic) + (after.elastic - before.elastic) + (after.gravity - before.gravity);
-    return grown > kGrowth * (b.kinetic + before.elastic) + kNoise * before.mass &&
-           grown > 0.5 * (kinetic + after.elastic);
+    return grown > kGrowth * (b.kinetic + before.elastic) + kNoise * before.mass && grown > 0.5 * (kinetic + after.elastic);
 }
 
 }  // namespace trocar

@@ -16,19 +16,19 @@ struct AdvanceBody {
     uint32_t body = kNone;
     Range particles;
     uint32_t slices = 0;
-    uint32_t buffer = 0;          // row of its first particle in the offset buffers
-    uint32_t first_chunk = 0;     // of its slices in sums
-    bool shape = false;           // anchors are the best-fit rigid copy
-    double damping = 0;           // 1/s
-    double impulse_left = 1;      // what the damping after a kick leaves of an impulse
-    double last_dt = 0;           // s
-    double kinetic = 0;           // J, at the start of the call
+    uint32_t buffer = 0;       // row of its first particle in the offset buffers
+    uint32_t first_chunk = 0;  // of its slices in sums
+    bool shape = false;        // anchors are the best-fit rigid copy
+    double damping = 0;        // 1/s
+    double impulse_left = 1;   // what the damping after a kick leaves of an impulse
+    double last_dt = 0;        // s
+    double kinetic = 0;        // J, at the start of the call
     Stepping stepping;
-    Vec4d origin;                 // m
+    Vec4d origin;                    // m
     Vec4d drag_velocity, drag_turn;  // m/s, rad/s, as in step
-    Quat orientation;             // at the start of the call
-    const Float4* now = nullptr;  // offsets at the start of the substep
-    Float4* next = nullptr;       // and at its end
+    Quat orientation;                // at the start of the call
+    const Float4* now = nullptr;     // offsets at the start of the substep
+    Float4* next = nullptr;          // and at its end
     SpringStep step;
 
     // Places and velocities belong to the same time; else velocities are half a substep behind.
@@ -37,42 +37,42 @@ struct AdvanceBody {
     // the node's own books know. Leapfrog's works are summed up where they are done.
     bool measured() const { return stepping.integrator != Integrator::kLeapfrog; }
     double energy = std::numeric_limits<double>::quiet_NaN();  // J, if measured: at its last measurement of the call
-    bool touched = false;  // a row of the call acts on it
+    bool touched = false;                                      // a row of the call acts on it
     // Under a skin: nodes and weights of the vertices of its surface; else null.
     const std::array<uint32_t, 4>* skin_node = nullptr;
     const std::array<double, 4>* skin_weight = nullptr;
-    bool linked = false;   // a link of the call pulls at it
-    Range link_ends;       // rows of AdvanceScratch::link_end: those of its links
+    bool linked = false;    // a link of the call pulls at it
+    Range link_ends;        // rows of AdvanceScratch::link_end: those of its links
     uint32_t tear = kNone;  // row of Tears::body
 };
 
 // A link of the island during a call.
 struct AdvanceLink {
-    uint32_t group = 0, row = 0;     // of Links
-    uint32_t body = 0, node = 0;     // row of AdvanceScratch::body
+    uint32_t group = 0, row = 0;  // of Links
+    uint32_t body = 0, node = 0;  // row of AdvanceScratch::body
     uint32_t far_body = kNone, far_node = kNone;
-    uint32_t rigid = kNone;          // row of AdvanceScratch::rigid, if the holder is
-    Vec4d point = {};                // m, body frame of that
-    double stiffness = 0;            // N/m
-    double rest = 0, gauge = 0;      // m
+    uint32_t rigid = kNone;      // row of AdvanceScratch::rigid, if the holder is
+    Vec4d point = {};            // m, body frame of that
+    double stiffness = 0;        // N/m
+    double rest = 0, gauge = 0;  // m
     double break_strain = 0;
-    Vec4d force = {};                // N, on the node, at the start of the substep
-    double kick = 0;                 // s, for which it acts
-    Vec4d far = {};                  // m, rigid end at the time of the velocities, of the substep before
-    bool known = false;              // it is
+    Vec4d force = {};    // N, on the node, at the start of the substep
+    double kick = 0;     // s, for which it acts
+    Vec4d far = {};      // m, rigid end at the time of the velocities, of the substep before
+    bool known = false;  // it is
 };
 
 // Memory of implicit steps of the body that is stepped now.
 struct ImplicitScratch {
-    std::vector<Float4> place, direction;                     // one per particle
-    std::vector<float> spoke;                                 // 64 per column
-    std::vector<float> block, residual, applied, change;      // 6, 3, 3, 3 fields
-    std::vector<double> sums;                                 // 16 a chunk
-    std::vector<float> lambda;                                // xpbd: 16 a batch
-    std::vector<float> volume_lambda;                         // likewise of tetrahedra
-    std::vector<float> left_rest, left_factor, left_volume;   // xpbd: batches of a body that tears, as they are now
-    std::vector<float> slope, volume_force, volume_block;     // midpoint, tetrahedra: 9, 3 and 6 fields
-    std::vector<float> free_residual, free_block;             // midpoint: residual and block without held rows
+    std::vector<Float4> place, direction;                    // one per particle
+    std::vector<float> spoke;                                // 64 per column
+    std::vector<float> block, residual, applied, change;     // 6, 3, 3, 3 fields
+    std::vector<double> sums;                                // 16 a chunk
+    std::vector<float> lambda;                               // xpbd: 16 a batch
+    std::vector<float> volume_lambda;                        // likewise of tetrahedra
+    std::vector<float> left_rest, left_factor, left_volume;  // xpbd: batches of a body that tears, as they are now
+    std::vector<float> slope, volume_force, volume_block;    // midpoint, tetrahedra: 9, 3 and 6 fields
+    std::vector<float> free_residual, free_block;            // midpoint: residual and block without held rows
 };
 
 // A rotation and a shift, or a rotation's rate and a velocity: x -> shift + x[0] column[0] + x[1] column[1] + ...
@@ -88,11 +88,11 @@ struct RigidMap {
 // A rigid body that the island's rows touch, or a hand of the island: where it is at both ends of a substep.
 struct AdvanceRigid {
     uint32_t body = kNone;
-    uint32_t path = kNone;  // row of Paths, if scripted
-    uint32_t tool = kNone;  // row of tools, if a hand with a device
-    uint32_t node = kNone;  // of the translation, of a hand or a free body
-    uint32_t free = kNone;  // row of free, if free or a tool that its contacts turn, or a jaw of one
-    uint32_t jaw = kNone;   // row of jaws, if a jaw: it has its tool's node
+    uint32_t path = kNone;    // row of Paths, if scripted
+    uint32_t tool = kNone;    // row of tools, if a hand with a device
+    uint32_t node = kNone;    // of the translation, of a hand or a free body
+    uint32_t free = kNone;    // row of free, if free or a tool that its contacts turn, or a jaw of one
+    uint32_t jaw = kNone;     // row of jaws, if a jaw: it has its tool's node
     uint32_t holder = kNone;  // row of rigid: of a jaw's tool, before its own
     Quat orientation[2];
     RigidMap place[2];              // m, body frame to world
@@ -115,21 +115,21 @@ struct AdvanceFree {
     Vec4d shift = {}, turn = {};  // m, rad: pushed so far in this substep
     Vec4d slide = {};             // of what slides along an axis: the axis over the root of its mass, 1/sqrt(kg)
     // of a body with one coordinate; its node has no mass, and lies on the axis of what turns
-    uint32_t drive = kNone;       // row of Nodes::drive
+    uint32_t drive = kNone;  // row of Nodes::drive
     bool slides = false;
-    Vec4d axis = {};              // unit, world
-    double inertia = 0;           // kg or kg m^2
-    double hold = 0;              // N or N m, Coulomb friction
-    double arm = 0;               // m per rad, or 1: what turns a change of the rate into one of a velocity
-    double rate_before = 0, rate_kicked = 0;         // m/s or rad/s, before and after the kick of this substep
-    double least_rate = 0, most_rate = 0;            // that reach the limits in this substep
-    double most_friction = 0;                        // N s or N m s
+    Vec4d axis = {};                          // unit, world
+    double inertia = 0;                       // kg or kg m^2
+    double hold = 0;                          // N or N m, Coulomb friction
+    double arm = 0;                           // m per rad, or 1: what turns a change of the rate into one of a velocity
+    double rate_before = 0, rate_kicked = 0;  // m/s or rad/s, before and after the kick of this substep
+    double least_rate = 0, most_rate = 0;     // that reach the limits in this substep
+    double most_friction = 0;                 // N s or N m s
     double friction_impulse = 0, stop_impulse = 0, damping_impulse = 0;  // of this substep
-    DriveState before;                               // at the start of the call
+    DriveState before;                                                   // at the start of the call
     // of a tool that its contacts turn (advance_held.cpp): in the hand, its centre of mass at the tip
     bool held = false;
-    Quat target;                  // where the hand would turn it to by the end
-    Vec3d target_spin;            // rad/s
+    Quat target;        // where the hand would turn it to by the end
+    Vec3d target_spin;  // rad/s
 
     // Velocity that an impulse adds to what slides, m/s.
     Vec4d yield(Vec4d j) const { return dot(slide, j) * slide; }
@@ -154,18 +154,20 @@ using ConstContactNode = ContactNodeRow<const Vec4d, const double, const uint32_
 // Particles, hands and free bodies that contact rows act on. Field by field: a sweep over rows asks for one field of many
 // nodes, here and there, and a cache holds four times as many of them so.
 struct ContactNodes {
-    std::vector<Vec4d> place;     // m, world, at the start of the substep
-    std::vector<Vec4d> after;     // m, world, at its end
-    std::vector<Vec4d> velocity;  // m/s
+    std::vector<Vec4d> place;               // m, world, at the start of the substep
+    std::vector<Vec4d> after;               // m, world, at its end
+    std::vector<Vec4d> velocity;            // m/s
     std::vector<double> inv_mass;           // 1/kg: m/s that an impulse of 1 N s gives
     std::vector<double> particle_inv_mass;  // 1/kg, of a particle: without what damping takes of an impulse
-    std::vector<uint32_t> particle;  // row of Particles; kNone for a rigid body
-    std::vector<uint32_t> owner;     // row of body, or of rigid
+    std::vector<uint32_t> particle;         // row of Particles; kNone for a rigid body
+    std::vector<uint32_t> owner;            // row of body, or of rigid
 
     size_t size() const { return place.size(); }
     size_t capacity() const { return place.capacity(); }
     ContactNode operator[](size_t i) { return {place[i], after[i], velocity[i], inv_mass[i], particle_inv_mass[i], particle[i], owner[i]}; }
-    ConstContactNode operator[](size_t i) const { return {place[i], after[i], velocity[i], inv_mass[i], particle_inv_mass[i], particle[i], owner[i]}; }
+    ConstContactNode operator[](size_t i) const {
+        return {place[i], after[i], velocity[i], inv_mass[i], particle_inv_mass[i], particle[i], owner[i]};
+    }
     // New nodes are at rest at the origin, without particle or mass.
     void resize(size_t n) {
         for (auto* field : {&place, &after, &velocity}) field->resize(n, Vec4d{});
@@ -210,7 +212,9 @@ struct ContactNodeChanges {
 
     size_t size() const { return before.size(); }
     size_t capacity() const { return before.capacity(); }
-    ContactNodeChange operator[](size_t i) { return {before[i], kicked[i], damped[i], acceleration[i], change[i], first_way[i], rows[i], opposed[i], pushed[i]}; }
+    ContactNodeChange operator[](size_t i) {
+        return {before[i], kicked[i], damped[i], acceleration[i], change[i], first_way[i], rows[i], opposed[i], pushed[i]};
+    }
     ConstContactNodeChange operator[](size_t i) const {
         return {before[i], kicked[i], damped[i], acceleration[i], change[i], first_way[i], rows[i], opposed[i], pushed[i]};
     }
@@ -245,8 +249,8 @@ struct ContactPlan {
     double offset = 0;  // m, half the thickness of a sheet
     double friction = 0;
     double restitution = 0;
-    std::array<uint32_t, 3> node_a;             // if deformable; equal for a vertex; the third is the first but for a face; node or skin point
-    std::array<uint32_t, 3> node_b;             // if deformable; node or skin point
+    std::array<uint32_t, 3> node_a;  // if deformable; equal for a vertex; the third is the first but for a face; node or skin point
+    std::array<uint32_t, 3> node_b;  // if deformable; node or skin point
     uint32_t rigid_a = kNone, rigid_b = kNone;  // rows of rigid, or kNone
     uint32_t row = kNone;
     bool ended = false;
@@ -254,10 +258,11 @@ struct ContactPlan {
 
 // What is asked of a row while it is decided where it is worked on: a tenth of its plan.
 struct RowSketch {
-    std::array<uint32_t, 6> node;  // point, second end of its edge, corners of the triangle, third corner of a face; kNone: no particle, or a skin's
-    uint32_t block = 0;            // if in a block: which of its group,
-    uint8_t lane = 0;              // and where in it
-    uint8_t kind = 0;              // rows of a kind share blocks; kSingle: none
+    std::array<uint32_t, 6>
+        node;            // point, second end of its edge, corners of the triangle, third corner of a face; kNone: no particle, or a skin's
+    uint32_t block = 0;  // if in a block: which of its group,
+    uint8_t lane = 0;    // and where in it
+    uint8_t kind = 0;    // rows of a kind share blocks; kSingle: none
     static constexpr uint8_t kSingle = 255;
 };
 
@@ -281,20 +286,20 @@ struct ContactActive {
 
 // How a row holds a body in its implicit step: see advance_hold.cpp.
 struct HeldRow {
-    uint32_t owner = 0;              // row of body
-    bool on = false;                 // it presses
-    double stiffness = 0, grip = 0;  // kg, impulse per velocity along the normal and across
+    uint32_t owner = 0;                      // row of body
+    bool on = false;                         // it presses
+    double stiffness = 0, grip = 0;          // kg, impulse per velocity along the normal and across
     Vec4d velocity = {}, end_velocity = {};  // m/s, of the point against its plane, before and after the step
-    Vec4d impulse = {};              // N s, on the point
+    Vec4d impulse = {};                      // N s, on the point
 };
 
 // What an active row needs to know of its free sides: of the point, of the plane.
 struct ContactTurning {
-    std::array<uint32_t, 2> free{kNone, kNone};  // rows of free
-    Vec4d arm[2] = {};                           // m, from the centre of mass to where the impulse acts
+    std::array<uint32_t, 2> free{kNone, kNone};     // rows of free
+    Vec4d arm[2] = {};                              // m, from the centre of mass to where the impulse acts
     Vec4d friction_before = {}, friction_way = {};  // N s, before the last sweep; of the conjugate direction
     double normal_before = 0, normal_way = 0;       // the same of the normal
-    double friction_mass = 0;                    // kg, inverse of the largest response across the normal
+    double friction_mass = 0;                       // kg, inverse of the largest response across the normal
 };
 
 // Four contact rows of deformable bodies, between each other or with static ones, that share no node, in the lanes of
@@ -303,24 +308,24 @@ struct ContactTurning {
 // What is asked for together is together: from offset to active what gaps need, from node to friction_impulse what sweeps do.
 struct alignas(64) ContactBlock {
     static constexpr uint32_t kParts = 5;
-    Vec4d offset = {};                   // m, half the thickness of a sheet
+    Vec4d offset = {};  // m, half the thickness of a sheet
     std::array<Vec4d, kParts> weight;
     std::array<std::array<uint32_t, 4>, kParts> node;  // part, lane
-    bool edges = false;                  // some row has a second end
-    uint32_t fixed = kNone;              // row of AdvanceScratch::fixed, if the planes are static: parts 2-4 have no nodes
-    FourPoints normal;                   // world
-    Mask4 active = {};                   // in this substep, as what follows
-    std::array<Vec4d, kParts> lever;     // weights of the relative velocity: + for the point, - for its foot; 0 if not active
-    std::array<Vec4d, kParts> inv_mass;  // 1/kg, of the call
-    Vec4d inv_sum = {};                  // kg, 1 / sum of lever^2 * inverse mass; 0 if not active
-    Vec4d least_velocity = {};           // m/s, along the normal
-    Vec4d friction = {};                 // of the call
-    Vec4d normal_impulse = {};           // N s
-    FourPoints friction_impulse;         // N s
-    FourPoints impulse;                  // N s, given so far in the call
-    Vec4d point_share = {};              // of the way of a push, that the side of the point goes; unless by mass
-    Mask4 open = {};                     // rows that have not ended
-    std::array<uint32_t, 4> row;         // of ContactRows, or kNone
+    bool edges = false;                                // some row has a second end
+    uint32_t fixed = kNone;                            // row of AdvanceScratch::fixed, if the planes are static: parts 2-4 have no nodes
+    FourPoints normal;                                 // world
+    Mask4 active = {};                                 // in this substep, as what follows
+    std::array<Vec4d, kParts> lever;                   // weights of the relative velocity: + for the point, - for its foot; 0 if not active
+    std::array<Vec4d, kParts> inv_mass;                // 1/kg, of the call
+    Vec4d inv_sum = {};                                // kg, 1 / sum of lever^2 * inverse mass; 0 if not active
+    Vec4d least_velocity = {};                         // m/s, along the normal
+    Vec4d friction = {};                               // of the call
+    Vec4d normal_impulse = {};                         // N s
+    FourPoints friction_impulse;                       // N s
+    FourPoints impulse;                                // N s, given so far in the call
+    Vec4d point_share = {};                            // of the way of a push, that the side of the point goes; unless by mass
+    Mask4 open = {};                                   // rows that have not ended
+    std::array<uint32_t, 4> row;                       // of ContactRows, or kNone
 };
 
 // Corners of the triangles of four static planes, m, world.
@@ -340,7 +345,7 @@ struct RowGroup {
     double change = 0;                   // m/s, largest of their relative velocities in the last sweep,
     double squares = 0;                  // (N s)^2, and of their impulses
     bool pushed = false;
-    double deepest = 0;                  // m, overlap left by the last substep
+    double deepest = 0;  // m, overlap left by the last substep
 };
 
 // What the nodes of a chunk add up to.
@@ -362,31 +367,31 @@ struct AdvanceScratch {
     std::vector<double> sums;        // per chunk of slices: 16 lanes of damping work
     std::vector<double> shape_sums;  // per chunk of slices: kShapeSums * 16
     ContactNodes node;
-    ContactNodeChanges change;  // as node
+    ContactNodeChanges change;               // as node
     std::vector<uint8_t> moved_in;           // as node: sweep of push_out, from 1, that moved it last in this substep; 0: none
     std::vector<uint32_t> node_of_particle;  // row of node or kNone, one per particle of the world
     std::vector<uint32_t> slot_of_body;      // row of body or of rigid or kNone, one per body of the world
     std::vector<ContactSkinPoint> skin_point;
-    std::vector<RowSketch> sketch;     // of all rows of the call, as dealt, while blocks are filled
-    std::vector<Vec4d> way;            // per node: sum of the ways of all rows that press it; likewise
-    std::vector<uint8_t> may_oppose;   // per node: rows of the call may press it from both sides: none of them is in a block; likewise
-    std::vector<ContactPlan> plan;     // of rows that are not in a block
+    std::vector<RowSketch> sketch;    // of all rows of the call, as dealt, while blocks are filled
+    std::vector<Vec4d> way;           // per node: sum of the ways of all rows that press it; likewise
+    std::vector<uint8_t> may_oppose;  // per node: rows of the call may press it from both sides: none of them is in a block; likewise
+    std::vector<ContactPlan> plan;    // of rows that are not in a block
     std::vector<AdvanceFree> free;
-    std::vector<ContactTurning> turning;  // as plan, of the active rows with a free side; empty without free bodies
+    std::vector<ContactTurning> turning;     // as plan, of the active rows with a free side; empty without free bodies
     std::vector<ContactActive> held_active;  // rows as a substep starts, of bodies that are stepped by midpoint
     std::vector<HeldRow> held;               // as held_active
-    std::vector<Vec4d> warm;              // N s, of the substep before; as plan, or empty: starts_warm
+    std::vector<Vec4d> warm;                 // N s, of the substep before; as plan, or empty: starts_warm
     std::vector<ContactBlock> block;
-    std::vector<FixedTriangles> fixed;  // of the blocks with static planes
-    std::vector<RowGroup> group;       // the first of them are in use, see phase
-    std::array<uint32_t, 5> phase{};   // first group of each phase, and their number
-    std::vector<uint32_t> strip;       // per row of body and then of free, while rows are grouped
-    std::vector<std::pair<double, uint32_t>> along;        // m, row of strip: bodies in the order of strips
-    std::vector<uint32_t> group_of_row, next_of_group;     // while rows are grouped
-    std::vector<uint32_t> dealt, ungrouped;                // rows of ContactRows, in the order of plan before blocks are made
-    std::vector<NodeSums> node_sums;                       // per chunk of nodes
-    std::vector<std::vector<double>> body_shape_sums;      // as shape_sums, per chunk of bodies
-    std::vector<uint16_t> open_blocks_of_node;  // while blocks are filled: which of those open have it; as node
+    std::vector<FixedTriangles> fixed;                  // of the blocks with static planes
+    std::vector<RowGroup> group;                        // the first of them are in use, see phase
+    std::array<uint32_t, 5> phase{};                    // first group of each phase, and their number
+    std::vector<uint32_t> strip;                        // per row of body and then of free, while rows are grouped
+    std::vector<std::pair<double, uint32_t>> along;     // m, row of strip: bodies in the order of strips
+    std::vector<uint32_t> group_of_row, next_of_group;  // while rows are grouped
+    std::vector<uint32_t> dealt, ungrouped;             // rows of ContactRows, in the order of plan before blocks are made
+    std::vector<NodeSums> node_sums;                    // per chunk of nodes
+    std::vector<std::vector<double>> body_shape_sums;   // as shape_sums, per chunk of bodies
+    std::vector<uint16_t> open_blocks_of_node;          // while blocks are filled: which of those open have it; as node
     ImplicitScratch implicit;
     std::vector<AdvanceLink> link;
     std::vector<uint32_t> link_end;      // 2 * row of link, + 1 for its far end; body by body

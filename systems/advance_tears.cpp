@@ -113,8 +113,8 @@ void break_tetrahedra(AdvanceIsland& island, const AdvanceBody& b, float most) {
     }
     std::vector<Vec3d> place(info.nodes.count);
     for (uint32_t v = 0; v < info.nodes.count; ++v) place[v] = place_of(island, b, v);
-    island.result.work_links -= drop_tetrahedra(island.inputs.springs, *other.solids, island.inputs.bodies, b.body, broken, place, *other.torn,
-                                                *other.torn_springs, island.result.broken_springs);
+    island.result.work_links -= drop_tetrahedra(island.inputs.springs, *other.solids, island.inputs.bodies, b.body, broken, place,
+                                                *other.torn, *other.torn_springs, island.result.broken_springs);
 }
 
 }  // namespace

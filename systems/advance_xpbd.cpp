@@ -163,7 +163,8 @@ double power_of_others(const SpringStep& step, uint32_t particles) {
     if (!step.force_x) return 0;
     double power = 0;
     for (uint32_t i = 0; i < particles; ++i) {
-        power += double(step.force_x[i]) * step.velocity_x[i] + double(step.force_y[i]) * step.velocity_y[i] + double(step.force_z[i]) * step.velocity_z[i];
+        power += double(step.force_x[i]) * step.velocity_x[i] + double(step.force_y[i]) * step.velocity_y[i] +
+                 double(step.force_z[i]) * step.velocity_z[i];
     }
     return power;
 }
@@ -187,9 +188,8 @@ void step_xpbd(AdvanceIsland& island, AdvanceBody& b, double* work) {
     if (b.shape) {
         fit_drag(sum_shape(b.step, b.slices, scratch.shape_sums), b.step);
     }
-    const double damped = sum_over(b, scratch.implicit.sums, [&](uint32_t begin, uint32_t end, double* lanes) {
-        kernels.xpbd_predict(&step, begin, end, lanes);
-    });
+    const double damped = sum_over(b, scratch.implicit.sums,
+                                   [&](uint32_t begin, uint32_t end, double* lanes) { kernels.xpbd_predict(&step, begin, end, lanes); });
     if (b.shape) {
         // the goals go where the body is going: else they would hold it back
         SpringStep coming = b.step;
@@ -199,16 +199,14 @@ void step_xpbd(AdvanceIsland& island, AdvanceBody& b, double* work) {
     for (uint32_t sweep = 0; sweep < b.stepping.iterations; ++sweep) {
         for (uint32_t c = colours.first; c < colours.end(); ++c) {
             const Range batches = springs.colour[c];
-            parallel_for(batches.count, kBatchesPerChunk, [&](uint32_t begin, uint32_t end) {
-                kernels.xpbd_springs(&step, batches.first + begin, batches.first + end);
-            });
+            parallel_for(batches.count, kBatchesPerChunk,
+                         [&](uint32_t begin, uint32_t end) { kernels.xpbd_springs(&step, batches.first + begin, batches.first + end); });
         }
         const Solids* solids = step.corners ? island.inputs.other.solids : nullptr;
         for (uint32_t c = 0; solids && c < solids->colours[island.inputs.bodies.mesh[b.body]].count; ++c) {
             const Range batches = solids->colour[solids->colours[island.inputs.bodies.mesh[b.body]].first + c];
-            parallel_for(batches.count, kBatchesPerChunk, [&](uint32_t begin, uint32_t end) {
-                kernels.xpbd_volumes(&step, batches.first + begin, batches.first + end);
-            });
+            parallel_for(batches.count, kBatchesPerChunk,
+                         [&](uint32_t begin, uint32_t end) { kernels.xpbd_volumes(&step, batches.first + begin, batches.first + end); });
         }
         for_slices(b.slices, [&](uint32_t begin, uint32_t end) { kernels.xpbd_anchors(&step, begin, end); });
     }

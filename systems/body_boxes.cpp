@@ -31,7 +31,8 @@ Box box_of_offsets(const Float4* offset, uint32_t count) {
         const __m256 lost = _mm256_cmp_ps(_mm256_sub_ps(p, p), p, _CMP_UNORD_Q);
         if ((_mm256_movemask_ps(lost) & 0x77) != 0) [[unlikely]] {
             const int mask = _mm256_movemask_ps(lost);
-            const __m256 keep = _mm256_castsi256_ps(_mm256_set_m128i(_mm_set1_epi32(mask & 0x70 ? 0 : -1), _mm_set1_epi32(mask & 7 ? 0 : -1)));
+            const __m256 keep =
+                _mm256_castsi256_ps(_mm256_set_m128i(_mm_set1_epi32(mask & 0x70 ? 0 : -1), _mm_set1_epi32(mask & 7 ? 0 : -1)));
             low[row] = _mm256_min_ps(low[row], _mm256_blendv_ps(inf, p, keep));
             high[row] = _mm256_max_ps(high[row], _mm256_blendv_ps(none, p, keep));
             return;

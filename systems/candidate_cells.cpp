@@ -14,7 +14,7 @@ namespace {
 
 constexpr uint8_t kAllCorners = 7;
 constexpr uint32_t kMostRuns = 2 * kMostChunks;  // of cells, then of pairs with triangles too large for them
-constexpr size_t kCrowded = 16384;  // triangle pairs of a cell from which sorting beats testing all
+constexpr size_t kCrowded = 16384;               // triangle pairs of a cell from which sorting beats testing all
 
 uint32_t find_pair(const CandidatePairs& pairs, const std::vector<uint32_t>& first, uint32_t a, uint32_t b) {
     const auto begin = pairs.b.begin() + first[a], end = pairs.b.begin() + first[a + 1];
@@ -56,8 +56,7 @@ struct CellTest {
 };
 
 // Rows whose box meets a hull, in order. Returns the hull of what is kept.
-__m256 keep_meeting(const std::vector<PackedBox>& box, std::span<const uint32_t> rows, __m256 hull,
-                    std::vector<uint32_t>& kept) {
+__m256 keep_meeting(const std::vector<PackedBox>& box, std::span<const uint32_t> rows, __m256 hull, std::vector<uint32_t>& kept) {
     const __m256 face = facing(hull);
     __m256 kept_hull = empty_hull();
     kept.clear();
@@ -138,9 +137,7 @@ void test_crowded(const CellTest& test, std::span<const uint32_t> rows_a, std::s
     const auto to = [&](uint32_t row) { return -box[row].neg_max[axis]; };
     const auto sorted = [&](std::span<const uint32_t> rows, std::vector<uint32_t>& out) {
         out.assign(rows.begin(), rows.end());
-        std::sort(out.begin(), out.end(), [&](uint32_t x, uint32_t y) {
-            return from(x) < from(y) || (from(x) == from(y) && x < y);
-        });
+        std::sort(out.begin(), out.end(), [&](uint32_t x, uint32_t y) { return from(x) < from(y) || (from(x) == from(y) && x < y); });
     };
     const auto compare = [&](uint32_t a, uint32_t b) {
         if (!meets(facing(load_box(box[a])), load_box(box[b]))) return;
@@ -185,8 +182,8 @@ std::vector<uint32_t>& near_sides(const ScreenedTriangles& screened, CandidateCe
     return own.last;
 }
 
-void search_cell(const CandidatePairs& pairs, const ScreenedTriangles& screened, const Occupancy& occupancy, uint32_t cell,
-                 uint32_t run, std::vector<uint32_t>& near_side, CandidateCellsScratch& scratch) {
+void search_cell(const CandidatePairs& pairs, const ScreenedTriangles& screened, const Occupancy& occupancy, uint32_t cell, uint32_t run,
+                 std::vector<uint32_t>& near_side, CandidateCellsScratch& scratch) {
     const auto rows_of = [&](uint32_t object) {
         const uint32_t first = occupancy.primitive_first[object];
         return std::span(occupancy.primitive_row).subspan(first, occupancy.primitive_first[object + 1] - first);
@@ -432,7 +429,8 @@ void compare_directly(const ScreenedTriangles& screened, DirectChunk& c, DirectP
         uint32_t across = kNone;
         for_each_meeting_eight(limits, c.sides, c.hulls, [&](size_t i, uint32_t met) {
             if (across == kNone) across = triangle_at(8 * i + uint32_t(__builtin_ctz(met)));
-            for (uint32_t fresh = met & ~c.met[i]; fresh != 0; fresh &= fresh - 1) c.across[8 * i + uint32_t(__builtin_ctz(fresh))] = triangle;
+            for (uint32_t fresh = met & ~c.met[i]; fresh != 0; fresh &= fresh - 1)
+                c.across[8 * i + uint32_t(__builtin_ctz(fresh))] = triangle;
             c.met[i] |= uint8_t(met);
             for (uint32_t bits = met & tight.meeting(c.tight_sides, 8 * i); bits != 0; bits &= bits - 1)
                 c.crossing.push_back({triangle, triangle_at(8 * i + uint32_t(__builtin_ctz(bits)))});
@@ -550,9 +548,8 @@ void put_direct(const CandidatePairs& pairs, const CandidateCellsScratch& scratc
 
 }  // namespace
 
-void find_candidate_triangles(const CandidatePairs& pairs, const ScreenedTriangles& screened,
-                              const Occupancy& occupancy, CandidateCellsScratch& scratch,
-                              CandidateTriangles& candidates, const DirectInput* direct) {
+void find_candidate_triangles(const CandidatePairs& pairs, const ScreenedTriangles& screened, const Occupancy& occupancy,
+                              CandidateCellsScratch& scratch, CandidateTriangles& candidates, const DirectInput* direct) {
     const uint32_t bodies = uint32_t(screened.body.size());
     scratch.pair_first.assign(bodies + 1, 0);
     for (const uint32_t a : pairs.a) ++scratch.pair_first[a + 1];

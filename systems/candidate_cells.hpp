@@ -12,9 +12,9 @@ namespace trocar {
 struct DirectInput {
     const Surfaces& surfaces;
     const BodyBoxes& boxes;
-    double period = 0;   // s
-    double gravity = 0;  // m/s^2
-    uint64_t most = 0;   // see is_direct
+    double period = 0;                 // s
+    double gravity = 0;                // m/s^2
+    uint64_t most = 0;                 // see is_direct
     std::span<const BodyJolt> jolt{};  // per body; may be empty
 };
 
@@ -24,14 +24,14 @@ using BoxSides = std::array<std::vector<float>, 6>;
 // What a run of directly compared pairs found, pair after pair, as local triangles.
 struct DirectChunk {
     std::vector<std::array<uint32_t, 2>> crossing, near;
-    std::vector<uint8_t> near_corners;        // per row of near
-    std::vector<double> along[2];             // m, of the pair at hand: how far vertices may get on the way to the other body
-    std::vector<uint32_t> rows[2];            // what meets the hull of the other body
-    std::vector<uint8_t> corners[2];          // per row of those: bits of the corners that may get to the other body, or all
-    BoxSides sides, tight_sides;              // of the enlarged boxes of rows[1] and of their own
-    BoxSides hulls;                           // of the enlarged boxes, each of eight rows
-    std::vector<uint8_t> met;                 // per eight rows of rows[1]: bits of those near a triangle of the other body
-    std::vector<uint32_t> across;             // per row of rows[1] that is: which
+    std::vector<uint8_t> near_corners;  // per row of near
+    std::vector<double> along[2];       // m, of the pair at hand: how far vertices may get on the way to the other body
+    std::vector<uint32_t> rows[2];      // what meets the hull of the other body
+    std::vector<uint8_t> corners[2];    // per row of those: bits of the corners that may get to the other body, or all
+    BoxSides sides, tight_sides;        // of the enlarged boxes of rows[1] and of their own
+    BoxSides hulls;                     // of the enlarged boxes, each of eight rows
+    std::vector<uint8_t> met;           // per eight rows of rows[1]: bits of those near a triangle of the other body
+    std::vector<uint32_t> across;       // per row of rows[1] that is: which
 };
 // Where a pair's finds are in its chunk.
 struct DirectPair {
@@ -53,17 +53,17 @@ struct NearSides {
 };
 
 struct CandidateCellsScratch {
-    std::vector<uint32_t> pair_first;                    // per body: its first pair as a
-    std::vector<CellChunk> cells;                        // per run of cells, then per run of pairs
-    std::vector<NearSides> near_sides;                   // per thread
-    uint64_t search = 0;                                 // searches there were
-    std::vector<std::array<uint32_t, 3>> by_row;         // finds by (row of a, row of b), then by pair
-    std::vector<uint32_t> first;                         // counting sort
-    std::vector<DirectChunk> chunk;                      // per chunk of pairs
-    std::vector<uint8_t> is_direct;                      // per pair
-    std::vector<DirectPair> direct;                      // per pair that is
-    std::vector<uint8_t> paired;                         // per body: deformable and in a pair
-    std::vector<Vec3d> drift;                            // m/s, mean velocity of those
+    std::vector<uint32_t> pair_first;             // per body: its first pair as a
+    std::vector<CellChunk> cells;                 // per run of cells, then per run of pairs
+    std::vector<NearSides> near_sides;            // per thread
+    uint64_t search = 0;                          // searches there were
+    std::vector<std::array<uint32_t, 3>> by_row;  // finds by (row of a, row of b), then by pair
+    std::vector<uint32_t> first;                  // counting sort
+    std::vector<DirectChunk> chunk;               // per chunk of pairs
+    std::vector<uint8_t> is_direct;               // per pair
+    std::vector<DirectPair> direct;               // per pair that is
+    std::vector<uint8_t> paired;                  // per body: deformable and in a pair
+    std::vector<Vec3d> drift;                     // m/s, mean velocity of those
 };
 
 // OHC instruction (thesis 3.3.2): for every candidate pair the triangles that are near the other body and the triangle
@@ -75,8 +75,7 @@ struct CandidateCellsScratch {
 //   s(x) = x.w + |(v - u).w| T                 u the mean velocity of both bodies, none beside a static one
 // and a corner of a stays when s(x) >= -max over b of s, taken on -w, less the slack
 //   0.5 g T^2 + what others may do to both (jolt) + sum of 0.05 mean edge (of what deforms) + half the thickness of each.
-void find_candidate_triangles(const CandidatePairs& pairs, const ScreenedTriangles& screened,
-                              const Occupancy& occupancy, CandidateCellsScratch& scratch,
-                              CandidateTriangles& candidates, const DirectInput* direct = nullptr);
+void find_candidate_triangles(const CandidatePairs& pairs, const ScreenedTriangles& screened, const Occupancy& occupancy,
+                              CandidateCellsScratch& scratch, CandidateTriangles& candidates, const DirectInput* direct = nullptr);
 
 }  // namespace trocar

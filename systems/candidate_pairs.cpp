@@ -41,9 +41,7 @@ uint32_t choose_axis(const BodyBoxes& boxes, uint32_t before) {
 // Bodies in the order of the lower ends of their boxes. Nearly sorted from the pass before, so insertion; a scene that
 // jumped is sorted anew.
 void sort_places(std::vector<SweepPlace>& place) {
-    const auto less = [](const SweepPlace& a, const SweepPlace& b) {
-        return a.low < b.low || (a.low == b.low && a.body < b.body);
-    };
+    const auto less = [](const SweepPlace& a, const SweepPlace& b) { return a.low < b.low || (a.low == b.low && a.body < b.body); };
     size_t moves = 0;
     for (size_t i = 1; i < place.size(); ++i) {
         const SweepPlace p = place[i];
@@ -94,15 +92,15 @@ uint32_t order_boxes(const BodyBoxes& boxes, CandidatePairsScratch& scratch) {
 template <typename Found>
 void sweep_from(const SweptBoxes& swept, uint32_t i, const Found& found) {
     const auto all = [](float x) { return _mm256_set1_ps(x); };
-    const __m256 high_0 = all(swept.high[0][i]), low_1 = all(swept.low[1][i]), high_1 = all(swept.high[1][i]),
-                 low_2 = all(swept.low[2][i]), high_2 = all(swept.high[2][i]);
+    const __m256 high_0 = all(swept.high[0][i]), low_1 = all(swept.low[1][i]), high_1 = all(swept.high[1][i]), low_2 = all(swept.low[2][i]),
+                 high_2 = all(swept.high[2][i]);
     for (uint32_t j = i + 1;; j += 8) {
         const auto at = [j](const std::vector<float>& row) { return _mm256_loadu_ps(row.data() + j); };
         const __m256 along = _mm256_cmp_ps(at(swept.low[0]), high_0, _CMP_LE_OQ);
-        const __m256 in_1 = _mm256_and_ps(_mm256_cmp_ps(at(swept.low[1]), high_1, _CMP_LE_OQ),
-                                          _mm256_cmp_ps(at(swept.high[1]), low_1, _CMP_GE_OQ));
-        const __m256 in_2 = _mm256_and_ps(_mm256_cmp_ps(at(swept.low[2]), high_2, _CMP_LE_OQ),
-                                          _mm256_cmp_ps(at(swept.high[2]), low_2, _CMP_GE_OQ));
+        const __m256 in_1 =
+            _mm256_and_ps(_mm256_cmp_ps(at(swept.low[1]), high_1, _CMP_LE_OQ), _mm256_cmp_ps(at(swept.high[1]), low_1, _CMP_GE_OQ));
+        const __m256 in_2 =
+            _mm256_and_ps(_mm256_cmp_ps(at(swept.low[2]), high_2, _CMP_LE_OQ), _mm256_cmp_ps(at(swept.high[2]), low_2, _CMP_GE_OQ));
         uint32_t met = uint32_t(_mm256_movemask_ps(_mm256_and_ps(along, _mm256_and_ps(in_1, in_2))));
         for (; met != 0; met &= met - 1) found(j + uint32_t(__builtin_ctz(met)));
         if (_mm256_movemask_ps(along) != 0xff) return;
@@ -111,9 +109,8 @@ void sweep_from(const SweptBoxes& swept, uint32_t i, const Found& found) {
 
 }  // namespace
 
-void find_candidate_pairs(const Bodies& bodies, const BodyBoxes& boxes,
-                          std::span<const std::array<uint32_t, 2>> excluded, CandidatePairsScratch& scratch,
-                          CandidatePairs& pairs) {
+void find_candidate_pairs(const Bodies& bodies, const BodyBoxes& boxes, std::span<const std::array<uint32_t, 2>> excluded,
+                          CandidatePairsScratch& scratch, CandidatePairs& pairs) {
     const uint32_t count = uint32_t(boxes.box.size()), swept = order_boxes(boxes, scratch);
     scratch.found.clear();
     for (uint32_t i = 0; i < swept; ++i) {

@@ -77,8 +77,8 @@ struct EdgePlace {
 };
 
 // Remembered edges of candidate pairs that contacts do not have.
-void find_lost_edges(const Surfaces& s, const CandidatePairs& pairs, const ContactMemory& memory,
-                     const Contacts& contacts, ContactMemoryScratch& scratch) {
+void find_lost_edges(const Surfaces& s, const CandidatePairs& pairs, const ContactMemory& memory, const Contacts& contacts,
+                     ContactMemoryScratch& scratch) {
     const uint32_t count = uint32_t(scratch.order.size());
     scratch.lost.resize(count);
     parallel_for(count, kRowsPerChunk, [&](uint32_t begin, uint32_t end) {
@@ -107,8 +107,8 @@ void write_kept(const Surfaces& s, const ContactMemory& memory, const KeptEdge& 
 }
 
 // Asks about the edges at the front of a list that lie on the same body, all at once. Returns how many they are.
-uint32_t ask_about_edges(double tolerance, const Surfaces& s, const BodyBoxes& boxes, std::span<const std::unique_ptr<ClosestPointTree>> trees,
-                         const ContactMemory& memory, std::span<KeptEdge> edges) {
+uint32_t ask_about_edges(double tolerance, const Surfaces& s, const BodyBoxes& boxes,
+                         std::span<const std::unique_ptr<ClosestPointTree>> trees, const ContactMemory& memory, std::span<KeptEdge> edges) {
     constexpr uint32_t kMost = 32;
     std::array<Vec3d, kMost> point;
     std::array<double, kMost> radius;
@@ -118,12 +118,14 @@ uint32_t ask_about_edges(double tolerance, const Surfaces& s, const BodyBoxes& b
     for (; count < std::min<size_t>(edges.size(), kMost) && memory.other[edges[count].memory] == other; ++count) {
         const uint32_t m = edges[count].memory, body = memory.body[m];
         const double along = memory.along[m], reach = reach_of(s.bodies, boxes, body) + reach_of(s.bodies, boxes, other);
-        const Vec3d at = (1 - along) * vertex_position(s, body, memory.vertex[m][0]) + along * vertex_position(s, body, memory.vertex[m][1]);
+        const Vec3d at =
+            (1 - along) * vertex_position(s, body, memory.vertex[m][0]) + along * vertex_position(s, body, memory.vertex[m][1]);
         point[count] = edges[count].point = world_to_frame(s, other, at);
         radius[count] = at.allFinite() ? std::min(reach, tolerance) : -1;  // no answer
     }
     QueryCounters counters;
-    trees[s.bodies.tree[other]]->query(std::span(point).first(count), std::span(radius).first(count), {}, std::span(answer).first(count), counters);
+    trees[s.bodies.tree[other]]->query(std::span(point).first(count), std::span(radius).first(count), {}, std::span(answer).first(count),
+                                       counters);
     for (uint32_t i = 0; i < count; ++i) edges[i].answer = answer[i];
     return count;
 }
@@ -186,8 +188,8 @@ void order_memory(const ContactMemory& memory, ContactMemoryScratch& scratch) {
 }
 
 void keep_edges(const ContactParams& params, const Surfaces& surfaces, const BodyBoxes& boxes, const CandidatePairs& pairs,
-                std::span<const std::unique_ptr<ClosestPointTree>> trees, const ContactMemory& memory,
-                ContactMemoryScratch& scratch, Contacts& contacts) {
+                std::span<const std::unique_ptr<ClosestPointTree>> trees, const ContactMemory& memory, ContactMemoryScratch& scratch,
+                Contacts& contacts) {
     scratch.kept.clear();
     find_lost_edges(surfaces, pairs, memory, contacts, scratch);
     parallel_for(uint32_t(scratch.kept.size()), kEdgesPerChunk, [&](uint32_t begin, uint32_t end) {

@@ -19,9 +19,9 @@ struct LostEdge {
 // A point of an edge that had a row in the pass before.
 struct KeptEdge {
     LostEdge place;
-    uint32_t memory = kNone;                // row
-    Vec3d point = Vec3d::Zero();            // m, frame of the other body
-    SurfacePoint answer;                    // likewise
+    uint32_t memory = kNone;      // row
+    Vec3d point = Vec3d::Zero();  // m, frame of the other body
+    SurfacePoint answer;          // likewise
 };
 
 // Whose point it is, in the order of Contacts: pair, side, vertices before edges before faces.
@@ -31,10 +31,10 @@ struct PointKey {
 };
 
 struct ContactMemoryScratch {
-    std::vector<uint32_t> order;       // rows of memory, ascending by point
-    std::vector<PointKey> key;         // per row of memory
+    std::vector<uint32_t> order;        // rows of memory, ascending by point
+    std::vector<PointKey> key;          // per row of memory
     std::vector<uint32_t> run, merged;  // of the sort: first rows of ascending runs; its other buffer
-    std::vector<LostEdge> lost;    // per row of order
+    std::vector<LostEdge> lost;         // per row of order
     std::vector<KeptEdge> kept;
     std::vector<uint32_t> before;  // as kept: the contact that it comes before
     std::vector<uint8_t> pressed;  // per contact row: mark_pressed
@@ -48,8 +48,8 @@ void order_memory(const ContactMemory& memory, ContactMemoryScratch& scratch);
 // has been pushed out, sink for a pass, and be found again: tissue on tissue trembles at mm/s. Pairs with a deformable
 // body; keeps the order of contacts.
 void keep_edges(const ContactParams& params, const Surfaces& surfaces, const BodyBoxes& boxes, const CandidatePairs& pairs,
-                std::span<const std::unique_ptr<ClosestPointTree>> trees, const ContactMemory& memory,
-                ContactMemoryScratch& scratch, Contacts& contacts);
+                std::span<const std::unique_ptr<ClosestPointTree>> trees, const ContactMemory& memory, ContactMemoryScratch& scratch,
+                Contacts& contacts);
 
 // Marks in scratch.pressed the rows of vertices of deformable bodies that bore a load on a static one in the pass before, within
 // half a mean edge: they act whatever their speed, for what they bore throws them back (0.2 N on 0.26 g: 14 mm in 8 ms). Not

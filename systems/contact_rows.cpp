@@ -31,8 +31,7 @@ std::array<float, 3> barycentric(const Vec3d& p, const Vec3d& a, const Vec3d& b,
 }
 
 // Marks the contacts that a crowded body loses: all but its deepest, of equal depth the first stay.
-void drop_shallowest(uint32_t capacity, uint32_t body, const Contacts& contacts, ContactRowsScratch& scratch,
-                     Report& report) {
+void drop_shallowest(uint32_t capacity, uint32_t body, const Contacts& contacts, ContactRowsScratch& scratch, Report& report) {
     scratch.crowded.clear();
     for (uint32_t i = 0; i < contacts.body.size(); ++i) {
         if (contacts.body[i] == body) scratch.crowded.push_back(i);
@@ -94,7 +93,7 @@ struct Support {
 // that its own edges run through least carries it. A point outside that no face carries touches nothing yet where its body
 // already reaches behind the plane (over the rim of the other); else it may come down on it (the raised end of a rod).
 Support find_support(const Surfaces& s, const Contacts& contacts, uint32_t i) {
-    constexpr double kCarries = 0.05;  // sine; what faces of curved surfaces differ by
+    constexpr double kCarries = 0.05;             // sine; what faces of curved surfaces differ by
     constexpr double kSeam = 1e-3, kNear = 0.05;  // of a mean edge: how far beyond its face and behind the nearest
     Support best{contacts.closest[i], contacts.normal[i], contacts.distance[i], contacts.triangle[i]};
     double least = plunge(s, contacts, i, best.normal);
@@ -108,8 +107,8 @@ Support find_support(const Surfaces& s, const Contacts& contacts, uint32_t i) {
         for (uint32_t k = mesh.incident_first[v]; k < mesh.incident_first[v + 1]; ++k) {
             const uint32_t triangle = mesh.incident[k];
             const Triangle& t = mesh.triangle[triangle];
-            const Vec3d a = vertex_position(s, other, t[0]), b = vertex_position(s, other, t[1]),
-                        c = vertex_position(s, other, t[2]), normal = triangle_normal(a, b, c).normalized();
+            const Vec3d a = vertex_position(s, other, t[0]), b = vertex_position(s, other, t[1]), c = vertex_position(s, other, t[2]),
+                        normal = triangle_normal(a, b, c).normalized();
             const Vec3d apart = -closest_point_on_triangle(p, a, b, c).offset, closest = p - apart;
             const double distance = normal.dot(apart), beyond = (apart - distance * normal).norm();
             if (!(std::abs(distance) < reach && beyond < kSeam * mesh.info->mean_edge)) continue;
@@ -185,18 +184,30 @@ void take_out(const std::vector<uint8_t>& dropped, ContactRows& rows) {
     };
     const auto compact_column = [&](uint32_t column) {
         switch (column) {
-            case 0: return compact(rows.contact);
-            case 1: return compact(rows.body);
-            case 2: return compact(rows.other);
-            case 3: return compact(rows.vertex);
-            case 4: return compact(rows.along);
-            case 5: return compact(rows.third);
-            case 6: return compact(rows.across);
-            case 7: return compact(rows.triangle);
-            case 8: return compact(rows.weight);
-            case 9: return compact(rows.normal);
-            case 10: return compact(rows.distance);
-            default: return compact(rows.friction);
+            case 0:
+                return compact(rows.contact);
+            case 1:
+                return compact(rows.body);
+            case 2:
+                return compact(rows.other);
+            case 3:
+                return compact(rows.vertex);
+            case 4:
+                return compact(rows.along);
+            case 5:
+                return compact(rows.third);
+            case 6:
+                return compact(rows.across);
+            case 7:
+                return compact(rows.triangle);
+            case 8:
+                return compact(rows.weight);
+            case 9:
+                return compact(rows.normal);
+            case 10:
+                return compact(rows.distance);
+            default:
+                return compact(rows.friction);
         }
     };
     constexpr uint32_t kColumns = 12, kFewRows = 1024;
@@ -232,7 +243,9 @@ bool make_row(const RowInput& in, uint32_t i, ContactRowsScratch& scratch, Conta
         lead = first ? Vec3d(-way) : way;
     }
     const bool nearest_way = in.params.direction != ResponseDirection::kThesis && lead == Vec3d::Zero();
-    const auto is_pushed = [&](uint32_t b) { return surfaces.bodies.motion[b] == Motion::kHand || surfaces.bodies.motion[b] == Motion::kFree; };
+    const auto is_pushed = [&](uint32_t b) {
+        return surfaces.bodies.motion[b] == Motion::kHand || surfaces.bodies.motion[b] == Motion::kFree;
+    };
     scratch.nose_first[i] = (is_pushed(body) || is_pushed(other)) && !both_rigid && nearest_way && leaves_nose_first(surfaces, contacts, i);
     // what would hold the pair back on its way
     if (at.distance >= 0 && at.normal.dot(lead) < 0) return false;
@@ -285,9 +298,8 @@ constexpr uint32_t kRowsPerChunk = 512;
 
 }  // namespace
 
-void make_contact_rows(const ContactParams& params, const Surfaces& surfaces, const CandidatePairs& pairs,
-                       const Contacts& contacts, const Penetrations& penetrations, ContactRowsScratch& scratch,
-                       Report& report, ContactRows& rows) {
+void make_contact_rows(const ContactParams& params, const Surfaces& surfaces, const CandidatePairs& pairs, const Contacts& contacts,
+                       const Penetrations& penetrations, ContactRowsScratch& scratch, Report& report, ContactRows& rows) {
     const uint32_t count = uint32_t(contacts.pair.size()), bodies = uint32_t(surfaces.bodies.mesh.size());
     scratch.count.assign(bodies, 0);
     scratch.dropped.assign(count, 0);

@@ -10,11 +10,11 @@
 namespace trocar {
 
 struct ContactRowsScratch {
-    std::vector<uint32_t> count;    // contacts per body
-    std::vector<uint32_t> crowded;  // contacts of one body beyond capacity, deepest first
-    std::vector<uint8_t> dropped;   // per contact
+    std::vector<uint32_t> count;      // contacts per body
+    std::vector<uint32_t> crowded;    // contacts of one body beyond capacity, deepest first
+    std::vector<uint8_t> dropped;     // per contact
     std::vector<uint8_t> nose_first;  // per contact
-    std::vector<uint32_t> overlap;  // per candidate pair: row of Penetrations or kNone
+    std::vector<uint32_t> overlap;    // per candidate pair: row of Penetrations or kNone
     // of the side at hand of a deep pair
     uint32_t exit_pair = kNone, exit_body = kNone;
     std::vector<Vec3d> exit_point;  // m, world: vertices of the other body
@@ -31,9 +31,8 @@ struct ContactRowsScratch {
 // body whose way to a sheet leads through the body have none. Between a tool in the hand or a free body and what deforms, points that
 // would leave the other nose first (nose_first.hpp) have none either, as long as the pair has another row of a point inside.
 // (Coarse balls that hit each other need all their rows.)
-void make_contact_rows(const ContactParams& params, const Surfaces& surfaces, const CandidatePairs& pairs,
-                       const Contacts& contacts, const Penetrations& penetrations, ContactRowsScratch& scratch,
-                       Report& report, ContactRows& rows);
+void make_contact_rows(const ContactParams& params, const Surfaces& surfaces, const CandidatePairs& pairs, const Contacts& contacts,
+                       const Penetrations& penetrations, ContactRowsScratch& scratch, Report& report, ContactRows& rows);
 
 // Drops rows that cannot act in the coming period T (s). With v the velocity of the point beside the plane's (m/s) and n the normal
 // a row stays when

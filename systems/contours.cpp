@@ -28,21 +28,18 @@ int side_to_moving(const Corners& face, const Vec3d& p) {
 // Whether the line through an edge of a (p, q) and the face of b, or an edge of b and the face of a, meet.
 bool passes_face_of_b(const Vec3d& p, const Vec3d& q, const Corners& b) {
     const int first = orient3d_moving_edge(p, q, b[0], b[1]);
-    return first != 0 && orient3d_moving_edge(p, q, b[1], b[2]) == first &&
-           orient3d_moving_edge(p, q, b[2], b[0]) == first;
+    return first != 0 && orient3d_moving_edge(p, q, b[1], b[2]) == first && orient3d_moving_edge(p, q, b[2], b[0]) == first;
 }
 bool passes_face_of_a(const Vec3d& p, const Vec3d& q, const Corners& a) {
     const int first = orient3d_moving_edge(a[0], a[1], p, q);
-    return first != 0 && orient3d_moving_edge(a[1], a[2], p, q) == first &&
-           orient3d_moving_edge(a[2], a[0], p, q) == first;
+    return first != 0 && orient3d_moving_edge(a[1], a[2], p, q) == first && orient3d_moving_edge(a[2], a[0], p, q) == first;
 }
 
 // Hit of edge k of a face on the plane of another. side: of the face's corners to that plane.
 ContourHit make_hit(const Face& own, int k, const Signs& side, const Face& other, bool of_b) {
     int from = k, to = (k + 1) % 3;
     if ((*own.vertex)[from] > (*own.vertex)[to]) std::swap(from, to);
-    const Vec3d normal =
-        (other.corner[1] - other.corner[0]).cross(other.corner[2] - other.corner[0]);
+    const Vec3d normal = (other.corner[1] - other.corner[0]).cross(other.corner[2] - other.corner[0]);
     const double height_from = normal.dot(own.corner[from] - other.corner[0]);
     const double height_to = normal.dot(own.corner[to] - other.corner[0]);
     const double change = height_from - height_to;
@@ -203,8 +200,8 @@ void append_chunk(const ContourChunk& c, Contours& out) {
 
 }  // namespace
 
-void find_contours(const Surfaces& surfaces, const CandidatePairs& pairs, const CandidateTriangles& candidates,
-                   ContoursScratch& scratch, Contours& contours) {
+void find_contours(const Surfaces& surfaces, const CandidatePairs& pairs, const CandidateTriangles& candidates, ContoursScratch& scratch,
+                   Contours& contours) {
     const uint32_t count = uint32_t(pairs.a.size()), grain = std::max(1u, chunk_count(count, kMostChunks)),
                    chunks = chunk_count(count, grain);
     if (scratch.chunk.size() < chunks) scratch.chunk.resize(chunks);
@@ -216,9 +213,8 @@ void find_contours(const Surfaces& surfaces, const CandidatePairs& pairs, const 
         for (uint32_t pair = begin; pair < end; ++pair) {
             const uint32_t a = pairs.a[pair], b = pairs.b[pair];
             const Vec3d origin = surfaces.poses.origin[a];
-            const PairInput in{mesh_view(surfaces.meshes, surfaces.bodies.mesh[a]),
-                               mesh_view(surfaces.meshes, surfaces.bodies.mesh[b]), BodyPoints(surfaces, a, origin),
-                               BodyPoints(surfaces, b, origin), origin};
+            const PairInput in{mesh_view(surfaces.meshes, surfaces.bodies.mesh[a]), mesh_view(surfaces.meshes, surfaces.bodies.mesh[b]),
+                               BodyPoints(surfaces, a, origin), BodyPoints(surfaces, b, origin), origin};
             const Range rows = candidates.pair[pair];
             find_contours_of(in, std::span(candidates.triangle).subspan(rows.first, rows.count), chunk);
         }

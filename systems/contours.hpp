@@ -29,11 +29,11 @@ struct ContourEnd {
 struct ContourChunk {
     std::vector<ContourPiece> piece;  // of the pair at hand
     std::vector<ContourEnd> end;
-    std::vector<uint32_t> next, before;                 // per piece: the one that goes on at its end; that leads to it
-    std::vector<std::array<uint32_t, 2>> point_of;      // per piece: points of its two ends
+    std::vector<uint32_t> next, before;             // per piece: the one that goes on at its end; that leads to it
+    std::vector<std::array<uint32_t, 2>> point_of;  // per piece: points of its two ends
     std::vector<uint8_t> done;
-    Contours found;                                     // of all pairs of the run
-    std::vector<Range> points, segments;                // per pair of the run
+    Contours found;                       // of all pairs of the run
+    std::vector<Range> points, segments;  // per pair of the run
 };
 
 struct ContoursScratch {
@@ -43,7 +43,7 @@ struct ContoursScratch {
 // Intersection stage: exact crossings of the candidate triangles of every pair, chained into curves (see Contours).
 // Which edge passes which triangle is decided by exact signs on vertices in doubles relative to a's origin; places are
 // rounded to doubles. For any number of threads the same bits.
-void find_contours(const Surfaces& surfaces, const CandidatePairs& pairs, const CandidateTriangles& candidates,
-                   ContoursScratch& scratch, Contours& contours);
+void find_contours(const Surfaces& surfaces, const CandidatePairs& pairs, const CandidateTriangles& candidates, ContoursScratch& scratch,
+                   Contours& contours);
 
 }  // namespace trocar

@@ -22,26 +22,25 @@ void look_back(const Particles& particles, Range rows, float back, std::vector<F
     for (uint32_t i = 0; i < rows.count; ++i) {
         const uint32_t p = rows.first + i;
         const Float4& o = particles.offset[p];
-        offset[i] = {o.x - back * particles.velocity_x[p], o.y - back * particles.velocity_y[p],
-                     o.z - back * particles.velocity_z[p], o.w};
+        offset[i] = {o.x - back * particles.velocity_x[p], o.y - back * particles.velocity_y[p], o.z - back * particles.velocity_z[p], o.w};
     }
 }
 
-void add_other_energies(const Springs& springs, const Bodies& bodies, const Particles& particles, uint32_t body,
-                        float back, BodyEnergyScratch& scratch, Energy& energy) {
+void add_other_energies(const Springs& springs, const Bodies& bodies, const Particles& particles, uint32_t body, float back,
+                        BodyEnergyScratch& scratch, Energy& energy) {
     if (!has_pressure(bodies, body) && !has_bending(bodies, body)) return;
     const uint32_t skin = springs.info[bodies.mesh[body]].skin;
     const Range rows{bodies.particles[body].first + skin, bodies.particles[body].count - skin};
     look_back(particles, rows, back, scratch.offset);
     if (has_bending(bodies, body)) {
-        energy.bending += find_bending_energy(springs, bodies.mesh[body], bending_rigidity(bodies.tissue[body]),
-                                              scratch.offset.data(), scratch.sums);
+        energy.bending +=
+            find_bending_energy(springs, bodies.mesh[body], bending_rigidity(bodies.tissue[body]), scratch.offset.data(), scratch.sums);
     }
     if (!has_pressure(bodies, body)) return;
     scratch.gradient.resize(size_t{3} * rows.count);
     float* g = scratch.gradient.data();
-    const double volume = find_volume_gradient(springs, bodies.mesh[body], scratch.offset.data(), scratch.sums, g,
-                                               g + rows.count, g + 2 * rows.count);
+    const double volume =
+        find_volume_gradient(springs, bodies.mesh[body], scratch.offset.data(), scratch.sums, g, g + rows.count, g + 2 * rows.count);
     energy.pressure += find_pressure_energy(springs, bodies, body, volume);
 }
 
@@ -62,9 +61,8 @@ FreeState free_state(const RigidMass& free, const Poses& poses, const Particles&
 
 }  // namespace
 
-void add_body_energy(const Springs& springs, const Bodies& bodies, const Poses& poses, const Particles& particles,
-                     const Anchors& anchors, const Vec3d& gravity, uint32_t body, BodyEnergyScratch& scratch, Energy& energy,
-                     const OtherForces& other) {
+void add_body_energy(const Springs& springs, const Bodies& bodies, const Poses& poses, const Particles& particles, const Anchors& anchors,
+                     const Vec3d& gravity, uint32_t body, BodyEnergyScratch& scratch, Energy& energy, const OtherForces& other) {
     const uint32_t slices = springs.info[bodies.mesh[body]].slices.count;
     SpringStep step = bind_body(springs, bodies, anchors, particles, body, other.torn_springs);
     step.back = static_cast<float>(0.5 * particles.last_dt[body]);
@@ -78,15 +76,15 @@ void add_body_energy(const Springs& springs, const Bodies& bodies, const Poses& 
     energy.elastic += 0.25 * step.stiffness * t[kSumStretch] + 0.5 * t[kSumAnchor];
     add_other_energies(springs, bodies, particles, body, step.back, scratch, energy);
     if (has_tets(other.solids, bodies, body)) {
-        energy.elastic += tet_energy(*other.solids, bodies, particles, body, 0.5 * particles.last_dt[body], scratch.sums, other.torn_springs);
+        energy.elastic +=
+            tet_energy(*other.solids, bodies, particles, body, 0.5 * particles.last_dt[body], scratch.sums, other.torn_springs);
     }
-    energy.gravity -=
-        gravity.dot(t[kSumMass] * poses.origin[body] + Vec3d(t[kSumMPlace], t[kSumMPlace + 1], t[kSumMPlace + 2]));
+    energy.gravity -= gravity.dot(t[kSumMass] * poses.origin[body] + Vec3d(t[kSumMPlace], t[kSumMPlace + 1], t[kSumMPlace + 2]));
 }
 
-void measure_energy(const Springs& springs, const Bodies& bodies, const Poses& poses, const Particles& particles,
-                    const Anchors& anchors, const Vec3d& gravity, double start, EnergyScratch& scratch,
-                    Energy& energy, const OtherForces& other, const Sleepers& sleepers) {
+void measure_energy(const Springs& springs, const Bodies& bodies, const Poses& poses, const Particles& particles, const Anchors& anchors,
+                    const Vec3d& gravity, double start, EnergyScratch& scratch, Energy& energy, const OtherForces& other,
+                    const Sleepers& sleepers) {
     energy.kinetic = energy.elastic = energy.pressure = energy.bending = energy.links = energy.gravity = 0;
     if (scratch.of_body.size() != bodies.motion.size()) {
         scratch.of_body.assign(bodies.motion.size(), {});
@@ -98,7 +96,8 @@ void measure_energy(const Springs& springs, const Bodies& bodies, const Poses& p
         for (uint32_t body = begin; body < end; ++body) {
             if (!is_deformable(bodies, body) || was_seen(sleepers, body)) continue;
             scratch.of_body[body] = {};
-            add_body_energy(springs, bodies, poses, particles, anchors, gravity, body, scratch.part[begin / grain], scratch.of_body[body], other);
+            add_body_energy(springs, bodies, poses, particles, anchors, gravity, body, scratch.part[begin / grain], scratch.of_body[body],
+                            other);
         }
     });
     for (uint32_t body = 0; body < count; ++body) {
@@ -109,8 +108,7 @@ void measure_energy(const Springs& springs, const Bodies& bodies, const Poses& p
     }
     for (const RigidMass& free : bodies.rigid_mass) {
         const FreeState state = free_state(free, poses, particles);
-        energy.kinetic += 0.5 * free.mass * state.velocity.squaredNorm() +
-                          0.5 * state.turning.dot(poses.angular_velocity[free.body]);
+        energy.kinetic += 0.5 * free.mass * state.velocity.squaredNorm() + 0.5 * state.turning.dot(poses.angular_velocity[free.body]);
         energy.gravity -= free.mass * gravity.dot(state.place);
     }
     if (other.nodes) {
@@ -128,9 +126,8 @@ void measure_energy(const Springs& springs, const Bodies& bodies, const Poses& p
             }
         }
     }
-    energy.balance = energy.kinetic + energy.elastic + energy.pressure + energy.bending + energy.links + energy.gravity -
-                     energy.work_hand - energy.work_contact - energy.work_damping - energy.work_push - energy.work_numeric -
-                     energy.work_links - start;
+    energy.balance = energy.kinetic + energy.elastic + energy.pressure + energy.bending + energy.links + energy.gravity - energy.work_hand -
+                     energy.work_contact - energy.work_damping - energy.work_push - energy.work_numeric - energy.work_links - start;
 }
 
 Momentum measure_momentum(const Bodies& bodies, const Poses& poses, const Particles& particles, uint32_t body) {

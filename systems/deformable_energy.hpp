@@ -26,14 +26,13 @@ struct EnergyScratch {
 // balance from `start` (their sum when the books were opened). Sums in double, fixed order; bodies in parallel, and large ones
 // within. Everything is taken at the time of the velocities, half a substep before that of the offsets: there the leapfrog's
 // kinetic energy needs no knowledge of the contact impulses to come. Terms of seen sleepers are taken from the scratch.
-void measure_energy(const Springs& springs, const Bodies& bodies, const Poses& poses, const Particles& particles,
-                    const Anchors& anchors, const Vec3d& gravity, double start, EnergyScratch& scratch, Energy& energy,
-                    const OtherForces& other = {}, const Sleepers& sleepers = {});
+void measure_energy(const Springs& springs, const Bodies& bodies, const Poses& poses, const Particles& particles, const Anchors& anchors,
+                    const Vec3d& gravity, double start, EnergyScratch& scratch, Energy& energy, const OtherForces& other = {},
+                    const Sleepers& sleepers = {});
 
 // Adds the energies of one deformable body, J.
-void add_body_energy(const Springs& springs, const Bodies& bodies, const Poses& poses, const Particles& particles,
-                     const Anchors& anchors, const Vec3d& gravity, uint32_t body, BodyEnergyScratch& scratch, Energy& energy,
-                     const OtherForces& other = {});
+void add_body_energy(const Springs& springs, const Bodies& bodies, const Poses& poses, const Particles& particles, const Anchors& anchors,
+                     const Vec3d& gravity, uint32_t body, BodyEnergyScratch& scratch, Energy& energy, const OtherForces& other = {});
 
 // Linear momentum (kg m/s) and angular momentum about the world origin (kg m^2/s) of one deformable or free body.
 struct Momentum {

@@ -1,8 +1,7 @@
 #include "systems/device_input.hpp"
 namespace trocar {
 
-void read_devices(std::span<const Device> devices, uint64_t first_tick, uint32_t ticks,
-                  std::vector<DeviceState>& sample) {
+void read_devices(std::span<const Device> devices, uint64_t first_tick, uint32_t ticks, std::vector<DeviceState>& sample) {
     const size_t per_device = size_t{ticks} + 1;
     sample.resize(devices.size() * per_device);
     for (size_t d = 0; d < devices.size(); ++d)

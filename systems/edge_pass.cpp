@@ -116,8 +116,7 @@ struct EdgeSearch {
 bool search(EdgeSearch& e, double deepest, bool look, EdgeContact& best, QueryCounters& counters) {
     bool found = false;
     for (uint32_t query = 0; query < kMostQueries && e.intervals > 0; ++query) {
-        const uint32_t pick =
-            uint32_t(std::max_element(e.bound.begin(), e.bound.begin() + e.intervals) - e.bound.begin());
+        const uint32_t pick = uint32_t(std::max_element(e.bound.begin(), e.bound.begin() + e.intervals) - e.bound.begin());
         const double slack = (look && !found ? 0.01 : 1.0) * e.in.params.tolerance;
         if (e.bound[pick] <= deepest + slack && !(look && query == 0)) break;
         const auto [a, b] = e.interval[pick];
@@ -167,13 +166,10 @@ Crossings find_crossings(const EdgeSearch& e, const std::array<uint32_t, 2>& tri
     const FramePoints& other = e.side.other_points;
     for (uint32_t i = shortest.first; i < shortest.end(); ++i) {
         const Triangle& corner = e.side.other_mesh.triangle[c.opposite[i]];
-        const double part =
-            edge_crossing(p, q, other(corner[0]), other(corner[1]), other(corner[2]));
+        const double part = edge_crossing(p, q, other(corner[0]), other(corner[1]), other(corner[2]));
         if (part < 0) continue;
         const Sample sample{part * e.length, 0, c.opposite[i]};
-        const auto before = [](const Sample& x, const Sample& y) {
-            return x.s < y.s || (x.s == y.s && x.triangle < y.triangle);
-        };
+        const auto before = [](const Sample& x, const Sample& y) { return x.s < y.s || (x.s == y.s && x.triangle < y.triangle); };
         if (found.count == 0 || before(sample, found.first)) found.first = sample;
         if (found.count == 0 || before(found.last, sample)) found.last = sample;
         ++found.count;
@@ -182,8 +178,8 @@ Crossings find_crossings(const EdgeSearch& e, const std::array<uint32_t, 2>& tri
 }
 
 // Both ends outside: inside is at most what lies between the first and the last crossing.
-bool search_outside_edge(EdgeSearch& e, const Sample& a, const Sample& b, const std::array<uint32_t, 2>& triangles,
-                         EdgeChunk& c, EdgeContact& best) {
+bool search_outside_edge(EdgeSearch& e, const Sample& a, const Sample& b, const std::array<uint32_t, 2>& triangles, EdgeChunk& c,
+                         EdgeContact& best) {
     if (0.5 * (e.length + a.depth + b.depth) < 0) return false;
     Crossings x = find_crossings(e, triangles, c);
     if (x.count == 0) return false;
@@ -199,8 +195,8 @@ bool search_outside_edge(EdgeSearch& e, const Sample& a, const Sample& b, const 
 }
 
 // One end inside (a), the other outside (b): only when some point can be deeper than a by more than the tolerance.
-bool search_crossing_edge(EdgeSearch& e, const Sample& a, const Sample& b, const std::array<uint32_t, 2>& triangles,
-                          EdgeChunk& c, EdgeContact& best) {
+bool search_crossing_edge(EdgeSearch& e, const Sample& a, const Sample& b, const std::array<uint32_t, 2>& triangles, EdgeChunk& c,
+                          EdgeContact& best) {
     const double enough = a.depth + e.in.params.tolerance;
     const double sign = a.s < b.s ? 1 : -1;
     // where the surface passes the edge once, nothing beyond is inside, and on the way there nothing is deeper than the
@@ -226,8 +222,8 @@ bool search_crossing_edge(EdgeSearch& e, const Sample& a, const Sample& b, const
 }
 
 // Both ends inside: only when the edge leaves the other body and can be deeper on the way than at its ends.
-bool search_inside_edge(EdgeSearch& e, const Sample& a, const Sample& b, const std::array<uint32_t, 2>& triangles,
-                        EdgeChunk& c, EdgeContact& best) {
+bool search_inside_edge(EdgeSearch& e, const Sample& a, const Sample& b, const std::array<uint32_t, 2>& triangles, EdgeChunk& c,
+                        EdgeContact& best) {
     const double deepest = std::max(a.depth, b.depth);
     e.add(a, b);
     if (e.intervals == 0 || e.bound[0] <= deepest + e.in.params.tolerance) return false;
@@ -237,8 +233,7 @@ bool search_inside_edge(EdgeSearch& e, const Sample& a, const Sample& b, const s
 
 // False when the surface surely does not pass the edge: what passes it meets both triangles beside it.
 bool may_cross(const std::array<uint32_t, 2>& triangles, const EdgeChunk& c) {
-    return std::all_of(triangles.begin(), triangles.end(),
-                       [&](uint32_t t) { return t == kNone || has_bit(c.near_triangle.word, t); });
+    return std::all_of(triangles.begin(), triangles.end(), [&](uint32_t t) { return t == kNone || has_bit(c.near_triangle.word, t); });
 }
 
 bool search_edge(const EdgeInput& in, const Side& side, uint32_t edge, EdgeChunk& c, EdgeContact& best) {
@@ -256,8 +251,7 @@ bool search_edge(const EdgeInput& in, const Side& side, uint32_t edge, EdgeChunk
     best.vertex = {v0, v1};
     if (a.depth <= 0 && b.depth <= 0) return search_outside_edge(e, a, b, triangles, c, best);
     if (a.depth > 0 && b.depth > 0) return search_inside_edge(e, a, b, triangles, c, best);
-    return a.depth > 0 ? search_crossing_edge(e, a, b, triangles, c, best)
-                       : search_crossing_edge(e, b, a, triangles, c, best);
+    return a.depth > 0 ? search_crossing_edge(e, a, b, triangles, c, best) : search_crossing_edge(e, b, a, triangles, c, best);
 }
 
 void collect_crossing(const EdgeInput& in, const Side& side, EdgeChunk& c) {
@@ -301,7 +295,8 @@ void collect_ends(const EdgeInput& in, const Side& side, EdgeChunk& c) {
         const uint32_t v = in.near.vertex[i];
         set_bit(c.near_vertex, v);
         const Vec3d p = points.point(v);
-        c.end[v] = {to_vec4(turned ? rotate_back(in.surfaces.poses.orientation[side.other], p) : p), -in.near.distance[i], in.near.triangle[i]};
+        c.end[v] = {to_vec4(turned ? rotate_back(in.surfaces.poses.orientation[side.other], p) : p), -in.near.distance[i],
+                    in.near.triangle[i]};
     }
 }
 
@@ -319,8 +314,7 @@ void find_side(const EdgeInput& in, const Side& side, Range& found, EdgeChunk& c
     found.count = uint32_t(c.found.size()) - found.first;
 }
 
-Side make_side(const EdgeInput& in, const CandidatePairs& pairs,
-               std::span<const std::unique_ptr<ClosestPointTree>> trees, uint32_t row) {
+Side make_side(const EdgeInput& in, const CandidatePairs& pairs, std::span<const std::unique_ptr<ClosestPointTree>> trees, uint32_t row) {
     const uint32_t pair = row / 2;
     const bool reversed = row % 2 != 0;
     const uint32_t body = reversed ? pairs.b[pair] : pairs.a[pair], other = reversed ? pairs.a[pair] : pairs.b[pair];
@@ -336,8 +330,7 @@ Side make_side(const EdgeInput& in, const CandidatePairs& pairs,
             doubtful_depth(in.surfaces, other)};
 }
 
-void write_edge(const Surfaces& s, uint32_t pair, uint32_t body, uint32_t other, const EdgeContact& e, Contacts& to,
-               uint32_t row) {
+void write_edge(const Surfaces& s, uint32_t pair, uint32_t body, uint32_t other, const EdgeContact& e, Contacts& to, uint32_t row) {
     to.pair[row] = pair;
     to.body[row] = body;
     to.other[row] = other;
@@ -370,8 +363,8 @@ void find_places(const CandidatePairs& pairs, const Contacts& contacts, EdgePass
 
 void find_edge_contacts(const ContactParams& params, const Surfaces& surfaces, const CandidatePairs& pairs,
                         const CandidateTriangles& candidates, const NearVertices& near,
-                        std::span<const std::unique_ptr<ClosestPointTree>> trees, EdgePassScratch& scratch,
-                        Report& report, Contacts& contacts) {
+                        std::span<const std::unique_ptr<ClosestPointTree>> trees, EdgePassScratch& scratch, Report& report,
+                        Contacts& contacts) {
     const EdgeInput in{params, surfaces, candidates, near};
     const uint32_t count = uint32_t(pairs.a.size()), sides = 2 * count;
     const uint32_t grain = std::max(1u, chunk_count(count, kMostChunks));
@@ -397,7 +390,8 @@ void find_edge_contacts(const ContactParams& params, const Surfaces& surfaces, c
         for (uint32_t row = 2 * begin; row < 2 * end; ++row) {
             const uint32_t pair = row / 2, body = row % 2 ? pairs.b[pair] : pairs.a[pair], other = row % 2 ? pairs.a[pair] : pairs.b[pair];
             const EdgeContact* found = chunk.found.data() + scratch.side[row].first;
-            for (uint32_t i = 0; i < scratch.side[row].count; ++i) write_edge(surfaces, pair, body, other, found[i], contacts, scratch.first[row] + i);
+            for (uint32_t i = 0; i < scratch.side[row].count; ++i)
+                write_edge(surfaces, pair, body, other, found[i], contacts, scratch.first[row] + i);
         }
     });
 }

@@ -8,17 +8,17 @@
 namespace trocar {
 namespace {
 
-constexpr double kSharp = 0.94;       // cosine of the turn between the faces of an edge that counts
-constexpr double kParallel = 0.02;    // sine between edges that are left to their corners
-constexpr double kInCone = 0.02;      // sine by which a normal may miss a cone
-constexpr double kDeepest = 0.05;     // mean edges of overlap; beyond it the edges have passed each other
+constexpr double kSharp = 0.94;     // cosine of the turn between the faces of an edge that counts
+constexpr double kParallel = 0.02;  // sine between edges that are left to their corners
+constexpr double kInCone = 0.02;    // sine by which a normal may miss a cone
+constexpr double kDeepest = 0.05;   // mean edges of overlap; beyond it the edges have passed each other
 
 // A sharp edge in world axes.
 struct SharpEdge {
     std::array<uint32_t, 2> vertex;  // local, ends
-    Vec3d a, b;         // m, the same
-    Vec3d into[2];      // unit, from the edge's start into its two faces: to their far corners
-    uint32_t triangle;  // the first of its two
+    Vec3d a, b;                      // m, the same
+    Vec3d into[2];                   // unit, from the edge's start into its two faces: to their far corners
+    uint32_t triangle;               // the first of its two
 };
 
 bool load_edge(const Surfaces& s, uint32_t body, uint32_t edge, SharpEdge& e) {
@@ -46,8 +46,7 @@ bool load_edge(const Surfaces& s, uint32_t body, uint32_t edge, SharpEdge& e) {
 }
 
 // Sharp edges of the triangles that are near the other body.
-void collect_edges(const Surfaces& s, uint32_t body, std::span<const std::array<uint32_t, 2>> near,
-                   std::vector<uint32_t>& edges) {
+void collect_edges(const Surfaces& s, uint32_t body, std::span<const std::array<uint32_t, 2>> near, std::vector<uint32_t>& edges) {
     const MeshView mesh = mesh_view(s.meshes, s.bodies.mesh[body]);
     edges.clear();
     SharpEdge e;
@@ -72,8 +71,7 @@ bool find_passing(const SharpEdge& a, const SharpEdge& b, double margin, double 
     if (!(size2 > kParallel * kParallel * u.squaredNorm() * v.squaredNorm())) return false;
     p.normal = across / std::sqrt(size2);
     const auto in_cones = [&](const Vec3d& n) {
-        return std::max(b.into[0].dot(n), b.into[1].dot(n)) < kInCone &&
-               std::min(a.into[0].dot(n), a.into[1].dot(n)) > -kInCone;
+        return std::max(b.into[0].dot(n), b.into[1].dot(n)) < kInCone && std::min(a.into[0].dot(n), a.into[1].dot(n)) > -kInCone;
     };
     if (!in_cones(p.normal)) {
         p.normal = -p.normal;
@@ -88,8 +86,8 @@ bool find_passing(const SharpEdge& a, const SharpEdge& b, double margin, double 
 
 }  // namespace
 
-void add_edge_rows(const Surfaces& surfaces, const BodyBoxes& boxes, const CandidatePairs& pairs,
-                   const CandidateTriangles& candidates, EdgeRowsScratch& scratch, ContactRows& rows) {
+void add_edge_rows(const Surfaces& surfaces, const BodyBoxes& boxes, const CandidatePairs& pairs, const CandidateTriangles& candidates,
+                   EdgeRowsScratch& scratch, ContactRows& rows) {
     const Bodies& bodies = surfaces.bodies;
     if (bodies.rigid_mass.empty()) return;
     for (uint32_t pair = 0; pair < pairs.a.size(); ++pair) {
@@ -111,8 +109,8 @@ void add_edge_rows(const Surfaces& surfaces, const BodyBoxes& boxes, const Candi
                 load_edge(surfaces, body[1], second, b);
                 if (!find_passing(a, b, margin, deepest, passing)) continue;
                 append_edge_row(surfaces,
-                                {body[0], body[1], a.vertex, b.vertex, static_cast<float>(passing.along_a), static_cast<float>(passing.along_b),
-                                 b.triangle, passing.normal, passing.distance},
+                                {body[0], body[1], a.vertex, b.vertex, static_cast<float>(passing.along_a),
+                                 static_cast<float>(passing.along_b), b.triangle, passing.normal, passing.distance},
                                 rows);
             }
         }

@@ -9,10 +9,10 @@
 namespace trocar {
 namespace {
 
-constexpr double kAligned = 0.1;   // sine between edges that are left to their ends
-constexpr double kEnd = 0.01;      // of an edge: nearer to an end the vertex has the row
-constexpr double kBeside = 0.2;    // of an edge: where they meet in the end may lie so far beyond its ends
-constexpr double kNear = 0.05;     // of an edge: what comes so near counts as crossing, as bodies bend on their way
+constexpr double kAligned = 0.1;  // sine between edges that are left to their ends
+constexpr double kEnd = 0.01;     // of an edge: nearer to an end the vertex has the row
+constexpr double kBeside = 0.2;   // of an edge: where they meet in the end may lie so far beyond its ends
+constexpr double kNear = 0.05;    // of an edge: what comes so near counts as crossing, as bodies bend on their way
 
 struct AheadInput {
     double period, fall;  // s, m
@@ -46,9 +46,7 @@ bool find_nearest_shares(Vec4d p, Vec4d u, Vec4d q, Vec4d v, LineShares& at) {
     at = {(uv * rv - vv * ru) / det, (uu * rv - uv * ru) / det};
     return true;
 }
-bool is_within(const LineShares& at, double beyond) {
-    return at.s > -beyond && at.s < 1 + beyond && at.t > -beyond && at.t < 1 + beyond;
-}
+bool is_within(const LineShares& at, double beyond) { return at.s > -beyond && at.s < 1 + beyond && at.t > -beyond && at.t < 1 + beyond; }
 
 // An edge between two places that move uniformly.
 struct MovingEdge {
@@ -59,7 +57,8 @@ struct MovingEdge {
 
 // Whether two edges that are nearest to each other at `at` are apart now and cross within the period, or nearly. The normal is
 // of now.
-bool will_cross(const AheadInput& in, const Side& side, const MovingEdge& a, const MovingEdge& b, const LineShares& at, Vec4d& normal, double& distance) {
+bool will_cross(const AheadInput& in, const Side& side, const MovingEdge& a, const MovingEdge& b, const LineShares& at, Vec4d& normal,
+                double& distance) {
     const Vec4d apart = a.start + at.s * a.way - b.start - at.t * b.way;
     distance = std::sqrt(norm2(apart));
     const double length = std::sqrt(norm2(a.way));
@@ -77,8 +76,8 @@ bool has_contact(std::span<const std::array<uint32_t, 2>> crossing, const std::a
 }
 
 // Adds the meeting of an edge, which moves as `a`, with one of the other body's at a triangle.
-void ask_pair(const AheadInput& in, const Side& side, const std::array<uint32_t, 2>& ends, const MovingEdge& a, uint32_t triangle, uint32_t other_edge,
-              EdgesAheadChunk& c) {
+void ask_pair(const AheadInput& in, const Side& side, const std::array<uint32_t, 2>& ends, const MovingEdge& a, uint32_t triangle,
+              uint32_t other_edge, EdgesAheadChunk& c) {
     const auto& across = side.other_mesh.edge[other_edge];
     const Vec4d q = (Vec4d)side.other_points(across[0]), r = (Vec4d)side.other_points(across[1]);
     MovingEdge b{q, r - q, Vec4d{}, Vec4d{}};
@@ -151,8 +150,15 @@ void find_in_pair(const AheadInput& in, uint32_t pair, EdgesAheadChunk& c) {
     const uint32_t row = 2 * pair + reversed, body = reversed ? b : a, other = reversed ? a : b;
     if (in.near.side[row].count == 0) return;
     const auto crossing = [&](uint32_t of) { return edges_of(in.contacts, in.contact_first[pair], in.contact_first[pair + 1], of); };
-    const Side side{row, body, other, mesh_view(s.meshes, s.bodies.mesh[body]), mesh_view(s.meshes, s.bodies.mesh[other]),
-                    BodyPoints(s, other, s.poses.origin[other]), crossing(body), crossing(other), in.boxes.margin[a] + in.boxes.margin[b]};
+    const Side side{row,
+                    body,
+                    other,
+                    mesh_view(s.meshes, s.bodies.mesh[body]),
+                    mesh_view(s.meshes, s.bodies.mesh[other]),
+                    BodyPoints(s, other, s.poses.origin[other]),
+                    crossing(body),
+                    crossing(other),
+                    in.boxes.margin[a] + in.boxes.margin[b]};
     collect(in, side, c);
     for_each_bit(c.edge, [&](uint32_t edge) { search_edge(in, side, edge, c); });
 }
@@ -160,8 +166,8 @@ void find_in_pair(const AheadInput& in, uint32_t pair, EdgesAheadChunk& c) {
 }  // namespace
 
 void add_edges_ahead(double period, double fall, const Surfaces& surfaces, const BodyBoxes& boxes, const CandidatePairs& pairs,
-                     const CandidateTriangles& candidates, const NearVertices& near, const Contacts& contacts,
-                     EdgesAheadScratch& scratch, ContactRows& rows) {
+                     const CandidateTriangles& candidates, const NearVertices& near, const Contacts& contacts, EdgesAheadScratch& scratch,
+                     ContactRows& rows) {
     const uint32_t count = uint32_t(pairs.a.size()), grain = std::max(1u, chunk_count(count, kMostChunks));
     scratch.contact_first.assign(count + 1, 0);
     for (const uint32_t pair : contacts.pair) ++scratch.contact_first[pair + 1];

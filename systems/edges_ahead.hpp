@@ -35,7 +35,7 @@ struct EdgesAheadScratch {
 // folds of a crushed shell, and so do tools. Of each pair the edges of the body with the shorter ones are asked, against the
 // edges of the triangles nearest to their ends. Rows come last, by pair and edge.
 void add_edges_ahead(double period, double fall, const Surfaces& surfaces, const BodyBoxes& boxes, const CandidatePairs& pairs,
-                     const CandidateTriangles& candidates, const NearVertices& near, const Contacts& contacts,
-                     EdgesAheadScratch& scratch, ContactRows& rows);
+                     const CandidateTriangles& candidates, const NearVertices& near, const Contacts& contacts, EdgesAheadScratch& scratch,
+                     ContactRows& rows);
 
 }  // namespace trocar

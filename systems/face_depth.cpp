@@ -29,7 +29,7 @@ struct Side {
     BodyPoints points;  // of body, about the origin of other
     bool turned;        // other is rigid: the frame of the search is its own
     Quat turn;
-    double doubtful;    // m, of depth
+    double doubtful;  // m, of depth
 
     Vec3d place(uint32_t v) const { return turned ? rotate_back(turn, points.point(v)) : points.point(v); }
 };
@@ -185,7 +185,8 @@ void collect_poked(const Input& in, const Side& side, Chunk& c) {
         const Vec4d corner[3] = {to_vec4(part.corner[0]), to_vec4(part.corner[1]), to_vec4(part.corner[2])};
         for (int k = 0; k < 3; ++k) {
             if (edge_crossing(to_vec4(side.tree->vertex(t[k])), to_vec4(side.tree->vertex(t[(k + 1) % 3])), corner[0], corner[1],
-                              corner[2]) < 0) continue;
+                              corner[2]) < 0)
+                continue;
             c.poked.push_back(own);
             break;
         }
@@ -197,8 +198,8 @@ void collect_poked(const Input& in, const Side& side, Chunk& c) {
 // The point as its rounded weights have it.
 void add_found(const Side& side, FaceContact found, Chunk& c) {
     const FacePart face = whole_face(side, c, found.face);
-    found.point = (1.0 - found.along - found.across) * face.corner[0] + double(found.along) * face.corner[1] +
-                  double(found.across) * face.corner[2];
+    found.point =
+        (1.0 - found.along - found.across) * face.corner[0] + double(found.along) * face.corner[1] + double(found.across) * face.corner[2];
     found.answer = ask(side, found.point, found.answer.triangle);
     if (found.answer.distance < 0) c.found.push_back(found);
 }
@@ -249,8 +250,8 @@ Side make_side(const Input& in, const CandidatePairs& pairs, std::span<const std
 }
 
 // Both sides of one pair, whose contacts are `rows`. Returns the bound of what is left open, 0 if nothing is.
-double search_pair(const Input& in, const std::array<Side, 2>& sides, const Contacts& contacts, Range rows,
-                   std::array<Range, 2>& found, uint32_t& queries, Chunk& c) {
+double search_pair(const Input& in, const std::array<Side, 2>& sides, const Contacts& contacts, Range rows, std::array<Range, 2>& found,
+                   uint32_t& queries, Chunk& c) {
     Best best{-1, 0, {}};
     for (uint32_t i = rows.first; i < rows.end(); ++i) best.depth = std::max(best.depth, -contacts.distance[i]);
     const uint32_t first = uint32_t(c.found.size());
@@ -309,10 +310,9 @@ void write_face(const Surfaces& s, uint32_t pair, const Side& side, const FaceCo
 
 }  // namespace
 
-void find_face_contacts(const ContactParams& params, uint32_t most_queries, const Surfaces& surfaces,
-                        const CandidatePairs& pairs, const CandidateTriangles& candidates, const ScreenedTriangles& screened,
-                        const NearVertices& near, std::span<const std::unique_ptr<ClosestPointTree>> trees,
-                        FaceDepthScratch& scratch, Contacts& contacts) {
+void find_face_contacts(const ContactParams& params, uint32_t most_queries, const Surfaces& surfaces, const CandidatePairs& pairs,
+                        const CandidateTriangles& candidates, const ScreenedTriangles& screened, const NearVertices& near,
+                        std::span<const std::unique_ptr<ClosestPointTree>> trees, FaceDepthScratch& scratch, Contacts& contacts) {
     const Input in{params, most_queries, surfaces, candidates, screened, near};
     const uint32_t count = uint32_t(pairs.a.size()), grain = std::max(1u, chunk_count(count, kMostChunks));
     const uint32_t chunks = chunk_count(count, grain);
@@ -323,7 +323,9 @@ void find_face_contacts(const ContactParams& params, uint32_t most_queries, cons
     parallel_for(count, grain, [&](uint32_t begin, uint32_t end) {
         Chunk& chunk = scratch.chunk[begin / grain];
         chunk.found.clear();
-        const auto lower = [&](uint32_t pair) { return uint32_t(std::lower_bound(contacts.pair.begin(), contacts.pair.end(), pair) - contacts.pair.begin()); };
+        const auto lower = [&](uint32_t pair) {
+            return uint32_t(std::lower_bound(contacts.pair.begin(), contacts.pair.end(), pair) - contacts.pair.begin());
+        };
         for (uint32_t pair = begin; pair < end; ++pair) {
             const uint32_t first = lower(pair);
             std::array<Range, 2> found;
@@ -347,7 +349,8 @@ void find_face_contacts(const ContactParams& params, uint32_t most_queries, cons
             const FaceContact* found = scratch.chunk[row / 2 / grain].found.data() + scratch.side[row].first;
             for (uint32_t i = scratch.side[row].count; i-- > 0;) write_face(surfaces, row / 2, side, found[i], contacts, --to);
         }
-        while (from > 0 && contacts.pair[from - 1] == row / 2 && contacts.body[from - 1] == body) copy_contact(contacts, --from, contacts, --to);
+        while (from > 0 && contacts.pair[from - 1] == row / 2 && contacts.body[from - 1] == body)
+            copy_contact(contacts, --from, contacts, --to);
     }
 }
 

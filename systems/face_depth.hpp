@@ -20,17 +20,17 @@ struct FacePart {
 // The deepest point of one face, before it becomes a row of Contacts.
 struct FaceContact {
     uint32_t face = kNone;
-    float along = 0, across = 0;   // weights of its second and third corner
-    Vec3d point = Vec3d::Zero();   // frame of the other body, m
-    SurfacePoint answer;           // frame of the other body
+    float along = 0, across = 0;  // weights of its second and third corner
+    Vec3d point = Vec3d::Zero();  // frame of the other body, m
+    SurfacePoint answer;          // frame of the other body
 };
 
 struct FaceDepthScratch {
     struct Chunk {
-        std::vector<FacePart> part;      // heap, largest bound first
-        std::vector<double> depth;       // per vertex of the body at hand; NaN where it is not known
-        std::vector<Vec3d> place;        // and where it is, frame of the other body, m
-        std::vector<uint32_t> nearest;   // and the triangle of the other body that is nearest to it
+        std::vector<FacePart> part;                 // heap, largest bound first
+        std::vector<double> depth;                  // per vertex of the body at hand; NaN where it is not known
+        std::vector<Vec3d> place;                   // and where it is, frame of the other body, m
+        std::vector<uint32_t> nearest;              // and the triangle of the other body that is nearest to it
         std::vector<std::array<uint32_t, 2>> edge;  // of the body at hand that have a contact, ascending
         std::vector<uint32_t> poked;
         std::vector<FaceContact> found;  // of all sides of the run
@@ -48,9 +48,8 @@ struct FaceDepthScratch {
 // inside, so nothing is looked for in them, but their faces are searched.
 // Branch and bound, largest bound first: depth is 1-Lipschitz, and no more than the distance to any one triangle, which
 // is convex over a face. A uniform subdivision of equal promise has edges of sqrt(3) * tolerance.
-void find_face_contacts(const ContactParams& params, uint32_t most_queries, const Surfaces& surfaces,
-                        const CandidatePairs& pairs, const CandidateTriangles& candidates, const ScreenedTriangles& screened,
-                        const NearVertices& near, std::span<const std::unique_ptr<ClosestPointTree>> trees,
-                        FaceDepthScratch& scratch, Contacts& contacts);
+void find_face_contacts(const ContactParams& params, uint32_t most_queries, const Surfaces& surfaces, const CandidatePairs& pairs,
+                        const CandidateTriangles& candidates, const ScreenedTriangles& screened, const NearVertices& near,
+                        std::span<const std::unique_ptr<ClosestPointTree>> trees, FaceDepthScratch& scratch, Contacts& contacts);
 
 }  // namespace trocar

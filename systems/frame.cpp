@@ -22,9 +22,7 @@ bool wants_regions(const World& w) { return w.settings.contact.regions && any_pa
 bool wants_contours(const World& w) { return (w.settings.contact.contours && any_pair(w)) || wants_regions(w); }
 bool wants_faces(const World& w) { return w.settings.contact.faces && any_pair(w); }
 bool wants_ways_out(const World& w) { return w.settings.contact.deep != DeepResponse::kNone && any_pair(w); }
-bool any_mover(const World& w) {
-    return any_tool(w) || std::any_of(w.bodies.motion.begin(), w.bodies.motion.end(), joins_islands);
-}
+bool any_mover(const World& w) { return any_tool(w) || std::any_of(w.bodies.motion.begin(), w.bodies.motion.end(), joins_islands); }
 bool any_deformable(const World& w) { return !w.particles.offset.empty(); }
 bool any_energy(const World& w) { return any_deformable(w) || !w.bodies.rigid_mass.empty(); }
 bool any_body(const World& w) { return !w.bodies.mesh.empty(); }
@@ -38,6 +36,7 @@ bool may_sleep(const World& w) { return any_deformable(w) && w.settings.sleep_sp
 using R = Resource;
 constexpr ResourceMask kShapes = mask(R::kMeshes, R::kBodies, R::kPoses, R::kParticles);
 
+// clang-format off
 constexpr FrameStage kBegin[] = {
     // name              run              reads                                                              writes
     {{"device input",    stages::device_input,    mask(R::kClock, R::kPaths, R::kTools),                             mask(R::kToolState)}, any_tool},
@@ -75,6 +74,7 @@ constexpr FrameStage kEndStages[] = {
     {{"energy",          stages::energy,          mask(R::kSettings, R::kSprings, R::kSolids, R::kBodies, R::kPoses, R::kParticles, R::kAnchors, R::kLinks, R::kTears, R::kTornSprings, R::kNodes, R::kNodeState), mask(R::kEnergy)}, any_energy},
     {{"picture",         stages::picture,         kShapes | mask(R::kClock, R::kNormals, R::kContacts, R::kPenetrations, R::kTools, R::kToolState, R::kTears, R::kLives, R::kNodeState), mask(R::kPicture)}, any_body},
 };
+// clang-format on
 
 constexpr std::string_view kFirstDetection = "body boxes", kAfterDetection = "local contact";
 
@@ -110,8 +110,8 @@ struct Frame::Graphs {
         const uint64_t duration = now_ns() - g.begin_ns[stage];
         g.state->times.stage_ns[stage] = duration;
         if (g.state->options.trace)
-            g.state->options.trace->add({g.stages[stage].name, g.begin_ns[stage], duration, thread_index(),
-                                         static_cast<uint32_t>(g.state->world.clock.pass)});
+            g.state->options.trace->add(
+                {g.stages[stage].name, g.begin_ns[stage], duration, thread_index(), static_cast<uint32_t>(g.state->world.clock.pass)});
     }
     void add(std::span<const FrameStage> list) {
         for (const FrameStage& row : list) {
@@ -154,8 +154,10 @@ Frame::Frame(World world, const FrameOptions& options) : state_(new FrameState),
     g.pass_list = {&g, 0};
     g.end_list = {&g, g.end_first};
     const std::span<const Stage> all(g.stages);
-    g.pass = std::make_unique<JobGraph>(all.first(g.end_first), *state_, StageObserver{Graphs::begin_stage, Graphs::end_stage, &g.pass_list});
-    g.end = std::make_unique<JobGraph>(all.subspan(g.end_first), *state_, StageObserver{Graphs::begin_stage, Graphs::end_stage, &g.end_list});
+    g.pass =
+        std::make_unique<JobGraph>(all.first(g.end_first), *state_, StageObserver{Graphs::begin_stage, Graphs::end_stage, &g.pass_list});
+    g.end =
+        std::make_unique<JobGraph>(all.subspan(g.end_first), *state_, StageObserver{Graphs::begin_stage, Graphs::end_stage, &g.end_list});
     if (any_tear(w)) copy_torn_springs(w.springs, w.solids, w.bodies, w.tears, w.torn, w.torn_springs);
     if (any_energy(w) && options.account_energy) stages::energy(*state_);  // opens the books
     warm_up();
@@ -265,7 +267,8 @@ void detect_contacts(World& world) {
         held.position = state.world.poses.origin[tool.body] + rotate(held.orientation, tool.tip);
         state.scratch.device.insert(state.scratch.device.end(), state.world.clock.period + 1, held);
     }
-    const auto first = std::find_if(std::begin(kBegin), std::end(kBegin), [](const FrameStage& row) { return row.stage.name == kFirstDetection; });
+    const auto first =
+        std::find_if(std::begin(kBegin), std::end(kBegin), [](const FrameStage& row) { return row.stage.name == kFirstDetection; });
     for (auto row = first; row->stage.name != kAfterDetection; ++row)
         if (row->wanted(state.world)) row->stage.run(state);
     std::swap(state.world, world);

@@ -19,8 +19,8 @@ std::span<const FrameStage> begin_stages();    // at the contact rate
 std::span<const FrameStage> advance_stages();  // at the contact rate
 
 struct FrameOptions {
-    bool serial = false;        // run_serial instead of the job graph
-    bool clear_caches = false;  // forget hints, sweep orders and trees' shapes before every pass (tests)
+    bool serial = false;            // run_serial instead of the job graph
+    bool clear_caches = false;      // forget hints, sweep orders and trees' shapes before every pass (tests)
     bool look_at_sleepers = false;  // even where nothing has changed since the stage looked last (tests)
     bool account_energy = true;
     bool pictures = true;         // false: without the stages whose results only pictures show; snapshot_now works all the same

@@ -1,10 +1,9 @@
-#include "systems/frame_stages.hpp"
-
 #include <algorithm>
 
 #include "engine/parallel.hpp"
 #include "engine/thread_pool.hpp"
 #include "systems/advance_fine.hpp"
+#include "systems/frame_stages.hpp"
 #include "systems/island_memory.hpp"
 namespace trocar::stages {
 namespace {
@@ -66,8 +65,10 @@ void advance_one_island(FrameState& f, uint32_t row, AdvanceScratch& scratch) {
     const uint32_t calls = ticks_inside ? params.ticks : 1;  // the tick needs whole numbers of substeps in its millisecond
     params.substeps = calls * count_substeps(w.bodies, bodies, params.ticks * 1e-3 / calls, w.settings.substep, w.links.stable_dt);
     if (ticks_inside) params.tick_hook = {haptic_ticks, &ticks};
-    const AdvanceInputs inputs{w.meshes, w.springs, w.bodies, w.anchors, w.paths, w.haptics.tool, f.scratch.device, params.ticks + 1, other_forces(f), f.scratch.stop, w.haptics.jaw};
-    params.substeps *= finer_steps(inputs, w.particles, bodies, w.rows, rows, params.ticks * 1e-3 / params.substeps, params.ticks * 1e-3, scratch.touched);
+    const AdvanceInputs inputs{w.meshes,         w.springs,        w.bodies,        w.anchors,      w.paths,      w.haptics.tool,
+                               f.scratch.device, params.ticks + 1, other_forces(f), f.scratch.stop, w.haptics.jaw};
+    params.substeps *=
+        finer_steps(inputs, w.particles, bodies, w.rows, rows, params.ticks * 1e-3 / params.substeps, params.ticks * 1e-3, scratch.touched);
     advance_island(params, inputs, bodies, rows, scratch, w.particles, w.poses, w.rows, w.haptics.state, f.scratch.advance_result[row]);
 }
 
@@ -110,7 +111,8 @@ void choose_memory(FrameState& f) {
     }
     pick_large_islands(s.island_size, thread_count(), s.island_order, s.own_memory);
     s.advance.resize(std::max<size_t>(s.advance.size(), thread_count()));
-    s.own_advance.resize(std::max<size_t>(s.own_advance.size(), std::ranges::count_if(s.own_memory, [](uint32_t own) { return own != kNone; })));
+    s.own_advance.resize(
+        std::max<size_t>(s.own_advance.size(), std::ranges::count_if(s.own_memory, [](uint32_t own) { return own != kNone; })));
 }
 
 }  // namespace

@@ -1,8 +1,7 @@
-#include "systems/frame_stages.hpp"
-
 #include "engine/keyframe_path.hpp"
 #include "systems/come_and_go.hpp"
 #include "systems/device_input.hpp"
+#include "systems/frame_stages.hpp"
 #include "systems/node_switching.hpp"
 #include "systems/rigid_motion.hpp"
 #include "systems/tear_bodies.hpp"
@@ -58,7 +57,8 @@ void device_input(FrameState& f) {
     const size_t per_tool = w.clock.period + 1;
     f.scratch.device.resize(f.scratch.intended.size());
     for (size_t t = 0; t < w.haptics.tool.size(); ++t) {
-        predict_tool(w.haptics.tool[t], HapticParams{}.dt, w.haptics.state[t], std::span(f.scratch.intended).subspan(t * per_tool, per_tool),
+        predict_tool(w.haptics.tool[t], HapticParams{}.dt, w.haptics.state[t],
+                     std::span(f.scratch.intended).subspan(t * per_tool, per_tool),
                      std::span(f.scratch.device).subspan(t * per_tool, per_tool));
         // before the first tick nothing was accepted yet
         if (!w.haptics.state[t].device_valid) w.haptics.state[t].device = f.scratch.device[t * (w.clock.period + 1)];
@@ -71,7 +71,8 @@ void nodes(FrameState& f) {
 void rigid_motion(FrameState& f) { follow_paths(f.world.paths, pass_seconds(f.world), f.world.node_state.off, f.world.poses); }
 void link(FrameState& f) {
     World& w = f.world;
-    link_bodies(pass_seconds(w), w.haptics.state, {surfaces_of(w), w.solids, w.trees}, f.scratch.links, w.links, w.sleep, w.energy, w.report);
+    link_bodies(pass_seconds(w), w.haptics.state, {surfaces_of(w), w.solids, w.trees}, f.scratch.links, w.links, w.sleep, w.energy,
+                w.report);
 }
 void tear(FrameState& f) {
     World& w = f.world;
@@ -87,7 +88,8 @@ void come_and_go(FrameState& f) {
     const auto energies = [&] {
         Energy sum;
         for (const uint32_t body : leaving)
-            add_body_energy(w.springs, w.bodies, w.poses, w.particles, w.anchors, w.settings.gravity, body, f.scratch.energy.part[0], sum, other);
+            add_body_energy(w.springs, w.bodies, w.poses, w.particles, w.anchors, w.settings.gravity, body, f.scratch.energy.part[0], sum,
+                            other);
         return sum.kinetic + sum.elastic + sum.pressure + sum.bending + sum.gravity;
     };
     find_leaving(w.pools, w.lives, w.clock.tick, leaving);
@@ -107,7 +109,8 @@ void sleep(FrameState& f) {
         if (w.paths.body[p] == kNone || w.paths.keys[p].count == 0) continue;
         f.scratch.moving[w.paths.body[p]] = now <= w.paths.key[w.paths.keys[p].end() - 1].time + 2 * period_seconds(w);
     }
-    fall_asleep_and_wake(w.settings, w.clock.period, w.bodies, f.scratch.moving, f.scratch.sleep, w.sleep, w.particles, w.pairs, w.energy, w.report, linked_bodies(f));
+    fall_asleep_and_wake(w.settings, w.clock.period, w.bodies, f.scratch.moving, f.scratch.sleep, w.sleep, w.particles, w.pairs, w.energy,
+                         w.report, linked_bodies(f));
     number_sleeps(f);
 }
 

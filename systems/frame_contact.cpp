@@ -1,9 +1,8 @@
-#include "systems/frame_stages.hpp"
-
 #include <algorithm>
 #include <cmath>
 
 #include "systems/body_boxes.hpp"
+#include "systems/frame_stages.hpp"
 #include "systems/haptic_surface.hpp"
 #include "systems/level_of_detail.hpp"
 #include "systems/penetration.hpp"
@@ -11,7 +10,9 @@
 namespace trocar::stages {
 namespace {
 
-std::span<const ToolJaw> jaws_of(const Haptics& haptics, const HandTool& tool) { return std::span(haptics.jaw).subspan(tool.jaws.first, tool.jaws.count); }
+std::span<const ToolJaw> jaws_of(const Haptics& haptics, const HandTool& tool) {
+    return std::span(haptics.jaw).subspan(tool.jaws.first, tool.jaws.count);
+}
 
 // Hands on the way to where their devices will be, and free bodies, that come faster than rows look ahead. (A hand that
 // tissue holds back from its device is not fast: rows hold it.)
@@ -99,7 +100,8 @@ void candidate_pairs(FrameState& f) {
 void refit(FrameState& f) {
     World& w = f.world;
     refit_trees(w.bodies, w.particles, w.pairs, f.scratch.refit, w.trees);
-    find_stops(w.settings.contact.tolerance, f.scratch.fast, period_seconds(w), surfaces_of(w), w.boxes, w.pairs, w.trees, f.scratch.touch, f.scratch.stop);
+    find_stops(w.settings.contact.tolerance, f.scratch.fast, period_seconds(w), surfaces_of(w), w.boxes, w.pairs, w.trees, f.scratch.touch,
+               f.scratch.stop);
 }
 void rasterise_bodies(FrameState& f) {
     World& w = f.world;
@@ -107,7 +109,8 @@ void rasterise_bodies(FrameState& f) {
 }
 void candidate_cells(FrameState& f) {
     const World& w = f.world;
-    const DirectInput direct{surfaces_of(w), w.boxes, period_seconds(w), w.settings.gravity.norm(), f.direct_tests, f.scratch.reachable.jolt};
+    const DirectInput direct{surfaces_of(w),          w.boxes, period_seconds(w), w.settings.gravity.norm(), f.direct_tests,
+                             f.scratch.reachable.jolt};
     find_candidate_triangles(w.pairs, w.screened, w.occupancy, f.scratch.cells, f.world.candidates, &direct);
     drop_parted_triangles(surfaces_of(w), w.pairs, f.scratch.parted, f.world.candidates);
 }
@@ -132,7 +135,8 @@ void penetration(FrameState& f) {
 }
 void face_pass(FrameState& f) {
     World& w = f.world;
-    find_face_contacts(w.settings.contact, f.face_queries, surfaces_of(w), w.pairs, w.candidates, w.screened, w.near, w.trees, f.scratch.faces, w.contacts);
+    find_face_contacts(w.settings.contact, f.face_queries, surfaces_of(w), w.pairs, w.candidates, w.screened, w.near, w.trees,
+                       f.scratch.faces, w.contacts);
 }
 void deep_overlap(FrameState& f) {
     World& w = f.world;
@@ -147,7 +151,8 @@ void contact_rows(FrameState& f) {
     World& w = f.world;
     make_contact_rows(w.settings.contact, surfaces_of(w), w.pairs, w.contacts, w.penetrations, f.scratch.rows, w.report, w.rows);
     mark_pressed(surfaces_of(w), w.contact_memory, w.rows, f.scratch.memory);
-    drop_idle_rows(period_seconds(w), w.settings.gravity, surfaces_of(w), f.scratch.reachable.jolt, f.scratch.memory.pressed, f.scratch.rows, w.rows);
+    drop_idle_rows(period_seconds(w), w.settings.gravity, surfaces_of(w), f.scratch.reachable.jolt, f.scratch.memory.pressed,
+                   f.scratch.rows, w.rows);
     add_edge_rows(surfaces_of(w), w.boxes, w.pairs, w.candidates, f.scratch.edge_rows, w.rows);
     if (w.settings.contact.edges_ahead) {
         const double period = period_seconds(w), fall = 0.5 * w.settings.gravity.norm() * period * period;
@@ -164,13 +169,15 @@ void local_contact(FrameState& f) {
     World& w = f.world;
     w.local_contact.resize(w.haptics.tool.size());
     for (size_t t = 0; t < w.haptics.tool.size(); ++t) {
-        publish_local_contact(haptic_params(w.clock.contact_rate), surfaces_of(w), w.boxes.box, w.haptics.tool[t], w.haptics.state[t], pass_seconds(w),
-                              w.clock.pass + 1, f.scratch.local_contact, w.local_contact[t], jaws_of(w.haptics, w.haptics.tool[t]));
+        publish_local_contact(haptic_params(w.clock.contact_rate), surfaces_of(w), w.boxes.box, w.haptics.tool[t], w.haptics.state[t],
+                              pass_seconds(w), w.clock.pass + 1, f.scratch.local_contact, w.local_contact[t],
+                              jaws_of(w.haptics, w.haptics.tool[t]));
         w.local_contact[t].period = period_seconds(w);
         w.local_contact[t].in_hand = w.node_state.laid_down.empty() || !w.node_state.laid_down[t];
         publish_surfaces(w.haptics.surface, w.poses, w.local_contact[t]);
         if (!w.nodes.drive.empty() && w.bodies.inv_mass[w.haptics.tool[t].body] > 0)
-            publish_yield(w.nodes, w.node_state, 1 / w.bodies.inv_mass[w.haptics.tool[t].body], w.haptics.tool[t], w.haptics.state[t], w.local_contact[t]);
+            publish_yield(w.nodes, w.node_state, 1 / w.bodies.inv_mass[w.haptics.tool[t].body], w.haptics.tool[t], w.haptics.state[t],
+                          w.local_contact[t]);
         publish_give(surfaces_of(w), w.haptics.tool[t], w.haptics.state[t], f.scratch.local_contact, w.local_contact[t]);
     }
     if (f.contact_hook.published) f.contact_hook.published(f.contact_hook.user, w);

@@ -48,8 +48,8 @@ struct FrameScratch {
     std::vector<std::array<uint32_t, 2>> apart;  // bodies that do not meet
     std::vector<Box> swept_box;                  // what the last sweep was made over
     std::vector<std::array<uint32_t, 2>> swept_apart;
-    CandidatePairs swept;                        // and what it found
-    std::array<PairsAtRest, 2> at_rest;          // passes alternate between two lengths at most
+    CandidatePairs swept;                // and what it found
+    std::array<PairsAtRest, 2> at_rest;  // passes alternate between two lengths at most
     ReachablePairsScratch reachable;
     RefitTreesScratch refit;
     RasteriseScratch rasterise;
@@ -67,25 +67,25 @@ struct FrameScratch {
     ContactMemoryScratch memory;
     IslandsScratch islands;
     LinkScratch links;
-    HoldingGroups holding;                      // of this pass
+    HoldingGroups holding;                        // of this pass
     std::vector<std::array<uint32_t, 2>> joined;  // bodies, by links
     SleepScratch sleep;
-    std::vector<uint64_t> sleeps;               // per body: which sleep it is in, 0 = awake
+    std::vector<uint64_t> sleeps;  // per body: which sleep it is in, 0 = awake
     uint64_t last_sleep = 0;
     std::array<std::vector<uint64_t>, 5> seen;  // per stage and body: see Sleepers
     uint64_t next_pass = 0;                     // a clock that was put elsewhere means another state
-    std::vector<uint32_t> leaving;               // bodies whose life is over in this pass
+    std::vector<uint32_t> leaving;              // bodies whose life is over in this pass
     std::vector<uint8_t> moving;                // per body: by its script
     SurfaceNormalsScratch normals;
     EnergyScratch energy;
-    Poses coming;                               // poses with the coming speed of hands and free bodies
-    std::vector<FastBody> fast;                 // of this pass
-    std::vector<double> touch;                  // per pair, s into the pass
-    std::vector<double> stop;                   // s into the pass, per body where a fast one first touches; or empty
-    std::vector<AdvanceScratch> advance;        // per thread, for the islands that share
-    std::vector<AdvanceScratch> own_advance;    // of the islands that do not
-    std::vector<uint32_t> awake;                // islands to be advanced
-    std::vector<uint32_t> island_size;          // as awake: particles
+    Poses coming;                             // poses with the coming speed of hands and free bodies
+    std::vector<FastBody> fast;               // of this pass
+    std::vector<double> touch;                // per pair, s into the pass
+    std::vector<double> stop;                 // s into the pass, per body where a fast one first touches; or empty
+    std::vector<AdvanceScratch> advance;      // per thread, for the islands that share
+    std::vector<AdvanceScratch> own_advance;  // of the islands that do not
+    std::vector<uint32_t> awake;              // islands to be advanced
+    std::vector<uint32_t> island_size;        // as awake: particles
     std::vector<uint32_t> island_order;
     std::vector<uint32_t> own_memory;           // as awake: row of own_advance or kNone
     std::vector<AdvanceResult> advance_result;  // as awake
@@ -105,9 +105,9 @@ struct FrameState {
     FrameTimes times;
     ContactHook contact_hook;
     std::vector<std::string_view> island_name;  // with a trace, per body: of the island whose first body it is
-    uint32_t face_queries = 2000;  // of a pair, for its deepest point in a face: 2 ms
-    uint64_t direct_tests = 1 << 18;  // of a pair, up to which its triangles are compared without cells
-    double energy_start = 0;  // J, when the books were opened
+    uint32_t face_queries = 2000;               // of a pair, for its deepest point in a face: 2 ms
+    uint64_t direct_tests = 1 << 18;            // of a pair, up to which its triangles are compared without cells
+    double energy_start = 0;                    // J, when the books were opened
     bool energy_open = false;
 };
 

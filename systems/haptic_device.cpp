@@ -7,15 +7,12 @@
 namespace trocar {
 namespace {
 
-bool is_finite(const Quat& q) {
-    return std::isfinite(q.w) && std::isfinite(q.x) && std::isfinite(q.y) && std::isfinite(q.z);
-}
+bool is_finite(const Quat& q) { return std::isfinite(q.w) && std::isfinite(q.x) && std::isfinite(q.y) && std::isfinite(q.z); }
 
 // Whether a hand can have made this sample after the last good one.
 bool is_plausible(const HapticParams& params, const DeviceState& sample, const ToolState& state) {
     const Quat& q = sample.orientation;
-    if (!std::isfinite(sample.time) || !sample.position.allFinite() || !sample.velocity.allFinite() || !is_finite(q))
-        return false;
+    if (!std::isfinite(sample.time) || !sample.position.allFinite() || !sample.velocity.allFinite() || !is_finite(q)) return false;
     if (q.w * q.w + q.x * q.x + q.y * q.y + q.z * q.z < 1e-6) return false;
     if (!state.device_valid) return true;
     const double elapsed = sample.time - state.device.time;
@@ -36,8 +33,8 @@ bool take_sample(const HapticParams& params, const DeviceState& sample, ToolStat
     return true;
 }
 
-double next_gain(const HapticParams& params, const DeviceLimits& limits, bool accepted, double sample_age, double model_age,
-                 double elapsed, double gain) {
+double next_gain(const HapticParams& params, const DeviceLimits& limits, bool accepted, double sample_age, double model_age, double elapsed,
+                 double gain) {
     if (!accepted) return 0;
     const double oldest = limits.surface_age > 0 ? limits.surface_age : params.model_timeout;
     const bool stale = model_age > oldest || sample_age > params.device_timeout;

@@ -8,8 +8,8 @@ bool take_sample(const HapticParams& params, const DeviceState& sample, ToolStat
 
 // Share of the force let through after `elapsed` more seconds: none after a refused sample, falling while sample or model
 // are stale, else rising to one.
-double next_gain(const HapticParams& params, const DeviceLimits& limits, bool accepted, double sample_age, double model_age,
-                 double elapsed, double gain);
+double next_gain(const HapticParams& params, const DeviceLimits& limits, bool accepted, double sample_age, double model_age, double elapsed,
+                 double gain);
 
 // How far (m) the surface that gives way is beyond where its velocity alone takes it, with the device there at `time` (s):
 // the share of what the device went otherwise than it did at the pass.

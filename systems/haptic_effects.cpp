@@ -40,12 +40,18 @@ Vec3d effect_force(const HapticEffect& e, double rise_time, const EffectInput& i
         case EffectKind::kSpringPoint:
         case EffectKind::kSpringLine:
         case EffectKind::kSpringPlane:
-            return fade(in.age, rise_time) * (e.stiffness * along_spring(e, e.point - in.position) - e.damping * along_spring(e, in.velocity));
-        case EffectKind::kConstant: return e.force * e.direction;
-        case EffectKind::kImpulse: return impulse_force(e, in) * e.direction;
-        case EffectKind::kVibration: return e.force * std::sin(2 * kPi * e.frequency * in.age) * e.direction;
-        case EffectKind::kViscosity: return -e.damping * in.velocity;
-        case EffectKind::kInertia: return -e.mass * in.acceleration;
+            return fade(in.age, rise_time) *
+                   (e.stiffness * along_spring(e, e.point - in.position) - e.damping * along_spring(e, in.velocity));
+        case EffectKind::kConstant:
+            return e.force * e.direction;
+        case EffectKind::kImpulse:
+            return impulse_force(e, in) * e.direction;
+        case EffectKind::kVibration:
+            return e.force * std::sin(2 * kPi * e.frequency * in.age) * e.direction;
+        case EffectKind::kViscosity:
+            return -e.damping * in.velocity;
+        case EffectKind::kInertia:
+            return -e.mass * in.acceleration;
         case EffectKind::kMagnet:
             if (!in.near_surface || e.reach <= 0) break;
             return e.force * std::clamp(1 - in.gap / e.reach, 0.0, 1.0) * in.to_surface;
@@ -71,13 +77,19 @@ void run_triggers(std::span<const HapticEffect> effects, const EffectTriggers& t
         EffectState& s = state[k];
         bool start = false, stop = false;
         switch (e.trigger) {
-            case EffectTrigger::kTime: start = !s.running && t.time >= e.start - 1e-9 && !is_over(e, t.time - e.start); break;
+            case EffectTrigger::kTime:
+                start = !s.running && t.time >= e.start - 1e-9 && !is_over(e, t.time - e.start);
+                break;
             case EffectTrigger::kButton:
                 start = (pressed & e.buttons) != 0;
                 stop = e.duration <= 0 && e.kind != EffectKind::kImpulse && (t.buttons & e.buttons) == 0;
                 break;
-            case EffectTrigger::kTouch: start = t.touch, stop = e.duration <= 0 && e.kind != EffectKind::kImpulse && t.release; break;
-            case EffectTrigger::kRelease: start = t.release, stop = e.duration <= 0 && e.kind != EffectKind::kImpulse && t.touch; break;
+            case EffectTrigger::kTouch:
+                start = t.touch, stop = e.duration <= 0 && e.kind != EffectKind::kImpulse && t.release;
+                break;
+            case EffectTrigger::kRelease:
+                start = t.release, stop = e.duration <= 0 && e.kind != EffectKind::kImpulse && t.touch;
+                break;
         }
         if (s.running && (stop || is_over(e, t.time - s.since))) s.running = false;
         if (!start) continue;
@@ -86,8 +98,7 @@ void run_triggers(std::span<const HapticEffect> effects, const EffectTriggers& t
     }
 }
 
-void find_near_surface(const LocalContactModel& model, double age, const Vec3d& point, double tip_radius, double most,
-                       EffectInput& in) {
+void find_near_surface(const LocalContactModel& model, double age, const Vec3d& point, double tip_radius, double most, EffectInput& in) {
     double best = most;
     for (const TriangleGroup& group : model.group) {
         const double offset = tip_radius + model.half_thickness[group.triangles.first];

@@ -6,14 +6,14 @@ namespace trocar {
 
 // What an effect sees of the tool at one tick.
 struct EffectInput {
-    double age = 0;                        // s, since the effect started
-    double dt = 1e-3;                      // s, until the next tick
-    Vec3d position = Vec3d::Zero();        // m
-    Vec3d velocity = Vec3d::Zero();        // m/s
-    Vec3d acceleration = Vec3d::Zero();    // m/s^2
-    bool near_surface = false;             // kMagnet: a surface is within reach
-    Vec3d to_surface = Vec3d::Zero();      // unit, from the tip to its nearest point
-    double gap = 0;                        // m, between tip and surface; 0 where they touch
+    double age = 0;                      // s, since the effect started
+    double dt = 1e-3;                    // s, until the next tick
+    Vec3d position = Vec3d::Zero();      // m
+    Vec3d velocity = Vec3d::Zero();      // m/s
+    Vec3d acceleration = Vec3d::Zero();  // m/s^2
+    bool near_surface = false;           // kMagnet: a surface is within reach
+    Vec3d to_surface = Vec3d::Zero();    // unit, from the tip to its nearest point
+    double gap = 0;                      // m, between tip and surface; 0 where they touch
 };
 
 // Force of one effect (N, on the hand), closed forms beside each kind in components/haptics.hpp. Springs fade in over
@@ -25,7 +25,7 @@ std::array<double, 9> effect_stiffness(const HapticEffect& effect);
 
 // Starts and stops effects of one tool by its clock, buttons and contacts; `state` is theirs, one each.
 struct EffectTriggers {
-    double time = 0;            // s, now
+    double time = 0;  // s, now
     uint32_t buttons = 0, buttons_before = 0;
     bool touch = false, release = false;  // at this tick
 };
@@ -33,7 +33,6 @@ void run_triggers(std::span<const HapticEffect> effects, const EffectTriggers& t
 
 // Nearest surface of a local contact model to a point within `most` (m) beyond touching a tip of that radius: fills the
 // last three fields of `input`; near_surface stays false when there is none.
-void find_near_surface(const LocalContactModel& model, double age, const Vec3d& point, double tip_radius, double most,
-                       EffectInput& input);
+void find_near_surface(const LocalContactModel& model, double age, const Vec3d& point, double tip_radius, double most, EffectInput& input);
 
 }  // namespace trocar

@@ -71,8 +71,7 @@ DeviceState place_tool(const HandTool& tool, const DeviceState& device, ClutchSt
     return state;
 }
 
-DeviceCommand command_for_device(const HandTool& tool, const DeviceState& placed, const ClutchState& clutch,
-                                 const DeviceCommand& command) {
+DeviceCommand command_for_device(const HandTool& tool, const DeviceState& placed, const ClutchState& clutch, const DeviceCommand& command) {
     Matrix jacobian = Matrix::Identity();
     Vec3d force = command.force, torque = command.torque, at = command.at;
     if (tool.pivot.kind != PivotKind::kNone) {

@@ -14,7 +14,6 @@ DeviceState place_tool(const HandTool& tool, const DeviceState& device, ClutchSt
 // What the device must do for the tool to feel `command` (world, at the tip), by virtual work: F_device =
 // scale turn^T J^T (F + torque of the lever), stiffness and place likewise. Of the torque the roll passes a pivot, all of
 // it passes without one. `placed` is what place_tool gave.
-DeviceCommand command_for_device(const HandTool& tool, const DeviceState& placed, const ClutchState& clutch,
-                                 const DeviceCommand& command);
+DeviceCommand command_for_device(const HandTool& tool, const DeviceState& placed, const ClutchState& clutch, const DeviceCommand& command);
 
 }  // namespace trocar

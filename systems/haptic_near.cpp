@@ -10,8 +10,8 @@
 namespace trocar {
 namespace {
 
-constexpr double kFirstReach = 3e-5;  // m, beyond touching, of a look for the surface that carries the tip
-constexpr uint32_t kUsualGroups = 512;   // room for so many groups is set aside at once
+constexpr double kFirstReach = 3e-5;    // m, beyond touching, of a look for the surface that carries the tip
+constexpr uint32_t kUsualGroups = 512;  // room for so many groups is set aside at once
 constexpr double kNever = std::numeric_limits<double>::infinity();
 
 bool within_distance(const Vec3d& a, const Vec3d& b, double distance) { return (a - b).squaredNorm() <= distance * distance; }
@@ -38,27 +38,31 @@ struct TipReach {
 
 bool may_meet(const LocalContactModel& model, const TriangleGroup& group, const TipReach& tip) {
     const double age = tip.at.age, reach = touching_distance(model, group, tip.tip_radius) + tip.travel;
-    return within_distance(group.centre + age * group.velocity + beyond(model, tip.at, group.body), tip.centre, group.radius + group.spread * std::abs(age) + reach);
+    return within_distance(group.centre + age * group.velocity + beyond(model, tip.at, group.body), tip.centre,
+                           group.radius + group.spread * std::abs(age) + reach);
 }
 
 template <typename Lanes>
-Vec8f way_along(const std::array<Lanes, 3>& centre, const std::array<Lanes, 3>& velocity, float age, const Vec3& point, size_t axis, size_t first = 0) {
+Vec8f way_along(const std::array<Lanes, 3>& centre, const std::array<Lanes, 3>& velocity, float age, const Vec3& point, size_t axis,
+                size_t first = 0) {
     return lanes_of(point[static_cast<long>(axis)]) - load_lanes(centre[axis], first) - lanes_of(age) * load_lanes(velocity[axis], first);
 }
 
 // A point as a group or a block sees it that goes on to another time: from its centre, and what lanes may round.
 struct PointFrom {
     Vec3 point;
-    float age = 0;       // s
-    double rounding = 0; // m
+    float age = 0;        // s
+    double rounding = 0;  // m
 };
 PointFrom point_from(const TriangleGroup& group, double age, const Vec3d& point, double offset) {
     const Vec3d from = point - group.centre - age * group.velocity;
-    return {from.cast<float>(), static_cast<float>(age), kLaneRounding * (from.norm() + offset + group.radius + std::abs(age) * group.spread)};
+    return {from.cast<float>(), static_cast<float>(age),
+            kLaneRounding * (from.norm() + offset + group.radius + std::abs(age) * group.spread)};
 }
 
 // How far (m) from touching a tip there the parts of a run are at least.
-BlockLanes gaps_of(const TriangleGroup& run, const GroupBalls& ball, const SurfaceTime& at, const Vec3d& beyond, const Vec3d& centre, double offset) {
+BlockLanes gaps_of(const TriangleGroup& run, const GroupBalls& ball, const SurfaceTime& at, const Vec3d& beyond, const Vec3d& centre,
+                   double offset) {
     const PointFrom from = point_from(run, at.age, centre - beyond, offset);
     BlockLanes gap;
     for (size_t first = 0; first < kBlockGroups; first += 8) {
@@ -72,9 +76,11 @@ BlockLanes gaps_of(const TriangleGroup& run, const GroupBalls& ball, const Surfa
 
 // Calls visit(part of a run, m from touching the tip at least) for those that may come within its reach.
 template <typename Visit>
-void for_parts_near(const LocalContactModel& model, const TriangleGroup& run, const GroupBalls& ball, const TipReach& tip, const Visit& visit) {
+void for_parts_near(const LocalContactModel& model, const TriangleGroup& run, const GroupBalls& ball, const TipReach& tip,
+                    const Visit& visit) {
     if (!may_meet(model, run, tip)) return;
-    const BlockLanes gap = gaps_of(run, ball, tip.at, beyond(model, tip.at, run.body), tip.centre, touching_distance(model, run, tip.tip_radius));
+    const BlockLanes gap =
+        gaps_of(run, ball, tip.at, beyond(model, tip.at, run.body), tip.centre, touching_distance(model, run, tip.tip_radius));
     for (uint32_t k = 0; k < run.triangles.count; ++k)
         if (static_cast<double>(gap[k]) <= tip.travel) visit(k, gap[k]);
 }
@@ -100,8 +106,12 @@ void start_path(const Vec3d& centre, NearSurface& near) {
     near.path = 0;
 }
 
-EightPoints load_eight(const std::array<GroupLanes, 3>& lanes) { return {load_lanes(lanes[0]), load_lanes(lanes[1]), load_lanes(lanes[2])}; }
-EightPoints eight_of(const Vec3d& p) { return {lanes_of(static_cast<float>(p.x())), lanes_of(static_cast<float>(p.y())), lanes_of(static_cast<float>(p.z()))}; }
+EightPoints load_eight(const std::array<GroupLanes, 3>& lanes) {
+    return {load_lanes(lanes[0]), load_lanes(lanes[1]), load_lanes(lanes[2])};
+}
+EightPoints eight_of(const Vec3d& p) {
+    return {lanes_of(static_cast<float>(p.x())), lanes_of(static_cast<float>(p.y())), lanes_of(static_cast<float>(p.z()))};
+}
 
 // Nearest to the origin on r + t e, 0 <= t <= 1.
 EightPoints nearest_on_sides(const EightPoints& r, const EightPoints& e, Vec8f length2) {
@@ -120,9 +130,12 @@ void look_at(NearSurface& near, uint32_t row) {
     const double age = near.time.age, extent = of.radius + of.spread * std::abs(age);
     const Vec3d from = near.at - beyond(model, near.time, group.body) - of.centre - age * of.velocity;
     const double far = from.norm() + group.offset + extent;
-    const Vec8f doubt = lanes_of(static_cast<float>(kLaneRounding * far)), narrow = lanes_of(static_cast<float>(kLaneRounding * far * extent));
+    const Vec8f doubt = lanes_of(static_cast<float>(kLaneRounding * far)),
+                narrow = lanes_of(static_cast<float>(kLaneRounding * far * extent));
     const TriangleLanes& lanes = model.lanes[group.group];
-    const auto corner = [&](size_t k) { return load_eight(lanes.corner[k]) + lanes_of(static_cast<float>(age)) * load_eight(lanes.velocity[k]); };
+    const auto corner = [&](size_t k) {
+        return load_eight(lanes.corner[k]) + lanes_of(static_cast<float>(age)) * load_eight(lanes.velocity[k]);
+    };
     EightPoints a = corner(0), b = corner(1), c = corner(2);
     const EightPoints ab = b - a, bc = c - b, ca = a - c, p = eight_of(from);
     a = a - p, b = b - p, c = c - p;
@@ -159,7 +172,8 @@ GapsAlong gaps_along(const NearSurface& near, uint32_t row, const Vec3d& step, d
     const Vec8f nearer = dot(eight_of(gone), offset) + lanes_of(static_cast<float>(gone.norm())) * doubt;  // m2, for the distance
     const Vec8f inverse = lanes_of(1) / greatest(distance, lanes_of(1e-30f));
     const Vec8f touching = lanes_of(static_cast<float>(near.group[row].offset + kHair));
-    return {distance - doubt - touching - nearer * inverse, (dot(eight_of(step), offset) + lanes_of(static_cast<float>(length)) * doubt) * inverse};
+    return {distance - doubt - touching - nearer * inverse,
+            (dot(eight_of(step), offset) + lanes_of(static_cast<float>(length)) * doubt) * inverse};
 }
 
 uint32_t lanes_within(const GapsAlong& g, double beyond) {
@@ -278,19 +292,22 @@ TrianglePoint closest_on_row(const NearSurface& near, uint32_t row, const Vec3d&
 double fastest_near(const LocalContactModel& model, const SurfaceTime& at, const HandTool& tool, const Vec3d& centre, double travel) {
     const TipReach tip{at, centre, tool.tip_radius, travel};
     double fastest = 0;
-    for_blocks_near(model, tip, [&](uint32_t b) {
-        for_parts_near(model, model.block[b], model.ball[b], tip, [&](uint32_t k, float) {
-            if (static_cast<double>(model.ball[b].speed[k]) <= fastest) return;
-            const TriangleGroup& group = model.group[model.block[b].triangles.first + k];
-            const double speed = group.velocity.norm() + group.spread;
-            if (speed > fastest && may_meet(model, group, tip)) fastest = speed;
-        });
-    }, &fastest);
+    for_blocks_near(
+        model, tip,
+        [&](uint32_t b) {
+            for_parts_near(model, model.block[b], model.ball[b], tip, [&](uint32_t k, float) {
+                if (static_cast<double>(model.ball[b].speed[k]) <= fastest) return;
+                const TriangleGroup& group = model.group[model.block[b].triangles.first + k];
+                const double speed = group.velocity.norm() + group.spread;
+                if (speed > fastest && may_meet(model, group, tip)) fastest = speed;
+            });
+        },
+        &fastest);
     return std::min(fastest, model.fastest);
 }
 
-void gather_near(const LocalContactModel& model, const SurfaceTime& at, const HandTool& tool, const Vec3d& centre,
-                 double travel, NearSurface& near) {
+void gather_near(const LocalContactModel& model, const SurfaceTime& at, const HandTool& tool, const Vec3d& centre, double travel,
+                 NearSurface& near) {
     near.group.clear();
     near.model = &model;
     near.time = at;

@@ -44,12 +44,12 @@ struct NearTriangle {
     uint32_t body = kNone;
     bool sheet = false;
     bool has_normal = false;
-    bool held = false;            // its plane is among the planes of the present step
-    uint32_t touch = 0;           // row of HapticScratch::touched, if that one names this triangle
-    double offset = 0;            // m, as NearGroup
-    std::array<Vec3d, 3> corner;  // m
+    bool held = false;                       // its plane is among the planes of the present step
+    uint32_t touch = 0;                      // row of HapticScratch::touched, if that one names this triangle
+    double offset = 0;                       // m, as NearGroup
+    std::array<Vec3d, 3> corner;             // m
     std::array<float, 3> angle{-1, -1, -1};  // rad, roughly, at its corners; below zero until it was asked for
-    Vec3d normal = Vec3d::Zero();  // see normal_of
+    Vec3d normal = Vec3d::Zero();            // see normal_of
 };
 
 // Triangle of a group as the tip sees it along a step from where it is.
@@ -63,27 +63,27 @@ struct TriangleAhead {
 // are seen eight triangles at a time, as floats, which tells the few that have to be asked exactly. That saves time and never changes
 // an answer.
 struct NearSurface {
-    std::vector<NearGroup> group;          // ascending
-    std::vector<GroupSight> sight;         // of each, since it was looked at
-    std::vector<NearTriangle> triangle;    // those that were asked for, in this order
-    std::vector<TriangleAhead> ahead;      // see find_within, find_ahead
-    std::vector<uint32_t> place;           // of triangles of models: where in `triangle` it is, if it says so there
-    Vec3d at = Vec3d::Zero();              // m, the tip's centre
-    uint32_t places = 0;                   // where it was since the groups were gathered, this one included
-    double path = 0;                       // m, it went since the groups were placed
-    double tip_radius = 0;                 // m
+    std::vector<NearGroup> group;        // ascending
+    std::vector<GroupSight> sight;       // of each, since it was looked at
+    std::vector<NearTriangle> triangle;  // those that were asked for, in this order
+    std::vector<TriangleAhead> ahead;    // see find_within, find_ahead
+    std::vector<uint32_t> place;         // of triangles of models: where in `triangle` it is, if it says so there
+    Vec3d at = Vec3d::Zero();            // m, the tip's centre
+    uint32_t places = 0;                 // where it was since the groups were gathered, this one included
+    double path = 0;                     // m, it went since the groups were placed
+    double tip_radius = 0;               // m
     SurfaceTime time;
     const LocalContactModel* model = nullptr;  // of this tick
-    uint32_t found = 0;                    // triangles by the last of find_within and find_ahead
-    uint32_t asked = 0;                    // features that were touched and looks ahead (each as several of them), since they were gathered
-    bool ask_all = false;                  // tests: ask every triangle of the model exactly
+    uint32_t found = 0;                        // triangles by the last of find_within and find_ahead
+    uint32_t asked = 0;    // features that were touched and looks ahead (each as several of them), since they were gathered
+    bool ask_all = false;  // tests: ask every triangle of the model exactly
 };
 
 // Speed (m/s) of the fastest surface that may come nearer than `travel` (m) to touching a tip at `centre`, or a bound on it.
 double fastest_near(const LocalContactModel& model, const SurfaceTime& at, const HandTool& tool, const Vec3d& centre, double travel);
 // Takes the groups of triangles that a tip may touch somewhere nearer than `travel` (m) to `centre`, as they lie then.
-void gather_near(const LocalContactModel& model, const SurfaceTime& at, const HandTool& tool, const Vec3d& centre,
-                 double travel, NearSurface& near);
+void gather_near(const LocalContactModel& model, const SurfaceTime& at, const HandTool& tool, const Vec3d& centre, double travel,
+                 NearSurface& near);
 // Puts them where they are at another time.
 void place_near(const SurfaceTime& at, const Vec3d& centre, NearSurface& near);
 // Moves the tip there.

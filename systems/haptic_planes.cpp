@@ -18,8 +18,7 @@ Projection on_line(const Vec3d& goal, const HalfSpaces& planes, uint32_t i, uint
     const Vec3d along = a.normal.cross(b.normal);
     const double sine2 = along.squaredNorm(), cosine = a.normal.dot(b.normal);
     const double miss_a = a.bound - a.normal.dot(goal), miss_b = b.bound - b.normal.dot(goal);
-    const Vec3d foot =
-        goal + ((miss_a - cosine * miss_b) / sine2) * a.normal + ((miss_b - cosine * miss_a) / sine2) * b.normal;
+    const Vec3d foot = goal + ((miss_a - cosine * miss_b) / sine2) * a.normal + ((miss_b - cosine * miss_a) / sine2) * b.normal;
     double low = -kInfinity, high = kInfinity;
     uint32_t low_row = kNone, high_row = kNone;
     for (uint32_t k = 0; k < j; ++k) {
@@ -61,8 +60,7 @@ Projection on_plane(const Vec3d& goal, const HalfSpaces& planes, uint32_t i) {
 
 bool HalfSpaces::add(const HalfSpace& plane) {
     for (uint32_t k = 0; k < count; ++k)
-        if ((row[k].normal - plane.normal).squaredNorm() < 1e-24 && std::abs(row[k].bound - plane.bound) < kTiny)
-            return true;
+        if ((row[k].normal - plane.normal).squaredNorm() < 1e-24 && std::abs(row[k].bound - plane.bound) < kTiny) return true;
     if (count == kCapacity) return false;
     row[count++] = plane;
     return true;

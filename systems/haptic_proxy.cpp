@@ -11,14 +11,14 @@
 namespace trocar {
 namespace {
 
-constexpr double kConverged = 1e-10;  // m, a smaller step ends the search
-constexpr uint32_t kSteps = 16;       // of one search; a longer one goes on in the next tick
+constexpr double kConverged = 1e-10;                       // m, a smaller step ends the search
+constexpr uint32_t kSteps = 16;                            // of one search; a longer one goes on in the next tick
 constexpr uint32_t kMostFeatures = HalfSpaces::kCapacity;  // of a step; a crowd of more is as much as a tick has time for
-constexpr uint32_t kMostAsked = 60;   // of NearSurface::asked, before another step is too much for a tick
-constexpr uint32_t kLook = 8;         // features that a look ahead counts for
-constexpr uint32_t kFound = 8;       // triangles found by it that count for one
-constexpr uint32_t kSweeps = 40;      // Newton steps to the first touch of one triangle
-constexpr double kFirstLook = 3e-4;   // m, of a sweep is looked at first; four times as far each time that it is free
+constexpr uint32_t kMostAsked = 60;                        // of NearSurface::asked, before another step is too much for a tick
+constexpr uint32_t kLook = 8;                              // features that a look ahead counts for
+constexpr uint32_t kFound = 8;                             // triangles found by it that count for one
+constexpr uint32_t kSweeps = 40;                           // Newton steps to the first touch of one triangle
+constexpr double kFirstLook = 3e-4;                        // m, of a sweep is looked at first; four times as far each time that it is free
 
 // ---- features ----
 
@@ -48,12 +48,8 @@ FeatureVertices feature_vertices(const Triangle& t, Feature feature) {
     return {};
 }
 int dimension(Feature feature) { return feature == Feature::kFace ? 2 : feature >= Feature::kEdge0 ? 1 : 0; }
-bool holds(const Triangle& t, const FeatureVertices& f) {
-    return has_vertex(t, f.a) && (f.b == kNone || has_vertex(t, f.b));
-}
-bool same_feature(const FeatureVertices& f, const FeatureVertices& g) {
-    return (f.a == g.a && f.b == g.b) || (f.a == g.b && f.b == g.a);
-}
+bool holds(const Triangle& t, const FeatureVertices& f) { return has_vertex(t, f.a) && (f.b == kNone || has_vertex(t, f.b)); }
+bool same_feature(const FeatureVertices& f, const FeatureVertices& g) { return (f.a == g.a && f.b == g.b) || (f.a == g.b && f.b == g.a); }
 
 // Sine and cosine of a triangle's angle at a vertex, times the lengths of its sides there.
 struct Corner {
@@ -70,7 +66,8 @@ constexpr double kRoughAngle = 0.006;  // rad
 Corner corner_at(const NearSurface& near, uint32_t row, uint32_t vertex) {
     const Triangle& t = vertices_of(near, row);
     const uint32_t k = t[0] == vertex ? 0 : t[1] == vertex ? 1 : 2;
-    const Vec3d corner = corner_of(near, row, k), u = corner_of(near, row, (k + 1) % 3) - corner, v = corner_of(near, row, (k + 2) % 3) - corner;
+    const Vec3d corner = corner_of(near, row, k), u = corner_of(near, row, (k + 1) % 3) - corner,
+                v = corner_of(near, row, (k + 2) % 3) - corner;
     return {u.cross(v).norm(), u.dot(v)};
 }
 
@@ -174,7 +171,8 @@ void add_nearest(const Vec3d& centre, HapticScratch& scratch) {
         touched.resize(kMostFeatures);
         return touched.back().distance;
     };
-    std::nth_element(crowd.begin(), crowd.begin() + kMostFeatures, crowd.end(), [](const TriangleAhead& a, const TriangleAhead& b) { return a.least < b.least; });
+    std::nth_element(crowd.begin(), crowd.begin() + kMostFeatures, crowd.end(),
+                     [](const TriangleAhead& a, const TriangleAhead& b) { return a.least < b.least; });
     double farthest = kAll;  // m, of the nearest kMostFeatures so far
     for (const TriangleAhead& one : crowd) {
         if (one.least > farthest) continue;
@@ -214,8 +212,7 @@ const Planes& gather_planes(const Vec3d& centre, HapticScratch& scratch) {
             scratch.near.triangle[f.near].held = planes.half_spaces.add({normal_of(scratch.near, f.near), reach});
         } else {
             const double side = behind ? 1 : -1;
-            scratch.near.triangle[f.near].held =
-                planes.half_spaces.add({side / f.distance * f.offset, reach + side * f.distance});
+            scratch.near.triangle[f.near].held = planes.half_spaces.add({side / f.distance * f.offset, reach + side * f.distance});
         }
     }
     return planes;
@@ -227,8 +224,7 @@ struct GapAlong {
     double gap = 0, approach = 0;  // m, m per step
     bool behind = false;
 };
-GapAlong gap_along(NearSurface& near, uint32_t row, const Vec3d& from, const Vec3d& step, double t,
-                   bool ask_side) {
+GapAlong gap_along(NearSurface& near, uint32_t row, const Vec3d& from, const Vec3d& step, double t, bool ask_side) {
     const TrianglePoint q = closest_on_row(near, row, from + t * step);
     const double distance = std::sqrt(q.squared_distance);
     GapAlong g;
@@ -248,8 +244,7 @@ bool stays_open(const GapAlong& start, const GapAlong& finish, double end) {
 
 // Share of the way from `from` by `step` until the tip first touches a triangle: Newton's method on the distance, which
 // is convex along a line, so it comes from the free side and never passes. 1 if it does not touch before `least`.
-double sweep_to_triangle(NearSurface& near, uint32_t row, const Vec3d& from, const Vec3d& step,
-                         double least) {
+double sweep_to_triangle(NearSurface& near, uint32_t row, const Vec3d& from, const Vec3d& step, double least) {
     double t = 0;
     for (uint32_t k = 0; k < kSweeps; ++k) {
         const GapAlong g = gap_along(near, row, from, step, t, k > 0);
@@ -275,7 +270,8 @@ double sweep_at_once(const Vec3d& from, const Vec3d& step, HapticScratch& scratc
     std::vector<TriangleAhead>& ahead = near.ahead;
     double least = 1;
     while (!ahead.empty()) {
-        const auto soonest = std::min_element(ahead.begin(), ahead.end(), [](const TriangleAhead& a, const TriangleAhead& b) { return a.from < b.from; });
+        const auto soonest =
+            std::min_element(ahead.begin(), ahead.end(), [](const TriangleAhead& a, const TriangleAhead& b) { return a.from < b.from; });
         const uint32_t row = ask_for(near, soonest->triangle);
         if (!near.triangle[row].held) least = std::min(least, sweep_to_triangle(near, row, from, step, least));
         *soonest = ahead.back();
@@ -359,13 +355,14 @@ void find_touched(const Vec3d& centre, HapticScratch& scratch) {
     std::erase_if(touched, [](const TouchedFeature& f) { return f.shadowed; });
 }
 
-void gather_surface(const LocalContactModel& model, const SurfaceTime& at, const HandTool& tool, const Vec3d& centre, double travel, HapticScratch& scratch) {
+void gather_surface(const LocalContactModel& model, const SurfaceTime& at, const HandTool& tool, const Vec3d& centre, double travel,
+                    HapticScratch& scratch) {
     scratch.planes_place = kNone;
     gather_near(model, at, tool, centre, travel, scratch.near);
 }
 
-ProxySearch find_proxy(const Vec3d& start, const Vec3d& goal, const Room& room, double friction, bool was_outside,
-                       HapticScratch& scratch, bool leave_crowd) {
+ProxySearch find_proxy(const Vec3d& start, const Vec3d& goal, const Room& room, double friction, bool was_outside, HapticScratch& scratch,
+                       bool leave_crowd) {
     ProxySearch s;
     s.proxy = start;
     for (uint32_t k = 0; k < kSteps; ++k) {

@@ -10,7 +10,7 @@ namespace trocar {
 
 // Part of a near triangle that the tip touches.
 struct TouchedFeature {
-    uint32_t near = 0;  // row of NearSurface::triangle
+    uint32_t near = 0;      // row of NearSurface::triangle
     uint32_t triangle = 0;  // of the model
     Feature feature = Feature::kFace;
     Triangle vertex{};             // of the triangle
@@ -28,14 +28,15 @@ struct Planes {
 struct HapticScratch {
     NearSurface near;
     std::vector<TouchedFeature> touched;
-    bool touched_crowd = false;    // and more than these are
-    Planes planes;                 // of near.places = planes_place
+    bool touched_crowd = false;  // and more than these are
+    Planes planes;               // of near.places = planes_place
     uint32_t planes_place = kNone;
     ShellScratch shell;  // of a tool that has one
 };
 
 // Takes the triangles that a tip may come to in a tick: see gather_near.
-void gather_surface(const LocalContactModel& model, const SurfaceTime& at, const HandTool& tool, const Vec3d& centre, double travel, HapticScratch& scratch);
+void gather_surface(const LocalContactModel& model, const SurfaceTime& at, const HandTool& tool, const Vec3d& centre, double travel,
+                    HapticScratch& scratch);
 
 // Fills scratch.touched with the features nearer to `centre` than their offset, and only those that are nearest points
 // of the surface around them: the rest belong to a neighbour that is touched nearer.
@@ -60,7 +61,7 @@ struct Room {
 // its steps and of what they asked since the triangles were gathered: places of many triangles take several ticks, a step
 // of 0.3 mm in each at least.
 // `leave_crowd`: where so much is touched that there is time for one step alone, none is made.
-ProxySearch find_proxy(const Vec3d& start, const Vec3d& goal, const Room& room, double friction, bool was_outside,
-                       HapticScratch& scratch, bool leave_crowd = false);
+ProxySearch find_proxy(const Vec3d& start, const Vec3d& goal, const Room& room, double friction, bool was_outside, HapticScratch& scratch,
+                       bool leave_crowd = false);
 
 }  // namespace trocar

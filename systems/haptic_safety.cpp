@@ -18,7 +18,8 @@ bool is_finite(const DeviceCommand& c) {
 }
 
 // `force` with the damping that takes a debt of energy back, as far as the limits let it.
-Vec3d damped(const Dissipation& limits, double dt, const Vec3d& velocity, double least_speed2, const Vec3d& force, double& energy, double& dissipated) {
+Vec3d damped(const Dissipation& limits, double dt, const Vec3d& velocity, double least_speed2, const Vec3d& force, double& energy,
+             double& dissipated) {
     const double speed2 = velocity.squaredNorm();
     if (!(energy < 0 && force.squaredNorm() > 0 && speed2 > least_speed2 && limits.damping > 0)) return force;
     const Vec3d felt = limited_to(force - std::min(-energy / (dt * speed2), limits.damping) * velocity, limits.most);
@@ -60,8 +61,8 @@ Vec3d dissipate(const Dissipation& limits, double dt, const Vec3d& device, const
 Vec3d dissipate_turning(const Dissipation& limits, double dt, const Quat& device, const Vec3d& spin, const Quat& proxy, const Vec3d& pull,
                         const Vec3d& contact_torque, SafetyState& state) {
     const Vec3d mean = 0.5 * (state.pull_torque + pull);
-    state.turn_energy += mean.dot(rotation_vector(state.from_proxy_turn, proxy)) -
-                         state.contact_torque.dot(rotation_vector(state.from_device_turn, device));
+    state.turn_energy +=
+        mean.dot(rotation_vector(state.from_proxy_turn, proxy)) - state.contact_torque.dot(rotation_vector(state.from_device_turn, device));
     state.lowest_turn_energy = std::min(state.lowest_turn_energy, state.turn_energy);
     state.from_device_turn = device;
     state.from_proxy_turn = proxy;
@@ -72,8 +73,8 @@ Vec3d dissipate_turning(const Dissipation& limits, double dt, const Quat& device
     return torque;
 }
 
-void limit_command(const DeviceLimits& limits, double max_force, double dt, bool safe, const DeviceCommand& wanted,
-                   SafetyState& state, DeviceCommand& output) {
+void limit_command(const DeviceLimits& limits, double max_force, double dt, bool safe, const DeviceCommand& wanted, SafetyState& state,
+                   DeviceCommand& output) {
     if (safe || !is_finite(wanted)) {
         const Vec3d at = wanted.at.allFinite() ? wanted.at : output.at;
         output = {};

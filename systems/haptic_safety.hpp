@@ -30,7 +30,7 @@ Vec3d dissipate_turning(const Dissipation& limits, double dt, const Quat& device
 // What the device is told in the end: `wanted` within its largest force and torque (scaled, direction kept), changing
 // no faster than its slew limits from `output`; nothing at once where wanted is no number or `safe` is set. Stiffness
 // shrinks with the force. Counts in `state`.
-void limit_command(const DeviceLimits& limits, double max_force, double dt, bool safe, const DeviceCommand& wanted,
-                   SafetyState& state, DeviceCommand& output);
+void limit_command(const DeviceLimits& limits, double max_force, double dt, bool safe, const DeviceCommand& wanted, SafetyState& state,
+                   DeviceCommand& output);
 
 }  // namespace trocar

@@ -31,8 +31,8 @@ struct Pose {
     Vec3d tip = Vec3d::Zero();
     Quat turn;
     // of a tool with jaws
-    double grip = 0;                       // rad
-    double reach = 0;                      // m a radian, of the jaws
+    double grip = 0;                                            // rad
+    double reach = 0;                                           // m a radian, of the jaws
     std::span<const ShellPoint> point = {}, point_before = {};  // at this grip and at that of the tick before
 };
 
@@ -61,8 +61,7 @@ Span span_of(const HapticParams& params, const LocalContactModel& model, double 
 }
 
 // Takes up where everything is, and how far it may have come since the scratch was told how near it is.
-void note_ways(const LocalContactModel& model, const HandTool& tool, const SurfaceMoment& moment, const Pose& pose,
-               ShellScratch& s) {
+void note_ways(const LocalContactModel& model, const HandTool& tool, const SurfaceMoment& moment, const Pose& pose, ShellScratch& s) {
     const size_t points = tool.shell.size(), rows = model.shell.clear.size();
     const bool anew = s.place.size() != points || s.sequence != model.sequence || s.model_time != model.time || s.clear.size() != rows;
     if (anew) {
@@ -115,7 +114,8 @@ NearestTriangle nearest_to(const LocalContactModel& model, uint32_t tree, uint32
     NearestTriangle nearest;
     const bool asked = around.models == s.models;
     if (std::abs(s.moment.age) <= model.shell.ahead && (asked || !model.shell.found.empty())) {
-        const double gone = (place - (asked ? around.place : then)).norm() + surface, far = model.shell.around - (place - then).norm() - s.followed;
+        const double gone = (place - (asked ? around.place : then)).norm() + surface,
+                     far = model.shell.around - (place - then).norm() - s.followed;
         const TrianglesAround& found = asked ? around.found : model.shell.found[row];
         if (nearest_of(model, found, place, gone, far, reach, s.surface, nearest)) return nearest;
     }
@@ -173,7 +173,8 @@ struct Need {
     double of(const Vec3d& arm) const { return std::clamp((step.shift + step.turn.cross(arm)).norm(), least, most); }
 };
 
-// One bit each of the points k, ..., k + 3, whose rows begin at `row`, that may be nearer than `within` to a surface by what ways alone tell.
+// One bit each of the points k, ..., k + 3, whose rows begin at `row`, that may be nearer than `within` to a surface by what ways alone
+// tell.
 uint32_t four_near(const LocalContactModel& model, uint32_t row, uint32_t k, double within, const ShellScratch& s) {
     const auto four = [](const double* x) { return (Vec4d)_mm256_loadu_pd(x); };
     const Vec4d surface = four(&model.shell.speed[row]) * all_lanes(s.aged), own = all_lanes(s.turned) * four(&s.radius[k]);
@@ -346,10 +347,12 @@ Look move_shell(const LocalContactModel& model, const HandTool& tool, const Shel
         if (!(f.normal > 0)) continue;
         bool sliding = plane.sliding;
         if (!span.again) {
-            const Vec3d went = step.shift + step.turn.cross(plane.arm) - plane.carried, along = went - plane.normal.dot(went) * plane.normal;
+            const Vec3d went = step.shift + step.turn.cross(plane.arm) - plane.carried,
+                        along = went - plane.normal.dot(went) * plane.normal;
             sliding = f.yields && along.norm() > kSlow * span.elapsed;
         }
-        state.contact.push_back({plane.point, plane.body, rotate(turned, plane.arm), f.force, f.slip, f.normal / springs.surface_stiffness, plane.side, sliding});
+        state.contact.push_back({plane.point, plane.body, rotate(turned, plane.arm), f.force, f.slip, f.normal / springs.surface_stiffness,
+                                 plane.side, sliding});
     }
     Pose moved = pose;
     moved.tip = state.proxy, moved.turn = state.proxy_turn;
@@ -452,7 +455,8 @@ void slew_command(const HapticParams& params, const HandTool& tool, const Wrench
     double lever = 1e-3;  // m
     for (const ShellContact& c : state.contact) lever = std::max(lever, c.arm.norm());
     // what is let go keeps the lever that it had
-    if (const double last = state.command.force.norm(); last > 0) lever = std::max(lever, std::min(tool.shell_radius, state.command.torque.norm() / last));
+    if (const double last = state.command.force.norm(); last > 0)
+        lever = std::max(lever, std::min(tool.shell_radius, state.command.torque.norm() / last));
     const double ramp = params.force_slew * elapsed + tool.max_force * gain_change + damping_change;
     const double force_room = tool.coupling_stiffness * (device_way + device_turn * lever + surface_way) + ramp;
     const double torque_room = tool.turn_stiffness * device_turn + lever * force_room;
@@ -470,7 +474,8 @@ void slew_command(const HapticParams& params, const HandTool& tool, const Wrench
 }
 
 // Moves the tool as far as one look at the surface around it allows, or waits until all of it is outside.
-Look look_and_move(const LocalContactModel& model, const HandTool& tool, const Span& span, const Pose& pose, ShellScratch& s, ToolState& state) {
+Look look_and_move(const LocalContactModel& model, const HandTool& tool, const Span& span, const Pose& pose, ShellScratch& s,
+                   ToolState& state) {
     if (!covers(model, tool, pose, span.now, kBand + std::max(0.0, model.give.gap))) {
         state.proxy_valid = false;
         state.contact.clear();
@@ -510,8 +515,8 @@ void update_shell(const LocalContactModel& model, const HandTool& tool, Span spa
 
 }  // namespace
 
-void shell_tick(const HapticParams& params, const LocalContactModel& model, double time, const HandTool& tool,
-                const DeviceState& sample, ShellScratch& scratch, ToolState& state) {
+void shell_tick(const HapticParams& params, const LocalContactModel& model, double time, const HandTool& tool, const DeviceState& sample,
+                ShellScratch& scratch, ToolState& state) {
     TROCAR_ASSERT(!tool.shell.empty() && tool.surface_stiffness > 0 && tool.turn_stiffness > 0);
     if (state.contact.capacity() < tool.shell.size()) state.contact.reserve(tool.shell.size());
     const DeviceState last = state.device_valid ? state.device : sample;

@@ -107,8 +107,8 @@ uint32_t planes_at_work(const FourPlanes& p, const FourPoints& shift, const Four
 }
 
 struct Slope {
-    double energy = 0;    // J
-    Vector6 downhill{};   // N, N m
+    double energy = 0;   // J
+    Vector6 downhill{};  // N, N m
     Matrix6 stiffness;
 };
 

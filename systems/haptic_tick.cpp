@@ -28,7 +28,7 @@ struct TickSpan {
     double elapsed = 0;  // s, since the last tick
     SurfaceTime before;  // of the surface at the last tick
     SurfaceTime now;
-    double travel = 0;   // m, the proxy may go
+    double travel = 0;       // m, the proxy may go
     double surface_way = 0;  // m, the fastest surface near the proxy went
     double moved() const { return now.age - before.age; }
     double way_at(double speed) const { return speed * std::abs(moved()) + (now.follow - before.follow).norm(); }
@@ -54,10 +54,10 @@ SurfaceTime after_step(const TickSpan& span, int step, int steps) {
     return {span.now.age - span.moved() * left, span.now.follow - left * (span.now.follow - span.before.follow)};
 }
 
-// Takes the proxy along with the surface that moved since the last tick. It is at hand as after the first step. False: in a crowd of features
-// the way out of the surface is left to the search for the goal.
-bool carry_proxy(const LocalContactModel& model, const TickSpan& span, double radius, const Room& room,
-                 HapticScratch& scratch, ToolState& state) {
+// Takes the proxy along with the surface that moved since the last tick. It is at hand as after the first step. False: in a crowd of
+// features the way out of the surface is left to the search for the goal.
+bool carry_proxy(const LocalContactModel& model, const TickSpan& span, double radius, const Room& room, HapticScratch& scratch,
+                 ToolState& state) {
     const double way = span.surface_way;
     if (way == 0 && state.contacts == 0) return true;
     const int steps = carry_steps(span, radius);
@@ -91,8 +91,7 @@ bool is_clear(const Vec3d& centre, HapticScratch& scratch) {
 }
 
 // Moves the proxy to where it belongs for the device's present position.
-void update_proxy(const LocalContactModel& model, const TickSpan& span, const HandTool& tool, HapticScratch& scratch,
-                  ToolState& state) {
+void update_proxy(const LocalContactModel& model, const TickSpan& span, const HandTool& tool, HapticScratch& scratch, ToolState& state) {
     constexpr double kSlow = 1e-3;  // m/s
     const Vec3d goal = state.device.position;
     if (!state.proxy_valid) {
@@ -144,16 +143,15 @@ Vec3d coupling_force(const HandTool& tool, const SurfaceFeel& feel, const ToolSt
 Vec3d slewed_force(const HapticParams& params, const HandTool& tool, const SurfaceFeel& feel, const TickSpan& span, const Vec3d& wanted,
                    const Vec3d& drift, const DeviceState& last, double last_gain, const ToolState& state) {
     const double way = (state.device.position - last.position).norm() + drift.norm() * span.moved();
-    const double explained = feel.stiffness * way +
-                             feel.damping * (state.device.velocity - last.velocity).norm() +
+    const double explained = feel.stiffness * way + feel.damping * (state.device.velocity - last.velocity).norm() +
                              tool.max_force * std::abs(state.gain - last_gain);
     return state.command.force + limited(wanted - state.command.force, explained + params.force_slew * span.elapsed);
 }
 
 }  // namespace
 
-void haptic_tick(const HapticParams& params, const LocalContactModel& model, double time, const HandTool& tool,
-                 const DeviceState& sample, HapticScratch& scratch, ToolState& state) {
+void haptic_tick(const HapticParams& params, const LocalContactModel& model, double time, const HandTool& tool, const DeviceState& sample,
+                 HapticScratch& scratch, ToolState& state) {
     TROCAR_ASSERT(tool.tip_radius > 0);
     const DeviceState last = state.device_valid ? state.device : sample;
     const double last_gain = state.gain;

@@ -12,8 +12,8 @@ namespace trocar {
 // never pulling, never more than the spring), at most tool.max_force; zero without contact. Zero at once after a refused
 // sample, fading when model or device stop coming, back over params.rise_time. A sphere that starts inside tissue gets no
 // force until it was clear once. Same code in lockstep and live; depends on its arguments alone; no allocation once warm.
-void haptic_tick(const HapticParams& params, const LocalContactModel& model, double time, const HandTool& tool,
-                 const DeviceState& sample, HapticScratch& scratch, ToolState& state);
+void haptic_tick(const HapticParams& params, const LocalContactModel& model, double time, const HandTool& tool, const DeviceState& sample,
+                 HapticScratch& scratch, ToolState& state);
 
 // Parameters for a simulation of `contact_rate` (Hz): a surface is advanced for two of its periods and a little, which
 // is how old it gets when every pass takes its whole period.

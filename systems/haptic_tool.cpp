@@ -134,15 +134,17 @@ void tick_tool(const HapticParams& params, const LocalContactModel& model, doubl
     wanted.at = state.device.position;
     const SurfaceFeel feel = feel_of(tool, model, state.touched, state.sliding);
     const HapticSurface* surface = model.surface.empty() ? nullptr : surface_of(model, state.touched);
-    const Vec3d felt = surface ? textured_force(*surface, state.model_age, feel.stiffness, state, state.command.force) : state.command.force;
+    const Vec3d felt =
+        surface ? textured_force(*surface, state.model_age, feel.stiffness, state, state.command.force) : state.command.force;
     const Vec3d proxy = state.proxy_valid ? state.proxy : state.device.position;
     wanted.force = dissipate({tool.limits.dissipation, tool.max_force}, params.dt, state.device.position, state.device.velocity, proxy,
                              safety.gain * state.pull, safety.gain * felt, safety);
     if (!tool.shell.empty()) {
         const Quat& turn = state.proxy_valid ? state.proxy_turn : state.device.orientation;
         const Vec3d twist = (touched_place(state) - state.proxy).cross(felt - state.command.force);
-        wanted.torque = dissipate_turning({tool.limits.turn_dissipation, tool.limits.torque}, params.dt, state.device.orientation, state.device_spin,
-                                          turn, safety.gain * state.pull_torque, safety.gain * (state.command.torque + twist), safety);
+        wanted.torque =
+            dissipate_turning({tool.limits.turn_dissipation, tool.limits.torque}, params.dt, state.device.orientation, state.device_spin,
+                              turn, safety.gain * state.pull_torque, safety.gain * (state.command.torque + twist), safety);
     }
     add_contact_stiffness(feel.stiffness, state.command.force, wanted.stiffness);
     const double gain = safety.gain * state.gain;
@@ -164,7 +166,8 @@ void tick_tool(const HapticParams& params, const LocalContactModel& model, doubl
     if (safety.limiting && !was_limiting) add_event(HapticEventKind::kLimit, time, 0, state.events);
 }
 
-void rehearse_tick(const HapticParams& params, const LocalContactModel& model, const HandTool& tool, const ToolState& state, HapticScratch& scratch) {
+void rehearse_tick(const HapticParams& params, const LocalContactModel& model, const HandTool& tool, const ToolState& state,
+                   HapticScratch& scratch) {
     if (!tool.shell.empty() || !state.device_valid || !model.in_hand) return;
     ToolState forgotten = state;
     DeviceState sample = state.device;
@@ -172,8 +175,7 @@ void rehearse_tick(const HapticParams& params, const LocalContactModel& model, c
     haptic_tick(params, model, state.time + params.dt, tool, sample, scratch, forgotten);
 }
 
-DeviceState hand_sample(const HandTool& tool, const DeviceState& intended, double dt, const DeviceCommand& output,
-                        HandModelState& hand) {
+DeviceState hand_sample(const HandTool& tool, const DeviceState& intended, double dt, const DeviceCommand& output, HandModelState& hand) {
     if (tool.hand.mass <= 0) return intended;
     step_hand(tool.hand, intended, output.force, dt, hand);
     return hand_device_state(tool.hand, intended, hand);

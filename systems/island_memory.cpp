@@ -4,8 +4,7 @@
 #include <numeric>
 namespace trocar {
 
-void pick_large_islands(std::span<const uint32_t> size, uint32_t threads, std::vector<uint32_t>& order,
-                        std::vector<uint32_t>& own) {
+void pick_large_islands(std::span<const uint32_t> size, uint32_t threads, std::vector<uint32_t>& order, std::vector<uint32_t>& own) {
     constexpr uint32_t kSmall = 2048;  // particles: a scratch of 2 MB
     const uint32_t count = uint32_t(size.size());
     own.assign(count, kNone);

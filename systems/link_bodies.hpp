@@ -7,8 +7,8 @@ namespace trocar {
 // Makes the links whose time has come or whose tool grips, releases those whose time is over, takes broken ones away, in the
 // order of the groups, and works out the stable steps when anything changed. A group that finds no node to hold tries again
 // in the next pass. Whoever is linked or let go wakes up. now: s, at the start of the pass.
-void link_bodies(double now, std::span<const ToolState> tools, const LinkWorld& world, LinkScratch& scratch, Links& links,
-                 Sleep& sleep, Energy& energy, Report& report);
+void link_bodies(double now, std::span<const ToolState> tools, const LinkWorld& world, LinkScratch& scratch, Links& links, Sleep& sleep,
+                 Energy& energy, Report& report);
 
 // Keeps the largest force of every group, mean over a pass of `seconds`; after advance.
 void note_link_forces(double seconds, Links& links);

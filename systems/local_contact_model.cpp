@@ -24,13 +24,9 @@ uint8_t sides_beyond(const Box& box, const Vec3d& p, const Vec3d& slack) {
 }
 
 // box around a segment
-Box segment_box(const Vec3d& a, const Vec3d& b, double reach) {
-    return {a.cwiseMin(b).array() - reach, a.cwiseMax(b).array() + reach};
-}
+Box segment_box(const Vec3d& a, const Vec3d& b, double reach) { return {a.cwiseMin(b).array() - reach, a.cwiseMax(b).array() + reach}; }
 
-bool boxes_meet(const Box& a, const Box& b) {
-    return (a.min.array() <= b.max.array()).all() && (b.min.array() <= a.max.array()).all();
-}
+bool boxes_meet(const Box& a, const Box& b) { return (a.min.array() <= b.max.array()).all() && (b.min.array() <= a.max.array()).all(); }
 
 // Where a vertex is in the frame of its body, m, and how far it may get from there along each axis.
 struct VertexRoom {
@@ -84,14 +80,15 @@ void mark_triangles(const Surfaces& s, uint32_t body, std::span<const Box> boxes
         for (uint32_t t = 0; t < mesh.triangle.size(); ++t) {
             const Triangle& c = mesh.triangle[t];
             if (scratch.beyond[c[0]] & scratch.beyond[c[1]] & scratch.beyond[c[2]]) continue;
-            scratch.wanted[t] = boxes.size() == 1 || has_zero_byte((beyond_each(c[0]) & beyond_each(c[1]) & beyond_each(c[2])) & ~kEveryBox);
+            scratch.wanted[t] =
+                boxes.size() == 1 || has_zero_byte((beyond_each(c[0]) & beyond_each(c[1]) & beyond_each(c[2])) & ~kEveryBox);
         }
     });
 }
 
-// Replaces the velocities of the vertices of a tissue, from row `first` on, by the mean over the triangles around each, twice; first those that go
-// faster than `most` (m/s) against the rest are held to that. What a vertex does against its neighbours, or when it snaps back, is over within a
-// fraction of a pass: told on until the next one, it only makes the surface pass through itself.
+// Replaces the velocities of the vertices of a tissue, from row `first` on, by the mean over the triangles around each, twice; first those
+// that go faster than `most` (m/s) against the rest are held to that. What a vertex does against its neighbours, or when it snaps back, is
+// over within a fraction of a pass: told on until the next one, it only makes the surface pass through itself.
 void smooth_velocities(uint32_t first, uint32_t first_triangle, double most, LocalContactScratch& scratch, LocalContactModel& out) {
     const std::span<Vec3d> velocity = std::span(out.velocity).subspan(first);
     const std::span<const Triangle> triangles = std::span<const Triangle>(out.triangle).subspan(first_triangle);
@@ -109,8 +106,7 @@ void smooth_velocities(uint32_t first, uint32_t first_triangle, double most, Loc
     }
 }
 
-uint32_t add_vertex(const Surfaces& s, uint32_t body, uint32_t vertex, LocalContactScratch& scratch,
-                    LocalContactModel& out) {
+uint32_t add_vertex(const Surfaces& s, uint32_t body, uint32_t vertex, LocalContactScratch& scratch, LocalContactModel& out) {
     uint32_t& row = scratch.vertex_row[vertex];
     if (row == kNone) {
         row = static_cast<uint32_t>(out.position.size());
@@ -120,7 +116,8 @@ uint32_t add_vertex(const Surfaces& s, uint32_t body, uint32_t vertex, LocalCont
     return row;
 }
 
-void add_body(const Surfaces& s, uint32_t body, double half_thickness, double fastest, LocalContactScratch& scratch, LocalContactModel& out) {
+void add_body(const Surfaces& s, uint32_t body, double half_thickness, double fastest, LocalContactScratch& scratch,
+              LocalContactModel& out) {
     const MeshView mesh = mesh_view(s.meshes, s.bodies.mesh[body]);
     const uint32_t first = static_cast<uint32_t>(out.position.size()), first_triangle = static_cast<uint32_t>(out.triangle.size());
     scratch.triangle_used.clear();
@@ -172,10 +169,10 @@ void clear_model(LocalContactModel& model) {
 
 // Where a shell is, and where its device would have it: its points in runs, a box for each that holds both.
 constexpr uint32_t kShellRuns = 8;
-constexpr double kAround = 4e-3;      // m, around a point of a shell: a surface that stays farther is none that it comes to
-constexpr double kShared = 4e-3;      // m, points far from a surface and as near to each other share a bound on its speed
-constexpr double kSoon = 0.05;        // s, more than a model is felt for
-constexpr double kBeside = 1e-3;      // m, beyond the nearest triangle of a point: others are found along with it
+constexpr double kAround = 4e-3;     // m, around a point of a shell: a surface that stays farther is none that it comes to
+constexpr double kShared = 4e-3;     // m, points far from a surface and as near to each other share a bound on its speed
+constexpr double kSoon = 0.05;       // s, more than a model is felt for
+constexpr double kBeside = 1e-3;     // m, beyond the nearest triangle of a point: others are found along with it
 constexpr double kFarEnough = 4e-3;  // m, from a surface: a point that the ticks of the next pass will hardly ask for
 struct ShellPlaces {
     Vec3d tip, device;
@@ -284,7 +281,8 @@ void bound_run(std::span<const TriangleGroup> parts, TriangleGroup& run, GroupBa
 void bound_runs(uint32_t body, const std::vector<TriangleGroup>& parts, std::vector<TriangleGroup>& runs, std::vector<GroupBalls>& balls) {
     balls.resize(runs.size());
     for (size_t r = 0; r < runs.size(); ++r)
-        if (body == kNone || runs[r].body == body) bound_run(std::span(parts).subspan(runs[r].triangles.first, runs[r].triangles.count), runs[r], balls[r]);
+        if (body == kNone || runs[r].body == body)
+            bound_run(std::span(parts).subspan(runs[r].triangles.first, runs[r].triangles.count), runs[r], balls[r]);
 }
 
 // Bounds triangles, groups, blocks and clusters of one body, or of all.
@@ -329,8 +327,8 @@ double carrying_distance(const LocalContactModel& model, uint32_t body, const Ve
 
 // How far (m) the points that a body holds would stand off its surface if the shell were where the simulated tool is, less
 // what their springs are pressed: a mean by their forces, so that there the springs bear what the contacts bear.
-double shell_gap(const HandTool& tool, const ToolState& state, uint32_t body, const Vec3d& tip, const Quat& turn, LocalContactScratch& scratch,
-                 const LocalContactModel& model) {
+double shell_gap(const HandTool& tool, const ToolState& state, uint32_t body, const Vec3d& tip, const Quat& turn,
+                 LocalContactScratch& scratch, const LocalContactModel& model) {
     const auto tree = std::find_if(model.shell.tree.begin(), model.shell.tree.end(), [&](const SurfaceTree& t) { return t.body == body; });
     if (tree == model.shell.tree.end()) return 0;
     begin_moment(model, {}, scratch.placed);
@@ -338,7 +336,8 @@ double shell_gap(const HandTool& tool, const ToolState& state, uint32_t body, co
     double sum = 0, force = 0;
     for (const ShellContact& c : state.contact) {
         if (c.body != body) continue;
-        const NearestTriangle nearest = find_nearest(model, *tree, tip + rotate(turn, points[c.point].arm), kNone, model.reach, scratch.placed);
+        const NearestTriangle nearest =
+            find_nearest(model, *tree, tip + rotate(turn, points[c.point].arm), kNone, model.reach, scratch.placed);
         if (nearest.triangle == kNone) return 0;
         const double press = c.depth * tool.surface_stiffness;
         sum += press * (side_of(model, nearest, c.side, scratch.placed).distance + c.depth);
@@ -365,10 +364,12 @@ void take_along(uint32_t body, const Vec3d& point, const Vec3d& velocity, double
 
 }  // namespace
 
-void publish_local_contact(const HapticParams& params, const Surfaces& surfaces, std::span<const Box> boxes,
-                           const HandTool& tool, const ToolState& state, double time, uint64_t sequence,
-                           LocalContactScratch& scratch, LocalContactModel& out, std::span<const ToolJaw> jaws) {
-    const auto is_jaw = [&](uint32_t body) { return std::any_of(jaws.begin(), jaws.end(), [&](const ToolJaw& j) { return j.body == body; }); };
+void publish_local_contact(const HapticParams& params, const Surfaces& surfaces, std::span<const Box> boxes, const HandTool& tool,
+                           const ToolState& state, double time, uint64_t sequence, LocalContactScratch& scratch, LocalContactModel& out,
+                           std::span<const ToolJaw> jaws) {
+    const auto is_jaw = [&](uint32_t body) {
+        return std::any_of(jaws.begin(), jaws.end(), [&](const ToolJaw& j) { return j.body == body; });
+    };
     clear_model(out);
     out.time = time;
     out.sequence = sequence;
@@ -413,7 +414,7 @@ void publish_outlook(const HapticParams& params, const HandTool& tool, const Too
         uint32_t hint = kNone;  // of the last point that was asked for
         double clear = 0;       // m, of that one
         Vec3d asked = Vec3d::Zero();
-        double speed = 0;  // m/s, around ...
+        double speed = 0;               // m/s, around ...
         const Vec3d* shared = nullptr;  // ... there
         const double half = tree.half_thickness, reach = std::min(out.reach, 2 * kFarEnough + half);
         for (const Vec3d& place : shell.place) {
@@ -430,7 +431,8 @@ void publish_outlook(const HapticParams& params, const HandTool& tool, const Too
                 shell.clear.push_back(known);
                 continue;
             }
-            const NearestTriangle nearest = find_nearest_around(out, tree, place, hint, reach, kBeside, scratch.placed, shell.found.emplace_back());
+            const NearestTriangle nearest =
+                find_nearest_around(out, tree, place, hint, reach, kBeside, scratch.placed, shell.found.emplace_back());
             clear = reach - half;
             if (nearest.triangle != kNone) hint = nearest.triangle, clear = side_of(out, nearest, 0, scratch.placed).distance;
             asked = place;

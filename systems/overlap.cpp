@@ -73,7 +73,8 @@ void mark_beyond_box(const OverlapInput& in, const Side& side, OverlapChunk& c) 
     for (; v + 4 <= count; v += 4) {
         const FourPoints p = load_four(&side.mesh.position[v]);
         const auto size_of = [](Vec4d x) { return (Vec4d)_mm256_andnot_pd(_mm256_set1_pd(-0.0), (__m256d)x); };
-        const Mask4 beyond = (size_of(p.x - own.x()) > reach.x()) | (size_of(p.y - own.y()) > reach.y()) | (size_of(p.z - own.z()) > reach.z());
+        const Mask4 beyond =
+            (size_of(p.x - own.x()) > reach.x()) | (size_of(p.y - own.y()) > reach.y()) | (size_of(p.z - own.z()) > reach.z());
         set_four(c.beyond, v, mask_bits(beyond));
     }
     for (; v < count; ++v)
@@ -124,7 +125,7 @@ void mark_beyond(const OverlapInput& in, const Side& side, OverlapChunk& c) {
     const double nearest = side.reversed ? greatest_of(across) : least_of(across);
     const double apart = way_between(s, in.boxes, side.body, side.other).norm();
     const double size = (s.poses.origin[side.other] - s.poses.origin[side.body]).norm() + own.radius + others.radius;
-    const double slack = 1e-12 * (size * apart + std::abs(nearest));  // far more than rounding: the way is no unit vector
+    const double slack = 1e-12 * (size * apart + std::abs(nearest));             // far more than rounding: the way is no unit vector
     const double sign = side.reversed ? -1 : 1, limit = sign * nearest - slack;  // along the way towards the other one
     uint32_t v = 0;
     for (; v + 4 <= count; v += 4) set_four(c.beyond, v, mask_bits(sign * (Vec4d)_mm256_loadu_pd(&along[v]) < all_lanes(limit)));
@@ -175,16 +176,14 @@ void flood_pieces(const OverlapInput& in, const Side& side, OverlapChunk& c) {
     });
 }
 
-void add_query(const OverlapInput& in, const Side& side, const BodyPoints& points, uint32_t v, uint32_t hint,
-               OverlapChunk& c) {
+void add_query(const OverlapInput& in, const Side& side, const BodyPoints& points, uint32_t v, uint32_t hint, OverlapChunk& c) {
     const uint32_t memory = in.scratch.vertex_first[side.body] + v;
     const uint32_t remembered = in.scratch.hint_other[memory] == side.other ? in.scratch.hint_triangle[memory] : kNone;
     const uint32_t most = in.surfaces.meshes.info[in.surfaces.bodies.mesh[side.other]].triangles.count;
     const Vec3d p = points.point(v);
     c.query_vertex.push_back(v);
     c.query_hint.push_back(remembered < most ? remembered : hint);
-    c.query_point.push_back(
-        is_deformable(in.surfaces.bodies, side.other) ? p : rotate_back(in.surfaces.poses.orientation[side.other], p));
+    c.query_point.push_back(is_deformable(in.surfaces.bodies, side.other) ? p : rotate_back(in.surfaces.poses.orientation[side.other], p));
     c.query_radius.push_back(side.sheet ? side.margin + side.half_thickness : std::numeric_limits<double>::infinity());
 }
 
@@ -233,7 +232,8 @@ double longest_edge_at(const Side& side, const BodyPoints& points, uint32_t v) {
     const Vec3d p = points.point(v);
     double longest2 = 0;
     for (uint32_t k = side.mesh.incident_first[v]; k < side.mesh.incident_first[v + 1]; ++k)
-        for (const uint32_t w : side.mesh.triangle[side.mesh.incident[k]]) longest2 = std::max(longest2, (points.point(w) - p).squaredNorm());
+        for (const uint32_t w : side.mesh.triangle[side.mesh.incident[k]])
+            longest2 = std::max(longest2, (points.point(w) - p).squaredNorm());
     return std::sqrt(longest2);
 }
 
@@ -289,8 +289,7 @@ void check_signs(const OverlapInput& in, const Side& side, OverlapChunk& c) {
         changed = false;
         for (const uint32_t* t = first; t < first + rows.count; ++t) {
             const Triangle& corner = side.mesh.triangle[*t];
-            if (!has_bit(c.near_vertex, corner[0]) || !has_bit(c.near_vertex, corner[1]) ||
-                !has_bit(c.near_vertex, corner[2])) {
+            if (!has_bit(c.near_vertex, corner[0]) || !has_bit(c.near_vertex, corner[1]) || !has_bit(c.near_vertex, corner[2])) {
                 continue;
             }
             changed = check_triangle(side, corner, c) || changed;
@@ -367,9 +366,8 @@ void find_side(const OverlapInput& in, const Side& side, OverlapSide& found, Ove
     found.answers.count = uint32_t(c.vertex.size()) - found.answers.first;
 }
 
-Side make_side(const Surfaces& s, const BodyBoxes& boxes, const CandidatePairs& pairs,
-               const CandidateTriangles& candidates, std::span<const std::unique_ptr<ClosestPointTree>> trees,
-               uint32_t row) {
+Side make_side(const Surfaces& s, const BodyBoxes& boxes, const CandidatePairs& pairs, const CandidateTriangles& candidates,
+               std::span<const std::unique_ptr<ClosestPointTree>> trees, uint32_t row) {
     const uint32_t pair = row / 2, a = pairs.a[pair], b = pairs.b[pair];
     const bool reversed = row % 2 != 0;
     const uint32_t body = reversed ? b : a, other = reversed ? a : b;
@@ -404,8 +402,8 @@ void prepare_hints(const Surfaces& s, OverlapScratch& scratch) {
 }
 
 // Copies one side's answers to their place in the outputs.
-void write_side(const Surfaces& s, const Side& side, uint32_t row, const OverlapSide& found, const OverlapChunk& c,
-                uint32_t contact, NearVertices& near, Contacts& out) {
+void write_side(const Surfaces& s, const Side& side, uint32_t row, const OverlapSide& found, const OverlapChunk& c, uint32_t contact,
+                NearVertices& near, Contacts& out) {
     for (uint32_t i = 0; i < found.answers.count; ++i) {
         const uint32_t from = found.answers.first + i, to = near.side[row].first + i;
         const SurfacePoint& answer = c.answer[from];
@@ -444,10 +442,9 @@ void resize_outputs(uint32_t sides, OverlapScratch& scratch, NearVertices& near,
 
 }  // namespace
 
-void find_overlap(const Surfaces& surfaces, const BodyBoxes& boxes, const CandidatePairs& pairs,
-                  const ScreenedTriangles& screened, const CandidateTriangles& candidates,
-                  std::span<const std::unique_ptr<ClosestPointTree>> trees, OverlapScratch& scratch, Report& report,
-                  NearVertices& near, Contacts& contacts) {
+void find_overlap(const Surfaces& surfaces, const BodyBoxes& boxes, const CandidatePairs& pairs, const ScreenedTriangles& screened,
+                  const CandidateTriangles& candidates, std::span<const std::unique_ptr<ClosestPointTree>> trees, OverlapScratch& scratch,
+                  Report& report, NearVertices& near, Contacts& contacts) {
     const uint32_t sides = 2 * uint32_t(pairs.a.size());
     const uint32_t grain = 2 * std::max(1u, chunk_count(sides / 2, kMostChunks));  // both sides of a pair in one chunk
     prepare_hints(surfaces, scratch);
@@ -469,8 +466,8 @@ void find_overlap(const Surfaces& surfaces, const BodyBoxes& boxes, const Candid
     resize_outputs(sides, scratch, near, contacts);
     parallel_for(sides, grain, [&](uint32_t begin, uint32_t end) {
         for (uint32_t row = begin; row < end; ++row) {
-            write_side(surfaces, side_at(row), row, scratch.side[row], scratch.chunk[begin / grain],
-                       scratch.contact_first[row], near, contacts);
+            write_side(surfaces, side_at(row), row, scratch.side[row], scratch.chunk[begin / grain], scratch.contact_first[row], near,
+                       contacts);
         }
     });
     for (uint32_t i = 0; i < chunk_count(sides, grain); ++i) {

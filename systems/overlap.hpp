@@ -57,9 +57,8 @@ struct OverlapScratch {
 // candidates leave out. Contacts ascend by pair, side and vertex. trees[bodies.tree[i]] is the tree of body i, refitted.
 // Signs: a solid's by pseudonormal, checked against the Lipschitz bound along every near edge of the mesh and settled
 // by winding number where they disagree (counted).
-void find_overlap(const Surfaces& surfaces, const BodyBoxes& boxes, const CandidatePairs& pairs,
-                  const ScreenedTriangles& screened, const CandidateTriangles& candidates,
-                  std::span<const std::unique_ptr<ClosestPointTree>> trees, OverlapScratch& scratch, Report& report,
-                  NearVertices& near, Contacts& contacts);
+void find_overlap(const Surfaces& surfaces, const BodyBoxes& boxes, const CandidatePairs& pairs, const ScreenedTriangles& screened,
+                  const CandidateTriangles& candidates, std::span<const std::unique_ptr<ClosestPointTree>> trees, OverlapScratch& scratch,
+                  Report& report, NearVertices& near, Contacts& contacts);
 
 }  // namespace trocar

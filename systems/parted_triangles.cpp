@@ -62,7 +62,8 @@ bool are_beside_each_other(const FlatTriangle& a, const Heights& over_b, const F
 }
 
 // Moves the rows of a pair that stay to its front, and marks those that do not cross. Returns how many they are.
-uint32_t sift(const Surfaces& s, uint32_t a, uint32_t b, std::span<std::array<uint32_t, 2>> rows, uint8_t* beside, PartedTrianglesScratch::Chunk& c) {
+uint32_t sift(const Surfaces& s, uint32_t a, uint32_t b, std::span<std::array<uint32_t, 2>> rows, uint8_t* beside,
+              PartedTrianglesScratch::Chunk& c) {
     const MeshView mesh_a = mesh_view(s.meshes, s.bodies.mesh[a]), mesh_b = mesh_view(s.meshes, s.bodies.mesh[b]);
     const BodyPoints points_a(s, a, s.poses.origin[a]), points_b(s, b, s.poses.origin[a]);
     c.flat.clear();
@@ -100,7 +101,8 @@ void drop_parted_triangles(const Surfaces& surfaces, const CandidatePairs& pairs
         for (uint32_t pair = begin; pair < end; ++pair) {
             Range& range = candidates.pair[pair];
             const auto rows = std::span(candidates.triangle).subspan(range.first, range.count);
-            range.count = sift(surfaces, pairs.a[pair], pairs.b[pair], rows, candidates.beside.data() + range.first, scratch.chunk[begin / grain]);
+            range.count =
+                sift(surfaces, pairs.a[pair], pairs.b[pair], rows, candidates.beside.data() + range.first, scratch.chunk[begin / grain]);
         }
     });
     uint32_t kept = 0;

@@ -114,8 +114,8 @@ void mark_saturated(const Surfaces& surfaces, const CandidatePairs& pairs, const
     Penetrations& p = penetrations;
     parallel_for(uint32_t(p.pair.size()), 16, [&](uint32_t begin, uint32_t end) {
         for (uint32_t i = begin; i < end; ++i) {
-            p.saturated[i] = leaves_nose_first(surfaces, contacts, p.witness[i]) ||
-                             near_medial_axis(surfaces, contacts, p.witness[i], trees);
+            p.saturated[i] =
+                leaves_nose_first(surfaces, contacts, p.witness[i]) || near_medial_axis(surfaces, contacts, p.witness[i], trees);
             auto row = std::lower_bound(contacts.pair.begin(), contacts.pair.end(), p.pair[i]) - contacts.pair.begin();
             for (; size_t(row) < contacts.pair.size() && contacts.pair[row] == p.pair[i] && !p.saturated[i]; ++row) {
                 if (contacts.distance[row] > -0.9 * p.depth[i]) continue;  // where one lies on the other all of depth 0 count
@@ -139,7 +139,8 @@ void remember_ways_out(const Surfaces& surfaces, const CandidatePairs& pairs, co
         }
         if (nearest == kNone) continue;
         const uint32_t a = pairs.a[pair], b = pairs.b[pair];
-        while (remembered < before.a.size() && (before.a[remembered] < a || (before.a[remembered] == a && before.b[remembered] < b))) ++remembered;
+        while (remembered < before.a.size() && (before.a[remembered] < a || (before.a[remembered] == a && before.b[remembered] < b)))
+            ++remembered;
         const bool known = remembered < before.a.size() && before.a[remembered] == a && before.b[remembered] == b;
         Vec3d way = way_out(pairs, contacts, nearest);
         if (overlap < penetrations.pair.size() && penetrations.pair[overlap] == pair) {

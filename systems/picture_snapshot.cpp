@@ -66,8 +66,7 @@ void copy_depths(const Surfaces& surfaces, const Contacts& contacts, PictureSnap
         PictureBody& body = out.body[contacts.body[row]];
         if (!(depth > 0) || body.mesh == kNone) continue;
         if (body.depths.count == 0) {
-            body.depths = {static_cast<uint32_t>(out.contact_depth.size()),
-                           surfaces.meshes.info[body.mesh].vertices.count};
+            body.depths = {static_cast<uint32_t>(out.contact_depth.size()), surfaces.meshes.info[body.mesh].vertices.count};
             out.contact_depth.resize(out.contact_depth.size() + body.depths.count, 0.0f);
         }
         for (const uint32_t vertex : contacts.vertex[row]) {
@@ -122,9 +121,9 @@ void copy_removed(const Surfaces& surfaces, const Tears* tears, PictureSnapshot&
 
 }  // namespace
 
-void write_picture_snapshot(uint64_t number, double time, const Surfaces& surfaces, const SurfaceNormals& normals,
-                            const Contacts& contacts, const Penetrations& penetrations, const Haptics& haptics,
-                            PictureSnapshot& out, const Tears* tears, const Sleepers& sleepers) {
+void write_picture_snapshot(uint64_t number, double time, const Surfaces& surfaces, const SurfaceNormals& normals, const Contacts& contacts,
+                            const Penetrations& penetrations, const Haptics& haptics, PictureSnapshot& out, const Tears* tears,
+                            const Sleepers& sleepers) {
     out.number = number;
     out.time = time;
     copy_bodies(surfaces, normals, sleepers, out);
@@ -139,8 +138,7 @@ Box picture_box(const PictureSnapshot& snapshot) {
     for (const PictureBody& body : snapshot.body) {
         if (body.mesh == kNone || !(body.box.min.array() <= body.box.max.array()).all()) continue;
         for (uint32_t corner = 0; corner < 8; ++corner) {
-            const Vec3d p((corner & 1 ? body.box.max : body.box.min).x(),
-                          (corner & 2 ? body.box.max : body.box.min).y(),
+            const Vec3d p((corner & 1 ? body.box.max : body.box.min).x(), (corner & 2 ? body.box.max : body.box.min).y(),
                           (corner & 4 ? body.box.max : body.box.min).z());
             grow(box, body.origin + rotate(body.orientation, p));
         }

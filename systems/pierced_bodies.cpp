@@ -28,8 +28,10 @@ void find_pierced_bodies(std::span<const HandTool> tools, const BodyBoxes& boxes
         pierce.seen = count;
         if (pierce.body == kNone) continue;
         const uint32_t own = tools[t].body, other = pierce.body;
-        if (boxes_meet(boxes.box[own], boxes.box[other])) pairs.push_back({std::min(own, other), std::max(own, other)});
-        else pierce.body = kNone;
+        if (boxes_meet(boxes.box[own], boxes.box[other]))
+            pairs.push_back({std::min(own, other), std::max(own, other)});
+        else
+            pierce.body = kNone;
     }
     if (pairs.size() > apart.size()) std::sort(pairs.begin(), pairs.end());
 }

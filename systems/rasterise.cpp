@@ -10,7 +10,7 @@ namespace trocar {
 namespace {
 
 constexpr uint64_t kEmptyCell = UINT64_MAX;
-constexpr uint32_t kMostCells = 64;  // of one triangle; more goes to the oversize list
+constexpr uint32_t kMostCells = 64;      // of one triangle; more goes to the oversize list
 constexpr uint32_t kLongestProbe = 256;  // steps of a lookup; a table that needs more is given up
 constexpr double kGridCells = (1 << 21) - 2;
 
@@ -89,8 +89,8 @@ void find_outcodes(std::span<const Float4> offset, const Box& box, std::vector<u
 float perimeter(__m256d a, __m256d b, __m256d c) {
     const __m128 ab = _mm256_cvtpd_ps(_mm256_sub_pd(b, a)), bc = _mm256_cvtpd_ps(_mm256_sub_pd(c, b)),
                  ca = _mm256_cvtpd_ps(_mm256_sub_pd(a, c));
-    const __m128 squares = _mm_hadd_ps(_mm_hadd_ps(_mm_mul_ps(ab, ab), _mm_mul_ps(bc, bc)),
-                                       _mm_hadd_ps(_mm_mul_ps(ca, ca), _mm_setzero_ps()));
+    const __m128 squares =
+        _mm_hadd_ps(_mm_hadd_ps(_mm_mul_ps(ab, ab), _mm_mul_ps(bc, bc)), _mm_hadd_ps(_mm_mul_ps(ca, ca), _mm_setzero_ps()));
     alignas(16) float length[4];
     _mm_store_ps(length, _mm_sqrt_ps(squares));
     return length[0] + length[1] + length[2];
@@ -115,16 +115,15 @@ void screen_body(const Surfaces& s, const BodyBoxes& boxes, const Vec3d& origin,
     } else {
         const double inf = std::numeric_limits<double>::infinity();
         const Vec3d a = wide.min - origin, b = wide.max - origin;
-        find_outcodes(points, _mm256_setr_pd(a.x(), a.y(), a.z(), -inf), _mm256_setr_pd(b.x(), b.y(), b.z(), inf),
-                      screen.outcode);
+        find_outcodes(points, _mm256_setr_pd(a.x(), a.y(), a.z(), -inf), _mm256_setr_pd(b.x(), b.y(), b.z(), inf), screen.outcode);
     }
 
     const uint32_t triangles = uint32_t(mesh.triangle.size());
     if (screen.triangle.size() < screen.rows + triangles) screen.triangle.resize(screen.rows + triangles);
     uint32_t* const candidate = screen.triangle.data() + screen.rows;
     find_block_codes(screen.outcode, screen.block_code);
-    const uint32_t count = find_sideless_triangles(mesh.triangle, scratch.runs[s.bodies.mesh[body]], screen.outcode,
-                                                   screen.block_code, candidate);
+    const uint32_t count =
+        find_sideless_triangles(mesh.triangle, scratch.runs[s.bodies.mesh[body]], screen.outcode, screen.block_code, candidate);
 
     if (screen.box.size() < screen.rows + count) {
         screen.box.resize(2 * screen.box.size() + count);
@@ -202,8 +201,8 @@ double gather_screens(uint32_t bodies, const RasteriseScratch& scratch, Screened
 }
 
 // Cells grow when the region would need more than 21 bits an axis, or when speed makes most boxes larger than a cell.
-double choose_cell_size(const ContactParams& params, double mean_edge, const BodyBoxes& boxes, const Surfaces& s,
-                        const Vec3d& extent, const ScreenedTriangles& screened, const RasteriseScratch& scratch) {
+double choose_cell_size(const ContactParams& params, double mean_edge, const BodyBoxes& boxes, const Surfaces& s, const Vec3d& extent,
+                        const ScreenedTriangles& screened, const RasteriseScratch& scratch) {
     double reach = 0;
     for (const uint32_t body : scratch.body) reach += screened.body[body].count * reach_of(s.bodies, boxes, body);
     if (!screened.triangle.empty()) reach /= double(screened.triangle.size());
@@ -245,15 +244,14 @@ uint32_t count_cell(uint64_t key, uint32_t body, uint32_t shift, RasteriseScratc
 }
 
 uint64_t cell_count(const CellRange& cells) {
-    return uint64_t(cells.last[0] - cells.first[0] + 1) * (cells.last[1] - cells.first[1] + 1) *
-           (cells.last[2] - cells.first[2] + 1);
+    return uint64_t(cells.last[0] - cells.first[0] + 1) * (cells.last[1] - cells.first[1] + 1) * (cells.last[2] - cells.first[2] + 1);
 }
 
 enum class Counted { kAll, kTableFull, kTableCrowded };
 
 // Pass 1 over one body: counts it in every cell of its triangles.
-Counted count_body(const ScreenedTriangles& screened, uint32_t body, __m256 clip, float inv_size,
-                   RasteriseScratch& scratch, Occupancy& occupancy) {
+Counted count_body(const ScreenedTriangles& screened, uint32_t body, __m256 clip, float inv_size, RasteriseScratch& scratch,
+                   Occupancy& occupancy) {
     const uint32_t shift = 64 - uint32_t(__builtin_ctzll(scratch.table.size()));
     const Range rows = screened.body[body];
     for (uint32_t row = rows.first; row < rows.end(); ++row) {
@@ -443,10 +441,9 @@ void sort_references(std::vector<KeyedReference>& keyed, std::vector<KeyedRefere
 }
 
 // The layers from sorted references; a cell of one body is left out.
-void fill_layers_from_sorted(const ScreenedTriangles& screened, const std::vector<KeyedReference>& keyed,
-                             Occupancy& occupancy) {
-    for (auto* layer : {&occupancy.object_first, &occupancy.object, &occupancy.primitive_first, &occupancy.primitive,
-                        &occupancy.primitive_row}) {
+void fill_layers_from_sorted(const ScreenedTriangles& screened, const std::vector<KeyedReference>& keyed, Occupancy& occupancy) {
+    for (auto* layer :
+         {&occupancy.object_first, &occupancy.object, &occupancy.primitive_first, &occupancy.primitive, &occupancy.primitive_row}) {
         layer->clear();
     }
     occupancy.cell_key.clear();
@@ -481,9 +478,8 @@ void set_direct_pairs_apart(const CandidatePairs& pairs, const ScreenedTriangles
 
 }  // namespace
 
-void rasterise(const ContactParams& params, const Surfaces& surfaces, const BodyBoxes& boxes,
-               const CandidatePairs& pairs, RasteriseScratch& scratch, Report& report, ScreenedTriangles& screened,
-               Occupancy& occupancy, uint64_t most_direct) {
+void rasterise(const ContactParams& params, const Surfaces& surfaces, const BodyBoxes& boxes, const CandidatePairs& pairs,
+               RasteriseScratch& scratch, Report& report, ScreenedTriangles& screened, Occupancy& occupancy, uint64_t most_direct) {
     TROCAR_ASSERT(params.cell_edges > 0 && std::isfinite(params.cell_edges));
     const Box all = collect_regions(boxes, pairs, scratch);
     screened.origin = pairs.a.empty() ? Vec3d(Vec3d::Zero()) : all.min;

@@ -33,11 +33,11 @@ struct KeyedReference {
 
 // What the screening of a few bodies found, one after the other.
 struct ScreenChunk {
-    std::vector<uint8_t> outcode;       // per vertex of the body at hand: sides of the region it lies beyond
-    std::vector<uint8_t> block_code;    // per block of vertices: sides that all of them lie beyond
-    std::vector<uint32_t> triangle;     // more rows than are in use may follow, here and in the boxes
+    std::vector<uint8_t> outcode;     // per vertex of the body at hand: sides of the region it lies beyond
+    std::vector<uint8_t> block_code;  // per block of vertices: sides that all of them lie beyond
+    std::vector<uint32_t> triangle;   // more rows than are in use may follow, here and in the boxes
     std::vector<PackedBox> box, tight;
-    uint32_t rows = 0;                  // in use
+    uint32_t rows = 0;  // in use
 };
 
 struct RasteriseScratch {
@@ -72,8 +72,7 @@ struct RasteriseScratch {
 // crowd the table so that a lookup takes more than 256 steps, and from most_counted triangles on, references are sorted by
 // key instead: the same layers, in time linear in the references whatever the keys.
 // Bodies all of whose pairs are compared directly, see is_direct, stay out of the cells; 0: none is.
-void rasterise(const ContactParams& params, const Surfaces& surfaces, const BodyBoxes& boxes,
-               const CandidatePairs& pairs, RasteriseScratch& scratch, Report& report, ScreenedTriangles& screened,
-               Occupancy& occupancy, uint64_t most_direct = 0);
+void rasterise(const ContactParams& params, const Surfaces& surfaces, const BodyBoxes& boxes, const CandidatePairs& pairs,
+               RasteriseScratch& scratch, Report& report, ScreenedTriangles& screened, Occupancy& occupancy, uint64_t most_direct = 0);
 
 }  // namespace trocar

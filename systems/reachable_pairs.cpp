@@ -49,7 +49,8 @@ bool are_apart(double fall, const Surfaces& s, const BodyBoxes& boxes, uint32_t 
     return (box_b.min - box_a.max).maxCoeff() > slack || (box_a.min - box_b.max).maxCoeff() > slack;
 }
 
-bool may_meet(double period, double fall, const Surfaces& s, const BodyBoxes& boxes, const std::vector<BodyDrift>& drift, uint32_t a, uint32_t b) {
+bool may_meet(double period, double fall, const Surfaces& s, const BodyBoxes& boxes, const std::vector<BodyDrift>& drift, uint32_t a,
+              uint32_t b) {
     const Box box_a = without_margin(s, boxes, a), box_b = without_margin(s, boxes, b);
     const Vec3d nearing = (drift[a].velocity - drift[b].velocity) * period;
     const double slack = drift[a].stray + drift[b].stray + fall + 0.5 * (s.bodies.thickness[a] + s.bodies.thickness[b]);
@@ -67,11 +68,13 @@ struct RigidBall {
 };
 RigidBall ball_of(double period, const Surfaces& s, uint32_t body) {
     const double radius = s.meshes.info[s.bodies.mesh[body]].radius;
-    return {s.poses.origin[body], s.poses.velocity[body], radius, std::min(2 * radius, s.poses.angular_velocity[body].norm() * radius * period)};
+    return {s.poses.origin[body], s.poses.velocity[body], radius,
+            std::min(2 * radius, s.poses.angular_velocity[body].norm() * radius * period)};
 }
 
 // Free bodies keep their velocity as long as nothing touches them; hands and scripts do as they like.
-bool may_meet_free(double period, double fall, const Surfaces& s, const BodyBoxes& boxes, const std::vector<BodyDrift>& drift, uint32_t free, uint32_t other) {
+bool may_meet_free(double period, double fall, const Surfaces& s, const BodyBoxes& boxes, const std::vector<BodyDrift>& drift,
+                   uint32_t free, uint32_t other) {
     const Motion motion = s.bodies.motion[other];
     if (motion != Motion::kFree && motion != Motion::kStatic && motion != Motion::kDeformable) return true;
     const RigidBall ball = ball_of(period, s, free);
@@ -92,7 +95,8 @@ bool may_meet_free(double period, double fall, const Surfaces& s, const BodyBoxe
 
 // How far a pair would run into each other, along the axis that parts them most or, where none does, along the line between their
 // middles: what b may do to a.
-Vec3d running_in(double period, double fall, const Surfaces& s, const BodyBoxes& boxes, const std::vector<BodyDrift>& drift, uint32_t a, uint32_t b) {
+Vec3d running_in(double period, double fall, const Surfaces& s, const BodyBoxes& boxes, const std::vector<BodyDrift>& drift, uint32_t a,
+                 uint32_t b) {
     const Box box_a = without_margin(s, boxes, a), box_b = without_margin(s, boxes, b);
     const auto velocity = [&](uint32_t body) { return is_deformable(s.bodies, body) ? drift[body].velocity : s.poses.velocity[body]; };
     const Vec3d nearing = (velocity(a) - velocity(b)) * period, after = box_b.min - box_a.max, before = box_a.min - box_b.max;
@@ -107,7 +111,8 @@ Vec3d running_in(double period, double fall, const Surfaces& s, const BodyBoxes&
     return -(in + fall) * way;
 }
 
-void find_jolts(double period, double fall, const Surfaces& surfaces, const BodyBoxes& boxes, const CandidatePairs& pairs, ReachablePairsScratch& s) {
+void find_jolts(double period, double fall, const Surfaces& surfaces, const BodyBoxes& boxes, const CandidatePairs& pairs,
+                ReachablePairsScratch& s) {
     s.jolt.assign(surfaces.bodies.mesh.size(), {});
     const auto add = [&](uint32_t body, const Vec3d& way) {
         if (surfaces.bodies.motion[body] == Motion::kStatic) return;
@@ -124,8 +129,8 @@ void find_jolts(double period, double fall, const Surfaces& surfaces, const Body
 
 }  // namespace
 
-void drop_unreachable_pairs(double period, const Vec3d& gravity, const Surfaces& surfaces, const BodyBoxes& boxes,
-                            ReachablePairsScratch& s, CandidatePairs& pairs, const Sleepers& sleepers) {
+void drop_unreachable_pairs(double period, const Vec3d& gravity, const Surfaces& surfaces, const BodyBoxes& boxes, ReachablePairsScratch& s,
+                            CandidatePairs& pairs, const Sleepers& sleepers) {
     const uint32_t bodies = static_cast<uint32_t>(surfaces.bodies.mesh.size());
     if (s.drift.size() != bodies) std::fill(sleepers.seen.begin(), sleepers.seen.end(), 0);
     s.asked.assign(bodies, 0);
@@ -146,7 +151,8 @@ void drop_unreachable_pairs(double period, const Vec3d& gravity, const Surfaces&
     }
     parallel_for(bodies, kBodiesPerChunk, [&](uint32_t begin, uint32_t end) {
         for (uint32_t body = begin; body < end; ++body)
-            if (s.asked[body] && is_deformable(surfaces.bodies, body) && !was_seen(sleepers, body)) s.drift[body] = drift_of(period, surfaces, body);
+            if (s.asked[body] && is_deformable(surfaces.bodies, body) && !was_seen(sleepers, body))
+                s.drift[body] = drift_of(period, surfaces, body);
     });
     for (size_t i = 0; i < pairs.a.size(); ++i) {
         if (s.reachable[i]) continue;

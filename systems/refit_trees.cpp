@@ -3,8 +3,8 @@
 #include "engine/parallel.hpp"
 namespace trocar {
 
-void refit_trees(const Bodies& bodies, const Particles& particles, const CandidatePairs& pairs,
-                 RefitTreesScratch& scratch, std::span<const std::unique_ptr<ClosestPointTree>> trees) {
+void refit_trees(const Bodies& bodies, const Particles& particles, const CandidatePairs& pairs, RefitTreesScratch& scratch,
+                 std::span<const std::unique_ptr<ClosestPointTree>> trees) {
     scratch.paired.assign(bodies.motion.size(), 0);
     for (const uint32_t body : pairs.a) scratch.paired[body] = 1;
     for (const uint32_t body : pairs.b) scratch.paired[body] = 1;

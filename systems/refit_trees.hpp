@@ -16,7 +16,7 @@ struct RefitTreesScratch {
 
 // Gives the tree of every deformable body that is in a candidate pair its present vertices. Different trees are
 // refitted in parallel. trees[bodies.tree[i]] is the tree of body i.
-void refit_trees(const Bodies& bodies, const Particles& particles, const CandidatePairs& pairs,
-                 RefitTreesScratch& scratch, std::span<const std::unique_ptr<ClosestPointTree>> trees);
+void refit_trees(const Bodies& bodies, const Particles& particles, const CandidatePairs& pairs, RefitTreesScratch& scratch,
+                 std::span<const std::unique_ptr<ClosestPointTree>> trees);
 
 }  // namespace trocar

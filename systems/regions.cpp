@@ -414,9 +414,8 @@ void append(const std::vector<T>& from, std::vector<T>& to) {
 
 }  // namespace
 
-void find_regions(const Surfaces& surfaces, const CandidatePairs& pairs, const ScreenedTriangles& screened,
-                  const NearVertices& near, const Contacts& contacts, const Contours& contours,
-                  RegionsScratch& scratch, OverlapRegions& regions) {
+void find_regions(const Surfaces& surfaces, const CandidatePairs& pairs, const ScreenedTriangles& screened, const NearVertices& near,
+                  const Contacts& contacts, const Contours& contours, RegionsScratch& scratch, OverlapRegions& regions) {
     const uint32_t count = uint32_t(pairs.a.size()), grain = std::max(1u, chunk_count(count, kMostChunks)),
                    chunks = chunk_count(count, grain);
     if (scratch.chunk.size() < chunks) scratch.chunk.resize(chunks);
@@ -436,11 +435,18 @@ void find_regions(const Surfaces& surfaces, const CandidatePairs& pairs, const S
             const uint32_t nodes_a = uint32_t(mesh_a.position.size()), nodes_b = uint32_t(mesh_b.position.size());
             Range points, segments;
             find_rows(contours, pair, points, segments);
-            find_pair({screened, near, contacts, contours,
+            find_pair({screened,
+                       near,
+                       contacts,
+                       contours,
                        {{{a, 0, screened.body[a], near.side[2 * pair], mesh_a, BodyPoints(surfaces, a, centre)},
-                         {b, nodes_a, screened.body[b], near.side[2 * pair + 1], mesh_b,
-                          BodyPoints(surfaces, b, centre)}}},
-                       pair, nodes_a + nodes_b, points, segments, rows, centre},
+                         {b, nodes_a, screened.body[b], near.side[2 * pair + 1], mesh_b, BodyPoints(surfaces, b, centre)}}},
+                       pair,
+                       nodes_a + nodes_b,
+                       points,
+                       segments,
+                       rows,
+                       centre},
                       chunk);
         }
     });

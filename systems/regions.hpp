@@ -30,7 +30,7 @@ struct RegionsChunk {
     std::vector<uint32_t> hit_first[2];  // rows of order, one more
     std::vector<InsideSpan> span;        // of the edge at hand
     std::vector<RegionSum> sum;
-    OverlapRegions found;                // of all pairs of the run
+    OverlapRegions found;  // of all pairs of the run
 };
 
 struct RegionsScratch {
@@ -41,9 +41,9 @@ struct RegionsScratch {
 // Groups what overlaps into connected regions: inside vertices and inside parts of edges joined over the edges of each
 // mesh and across the contour. Area and volume come from Green's and Gauss' theorem over the clipped surfaces, so they
 // are those of the meshes to rounding. A void (a patch that encloses a negative volume) belongs to the region around
-// it; a place where bodies only touch is none, a body on its copy one without a witness. Both bodies must be closed; pairs with a sheet have no regions.
-void find_regions(const Surfaces& surfaces, const CandidatePairs& pairs, const ScreenedTriangles& screened,
-                  const NearVertices& near, const Contacts& contacts, const Contours& contours,
-                  RegionsScratch& scratch, OverlapRegions& regions);
+// it; a place where bodies only touch is none, a body on its copy one without a witness. Both bodies must be closed; pairs with a sheet
+// have no regions.
+void find_regions(const Surfaces& surfaces, const CandidatePairs& pairs, const ScreenedTriangles& screened, const NearVertices& near,
+                  const Contacts& contacts, const Contours& contours, RegionsScratch& scratch, OverlapRegions& regions);
 
 }  // namespace trocar

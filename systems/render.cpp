@@ -12,9 +12,7 @@
 namespace trocar {
 namespace {
 
-bool holds_something(const Box& box) {
-    return box.min.allFinite() && box.max.allFinite() && (box.min.array() <= box.max.array()).all();
-}
+bool holds_something(const Box& box) { return box.min.allFinite() && box.max.allFinite() && (box.min.array() <= box.max.array()).all(); }
 
 Vec3d corner_of(const Box& box, uint32_t k) {
     return {(k & 1 ? box.max : box.min).x(), (k & 2 ? box.max : box.min).y(), (k & 4 ? box.max : box.min).z()};
@@ -54,9 +52,7 @@ CameraFrame camera_frame(const Camera& camera) {
     return frame;
 }
 
-std::array<float, 3> floats(const Vec3d& v) {
-    return {static_cast<float>(v.x()), static_cast<float>(v.y()), static_cast<float>(v.z())};
-}
+std::array<float, 3> floats(const Vec3d& v) { return {static_cast<float>(v.x()), static_cast<float>(v.y()), static_cast<float>(v.z())}; }
 
 constexpr double kFill = 0.88;             // share of the picture that a fitted scene spans
 constexpr double kFillWithRoom = 0.72;     // with room for instruments
@@ -166,8 +162,7 @@ void place_ground(const PictureParams& params, const Camera& camera, const Pictu
 }
 
 // Markers are as large as they can be seen: parts of the height of the picture where they are.
-void place_markers(const PictureParams& params, const Camera& camera, const PictureSnapshot& snapshot,
-                   std::vector<Marker>& markers) {
+void place_markers(const PictureParams& params, const Camera& camera, const PictureSnapshot& snapshot, std::vector<Marker>& markers) {
     constexpr double kLeastShown = 5e-6;  // m, 0.01 mm as the status prints it
     markers.clear();
     const CameraFrame frame = camera_frame(camera);
@@ -265,9 +260,8 @@ void fit_camera(const PictureSnapshot& snapshot, uint32_t width, uint32_t height
     const CameraFrame frame = camera_frame(camera);
     const double tan_y = (deformable ? kFillWithRoom : kFill) * half_tangent(camera), tan_x = tan_y * width / height;
     camera.distance = kNearestDistance;
-    visit_points(snapshot, deformable, [&](const Vec3d& p) {
-        camera.distance = std::max(camera.distance, distance_for(p, camera, frame, tan_x, tan_y));
-    });
+    visit_points(snapshot, deformable,
+                 [&](const Vec3d& p) { camera.distance = std::max(camera.distance, distance_for(p, camera, frame, tan_x, tan_y)); });
     lay_floor_under(box, drawn_box(snapshot), camera);
 }
 
@@ -286,7 +280,8 @@ void keep_in_picture(const PictureSnapshot& snapshot, uint32_t width, uint32_t h
             gone = gone || height < 0 || (from - height * sky).norm() > camera.floor_radius;
             leaves = leaves || needed(p) > placed;
         });
-        if (leaves && !gone) visit_vertices(snapshot, body, [&](const Vec3d& p) { camera.distance = std::max(camera.distance, needed(p)); });
+        if (leaves && !gone)
+            visit_vertices(snapshot, body, [&](const Vec3d& p) { camera.distance = std::max(camera.distance, needed(p)); });
     }
 }
 
@@ -328,8 +323,8 @@ View make_view(const Camera& camera, const Box& box, uint32_t width, uint32_t he
     return view;
 }
 
-void render_picture(const PictureParams& params, const Camera& camera, const PictureSnapshot& snapshot,
-                    GlRenderer& renderer, RenderScratch& scratch, Image& out) {
+void render_picture(const PictureParams& params, const Camera& camera, const PictureSnapshot& snapshot, GlRenderer& renderer,
+                    RenderScratch& scratch, Image& out) {
     Box box = drawn_box(snapshot);
     place_ground(params, camera, snapshot, scratch.ground);
     place_markers(params, camera, snapshot, scratch.markers);

@@ -32,7 +32,7 @@ View make_view(const Camera& camera, const Box& box, uint32_t width, uint32_t he
 
 // Draws a snapshot as the camera sees it, with markers, legend and text as params ask. One picture, sRGB, opaque, rows
 // top to bottom; the same bytes every time.
-void render_picture(const PictureParams& params, const Camera& camera, const PictureSnapshot& snapshot,
-                    GlRenderer& renderer, RenderScratch& scratch, Image& out);
+void render_picture(const PictureParams& params, const Camera& camera, const PictureSnapshot& snapshot, GlRenderer& renderer,
+                    RenderScratch& scratch, Image& out);
 
 }  // namespace trocar

@@ -131,8 +131,7 @@ std::vector<Vec3d> start_directions(const Search& s, const std::vector<WayOut>& 
     for (const Vec3d& p : s.b) apart += p / double(s.b.size());
     for (const Vec3d& p : s.a) apart -= p / double(s.a.size());
     if (apart.norm() > 0) d.push_back(apart.normalized());
-    std::stable_sort(d.begin(), d.end(),
-                     [&](const Vec3d& x, const Vec3d& y) { return exit_of_slab(s, x) < exit_of_slab(s, y); });
+    std::stable_sort(d.begin(), d.end(), [&](const Vec3d& x, const Vec3d& y) { return exit_of_slab(s, x) < exit_of_slab(s, y); });
     return d;
 }
 

@@ -26,8 +26,8 @@ struct SeparationParams {
 
 // The shortest translation of b that separates it from a (PD) lies between lower and upper.
 struct Separation {
-    double lower = 0;  // m, proven: the largest of the shortest distances
-    double upper = 0;  // m, length of `translation`
+    double lower = 0;                   // m, proven: the largest of the shortest distances
+    double upper = 0;                   // m, length of `translation`
     Vec3d translation = Vec3d::Zero();  // m, of b; proven free
     uint32_t probes = 0;
 };

@@ -59,9 +59,8 @@ void find_groups(const SceneSettings& settings, const Bodies& bodies, std::span<
 
 }  // namespace
 
-void fall_asleep_and_wake(const SceneSettings& settings, uint32_t period, const Bodies& bodies,
-                          std::span<const uint8_t> moving, SleepScratch& s, Sleep& sleep, Particles& particles,
-                          CandidatePairs& pairs, Energy& energy, Report& report,
+void fall_asleep_and_wake(const SceneSettings& settings, uint32_t period, const Bodies& bodies, std::span<const uint8_t> moving,
+                          SleepScratch& s, Sleep& sleep, Particles& particles, CandidatePairs& pairs, Energy& energy, Report& report,
                           std::span<const std::array<uint32_t, 2>> joined) {
     const uint32_t count = static_cast<uint32_t>(bodies.motion.size());
     sleep.still.resize(count, 0);

@@ -25,8 +25,7 @@ void compute_body_normals(const MeshView& mesh, const Float4* offset, SurfaceNor
     parallel_for(static_cast<uint32_t>(mesh.position.size()), kGrain, [&](uint32_t begin, uint32_t end) {
         for (uint32_t v = begin; v < end; ++v) {
             Vec3d sum = Vec3d::Zero();
-            for (uint32_t i = mesh.incident_first[v]; i < mesh.incident_first[v + 1]; ++i)
-                sum += face[mesh.incident[i]].cast<double>();
+            for (uint32_t i = mesh.incident_first[v]; i < mesh.incident_first[v + 1]; ++i) sum += face[mesh.incident[i]].cast<double>();
             const double length = std::sqrt(sum.squaredNorm());
             normal[v] = length > 0 && std::isfinite(length) ? Vec3((sum / length).cast<float>()) : Vec3(Vec3::Zero());
         }
@@ -35,8 +34,7 @@ void compute_body_normals(const MeshView& mesh, const Float4* offset, SurfaceNor
 
 }  // namespace
 
-void compute_surface_normals(const Surfaces& surfaces, SurfaceNormalsScratch& scratch, SurfaceNormals& normals,
-                             const Sleepers& sleepers) {
+void compute_surface_normals(const Surfaces& surfaces, SurfaceNormalsScratch& scratch, SurfaceNormals& normals, const Sleepers& sleepers) {
     if (normals.normal.size() != surfaces.particles.offset.size()) {
         normals.normal.assign(surfaces.particles.offset.size(), Vec3::Zero());
         std::fill(sleepers.seen.begin(), sleepers.seen.end(), 0);
@@ -44,8 +42,8 @@ void compute_surface_normals(const Surfaces& surfaces, SurfaceNormalsScratch& sc
     for (uint32_t body = 0; body < surfaces.bodies.mesh.size(); ++body) {
         if (surfaces.bodies.mesh[body] == kNone || !is_deformable(surfaces.bodies, body) || was_seen(sleepers, body)) continue;
         const uint32_t first = surfaces.bodies.particles[body].first;
-        compute_body_normals(mesh_view(surfaces.meshes, surfaces.bodies.mesh[body]),
-                             surfaces.particles.offset.data() + first, scratch, normals.normal.data() + first);
+        compute_body_normals(mesh_view(surfaces.meshes, surfaces.bodies.mesh[body]), surfaces.particles.offset.data() + first, scratch,
+                             normals.normal.data() + first);
     }
 }
 

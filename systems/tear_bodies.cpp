@@ -39,14 +39,15 @@ std::vector<uint8_t> hidden_flags(const Tears& tears, const TearBody& tear, cons
 }
 
 // Lets go the tetrahedra that a cut takes.
-void cut_solid(const TearPass& pass, const Cut& cut, const Meshes& meshes, const Tears& tears, const Particles& particles, Torn& torn, TornSprings& torn_springs,
-               Energy& energy, Report& report) {
+void cut_solid(const TearPass& pass, const Cut& cut, const Meshes& meshes, const Tears& tears, const Particles& particles, Torn& torn,
+               TornSprings& torn_springs, Energy& energy, Report& report) {
     const uint32_t body = tears.body[cut.tear].body, prototype = pass.bodies.mesh[body];
     const SolidInfo& info = pass.solids.info[prototype];
     std::vector<uint32_t> taken;
     for (uint32_t t = 0; t < info.count; ++t) {
         Vec3d middle = Vec3d::Zero();
-        for (const auto& corner : pass.solids.corner) middle += rest_of_node(meshes, pass.solids, prototype, corner[info.tetrahedra.first + t]) / 4;
+        for (const auto& corner : pass.solids.corner)
+            middle += rest_of_node(meshes, pass.solids, prototype, corner[info.tetrahedra.first + t]) / 4;
         if (contains(cut.region, middle)) taken.push_back(t);
     }
     remove_tetrahedra(pass.springs, pass.solids, pass.bodies, particles, tears, cut.tear, taken, torn, torn_springs, energy, report);
@@ -78,11 +79,13 @@ uint32_t half_edge(const Springs& springs, uint32_t prototype, uint32_t from, ui
 }
 
 // Energy of a spring at the time of the velocities, J.
-double spring_energy(const Springs& springs, const Bodies& bodies, const Particles& p, uint32_t body, uint32_t row, uint32_t from, uint32_t to) {
+double spring_energy(const Springs& springs, const Bodies& bodies, const Particles& p, uint32_t body, uint32_t row, uint32_t from,
+                     uint32_t to) {
     const double back = 0.5 * p.last_dt[body];
     const auto place = [&](uint32_t v) {
         const uint32_t i = bodies.particles[body].first + v;
-        return Vec3d(p.offset[i].x - back * p.velocity_x[i], p.offset[i].y - back * p.velocity_y[i], p.offset[i].z - back * p.velocity_z[i]);
+        return Vec3d(p.offset[i].x - back * p.velocity_x[i], p.offset[i].y - back * p.velocity_y[i],
+                     p.offset[i].z - back * p.velocity_z[i]);
     };
     const double stretch = (place(to) - place(from)).norm() - double{springs.rest_length[row]};
     const double factor = springs.info[bodies.mesh[body]].varied ? double{springs.factor[row]} : 1.0;
@@ -108,14 +111,16 @@ void break_bare_edges(const Springs& springs, const Bodies& bodies, const Partic
 
 // Puts the triangles that are left first, in the order of their numbers, and the others behind them. Those of a solid are
 // `corner` where given.
-void sort_triangles(std::span<const uint8_t> gone, const TearBody& tear, std::span<const Triangle> corner, MeshInfo& info, Tears& tears, Meshes& meshes) {
+void sort_triangles(std::span<const uint8_t> gone, const TearBody& tear, std::span<const Triangle> corner, MeshInfo& info, Tears& tears,
+                    Meshes& meshes) {
     const uint32_t count = tear.order.count;
     std::vector<Triangle> triangle(count);
     std::vector<std::array<Vec2, 3>> uv(count);
     std::vector<uint16_t> material(count);
     for (uint32_t i = 0; i < count; ++i) {
         const uint32_t row = info.triangles.first + i, number = tears.order[tear.order.first + i];
-        triangle[number] = corner.empty() ? meshes.triangle[row] : corner[number], uv[number] = meshes.uv[row], material[number] = meshes.triangle_material[row];
+        triangle[number] = corner.empty() ? meshes.triangle[row] : corner[number], uv[number] = meshes.uv[row],
+        material[number] = meshes.triangle_material[row];
     }
     uint32_t next = 0;
     for (const uint8_t wanted : {uint8_t{0}, uint8_t{1}}) {
@@ -133,7 +138,8 @@ void sort_triangles(std::span<const uint8_t> gone, const TearBody& tear, std::sp
 bool is_manifold(const Meshes& made) {
     const MeshInfo& info = made.info[0];
     for (const auto& across : made.neighbour) {
-        for (const uint32_t t : across) if (t == kNone) return false;
+        for (const uint32_t t : across)
+            if (t == kNone) return false;
     }
     for (uint32_t v = 0; v < info.vertices.count; ++v) {
         const uint32_t around = made.incident_first[v + 1] - made.incident_first[v];
@@ -178,8 +184,8 @@ void rebuild_topology(uint32_t prototype, Admission whole, Meshes& meshes) {
 }
 
 // Whether the prototype's triangles are those that torn leaves.
-bool is_up_to_date(const Tears& tears, const TearBody& tear, const MeshInfo& info, std::span<const uint8_t> gone, std::span<const Triangle> corner,
-                   const Meshes& meshes) {
+bool is_up_to_date(const Tears& tears, const TearBody& tear, const MeshInfo& info, std::span<const uint8_t> gone,
+                   std::span<const Triangle> corner, const Meshes& meshes) {
     for (uint32_t i = 0; i < tear.order.count; ++i) {
         const uint32_t number = tears.order[tear.order.first + i];
         if ((i >= info.triangles.count) != (gone[number] != 0)) return false;
@@ -211,14 +217,15 @@ void remove_triangles(const Tears& tears, uint32_t tear, std::span<const uint32_
 }
 
 void remove_tetrahedra(const Springs& springs, const Solids& solids, const Bodies& bodies, const Particles& particles, const Tears& tears,
-                       uint32_t tear, std::span<const uint32_t> tetrahedron, Torn& torn, TornSprings& torn_springs, Energy& energy, Report& report) {
+                       uint32_t tear, std::span<const uint32_t> tetrahedron, Torn& torn, TornSprings& torn_springs, Energy& energy,
+                       Report& report) {
     const uint32_t body = tears.body[tear].body;
     energy.work_links -= drop_tetrahedra(springs, solids, bodies, body, tetrahedron, places_of_nodes(solids, bodies, particles, body), torn,
                                          torn_springs, report.broken_springs);
 }
 
-void cut_bodies(const TearPass& pass, Particles& particles, Meshes& meshes, std::span<std::unique_ptr<ClosestPointTree>> trees, Tears& tears,
-                Torn& torn, TornSprings& torn_springs, Sleep& sleep, Energy& energy, Report& report) {
+void cut_bodies(const TearPass& pass, Particles& particles, Meshes& meshes, std::span<std::unique_ptr<ClosestPointTree>> trees,
+                Tears& tears, Torn& torn, TornSprings& torn_springs, Sleep& sleep, Energy& energy, Report& report) {
     const Bodies& bodies = pass.bodies;
     for (size_t c = 0; c < tears.cut.size(); ++c) {
         const Cut& cut = tears.cut[c];
@@ -237,10 +244,12 @@ void cut_bodies(const TearPass& pass, Particles& particles, Meshes& meshes, std:
         MeshInfo& info = meshes.info[prototype];
         const bool solid = tears_as_solid(tear);
         const auto of_this = [t](const std::array<uint32_t, 2>& lost) { return lost[0] == t; };
-        const bool untouched = solid ? !settle_solid(pass, tear, particles, torn, energy) : std::none_of(torn.triangle.begin(), torn.triangle.end(), of_this);
+        const bool untouched =
+            solid ? !settle_solid(pass, tear, particles, torn, energy) : std::none_of(torn.triangle.begin(), torn.triangle.end(), of_this);
         if (untouched && info.triangles.count == (solid ? tear.outer : tear.order.count)) continue;
         std::vector<Triangle> corner;
-        const std::vector<uint8_t> gone = solid ? hidden_flags(tears, tear, lost_tetrahedra(pass, tear, torn), corner) : removed_flags(tears, t, torn);
+        const std::vector<uint8_t> gone =
+            solid ? hidden_flags(tears, tear, lost_tetrahedra(pass, tear, torn), corner) : removed_flags(tears, t, torn);
         if (is_up_to_date(tears, tear, info, gone, corner, meshes)) continue;
         const Admission before = info.admission;
         if (!solid) break_bare_edges(pass.springs, bodies, particles, meshes, tears, t, gone, torn, energy, report);
@@ -249,10 +258,12 @@ void cut_bodies(const TearPass& pass, Particles& particles, Meshes& meshes, std:
         if (before == Admission::kSolid && info.admission == Admission::kWinding) ++report.opened_bodies;
         if (body < sleep.still.size()) sleep.still[body] = 0;
         const Range rows = bodies.particles[body];
-        trees[bodies.tree[body]] = std::make_unique<ClosestPointTree>(mesh_view(meshes, prototype), std::span(particles.offset).subspan(rows.first, rows.count));
+        trees[bodies.tree[body]] =
+            std::make_unique<ClosestPointTree>(mesh_view(meshes, prototype), std::span(particles.offset).subspan(rows.first, rows.count));
     }
     report.removed_triangles = torn.triangle.size();
-    report.removed_tetrahedra = static_cast<uint64_t>(torn.tetrahedron.size()) - static_cast<uint64_t>(std::count(torn.tetrahedron.begin(), torn.tetrahedron.end(), uint8_t{0}));
+    report.removed_tetrahedra = static_cast<uint64_t>(torn.tetrahedron.size()) -
+                                static_cast<uint64_t>(std::count(torn.tetrahedron.begin(), torn.tetrahedron.end(), uint8_t{0}));
 }
 
 namespace {

@@ -20,7 +20,8 @@ void remove_triangles(const Tears& tears, uint32_t tear, std::span<const uint32_
 // Takes tetrahedra of a solid away, by their numbers in its prototype: they pull no more, and the next pass takes their mass
 // and lays the faces behind them open. What they held leaves the energy. The last one stays.
 void remove_tetrahedra(const Springs& springs, const Solids& solids, const Bodies& bodies, const Particles& particles, const Tears& tears,
-                       uint32_t tear, std::span<const uint32_t> tetrahedron, Torn& torn, TornSprings& torn_springs, Energy& energy, Report& report);
+                       uint32_t tear, std::span<const uint32_t> tetrahedron, Torn& torn, TornSprings& torn_springs, Energy& energy,
+                       Report& report);
 
 // What a pass does to bodies that tear.
 struct TearPass {
@@ -39,8 +40,8 @@ struct TearPass {
 // winds around) and in report.opened_bodies. Shells: springs along edges without a triangle left are broken, what they held
 // leaves the energy; nodes keep their mass and anchors; a body keeps one triangle at least. Stable steps stay: fewer springs
 // make no mode stiffer. Solids: see lose_mass and copy_torn_solid; their stable steps hold for whatever is left.
-void cut_bodies(const TearPass& pass, Particles& particles, Meshes& meshes, std::span<std::unique_ptr<ClosestPointTree>> trees, Tears& tears,
-                Torn& torn, TornSprings& torn_springs, Sleep& sleep, Energy& energy, Report& report);
+void cut_bodies(const TearPass& pass, Particles& particles, Meshes& meshes, std::span<std::unique_ptr<ClosestPointTree>> trees,
+                Tears& tears, Torn& torn, TornSprings& torn_springs, Sleep& sleep, Energy& energy, Report& report);
 
 // Springs and tetrahedra of all prototypes as what has torn left them: follows from the state in every pass.
 void copy_torn_springs(const Springs& springs, const Solids& solids, const Bodies& bodies, const Tears& tears, const Torn& torn,

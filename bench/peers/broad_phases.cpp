@@ -65,8 +65,10 @@ void RasteriseAll::find(const Soup& soup, double cell_size, TrianglePairs& pairs
     const Grid grid{all.low, _mm_set1_ps(float(1 / cell_size))};
     if (table_.empty()) table_.assign(1024, {UINT64_MAX, 0, 0});
     const auto clear = [&](size_t size) {
-        if (size != table_.size()) table_.assign(size, {UINT64_MAX, 0, 0});
-        else for (const uint32_t s : used_) table_[s] = {UINT64_MAX, 0, 0};
+        if (size != table_.size())
+            table_.assign(size, {UINT64_MAX, 0, 0});
+        else
+            for (const uint32_t s : used_) table_[s] = {UINT64_MAX, 0, 0};
         used_.clear(), slot_.clear(), row_.clear(), key_.clear();
     };
     clear(table_.size());
@@ -127,7 +129,8 @@ void SweptTrees::build(const Soup& soup, uint32_t body) {
     const FloatBox all = box_of_body(soup, body);
     alignas(16) std::array<float, 4> size;
     _mm_store_ps(size.data(), _mm_sub_ps(all.high, all.low));
-    const Grid grid{all.low, _mm_setr_ps(1023 / std::max(size[0], 1e-30f), 1023 / std::max(size[1], 1e-30f), 1023 / std::max(size[2], 1e-30f), 0)};
+    const Grid grid{all.low,
+                    _mm_setr_ps(1023 / std::max(size[0], 1e-30f), 1023 / std::max(size[1], 1e-30f), 1023 / std::max(size[2], 1e-30f), 0)};
     std::vector<std::array<uint32_t, 2>> coded;
     for (uint32_t t = range.first; t < range.end(); ++t) {
         const FloatBox box = box_of(soup, t);
@@ -151,7 +154,9 @@ void SweptTrees::build(const Soup& soup, uint32_t body) {
         if (differ != 0) {
             const uint32_t bit = 1u << (31 - __builtin_clz(differ));
             split = uint32_t(std::partition_point(coded.begin() + (first - base), coded.begin() + (first + count - base),
-                                                  [&](const auto& c) { return (c[0] & bit) == 0; }) - coded.begin()) + base;
+                                                  [&](const auto& c) { return (c[0] & bit) == 0; }) -
+                             coded.begin()) +
+                    base;
         }
         node_[n].child = uint32_t(node_.size());
         node_.push_back({{}, 0, first, split - first});

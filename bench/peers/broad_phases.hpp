@@ -32,7 +32,7 @@ class SweptTrees {
  private:
     struct Node {
         FloatBox box;
-        uint32_t child = 0;  // first of two; 0 = leaf
+        uint32_t child = 0;             // first of two; 0 = leaf
         uint32_t first = 0, count = 0;  // rows of order_
     };
     void build(const Soup& soup, uint32_t body);
@@ -40,8 +40,8 @@ class SweptTrees {
     void descend(uint32_t a, uint32_t b, TrianglePairs& pairs);
 
     std::vector<Node> node_;
-    std::vector<Range> nodes_;      // per body, the root first
-    std::vector<uint32_t> order_;   // triangles
+    std::vector<Range> nodes_;     // per body, the root first
+    std::vector<uint32_t> order_;  // triangles
     std::vector<FloatBox> triangle_box_, body_box_;
     std::vector<uint32_t> sweep_;
     std::vector<uint8_t> fresh_;

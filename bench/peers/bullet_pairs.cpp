@@ -17,8 +17,7 @@ btVector3 to_bullet(const Vec3d& p) { return {btScalar(p.x()), btScalar(p.y()), 
 
 BulletPairs::BulletPairs(const std::vector<Box>& boxes) : impl_(std::make_unique<Impl>()) {
     for (const Box& box : boxes) {
-        impl_->proxy.push_back(impl_->broadphase.createProxy(to_bullet(box.min), to_bullet(box.max), 0, nullptr, 1, 1,
-                                                             &impl_->dispatcher));
+        impl_->proxy.push_back(impl_->broadphase.createProxy(to_bullet(box.min), to_bullet(box.max), 0, nullptr, 1, 1, &impl_->dispatcher));
     }
 }
 

@@ -38,8 +38,7 @@ using Exact = CGAL::Exact_predicates_exact_constructions_kernel;
 struct CgalSurface::Impl {
     Searched<Fast> searched;
     Searched<Fast>::Side side;
-    Impl(std::span<const Vec3d> position, std::span<const Triangle> triangle)
-        : searched(position, triangle), side(searched.tree) {
+    Impl(std::span<const Vec3d> position, std::span<const Triangle> triangle) : searched(position, triangle), side(searched.tree) {
         searched.tree.accelerate_distance_queries();
     }
 };
@@ -57,8 +56,8 @@ void CgalSurface::query(std::span<const Vec3d> points, std::span<double> signed_
     }
 }
 
-void cgal_exact_sides(std::span<const Vec3d> position, std::span<const Triangle> triangle,
-                      std::span<const Vec3d> points, std::span<int> side) {
+void cgal_exact_sides(std::span<const Vec3d> position, std::span<const Triangle> triangle, std::span<const Vec3d> points,
+                      std::span<int> side) {
     const Searched<Exact> searched(position, triangle);
     const Searched<Exact>::Side side_of(searched.tree);
     for (size_t i = 0; i < points.size(); ++i) {

@@ -19,7 +19,7 @@ class CgalSurface {
 };
 
 // Side of every point by CGAL's exact kernel: -1 inside, 0 on the surface, 1 outside.
-void cgal_exact_sides(std::span<const Vec3d> position, std::span<const Triangle> triangle,
-                      std::span<const Vec3d> points, std::span<int> side);
+void cgal_exact_sides(std::span<const Vec3d> position, std::span<const Triangle> triangle, std::span<const Vec3d> points,
+                      std::span<int> side);
 
 }  // namespace trocar::bench

@@ -57,9 +57,7 @@ template <typename Real>
 Closest<Real> closest_on_triangle(const Soup& soup, uint32_t t, const Vec<Real>& p) {
     const Vec<Real> a = vertex<Real>(soup, soup.triangle[t][0]), b = vertex<Real>(soup, soup.triangle[t][1]),
                     c = vertex<Real>(soup, soup.triangle[t][2]);
-    const auto at = [&](const Vec<Real>& q, int corner) {
-        return Closest<Real>{q, t, corner, dot(p - q, p - q)};
-    };
+    const auto at = [&](const Vec<Real>& q, int corner) { return Closest<Real>{q, t, corner, dot(p - q, p - q)}; };
     const Vec<Real> ab = b - a, ac = c - a, ap = p - a;
     const Real d1 = dot(ab, ap), d2 = dot(ac, ap);
     if (d1 <= 0 && d2 <= 0) return at(a, 0);

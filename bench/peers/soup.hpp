@@ -10,11 +10,11 @@ namespace trocar::bench {
 
 // All bodies of a scene as one list of triangles in world floats: what the peers work on.
 struct Soup {
-    std::vector<Float4> position;     // m
-    std::vector<Triangle> triangle;   // rows of position
-    std::vector<uint32_t> body;       // per triangle
+    std::vector<Float4> position;            // m
+    std::vector<Triangle> triangle;          // rows of position
+    std::vector<uint32_t> body;              // per triangle
     std::vector<Range> vertices, triangles;  // per body
-    double mean_edge = 0;             // m
+    double mean_edge = 0;                    // m
 };
 
 struct FloatBox {
@@ -29,8 +29,7 @@ inline bool meet(const FloatBox& a, const FloatBox& b) {
 }
 inline FloatBox box_of(const Soup& soup, uint32_t triangle) {
     const Triangle& t = soup.triangle[triangle];
-    const __m128 a = _mm_load_ps(&soup.position[t[0]].x), b = _mm_load_ps(&soup.position[t[1]].x),
-                 c = _mm_load_ps(&soup.position[t[2]].x);
+    const __m128 a = _mm_load_ps(&soup.position[t[0]].x), b = _mm_load_ps(&soup.position[t[1]].x), c = _mm_load_ps(&soup.position[t[2]].x);
     return {_mm_min_ps(_mm_min_ps(a, b), c), _mm_max_ps(_mm_max_ps(a, b), c)};
 }
 

@@ -7,10 +7,10 @@ namespace trocar::bench {
 
 // One vertex inside the other body of a pair (thesis 4.1.1, 4.2).
 struct ThesisVertex {
-    uint32_t vertex = 0;             // row of the soup
+    uint32_t vertex = 0;  // row of the soup
     uint32_t body = 0;
-    double distance = 0;             // m, shortest distance to the other surface, > 0
-    double projected = 0;            // m, on the direction of the pair
+    double distance = 0;   // m, shortest distance to the other surface, > 0
+    double projected = 0;  // m, on the direction of the pair
 };
 struct ThesisPair {
     std::array<uint32_t, 2> bodies{};

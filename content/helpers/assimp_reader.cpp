@@ -54,8 +54,7 @@ struct FolderFiles : Assimp::IOSystem {
     char getOsSeparator() const override { return '/'; }
     Assimp::IOStream* Open(const char* asked, const char* mode) override {
         if (std::strpbrk(mode, "wa+") != nullptr) return nullptr;
-        if (asked == name)
-            return new Assimp::MemoryIOStream(reinterpret_cast<const uint8_t*>(bytes.data()), bytes.size());
+        if (asked == name) return new Assimp::MemoryIOStream(reinterpret_cast<const uint8_t*>(bytes.data()), bytes.size());
         const fs::path path = find(asked);
         std::error_code fault;
         if (path.empty() || fs::file_size(path, fault) > kSideFileLimit || fault) return nullptr;
@@ -85,9 +84,7 @@ Transform to_double(const aiMatrix4x4& m) {
     return t;
 }
 
-float unit(float value, float otherwise) {
-    return std::isfinite(value) ? std::fmin(std::fmax(value, 0.f), 1.f) : otherwise;
-}
+float unit(float value, float otherwise) { return std::isfinite(value) ? std::fmin(std::fmax(value, 0.f), 1.f) : otherwise; }
 
 Material to_material(const aiScene& scene, const aiMaterial& from, std::string& picture) {
     Material material;
@@ -109,8 +106,7 @@ Material to_material(const aiScene& scene, const aiMaterial& from, std::string& 
         material.texture = text.C_Str();
         const aiTexture* inside = scene.GetEmbeddedTexture(text.C_Str());
         // height 0: a compressed picture of width bytes
-        if (inside && inside->mHeight == 0)
-            picture.assign(reinterpret_cast<const char*>(inside->pcData), inside->mWidth);
+        if (inside && inside->mHeight == 0) picture.assign(reinterpret_cast<const char*>(inside->pcData), inside->mWidth);
         break;
     }
     return material;
@@ -183,8 +179,7 @@ void flatten(Flattening& f) {
         world.col(3) += visit.transform.col(3);
         for (uint32_t m = 0; m < visit.node->mNumMeshes; ++m) {
             const uint32_t row = visit.node->mMeshes[m];
-            if (row >= f.scene.mNumMeshes || !f.scene.mMeshes[row])
-                throw InputError("a node names a surface the file does not have");
+            if (row >= f.scene.mNumMeshes || !f.scene.mMeshes[row]) throw InputError("a node names a surface the file does not have");
             add_mesh(f, *f.scene.mMeshes[row], world);
         }
         for (uint32_t c = visit.node->mNumChildren; c-- > 0;) open.push_back({visit.node->mChildren[c], world});
@@ -197,8 +192,7 @@ void add_warnings(Flattening& f) {
     for (const Vec3d& p : f.out.mesh.position) largest = std::fmax(largest, p.cwiseAbs().maxCoeff());
     char text[160];
     // half a unit in the last place of a 24-bit significand
-    std::snprintf(text, sizeof text, "coordinates went through 32-bit floats: rounded by about %.2g",
-                  largest * 0x1p-24);
+    std::snprintf(text, sizeof text, "coordinates went through 32-bit floats: rounded by about %.2g", largest * 0x1p-24);
     warnings.push_back(text);
     if (f.lines > 0) warnings.push_back(std::to_string(f.lines) + " lines or points passed over");
     if (f.skinned) warnings.push_back("the skeleton is passed over: the surface is taken as it is stored");
@@ -208,8 +202,7 @@ void add_warnings(Flattening& f) {
     if (data && data->Get("UnitScaleFactor", single)) factor = single;
     if (data && factor == 0) data->Get("UnitScaleFactor", factor);
     if (factor > 0) {
-        std::snprintf(text, sizeof text, "the file says that one unit is %g cm; coordinates are left as they are",
-                      factor);
+        std::snprintf(text, sizeof text, "the file says that one unit is %g cm; coordinates are left as they are", factor);
         warnings.push_back(text);
     }
 }
@@ -264,8 +257,7 @@ int read(const char* name) {
     if (f.out.mesh.triangle.empty()) throw InputError(f.out.format + " found no face");
     add_warnings(f);
     const std::string stream = encode_mesh_stream(f.out);
-    const bool written =
-        std::fwrite(stream.data(), 1, stream.size(), stdout) == stream.size() && std::fflush(stdout) == 0;
+    const bool written = std::fwrite(stream.data(), 1, stream.size(), stdout) == stream.size() && std::fflush(stdout) == 0;
     return written ? 0 : kNotRead;
 }
 

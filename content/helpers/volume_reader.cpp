@@ -58,9 +58,12 @@ VoxelType voxel_type(const ImageIO& io) {
         case itk::IOComponentEnum::LONG:
         case itk::IOComponentEnum::LONGLONG:
             return sized(VoxelType::kInt8, VoxelType::kInt16, VoxelType::kInt32, VoxelType::kInt64);
-        case itk::IOComponentEnum::FLOAT: return VoxelType::kFloat;
-        case itk::IOComponentEnum::DOUBLE: return VoxelType::kDouble;
-        default: fail("a voxel type this program does not take (" + io.GetComponentTypeAsString(io.GetComponentType()) + ")");
+        case itk::IOComponentEnum::FLOAT:
+            return VoxelType::kFloat;
+        case itk::IOComponentEnum::DOUBLE:
+            return VoxelType::kDouble;
+        default:
+            fail("a voxel type this program does not take (" + io.GetComponentTypeAsString(io.GetComponentType()) + ")");
     }
 }
 
@@ -199,9 +202,8 @@ void check_meta_length(const fs::path& path, uint64_t wanted) {
     const size_t packed_key = head.find("CompressedData ");
     const bool packed = packed_key != std::string_view::npos &&
                         head.substr(packed_key, head.find('\n', packed_key) - packed_key).find("rue") != std::string_view::npos;
-    const std::string there = name == "LOCAL" || name == "Local" || name == "local"
-                                  ? bytes.substr(std::min(line_end + 1, bytes.size()))
-                                  : file_bytes(path.parent_path() / name);
+    const std::string there = name == "LOCAL" || name == "Local" || name == "local" ? bytes.substr(std::min(line_end + 1, bytes.size()))
+                                                                                    : file_bytes(path.parent_path() / name);
     const uint64_t count = packed ? inflated_bytes(there) : there.size();
     if (count < wanted) {
         fail("is cut short: its header asks for " + std::to_string(wanted) + " bytes, " + std::to_string(count) + " are there");
@@ -219,8 +221,8 @@ void check_dicom_length(const fs::path& path) {
     if (begin > bytes.size()) fail(path.filename().string() + " is cut short");
     uint32_t length = 0;
     std::memcpy(&length, bytes.data() + begin - 4, 4);
-    const bool whole = length == UINT32_MAX ? bytes.find(std::string("\xfe\xff\xdd\xe0", 4), begin) != std::string::npos
-                                            : length <= bytes.size() - begin;
+    const bool whole =
+        length == UINT32_MAX ? bytes.find(std::string("\xfe\xff\xdd\xe0", 4), begin) != std::string::npos : length <= bytes.size() - begin;
     if (!whole) fail(path.filename().string() + " is cut short within its pixels");
 }
 
@@ -288,8 +290,8 @@ void check_gaps(const std::vector<Slice>& slices) {
         if (std::abs(gap - mean) < 0.01 * mean) continue;
         char text[96];
         std::snprintf(text, sizeof text, " are %.6g apart, the mean is %.6g", gap, mean);
-        fail("slices are not at even distances (one missing, or doubled): " + fs::path(slices[k - 1].file).filename().string() +
-             " and " + fs::path(slices[k].file).filename().string() + text);
+        fail("slices are not at even distances (one missing, or doubled): " + fs::path(slices[k - 1].file).filename().string() + " and " +
+             fs::path(slices[k].file).filename().string() + text);
     }
 }
 

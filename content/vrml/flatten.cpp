@@ -30,7 +30,7 @@ struct Walk {
     State state{};
     std::vector<Visit> stack{};
     std::vector<Instance> instances{};
-    std::set<NodeId> checked{};  // coordinate nodes
+    std::set<NodeId> checked{};                                    // coordinate nodes
     std::map<std::pair<NodeId, NodeId>, uint64_t> triangles_of{};  // of a geometry over a coordinate node
     uint64_t visits = 0, visit_limit = 0, triangles = 0;
 };
@@ -171,8 +171,7 @@ void visit_inline(Walk& w, NodeId id) {
     const uint32_t row = load_first(w.scene, url);
     if (row == kNone) return;
     const uint32_t inlined = w.stack.back().inlined + 1;
-    if (inlined > kInlineLimit)
-        fail(w, id, "files inline files deeper than the limit of " + std::to_string(kInlineLimit));
+    if (inlined > kInlineLimit) fail(w, id, "files inline files deeper than the limit of " + std::to_string(kInlineLimit));
     const NodeId root{row, kNone, 0};
     push_list(w, id, {}, w.scene.file[row]->document.roots, Restore::kAll);
     w.stack.back().file = root.document;
@@ -340,9 +339,7 @@ void walk_scene(Walk& w) {
     }
 }
 
-std::string plural(uint64_t count, const std::string& one) {
-    return std::to_string(count) + " " + one + (count == 1 ? "" : "s");
-}
+std::string plural(uint64_t count, const std::string& one) { return std::to_string(count) + " " + one + (count == 1 ? "" : "s"); }
 
 }  // namespace
 
@@ -392,8 +389,7 @@ LoadedMesh flatten_document(Document document, const LoadProgress& progress) {
     const auto note = [&](uint64_t count, const std::string& one, const std::string& what) {
         if (count > 0) loaded.warnings.push_back(path + ": " + plural(count, one) + " " + what);
     };
-    note(builder.faces_outside, "face",
-         "dropped: a corner is not among the points (first at " + builder.first_outside + ")");
+    note(builder.faces_outside, "face", "dropped: a corner is not among the points (first at " + builder.first_outside + ")");
     note(builder.faces_short, "face", "dropped: fewer than three corners");
     note(builder.faces_fanned, "polygon", "cut as a fan: crossing itself or without area");
     note(builder.corners_without_uv, "corner", "without a texture coordinate");

@@ -80,8 +80,7 @@ const char* parse_value(const char* at, const char* end, double& value) {
     if (*stop == '#' && stop[-1] == '.') {
         // Microsoft's printf writes 1.#INF and -1.#IND; everywhere else '#' begins a comment
         const std::string_view rest(stop + 1, static_cast<size_t>(end - stop - 1));
-        if (same_letters(rest, "inf") || same_letters(rest, "ind") || same_letters(rest, "qnan") ||
-            same_letters(rest, "snan")) {
+        if (same_letters(rest, "inf") || same_letters(rest, "ind") || same_letters(rest, "qnan") || same_letters(rest, "snan")) {
             value = std::numeric_limits<double>::quiet_NaN();
             return skip_word(stop + 1, end);
         }

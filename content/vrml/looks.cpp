@@ -93,8 +93,8 @@ uint16_t add_material(SurfaceBuilder& b, Material material, NodeId texture) {
     if (found != b.material_of_look.end()) return found->second;
     if (b.mesh.material.size() >= kMaterialLimit) {
         if (first_time(b.scene, "materials")) {
-            b.scene.warnings.push_back(b.scene.file[0]->document.path.string() + ": more than " +
-                                       std::to_string(kMaterialLimit) + " materials; the rest look like the last");
+            b.scene.warnings.push_back(b.scene.file[0]->document.path.string() + ": more than " + std::to_string(kMaterialLimit) +
+                                       " materials; the rest look like the last");
         }
         return static_cast<uint16_t>(kMaterialLimit - 1);
     }

@@ -31,8 +31,8 @@ struct Corners {
 
 Corners corners_of(const Scene& scene, NodeId id, uint64_t points) {
     const Role role = role_of(scene, id);
-    const bool indexed = role == Role::kIndexedTriangles || role == Role::kIndexedFans ||
-                         role == Role::kIndexedStrips || role == Role::kIndexedQuads;
+    const bool indexed =
+        role == Role::kIndexedTriangles || role == Role::kIndexedFans || role == Role::kIndexedStrips || role == Role::kIndexedQuads;
     Corners corners;
     corners.indexed = indexed;
     if (indexed) {
@@ -72,9 +72,7 @@ void make_runs(const Scene& scene, NodeId id, const Corners& c, FaceList& faces)
         }
         return;
     }
-    const char* const field = role == Role::kFans                   ? "fanCount"
-                              : find_value(scene, id, "stripCount") ? "stripCount"
-                                                                    : "numVertices";
+    const char* const field = role == Role::kFans ? "fanCount" : find_value(scene, id, "stripCount") ? "stripCount" : "numVertices";
     for (const double count : numbers_at(scene, id, field)) {
         const uint64_t run = whole(count, c.count - first);
         add_run(faces, role, c, first, run);
@@ -107,9 +105,7 @@ std::array<uint64_t, 2> grid_size(const Scene& scene, NodeId id) {
 
 using Frame = std::array<Vec3d, 3>;  // x, y, z axis of a cross-section's plane
 
-Vec3d cross(const Vec3d& a, const Vec3d& b) {
-    return {a[1] * b[2] - a[2] * b[1], a[2] * b[0] - a[0] * b[2], a[0] * b[1] - a[1] * b[0]};
-}
+Vec3d cross(const Vec3d& a, const Vec3d& b) { return {a[1] * b[2] - a[2] * b[1], a[2] * b[0] - a[0] * b[2], a[0] * b[1] - a[1] * b[0]}; }
 
 // Unit vector, or zero when there is no direction.
 Vec3d unit(const Vec3d& v) {
@@ -209,8 +205,7 @@ std::vector<double> shares(const std::vector<Point>& p, Distance distance) {
 // Sides: u along the cross-section, v along the spine. Caps: the cross-section itself, its larger side from 0 to 1.
 void add_extrusion_uv(const Outline& o, FaceList& faces) {
     const std::vector<double> v = shares(o.spine, [](const Vec3d& a, const Vec3d& b) { return (b - a).norm(); });
-    const std::vector<double> u =
-        shares(o.section, [](const auto& a, const auto& b) { return std::hypot(b[0] - a[0], b[1] - a[1]); });
+    const std::vector<double> u = shares(o.section, [](const auto& a, const auto& b) { return std::hypot(b[0] - a[0], b[1] - a[1]); });
     std::array<double, 2> low = o.section[0], high = o.section[0];
     for (const auto& q : o.section) {
         low = {std::min(low[0], q[0]), std::min(low[1], q[1])};

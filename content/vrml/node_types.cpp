@@ -159,8 +159,8 @@ constexpr auto kTypes = sort_types(std::to_array<NodeType>({
 }  // namespace
 
 NodeType find_node_type(std::string_view name) {
-    const auto found = std::lower_bound(kTypes.begin(), kTypes.end(), name,
-                                        [](const NodeType& type, std::string_view n) { return type.name < n; });
+    const auto found =
+        std::lower_bound(kTypes.begin(), kTypes.end(), name, [](const NodeType& type, std::string_view n) { return type.name < n; });
     return found != kTypes.end() && found->name == name ? *found : NodeType{};
 }
 

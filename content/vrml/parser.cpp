@@ -98,8 +98,7 @@ void push_frame(Parser& p, FrameKind kind, uint32_t row, uint32_t offset, const 
     if (p.frames.size() > 3 * kNestingLimit) {
         fail(p, offset, "brackets nested deeper than " + std::to_string(3 * kNestingLimit));
     }
-    p.frames.push_back(
-        {kind, row, static_cast<uint32_t>(p.refs.size()), static_cast<uint32_t>(p.fields.size()), offset, field});
+    p.frames.push_back({kind, row, static_cast<uint32_t>(p.refs.size()), static_cast<uint32_t>(p.fields.size()), offset, field});
 }
 
 void add_field(Parser& p, const Field& field) {
@@ -201,12 +200,9 @@ void read_definition(Parser& p, const Token& keyword) {
 }
 
 // Interface words of PROTO and Script, of VRML97 and of X3D. Those of events carry no value.
-bool is_event(std::string_view word) {
-    return word == "eventIn" || word == "eventOut" || word == "inputOnly" || word == "outputOnly";
-}
+bool is_event(std::string_view word) { return word == "eventIn" || word == "eventOut" || word == "inputOnly" || word == "outputOnly"; }
 bool is_interface(std::string_view word) {
-    return word == "field" || word == "exposedField" || word == "initializeOnly" || word == "inputOutput" ||
-           is_event(word);
+    return word == "field" || word == "exposedField" || word == "initializeOnly" || word == "inputOutput" || is_event(word);
 }
 bool is_value_type(std::string_view word) {
     return word.size() > 3 && (word.starts_with("SF") || word.starts_with("MF")) && word[2] >= 'A' && word[2] <= 'Z';
@@ -260,8 +256,7 @@ void read_value(Parser& p, Range name) {
                 add_word(p, field, token);
                 // VRML 1.0 writes sets of flags as (SIDES | TOP)
                 Token part = token;
-                while (word[0] == '(' && !token_text(p, part).ends_with(')') &&
-                       peek_token(p.lexer).kind == TokenKind::kWord) {
+                while (word[0] == '(' && !token_text(p, part).ends_with(')') && peek_token(p.lexer).kind == TokenKind::kWord) {
                     part = next_token(p.lexer);
                     add_word(p, field, part);
                 }
@@ -355,7 +350,8 @@ bool read_file_statement(Parser& p, const Token& token) {
         next_name(p.lexer);
         const Token factor = next_token(p.lexer);
         if (factor.kind != TokenKind::kNumber) fail(p, factor.offset, "expected a factor in a UNIT, found " + shown(p, factor));
-        if (token_text(p, category) == "length" && factor.number != 1) warn(p, token.offset, "a unit of length is not applied: give a scale");
+        if (token_text(p, category) == "length" && factor.number != 1)
+            warn(p, token.offset, "a unit of length is not applied: give a scale");
         return true;
     }
     if (word == "EXPORT" || word == "IMPORT") {  // NODE [AS NAME], FILE.NODE [AS NAME]
@@ -457,8 +453,7 @@ void step_body(Parser& p, const Token& token) {
 std::string describe_open(const Parser& p) {
     const Frame& frame = p.frames.back();
     const Place place = find_place(p.document.text, frame.offset);
-    return "the file ends before what begins at " + std::to_string(place.line) + ":" + std::to_string(place.column) +
-           " is closed";
+    return "the file ends before what begins at " + std::to_string(place.line) + ":" + std::to_string(place.column) + " is closed";
 }
 
 void parse(Parser& p, const LoadProgress& progress) {
@@ -540,8 +535,7 @@ Document parse_document(std::string text, std::filesystem::path path, const Load
         fail(p, fault.offset, fault.reason);
     }
     if (p.suppressed > 0) {
-        p.document.warnings.push_back(p.document.path.string() + ": " + std::to_string(p.suppressed) +
-                                      " more warnings left out");
+        p.document.warnings.push_back(p.document.path.string() + ": " + std::to_string(p.suppressed) + " more warnings left out");
     }
     return std::move(p.document);
 }

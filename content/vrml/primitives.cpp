@@ -29,11 +29,9 @@ bool is_size(double value) { return value > 0 && std::isfinite(value); }
 void make_box(const Vec3d& size, std::vector<Vec3d>& position, std::vector<Triangle>& triangle) {
     const auto first = static_cast<uint32_t>(position.size());
     for (int k = 0; k < 8; ++k) {
-        position.push_back(
-            {(k & 1 ? 0.5 : -0.5) * size[0], (k & 2 ? 0.5 : -0.5) * size[1], (k & 4 ? 0.5 : -0.5) * size[2]});
+        position.push_back({(k & 1 ? 0.5 : -0.5) * size[0], (k & 2 ? 0.5 : -0.5) * size[1], (k & 4 ? 0.5 : -0.5) * size[2]});
     }
-    constexpr uint32_t kFaces[6][4] = {{0, 4, 6, 2}, {1, 3, 7, 5}, {0, 1, 5, 4},
-                                       {2, 6, 7, 3}, {0, 2, 3, 1}, {4, 5, 7, 6}};
+    constexpr uint32_t kFaces[6][4] = {{0, 4, 6, 2}, {1, 3, 7, 5}, {0, 1, 5, 4}, {2, 6, 7, 3}, {0, 2, 3, 1}, {4, 5, 7, 6}};
     for (const auto& f : kFaces) {
         triangle.push_back({first + f[0], first + f[1], first + f[2]});
         triangle.push_back({first + f[0], first + f[2], first + f[3]});
@@ -54,8 +52,7 @@ uint32_t add_ring(double radius, double height, std::vector<Vec3d>& position) {
 }
 
 // Triangles from a ring to a point above it (or below, facing down).
-void close_ring(uint32_t ring, const Vec3d& tip, bool upwards, std::vector<Vec3d>& position,
-                std::vector<Triangle>& triangle) {
+void close_ring(uint32_t ring, const Vec3d& tip, bool upwards, std::vector<Vec3d>& position, std::vector<Triangle>& triangle) {
     const auto top = static_cast<uint32_t>(position.size());
     position.push_back(tip);
     for (uint32_t k = 0; k < kAround; ++k) {
@@ -104,8 +101,7 @@ uint64_t count_primitive_triangles(Role role) {
 void make_primitive(const Scene& scene, NodeId id, std::vector<Vec3d>& position, std::vector<Triangle>& triangle) {
     const Role role = role_of(scene, id);
     if (role == Role::kBox) {
-        Vec3d size(number_of(scene, id, "width", 2), number_of(scene, id, "height", 2),
-                   number_of(scene, id, "depth", 2));
+        Vec3d size(number_of(scene, id, "width", 2), number_of(scene, id, "height", 2), number_of(scene, id, "depth", 2));
         const std::span<const double> numbers = numbers_of(find_value(scene, id, "size"), 3);
         if (numbers.size() >= 3) size = {numbers[0], numbers[1], numbers[2]};
         if (is_size(size[0]) && is_size(size[1]) && is_size(size[2])) make_box(size, position, triangle);

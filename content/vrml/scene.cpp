@@ -81,8 +81,7 @@ void judge_nodes(Scene& scene, SceneFile& file) {
             role = role_by_kinship(document, node);
             const std::string name = printable(text_of(document, node.type));
             if (role == Role::kUnknown && first_time(scene, "node " + name)) {
-                scene.warnings.push_back(describe_place(document, node.offset) + ": unknown node " + name +
-                                         " is passed over");
+                scene.warnings.push_back(describe_place(document, node.offset) + ": unknown node " + name + " is passed over");
             }
         }
         file.role.push_back(role);
@@ -94,8 +93,8 @@ void judge_nodes(Scene& scene, SceneFile& file) {
     if (header.format.empty()) {
         scene.warnings.push_back(document.path.string() + ":1:1: no VRML header; read as " + name);
     } else if (header.language != Language::kBoth && header.language != file.language) {
-        scene.warnings.push_back(document.path.string() + ":1:1: the header says " + header.format +
-                                 " but the nodes are of " + name + "; read as " + name);
+        scene.warnings.push_back(document.path.string() + ":1:1: the header says " + header.format + " but the nodes are of " + name +
+                                 "; read as " + name);
         file.format = name;
     }
 }
@@ -120,14 +119,12 @@ uint32_t load_file(Scene& scene, uint32_t from, const std::string& url, uint32_t
     const Document& document = scene.file[from]->document;
     const auto pass_over = [&](const std::string& reason) {
         if (first_time(scene, "file " + url)) {
-            scene.warnings.push_back(describe_place(document, offset) + ": file '" + printable(url) +
-                                     "' is not read: " + reason);
+            scene.warnings.push_back(describe_place(document, offset) + ": file '" + printable(url) + "' is not read: " + reason);
         }
         return kNone;
     };
     if (scene.file.size() > 1000) return pass_over("more than 1000 files");
-    const LocalFile local =
-        find_local_file(scene.file[0]->document.path.parent_path(), document.path.parent_path(), url);
+    const LocalFile local = find_local_file(scene.file[0]->document.path.parent_path(), document.path.parent_path(), url);
     if (!local.refusal.empty()) return pass_over(local.refusal);
     std::error_code fault;
     const std::string key = fs::canonical(local.path, fault).string();
@@ -159,9 +156,7 @@ std::string type_of(const Scene& scene, NodeId id) {
     return printable(text_of(scene.file[id.document]->document, node_of(scene, id).type));
 }
 
-std::string place_of(const Scene& scene, NodeId id) {
-    return describe_place(scene.file[id.document]->document, node_of(scene, id).offset);
-}
+std::string place_of(const Scene& scene, NodeId id) { return describe_place(scene.file[id.document]->document, node_of(scene, id).offset); }
 
 // The PROTO an EXTERNPROTO of file `holder` stands for, in the first of its files that has it; sets the file and row.
 static const Prototype* find_elsewhere(Scene& scene, const Prototype& external, uint32_t& holder, uint32_t& row) {
@@ -198,8 +193,7 @@ NodeId resolve(Scene& scene, NodeId id) {
         if (!prototype || prototype->body.count == 0) return id;
         const uint32_t depth = scene.scope[id.scope].depth + 1;
         if (depth > kInlineLimit) {
-            throw InputError(place_of(scene, id) + ": prototypes nested deeper than the limit of " +
-                             std::to_string(kInlineLimit));
+            throw InputError(place_of(scene, id) + ": prototypes nested deeper than the limit of " + std::to_string(kInlineLimit));
         }
         const auto [found, fresh] = scene.scope_of_instance.try_emplace(id, static_cast<uint32_t>(scene.scope.size()));
         if (fresh) scene.scope.push_back({id, holder, row, depth});
@@ -238,8 +232,8 @@ std::span<const double> numbers_of(const Value& value) {
     if (!value) return {};
     if (value.field->numbers.count > 0 && value.field->words.count > 0) {
         const Range bytes = value.document->word[value.field->words.first].bytes;
-        throw InputError(describe_place(*value.document, bytes.first) + ": '" + printable(text_of(*value.document, bytes)) + "' among the numbers of '" +
-                         printable(text_of(*value.document, value.field->name)) + "'");
+        throw InputError(describe_place(*value.document, bytes.first) + ": '" + printable(text_of(*value.document, bytes)) +
+                         "' among the numbers of '" + printable(text_of(*value.document, value.field->name)) + "'");
     }
     return std::span(value.document->number).subspan(value.field->numbers.first, value.field->numbers.count);
 }
@@ -247,8 +241,8 @@ std::span<const double> numbers_of(const Value& value) {
 std::span<const double> numbers_of(const Value& value, size_t least) {
     const std::span<const double> numbers = numbers_of(value);
     if (!value || value.field->is || numbers.size() >= least || (numbers.empty() && value.field->words.count == 0)) return numbers;
-    throw InputError(describe_place(*value.document, value.field->offset) + ": '" + printable(text_of(*value.document, value.field->name)) + "' has " +
-                     std::to_string(numbers.size()) + " of " + std::to_string(least) + " numbers");
+    throw InputError(describe_place(*value.document, value.field->offset) + ": '" + printable(text_of(*value.document, value.field->name)) +
+                     "' has " + std::to_string(numbers.size()) + " of " + std::to_string(least) + " numbers");
 }
 
 std::span<const double> numbers_at(const Scene& scene, NodeId id, std::string_view name) {

@@ -84,10 +84,10 @@ std::span<const double> numbers_of(const Value& value);
 // The same; also where there are some, or a word, but not as many as `least`.
 std::span<const double> numbers_of(const Value& value, size_t least);
 std::span<const double> numbers_at(const Scene& scene, NodeId id, std::string_view name);  // empty for no node
-std::vector<std::string> urls_of(const Value& value);  // the strings or words, at most 16
-std::string text_of(const Value& value);              // first string or word, empty if none
-NodeId first_node(Scene& scene, const Value& value);  // resolved; node kNone if none
-bool flag_of(const Value& value, bool otherwise);     // TRUE or FALSE
+std::vector<std::string> urls_of(const Value& value);                                      // the strings or words, at most 16
+std::string text_of(const Value& value);                                                   // first string or word, empty if none
+NodeId first_node(Scene& scene, const Value& value);                                       // resolved; node kNone if none
+bool flag_of(const Value& value, bool otherwise);                                          // TRUE or FALSE
 
 // Place of the k-th number of a value, found by reading its text again.
 std::string place_of_number(const Value& value, uint32_t k);

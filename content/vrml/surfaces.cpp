@@ -17,8 +17,7 @@ Vec3d apply(const Placement& p, const Vec3d& x) {
 
 double determinant(const Placement& p) {
     const auto& m = p.m;
-    return m[0] * (m[5] * m[10] - m[6] * m[9]) - m[1] * (m[4] * m[10] - m[6] * m[8]) +
-           m[2] * (m[4] * m[9] - m[5] * m[8]);
+    return m[0] * (m[5] * m[10] - m[6] * m[9]) - m[1] * (m[4] * m[10] - m[6] * m[8]) + m[2] * (m[4] * m[9] - m[5] * m[8]);
 }
 
 // Appends a vertex under the surface's placement.
@@ -104,8 +103,7 @@ TextureMap texture_map(SurfaceBuilder& b, const Instance& instance, std::span<co
 Vec2 texture_coordinate(SurfaceBuilder& b, const TextureMap& map, const Vec3d& corner, uint32_t point, uint32_t place) {
     std::array<double, 2> t{0, 0};
     if (map.points.empty()) {
-        t = {(corner[map.axis_u] - map.origin[map.axis_u]) / map.length,
-             (corner[map.axis_v] - map.origin[map.axis_v]) / map.length};
+        t = {(corner[map.axis_u] - map.origin[map.axis_u]) / map.length, (corner[map.axis_v] - map.origin[map.axis_v]) / map.length};
     } else {
         double row = point;
         if (!map.index.empty()) row = place < map.index.size() ? map.index[place] : -1;
@@ -116,8 +114,7 @@ Vec2 texture_coordinate(SurfaceBuilder& b, const TextureMap& map, const Vec3d& c
         }
     }
     const auto& m = map.transform;
-    const Vec2 uv{static_cast<float>(m[0] * t[0] + m[1] * t[1] + m[2]),
-                  static_cast<float>(m[3] * t[0] + m[4] * t[1] + m[5])};
+    const Vec2 uv{static_cast<float>(m[0] * t[0] + m[1] * t[1] + m[2]), static_cast<float>(m[3] * t[0] + m[4] * t[1] + m[5])};
     if (std::isfinite(uv.u) && std::isfinite(uv.v)) return uv;
     ++b.corners_without_uv;
     return {};
@@ -227,11 +224,10 @@ void build_face_set(SurfaceBuilder& b, const Instance& instance) {
         if (k % (1u << 20) == (1u << 20) - 1) b.report();
         if (k < index.size() && index[k] != -1) {
             // what is no number of a point, -5 or 1.5 or nan, is outside too
-            const bool inside =
-                index[k] >= 0 && index[k] < static_cast<double>(point_count) && index[k] == std::floor(index[k]);
+            const bool inside = index[k] >= 0 && index[k] < static_cast<double>(point_count) && index[k] == std::floor(index[k]);
             if (!inside && b.first_outside.empty()) {
-                b.first_outside = set.written ? place_of_number(set.written, static_cast<uint32_t>(k))
-                                              : place_of(b.scene, instance.geometry);
+                b.first_outside =
+                    set.written ? place_of_number(set.written, static_cast<uint32_t>(k)) : place_of(b.scene, instance.geometry);
             }
             outside = outside || !inside;
             b.corner_point.push_back(inside ? static_cast<uint32_t>(index[k]) : 0);
@@ -332,8 +328,7 @@ uint64_t count_unused_points(const SurfaceBuilder& builder) {
         for (size_t k = 0; k < places.size(); ++k) {
             const auto& [x, y, z, is_unused] = places[k];
             const bool first =
-                k == 0 || std::tie(x, y, z) != std::tie(std::get<0>(places[k - 1]), std::get<1>(places[k - 1]),
-                                                        std::get<2>(places[k - 1]));
+                k == 0 || std::tie(x, y, z) != std::tie(std::get<0>(places[k - 1]), std::get<1>(places[k - 1]), std::get<2>(places[k - 1]));
             unused += first && is_unused;
         }
         total += unused * use.placements.size();

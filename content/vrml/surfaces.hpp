@@ -38,10 +38,9 @@ struct CoordinateUse {
 struct SurfaceBuilder {
     Scene& scene;
     Mesh& mesh;
-    std::map<std::tuple<NodeId, NodeId, NodeId, uint32_t>, uint16_t>
-        material_row{};                                                              // material, colour, texture, entry
-    std::map<std::pair<std::array<float, 8>, NodeId>, uint16_t> material_of_look{};  // look, texture
-    std::map<NodeId, std::pair<std::string, Image>> texture{};                       // file name and pixels
+    std::map<std::tuple<NodeId, NodeId, NodeId, uint32_t>, uint16_t> material_row{};  // material, colour, texture, entry
+    std::map<std::pair<std::array<float, 8>, NodeId>, uint16_t> material_of_look{};   // look, texture
+    std::map<NodeId, std::pair<std::string, Image>> texture{};                        // file name and pixels
     std::map<NodeId, CoordinateUse> coordinate_use{};
     std::vector<uint32_t> vertex_of_point{}, stamp{};  // vertex made for a point by the surface with that stamp
     uint32_t surface = 0;
@@ -57,7 +56,7 @@ struct SurfaceBuilder {
     uint64_t faces_fanned = 0;   // no ears found
     uint64_t corners_without_uv = 0;
     std::function<void()> report = [] {};  // called now and then while a large surface is built
-    std::string first_outside{};  // place of the first such corner
+    std::string first_outside{};           // place of the first such corner
 };
 
 Placement combine(const Placement& outer, const Placement& inner);

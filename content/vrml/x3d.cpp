@@ -36,9 +36,7 @@ struct XmlParser {
 
 uint32_t offset_of(const XmlParser& p, const char* inside) { return static_cast<uint32_t>(inside - p.buffer.data()); }
 
-uint32_t offset_of(const XmlParser& p, const xml_node& node) {
-    return node.name()[0] == '\0' ? 0 : offset_of(p, node.name());
-}
+uint32_t offset_of(const XmlParser& p, const xml_node& node) { return node.name()[0] == '\0' ? 0 : offset_of(p, node.name()); }
 
 [[noreturn]] void fail(const XmlParser& p, uint32_t offset, const std::string& reason) {
     throw InputError(describe_place(p.document, offset) + ": " + reason + describe_path(p.path));
@@ -353,8 +351,8 @@ Document parse_x3d(std::string text, std::filesystem::path path) {
     p.buffer = p.document.text;
     const size_t first = p.buffer.find('<');
     pugi::xml_document xml;
-    const pugi::xml_parse_result result = xml.load_buffer_inplace(p.buffer.data() + first, p.buffer.size() - first,
-                                                                  pugi::parse_escapes, pugi::encoding_utf8);
+    const pugi::xml_parse_result result =
+        xml.load_buffer_inplace(p.buffer.data() + first, p.buffer.size() - first, pugi::parse_escapes, pugi::encoding_utf8);
     if (!result) {
         fail(p, static_cast<uint32_t>(first + static_cast<size_t>(result.offset)),
              std::string("not well-formed XML: ") + result.description());
@@ -362,20 +360,19 @@ Document parse_x3d(std::string text, std::filesystem::path path) {
     const xml_node root = xml.child("X3D");
     for (const xml_node& unit : root.child("head").children("unit")) {
         const double factor = unit.attribute("conversionFactor").as_double(1);
-        if (std::string_view(unit.attribute("category").value()) == "length" && factor != 1) warn(p, offset_of(p, unit), "a unit of length is not applied: give a scale");
+        if (std::string_view(unit.attribute("category").value()) == "length" && factor != 1)
+            warn(p, offset_of(p, unit), "a unit of length is not applied: give a scale");
     }
     const xml_node scene = root.child("Scene");
     p.document.roots = add_refs(p, refs_of(read_children(p, scene ? scene : root)));
     if (p.suppressed > 0) {
-        p.document.warnings.push_back(p.document.path.string() + ": " + std::to_string(p.suppressed) +
-                                      " more warnings left out");
+        p.document.warnings.push_back(p.document.path.string() + ": " + std::to_string(p.suppressed) + " more warnings left out");
     }
     return std::move(p.document);
 }
 
 Document read_document(std::string text, std::filesystem::path path, const LoadProgress& progress) {
-    return looks_like_x3d(text) ? parse_x3d(std::move(text), std::move(path))
-                                : parse_document(std::move(text), std::move(path), progress);
+    return looks_like_x3d(text) ? parse_x3d(std::move(text), std::move(path)) : parse_document(std::move(text), std::move(path), progress);
 }
 
 }  // namespace trocar::vrml

@@ -101,8 +101,8 @@ class BodyPoints {
             return _mm256_add_pd(_mm256_cvtps_pd(_mm_blend_ps(p, _mm_setzero_ps(), 8)), origin_);
         }
         const double* p = rest_[v].data();
-        const __m256d xy = _mm256_add_pd(_mm256_mul_pd(_mm256_broadcast_sd(p), column_x_),
-                                         _mm256_mul_pd(_mm256_broadcast_sd(p + 1), column_y_));
+        const __m256d xy =
+            _mm256_add_pd(_mm256_mul_pd(_mm256_broadcast_sd(p), column_x_), _mm256_mul_pd(_mm256_broadcast_sd(p + 1), column_y_));
         return _mm256_add_pd(_mm256_add_pd(xy, _mm256_mul_pd(_mm256_broadcast_sd(p + 2), column_z_)), origin_);
     }
     Vec3d point(uint32_t v) const {
@@ -118,9 +118,7 @@ class BodyPoints {
 };
 
 // Every finite lane stays, the rest is marked: true when x, y and z are all finite.
-inline bool is_finite(__m256d p) {
-    return _mm256_movemask_pd(_mm256_cmp_pd(_mm256_sub_pd(p, p), p, _CMP_UNORD_Q)) == 0;
-}
+inline bool is_finite(__m256d p) { return _mm256_movemask_pd(_mm256_cmp_pd(_mm256_sub_pd(p, p), p, _CMP_UNORD_Q)) == 0; }
 
 // Doubles to a packed box; both ends are moved outward by more than the rounding.
 inline PackedBox pack_box(__m256d min, __m256d max) {
@@ -138,9 +136,7 @@ inline PackedBox pack_box(const Box& box, const Vec3d& origin) {
 inline __m256 load_box(const PackedBox& box) { return _mm256_load_ps(box.min.data()); }
 // The side that load_box of another box is compared with.
 inline __m256 facing(__m256 box) { return _mm256_sub_ps(_mm256_setzero_ps(), _mm256_permute2f128_ps(box, box, 1)); }
-inline bool meets(__m256 facing_a, __m256 b) {
-    return _mm256_movemask_ps(_mm256_cmp_ps(b, facing_a, _CMP_NLE_UQ)) == 0;
-}
+inline bool meets(__m256 facing_a, __m256 b) { return _mm256_movemask_ps(_mm256_cmp_ps(b, facing_a, _CMP_NLE_UQ)) == 0; }
 
 // Cells that a box covers. A cell is half-open: it holds its lower faces and not its upper ones.
 struct CellRange {
@@ -155,9 +151,7 @@ inline CellRange cells_of(__m256 box, float inv_size) {
     _mm_store_si128(reinterpret_cast<__m128i*>(cells.last.data()), _mm_cvttps_epi32(_mm_max_ps(high, zero)));
     return cells;
 }
-inline uint64_t pack_cell(uint32_t x, uint32_t y, uint32_t z) {
-    return uint64_t(x) << 42 | uint64_t(y) << 21 | uint64_t(z);
-}
+inline uint64_t pack_cell(uint32_t x, uint32_t y, uint32_t z) { return uint64_t(x) << 42 | uint64_t(y) << 21 | uint64_t(z); }
 // Where a cell belongs in a table of 2^(64 - shift) slots.
 inline uint32_t cell_slot(uint64_t key, uint32_t shift) { return uint32_t((key * 0x9E3779B97F4A7C15ull) >> shift); }
 // Cell of the larger of the lower corners of two boxes, by the same arithmetic as cells_of.
@@ -175,8 +169,7 @@ inline double distance_to_triangle(Vec4d p, Vec4d a, Vec4d b, Vec4d c) {
     const Vec4d ab = b - a, bc = c - b, ca = a - c, pa = a - p, pb = b - p, pc = c - p;
     const Vec4d n = cross(bc, ca);
     const double area = norm2(n), longest = std::max({norm2(ab), norm2(bc), norm2(ca)});
-    const bool beyond_ab = dot(cross(pa, pb), n) < 0, beyond_bc = dot(cross(pb, pc), n) < 0,
-               beyond_ca = dot(cross(pc, pa), n) < 0;
+    const bool beyond_ab = dot(cross(pa, pb), n) < 0, beyond_bc = dot(cross(pb, pc), n) < 0, beyond_ca = dot(cross(pc, pa), n) < 0;
     const bool flat = area > 1e-12 * longest * longest;
     if (flat && !beyond_ab && !beyond_bc && !beyond_ca) return std::abs(dot(pa, n)) / std::sqrt(area);
     // only an edge that the foot lies beyond can be the nearest

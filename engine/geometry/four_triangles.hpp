@@ -39,13 +39,15 @@ inline Vec4d squared_distances(const FourPoints& p, const FourTriangles& t) {
     const FourPoints ra = t.a - p, rb = t.b - p, rc = t.c - p;
     const FourPoints n = precise_cross(ab, ac);
     const Vec4d n2 = norm2(n), none = {};
-    const Vec4d ra_ab = dot(ra, ab), rb_ab = dot(rb, ab), rb_bc = dot(rb, bc), rc_bc = dot(rc, bc), rc_ca = dot(rc, ca), ra_ca = dot(ra, ca);
+    const Vec4d ra_ab = dot(ra, ab), rb_ab = dot(rb, ab), rb_bc = dot(rb, bc), rc_bc = dot(rc, bc), rc_ca = dot(rc, ca),
+                ra_ca = dot(ra, ca);
     const Mask4 has_area = (n2 > none) & ~(n2 <= 0x1p-100 * (norm2(ab) * norm2(ac)));
     const Mask4 within = (dot(cross(n, ab), ra) < none) & (dot(cross(n, bc), rb) < none) & (dot(cross(n, ca), rc) < none);
     const Mask4 beyond_corner = ((ra_ab > none) & (ra_ca < none)) | ((rb_bc > none) & (rb_ab < none)) | ((rc_ca > none) & (rc_bc < none));
     const Vec4d height = dot(n, ra), of_face = height * (height / n2);
-    const Vec4d of_edges = least(least(squared_distance_of_segment(ra, rb, ab, ra_ab, rb_ab), squared_distance_of_segment(rb, rc, bc, rb_bc, rc_bc)),
-                                 squared_distance_of_segment(rc, ra, ca, rc_ca, ra_ca));
+    const Vec4d of_edges =
+        least(least(squared_distance_of_segment(ra, rb, ab, ra_ab, rb_ab), squared_distance_of_segment(rb, rc, bc, rb_bc, rc_bc)),
+              squared_distance_of_segment(rc, ra, ca, rc_ca, ra_ca));
     return (has_area & within & ~beyond_corner) ? of_face : of_edges;
 }
 

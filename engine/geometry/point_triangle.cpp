@@ -9,8 +9,7 @@ namespace {
 double dot(const Vec3d& u, const Vec3d& v) { return u.x() * v.x() + u.y() * v.y() + u.z() * v.z(); }
 // (u x v) . w
 double triple(const Vec3d& u, const Vec3d& v, const Vec3d& w) {
-    return (u.y() * v.z() - u.z() * v.y()) * w.x() + (u.z() * v.x() - u.x() * v.z()) * w.y() +
-           (u.x() * v.y() - u.y() * v.x()) * w.z();
+    return (u.y() * v.z() - u.z() * v.y()) * w.x() + (u.z() * v.x() - u.x() * v.z()) * w.y() + (u.x() * v.y() - u.y() * v.x()) * w.z();
 }
 // x * y - z * w within 1.5 rounding units of the result
 double product_difference(double x, double y, double z, double w) {
@@ -36,8 +35,7 @@ SegmentPoint closest_on_segment(const Vec3d& r, const Vec3d& r_end, const Vec3d&
     if (!(along > 0)) return {r, dot(r, r), 0};
     if (!(along < length2)) return {r_end, dot(r_end, r_end), 1};
     // from the nearer end: the product t * e is then the shorter one
-    const Vec3d q =
-        along <= 0.5 * length2 ? Vec3d(r + (along / length2) * e) : Vec3d(r_end - (dot(r_end, e) / length2) * e);
+    const Vec3d q = along <= 0.5 * length2 ? Vec3d(r + (along / length2) * e) : Vec3d(r_end - (dot(r_end, e) / length2) * e);
     return {q, dot(q, q), 2};
 }
 
@@ -70,8 +68,7 @@ TrianglePoint closest_point_on_triangle(const Vec3d& p, const Vec3d& a, const Ve
     constexpr Feature kFeatures[3][3] = {{Feature::kVertex0, Feature::kVertex1, Feature::kEdge0},
                                          {Feature::kVertex1, Feature::kVertex2, Feature::kEdge1},
                                          {Feature::kVertex2, Feature::kVertex0, Feature::kEdge2}};
-    const SegmentPoint side[3] = {closest_on_segment(ra, rb, ab), closest_on_segment(rb, rc, bc),
-                                  closest_on_segment(rc, ra, ca)};
+    const SegmentPoint side[3] = {closest_on_segment(ra, rb, ab), closest_on_segment(rb, rc, bc), closest_on_segment(rc, ra, ca)};
     int best = 0;
     for (int k = 1; k < 3; ++k)
         if (side[k].squared_distance < side[best].squared_distance) best = k;

@@ -7,7 +7,7 @@ namespace trocar {
 struct TrianglePoint {
     Vec3d offset = Vec3d::Zero();                                       // closest point - query point, m
     double squared_distance = std::numeric_limits<double>::infinity();  // m^2
-    double height = 0;  // m, > 0 on the side the normal points to; faces only
+    double height = 0;                                                  // m, > 0 on the side the normal points to; faces only
     Feature feature = Feature::kFace;
 };
 

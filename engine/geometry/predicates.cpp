@@ -91,9 +91,7 @@ int orient2d_exact(double ax, double ay, double bx, double by, double cx, double
     // points of one axis-parallel line, or the same point twice, are common in made meshes
     if ((ax == bx && ax == cx) || (ay == by && ay == cy) || (ax == cx && ay == cy) || (bx == cx && by == cy)) return 0;
     const double s = scale_for({ax, ay, bx, by, cx, cy});
-    return minor(difference(s * ax, s * cx), difference(s * ay, s * cy), difference(s * bx, s * cx),
-                 difference(s * by, s * cy))
-        .sign();
+    return minor(difference(s * ax, s * cx), difference(s * ay, s * cy), difference(s * bx, s * cx), difference(s * by, s * cy)).sign();
 }
 
 int orient3d_exact(const Vec3d& a, const Vec3d& b, const Vec3d& c, const Vec3d& d) {
@@ -114,9 +112,7 @@ int orient3d_exact(const Vec3d& a, const Vec3d& b, const Vec3d& c, const Vec3d& 
 
 int turn_exact(double ux, double uy, double vx, double vy, double sx, double sy, double tx, double ty) {
     const double k = scale_for({ux, uy, vx, vy, sx, sy, tx, ty});
-    return minor(difference(k * vx, k * ux), difference(k * vy, k * uy), difference(k * tx, k * sx),
-                 difference(k * ty, k * sy))
-        .sign();
+    return minor(difference(k * vx, k * ux), difference(k * vy, k * uy), difference(k * tx, k * sx), difference(k * ty, k * sy)).sign();
 }
 
 int orient3d_moving_point(const Vec3d& a, const Vec3d& b, const Vec3d& c, const Vec3d& d) {

@@ -33,8 +33,7 @@ inline int orient3d(const Vec3d& a, const Vec3d& b, const Vec3d& c, const Vec3d&
     const double bz_cx = bz * cx, bx_cz = bx * cz;
     const double bx_cy = bx * cy, by_cx = by * cx;
     const double det = dx * (by_cz - bz_cy) + dy * (bz_cx - bx_cz) + dz * (bx_cy - by_cx);
-    const double permanent = std::abs(dx) * (std::abs(by_cz) + std::abs(bz_cy)) +
-                             std::abs(dy) * (std::abs(bz_cx) + std::abs(bx_cz)) +
+    const double permanent = std::abs(dx) * (std::abs(by_cz) + std::abs(bz_cy)) + std::abs(dy) * (std::abs(bz_cx) + std::abs(bx_cz)) +
                              std::abs(dz) * (std::abs(bx_cy) + std::abs(by_cx));
     if (permanent > kUnderflowGuard && std::abs(det) > (7.0 + 0x1p-46) * 0x1p-53 * permanent) return det > 0 ? 1 : -1;
     return orient3d_exact(a, b, c, d);
@@ -53,8 +52,7 @@ int orient3d_moving_edge(const Vec3d& a, const Vec3d& b, const Vec3d& c, const V
 
 // True when a, b, c lie on one line (or coincide). Exact.
 inline bool are_collinear(const Vec3d& a, const Vec3d& b, const Vec3d& c) {
-    return orient2d(a.x(), a.y(), b.x(), b.y(), c.x(), c.y()) == 0 &&
-           orient2d(a.y(), a.z(), b.y(), b.z(), c.y(), c.z()) == 0 &&
+    return orient2d(a.x(), a.y(), b.x(), b.y(), c.x(), c.y()) == 0 && orient2d(a.y(), a.z(), b.y(), b.z(), c.y(), c.z()) == 0 &&
            orient2d(a.z(), a.x(), b.z(), b.x(), c.z(), c.x()) == 0;
 }
 

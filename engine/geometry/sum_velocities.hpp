@@ -11,7 +11,8 @@ struct VelocitySum {
     uint32_t count = 0;
 };
 inline VelocitySum sum_velocities(const Particles& particles, uint32_t first, uint32_t count) {
-    const float *x = particles.velocity_x.data() + first, *y = particles.velocity_y.data() + first, *z = particles.velocity_z.data() + first;
+    const float *x = particles.velocity_x.data() + first, *y = particles.velocity_y.data() + first,
+                *z = particles.velocity_z.data() + first;
     Vec4d sum = {};
     uint32_t finite = 0;
     const auto add = [&](__m128 velocity) {

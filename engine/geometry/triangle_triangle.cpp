@@ -30,9 +30,7 @@ Simplex make_segment(const Corners& t) {
 
 Simplex reduce(const Corners& t) { return are_collinear(t[0], t[1], t[2]) ? make_segment(t) : Simplex{t, 3}; }
 
-int turn(const Vec3d& a, const Vec3d& b, const Vec3d& c, int u, int v) {
-    return orient2d(a[u], a[v], b[u], b[v], c[u], c[v]);
-}
+int turn(const Vec3d& a, const Vec3d& b, const Vec3d& c, int u, int v) { return orient2d(a[u], a[v], b[u], b[v], c[u], c[v]); }
 
 // Coordinate plane (its two axes) onto which the points do not fall in one line; the result is exact for any such
 // plane. False when a, b, c are collinear.
@@ -82,8 +80,7 @@ Meeting meet_on_line(const Simplex& a, const Simplex& b) {
     const Vec3d &b_low = b.corner[0], &b_high = b.corner[b.count - 1];
     if (comes_before(a_high, b_low) || comes_before(b_high, a_low)) return Meeting::kDisjoint;
     const bool same_point = a.count == 1 && b.count == 1;
-    return same_point || (comes_before(a_low, b_high) && comes_before(b_low, a_high)) ? Meeting::kCrossing
-                                                                                      : Meeting::kTouching;
+    return same_point || (comes_before(a_low, b_high) && comes_before(b_low, a_high)) ? Meeting::kCrossing : Meeting::kTouching;
 }
 
 // Two segments or points.
@@ -92,8 +89,7 @@ Meeting meet_thin(const Simplex& a, const Simplex& b) {
     const Vec3d &r = b.corner[0], &s = b.corner[b.count - 1];
     if (a.count == 2 && b.count == 2 && orient3d(p, q, r, s) != 0) return Meeting::kDisjoint;
     int u = 0, v = 0;
-    const bool spans =
-        choose_projection(p, q, r, u, v) || choose_projection(p, q, s, u, v) || choose_projection(r, s, p, u, v);
+    const bool spans = choose_projection(p, q, r, u, v) || choose_projection(p, q, s, u, v) || choose_projection(r, s, p, u, v);
     if (!spans) return meet_on_line(a, b);
     if (a.count == 1 || b.count == 1) return Meeting::kDisjoint;
     return meet_in_plane(a, b, u, v);
@@ -132,9 +128,7 @@ Meeting meet_thin_triangle(const Simplex& thin, const Corners& t) {
 
 using Sides = std::array<int, 3>;
 
-bool all_on_one_side(const Sides& s) {
-    return (s[0] > 0 && s[1] > 0 && s[2] > 0) || (s[0] < 0 && s[1] < 0 && s[2] < 0);
-}
+bool all_on_one_side(const Sides& s) { return (s[0] > 0 && s[1] > 0 && s[2] > 0) || (s[0] < 0 && s[1] < 0 && s[2] < 0); }
 bool on_both_sides(const Sides& s) { return std::min({s[0], s[1], s[2]}) < 0 && std::max({s[0], s[1], s[2]}) > 0; }
 
 // The corners of a that lie in b's plane while the rest stays on one side of it: only they can meet b.

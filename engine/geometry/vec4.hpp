@@ -9,9 +9,7 @@ namespace trocar {
 typedef double Vec4d __attribute__((vector_size(32)));
 
 inline Vec4d make_vec4(double x, double y, double z) { return Vec4d{x, y, z, 0}; }
-inline Vec4d load_vec4(const double* p) {
-    return (Vec4d)_mm256_maskload_pd(p, _mm256_setr_epi64x(-1, -1, -1, 0));
-}
+inline Vec4d load_vec4(const double* p) { return (Vec4d)_mm256_maskload_pd(p, _mm256_setr_epi64x(-1, -1, -1, 0)); }
 inline Vec4d to_vec4(const Vec3d& v) { return load_vec4(v.data()); }
 inline Vec3d to_vec3(Vec4d v) { return {v[0], v[1], v[2]}; }
 // Three floats and anything.

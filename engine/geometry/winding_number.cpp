@@ -44,8 +44,7 @@ bool count_winding(const Vec3d& corner_a, const Vec3d& corner_b, const Vec3d& co
     const auto [low_z, high_z] = std::minmax({corner[0]->z(), corner[1]->z(), corner[2]->z()});
     if (point.y() < low_y || point.y() > high_y || point.z() < low_z || point.z() > high_z) return true;
     const int side = orient3d(*corner[0], *corner[1], *corner[2], point);
-    if (side == 0 && meet_segment_triangle(point, point, {*corner[0], *corner[1], *corner[2]}) != Meeting::kDisjoint)
-        return false;
+    if (side == 0 && meet_segment_triangle(point, point, {*corner[0], *corner[1], *corner[2]}) != Meeting::kDisjoint) return false;
     // the point around the face's outline seen along x, edges half-open in y: neighbours agree on their common edge
     int around = 0;
     for (int k = 0; k < 3; ++k) {
@@ -59,8 +58,8 @@ bool count_winding(const Vec3d& corner_a, const Vec3d& corner_b, const Vec3d& co
     return true;
 }
 
-bool count_windings(std::span<const Vec3d> position, std::span<const Triangle> triangle,
-                    std::span<const uint32_t> faces, const Vec3d& point, int& windings) {
+bool count_windings(std::span<const Vec3d> position, std::span<const Triangle> triangle, std::span<const uint32_t> faces,
+                    const Vec3d& point, int& windings) {
     windings = 0;
     return std::all_of(faces.begin(), faces.end(), [&](uint32_t t) {
         const Triangle& v = triangle[t];

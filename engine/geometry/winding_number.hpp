@@ -16,8 +16,8 @@ double winding_number(std::span<const Float4> position, std::span<const Triangle
 
 // The same number for faces that close up (rows of `triangle`), exact and without a sum: signed crossings of the ray
 // towards +x, a ray through an edge or a corner counted once. False when the point lies on one of the faces.
-bool count_windings(std::span<const Vec3d> position, std::span<const Triangle> triangle,
-                    std::span<const uint32_t> faces, const Vec3d& point, int& windings);
+bool count_windings(std::span<const Vec3d> position, std::span<const Triangle> triangle, std::span<const uint32_t> faces,
+                    const Vec3d& point, int& windings);
 
 // Adds one face's share of that number to `windings`. False when the point lies on the face.
 bool count_winding(const Vec3d& a, const Vec3d& b, const Vec3d& c, const Vec3d& point, int& windings);

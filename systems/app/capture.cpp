@@ -26,21 +26,31 @@ struct Counter {
     uint64_t Report::*value;
 };
 constexpr Counter kCounters[] = {
-    {"contact_events", &Report::contact_events},         {"dropped_contacts", &Report::dropped_contacts},
-    {"oversize_triangles", &Report::oversize_triangles}, {"tie_overflows", &Report::tie_overflows},
-    {"sign_disagreements", &Report::sign_disagreements}, {"ended_rows", &Report::ended_rows},
-    {"opposing_planes", &Report::opposing_planes},       {"nonfinite_particles", &Report::nonfinite_particles},
-    {"late_passes", &Report::late_passes},               {"runaway_bodies", &Report::runaway_bodies},
-    {"broken_springs", &Report::broken_springs},         {"broken_links", &Report::broken_links},
-    {"removed_triangles", &Report::removed_triangles},   {"removed_tetrahedra", &Report::removed_tetrahedra},
-    {"opened_bodies", &Report::opened_bodies},           {"disagreements", &Report::disagreements},
+    {"contact_events", &Report::contact_events},
+    {"dropped_contacts", &Report::dropped_contacts},
+    {"oversize_triangles", &Report::oversize_triangles},
+    {"tie_overflows", &Report::tie_overflows},
+    {"sign_disagreements", &Report::sign_disagreements},
+    {"ended_rows", &Report::ended_rows},
+    {"opposing_planes", &Report::opposing_planes},
+    {"nonfinite_particles", &Report::nonfinite_particles},
+    {"late_passes", &Report::late_passes},
+    {"runaway_bodies", &Report::runaway_bodies},
+    {"broken_springs", &Report::broken_springs},
+    {"broken_links", &Report::broken_links},
+    {"removed_triangles", &Report::removed_triangles},
+    {"removed_tetrahedra", &Report::removed_tetrahedra},
+    {"opened_bodies", &Report::opened_bodies},
+    {"disagreements", &Report::disagreements},
 };
 
 [[noreturn]] void refuse_trigger(const std::string& word) {
     std::string counters;
     for (const Counter& c : kCounters) counters += std::string(counters.empty() ? "" : ", ") + c.name;
     throw InputError("--capture " + word +
-                     ": write 5-25 (contact passes), worst, over=33 (ms), nan, usr1 or counter=NAME, joined by commas (ranges and counters more than once); counters: " + counters);
+                     ": write 5-25 (contact passes), worst, over=33 (ms), nan, usr1 or counter=NAME, joined by commas (ranges and counters "
+                     "more than once); counters: " +
+                     counters);
 }
 
 void parse_trigger(const std::string& word, CaptureTriggers& triggers) {
@@ -151,12 +161,22 @@ std::unique_ptr<CaptureWriter> FrameRecorder::open(const std::string& name, cons
     for (const std::string& stage : header_.stage_names) stages += stage + "\n";
     add_text(h, "stages", stages);
     const Camera& c = header_.camera;
-    const double camera[] = {static_cast<double>(c.kind), c.target.x(), c.target.y(), c.target.z(), c.azimuth, c.elevation, c.distance,
-                             c.position.x(), c.position.y(), c.position.z(), c.field_of_view};
+    const double camera[] = {static_cast<double>(c.kind),
+                             c.target.x(),
+                             c.target.y(),
+                             c.target.z(),
+                             c.azimuth,
+                             c.elevation,
+                             c.distance,
+                             c.position.x(),
+                             c.position.y(),
+                             c.position.z(),
+                             c.field_of_view};
     const std::byte* bytes = reinterpret_cast<const std::byte*>(camera);
     h.arrays.push_back({"camera", ArrayType::kF64, 1, std::size(camera), {bytes, bytes + sizeof camera}});
     add_number(h, "live", uint64_t{header_.live});
-    add_number(h, "wireframe", uint64_t{header_.picture.wireframe}), add_number(h, "depth_colours", uint64_t{header_.picture.depth_colours});
+    add_number(h, "wireframe", uint64_t{header_.picture.wireframe}),
+        add_number(h, "depth_colours", uint64_t{header_.picture.depth_colours});
     writer->add(h);
     writer->add(scene_);
     if (std::find(files_.begin(), files_.end(), name) == files_.end()) files_.push_back(name);
@@ -210,7 +230,9 @@ void FrameRecorder::before_pass() {
     }
     for (const auto& [first, last] : triggers_.ranges) {
         if (first != pass) continue;
-        guarded([&] { open_ranges_.push_back({last, open("passes_" + std::to_string(first) + "-" + std::to_string(last) + ".cap", "passes")}); });
+        guarded([&] {
+            open_ranges_.push_back({last, open("passes_" + std::to_string(first) + "-" + std::to_string(last) + ".cap", "passes")});
+        });
     }
     guarded([&] {
         for (OpenRange& range : open_ranges_) range.writer->add(stretch->state);
@@ -287,7 +309,8 @@ void FrameRecorder::write_now(const std::string& reason) {
 void FrameRecorder::finish() {
     const uint64_t pass = frame_.world().clock.pass;
     for (const auto& [first, last] : triggers_.ranges) {
-        if (last >= pass) notes_.push_back(std::to_string(first) + "-" + std::to_string(last) + ": the run ended before pass " + std::to_string(pass));
+        if (last >= pass)
+            notes_.push_back(std::to_string(first) + "-" + std::to_string(last) + ": the run ended before pass " + std::to_string(pass));
     }
     if (over_ == kMostCaptures) notes_.push_back("over: the first " + std::to_string(over_) + " passes alone are kept");
     if (lost_ == kMostCaptures) notes_.push_back("nan: the first " + std::to_string(lost_) + " passes alone are kept");

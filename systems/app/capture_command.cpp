@@ -34,10 +34,18 @@ std::string longest_stage(const Capture& capture, const CaptureStep& step) {
 }
 
 std::string info_json(const Capture& c) {
-    nlohmann::ordered_json out{{"file", c.file},       {"scene", c.header.scene},   {"reason", c.reason},
-                               {"version", c.header.version}, {"instruction_set", c.header.instruction_set}, {"machine", c.header.machine},
-                               {"live", c.header.live}, {"whole", c.damage.empty()}, {"damage", c.damage},
-                               {"first_pass", c.stretches.front().pass}, {"passes", c.passes()}, {"states", c.stretches.size()}};
+    nlohmann::ordered_json out{{"file", c.file},
+                               {"scene", c.header.scene},
+                               {"reason", c.reason},
+                               {"version", c.header.version},
+                               {"instruction_set", c.header.instruction_set},
+                               {"machine", c.header.machine},
+                               {"live", c.header.live},
+                               {"whole", c.damage.empty()},
+                               {"damage", c.damage},
+                               {"first_pass", c.stretches.front().pass},
+                               {"passes", c.passes()},
+                               {"states", c.stretches.size()}};
     if (const CaptureStep* worst = worst_step(c)) {
         out["worst_pass"] = worst->pass, out["worst_ms"] = worst->frame_ms;
         out["state_hash"] = hex(c.stretches.back().steps.empty() ? worst->state_hash : c.stretches.back().steps.back().state_hash);
@@ -48,19 +56,22 @@ std::string info_json(const Capture& c) {
 // What is damaged or was never finished must not pass for whole. Returns kNo then, else `code`.
 int judge_whole(const Capture& c, int code) {
     if (c.damage.empty()) return code;
-    std::fprintf(stderr, "trocar: warning: %s is not whole: it %s; this is about the %zu passes before\n", c.file.c_str(), c.damage.c_str(), c.passes());
+    std::fprintf(stderr, "trocar: warning: %s is not whole: it %s; this is about the %zu passes before\n", c.file.c_str(), c.damage.c_str(),
+                 c.passes());
     return kNo;
 }
 
 void print_info(const Capture& c) {
     const CaptureHeader& h = c.header;
-    write_standard_output(format("%s: scene %s, %s, trocar %s, %s\n  %s%s\n  passes %llu to %llu, %zu states\n", c.file.c_str(), h.scene.c_str(), c.reason.c_str(),
-                                 h.version.c_str(), h.instruction_set.c_str(), h.machine.c_str(), h.live ? ", live" : "",
-                                 static_cast<unsigned long long>(c.stretches.front().pass),
-                                 static_cast<unsigned long long>(c.stretches.front().pass + c.passes() - (c.passes() > 0)), c.stretches.size()));
+    write_standard_output(format("%s: scene %s, %s, trocar %s, %s\n  %s%s\n  passes %llu to %llu, %zu states\n", c.file.c_str(),
+                                 h.scene.c_str(), c.reason.c_str(), h.version.c_str(), h.instruction_set.c_str(), h.machine.c_str(),
+                                 h.live ? ", live" : "", static_cast<unsigned long long>(c.stretches.front().pass),
+                                 static_cast<unsigned long long>(c.stretches.front().pass + c.passes() - (c.passes() > 0)),
+                                 c.stretches.size()));
     if (const CaptureStep* worst = worst_step(c)) {
-        write_standard_output(format("  slowest: pass %llu, %.3f ms (%s); depth %.3f mm, %llu contacts\n", static_cast<unsigned long long>(worst->pass),
-                                     worst->frame_ms, longest_stage(c, *worst).c_str(), worst->depth * 1e3, static_cast<unsigned long long>(worst->contacts)));
+        write_standard_output(format("  slowest: pass %llu, %.3f ms (%s); depth %.3f mm, %llu contacts\n",
+                                     static_cast<unsigned long long>(worst->pass), worst->frame_ms, longest_stage(c, *worst).c_str(),
+                                     worst->depth * 1e3, static_cast<unsigned long long>(worst->contacts)));
     }
     if (!c.damage.empty()) write_standard_output("  not whole: it " + c.damage + "\n");
 }
@@ -83,25 +94,30 @@ int diff(const Capture& a, const Capture& b) {
                 if (s.pass < y.pass || s.pass >= y.pass + y.steps.size()) continue;
                 ++compared;
                 if (y.steps[s.pass - y.pass].state_hash == s.state_hash) continue;
-                write_standard_output("pass " + std::to_string(s.pass) + " differs: " + hex(s.state_hash) + " and " + hex(y.steps[s.pass - y.pass].state_hash) + "\n");
+                write_standard_output("pass " + std::to_string(s.pass) + " differs: " + hex(s.state_hash) + " and " +
+                                      hex(y.steps[s.pass - y.pass].state_hash) + "\n");
                 return kNo;
             }
         }
     }
-    if (compared == 0) write_standard_output("no pass is in both\n");
-    else write_standard_output("the same in all " + std::to_string(compared) + " passes that both hold\n");
+    if (compared == 0)
+        write_standard_output("no pass is in both\n");
+    else
+        write_standard_output("the same in all " + std::to_string(compared) + " passes that both hold\n");
     return compared > 0 ? kDone : kNo;
 }
 
 void print_profile(const PassProfile& profile, uint64_t pass) {
     char text[160];
-    std::snprintf(text, sizeof text, "pass %llu, %zu times: median %.3f ms, p90 %.3f ms, least %.3f ms (caches warm)\n%-18s %10s %10s %10s\n",
-                  static_cast<unsigned long long>(pass), profile.pass_ms.size(), quantile(profile.pass_ms, 0.5), quantile(profile.pass_ms, 0.9),
-                  quantile(profile.pass_ms, 0), "stage", "median ms", "p90 ms", "least ms");
+    std::snprintf(text, sizeof text,
+                  "pass %llu, %zu times: median %.3f ms, p90 %.3f ms, least %.3f ms (caches warm)\n%-18s %10s %10s %10s\n",
+                  static_cast<unsigned long long>(pass), profile.pass_ms.size(), quantile(profile.pass_ms, 0.5),
+                  quantile(profile.pass_ms, 0.9), quantile(profile.pass_ms, 0), "stage", "median ms", "p90 ms", "least ms");
     write_standard_output(text);
     for (size_t i = 0; i < profile.stage.size(); ++i) {
         const std::vector<double>& ms = profile.stage_ms[i];
-        std::snprintf(text, sizeof text, "%-18s %10.4f %10.4f %10.4f\n", profile.stage[i].c_str(), quantile(ms, 0.5), quantile(ms, 0.9), quantile(ms, 0));
+        std::snprintf(text, sizeof text, "%-18s %10.4f %10.4f %10.4f\n", profile.stage[i].c_str(), quantile(ms, 0.5), quantile(ms, 0.9),
+                      quantile(ms, 0));
         write_standard_output(text);
     }
 }
@@ -109,7 +125,8 @@ void print_profile(const PassProfile& profile, uint64_t pass) {
 std::string profile_json(const PassProfile& profile, uint64_t pass) {
     nlohmann::ordered_json out{{"pass", pass}, {"repetitions", profile.pass_ms.size()}, {"median_ms", quantile(profile.pass_ms, 0.5)}};
     for (size_t i = 0; i < profile.stage.size(); ++i)
-        out["stages"][profile.stage[i]] = {{"median_ms", quantile(profile.stage_ms[i], 0.5)}, {"p90_ms", quantile(profile.stage_ms[i], 0.9)}};
+        out["stages"][profile.stage[i]] = {{"median_ms", quantile(profile.stage_ms[i], 0.5)},
+                                           {"p90_ms", quantile(profile.stage_ms[i], 0.9)}};
     return out.dump() + "\n";
 }
 
@@ -118,8 +135,10 @@ int profile(const ReplayOptions& options, const Capture& capture) {
     Trace trace(options.trace.empty() ? 0 : kTraceCapacity);
     const PassProfile profile = profile_pass(capture, *options.frame, options.repeat, options.trace.empty() ? nullptr : &trace);
     if (!options.trace.empty()) write_trace(options.trace, trace, {"main"});
-    if (options.json) write_standard_output(profile_json(profile, *options.frame));
-    else print_profile(profile, *options.frame);
+    if (options.json)
+        write_standard_output(profile_json(profile, *options.frame));
+    else
+        print_profile(profile, *options.frame);
     return kDone;
 }
 
@@ -127,11 +146,17 @@ int replay(const ReplayOptions& options, const Capture& capture) {
     const ReplayVerdict verdict = replay_capture(capture, {});
     const bool same = verdict.difference.empty();
     if (options.json) {
-        write_standard_output(nlohmann::ordered_json{{"passes", verdict.compared}, {"same", same}, {"difference", verdict.difference}, {"whole", capture.damage.empty()},
-                                                     {"damage", capture.damage}, {"threads", thread_count()}}.dump() + "\n");
+        write_standard_output(nlohmann::ordered_json{{"passes", verdict.compared},
+                                                     {"same", same},
+                                                     {"difference", verdict.difference},
+                                                     {"whole", capture.damage.empty()},
+                                                     {"damage", capture.damage},
+                                                     {"threads", thread_count()}}
+                                  .dump() +
+                              "\n");
     } else {
-        write_standard_output(std::to_string(verdict.compared) + " passes run again on " + std::to_string(thread_count()) + " thread" + (thread_count() == 1 ? "" : "s") +
-                              ": " + (same ? "the same to the bit" : verdict.difference) + "\n");
+        write_standard_output(std::to_string(verdict.compared) + " passes run again on " + std::to_string(thread_count()) + " thread" +
+                              (thread_count() == 1 ? "" : "s") + ": " + (same ? "the same to the bit" : verdict.difference) + "\n");
     }
     return judge_whole(capture, same ? kDone : kNo);
 }
@@ -146,8 +171,10 @@ void refuse_same(const std::filesystem::path& a, const std::filesystem::path& b)
 int capture_info_command(const std::vector<std::string>& files, bool json) {
     for (const std::string& file : files) {
         const Capture capture = open_capture(file);
-        if (json) write_standard_output(info_json(capture));
-        else print_info(capture);
+        if (json)
+            write_standard_output(info_json(capture));
+        else
+            print_info(capture);
     }
     return kDone;
 }

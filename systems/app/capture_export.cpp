@@ -55,7 +55,8 @@ std::vector<float> vertex_strain(const World& world, uint32_t body) {
     if (!is_deformable(world.bodies, body)) return strain;
     const SpringInfo& info = world.springs.info[world.bodies.mesh[body]];
     const uint32_t prototype = world.bodies.mesh[body], first = world.bodies.particles[body].first + info.skin;
-    const SpringStep s = bind_body(world.springs, world.bodies, world.anchors, world.particles, body, world.tears.body.empty() ? nullptr : &world.torn_springs);
+    const SpringStep s = bind_body(world.springs, world.bodies, world.anchors, world.particles, body,
+                                   world.tears.body.empty() ? nullptr : &world.torn_springs);
     const auto place = [&](uint32_t v) {
         const Float4& o = world.particles.offset[first + v];
         return Vec3d(o.x, o.y, o.z);
@@ -118,10 +119,10 @@ std::string capture_csv(const Capture& capture) {
     for (const Capture::Stretch& stretch : capture.stretches) {
         const uint32_t rate = contact_rate_of(stretch);
         for (const CaptureStep& s : stretch.steps) {
-            std::snprintf(text, sizeof text, "%llu,%.3f,%.6g,%.6g,%.6g,%.9g,%.9g,%llu,%llu,%016llx", static_cast<unsigned long long>(s.pass),
-                          static_cast<double>(pass_tick(s.pass, rate)) * 1e-3, s.frame_ms, s.detection_ms, s.response_ms, s.depth, s.force,
-                          static_cast<unsigned long long>(s.contacts), static_cast<unsigned long long>(s.inside_vertices),
-                          static_cast<unsigned long long>(s.state_hash));
+            std::snprintf(text, sizeof text, "%llu,%.3f,%.6g,%.6g,%.6g,%.9g,%.9g,%llu,%llu,%016llx",
+                          static_cast<unsigned long long>(s.pass), static_cast<double>(pass_tick(s.pass, rate)) * 1e-3, s.frame_ms,
+                          s.detection_ms, s.response_ms, s.depth, s.force, static_cast<unsigned long long>(s.contacts),
+                          static_cast<unsigned long long>(s.inside_vertices), static_cast<unsigned long long>(s.state_hash));
             out += text;
             for (const uint64_t ns : s.stage_ns) {
                 std::snprintf(text, sizeof text, ",%.6g", static_cast<double>(ns) * 1e-6);
@@ -142,11 +143,13 @@ std::string capture_trace(const Capture& capture) {
             for (size_t i = 0; i < s.stage_ns.size() && i < capture.header.stage_names.size(); ++i) {
                 const double duration = static_cast<double>(s.stage_ns[i]) * 1e-3;
                 if (duration <= 0) continue;
-                events.push_back({{"name", capture.header.stage_names[i]}, {"ph", "X"}, {"pid", 1}, {"tid", 1}, {"ts", at}, {"dur", duration}});
+                events.push_back(
+                    {{"name", capture.header.stage_names[i]}, {"ph", "X"}, {"pid", 1}, {"tid", 1}, {"ts", at}, {"dur", duration}});
                 at += duration;
             }
             at = std::max(at, begin + s.frame_ms * 1e3);
-            events.push_back({{"name", "pass " + std::to_string(s.pass)}, {"ph", "X"}, {"pid", 1}, {"tid", 0}, {"ts", begin}, {"dur", at - begin}});
+            events.push_back(
+                {{"name", "pass " + std::to_string(s.pass)}, {"ph", "X"}, {"pid", 1}, {"tid", 0}, {"ts", begin}, {"dur", at - begin}});
         }
     }
     return nlohmann::json{{"traceEvents", std::move(events)}, {"displayTimeUnit", "ms"}}.dump();
@@ -163,9 +166,11 @@ void export_vtp(const Capture& capture, const fs::path& folder) {
     };
     replay_capture(capture, {each, &state});
     for (const std::string& body : state.body) {
-        std::string out = "<?xml version=\"1.0\"?>\n<VTKFile type=\"Collection\" version=\"0.1\" byte_order=\"LittleEndian\">\n<Collection>\n";
+        std::string out =
+            "<?xml version=\"1.0\"?>\n<VTKFile type=\"Collection\" version=\"0.1\" byte_order=\"LittleEndian\">\n<Collection>\n";
         for (const auto& [pass, seconds] : state.pass)
-            out += format("<DataSet timestep=\"%.3f\" part=\"0\" file=\"%s_%06llu.vtp\"/>\n", seconds, escape_html(body).c_str(), static_cast<unsigned long long>(pass));
+            out += format("<DataSet timestep=\"%.3f\" part=\"0\" file=\"%s_%06llu.vtp\"/>\n", seconds, escape_html(body).c_str(),
+                          static_cast<unsigned long long>(pass));
         write_whole_file(folder / (body + ".pvd"), out + "</Collection>\n</VTKFile>\n");
     }
 }

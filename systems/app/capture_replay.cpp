@@ -46,7 +46,9 @@ void add_record(const CaptureRecord& record, Capture& capture) {
 }
 
 // Results that caches and clocks cannot change, and that a run without pictures has too: compared between runs.
-bool is_compared(Resource r) { return r != Resource::kReport && r != Resource::kEnergy && r != Resource::kNormals && r != Resource::kPicture; }
+bool is_compared(Resource r) {
+    return r != Resource::kReport && r != Resource::kEnergy && r != Resource::kNormals && r != Resource::kPicture;
+}
 
 CaptureRecord state_of(const World& world, uint64_t pass) {
     CaptureRecord record{"state", {}};
@@ -169,7 +171,8 @@ ReplayVerdict replay_capture(const Capture& capture, const ReplayObserver& obser
         const bool reached = &stretch != &capture.stretches.front() && !capture.header.live;  // a live state has its tools' next input
         const CaptureRecord now = reached ? state_of(frame.world(), stretch.pass) : CaptureRecord{};
         if (const std::string array = first_difference(now, stretch.state); !array.empty()) {
-            verdict.difference += (verdict.difference.empty() ? "" : "; ") + ("the state before pass " + std::to_string(stretch.pass)) + " differs first in " + array;
+            verdict.difference += (verdict.difference.empty() ? "" : "; ") + ("the state before pass " + std::to_string(stretch.pass)) +
+                                  " differs first in " + array;
             return verdict;
         }
         if (diverged != UINT64_MAX) return verdict;
@@ -180,7 +183,8 @@ ReplayVerdict replay_capture(const Capture& capture, const ReplayObserver& obser
             if (state_hash(frame.world()) != step.state_hash && diverged == UINT64_MAX) {
                 diverged = step.pass;
                 const std::string stage = first_stage(frame, step);
-                verdict.difference = "pass " + std::to_string(step.pass) + " is the first to differ" + (stage.empty() ? "" : ", first in stage " + stage);
+                verdict.difference =
+                    "pass " + std::to_string(step.pass) + " is the first to differ" + (stage.empty() ? "" : ", first in stage " + stage);
             }
             if (observer.pass) observer.pass(observer.user, frame, step);
         }

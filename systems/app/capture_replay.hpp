@@ -39,8 +39,8 @@ std::string first_difference(const CaptureRecord& a, const CaptureRecord& b);
 std::string first_stage(const Frame& frame, const CaptureStep& recorded);
 
 struct ReplayVerdict {
-    uint64_t compared = 0;    // passes
-    std::string difference;   // empty = the same to the bit
+    uint64_t compared = 0;   // passes
+    std::string difference;  // empty = the same to the bit
 };
 // Called after each pass, with what was recorded of it; may be empty.
 struct ReplayObserver {

@@ -62,13 +62,14 @@ std::string layers_as_json(const World& world) {
 
 std::string layers_as_vtp(const Occupancy& o) {
     const uint32_t cells = uint32_t(o.cell_key.size());
-    std::string out = "<?xml version=\"1.0\"?>\n<VTKFile type=\"PolyData\" version=\"0.1\" byte_order=\"LittleEndian\">\n"
-                      "<PolyData>\n<Piece NumberOfPoints=\"" + std::to_string(8 * cells) +
-                      "\" NumberOfVerts=\"0\" NumberOfLines=\"0\" NumberOfStrips=\"0\" NumberOfPolys=\"" +
-                      std::to_string(6 * cells) + "\">\n<CellData>\n";
+    std::string out =
+        "<?xml version=\"1.0\"?>\n<VTKFile type=\"PolyData\" version=\"0.1\" byte_order=\"LittleEndian\">\n"
+        "<PolyData>\n<Piece NumberOfPoints=\"" +
+        std::to_string(8 * cells) + "\" NumberOfVerts=\"0\" NumberOfLines=\"0\" NumberOfStrips=\"0\" NumberOfPolys=\"" +
+        std::to_string(6 * cells) + "\">\n<CellData>\n";
     const auto array = [&](const char* type, const char* name, uint32_t components, uint32_t rows, const auto& row) {
-        out += std::string("<DataArray type=\"") + type + "\" Name=\"" + name + "\" NumberOfComponents=\"" +
-               std::to_string(components) + "\" format=\"ascii\">\n";
+        out += std::string("<DataArray type=\"") + type + "\" Name=\"" + name + "\" NumberOfComponents=\"" + std::to_string(components) +
+               "\" format=\"ascii\">\n";
         for (uint32_t i = 0; i < rows; ++i) out += row(i) + "\n";
         out += "</DataArray>\n";
     };
@@ -103,8 +104,8 @@ Mesh bodies_mesh(const World& world) {
     const Surfaces s{world.meshes, world.bodies, world.poses, world.particles};
     Mesh mesh;
     mesh.name = "bodies, bright: triangles in shared cells";
-    mesh.material = {colour("a", 0.55f, 0.42f, 0.36f), colour("a shared", 0.95f, 0.45f, 0.08f),
-                     colour("b", 0.36f, 0.45f, 0.55f), colour("b shared", 0.15f, 0.45f, 0.95f)};
+    mesh.material = {colour("a", 0.55f, 0.42f, 0.36f), colour("a shared", 0.95f, 0.45f, 0.08f), colour("b", 0.36f, 0.45f, 0.55f),
+                     colour("b shared", 0.15f, 0.45f, 0.95f)};
     const Occupancy& o = world.occupancy;
     for (uint32_t body = 0; body < world.bodies.mesh.size(); ++body) {
         const MeshView view = mesh_view(world.meshes, world.bodies.mesh[body]);

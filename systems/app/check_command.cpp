@@ -58,10 +58,10 @@ std::string to_text(const std::string& file, const MeshJudgement& j, const Impor
     std::snprintf(text, sizeof text,
                   "%s: %s%s%s\n  %u vertices, %u triangles, %u component%s; closed %s, manifold %s, oriented %s; "
                   "degenerate %u, self-crossing %u\n  volume %.6g, area %.6g, box %.6g x %.6g x %.6g\n",
-                  file.c_str(), admission_name(j.admitted_as), j.reason.empty() ? "" : ": ", j.reason.c_str(),
-                  j.vertices, j.triangles, j.components, j.components == 1 ? "" : "s", j.closed ? "yes" : "no",
-                  j.manifold ? "yes" : "no", j.oriented ? "yes" : "no", j.degenerate, j.self_crossing, j.volume, j.area,
-                  j.bbox_max.x() - j.bbox_min.x(), j.bbox_max.y() - j.bbox_min.y(), j.bbox_max.z() - j.bbox_min.z());
+                  file.c_str(), admission_name(j.admitted_as), j.reason.empty() ? "" : ": ", j.reason.c_str(), j.vertices, j.triangles,
+                  j.components, j.components == 1 ? "" : "s", j.closed ? "yes" : "no", j.manifold ? "yes" : "no", j.oriented ? "yes" : "no",
+                  j.degenerate, j.self_crossing, j.volume, j.area, j.bbox_max.x() - j.bbox_min.x(), j.bbox_max.y() - j.bbox_min.y(),
+                  j.bbox_max.z() - j.bbox_min.z());
     std::string all = text;
     for (const std::string& change : import.changes) all += "  import: " + change + "\n";
     if (import.admitted_as != j.admitted_as) all += std::string("  after import: ") + admission_name(import.admitted_as) + "\n";
@@ -80,7 +80,9 @@ void check_scene(const std::string& file, bool json) {
         for (const std::string& warning : scene.warnings) std::fprintf(stderr, "trocar: warning: %s\n", warning.c_str());
         const size_t bodies = scene.world.bodies.mesh.size(), tools = scene.world.haptics.tool.size();
         const nlohmann::ordered_json j{{"file", file}, {"scene", true}, {"bodies", bodies}, {"tools", tools}};
-        write_standard_output(json ? j.dump() + "\n" : file + ": a sound scene of " + std::to_string(bodies) + " bodies and " + std::to_string(tools) + " tools\n");
+        write_standard_output(json ? j.dump() + "\n"
+                                   : file + ": a sound scene of " + std::to_string(bodies) + " bodies and " + std::to_string(tools) +
+                                         " tools\n");
     });
 }
 
@@ -95,8 +97,7 @@ int check_command(const CheckOptions& options) {
                 continue;
             }
             const LoadedMesh loaded = load_file(file);
-            for (const std::string& warning : loaded.warnings)
-                std::fprintf(stderr, "trocar: warning: %s\n", warning.c_str());
+            for (const std::string& warning : loaded.warnings) std::fprintf(stderr, "trocar: warning: %s\n", warning.c_str());
             MeshJudgement judgement = judge_mesh(loaded.mesh, true);
             judgement.vertices += static_cast<uint32_t>(loaded.unused_points);  // what the file lists
             sound = sound && judgement.admitted_as == Admission::kSolid;
@@ -105,7 +106,10 @@ int check_command(const CheckOptions& options) {
         } catch (const InputError& e) {
             // the other files still get their answer
             std::fprintf(stderr, "trocar: %s\n", e.what());
-            if (options.json) write_standard_output(nlohmann::ordered_json{{"file", file}, {"error", e.what()}}.dump(-1, ' ', false, nlohmann::ordered_json::error_handler_t::replace) + "\n");
+            if (options.json)
+                write_standard_output(nlohmann::ordered_json{{"file", file}, {"error", e.what()}}.dump(
+                                          -1, ' ', false, nlohmann::ordered_json::error_handler_t::replace) +
+                                      "\n");
             readable = false;
         }
     }

@@ -20,8 +20,7 @@ namespace {
 
 uint32_t load_prototype(World& world, const std::string& file) {
     LoadedMesh loaded = load_file(file);
-    for (const std::string& warning : loaded.warnings)
-        std::fprintf(stderr, "trocar: warning: %s\n", warning.c_str());
+    for (const std::string& warning : loaded.warnings) std::fprintf(stderr, "trocar: warning: %s\n", warning.c_str());
     // file units stand for metres; nothing is moved
     const Prototype made = make_prototype(world.meshes, std::move(loaded.mesh), PrototypeOptions{});
     if (made.row == kNone) throw InputError(file + ": " + made.judgement.reason);
@@ -58,8 +57,7 @@ SeparationAnswer look_at(World& w, const Vec3d& move) {
     if (!w.penetrations.pair.empty()) answer.depth = w.penetrations.depth[0];
     for (uint32_t i = 0; i < w.contacts.pair.size(); ++i) {
         const Vec3d& n = w.contacts.normal[i];
-        if (w.contacts.distance[i] < 0)
-            answer.ways.push_back({w.contacts.body[i] == 0 ? Vec3d(-n) : n, -w.contacts.distance[i]});
+        if (w.contacts.distance[i] < 0) answer.ways.push_back({w.contacts.body[i] == 0 ? Vec3d(-n) : n, -w.contacts.distance[i]});
     }
     w.poses.origin[1] = home;
     return answer;
@@ -74,8 +72,7 @@ nlohmann::ordered_json separation(World& w) {
             throw InputError(w.bodies.name[body] + ": --separate needs closed surfaces");
         for (uint32_t v = 0; v < info.vertices.count; ++v) points[body].push_back(vertex_position(surfaces_of(w), body, v));
     }
-    const Separation s =
-        find_separation({}, points[0], points[1], [&](const Vec3d& move) { return look_at(w, move); });
+    const Separation s = find_separation({}, points[0], points[1], [&](const Vec3d& move) { return look_at(w, move); });
     w.report = {};  // of the pair as it lies, not of the search
     detect_contacts(w);
     return {{"lower", s.lower}, {"upper", s.upper}, {"translation", row(s.translation)}, {"probes", s.probes}};
@@ -126,7 +123,8 @@ void write_contours(const World& w, const std::filesystem::path& file) {
 }  // namespace
 
 int collide_command(const CollideOptions& options) {
-    if (!options.contours.empty() && options.contours.extension() != ".obj") throw InputError(options.contours.string() + ": contours are written as .obj");
+    if (!options.contours.empty() && options.contours.extension() != ".obj")
+        throw InputError(options.contours.string() + ": contours are written as .obj");
     World world;
     const uint32_t mesh_a = load_prototype(world, options.a), mesh_b = load_prototype(world, options.b);
     add_body(world, options.a, mesh_a, Motion::kStatic);
@@ -139,8 +137,7 @@ int collide_command(const CollideOptions& options) {
     };
     world.settings.contact.cross_check = options.cross_check;
     make_trees(world);
-    world.settings.contact.tolerance =
-        options.tolerance > 0 ? options.tolerance : 1e-4 * std::min(diagonal(0), diagonal(1));
+    world.settings.contact.tolerance = options.tolerance > 0 ? options.tolerance : 1e-4 * std::min(diagonal(0), diagonal(1));
     world.settings.contact.row_capacity = UINT32_MAX;
     world.settings.contact.regions = true;
     world.settings.contact.faces = true;
@@ -178,20 +175,17 @@ int collide_command(const CollideOptions& options) {
         char text[512];
         const Vec3d& d = p.direction[0];
         const Vec3d& w = world.contacts.point[p.witness[0]];
-        std::snprintf(
-            text, sizeof text,
-            "overlap, depth %.6g (file units)\n  B leaves along (%.4f, %.4f, %.4f); deepest point (%.6g, %.6g, %.6g)\n"
-            "  %u vertices of A in B, %u of B in A, %u edge contacts; %.2f ms\n",
-            p.depth[0], d.x(), d.y(), d.z(), w.x(), w.y(), w.z(), p.vertices_a_in_b[0], p.vertices_b_in_a[0],
-            p.edge_contacts[0], time_ms);
+        std::snprintf(text, sizeof text,
+                      "overlap, depth %.6g (file units)\n  B leaves along (%.4f, %.4f, %.4f); deepest point (%.6g, %.6g, %.6g)\n"
+                      "  %u vertices of A in B, %u of B in A, %u edge contacts; %.2f ms\n",
+                      p.depth[0], d.x(), d.y(), d.z(), w.x(), w.y(), w.z(), p.vertices_a_in_b[0], p.vertices_b_in_a[0], p.edge_contacts[0],
+                      time_ms);
         write_standard_output(text);
         if (p.saturated[0]) write_standard_output("  saturated: so deep that other ways out are about as short\n");
         const OverlapRegions& r = world.regions;
         for (const uint32_t i : sorted_regions(r)) {
-            std::snprintf(text, sizeof text,
-                          "  region: depth %.6g, %u + %u vertices, %u curves of %.6g, area %.6g, volume %.6g\n",
-                          r.depth[i], r.vertices_a[i], r.vertices_b[i], r.curves[i], r.contour[i], r.area[i],
-                          r.volume[i]);
+            std::snprintf(text, sizeof text, "  region: depth %.6g, %u + %u vertices, %u curves of %.6g, area %.6g, volume %.6g\n",
+                          r.depth[i], r.vertices_a[i], r.vertices_b[i], r.curves[i], r.contour[i], r.area[i], r.volume[i]);
             write_standard_output(text);
         }
         if (options.separate) {
@@ -203,8 +197,7 @@ int collide_command(const CollideOptions& options) {
         }
     }
     if (options.cross_check && !options.json)
-        write_standard_output("  " + std::to_string(world.report.disagreements) +
-                              " signs differ from the winding number\n");
+        write_standard_output("  " + std::to_string(world.report.disagreements) + " signs differ from the winding number\n");
     return kDone;
 }
 

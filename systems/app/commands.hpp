@@ -19,7 +19,7 @@ struct RunOptions {
     std::string capture;        // triggers, see parse_capture_triggers; empty = none
     bool live = false;
     std::vector<std::string> devices;  // live: BODY=SPECIFICATION, instead of the scene's hands
-    std::filesystem::path replay;  // recording of a live run, to repeat in lockstep; empty = none
+    std::filesystem::path replay;      // recording of a live run, to repeat in lockstep; empty = none
     bool render = true;
     uint32_t threads = 0;       // 0 = all cores
     bool figures_only = false;  // metrics.json and passes.csv alone
@@ -47,13 +47,13 @@ int query_command(const QueryOptions& options);
 
 struct CollideOptions {
     std::string a, b;
-    Vec3d move_b = Vec3d::Zero();  // file units
-    Quat rotate_b;                 // about the origin of B's file, before the move
-    double tolerance = 0;          // file units; 0 = 1e-4 of the smaller diagonal
-    std::filesystem::path cells;   // .json, .vtp or .png of the shared cells; empty = none
+    Vec3d move_b = Vec3d::Zero();    // file units
+    Quat rotate_b;                   // about the origin of B's file, before the move
+    double tolerance = 0;            // file units; 0 = 1e-4 of the smaller diagonal
+    std::filesystem::path cells;     // .json, .vtp or .png of the shared cells; empty = none
     std::filesystem::path contours;  // .obj of lines; empty = none
     bool separate = false;
-    bool cross_check = false;      // compare signs with the winding number
+    bool cross_check = false;  // compare signs with the winding number
     bool json = false;
 };
 int collide_command(const CollideOptions& options);
@@ -62,8 +62,8 @@ struct ConvertOptions {
     std::string in, out;
     bool json = false;
     bool repair = false;
-    double weld = 0;         // of the diagonal; 0 = as repair_mesh does, equal places without repair
-    double hole_size = 0;    // of the diagonal; 0 = as repair_mesh does
+    double weld = 0;       // of the diagonal; 0 = as repair_mesh does, equal places without repair
+    double hole_size = 0;  // of the diagonal; 0 = as repair_mesh does
 };
 int convert_command(const ConvertOptions& options);
 
@@ -115,7 +115,7 @@ int capture_diff_command(const std::string& a, const std::string& b);
 int scenes_command(bool json);
 
 struct DeviceOptions {
-    std::string device;         // specification, see open_device
+    std::string device;  // specification, see open_device
     double seconds = 5;
     double spring = 0;          // N/m, test: pulls to where the device was first; 0 = no force
     double max_force = 2;       // N
@@ -133,7 +133,7 @@ struct SoakOptions {
     std::string scene;
     std::vector<Override> overrides;
     double minutes = 10;
-    double seconds = 0;         // of an episode, simulated; 0 = the scene's
+    double seconds = 0;  // of an episode, simulated; 0 = the scene's
     std::vector<std::string> faults;
     std::filesystem::path out;  // folder; empty = only standard output
     uint32_t threads = 0;

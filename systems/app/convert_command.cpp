@@ -27,8 +27,8 @@ Changes change(Mesh& mesh, const ConvertOptions& options) {
 }
 
 std::string to_text(const ConvertOptions& options, const Mesh& mesh, const Changes& changes) {
-    std::string text = options.out + ": " + std::to_string(mesh.position.size()) + " vertices, " +
-                       std::to_string(mesh.triangle.size()) + " triangles";
+    std::string text =
+        options.out + ": " + std::to_string(mesh.position.size()) + " vertices, " + std::to_string(mesh.triangle.size()) + " triangles";
     if (!options.repair) {
         const char* gap = "; ";
         for (const std::string& line : changes.lines) {

@@ -84,37 +84,50 @@ std::string text_of(const World& w, const Comparison& c) {
     for (size_t r = 0; r < c.place.size(); ++r) {
         const uint32_t body = w.detail.body[r];
         std::snprintf(line, sizeof line,
-                      "%s: coarse in %.1f %% of the passes; places differ from the full model's by %.3g mm rms, %.3g mm at most (%.2g %% of its size)\n",
+                      "%s: coarse in %.1f %% of the passes; places differ from the full model's by %.3g mm rms, %.3g mm at most (%.2g %% "
+                      "of its size)\n",
                       w.bodies.name[body].c_str(), 100 * c.far[r] / c.passes, 1e3 * c.place[r].rms(), 1e3 * c.place[r].most(),
                       100 * c.place[r].most() / (2 * w.meshes.info[w.bodies.mesh[body]].radius));
         text += line;
     }
     for (size_t t = 0; t < c.tool.size(); ++t) {
         const ToolError& tool = c.tool[t];
-        std::snprintf(line, sizeof line,
-                      "%s: force on the hand differs by %.3g N rms, %.3g N at most (of %.3g N rms), that of the tissue by %.3g N rms (of %.3g N)\n",
-                      w.bodies.name[w.haptics.tool[t].body].c_str(), tool.hand.rms(), tool.hand.most(), tool.hand_full.rms(), tool.tissue.rms(),
-                      tool.tissue_full.rms());
+        std::snprintf(
+            line, sizeof line,
+            "%s: force on the hand differs by %.3g N rms, %.3g N at most (of %.3g N rms), that of the tissue by %.3g N rms (of %.3g N)\n",
+            w.bodies.name[w.haptics.tool[t].body].c_str(), tool.hand.rms(), tool.hand.most(), tool.hand_full.rms(), tool.tissue.rms(),
+            tool.tissue_full.rms());
         text += line;
     }
-    std::snprintf(line, sizeof line, "advance: %.3f s, of the full model %.3f s (%.2f of it); passes in all: %.3f s of processor time, %.3f s (%.2f)\n",
+    std::snprintf(line, sizeof line,
+                  "advance: %.3f s, of the full model %.3f s (%.2f of it); passes in all: %.3f s of processor time, %.3f s (%.2f)\n",
                   c.coarse.advance, c.full.advance, c.coarse.advance / c.full.advance, c.coarse.processor, c.full.processor,
                   c.coarse.processor / c.full.processor);
     return text + line;
 }
 
 std::string json_of(const World& w, const Comparison& c, double seconds) {
-    nlohmann::json out = {{"seconds", seconds}, {"passes", c.passes}, {"advance_full_s", c.full.advance}, {"advance_s", c.coarse.advance},
-                          {"processor_full_s", c.full.processor}, {"processor_s", c.coarse.processor},
-                          {"bodies", nlohmann::json::array()}, {"tools", nlohmann::json::array()}};
+    nlohmann::json out = {{"seconds", seconds},
+                          {"passes", c.passes},
+                          {"advance_full_s", c.full.advance},
+                          {"advance_s", c.coarse.advance},
+                          {"processor_full_s", c.full.processor},
+                          {"processor_s", c.coarse.processor},
+                          {"bodies", nlohmann::json::array()},
+                          {"tools", nlohmann::json::array()}};
     for (size_t r = 0; r < c.place.size(); ++r)
-        out["bodies"].push_back({{"body", w.bodies.name[w.detail.body[r]]}, {"coarse_share", c.far[r] / c.passes},
-                                 {"place_rms_m", c.place[r].rms()}, {"place_largest_m", c.place[r].most()}});
+        out["bodies"].push_back({{"body", w.bodies.name[w.detail.body[r]]},
+                                 {"coarse_share", c.far[r] / c.passes},
+                                 {"place_rms_m", c.place[r].rms()},
+                                 {"place_largest_m", c.place[r].most()}});
     for (size_t t = 0; t < c.tool.size(); ++t) {
         const ToolError& tool = c.tool[t];
-        out["tools"].push_back({{"body", w.bodies.name[w.haptics.tool[t].body]}, {"hand_error_rms_n", tool.hand.rms()},
-                                {"hand_error_largest_n", tool.hand.most()}, {"hand_rms_n", tool.hand_full.rms()},
-                                {"tissue_error_rms_n", tool.tissue.rms()}, {"tissue_rms_n", tool.tissue_full.rms()}});
+        out["tools"].push_back({{"body", w.bodies.name[w.haptics.tool[t].body]},
+                                {"hand_error_rms_n", tool.hand.rms()},
+                                {"hand_error_largest_n", tool.hand.most()},
+                                {"hand_rms_n", tool.hand_full.rms()},
+                                {"tissue_error_rms_n", tool.tissue.rms()},
+                                {"tissue_rms_n", tool.tissue_full.rms()}});
     }
     return out.dump(2) + "\n";
 }

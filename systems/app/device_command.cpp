@@ -42,8 +42,10 @@ DeviceFigures listen(DeviceLink& link, const DeviceOptions& options) {
         if (newest.received_ns == 0) return;
         const bool stale = now - newest.received_ns > 8'000'000;
         if (newest.received_ns != last && figures.sample.size() < figures.sample.capacity()) {
-            if (first == 0) first = newest.received_ns;
-            else figures.gap_ms.push_back(static_cast<double>(newest.received_ns - last) * 1e-6);
+            if (first == 0)
+                first = newest.received_ns;
+            else
+                figures.gap_ms.push_back(static_cast<double>(newest.received_ns - last) * 1e-6);
             last = newest.received_ns;
             DeviceState state = newest.state;
             state.time = static_cast<double>(last - first) * 1e-9;
@@ -88,9 +90,10 @@ ordered_json to_json(const DeviceLink& link, const DeviceOptions& options, const
             {"fastest_m_s", f.fastest},
             {"largest_force_n", f.largest_force},
             {"buttons", f.buttons},
-            {"tick", {{"period_p99_us", static_cast<double>(f.timing.period.percentile(0.99)) * 1e-3},
-                      {"missed", f.timing.missed},
-                      {"scheduling", describe(f.timing.grant)}}},
+            {"tick",
+             {{"period_p99_us", static_cast<double>(f.timing.period.percentile(0.99)) * 1e-3},
+              {"missed", f.timing.missed},
+              {"scheduling", describe(f.timing.grant)}}},
             {"counts", counts}};
 }
 

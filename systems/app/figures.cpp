@@ -11,8 +11,8 @@ namespace trocar {
 
 double quantile(std::vector<double> values, double q) {
     if (values.empty()) return 0;
-    const size_t row = std::min(
-        values.size() - 1, static_cast<size_t>(std::ceil(q * static_cast<double>(values.size())) - (q > 0 ? 1 : 0)));
+    const size_t row =
+        std::min(values.size() - 1, static_cast<size_t>(std::ceil(q * static_cast<double>(values.size())) - (q > 0 ? 1 : 0)));
     std::nth_element(values.begin(), values.begin() + static_cast<ptrdiff_t>(row), values.end());
     return values[row];
 }
@@ -50,10 +50,8 @@ namespace {
 
 nlohmann::ordered_json percentiles(const std::vector<double>& v, const char* unit) {
     const std::string u = unit;
-    return {{"p50_" + u, quantile(v, 0.5)},
-            {"p99_" + u, quantile(v, 0.99)},
-            {"p999_" + u, quantile(v, 0.999)},
-            {"max_" + u, quantile(v, 1)}};
+    return {
+        {"p50_" + u, quantile(v, 0.5)}, {"p99_" + u, quantile(v, 0.99)}, {"p999_" + u, quantile(v, 0.999)}, {"max_" + u, quantile(v, 1)}};
 }
 
 nlohmann::ordered_json report_json(const RunFigures& f) {
@@ -117,42 +115,45 @@ nlohmann::ordered_json pairs_json(const RunFigures& f) {
     nlohmann::ordered_json list = nlohmann::ordered_json::array();
     for (const PairFigures& p : f.pair) {
         const double n = static_cast<double>(p.passes);
-        list.push_back({{"pair", p.name}, {"passes", p.passes}, {"ms_mean", p.ms / n}, {"ms_max", p.worst_ms}, {"candidate_vertices_mean", p.vertices / n},
-                        {"cell_m_mean", p.cell / n}, {"max_depth_m", p.depth}});
+        list.push_back({{"pair", p.name},
+                        {"passes", p.passes},
+                        {"ms_mean", p.ms / n},
+                        {"ms_max", p.worst_ms},
+                        {"candidate_vertices_mean", p.vertices / n},
+                        {"cell_m_mean", p.cell / n},
+                        {"max_depth_m", p.depth}});
     }
     return list;
 }
 
 nlohmann::ordered_json scale_json(const RunFigures& f) {
     std::vector<double> awake, found, residual, contacts;
-    for (const PassFigures& p : f.pass) awake.push_back(p.awake), found.push_back(p.depth), residual.push_back(p.residual), contacts.push_back(p.contacts);
-    return {{"movable_bodies", f.movable_bodies},
-            {"body_size_m", f.body_size},
-            {"bytes_per_body", f.bytes_per_body},
-            {"frames_per_second", f.wall_s > 0 ? static_cast<double>(f.frames) / f.wall_s : 0},
-            {"awake_bodies_mean", mean(awake)},
-            {"awake_bodies_end", f.pass.empty() ? 0 : f.pass.back().awake},
-            {"contacts_mean", mean(contacts)},
-            {"contacts_max", quantile(contacts, 1)},
-            {"found_p50_m", quantile(found, 0.5)},
-            {"found_p99_m", quantile(found, 0.99)},
-            {"found_max_m", quantile(found, 1)},
-            {"residual_p99_m", quantile(residual, 0.99)},
+    for (const PassFigures& p : f.pass)
+        awake.push_back(p.awake), found.push_back(p.depth), residual.push_back(p.residual), contacts.push_back(p.contacts);
+    return {{"movable_bodies", f.movable_bodies},     {"body_size_m", f.body_size},
+            {"bytes_per_body", f.bytes_per_body},     {"frames_per_second", f.wall_s > 0 ? static_cast<double>(f.frames) / f.wall_s : 0},
+            {"awake_bodies_mean", mean(awake)},       {"awake_bodies_end", f.pass.empty() ? 0 : f.pass.back().awake},
+            {"contacts_mean", mean(contacts)},        {"contacts_max", quantile(contacts, 1)},
+            {"found_p50_m", quantile(found, 0.5)},    {"found_p99_m", quantile(found, 0.99)},
+            {"found_max_m", quantile(found, 1)},      {"residual_p99_m", quantile(residual, 0.99)},
             {"residual_max_m", quantile(residual, 1)}};
 }
 
 nlohmann::ordered_json tool_json(const ToolFigures& t) {
     using Kind = HapticEventKind;
     const auto events = [&](Kind kind) { return t.events.count[static_cast<size_t>(kind)]; };
-    nlohmann::ordered_json j = {
-        {"body", t.body},
-        {"least_energy_j", t.safety.lowest_energy},
-        {"dissipated_j", t.safety.dissipated},
-        {"limited_ticks", t.safety.limited_ticks},
-        {"safe_ticks", t.safety.safe_ticks},
-        {"events",
-         {{"touch", events(Kind::kTouch)}, {"release", events(Kind::kRelease)}, {"button_down", events(Kind::kButtonDown)},
-          {"button_up", events(Kind::kButtonUp)}, {"pass_through", events(Kind::kPassThrough)}, {"limit", events(Kind::kLimit)}}}};
+    nlohmann::ordered_json j = {{"body", t.body},
+                                {"least_energy_j", t.safety.lowest_energy},
+                                {"dissipated_j", t.safety.dissipated},
+                                {"limited_ticks", t.safety.limited_ticks},
+                                {"safe_ticks", t.safety.safe_ticks},
+                                {"events",
+                                 {{"touch", events(Kind::kTouch)},
+                                  {"release", events(Kind::kRelease)},
+                                  {"button_down", events(Kind::kButtonDown)},
+                                  {"button_up", events(Kind::kButtonUp)},
+                                  {"pass_through", events(Kind::kPassThrough)},
+                                  {"limit", events(Kind::kLimit)}}}};
     if (t.device.empty()) return j;
     j["device"] = t.device;
     for (size_t k = 0; k < t.counts.size(); ++k) j["counts"][describe(static_cast<DeviceCount>(k))] = t.counts[k];
@@ -168,7 +169,10 @@ nlohmann::ordered_json drive_json(const RunFigures& f, size_t row) {
     const std::string unit = d.behaviour == NodeBehaviour::kDial ? "rad" : "m";
     double lowest = 0, highest = 0;
     for (const PassFigures& p : f.pass) lowest = std::min(lowest, p.place[row]), highest = std::max(highest, p.place[row]);
-    nlohmann::ordered_json j = {{"body", d.body}, {"behaviour", kBehaviours[static_cast<size_t>(d.behaviour)]}, {"lowest_" + unit, lowest}, {"highest_" + unit, highest}};
+    nlohmann::ordered_json j = {{"body", d.body},
+                                {"behaviour", kBehaviours[static_cast<size_t>(d.behaviour)]},
+                                {"lowest_" + unit, lowest},
+                                {"highest_" + unit, highest}};
     for (size_t k = 0; k < std::size(kNodeEvents); ++k) j["events"][kNodeEvents[k]] = d.events.count[k];
     for (uint64_t n = d.events.total - std::min<uint64_t>(d.events.total, kKeptNodeEvents); n < d.events.total; ++n) {
         const NodeEvent& e = d.events.last[n % kKeptNodeEvents];
@@ -198,8 +202,7 @@ std::string metrics_json(const RunFigures& f) {
     j["bodies"] = f.bodies;
     json stages = json::object();
     for (const StageFigures& s : f.stage)
-        stages[s.name] = {
-            {"p50_ms", quantile(s.ms, 0.5)}, {"p99_ms", quantile(s.ms, 0.99)}, {"max_ms", quantile(s.ms, 1)}};
+        stages[s.name] = {{"p50_ms", quantile(s.ms, 0.5)}, {"p99_ms", quantile(s.ms, 0.99)}, {"max_ms", quantile(s.ms, 1)}};
     j["stages"] = stages;
     if (std::isfinite(f.report.min_volume_ratio)) j["solid"] = {{"min_volume_ratio", f.report.min_volume_ratio}};
     double max_depth = 0;
@@ -210,8 +213,7 @@ std::string metrics_json(const RunFigures& f) {
     }
     std::vector<double> deep_total, deep_inside;
     for (size_t i = 0; i < c.total.size(); ++i) {
-        if (c.depth_mm[i] >= 5 && c.inside[i] >= 200)
-            deep_total.push_back(c.total[i]), deep_inside.push_back(c.inside[i]);
+        if (c.depth_mm[i] >= 5 && c.inside[i] >= 200) deep_total.push_back(c.total[i]), deep_inside.push_back(c.inside[i]);
     }
     j["contact"] = {{"events", c.total.size()},
                     {"max_depth_m", max_depth},
@@ -224,7 +226,8 @@ std::string metrics_json(const RunFigures& f) {
                     {"deep_total_ms_p99", quantile(deep_total, 0.99)}};
     const DirectionFigures& d = f.direction;
     if (d.depth > 0)
-        j["contact"]["one_pass"] = {{"time_s", d.time}, {"depth_m", d.depth}, {"left_thesis_m", d.left_thesis}, {"left_local_m", d.left_local}};
+        j["contact"]["one_pass"] = {
+            {"time_s", d.time}, {"depth_m", d.depth}, {"left_thesis_m", d.left_thesis}, {"left_local_m", d.left_local}};
     j["frame"] = percentiles(frame_ms, "ms");
     j["displayed_frame"] = percentiles(displayed_frames(f.pass), "ms");
     j["scale"] = scale_json(f);
@@ -246,7 +249,8 @@ std::string metrics_json(const RunFigures& f) {
     if (f.replay) j["replay"] = {{"same", f.replay_difference.empty()}, {"difference", f.replay_difference}};
     j["energy"] = energy_json(f);
     for (const LinkFigures& l : f.link)
-        j["links"].push_back({{"name", l.name}, {"made", l.made}, {"broken", l.broken}, {"max_force_n", l.force}, {"max_strain", l.strain}});
+        j["links"].push_back(
+            {{"name", l.name}, {"made", l.made}, {"broken", l.broken}, {"max_force_n", l.force}, {"max_strain", l.strain}});
     j["report"] = report_json(f);
     return j.dump(2) + "\n";
 }
@@ -256,17 +260,18 @@ std::string passes_csv(const RunFigures& f) {
         "time_s,detection_ms,response_ms,frame_ms,render_ms,depth_m,inside_vertices,contacts,pairs,force_n,"
         "contact_force_n,kinetic_j,elastic_j,pressure_j,bending_j,links_j,gravity_j,work_hand_j,work_contact_j,work_damping_j,"
         "work_push_j,work_numeric_j,work_links_j,balance_j,residual_m,awake";
-    for (const DriveFigures& d : f.drive) out += "," + csv_field((d.behaviour == NodeBehaviour::kDial ? "angle_rad_" : "place_m_") + d.body);
+    for (const DriveFigures& d : f.drive)
+        out += "," + csv_field((d.behaviour == NodeBehaviour::kDial ? "angle_rad_" : "place_m_") + d.body);
     out += "\n";
     char line[512];
     for (const PassFigures& p : f.pass) {
-        std::snprintf(line, sizeof line,
-                      "%.3f,%.4f,%.4f,%.4f,%.4f,%.9g,%u,%u,%u,%.6g,%.6g,%.9g,%.9g,%.9g,%.9g,%.9g,%.9g,%.9g,%.9g,%.9g,%.9g,%.9g,%.9g,%.9g,%.9g,%u",
-                      p.time, p.detection_ms, p.response_ms, p.frame_ms, p.render_ms, p.depth, p.inside_vertices, p.contacts,
-                      p.pairs, p.force, p.contact_force, p.energy.kinetic, p.energy.elastic, p.energy.pressure,
-                      p.energy.bending, p.energy.links, p.energy.gravity, p.energy.work_hand, p.energy.work_contact,
-                      p.energy.work_damping, p.energy.work_push, p.energy.work_numeric, p.energy.work_links,
-                      p.energy.balance, p.residual, p.awake);
+        std::snprintf(
+            line, sizeof line,
+            "%.3f,%.4f,%.4f,%.4f,%.4f,%.9g,%u,%u,%u,%.6g,%.6g,%.9g,%.9g,%.9g,%.9g,%.9g,%.9g,%.9g,%.9g,%.9g,%.9g,%.9g,%.9g,%.9g,%.9g,%u",
+            p.time, p.detection_ms, p.response_ms, p.frame_ms, p.render_ms, p.depth, p.inside_vertices, p.contacts, p.pairs, p.force,
+            p.contact_force, p.energy.kinetic, p.energy.elastic, p.energy.pressure, p.energy.bending, p.energy.links, p.energy.gravity,
+            p.energy.work_hand, p.energy.work_contact, p.energy.work_damping, p.energy.work_push, p.energy.work_numeric,
+            p.energy.work_links, p.energy.balance, p.residual, p.awake);
         out += line;
         for (const double place : p.place) {
             std::snprintf(line, sizeof line, ",%.9g", place);

@@ -20,13 +20,13 @@ struct PassFigures {
     double depth = 0;         // m, deepest pair
     uint32_t inside_vertices = 0;
     uint32_t contacts = 0;
-    uint32_t pairs = 0;        // overlapping
-    double force = 0;          // N, commanded to the hand (largest tool)
-    double contact_force = 0;  // N, mean contact impulse / period on the hand tool
-    Energy energy;             // newest computed
-    double residual = 0;       // m, deepest overlap left at its end
-    uint32_t awake = 0;        // bodies that can move and were not asleep
-    bool picture = false;      // a displayed frame ends with this pass
+    uint32_t pairs = 0;         // overlapping
+    double force = 0;           // N, commanded to the hand (largest tool)
+    double contact_force = 0;   // N, mean contact impulse / period on the hand tool
+    Energy energy;              // newest computed
+    double residual = 0;        // m, deepest overlap left at its end
+    uint32_t awake = 0;         // bodies that can move and were not asleep
+    bool picture = false;       // a displayed frame ends with this pass
     std::vector<double> place;  // m or rad, of every body with one coordinate, at its end
     bool contact() const { return pairs > 0; }
 };
@@ -58,13 +58,13 @@ struct LinkFigures {
 
 // What a pair of bodies took of detection in the passes in which it had candidate vertices.
 struct PairFigures {
-    std::string name;        // "liver/kidney"
+    std::string name;  // "liver/kidney"
     uint64_t passes = 0;
-    double ms = 0;           // sum
-    double worst_ms = 0;     // of a pass
-    double vertices = 0;     // sum, near the other body, both sides
-    double cell = 0;         // m, sum: size of the grid's cells
-    double depth = 0;        // m, deepest
+    double ms = 0;        // sum
+    double worst_ms = 0;  // of a pass
+    double vertices = 0;  // sum, near the other body, both sides
+    double cell = 0;      // m, sum: size of the grid's cells
+    double depth = 0;     // m, deepest
 };
 
 // A body that its node leaves one coordinate.
@@ -79,7 +79,7 @@ struct ToolFigures {
     std::string body;
     SafetyState safety;
     HapticEvents events;
-    std::string device;   // live: name of the device that held it; empty = the scene's hand
+    std::string device;  // live: name of the device that held it; empty = the scene's hand
     DeviceCounts counts{};
 };
 
@@ -111,18 +111,18 @@ struct RunFigures {
     std::vector<LinkFigures> link;
     std::vector<ToolFigures> tool;
     std::vector<DriveFigures> drive;
-    std::vector<ToolSample> tool_sample;  // of every pass
+    std::vector<ToolSample> tool_sample;            // of every pass
     std::vector<std::vector<float>> pass_stage_ms;  // per pass, per stage
-    std::vector<PairFigures> pair;       // the dearest
+    std::vector<PairFigures> pair;                  // the dearest
     uint64_t pairs_met = 0;
-    uint64_t movable_bodies = 0;         // deformable and free
-    double body_size = 0;                // m, diameter of the smallest of them
-    double bytes_per_body = 0;           // resident memory that the scene and its run took, over all bodies
-    int stopped_by = 0;  // signal, 0 = none: the run went on to its end
+    uint64_t movable_bodies = 0;  // deformable and free
+    double body_size = 0;         // m, diameter of the smallest of them
+    double bytes_per_body = 0;    // resident memory that the scene and its run took, over all bodies
+    int stopped_by = 0;           // signal, 0 = none: the run went on to its end
     bool capture_asked = false, meshes_written = false;
-    std::string write_failure;  // of a picture or a mesh, the first; empty = none. The run went on without
+    std::string write_failure;          // of a picture or a mesh, the first; empty = none. The run went on without
     std::vector<std::string> captures;  // files written, in order
-    std::vector<std::string> bodies;  // "liver: 5002 vertices, deformable, 1 substep"
+    std::vector<std::string> bodies;    // "liver: 5002 vertices, deformable, 1 substep"
 };
 
 // Value at quantile q in [0, 1] (nearest rank); 0 if empty.

@@ -15,9 +15,9 @@ struct LiveTick {
     uint64_t tick = 0;  // periods since the start
     double time = 0;    // s, the same
     uint32_t tool = 0;
-    uint64_t model_sequence = 0;  // LocalContactModel::sequence of the surface it used
-    DeviceState sample;           // of the device, in its frame
-    Vec3d force = Vec3d::Zero();  // N, that the device was told
+    uint64_t model_sequence = 0;   // LocalContactModel::sequence of the surface it used
+    DeviceState sample;            // of the device, in its frame
+    Vec3d force = Vec3d::Zero();   // N, that the device was told
     Vec3d torque = Vec3d::Zero();  // N m
 };
 
@@ -58,8 +58,7 @@ class LiveHaptics {
     // What `tools` view must outlive this. A tool whose link has given no sample yet does not tick.
     LiveHaptics(const HapticParams& params, std::span<const LiveTool> tools, LiveRecorder recorder = {});
     // The same for tools without effects and links; `devices` one per tool.
-    LiveHaptics(const HapticParams& params, std::span<const HandTool> tools, std::span<const Device> devices,
-                LiveRecorder recorder = {});
+    LiveHaptics(const HapticParams& params, std::span<const HandTool> tools, std::span<const Device> devices, LiveRecorder recorder = {});
     ~LiveHaptics();
 
     // Starts ticking: tick n at start_ns + n periods (monotonic clock), which is simulated time n periods.

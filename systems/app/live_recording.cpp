@@ -61,7 +61,8 @@ size_t words_wanted(uint64_t tools, uint64_t passes, uint64_t ticks, size_t avai
 uint64_t scene_hash(const World& world) {
     StateHash hash;
     for (uint32_t r = 0; r < static_cast<uint32_t>(Resource::kCount); ++r)
-        if (resource_kind(static_cast<Resource>(r)) == ResourceKind::kConstant) hash.add_word(resource_hash(world, static_cast<Resource>(r)));
+        if (resource_kind(static_cast<Resource>(r)) == ResourceKind::kConstant)
+            hash.add_word(resource_hash(world, static_cast<Resource>(r)));
     hash.add_word(state_hash(world));
     return hash.value;
 }
@@ -87,8 +88,7 @@ void write_live_recording(const std::filesystem::path& path, const LiveRecording
 LiveRecording read_live_recording(const std::filesystem::path& path) {
     const auto fail = [&](const std::string& reason) { throw InputError(path.string() + ": " + reason); };
     const std::string bytes = read_file_bytes(path);
-    if (bytes.size() < sizeof(uint64_t) || bytes.compare(0, sizeof(uint64_t), kMagic) != 0)
-        fail("is not a recording of a live run");
+    if (bytes.size() < sizeof(uint64_t) || bytes.compare(0, sizeof(uint64_t), kMagic) != 0) fail("is not a recording of a live run");
     std::vector<uint64_t> words(bytes.size() / sizeof(uint64_t));
     std::memcpy(words.data(), bytes.data(), words.size() * sizeof(uint64_t));
     if (words.size() < kHeaderWords) fail("recording is cut short inside its header");

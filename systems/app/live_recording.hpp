@@ -8,8 +8,8 @@ namespace trocar {
 
 // Everything a live run took from clocks and other threads: with the scene, enough to repeat it in lockstep.
 struct LiveRecording {
-    uint64_t start_hash = 0;      // scene_hash of the world before the first pass
-    uint64_t state_hash = 0;      // of the world after the last pass
+    uint64_t start_hash = 0;  // scene_hash of the world before the first pass
+    uint64_t state_hash = 0;  // of the world after the last pass
     uint32_t tools = 0;
     std::vector<double> slip;     // s, one per pass: how far simulated time was behind the ticks
     std::vector<uint64_t> taken;  // passes x tools: the tool's state that the pass started from, by ToolState::ticks

@@ -57,7 +57,8 @@ void LiveReplay::advance_tool(uint32_t tool, uint64_t ticks) {
             throw InputError(file_ + ": recording contradicts itself: tick " + std::to_string(tick.tick) +
                              " felt a surface that was not there yet or no longer");
         const Haptics& haptics = frame_.world().haptics;
-        tick_tool(params_, t.model.front(), tick.time, haptics.tool[tool], effects_of(haptics, haptics.tool[tool]), tick.sample, t.scratch, t.state);
+        tick_tool(params_, t.model.front(), tick.time, haptics.tool[tool], effects_of(haptics, haptics.tool[tool]), tick.sample, t.scratch,
+                  t.state);
         if (t.state.output.force == tick.force && t.state.output.torque == tick.torque) continue;
         if (different_ticks_++ == 0) first_different_tick_ = tick.tick;
     }
@@ -80,7 +81,8 @@ std::string LiveReplay::difference() const {
     else if (hash != recording_.state_hash)
         std::snprintf(text, sizeof text, "state hash %016llx, recorded %016llx", static_cast<unsigned long long>(hash),
                       static_cast<unsigned long long>(recording_.state_hash));
-    else return "";
+    else
+        return "";
     return text;
 }
 

@@ -25,8 +25,7 @@ PassFigures pass_figures(const Frame& frame, double time) {
     PassFigures p;
     for (const DriveState& drive : frame.world().node_state.drive) p.place.push_back(drive.place);
     p.time = time;
-    for (const uint32_t row : frame.detection_stages())
-        p.detection_ms += static_cast<double>(frame.times().stage_ns[row]) * 1e-6;
+    for (const uint32_t row : frame.detection_stages()) p.detection_ms += static_cast<double>(frame.times().stage_ns[row]) * 1e-6;
     p.response_ms = static_cast<double>(frame.times().response_ns) * 1e-6;
     p.contacts = static_cast<uint32_t>(w.contacts.point.size());
     for (size_t i = 0; i < w.penetrations.pair.size(); ++i) {
@@ -40,7 +39,8 @@ PassFigures pass_figures(const Frame& frame, double time) {
     }
     p.energy = w.energy;
     p.residual = w.report.deepest_residual;
-    for (uint32_t b = 0; b < w.bodies.mesh.size(); ++b) p.awake += joins_islands(w.bodies.motion[b]) && w.bodies.motion[b] != Motion::kHand && !is_asleep(w.sleep, b);
+    for (uint32_t b = 0; b < w.bodies.mesh.size(); ++b)
+        p.awake += joins_islands(w.bodies.motion[b]) && w.bodies.motion[b] != Motion::kHand && !is_asleep(w.sleep, b);
     p.picture = frame.times().picture;
     return p;
 }
@@ -58,9 +58,8 @@ constexpr int kSimulationNice = -10;
 
 // Draws the newest picture there is, again and again, below everything else.
 class DrawingThread {
-   public:
-    DrawingThread(PictureWriter& pictures, const PictureSnapshot& first, double slow_ms)
-        : pictures_(pictures), slow_ms_(slow_ms) {
+ public:
+    DrawingThread(PictureWriter& pictures, const PictureSnapshot& first, double slow_ms) : pictures_(pictures), slow_ms_(slow_ms) {
         pictures_.warm_up(first);
         thread_ = std::thread([this] { loop(); });
     }
@@ -77,7 +76,7 @@ class DrawingThread {
     const std::string& failure() const { return failure_; }
     const std::vector<double>& milliseconds() const { return milliseconds_; }
 
-   private:
+ private:
     void loop() {
         set_float_mode();
         request_low_priority();
@@ -115,7 +114,7 @@ std::vector<double> samples(const TimeHistogram& histogram, double unit_ns) {
 // Fills a recording beside a run: ticks come from the haptic thread through a ring that the simulation empties once a
 // pass. Without a recording it does nothing.
 class TickCollector {
-   public:
+ public:
     explicit TickCollector(LiveRecording* recording) : recording_(recording), ring_(recording ? kRoom : 1) {}
     LiveRecorder recorder() {
         if (!recording_) return {};
@@ -141,7 +140,7 @@ class TickCollector {
         return ring_.lost() == 0;
     }
 
-   private:
+ private:
     static constexpr double kRoomSeconds = 3600;
     static constexpr size_t kRoom = 1u << 15;  // ticks; the simulation may be away for as many ms
     void empty_ring() {
@@ -189,8 +188,8 @@ void first_device_states(World& world) {
 
 int64_t time_let_go(int64_t behind, int64_t period) { return behind > period ? behind : 0; }
 
-bool run_live(const RunOptions& options, double seconds, Frame& frame, PictureWriter* pictures,
-              LiveRecording* recording, FrameRecorder* recorder, RunFigures& figures) {
+bool run_live(const RunOptions& options, double seconds, Frame& frame, PictureWriter* pictures, LiveRecording* recording,
+              FrameRecorder* recorder, RunFigures& figures) {
     World& world = frame.world();
     TickCollector collector(recording);
     collector.begin(world, seconds);

@@ -30,8 +30,7 @@ std::vector<double> parse_numbers(const std::string& option, const std::string& 
         if (end != word.c_str() + word.size() || !std::isfinite(v.back()))
             throw InputError(option + " \"" + text + "\": \"" + word + "\" is not a number");
     }
-    if (v.size() != count)
-        throw InputError(option + " \"" + text + "\": " + std::to_string(count) + " numbers are needed");
+    if (v.size() != count) throw InputError(option + " \"" + text + "\": " + std::to_string(count) + " numbers are needed");
     return v;
 }
 
@@ -39,8 +38,8 @@ std::vector<double> parse_numbers(const std::string& option, const std::string& 
 std::array<uint32_t, 2> parse_size(const std::string& text) {
     std::array<uint32_t, 2> size{};
     char end = 0;
-    if (text.find('-') != std::string::npos || std::sscanf(text.c_str(), "%ux%u%c", &size[0], &size[1], &end) != 2 ||
-        size[0] == 0 || size[1] == 0)
+    if (text.find('-') != std::string::npos || std::sscanf(text.c_str(), "%ux%u%c", &size[0], &size[1], &end) != 2 || size[0] == 0 ||
+        size[1] == 0)
         throw InputError("--size " + text + ": write WIDTHxHEIGHT in pixels, for example --size 1024x768");
     return size;
 }
@@ -72,15 +71,18 @@ void take_labels(const std::vector<std::string>& words, OrganOptions& organ) {
         char* end = nullptr;
         const double value = std::strtod(word.c_str(), &end);
         const bool number = end == word.c_str() + word.size() && std::isfinite(value);
-        if (number && files.empty()) organ.labels.push_back(value);
-        else files.push_back(word);
+        if (number && files.empty())
+            organ.labels.push_back(value);
+        else
+            files.push_back(word);
     }
     for (const std::string& file : files) {
         std::string& to = organ.volume.empty() ? organ.volume : organ.out;
         if (!to.empty()) throw InputError("organ: \"" + file + "\" is neither a label nor a file: one volume and one output are wanted");
         to = file;
     }
-    if (organ.volume.empty() || organ.out.empty()) throw InputError("organ: a volume and a surface to write are needed; see trocar organ --help");
+    if (organ.volume.empty() || organ.out.empty())
+        throw InputError("organ: a volume and a surface to write are needed; see trocar organ --help");
 }
 
 constexpr uint32_t kMostThreads = 1024;
@@ -93,7 +95,8 @@ void describe(CLI::App& app, Arguments& a) {
 
     CLI::App* run = app.add_subcommand("run", "Simulate a scene: pictures, film, figures, trace");
     run->add_option("scene", a.run.scene, "Scene file, or the name of a scene that `trocar scenes` lists")->required();
-    CLI::Option* seconds = run->add_option("--seconds", a.run.seconds, "Simulated time, s (default: the scene's)")->check(CLI::Range(1e-3, 1e6));
+    CLI::Option* seconds =
+        run->add_option("--seconds", a.run.seconds, "Simulated time, s (default: the scene's)")->check(CLI::Range(1e-3, 1e6));
     run->add_option("--out", a.run.out, "Folder for frames/, film, meshes/, metrics.json, trace.json, report.html");
     CLI::Option* live = run->add_flag("--live", a.run.live,
                                       "Real clock: haptics on its own 1 kHz thread, drawing at low priority; with --out "
@@ -108,34 +111,41 @@ void describe(CLI::App& app, Arguments& a) {
         ->excludes(seconds);
     run->add_option("--capture", a.run.capture,
                     "Write captures/*.cap into the folder when: 5-25 (contact passes), worst, over=33 (ms), nan, counter=NAME, "
-                    "usr1; several joined by commas. worst and over look at passes from the ninth on, over and nan write ten at most; read them with `trocar capture` and `trocar replay`")
+                    "usr1; several joined by commas. worst and over look at passes from the ninth on, over and nan write ten at most; read "
+                    "them with `trocar capture` and `trocar replay`")
         ->check(CLI::Validator([](const std::string& text) { return std::string(text.empty() ? "it says nothing" : ""); }, "TRIGGERS"));
     run->add_flag("--figures-only", a.run.figures_only, "Into the folder metrics.json and passes.csv alone");
     run->add_flag("--no-render", a.no_render, "No pictures");
-    run->add_option("--set", a.sets, "Change a key of the scene (liver.tissue.wall=3e-3, contact.tolerance=1e-4; body.KEY: of every deformable body), or a parameter that `trocar scenes` lists: KEY=VALUE, repeatable");
-    run->add_option("--threads", a.threads, "Worker threads (default: all cores); results never depend on it")->check(CLI::Range(0u, kMostThreads));
+    run->add_option("--set", a.sets,
+                    "Change a key of the scene (liver.tissue.wall=3e-3, contact.tolerance=1e-4; body.KEY: of every deformable body), or a "
+                    "parameter that `trocar scenes` lists: KEY=VALUE, repeatable");
+    run->add_option("--threads", a.threads, "Worker threads (default: all cores); results never depend on it")
+        ->check(CLI::Range(0u, kMostThreads));
     run->add_option("--export-every", a.run.export_every, "Write every body as OBJ at every n-th picture");
-    run->add_option("--slow-render", a.run.slow_render_ms,
-                    "Live: draw each picture again and again for this many ms (a stress test)");
+    run->add_option("--slow-render", a.run.slow_render_ms, "Live: draw each picture again and again for this many ms (a stress test)");
     run->add_flag("--lod-error", a.run.lod_error,
                   "Run the scene with its levels of detail ([body.lod]) and without, in lockstep: error of places and forces, time saved");
     run->add_flag("--json", a.run.json, "Print metrics.json to standard output");
-    run->footer("Example: trocar run probe_on_liver --seconds 2 --set liver.tissue.youngs_modulus=2e4 --out out/probe\n"
-                "Ten thousand bodies: trocar run stress_rain --set count=10000 --set seed=7 --no-render\n"
-                "A live run and its repetition: trocar run probe_on_liver --live --out out/live; "
-                "trocar run probe_on_liver --replay out/live/live.recording\n"
-                "Keys of [contact]: tolerance (m, 1e-4: depth along edges and in faces), direction = local | thesis (each point its own way "
-                "out, or one a pair), share = mass | stiffness | half, push_speed (m/s), faces = true (deepest points inside faces "
-                "get rows too), edges_ahead = true (edges about to cross get rows too), deep = none | last_free (a pair so deep that "
-                "shortest ways out no longer agree is led back the way it came; one that starts so, the shortest way that surely parts "
-                "it), cross_check, contours, regions");
+    run->footer(
+        "Example: trocar run probe_on_liver --seconds 2 --set liver.tissue.youngs_modulus=2e4 --out out/probe\n"
+        "Ten thousand bodies: trocar run stress_rain --set count=10000 --set seed=7 --no-render\n"
+        "A live run and its repetition: trocar run probe_on_liver --live --out out/live; "
+        "trocar run probe_on_liver --replay out/live/live.recording\n"
+        "Keys of [contact]: tolerance (m, 1e-4: depth along edges and in faces), direction = local | thesis (each point its own way "
+        "out, or one a pair), share = mass | stiffness | half, push_speed (m/s), faces = true (deepest points inside faces "
+        "get rows too), edges_ahead = true (edges about to cross get rows too), deep = none | last_free (a pair so deep that "
+        "shortest ways out no longer agree is led back the way it came; one that starts so, the shortest way that surely parts "
+        "it), cross_check, contours, regions");
 
-    CLI::App* check =
-        app.add_subcommand("check", "Is a mesh sound: closed, manifold, oriented, free of self-crossings");
-    check->add_option("files", a.check.files, "Scenes (.toml), mesh files (.wrl .wrz .x3d .x3dv .iv .obj .stl .ply .off .vtk .gltf .glb .dae .fbx ...)")->required();
+    CLI::App* check = app.add_subcommand("check", "Is a mesh sound: closed, manifold, oriented, free of self-crossings");
+    check
+        ->add_option("files", a.check.files,
+                     "Scenes (.toml), mesh files (.wrl .wrz .x3d .x3dv .iv .obj .stl .ply .off .vtk .gltf .glb .dae .fbx ...)")
+        ->required();
     check->add_flag("--json", a.check.json, "One JSON object a line");
     check->footer(
-        "Example: trocar check liver.wrl kidney.stl --json\nOf a scene: can it be built; else the line that is wrong. Exit code 1 when a mesh cannot be admitted as solid.");
+        "Example: trocar check liver.wrl kidney.stl --json\nOf a scene: can it be built; else the line that is wrong. Exit code 1 when a "
+        "mesh cannot be admitted as solid.");
 
     CLI::App* query = app.add_subcommand("query", "Signed distance, closest point, triangle and feature of points");
     query->add_option("mesh", a.query.mesh, "Mesh file")->required();
@@ -149,18 +159,15 @@ void describe(CLI::App& app, Arguments& a) {
         "Example: trocar query liver.obj points.csv --out distances.csv\nColumns: distance,cx,cy,cz,triangle,feature; "
         "distance < 0 inside.");
 
-    CLI::App* collide =
-        app.add_subcommand("collide", "Contact report of two meshes: overlap, depth, direction, witness, regions");
+    CLI::App* collide = app.add_subcommand("collide", "Contact report of two meshes: overlap, depth, direction, witness, regions");
     collide->add_option("a", a.collide.a, "First mesh")->required();
     collide->add_option("b", a.collide.b, "Second mesh")->required();
     collide->add_option("--move-b", a.move_b, "\"x y z\": translation of B, file units");
-    collide->add_option("--rotate-b", a.rotate_b,
-                        "\"ax ay az degrees\": rotation of B about its origin, before the move");
+    collide->add_option("--rotate-b", a.rotate_b, "\"ax ay az degrees\": rotation of B about its origin, before the move");
     collide->add_option("--tolerance", a.collide.tolerance, "Depth tolerance along edges, file units");
     collide->add_option("--cells", a.collide.cells,
                         "Write the grid cells that both share: .json (cell, object and primitive layers), .vtp or .png");
-    collide->add_flag("--separate", a.collide.separate,
-                      "Search for the shortest translation that separates B from A: a proven bracket");
+    collide->add_flag("--separate", a.collide.separate, "Search for the shortest translation that separates B from A: a proven bracket");
     collide->add_option("--contours", a.collide.contours, "Write where the surfaces cross to this .obj file, as lines");
     collide->add_flag("--cross-check", a.collide.cross_check,
                       "Compare every sign of a solid with the winding number; counts \"disagreements\"");
@@ -177,21 +184,19 @@ void describe(CLI::App& app, Arguments& a) {
     convert->add_flag("--json", a.convert.json, "JSON");
     CLI::Option* repair = convert->add_flag("--repair", a.convert.repair,
                                             "Make it one closed solid, saying each change; exit code 1 and no file if it cannot");
-    convert->add_option("--weld", a.convert.weld, "Join vertices nearer than this part of the diagonal")
-        ->check(CLI::Range(0.0, 0.01));
+    convert->add_option("--weld", a.convert.weld, "Join vertices nearer than this part of the diagonal")->check(CLI::Range(0.0, 0.01));
     convert->add_option("--hole-size", a.convert.hole_size, "Fill holes up to this part of the diagonal (0.2)")
-        ->check(CLI::Range(0.0, 1.0))->needs(repair);
+        ->check(CLI::Range(0.0, 1.0))
+        ->needs(repair);
     convert->footer("Example: trocar convert liver.wrz liver.obj\n         trocar convert --repair scan.ply organ.stl");
 
     CLI::App* view = app.add_subcommand("view", "Draw a mesh or a shape: textured, lit, fitted to the picture");
-    view->add_option("meshes", a.view.sources, "Mesh files or shapes (shape:NAME:TRIANGLES:SEED), one tile each")
-        ->required();
+    view->add_option("meshes", a.view.sources, "Mesh files or shapes (shape:NAME:TRIANGLES:SEED), one tile each")->required();
     view->add_option("--out", a.view.out, "PNG to write")->required();
     view->add_option("--size", a.size, "WIDTHxHEIGHT in pixels (default 1024x768)");
     view->add_option("--azimuth", a.view.azimuth, "Degrees about up; 0 = seen from +x, -90 from -y");
     view->add_option("--elevation", a.view.elevation, "Degrees above the horizon; 90 = from above");
-    view->add_option("--up", a.view.up, "Axis that points up in the picture: x, y or z (default)")
-        ->check(CLI::IsMember({"x", "y", "z"}));
+    view->add_option("--up", a.view.up, "Axis that points up in the picture: x, y or z (default)")->check(CLI::IsMember({"x", "y", "z"}));
     view->add_flag("--wireframe", a.view.wireframe, "Edges drawn over the surface");
     view->add_flag("--sheet", a.view.sheet, "Front, side, top and oblique view in one picture");
     view->footer("Example: trocar view shape:gallbladder:10000 --sheet --out gallbladder.png");
@@ -199,8 +204,7 @@ void describe(CLI::App& app, Arguments& a) {
     CLI::App* organ = app.add_subcommand("organ", "From a segmented image to closed surfaces and tetrahedra");
     organ->add_option("volume", a.organ.volume, "NRRD, MetaImage, NIfTI or DICOM file, or a folder of DICOM slices");
     organ->add_option("out", a.organ.out, "Surface to write: .obj .stl .ply .wrl; several labels: NAME_<label>.ending");
-    organ->add_option("--label", a.labels, "Label values, one surface each; without any, those in the file are listed")
-        ->delimiter(',');
+    organ->add_option("--label", a.labels, "Label values, one surface each; without any, those in the file are listed")->delimiter(',');
     organ->add_option("--threshold", a.organ.threshold, "Instead of labels: voxels of this value and above");
     organ->add_option("--smooth", a.organ.smooth, "Rounds of volume-keeping smoothing (default 10)");
     organ->add_option("--blur", a.organ.blur, "Blur of the voxels before contouring, in voxels (default 1; 0 keeps steps)");
@@ -227,44 +231,55 @@ void describe(CLI::App& app, Arguments& a) {
         ->check(CLI::IsMember({"nan", "blast", "pause"}));
     soak->add_option("--out", a.soak.out, "Folder for soak.json, soak.csv, soak.html, captures/");
     soak->add_option("--set", a.sets, "Change a key of the scene: KEY=VALUE, repeatable");
-    soak->add_option("--threads", a.soak.threads, "Worker threads (default: all cores); results never depend on it")->check(CLI::Range(0u, kMostThreads));
+    soak->add_option("--threads", a.soak.threads, "Worker threads (default: all cores); results never depend on it")
+        ->check(CLI::Range(0u, kMostThreads));
     soak->add_flag("--json", a.soak.json, "Print soak.json instead of a line a minute");
-    soak->footer("Example: trocar soak probe_on_liver --minutes 30 --faults nan,pause --out out/soak\n"
-                 "Every episode starts from the same state and must end in the same state. Rules: the lower bound of the drift (median\n"
-                 "slope, 95 % interval) of resident memory stays below 256 KiB a minute and of the heap below 64 KiB a minute; no file\n"
-                 "stays open; no particle is lost but those a fault loses, and they are back after one pass; the energy books close to\n"
-                 "2 % of the largest energy; passes do not become half as slow again. Exit code 1 with the reason when one breaks.");
+    soak->footer(
+        "Example: trocar soak probe_on_liver --minutes 30 --faults nan,pause --out out/soak\n"
+        "Every episode starts from the same state and must end in the same state. Rules: the lower bound of the drift (median\n"
+        "slope, 95 % interval) of resident memory stays below 256 KiB a minute and of the heap below 64 KiB a minute; no file\n"
+        "stays open; no particle is lost but those a fault loses, and they are back after one pass; the energy books close to\n"
+        "2 % of the largest energy; passes do not become half as slow again. Exit code 1 with the reason when one breaks.");
 
     CLI::App* sweep = app.add_subcommand("sweep", "Run a scene with every combination of values, here or on a cluster; one table of all");
     sweep->add_option("file", a.sweep.file, "Sweep file")->required();
-    sweep->add_option("--engine", a.sweep.engine, "local (default), parallel (GNU parallel), slurm (an array job), merge (only make the table of what is there)")
+    sweep
+        ->add_option("--engine", a.sweep.engine,
+                     "local (default), parallel (GNU parallel), slurm (an array job), merge (only make the table of what is there)")
         ->check(CLI::IsMember({"local", "parallel", "slurm", "merge"}));
-    sweep->add_option("--out", a.sweep.out, "Folder (default out/sweep_NAME): runs/ with a folder of each, runs.txt, sweep.csv, sweep.json");
+    sweep->add_option("--out", a.sweep.out,
+                      "Folder (default out/sweep_NAME): runs/ with a folder of each, runs.txt, sweep.csv, sweep.json");
     sweep->add_option("--jobs", a.sweep.jobs, "Runs at once (default: cores / threads of a run)")->check(CLI::Range(1, 4096));
     sweep->add_flag("--dry-run", a.sweep.dry_run, "Print the commands and run none");
     sweep->add_flag("--json", a.sweep.json, "Print sweep.json");
-    sweep->footer("A sweep file:\n"
-                  "    scene = \"kidney_on_liver\"\n    seconds = 0.5\n    threads = 1\n"
-                  "    columns = [\"contact.total_ms_mean\", \"contact.max_depth_m\"]   # paths into metrics.json\n"
-                  "    [set]\n    \"liver.triangles\" = 4000\n"
-                  "    [vary]\n    \"contact.cell_edges\" = [2.0, 2.5, 3.0]\n    \"liver.integrator\" = [\"leapfrog\", \"midpoint\"]\n"
-                  "Example: trocar sweep cells.toml --engine parallel --out out/cells\n"
-                  "Every run is a command of its own (runs.txt) and is left alone once it is done: start the same sweep again after an interruption, or\n"
-                  "after adding values. Exit code 1 when a run failed; the table says which and why.");
+    sweep->footer(
+        "A sweep file:\n"
+        "    scene = \"kidney_on_liver\"\n    seconds = 0.5\n    threads = 1\n"
+        "    columns = [\"contact.total_ms_mean\", \"contact.max_depth_m\"]   # paths into metrics.json\n"
+        "    [set]\n    \"liver.triangles\" = 4000\n"
+        "    [vary]\n    \"contact.cell_edges\" = [2.0, 2.5, 3.0]\n    \"liver.integrator\" = [\"leapfrog\", \"midpoint\"]\n"
+        "Example: trocar sweep cells.toml --engine parallel --out out/cells\n"
+        "Every run is a command of its own (runs.txt) and is left alone once it is done: start the same sweep again after an interruption, "
+        "or\n"
+        "after adding values. Exit code 1 when a run failed; the table says which and why.");
 
     CLI::App* replay = app.add_subcommand("replay", "Run a capture again and compare; or one of its passes many times");
     replay->add_option("capture", a.replay.file, "A .cap file of `trocar run --capture`")->required();
     CLI::Option* compare = replay->add_flag("--check", a.default_said, "Compare only (the default)");
-    CLI::Option* frame = replay->add_option("--frame", a.replay.frame, "Contact pass to run again and again, from its own start")->excludes(compare);
+    CLI::Option* frame =
+        replay->add_option("--frame", a.replay.frame, "Contact pass to run again and again, from its own start")->excludes(compare);
     replay->add_option("--repeat", a.replay.repeat, "How often (default 100)")->needs(frame)->check(CLI::Range(1, 1000000));
     replay->add_flag("--profile", a.default_said, "Median time of every stage of the pass (the default with --frame)")->needs(frame);
     replay->add_option("--trace", a.replay.trace, "Trace of the repetitions to write")->needs(frame);
-    replay->add_option("--threads", a.replay.threads, "Worker threads (default: all cores); results never depend on it")->check(CLI::Range(0u, kMostThreads));
+    replay->add_option("--threads", a.replay.threads, "Worker threads (default: all cores); results never depend on it")
+        ->check(CLI::Range(0u, kMostThreads));
     replay->add_flag("--json", a.replay.json, "JSON");
-    replay->footer("Example: trocar replay out/captures/worst.cap\n"
-                   "         trocar replay out/captures/worst.cap --frame 61 --repeat 200\n"
-                   "Exit code 1 when it does not come out the same to the bit, and the first pass, stage, array and row are named; also when the capture\n"
-                   "is not whole: what there is of it is compared.");
+    replay->footer(
+        "Example: trocar replay out/captures/worst.cap\n"
+        "         trocar replay out/captures/worst.cap --frame 61 --repeat 200\n"
+        "Exit code 1 when it does not come out the same to the bit, and the first pass, stage, array and row are named; also when the "
+        "capture\n"
+        "is not whole: what there is of it is compared.");
 
     CLI::App* capture = app.add_subcommand("capture", "What a capture holds; compare two; export for other tools");
     capture->require_subcommand(1);
@@ -280,31 +295,37 @@ void describe(CLI::App& app, Arguments& a) {
     exported->add_option("--trace", a.capture.trace, "Chrome trace (JSON) of the stages of every pass: Perfetto, speedscope");
     exported->add_option("--csv", a.capture.csv, "One line a pass");
     exported->add_option("--threads", a.capture.threads, "Worker threads (default: all cores)")->check(CLI::Range(0u, kMostThreads));
-    capture->footer("Example: trocar run kidney_on_liver --out out/k --capture worst,5-25\n"
-                    "         trocar capture info out/k/captures/*.cap\n"
-                    "         trocar capture export out/k/captures/worst.cap --vtp out/vtp --csv out/passes.csv");
+    capture->footer(
+        "Example: trocar run kidney_on_liver --out out/k --capture worst,5-25\n"
+        "         trocar capture info out/k/captures/*.cap\n"
+        "         trocar capture export out/k/captures/worst.cap --vtp out/vtp --csv out/passes.csv");
 
     CLI::App* device = app.add_subcommand("device", "Haptic devices: what there is, whether one works, what a hand did");
     device->require_subcommand(1);
     CLI::App* list = device->add_subcommand("list", "Ways to reach devices, and how each is named");
     list->add_flag("--json", a.device.json, "JSON");
-    CLI::App* test = device->add_subcommand("test", "Listen to a device: rate, gaps, range, what was dropped; exit code 1 when nothing came");
-    CLI::App* record = device->add_subcommand("record", "Write what a hand did as CSV, for `trace = \"FILE\"` of a [[tool]] and trace:FILE");
+    CLI::App* test =
+        device->add_subcommand("test", "Listen to a device: rate, gaps, range, what was dropped; exit code 1 when nothing came");
+    CLI::App* record =
+        device->add_subcommand("record", "Write what a hand did as CSV, for `trace = \"FILE\"` of a [[tool]] and trace:FILE");
     for (CLI::App* each : {test, record}) {
         each->add_option("device", a.device.device, "KIND or KIND:WHERE, see `trocar device list`")->required();
         each->add_option("--seconds", a.device.seconds, "How long (default 5)")->check(CLI::Range(0.05, 86400.0));
     }
-    test->add_option("--spring", a.device.spring, "Pull the hand to where it was first, N/m (default: no force)")->check(CLI::Range(0.0, 2000.0));
+    test->add_option("--spring", a.device.spring, "Pull the hand to where it was first, N/m (default: no force)")
+        ->check(CLI::Range(0.0, 2000.0));
     test->add_option("--max-force", a.device.max_force, "Largest force of that spring, N (default 2)")->check(CLI::Range(0.0, 50.0));
     test->add_flag("--json", a.device.json, "JSON");
-    record->add_option("--out", a.device.out, "CSV to write: time,x,y,z,qw,qx,qy,qz,vx,vy,vz,buttons, and grip where there is one")->required();
-    device->footer("Example: trocar device list\n"
-                   "         trocar device test udp:7731 --seconds 10          # a device that sends packets to this machine\n"
-                   "         trocar device test plugin:./mine.so --spring 100  # and feels a soft spring\n"
-                   "         trocar device record haply --seconds 30 --out hand.csv\n"
-                   "         trocar run probe_on_liver --live --device probe=udp:7731\n"
-                   "Packets, messages and the plug-in's header: docs/devices.md. Network devices are on this machine unless an\n"
-                   "address is given. Forces go out only with --spring, or in a live run.");
+    record->add_option("--out", a.device.out, "CSV to write: time,x,y,z,qw,qx,qy,qz,vx,vy,vz,buttons, and grip where there is one")
+        ->required();
+    device->footer(
+        "Example: trocar device list\n"
+        "         trocar device test udp:7731 --seconds 10          # a device that sends packets to this machine\n"
+        "         trocar device test plugin:./mine.so --spring 100  # and feels a soft spring\n"
+        "         trocar device record haply --seconds 30 --out hand.csv\n"
+        "         trocar run probe_on_liver --live --device probe=udp:7731\n"
+        "Packets, messages and the plug-in's header: docs/devices.md. Network devices are on this machine unless an\n"
+        "address is given. Forces go out only with --spring, or in a live run.");
 
     CLI::App* scenes = app.add_subcommand("scenes", "List the scenes, shapes and tissues that come with the program");
     scenes->add_flag("--json", a.scenes_json, "JSON");
@@ -378,7 +399,8 @@ int main(int argc, char** argv) {
         CLI::App app;
         Arguments arguments;
         describe(app, arguments);
-        if (argc > 1 && argv[1][0] != '-' && app.get_subcommands([&](const CLI::App* command) { return command->get_name() == argv[1]; }).empty())
+        if (argc > 1 && argv[1][0] != '-' &&
+            app.get_subcommands([&](const CLI::App* command) { return command->get_name() == argv[1]; }).empty())
             throw trocar::InputError(std::string("there is no command \"") + argv[1] + "\"; trocar --help lists them");
         try {
             app.parse(argc, argv);

@@ -124,8 +124,7 @@ Image draw_meshes(const MeshPictureParams& params, std::span<const Mesh> meshes,
     GlRenderer renderer(prototypes);
     RenderScratch scratch;
     Image out{params.width, params.height, {}}, part;
-    for (size_t i = 0; i < size_t(params.width) * params.height; ++i)
-        out.rgba.insert(out.rgba.end(), {30, 34, 40, 255});
+    for (size_t i = 0; i < size_t(params.width) * params.height; ++i) out.rgba.insert(out.rgba.end(), {30, 34, 40, 255});
     for (uint32_t i = 0; i < count; ++i) {
         const MeshTile& tile = tiles[i];
         PictureSnapshot snapshot;

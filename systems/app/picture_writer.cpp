@@ -25,8 +25,7 @@ void prepare_folder(const std::filesystem::path& folder) {
     const fs::path probe = folder / ".trocar_probe";
     {
         std::ofstream stream(probe);
-        if (!stream || !(stream << "x").flush())
-            throw InputError(folder.string() + ": cannot be written (" + std::strerror(errno) + ")");
+        if (!stream || !(stream << "x").flush()) throw InputError(folder.string() + ": cannot be written (" + std::strerror(errno) + ")");
     }
     fs::remove(probe, error);
 }
@@ -40,8 +39,8 @@ void clear_pictures(const fs::path& folder) {
     fs::remove(folder / "film.mp4", error);
 }
 
-PictureWriter::PictureWriter(const PictureParams& params, const Camera& camera, const Meshes& meshes,
-                             const fs::path& out, bool film_meanwhile)
+PictureWriter::PictureWriter(const PictureParams& params, const Camera& camera, const Meshes& meshes, const fs::path& out,
+                             bool film_meanwhile)
     : params_(params), camera_(camera), out_(out), renderer_(meshes) {
     if (out_.empty()) return;
     prepare_folder(out_ / "frames");
@@ -52,8 +51,10 @@ PictureWriter::PictureWriter(const PictureParams& params, const Camera& camera, 
 void PictureWriter::draw(const PictureSnapshot& snapshot) {
     if (!placed_) {
         fitted_ = fitted_ || camera_.distance <= 0;
-        if (fitted_) fit_camera(snapshot, params_.width, params_.height, camera_);
-        else lay_floor(snapshot, camera_);
+        if (fitted_)
+            fit_camera(snapshot, params_.width, params_.height, camera_);
+        else
+            lay_floor(snapshot, camera_);
         placed_ = true;
     }
     if (fitted_) keep_in_picture(snapshot, params_.width, params_.height, camera_);

@@ -18,10 +18,10 @@ void clear_pictures(const std::filesystem::path& folder);
 // Draws pictures and keeps them as frames/000000.png ... and, where ffmpeg is there, as film.mp4 in a folder (none: it
 // only draws). Used by one thread at a time.
 class PictureWriter {
-   public:
+ public:
     // With `film_meanwhile` ffmpeg runs beside the simulation; otherwise the film is made from the files at the end.
-    PictureWriter(const PictureParams& params, const Camera& camera, const Meshes& meshes,
-                  const std::filesystem::path& out, bool film_meanwhile);
+    PictureWriter(const PictureParams& params, const Camera& camera, const Meshes& meshes, const std::filesystem::path& out,
+                  bool film_meanwhile);
     // Returns the milliseconds of drawing and reading back; writing the file is not part of a frame. Draws the picture
     // again and again until `least_ms` have passed: a renderer that is slow by being busy, for stress tests.
     double take(const PictureSnapshot& snapshot, double least_ms = 0);
@@ -31,7 +31,7 @@ class PictureWriter {
     std::string finish_film();
     const std::vector<std::string>& files() const { return files_; }
 
-   private:
+ private:
     void draw(const PictureSnapshot& snapshot);
     PictureParams params_;
     Camera camera_;

@@ -23,8 +23,8 @@ void Progress::show(double done, const std::string& note) {
     const double elapsed = static_cast<double>(now - start_ns_) * 1e-9;
     char left[32] = "";
     if (done > 0.01) std::snprintf(left, sizeof left, ", %.0f s left", elapsed * (1 - done) / done);
-    std::fprintf(stderr, "\r\033[K%s [%.*s%.*s] %3.0f %% %s%s", title_.c_str(), filled,
-                 "##############################", kWidth - filled, "..............................", done * 100, note.c_str(), left);
+    std::fprintf(stderr, "\r\033[K%s [%.*s%.*s] %3.0f %% %s%s", title_.c_str(), filled, "##############################", kWidth - filled,
+                 "..............................", done * 100, note.c_str(), left);
     std::fflush(stderr);
 }
 

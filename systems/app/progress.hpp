@@ -4,13 +4,13 @@ namespace trocar {
 
 // One line on standard error that moves while a long job runs; silent when that is not a terminal.
 class Progress {
-   public:
+ public:
     explicit Progress(std::string title);
     ~Progress();
     // done in [0, 1]; redraws at most ten times a second.
     void show(double done, const std::string& note);
 
-   private:
+ private:
     std::string title_;
     bool terminal_ = false;
     unsigned long long start_ns_ = 0, shown_ns_ = 0;

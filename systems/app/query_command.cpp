@@ -1,6 +1,6 @@
 #include <algorithm>
-#include <cctype>
 #include <array>
+#include <cctype>
 #include <charconv>
 #include <cmath>
 #include <cstdio>
@@ -65,8 +65,8 @@ std::string to_csv(const std::vector<SurfacePoint>& answers) {
     std::string out = "distance,cx,cy,cz,triangle,feature\n";
     char line[160];
     for (const SurfacePoint& a : answers) {
-        std::snprintf(line, sizeof line, "%.17g,%.17g,%.17g,%.17g,%u,%s\n", a.distance, a.point.x(), a.point.y(),
-                      a.point.z(), a.triangle, kFeatureNames[static_cast<size_t>(a.feature)]);
+        std::snprintf(line, sizeof line, "%.17g,%.17g,%.17g,%.17g,%u,%s\n", a.distance, a.point.x(), a.point.y(), a.point.z(), a.triangle,
+                      kFeatureNames[static_cast<size_t>(a.feature)]);
         out += line;
     }
     return out;
@@ -114,8 +114,8 @@ uint64_t ask(const ClosestPointTree& tree, const std::vector<Vec3d>& points, std
         std::array<Vec3d, kGrain> point;
         std::array<SurfacePoint, kGrain> answer;
         for (uint32_t i = begin; i < end; ++i) point[i - begin] = points[order[i].second];
-        tree.query(std::span(point).first(end - begin), std::span(radius).first(end - begin), {},
-                   std::span(answer).first(end - begin), counters[begin / kGrain]);
+        tree.query(std::span(point).first(end - begin), std::span(radius).first(end - begin), {}, std::span(answer).first(end - begin),
+                   counters[begin / kGrain]);
         for (uint32_t i = begin; i < end; ++i) answers[order[i].second] = answer[i - begin];
     });
     uint64_t disagreements = 0;
@@ -149,8 +149,8 @@ int query_command(const QueryOptions& options) {
     if (options.cross_check && judgement.admitted_as != Admission::kSolid)
         std::fprintf(stderr, "trocar: nothing to cross-check: the mesh is no solid\n");
     else if (options.cross_check)
-        std::fprintf(stderr, "trocar: %llu of %zu signs differ from the winding number\n",
-                     static_cast<unsigned long long>(disagreements), points.size());
+        std::fprintf(stderr, "trocar: %llu of %zu signs differ from the winding number\n", static_cast<unsigned long long>(disagreements),
+                     points.size());
     for (SurfacePoint& a : answers)
         if (a.triangle != kNone) a.triangle = file_triangle[a.triangle];
     const std::string out = options.json ? to_json(answers) : to_csv(answers);

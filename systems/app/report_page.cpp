@@ -43,13 +43,10 @@ std::string fact(const std::string& value, const std::string& what) {
     return "<div class=\"fact\"><b>" + value + "</b><span>" + what + "</span></div>";
 }
 
-std::string row(const std::string& name, const std::string& value) {
-    return "<tr><td>" + name + "</td><td>" + value + "</td></tr>";
-}
+std::string row(const std::string& name, const std::string& value) { return "<tr><td>" + name + "</td><td>" + value + "</td></tr>"; }
 
 std::string head(const RunFigures& f, const ContactColumns& c) {
-    std::string facts =
-        fact(format("%.2f s", f.simulated_s), "simulated in " + format("%.2f s", f.wall_s) + " of real time");
+    std::string facts = fact(format("%.2f s", f.simulated_s), "simulated in " + format("%.2f s", f.wall_s) + " of real time");
     facts += fact(std::to_string(c.total.size()),
                   "contact events in " + std::to_string(f.pass.size()) + " passes" +
                       (f.simulated_s > 0 ? format(" (%.0f a second)", static_cast<double>(f.pass.size()) / f.simulated_s) : ""));
@@ -60,26 +57,23 @@ std::string head(const RunFigures& f, const ContactColumns& c) {
         facts += fact(format("%.2f mm", quantile(c.depth_mm, 1)), "deepest penetration");
     }
     if (f.ticks > 0)
-        facts += fact(format("%.2f N", f.max_force),
-                      "largest force on the hand, in " + std::to_string(f.ticks) + " ticks of 1 ms");
+        facts += fact(format("%.2f N", f.max_force), "largest force on the hand, in " + std::to_string(f.ticks) + " ticks of 1 ms");
     std::string table = "<table>";
     for (const std::string& body : f.bodies) table += row("body", escape_html(body));
     table += row("state hash", "<code>" + state_hash_text(f) +
                                    "</code> of the final state: the same for any number of "
                                    "threads, if nothing else was changed");
-    table += row("machine", escape_html(f.machine) + ", " + std::to_string(f.threads) +
-                                (f.threads == 1 ? " thread, " : " threads, ") + escape_html(f.instruction_set));
+    table += row("machine", escape_html(f.machine) + ", " + std::to_string(f.threads) + (f.threads == 1 ? " thread, " : " threads, ") +
+                                escape_html(f.instruction_set));
     table += row("program", "trocar " + escape_html(f.version) + (f.live ? ", live" : ", in lockstep"));
-    return "<h1>" + escape_html(f.scene) + "</h1><p>" + escape_html(f.description) + "</p><div class=\"facts\">" +
-           facts + "</div>" + table + "</table>\n";
+    return "<h1>" + escape_html(f.scene) + "</h1><p>" + escape_html(f.description) + "</p><div class=\"facts\">" + facts + "</div>" +
+           table + "</table>\n";
 }
 
 std::string media_sections(const ReportMedia& media) {
     std::string out;
     if (!media.film.empty())
-        out += section(
-            "Film", "",
-            "<div style=\"max-width:660px\"><video src=\"" + escape_html(media.film) + "\" controls></video></div>");
+        out += section("Film", "", "<div style=\"max-width:660px\"><video src=\"" + escape_html(media.film) + "\" controls></video></div>");
     if (media.picture.empty()) return out;
     std::string shots;
     for (size_t i = 0; i < media.picture.size(); ++i)
@@ -91,8 +85,8 @@ std::string media_sections(const ReportMedia& media) {
 // What one pass leaves of the deepest overlap, by direction of the response.
 std::string direction_note(const DirectionFigures& d) {
     if (!(d.depth > 0)) return "";
-    return "<p>One pass from the deepest overlap, " + format("%.3f mm", 1e3 * d.depth) + " at " + format("%.2f s", d.time) +
-           ", leaves " + format("%.4f mm", 1e3 * d.left_thesis) + " with <code>contact.direction = thesis</code> (one direction a pair) and " +
+    return "<p>One pass from the deepest overlap, " + format("%.3f mm", 1e3 * d.depth) + " at " + format("%.2f s", d.time) + ", leaves " +
+           format("%.4f mm", 1e3 * d.left_thesis) + " with <code>contact.direction = thesis</code> (one direction a pair) and " +
            format("%.4f mm", 1e3 * d.left_local) + " with <code>local</code> (each point its own).</p>";
 }
 
@@ -114,22 +108,18 @@ std::string contact_section(const ContactColumns& c, const DirectionFigures& dir
         return svg_plot(plot);
     };
     std::string cards;
-    cards +=
-        card(over_events("Detection to the end of the response", "total", c.total),
-             "The thesis' figure 5.1: 2.303 ms on average in 2008, on a dual 2.8 GHz Xeon and with its own scene.");
-    cards +=
-        card(over_events("Response alone", "response", c.response), "The thesis' figure 5.2: 1.884 ms on average.");
+    cards += card(over_events("Detection to the end of the response", "total", c.total),
+                  "The thesis' figure 5.1: 2.303 ms on average in 2008, on a dual 2.8 GHz Xeon and with its own scene.");
+    cards += card(over_events("Response alone", "response", c.response), "The thesis' figure 5.2: 1.884 ms on average.");
     cards += card(against("Time per event against depth", "depth, mm", c.depth_mm, 1e-3),
                   "Depth on a logarithmic scale: most events are kept shallow by the response. Anything below 1 um "
                   "stands at 1 um.");
-    cards +=
-        card(against("Time per event against vertices inside", "vertices of one body inside the other", c.inside, 1),
-             "Logarithmic scale; 0, where only edges or touching vertices met, stands at 1.");
-    return section(
-        "Contact",
-        "A contact event is a contact pass with at least one overlapping pair of bodies. Its time is detection "
-        "(every stage from body boxes to islands) and response (the contact rows in all substeps of the pass).",
-        direction_note(direction) + grid(cards));
+    cards += card(against("Time per event against vertices inside", "vertices of one body inside the other", c.inside, 1),
+                  "Logarithmic scale; 0, where only edges or touching vertices met, stands at 1.");
+    return section("Contact",
+                   "A contact event is a contact pass with at least one overlapping pair of bodies. Its time is detection "
+                   "(every stage from body boxes to islands) and response (the contact rows in all substeps of the pass).",
+                   direction_note(direction) + grid(cards));
 }
 
 std::string force_note(const RunFigures& f) {
@@ -140,8 +130,7 @@ std::string force_note(const RunFigures& f) {
 }
 
 std::string time_section(const RunFigures& f) {
-    std::vector<double> t, depth, force, contact_force, frame, kinetic, elastic, gravity, hand, contact, damping, push,
-        balance;
+    std::vector<double> t, depth, force, contact_force, frame, kinetic, elastic, gravity, hand, contact, damping, push, balance;
     for (const PassFigures& p : f.pass) {
         t.push_back(p.time);
         depth.push_back(p.depth * 1e3);
@@ -156,29 +145,20 @@ std::string time_section(const RunFigures& f) {
     }
     const char* const time = "simulated time, s";
     std::string cards;
-    cards +=
-        card(svg_plot({"Penetration depth", time, "mm", {{"deepest pair", t, depth}}}),
-             "The largest of the shortest distances from a point inside to the other surface, of the deepest pair, "
-             "as found at the start of each pass.");
+    cards += card(svg_plot({"Penetration depth", time, "mm", {{"deepest pair", t, depth}}}),
+                  "The largest of the shortest distances from a point inside to the other surface, of the deepest pair, "
+                  "as found at the start of each pass.");
     if (f.ticks > 0)
-        cards += card(
-            svg_plot(
-                {"Force", time, "N", {{"to the hand", t, force}, {"of the tissue on the tool", t, contact_force}}}),
-            force_note(f));
-    cards += card(
-        svg_plot(
-            {"Energy", time, "mJ", {{"kinetic", t, kinetic}, {"elastic", t, elastic}, {"gravity", t, gravity}}, false}),
-        "Of all deformable bodies; elastic with that of enclosed volumes and of bending; gravity from its value at the world's "
-        "origin.");
+        cards += card(svg_plot({"Force", time, "N", {{"to the hand", t, force}, {"of the tissue on the tool", t, contact_force}}}),
+                      force_note(f));
+    cards += card(svg_plot({"Energy", time, "mJ", {{"kinetic", t, kinetic}, {"elastic", t, elastic}, {"gravity", t, gravity}}, false}),
+                  "Of all deformable bodies; elastic with that of enclosed volumes and of bending; gravity from its value at the world's "
+                  "origin.");
     cards +=
         card(svg_plot({"Work, and balance",
                        time,
                        "mJ",
-                       {{"hand", t, hand},
-                        {"impact", t, contact},
-                        {"damping", t, damping},
-                        {"push-out", t, push},
-                        {"balance", t, balance}},
+                       {{"hand", t, hand}, {"impact", t, contact}, {"damping", t, damping}, {"push-out", t, push}, {"balance", t, balance}},
                        false}),
              "Work on the tissue. Hand: through contact with hands and scripted bodies. Impact: lost in inelastic "
              "contact and friction. "
@@ -207,7 +187,8 @@ std::string node_section(const RunFigures& f) {
         const auto of = [&](NodeEventKind kind) { return std::to_string(count[static_cast<size_t>(kind)]); };
         cards += card(svg_plot({f.drive[row].body, "simulated time, s", unit, {{unit, t, place}}, false}),
                       dial ? "Detents passed: " + of(NodeEventKind::kDetent) + ", limits reached: " + of(NodeEventKind::kLimit) + "."
-                           : "Pressed " + of(NodeEventKind::kPressed) + ", released " + of(NodeEventKind::kReleased) + ", limits reached " + of(NodeEventKind::kLimit) + " times.");
+                           : "Pressed " + of(NodeEventKind::kPressed) + ", released " + of(NodeEventKind::kReleased) + ", limits reached " +
+                                 of(NodeEventKind::kLimit) + " times.");
         if (f.ticks > 0)
             cards += card(svg_plot({f.drive[row].body + ": force to the hand", unit, "N", {{"at the end of a pass", place, force, true}}}),
                           "Largest command of the tools while it was there, whatever they touched.");
@@ -223,11 +204,10 @@ std::string stage_section(const RunFigures& f) {
         p50.push_back(quantile(s.ms, 0.5));
         p99.push_back(quantile(s.ms, 0.99));
     }
-    return section(
-        "Stages",
-        "Real time of every stage of a pass, in the order they run. Dark: half of the passes take no longer; "
-        "pale: 99 of 100.",
-        grid(card(svg_bars("Median / 99th percentile", "ms", names, p50, p99))));
+    return section("Stages",
+                   "Real time of every stage of a pass, in the order they run. Dark: half of the passes take no longer; "
+                   "pale: 99 of 100.",
+                   grid(card(svg_bars("Median / 99th percentile", "ms", names, p50, p99))));
 }
 
 std::string histogram_card(const char* title, const char* unit, const std::vector<double>& v, const std::string& note) {
@@ -248,25 +228,24 @@ std::string tool_cards(const RunFigures& f, uint32_t tool) {
     std::string cards = card(svg_plot({"Force of " + f.tool[tool].body, "time, s", "N", {{"hand", t, hand}, {"tissue", t, tissue}}}),
                              "On the hand, and of the tissue on the simulated tool, averaged over a contact pass.");
     if (const std::optional<ForceMap> map = force_map(f.tool_sample, tool))
-        cards += card(svg_force_map("Force on " + f.tool[tool].body + " by place", *map), "Along its mean direction, seen from where the tool presses. What is stiff below shows dark.");
+        cards += card(svg_force_map("Force on " + f.tool[tool].body + " by place", *map),
+                      "Along its mean direction, seen from where the tool presses. What is stiff below shows dark.");
     return cards;
 }
 
 std::string haptics_section(const RunFigures& f) {
     if (f.tick_us.empty()) return "";
-    std::string cards =
-        histogram_card("Compute time of a tick", "us", f.tick_us,
-                       "Half of the ticks take no longer than " + format("%.1f us", quantile(f.tick_us, .5)) +
-                           ", 999 of 1000 no longer than " + format("%.1f us", quantile(f.tick_us, .999)) + ".");
+    std::string cards = histogram_card("Compute time of a tick", "us", f.tick_us,
+                                       "Half of the ticks take no longer than " + format("%.1f us", quantile(f.tick_us, .5)) +
+                                           ", 999 of 1000 no longer than " + format("%.1f us", quantile(f.tick_us, .999)) + ".");
     if (f.live) {
-        cards += histogram_card("Period of the tick", "us", f.tick_period_us,
-                                "999 of 1000 no longer than " + format("%.0f us", quantile(f.tick_period_us, .999)) +
-                                    "; " + escape_html(f.scheduling) + ".");
+        cards += histogram_card(
+            "Period of the tick", "us", f.tick_period_us,
+            "999 of 1000 no longer than " + format("%.0f us", quantile(f.tick_period_us, .999)) + "; " + escape_html(f.scheduling) + ".");
         cards += histogram_card("Age of the surface under the force", "ms", f.contact_age_ms, "");
     }
     for (uint32_t t = 0; t < f.tool.size(); ++t) cards += tool_cards(f, t);
-    return section("Haptics", "The force is computed a thousand times a second from the surface near the tool.",
-                   grid(cards));
+    return section("Haptics", "The force is computed a thousand times a second from the surface near the tool.", grid(cards));
 }
 
 std::string trouble_section(const Report& r) {
@@ -286,8 +265,7 @@ std::string trouble_section(const Report& r) {
     for (const auto& [count, what] : counters)
         if (count > 0) rows += "<tr><td class=\"v\">" + std::to_string(count) + "</td><td>" + what + "</td></tr>";
     return section("Counters of trouble",
-                   rows.empty() ? "None of them counted anything."
-                                : "A frame never stops for these; those not named here are zero.",
+                   rows.empty() ? "None of them counted anything." : "A frame never stops for these; those not named here are zero.",
                    rows.empty() ? "" : "<table>" + rows + "</table>");
 }
 
@@ -301,8 +279,8 @@ std::string html_page(const std::string& title, const std::string& body) {
 
 std::string report_html(const RunFigures& f, const ReportMedia& media) {
     const ContactColumns c = contact_columns(f);
-    return html_page(f.scene, head(f, c) + media_sections(media) + contact_section(c, f.direction) + time_section(f) + node_section(f) + stage_section(f) + cost_sections(f, media) +
-                                  haptics_section(f) + trouble_section(f.report));
+    return html_page(f.scene, head(f, c) + media_sections(media) + contact_section(c, f.direction) + time_section(f) + node_section(f) +
+                                  stage_section(f) + cost_sections(f, media) + haptics_section(f) + trouble_section(f.report));
 }
 
 }  // namespace trocar

@@ -51,8 +51,7 @@ void export_bodies(const World& world, const fs::path& folder, uint64_t picture)
         save_mesh(surface_mesh(surfaces_of(world), b), folder / (number + world.bodies.name[b] + ".obj"));
 }
 
-void start_figures(const BuiltScene& scene, const SceneFile& file, const Frame& frame, const RunOptions& options,
-                   RunFigures& figures) {
+void start_figures(const BuiltScene& scene, const SceneFile& file, const Frame& frame, const RunOptions& options, RunFigures& figures) {
     figures.scene = file.settings.name;
     figures.description = file.settings.description;
     figures.version = program_version();
@@ -66,7 +65,8 @@ void start_figures(const BuiltScene& scene, const SceneFile& file, const Frame& 
 }
 
 CaptureHeader capture_header(const BuiltScene& scene, const RunFigures& figures) {
-    CaptureHeader header{figures.scene, figures.version, figures.instruction_set, figures.machine, {}, scene.camera, scene.picture, figures.live || figures.replay};
+    CaptureHeader header{figures.scene, figures.version, figures.instruction_set,       figures.machine, {},
+                         scene.camera,  scene.picture,   figures.live || figures.replay};
     for (const StageFigures& stage : figures.stage) header.stage_names.push_back(stage.name);
     return header;
 }
@@ -133,10 +133,12 @@ void warn_of_deep_starts(const World& w) {
     size_t deep = 0;
     for (size_t i = 0; i < w.penetrations.pair.size(); ++i) {
         const uint32_t a = w.pairs.a[w.penetrations.pair[i]], b = w.pairs.b[w.penetrations.pair[i]];
-        const double size = 2 * std::min(w.meshes.info[w.bodies.mesh[a]].radius, w.meshes.info[w.bodies.mesh[b]].radius), depth = w.penetrations.depth[i];
+        const double size = 2 * std::min(w.meshes.info[w.bodies.mesh[a]].radius, w.meshes.info[w.bodies.mesh[b]].radius),
+                     depth = w.penetrations.depth[i];
         if (!(depth > kDeep * size) || ++deep > 3) continue;
-        std::fprintf(stderr, "trocar: warning: \"%s\" and \"%s\" start %.3g mm inside each other, %.2g %% of the smaller one: move them apart\n", w.bodies.name[a].c_str(),
-                     w.bodies.name[b].c_str(), 1e3 * depth, 100 * depth / size);
+        std::fprintf(stderr,
+                     "trocar: warning: \"%s\" and \"%s\" start %.3g mm inside each other, %.2g %% of the smaller one: move them apart\n",
+                     w.bodies.name[a].c_str(), w.bodies.name[b].c_str(), 1e3 * depth, 100 * depth / size);
     }
     if (deep > 3) std::fprintf(stderr, "trocar: warning: and so do %zu more pairs\n", deep - 3);
 }
@@ -184,7 +186,8 @@ void run_lockstep(const RunOptions& options, double seconds, LiveReplay* replay,
 }
 
 // Live, and its recording into the folder.
-void run_recorded(const RunOptions& options, double seconds, Frame& frame, PictureWriter* pictures, FrameRecorder* recorder, RunFigures& figures) {
+void run_recorded(const RunOptions& options, double seconds, Frame& frame, PictureWriter* pictures, FrameRecorder* recorder,
+                  RunFigures& figures) {
     if (options.out.empty()) {
         run_live(options, seconds, frame, pictures, nullptr, nullptr, figures);
         return;
@@ -193,8 +196,10 @@ void run_recorded(const RunOptions& options, double seconds, Frame& frame, Pictu
     std::error_code error;
     fs::remove(file, error);  // of an earlier run
     LiveRecording recording;
-    if (run_live(options, seconds, frame, pictures, &recording, recorder, figures)) write_live_recording(file, recording);
-    else std::fprintf(stderr, "trocar: warning: no recording: the simulation was away for too long\n");
+    if (run_live(options, seconds, frame, pictures, &recording, recorder, figures))
+        write_live_recording(file, recording);
+    else
+        std::fprintf(stderr, "trocar: warning: no recording: the simulation was away for too long\n");
 }
 
 // tools.csv, and a map of the force for every tool that felt its way over a surface.
@@ -222,7 +227,8 @@ std::string frames_text(const RunFigures& f) {
     if (frames.empty()) return "  shorter than a displayed frame\n";
     char text[160];
     std::snprintf(text, sizeof text, "  %.1f frames a second; a frame %.2f ms median, %.2f ms p99, %.2f ms worst\n",
-                  f.wall_s > 0 ? static_cast<double>(f.frames) / f.wall_s : 0, quantile(frames, 0.5), quantile(frames, 0.99), quantile(frames, 1));
+                  f.wall_s > 0 ? static_cast<double>(f.frames) / f.wall_s : 0, quantile(frames, 0.5), quantile(frames, 0.99),
+                  quantile(frames, 1));
     return text;
 }
 
@@ -237,9 +243,9 @@ std::string scale_text(const RunFigures& f) {
                   "  %llu bodies that move, %.0f awake on average, %u at the end; %.0f contacts; %.0f bytes a body\n"
                   "  overlap found by a pass: median %.3g mm, p99 %.3g mm, worst %.3g mm, which is %.2g %% of the smallest body\n"
                   "  overlap left of it: p99 %.3g mm, worst %.3g mm, which is %.2g %% of the smallest body\n",
-                  static_cast<unsigned long long>(f.movable_bodies), awake / passes, f.pass.empty() ? 0 : f.pass.back().awake, contacts / passes,
-                  f.bytes_per_body, quantile(found, 0.5) * 1e3, quantile(found, 0.99) * 1e3, quantile(found, 1) * 1e3, percent(quantile(found, 1)),
-                  quantile(residual, 0.99) * 1e3, quantile(residual, 1) * 1e3, percent(quantile(residual, 1)));
+                  static_cast<unsigned long long>(f.movable_bodies), awake / passes, f.pass.empty() ? 0 : f.pass.back().awake,
+                  contacts / passes, f.bytes_per_body, quantile(found, 0.5) * 1e3, quantile(found, 0.99) * 1e3, quantile(found, 1) * 1e3,
+                  percent(quantile(found, 1)), quantile(residual, 0.99) * 1e3, quantile(residual, 1) * 1e3, percent(quantile(residual, 1)));
     std::string all = frames_text(f) + text;
     if (f.live && (!f.render_ms.empty() || f.report.dropped_pictures > 0)) {
         std::snprintf(text, sizeof text, "  %zu pictures drawn beside it, %llu dropped", f.render_ms.size(),
@@ -253,7 +259,8 @@ std::string scale_text(const RunFigures& f) {
     }
     std::vector<std::pair<double, const StageFigures*>> stages;
     double total = 0;
-    for (const StageFigures& s : f.stage) stages.emplace_back(mean(s.ms) * static_cast<double>(s.ms.size()), &s), total += stages.back().first;
+    for (const StageFigures& s : f.stage)
+        stages.emplace_back(mean(s.ms) * static_cast<double>(s.ms.size()), &s), total += stages.back().first;
     std::stable_sort(stages.begin(), stages.end(), [](const auto& a, const auto& b) { return a.first > b.first; });
     all += "  stages, ms a pass (share):";
     for (size_t i = 0; i < std::min<size_t>(stages.size(), 8); ++i) {
@@ -267,8 +274,8 @@ std::string scale_text(const RunFigures& f) {
 // One line: quantiles of samples, and what share of them lies below each edge and beyond the last.
 std::string samples_text(const char* what, const char* unit, const std::vector<double>& samples, std::initializer_list<double> edges) {
     char text[160];
-    std::snprintf(text, sizeof text, "  %-20s median %.4g, p99 %.4g, p99.9 %.4g, worst %.4g %s;", what, quantile(samples, 0.5), quantile(samples, 0.99),
-                  quantile(samples, 0.999), quantile(samples, 1), unit);
+    std::snprintf(text, sizeof text, "  %-20s median %.4g, p99 %.4g, p99.9 %.4g, worst %.4g %s;", what, quantile(samples, 0.5),
+                  quantile(samples, 0.99), quantile(samples, 0.999), quantile(samples, 1), unit);
     std::string line = text;
     double from = -1e300;
     const auto share = [&](double to) {
@@ -288,15 +295,18 @@ std::string samples_text(const char* what, const char* unit, const std::vector<d
 std::string live_text(const RunFigures& f) {
     if (!f.live || f.tick_us.empty()) return "";
     return "  haptic thread: " + f.scheduling + "; " + std::to_string(f.missed_ticks) + " deadlines missed, " +
-           std::to_string(f.doubled_periods) + " periods above 2 ms, " + std::to_string(f.relieved_ticks) + " ticks taken over by the second processor\n" +
-           samples_text("period of the tick", "us", f.tick_period_us, {950, 1050, 1500, 2000}) + samples_text("compute time", "us", f.tick_us, {10, 50, 200, 600}) +
+           std::to_string(f.doubled_periods) + " periods above 2 ms, " + std::to_string(f.relieved_ticks) +
+           " ticks taken over by the second processor\n" +
+           samples_text("period of the tick", "us", f.tick_period_us, {950, 1050, 1500, 2000}) +
+           samples_text("compute time", "us", f.tick_us, {10, 50, 200, 600}) +
            samples_text("age of the surface", "ms", f.contact_age_ms, {10, 20, 50, 100});
 }
 
 // Why the figures of a run mean nothing; empty = no reason.
 std::string ruin_text(const RunFigures& f) {
     if (f.report.nonfinite_particles > 0)
-        return std::to_string(f.report.nonfinite_particles) + " particles had places or speeds that are no numbers, and their bodies were put back";
+        return std::to_string(f.report.nonfinite_particles) +
+               " particles had places or speeds that are no numbers, and their bodies were put back";
     for (const PassFigures& p : f.pass)
         if (!std::isfinite(p.energy.balance)) return format("the energy is no number after %.3f s", p.time);
     return "";
@@ -325,15 +335,17 @@ void print_summary(const RunFigures& f, const fs::path& out, bool figures_only) 
                   "%s: %.2f s simulated in %.2f s, %u thread%s, %s\n  contact events %zu, %.3f ms mean, %.3f ms p99; "
                   "deepest %.2f mm\n"
                   "  haptic ticks %llu, largest force %.2f N; state hash %016llx\n",
-                  f.scene.c_str(), f.simulated_s, f.wall_s, f.threads, f.threads == 1 ? "" : "s",
-                  f.instruction_set.c_str(), total.size(), mean(total), quantile(total, 0.99), depth * 1e3,
-                  static_cast<unsigned long long>(f.ticks), f.max_force, static_cast<unsigned long long>(f.state_hash));
+                  f.scene.c_str(), f.simulated_s, f.wall_s, f.threads, f.threads == 1 ? "" : "s", f.instruction_set.c_str(), total.size(),
+                  mean(total), quantile(total, 0.99), depth * 1e3, static_cast<unsigned long long>(f.ticks), f.max_force,
+                  static_cast<unsigned long long>(f.state_hash));
     write_standard_output(text + live_text(f) + scale_text(f));
     for (const ToolFigures& t : f.tool) {
         if (t.device.empty()) continue;
         std::string counts;
         for (size_t k = 0; k < t.counts.size(); ++k)
-            if (t.counts[k] > 0) counts += std::string(counts.empty() ? "" : ", ") + describe(static_cast<DeviceCount>(k)) + " " + std::to_string(t.counts[k]);
+            if (t.counts[k] > 0)
+                counts +=
+                    std::string(counts.empty() ? "" : ", ") + describe(static_cast<DeviceCount>(k)) + " " + std::to_string(t.counts[k]);
         write_standard_output("  " + t.body + " held by " + t.device + ": " + (counts.empty() ? "nothing came" : counts) + "\n");
     }
     if (f.replay)
@@ -346,7 +358,9 @@ void print_summary(const RunFigures& f, const fs::path& out, bool figures_only) 
 void refuse_what_is_not_live(const World& w) {
     for (const HandTool& tool : w.haptics.tool) {
         const bool in_node = !w.nodes.of_body.empty() && w.nodes.of_body[tool.body] != kNone && !w.nodes.toggle.empty();
-        if (in_node) throw InputError("tool \"" + w.bodies.name[tool.body] + "\" hangs on a node that is switched: that runs in lockstep, without --live");
+        if (in_node)
+            throw InputError("tool \"" + w.bodies.name[tool.body] +
+                             "\" hangs on a node that is switched: that runs in lockstep, without --live");
     }
 }
 
@@ -430,8 +444,7 @@ int run_command(const RunOptions& options) {
         BuiltScene scene = build_scene(file);
         if (!options.out.empty()) clear_outputs(options.out);  // not before: a scene that cannot be built costs nothing
         if (options.live) refuse_what_is_not_live(scene.world);
-        for (const std::string& warning : scene.warnings)
-            std::fprintf(stderr, "trocar: warning: %s\n", warning.c_str());
+        for (const std::string& warning : scene.warnings) std::fprintf(stderr, "trocar: warning: %s\n", warning.c_str());
         Trace trace(options.out.empty() || options.figures_only ? 0 : kTraceCapacity);
         FrameOptions frame_options;
         frame_options.trace = options.out.empty() || options.figures_only ? nullptr : &trace;
@@ -451,8 +464,11 @@ int run_command(const RunOptions& options) {
         FrameRecorder* const capture = recorder ? &*recorder : nullptr;
         DirectionTrial trial(frame);
         const bool tells = !replay && (!options.out.empty() || options.json);  // those who look at figures
-        if (options.live) run_recorded(options, seconds, frame, writer, capture, figures);
-        else run_lockstep(options, seconds, repeat ? &*repeat : nullptr, frame, writer, capture, frame_options.trace, tells ? &trial : nullptr, figures);
+        if (options.live)
+            run_recorded(options, seconds, frame, writer, capture, figures);
+        else
+            run_lockstep(options, seconds, repeat ? &*repeat : nullptr, frame, writer, capture, frame_options.trace,
+                         tells ? &trial : nullptr, figures);
         if (recorder) finish_captures(*recorder, figures);
         finish_figures(frame, bytes_before, figures);
         if (tells && !options.live) figures.direction = trial.run();
@@ -481,7 +497,8 @@ int run_command(const RunOptions& options) {
     else
         print_summary(figures, options.out, options.figures_only);
     if (figures.stopped_by != 0) {
-        std::fprintf(stderr, "trocar: stopped by %s after %.3f s of simulated time; what was written tells of that time\n", name_of_signal(figures.stopped_by), figures.simulated_s);
+        std::fprintf(stderr, "trocar: stopped by %s after %.3f s of simulated time; what was written tells of that time\n",
+                     name_of_signal(figures.stopped_by), figures.simulated_s);
         return exit_code_of_signal(figures.stopped_by);
     }
     if (!figures.write_failure.empty()) throw InputError(figures.write_failure + "; the figures of the run are whole");

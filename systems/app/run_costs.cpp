@@ -97,7 +97,9 @@ std::vector<size_t> worst_passes(const RunFigures& f, size_t count, size_t skip)
     std::vector<size_t> rows(f.pass.size());
     std::iota(rows.begin(), rows.end(), size_t{0});
     rows.erase(rows.begin(), rows.begin() + static_cast<ptrdiff_t>(std::min(skip, rows.size())));
-    std::stable_sort(rows.begin(), rows.end(), [&](size_t a, size_t b) { return f.pass[a].frame_ms - f.pass[a].render_ms > f.pass[b].frame_ms - f.pass[b].render_ms; });
+    std::stable_sort(rows.begin(), rows.end(), [&](size_t a, size_t b) {
+        return f.pass[a].frame_ms - f.pass[a].render_ms > f.pass[b].frame_ms - f.pass[b].render_ms;
+    });
     if (rows.size() > count) rows.resize(count);
     return rows;
 }
@@ -145,10 +147,13 @@ std::string timeline(const RunFigures& f) {
     const double top = std::max(1e-6, std::min(1.05 * quantile(sums, 1), 3 * quantile(sums, 0.97)));
     const double step = std::pow(10.0, std::floor(std::log10(top))) / (top / std::pow(10.0, std::floor(std::log10(top))) < 2.5 ? 2 : 1);
     const auto py = [&](double ms) { return kHeight - kBottom - std::min(ms, top) / top * (kHeight - kBottom - kTop); };
-    std::string svg = format("<svg viewBox=\"0 0 %g %g\" role=\"img\"><text class=\"t\" x=\"8\" y=\"16\">Stages over the run, ms a pass</text>", kWidth, kHeight);
+    std::string svg =
+        format("<svg viewBox=\"0 0 %g %g\" role=\"img\"><text class=\"t\" x=\"8\" y=\"16\">Stages over the run, ms a pass</text>", kWidth,
+               kHeight);
     for (double y = 0; y <= top; y += step)
-        svg += format("<line class=\"g\" x1=\"%g\" x2=\"%g\" y1=\"%.1f\" y2=\"%.1f\"/><text text-anchor=\"end\" x=\"%g\" y=\"%.1f\">%g</text>", kLeft, kWidth - 8, py(y), py(y), kLeft - 6,
-                      py(y) + 4, y);
+        svg +=
+            format("<line class=\"g\" x1=\"%g\" x2=\"%g\" y1=\"%.1f\" y2=\"%.1f\"/><text text-anchor=\"end\" x=\"%g\" y=\"%.1f\">%g</text>",
+                   kLeft, kWidth - 8, py(y), py(y), kLeft - 6, py(y) + 4, y);
     const double wide = (kWidth - 8 - kLeft) / static_cast<double>(bins);
     for (size_t b = 0; b < bins; ++b) {
         double below = 0;
@@ -156,21 +161,26 @@ std::string timeline(const RunFigures& f) {
             const double height = py(below) - py(below + band[b][k]);
             below += band[b][k];
             if (height < 0.05) continue;
-            svg += format("<rect x=\"%.2f\" y=\"%.2f\" width=\"%.2f\" height=\"%.2f\" fill=\"%s\"/>", kLeft + static_cast<double>(b) * wide, py(below), wide * 0.96, height, kColors[k]);
+            svg += format("<rect x=\"%.2f\" y=\"%.2f\" width=\"%.2f\" height=\"%.2f\" fill=\"%s\"/>", kLeft + static_cast<double>(b) * wide,
+                          py(below), wide * 0.96, height, kColors[k]);
         }
     }
     for (int i = 0; i <= 8; ++i) {
         const size_t pass = std::min(passes - 1, passes * static_cast<size_t>(i) / 8);
-        svg += format("<text text-anchor=\"%s\" x=\"%.1f\" y=\"%g\">%.2f s</text>", i == 8 ? "end" : "middle", kLeft + (kWidth - 8 - kLeft) * i / 8, kHeight - 12, f.pass[pass].time);
+        svg += format("<text text-anchor=\"%s\" x=\"%.1f\" y=\"%g\">%.2f s</text>", i == 8 ? "end" : "middle",
+                      kLeft + (kWidth - 8 - kLeft) * i / 8, kHeight - 12, f.pass[pass].time);
     }
     double x = 275;
     for (size_t k = 0; k < kBands; ++k) {
         const std::string name = k < stages.size() ? f.stage[stages[k]].name : k == kBands - 1 ? "all others" : "";
         if (name.empty()) continue;
-        svg += format("<rect x=\"%.0f\" y=\"6\" width=\"11\" height=\"11\" fill=\"%s\"/><text x=\"%.0f\" y=\"16\">", x, kColors[k], x + 15) + escape_html(name) + "</text>";
+        svg +=
+            format("<rect x=\"%.0f\" y=\"6\" width=\"11\" height=\"11\" fill=\"%s\"/><text x=\"%.0f\" y=\"16\">", x, kColors[k], x + 15) +
+            escape_html(name) + "</text>";
         x += 34 + 6.7 * static_cast<double>(name.size());
     }
-    return "<div class=\"card\">" + svg + "</svg><p>Mean of the passes in each of " + std::to_string(bins) + " stretches of simulated time" +
+    return "<div class=\"card\">" + svg + "</svg><p>Mean of the passes in each of " + std::to_string(bins) +
+           " stretches of simulated time" +
            (quantile(sums, 1) > top ? format("; the highest, cut off here, takes %.3g ms", quantile(sums, 1)) : "") + ".</p></div>\n";
 }
 
@@ -187,8 +197,10 @@ std::string frame_histogram(const RunFigures& f) {
         s.x.push_back(static_cast<double>(i) * high / kBins), s.y.push_back(bin[i]);
         s.x.push_back(static_cast<double>(i + 1) * high / kBins), s.y.push_back(bin[i]);
     }
-    return "<div class=\"card\">" + svg_plot({"Displayed frames by what they cost", "ms, all passes of a frame, without drawing", "frames", {s}}) +
-           format("<p>Half take no longer than %.3g ms, 99 of 100 no longer than %.3g ms. The last bin holds all beyond it.</p></div>\n", quantile(frames, 0.5), quantile(frames, 0.99));
+    return "<div class=\"card\">" +
+           svg_plot({"Displayed frames by what they cost", "ms, all passes of a frame, without drawing", "frames", {s}}) +
+           format("<p>Half take no longer than %.3g ms, 99 of 100 no longer than %.3g ms. The last bin holds all beyond it.</p></div>\n",
+                  quantile(frames, 0.5), quantile(frames, 0.99));
 }
 
 std::string worst_section(const RunFigures& f, const ReportMedia& media) {
@@ -202,39 +214,50 @@ std::string worst_section(const RunFigures& f, const ReportMedia& media) {
             for (size_t s = 0; s < f.pass_stage_ms[worst[i]].size(); ++s) stages.emplace_back(-f.pass_stage_ms[worst[i]][s], s);
         std::sort(stages.begin(), stages.end());
         cards += "<div class=\"card\">";
-        if (i < media.worst.size() && !media.worst[i].empty()) cards += "<img style=\"width:100%\" src=\"" + escape_html(media.worst[i]) + "\" alt=\"pass\">";
+        if (i < media.worst.size() && !media.worst[i].empty())
+            cards += "<img style=\"width:100%\" src=\"" + escape_html(media.worst[i]) + "\" alt=\"pass\">";
         cards += format("<p><b>%.2f ms</b>, pass %zu at %.3f s; ", p.frame_ms - p.render_ms, worst[i], p.time);
-        for (size_t s = 0; s < std::min<size_t>(3, stages.size()); ++s) cards += escape_html(f.stage[stages[s].second].name) + format(" %.2f, ", static_cast<double>(-stages[s].first));
+        for (size_t s = 0; s < std::min<size_t>(3, stages.size()); ++s)
+            cards += escape_html(f.stage[stages[s].second].name) + format(" %.2f, ", static_cast<double>(-stages[s].first));
         cards += format("%u contacts, %u pairs overlap, deepest %.2f mm</p></div>\n", p.contacts, p.pairs, p.depth * 1e3);
     }
-    return "<h2>The slowest passes</h2><p>Without drawing; the first four passes of a run, which pay for memory, are left out. Pictures are those taken next.</p><div class=\"shots\">" + cards +
-           "</div>\n";
+    return "<h2>The slowest passes</h2><p>Without drawing; the first four passes of a run, which pay for memory, are left out. Pictures "
+           "are those taken next.</p><div class=\"shots\">" +
+           cards + "</div>\n";
 }
 
 std::string pair_section(const RunFigures& f) {
     if (f.pair.empty()) return "";
-    std::string rows = "<tr><th>pair</th><th>ms a pass</th><th>worst, ms</th><th>candidate vertices</th><th>cell, mm</th><th>deepest, mm</th><th>passes</th></tr>";
+    std::string rows =
+        "<tr><th>pair</th><th>ms a pass</th><th>worst, ms</th><th>candidate vertices</th><th>cell, mm</th><th>deepest, "
+        "mm</th><th>passes</th></tr>";
     for (size_t i = 0; i < std::min(kPairsShown, f.pair.size()); ++i) {
         const PairFigures& p = f.pair[i];
         const double n = static_cast<double>(p.passes);
-        rows += "<tr><td>" + escape_html(p.name) + format("</td><td class=\"v\">%.3f</td><td class=\"v\">%.3f</td><td class=\"v\">%.0f</td><td class=\"v\">%.2f</td><td class=\"v\">%.3f</td><td class=\"v\">%llu</td></tr>",
-                       p.ms / n, p.worst_ms, p.vertices / n, 1e3 * p.cell / n, 1e3 * p.depth, static_cast<unsigned long long>(p.passes));
+        rows += "<tr><td>" + escape_html(p.name) +
+                format(
+                    "</td><td class=\"v\">%.3f</td><td class=\"v\">%.3f</td><td class=\"v\">%.0f</td><td class=\"v\">%.2f</td><td "
+                    "class=\"v\">%.3f</td><td class=\"v\">%llu</td></tr>",
+                    p.ms / n, p.worst_ms, p.vertices / n, 1e3 * p.cell / n, 1e3 * p.depth, static_cast<unsigned long long>(p.passes));
     }
-    return "<h2>What each pair cost</h2><p>Of detection, by its share of the candidate vertices in each pass; the " + std::to_string(std::min(kPairsShown, f.pair.size())) + " dearest of " +
-           std::to_string(f.pairs_met) + ". Response is shared by islands: see the trace.</p><table>" + rows + "</table>\n";
+    return "<h2>What each pair cost</h2><p>Of detection, by its share of the candidate vertices in each pass; the " +
+           std::to_string(std::min(kPairsShown, f.pair.size())) + " dearest of " + std::to_string(f.pairs_met) +
+           ". Response is shared by islands: see the trace.</p><table>" + rows + "</table>\n";
 }
 
 }  // namespace
 
 std::string cost_sections(const RunFigures& f, const ReportMedia& media) {
     if (f.pass_stage_ms.empty()) return "";
-    return "<h2>Where the time went</h2>" + timeline(f) + "<div class=\"grid\">" + frame_histogram(f) + "</div>" + worst_section(f, media) + pair_section(f);
+    return "<h2>Where the time went</h2>" + timeline(f) + "<div class=\"grid\">" + frame_histogram(f) + "</div>" + worst_section(f, media) +
+           pair_section(f);
 }
 
 void write_trace(const std::filesystem::path& file, const Trace& trace, const std::vector<std::string>& thread_names) {
     write_whole_file(file, trace.to_json(thread_names));
     if (trace.dropped() > 0)
-        std::fprintf(stderr, "trocar: note: %s holds the first %zu of %zu spans\n", file.c_str(), trace.size(), trace.size() + trace.dropped());
+        std::fprintf(stderr, "trocar: note: %s holds the first %zu of %zu spans\n", file.c_str(), trace.size(),
+                     trace.size() + trace.dropped());
 }
 
 }  // namespace trocar

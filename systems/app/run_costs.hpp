@@ -12,11 +12,11 @@ namespace trocar {
 // Takes the times of a pass into the figures: every stage, and what its pairs of bodies took of detection. A pair's part is
 // that of its candidate vertices (those near the other body, on both sides) among all of the pass.
 class CostMeter {
-   public:
+ public:
     void add(const Frame& frame, RunFigures& figures);
     void finish(const Frame& frame, RunFigures& figures) const;  // writes figures.pair, dearest first
 
-   private:
+ private:
     std::map<uint64_t, PairFigures> pairs_;  // by both bodies
 };
 

@@ -20,8 +20,7 @@ fs::path scenes_folder() {
     // beside the sources while developing, beside the program once installed, or where the user says
     if (const char* given = std::getenv("TROCAR_SCENES")) return given;
     const fs::path program = fs::read_symlink("/proc/self/exe", error).parent_path();
-    for (const fs::path& candidate :
-         {fs::path("content/scenes"), program / "../../content/scenes", program / "../share/trocar/scenes"})
+    for (const fs::path& candidate : {fs::path("content/scenes"), program / "../../content/scenes", program / "../share/trocar/scenes"})
         if (fs::is_directory(candidate, error)) return fs::weakly_canonical(candidate, error);
     return "content/scenes";
 }
@@ -58,15 +57,15 @@ int scenes_command(bool json) {
     text += "\nTissues, for `tissue = NAME` of a body, or `preset = NAME` in its [body.tissue] with keys that override it:\n";
     for (const TissuePreset& preset : tissue_presets()) {
         char line[1024];
-        std::snprintf(line, sizeof line, "    %-18s  E %g Pa, %g kg/m^3, wall %g mm, bed %g mm, volume %g Pa, bending %g Pa\n        %s\n", preset.name,
-                      preset.tissue.youngs_modulus, preset.tissue.density, preset.tissue.wall * 1e3, preset.tissue.depth * 1e3,
+        std::snprintf(line, sizeof line, "    %-18s  E %g Pa, %g kg/m^3, wall %g mm, bed %g mm, volume %g Pa, bending %g Pa\n        %s\n",
+                      preset.name, preset.tissue.youngs_modulus, preset.tissue.density, preset.tissue.wall * 1e3, preset.tissue.depth * 1e3,
                       preset.tissue.pressure_modulus, preset.tissue.bending, preset.sources);
         text += line;
     }
     text += "    What has no source above (wall, bed, volume, damping, friction) is chosen, not measured.\n";
     write_standard_output(json ? rows.dump(1) + "\n"
-                               : text + "\nRun one: trocar run " +
-                                     (files.empty() ? "SCENE" : files[0].stem().string()) + " --out out/run\n");
+                               : text + "\nRun one: trocar run " + (files.empty() ? "SCENE" : files[0].stem().string()) +
+                                     " --out out/run\n");
     return kDone;
 }
 

@@ -8,12 +8,12 @@ namespace trocar {
 
 // What was seen at the end of one episode.
 struct Episode {
-    double minute = 0;  // since the start
+    double minute = 0;              // since the start
     double resident = 0, heap = 0;  // MiB
     uint32_t descriptors = 0;
     double median_ms = 0, p99_ms = 0, worst_ms = 0;  // of its passes
     double tick_p99_us = 0;
-    double residual_mm = 0;  // deepest overlap at the end of a pass
+    double residual_mm = 0;   // deepest overlap at the end of a pass
     double energy_share = 0;  // largest |balance| / largest energy
     uint64_t lost = 0;        // particles restored
     uint64_t passes = 0, hash = 0;

@@ -32,19 +32,19 @@ namespace fs = std::filesystem;
 namespace {
 
 constexpr double kMemoryDrift = 0.25, kHeapDrift = 0.0625;  // MiB a minute, see soak --help
-constexpr double kLeastGrowth = 0.5;                         // MiB over the run: less is pages found late
+constexpr double kLeastGrowth = 0.5;                        // MiB over the run: less is pages found late
 #if defined(__SANITIZE_ADDRESS__) || defined(__SANITIZE_THREAD__)
 constexpr bool kMemoryIsOurs = false;  // sanitizers keep freed memory for a while
 #else
 constexpr bool kMemoryIsOurs = true;
 #endif
 constexpr double kEnergyShare = 0.02, kSlower = 0.5;
-constexpr double kRounding = 1e-5;        // of the potential energy, sums over floats
-constexpr double kLeastEnergy = 1e-6;     // J, books of less are all rounding
-constexpr double kWarmShare = 0.2;        // of the run, at most kWarmMinutes: memory is still being found
+constexpr double kRounding = 1e-5;     // of the potential energy, sums over floats
+constexpr double kLeastEnergy = 1e-6;  // J, books of less are all rounding
+constexpr double kWarmShare = 0.2;     // of the run, at most kWarmMinutes: memory is still being found
 constexpr double kWarmMinutes = 1;
 constexpr size_t kKeptEpisodes = 2000;
-constexpr uint64_t kFaultPeriod = 3;      // episodes
+constexpr uint64_t kFaultPeriod = 3;  // episodes
 constexpr double kMiB = 1024 * 1024;
 
 double resident_mib() {
@@ -69,8 +69,10 @@ void inject(const std::string& fault, World& world) {
     }
     for (size_t p = 0; p < world.particles.offset.size(); ++p) {
         if (!(world.particles.offset[p].w > 0)) continue;
-        if (fault == "nan") world.particles.offset[p].x = std::numeric_limits<float>::quiet_NaN();
-        else world.particles.velocity_x[p] = 1e12f;
+        if (fault == "nan")
+            world.particles.offset[p].x = std::numeric_limits<float>::quiet_NaN();
+        else
+            world.particles.velocity_x[p] = 1e12f;
         return;
     }
 }
@@ -153,21 +155,35 @@ std::string soak_json(const Soak& soak, const Drifts& d) {
         if (!e.with_fault) energy = std::max(energy, e.energy_share);
         p99.push_back(e.p99_ms);
     }
-    return nlohmann::ordered_json{{"scene", soak.scene}, {"minutes", soak.minutes}, {"episodes", soak.episodes}, {"passes", soak.passes},
-                                  {"sound", soak.broken.empty()}, {"broken", soak.broken}, {"faults_injected", soak.faults},
-                                  {"particles_restored", soak.lost}, {"resident_mib", drift_json(d.resident)}, {"heap_mib", drift_json(d.heap)},
-                                  {"median_pass_ms", drift_json(d.median)}, {"p99_pass_ms", quantile(p99, 0.5)}, {"worst_pass_ms", worst},
-                                  {"deepest_residual_mm", residual}, {"worst_energy_share", energy}}
-               .dump(2) + "\n";
+    return nlohmann::ordered_json{{"scene", soak.scene},
+                                  {"minutes", soak.minutes},
+                                  {"episodes", soak.episodes},
+                                  {"passes", soak.passes},
+                                  {"sound", soak.broken.empty()},
+                                  {"broken", soak.broken},
+                                  {"faults_injected", soak.faults},
+                                  {"particles_restored", soak.lost},
+                                  {"resident_mib", drift_json(d.resident)},
+                                  {"heap_mib", drift_json(d.heap)},
+                                  {"median_pass_ms", drift_json(d.median)},
+                                  {"p99_pass_ms", quantile(p99, 0.5)},
+                                  {"worst_pass_ms", worst},
+                                  {"deepest_residual_mm", residual},
+                                  {"worst_energy_share", energy}}
+               .dump(2) +
+           "\n";
 }
 
 std::string soak_csv(const Soak& soak) {
-    std::string out = "minute,resident_mib,heap_mib,descriptors,median_ms,p99_ms,worst_ms,tick_p99_us,residual_mm,energy_share,lost,passes,with_fault,state_hash\n";
+    std::string out =
+        "minute,resident_mib,heap_mib,descriptors,median_ms,p99_ms,worst_ms,tick_p99_us,residual_mm,energy_share,lost,passes,with_fault,"
+        "state_hash\n";
     char text[256];
     for (const Episode& e : soak.episode) {
-        std::snprintf(text, sizeof text, "%.4f,%.3f,%.4f,%u,%.4f,%.4f,%.4f,%.3f,%.5f,%.3g,%llu,%llu,%d,%016llx\n", e.minute, e.resident, e.heap, e.descriptors,
-                      e.median_ms, e.p99_ms, e.worst_ms, e.tick_p99_us, e.residual_mm, e.energy_share, static_cast<unsigned long long>(e.lost),
-                      static_cast<unsigned long long>(e.passes), e.with_fault, static_cast<unsigned long long>(e.hash));
+        std::snprintf(text, sizeof text, "%.4f,%.3f,%.4f,%u,%.4f,%.4f,%.4f,%.3f,%.5f,%.3g,%llu,%llu,%d,%016llx\n", e.minute, e.resident,
+                      e.heap, e.descriptors, e.median_ms, e.p99_ms, e.worst_ms, e.tick_p99_us, e.residual_mm, e.energy_share,
+                      static_cast<unsigned long long>(e.lost), static_cast<unsigned long long>(e.passes), e.with_fault,
+                      static_cast<unsigned long long>(e.hash));
         out += text;
     }
     return out;
@@ -181,21 +197,26 @@ std::string soak_html(const Soak& soak, const Drifts& d) {
     }
     const auto words = [](const Drift& drift, const char* unit) {
         char text[128] = "too few episodes to say";
-        if (drift.known) std::snprintf(text, sizeof text, "%+.4f %s a minute, 95 %% between %+.4f and %+.4f", drift.slope, unit, drift.low, drift.high);
+        if (drift.known)
+            std::snprintf(text, sizeof text, "%+.4f %s a minute, 95 %% between %+.4f and %+.4f", drift.slope, unit, drift.low, drift.high);
         return std::string(text);
     };
     return html_page(soak.scene + " soak",
                      "<h1>" + escape_html(soak.scene) + ": " + (soak.broken.empty() ? "sound" : "broken") + "</h1><p>" +
-                         escape_html(soak.broken.empty() ? std::to_string(soak.episodes) + " episodes, no rule broken." : soak.broken) + "</p><p>Resident memory " +
-                         words(d.resident, "MiB") + "; heap " + words(d.heap, "MiB") + "; median pass " + words(d.median, "ms") + ".</p>" +
-                         svg_plot({"Memory", "minutes", "MiB", {resident, heap}}) + svg_plot({"Time of a contact pass", "minutes", "ms", {median, p99}}));
+                         escape_html(soak.broken.empty() ? std::to_string(soak.episodes) + " episodes, no rule broken." : soak.broken) +
+                         "</p><p>Resident memory " + words(d.resident, "MiB") + "; heap " + words(d.heap, "MiB") + "; median pass " +
+                         words(d.median, "ms") + ".</p>" + svg_plot({"Memory", "minutes", "MiB", {resident, heap}}) +
+                         svg_plot({"Time of a contact pass", "minutes", "ms", {median, p99}}));
 }
 
 void print_minute(const Soak& soak) {
     const Episode& e = soak.episode.back();
     char text[256];
-    std::snprintf(text, sizeof text, "%6.1f min  %5llu episodes  resident %.1f MiB  heap %.1f MiB  pass median %.2f p99 %.2f ms  residual %.3f mm  energy %.2f %%\n",
-                  e.minute, static_cast<unsigned long long>(soak.episodes), e.resident, e.heap, e.median_ms, e.p99_ms, e.residual_mm, 100 * e.energy_share);
+    std::snprintf(
+        text, sizeof text,
+        "%6.1f min  %5llu episodes  resident %.1f MiB  heap %.1f MiB  pass median %.2f p99 %.2f ms  residual %.3f mm  energy %.2f %%\n",
+        e.minute, static_cast<unsigned long long>(soak.episodes), e.resident, e.heap, e.median_ms, e.p99_ms, e.residual_mm,
+        100 * e.energy_share);
     write_standard_output(text);
 }
 
@@ -210,7 +231,8 @@ void run_soak(const SoakOptions& options, Soaker& soaker, Soak& soak) {
         if (stop_signal() != 0 && !soak.episode.empty()) break;  // not a whole one
         e.minute = minutes();
         ++soak.episodes, soak.passes += e.passes, soak.lost += e.lost;
-        if (soak.episode.empty() || e.minute >= static_cast<double>(soak.episode.size()) * options.minutes / kKeptEpisodes) soak.episode.push_back(e);
+        if (soak.episode.empty() || e.minute >= static_cast<double>(soak.episode.size()) * options.minutes / kKeptEpisodes)
+            soak.episode.push_back(e);
         judge_episode(e, soak.episode.front(), soak);
         progress.show(std::min(1.0, e.minute / options.minutes), std::to_string(soak.episodes) + " episodes");
         if (!options.json && static_cast<uint64_t>(e.minute) > printed) {
@@ -253,7 +275,8 @@ void judge_drifts(const Drifts& d, Soak& soak) {
     const uint32_t first = soak.episode.front().descriptors, last = soak.episode.back().descriptors;
     char text[200] = "";
     if (kMemoryIsOurs && d.resident.low > kMemoryDrift && d.resident.low * soak.minutes > kLeastGrowth)
-        std::snprintf(text, sizeof text, "memory: grows by %.3f MiB a minute (95 %%: %.3f to %.3f)", d.resident.slope, d.resident.low, d.resident.high);
+        std::snprintf(text, sizeof text, "memory: grows by %.3f MiB a minute (95 %%: %.3f to %.3f)", d.resident.slope, d.resident.low,
+                      d.resident.high);
     else if (kMemoryIsOurs && d.heap.low > kHeapDrift && d.heap.low * soak.minutes > kLeastGrowth)
         std::snprintf(text, sizeof text, "heap: grows by %.3f MiB a minute (95 %%: %.3f to %.3f)", d.heap.slope, d.heap.low, d.heap.high);
     else if (last > first)
@@ -276,7 +299,8 @@ int soak_command(const SoakOptions& options) {
         Frame frame(std::move(scene.world), {});
         std::optional<FrameRecorder> recorder;
         if (!options.out.empty()) {
-            CaptureHeader header{soak.scene, program_version(), instruction_set(), machine_text(), frame.stage_names(), scene.camera, scene.picture, false};
+            CaptureHeader header{soak.scene,          program_version(), instruction_set(), machine_text(),
+                                 frame.stage_names(), scene.camera,      scene.picture,     false};
             recorder.emplace(frame, std::move(header), CaptureTriggers{}, options.out / "captures");
         }
         Soaker soaker(options, frame, options.seconds > 0 ? options.seconds : file.settings.seconds, recorder ? &*recorder : nullptr);
@@ -299,7 +323,8 @@ int soak_command(const SoakOptions& options) {
     }
     if (!soak.broken.empty()) return kNo;
     if (stop_signal() == 0) return kDone;
-    std::fprintf(stderr, "trocar: stopped by %s after %.2f of %.2f minutes\n", name_of_signal(stop_signal()), soak.minutes, options.minutes);
+    std::fprintf(stderr, "trocar: stopped by %s after %.2f of %.2f minutes\n", name_of_signal(stop_signal()), soak.minutes,
+                 options.minutes);
     return exit_code_of_signal(stop_signal());
 }
 

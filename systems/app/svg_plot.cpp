@@ -9,8 +9,7 @@ namespace trocar {
 namespace {
 
 constexpr double kWidth = 640, kHeight = 300, kLeft = 64, kRight = 16, kTop = 34, kBottom = 46, kDigitWidth = 7;
-constexpr const char* kColors[] = {"#1f6feb", "#d1495b", "#2a9d5c", "#e29a2f",
-                                   "#7b4ab8", "#4d4d4d", "#00a3a3", "#a05a2c"};
+constexpr const char* kColors[] = {"#1f6feb", "#d1495b", "#2a9d5c", "#e29a2f", "#7b4ab8", "#4d4d4d", "#00a3a3", "#a05a2c"};
 
 struct Axis {
     double low, high, step;
@@ -78,14 +77,10 @@ namespace {
 struct PlotFrame {
     Axis x, y;
     double px(double v) const { return kLeft + (v - x.low) / (x.high - x.low) * (kWidth - kLeft - kRight); }
-    double py(double v) const {
-        return kHeight - kBottom - (std::min(v, y.high) - y.low) / (y.high - y.low) * (kHeight - kTop - kBottom);
-    }
+    double py(double v) const { return kHeight - kBottom - (std::min(v, y.high) - y.low) / (y.high - y.low) * (kHeight - kTop - kBottom); }
 };
 
-double scaled_x(const Plot& plot, double x) {
-    return plot.log_x_from > 0 ? std::log10(std::max(x, plot.log_x_from)) : x;
-}
+double scaled_x(const Plot& plot, double x) { return plot.log_x_from > 0 ? std::log10(std::max(x, plot.log_x_from)) : x; }
 
 // Highest value to show: all, or three times what 97 of 100 stay below.
 double shown_top(const Plot& plot, double highest) {
@@ -113,9 +108,8 @@ bool find_frame(const Plot& plot, PlotFrame& frame) {
     if (!(x1 >= x0)) return false;
     y1 = shown_top(plot, y1);
     if (!plot.mark_label.empty()) y1 = std::max(y1, plot.mark_y * 1.05);
-    frame.x = plot.log_x_from > 0
-                  ? Axis{std::floor(x0 + 1e-9), std::max(std::ceil(x1 - 1e-9), std::floor(x0 + 1e-9) + 1), 1}
-                  : nice_axis(x0, x1);
+    frame.x =
+        plot.log_x_from > 0 ? Axis{std::floor(x0 + 1e-9), std::max(std::ceil(x1 - 1e-9), std::floor(x0 + 1e-9) + 1), 1} : nice_axis(x0, x1);
     frame.y = nice_axis(y0, y1);
     return true;
 }
@@ -123,23 +117,19 @@ bool find_frame(const Plot& plot, PlotFrame& frame) {
 std::string draw_axes(const Plot& plot, const PlotFrame& f) {
     std::string svg;
     for (double x = f.x.low; x <= f.x.high + f.x.step * 0.01; x += f.x.step) {
-        svg += format("<line class=\"g\" x1=\"%.1f\" x2=\"%.1f\" y1=\"%g\" y2=\"%g\"/>", f.px(x), f.px(x), kTop,
-                      kHeight - kBottom);
+        svg += format("<line class=\"g\" x1=\"%.1f\" x2=\"%.1f\" y1=\"%g\" y2=\"%g\"/>", f.px(x), f.px(x), kTop, kHeight - kBottom);
         const std::string label = plot.log_x_from > 0 ? format("%g", std::pow(10.0, x)) : number(x, f.x.step);
         const double middle = std::min(f.px(x), kWidth - 1 - 0.5 * kDigitWidth * static_cast<double>(label.size()));
         svg += format("<text class=\"n\" text-anchor=\"middle\" x=\"%.1f\" y=\"%g\">", middle, kHeight - kBottom + 15) + label + "</text>";
     }
     for (double y = f.y.low; y <= f.y.high + f.y.step * 0.01; y += f.y.step) {
-        svg += format("<line class=\"g\" x1=\"%g\" x2=\"%g\" y1=\"%.1f\" y2=\"%.1f\"/>", kLeft, kWidth - kRight,
-                      f.py(y), f.py(y));
-        svg += format("<text class=\"n\" text-anchor=\"end\" x=\"%g\" y=\"%.1f\">", kLeft - 6, f.py(y) + 4) +
-               number(y, f.y.step) + "</text>";
+        svg += format("<line class=\"g\" x1=\"%g\" x2=\"%g\" y1=\"%.1f\" y2=\"%.1f\"/>", kLeft, kWidth - kRight, f.py(y), f.py(y));
+        svg +=
+            format("<text class=\"n\" text-anchor=\"end\" x=\"%g\" y=\"%.1f\">", kLeft - 6, f.py(y) + 4) + number(y, f.y.step) + "</text>";
     }
-    svg += format("<text class=\"n\" text-anchor=\"middle\" x=\"%g\" y=\"%g\">", (kLeft + kWidth - kRight) / 2,
-                  kHeight - 10) +
+    svg += format("<text class=\"n\" text-anchor=\"middle\" x=\"%g\" y=\"%g\">", (kLeft + kWidth - kRight) / 2, kHeight - 10) +
            escape_html(plot.x_label) + "</text>";
-    svg += format("<text class=\"n\" text-anchor=\"middle\" transform=\"translate(14,%g) rotate(-90)\">",
-                  (kTop + kHeight - kBottom) / 2) +
+    svg += format("<text class=\"n\" text-anchor=\"middle\" transform=\"translate(14,%g) rotate(-90)\">", (kTop + kHeight - kBottom) / 2) +
            escape_html(plot.y_label) + "</text>";
     return svg;
 }
@@ -150,8 +140,8 @@ std::string draw_series(const Plot& plot, const PlotSeries& full, const char* co
     if (s.dots) {
         for (size_t i = 0; i < s.x.size(); ++i)
             if (std::isfinite(s.x[i]) && std::isfinite(s.y[i]))
-                svg += format("<circle cx=\"%.1f\" cy=\"%.1f\" r=\"2.6\" fill=\"%s\" fill-opacity=\".5\"/>",
-                              f.px(scaled_x(plot, s.x[i])), f.py(s.y[i]), color);
+                svg += format("<circle cx=\"%.1f\" cy=\"%.1f\" r=\"2.6\" fill=\"%s\" fill-opacity=\".5\"/>", f.px(scaled_x(plot, s.x[i])),
+                              f.py(s.y[i]), color);
         return svg;
     }
     svg += format("<polyline fill=\"none\" stroke=\"%s\" stroke-width=\"1.6\" points=\"", color);
@@ -166,8 +156,8 @@ std::string draw_legend(const Plot& plot, const PlotFrame& f) {
     double right = kWidth - kRight;
     for (size_t k = plot.series.size(); plot.series.size() > 1 && k-- > 0;) {
         const PlotSeries& s = plot.series[k];
-        svg += format("<text class=\"n\" text-anchor=\"end\" x=\"%.1f\" y=\"18\" style=\"fill:%s;font-weight:600\">",
-                      right, kColors[k % std::size(kColors)]) +
+        svg += format("<text class=\"n\" text-anchor=\"end\" x=\"%.1f\" y=\"18\" style=\"fill:%s;font-weight:600\">", right,
+                      kColors[k % std::size(kColors)]) +
                escape_html(s.name) + "</text>";
         right -= 7.3 * static_cast<double>(s.name.size()) + 16;
     }
@@ -190,12 +180,11 @@ std::string svg_plot(const Plot& plot) {
     PlotFrame f;
     if (!find_frame(plot, f)) return svg + format("<text x=\"%g\" y=\"%g\">no data</text></svg>", kLeft, kHeight / 2);
     svg += draw_axes(plot, f);
-    for (size_t k = plot.series.size(); k-- > 0;)
-        svg += draw_series(plot, plot.series[k], kColors[k % std::size(kColors)], f);
+    for (size_t k = plot.series.size(); k-- > 0;) svg += draw_series(plot, plot.series[k], kColors[k % std::size(kColors)], f);
     svg += draw_legend(plot, f);
     if (!plot.mark_label.empty()) {
-        svg += format("<line class=\"m\" x1=\"%g\" x2=\"%g\" y1=\"%.1f\" y2=\"%.1f\"/>", kLeft, kWidth - kRight,
-                      f.py(plot.mark_y), f.py(plot.mark_y));
+        svg += format("<line class=\"m\" x1=\"%g\" x2=\"%g\" y1=\"%.1f\" y2=\"%.1f\"/>", kLeft, kWidth - kRight, f.py(plot.mark_y),
+                      f.py(plot.mark_y));
         // where the names of several series would be, so that no curve runs through it
         const double y = plot.series.size() > 1 ? f.py(plot.mark_y) - 5 : 18;
         svg += format("<text class=\"n h\" text-anchor=\"end\" x=\"%g\" y=\"%.1f\">", kWidth - kRight, y) + escape_html(plot.mark_label) +
@@ -213,14 +202,12 @@ std::string svg_bars(const std::string& title, const std::string& unit, const st
     svg += format("<text class=\"t\" x=\"%g\" y=\"18\">", 8.0) + escape_html(title) + "</text>";
     for (size_t i = 0; i < names.size(); ++i) {
         const double y = kTop + row * static_cast<double>(i), scale = (kWidth - left - 150) / most;
-        svg += format("<text class=\"n\" text-anchor=\"end\" x=\"%g\" y=\"%g\">", left - 8, y + 13) +
-               escape_html(names[i]) + "</text>";
-        svg += format("<rect x=\"%g\" y=\"%g\" width=\"%.1f\" height=\"13\" fill=\"#1f6feb\" fill-opacity=\".22\"/>",
-                      left, y + 3, high[i] * scale);
-        svg += format("<rect x=\"%g\" y=\"%g\" width=\"%.1f\" height=\"13\" fill=\"#1f6feb\"/>", left, y + 3,
-                      low[i] * scale);
-        svg += format("<text class=\"n\" x=\"%.1f\" y=\"%g\">%.3f / %.3f %s</text>", left + high[i] * scale + 6, y + 13,
-                      low[i], high[i], unit.c_str());
+        svg += format("<text class=\"n\" text-anchor=\"end\" x=\"%g\" y=\"%g\">", left - 8, y + 13) + escape_html(names[i]) + "</text>";
+        svg += format("<rect x=\"%g\" y=\"%g\" width=\"%.1f\" height=\"13\" fill=\"#1f6feb\" fill-opacity=\".22\"/>", left, y + 3,
+                      high[i] * scale);
+        svg += format("<rect x=\"%g\" y=\"%g\" width=\"%.1f\" height=\"13\" fill=\"#1f6feb\"/>", left, y + 3, low[i] * scale);
+        svg += format("<text class=\"n\" x=\"%.1f\" y=\"%g\">%.3f / %.3f %s</text>", left + high[i] * scale + 6, y + 13, low[i], high[i],
+                      unit.c_str());
     }
     return svg + "</svg>";
 }

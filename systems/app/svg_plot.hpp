@@ -12,7 +12,7 @@ struct PlotSeries {
 struct Plot {
     std::string title, x_label, y_label;
     std::vector<PlotSeries> series = {};
-    double mark_y = 0;   // horizontal reference line, drawn when mark_label is set
+    double mark_y = 0;  // horizontal reference line, drawn when mark_label is set
     std::string mark_label = {};
     double log_x_from = 0;      // > 0: x on a logarithmic scale; smaller values stand here
     bool cut_outliers = false;  // the y axis ends above the bulk of the values; those beyond are counted at the top

@@ -51,7 +51,8 @@ std::string command_line(const Job& job) {
 
 // A run is done when this very command ended well: what a signal stopped leaves metrics too, of the time until then.
 bool is_done(const Job& job) {
-    return read_text(job.folder / "command") == command_line(job) && read_text(job.folder / "exit") == "0\n" && fs::exists(job.folder / "metrics.json");
+    return read_text(job.folder / "command") == command_line(job) && read_text(job.folder / "exit") == "0\n" &&
+           fs::exists(job.folder / "metrics.json");
 }
 
 // A run is known by its values, so that it is found again when others come before it.
@@ -73,10 +74,20 @@ std::vector<Job> expand(const SweepFile& sweep, const fs::path& out) {
         std::string scene = sweep.scene;
         for (size_t a = 0; a < values.size(); ++a)
             if (sweep.axes[a].key == "scene") scene = values[a];
-        if (const fs::path beside = sweep.path.parent_path() / scene; scene.ends_with(".toml") && fs::exists(beside, error)) scene = beside.string();
-        job.arguments = {program, "run", fs::absolute(find_scene(scene)).string(), "--figures-only", "--threads", std::to_string(sweep.threads), "--out", job.folder.string()};
+        if (const fs::path beside = sweep.path.parent_path() / scene; scene.ends_with(".toml") && fs::exists(beside, error))
+            scene = beside.string();
+        job.arguments = {program,
+                         "run",
+                         fs::absolute(find_scene(scene)).string(),
+                         "--figures-only",
+                         "--threads",
+                         std::to_string(sweep.threads),
+                         "--out",
+                         job.folder.string()};
         if (sweep.seconds > 0) job.arguments.insert(job.arguments.end(), {"--seconds", std::to_string(sweep.seconds)});
-        const auto set = [&](const std::string& key, const std::string& value) { job.arguments.insert(job.arguments.end(), {"--set", key + "=" + value}); };
+        const auto set = [&](const std::string& key, const std::string& value) {
+            job.arguments.insert(job.arguments.end(), {"--set", key + "=" + value});
+        };
         for (const Override& o : sweep.fixed) set(o.key, o.value);
         for (size_t a = 0; a < values.size(); ++a)
             if (sweep.axes[a].key != "scene") set(sweep.axes[a].key, values[a]);
@@ -98,7 +109,8 @@ void check_jobs(const SweepFile& sweep, const std::vector<Job>& jobs) {
 // What a shell does for one job: nothing if it is done, else run and keep what was said.
 std::string shell_line(const Job& job) {
     const std::string folder = quoted(job.folder.string());
-    return "test \"$(cat " + folder + "/exit 2>/dev/null)\" = 0 || { " + command_line(job) + " > " + folder + "/log 2>&1; echo $? > " + folder + "/exit; }";
+    return "test \"$(cat " + folder + "/exit 2>/dev/null)\" = 0 || { " + command_line(job) + " > " + folder + "/log 2>&1; echo $? > " +
+           folder + "/exit; }";
 }
 
 // Folders, commands, and the list of lines that any engine can work off. Results of another command are cleared.
@@ -127,14 +139,17 @@ void run_here(const std::vector<Job>& jobs, uint32_t at_once) {
     const auto work = [&] {
         for (size_t i = next++; i < jobs.size() && stop_signal() == 0; i = next++) {
             try {
-                if (!is_done(jobs[i])) static_cast<void>(run_child({"/bin/sh", "-c", shell_line(jobs[i])}, kUntilStopped));  // its exit code and words are in its folder
+                if (!is_done(jobs[i]))
+                    static_cast<void>(
+                        run_child({"/bin/sh", "-c", shell_line(jobs[i])}, kUntilStopped));  // its exit code and words are in its folder
             } catch (...) {
                 const std::lock_guard guard(lock);
                 failure = std::current_exception();
                 return;
             }
             const std::lock_guard guard(lock);
-            progress.show(static_cast<double>(++done) / static_cast<double>(jobs.size()), std::to_string(done) + " of " + std::to_string(jobs.size()) + " runs");
+            progress.show(static_cast<double>(++done) / static_cast<double>(jobs.size()),
+                          std::to_string(done) + " of " + std::to_string(jobs.size()) + " runs");
         }
     };
     std::vector<std::thread> threads;
@@ -153,17 +168,20 @@ std::string find_program(const char* name) {
 void run_by_parallel(const fs::path& out, uint32_t at_once) {
     const std::string parallel = find_program("parallel");
     if (parallel.empty()) throw InputError("--engine parallel: GNU parallel is not installed (apt-get install parallel)");
-    const ChildResult result = run_child({"/bin/sh", "-c", "exec " + quoted(parallel) + " --will-cite --jobs " + std::to_string(at_once) + " --joblog " +
-                                          quoted((out / "joblog").string()) + " < " + quoted((out / "runs.txt").string())}, kUntilStopped);
+    const ChildResult result = run_child({"/bin/sh", "-c",
+                                          "exec " + quoted(parallel) + " --will-cite --jobs " + std::to_string(at_once) + " --joblog " +
+                                              quoted((out / "joblog").string()) + " < " + quoted((out / "runs.txt").string())},
+                                         kUntilStopped);
     if (result.end != ChildEnd::kExited && result.end != ChildEnd::kStopped) throw InputError("parallel " + describe_child_end(result, {}));
 }
 
 // An array job: task k works off line k + 1 of runs.txt.
 std::string slurm_script(const SweepFile& sweep, const fs::path& out, size_t jobs, uint32_t at_once) {
     const std::string folder = fs::absolute(out).string();
-    return "#!/bin/sh\n#SBATCH --job-name=" + sweep.name + "\n#SBATCH --array=0-" + std::to_string(jobs - 1) + "%" + std::to_string(at_once) +
-           "\n#SBATCH --ntasks=1\n#SBATCH --cpus-per-task=" + std::to_string(sweep.threads) + "\n#SBATCH --output=/dev/null\n" +
-           "line=$(sed -n \"$((SLURM_ARRAY_TASK_ID + 1))p\" " + quoted(folder + "/runs.txt") + ")\neval \"$line\"\n";
+    return "#!/bin/sh\n#SBATCH --job-name=" + sweep.name + "\n#SBATCH --array=0-" + std::to_string(jobs - 1) + "%" +
+           std::to_string(at_once) + "\n#SBATCH --ntasks=1\n#SBATCH --cpus-per-task=" + std::to_string(sweep.threads) +
+           "\n#SBATCH --output=/dev/null\n" + "line=$(sed -n \"$((SLURM_ARRAY_TASK_ID + 1))p\" " + quoted(folder + "/runs.txt") +
+           ")\neval \"$line\"\n";
 }
 
 void run_by_slurm(const SweepFile& sweep, const fs::path& out, size_t jobs, uint32_t at_once) {
@@ -171,7 +189,8 @@ void run_by_slurm(const SweepFile& sweep, const fs::path& out, size_t jobs, uint
     write_whole_file(script, slurm_script(sweep, out, jobs, at_once));
     const std::string sbatch = find_program("sbatch");
     if (sbatch.empty())
-        throw InputError("--engine slurm: no sbatch here; submit " + script.string() + " where there is one, then run this command again with --engine merge");
+        throw InputError("--engine slurm: no sbatch here; submit " + script.string() +
+                         " where there is one, then run this command again with --engine merge");
     const ChildResult result = run_child({sbatch, "--wait", script.string()}, kUntilStopped);
     if (result.end == ChildEnd::kStopped) return;  // the array goes on
     if (result.end != ChildEnd::kExited) throw InputError("sbatch " + describe_child_end(result, {}));
@@ -196,7 +215,8 @@ void warn_of_unknown(const std::vector<std::string>& columns, const nlohmann::or
     if (std::none_of(rows.begin(), rows.end(), is_done)) return;
     for (const std::string& column : columns) {
         const auto has = [&](const nlohmann::ordered_json& row) { return !row[column].is_null(); };
-        if (std::none_of(rows.begin(), rows.end(), has)) std::fprintf(stderr, "trocar: warning: column \"%s\": no run has that in its metrics.json\n", column.c_str());
+        if (std::none_of(rows.begin(), rows.end(), has))
+            std::fprintf(stderr, "trocar: warning: column \"%s\": no run has that in its metrics.json\n", column.c_str());
     }
 }
 
@@ -212,7 +232,8 @@ size_t merge(const SweepFile& sweep, const fs::path& out, const std::vector<Job>
         nlohmann::ordered_json row = {{"run", job.folder.filename().string()}};
         csv += job.folder.filename().string();
         for (size_t a = 0; a < job.values.size(); ++a) row[sweep.axes[a].key] = job.values[a], csv += "," + csv_field(job.values[a]);
-        const nlohmann::ordered_json metrics = is_done(job) ? nlohmann::ordered_json::parse(read_text(job.folder / "metrics.json"), nullptr, false) : nlohmann::ordered_json();
+        const nlohmann::ordered_json metrics =
+            is_done(job) ? nlohmann::ordered_json::parse(read_text(job.folder / "metrics.json"), nullptr, false) : nlohmann::ordered_json();
         std::string failed;
         if (!metrics.is_object()) {
             ++missing;
@@ -252,12 +273,16 @@ int sweep_command(const SweepOptions& options) {
     const StopOnSignal stop;
     if (options.engine != "merge") prepare(out, jobs);  // which clears what is not done
     const auto done = static_cast<size_t>(std::count_if(jobs.begin(), jobs.end(), is_done));
-    if (options.engine == "parallel") run_by_parallel(out, at_once);
-    else if (options.engine == "slurm") run_by_slurm(sweep, out, jobs.size(), at_once);
-    else if (options.engine == "local") run_here(jobs, at_once);
+    if (options.engine == "parallel")
+        run_by_parallel(out, at_once);
+    else if (options.engine == "slurm")
+        run_by_slurm(sweep, out, jobs.size(), at_once);
+    else if (options.engine == "local")
+        run_here(jobs, at_once);
     const size_t missing = merge(sweep, out, jobs);
     char text[256];
-    std::snprintf(text, sizeof text, "%s: %zu runs, %zu were there, %zu failed or missing; table in ", sweep.name.c_str(), jobs.size(), done, missing);
+    std::snprintf(text, sizeof text, "%s: %zu runs, %zu were there, %zu failed or missing; table in ", sweep.name.c_str(), jobs.size(),
+                  done, missing);
     write_standard_output(options.json ? read_text(out / "sweep.json") : text + (out / "sweep.csv").string() + "\n");
     if (stop_signal() == 0) return missing == 0 ? kDone : kNo;
     std::fprintf(stderr, "trocar: stopped by %s; the same command goes on where this one ended\n", name_of_signal(stop_signal()));

@@ -51,7 +51,8 @@ std::string tools_csv(std::span<const ToolSample> samples, std::span<const std::
         "torque_x_nm,torque_y_nm,torque_z_nm,tissue_x_n,tissue_y_n,tissue_z_n,contacts,grip_rad,grip_nm\n";
     for (const ToolSample& s : samples) {
         out += format("%.3f,", s.time) + csv_field(tools[s.tool]);
-        for (const Vec3d* v : {&s.device, &s.proxy, &s.force, &s.torque, &s.tissue}) out += format(",%.9g,%.9g,%.9g", v->x(), v->y(), v->z());
+        for (const Vec3d* v : {&s.device, &s.proxy, &s.force, &s.torque, &s.tissue})
+            out += format(",%.9g,%.9g,%.9g", v->x(), v->y(), v->z());
         out += format(",%u,%.9g,%.9g\n", s.contacts, s.grip, s.grip_torque);
     }
     return out;
@@ -93,26 +94,31 @@ std::string svg_force_map(const std::string& title, const ForceMap& map) {
     const double width = side * map.columns, height = side * map.rows;
     const auto square = [&](double x, double y, double w, double h, double share) {
         const auto c = depth_colour(share);
-        return format("<rect x=\"%.2f\" y=\"%.2f\" width=\"%.2f\" height=\"%.2f\" fill=\"rgb(%d,%d,%d)\"/>", x, y, w, h, int{srgb_byte(c[0])}, int{srgb_byte(c[1])}, int{srgb_byte(c[2])});
+        return format("<rect x=\"%.2f\" y=\"%.2f\" width=\"%.2f\" height=\"%.2f\" fill=\"rgb(%d,%d,%d)\"/>", x, y, w, h,
+                      int{srgb_byte(c[0])}, int{srgb_byte(c[1])}, int{srgb_byte(c[2])});
     };
     const auto label = [&](double x, double y, const char* anchor, const std::string& text) {
         return format("<text class=\"n\" text-anchor=\"%s\" x=\"%.1f\" y=\"%.1f\">", anchor, x, y) + escape_html(text) + "</text>";
     };
-    std::string svg = format("<svg xmlns=\"http://www.w3.org/2000/svg\" viewBox=\"0 0 %.0f %.0f\" role=\"img\">", left + width + 110, top + height + 44);
+    std::string svg =
+        format("<svg xmlns=\"http://www.w3.org/2000/svg\" viewBox=\"0 0 %.0f %.0f\" role=\"img\">", left + width + 110, top + height + 44);
     svg += "<text class=\"t\" x=\"8\" y=\"18\">" + escape_html(title) + "</text>";
     for (uint32_t j = 0; j < map.rows; ++j) {
         for (uint32_t i = 0; i < map.columns; ++i) {
             const double f = map.force[j * map.columns + i];
             // a little larger than the cell, so that no light shows between two
-            if (!std::isnan(f)) svg += square(left + i * side, top + (map.rows - 1 - j) * side, side + 0.3, side + 0.3, high > 0 ? f / high : 0);
+            if (!std::isnan(f))
+                svg += square(left + i * side, top + (map.rows - 1 - j) * side, side + 0.3, side + 0.3, high > 0 ? f / high : 0);
         }
     }
     const auto mm = [](double metres) { return format("%.0f", 1e3 * metres); };
-    svg += label(left, top + height + 16, "middle", mm(map.right_from)) + label(left + width, top + height + 16, "middle", mm(map.right_from + map.columns * map.cell));
+    svg += label(left, top + height + 16, "middle", mm(map.right_from)) +
+           label(left + width, top + height + 16, "middle", mm(map.right_from + map.columns * map.cell));
     svg += label(left + width / 2, top + height + 34, "middle", "across, mm") + label(left - 6, top + height, "end", mm(map.up_from));
     svg += label(left - 6, top + 10, "end", mm(map.up_from + map.rows * map.cell));
     constexpr int kSteps = 40;
-    for (int k = 0; k < kSteps; ++k) svg += square(left + width + 20, top + height * (1 - (k + 1.0) / kSteps), 16, height / kSteps + 0.3, (k + 0.5) / kSteps);
+    for (int k = 0; k < kSteps; ++k)
+        svg += square(left + width + 20, top + height * (1 - (k + 1.0) / kSteps), 16, height / kSteps + 0.3, (k + 0.5) / kSteps);
     svg += label(left + width + 42, top + 10, "start", format("%.2f N", high)) + label(left + width + 42, top + height, "start", "0 N");
     return svg + "</svg>";
 }

@@ -71,8 +71,7 @@ std::string last_line(const std::string& text) {
     const size_t end = text.find_last_not_of(" \r\n");
     if (end == std::string::npos) return "ended without a reason";
     const size_t begin = text.find_last_of("\r\n", end);
-    return text.substr(begin == std::string::npos ? 0 : begin + 1,
-                       end - (begin == std::string::npos ? 0 : begin + 1) + 1);
+    return text.substr(begin == std::string::npos ? 0 : begin + 1, end - (begin == std::string::npos ? 0 : begin + 1) + 1);
 }
 
 std::string start_problem(int problem) {
@@ -92,14 +91,13 @@ std::string ask_ffmpeg(const std::vector<std::string>& arguments) {
 // A colour matrix that players assume for any size, tags that say so, and even sides, which 4:2:0 needs.
 std::vector<std::string> output_arguments(const std::filesystem::path& file) {
     const bool h264 = ask_ffmpeg({"-hide_banner", "-encoders"}).find("libx264") != std::string::npos;
-    std::vector<std::string> words = {"-vf", "scale=out_color_matrix=bt709:out_range=tv,pad=ceil(iw/2)*2:ceil(ih/2)*2",
-                                      "-an", "-pix_fmt", "yuv420p"};
-    const std::vector<std::string> encoder =
-        h264 ? std::vector<std::string>{"-c:v", "libx264", "-preset", "veryfast", "-crf", "18"}
-             : std::vector<std::string>{"-c:v", "mpeg4", "-q:v", "3"};
+    std::vector<std::string> words = {"-vf", "scale=out_color_matrix=bt709:out_range=tv,pad=ceil(iw/2)*2:ceil(ih/2)*2", "-an", "-pix_fmt",
+                                      "yuv420p"};
+    const std::vector<std::string> encoder = h264 ? std::vector<std::string>{"-c:v", "libx264", "-preset", "veryfast", "-crf", "18"}
+                                                  : std::vector<std::string>{"-c:v", "mpeg4", "-q:v", "3"};
     words.insert(words.end(), encoder.begin(), encoder.end());
-    for (const char* word : {"-colorspace", "bt709", "-color_primaries", "bt709", "-color_trc", "iec61966-2-1",
-                             "-movflags", "+faststart", "-f", "mp4"})
+    for (const char* word :
+         {"-colorspace", "bt709", "-color_primaries", "bt709", "-color_trc", "iec61966-2-1", "-movflags", "+faststart", "-f", "mp4"})
         words.emplace_back(word);
     words.push_back("file:" + file.string());
     return words;
@@ -160,8 +158,7 @@ bool VideoWriter::fail(const std::string& reason) {
 bool VideoWriter::add(const Image& picture) {
     if (!error_.empty()) return false;
     if (finished_) return fail("the video is finished");
-    if (picture.width != width_ || picture.height != height_ ||
-        picture.rgba.size() != size_t{4} * picture.width * picture.height)
+    if (picture.width != width_ || picture.height != height_ || picture.rgba.size() != size_t{4} * picture.width * picture.height)
         return fail("a picture of another size than the video");
     for (size_t sent = 0; sent < picture.rgba.size();) {
         const ssize_t more = send(input_, picture.rgba.data() + sent, picture.rgba.size() - sent, MSG_NOSIGNAL);
@@ -192,8 +189,8 @@ bool VideoWriter::finish() {
     return true;
 }
 
-bool write_video(const std::filesystem::path& pattern, uint32_t first, double pictures_per_second,
-                 const std::filesystem::path& file, std::string& error) {
+bool write_video(const std::filesystem::path& pattern, uint32_t first, double pictures_per_second, const std::filesystem::path& file,
+                 std::string& error) {
     const std::filesystem::path temporary = temporary_name(file);
     std::vector<std::string> words = {"-hide_banner",
                                       "-loglevel",

@@ -35,7 +35,7 @@ class VideoWriter {
 
 // The same from a numbered PNG sequence: pattern as ffmpeg takes it ("out/frames/%06d.png"), first = number of the
 // first.
-bool write_video(const std::filesystem::path& pattern, uint32_t first, double pictures_per_second,
-                 const std::filesystem::path& file, std::string& error);
+bool write_video(const std::filesystem::path& pattern, uint32_t first, double pictures_per_second, const std::filesystem::path& file,
+                 std::string& error);
 
 }  // namespace trocar

@@ -30,8 +30,8 @@ int view_command(const ViewOptions& options) {
         if (options.sheet) {
             for (MeshTile& tile : four_views(row)) tiles.push_back(std::move(tile));
         } else {
-            tiles.push_back({row, options.azimuth * degree, options.elevation * degree,
-                             options.sources.size() > 1 ? loaded.mesh.name : ""});
+            tiles.push_back(
+                {row, options.azimuth * degree, options.elevation * degree, options.sources.size() > 1 ? loaded.mesh.name : ""});
         }
         meshes.push_back(std::move(loaded.mesh));
     }
@@ -42,9 +42,8 @@ int view_command(const ViewOptions& options) {
     params.wireframe = options.wireframe;
     params.sizes = options.sheet;
     save_png(draw_meshes(params, meshes, tiles), options.out);
-    write_standard_output(options.out.string() + ": " + std::to_string(options.width) + " x " +
-                          std::to_string(options.height) + ", " + std::to_string(meshes.size()) +
-                          (meshes.size() == 1 ? " mesh\n" : " meshes\n"));
+    write_standard_output(options.out.string() + ": " + std::to_string(options.width) + " x " + std::to_string(options.height) + ", " +
+                          std::to_string(meshes.size()) + (meshes.size() == 1 ? " mesh\n" : " meshes\n"));
     return kDone;
 }
 

@@ -138,8 +138,7 @@ bool starts_with_any(std::string_view text, std::initializer_list<std::string_vi
 bool passes_on(const Dl_info& info) {
     const std::string_view file = info.dli_fname ? info.dli_fname : "", symbol = info.dli_sname ? info.dli_sname : "";
     return file.find("libstdc++") != std::string_view::npos || file.find("libc.so") != std::string_view::npos ||
-           file.find("ld-linux") != std::string_view::npos ||
-           starts_with_any(symbol, {"_ZNSt", "_ZNKSt", "_ZSt", "_Znwm", "_Znam"});
+           file.find("ld-linux") != std::string_view::npos || starts_with_any(symbol, {"_ZNSt", "_ZNKSt", "_ZSt", "_Znwm", "_Znam"});
 }
 
 // Who asked for an allocation: the innermost frame that does not only pass it on.

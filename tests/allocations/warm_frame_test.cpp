@@ -20,7 +20,16 @@ using namespace trocar;
 // What a pass starts from, apart from caches: enough to play a scene again in the same frame.
 struct Start {
     explicit Start(const World& w)
-        : clock(w.clock), poses(w.poses), particles(w.particles), tools(w.haptics.state), ways_out(w.pair_memory), memory(w.contact_memory), links(w.links), torn(w.torn), energy(w.energy), sleep(w.sleep) {}
+        : clock(w.clock),
+          poses(w.poses),
+          particles(w.particles),
+          tools(w.haptics.state),
+          ways_out(w.pair_memory),
+          memory(w.contact_memory),
+          links(w.links),
+          torn(w.torn),
+          energy(w.energy),
+          sleep(w.sleep) {}
     void restore(World& w) const {
         w.clock = clock;
         w.poses = poses;
@@ -138,7 +147,9 @@ TEST_P(WarmFrame, AllocatesNothingOfOursOnThreeThreads) {
     EXPECT_LE(runs.warm.tbb, 3u);
 }
 
-INSTANTIATE_TEST_SUITE_P(Scenes, WarmFrame, testing::Values("probe_on_liver", "kidney_on_liver", "every_contact_stage", "tet_liver_press", "jaw_grasp", "shaft_on_liver"),
+INSTANTIATE_TEST_SUITE_P(Scenes, WarmFrame,
+                         testing::Values("probe_on_liver", "kidney_on_liver", "every_contact_stage", "tet_liver_press", "jaw_grasp",
+                                         "shaft_on_liver"),
                          [](const auto& info) { return info.param; });
 
 // Islands go to threads as it happens: none may allocate for an island that another has had before. Breaks when only

@@ -141,7 +141,9 @@ TEST(Capture, TheFirstDifferenceIsNamedByPassStageArrayAndRow) {
     CaptureStep& step = capture.stretches[1].steps[2];
     step.state_hash ^= 1;
     step.resource_hash[static_cast<size_t>(Resource::kContacts)] ^= 1;
-    EXPECT_NE(replay(capture).difference.find("pass " + std::to_string(step.pass) + " is the first to differ, first in stage overlap (contacts)"), std::string::npos)
+    EXPECT_NE(
+        replay(capture).difference.find("pass " + std::to_string(step.pass) + " is the first to differ, first in stage overlap (contacts)"),
+        std::string::npos)
         << replay(capture).difference;
 
     Capture moved = open_capture(folder / "passes_3-40.cap");
@@ -247,13 +249,15 @@ TEST(Capture, TriggersAreReadOrTaught) {
     EXPECT_EQ(parse_capture_triggers("counter=ended_rows,counter=late_passes").counters.size(), 2u);
     EXPECT_TRUE(parse_capture_triggers("worst,nan").lost);
     EXPECT_EQ(parse_capture_triggers("over=2.5").over_ms, 2.5);
-    for (const char* bad : {"", "5", "25-5", "-5", "5-", "over=", "over=-1", "over=x", "counter=nothing", "worst,", "best", "over=1,over=2", "5--7", "1-99999999999999999999999", "5-7x"})
+    for (const char* bad : {"", "5", "25-5", "-5", "5-", "over=", "over=-1", "over=x", "counter=nothing", "worst,", "best", "over=1,over=2",
+                            "5--7", "1-99999999999999999999999", "5-7x"})
         EXPECT_THROW(parse_capture_triggers(bad), InputError) << bad;
 }
 
 TEST(Capture, RangesMayOverlap) {
     const fs::path folder = captured_run("ranges", "2-20,18-33,40-41", 42);
-    for (const auto& [file, first, count] : {std::tuple{"passes_2-20.cap", 2u, 19u}, {"passes_18-33.cap", 18u, 16u}, {"passes_40-41.cap", 40u, 2u}}) {
+    for (const auto& [file, first, count] :
+         {std::tuple{"passes_2-20.cap", 2u, 19u}, {"passes_18-33.cap", 18u, 16u}, {"passes_40-41.cap", 40u, 2u}}) {
         const Capture capture = open_capture(folder / file);
         EXPECT_EQ(capture.stretches.front().pass, first) << file;
         EXPECT_EQ(capture.passes(), count) << file;
@@ -275,9 +279,11 @@ TEST(Capture, ParaViewGetsFieldsAtEveryPass) {
 // A slab is taken out of a solid ball that hangs by its lower half; what was above it drifts away. Springs across the gap are gone:
 // nothing says how long they would be. Breaks when strains come from the springs at load: 34 at the end.
 TEST(Capture, StrainIsOfTheSpringsThatAreLeft) {
-    const WrittenScene scene("strain", "[contact]\nrate = 60\n[[body]]\nname = \"ball\"\nshape = \"sphere\"\ntriangles = 300\nsize = 0.06\nmotion = \"deformable\"\n"
-                                       "model = \"solid\"\ncells = 6\nfixed_below = -0.01\n[body.tissue]\nyoungs_modulus = 2e4\n"
-                                       "[[cut]]\nname = \"slab\"\nbody = \"ball\"\ntime = 0.03\nbox = [-0.1, -0.1, 0.0, 0.1, 0.1, 0.012]\n");
+    const WrittenScene scene(
+        "strain",
+        "[contact]\nrate = 60\n[[body]]\nname = \"ball\"\nshape = \"sphere\"\ntriangles = 300\nsize = 0.06\nmotion = \"deformable\"\n"
+        "model = \"solid\"\ncells = 6\nfixed_below = -0.01\n[body.tissue]\nyoungs_modulus = 2e4\n"
+        "[[cut]]\nname = \"slab\"\nbody = \"ball\"\ntime = 0.03\nbox = [-0.1, -0.1, 0.0, 0.1, 0.1, 0.012]\n");
     double before = 0, most = 0, apart = 0;
     uint64_t removed = 0;
     run(scene.build({{"gravity", "[6.0, 0.0, 6.0]"}}).world, 20, [&](const Frame& frame, int) {
@@ -303,8 +309,8 @@ TEST(Capture, AKilledRunLeavesAReadableCapture) {
         const std::string out = folder / std::to_string(i);
         const pid_t child = fork();
         if (child == 0) {
-            execl(program_path().c_str(), "trocar", "run", "probe_on_liver", "--no-render", "--seconds", "60", "--threads", "1", "--set", "liver.triangles=600",
-                  "--capture", "0-100000", "--out", out.c_str(), nullptr);
+            execl(program_path().c_str(), "trocar", "run", "probe_on_liver", "--no-render", "--seconds", "60", "--threads", "1", "--set",
+                  "liver.triangles=600", "--capture", "0-100000", "--out", out.c_str(), nullptr);
             _exit(127);
         }
         const fs::path file = fs::path(out) / "captures/passes_0-100000.cap";
@@ -337,7 +343,8 @@ TEST(CaptureCommand, RunCaptureReplayInfoDiff) {
     // what is cut short is compared as far as it goes, and never taken for whole
     fs::copy_file(folder / "out/captures/passes_2-9.cap", folder / "cut.cap");
     fs::resize_file(folder / "cut.cap", fs::file_size(folder / "cut.cap") - 100);
-    for (const char* command : {"replay cut.cap", "capture diff cut.cap out/captures/passes_2-9.cap", "capture export cut.cap --csv cut.csv"}) {
+    for (const char* command :
+         {"replay cut.cap", "capture diff cut.cap out/captures/passes_2-9.cap", "capture export cut.cap --csv cut.csv"}) {
         const Outcome cut = run_program(command, folder, folder);
         EXPECT_EQ(cut.code, 1) << command;
         EXPECT_NE(cut.err.find("cut.cap is not whole"), std::string::npos) << cut.err;
@@ -354,8 +361,12 @@ TEST(CaptureCommand, RunCaptureReplayInfoDiff) {
     std::ofstream(folder / "bad.toml") << "[[body]]\nname = \"a\"\nfile = \"nope.obj\"\n";
     EXPECT_EQ(run_program("run bad.toml --out out", folder, folder).code, 2);
     EXPECT_TRUE(fs::exists(folder / "out/metrics.json"));
-    EXPECT_EQ(run_program("run kidney_on_liver --seconds 0.05 --set liver.triangles=600 --set kidney.triangles=400 --out out", folder, folder).code, 0);
-    for (const char* own : {"out/meshes/mine.obj", "out/frames/photo.png", "out/frames/000000.png"}) EXPECT_TRUE(fs::exists(folder / own)) << own;
+    EXPECT_EQ(
+        run_program("run kidney_on_liver --seconds 0.05 --set liver.triangles=600 --set kidney.triangles=400 --out out", folder, folder)
+            .code,
+        0);
+    for (const char* own : {"out/meshes/mine.obj", "out/frames/photo.png", "out/frames/000000.png"})
+        EXPECT_TRUE(fs::exists(folder / own)) << own;
     const Outcome none = run_program("replay " + std::string(source_folder() / "README.md"), folder, folder);
     EXPECT_EQ(none.code, 2);
     EXPECT_NE(none.err.find("is not a capture"), std::string::npos) << none.err;

@@ -3,8 +3,8 @@
 #include <algorithm>
 #include <array>
 #include <cmath>
-#include <filesystem>
 #include <cstdlib>
+#include <filesystem>
 #include <fstream>
 #include <iterator>
 #include <nlohmann/json.hpp>
@@ -29,23 +29,18 @@ class CommandLine : public testing::Test {
     }
     void TearDown() override { fs::remove_all(folder_); }
 
-    Outcome run(const std::string& arguments) const {
-        return trocar::run_program(arguments, trocar::source_folder(), folder_);
-    }
+    Outcome run(const std::string& arguments) const { return trocar::run_program(arguments, trocar::source_folder(), folder_); }
     fs::path write(const std::string& name, const std::string& text) const {
         std::ofstream(folder_ / name) << text;
         return folder_ / name;
     }
     static std::string cube(double size = 1) {
         std::ostringstream obj;
-        for (int i = 0; i < 8; ++i)
-            obj << "v " << (i & 1) * size << " " << (i >> 1 & 1) * size << " " << (i >> 2 & 1) * size << "\n";
+        for (int i = 0; i < 8; ++i) obj << "v " << (i & 1) * size << " " << (i >> 1 & 1) * size << " " << (i >> 2 & 1) * size << "\n";
         obj << "f 1 3 4 2\nf 5 6 8 7\nf 1 2 6 5\nf 3 7 8 4\nf 1 5 7 3\nf 2 4 8 6\n";
         return obj.str();
     }
-    static void expect_one_line(const std::string& text) {
-        EXPECT_EQ(std::count(text.begin(), text.end(), '\n'), 1) << text;
-    }
+    static void expect_one_line(const std::string& text) { EXPECT_EQ(std::count(text.begin(), text.end(), '\n'), 1) << text; }
     fs::path folder_;
 };
 
@@ -65,15 +60,19 @@ TEST_F(CommandLine, CheckNamesTheWrongLineOfAScene) {
 // are as somebody meant. Breaks when places of scripts are not yet taken (the rod comes from far away), or all pairs count.
 TEST_F(CommandLine, DeepStartsAreTold) {
     const auto ball = [](const std::string& name, const char* x) {
-        return "[[body]]\nname = \"" + name + "\"\nshape = \"sphere\"\nsize = 0.05\ntriangles = 320\nmotion = \"free\"\nposition = [" + x + ", 0.0, 0.0]\n";
+        return "[[body]]\nname = \"" + name + "\"\nshape = \"sphere\"\nsize = 0.05\ntriangles = 320\nmotion = \"free\"\nposition = [" + x +
+               ", 0.0, 0.0]\n";
     };
-    const std::string rod = "[[body]]\nname = \"rod\"\nshape = \"sphere\"\nsize = 0.05\ntriangles = 320\nmotion = \"kinematic\"\n"
-                            "[[body.path]]\ntime = 0.0\nposition = [1.0, 0.0, 0.0]\n";
-    const Outcome deep = run("run " + write("deep.toml", ball("a", "0.0") + ball("b", "0.01") + rod).string() + " --seconds 0.02 --no-render");
+    const std::string rod =
+        "[[body]]\nname = \"rod\"\nshape = \"sphere\"\nsize = 0.05\ntriangles = 320\nmotion = \"kinematic\"\n"
+        "[[body.path]]\ntime = 0.0\nposition = [1.0, 0.0, 0.0]\n";
+    const Outcome deep =
+        run("run " + write("deep.toml", ball("a", "0.0") + ball("b", "0.01") + rod).string() + " --seconds 0.02 --no-render");
     EXPECT_EQ(deep.code, 0);
     expect_one_line(deep.err);
     EXPECT_NE(deep.err.find("\"a\" and \"b\" start 9.8"), std::string::npos) << deep.err;
-    EXPECT_EQ(run("run " + write("touch.toml", ball("a", "0.0") + ball("b", "0.048") + rod).string() + " --seconds 0.02 --no-render").err, "");
+    EXPECT_EQ(run("run " + write("touch.toml", ball("a", "0.0") + ball("b", "0.048") + rod).string() + " --seconds 0.02 --no-render").err,
+              "");
 }
 
 // Live, the instrument in the hand gives way to another whose shell then feels; the recording comes out the same to the bit. It
@@ -85,11 +84,12 @@ TEST_F(CommandLine, ALiveRunExchangesShells) {
     const auto key = [](const char* time, const char* height) {
         return std::string("[[tool.path]]\ntime = ") + time + "\nposition = [0.0, 0.0, " + height + "]\n";
     };
-    const std::string scene = "seconds = 2.4\n[[body]]\nname = \"floor\"\nshape = \"box\"\nsize = 1.0\ntriangles = 12\nposition = [0.0, 0.0, -0.5]\n" +
-                              ball("small", "0.02") + ball("large", "0.04") +
-                              "[[tool]]\nbody = \"small\"\ndof = 6\npoints = 200\nstiffness = 600.0\n[[tool.exchange]]\nbody = \"large\"\ntime = 0.6\n" +
-                              key("0.0", "0.03") + key("0.2", "0.009") + key("0.4", "0.009") + key("0.55", "0.03") + key("0.8", "0.0215") + key("1.1", "0.018") +
-                              key("1.3", "0.0215") + key("1.7", "0.018") + key("1.9", "0.0215") + key("2.3", "0.018");
+    const std::string scene =
+        "seconds = 2.4\n[[body]]\nname = \"floor\"\nshape = \"box\"\nsize = 1.0\ntriangles = 12\nposition = [0.0, 0.0, -0.5]\n" +
+        ball("small", "0.02") + ball("large", "0.04") +
+        "[[tool]]\nbody = \"small\"\ndof = 6\npoints = 200\nstiffness = 600.0\n[[tool.exchange]]\nbody = \"large\"\ntime = 0.6\n" +
+        key("0.0", "0.03") + key("0.2", "0.009") + key("0.4", "0.009") + key("0.55", "0.03") + key("0.8", "0.0215") + key("1.1", "0.018") +
+        key("1.3", "0.0215") + key("1.7", "0.018") + key("1.9", "0.0215") + key("2.3", "0.018");
     const std::string file = write("exchange.toml", scene).string(), out = (folder_ / "live").string();
     const Outcome live = run("run " + file + " --live --no-render --out " + out);
     ASSERT_EQ(live.code, 0) << live.err;
@@ -98,8 +98,10 @@ TEST_F(CommandLine, ALiveRunExchangesShells) {
     for (std::string line; std::getline(table, line);) {
         std::vector<std::string> cell(1);
         for (const char c : line) {
-            if (c == ',') cell.emplace_back();
-            else cell.back().push_back(c);
+            if (c == ',')
+                cell.emplace_back();
+            else
+                cell.back().push_back(c);
         }
         if (cell[1] == "small" || cell[1] == "large") most[cell[1] == "large"] = std::max(most[cell[1] == "large"], std::stod(cell[10]));
     }
@@ -143,8 +145,7 @@ TEST_F(CommandLine, MissingFilesAreNamed) {
 }
 
 TEST_F(CommandLine, UnknownKeySuggestsTheNearestWithLineAndColumn) {
-    const fs::path scene =
-        write("s.toml", "name = \"x\"\n[[body]]\nname = \"a\"\nshape = \"box\"\nmotoin = \"static\"\n");
+    const fs::path scene = write("s.toml", "name = \"x\"\n[[body]]\nname = \"a\"\nshape = \"box\"\nmotoin = \"static\"\n");
     const Outcome outcome = run("run " + scene.string());
     EXPECT_EQ(outcome.code, 2);
     EXPECT_NE(outcome.err.find(":5:1:"), std::string::npos) << outcome.err;
@@ -298,9 +299,12 @@ TEST_F(CommandLine, QueryLosesNoRowAndKnowsTheInsideOfTurnedFaces) {
 }
 
 TEST_F(CommandLine, WhatCannotBeIsRefusedInOneLine) {
-    for (const auto& [arguments, reason] : std::vector<std::pair<std::string, std::string>>{
-             {"bogus", "there is no command \"bogus\""}, {"run probe_on_liver --seconds -1", "--seconds"}, {"run probe_on_liver --threads 100000", "--threads"},
-             {"run probe_on_liver --out x --capture \"\"", "--capture"}, {"view shape:sphere --out a.jpg", "must end in .png"}}) {
+    for (const auto& [arguments, reason] :
+         std::vector<std::pair<std::string, std::string>>{{"bogus", "there is no command \"bogus\""},
+                                                          {"run probe_on_liver --seconds -1", "--seconds"},
+                                                          {"run probe_on_liver --threads 100000", "--threads"},
+                                                          {"run probe_on_liver --out x --capture \"\"", "--capture"},
+                                                          {"view shape:sphere --out a.jpg", "must end in .png"}}) {
         const Outcome outcome = run(arguments);
         EXPECT_EQ(outcome.code, 2) << arguments;
         EXPECT_NE(outcome.err.find(reason), std::string::npos) << outcome.err;
@@ -318,8 +322,10 @@ TEST_F(CommandLine, WhatCannotBeIsRefusedInOneLine) {
 // A run that is stopped writes what it has, its captures too, and says so with the code that shells expect.
 TEST_F(CommandLine, AStoppedRunKeepsWhatItHas) {
     const fs::path out = folder_ / "stopped", err = folder_ / "stopped.txt";
-    const std::string command = "cd " + trocar::source_folder().string() + " && timeout --preserve-status -s TERM 2 " + trocar::program_path().string() +
-                                " run probe_on_liver --set liver.triangles=300 --no-render --seconds 10000 --threads 1 --capture worst --out " + out.string() + " 2> " + err.string() + " > /dev/null";
+    const std::string command =
+        "cd " + trocar::source_folder().string() + " && timeout --preserve-status -s TERM 2 " + trocar::program_path().string() +
+        " run probe_on_liver --set liver.triangles=300 --no-render --seconds 10000 --threads 1 --capture worst --out " + out.string() +
+        " 2> " + err.string() + " > /dev/null";
     const int status = std::system(command.c_str());
     EXPECT_EQ(WEXITSTATUS(status), 128 + 15);
     std::stringstream told;
@@ -334,7 +340,10 @@ TEST_F(CommandLine, AStoppedRunKeepsWhatItHas) {
 
 // What is no number in the end is told, and the exit code says that the figures mean nothing.
 TEST_F(CommandLine, ABrokenSimulationIsTold) {
-    const Outcome outcome = run("run " + write("broken.toml", "seconds = 0.5\n[[body]]\nname = \"a\"\nshape = \"sphere\"\ntriangles = 80\nmotion = \"free\"\nsize = 1e-3\nvelocity = [1e200, 0.0, 0.0]\n").string());
+    const Outcome outcome = run("run " + write("broken.toml",
+                                               "seconds = 0.5\n[[body]]\nname = \"a\"\nshape = \"sphere\"\ntriangles = 80\nmotion = "
+                                               "\"free\"\nsize = 1e-3\nvelocity = [1e200, 0.0, 0.0]\n")
+                                             .string());
     EXPECT_EQ(outcome.code, 1) << outcome.err << outcome.out;
     EXPECT_NE(outcome.err.find("the simulation broke"), std::string::npos) << outcome.err;
 }
@@ -355,8 +364,7 @@ TEST_F(CommandLine, CollideReportsTheDepthOfTwoCubes) {
     const Outcome apart = run("collide " + big.string() + " " + small.string() + " --move-b \"1.5 1.5 4.25\" --json");
     EXPECT_FALSE(nlohmann::json::parse(apart.out)["overlap"]);
     // turned by 45 degrees about x and lowered onto an edge: sqrt(1/2) below its centre
-    const Outcome turned = run("collide " + big.string() + " " + small.string() +
-                               " --rotate-b \"1 0 0 45\" --move-b \"1.5 2 3.9\" --json");
+    const Outcome turned = run("collide " + big.string() + " " + small.string() + " --rotate-b \"1 0 0 45\" --move-b \"1.5 2 3.9\" --json");
     EXPECT_NEAR(nlohmann::json::parse(turned.out)["depth"], 0.1, 1e-9) << turned.out;
 }
 
@@ -444,8 +452,8 @@ TEST_F(CommandLine, CrossCheckCountsSignsThatDiffer) {
 
 TEST_F(CommandLine, RunWritesWhatItSays) {
     const fs::path out = folder_ / "run";
-    const Outcome outcome = run(
-        "run probe_on_liver --seconds 0.2 --set liver.triangles=1000 --set probe.triangles=1000 --out " + out.string());
+    const Outcome outcome =
+        run("run probe_on_liver --seconds 0.2 --set liver.triangles=1000 --set probe.triangles=1000 --out " + out.string());
     ASSERT_EQ(outcome.code, 0) << outcome.err;
     std::ifstream metrics(out / "metrics.json"), trace(out / "trace.json");
     const nlohmann::json m = nlohmann::json::parse(metrics), t = nlohmann::json::parse(trace);
@@ -453,13 +461,11 @@ TEST_F(CommandLine, RunWritesWhatItSays) {
     for (const char* key : {"events", "max_depth_m", "total_ms_mean", "total_ms_p99", "response_ms_mean"})
         EXPECT_TRUE(m["contact"].contains(key)) << key;
     EXPECT_EQ(m["haptics"]["ticks"], 200);
-    EXPECT_TRUE(m["haptics"].contains("max_force_n") && m.contains("energy") && m.contains("report") &&
-                m.contains("state_hash"));
+    EXPECT_TRUE(m["haptics"].contains("max_force_n") && m.contains("energy") && m.contains("report") && m.contains("state_hash"));
     for (const auto& [name, stage] : m["stages"].items())
         EXPECT_TRUE(stage.contains("p50_ms") && stage.contains("p99_ms") && stage.contains("max_ms")) << name;
     EXPECT_GT(t["traceEvents"].size(), 10u);
-    EXPECT_TRUE(fs::exists(out / "report.html") && fs::exists(out / "frames" / "000000.png") &&
-                fs::exists(out / "meshes"));
+    EXPECT_TRUE(fs::exists(out / "report.html") && fs::exists(out / "frames" / "000000.png") && fs::exists(out / "meshes"));
     for (const auto& entry : fs::recursive_directory_iterator(out))
         EXPECT_EQ(entry.path().filename().string().find("tmp"), std::string::npos) << entry.path();
 }
@@ -468,8 +474,9 @@ TEST_F(CommandLine, RunWritesWhatItSays) {
 TEST_F(CommandLine, ReportTellsTheContactRateOfTheRun) {
     const fs::path out = folder_ / "rate";
     for (const char* rate : {"30", "120"}) {
-        const Outcome outcome = run("run probe_on_liver --seconds 0.2 --no-render --set liver.triangles=300 --set probe.triangles=300 --set contact.rate=" +
-                                    std::string(rate) + " --out " + out.string());
+        const Outcome outcome =
+            run("run probe_on_liver --seconds 0.2 --no-render --set liver.triangles=300 --set probe.triangles=300 --set contact.rate=" +
+                std::string(rate) + " --out " + out.string());
         ASSERT_EQ(outcome.code, 0) << outcome.err;
         std::ifstream file(out / "report.html");
         const std::string page(std::istreambuf_iterator<char>(file), {});
@@ -518,7 +525,9 @@ TEST_F(CommandLine, ALiveRunIsRepeatedFromItsRecording) {
     unsigned drawn = 0, dropped = 0;
     const size_t line = told.out.find(" pictures drawn beside it, ");
     ASSERT_NE(line, std::string::npos) << told.out;
-    ASSERT_EQ(std::sscanf(told.out.c_str() + told.out.rfind('\n', line) + 1, " %u pictures drawn beside it, %u dropped", &drawn, &dropped), 2) << told.out;
+    ASSERT_EQ(std::sscanf(told.out.c_str() + told.out.rfind('\n', line) + 1, " %u pictures drawn beside it, %u dropped", &drawn, &dropped),
+              2)
+        << told.out;
     EXPECT_EQ(drawn + dropped, 6u) << "thirty a second";
     const Outcome again = run(scene + "--no-render --json --replay " + recording.string());
     ASSERT_EQ(again.code, 0) << again.err;

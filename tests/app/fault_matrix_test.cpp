@@ -62,8 +62,10 @@ TEST(FaultMatrix, AFullDiskEndsTheCaptureNotTheRun) {
     fs::create_directories(folder / "a/captures");
     fs::create_symlink("/dev/full", folder / "a/captures/counter_full");
     fs::create_symlink("/dev/full", folder / "a/captures/worst.cap");
-    const Outcome with = run_program(std::string("run ") + kSmall + " --seconds 0.3 --capture 3-6,worst --out " + (folder / "a").string(), source_folder(), folder);
-    const Outcome without = run_program(std::string("run ") + kSmall + " --seconds 0.3 --out " + (folder / "b").string(), source_folder(), folder);
+    const Outcome with = run_program(std::string("run ") + kSmall + " --seconds 0.3 --capture 3-6,worst --out " + (folder / "a").string(),
+                                     source_folder(), folder);
+    const Outcome without =
+        run_program(std::string("run ") + kSmall + " --seconds 0.3 --out " + (folder / "b").string(), source_folder(), folder);
     ASSERT_EQ(with.code, 0) << with.err;
     EXPECT_NE(with.err.find("capturing stopped, the run went on"), std::string::npos) << with.err;
     EXPECT_NE(with.err.find("No space left"), std::string::npos) << with.err;
@@ -82,8 +84,8 @@ TEST(FaultMatrix, RefusedMemoryIsOneLineNeverACrash) {
     const fs::path folder = fresh_folder("memory");
     const auto limited = [&](int mib) {
         const std::string command = "ulimit -v " + std::to_string(mib * 1024) + "; " + program_path().string() + " run " + kSmall +
-                                    " --set liver.triangles=20000 --seconds 0.05 --figures-only --out " + (folder / std::to_string(mib)).string() + " >/dev/null 2>" +
-                                    (folder / "err").string();
+                                    " --set liver.triangles=20000 --seconds 0.05 --figures-only --out " +
+                                    (folder / std::to_string(mib)).string() + " >/dev/null 2>" + (folder / "err").string();
         const int status = std::system(("cd " + source_folder().string() + " && sh -c '" + command + "'").c_str());
         return WIFEXITED(status) ? WEXITSTATUS(status) : -1;
     };
@@ -107,7 +109,10 @@ TEST(FaultMatrix, SixtyFourThreadsOnFewCoresGiveTheSameState) {
     for (const uint32_t threads : {1u, 64u}) {
         ThreadPool pool(threads);
         pool.run([&] {
-            Frame frame(std::move(build_scene(read_scene_file(source_folder() / "content/scenes/stress_rain.toml", {{"count", "8"}, {"resolution", "80"}})).world), {});
+            Frame frame(std::move(build_scene(read_scene_file(source_folder() / "content/scenes/stress_rain.toml",
+                                                              {{"count", "8"}, {"resolution", "80"}}))
+                                      .world),
+                        {});
             for (int i = 0; i < 30; ++i) frame.step();
             hash[threads > 1] = state_hash(frame.world());
         });
@@ -121,7 +126,8 @@ TEST(FaultMatrix, ANodeThatIsNoNumberIsBackInOnePassAndOthersDoNotNotice) {
     for (const int poke : {0, 1}) {
         ThreadPool pool(1);
         pool.run([&] {
-            const auto scene = read_scene_file(source_folder() / "content/scenes/stress_sparse.toml", {{"count", "8"}, {"resolution", "80"}, {"ball.scatter.spacing", "[1, 1, 1]"}});
+            const auto scene = read_scene_file(source_folder() / "content/scenes/stress_sparse.toml",
+                                               {{"count", "8"}, {"resolution", "80"}, {"ball.scatter.spacing", "[1, 1, 1]"}});
             Frame frame(std::move(build_scene(scene).world), {});
             World& w = frame.world();
             for (int i = 0; i < 10; ++i) frame.step();
@@ -133,7 +139,8 @@ TEST(FaultMatrix, ANodeThatIsNoNumberIsBackInOnePassAndOthersDoNotNotice) {
             for (int i = 0; i < 10; ++i) frame.step();
             for (uint32_t body = 0; body < w.bodies.mesh.size(); ++body) {
                 const Range r = w.bodies.particles[body];
-                if (body != 3) others[poke].insert(others[poke].end(), w.particles.offset.begin() + r.first, w.particles.offset.begin() + r.end());
+                if (body != 3)
+                    others[poke].insert(others[poke].end(), w.particles.offset.begin() + r.first, w.particles.offset.begin() + r.end());
             }
         });
     }
@@ -154,16 +161,42 @@ TEST(FaultMatrix, EveryWrongValueOfEveryKeyIsNamed) {
             } catch (const InputError& error) {
                 ++refused;
                 const std::string word = key.substr(key.rfind('.') + 1), what = error.what();
-                EXPECT_TRUE(what.find(word) != std::string::npos || what.find("$none") != std::string::npos || what.find("none") != std::string::npos) << key << " = " << value << ": " << what;
+                EXPECT_TRUE(what.find(word) != std::string::npos || what.find("$none") != std::string::npos ||
+                            what.find("none") != std::string::npos)
+                    << key << " = " << value << ": " << what;
             }
         }
     };
     const fs::path scenes = source_folder() / "content/scenes";
-    for (const char* key : {"seconds", "gravity", "substep", "sleep_speed", "sleep_after", "contact.tolerance", "contact.cell_edges", "contact.iterations", "contact.share", "contact.deep",
-                            "contact.faces", "camera.kind", "camera.fov", "camera.target", "liver.triangles", "liver.size", "liver.motion", "liver.anchor", "liver.integrator", "liver.position",
-                            "liver.rotation", "liver.color", "liver.tissue.youngs_modulus", "liver.tissue.poisson", "liver.fixed_below", "liver.lod.beyond"})
+    for (const char* key : {"seconds",
+                            "gravity",
+                            "substep",
+                            "sleep_speed",
+                            "sleep_after",
+                            "contact.tolerance",
+                            "contact.cell_edges",
+                            "contact.iterations",
+                            "contact.share",
+                            "contact.deep",
+                            "contact.faces",
+                            "camera.kind",
+                            "camera.fov",
+                            "camera.target",
+                            "liver.triangles",
+                            "liver.size",
+                            "liver.motion",
+                            "liver.anchor",
+                            "liver.integrator",
+                            "liver.position",
+                            "liver.rotation",
+                            "liver.color",
+                            "liver.tissue.youngs_modulus",
+                            "liver.tissue.poisson",
+                            "liver.fixed_below",
+                            "liver.lod.beyond"})
         attempt(scenes / "kidney_on_liver.toml", key);
-    for (const char* key : {"drop.scatter.count", "drop.scatter.columns", "drop.scatter.spacing", "drop.scatter.jitter", "drop.scatter.turned", "drop.scatter.rate", "drop.scatter.life"})
+    for (const char* key : {"drop.scatter.count", "drop.scatter.columns", "drop.scatter.spacing", "drop.scatter.jitter",
+                            "drop.scatter.turned", "drop.scatter.rate", "drop.scatter.life"})
         attempt(scenes / "stress_rain.toml", key);
     EXPECT_GT(refused, 200u);
     EXPECT_LT(read, refused);

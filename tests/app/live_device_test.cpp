@@ -146,7 +146,8 @@ struct DeviceCommands : testing::Test {
 TEST_F(DeviceCommands, ListNamesEveryKind) {
     const Outcome list = run("device list");
     EXPECT_EQ(list.code, 0);
-    for (const char* kind : {"hand", "trace:FILE", "udp", "plugin:FILE", "haply", "igtl"}) EXPECT_NE(list.out.find(kind), std::string::npos) << kind;
+    for (const char* kind : {"hand", "trace:FILE", "udp", "plugin:FILE", "haply", "igtl"})
+        EXPECT_NE(list.out.find(kind), std::string::npos) << kind;
     EXPECT_EQ(run("device list --json").out[0], '[');
     EXPECT_NE(run("device --help").out.find("trocar device test udp:7731"), std::string::npos);
 }
@@ -181,8 +182,9 @@ TEST_F(DeviceCommands, SilenceIsNoAndNonsenseIsAnError) {
 
 // A live run whose tool a device holds is repeated from its recording, without the device, to the same bits.
 TEST_F(DeviceCommands, ALiveRunWithADeviceReplaysToTheSameBits) {
-    const std::string scene = "run probe_on_liver --no-render --set liver.triangles=300 --set probe.triangles=300 "
-                              "--set tool.probe.workspace.origin=[0,0,0.03] --set tool.probe.workspace.scale=1.5";
+    const std::string scene =
+        "run probe_on_liver --no-render --set liver.triangles=300 --set probe.triangles=300 "
+        "--set tool.probe.workspace.origin=[0,0,0.03] --set tool.probe.workspace.scale=1.5";
     const Outcome live = run(scene + " --live --seconds 0.4 --device probe=hand --out " + (folder / "live").string());
     EXPECT_EQ(live.code, 0) << live.err;
     const Outcome again = run(scene + " --replay " + (folder / "live/live.recording").string());

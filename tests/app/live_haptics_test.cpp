@@ -43,8 +43,7 @@ LocalContactModel rising_plane(uint64_t sequence, double time) {
 // values, or a torn one, breaks it.
 TEST(LiveHaptics, RecordedValuesReplayToTheSameForces) {
     const HapticParams params;
-    const std::vector<Keyframe> path = {
-        {0.0, {0, 0, 0.01}, {}, 0}, {0.1, {0, 0, 0.001}, {}, 0}, {0.3, {0.01, 0, 0.0}, {}, 0}};
+    const std::vector<Keyframe> path = {{0.0, {0, 0, 0.01}, {}, 0}, {0.1, {0, 0, 0.001}, {}, 0}, {0.3, {0.01, 0, 0.0}, {}, 0}};
     const std::vector<HandTool> tools(2, plain_tool());
     std::vector<Device> devices(2);
     devices[0].path = devices[1].path = path;

@@ -31,9 +31,7 @@ class OrganCommand : public testing::Test {
         for (int z = 0; z < 24; ++z) {
             for (int y = 0; y < 48; ++y) {
                 for (int x = 0; x < 72; ++x) {
-                    const auto within = [&](double cx, double r) {
-                        return std::hypot(0.5 * x - cx, 0.5 * y - 12, z - 11.6) < r;
-                    };
+                    const auto within = [&](double cx, double r) { return std::hypot(0.5 * x - cx, 0.5 * y - 12, z - 11.6) < r; };
                     const bool big = within(11, 9), small = within(28, 5);
                     voxels_[0] += big, voxels_[1] += small;
                     file.put(big ? 3 : small ? 8 : 0);

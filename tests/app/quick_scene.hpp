@@ -6,7 +6,7 @@ namespace trocar {
 
 // The probe scene with balls, which are made in no time, and a hand four times as quick: it touches after 0.15 s.
 inline World quick_scene() {
-    const std::vector<Override> balls = {{"liver.shape", "\"sphere\""}, {"liver.size", "0.12"},   {"liver.triangles", "600"},
+    const std::vector<Override> balls = {{"liver.shape", "\"sphere\""}, {"liver.size", "0.12"},  {"liver.triangles", "600"},
                                          {"probe.shape", "\"sphere\""}, {"probe.size", "0.014"}, {"probe.triangles", "100"}};
     World world = build_scene(read_scene_file(source_folder() / "content/scenes/probe_on_liver.toml", balls)).world;
     for (Keyframe& key : world.paths.key) key.time *= 0.25;

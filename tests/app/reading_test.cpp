@@ -40,8 +40,7 @@ Outcome check_within_limits(const fs::path& file, const fs::path& err) {
 #ifndef __SANITIZE_ADDRESS__
         ::setrlimit(RLIMIT_AS, &bytes);  // the sanitizer reserves terabytes
 #endif
-        const int nowhere = ::open("/dev/null", O_WRONLY),
-                  log = ::open(err.c_str(), O_WRONLY | O_CREAT | O_TRUNC, 0600);
+        const int nowhere = ::open("/dev/null", O_WRONLY), log = ::open(err.c_str(), O_WRONLY | O_CREAT | O_TRUNC, 0600);
         ::dup2(nowhere, 1);
         ::dup2(log, 2);
         ::execl(program_path().c_str(), "trocar", "check", file.c_str(), nullptr);
@@ -89,8 +88,7 @@ std::string sheet_in_vrml(int side) {
     char line[96];
     for (int y = 0; y < side; ++y) {
         for (int x = 0; x < side; ++x) {
-            std::snprintf(line, sizeof line, "%.5f %.5f %.5f,\n", x * 1e-3, y * 1e-3,
-                          1e-7 * ((x * 7919 + y * 104729) % 1000));
+            std::snprintf(line, sizeof line, "%.5f %.5f %.5f,\n", x * 1e-3, y * 1e-3, 1e-7 * ((x * 7919 + y * 104729) % 1000));
             text += line;
         }
     }
@@ -98,8 +96,7 @@ std::string sheet_in_vrml(int side) {
     for (int y = 0; y + 1 < side; ++y) {
         for (int x = 0; x + 1 < side; ++x) {
             const int a = y * side + x;
-            std::snprintf(line, sizeof line, "%d, %d, %d, -1,\n%d, %d, %d, -1,\n", a, a + 1, a + side + 1, a,
-                          a + side + 1, a + side);
+            std::snprintf(line, sizeof line, "%d, %d, %d, -1,\n%d, %d, %d, -1,\n", a, a + 1, a + side + 1, a, a + side + 1, a + side);
             text += line;
         }
     }

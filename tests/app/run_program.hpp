@@ -17,11 +17,9 @@ struct Outcome {
 };
 
 // Runs the program in a folder; the shell splits the arguments. `scratch` takes a file for standard error.
-inline Outcome run_program(const std::string& arguments, const std::filesystem::path& working,
-                           const std::filesystem::path& scratch) {
+inline Outcome run_program(const std::string& arguments, const std::filesystem::path& working, const std::filesystem::path& scratch) {
     const std::filesystem::path err = scratch / "stderr.txt";
-    const std::string command =
-        "cd " + working.string() + " && " + program_path().string() + " " + arguments + " 2>" + err.string();
+    const std::string command = "cd " + working.string() + " && " + program_path().string() + " " + arguments + " 2>" + err.string();
     Outcome outcome;
     FILE* pipe = popen(command.c_str(), "r");
     std::array<char, 4096> block;

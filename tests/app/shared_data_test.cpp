@@ -1,3 +1,5 @@
+#include "tests/reference/shared_data.hpp"
+
 #include <gtest/gtest.h>
 
 #include <Eigen/Geometry>
@@ -10,7 +12,6 @@
 
 #include "tests/app/run_program.hpp"
 #include "tests/reference/brute_force_distance.hpp"
-#include "tests/reference/shared_data.hpp"
 
 // The built program on files of real organs and instruments, where their folder is there, against brute force over the
 // triangles as a plain reader of our own has them.
@@ -111,7 +112,7 @@ TEST_F(LongSharedFiles, QueryEqualsBruteForce) {
                 ++open;
                 continue;
             }
-            EXPECT_EQ(d < 0, w > 0.5) << name;
+            EXPECT_EQ(d<0, w> 0.5) << name;
             inside += d < 0;
         }
     }
@@ -142,12 +143,14 @@ TEST_F(LongSharedFiles, CollideEqualsBruteForce) {
             for (Vec3d& p : moved.position) p += move;
             char text[128];
             std::snprintf(text, sizeof text, " --move-b \"%.17g %.17g %.17g\"", move.x(), move.y(), move.z());
-            const std::string command = "collide " + path_a + " " + path_b + text + " --json --cross-check" + (share < 0.5 && compared < 2 ? " --separate" : "");
+            const std::string command =
+                "collide " + path_a + " " + path_b + text + " --json --cross-check" + (share < 0.5 && compared < 2 ? " --separate" : "");
             const Outcome outcome = run_program(command, folder_, folder_);
             ASSERT_EQ(outcome.code, 0) << what << ": " << outcome.err;
             const nlohmann::json j = nlohmann::json::parse(outcome.out);
-            for (const char* key : {"overlap", "depth", "surface_depth", "direction", "witness", "vertices_a_in_b", "vertices_b_in_a", "edge_contacts",
-                                    "face_contacts", "cells", "contained", "saturated", "regions", "disagreements", "time_ms"})
+            for (const char* key :
+                 {"overlap", "depth", "surface_depth", "direction", "witness", "vertices_a_in_b", "vertices_b_in_a", "edge_contacts",
+                  "face_contacts", "cells", "contained", "saturated", "regions", "disagreements", "time_ms"})
                 ASSERT_TRUE(j.contains(key)) << key;
             const double size = Box3(a).diagonal();
             double deepest = 0;
@@ -180,7 +183,8 @@ TEST_F(LongSharedFiles, CollideEqualsBruteForce) {
             EXPECT_NEAR(std::abs(std::max(in_a, in_b)), 0, 1e-6 * size) << what;
             uint32_t in_regions = 0;
             for (const auto& region : j["regions"]) {
-                for (const char* key : {"vertices_a", "vertices_b", "contour", "area", "volume", "depth", "direction", "witness"}) ASSERT_TRUE(region.contains(key)) << key;
+                for (const char* key : {"vertices_a", "vertices_b", "contour", "area", "volume", "depth", "direction", "witness"})
+                    ASSERT_TRUE(region.contains(key)) << key;
                 EXPECT_GT(region["volume"], 0) << what;
                 in_regions += region["vertices_a"].get<uint32_t>() + region["vertices_b"].get<uint32_t>();
             }

@@ -43,7 +43,8 @@ Soak quiet_soak() {
     std::mt19937 random(1);
     for (int i = 0; i < 200; ++i) {
         Episode e;
-        e.minute = 0.05 * i, e.resident = 60 + 0.01 * static_cast<double>(random() % 100), e.heap = 6, e.median_ms = 1 + 0.001 * static_cast<double>(random() % 100);
+        e.minute = 0.05 * i, e.resident = 60 + 0.01 * static_cast<double>(random() % 100), e.heap = 6,
+        e.median_ms = 1 + 0.001 * static_cast<double>(random() % 100);
         e.hash = 5, e.descriptors = 6, e.passes = 100, e.energy_share = 0.001;
         soak.episode.push_back(e);
     }
@@ -95,7 +96,8 @@ TEST(Soak, MemoryOfTheWarmUpIsNotHeldAgainstIt) {
 TEST(SoakCommand, S01_FaultsAreSurvivedAndEveryEpisodeEndsTheSame) {
     const std::filesystem::path folder = std::filesystem::path(testing::TempDir()) / "trocar_soak";
     std::filesystem::create_directories(folder);
-    const Outcome outcome = run_program("soak probe_on_liver --minutes 0.03 --seconds 0.5 --set liver.triangles=600 --faults nan,blast --out out --json", folder, folder);
+    const Outcome outcome = run_program(
+        "soak probe_on_liver --minutes 0.03 --seconds 0.5 --set liver.triangles=600 --faults nan,blast --out out --json", folder, folder);
     EXPECT_EQ(outcome.code, 0) << outcome.out << outcome.err;
     const nlohmann::json json = nlohmann::json::parse(outcome.out);
     EXPECT_TRUE(json["sound"]);

@@ -40,7 +40,8 @@ TEST(SvgPlot, IsXmlWithEverythingInIt) {
         for (const pugi::xpath_node& text : document.select_nodes("//text")) said.insert(text.node().text().get());
         for (const char* label : {"a < b & \"c\"", "limit"}) EXPECT_TRUE(said.contains(label)) << label;
         for (const pugi::xpath_node& line : document.select_nodes("//line")) {
-            for (const char* name : {"x1", "x2", "y1", "y2"}) EXPECT_TRUE(std::isfinite(line.node().attribute(name).as_double(NAN))) << name;
+            for (const char* name : {"x1", "x2", "y1", "y2"})
+                EXPECT_TRUE(std::isfinite(line.node().attribute(name).as_double(NAN))) << name;
         }
     }
 }
@@ -52,7 +53,8 @@ TEST(SvgPlot, LabelsAreLegible) {
     plot.log_x_from = 1;
     pugi::xml_document document;
     ASSERT_TRUE(document.load_string(svg_plot(plot).c_str()));
-    const auto label = document.select_node("//text[text()='mean 2 ms']").node(), tick = document.select_node("//text[text()='100000']").node();
+    const auto label = document.select_node("//text[text()='mean 2 ms']").node(),
+               tick = document.select_node("//text[text()='100000']").node();
     ASSERT_TRUE(label && tick);
     double top = 300;
     for (const pugi::xpath_node& line : document.select_nodes("//line")) top = std::min(top, line.node().attribute("y1").as_double(300));

@@ -30,28 +30,34 @@ std::string text_of(const fs::path& file) {
     return {std::istreambuf_iterator<char>(stream), {}};
 }
 
-const std::string kScene = "seconds = 0.1\n[parameters]\nheight = 0.1\n[[body]]\nname = \"ball\"\nshape = \"sphere\"\ntriangles = 80\nsize = 0.05\nmotion = \"free\"\nposition = [0.0, 0.0, \"$height\"]\n";
-const std::string kSweep = "name = \"drop\"\nscene = \"ball.toml\"\ncolumns = [\"simulated_s\", \"energy.kinetic_j\", \"state_hash\"]\n[vary]\nheight = [0.1, 0.2]\ngravity = [[0.0, 0.0, -9.81], [0.0, 0.0, 0.0]]\n";
+const std::string kScene =
+    "seconds = 0.1\n[parameters]\nheight = 0.1\n[[body]]\nname = \"ball\"\nshape = \"sphere\"\ntriangles = 80\nsize = 0.05\nmotion = "
+    "\"free\"\nposition = [0.0, 0.0, \"$height\"]\n";
+const std::string kSweep =
+    "name = \"drop\"\nscene = \"ball.toml\"\ncolumns = [\"simulated_s\", \"energy.kinetic_j\", \"state_hash\"]\n[vary]\nheight = [0.1, "
+    "0.2]\ngravity = [[0.0, 0.0, -9.81], [0.0, 0.0, 0.0]]\n";
 
 TEST(SweepFile, EveryCombinationOnceInOrder) {
     const fs::path folder = fresh_folder("file");
-    const SweepFile sweep = read_sweep_file(write(folder / "s.toml", "scene = \"x\"\n[vary]\na = [1, 2]\n\"b.c\" = [\"p\", \"q\", \"r\"]\n"));
+    const SweepFile sweep =
+        read_sweep_file(write(folder / "s.toml", "scene = \"x\"\n[vary]\na = [1, 2]\n\"b.c\" = [\"p\", \"q\", \"r\"]\n"));
     const auto all = combinations(sweep);
     ASSERT_EQ(all.size(), 6u);
     EXPECT_EQ(all[0], (std::vector<std::string>{"1", "p"}));
     EXPECT_EQ(all[1], (std::vector<std::string>{"1", "q"}));
     EXPECT_EQ(all[3], (std::vector<std::string>{"2", "p"}));
     EXPECT_EQ((std::set<std::vector<std::string>>(all.begin(), all.end()).size()), 6u);
-    for (const auto& [text, reason] : std::vector<std::pair<std::string, std::string>>{{"scene = 3\n[vary]\na = [1]\n", "1:9: scene must be a string"},
-                                                                                       {"scene = \"x\"\n", "nothing varies"},
-                                                                                       {"[vary]\na = [1]\n", "needs a scene"},
-                                                                                       {"scene = \"x\"\n[vary]\na = 1\n", "needs a list of values"},
-                                                                                       {"scene = \"x\"\nsecond = 1\n", "unknown key \"second\""},
-                                                                                       {"scene = \"x\"\nseconds = -1\n", "must be a positive number"},
-                                                                                       {"scene = [", "s.toml:1:"},
-                                                                                       {"scene = \"x\"\n[vary]\na = [\"b\\nc\"]\n", "s.toml:3:6: line ends"},
-                                                                                       {"scene = \"x\"\nname = \"a\\u001b\"\n[vary]\na = [1]\n", "s.toml:2:8: line ends"},
-                                                                                       {"scene = \"x\"\n[set]\nk = \"a\\rb\"\n", "s.toml:3:5: line ends"}}) {
+    for (const auto& [text, reason] : std::vector<std::pair<std::string, std::string>>{
+             {"scene = 3\n[vary]\na = [1]\n", "1:9: scene must be a string"},
+             {"scene = \"x\"\n", "nothing varies"},
+             {"[vary]\na = [1]\n", "needs a scene"},
+             {"scene = \"x\"\n[vary]\na = 1\n", "needs a list of values"},
+             {"scene = \"x\"\nsecond = 1\n", "unknown key \"second\""},
+             {"scene = \"x\"\nseconds = -1\n", "must be a positive number"},
+             {"scene = [", "s.toml:1:"},
+             {"scene = \"x\"\n[vary]\na = [\"b\\nc\"]\n", "s.toml:3:6: line ends"},
+             {"scene = \"x\"\nname = \"a\\u001b\"\n[vary]\na = [1]\n", "s.toml:2:8: line ends"},
+             {"scene = \"x\"\n[set]\nk = \"a\\rb\"\n", "s.toml:3:5: line ends"}}) {
         try {
             read_sweep_file(write(folder / "s.toml", text));
             ADD_FAILURE() << text;
@@ -103,7 +109,8 @@ TEST(SweepCommand, RunsMergesResumesAndIsTheSameOnEveryEngine) {
     std::string more = kSweep;
     const size_t list = more.find("[", more.find("[vary]") + 6);
     more.insert(list + 1, more.compare(list + 1, 1, "[") == 0 ? "[0.0, 0.0, -1.0], " : "7.0, ");
-    const Outcome wider = run_program("sweep " + write(folder / "drop.toml", more).string() + " --out " + out.string(), source_folder(), folder);
+    const Outcome wider =
+        run_program("sweep " + write(folder / "drop.toml", more).string() + " --out " + out.string(), source_folder(), folder);
     EXPECT_NE(wider.out.find("6 runs, 3 were there, 0 failed"), std::string::npos) << wider.out << wider.err;
     EXPECT_EQ(fs::last_write_time(second), stamp);
     write(folder / "drop.toml", kSweep);

@@ -78,7 +78,9 @@ TEST(ForceMap, NeedsASurfaceToShow) {
 // Cells that the tool never came near stay empty.
 TEST(ForceMap, LeavesOutWhereTheToolNeverWas) {
     std::vector<ToolSample> samples = rows_over(0.06, 0.04);
-    std::erase_if(samples, [](const ToolSample& s) { return std::abs(Vec3d(Eigen::AngleAxisd(-0.4, Vec3d(1, 2, 0).normalized()) * s.proxy).x()) < 0.012; });
+    std::erase_if(samples, [](const ToolSample& s) {
+        return std::abs(Vec3d(Eigen::AngleAxisd(-0.4, Vec3d(1, 2, 0).normalized()) * s.proxy).x()) < 0.012;
+    });
     const ForceMap map = *force_map(samples, 1);
     size_t empty = 0;
     for (const double f : map.force) empty += std::isnan(f) ? 1 : 0;

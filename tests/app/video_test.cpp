@@ -21,9 +21,7 @@ struct Folder {
         path = mkdtemp(name.data());
     }
     ~Folder() { fs::remove_all(path); }
-    size_t files() const {
-        return static_cast<size_t>(std::distance(fs::directory_iterator(path), fs::directory_iterator()));
-    }
+    size_t files() const { return static_cast<size_t>(std::distance(fs::directory_iterator(path), fs::directory_iterator())); }
 };
 
 // left part red, right part blue; the border moves with the picture's number
@@ -32,8 +30,7 @@ Image moving_bar(uint32_t width, uint32_t height, uint32_t number) {
     for (uint32_t y = 0; y < height; ++y)
         for (uint32_t x = 0; x < width; ++x) {
             const bool left = x < 8 * (number + 1);
-            image.rgba.insert(image.rgba.end(),
-                              {static_cast<uint8_t>(left ? 255 : 0), 0, static_cast<uint8_t>(left ? 0 : 255), 255});
+            image.rgba.insert(image.rgba.end(), {static_cast<uint8_t>(left ? 255 : 0), 0, static_cast<uint8_t>(left ? 0 : 255), 255});
         }
     return image;
 }

@@ -67,9 +67,9 @@ void compare(ContactScene& scene, Count& count) {
 TEST(CgalOracle, BumpySpheres) {
     Count count;
     for (const uint32_t seed : {1u, 2u, 3u, 4u}) {
-        ContactScene scene({{make_noisy_sphere(5, 0.1, 0.2, seed), Motion::kHand, Vec3d(1, 2, 3), turn({1, 2, 3}, seed)},
-                            {make_noisy_sphere(6, 0.1, 0.2, 2 * seed), Motion::kHand, Vec3d(1.06, 2.05, 3.03),
-                             turn({3, 1, 2}, 2.0 * seed)}});
+        ContactScene scene(
+            {{make_noisy_sphere(5, 0.1, 0.2, seed), Motion::kHand, Vec3d(1, 2, 3), turn({1, 2, 3}, seed)},
+             {make_noisy_sphere(6, 0.1, 0.2, 2 * seed), Motion::kHand, Vec3d(1.06, 2.05, 3.03), turn({3, 1, 2}, 2.0 * seed)}});
         compare(scene, count);
     }
     EXPECT_GT(count.crossing, 300u);
@@ -89,8 +89,8 @@ TEST(CgalOracle, TetrahedraOnAGrid) {
             flat |= (corners[1] - corners[0]).cross(corners[2] - corners[0]).dot(corners[3] - corners[0]) == 0;
         }
         if (flat) continue;
-        ContactScene scene({{make_tetrahedron(p[0]), Motion::kHand, Vec3d::Zero(), {}},
-                            {make_tetrahedron(p[1]), Motion::kHand, Vec3d::Zero(), {}}});
+        ContactScene scene(
+            {{make_tetrahedron(p[0]), Motion::kHand, Vec3d::Zero(), {}}, {make_tetrahedron(p[1]), Motion::kHand, Vec3d::Zero(), {}}});
         compare(scene, count);
     }
     EXPECT_GT(count.touching, 5000u);

@@ -42,8 +42,7 @@ void add_triangle(Sums& sums, const Vec3d& a, const Vec3d& b, const Vec3d& c) {
     }
 }
 
-void on_triangle(void* data, SoCallbackAction* action, const SoPrimitiveVertex* a, const SoPrimitiveVertex* b,
-                 const SoPrimitiveVertex* c) {
+void on_triangle(void* data, SoCallbackAction* action, const SoPrimitiveVertex* a, const SoPrimitiveVertex* b, const SoPrimitiveVertex* c) {
     Vec3d corner[3];
     const SoPrimitiveVertex* const vertex[] = {a, b, c};
     for (int k = 0; k < 3; ++k) {
@@ -201,8 +200,7 @@ constexpr Text kTexts[] = {
      ".5 ] } }\n"},
     {"extrusion without caps, open section",
      "#VRML V2.0 utf8\nShape { geometry Extrusion { crossSection [ 0 0, 1 0, 1 1 ] beginCap FALSE endCap FALSE } }\n"},
-    {"extrusion with caps over an open section",
-     "#VRML V2.0 utf8\nShape { geometry Extrusion { crossSection [ 1 1, 1 -1, -1 -1 ] } }\n"},
+    {"extrusion with caps over an open section", "#VRML V2.0 utf8\nShape { geometry Extrusion { crossSection [ 1 1, 1 -1, -1 -1 ] } }\n"},
     {"elevation grid",
      "#VRML V2.0 utf8\nShape { geometry ElevationGrid { xDimension 3 zDimension 4 xSpacing .5 zSpacing 2 height [ 0 1 "
      "2, 0 1 2, 1 2 3, 2 3 4 ] } }\n"},
@@ -260,10 +258,9 @@ TEST_F(CoinOracleTexts, files_inside_files) {
         "size IS "
         "s } } }\n");
     put("more/b.wrl", "#VRML V2.0 utf8\nTransform { translation 0 4 0 children Shape { geometry Box {} } }\n");
-    const fs::path path =
-        put("a.wrl",
-            "#VRML V2.0 utf8\nEXTERNPROTO Mine [ field SFVec3f s ] \"parts.wrl#Part\"\nMine { s 3 2 1 }\n"
-            "Transform { translation 8 0 0 children Inline { url \"more/b.wrl\" } }\n");
+    const fs::path path = put("a.wrl",
+                              "#VRML V2.0 utf8\nEXTERNPROTO Mine [ field SFVec3f s ] \"parts.wrl#Part\"\nMine { s 3 2 1 }\n"
+                              "Transform { translation 8 0 0 children Inline { url \"more/b.wrl\" } }\n");
     const std::optional<Sums> coin = read_with_coin(path);
     ASSERT_TRUE(coin.has_value());
     EXPECT_EQ(coin->triangles, 24);

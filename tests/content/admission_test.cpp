@@ -104,14 +104,12 @@ TEST(Admission, RealMeshesAfterCleaning) {
 TEST(Admission, SelfCrossingsOfRealMeshesAreSeenInLongDouble) {
     if (read_plain_mesh(shared_data("organs/Liver.stl")).triangle.empty()) GTEST_SKIP() << "shared data is absent";
     using Vec = Eigen::Matrix<long double, 3, 1>;
-    for (const char* file : {"instruments/maryland_dissector_jaw_right.stl", "instruments/scissors_jaw_left.stl",
-                             "organs-lgpl/liver.obj", "instruments/needle_40mm.obj"}) {
+    for (const char* file : {"instruments/maryland_dissector_jaw_right.stl", "instruments/scissors_jaw_left.stl", "organs-lgpl/liver.obj",
+                             "instruments/needle_40mm.obj"}) {
         Mesh m = read_plain_mesh(shared_data(file));
         clean_mesh(m, {});
         const auto at = [&](uint32_t v) { return Vec(m.position[v].cast<long double>()); };
-        const auto side = [](const Vec& a, const Vec& b, const Vec& c, const Vec& d) {
-            return (b - a).cross(c - a).dot(d - a);
-        };
+        const auto side = [](const Vec& a, const Vec& b, const Vec& c, const Vec& d) { return (b - a).cross(c - a).dot(d - a); };
         // an edge that pierces a face away from any shared corner: what every cut shows
         uint32_t piercing = 0;
         for (const Triangle& t : m.triangle) {
@@ -121,8 +119,7 @@ TEST(Admission, SelfCrossingsOfRealMeshesAreSeenInLongDouble) {
                     if (std::count(t.begin(), t.end(), p) || std::count(t.begin(), t.end(), q)) continue;
                     const Vec a = at(t[0]), b = at(t[1]), c = at(t[2]);
                     if (side(a, b, c, at(p)) * side(a, b, c, at(q)) >= 0) continue;
-                    const long double x = side(at(p), at(q), a, b), y = side(at(p), at(q), b, c),
-                                      z = side(at(p), at(q), c, a);
+                    const long double x = side(at(p), at(q), a, b), y = side(at(p), at(q), b, c), z = side(at(p), at(q), c, a);
                     piercing += (x > 0 && y > 0 && z > 0) || (x < 0 && y < 0 && z < 0);
                 }
             }

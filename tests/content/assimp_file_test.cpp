@@ -204,15 +204,13 @@ TEST_F(AssimpTrouble, a_reader_that_crashes_or_lies_is_one_clear_error) {
         return error_of(path).substr(path.string().size());
     };
     EXPECT_EQ(says("kill -SEGV $$"), ": its reader crashed (Segmentation fault)");
-    EXPECT_EQ(says("echo 'free(): invalid pointer' >&2; kill -ABRT $$"),
-              ": its reader crashed (Aborted): free(): invalid pointer");
+    EXPECT_EQ(says("echo 'free(): invalid pointer' >&2; kill -ABRT $$"), ": its reader crashed (Aborted): free(): invalid pointer");
     EXPECT_EQ(says("echo hello"), ": the reader's answer is not one of its kind");
     EXPECT_EQ(says("exit 0"), ": the reader's answer is not one of its kind");
     EXPECT_EQ(says("printf 'trocar mesh 1\\n'"), ": the reader's answer ends within its counts");
     EXPECT_EQ(says("echo 'no such chunk' >&2; exit 1"), ": no such chunk");
     EXPECT_NE(says("exit 2").find(": not a format this program reads ("), std::string::npos);
-    EXPECT_EQ(says("exit 75").find(": its reader ran out of its "),
-              helper_address_space(1) == 0 ? std::string::npos : 0u);
+    EXPECT_EQ(says("exit 75").find(": its reader ran out of its "), helper_address_space(1) == 0 ? std::string::npos : 0u);
     EXPECT_EQ(says("exit 9"), ": its reader ended with code 9");
 }
 
@@ -229,20 +227,16 @@ TEST_F(AssimpTrouble, files_named_inside_come_from_below_the_folder_only) {
     put("in/beside.bin", binary);
     fs::create_symlink(folder / "secret.bin", folder / "in/link.bin");
     EXPECT_EQ(error_of(put("in/a.gltf", scene("beside.bin"))), "no error");
-    for (const std::string& uri :
-         {std::string("../secret.bin"), (folder / "secret.bin").string(), std::string("link.bin")}) {
-        EXPECT_NE(error_of(put("in/a.gltf", scene(uri))).find("could not open referenced file"), std::string::npos)
-            << uri;
+    for (const std::string& uri : {std::string("../secret.bin"), (folder / "secret.bin").string(), std::string("link.bin")}) {
+        EXPECT_NE(error_of(put("in/a.gltf", scene(uri))).find("could not open referenced file"), std::string::npos) << uri;
     }
 }
 
 TEST_F(AssimpTrouble, damaged_files_are_refused_with_a_reason) {
     if (!fs::exists(kModels)) GTEST_SKIP() << "assimp-testmodels is absent";
-    EXPECT_NE(
-        error_of(kModels / "glTF2/BoxWithInfinites-glTF-Binary/BoxWithInfinites.glb").find("vertex 0 is not finite"),
-        std::string::npos);
-    EXPECT_NE(error_of(kModels / "glTF2/RecursiveNodes/RecursiveNodes.gltf").find("recursive reference"),
+    EXPECT_NE(error_of(kModels / "glTF2/BoxWithInfinites-glTF-Binary/BoxWithInfinites.glb").find("vertex 0 is not finite"),
               std::string::npos);
+    EXPECT_NE(error_of(kModels / "glTF2/RecursiveNodes/RecursiveNodes.gltf").find("recursive reference"), std::string::npos);
     EXPECT_NE(error_of(kModels / "OpenGEX/light_issue1262.ogex").find("found no surface"), std::string::npos);
 }
 

@@ -27,9 +27,8 @@ TEST_F(LoadMesh, what_is_no_surface_is_said_in_one_line) {
     EXPECT_EQ(error_of(folder), folder.string() + ": is a folder, not a file");
     EXPECT_EQ(error_of(put("empty.wrl", "")), (folder / "empty.wrl").string() + ": empty file");
     const std::string unknown = std::string(": not a format this program reads (") + kFormatsRead + ")";
-    for (const std::string& bytes :
-         {std::string("hello world\n"), std::string("\0\1\2\3", 4), std::string("\x89PNG\r\n\x1a\n"),
-          std::string("<?xml version=\"1.0\"?><svg/>"), std::string("plywood\nformat ascii 1.0\n")}) {
+    for (const std::string& bytes : {std::string("hello world\n"), std::string("\0\1\2\3", 4), std::string("\x89PNG\r\n\x1a\n"),
+                                     std::string("<?xml version=\"1.0\"?><svg/>"), std::string("plywood\nformat ascii 1.0\n")}) {
         EXPECT_EQ(error_of(put("x.dat", bytes)), (folder / "x.dat").string() + unknown);
     }
     EXPECT_NE(error_of(put("cut.wrl", kWrl.substr(0, kWrl.size() / 2))).find("cut.wrl:2:"), std::string::npos);
@@ -183,8 +182,7 @@ TEST(LoadRealMesh, test_models_of_debian) {
 TEST(LoadRealMesh, concave_polygons_have_their_true_area) {
     const fs::path data = shared_data_folder();
     if (data.empty()) GTEST_SKIP() << "the folder of real surfaces is absent";
-    for (const char* file :
-         {"v1_quad.wrl", "v2_quad.wrl", "v1_concave_area2.5_or_fan3.5.wrl", "v2_concave_area2.5.wrl"}) {
+    for (const char* file : {"v1_quad.wrl", "v2_quad.wrl", "v1_concave_area2.5_or_fan3.5.wrl", "v2_concave_area2.5.wrl"}) {
         EXPECT_DOUBLE_EQ(sum_mesh(load_mesh(data / "vrml" / file).mesh).area, 2.5) << file;
     }
 }

@@ -56,8 +56,7 @@ const std::string kOwn =
     "[0 1 2] } }\n";
 
 std::string with_texture(const std::string& name) {
-    return "#VRML V2.0 utf8\nShape { appearance Appearance { texture ImageTexture { url \"" + name + "\" } } " +
-           kOwn.substr(8);
+    return "#VRML V2.0 utf8\nShape { appearance Appearance { texture ImageTexture { url \"" + name + "\" } } " + kOwn.substr(8);
 }
 
 // Breaks as soon as one way out of the folder of a file is left open.
@@ -67,10 +66,9 @@ TEST_F(LocalFiles, nothing_outside_the_folder_is_opened) {
         "<Shape><IndexedFaceSet coordIndex='0 1 2'><Coordinate point='0 0 0 1 0 0 0 1 0'/>"
         "</IndexedFaceSet></Shape></Scene></X3D>";
     std::vector<std::string> files;
-    for (const std::string& name :
-         {std::string("../out/box.wrl"), out + "/box.wrl", "file://" + out + "/box.wrl",
-          std::string("..\\\\out\\\\box.wrl"), std::string("link.wrl"), std::string("door/box.wrl"),
-          std::string("./door/../../out/box.wrl"), std::string("http://localhost/../out/box.wrl")}) {
+    for (const std::string& name : {std::string("../out/box.wrl"), out + "/box.wrl", "file://" + out + "/box.wrl",
+                                    std::string("..\\\\out\\\\box.wrl"), std::string("link.wrl"), std::string("door/box.wrl"),
+                                    std::string("./door/../../out/box.wrl"), std::string("http://localhost/../out/box.wrl")}) {
         files.push_back("#VRML V2.0 utf8\nInline { url [ \"" + name + "\" ] }\n" + kOwn);
         files.push_back("#VRML V2.0 utf8\nEXTERNPROTO P [] \"" + name + "#P\"\nP {}\n" + kOwn);
         files.push_back("#VRML V1.0 ascii\nWWWInline { name \"" + name +
@@ -78,14 +76,12 @@ TEST_F(LocalFiles, nothing_outside_the_folder_is_opened) {
         files.push_back("<X3D><Scene><Inline url='\"" + name + "\"'/><ExternProtoDeclare name='P' url='\"" + name +
                         "#P\"'/><ProtoInstance name='P'/>" + x3d_own);
     }
-    for (const std::string& name :
-         {std::string("../out/skin.png"), out + "/skin.png", "file://" + out + "/skin.png",
-          std::string("..\\\\out\\\\skin.png"), std::string("link.png"), std::string("door/skin.png")}) {
+    for (const std::string& name : {std::string("../out/skin.png"), out + "/skin.png", "file://" + out + "/skin.png",
+                                    std::string("..\\\\out\\\\skin.png"), std::string("link.png"), std::string("door/skin.png")}) {
         files.push_back(with_texture(name));
         files.push_back("#VRML V1.0 ascii\nTexture2 { filename \"" + name +
                         "\" }\nCoordinate3 { point [0 0 0 1 0 0 0 1 0] } IndexedFaceSet { coordIndex [0 1 2] }\n");
-        files.push_back("<X3D><Scene><Shape><Appearance><ImageTexture url='\"" + name + "\"'/></Appearance>" +
-                        x3d_own.substr(7));
+        files.push_back("<X3D><Scene><Shape><Appearance><ImageTexture url='\"" + name + "\"'/></Appearance>" + x3d_own.substr(7));
         files.push_back("ply\nformat ascii 1.0\ncomment TextureFile " + name +
                         "\nelement vertex 3\nproperty int x\nproperty int y\nproperty int z\nelement face 1\nproperty "
                         "list int int vertex_index\nend_header\n0 0 0\n1 0 0\n0 1 0\n3 0 1 2\n");
@@ -112,12 +108,10 @@ TEST_F(LocalFiles, nothing_outside_the_folder_is_opened) {
 TEST_F(LocalFiles, names_are_followed_below_the_folder) {
     put("in/deep/er/b.wrl", "#VRML V2.0 utf8\nInline { url \"../../c.wrl\" }\n");
     put("in/c.wrl", "#VRML V2.0 utf8\nShape { geometry Box {} }\n");
-    EXPECT_EQ(load_mesh(put("in/a.wrl", "#VRML V2.0 utf8\nInline { url [ \"gone.wrl\" \"deep\\\\er/b.wrl\" ] }\n"))
-                  .mesh.triangle.size(),
+    EXPECT_EQ(load_mesh(put("in/a.wrl", "#VRML V2.0 utf8\nInline { url [ \"gone.wrl\" \"deep\\\\er/b.wrl\" ] }\n")).mesh.triangle.size(),
               12u);
     // an absolute name that stays below it is as good as a relative one
-    EXPECT_EQ(load_mesh(put("in/a.wrl", "#VRML V2.0 utf8\nInline { url \"" + (inside / "c.wrl").string() + "\" }\n"))
-                  .mesh.triangle.size(),
+    EXPECT_EQ(load_mesh(put("in/a.wrl", "#VRML V2.0 utf8\nInline { url \"" + (inside / "c.wrl").string() + "\" }\n")).mesh.triangle.size(),
               12u);
     EXPECT_EQ(find_local_file(inside, inside, "").refusal, "it has no name");
     EXPECT_EQ(find_local_file(inside, inside, std::string("c.wrl\0x", 7)).refusal, "it has no name");

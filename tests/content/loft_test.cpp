@@ -37,8 +37,7 @@ TEST(Loft, RingSweepIsATorus) {
     loft.ring = true;
     loft.point = [=](double u, double v) {
         const double a = 2 * M_PI * u, b = 2 * M_PI * v;
-        return Vec3d((big + small * std::cos(a)) * std::cos(b), (big + small * std::cos(a)) * std::sin(b),
-                     small * std::sin(a));
+        return Vec3d((big + small * std::cos(a)) * std::cos(b), (big + small * std::cos(a)) * std::sin(b), small * std::sin(a));
     };
     for (const uint32_t wanted : {1000u, 10000u}) {
         const Mesh mesh = loft_surface(loft, wanted);
@@ -78,8 +77,8 @@ TEST(Loft, CornersAndCreasesAreVerticesHenceABlockIsExact) {
 TEST(Loft, CentreLineMeasuresLengthAndKeepsAxesPerpendicularAndUntwisted) {
     // two turns of a helix: length, and frames that turn by the torsion's total, not with the curve
     const double r = 0.02, pitch = 0.01;
-    const CentreLine line = measure_curve(
-        [=](double t) { return Vec3d(r * std::cos(4 * M_PI * t), r * std::sin(4 * M_PI * t), 2 * pitch * t); });
+    const CentreLine line =
+        measure_curve([=](double t) { return Vec3d(r * std::cos(4 * M_PI * t), r * std::sin(4 * M_PI * t), 2 * pitch * t); });
     EXPECT_NEAR(line.length, 2 * std::hypot(2 * M_PI * r, pitch), 1e-6);
     for (double s = 0; s <= line.length; s += line.length / 37) {
         Vec3d along, x, y;

@@ -7,9 +7,7 @@
 namespace trocar {
 namespace {
 
-LoadedMesh load_geometry(const std::string& geometry) {
-    return load_text("#VRML V2.0 utf8\nShape { geometry " + geometry + " }\n");
-}
+LoadedMesh load_geometry(const std::string& geometry) { return load_text("#VRML V2.0 utf8\nShape { geometry " + geometry + " }\n"); }
 
 void expect_vector(const Vec3d& a, double x, double y, double z) {
     EXPECT_NEAR(a[0], x, 1e-12);
@@ -62,8 +60,7 @@ TEST(Extrusion, a_ring_has_no_caps) {
         const double a = 2 * std::numbers::pi * (k % n) / n;
         spine += std::to_string(std::cos(a)) + " 0 " + std::to_string(-std::sin(a)) + ", ";
     }
-    const LoadedMesh loaded =
-        load_geometry("Extrusion { crossSection [.1 .1, .1 -.1, -.1 -.1, -.1 .1, .1 .1] spine [" + spine + "] }");
+    const LoadedMesh loaded = load_geometry("Extrusion { crossSection [.1 .1, .1 -.1, -.1 -.1, -.1 .1, .1 .1] spine [" + spine + "] }");
     const MeshSums sums = sum_mesh(loaded.mesh);
     EXPECT_EQ(loaded.mesh.triangle.size(), static_cast<size_t>(8 * n));
     EXPECT_EQ(sums.unpaired, 0u);
@@ -105,16 +102,14 @@ TEST(ElevationGrid, heights_stand_on_their_places_facing_up) {
     // a plane y = 2 x + 1.5 z over 1 by 2
     EXPECT_NEAR(sums.area, 2 * std::sqrt(1 + 4 + 2.25), 1e-12);
     for (const Triangle& t : loaded.mesh.triangle) {
-        const Vec3d a = loaded.mesh.position[t[0]], u = loaded.mesh.position[t[1]] - a,
-                    v = loaded.mesh.position[t[2]] - a;
+        const Vec3d a = loaded.mesh.position[t[0]], u = loaded.mesh.position[t[1]] - a, v = loaded.mesh.position[t[2]] - a;
         EXPECT_GT(u[2] * v[0] - u[0] * v[2], 0);
         EXPECT_NEAR(a[1], 2 * a[0] + 1.5 * a[2], 1e-12);
     }
     EXPECT_EQ(loaded.mesh.triangle_material, (std::vector<uint16_t>{0, 0, 1, 1}));
-    EXPECT_NE(
-        error_of_text("#VRML V2.0 utf8\nShape { geometry ElevationGrid { xDimension 3 zDimension 2 height [0 1] } }")
-            .find("without a face"),
-        std::string::npos);
+    EXPECT_NE(error_of_text("#VRML V2.0 utf8\nShape { geometry ElevationGrid { xDimension 3 zDimension 2 height [0 1] } }")
+                  .find("without a face"),
+              std::string::npos);
 }
 
 TEST(X3dSets, triangles_fans_strips_and_quadrilaterals) {
@@ -124,8 +119,7 @@ TEST(X3dSets, triangles_fans_strips_and_quadrilaterals) {
         EXPECT_TRUE(loaded.warnings.empty()) << loaded.warnings[0];
         double z = 0;
         for (const Triangle& t : loaded.mesh.triangle) {
-            const Vec3d a = loaded.mesh.position[t[0]], u = loaded.mesh.position[t[1]] - a,
-                        v = loaded.mesh.position[t[2]] - a;
+            const Vec3d a = loaded.mesh.position[t[0]], u = loaded.mesh.position[t[1]] - a, v = loaded.mesh.position[t[2]] - a;
             z += (u[0] * v[1] - u[1] * v[0]) / 2;
         }
         return z;  // negative where faces turn the other way
@@ -163,8 +157,7 @@ TEST(MadeSurfaces, what_would_be_too_large_is_refused_before_it_is_made) {
         spine += "0 " + std::to_string(k) + " 0 ";
         section += std::to_string(k) + " 0 ";
     }
-    EXPECT_NE(error_of_text("#VRML V2.0 utf8\nShape { geometry Extrusion { spine [" + spine + "] crossSection [" +
-                            section + "] } }")
+    EXPECT_NE(error_of_text("#VRML V2.0 utf8\nShape { geometry Extrusion { spine [" + spine + "] crossSection [" + section + "] } }")
                   .find("more than the limit of 50000000 triangles"),
               std::string::npos);
 }

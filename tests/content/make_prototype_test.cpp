@@ -87,7 +87,8 @@ TEST(MakePrototype, OrdersForLocality) {
 // them. Breaks when they are compared as a text that is cut off.
 TEST(Prototypes, FilesWithLongNamesAreNotTakenForEachOther) {
     namespace fs = std::filesystem;
-    const fs::path top = fs::path(testing::TempDir()) / "long_names", folder = top / std::string(200, 'a') / std::string(200, 'b') / std::string(200, 'c');
+    const fs::path top = fs::path(testing::TempDir()) / "long_names",
+                   folder = top / std::string(200, 'a') / std::string(200, 'b') / std::string(200, 'c');
     fs::create_directories(folder);
     const std::string corners = "v 0 0 0\nv 1 0 0\nv 0 1 0\nv 0 0 1\n";
     std::ofstream(folder / "a.obj") << corners << "f 1 3 2\nf 1 2 4\nf 2 3 4\nf 1 4 3\n";

@@ -28,8 +28,7 @@ inline MeshSums sum_mesh(const Mesh& mesh) {
     }
     for (const Triangle& t : mesh.triangle) {
         // relative to a corner of the box, or thin shells far off lose their volume to rounding
-        const Vec3d a = mesh.position[t[0]] - sums.min, b = mesh.position[t[1]] - sums.min,
-                    c = mesh.position[t[2]] - sums.min;
+        const Vec3d a = mesh.position[t[0]] - sums.min, b = mesh.position[t[1]] - sums.min, c = mesh.position[t[2]] - sums.min;
         const Vec3d u = b - a, v = c - a;
         const Vec3d n(u[1] * v[2] - u[2] * v[1], u[2] * v[0] - u[0] * v[2], u[0] * v[1] - u[1] * v[0]);
         sums.area += n.norm() / 2;

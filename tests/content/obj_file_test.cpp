@@ -55,8 +55,7 @@ TEST(ObjFile, numbers_are_read_to_double) {
 }
 
 TEST(ObjFile, polygons_are_cut_by_ears) {
-    const LoadedMesh loaded =
-        load_mesh("v 0 0 0\nv 2 0 0\nv 2 2 0\nv 1 .5 0\nv 0 2 0\nv 9 9 9\nf 1 2 3 4 5\n", "a.obj");
+    const LoadedMesh loaded = load_mesh("v 0 0 0\nv 2 0 0\nv 2 2 0\nv 1 .5 0\nv 0 2 0\nv 9 9 9\nf 1 2 3 4 5\n", "a.obj");
     EXPECT_EQ(loaded.mesh.triangle.size(), 3u);
     EXPECT_EQ(loaded.mesh.position.size(), 5u);
     EXPECT_DOUBLE_EQ(sum_mesh(loaded.mesh).area, 2.5);
@@ -64,8 +63,8 @@ TEST(ObjFile, polygons_are_cut_by_ears) {
 }
 
 TEST(ObjFile, texture_coordinates_stay_with_their_corners) {
-    const LoadedMesh loaded = load_mesh(
-        "v 0 0 0\nv 1 0 0\nv 0 1 0\nv 1 1 0\nvt 0 0\nvt .5\nvt .25 1 0\nf 1 2 4\nf 1/1 2/2 3/-1\nf 2 3 4\n", "a.obj");
+    const LoadedMesh loaded =
+        load_mesh("v 0 0 0\nv 1 0 0\nv 0 1 0\nv 1 1 0\nvt 0 0\nvt .5\nvt .25 1 0\nf 1 2 4\nf 1/1 2/2 3/-1\nf 2 3 4\n", "a.obj");
     ASSERT_EQ(loaded.mesh.uv.size(), 3u);
     EXPECT_EQ(loaded.mesh.uv[0][2].v, 0);
     EXPECT_EQ(loaded.mesh.uv[1][1].u, .5f);
@@ -82,10 +81,10 @@ TEST_F(ObjFiles, materials_come_from_the_file_beside) {
         "newmtl red wine\nKd 1 0 0\nKs .5 .5 .5\nNs 64\nd .75\nmap_Kd -s 1 1 1 -clamp on skin 1.png\nnewmtl blue\nKd 0 "
         "0 1\nTr .5\nmap_Kd "
         "gone.png\nnewmtl bad\nKd nan 0 0\n");
-    const LoadedMesh loaded = load_mesh(
-        put("a.obj",
-            "mtllib two words.mtl\nv 0 0 0\nv 1 0 0\nv 0 1 0\nv 0 0 1\nf 1 3 2\nusemtl red wine\nf 1 2 4\nusemtl "
-            "blue\nf 2 3 4\nusemtl red wine\nf 1 4 3\nusemtl nobody\nf 1 2 3\n"));
+    const LoadedMesh loaded =
+        load_mesh(put("a.obj",
+                      "mtllib two words.mtl\nv 0 0 0\nv 1 0 0\nv 0 1 0\nv 0 0 1\nf 1 3 2\nusemtl red wine\nf 1 2 4\nusemtl "
+                      "blue\nf 2 3 4\nusemtl red wine\nf 1 4 3\nusemtl nobody\nf 1 2 3\n"));
     const Mesh& mesh = loaded.mesh;
     EXPECT_EQ(mesh.triangle_material, (std::vector<uint16_t>{0, 1, 2, 1, 3}));
     ASSERT_EQ(mesh.material.size(), 4u);
@@ -99,8 +98,8 @@ TEST_F(ObjFiles, materials_come_from_the_file_beside) {
     EXPECT_TRUE(warns(loaded, "a.obj:9: texture 'gone.png' is not read: there is no such file"));
     EXPECT_TRUE(warns(loaded, "material 'nobody' is not defined"));
     EXPECT_TRUE(warns(loaded, "two words.mtl:12: Kd needs 1 finite numbers, found 'nan'"));
-    EXPECT_TRUE(
-        warns(load_mesh(put("b.obj", "mtllib gone.mtl\n" + kTetra)), "b.obj:1: material file 'gone.mtl' is not read: there is no such file"));
+    EXPECT_TRUE(warns(load_mesh(put("b.obj", "mtllib gone.mtl\n" + kTetra)),
+                      "b.obj:1: material file 'gone.mtl' is not read: there is no such file"));
 }
 
 TEST(ObjFile, S09_errors_name_the_line) {
@@ -108,8 +107,7 @@ TEST(ObjFile, S09_errors_name_the_line) {
     EXPECT_EQ(error_of(points + "f 1 2 0\n"), "a.obj:4: vertex number 0: they count from 1");
     EXPECT_EQ(error_of(points + "f 1 2 4\n"), "a.obj:4: vertex number 4 when there are 3");
     EXPECT_EQ(error_of(points + "f 1 2 -4\n"), "a.obj:4: vertex number -4 when there are 3");
-    EXPECT_EQ(error_of(points + "f 1 2 99999999999999999999\n"),
-              "a.obj:4: vertex number 99999999999999999999 when there are 3");
+    EXPECT_EQ(error_of(points + "f 1 2 99999999999999999999\n"), "a.obj:4: vertex number 99999999999999999999 when there are 3");
     EXPECT_EQ(error_of(points + "\n\nf 1 2\n"), "a.obj:6: a face with 2 corners");
     EXPECT_EQ(error_of(points + "f 1/1 2 3\n"), "a.obj:4: texture coordinate number 1 when there are 0");
     EXPECT_EQ(error_of(points + "f 1//1 2 3\n"), "a.obj:4: normal number 1 when there are 0");
@@ -120,8 +118,7 @@ TEST(ObjFile, S09_errors_name_the_line) {
     EXPECT_EQ(error_of("v 0 1e999 1\n"), "a.obj:1: v needs 3 finite numbers, found '1e999'");
     EXPECT_EQ(error_of("v 0 \\\n 0 x\n"), "a.obj:1: v needs 3 finite numbers, found 'x'");
     EXPECT_EQ(error_of(points + "f 1 2 \\\n 3\nf 1 2\n"), "a.obj:6: a face with 2 corners");
-    EXPECT_TRUE(warns(read_obj(points + "bevel on\nf 1 2 3", "a.obj"),
-                      "a.obj:4: lines that begin with 'bevel' are passed over"));
+    EXPECT_TRUE(warns(read_obj(points + "bevel on\nf 1 2 3", "a.obj"), "a.obj:4: lines that begin with 'bevel' are passed over"));
     EXPECT_THROW(load_mesh(points, "a.obj"), InputError);
 }
 

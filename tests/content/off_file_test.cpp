@@ -21,9 +21,8 @@ TEST(OffFile, headers_comments_and_colours) {
         "COFF\n4 4 6\n0 0 0 255 0 0 255\n1 0 0 255 0 0 255 # red\n0 1 0 .1 .2 .3 1\n0 0 1 0 0 0 1\n"
         "3 0 2 1 255 0 0\n3 0 1 3\n3 1 2 3 0.1 0.2 0.3\n3 0 3 2 7\n",
         "OFF");
-    const LoadedMesh textured = load_mesh(
-        "STCNOFF\n3 1 0\n0 0 0 0 0 1 1 1 1 1 .25 .5\n1 0 0 0 0 1 1 1 1 1 1 0\n0 1 0 0 0 1 1 1 1 1 0 1\n3 0 1 2\n",
-        "a.off");
+    const LoadedMesh textured =
+        load_mesh("STCNOFF\n3 1 0\n0 0 0 0 0 1 1 1 1 1 .25 .5\n1 0 0 0 0 1 1 1 1 1 1 0\n0 1 0 0 0 1 1 1 1 1 0 1\n3 0 1 2\n", "a.off");
     ASSERT_EQ(textured.mesh.uv.size(), 1u);
     EXPECT_EQ(textured.mesh.uv[0][0].u, .25f);
     EXPECT_EQ(textured.mesh.uv[0][0].v, .5f);
@@ -60,18 +59,15 @@ TEST(OffFile, bytes_are_big_endian) {
 
 TEST(OffFile, what_is_wrong_is_said_with_its_place) {
     EXPECT_EQ(error_of("4OFF\n4 4 6\n" + kTetra), "a.off:1: only OFF files of three dimensions are read");
-    EXPECT_EQ(error_of("OFF\n4 4 6\n" + kTetra.substr(0, 8) + "x" + kTetra.substr(9)),
-              "a.off:4: expected a finite number, found 'x'");
+    EXPECT_EQ(error_of("OFF\n4 4 6\n" + kTetra.substr(0, 8) + "x" + kTetra.substr(9)), "a.off:4: expected a finite number, found 'x'");
     EXPECT_EQ(error_of("OFF\n4000000000 4 6\n" + kTetra),
               "a.off:2: a number of vertices 4000000000: the file has room for no more than 37");
     EXPECT_EQ(error_of("OFF\n4 4 6\n" + kTetra + "3 0 0 0\n"), "no error");
-    EXPECT_EQ(error_of("OFF\n3 4 6\n" + kTetra.substr(6)),
-              "a.off: polygon 1 (from 0) has corner 3 when there are 3 points");
+    EXPECT_EQ(error_of("OFF\n3 4 6\n" + kTetra.substr(6)), "a.off: polygon 1 (from 0) has corner 3 when there are 3 points");
     EXPECT_EQ(error_of("OFF\n4 4 6\n" + std::string(kTetra).replace(24, 7, "3 0 2.5 1")),
               "a.off:7: a corner that is no number of a vertex");
     const std::string whole = "OFF\n4 4 6\n" + kTetra;
-    for (size_t size = 4; size + 2 < whole.size(); ++size)
-        EXPECT_NE(error_of(whole.substr(0, size)), "no error") << size;
+    for (size_t size = 4; size + 2 < whole.size(); ++size) EXPECT_NE(error_of(whole.substr(0, size)), "no error") << size;
 }
 
 }  // namespace

@@ -153,7 +153,8 @@ TEST(OrganSurface, SimplificationKeepsTheSurfaceClosedAndItsVolume) {
 }
 
 TEST(OrganSurface, OneVoxelIsASmallBall) {
-    const Volume volume = fill_volume({5, 5, 5}, Vec3d::Zero(), plain_steps(2), [](const Vec3d& p) { return (p - Vec3d(4, 4, 4)).norm() < 1; });
+    const Volume volume =
+        fill_volume({5, 5, 5}, Vec3d::Zero(), plain_steps(2), [](const Vec3d& p) { return (p - Vec3d(4, 4, 4)).norm() < 1; });
     const OrganSurface organ = make(volume);
     ASSERT_EQ(organ.voxels_kept, 1u);
     expect_solid(organ);

@@ -30,15 +30,13 @@ void put(std::string& bytes, T value, bool big) {
 // A tetrahedron whose coordinates, corners and counts have the types named; an element and properties to pass over lie
 // around them.
 template <typename Coordinate, typename Count, typename Corner>
-std::string binary_tetra(const char* coordinate, const char* count, const char* corner, bool big,
-                         const std::string& line_end = "\n") {
-    const std::string head =
-        std::string("ply\nformat binary_") + (big ? "big" : "little") +
-        "_endian 1.0\nelement camera 2\nproperty list uint16 double range\nelement vertex 4\nproperty short quality\n"
-        "property " +
-        coordinate + " z\nproperty " + coordinate + " y\nproperty uchar flag\nproperty " + coordinate +
-        " x\nelement face 4\nproperty list char short other\nproperty list " + count + " " + corner +
-        " vertex_index\nend_header\n";
+std::string binary_tetra(const char* coordinate, const char* count, const char* corner, bool big, const std::string& line_end = "\n") {
+    const std::string head = std::string("ply\nformat binary_") + (big ? "big" : "little") +
+                             "_endian 1.0\nelement camera 2\nproperty list uint16 double range\nelement vertex 4\nproperty short quality\n"
+                             "property " +
+                             coordinate + " z\nproperty " + coordinate + " y\nproperty uchar flag\nproperty " + coordinate +
+                             " x\nelement face 4\nproperty list char short other\nproperty list " + count + " " + corner +
+                             " vertex_index\nend_header\n";
     std::string bytes;
     for (const char c : head) {
         if (c == '\n')
@@ -98,8 +96,7 @@ TEST(PlyFile, text_is_read_to_double) {
 }
 
 TEST(PlyFile, polygons_and_strips) {
-    const std::string points =
-        "ply\nformat ascii 1.0\nelement vertex 5\nproperty double x\nproperty double y\nproperty double z\n";
+    const std::string points = "ply\nformat ascii 1.0\nelement vertex 5\nproperty double x\nproperty double y\nproperty double z\n";
     const LoadedMesh concave = load_mesh(points +
                                              "element face 2\nproperty list int int vertex_index\nend_header\n"
                                              "0 0 0 2 0 0 2 2 0 1 .5 0 0 2 0\n5 0 1 2 3 4\n2 0 1\n",
@@ -124,8 +121,7 @@ TEST_F(PlyFiles, texture_coordinates_of_vertices_and_of_corners) {
     head.replace(head.find("comment by hand"), 15, "comment TextureFile a b.png");
     std::string by_vertex = head;
     by_vertex.replace(by_vertex.find("element face"), 0, "property float s\nproperty float t\n");
-    const LoadedMesh vertex =
-        load_mesh(put("v.ply", by_vertex + "0 0 0 .5 .25\n1 0 0 1 0\n0 1 0 0 1\n0 0 1 nan 1\n" + kFaces));
+    const LoadedMesh vertex = load_mesh(put("v.ply", by_vertex + "0 0 0 .5 .25\n1 0 0 1 0\n0 1 0 0 1\n0 0 1 nan 1\n" + kFaces));
     ASSERT_EQ(vertex.mesh.uv.size(), 4u);
     EXPECT_EQ(vertex.mesh.uv[0][0].u, .5f);
     EXPECT_EQ(vertex.mesh.uv[0][0].v, .25f);
@@ -147,8 +143,7 @@ TEST(PlyFile, what_is_wrong_is_said_with_its_place) {
         std::string text = kHead + kVertices + kFaces;
         return text.replace(text.find(from), from.size(), to);
     };
-    EXPECT_EQ(error_of(changed("3 1 2 3", "3 1 2 9")),
-              "a.ply: polygon 2 (from 0) has corner 9 when there are 4 points");
+    EXPECT_EQ(error_of(changed("3 1 2 3", "3 1 2 9")), "a.ply: polygon 2 (from 0) has corner 9 when there are 4 points");
     EXPECT_EQ(error_of(changed("3 1 2 3", "3 1 2 -1")), "a.ply:18: a corner that is no number of a vertex");
     EXPECT_EQ(error_of(changed("3 1 2 3", "300 1 2 3")), "a.ply:18: a list that is longer than the file");
     EXPECT_EQ(error_of(changed("3 1 2 3", "-3 1 2 3")), "a.ply:18: a list of 'vertex_indices' without a whole count");
@@ -159,8 +154,8 @@ TEST(PlyFile, what_is_wrong_is_said_with_its_place) {
     EXPECT_EQ(error_of(changed("float x", "floot x")), "a.ply:6: unknown type 'floot' of a property");
     EXPECT_EQ(error_of(changed("float x", "float w")), "a.ply:12: the vertices have no x, y and z");
     EXPECT_EQ(error_of(changed("ascii", "ebcdic")), "a.ply:2: unknown format 'ebcdic'");
-    EXPECT_TRUE(warns(load_mesh(changed("obj_info", "Created by"), "a.ply"),
-                      "a.ply:4: unknown line 'Created' in the header is passed over"));
+    EXPECT_TRUE(
+        warns(load_mesh(changed("obj_info", "Created by"), "a.ply"), "a.ply:4: unknown line 'Created' in the header is passed over"));
     EXPECT_EQ(error_of(changed("end_header", "end")), "a.ply:20: the file ends before end_header");
     const std::string whole = binary_tetra<float, uint8_t, int32_t>("float", "uchar", "int", true);
     EXPECT_EQ(error_of(whole.substr(0, whole.size() - 1)), "a.ply: face 3: the file ends here");

@@ -11,8 +11,7 @@ namespace {
 // One row of the table beside the real surfaces, as an independent program counted them.
 struct Row {
     std::string file, state;
-    unsigned vertices = 0, triangles = 0, boundary = 0, non_manifold = 0, flipped = 0, pieces = 0, degenerate = 0,
-             duplicate = 0;
+    unsigned vertices = 0, triangles = 0, boundary = 0, non_manifold = 0, flipped = 0, pieces = 0, degenerate = 0, duplicate = 0;
     int euler = 0;
     double volume = 0;
 };
@@ -36,12 +35,11 @@ std::vector<Row> read_table(const std::filesystem::path& data) {
         if (cell.size() < 10 || std::sscanf(cell[2].c_str(), "V=%u F=%u", &row.vertices, &row.triangles) != 2) continue;
         row.file = cell[1];
         row.state = cell[3];
-        const bool whole = std::sscanf(cell[4].c_str(), "boundary %u nonman %u flipped %u", &row.boundary,
-                                       &row.non_manifold, &row.flipped) == 3 &&
-                           std::sscanf(cell[5].c_str(), "comps %u", &row.pieces) == 1 &&
-                           std::sscanf(cell[6].c_str(), "chi %d", &row.euler) == 1 &&
-                           std::sscanf(cell[8].c_str(), "degen %u dup %u", &row.degenerate, &row.duplicate) == 2 &&
-                           std::sscanf(cell[9].c_str(), "vol %lg", &row.volume) == 1;
+        const bool whole =
+            std::sscanf(cell[4].c_str(), "boundary %u nonman %u flipped %u", &row.boundary, &row.non_manifold, &row.flipped) == 3 &&
+            std::sscanf(cell[5].c_str(), "comps %u", &row.pieces) == 1 && std::sscanf(cell[6].c_str(), "chi %d", &row.euler) == 1 &&
+            std::sscanf(cell[8].c_str(), "degen %u dup %u", &row.degenerate, &row.duplicate) == 2 &&
+            std::sscanf(cell[9].c_str(), "vol %lg", &row.volume) == 1;
         EXPECT_TRUE(whole) << line;
         rows.push_back(row);
     }
@@ -81,9 +79,7 @@ TEST(RealState, every_surface_is_judged_as_the_table_says) {
         EXPECT_EQ(judged.closed && judged.manifold && judged.oriented, row.state == "closed manifold");
         EXPECT_NEAR(judged.volume, row.volume, 6e-5 * std::abs(row.volume));  // five digits
         const EdgeTable table = make_edge_table(mesh.triangle, judged.vertices);
-        EXPECT_EQ(static_cast<int>(judged.vertices) - static_cast<int>(table.edge.size()) +
-                      static_cast<int>(judged.triangles),
-                  row.euler);
+        EXPECT_EQ(static_cast<int>(judged.vertices) - static_cast<int>(table.edge.size()) + static_cast<int>(judged.triangles), row.euler);
     }
 }
 

@@ -196,9 +196,7 @@ TEST(RepairMesh, what_cannot_be_closed_is_refused_with_the_reason) {
     Mesh sheet = make_sheet(10);
     const RepairReport open = repair_mesh(sheet, {});
     EXPECT_FALSE(open.solid);
-    EXPECT_EQ(
-        open.reason,
-        "open: 40 boundary edges; 1 hole beyond the limits for filling, the largest of 40 edges and 1.414 across");
+    EXPECT_EQ(open.reason, "open: 40 boundary edges; 1 hole beyond the limits for filling, the largest of 40 edges and 1.414 across");
     Mesh band = make_moebius(12);
     EXPECT_FALSE(repair_mesh(band, {}).solid);
     Mesh bad = make_tetrahedron();

@@ -14,8 +14,7 @@ namespace {
 Mesh make_mesh() {
     Mesh mesh;
     mesh.name = "a \"b\"\n#c";
-    mesh.position = {
-        {0.1, 1.0 / 3, -1e-300}, {123456789.123456789, 0, 5e-324}, {-0.0, 2e17, 1}, {1, 1.0000000000000002, 3}};
+    mesh.position = {{0.1, 1.0 / 3, -1e-300}, {123456789.123456789, 0, 5e-324}, {-0.0, 2e17, 1}, {1, 1.0000000000000002, 3}};
     mesh.triangle = {{0, 2, 1}, {0, 1, 3}, {1, 2, 3}, {0, 3, 2}};
     mesh.triangle_material = {1, 0, 2, 1};
     mesh.uv.resize(4);
@@ -23,8 +22,7 @@ Mesh make_mesh() {
         for (size_t k = 0; k < 3; ++k) mesh.uv[t][k] = {0.1f * static_cast<float>(t), 1.0f / 3 * static_cast<float>(k)};
     }
     mesh.material.resize(3);
-    mesh.material[0] = {
-        "one", {0.1f, 0.2f, 0.3f}, {0.5f, 0.25f, 0}, 0.5f, 0.25f, "old.png", {2, 1, {1, 2, 3, 255, 4, 5, 6, 255}}};
+    mesh.material[0] = {"one", {0.1f, 0.2f, 0.3f}, {0.5f, 0.25f, 0}, 0.5f, 0.25f, "old.png", {2, 1, {1, 2, 3, 255, 4, 5, 6, 255}}};
     mesh.material[1] = {"two", {0.3f, 0.2f, 0.3f}, {0, 0, 0}, 0.25f, 0, "", {}};
     mesh.material[2] = mesh.material[0];
     mesh.material[2].diffuse[0] = 0.7f;
@@ -69,8 +67,7 @@ void expect_same_corners(const Mesh& got, const Mesh& wanted) {
 
 struct SaveMesh : FolderTest {
     size_t entries() const {
-        return static_cast<size_t>(
-            std::distance(std::filesystem::directory_iterator(folder), std::filesystem::directory_iterator{}));
+        return static_cast<size_t>(std::distance(std::filesystem::directory_iterator(folder), std::filesystem::directory_iterator{}));
     }
 };
 

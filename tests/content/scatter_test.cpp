@@ -106,17 +106,21 @@ TEST(Parameters, StandForValuesAndChangeByTheirName) {
 }
 
 TEST(Parameters, WhatIsWrongIsNamedWithItsPlace) {
-    EXPECT_NE(refusal("[parameters]\ncount = 3\n\n[[body]]\nname = \"a\"\nshape = \"sphere\"\ntriangles = \"$cuont\"\n").find("7:13: no parameter \"cuont\" in [parameters]; did you mean \"count\"?"),
+    EXPECT_NE(refusal("[parameters]\ncount = 3\n\n[[body]]\nname = \"a\"\nshape = \"sphere\"\ntriangles = \"$cuont\"\n")
+                  .find("7:13: no parameter \"cuont\" in [parameters]; did you mean \"count\"?"),
               std::string::npos);
     EXPECT_NE(refusal(kBalls, {{"count", "0"}}).find("count = 0 is outside 1 to"), std::string::npos);
     EXPECT_NE(refusal(kBalls, {{"count", "\"many\""}}).find("count must be a number"), std::string::npos);
     EXPECT_NE(refusal(kBalls, {{"cuont", "5"}}).find("unknown key \"cuont\""), std::string::npos);
     EXPECT_NE(refusal(kBalls, {{"ball.scatter.colums", "[1, 1]"}}).find("did you mean \"columns\"?"), std::string::npos);
     EXPECT_NE(refusal(kBalls, {{"ball.motion", "hand"}}).find("can neither be held"), std::string::npos);
-    EXPECT_NE(refusal(kBalls, {{"ball.motion", "static"}, {"ball.scatter.rate", "5"}}).find("only deformable bodies that do not break come and go"), std::string::npos);
+    EXPECT_NE(refusal(kBalls, {{"ball.motion", "static"}, {"ball.scatter.rate", "5"}})
+                  .find("only deformable bodies that do not break come and go"),
+              std::string::npos);
     EXPECT_NE(refusal("parameters = 5\n").find("parameters must be a table"), std::string::npos);
     EXPECT_NE(refusal("[parameters]\na = [1, 2]\n").find("parameter \"a\" must be"), std::string::npos);
-    EXPECT_NE(refusal(kBalls + "\n[[body]]\nname = \"ball_4\"\nshape = \"sphere\"\n").find("two bodies are named \"ball_4\""), std::string::npos);
+    EXPECT_NE(refusal(kBalls + "\n[[body]]\nname = \"ball_4\"\nshape = \"sphere\"\n").find("two bodies are named \"ball_4\""),
+              std::string::npos);
 }
 
 }  // namespace

@@ -12,9 +12,7 @@ namespace {
 
 using namespace reference;
 
-Point point_of(const Mesh& m, uint32_t v) {
-    return {int64_t(m.position[v].x()), int64_t(m.position[v].y()), int64_t(m.position[v].z())};
-}
+Point point_of(const Mesh& m, uint32_t v) { return {int64_t(m.position[v].x()), int64_t(m.position[v].y()), int64_t(m.position[v].z())}; }
 
 // Every pair of faces of an integer mesh, judged by the hull of differences in 128-bit integers.
 SelfCrossings count_by_brute_force(const Mesh& m) {

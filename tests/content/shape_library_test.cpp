@@ -45,8 +45,7 @@ void expect_sound(const Mesh& mesh, const std::string& name, const std::string& 
     EXPECT_GE(mesh.material.size(), 1u) << what;
     for (const uint16_t m : mesh.triangle_material) ASSERT_LT(m, mesh.material.size()) << what;
     const MeshJudgement judgement = judge_mesh(mesh);
-    EXPECT_EQ(judgement.admitted_as, is_sheet(name) ? Admission::kSheet : Admission::kSolid)
-        << what << judgement.reason;
+    EXPECT_EQ(judgement.admitted_as, is_sheet(name) ? Admission::kSheet : Admission::kSolid) << what << judgement.reason;
     EXPECT_EQ(judgement.self_crossing + judgement.self_touching + judgement.degenerate, 0u) << what;
     if (is_sheet(name)) return;  // see wall_and_mesh_test.cpp
     const Known known = known_of(name);
@@ -93,8 +92,7 @@ TEST_P(EveryShape, IsFreeOfCrossingsOnceItIsBent) {
     double size = 0;
     for (const Vec3d& p : mesh.position) size = std::max(size, p.norm());
     for (Vec3d& p : mesh.position) {
-        p += 0.02 / size *
-             Vec3d(p.y() * p.z(), p.z() * p.z() + 0.7 * p.x() * p.x(), p.x() * p.x() + 0.4 * p.y() * p.y());
+        p += 0.02 / size * Vec3d(p.y() * p.z(), p.z() * p.z() + 0.7 * p.x() * p.x(), p.x() * p.x() + 0.4 * p.y() * p.y());
     }
     EXPECT_EQ(reference::count_crossings(mesh), 0u) << name;
 }
@@ -257,12 +255,10 @@ TEST(ShapeLibrary, ProbeHasItsTipAtTheOriginAndItsShaftAlongZ) {
     }
     EXPECT_LT(2 * fine, coarse);
     // closed forms of the pieces: half balls, tapers along a cosine, cylinders
-    const auto taper = [](double a, double b, double h) {
-        return M_PI * h * ((a + b) * (a + b) / 4 + (a - b) * (a - b) / 8);
-    };
+    const auto taper = [](double a, double b, double h) { return M_PI * h * ((a + b) * (a + b) / 4 + (a - b) * (a - b) / 8); };
     const auto half_ball = [](double r) { return 2.0 / 3.0 * M_PI * r * r * r; };
-    const double volume = half_ball(0.007) + taper(0.007, 0.004, 0.016) + M_PI * 0.004 * 0.004 * 0.092 +
-                          taper(0.004, 0.0065, 0.01) + M_PI * 0.0065 * 0.0065 * 0.0355 + half_ball(0.0065);
+    const double volume = half_ball(0.007) + taper(0.007, 0.004, 0.016) + M_PI * 0.004 * 0.004 * 0.092 + taper(0.004, 0.0065, 0.01) +
+                          M_PI * 0.0065 * 0.0065 * 0.0355 + half_ball(0.0065);
     EXPECT_NEAR(reference::survey_surface(mesh).volume / volume, 1.0, 0.015);
 }
 
@@ -290,8 +286,7 @@ TEST(ShapeLibrary, TextureCoordinatesNeitherSmearNorJumpInsideATriangle) {
             for (int k = 0; k < 3; ++k) {
                 const Vec2 a = mesh.uv[t][k], b = mesh.uv[t][(k + 1) % 3];
                 const double on_picture = std::hypot(b.u - a.u, b.v - a.v) * tile;
-                const double length =
-                    (mesh.position[mesh.triangle[t][(k + 1) % 3]] - mesh.position[mesh.triangle[t][k]]).norm();
+                const double length = (mesh.position[mesh.triangle[t][(k + 1) % 3]] - mesh.position[mesh.triangle[t][k]]).norm();
                 // towards the poles of the probe a whole turn shrinks to a point; elsewhere nothing may shrink
                 if (name == std::string("probe")) {
                     ASSERT_LT(std::abs(b.u - a.u), 0.2) << name << t;
@@ -329,9 +324,8 @@ TEST(ShapeLibrary, TextureOfLoftedShapesRunsOnAcrossTheSeam) {
 }
 
 TEST(ShapeLibrary, PicturesRepeatWithoutASeam) {
-    for (const Image& image :
-         {paint_liver(2), paint_kidney(2), paint_steel(2), paint_drape(2), paint_gallbladder(2), paint_stomach(2),
-          paint_bowel(2), paint_muscle(2), paint_fascia(2), paint_peritoneum(2), paint_polypropylene(2)}) {
+    for (const Image& image : {paint_liver(2), paint_kidney(2), paint_steel(2), paint_drape(2), paint_gallbladder(2), paint_stomach(2),
+                               paint_bowel(2), paint_muscle(2), paint_fascia(2), paint_peritoneum(2), paint_polypropylene(2)}) {
         const uint32_t n = kTextureSize;
         ASSERT_EQ(image.rgba.size(), size_t(n) * n * 4);
         const auto at = [&](uint32_t x, uint32_t y) { return int(image.rgba[(size_t(y) * n + x) * 4]); };
@@ -355,8 +349,7 @@ TEST(ShapeLibrary, PicturesRepeatWithoutASeam) {
         EXPECT_LE(column_change(n - 1), 1.1 * column_most);
         EXPECT_LE(row_change(n - 1), 1.1 * row_most);
         EXPECT_GT(spread, 5.0);
-        EXPECT_TRUE(std::all_of(image.rgba.begin(), image.rgba.end(),
-                                [i = 0](uint8_t b) mutable { return i++ % 4 != 3 || b == 255; }));
+        EXPECT_TRUE(std::all_of(image.rgba.begin(), image.rgba.end(), [i = 0](uint8_t b) mutable { return i++ % 4 != 3 || b == 255; }));
     }
 }
 

@@ -28,8 +28,7 @@ std::string ascii_tetra() {
     for (const auto& c : kCorners) {
         text += "facet normal 0 0 nan\n outer loop\n";
         for (int k = 0; k < 3; ++k) {
-            text += "  vertex " + std::to_string(c[3 * k]) + " " + std::to_string(c[3 * k + 1]) + " " +
-                    std::to_string(c[3 * k + 2]) + "\n";
+            text += "  vertex " + std::to_string(c[3 * k]) + " " + std::to_string(c[3 * k + 1]) + " " + std::to_string(c[3 * k + 2]) + "\n";
         }
         text += " endloop\nendfacet\n";
     }
@@ -52,9 +51,8 @@ TEST(StlFile, both_kinds_are_told_by_content) {
 }
 
 TEST(StlFile, ascii_is_read_to_double) {
-    const LoadedMesh loaded = load_mesh(
-        "solid\nfacet normal 0 0 0 outer loop vertex 0.1 1e-9 3 vertex 1 0 0 vertex 0 1 0 endloop endfacet\nendsolid",
-        "a.stl");
+    const LoadedMesh loaded =
+        load_mesh("solid\nfacet normal 0 0 0 outer loop vertex 0.1 1e-9 3 vertex 1 0 0 vertex 0 1 0 endloop endfacet\nendsolid", "a.stl");
     EXPECT_EQ(loaded.mesh.position[0], Vec3d(0.1, 1e-9, 3));
     EXPECT_EQ(load_mesh(ascii_tetra() + ascii_tetra(), "a.stl").mesh.triangle.size(), 8u);
 }
@@ -63,8 +61,7 @@ TEST(StlFile, S08_wrong_counts_are_refused_before_anything_is_allocated) {
     std::string bytes = binary_tetra();
     bytes.replace(80, 4, "\xff\xff\xff\xff");
     EXPECT_EQ(error_of(bytes), "a.stl: binary STL names 4294967295 facets but holds only 4");
-    for (size_t size = 1; size < binary_tetra().size(); ++size)
-        EXPECT_NE(error_of(binary_tetra().substr(0, size)), "no error") << size;
+    for (size_t size = 1; size < binary_tetra().size(); ++size) EXPECT_NE(error_of(binary_tetra().substr(0, size)), "no error") << size;
     EXPECT_EQ(error_of(binary_tetra().substr(0, 200)), "a.stl: binary STL names 4 facets but holds only 2");
 }
 
@@ -78,8 +75,7 @@ TEST(StlFile, bad_facets_are_refused_with_their_place) {
               "a.stl:5: expected a finite number, found 'nan00000'");
     EXPECT_EQ(error_of(std::string(text).replace(text.find(" endloop"), 8, "vertex 1 2 3")),
               "a.stl:7: expected 'endloop' after three vertices, found 'vertex'");
-    for (size_t size = 30; size + 11 < text.size(); ++size)
-        EXPECT_NE(error_of(text.substr(0, size)), "no error") << size;
+    for (size_t size = 30; size + 11 < text.size(); ++size) EXPECT_NE(error_of(text.substr(0, size)), "no error") << size;
     EXPECT_EQ(error_of("solid x\nendsolid x\n"), "a.stl: STL ascii without a face");
 }
 

@@ -32,8 +32,11 @@ TEST(Tissues, APresetIsChosenByNameAndOverriddenKeyByKey) {
 }
 
 TEST(SceneOverrides, BodyStandsForEveryDeformableOne) {
-    const std::string others = "[[body]]\nname = \"second\"\nshape = \"sphere\"\nmotion = \"deformable\"\n[[body]]\nname = \"floor\"\nshape = \"table\"\n";
-    const SceneFile scene = scene_with(others, {{"body.integrator", "xpbd"}, {"body.model", "solid"}, {"body.tissue.youngs_modulus", "9e3"}, {"second.integrator", "midpoint"}});
+    const std::string others =
+        "[[body]]\nname = \"second\"\nshape = \"sphere\"\nmotion = \"deformable\"\n[[body]]\nname = \"floor\"\nshape = \"table\"\n";
+    const SceneFile scene = scene_with(
+        others,
+        {{"body.integrator", "xpbd"}, {"body.model", "solid"}, {"body.tissue.youngs_modulus", "9e3"}, {"second.integrator", "midpoint"}});
     EXPECT_EQ(scene.bodies[0].integrator, "xpbd");
     EXPECT_EQ(scene.bodies[1].integrator, "midpoint") << "what comes later wins";
     for (size_t i : {0u, 1u}) {

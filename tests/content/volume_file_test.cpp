@@ -43,23 +43,20 @@ std::string number(double v) {
     std::snprintf(text, sizeof text, "%.12g", v);
     return text;
 }
-std::string row(const Vec3d& v, const char* between) {
-    return number(v.x()) + between + number(v.y()) + between + number(v.z());
-}
+std::string row(const Vec3d& v, const char* between) { return number(v.x()) + between + number(v.y()) + between + number(v.z()); }
 
 std::string nrrd_text(const std::string& space, double flip) {
     std::string text = "NRRD0004\ntype: short\ndimension: 3\nspace: " + space + "\nsizes: 5 4 3\nspace directions:";
     const Vec3d f(flip, flip, 1);
     for (int k = 0; k < 3; ++k) text += " (" + row((kDirection[k] * kSpacing[k]).cwiseProduct(f), ",") + ")";
-    return text + "\nkinds: domain domain domain\nendian: little\nencoding: raw\nspace origin: (" +
-           row(kOrigin.cwiseProduct(f), ",") + ")\n\n";
+    return text + "\nkinds: domain domain domain\nendian: little\nencoding: raw\nspace origin: (" + row(kOrigin.cwiseProduct(f), ",") +
+           ")\n\n";
 }
 
 std::string mha_text() {
     return "ObjectType = Image\nNDims = 3\nBinaryData = True\nBinaryDataByteOrderMSB = False\nTransformMatrix = " +
-           row(kDirection[0], " ") + " " + row(kDirection[1], " ") + " " + row(kDirection[2], " ") + "\nOffset = " +
-           row(kOrigin, " ") + "\nElementSpacing = " + row(kSpacing, " ") +
-           "\nDimSize = 5 4 3\nElementType = MET_SHORT\nElementDataFile = LOCAL\n";
+           row(kDirection[0], " ") + " " + row(kDirection[1], " ") + " " + row(kDirection[2], " ") + "\nOffset = " + row(kOrigin, " ") +
+           "\nElementSpacing = " + row(kSpacing, " ") + "\nDimSize = 5 4 3\nElementType = MET_SHORT\nElementDataFile = LOCAL\n";
 }
 
 // NIfTI-1 with an sform (RAS: x and y of LPS change sign).
@@ -160,7 +157,9 @@ double voxel(const Volume& volume, size_t i) {
             std::memcpy(&v, volume.voxels.data() + 4 * i, 4);
             return v;
         }
-        default: ADD_FAILURE() << voxel_type_name(volume.type); return 0;
+        default:
+            ADD_FAILURE() << voxel_type_name(volume.type);
+            return 0;
     }
 }
 
@@ -180,7 +179,7 @@ void expect_closed_form(const Volume& volume, double scale, double offset) {
 }
 
 class VolumeFile : public FolderTest {
-   protected:
+ protected:
     void SetUp() override {
         if (find_helper_program("trocar-volume-reader").empty()) GTEST_SKIP() << "built without ITK";
         FolderTest::SetUp();
@@ -209,9 +208,7 @@ TEST_F(VolumeFile, MetaImageKeepsOrientationSpacingAndValues) {
     std::string packed(200, '\0');
     uLongf length = 200;
     const std::string plain = voxel_bytes_of();
-    ASSERT_EQ(compress(reinterpret_cast<Bytef*>(packed.data()), &length, reinterpret_cast<const Bytef*>(plain.data()),
-                       plain.size()),
-              Z_OK);
+    ASSERT_EQ(compress(reinterpret_cast<Bytef*>(packed.data()), &length, reinterpret_cast<const Bytef*>(plain.data()), plain.size()), Z_OK);
     packed.resize(length);
     head.insert(head.find("DimSize"), "CompressedData = True\nCompressedDataSize = " + std::to_string(length) + "\n");
     expect_closed_form(read_volume(put("z.mha", head + packed)), 1, 0);
@@ -378,17 +375,42 @@ TEST_F(VolumeFile, RealFilesLieWhereNibabelAndPydicomSay) {
         Vec3d origin, step_x, step_y, step_z;
     };
     const std::vector<Expected> files{
-        {"abdomen_labels_v1_122x101x112_3mm.nii.gz", {122, 101, 112}, VoxelType::kDouble,
-         {177.95632934570312, -11.319000244140625, 94.3017578125}, {-3, 0, 0}, {0, -3, 0}, {0, 0, 3}},
-        {"abdomen_ct_122x101x112_3mm.nii.gz", {122, 101, 112}, VoxelType::kInt32,
-         {177.95632934570312, -11.319000244140625, 94.3017578125}, {-3, 0, 0}, {0, -3, 0}, {0, 0, 3}},
-        {"abdomen_labels_u8.nrrd", {122, 101, 112}, VoxelType::kUint8,
-         {177.95632934570312, -11.319000244140625, 94.3017578125}, {-3, 0, 0}, {0, -3, 0}, {0, 0, 3}},
+        {"abdomen_labels_v1_122x101x112_3mm.nii.gz",
+         {122, 101, 112},
+         VoxelType::kDouble,
+         {177.95632934570312, -11.319000244140625, 94.3017578125},
+         {-3, 0, 0},
+         {0, -3, 0},
+         {0, 0, 3}},
+        {"abdomen_ct_122x101x112_3mm.nii.gz",
+         {122, 101, 112},
+         VoxelType::kInt32,
+         {177.95632934570312, -11.319000244140625, 94.3017578125},
+         {-3, 0, 0},
+         {0, -3, 0},
+         {0, 0, 3}},
+        {"abdomen_labels_u8.nrrd",
+         {122, 101, 112},
+         VoxelType::kUint8,
+         {177.95632934570312, -11.319000244140625, 94.3017578125},
+         {-3, 0, 0},
+         {0, -3, 0},
+         {0, 0, 3}},
         {"anatomical.nii", {33, 41, 25}, VoxelType::kInt16, {-32, 40, -16}, {2, 0, 0}, {0, -2, 0}, {0, 0, 2}},
-        {"reoriented_anat_moved.nii", {21, 26, 22}, VoxelType::kFloat,
-         {35.29789733886719, 47.97758483886719, -27.599409103393555}, {-4, 0, 0}, {0, -4, 0}, {0, 0, 4}},
-        {"CT_small.dcm", {128, 128, 1}, VoxelType::kInt32, {-158.135803, -179.035797, -75.699997},
-         {0.661468, 0, 0}, {0, 0.661468, 0}, {0, 0, 5}},
+        {"reoriented_anat_moved.nii",
+         {21, 26, 22},
+         VoxelType::kFloat,
+         {35.29789733886719, 47.97758483886719, -27.599409103393555},
+         {-4, 0, 0},
+         {0, -4, 0},
+         {0, 0, 4}},
+        {"CT_small.dcm",
+         {128, 128, 1},
+         VoxelType::kInt32,
+         {-158.135803, -179.035797, -75.699997},
+         {0.661468, 0, 0},
+         {0, 0.661468, 0},
+         {0, 0, 5}},
     };
     for (const Expected& e : files) {
         const Volume volume = read_volume(reference::shared_data(std::string("volumes/") + e.file));

@@ -21,8 +21,7 @@ using vrml::TokenKind;
 const std::string kTetra = "point [ 0 0 0, 1 0 0, 0 1 0, 0 0 1 ]";
 const std::string kTetraFaces = "coordIndex [ 0,2,1,-1, 0,1,3,-1, 1,2,3,-1, 0,3,2,-1 ]";
 const std::string kOldTetra = "Coordinate3 { " + kTetra + " } IndexedFaceSet { " + kTetraFaces + " }";
-const std::string kNewTetra =
-    "Shape { geometry IndexedFaceSet { coord Coordinate { " + kTetra + " } " + kTetraFaces + " } }";
+const std::string kNewTetra = "Shape { geometry IndexedFaceSet { coord Coordinate { " + kTetra + " } " + kTetraFaces + " } }";
 
 std::string old_file(const std::string& body) { return "#VRML V1.0 ascii\nSeparator { " + body + " }\n"; }
 std::string new_file(const std::string& body) { return "#VRML V2.0 utf8\n" + body + "\n"; }
@@ -197,8 +196,7 @@ TEST(Polygon, combs_spirals_and_far_places) {
         }
     }
     std::vector<Vec3d> spiral;
-    for (int k = 0; k <= 400; ++k)
-        spiral.push_back({(1 + .01 * k) * std::cos(.1 * k), (1 + .01 * k) * std::sin(.1 * k), 0});
+    for (int k = 0; k <= 400; ++k) spiral.push_back({(1 + .01 * k) * std::cos(.1 * k), (1 + .01 * k) * std::sin(.1 * k), 0});
     for (int k = 400; k >= 0; --k) {
         spiral.push_back({(1.2 + .01 * k) * std::cos(.1 * k), (1.2 + .01 * k) * std::sin(.1 * k), 0});
     }
@@ -216,8 +214,7 @@ TEST(Polygon, what_cannot_be_cut_is_fanned_and_said) {
     const std::vector<Vec3d> bow_tie{{0, 0, 0}, {1, 1, 0}, {1, 0, 0}, {0, 2, 0}};
     const std::vector<Vec3d> flat{{0, 0, 0}, {1, 0, 0}, {2, 0, 0}, {3, 0, 0}};
     std::vector<Vec3d> star;  // goes round twice
-    for (int k = 0; k < 5; ++k)
-        star.push_back({std::cos(k * 0.8 * std::numbers::pi), std::sin(k * 0.8 * std::numbers::pi), 0});
+    for (int k = 0; k < 5; ++k) star.push_back({std::cos(k * 0.8 * std::numbers::pi), std::sin(k * 0.8 * std::numbers::pi), 0});
     for (const auto& corners : {bow_tie, flat, star}) {
         cut.clear();
         EXPECT_FALSE(triangulate_polygon(corners, scratch, cut));
@@ -269,8 +266,8 @@ TEST(Vrml, thesis_figure_3_3) {
 }
 
 TEST(Vrml, both_versions_whatever_the_header_says) {
-    for (const char* header : {"#VRML V1.0 ascii\n", "#VRML V2.0 utf8\n", "#vrml v1.0 ascii\r\n",
-                               "\xef\xbb\xbf#VRML V2.0 utf8\r", "", "# a comment\n"}) {
+    for (const char* header :
+         {"#VRML V1.0 ascii\n", "#VRML V2.0 utf8\n", "#vrml v1.0 ascii\r\n", "\xef\xbb\xbf#VRML V2.0 utf8\r", "", "# a comment\n"}) {
         expect_tetra(header + ("Separator { " + kOldTetra + " }"));
         expect_tetra(header + kNewTetra);
     }
@@ -284,8 +281,7 @@ TEST(Vrml, both_versions_whatever_the_header_says) {
 }
 
 TEST(Vrml, a_missing_last_minus_one_is_closed) {
-    expect_tetra(
-        old_file("Coordinate3 { " + kTetra + " } IndexedFaceSet { coordIndex [ 0,2,1,-1,0,1,3,-1,1,2,3,-1,0,3,2 ] }"));
+    expect_tetra(old_file("Coordinate3 { " + kTetra + " } IndexedFaceSet { coordIndex [ 0,2,1,-1,0,1,3,-1,1,2,3,-1,0,3,2 ] }"));
 }
 
 TEST(Vrml, concave_polygons_keep_their_area) {
@@ -309,9 +305,7 @@ TEST(Vrml, transforms_of_version_1_accumulate_and_separators_restore) {
     expect_near(first("Separator { Translation { translation 9 9 9 } }"), 1, 2, 3);
     expect_near(first("TransformSeparator { Translation { translation 9 9 9 } }"), 1, 2, 3);
     expect_near(first("Group { Translation { translation 9 9 9 } }"), 10, 11, 12);
-    expect_near(
-        first("Transform { translation 1 0 0 scaleFactor 2 2 2 center 1 2 3 rotation 0 0 1 3.141592653589793 }"), 2, 2,
-        3);
+    expect_near(first("Transform { translation 1 0 0 scaleFactor 2 2 2 center 1 2 3 rotation 0 0 1 3.141592653589793 }"), 2, 2, 3);
     // scaled along the line x = y only: (1, 2, 3) has 1.5 along it, in each of x and y
     expect_near(first("Transform { scaleFactor 2 1 1 scaleOrientation 0 0 1 0.7853981633974483 }"), 2.5, 3.5, 3);
     expect_near(first("TransformSeparator { Coordinate3 { point [7 7 7, 8 7 7, 7 8 7] } } IndexedFaceSet { coordIndex "
@@ -320,10 +314,10 @@ TEST(Vrml, transforms_of_version_1_accumulate_and_separators_restore) {
 }
 
 TEST(Vrml, transforms_of_version_2_nest) {
-    const LoadedMesh loaded = load_text(
-        new_file("Transform { translation 10 0 0 children Transform { rotation 0 0 1 1.5707963267948966 scale 2 2 2 "
-                 "children [ " +
-                 kNewTetra + " ] } } Transform { translation 5 5 5 } " + kNewTetra));
+    const LoadedMesh loaded =
+        load_text(new_file("Transform { translation 10 0 0 children Transform { rotation 0 0 1 1.5707963267948966 scale 2 2 2 "
+                           "children [ " +
+                           kNewTetra + " ] } } Transform { translation 5 5 5 } " + kNewTetra));
     ASSERT_EQ(loaded.mesh.position.size(), 8u);
     expect_near(loaded.mesh.position[0], 10, 0, 0);
     const MeshSums sums = sum_mesh(loaded.mesh);
@@ -335,29 +329,24 @@ TEST(Vrml, transforms_of_version_2_nest) {
 // Breaks if a mirror or a clockwise face set is left inside out.
 TEST(Vrml, surfaces_face_outwards_after_mirrors_and_clockwise_faces) {
     EXPECT_NEAR(sum_mesh(load_text(old_file("Scale { scaleFactor -1 1 1 } " + kOldTetra)).mesh).volume, 1.0 / 6, 1e-15);
-    EXPECT_NEAR(sum_mesh(load_text(old_file("ShapeHints { vertexOrdering CLOCKWISE } " + kOldTetra)).mesh).volume,
-                -1.0 / 6, 1e-15);
+    EXPECT_NEAR(sum_mesh(load_text(old_file("ShapeHints { vertexOrdering CLOCKWISE } " + kOldTetra)).mesh).volume, -1.0 / 6, 1e-15);
     std::string clockwise = new_file(kNewTetra);
     clockwise.replace(clockwise.find("coordIndex"), 0, "ccw FALSE ");
     EXPECT_NEAR(sum_mesh(load_text(clockwise).mesh).volume, -1.0 / 6, 1e-15);
 }
 
 TEST(Vrml, def_and_use_share_nodes_and_state) {
-    const LoadedMesh old_use =
-        load_text(old_file("DEF S Separator { " + kOldTetra + " } Translation { translation 5 0 0 } USE S"));
+    const LoadedMesh old_use = load_text(old_file("DEF S Separator { " + kOldTetra + " } Translation { translation 5 0 0 } USE S"));
     EXPECT_EQ(old_use.mesh.position.size(), 8u);
     EXPECT_EQ(sum_mesh(old_use.mesh).max[0], 6);
-    expect_tetra(
-        old_file("Switch { DEF 3rd Coordinate3 { " + kTetra + " } } USE 3rd IndexedFaceSet { " + kTetraFaces + " }"));
-    const LoadedMesh new_use = load_text(
-        new_file("Group { children [ DEF S Shape { geometry DEF G IndexedFaceSet { coord DEF C Coordinate { " + kTetra +
-                 " } " + kTetraFaces +
-                 " } } Transform { translation 0 7 0 children Shape { geometry USE G } } Transform { translation 0 0 9 "
-                 "children USE S } ] }"));
+    expect_tetra(old_file("Switch { DEF 3rd Coordinate3 { " + kTetra + " } } USE 3rd IndexedFaceSet { " + kTetraFaces + " }"));
+    const LoadedMesh new_use = load_text(new_file(
+        "Group { children [ DEF S Shape { geometry DEF G IndexedFaceSet { coord DEF C Coordinate { " + kTetra + " } " + kTetraFaces +
+        " } } Transform { translation 0 7 0 children Shape { geometry USE G } } Transform { translation 0 0 9 "
+        "children USE S } ] }"));
     EXPECT_EQ(new_use.mesh.triangle.size(), 12u);
     EXPECT_TRUE(warns(load_text(old_file("USE Nope " + kOldTetra)), "USE of 'Nope', which no DEF before it names"));
-    EXPECT_EQ(error_of_text(old_file("DEF A Group { USE A }")),
-              "a.wrl:2:31: USE of 'A' inside itself (in Separator > Group)");
+    EXPECT_EQ(error_of_text(old_file("DEF A Group { USE A }")), "a.wrl:2:31: USE of 'A' inside itself (in Separator > Group)");
 }
 
 TEST(Vrml, switches_and_levels) {
@@ -373,10 +362,10 @@ TEST(Vrml, switches_and_levels) {
 }
 
 TEST(Vrml, unknown_nodes_and_fields_are_passed_over_with_one_warning_each) {
-    const LoadedMesh loaded = load_text(
-        old_file("FooNode { fields [SFFloat a, MFVec3f b] a 1 b [1 2 3, 4 5 6] } BarNode { x 1 Cube {} } BarNode { } "
-                 "Separator { myField [ 1 [ 2 ] \"three\" Four { five 6 } ] other TRUE } Separator { myField 3 } " +
-                 kOldTetra));
+    const LoadedMesh loaded =
+        load_text(old_file("FooNode { fields [SFFloat a, MFVec3f b] a 1 b [1 2 3, 4 5 6] } BarNode { x 1 Cube {} } BarNode { } "
+                           "Separator { myField [ 1 [ 2 ] \"three\" Four { five 6 } ] other TRUE } Separator { myField 3 } " +
+                           kOldTetra));
     EXPECT_EQ(loaded.mesh.triangle.size(), 4u);
     EXPECT_TRUE(warns(loaded, "2:13: unknown node FooNode is passed over"));
     EXPECT_TRUE(warns(loaded, "unknown node BarNode"));
@@ -391,21 +380,21 @@ TEST(Vrml, unknown_nodes_and_fields_are_passed_over_with_one_warning_each) {
 }
 
 TEST(Vrml, scripts_routes_and_prototypes) {
-    const LoadedMesh loaded = load_text(new_file(
-        "PROTO Organ [ field SFColor col 1 0 0 field MFVec3f pts [] exposedField SFVec3f translation 0 0 0 eventIn "
-        "SFBool on ]\n"
-        "{ Transform { translation IS translation children Shape { appearance Appearance { material Material { "
-        "diffuseColor IS col } }\n"
-        "  geometry IndexedFaceSet { coord Coordinate { point IS pts } " +
-        kTetraFaces +
-        " } } } TimeSensor {} }\n"
-        "EXTERNPROTO Far [ field SFColor col eventOut SFTime t ] [ \"absent.wrl#Far\" ]\n"
-        "Organ { col 0 1 0 pts [0 0 0,1 0 0,0 1 0,0 0 1] translation 7 0 0 }\n"
-        "DEF T TimeSensor { cycleInterval 2 } DEF P PositionInterpolator { key [0 1] keyValue [0 0 0 1 1 1] }\n"
-        "ROUTE T.fraction_changed TO P.set_fraction\n"
-        "Script { url \"javascript: function f(){}\" eventIn SFBool f field SFInt32 a 0x1F field SFNode n USE T "
-        "eventOut SFBool g IS on }\n"
-        "Group { children [ Organ { pts [0 0 0,2 0 0,0 2 0,0 0 2] } Far { col 1 1 1 } ] }"));
+    const LoadedMesh loaded =
+        load_text(new_file("PROTO Organ [ field SFColor col 1 0 0 field MFVec3f pts [] exposedField SFVec3f translation 0 0 0 eventIn "
+                           "SFBool on ]\n"
+                           "{ Transform { translation IS translation children Shape { appearance Appearance { material Material { "
+                           "diffuseColor IS col } }\n"
+                           "  geometry IndexedFaceSet { coord Coordinate { point IS pts } " +
+                           kTetraFaces +
+                           " } } } TimeSensor {} }\n"
+                           "EXTERNPROTO Far [ field SFColor col eventOut SFTime t ] [ \"absent.wrl#Far\" ]\n"
+                           "Organ { col 0 1 0 pts [0 0 0,1 0 0,0 1 0,0 0 1] translation 7 0 0 }\n"
+                           "DEF T TimeSensor { cycleInterval 2 } DEF P PositionInterpolator { key [0 1] keyValue [0 0 0 1 1 1] }\n"
+                           "ROUTE T.fraction_changed TO P.set_fraction\n"
+                           "Script { url \"javascript: function f(){}\" eventIn SFBool f field SFInt32 a 0x1F field SFNode n USE T "
+                           "eventOut SFBool g IS on }\n"
+                           "Group { children [ Organ { pts [0 0 0,2 0 0,0 2 0,0 0 2] } Far { col 1 1 1 } ] }"));
     EXPECT_EQ(loaded.mesh.triangle.size(), 8u);
     const MeshSums sums = sum_mesh(loaded.mesh);
     EXPECT_NEAR(sums.volume, 9.0 / 6, 1e-12);
@@ -414,18 +403,15 @@ TEST(Vrml, scripts_routes_and_prototypes) {
     EXPECT_EQ(loaded.mesh.material[0].diffuse, (std::array<float, 3>{0, 1, 0}));
     EXPECT_EQ(loaded.mesh.material[1].diffuse, (std::array<float, 3>{1, 0, 0}));
     EXPECT_TRUE(warns(loaded, "file 'absent.wrl' is not read: there is no such file"));
-    EXPECT_NE(error_of_text(new_file("PROTO A [] { Group { children A {} } } A {}"))
-                  .find("prototypes nested deeper than the limit"),
+    EXPECT_NE(error_of_text(new_file("PROTO A [] { Group { children A {} } } A {}")).find("prototypes nested deeper than the limit"),
               std::string::npos);
-    EXPECT_NE(error_of_text(new_file("PROTO A [] { B {} } PROTO B [] { A {} } A {}")).find("nested deeper"),
-              std::string::npos);
+    EXPECT_NE(error_of_text(new_file("PROTO A [] { B {} } PROTO B [] { A {} } A {}")).find("nested deeper"), std::string::npos);
 }
 
 TEST(Vrml, materials_by_face) {
     const std::string colours = "Material { diffuseColor [1 0 0, 0 1 0] shininess 0.5 } ";
     const auto rows = [&](const std::string& before, const std::string& inside) {
-        return load_text(old_file(colours + before + "Coordinate3 { " + kTetra + " } IndexedFaceSet { " + kTetraFaces +
-                                  inside + " }"));
+        return load_text(old_file(colours + before + "Coordinate3 { " + kTetra + " } IndexedFaceSet { " + kTetraFaces + inside + " }"));
     };
     EXPECT_EQ(rows("", "").mesh.material.size(), 1u);
     EXPECT_TRUE(rows("", "").mesh.triangle_material.empty());
@@ -437,8 +423,7 @@ TEST(Vrml, materials_by_face) {
     EXPECT_EQ(indexed.mesh.triangle_material, (std::vector<uint16_t>{0, 0, 1, 0}));
     EXPECT_EQ(indexed.mesh.material[0].diffuse, (std::array<float, 3>{0, 1, 0}));
     std::string colour = new_file(kNewTetra);
-    colour.replace(colour.find("coordIndex"), 0,
-                   "color Color { color [1 0 0,0 1 0,0 0 1] } colorPerVertex FALSE colorIndex [2 1 1 0] ");
+    colour.replace(colour.find("coordIndex"), 0, "color Color { color [1 0 0,0 1 0,0 0 1] } colorPerVertex FALSE colorIndex [2 1 1 0] ");
     const LoadedMesh coloured = load_text(colour);
     EXPECT_EQ(coloured.mesh.triangle_material, (std::vector<uint16_t>{0, 1, 1, 2}));
     EXPECT_EQ(coloured.mesh.material[0].diffuse, (std::array<float, 3>{0, 0, 1}));
@@ -446,9 +431,8 @@ TEST(Vrml, materials_by_face) {
 
 TEST(Vrml, texture_coordinates_follow_their_own_index) {
     const std::string uv = "point [0 0, 1 0, 0 1, .25 .5]";
-    const LoadedMesh own =
-        load_text(old_file("TextureCoordinate2 { " + uv + " } Coordinate3 { " + kTetra + " } IndexedFaceSet { " +
-                           kTetraFaces + " textureCoordIndex [3,2,1,-1,0,1,3,-1,1,2,3,-1,0,3,2,-1] }"));
+    const LoadedMesh own = load_text(old_file("TextureCoordinate2 { " + uv + " } Coordinate3 { " + kTetra + " } IndexedFaceSet { " +
+                                              kTetraFaces + " textureCoordIndex [3,2,1,-1,0,1,3,-1,1,2,3,-1,0,3,2,-1] }"));
     ASSERT_EQ(own.mesh.uv.size(), 4u);
     EXPECT_EQ(own.mesh.uv[0][0].u, .25f);
     EXPECT_EQ(own.mesh.uv[0][0].v, .5f);
@@ -457,9 +441,8 @@ TEST(Vrml, texture_coordinates_follow_their_own_index) {
     same.replace(same.find("coordIndex"), 0, "texCoord TextureCoordinate { " + uv + " } ");
     EXPECT_EQ(load_text(same).mesh.uv[1][2].u, .25f);
     std::string moved = same;
-    moved.replace(
-        moved.find("Shape {") + 7, 0,
-        " appearance Appearance { textureTransform TextureTransform { scale 2 4 translation 1 0 center .5 .5 } } ");
+    moved.replace(moved.find("Shape {") + 7, 0,
+                  " appearance Appearance { textureTransform TextureTransform { scale 2 4 translation 1 0 center .5 .5 } } ");
     // -C S C T: 2 (.25 + 1 + .5) - .5
     EXPECT_FLOAT_EQ(load_text(moved).mesh.uv[1][2].u, 3.0f);
     EXPECT_FLOAT_EQ(load_text(moved).mesh.uv[1][2].v, 3.5f);
@@ -473,22 +456,19 @@ struct VrmlFiles : FolderTest {};
 TEST_F(VrmlFiles, textures_lie_beside_the_file) {
     const Image image{2, 1, {1, 2, 3, 255, 4, 5, 6, 255}};
     save_png(image, put("skin/a.png", ""));
-    const LoadedMesh old_file_loaded =
-        load_mesh(put("a.wrl", old_file("Texture2 { filename skin/a.png } " + kOldTetra)));
+    const LoadedMesh old_file_loaded = load_mesh(put("a.wrl", old_file("Texture2 { filename skin/a.png } " + kOldTetra)));
     ASSERT_EQ(old_file_loaded.mesh.material.size(), 1u);
     EXPECT_EQ(old_file_loaded.mesh.material[0].image.rgba, image.rgba);
     EXPECT_EQ(old_file_loaded.mesh.material[0].texture, "skin/a.png");
     ASSERT_EQ(old_file_loaded.mesh.uv.size(), 4u);  // from the box
     EXPECT_EQ(old_file_loaded.mesh.uv[0][1].v, 1);
     std::string text = new_file(kNewTetra);
-    text.replace(text.find("Shape {") + 7, 0,
-                 " appearance Appearance { texture ImageTexture { url [\"skin\\\\a.png\" \"b\"] } } ");
+    text.replace(text.find("Shape {") + 7, 0, " appearance Appearance { texture ImageTexture { url [\"skin\\\\a.png\" \"b\"] } } ");
     EXPECT_EQ(load_mesh(put("b.wrl", text)).mesh.material[0].image.width, 2u);
     const LoadedMesh missing = load_mesh(put("c.wrl", old_file("Texture2 { filename \"gone.png\" } " + kOldTetra)));
     EXPECT_TRUE(warns(missing, "c.wrl:2:33: texture 'gone.png' is not read: there is no such file"));
     put("bad.png", "no picture");
-    EXPECT_TRUE(
-        warns(load_mesh(put("d.wrl", old_file("Texture2 { filename bad.png } " + kOldTetra))), "texture not used"));
+    EXPECT_TRUE(warns(load_mesh(put("d.wrl", old_file("Texture2 { filename bad.png } " + kOldTetra))), "texture not used"));
     const LoadedMesh pixels = load_text(old_file("Texture2 { image 1 2 3 0xFF0000 0x00FF00 } " + kOldTetra));
     EXPECT_EQ(pixels.mesh.material[0].image.rgba, (std::vector<uint8_t>{0, 255, 0, 255, 255, 0, 0, 255}));
 }
@@ -496,13 +476,12 @@ TEST_F(VrmlFiles, textures_lie_beside_the_file) {
 TEST_F(VrmlFiles, inlines_stay_below_the_folder) {
     put("parts/t.wrl", old_file("Translation { translation 4 0 0 } " + kOldTetra));
     put("outside.wrl", old_file(kOldTetra));
-    const LoadedMesh loaded = load_mesh(put(
-        "parts/a.wrl", old_file("WWWInline { name \"t.wrl\" } WWWInline { name \"../outside.wrl\" } " + kOldTetra)));
+    const LoadedMesh loaded =
+        load_mesh(put("parts/a.wrl", old_file("WWWInline { name \"t.wrl\" } WWWInline { name \"../outside.wrl\" } " + kOldTetra)));
     EXPECT_EQ(loaded.mesh.triangle.size(), 8u);
     EXPECT_EQ(sum_mesh(loaded.mesh).max[0], 5);
     EXPECT_TRUE(warns(loaded, "it lies outside the folder of the file that names it"));
-    const LoadedMesh by_url =
-        load_mesh(put("b.wrl", new_file("Transform { scale 2 2 2 children Inline { url \"parts/t.wrl\" } }")));
+    const LoadedMesh by_url = load_mesh(put("b.wrl", new_file("Transform { scale 2 2 2 children Inline { url \"parts/t.wrl\" } }")));
     EXPECT_EQ(sum_mesh(by_url.mesh).max[0], 10);
     put("self.wrl", old_file("Cube {} WWWInline { name \"self.wrl\" }"));
     EXPECT_THROW(load_mesh(folder / "self.wrl"), InputError);
@@ -535,31 +514,26 @@ TEST(Vrml, primitives_are_closed_and_have_their_size) {
 
 TEST(Vrml, faces_with_corners_outside_the_points_are_dropped_and_counted) {
     for (const char* index : {"-5", "4", "2000", "99999999999999999999", "1.5", "nan", "0x7fffffff"}) {
-        const LoadedMesh loaded =
-            load_text(old_file("Coordinate3 { " + kTetra + " } IndexedFaceSet { coordIndex [0 1 2 -1 0 1 " +
-                               std::string(index) + " -1 0 2 3 -1 1 2 -1] }"));
+        const LoadedMesh loaded = load_text(old_file("Coordinate3 { " + kTetra + " } IndexedFaceSet { coordIndex [0 1 2 -1 0 1 " +
+                                                     std::string(index) + " -1 0 2 3 -1 1 2 -1] }"));
         EXPECT_EQ(loaded.mesh.triangle.size(), 2u) << index;
-        EXPECT_TRUE(warns(loaded, "1 face dropped: a corner is not among the points (first at a.wrl:2:108)"))
-            << loaded.warnings[0];
+        EXPECT_TRUE(warns(loaded, "1 face dropped: a corner is not among the points (first at a.wrl:2:108)")) << loaded.warnings[0];
         EXPECT_TRUE(warns(loaded, "1 face dropped: fewer than three corners"));
     }
 }
 
 TEST(Vrml, points_that_are_not_finite_are_refused_with_their_place) {
     for (const char* bad : {"nan", "inf", "-Infinity", "1e999", "-1e400", "1.#QNAN"}) {
-        const std::string error =
-            error_of_text("#VRML V1.0 ascii\nSeparator { Coordinate3 { point [ 0 0 0, # c 7 8\n 1 " + std::string(bad) +
-                          " 0\n, 0 1 0] } IndexedFaceSet { coordIndex [0 1 2] } }");
+        const std::string error = error_of_text("#VRML V1.0 ascii\nSeparator { Coordinate3 { point [ 0 0 0, # c 7 8\n 1 " +
+                                                std::string(bad) + " 0\n, 0 1 0] } IndexedFaceSet { coordIndex [0 1 2] } }");
         EXPECT_EQ(error, "a.wrl:3:4: a point that is not finite (in Separator > Coordinate3)") << bad;
     }
     EXPECT_NE(error_of_text(old_file("Coordinate3 { point [0 0, 1 0 0, 0 1] } IndexedFaceSet { coordIndex [0 1 2] }"))
                   .find("7 numbers do not make points of 3"),
               std::string::npos);
-    EXPECT_NE(error_of_text(old_file("Scale { scaleFactor 1e300 1 1 } Scale { scaleFactor 1e300 1 1 } " + kOldTetra))
-                  .find("too large"),
+    EXPECT_NE(error_of_text(old_file("Scale { scaleFactor 1e300 1 1 } Scale { scaleFactor 1e300 1 1 } " + kOldTetra)).find("too large"),
               std::string::npos);
-    EXPECT_NE(error_of_text(old_file("Translation { translation nan 0 0 } " + kOldTetra))
-                  .find("a.wrl:2:39: a number that is not finite"),
+    EXPECT_NE(error_of_text(old_file("Translation { translation nan 0 0 } " + kOldTetra)).find("a.wrl:2:39: a number that is not finite"),
               std::string::npos);
 }
 
@@ -574,8 +548,7 @@ TEST(Vrml, limits_are_named) {
     expect_tetra(nested(1000));
     EXPECT_NE(error_of_text(nested(1001)).find("nodes nested deeper than the limit of 1000"), std::string::npos);
     EXPECT_NE(error_of_text(nested(200000)).find("nodes nested deeper than the limit of 1000"), std::string::npos);
-    EXPECT_NE(error_of_text("#VRML V1.0 ascii\nSeparator { x " + std::string(100000, '[')).find("nested deeper"),
-              std::string::npos);
+    EXPECT_NE(error_of_text("#VRML V1.0 ascii\nSeparator { x " + std::string(100000, '[')).find("nested deeper"), std::string::npos);
     std::string laughs = "DEF L0 Separator { " + kOldTetra + " } ";
     for (int k = 1; k <= 40; ++k) {
         const std::string use = "USE L" + std::to_string(k - 1) + " ";
@@ -588,11 +561,9 @@ TEST(Vrml, limits_are_named) {
     fan += "] } } ";
     for (int k = 0; k < 1000; ++k) fan += "USE F ";
     EXPECT_NE(error_of_text(old_file(fan)).find("more than the limit of 50000000 triangles"), std::string::npos);
-    EXPECT_NE(error_of_text(old_file("Info { string \"" + std::string(2000000, 'x') + "\" }"))
-                  .find("longer than 1048576 bytes"),
+    EXPECT_NE(error_of_text(old_file("Info { string \"" + std::string(2000000, 'x') + "\" }")).find("longer than 1048576 bytes"),
               std::string::npos);
-    EXPECT_NE(error_of_text(old_file(std::string(2000000, 'x') + " {}")).find("longer than 1048576 bytes"),
-              std::string::npos);
+    EXPECT_NE(error_of_text(old_file(std::string(2000000, 'x') + " {}")).find("longer than 1048576 bytes"), std::string::npos);
 }
 
 TEST(Vrml, broken_text_is_an_error_with_a_place) {
@@ -606,8 +577,7 @@ TEST(Vrml, broken_text_is_an_error_with_a_place) {
     EXPECT_EQ(error_of_text("#VRML V2.0 utf8\nShape { geometry USE }"), "a.wrl:2:18: USE without a name (in Shape)");
     EXPECT_EQ(error_of_text("#VRML V1.0 ascii\n"), "a.wrl: VRML 1.0 without a face");
     const std::string whole = old_file(kOldTetra);
-    for (size_t size = 1; size + 2 < whole.size(); ++size)
-        EXPECT_NE(error_of_text(whole.substr(0, size)), "no error") << size;
+    for (size_t size = 1; size + 2 < whole.size(); ++size) EXPECT_NE(error_of_text(whole.substr(0, size)), "no error") << size;
 }
 
 // Geometry must not change because a number was mistyped.
@@ -628,10 +598,15 @@ TEST(Vrml, words_among_numbers_and_too_few_of_them_are_refused_with_their_place)
 }
 
 TEST(Vrml, units_exports_and_scripts_that_know_themselves) {
-    EXPECT_TRUE(warns(load_text("#X3D V3.3 utf8\nPROFILE Immersive\nUNIT length mm 0.001\nEXPORT A AS B\nShape { geometry Box {} }"), "a unit of length is not applied"));
-    EXPECT_TRUE(warns(load_text("<X3D><head><unit category='length' name='mm' conversionFactor='0.001'/></head><Scene><Shape><Box/></Shape></Scene></X3D>"),
+    EXPECT_TRUE(warns(load_text("#X3D V3.3 utf8\nPROFILE Immersive\nUNIT length mm 0.001\nEXPORT A AS B\nShape { geometry Box {} }"),
                       "a unit of length is not applied"));
-    EXPECT_EQ(load_text(new_file("DEF S Script { field SFNode self USE S directOutput TRUE } Shape { geometry Box {} }")).mesh.triangle.size(), 12u);
+    EXPECT_TRUE(warns(
+        load_text(
+            "<X3D><head><unit category='length' name='mm' conversionFactor='0.001'/></head><Scene><Shape><Box/></Shape></Scene></X3D>"),
+        "a unit of length is not applied"));
+    EXPECT_EQ(
+        load_text(new_file("DEF S Script { field SFNode self USE S directOutput TRUE } Shape { geometry Box {} }")).mesh.triangle.size(),
+        12u);
 }
 
 TEST(Vrml, seams_are_welded_and_corners_keep_their_texture_coordinates) {

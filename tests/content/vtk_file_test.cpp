@@ -32,8 +32,8 @@ TEST(VtkFile, parts_of_text) {
                      "0\nLINES 1 3\n2 0 1\n" +
                      kPolygons,
                  "VTK ascii");
-    const LoadedMesh with_data = load_mesh(
-        kHead + kPoints + kPolygons + "POINT_DATA 4\nSCALARS a float\nLOOKUP_TABLE default\n1 2 3 4\n", "a.vtk");
+    const LoadedMesh with_data =
+        load_mesh(kHead + kPoints + kPolygons + "POINT_DATA 4\nSCALARS a float\nLOOKUP_TABLE default\n1 2 3 4\n", "a.vtk");
     EXPECT_TRUE(warns(with_data, "a.vtk:13: data of points and cells is passed over"));
     expect_tetra("# vtk DataFile Version 5.1\nvtk output\nASCII\nDATASET POLYDATA\n" + kPoints +
                      "POLYGONS 5 12\nOFFSETS vtktypeint64\n0 3 6 9 12\nCONNECTIVITY vtktypeint64\n0 2 1 0 1 3 1 2 3\n0 "
@@ -48,8 +48,8 @@ TEST(VtkFile, parts_of_text) {
 }
 
 TEST(VtkFile, strips_turn_one_way) {
-    const LoadedMesh loaded = load_mesh(
-        kHead + "POINTS 5 double\n0 0 0 1 0 0 0 1 0 1 1 0 0 2 0\nTRIANGLE_STRIPS 1 6\n5 0 1 2 3 4\n", "a.vtk");
+    const LoadedMesh loaded =
+        load_mesh(kHead + "POINTS 5 double\n0 0 0 1 0 0 0 1 0 1 1 0 0 2 0\nTRIANGLE_STRIPS 1 6\n5 0 1 2 3 4\n", "a.vtk");
     ASSERT_EQ(loaded.mesh.triangle.size(), 3u);
     EXPECT_EQ(loaded.mesh.triangle[1], (Triangle{2, 1, 3}));
     EXPECT_EQ(loaded.mesh.triangle[2], (Triangle{2, 3, 4}));
@@ -75,8 +75,7 @@ TEST(VtkFile, bytes_are_big_endian) {
     put<int64_t>(newer, {0, 2, 1, 0, 1, 3, 1, 2, 3, 0, 3, 2});
     expect_tetra(newer, "VTK binary");
     for (const std::string& whole : {bytes, newer}) {
-        for (size_t size = 20; size < whole.size(); ++size)
-            EXPECT_NE(error_of(whole.substr(0, size)), "no error") << size;
+        for (size_t size = 20; size < whole.size(); ++size) EXPECT_NE(error_of(whole.substr(0, size)), "no error") << size;
     }
 }
 
@@ -97,19 +96,14 @@ TEST(VtkFile, what_is_wrong_is_said_with_its_place) {
               "a.vtk:4: DATASET 'UNSTRUCTURED_GRID' is not read, only POLYDATA");
     EXPECT_EQ(error_of(kHead + "POINTS 4000000 float\n0 0 0\n"),
               "a.vtk:5: a number of points 4000000: the file has room for no more than 11");
-    EXPECT_EQ(error_of(kHead + kPoints + "POLYGONS 2 4\n3 0 1 2\n"),
-              "a.vtk:9: cell 1 runs beyond its list of 4 numbers");
-    EXPECT_EQ(error_of(kHead + kPoints + "POLYGONS 1 4\n3 0 1 7\n"),
-              "a.vtk: polygon 0 (from 0) has corner 7 when there are 4 points");
-    EXPECT_EQ(error_of(kHead + "POINTS 1 float\n0 inf 0\n"),
-              "a.vtk:6: point 0 has a coordinate that is not a finite number");
-    EXPECT_EQ(error_of(kHead + kPoints + "OFFSETS\n"),
-              "a.vtk:8: expected POINTS, POLYGONS or another part of POLYDATA, found 'OFFSETS'");
+    EXPECT_EQ(error_of(kHead + kPoints + "POLYGONS 2 4\n3 0 1 2\n"), "a.vtk:9: cell 1 runs beyond its list of 4 numbers");
+    EXPECT_EQ(error_of(kHead + kPoints + "POLYGONS 1 4\n3 0 1 7\n"), "a.vtk: polygon 0 (from 0) has corner 7 when there are 4 points");
+    EXPECT_EQ(error_of(kHead + "POINTS 1 float\n0 inf 0\n"), "a.vtk:6: point 0 has a coordinate that is not a finite number");
+    EXPECT_EQ(error_of(kHead + kPoints + "OFFSETS\n"), "a.vtk:8: expected POINTS, POLYGONS or another part of POLYDATA, found 'OFFSETS'");
     EXPECT_EQ(error_of(kHead + kPoints + "POLYGONS 2 3\nOFFSETS vtktypeint64\n0 4\nCONNECTIVITY vtktypeint64\n0 1 2\n"),
               "a.vtk:12: cell 0 begins or ends outside its list of corners");
     const std::string whole = kHead + kPoints + kPolygons;
-    for (size_t size = 20; size + 2 < whole.size(); ++size)
-        EXPECT_NE(error_of(whole.substr(0, size)), "no error") << size;
+    for (size_t size = 20; size + 2 < whole.size(); ++size) EXPECT_NE(error_of(whole.substr(0, size)), "no error") << size;
 }
 
 }  // namespace

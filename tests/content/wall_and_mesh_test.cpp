@@ -71,8 +71,7 @@ TEST(SurgicalMesh, HasOneRimAndALoopAroundEveryPore) {
         const MeshJudgement judgement = judge_mesh(mesh);
         EXPECT_EQ(judgement.admitted_as, Admission::kSheet);
         EXPECT_NEAR(judgement.area + pores, 0.015, 1e-12);
-        EXPECT_EQ(judgement.self_crossing + judgement.self_touching + judgement.flipped_edges + judgement.degenerate,
-                  0u);
+        EXPECT_EQ(judgement.self_crossing + judgement.self_touching + judgement.flipped_edges + judgement.degenerate, 0u);
         EXPECT_EQ(judgement.components, 1u);
         EXPECT_TRUE(judgement.manifold);
         // a sheet with h holes: vertices - edges + triangles = 1 - h

@@ -11,8 +11,7 @@ const std::string kIndex = "coordIndex='0 2 1 -1 0 1 3 -1 1 2 3 -1 0 3 2'";
 const std::string kTetra = "<Shape><IndexedFaceSet " + kIndex + ">" + kPoints + "</IndexedFaceSet></Shape>";
 
 std::string file(const std::string& body) {
-    return "<?xml version=\"1.0\"?>\n<X3D version='3.3'><head><meta name='a' content='b'/></head>\n<Scene>" + body +
-           "</Scene></X3D>\n";
+    return "<?xml version=\"1.0\"?>\n<X3D version='3.3'><head><meta name='a' content='b'/></head>\n<Scene>" + body + "</Scene></X3D>\n";
 }
 
 void expect_tetra(const std::string& text) {
@@ -32,25 +31,25 @@ TEST(X3d, the_tree_is_that_of_the_classic_spelling) {
     expect_tetra(file("<Switch whichChoice='0'>" + kTetra + "<Shape><Box/></Shape></Switch>"));
     expect_tetra(file("<LOD range='5'>" + kTetra + "<Shape><Box/></Shape></LOD>"));
     expect_tetra(file("<Collision><Shape containerField='proxy'><Box/></Shape>" + kTetra + "</Collision>"));
-    expect_tetra(file("<Switch><Shape DEF='S'><IndexedFaceSet " + kIndex + ">" + kPoints +
-                      "</IndexedFaceSet></Shape></Switch><Shape USE='S'/>"));
+    expect_tetra(
+        file("<Switch><Shape DEF='S'><IndexedFaceSet " + kIndex + ">" + kPoints + "</IndexedFaceSet></Shape></Switch><Shape USE='S'/>"));
     // numbers between references to characters
     std::string text = file(kTetra);
     text.replace(text.find("0 0 0,1"), 7, "0 0&#10;0&#x2c;1");
     expect_tetra(text);
     const LoadedMesh moved =
-        load_text(file("<Transform translation='10 0 0'><Transform rotation='0 0 1 1.5707963267948966' scale='2 2 2'>" +
-                       kTetra + "</Transform></Transform>"));
+        load_text(file("<Transform translation='10 0 0'><Transform rotation='0 0 1 1.5707963267948966' scale='2 2 2'>" + kTetra +
+                       "</Transform></Transform>"));
     EXPECT_NEAR(sum_mesh(moved.mesh).volume, 8.0 / 6, 1e-12);
     EXPECT_NEAR(sum_mesh(moved.mesh).min[0], 8, 1e-12);
 }
 
 TEST(X3d, looks_and_texture_coordinates) {
-    const LoadedMesh loaded = load_text(
-        file("<Shape><Appearance><Material DEF='M' diffuseColor='1 .5 0'/><PixelTexture image='1 1 3 0x00FF00'/>"
-             "</Appearance><IndexedFaceSet " +
-             kIndex + " ccw='false' texCoordIndex='0 0 0 -1 1 1 1 -1 0 0 0 -1 0 0 0'>" + kPoints +
-             "<TextureCoordinate point='.25 .5 1 0'/></IndexedFaceSet></Shape>"));
+    const LoadedMesh loaded =
+        load_text(file("<Shape><Appearance><Material DEF='M' diffuseColor='1 .5 0'/><PixelTexture image='1 1 3 0x00FF00'/>"
+                       "</Appearance><IndexedFaceSet " +
+                       kIndex + " ccw='false' texCoordIndex='0 0 0 -1 1 1 1 -1 0 0 0 -1 0 0 0'>" + kPoints +
+                       "<TextureCoordinate point='.25 .5 1 0'/></IndexedFaceSet></Shape>"));
     ASSERT_EQ(loaded.mesh.material.size(), 1u);
     EXPECT_EQ(loaded.mesh.material[0].name, "M");
     EXPECT_EQ(loaded.mesh.material[0].diffuse, (std::array<float, 3>{1, .5f, 0}));
@@ -59,8 +58,8 @@ TEST(X3d, looks_and_texture_coordinates) {
     EXPECT_EQ(loaded.mesh.uv[1][0].u, 1);
     EXPECT_LT(sum_mesh(loaded.mesh).volume, 0);
     for (const char* url : {"'\"a b.png\"'", "\"&quot;a b.png&quot; &quot;c&quot;\"", "'a b.png'"}) {
-        const LoadedMesh textured = load_text(
-            file("<Shape><Appearance><ImageTexture url=" + std::string(url) + "/></Appearance><Box/></Shape>"));
+        const LoadedMesh textured =
+            load_text(file("<Shape><Appearance><ImageTexture url=" + std::string(url) + "/></Appearance><Box/></Shape>"));
         EXPECT_EQ(textured.mesh.material[0].texture, "a b.png") << url;
         EXPECT_TRUE(warns(textured, "texture 'a b.png' is not read: there is no such file")) << url;
     }
@@ -73,10 +72,10 @@ TEST(X3d, prototypes_with_and_without_values) {
         "</field></ProtoInterface><ProtoBody><Shape><Appearance><IS><connect nodeField='material' protoField='look'/>"
         "</IS></Appearance><Box><IS><connect nodeField='size' protoField='size'/></IS></Box></Shape><TimeSensor/>"
         "</ProtoBody></ProtoDeclare>";
-    const LoadedMesh loaded = load_text(
-        file(declare + "<ProtoInstance name='Organ'/><Transform translation='9 0 0'><ProtoInstance name='Organ'>"
-                       "<fieldValue name='size' value='2 3 4'/><fieldValue name='look'><Material diffuseColor='1 0 0'/>"
-                       "</fieldValue></ProtoInstance></Transform>"));
+    const LoadedMesh loaded =
+        load_text(file(declare + "<ProtoInstance name='Organ'/><Transform translation='9 0 0'><ProtoInstance name='Organ'>"
+                                 "<fieldValue name='size' value='2 3 4'/><fieldValue name='look'><Material diffuseColor='1 0 0'/>"
+                                 "</fieldValue></ProtoInstance></Transform>"));
     EXPECT_DOUBLE_EQ(sum_mesh(loaded.mesh).volume, 25);
     ASSERT_EQ(loaded.mesh.material.size(), 2u);
     EXPECT_EQ(loaded.mesh.material[0].diffuse, (std::array<float, 3>{0, 1, 0}));
@@ -86,11 +85,10 @@ TEST(X3d, prototypes_with_and_without_values) {
                       "</ProtoBody></ProtoDeclare><Shape>"
                       "<IndexedFaceSet " +
                       kIndex + "><ProtoInstance name='P'/></IndexedFaceSet></Shape>"));
-    EXPECT_NE(
-        error_of_text(file("<ProtoDeclare name='A'><ProtoBody><Group><ProtoInstance name='A'/></Group></ProtoBody>"
-                           "</ProtoDeclare><ProtoInstance name='A'/>"))
-            .find("prototypes nested deeper than the limit"),
-        std::string::npos);
+    EXPECT_NE(error_of_text(file("<ProtoDeclare name='A'><ProtoBody><Group><ProtoInstance name='A'/></Group></ProtoBody>"
+                                 "</ProtoDeclare><ProtoInstance name='A'/>"))
+                  .find("prototypes nested deeper than the limit"),
+              std::string::npos);
 }
 
 struct X3dFiles : FolderTest {};
@@ -100,11 +98,11 @@ TEST_F(X3dFiles, other_files_in_either_spelling) {
         "#X3D V3.2 utf8\nPROFILE Immersive\nPROTO Part [ initializeOnly SFVec3f s 1 1 1 ] { Shape { geometry "
         "Box { size IS s } } }\n");
     put("b.x3d", file("<Shape><Box size='1 1 1'/></Shape>"));
-    const LoadedMesh loaded = load_mesh(
-        put("a.x3d", file("<ExternProtoDeclare name='Mine' url='\"gone.x3d#Part\" \"p.x3dv#Part\"'><field name='s' "
-                          "type='SFVec3f' accessType='initializeOnly'/></ExternProtoDeclare><ProtoInstance name='Mine'>"
-                          "<fieldValue name='s' value='1 2 3'/></ProtoInstance><Transform translation='5 0 0'><Inline "
-                          "url='\"b.x3d\"'/></Transform><Inline url='\"b.x3d\"' load='false'/>")));
+    const LoadedMesh loaded =
+        load_mesh(put("a.x3d", file("<ExternProtoDeclare name='Mine' url='\"gone.x3d#Part\" \"p.x3dv#Part\"'><field name='s' "
+                                    "type='SFVec3f' accessType='initializeOnly'/></ExternProtoDeclare><ProtoInstance name='Mine'>"
+                                    "<fieldValue name='s' value='1 2 3'/></ProtoInstance><Transform translation='5 0 0'><Inline "
+                                    "url='\"b.x3d\"'/></Transform><Inline url='\"b.x3d\"' load='false'/>")));
     EXPECT_DOUBLE_EQ(sum_mesh(loaded.mesh).volume, 7);
     EXPECT_TRUE(warns(loaded, "file 'gone.x3d' is not read: there is no such file"));
     const LoadedMesh classic = load_mesh(put("c.wrl", "#VRML V2.0 utf8\nInline { url \"b.x3d\" }\n"));
@@ -122,8 +120,7 @@ TEST(X3d, broken_files_are_errors_with_a_place) {
     std::string deep = "<X3D><Scene>";
     for (int k = 0; k < 200000; ++k) deep += "<Group>";
     for (int k = 0; k < 200000; ++k) deep += "</Group>";
-    EXPECT_NE(error_of_text(deep + "</Scene></X3D>").find("nodes nested deeper than the limit of 250"),
-              std::string::npos);
+    EXPECT_NE(error_of_text(deep + "</Scene></X3D>").find("nodes nested deeper than the limit of 250"), std::string::npos);
     const LoadedMesh loaded = load_text(file("<Odd a='1'><Shape><Box/></Shape></Odd><Shape USE='Nope'/>" + kTetra));
     EXPECT_EQ(loaded.mesh.triangle.size(), 4u);
     EXPECT_TRUE(warns(loaded, "a.wrl:3:9: unknown node Odd is passed over"));
@@ -131,8 +128,7 @@ TEST(X3d, broken_files_are_errors_with_a_place) {
     const LoadedMesh field = load_text(file("<Shape><Box sise='1 1 1'/></Shape>"));
     EXPECT_TRUE(warns(field, "unknown field Box.sise"));
     const std::string whole = file(kTetra);
-    for (size_t size = 1; size + 8 < whole.size(); ++size)
-        EXPECT_NE(error_of_text(whole.substr(0, size)), "no error") << size;
+    for (size_t size = 1; size + 8 < whole.size(); ++size) EXPECT_NE(error_of_text(whole.substr(0, size)), "no error") << size;
 }
 
 }  // namespace

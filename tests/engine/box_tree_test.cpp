@@ -121,8 +121,7 @@ struct BinaryTree {
     }
     int children(int at, uint32_t kept) const {
         int count = 0;
-        for (const int below : {branch[at].low, branch[at].high})
-            count += below < 0 || (kept >> below & 1) ? 1 : children(below, kept);
+        for (const int below : {branch[at].low, branch[at].high}) count += below < 0 || (kept >> below & 1) ? 1 : children(below, kept);
         return count;
     }
     double least_cost() const {

@@ -18,13 +18,9 @@ namespace {
 
 namespace fs = std::filesystem;
 
-ChildResult shell(const std::string& script, const ChildLimits& limits = {}) {
-    return run_child({"/bin/sh", "-c", script}, limits);
-}
+ChildResult shell(const std::string& script, const ChildLimits& limits = {}) { return run_child({"/bin/sh", "-c", script}, limits); }
 
-size_t open_descriptors() {
-    return static_cast<size_t>(std::distance(fs::directory_iterator("/proc/self/fd"), fs::directory_iterator{}));
-}
+size_t open_descriptors() { return static_cast<size_t>(std::distance(fs::directory_iterator("/proc/self/fd"), fs::directory_iterator{})); }
 
 // Every test: no child is left, no descriptor stays open.
 struct ChildProcess : testing::Test {
@@ -37,8 +33,7 @@ struct ChildProcess : testing::Test {
 };
 
 TEST_F(ChildProcess, hands_over_arguments_output_errors_and_code) {
-    const ChildResult result =
-        run_child({"/bin/sh", "-c", "printf '%s|' \"$@\"; echo no >&2; exit 3", "sh", "a b", "", "$HOME;*"}, {});
+    const ChildResult result = run_child({"/bin/sh", "-c", "printf '%s|' \"$@\"; echo no >&2; exit 3", "sh", "a b", "", "$HOME;*"}, {});
     EXPECT_EQ(result.output, "a b||$HOME;*|");
     EXPECT_EQ(result.last_errors, "no\n");
     EXPECT_EQ(result.end, ChildEnd::kExited);
@@ -64,8 +59,7 @@ TEST_F(ChildProcess, gets_its_input_whole_also_while_it_answers) {
 TEST_F(ChildProcess, sees_no_input_and_no_descriptor_of_ours) {
     int leak[2];
     ASSERT_EQ(::pipe(leak), 0);  // not close-on-exec
-    const ChildResult result =
-        shell("cat; n=3; while [ $n -lt 64 ]; do [ -e /proc/$$/fd/$n ] && echo $n; n=$((n + 1)); done; true");
+    const ChildResult result = shell("cat; n=3; while [ $n -lt 64 ]; do [ -e /proc/$$/fd/$n ] && echo $n; n=$((n + 1)); done; true");
     ::close(leak[0]);
     ::close(leak[1]);
     EXPECT_LT(leak[1], 64);

@@ -77,8 +77,7 @@ inline TestMesh make_icosphere(int n) {
     std::map<std::array<int64_t, 3>, uint32_t> known;
     const auto add = [&](const Vec3d& x) {
         const Vec3d p = x / x.norm();
-        const std::array<int64_t, 3> key{std::llround(p.x() * 1e8), std::llround(p.y() * 1e8),
-                                         std::llround(p.z() * 1e8)};
+        const std::array<int64_t, 3> key{std::llround(p.x() * 1e8), std::llround(p.y() * 1e8), std::llround(p.z() * 1e8)};
         const auto [place, fresh] = known.insert({key, static_cast<uint32_t>(position.size())});
         if (fresh) position.push_back(p);
         return place->second;
@@ -86,8 +85,7 @@ inline TestMesh make_icosphere(int n) {
     for (const auto& f : face) {
         std::vector<std::vector<uint32_t>> row(n + 1);
         for (int i = 0; i <= n; ++i)
-            for (int j = 0; j <= n - i; ++j)
-                row[i].push_back(add((n - i - j) * corner[f[0]] + i * corner[f[1]] + j * corner[f[2]]));
+            for (int j = 0; j <= n - i; ++j) row[i].push_back(add((n - i - j) * corner[f[0]] + i * corner[f[1]] + j * corner[f[2]]));
         for (int i = 0; i < n; ++i)
             for (int j = 0; j < n - i; ++j) {
                 triangle.push_back({row[i][j], row[i + 1][j], row[i][j + 1]});

@@ -15,9 +15,8 @@ namespace {
 
 constexpr double kInfinity = std::numeric_limits<double>::infinity();
 
-std::vector<SurfacePoint> query_all(const ClosestPointTree& tree, const std::vector<Vec3d>& points,
-                                    std::span<const uint32_t> hint = {}, double radius = kInfinity,
-                                    QueryCounters* counters = nullptr) {
+std::vector<SurfacePoint> query_all(const ClosestPointTree& tree, const std::vector<Vec3d>& points, std::span<const uint32_t> hint = {},
+                                    double radius = kInfinity, QueryCounters* counters = nullptr) {
     std::vector<SurfacePoint> out(points.size());
     const std::vector<double> radii(points.size(), radius);
     QueryCounters own;
@@ -28,8 +27,7 @@ std::vector<SurfacePoint> query_all(const ClosestPointTree& tree, const std::vec
 bool same_bits(const SurfacePoint& a, const SurfacePoint& b) {
     return std::memcmp(a.point.data(), b.point.data(), sizeof(Vec3d)) == 0 &&
            std::memcmp(a.normal.data(), b.normal.data(), sizeof(Vec3d)) == 0 &&
-           std::memcmp(&a.distance, &b.distance, sizeof(double)) == 0 && a.triangle == b.triangle &&
-           a.feature == b.feature;
+           std::memcmp(&a.distance, &b.distance, sizeof(double)) == 0 && a.triangle == b.triangle && a.feature == b.feature;
 }
 void expect_same_bits(const std::vector<SurfacePoint>& a, const std::vector<SurfacePoint>& b, const char* what) {
     ASSERT_EQ(a.size(), b.size());
@@ -60,9 +58,8 @@ void expect_equals_brute_force(const TestMesh& mesh, const ClosestPointTree& tre
         worst = std::max(worst, error);
         ASSERT_LE(error, 1e-12 * diagonal) << what << ", point " << i << ", distance " << truth.distance;
         if (truth.distance > 1e-9 * diagonal && mesh.info.admission != Admission::kSheet) {
-            ASSERT_EQ(got[i].distance<0, truth.winding> 0.5)
-                << what << ", point " << i << ", distance " << truth.distance << ", feature " << int(got[i].feature)
-                << ", winding " << truth.winding;
+            ASSERT_EQ(got[i].distance<0, truth.winding> 0.5) << what << ", point " << i << ", distance " << truth.distance << ", feature "
+                                                             << int(got[i].feature) << ", winding " << truth.winding;
         }
         const Triangle& t = mesh.triangle[got[i].triangle];
         ASSERT_LE(exact_triangle_distance(got[i].point, mesh.position[t[0]], mesh.position[t[1]], mesh.position[t[2]]),
@@ -74,8 +71,8 @@ void expect_equals_brute_force(const TestMesh& mesh, const ClosestPointTree& tre
                 << what << ", point " << i;
         }
     }
-    std::printf("[   figure ] %-40s worst distance error %.1e of the diagonal over %zu points\n", what.c_str(),
-                worst / diagonal, points.size());
+    std::printf("[   figure ] %-40s worst distance error %.1e of the diagonal over %zu points\n", what.c_str(), worst / diagonal,
+                points.size());
 }
 
 // The mesh where it is, 1e4 and 1e5 diagonals away (coordinates rounded there: another mesh, as hard).
@@ -104,20 +101,19 @@ std::vector<std::array<double, 2>> comb_polygon() {
 
 TEST(ClosestPoint, OrganEqualsBruteForce) { expect_equals_brute_force_anywhere(make_organ(22), "organ of 9680", 1000); }
 TEST(ClosestPoint, NeedleEqualsBruteForce) {
-    expect_equals_brute_force_anywhere(
-        make_organ(8).moved([](const Vec3d& x) { return Vec3d(x.x(), 1e-3 * x.y(), 1e-3 * x.z()); }), "needle 1:1000",
-        1000);
+    expect_equals_brute_force_anywhere(make_organ(8).moved([](const Vec3d& x) { return Vec3d(x.x(), 1e-3 * x.y(), 1e-3 * x.z()); }),
+                                       "needle 1:1000", 1000);
 }
 TEST(ClosestPoint, ThinBladeEqualsBruteForce) {
-    expect_equals_brute_force_anywhere(
-        make_organ(8).moved([](const Vec3d& x) { return Vec3d(x.x(), x.y(), 1e-3 * x.z()); }), "blade 1e-3", 1000);
+    expect_equals_brute_force_anywhere(make_organ(8).moved([](const Vec3d& x) { return Vec3d(x.x(), x.y(), 1e-3 * x.z()); }), "blade 1e-3",
+                                       1000);
 }
 TEST(ClosestPoint, G09_G10_SliversEqualBruteForce) {
     expect_equals_brute_force_anywhere(make_prism(comb_polygon(), {0.5, 0.4}), "slivers 1e-3..1e-7", 1000);
 }
 TEST(ClosestPoint, SheetsOneTenMillionthApartEqualBruteForce) {
-    expect_equals_brute_force_anywhere(
-        make_organ(8).moved([](const Vec3d& x) { return Vec3d(x.x(), x.y(), 2e-7 * x.z()); }), "sheets 1e-7", 1000);
+    expect_equals_brute_force_anywhere(make_organ(8).moved([](const Vec3d& x) { return Vec3d(x.x(), x.y(), 2e-7 * x.z()); }), "sheets 1e-7",
+                                       1000);
 }
 // G37: two faces far larger than the others; error relative to the query, not to the face.
 TEST(ClosestPoint, G37_OneFaceAMillionTimesTheOthers) {
@@ -293,8 +289,7 @@ TEST(ClosestPoint, RefitEqualsRebuildEqualsFreshTree) {
         expect_same_bits(answers, query_all(rebuilt, points), "rebuilt");
         expect_same_bits(answers, query_all(fresh, points), "fresh");
         for (size_t i = 0; i < points.size(); i += 29)
-            ASSERT_NEAR(std::abs(answers[i].distance),
-                        brute_force_distance(bent.position, bent.triangle, points[i]).distance, 1e-12);
+            ASSERT_NEAR(std::abs(answers[i].distance), brute_force_distance(bent.position, bent.triangle, points[i]).distance, 1e-12);
     }
 }
 
@@ -329,16 +324,15 @@ TEST(ClosestPoint, OwnTraversalAndEmbreeGiveTheSameBits) {
             corner.push_back(soup.position[v]);
             v = static_cast<uint32_t>(corner.size()) - 1;
         }
-    const TestMesh meshes[] = {
-        make_organ(14),
-        make_cube(),
-        make_icosphere(8),
-        make_prism(comb_polygon(), {0.5, 0.4}),
-        make_organ(8).moved([](const Vec3d& x) { return Vec3d(x.x(), 1e-3 * x.y(), 1e-3 * x.z()); }),
-        make_organ(8).moved([](const Vec3d& x) { return Vec3d(x.x(), x.y(), 2e-7 * x.z()); }),
-        make_organ(6).moved([](const Vec3d& x) { return Vec3d(x + Vec3d(1e5, -1e5, 1e5)); }),
-        TestMesh(corner, soup.triangle, Admission::kWinding),
-        TestMesh({{0, 0, 0}, {1, 0, 0}, {0, 1, 0}}, {{0, 1, 2}}, Admission::kSheet)};
+    const TestMesh meshes[] = {make_organ(14),
+                               make_cube(),
+                               make_icosphere(8),
+                               make_prism(comb_polygon(), {0.5, 0.4}),
+                               make_organ(8).moved([](const Vec3d& x) { return Vec3d(x.x(), 1e-3 * x.y(), 1e-3 * x.z()); }),
+                               make_organ(8).moved([](const Vec3d& x) { return Vec3d(x.x(), x.y(), 2e-7 * x.z()); }),
+                               make_organ(6).moved([](const Vec3d& x) { return Vec3d(x + Vec3d(1e5, -1e5, 1e5)); }),
+                               TestMesh(corner, soup.triangle, Admission::kWinding),
+                               TestMesh({{0, 0, 0}, {1, 0, 0}, {0, 1, 0}}, {{0, 1, 2}}, Admission::kSheet)};
     for (size_t m = 0; m < std::size(meshes); ++m) {
         const TestMesh& mesh = meshes[m];
         std::vector<Vec3d> points = hard_points(mesh, mesh.triangle.size() > 200 ? 300 : 20, 200 + m);
@@ -551,30 +545,27 @@ TEST(ClosestPoint, G11_G12_TrianglesWithoutArea) {
     }
     // a closed cube whose edge 3-7 is a pair of faces without area, moved to where differences round
     const Vec3d shift(0.1, 7.3, -1.7);
-    TestMesh pinched(
-        {{0, 0, 0}, {1, 0, 0}, {0, 1, 0}, {1, 1, 0}, {0, 0, 1}, {1, 0, 1}, {0, 1, 1}, {1, 1, 1}, {1, 1, 0.3}},
-        {{8, 3, 7},
-         {0, 2, 3},
-         {0, 3, 1},
-         {4, 5, 7},
-         {4, 7, 6},
-         {0, 1, 5},
-         {0, 5, 4},
-         {2, 6, 7},
-         {2, 7, 3},
-         {0, 4, 6},
-         {0, 6, 2},
-         {1, 3, 8},
-         {1, 8, 7},
-         {1, 7, 5}});
+    TestMesh pinched({{0, 0, 0}, {1, 0, 0}, {0, 1, 0}, {1, 1, 0}, {0, 0, 1}, {1, 0, 1}, {0, 1, 1}, {1, 1, 1}, {1, 1, 0.3}}, {{8, 3, 7},
+                                                                                                                             {0, 2, 3},
+                                                                                                                             {0, 3, 1},
+                                                                                                                             {4, 5, 7},
+                                                                                                                             {4, 7, 6},
+                                                                                                                             {0, 1, 5},
+                                                                                                                             {0, 5, 4},
+                                                                                                                             {2, 6, 7},
+                                                                                                                             {2, 7, 3},
+                                                                                                                             {0, 4, 6},
+                                                                                                                             {0, 6, 2},
+                                                                                                                             {1, 3, 8},
+                                                                                                                             {1, 8, 7},
+                                                                                                                             {1, 7, 5}});
     for (Vec3d& x : pinched.position) x += shift;
     const ClosestPointTree pinched_tree(pinched.view());
     std::mt19937_64 random(132);
     std::uniform_real_distribution<double> unit(0, 1);
     std::vector<Vec3d> around;
     for (int i = 0; i < 2000; ++i)
-        around.push_back(shift + Vec3d(1, 1, unit(random)) +
-                         std::pow(10.0, -1 - 6 * unit(random)) * random_direction(random));
+        around.push_back(shift + Vec3d(1, 1, unit(random)) + std::pow(10.0, -1 - 6 * unit(random)) * random_direction(random));
     expect_equals_brute_force(pinched, pinched_tree, around, "faces without area");
     const TestMesh segment({{0, 0, 0}, {1, 0, 0}, {2, 0, 0}}, {{0, 1, 2}}, Admission::kSheet);
     const ClosestPointTree segment_tree(segment.view());
@@ -785,9 +776,11 @@ TEST(ClosestPoint, CrossCheckCountsWrongPseudonormals) {
 // out, when an edge is counted twice or not at all, and when the tree lies where the surface was.
 TEST(ClosestPoint, SidesOfFoldedSolidsAreCountedAlongARay) {
     const TestMesh organ = make_organ(20);
-    std::vector<Float4> now = organ.moved([](const Vec3d& x) {  // a ring whose ends overlap
+    std::vector<Float4> now = organ
+                                  .moved([](const Vec3d& x) {  // a ring whose ends overlap
                                       return Vec3d((1.2 - x.y()) * std::cos(4 * x.x()), (1.2 - x.y()) * std::sin(4 * x.x()), x.z());
-                                  }).offsets();
+                                  })
+                                  .offsets();
     TestMesh bent = organ;
     for (size_t v = 0; v < now.size(); ++v) bent.position[v] = {now[v].x, now[v].y, now[v].z};
     const ClosestPointTree rigid(bent.view());

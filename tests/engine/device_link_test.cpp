@@ -60,9 +60,7 @@ struct Udp {
         to.sin_addr.s_addr = htonl(INADDR_LOOPBACK);
     }
     ~Udp() { ::close(fd); }
-    void send(const void* data, size_t size) const {
-        ::sendto(fd, data, size, 0, reinterpret_cast<const sockaddr*>(&to), sizeof to);
-    }
+    void send(const void* data, size_t size) const { ::sendto(fd, data, size, 0, reinterpret_cast<const sockaddr*>(&to), sizeof to); }
     void send(const StatePacket& packet) const {
         const auto bytes = encode_packet(packet);
         send(bytes.data(), bytes.size());
@@ -112,10 +110,10 @@ TEST(DevicePackets, LayoutIsThatOfTheDocument) {
     EXPECT_EQ(at(6) + 256 * at(7), 120u);
     for (unsigned k = 0; k < 8; ++k) EXPECT_EQ(at(8 + k), 8 - k);
     EXPECT_EQ(at(23), 0x3Fu);
-    EXPECT_EQ(at(22), 0xF0u);  // time 1.0
-    EXPECT_EQ(at(31), 0x40u);                            // x = 2.0
-    EXPECT_EQ(at(55), 0x3Fu);                            // w = 1.0
-    EXPECT_EQ(at(103), 0xBFu);                           // vz = -1.0
+    EXPECT_EQ(at(22), 0xF0u);   // time 1.0
+    EXPECT_EQ(at(31), 0x40u);   // x = 2.0
+    EXPECT_EQ(at(55), 0x3Fu);   // w = 1.0
+    EXPECT_EQ(at(103), 0xBFu);  // vz = -1.0
     EXPECT_EQ(at(111), 0x3Fu);
     EXPECT_EQ(at(110), 0xE0u);  // grip 0.5
     EXPECT_EQ(at(112), 0xD0u);
@@ -194,9 +192,9 @@ TEST(DevicePackets, GateLetsAscendingNumbersThroughAndCountsTheRest) {
 
 // What the readers make of damaged messages: a sound state or nothing, and never the end of the program.
 TEST(DevicePackets, TwentyThousandMutantsAreSoundOrRefused) {
-    const std::vector<mutate::Seed> seeds = {seed_of("a.state", encode_packet(some_packet(3))),
-                                             seed_of("b.state", encode_packet(some_packet(1u << 31))),
-                                             seed_of("c.force", encode_packet(ForcePacket{1, 2, 3, {{1, 2, 3}, {4, 5, 6}, {7, 8, 9}, {}}}))};
+    const std::vector<mutate::Seed> seeds = {
+        seed_of("a.state", encode_packet(some_packet(3))), seed_of("b.state", encode_packet(some_packet(1u << 31))),
+        seed_of("c.force", encode_packet(ForcePacket{1, 2, 3, {{1, 2, 3}, {4, 5, 6}, {7, 8, 9}, {}}}))};
     size_t read = 0;
     for (uint64_t number = 0; number < 20'000; ++number) {
         const mutate::Seed mutant = mutate::make_mutant(seeds, number);

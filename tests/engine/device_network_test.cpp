@@ -55,7 +55,8 @@ std::string haply_state(double x, bool pressed) {
                  {{{"device_id", "049D"},
                    {"status", {{"calibrated", true}}},
                    {"state", {{"cursor_position", position}, {"cursor_velocity", velocity}, {"current_cursor_force", velocity}}}}}},
-                {"wireless_verse_grip", {{{"device_id", "61548"}, {"state", {{"orientation", turn}, {"buttons", {{"a", false}, {"b", pressed}, {"c", true}}}}}}}}}
+                {"wireless_verse_grip",
+                 {{{"device_id", "61548"}, {"state", {{"orientation", turn}, {"buttons", {{"a", false}, {"b", pressed}, {"c", true}}}}}}}}}
         .dump();
 }
 
@@ -70,14 +71,17 @@ TEST(DeviceHaply, ReadsWhatTheServiceSays) {
     EXPECT_NEAR(state.orientation.y, 0.6, 1e-15);
     EXPECT_EQ(state.buttons, 6u);
     // without a grip it is upright
-    ASSERT_TRUE(read_haply_message(R"({"inverse3":[{"device_id":"a","state":{"cursor_position":{"x":1,"y":2,"z":3},"cursor_velocity":{"x":0,"y":0,"z":0}}}]})", id, state));
+    ASSERT_TRUE(read_haply_message(
+        R"({"inverse3":[{"device_id":"a","state":{"cursor_position":{"x":1,"y":2,"z":3},"cursor_velocity":{"x":0,"y":0,"z":0}}}]})", id,
+        state));
     EXPECT_EQ(state.orientation.w, 1);
     EXPECT_EQ(state.buttons, 0u);
     const std::string before = id;
-    for (const char* bad : {"", "[]", "null", "{", "{\"inverse3\":{}}", "{\"inverse3\":[]}", "{\"inverse3\":[3]}",
-                            R"({"inverse3":[{"device_id":"b"}]})", R"({"inverse3":[{"device_id":7,"state":{}}]})",
-                            R"({"inverse3":[{"device_id":"b","state":{"cursor_position":{"x":"1","y":2,"z":3},"cursor_velocity":{"x":0,"y":0,"z":0}}}]})",
-                            R"({"inverse3":[{"device_id":"b","state":{"cursor_position":{"x":1e999,"y":2,"z":3},"cursor_velocity":{"x":0,"y":0,"z":0}}}]})"})
+    for (const char* bad :
+         {"", "[]", "null", "{", "{\"inverse3\":{}}", "{\"inverse3\":[]}", "{\"inverse3\":[3]}", R"({"inverse3":[{"device_id":"b"}]})",
+          R"({"inverse3":[{"device_id":7,"state":{}}]})",
+          R"({"inverse3":[{"device_id":"b","state":{"cursor_position":{"x":"1","y":2,"z":3},"cursor_velocity":{"x":0,"y":0,"z":0}}}]})",
+          R"({"inverse3":[{"device_id":"b","state":{"cursor_position":{"x":1e999,"y":2,"z":3},"cursor_velocity":{"x":0,"y":0,"z":0}}}]})"})
         EXPECT_FALSE(read_haply_message(bad, id, state)) << bad;
     EXPECT_EQ(id, before);
     EXPECT_FALSE(read_haply_message(std::string(60'000, '['), id, state));

@@ -34,10 +34,7 @@ std::string message_of(const fs::path& path) {
 constexpr const char* kHeader = "time,x,y,z,qw,qx,qy,qz,vx,vy,vz,buttons\n";
 
 std::vector<Keyframe> stroke() {
-    return {{0.0, {0, 0, 0.02}, {}, 0},
-            {0.5, {0, 0, -0.01}, {}, 0},
-            {1.0, {0.03, 0, -0.01}, {}, 0},
-            {1.5, {0.03, 0, 0.02}, {}, 0}};
+    return {{0.0, {0, 0, 0.02}, {}, 0}, {0.5, {0, 0, -0.01}, {}, 0}, {1.0, {0.03, 0, -0.01}, {}, 0}, {1.5, {0.03, 0, 0.02}, {}, 0}};
 }
 
 // ---- scripted ----
@@ -47,8 +44,7 @@ TEST(Device, ScriptedHandPassesItsKeysWithTheVelocityOfItsPath) {
     const std::vector<Keyframe> keys = stroke();
     Device hand;
     hand.path = keys;
-    for (const Keyframe& key : keys)
-        EXPECT_NEAR((read_device(hand, key.time).position - key.position).norm(), 0, 1e-15);
+    for (const Keyframe& key : keys) EXPECT_NEAR((read_device(hand, key.time).position - key.position).norm(), 0, 1e-15);
     const double h = 1e-6;
     for (double t = 0.01; t < 1.5; t += 0.0137) {
         const Vec3d slope = (read_device(hand, t + h).position - read_device(hand, t - h).position) / (2 * h);
@@ -104,8 +100,7 @@ std::vector<DeviceState> random_samples(uint32_t count) {
 bool same_bits(double a, double b) { return std::memcmp(&a, &b, sizeof a) == 0; }
 bool same_bits(const DeviceState& a, const DeviceState& b) {
     bool same = same_bits(a.time, b.time) && a.buttons == b.buttons;
-    for (int k = 0; k < 3; ++k)
-        same = same && same_bits(a.position[k], b.position[k]) && same_bits(a.velocity[k], b.velocity[k]);
+    for (int k = 0; k < 3; ++k) same = same && same_bits(a.position[k], b.position[k]) && same_bits(a.velocity[k], b.velocity[k]);
     return same && same_bits(a.orientation.w, b.orientation.w) && same_bits(a.orientation.x, b.orientation.x) &&
            same_bits(a.orientation.y, b.orientation.y) && same_bits(a.orientation.z, b.orientation.z);
 }
@@ -219,7 +214,8 @@ TEST(Device, FiveHundredMutantsOfARecordingAreReadOrRefused) {
             const DeviceTrace trace = read_device_trace(file.path);
             ++read;
             ASSERT_FALSE(trace.sample.empty());
-            for (const DeviceState& s : trace.sample) ASSERT_TRUE(s.position.allFinite() && s.velocity.allFinite() && std::isfinite(s.grip));
+            for (const DeviceState& s : trace.sample)
+                ASSERT_TRUE(s.position.allFinite() && s.velocity.allFinite() && std::isfinite(s.grip));
         } catch (const InputError& error) {
             ASSERT_EQ(std::string(error.what()).rfind(file.path.string(), 0), 0u) << error.what();
         }

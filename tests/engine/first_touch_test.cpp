@@ -70,9 +70,10 @@ void throw_around(uint32_t sweeps, uint32_t seed) {
     std::mt19937_64 random(seed);
     std::uniform_real_distribution<double> in(-1, 1);
     const auto vector = [&] { return Vec3d(in(random), in(random), in(random)); };
-    const std::vector<Mesh> shapes{reference::make_tetrahedron(Vec3d::Zero(), 0.03), reference::make_box({-0.02, -0.01, -0.01}, {0.02, 0.01, 0.01}),
-                                   reference::make_box({-0.001, -0.001, -0.06}, {0.001, 0.001, 0.06}),
-                                   reference::make_box({-0.1, -0.1, -0.0005}, {0.1, 0.1, 0.0005}), reference::make_sphere(Vec3d::Zero(), 0.02, 1)};
+    const std::vector<Mesh> shapes{
+        reference::make_tetrahedron(Vec3d::Zero(), 0.03), reference::make_box({-0.02, -0.01, -0.01}, {0.02, 0.01, 0.01}),
+        reference::make_box({-0.001, -0.001, -0.06}, {0.001, 0.001, 0.06}), reference::make_box({-0.1, -0.1, -0.0005}, {0.1, 0.1, 0.0005}),
+        reference::make_sphere(Vec3d::Zero(), 0.02, 1)};
     std::vector<std::unique_ptr<Solid>> solids;
     for (const Mesh& mesh : shapes) solids.push_back(std::make_unique<Solid>(mesh));
     const double step = 1.0 / 60, tolerance = 1e-5;

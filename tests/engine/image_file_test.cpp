@@ -27,9 +27,7 @@ Image make_picture(uint32_t width, uint32_t height, bool opaque) {
     return image;
 }
 
-std::string as_text(const std::vector<std::byte>& bytes) {
-    return {reinterpret_cast<const char*>(bytes.data()), bytes.size()};
-}
+std::string as_text(const std::vector<std::byte>& bytes) { return {reinterpret_cast<const char*>(bytes.data()), bytes.size()}; }
 
 std::string error_of(std::string_view bytes) {
     try {
@@ -74,8 +72,7 @@ std::string encode_gif(bool interlaced, int frame_left) {
     GifFileType* gif = EGifOpen(
         &bytes,
         [](GifFileType* file, const GifByteType* data, int count) {
-            static_cast<std::string*>(file->UserData)
-                ->append(reinterpret_cast<const char*>(data), static_cast<size_t>(count));
+            static_cast<std::string*>(file->UserData)->append(reinterpret_cast<const char*>(data), static_cast<size_t>(count));
             return count;
         },
         &fault);

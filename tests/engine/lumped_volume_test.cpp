@@ -51,7 +51,8 @@ Eigen::MatrixXd laplacian(const TetMesh& mesh) {
         const auto g = gradients(mesh, t);
         const Eigen::Matrix4d part = volume_of(mesh, t) * g * g.transpose();
         for (int i = 0; i < 4; ++i) {
-            for (int j = 0; j < 4; ++j) k(mesh.tetrahedron[t][static_cast<size_t>(i)], mesh.tetrahedron[t][static_cast<size_t>(j)]) += part(i, j);
+            for (int j = 0; j < 4; ++j)
+                k(mesh.tetrahedron[t][static_cast<size_t>(i)], mesh.tetrahedron[t][static_cast<size_t>(j)]) += part(i, j);
         }
     }
     return k;
@@ -61,7 +62,8 @@ Eigen::MatrixXd laplacian(const TetMesh& mesh) {
 Eigen::VectorXd spectrum(const Eigen::MatrixXd& stiffness, const std::vector<double>& lumped) {
     const Eigen::VectorXd mass = Eigen::Map<const Eigen::VectorXd>(lumped.data(), stiffness.rows());
     const Eigen::VectorXd root = mass.cwiseSqrt().cwiseInverse();
-    return Eigen::SelfAdjointEigenSolver<Eigen::MatrixXd>(root.asDiagonal() * stiffness * root.asDiagonal(), Eigen::EigenvaluesOnly).eigenvalues();
+    return Eigen::SelfAdjointEigenSolver<Eigen::MatrixXd>(root.asDiagonal() * stiffness * root.asDiagonal(), Eigen::EigenvaluesOnly)
+        .eigenvalues();
 }
 
 // Broken by: volume made or lost on the way, a node left without any.
@@ -76,11 +78,13 @@ TEST(LumpedVolume, SumIsKept) {
     }
 }
 
-// Broken by: nodes that still set the step (fewer rounds, another need), or slow motions paid for with it. Oracle: every eigenvalue of the dense matrix.
+// Broken by: nodes that still set the step (fewer rounds, another need), or slow motions paid for with it. Oracle: every eigenvalue of the
+// dense matrix.
 TEST(LumpedVolume, StiffestModesAreSoftenedAndSlowOnesAreKept) {
     const TetMesh mesh = dented_egg(0.31);
     const Eigen::MatrixXd stiffness = laplacian(mesh);
-    const Eigen::VectorXd before = spectrum(stiffness, quarters(mesh)), after = spectrum(stiffness, lumped_volume(mesh.position, mesh.tetrahedron));
+    const Eigen::VectorXd before = spectrum(stiffness, quarters(mesh)),
+                          after = spectrum(stiffness, lumped_volume(mesh.position, mesh.tetrahedron));
     EXPECT_LT(after.tail(1)[0], 0.45 * before.tail(1)[0]);
     for (int mode = 1; mode <= 6; ++mode) EXPECT_NEAR(after[mode] / before[mode], 1, 0.005) << "mode " << mode;
 }

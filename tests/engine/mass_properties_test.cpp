@@ -106,8 +106,7 @@ TEST(MassProperties, OpenInwardAndFlatSurfacesHaveNoMass) {
     for (Triangle& t : inward.triangle) std::swap(t[1], t[2]);
     Mesh flat = reference::make_box({0, 0, 0}, {1, 1, 0});
     const uint32_t rows[] = {add_prototype(meshes, reference::make_sheet(2), Admission::kSheet),
-                             add_prototype(meshes, inward, Admission::kSolid),
-                             add_prototype(meshes, flat, Admission::kWinding),
+                             add_prototype(meshes, inward, Admission::kSolid), add_prototype(meshes, flat, Admission::kWinding),
                              add_prototype(meshes, reference::make_box({0, 0, 0}, {0.1, 0.2, 0.3}), Admission::kSolid)};
     for (const uint32_t row : rows) {
         bodies.mesh.push_back(row), bodies.tissue.push_back({}), bodies.inv_mass.push_back(0);

@@ -49,8 +49,7 @@ void check_topology(const Mesh& mesh, const MeshView& view) {
     }
     for (uint32_t v = 0; v < mesh.position.size(); ++v) {
         const std::vector<uint32_t> expected(incident[v].begin(), incident[v].end());
-        const std::vector<uint32_t> got(view.incident.begin() + view.incident_first[v],
-                                        view.incident.begin() + view.incident_first[v + 1]);
+        const std::vector<uint32_t> got(view.incident.begin() + view.incident_first[v], view.incident.begin() + view.incident_first[v + 1]);
         EXPECT_EQ(got, expected);
         EXPECT_EQ(view.component[v] == kNone, expected.empty());
     }
@@ -157,8 +156,7 @@ TEST(MeshTopology, PiecesAreEdgeConnected) {
     EXPECT_EQ(first, 0u);  // pieces are numbered by their lowest triangle
     for (const Triangle& t : view.triangle) {
         const bool ball = view.position[t[0]].x() > 3;
-        for (const uint32_t v : t)
-            EXPECT_EQ(view.component[v] == first, ball == (view.position[view.triangle[0][0]].x() > 3));
+        for (const uint32_t v : t) EXPECT_EQ(view.component[v] == first, ball == (view.position[view.triangle[0][0]].x() > 3));
     }
     // a corner in common does not join pieces, an edge of three triangles does
     add_prototype(meshes, make_bow_tie(), Admission::kWinding);

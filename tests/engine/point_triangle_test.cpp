@@ -32,8 +32,7 @@ TEST(PointTriangle, DistanceIsExactForAspectsDownTo1e10) {
         const double s = unit(random), r = unit(random) * (1 - s);
         const double reach = std::pow(10.0, -9 * unit(random));
         const Vec3d on = t[0] + s * (t[1] - t[0]) + r * (t[2] - t[0]);
-        const Vec3d p = i % 3 == 0 ? Vec3d(t[i % 2] + reach * random_direction(random))
-                                   : Vec3d(on + reach * random_direction(random));
+        const Vec3d p = i % 3 == 0 ? Vec3d(t[i % 2] + reach * random_direction(random)) : Vec3d(on + reach * random_direction(random));
         const double exact = exact_triangle_distance(p, t[0], t[1], t[2]);
         const TrianglePoint got = closest_point_on_triangle(p, t[0], t[1], t[2]);
         ASSERT_NEAR(distance_of(got), exact, 4e-15) << "aspect " << aspect << " reach " << reach << " case " << i;
@@ -87,8 +86,8 @@ TEST(PointTriangle, G09_G10_SliversEqualTheirSegment) {
         const Vec3d a(0, 0, 0), b(1, 0, 0), c(0.5, width, 0);
         for (const double z : {1e-3, 0.1, 2.0}) {
             const Vec3d p(0.3, 0, z);
-            for (const auto& t : {std::array{a, b, c}, std::array{b, c, a}, std::array{c, a, b}, std::array{b, a, c},
-                                  std::array{a, c, b}, std::array{c, b, a}})
+            for (const auto& t : {std::array{a, b, c}, std::array{b, c, a}, std::array{c, a, b}, std::array{b, a, c}, std::array{a, c, b},
+                                  std::array{c, b, a}})
                 EXPECT_NEAR(distance_of(closest_point_on_triangle(p, t[0], t[1], t[2])), z, 4e-16) << width;
         }
     }
@@ -141,16 +140,16 @@ TEST(FourTriangles, GiveTheBitsOfOneByOne) {
         }
         const auto& near = t[static_cast<size_t>(i % 4)];
         const double s = 1.4 * unit(random) - 0.2, r = 1.4 * unit(random) - 0.2;
-        Vec3d p = near[0] + s * (near[1] - near[0]) + r * (near[2] - near[0]) + std::pow(10.0, -9 * unit(random)) * random_direction(random);
+        Vec3d p =
+            near[0] + s * (near[1] - near[0]) + r * (near[2] - near[0]) + std::pow(10.0, -9 * unit(random)) * random_direction(random);
         if (i % 13 == 0) p = near[i % 3];
-        const auto corners = [&](size_t k) {
-            return side_by_side(to_vec4(t[0][k]), to_vec4(t[1][k]), to_vec4(t[2][k]), to_vec4(t[3][k]));
-        };
+        const auto corners = [&](size_t k) { return side_by_side(to_vec4(t[0][k]), to_vec4(t[1][k]), to_vec4(t[2][k]), to_vec4(t[3][k])); };
         const Vec4d got = squared_distances({all_lanes(p.x()), all_lanes(p.y()), all_lanes(p.z())}, {corners(0), corners(1), corners(2)});
         for (size_t lane = 0; lane < 4; ++lane) {
             const TrianglePoint wanted = closest_point_on_triangle(p, t[lane][0], t[lane][1], t[lane][2]);
             ++features[static_cast<size_t>(wanted.feature)];
-            ASSERT_EQ(got[lane], wanted.squared_distance) << "case " << i << " lane " << lane << " feature " << static_cast<int>(wanted.feature);
+            ASSERT_EQ(got[lane], wanted.squared_distance)
+                << "case " << i << " lane " << lane << " feature " << static_cast<int>(wanted.feature);
         }
     }
     for (const size_t count : features) EXPECT_GT(count, 500u);

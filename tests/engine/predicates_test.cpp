@@ -54,8 +54,7 @@ TEST(Predicates, NearlyCoplanarPointsAgreeWithBigIntegers) {
         const double s = unit(random), t = trial % 4 == 0 ? 0.0 : unit(random);
         p[3] = p[0] + s * (p[1] - p[0]) + t * (p[2] - p[0]);
         for (int k = 0; k < 3; ++k) {
-            for (int n = ulps(random); n != 0; n += n > 0 ? -1 : 1)
-                p[3][k] = std::nextafter(p[3][k], n > 0 ? 1e30 : -1e30);
+            for (int n = ulps(random); n != 0; n += n > 0 ? -1 : 1) p[3][k] = std::nextafter(p[3][k], n > 0 ? 1e30 : -1e30);
         }
         const int expected = exact_orient3d(p, 200);
         ++by_sign[expected + 1];
@@ -80,8 +79,7 @@ TEST(Predicates, NearlyCollinearPointsAgreeWithBigIntegers) {
         for (int i = 0; i < 4 && trial % 3 == 0; ++i) x[i] = static_cast<float>(x[i]);
         for (int k = 0; k < 2; ++k) {
             x[4 + k] = x[k] + t * (x[2 + k] - x[k]);
-            for (int n = ulps(random); n != 0; n += n > 0 ? -1 : 1)
-                x[4 + k] = std::nextafter(x[4 + k], n > 0 ? 9e9 : -9e9);
+            for (int n = ulps(random); n != 0; n += n > 0 ? -1 : 1) x[4 + k] = std::nextafter(x[4 + k], n > 0 ? 9e9 : -9e9);
         }
         const int expected = exact_orient2d(x, 200);
         zeros += expected == 0;

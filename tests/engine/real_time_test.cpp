@@ -124,12 +124,11 @@ TEST(RealTime, GrantSaysWhatTheThreadGot) {
     sched_param got{};
     PeriodicOptions options;
     options.priority = 7;
-    thread.start(options, monotonic_ns(),
-                 [&](uint64_t, int64_t) {
-                     // ask the kernel: the C library remembers what it set itself
-                     policy = sched_getscheduler(0) & ~SCHED_RESET_ON_FORK;
-                     sched_getparam(0, &got);
-                 });
+    thread.start(options, monotonic_ns(), [&](uint64_t, int64_t) {
+        // ask the kernel: the C library remembers what it set itself
+        policy = sched_getscheduler(0) & ~SCHED_RESET_ON_FORK;
+        sched_getparam(0, &got);
+    });
     sleep_until_ns(monotonic_ns() + 20'000'000);
     thread.stop();
     const RealTimeGrant& grant = thread.figures().grant;

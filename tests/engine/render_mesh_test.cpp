@@ -29,8 +29,7 @@ void expect_same_triangles(const Split& s) {
     ASSERT_EQ(s.out.index.size(), 3 * mesh.triangle.size());
     std::vector<std::array<uint32_t, 3>> drawn, wanted(mesh.triangle.begin(), mesh.triangle.end());
     for (size_t i = 0; i < s.out.index.size(); i += 3)
-        drawn.push_back(
-            {s.out.source[s.out.index[i]], s.out.source[s.out.index[i + 1]], s.out.source[s.out.index[i + 2]]});
+        drawn.push_back({s.out.source[s.out.index[i]], s.out.source[s.out.index[i + 1]], s.out.source[s.out.index[i + 2]]});
     std::sort(drawn.begin(), drawn.end());
     std::sort(wanted.begin(), wanted.end());
     EXPECT_EQ(drawn, wanted);
@@ -69,8 +68,7 @@ TEST(RenderMesh, SplitsAtTextureSeams) {
         const bool right = m.position[t[0]].x() + m.position[t[1]].x() + m.position[t[2]].x() > 1.5;
         std::array<Vec2, 3> uv;
         for (uint32_t k = 0; k < 3; ++k)
-            uv[k] = {static_cast<float>(m.position[t[k]].x()) + (right ? 7.0f : 0.0f),
-                     static_cast<float>(m.position[t[k]].y())};
+            uv[k] = {static_cast<float>(m.position[t[k]].x()) + (right ? 7.0f : 0.0f), static_cast<float>(m.position[t[k]].y())};
         m.uv.push_back(uv);
     }
     const Split s = split(m, false);

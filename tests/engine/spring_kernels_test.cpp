@@ -30,8 +30,7 @@ struct RandomBody {
             stiffness.push_back(i % 5 == 0 || loose ? 0.0f : 2 + unit(random));
             for (auto& r : rest) r.push_back(unit(random));
         }
-        for (unsigned i = 0; i + 9 < n; i += 40)
-            offset[i + 9] = {offset[i].x, offset[i].y, offset[i].z, offset[i + 9].w};
+        for (unsigned i = 0; i + 9 < n; i += 40) offset[i + 9] = {offset[i].x, offset[i].y, offset[i].z, offset[i + 9].w};
         column.push_back(0);
         for (unsigned s = 0; s < slices; ++s) {
             const unsigned columns = random() % 9;
@@ -89,9 +88,7 @@ struct RandomBody {
         s.remainder_x = remainder[0].data(), s.remainder_y = remainder[1].data(), s.remainder_z = remainder[2].data();
         return s;
     }
-    void add_forces(SpringStep& s) const {
-        s.force_x = force[0].data(), s.force_y = force[1].data(), s.force_z = force[2].data();
-    }
+    void add_forces(SpringStep& s) const { s.force_x = force[0].data(), s.force_y = force[1].data(), s.force_z = force[2].data(); }
 };
 
 bool have_avx512() { return __builtin_cpu_supports("avx512f") && __builtin_cpu_supports("avx512dq"); }
@@ -101,11 +98,10 @@ TEST(SpringKernels, Avx2AndAvx512GiveTheSameBits) {
     if (!have_avx512()) GTEST_SKIP() << "no AVX-512 here";
     for (unsigned seed = 1; seed <= 20; ++seed) {
         RandomBody a(13, seed), b(13, seed);
-        std::vector<double> work_a(16, 0.0), work_b(16, 0.0), sums_a(kShapeSums * 16, 0.0),
-            sums_b(kShapeSums * 16, 0.0), energy_a(kEnergySums * 16, 0.0), energy_b(kEnergySums * 16, 0.0);
+        std::vector<double> work_a(16, 0.0), work_b(16, 0.0), sums_a(kShapeSums * 16, 0.0), sums_b(kShapeSums * 16, 0.0),
+            energy_a(kEnergySums * 16, 0.0), energy_b(kEnergySums * 16, 0.0);
         const bool carried = seed % 2 == 0;
-        SpringStep sa = carried ? a.bound_with_remainders() : a.bound(),
-                   sb = carried ? b.bound_with_remainders() : b.bound();
+        SpringStep sa = carried ? a.bound_with_remainders() : a.bound(), sb = carried ? b.bound_with_remainders() : b.bound();
         if (seed % 3 == 0) a.add_forces(sa), b.add_forces(sb);
         kSpringKernelsAvx2.shape_sums(&sa, 0, 13, sums_a.data());
         kSpringKernelsAvx512.shape_sums(&sb, 0, 13, sums_b.data());
@@ -234,8 +230,8 @@ void expect_step_agrees_with_double(bool with_forces) {
             if (d.norm() > 0) f += step.stiffness * (1 - before.rest_length[16 * c + i % 16] / d.norm()) * d;
         }
         const Vec3d rest(before.rest[0][i], before.rest[1][i], before.rest[2][i]);
-        const Vec3d goal = Vec3d(row(step.turn).dot(rest), row(step.turn + 3).dot(rest), row(step.turn + 6).dot(rest)) +
-                           row(step.centre) + row(step.centre_rest);
+        const Vec3d goal = Vec3d(row(step.turn).dot(rest), row(step.turn + 3).dot(rest), row(step.turn + 6).dot(rest)) + row(step.centre) +
+                           row(step.centre_rest);
         f += before.stiffness[i] * (goal - x);
         if (with_forces) f += Vec3d(before.force[0][i], before.force[1][i], before.force[2][i]);
         const Vec3d drag = row(step.drag_velocity) + row(step.drag_turn).cross(x);
@@ -292,9 +288,7 @@ TEST(SpringKernels, EnergySumsAgreeWithDouble) {
     for (int s = 0; s < kEnergySums; ++s) {
         for (int lane = 0; lane < 16; ++lane) got[s] += lanes[16 * s + lane];
     }
-    const auto velocity = [&](unsigned i) {
-        return Vec3d(body.velocity[0][i], body.velocity[1][i], body.velocity[2][i]);
-    };
+    const auto velocity = [&](unsigned i) { return Vec3d(body.velocity[0][i], body.velocity[1][i], body.velocity[2][i]); };
     const auto place = [&](unsigned i) -> Vec3d {
         return Vec3d(body.offset[i].x, body.offset[i].y, body.offset[i].z) - double(step.back) * velocity(i);
     };
@@ -305,8 +299,8 @@ TEST(SpringKernels, EnergySumsAgreeWithDouble) {
             expected[kSumStretch] += std::pow(length - body.rest_length[16 * c + i % 16], 2);
         }
         const Vec3d rest(body.rest[0][i], body.rest[1][i], body.rest[2][i]);
-        const Vec3d goal = Vec3d(row(step.turn).dot(rest), row(step.turn + 3).dot(rest), row(step.turn + 6).dot(rest)) +
-                           row(step.centre) + row(step.centre_rest);
+        const Vec3d goal = Vec3d(row(step.turn).dot(rest), row(step.turn + 3).dot(rest), row(step.turn + 6).dot(rest)) + row(step.centre) +
+                           row(step.centre_rest);
         expected[kSumAnchor] += body.stiffness[i] * (goal - place(i)).squaredNorm();
         if (!(body.offset[i].w > 0)) continue;
         const double m = 1.0 / body.offset[i].w;

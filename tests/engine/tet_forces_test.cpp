@@ -63,8 +63,7 @@ struct RandomTets {
     double energy(const std::vector<Vec3d>& p) const {
         double sum = 0;
         for (unsigned t = 0; t < kTets; ++t) {
-            sum += tet_energy(300, 900, rest[t],
-                              six_volumes(p[corner[0][t]], p[corner[1][t]], p[corner[2][t]], p[corner[3][t]]));
+            sum += tet_energy(300, 900, rest[t], six_volumes(p[corner[0][t]], p[corner[1][t]], p[corner[2][t]], p[corner[3][t]]));
         }
         return sum;
     }

@@ -10,9 +10,7 @@
 namespace trocar {
 namespace {
 
-Image black(uint32_t width, uint32_t height) {
-    return {width, height, std::vector<uint8_t>(size_t{4} * width * height, 0)};
-}
+Image black(uint32_t width, uint32_t height) { return {width, height, std::vector<uint8_t>(size_t{4} * width * height, 0)}; }
 
 uint32_t ink(const Image& image) {
     uint32_t sum = 0;

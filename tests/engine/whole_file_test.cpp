@@ -18,9 +18,7 @@ struct WholeFile : testing::Test {
     fs::path folder = fs::temp_directory_path() / ("trocar_whole_" + std::to_string(::getpid()));
     void SetUp() override { fs::create_directories(folder); }
     void TearDown() override { fs::remove_all(folder); }
-    size_t entries() const {
-        return static_cast<size_t>(std::distance(fs::directory_iterator(folder), fs::directory_iterator{}));
-    }
+    size_t entries() const { return static_cast<size_t>(std::distance(fs::directory_iterator(folder), fs::directory_iterator{})); }
 };
 
 std::string write_error(const fs::path& path, std::string_view bytes = "text") {

@@ -38,8 +38,7 @@ TEST(WindingNumber, G20_SphereMinusCap) {
         }
         const auto angle = [](const Vec3d& u, const Vec3d& v) { return 2 * std::asin(0.5 * (u - v).norm()); };
         const double x = angle(b, c), y = angle(c, a), z = angle(a, b), s = 0.5 * (x + y + z);
-        cap += 4 * std::atan(std::sqrt(std::tan(s / 2) * std::tan((s - x) / 2) * std::tan((s - y) / 2) *
-                                       std::tan((s - z) / 2)));
+        cap += 4 * std::atan(std::sqrt(std::tan(s / 2) * std::tan((s - x) / 2) * std::tan((s - y) / 2) * std::tan((s - z) / 2)));
     }
     const double w = winding_number(sphere.position, kept, Vec3d::Zero());
     EXPECT_NEAR(w, 1 - cap / (4 * M_PI), 1e-12);

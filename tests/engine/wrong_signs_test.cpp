@@ -16,8 +16,8 @@ struct Count {
     double farthest = 0;  // wrong sign, in diagonals
 };
 
-void expect_right_signs(const std::string& name, const TestMesh& mesh, const std::vector<Vec3d>& points,
-                        const ClosestPointTree& tree, Count& count) {
+void expect_right_signs(const std::string& name, const TestMesh& mesh, const std::vector<Vec3d>& points, const ClosestPointTree& tree,
+                        Count& count) {
     std::vector<SurfacePoint> got(points.size());
     const std::vector<double> radius(points.size(), std::numeric_limits<double>::infinity());
     QueryCounters counters;
@@ -32,8 +32,7 @@ void expect_right_signs(const std::string& name, const TestMesh& mesh, const std
         if ((got[i].distance < 0) == (windings > 0)) continue;
         ++count.wrong;
         count.farthest = std::max(count.farthest, d);
-        EXPECT_LT(d, 1e-15) << name << ", point " << i << ", feature " << int(got[i].feature) << ", windings "
-                            << windings;
+        EXPECT_LT(d, 1e-15) << name << ", point " << i << ", feature " << int(got[i].feature) << ", windings " << windings;
     }
 }
 
@@ -52,14 +51,12 @@ Count check_signs(uint32_t each) {
             PlacedSurface placed = place_surface(surface.mesh, 0, each, seed);
             const std::vector<Float4> floats = placed.mesh.offsets();
             const ClosestPointTree tree(placed.mesh.view(), floats);
-            for (size_t v = 0; v < floats.size(); ++v)
-                placed.mesh.position[v] = Vec3d(floats[v].x, floats[v].y, floats[v].z);
+            for (size_t v = 0; v < floats.size(); ++v) placed.mesh.position[v] = Vec3d(floats[v].x, floats[v].y, floats[v].z);
             expect_right_signs(surface.name + ", floats", placed.mesh, placed.point, tree, count);
         }
         std::printf("[   figure ] %-20s %8llu points, %8llu beyond 1e-9 diagonals: %llu wrong signs (farthest %.1e)\n",
-                    surface.name.c_str(), static_cast<unsigned long long>(count.points),
-                    static_cast<unsigned long long>(count.beyond), static_cast<unsigned long long>(count.wrong),
-                    count.farthest);
+                    surface.name.c_str(), static_cast<unsigned long long>(count.points), static_cast<unsigned long long>(count.beyond),
+                    static_cast<unsigned long long>(count.wrong), count.farthest);
         all.points += count.points;
         all.beyond += count.beyond;
         all.wrong += count.wrong;
@@ -92,17 +89,14 @@ TestMesh turned(TestMesh mesh) {
     return TestMesh(mesh.position, mesh.triangle);
 }
 
-std::vector<Vec3d> points_about(const TestMesh& mesh, uint32_t each, uint64_t seed) {
-    return place_surface(mesh, 0, 3 * each, seed).point;
-}
+std::vector<Vec3d> points_about(const TestMesh& mesh, uint32_t each, uint64_t seed) { return place_surface(mesh, 0, 3 * each, seed).point; }
 
 // G24, G25: the hollow of a shell is outside, an island in the hollow inside; pieces apart are a union.
 TEST(WrongSigns, G24_G25_HollowsIslandsAndSeveralPieces) {
     const TestMesh organ = make_organ(6);
     const auto sized = [&](double s) { return organ.moved([=](const Vec3d& x) { return Vec3d(s * x); }); };
     const TestMesh nested = joined({organ, turned(sized(0.8)), sized(0.5)}, Admission::kSolid);
-    const TestMesh apart =
-        joined({organ, organ.moved([](const Vec3d& x) { return Vec3d(x + Vec3d(0, 1.8, 0)); })}, Admission::kSolid);
+    const TestMesh apart = joined({organ, organ.moved([](const Vec3d& x) { return Vec3d(x + Vec3d(0, 1.8, 0)); })}, Admission::kSolid);
     Count count;
     for (const TestMesh& mesh : {nested, apart}) {
         const ClosestPointTree tree(mesh.view());
@@ -128,8 +122,7 @@ TEST(WrongSigns, G17_G18_G19_G23_TheSignOfWhatIsNoSolidIsTheWindingNumbers) {
     std::swap(flipped.triangle[5][1], flipped.triangle[5][2]);
     const uint32_t far = organ.triangle[400][0];
     const TestMesh cube = make_cube();
-    TestMesh bow =
-        joined({cube, cube.moved([](const Vec3d& x) { return Vec3d(x + Vec3d::Ones()); })}, Admission::kWinding);
+    TestMesh bow = joined({cube, cube.moved([](const Vec3d& x) { return Vec3d(x + Vec3d::Ones()); })}, Admission::kWinding);
     for (Triangle& face : bow.triangle)
         for (uint32_t& v : face) v = v == 8 ? 7 : v;  // one corner in common
     bow = TestMesh(bow.position, bow.triangle, Admission::kWinding);
@@ -149,8 +142,7 @@ TEST(WrongSigns, G17_G18_G19_G23_TheSignOfWhatIsNoSolidIsTheWindingNumbers) {
 // G26: a blade one micrometre thick, wherever it is: vertices and points are doubles, or floats about the body's own
 // origin. Floats of a body drawn 10 m away from its origin cannot hold it: its sides fall together, nothing is inside.
 TEST(WrongSigns, G26_SheetOfOneMicrometre) {
-    const TestMesh blade =
-        make_cube().moved([](const Vec3d& x) { return Vec3d(0.1 * x.x(), 0.1 * x.y(), 1e-6 * x.z()); });
+    const TestMesh blade = make_cube().moved([](const Vec3d& x) { return Vec3d(0.1 * x.x(), 0.1 * x.y(), 1e-6 * x.z()); });
     for (const double away : {0.0, 0.1, 1.0, 10.0, 1000.0}) {
         const Vec3d shift(0, 0, away);
         const TestMesh there = blade.moved([&](const Vec3d& x) { return Vec3d(x + shift); });

@@ -41,12 +41,10 @@ bool run_stage_in_child(const std::string& scene, uint32_t stage, bool strip, St
         row.name.copy(run.name, sizeof run.name - 1);
         if (strip) strip_resources(world, row.reads | row.writes);
         for (uint32_t r = 0; r < kResources; ++r)
-            if (!strip || (row.writes & mask(static_cast<Resource>(r))))
-                run.before[r] = resource_hash(world, static_cast<Resource>(r));
+            if (!strip || (row.writes & mask(static_cast<Resource>(r)))) run.before[r] = resource_hash(world, static_cast<Resource>(r));
         frame.run_stage(stage);
         for (uint32_t r = 0; r < kResources; ++r)
-            if (!strip || (row.writes & mask(static_cast<Resource>(r))))
-                run.after[r] = resource_hash(world, static_cast<Resource>(r));
+            if (!strip || (row.writes & mask(static_cast<Resource>(r)))) run.after[r] = resource_hash(world, static_cast<Resource>(r));
         const bool sent = write(channel[1], &run, sizeof run) == sizeof run;
         _exit(sent ? 0 : 1);
     }
@@ -78,15 +76,13 @@ TEST_P(DeclaredAccess, StagesTouchOnlyWhatTheirRowsName) {
         }
         for (uint32_t r = 0; r < kResources; ++r) {
             // trees are hashed through the meshes' vertex counts, which a stripped world may not have
-            if (static_cast<Resource>(r) == Resource::kTrees || !(stage.writes & mask(static_cast<Resource>(r))))
-                continue;
+            if (static_cast<Resource>(r) == Resource::kTrees || !(stage.writes & mask(static_cast<Resource>(r)))) continue;
             EXPECT_EQ(whole.after[r], stripped.after[r])
                 << stage.name << " needs something undeclared for " << resource_name(static_cast<Resource>(r));
         }
     }
 }
 
-INSTANTIATE_TEST_SUITE_P(Scenes, DeclaredAccess, testing::ValuesIn(scene_names()),
-                         [](const auto& info) { return info.param; });
+INSTANTIATE_TEST_SUITE_P(Scenes, DeclaredAccess, testing::ValuesIn(scene_names()), [](const auto& info) { return info.param; });
 
 }  // namespace

@@ -87,7 +87,8 @@ TEST(FaceRows, CoarseSheetComesOffABall) {
     for (const bool faces : {true, false}) {
         const double cell = 0.025, in_middle = cell * (1 - std::sqrt(0.5));
         const Vec3d middle(cell - in_middle, in_middle, 0);
-        World w = make_world({{ball(0.01, 8), Motion::kStatic}, {make_sheet(4 * cell, 4), Motion::kDeformable, Vec3d(0, 0, 0.007) - middle, Admission::kSheet}});
+        World w = make_world({{ball(0.01, 8), Motion::kStatic},
+                              {make_sheet(4 * cell, 4), Motion::kDeformable, Vec3d(0, 0, 0.007) - middle, Admission::kSheet}});
         w.settings.contact.faces = faces;
         ASSERT_NEAR(deepest_of_faces(w, 1, 0, 12), 0.003, 3e-4) << "as laid out";
         run(std::move(w), 30, [&](const World& after) {
@@ -106,7 +107,8 @@ TEST(FaceRows, CoarseSheetComesOffABall) {
 Mesh prism(double radius, double low, double high) {
     Mesh mesh;
     for (const double z : {low, high})
-        for (int k = 0; k < 3; ++k) mesh.position.push_back(Vec3d(radius * std::cos(2 * M_PI * k / 3), radius * std::sin(2 * M_PI * k / 3), z));
+        for (int k = 0; k < 3; ++k)
+            mesh.position.push_back(Vec3d(radius * std::cos(2 * M_PI * k / 3), radius * std::sin(2 * M_PI * k / 3), z));
     mesh.triangle = {{0, 2, 1}, {3, 4, 5}};
     for (uint32_t k = 0; k < 3; ++k) {
         const uint32_t next = (k + 1) % 3;
@@ -227,7 +229,8 @@ TEST(Response, OneSidedAndTwoSidedReachTheStatedResidual) {
                 w.settings.contact.direction = direction;
                 w.settings.contact.share = share;
                 const Vec3d before = vertex_position(surfaces_of(w), 1, 0);
-                const std::string what = std::to_string(int(other)) + " share " + std::to_string(int(share)) + " direction " + std::to_string(int(direction));
+                const std::string what =
+                    std::to_string(int(other)) + " share " + std::to_string(int(share)) + " direction " + std::to_string(int(direction));
                 run(std::move(w), 20, [&](const World& after) {
                     EXPECT_LT(std::max(deepest_of_faces(after, 0, 1, 2), deepest_of_faces(after, 1, 0, 2)), kTolerance) << what;
                     EXPECT_EQ(vertex_position(surfaces_of(after), 1, 0) == before, other == Motion::kStatic) << what;
@@ -255,7 +258,8 @@ TEST(NBody, VerticesInTwoBodiesObeyBothInAnyOrder) {
             const auto count_in_both = [&](const World& now) {
                 const reference::Surface block(surfaces_of(now), row[0]), floor(surfaces_of(now), row[1]), wall(surfaces_of(now), row[2]);
                 uint32_t count = 0;
-                for (const Vec3d& p : block.position) count += floor.signed_distance(p) < -kTolerance && wall.signed_distance(p) < -kTolerance;
+                for (const Vec3d& p : block.position)
+                    count += floor.signed_distance(p) < -kTolerance && wall.signed_distance(p) < -kTolerance;
                 return count;
             };
             EXPECT_GE(count_in_both(w), 4u) << "as laid out";

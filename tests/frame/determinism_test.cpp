@@ -92,8 +92,7 @@ TEST_P(Determinism, SameHashForAnyThreadsOrderInstructionSetAndCaches) {
     }
 }
 
-INSTANTIATE_TEST_SUITE_P(Scenes, Determinism, testing::ValuesIn(scene_names()),
-                         [](const auto& info) { return info.param; });
+INSTANTIATE_TEST_SUITE_P(Scenes, Determinism, testing::ValuesIn(scene_names()), [](const auto& info) { return info.param; });
 
 class LongDeterminism : public testing::TestWithParam<std::string> {};
 
@@ -104,7 +103,6 @@ TEST_P(LongDeterminism, SameHashAfter300Pictures) {
         EXPECT_EQ(run_scene(GetParam(), {threads, false, false, false, 600}), reference) << threads << " threads";
 }
 
-INSTANTIATE_TEST_SUITE_P(Scenes, LongDeterminism, testing::ValuesIn(scene_names()),
-                         [](const auto& info) { return info.param; });
+INSTANTIATE_TEST_SUITE_P(Scenes, LongDeterminism, testing::ValuesIn(scene_names()), [](const auto& info) { return info.param; });
 
 }  // namespace

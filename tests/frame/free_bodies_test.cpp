@@ -273,7 +273,8 @@ TEST(FreeBodies, BallOnASoftBodyKeepsMomentum) {
 TEST(FreeBodies, SameHashForAnyThreadsAndCaches) {
     SceneFile scene;
     scene.bodies = {body("table", "table", Motion::kStatic, 0.6, {0, 0, -0.01}, 400),
-                    body("low", "box", Motion::kFree, 0.04, {0, 0, 0.021}), body("high", "box", Motion::kFree, 0.03, {0.005, 0, 0.058}),
+                    body("low", "box", Motion::kFree, 0.04, {0, 0, 0.021}),
+                    body("high", "box", Motion::kFree, 0.03, {0.005, 0, 0.058}),
                     body("soft", "sphere", Motion::kDeformable, 0.06, {0.1, 0, 0.032}, 1000),
                     body("ball", "sphere", Motion::kFree, 0.02, {0.1, 0.005, 0.075}, 320),
                     body("fast", "sphere", Motion::kFree, 0.02, {-0.1, 0, 0.3}, 320)};

@@ -23,13 +23,13 @@ struct FeltForces {
     Device device;  // reads from the world while it is stepped
     HapticScratch scratch;
     ToolState state;
-    std::vector<double> time;          // s, of the ticks
-    std::vector<Vec3d> hand;           // m, where the device was
-    std::vector<Vec3d> felt;           // N
-    std::vector<double> middle;        // s, of the passes
-    std::vector<Vec3d> pushed;         // N
-    double lowest_energy = 0;          // J, of the observer
-    double oldest = 0;                 // s, of the surfaces under the forces
+    std::vector<double> time;    // s, of the ticks
+    std::vector<Vec3d> hand;     // m, where the device was
+    std::vector<Vec3d> felt;     // N
+    std::vector<double> middle;  // s, of the passes
+    std::vector<Vec3d> pushed;   // N
+    double lowest_energy = 0;    // J, of the observer
+    double oldest = 0;           // s, of the surfaces under the forces
 
     // ticks as the frame will, on the model that it just published
     void on_pass(const World& w) {
@@ -143,8 +143,8 @@ TEST(HapticForce, PokingTissueGivesNoEnergy) {
     World world = small_scene("probe_on_liver", "5000").world;
     reference::poke_at(world, 0, 20, 1);
     const reference::PokeEnergy e = reference::poke_energy(std::move(world), 20);
-    std::printf("%u pokes, largest force %.2f N, hand gave %.1f mJ; least %.4f mJ, of one poke %.4f mJ; observer's least %.4f mJ\n", e.pokes,
-                e.largest, 1e3 * e.given, 1e3 * e.least, 1e3 * e.least_poke, 1e3 * e.observer);
+    std::printf("%u pokes, largest force %.2f N, hand gave %.1f mJ; least %.4f mJ, of one poke %.4f mJ; observer's least %.4f mJ\n",
+                e.pokes, e.largest, 1e3 * e.given, 1e3 * e.least, 1e3 * e.least_poke, 1e3 * e.observer);
     EXPECT_EQ(e.unlike, 0) << "the frame ticks otherwise";
     EXPECT_GT(e.pokes, 15);
     EXPECT_GT(e.largest, 1);
@@ -174,12 +174,14 @@ TEST(HapticForce, ADrivenDialIsMetWithoutASpike) {
 TEST(HapticForce, ContactsAreFoundAtTheRateOfTheScene) {
     const std::string scene = (source_folder() / "content/scenes/probe_on_liver.toml").string();
     for (const uint32_t rate : {30u, 60u, 120u, 240u}) {
-        const FeltForces f = feel(build_scene(read_scene_file(scene, {{"liver.triangles", "4000"}, {"contact.rate", std::to_string(rate)}})).world, 1500);
+        const FeltForces f =
+            feel(build_scene(read_scene_file(scene, {{"liver.triangles", "4000"}, {"contact.rate", std::to_string(rate)}})).world, 1500);
         EXPECT_EQ(f.middle.size(), size_t{rate} * 3 / 2);
         EXPECT_LT(f.oldest, 1.0 / rate);
         EXPECT_GT(f.oldest, 1.0 / rate - 2.1e-3);
         const Felt felt = compare(f, 0.9, 1.4);
-        std::printf("%u Hz: oldest %.1f ms, felt %.3f N of %.3f N, error %.3f N rms\n", rate, 1e3 * f.oldest, felt.felt, felt.pushed, felt.error);
+        std::printf("%u Hz: oldest %.1f ms, felt %.3f N of %.3f N, error %.3f N rms\n", rate, 1e3 * f.oldest, felt.felt, felt.pushed,
+                    felt.error);
         EXPECT_NEAR(felt.felt / felt.pushed, 1, 0.03);
         EXPECT_LT(felt.error, 0.05);
     }
@@ -203,7 +205,8 @@ Vec3d momentum_of(const World& w, uint32_t body) {
 // Two hands on a liver that floats freely; the tools stand in the world's list as the scene says, or the other way round.
 TwoTools press_with_two(bool swapped) {
     const std::string file = (source_folder() / "content/scenes/two_tools.toml").string();
-    SceneFile scene = read_scene_file(file, {{"liver.triangles", "2000"}, {"liver.anchor", "shape"}, {"liver.fixed_below", "-1"}, {"liver.tissue.damping", "0"}});
+    SceneFile scene = read_scene_file(
+        file, {{"liver.triangles", "2000"}, {"liver.anchor", "shape"}, {"liver.fixed_below", "-1"}, {"liver.tissue.damping", "0"}});
     scene.tools[1].path[1].time = 0.5, scene.tools[1].path[2].time = 1.0;  // both at once: a liver that floats is soon gone
     if (swapped) std::swap(scene.tools[0], scene.tools[1]);
     TwoTools seen;

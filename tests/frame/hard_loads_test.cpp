@@ -10,8 +10,8 @@ namespace {
 using namespace trocar;
 
 struct Books {
-    double peak = 0, worst = 0;  // J, largest elastic energy, largest gap of the energy books
-    double kinetic = 0;          // J, largest in the second half
+    double peak = 0, worst = 0;                // J, largest elastic energy, largest gap of the energy books
+    double kinetic = 0;                        // J, largest in the second half
     double contact_half = 0, contact_end = 0;  // J, work of contacts
     uint64_t lost = 0;
 };
@@ -130,8 +130,8 @@ TEST(HardLoads, ASoftBoxComesToRest) {
     EXPECT_GT(one.kinetic, 1e-3);
 }
 
-// Links hold nodes where they were, here up to five radii from the middle of the ball that holds them: the step must know that arm. With the
-// ball's own radius for it the energy is 3.9 MJ after 2 s.
+// Links hold nodes where they were, here up to five radii from the middle of the ball that holds them: the step must know that arm. With
+// the ball's own radius for it the energy is 3.9 MJ after 2 s.
 TEST(HardLoads, ABallHeldFarFromItsMiddle) {
     const Books books = keep_books(R"(
 [[body]]

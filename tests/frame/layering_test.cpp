@@ -72,25 +72,22 @@ TEST(Layering, ComponentsIncludeOnlyComponentsStdAndEigen) {
 TEST(Layering, EngineIncludesOnlyComponentsAndEngine) {
     for (const Include& i : includes_below("engine")) {
         if (!i.quoted) continue;
-        EXPECT_TRUE(starts_with(i.target, "components/") || starts_with(i.target, "engine/"))
-                << i.file << " includes " << i.target;
+        EXPECT_TRUE(starts_with(i.target, "components/") || starts_with(i.target, "engine/")) << i.file << " includes " << i.target;
     }
 }
 
 TEST(Layering, ContentIncludesOnlyComponentsEngineAndContent) {
     for (const Include& i : includes_below("content")) {
         if (!i.quoted) continue;
-        EXPECT_TRUE(starts_with(i.target, "components/") || starts_with(i.target, "engine/") ||
-                        starts_with(i.target, "content/"))
-                << i.file << " includes " << i.target;
+        EXPECT_TRUE(starts_with(i.target, "components/") || starts_with(i.target, "engine/") || starts_with(i.target, "content/"))
+            << i.file << " includes " << i.target;
     }
 }
 
 TEST(Layering, SystemsDoNotIncludeEachOther) {
     for (const Include& i : includes_below("systems")) {
         if (!i.quoted || starts_with(i.file, "systems/app/") || starts_with(i.file, "systems/frame")) continue;
-        EXPECT_FALSE(starts_with(i.target, "content/") || starts_with(i.target, "systems/app/"))
-            << i.file << " includes " << i.target;
+        EXPECT_FALSE(starts_with(i.target, "content/") || starts_with(i.target, "systems/app/")) << i.file << " includes " << i.target;
         const bool fine = !starts_with(i.target, "systems/") || same_system(i.file, i.target);
         EXPECT_TRUE(fine) << i.file << " includes " << i.target;
     }
@@ -173,7 +170,8 @@ TEST(Documents, EveryKeyOfAScene) {
             const std::string caller = member_before(source, at), key = source.substr(at + 2, source.find('"', at + 2) - at - 2);
             if (!starts_with(caller, "read") && caller != "table" && caller != "tables" && caller != "find") continue;
             ++keys;
-            EXPECT_NE(text.find("`" + key + "`"), std::string::npos) << entry.path() << " reads " << key << ", docs/scenes.md does not say so";
+            EXPECT_NE(text.find("`" + key + "`"), std::string::npos)
+                << entry.path() << " reads " << key << ", docs/scenes.md does not say so";
         }
     }
     EXPECT_GT(keys, 150u);

@@ -178,12 +178,16 @@ TEST(LinksInScenes, JawsGraspPullAndRelease) {
 // books whoever steps the tissue.
 TEST(LinksInScenes, BooksOfJawsWhoeverSteps) {
     for (const char* integrator : {"midpoint", "xpbd"}) {
-        const std::vector<Override> set{{"gallbladder.triangles", "1500"}, {"upper_jaw.triangles", "600"}, {"lower_jaw.triangles", "600"}, {"gallbladder.integrator", integrator}};
+        const std::vector<Override> set{{"gallbladder.triangles", "1500"},
+                                        {"upper_jaw.triangles", "600"},
+                                        {"lower_jaw.triangles", "600"},
+                                        {"gallbladder.integrator", integrator}};
         double work = 0, worst = 0;
-        run(std::move(build_scene(read_scene_file(source_folder() / "content/scenes/jaw_grasp.toml", set)).world), 150, [&](const Frame& f, int) {
-            work = std::max(work, f.world().energy.work_hand);
-            worst = std::max(worst, std::abs(f.world().energy.balance));
-        });
+        run(std::move(build_scene(read_scene_file(source_folder() / "content/scenes/jaw_grasp.toml", set)).world), 150,
+            [&](const Frame& f, int) {
+                work = std::max(work, f.world().energy.work_hand);
+                worst = std::max(worst, std::abs(f.world().energy.balance));
+            });
         std::printf("jaws, %s: work %.4g J, books off by %.3f %%\n", integrator, work, 100 * worst / work);
         EXPECT_GT(work, 5e-3);
         EXPECT_LT(worst, 5e-3 * work);
@@ -301,8 +305,11 @@ position = [0.0, 0.0, 0.06]
             EXPECT_EQ(find_fault(w), "");
         });
     }
-    const auto error = [&](const std::string& table, const std::vector<Override>& o = {}) { return WrittenScene("caged_bad", scene + table).error(o); };
-    EXPECT_NE(error("", {{"a.tissue.pressure_modulus", "1e4"}, {"a.model", "solid"}}).find("are for shells, not for solids"), std::string::npos);
+    const auto error = [&](const std::string& table, const std::vector<Override>& o = {}) {
+        return WrittenScene("caged_bad", scene + table).error(o);
+    };
+    EXPECT_NE(error("", {{"a.tissue.pressure_modulus", "1e4"}, {"a.model", "solid"}}).find("are for shells, not for solids"),
+              std::string::npos);
     EXPECT_NE(error("[[cut]]\nbody = \"a\"\nsphere = [0, 0, 0.05, 0.01]\n").find("is not cut and does not break"), std::string::npos);
     EXPECT_NE(error("", {{"a.cells", "200"}}).find("take wider cells"), std::string::npos);
     EXPECT_EQ(error("", {{"a.integrator", "midpoint"}}), "");
@@ -344,10 +351,10 @@ position = [0.0, 0.0, 0.16]
         const char* name;
         std::string more;
         std::vector<Override> set;
-    } cases[] = {
-        {"tears", hold, {{"ball.break_strain", "0.2"}}},
-        {"links break", hold + "break_strain = 0.05\nstiffness = 200.0\n", {}},
-        {"cut and stapled", hold + R"(
+    } cases[] = {{"tears", hold, {{"ball.break_strain", "0.2"}}},
+                 {"links break", hold + "break_strain = 0.05\nstiffness = 200.0\n", {}},
+                 {"cut and stapled",
+                  hold + R"(
 [[cut]]
 body = "ball"
 box = [-0.1, -0.1, 0.01, 0.0, 0.1, 0.04]
@@ -359,7 +366,8 @@ place = [0.0, 0.0, 0.1]
 reach = 0.1
 stiffness = 50.0
 time = 0.4
-)", {}}};
+)",
+                  {}}};
     for (const auto& c : cases) {
         for (const char* integrator : {"leapfrog", "midpoint", "xpbd"}) {
             SCOPED_TRACE(std::string(c.name) + ", " + integrator);
@@ -374,7 +382,8 @@ time = 0.4
                 gone = w.report.broken_springs + w.report.broken_links;
                 EXPECT_EQ(w.report.nonfinite_particles + w.report.runaway_bodies, 0u);
             });
-            std::printf("shell, %s, %s: %llu springs and links gone, work %.4g J, books off by %.3f %%\n", c.name, integrator, static_cast<unsigned long long>(gone), peak, 100 * worst / peak);
+            std::printf("shell, %s, %s: %llu springs and links gone, work %.4g J, books off by %.3f %%\n", c.name, integrator,
+                        static_cast<unsigned long long>(gone), peak, 100 * worst / peak);
             EXPECT_GT(gone, 10u);
             EXPECT_LT(worst, 1e-2 * peak);
         }
@@ -386,10 +395,11 @@ time = 0.4
 TEST(Breaking, BooksOfWhatJawsLoseLong) {
     const std::vector<Override> set{{"link.upper.break_strain", "0.2"}, {"link.lower.break_strain", "0.2"}};
     double peak = 0, worst = 0;
-    run(std::move(build_scene(read_scene_file(source_folder() / "content/scenes/jaw_grasp.toml", set)).world), 300, [&](const Frame& f, int) {
-        peak = std::max(peak, f.world().energy.elastic);
-        worst = std::max(worst, std::abs(f.world().energy.balance));
-    });
+    run(std::move(build_scene(read_scene_file(source_folder() / "content/scenes/jaw_grasp.toml", set)).world), 300,
+        [&](const Frame& f, int) {
+            peak = std::max(peak, f.world().energy.elastic);
+            worst = std::max(worst, std::abs(f.world().energy.balance));
+        });
     std::printf("lost by jaws: held %.4g J, books off by %.3f %%\n", peak, 100 * worst / peak);
     EXPECT_LT(worst, 1e-2 * peak);
 }
@@ -489,44 +499,47 @@ void expect_a_hole_in_one(const std::string& integrator) {
     });
     for (const uint32_t threads : {1u, 3u}) {
         uint32_t contacts = 0;
-        run(std::move(cut.build(stepped).world), 60, [&](const Frame& f, int pass) {
-            const World& w = f.world();
-            const MeshInfo& info = w.meshes.info[w.bodies.mesh[0]];
-            const double begun = pass / 60.0;
-            EXPECT_EQ(info.admission, begun < 0.2 ? Admission::kSolid : Admission::kWinding) << pass;
-            EXPECT_EQ(w.report.opened_bodies, begun < 0.2 ? 0u : 1u);
-            if (pass < 59) return;
-            EXPECT_EQ(find_fault(w), "");
-            EXPECT_EQ(bytes_of(w, 1), other) << "the other body and its mesh";
-            torn[threads == 3] = bytes_of(w, 0);
-            const uint32_t removed = static_cast<uint32_t>(w.report.removed_triangles);
-            EXPECT_GT(removed, 20u);
-            EXPECT_LT(removed, 150u);
-            EXPECT_EQ(info.triangles.count + removed, w.tears.body[0].order.count);
-            EXPECT_GT(w.report.broken_springs, removed);
-            EXPECT_EQ(w.report.nonfinite_particles, 0u);
-            for (uint32_t t = info.triangles.first; t < info.triangles.end(); ++t) {
-                Vec3d middle = Vec3d::Zero();
-                for (const uint32_t v : w.meshes.triangle[t]) middle += w.meshes.position[info.vertices.first + v] / 3;
-                EXPECT_GT((middle - Vec3d(0, 0, 0.05)).norm(), 0.03);
-            }
-            // tables against a mesh that never had the removed triangles
-            Mesh mesh;
-            mesh.position.assign(w.meshes.position.begin() + info.vertices.first, w.meshes.position.begin() + info.vertices.end());
-            mesh.triangle.assign(w.meshes.triangle.begin() + info.triangles.first, w.meshes.triangle.begin() + info.triangles.end());
-            Meshes made;
-            add_prototype(made, mesh, Admission::kWinding);
-            EXPECT_EQ(made.info[0].edges.count, info.edges.count);
-            EXPECT_TRUE(std::equal(made.neighbour.begin(), made.neighbour.end(), w.meshes.neighbour.begin() + info.triangles.first));
-            EXPECT_TRUE(std::equal(made.edge.begin(), made.edge.end(), w.meshes.edge.begin() + info.edges.first));
-            // every spring left has a triangle
-            uint32_t left = 0;
-            for (size_t h = 0; h < w.torn_springs.neighbour.size(); ++h) left += w.torn_springs.rest_length[h] > 0;
-            EXPECT_EQ(left, 2 * info.edges.count);
-            // the picture names what is gone
-            EXPECT_EQ(w.picture.removed.size(), removed);
-            contacts = static_cast<uint32_t>(w.report.contact_events);
-        }, threads);
+        run(
+            std::move(cut.build(stepped).world), 60,
+            [&](const Frame& f, int pass) {
+                const World& w = f.world();
+                const MeshInfo& info = w.meshes.info[w.bodies.mesh[0]];
+                const double begun = pass / 60.0;
+                EXPECT_EQ(info.admission, begun < 0.2 ? Admission::kSolid : Admission::kWinding) << pass;
+                EXPECT_EQ(w.report.opened_bodies, begun < 0.2 ? 0u : 1u);
+                if (pass < 59) return;
+                EXPECT_EQ(find_fault(w), "");
+                EXPECT_EQ(bytes_of(w, 1), other) << "the other body and its mesh";
+                torn[threads == 3] = bytes_of(w, 0);
+                const uint32_t removed = static_cast<uint32_t>(w.report.removed_triangles);
+                EXPECT_GT(removed, 20u);
+                EXPECT_LT(removed, 150u);
+                EXPECT_EQ(info.triangles.count + removed, w.tears.body[0].order.count);
+                EXPECT_GT(w.report.broken_springs, removed);
+                EXPECT_EQ(w.report.nonfinite_particles, 0u);
+                for (uint32_t t = info.triangles.first; t < info.triangles.end(); ++t) {
+                    Vec3d middle = Vec3d::Zero();
+                    for (const uint32_t v : w.meshes.triangle[t]) middle += w.meshes.position[info.vertices.first + v] / 3;
+                    EXPECT_GT((middle - Vec3d(0, 0, 0.05)).norm(), 0.03);
+                }
+                // tables against a mesh that never had the removed triangles
+                Mesh mesh;
+                mesh.position.assign(w.meshes.position.begin() + info.vertices.first, w.meshes.position.begin() + info.vertices.end());
+                mesh.triangle.assign(w.meshes.triangle.begin() + info.triangles.first, w.meshes.triangle.begin() + info.triangles.end());
+                Meshes made;
+                add_prototype(made, mesh, Admission::kWinding);
+                EXPECT_EQ(made.info[0].edges.count, info.edges.count);
+                EXPECT_TRUE(std::equal(made.neighbour.begin(), made.neighbour.end(), w.meshes.neighbour.begin() + info.triangles.first));
+                EXPECT_TRUE(std::equal(made.edge.begin(), made.edge.end(), w.meshes.edge.begin() + info.edges.first));
+                // every spring left has a triangle
+                uint32_t left = 0;
+                for (size_t h = 0; h < w.torn_springs.neighbour.size(); ++h) left += w.torn_springs.rest_length[h] > 0;
+                EXPECT_EQ(left, 2 * info.edges.count);
+                // the picture names what is gone
+                EXPECT_EQ(w.picture.removed.size(), removed);
+                contacts = static_cast<uint32_t>(w.report.contact_events);
+            },
+            threads);
         EXPECT_GT(contacts, 10u);
     }
     EXPECT_EQ(torn[0], torn[1]);
@@ -592,14 +605,19 @@ TEST(Cuts, MistakesAreNamed) {
     EXPECT_NE(error("[[cut]]\nbody = \"rod\"\nsphere = [0, 0, 0, 1]\n").find("only deformable bodies can be cut"), std::string::npos);
     EXPECT_NE(error("[[cut]]\nbody = \"c\"\nsphere = [0, 0, 0, 1]\n").find("there is no such body"), std::string::npos);
     EXPECT_EQ(error("[[cut]]\nbody = \"a\"\nsphere = [0, 0, 0.05, 0.01]\n", {{"a.model", "solid"}}), "");
-    EXPECT_NE(error("[[cut]]\nbody = \"a\"\nsphere = [0, 0, 0, 1]\n", {{"a.tissue.bending", "1e4"}}).find("cannot keep its volume or bend"), std::string::npos);
+    EXPECT_NE(error("[[cut]]\nbody = \"a\"\nsphere = [0, 0, 0, 1]\n", {{"a.tissue.bending", "1e4"}}).find("cannot keep its volume or bend"),
+              std::string::npos);
 }
 
 // Regions from a scene: the same values for a sphere, for a group and for a painted field that say the same; mistakes named.
 TEST(RegionsInScenes, SphereGroupAndPaintedFieldAgree) {
     const std::string head = "[[body]]\nname = \"a\"\nshape = \"sphere\"\nsize = 0.1\ntriangles = 400\nmotion = \"deformable\"\n";
-    const BuiltScene sphere = WrittenScene("regions_1", head + "[[body.region]]\nsphere = [0, 0, 0.05, 0.04]\nstiffness = 5\ndensity = 2\n").build();
-    const BuiltScene group = WrittenScene("regions_2", head + "[[body.group]]\nname = \"cap\"\nsphere = [0, 0, 0.05, 0.04]\n[[body.region]]\ngroup = \"cap\"\nstiffness = 5\ndensity = 2\n").build();
+    const BuiltScene sphere =
+        WrittenScene("regions_1", head + "[[body.region]]\nsphere = [0, 0, 0.05, 0.04]\nstiffness = 5\ndensity = 2\n").build();
+    const BuiltScene group = WrittenScene("regions_2", head +
+                                                           "[[body.group]]\nname = \"cap\"\nsphere = [0, 0, 0.05, "
+                                                           "0.04]\n[[body.region]]\ngroup = \"cap\"\nstiffness = 5\ndensity = 2\n")
+                                 .build();
     EXPECT_EQ(sphere.world.springs.factor, group.world.springs.factor);
     EXPECT_EQ(sphere.world.bodies.stable_dt, group.world.bodies.stable_dt);
     ASSERT_EQ(sphere.world.springs.factor.size(), sphere.world.springs.neighbour.size());
@@ -612,7 +630,8 @@ TEST(RegionsInScenes, SphereGroupAndPaintedFieldAgree) {
         std::ofstream out(ply);
         out.precision(17);
         out << "ply\nformat ascii 1.0\nelement vertex " << info.vertices.count
-            << "\nproperty double x\nproperty double y\nproperty double z\nproperty float stiffness\nelement face 1\nproperty list uchar int "
+            << "\nproperty double x\nproperty double y\nproperty double z\nproperty float stiffness\nelement face 1\nproperty list uchar "
+               "int "
                "vertex_indices\nend_header\n";
         for (uint32_t v = 0; v < info.vertices.count; ++v) {
             const Vec3d& p = sphere.world.meshes.position[v];
@@ -623,12 +642,15 @@ TEST(RegionsInScenes, SphereGroupAndPaintedFieldAgree) {
     const BuiltScene painted = WrittenScene("regions_3", head + "[[body.region]]\nfield = \"" + ply.string() + "\"\n").build();
     EXPECT_EQ(sphere.world.springs.factor, painted.world.springs.factor);
     fs::remove(ply);
-    const auto error = [&](const std::string& table, const std::vector<Override>& o = {}) { return WrittenScene("regions_bad", head + table).error(o); };
+    const auto error = [&](const std::string& table, const std::vector<Override>& o = {}) {
+        return WrittenScene("regions_bad", head + table).error(o);
+    };
     EXPECT_NE(error("[[body.region]]\nstiffness = 2\n").find("needs one of sphere, box, capsule, group and field"), std::string::npos);
     EXPECT_NE(error("[[body.region]]\nsphere = [1, 1, 1, 0.1]\n").find("holds no node of the body"), std::string::npos);
     EXPECT_NE(error("[[body.region]]\ngroup = \"x\"\n").find("body \"a\" has no group \"x\""), std::string::npos);
     EXPECT_NE(error("[[body.region]]\nfield = \"/no/such.ply\"\n").find("/no/such.ply"), std::string::npos);
-    for (const char* integrator : {"midpoint", "xpbd"}) EXPECT_EQ(error("[[body.region]]\nsphere = [0, 0, 0, 1]\n", {{"a.integrator", integrator}}), "");
+    for (const char* integrator : {"midpoint", "xpbd"})
+        EXPECT_EQ(error("[[body.region]]\nsphere = [0, 0, 0, 1]\n", {{"a.integrator", integrator}}), "");
 }
 
 }  // namespace

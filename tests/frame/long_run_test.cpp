@@ -54,7 +54,9 @@ std::vector<uint64_t> tell(World world, uint64_t pass, int passes, const Look& l
 }
 
 TEST(LongRun, S03_FreeBodiesFallAsTheyDoFromZero) {
-    const auto world = [] { return std::move(build_scene(read_scene_file(source_folder() / "content/scenes/rigid_stack.toml", {})).world); };
+    const auto world = [] {
+        return std::move(build_scene(read_scene_file(source_folder() / "content/scenes/rigid_stack.toml", {})).world);
+    };
     const auto hash = [](const World& w) {
         StateHash h;
         for (size_t body = 0; body < w.bodies.mesh.size(); ++body) {
@@ -112,7 +114,9 @@ kind = "constant"
 direction = [0.0, 0.0, 1.0]
 force = 1.5
 duration = 1.4
-start = )" + start + "\n").build().world);
+start = )" + start + "\n")
+                             .build()
+                             .world);
     };
     const auto force = [](const World& w) {
         StateHash h;
@@ -152,7 +156,10 @@ TEST(LongRun, S05_AChangedFloatModeIsPutRightBeforeThePass) {
         StateHash h;
         ThreadPool pool(1);
         pool.run([&] {
-            Frame frame(std::move(build_scene(read_scene_file(source_folder() / "content/scenes/kidney_on_liver.toml", {{"liver.triangles", "300"}, {"kidney.triangles", "200"}})).world), {});
+            Frame frame(std::move(build_scene(read_scene_file(source_folder() / "content/scenes/kidney_on_liver.toml",
+                                                              {{"liver.triangles", "300"}, {"kidney.triangles", "200"}}))
+                                      .world),
+                        {});
             for (int pass = 0; pass < 20; ++pass) {
                 if (change) std::fesetround(FE_UPWARD), _mm_setcsr(_mm_getcsr() & ~0x8040u);
                 frame.step();

@@ -25,7 +25,8 @@ World world_of(const std::string& text) { return std::move(WrittenScene("nodes",
 std::string error_of(const std::string& text) { return WrittenScene("nodes", text).error(); }
 
 void run_for(World world, double seconds, const std::function<void(Frame&)>& each, uint32_t threads = 1) {
-    run(std::move(world), static_cast<int>(std::lround(seconds * 60)), [&](Frame& frame, int) { each(frame); }, threads);
+    run(
+        std::move(world), static_cast<int>(std::lround(seconds * 60)), [&](Frame& frame, int) { each(frame); }, threads);
 }
 
 // ---- the tree ----
@@ -97,7 +98,8 @@ TEST(Nodes, PlacesAreTheProductOfTheFramesAbove) {
         if (f.world().clock.pass != 30) return;
         // the stage placed it where the last pass began
         const double t = 1e-3 * static_cast<double>(pass_tick(29, 60));
-        EXPECT_LT((f.world().poses.origin[1] - tray * Vec3d(0.4 * t * t * (3 - 2 * t), 0, 0.5)).norm(), 1e-12) << "between two keys paths run by 3 t^2 - 2 t^3";
+        EXPECT_LT((f.world().poses.origin[1] - tray * Vec3d(0.4 * t * t * (3 - 2 * t), 0, 0.5)).norm(), 1e-12)
+            << "between two keys paths run by 3 t^2 - 2 t^3";
     });
 }
 
@@ -105,15 +107,19 @@ TEST(Nodes, AreRefusedWithTheLineAndTheName) {
     const auto with = [](const std::string& more) { return error_of(std::string(kTree) + more); };
     EXPECT_NE(with("[[node]]\nname = \"tray\"\n").find("two nodes are named \"tray\""), std::string::npos);
     EXPECT_NE(with("[[node]]\nname = \"x\"\nparent = \"y\"\n").find("parent \"y\" names no node before it"), std::string::npos);
-    EXPECT_NE(with("[[body]]\nname = \"c\"\nshape = \"box\"\ntriangles = 12\nnode = \"nowhere\"\n").find("no node is named \"nowhere\""), std::string::npos);
-    EXPECT_NE(with("[[node]]\nname = \"x\"\nscale = 1e6\n[[node]]\nname = \"y\"\nparent = \"x\"\nscale = 1e6\n").find("scales beyond"), std::string::npos);
+    EXPECT_NE(with("[[body]]\nname = \"c\"\nshape = \"box\"\ntriangles = 12\nnode = \"nowhere\"\n").find("no node is named \"nowhere\""),
+              std::string::npos);
+    EXPECT_NE(with("[[node]]\nname = \"x\"\nscale = 1e6\n[[node]]\nname = \"y\"\nparent = \"x\"\nscale = 1e6\n").find("scales beyond"),
+              std::string::npos);
     EXPECT_NE(with("[[node]]\nname = \"d\"\nbehaviour = \"dial\"\n").find("has a behaviour but no body"), std::string::npos);
-    EXPECT_NE(with("[[node]]\nname = \"d\"\nbehaviour = \"dial\"\n[[body]]\nname = \"c\"\nshape = \"box\"\ntriangles = 12\nnode = \"d\"\n").find("must have motion = \"free\""),
+    EXPECT_NE(with("[[node]]\nname = \"d\"\nbehaviour = \"dial\"\n[[body]]\nname = \"c\"\nshape = \"box\"\ntriangles = 12\nnode = \"d\"\n")
+                  .find("must have motion = \"free\""),
               std::string::npos);
     EXPECT_NE(with("[[node]]\nname = \"d\"\nbehaviour = \"wheel\"\n").find("none of button, slider, dial"), std::string::npos);
     EXPECT_NE(with("[[node]]\nname = \"b\"\nbehaviour = \"button\"\nstiffness = 1.0\n").find("limits"), std::string::npos);
     EXPECT_NE(with("[[node]]\nname = \"b\"\n[[node.switch]]\nenabled = false\n").find("needs one of time"), std::string::npos);
-    EXPECT_NE(with("[[node]]\nname = \"b\"\n[[node.switch]]\ndriven = \"still\"\n").find("hangs on no node with a behaviour"), std::string::npos);
+    EXPECT_NE(with("[[node]]\nname = \"b\"\n[[node.switch]]\ndriven = \"still\"\n").find("hangs on no node with a behaviour"),
+              std::string::npos);
     EXPECT_NE(with("[[node]]\nname = \"b\"\nstiffness = 2.0\n").find("stiffness"), std::string::npos) << "of a node without a behaviour";
 }
 
@@ -170,7 +176,9 @@ TEST(Nodes, ADisabledGroupIsNeitherTouchedNorMoved) {
         if (pass == 30) rest = w.poses.origin[1].z();
         if (pass > 30 && pass <= 42) {
             EXPECT_EQ(path[pass - 1], path[29]) << pass;
-            if (f.times().picture) { EXPECT_EQ(w.picture.body[0].mesh, kNone); }
+            if (f.times().picture) {
+                EXPECT_EQ(w.picture.body[0].mesh, kNone);
+            }
             const double t = 1e-3 * static_cast<double>(w.clock.tick - pass_tick(30, 60));
             // velocities are half a step behind places: it was held there, so the first kick is half a step early
             EXPECT_NEAR(w.poses.origin[1].z(), rest - 0.5 * 9.81 * (t * t + 1e-3 * t), 1e-6) << pass;
@@ -189,7 +197,9 @@ TEST(Nodes, ADisabledGroupIsNeitherTouchedNorMoved) {
 // ---- bodies with one coordinate ----
 
 std::string driven(const std::string& behaviour, const std::string& body = "") {
-    return "gravity = [0.0, 0.0, 0.0]\n[[node]]\nname = \"n\"\nposition = [0.3, 0.1, 0.2]\nrotation = [1.0, 2.0, -1.0, 70.0]\naxis = [1.0, 0.5, 2.0]\n" + behaviour +
+    return "gravity = [0.0, 0.0, 0.0]\n[[node]]\nname = \"n\"\nposition = [0.3, 0.1, 0.2]\nrotation = [1.0, 2.0, -1.0, 70.0]\naxis = [1.0, "
+           "0.5, 2.0]\n" +
+           behaviour +
            "[[body]]\nname = \"b\"\nnode = \"n\"\nshape = \"box\"\ntriangles = 12\nsize = 0.02\nmotion = \"free\"\nmass = 0.01\n" + body;
 }
 constexpr double kSide = 0.02, kMass = 0.01;
@@ -229,7 +239,8 @@ TEST(DrivenBodies, SpringAndDamperFollowTheClosedForm) {
 // A dial off its axis: I about the axis by hand (cube: m s^2 / 6 about any axis, and Steiner), a torque from a spring far away:
 // angle = rest (1 - cos(sqrt(k/I) t)), at first 1/2 torque/I t^2.
 TEST(DrivenBodies, ADialTurnsByTorqueOverInertia) {
-    World world = world_of(driven("behaviour = \"dial\"\nstiffness = 1e-4\nrest = 5729.5779513082325\n", "position = [0.03, 0.0, 0.0]\n"));  // 100 rad: 0.01 N m
+    World world = world_of(driven("behaviour = \"dial\"\nstiffness = 1e-4\nrest = 5729.5779513082325\n",
+                                  "position = [0.03, 0.0, 0.0]\n"));  // 100 rad: 0.01 N m
     const NodeDrive drive = world.nodes.drive[0];
     const Vec3d axis = Vec3d(1, 0.5, 2).normalized();
     const double inertia = kMass * kSide * kSide / 6 + kMass * Vec3d(0.03, 0, 0).cross(axis).squaredNorm();
@@ -254,20 +265,26 @@ TEST(DrivenBodies, DryFrictionStopsADialAtTheComputedAngle) {
     double last = -1;
     run_for(std::move(world), 1.5 * at, [&](Frame& f) {
         const double t = seconds_of(f), q = f.world().node_state.drive[0].place;
-        if (t < at - 0.01) { EXPECT_NEAR(q, w0 * t - 0.5 * 2e-5 / inertia * t * t, 2e-3 * stop); }
-        if (t > at + 0.01 && last >= 0) { EXPECT_EQ(q, last); }
+        if (t < at - 0.01) {
+            EXPECT_NEAR(q, w0 * t - 0.5 * 2e-5 / inertia * t * t, 2e-3 * stop);
+        }
+        if (t > at + 0.01 && last >= 0) {
+            EXPECT_EQ(q, last);
+        }
         if (t > at + 0.01) last = q;
         EXPECT_LT(std::abs(f.world().energy.balance), 0.01 * 0.5 * inertia * w0 * w0);
     });
     EXPECT_NEAR(last, stop, 2e-3 * stop);
 }
 
-// Twelve detents of 2 mN m, damped so that it does not swing: 1.8 mN m leave it in the first notch, 2.2 carry it through the others to its limit.
+// Twelve detents of 2 mN m, damped so that it does not swing: 1.8 mN m leave it in the first notch, 2.2 carry it through the others to its
+// limit.
 TEST(DrivenBodies, DetentsHoldBelowTheirTorqueAndGiveWayAbove) {
     for (const double torque : {1.8e-3, 2.2e-3}) {
         char text[400];
         std::snprintf(text, sizeof text,
-                      "behaviour = \"dial\"\ndamping = 2.5e-4\ndetents = 12\ndetent = 2e-3\nlimits = [-90.0, 200.0]\nstiffness = 1e-5\nrest = %.12g\n",
+                      "behaviour = \"dial\"\ndamping = 2.5e-4\ndetents = 12\ndetent = 2e-3\nlimits = [-90.0, 200.0]\nstiffness = "
+                      "1e-5\nrest = %.12g\n",
                       torque / 1e-5 * 180 / M_PI);
         double place = 0;
         uint32_t notches = 0, limits = 0;
@@ -387,7 +404,9 @@ TEST(DrivenBodies, TheSceneOfDialAndButtonGoesThroughItsEvents) {
                 const World& w = f.world();
                 if (w.clock.pass < 360) return;
                 hash[threads - 1] = state_hash(w);
-                const auto count = [&](size_t row, NodeEventKind kind) { return w.node_state.drive[row].events.count[static_cast<size_t>(kind)]; };
+                const auto count = [&](size_t row, NodeEventKind kind) {
+                    return w.node_state.drive[row].events.count[static_cast<size_t>(kind)];
+                };
                 EXPECT_EQ(count(0, NodeEventKind::kPressed), 1u);
                 EXPECT_EQ(count(0, NodeEventKind::kReleased), 1u);
                 EXPECT_EQ(count(0, NodeEventKind::kLimit), 2u) << "down, and back up";
@@ -464,7 +483,9 @@ TEST(ToolExchange, AnotherTipTakesThePlaceOfTheFirst) {
         const auto force = [&](size_t tool) { return w.haptics.state[tool].command.force.z(); };
         EXPECT_NE(is_off(w.node_state, 1), is_off(w.node_state, 2)) << w.clock.pass;
         const double t = seconds_of(f);
-        if (w.clock.pass == 39) { EXPECT_NEAR(force(0), 600 * 0.001, 0.006); }
+        if (w.clock.pass == 39) {
+            EXPECT_NEAR(force(0), 600 * 0.001, 0.006);
+        }
         if (w.clock.pass == 62) laid_down = w.poses.origin[1];
         if (w.clock.pass == 110) {
             EXPECT_NEAR(force(1), 600 * 0.002, 0.012);
@@ -472,7 +493,9 @@ TEST(ToolExchange, AnotherTipTakesThePlaceOfTheFirst) {
             EXPECT_EQ(force(0), 0);
             EXPECT_GT(w.haptics.state[1].ticks, 1500u) << "the hand goes on";
         }
-        if (t > 2.05) { EXPECT_EQ(w.haptics.state[0].output.force.norm(), 0) << "a tip of 7 mm, 8 mm above the floor"; }
+        if (t > 2.05) {
+            EXPECT_EQ(w.haptics.state[0].output.force.norm(), 0) << "a tip of 7 mm, 8 mm above the floor";
+        }
     });
     std::string same = kExchange;
     same.replace(same.find("body = \"ball\""), 13, "body = \"probe\"");
@@ -483,9 +506,11 @@ TEST(ToolExchange, AnotherTipTakesThePlaceOfTheFirst) {
 // both by their lowest point. Breaks when the shell of the first instrument goes on feeling.
 TEST(ToolExchange, AShellGivesWayToAnother) {
     const auto ball = [](const std::string& name, const char* size) {
-        return "[[body]]\nname = \"" + name + "\"\nshape = \"sphere\"\nsize = " + size + "\ntriangles = 1280\nmotion = \"hand\"\nposition = [0.0, 0.0, 0.03]\n";
+        return "[[body]]\nname = \"" + name + "\"\nshape = \"sphere\"\nsize = " + size +
+               "\ntriangles = 1280\nmotion = \"hand\"\nposition = [0.0, 0.0, 0.03]\n";
     };
-    const std::string scene = "[[body]]\nname = \"floor\"\nshape = \"box\"\nsize = 1.0\ntriangles = 12\nposition = [0.0, 0.0, -0.5]\n" + ball("small", "0.02") + ball("large", "0.04") + R"(
+    const std::string scene = "[[body]]\nname = \"floor\"\nshape = \"box\"\nsize = 1.0\ntriangles = 12\nposition = [0.0, 0.0, -0.5]\n" +
+                              ball("small", "0.02") + ball("large", "0.04") + R"(
 [[tool]]
 body = "small"
 dof = 6
@@ -515,7 +540,9 @@ position = [0.0, 0.0, 0.018]
         const World& w = f.world();
         const auto force = [&](size_t tool) { return w.haptics.state[tool].command.force.z(); };
         // springs of points give a hundredth, the lowest point of a ball of triangles is less than 0.1 mm higher
-        if (w.clock.pass == 40) { EXPECT_NEAR(force(0), 600 * 0.001, 0.05 * 0.6); }
+        if (w.clock.pass == 40) {
+            EXPECT_NEAR(force(0), 600 * 0.001, 0.05 * 0.6);
+        }
         if (w.clock.pass == 110) {
             EXPECT_NEAR(force(1), 600 * 0.002, 0.05 * 1.2);
             EXPECT_EQ(force(0), 0);
@@ -557,11 +584,14 @@ position = [0.0, 0.0, 0.005]
     const auto error = [&](const std::string& haptic) { return error_of(floor + "[body.haptic]\n" + haptic + probe); };
     EXPECT_NE(error("static_friction = 0.1\ndynamic_friction = 0.2\n").find("must not be above"), std::string::npos);
     EXPECT_NE(error("dynamic_friction = 0.2\n").find("needs a static_friction"), std::string::npos);
-    EXPECT_NE(error("texture = \"grating\"\n").find(":7:1: a texture needs a height"), std::string::npos) << error("texture = \"grating\"\n");
+    EXPECT_NE(error("texture = \"grating\"\n").find(":7:1: a texture needs a height"), std::string::npos)
+        << error("texture = \"grating\"\n");
     EXPECT_NE(error("texture = \"velvet\"\n").find("none of none, grating, noise"), std::string::npos) << error("texture = \"velvet\"\n");
     EXPECT_NE(error("stifness = 1.0\n").find(":8:1"), std::string::npos) << error("stifness = 1.0\n");
     EXPECT_NE(error("damping = -1.0\n").find("damping"), std::string::npos);
-    EXPECT_NE(error_of("[[body]]\nname = \"s\"\nshape = \"sphere\"\nmotion = \"deformable\"\n[body.haptic]\nstiffness = 100.0\n" + probe).find("static or kinematic"), std::string::npos);
+    EXPECT_NE(error_of("[[body]]\nname = \"s\"\nshape = \"sphere\"\nmotion = \"deformable\"\n[body.haptic]\nstiffness = 100.0\n" + probe)
+                  .find("static or kinematic"),
+              std::string::npos);
 }
 
 // ---- jaws ----
@@ -704,12 +734,15 @@ friction = 0.8
             first = false;
             grip = tool.device.grip;
             hardest = std::max(hardest, tool.grip_torque);
-            for (const ShellContact& c : tool.contact) felt += c.point < w.haptics.tool[0].shell.size() && w.haptics.tool[0].shell[c.point].jaw != kNone;
+            for (const ShellContact& c : tool.contact)
+                felt += c.point < w.haptics.tool[0].shell.size() && w.haptics.tool[0].shell[c.point].jaw != kNone;
             work = std::max(work, std::abs(w.energy.work_hand));
             balance = std::max(balance, std::abs(w.energy.balance));
         });
-        std::printf("lifted %.1f mm of 20, hand's work %.4f mJ, books to %.6f mJ; closing %.4f mJ, by the fingers' torque %.4f mJ, at most %.3f mN m\n",
-                    1e3 * (from - to), 1e3 * work, 1e3 * balance, 1e3 * closing, 1e3 * fingers, 1e3 * hardest);
+        std::printf(
+            "lifted %.1f mm of 20, hand's work %.4f mJ, books to %.6f mJ; closing %.4f mJ, by the fingers' torque %.4f mJ, at most %.3f mN "
+            "m\n",
+            1e3 * (from - to), 1e3 * work, 1e3 * balance, 1e3 * closing, 1e3 * fingers, 1e3 * hardest);
         EXPECT_NEAR(to, from - 0.02, 0.003);
         EXPECT_LT(balance, 0.02 * work);
         if (!feels) continue;
@@ -736,12 +769,15 @@ TEST(ToolJaws, AttachAtClosing) {
         if (t > 2.8 && t < 3.1) tissue = tissue_force(), felt = force();
         if (t > 3.8 && t < 4.4) most = std::max(most, force());
         if (t > 2.4 && t < 3.1) pulled = std::max(pulled, force()), twist = std::max(twist, w.haptics.state[0].output.torque.norm());
-        if (t > 4.5) after = std::max(after, w.links.node.size()), let_go = std::max(let_go, force()), stuck = std::max(stuck, tissue_force());
+        if (t > 4.5)
+            after = std::max(after, w.links.node.size()), let_go = std::max(let_go, force()), stuck = std::max(stuck, tissue_force());
         work = std::max(work, std::abs(w.energy.work_hand));
         balance = std::max(balance, std::abs(w.energy.balance));
     });
-    std::printf("links %zu before, %zu held, %zu after; pull %.3f N (tissue %.3f) and %.2f mN m, %.3f N letting go, then %.3f N; books to %.3f %%\n", open, held, after, felt,
-                tissue, 1e3 * twist, most, let_go, 100 * balance / work);
+    std::printf(
+        "links %zu before, %zu held, %zu after; pull %.3f N (tissue %.3f) and %.2f mN m, %.3f N letting go, then %.3f N; books to %.3f "
+        "%%\n",
+        open, held, after, felt, tissue, 1e3 * twist, most, let_go, 100 * balance / work);
     EXPECT_EQ(open, 0u);
     EXPECT_GT(held, 8u);
     EXPECT_EQ(after, 0u);

@@ -364,7 +364,8 @@ TEST(Rest, BallRollsDownASlopeWithFiveSevenths) {
     for (int fine = 0; fine < 2; ++fine) {
         SceneFile scene;
         scene.settings.gravity = kGravity * Vec3d(std::sin(angle), 0, -std::cos(angle));
-        scene.bodies = {block("table", "table", Motion::kStatic, 4, 12), block("ball", "sphere", Motion::kFree, 2 * radius, fine ? 5120 : 1280)};
+        scene.bodies = {block("table", "table", Motion::kStatic, 4, 12),
+                        block("ball", "sphere", Motion::kFree, 2 * radius, fine ? 5120 : 1280)};
         scene.bodies[1].above = "table";
         scene.bodies[1].gap = 0;
         scene.bodies[1].tissue.friction = 0.5;

@@ -36,14 +36,17 @@ inline BuiltScene small_scene(const std::string& name, const std::string& triang
     }
     if (detail) overrides.push_back({"liver.lod.beyond", "0.02"});
     if (every) {
-        for (const char* key : {"contact.contours", "contact.regions", "contact.faces", "contact.edges_ahead"}) overrides.push_back({key, "true"});
+        for (const char* key : {"contact.contours", "contact.regions", "contact.faces", "contact.edges_ahead"})
+            overrides.push_back({key, "true"});
         overrides.push_back({"contact.deep", "last_free"});
     }
     return build_scene(read_scene_file(path, overrides));
 }
 
 inline const std::vector<std::string>& scene_names() {
-    static const std::vector<std::string> names{"probe_on_liver", "kidney_on_liver", "wrl_pair", "every_contact_stage", "tet_liver_press", "jaw_grasp", "skin_press", "shaft_on_liver", "dial_and_button", "near_and_far"};
+    static const std::vector<std::string> names{"probe_on_liver",  "kidney_on_liver", "wrl_pair",   "every_contact_stage",
+                                                "tet_liver_press", "jaw_grasp",       "skin_press", "shaft_on_liver",
+                                                "dial_and_button", "near_and_far"};
     return names;
 }
 

@@ -153,7 +153,8 @@ void expect_same_with_and_without_looking(const std::function<BuiltScene()>& bui
     uint64_t slept = 0;
     for (int pass = 0; pass < passes; ++pass) {
         skips.step(), looks.step();
-        for (const Resource r : {Resource::kBoxes, Resource::kPairs, Resource::kSleep, Resource::kNormals, Resource::kPicture, Resource::kEnergy, Resource::kParticles})
+        for (const Resource r : {Resource::kBoxes, Resource::kPairs, Resource::kSleep, Resource::kNormals, Resource::kPicture,
+                                 Resource::kEnergy, Resource::kParticles})
             ASSERT_EQ(resource_hash(skips.world(), r), resource_hash(looks.world(), r)) << resource_name(r) << " in pass " << pass;
         slept += skips.world().report.asleep_bodies;
     }
@@ -164,7 +165,8 @@ TEST(Sleep, WhoLiesStillLooksTheSame) {
     ThreadPool pool(1);
     pool.run([&] {
         expect_same_with_and_without_looking([] { return build_scene(scene_of(kBoxes)); }, 60 * 4);
-        const std::vector<Override> few{{"count", "6"}, {"rate", "25"}, {"life", "1.5"}, {"resolution", "80"}, {"sleep_speed", "0.5"}, {"sleep_after", "0.1"}};
+        const std::vector<Override> few{{"count", "6"},       {"rate", "25"},         {"life", "1.5"},
+                                        {"resolution", "80"}, {"sleep_speed", "0.5"}, {"sleep_after", "0.1"}};
         const auto stress = source_folder() / "content/scenes/stress_come_and_go.toml";
         expect_same_with_and_without_looking([&] { return build_scene(read_scene_file(stress, few)); }, 60 * 3);
     });
@@ -204,7 +206,8 @@ TEST(Sleep, ZeroSpeedMeansNever) {
 
 // The word of the scene or of --set arrives; what cannot be is refused by line and name.
 TEST(SteppingKeys, FromSceneAndCommandLine) {
-    const BuiltScene built = build_scene(scene_of(kBoxes, {{"low.integrator", "midpoint"}, {"low.step", "4e-3"}, {"beside.integrator", "xpbd"}, {"beside.iterations", "3"}}));
+    const BuiltScene built = build_scene(scene_of(
+        kBoxes, {{"low.integrator", "midpoint"}, {"low.step", "4e-3"}, {"beside.integrator", "xpbd"}, {"beside.iterations", "3"}}));
     const World& w = built.world;
     const uint32_t low = body_named(w, "low"), beside = body_named(w, "beside"), held = body_named(w, "held");
     EXPECT_EQ(stepping_of(w.bodies, low).integrator, Integrator::kMidpoint);
@@ -232,7 +235,8 @@ TEST(SteppingKeys, ScenesByEveryIntegrator) {
                 pool.run([&] {
                     Frame frame(std::move(build_scene(read_scene_file(file, all)).world), {});
                     for (int pass = 0; pass < 8; ++pass) frame.step();
-                    EXPECT_EQ(frame.world().report.nonfinite_particles + frame.world().report.runaway_bodies, 0u) << name << ", " << integrator;
+                    EXPECT_EQ(frame.world().report.nonfinite_particles + frame.world().report.runaway_bodies, 0u)
+                        << name << ", " << integrator;
                     hash[threads == 3] = state_hash(frame.world());
                 });
             }
@@ -343,7 +347,8 @@ Switched ring_and_switch(const std::string& scene, const std::vector<Override>& 
         s.before = momentum_of_all(w);
         for (uint32_t p = 0; p < w.bodies.particles[0].count; ++p) {
             if (const double inverse = w.particles.offset[p].w; inverse > 0)
-                s.first += 0.5 / inverse * Vec3d(w.particles.velocity_x[p], w.particles.velocity_y[p], w.particles.velocity_z[p]).squaredNorm();
+                s.first +=
+                    0.5 / inverse * Vec3d(w.particles.velocity_x[p], w.particles.velocity_y[p], w.particles.velocity_z[p]).squaredNorm();
         }
         bool coarse = false;
         for (int pass = 0; pass < passes; ++pass) {
@@ -375,7 +380,8 @@ TEST(LevelOfDetail, TenSwitchesKeepTheEnergyOfWhatRings) {
         EXPECT_GT(s.least, 0.99 * s.first) << name;
         EXPECT_LT(s.most, 1.01 * s.first) << name;
         EXPECT_LT(s.balance, 0.01 * s.first) << name;
-        std::printf("%s: %u switches, energy %.4f to %.4f of the first, books open by %.2g of it\n", name, s.times, s.least / s.first, s.most / s.first, s.balance / s.first);
+        std::printf("%s: %u switches, energy %.4f to %.4f of the first, books open by %.2g of it\n", name, s.times, s.least / s.first,
+                    s.most / s.first, s.balance / s.first);
     }
 }
 
@@ -406,14 +412,16 @@ within = 0.02
         EXPECT_LT(lost, 2e-4 * size) << "rounding of floats, 2e-5 of it by leapfrog alone, and solves that end at 1e-3";
         EXPECT_GT(s.least, 0.99 * s.first);
         EXPECT_LT(s.most, 1.01 * s.first);
-        std::printf("%u switches, momentum changed by %.2g of it, energy %.4f to %.4f of the first\n", s.times, lost / size, s.least / s.first, s.most / s.first);
+        std::printf("%u switches, momentum changed by %.2g of it, energy %.4f to %.4f of the first\n", s.times, lost / size,
+                    s.least / s.first, s.most / s.first);
     }
 }
 
 // Three bells in a row that touch, a hand over the first: what it touches, however far that reaches, is stepped finely; so is
 // what touches a body that asks for no coarse steps, and what the eye is near to.
 TEST(LevelOfDetail, IsForIslandsThatNobodyIsNear) {
-    const std::string bell = "[[body]]\nshape = \"sphere\"\ntriangles = 200\nsize = 0.05\nmotion = \"deformable\"\ntissue = {youngs_modulus = 3e4}\n";
+    const std::string bell =
+        "[[body]]\nshape = \"sphere\"\ntriangles = 200\nsize = 0.05\nmotion = \"deformable\"\ntissue = {youngs_modulus = 3e4}\n";
     const auto scene = [&](const char* third) {
         std::string text(kRinging);
         const double places[] = {0.0499, 0.0998, 0.3};
@@ -433,7 +441,9 @@ TEST(LevelOfDetail, IsForIslandsThatNobodyIsNear) {
         });
         return found;
     };
-    const std::vector<Override> close{{"hand.position", "[0.0, 0.0, 0.04]"}, {"tool.hand.path", "[{time = 0.0, position = [0.0, 0.0, 0.04]}]"}, {"tool.hand.repeat", "1"}};
+    const std::vector<Override> close{{"hand.position", "[0.0, 0.0, 0.04]"},
+                                      {"tool.hand.path", "[{time = 0.0, position = [0.0, 0.0, 0.04]}]"},
+                                      {"tool.hand.repeat", "1"}};
     EXPECT_EQ(coarse(scene("lod = {beyond = 0.03}\n"), {}), "cccc");
     EXPECT_EQ(coarse(scene("lod = {beyond = 0.03}\n"), close), "fffc");
     EXPECT_EQ(coarse(scene(nullptr), {}), "fffc") << "the third does not ask for it";
@@ -468,9 +478,12 @@ TEST(LevelOfDetail, WhatCannotBeIsRefusedByLineAndName) {
         return "";
     };
     const auto names = [](const std::string& what, const std::string& line, const std::string& word) {
-        return what.find("sleep_and_stepping.toml:" + line + ":") != std::string::npos && what.find(word) != std::string::npos && what.find('\n') == std::string::npos;
+        return what.find("sleep_and_stepping.toml:" + line + ":") != std::string::npos && what.find(word) != std::string::npos &&
+               what.find('\n') == std::string::npos;
     };
-    const auto has = [](const std::string& what, const std::string& word) { return what.find("sleep_and_stepping.toml:") != std::string::npos && what.find(word) != std::string::npos; };
+    const auto has = [](const std::string& what, const std::string& word) {
+        return what.find("sleep_and_stepping.toml:") != std::string::npos && what.find(word) != std::string::npos;
+    };
     EXPECT_EQ(refused({{"low.lod.beyond", "0.05"}}), "");
     const std::string table = refused({{"table.lod.beyond", "0.05"}});
     EXPECT_TRUE(names(table, "3", "[body.lod] is for deformable bodies")) << table;
@@ -479,7 +492,8 @@ TEST(LevelOfDetail, WhatCannotBeIsRefusedByLineAndName) {
         EXPECT_TRUE(names(what, "8", "body \"low\": [body.lod] is for bodies that are stepped by leapfrog")) << what;
     }
     EXPECT_TRUE(names(refused({{"low.lod.beyond", "0.05"}, {"low.lod.seen", "true"}}), "8", "needs a [camera]"));
-    for (const auto& [key, value, word] : {std::array{"low.lod.step", "1e-3", "needs beyond"}, std::array{"low.lod.far", "0.1", "far"}, std::array{"low.lod.beyond", "-1", "beyond"}, std::array{"low.lod.beyond", "nan", "beyond"}}) {
+    for (const auto& [key, value, word] : {std::array{"low.lod.step", "1e-3", "needs beyond"}, std::array{"low.lod.far", "0.1", "far"},
+                                           std::array{"low.lod.beyond", "-1", "beyond"}, std::array{"low.lod.beyond", "nan", "beyond"}}) {
         const std::string what = refused({{key, value}});
         EXPECT_NE(what.find(word), std::string::npos) << key << ": " << what;
     }

@@ -1,4 +1,6 @@
 // Solids that lose tetrahedra while they run: by cuts, by number, by strain.
+#include "engine/solid_tears.hpp"
+
 #include <gtest/gtest.h>
 
 #include <cstdio>
@@ -13,7 +15,6 @@
 #include "engine/mesh_view.hpp"
 #include "engine/skin.hpp"
 #include "engine/solid_limit.hpp"
-#include "engine/solid_tears.hpp"
 #include "engine/tet_forces.hpp"
 #include "engine/thread_pool.hpp"
 #include "systems/deformable_energy.hpp"
@@ -26,7 +27,9 @@ namespace {
 using namespace trocar;
 namespace fs = std::filesystem;
 
-BuiltScene build(const std::string& text, const std::vector<Override>& overrides = {}) { return WrittenScene("solid_tears", text).build(overrides); }
+BuiltScene build(const std::string& text, const std::vector<Override>& overrides = {}) {
+    return WrittenScene("solid_tears", text).build(overrides);
+}
 
 constexpr const char* kBalls = R"(
 gravity = [0.0, 0.0, -1.0]
@@ -118,22 +121,26 @@ void expect_as_left(const World& w, uint32_t body, const std::string& when) {
         const auto& p = left.position;
         const double quarter = w.bodies.tissue[body].density * six_volumes(p[t[0]], p[t[1]], p[t[2]], p[t[3]]) / 24;
         for (const uint32_t v : t) mass[v] += quarter;
-        for (int i = 0; i < 4; ++i) for (int j = 0; j < i; ++j) ++edges[{std::min(t[i], t[j]), std::max(t[i], t[j])}];
+        for (int i = 0; i < 4; ++i)
+            for (int j = 0; j < i; ++j) ++edges[{std::min(t[i], t[j]), std::max(t[i], t[j])}];
     }
     const Range rows = w.bodies.particles[body];
     for (uint32_t v = 0; v < mass.size(); ++v) {
         const Float4& o = w.particles.offset[rows.first + v];
         // one of no mass is fixed, as are those that are held
         const double has = o.w > 0 ? 1 / double{o.w} : 0;
-        EXPECT_TRUE(has == 0 ? mass[v] == 0 || w.meshes.position[v].z() < -0.019 : std::abs(has - mass[v]) <= 3e-6 * mass[v]) << when << " node " << v << ' ' << has << ' ' << mass[v];
+        EXPECT_TRUE(has == 0 ? mass[v] == 0 || w.meshes.position[v].z() < -0.019 : std::abs(has - mass[v]) <= 3e-6 * mass[v])
+            << when << " node " << v << ' ' << has << ' ' << mass[v];
     }
     const SpringInfo& info = w.springs.info[w.bodies.mesh[body]];
     const uint32_t* column = w.springs.slice_column.data() + info.slices.first + w.bodies.mesh[body];
     size_t springs = 0;
-    for (size_t h = size_t{column[0]} * kSliceWidth; h < size_t{column[info.slices.count]} * kSliceWidth; ++h) springs += w.torn_springs.rest_length[h] > 0;
+    for (size_t h = size_t{column[0]} * kSliceWidth; h < size_t{column[info.slices.count]} * kSliceWidth; ++h)
+        springs += w.torn_springs.rest_length[h] > 0;
     EXPECT_EQ(springs, 2 * edges.size()) << when;
     std::map<std::array<uint32_t, 2>, int> sides;
-    for (const Triangle& t : wanted) for (int k = 0; k < 3; ++k) ++sides[{std::min(t[k], t[(k + 1) % 3]), std::max(t[k], t[(k + 1) % 3])}];
+    for (const Triangle& t : wanted)
+        for (int k = 0; k < 3; ++k) ++sides[{std::min(t[k], t[(k + 1) % 3]), std::max(t[k], t[(k + 1) % 3])}];
     const bool crossed = std::any_of(sides.begin(), sides.end(), [](const auto& e) { return e.second != 2; });
     EXPECT_TRUE(!crossed || view.info->admission == Admission::kWinding) << when;
     EXPECT_EQ(find_fault(w), "") << when;
@@ -271,7 +278,10 @@ TEST(SolidTears, WhatStaysKeepsItsMomentumAndTheBooksTheRest) {
 TEST(SolidTears, ACavityInsideFacesInwards) {
     ThreadPool pool(1);
     pool.run([&] {
-        Frame frame(std::move(build(std::string(kBalls) + "[[cut]]\nbody = \"a\"\nsphere = [0.0, 0.0, 0.0, 0.024]\ntime = 0.1\n", {{"a.cells", "9"}}).world), {});
+        Frame frame(std::move(build(std::string(kBalls) + "[[cut]]\nbody = \"a\"\nsphere = [0.0, 0.0, 0.0, 0.024]\ntime = 0.1\n",
+                                    {{"a.cells", "9"}})
+                                  .world),
+                    {});
         const World& w = frame.world();
         for (int i = 0; i < 12; ++i) frame.step();
         expect_as_left(w, 0, "cavity");
@@ -291,7 +301,8 @@ TEST(SolidTears, ACavityInsideFacesInwards) {
 TEST(SolidTears, UnderASkin) {
     ThreadPool pool(1);
     pool.run([&] {
-        Frame frame(std::move(build(std::string(kBalls) + kNotch, {{"a.skin", "true"}, {"a.triangles", "1500"}, {"a.cells", "8"}}).world), {});
+        Frame frame(std::move(build(std::string(kBalls) + kNotch, {{"a.skin", "true"}, {"a.triangles", "1500"}, {"a.cells", "8"}}).world),
+                    {});
         const World& w = frame.world();
         const SolidInfo& info = w.solids.info[0];
         const uint32_t skin = info.skin.count - info.nodes.count;
@@ -447,13 +458,15 @@ frame = "rest"
                 const Range rows = w.bodies.particles[0];
                 for (uint32_t slice = 0; slice < info.slices.count; ++slice) {
                     for (size_t h = size_t{w.springs.slice_column[slice]} * 16; h < size_t{w.springs.slice_column[slice + 1]} * 16; ++h) {
-                        const Float4 &p = w.particles.offset[rows.first + slice * 16 + h % 16], &q = w.particles.offset[rows.first + w.torn_springs.neighbour[h]];
+                        const Float4 &p = w.particles.offset[rows.first + slice * 16 + h % 16],
+                                     &q = w.particles.offset[rows.first + w.torn_springs.neighbour[h]];
                         const double length = (Vec3d(p.x, p.y, p.z) - Vec3d(q.x, q.y, q.z)).norm();
                         ASSERT_LE(length, allowed * w.torn_springs.rest_length[h] * (1 + 1e-6) + 1e-12) << pass;
                     }
                 }
                 // what broke in this pass gives its mass and its faces in the next
-                const bool settled = std::find(w.torn.tetrahedron.begin(), w.torn.tetrahedron.end(), uint8_t{1}) == w.torn.tetrahedron.end();
+                const bool settled =
+                    std::find(w.torn.tetrahedron.begin(), w.torn.tetrahedron.end(), uint8_t{1}) == w.torn.tetrahedron.end();
                 looked += threads == 1 && settled && w.report.removed_tetrahedra > 0;
                 if (threads == 1 && settled && (looked == 1 || pass % 15 == 14)) expect_as_left(w, 0, "pass " + std::to_string(pass));
             }
@@ -463,8 +476,9 @@ frame = "rest"
             EXPECT_GE(w.meshes.info[0].components, 2u) << "parted";
             EXPECT_EQ(w.report.nonfinite_particles + w.report.runaway_bodies, 0u);
             EXPECT_GT(w.report.min_volume_ratio, 0.2) << "what is lost is not asked for its volume";
-            std::printf("bar, %s: %llu of %u tetrahedra lost, stored at most %.4g J, work %.4g J, books off by %.3f %%\n", integrator.c_str(),
-                        static_cast<unsigned long long>(w.report.removed_tetrahedra), w.solids.info[0].count, stored, peak, 100 * worst / peak);
+            std::printf("bar, %s: %llu of %u tetrahedra lost, stored at most %.4g J, work %.4g J, books off by %.3f %%\n",
+                        integrator.c_str(), static_cast<unsigned long long>(w.report.removed_tetrahedra), w.solids.info[0].count, stored,
+                        peak, 100 * worst / peak);
             EXPECT_LT(worst, 1e-2 * peak);
             hash[threads == 3] = state_hash(w);
         });
@@ -487,7 +501,11 @@ TEST(SolidTears, TheStableStepHoldsForEveryPart) {
     EXPECT_GT(bound, 0.4 * whole) << "and is of use";
     std::mt19937 random(7);
     const uint32_t all = w.solids.info[0].count;
-    const World start = [&] { World s; s.torn = w.torn, s.particles = w.particles; return s; }();
+    const World start = [&] {
+        World s;
+        s.torn = w.torn, s.particles = w.particles;
+        return s;
+    }();
     double least = 1e300;
     for (int part = 0; part < 40; ++part) {
         w.torn = start.torn, w.particles = start.particles, w.torn_springs = {};

@@ -78,14 +78,17 @@ TEST(StressScenes, RainThatHitsLeavesNoOverlap) {
         const World& w = frame.world();
         double left = 0;
         for (uint32_t pass = 0; pass < 160; ++pass) frame.step(), left = std::max(left, w.report.deepest_residual);
-        std::printf("27 balls: %.2f %% of their size left at most, balance %.2g J of %.3g J that gravity gave\n", 100 * left / smallest_body(w), w.energy.balance, -w.energy.gravity);
+        std::printf("27 balls: %.2f %% of their size left at most, balance %.2g J of %.3g J that gravity gave\n",
+                    100 * left / smallest_body(w), w.energy.balance, -w.energy.gravity);
         EXPECT_LE(left, 0.01 * smallest_body(w));
     });
 }
 
 // How many contacts of 27 balls that rain are found deeper than a hundredth of a ball.
 uint32_t deep_contacts_of_rain(const std::string& edges_ahead) {
-    Frame frame(std::move(stress_scene("rain", {{"count", "27"}, {"drop.scatter.columns", "[3, 3]"}, {"contact.edges_ahead", edges_ahead}}).world), {});
+    Frame frame(
+        std::move(stress_scene("rain", {{"count", "27"}, {"drop.scatter.columns", "[3, 3]"}, {"contact.edges_ahead", edges_ahead}}).world),
+        {});
     const World& w = frame.world();
     const double deep = 0.01 * smallest_body(w);
     uint32_t found = 0;
@@ -113,7 +116,12 @@ TEST(StressScenes, EdgesAheadLeaveFewDeepContacts) {
 TEST(StressScenes, LongBoxesLetGoOfTheBallsTheyHit) {
     ThreadPool pool(2);
     pool.run([&] {
-        Frame frame(std::move(stress_scene("mixed", {{"seed", "2"}, {"soft.scatter.spacing", "[0.165, 0.165, 0.36]"}, {"box.scatter.spacing", "[0.24, 0.24, 0.36]"}, {"box.position", "[0.0, 0.0, 0.30]"}}).world), {});
+        Frame frame(std::move(stress_scene("mixed", {{"seed", "2"},
+                                                     {"soft.scatter.spacing", "[0.165, 0.165, 0.36]"},
+                                                     {"box.scatter.spacing", "[0.24, 0.24, 0.36]"},
+                                                     {"box.position", "[0.0, 0.0, 0.30]"}})
+                                  .world),
+                    {});
         const World& w = frame.world();
         for (uint32_t pass = 0; pass < 240; ++pass) frame.step();
         double most = 0;
@@ -121,7 +129,10 @@ TEST(StressScenes, LongBoxesLetGoOfTheBallsTheyHit) {
             if (w.bodies.motion[body] != Motion::kDeformable) continue;
             const MeshView mesh = mesh_view(w.meshes, w.bodies.mesh[body]);
             for (const auto& [a, b] : mesh.edge) {
-                const auto place = [&](uint32_t v) { const Float4& o = w.particles.offset[w.bodies.particles[body].first + v]; return Vec3d(o.x, o.y, o.z); };
+                const auto place = [&](uint32_t v) {
+                    const Float4& o = w.particles.offset[w.bodies.particles[body].first + v];
+                    return Vec3d(o.x, o.y, o.z);
+                };
                 most = std::max(most, (place(a) - place(b)).norm() / (mesh.position[a] - mesh.position[b]).norm() - 1);
             }
         }
@@ -130,7 +141,8 @@ TEST(StressScenes, LongBoxesLetGoOfTheBallsTheyHit) {
     });
 }
 
-// What falls beside others that something stops within the pass has its rows already: without them the stack's upper balls sink in by 0.7 %.
+// What falls beside others that something stops within the pass has its rows already: without them the stack's upper balls sink in by 0.7
+// %.
 TEST(StressScenes, StackThatLandsLeavesNoOverlap) {
     ThreadPool pool(1);
     pool.run([&] {
@@ -182,7 +194,8 @@ Book expected_stays(uint32_t slots, double rate, double life, const std::vector<
     for (const uint64_t now : ticks) {
         std::vector<uint32_t> out;
         for (auto& [slot, stays] : book)
-            if (stays.back().to == 0 && static_cast<double>(now - stays.back().from) >= life * 1e3) stays.back().to = now, out.push_back(slot);
+            if (stays.back().to == 0 && static_cast<double>(now - stays.back().from) >= life * 1e3)
+                stays.back().to = now, out.push_back(slot);
         while (static_cast<double>(came) / rate <= static_cast<double>(now) * 1e-3 + 1e-12 && !free.empty()) {
             book[*free.begin()].push_back({now, 0});
             free.erase(free.begin());
@@ -285,10 +298,12 @@ TEST(ComeAndGo, GoesOnFromASavedState) {
         for (int pass = 0; pass < 50; ++pass) run.step();
         CaptureRecord record;
         for (uint32_t r = 0; r < static_cast<uint32_t>(Resource::kCount); ++r)
-            if (resource_kind(static_cast<Resource>(r)) == ResourceKind::kState) save_resource(run.world(), static_cast<Resource>(r), record);
+            if (resource_kind(static_cast<Resource>(r)) == ResourceKind::kState)
+                save_resource(run.world(), static_cast<Resource>(r), record);
         Frame again(std::move(stress_scene("come_and_go", overrides).world), {});
         for (uint32_t r = 0; r < static_cast<uint32_t>(Resource::kCount); ++r)
-            if (resource_kind(static_cast<Resource>(r)) == ResourceKind::kState) load_resource(record, static_cast<Resource>(r), again.world());
+            if (resource_kind(static_cast<Resource>(r)) == ResourceKind::kState)
+                load_resource(record, static_cast<Resource>(r), again.world());
         EXPECT_EQ(find_fault(again.world()), "");
         for (int pass = 0; pass < 30; ++pass) run.step(), again.step();
         EXPECT_EQ(state_hash(run.world()), state_hash(again.world()));

@@ -48,7 +48,8 @@ reference::DoubleBody double_copy(const World& w, uint32_t body) {
 }
 
 // What two hands press a tissue with, its springs and anchors bear, and each hand feels its own share: to 1 %. Breaks when
-// damping bears a part of a load at rest, when a reaction is lost, counted twice or given to the other tool, and when the hand feels another surface than the tissue has.
+// damping bears a part of a load at rest, when a reaction is lost, counted twice or given to the other tool, and when the hand feels
+// another surface than the tissue has.
 TEST(ToolScenes, TwoHandsFeelWhatTheTissueBears) {
     ThreadPool pool(0);
     pool.run([&] {
@@ -80,7 +81,8 @@ TEST(ToolScenes, AShellFeelsWhatTheTissueBears) {
     pool.run([&] {
         const auto path = source_folder() / "content/scenes/shaft_on_liver.toml";
         for (const double height : {0.048, 0.044}) {
-            SceneFile scene = read_scene_file(path, {{"liver.tissue.bending", "0.0"}, {"liver.tissue.pressure_modulus", "0.0"}, {"liver.triangles", "4000"}});
+            SceneFile scene = read_scene_file(
+                path, {{"liver.tissue.bending", "0.0"}, {"liver.tissue.pressure_modulus", "0.0"}, {"liver.triangles", "4000"}});
             scene.tools[0].path.resize(3);
             scene.tools[0].path[2].position.z() = height;
             Frame frame(std::move(build_scene(scene).world), {});
@@ -157,7 +159,8 @@ TEST(ToolScenes, LongPalpationFindsTheLump) {
             felt.push_back(map.force[k]);
             if (map.force[k] <= highest) continue;
             highest = map.force[k];
-            at = (map.right_from + (k % map.columns + 0.5) * map.cell) * map.right + (map.up_from + (k / map.columns + 0.5) * map.cell) * map.up;
+            at = (map.right_from + (k % map.columns + 0.5) * map.cell) * map.right +
+                 (map.up_from + (k / map.columns + 0.5) * map.cell) * map.up;
         }
         std::nth_element(felt.begin(), felt.begin() + static_cast<ptrdiff_t>(felt.size() / 2), felt.end());
         return highest / felt[felt.size() / 2];
@@ -196,7 +199,10 @@ TEST(ToolScenes, AToolComesOutOfAFold) {
 TEST(ToolScenes, FieldStaysWholeUnderBothHands) {
     ThreadPool pool(0);
     pool.run([&] {
-        Frame frame(scene_world("field", {{"liver.cells", "10"}, {"liver.triangles", "3000"}, {"stomach.triangles", "2000"}, {"wall.triangles", "2000"}}), {});
+        Frame frame(
+            scene_world("field",
+                        {{"liver.cells", "10"}, {"liver.triangles", "3000"}, {"stomach.triangles", "2000"}, {"wall.triangles", "2000"}}),
+            {});
         const World& w = frame.world();
         const uint32_t wall = 2;
         ASSERT_EQ(w.bodies.name[wall], "wall");
@@ -207,7 +213,8 @@ TEST(ToolScenes, FieldStaysWholeUnderBothHands) {
             for (size_t t = 0; t < 2; ++t) felt[t] = std::max(felt[t], w.haptics.state[t].output.force.norm());
             elastic = std::max(elastic, w.energy.elastic), balance = std::max(balance, std::abs(w.energy.balance));
             residual = std::max(residual, w.report.deepest_residual);
-            for (size_t p = 0; p < w.pairs.a.size(); ++p) met_wall |= w.pairs.a[p] == wall && w.bodies.motion[w.pairs.b[p]] == Motion::kHand;
+            for (size_t p = 0; p < w.pairs.a.size(); ++p)
+                met_wall |= w.pairs.a[p] == wall && w.bodies.motion[w.pairs.b[p]] == Motion::kHand;
         });
         EXPECT_FALSE(met_wall);
         EXPECT_GT(felt[0], 0.2);
@@ -221,7 +228,8 @@ TEST(ToolScenes, FieldStaysWholeUnderBothHands) {
 
 // `repeat` plays a path on end: a time later the hand is where it was, and its last key is the first of the next time.
 TEST(ToolScenes, RepeatedPathsComeBack) {
-    const World w = scene_world("field", {{"liver.cells", "6"}, {"liver.triangles", "1000"}, {"tool.left.repeat", "3"}, {"tool.right.repeat", "1"}});
+    const World w =
+        scene_world("field", {{"liver.cells", "6"}, {"liver.triangles", "1000"}, {"tool.left.repeat", "3"}, {"tool.right.repeat", "1"}});
     const auto keys = [&](size_t tool) {
         const Range range = w.paths.keys[w.haptics.tool[tool].path];
         return std::span(w.paths.key).subspan(range.first, range.count);

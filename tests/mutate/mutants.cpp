@@ -183,7 +183,8 @@ void put_big_endian(std::string& out, Value value) {
 // Since version 5.1 lists begin with where each cell begins.
 std::string make_newer_vtk(const Mesh& mesh, bool binary) {
     const size_t count = mesh.triangle.size();
-    std::string out = std::string(kVtkHead) + (binary ? "BINARY" : "ASCII") + "\nDATASET POLYDATA\nPOINTS " + std::to_string(mesh.position.size()) + " double\n";
+    std::string out = std::string(kVtkHead) + (binary ? "BINARY" : "ASCII") + "\nDATASET POLYDATA\nPOINTS " +
+                      std::to_string(mesh.position.size()) + " double\n";
     const auto put = [&](auto value) { binary ? put_big_endian(out, value) : void(out += std::to_string(value) + " "); };
     for (const Vec3d& p : mesh.position)
         for (int c = 0; c < 3; ++c) put(p[c]);
@@ -196,8 +197,7 @@ std::string make_newer_vtk(const Mesh& mesh, bool binary) {
 }
 
 std::string make_binary_vtk(const Mesh& mesh) {
-    std::string out =
-        std::string(kVtkHead) + "BINARY\nDATASET POLYDATA\nPOINTS " + std::to_string(mesh.position.size()) + " float\n";
+    std::string out = std::string(kVtkHead) + "BINARY\nDATASET POLYDATA\nPOINTS " + std::to_string(mesh.position.size()) + " float\n";
     for (const Vec3d& p : mesh.position) {
         for (int c = 0; c < 3; ++c) put_big_endian(out, static_cast<float>(p[c]));
     }
@@ -211,36 +211,18 @@ std::string make_binary_vtk(const Mesh& mesh) {
 
 size_t below(Random& random, size_t bound) { return bound == 0 ? 0 : random() % bound; }
 
-constexpr const char* kNumbers[] = {"0",
-                                    "-1",
-                                    "1",
-                                    "2",
-                                    "4",
-                                    "255",
-                                    "65536",
-                                    "2147483647",
-                                    "4294967295",
-                                    "4294967296",
-                                    "-2147483648",
-                                    "1e9",
-                                    "1e38",
-                                    "1e300",
-                                    "1e999",
-                                    "nan",
-                                    "inf",
-                                    "-0",
-                                    "0x7fffffff",
-                                    "0.1e-320",
-                                    "1e",
-                                    "--3",
-                                    "99999999999999999999"};
+constexpr const char* kNumbers[] = {
+    "0",    "-1",    "1",     "2",   "4",   "255", "65536",      "2147483647", "4294967295", "4294967296", "-2147483648",         "1e9",
+    "1e38", "1e300", "1e999", "nan", "inf", "-0",  "0x7fffffff", "0.1e-320",   "1e",         "--3",        "99999999999999999999"};
 
 bool is_number_byte(char c) { return (c >= '0' && c <= '9') || c == '.' || c == '-' || c == '+'; }
 bool is_blank(char c) { return c == ' ' || c == '\n' || c == '\t' || c == ',' || c == '\r'; }
 
-constexpr const char* kKnown[] = {"bit", "char", "unsigned_char", "short", "unsigned_int", "vtktypeint64", "float", "double", "string", "uchar", "list", "int8",
-                                  "float64", "ASCII", "BINARY", "OFFSETS", "CONNECTIVITY", "FIELD", "METADATA", "TRUE", "NULL", "DEF", "USE", "IS", "Script",
-                                  "UNIT", "EXPORT", "AS", "f", "vt", "o", "facet", "endsolid", "element", "end_header"};
+constexpr const char* kKnown[] = {
+    "bit",  "char",  "unsigned_char", "short",   "unsigned_int", "vtktypeint64", "float",        "double", "string",   "uchar",
+    "list", "int8",  "float64",       "ASCII",   "BINARY",       "OFFSETS",      "CONNECTIVITY", "FIELD",  "METADATA", "TRUE",
+    "NULL", "DEF",   "USE",           "IS",      "Script",       "UNIT",         "EXPORT",       "AS",     "f",        "vt",
+    "o",    "facet", "endsolid",      "element", "end_header"};
 
 // The run of bytes around a place that `belongs` says yes to.
 template <typename Belongs>
@@ -292,8 +274,7 @@ void edit(std::string& bytes, const std::string& other, Random& random) {
             break;
         }
         default: {
-            constexpr uint32_t kWords[] = {0,          1,          0xffffffff, 0x7fffffff, 0x80000000,
-                                           0x7f800000, 0x7fc00000, 0xff7fffff, 0x00010000, 3};
+            constexpr uint32_t kWords[] = {0, 1, 0xffffffff, 0x7fffffff, 0x80000000, 0x7f800000, 0x7fc00000, 0xff7fffff, 0x00010000, 3};
             if (bytes.size() < at + 4) break;
             std::memcpy(bytes.data() + at, &kWords[below(random, std::size(kWords))], 4);
         }
@@ -384,8 +365,10 @@ Fate try_capture(const Seed& mutant) {
         hash.add_bytes(mutant.bytes.data(), mutant.bytes.size());
         Random random(hash.value);
         std::vector<CaptureRecord> records = sound_records();
-        if (mutant.bytes != sound) edit_arrays(records, random);
-        else records = read.records;
+        if (mutant.bytes != sound)
+            edit_arrays(records, random);
+        else
+            records = read.records;
         World world;
         for (uint32_t r = 0; r < static_cast<uint32_t>(Resource::kCount); ++r) {
             const ResourceKind kind = resource_kind(static_cast<Resource>(r));
@@ -403,10 +386,9 @@ Fate try_capture(const Seed& mutant) {
 }  // namespace
 
 std::vector<Seed> make_seeds() {
-    std::vector<Seed> seeds = {
-        {"v1.wrl", kVrml1}, {"v2.wrl", kVrml2}, {"x.x3d", kX3d}, {"x.x3dv", kX3dClassic},
-        {"a.obj", kObj},    {"a.ply", kPly},    {"a.off", kOff}, {"a.vtk", std::string(kVtkHead) + kVtk},
-        {"a.stl", kStl}};
+    std::vector<Seed> seeds = {{"v1.wrl", kVrml1}, {"v2.wrl", kVrml2}, {"x.x3d", kX3d}, {"x.x3dv", kX3dClassic},
+                               {"a.obj", kObj},    {"a.ply", kPly},    {"a.off", kOff}, {"a.vtk", std::string(kVtkHead) + kVtk},
+                               {"a.stl", kStl}};
     const Mesh mesh = reference::make_sphere(Vec3d(1, 2, 3), 0.1, 1);
     seeds.push_back({"b.vtk", make_binary_vtk(mesh)});
     seeds.push_back({"c.vtk", make_newer_vtk(mesh, false)});

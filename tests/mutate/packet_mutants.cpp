@@ -261,7 +261,9 @@ std::vector<Seed> make_igtl_seeds() {
     position->SetPosition(1, 2, 3);
     position->SetQuaternion(0, 0.6f, 0, 0.8f);
     position->Pack();
-    const auto bytes = [](auto& message) { return std::string(static_cast<const char*>(message->GetPackPointer()), static_cast<size_t>(message->GetPackSize())); };
+    const auto bytes = [](auto& message) {
+        return std::string(static_cast<const char*>(message->GetPackPointer()), static_cast<size_t>(message->GetPackSize()));
+    };
     return {{"a.igtl", bytes(transform)}, {"b.igtl", bytes(position)}};
 }
 

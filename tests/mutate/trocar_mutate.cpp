@@ -18,8 +18,9 @@
 // trocar_mutate [--count N] [--first K] [--seconds S] [--minutes M] [--only ENDING] [--out DIR] [FILE...]
 //
 // Tries N mutants (20000) from number K (0) on, or as many as M minutes allow, each within S seconds (20), of the seeds
-// made here (with --only wrl of those whose name ends so) or of the files given. A worker process tries them one after another; when one kills it (a sanitizer's report, a failed check, too
-// long), the mutant is kept in DIR (.) and another worker goes on after it. Exit code 1 when there was one.
+// made here (with --only wrl of those whose name ends so) or of the files given. A worker process tries them one after another; when one
+// kills it (a sanitizer's report, a failed check, too long), the mutant is kept in DIR (.) and another worker goes on after it. Exit code 1
+// when there was one.
 namespace {
 
 using namespace trocar;
@@ -108,8 +109,7 @@ int main(int argc, char** argv) {
         if (WIFEXITED(status) && WEXITSTATUS(status) == 0) break;
         const std::string path = keep(mutate::make_mutant(seeds, progress.number), progress.number, options.out);
         const char* how = WIFSIGNALED(status) ? ::strsignal(WTERMSIG(status)) : "a report";
-        std::printf("mutant %llu ended with %s: %s\n", static_cast<unsigned long long>(progress.number), how,
-                    path.c_str());
+        std::printf("mutant %llu ended with %s: %s\n", static_cast<unsigned long long>(progress.number), how, path.c_str());
         ++found;
         ++progress.number;
     }

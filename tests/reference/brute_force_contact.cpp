@@ -20,8 +20,7 @@ double squared_to_triangle(const Vec3d& p, const Vec3d& a, const Vec3d& b, const
     const Vec3d n = (b - a).cross(c - a);
     const double nn = n.squaredNorm();
     if (nn > 0) {
-        const bool inside =
-            (b - a).cross(p - a).dot(n) >= 0 && (c - b).cross(p - b).dot(n) >= 0 && (a - c).cross(p - c).dot(n) >= 0;
+        const bool inside = (b - a).cross(p - a).dot(n) >= 0 && (c - b).cross(p - b).dot(n) >= 0 && (a - c).cross(p - c).dot(n) >= 0;
         if (inside) {
             const double height = (p - a).dot(n);
             return height * height / nn;
@@ -48,9 +47,7 @@ double Surface::unsigned_distance(const Vec3d& p) const {
     return std::sqrt(best);
 }
 
-double Surface::signed_distance(const Vec3d& p) const {
-    return winding_number(p) > 0.5 ? -unsigned_distance(p) : unsigned_distance(p);
-}
+double Surface::signed_distance(const Vec3d& p) const { return winding_number(p) > 0.5 ? -unsigned_distance(p) : unsigned_distance(p); }
 
 std::vector<NearVertex> near_vertices(const Surfaces& surfaces, uint32_t a, uint32_t b, double margin) {
     std::vector<NearVertex> found;
@@ -74,8 +71,7 @@ std::vector<NearVertex> near_vertices(const Surfaces& surfaces, uint32_t a, uint
     return found;
 }
 
-std::vector<std::array<uint32_t, 2>> meeting_triangles(const Surface& a, const Surface& b, double reach_a,
-                                                       double reach_b) {
+std::vector<std::array<uint32_t, 2>> meeting_triangles(const Surface& a, const Surface& b, double reach_a, double reach_b) {
     const auto boxes = [](const Surface& s, double reach) {
         std::vector<Box> out;
         for (const Triangle& t : s.triangle) {
@@ -116,9 +112,7 @@ bool surely_crosses(const Surface& surface, const Vec3d& p, const Vec3d& q, doub
         const double above = n.dot(p - a), below = n.dot(q - a);
         if (above * below >= 0 || std::min(std::abs(above), std::abs(below)) < slack) continue;
         const Vec3d x = p + above / (above - below) * (q - p);
-        const auto within = [&](const Vec3d& u, const Vec3d& v) {
-            return n.dot((v - u).cross(x - u)) / (v - u).norm() > slack;
-        };
+        const auto within = [&](const Vec3d& u, const Vec3d& v) { return n.dot((v - u).cross(x - u)) / (v - u).norm() > slack; };
         if (within(a, b) && within(b, c) && within(c, a)) return true;
     }
     return false;

@@ -29,8 +29,7 @@ struct NearVertex {
 std::vector<NearVertex> near_vertices(const Surfaces& surfaces, uint32_t a, uint32_t b, double margin);
 
 // Pairs of triangles of two bodies whose boxes, enlarged by `reach_a` and `reach_b`, meet. Ascending.
-std::vector<std::array<uint32_t, 2>> meeting_triangles(const Surface& a, const Surface& b, double reach_a,
-                                                       double reach_b);
+std::vector<std::array<uint32_t, 2>> meeting_triangles(const Surface& a, const Surface& b, double reach_a, double reach_b);
 
 // Deepest of `samples` + 1 equally spaced points of the segment pq inside a surface: at most |pq| / (2 samples) less
 // than the true depth of the edge. Negative when no sample is inside.

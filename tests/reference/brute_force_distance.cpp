@@ -50,8 +50,7 @@ double exact_triangle_distance(const Vec3d& p, const Vec3d& a, const Vec3d& b, c
     return root(triangle_squared(p, a, b, c));
 }
 
-BruteForceAnswer brute_force_distance(std::span<const Vec3d> position, std::span<const Triangle> triangle,
-                                      const Vec3d& p) {
+BruteForceAnswer brute_force_distance(std::span<const Vec3d> position, std::span<const Triangle> triangle, const Vec3d& p) {
     BruteForceAnswer answer;
     double nearest_vertex = INFINITY;
     for (const Triangle& t : triangle)
@@ -85,10 +84,10 @@ double brute_force_winding(std::span<const Vec3d> position, std::span<const Tria
         // determinant by differences: the plain one cancels for far triangles
         double u[3], v[3];
         for (int j = 0; j < 3; ++j) u[j] = x[1][j] - x[0][j], v[j] = x[2][j] - x[0][j];
-        const double determinant = x[0][0] * (u[1] * v[2] - u[2] * v[1]) + x[0][1] * (u[2] * v[0] - u[0] * v[2]) +
-                                   x[0][2] * (u[0] * v[1] - u[1] * v[0]);
-        sum += 2 * std::atan2(determinant, length[0] * length[1] * length[2] + scalar(0, 1) * length[2] +
-                                               scalar(1, 2) * length[0] + scalar(2, 0) * length[1]);
+        const double determinant =
+            x[0][0] * (u[1] * v[2] - u[2] * v[1]) + x[0][1] * (u[2] * v[0] - u[0] * v[2]) + x[0][2] * (u[0] * v[1] - u[1] * v[0]);
+        sum += 2 * std::atan2(determinant, length[0] * length[1] * length[2] + scalar(0, 1) * length[2] + scalar(1, 2) * length[0] +
+                                               scalar(2, 0) * length[1]);
     }
     return sum / (4 * 3.14159265358979323846);
 }

@@ -16,8 +16,7 @@ struct BruteForceAnswer {
 double exact_triangle_distance(const Vec3d& p, const Vec3d& a, const Vec3d& b, const Vec3d& c);
 
 // Every triangle, in 113-bit arithmetic; those whose bounding sphere is farther than the best so far are passed over.
-BruteForceAnswer brute_force_distance(std::span<const Vec3d> position, std::span<const Triangle> triangle,
-                                      const Vec3d& p);
+BruteForceAnswer brute_force_distance(std::span<const Vec3d> position, std::span<const Triangle> triangle, const Vec3d& p);
 
 // Sum of solid angles in double by the arctangent formula written out, independent of the engine's.
 double brute_force_winding(std::span<const Vec3d> position, std::span<const Triangle> triangle, const Vec3d& p);

@@ -16,9 +16,7 @@ Vec3d on_segment(const Vec3d& p, const Vec3d& a, const Vec3d& b) {
 Vec3d on_triangle(const Vec3d& p, const Vec3d& a, const Vec3d& b, const Vec3d& c) {
     const Vec3d n = (b - a).cross(c - a).normalized();
     const Vec3d foot = p - n.dot(p - a) * n;
-    if (n.dot((b - a).cross(foot - a)) >= 0 && n.dot((c - b).cross(foot - b)) >= 0 &&
-        n.dot((a - c).cross(foot - c)) >= 0)
-        return foot;
+    if (n.dot((b - a).cross(foot - a)) >= 0 && n.dot((c - b).cross(foot - b)) >= 0 && n.dot((a - c).cross(foot - c)) >= 0) return foot;
     Vec3d best = on_segment(p, a, b);
     for (const Vec3d& q : {on_segment(p, b, c), on_segment(p, c, a)})
         if ((q - p).norm() < (best - p).norm()) best = q;
@@ -42,8 +40,8 @@ Vec3d pushed_out(std::span<const Vec3d> position, std::span<const Triangle> tria
 
 }  // namespace
 
-Vec3d brute_force_proxy(std::span<const Vec3d> position, std::span<const Triangle> triangle, const Vec3d& start,
-                        const Vec3d& goal, double radius, double step) {
+Vec3d brute_force_proxy(std::span<const Vec3d> position, std::span<const Triangle> triangle, const Vec3d& start, const Vec3d& goal,
+                        double radius, double step) {
     Vec3d p = start;
     for (int k = 0; k < 20000; ++k) {
         const double before = (goal - p).norm();

@@ -38,7 +38,9 @@ bool read_frames(const std::filesystem::path& file, uint64_t parameters, const R
     std::ifstream in(file, std::ios::binary);
     Header header;
     if (!in.read(reinterpret_cast<char*>(&header), sizeof header)) return false;
-    if (header.magic != Header{}.magic || header.parameters != parameters || header.frames != run.frames || header.points != run.body.place.size()) return false;
+    if (header.magic != Header{}.magic || header.parameters != parameters || header.frames != run.frames ||
+        header.points != run.body.place.size())
+        return false;
     frames.assign(run.frames, std::vector<Vec3d>(run.body.place.size()));
     for (auto& frame : frames) {
         if (!in.read(reinterpret_cast<char*>(frame.data()), static_cast<std::streamsize>(frame.size() * sizeof(Vec3d)))) return false;

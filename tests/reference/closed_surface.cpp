@@ -18,9 +18,7 @@ double corner_angle(const Vec3d& at, const Vec3d& a, const Vec3d& b) {
     return std::atan2((a - at).cross(b - at).norm(), (a - at).dot(b - at)) * 180 / M_PI;
 }
 
-double volume_of(const Vec3d& a, const Vec3d& b, const Vec3d& c, const Vec3d& d) {
-    return (b - a).cross(c - a).dot(d - a);
-}
+double volume_of(const Vec3d& a, const Vec3d& b, const Vec3d& c, const Vec3d& d) { return (b - a).cross(c - a).dot(d - a); }
 
 bool segment_cuts(const Vec3d& p, const Vec3d& q, const Vec3d& a, const Vec3d& b, const Vec3d& c) {
     const double sp = volume_of(a, b, c, p);

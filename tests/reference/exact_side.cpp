@@ -62,8 +62,7 @@ int around(const std::array<const Vec3d*, 3>& corner, const Vec3d& p) {
 
 }  // namespace
 
-bool exact_windings(std::span<const Vec3d> position, std::span<const Triangle> triangle, const Vec3d& p,
-                    int& windings) {
+bool exact_windings(std::span<const Vec3d> position, std::span<const Triangle> triangle, const Vec3d& p, int& windings) {
     windings = 0;
     for (const Triangle& t : triangle) {
         const std::array<const Vec3d*, 3> corner{&position[t[0]], &position[t[1]], &position[t[2]]};

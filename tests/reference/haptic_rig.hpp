@@ -74,8 +74,8 @@ struct FreeDevice {
         const double terminal = force / damping, u = v - terminal;
         const double way = terminal * kRigTick + u / rate * (1 - decay);
         // integral of b v^2 over the tick with v = terminal + u e^(-rate t)
-        lost += damping * (terminal * terminal * kRigTick + 2 * terminal * u * (1 - decay) / rate +
-                           u * u * (1 - decay * decay) / (2 * rate));
+        lost +=
+            damping * (terminal * terminal * kRigTick + 2 * terminal * u * (1 - decay) / rate + u * u * (1 - decay * decay) / (2 * rate));
         v = terminal + u * decay;
         x += way;
         return way;

@@ -84,7 +84,8 @@ void step(DoubleBody& b, double dt) {
             continue;
         }
         const Vec3d drag = velocity + turning.cross(b.place[i] - centre);
-        b.velocity[i] = drag + keep * (b.velocity[i] - drag) + (b.shape ? kick : kick * std::sqrt(keep)) * (f[i] * b.inv_mass[i] + b.gravity);
+        b.velocity[i] =
+            drag + keep * (b.velocity[i] - drag) + (b.shape ? kick : kick * std::sqrt(keep)) * (f[i] * b.inv_mass[i] + b.gravity);
     }
     for (size_t i = 0; i < b.place.size(); ++i) b.place[i] += dt * b.velocity[i];
 }

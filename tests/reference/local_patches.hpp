@@ -23,8 +23,7 @@ template <typename Shape>  // Shape: Vec3d(const Vec3d&)
 Mesh make_ground(uint32_t n, double half, const Shape& shape) {
     Mesh mesh;
     for (uint32_t y = 0; y <= n; ++y)
-        for (uint32_t x = 0; x <= n; ++x)
-            mesh.position.push_back(shape(Vec3d(half * (2.0 * x / n - 1), half * (2.0 * y / n - 1), 0)));
+        for (uint32_t x = 0; x <= n; ++x) mesh.position.push_back(shape(Vec3d(half * (2.0 * x / n - 1), half * (2.0 * y / n - 1), 0)));
     for (uint32_t y = 0; y < n; ++y) {
         for (uint32_t x = 0; x < n; ++x) {
             const uint32_t a = y * (n + 1) + x;

@@ -20,15 +20,12 @@ struct PictureScene {
 
     Surfaces surfaces() const { return {meshes, bodies, poses, particles}; }
 
-    uint32_t add_mesh(const Mesh& mesh, Admission admission = Admission::kSheet) {
-        return add_prototype(meshes, mesh, admission);
-    }
+    uint32_t add_mesh(const Mesh& mesh, Admission admission = Admission::kSheet) { return add_prototype(meshes, mesh, admission); }
     uint32_t add_body(uint32_t mesh, Motion motion, const Vec3d& origin = Vec3d::Zero(), const Quat& turn = {}) {
         Range rows;
         if (motion == Motion::kDeformable) {
             const MeshView view = mesh_view(meshes, mesh);
-            rows = {static_cast<uint32_t>(particles.offset.size()),
-                    static_cast<uint32_t>((view.position.size() + 15) / 16 * 16)};
+            rows = {static_cast<uint32_t>(particles.offset.size()), static_cast<uint32_t>((view.position.size() + 15) / 16 * 16)};
             particles.offset.resize(rows.end());
             for (size_t v = 0; v < view.position.size(); ++v) {
                 const Vec3 p = view.position[v].cast<float>();

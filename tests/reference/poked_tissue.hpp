@@ -59,13 +59,13 @@ inline void poke_at(World& world, uint32_t body, double seconds, uint32_t seed) 
 }
 
 struct PokeEnergy {
-    double given = 0;        // J, by the hand to the device, all in all
-    double least = 0;        // J, least of that at any time
-    double least_poke = 0;   // J, least of it since a poke began, over all pokes: after 0.1 s without a force
-    double observer = 0;     // J, least that the device's own observer booked
-    double largest = 0;      // N
+    double given = 0;       // J, by the hand to the device, all in all
+    double least = 0;       // J, least of that at any time
+    double least_poke = 0;  // J, least of it since a poke began, over all pokes: after 0.1 s without a force
+    double observer = 0;    // J, least that the device's own observer booked
+    double largest = 0;     // N
     uint32_t pokes = 0;
-    uint64_t unlike = 0;     // passes after which the frame had told the device something else
+    uint64_t unlike = 0;  // passes after which the frame had told the device something else
 };
 
 // The first tool's ticks, found again beside those of the frame.
@@ -76,7 +76,7 @@ struct PokeMeter {
     HapticScratch scratch;
     ToolState state;
     PokeEnergy energy;
-    double since_poke = 0;  // J
+    double since_poke = 0;       // J
     uint32_t silent = kSilence;  // ticks
 
     void tick(const World& w, double time) {

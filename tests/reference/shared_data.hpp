@@ -10,9 +10,7 @@
 namespace trocar::reference {
 
 // Folder of real meshes that tests use in place when it is there.
-inline std::string shared_data(const std::string& file) {
-    return (shared_data_folder() / file).string();
-}
+inline std::string shared_data(const std::string& file) { return (shared_data_folder() / file).string(); }
 
 // Throw-away readers of well-formed binary STL, OBJ and ASCII VTK polydata, independent of content/. Empty when the
 // file is absent.

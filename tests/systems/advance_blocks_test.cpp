@@ -22,8 +22,7 @@ struct Collision : AdvanceScene {
         tissue.damping = 3;
         const uint32_t mesh = add_mesh(subdivided_sphere(0.03, levels, 0.01));
         add_body(mesh, Motion::kDeformable, Vec3d(0, 0, 0), tissue, AnchorFrame::kShape);
-        add_body(mesh, Motion::kDeformable, Vec3d(0.05, 0.006, 0.002), tissue, AnchorFrame::kShape,
-                 from_rotation_vector({1, 2, 0}));
+        add_body(mesh, Motion::kDeformable, Vec3d(0.05, 0.006, 0.002), tissue, AnchorFrame::kShape, from_rotation_vector({1, 2, 0}));
         for (uint32_t v = 0; v < range(0).count; ++v) set_velocity(0, v, velocity + 0.2 * offset(0, v));
         find_rows(0, 1, friction);
         for (uint32_t row = 0; row < rows.body.size(); row += 5) {
@@ -58,8 +57,8 @@ Eigen::Vector4d foot_by_definition(const Vec3d& point, const Vec3d& normal, cons
 }
 
 // Rows that act in a substep, from the places at its start and the velocities after its kick.
-std::vector<ReferenceRow> reference_rows(const Collision& s, const std::vector<Vec3d>& place,
-                                         const std::vector<Vec3d>& velocity, double dt) {
+std::vector<ReferenceRow> reference_rows(const Collision& s, const std::vector<Vec3d>& place, const std::vector<Vec3d>& velocity,
+                                         double dt) {
     std::vector<ReferenceRow> out;
     for (uint32_t row = 0; row < s.rows.body.size(); ++row) {
         ReferenceRow r;
@@ -117,8 +116,7 @@ TEST(AdvanceBlocks, ManySweepsEqualAReferenceInDouble) {
             for (size_t k = 0; k < 5; ++k) v += r.weight[k] * velocity[r.particle[k]];
             const double impulse = std::max(0.0, r.impulse - (r.normal.dot(v) - r.least_velocity) * r.inv_sum);
             for (size_t k = 0; k < 5; ++k) {
-                velocity[r.particle[k]] +=
-                    r.weight[k] * s.particles.offset[r.particle[k]].w * (impulse - r.impulse) * r.normal;
+                velocity[r.particle[k]] += r.weight[k] * s.particles.offset[r.particle[k]].w * (impulse - r.impulse) * r.normal;
             }
             r.impulse = impulse;
         }
@@ -136,8 +134,8 @@ TEST(AdvanceBlocks, ManySweepsEqualAReferenceInDouble) {
             moved = std::max(moved, (s.velocity(body, v) - clean.velocity(body, v)).norm());
         }
     }
-    std::printf("%zu of %zu rows act, %zu in blocks; they change velocities by up to %.3g m/s, worst error %.3g\n",
-                rows.size(), s.rows.body.size(), s.rows_in_blocks(), moved, worst);
+    std::printf("%zu of %zu rows act, %zu in blocks; they change velocities by up to %.3g m/s, worst error %.3g\n", rows.size(),
+                s.rows.body.size(), s.rows_in_blocks(), moved, worst);
     EXPECT_GT(moved, 0.05);
     EXPECT_LT(worst, 1e-6);
 }
@@ -179,14 +177,14 @@ TEST(AdvanceBlocks, MomentumAndBooks) {
 // Also where rows end on the way: what a block holds does not depend on it.
 TEST(AdvanceBlocks, SplitCallsGiveTheSameBits) {
     Collision whole({0.2, 1.5, 0}, 0.1), split({0.2, 1.5, 0}, 0.1);
-    whole.params.contact.iterations = split.params.contact.iterations = 1;  // from two on a call starts from what rows carried at the end of the last
+    whole.params.contact.iterations = split.params.contact.iterations =
+        1;  // from two on a call starts from what rows carried at the end of the last
     whole.advance(10, 20);
     for (int i = 0; i < 10; ++i) split.advance(1, 2);
     EXPECT_GT(whole.result.ended_rows, 10u);
     EXPECT_LT(whole.result.ended_rows, whole.rows.body.size());
     EXPECT_GT(whole.rows_in_blocks(), 64u);
-    EXPECT_EQ(0, std::memcmp(whole.particles.offset.data(), split.particles.offset.data(),
-                             whole.particles.offset.size() * sizeof(Float4)));
+    EXPECT_EQ(0, std::memcmp(whole.particles.offset.data(), split.particles.offset.data(), whole.particles.offset.size() * sizeof(Float4)));
     EXPECT_EQ(whole.particles.velocity_y, split.particles.velocity_y);
     EXPECT_EQ(whole.report.ended_rows, split.report.ended_rows);
     EXPECT_EQ(whole.rows.distance, split.rows.distance);
@@ -198,8 +196,7 @@ TEST(AdvanceBlocks, NodesPressedFromBothSidesStayOut) {
     const size_t rows = s.rows.body.size();
     for (size_t row = 0; row < rows; row += 10) {
         const uint32_t v = s.rows.vertex[row][0];
-        s.add_row(s.rows.body[row], v, s.rows.other[row], s.rows.triangle[row], {0.3, 0.3, 0.4}, -s.rows.normal[row],
-                  0.0, 0.0);
+        s.add_row(s.rows.body[row], v, s.rows.other[row], s.rows.triangle[row], {0.3, 0.3, 0.4}, -s.rows.normal[row], 0.0, 0.0);
     }
     s.advance(1, 2);
     ASSERT_FALSE(s.scratch.block.empty());
@@ -256,7 +253,8 @@ struct Sheet : AdvanceScene {
     Vec3d momentum() const {
         Vec3d sum = Vec3d::Zero();
         for (uint32_t b = 0; b < bodies.mesh.size(); ++b)
-            if (bodies.motion[b] == Motion::kDeformable || bodies.motion[b] == Motion::kFree) sum += measure_momentum(bodies, poses, particles, b).linear;
+            if (bodies.motion[b] == Motion::kDeformable || bodies.motion[b] == Motion::kFree)
+                sum += measure_momentum(bodies, poses, particles, b).linear;
         return sum;
     }
 };
@@ -352,7 +350,8 @@ struct SheetOnFloor : Sheet {
     explicit SheetOnFloor(Motion motion, double friction) {
         const uint32_t balls = static_cast<uint32_t>(bodies.mesh.size());
         const Quat turn = from_rotation_vector(std::numbers::pi * Vec3d(std::cos(0.4), std::sin(0.4), 0));
-        const uint32_t floor = add_body(add_mesh(reference::make_box({-2, -2, -0.01}, {2, 2, 0.01})), motion, Vec3d(0.9, 0.1, -0.038), {}, AnchorFrame::kWorld, turn);
+        const uint32_t floor = add_body(add_mesh(reference::make_box({-2, -2, -0.01}, {2, 2, 0.01})), motion, Vec3d(0.9, 0.1, -0.038), {},
+                                        AnchorFrame::kWorld, turn);
         for (uint32_t b = 0; b < balls; ++b) {
             add_rows(b, floor, friction);
             for (uint32_t v = 0; v < range(b).count; ++v) set_velocity(b, v, velocity(b, v) - Vec3d(0, 0, 0.6));
@@ -361,7 +360,8 @@ struct SheetOnFloor : Sheet {
         params.contact.push_speed = 0;
     }
     size_t blocks_on_floor() const {
-        return static_cast<size_t>(std::count_if(scratch.block.begin(), scratch.block.end(), [](const ContactBlock& b) { return b.fixed != kNone; }));
+        return static_cast<size_t>(
+            std::count_if(scratch.block.begin(), scratch.block.end(), [](const ContactBlock& b) { return b.fixed != kNone; }));
     }
 };
 
@@ -382,7 +382,8 @@ TEST(AdvanceGroups, RowsOfAStaticFloorInBlocksDoWhatSingleOnesDo) {
         EXPECT_EQ(scripted.blocks_on_floor(), 0u);
         EXPECT_EQ(still.result.active_rows, scripted.result.active_rows);
         for (uint32_t b = 0; b + 1 < still.bodies.mesh.size(); ++b)
-            for (uint32_t v = 0; v < still.range(b).count; ++v) most = std::max(most, (still.velocity(b, v) - scripted.velocity(b, v)).norm());
+            for (uint32_t v = 0; v < still.range(b).count; ++v)
+                most = std::max(most, (still.velocity(b, v) - scripted.velocity(b, v)).norm());
         EXPECT_LT(most, 1e-5);
     });
 }

@@ -34,7 +34,8 @@ TEST(AdvanceHeld, MomentumAndMomentOfToolAndTissueAreKept) {
     Tissue tissue;
     tissue.damping = 3;
     s.add_body(s.add_mesh(subdivided_sphere(0.03, 2, 0.03)), Motion::kDeformable, Vec3d::Zero(), tissue, AnchorFrame::kShape);
-    const uint32_t bar = s.add_body(s.add_mesh(box_mesh({-0.05, -0.004, 0}, {0.05, 0.004, 0.006})), Motion::kHand, Vec3d(0.03, 0.004, 0.034));
+    const uint32_t bar =
+        s.add_body(s.add_mesh(box_mesh({-0.05, -0.004, 0}, {0.05, 0.004, 0.006})), Motion::kHand, Vec3d(0.03, 0.004, 0.034));
     s.bodies.inv_mass[bar] = 1 / 0.05;
     HandTool tool = held_tool(bar);
     tool.tip = Vec3d(0.01, 0, 0.002);
@@ -92,8 +93,10 @@ TEST(AdvanceHeld, CouplingAndContactsAreAllThatMovesTheTool) {
         const ToolState& state = s.tool_states[0];
         const Vec3d change = 0.05 * (s.poses.velocity[bar] - before), turned = 4e-5 * (s.poses.angular_velocity[bar] - spin);
         EXPECT_LT((change - state.contact_impulse - 1e-3 * state.coupling_force).norm(), 1e-9) << ms;
-        const double lag = rotation_vector(before_turn, s.devices[1].orientation).norm(), step = 1e-3 * s.poses.angular_velocity[bar].norm();
-        EXPECT_LT((turned - state.contact_moment - 1e-3 * state.coupling_torque).norm(), 1e-3 * 0.5 * lag * step * (0.5 + lag / 6) + 1e-14) << ms;
+        const double lag = rotation_vector(before_turn, s.devices[1].orientation).norm(),
+                     step = 1e-3 * s.poses.angular_velocity[bar].norm();
+        EXPECT_LT((turned - state.contact_moment - 1e-3 * state.coupling_torque).norm(), 1e-3 * 0.5 * lag * step * (0.5 + lag / 6) + 1e-14)
+            << ms;
         judged += state.contact_moment.norm() > 1e-6;
     }
     EXPECT_GT(judged, 100u);

@@ -110,8 +110,8 @@ struct AdvanceScene {
         return list;
     }
 
-    void add_row(uint32_t body, uint32_t vertex, uint32_t other, const Triangle& triangle, const Vec3d& weight,
-                 const Vec3d& normal_world, double distance, double friction) {
+    void add_row(uint32_t body, uint32_t vertex, uint32_t other, const Triangle& triangle, const Vec3d& weight, const Vec3d& normal_world,
+                 double distance, double friction) {
         rows.contact.push_back(static_cast<uint32_t>(rows.body.size()));
         rows.body.push_back(body);
         rows.other.push_back(other);
@@ -121,10 +121,8 @@ struct AdvanceScene {
         rows.across.push_back(0);
         rows.triangle.push_back(triangle);
         rows.weight.push_back({static_cast<float>(weight[0]), static_cast<float>(weight[1]),
-                               static_cast<float>(1 - static_cast<double>(static_cast<float>(weight[0])) -
-                                                  static_cast<float>(weight[1]))});
-        rows.normal.push_back(is_deformable(bodies, other) ? normal_world
-                                                           : rotate_back(poses.orientation[other], normal_world));
+                               static_cast<float>(1 - static_cast<double>(static_cast<float>(weight[0])) - static_cast<float>(weight[1]))});
+        rows.normal.push_back(is_deformable(bodies, other) ? normal_world : rotate_back(poses.orientation[other], normal_world));
         rows.distance.push_back(distance);
         rows.friction.push_back(static_cast<float>(friction));
         rows.impulse.push_back(Vec3d::Zero());
@@ -147,12 +145,10 @@ struct AdvanceScene {
             const SurfacePoint hit = tree->query(p);
             if (hit.triangle == kNone || hit.distance > margin) continue;
             const Triangle t = view.triangle[hit.triangle];
-            const Vec3d a = vertex_in_frame(s, other, t[0]), b = vertex_in_frame(s, other, t[1]),
-                        c = vertex_in_frame(s, other, t[2]);
+            const Vec3d a = vertex_in_frame(s, other, t[0]), b = vertex_in_frame(s, other, t[1]), c = vertex_in_frame(s, other, t[2]);
             const Vec3d u = b - a, w = c - a, q = hit.point - a, n = u.cross(w);
             const double y = q.cross(w).dot(n) / n.squaredNorm(), z = u.cross(q).dot(n) / n.squaredNorm();
-            add_row(body, v, other, t, {1 - y - z, y, z}, direction_to_world(s, other, hit.normal), hit.distance,
-                    friction);
+            add_row(body, v, other, t, {1 - y - z, y, z}, direction_to_world(s, other, hit.normal), hit.distance, friction);
         }
     }
     // Both directions between two bodies.
@@ -180,8 +176,7 @@ struct AdvanceScene {
         measure();
     }
     void measure() {
-        measure_energy(springs, bodies, poses, particles, anchors, params.gravity, energy_start, energy_scratch,
-                       energy, {&solids});
+        measure_energy(springs, bodies, poses, particles, anchors, params.gravity, energy_start, energy_scratch, energy, {&solids});
     }
 };
 
@@ -189,14 +184,12 @@ struct AdvanceScene {
 inline Mesh subdivided_sphere(double radius, int levels, double noise = 0, uint32_t seed = 1) {
     Mesh mesh;
     const double t = 0.5 * (1 + std::sqrt(5.0));
-    for (const auto& p :
-         {Vec3d(-1, t, 0), Vec3d(1, t, 0), Vec3d(-1, -t, 0), Vec3d(1, -t, 0), Vec3d(0, -1, t), Vec3d(0, 1, t),
-          Vec3d(0, -1, -t), Vec3d(0, 1, -t), Vec3d(t, 0, -1), Vec3d(t, 0, 1), Vec3d(-t, 0, -1), Vec3d(-t, 0, 1)}) {
+    for (const auto& p : {Vec3d(-1, t, 0), Vec3d(1, t, 0), Vec3d(-1, -t, 0), Vec3d(1, -t, 0), Vec3d(0, -1, t), Vec3d(0, 1, t),
+                          Vec3d(0, -1, -t), Vec3d(0, 1, -t), Vec3d(t, 0, -1), Vec3d(t, 0, 1), Vec3d(-t, 0, -1), Vec3d(-t, 0, 1)}) {
         mesh.position.push_back(p.normalized());
     }
-    mesh.triangle = {{0, 11, 5},  {0, 5, 1},  {0, 1, 7},  {0, 7, 10}, {0, 10, 11}, {1, 5, 9}, {5, 11, 4},
-                     {11, 10, 2}, {10, 7, 6}, {7, 1, 8},  {3, 9, 4},  {3, 4, 2},   {3, 2, 6}, {3, 6, 8},
-                     {3, 8, 9},   {4, 9, 5},  {2, 4, 11}, {6, 2, 10}, {8, 6, 7},   {9, 8, 1}};
+    mesh.triangle = {{0, 11, 5}, {0, 5, 1}, {0, 1, 7}, {0, 7, 10}, {0, 10, 11}, {1, 5, 9}, {5, 11, 4}, {11, 10, 2}, {10, 7, 6}, {7, 1, 8},
+                     {3, 9, 4},  {3, 4, 2}, {3, 2, 6}, {3, 6, 8},  {3, 8, 9},   {4, 9, 5}, {2, 4, 11}, {6, 2, 10},  {8, 6, 7},  {9, 8, 1}};
     for (int level = 0; level < levels; ++level) {
         std::vector<std::pair<std::pair<uint32_t, uint32_t>, uint32_t>> middles;
         std::vector<Triangle> finer;

@@ -11,8 +11,8 @@ namespace trocar {
 namespace {
 
 struct Masses : AdvanceScene {
-    uint32_t add(const std::vector<Vec3d>& place, const std::vector<double>& mass,
-                 const std::vector<std::array<uint32_t, 2>>& edges, double rest, double k) {
+    uint32_t add(const std::vector<Vec3d>& place, const std::vector<double>& mass, const std::vector<std::array<uint32_t, 2>>& edges,
+                 double rest, double k) {
         return add_graph(*this, {place, mass, edges, rest, k});
     }
 };
@@ -70,8 +70,7 @@ TEST(Advance, ChainModes) {
         for (int n = 1; n <= 200; ++n) {
             s.advance(1, 1);
             for (int i = 1; i <= kMasses; ++i) {
-                EXPECT_NEAR(s.offset(body, i).x() - (0.1 * i - 0.55),
-                            shape(i) * std::cos(n * discrete_phase(omega, 1e-3)), 5e-3 * a);
+                EXPECT_NEAR(s.offset(body, i).x() - (0.1 * i - 0.55), shape(i) * std::cos(n * discrete_phase(omega, 1e-3)), 5e-3 * a);
             }
         }
     }
@@ -116,8 +115,7 @@ TEST(Advance, M07_LimitOfTheStep) {
         Masses s;
         s.params.gravity.setZero();
         const double dt = 1e-3, omega = share * 2 / dt, m = 0.01;
-        const uint32_t body =
-            s.add({{-1, 0, 0}, {0.001, 0, 0}, {1, 0, 0}}, {0, m, 0}, {{0, 1}, {1, 2}}, 1.0, 0.5 * m * omega * omega);
+        const uint32_t body = s.add({{-1, 0, 0}, {0.001, 0, 0}, {1, 0, 0}}, {0, m, 0}, {{0, 1}, {1, 2}}, 1.0, 0.5 * m * omega * omega);
         double most = 0;
         for (int n = 0; n < 2000; ++n) {
             s.advance(1, 1);
@@ -133,8 +131,8 @@ TEST(Advance, FreeFallIsExact) {
     AdvanceScene s;
     Tissue tissue;
     tissue.damping = 5;
-    const uint32_t body = s.add_body(s.add_mesh(subdivided_sphere(0.05, 2, 0.1)), Motion::kDeformable, Vec3d::Zero(),
-                                     tissue, AnchorFrame::kShape);
+    const uint32_t body =
+        s.add_body(s.add_mesh(subdivided_sphere(0.05, 2, 0.1)), Motion::kDeformable, Vec3d::Zero(), tissue, AnchorFrame::kShape);
     const std::vector<Float4> start = s.particles.offset;
     for (int n = 1; n <= 100; ++n) s.advance(1, 1);
     for (uint32_t v = 0; v < 162; ++v) {
@@ -147,8 +145,8 @@ TEST(Advance, FreeFallIsExact) {
 TEST(Advance, AgreesWithDoubleLeapfrog) {
     for (const AnchorFrame frame : {AnchorFrame::kWorld, AnchorFrame::kShape}) {
         AdvanceScene s;
-        const uint32_t body = s.add_body(s.add_mesh(subdivided_sphere(0.05, 3, 0.05)), Motion::kDeformable,
-                                         Vec3d(3, 0, 0), {}, frame, from_rotation_vector({0.4, 0.2, -0.6}));
+        const uint32_t body = s.add_body(s.add_mesh(subdivided_sphere(0.05, 3, 0.05)), Motion::kDeformable, Vec3d(3, 0, 0), {}, frame,
+                                         from_rotation_vector({0.4, 0.2, -0.6}));
         for (uint32_t v = 0; v < 642; ++v) {
             const Vec3d x = s.offset(body, v);
             s.set_velocity(body, v, Vec3d(0, 0, 4).cross(x) + 8.0 * Vec3d(x.x(), -x.y(), x.z() * x.x() * 20));
@@ -197,15 +195,15 @@ struct PressedShell : AdvanceScene {
 };
 
 bool same_state(const AdvanceScene& a, const AdvanceScene& b) {
-    return 0 == std::memcmp(a.particles.offset.data(), b.particles.offset.data(),
-                            a.particles.offset.size() * sizeof(Float4)) &&
+    return 0 == std::memcmp(a.particles.offset.data(), b.particles.offset.data(), a.particles.offset.size() * sizeof(Float4)) &&
            a.particles.velocity_x == b.particles.velocity_x && a.particles.velocity_y == b.particles.velocity_y &&
            a.particles.velocity_z == b.particles.velocity_z && a.particles.last_dt == b.particles.last_dt;
 }
 
 TEST(Advance, SplitCallsGiveTheSameBits) {
     PressedShell whole, split;
-    whole.params.contact.iterations = split.params.contact.iterations = 1;  // from two on a call starts from what rows carried at the end of the last
+    whole.params.contact.iterations = split.params.contact.iterations =
+        1;  // from two on a call starts from what rows carried at the end of the last
     uint64_t acted = 0;
     for (int pass = 0; pass < 25; ++pass) {
         whole.pass(16, 2);
@@ -236,8 +234,7 @@ TEST(Advance, ThreadsGiveTheSameBits) {
         ThreadPool pool(threads);
         pool.run([&] {
             EXPECT_EQ(thread_count(), threads);
-            s->add_body(s->add_mesh(subdivided_sphere(0.05, 6, 0.002)), Motion::kDeformable, Vec3d::Zero(), {},
-                        AnchorFrame::kShape);
+            s->add_body(s->add_mesh(subdivided_sphere(0.05, 6, 0.002)), Motion::kDeformable, Vec3d::Zero(), {}, AnchorFrame::kShape);
             for (uint32_t v = 0; v < 40962; ++v) s->set_velocity(0, v, Vec3d(1, 2, 3).cross(s->offset(0, v)) * 10.0);
             s->advance(2, 40);
         });
@@ -301,8 +298,8 @@ TEST(Advance, M10_BodyThatIsNotFiniteIsRestoredAlone) {
         poked->advance(8, 8);
         EXPECT_GT(poked->report.nonfinite_particles, 0u);
         const Range other = poked->range(1);
-        EXPECT_EQ(0, std::memcmp(&clean->particles.offset[other.first], &poked->particles.offset[other.first],
-                                 other.count * sizeof(Float4)));
+        EXPECT_EQ(0,
+                  std::memcmp(&clean->particles.offset[other.first], &poked->particles.offset[other.first], other.count * sizeof(Float4)));
         for (uint32_t v = 0; v < 162; ++v) {
             EXPECT_TRUE(poked->offset(0, v).allFinite());
             EXPECT_LT((poked->offset(0, v) - clean->offset(0, v)).norm(), 1e-6);
@@ -324,12 +321,10 @@ TEST(Advance, MomentumOfAFreePairIsKept) {
     tissue.damping = 3;
     const uint32_t mesh = s.add_mesh(subdivided_sphere(0.03, 2, 0.03));
     s.add_body(mesh, Motion::kDeformable, Vec3d(0, 0, 0), tissue, AnchorFrame::kShape);
-    s.add_body(mesh, Motion::kDeformable, Vec3d(0.062, 0.02, 0.005), tissue, AnchorFrame::kShape,
-               from_rotation_vector({1, 2, 0}));
+    s.add_body(mesh, Motion::kDeformable, Vec3d(0.062, 0.02, 0.005), tissue, AnchorFrame::kShape, from_rotation_vector({1, 2, 0}));
     for (uint32_t v = 0; v < 162; ++v) s.set_velocity(0, v, {0.4, 0.05, 0});
     const auto momentum = [&](Vec3d& p, Vec3d& l, Vec3d& p0) {
-        const Momentum a = measure_momentum(s.bodies, s.poses, s.particles, 0),
-                       b = measure_momentum(s.bodies, s.poses, s.particles, 1);
+        const Momentum a = measure_momentum(s.bodies, s.poses, s.particles, 0), b = measure_momentum(s.bodies, s.poses, s.particles, 1);
         p = a.linear + b.linear, l = a.angular + b.angular, p0 = a.linear;
     };
     Vec3d p, l, first, p_end, l_end, first_end;
@@ -416,10 +411,18 @@ TEST(Advance, WarmCallsKeepTheirMemory) {
     for (int pass = 0; pass < 14; ++pass) s.pass(16, 1);
     const auto memory = [&] {
         const AdvanceScratch& c = s.scratch;
-        return std::vector<const void*>{
-            c.offset_a.data(),     c.offset_b.data(), c.body.data(),   c.rigid.data(),
-            c.sums.data(),         c.node.place.data(), c.change.before.data(), c.node_of_particle.data(),
-            c.slot_of_body.data(), c.plan.data(),     c.group[0].active.data(), c.block.data()};
+        return std::vector<const void*>{c.offset_a.data(),
+                                        c.offset_b.data(),
+                                        c.body.data(),
+                                        c.rigid.data(),
+                                        c.sums.data(),
+                                        c.node.place.data(),
+                                        c.change.before.data(),
+                                        c.node_of_particle.data(),
+                                        c.slot_of_body.data(),
+                                        c.plan.data(),
+                                        c.group[0].active.data(),
+                                        c.block.data()};
     };
     const auto warm = memory();
     s.params.tick = 100;
@@ -488,8 +491,7 @@ TEST(Advance, M20_PushOutAddsOnlyTheEnergyOfItsMoves) {
     s.params.gravity.setZero();
     Tissue tissue;
     tissue.damping = 0;
-    const uint32_t body =
-        s.add_body(s.add_mesh(subdivided_sphere(0.05, 2)), Motion::kDeformable, Vec3d::Zero(), tissue);
+    const uint32_t body = s.add_body(s.add_mesh(subdivided_sphere(0.05, 2)), Motion::kDeformable, Vec3d::Zero(), tissue);
     const uint32_t table = s.add_body(s.add_mesh(flat_square(1.0), Admission::kSolid), Motion::kStatic);
     uint32_t lowest = 0;
     for (uint32_t v = 0; v < 162; ++v) {
@@ -552,8 +554,8 @@ TEST(Advance, StiffnessShareMovesTheSofterBody) {
     const Triangle t = mesh_view(s.meshes, mesh).triangle[0];
     const Vec3d corner = s.offset(1, t[0]);
     const float w = s.particles.offset[0].w;
-    s.particles.offset[0] = {static_cast<float>(corner.x()), static_cast<float>(corner.y()),
-                             static_cast<float>(0.09 + corner.z() + 0.01), w};
+    s.particles.offset[0] = {static_cast<float>(corner.x()), static_cast<float>(corner.y()), static_cast<float>(0.09 + corner.z() + 0.01),
+                             w};
     const double before = s.offset(0, 0).z();
     s.add_row(0, 0, 1, t, {1, 0, 0}, {0, 0, -1}, 0, 0);
     s.advance(1, 1);
@@ -568,8 +570,8 @@ TEST(Advance, M18_SqueezedBetweenTwoPlates) {
     s.params.gravity.setZero();
     Tissue tissue;
     tissue.damping = 20;
-    const uint32_t body = s.add_body(s.add_mesh(subdivided_sphere(0.03, 3)), Motion::kDeformable, Vec3d::Zero(), tissue,
-                                     AnchorFrame::kShape);
+    const uint32_t body =
+        s.add_body(s.add_mesh(subdivided_sphere(0.03, 3)), Motion::kDeformable, Vec3d::Zero(), tissue, AnchorFrame::kShape);
     const uint32_t plate = s.add_mesh(flat_square(0.2));
     const uint32_t low = s.add_body(plate, Motion::kStatic, Vec3d(0, 0, -0.02));
     const uint32_t high = s.add_body(plate, Motion::kStatic, Vec3d(0, 0, 0.02));
@@ -704,8 +706,7 @@ TEST(Advance, M21_RefinementKeepsTheDeflection) {
         AdvanceScene s;
         Tissue tissue;
         tissue.damping = 100;
-        const uint32_t body =
-            s.add_body(s.add_mesh(subdivided_sphere(0.05, 2 + i, 0.01)), Motion::kDeformable, Vec3d::Zero(), tissue);
+        const uint32_t body = s.add_body(s.add_mesh(subdivided_sphere(0.05, 2 + i, 0.01)), Motion::kDeformable, Vec3d::Zero(), tissue);
         const MeshInfo& info = s.meshes.info[0];
         const std::vector<Float4> start = s.particles.offset;
         s.advance(600, 600);
@@ -724,8 +725,8 @@ TEST(Advance, M22_UndampedEnergyDoesNotDrift) {
     s.params.gravity.setZero();
     Tissue tissue;
     tissue.damping = 0;
-    const uint32_t body = s.add_body(s.add_mesh(subdivided_sphere(0.05, 1, 0.1)), Motion::kDeformable, Vec3d::Zero(),
-                                     tissue, AnchorFrame::kShape);
+    const uint32_t body =
+        s.add_body(s.add_mesh(subdivided_sphere(0.05, 1, 0.1)), Motion::kDeformable, Vec3d::Zero(), tissue, AnchorFrame::kShape);
     for (uint32_t v = 0; v < 42; ++v) {
         const Vec3d x = s.offset(body, v);
         s.set_velocity(body, v, Vec3d(1, 5, 2).cross(x) + 3.0 * Vec3d(x.z(), x.x(), -x.y()));

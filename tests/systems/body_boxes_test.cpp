@@ -10,10 +10,9 @@ namespace {
 
 // Breaks when a vertex, the reach, the rotation or the fastest speed is left out of a box.
 TEST(BodyBoxes, HoldEveryVertexAndTheReach) {
-    ContactScene scene(
-        {{make_noisy_sphere(6, 0.1, 0.1, 1), Motion::kDeformable, Vec3d(3, -2, 1), {}},
-         {make_noisy_sphere(6, 0.1, 0.1, 2), Motion::kHand, Vec3d(-1, 2, 5), turn({1, 2, 3}, 0.7)},
-         {make_sheet(0.2, 3), Motion::kStatic, Vec3d::Zero(), turn({1, 0, 0}, 1), Admission::kSheet, 0.004}});
+    ContactScene scene({{make_noisy_sphere(6, 0.1, 0.1, 1), Motion::kDeformable, Vec3d(3, -2, 1), {}},
+                        {make_noisy_sphere(6, 0.1, 0.1, 2), Motion::kHand, Vec3d(-1, 2, 5), turn({1, 2, 3}, 0.7)},
+                        {make_sheet(0.2, 3), Motion::kStatic, Vec3d::Zero(), turn({1, 0, 0}, 1), Admission::kSheet, 0.004}});
     scene.particles.velocity_x[7] = 0.3f;
     scene.particles.velocity_y[7] = -0.4f;
     scene.particles.velocity_z[11] = 0.2f;
@@ -21,13 +20,11 @@ TEST(BodyBoxes, HoldEveryVertexAndTheReach) {
     scene.poses.angular_velocity[1] = Vec3d(0, 3, 0);
     compute_body_boxes(0.02, scene.surfaces(), scene.boxes);
 
-    const double mean[3] = {scene.meshes.info[0].mean_edge, scene.meshes.info[1].mean_edge,
-                            scene.meshes.info[2].mean_edge};
+    const double mean[3] = {scene.meshes.info[0].mean_edge, scene.meshes.info[1].mean_edge, scene.meshes.info[2].mean_edge};
     // two vertices tremble, the rest is still: the bound of the mean way and half an edge holds
     const double mean_way = 0.02 * std::sqrt((0.25 + 0.04) / scene.meshes.info[0].vertices.count);
     EXPECT_NEAR(scene.boxes.margin[0], std::min(0.5 * 0.02, mean_way + 0.5 * mean[0]) + 0.05 * mean[0], 1e-9);
-    EXPECT_NEAR(scene.boxes.margin[1],
-                std::min((2 + 3 * scene.meshes.info[1].radius) * 0.02, 3 * mean[1]) + 0.05 * mean[1], 1e-12);
+    EXPECT_NEAR(scene.boxes.margin[1], std::min((2 + 3 * scene.meshes.info[1].radius) * 0.02, 3 * mean[1]) + 0.05 * mean[1], 1e-12);
     EXPECT_NEAR(scene.boxes.margin[2], 0.05 * mean[2], 1e-15);
     for (uint32_t body = 0; body < 3; ++body) {
         Box box;

@@ -41,9 +41,7 @@ void expect_all_pairs(const ContactScene& scene, const std::string& what) {
         double size = 0;
         for (const Vec3d& p : of_a.position) size = std::max(size, (p - scene.screened.origin).cwiseAbs().maxCoeff());
         const double slack = 1e-6 * size;
-        const auto meeting = [&](double reach_a, double reach_b) {
-            return reference::meeting_triangles(of_a, of_b, reach_a, reach_b);
-        };
+        const auto meeting = [&](double reach_a, double reach_b) { return reference::meeting_triangles(of_a, of_b, reach_a, reach_b); };
         const Range rows = scene.candidates.pair[pair];
         const auto* first = scene.candidates.triangle.data() + rows.first;
         expect_between(PairList(first, first + rows.count), meeting(0, 0), meeting(slack, slack), what + ", crossing");
@@ -102,9 +100,8 @@ TEST(CandidateCells, SameOnAnyNumberOfThreads) {
 // Breaks when the far frame's rounding loses a pair.
 TEST(CandidateCells, EqualBruteForceFarFromTheOrigin) {
     const Vec3d far(1e4, -2e4, 3e4);
-    ContactScene scene(
-        {{make_noisy_sphere(10, 0.1, 0.1, 0), Motion::kDeformable, far, {}},
-         {make_noisy_sphere(10, 0.1, 0.1, 1), Motion::kHand, far + Vec3d(0.15, 0.03, 0), turn({1, 1, 0}, 1)}});
+    ContactScene scene({{make_noisy_sphere(10, 0.1, 0.1, 0), Motion::kDeformable, far, {}},
+                        {make_noisy_sphere(10, 0.1, 0.1, 1), Motion::kHand, far + Vec3d(0.15, 0.03, 0), turn({1, 1, 0}, 1)}});
     scene.find_triangles();
     ASSERT_GT(scene.candidates.triangle.size(), 100u);
     expect_all_pairs(scene, "far");
@@ -149,7 +146,8 @@ TEST(CandidateCells, OnlyCandidatePairsCount) {
 
 // As frames do where bodies are small.
 void find_directly(ContactScene& scene, uint64_t most, double gravity = 0) {
-    rasterise(scene.params, scene.surfaces(), scene.boxes, scene.pairs, scene.rasterise_scratch, scene.report, scene.screened, scene.occupancy, most);
+    rasterise(scene.params, scene.surfaces(), scene.boxes, scene.pairs, scene.rasterise_scratch, scene.report, scene.screened,
+              scene.occupancy, most);
     const DirectInput direct{scene.surfaces(), scene.boxes, scene.period, gravity, most};
     find_candidate_triangles(scene.pairs, scene.screened, scene.occupancy, scene.cells_scratch, scene.candidates, &direct);
 }
@@ -225,10 +223,11 @@ void give_velocity(ContactScene& scene, uint32_t body, const Vec3d& drift, doubl
 void expect_all_that_comes(ContactScene& scene, uint32_t falling, const std::string& what, Coming& coming) {
     Particles& p = scene.particles;
     find_directly(scene, 1u << 30, 9.81);
-    find_overlap(scene.surfaces(), scene.boxes, scene.pairs, scene.screened, scene.candidates, scene.trees, scene.overlap_scratch, scene.report,
-                 scene.near, scene.contacts);
+    find_overlap(scene.surfaces(), scene.boxes, scene.pairs, scene.screened, scene.candidates, scene.trees, scene.overlap_scratch,
+                 scene.report, scene.near, scene.contacts);
     coming.asked_near += scene.near.vertex.size();
-    make_contact_rows(scene.params, scene.surfaces(), scene.pairs, scene.contacts, scene.penetrations, scene.rows_scratch, scene.report, scene.rows);
+    make_contact_rows(scene.params, scene.surfaces(), scene.pairs, scene.contacts, scene.penetrations, scene.rows_scratch, scene.report,
+                      scene.rows);
     coming.idle += scene.rows.body.size();
     drop_idle_rows(scene.period, Vec3d(0, 0, -9.81), scene.surfaces(), {}, {}, scene.rows_scratch, scene.rows);
     coming.idle -= scene.rows.body.size();
@@ -261,8 +260,9 @@ TEST(CandidateCells, DirectPairsSeeAllThatComesInThePeriod) {
     Coming coming;
     for (int round = 0; round < 40; ++round) {
         const Vec3d way = Vec3d(unit(random), unit(random), unit(random)).normalized();
-        ContactScene scene({{make_noisy_sphere(7, 0.06, 0.1, round), Motion::kDeformable, Vec3d(1, 0, 0), {}},
-                            {make_noisy_sphere(6, 0.05, 0.2, 1), Motion::kDeformable, Vec3d(1, 0, 0) + (0.105 + 0.012 * unit(random)) * way, {}}});
+        ContactScene scene(
+            {{make_noisy_sphere(7, 0.06, 0.1, round), Motion::kDeformable, Vec3d(1, 0, 0), {}},
+             {make_noisy_sphere(6, 0.05, 0.2, 1), Motion::kDeformable, Vec3d(1, 0, 0) + (0.105 + 0.012 * unit(random)) * way, {}}});
         for (const uint32_t body : {0u, 1u})
             give_velocity(scene, body, (body ? -0.2 : 0.2) * way + 0.3 * Vec3d(unit(random), unit(random), unit(random)), 0.1, random);
         scene.find_triangles();
@@ -291,8 +291,8 @@ TEST(CandidateCells, DirectPairsSeeAllThatComesOntoAStaticBody) {
                             {make_box({size, size, size}, {3, 3, 3}), Motion::kStatic, Vec3d(1, 0, 0), turned}});
         give_velocity(scene, 0, -0.5 * rotate(turned, way) + 0.3 * Vec3d(unit(random), unit(random), unit(random)), 0.1, random);
         scene.find_triangles();
-        find_overlap(scene.surfaces(), scene.boxes, scene.pairs, scene.screened, scene.candidates, scene.trees, scene.overlap_scratch, scene.report,
-                     scene.near, scene.contacts);
+        find_overlap(scene.surfaces(), scene.boxes, scene.pairs, scene.screened, scene.candidates, scene.trees, scene.overlap_scratch,
+                     scene.report, scene.near, scene.contacts);
         with_cells += scene.near.vertex.size();
         expect_all_that_comes(scene, 0, "round " + std::to_string(round), coming);
     }

@@ -18,9 +18,7 @@ Bodies make_bodies(std::vector<Motion> motion) {
 Box box_at(const Vec3d& centre, const Vec3d& half) { return {centre - half, centre + half}; }
 
 PairList all_pairs(const Bodies& bodies, const BodyBoxes& boxes, const PairList& excluded) {
-    const auto moves = [&](uint32_t i) {
-        return bodies.motion[i] == Motion::kDeformable || bodies.motion[i] == Motion::kHand;
-    };
+    const auto moves = [&](uint32_t i) { return bodies.motion[i] == Motion::kDeformable || bodies.motion[i] == Motion::kHand; };
     PairList found;
     for (uint32_t a = 0; a < boxes.box.size(); ++a) {
         for (uint32_t b = a + 1; b < boxes.box.size(); ++b) {
@@ -52,8 +50,7 @@ TEST(CandidatePairs, EqualAllPairsWhateverTheKeptOrder) {
     const Bodies bodies = make_bodies(motion);
     BodyBoxes boxes;
     for (uint32_t i = 0; i < count; ++i) {
-        boxes.box.push_back(
-            box_at({place(random), place(random), place(random)}, {size(random), size(random), size(random)}));
+        boxes.box.push_back(box_at({place(random), place(random), place(random)}, {size(random), size(random), size(random)}));
     }
     boxes.box[17] = {};  // a body that lost all vertices
     CandidatePairsScratch kept;
@@ -92,8 +89,7 @@ TEST(CandidatePairs, NothingToPushNoPair) {
     for (int i = 0; i < 4; ++i) boxes.box.push_back(box_at(Vec3d::Zero(), {1, 1, 1}));
     CandidatePairsScratch scratch;
     CandidatePairs pairs;
-    find_candidate_pairs(make_bodies({Motion::kStatic, Motion::kKinematic, Motion::kHand, Motion::kStatic}), boxes, {},
-                         scratch, pairs);
+    find_candidate_pairs(make_bodies({Motion::kStatic, Motion::kKinematic, Motion::kHand, Motion::kStatic}), boxes, {}, scratch, pairs);
     EXPECT_EQ(list(pairs), (PairList{{0, 2}, {1, 2}, {2, 3}}));
 }
 

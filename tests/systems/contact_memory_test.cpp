@@ -52,9 +52,18 @@ TEST(ContactMemory, RowsFindWhatTheirPointsCarried) {
                       memory);
     EXPECT_EQ(memory.body.size(), 8u);
 
-    ContactRows now = rows_of({{0, 1, {4, 4}}, {0, 1, {5, 5}}, {0, 1, {6, 6}}, {0, 1, {5, 9}, 0.75f}, {0, 1, {5, 9}, 0.45f},
-                               {0, 1, {7, 9}, 0.5f}, {0, 1, {7, 9}, 0.5f, Vec3d::Zero(), Vec3d::Zero(), 11}, {1, 0, {5, 5}}, {0, 2, {5, 5}},
-                               {1, 2, {5, 5}}, {0, 1, {1, 2}, 0.52f}, {0, 1, {5, 5}, 0, Vec3d::Zero(), Vec3d::Zero(), kNone, -1e-4}});
+    ContactRows now = rows_of({{0, 1, {4, 4}},
+                               {0, 1, {5, 5}},
+                               {0, 1, {6, 6}},
+                               {0, 1, {5, 9}, 0.75f},
+                               {0, 1, {5, 9}, 0.45f},
+                               {0, 1, {7, 9}, 0.5f},
+                               {0, 1, {7, 9}, 0.5f, Vec3d::Zero(), Vec3d::Zero(), 11},
+                               {1, 0, {5, 5}},
+                               {0, 2, {5, 5}},
+                               {1, 2, {5, 5}},
+                               {0, 1, {1, 2}, 0.52f},
+                               {0, 1, {5, 5}, 0, Vec3d::Zero(), Vec3d::Zero(), kNone, -1e-4}});
     ContactMemoryScratch scratch;
     order_memory(memory, scratch);
     recall_contacts(memory, scratch, now);

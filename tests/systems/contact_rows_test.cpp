@@ -12,9 +12,8 @@ namespace trocar::test {
 namespace {
 
 ContactScene pressed() {
-    ContactScene scene(
-        {{make_noisy_sphere(12, 0.1, 0.05, 0), Motion::kDeformable, Vec3d(1, 2, 3), {}},
-         {make_noisy_sphere(9, 0.07, 0.05, 1), Motion::kHand, Vec3d(1.12, 2.03, 3.01), turn({1, 2, 0}, 1)}});
+    ContactScene scene({{make_noisy_sphere(12, 0.1, 0.05, 0), Motion::kDeformable, Vec3d(1, 2, 3), {}},
+                        {make_noisy_sphere(9, 0.07, 0.05, 1), Motion::kHand, Vec3d(1.12, 2.03, 3.01), turn({1, 2, 0}, 1)}});
     scene.bodies.tissue[0].friction = 0.05;
     scene.bodies.tissue[1].friction = 0.3;
     return scene;
@@ -85,8 +84,7 @@ TEST(ContactRows, P27_TheShallowestAreDroppedAndCounted) {
     scene.params.row_capacity = 70;
     scene.run();
     std::vector<std::vector<double>> all(3), kept(3);
-    for (uint32_t i = 0; i < scene.contacts.pair.size(); ++i)
-        all[scene.contacts.body[i]].push_back(scene.contacts.distance[i]);
+    for (uint32_t i = 0; i < scene.contacts.pair.size(); ++i) all[scene.contacts.body[i]].push_back(scene.contacts.distance[i]);
     for (uint32_t i = 0; i < scene.rows.body.size(); ++i) kept[scene.rows.body[i]].push_back(scene.rows.distance[i]);
     ASSERT_GT(all[1].size(), 300u);
     ASSERT_GT(all[2].size(), 5u);
@@ -104,9 +102,8 @@ TEST(ContactRows, P27_TheShallowestAreDroppedAndCounted) {
 }
 
 class ThroughAWall : public testing::TestWithParam<Motion> {};
-INSTANTIATE_TEST_SUITE_P(ContactRows, ThroughAWall, testing::Values(Motion::kHand, Motion::kFree), [](const auto& motion) {
-    return motion.param == Motion::kHand ? "InTheHand" : "Free";
-});
+INSTANTIATE_TEST_SUITE_P(ContactRows, ThroughAWall, testing::Values(Motion::kHand, Motion::kFree),
+                         [](const auto& motion) { return motion.param == Motion::kHand ? "InTheHand" : "Free"; });
 
 // A ball has passed the middle of a thin wall that deforms: there its nearest surface is the wall's far side, which the ball
 // would leave nose first, on through the wall. Those points have no row; all others lead back. Breaks when the wall

@@ -57,8 +57,8 @@ inline Mesh make_sphere(uint32_t n, const std::function<Vec3d(const Vec3d&)>& sh
 // Sphere with bumps, so that no two runs of triangles look alike.
 inline Mesh make_noisy_sphere(uint32_t n, double radius, double bumps, double phase) {
     return make_sphere(n, [=](const Vec3d& p) {
-        const double r = 1 + bumps * std::sin(7 * p.x() + phase) * std::cos(6 * p.y() - phase) +
-                         0.3 * bumps * std::sin(23 * p.z() + 5 * p.x() + phase);
+        const double r =
+            1 + bumps * std::sin(7 * p.x() + phase) * std::cos(6 * p.y() - phase) + 0.3 * bumps * std::sin(23 * p.z() + 5 * p.x() + phase);
         return Vec3d(radius * r * p);
     });
 }
@@ -70,8 +70,7 @@ inline Mesh make_box(const Vec3d& size, const std::array<uint32_t, 3>& cells = {
     const auto vertex = [&](const std::array<uint32_t, 3>& at) {
         const auto [found, fresh] = known.try_emplace(at, uint32_t(mesh.position.size()));
         if (fresh) {
-            mesh.position.push_back(Vec3d((double(at[0]) / cells[0] - 0.5) * size.x(),
-                                          (double(at[1]) / cells[1] - 0.5) * size.y(),
+            mesh.position.push_back(Vec3d((double(at[0]) / cells[0] - 0.5) * size.x(), (double(at[1]) / cells[1] - 0.5) * size.y(),
                                           (double(at[2]) / cells[2] - 0.5) * size.z()));
         }
         return found->second;
@@ -201,12 +200,10 @@ struct ContactScene {
         for (uint32_t body = 0; body < inputs.size(); ++body) {
             const MeshView mesh = mesh_view(meshes, bodies.mesh[body]);
             const Range rows_of_body = bodies.particles[body];
-            trees.push_back(
-                is_deformable(bodies, body)
-                    ? std::make_unique<ClosestPointTree>(
-                          mesh,
-                          std::span<const Float4>(particles.offset).subspan(rows_of_body.first, rows_of_body.count))
-                    : std::make_unique<ClosestPointTree>(mesh));
+            trees.push_back(is_deformable(bodies, body)
+                                ? std::make_unique<ClosestPointTree>(
+                                      mesh, std::span<const Float4>(particles.offset).subspan(rows_of_body.first, rows_of_body.count))
+                                : std::make_unique<ClosestPointTree>(mesh));
         }
     }
 

@@ -11,8 +11,8 @@ namespace {
 TEST(DeformableEnergy, AgreesWithDouble) {
     for (const AnchorFrame frame : {AnchorFrame::kWorld, AnchorFrame::kShape}) {
         AdvanceScene s;
-        const uint32_t body = s.add_body(s.add_mesh(subdivided_sphere(0.05, 2, 0.05)), Motion::kDeformable,
-                                         Vec3d(0, 0, 2), {}, frame, from_rotation_vector({0.2, 0.1, -0.7}));
+        const uint32_t body = s.add_body(s.add_mesh(subdivided_sphere(0.05, 2, 0.05)), Motion::kDeformable, Vec3d(0, 0, 2), {}, frame,
+                                         from_rotation_vector({0.2, 0.1, -0.7}));
         double kinetic = 0;
         for (uint32_t v = 0; v < 162; ++v) {
             Float4& o = s.particles.offset[v];
@@ -25,8 +25,7 @@ TEST(DeformableEnergy, AgreesWithDouble) {
         for (Vec3d& g : b.goal) g += s.poses.origin[body];
         Energy energy;
         energy.work_hand = 1, energy.work_contact = 2, energy.work_damping = 3, energy.work_push = 4, energy.work_numeric = 6;
-        measure_energy(s.springs, s.bodies, s.poses, s.particles, s.anchors, s.params.gravity, 5, s.energy_scratch,
-                       energy);
+        measure_energy(s.springs, s.bodies, s.poses, s.particles, s.anchors, s.params.gravity, 5, s.energy_scratch, energy);
         const double total = reference::potential_energy(b);
         b.gravity.setZero();
         const double elastic = reference::potential_energy(b);
@@ -60,10 +59,8 @@ TEST(DeformableEnergy, IsTakenHalfAStepBack) {
 
 TEST(DeformableEnergy, MomentumOfASpinningBody) {
     AdvanceScene s;
-    const uint32_t body = s.add_body(s.add_mesh(subdivided_sphere(0.05, 2)), Motion::kDeformable, Vec3d(1, 0, 0), {},
-                                     AnchorFrame::kShape);
-    for (uint32_t v = 0; v < 162; ++v)
-        s.set_velocity(body, v, Vec3d(0, 2, 0) + Vec3d(0, 0, 3).cross(s.offset(body, v)));
+    const uint32_t body = s.add_body(s.add_mesh(subdivided_sphere(0.05, 2)), Motion::kDeformable, Vec3d(1, 0, 0), {}, AnchorFrame::kShape);
+    for (uint32_t v = 0; v < 162; ++v) s.set_velocity(body, v, Vec3d(0, 2, 0) + Vec3d(0, 0, 3).cross(s.offset(body, v)));
     const Momentum p = measure_momentum(s.bodies, s.poses, s.particles, body);
     const double mass = 1050 * s.meshes.info[0].volume;
     EXPECT_NEAR(p.linear.y(), 2 * mass, 1e-5 * mass);

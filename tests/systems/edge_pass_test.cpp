@@ -25,8 +25,8 @@ uint32_t edge_rows(const ContactScene& scene) {
 
 // P08: nothing but edges cross. Breaks when only vertices are looked at.
 TEST(EdgePass, P08_CrossedBars) {
-    ContactScene scene({{make_box({10, 1, 1}), Motion::kDeformable, Vec3d::Zero(), {}},
-                        {make_box({1, 10, 1}), Motion::kHand, Vec3d(0, 0, 0.6), {}}});
+    ContactScene scene(
+        {{make_box({10, 1, 1}), Motion::kDeformable, Vec3d::Zero(), {}}, {make_box({1, 10, 1}), Motion::kHand, Vec3d(0, 0, 0.6), {}}});
     scene.run();
     ASSERT_EQ(scene.penetrations.pair.size(), 1u);
     EXPECT_EQ(scene.penetrations.vertices_a_in_b[0] + scene.penetrations.vertices_b_in_a[0], 0u);
@@ -66,8 +66,7 @@ TEST(EdgePass, P11_BladeOnADome) {
     const reference::Surface dome(scene.surfaces(), 0);
     double want = 0;
     for (const double x : {-0.0005, 0.0005}) {
-        want = std::max(
-            want, reference::deepest_on_edge(dome, Vec3d(0.013 + x, -0.3, 0.98), Vec3d(0.013 + x, 0.3, 0.98), 600));
+        want = std::max(want, reference::deepest_on_edge(dome, Vec3d(0.013 + x, -0.3, 0.98), Vec3d(0.013 + x, 0.3, 0.98), 600));
     }
     double found = 0;
     for (uint32_t i = 0; i < scene.contacts.pair.size(); ++i) {
@@ -91,9 +90,8 @@ TEST(EdgePass, RowsAreTrueAndInOrder) {
         EXPECT_LT((c.point[i] - p - double(c.along[i]) * (q - p)).norm(), 1e-12);
         if (i > 0) {
             const auto key = [&](uint32_t row) {
-                return std::array<uint32_t, 5>{c.pair[row], c.body[row] != scene.pairs.a[c.pair[row]],
-                                               c.vertex[row][0] != c.vertex[row][1], c.vertex[row][0],
-                                               c.vertex[row][1]};
+                return std::array<uint32_t, 5>{c.pair[row], c.body[row] != scene.pairs.a[c.pair[row]], c.vertex[row][0] != c.vertex[row][1],
+                                               c.vertex[row][0], c.vertex[row][1]};
             };
             EXPECT_LT(key(i - 1), key(i));
         }
@@ -163,8 +161,8 @@ void compare_random_pairs(uint32_t pairs, uint32_t seed, uint32_t samples) {
     for (uint32_t i = 0; i < pairs; ++i) {
         const auto place = [&] { return Vec3d(normal(random), normal(random), normal(random)); };
         const auto pose = [&] { return from_rotation_vector(4 * place()); };
-        ContactScene scene({{random_shape(random), Motion::kHand, place(), pose()},
-                            {random_shape(random), Motion::kHand, place(), pose()}});
+        ContactScene scene(
+            {{random_shape(random), Motion::kHand, place(), pose()}, {random_shape(random), Motion::kHand, place(), pose()}});
         scene.run();
         if (scene.pairs.a.empty()) continue;
         const reference::Surface a(scene.surfaces(), 0), b(scene.surfaces(), 1);

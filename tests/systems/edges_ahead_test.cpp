@@ -13,7 +13,8 @@ Mesh make_bar(uint32_t parts) {
     Mesh mesh;
     for (uint32_t i = 0; i <= parts; ++i) {
         const double x = double(i) / parts - 0.5;
-        for (const auto& [y, z] : {std::pair{1.0, 0.0}, {0.0, 1.0}, {-1.0, 0.0}, {0.0, -1.0}}) mesh.position.push_back({x, kHalfWidth * y, kHalfWidth * z});
+        for (const auto& [y, z] : {std::pair{1.0, 0.0}, {0.0, 1.0}, {-1.0, 0.0}, {0.0, -1.0}})
+            mesh.position.push_back({x, kHalfWidth * y, kHalfWidth * z});
     }
     for (uint32_t i = 0; i < parts; ++i)
         for (uint32_t k = 0; k < 4; ++k) {
@@ -26,8 +27,8 @@ Mesh make_bar(uint32_t parts) {
     return mesh;
 }
 
-constexpr double kGap = 0.01, kPeriod = 0.02;         // m, s
-constexpr double kAtX = 0.03, kAtY = -0.05;           // m: where the bars cross, as seen by the lower one
+constexpr double kGap = 0.01, kPeriod = 0.02;  // m, s
+constexpr double kAtX = 0.03, kAtY = -0.05;    // m: where the bars cross, as seen by the lower one
 
 // A bar that moves, and a standing one above and across it.
 ContactScene crossed_bars(const Vec3d& velocity, Motion upper = Motion::kStatic) {
@@ -46,7 +47,8 @@ ContactRows edges_ahead(ContactScene& scene) {
     scene.run();
     ContactRows rows;
     EdgesAheadScratch scratch;
-    add_edges_ahead(scene.period, 0, scene.surfaces(), scene.boxes, scene.pairs, scene.candidates, scene.near, scene.contacts, scratch, rows);
+    add_edges_ahead(scene.period, 0, scene.surfaces(), scene.boxes, scene.pairs, scene.candidates, scene.near, scene.contacts, scratch,
+                    rows);
     return rows;
 }
 

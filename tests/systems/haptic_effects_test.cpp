@@ -295,7 +295,8 @@ TEST(HapticManipulator, ForcesDoTheSameWorkOnBothSides) {
             const Vec3d step = any(1).normalized();
             const double h = 1e-6;
             const DeviceState a = rig.place(x - h * step, turn), b = rig.place(x + h * step, turn);
-            const double work = command.force.dot(b.position - a.position) + command.torque.dot(rotation_vector(a.orientation, b.orientation));
+            const double work =
+                command.force.dot(b.position - a.position) + command.torque.dot(rotation_vector(a.orientation, b.orientation));
             EXPECT_NEAR(told.force.dot(2 * h * step), work, 1e-9 * 2 * h * 10) << static_cast<int>(kind);
             EXPECT_NEAR((told.at - x).norm(), 0, 1e-12);
             // the velocity is the motion

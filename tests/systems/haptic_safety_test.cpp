@@ -411,7 +411,8 @@ TEST(HapticSafety, T05_ALateSimulationErrsAsMuchAsTheSurfaceAccelerated) {
 TEST(HapticSafety, TheObserverCountsWhatACouplingGives) {
     const Vec3d z = Vec3d::UnitZ(), still = Vec3d::Zero();
     // the force is that of the coupling
-    const auto tick = [&](double damping, const Vec3d& device, const Vec3d& velocity, const Vec3d& proxy, const Vec3d& force, SafetyState& state) {
+    const auto tick = [&](double damping, const Vec3d& device, const Vec3d& velocity, const Vec3d& proxy, const Vec3d& force,
+                          SafetyState& state) {
         return dissipate({damping, 1e9}, kTick, device, velocity, proxy, force, force, state);
     };
     SafetyState state;

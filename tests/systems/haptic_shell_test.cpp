@@ -176,8 +176,10 @@ TEST(HapticShell, PlateFlatOnAPlaneFeelsNoTorqueAndTheSeriesStiffness) {
 TEST(HapticShell, PegInAHoleIsPressedFromAllSidesInBalance) {
     Mesh hole;  // four walls that face the middle
     const double a = 0.01, depth = 0.04;
-    const Vec3d wall[4][4] = {{{a, -a, 0}, {a, -a, depth}, {a, a, depth}, {a, a, 0}}, {{-a, a, 0}, {-a, a, depth}, {-a, -a, depth}, {-a, -a, 0}},
-                              {{a, a, 0}, {a, a, depth}, {-a, a, depth}, {-a, a, 0}}, {{-a, -a, 0}, {-a, -a, depth}, {a, -a, depth}, {a, -a, 0}}};
+    const Vec3d wall[4][4] = {{{a, -a, 0}, {a, -a, depth}, {a, a, depth}, {a, a, 0}},
+                              {{-a, a, 0}, {-a, a, depth}, {-a, -a, depth}, {-a, -a, 0}},
+                              {{a, a, 0}, {a, a, depth}, {-a, a, depth}, {-a, a, 0}},
+                              {{-a, -a, 0}, {-a, -a, depth}, {a, -a, depth}, {a, -a, 0}}};
     for (const auto& w : wall) {
         const uint32_t first = static_cast<uint32_t>(hole.position.size());
         for (const Vec3d& p : w) hole.position.push_back(p);
@@ -356,7 +358,8 @@ TEST(HapticShell, PassingOverPointsChangesNoBit) {
             ASSERT_EQ(quick.state.command.torque, slow.state.command.torque) << k;
             ASSERT_EQ(quick.state.proxy, slow.state.proxy) << k;
             ASSERT_EQ(quick.state.contact.size(), slow.state.contact.size()) << k;
-            if (quick.state.contacts > 0) looked_at += quick.scratch.looked_at - looked_before, searched += quick.scratch.searched - searched_before;
+            if (quick.state.contacts > 0)
+                looked_at += quick.scratch.looked_at - looked_before, searched += quick.scratch.searched - searched_before;
             touched += quick.state.contacts > 0;
             torqued += quick.state.command.torque.norm() > 1e-4;
         }
@@ -508,7 +511,7 @@ TEST(HapticShell, StepsEndAtTheBottomOfTheEnergy) {
                 ASSERT_GE(energy({step.shift + shift, step.turn + turn}), least * (1 - 1e-12)) << count;
             }
             for (const ShellPlane& plane : planes) {
-                const bool in = gap_after(plane, step) < 0, grips = plane.held > 0 && plane.friction > 0;
+                const bool in = gap_after(plane, step)<0, grips = plane.held> 0 && plane.friction > 0;
                 pressing += in, gripping += grips, left += grips && !in;
             }
         }
@@ -534,7 +537,8 @@ TEST(HapticShell, FreeMotionIsWithoutForceOrTorque) {
 
 // Wall of 1 mm, the hand 20 mm beyond: the instrument stays where it came from, and force and turn are the coupling's.
 TEST(HapticShell, T07_ThinWallKeepsTheInstrumentOnItsSide) {
-    ShellRig rig(make_joined_patch(make_box({-0.05, -0.05, -1e-3}, {0.05, 0.05, 0})), shell_of(make_box({-0.01, -0.004, 0}, {0.01, 0.004, 0.02}), 600));
+    ShellRig rig(make_joined_patch(make_box({-0.05, -0.05, -1e-3}, {0.05, 0.05, 0})),
+                 shell_of(make_box({-0.01, -0.004, 0}, {0.01, 0.004, 0.02}), 600));
     rig.at({0, 0, 2e-3});
     rig.go({0, 0, -0.02}, 80);  // 0.28 m/s
     for (int k = 0; k < 300; ++k) {
@@ -548,7 +552,8 @@ TEST(HapticShell, T07_ThinWallKeepsTheInstrumentOnItsSide) {
 
 // Found past the middle of a thin wall, the instrument is not pulled through: no force at all.
 TEST(HapticShell, T07_FarSideOfAThinWallDoesNotPull) {
-    ShellRig rig(make_joined_patch(make_box({-0.05, -0.05, -1e-3}, {0.05, 0.05, 0})), shell_of(make_box({-0.01, -0.004, 0}, {0.01, 0.004, 0.02}), 600));
+    ShellRig rig(make_joined_patch(make_box({-0.05, -0.05, -1e-3}, {0.05, 0.05, 0})),
+                 shell_of(make_box({-0.01, -0.004, 0}, {0.01, 0.004, 0.02}), 600));
     rig.state.proxy_valid = true;
     rig.state.gain = 1;
     rig.state.proxy = {0, 0, -8e-4};
@@ -562,7 +567,8 @@ TEST(HapticShell, T07_SheetStopsTheInstrumentOnTheSideItIsOn) {
         rig.at({0, 0, side * 0.012});
         rig.go({0, 0, -side * 4e-3}, 100);
         rig.rest(100);
-        EXPECT_NEAR(rig.state.command.force.z(), side * rig.tool.coupling_stiffness * (9.5e-3), 0.01 * rig.tool.coupling_stiffness * 9.5e-3) << side;
+        EXPECT_NEAR(rig.state.command.force.z(), side * rig.tool.coupling_stiffness * (9.5e-3), 0.01 * rig.tool.coupling_stiffness * 9.5e-3)
+            << side;
         EXPECT_NEAR(rig.state.proxy.z(), side * 5.5e-3, 1e-4);
     }
 }
@@ -578,8 +584,7 @@ TEST(HapticShell, T11_FrictionStaysInItsCone) {
         const double normal = rig.tool.coupling_stiffness * 4e-3 / (1 + rig.tool.coupling_stiffness / rig.tool.surface_stiffness);
         for (int k = 1; k <= 200; ++k) {
             rig.at({5e-5 * k, 0, -4e-3});
-            for (const ShellContact& c : rig.state.contact)
-                ASSERT_LE(c.force.head<2>().norm(), mu * c.force.z() * (1 + 1e-12) + 1e-12);
+            for (const ShellContact& c : rig.state.contact) ASSERT_LE(c.force.head<2>().norm(), mu * c.force.z() * (1 + 1e-12) + 1e-12);
         }
         const Vec3d force = rig.rest(20);
         EXPECT_NEAR(force.z(), normal, 1e-6 * normal);
@@ -618,7 +623,8 @@ TEST(HapticShell, T12_MovingSurfaceCarriesTheInstrument) {
 
 // A shell that starts with a corner inside feels nothing until all of it was outside.
 TEST(HapticShell, T13_StartInsideTissueIsWithoutForceUntilOutside) {
-    ShellRig rig(make_joined_patch(make_box({-0.05, -0.05, -0.03}, {0.05, 0.05, 0})), shell_of(make_box({-0.01, -0.01, 0}, {0.01, 0.01, 0.01}), 400));
+    ShellRig rig(make_joined_patch(make_box({-0.05, -0.05, -0.03}, {0.05, 0.05, 0})),
+                 shell_of(make_box({-0.01, -0.01, 0}, {0.01, 0.01, 0.01}), 400));
     rig.at({0, 0, -5e-3});
     rig.rest(100);
     EXPECT_EQ(rig.state.command.force.norm(), 0);
@@ -822,7 +828,8 @@ TEST(HapticShell, TrianglesAroundAPointTellTheNearest) {
             const double reach = (tick + k) % 5 == 0 ? 1e-4 : 3e-3;
             const NearestTriangle wanted = find_nearest(rig.model, tree, a.point, kNone, reach, placed);
             NearestTriangle nearest;
-            const double gone = (a.point - a.at).norm() + fastest * std::abs(moment.age - a.moment.age) + (moment.follow - a.moment.follow).norm();
+            const double gone =
+                (a.point - a.at).norm() + fastest * std::abs(moment.age - a.moment.age) + (moment.follow - a.moment.follow).norm();
             const bool tells = nearest_of(rig.model, a.found, a.point, gone, 1, reach, placed, nearest);
             if (!tells) {
                 const uint32_t hint = tick % 2 == 0 ? wanted.triangle : kNone;
@@ -831,7 +838,8 @@ TEST(HapticShell, TrianglesAroundAPointTellTheNearest) {
             }
             if (tells && wanted.at.squared_distance > 0 && wanted.triangle != kNone) {
                 NearestTriangle other;
-                ASSERT_FALSE(nearest_of(rig.model, a.found, a.point, gone, 0.9 * std::sqrt(wanted.at.squared_distance), reach, placed, other))
+                ASSERT_FALSE(
+                    nearest_of(rig.model, a.found, a.point, gone, 0.9 * std::sqrt(wanted.at.squared_distance), reach, placed, other))
                     << "something faster may be nearer";
             }
             ++asks, told += tells, none += tells && wanted.triangle == kNone;

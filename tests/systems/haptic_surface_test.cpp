@@ -108,7 +108,9 @@ TEST(HapticSurface, SticksByOneCoefficientAndSlidesByTheOther) {
         const double x = 400 * step - step * k;
         const Vec3d f = rig.press(x, kDepth);
         least = std::max(least, f.x());
-        if (stuck - x < 0.5 * kDepth - 1e-9) { ASSERT_NEAR(f.x(), kStiffness * (stuck - x), 1e-6) << k; }
+        if (stuck - x < 0.5 * kDepth - 1e-9) {
+            ASSERT_NEAR(f.x(), kStiffness * (stuck - x), 1e-6) << k;
+        }
     }
     EXPECT_NEAR(least, 0.5 * press, kStiffness * step);
     // slower than 1 mm/s nothing slides: the static coefficient holds it back all the way
@@ -216,7 +218,8 @@ TEST(HapticSurface, NoiseIsBoundedSmoothAndGoesWithTheBody) {
     ToolState state, along;
     state.proxy = {0.31, -0.2, 0.1}, state.device.position = {0.31, -0.2, 0.099};
     const Vec3d force(0, 0, 0.6);
-    EXPECT_NEAR((textured_force(moving, age, kStiffness, state, force) - textured_force(moved, 0, kStiffness, state, force)).norm(), 0, 1e-12);
+    EXPECT_NEAR((textured_force(moving, age, kStiffness, state, force) - textured_force(moved, 0, kStiffness, state, force)).norm(), 0,
+                1e-12);
     EXPECT_GT((textured_force(moving, 0, kStiffness, state, force) - textured_force(moved, 0, kStiffness, state, force)).norm(), 1e-3);
     // tissue takes its texture along with the proxy
     s.deformable = true;
@@ -271,7 +274,8 @@ struct ShellSurfaceRig {
     }
 };
 
-const std::vector<Vec3d> kOnePoint = {Vec3d::Zero()}, kFourPoints = {{-0.01, -0.01, 0}, {0.01, -0.01, 0}, {-0.01, 0.01, 0}, {0.01, 0.01, 0}};
+const std::vector<Vec3d> kOnePoint = {Vec3d::Zero()},
+                         kFourPoints = {{-0.01, -0.01, 0}, {0.01, -0.01, 0}, {-0.01, 0.01, 0}, {0.01, 0.01, 0}};
 
 // Coupling, body and surface springs in a row, however many points bear; of the body's own kind only. Breaks when the body's
 // stiffness is left out or counted for every point.

@@ -48,8 +48,7 @@ struct Sweep {
         haptic_tick(params, model, time(), tool, sample, scratch, state);
         std::vector<Vec3d> now = model.position;
         for (size_t v = 0; v < now.size(); ++v) now[v] += (time() - model.time) * drift;
-        least_clearance =
-            std::min(least_clearance, brute_force_distance(now, model.triangle, state.proxy).distance - kRadius);
+        least_clearance = std::min(least_clearance, brute_force_distance(now, model.triangle, state.proxy).distance - kRadius);
         ++tick;
         return state.command.force;
     }
@@ -99,9 +98,7 @@ TEST(HapticSweep, P21_NoMotionAndCoplanarMotion) {
         for (const double gap : {-1e-4, -1e-9, 0.0, 1e-9}) {
             Sweep sweep(reference::make_plane());
             sweep.drift = drift;
-            const auto at = [&](double x, double z) {
-                return sweep.at(Vec3d(x, 0, kRadius + z) + sweep.time() * drift);
-            };
+            const auto at = [&](double x, double z) { return sweep.at(Vec3d(x, 0, kRadius + z) + sweep.time() * drift); };
             at(-0.0215, 0.01);
             for (int k = 0; k < 100; ++k) at(-0.0215, gap);
             for (int k = 0; k < 200; ++k) at(-0.0215 + 2e-4 * k, gap);

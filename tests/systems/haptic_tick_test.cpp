@@ -55,9 +55,9 @@ LocalContactModel any_triangles(std::mt19937& random) {
     return model;
 }
 
-// What a tip sees in floats, and what it still says of places and steps near by, leaves out no triangle that is touched there, and puts none
-// later or farther than it is: against every triangle in doubles. Breaks without the doubt of what floats round, or with tangents taken where
-// the tip was without the way from there.
+// What a tip sees in floats, and what it still says of places and steps near by, leaves out no triangle that is touched there, and puts
+// none later or farther than it is: against every triangle in doubles. Breaks without the doubt of what floats round, or with tangents
+// taken where the tip was without the way from there.
 TEST(HapticNear, NoTriangleAheadIsLeftOut) {
     std::mt19937 random(11);
     std::uniform_real_distribution<double> any(-1, 1);
@@ -69,7 +69,9 @@ TEST(HapticNear, NoTriangleAheadIsLeftOut) {
         tool.tip_radius = round % 2 == 0 ? 4e-3 : 2e-5;
         const SurfaceTime at{0.01 * any(random), Vec3d::Zero()};
         const auto distance_from = [&](uint32_t t, const Vec3d& p) {
-            const auto corner = [&](size_t k) { return Vec3d(model.position[model.triangle[t][k]] + at.age * model.velocity[model.triangle[t][k]]); };
+            const auto corner = [&](size_t k) {
+                return Vec3d(model.position[model.triangle[t][k]] + at.age * model.velocity[model.triangle[t][k]]);
+            };
             return std::sqrt(closest_point_on_triangle(p, corner(0), corner(1), corner(2)).squared_distance);
         };
         Vec3d centre = Vec3d::Zero();
@@ -92,7 +94,8 @@ TEST(HapticNear, NoTriangleAheadIsLeftOut) {
                 ASSERT_LE(least[t], distance) << round << ' ' << t;
                 if (distance > tool.tip_radius + beyond) continue;
                 ++within;
-                ASSERT_TRUE(std::any_of(near.ahead.begin(), near.ahead.end(), [&](const TriangleAhead& one) { return one.triangle == t; })) << round << ' ' << t;
+                ASSERT_TRUE(std::any_of(near.ahead.begin(), near.ahead.end(), [&](const TriangleAhead& one) { return one.triangle == t; }))
+                    << round << ' ' << t;
             }
             const Vec3d step = (place % 2 == 0 ? 3e-4 : 5e-5) * vector();
             find_ahead(step, near);
@@ -122,9 +125,8 @@ TEST(HapticNear, NoTriangleAheadIsLeftOut) {
 // is near: against every triangle, with a sheet beside a solid so that the nearest is not always the first to be touched.
 TEST(HapticNear, MotionIsOfTheNearestSurface) {
     constexpr double kMost = 2e-4;  // m
-    Rig rig(make_patch(make_ground(40, 0.012, [](const Vec3d& p) {
-        return Vec3d(p.x(), p.y(), 2e-4 * std::sin(700 * p.x()) * std::cos(600 * p.y()));
-    })));
+    Rig rig(make_patch(
+        make_ground(40, 0.012, [](const Vec3d& p) { return Vec3d(p.x(), p.y(), 2e-4 * std::sin(700 * p.x()) * std::cos(600 * p.y())); })));
     LocalContactModel& model = rig.model;
     for (size_t v = 0; v < model.position.size(); ++v) {
         const Vec3d& p = model.position[v];
@@ -144,7 +146,8 @@ TEST(HapticNear, MotionIsOfTheNearestSurface) {
         bool doubtful = false;
         for (uint32_t t = 0; t < model.triangle.size(); ++t) {
             const Triangle& c = model.triangle[t];
-            const double distance = std::sqrt(closest_point_on_triangle(centre, model.position[c[0]], model.position[c[1]], model.position[c[2]]).squared_distance);
+            const double distance = std::sqrt(
+                closest_point_on_triangle(centre, model.position[c[0]], model.position[c[1]], model.position[c[2]]).squared_distance);
             const double gap = distance - kRadius - model.half_thickness[t];
             doubtful = doubtful || std::abs(gap) < 5e-9 || std::abs(gap - kMost) < 5e-9;
             if (gap < kMost && distance < best) best = distance, nearest = t;
@@ -161,7 +164,8 @@ TEST(HapticNear, MotionIsOfTheNearestSurface) {
         beside += nearest_touched == kNone;
         sheets += model.body[nearest] == 1;
         const Triangle& c = model.triangle[nearest];
-        const Vec3d &a = model.position[c[0]], q = centre + closest_point_on_triangle(centre, a, model.position[c[1]], model.position[c[2]]).offset;
+        const Vec3d &a = model.position[c[0]],
+                    q = centre + closest_point_on_triangle(centre, a, model.position[c[1]], model.position[c[2]]).offset;
         Eigen::Matrix<double, 3, 2> sides;
         sides << model.position[c[1]] - a, model.position[c[2]] - a;
         const Eigen::Vector2d share = sides.colPivHouseholderQr().solve(q - a);
@@ -231,8 +235,7 @@ TEST(HapticTick, SphereAnswersRadially) {
     const Mesh mesh = reference::make_sphere(Vec3d::Zero(), big, 4);
     double longest = 0;
     for (const Triangle& t : mesh.triangle)
-        for (int k = 0; k < 3; ++k)
-            longest = std::max(longest, (mesh.position[t[k]] - mesh.position[t[(k + 1) % 3]]).norm());
+        for (int k = 0; k < 3; ++k) longest = std::max(longest, (mesh.position[t[k]] - mesh.position[t[(k + 1) % 3]]).norm());
     const double sag = longest * longest / (6 * big);  // of a flat triangle below the sphere, circumradius L / sqrt 3
     std::mt19937 random(2);
     std::normal_distribution<double> normal;
@@ -289,8 +292,7 @@ TEST(HapticTick, BowlAgreesWithBruteForce) {
         rig.at(Vec3d::Zero());
         rig.go(goal, 0.2);
         rig.rest(40);
-        const Vec3d slow =
-            reference::brute_force_proxy(mesh.position, mesh.triangle, Vec3d::Zero(), goal, kRadius, 1e-4);
+        const Vec3d slow = reference::brute_force_proxy(mesh.position, mesh.triangle, Vec3d::Zero(), goal, kRadius, 1e-4);
         EXPECT_NEAR((rig.state.proxy - goal).norm(), (slow - goal).norm(), 2e-6) << k;
         EXPECT_LE((rig.state.proxy - goal).norm(), (slow - goal).norm() + 1e-9) << k;  // ours is the minimum
         EXPECT_GT(clearance(rig), -2e-9) << k;
@@ -324,8 +326,7 @@ TEST(HapticTick, T08RestsInGrooves) {
     for (const double degrees : {30.0, 60.0, 90.0, 120.0, 150.0}) {
         const double half = degrees * M_PI / 360;
         const Mesh mesh = make_ground(20, 0.05, [&](const Vec3d& p) {
-            return Vec3d(std::abs(p.x()) * std::sin(half) * (p.x() < 0 ? -1 : 1), p.y(),
-                         std::abs(p.x()) * std::cos(half));
+            return Vec3d(std::abs(p.x()) * std::sin(half) * (p.x() < 0 ? -1 : 1), p.y(), std::abs(p.x()) * std::cos(half));
         });
         Rig rig = still_rig(make_patch(mesh));
         const double height = kRadius / std::sin(half);
@@ -398,8 +399,7 @@ TEST(HapticTick, T09CracksDoNotLetThrough) {
         const uint32_t first = static_cast<uint32_t>(cracked.position.size());
         Vec3d centre = Vec3d::Zero();
         for (const uint32_t v : t) centre += whole.position[v] / 3;
-        for (const uint32_t v : t)
-            cracked.position.push_back(whole.position[v] + 1e-6 * (centre - whole.position[v]).normalized());
+        for (const uint32_t v : t) cracked.position.push_back(whole.position[v] + 1e-6 * (centre - whole.position[v]).normalized());
         cracked.triangle.push_back({first, first + 1, first + 2});
     }
     Rig rig = still_rig(make_patch(cracked));
@@ -671,9 +671,8 @@ TEST(HapticTick, T15StaleModelOrDeviceFadesTheForce) {
 // T16. Scaled to the device's maximum, direction kept.
 TEST(HapticTick, T16ClampKeepsTheDirection) {
     const double half = M_PI / 4;
-    const Mesh mesh = make_ground(20, 0.05, [&](const Vec3d& p) {
-        return Vec3d(p.x() * std::sin(half), p.y(), std::abs(p.x()) * std::cos(half));
-    });
+    const Mesh mesh =
+        make_ground(20, 0.05, [&](const Vec3d& p) { return Vec3d(p.x() * std::sin(half), p.y(), std::abs(p.x()) * std::cos(half)); });
     Rig rig = still_rig(make_patch(mesh));
     rig.at({0, 0, 0.02});
     const Vec3d free_force = rig.go({2e-3, 0, -0.01}, 0.1);
@@ -873,11 +872,15 @@ struct CrumplingBall {
     }
     // Makes the surface of a stroke that starts somewhere at a time; where the stroke goes.
     Vec3d next(int stroke, const Vec3d& begin, double time) {
-        const auto anywhere = [&] { const double x = in_box(random), y = in_box(random), z = in_box(random); return Vec3d(x, y, z); };
+        const auto anywhere = [&] {
+            const double x = in_box(random), y = in_box(random), z = in_box(random);
+            return Vec3d(x, y, z);
+        };
         const Vec3d target = anywhere(), drift = anywhere();
         model.time = time;
         const double crumple = 6.0 * (stroke % 3);
-        for (size_t v = 0; v < mesh.position.size(); ++v) model.velocity[v] = drift + 4 * drift.cross(mesh.position[v]) + crumple * anywhere();
+        for (size_t v = 0; v < mesh.position.size(); ++v)
+            model.velocity[v] = drift + 4 * drift.cross(mesh.position[v]) + crumple * anywhere();
         group_triangles(model);
         model.give = {0, 0.5, Vec3d::UnitZ(), begin, Vec3d::Zero(), time, 1e-4 * (stroke % 3 - 1)};
         return target;

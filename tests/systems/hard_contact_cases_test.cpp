@@ -78,9 +78,7 @@ TEST(HardCases, H05_AMillionTinyTrianglesInOneCell) {
 TEST(HardCases, H11_CellsOfEqualHashes) {
     constexpr uint32_t kCells = 1500, kBits = 12;  // a table of 4096 slots holds them
     std::vector<std::array<uint32_t, 3>> cell{{0, 0, 0}};
-    const auto slot = [](const std::array<uint32_t, 3>& c) {
-        return cell_slot(pack_cell(c[0], c[1], c[2]), 64 - kBits);
-    };
+    const auto slot = [](const std::array<uint32_t, 3>& c) { return cell_slot(pack_cell(c[0], c[1], c[2]), 64 - kBits); };
     for (uint32_t i = 1; i < 255 && cell.size() < kCells; ++i)
         for (uint32_t j = 1; j < 255 && cell.size() < kCells; ++j)
             for (uint32_t k = 1; k < 255 && cell.size() < kCells; ++k)
@@ -103,8 +101,8 @@ TEST(HardCases, H11_CellsOfEqualHashes) {
         return mesh;
     };
     // triangles lie past the middle of the cell counted from the lowest box, so that no rounding moves them out of it
-    ContactScene scene({{make(Vec3d::Zero()), Motion::kHand, Vec3d::Zero(), {}},
-                        {make(Vec3d(1e-5, 2e-5, 3e-5)), Motion::kDeformable, Vec3d::Zero(), {}}});
+    ContactScene scene(
+        {{make(Vec3d::Zero()), Motion::kHand, Vec3d::Zero(), {}}, {make(Vec3d(1e-5, 2e-5, 3e-5)), Motion::kDeformable, Vec3d::Zero(), {}}});
     const std::vector<Vec3d> corner = make(Vec3d::Zero()).position;
     const double edges = (corner[1] - corner[0]).norm() + (corner[2] - corner[1]).norm() + (corner[0] - corner[2]).norm();
     scene.params.cell_edges = kCell / (edges / 3);
@@ -135,9 +133,8 @@ TEST(HardCases, H11_CellsOfEqualHashes) {
 // Prism with a V-shaped groove along y; apex at the origin, walls at `angle` from the vertical, `deep` deep.
 Mesh make_groove(double angle, double deep, double length) {
     const double open = deep * std::tan(angle), wide = open + 0.02, bottom = -0.02;
-    const std::array<Vec3d, 7> outline{Vec3d(-wide, 0, bottom), Vec3d(wide, 0, bottom), Vec3d(wide, 0, deep),
-                                       Vec3d(open, 0, deep),    Vec3d(0, 0, 0),         Vec3d(-open, 0, deep),
-                                       Vec3d(-wide, 0, deep)};
+    const std::array<Vec3d, 7> outline{Vec3d(-wide, 0, bottom), Vec3d(wide, 0, bottom), Vec3d(wide, 0, deep), Vec3d(open, 0, deep),
+                                       Vec3d(0, 0, 0),          Vec3d(-open, 0, deep),  Vec3d(-wide, 0, deep)};
     Mesh mesh;
     for (const double y : {-0.5 * length, 0.5 * length})
         for (const Vec3d& p : outline) mesh.position.push_back(p + Vec3d(0, y, 0));
@@ -154,9 +151,7 @@ Mesh make_groove(double angle, double deep, double length) {
     return mesh;
 }
 
-double depth_of(const ContactScene& scene) {
-    return scene.penetrations.depth.empty() ? 0 : scene.penetrations.depth[0];
-}
+double depth_of(const ContactScene& scene) { return scene.penetrations.depth.empty() ? 0 : scene.penetrations.depth[0]; }
 
 // A ball that presses delta into both walls of a groove: the thesis depth is delta; to separate them it must rise by
 // delta / sin(a). What we report is the lower bound that it is said to be: moving by it does not separate the two.
@@ -194,14 +189,12 @@ TEST(HardCases, P13_BallInAVGroove) {
 // other. They touch all around a ring, so the pushes cancel.
 TEST(HardCases, P15_HopfLinkedToriTouchAllAround) {
     const double ring = 1, tube = 0.52, want = 2 * tube - ring;
-    ContactScene scene(
-        {{make_torus(ring, tube, 160, 96), Motion::kDeformable, Vec3d::Zero(), {}},
-         {make_torus(ring, tube, 160, 96), Motion::kHand, Vec3d(ring, 0, 0), turn({1, 0, 0}, M_PI / 2)}});
+    ContactScene scene({{make_torus(ring, tube, 160, 96), Motion::kDeformable, Vec3d::Zero(), {}},
+                        {make_torus(ring, tube, 160, 96), Motion::kHand, Vec3d(ring, 0, 0), turn({1, 0, 0}, M_PI / 2)}});
     scene.run();
     ASSERT_EQ(scene.penetrations.pair.size(), 1u);
     // chords of the ring and of the tube
-    const double sagitta =
-        std::pow(2 * M_PI * (ring + tube) / 160, 2) / (8 * ring) + std::pow(2 * M_PI * tube / 96, 2) / (8 * tube);
+    const double sagitta = std::pow(2 * M_PI * (ring + tube) / 160, 2) / (8 * ring) + std::pow(2 * M_PI * tube / 96, 2) / (8 * tube);
     EXPECT_NEAR(depth_of(scene), want, 2 * sagitta);
     EXPECT_LT(2 * sagitta, 0.25 * want);
     for (uint32_t body = 0; body < 2; ++body) {
@@ -238,8 +231,7 @@ TEST(HardCases, P22_ArcOfARotatingToolTip) {
         scene.run();
         std::vector<uint8_t> has_row(scene.meshes.info[0].vertices.count, 0);
         for (uint32_t i = 0; i < scene.rows.body.size(); ++i)
-            if (scene.rows.body[i] == 0 && scene.rows.vertex[i][0] == scene.rows.vertex[i][1])
-                has_row[scene.rows.vertex[i][0]] = 1;
+            if (scene.rows.body[i] == 0 && scene.rows.vertex[i][0] == scene.rows.vertex[i][1]) has_row[scene.rows.vertex[i][0]] = 1;
         const Box target{{0.03, 0.008, -0.05}, {0.13, 0.048, 0.05}};
         uint32_t arrived = 0;
         for (int step = 0; step <= 200; ++step) {

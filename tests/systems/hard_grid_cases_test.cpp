@@ -35,8 +35,8 @@ std::vector<size_t> meeting_by_brute_force(const ContactScene& scene) {
         for (const Bounds& a : all) {
             const Bounds *b = others.data(), *end = b + others.size();
             for (; b != end; ++b) {
-                met += a.low[0] <= b->high[0] && b->low[0] <= a.high[0] && a.low[1] <= b->high[1] &&
-                       b->low[1] <= a.high[1] && a.low[2] <= b->high[2] && b->low[2] <= a.high[2];
+                met += a.low[0] <= b->high[0] && b->low[0] <= a.high[0] && a.low[1] <= b->high[1] && b->low[1] <= a.high[1] &&
+                       a.low[2] <= b->high[2] && b->low[2] <= a.high[2];
             }
         }
         return met;

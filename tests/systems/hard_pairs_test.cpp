@@ -19,12 +19,8 @@
 namespace trocar::test {
 namespace {
 
-double depth_of(const ContactScene& scene) {
-    return scene.penetrations.depth.empty() ? 0 : scene.penetrations.depth[0];
-}
-double overlap_volume(const ContactScene& scene) {
-    return std::accumulate(scene.regions.volume.begin(), scene.regions.volume.end(), 0.0);
-}
+double depth_of(const ContactScene& scene) { return scene.penetrations.depth.empty() ? 0 : scene.penetrations.depth[0]; }
+double overlap_volume(const ContactScene& scene) { return std::accumulate(scene.regions.volume.begin(), scene.regions.volume.end(), 0.0); }
 
 // One random pair of bumpy balls, about as deep as an edge or two.
 struct RandomPair {
@@ -77,8 +73,7 @@ bool check_pair(uint32_t seed) {
         EXPECT_EQ(Vec3d(-swapped.penetrations.direction[0]), base.penetrations.direction[0]) << what;
     }
 
-    const ContactScene moved =
-        scene_of(pair.a, pair.b, pair.at, pair.turn_b, 1, Vec3d(3, -7, 11), turn({1, 2, 3}, 0.1 + seed));
+    const ContactScene moved = scene_of(pair.a, pair.b, pair.at, pair.turn_b, 1, Vec3d(3, -7, 11), turn({1, 2, 3}, 0.1 + seed));
     EXPECT_NEAR(depth_of(moved), depth, 2 * kTolerance) << what;
     EXPECT_NEAR(overlap_volume(moved), volume, 1e-12) << what;
     for (const double scale : {0x1p-20, 0x1p10}) {
@@ -193,8 +188,8 @@ TEST(HardCases, P20_TangentialGraze) {
     double lowest = 0;
     for (const Vec3d& p : ball.position) lowest = std::min(lowest, p.z());
     for (const double gap : {1e-3, 1e-12, 0x1p-52, 0.0, -0x1p-52, -1e-12, -1e-3}) {
-        ContactScene scene({{make_box({4, 4, 2}), Motion::kHand, Vec3d(0, 0, -1), {}},
-                            {ball, Motion::kHand, Vec3d(0.3, 0.2, gap - lowest), {}}});
+        ContactScene scene(
+            {{make_box({4, 4, 2}), Motion::kHand, Vec3d(0, 0, -1), {}}, {ball, Motion::kHand, Vec3d(0.3, 0.2, gap - lowest), {}}});
         scene.run_with_regions();
         const double height = (gap - lowest) + lowest;  // as rounded
         EXPECT_EQ(!scene.penetrations.pair.empty(), height <= 0) << "P20 gap " << gap;
@@ -240,10 +235,9 @@ TEST(HardCases, P26_MillimetresAndMetres) {
 // Vertices inside two bodies have rows against each, whatever order the bodies come in: of the rod's four corners the two that would
 // leave the one in the hand with the rod behind them have none.
 TEST(HardCases, VertexInTwoBodiesObeysBoth) {
-    const std::array<BodyInput, 3> input{
-        {{make_box({1, 1, 1}, {2, 2, 2}), Motion::kDeformable, Vec3d(-0.4, 0, 0), {}},
-         {make_box({1, 1, 1}, {2, 2, 2}), Motion::kHand, Vec3d(0.4, 0, 0), {}},
-         {make_box({0.1, 0.1, 2}), Motion::kDeformable, Vec3d(0.02, 0.01, 1.2), {}}}};
+    const std::array<BodyInput, 3> input{{{make_box({1, 1, 1}, {2, 2, 2}), Motion::kDeformable, Vec3d(-0.4, 0, 0), {}},
+                                          {make_box({1, 1, 1}, {2, 2, 2}), Motion::kHand, Vec3d(0.4, 0, 0), {}},
+                                          {make_box({0.1, 0.1, 2}), Motion::kDeformable, Vec3d(0.02, 0.01, 1.2), {}}}};
     std::array<uint32_t, 3> order{0, 1, 2};
     do {
         std::vector<BodyInput> bodies;
@@ -295,7 +289,9 @@ TEST(FaceDepth, FindsWhatVerticesAndEdgesMiss) {
         // one huge face of a tetrahedron over a ball: the deepest point lies in its middle
         ContactScene scene({{make_sphere(12, [](const Vec3d& p) { return p; }), Motion::kHand, Vec3d::Zero(), turn({1, 2, 3}, 1)},
                             {make_tetrahedron({Vec3d(-9, -8, 0.4), Vec3d(10, -9, 0.5), Vec3d(0, 11, 0.3), Vec3d(0, 0, 9)}),
-                             Motion::kHand, Vec3d::Zero(), {}}});
+                             Motion::kHand,
+                             Vec3d::Zero(),
+                             {}}});
         scene.params.tolerance = tolerance;
         scene.run();
         const double without = scene.penetrations.depth[0];
@@ -322,7 +318,8 @@ TEST(FaceDepth, FindsWhatVerticesAndEdgesMiss) {
         std::printf("[          ] tolerance %g: depth %.5f, %u queries\n", tolerance, found, scene.face_scratch.queries[0]);
     }
     // a face in the middle of another: the edges see nothing of it
-    ContactScene cubes({{make_box({2, 2, 2}), Motion::kHand, Vec3d::Zero(), {}}, {make_box({3, 3, 3}), Motion::kHand, Vec3d(0, 0, 1.9), {}}});
+    ContactScene cubes(
+        {{make_box({2, 2, 2}), Motion::kHand, Vec3d::Zero(), {}}, {make_box({3, 3, 3}), Motion::kHand, Vec3d(0, 0, 1.9), {}}});
     cubes.params.faces = true;
     cubes.run();
     EXPECT_NEAR(cubes.penetrations.surface_depth[0], 0.6, 1e-4);
@@ -386,8 +383,8 @@ TEST(Saturation, NoFalseAlarmsOnShallowPairs) {
                        : seed % 3 == 1 ? make_noisy_sphere(7, 0.7, 0.1, 3 * unit(random))
                                        : make_torus(0.6, 0.25, 24, 12);
         const Vec3d way = Vec3d(unit(random), unit(random), unit(random)).normalized();
-        ContactScene scene({{a, Motion::kHand, Vec3d::Zero(), {}},
-                            {b, Motion::kHand, 3 * way, turn({unit(random), 1, unit(random)}, 3 * unit(random))}});
+        ContactScene scene(
+            {{a, Motion::kHand, Vec3d::Zero(), {}}, {b, Motion::kHand, 3 * way, turn({unit(random), 1, unit(random)}, 3 * unit(random))}});
         // until the two are a twentieth of b deep
         for (double at = 2.2; at > 0; at -= 0.01) {
             scene.poses.origin[1] = at * way;
@@ -420,8 +417,8 @@ TEST(Saturation, RowsLeadBackTheWayTheyCame) {
         ASSERT_EQ(scene.penetrations.pair.size(), 1u);
         mark_saturated(scene.surfaces(), scene.pairs, scene.contacts, scene.trees, scene.penetrations);
         remember_ways_out(scene.surfaces(), scene.pairs, scene.contacts, before, memory, scene.penetrations);
-        make_contact_rows(scene.params, scene.surfaces(), scene.pairs, scene.contacts, scene.penetrations, scene.rows_scratch,
-                          scene.report, scene.rows);
+        make_contact_rows(scene.params, scene.surfaces(), scene.pairs, scene.contacts, scene.penetrations, scene.rows_scratch, scene.report,
+                          scene.rows);
         if (!scene.penetrations.saturated[0]) continue;
         ++remembered;
         EXPECT_NEAR(scene.penetrations.way_out[0].z(), 1, 1e-9) << z;
@@ -430,7 +427,8 @@ TEST(Saturation, RowsLeadBackTheWayTheyCame) {
             EXPECT_NEAR(scene.rows.normal[i].z(), scene.rows.body[i] == 1 ? 1 : -1, 1e-6) << z;
             // as far as the plate's or the box's own face along the way
             const uint32_t contact = scene.rows.contact[i];
-            const double exit = scene.rows.body[i] == 1 ? 0.05 - scene.contacts.point[contact].z() : scene.contacts.point[contact].z() - (z - 0.1);
+            const double exit =
+                scene.rows.body[i] == 1 ? 0.05 - scene.contacts.point[contact].z() : scene.contacts.point[contact].z() - (z - 0.1);
             EXPECT_NEAR(scene.rows.distance[i], -exit, 1e-7) << z;
         }
     }

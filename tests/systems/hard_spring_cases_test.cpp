@@ -80,10 +80,8 @@ TEST(HardCases, M16_DisconnectedPartsAreIndependent) {
     ASSERT_EQ(quiet->meshes.info[0].components, 2u);
     const uint32_t all = static_cast<uint32_t>(both.position.size());
     EXPECT_NE(0, std::memcmp(&quiet->particles.offset[0], &poked->particles.offset[0], first * sizeof(Float4)));
-    EXPECT_EQ(0, std::memcmp(&quiet->particles.offset[first], &poked->particles.offset[first],
-                             (all - first) * sizeof(Float4)));
-    EXPECT_EQ(0, std::memcmp(&quiet->particles.velocity_z[first], &poked->particles.velocity_z[first],
-                             (all - first) * sizeof(float)));
+    EXPECT_EQ(0, std::memcmp(&quiet->particles.offset[first], &poked->particles.offset[first], (all - first) * sizeof(Float4)));
+    EXPECT_EQ(0, std::memcmp(&quiet->particles.velocity_z[first], &poked->particles.velocity_z[first], (all - first) * sizeof(float)));
 }
 
 struct Energies {

@@ -5,8 +5,8 @@
 #include "engine/implicit_kernels.hpp"
 #include "engine/stable_step.hpp"
 #include "engine/thread_pool.hpp"
-#include "tests/systems/spring_graph.hpp"
 #include "tests/reference/dense.hpp"
+#include "tests/systems/spring_graph.hpp"
 namespace trocar {
 namespace {
 
@@ -102,7 +102,8 @@ TEST(StableStep, M08_DampedLimit) {
         AdvanceScene s;
         s.params.gravity.setZero();
         const double omega = 2000, c = 300, m = 0.01;
-        const uint32_t body = add_graph(s, {{{-1, 0, 0}, {0.0001, 0, 0}, {1, 0, 0}}, {0, m, 0}, {{0, 1}, {1, 2}}, 1.0, 0.5 * m * omega * omega});
+        const uint32_t body =
+            add_graph(s, {{{-1, 0, 0}, {0.0001, 0, 0}, {1, 0, 0}}, {0, m, 0}, {{0, 1}, {1, 2}}, 1.0, 0.5 * m * omega * omega});
         s.bodies.tissue[body].damping = c;
         update_stable_dt(s.springs, body, s.particles, s.anchors, s.bodies);
         const double explicit_limit = (std::sqrt(c * c + 4 * omega * omega) - c) / (omega * omega);
@@ -202,7 +203,8 @@ TEST(Integrators, FreeBodyFallsAndKeepsItsMomentum) {
         AdvanceScene s;
         Tissue tissue;
         tissue.damping = 3;
-        const uint32_t body = s.add_body(s.add_mesh(subdivided_sphere(0.05, 2, 0.1)), Motion::kDeformable, Vec3d::Zero(), tissue, AnchorFrame::kShape);
+        const uint32_t body =
+            s.add_body(s.add_mesh(subdivided_sphere(0.05, 2, 0.1)), Motion::kDeformable, Vec3d::Zero(), tissue, AnchorFrame::kShape);
         choose(s, integrator, 30, 1);
         for (uint32_t v = 0; v < 162; ++v) {
             const Vec3d x = s.offset(body, v);
@@ -295,7 +297,8 @@ TEST(Midpoint, OneStepAgreesWithADenseSolve) {
         const auto [i, j] = b.spring[e];
         const Vec3d d = b.place[j] - b.place[i];
         const double a = std::max(0.0, 1 - b.rest_length[e] / d.norm());
-        const Eigen::Matrix3d k = 0.25 * h * h * 700 * (a * Eigen::Matrix3d::Identity() + (1 - a) * d.normalized() * d.normalized().transpose());
+        const Eigen::Matrix3d k =
+            0.25 * h * h * 700 * (a * Eigen::Matrix3d::Identity() + (1 - a) * d.normalized() * d.normalized().transpose());
         for (const auto& [r, c, sign] : {std::tuple(i, i, 1), std::tuple(j, j, 1), std::tuple(i, j, -1), std::tuple(j, i, -1)})
             matrix.block<3, 3>(3 * r, 3 * c) += sign * k;
     }
@@ -322,7 +325,8 @@ TEST(Integrators, RestOnATableAndBooksClose) {
         Tissue tissue;
         tissue.youngs_modulus = 60e3;
         tissue.damping = 20;
-        const uint32_t ball = s.add_body(s.add_mesh(subdivided_sphere(0.05, 2)), Motion::kDeformable, Vec3d(0, 0, 0.052), tissue, AnchorFrame::kShape);
+        const uint32_t ball =
+            s.add_body(s.add_mesh(subdivided_sphere(0.05, 2)), Motion::kDeformable, Vec3d(0, 0, 0.052), tissue, AnchorFrame::kShape);
         const uint32_t table = s.add_body(s.add_mesh(flat_square(1.0)), Motion::kStatic);
         s.bodies.stepping.assign(2, {integrator, 30, 1e-5, 4e-3});
         if (integrator == Integrator::kXpbd) colour_springs(s.springs, 0);
@@ -344,8 +348,10 @@ TEST(Integrators, RestOnATableAndBooksClose) {
             fastest = std::max(fastest, s.velocity(ball, v).norm());
             lowest = std::min(lowest, s.offset(ball, v).z() + 0.052);
         }
-        std::printf("%d: fastest %.3g m/s, lowest %.3g m; worst balance %.3g of %.3g J, contact %.3g, push %.3g, own %.3g, damping %.3g J\n",
-                    static_cast<int>(integrator), fastest, lowest, worst, peak, s.energy.work_contact, s.energy.work_push, s.energy.work_numeric, s.energy.work_damping);
+        std::printf(
+            "%d: fastest %.3g m/s, lowest %.3g m; worst balance %.3g of %.3g J, contact %.3g, push %.3g, own %.3g, damping %.3g J\n",
+            static_cast<int>(integrator), fastest, lowest, worst, peak, s.energy.work_contact, s.energy.work_push, s.energy.work_numeric,
+            s.energy.work_damping);
         EXPECT_LT(fastest, 1e-3);
         EXPECT_GT(lowest, -2e-4);
         EXPECT_LT(worst, 0.01 * peak);

@@ -50,12 +50,9 @@ TEST(Islands, EqualFloodFill) {
         const uint32_t count = 1 + random() % 60;
         Bodies bodies;
         for (uint32_t i = 0; i < count; ++i) bodies.motion.push_back(Motion(random() % 4));
-        const auto joins = [&](uint32_t i) {
-            return bodies.motion[i] == Motion::kDeformable || bodies.motion[i] == Motion::kHand;
-        };
+        const auto joins = [&](uint32_t i) { return bodies.motion[i] == Motion::kDeformable || bodies.motion[i] == Motion::kHand; };
         std::vector<std::array<uint32_t, 2>> list;
-        for (uint32_t i = random() % 80; i > 0; --i)
-            list.push_back({uint32_t(random() % count), uint32_t(random() % count)});
+        for (uint32_t i = random() % 80; i > 0; --i) list.push_back({uint32_t(random() % count), uint32_t(random() % count)});
         std::erase_if(list, [&](const auto& r) { return r[0] == r[1] || (!joins(r[0]) && !joins(r[1])); });
         find_islands(bodies, rows_between(list), scratch, islands);
 

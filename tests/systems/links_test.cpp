@@ -1,11 +1,12 @@
 // Springs between bodies, and springs that break: closed forms, momentum, books, limits, names.
+#include "engine/links.hpp"
+
 #include <gtest/gtest.h>
 
 #include <cstdio>
 #include <cstring>
 #include <random>
 
-#include "engine/links.hpp"
 #include "engine/mass_properties.hpp"
 #include "engine/thread_pool.hpp"
 #include "systems/islands.hpp"
@@ -61,7 +62,9 @@ struct LinkScene : AdvanceScene {
         params.tick += ticks;
         add_advance_result(done, energy, report);
     }
-    void measure_all() { measure_energy(springs, bodies, poses, particles, anchors, params.gravity, energy_start, energy_scratch, energy, other()); }
+    void measure_all() {
+        measure_energy(springs, bodies, poses, particles, anchors, params.gravity, energy_start, energy_scratch, energy, other());
+    }
     void open() {
         energy = {};
         energy_start = 0;
@@ -126,7 +129,8 @@ TEST(Links, TwoBodiesSwingAsTheClosedFormSays) {
     EXPECT_NEAR(std::log2(error[0] / error[1]), 2, 0.15);
     // phase error of the leapfrog: omega t (omega dt)^2 / 24
     double expected = 0;
-    for (int n = 1; n <= 200; ++n) expected = std::max(expected, omega * n * 1e-3 * std::pow(omega * 1e-3, 2) / 24 * std::abs(std::sin(omega * n * 1e-3)));
+    for (int n = 1; n <= 200; ++n)
+        expected = std::max(expected, omega * n * 1e-3 * std::pow(omega * 1e-3, 2) / 24 * std::abs(std::sin(omega * n * 1e-3)));
     EXPECT_NEAR(error[0] / pull, expected, 0.05 * expected);
 }
 
@@ -170,7 +174,8 @@ TEST(Links, HeldByAFreeBodyMomentumIsConserved) {
 // the scripts worked is in the books.
 TEST(Links, PullOfTheHoldersIsTheMomentumOfTheTissue) {
     LinkScene s;
-    const uint32_t ball = s.add_body(s.add_mesh(subdivided_sphere(0.04, 2, 0.05)), Motion::kDeformable, Vec3d::Zero(), {}, AnchorFrame::kShape);
+    const uint32_t ball =
+        s.add_body(s.add_mesh(subdivided_sphere(0.04, 2, 0.05)), Motion::kDeformable, Vec3d::Zero(), {}, AnchorFrame::kShape);
     s.bodies.tissue[ball].damping = 0;
     std::array<uint32_t, 2> holder;
     for (int side = 0; side < 2; ++side) {
@@ -337,7 +342,8 @@ TEST(Links, HoldBodiesOfEveryIntegrator) {
             for (uint32_t v = 0; v < 2; ++v) EXPECT_NEAR(s.offset(chain, v).z(), -drop, 2e-5) << static_cast<int>(integrator);
         }
         const double moved = 2 * m * 9.81 * 2 * drop;
-        std::printf("integrator %d: books off by %.2g and %.2g of what falls\n", static_cast<int>(integrator), worst[0] / moved, worst[1] / moved);
+        std::printf("integrator %d: books off by %.2g and %.2g of what falls\n", static_cast<int>(integrator), worst[0] / moved,
+                    worst[1] / moved);
         EXPECT_LT(worst[0], (integrator == Integrator::kLeapfrog ? 1e-2 : omega * 1e-3) * moved) << static_cast<int>(integrator);
         EXPECT_LT(worst[1], 0.6 * worst[0] + 1e-3 * moved) << static_cast<int>(integrator);
     }
@@ -370,8 +376,9 @@ TEST(Links, BooksOfWhatIsPulledOntoAPlate) {
             }
             // at most: once a mass sticks, friction holds what the way aside has left
             const double held = 0.5 * k * (sink * sink + std::pow(std::min(aside, friction * sink), 2));
-            std::printf("pulled onto a plate, friction %.1f, integrator %d: links hold %.6f of the most, books off by %.2g of the hand's work\n", friction,
-                        static_cast<int>(integrator), s.energy.links / (2 * held), worst / s.energy.work_hand);
+            std::printf(
+                "pulled onto a plate, friction %.1f, integrator %d: links hold %.6f of the most, books off by %.2g of the hand's work\n",
+                friction, static_cast<int>(integrator), s.energy.links / (2 * held), worst / s.energy.work_hand);
             EXPECT_LT(s.energy.links, 2.001 * held);
             EXPECT_GT(s.energy.links, 0.999 * k * sink * sink);
             EXPECT_LT(worst, 1e-3 * s.energy.work_hand);
@@ -527,7 +534,8 @@ TEST(Breaking, ATornSheetSameBitsForAnyThreads) {
 // Names of groups: a freed one is stale for ever, also when its row is used again; rows of others keep their links.
 TEST(Links, NamesStaySafe) {
     LinkScene s;
-    const uint32_t a = s.add_masses({{0, 0, 0}, {0.01, 0, 0}}, 0.01), b = s.add_masses({{0, 0.1, 0}}, 0.01), c = s.add_masses({{0, 0.2, 0}}, 0.01);
+    const uint32_t a = s.add_masses({{0, 0, 0}, {0.01, 0, 0}}, 0.01), b = s.add_masses({{0, 0.1, 0}}, 0.01),
+                   c = s.add_masses({{0, 0.2, 0}}, 0.01);
     const Entity first = s.link(a, b, 10), second = s.link(a, c, 20);
     EXPECT_EQ(s.links.group[second.index].rows.first, 2u);
     EXPECT_TRUE(free_link_group(s.links, first, s.energy));

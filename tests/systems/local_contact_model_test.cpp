@@ -23,8 +23,7 @@ struct Scene {
     Poses poses;
     Particles particles;
 
-    uint32_t add(const Mesh& mesh, Motion motion, Admission admission, const Vec3d& origin, const Quat& turn = {},
-                 double thickness = 0) {
+    uint32_t add(const Mesh& mesh, Motion motion, Admission admission, const Vec3d& origin, const Quat& turn = {}, double thickness = 0) {
         const uint32_t row = static_cast<uint32_t>(bodies.mesh.size());
         bodies.mesh.push_back(add_prototype(meshes, mesh, admission));
         bodies.motion.push_back(motion);
@@ -36,11 +35,9 @@ struct Scene {
         Range rows{static_cast<uint32_t>(particles.offset.size()), 0};
         if (motion == Motion::kDeformable) {
             rows.count = (static_cast<uint32_t>(mesh.position.size()) + 15) / 16 * 16;
-            for (const Vec3d& p : mesh.position)
-                particles.offset.push_back({float(p.x()), float(p.y()), float(p.z()), 1});
+            for (const Vec3d& p : mesh.position) particles.offset.push_back({float(p.x()), float(p.y()), float(p.z()), 1});
             particles.offset.resize(rows.first + rows.count);
-            for (auto* v : {&particles.velocity_x, &particles.velocity_y, &particles.velocity_z})
-                v->resize(particles.offset.size());
+            for (auto* v : {&particles.velocity_x, &particles.velocity_y, &particles.velocity_z}) v->resize(particles.offset.size());
         }
         bodies.particles.push_back(rows);
         return row;
@@ -55,14 +52,13 @@ Scene busy_scene() {
     std::normal_distribution<float> normal;
     s.add(reference::make_sphere(Vec3d::Zero(), 0.004, 2), Motion::kHand, Admission::kSolid, {0, 0, 0.03});
     s.add(reference::make_sphere(Vec3d::Zero(), 0.03, 4), Motion::kDeformable, Admission::kSolid, {0.001, -0.002, 0});
-    s.add(reference::make_box(Vec3d::Constant(-0.01), Vec3d::Constant(0.01)), Motion::kStatic, Admission::kSolid,
-          {0.03, 0.01, 0.03}, from_rotation_vector({0.3, 0.4, -0.2}));
-    const uint32_t turning = s.add(reference::make_sphere(Vec3d(0.01, 0, 0), 0.01, 3), Motion::kKinematic,
-                                   Admission::kWinding, {-0.03, 0, 0.04}, from_rotation_vector({0, 0, 1}));
+    s.add(reference::make_box(Vec3d::Constant(-0.01), Vec3d::Constant(0.01)), Motion::kStatic, Admission::kSolid, {0.03, 0.01, 0.03},
+          from_rotation_vector({0.3, 0.4, -0.2}));
+    const uint32_t turning = s.add(reference::make_sphere(Vec3d(0.01, 0, 0), 0.01, 3), Motion::kKinematic, Admission::kWinding,
+                                   {-0.03, 0, 0.04}, from_rotation_vector({0, 0, 1}));
     s.poses.velocity[turning] = {0.05, 0.01, -0.02};
     s.poses.angular_velocity[turning] = {1, -2, 3};
-    s.add(reference::make_ground(12, 0.03, [](const Vec3d& p) { return p; }), Motion::kStatic, Admission::kSheet,
-          {0, 0, 0.05}, {}, 1e-3);
+    s.add(reference::make_ground(12, 0.03, [](const Vec3d& p) { return p; }), Motion::kStatic, Admission::kSheet, {0, 0, 0.05}, {}, 1e-3);
     s.add(reference::make_sphere(Vec3d::Zero(), 0.03, 3), Motion::kDeformable, Admission::kSolid, {1, 0, 0});
     s.add(reference::make_sphere(Vec3d::Zero(), 0.03, 1), Motion::kStatic, Admission::kRefused, {0, 0, 0.03});
     for (size_t k = 0; k < s.particles.velocity_x.size(); ++k) {
@@ -108,8 +104,7 @@ std::array<Vec3d, 3> corners(const Surfaces& s, uint32_t body, uint32_t t) {
 // distance of a triangle to a segment, by many points of the segment
 double distance_to_segment(const std::array<Vec3d, 3>& c, const Vec3d& a, const Vec3d& b) {
     double least = 1e300;
-    for (int k = 0; k <= 40; ++k)
-        least = std::min(least, exact_triangle_distance(a + k / 40.0 * (b - a), c[0], c[1], c[2]));
+    for (int k = 0; k <= 40; ++k) least = std::min(least, exact_triangle_distance(a + k / 40.0 * (b - a), c[0], c[1], c[2]));
     return least;
 }
 
@@ -168,8 +163,7 @@ TEST(LocalContactModel, NothingUnseenIsMetInTime) {
         const std::map<Key, uint32_t> rows = rows_of(model);
         for (int j = 0; j < 10; ++j) {
             const double age = params.greatest_age * unit(random);
-            const Vec3d way =
-                Vec3d(normal(random), normal(random), normal(random)).normalized() * params.tool_speed * age;
+            const Vec3d way = Vec3d(normal(random), normal(random), normal(random)).normalized() * params.tool_speed * age;
             for (const uint32_t body : {1u, 2u, 3u, 4u}) {
                 const MeshView mesh = mesh_view(s.meshes, s.bodies.mesh[body]);
                 for (uint32_t t = 0; t < mesh.triangle.size(); ++t) {
@@ -229,8 +223,10 @@ TEST(LocalContactModel, RowsAreTheSurfaces) {
             for (int k = 0; k < 3; ++k) {
                 const Vec3d v = vertex_velocity(s, body, mesh.triangle[t][k]);
                 const uint32_t vertex = model.triangle[row][k];
-                if (body == 1) raw[vertex] = v;
-                else EXPECT_EQ(model.velocity[vertex], v);
+                if (body == 1)
+                    raw[vertex] = v;
+                else
+                    EXPECT_EQ(model.velocity[vertex], v);
                 fastest = std::max(fastest, model.velocity[vertex].norm());
                 const uint32_t across = mesh.neighbour[t][k], found = model.neighbour[row][k];
                 const auto expected = across == kNone ? rows.end() : rows.find(key_of(body, corners(s, body, across)));
@@ -253,8 +249,8 @@ TEST(LocalContactModel, RowsAreTheSurfaces) {
     EXPECT_GT(rim, 10u);
 }
 
-// What a tissue does as a whole stays, what each vertex does for itself goes, and one that snaps takes nothing far along: a surface told on for a
-// pass keeps its shape.
+// What a tissue does as a whole stays, what each vertex does for itself goes, and one that snaps takes nothing far along: a surface told on
+// for a pass keeps its shape.
 TEST(LocalContactModel, TissueGoesOnWithoutItsRipples) {
     Scene scene = busy_scene();
     LocalContactScratch scratch;
@@ -305,8 +301,7 @@ TEST(LocalContactModel, BoxesAndSpeed) {
     publish_local_contact({}, s, boxes, tool_of(0), state, 0, 0, scratch, with);
     EXPECT_EQ(with.triangle, without.triangle);
     EXPECT_EQ(with.body, without.body);
-    publish_local_contact({}, s, boxes, tool_of(0), holding({0, 0.01, 0.03}, {0, 0, 0.03}, {0, 1, 0}), 0, 0, scratch,
-                          fast);
+    publish_local_contact({}, s, boxes, tool_of(0), holding({0, 0.01, 0.03}, {0, 0, 0.03}, {0, 1, 0}), 0, 0, scratch, fast);
     EXPECT_DOUBLE_EQ(fast.reach, 3e-3 + 1.5 * 35e-3 + 5e-3);
     EXPECT_GT(fast.triangle.size(), with.triangle.size());
 }
@@ -341,8 +336,8 @@ TEST(LocalContactModel, FeedsTheTick) {
     Scene scene;
     scene.add(reference::make_sphere(Vec3d::Zero(), 0.004, 1), Motion::kHand, Admission::kSolid, Vec3d::Zero());
     const Quat turn = from_rotation_vector({0.3, -0.5, 0.2});
-    scene.add(reference::make_box(Vec3d(-0.05, -0.05, -0.1), Vec3d(0.05, 0.05, 0)), Motion::kStatic, Admission::kSolid,
-              {0.1, 0.2, 0.3}, turn);
+    scene.add(reference::make_box(Vec3d(-0.05, -0.05, -0.1), Vec3d(0.05, 0.05, 0)), Motion::kStatic, Admission::kSolid, {0.1, 0.2, 0.3},
+              turn);
     const Vec3d up = rotate(turn, {0, 0, 1}), spot = Vec3d(0.1, 0.2, 0.3) + rotate(turn, {0.003, 0.002, 0});
     HandTool tool = tool_of(0);
     tool.coupling_damping = 0;
@@ -361,8 +356,7 @@ TEST(LocalContactModel, FeedsTheTick) {
         sample.position = spot + height * up;
         haptic_tick(params, model, time, tool, sample, tick_scratch, state);
         ASSERT_TRUE(state.proxy_valid) << k;
-        EXPECT_NEAR((state.command.force - tool.coupling_stiffness * std::max(0.0, 3e-3 - height) * up).norm(), 0, 1e-5)
-            << k;
+        EXPECT_NEAR((state.command.force - tool.coupling_stiffness * std::max(0.0, 3e-3 - height) * up).norm(), 0, 1e-5) << k;
     }
     EXPECT_GT(state.command.force.norm(), 0.99);
 }
@@ -395,7 +389,8 @@ TEST(LocalContactModel, BoundsHoldTheirTrianglesAsTheyMove) {
                         const Vec3d p = m.position[v] + age * m.velocity[v];
                         ASSERT_LT(outside(m.group[g], p, age), 1e-12);
                         ASSERT_LT(outside(block, p, age), 1e-12);
-                        const Vec3d told = m.group[g].centre + lane_of(m.lanes[g].corner[k], lane) + age * (m.group[g].velocity + lane_of(m.lanes[g].velocity[k], lane));
+                        const Vec3d told = m.group[g].centre + lane_of(m.lanes[g].corner[k], lane) +
+                                           age * (m.group[g].velocity + lane_of(m.lanes[g].velocity[k], lane));
                         ASSERT_LT((told - p).norm(), 1e-6 * (m.group[g].radius + m.group[g].spread * std::abs(age)));
                     }
                 }
@@ -403,7 +398,8 @@ TEST(LocalContactModel, BoundsHoldTheirTrianglesAsTheyMove) {
             for (uint32_t k = m.group[g].triangles.count; k < kGroupTriangles; ++k) EXPECT_GT(lane_of(m.lanes[g].corner[0], k).norm(), 1e8);
         }
     }
-    const auto expect_balls = [](const std::vector<TriangleGroup>& runs, const std::vector<GroupBalls>& balls, const std::vector<TriangleGroup>& parts) {
+    const auto expect_balls = [](const std::vector<TriangleGroup>& runs, const std::vector<GroupBalls>& balls,
+                                 const std::vector<TriangleGroup>& parts) {
         size_t held = 0;
         ASSERT_EQ(runs.size(), balls.size());
         for (uint32_t r = 0; r < runs.size(); ++r) {
@@ -468,11 +464,11 @@ TEST(LocalContactModel, SaysHowTheSurfaceGivesWay) {
     };
     EXPECT_NEAR(give(1, {0, 0, -1e-3}, {0, 0, -3e-4}), 0.3, 1e-9);
     EXPECT_NEAR(give(1, {2e-4, 0, -1e-3}, {5e-4, 0, -3e-4}), 0.3, 1e-9);
-    EXPECT_EQ(give(1, {0, 0, -1e-3}, {0, 0, 3e-4}), 0);     // against the hand
+    EXPECT_EQ(give(1, {0, 0, -1e-3}, {0, 0, 3e-4}), 0);  // against the hand
     EXPECT_EQ(give(1, {0, 0, -2e-4}, {0, 0, -4e-4}), 0.95);
-    EXPECT_EQ(give(1, {0, 0, -5e-5}, {0, 0, -3e-5}), 0);    // hardly moved
-    EXPECT_EQ(give(1, {1e-3, 0, -2e-4}, {0, 0, -1e-4}), 0); // rubbed
-    EXPECT_EQ(give(2, {0, 0, -1e-3}, {0, 0, -3e-4}), 0);    // rigid
+    EXPECT_EQ(give(1, {0, 0, -5e-5}, {0, 0, -3e-5}), 0);     // hardly moved
+    EXPECT_EQ(give(1, {1e-3, 0, -2e-4}, {0, 0, -1e-4}), 0);  // rubbed
+    EXPECT_EQ(give(2, {0, 0, -1e-3}, {0, 0, -3e-4}), 0);     // rigid
 }
 
 // The gap is that of the surface that carries the tip; a tip that is not there yet says nothing.
@@ -491,7 +487,8 @@ TEST(LocalContactModel, SaysWhatContactsLeftUnderTheTip) {
         for (uint32_t t = 0; t < p.model.triangle.size(); ++t) {
             const Triangle& v = p.model.triangle[t];
             if (p.model.body[t] == 1)
-                nearest = std::min(nearest, exact_triangle_distance(p.tip, p.model.position[v[0]], p.model.position[v[1]], p.model.position[v[2]]));
+                nearest = std::min(nearest,
+                                   exact_triangle_distance(p.tip, p.model.position[v[0]], p.model.position[v[1]], p.model.position[v[2]]));
         }
         EXPECT_NEAR(p.model.give.gap, nearest - p.tool.tip_radius, 1e-12) << up;
         EXPECT_NEAR(p.model.give.gap, up, 1e-4);

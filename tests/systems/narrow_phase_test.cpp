@@ -98,9 +98,9 @@ TEST(Predicates, MovingSignsAreThoseOfSmallMoves) {
 // Pairs of triangles in general position: a contour segment exactly where the triangles cross (their own exact test).
 TEST(Contours, SegmentsAreTheCrossingTriangles) {
     for (const uint32_t seed : {1u, 2u, 3u}) {
-        ContactScene scene({{make_noisy_sphere(8, 0.1, 0.2, seed), Motion::kHand, Vec3d::Zero(), turn({1, 2, 3}, seed)},
-                            {make_noisy_sphere(9, 0.1, 0.2, 2 * seed), Motion::kHand, Vec3d(0.06, 0.05, 0.03),
-                             turn({3, 1, 2}, 2.0 * seed)}});
+        ContactScene scene(
+            {{make_noisy_sphere(8, 0.1, 0.2, seed), Motion::kHand, Vec3d::Zero(), turn({1, 2, 3}, seed)},
+             {make_noisy_sphere(9, 0.1, 0.2, 2 * seed), Motion::kHand, Vec3d(0.06, 0.05, 0.03), turn({3, 1, 2}, 2.0 * seed)}});
         scene.run_with_regions();
         expect_sound(scene, std::to_string(seed));
         const Vec3d base = scene.poses.origin[0];
@@ -134,8 +134,8 @@ TEST(Contours, GridBoxesOfEveryCoincidence) {
         const std::array<uint32_t, 3> n{uint32_t(cells(random)), uint32_t(cells(random)), uint32_t(cells(random))};
         const Vec3d size_b(cells(random), cells(random), cells(random));
         const Vec3d at(0.5 * place(random), 0.5 * place(random), 0.5 * place(random));
-        ContactScene scene({{make_box({2, 2, 2}, n), Motion::kHand, Vec3d::Zero(), {}},
-                            {make_box(size_b, {1, 2, 1}), Motion::kHand, at, {}}});
+        ContactScene scene(
+            {{make_box({2, 2, 2}, n), Motion::kHand, Vec3d::Zero(), {}}, {make_box(size_b, {1, 2, 1}), Motion::kHand, at, {}}});
         scene.run_with_regions();
         const std::string what = "trial " + std::to_string(trial);
         expect_sound(scene, what);
@@ -155,8 +155,8 @@ TEST(Contours, GridBoxesOfEveryCoincidence) {
 // Doubled surfaces: a body on its copy, plain and moved along its own faces.
 TEST(Contours, CoincidentSurfacesClose) {
     for (const Vec3d& by : {Vec3d(0, 0, 0), Vec3d(0.5, 0, 0), Vec3d(0.5, 0.5, 0), Vec3d(0.25, 0.5, 1)}) {
-        ContactScene scene({{make_box({2, 2, 2}, {4, 4, 4}), Motion::kHand, Vec3d::Zero(), {}},
-                            {make_box({2, 2, 2}, {4, 4, 4}), Motion::kHand, by, {}}});
+        ContactScene scene(
+            {{make_box({2, 2, 2}, {4, 4, 4}), Motion::kHand, Vec3d::Zero(), {}}, {make_box({2, 2, 2}, {4, 4, 4}), Motion::kHand, by, {}}});
         scene.run_with_regions();
         expect_sound(scene, "moved by " + std::to_string(by.x()));
         const double want = (2 - by.x()) * (2 - by.y()) * (2 - by.z());
@@ -172,8 +172,7 @@ TEST(Contours, NothingFromNothing) {
     EXPECT_TRUE(contours.pair.empty() && contours.point.empty());
     // a sheet through a ball: the curve ends at the sheet's rim where it does not go through
     ContactScene scene({{ball(0.5, 8), Motion::kHand, Vec3d::Zero(), {}},
-                        {make_sheet(0.8, 4), Motion::kHand, Vec3d(0.5, 0.01, 0.02), turn({1, 2, 0}, 0.1),
-                         Admission::kSheet, 1e-3}});
+                        {make_sheet(0.8, 4), Motion::kHand, Vec3d(0.5, 0.01, 0.02), turn({1, 2, 0}, 0.1), Admission::kSheet, 1e-3}});
     scene.run_with_regions();
     ASSERT_EQ(scene.contours.curve.size(), 1u);
     EXPECT_FALSE(scene.contours.closed[0]);
@@ -188,8 +187,7 @@ TEST(Regions, LensOfTwoSpheres) {
     const double big = 0.5, small = 0.4, d = 0.7;
     const double height_big = big - (d * d + big * big - small * small) / (2 * d),
                  height_small = small - (d * d + small * small - big * big) / (2 * d);
-    const double volume = M_PI * std::pow(big + small - d, 2) *
-                          (d * d + 2 * d * (big + small) - 3 * std::pow(big - small, 2)) / (12 * d);
+    const double volume = M_PI * std::pow(big + small - d, 2) * (d * d + 2 * d * (big + small) - 3 * std::pow(big - small, 2)) / (12 * d);
     const double area = 2 * M_PI * (big * height_big + small * height_small);
     const double rim = 2 * M_PI * std::sqrt(big * big - std::pow(big - height_big, 2));
     double before = 1;
@@ -329,8 +327,8 @@ TEST(Regions, NestedBodiesAndVoids) {
 TEST(Regions, SameOnManyThreads) {
     std::vector<BodyInput> bodies;
     for (uint32_t i = 0; i < 20; ++i) {
-        bodies.push_back({make_noisy_sphere(6 + i % 3, 0.1, 0.1, i), Motion::kDeformable,
-                          Vec3d(0.13 * (i % 5), 0.14 * (i / 5), 0.02 * (i % 3)), {}});
+        bodies.push_back(
+            {make_noisy_sphere(6 + i % 3, 0.1, 0.1, i), Motion::kDeformable, Vec3d(0.13 * (i % 5), 0.14 * (i / 5), 0.02 * (i % 3)), {}});
     }
     const auto run = [&](uint32_t threads) {
         auto scene = std::make_unique<ContactScene>(bodies);

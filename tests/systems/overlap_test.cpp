@@ -41,8 +41,7 @@ void expect_equal_brute_force(const ContactScene& scene, const std::string& what
 }
 
 uint32_t inside_count(const ContactScene& scene) {
-    return uint32_t(
-        std::count_if(scene.contacts.distance.begin(), scene.contacts.distance.end(), [](double d) { return d < 0; }));
+    return uint32_t(std::count_if(scene.contacts.distance.begin(), scene.contacts.distance.end(), [](double d) { return d < 0; }));
 }
 
 template <typename T>
@@ -50,10 +49,9 @@ bool same_bits(const std::vector<T>& a, const std::vector<T>& b) {
     return a.size() == b.size() && (a.empty() || std::memcmp(a.data(), b.data(), a.size() * sizeof(T)) == 0);
 }
 bool same(const Contacts& a, const Contacts& b) {
-    return same_bits(a.pair, b.pair) && same_bits(a.body, b.body) && same_bits(a.other, b.other) &&
-           same_bits(a.vertex, b.vertex) && same_bits(a.along, b.along) && same_bits(a.point, b.point) &&
-           same_bits(a.closest, b.closest) && same_bits(a.normal, b.normal) && same_bits(a.distance, b.distance) &&
-           same_bits(a.triangle, b.triangle);
+    return same_bits(a.pair, b.pair) && same_bits(a.body, b.body) && same_bits(a.other, b.other) && same_bits(a.vertex, b.vertex) &&
+           same_bits(a.along, b.along) && same_bits(a.point, b.point) && same_bits(a.closest, b.closest) && same_bits(a.normal, b.normal) &&
+           same_bits(a.distance, b.distance) && same_bits(a.triangle, b.triangle);
 }
 
 ContactScene two_balls(uint32_t n, double overlap_in_cells, double cell_edges = 2.5) {
@@ -81,9 +79,8 @@ TEST(LongOverlap, NoisySpheresOf20kTrianglesEqualBruteForce) {
         EXPECT_GT(inside_count(scene), 20u) << cells;
         expect_equal_brute_force(scene, std::to_string(cells) + " cells");
     }
-    ContactScene nested(
-        {{make_noisy_sphere(41, 0.1, 0.04, 0), Motion::kDeformable, Vec3d::Zero(), {}},
-         {make_noisy_sphere(41, 0.03, 0.04, 0), Motion::kHand, Vec3d(0.02, 0.03, 0), turn({1, 0, 2}, 1)}});
+    ContactScene nested({{make_noisy_sphere(41, 0.1, 0.04, 0), Motion::kDeformable, Vec3d::Zero(), {}},
+                         {make_noisy_sphere(41, 0.03, 0.04, 0), Motion::kHand, Vec3d(0.02, 0.03, 0), turn({1, 0, 2}, 1)}});
     nested.run();
     EXPECT_EQ(inside_count(nested), nested.meshes.info[1].vertices.count);
     expect_equal_brute_force(nested, "nested");
@@ -106,9 +103,8 @@ TEST(Overlap, LiverAndSphereEqualBruteForce) {
 
 // P16: nothing of one surface is near the other; every vertex is still found with its distance to the way out.
 TEST(Overlap, P16_SmallBodyDeepInsideALargeOne) {
-    ContactScene scene(
-        {{make_noisy_sphere(14, 0.1, 0.03, 0), Motion::kDeformable, Vec3d::Zero(), {}},
-         {make_noisy_sphere(6, 0.02, 0.03, 1), Motion::kHand, Vec3d(0.01, 0.02, 0), turn({1, 0, 0}, 2)}});
+    ContactScene scene({{make_noisy_sphere(14, 0.1, 0.03, 0), Motion::kDeformable, Vec3d::Zero(), {}},
+                        {make_noisy_sphere(6, 0.02, 0.03, 1), Motion::kHand, Vec3d(0.01, 0.02, 0), turn({1, 0, 0}, 2)}});
     scene.run();
     EXPECT_EQ(scene.candidates.triangle.size(), 0u);
     EXPECT_EQ(inside_count(scene), scene.meshes.info[1].vertices.count);
@@ -123,8 +119,8 @@ TEST(Overlap, EveryPieceIsAskedFor) {
     for (Vec3d& p : two.position) p += Vec3d(0.03, 0, 0);
     for (const Vec3d& p : second.position) two.position.push_back(p + Vec3d(-0.08, 0.08, 0.08));
     for (const Triangle& t : second.triangle) two.triangle.push_back({t[0] + first, t[1] + first, t[2] + first});
-    ContactScene scene({{make_noisy_sphere(14, 0.1, 0, 0), Motion::kDeformable, Vec3d::Zero(), {}},
-                        {two, Motion::kDeformable, Vec3d::Zero(), {}}});
+    ContactScene scene(
+        {{make_noisy_sphere(14, 0.1, 0, 0), Motion::kDeformable, Vec3d::Zero(), {}}, {two, Motion::kDeformable, Vec3d::Zero(), {}}});
     scene.run();
     EXPECT_EQ(inside_count(scene), first);
     expect_equal_brute_force(scene, "pieces");
@@ -133,9 +129,8 @@ TEST(Overlap, EveryPieceIsAskedFor) {
 // Breaks when world coordinates are rounded before bodies are related: 10 km from the origin, turned, rigid.
 TEST(Overlap, TurnedRigidBodyFarFromTheOrigin) {
     const Vec3d far(1e4, -1e4, 1e4);
-    ContactScene scene(
-        {{make_noisy_sphere(12, 0.1, 0.05, 0), Motion::kDeformable, far, {}},
-         {make_noisy_sphere(12, 0.1, 0.05, 1), Motion::kHand, far + Vec3d(0.13, 0.02, 0.01), turn({1, 2, 3}, 2.1)}});
+    ContactScene scene({{make_noisy_sphere(12, 0.1, 0.05, 0), Motion::kDeformable, far, {}},
+                        {make_noisy_sphere(12, 0.1, 0.05, 1), Motion::kHand, far + Vec3d(0.13, 0.02, 0.01), turn({1, 2, 3}, 2.1)}});
     scene.run();
     EXPECT_GT(inside_count(scene), 20u);
     expect_equal_brute_force(scene, "far", 1e-10);  // the reference works in world doubles: 2e-12 m a number
@@ -153,10 +148,9 @@ TEST(Overlap, ThreeBodiesInOnePlace) {
 
 // P24: the same bodies in another order give the same rows.
 TEST(Overlap, P24_OrderOfBodiesDoesNotMatter) {
-    const std::vector<BodyInput> input{
-        {make_noisy_sphere(10, 0.1, 0.05, 0), Motion::kDeformable, Vec3d(0, 0, 0), {}},
-        {make_noisy_sphere(11, 0.1, 0.05, 1), Motion::kHand, Vec3d(0.15, 0, 0.02), turn({0, 1, 0}, 1)},
-        {make_noisy_sphere(9, 0.1, 0.05, 2), Motion::kDeformable, Vec3d(0, 0.16, 0.01), {}}};
+    const std::vector<BodyInput> input{{make_noisy_sphere(10, 0.1, 0.05, 0), Motion::kDeformable, Vec3d(0, 0, 0), {}},
+                                       {make_noisy_sphere(11, 0.1, 0.05, 1), Motion::kHand, Vec3d(0.15, 0, 0.02), turn({0, 1, 0}, 1)},
+                                       {make_noisy_sphere(9, 0.1, 0.05, 2), Motion::kDeformable, Vec3d(0, 0.16, 0.01), {}}};
     using Key = std::array<uint32_t, 4>;
     const auto run = [&](const std::vector<uint32_t>& order) {
         std::vector<BodyInput> permuted;
@@ -166,8 +160,8 @@ TEST(Overlap, P24_OrderOfBodiesDoesNotMatter) {
         std::map<Key, std::array<double, 4>> rows;
         for (uint32_t i = 0; i < scene.contacts.pair.size(); ++i) {
             const Contacts& c = scene.contacts;
-            rows[{order[c.body[i]], order[c.other[i]], c.vertex[i][0], c.vertex[i][1]}] = {
-                c.distance[i], c.normal[i].x(), c.normal[i].y(), double(c.along[i])};
+            rows[{order[c.body[i]], order[c.other[i]], c.vertex[i][0], c.vertex[i][1]}] = {c.distance[i], c.normal[i].x(), c.normal[i].y(),
+                                                                                           double(c.along[i])};
         }
         return rows;
     };
@@ -223,9 +217,8 @@ TEST(Overlap, H19_ThreadsDoNotShowInTheBits) {
 // P28: a sheet has a thickness and no inside; a vertex counts within half of it plus the margin, on its own side.
 TEST(Overlap, P28_SheetsCountByThicknessOnBothSides) {
     for (const double side : {1.0, -1.0}) {
-        ContactScene scene(
-            {{make_sheet(0.2, 10), Motion::kStatic, Vec3d::Zero(), {}, Admission::kSheet, 0.004},
-             {make_noisy_sphere(10, 0.03, 0, 0), Motion::kDeformable, Vec3d(0.013, 0.007, side * 0.031), {}}});
+        ContactScene scene({{make_sheet(0.2, 10), Motion::kStatic, Vec3d::Zero(), {}, Admission::kSheet, 0.004},
+                            {make_noisy_sphere(10, 0.03, 0, 0), Motion::kDeformable, Vec3d(0.013, 0.007, side * 0.031), {}}});
         scene.run();
         const double margin = scene.boxes.margin[0] + scene.boxes.margin[1];
         uint32_t expected = 0;
@@ -267,8 +260,7 @@ TEST(Overlap, P17_InterlockedShapesWithoutContact) {
         c.triangle.push_back({0, j, j + 1});
         c.triangle.push_back({around * across, around * across + j + 1, around * across + j});
     }
-    ContactScene scene(
-        {{c, Motion::kDeformable, Vec3d::Zero(), {}}, {c, Motion::kHand, Vec3d(1, 0, 0), turn({1, 0, 0}, M_PI / 2)}});
+    ContactScene scene({{c, Motion::kDeformable, Vec3d::Zero(), {}}, {c, Motion::kHand, Vec3d(1, 0, 0), turn({1, 0, 0}, M_PI / 2)}});
     ASSERT_GT(scene.meshes.info[0].volume, 0);
     scene.run();
     ASSERT_EQ(scene.pairs.a.size(), 1u);
@@ -284,9 +276,8 @@ TEST(Overlap, FoldedSurfacesAreSettledByWinding) {
     const uint32_t first = uint32_t(two.position.size());
     for (const Vec3d& p : second.position) two.position.push_back(p + Vec3d(0.1, 0.003, 0.002));
     for (const Triangle& t : second.triangle) two.triangle.push_back({t[0] + first, t[1] + first, t[2] + first});
-    ContactScene scene(
-        {{two, Motion::kDeformable, Vec3d::Zero(), {}},
-         {make_box({0.18, 0.03, 0.03}, {12, 2, 2}), Motion::kHand, Vec3d(0.03, 0.01, 0.09), turn({0, 1, 0}, 0.2)}});
+    ContactScene scene({{two, Motion::kDeformable, Vec3d::Zero(), {}},
+                        {make_box({0.18, 0.03, 0.03}, {12, 2, 2}), Motion::kHand, Vec3d(0.03, 0.01, 0.09), turn({0, 1, 0}, 0.2)}});
     for (const auto& tree : scene.trees) tree->cross_check(true);
     scene.run();
     EXPECT_GT(scene.report.sign_disagreements, 0u);
@@ -322,11 +313,11 @@ TEST(Overlap, H09_LostVerticesAreInNoContact) {
     scene.particles.offset[lost].x = std::numeric_limits<float>::quiet_NaN();
     for (int pass = 0; pass < 2; ++pass) {
         compute_body_boxes(scene.period, scene.surfaces(), scene.boxes);
-        rasterise(scene.params, scene.surfaces(), scene.boxes, scene.pairs, scene.rasterise_scratch, scene.report,
-                  scene.screened, scene.occupancy);
+        rasterise(scene.params, scene.surfaces(), scene.boxes, scene.pairs, scene.rasterise_scratch, scene.report, scene.screened,
+                  scene.occupancy);
         find_candidate_triangles(scene.pairs, scene.screened, scene.occupancy, scene.cells_scratch, scene.candidates);
-        find_overlap(scene.surfaces(), scene.boxes, scene.pairs, scene.screened, scene.candidates, scene.trees,
-                     scene.overlap_scratch, scene.report, scene.near, scene.contacts);
+        find_overlap(scene.surfaces(), scene.boxes, scene.pairs, scene.screened, scene.candidates, scene.trees, scene.overlap_scratch,
+                     scene.report, scene.near, scene.contacts);
     }
     for (uint32_t i = 0; i < scene.contacts.pair.size(); ++i) {
         EXPECT_TRUE(scene.contacts.point[i].allFinite());

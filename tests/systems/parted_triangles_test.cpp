@@ -35,7 +35,8 @@ size_t expect_only_parted_dropped(ContactScene& scene, const std::string& what) 
                 continue;
             }
             EXPECT_EQ(meet_triangles(corners_of(scene, scene.pairs.a[pair], row[0]), corners_of(scene, scene.pairs.b[pair], row[1])),
-                      Meeting::kDisjoint) << what << ": " << row[0] << " and " << row[1];
+                      Meeting::kDisjoint)
+                << what << ": " << row[0] << " and " << row[1];
         }
         EXPECT_TRUE(next == kept.end()) << what << ": order, or a pair that was not there";
     }
@@ -47,14 +48,15 @@ size_t expect_only_parted_dropped(ContactScene& scene, const std::string& what) 
             if (!scene.candidates.beside[row]) continue;
             const auto& two = scene.candidates.triangle[row];
             EXPECT_EQ(meet_triangles(corners_of(scene, scene.pairs.a[pair], two[0]), corners_of(scene, scene.pairs.b[pair], two[1])),
-                      Meeting::kDisjoint) << what << ": beside, " << two[0] << " and " << two[1];
+                      Meeting::kDisjoint)
+                << what << ": beside, " << two[0] << " and " << two[1];
         }
     }
     return before.triangle.size() - scene.candidates.triangle.size();
 }
 
-// Breaks when a plane's side is taken for all corners from one of them, pairs of bodies write into each other's rows, or what a triangle cuts
-// out of the common line is measured from a corner that is not alone on its side.
+// Breaks when a plane's side is taken for all corners from one of them, pairs of bodies write into each other's rows, or what a triangle
+// cuts out of the common line is measured from a corner that is not alone on its side.
 TEST(PartedTriangles, OnlyTrianglesWithoutACommonPointAreDropped) {
     ContactScene scene({{make_noisy_sphere(10, 1, 0.1, 0), Motion::kDeformable, Vec3d(-0.9, -0.2, 0.1), {}},
                         {make_noisy_sphere(10, 1, 0.1, 1), Motion::kHand, Vec3d(0.9, 0, 0), turn({1, 1, 0}, 1)},

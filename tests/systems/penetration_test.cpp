@@ -15,8 +15,7 @@ Mesh ball(double radius, uint32_t n = 14) {
 
 // P01: two spheres whose poles touch exactly: depth 0, all numbers finite.
 TEST(Penetration, P01_SpheresExactlyTouching) {
-    ContactScene scene(
-        {{ball(0.5, 8), Motion::kDeformable, Vec3d::Zero(), {}}, {ball(0.5, 8), Motion::kHand, Vec3d(1, 0, 0), {}}});
+    ContactScene scene({{ball(0.5, 8), Motion::kDeformable, Vec3d::Zero(), {}}, {ball(0.5, 8), Motion::kHand, Vec3d(1, 0, 0), {}}});
     scene.run();
     ASSERT_EQ(scene.penetrations.pair.size(), 1u);
     EXPECT_EQ(scene.penetrations.depth[0], 0.0);
@@ -27,8 +26,7 @@ TEST(Penetration, P01_SpheresExactlyTouching) {
 
 // P04: one body on top of its copy: they overlap, the shortest distances are all zero.
 TEST(Penetration, P04_CoincidentBodies) {
-    ContactScene scene({{ball(0.5, 8), Motion::kDeformable, Vec3d::Zero(), {}},
-                        {ball(0.5, 8), Motion::kDeformable, Vec3d::Zero(), {}}});
+    ContactScene scene({{ball(0.5, 8), Motion::kDeformable, Vec3d::Zero(), {}}, {ball(0.5, 8), Motion::kDeformable, Vec3d::Zero(), {}}});
     scene.run();
     ASSERT_EQ(scene.penetrations.pair.size(), 1u);
     EXPECT_EQ(scene.penetrations.depth[0], 0.0);
@@ -38,8 +36,8 @@ TEST(Penetration, P04_CoincidentBodies) {
 
 // P05: concentric spheres: the thesis depth is the gap between them, to the sagitta of the larger.
 TEST(Penetration, P05_ConcentricSpheres) {
-    ContactScene scene({{ball(0.5, 20), Motion::kDeformable, Vec3d::Zero(), {}},
-                        {ball(0.3, 6), Motion::kHand, Vec3d::Zero(), turn({1, 2, 3}, 1)}});
+    ContactScene scene(
+        {{ball(0.5, 20), Motion::kDeformable, Vec3d::Zero(), {}}, {ball(0.3, 6), Motion::kHand, Vec3d::Zero(), turn({1, 2, 3}, 1)}});
     scene.run();
     ASSERT_EQ(scene.penetrations.pair.size(), 1u);
     const double sagitta = std::pow(scene.meshes.info[0].max_edge, 2) / (6 * 0.5);
@@ -52,8 +50,8 @@ TEST(Penetration, P05_ConcentricSpheres) {
 // P06, P18: equal spheres pushed together, in steps much smaller than an edge: the depth follows the closed form to the
 // sagittas, falls again past the centre, and never jumps by more than the step.
 TEST(Penetration, P06_P18_SpheresPassingThrough) {
-    ContactScene scene({{ball(0.5, 12), Motion::kDeformable, Vec3d::Zero(), {}},
-                        {ball(0.5, 12), Motion::kHand, Vec3d(1.1, 0, 0), turn({1, 2, 3}, 1)}});
+    ContactScene scene(
+        {{ball(0.5, 12), Motion::kDeformable, Vec3d::Zero(), {}}, {ball(0.5, 12), Motion::kHand, Vec3d(1.1, 0, 0), turn({1, 2, 3}, 1)}});
     const double sagitta = std::pow(scene.meshes.info[0].max_edge, 2) / (6 * 0.5) * 1.5;
     const double step = 0.004;
     double before = 0;
@@ -86,8 +84,7 @@ TEST(Penetration, P14_SpherePluggingATorus) {
                         {ball(0.71, 40), Motion::kHand, Vec3d::Zero(), turn({0, 0, 1}, 0.3)}});
     scene.run();
     ASSERT_EQ(scene.penetrations.pair.size(), 1u);
-    const double sagitta =
-        std::pow(scene.meshes.info[1].max_edge, 2) / (6 * 0.71) + std::pow(2 * M_PI * 0.3 / 60, 2) / (8 * 0.3);
+    const double sagitta = std::pow(scene.meshes.info[1].max_edge, 2) / (6 * 0.71) + std::pow(2 * M_PI * 0.3 / 60, 2) / (8 * 0.3);
     EXPECT_NEAR(scene.penetrations.depth[0], 0.01, 2 * sagitta);
     EXPECT_LT(sagitta, 0.0025);
 }
@@ -115,8 +112,7 @@ TEST(Penetration, RigidMotionAndScale) {
         for (Mesh* m : {&a, &b}) {
             for (Vec3d& p : m->position) p *= scale;
         }
-        ContactScene scene({{a, Motion::kHand, shift, q},
-                            {b, Motion::kHand, Vec3d(shift + rotate(q, scale * Vec3d(1.2, 0.3, 0.1))), q}});
+        ContactScene scene({{a, Motion::kHand, shift, q}, {b, Motion::kHand, Vec3d(shift + rotate(q, scale * Vec3d(1.2, 0.3, 0.1))), q}});
         scene.params.tolerance = 1e-4 * scale;
         scene.run();
         return scene.penetrations.depth.at(0);

@@ -42,8 +42,7 @@ TEST(PictureSnapshot, KeepsTheDeepestContactOfEveryVertex) {
     const PictureSnapshot s = scene.snapshot();
     const auto depth = [&](uint32_t body, uint32_t v) { return s.contact_depth[s.body[body].depths.first + v]; };
     ASSERT_EQ(s.body[0].depths.count, scene.meshes.info[mesh].vertices.count);
-    for (uint32_t v = 0; v < s.body[0].depths.count; ++v)
-        EXPECT_EQ(depth(0, v), v == 4 ? 0.005f : v == 7 ? 0.003f : 0.0f);
+    for (uint32_t v = 0; v < s.body[0].depths.count; ++v) EXPECT_EQ(depth(0, v), v == 4 ? 0.005f : v == 7 ? 0.003f : 0.0f);
     EXPECT_EQ(s.body[1].depths.count, 0u);
     EXPECT_EQ(s.body[2].depths.count, 0u);
     ASSERT_EQ(s.body[3].depths.count, scene.meshes.info[mesh].vertices.count);

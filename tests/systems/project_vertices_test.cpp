@@ -21,7 +21,8 @@ TEST(ProjectVertices, PlacesAlongADirection) {
     for (const uint32_t body : {0u, 1u}) {
         project_vertices(s, body, base, way, along);
         ASSERT_EQ(along.size(), s.meshes.info[s.bodies.mesh[body]].vertices.count);
-        for (uint32_t v = 0; v < along.size(); ++v) EXPECT_NEAR(along[v], (vertex_position(s, body, v) - base).dot(way), 1e-14 * 10) << body << " " << v;
+        for (uint32_t v = 0; v < along.size(); ++v)
+            EXPECT_NEAR(along[v], (vertex_position(s, body, v) - base).dot(way), 1e-14 * 10) << body << " " << v;
     }
 }
 

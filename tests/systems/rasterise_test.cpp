@@ -66,15 +66,13 @@ void expect_ordered(const Occupancy& o) {
         }
     }
     for (uint32_t i = 0; i < o.object.size(); ++i) {
-        EXPECT_TRUE(
-            std::is_sorted(o.primitive.begin() + o.primitive_first[i], o.primitive.begin() + o.primitive_first[i + 1]));
+        EXPECT_TRUE(std::is_sorted(o.primitive.begin() + o.primitive_first[i], o.primitive.begin() + o.primitive_first[i + 1]));
     }
 }
 
 bool same(const Occupancy& a, const Occupancy& b) {
-    return a.cell_key == b.cell_key && a.object_first == b.object_first && a.object == b.object &&
-           a.primitive_first == b.primitive_first && a.primitive == b.primitive && a.oversize == b.oversize &&
-           a.cell_size == b.cell_size;
+    return a.cell_key == b.cell_key && a.object_first == b.object_first && a.object == b.object && a.primitive_first == b.primitive_first &&
+           a.primitive == b.primitive && a.oversize == b.oversize && a.cell_size == b.cell_size;
 }
 
 ContactScene three_balls(double far = 0) {
@@ -188,20 +186,13 @@ TEST(Rasterise, H20_WarmPassesReuseMemory) {
     ContactScene scene = three_balls();
     scene.run();
     scene.run();
-    const void* before[] = {scene.occupancy.cell_key.data(),
-                            scene.occupancy.primitive.data(),
-                            scene.screened.box.data(),
-                            scene.rasterise_scratch.table.data(),
-                            scene.rasterise_scratch.reference.data(),
-                            scene.candidates.triangle.data(),
-                            scene.cells_scratch.by_row.data()};
+    const void* before[] = {
+        scene.occupancy.cell_key.data(),      scene.occupancy.primitive.data(),         scene.screened.box.data(),
+        scene.rasterise_scratch.table.data(), scene.rasterise_scratch.reference.data(), scene.candidates.triangle.data(),
+        scene.cells_scratch.by_row.data()};
     scene.run();
-    const void* after[] = {scene.occupancy.cell_key.data(),
-                           scene.occupancy.primitive.data(),
-                           scene.screened.box.data(),
-                           scene.rasterise_scratch.table.data(),
-                           scene.rasterise_scratch.reference.data(),
-                           scene.candidates.triangle.data(),
+    const void* after[] = {scene.occupancy.cell_key.data(),      scene.occupancy.primitive.data(),         scene.screened.box.data(),
+                           scene.rasterise_scratch.table.data(), scene.rasterise_scratch.reference.data(), scene.candidates.triangle.data(),
                            scene.cells_scratch.by_row.data()};
     for (size_t i = 0; i < std::size(before); ++i) EXPECT_EQ(before[i], after[i]) << i;
 }

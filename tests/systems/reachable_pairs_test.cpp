@@ -96,7 +96,8 @@ TEST(ReachablePairs, FreeBodiesKeepTheirVelocity) {
     Cubes c(0.02);
     const Vec3d down(0, 0, -2);
     const uint32_t a = c.add(Motion::kFree, Vec3d(0, 0, 0), down), b = c.add(Motion::kFree, Vec3d(0.08, 0, 0), down);
-    const uint32_t wall = c.add(Motion::kStatic, Vec3d(-0.1, 0, 0), Vec3d::Zero()), soft = c.add(Motion::kDeformable, Vec3d(0, 0.08, 0), down);
+    const uint32_t wall = c.add(Motion::kStatic, Vec3d(-0.1, 0, 0), Vec3d::Zero()),
+                   soft = c.add(Motion::kDeformable, Vec3d(0, 0.08, 0), down);
     for (const uint32_t body : {a, b}) c.poses.velocity[body] = down;
     c.poses.origin[wall] = Vec3d(-0.13, 0, 0);
     c.find();
@@ -140,7 +141,8 @@ TEST(ReachablePairs, WhoIsStoppedIsJoltedByWhatIsLeftOfItsWay) {
     EXPECT_EQ(jolt_along({}, low, up), 0);
     // two cubes that overlap on every axis run into each other along the line between their middles
     Cubes two(0.02);
-    const uint32_t a = two.add(Motion::kDeformable, Vec3d(0, 0, 0), Vec3d(0.3, 0, 0)), b = two.add(Motion::kDeformable, Vec3d(0.03, 0.03, 0), Vec3d::Zero());
+    const uint32_t a = two.add(Motion::kDeformable, Vec3d(0, 0, 0), Vec3d(0.3, 0, 0)),
+                   b = two.add(Motion::kDeformable, Vec3d(0.03, 0.03, 0), Vec3d::Zero());
     two.find();
     const Vec3d way = Vec3d(1, 1, 0).normalized();
     const double in = 0.3 * kPeriod * way.x() + fall;
@@ -153,7 +155,8 @@ TEST(ReachablePairs, WhoIsStoppedIsJoltedByWhatIsLeftOfItsWay) {
 // never forgotten, or never kept.
 TEST(ReachablePairs, SleepersAreLookedAtOnce) {
     Cubes c(0.02);
-    const uint32_t a = c.add(Motion::kDeformable, Vec3d(0, 0, 0), Vec3d(1, 0, 0)), b = c.add(Motion::kDeformable, Vec3d(0.05, 0, 0), Vec3d(-0.1, 0, 0));
+    const uint32_t a = c.add(Motion::kDeformable, Vec3d(0, 0, 0), Vec3d(1, 0, 0)),
+                   b = c.add(Motion::kDeformable, Vec3d(0.05, 0, 0), Vec3d(-0.1, 0, 0));
     std::vector<uint64_t> sleep = {1, 0}, seen = {0, 0};
     const auto go = [&](float speed) {
         for (uint32_t i = 0; i < 8; ++i) c.particles.velocity_x[c.bodies.particles[a].first + i] = speed;
@@ -219,7 +222,8 @@ TEST(ReachablePairs, NothingThatCouldMeetIsDropped) {
                         box[side].min = box[side].min.cwiseMin(p), box[side].max = box[side].max.cwiseMax(p);
                     }
                 }
-                EXPECT_FALSE((box[0].min.array() <= box[1].max.array()).all() && (box[1].min.array() <= box[0].max.array()).all()) << round << " " << i;
+                EXPECT_FALSE((box[0].min.array() <= box[1].max.array()).all() && (box[1].min.array() <= box[0].max.array()).all())
+                    << round << " " << i;
             }
         }
     }
@@ -231,7 +235,8 @@ TEST(ReachablePairs, LostVelocitiesAndNoBodiesAreHarmless) {
     none.find();
     EXPECT_TRUE(none.pairs.a.empty());
     Cubes c(0.02);
-    const uint32_t a = c.add(Motion::kDeformable, Vec3d(0, 0, 0), Vec3d::Zero()), b = c.add(Motion::kDeformable, Vec3d(0.041, 0, 0), Vec3d::Zero());
+    const uint32_t a = c.add(Motion::kDeformable, Vec3d(0, 0, 0), Vec3d::Zero()),
+                   b = c.add(Motion::kDeformable, Vec3d(0.041, 0, 0), Vec3d::Zero());
     c.particles.velocity_x[3] = std::nanf("");
     c.find();
     EXPECT_TRUE(c.has(a, b));

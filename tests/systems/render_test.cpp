@@ -189,8 +189,8 @@ TEST(Render, ShadesByTheVertexNormals) {
     EXPECT_GT(level(pixel(image, 150, 80)), level(pixel(image, 165, 160)) + 90);
     // the same sphere as a rigid body that stands on its head looks the same within rounding
     PictureScene turned;
-    turned.add_body(turned.add_mesh(reference::make_sphere({0, 0, 0}, 0.1, 4), Admission::kSolid), Motion::kStatic,
-                    Vec3d::Zero(), from_rotation_vector({0, 3.141592653589793, 0}));
+    turned.add_body(turned.add_mesh(reference::make_sphere({0, 0, 0}, 0.1, 4), Admission::kSolid), Motion::kStatic, Vec3d::Zero(),
+                    from_rotation_vector({0, 3.141592653589793, 0}));
     const Image other = draw(turned, bare(), camera);
     double difference = 0;
     for (size_t i = 0; i < image.rgba.size(); ++i) difference += std::abs(int{image.rgba[i]} - int{other.rgba[i]});
@@ -221,8 +221,7 @@ TEST(Render, LeavesOutTrianglesOfNonFiniteVertices) {
     PictureScene scene;
     Mesh squares = make_square(0.04, {0, 1, 0});
     for (Vec3d& p : squares.position) p.x() -= 0.06;
-    for (int i = 0; i < 4; ++i)
-        squares.position.push_back(squares.position[static_cast<size_t>(i)] + Vec3d(0.12, 0, 0));
+    for (int i = 0; i < 4; ++i) squares.position.push_back(squares.position[static_cast<size_t>(i)] + Vec3d(0.12, 0, 0));
     squares.triangle.insert(squares.triangle.end(), {{4, 5, 6}, {4, 6, 7}});
     squares.uv.insert(squares.uv.end(), squares.uv.begin(), squares.uv.begin() + 2);
     const uint32_t body = scene.add_body(scene.add_mesh(squares), Motion::kDeformable);
@@ -261,8 +260,7 @@ PictureScene busy_scene() {
     for (const Triangle& t : sphere.triangle) {
         std::array<Vec2, 3> uv;
         for (uint32_t k = 0; k < 3; ++k)
-            uv[k] = {static_cast<float>(20 * sphere.position[t[k]].x()),
-                     static_cast<float>(20 * sphere.position[t[k]].z())};
+            uv[k] = {static_cast<float>(20 * sphere.position[t[k]].x()), static_cast<float>(20 * sphere.position[t[k]].z())};
         sphere.uv.push_back(uv);
     }
     const uint32_t mesh = scene.add_mesh(sphere, Admission::kSolid);
@@ -349,8 +347,7 @@ TEST(Render, ColoursByContactDepth) {
     const uint32_t body = scene.add_body(scene.add_mesh(reference::make_sheet(20)), Motion::kDeformable);
     for (Float4& p : scene.particles.offset) p = {0.2f * p.x - 0.1f, 0.2f * p.y - 0.1f, 0, 1};
     for (uint32_t v = 0; v < scene.bodies.particles[body].count; ++v)
-        if (v < scene.meshes.position.size() && scene.meshes.position[v].x() > 0.5)
-            scene.add_contact(body, {v, v}, -0.010);
+        if (v < scene.meshes.position.size() && scene.meshes.position[v].x() > 0.5) scene.add_contact(body, {v, v}, -0.010);
     PictureParams params = bare();
     params.depth_colours = true;
     params.depth_scale = 0.005;
@@ -445,8 +442,7 @@ TEST(Render, LaparoscopeLightFallsOffWithTheSquareOfTheDistance) {
     double light[2];
     for (const int k : {0, 1}) {
         PictureScene scene;
-        scene.add_body(scene.add_mesh(make_square(0.2, {0.2f, 0.2f, 0.2f})), Motion::kStatic,
-                       {0, 0, k == 0 ? 0.0 : -0.05});
+        scene.add_body(scene.add_mesh(make_square(0.2, {0.2f, 0.2f, 0.2f})), Motion::kStatic, {0, 0, k == 0 ? 0.0 : -0.05});
         Camera camera;
         camera.kind = CameraKind::kLaparoscope;
         camera.position = {0, 0, 0.1};
@@ -476,8 +472,7 @@ TEST(Render, FitsTheOrganAndFillsThePicture) {
         double reach = 0;
         for (const Vec3& p : s.position) {
             const Projection at = project(Vec3d(1, 2, 3) + p.cast<double>(), camera, params);
-            reach = std::max(
-                {reach, std::abs(at.x - 0.5 * width) / (0.5 * width), std::abs(at.y - 0.5 * height) / (0.5 * height)});
+            reach = std::max({reach, std::abs(at.x - 0.5 * width) / (0.5 * width), std::abs(at.y - 0.5 * height) / (0.5 * height)});
         }
         EXPECT_NEAR(reach, 0.72, 0.01);
     }
@@ -521,8 +516,7 @@ TEST(Render, KeepsInThePictureWhatMoves) {
 TEST(Render, LaysTheFloorUnderEverything) {
     PictureScene scene;
     scene.add_body(scene.add_mesh(reference::make_sphere({0, 0, 0}, 0.07, 3)), Motion::kDeformable, {1, 2, 3});
-    scene.add_body(scene.add_mesh(reference::make_box({-0.3, -0.3, -0.02}, {0.3, 0.3, 0})), Motion::kStatic,
-                   {1, 2, 2.93});
+    scene.add_body(scene.add_mesh(reference::make_box({-0.3, -0.3, -0.02}, {0.3, 0.3, 0})), Motion::kStatic, {1, 2, 2.93});
     for (const bool fitted : {true, false}) {
         Camera camera;
         if (fitted) fit_camera(scene.snapshot(), 640, 480, camera);

@@ -12,10 +12,7 @@ TEST(RigidMotion, BodiesFollowTheirPaths) {
     Paths paths;
     paths.body = {2, 0};
     paths.keys = {{0, 2}, {2, 2}};
-    paths.key = {{0, {0, 0, 0}, {}, 0},
-                 {2, {4, 0, 0}, from_rotation_vector({0, 0, 1}), 0},
-                 {1, {7, 7, 7}, {}, 0},
-                 {3, {7, 9, 7}, {}, 0}};
+    paths.key = {{0, {0, 0, 0}, {}, 0}, {2, {4, 0, 0}, from_rotation_vector({0, 0, 1}), 0}, {1, {7, 7, 7}, {}, 0}, {3, {7, 9, 7}, {}, 0}};
     Poses poses;
     poses.origin.assign(3, Vec3d::Constant(-1));
     poses.orientation.resize(3);

@@ -78,8 +78,8 @@ TEST(Separation, SpheresShallowDeepAndConcentric) {
 TEST(Separation, SphereAndBox) {
     const Vec3d half(0.5, 0.3, 0.4);
     for (const Vec3d& c : {Vec3d(0.1, 0.45, 0.05), Vec3d(0.55, 0.35, 0.1), Vec3d(0.6, 0.4, 0.5), Vec3d(0.1, 0.2, -0.1)}) {
-        ContactScene scene({{make_box(2 * half, {3, 3, 3}), Motion::kHand, Vec3d::Zero(), {}},
-                            {ball(0.25, 8), Motion::kHand, c, turn({3, 1, 2}, 2)}});
+        ContactScene scene(
+            {{make_box(2 * half, {3, 3, 3}), Motion::kHand, Vec3d::Zero(), {}}, {ball(0.25, 8), Motion::kHand, c, turn({3, 1, 2}, 2)}});
         const Vec3d nearest = c.cwiseMax(-half).cwiseMin(half);
         const bool inside = nearest == c;
         const double truth = inside ? 0.25 + (half - c.cwiseAbs()).minCoeff() : 0.25 - (c - nearest).norm();
@@ -113,8 +113,8 @@ TEST(Separation, CapsulesCrossed) {
 
 // P07: vertices see nothing, the surface 0.5, the way out is 1.5.
 TEST(HardCases, P07_AlignedCubesBracket) {
-    ContactScene scene({{make_box({2, 2, 2}), Motion::kHand, Vec3d::Zero(), {}},
-                        {make_box({2, 2, 2}), Motion::kHand, Vec3d(0.5, 0, 0), {}}});
+    ContactScene scene(
+        {{make_box({2, 2, 2}), Motion::kHand, Vec3d::Zero(), {}}, {make_box({2, 2, 2}), Motion::kHand, Vec3d(0.5, 0, 0), {}}});
     const Separation s = separate(scene);
     EXPECT_NEAR(s.lower, 0.5, 1e-9);
     EXPECT_GE(s.upper, 1.5);
@@ -145,8 +145,8 @@ TEST(Separation, TurnedBoxesEqualTheAxesTheorem) {
         }
         if (!(truth > 0.01)) continue;
         edge_edge += least >= 6;
-        ContactScene scene({{make_box(2 * a, {2, 2, 2}), Motion::kHand, Vec3d::Zero(), {}},
-                            {make_box(2 * b, {2, 2, 2}), Motion::kHand, at, q}});
+        ContactScene scene(
+            {{make_box(2 * a, {2, 2, 2}), Motion::kHand, Vec3d::Zero(), {}}, {make_box(2 * b, {2, 2, 2}), Motion::kHand, at, q}});
         expect_bracket(scene, truth, 1e-9, "trial " + std::to_string(trial));
     }
     EXPECT_GT(edge_edge, 0u);

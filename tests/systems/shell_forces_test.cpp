@@ -5,8 +5,8 @@
 #include "content/plain_shapes.hpp"
 #include "engine/error.hpp"
 #include "engine/thread_pool.hpp"
-#include "tests/systems/advance_scene.hpp"
 #include "tests/reference/dense.hpp"
+#include "tests/systems/advance_scene.hpp"
 
 // Forces of shells besides springs and anchors: inner pressure, bending.
 namespace trocar {
@@ -22,9 +22,7 @@ std::vector<Vec3d> places(const AdvanceScene& s, uint32_t body) {
     for (uint32_t v = 0; v < s.meshes.info[s.bodies.mesh[body]].vertices.count; ++v) place.push_back(s.offset(body, v));
     return place;
 }
-double volume_now(const AdvanceScene& s, uint32_t body) {
-    return volume_of(mesh_view(s.meshes, s.bodies.mesh[body]), places(s, body));
-}
+double volume_now(const AdvanceScene& s, uint32_t body) { return volume_of(mesh_view(s.meshes, s.bodies.mesh[body]), places(s, body)); }
 // What the engine finds, with the gradient as vectors.
 struct Found {
     double volume;
@@ -34,8 +32,8 @@ Found find(const AdvanceScene& s, uint32_t body) {
     const Range rows = s.range(body);
     std::vector<float> g(size_t{3} * rows.count);
     std::vector<double> sums;
-    Found found{find_volume_gradient(s.springs, s.bodies.mesh[body], &s.particles.offset[rows.first], sums, g.data(),
-                                     g.data() + rows.count, g.data() + 2 * rows.count),
+    Found found{find_volume_gradient(s.springs, s.bodies.mesh[body], &s.particles.offset[rows.first], sums, g.data(), g.data() + rows.count,
+                                     g.data() + 2 * rows.count),
                 {}};
     for (uint32_t v = 0; v < rows.count; ++v) found.gradient.push_back({g[v], g[v + rows.count], g[v + 2 * rows.count]});
     return found;
@@ -101,7 +99,8 @@ TEST(Pressure, BreathingModeConvergesToThatOfASphere) {
     std::vector<double> error;
     for (const int level : {2, 3, 4}) {
         AdvanceScene s;
-        const uint32_t body = s.add_body(s.add_mesh(subdivided_sphere(radius, level)), Motion::kDeformable, Vec3d::Zero(), balloon(modulus));
+        const uint32_t body =
+            s.add_body(s.add_mesh(subdivided_sphere(radius, level)), Motion::kDeformable, Vec3d::Zero(), balloon(modulus));
         error.push_back(breathing_omega(s, body) / omega - 1);
     }
     // what facets leave out of area and of volume cancels to first order
@@ -172,7 +171,8 @@ Squeezed squeeze(double modulus) {
     Tissue tissue;
     tissue.youngs_modulus = 2e3, tissue.wall = 2e-3, tissue.depth = 0.05, tissue.damping = 10;
     tissue.pressure_modulus = modulus;
-    const uint32_t ball = s.add_body(s.add_mesh(subdivided_sphere(0.05, 3)), Motion::kDeformable, Vec3d(0, 0, 0.05), tissue, AnchorFrame::kShape);
+    const uint32_t ball =
+        s.add_body(s.add_mesh(subdivided_sphere(0.05, 3)), Motion::kDeformable, Vec3d(0, 0, 0.05), tissue, AnchorFrame::kShape);
     Mesh box = make_box(300);
     Box extent;
     for (const Vec3d& p : box.position) extent.min = extent.min.cwiseMin(p), extent.max = extent.max.cwiseMax(p);
@@ -216,7 +216,8 @@ TEST(Pressure, FreeBodyKeepsItsMomentum) {
     s.params.gravity.setZero();
     Tissue tissue;
     tissue.youngs_modulus = 2e3, tissue.damping = 0, tissue.pressure_modulus = 30e3;
-    const uint32_t body = s.add_body(s.add_mesh(subdivided_sphere(0.05, 3, 0.05)), Motion::kDeformable, Vec3d::Zero(), tissue, AnchorFrame::kShape);
+    const uint32_t body =
+        s.add_body(s.add_mesh(subdivided_sphere(0.05, 3, 0.05)), Motion::kDeformable, Vec3d::Zero(), tissue, AnchorFrame::kShape);
     for (uint32_t v = 0; v < 642; ++v) {
         s.particles.offset[v].z *= 1.1f;
         s.set_velocity(body, v, Vec3d(0.1, 0, 0) + Vec3d(0, 3, 2).cross(s.offset(body, v)));
@@ -340,7 +341,9 @@ Tissue plate(double modulus, double wall) {
 }
 struct Bent : AdvanceScene {
     uint32_t body = 0;
-    Bent(const Mesh& mesh, Admission admission, const Tissue& tissue) { body = add_body(add_mesh(mesh, admission), Motion::kDeformable, Vec3d::Zero(), tissue); }
+    Bent(const Mesh& mesh, Admission admission, const Tissue& tissue) {
+        body = add_body(add_mesh(mesh, admission), Motion::kDeformable, Vec3d::Zero(), tissue);
+    }
     std::vector<Vec3d> forces() const {
         const Range rows = range(body);
         std::vector<float> f(size_t{3} * rows.count, 0.0f);
@@ -373,7 +376,8 @@ double bending_reference(const MeshView& mesh, double rigidity, const std::vecto
             for (const uint32_t v : mesh.triangle[other])
                 if (v != a && v != b) d = v;
             const Vec3d e = mesh.position[b] - mesh.position[a];
-            const double areas = 0.5 * (e.cross(mesh.position[c] - mesh.position[a]).norm() + e.cross(mesh.position[d] - mesh.position[a]).norm());
+            const double areas =
+                0.5 * (e.cross(mesh.position[c] - mesh.position[a]).norm() + e.cross(mesh.position[d] - mesh.position[a]).norm());
             sum += e.squaredNorm() / areas * (1 - std::cos(angle(place, a, b, c, d) - angle(mesh.position, a, b, c, d)));
         }
     }
@@ -438,7 +442,8 @@ TEST(Bending, LatticeHasTheRigidityOfTheFormula) {
     for (const double shake : {0.1, 0.2, 0.3}) {
         const double error = energy_per_area(lattice(40, 2.5e-3, shake), c, 0) / (0.5 * c * c) - 1;
         RecordProperty("cylinder_error_shaken_" + std::to_string(shake).substr(0, 3), std::to_string(error));
-        std::printf("[   figure ] bending rigidity of a lattice shaken by %.1f edges: %+.1f %% of the plate's (cylinder)\n", shake, 100 * error);
+        std::printf("[   figure ] bending rigidity of a lattice shaken by %.1f edges: %+.1f %% of the plate's (cylinder)\n", shake,
+                    100 * error);
         EXPECT_LT(std::abs(error), 0.5);
     }
 }
@@ -492,7 +497,8 @@ double true_limit(const Bent& s, const Vec3d& stretch) {
     Eigen::MatrixXd h(n, n);
     for (int i = 0; i < n; ++i) {
         for (int j = 0; j <= i; ++j) {
-            const double second = energy(i, step, j, step) - energy(i, step, j, -step) - energy(i, -step, j, step) + energy(i, -step, j, -step);
+            const double second =
+                energy(i, step, j, step) - energy(i, step, j, -step) - energy(i, -step, j, step) + energy(i, -step, j, -step);
             h(i, j) = h(j, i) = second / (4 * step * step) * std::sqrt(b.inv_mass[i / 3] * b.inv_mass[j / 3]);
         }
     }

@@ -1,3 +1,5 @@
+#include "engine/skin.hpp"
+
 #include <gtest/gtest.h>
 
 #include <cstdio>
@@ -6,7 +8,6 @@
 #include "content/make_solid.hpp"
 #include "content/organ_surface.hpp"
 #include "engine/error.hpp"
-#include "engine/skin.hpp"
 #include "engine/solid_limit.hpp"
 #include "engine/thread_pool.hpp"
 #include "tests/systems/advance_scene.hpp"
@@ -120,13 +121,14 @@ TEST(Skin, ContactGivesItsImpulseAndMomentToTheNodes) {
     AdvanceScene s;
     s.params.gravity.setZero();
     const uint32_t ball = add_ball(s, 4, true);
-    s.bodies.spring_stiffness[ball] = 0;           // nothing but the contact
+    s.bodies.spring_stiffness[ball] = 0;  // nothing but the contact
     s.bodies.tissue[ball].poisson = 0.25;
     const uint32_t wall = s.add_body(s.add_mesh(flat_square(0.2), Admission::kSheet), Motion::kStatic, {0, 0, -kRadius});
     const Range nodes = nodes_of(s, ball);
     const Vec3d approach(0.02, -0.01, -0.05);
     for (uint32_t i = nodes.first; i < nodes.end(); ++i) {
-        s.particles.velocity_x[i] = float(approach.x()), s.particles.velocity_y[i] = float(approach.y()), s.particles.velocity_z[i] = float(approach.z());
+        s.particles.velocity_x[i] = float(approach.x()), s.particles.velocity_y[i] = float(approach.y()),
+        s.particles.velocity_z[i] = float(approach.z());
     }
     drape_skin(s.solids, s.bodies, ball, s.particles);
     uint32_t lowest = 0;
@@ -235,7 +237,8 @@ TEST(Skin, SagsAsTheFineSolidDoes) {
         return rest - top;
     };
     const double fine = sag(16, false), coarse = sag(6, true), middle = sag(12, true);
-    std::printf("sag of the top: fine solid %.4f mm, skin on 12 cells %.4f mm, on 6 cells %.4f mm\n", fine * 1e3, middle * 1e3, coarse * 1e3);
+    std::printf("sag of the top: fine solid %.4f mm, skin on 12 cells %.4f mm, on 6 cells %.4f mm\n", fine * 1e3, middle * 1e3,
+                coarse * 1e3);
     EXPECT_GT(fine, 1e-4);
     for (const double cells : {6.0, 12.0}) {
         const double plain = sag(cells, false), skin = cells == 6 ? coarse : middle, h = 2 / cells;
@@ -366,7 +369,8 @@ TEST(CagedShell, SwellsAndBendsAsTheShellThatCarriesIt) {
     }
     EXPECT_EQ(plain.energy.pressure, caged.energy.pressure);
     EXPECT_EQ(plain.energy.bending, caged.energy.bending);
-    for (uint32_t v = 0; v < nodes.count; ++v) EXPECT_EQ(place(caged.particles, nodes.first + v), place(plain.particles, rows.first + v)) << v;
+    for (uint32_t v = 0; v < nodes.count; ++v)
+        EXPECT_EQ(place(caged.particles, nodes.first + v), place(plain.particles, rows.first + v)) << v;
 }
 
 // The step gained: that of the cage over that of the skin's own springs, about the ratio of edges - masses grow with their

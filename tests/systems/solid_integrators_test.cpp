@@ -24,7 +24,8 @@ namespace {
 using reference::DoubleSolid;
 using reference::SolidModel;
 
-uint32_t add_box(AdvanceScene& scene, int nx, int ny, int nz, double nu, double damping = 0, AnchorFrame frame = AnchorFrame::kWorld, double jitter = 0) {
+uint32_t add_box(AdvanceScene& scene, int nx, int ny, int nz, double nu, double damping = 0, AnchorFrame frame = AnchorFrame::kWorld,
+                 double jitter = 0) {
     TetMesh tets;
     reference::lattice_box(nx, ny, nz, 0.01, jitter, tets.position, tets.tetrahedron);
     const Prototype made = add_tet_mesh(scene.meshes, scene.springs, scene.solids, tets, {});
@@ -108,7 +109,9 @@ TEST(SolidIntegrators, ConvergeWithTheirOrder) {
         Integrator integrator;
         uint32_t iterations, substeps;
         double order, most;  // m; the block swings by a millimetre
-    } cases[] = {{"leapfrog", Integrator::kLeapfrog, 1, 64, 2, 2e-5}, {"midpoint", Integrator::kMidpoint, 200, 64, 2, 2e-5}, {"xpbd", Integrator::kXpbd, 60, 128, 1, 4e-4}};
+    } cases[] = {{"leapfrog", Integrator::kLeapfrog, 1, 64, 2, 2e-5},
+                 {"midpoint", Integrator::kMidpoint, 200, 64, 2, 2e-5},
+                 {"xpbd", Integrator::kXpbd, 60, 128, 1, 4e-4}};
     for (const auto& c : cases) {
         const double coarse = error(c.integrator, c.iterations, c.substeps), fine = error(c.integrator, c.iterations, 2 * c.substeps);
         const double order = std::log2(coarse / fine);
@@ -148,18 +151,20 @@ void compare_with_dense_solve(float most_shake, double theta) {
         std::array<Vec3d, 4> p, r;
         for (int i = 0; i < 4; ++i) p[i] = d.place[t[i]], r[i] = d.rest[t[i]];
         six = (r[1] - r[0]).dot((r[2] - r[0]).cross(r[3] - r[0])), now = (p[1] - p[0]).dot((p[2] - p[0]).cross(p[3] - p[0]));
-        for (int i = 0; i < 4; ++i) for (int j = 0; j < i; ++j) squared += (r[i] - r[j]).squaredNorm();
+        for (int i = 0; i < 4; ++i)
+            for (int j = 0; j < i; ++j) squared += (r[i] - r[j]).squaredNorm();
         for (int i = 0; i < 4; ++i) {
             for (int j = 0; j < i; ++j) {
                 const Vec3d way = p[j] - p[i];
                 const double a = std::max(0.0, 1 - (r[i] - r[j]).norm() / way.norm());
-                const Eigen::Matrix3d b = moduli.springs * six / squared * (a * Eigen::Matrix3d::Identity() + (1 - a) * way.normalized() * way.normalized().transpose());
+                const Eigen::Matrix3d b = moduli.springs * six / squared *
+                                          (a * Eigen::Matrix3d::Identity() + (1 - a) * way.normalized() * way.normalized().transpose());
                 k.block<3, 3>(3 * t[i], 3 * t[i]) += b, k.block<3, 3>(3 * t[j], 3 * t[j]) += b;
                 k.block<3, 3>(3 * t[i], 3 * t[j]) -= b, k.block<3, 3>(3 * t[j], 3 * t[i]) -= b;
             }
         }
         const double ratio = now / six;
-        crushed += ratio < 0.5, beyond += ratio > 1.25 || ratio < 0;
+        crushed += ratio<0.5, beyond += ratio> 1.25 || ratio < 0;
         const double held = std::clamp(ratio - 1, -1.0, double{kStretchCap});
         const double pressure = std::abs(moduli.bulk * held + moduli.crush * std::min(held + 1 - double{kCrushed}, 0.0));
         for (int i = 1; i < 4; ++i) {
@@ -169,9 +174,11 @@ void compare_with_dense_solve(float most_shake, double theta) {
         }
         if (ratio < 0 || ratio > 1 + double{kStretchCap}) continue;
         const double bend = moduli.bulk + (ratio < double{kCrushed} ? moduli.crush : 0);
-        std::array<Vec3d, 4> g{Vec3d::Zero(), (p[2] - p[0]).cross(p[3] - p[0]) / six, (p[3] - p[0]).cross(p[1] - p[0]) / six, (p[1] - p[0]).cross(p[2] - p[0]) / six};
+        std::array<Vec3d, 4> g{Vec3d::Zero(), (p[2] - p[0]).cross(p[3] - p[0]) / six, (p[3] - p[0]).cross(p[1] - p[0]) / six,
+                               (p[1] - p[0]).cross(p[2] - p[0]) / six};
         g[0] = -g[1] - g[2] - g[3];
-        for (int i = 0; i < 4; ++i) for (int j = 0; j < 4; ++j) k.block<3, 3>(3 * t[i], 3 * t[j]) += bend * six / 6 * g[i] * g[j].transpose();
+        for (int i = 0; i < 4; ++i)
+            for (int j = 0; j < 4; ++j) k.block<3, 3>(3 * t[i], 3 * t[j]) += bend * six / 6 * g[i] * g[j].transpose();
     }
     ASSERT_EQ(crushed > 0 && beyond > 0, theta == 1);
     const std::vector<Vec3d> force = reference::solid_forces(d, SolidModel::kSprings);
@@ -247,7 +254,8 @@ CutBlock let_cut_block_fall(Integrator integrator, uint32_t iterations, uint32_t
     };
     std::vector<bool> stays(tets.position.size(), false);
     for (const auto& t : tets.tetrahedron) {
-        if (!goes(t)) for (const uint32_t v : t) stays[v] = true;
+        if (!goes(t))
+            for (const uint32_t v : t) stays[v] = true;
     }
     TetMesh used;
     std::vector<uint32_t> to(stays.size());
@@ -260,7 +268,8 @@ CutBlock let_cut_block_fall(Integrator integrator, uint32_t iterations, uint32_t
     AdvanceScene s;
     Tissue tissue;
     tissue.youngs_modulus = 1e4, tissue.poisson = 0.45, tissue.damping = 0, tissue.depth = kNoBed;
-    const uint32_t body = s.add_body(add_tet_mesh(s.meshes, s.springs, s.solids, used, {}, !anew).row, Motion::kDeformable, Vec3d::Zero(), tissue);
+    const uint32_t body =
+        s.add_body(add_tet_mesh(s.meshes, s.springs, s.solids, used, {}, !anew).row, Motion::kDeformable, Vec3d::Zero(), tissue);
     hold_top(s, body, 0.035);
     choose(s, integrator, iterations, 1e-7);
     s.params.gravity = Vec3d(8, 0, -30);
@@ -275,9 +284,11 @@ CutBlock let_cut_block_fall(Integrator integrator, uint32_t iterations, uint32_t
         torn.tetrahedron.resize(rows.end(), 0), torn.spring.resize(s.springs.neighbour.size(), 0);
         copy_torn_springs(s.springs, s.solids, s.bodies, tears, torn, torn_springs);
         std::vector<uint32_t> gone;
-        for (uint32_t t = 0; t < used.tetrahedron.size(); ++t) if (goes(used.tetrahedron[t])) gone.push_back(t);
+        for (uint32_t t = 0; t < used.tetrahedron.size(); ++t)
+            if (goes(used.tetrahedron[t])) gone.push_back(t);
         uint64_t broken = 0;
-        drop_tetrahedra(s.springs, s.solids, s.bodies, body, gone, places_of_nodes(s.solids, s.bodies, s.particles, body), torn, torn_springs, broken);
+        drop_tetrahedra(s.springs, s.solids, s.bodies, body, gone, places_of_nodes(s.solids, s.bodies, s.particles, body), torn,
+                        torn_springs, broken);
         EXPECT_GT(broken, 5u);
         lose_mass(s.solids, s.bodies, s.poses, s.anchors, Vec3d::Zero(), body, torn, s.particles);
     }
@@ -299,7 +310,8 @@ CutBlock let_cut_block_fall(Integrator integrator, uint32_t iterations, uint32_t
 // Sweeps of xpbd go in another order, and what they add up along turning springs depends on it: that goes with the step.
 TEST(SolidIntegrators, ACutBlockFallsAsOneMadeAnew) {
     const auto apart = [](Integrator integrator, uint32_t iterations, uint32_t substeps) {
-        const CutBlock anew = let_cut_block_fall(integrator, iterations, substeps, true), cut = let_cut_block_fall(integrator, iterations, substeps, false);
+        const CutBlock anew = let_cut_block_fall(integrator, iterations, substeps, true),
+                       cut = let_cut_block_fall(integrator, iterations, substeps, false);
         double most = 0;
         for (const auto& [rest, place] : anew.place) most = std::max(most, (cut.place.at(rest) - place).norm());
         EXPECT_GT(cut.place.size(), anew.place.size());
@@ -407,15 +419,19 @@ TEST(HardCases, M04_OneInvertedOrAllSquashedRecoverWhoeverSteps) {
             };
             for (uint32_t v = 0; v < rest.rest.size(); ++v) {
                 Float4& o = scene.particles.offset[scene.range(body).first + v];
-                if (squashed) o.z = static_cast<float>(0.05 - 0.1 * (0.05 - rest.rest[v].z()));
-                else if ((rest.rest[v] - Vec3d(0.01, 0.01, 0.01)).norm() < 1e-6) o.x += 0.015f, o.z -= 0.007f;
+                if (squashed)
+                    o.z = static_cast<float>(0.05 - 0.1 * (0.05 - rest.rest[v].z()));
+                else if ((rest.rest[v] - Vec3d(0.01, 0.01, 0.01)).norm() < 1e-6)
+                    o.x += 0.015f, o.z -= 0.007f;
             }
             const double start = least();
             EXPECT_LT(start, squashed ? 0.11 : -0.3);
             choose(scene, integrator, integrator == Integrator::kMidpoint ? 40 : 10, 1e-4);
             const uint32_t explicit_steps = substeps_for(20e-3, scene.bodies.stable_dt[body], 1e-3);
-            for (int i = 0; i < 100; ++i) scene.advance(20, integrator == Integrator::kLeapfrog ? explicit_steps : integrator == Integrator::kMidpoint ? 4 : 20);
-            std::printf("%s, integrator %d: least volume %.3f, at the end %.4f of rest\n", squashed ? "squashed" : "one inverted", int(integrator), start, least());
+            for (int i = 0; i < 100; ++i)
+                scene.advance(20, integrator == Integrator::kLeapfrog ? explicit_steps : integrator == Integrator::kMidpoint ? 4 : 20);
+            std::printf("%s, integrator %d: least volume %.3f, at the end %.4f of rest\n", squashed ? "squashed" : "one inverted",
+                        int(integrator), start, least());
             EXPECT_GT(least(), 0.99) << squashed << int(integrator);
             EXPECT_EQ(scene.report.nonfinite_particles + scene.report.runaway_bodies, 0u);
         }
@@ -449,8 +465,8 @@ TEST(SolidIntegrators, PressedLiverWhoeverSteps) {
             least = std::min(least, volume / rest), most = std::max(most, volume / rest);
             if (w.clock.tick > 1500) deepest = std::max(deepest, w.report.deepest_residual);
         }
-        std::printf("pressed liver, %s, step %s s: volume %.4f to %.4f, overlap left %.3f mm, work %.4g J, lost by steps %.4g J\n", integrator, step, least, most, deepest * 1e3,
-                    w.energy.work_hand, w.energy.work_numeric);
+        std::printf("pressed liver, %s, step %s s: volume %.4f to %.4f, overlap left %.3f mm, work %.4g J, lost by steps %.4g J\n",
+                    integrator, step, least, most, deepest * 1e3, w.energy.work_hand, w.energy.work_numeric);
         if (by_leapfrog == 0) by_leapfrog = w.energy.work_hand;
         EXPECT_NEAR(w.energy.work_hand, by_leapfrog, work * by_leapfrog) << integrator << step;
         EXPECT_LE(std::abs(w.energy.work_numeric), lost * by_leapfrog) << integrator << step;
@@ -476,7 +492,8 @@ TEST(SolidIntegrators, AutoIncludesSolids) {
     EXPECT_EQ(picks({{"liver.tissue.youngs_modulus", "5e6"}, {"liver.skin", "true"}}), Integrator::kMidpoint);
     EXPECT_EQ(picks({{"liver.tissue.youngs_modulus", "5e6"}, {"liver.wanted_error", "1e-5"}}), Integrator::kLeapfrog);
     EXPECT_EQ(picks({{"liver.tissue.youngs_modulus", "5e6"}, {"liver.fixed_below", "-1"}}), Integrator::kLeapfrog) << "nothing holds it";
-    EXPECT_EQ(picks({{"liver.tissue.youngs_modulus", "5e6"}, {"liver.fixed_below", "-1"}, {"liver.skin", "true"}}), Integrator::kLeapfrog) << "a skin is not held";
+    EXPECT_EQ(picks({{"liver.tissue.youngs_modulus", "5e6"}, {"liver.fixed_below", "-1"}, {"liver.skin", "true"}}), Integrator::kLeapfrog)
+        << "a skin is not held";
 }
 
 }  // namespace

@@ -21,8 +21,7 @@ using reference::SolidModel;
 using namespace reference::cases;
 
 // A box of nx x ny x nz lattice cubes of edge h in a scene; corner at the origin.
-uint32_t add_box(AdvanceScene& scene, int nx, int ny, int nz, double h, const Tissue& tissue,
-                 AnchorFrame frame = AnchorFrame::kWorld) {
+uint32_t add_box(AdvanceScene& scene, int nx, int ny, int nz, double h, const Tissue& tissue, AnchorFrame frame = AnchorFrame::kWorld) {
     TetMesh tets;
     reference::lattice_box(nx, ny, nz, h, 0, tets.position, tets.tetrahedron);
     const Prototype made = add_tet_mesh(scene.meshes, scene.springs, scene.solids, tets, {});
@@ -49,8 +48,8 @@ DoubleSolid double_solid(const AdvanceScene& scene, uint32_t body) {
     std::vector<std::array<uint32_t, 4>> tets;
     for (uint32_t t = 0; t < info.count; ++t) {
         const uint32_t row = info.tetrahedra.first + t;
-        tets.push_back({scene.solids.corner[0][row], scene.solids.corner[1][row], scene.solids.corner[2][row],
-                        scene.solids.corner[3][row]});
+        tets.push_back(
+            {scene.solids.corner[0][row], scene.solids.corner[1][row], scene.solids.corner[2][row], scene.solids.corner[3][row]});
     }
     DoubleSolid s = reference::make_double_solid(rest, tets);
     s.youngs_modulus = scene.bodies.tissue[body].youngs_modulus;
@@ -128,9 +127,11 @@ TEST(SolidModel, M21_BarUnderItsOwnWeight) {
             error[i] = hang_bar(SolidModel::kSprings, 1 << i, nu) - 1;
             element_error[i] = hang_bar(SolidModel::kCorotational, 1 << i, nu) - 1;
         }
-        std::printf("bar under its own weight, nu %.2f: springs %+.2f %+.2f %+.2f %%, finite elements %+.2f %+.2f %+.2f %% "
-                    "(1, 2, 4 cells), order %.2f\n", nu, 100 * error[0], 100 * error[1], 100 * error[2], 100 * element_error[0],
-                    100 * element_error[1], 100 * element_error[2], std::log2(error[1] / error[2]));
+        std::printf(
+            "bar under its own weight, nu %.2f: springs %+.2f %+.2f %+.2f %%, finite elements %+.2f %+.2f %+.2f %% "
+            "(1, 2, 4 cells), order %.2f\n",
+            nu, 100 * error[0], 100 * error[1], 100 * error[2], 100 * element_error[0], 100 * element_error[1], 100 * element_error[2],
+            std::log2(error[1] / error[2]));
         EXPECT_LT(std::abs(element_error[2]), 0.005);
         EXPECT_LT(std::abs(error[2]), 0.05);
         EXPECT_GT(std::log2(error[1] / error[2]), 0.7) << "springs converge with about the first power of the edge";
@@ -158,8 +159,8 @@ void compare_with_hertz(int edges) {
     for (const double nu : {0.25, 0.45}) {
         const double springs = press_sphere(SolidModel::kSprings, 3 * edges, edges, nu) - 1;
         const double elements = press_sphere(SolidModel::kCorotational, 3 * edges, edges, nu) - 1;
-        std::printf("Hertz, nu %.2f, %d edges to the radius: springs %+.1f %%, finite elements %+.1f %%\n", nu, edges,
-                    100 * springs, 100 * elements);
+        std::printf("Hertz, nu %.2f, %d edges to the radius: springs %+.1f %%, finite elements %+.1f %%\n", nu, edges, 100 * springs,
+                    100 * elements);
         EXPECT_LT(std::abs(springs), 0.5 / edges);
         EXPECT_LT(std::abs(elements), 0.5 / edges);
     }

@@ -8,11 +8,11 @@ namespace trocar {
 
 // Point masses joined by given springs, without triangles: for closed forms, chains and blocks of tetrahedron edges.
 struct SpringGraph {
-    std::vector<Vec3d> place;     // m
-    std::vector<double> mass;     // kg, 0 = fixed
+    std::vector<Vec3d> place;  // m
+    std::vector<double> mass;  // kg, 0 = fixed
     std::vector<std::array<uint32_t, 2>> edge;
-    double rest = -1;             // m, of every spring; negative: as long as it is at `place`
-    double stiffness = 0;         // N/m
+    double rest = -1;      // m, of every spring; negative: as long as it is at `place`
+    double stiffness = 0;  // N/m
 };
 
 // Appends the SELL-16 columns of a prototype's springs; columns ascend by neighbour as add_springs makes them.
@@ -56,8 +56,8 @@ inline uint32_t add_graph(AdvanceScene& s, const SpringGraph& graph) {
     s.bodies.tissue[body].damping = 0;
     s.bodies.spring_stiffness[body] = static_cast<float>(graph.stiffness);
     s.bodies.particles[body] = {static_cast<uint32_t>(s.particles.offset.size()), padded};
-    for (auto* field : {&s.particles.velocity_x, &s.particles.velocity_y, &s.particles.velocity_z, &s.anchors.stiffness,
-                        &s.anchors.rest_x, &s.anchors.rest_y, &s.anchors.rest_z}) {
+    for (auto* field : {&s.particles.velocity_x, &s.particles.velocity_y, &s.particles.velocity_z, &s.anchors.stiffness, &s.anchors.rest_x,
+                        &s.anchors.rest_y, &s.anchors.rest_z}) {
         field->resize(s.particles.offset.size() + padded, 0.0f);
     }
     s.particles.last_dt.resize(body + 1, 0.0);

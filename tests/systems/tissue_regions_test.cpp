@@ -26,11 +26,13 @@ Tissue soft(double damping) {
 uint32_t add_bar(AdvanceScene& scene, int cells, double h, const Tissue& tissue, AnchorFrame frame = AnchorFrame::kWorld) {
     TetMesh tets;
     reference::lattice_box(2, 2, cells, h, 0, tets.position, tets.tetrahedron);
-    return scene.add_body(add_tet_mesh(scene.meshes, scene.springs, scene.solids, tets, {}).row, Motion::kDeformable, Vec3d::Zero(), tissue, frame);
+    return scene.add_body(add_tet_mesh(scene.meshes, scene.springs, scene.solids, tets, {}).row, Motion::kDeformable, Vec3d::Zero(), tissue,
+                          frame);
 }
 
 uint32_t node_count(const AdvanceScene& s, uint32_t body) {
-    return is_solid(s.solids, s.bodies.mesh[body]) ? s.solids.info[s.bodies.mesh[body]].nodes.count : s.meshes.info[s.bodies.mesh[body]].vertices.count;
+    return is_solid(s.solids, s.bodies.mesh[body]) ? s.solids.info[s.bodies.mesh[body]].nodes.count
+                                                   : s.meshes.info[s.bodies.mesh[body]].vertices.count;
 }
 NodeTissue plain(const AdvanceScene& s, uint32_t body) {
     const uint32_t n = node_count(s, body);
@@ -40,10 +42,10 @@ void vary(AdvanceScene& s, uint32_t body, const NodeTissue& nodes) {
     vary_tissue(nodes, s.meshes, body, s.springs, s.solids, s.bodies, s.particles, s.anchors);
 }
 
-// A bar of two halves, one four times as stiff, drawn out by 0.2 %, whoever steps it: the same force runs through both, so that their strains
-// are as 1 to 4. What disturbs: ends and the seam, which die out as exp(-4 distance / width) or faster, two widths away
-// 3e-4 (Saint-Venant; the slowest decay of a square bar is 4.2 per width); the geometry, of the order of the strains, 0.5 %;
-// and floats, 3e-8 m of 8e-5.
+// A bar of two halves, one four times as stiff, drawn out by 0.2 %, whoever steps it: the same force runs through both, so that their
+// strains are as 1 to 4. What disturbs: ends and the seam, which die out as exp(-4 distance / width) or faster, two widths away 3e-4
+// (Saint-Venant; the slowest decay of a square bar is 4.2 per width); the geometry, of the order of the strains, 0.5 %; and floats, 3e-8 m
+// of 8e-5.
 void expect_strains_as_moduli(Integrator integrator) {
     const int cells = 24;
     const double h = 0.01, length = cells * h, ratio = 4, stretch = 2e-3;
@@ -75,13 +77,16 @@ void expect_strains_as_moduli(Integrator integrator) {
         }
         return (way[1] / count[1] - way[0] / count[0]) / (to - from);
     };
-    const double width = 2 * h, soft_half = strain(2 * width, length / 2 - 2 * width), stiff_half = strain(length / 2 + 2 * width, length - 2 * width);
-    std::printf("bar, integrator %d: strains %.4g and %.4g, ratio %.4f for %.0f\n", int(integrator), soft_half, stiff_half, soft_half / stiff_half, ratio);
+    const double width = 2 * h, soft_half = strain(2 * width, length / 2 - 2 * width),
+                 stiff_half = strain(length / 2 + 2 * width, length - 2 * width);
+    std::printf("bar, integrator %d: strains %.4g and %.4g, ratio %.4f for %.0f\n", int(integrator), soft_half, stiff_half,
+                soft_half / stiff_half, ratio);
     EXPECT_NEAR(soft_half / stiff_half, ratio, ratio * (2 * 3e-4 + soft_half + 2 * 3e-8 / (4 * h * stiff_half))) << int(integrator);
     EXPECT_GT(soft_half, stretch) << int(integrator);
 }
 TEST(TissueRegions, StrainsOfTwoHalvesAreAsTheirModuli) {
-    for (const Integrator integrator : {Integrator::kLeapfrog, Integrator::kMidpoint, Integrator::kXpbd}) expect_strains_as_moduli(integrator);
+    for (const Integrator integrator : {Integrator::kLeapfrog, Integrator::kMidpoint, Integrator::kXpbd})
+        expect_strains_as_moduli(integrator);
 }
 
 // A region that is all of the body, E times 4 and density times 2, is a body of that tissue: the same forces, masses and
@@ -94,7 +99,9 @@ void expect_another_tissue(Integrator integrator) {
             tissue.depth = 0.05;
             if (!solid) tissue.bending = 1e4, tissue.pressure_modulus = 0;
             if (s == &b) tissue.youngs_modulus *= 4, tissue.bending *= 4, tissue.density *= 2;
-            const uint32_t body = solid ? add_bar(*s, 4, 0.01, tissue) : s->add_body(s->add_mesh(subdivided_sphere(0.05, 2, 0.05)), Motion::kDeformable, Vec3d::Zero(), tissue);
+            const uint32_t body =
+                solid ? add_bar(*s, 4, 0.01, tissue)
+                      : s->add_body(s->add_mesh(subdivided_sphere(0.05, 2, 0.05)), Motion::kDeformable, Vec3d::Zero(), tissue);
             if (s == &a) {
                 NodeTissue nodes = plain(a, body);
                 nodes.stiffness.assign(nodes.stiffness.size(), 4);
