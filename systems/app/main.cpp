@@ -87,12 +87,7 @@ void take_labels(const std::vector<std::string>& words, OrganOptions& organ) {
 
 constexpr uint32_t kMostThreads = 1024;
 
-void describe(CLI::App& app, Arguments& a) {
-    app.description("Trocar: virtual surgery, headless. Contact, penetration depth, deformation, 1 kHz haptics.");
-    app.set_version_flag("--version", [] { return version_text(); });
-    app.require_subcommand(1);
-    app.set_help_all_flag("--help-all", "Help of every command");
-
+void add_run(CLI::App& app, Arguments& a) {
     CLI::App* run = app.add_subcommand("run", "Simulate a scene: pictures, film, figures, trace");
     run->add_option("scene", a.run.scene, "Scene file, or the name of a scene that `trocar scenes` lists")->required();
     CLI::Option* seconds =
@@ -136,7 +131,9 @@ void describe(CLI::App& app, Arguments& a) {
         "get rows too), edges_ahead = true (edges about to cross get rows too), deep = none | last_free (a pair so deep that "
         "shortest ways out no longer agree is led back the way it came; one that starts so, the shortest way that surely parts "
         "it), cross_check, contours, regions");
+}
 
+void add_check(CLI::App& app, Arguments& a) {
     CLI::App* check = app.add_subcommand("check", "Is a mesh sound: closed, manifold, oriented, free of self-crossings");
     check
         ->add_option("files", a.check.files,
@@ -146,7 +143,9 @@ void describe(CLI::App& app, Arguments& a) {
     check->footer(
         "Example: trocar check liver.wrl kidney.stl --json\nOf a scene: can it be built; else the line that is wrong. Exit code 1 when a "
         "mesh cannot be admitted as solid.");
+}
 
+void add_query(CLI::App& app, Arguments& a) {
     CLI::App* query = app.add_subcommand("query", "Signed distance, closest point, triangle and feature of points");
     query->add_option("mesh", a.query.mesh, "Mesh file")->required();
     query->add_option("points", a.query.points, "CSV of x,y,z in file units; - reads standard input")->required();
@@ -158,7 +157,9 @@ void describe(CLI::App& app, Arguments& a) {
     query->footer(
         "Example: trocar query liver.obj points.csv --out distances.csv\nColumns: distance,cx,cy,cz,triangle,feature; "
         "distance < 0 inside.");
+}
 
+void add_collide(CLI::App& app, Arguments& a) {
     CLI::App* collide = app.add_subcommand("collide", "Contact report of two meshes: overlap, depth, direction, witness, regions");
     collide->add_option("a", a.collide.a, "First mesh")->required();
     collide->add_option("b", a.collide.b, "Second mesh")->required();
@@ -177,7 +178,9 @@ void describe(CLI::App& app, Arguments& a) {
         "JSON: depth, surface_depth, direction, witness, vertices_a_in_b, vertices_b_in_a, edge_contacts, face_contacts, cells, contained, "
         "saturated (moving by the depth may not part them), regions [vertices_a, vertices_b, contour, area, volume, depth, "
         "direction, witness]; with --separate separation {lower, upper, translation}, with --cross-check disagreements");
+}
 
+void add_convert(CLI::App& app, Arguments& a) {
     CLI::App* convert = app.add_subcommand("convert", "Read a mesh, clean it, write it in another format");
     convert->add_option("in", a.convert.in, "Mesh file to read")->required();
     convert->add_option("out", a.convert.out, "File to write: .obj .stl .ply .wrl .vtp by its ending")->required();
@@ -189,7 +192,9 @@ void describe(CLI::App& app, Arguments& a) {
         ->check(CLI::Range(0.0, 1.0))
         ->needs(repair);
     convert->footer("Example: trocar convert liver.wrz liver.obj\n         trocar convert --repair scan.ply organ.stl");
+}
 
+void add_view(CLI::App& app, Arguments& a) {
     CLI::App* view = app.add_subcommand("view", "Draw a mesh or a shape: textured, lit, fitted to the picture");
     view->add_option("meshes", a.view.sources, "Mesh files or shapes (shape:NAME:TRIANGLES:SEED), one tile each")->required();
     view->add_option("--out", a.view.out, "PNG to write")->required();
@@ -200,7 +205,9 @@ void describe(CLI::App& app, Arguments& a) {
     view->add_flag("--wireframe", a.view.wireframe, "Edges drawn over the surface");
     view->add_flag("--sheet", a.view.sheet, "Front, side, top and oblique view in one picture");
     view->footer("Example: trocar view shape:gallbladder:10000 --sheet --out gallbladder.png");
+}
 
+void add_organ(CLI::App& app, Arguments& a) {
     CLI::App* organ = app.add_subcommand("organ", "From a segmented image to closed surfaces and tetrahedra");
     organ->add_option("volume", a.organ.volume, "NRRD, MetaImage, NIfTI or DICOM file, or a folder of DICOM slices");
     organ->add_option("out", a.organ.out, "Surface to write: .obj .stl .ply .wrl; several labels: NAME_<label>.ending");
@@ -221,7 +228,9 @@ void describe(CLI::App& app, Arguments& a) {
         "Steps: choose voxels; keep the largest piece (voxels joined by faces); blur and contour at the level that encloses\n"
         "as much as the voxels; smooth; simplify; judge. Volume and open edges are printed after each.\n"
         "Exit code 1 when a surface cannot be admitted as solid.");
+}
 
+void add_soak(CLI::App& app, Arguments& a) {
     CLI::App* soak = app.add_subcommand("soak", "Run a scene again and again for minutes and judge whether anything drifts");
     soak->add_option("scene", a.soak.scene, "Scene file, or the name of a scene that `trocar scenes` lists")->required();
     soak->add_option("--minutes", a.soak.minutes, "How long (default 10)")->check(CLI::PositiveNumber);
@@ -240,7 +249,9 @@ void describe(CLI::App& app, Arguments& a) {
         "slope, 95 % interval) of resident memory stays below 256 KiB a minute and of the heap below 64 KiB a minute; no file\n"
         "stays open; no particle is lost but those a fault loses, and they are back after one pass; the energy books close to\n"
         "2 % of the largest energy; passes do not become half as slow again. Exit code 1 with the reason when one breaks.");
+}
 
+void add_sweep(CLI::App& app, Arguments& a) {
     CLI::App* sweep = app.add_subcommand("sweep", "Run a scene with every combination of values, here or on a cluster; one table of all");
     sweep->add_option("file", a.sweep.file, "Sweep file")->required();
     sweep
@@ -262,7 +273,9 @@ void describe(CLI::App& app, Arguments& a) {
         "Every run is a command of its own (runs.txt) and is left alone once it is done: start the same sweep again after an interruption, "
         "or\n"
         "after adding values. Exit code 1 when a run failed; the table says which and why.");
+}
 
+void add_replay(CLI::App& app, Arguments& a) {
     CLI::App* replay = app.add_subcommand("replay", "Run a capture again and compare; or one of its passes many times");
     replay->add_option("capture", a.replay.file, "A .cap file of `trocar run --capture`")->required();
     CLI::Option* compare = replay->add_flag("--check", a.default_said, "Compare only (the default)");
@@ -280,7 +293,9 @@ void describe(CLI::App& app, Arguments& a) {
         "Exit code 1 when it does not come out the same to the bit, and the first pass, stage, array and row are named; also when the "
         "capture\n"
         "is not whole: what there is of it is compared.");
+}
 
+void add_capture(CLI::App& app, Arguments& a) {
     CLI::App* capture = app.add_subcommand("capture", "What a capture holds; compare two; export for other tools");
     capture->require_subcommand(1);
     CLI::App* info = capture->add_subcommand("info", "Scene, reason, passes, slowest pass");
@@ -299,7 +314,9 @@ void describe(CLI::App& app, Arguments& a) {
         "Example: trocar run kidney_on_liver --out out/k --capture worst,5-25\n"
         "         trocar capture info out/k/captures/*.cap\n"
         "         trocar capture export out/k/captures/worst.cap --vtp out/vtp --csv out/passes.csv");
+}
 
+void add_device(CLI::App& app, Arguments& a) {
     CLI::App* device = app.add_subcommand("device", "Haptic devices: what there is, whether one works, what a hand did");
     device->require_subcommand(1);
     CLI::App* list = device->add_subcommand("list", "Ways to reach devices, and how each is named");
@@ -326,10 +343,32 @@ void describe(CLI::App& app, Arguments& a) {
         "         trocar run probe_on_liver --live --device probe=udp:7731\n"
         "Packets, messages and the plug-in's header: docs/devices.md. Network devices are on this machine unless an\n"
         "address is given. Forces go out only with --spring, or in a live run.");
+}
 
+void add_scenes(CLI::App& app, Arguments& a) {
     CLI::App* scenes = app.add_subcommand("scenes", "List the scenes, shapes and tissues that come with the program");
     scenes->add_flag("--json", a.scenes_json, "JSON");
     scenes->footer("Example: trocar scenes");
+}
+
+void describe(CLI::App& app, Arguments& a) {
+    app.description("Trocar: virtual surgery, headless. Contact, penetration depth, deformation, 1 kHz haptics.");
+    app.set_version_flag("--version", [] { return version_text(); });
+    app.require_subcommand(1);
+    app.set_help_all_flag("--help-all", "Help of every command");
+    add_run(app, a);
+    add_check(app, a);
+    add_query(app, a);
+    add_collide(app, a);
+    add_convert(app, a);
+    add_view(app, a);
+    add_organ(app, a);
+    add_soak(app, a);
+    add_sweep(app, a);
+    add_replay(app, a);
+    add_capture(app, a);
+    add_device(app, a);
+    add_scenes(app, a);
 }
 
 int dispatch(const CLI::App& app, Arguments& a) {
