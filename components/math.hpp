@@ -1,5 +1,6 @@
 #pragma once
 #include <Eigen/Core>
+#include <array>
 #include <cstdint>
 #include <limits>
 namespace trocar {
@@ -38,6 +39,14 @@ inline void grow(Box& box, const Vec3d& p) {
     if (!p.allFinite()) return;
     box.min = box.min.cwiseMin(p);
     box.max = box.max.cwiseMax(p);
+}
+inline void grow(Box& box, const Box& other) {
+    box.min = box.min.cwiseMin(other.min);
+    box.max = box.max.cwiseMax(other.max);
+}
+
+inline std::array<float, 3> to_floats(const Vec3d& v) {
+    return {static_cast<float>(v.x()), static_cast<float>(v.y()), static_cast<float>(v.z())};
 }
 
 // Texture coordinate.

@@ -92,8 +92,6 @@ double smooth_union(double a, double b, double blend) {
     return std::min(a, b) - overlap * overlap * overlap * blend / 6;
 }
 
-double smooth_intersection(double a, double b, double blend) { return -smooth_union(-a, -b, blend); }
-
 double smooth_subtraction(double a, double b, double blend) { return -smooth_union(-a, b, blend); }
 
 uint64_t mix_bits(uint64_t key) {

@@ -23,7 +23,6 @@ double capsule_distance(const Vec3d& point, const Vec3d& a, const Vec3d& b, doub
 // Union, common part and difference (a without b) of two solids; their distances are blended over a band of `blend`
 // metres with continuous curvature. Slopes stay within those of a and b.
 double smooth_union(double a, double b, double blend);
-double smooth_intersection(double a, double b, double blend);
 double smooth_subtraction(double a, double b, double blend);
 
 // Smooth values in [-1, 1] from a hash of the lattice points around `point`; one lattice step is 1. The same bits

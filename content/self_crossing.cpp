@@ -4,6 +4,7 @@
 #include <algorithm>
 #include <utility>
 
+#include "engine/geometry/contact_kernels.hpp"
 #include "engine/geometry/predicates.hpp"
 #include "engine/geometry/space_curve.hpp"
 #include "engine/geometry/triangle_triangle.hpp"
@@ -11,16 +12,6 @@ namespace trocar {
 namespace {
 
 constexpr uint32_t kLeafFaces = 4;
-
-void enlarge(Box& box, const Box& other) {
-    box.min = box.min.cwiseMin(other.min);
-    box.max = box.max.cwiseMax(other.max);
-}
-
-bool overlap(const Box& a, const Box& b) {
-    return a.min.x() <= b.max.x() && b.min.x() <= a.max.x() && a.min.y() <= b.max.y() && b.min.y() <= a.max.y() && a.min.z() <= b.max.z() &&
-           b.min.z() <= a.max.z();
-}
 
 // Boxes over faces in the order of a Hilbert curve: leaves of kLeafFaces, then pairs of pairs. Unlike a grid it does
 // not mind faces of very different size.
@@ -33,7 +24,7 @@ struct BoxTree {
 BoxTree make_box_tree(const Mesh& mesh) {
     BoxTree tree;
     Box all;
-    for (const Vec3d& p : mesh.position) enlarge(all, {p, p});
+    for (const Vec3d& p : mesh.position) grow(all, p);
     std::vector<std::pair<uint64_t, uint32_t>> order;
     for (uint32_t t = 0; t < mesh.triangle.size(); ++t) {
         const auto& [a, b, c] = mesh.triangle[t];
@@ -46,14 +37,14 @@ BoxTree make_box_tree(const Mesh& mesh) {
     for (uint32_t i = 0; i < order.size(); ++i) {
         tree.face.push_back(order[i].second);
         Box box;
-        for (const uint32_t v : mesh.triangle[order[i].second]) enlarge(box, {mesh.position[v], mesh.position[v]});
+        for (const uint32_t v : mesh.triangle[order[i].second]) grow(box, mesh.position[v]);
         tree.face_box.push_back(box);
-        enlarge(tree.level[0][i / kLeafFaces], box);
+        grow(tree.level[0][i / kLeafFaces], box);
     }
     while (tree.level.back().size() > 1) {
         const std::vector<Box>& below = tree.level.back();
         std::vector<Box> above((below.size() + 1) / 2);
-        for (uint32_t i = 0; i < below.size(); ++i) enlarge(above[i / 2], below[i]);
+        for (uint32_t i = 0; i < below.size(); ++i) grow(above[i / 2], below[i]);
         tree.level.push_back(std::move(above));
     }
     return tree;
@@ -129,7 +120,7 @@ void for_each_near_pair(const BoxTree& tree, const Visit& visit, const bool* sto
     while (!stack.empty() && !(stop && *stop)) {
         const auto [level, i, j] = stack.back();
         stack.pop_back();
-        if (i != j && !overlap(tree.level[level][i], tree.level[level][j])) continue;
+        if (i != j && !boxes_meet(tree.level[level][i], tree.level[level][j])) continue;
         if (level > 0) {
             const uint32_t below = static_cast<uint32_t>(tree.level[level - 1].size());
             for (uint32_t k = 2 * i; k < std::min(2 * i + 2, below); ++k) {
@@ -141,7 +132,7 @@ void for_each_near_pair(const BoxTree& tree, const Visit& visit, const bool* sto
         }
         for (uint32_t k = i * kLeafFaces; k < std::min((i + 1) * kLeafFaces, faces); ++k) {
             for (uint32_t l = i == j ? k + 1 : j * kLeafFaces; l < std::min((j + 1) * kLeafFaces, faces); ++l) {
-                if (overlap(tree.face_box[k], tree.face_box[l])) visit(tree.face[k], tree.face[l]);
+                if (boxes_meet(tree.face_box[k], tree.face_box[l])) visit(tree.face[k], tree.face[l]);
             }
         }
     }

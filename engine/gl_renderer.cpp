@@ -282,8 +282,6 @@ std::array<float, 9> normal_matrix(const Matrix4& pose) {
     return out;
 }
 
-std::array<float, 3> floats(const Vec3d& v) { return {static_cast<float>(v.x()), static_cast<float>(v.y()), static_cast<float>(v.z())}; }
-
 // Halves an image that is larger than `limit` until it fits (box filter on encoded values: a fallback, not a look).
 Image fit_image(const Image& image, uint32_t limit) {
     Image out = image;
@@ -628,9 +626,9 @@ const SurfaceProgram& GlRenderer::Impl::use_surface_program(uint32_t variant, co
 void GlRenderer::Impl::use_ground_program(const GroundProgram& p, const View& view, const Ground& ground) {
     glUseProgram(p.name);
     glUniformMatrix4fv(p.view_projection, 1, GL_FALSE, view.view_projection.data());
-    glUniform3fv(p.centre, 1, floats(ground.centre - view.eye).data());
-    glUniform3fv(p.axis_x, 1, floats(ground.axis_x).data());
-    glUniform3fv(p.axis_y, 1, floats(ground.axis_y).data());
+    glUniform3fv(p.centre, 1, to_floats(ground.centre - view.eye).data());
+    glUniform3fv(p.axis_x, 1, to_floats(ground.axis_x).data());
+    glUniform3fv(p.axis_y, 1, to_floats(ground.axis_y).data());
     glUniform1f(p.radius, static_cast<float>(ground.radius));
 }
 

@@ -12,11 +12,6 @@ constexpr uint32_t kRun = 16;
 constexpr double kRounding = 1e-12;  // of squares, beside 1
 constexpr size_t kDeepest = 64;      // nodes that wait while a tree is walked: three a level, which quarters its runs
 
-void enlarge(Box& box, const Box& other) {
-    box.min = box.min.cwiseMin(other.min);
-    box.max = box.max.cwiseMax(other.max);
-}
-
 void add_runs(const LocalContactModel& model, uint32_t begin, uint32_t end, SurfaceTreeScratch& scratch) {
     scratch.run.clear();
     scratch.order.clear();
@@ -26,8 +21,8 @@ void add_runs(const LocalContactModel& model, uint32_t begin, uint32_t end, Surf
         double fastest2 = 0;
         for (uint32_t t = first; t < run.triangles.end(); ++t) {
             for (const uint32_t v : model.triangle[t]) {
-                enlarge(run.box, {model.position[v], model.position[v]});
-                enlarge(run.velocity, {model.velocity[v], model.velocity[v]});
+                grow(run.box, model.position[v]);
+                grow(run.velocity, model.velocity[v]);
                 fastest2 = std::max(fastest2, model.velocity[v].squaredNorm());
             }
         }
@@ -43,7 +38,7 @@ uint32_t halve(SurfaceTreeScratch& scratch, uint32_t begin, uint32_t end) {
     for (uint32_t k = begin; k < end; ++k) {
         const Box& box = scratch.run[scratch.order[k]].box;
         const Vec3d centre = box.min + box.max;
-        enlarge(centres, {centre, centre});
+        grow(centres, centre);
     }
     int axis;
     (centres.max - centres.min).maxCoeff(&axis);
@@ -68,8 +63,8 @@ void set_part(const SurfaceTreeScratch& scratch, uint32_t begin, uint32_t end, u
     TriangleRun all = scratch.run[scratch.order[begin]];
     for (uint32_t k = begin + 1; k < end; ++k) {
         const TriangleRun& run = scratch.run[scratch.order[k]];
-        enlarge(all.box, run.box);
-        enlarge(all.velocity, run.velocity);
+        grow(all.box, run.box);
+        grow(all.velocity, run.velocity);
         all.speed = std::max(all.speed, run.speed);
     }
     const uint32_t lane = node.lanes++;
@@ -189,8 +184,6 @@ uint32_t place_node(const LocalContactModel& model, uint32_t n, PlacedSurface& p
     at.part = node.part, at.lanes = node.lanes;
     return row.first;
 }
-
-FourPoints in_all_lanes(const Vec3d& p) { return {all_lanes(p.x()), all_lanes(p.y()), all_lanes(p.z())}; }
 
 bool comes_before(double squared, uint32_t triangle, double other_squared, uint32_t other) {
     return squared < other_squared || (squared == other_squared && triangle < other);

@@ -97,8 +97,6 @@ void put_side_by_side(std::span<const ShellPlane> planes, SidePlanes& side) {
     }
 }
 
-FourPoints in_all_lanes(const Vec3d& p) { return {all_lanes(p.x()), all_lanes(p.y()), all_lanes(p.z())}; }
-
 // One bit a plane that presses or grips after a step: distance_after below zero, to the bit, or friction.
 uint32_t planes_at_work(const FourPlanes& p, const FourPoints& shift, const FourPoints& turn) {
     const FourPoints way = shift + cross(turn, p.arm);

@@ -6,6 +6,7 @@
 #include <cmath>
 #include <limits>
 
+#include "engine/geometry/contact_kernels.hpp"
 #include "engine/geometry/point_triangle.hpp"
 #include "engine/geometry/quaternion.hpp"
 #include "engine/mesh_view.hpp"
@@ -25,8 +26,6 @@ uint8_t sides_beyond(const Box& box, const Vec3d& p, const Vec3d& slack) {
 
 // box around a segment
 Box segment_box(const Vec3d& a, const Vec3d& b, double reach) { return {a.cwiseMin(b).array() - reach, a.cwiseMax(b).array() + reach}; }
-
-bool boxes_meet(const Box& a, const Box& b) { return (a.min.array() <= b.max.array()).all() && (b.min.array() <= a.max.array()).all(); }
 
 // Where a vertex is in the frame of its body, m, and how far it may get from there along each axis.
 struct VertexRoom {

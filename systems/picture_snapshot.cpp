@@ -133,17 +133,4 @@ void write_picture_snapshot(uint64_t number, double time, const Surfaces& surfac
     copy_removed(surfaces, tears, out);
 }
 
-Box picture_box(const PictureSnapshot& snapshot) {
-    Box box;
-    for (const PictureBody& body : snapshot.body) {
-        if (body.mesh == kNone || !(body.box.min.array() <= body.box.max.array()).all()) continue;
-        for (uint32_t corner = 0; corner < 8; ++corner) {
-            const Vec3d p((corner & 1 ? body.box.max : body.box.min).x(), (corner & 2 ? body.box.max : body.box.min).y(),
-                          (corner & 4 ? body.box.max : body.box.min).z());
-            grow(box, body.origin + rotate(body.orientation, p));
-        }
-    }
-    return box;
-}
-
 }  // namespace trocar

@@ -15,7 +15,4 @@ void write_picture_snapshot(uint64_t number, double time, const Surfaces& surfac
                             const Penetrations& penetrations, const Haptics& haptics, PictureSnapshot& out, const Tears* tears = nullptr,
                             const Sleepers& sleepers = {});
 
-// World box of everything drawn.
-Box picture_box(const PictureSnapshot& snapshot);
-
 }  // namespace trocar

@@ -206,19 +206,14 @@ void number_regions(const PairInput& in, RegionsChunk& c) {
 }
 RegionSum& region_of(uint32_t node, RegionsChunk& c) { return c.sum[c.region[find_set(c.parent, node)]]; }
 
-void enlarge(Box& box, const Vec3d& p) {
-    box.min = box.min.cwiseMin(p);
-    box.max = box.max.cwiseMax(p);
-}
-
 // Adds `part` of the boundary piece p -> q of a flat patch through `corner` with unit normal: twice the area of a patch
 // is the sum of the cross products along its boundary, three times the volume under it that area times the height.
 void add_piece(const Vec3d& corner, const Vec3d& unit, const Vec3d& p, const Vec3d& q, double part, RegionSum& sum) {
     const Vec3d area = 0.5 * part * (p - corner).cross(q - corner);
     sum.area += area.dot(unit);
     sum.volume += area.dot(corner) / 3;
-    enlarge(sum.box, p);
-    enlarge(sum.box, q);
+    grow(sum.box, p);
+    grow(sum.box, q);
 }
 
 void measure_half(const PairInput& in, uint32_t side, RegionsChunk& c) {

@@ -52,8 +52,6 @@ CameraFrame camera_frame(const Camera& camera) {
     return frame;
 }
 
-std::array<float, 3> floats(const Vec3d& v) { return {static_cast<float>(v.x()), static_cast<float>(v.y()), static_cast<float>(v.z())}; }
-
 constexpr double kFill = 0.88;             // share of the picture that a fitted scene spans
 constexpr double kFillWithRoom = 0.72;     // with room for instruments
 constexpr double kNearestDistance = 1e-3;  // m
@@ -289,10 +287,10 @@ View make_view(const Camera& camera, const Box& box, uint32_t width, uint32_t he
     const CameraFrame frame = camera_frame(camera);
     View view;
     view.eye = frame.eye;
-    view.forward = floats(frame.forward);
-    view.right = floats(frame.right);
-    view.up = floats(frame.up);
-    view.sky = floats(unit_or(camera.up, Vec3d::UnitZ()));
+    view.forward = to_floats(frame.forward);
+    view.right = to_floats(frame.right);
+    view.up = to_floats(frame.up);
+    view.sky = to_floats(unit_or(camera.up, Vec3d::UnitZ()));
     view.light_at_eye = camera.kind == CameraKind::kLaparoscope;
     view.light_distance = static_cast<float>(std::max((camera.target - frame.eye).norm(), 1e-3));
     double nearest = 1e-3, farthest = 1;

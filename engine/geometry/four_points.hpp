@@ -31,6 +31,8 @@ inline FourPoints cross(const FourPoints& a, const FourPoints& b) {
     return {a.y * b.z - a.z * b.y, a.z * b.x - a.x * b.z, a.x * b.y - a.y * b.x};
 }
 
+inline FourPoints in_all_lanes(const Vec3d& p) { return {all_lanes(p.x()), all_lanes(p.y()), all_lanes(p.z())}; }
+
 // Four vectors of make_vec4 side by side, and back.
 inline FourPoints side_by_side(Vec4d a, Vec4d b, Vec4d c, Vec4d d) {
     const __m256d xz0 = _mm256_unpacklo_pd((__m256d)a, (__m256d)b), y0 = _mm256_unpackhi_pd((__m256d)a, (__m256d)b);

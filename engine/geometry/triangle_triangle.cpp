@@ -194,11 +194,4 @@ Meeting meet_segment_triangle(const Vec3d& p, const Vec3d& q, const Corners& tri
     return other.count == 3 ? meet_thin_triangle(segment, triangle) : meet_thin(segment, other);
 }
 
-bool segment_crosses_triangle(const Vec3d& p, const Vec3d& q, const Corners& triangle) {
-    const int side_p = orient3d(triangle[0], triangle[1], triangle[2], p);
-    if (side_p == 0) return false;
-    const int side_q = orient3d(triangle[0], triangle[1], triangle[2], q);
-    return side_p * side_q < 0 && meet_piercing(p, q, triangle) != Meeting::kDisjoint;
-}
-
 }  // namespace trocar

@@ -21,8 +21,4 @@ Meeting meet_triangles(const Corners& a, const Corners& b);
 // How the segment p-q and a triangle meet, as above.
 Meeting meet_segment_triangle(const Vec3d& p, const Vec3d& q, const Corners& triangle);
 
-// True when p and q lie strictly on opposite sides of the triangle's plane and the segment hits the closed triangle.
-// A segment through an edge or a corner crosses every triangle there, so a closed surface lets nothing slip through.
-bool segment_crosses_triangle(const Vec3d& p, const Vec3d& q, const Corners& triangle);
-
 }  // namespace trocar

