@@ -6,15 +6,9 @@
 
 #include "engine/geometry/contact_kernels.hpp"
 #include "engine/parallel.hpp"
+#include "engine/reach.hpp"
 namespace trocar {
 namespace {
-
-// How far a body reaches in a period: the way of its fastest vertex, but no more than the root mean square way and half
-// an edge, nor than three edges. Without these bounds one vertex that trembles, or a fine body that falls fast, makes
-// everything near (190 ms and 5 s a pass); what comes faster is found inside and pushed out.
-double reach_of(double fastest_way, double mean_way, double mean_edge) {
-    return std::min({fastest_way, mean_way + 0.5 * mean_edge, 3 * mean_edge}) + 0.05 * mean_edge;
-}
 
 Vec3d to_vector(__m128 v) {
     alignas(16) float p[4];
@@ -124,7 +118,7 @@ void compute_body_box(double period, const Surfaces& s, uint32_t body, BodyBoxes
         if (!std::isfinite(speed)) speed = 0;
         mean_speed = speed;
     }
-    const double margin = reach_of(speed * period, mean_speed * period, info.mean_edge);
+    const double margin = reach_in_period(speed * period, mean_speed * period, info.mean_edge);
     const Vec3d reach = Vec3d::Constant(margin + 0.5 * s.bodies.thickness[body]);
     boxes.margin[body] = margin;
     const Box wide{s.poses.origin[body] + box.min - reach, s.poses.origin[body] + box.max + reach};

@@ -8,6 +8,7 @@
 #include "engine/geometry/project_vertices.hpp"
 #include "engine/geometry/sum_velocities.hpp"
 #include "engine/parallel.hpp"
+#include "engine/reach.hpp"
 #include "engine/thread_pool.hpp"
 namespace trocar {
 namespace {
@@ -394,7 +395,7 @@ void cut_to_slabs(const DirectInput& in, const ScreenedTriangles& screened, std:
     double slack = 0.5 * in.gravity * in.period * in.period + 1e-12 * (distance + base.norm());
     slack += jolt_along(in.jolt, body[0], way) + jolt_along(in.jolt, body[1], -way);
     for (const uint32_t b : body)
-        slack += (is_static(s.bodies, b) ? 0.0 : 0.05 * s.meshes.info[s.bodies.mesh[b]].mean_edge) + 0.5 * s.bodies.thickness[b];
+        slack += (is_static(s.bodies, b) ? 0.0 : least_stray(s.meshes.info[s.bodies.mesh[b]].mean_edge)) + 0.5 * s.bodies.thickness[b];
     double farthest[2];
     for (int k = 0; k < 2; ++k) farthest[k] = reach_along(s, body[k], in.period, base, k ? Vec3d(-way) : way, mean, c.along[k]);
     for (int k = 0; k < 2; ++k) {

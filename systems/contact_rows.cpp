@@ -7,6 +7,7 @@
 #include "engine/geometry/point_triangle.hpp"
 #include "engine/nose_first.hpp"
 #include "engine/parallel.hpp"
+#include "engine/reach.hpp"
 namespace trocar {
 namespace {
 
@@ -340,7 +341,7 @@ void drop_idle_rows(double period, const Vec3d& gravity, const Surfaces& s, std:
         for (const uint32_t b : {body, other})
             if (!is_deformable(bodies, b) && bodies.motion[b] != Motion::kStatic) return true;
         const auto slack = [&](uint32_t b) {
-            const double stray = is_deformable(bodies, b) ? 0.05 * s.meshes.info[bodies.mesh[b]].mean_edge : 0.0;
+            const double stray = is_deformable(bodies, b) ? least_stray(s.meshes.info[bodies.mesh[b]].mean_edge) : 0.0;
             return stray + 0.5 * bodies.thickness[b];
         };
         const double near = fall + slack(body) + slack(other);

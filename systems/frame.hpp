@@ -14,7 +14,7 @@ struct FrameStage {
     bool (*wanted)(const World&);  // a stage enters the frame only if the scene has what it works on
 };
 
-// The three lists, in the order of a serial run; see README for the table in words.
+// The lists of a pass, in the order of a serial run; see README for the table in words. A third one ends a picture.
 std::span<const FrameStage> begin_stages();    // at the contact rate
 std::span<const FrameStage> advance_stages();  // at the contact rate
 

@@ -5,6 +5,7 @@
 
 #include "engine/geometry/sum_velocities.hpp"
 #include "engine/parallel.hpp"
+#include "engine/reach.hpp"
 namespace trocar {
 namespace {
 
@@ -32,7 +33,7 @@ BodyDrift drift_of(double period, const Surfaces& s, uint32_t body) {
     }
     for (; i < end; ++i) add((Vec3d(p.velocity_x[i], p.velocity_y[i], p.velocity_z[i]) - drift.velocity).squaredNorm());
     const double mean = std::sqrt(squares / std::max(1u, count)) * period;
-    drift.stray = std::min({std::sqrt(fastest) * period, mean + 0.5 * info.mean_edge, 3 * info.mean_edge}) + 0.05 * info.mean_edge;
+    drift.stray = reach_in_period(std::sqrt(fastest) * period, mean, info.mean_edge);
     return drift;
 }
 
@@ -45,7 +46,7 @@ Box without_margin(const Surfaces& s, const BodyBoxes& boxes, uint32_t body) {
 bool are_apart(double fall, const Surfaces& s, const BodyBoxes& boxes, uint32_t a, uint32_t b) {
     const Box box_a = without_margin(s, boxes, a), box_b = without_margin(s, boxes, b);
     const auto edge = [&](uint32_t body) { return s.meshes.info[s.bodies.mesh[body]].mean_edge; };
-    const double slack = fall + 0.05 * (edge(a) + edge(b)) + 0.5 * (s.bodies.thickness[a] + s.bodies.thickness[b]);
+    const double slack = fall + least_stray(edge(a) + edge(b)) + 0.5 * (s.bodies.thickness[a] + s.bodies.thickness[b]);
     return (box_b.min - box_a.max).maxCoeff() > slack || (box_a.min - box_b.max).maxCoeff() > slack;
 }
 
@@ -89,7 +90,7 @@ bool may_meet_free(double period, double fall, const Surfaces& s, const BodyBoxe
         if (motion == Motion::kDeformable) stray += drift[other].stray, velocity = drift[other].velocity;
     }
     const auto edge = [&](uint32_t body) { return s.meshes.info[s.bodies.mesh[body]].mean_edge; };
-    const double slack = fall + 0.05 * (edge(free) + edge(other)) + 0.5 * (s.bodies.thickness[free] + s.bodies.thickness[other]);
+    const double slack = fall + least_stray(edge(free) + edge(other)) + 0.5 * (s.bodies.thickness[free] + s.bodies.thickness[other]);
     return !(apart - ball.radius > (ball.velocity - velocity).norm() * period + stray + slack);
 }
 

@@ -31,6 +31,7 @@
 #include "systems/app/picture_writer.hpp"
 #include "systems/app/progress.hpp"
 #include "systems/app/report_page.hpp"
+#include "systems/app/resident_memory.hpp"
 #include "systems/app/run_costs.hpp"
 #include "systems/app/standard_streams.hpp"
 #include "systems/app/stop_signal.hpp"
@@ -69,14 +70,6 @@ CaptureHeader capture_header(const BuiltScene& scene, const RunFigures& figures)
                          scene.camera,  scene.picture,   figures.live || figures.replay};
     for (const StageFigures& stage : figures.stage) header.stage_names.push_back(stage.name);
     return header;
-}
-
-// Bytes of memory that the process holds.
-double resident_bytes() {
-    std::ifstream file("/proc/self/statm");
-    double size = 0, resident = 0;
-    file >> size >> resident;
-    return resident * static_cast<double>(sysconf(_SC_PAGESIZE));
 }
 
 void finish_figures(const Frame& frame, double bytes_before, RunFigures& figures) {

@@ -22,6 +22,7 @@
 #include "systems/app/picture_writer.hpp"
 #include "systems/app/progress.hpp"
 #include "systems/app/report_page.hpp"
+#include "systems/app/resident_memory.hpp"
 #include "systems/app/soak.hpp"
 #include "systems/app/standard_streams.hpp"
 #include "systems/app/stop_signal.hpp"
@@ -47,12 +48,7 @@ constexpr size_t kKeptEpisodes = 2000;
 constexpr uint64_t kFaultPeriod = 3;  // episodes
 constexpr double kMiB = 1024 * 1024;
 
-double resident_mib() {
-    std::ifstream file("/proc/self/statm");
-    double size = 0, resident = 0;
-    file >> size >> resident;
-    return resident * static_cast<double>(sysconf(_SC_PAGESIZE)) / kMiB;
-}
+double resident_mib() { return resident_bytes() / kMiB; }
 double heap_mib() { return static_cast<double>(mallinfo2().uordblks) / kMiB; }
 uint32_t open_descriptors() {
     std::error_code error;

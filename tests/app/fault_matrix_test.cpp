@@ -27,7 +27,7 @@
 //   too many threads             FaultMatrix.SixtyFourThreadsOnFewCoresGiveTheSameState
 //   memory limit                 FaultMatrix.RefusedMemoryIsOneLineNeverACrash
 //   clock, suspend, lateness     RealTime.*, LiveHaptics.ModelsOfALateSimulationAreFresh, SoakCommand (pause)
-//   display lost                 LiveReplay.PicturesThatCannotBeWrittenEndTheRunWithAReason; runs with --no-render need none
+//   display lost                 LiveReplay.PicturesThatCannotBeWrittenEndThePicturesWithAReason; runs with --no-render need none
 //   wrong configuration          CommandLine.WrongType..., FaultMatrix.EveryWrongValueOfEveryKeyIsNamed
 namespace trocar {
 namespace {
