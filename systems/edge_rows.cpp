@@ -13,14 +13,6 @@ constexpr double kParallel = 0.02;  // sine between edges that are left to their
 constexpr double kInCone = 0.02;    // sine by which a normal may miss a cone
 constexpr double kDeepest = 0.05;   // mean edges of overlap; beyond it the edges have passed each other
 
-// A sharp edge in world axes.
-struct SharpEdge {
-    std::array<uint32_t, 2> vertex;  // local, ends
-    Vec3d a, b;                      // m, the same
-    Vec3d into[2];                   // unit, from the edge's start into its two faces: to their far corners
-    uint32_t triangle;               // the first of its two
-};
-
 bool load_edge(const Surfaces& s, uint32_t body, uint32_t edge, SharpEdge& e) {
     const MeshView mesh = mesh_view(s.meshes, s.bodies.mesh[body]);
     const auto [v, w] = mesh.edge[edge];
@@ -46,10 +38,10 @@ bool load_edge(const Surfaces& s, uint32_t body, uint32_t edge, SharpEdge& e) {
 }
 
 // Sharp edges of the triangles that are near the other body.
-void collect_edges(const Surfaces& s, uint32_t body, std::span<const std::array<uint32_t, 2>> near, std::vector<uint32_t>& edges) {
+void collect_edges(const Surfaces& s, uint32_t body, std::span<const std::array<uint32_t, 2>> near, std::vector<uint32_t>& edges,
+                   std::vector<SharpEdge>& sharp) {
     const MeshView mesh = mesh_view(s.meshes, s.bodies.mesh[body]);
     edges.clear();
-    SharpEdge e;
     for (const auto& [triangle, nearest] : near) {
         for (const uint32_t edge : mesh.triangle_edge[triangle]) {
             if (mesh.edge_triangle[edge][0] == triangle || mesh.edge_triangle[edge][1] == triangle) edges.push_back(edge);
@@ -57,7 +49,10 @@ void collect_edges(const Surfaces& s, uint32_t body, std::span<const std::array<
     }
     std::sort(edges.begin(), edges.end());
     edges.erase(std::unique(edges.begin(), edges.end()), edges.end());
-    std::erase_if(edges, [&](uint32_t edge) { return !load_edge(s, body, edge, e); });
+    sharp.clear();
+    SharpEdge e;
+    for (const uint32_t edge : edges)
+        if (load_edge(s, body, edge, e)) sharp.push_back(e);
 }
 
 // Where two edges pass each other: shares along them, the way from b to a, and how far.
@@ -96,17 +91,15 @@ void add_edge_rows(const Surfaces& surfaces, const BodyBoxes& boxes, const Candi
         if (is_deformable(bodies, body[0]) || is_deformable(bodies, body[1])) continue;
         for (int side = 0; side < 2; ++side) {
             const Range near = candidates.side[2 * pair + side];
-            collect_edges(surfaces, body[side], std::span(candidates.near).subspan(near.first, near.count), scratch.edge[side]);
+            collect_edges(surfaces, body[side], std::span(candidates.near).subspan(near.first, near.count), scratch.edge,
+                          scratch.sharp[side]);
         }
         const double margin = boxes.margin[body[0]] + boxes.margin[body[1]];
         const auto mean_edge = [&](uint32_t b) { return surfaces.meshes.info[bodies.mesh[b]].mean_edge; };
         const double deepest = kDeepest * std::min(mean_edge(body[0]), mean_edge(body[1]));
-        SharpEdge a, b;
         Passing passing;
-        for (const uint32_t first : scratch.edge[0]) {
-            load_edge(surfaces, body[0], first, a);
-            for (const uint32_t second : scratch.edge[1]) {
-                load_edge(surfaces, body[1], second, b);
+        for (const SharpEdge& a : scratch.sharp[0]) {
+            for (const SharpEdge& b : scratch.sharp[1]) {
                 if (!find_passing(a, b, margin, deepest, passing)) continue;
                 append_edge_row(surfaces,
                                 {body[0], body[1], a.vertex, b.vertex, static_cast<float>(passing.along_a),

@@ -1,4 +1,5 @@
 #pragma once
+#include <array>
 #include <vector>
 
 #include "components/bodies.hpp"
@@ -6,8 +7,17 @@
 #include "engine/surfaces.hpp"
 namespace trocar {
 
+// A sharp edge in world axes.
+struct SharpEdge {
+    std::array<uint32_t, 2> vertex;  // local, ends
+    Vec3d a, b;                      // m, the same
+    Vec3d into[2];                   // unit, from the edge's start into its two faces: to their far corners
+    uint32_t triangle;               // the first of its two
+};
+
 struct EdgeRowsScratch {
-    std::vector<uint32_t> edge[2];  // sharp edges near the other body, of each side of a pair, ascending
+    std::vector<uint32_t> edge;       // of the triangles of a body that are near another one, ascending
+    std::vector<SharpEdge> sharp[2];  // the sharp ones among them, of each side of a pair
 };
 
 // Adds a row for every two sharp edges that pass over each other nearer than the pair's margins, for pairs of rigid
