@@ -31,7 +31,7 @@ bool any_link(const World& w) { return !w.links.group.empty(); }
 bool any_tear(const World& w) { return !w.tears.body.empty(); }
 bool any_detail(const World& w) { return !w.detail.body.empty(); }
 bool wants_boxes(const World& w) { return any_pair(w) || any_detail(w); }
-bool may_sleep(const World& w) { return any_deformable(w) && w.settings.sleep_speed > 0; }
+bool anyone_sleeps(const World& w) { return any_energy(w) && w.settings.sleep_speed > 0; }
 
 using R = Resource;
 constexpr ResourceMask kShapes = mask(R::kMeshes, R::kBodies, R::kPoses, R::kParticles);
@@ -47,7 +47,7 @@ constexpr FrameStage kBegin[] = {
     {{"tears",           stages::tear,            mask(R::kSettings, R::kClock, R::kSprings, R::kSolids, R::kBodies, R::kPoses, R::kAnchors), mask(R::kParticles, R::kMeshes, R::kTrees, R::kTears, R::kTorn, R::kTornSprings, R::kSleep, R::kEnergy, R::kReport)}, any_tear},
     {{"body boxes",      stages::body_boxes,      kShapes | mask(R::kSettings, R::kClock, R::kTools, R::kToolState, R::kLives, R::kNodeState, R::kSleep), mask(R::kBoxes)}, wants_boxes},
     {{"candidate pairs", stages::candidate_pairs, kShapes | mask(R::kSettings, R::kClock, R::kBoxes, R::kNodes, R::kTools), mask(R::kPairs, R::kToolState)}, any_pair},
-    {{"sleep",           stages::sleep,           mask(R::kSettings, R::kBodies, R::kPaths, R::kClock, R::kPairs, R::kLinks, R::kTools), mask(R::kSleep, R::kParticles, R::kPairs, R::kEnergy, R::kReport)}, may_sleep},
+    {{"sleep",           stages::sleep,           mask(R::kSettings, R::kBodies, R::kPaths, R::kClock, R::kPairs, R::kLinks, R::kTools, R::kNodes), mask(R::kSleep, R::kParticles, R::kPoses, R::kPairs, R::kEnergy, R::kReport)}, anyone_sleeps},
     {{"refit trees",     stages::refit,           kShapes | mask(R::kSettings, R::kClock, R::kBoxes, R::kPairs),            mask(R::kTrees)}, any_pair},
     {{"rasterise",       stages::rasterise_bodies,      kShapes | mask(R::kSettings, R::kBoxes, R::kPairs),                mask(R::kScreened, R::kOccupancy, R::kReport)}, any_pair},
     {{"candidate cells", stages::candidate_cells, kShapes | mask(R::kSettings, R::kClock, R::kBoxes, R::kPairs, R::kScreened, R::kOccupancy), mask(R::kCandidates)}, any_pair},

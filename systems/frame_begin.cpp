@@ -109,8 +109,9 @@ void sleep(FrameState& f) {
         if (w.paths.body[p] == kNone || w.paths.keys[p].count == 0) continue;
         f.scratch.moving[w.paths.body[p]] = now <= w.paths.key[w.paths.keys[p].end() - 1].time + 2 * period_seconds(w);
     }
-    fall_asleep_and_wake(w.settings, w.clock.period, w.bodies, f.scratch.moving, f.scratch.sleep, w.sleep, w.particles, w.pairs, w.energy,
-                         w.report, linked_bodies(f));
+    for (const auto& drive : w.nodes.drive) f.scratch.moving[drive.body] = 1;
+    fall_asleep_and_wake(w.settings, w.clock.period, w.bodies, f.scratch.moving, f.scratch.sleep, w.sleep, w.particles, w.poses, w.pairs,
+                         w.energy, w.report, linked_bodies(f));
     number_sleeps(f);
 }
 

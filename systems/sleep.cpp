@@ -3,6 +3,8 @@
 #include <algorithm>
 
 #include "engine/disjoint_sets.hpp"
+#include "engine/geometry/quaternion.hpp"
+#include "engine/mass_properties.hpp"
 #include "engine/surfaces.hpp"
 namespace trocar {
 namespace {
@@ -33,6 +35,44 @@ double stop(Particles& p, Range rows) {
     return energy;
 }
 
+double twice_kinetic_energy(const RigidMass& free, const Poses& poses) {
+    const Quat& turn = poses.orientation[free.body];
+    const Vec3d& spin = poses.angular_velocity[free.body];
+    const Vec3d velocity = poses.velocity[free.body] + spin.cross(rotate(turn, free.centre));
+    const Vec3d about_axes = rotate_back(multiply(turn, free.axes), spin);
+    return free.mass * velocity.squaredNorm() + free.moments.dot(about_axes.cwiseProduct(about_axes));
+}
+
+bool may_sleep(const Bodies& bodies, uint32_t body) { return is_deformable(bodies, body) || bodies.motion[body] == Motion::kFree; }
+
+// Takes the velocities of a body. Returns the energy they were, J.
+double stop(const Bodies& bodies, uint32_t body, Particles& particles, Poses& poses) {
+    particles.last_dt[body] = 0;
+    if (is_deformable(bodies, body)) return stop(particles, bodies.particles[body]);
+    const double energy = 0.5 * twice_kinetic_energy(*find_rigid_mass(bodies, body), poses);
+    poses.velocity[body] = poses.angular_velocity[body] = Vec3d::Zero();
+    return energy;
+}
+
+// Counts on for how long every body that is awake has been slow, ms.
+void note_slow_bodies(const SceneSettings& settings, uint32_t period, const Bodies& bodies, const Particles& particles, const Poses& poses,
+                      Sleep& sleep) {
+    const double speed = settings.sleep_speed;
+    const auto note = [&](uint32_t body, bool slow) {
+        sleep.still[body] = slow ? std::min(sleep.still[body] + period, uint32_t{1} << 30) : 0;
+    };
+    for (uint32_t b = 0; b < bodies.motion.size(); ++b)
+        if (is_deformable(bodies, b) && !is_asleep(sleep, b)) note(b, is_slow(particles, bodies.particles[b], speed));
+    for (const RigidMass& free : bodies.rigid_mass) {
+        const uint32_t b = static_cast<uint32_t>(free.body);
+        const double twice = twice_kinetic_energy(free, poses);
+        if (!is_asleep(sleep, b))
+            note(b, twice <= free.mass * speed * speed);
+        else if (twice != 0)
+            sleep.still[b] = 0;  // somebody pushed it
+    }
+}
+
 // Groups of bodies whose boxes meet, and which of them have something restless.
 void find_groups(const SceneSettings& settings, const Bodies& bodies, std::span<const uint8_t> moving, const Sleep& sleep,
                  const CandidatePairs& pairs, std::span<const std::array<uint32_t, 2>> joined, SleepScratch& s) {
@@ -45,7 +85,7 @@ void find_groups(const SceneSettings& settings, const Bodies& bodies, std::span<
     };
     for (uint32_t b = 0; b < count; ++b) {
         s.parent[b] = b;
-        s.restless[b] = is_deformable(bodies, b) ? sleep.still[b] < enough : !lies_anyway(b);
+        s.restless[b] = may_sleep(bodies, b) ? moving[b] || sleep.still[b] < enough : !lies_anyway(b);
     }
     const auto join = [&](uint32_t body, uint32_t other) {
         if (!lies_anyway(body) && !lies_anyway(other)) join_sets(s.parent, body, other);
@@ -60,26 +100,19 @@ void find_groups(const SceneSettings& settings, const Bodies& bodies, std::span<
 }  // namespace
 
 void fall_asleep_and_wake(const SceneSettings& settings, uint32_t period, const Bodies& bodies, std::span<const uint8_t> moving,
-                          SleepScratch& s, Sleep& sleep, Particles& particles, CandidatePairs& pairs, Energy& energy, Report& report,
-                          std::span<const std::array<uint32_t, 2>> joined) {
+                          SleepScratch& s, Sleep& sleep, Particles& particles, Poses& poses, CandidatePairs& pairs, Energy& energy,
+                          Report& report, std::span<const std::array<uint32_t, 2>> joined) {
     const uint32_t count = static_cast<uint32_t>(bodies.motion.size());
     sleep.still.resize(count, 0);
     sleep.group.resize(count, kNone);
-    for (uint32_t b = 0; b < count; ++b) {
-        if (!is_deformable(bodies, b) || is_asleep(sleep, b)) continue;
-        const bool slow = is_slow(particles, bodies.particles[b], settings.sleep_speed);
-        sleep.still[b] = slow ? std::min(sleep.still[b] + period, uint32_t{1} << 30) : 0;
-    }
+    note_slow_bodies(settings, period, bodies, particles, poses, sleep);
     find_groups(settings, bodies, moving, sleep, pairs, joined, s);
     report.awake_bodies = report.asleep_bodies = 0;
     for (uint32_t b = 0; b < count; ++b) {
-        if (!is_deformable(bodies, b)) continue;
+        if (!may_sleep(bodies, b)) continue;
         const uint32_t root = find_set(s.parent, b);
         const bool sleeps = !s.restless[root], slept = is_asleep(sleep, b);
-        if (sleeps && !slept) {
-            energy.work_numeric -= stop(particles, bodies.particles[b]);
-            particles.last_dt[b] = 0;
-        }
+        if (sleeps && !slept) energy.work_numeric -= stop(bodies, b, particles, poses);
         if (!sleeps && slept) sleep.still[b] = 0;
         sleep.group[b] = sleeps ? root : kNone;
         ++(sleeps ? report.asleep_bodies : report.awake_bodies);

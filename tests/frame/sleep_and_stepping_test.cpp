@@ -131,6 +131,58 @@ TEST(Sleep, LiesStillUntilSomethingComesNear) {
     });
 }
 
+// A free box beside a soft one sleeps with it, to the bit, with closed books, and wakes with it; or when a program pushes it. Breaks
+// when free bodies keep their neighbours awake, or fall on while they sleep.
+TEST(Sleep, FreeBodiesSleepAndWakeWithTheirNeighbours) {
+    ThreadPool pool(1);
+    pool.run([&] {
+        Frame frame(std::move(build_scene(scene_of(kBoxes, {{"beside.motion", "free"}, {"sleep_speed", "1e-3"}})).world), {});
+        World& w = frame.world();
+        const uint32_t low = body_named(w, "low"), beside = body_named(w, "beside");
+        uint64_t slept = 0, woke = 0;
+        Vec3d place = Vec3d::Zero();
+        double fallen = 0, worst = 0;
+        for (int pass = 0; pass < 60 * 3; ++pass) {
+            frame.step();
+            const bool asleep = is_asleep(w.sleep, low);
+            EXPECT_EQ(asleep, is_asleep(w.sleep, beside)) << pass;
+            fallen = std::max(fallen, std::abs(w.energy.work_contact));
+            worst = std::max(worst, std::abs(w.energy.balance));
+            if (asleep && slept == 0) {
+                slept = w.clock.tick, place = w.poses.origin[beside];
+                EXPECT_EQ(w.report.asleep_bodies, 3u);
+            }
+            if (asleep && woke == 0) {
+                ASSERT_EQ(w.poses.origin[beside], place) << pass;
+                EXPECT_EQ(w.poses.velocity[beside], Vec3d(0, 0, 0));
+                EXPECT_EQ(w.rows.body.size(), 0u) << "nobody asks about who sleeps";
+            }
+            if (!asleep && slept > 0 && woke == 0) woke = w.clock.tick;
+        }
+        EXPECT_GT(slept, 500u);
+        EXPECT_LT(slept, 2400u);
+        EXPECT_GT(woke, 2500u);
+        EXPECT_LT(worst, 0.02 * fallen);
+    });
+    pool.run([&] {
+        Frame frame(std::move(build_scene(scene_of(kBoxes, {{"beside.motion", "free"},
+                                                            {"beside.position", "[0.2, 0.0, 0.026]"},
+                                                            {"beside.tissue.damping", "0"},
+                                                            {"sleep_speed", "1e-3"}}))
+                                  .world),
+                    {});
+        World& w = frame.world();
+        const uint32_t beside = body_named(w, "beside");
+        while (!is_asleep(w.sleep, beside) && w.clock.tick < 2400) frame.step();
+        ASSERT_TRUE(is_asleep(w.sleep, beside));
+        const double from = w.poses.origin[beside].z();
+        w.poses.velocity[beside].z() = 1;
+        for (int pass = 0; pass < 3; ++pass) frame.step();
+        EXPECT_FALSE(is_asleep(w.sleep, beside));
+        EXPECT_NEAR(w.poses.origin[beside].z() - from, 0.05 - 0.5 * 9.81 * 0.05 * 0.05, 1e-3);
+    });
+}
+
 TEST(Sleep, SameBitsForAnyThreads) {
     uint64_t hash[2];
     for (int i = 0; i < 2; ++i) {
