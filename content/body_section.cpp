@@ -7,18 +7,19 @@
 namespace trocar {
 namespace {
 
-// A preset by name, which the keys of the table override.
-void choose_preset(TomlSection& section, std::string_view key, Tissue& t) {
+// A preset by name, which the keys of the table override. What it says for shells alone a solid does not take.
+void choose_preset(TomlSection& section, std::string_view key, bool solid, Tissue& t) {
     std::string name;
     section.read(key, name);
     if (name.empty()) return;
     const TissuePreset* preset = find_tissue(name);
     if (!preset) section.fail(*section.find(key), "no tissue \"" + name + "\"; there are " + tissue_names());
     t = preset->tissue;
+    if (solid) t.pressure_modulus = t.bending = 0;
 }
 
-void read_tissue(TomlSection& section, Tissue& t) {
-    choose_preset(section, "preset", t);
+void read_tissue(TomlSection& section, bool solid, Tissue& t) {
+    choose_preset(section, "preset", solid, t);
     section.read("youngs_modulus", t.youngs_modulus, 1, 1e12);
     section.read("density", t.density, 1e-3, 1e6);
     section.read("wall", t.wall, 1e-9, 1e3);
@@ -188,10 +189,10 @@ BodySpec read_body(const std::string& file, const toml::table& table) {
         body.color = {static_cast<float>(c.x()), static_cast<float>(c.y()), static_cast<float>(c.z())};
     }
     if (const toml::node* node = section.find("tissue"); node && node->is_string()) {
-        choose_preset(section, "tissue", body.tissue);
+        choose_preset(section, "tissue", body.solid, body.tissue);
     } else if (const toml::table* tissue = section.table("tissue")) {
         TomlSection inner(file, *tissue, "[body.tissue]");
-        read_tissue(inner, body.tissue);
+        read_tissue(inner, body.solid, body.tissue);
     }
     body.path = read_path(file, section, "path");
     section.read("apart", body.apart);

@@ -53,6 +53,20 @@ TEST(SceneOverrides, BodyStandsForEveryDeformableOne) {
     }
 }
 
+// A solid takes of a preset what is meant for solids; asked for by key it is still refused. Breaks when `--set body.model=solid` fails on
+// a scene with a preset.
+TEST(Tissues, SolidsTakePresetsWithoutWhatIsForShells) {
+    ASSERT_GT(find_tissue("liver")->tissue.pressure_modulus, 0);
+    for (const char* lines : {"tissue = \"liver\"\n", "[body.tissue]\npreset = \"liver\"\n"}) {
+        const SceneFile scene = scene_with(lines, {{"body.model", "solid"}, {"body.cells", "5"}});
+        EXPECT_EQ(scene.bodies[0].tissue.youngs_modulus, find_tissue("liver")->tissue.youngs_modulus);
+        EXPECT_EQ(scene.bodies[0].tissue.pressure_modulus, 0);
+        EXPECT_NO_THROW(build_scene(scene));
+    }
+    EXPECT_THROW(build_scene(scene_with("[body.tissue]\npreset = \"liver\"\npressure_modulus = 1e4\n", {{"body.model", "solid"}})),
+                 InputError);
+}
+
 // Text that the parser of TOML loses its way in is a word like any other that is no TOML: the program ended with SIGABRT.
 TEST(SceneOverrides, ValuesThatAreNoTomlAreWords) {
     for (const char* value : {"[}", "[ [}", "[\n}9", "a b", "\"", "{", "1e", "[[[["})
