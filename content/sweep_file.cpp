@@ -49,7 +49,11 @@ std::vector<SweepAxis> read_axes(const std::string& file, const toml::node& node
         const toml::array* list = values.as_array();
         if (!list || list->empty())
             refuse(file, values.source(), "vary \"" + axis.key + "\" needs a list of values; a key with dots stands in quotes");
-        for (const toml::node& value : *list) axis.values.push_back(value_text(file, value));
+        for (const toml::node& value : *list) {
+            axis.values.push_back(value_text(file, value));
+            if (std::count(axis.values.begin(), axis.values.end(), axis.values.back()) > 1)
+                refuse(file, value.source(), axis.key + " has this value twice; runs are known by their values");
+        }
         runs *= axis.values.size();
         if (runs > kMostRuns) refuse(file, values.source(), "more than a million runs");
         axes.push_back(std::move(axis));

@@ -83,6 +83,7 @@ void write_bodies(const World& world, uint64_t pass, const fs::path& folder) {
     char number[24];
     std::snprintf(number, sizeof number, "_%06llu.vtp", static_cast<unsigned long long>(pass));
     for (uint32_t body = 0; body < world.bodies.mesh.size(); ++body) {
+        if (is_away(world.lives, body)) continue;
         const Mesh mesh = surface_mesh(surfaces_of(world), body);
         const uint32_t vertices = static_cast<uint32_t>(mesh.position.size());
         std::vector<PointField> fields = contact_fields(world, body, vertices);
@@ -168,9 +169,11 @@ void export_vtp(const Capture& capture, const fs::path& folder) {
     for (const std::string& body : state.body) {
         std::string out =
             "<?xml version=\"1.0\"?>\n<VTKFile type=\"Collection\" version=\"0.1\" byte_order=\"LittleEndian\">\n<Collection>\n";
-        for (const auto& [pass, seconds] : state.pass)
-            out += format("<DataSet timestep=\"%.3f\" part=\"0\" file=\"%s_%06llu.vtp\"/>\n", seconds, escape_html(body).c_str(),
-                          static_cast<unsigned long long>(pass));
+        for (const auto& [pass, seconds] : state.pass) {
+            const std::string file = body + format("_%06llu.vtp", static_cast<unsigned long long>(pass));
+            if (!fs::exists(folder / file)) continue;  // it was away
+            out += format("<DataSet timestep=\"%.3f\" part=\"0\" file=\"%s\"/>\n", seconds, escape_html(file).c_str());
+        }
         write_whole_file(folder / (body + ".pvd"), out + "</Collection>\n</VTKFile>\n");
     }
 }

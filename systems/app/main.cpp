@@ -235,7 +235,8 @@ void add_soak(CLI::App& app, Arguments& a) {
     soak->add_option("scene", a.soak.scene, "Scene file, or the name of a scene that `trocar scenes` lists")->required();
     soak->add_option("--minutes", a.soak.minutes, "How long (default 10)")->check(CLI::PositiveNumber);
     soak->add_option("--seconds", a.soak.seconds, "Simulated time of an episode, s (default: the scene's)")->check(CLI::Range(1e-3, 1e6));
-    soak->add_option("--faults", a.soak.faults, "Faults put into every third episode: nan, blast (m/s beyond reason), pause (200 ms)")
+    soak->add_option("--faults", a.soak.faults,
+                     "Faults put into every third episode, in turn: nan, blast (m/s beyond reason), pause (200 ms between two passes)")
         ->delimiter(',')
         ->check(CLI::IsMember({"nan", "blast", "pause"}));
     soak->add_option("--out", a.soak.out, "Folder for soak.json, soak.csv, soak.html, captures/");

@@ -24,8 +24,9 @@ struct Soak {
     std::string scene;
     std::vector<Episode> episode;  // the first, and one every so often
     uint64_t episodes = 0, passes = 0, lost = 0;
-    std::string broken;  // the rule that broke and why; empty = none
-    uint64_t faults = 0;
+    std::string broken;   // the rule that broke and why; empty = none
+    uint64_t faults = 0;  // put in
+    bool faults_wanted = false;
     double minutes = 0;
 };
 

@@ -101,8 +101,9 @@ class Soaker {
         double largest_energy = 0, largest_balance = 0;
         while (static_cast<double>(world.clock.tick) < end_tick && soak.broken.empty() && stop_signal() == 0) {
             if (e.with_fault && e.passes == middle) {
-                for (const std::string& fault : options_.faults) inject(fault, world);
-                soak.faults += options_.faults.size();
+                // in turn: of two in the same pass the second would not be seen
+                inject(options_.faults[number / kFaultPeriod % options_.faults.size()], world);
+                ++soak.faults;
             }
             if (recorder_) recorder_->before_pass();
             const uint64_t begin = now_ns();
@@ -143,6 +144,17 @@ nlohmann::ordered_json drift_json(const Drift& d) {
     return {{"slope_per_min", d.slope}, {"low", d.low}, {"high", d.high}};
 }
 
+// What there was too little of.
+std::vector<std::string> not_judged(const Soak& soak, const Drifts& drifts) {
+    std::vector<std::string> rules;
+    if (!drifts.resident.known) rules.emplace_back("drift");
+    size_t whole = 0;
+    for (const Episode& e : soak.episode) whole += !e.with_fault;
+    if (whole < 2) rules.emplace_back("that episodes end the same");
+    if (soak.faults_wanted && soak.faults == 0) rules.emplace_back("faults");
+    return rules;
+}
+
 std::string soak_json(const Soak& soak, const Drifts& d) {
     double residual = 0, energy = 0, worst = 0;
     std::vector<double> p99;
@@ -156,6 +168,7 @@ std::string soak_json(const Soak& soak, const Drifts& d) {
                                   {"episodes", soak.episodes},
                                   {"passes", soak.passes},
                                   {"sound", soak.broken.empty()},
+                                  {"not_judged", not_judged(soak, d)},
                                   {"broken", soak.broken},
                                   {"faults_injected", soak.faults},
                                   {"particles_restored", soak.lost},
@@ -289,6 +302,7 @@ int soak_command(const SoakOptions& options) {
     const StopOnSignal stop;
     Soak soak;
     soak.scene = file.settings.name;
+    soak.faults_wanted = !options.faults.empty();
     Drifts drifts;
     pool.run([&] {
         BuiltScene scene = build_scene(file);
@@ -315,7 +329,9 @@ int soak_command(const SoakOptions& options) {
         write_standard_output(json);
     } else {
         print_minute(soak);
-        write_standard_output(soak.broken.empty() ? "sound: no rule broken\n" : "broken: " + soak.broken + "\n");
+        std::string open;
+        for (const std::string& rule : not_judged(soak, drifts)) open += (open.empty() ? "; too short to judge " : ", ") + rule;
+        write_standard_output(soak.broken.empty() ? "sound: no rule broken" + open + "\n" : "broken: " + soak.broken + "\n");
     }
     if (!soak.broken.empty()) return kNo;
     if (stop_signal() == 0) return kDone;

@@ -106,11 +106,11 @@ void check_jobs(const SweepFile& sweep, const std::vector<Job>& jobs) {
     }
 }
 
-// What a shell does for one job: nothing if it is done, else run and keep what was said.
+// What a shell does for one job: nothing if it is done, else run and keep what was said, and end as the run did.
 std::string shell_line(const Job& job) {
     const std::string folder = quoted(job.folder.string());
-    return "test \"$(cat " + folder + "/exit 2>/dev/null)\" = 0 || { " + command_line(job) + " > " + folder + "/log 2>&1; echo $? > " +
-           folder + "/exit; }";
+    return "test \"$(cat " + folder + "/exit 2>/dev/null)\" = 0 || { " + command_line(job) + " > " + folder +
+           "/log 2>&1; code=$?; echo $code > " + folder + "/exit; (exit $code); }";
 }
 
 // Folders, commands, and the list of lines that any engine can work off. Results of another command are cleared.

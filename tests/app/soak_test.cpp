@@ -102,9 +102,21 @@ TEST(SoakCommand, S01_FaultsAreSurvivedAndEveryEpisodeEndsTheSame) {
     const nlohmann::json json = nlohmann::json::parse(outcome.out);
     EXPECT_TRUE(json["sound"]);
     EXPECT_GT(json["faults_injected"], 0);
+    EXPECT_EQ(json["not_judged"], nlohmann::json::array());
     EXPECT_GT(json["particles_restored"], 0);
     EXPECT_TRUE(std::filesystem::exists(folder / "out/soak.html"));
     EXPECT_EQ(run_program("soak probe_on_liver --faults rust", folder, folder).code, 2);
+}
+
+// One episode shows neither drift nor that the next ends the same, and holds no fault: that is said. Breaks when "sound" stands alone.
+TEST(SoakCommand, SaysWhatWasTooShortToJudge) {
+    const std::filesystem::path folder = std::filesystem::path(testing::TempDir()) / "trocar_short_soak";
+    std::filesystem::create_directories(folder);
+    const std::string soak = "soak probe_on_liver --minutes 0.0001 --seconds 30 --set liver.triangles=600 --faults nan";
+    const nlohmann::json json = nlohmann::json::parse(run_program(soak + " --json", folder, folder).out);
+    EXPECT_EQ(json["not_judged"], (nlohmann::json{"drift", "that episodes end the same", "faults"}));
+    const std::string text = run_program(soak, folder, folder).out;
+    EXPECT_NE(text.find("no rule broken; too short to judge drift, that episodes end the same, faults"), std::string::npos) << text;
 }
 
 }  // namespace

@@ -55,6 +55,7 @@ TEST(SweepFile, EveryCombinationOnceInOrder) {
              {"scene = \"x\"\nsecond = 1\n", "unknown key \"second\""},
              {"scene = \"x\"\nseconds = -1\n", "must be a positive number"},
              {"scene = [", "s.toml:1:"},
+             {"scene = \"x\"\n[vary]\na = [1e-4, 2.0, 0.1e-3]\n", "s.toml:3:17: a has this value twice"},
              {"scene = \"x\"\n[vary]\na = [\"b\\nc\"]\n", "s.toml:3:6: line ends"},
              {"scene = \"x\"\nname = \"a\\u001b\"\n[vary]\na = [1]\n", "s.toml:2:8: line ends"},
              {"scene = \"x\"\n[set]\nk = \"a\\rb\"\n", "s.toml:3:5: line ends"}}) {
