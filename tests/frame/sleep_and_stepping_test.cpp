@@ -565,7 +565,7 @@ TEST(Stepping, PressureAndBendingKeepLeapfrog) {
     const auto integrator = [](const std::string& tissue) {
         const World w =
             build_scene(scene_of("[[body]]\nname = \"a\"\nshape = \"sphere\"\ntriangles = 320\nsize = 0.1\nmotion = \"deformable\"\n"
-                                 "integrator = \"auto\"\n[body.tissue]\nyoungs_modulus = 1e7\nwall = 2e-3\ndepth = 0.02\n" +
+                                 "integrator = \"auto\"\nwanted_error = 1e-3\n[body.tissue]\nyoungs_modulus = 1e9\nwall = 2e-3\ndepth = 0.02\n" +
                                  tissue))
                 .world;
         return stepping_of(w.bodies, 0).integrator;
