@@ -221,7 +221,8 @@ struct HapticParams {
     double greatest_age = 35e-3;   // s, ... in this time ...
     double reach_margin = 5e-3;    // m, ... and this much farther
     double device_speed = 2;       // m/s, a sample farther from the last good one than this and ...
-    double device_slack = 5e-3;    // m, ... this allow is refused
+    double device_slack = 5e-3;    // m, ... this allow is refused; so is a velocity that says so
+    double motion_filter = 8e-3;   // s, over which a device's velocity is made from its places
     double model_timeout = 0.1;    // s, an older model is not trusted: force falls to zero
     double device_timeout = 8e-3;  // s, the same for an older sample
     double fall_time = 5e-3;       // s, from full force to none on a timeout
@@ -373,8 +374,15 @@ struct ToolPierce {
 };
 
 // State of one tool's force rendering between ticks.
+// How a device moves by what its places say, smoothed twice, so that constant acceleration causes no lag.
+struct DeviceMotion {
+    Vec3d once = Vec3d::Zero(), twice = Vec3d::Zero();  // m/s
+    Vec3d velocity() const { return 2 * once - twice; }
+};
+
 struct ToolState {
     DeviceState device;
+    DeviceMotion motion;                // what is foretold follows this, not one sample's velocity
     Vec3d proxy = Vec3d::Zero();        // m, world: centre of the tip sphere, kept outside the surface
     bool proxy_valid = false;           // false until the sphere is seen clear of every surface: no force
     uint32_t contacts = 0;              // surface constraints active on the proxy
@@ -391,7 +399,7 @@ struct ToolState {
     double model_age = 0;                   // s, of the surface under the force at the last tick
     double gain = 1;                        // share of the force let through, 0..1: timeouts and recovery
     double largest_force = 0;               // N, commanded so far
-    uint64_t rejected_samples = 0;          // refused: not finite, out of order, farther than a hand can move
+    uint64_t rejected_samples = 0;          // refused: not finite, out of order, farther or faster than a hand can move
     Vec3d coupling_force = Vec3d::Zero();   // N, of the coupling on the simulated tool, last substep
     Vec3d contact_impulse = Vec3d::Zero();  // N s, of the tissue on the simulated tool, summed over the period
     HandModelState hand;

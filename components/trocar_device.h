@@ -18,7 +18,8 @@ typedef struct trocar_device_state {
     double time;           /* s, any clock that never goes back */
     double position[3];    /* m */
     double orientation[4]; /* unit quaternion w, x, y, z */
-    double velocity[3];    /* m/s */
+    double velocity[3];    /* m/s, as little late as can be: contact is damped by it. What is foretold is made from
+                              positions. 0 if unknown; a sample of more than 7 m/s is refused */
     double grip;           /* rad, 0 = closed or none */
     uint32_t buttons;      /* one bit each */
     uint32_t reserved;     /* 0 */
@@ -38,14 +39,17 @@ typedef enum trocar_exchange {
     TROCAR_GONE = 2  /* the device is lost: it is closed, and opened again every half second */
 } trocar_exchange;
 
+/* Threads: the first open is called by the program's main thread; exchange, close and every later open by one thread of
+ * the device's own. No two calls for one device overlap; several devices of one library have a thread each, and their
+ * calls do overlap. */
 typedef struct trocar_device_api {
     uint32_t version; /* TROCAR_DEVICE_VERSION */
     const char* name;
     /* Returns the device, or NULL and one line of reason (with its zero) in `error`. `options` is never NULL. */
     void* (*open)(const char* options, char* error, size_t error_size);
-    /* Applies a command and fills the newest state. Called about 1000 times a second, always by the same thread, which
-     * is nobody else's: it may wait for the device, but not longer than a millisecond. With no force wanted, or when the
-     * simulation stopped, the command is all zero. */
+    /* Applies a command and fills the newest state. Called about 1000 times a second: it may wait for the device, but not
+     * longer than a millisecond. While it does not come back the hand feels nothing after 13 ms, and a second after the
+     * run it is left behind. With no force wanted, or when the simulation stopped, the command is all zero. */
     trocar_exchange (*exchange)(void* device, const trocar_device_command* command, trocar_device_state* state);
     void (*close)(void* device);
 } trocar_device_api;

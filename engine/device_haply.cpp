@@ -70,7 +70,7 @@ void read_grip(const json& message, DeviceState& state) {
 
 // One connection to the service, from the callbacks of libwebsockets.
 struct Talk {
-    DeviceLink& link;
+    DeviceChannel& link;
     lws* socket = nullptr;
     std::string text = "";  // of the message that is coming in
     bool too_long = false;
@@ -149,7 +149,7 @@ void connect(lws_context* context, const NetworkPlace& place, Talk& talk) {
     lws_client_connect_via_info(&info);
 }
 
-void serve(DeviceLink& link, const NetworkPlace& place) {
+void serve(DeviceChannel& link, const NetworkPlace& place) {
     lws_set_log_level(0, nullptr);
     Talk talk{link};
     const lws_protocols protocols[] = {{"haply", on_event, 0, 4096, 0, nullptr, 0}, {nullptr, nullptr, 0, 0, 0, nullptr, 0}};
@@ -205,7 +205,7 @@ std::string haply_command(const std::string& device_id, const Vec3d& force) {
 
 std::unique_ptr<DeviceLink> open_haply_device(const std::string&, const NetworkPlace& place) {
     return std::make_unique<DeviceLink>("Haply service at " + place.host + ":" + std::to_string(place.port),
-                                        [place](DeviceLink& link) { serve(link, place); });
+                                        [place](DeviceChannel& link) { serve(link, place); });
 }
 
 #endif

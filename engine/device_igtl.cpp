@@ -80,7 +80,7 @@ struct Motion {
     }
 };
 
-void send_force(igtl::ClientSocket* socket, DeviceLink& link) {
+void send_force(igtl::ClientSocket* socket, DeviceChannel& link) {
     bool fresh = false;
     const DeviceCommand command = link.command(monotonic_ns(), fresh);
     igtl::SensorMessage::Pointer message = igtl::SensorMessage::New();
@@ -92,7 +92,7 @@ void send_force(igtl::ClientSocket* socket, DeviceLink& link) {
 }
 
 // One message; false when the connection is of no more use.
-bool take_message(igtl::ClientSocket* socket, DeviceLink& link, std::vector<std::byte>& bytes, Motion& motion) {
+bool take_message(igtl::ClientSocket* socket, DeviceChannel& link, std::vector<std::byte>& bytes, Motion& motion) {
     bytes.resize(kHeader);
     const int got = socket->Receive(bytes.data(), kHeader);
     if (got < 0) return true;  // nothing in time
@@ -120,7 +120,7 @@ bool take_message(igtl::ClientSocket* socket, DeviceLink& link, std::vector<std:
     return true;
 }
 
-void serve(DeviceLink& link, const NetworkPlace& place) {
+void serve(DeviceChannel& link, const NetworkPlace& place) {
     std::vector<std::byte> bytes;
     bool connected_before = false;
     while (!link.stopping()) {
@@ -176,7 +176,7 @@ bool read_igtl_message(std::span<const std::byte> message, DeviceState& state) {
 
 std::unique_ptr<DeviceLink> open_igtl_device(const std::string&, const NetworkPlace& place) {
     return std::make_unique<DeviceLink>("OpenIGTLink server at " + place.host + ":" + std::to_string(place.port),
-                                        [place](DeviceLink& link) { serve(link, place); });
+                                        [place](DeviceChannel& link) { serve(link, place); });
 }
 
 #endif

@@ -1,6 +1,7 @@
 #include "engine/device_link.hpp"
 
 #include <charconv>
+#include <chrono>
 #include <cmath>
 #include <numbers>
 
@@ -18,7 +19,7 @@ constexpr int64_t kMillisecond = 1'000'000;  // ns
 constexpr int kLinkNice = -15;               // before the simulation where that is permitted: a late sample is an old hand
 
 // Millisecond after millisecond until the link stops.
-void every_millisecond(DeviceLink& link, const std::function<void(double time, int64_t now)>& work) {
+void every_millisecond(DeviceChannel& link, const std::function<void(double time, int64_t now)>& work) {
     const int64_t start = monotonic_ns();
     for (int64_t tick = 0; !link.stopping(); ++tick) {
         sleep_until_ns(start + tick * kMillisecond);
@@ -28,7 +29,7 @@ void every_millisecond(DeviceLink& link, const std::function<void(double time, i
 
 // A hand that draws circles of 30 mm, one in four seconds, and gives way to forces as an arm does.
 std::unique_ptr<DeviceLink> open_hand() {
-    return std::make_unique<DeviceLink>("simulated hand", [](DeviceLink& link) {
+    return std::make_unique<DeviceLink>("simulated hand", [](DeviceChannel& link) {
         HandModel hand;
         hand.mass = 0.3, hand.damping = 0.5, hand.stiffness = 200, hand.arm_damping = 8;
         HandModelState state;
@@ -50,7 +51,7 @@ std::unique_ptr<DeviceLink> open_hand() {
 
 std::unique_ptr<DeviceLink> open_trace(const std::string& file) {
     DeviceTrace trace = read_device_trace(file);
-    return std::make_unique<DeviceLink>("recording " + file, [trace = std::move(trace)](DeviceLink& link) {
+    return std::make_unique<DeviceLink>("recording " + file, [trace = std::move(trace)](DeviceChannel& link) {
         const double begin = trace.sample.front().time;
         size_t next = 0;
         every_millisecond(link, [&](double time, int64_t now) {
@@ -107,42 +108,54 @@ const char* describe(DeviceCount count) {
     return "";
 }
 
-DeviceLink::DeviceLink(std::string name, Loop loop) : name_(std::move(name)) {
-    thread_ = std::thread([this, loop = std::move(loop)] {
+DeviceLink::DeviceLink(std::string name, Loop loop) : channel_(std::make_shared<DeviceChannel>(std::move(name))) {
+    std::promise<void> ended;
+    ended_ = ended.get_future();
+    thread_ = std::thread([channel = channel_, loop = std::move(loop), ended = std::move(ended)]() mutable {
         set_float_mode();
         set_nice(kLinkNice);
-        loop(*this);
+        loop(*channel);
+        loop = nullptr;  // closes the device
+        ended.set_value();
     });
 }
 
-DeviceLink::~DeviceLink() {
-    stop_.store(true, std::memory_order_relaxed);
-    thread_.join();
+DeviceLink::~DeviceLink() { close(); }
+
+bool DeviceLink::close(double most) {
+    if (!thread_.joinable()) return ended_.wait_for(std::chrono::seconds(0)) == std::future_status::ready;
+    channel_->stop();
+    const bool ended = ended_.wait_for(std::chrono::duration<double>(most)) == std::future_status::ready;
+    if (ended)
+        thread_.join();
+    else
+        thread_.detach();
+    return ended;
 }
 
-const LinkSample& DeviceLink::read() {
+const LinkSample& DeviceChannel::read() {
     sample_.update();
     return sample_.front();
 }
 
-void DeviceLink::write(const DeviceCommand& command, int64_t now_ns) {
+void DeviceChannel::write(const DeviceCommand& command, int64_t now_ns) {
     command_.back() = {command, now_ns};
     command_.publish();
 }
 
-DeviceCounts DeviceLink::counts() const {
+DeviceCounts DeviceChannel::counts() const {
     DeviceCounts counts;
     for (size_t k = 0; k < counts.size(); ++k) counts[k] = counts_[k].load(std::memory_order_relaxed);
     return counts;
 }
 
-void DeviceLink::publish(const DeviceState& state, int64_t now_ns) {
+void DeviceChannel::publish(const DeviceState& state, int64_t now_ns) {
     sample_.back() = {state, now_ns};
     sample_.publish();
     count(DeviceCount::kAccepted);
 }
 
-DeviceCommand DeviceLink::command(int64_t now_ns, bool& fresh) {
+DeviceCommand DeviceChannel::command(int64_t now_ns, bool& fresh) {
     fresh = command_.update();
     const LinkCommand& newest = command_.front();
     return now_ns - newest.written_ns > kSilence ? DeviceCommand{} : newest.command;

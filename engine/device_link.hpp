@@ -2,6 +2,7 @@
 #include <array>
 #include <atomic>
 #include <functional>
+#include <future>
 #include <memory>
 #include <string>
 #include <thread>
@@ -37,27 +38,19 @@ struct LinkCommand {
     int64_t written_ns = 0;
 };
 
-// A device with a thread of its own that talks to it. The tick reads and writes newest values: no locks, no waiting, no
-// allocation on its side. When the tick falls silent for kSilence, the device is told to let go.
-class DeviceLink {
+// What a device's thread and the tick leave for each other: newest values, no locks, no waiting, no allocation on the
+// tick's side.
+class DeviceChannel {
  public:
     static constexpr int64_t kSilence = 20'000'000;  // ns
-    using Loop = std::function<void(DeviceLink&)>;
-    // Starts the thread, which runs `loop` until stopping(). `name` is for messages.
-    DeviceLink(std::string name, Loop loop);
-    ~DeviceLink();
-    DeviceLink(const DeviceLink&) = delete;
-    DeviceLink& operator=(const DeviceLink&) = delete;
+    explicit DeviceChannel(std::string name) : name_(std::move(name)) {}
+    const std::string& name() const { return name_; }
+    DeviceCounts counts() const;
 
     // Tick: the newest sample; the one of the call before if nothing came.
     const LinkSample& read();
     // Tick: what the device shall do now.
     void write(const DeviceCommand& command, int64_t now_ns);
-    // Tick: that command no longer; the device lets go at once.
-    void let_go() { write({}, 0); }
-
-    const std::string& name() const { return name_; }
-    DeviceCounts counts() const;
 
     // Device thread
     bool stopping() const { return stop_.load(std::memory_order_relaxed); }
@@ -66,12 +59,43 @@ class DeviceLink {
     DeviceCommand command(int64_t now_ns, bool& fresh);
     void count(DeviceCount what, uint64_t by = 1) { counts_[static_cast<size_t>(what)].fetch_add(by, std::memory_order_relaxed); }
 
+    void stop() { stop_.store(true, std::memory_order_relaxed); }
+
  private:
     std::string name_;
     Latest<LinkSample> sample_;
     Latest<LinkCommand> command_;
     std::array<std::atomic<uint64_t>, static_cast<size_t>(DeviceCount::kCount)> counts_{};
     std::atomic<bool> stop_{false};
+};
+
+// A device with a thread of its own that talks to it. When the tick falls silent for kSilence, the device is told to let
+// go.
+class DeviceLink {
+ public:
+    using Loop = std::function<void(DeviceChannel&)>;
+    // Starts the thread, which runs `loop` until stopping(). `name` is for messages.
+    DeviceLink(std::string name, Loop loop);
+    ~DeviceLink();
+    DeviceLink(const DeviceLink&) = delete;
+    DeviceLink& operator=(const DeviceLink&) = delete;
+
+    // Tick: see DeviceChannel
+    const LinkSample& read() { return channel_->read(); }
+    void write(const DeviceCommand& command, int64_t now_ns) { channel_->write(command, now_ns); }
+    // Tick: that command no longer; the device lets go at once.
+    void let_go() { write({}, 0); }
+
+    // Stops the thread and waits for it, no longer than `most` seconds; false if it is still inside the device, which no
+    // one can end but the end of the program. It is left behind then with what it uses.
+    bool close(double most = 1);
+
+    const std::string& name() const { return channel_->name(); }
+    DeviceCounts counts() const { return channel_->counts(); }
+
+ private:
+    std::shared_ptr<DeviceChannel> channel_;  // the thread's too
+    std::future<void> ended_;
     std::thread thread_;
 };
 

@@ -49,7 +49,7 @@ DeviceState to_state(const trocar_device_state& plain) {
     return state;
 }
 
-void exchange(DeviceLink& link, Library& library) {
+void exchange(DeviceChannel& link, Library& library) {
     bool fresh = false;
     const trocar_device_command command = to_plain(link.command(monotonic_ns(), fresh));
     trocar_device_state plain{};
@@ -71,12 +71,12 @@ void exchange(DeviceLink& link, Library& library) {
 }
 
 // Half a second from now, or when the link stops.
-void wait_for_retry(const DeviceLink& link) {
+void wait_for_retry(const DeviceChannel& link) {
     const int64_t end = monotonic_ns() + kRetry;
     while (!link.stopping() && monotonic_ns() < end) sleep_until_ns(monotonic_ns() + 10 * kPeriod);
 }
 
-void serve(DeviceLink& link, Library& library) {
+void serve(DeviceChannel& link, Library& library) {
     request_real_time(79, false);
     int64_t due = monotonic_ns();
     while (!link.stopping()) {
@@ -114,7 +114,7 @@ std::unique_ptr<DeviceLink> open_plugin_device(const std::string& specification,
     const std::string reason = library->open();
     if (!reason.empty()) refuse_device(specification, reason);
     return std::make_unique<DeviceLink>("plug-in " + std::string(api->name ? api->name : file),
-                                        [library](DeviceLink& link) { serve(link, *library); });
+                                        [library](DeviceChannel& link) { serve(link, *library); });
 }
 
 }  // namespace trocar

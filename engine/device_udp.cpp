@@ -50,7 +50,7 @@ struct Batch {
 
 // One device's conversation.
 struct Talk {
-    DeviceLink& link;
+    DeviceChannel& link;
     sockaddr_in peer{};
     bool has_peer = false;
     int64_t peer_heard = 0;
@@ -110,7 +110,7 @@ struct Talk {
         const DeviceCommand command = link.command(now, fresh);
         if (fresh)
             commanded = now, released = false;
-        else if (released || now - commanded <= DeviceLink::kSilence)
+        else if (released || now - commanded <= DeviceChannel::kSilence)
             return;
         else
             released = true;
@@ -122,7 +122,7 @@ struct Talk {
     }
 };
 
-void serve(DeviceLink& link, int fd) {
+void serve(DeviceChannel& link, int fd) {
     const auto batch = std::make_unique<Batch>();
     Talk talk{link};
     while (!link.stopping()) {
@@ -163,7 +163,7 @@ std::unique_ptr<DeviceLink> open_udp_device(const std::string& specification, co
         refuse_device(specification,
                       "cannot listen at " + place.host + ":" + std::to_string(place.port) + " (" + std::strerror(errno) + ")");
     return std::make_unique<DeviceLink>("UDP " + place.host + ":" + std::to_string(place.port),
-                                        [socket](DeviceLink& link) { serve(link, socket->fd); });
+                                        [socket](DeviceChannel& link) { serve(link, socket->fd); });
 }
 
 }  // namespace trocar

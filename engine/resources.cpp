@@ -127,7 +127,8 @@ void fields(V& v, T& t) {
     } else if constexpr (is<T, DeviceTrace>) {
         v.item(t.sample);
     } else if constexpr (is<T, ToolState>) {
-        v.item(t.device), v.item(t.proxy), v.item(t.proxy_valid), v.item(t.contacts), v.item(t.command), v.item(t.output);
+        v.item(t.device), v.item(t.motion.once), v.item(t.motion.twice), v.item(t.proxy), v.item(t.proxy_valid), v.item(t.contacts),
+            v.item(t.command), v.item(t.output);
         v.item(t.coupling_force), v.item(t.contact_impulse), v.item(t.device_valid), v.item(t.time), v.item(t.ticks);
         v.item(t.model_age), v.item(t.gain), v.item(t.largest_force), v.item(t.rejected_samples), v.item(t.touched);
         v.item(t.last_pass.touched), v.item(t.last_pass.tip), v.item(t.last_pass.device), v.item(t.pierce.body), v.item(t.pierce.seen);

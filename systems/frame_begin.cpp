@@ -2,6 +2,7 @@
 #include "systems/come_and_go.hpp"
 #include "systems/device_input.hpp"
 #include "systems/frame_stages.hpp"
+#include "systems/haptic_device.hpp"
 #include "systems/node_switching.hpp"
 #include "systems/rigid_motion.hpp"
 #include "systems/tear_bodies.hpp"
@@ -24,7 +25,7 @@ void follow_live_devices(FrameState& f) {
     const double pass = 1.0 / w.clock.contact_rate;
     f.scratch.device.resize(tools * per_tool);
     for (size_t t = 0; t < tools; ++t) {
-        const DeviceState to = w.haptics.state[t].device;
+        const DeviceState to = foretold(w.haptics.state[t]);
         const DeviceState from = f.scratch.live_device_known ? f.scratch.live_device[t] : to;
         const Vec3d start = ahead(from, pass), way = ahead(to, pass) - start;
         for (size_t ms = 0; ms < per_tool; ++ms) {

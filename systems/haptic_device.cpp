@@ -14,10 +14,26 @@ bool is_plausible(const HapticParams& params, const DeviceState& sample, const T
     const Quat& q = sample.orientation;
     if (!std::isfinite(sample.time) || !sample.position.allFinite() || !sample.velocity.allFinite() || !is_finite(q)) return false;
     if (q.w * q.w + q.x * q.x + q.y * q.y + q.z * q.z < 1e-6) return false;
+    if (sample.velocity.norm() > params.device_speed + params.device_slack / params.dt) return false;
     if (!state.device_valid) return true;
     const double elapsed = sample.time - state.device.time;
     const double way = (sample.position - state.device.position).norm();
     return elapsed >= 0 && way <= params.device_speed * elapsed + params.device_slack;
+}
+
+// Double exponential smoothing (LaViola, "Double exponential smoothing: an alternative to Kalman filter-based predictive
+// tracking", 2003, section 3) of the velocity between two places.
+void follow_motion(const HapticParams& params, const DeviceState& sample, ToolState& state) {
+    if (!state.device_valid) {
+        state.motion = {sample.velocity, sample.velocity};
+        return;
+    }
+    const double elapsed = sample.time - state.device.time;
+    if (elapsed <= 0) return;
+    const double share = -std::expm1(-elapsed / params.motion_filter);
+    DeviceMotion& motion = state.motion;
+    motion.once += share * ((sample.position - state.device.position) / elapsed - motion.once);
+    motion.twice += share * (motion.once - motion.twice);
 }
 
 }  // namespace
@@ -27,10 +43,17 @@ bool take_sample(const HapticParams& params, const DeviceState& sample, ToolStat
         ++state.rejected_samples;
         return false;
     }
+    follow_motion(params, sample, state);
     state.device = sample;
     state.device.orientation = normalized(sample.orientation);
     state.device_valid = true;
     return true;
+}
+
+DeviceState foretold(const ToolState& state) {
+    DeviceState device = state.device;
+    device.velocity = state.motion.velocity();
+    return device;
 }
 
 double next_gain(const HapticParams& params, const DeviceLimits& limits, bool accepted, double sample_age, double model_age, double elapsed,

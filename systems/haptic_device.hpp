@@ -2,9 +2,12 @@
 #include "components/haptics.hpp"
 namespace trocar {
 
-// Takes the sample into state.device, or refuses and counts it: not finite, out of order, farther than a hand can move.
+// Takes the sample into state.device, or refuses and counts it: not finite, out of order, farther or faster than a hand can move.
 // The device stays where it was then.
 bool take_sample(const HapticParams& params, const DeviceState& sample, ToolState& state);
+
+// The device with the velocity that its places of the last milliseconds say: a sample's own is as good as its sender.
+DeviceState foretold(const ToolState& state);
 
 // Share of the force let through after `elapsed` more seconds: none after a refused sample, falling while sample or model
 // are stale, else rising to one.

@@ -467,12 +467,13 @@ void publish_give(const Surfaces& surfaces, const HandTool& tool, ToolState& sta
     const double share = now.touched == before.touched ? give_share(normal, tip - before.tip, now.device - before.device) : 0;
     if (!tool.shell.empty()) {
         const double gap = shell_gap(tool, state, now.touched, tip, surfaces.poses.orientation[body], scratch, out);
-        out.give = {now.touched, share, normal, now.device, state.device.velocity, state.device.time, std::abs(gap) <= kMostGap ? gap : 0};
+        out.give = {
+            now.touched, share, normal, now.device, state.motion.velocity(), state.device.time, std::abs(gap) <= kMostGap ? gap : 0};
         return;
     }
     const double gap = carrying_distance(out, now.touched, tip, normal, tool.tip_radius + kMostGap) - tool.tip_radius;
     if (!(std::abs(gap) <= std::min(kMostGap, 0.5 * tool.tip_radius))) return;
-    out.give = {now.touched, share, normal, now.device, state.device.velocity, state.device.time, gap};
+    out.give = {now.touched, share, normal, now.device, state.motion.velocity(), state.device.time, gap};
     if (!deformable) return;  // its velocities say how it moves
     const double near = tool.tip_radius + 1.5 * surfaces.meshes.info[surfaces.bodies.mesh[now.touched]].mean_edge;
     take_along(now.touched, tip, surfaces.poses.velocity[body] + surfaces.poses.angular_velocity[body].cross(arm), near, 2 * near, out);

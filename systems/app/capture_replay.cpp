@@ -5,6 +5,7 @@
 
 #include "content/build_scene.hpp"
 #include "engine/error.hpp"
+#include "systems/haptic_device.hpp"
 namespace trocar {
 namespace {
 
@@ -125,7 +126,7 @@ void take_up(const Capture& capture, size_t stretch, Frame& frame) {
     World last;
     load_resource(before, Resource::kToolState, last);
     std::vector<DeviceState> devices;
-    for (const ToolState& tool : last.haptics.state) devices.push_back(tool.device);
+    for (const ToolState& tool : last.haptics.state) devices.push_back(foretold(tool));
     frame.set_live_devices(devices);
 }
 
@@ -213,7 +214,7 @@ PassProfile profile_pass(const Capture& capture, uint64_t pass, uint32_t repeat,
     save_resources(frame.world(), ResourceKind::kBooks, start);
     PassProfile profile{frame.stage_names(), std::vector<std::vector<double>>(frame.stage_names().size()), {}};
     std::vector<DeviceState> devices;
-    for (const ToolState& tool : frame.world().haptics.state) devices.push_back(tool.device);
+    for (const ToolState& tool : frame.world().haptics.state) devices.push_back(foretold(tool));
     for (uint32_t i = 0; i < repeat; ++i) {
         set_state(start, frame.world());
         if (capture.header.live) frame.set_live_devices(devices);

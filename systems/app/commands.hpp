@@ -122,6 +122,9 @@ struct DeviceOptions {
     std::filesystem::path out;  // record: CSV
     bool json = false;
 };
+class DeviceLink;
+// Ends a device; says on standard error when it does not come back.
+void close_device(DeviceLink& link);
 int device_list_command(bool json);
 // Listens for a while and tells rate, gaps and trouble; exit code 1 when nothing came.
 int device_test_command(const DeviceOptions& options);

@@ -117,6 +117,10 @@ std::string to_text(const ordered_json& j) {
 
 }  // namespace
 
+void close_device(DeviceLink& link) {
+    if (!link.close()) std::fprintf(stderr, "trocar: %s does not come back; it is left behind as it is\n", link.name().c_str());
+}
+
 int device_list_command(bool json) {
     ordered_json rows = ordered_json::array();
     std::string text;
@@ -137,6 +141,7 @@ int device_test_command(const DeviceOptions& options) {
     const ordered_json j = to_json(*link, options, figures);
     write_standard_output(options.json ? j.dump(1) + "\n" : to_text(j));
     if (figures.sample.empty()) std::fprintf(stderr, "trocar: %s sent no sample that could be used\n", link->name().c_str());
+    close_device(*link);
     return figures.sample.empty() ? kNo : kDone;
 }
 

@@ -14,6 +14,7 @@
 #include "engine/real_time.hpp"
 #include "engine/ring.hpp"
 #include "engine/thread_pool.hpp"
+#include "systems/app/commands.hpp"
 #include "systems/app/live_haptics.hpp"
 #include "systems/app/stop_signal.hpp"
 #include "systems/haptic_manipulator.hpp"
@@ -250,7 +251,7 @@ bool run_live(const RunOptions& options, double seconds, Frame& frame, PictureWr
     if (!tools.empty() && allowed.size() > 1) allow_processors(allowed);
     haptics.stop();
     for (const auto& link : links)
-        if (link) link->let_go();
+        if (link) link->let_go(), close_device(*link);
     const bool complete = collector.finish(world);
     frame.set_contact_hook({});
     if (drawing) {

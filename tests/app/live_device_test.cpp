@@ -38,7 +38,7 @@ struct Hand {
 // A device that reports every millisecond: once `down`, it goes to 2 mm above the plane's middle, where a tip of 3 mm is
 // pressed 1 mm, and stays; once `unplugged` it says nothing any more.
 DeviceLink::Loop pressing_device(Hand& hand) {
-    return [&hand](DeviceLink& link) {
+    return [&hand](DeviceChannel& link) {
         const int64_t start = monotonic_ns();
         double height = 0.01;
         for (int ms = 0; !link.stopping(); ++ms) {
@@ -118,7 +118,7 @@ TEST(LiveDevice, AStoppedTickLetsTheDeviceGo) {
 TEST(LiveDevice, ASilentDeviceDoesNotTick) {
     Recording recording;
     recording.tick.resize(1000);
-    DeviceLink link("test", [](DeviceLink& self) {
+    DeviceLink link("test", [](DeviceChannel& self) {
         while (!self.stopping()) sleep_until_ns(monotonic_ns() + 1'000'000);
     });
     LiveTool tool;

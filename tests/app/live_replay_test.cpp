@@ -104,7 +104,8 @@ TEST(LiveRun, ToolsKeepUpWithTheHand) {
             const auto hand = [&](double time) { return Vec3d(start + time * velocity); };
             const auto step = [&](const Vec3d& position, const Vec3d& moves) {
                 w.haptics.state[0].device.position = position;
-                w.haptics.state[0].device.velocity = moves;
+                w.haptics.state[0].motion = {moves, moves};
+                w.haptics.state[0].device.velocity = moves + Vec3d(0, 0.3, 0);  // one sample's word moves nothing
                 frame.step();
                 return Vec3d(w.poses.origin[body] + rotate(w.poses.orientation[body], w.haptics.tool[0].tip));
             };

@@ -356,6 +356,31 @@ TEST(DeviceOpen, ARecordingPlaysAtItsPace) {
     EXPECT_EQ(count_of(*link, DeviceCount::kReceived), 30u);
 }
 
+// ---- devices that do not come back ----
+
+// A device's thread that hangs is left behind after the time that was given, with what it uses; one that comes back is
+// waited for. Without the bound a plug-in that blocks takes a run's results with it.
+TEST(DeviceLink, AHangingDeviceIsLeftBehind) {
+    std::atomic<bool> release = false, gone = false;
+    {
+        DeviceLink link("stuck", [&](DeviceChannel& channel) {
+            while (!release) sleep_until_ns(monotonic_ns() + 1'000'000);
+            EXPECT_TRUE(channel.stopping());
+            channel.publish({}, monotonic_ns());  // the link is gone by now
+            gone = true;
+        });
+        EXPECT_FALSE(link.close(0.02));
+        EXPECT_FALSE(link.close(0.02));
+    }
+    release = true;
+    EXPECT_TRUE(wait_until([&] { return gone.load(); }));
+    DeviceLink link("sound", [](DeviceChannel& channel) {
+        while (!channel.stopping()) sleep_until_ns(monotonic_ns() + 1'000'000);
+    });
+    EXPECT_TRUE(link.close(60));
+    EXPECT_TRUE(link.close(60));
+}
+
 // ---- plug-ins ----
 
 // The example of the documents, built by the test suite: it moves as F/m says.
