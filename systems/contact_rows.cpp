@@ -3,11 +3,11 @@
 #include <algorithm>
 #include <cmath>
 
+#include "engine/contact_rows.hpp"
 #include "engine/geometry/contact_kernels.hpp"
 #include "engine/geometry/point_triangle.hpp"
 #include "engine/nose_first.hpp"
 #include "engine/parallel.hpp"
-#include "engine/reach.hpp"
 namespace trocar {
 namespace {
 
@@ -156,68 +156,6 @@ bool find_exit(const Surfaces& s, const Contacts& contacts, uint32_t i, const Ve
     return true;
 }
 
-void resize_rows(ContactRows& rows, size_t count) {
-    rows.contact.resize(count);
-    rows.body.resize(count);
-    rows.other.resize(count);
-    rows.vertex.resize(count);
-    rows.along.resize(count);
-    rows.third.resize(count);
-    rows.across.resize(count);
-    rows.triangle.resize(count);
-    rows.weight.resize(count);
-    rows.normal.resize(count);
-    rows.distance.resize(count);
-    rows.friction.resize(count);
-    rows.impulse.assign(count, Vec3d::Zero());
-}
-
-// Takes out the rows that are marked; columns at the same time.
-void take_out(const std::vector<uint8_t>& dropped, ContactRows& rows) {
-    const uint32_t count = uint32_t(rows.body.size());
-    if (std::find(dropped.begin(), dropped.begin() + count, 1) == dropped.begin() + count) return;
-    const auto compact = [&](auto& column) {
-        uint32_t kept = 0;  // every row is copied: which ones stay cannot be predicted
-        for (uint32_t row = 0; row < count; ++row) {
-            column[kept] = column[row];
-            kept += !dropped[row];
-        }
-    };
-    const auto compact_column = [&](uint32_t column) {
-        switch (column) {
-            case 0:
-                return compact(rows.contact);
-            case 1:
-                return compact(rows.body);
-            case 2:
-                return compact(rows.other);
-            case 3:
-                return compact(rows.vertex);
-            case 4:
-                return compact(rows.along);
-            case 5:
-                return compact(rows.third);
-            case 6:
-                return compact(rows.across);
-            case 7:
-                return compact(rows.triangle);
-            case 8:
-                return compact(rows.weight);
-            case 9:
-                return compact(rows.normal);
-            case 10:
-                return compact(rows.distance);
-            default:
-                return compact(rows.friction);
-        }
-    };
-    constexpr uint32_t kColumns = 12, kFewRows = 1024;
-    parallel_for(kColumns, count < kFewRows ? kColumns : 1, [&](uint32_t begin, uint32_t end) {
-        for (uint32_t column = begin; column < end; ++column) compact_column(column);
-    });
-    resize_rows(rows, count - uint32_t(std::count(dropped.begin(), dropped.begin() + count, 1)));
-}
-
 struct RowInput {
     const ContactParams& params;
     const Surfaces& surfaces;
@@ -323,48 +261,7 @@ void make_contact_rows(const ContactParams& params, const Surfaces& surfaces, co
         for (uint32_t i = begin; i < end; ++i) scratch.dropped[i] = scratch.dropped[i] || !make_row(in, i, scratch, rows);
     });
     drop_nose_first(contacts, scratch);
-    take_out(scratch.dropped, rows);
-}
-
-void drop_idle_rows(double period, const Vec3d& gravity, const Surfaces& s, std::span<const BodyJolt> jolt,
-                    std::span<const uint8_t> pressed, ContactRowsScratch& scratch, ContactRows& rows) {
-    constexpr double kTurning = 0.25;  // of a speed, that may turn towards the plane
-    const Bodies& bodies = s.bodies;
-    const double fall = 0.5 * gravity.norm() * period * period;
-    const auto velocity = [&](uint32_t body, uint32_t vertex) {
-        const uint32_t i = bodies.particles[body].first + vertex;
-        return Vec3d(s.particles.velocity_x[i], s.particles.velocity_y[i], s.particles.velocity_z[i]);
-    };
-    const auto stays = [&](uint32_t row) {
-        if (!pressed.empty() && pressed[row]) return true;
-        const uint32_t body = rows.body[row], other = rows.other[row];
-        for (const uint32_t b : {body, other})
-            if (!is_deformable(bodies, b) && bodies.motion[b] != Motion::kStatic) return true;
-        const auto slack = [&](uint32_t b) {
-            const double stray = is_deformable(bodies, b) ? least_stray(s.meshes.info[bodies.mesh[b]].mean_edge) : 0.0;
-            return stray + 0.5 * bodies.thickness[b];
-        };
-        const double near = fall + slack(body) + slack(other);
-        if (rows.distance[row] < near) return true;
-        Vec3d v = Vec3d::Zero();
-        if (is_deformable(bodies, body)) {
-            const double along = rows.along[row], across = rows.across[row];
-            v += (1 - along - across) * velocity(body, rows.vertex[row][0]) + along * velocity(body, rows.vertex[row][1]);
-            if (rows.third[row] != kNone) v += across * velocity(body, rows.third[row]);
-        }
-        if (is_deformable(bodies, other))
-            for (int k = 0; k < 3; ++k) v -= rows.weight[row][k] * velocity(other, rows.triangle[row][k]);
-        const Vec3d normal = is_deformable(bodies, other) ? rows.normal[row] : rotate(s.poses.orientation[other], rows.normal[row]);
-        const double jolts = jolt_along(jolt, body, -normal) + jolt_along(jolt, other, normal);
-        const double coming = std::max(0.0, -v.dot(normal)) + kTurning * v.norm();
-        return !(rows.distance[row] > near + coming * period + jolts);
-    };
-    const uint32_t count = uint32_t(rows.body.size());
-    scratch.dropped.resize(count);
-    parallel_for(count, kRowsPerChunk, [&](uint32_t begin, uint32_t end) {
-        for (uint32_t row = begin; row < end; ++row) scratch.dropped[row] = !stays(row);
-    });
-    take_out(scratch.dropped, rows);
+    take_out_rows(scratch.dropped, rows);
 }
 
 }  // namespace trocar

@@ -2,7 +2,6 @@
 #include <vector>
 
 #include "components/bodies.hpp"
-#include "components/body_jolt.hpp"
 #include "components/contacts.hpp"
 #include "components/report.hpp"
 #include "engine/exit_grid.hpp"
@@ -33,15 +32,5 @@ struct ContactRowsScratch {
 // (Coarse balls that hit each other need all their rows.)
 void make_contact_rows(const ContactParams& params, const Surfaces& surfaces, const CandidatePairs& pairs, const Contacts& contacts,
                        const Penetrations& penetrations, ContactRowsScratch& scratch, Report& report, ContactRows& rows);
-
-// Drops rows that cannot act in the coming period T (s). With v the velocity of the point beside the plane's (m/s) and n the normal
-// a row stays when
-//   distance <= max(0, -v.n) T + 0.25 |v| T          as they move, and as that may turn
-//               + 0.5 g T^2                          the fall of one of them alone
-//               + jolt(body, -n) + jolt(other, n)    what others may do to both (per body; may be empty)
-//               + sum over both of 0.05 mean edge (of what deforms) + half the thickness
-// Rows of rigid bodies that move stay, and those marked in `pressed` (per row; may be empty). Order is kept.
-void drop_idle_rows(double period, const Vec3d& gravity, const Surfaces& surfaces, std::span<const BodyJolt> jolt,
-                    std::span<const uint8_t> pressed, ContactRowsScratch& scratch, ContactRows& rows);
 
 }  // namespace trocar

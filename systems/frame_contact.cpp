@@ -150,10 +150,12 @@ void regions(FrameState& f) {
 void contact_rows(FrameState& f) {
     World& w = f.world;
     make_contact_rows(w.settings.contact, surfaces_of(w), w.pairs, w.contacts, w.penetrations, f.scratch.rows, w.report, w.rows);
-    mark_pressed(surfaces_of(w), w.contact_memory, w.rows, f.scratch.memory);
-    drop_idle_rows(period_seconds(w), w.settings.gravity, surfaces_of(w), f.scratch.reachable.jolt, f.scratch.memory.pressed,
-                   f.scratch.rows, w.rows);
     add_edge_rows(surfaces_of(w), w.boxes, w.pairs, w.candidates, f.scratch.edge_rows, w.rows);
+    mark_pressed(surfaces_of(w), w.contact_memory, w.rows, f.scratch.memory);
+    const ComingPeriod coming{period_seconds(w),        w.settings.gravity,       surfaces_of(w),
+                              f.scratch.reachable.jolt, f.scratch.memory.pressed, linked_bodies(f)};
+    drop_idle_rows(coming, f.scratch.idle_rows, w.rows);
+    drop_implied_rows(surfaces_of(w), f.scratch.implied_rows, w.rows);
     if (w.settings.contact.edges_ahead) {
         const double period = period_seconds(w), fall = 0.5 * w.settings.gravity.norm() * period * period;
         add_edges_ahead(period, fall, surfaces_of(w), w.boxes, w.pairs, w.candidates, w.near, w.contacts, f.scratch.edges_ahead, w.rows);

@@ -23,6 +23,8 @@
 #include "systems/fast_bodies.hpp"
 #include "systems/frame.hpp"
 #include "systems/haptic_tool.hpp"
+#include "systems/idle_rows.hpp"
+#include "systems/implied_rows.hpp"
 #include "systems/islands.hpp"
 #include "systems/link_bodies.hpp"
 #include "systems/local_contact_model.hpp"
@@ -63,6 +65,8 @@ struct FrameScratch {
     RegionsScratch regions;
     ContactRowsScratch rows;
     EdgeRowsScratch edge_rows;
+    IdleRowsScratch idle_rows;
+    ImpliedRowsScratch implied_rows;
     EdgesAheadScratch edges_ahead;
     ContactMemoryScratch memory;
     IslandsScratch islands;

@@ -7,6 +7,8 @@
 #include <set>
 
 #include "engine/thread_pool.hpp"
+#include "systems/idle_rows.hpp"
+#include "systems/idle_rows.hpp"
 #include "systems/parted_triangles.hpp"
 #include "tests/reference/brute_force_contact.hpp"
 #include "tests/systems/contact_scene.hpp"
@@ -229,7 +231,9 @@ void expect_all_that_comes(ContactScene& scene, uint32_t falling, const std::str
     make_contact_rows(scene.params, scene.surfaces(), scene.pairs, scene.contacts, scene.penetrations, scene.rows_scratch, scene.report,
                       scene.rows);
     coming.idle += scene.rows.body.size();
-    drop_idle_rows(scene.period, Vec3d(0, 0, -9.81), scene.surfaces(), {}, {}, scene.rows_scratch, scene.rows);
+    IdleRowsScratch idle_rows;
+    const Surfaces surfaces = scene.surfaces();
+    drop_idle_rows({scene.period, Vec3d(0, 0, -9.81), surfaces, {}, {}}, idle_rows, scene.rows);
     coming.idle -= scene.rows.body.size();
     std::set<std::array<uint32_t, 2>> rows;
     for (uint32_t i = 0; i < scene.rows.body.size(); ++i) rows.insert({scene.rows.body[i], scene.rows.vertex[i][0]});
