@@ -249,6 +249,18 @@ bool has_free_side(const AdvanceScratch& s, const ContactPlan& plan) {
     return is_free(plan.rigid_a) || is_free(plan.rigid_b);
 }
 
+bool is_bounced_away(const ContactPlan& plan, double approach) { return plan.restitution > 0 && approach > kLeastBounce; }
+
+// What a row's velocity along the normal must be at least after the substep, m/s. Bodies that bounce: minus the restitution times
+// that before, of those too that move apart (Moreau 1988, "Unilateral contact and dry friction in finite freedom dynamics"):
+// with one restitution for all no impact makes energy then, however many rows it has.
+double least_velocity(const ContactPlan& plan, double gap, double approach, double dt) {
+    const double closed = -std::max(gap, 0.0) / dt;
+    if (is_bounced_away(plan, approach)) return std::min(closed, -plan.restitution * approach);
+    const bool hits = plan.restitution > 0 && approach < -kLeastBounce && gap + approach * dt < 0;
+    return hits ? -plan.restitution * approach : closed;
+}
+
 // Adds a row to the active ones. approach: m/s along the normal, before any impulse of the substep.
 void add_active(AdvanceIsland& island, uint32_t plan_row, const RowState& r, const Foot& foot, double approach,
                 std::vector<ContactActive>& rows) {
@@ -259,10 +271,7 @@ void add_active(AdvanceIsland& island, uint32_t plan_row, const RowState& r, con
     active.friction = plan.friction;
     active.normal = r.normal;
     active.rigid_velocity = active.friction_impulse = Vec4d{};
-    active.least_velocity = -std::max(r.gap, 0.0) / island.dt;
-    if (plan.restitution > 0 && approach < -kLeastBounce && r.gap + approach * island.dt < 0) {
-        active.least_velocity = -plan.restitution * approach;
-    }
+    active.least_velocity = least_velocity(plan, r.gap, approach, island.dt);
     if (plan.rigid_a == kNone) {
         for (int i = 0; i < 3; ++i) add_point(s, active, plan.node_a[i], plan.weight_a[i]);
     } else {
@@ -290,7 +299,7 @@ void add_active(AdvanceIsland& island, uint32_t plan_row, const RowState& r, con
     }
     active.inv_sum = sum > 0 ? 1 / sum : 0;
     // a free body rests anywhere in a thin band: gaps of a micrometre among its rows would let it rock at 1 mm/s
-    if (r.gap < kRestingGap && !s.free.empty() && has_free_side(s, plan)) {
+    if (r.gap < kRestingGap && !is_bounced_away(plan, approach) && !s.free.empty() && has_free_side(s, plan)) {
         active.least_velocity = std::max(active.least_velocity, 0.0);
     }
     // both impulses act at one point, so that angular momentum is kept: the foot, which a deformable plane rides on
@@ -374,8 +383,8 @@ void solve_row(AdvanceScratch& s, ContactActive& row) {
 void start_rows(AdvanceScratch& s, RowGroup& group) {
     start_blocks(s, group);
     for (ContactActive& row : group.active) {
+        const Vec4d warm = row.warm = s.warm[row.plan];
         if (row.normal_impulse > 0) continue;  // held, and given already
-        const Vec4d warm = s.warm[row.plan];
         row.normal_impulse = std::max(0.0, dot(warm, row.normal));
         if (row.normal_impulse == 0) continue;
         row.friction_impulse = warm - dot(warm, row.normal) * row.normal;
@@ -406,10 +415,17 @@ double sweep_group(AdvanceScratch& s, RowGroup& group) {
     return change;
 }
 
+bool any_bounces(const AdvanceScratch& s) {
+    const auto bounces = [](const ContactActive& row) { return row.least_velocity > 0; };
+    return std::ranges::any_of(std::span(s.group).first(s.phase[4]),
+                               [&](const RowGroup& g) { return std::ranges::any_of(g.active, bounces); });
+}
+
 // Free bodies stand on each other: their rows start from the impulses of the substep before and are solved until they
 // agree. A tower sways in modes that sweeps alone take thousands for: between sweeps the impulses go on along a
 // conjugate direction (Silcowitz, Niebe, Erleben 2010, "A nonsmooth nonlinear conjugate gradient method for interactive
-// contact force problems"); a sweep is always the last.
+// contact force problems"); a sweep is always the last. What bounces is solved as well as what rests: of a box that falls flat
+// the corners that come first would turn it.
 void settle_rows(AdvanceIsland& island) {
     AdvanceScratch& s = island.scratch;
     double squares_before = 0, settled = kSettledChange;
@@ -421,7 +437,7 @@ void settle_rows(AdvanceIsland& island) {
         });
         double change = solve_drives(s), squares = 0;
         for (uint32_t g = 0; g < s.phase[4]; ++g) change = std::max(change, s.group[g].change), squares += s.group[g].squares;
-        if (pass == 0) settled = std::max({settled, kSettledShare * change, kHitShare * (change - kLeastBounce)});
+        if (pass == 0 && !s.bounces) settled = std::max({settled, kSettledShare * change, kHitShare * (change - kLeastBounce)});
         if ((change < settled && pass + 1 >= island.params.contact.iterations) || pass + 1 == kMostSweeps) break;
         const bool grows = pass == 0 || !(squares < squares_before);  // also when nothing changes any more
         const double share = grows ? 0 : squares / squares_before;
@@ -516,7 +532,7 @@ void add_impulses(AdvanceIsland& island, const RowGroup& group) {
         const Vec4d impulse = row.normal_impulse * row.normal + row.friction_impulse;
         ContactPlan& plan = s.plan[row.plan];
         plan.impulse += impulse;
-        if (!s.warm.empty()) s.warm[row.plan] = impulse;
+        if (!s.warm.empty()) s.warm[row.plan] = s.bounces ? row.warm : impulse;
         const auto on_tool = [&](uint32_t rigid, int side, Vec4d j) {
             if (rigid == kNone) return;
             const AdvanceRigid& hit = s.rigid[s.rigid[rigid].holder == kNone ? rigid : s.rigid[rigid].holder];
@@ -719,6 +735,7 @@ void apply_impulses(AdvanceIsland& island) {
         find_active_rows(island, reach, group);
         if (starts_warm(island)) start_rows(s, group);
     });
+    s.bounces = any_bounces(s);
     const auto is_free = [](const AdvanceFree& f) { return !f.held; };
     if (any_turns(s) && std::any_of(s.free.begin(), s.free.end(), is_free)) {
         settle_rows(island);

@@ -271,6 +271,7 @@ struct ContactActive {
     Vec4d normal;
     Vec4d rigid_velocity;       // m/s, what rigid sides add to the relative velocity besides their nodes
     Vec4d friction_impulse;     // N s
+    Vec4d warm;                 // N s, that it started from
     double normal_impulse = 0;  // N s
     double least_velocity = 0;  // m/s, along the normal
     double inv_sum = 0;         // kg, 1 / sum of weight^2 * inverse mass
@@ -380,7 +381,8 @@ struct AdvanceScratch {
     std::vector<ContactTurning> turning;     // as plan, of the active rows with a free side; empty without free bodies
     std::vector<ContactActive> held_active;  // rows as a substep starts, of bodies that are stepped by midpoint
     std::vector<HeldRow> held;               // as held_active
-    std::vector<Vec4d> warm;                 // N s, of the substep before; as plan, or empty: starts_warm
+    std::vector<Vec4d> warm;                 // N s, of the last substep in which nothing bounced; as plan, or empty: starts_warm
+    bool bounces = false;                    // a row bounces in this substep: the next does not start from its impulses
     std::vector<ContactBlock> block;
     std::vector<FixedTriangles> fixed;                  // of the blocks with static planes
     std::vector<RowGroup> group;                        // the first of them are in use, see phase
