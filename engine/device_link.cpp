@@ -11,6 +11,7 @@
 #include "engine/error.hpp"
 #include "engine/real_time.hpp"
 #include "engine/simulated_hand.hpp"
+#include "engine/text_file.hpp"
 #include "engine/thread_pool.hpp"
 namespace trocar {
 namespace {
@@ -108,7 +109,7 @@ const char* describe(DeviceCount count) {
     return "";
 }
 
-DeviceLink::DeviceLink(std::string name, Loop loop) : channel_(std::make_shared<DeviceChannel>(std::move(name))) {
+DeviceLink::DeviceLink(const std::string& name, Loop loop) : channel_(std::make_shared<DeviceChannel>(one_line(name))) {
     std::promise<void> ended;
     ended_ = ended.get_future();
     thread_ = std::thread([channel = channel_, loop = std::move(loop), ended = std::move(ended)]() mutable {

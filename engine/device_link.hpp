@@ -75,7 +75,7 @@ class DeviceLink {
  public:
     using Loop = std::function<void(DeviceChannel&)>;
     // Starts the thread, which runs `loop` until stopping(). `name` is for messages.
-    DeviceLink(std::string name, Loop loop);
+    DeviceLink(const std::string& name, Loop loop);
     ~DeviceLink();
     DeviceLink(const DeviceLink&) = delete;
     DeviceLink& operator=(const DeviceLink&) = delete;

@@ -49,11 +49,12 @@ bool is_sound(DeviceState& state);
 // silence any number starts a new count (the device was restarted).
 struct SequenceGate {
     static constexpr int64_t kSilence = 500'000'000;  // ns
+    static constexpr uint64_t kMostLost = 1'000'000;  // no device sends so many within kSilence
     uint64_t last = 0;
     int64_t heard_ns = 0;
 
     enum class Verdict : uint8_t { kNext, kStale };
-    // `lost` grows by the numbers that were left out.
+    // `lost` grows by the numbers that were left out, unless they are more than kMostLost.
     Verdict pass(uint64_t sequence, int64_t now_ns, uint64_t& lost);
 };
 

@@ -75,7 +75,40 @@ std::string unpack(const std::filesystem::path& path, std::string_view packed, u
     return text;
 }
 
+// Bytes of the character that the text begins with; 0 for a control character and for what is no UTF-8.
+size_t shown_length(std::string_view text) {
+    const auto at = [&](size_t k) { return static_cast<uint32_t>(static_cast<uint8_t>(text[k])); };
+    if (at(0) < 0x80) return at(0) >= ' ' && at(0) != 0x7f ? 1 : 0;
+    const size_t length = at(0) >= 0xf0 ? 4 : at(0) >= 0xe0 ? 3 : 2;
+    if (at(0) < 0xc2 || at(0) > 0xf4 || text.size() < length) return 0;
+    uint32_t code = at(0) & (0x7fu >> length);
+    for (size_t k = 1; k < length; ++k) {
+        if ((at(k) & 0xc0) != 0x80) return 0;
+        code = code << 6 | (at(k) & 0x3f);
+    }
+    constexpr uint32_t kFirst[] = {0, 0, 0xa0, 0x800, 0x10000};  // below 0xa0 more control characters
+    const bool surrogate = code >= 0xd800 && code < 0xe000;
+    return code >= kFirst[length] && code < 0x110000 && !surrogate ? length : 0;
+}
+
 }  // namespace
+
+std::string one_line(std::string_view text) {
+    std::string line;
+    for (size_t at = 0; at < text.size();) {
+        const size_t length = shown_length(text.substr(at));
+        if (length > 0) {
+            line += text.substr(at, length);
+            at += length;
+            continue;
+        }
+        char escape[8];
+        std::snprintf(escape, sizeof escape, "\\x%02x", static_cast<unsigned char>(text[at]));
+        line += text[at] == '\n' ? "\\n" : text[at] == '\r' ? "\\r" : text[at] == '\t' ? "\\t" : escape;
+        ++at;
+    }
+    return line;
+}
 
 std::string describe_bytes(uint64_t bytes) {
     char text[32];

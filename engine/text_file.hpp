@@ -15,6 +15,9 @@ std::string read_file_bytes(const std::filesystem::path& path, uint64_t limit = 
 // short or unpacks to more than `limit` bytes throws InputError.
 std::string read_text_file(const std::filesystem::path& path, uint64_t limit = kTextFileLimit);
 
+// The text as a terminal can show it in one line: control characters and what is no UTF-8 escaped: \n, \t, \x1b.
+std::string one_line(std::string_view text);
+
 // "12 345 bytes" or "2.0 GiB", for messages about limits.
 std::string describe_bytes(uint64_t bytes);
 

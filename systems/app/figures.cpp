@@ -156,6 +156,8 @@ nlohmann::ordered_json tool_json(const ToolFigures& t) {
                                   {"limit", events(Kind::kLimit)}}}};
     if (t.device.empty()) return j;
     j["device"] = t.device;
+    j["device_heard"] = t.device_heard;
+    j["refused_ticks"] = t.refused_ticks;
     for (size_t k = 0; k < t.counts.size(); ++k) j["counts"][describe(static_cast<DeviceCount>(k))] = t.counts[k];
     return j;
 }
@@ -182,6 +184,20 @@ nlohmann::ordered_json drive_json(const RunFigures& f, size_t row) {
 }
 
 }  // namespace
+
+std::string device_text(const ToolFigures& t) {
+    const auto count = [&](DeviceCount what) { return static_cast<unsigned long long>(t.counts[static_cast<size_t>(what)]); };
+    std::string text = t.device + format(": %llu samples accepted, refused in %llu ticks", count(DeviceCount::kAccepted),
+                                         static_cast<unsigned long long>(t.refused_ticks));
+    const char* before = "; ";
+    for (size_t k = 0; k < t.counts.size(); ++k) {
+        const auto what = static_cast<DeviceCount>(k);
+        if (what == DeviceCount::kAccepted || t.counts[k] == 0) continue;
+        text += before + format("%s %llu", describe(what), count(what));
+        before = ", ";
+    }
+    return text;
+}
 
 std::string state_hash_text(const RunFigures& f) { return hex(f.state_hash); }
 

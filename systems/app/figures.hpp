@@ -81,6 +81,8 @@ struct ToolFigures {
     HapticEvents events;
     std::string device;  // live: name of the device that held it; empty = the scene's hand
     DeviceCounts counts{};
+    bool device_heard = false;   // a tick accepted a sample of it
+    uint64_t refused_ticks = 0;  // that found the newest sample farther than a hand can move, or no number
 };
 
 // Everything a run measured; input of metrics.json and report.html.
@@ -119,7 +121,7 @@ struct RunFigures {
     double body_size = 0;         // m, diameter of the smallest of them
     double bytes_per_body = 0;    // resident memory that the scene and its run took, over all bodies
     int stopped_by = 0;           // signal, 0 = none: the run went on to its end
-    bool capture_asked = false, meshes_written = false;
+    bool capture_asked = false, meshes_written = false, recorded = false;
     std::string write_failure;          // of a picture or a mesh, the first; empty = none. The run went on without
     std::vector<std::string> captures;  // files written, in order
     std::vector<std::string> bodies;    // "liver: 5002 vertices, deformable, 1 substep"
@@ -128,6 +130,9 @@ struct RunFigures {
 // Value at quantile q in [0, 1] (nearest rank); 0 if empty.
 double quantile(std::vector<double> values, double q);
 double mean(const std::vector<double>& values);
+
+// "UDP 127.0.0.1:7731: 480 samples accepted, refused in 0 ticks; received 481, malformed 1, sent 500": of a tool that a device held.
+std::string device_text(const ToolFigures& tool);
 
 // metrics.json as text; fields as README names them.
 std::string metrics_json(const RunFigures& figures);

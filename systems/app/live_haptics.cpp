@@ -111,6 +111,8 @@ void LiveHaptics::tick(uint64_t index, double time, int64_t now_ns) {
 
 LocalContactModel& LiveHaptics::model_to_fill(uint32_t tool) { return tools_[tool]->model.back(); }
 
+const ToolState& LiveHaptics::state(uint32_t tool) const { return tools_[tool]->state; }
+
 void LiveHaptics::publish_model(uint32_t tool) {
     tools_[tool]->model.back().time += slip_;
     tools_[tool]->model.publish();

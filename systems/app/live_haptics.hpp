@@ -78,6 +78,7 @@ class LiveHaptics {
     // After stop.
     const PeriodicFigures& timing() const { return thread_.figures(); }
     const LiveFigures& figures() const { return figures_; }
+    const ToolState& state(uint32_t tool) const;
 
  private:
     struct Tool;

@@ -177,6 +177,18 @@ std::vector<std::unique_ptr<DeviceLink>> open_links(const std::vector<std::strin
     return links;
 }
 
+// What came of the device that holds a tool; `link` is by tool, those that are exchanged for one another share theirs.
+void add_device(const DeviceLink* device, const std::vector<DeviceLink*>& link, const LiveHaptics& haptics, ToolFigures& figures) {
+    if (!device) return;
+    figures.device = device->name();
+    figures.counts = device->counts();
+    for (uint32_t t = 0; t < link.size(); ++t) {
+        if (link[t] != device) continue;
+        figures.device_heard |= haptics.state(t).device_valid;
+        figures.refused_ticks += haptics.state(t).rejected_samples;
+    }
+}
+
 }  // namespace
 
 void first_device_states(World& world) {
@@ -261,8 +273,7 @@ bool run_live(const RunOptions& options, double seconds, Frame& frame, PictureWr
         world.report.dropped_pictures = published - std::min<uint64_t>(published, figures.render_ms.size());
     }
     figures.tool.resize(tools.size());
-    for (size_t t = 0; t < tools.size(); ++t)
-        if (links[t]) figures.tool[t].device = links[t]->name(), figures.tool[t].counts = links[t]->counts();
+    for (uint32_t t = 0; t < tools.size(); ++t) add_device(links[t].get(), link, haptics, figures.tool[t]);
     if (tools.empty()) return complete;
     const PeriodicFigures& timing = haptics.timing();
     figures.ticks = timing.compute.count;

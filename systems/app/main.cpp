@@ -7,6 +7,7 @@
 
 #include "engine/error.hpp"
 #include "engine/geometry/quaternion.hpp"
+#include "engine/text_file.hpp"
 #include "engine/thread_pool.hpp"
 #include "systems/app/commands.hpp"
 
@@ -97,7 +98,8 @@ void add_run(CLI::App& app, Arguments& a) {
                                       "Real clock: haptics on its own 1 kHz thread, drawing at low priority; with --out "
                                       "it leaves live.recording there");
     run->add_option("--device", a.run.devices,
-                    "Live: BODY=DEVICE, a device holds that tool instead of the scene's hand; repeatable; `trocar device list`")
+                    "Live: BODY=DEVICE, a device holds that tool instead of the scene's hand; repeatable; `trocar device list`. What each "
+                    "sent is told at the end; exit code 1 when one gave no usable sample")
         ->needs(live);
     run->add_option("--replay", a.run.replay,
                     "Repeat a live run in lockstep from its live.recording, with the same scene and --set; exit code 1 "
@@ -449,13 +451,13 @@ int main(int argc, char** argv) {
         }
         return dispatch(app, arguments);
     } catch (const trocar::InputError& e) {
-        std::fprintf(stderr, "trocar: %s\n", e.what());
+        std::fprintf(stderr, "trocar: %s\n", trocar::one_line(e.what()).c_str());
         return trocar::kUsage;
     } catch (const std::bad_alloc&) {
         std::fprintf(stderr, "trocar: not enough memory for this: take fewer or coarser bodies, or raise the limit\n");
         return trocar::kFault;
     } catch (const std::exception& e) {
-        std::fprintf(stderr, "trocar: internal fault: %s\n", e.what());
+        std::fprintf(stderr, "trocar: internal fault: %s\n", trocar::one_line(e.what()).c_str());
         return trocar::kFault;
     }
 }

@@ -63,6 +63,8 @@ std::string head(const RunFigures& f, const ContactColumns& c) {
     table += row("state hash", "<code>" + state_hash_text(f) +
                                    "</code> of the final state: the same for any number of "
                                    "threads, if nothing else was changed");
+    for (const ToolFigures& tool : f.tool)
+        if (!tool.device.empty()) table += row("device of " + escape_html(tool.body), escape_html(device_text(tool)));
     table += row("machine", escape_html(f.machine) + ", " + std::to_string(f.threads) + (f.threads == 1 ? " thread, " : " threads, ") +
                                 escape_html(f.instruction_set));
     table += row("program", "trocar " + escape_html(f.version) + (f.live ? ", live" : ", in lockstep"));

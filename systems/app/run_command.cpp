@@ -190,7 +190,7 @@ void run_recorded(const RunOptions& options, double seconds, Frame& frame, Pictu
     fs::remove(file, error);  // of an earlier run
     LiveRecording recording;
     if (run_live(options, seconds, frame, pictures, &recording, recorder, figures))
-        write_live_recording(file, recording);
+        write_live_recording(file, recording), figures.recorded = true;
     else
         std::fprintf(stderr, "trocar: warning: no recording: the simulation was away for too long\n");
 }
@@ -309,6 +309,7 @@ std::string files_text(const RunFigures& f, bool figures_only) {
     std::string text = "metrics.json, passes.csv";
     if (!figures_only) text = "report.html, trace.json, " + text;
     if (!f.tool.empty()) text += ", tools.csv";
+    if (f.recorded) text += ", live.recording";
     if (f.meshes_written) text += ", meshes/";
     if (!f.render_ms.empty()) text += ", frames/";
     for (const std::string& capture : f.captures) text += ", captures/" + capture;
@@ -332,19 +333,24 @@ void print_summary(const RunFigures& f, const fs::path& out, bool figures_only) 
                   mean(total), quantile(total, 0.99), depth * 1e3, static_cast<unsigned long long>(f.ticks), f.max_force,
                   static_cast<unsigned long long>(f.state_hash));
     write_standard_output(text + live_text(f) + scale_text(f));
-    for (const ToolFigures& t : f.tool) {
-        if (t.device.empty()) continue;
-        std::string counts;
-        for (size_t k = 0; k < t.counts.size(); ++k)
-            if (t.counts[k] > 0)
-                counts +=
-                    std::string(counts.empty() ? "" : ", ") + describe(static_cast<DeviceCount>(k)) + " " + std::to_string(t.counts[k]);
-        write_standard_output("  " + t.body + " held by " + t.device + ": " + (counts.empty() ? "nothing came" : counts) + "\n");
-    }
     if (f.replay)
         write_standard_output(f.replay_difference.empty() ? "  the same to the bit as the live run\n"
                                                           : "  not the same as the live run: " + f.replay_difference + "\n");
     if (!out.empty()) write_standard_output("  wrote " + out.string() + "/: " + files_text(f, figures_only) + "\n");
+}
+
+// What came of every device, on standard error; false if one gave nothing that a tick could use.
+bool tell_of_devices(const RunFigures& f) {
+    bool all_heard = true;
+    for (const ToolFigures& t : f.tool) {
+        if (t.device.empty()) continue;
+        std::fprintf(stderr, "trocar: \"%s\" was held by %s\n", t.body.c_str(), device_text(t).c_str());
+        if (t.device_heard) continue;
+        all_heard = false;
+        std::fprintf(stderr, "trocar: error: %s gave no usable sample in the whole run: nothing held \"%s\"\n", t.device.c_str(),
+                     t.body.c_str());
+    }
+    return all_heard;
 }
 
 // A haptic thread does not know of nodes that come and go.
@@ -489,13 +495,14 @@ int run_command(const RunOptions& options) {
         write_standard_output(metrics_json(figures));
     else
         print_summary(figures, options.out, options.figures_only);
+    const bool devices_heard = tell_of_devices(figures);
     if (figures.stopped_by != 0) {
         std::fprintf(stderr, "trocar: stopped by %s after %.3f s of simulated time; what was written tells of that time\n",
                      name_of_signal(figures.stopped_by), figures.simulated_s);
         return exit_code_of_signal(figures.stopped_by);
     }
     if (!figures.write_failure.empty()) throw InputError(figures.write_failure + "; the figures of the run are whole");
-    return ruin.empty() && figures.replay_difference.empty() ? kDone : kNo;
+    return ruin.empty() && figures.replay_difference.empty() && devices_heard ? kDone : kNo;
 }
 
 }  // namespace trocar

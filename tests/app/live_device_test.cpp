@@ -1,9 +1,17 @@
+#include <arpa/inet.h>
 #include <gtest/gtest.h>
+#include <netinet/in.h>
+#include <sys/socket.h>
 #include <unistd.h>
 
 #include <atomic>
 #include <cmath>
+#include <cstdlib>
 #include <filesystem>
+#include <fstream>
+#include <nlohmann/json.hpp>
+#include <sstream>
+#include <thread>
 
 #include "engine/device.hpp"
 #include "engine/error.hpp"
@@ -136,6 +144,35 @@ TEST(LiveDevice, ASilentDeviceDoesNotTick) {
 
 // ---- commands ----
 
+sockaddr_in loopback(uint16_t port) {
+    sockaddr_in address{};
+    address.sin_family = AF_INET;
+    address.sin_port = htons(port);
+    address.sin_addr.s_addr = htonl(INADDR_LOOPBACK);
+    return address;
+}
+
+// A port of loopback that nobody has.
+uint16_t free_udp_port() {
+    const int fd = ::socket(AF_INET, SOCK_DGRAM, 0);
+    sockaddr_in address = loopback(0);
+    socklen_t size = sizeof address;
+    EXPECT_EQ(::bind(fd, reinterpret_cast<const sockaddr*>(&address), size), 0);
+    ::getsockname(fd, reinterpret_cast<sockaddr*>(&address), &size);
+    ::close(fd);
+    return ntohs(address.sin_port);
+}
+
+void send_garbage(uint16_t port, const std::atomic<bool>& stop) {
+    const int fd = ::socket(AF_INET, SOCK_DGRAM, 0);
+    const sockaddr_in to = loopback(port);
+    while (!stop) {
+        ::sendto(fd, "garbage", 7, 0, reinterpret_cast<const sockaddr*>(&to), sizeof to);
+        sleep_until_ns(monotonic_ns() + 1'000'000);
+    }
+    ::close(fd);
+}
+
 struct DeviceCommands : testing::Test {
     fs::path folder = fs::temp_directory_path() / ("trocar_device_command_" + std::to_string(::getpid()));
     void SetUp() override { fs::create_directories(folder); }
@@ -190,6 +227,60 @@ TEST_F(DeviceCommands, ALiveRunWithADeviceReplaysToTheSameBits) {
     const Outcome again = run(scene + " --replay " + (folder / "live/live.recording").string());
     EXPECT_EQ(again.code, 0) << again.out << again.err;
     EXPECT_NE(again.out.find("the same to the bit"), std::string::npos) << again.out;
+}
+
+// A device that was asked for and gave nothing to use is an error, however well the run went; what it sent is told by kind.
+TEST_F(DeviceCommands, ALiveRunWhoseDeviceGivesNothingFails) {
+    const std::string scene = "run probe_on_liver --live --no-render --seconds 0.3 --set liver.triangles=300 --set probe.triangles=300 ";
+    const uint16_t port = free_udp_port();
+    const std::string device = "--device probe=udp:" + std::to_string(port);
+    const fs::path out = folder / "silent";
+    const Outcome silent = run(scene + device + " --out " + out.string());
+    EXPECT_EQ(silent.code, 1) << silent.err;
+    EXPECT_NE(silent.err.find("0 samples accepted, refused in 0 ticks\n"), std::string::npos) << silent.err;
+    EXPECT_NE(silent.err.find("error: UDP 127.0.0.1:" + std::to_string(port) + " gave no usable sample"), std::string::npos) << silent.err;
+    const nlohmann::json metrics = nlohmann::json::parse(std::ifstream(out / "metrics.json"));
+    EXPECT_EQ(metrics["haptics"]["tools"][0]["device_heard"], false);
+    EXPECT_EQ(metrics["haptics"]["tools"][0]["counts"]["accepted"], 0);
+    EXPECT_NE(silent.out.find(", live.recording"), std::string::npos) << silent.out;
+    EXPECT_TRUE(fs::exists(out / "live.recording"));
+    std::stringstream page;
+    page << std::ifstream(out / "report.html").rdbuf();
+    EXPECT_NE(page.str().find("0 samples accepted"), std::string::npos);
+
+    std::atomic<bool> stop = false;
+    std::thread sender([&] { send_garbage(port, stop); });
+    const Outcome garbage = run(scene + device);
+    stop = true;
+    sender.join();
+    EXPECT_EQ(garbage.code, 1) << garbage.err;
+    EXPECT_NE(garbage.err.find("0 samples accepted"), std::string::npos) << garbage.err;
+    EXPECT_NE(garbage.err.find(", malformed "), std::string::npos) << garbage.err;
+
+    const Outcome heard = run(scene + "--device probe=hand --set tool.probe.workspace.origin=[0,0,0.03] --json");
+    EXPECT_EQ(heard.code, 0) << heard.err;
+    EXPECT_NE(heard.err.find("\"probe\" was held by simulated hand: "), std::string::npos) << heard.err;
+    EXPECT_EQ(heard.err.find("error"), std::string::npos) << heard.err;
+    EXPECT_EQ(nlohmann::json::parse(heard.out)["haptics"]["tools"][0]["device_heard"], true);
+}
+
+// What a plug-in says of itself reaches the terminal as one line without control characters.
+TEST_F(DeviceCommands, WhatAPlugInSaysIsOneLine) {
+    std::ofstream(folder / "loud.c") << "#include \"trocar_device.h\"\n#include <stdio.h>\n"
+                                        "static void* open(const char* o, char* error, size_t size) {\n"
+                                        "    (void)o; snprintf(error, size, \"no\\nmotor \\x1b[2J\"); return NULL;\n}\n"
+                                        "static trocar_exchange step(void* d, const trocar_device_command* c, trocar_device_state* s) {\n"
+                                        "    (void)d; (void)c; (void)s; return TROCAR_NONE;\n}\n"
+                                        "static void close(void* d) { (void)d; }\n"
+                                        "const trocar_device_api* trocar_device(void) {\n"
+                                        "    static const trocar_device_api api = {1, \"loud\", open, step, close}; return &api;\n}\n";
+    const std::string build = "cc -std=c11 -shared -fPIC -I " + (source_folder() / "components").string() + " -o " +
+                              (folder / "loud.so").string() + " " + (folder / "loud.c").string();
+    ASSERT_EQ(std::system(build.c_str()), 0);
+    const Outcome outcome = run("device test plugin:" + (folder / "loud.so").string());
+    EXPECT_EQ(outcome.code, 2);
+    EXPECT_NE(outcome.err.find("no\\nmotor \\x1b[2J"), std::string::npos) << outcome.err;
+    EXPECT_EQ(std::count(outcome.err.begin(), outcome.err.end(), '\n'), 1) << outcome.err;
 }
 
 // ---- scenes ----

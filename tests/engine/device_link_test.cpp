@@ -185,6 +185,7 @@ TEST(DevicePackets, GateLetsAscendingNumbersThroughAndCountsTheRest) {
     EXPECT_EQ(gate.pass(15, 4, lost), Verdict::kNext);
     EXPECT_EQ(lost, 3u);
     EXPECT_EQ(gate.pass(UINT64_MAX, 5, lost), Verdict::kNext);
+    EXPECT_EQ(lost, 3u) << "a jump that no device makes is no loss";
     EXPECT_EQ(gate.pass(1, 6, lost), Verdict::kStale);
     EXPECT_EQ(gate.pass(1, 7 + SequenceGate::kSilence, lost), Verdict::kNext);  // restarted
     EXPECT_EQ(gate.pass(2, 8 + SequenceGate::kSilence, lost), Verdict::kNext);

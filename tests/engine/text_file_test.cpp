@@ -71,5 +71,23 @@ TEST_F(TextFile, errors_name_the_file_and_the_reason) {
     EXPECT_EQ(error_of(folder), folder.string() + ": is a folder, not a file");
 }
 
+TEST(OneLine, ControlCharactersAndWhatIsNoTextAreEscaped) {
+    EXPECT_EQ(one_line("plain: \"100 %\" \\"), "plain: \"100 %\" \\");
+    EXPECT_EQ(one_line("a\nb\r\tc"), "a\\nb\\r\\tc");
+    EXPECT_EQ(one_line("\x1b[2J\x7f"), "\\x1b[2J\\x7f");
+    EXPECT_EQ(one_line("Gr\xc3\xb6\xc3\x9f"
+                       "e \xe2\x82\xac \xf0\x9f\x98\x80"),
+              "Gr\xc3\xb6\xc3\x9f"
+              "e \xe2\x82\xac \xf0\x9f\x98\x80");
+    EXPECT_EQ(one_line("\xc2\x9b"
+                       "31m"),
+              "\\xc2\\x9b"
+              "31m")
+        << "the other way to write escape [";
+    EXPECT_EQ(one_line("\xff \xc3"), "\\xff \\xc3");
+    EXPECT_EQ(one_line("\xed\xa0\x80\xc0\xaf"), "\\xed\\xa0\\x80\\xc0\\xaf") << "a surrogate, a slash written too long";
+    EXPECT_EQ(one_line(""), "");
+}
+
 }  // namespace
 }  // namespace trocar
