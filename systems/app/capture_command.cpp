@@ -6,6 +6,7 @@
 #include "engine/offscreen.hpp"
 #include "engine/thread_pool.hpp"
 #include "engine/whole_file.hpp"
+#include "systems/app/capture_difference.hpp"
 #include "systems/app/capture_export.hpp"
 #include "systems/app/commands.hpp"
 #include "systems/app/format.hpp"
@@ -33,7 +34,7 @@ std::string longest_stage(const Capture& capture, const CaptureStep& step) {
     return text;
 }
 
-std::string info_json(const Capture& c) {
+std::string info_json(const Capture& c, const std::optional<PairFigures>& pair) {
     nlohmann::ordered_json out{{"file", c.file},
                                {"scene", c.header.scene},
                                {"reason", c.reason},
@@ -47,6 +48,8 @@ std::string info_json(const Capture& c) {
                                {"passes", c.passes()},
                                {"states", c.stretches.size()}};
     if (const CaptureStep* worst = worst_step(c)) {
+        if (pair)
+            out["worst_pair"] = {{"pair", pair->name}, {"ms", pair->ms}, {"candidate_vertices", pair->vertices}, {"cell_m", pair->cell}};
         out["worst_pass"] = worst->pass, out["worst_ms"] = worst->frame_ms;
         out["state_hash"] = hex(c.stretches.back().steps.empty() ? worst->state_hash : c.stretches.back().steps.back().state_hash);
     }
@@ -61,7 +64,7 @@ int judge_whole(const Capture& c, int code) {
     return kNo;
 }
 
-void print_info(const Capture& c) {
+void print_info(const Capture& c, const std::optional<PairFigures>& pair) {
     const CaptureHeader& h = c.header;
     write_standard_output(format("%s: scene %s, %s, trocar %s, %s\n  %s%s\n  passes %llu to %llu, %zu states\n", c.file.c_str(),
                                  h.scene.c_str(), c.reason.c_str(), h.version.c_str(), h.instruction_set.c_str(), h.machine.c_str(),
@@ -73,11 +76,28 @@ void print_info(const Capture& c) {
                                      static_cast<unsigned long long>(worst->pass), worst->frame_ms, longest_stage(c, *worst).c_str(),
                                      worst->depth * 1e3, static_cast<unsigned long long>(worst->contacts)));
     }
+    if (pair)
+        write_standard_output(format("  its dearest pair: %s: %.3f ms of detection, %.0f candidate vertices, cell %.2f mm\n",
+                                     pair->name.c_str(), pair->ms, pair->vertices, pair->cell * 1e3));
     if (!c.damage.empty()) write_standard_output("  not whole: it " + c.damage + "\n");
 }
 
+// "; first in stage ...": what two captures differ in after a pass, where that can be run again here.
+std::string tell_pass(const Capture& a, const Capture& b, uint64_t pass) {
+    ThreadPool pool(0);
+    std::string text;
+    pool.run([&] {
+        try {
+            text = pass_difference(a, b, pass);
+        } catch (const InputError&) {
+            text.clear();  // one of them cannot be simulated
+        }
+    });
+    return text.empty() ? "" : "; " + text;
+}
+
 int diff(const Capture& a, const Capture& b) {
-    if (const std::string array = first_difference(a.scene, b.scene); !array.empty()) {
+    if (const std::string array = first_difference(a.scene, b.scene, &a.scene); !array.empty()) {
         write_standard_output("the scenes differ first in " + array + "\n");
         return kNo;
     }
@@ -85,7 +105,7 @@ int diff(const Capture& a, const Capture& b) {
     for (const Capture::Stretch& x : a.stretches) {
         for (const Capture::Stretch& y : b.stretches) {
             if (x.pass == y.pass) {
-                if (const std::string array = first_difference(x.state, y.state); !array.empty()) {
+                if (const std::string array = first_difference(x.state, y.state, &a.scene); !array.empty()) {
                     write_standard_output("the states before pass " + std::to_string(x.pass) + " differ first in " + array + "\n");
                     return kNo;
                 }
@@ -95,7 +115,7 @@ int diff(const Capture& a, const Capture& b) {
                 ++compared;
                 if (y.steps[s.pass - y.pass].state_hash == s.state_hash) continue;
                 write_standard_output("pass " + std::to_string(s.pass) + " differs: " + hex(s.state_hash) + " and " +
-                                      hex(y.steps[s.pass - y.pass].state_hash) + "\n");
+                                      hex(y.steps[s.pass - y.pass].state_hash) + tell_pass(a, b, s.pass) + "\n");
                 return kNo;
             }
         }
@@ -171,10 +191,13 @@ void refuse_same(const std::filesystem::path& a, const std::filesystem::path& b)
 int capture_info_command(const std::vector<std::string>& files, bool json) {
     for (const std::string& file : files) {
         const Capture capture = open_capture(file);
+        std::optional<PairFigures> pair;
+        ThreadPool pool(0);
+        if (const CaptureStep* worst = worst_step(capture)) pool.run([&] { pair = dearest_pair(capture, *worst); });
         if (json)
-            write_standard_output(info_json(capture));
+            write_standard_output(info_json(capture, pair));
         else
-            print_info(capture);
+            print_info(capture, pair);
     }
     return kDone;
 }

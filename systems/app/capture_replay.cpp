@@ -5,6 +5,7 @@
 
 #include "content/build_scene.hpp"
 #include "engine/error.hpp"
+#include "systems/app/capture_difference.hpp"
 #include "systems/haptic_device.hpp"
 namespace trocar {
 namespace {
@@ -63,13 +64,6 @@ void set_state(const CaptureRecord& state, World& world) {
     load_resources(state, ResourceKind::kBooks, world);
 }
 
-FrameOptions replay_options(const Capture& capture, Trace* trace) {
-    FrameOptions options;
-    options.external_ticks = capture.header.live;
-    options.trace = trace;
-    return options;
-}
-
 }  // namespace
 
 size_t Capture::passes() const {
@@ -98,6 +92,21 @@ Capture open_capture(const std::filesystem::path& path) {
         throw InputError(path.string() + ": " + e.what());
     }
     return capture;
+}
+
+FrameOptions replay_options(const Capture& capture, Trace* trace) {
+    FrameOptions options;
+    options.external_ticks = capture.header.live;
+    options.trace = trace;
+    return options;
+}
+
+std::optional<size_t> stretch_of(const Capture& capture, uint64_t pass) {
+    for (size_t s = 0; s < capture.stretches.size(); ++s) {
+        const Capture::Stretch& stretch = capture.stretches[s];
+        if (pass >= stretch.pass && pass - stretch.pass < stretch.steps.size()) return s;
+    }
+    return {};
 }
 
 World world_at(const Capture& capture, size_t stretch) {
@@ -137,19 +146,6 @@ void take_input(const CaptureStep& step, Frame& frame) {
     if (frame.world().haptics.state.size() != tools) throw InputError("record step: not one state per tool");
 }
 
-std::string first_difference(const CaptureRecord& a, const CaptureRecord& b) {
-    for (const CaptureArray& x : a.arrays) {
-        const auto found = std::find_if(b.arrays.begin(), b.arrays.end(), [&](const CaptureArray& y) { return y.name == x.name; });
-        if (found == b.arrays.end()) return x.name + " is missing";
-        if (x.bytes == found->bytes && x.rows == found->rows) continue;
-        if (x.rows != found->rows) return x.name + ": " + std::to_string(x.rows) + " rows and " + std::to_string(found->rows);
-        const auto differs = std::mismatch(x.bytes.begin(), x.bytes.end(), found->bytes.begin()).first;
-        const size_t row_size = x.columns * element_size(x.type);
-        return x.name + ", row " + std::to_string(static_cast<size_t>(differs - x.bytes.begin()) / row_size);
-    }
-    return "";
-}
-
 std::string first_stage(const Frame& frame, const CaptureStep& recorded) {
     if (recorded.resource_hash.size() != static_cast<size_t>(Resource::kCount)) return "";
     for (const Stage& stage : frame.stages()) {
@@ -171,7 +167,7 @@ ReplayVerdict replay_capture(const Capture& capture, const ReplayObserver& obser
     for (const Capture::Stretch& stretch : capture.stretches) {
         const bool reached = &stretch != &capture.stretches.front() && !capture.header.live;  // a live state has its tools' next input
         const CaptureRecord now = reached ? state_of(frame.world(), stretch.pass) : CaptureRecord{};
-        if (const std::string array = first_difference(now, stretch.state); !array.empty()) {
+        if (const std::string array = first_difference(now, stretch.state, &capture.scene); !array.empty()) {
             verdict.difference += (verdict.difference.empty() ? "" : "; ") + ("the state before pass " + std::to_string(stretch.pass)) +
                                   " differs first in " + array;
             return verdict;
@@ -194,15 +190,14 @@ ReplayVerdict replay_capture(const Capture& capture, const ReplayObserver& obser
 }
 
 PassProfile profile_pass(const Capture& capture, uint64_t pass, uint32_t repeat, Trace* trace) {
-    size_t s = 0;
-    while (s < capture.stretches.size() && pass >= capture.stretches[s].pass + capture.stretches[s].steps.size()) ++s;
-    if (s == capture.stretches.size() || pass < capture.stretches[s].pass)
+    const std::optional<size_t> s = stretch_of(capture, pass);
+    if (!s)
         throw InputError(capture.file + ": holds passes " + std::to_string(capture.stretches[0].pass) + " to " +
                          std::to_string(capture.stretches[0].pass + capture.passes() - 1) + ", not " + std::to_string(pass));
-    const Capture::Stretch& stretch = capture.stretches[s];
+    const Capture::Stretch& stretch = capture.stretches[*s];
     const CaptureStep& step = stretch.steps[pass - stretch.pass];
-    Frame frame(world_at(capture, s), replay_options(capture, trace));
-    take_up(capture, s, frame);
+    Frame frame(world_at(capture, *s), replay_options(capture, trace));
+    take_up(capture, *s, frame);
     for (const CaptureStep& earlier : stretch.steps) {
         if (earlier.pass == pass) break;
         take_input(earlier, frame);

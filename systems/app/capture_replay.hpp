@@ -1,5 +1,6 @@
 #pragma once
 #include <filesystem>
+#include <optional>
 #include <string>
 #include <vector>
 
@@ -26,14 +27,17 @@ struct Capture {
 // its last complete record.
 Capture open_capture(const std::filesystem::path& path);
 
+// The stretch that holds a pass; none when the capture does not.
+std::optional<size_t> stretch_of(const Capture& capture, uint64_t pass);
+
 // The world at the start of a stretch. Throws InputError when the capture describes no world that can be simulated.
 World world_at(const Capture& capture, size_t stretch);
+// How a frame has to be made to run it again.
+FrameOptions replay_options(const Capture& capture, Trace* trace);
 // A frame to step it with takes the inputs that a live run had: call before the first pass and before every pass.
 void take_up(const Capture& capture, size_t stretch, Frame& frame);
 void take_input(const CaptureStep& step, Frame& frame);
 
-// Where two arrays of the same name first differ: "particles.offset, row 17"; empty when the records hold the same.
-std::string first_difference(const CaptureRecord& a, const CaptureRecord& b);
 // The first stage in the order of the frame whose results differ: "overlap (contacts)"; empty when hashes are not stored
 // or all agree.
 std::string first_stage(const Frame& frame, const CaptureStep& recorded);

@@ -15,12 +15,14 @@ constexpr size_t kPairsKept = 40, kPairsShown = 12, kBands = 8;
 constexpr double kLeastSpan = 20e-6;  // s
 constexpr const char* kColors[kBands] = {"#1f6feb", "#d1495b", "#2a9d5c", "#e29a2f", "#7b4ab8", "#00a3a3", "#a05a2c", "#9aa4b2"};
 
-struct PairCost {
-    uint32_t a, b, vertices;
-    double share;  // of detection
-};
+double detection_ms(const Frame& frame) {
+    double ms = 0;
+    for (const uint32_t row : frame.detection_stages()) ms += 1e-6 * static_cast<double>(frame.times().stage_ns[row]);
+    return ms;
+}
 
-// The pairs of the newest pass that had candidate vertices.
+}  // namespace
+
 std::vector<PairCost> pair_costs(const World& w) {
     std::vector<PairCost> costs;
     double all = 0;
@@ -33,14 +35,6 @@ std::vector<PairCost> pair_costs(const World& w) {
     for (PairCost& c : costs) c.share = c.vertices / all;
     return costs;
 }
-
-double detection_ms(const Frame& frame) {
-    double ms = 0;
-    for (const uint32_t row : frame.detection_stages()) ms += 1e-6 * static_cast<double>(frame.times().stage_ns[row]);
-    return ms;
-}
-
-}  // namespace
 
 void CostMeter::add(const Frame& frame, RunFigures& figures) {
     std::vector<float> row;

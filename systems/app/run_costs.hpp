@@ -20,6 +20,13 @@ class CostMeter {
     std::map<uint64_t, PairFigures> pairs_;  // by both bodies
 };
 
+// The pairs of the newest pass that had candidate vertices.
+struct PairCost {
+    uint32_t a, b, vertices;
+    double share;  // of detection
+};
+std::vector<PairCost> pair_costs(const World& w);
+
 // Spans of the pairs of the newest pass, one after the other below its detection, as the thread kPairTrack; those that took
 // less than 20 us are left out. `names` remembers what the trace keeps.
 inline constexpr uint32_t kPairTrack = 1000;

@@ -2,6 +2,7 @@
 #include <signal.h>
 #include <unistd.h>
 
+#include <algorithm>
 #include <array>
 #include <cstring>
 #include <fstream>
@@ -11,8 +12,10 @@
 #include "engine/text_file.hpp"
 #include "engine/thread_pool.hpp"
 #include "run_program.hpp"
+#include "systems/app/capture_difference.hpp"
 #include "systems/app/capture_export.hpp"
 #include "systems/app/live_run.hpp"
+#include "systems/app/run_costs.hpp"
 #include "tests/app/quick_scene.hpp"
 #include "tests/frame/written_scene.hpp"
 namespace trocar {
@@ -151,7 +154,88 @@ TEST(Capture, TheFirstDifferenceIsNamedByPassStageArrayAndRow) {
         if (a.name != "particles.offset") continue;
         a.bytes[17 * 16] ^= std::byte{1};
     }
-    EXPECT_NE(replay(moved).difference.find("particles.offset, row 17"), std::string::npos) << replay(moved).difference;
+    EXPECT_NE(replay(moved).difference.find("particles.offset, row 17, column 0 (body \"liver\", particle 17): "), std::string::npos)
+        << replay(moved).difference;
+}
+
+// Two records that differ in one number: whose row it is, and by how much.
+TEST(Capture, ADifferenceNamesTheBodyAndBothValues) {
+    World world = quick_scene();
+    CaptureRecord scene{"scene", {}};
+    save_resource(world, Resource::kBodies, scene);
+    const auto liver =
+        static_cast<size_t>(std::find(world.bodies.name.begin(), world.bodies.name.end(), "liver") - world.bodies.name.begin());
+    const auto difference = [&](Resource resource, double& value) {
+        CaptureRecord before{"state", {}}, after{"state", {}};
+        value = 0.5;
+        save_resource(world, resource, before);
+        value = 0.75;
+        save_resource(world, resource, after);
+        return first_difference(before, after, &scene);
+    };
+    EXPECT_EQ(difference(Resource::kPoses, world.poses.origin[liver].y()),
+              "poses.origin, row " + std::to_string(liver) + ", column 1 (body \"liver\"): 0.5 and 0.75, 0.25 apart");
+    const uint32_t other = 1 - static_cast<uint32_t>(liver);
+    world.pair_memory.a = {static_cast<uint32_t>(liver)}, world.pair_memory.b = {other}, world.pair_memory.direction = {Vec3d::Zero()};
+    EXPECT_EQ(
+        difference(Resource::kPairMemory, world.pair_memory.direction[0].z()),
+        "pair_memory.direction, row 0, column 2 (bodies \"liver\" and \"" + world.bodies.name[other] + "\"): 0.5 and 0.75, 0.25 apart");
+}
+
+// Two runs of which one has a particle elsewhere from a certain state on: the pass after it is run again from both, and what came out
+// otherwise is named.
+TEST(Capture, APassThatDiffersNamesStageAndRow) {
+    const fs::path file = captured_run("differs", "3-40", 45) / "passes_3-40.cap";
+    const Capture one = open_capture(file);
+    Capture other = open_capture(file);
+    Capture::Stretch& stretch = other.stretches[1];
+    ThreadPool pool(2);
+    pool.run([&] {
+        World world = world_at(other, 1);
+        world.particles.offset[3].z += 1e-4f;
+        stretch.state.arrays.clear();
+        add_number(stretch.state, "pass", stretch.pass);
+        save_resources(world, ResourceKind::kState, stretch.state);
+        save_resources(world, ResourceKind::kBooks, stretch.state);
+        Frame frame(world_at(other, 1), {});
+        frame.step();
+        stretch.steps[0].state_hash = state_hash(frame.world());
+        for (uint32_t r = 0; r < static_cast<uint32_t>(Resource::kCount); ++r)
+            stretch.steps[0].resource_hash[r] = resource_hash(frame.world(), static_cast<Resource>(r));
+        const std::string difference = pass_difference(one, other, stretch.pass);
+        EXPECT_TRUE(difference.starts_with("first in stage ")) << difference;
+        EXPECT_NE(difference.find("; the state after it first in particles."), std::string::npos) << difference;
+        EXPECT_NE(difference.find("(body \"liver\", particle "), std::string::npos) << difference;
+        EXPECT_NE(difference.find(" apart"), std::string::npos) << difference;
+        EXPECT_EQ(pass_difference(one, other, stretch.pass + 1), "") << "which was recorded before the particle was moved";
+        EXPECT_EQ(pass_difference(one, other, 44), "") << "in none of them";
+    });
+}
+
+// The pair of the slowest pass is that of the figures of a run, which watched the same passes.
+TEST(Capture, TheDearestPairIsThatOfTheRunItself) {
+    const fs::path file = captured_run("pair", "3-30", 31) / "passes_3-30.cap";
+    const Capture capture = open_capture(file);
+    ThreadPool pool(2);
+    pool.run([&] {
+        Frame frame(quick_scene(), {});
+        std::vector<PairCost> costs;
+        for (int i = 0; i <= 25; ++i) frame.step(), costs = pair_costs(frame.world());
+        ASSERT_EQ(costs.size(), 1u);
+        const std::optional<size_t> s = stretch_of(capture, 25);
+        ASSERT_TRUE(s);
+        const CaptureStep& step = capture.stretches[*s].steps[25 - capture.stretches[*s].pass];
+        const std::optional<PairFigures> pair = dearest_pair(capture, step);
+        ASSERT_TRUE(pair);
+        EXPECT_EQ(pair->name, frame.world().bodies.name[costs[0].a] + "/" + frame.world().bodies.name[costs[0].b]);
+        EXPECT_EQ(pair->vertices, costs[0].vertices);
+        EXPECT_EQ(pair->cell, frame.world().occupancy.cell_size);
+        EXPECT_EQ(pair->ms, step.detection_ms);
+        CaptureStep untrue = step;
+        Capture damaged = capture;
+        damaged.stretches[*s].steps[25 - capture.stretches[*s].pass].state_hash ^= 1;
+        EXPECT_FALSE(dearest_pair(damaged, untrue));
+    });
 }
 
 TEST(Capture, OnePassRunsAgainAndAgainFromItsOwnStart) {
@@ -276,6 +360,15 @@ TEST(Capture, ParaViewGetsFieldsAtEveryPass) {
         EXPECT_NE(surface.find("Name=\"" + std::string(field) + "\""), std::string::npos) << field;
 }
 
+TEST(Capture, ParaViewFilesSayOfWhichMomentTheirFieldsAre) {
+    const fs::path folder = captured_run("note", "3-4", 6);
+    ThreadPool pool(1);
+    pool.run([&] { export_vtp(open_capture(folder / "passes_3-4.cap"), folder / "vtp"); });
+    EXPECT_NE(
+        read_text_file(folder / "vtp/liver_000003.vtp").find("<!-- Points, velocity, strain and stress are of the end of the pass; depth"),
+        std::string::npos);
+}
+
 // A slab is taken out of a solid ball that hangs by its lower half; what was above it drifts away. Springs across the gap are gone:
 // nothing says how long they would be. Breaks when strains come from the springs at load: 34 at the end.
 TEST(Capture, StrainIsOfTheSpringsThatAreLeft) {
@@ -338,6 +431,9 @@ TEST(CaptureCommand, RunCaptureReplayInfoDiff) {
     EXPECT_EQ(run_program(run + "2-9,worst --out out", folder, folder).code, 0);
     const Outcome info = run_program("capture info out/captures/passes_2-9.cap --json", folder, folder);
     EXPECT_NE(info.out.find("\"passes\":8"), std::string::npos) << info.out;
+    const Outcome told = run_program("capture info out/captures/worst.cap", folder, folder);
+    EXPECT_NE(told.out.find("its dearest pair: liver/kidney: "), std::string::npos) << told.out;
+    EXPECT_NE(told.out.find(" candidate vertices, cell "), std::string::npos) << told.out;
     EXPECT_EQ(run_program("replay out/captures/worst.cap", folder, folder).code, 0);
     EXPECT_EQ(run_program("capture diff out/captures/worst.cap out/captures/passes_2-9.cap", folder, folder).code, 0);
     // what is cut short is compared as far as it goes, and never taken for whole
