@@ -369,9 +369,11 @@ void put_field(Output& out, const PointField& field) {
 
 // VTK's XML PolyData, as ParaView reads it. Texture coordinates belong to points there: where a seam gives a vertex
 // several, they are written as six numbers a face instead.
-void write_vtp(const Mesh& mesh, std::span<const PointField> fields, const fs::path& path, Files& files) {
+void write_vtp(const Mesh& mesh, std::span<const PointField> fields, const std::string& note, const fs::path& path, Files& files) {
     Output out;
-    out << "<?xml version=\"1.0\"?>\n<VTKFile type=\"PolyData\" version=\"0.1\" byte_order=\"LittleEndian\">\n"
+    out << "<?xml version=\"1.0\"?>\n"
+        << (note.empty() ? "" : "<!-- " + note + " -->\n")
+        << "<VTKFile type=\"PolyData\" version=\"0.1\" byte_order=\"LittleEndian\">\n"
            "<PolyData>\n<Piece NumberOfPoints=\"";
     out.number(mesh.position.size());
     out << "\" NumberOfVerts=\"0\" NumberOfLines=\"0\" NumberOfStrips=\"0\" NumberOfPolys=\"";
@@ -454,7 +456,7 @@ void save_mesh(const Mesh& mesh, const fs::path& path) {
     } else if (extension == ".wrl") {
         write_wrl(mesh, path, files);
     } else if (extension == ".vtp") {
-        write_vtp(mesh, {}, path, files);
+        write_vtp(mesh, {}, "", path, files);
     } else {
         throw InputError(path.string() + ": cannot write: the name must end in .obj, .stl, .ply, .wrl or .vtp");
     }
@@ -463,10 +465,11 @@ void save_mesh(const Mesh& mesh, const fs::path& path) {
     write_whole_files(contents);
 }
 
-void save_vtp(const Mesh& mesh, std::span<const PointField> fields, const fs::path& path) {
+void save_vtp(const Mesh& mesh, std::span<const PointField> fields, const fs::path& path, const std::string& note) {
+    TROCAR_ASSERT(note.find("--") == std::string::npos);
     for (const PointField& field : fields) TROCAR_ASSERT(field.values.size() == mesh.position.size() * field.components);
     Files files;
-    write_vtp(mesh, fields, path, files);
+    write_vtp(mesh, fields, note, path, files);
     write_whole_file(path, files.bytes.front());
 }
 

@@ -19,7 +19,7 @@ struct PointField {
     uint32_t components = 1;
     std::vector<float> values;
 };
-// A .vtp file with fields, as save_mesh writes it without.
-void save_vtp(const Mesh& mesh, std::span<const PointField> fields, const std::filesystem::path& path);
+// A .vtp file with fields, as save_mesh writes it without. `note` is written as a comment at its head; without "--".
+void save_vtp(const Mesh& mesh, std::span<const PointField> fields, const std::filesystem::path& path, const std::string& note = "");
 
 }  // namespace trocar

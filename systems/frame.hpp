@@ -37,7 +37,7 @@ struct ContactHook {
 // How long the stages of one pass took, in the order of Frame::stage_names.
 struct FrameTimes {
     std::vector<uint64_t> stage_ns;  // 0 where a stage did not run in this pass
-    uint64_t response_ns = 0;        // contact rows in all substeps
+    uint64_t response_ns = 0;        // wall time of contact rows in all substeps: their part of the islands', which run side by side
     bool picture = false;            // the end list ran
     std::vector<uint64_t> tick_ns;   // compute time of every haptic tick of the pass, tool by tool
 };

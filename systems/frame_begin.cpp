@@ -101,6 +101,13 @@ void come_and_go(FrameState& f) {
     for (const uint32_t body : leaving)
         if (body < f.scratch.sleeps.size()) f.scratch.sleeps[body] = 0;
 }
+// Empty slots of a pool lie still and are nobody.
+void count_out_away(World& w) {
+    for (uint32_t b = 0; b < w.lives.away.size(); ++b) {
+        if (!is_away(w.lives, b) || !(is_deformable(w.bodies, b) || w.bodies.motion[b] == Motion::kFree)) continue;
+        --(is_asleep(w.sleep, b) ? w.report.asleep_bodies : w.report.awake_bodies);
+    }
+}
 // Bodies that nobody moves and nothing comes near are left alone until the next pass.
 void sleep(FrameState& f) {
     World& w = f.world;
@@ -113,6 +120,7 @@ void sleep(FrameState& f) {
     for (const auto& drive : w.nodes.drive) f.scratch.moving[drive.body] = 1;
     fall_asleep_and_wake(w.settings, w.clock.period, w.bodies, f.scratch.moving, f.scratch.sleep, w.sleep, w.particles, w.poses, w.pairs,
                          w.energy, w.report, linked_bodies(f));
+    count_out_away(w);
     number_sleeps(f);
 }
 

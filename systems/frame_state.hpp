@@ -93,7 +93,8 @@ struct FrameScratch {
     std::vector<uint32_t> island_order;
     std::vector<uint32_t> own_memory;           // as awake: row of own_advance or kNone
     std::vector<AdvanceResult> advance_result;  // as awake
-    std::vector<uint64_t> response_ns;          // as awake
+    std::vector<uint64_t> response_ns;          // as awake: of contact rows
+    std::vector<uint64_t> island_ns;            // as awake: of the whole island
     std::vector<DeviceState> intended;          // tools * (period + 1): where the hands mean to be at every millisecond
     std::vector<DeviceState> device;            // the same for where the tools are
     LocalContactScratch local_contact;

@@ -79,6 +79,10 @@ std::vector<float> vertex_strain(const World& world, uint32_t body) {
 
 namespace {
 
+constexpr const char* kVtpNote =
+    "Points, velocity, strain and stress are of the end of the pass; depth and contact were found at its start, where the points were "
+    "in the pass before.";
+
 void write_bodies(const World& world, uint64_t pass, const fs::path& folder) {
     char number[24];
     std::snprintf(number, sizeof number, "_%06llu.vtp", static_cast<unsigned long long>(pass));
@@ -92,7 +96,7 @@ void write_bodies(const World& world, uint64_t pass, const fs::path& folder) {
         PointField stress{"stress", 1, fields.back().values};
         for (float& value : stress.values) value *= static_cast<float>(world.bodies.tissue[body].youngs_modulus);
         fields.push_back(std::move(stress));
-        save_vtp(mesh, fields, folder / (world.bodies.name[body] + number));
+        save_vtp(mesh, fields, folder / (world.bodies.name[body] + number), kVtpNote);
     }
 }
 

@@ -85,12 +85,19 @@ nlohmann::ordered_json report_json(const RunFigures& f) {
             {"deepest_residual_m", deepest}};
 }
 
+// Mechanical energy that came into play: what moves and is stored, or what was taken from the height, whichever is more (of a fall the
+// one becomes the other).
+double moving_energy(const Energy& e, double start_gravity) {
+    return std::max(e.kinetic + e.elastic + e.pressure + e.bending + e.links, std::abs(e.gravity - start_gravity));
+}
+
 nlohmann::ordered_json energy_json(const RunFigures& f) {
     Energy last;
-    double peak = 0, worst = 0;
+    double elastic = 0, peak = 0, worst = 0;
     for (const PassFigures& p : f.pass) {
         last = p.energy;
-        peak = std::max(peak, p.energy.elastic);
+        elastic = std::max(elastic, p.energy.elastic);
+        peak = std::max(peak, moving_energy(p.energy, f.start_gravity));
         worst = std::max(worst, std::abs(p.energy.balance));
     }
     return {{"kinetic_j", last.kinetic},
@@ -106,7 +113,8 @@ nlohmann::ordered_json energy_json(const RunFigures& f) {
             {"work_numeric_j", last.work_numeric},
             {"work_links_j", last.work_links},
             {"balance_j", last.balance},
-            {"peak_elastic_j", peak},
+            {"peak_elastic_j", elastic},
+            {"peak_j", peak},
             {"worst_balance_j", worst},
             {"worst_balance_of_peak", peak > 0 ? worst / peak : 0}};
 }

@@ -14,7 +14,7 @@ namespace trocar {
 struct PassFigures {
     double time = 0;          // s, simulated, at its start
     double detection_ms = 0;  // begin stages from body boxes to islands
-    double response_ms = 0;   // contact rows in all its substeps
+    double response_ms = 0;   // contact rows in all its substeps; wall time
     double frame_ms = 0;      // all stages of the pass, pictures included
     double render_ms = 0;     // of the picture drawn in this pass, 0 if none
     double depth = 0;         // m, deepest pair
@@ -119,7 +119,9 @@ struct RunFigures {
     uint64_t pairs_met = 0;
     uint64_t movable_bodies = 0;  // deformable and free
     double body_size = 0;         // m, diameter of the smallest of them
-    double bytes_per_body = 0;    // resident memory that the scene and its run took, over all bodies
+    double world_bytes = 0;       // resident memory that grew while the world was built and stepped; live: built alone
+    double bytes_per_body = 0;    // that over all bodies
+    double start_gravity = 0;     // J, potential energy before the first pass
     int stopped_by = 0;           // signal, 0 = none: the run went on to its end
     bool capture_asked = false, meshes_written = false, recorded = false;
     std::string write_failure;          // of a picture or a mesh, the first; empty = none. The run went on without

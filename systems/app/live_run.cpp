@@ -41,7 +41,8 @@ PassFigures pass_figures(const Frame& frame, double time) {
     p.energy = w.energy;
     p.residual = w.report.deepest_residual;
     for (uint32_t b = 0; b < w.bodies.mesh.size(); ++b)
-        p.awake += joins_islands(w.bodies.motion[b]) && w.bodies.motion[b] != Motion::kHand && !is_asleep(w.sleep, b);
+        p.awake +=
+            joins_islands(w.bodies.motion[b]) && w.bodies.motion[b] != Motion::kHand && !is_asleep(w.sleep, b) && !is_away(w.lives, b);
     p.picture = frame.times().picture;
     return p;
 }

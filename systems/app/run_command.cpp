@@ -62,6 +62,7 @@ void start_figures(const BuiltScene& scene, const SceneFile& file, const Frame& 
     figures.live = options.live;
     figures.replay = !options.replay.empty();
     figures.bodies = scene.notes;
+    figures.start_gravity = frame.world().energy.gravity;
     for (const std::string& name : frame.stage_names()) figures.stage.push_back({name, {}});
 }
 
@@ -72,9 +73,9 @@ CaptureHeader capture_header(const BuiltScene& scene, const RunFigures& figures)
     return header;
 }
 
-void finish_figures(const Frame& frame, double bytes_before, RunFigures& figures) {
+void finish_figures(const Frame& frame, RunFigures& figures) {
     const World& w = frame.world();
-    figures.bytes_per_body = (resident_bytes() - bytes_before) / static_cast<double>(std::max<size_t>(1, w.bodies.mesh.size()));
+    figures.bytes_per_body = figures.world_bytes / static_cast<double>(std::max<size_t>(1, w.bodies.mesh.size()));
     for (uint32_t b = 0; b < w.bodies.mesh.size(); ++b) {
         if (!joins_islands(w.bodies.motion[b]) || w.bodies.motion[b] == Motion::kHand) continue;
         const double size = 2 * w.meshes.info[w.bodies.mesh[b]].radius;
@@ -149,9 +150,11 @@ void run_lockstep(const RunOptions& options, double seconds, LiveReplay* replay,
         if (replay) replay->begin_pass();
         if (recorder) recorder->before_pass();
         if (trial) trial->before_pass();
+        const double bytes = resident_bytes();
         const uint64_t pass_start = now_ns();
         frame.step();
         const double frame_ms = static_cast<double>(now_ns() - pass_start) * 1e-6;
+        figures.world_bytes += resident_bytes() - bytes;
         if (frame.world().clock.pass == 1) warn_of_deep_starts(frame.world());
         PassFigures pass = pass_figures(frame, time);
         pass.frame_ms = frame_ms;
@@ -439,8 +442,9 @@ int run_command(const RunOptions& options) {
     ThreadPool pool(options.threads == 0 && options.live ? std::max(1u, cores - 1) : options.threads);
     RunFigures figures;
     pool.run([&] {
-        const double bytes_before = resident_bytes();
+        double bytes = resident_bytes();
         BuiltScene scene = build_scene(file);
+        figures.world_bytes = resident_bytes() - bytes;
         if (!options.out.empty()) clear_outputs(options.out);  // not before: a scene that cannot be built costs nothing
         if (options.live) refuse_what_is_not_live(scene.world);
         for (const std::string& warning : scene.warnings) std::fprintf(stderr, "trocar: warning: %s\n", warning.c_str());
@@ -450,7 +454,9 @@ int run_command(const RunOptions& options) {
         frame_options.external_ticks = options.live || replay;
         const bool draws = options.render && !options.figures_only && file.settings.render && !options.out.empty();
         frame_options.pictures = draws;
+        bytes = resident_bytes();
         Frame frame(std::move(scene.world), frame_options);
+        figures.world_bytes += resident_bytes() - bytes;
         start_figures(scene, file, frame, options, figures);
         std::optional<PictureWriter> pictures;
         if (draws) pictures.emplace(scene.picture, scene.camera, frame.world().meshes, options.out, !options.live);
@@ -469,7 +475,7 @@ int run_command(const RunOptions& options) {
             run_lockstep(options, seconds, repeat ? &*repeat : nullptr, frame, writer, capture, frame_options.trace,
                          tells ? &trial : nullptr, figures);
         if (recorder) finish_captures(*recorder, figures);
-        finish_figures(frame, bytes_before, figures);
+        finish_figures(frame, figures);
         if (tells && !options.live) figures.direction = trial.run();
         if (options.out.empty()) return;
         write_whole_file(options.out / "passes.csv", passes_csv(figures));

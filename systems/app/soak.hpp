@@ -17,7 +17,7 @@ struct Episode {
     double energy_share = 0;  // largest |balance| / largest energy
     uint64_t lost = 0;        // particles restored
     uint64_t passes = 0, hash = 0;
-    bool with_fault = false;
+    bool with_fault = false;  // that may change how it ends
 };
 
 struct Soak {

@@ -94,15 +94,17 @@ class Soaker {
         load_resources(start_, ResourceKind::kBooks, world);
         if (recorder_) recorder_->forget();
         Episode e;
-        e.with_fault = !options_.faults.empty() && number % kFaultPeriod == kFaultPeriod - 1;
+        const bool has_fault = !options_.faults.empty() && number % kFaultPeriod == kFaultPeriod - 1;
+        // in turn: of two in the same pass the second would not be seen
+        const std::string fault = has_fault ? options_.faults[number / kFaultPeriod % options_.faults.size()] : "";
+        e.with_fault = has_fault && fault != "pause";  // which must change nothing
         const double end_tick = seconds_ * 1000;
         const auto middle = static_cast<uint64_t>(0.5 * seconds_ * world.clock.contact_rate);  // pass
         std::vector<double> pass_ms, tick_us;
         double largest_energy = 0, largest_balance = 0;
         while (static_cast<double>(world.clock.tick) < end_tick && soak.broken.empty() && stop_signal() == 0) {
-            if (e.with_fault && e.passes == middle) {
-                // in turn: of two in the same pass the second would not be seen
-                inject(options_.faults[number / kFaultPeriod % options_.faults.size()], world);
+            if (has_fault && e.passes == middle) {
+                inject(fault, world);
                 ++soak.faults;
             }
             if (recorder_) recorder_->before_pass();
@@ -175,7 +177,7 @@ std::string soak_json(const Soak& soak, const Drifts& d) {
                                   {"resident_mib", drift_json(d.resident)},
                                   {"heap_mib", drift_json(d.heap)},
                                   {"median_pass_ms", drift_json(d.median)},
-                                  {"p99_pass_ms", quantile(p99, 0.5)},
+                                  {"median_p99_pass_ms", quantile(p99, 0.5)},
                                   {"worst_pass_ms", worst},
                                   {"deepest_residual_mm", residual},
                                   {"worst_energy_share", energy}}

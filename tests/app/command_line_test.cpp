@@ -518,6 +518,30 @@ TEST_F(CommandLine, LevelsOfDetailTellTheirError) {
     }
 }
 
+// A ball that falls freely has no elastic energy: what its books may be open by is measured against what fell.
+TEST_F(CommandLine, TheEnergyErrorIsOfAllMechanicalEnergy) {
+    const std::string scene =
+        "gravity = [0.0, 0.0, -10.0]\n[[body]]\nname = \"a\"\nshape = \"sphere\"\nsize = 0.1\ntriangles = 320\nmotion = \"free\"\n";
+    const Outcome outcome = run("run " + write("fall.toml", scene).string() + " --seconds 0.5 --no-render --json");
+    ASSERT_EQ(outcome.code, 0) << outcome.err;
+    const nlohmann::json energy = nlohmann::json::parse(outcome.out)["energy"];
+    EXPECT_EQ(energy["peak_elastic_j"], 0);
+    const double kinetic = energy["kinetic_j"], peak = energy["peak_j"], open = energy["worst_balance_j"];
+    EXPECT_GT(kinetic, 1);
+    EXPECT_NEAR(peak, kinetic, 0.01 * kinetic) << "of a fall the one becomes the other";
+    EXPECT_EQ(energy["worst_balance_of_peak"], open / peak);
+    EXPECT_LT(open, 1e-3 * peak);
+}
+
+// A trace of half a million spans is 20 MB and no part of two bodies.
+TEST_F(CommandLine, BytesOfABodyAreThoseOfTheWorld) {
+    const std::string scene = "run probe_on_liver --no-render --json --seconds 0.1 --set liver.triangles=300 --set probe.triangles=300";
+    const Outcome bare = run(scene), traced = run(scene + " --capture 0-2 --out " + (folder_ / "out").string());
+    const auto bytes = [](const Outcome& o) { return nlohmann::json::parse(o.out)["scale"]["bytes_per_body"].get<double>(); };
+    EXPECT_GT(bytes(bare), 1e4);
+    EXPECT_LT(bytes(traced), bytes(bare) + 5e6);
+}
+
 TEST_F(CommandLine, ALiveRunIsRepeatedFromItsRecording) {
     const fs::path out = folder_ / "live", recording = out / "live.recording";
     const std::string scene = "run probe_on_liver --set liver.triangles=1000 --set probe.triangles=1000 ";

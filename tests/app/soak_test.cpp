@@ -3,6 +3,7 @@
 #include <gtest/gtest.h>
 
 #include <cmath>
+#include <fstream>
 #include <nlohmann/json.hpp>
 #include <random>
 
@@ -106,6 +107,26 @@ TEST(SoakCommand, S01_FaultsAreSurvivedAndEveryEpisodeEndsTheSame) {
     EXPECT_GT(json["particles_restored"], 0);
     EXPECT_TRUE(std::filesystem::exists(folder / "out/soak.html"));
     EXPECT_EQ(run_program("soak probe_on_liver --faults rust", folder, folder).code, 2);
+}
+
+// In lockstep a pause between two passes changes nothing: its episodes must end as all others. Breaks when they are excused from that.
+TEST(SoakCommand, APauseIsJudgedLikeAnyEpisode) {
+    const std::filesystem::path folder = std::filesystem::path(testing::TempDir()) / "trocar_pause_soak";
+    std::filesystem::create_directories(folder);
+    const Outcome outcome = run_program(
+        "soak probe_on_liver --minutes 0.02 --seconds 0.1 --set liver.triangles=600 --faults pause --out out --json", folder, folder);
+    EXPECT_EQ(outcome.code, 0) << outcome.out << outcome.err;
+    const nlohmann::json json = nlohmann::json::parse(outcome.out);
+    EXPECT_GT(json["faults_injected"], 0);
+    EXPECT_TRUE(json.contains("median_p99_pass_ms"));
+    std::ifstream table(folder / "out/soak.csv");
+    size_t rows = 0;
+    std::string line;
+    for (std::getline(table, line); std::getline(table, line); ++rows) {
+        const size_t hash = line.rfind(','), flag = line.rfind(',', hash - 1);
+        EXPECT_EQ(line.substr(flag + 1, hash - flag - 1), "0") << line;
+    }
+    EXPECT_GE(rows, 3u);
 }
 
 // One episode shows neither drift nor that the next ends the same, and holds no fault: that is said. Breaks when "sound" stands alone.
