@@ -11,16 +11,24 @@ struct SurfaceNormals {
     std::vector<Vec3> normal;
 };
 
+enum class PictureMotion : uint8_t {
+    kStill,   // never moves
+    kGuided,  // rigid, by a script, a joint or a hand
+    kFree,    // rigid, by forces
+    kSoft,    // deformable
+};
+
 // One body as it is drawn. A world point is origin + orientation * point of the body's frame.
 struct PictureBody {
     uint32_t mesh = kNone;         // prototype; kNone = nothing is drawn
     Vec3d origin = Vec3d::Zero();  // m, world
     Quat orientation;              // identity for a deformable body: its offsets have world axes
-    Box box;                       // m, body frame
-    Range vertices;                // rows of position and normal; empty for a rigid body, drawn in its rest shape
-    Range depths;                  // rows of contact_depth, one per vertex; empty when nothing touches the body
-    Range removed;                 // rows of removed
-    Range exposed;                 // rows of exposed
+    PictureMotion motion = PictureMotion::kStill;
+    Box box;         // m, body frame
+    Range vertices;  // rows of position and normal; empty for a rigid body, drawn in its rest shape
+    Range depths;    // rows of contact_depth, one per vertex; empty when nothing touches the body
+    Range removed;   // rows of removed
+    Range exposed;   // rows of exposed
 };
 
 // The deepest point of one overlapping pair.

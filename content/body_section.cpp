@@ -58,8 +58,9 @@ HapticSurface read_surface(TomlSection section, Motion motion) {
 
 ScatterSpec read_scatter(TomlSection section) {
     ScatterSpec scatter;
-    section.read_count("count", scatter.count, 1, 1e6);
-    if (scatter.count == 0) section.fail("[body.scatter] needs a count");
+    scatter.asked = true;
+    if (!section.find("count")) section.fail("[body.scatter] needs a count");
+    section.read_count("count", scatter.count, 0, 1e6);
     section.read_count("seed", scatter.seed, 0, 9e15);
     section.read_counts("columns", scatter.columns, 0, 1e4);
     section.read("spacing", scatter.spacing);
@@ -205,7 +206,7 @@ BodySpec read_body(const std::string& file, const toml::table& table) {
     if (const toml::table* scatter = section.table("scatter")) body.scatter = read_scatter({file, *scatter, "[body.scatter]"});
     if (const toml::table* lod = section.table("lod")) body.lod = read_lod({file, *lod, "[body.lod]"});
     section.refuse_unknown();
-    if (body.scatter.count > 0 && (body.motion == Motion::kHand || !body.above.empty()))
+    if (body.scatter.asked && (body.motion == Motion::kHand || !body.above.empty()))
         section.fail("body \"" + body.name + "\": what is scattered can neither be held by a hand nor stand above another body");
     if (body.scatter.rate > 0 && (body.motion != Motion::kDeformable || std::isfinite(body.break_strain)))
         section.fail("body \"" + body.name + "\": only deformable bodies that do not break come and go (scatter.rate)");

@@ -32,6 +32,7 @@ Quat random_turn(double u, double v, double w) {
 
 void scatter_body(const BodySpec& pattern, std::vector<BodySpec>& bodies) {
     const ScatterSpec& s = pattern.scatter;
+    if (s.count == 0) return;
     std::array<uint32_t, 2> columns = s.columns;
     const bool cube = columns[0] == 0 || columns[1] == 0;
     if (cube) columns[0] = columns[1] = static_cast<uint32_t>(std::ceil(std::cbrt(static_cast<double>(s.count)) - 1e-9));

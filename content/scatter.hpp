@@ -11,7 +11,8 @@ struct BodySpec;
 // [body.scatter]: many copies of one [[body]] on a lattice about its position. The lattice fills columns[0] x columns[1]
 // places a layer, layer on layer along z; columns 0, 0: as nearly a cube as can be, about the position.
 struct ScatterSpec {
-    uint32_t count = 0;  // copies; 0 = the body is not scattered
+    bool asked = false;  // false: the body is not scattered
+    uint32_t count = 0;  // copies; with 0 the scene has none
     uint64_t seed = 1;
     std::array<uint32_t, 2> columns{0, 0};
     Vec3d spacing = Vec3d::Constant(0.1);  // m

@@ -71,7 +71,7 @@ SceneFile read_scene_file(const std::filesystem::path& path, const std::vector<O
     if (const toml::array* bodies = top.tables("body"))
         for (const toml::node& node : *bodies) {
             const BodySpec body = read_body(file, *node.as_table());
-            if (body.scatter.count > 0)
+            if (body.scatter.asked)
                 scatter_body(body, scene.bodies);
             else
                 scene.bodies.push_back(body);
@@ -85,7 +85,9 @@ SceneFile read_scene_file(const std::filesystem::path& path, const std::vector<O
     if (const toml::array* cuts = top.tables("cut"))
         for (const toml::node& node : *cuts) scene.cuts.push_back(read_cut(file, *node.as_table()));
     top.read_count("staples", scene.staples, 0, 1e6);
-    top.refuse_unknown();
+    std::vector<std::string> parameters;
+    for (const SceneParameter& parameter : scene.parameters) parameters.push_back(parameter.name);
+    top.refuse_unknown(parameters);
 
     std::unordered_set<std::string_view> names;
     for (const BodySpec& body : scene.bodies) {

@@ -68,14 +68,14 @@ void read_key(const std::string& file, const std::string& key, const toml::node&
         sweep.scene = text_of(file, node, key);
     else if (key == "vary")
         sweep.axes = read_axes(file, node);
-    else if (key == "seconds" || key == "threads") {
+    else if (key == "seconds" || key == "threads" || key == "repeat") {
         const double value = node.is_number() ? *node.value<double>() : -1;
         const bool whole = key == "seconds" || value == std::floor(value);
         if (!(value > 0 && value < 1e6 && whole)) refuse(file, node.source(), key + " must be a positive number");
         if (key == "seconds")
             sweep.seconds = value;
         else
-            sweep.threads = static_cast<uint32_t>(value);
+            (key == "threads" ? sweep.threads : sweep.repeat) = static_cast<uint32_t>(value);
     } else if (key == "set") {
         if (!node.is_table()) refuse(file, node.source(), "set must be a table");
         for (const auto& [name, value] : *node.as_table()) {
@@ -86,7 +86,8 @@ void read_key(const std::string& file, const std::string& key, const toml::node&
         if (!node.is_array()) refuse(file, node.source(), "columns must be a list of paths into metrics.json");
         for (const toml::node& column : *node.as_array()) sweep.columns.push_back(text_of(file, column, "a column"));
     } else {
-        refuse(file, node.source(), "unknown key \"" + key + "\"; a sweep has name, scene, seconds, threads, columns, [set] and [vary]");
+        refuse(file, node.source(),
+               "unknown key \"" + key + "\"; a sweep has name, scene, seconds, threads, repeat, columns, [set] and [vary]");
     }
 }
 
@@ -103,6 +104,13 @@ SweepFile read_sweep_file(const std::filesystem::path& path) {
     for (const SweepAxis& axis : sweep.axes) scene_varies = scene_varies || axis.key == "scene";
     if (sweep.scene.empty() && !scene_varies) throw InputError(file + ": a sweep needs a scene");
     if (sweep.axes.empty()) throw InputError(file + ": nothing varies: [vary] with a list of values a key");
+    size_t runs = sweep.repeat;
+    for (const SweepAxis& axis : sweep.axes) {
+        runs *= axis.values.size();
+        if (sweep.repeat > 1 && axis.key == "repeat")
+            throw InputError(file + ": with repeat = " + std::to_string(sweep.repeat) + " no key that varies can be named repeat");
+    }
+    if (runs > kMostRuns) throw InputError(file + ": more than a million runs");
     if (sweep.columns.empty())
         sweep.columns = {"state_hash",
                          "wall_s",

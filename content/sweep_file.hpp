@@ -19,6 +19,7 @@ struct SweepFile {
     std::string name, scene;           // scene: file (also relative to the sweep file) or name; may be varied instead
     double seconds = 0;                // 0 = the scene's
     uint32_t threads = 1;              // of each run
+    uint32_t repeat = 1;               // runs of every combination
     std::vector<Override> fixed;       // [set]
     std::vector<SweepAxis> axes;       // [vary], in the order of the file's keys, which TOML sorts
     std::vector<std::string> columns;  // of the table: paths into metrics.json, "contact.total_ms_mean"
@@ -27,7 +28,7 @@ struct SweepFile {
 // Throws InputError "file:line:column: reason".
 SweepFile read_sweep_file(const std::filesystem::path& path);
 
-// One combination: a value per axis, the last axis fastest.
+// One combination: a value per axis, the last axis fastest. Without repetitions.
 std::vector<std::vector<std::string>> combinations(const SweepFile& sweep);
 
 }  // namespace trocar

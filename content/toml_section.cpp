@@ -196,13 +196,17 @@ const toml::table* TomlSection::table(std::string_view key) {
     return node->as_table();
 }
 
-void TomlSection::refuse_unknown() const {
+void TomlSection::refuse_unknown(const std::vector<std::string>& parameters) const {
+    std::vector<std::string> words = parameters;
+    words.insert(words.end(), known_.begin(), known_.end());
     for (const auto& [key, node] : table_) {
         const std::string word(key.str());
         if (std::find(known_.begin(), known_.end(), word) != known_.end()) continue;
-        const std::string guess = nearest(word, known_);
-        throw InputError(place(file_, key.source()) + "unknown key \"" + word + "\"" + (name_.empty() ? "" : " in " + name_) +
-                         (guess.empty() ? "" : "; did you mean \"" + guess + "\"?"));
+        const std::string guess = nearest(word, words);
+        std::string hint = guess.empty() ? "" : "; did you mean \"" + guess + "\"?";
+        if (guess.empty())
+            for (const std::string& name : parameters) hint += (hint.empty() ? "; parameters of the scene: " : ", ") + name;
+        throw InputError(place(file_, key.source()) + "unknown key \"" + word + "\"" + (name_.empty() ? "" : " in " + name_) + hint);
     }
 }
 

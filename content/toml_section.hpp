@@ -70,7 +70,8 @@ class TomlSection {
     }
     const toml::array* tables(std::string_view key);
     const toml::table* table(std::string_view key);
-    void refuse_unknown() const;
+    // `parameters`: words that the command line could have meant besides the keys of this table.
+    void refuse_unknown(const std::vector<std::string>& parameters = {}) const;
     uint32_t line() const { return table_.source().begin.line; }
 
  private:

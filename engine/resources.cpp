@@ -205,8 +205,8 @@ void fields(V& v, T& t) {
         v.item(t.shell.place), v.item(t.shell.speed), v.item(t.shell.around), v.item(t.shell.ahead);
         v.item(t.surface), v.item(t.in_hand);
     } else if constexpr (is<T, PictureBody>) {
-        v.item(t.mesh), v.item(t.origin), v.item(t.orientation), v.item(t.box), v.item(t.vertices), v.item(t.depths), v.item(t.removed),
-            v.item(t.exposed);
+        v.item(t.mesh), v.item(t.origin), v.item(t.orientation), v.item(t.motion), v.item(t.box), v.item(t.vertices), v.item(t.depths),
+            v.item(t.removed), v.item(t.exposed);
     } else if constexpr (is<T, PictureWitness>) {
         v.item(t.point), v.item(t.closest), v.item(t.depth);
     } else if constexpr (is<T, PictureTool>) {

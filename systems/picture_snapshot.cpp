@@ -35,6 +35,19 @@ void copy_shape(const Surfaces& surfaces, const SurfaceNormals& normals, uint32_
     std::copy_n(normals.normal.begin() + from, body.vertices.count, out.normal.begin() + body.vertices.first);
 }
 
+PictureMotion picture_motion(Motion motion) {
+    switch (motion) {
+        case Motion::kStatic:
+            return PictureMotion::kStill;
+        case Motion::kFree:
+            return PictureMotion::kFree;
+        case Motion::kDeformable:
+            return PictureMotion::kSoft;
+        default:
+            return PictureMotion::kGuided;
+    }
+}
+
 void copy_bodies(const Surfaces& surfaces, const SurfaceNormals& normals, const Sleepers& sleepers, PictureSnapshot& out) {
     const Bodies& bodies = surfaces.bodies;
     if (!lay_out(surfaces, out)) std::fill(sleepers.seen.begin(), sleepers.seen.end(), 0);
@@ -47,6 +60,7 @@ void copy_bodies(const Surfaces& surfaces, const SurfaceNormals& normals, const 
         body.mesh = bodies.mesh[row];
         if (body.mesh == kNone) continue;
         body.vertices = vertices;
+        body.motion = picture_motion(bodies.motion[row]);
         body.origin = surfaces.poses.origin[row];
         if (!is_deformable(bodies, row)) {
             body.orientation = surfaces.poses.orientation[row];

@@ -76,23 +76,39 @@ void visit_corners(const PictureBody& body, const Visit& visit) {
     for (uint32_t k = 0; k < 8 && holds_something(body.box); ++k) visit(body.origin + rotate(body.orientation, corner_of(body.box, k)));
 }
 
-// Calls visit(world point) for the vertices of deformable bodies, or the box corners of rigid ones.
+// What a fitted picture shows, the first of these that there is.
+enum class Fitted : uint8_t {
+    kMovers,  // deformable and free bodies
+    kGuided,  // else what scripts, joints and hands move
+    kAll,
+};
+
+bool is_fitted(const PictureBody& body, Fitted fitted) {
+    if (body.mesh == kNone) return false;
+    if (fitted == Fitted::kMovers) return body.motion == PictureMotion::kSoft || body.motion == PictureMotion::kFree;
+    return fitted == Fitted::kAll || body.motion == PictureMotion::kGuided;
+}
+
+// Calls visit(world point) for the vertices of deformable bodies and the box corners of rigid ones.
 template <typename Visit>
-void visit_points(const PictureSnapshot& snapshot, bool deformable, const Visit& visit) {
+void visit_points(const PictureSnapshot& snapshot, Fitted fitted, const Visit& visit) {
     for (const PictureBody& body : snapshot.body) {
-        if (body.mesh == kNone || (body.vertices.count > 0) != deformable) continue;
-        visit_vertices(snapshot, body, visit);
-        if (!deformable) visit_corners(body, visit);
+        if (!is_fitted(body, fitted)) continue;
+        if (body.vertices.count > 0)
+            visit_vertices(snapshot, body, visit);
+        else
+            visit_corners(body, visit);
     }
 }
 
-// Box of the deformable bodies, or of the rigid ones if there are no others; says which.
-Box box_to_fit(const PictureSnapshot& snapshot, bool& deformable) {
-    Box soft, hard;
-    visit_points(snapshot, true, [&](const Vec3d& p) { grow(soft, p); });
-    visit_points(snapshot, false, [&](const Vec3d& p) { grow(hard, p); });
-    deformable = holds_something(soft);
-    return deformable ? soft : hard;
+Box box_to_fit(const PictureSnapshot& snapshot, Fitted& fitted) {
+    Box box;
+    for (const Fitted each : {Fitted::kMovers, Fitted::kGuided, Fitted::kAll}) {
+        fitted = each;
+        visit_points(snapshot, each, [&](const Vec3d& p) { grow(box, p); });
+        if (holds_something(box)) break;
+    }
+    return box;
 }
 
 // Around the middle of `scene`, below `all`.
@@ -244,21 +260,21 @@ void fit_camera(const Box& box, uint32_t width, uint32_t height, Camera& camera)
 }
 
 void lay_floor(const PictureSnapshot& snapshot, Camera& camera) {
-    bool deformable = false;
-    const Box box = box_to_fit(snapshot, deformable);
+    Fitted fitted = Fitted::kAll;
+    const Box box = box_to_fit(snapshot, fitted);
     if (holds_something(box)) lay_floor_under(box, drawn_box(snapshot), camera);
 }
 
 void fit_camera(const PictureSnapshot& snapshot, uint32_t width, uint32_t height, Camera& camera) {
     if (camera.kind != CameraKind::kOrbit) return;
-    bool deformable = false;
-    const Box box = box_to_fit(snapshot, deformable);
+    Fitted fitted = Fitted::kAll;
+    const Box box = box_to_fit(snapshot, fitted);
     if (!holds_something(box)) return;
     camera.target = 0.5 * (box.min + box.max);
     const CameraFrame frame = camera_frame(camera);
-    const double tan_y = (deformable ? kFillWithRoom : kFill) * half_tangent(camera), tan_x = tan_y * width / height;
+    const double tan_y = (fitted == Fitted::kAll ? kFill : kFillWithRoom) * half_tangent(camera), tan_x = tan_y * width / height;
     camera.distance = kNearestDistance;
-    visit_points(snapshot, deformable,
+    visit_points(snapshot, fitted,
                  [&](const Vec3d& p) { camera.distance = std::max(camera.distance, distance_for(p, camera, frame, tan_x, tan_y)); });
     lay_floor_under(box, drawn_box(snapshot), camera);
 }
@@ -270,7 +286,7 @@ void keep_in_picture(const PictureSnapshot& snapshot, uint32_t width, uint32_t h
     const double tan_y = kFill * half_tangent(camera), tan_x = tan_y * width / height, placed = camera.distance;
     const auto needed = [&](const Vec3d& p) { return distance_for(p, camera, frame, tan_x, tan_y); };
     for (const PictureBody& body : snapshot.body) {
-        if (body.mesh == kNone || body.vertices.count == 0) continue;
+        if (!is_fitted(body, Fitted::kMovers)) continue;
         bool leaves = false, gone = false;
         visit_corners(body, [&](const Vec3d& p) {
             const Vec3d from = p - camera.floor;
@@ -278,8 +294,8 @@ void keep_in_picture(const PictureSnapshot& snapshot, uint32_t width, uint32_t h
             gone = gone || height < 0 || (from - height * sky).norm() > camera.floor_radius;
             leaves = leaves || needed(p) > placed;
         });
-        if (leaves && !gone)
-            visit_vertices(snapshot, body, [&](const Vec3d& p) { camera.distance = std::max(camera.distance, needed(p)); });
+        const auto back_off = [&](const Vec3d& p) { camera.distance = std::max(camera.distance, needed(p)); };
+        if (leaves && !gone) body.vertices.count > 0 ? visit_vertices(snapshot, body, back_off) : visit_corners(body, back_off);
     }
 }
 

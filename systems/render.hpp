@@ -15,15 +15,16 @@ struct RenderScratch {
 // the tissue. Other cameras and empty boxes are left alone.
 void fit_camera(const Box& box, uint32_t width, uint32_t height, Camera& camera);
 
-// The same for a whole snapshot: the vertices of its deformable bodies fill the picture with room for what comes near
-// them, and rigid ones (instruments) may run out of it. A scene of rigid bodies alone is fitted by their boxes.
+// The same for a whole snapshot: its deformable and free bodies fill the picture with room for what comes near them, and what
+// is held still or guided (floors, instruments) may run out of it. Without such bodies what scripts, joints and hands move is
+// fitted, without those everything.
 void fit_camera(const PictureSnapshot& snapshot, uint32_t width, uint32_t height, Camera& camera);
 
-// Backs a camera that fit_camera has placed off, keeping its direction, until the vertices of the deformable bodies stay in the
+// Backs a camera that fit_camera has placed off, keeping its direction, until the deformable and free bodies stay in the
 // picture; never comes nearer. Bodies that have fallen below its floor or left it are let go.
 void keep_in_picture(const PictureSnapshot& snapshot, uint32_t width, uint32_t height, Camera& camera);
 
-// Lays the floor under everything in a snapshot, around its deformable bodies (around all, if there are none), for a
+// Lays the floor under everything in a snapshot, around the bodies that fit_camera would fit, for a
 // camera that was placed by hand. fit_camera does the same.
 void lay_floor(const PictureSnapshot& snapshot, Camera& camera);
 

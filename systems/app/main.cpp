@@ -265,12 +265,14 @@ void add_sweep(CLI::App& app, Arguments& a) {
         ->check(CLI::IsMember({"local", "parallel", "slurm", "merge"}));
     sweep->add_option("--out", a.sweep.out,
                       "Folder (default out/sweep_NAME): runs/ with a folder of each, runs.txt, sweep.csv, sweep.json");
-    sweep->add_option("--jobs", a.sweep.jobs, "Runs at once (default: cores / threads of a run)")->check(CLI::Range(1, 4096));
+    sweep->add_option("--jobs", a.sweep.jobs, "Runs at once (default: cores / threads of a run; slurm: as many as the cluster grants)")
+        ->check(CLI::Range(1, 4096));
     sweep->add_flag("--dry-run", a.sweep.dry_run, "Print the commands and run none");
     sweep->add_flag("--json", a.sweep.json, "Print sweep.json");
     sweep->footer(
         "A sweep file:\n"
         "    scene = \"kidney_on_liver\"\n    seconds = 0.5\n    threads = 1\n"
+        "    repeat = 3                                             # runs of every combination, for the spread of times\n"
         "    columns = [\"contact.total_ms_mean\", \"contact.max_depth_m\"]   # paths into metrics.json\n"
         "    [set]\n    \"liver.triangles\" = 4000\n"
         "    [vary]\n    \"contact.cell_edges\" = [2.0, 2.5, 3.0]\n    \"liver.integrator\" = [\"leapfrog\", \"midpoint\"]\n"

@@ -28,7 +28,8 @@ namespace {
 
 // One run of a sweep, in a folder of its own.
 struct Job {
-    std::vector<std::string> values;     // per axis
+    std::vector<std::string> values;  // per axis
+    uint32_t repetition = 0;
     std::vector<std::string> arguments;  // arguments[0] is this program
     fs::path folder;
 };
@@ -55,22 +56,26 @@ bool is_done(const Job& job) {
            fs::exists(job.folder / "metrics.json");
 }
 
-// A run is known by its values, so that it is found again when others come before it.
-std::string name_of_run(const SweepFile& sweep, const std::vector<std::string>& values) {
+// A run is known by its values, so that it is found again when others come before it; those that repeat it by their number.
+std::string name_of_run(const SweepFile& sweep, const std::vector<std::string>& values, uint32_t repetition) {
     StateHash hash;
     for (size_t a = 0; a < values.size(); ++a) {
         const std::string line = sweep.axes[a].key + "=" + values[a] + "\n";
         hash.add_bytes(reinterpret_cast<const std::byte*>(line.data()), line.size());
     }
-    return hex(hash.value);
+    return hex(hash.value) + (repetition > 0 ? "_" + std::to_string(repetition) : "");
 }
 
+// All combinations once, then all of them again: a machine that gets slower meets each of them.
 std::vector<Job> expand(const SweepFile& sweep, const fs::path& out) {
     std::error_code error;
     const std::string program = fs::read_symlink("/proc/self/exe", error).string();
     std::vector<Job> jobs;
-    for (const auto& values : combinations(sweep)) {
-        Job job{values, {}, fs::absolute(out / "runs" / name_of_run(sweep, values))};
+    const std::vector<std::vector<std::string>> all = combinations(sweep);
+    for (size_t i = 0; i < sweep.repeat * all.size(); ++i) {
+        const auto& values = all[i % all.size()];
+        const auto repetition = static_cast<uint32_t>(i / all.size());
+        Job job{values, repetition, {}, fs::absolute(out / "runs" / name_of_run(sweep, values, repetition))};
         std::string scene = sweep.scene;
         for (size_t a = 0; a < values.size(); ++a)
             if (sweep.axes[a].key == "scene") scene = values[a];
@@ -99,6 +104,7 @@ std::vector<Job> expand(const SweepFile& sweep, const fs::path& out) {
 // Every scene is read once before anything runs: a wrong key shows at once, not in a thousand logs.
 void check_jobs(const SweepFile& sweep, const std::vector<Job>& jobs) {
     for (const Job& job : jobs) {
+        if (job.repetition > 0) return;
         std::vector<Override> overrides = sweep.fixed;
         for (size_t a = 0; a < job.values.size(); ++a)
             if (sweep.axes[a].key != "scene") overrides.push_back({sweep.axes[a].key, job.values[a]});
@@ -175,13 +181,13 @@ void run_by_parallel(const fs::path& out, uint32_t at_once) {
     if (result.end != ChildEnd::kExited && result.end != ChildEnd::kStopped) throw InputError("parallel " + describe_child_end(result, {}));
 }
 
-// An array job: task k works off line k + 1 of runs.txt.
+// An array job: task k works off line k + 1 of runs.txt, `at_once` of them at a time, 0 = as many as the cluster grants.
 std::string slurm_script(const SweepFile& sweep, const fs::path& out, size_t jobs, uint32_t at_once) {
     const std::string folder = fs::absolute(out).string();
-    return "#!/bin/sh\n#SBATCH --job-name=" + sweep.name + "\n#SBATCH --array=0-" + std::to_string(jobs - 1) + "%" +
-           std::to_string(at_once) + "\n#SBATCH --ntasks=1\n#SBATCH --cpus-per-task=" + std::to_string(sweep.threads) +
-           "\n#SBATCH --output=/dev/null\n" + "line=$(sed -n \"$((SLURM_ARRAY_TASK_ID + 1))p\" " + quoted(folder + "/runs.txt") +
-           ")\neval \"$line\"\n";
+    return "#!/bin/sh\n#SBATCH --job-name=" + sweep.name + "\n#SBATCH --array=0-" + std::to_string(jobs - 1) +
+           (at_once > 0 ? "%" + std::to_string(at_once) : "") +
+           "\n#SBATCH --ntasks=1\n#SBATCH --cpus-per-task=" + std::to_string(sweep.threads) + "\n#SBATCH --output=/dev/null\n" +
+           "line=$(sed -n \"$((SLURM_ARRAY_TASK_ID + 1))p\" " + quoted(folder + "/runs.txt") + ")\neval \"$line\"\n";
 }
 
 void run_by_slurm(const SweepFile& sweep, const fs::path& out, size_t jobs, uint32_t at_once) {
@@ -226,12 +232,14 @@ size_t merge(const SweepFile& sweep, const fs::path& out, const std::vector<Job>
     nlohmann::ordered_json rows = nlohmann::ordered_json::array();
     std::string csv = "run";
     for (const SweepAxis& axis : sweep.axes) csv += "," + csv_field(axis.key);
+    if (sweep.repeat > 1) csv += ",repeat";
     for (const std::string& column : sweep.columns) csv += "," + csv_field(column);
     csv += ",failed\n";
     for (const Job& job : jobs) {
         nlohmann::ordered_json row = {{"run", job.folder.filename().string()}};
         csv += job.folder.filename().string();
         for (size_t a = 0; a < job.values.size(); ++a) row[sweep.axes[a].key] = job.values[a], csv += "," + csv_field(job.values[a]);
+        if (sweep.repeat > 1) row["repeat"] = job.repetition, csv += "," + std::to_string(job.repetition);
         const nlohmann::ordered_json metrics =
             is_done(job) ? nlohmann::ordered_json::parse(read_text(job.folder / "metrics.json"), nullptr, false) : nlohmann::ordered_json();
         std::string failed;
@@ -276,7 +284,7 @@ int sweep_command(const SweepOptions& options) {
     if (options.engine == "parallel")
         run_by_parallel(out, at_once);
     else if (options.engine == "slurm")
-        run_by_slurm(sweep, out, jobs.size(), at_once);
+        run_by_slurm(sweep, out, jobs.size(), options.jobs);
     else if (options.engine == "local")
         run_here(jobs, at_once);
     const size_t missing = merge(sweep, out, jobs);

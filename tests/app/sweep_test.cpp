@@ -54,6 +54,9 @@ TEST(SweepFile, EveryCombinationOnceInOrder) {
              {"scene = \"x\"\n[vary]\na = 1\n", "needs a list of values"},
              {"scene = \"x\"\nsecond = 1\n", "unknown key \"second\""},
              {"scene = \"x\"\nseconds = -1\n", "must be a positive number"},
+             {"scene = \"x\"\nrepeat = 1.5\n[vary]\na = [1]\n", "repeat must be a positive number"},
+             {"scene = \"x\"\nrepeat = 900000\n[vary]\na = [1, 2]\n", "more than a million runs"},
+             {"scene = \"x\"\nrepeat = 2\n[vary]\nrepeat = [1, 2]\n", "can be named repeat"},
              {"scene = [", "s.toml:1:"},
              {"scene = \"x\"\n[vary]\na = [1e-4, 2.0, 0.1e-3]\n", "s.toml:3:17: a has this value twice"},
              {"scene = \"x\"\n[vary]\na = [\"b\\nc\"]\n", "s.toml:3:6: line ends"},
@@ -120,6 +123,43 @@ TEST(SweepCommand, RunsMergesResumesAndIsTheSameOnEveryEngine) {
         ASSERT_EQ(run("--engine parallel --out " + (folder / "p").string()).code, 0);
         EXPECT_EQ(text_of(folder / "p/sweep.csv"), text_of(out / "sweep.csv"));
     }
+}
+
+// Every combination twice, all of them before the second round; what is computed is the same, and nothing is run again.
+TEST(SweepCommand, RepetitionsAreRunsOfTheirOwn) {
+    const fs::path folder = fresh_folder("repeat");
+    write(folder / "ball.toml", kScene);
+    const std::string text = "scene = \"ball.toml\"\nrepeat = 2\ncolumns = [\"state_hash\"]\n[vary]\nheight = [0.1, 0.2]\n";
+    const fs::path sweep = write(folder / "twice.toml", text), out = folder / "out";
+    const auto run = [&] { return run_program("sweep " + sweep.string() + " --out " + out.string(), source_folder(), folder); };
+    ASSERT_EQ(run().code, 0);
+    const auto rows = nlohmann::json::parse(text_of(out / "sweep.json"))["runs"];
+    ASSERT_EQ(rows.size(), 4u);
+    std::set<std::string> runs;
+    for (size_t i = 0; i < 4; ++i) {
+        EXPECT_EQ(rows[i]["repeat"], i / 2);
+        EXPECT_EQ(rows[i]["height"], rows[i % 2]["height"]);
+        EXPECT_EQ(rows[i]["state_hash"], rows[i % 2]["state_hash"]);
+        runs.insert(rows[i]["run"]);
+    }
+    EXPECT_EQ(runs.size(), 4u);
+    EXPECT_TRUE(text_of(out / "sweep.csv").starts_with("run,height,repeat,state_hash,failed\n")) << text_of(out / "sweep.csv");
+    EXPECT_NE(run().out.find("4 runs, 4 were there"), std::string::npos);
+    write(folder / "twice.toml", "scene = \"ball.toml\"\n[vary]\nheight = [0.1, 0.2]\n");
+    EXPECT_NE(run().out.find("2 runs, 2 were there"), std::string::npos) << "the first round is that of a sweep without repetitions";
+}
+
+// A cluster is not this machine: how many run at once is its affair, unless --jobs says it.
+TEST(SweepCommand, SlurmIsThrottledOnlyWhenAsked) {
+    const fs::path folder = fresh_folder("slurm");
+    write(folder / "ball.toml", kScene);
+    const fs::path sweep = write(folder / "drop.toml", kSweep);
+    const auto script = [&](const std::string& more) {
+        run_program("sweep " + sweep.string() + " --engine slurm --out " + (folder / "o").string() + more, source_folder(), folder);
+        return text_of(folder / "o/sweep.sbatch");
+    };
+    EXPECT_NE(script("").find("--array=0-3\n"), std::string::npos) << script("");
+    EXPECT_NE(script(" --jobs 2").find("--array=0-3%2\n"), std::string::npos) << script(" --jobs 2");
 }
 
 TEST(SweepCommand, AWrongKeyShowsBeforeAnythingRunsAndAFailedRunInTheTable) {

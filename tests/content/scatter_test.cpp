@@ -5,9 +5,12 @@
 #include <filesystem>
 #include <fstream>
 
+#include "content/build_scene.hpp"
 #include "content/scene_file.hpp"
 #include "engine/error.hpp"
 #include "engine/geometry/quaternion.hpp"
+#include "engine/thread_pool.hpp"
+#include "systems/frame.hpp"
 namespace trocar {
 namespace {
 
@@ -105,13 +108,32 @@ TEST(Parameters, StandForValuesAndChangeByTheirName) {
     EXPECT_EQ(scene.bodies[0].triangles, 500u);
 }
 
+// None of a body is a scene without it, which runs if anything is left.
+TEST(Scatter, ACountOfNoneIsASceneWithoutThem) {
+    const SceneFile none = scene_of(kBalls + "\n[[body]]\nname = \"floor\"\nshape = \"box\"\ntriangles = 12\n", {{"count", "0"}});
+    ASSERT_EQ(none.bodies.size(), 1u);
+    EXPECT_EQ(none.bodies[0].name, "floor");
+    ThreadPool pool(1);
+    pool.run([&] {
+        Frame frame(build_scene(none).world, {});
+        frame.step();
+        EXPECT_EQ(frame.world().bodies.mesh.size(), 1u);
+    });
+}
+
 TEST(Parameters, WhatIsWrongIsNamedWithItsPlace) {
     EXPECT_NE(refusal("[parameters]\ncount = 3\n\n[[body]]\nname = \"a\"\nshape = \"sphere\"\ntriangles = \"$cuont\"\n")
                   .find("7:13: no parameter \"cuont\" in [parameters]; did you mean \"count\"?"),
               std::string::npos);
-    EXPECT_NE(refusal(kBalls, {{"count", "0"}}).find("count = 0 is outside 1 to"), std::string::npos);
+    EXPECT_NE(refusal(kBalls, {{"count", "-1"}}).find("count = -1 is outside 0 to"), std::string::npos);
     EXPECT_NE(refusal(kBalls, {{"count", "\"many\""}}).find("count must be a number"), std::string::npos);
-    EXPECT_NE(refusal(kBalls, {{"cuont", "5"}}).find("unknown key \"cuont\""), std::string::npos);
+    EXPECT_NE(refusal(kBalls, {{"cuont", "5"}}).find("unknown key \"cuont\"; did you mean \"count\"?"), std::string::npos);
+    EXPECT_NE(refusal(kBalls, {{"weightlessness", "5"}}).find("; parameters of the scene: count, jitter, resolution, seed"),
+              std::string::npos)
+        << refusal(kBalls, {{"weightlessness", "5"}});
+    EXPECT_NE(refusal("secnods = 3\n" + kBalls).find("did you mean \"seconds\"?"), std::string::npos);
+    EXPECT_NE(refusal("[[body]]\nname = \"a\"\nshape = \"sphere\"\n[body.scatter]\nseed = 3\n").find("[body.scatter] needs a count"),
+              std::string::npos);
     EXPECT_NE(refusal(kBalls, {{"ball.scatter.colums", "[1, 1]"}}).find("did you mean \"columns\"?"), std::string::npos);
     EXPECT_NE(refusal(kBalls, {{"ball.motion", "hand"}}).find("can neither be held"), std::string::npos);
     EXPECT_NE(refusal(kBalls, {{"ball.motion", "static"}, {"ball.scatter.rate", "5"}})

@@ -478,6 +478,59 @@ TEST(Render, FitsTheOrganAndFillsThePicture) {
     }
 }
 
+// Two free balls on a wide floor beside a long instrument: the balls fill the picture. Without them it is the instrument, and
+// what stands still fills it only where nothing else is.
+TEST(Render, FitsWhatMovesBeforeWhatIsGuidedBeforeWhatIsStill) {
+    const auto reach_of = [](const PictureScene& from, uint32_t body) {
+        PictureScene scene = from;
+        Camera camera;
+        PictureParams params;
+        params.width = 640, params.height = 480;
+        const PictureSnapshot s = scene.snapshot();
+        fit_camera(s, 640, 480, camera);
+        const Box box = s.body[body].box;
+        double reach = 0;
+        for (uint32_t k = 0; k < 8; ++k) {
+            const Vec3d corner(k & 1 ? box.min.x() : box.max.x(), k & 2 ? box.min.y() : box.max.y(), k & 4 ? box.min.z() : box.max.z());
+            const Projection at = project(s.body[body].origin + corner, camera, params);
+            reach = std::max({reach, std::abs(at.x - 320) / 320, std::abs(at.y - 240) / 240});
+        }
+        return reach;
+    };
+    PictureScene still;
+    still.add_body(still.add_mesh(reference::make_box({-10, -10, -0.1}, {10, 10, 0})), Motion::kStatic);
+    EXPECT_NEAR(reach_of(still, 0), 0.88, 0.01);
+    PictureScene guided = still;
+    guided.add_body(guided.add_mesh(reference::make_box({-0.01, -0.01, 0}, {0.01, 0.01, 0.5})), Motion::kHand, {0, 0, 0.2});
+    EXPECT_NEAR(reach_of(guided, 1), 0.72, 0.01);
+    PictureScene moving = guided;
+    const uint32_t ball = moving.add_mesh(reference::make_sphere({0, 0, 0}, 0.025, 3));
+    moving.add_body(ball, Motion::kFree, {-0.1, 0, 0.025});
+    moving.add_body(ball, Motion::kFree, {0.1, 0, 0.025});
+    EXPECT_NEAR(std::max(reach_of(moving, 2), reach_of(moving, 3)), 0.72, 0.01);
+    PictureScene mixed = moving;
+    mixed.add_body(ball, Motion::kDeformable, {0.3, 0, 0.025});
+    EXPECT_LE(reach_of(mixed, 2), 0.73) << "beside tissue it is in the picture too";
+    EXPECT_GT(reach_of(mixed, 2), 0.5);
+}
+
+// A free ball is followed as one of tissue is.
+TEST(Render, KeepsFreeBodiesInThePicture) {
+    PictureScene scene;
+    const uint32_t ball = scene.add_mesh(reference::make_sphere({0, 0, 0}, 0.02, 3));
+    scene.add_body(ball, Motion::kFree, {0, 0, 0});
+    scene.add_body(ball, Motion::kFree, {0, 0, 0.09});
+    Camera camera;
+    fit_camera(scene.snapshot(), 640, 480, camera);
+    const double fitted = camera.distance;
+    PictureSnapshot s = scene.snapshot();
+    keep_in_picture(s, 640, 480, camera);
+    EXPECT_EQ(camera.distance, fitted);
+    s.body[1].origin = {0.12, 0.12, 0.05};
+    keep_in_picture(s, 640, 480, camera);
+    EXPECT_GT(camera.distance, 1.1 * fitted);
+}
+
 // What leaves the picture is followed by going back, not forth again; what falls below the floor is let go
 TEST(Render, KeepsInThePictureWhatMoves) {
     PictureScene scene;
