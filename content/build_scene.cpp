@@ -354,7 +354,7 @@ Integrator pick_integrator(const World& world, uint32_t body, double wanted_erro
     char text[160];
     std::snprintf(text, sizeof text, "%.3g explicit steps a ms, %s, %.3g mm wanted", steps, held ? "held" : "free", wanted_error * 1e3);
     why = text;
-    // midpoint takes these at the start of a step: Euler's method, which swings up (a bowel at rest from 1e-12 J to 1e29 J)
+    // midpoint takes these explicitly: they limit its steps as they do leapfrog's
     if (has_pressure(world.bodies, body) || has_bending(world.bodies, body)) {
         why += ", pressure or bending";
         return Integrator::kLeapfrog;
@@ -471,7 +471,7 @@ struct PrototypeCache {
     }
 };
 
-// Largest step (s) for the forces that an implicit step takes as they are at its start: pressure and bending.
+// Largest step (s) for the forces that implicit steps take explicitly, as leapfrog does: pressure and bending.
 double other_forces_limit(const World& world, uint32_t body) {
     double omega_squared = 0;
     if (has_pressure(world.bodies, body)) omega_squared += pressure_omega_squared(world.springs, world.bodies, world.particles, body);
