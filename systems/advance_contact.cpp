@@ -251,14 +251,26 @@ bool has_free_side(const AdvanceScratch& s, const ContactPlan& plan) {
 
 bool is_bounced_away(const ContactPlan& plan, double approach) { return plan.restitution > 0 && approach > kLeastBounce; }
 
-// What a row's velocity along the normal must be at least after the substep, m/s. Bodies that bounce: minus the restitution times
-// that before, of those too that move apart (Moreau 1988, "Unilateral contact and dry friction in finite freedom dynamics"):
-// with one restitution for all no impact makes energy then, however many rows it has.
-double least_velocity(const ContactPlan& plan, double gap, double approach, double dt) {
-    const double closed = -std::max(gap, 0.0) / dt;
-    if (is_bounced_away(plan, approach)) return std::min(closed, -plan.restitution * approach);
-    const bool hits = plan.restitution > 0 && approach < -kLeastBounce && gap + approach * dt < 0;
-    return hits ? -plan.restitution * approach : closed;
+// Half of what the kick of this substep added to the velocity along the normal, m/s: velocities are half a step ahead of places.
+double half_kick(const AdvanceScratch& s, const ContactActive& active) {
+    Vec4d kick = {};
+    for (uint32_t k = 0; k < active.nodes; ++k) {
+        const auto change = s.change[active.node[k]];
+        kick += active.weight[k] * (change.kicked - change.before);
+    }
+    return 0.5 * dot(active.normal, kick);
+}
+
+// What a row's velocity along the normal must be at least after the substep, m/s; all nodes are known. Bodies that bounce: minus
+// the restitution times that before, of those too that move apart (Moreau 1988, "Unilateral contact and dry friction in finite
+// freedom dynamics"): with one restitution for all no impact makes energy then, however many rows it has. Both at the time of
+// the places: with the kick as it is a ball would rise by (1 + e) g dt / (e v) too high.
+double least_velocity(const AdvanceIsland& island, const ContactPlan& plan, const ContactActive& active, double gap, double approach) {
+    const double closed = -std::max(gap, 0.0) / island.dt;
+    const bool hits = plan.restitution > 0 && approach < -kLeastBounce && gap + approach * island.dt < 0;
+    if (!hits && !is_bounced_away(plan, approach)) return closed;
+    const double ahead = half_kick(island.scratch, active), back = ahead - plan.restitution * (approach - ahead);
+    return hits ? std::max(back, 0.0) : std::min(closed, back);
 }
 
 // Adds a row to the active ones. approach: m/s along the normal, before any impulse of the substep.
@@ -271,7 +283,6 @@ void add_active(AdvanceIsland& island, uint32_t plan_row, const RowState& r, con
     active.friction = plan.friction;
     active.normal = r.normal;
     active.rigid_velocity = active.friction_impulse = Vec4d{};
-    active.least_velocity = least_velocity(plan, r.gap, approach, island.dt);
     if (plan.rigid_a == kNone) {
         for (int i = 0; i < 3; ++i) add_point(s, active, plan.node_a[i], plan.weight_a[i]);
     } else {
@@ -298,6 +309,7 @@ void add_active(AdvanceIsland& island, uint32_t plan_row, const RowState& r, con
         sum += active.weight[k] * active.weight[k] * s.node[active.node[k]].inv_mass;
     }
     active.inv_sum = sum > 0 ? 1 / sum : 0;
+    active.least_velocity = least_velocity(island, plan, active, r.gap, approach);
     // a free body rests anywhere in a thin band: gaps of a micrometre among its rows would let it rock at 1 mm/s
     if (r.gap < kRestingGap && !is_bounced_away(plan, approach) && !s.free.empty() && has_free_side(s, plan)) {
         active.least_velocity = std::max(active.least_velocity, 0.0);

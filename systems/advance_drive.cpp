@@ -65,10 +65,9 @@ void kick_driven(AdvanceIsland& island, AdvanceFree& f) {
     const NodeDrive& drive = drive_of(island, f);
     DriveState& state = state_of(island, f);
     AdvanceRigid& rigid = s.rigid[f.rigid];
-    const bool held = moving_time(island, rigid.body) == 0;
-    const double kick = held ? 0 : 0.5 * (f.last_dt + island.dt);
+    const double seconds = moving_time(island, rigid.body), kick = seconds > 0 ? 0.5 * (f.last_dt + seconds) : 0;
     f.keep = std::exp(-f.damping * kick);
-    f.last_dt = island.dt;
+    if (seconds > 0) f.last_dt = seconds;
     const Vec3d centre = drive_point(drive, state.place, f.mass.centre);
     const double force = drive_force(drive, state.place) + drive_weight(drive, f.mass.mass, island.params.gravity, centre);
     f.rate_before = rate_of(s, f);

@@ -100,10 +100,11 @@ void kick_free_bodies(AdvanceIsland& island) {
             continue;
         }
         // the very first kick is half a one: velocities fall half a step behind
-        const bool held = moving_time(island, rigid.body) == 0;  // neither falls nor slows down while it does not move
-        const double kick = held ? 0 : 0.5 * (f.last_dt + island.dt), keep = std::exp(-f.damping * kick);
+        // what is stopped in this substep takes a shorter step, and none while it stands: it neither falls nor slows down then
+        const double seconds = moving_time(island, rigid.body), kick = seconds > 0 ? 0.5 * (f.last_dt + seconds) : 0;
+        const double keep = std::exp(-f.damping * kick);
         f.keep = keep;
-        f.last_dt = island.dt;
+        if (seconds > 0) f.last_dt = seconds;
         s.change[rigid.node].before = node.velocity;
         const Vec4d fall = kick * to_vec4(island.params.gravity), lost = (keep - 1) * node.velocity;
         if (f.damping > 0 && island.params.account_energy) {

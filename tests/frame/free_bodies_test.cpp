@@ -174,25 +174,31 @@ TEST(FreeBodies, ARowOfBallsMakesNoEnergy) {
 }
 
 // A box that falls flat on a floor and bounces stays flat: its four corners are hit alike. Heights of its bounces are those of
-// its restitution, h e^2, h e^4. Breaks when a hit is solved corner by corner and left unfinished.
+// its restitution, h e^2, h e^4; it turns round up to a substep's way v dt above the floor. Breaks when a hit is solved corner by corner
+// and left unfinished, or when a body that the swept test stops falls on for the rest of the substep (2 % of the height).
 TEST(FreeBodies, ABoxThatFallsFlatBouncesFlat) {
-    const double e = 0.7, height = 0.2;
-    SceneFile scene;
-    scene.bodies = {body("floor", "box", Motion::kStatic, 2, {0, 0, -1}), body("box", "box", Motion::kFree, 0.05, {0, 0, height + 0.025})};
-    scene.bodies[1].tissue.restitution = e;
-    const double fall = std::sqrt(2 * height / kGravity);
-    std::array<double, 2> top{};
-    double steepest = 0;
-    run(scene, fall * (1 + 2 * e + 2 * e * e) - 0.02, [&](const Frame& f) {
-        const double t = seconds_of(f), second = fall * (1 + 2 * e);
-        double& rise = top[t > second];
-        if (t > fall) rise = std::max(rise, centre_of(f.world(), 1).z() - 0.025);
-        const Quat& q = f.world().poses.orientation[1];
-        steepest = std::max(steepest, 2 * std::hypot(q.x, q.y));
-    });
-    EXPECT_NEAR(top[0], e * e * height, 0.02 * e * e * height);
-    EXPECT_NEAR(top[1], std::pow(e, 4) * height, 0.05 * std::pow(e, 4) * height);
-    EXPECT_LT(steepest, 1e-3) << "rad";
+    for (const double e : {0.7, 1.0}) {
+        const double height = 0.2, fall = std::sqrt(2 * height / kGravity);
+        SceneFile scene;
+        scene.bodies = {body("floor", "box", Motion::kStatic, 2, {0, 0, -1}),
+                        body("box", "box", Motion::kFree, 0.05, {0, 0, height + 0.025})};
+        scene.bodies[1].tissue.restitution = e;
+        std::array<double, 2> top{};
+        double steepest = 0;
+        run(scene, fall * (1 + 2 * e + 2 * e * e) - 0.02, [&](const Frame& f) {
+            const double t = seconds_of(f), second = fall * (1 + 2 * e);
+            double& rise = top[t > second];
+            if (t > fall) rise = std::max(rise, centre_of(f.world(), 1).z() - 0.025);
+            const Quat& q = f.world().poses.orientation[1];
+            steepest = std::max(steepest, 2 * std::hypot(q.x, q.y));
+        });
+        std::printf("restitution %g: rises %.2f %% and %.2f %% too high\n", e, 100 * (top[0] / (e * e * height) - 1),
+                    100 * (top[1] / (std::pow(e, 4) * height) - 1));
+        const double early = (1 - e * e) * kGravity * fall * 1e-3;  // m, higher for turning round v dt above the floor
+        EXPECT_NEAR(top[0], e * e * height, early + 1e-3 * height);
+        EXPECT_NEAR(top[1], std::pow(e, 4) * height, 2 * e * early + 1e-3 * height);
+        EXPECT_LT(steepest, 1e-3) << "rad";
+    }
 }
 
 // A block on a slope, which is gravity turned by the angle: holds below the angle of friction, above it slides with
