@@ -12,20 +12,6 @@
 namespace trocar {
 namespace {
 
-// The first element nothing can be computed with, as a reason; empty when there is none.
-std::string find_bad_element(const Mesh& mesh) {
-    for (size_t v = 0; v < mesh.position.size(); ++v) {
-        if (!mesh.position[v].allFinite()) return "vertex " + std::to_string(v) + ": coordinate is not finite";
-    }
-    for (size_t t = 0; t < mesh.triangle.size(); ++t) {
-        for (const uint32_t v : mesh.triangle[t]) {
-            if (v < mesh.position.size()) continue;
-            return "face " + std::to_string(t) + ": names vertex " + std::to_string(v) + " of " + std::to_string(mesh.position.size());
-        }
-    }
-    return mesh.triangle.empty() ? "no face" : "";
-}
-
 void measure(const Mesh& mesh, MeshJudgement& out) {
     std::vector<uint8_t> used(mesh.position.size(), 0);
     Box box;
@@ -153,11 +139,42 @@ void admit(MeshJudgement& j, bool balanced) {
 
 }  // namespace
 
+std::string find_bad_element(const Mesh& mesh) {
+    for (size_t v = 0; v < mesh.position.size(); ++v) {
+        if (!mesh.position[v].allFinite()) return "vertex " + std::to_string(v) + ": coordinate is not finite";
+    }
+    const size_t faces = mesh.triangle.size(), materials = std::max<size_t>(1, mesh.material.size());
+    for (size_t t = 0; t < faces; ++t) {
+        for (const uint32_t v : mesh.triangle[t]) {
+            if (v < mesh.position.size()) continue;
+            return "face " + std::to_string(t) + ": names vertex " + std::to_string(v) + " of " + std::to_string(mesh.position.size());
+        }
+    }
+    const auto rows = [&](size_t count, const char* what) {
+        return count == 0 || count == faces ? "" : std::to_string(count) + " " + what + " for " + std::to_string(faces) + " faces";
+    };
+    std::string reason = rows(mesh.uv.size(), "rows of texture coordinates (uv)");
+    if (reason.empty()) reason = rows(mesh.triangle_material.size(), "rows of triangle_material");
+    for (size_t t = 0; reason.empty() && t < mesh.triangle_material.size(); ++t) {
+        if (mesh.triangle_material[t] >= materials)
+            reason = "face " + std::to_string(t) + ": names material " + std::to_string(mesh.triangle_material[t]) + " of " +
+                     std::to_string(materials);
+    }
+    for (size_t m = 0; reason.empty() && m < mesh.material.size(); ++m) {
+        const Image& image = mesh.material[m].image;
+        if (image.rgba.size() != size_t{4} * image.width * image.height)
+            reason = "material " + std::to_string(m) + ": image of " + std::to_string(image.rgba.size()) + " bytes is not " +
+                     std::to_string(image.width) + " x " + std::to_string(image.height) + " pixels";
+    }
+    return reason;
+}
+
 MeshJudgement judge_mesh(const Mesh& mesh, bool test_self_crossing) {
     MeshJudgement out;
     out.vertices = static_cast<uint32_t>(mesh.position.size());
     out.triangles = static_cast<uint32_t>(mesh.triangle.size());
     out.reason = find_bad_element(mesh);
+    if (out.reason.empty() && mesh.triangle.empty()) out.reason = "no face";
     if (!out.reason.empty()) return out;
 
     // a face that names a vertex twice bounds nothing and joins nothing: it is counted and left out

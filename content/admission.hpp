@@ -35,9 +35,13 @@ struct MeshJudgement {
 // Judges a welded mesh. solid: closed, manifold at edges and vertices, oriented outward, no piece inside a solid
 // part, no face without area, no two faces that meet away from shared corners and edges. winding: every edge is used
 // equally in both directions and something is enclosed, but it is not solid. sheet: everything else with an area.
-// refused: no face with an area, a coordinate that is not finite or an index out of range; the reason names the element
-// (counted from 0).
+// refused: no face with an area, or a bad element.
 MeshJudgement judge_mesh(const Mesh& mesh, bool test_self_crossing = true);
+
+// What nothing can be computed with: a coordinate that is not finite, an index (of a vertex, of a material) out of range, uv or
+// triangle_material that are neither empty nor one row per face, an image that is not as large as it says. Names the first such
+// element, counted from 0; empty when there is none.
+std::string find_bad_element(const Mesh& mesh);
 
 // "solid", "winding", "sheet" or "refused".
 const char* admission_name(Admission admission);

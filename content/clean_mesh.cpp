@@ -6,7 +6,9 @@
 #include <cmath>
 #include <numeric>
 
+#include "content/admission.hpp"
 #include "content/orientation.hpp"
+#include "engine/check.hpp"
 #include "engine/disjoint_sets.hpp"
 #include "engine/edge_table.hpp"
 #include "engine/geometry/predicates.hpp"
@@ -90,16 +92,6 @@ Box box_of(const std::vector<Vec3d>& position) {
         box.max = box.max.cwiseMax(p);
     }
     return box;
-}
-
-bool is_usable(const Mesh& mesh) {
-    for (const Vec3d& p : mesh.position) {
-        if (!p.allFinite()) return false;
-    }
-    for (const Triangle& t : mesh.triangle) {
-        if (std::max({t[0], t[1], t[2]}) >= mesh.position.size()) return false;
-    }
-    return true;
 }
 
 uint32_t drop_repeated_index_faces(Mesh& mesh) {
@@ -272,6 +264,9 @@ void drop_unused_vertices(Mesh& mesh) {
 }
 
 uint32_t drop_faces(Mesh& mesh, const std::vector<uint8_t>& dropped) {
+    const size_t rows = mesh.triangle.size();
+    TROCAR_ASSERT(dropped.size() == rows && (mesh.uv.empty() || mesh.uv.size() == rows));
+    TROCAR_ASSERT(mesh.triangle_material.empty() || mesh.triangle_material.size() == rows);
     uint32_t kept = 0;
     for (uint32_t t = 0; t < mesh.triangle.size(); ++t) {
         if (dropped[t]) continue;
@@ -299,7 +294,7 @@ CleanReport clean_mesh(Mesh& mesh, const CleanParams& params) {
     CleanReport report;
     report.vertices_before = report.vertices_after = static_cast<uint32_t>(mesh.position.size());
     report.triangles_before = report.triangles_after = static_cast<uint32_t>(mesh.triangle.size());
-    report.refused = !is_usable(mesh);
+    report.refused = !find_bad_element(mesh).empty();
     if (report.refused) return report;
     const Box box = box_of(mesh.position);
     const double diagonal = mesh.position.empty() ? 0 : (box.max - box.min).norm();
@@ -324,7 +319,7 @@ CleanReport clean_mesh(Mesh& mesh, const CleanParams& params) {
 
 CleanReport orient_mesh(Mesh& mesh) {
     CleanReport report;
-    report.refused = !is_usable(mesh);
+    report.refused = !find_bad_element(mesh).empty();
     if (!report.refused) orient(mesh, report);
     return report;
 }

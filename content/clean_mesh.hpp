@@ -13,7 +13,7 @@ struct CleanParams {
 struct CleanReport {
     uint32_t vertices_before = 0, vertices_after = 0;
     uint32_t triangles_before = 0, triangles_after = 0;
-    bool refused = false;               // not finite or bad index: nothing was changed, admission names the element
+    bool refused = false;               // a bad element (find_bad_element): nothing was changed
     uint32_t welded_vertices = 0;       // joined to a lower vertex
     double weld_distance = 0;           // m, farthest that a corner moved by welding
     uint32_t repeated_index_faces = 0;  // dropped: name a vertex twice
@@ -43,8 +43,8 @@ void drop_unused_vertices(Mesh& mesh);
 
 // Makes a mesh fit for contact without moving a vertex beyond the weld tolerance: welds, drops repeated and doubled
 // faces, drops faces without area where the surface stays as closed as it was (slivers stay), turns faces to agree and
-// closed pieces outward (hollows inward), drops unused vertices. Order is kept. A mesh with a coordinate that is not
-// finite or an index out of range is returned as it came.
+// closed pieces outward (hollows inward), drops unused vertices. Order is kept. A mesh with a bad element
+// (find_bad_element in content/admission.hpp) is returned as it came.
 CleanReport clean_mesh(Mesh& mesh, const CleanParams& params);
 
 // Only turns faces to agree and closed pieces outward (hollows inward), as clean_mesh does: no face goes, so rows stay.

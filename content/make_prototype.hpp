@@ -25,7 +25,8 @@ struct Prototype {
     MeshJudgement judgement;      // of the prototype as it stands: metres, body frame
 };
 
-// Cleans, scales, recentres and orders a mesh, judges it and appends it to meshes. A refused mesh appends nothing.
+// Cleans, scales, recentres and orders a mesh, judges it and appends it to meshes. A refused mesh appends nothing:
+// row is kNone, judgement.reason says why. The scale must be finite and positive.
 Prototype make_prototype(Meshes& meshes, Mesh mesh, const PrototypeOptions& options);
 
 // Centre of the volume a closed mesh encloses; of the area where a mesh is open or encloses nothing.

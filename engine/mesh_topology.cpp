@@ -164,6 +164,7 @@ void append_area_shares(Springs& springs, std::span<const Vec3d> position, std::
 template <typename Row>
 void permute(std::vector<Row>& rows, const std::vector<uint32_t>& from) {
     if (rows.empty()) return;
+    TROCAR_ASSERT(rows.size() == from.size());
     std::vector<Row> moved;
     moved.reserve(from.size());
     for (const uint32_t i : from) moved.push_back(rows[i]);

@@ -71,6 +71,32 @@ TEST(MakePrototype, G31_G36_RefusedMeshesAppendNothing) {
     EXPECT_TRUE(meshes.position.empty());
 }
 
+// Rows of faces that are too few or too many, and materials that are not there, are refused with the array's name. Breaks when
+// only places and corners are looked at: cleaning and ordering then read and write past the end of the arrays.
+TEST(MakePrototype, RowsThatDoNotFitAreRefused) {
+    Meshes meshes;
+    const Mesh good = make_tetrahedron();
+    const auto reason = [&](const Mesh& mesh) {
+        const Prototype made = make_prototype(meshes, mesh, {});
+        EXPECT_EQ(made.row, kNone);
+        return made.judgement.reason;
+    };
+    Mesh bad = good;
+    bad.uv.resize(3);
+    EXPECT_EQ(reason(bad), "3 rows of texture coordinates (uv) for 4 faces");
+    bad = good;
+    bad.triangle_material.assign(5, 0);
+    EXPECT_EQ(reason(bad), "5 rows of triangle_material for 4 faces");
+    bad.triangle_material = {0, 0, 1, 0};
+    EXPECT_EQ(reason(bad), "face 2: names material 1 of 1");
+    bad.material.resize(2);
+    bad.material[1].image = {2, 2, std::vector<uint8_t>(15)};
+    EXPECT_EQ(reason(bad), "material 1: image of 15 bytes is not 2 x 2 pixels");
+    EXPECT_TRUE(meshes.info.empty());
+    bad.material[1].image.rgba.resize(16);
+    EXPECT_EQ(make_prototype(meshes, bad, {}).row, 0u);
+}
+
 // The same surface from another order of rows: same measures, same neighbourhoods in memory.
 TEST(MakePrototype, OrdersForLocality) {
     Meshes meshes;
