@@ -2,6 +2,7 @@
 #include <cstdint>
 #include <vector>
 
+#include "components/bodies.hpp"
 #include "components/entity.hpp"
 #include "components/math.hpp"
 namespace trocar {
@@ -30,8 +31,8 @@ inline bool is_away(const Lives& lives, uint32_t body) { return body < lives.awa
 
 // The name of whoever is in a slot now, and whether somebody so named is still there.
 inline Entity entity_of(const Lives& lives, uint32_t body) { return {body, body < lives.generation.size() ? lives.generation[body] : 0}; }
-inline bool is_there(const Lives& lives, Entity entity) {
-    return !is_away(lives, entity.index) && entity_of(lives, entity.index) == entity;
+inline bool is_there(const Bodies& bodies, const Lives& lives, Entity entity) {
+    return entity.index < bodies.mesh.size() && !is_away(lives, entity.index) && entity_of(lives, entity.index) == entity;
 }
 
 }  // namespace trocar

@@ -237,7 +237,7 @@ TEST(ComeAndGo, FollowsItsBookAndRecyclesSlotsWithNewNames) {
                     stays.back().to = now;
                     gone.push_back(name[s]);
                 }
-                EXPECT_EQ(name.contains(s) && is_there(w.lives, name[s]), here);
+                EXPECT_EQ(name.contains(s) && is_there(w.bodies, w.lives, name[s]), here);
                 const bool drawn = frame.times().picture ? w.picture.body[s].mesh != kNone : here;
                 EXPECT_EQ(drawn, here);
                 if (here) continue;
@@ -257,7 +257,7 @@ TEST(ComeAndGo, FollowsItsBookAndRecyclesSlotsWithNewNames) {
             if (stays.empty()) expected[slot];
         EXPECT_EQ(book, expected);
         EXPECT_GT(gone.size(), 12u) << "no slot was used three times: nothing was tested";
-        for (const Entity& e : gone) EXPECT_FALSE(is_there(w.lives, e));
+        for (const Entity& e : gone) EXPECT_FALSE(is_there(w.bodies, w.lives, e));
         for (size_t b = 0; b < rows.size(); ++b) EXPECT_EQ(rows[b].first, w.bodies.particles[b].first) << "renumbered";
         EXPECT_EQ(w.lives.came[0], [&] {
             uint64_t all = 0;
