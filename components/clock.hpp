@@ -11,7 +11,6 @@ struct Clock {
     uint32_t contact_rate = 60;  // Hz
     uint32_t display_rate = 30;  // Hz
     uint32_t period = 16;        // ms, of the present pass
-    double substep = 1e-3;       // s, upper bound of the explicit step; islands may take smaller ones
 };
 
 // Contact passes a second that there may be: whole numbers of passes a picture.

@@ -426,7 +426,11 @@ void visit_resource(World& w, Resource resource, Visitor& v) {
             break;
         case Resource::kClock:
             v.value(FIELD(clock.tick)), v.value(FIELD(clock.pass)), v.value(FIELD(clock.picture)), v.value(FIELD(clock.contact_rate)),
-                v.value(FIELD(clock.display_rate)), v.value(FIELD(clock.period)), v.value(FIELD(clock.substep));
+                v.value(FIELD(clock.display_rate)), v.value(FIELD(clock.period));
+            {
+                double unused = 1e-3;  // part of the format and of every hash
+                v.value("clock.substep", unused);
+            }
             break;
         case Resource::kPoses:
             v.array(FIELD(poses.origin)), v.array(FIELD(poses.orientation)), v.array(FIELD(poses.velocity)),
