@@ -17,6 +17,7 @@
 #include "content/shape_library.hpp"
 #include "content/unit_guess.hpp"
 #include "engine/bending_forces.hpp"
+#include "engine/check.hpp"
 #include "engine/deformable_setup.hpp"
 #include "engine/device.hpp"
 #include "engine/error.hpp"
@@ -300,6 +301,7 @@ Camera make_camera(const CameraSpec& spec) {
 
 uint32_t add_body(World& world, const std::string& name, uint32_t prototype, Motion motion, const Tissue& tissue,
                   AnchorFrame anchor_frame) {
+    TROCAR_ASSERT(prototype < world.meshes.info.size() && "add_body: no such prototype; was its mesh refused?");
     Bodies& bodies = world.bodies;
     const uint32_t body = static_cast<uint32_t>(bodies.mesh.size());
     bodies.entity.push_back({body, 0});
@@ -318,10 +320,19 @@ uint32_t add_body(World& world, const std::string& name, uint32_t prototype, Mot
     world.poses.orientation.push_back({});
     world.poses.velocity.push_back(Vec3d::Zero());
     world.poses.angular_velocity.push_back(Vec3d::Zero());
+    // those that are empty or have a row per body
+    if (!world.sleep.still.empty()) world.sleep.still.push_back(0), world.sleep.group.push_back(kNone);
+    if (!world.lives.away.empty()) {
+        world.lives.away.push_back(0), world.lives.generation.push_back(0), world.lives.since.push_back(world.clock.tick);
+        world.pools.orientation.push_back({});
+    }
+    if (!world.nodes.of_body.empty()) world.nodes.of_body.push_back(kNone);
+    if (!world.node_state.off.empty()) world.node_state.off.push_back(0);
     return body;
 }
 
 void make_deformable(World& world, uint32_t body, double fixed_below) {
+    TROCAR_ASSERT(body < world.bodies.mesh.size() && is_deformable(world.bodies, body));
     const uint32_t prototype = world.bodies.mesh[body];
     if (world.springs.info.size() <= prototype || world.springs.info[prototype].slices.count == 0)
         add_springs(world.springs, world.meshes, prototype);
@@ -370,6 +381,7 @@ void make_trees(World& world) {
         const MeshView view = mesh_view(world.meshes, prototype);
         if (is_deformable(world.bodies, body)) {
             const Range rows = world.bodies.particles[body];
+            TROCAR_ASSERT(rows.count > 0 && "make_trees comes after make_deformable");
             world.bodies.tree[body] = static_cast<uint32_t>(world.trees.size());
             world.trees.push_back(
                 std::make_unique<ClosestPointTree>(view, std::span(world.particles.offset).subspan(rows.first, rows.count)));

@@ -7,7 +7,11 @@
 #include "engine/world.hpp"
 namespace trocar {
 
-// Appends a body of a prototype at the world origin. Returns its row.
+// A world by hand, in this order: make_prototype; add_body and its pose; make_deformable or set_rigid_mass of what moves by
+// forces; links; make_trees once everybody is there; find_fault; Frame. A body of a running Frame is added in the same way
+// between two passes, make_trees again at the end.
+
+// Appends a body of a prototype, which must be there, at the world origin. Returns its row.
 uint32_t add_body(World& world, const std::string& name, uint32_t prototype, Motion motion, const Tissue& tissue = {},
                   AnchorFrame anchor_frame = AnchorFrame::kWorld);
 
@@ -21,7 +25,7 @@ void make_deformable(World& world, uint32_t body, double fixed_below = -std::num
 Integrator pick_integrator(const World& world, uint32_t body, double wanted_error, std::string& why);
 
 // Makes the closest-point trees: one per deformable body, one per prototype for all its rigid bodies. Call it once all
-// prototypes are there: trees look at their rows.
+// prototypes and bodies are there, and again when one has come since: trees look at rows that prototypes move.
 void make_trees(World& world);
 
 // A scene ready to run: the world, how it is looked at, and what had to be done to its meshes.

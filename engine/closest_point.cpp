@@ -265,6 +265,11 @@ void ClosestPointTree::Impl::update_scene(bool rebuild) {
     if (rebuild) rtcSetGeometryBuildQuality(geometry, RTC_BUILD_QUALITY_REFIT);
 }
 
+bool ClosestPointTree::looks_at(const MeshView& mesh) const {
+    const MeshView& own = impl_->mesh;
+    return own.position.data() == mesh.position.data() && own.triangle.data() == mesh.triangle.data() && own.info == mesh.info;
+}
+
 ClosestPointTree::ClosestPointTree(const MeshView& mesh) : impl_(new Impl) { impl_->build(mesh); }
 
 ClosestPointTree::ClosestPointTree(const MeshView& mesh, std::span<const Float4> offset) : impl_(new Impl) {

@@ -40,6 +40,9 @@ class ClosestPointTree {
     ClosestPointTree(const ClosestPointTree&) = delete;
     ClosestPointTree& operator=(const ClosestPointTree&) = delete;
 
+    // Whether the tree looks at these very rows: adding a prototype may move them away, then nothing may be asked of it.
+    bool looks_at(const MeshView& mesh) const;
+
     // Takes new vertex positions; builds afresh where the summed area of the nodes has grown by 30 % (Goldsmith &
     // Salmon's measure of a query's work). Different trees may be refitted at the same time.
     void refit(std::span<const Float4> offset);

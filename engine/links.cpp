@@ -17,6 +17,15 @@ void renumber(Links& links) {
     for (LinkGroup& g : links.group) g.rows.first = first, first += g.rows.count;
 }
 
+// What else would be read beyond arrays, or hold nothing.
+void check_group(const LinkWorld& w, const LinkGroup& g) {
+    const Bodies& bodies = w.surfaces.bodies;
+    TROCAR_ASSERT(g.body < bodies.mesh.size() && g.holder < bodies.mesh.size() && g.body != g.holder);
+    TROCAR_ASSERT(is_deformable(bodies, g.body));
+    TROCAR_ASSERT(g.stiffness > 0 && std::isfinite(g.stiffness));
+    TROCAR_ASSERT(is_deformable(bodies, g.holder) || !std::isfinite(g.within) || bodies.tree[g.holder] < w.trees.size());
+}
+
 // Keeps the rows for which keep(group, row) holds, in their order.
 template <typename Keep>
 void keep_rows(Links& links, const Keep& keep) {
@@ -151,6 +160,7 @@ uint32_t find_link_group(const Links& links, Entity name) {
 uint32_t make_links(const LinkWorld& w, uint32_t group, LinkScratch& scratch, Links& links, Energy& energy) {
     const Surfaces& s = w.surfaces;
     LinkGroup& g = links.group[group];
+    check_group(w, g);
     const Vec3d middle = middle_of(g.region);
     std::vector<LinkHold>& found = scratch.found;
     found.clear();
@@ -231,8 +241,8 @@ LinkGroup group_of(const Staple& staple) {
 }
 
 Entity add_staple(const LinkWorld& world, const Staple& staple, Links& links, Energy& energy) {
-    TROCAR_ASSERT(staple.a != kNone && staple.b != kNone && staple.stiffness > 0);
     LinkGroup group = group_of(staple);
+    check_group(world, group);
     group.gauge = world.surfaces.meshes.info[world.surfaces.bodies.mesh[staple.a]].mean_edge;
     const Entity name = add_link_group(links, group);
     LinkScratch scratch;

@@ -59,8 +59,8 @@ void drop_broken_links(Links& links);
 // links only where there was a group, or room for one, when it was made.
 void reserve_links(Links& links, size_t rows, uint32_t groups = 0);
 
-// A staple: one stiff link between the nodes of two bodies that lie nearest to `place` (m, world); of a rigid `b`, the place
-// itself. `rest` and `break_strain` as in LinkGroup. The name is of no group when no node of a lies within `reach` (m).
+// A staple: one stiff link between the nodes of two bodies, `a` deformable, that lie nearest to `place` (m, world); of a rigid `b`,
+// the place itself. `rest` and `break_strain` as in LinkGroup. The name is of no group when no node of a lies within `reach` (m).
 struct Staple {
     uint32_t a = kNone, b = kNone;
     Vec3d place = Vec3d::Zero();

@@ -15,9 +15,12 @@
 namespace trocar {
 
 void set_float_mode() {
-    constexpr unsigned kFlush = 0x8040, kRounding = 0x6000;  // FTZ | DAZ; rounding control, 0 = to nearest
-    _mm_setcsr((_mm_getcsr() | kFlush) & ~kRounding);
+    constexpr unsigned kFlush = 0x8040, kMasks = 0x1f80, kRounding = 0x6000;  // FTZ | DAZ; no traps; rounding control, 0 = to nearest
+    _mm_setcsr((_mm_getcsr() | kFlush | kMasks) & ~kRounding);
 }
+
+FloatModeScope::FloatModeScope() : before_(_mm_getcsr()) { set_float_mode(); }
+FloatModeScope::~FloatModeScope() { _mm_setcsr(before_); }
 
 void keep_freed_memory() {
     constexpr int kPiece = 16 << 20, kNeverGiveBack = std::numeric_limits<int>::max();
@@ -47,7 +50,10 @@ struct ThreadPool::Impl {
 
 ThreadPool::ThreadPool(uint32_t threads) : impl_(new Impl(threads == 0 ? std::max(1u, std::thread::hardware_concurrency()) : threads)) {}
 ThreadPool::~ThreadPool() = default;
-void ThreadPool::run(const std::function<void()>& work) { impl_->arena.execute(work); }
+void ThreadPool::run(const std::function<void()>& work) {
+    const FloatModeScope ours;  // entering the pool sets it on this thread for good
+    impl_->arena.execute(work);
+}
 uint32_t ThreadPool::threads() const { return static_cast<uint32_t>(impl_->arena.max_concurrency()); }
 
 uint32_t thread_count() {

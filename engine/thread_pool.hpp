@@ -4,9 +4,21 @@
 #include <memory>
 namespace trocar {
 
-// Rounding to nearest, flush-to-zero and denormals-are-zero for the calling thread. First statement of every main and of every thread we
-// start: Embree sets it inside a commit and the scheduler remembers the mode of its first user.
+// Rounding to nearest, flush-to-zero and denormals-are-zero, no exception that traps, for the calling thread. First statement of every main
+// and of every thread we start: Embree sets it inside a commit and the scheduler remembers the mode of its first user.
 void set_float_mode();
+
+// That mode for the calling thread while it lives; then the one before.
+class FloatModeScope {
+ public:
+    FloatModeScope();
+    ~FloatModeScope();
+    FloatModeScope(const FloatModeScope&) = delete;
+    FloatModeScope& operator=(const FloatModeScope&) = delete;
+
+ private:
+    uint32_t before_;
+};
 
 // Lets the process keep memory that was given back, and take it in large pieces: arrays that grow would else be made of new pages each
 // time, and those cost more than what is done with them (a third of the pass in which a thousand bodies hit the ground).
@@ -17,7 +29,7 @@ class ThreadPool {
  public:
     explicit ThreadPool(uint32_t threads);  // 0 = all cores
     ~ThreadPool();
-    // Runs work inside the pool; parallel_for and run_parallel called by it use its threads.
+    // Runs work inside the pool, in that float mode; parallel_for and run_parallel called by it use its threads.
     void run(const std::function<void()>& work);
     uint32_t threads() const;
 

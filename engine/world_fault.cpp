@@ -3,6 +3,8 @@
 #include <span>
 
 #include "engine/bending_forces.hpp"
+#include "engine/mass_properties.hpp"
+#include "engine/mesh_view.hpp"
 #include "engine/pressure_force.hpp"
 #include "engine/skin.hpp"
 #include "engine/surfaces.hpp"
@@ -262,17 +264,30 @@ void check_body(const World& w, uint32_t body, Faults& f) {
     if (f.first.empty()) check_solid(w, b.mesh[body], b.particles[body].count, f);
 }
 
+bool body_rows_fit(const World& w) {
+    const Bodies& b = w.bodies;
+    const size_t n = b.mesh.size();
+    return b.entity.size() == n && b.name.size() == n && b.motion.size() == n && b.particles.size() == n && b.tree.size() == n &&
+           b.anchor_frame.size() == n && b.tissue.size() == n && b.spring_stiffness.size() == n && b.inv_mass.size() == n &&
+           b.stable_dt.size() == n && b.thickness.size() == n && w.poses.origin.size() == n && w.poses.orientation.size() == n &&
+           w.poses.velocity.size() == n && w.poses.angular_velocity.size() == n;
+}
+
+void check_pose(const Poses& poses, uint32_t body, Faults& f) {
+    const Quat& q = poses.orientation[body];
+    const double square = q.w * q.w + q.x * q.x + q.y * q.y + q.z * q.z;
+    f.require(poses.origin[body].allFinite() && poses.velocity[body].allFinite() && poses.angular_velocity[body].allFinite(),
+              "body " + std::to_string(body) + ": place or velocity is not finite");
+    f.require(std::abs(square - 1) < 1e-3, "body " + std::to_string(body) + ": orientation is no unit quaternion");
+}
+
 void check_bodies(const World& w, Faults& f) {
     const Bodies& b = w.bodies;
     const size_t n = b.mesh.size();
-    f.require(b.entity.size() == n && b.name.size() == n && b.motion.size() == n && b.particles.size() == n && b.tree.size() == n &&
-                  b.anchor_frame.size() == n && b.tissue.size() == n && b.spring_stiffness.size() == n && b.inv_mass.size() == n &&
-                  b.stable_dt.size() == n && b.thickness.size() == n,
-              "bodies: arrays of different length");
+    f.require(body_rows_fit(w), "bodies and poses: arrays of different length");
     f.require(std::all_of(b.name.begin(), b.name.end(), is_body_name), "the name of a body is no name");
-    f.require(w.poses.origin.size() == n && w.poses.orientation.size() == n && w.poses.velocity.size() == n &&
-                  w.poses.angular_velocity.size() == n,
-              "poses: not one per body");
+    for (uint32_t body = 0; body < n && f.first.empty(); ++body) check_pose(w.poses, body, f);
+    if (!f.first.empty()) return;
     f.require(b.stepping.size() <= n, "bodies: more steppings than bodies");
     std::vector<bool> has_mass(n);
     for (const RigidMass& mass : b.rigid_mass) {
@@ -514,6 +529,19 @@ void check_contact_memory(const World& w, Faults& f) {
     }
 }
 
+void check_clock_and_settings(const World& w, Faults& f) {
+    const ContactParams& c = w.settings.contact;
+    f.require(w.settings.gravity.allFinite(), "settings: gravity is not finite");
+    f.require(w.settings.substep > kShortestStep, "settings: substep must be longer than 1e-8 s");
+    f.require(c.tolerance > 0 && c.cell_edges > 0 && std::isfinite(c.cell_edges) && c.push_speed >= 0 && c.iterations < 1000,
+              "settings: contact tolerance, cell_edges, push_speed or iterations is out of range");
+    f.require(w.settings.sleep_speed >= 0 && w.settings.sleep_after >= 0, "settings: sleep_speed or sleep_after is negative");
+    const uint32_t rate = w.clock.contact_rate;
+    f.require(is_contact_rate(rate), "clock: contact_rate must be 30, 60, 120 or 240 (Hz)");
+    if (!f.first.empty()) return;
+    f.require(w.clock.display_rate == 30 && w.clock.tick == pass_tick(w.clock.pass, rate), "clock: does not fit its passes");
+}
+
 }  // namespace
 
 std::string find_fault(const World& w) {
@@ -528,13 +556,29 @@ std::string find_fault(const World& w) {
     f.require(w.pair_memory.b.size() == w.pair_memory.a.size() && w.pair_memory.direction.size() == w.pair_memory.a.size(),
               "pair memory: arrays of different length");
     if (f.first.empty()) check_contact_memory(w, f);
-    const ContactParams& c = w.settings.contact;
-    f.require(w.settings.substep > kShortestStep && c.tolerance > 0 && c.cell_edges > 0 && c.push_speed >= 0 && c.iterations < 1000 &&
-                  w.settings.sleep_speed >= 0 && w.settings.sleep_after >= 0,
-              "settings: out of range");
-    const uint32_t rate = w.clock.contact_rate;
-    f.require(is_contact_rate(rate) && w.clock.display_rate == 30 && w.clock.tick == pass_tick(w.clock.pass, rate),
-              "clock: does not fit its passes");
+    check_clock_and_settings(w, f);
+    return f.first;
+}
+
+std::string find_unfinished(const World& w) {
+    Faults f;
+    check_clock_and_settings(w, f);
+    const Bodies& b = w.bodies;
+    f.require(body_rows_fit(w), "bodies: arrays of different length; add_body fills them");
+    for (uint32_t body = 0; body < b.mesh.size() && f.first.empty(); ++body) {
+        const std::string name = "body " + std::to_string(body) + " \"" + b.name[body] + "\" ";
+        const Range rows = b.particles[body];
+        f.require(b.mesh[body] < w.meshes.info.size(), name + "is of no mesh");
+        f.require(!is_deformable(b, body) || (rows.count > 0 && rows.end() <= w.particles.offset.size() && rows.end() >= rows.first &&
+                                              body < w.particles.last_dt.size() && b.mesh[body] < w.springs.info.size()),
+                  name + "has no particles: make_deformable is missing");
+        f.require(b.motion[body] != Motion::kFree || (find_rigid_mass(b, body) && body < w.particles.last_dt.size()),
+                  name + "has no mass: set_rigid_mass is missing");
+        if (!f.first.empty()) break;
+        const uint32_t tree = b.tree[body];
+        f.require(tree < w.trees.size() && w.trees[tree] && w.trees[tree]->looks_at(mesh_view(w.meshes, b.mesh[body])),
+                  name + "has no closest-point tree, or one made before the last prototype: make_trees is missing");
+    }
     return f.first;
 }
 

@@ -59,10 +59,18 @@ FreeState free_state(const RigidMass& free, const Poses& poses, const Particles&
     return state;
 }
 
+void add_free_energy(const RigidMass& free, const Poses& poses, const Particles& particles, const Vec3d& gravity, Energy& energy) {
+    const FreeState state = free_state(free, poses, particles);
+    energy.kinetic += 0.5 * free.mass * state.velocity.squaredNorm() + 0.5 * state.turning.dot(poses.angular_velocity[free.body]);
+    energy.gravity -= free.mass * gravity.dot(state.place);
+}
+
 }  // namespace
 
 void add_body_energy(const Springs& springs, const Bodies& bodies, const Poses& poses, const Particles& particles, const Anchors& anchors,
                      const Vec3d& gravity, uint32_t body, BodyEnergyScratch& scratch, Energy& energy, const OtherForces& other) {
+    if (const RigidMass* free = find_rigid_mass(bodies, body)) return add_free_energy(*free, poses, particles, gravity, energy);
+    if (!is_deformable(bodies, body)) return;
     const uint32_t slices = springs.info[bodies.mesh[body]].slices.count;
     SpringStep step = bind_body(springs, bodies, anchors, particles, body, other.torn_springs);
     step.back = static_cast<float>(0.5 * particles.last_dt[body]);
@@ -106,11 +114,7 @@ void measure_energy(const Springs& springs, const Bodies& bodies, const Poses& p
         energy.kinetic += own.kinetic, energy.elastic += own.elastic, energy.pressure += own.pressure;
         energy.bending += own.bending, energy.gravity += own.gravity;
     }
-    for (const RigidMass& free : bodies.rigid_mass) {
-        const FreeState state = free_state(free, poses, particles);
-        energy.kinetic += 0.5 * free.mass * state.velocity.squaredNorm() + 0.5 * state.turning.dot(poses.angular_velocity[free.body]);
-        energy.gravity -= free.mass * gravity.dot(state.place);
-    }
+    for (const RigidMass& free : bodies.rigid_mass) add_free_energy(free, poses, particles, gravity, energy);
     if (other.nodes) {
         for (size_t i = 0; i < other.nodes->drive.size(); ++i) {
             const DriveState& state = other.node_state->drive[i];

@@ -30,7 +30,7 @@ void measure_energy(const Springs& springs, const Bodies& bodies, const Poses& p
                     const Vec3d& gravity, double start, EnergyScratch& scratch, Energy& energy, const OtherForces& other = {},
                     const Sleepers& sleepers = {});
 
-// Adds the energies of one deformable body, J.
+// Adds the energies of one body, J: none where neither forces nor springs move it.
 void add_body_energy(const Springs& springs, const Bodies& bodies, const Poses& poses, const Particles& particles, const Anchors& anchors,
                      const Vec3d& gravity, uint32_t body, BodyEnergyScratch& scratch, Energy& energy, const OtherForces& other = {});
 

@@ -3,6 +3,8 @@
 #include <algorithm>
 #include <string>
 
+#include "engine/error.hpp"
+#include "engine/thread_pool.hpp"
 #include "engine/trace.hpp"
 #include "systems/frame_stages.hpp"
 #include "systems/tear_bodies.hpp"
@@ -113,6 +115,24 @@ struct Frame::Graphs {
             g.state->options.trace->add(
                 {g.stages[stage].name, g.begin_ns[stage], duration, thread_index(), static_cast<uint32_t>(g.state->world.clock.pass)});
     }
+    void choose() {
+        stages.clear(), names.clear(), detection.clear();
+        add(kBegin);
+        for (uint32_t s = 0; s < stages.size(); ++s) {
+            const bool started = !detection.empty() || stages[s].name == kFirstDetection;
+            if (started && stages[s].name != kAfterDetection) detection.push_back(s);
+        }
+        add(kAdvance);
+        end_first = static_cast<uint32_t>(stages.size());
+        add(kEndStages);
+        begin_ns.assign(stages.size(), 0);
+        state->times.stage_ns.assign(stages.size(), 0);
+        pass_list = {this, 0};
+        end_list = {this, end_first};
+        const std::span<const Stage> all(stages);
+        pass = std::make_unique<JobGraph>(all.first(end_first), *state, StageObserver{begin_stage, end_stage, &pass_list});
+        end = std::make_unique<JobGraph>(all.subspan(end_first), *state, StageObserver{begin_stage, end_stage, &end_list});
+    }
     void add(std::span<const FrameStage> list) {
         for (const FrameStage& row : list) {
             if (!row.wanted(state->world)) continue;
@@ -133,34 +153,48 @@ struct Frame::Graphs {
     }
 };
 
+namespace {
+
+// Energy of the bodies from row `first` on, J.
+double energy_from(FrameState& f, size_t first) {
+    const World& w = f.world;
+    Energy sum;
+    for (uint32_t body = static_cast<uint32_t>(first); body < w.bodies.mesh.size(); ++body)
+        add_body_energy(w.springs, w.bodies, w.poses, w.particles, w.anchors, w.settings.gravity, body, f.scratch.energy.part[0], sum,
+                        other_forces(f));
+    return sum.kinetic + sum.elastic + sum.pressure + sum.bending + sum.gravity;
+}
+
+}  // namespace
+
 Frame::Frame(World world, const FrameOptions& options) : state_(new FrameState), graphs_(new Graphs) {
+    const FloatModeScope ours;
     state_->world = std::move(world);
     state_->options = options;
-    World& w = state_->world;
-    if (options.trace)
-        for (const std::string& name : w.bodies.name) state_->island_name.push_back(options.trace->keep("island of " + name));
-    Graphs& g = *graphs_;
-    g.state = state_.get();
-    g.add(kBegin);
-    for (uint32_t s = 0; s < g.stages.size(); ++s) {
-        const bool started = !g.detection.empty() || g.stages[s].name == kFirstDetection;
-        if (started && g.stages[s].name != kAfterDetection) g.detection.push_back(s);
-    }
-    g.add(kAdvance);
-    g.end_first = static_cast<uint32_t>(g.stages.size());
-    g.add(kEndStages);
-    g.begin_ns.assign(g.stages.size(), 0);
-    state_->times.stage_ns.assign(g.stages.size(), 0);
-    g.pass_list = {&g, 0};
-    g.end_list = {&g, g.end_first};
-    const std::span<const Stage> all(g.stages);
-    g.pass =
-        std::make_unique<JobGraph>(all.first(g.end_first), *state_, StageObserver{Graphs::begin_stage, Graphs::end_stage, &g.pass_list});
-    g.end =
-        std::make_unique<JobGraph>(all.subspan(g.end_first), *state_, StageObserver{Graphs::begin_stage, Graphs::end_stage, &g.end_list});
-    if (any_tear(w)) copy_torn_springs(w.springs, w.solids, w.bodies, w.tears, w.torn, w.torn_springs);
-    if (any_energy(w) && options.account_energy) stages::energy(*state_);  // opens the books
+    graphs_->state = state_.get();
+    take_in_bodies();
     warm_up();
+}
+
+// What a frame keeps about its bodies, for all or for those that have come since it last looked.
+void Frame::take_in_bodies() {
+    FrameState& f = *state_;
+    World& w = f.world;
+    const bool at_first = graphs_->pass == nullptr;
+    const size_t before = f.bodies;
+    if (!at_first && w.bodies.mesh.size() == before && w.meshes.info.size() == f.prototypes) return;
+    if (w.bodies.mesh.size() < before) throw InputError("a body was taken out of a running frame: only those of a pool go");
+    if (const std::string missing = find_unfinished(w); !missing.empty()) throw InputError("cannot be simulated: " + missing);
+    f.bodies = w.bodies.mesh.size();
+    f.prototypes = w.meshes.info.size();
+    for (size_t body = before; f.options.trace && body < f.bodies; ++body)
+        f.island_name.push_back(f.options.trace->keep("island of " + w.bodies.name[body]));
+    graphs_->choose();
+    if (any_tear(w)) copy_torn_springs(w.springs, w.solids, w.bodies, w.tears, w.torn, w.torn_springs);
+    if (f.energy_open)
+        f.energy_start += energy_from(f, before);
+    else if (any_energy(w) && f.options.account_energy)
+        stages::energy(f);  // opens the books
 }
 
 Frame::~Frame() = default;
@@ -174,7 +208,6 @@ void clear_caches(FrameState& f) {
 }
 
 void begin_pass(FrameState& f) {
-    set_float_mode();  // whoever ran since the last pass may have changed it
     Clock& clock = f.world.clock;
     clock.period = static_cast<uint32_t>(pass_tick(clock.pass + 1, clock.contact_rate) - clock.tick);
     std::fill(f.times.stage_ns.begin(), f.times.stage_ns.end(), 0);
@@ -219,6 +252,8 @@ void Frame::warm_up() {
 }
 
 void Frame::step() {
+    const FloatModeScope ours;
+    take_in_bodies();
     begin_pass(*state_);
     graphs_->run(false);
     if (!end_pass(*state_)) return;
@@ -228,6 +263,8 @@ void Frame::step() {
 }
 
 void Frame::step_until(uint32_t row) {
+    const FloatModeScope ours;
+    take_in_bodies();
     begin_pass(*state_);
     for (uint32_t s = 0; s < row; ++s) {
         run_stage(s);
@@ -243,12 +280,16 @@ void Frame::set_live_devices(std::span<const DeviceState> devices) {
 }
 
 const PictureSnapshot& Frame::snapshot_now() {
+    const FloatModeScope ours;
     if (any_deformable(state_->world)) stages::surface_normals(*state_);
     stages::picture(*state_);
     return state_->world.picture;
 }
 
-void Frame::run_stage(uint32_t row) { graphs_->stages[row].run(*state_); }
+void Frame::run_stage(uint32_t row) {
+    const FloatModeScope ours;
+    graphs_->stages[row].run(*state_);
+}
 std::span<const Stage> Frame::stages() const { return graphs_->stages; }
 World& Frame::world() { return state_->world; }
 const World& Frame::world() const { return state_->world; }
@@ -257,6 +298,8 @@ const FrameTimes& Frame::times() const { return state_->times; }
 std::span<const uint32_t> Frame::detection_stages() const { return graphs_->detection; }
 
 void detect_contacts(World& world) {
+    const FloatModeScope ours;
+    if (const std::string missing = find_unfinished(world); !missing.empty()) throw InputError("cannot be simulated: " + missing);
     FrameState state;
     state.face_queries = 100'000;  // an answer, not a frame
     state.direct_tests = 0;        // that shows its cells

@@ -42,12 +42,18 @@ struct FrameTimes {
     std::vector<uint64_t> tick_ns;   // compute time of every haptic tick of the pass, tool by tool
 };
 
-// A world and the stages that its scene needs. Make and use it inside ThreadPool::run.
+// A world and the stages that its scene needs. Make and use it inside ThreadPool::run; outside of one it runs on the caller's
+// thread. Passes run in the float mode of thread_pool.hpp; the caller gets its own back.
 class Frame {
  public:
+    // Throws InputError when the world lacks what a pass needs (find_unfinished); what else can be wrong with one that was put
+    // together by hand or came from a file, find_fault (engine/world.hpp) tells: ask it first.
     Frame(World world, const FrameOptions& options);
     ~Frame();
-    // One contact pass: begin, advance, and end when a picture is due at the end of the pass.
+    // One contact pass: begin, advance, and end when a picture is due at the end of the pass. Bodies may be added to world()
+    // between two passes, with what they need (add_body, make_deformable or set_rigid_mass, make_trees): the stages are chosen
+    // anew, so stage_names may change, and their energy goes to the books' start. Throws InputError when something of them is
+    // missing or a body was taken out; bodies that come and go by themselves have slots in a pool (components/lives.hpp).
     void step();
     void set_contact_hook(const ContactHook& hook);
     // With external_ticks: where the devices were in the pass before, when a run is taken up in its middle.
@@ -67,13 +73,14 @@ class Frame {
     std::span<const uint32_t> detection_stages() const;
 
  private:
+    void take_in_bodies();
     void warm_up();
     std::unique_ptr<struct FrameState> state_;
     struct Graphs;
     std::unique_ptr<Graphs> graphs_;
 };
 
-// Detection alone (body boxes to islands) on a world at rest: what a contact report of two meshes needs.
+// Detection alone (body boxes to islands) on a world at rest: what a contact report of two meshes needs. Throws as Frame does.
 void detect_contacts(World& world);
 
 }  // namespace trocar

@@ -112,7 +112,8 @@ struct FrameState {
     std::vector<std::string_view> island_name;  // with a trace, per body: of the island whose first body it is
     uint32_t face_queries = 2000;               // of a pair, for its deepest point in a face: 2 ms
     uint64_t direct_tests = 1 << 18;            // of a pair, up to which its triangles are compared without cells
-    double energy_start = 0;                    // J, when the books were opened
+    size_t bodies = 0, prototypes = 0;          // that the stages were chosen for
+    double energy_start = 0;                    // J, when the books were opened, and of bodies that have come since
     bool energy_open = false;
 };
 
