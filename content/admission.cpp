@@ -143,7 +143,7 @@ std::string find_bad_element(const Mesh& mesh) {
     for (size_t v = 0; v < mesh.position.size(); ++v) {
         if (!mesh.position[v].allFinite()) return "vertex " + std::to_string(v) + ": coordinate is not finite";
     }
-    const size_t faces = mesh.triangle.size(), materials = std::max<size_t>(1, mesh.material.size());
+    const size_t faces = mesh.triangle.size();
     for (size_t t = 0; t < faces; ++t) {
         for (const uint32_t v : mesh.triangle[t]) {
             if (v < mesh.position.size()) continue;
@@ -155,17 +155,6 @@ std::string find_bad_element(const Mesh& mesh) {
     };
     std::string reason = rows(mesh.uv.size(), "rows of texture coordinates (uv)");
     if (reason.empty()) reason = rows(mesh.triangle_material.size(), "rows of triangle_material");
-    for (size_t t = 0; reason.empty() && t < mesh.triangle_material.size(); ++t) {
-        if (mesh.triangle_material[t] >= materials)
-            reason = "face " + std::to_string(t) + ": names material " + std::to_string(mesh.triangle_material[t]) + " of " +
-                     std::to_string(materials);
-    }
-    for (size_t m = 0; reason.empty() && m < mesh.material.size(); ++m) {
-        const Image& image = mesh.material[m].image;
-        if (image.rgba.size() != size_t{4} * image.width * image.height)
-            reason = "material " + std::to_string(m) + ": image of " + std::to_string(image.rgba.size()) + " bytes is not " +
-                     std::to_string(image.width) + " x " + std::to_string(image.height) + " pixels";
-    }
     return reason;
 }
 

@@ -38,9 +38,8 @@ struct MeshJudgement {
 // refused: no face with an area, or a bad element.
 MeshJudgement judge_mesh(const Mesh& mesh, bool test_self_crossing = true);
 
-// What nothing can be computed with: a coordinate that is not finite, an index (of a vertex, of a material) out of range, uv or
-// triangle_material that are neither empty nor one row per face, an image that is not as large as it says. Names the first such
-// element, counted from 0; empty when there is none.
+// What nothing can be computed with: a coordinate that is not finite, an index out of range, uv or triangle_material that are
+// neither empty nor one row per face. Names the first such element, counted from 0; empty when there is none.
 std::string find_bad_element(const Mesh& mesh);
 
 // "solid", "winding", "sheet" or "refused".

@@ -3,6 +3,7 @@
 #include <Eigen/Geometry>
 #include <algorithm>
 #include <cmath>
+#include <string>
 #include <utility>
 
 #include "engine/check.hpp"
@@ -29,6 +30,24 @@ bool is_closed(const Mesh& mesh) {
     return true;
 }
 
+// A material that is not there, or whose image is not as large as it says; empty when there is none.
+std::string find_bad_material(const Mesh& mesh) {
+    std::string reason;
+    const size_t materials = std::max<size_t>(1, mesh.material.size());
+    for (size_t t = 0; reason.empty() && t < mesh.triangle_material.size(); ++t) {
+        if (mesh.triangle_material[t] >= materials)
+            reason = "face " + std::to_string(t) + ": names material " + std::to_string(mesh.triangle_material[t]) + " of " +
+                     std::to_string(materials);
+    }
+    for (size_t m = 0; reason.empty() && m < mesh.material.size(); ++m) {
+        const Image& image = mesh.material[m].image;
+        if (image.rgba.size() != size_t{4} * image.width * image.height)
+            reason = "material " + std::to_string(m) + ": image of " + std::to_string(image.rgba.size()) + " bytes is not " +
+                     std::to_string(image.width) + " x " + std::to_string(image.height) + " pixels";
+    }
+    return reason;
+}
+
 }  // namespace
 
 Vec3d find_centroid(const Mesh& mesh) {
@@ -53,6 +72,8 @@ Vec3d find_centroid(const Mesh& mesh) {
 Prototype make_prototype(Meshes& meshes, Mesh mesh, const PrototypeOptions& options) {
     TROCAR_ASSERT(std::isfinite(options.scale) && options.scale > 0);
     Prototype out;
+    out.judgement.reason = find_bad_material(mesh);
+    if (!out.judgement.reason.empty()) return out;
     out.cleaning = clean_mesh(mesh, options.clean);
     if (!out.cleaning.refused) {
         for (Vec3d& p : mesh.position) p *= options.scale;

@@ -14,7 +14,7 @@ enum class Recentre : uint8_t {
 struct PrototypeOptions {
     double scale = 1;  // metres per unit of the file
     Recentre recentre = Recentre::kNone;
-    CleanParams clean;
+    CleanParams clean = {};
     bool test_self_crossing = true;
 };
 
@@ -25,8 +25,9 @@ struct Prototype {
     MeshJudgement judgement;      // of the prototype as it stands: metres, body frame
 };
 
-// Cleans, scales, recentres and orders a mesh, judges it and appends it to meshes. A refused mesh appends nothing:
-// row is kNone, judgement.reason says why. The scale must be finite and positive.
+// Cleans, scales, recentres and orders a mesh, judges it and appends it to meshes. A refused mesh (judge_mesh; or a face of no
+// material, an image that is not as large as it says) appends nothing: row is kNone, judgement.reason says why. The scale must be
+// finite and positive.
 Prototype make_prototype(Meshes& meshes, Mesh mesh, const PrototypeOptions& options);
 
 // Centre of the volume a closed mesh encloses; of the area where a mesh is open or encloses nothing.
