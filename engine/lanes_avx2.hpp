@@ -1,5 +1,7 @@
 #pragma once
 #include <immintrin.h>
+#pragma GCC diagnostic push
+#pragma GCC diagnostic ignored "-Wpsabi"
 namespace trocar {
 namespace {
 
@@ -52,3 +54,4 @@ inline __attribute__((always_inline)) void add_doubles(double* sum, __m256 value
 
 }  // namespace
 }  // namespace trocar
+#pragma GCC diagnostic pop

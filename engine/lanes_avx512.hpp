@@ -3,6 +3,8 @@
 #pragma GCC diagnostic ignored "-Wuninitialized"
 #pragma GCC diagnostic ignored "-Wmaybe-uninitialized"
 #include <immintrin.h>
+#pragma GCC diagnostic push
+#pragma GCC diagnostic ignored "-Wpsabi"
 namespace trocar {
 namespace {
 
@@ -74,3 +76,4 @@ inline __attribute__((always_inline)) void store(float* rows, const Lanes& lanes
 
 }  // namespace
 }  // namespace trocar
+#pragma GCC diagnostic pop

@@ -6,6 +6,8 @@
 
 #include "engine/parallel.hpp"
 #include "systems/advance.hpp"
+#pragma GCC diagnostic push
+#pragma GCC diagnostic ignored "-Wpsabi"
 namespace trocar {
 
 struct ImplicitStep;
@@ -279,3 +281,4 @@ inline void move_particle(AdvanceBody& body, const ContactNode& node, Vec4d way)
 }
 
 }  // namespace trocar
+#pragma GCC diagnostic pop

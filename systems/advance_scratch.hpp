@@ -9,6 +9,8 @@
 #include "engine/geometry/four_points.hpp"
 #include "engine/geometry/vec4.hpp"
 #include "engine/spring_kernels.hpp"
+#pragma GCC diagnostic push
+#pragma GCC diagnostic ignored "-Wpsabi"
 namespace trocar {
 
 // A deformable body of the island during a call.
@@ -403,3 +405,4 @@ struct AdvanceScratch {
 };
 
 }  // namespace trocar
+#pragma GCC diagnostic pop

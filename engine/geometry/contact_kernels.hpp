@@ -9,6 +9,8 @@
 #include "components/contacts.hpp"
 #include "engine/geometry/vec4.hpp"
 #include "engine/surfaces.hpp"
+#pragma GCC diagnostic push
+#pragma GCC diagnostic ignored "-Wpsabi"
 namespace trocar {
 
 // What a body's boxes are enlarged by: its margin, and half the thickness of a sheet. m
@@ -186,3 +188,4 @@ inline double distance_to_triangle(Vec4d p, Vec4d a, Vec4d b, Vec4d c) {
 }
 
 }  // namespace trocar
+#pragma GCC diagnostic pop

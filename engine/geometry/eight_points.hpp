@@ -3,6 +3,8 @@
 
 #include <cstddef>
 #include <cstdint>
+#pragma GCC diagnostic push
+#pragma GCC diagnostic ignored "-Wpsabi"
 namespace trocar {
 
 // Eight floats in a register, and eight points or vectors, coordinate by coordinate: a lane of each register belongs to one of them.
@@ -47,3 +49,4 @@ inline EightPoints either(Mask8 mask, const EightPoints& a, const EightPoints& b
 }
 
 }  // namespace trocar
+#pragma GCC diagnostic pop

@@ -2,6 +2,8 @@
 #include <array>
 
 #include "engine/geometry/vec4.hpp"
+#pragma GCC diagnostic push
+#pragma GCC diagnostic ignored "-Wpsabi"
 namespace trocar {
 
 // Four points or vectors, coordinate by coordinate: a lane of each register belongs to one of them. Work on four contact
@@ -52,3 +54,4 @@ inline Vec4d lane_of(const FourPoints& p, uint32_t lane) { return make_vec4(p.x[
 inline void set_lane(FourPoints& p, uint32_t lane, Vec4d v) { p.x[lane] = v[0], p.y[lane] = v[1], p.z[lane] = v[2]; }
 
 }  // namespace trocar
+#pragma GCC diagnostic pop

@@ -1,5 +1,7 @@
 #pragma once
 #include "engine/geometry/four_points.hpp"
+#pragma GCC diagnostic push
+#pragma GCC diagnostic ignored "-Wpsabi"
 namespace trocar {
 
 // Four triangles, a lane each.
@@ -52,3 +54,4 @@ inline Vec4d squared_distances(const FourPoints& p, const FourTriangles& t) {
 }
 
 }  // namespace trocar
+#pragma GCC diagnostic pop

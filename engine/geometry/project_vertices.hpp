@@ -3,6 +3,8 @@
 
 #include "engine/geometry/contact_kernels.hpp"
 #include "engine/geometry/four_points.hpp"
+#pragma GCC diagnostic push
+#pragma GCC diagnostic ignored "-Wpsabi"
 namespace trocar {
 
 // Rest positions of four vertices that follow each other, axis by axis. m
@@ -61,3 +63,4 @@ inline Vec3d way_between(const Surfaces& s, const BodyBoxes& boxes, uint32_t a, 
 }
 
 }  // namespace trocar
+#pragma GCC diagnostic pop

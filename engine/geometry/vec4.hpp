@@ -2,6 +2,9 @@
 #include <immintrin.h>
 
 #include "components/math.hpp"
+// Only functions that are inlined take registers: that a call would differ without AVX matters to nobody.
+#pragma GCC diagnostic push
+#pragma GCC diagnostic ignored "-Wpsabi"
 namespace trocar {
 
 // Three doubles in one vector register; the fourth is zero. Compilers keep Vec3d in three scalar registers, which makes
@@ -27,3 +30,4 @@ inline Vec4d cross(Vec4d a, Vec4d b) {
 }
 
 }  // namespace trocar
+#pragma GCC diagnostic pop
