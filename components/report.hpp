@@ -21,7 +21,7 @@ struct Energy {
     double balance = 0;       // the sum above - its value at the start
 };
 
-// Trouble is counted here; frames never throw and never print.
+// Trouble is counted here: what happens in a pass neither throws nor prints.
 struct Report {
     uint64_t contact_passes = 0;
     uint64_t contact_events = 0;         // passes with at least one overlapping pair

@@ -1,0 +1,18 @@
+# Installs the headers into a folder of their own and compiles each alone for plain x86-64.
+file(REMOVE_RECURSE ${WORK})
+execute_process(COMMAND ${CMAKE_COMMAND} --install ${BUILD} --prefix ${WORK} OUTPUT_QUIET COMMAND_ERROR_IS_FATAL ANY)
+set(include ${WORK}/include)
+file(GLOB_RECURSE headers RELATIVE ${include} ${include}/*.hpp ${include}/*.h)
+set(failed 0)
+foreach(header ${headers})
+  file(WRITE ${WORK}/one.cpp "#include <${header}>\n")
+  execute_process(COMMAND ${CXX} -std=c++20 -march=x86-64 -Wall -Wextra -Werror -fsyntax-only -I${include} -I${include}/trocar
+                          -isystem ${EIGEN} ${WORK}/one.cpp RESULT_VARIABLE result)
+  if(NOT result EQUAL 0)
+    message("does not compile alone: ${header}")
+    set(failed 1)
+  endif()
+endforeach()
+if(failed OR NOT headers)
+  message(FATAL_ERROR "headers do not compile alone")
+endif()
