@@ -152,8 +152,8 @@ void contact_rows(FrameState& f) {
     make_contact_rows(w.settings.contact, surfaces_of(w), w.pairs, w.contacts, w.penetrations, f.scratch.rows, w.report, w.rows);
     add_edge_rows(surfaces_of(w), w.boxes, w.pairs, w.candidates, f.scratch.edge_rows, w.rows);
     mark_pressed(surfaces_of(w), w.contact_memory, w.rows, f.scratch.memory);
-    const ComingPeriod coming{period_seconds(w),        w.settings.gravity,       surfaces_of(w),
-                              f.scratch.reachable.jolt, f.scratch.memory.pressed, linked_bodies(f)};
+    const ComingPeriod coming{period_seconds(w),        w.settings.gravity, surfaces_of(w), f.scratch.reachable.jolt,
+                              f.scratch.memory.pressed, linked_bodies(f),   w.nodes.drive};
     drop_idle_rows(coming, f.scratch.idle_rows, w.rows);
     drop_implied_rows(surfaces_of(w), f.scratch.implied_rows, w.rows);
     if (w.settings.contact.edges_ahead) {

@@ -58,6 +58,7 @@ void own_ways(const ComingPeriod& coming, const ContactRows& rows, std::vector<d
         way[body] = 2 * coming.seconds * (s.poses.velocity[body].norm() + turning);
     }
     for (const auto& [a, b] : coming.joined) way[a] = way[b] = kAnyWay;
+    for (const NodeDrive& drive : coming.drive) way[drive.body] = kAnyWay;
     for (uint32_t row = 0; row < rows.body.size(); ++row)
         for (const uint32_t body : {rows.body[row], rows.other[row]})
             if (bodies.motion[body] == Motion::kFree) way[body] = std::max(way[body], -2 * rows.distance[row]);

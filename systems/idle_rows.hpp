@@ -5,6 +5,7 @@
 
 #include "components/body_jolt.hpp"
 #include "components/contacts.hpp"
+#include "components/nodes.hpp"
 #include "engine/surfaces.hpp"
 namespace trocar {
 
@@ -21,6 +22,7 @@ struct ComingPeriod {
     std::span<const BodyJolt> jolt;                     // per body; may be empty
     std::span<const uint8_t> pressed;                   // per row, 1: stays; may be empty
     std::span<const std::array<uint32_t, 2>> joined{};  // bodies that hold each other
+    std::span<const NodeDrive> drive{};                 // bodies that springs of their own move
 };
 
 // Drops rows that cannot act in the coming period T (s). With v the velocity of the point beside the plane's (m/s) and n the normal
@@ -33,7 +35,7 @@ struct ComingPeriod {
 //   distance <= way(body) + way(other) + g T^2       half of it for what hangs over an edge and turns
 // The way of a free body is the largest of twice what it moves and turns, or overlaps others, and of what is left of a
 // neighbour's way beyond the gap to it: what is hit goes no farther than what hit it, but its ends may go twice as fast. Rows
-// of bodies that scripts, hands, links or tissue move stay, and so do those that are pressed. Order is kept.
+// of bodies that scripts, hands, links, drives or tissue move stay, and so do those that are pressed. Order is kept.
 void drop_idle_rows(const ComingPeriod& coming, IdleRowsScratch& scratch, ContactRows& rows);
 
 }  // namespace trocar

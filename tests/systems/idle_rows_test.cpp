@@ -14,6 +14,7 @@ struct Chain {
     ContactScene scene{std::vector<BodyInput>(6, {make_noisy_sphere(9, 0.05, 0, 0), Motion::kFree, Vec3d::Zero(), {}})};
     IdleRowsScratch scratch;
     std::vector<std::array<uint32_t, 2>> joined;
+    std::vector<NodeDrive> drive;
 
     Chain() {
         for (uint32_t body = 0; body < 6; ++body) {
@@ -32,7 +33,7 @@ struct Chain {
             rows.distance.push_back(body == 0 ? first_gap : kGap), rows.friction.push_back(0), rows.impulse.push_back(Vec3d::Zero());
         }
         const Surfaces surfaces = scene.surfaces();
-        drop_idle_rows({kPeriod, Vec3d(0, 0, -9.81), surfaces, {}, {}, joined}, scratch, rows);
+        drop_idle_rows({kPeriod, Vec3d(0, 0, -9.81), surfaces, {}, {}, joined, drive}, scratch, rows);
         return rows.contact;
     }
 };
@@ -57,7 +58,7 @@ TEST(IdleRows, AFastBodyReachesThroughItsNeighbours) {
     EXPECT_EQ(chain.kept(), (Rows{1, 2}));
 }
 
-// Overlap that is pushed out moves bodies too, and a hand or a link any way.
+// Overlap that is pushed out moves bodies too, and a hand, a link or a drive any way.
 TEST(IdleRows, OverlapHandsAndLinksMoveBodies) {
     EXPECT_EQ(Chain().kept(-0.008), (Rows{0, 1}));
     Chain held;
@@ -67,6 +68,10 @@ TEST(IdleRows, OverlapHandsAndLinksMoveBodies) {
     Chain linked;
     linked.joined = {{1, 3}};
     EXPECT_EQ(linked.kept().size(), 5u);
+    Chain driven;
+    driven.drive.resize(1);
+    driven.drive[0].body = 2;
+    EXPECT_EQ(driven.kept().size(), 5u);
 }
 
 }  // namespace
