@@ -125,6 +125,8 @@ DeviceLink::~DeviceLink() { close(); }
 
 bool DeviceLink::close(double most) {
     if (!thread_.joinable()) return ended_.wait_for(std::chrono::seconds(0)) == std::future_status::ready;
+    let_go();
+    sleep_until_ns(monotonic_ns() + DeviceChannel::kSilence);  // the device hears it: its thread asks every millisecond
     channel_->stop();
     const bool ended = ended_.wait_for(std::chrono::duration<double>(most)) == std::future_status::ready;
     if (ended)

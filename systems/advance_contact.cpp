@@ -747,7 +747,7 @@ void apply_impulses(AdvanceIsland& island) {
         find_active_rows(island, reach, group);
         if (starts_warm(island)) start_rows(s, group);
     });
-    s.bounces = any_bounces(s);
+    s.bounces = !s.free.empty() && any_bounces(s);
     const auto is_free = [](const AdvanceFree& f) { return !f.held; };
     if (any_turns(s) && std::any_of(s.free.begin(), s.free.end(), is_free)) {
         settle_rows(island);

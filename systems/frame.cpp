@@ -60,7 +60,7 @@ constexpr FrameStage kBegin[] = {
     {{"penetration",     stages::penetration,     mask(R::kPairs, R::kContacts),                                     mask(R::kPenetrations, R::kReport)}, any_pair},
     {{"deep overlap",    stages::deep_overlap,    kShapes | mask(R::kPairs, R::kContacts, R::kTrees),                 mask(R::kPairMemory, R::kPenetrations)}, wants_ways_out},
     {{"regions",         stages::regions,         kShapes | mask(R::kPairs, R::kScreened, R::kNear, R::kContacts, R::kContours), mask(R::kRegions)}, wants_regions},
-    {{"contact rows",    stages::contact_rows,    kShapes | mask(R::kSettings, R::kClock, R::kBoxes, R::kPairs, R::kCandidates, R::kNear, R::kContacts, R::kPenetrations, R::kContactMemory), mask(R::kRows, R::kReport)}, any_pair},
+    {{"contact rows",    stages::contact_rows,    kShapes | mask(R::kSettings, R::kClock, R::kBoxes, R::kPairs, R::kCandidates, R::kNear, R::kContacts, R::kPenetrations, R::kContactMemory, R::kLinks, R::kTools, R::kNodes), mask(R::kRows, R::kReport)}, any_pair},
     {{"islands",         stages::islands,         mask(R::kBodies, R::kRows, R::kLinks, R::kTools),                  mask(R::kIslands)}, any_mover},
     {{"level of detail", stages::level_of_detail, mask(R::kDetail, R::kIslands, R::kBoxes, R::kPoses, R::kTools),     mask(R::kBodies)}, any_detail},
     {{"local contact",   stages::local_contact,   kShapes | mask(R::kClock, R::kTools, R::kToolState, R::kNodes, R::kNodeState, R::kBoxes),     mask(R::kToolState, R::kLocalContact)}, any_tool},

@@ -1,9 +1,9 @@
 #include "systems/implied_rows.hpp"
 
 #include <algorithm>
-#include <array>
 #include <cmath>
 #include <limits>
+#include <tuple>
 #include <utility>
 
 #include "engine/contact_rows.hpp"
@@ -15,6 +15,8 @@ namespace {
 constexpr double kOneNormal = 1e-3;                   // rad
 constexpr double kSameHeight = 1e-5, kBeside = 1e-4;  // of the extent
 constexpr uint32_t kPairsPerChunk = 32;
+// Of a pair that are looked at: curved surfaces have one a row, and imply nothing.
+constexpr uint32_t kMostNormals = 8;
 
 using Places = std::vector<SharedPlaneRow>;
 
@@ -177,7 +179,7 @@ void mark_pair(const Surfaces& s, const ContactRows& rows, std::span<const uint3
     const auto radius = [&](uint32_t body) { return s.meshes.info[s.bodies.mesh[body]].radius; };
     const double least = kPoint * std::min(radius(rows.body[of_pair.front()]), radius(rows.other[of_pair.front()]));
     chunk.left.assign(of_pair.begin(), of_pair.end());
-    while (!chunk.left.empty()) {
+    for (uint32_t normals = 0; normals < kMostNormals && !chunk.left.empty(); ++normals) {
         take_one_normal(s, rows, chunk.left, chunk.rows);
         Places& places = chunk.rows;
         if (places.size() < 2) continue;

@@ -29,7 +29,8 @@ struct ImpliedRowsScratch {
 // at least theirs holds when they hold, and what force and friction it could carry they carry. Of a face on a face the
 // corners of their common part remain, of a rod on a face the ends (convex hull of the support: Mirtich 1998, "Rigid body
 // contact: collision detection to force computation", section 3.2). Normals are one within 1e-3 rad; a distance may be wrong
-// by 1e-5, a place by 1e-4 of the largest extent of the rows of a normal. Of coinciding ones the first stays. Order is kept.
+// by 1e-5, a place by 1e-4 of the largest extent of the rows of a normal. Of coinciding ones the first stays. Only the
+// first eight normals of a pair are looked at. Order is kept.
 void drop_implied_rows(const Surfaces& surfaces, ImpliedRowsScratch& scratch, ContactRows& rows);
 
 }  // namespace trocar

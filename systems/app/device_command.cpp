@@ -150,6 +150,7 @@ int device_record_command(const DeviceOptions& options) {
     silent.spring = 0;
     const std::unique_ptr<DeviceLink> link = open_device(options.device);
     const DeviceFigures figures = listen(*link, silent);
+    close_device(*link);
     if (figures.sample.empty()) {
         std::fprintf(stderr, "trocar: %s sent no sample that could be used; nothing was written\n", link->name().c_str());
         return kNo;

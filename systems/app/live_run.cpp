@@ -264,7 +264,9 @@ bool run_live(const RunOptions& options, double seconds, Frame& frame, PictureWr
     if (!tools.empty() && allowed.size() > 1) allow_processors(allowed);
     haptics.stop();
     for (const auto& link : links)
-        if (link) link->let_go(), close_device(*link);
+        if (link) link->let_go();
+    for (const auto& link : links)
+        if (link) close_device(*link);
     const bool complete = collector.finish(world);
     frame.set_contact_hook({});
     if (drawing) {

@@ -8,7 +8,6 @@
 
 #include "engine/thread_pool.hpp"
 #include "systems/idle_rows.hpp"
-#include "systems/idle_rows.hpp"
 #include "systems/parted_triangles.hpp"
 #include "tests/reference/brute_force_contact.hpp"
 #include "tests/systems/contact_scene.hpp"
