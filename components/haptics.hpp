@@ -373,13 +373,13 @@ struct ToolPierce {
     uint32_t seen = 0;  // pass-throughs that the simulation knows of
 };
 
-// State of one tool's force rendering between ticks.
-// How a device moves by what its places say, smoothed twice, so that constant acceleration causes no lag.
+// How a device moves by what its places say, smoothed twice: constant acceleration lags by half a sample.
 struct DeviceMotion {
     Vec3d once = Vec3d::Zero(), twice = Vec3d::Zero();  // m/s
     Vec3d velocity() const { return 2 * once - twice; }
 };
 
+// State of one tool's force rendering between ticks.
 struct ToolState {
     DeviceState device;
     DeviceMotion motion;                // what is foretold follows this, not one sample's velocity
