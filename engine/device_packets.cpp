@@ -146,8 +146,8 @@ PacketFault decode_packet(std::span<const std::byte> bytes, ForcePacket& packet)
 SequenceGate::Verdict SequenceGate::pass(uint64_t sequence, int64_t now_ns, uint64_t& lost) {
     const bool fresh = last == 0 || now_ns - heard_ns > kSilence;
     if (!fresh && sequence <= last) return Verdict::kStale;
-    // more than that is a bad number, nothing that got lost
-    if (!fresh && sequence - last <= kMostLost) lost += sequence - last - 1;
+    if (!fresh && sequence - last > kMostLost) return Verdict::kStale;  // taken, it would make all that follow stale
+    if (!fresh) lost += sequence - last - 1;
     last = sequence;
     heard_ns = now_ns;
     return Verdict::kNext;

@@ -54,7 +54,7 @@ struct SequenceGate {
     int64_t heard_ns = 0;
 
     enum class Verdict : uint8_t { kNext, kStale };
-    // `lost` grows by the numbers that were left out, unless they are more than kMostLost.
+    // `lost` grows by the numbers that were left out. A number more than kMostLost on is a bad one and stale.
     Verdict pass(uint64_t sequence, int64_t now_ns, uint64_t& lost);
 };
 

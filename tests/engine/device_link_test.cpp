@@ -184,8 +184,9 @@ TEST(DevicePackets, GateLetsAscendingNumbersThroughAndCountsTheRest) {
     EXPECT_EQ(gate.pass(9, 3, lost), Verdict::kStale);
     EXPECT_EQ(gate.pass(15, 4, lost), Verdict::kNext);
     EXPECT_EQ(lost, 3u);
-    EXPECT_EQ(gate.pass(UINT64_MAX, 5, lost), Verdict::kNext);
-    EXPECT_EQ(lost, 3u) << "a jump that no device makes is no loss";
+    EXPECT_EQ(gate.pass(UINT64_MAX, 5, lost), Verdict::kStale) << "a jump that no device makes";
+    EXPECT_EQ(gate.pass(16, 6, lost), Verdict::kNext) << "and which does not silence what follows";
+    EXPECT_EQ(lost, 3u);
     EXPECT_EQ(gate.pass(1, 6, lost), Verdict::kStale);
     EXPECT_EQ(gate.pass(1, 7 + SequenceGate::kSilence, lost), Verdict::kNext);  // restarted
     EXPECT_EQ(gate.pass(2, 8 + SequenceGate::kSilence, lost), Verdict::kNext);
