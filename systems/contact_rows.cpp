@@ -96,6 +96,7 @@ struct Support {
 Support find_support(const Surfaces& s, const Contacts& contacts, uint32_t i) {
     constexpr double kCarries = 0.05;             // sine; what faces of curved surfaces differ by
     constexpr double kSeam = 1e-3, kNear = 0.05;  // of a mean edge: how far beyond its face and behind the nearest
+    constexpr double kRounding = 1.0 + 1e-6;
     Support best{contacts.closest[i], contacts.normal[i], contacts.distance[i], contacts.triangle[i]};
     double least = plunge(s, contacts, i, best.normal);
     if (least < kCarries) return best;
@@ -104,12 +105,18 @@ Support find_support(const Surfaces& s, const Contacts& contacts, uint32_t i) {
     const MeshView mesh = mesh_view(s.meshes, s.bodies.mesh[other]);
     const Vec3d& p = contacts.point[i];
     const double reach = std::abs(contacts.distance[i]) + kNear * mesh.info->mean_edge;
-    for (const uint32_t v : mesh.triangle[contacts.triangle[i]]) {
+    const Triangle& nearest = mesh.triangle[contacts.triangle[i]];
+    for (uint32_t corner = 0; corner < 3; ++corner) {
+        const uint32_t v = nearest[corner];
         for (uint32_t k = mesh.incident_first[v]; k < mesh.incident_first[v + 1]; ++k) {
             const uint32_t triangle = mesh.incident[k];
             const Triangle& t = mesh.triangle[triangle];
+            // seen at another corner already
+            if (std::ranges::any_of(t, [&](uint32_t w) { return (corner > 0 && w == nearest[0]) || (corner > 1 && w == nearest[1]); }))
+                continue;
             const Vec3d a = vertex_position(s, other, t[0]), b = vertex_position(s, other, t[1]), c = vertex_position(s, other, t[2]),
                         normal = triangle_normal(a, b, c).normalized();
+            if (std::abs(normal.dot(p - a)) > kRounding * reach) continue;
             const Vec3d apart = -closest_point_on_triangle(p, a, b, c).offset, closest = p - apart;
             const double distance = normal.dot(apart), beyond = (apart - distance * normal).norm();
             if (!(std::abs(distance) < reach && beyond < kSeam * mesh.info->mean_edge)) continue;

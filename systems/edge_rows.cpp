@@ -12,6 +12,7 @@ constexpr double kSharp = 0.94;     // cosine of the turn between the faces of a
 constexpr double kParallel = 0.02;  // sine between edges that are left to their corners
 constexpr double kInCone = 0.02;    // sine by which a normal may miss a cone
 constexpr double kDeepest = 0.05;   // mean edges of overlap; beyond it the edges have passed each other
+constexpr double kRounding = 1.0 + 1e-9;
 
 bool load_edge(const Surfaces& s, uint32_t body, uint32_t edge, SharpEdge& e) {
     const MeshView mesh = mesh_view(s.meshes, s.bodies.mesh[body]);
@@ -64,6 +65,12 @@ bool find_passing(const SharpEdge& a, const SharpEdge& b, double margin, double 
     const Vec3d u = a.b - a.a, v = b.b - b.a, across = u.cross(v), apart = a.a - b.a;
     const double size2 = across.squaredNorm();
     if (!(size2 > kParallel * kParallel * u.squaredNorm() * v.squaredNorm())) return false;
+    // most edges of a pair pass far away or beyond each other's ends: what says so at least cost is asked first
+    const double apart_across = across.dot(apart), farthest = kRounding * std::max(margin, deepest);
+    if (apart_across * apart_across > farthest * farthest * size2) return false;
+    p.along_a = -apart.cross(v).dot(across) / size2;
+    p.along_b = -apart.cross(u).dot(across) / size2;
+    if (!(p.along_a >= 0 && p.along_a <= 1 && p.along_b >= 0 && p.along_b <= 1)) return false;
     p.normal = across / std::sqrt(size2);
     const auto in_cones = [&](const Vec3d& n) {
         return std::max(b.into[0].dot(n), b.into[1].dot(n)) < kInCone && std::min(a.into[0].dot(n), a.into[1].dot(n)) > -kInCone;
@@ -73,10 +80,7 @@ bool find_passing(const SharpEdge& a, const SharpEdge& b, double margin, double 
         if (!in_cones(p.normal)) return false;
     }
     p.distance = p.normal.dot(apart);
-    if (!(p.distance < margin && p.distance > -deepest)) return false;
-    p.along_a = -apart.cross(v).dot(across) / size2;
-    p.along_b = -apart.cross(u).dot(across) / size2;
-    return p.along_a >= 0 && p.along_a <= 1 && p.along_b >= 0 && p.along_b <= 1;
+    return p.distance < margin && p.distance > -deepest;
 }
 
 }  // namespace
