@@ -357,6 +357,9 @@ void share_room(std::span<AdvanceScratch> scratches) {
     level(&AdvanceScratch::skin_point);
     level(&AdvanceScratch::free);
     level(&AdvanceScratch::turning);
+    level(&AdvanceScratch::settling);
+    level(&AdvanceScratch::component);
+    level(&AdvanceScratch::component_of);
     level(&AdvanceScratch::held);
     level(&AdvanceScratch::held_active);
     level(&AdvanceScratch::warm);

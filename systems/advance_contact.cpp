@@ -7,16 +7,8 @@
 namespace trocar {
 namespace {
 
-// Slower approach than this (m/s) does not bounce, whatever the restitution: bodies come to rest.
-constexpr double kLeastBounce = 0.05;
 // A free body this near (m) to what carries it rests on it.
 constexpr double kRestingGap = 1e-5;
-// With free bodies rows are solved until no relative velocity changes by more than this (m/s), or this often.
-constexpr double kSettledChange = 3e-6;
-constexpr uint32_t kMostSweeps = 128;
-// Bodies that move need not agree as well as those that rest: this share may be left of what the first sweep changed, and that
-// of what it changed beyond kLeastBounce. (200 boxes that rain among 400 soft balls: as much overlap, in half the time.)
-constexpr double kSettledShare = 1e-3, kHitShare = 1e-2;
 constexpr uint32_t kHeldSweeps = 4;  // with tools that turn in the hand
 // Many rows of a skin share few nodes: after one sweep what is left of their speeds shakes them (20 times the work of damping
 // in a press of 20 mm).
@@ -363,7 +355,7 @@ void find_active_rows(AdvanceIsland& island, double reach, RowGroup& group) {
 
 // Gives one row the impulse that its nodes' velocities ask for now. kNodes is how many it has, 0 for any number.
 template <uint32_t kNodes>
-void solve_row(AdvanceScratch& s, ContactActive& row) {
+void solve_nodes(AdvanceScratch& s, ContactActive& row) {
     const uint32_t nodes = kNodes > 0 ? kNodes : row.nodes;
     const auto part = [&](uint32_t k) { return row.weight[k] * s.node[row.node[k]].velocity; };
     Vec4d velocity = row.rigid_velocity;
@@ -413,49 +405,10 @@ void start_rows(AdvanceScratch& s, RowGroup& group) {
     std::fill_n(s.warm.begin() + group.plan.first, group.plan.count, Vec4d{});
 }
 
-// One sweep over a group. Returns the largest change of a relative velocity among rows with free bodies, m/s.
-double sweep_group(AdvanceScratch& s, RowGroup& group) {
-    double change = 0;
-    solve_blocks(s, group);
-    for (ContactActive& row : group.active) {
-        if (row.turning != kNone) {
-            change = std::max(change, solve_turning_row(s, row));
-        } else {
-            row.nodes == 4 ? solve_row<4>(s, row) : solve_row<0>(s, row);
-        }
-    }
-    return change;
-}
-
 bool any_bounces(const AdvanceScratch& s) {
     const auto bounces = [](const ContactActive& row) { return row.least_velocity > 0; };
     return std::ranges::any_of(std::span(s.group).first(s.phase[4]),
                                [&](const RowGroup& g) { return std::ranges::any_of(g.active, bounces); });
-}
-
-// Free bodies stand on each other: their rows start from the impulses of the substep before and are solved until they
-// agree. A tower sways in modes that sweeps alone take thousands for: between sweeps the impulses go on along a
-// conjugate direction (Silcowitz, Niebe, Erleben 2010, "A nonsmooth nonlinear conjugate gradient method for interactive
-// contact force problems"); a sweep is always the last. What bounces is solved as well as what rests: of a box that falls flat
-// the corners that come first would turn it.
-void settle_rows(AdvanceIsland& island) {
-    AdvanceScratch& s = island.scratch;
-    double squares_before = 0, settled = kSettledChange;
-    for (uint32_t pass = 0; pass < kMostSweeps; ++pass) {
-        for_each_group(s, [&](RowGroup& group) {
-            note_impulses(s, group);
-            group.change = sweep_group(s, group);
-            group.squares = squared_change(s, group);
-        });
-        double change = solve_drives(s), squares = 0;
-        for (uint32_t g = 0; g < s.phase[4]; ++g) change = std::max(change, s.group[g].change), squares += s.group[g].squares;
-        if (pass == 0 && !s.bounces) settled = std::max({settled, kSettledShare * change, kHitShare * (change - kLeastBounce)});
-        if ((change < settled && pass + 1 >= island.params.contact.iterations) || pass + 1 == kMostSweeps) break;
-        const bool grows = pass == 0 || !(squares < squares_before);  // also when nothing changes any more
-        const double share = grows ? 0 : squares / squares_before;
-        for_each_group(s, [&](RowGroup& group) { go_on(s, group, share); });
-        squares_before = squares;
-    }
 }
 
 Vec4d particle_velocity(const Particles& p, uint32_t i) { return make_vec4(p.velocity_x[i], p.velocity_y[i], p.velocity_z[i]); }
@@ -609,6 +562,12 @@ double gather_nodes(AdvanceIsland& island) {
 
 }  // namespace
 
+double solve_row(AdvanceScratch& s, ContactActive& row) {
+    if (row.turning != kNone) return solve_turning_row(s, row);
+    row.nodes == 4 ? solve_nodes<4>(s, row) : solve_nodes<0>(s, row);
+    return 0;
+}
+
 ContactPlan make_plan(AdvanceIsland& island, uint32_t row) {
     AdvanceScratch& s = island.scratch;
     const ContactRows& rows = island.rows;
@@ -681,6 +640,9 @@ void plan_contacts(AdvanceIsland& island, std::span<const uint32_t> island_rows)
     if (!s.free.empty()) {
         make_room(s.turning, s.plan.size());
         s.turning.resize(s.plan.size());
+        make_room(s.settling, s.plan.size());
+        make_room(s.component, s.node.size());
+        make_room(s.component_of, s.node.size());
     }
 }
 
@@ -754,14 +716,17 @@ void apply_impulses(AdvanceIsland& island) {
     } else if (any_turns(s)) {
         // a tool in the hand does not stand on its rows: what a substep leaves, the next goes on from
         for (uint32_t pass = 0; pass < std::max(island.params.contact.iterations, kHeldSweeps); ++pass)
-            for_each_group(s, [&](RowGroup& group) { sweep_group(s, group); });
+            for_each_group(s, [&](RowGroup& group) {
+                solve_blocks(s, group);
+                for (ContactActive& row : group.active) solve_row(s, row);
+            });
     } else {
         const uint32_t sweeps = std::max(island.params.contact.iterations, s.skin_point.empty() ? 1 : kSkinSweeps);
         for (uint32_t pass = 0; pass < sweeps; pass += kSweepsAtOnce) {
             for_each_group(s, [&](RowGroup& group) {
                 for (uint32_t sweep = pass; sweep < std::min(sweeps, pass + kSweepsAtOnce); ++sweep) {
                     solve_blocks(s, group);
-                    for (ContactActive& row : group.active) row.nodes == 4 ? solve_row<4>(s, row) : solve_row<0>(s, row);
+                    for (ContactActive& row : group.active) solve_row(s, row);
                 }
             });
         }

@@ -19,14 +19,6 @@ void set_inertia(AdvanceFree& f, const Quat& orientation) {
     for (int i = 0; i < 3; ++i) f.inv_inertia[i] = to_vec4(spin_of(f.mass.moments, principal, Vec3d::Unit(i)));
 }
 
-Vec4d relative_velocity(const AdvanceScratch& s, const ContactActive& row, const ContactTurning& turning) {
-    Vec4d v = row.rigid_velocity;
-    for (uint32_t k = 0; k < row.nodes; ++k) v += row.weight[k] * s.node[row.node[k]].velocity;
-    if (turning.free[0] != kNone) v += cross(s.free[turning.free[0]].spin, turning.arm[0]);
-    if (turning.free[1] != kNone) v -= cross(s.free[turning.free[1]].spin, turning.arm[1]);
-    return v;
-}
-
 // Velocity of the point relative to the plane along `along` that a unit impulse along `way` adds through the turning.
 double turning_response(const AdvanceScratch& s, const ContactTurning& turning, Vec4d way, Vec4d along) {
     double sum = 0;
@@ -55,6 +47,14 @@ double friction_mass(const AdvanceScratch& s, double nodes_response, Vec4d norma
 }
 
 }  // namespace
+
+Vec4d turning_velocity(const AdvanceScratch& s, const ContactActive& row, const ContactTurning& turning) {
+    Vec4d v = row.rigid_velocity;
+    for (uint32_t k = 0; k < row.nodes; ++k) v += row.weight[k] * s.node[row.node[k]].velocity;
+    if (turning.free[0] != kNone) v += cross(s.free[turning.free[0]].spin, turning.arm[0]);
+    if (turning.free[1] != kNone) v -= cross(s.free[turning.free[1]].spin, turning.arm[1]);
+    return v;
+}
 
 void place_end(AdvanceRigid& rigid, const AdvanceFree& f, Vec4d centre, const Quat& orientation) {
     RigidMap& place = rigid.place[1];
@@ -218,7 +218,7 @@ void give_impulse(AdvanceScratch& s, const ContactActive& row, const ContactTurn
 
 double solve_turning_row(AdvanceScratch& s, ContactActive& row) {
     const ContactTurning& turning = s.turning[row.turning];
-    Vec4d velocity = relative_velocity(s, row, turning);
+    Vec4d velocity = turning_velocity(s, row, turning);
     const double wanted = (dot(row.normal, velocity) - row.least_velocity) * row.inv_sum;
     const double normal_impulse = std::max(0.0, row.normal_impulse - wanted);
     // most rows carry nothing, and do not begin to
@@ -228,7 +228,7 @@ double solve_turning_row(AdvanceScratch& s, ContactActive& row) {
     double change = std::abs(normal_change);
     if (normal_change != 0) give_impulse(s, row, turning, normal_change * row.normal);
     if (row.friction > 0) {
-        velocity = relative_velocity(s, row, turning);
+        velocity = turning_velocity(s, row, turning);
         const Vec4d sliding = velocity - dot(row.normal, velocity) * row.normal;
         Vec4d friction = row.friction_impulse - turning.friction_mass * sliding;
         const double most = row.friction * normal_impulse, size2 = norm2(friction);
@@ -239,41 +239,6 @@ double solve_turning_row(AdvanceScratch& s, ContactActive& row) {
         change = std::max(change, std::sqrt(norm2(friction_change)));
     }
     return row.inv_sum > 0 ? change / row.inv_sum : 0;
-}
-
-void note_impulses(AdvanceScratch& s, const RowGroup& group) {
-    for (const ContactActive& row : group.active) {
-        if (row.turning == kNone) continue;
-        s.turning[row.turning].normal_before = row.normal_impulse;
-        s.turning[row.turning].friction_before = row.friction_impulse;
-    }
-}
-
-double squared_change(const AdvanceScratch& s, const RowGroup& group) {
-    double sum = 0;
-    for (const ContactActive& row : group.active) {
-        if (row.turning == kNone) continue;
-        const ContactTurning& t = s.turning[row.turning];
-        const double normal = row.normal_impulse - t.normal_before;
-        sum += normal * normal + norm2(row.friction_impulse - t.friction_before);
-    }
-    return sum;
-}
-
-void go_on(AdvanceScratch& s, RowGroup& group, double share) {
-    for (ContactActive& row : group.active) {
-        if (row.turning == kNone) continue;
-        ContactTurning& t = s.turning[row.turning];
-        const Vec4d friction = row.friction_impulse - t.friction_before;
-        const double normal = row.normal_impulse - t.normal_before, normal_on = share * t.normal_way;
-        const Vec4d friction_on = share * t.friction_way;
-        t.normal_way = normal + normal_on;
-        t.friction_way = friction + friction_on;
-        if (share == 0) continue;
-        row.normal_impulse += normal_on;
-        row.friction_impulse += friction_on;
-        give_impulse(s, row, t, normal_on * row.normal + friction_on);
-    }
 }
 
 void push_free_sides(AdvanceScratch& s, const ContactTurning& turning, Vec4d push) {

@@ -175,15 +175,30 @@ HandPose hand_pose(const AdvanceIsland& island, uint32_t tool, uint32_t substep)
 double contact_work_on_free(const AdvanceIsland& island);
 // Gives an active row its free sides, where the impulse acts at `at` (m, world), and what they add to inv_sum.
 void add_turning_sides(AdvanceIsland& island, const ContactPlan& plan, Vec4d at, ContactActive& active);
-// As solve_row for a row with a free side. Returns by how much the relative velocity changed, m/s.
+// As solve_row for a row with a free side.
 double solve_turning_row(AdvanceScratch& s, ContactActive& row);
 // Gives a row with a free side an impulse.
 void give_impulse(AdvanceScratch& s, const ContactActive& row, const ContactTurning& turning, Vec4d impulse);
-// Remembers the impulses of a group's rows with a free side before a sweep; what it changed them by, squared, (N s)^2; and
-// moves them on along the conjugate direction, of which `share` is kept.
-void note_impulses(AdvanceScratch& s, const RowGroup& group);
-double squared_change(const AdvanceScratch& s, const RowGroup& group);
-void go_on(AdvanceScratch& s, RowGroup& group, double share);
+// Sweeps over the rows of an island with free bodies until they agree (advance_settle.cpp).
+void settle_rows(AdvanceIsland& island);
+// Gives a row the impulse that its bodies' velocities ask for now. Returns by how much the relative velocity changed, m/s, of a
+// row without a free side 0.
+double solve_row(AdvanceScratch& s, ContactActive& row);
+// Whether the rows of a component are between few enough free bodies, in chains rather than heaps, to be solved at once
+// (advance_direct.cpp), and makes ready for it.
+bool prepare_direct(AdvanceScratch& s, std::span<ContactActive* const> rows, DirectSolve& d);
+// Solves the rows that rest and carry something as if they could pull too and friction had no limit unless it slides already: then
+// a sweep must follow, which takes back what is too much (the subspace step of Silcowitz, Niebe, Erleben 2010, "Projected
+// Gauss-Seidel subspace minimization method for interactive rigid body dynamics"). False if there is no answer;
+bool solve_directly(AdvanceScratch& s, std::span<ContactActive* const> rows, DirectSolve& d);
+// takes the last answer back, and what sweeps have made of it since.
+void undo_solution(AdvanceScratch& s, std::span<ContactActive* const> rows, const DirectSolve& d);
+// What impulses that do as their rows ask make least, J: kinetic energy minus what rows that must move apart are given.
+double potential(const AdvanceScratch& s, std::span<ContactActive* const> rows, const DirectSolve& d);
+// Velocity of the point relative to the plane, m/s, of a row with a free side.
+Vec4d turning_velocity(const AdvanceScratch& s, const ContactActive& row, const ContactTurning& turning);
+// Slower approach than this (m/s) does not bounce, whatever the restitution: bodies come to rest.
+constexpr double kLeastBounce = 0.05;
 // Moves the free sides of a row by their share of an impulse-like `push`, kg m; then all at once, none farther than
 // `most`.
 void push_free_sides(AdvanceScratch& s, const ContactTurning& turning, Vec4d push);

@@ -336,6 +336,40 @@ struct FixedTriangles {
     std::array<FourPoints, 3> corner;
 };
 
+// The equations of a few free bodies that stand on each other: six rows a body, velocity and then spin, of which the lower
+// half is kept from the first neighbour of the body on.
+struct DirectSolve {
+    static constexpr uint32_t kMostBodies = 64;
+    std::vector<uint32_t> body, ordered;  // rows of free
+    std::vector<uint32_t> first;          // per body: the first body that it meets
+    std::vector<uint32_t> begin;          // per body: where its rows of matrix begin
+    std::vector<double> matrix;           // kg, kg m, kg m^2
+    std::vector<double> solution;         // of the right side, N s and N m s, then the change of velocities, m/s and rad/s
+    std::vector<Vec4d> impulse;           // N s, per row
+    struct Motion {
+        Vec4d velocity, spin;  // m/s, rad/s
+    };
+    struct Impulse {
+        Vec4d friction;  // N s
+        double normal;   // N s
+    };
+    std::vector<Motion> before;           // the last solution, per body
+    std::vector<Impulse> impulse_before;  // and per row
+
+    uint32_t first_column(uint32_t row) const { return 6 * first[row / 6]; }
+    // Indexed by column, from first_column on.
+    double* row(uint32_t r) {
+        const uint32_t b = r / 6;
+        return matrix.data() + begin[b] + (r % 6) * 6 * (b - first[b] + 1) - 6 * first[b];
+    }
+};
+
+// What a sweep changed of rows with a free side.
+struct SweepChange {
+    double velocity = 0;         // m/s, the largest of a relative velocity
+    double squared_impulse = 0;  // (N s)^2, the sum over all impulses
+};
+
 // Rows that are worked on one after the other. Where an island has more than one group, groups of a phase share no node
 // and may be worked on at the same time.
 struct RowGroup {
@@ -345,8 +379,7 @@ struct RowGroup {
     Range fixed;                         // rows of AdvanceScratch::fixed: of its last blocks
     uint32_t idle = 0;                   // node of no mass, for its blocks
     uint32_t turning_rows = 0;           // of active, that have a free side
-    double change = 0;                   // m/s, largest of their relative velocities in the last sweep,
-    double squares = 0;                  // (N s)^2, and of their impulses
+    SweepChange change;                  // by the last sweep, of them
     bool pushed = false;
     double deepest = 0;  // m, overlap left by the last substep
 };
@@ -381,6 +414,10 @@ struct AdvanceScratch {
     std::vector<ContactPlan> plan;    // of rows that are not in a block
     std::vector<AdvanceFree> free;
     std::vector<ContactTurning> turning;     // as plan, of the active rows with a free side; empty without free bodies
+    std::vector<ContactActive*> settling;    // active rows, component by component: see advance_settle.cpp
+    std::vector<Range> component;            // rows of settling
+    std::vector<uint32_t> component_of;      // per node: of its component, while that is solved its row of DirectSolve::body
+    std::vector<DirectSolve> direct;         // per chunk of components
     std::vector<ContactActive> held_active;  // rows as a substep starts, of bodies that are stepped by midpoint
     std::vector<HeldRow> held;               // as held_active
     std::vector<Vec4d> warm;                 // N s, of the last substep in which nothing bounced; as plan, or empty: starts_warm

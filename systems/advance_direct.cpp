@@ -1,0 +1,308 @@
+#include <Eigen/LU>
+#include <algorithm>
+#include <bit>
+
+#include "systems/advance_parts.hpp"
+namespace trocar {
+namespace {
+
+using Matrix3 = Eigen::Matrix3d;
+using Matrix36 = Eigen::Matrix<double, 3, 6>;
+using Matrix6 = Eigen::Matrix<double, 6, 6>;
+using Vector6 = Eigen::Matrix<double, 6, 1>;
+
+// How much softer than a row's own response it is solved: rows that share faces depend on each other. What that leaves, the
+// sweeps that follow take.
+constexpr double kSoftness = 1e-5;
+// What has less friction than this share of the most, squared, sticks.
+constexpr double kSticks = 1 - 1e-6;
+// A factor may cost as many multiplications for each row as this: some ten sweeps.
+constexpr double kMostWorkPerRow = 2000;
+
+Vec3d vec3(Vec4d v) { return {v[0], v[1], v[2]}; }
+
+Matrix3 cross_matrix(const Vec3d& v) {
+    Matrix3 m;
+    m << 0, -v.z(), v.y(), v.z(), 0, -v.x(), -v.y(), v.x(), 0;
+    return m;
+}
+
+// Velocity of a point of a body at `arm` from its centre: velocity and spin to m/s.
+Matrix36 point_velocity(Vec4d arm) {
+    Matrix36 j;
+    j << Matrix3::Identity(), -cross_matrix(vec3(arm));
+    return j;
+}
+
+// kg m^2, world axes
+Matrix3 inertia_of(const AdvanceFree& f) {
+    Matrix3 inverse;
+    for (int k = 0; k < 3; ++k) inverse.col(k) = vec3(f.inv_inertia[k]);
+    return inverse.inverse();
+}
+
+uint32_t node_of(const AdvanceScratch& s, uint32_t free) { return s.rigid[s.free[free].rigid].node; }
+
+// Row of DirectSolve::body of a side of a row; kNone if nothing free is there.
+uint32_t side_of(const AdvanceScratch& s, const ContactTurning& turning, int side) {
+    return turning.free[side] == kNone ? kNone : s.component_of[node_of(s, turning.free[side])];
+}
+
+// Whether nothing but free bodies that nobody holds has a side in a row.
+bool is_between_free(const AdvanceScratch& s, const ContactActive& row) {
+    if (row.turning == kNone) return false;
+    const auto is_loose = [&](uint32_t n) {
+        if (s.node[n].particle != kNone) return false;
+        const uint32_t free = s.rigid[s.node[n].owner].free;
+        return free != kNone && !s.free[free].held;
+    };
+    return std::all_of(row.node.begin(), row.node.begin() + row.nodes, is_loose);
+}
+
+// Numbers the bodies of a component so that neighbours are near each other (Cuthill, McKee 1969): from one with fewest neighbours,
+// in the order in which they are met.
+bool number_bodies(AdvanceScratch& s, std::span<ContactActive* const> rows, DirectSolve& d) {
+    d.body.clear();
+    const auto meet = [&](uint32_t free) {
+        if (free == kNone || std::ranges::find(d.body, free) != d.body.end()) return;
+        s.component_of[node_of(s, free)] = static_cast<uint32_t>(d.body.size());
+        d.body.push_back(free);
+    };
+    for (const ContactActive* row : rows) {
+        if (!is_between_free(s, *row)) return false;
+        for (const uint32_t free : s.turning[row->turning].free) meet(free);
+        if (d.body.size() > DirectSolve::kMostBodies) return false;
+    }
+    std::array<uint64_t, DirectSolve::kMostBodies> beside{};
+    for (const ContactActive* row : rows) {
+        const ContactTurning& turning = s.turning[row->turning];
+        const uint32_t a = side_of(s, turning, 0), b = side_of(s, turning, 1);
+        if (a == kNone || b == kNone) continue;
+        beside[a] |= uint64_t{1} << b;
+        beside[b] |= uint64_t{1} << a;
+    }
+    const uint32_t count = static_cast<uint32_t>(d.body.size());
+    uint32_t start = 0;
+    for (uint32_t i = 1; i < count; ++i)
+        if (std::popcount(beside[i]) < std::popcount(beside[start])) start = i;
+    std::array<uint32_t, DirectSolve::kMostBodies> order{start};
+    uint64_t met = uint64_t{1} << start;
+    for (uint32_t next = 0, end = 1; next < end; ++next)
+        for (uint64_t left = beside[order[next]] & ~met; left != 0; left &= left - 1) {
+            order[end++] = static_cast<uint32_t>(std::countr_zero(left));
+            met |= left & -left;
+        }
+    d.ordered.clear();
+    for (uint32_t i = 0; i < count; ++i) d.ordered.push_back(d.body[order[i]]);
+    std::swap(d.body, d.ordered);
+    for (uint32_t i = 0; i < count; ++i) s.component_of[node_of(s, d.body[i])] = i;
+    return true;
+}
+
+// How an active row resists a velocity at its point: kg along its normal, and across it unless it slides. What carries nothing, closes
+// a gap or bounces does not: four corners that are to move at four speeds would be torn apart.
+struct Resistance {
+    double along = 0, across = 0;
+};
+Resistance resistance_of(const ContactActive& row, const ContactTurning& turning) {
+    if (!(row.normal_impulse > 0) || row.least_velocity != 0) return {};
+    const double most = row.friction * row.normal_impulse;
+    const bool sticks = norm2(row.friction_impulse) < kSticks * most * most;
+    return {row.inv_sum / kSoftness, sticks ? turning.friction_mass / kSoftness : 0};
+}
+
+// N s
+Vec4d push_of(const Resistance& resistance, Vec4d normal, Vec4d velocity) {
+    return (resistance.across - resistance.along) * dot(normal, velocity) * normal - resistance.across * velocity;
+}
+
+void add_block(uint32_t row_body, uint32_t column_body, const Matrix6& block, DirectSolve& d) {
+    for (int i = 0; i < 6; ++i) {
+        double* to = d.row(6 * row_body + i) + 6 * column_body;
+        for (int k = 0; k < 6; ++k) to[k] += block(i, k);
+    }
+}
+
+void add_row(const AdvanceScratch& s, const ContactActive& row, DirectSolve& d) {
+    const ContactTurning& turning = s.turning[row.turning];
+    const Resistance resistance = resistance_of(row, turning);
+    if (resistance.along == 0) return;
+    const Vec3d n = vec3(row.normal);
+    const Matrix3 matrix = (resistance.along - resistance.across) * n * n.transpose() + resistance.across * Matrix3::Identity();
+    const Vec3d push = vec3(push_of(resistance, row.normal, turning_velocity(s, row, turning)));
+    std::array<uint32_t, 2> at{side_of(s, turning, 0), side_of(s, turning, 1)};
+    std::array<Matrix36, 2> way, resisted;
+    for (int side = 0; side < 2; ++side) {
+        if (at[side] == kNone) continue;
+        way[side] = (side == 0 ? 1.0 : -1.0) * point_velocity(turning.arm[side]);
+        resisted[side] = matrix * way[side];
+        Eigen::Map<Vector6>(d.solution.data() + 6 * at[side]) += way[side].transpose() * push;
+        const Matrix6 block = way[side].transpose() * resisted[side];
+        add_block(at[side], at[side], block, d);
+    }
+    if (at[0] == kNone || at[1] == kNone) return;
+    const int low = at[0] < at[1] ? 0 : 1;
+    const Matrix6 block = way[1 - low].transpose() * resisted[low];
+    add_block(at[1 - low], at[low], block, d);
+}
+
+void lay_out(const AdvanceScratch& s, std::span<ContactActive* const> rows, DirectSolve& d) {
+    const uint32_t count = static_cast<uint32_t>(d.body.size());
+    d.first.resize(count);
+    d.begin.resize(count + 1);
+    for (uint32_t i = 0; i < count; ++i) d.first[i] = i;
+    for (const ContactActive* row : rows) {
+        const ContactTurning& turning = s.turning[row->turning];
+        const uint32_t a = side_of(s, turning, 0), b = side_of(s, turning, 1);
+        if (a == kNone || b == kNone) continue;
+        d.first[std::max(a, b)] = std::min(d.first[std::max(a, b)], std::min(a, b));
+    }
+    d.begin[0] = 0;
+    for (uint32_t i = 0; i < count; ++i) d.begin[i + 1] = d.begin[i] + 36 * (i - d.first[i] + 1);
+}
+
+double work_of(const DirectSolve& d) {
+    double work = 0;
+    for (uint32_t i = 0; i < d.body.size(); ++i) {
+        const double width = 6.0 * (i - d.first[i] + 1);
+        work += 3 * width * width;
+    }
+    return work;
+}
+
+void assemble(const AdvanceScratch& s, std::span<ContactActive* const> rows, DirectSolve& d) {
+    const uint32_t count = static_cast<uint32_t>(d.body.size());
+    d.matrix.assign(d.begin[count], 0.0);
+    d.solution.assign(6 * count, 0.0);
+    for (uint32_t i = 0; i < count; ++i) {
+        const AdvanceFree& f = s.free[d.body[i]];
+        Matrix6 inertia = Matrix6::Zero();
+        inertia.topLeftCorner<3, 3>().diagonal().setConstant(f.mass.mass);
+        inertia.bottomRightCorner<3, 3>() = inertia_of(f);
+        add_block(i, i, inertia, d);
+    }
+    for (const ContactActive* row : rows) add_row(s, *row, d);
+}
+
+// Cholesky's factor in place of the lower half of the matrix, row by row within its envelope. False if it has none.
+bool factorise(DirectSolve& d) {
+    for (uint32_t r = 0; r < d.solution.size(); ++r) {
+        double* row = d.row(r);
+        const uint32_t first = d.first_column(r);
+        for (uint32_t c = first; c <= r; ++c) {
+            const double* other = d.row(c);
+            const uint32_t from = std::max(first, d.first_column(c));
+            double sum = row[c];
+            for (uint32_t k = from; k < c; ++k) sum -= row[k] * other[k];
+            if (c < r) {
+                row[c] = sum / other[c];
+            } else {
+                if (!(sum > 0)) return false;
+                row[c] = std::sqrt(sum);
+            }
+        }
+    }
+    return true;
+}
+
+void substitute(DirectSolve& d) {
+    const uint32_t size = static_cast<uint32_t>(d.solution.size());
+    for (uint32_t r = 0; r < size; ++r) {
+        const double* row = d.row(r);
+        for (uint32_t k = d.first_column(r); k < r; ++k) d.solution[r] -= row[k] * d.solution[k];
+        d.solution[r] /= row[r];
+    }
+    for (uint32_t r = size; r-- > 0;) {
+        const double* row = d.row(r);
+        d.solution[r] /= row[r];
+        for (uint32_t k = d.first_column(r); k < r; ++k) d.solution[k] -= row[k] * d.solution[r];
+    }
+}
+
+// The impulse that belongs to the change of velocities, N s.
+Vec4d impulse_of(const AdvanceScratch& s, const ContactActive& row, const DirectSolve& d) {
+    const ContactTurning& turning = s.turning[row.turning];
+    const Resistance resistance = resistance_of(row, turning);
+    if (resistance.along == 0) return Vec4d{};
+    Vec4d velocity = turning_velocity(s, row, turning);
+    for (int side = 0; side < 2; ++side) {
+        const uint32_t at = side_of(s, turning, side);
+        if (at == kNone) continue;
+        const double* u = d.solution.data() + 6 * at;
+        const Vec4d change = make_vec4(u[0], u[1], u[2]) + cross(make_vec4(u[3], u[4], u[5]), turning.arm[side]);
+        velocity += side == 0 ? change : -change;
+    }
+    return push_of(resistance, row.normal, velocity);
+}
+
+// What share of an impulse a row can take until it pulls or, where it sticks, slides.
+double longest_step(const ContactActive& row, Vec4d impulse) {
+    const double along = dot(impulse, row.normal);
+    const double step = -along > row.normal_impulse ? row.normal_impulse / -along : 1;
+    const Vec4d across = impulse - along * row.normal;
+    const double most = row.friction * row.normal_impulse, grows = row.friction * along;
+    // |friction_impulse + t across|^2 = (most + t grows)^2
+    const double a = norm2(across) - grows * grows, half_b = dot(row.friction_impulse, across) - most * grows,
+                 c = norm2(row.friction_impulse) - most * most;
+    if (!(c < 0) || norm2(row.friction_impulse) >= kSticks * most * most || a + 2 * half_b + c <= 0) return step;
+    const double root = std::sqrt(std::max(0.0, half_b * half_b - a * c));
+    return std::min(step, -c / (half_b + root));
+}
+
+void give(AdvanceScratch& s, ContactActive& row, Vec4d impulse) {
+    const double along = dot(impulse, row.normal);
+    row.normal_impulse = std::max(0.0, row.normal_impulse + along);
+    row.friction_impulse += impulse - along * row.normal;
+    give_impulse(s, row, s.turning[row.turning], impulse);
+}
+
+}  // namespace
+
+bool prepare_direct(AdvanceScratch& s, std::span<ContactActive* const> rows, DirectSolve& d) {
+    if (!number_bodies(s, rows, d)) return false;
+    lay_out(s, rows, d);
+    return work_of(d) < kMostWorkPerRow * static_cast<double>(rows.size());
+}
+
+bool solve_directly(AdvanceScratch& s, std::span<ContactActive* const> rows, DirectSolve& d) {
+    assemble(s, rows, d);
+    if (!factorise(d)) return false;
+    substitute(d);
+    if (!std::ranges::all_of(d.solution, [](double x) { return std::isfinite(x); })) return false;
+    d.before.clear();
+    for (const uint32_t free : d.body) d.before.push_back({s.node[node_of(s, free)].velocity, s.free[free].spin});
+    d.impulse_before.clear();
+    d.impulse.clear();
+    double step = 1;
+    for (const ContactActive* row : rows) {
+        d.impulse_before.push_back({row->friction_impulse, row->normal_impulse});
+        d.impulse.push_back(impulse_of(s, *row, d));
+        step = std::min(step, longest_step(*row, d.impulse.back()));
+    }
+    for (size_t i = 0; i < rows.size(); ++i) give(s, *rows[i], step * d.impulse[i]);
+    return true;
+}
+
+void undo_solution(AdvanceScratch& s, std::span<ContactActive* const> rows, const DirectSolve& d) {
+    for (size_t i = 0; i < d.body.size(); ++i) {
+        const ContactNode node = s.node[node_of(s, d.body[i])];
+        node.velocity = d.before[i].velocity;
+        s.free[d.body[i]].spin = d.before[i].spin;
+    }
+    for (size_t i = 0; i < rows.size(); ++i) {
+        rows[i]->friction_impulse = d.impulse_before[i].friction;
+        rows[i]->normal_impulse = d.impulse_before[i].normal;
+    }
+}
+
+double potential(const AdvanceScratch& s, std::span<ContactActive* const> rows, const DirectSolve& d) {
+    double sum = 0;
+    for (const uint32_t free : d.body) {
+        const AdvanceFree& f = s.free[free];
+        sum += 0.5 * f.mass.mass * norm2(s.node[node_of(s, free)].velocity) + 0.5 * vec3(f.spin).dot(inertia_of(f) * vec3(f.spin));
+    }
+    for (const ContactActive* row : rows) sum -= row->normal_impulse * row->least_velocity;
+    return sum;
+}
+
+}  // namespace trocar
