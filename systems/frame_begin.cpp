@@ -85,12 +85,10 @@ void tear(FrameState& f) {
 void come_and_go(FrameState& f) {
     World& w = f.world;
     std::vector<uint32_t>& leaving = f.scratch.leaving;
-    const OtherForces other{&w.solids};
+    const EnergyInputs inputs = energy_inputs(f, {&w.solids});
     const auto energies = [&] {
         Energy sum;
-        for (const uint32_t body : leaving)
-            add_body_energy(w.springs, w.bodies, w.poses, w.particles, w.anchors, w.settings.gravity, body, f.scratch.energy.part[0], sum,
-                            other);
+        for (const uint32_t body : leaving) add_body_energy(inputs, body, f.scratch.energy.part[0], sum);
         return sum.kinetic + sum.elastic + sum.pressure + sum.bending + sum.gravity;
     };
     find_leaving(w.pools, w.lives, w.clock.tick, leaving);

@@ -7,8 +7,7 @@ void surface_normals(FrameState& f) {
 }
 void energy(FrameState& f) {
     World& w = f.world;
-    measure_energy(w.springs, w.bodies, w.poses, w.particles, w.anchors, w.settings.gravity, 0, f.scratch.energy, w.energy, other_forces(f),
-                   sleepers(f, kSeenByEnergy));
+    measure_energy(energy_inputs(f, other_forces(f)), 0, f.scratch.energy, w.energy, sleepers(f, kSeenByEnergy));
     if (!f.energy_open) f.energy_start = w.energy.balance, f.energy_open = true;
     w.energy.balance -= f.energy_start;
 }

@@ -247,7 +247,7 @@ TEST(SolidTears, WhatStaysKeepsItsMomentumAndTheBooksTheRest) {
         const auto total = [&] {
             Energy e;
             const OtherForces other{.solids = &w.solids, .tears = &w.tears, .torn = &w.torn, .torn_springs = &w.torn_springs};
-            add_body_energy(w.springs, w.bodies, w.poses, w.particles, w.anchors, w.settings.gravity, 0, scratch, e, other);
+            add_body_energy({w.springs, w.bodies, w.poses, w.particles, w.anchors, w.settings.gravity, other}, 0, scratch, e);
             return e.kinetic + e.elastic + e.gravity;
         };
         const double had = total(), booked = w.energy.work_links;

@@ -63,7 +63,7 @@ struct LinkScene : AdvanceScene {
         add_advance_result(done, energy, report);
     }
     void measure_all() {
-        measure_energy(springs, bodies, poses, particles, anchors, params.gravity, energy_start, energy_scratch, energy, other());
+        measure_energy({springs, bodies, poses, particles, anchors, params.gravity, other()}, energy_start, energy_scratch, energy);
     }
     void open() {
         energy = {};
