@@ -116,8 +116,8 @@ void sleep(FrameState& f) {
         f.scratch.moving[w.paths.body[p]] = now <= w.paths.key[w.paths.keys[p].end() - 1].time + 2 * period_seconds(w);
     }
     for (const auto& drive : w.nodes.drive) f.scratch.moving[drive.body] = 1;
-    fall_asleep_and_wake(w.settings, w.clock.period, w.bodies, f.scratch.moving, f.scratch.sleep, w.sleep, w.particles, w.poses, w.pairs,
-                         w.energy, w.report, linked_bodies(f));
+    const SleepPass pass{w.settings, w.clock.period, w.bodies, f.scratch.moving, linked_bodies(f)};
+    fall_asleep_and_wake(pass, f.scratch.sleep, w.sleep, w.particles, w.poses, w.pairs, w.energy, w.report);
     count_out_away(w);
     number_sleeps(f);
 }
