@@ -78,7 +78,7 @@ void link(FrameState& f) {
 void tear(FrameState& f) {
     World& w = f.world;
     const TearPass pass{pass_seconds(w), w.settings.gravity, w.springs, w.solids, w.bodies, w.poses, w.anchors};
-    cut_bodies(pass, w.particles, w.meshes, w.trees, w.tears, w.torn, w.torn_springs, w.sleep, w.energy, w.report);
+    cut_bodies(pass, w.particles, w.meshes, w.trees, w.tears, w.sleep, {w.torn, w.torn_springs, w.energy, w.report});
     copy_torn_springs(w.springs, w.solids, w.bodies, w.tears, w.torn, w.torn_springs);
 }
 // Those whose life is over leave, those who are due come; a slot that becomes free in this pass is given away in the next.
