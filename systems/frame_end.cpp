@@ -13,8 +13,9 @@ void energy(FrameState& f) {
 }
 void picture(FrameState& f) {
     World& w = f.world;
-    write_picture_snapshot(w.clock.picture, pass_seconds(w), surfaces_of(w), w.normals, w.contacts, w.penetrations, w.haptics, w.picture,
-                           &w.tears, sleepers(f, kSeenByPicture));
+    const PictureInputs inputs{w.clock.picture, pass_seconds(w), surfaces_of(w), w.normals,
+                               w.contacts,      w.penetrations,  w.haptics,      &w.tears};
+    write_picture_snapshot(inputs, w.picture, sleepers(f, kSeenByPicture));
     for (uint32_t body = 0; body < w.lives.away.size(); ++body)
         if (is_away(w.lives, body)) w.picture.body[body].mesh = kNone;
     for (uint32_t body = 0; body < w.node_state.off.size(); ++body)
