@@ -407,13 +407,12 @@ void share_room(std::span<AdvanceScratch> scratches) {
 }
 
 void advance_island(const AdvanceParams& params, const AdvanceInputs& inputs, std::span<const uint32_t> island_bodies,
-                    std::span<const uint32_t> island_rows, AdvanceScratch& scratch, Particles& particles, Poses& poses, ContactRows& rows,
-                    std::span<ToolState> tools, AdvanceResult& result) {
+                    std::span<const uint32_t> island_rows, AdvanceScratch& scratch, AdvanceState state, AdvanceResult& result) {
     TROCAR_ASSERT(params.substeps > 0 && params.ticks > 0);
     const double dt = 1e-3 * (static_cast<double>(params.ticks) / params.substeps);
     result.deepest_residual = 0;
     result.opposing_planes = 0;
-    AdvanceIsland island{params, inputs, scratch, particles, poses, rows, tools, result, dt};
+    AdvanceIsland island{params, inputs, scratch, state.particles, state.poses, state.rows, state.tools, result, dt};
     const SpringKernels& kernels = spring_kernels();
     gather_bodies(island, island_bodies);
     const auto observe = [&](void (*call)(void*)) {

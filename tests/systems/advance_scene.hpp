@@ -165,7 +165,7 @@ struct AdvanceScene {
         for (uint32_t i = 0; i < all_rows.size(); ++i) all_rows[i] = i;
         tool_states.resize(tools.size());
         result = {};
-        advance_island(params, inputs(), moving(), all_rows, scratch, particles, poses, rows, tool_states, result);
+        advance_island(params, inputs(), moving(), all_rows, scratch, {particles, poses, rows, tool_states}, result);
         params.tick += ticks;
         add_advance_result(result, energy, report);
     }
