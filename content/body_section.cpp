@@ -131,6 +131,33 @@ std::vector<KeyframeSpec> read_path(const std::string& file, TomlSection& owner,
     return path;
 }
 
+namespace {
+
+// m per file unit; "auto" is 0.
+void read_scale(TomlSection& section, double& scale) {
+    const toml::node* node = section.find("scale");
+    if (!node) return;
+    if (node->is_string()) {
+        if (*node->value<std::string>() != "auto") section.fail(*node, "scale must be a number or \"auto\"");
+        scale = 0;
+    } else {
+        section.read("scale", scale, 1e-12, 1e12);
+    }
+}
+
+// Keys that do not go together.
+void check_body(const TomlSection& section, const BodySpec& body) {
+    if (body.scatter.asked && (body.motion == Motion::kHand || !body.above.empty()))
+        section.fail("body \"" + body.name + "\": what is scattered can neither be held by a hand nor stand above another body");
+    if (body.scatter.rate > 0 && (body.motion != Motion::kDeformable || std::isfinite(body.break_strain)))
+        section.fail("body \"" + body.name + "\": only deformable bodies that do not break come and go (scatter.rate)");
+    if (body.motion == Motion::kKinematic && body.path.empty()) section.fail("kinematic body \"" + body.name + "\" needs a [[body.path]]");
+    if (body.motion != Motion::kFree && (!body.velocity.isZero(0) || !body.spin.isZero(0)))
+        section.fail("body \"" + body.name + "\": only a free body starts with a velocity or spin of its own");
+}
+
+}  // namespace
+
 BodySpec read_body(const std::string& file, const toml::table& table) {
     TomlSection section(file, table, "[[body]]");
     BodySpec body;
@@ -146,14 +173,7 @@ BodySpec read_body(const std::string& file, const toml::table& table) {
     if (body.shape.empty() && body.file.empty()) section.fail("body \"" + body.name + "\" needs a shape or a file");
     section.read_count("triangles", body.triangles, 4, 2e7);
     section.read_count("seed", body.seed, 0, 9e15);
-    if (const toml::node* node = section.find("scale")) {
-        if (node->is_string()) {
-            if (*node->value<std::string>() != "auto") section.fail(*node, "scale must be a number or \"auto\"");
-            body.scale = 0;
-        } else {
-            section.read("scale", body.scale, 1e-12, 1e12);
-        }
-    }
+    read_scale(section, body.scale);
     section.read("size", body.size, 1e-9, 1e9);
     section.read_enum<Motion>("motion", body.motion,
                               {{"static", Motion::kStatic},
@@ -206,13 +226,7 @@ BodySpec read_body(const std::string& file, const toml::table& table) {
     if (const toml::table* scatter = section.table("scatter")) body.scatter = read_scatter({file, *scatter, "[body.scatter]"});
     if (const toml::table* lod = section.table("lod")) body.lod = read_lod({file, *lod, "[body.lod]"});
     section.refuse_unknown();
-    if (body.scatter.asked && (body.motion == Motion::kHand || !body.above.empty()))
-        section.fail("body \"" + body.name + "\": what is scattered can neither be held by a hand nor stand above another body");
-    if (body.scatter.rate > 0 && (body.motion != Motion::kDeformable || std::isfinite(body.break_strain)))
-        section.fail("body \"" + body.name + "\": only deformable bodies that do not break come and go (scatter.rate)");
-    if (body.motion == Motion::kKinematic && body.path.empty()) section.fail("kinematic body \"" + body.name + "\" needs a [[body.path]]");
-    if (body.motion != Motion::kFree && (!body.velocity.isZero(0) || !body.spin.isZero(0)))
-        section.fail("body \"" + body.name + "\": only a free body starts with a velocity or spin of its own");
+    check_body(section, body);
     return body;
 }
 

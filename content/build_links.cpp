@@ -17,10 +17,6 @@
 namespace trocar {
 namespace {
 
-[[noreturn]] void refuse(const SceneFile& scene, uint32_t line, const std::string& reason) {
-    throw InputError(scene.path.string() + ":" + std::to_string(line) + ":1: " + reason);
-}
-
 uint32_t find_body(const SceneFile& scene, const LinkSpec& spec, const World& world, const std::string& name) {
     const auto found = std::find(world.bodies.name.begin(), world.bodies.name.end(), name);
     if (found == world.bodies.name.end()) refuse(scene, spec.line, "link \"" + spec.name + "\": no body is named \"" + name + "\"");

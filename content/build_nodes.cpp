@@ -13,10 +13,6 @@
 namespace trocar {
 namespace {
 
-[[noreturn]] void refuse(const SceneFile& scene, uint32_t line, const std::string& reason) {
-    throw InputError(scene.path.string() + ":" + std::to_string(line) + ":1: " + reason);
-}
-
 // Row of a node among the first `count`.
 uint32_t find_node(const SceneFile& scene, const std::string& name, size_t count) {
     for (uint32_t n = 0; n < count; ++n)

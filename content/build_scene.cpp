@@ -35,7 +35,9 @@ namespace trocar {
 namespace fs = std::filesystem;
 namespace {
 
-std::string at(const SceneFile& scene, uint32_t line) { return scene.path.string() + ":" + std::to_string(line) + ":1: "; }
+[[noreturn]] void refuse_body(const SceneFile& scene, const BodySpec& spec, const std::string& reason) {
+    refuse(scene, spec.line, "body \"" + spec.name + "\": " + reason);
+}
 
 fs::path find_file(const SceneFile& scene, const std::string& name) {
     const fs::path given(name);
@@ -50,7 +52,7 @@ Mesh load_body_mesh(const SceneFile& scene, const BodySpec& body, std::vector<st
         try {
             loaded = load_mesh(find_file(scene, body.file));
         } catch (const InputError& error) {
-            throw InputError(at(scene, body.line) + error.what());
+            refuse(scene, body.line, error.what());
         }
         warnings.insert(warnings.end(), loaded.warnings.begin(), loaded.warnings.end());
         return std::move(loaded.mesh);
@@ -59,7 +61,7 @@ Mesh load_body_mesh(const SceneFile& scene, const BodySpec& body, std::vector<st
     if (std::find(names.begin(), names.end(), body.shape) == names.end()) {
         std::string list;
         for (const std::string& n : names) list += (list.empty() ? "" : ", ") + n;
-        throw InputError(at(scene, body.line) + "no shape \"" + body.shape + "\"; there are " + list);
+        refuse(scene, body.line, "no shape \"" + body.shape + "\"; there are " + list);
     }
     return make_shape(body.shape, body.triangles, body.seed);
 }
@@ -88,7 +90,7 @@ void place_above(const SceneFile& scene, const BodySpec& spec, World& world, uin
     const auto& names = world.bodies.name;
     const auto found = std::find(names.begin(), names.begin() + body, spec.above);
     if (found == names.begin() + body)
-        throw InputError(at(scene, spec.line) + "above = \"" + spec.above + "\" names no body before \"" + spec.name + "\"");
+        refuse(scene, spec.line, "above = \"" + spec.above + "\" names no body before \"" + spec.name + "\"");
     const Box below = world_box(world, static_cast<uint32_t>(found - names.begin())), own = world_box(world, body);
     Vec3d shift = 0.5 * (below.min + below.max - own.min - own.max);
     shift.z() = below.max.z() + spec.gap - own.min.z();
@@ -189,9 +191,7 @@ void spread_points(const ToolSpec& spec, const World& world, HandTool& tool) {
 
 // A tool whose whole body feels. Its turns follow the hand as quickly as its moves; both without overshoot.
 void give_shell(const SceneFile& scene, const ToolSpec& spec, const World& world, HandTool& tool) {
-    const auto fail = [&](const std::string& why) {
-        throw InputError(at(scene, spec.line) + "tool \"" + spec.body + "\" with dof = 6: " + why);
-    };
+    const auto fail = [&](const std::string& why) { refuse(scene, spec.line, "tool \"" + spec.body + "\" with dof = 6: " + why); };
     const double mass = world.bodies.inv_mass[tool.body] > 0 ? 1 / world.bodies.inv_mass[tool.body] : 0;
     if (!(mass > 0)) fail("its body needs a mass");
     if (!(spec.stiffness > 0)) fail("it needs a stiffness");
@@ -217,12 +217,12 @@ void add_jaws(const SceneFile& scene, const ToolSpec& spec, World& world, HandTo
     for (const JawSpec& s : spec.jaws) {
         const auto& names = world.bodies.name;
         const auto found = std::find(names.begin(), names.end(), s.body);
-        if (found == names.end()) throw InputError(at(scene, s.line) + "no body is named \"" + s.body + "\"");
+        if (found == names.end()) refuse(scene, s.line, "no body is named \"" + s.body + "\"");
         const uint32_t body = static_cast<uint32_t>(found - names.begin());
         const auto& jaws = world.haptics.jaw;
         if (world.bodies.motion[body] != Motion::kHand || body == tool.body ||
             std::any_of(jaws.begin(), jaws.end(), [&](const ToolJaw& j) { return j.body == body; }))
-            throw InputError(at(scene, s.line) + "body \"" + s.body + "\" of a jaw must have motion = \"hand\" and be nothing else");
+            refuse(scene, s.line, "body \"" + s.body + "\" of a jaw must have motion = \"hand\" and be nothing else");
         world.haptics.jaw.push_back(s.jaw);
         world.haptics.jaw.back().body = body;
     }
@@ -244,11 +244,11 @@ void keep_jaws_apart(World& world) {
 void add_tool(const SceneFile& scene, const ToolSpec& spec, World& world) {
     const auto& names = world.bodies.name;
     const auto found = std::find(names.begin(), names.end(), spec.body);
-    if (found == names.end()) throw InputError(at(scene, spec.line) + "no body is named \"" + spec.body + "\"");
+    if (found == names.end()) refuse(scene, spec.line, "no body is named \"" + spec.body + "\"");
     HandTool tool;
     tool.body = static_cast<uint32_t>(found - names.begin());
     if (world.bodies.motion[tool.body] != Motion::kHand)
-        throw InputError(at(scene, spec.line) + "body \"" + spec.body + "\" of a tool must have motion = \"hand\"");
+        refuse(scene, spec.line, "body \"" + spec.body + "\" of a tool must have motion = \"hand\"");
     tool.tip = spec.tip;
     tool.tip_radius = spec.tip_radius;
     tool.coupling_stiffness = spec.stiffness;
@@ -264,8 +264,7 @@ void add_tool(const SceneFile& scene, const ToolSpec& spec, World& world) {
     if (spec.dof == 6) give_shell(scene, spec, world, tool);
     tool.effects = {static_cast<uint32_t>(world.haptics.effect.size()), static_cast<uint32_t>(spec.effects.size())};
     world.haptics.effect.insert(world.haptics.effect.end(), spec.effects.begin(), spec.effects.end());
-    if (world.haptics.tool.size() == kMaxTools)
-        throw InputError(at(scene, spec.line) + "more than " + std::to_string(kMaxTools) + " tools");
+    if (world.haptics.tool.size() == kMaxTools) refuse(scene, spec.line, "more than " + std::to_string(kMaxTools) + " tools");
     if (!spec.trace.empty()) {
         tool.trace = static_cast<uint32_t>(world.haptics.trace.size());
         world.haptics.trace.push_back(read_device_trace(find_file(scene, spec.trace)));
@@ -404,13 +403,11 @@ bool may_tear(const SceneFile& scene, const BodySpec& spec) {
 
 Prototype make_body_prototype(const SceneFile& scene, const BodySpec& spec, World& world, Mesh mesh, const PrototypeOptions& options) {
     if (spec.motion != Motion::kDeformable || (!spec.solid && !spec.skin)) return make_prototype(world.meshes, std::move(mesh), options);
-    const auto refuse = [&](const std::string& reason) {
-        throw InputError(at(scene, spec.line) + "body \"" + spec.name + "\": " + reason);
-    };
     if (spec.solid && (spec.tissue.pressure_modulus > 0 || spec.tissue.bending > 0))
-        refuse("pressure_modulus and bending are for shells, not for solids");
+        refuse_body(scene, spec, "pressure_modulus and bending are for shells, not for solids");
     if (!spec.solid && may_tear(scene, spec))
-        refuse("a shell under a skin is not cut and does not break: its skin would stretch over the gap; take skin = false");
+        refuse_body(scene, spec,
+                    "a shell under a skin is not cut and does not break: its skin would stretch over the gap; take skin = false");
     try {
         if (!spec.solid)
             return make_caged_shell(world.meshes, world.springs, world.solids, std::move(mesh), options,
@@ -421,7 +418,7 @@ Prototype make_body_prototype(const SceneFile& scene, const BodySpec& spec, Worl
         return make_solid(world.meshes, world.springs, world.solids, std::move(mesh), options,
                           {spec.spacing, spec.cells, spec.skin, may_tear(scene, spec)});
     } catch (const InputError& error) {
-        throw InputError(at(scene, spec.line) + "body \"" + spec.name + "\": " + error.what());
+        refuse_body(scene, spec, error.what());
     }
 }
 
@@ -474,8 +471,7 @@ struct PrototypeCache {
         options.recentre = spec.file.empty() ? Recentre::kNone : Recentre::kVolumeCentroid;
         Prototype prototype = make_body_prototype(scene, spec, world, std::move(mesh), options);
         const std::string source = spec.file.empty() ? "shape " + spec.shape : spec.file;
-        if (prototype.row == kNone)
-            throw InputError(at(scene, spec.line) + "body \"" + spec.name + "\": " + source + ": " + prototype.judgement.reason);
+        if (prototype.row == kNone) refuse_body(scene, spec, source + ": " + prototype.judgement.reason);
         if (prototype.judgement.admitted_as != Admission::kSolid)
             warnings.push_back("body \"" + spec.name + "\" is treated as " + admission_name(prototype.judgement.admitted_as) + ": " +
                                prototype.judgement.reason);
@@ -498,20 +494,17 @@ Stepping make_stepping(const SceneFile& scene, const BodySpec& spec, const World
     Stepping stepping;
     stepping.integrator = integrator;
     const bool solid = is_solid(world.solids, world.bodies.mesh[body]);
-    const auto refuse = [&](const std::string& reason) {
-        throw InputError(at(scene, spec.line) + "body \"" + spec.name + "\": " + reason);
-    };
     const double limit = world.bodies.stable_dt[body];
     const double others = other_forces_limit(world, body);
     char text[200];
     if (integrator != Integrator::kLeapfrog && step > others) {
         std::snprintf(text, sizeof text, "step = %g s is above the largest stable step under pressure and bending, %.4g s", step, others);
-        refuse(text);
+        refuse_body(scene, spec, text);
     }
     if (integrator == Integrator::kLeapfrog && step > limit) {
         std::snprintf(text, sizeof text, "step = %g s is above the largest stable step of leapfrog, %.4g s; take a shorter one%s", step,
                       limit, solid ? "" : " or integrator = \"midpoint\"");
-        refuse(text);
+        refuse_body(scene, spec, text);
     }
     if (integrator == Integrator::kLeapfrog && step == 0) return stepping;  // what bodies have anyway
     const double usual_step[] = {0, solid ? 2e-3 : 5e-3, 1e-3};             // s; pressed at 5 ms solids overlap by millimetres
@@ -542,8 +535,7 @@ Vec3d eye_of(const SceneFile& scene, const BodySpec& spec) {
     const Camera camera = make_camera(scene.camera);
     if (camera.kind == CameraKind::kLaparoscope) return camera.position;
     if (!(camera.distance > 0))
-        throw InputError(at(scene, spec.line) + "body \"" + spec.name +
-                         "\": [body.lod] with seen = true needs a [camera] that says its distance");
+        refuse(scene, spec.line, "body \"" + spec.name + "\": [body.lod] with seen = true needs a [camera] that says its distance");
     const double flat = std::cos(camera.elevation);
     return camera.target +
            camera.distance * Vec3d(flat * std::cos(camera.azimuth), flat * std::sin(camera.azimuth), std::sin(camera.elevation));
@@ -552,12 +544,11 @@ Vec3d eye_of(const SceneFile& scene, const BodySpec& spec) {
 // What [body.lod] asks for: leapfrog near tools, midpoint far from them. Says so.
 std::string add_detail(const SceneFile& scene, const BodySpec& spec, World& world, uint32_t body) {
     constexpr uint32_t kIterations = 40;  // what a solve cut short leaves rings, and leapfrog has to go on with it
-    const auto refuse = [&](const std::string& reason) {
-        throw InputError(at(scene, spec.line) + "body \"" + spec.name + "\": [body.lod] is for " + reason);
-    };
-    if (!is_deformable(world.bodies, body)) refuse("deformable bodies");
+    const auto refuse_lod = [&](const std::string& reason) { refuse_body(scene, spec, "[body.lod] is for " + reason); };
+    if (!is_deformable(world.bodies, body)) refuse_lod("deformable bodies");
     const Stepping near = stepping_of(world.bodies, body);
-    if (near.integrator != Integrator::kLeapfrog) refuse("bodies that are stepped by leapfrog near tools; this one is coarse everywhere");
+    if (near.integrator != Integrator::kLeapfrog)
+        refuse_lod("bodies that are stepped by leapfrog near tools; this one is coarse everywhere");
     DetailRules& rules = world.detail;
     rules.body.push_back(body);
     rules.beyond.push_back(spec.lod.beyond);
@@ -576,7 +567,7 @@ std::string add_detail(const SceneFile& scene, const BodySpec& spec, World& worl
 // A pool of the copies that end with `last`: they wait asleep until they come.
 void add_pool(const SceneFile& scene, const BodySpec& spec, uint32_t last, World& world) {
     if (!(world.settings.sleep_speed > 0))
-        throw InputError(at(scene, spec.line) + "body \"" + spec.name + "\" comes and goes: sleep_speed must not be 0, empty slots sleep");
+        refuse(scene, spec.line, "body \"" + spec.name + "\" comes and goes: sleep_speed must not be 0, empty slots sleep");
     world.pools.slots.push_back({last + 1 - spec.scatter.count, spec.scatter.count});
     world.pools.rate.push_back(spec.scatter.rate);
     world.pools.life.push_back(spec.scatter.life);
@@ -611,8 +602,8 @@ void add_scene_body(const SceneFile& scene, const BodySpec& spec, const Prototyp
     if (spec.motion == Motion::kHand) world.bodies.inv_mass[body] = 1 / (spec.mass > 0 ? spec.mass : 0.05);
     if (spec.motion == Motion::kFree) {
         if (!set_rigid_mass(world.meshes, body, spec.mass, world.bodies, world.particles))
-            throw InputError(at(scene, spec.line) + "body \"" + spec.name +
-                             "\" is free, but its surface encloses no volume: its mass and inertia are those of its inside");
+            refuse(scene, spec.line,
+                   "body \"" + spec.name + "\" is free, but its surface encloses no volume: its mass and inertia are those of its inside");
         world.poses.velocity[body] = spec.velocity;
         world.poses.angular_velocity[body] = spec.spin;
     }
@@ -648,10 +639,8 @@ BuiltScene build_scene(const SceneFile& given) {
             std::any_of(world.haptics.tool.begin(), world.haptics.tool.end(), [&](const HandTool& t) { return t.body == body; });
         const bool jaw = std::any_of(world.haptics.jaw.begin(), world.haptics.jaw.end(), [&](const ToolJaw& j) { return j.body == body; });
         if (world.bodies.motion[body] == Motion::kHand && !held && !jaw)
-            throw InputError(at(scene, scene.bodies[body].line) + "body \"" + world.bodies.name[body] +
-                             "\" is hand-driven but no [[tool]] holds it");
-        if (held && jaw)
-            throw InputError(at(scene, scene.bodies[body].line) + "body \"" + world.bodies.name[body] + "\" is both a tool and a jaw");
+            refuse(scene, scene.bodies[body].line, "body \"" + world.bodies.name[body] + "\" is hand-driven but no [[tool]] holds it");
+        if (held && jaw) refuse(scene, scene.bodies[body].line, "body \"" + world.bodies.name[body] + "\" is both a tool and a jaw");
     }
     add_scene_nodes(scene, world);
     if (!world.haptics.jaw.empty()) keep_jaws_apart(world);

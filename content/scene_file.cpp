@@ -97,4 +97,8 @@ SceneFile read_scene_file(const std::filesystem::path& path, const std::vector<O
     return scene;
 }
 
+void refuse(const SceneFile& scene, uint32_t line, const std::string& reason) {
+    throw InputError(scene.path.string() + ":" + std::to_string(line) + ":1: " + reason);
+}
+
 }  // namespace trocar

@@ -153,4 +153,7 @@ struct Override {
 // one.
 SceneFile read_scene_file(const std::filesystem::path& path, const std::vector<Override>& overrides);
 
+// Throws InputError "file:line:1: reason" about a table of a scene that was read: what only building it could tell.
+[[noreturn]] void refuse(const SceneFile& scene, uint32_t line, const std::string& reason);
+
 }  // namespace trocar

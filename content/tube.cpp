@@ -103,16 +103,6 @@ RadiusProfile make_profile(std::vector<RadiusKey> keys, bool pointed) {
     return profile;
 }
 
-double profile_volume(const RadiusProfile& profile) {
-    double sum = 0;
-    for (size_t i = 0; i + 1 < profile.key.size(); ++i) {
-        const RadiusKey &a = profile.key[i], &b = profile.key[i + 1];
-        const double h = b.s - a.s;
-        sum += h * (a.radius * a.radius + b.radius * b.radius) / 2 + h * h * (profile.slope[i] - profile.slope[i + 1]) / 12;
-    }
-    return M_PI * sum;
-}
-
 Loft tube_loft(const CentreLine& line, const RadiusProfile& profile, std::function<double(double u, double s)> swell) {
     Loft loft;
     loft.samples = 512;

@@ -36,9 +36,6 @@ struct RadiusProfile {
 };
 RadiusProfile make_profile(std::vector<RadiusKey> keys, bool pointed = false);
 
-// Volume of a straight or bent tube with circular sections: pi * the integral of the square of the radius (Pappus).
-double profile_volume(const RadiusProfile& profile);
-
 // The tube around a centre line. `swell(u, s)` multiplies the radius; empty = 1.
 Loft tube_loft(const CentreLine& line, const RadiusProfile& profile, std::function<double(double u, double s)> swell = {});
 

@@ -41,11 +41,11 @@ struct HingeLanes {
 
 inline __attribute__((always_inline)) HingeLanes read_hinges(const float* offset, const Hinges& hinges, uint32_t group) {
     const uint32_t* vertex = hinges.vertex.data() + 4ul * kGroup * group;
-    const Lanes start = gather(offset, vertex);
+    const Lanes start = gather4(offset, vertex);
     HingeLanes h;
-    h.edge = minus(gather(offset, vertex + kGroup), start);
-    h.left = minus(gather(offset, vertex + 2 * kGroup), start);
-    h.right = minus(gather(offset, vertex + 3 * kGroup), start);
+    h.edge = minus(gather4(offset, vertex + kGroup), start);
+    h.left = minus(gather4(offset, vertex + 2 * kGroup), start);
+    h.right = minus(gather4(offset, vertex + 3 * kGroup), start);
     const __m256 tiny = _mm256_set1_ps(1e-30f);
     const Vectors n0 = cross(h.edge, h.left), n1 = cross(h.right, h.edge);
     h.length2 = _mm256_max_ps(dot(h.edge, h.edge), tiny);
@@ -86,10 +86,10 @@ void hinge_forces(const float* offset, const Hinges& hinges, float rigidity, uin
         };
         const __m256 none = _mm256_setzero_ps();
         float* to = &out[4ul * kGroup * (group - first)].x;
-        store(to, {shared(s2, f2.x, s3, f3.x), shared(s2, f2.y, s3, f3.y), shared(s2, f2.z, s3, f3.z), none});
-        store(to + 4 * kGroup, {shared(t2, f2.x, t3, f3.x), shared(t2, f2.y, t3, f3.y), shared(t2, f2.z, t3, f3.z), none});
-        store(to + 8 * kGroup, {f2.x, f2.y, f2.z, none});
-        store(to + 12 * kGroup, {f3.x, f3.y, f3.z, none});
+        store4(to, {shared(s2, f2.x, s3, f3.x), shared(s2, f2.y, s3, f3.y), shared(s2, f2.z, s3, f3.z), none});
+        store4(to + 4 * kGroup, {shared(t2, f2.x, t3, f3.x), shared(t2, f2.y, t3, f3.y), shared(t2, f2.z, t3, f3.z), none});
+        store4(to + 8 * kGroup, {f2.x, f2.y, f2.z, none});
+        store4(to + 12 * kGroup, {f3.x, f3.y, f3.z, none});
     }
 }
 
@@ -111,7 +111,7 @@ void gather_forces(const Float4* hinge_force, const Hinges& hinges, const uint32
         const uint32_t slice = half_slice / 2, lane = 8 * (half_slice % 2), row = 16 * slice + lane;
         __m256 fx = _mm256_loadu_ps(force[0] + row), fy = _mm256_loadu_ps(force[1] + row), fz = _mm256_loadu_ps(force[2] + row);
         for (uint32_t c = column[slice]; c < column[slice + 1]; ++c) {
-            const Lanes f = gather(&hinge_force->x, hinges.slot.data() + 16ul * c + lane);
+            const Lanes f = gather4(&hinge_force->x, hinges.slot.data() + 16ul * c + lane);
             fx = _mm256_add_ps(fx, f.x), fy = _mm256_add_ps(fy, f.y), fz = _mm256_add_ps(fz, f.z);
         }
         _mm256_storeu_ps(force[0] + row, fx);

@@ -33,6 +33,7 @@ std::string haply_command(const std::string& device_id, const Vec3d& force);
 // other types, wrong checksums, lengths that contradict each other, and matrices that are no rotation.
 bool read_igtl_message(std::span<const std::byte> message, DeviceState& state);
 
+// Throws InputError "device specification: reason".
 [[noreturn]] void refuse_device(const std::string& specification, const std::string& reason);
 
 }  // namespace trocar

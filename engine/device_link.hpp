@@ -86,8 +86,9 @@ class DeviceLink {
     // Tick: that command no longer; the device lets go at once.
     void let_go() { write({}, 0); }
 
-    // Lets go, gives the device 20 ms to hear it, stops the thread and waits for it, no longer than `most` seconds more; false if it is
-    // still inside the device, which no one can end but the end of the program. It is left behind then with what it uses.
+    // Lets go, gives the device 20 ms to hear it, stops the thread and waits for it, no longer than `most` seconds more;
+    // false if it is still inside the device, which no one can end but the end of the program. It is left behind then with
+    // what it uses.
     bool close(double most = 1);
 
     const std::string& name() const { return channel_->name(); }

@@ -37,8 +37,8 @@ const char* describe(PacketFault fault);
 std::array<std::byte, kStatePacketSize> encode_packet(const StatePacket& packet);
 std::array<std::byte, kForcePacketSize> encode_packet(const ForcePacket& packet);
 
-// Leaves `packet` as it was unless all of it is sound: finite, nothing longer than 1e6, orientation of length 1 within 1e-3 (it is
-// made exact), sequence not 0.
+// Leaves `packet` as it was unless all of it is sound: finite, nothing longer than 1e6, orientation of length 1 within 1e-3
+// (it is made exact), sequence not 0.
 PacketFault decode_packet(std::span<const std::byte> bytes, StatePacket& packet);
 PacketFault decode_packet(std::span<const std::byte> bytes, ForcePacket& packet);
 

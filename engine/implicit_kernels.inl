@@ -1,5 +1,5 @@
 // The kernels of both instruction sets. The file that includes this one defines V (kWidth floats), Lanes (x, y, z, w) and
-// set, load, keep_store, load4, store4, gather4, root, larger, where_positive, is_other, multiply_add and add_doubles.
+// set, load, keep_store, load4, store4, gather4, root, larger, smaller, where_positive, is_other, multiply_add and add_doubles.
 
 struct Three {
     V x, y, z;
@@ -171,7 +171,6 @@ TROCAR_LANES Three between(const Lanes& from, const Lanes& to) { return {to.x - 
 TROCAR_LANES Three slope_of(const ImplicitTets* s, int corner, unsigned t) {
     return load3(s->slope + 3ul * corner * s->tets->tetrahedra, s->tets->tetrahedra, t);
 }
-TROCAR_LANES V smaller(V a, V b) { return set(0) - larger(set(0) - a, set(0) - b); }
 // 1 where a < b, else 0.
 TROCAR_LANES V is_less(V a, V b) { return where_positive(b - a, set(1)); }
 

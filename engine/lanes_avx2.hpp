@@ -5,7 +5,7 @@
 namespace trocar {
 namespace {
 
-// As lanes_avx512.hpp: the same lanes and the same operations, eight lanes at a time.
+// Eight rows of (x, y, z, w), floats, as four registers: as lanes_avx512.hpp.
 struct Lanes {
     __m256 x, y, z, w;
 };
@@ -20,12 +20,12 @@ inline __attribute__((always_inline)) Lanes transpose(__m256 a, __m256 b, __m256
 inline __attribute__((always_inline)) __m256 join(const float* low, const float* high) {
     return _mm256_insertf128_ps(_mm256_castps128_ps256(_mm_load_ps(low)), _mm_load_ps(high), 1);
 }
-inline __attribute__((always_inline)) Lanes gather(const float* base, const unsigned* index) {
+inline __attribute__((always_inline)) Lanes gather4(const float* base, const unsigned* index) {
     const auto rows = [&](int i) __attribute__((always_inline)) { return join(base + 4ul * index[i], base + 4ul * index[i + 4]); };
     return transpose(rows(0), rows(1), rows(2), rows(3));
 }
 // The same for numbers of 16 bits, counted from row `from`.
-inline __attribute__((always_inline)) Lanes gather_near(const float* base, const unsigned short* index, long from) {
+inline __attribute__((always_inline)) Lanes gather4_near(const float* base, const unsigned short* index, long from) {
     const float* first = base + 4 * from;
     const auto rows = [&](int i) __attribute__((always_inline)) { return join(first + 4ul * index[i], first + 4ul * index[i + 4]); };
     return transpose(rows(0), rows(1), rows(2), rows(3));
@@ -33,10 +33,10 @@ inline __attribute__((always_inline)) Lanes gather_near(const float* base, const
 inline __attribute__((always_inline)) __m256 widen(const unsigned short* values) {
     return _mm256_cvtepi32_ps(_mm256_cvtepu16_epi32(_mm_loadu_si128(reinterpret_cast<const __m128i*>(values))));
 }
-inline __attribute__((always_inline)) Lanes load(const float* rows) {
+inline __attribute__((always_inline)) Lanes load4(const float* rows) {
     return transpose(join(rows, rows + 16), join(rows + 4, rows + 20), join(rows + 8, rows + 24), join(rows + 12, rows + 28));
 }
-inline __attribute__((always_inline)) void store(float* rows, const Lanes& lanes) {
+inline __attribute__((always_inline)) void store4(float* rows, const Lanes& lanes) {
     const Lanes r = transpose(lanes.x, lanes.y, lanes.z, lanes.w);
     _mm256_storeu_ps(rows, _mm256_permute2f128_ps(r.x, r.y, 0x20));
     _mm256_storeu_ps(rows + 8, _mm256_permute2f128_ps(r.z, r.w, 0x20));

@@ -8,7 +8,8 @@
 namespace trocar {
 namespace {
 
-// Sixteen rows of (x, y, z, w) as four registers. For kernel units only: every function is inlined where it is used.
+// Sixteen rows of (x, y, z, w), floats, as four registers; lanes_avx2.hpp has the same for eight. For kernel units only: every
+// function is inlined where it is used.
 struct Lanes {
     __m512 x, y, z, w;
 };
@@ -31,12 +32,12 @@ inline __attribute__((always_inline)) __m512 load_rows(const float* base, const 
 }
 
 // One 128-bit load per neighbour instead of three gathers: one cache line is touched, not three.
-inline __attribute__((always_inline)) Lanes gather(const float* base, const unsigned* index) {
+inline __attribute__((always_inline)) Lanes gather4(const float* base, const unsigned* index) {
     return transpose(load_rows(base, index), load_rows(base, index + 1), load_rows(base, index + 2), load_rows(base, index + 3));
 }
 
 // The same for numbers of 16 bits, counted from row `from`.
-inline __attribute__((always_inline)) Lanes gather_near(const float* base, const unsigned short* index, long from) {
+inline __attribute__((always_inline)) Lanes gather4_near(const float* base, const unsigned short* index, long from) {
     const float* first = base + 4 * from;  // told so, the compiler keeps it in a register: a tenth of the step's time
     const auto row = [&](int i) __attribute__((always_inline)) { return _mm_load_ps(first + 4ul * index[i]); };
     const auto rows = [&](int i) __attribute__((always_inline)) {
@@ -60,18 +61,26 @@ inline __attribute__((always_inline)) void swap_groups(__m512& a, __m512& b, __m
     c = _mm512_shuffle_f32x4(ab_high, cd_high, 0x88);
     d = _mm512_shuffle_f32x4(ab_high, cd_high, 0xDD);
 }
-inline __attribute__((always_inline)) Lanes load(const float* rows) {
+inline __attribute__((always_inline)) Lanes load4(const float* rows) {
     __m512 a = _mm512_loadu_ps(rows), b = _mm512_loadu_ps(rows + 16), c = _mm512_loadu_ps(rows + 32), d = _mm512_loadu_ps(rows + 48);
     swap_groups(a, b, c, d);
     return transpose(a, b, c, d);
 }
-inline __attribute__((always_inline)) void store(float* rows, const Lanes& lanes) {
+inline __attribute__((always_inline)) void store4(float* rows, const Lanes& lanes) {
     Lanes r = transpose(lanes.x, lanes.y, lanes.z, lanes.w);
     swap_groups(r.x, r.y, r.z, r.w);
     _mm512_storeu_ps(rows, r.x);
     _mm512_storeu_ps(rows + 16, r.y);
     _mm512_storeu_ps(rows + 32, r.z);
     _mm512_storeu_ps(rows + 48, r.w);
+}
+
+// value[0..15] added to doubles sum[0..15].
+inline __attribute__((always_inline)) void add_doubles(double* sum, __m512 value) {
+    const __m512d low = _mm512_cvtps_pd(_mm512_castps512_ps256(value));
+    const __m512d high = _mm512_cvtps_pd(_mm512_extractf32x8_ps(value, 1));
+    _mm512_storeu_pd(sum, _mm512_add_pd(_mm512_loadu_pd(sum), low));
+    _mm512_storeu_pd(sum + 8, _mm512_add_pd(_mm512_loadu_pd(sum + 8), high));
 }
 
 }  // namespace

@@ -30,9 +30,9 @@ Vec3d rest_of_node(const Meshes& meshes, const Solids& solids, uint32_t prototyp
 // One chosen node, and where it is to be held.
 struct LinkHold {
     uint32_t node = kNone, far_node = kNone;
-    Vec3d point = Vec3d::Zero();  // m, frame of a rigid holder
-    double rest = 0, stretch = 0;
-    double order = 0;  // squared distance to the middle of the region
+    Vec3d point = Vec3d::Zero();   // m, frame of a rigid holder
+    double rest = 0, stretch = 0;  // m
+    double order = 0;              // m^2, squared distance to the middle of the region
 };
 // Reused memory.
 struct LinkScratch {
@@ -59,8 +59,9 @@ void drop_broken_links(Links& links);
 // links only where there was a group, or room for one, when it was made.
 void reserve_links(Links& links, size_t rows, uint32_t groups = 0);
 
-// A staple: one stiff link between the nodes of two bodies, `a` deformable, that lie nearest to `place` (m, world); of a rigid `b`,
-// the place itself. `rest` and `break_strain` as in LinkGroup. The name is of no group when no node of a lies within `reach` (m).
+// A staple: one stiff link between the nodes of two bodies, `a` deformable, that lie nearest to `place` (m, world); of a
+// rigid `b`, the place itself. `rest` and `break_strain` as in LinkGroup. The name is of no group when no node of a lies
+// within `reach` (m).
 struct Staple {
     uint32_t a = kNone, b = kNone;
     Vec3d place = Vec3d::Zero();

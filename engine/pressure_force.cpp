@@ -16,10 +16,10 @@ void gradient_slices(const float* offset, const uint32_t* column, const uint32_t
     const Float4 centre = {offset[0], offset[1], offset[2], 0};
     for (uint32_t half_slice = 2 * first; half_slice < 2 * last; ++half_slice) {
         const uint32_t slice = half_slice / 2, lane = 8 * (half_slice % 2), row = 16 * slice + lane;
-        const Lanes p = load(offset + 4ul * row);
+        const Lanes p = load4(offset + 4ul * row);
         __m256 gx = _mm256_setzero_ps(), gy = gx, gz = gx;
         for (uint32_t c = column[slice]; c < column[slice + 1]; ++c) {
-            const Lanes j = gather(offset, corner + 32ul * c + lane), k = gather(offset, corner + 32ul * c + 16 + lane);
+            const Lanes j = gather4(offset, corner + 32ul * c + lane), k = gather4(offset, corner + 32ul * c + 16 + lane);
             const __m256 ax = _mm256_sub_ps(j.x, p.x), ay = _mm256_sub_ps(j.y, p.y), az = _mm256_sub_ps(j.z, p.z);
             const __m256 bx = _mm256_sub_ps(k.x, p.x), by = _mm256_sub_ps(k.y, p.y), bz = _mm256_sub_ps(k.z, p.z);
             gx = _mm256_add_ps(gx, _mm256_fmsub_ps(ay, bz, _mm256_mul_ps(az, by)));

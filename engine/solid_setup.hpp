@@ -14,10 +14,10 @@ namespace trocar {
 inline constexpr double kNoBed = 1e9;
 
 // Fills a prototype with tetrahedra: nodes are the vertices of its surface, then `inner` (m, body frame); corners name
-// nodes, volumes are positive. Makes the rows of Solids and the springs along the edges of the tetrahedra. Prototypes
-// passed over get empty rows. The prototype must not have springs yet. With a skin `inner` are all nodes, the surface rides
-// on them, and the anchors' bed is what `boundary`, triangles between nodes, is. Nodes of one that `tears` weigh what the tetrahedra around
-// them do, so that those take their mass along; all others are lumped evenly (engine/lumped_volume.hpp).
+// nodes, volumes are positive. Makes the rows of Solids and the springs along the edges of the tetrahedra. Prototypes passed
+// over get empty rows. The prototype must not have springs yet. With a skin `inner` are all nodes, the surface rides on
+// them, and the anchors' bed is what `boundary`, triangles between nodes, is. Nodes of one that `tears` weigh what the
+// tetrahedra around them do, so that those take their mass along; all others are lumped evenly (engine/lumped_volume.hpp).
 struct SolidSkin {
     SkinBinding binding;
     std::vector<Triangle> boundary;
@@ -37,9 +37,9 @@ void add_caged_shell_body(const Meshes& meshes, const Springs& springs, const So
 // Adds the colours of the tetrahedra of a prototype unless it has them: greedy, as colour_springs.
 void colour_tetrahedra(Solids& solids, uint32_t prototype);
 
-// As add_deformable of deformable_setup.hpp, for a body whose prototype is a solid: masses from the tetrahedra's
-// volumes, stiffnesses by solid_moduli, anchors at the surface only, stable_dt by update_solid_dt. Throws InputError when a material value
-// is impossible; Poisson's ratio must be at least 0.25 (springs cannot do less) and below 0.5.
+// As add_deformable of deformable_setup.hpp, for a body whose prototype is a solid: masses from the tetrahedra's volumes,
+// stiffnesses by solid_moduli, anchors at the surface only, stable_dt by update_solid_dt. Throws InputError when a material
+// value is impossible; Poisson's ratio must be at least 0.25 (springs cannot do less) and below 0.5.
 void add_solid_body(const Meshes& meshes, const Springs& springs, const Solids& solids, const Poses& poses, uint32_t body, Bodies& bodies,
                     Particles& particles, Anchors& anchors);
 

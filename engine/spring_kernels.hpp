@@ -58,9 +58,9 @@ enum EnergySum { kSumStretch, kSumAnchor, kSumMvv, kSumMass, kSumMPlace, kEnergy
 // root and division, fused multiply-add only where written.
 struct SpringKernels {
     const char* name;
-    // Springs, anchors, other forces, gravity and damping, then kick and drift of slices [first, last). A spring of length zero and
-    // padding pull nowhere; a particle of inverse mass zero keeps its place and gets velocity zero. With remainders the
-    // drift is a compensated sum (Kahan, CACM 8(1), 1965): steps far smaller than the ulp of a place add up.
+    // Springs, anchors, other forces, gravity and damping, then kick and drift of slices [first, last). A spring of length
+    // zero and padding pull nowhere; a particle of inverse mass zero keeps its place and gets velocity zero. With remainders
+    // the drift is a compensated sum (Kahan, CACM 8(1), 1965): steps far smaller than the ulp of a place add up.
     // damping_work (16 doubles, J) is added to lane by lane: damping impulse times mean velocity; may be null.
     void (*step)(const SpringStep* body, unsigned first, unsigned last, double* damping_work);
     // Adds the sums of slices [first, last) to sums[kShapeSums][16], or to sums[kEnergySums][16].

@@ -30,7 +30,7 @@ void step_springs(const SpringStep* body, unsigned first, unsigned last, double*
     const unsigned long first_half = 16ul * body->first_column;
     for (unsigned half_slice = 2 * first; half_slice < 2 * last; ++half_slice) {
         const unsigned slice = half_slice / 2, lane = 8 * (half_slice % 2), row = 16 * slice + lane;
-        const Lanes p = load(body->offset + 4ul * row);
+        const Lanes p = load4(body->offset + 4ul * row);
 
         // springs
         __m256 fx = zero, fy = zero, fz = zero;
@@ -38,7 +38,7 @@ void step_springs(const SpringStep* body, unsigned first, unsigned last, double*
         for (unsigned long h = 16ul * body->slice_column[slice]; h < end; h += 16) {
             const unsigned short* packed = kPacked ? body->packed + 2 * (h - first_half) + lane : nullptr;
             const Lanes q =
-                kPacked ? gather_near(body->offset, packed, long{16 * slice} - 32768) : gather(body->offset, body->neighbour + h + lane);
+                kPacked ? gather4_near(body->offset, packed, long{16 * slice} - 32768) : gather4(body->offset, body->neighbour + h + lane);
             const __m256 rest =
                 kPacked ? _mm256_mul_ps(widen(packed + 16), set(body->rest_unit)) : _mm256_loadu_ps(body->rest_length + h + lane);
             const __m256 dx = _mm256_sub_ps(q.x, p.x), dy = _mm256_sub_ps(q.y, p.y), dz = _mm256_sub_ps(q.z, p.z);
@@ -115,7 +115,7 @@ void step_springs(const SpringStep* body, unsigned first, unsigned last, double*
             next.y = carried(body->remainder_y, ny, p.y);
             next.z = carried(body->remainder_z, nz, p.z);
         }
-        store(body->new_offset + 4ul * row, next);
+        store4(body->new_offset + 4ul * row, next);
     }
 }
 
@@ -187,14 +187,14 @@ void energy_sums(const SpringStep* body, unsigned first, unsigned last, double* 
     const __m256 back = _mm256_set1_ps(body->back);
     for (unsigned half_slice = 2 * first; half_slice < 2 * last; ++half_slice) {
         const unsigned slice = half_slice / 2, lane = 8 * (half_slice % 2), row = 16 * slice + lane;
-        const Lanes p = load(body->offset + 4ul * row);
+        const Lanes p = load4(body->offset + 4ul * row);
         const __m256 v[3] = {_mm256_loadu_ps(body->velocity_x + row), _mm256_loadu_ps(body->velocity_y + row),
                              _mm256_loadu_ps(body->velocity_z + row)};
 
         // springs: differences of places and of velocities first, both small
         const unsigned long end = 16ul * body->slice_column[slice + 1];
         for (unsigned long h = 16ul * body->slice_column[slice]; h < end; h += 16) {
-            const Lanes q = gather(body->offset, body->neighbour + h + lane);
+            const Lanes q = gather4(body->offset, body->neighbour + h + lane);
             const __m256i index = _mm256_loadu_si256(reinterpret_cast<const __m256i*>(body->neighbour + h + lane));
             const __m256 dx =
                 _mm256_fnmadd_ps(back, _mm256_sub_ps(_mm256_i32gather_ps(body->velocity_x, index, 4), v[0]), _mm256_sub_ps(q.x, p.x));

@@ -22,13 +22,6 @@ inline __attribute__((always_inline)) __m512 to_goal(const SpringStep* body, con
     return _mm512_sub_ps(goal, place);
 }
 
-inline __attribute__((always_inline)) void add_doubles(double* sum, __m512 value) {
-    const __m512d low = _mm512_cvtps_pd(_mm512_castps512_ps256(value));
-    const __m512d high = _mm512_cvtps_pd(_mm512_extractf32x8_ps(value, 1));
-    _mm512_storeu_pd(sum, _mm512_add_pd(_mm512_loadu_pd(sum), low));
-    _mm512_storeu_pd(sum + 8, _mm512_add_pd(_mm512_loadu_pd(sum + 8), high));
-}
-
 // kVaried: springs differ in stiffness. kPacked: columns are read from `packed`.
 template <bool kVaried, bool kPacked>
 void step_springs(const SpringStep* body, unsigned first, unsigned last, double* damping_work) {
@@ -37,14 +30,14 @@ void step_springs(const SpringStep* body, unsigned first, unsigned last, double*
     const unsigned long first_half = 16ul * body->first_column;
     for (unsigned slice = first; slice < last; ++slice) {
         const unsigned row = 16 * slice;
-        const Lanes p = load(body->offset + 4ul * row);
+        const Lanes p = load4(body->offset + 4ul * row);
 
         // springs
         __m512 fx = zero, fy = zero, fz = zero;
         const unsigned long end = 16ul * body->slice_column[slice + 1];
         for (unsigned long h = 16ul * body->slice_column[slice]; h < end; h += 16) {
             const unsigned short* packed = kPacked ? body->packed + 2 * (h - first_half) : nullptr;
-            const Lanes q = kPacked ? gather_near(body->offset, packed, long{row} - 32768) : gather(body->offset, body->neighbour + h);
+            const Lanes q = kPacked ? gather4_near(body->offset, packed, long{row} - 32768) : gather4(body->offset, body->neighbour + h);
             const __m512 rest = kPacked ? _mm512_mul_ps(widen(packed + 16), set(body->rest_unit)) : _mm512_loadu_ps(body->rest_length + h);
             const __m512 dx = _mm512_sub_ps(q.x, p.x), dy = _mm512_sub_ps(q.y, p.y), dz = _mm512_sub_ps(q.z, p.z);
             const __m512 squared = _mm512_fmadd_ps(dx, dx, _mm512_fmadd_ps(dy, dy, _mm512_mul_ps(dz, dz)));
@@ -118,7 +111,7 @@ void step_springs(const SpringStep* body, unsigned first, unsigned last, double*
             next.y = carried(body->remainder_y, ny, p.y);
             next.z = carried(body->remainder_z, nz, p.z);
         }
-        store(body->new_offset + 4ul * row, next);
+        store4(body->new_offset + 4ul * row, next);
     }
 }
 
@@ -137,7 +130,7 @@ void shape_sums(const SpringStep* body, unsigned first, unsigned last, double* s
         for (int s = 0; s < kShapeSums; ++s) total[s] = _mm512_loadu_pd(sums + 16 * s + 8 * half);
         for (unsigned slice = first; slice < last; ++slice) {
             const unsigned row = 16 * slice;
-            const Lanes p = load(body->offset + 4ul * row);
+            const Lanes p = load4(body->offset + 4ul * row);
             const auto wide = [&](const float* values) __attribute__((always_inline)) {
                 return _mm512_cvtps_pd(_mm256_loadu_ps(values + row + 8 * half));
             };
@@ -191,14 +184,14 @@ void energy_sums(const SpringStep* body, unsigned first, unsigned last, double* 
     const __m512 back = _mm512_set1_ps(body->back);
     for (unsigned slice = first; slice < last; ++slice) {
         const unsigned lane = 0, row = 16 * slice;
-        const Lanes p = load(body->offset + 4ul * row);
+        const Lanes p = load4(body->offset + 4ul * row);
         const __m512 v[3] = {_mm512_loadu_ps(body->velocity_x + row), _mm512_loadu_ps(body->velocity_y + row),
                              _mm512_loadu_ps(body->velocity_z + row)};
 
         // springs: differences of places and of velocities first, both small
         const unsigned long end = 16ul * body->slice_column[slice + 1];
         for (unsigned long h = 16ul * body->slice_column[slice]; h < end; h += 16) {
-            const Lanes q = gather(body->offset, body->neighbour + h + lane);
+            const Lanes q = gather4(body->offset, body->neighbour + h + lane);
             const __m512i index = _mm512_loadu_si512(body->neighbour + h);
             const __m512 dx =
                 _mm512_fnmadd_ps(back, _mm512_sub_ps(_mm512_i32gather_ps(index, body->velocity_x, 4), v[0]), _mm512_sub_ps(q.x, p.x));

@@ -16,14 +16,14 @@ struct StiffnessGraph {
     std::span<const Float4> particle;  // w = inverse mass; 0 = fixed
 };
 
-// Bound, but for the 4 % that kStableShare covers (engine/deformable_setup.hpp), of omega^2 (1/s^2) of the stiffest mode over all shapes
-// the body may take. The Hessian of a spring is at most k I however it is stretched or squeezed (its energy is 1/2 k d^2 - k L d + const,
-// and the second term is concave), so that of the body is at most (k Laplacian + diagonal) x I3: a matrix of scalars
-// that no motion changes. Its largest eigenvalue against the masses is found by 60 Lanczos steps from a fixed random
-// vector: after j steps the value found is less than (1 - e) of the true one with a probability below
-// 1.65 sqrt(n) exp(-sqrt(e) (2 j - 1)) (Kuczynski, Wozniakowski, SIAM J. Matrix Anal. Appl. 13(4), 1992, theorem 4.2),
-// for e = 0.04 and 100,000 particles 3e-8. Never more than the bound of Gershgorin, 2 sum k + diagonal over the mass.
-// Double, one thread, fixed order: the same bits everywhere. 0 where nothing is free or nothing is held.
+// Bound, but for the 4 % that kStableShare covers (engine/deformable_setup.hpp), of omega^2 (1/s^2) of the stiffest mode
+// over all shapes the body may take. The Hessian of a spring is at most k I however it is stretched or squeezed (its energy
+// is 1/2 k d^2 - k L d + const, and the second term is concave), so that of the body is at most (k Laplacian + diagonal) x
+// I3: a matrix of scalars that no motion changes. Its largest eigenvalue against the masses is found by 60 Lanczos steps
+// from a fixed random vector: after j steps the value found is less than (1 - e) of the true one with a probability below
+// 1.65 sqrt(n) exp(-sqrt(e) (2 j - 1)) (Kuczynski, Wozniakowski, SIAM J. Matrix Anal. Appl. 13(4), 1992, theorem 4.2), for e
+// = 0.04 and 100,000 particles 3e-8. Never more than the bound of Gershgorin, 2 sum k + diagonal over the mass. Double, one
+// thread, fixed order: the same bits everywhere. 0 where nothing is free or nothing is held.
 double stiffest_mode(const StiffnessGraph& graph);
 
 }  // namespace trocar

@@ -65,7 +65,7 @@ struct SurfaceTreeScratch {
 // median along the longest axis, two halvings a node. No allocation once warm.
 void build_surface_trees(SurfaceTreeScratch& scratch, LocalContactModel& model);
 
-// Another moment.
+// Puts the surfaces where they are at another moment.
 void begin_moment(const LocalContactModel& model, const SurfaceMoment& moment, PlacedSurface& placed);
 
 // Nearest triangle of one tree; on equal distances the lowest row. triangle == kNone if none is nearer than `reach` (m).
@@ -78,11 +78,12 @@ struct NearestTriangle {
 NearestTriangle find_nearest(const LocalContactModel& model, const SurfaceTree& tree, const Vec3d& point, uint32_t hint, double reach,
                              PlacedSurface& placed);
 
-// The same answer, and the triangles within `around` (m) of the nearest or as near as eight of them.
+// The answer of find_nearest, and the triangles within `around` (m) of the nearest or as near as eight of them.
 NearestTriangle find_nearest_around(const LocalContactModel& model, const SurfaceTree& tree, const Vec3d& point, uint32_t hint,
                                     double reach, double around, PlacedSurface& placed, TrianglesAround& found);
-// The same answer from triangles that were found around the point before. It and the surface went no farther than `gone` (m) in sum
-// since; triangles that are not nearer than `far` (m) may have gone farther. False if one that was not found then may be nearer.
+// The answer of find_nearest from triangles that find_nearest_around found before. The point and the surface went no farther
+// than `gone` (m) in sum since; triangles that are not nearer than `far` (m) may have gone farther. False if one that was not
+// found then may be nearer.
 bool nearest_of(const LocalContactModel& model, const TrianglesAround& found, const Vec3d& point, double gone, double far, double reach,
                 const PlacedSurface& placed, NearestTriangle& nearest);
 

@@ -4,8 +4,9 @@
 #include <memory>
 namespace trocar {
 
-// Rounding to nearest, flush-to-zero and denormals-are-zero, no exception that traps, for the calling thread. First statement of every main
-// and of every thread we start: Embree sets it inside a commit and the scheduler remembers the mode of its first user.
+// Rounding to nearest, flush-to-zero and denormals-are-zero, no exception that traps, for the calling thread. First
+// statement of every main and of every thread we start: Embree sets it inside a commit and the scheduler remembers the mode
+// of its first user.
 void set_float_mode();
 
 // That mode for the calling thread while it lives; then the one before.
@@ -20,8 +21,9 @@ class FloatModeScope {
     uint32_t before_;
 };
 
-// Lets the process keep memory that was given back, and take it in large pieces: arrays that grow would else be made of new pages each
-// time, and those cost more than what is done with them (a third of the pass in which a thousand bodies hit the ground).
+// Lets the process keep memory that was given back, and take it in large pieces: arrays that grow would else be made of new
+// pages each time, and those cost more than what is done with them (a third of the pass in which a thousand bodies hit the
+// ground).
 void keep_freed_memory();
 
 // The process's worker threads. Made once, before the first parallel loop.

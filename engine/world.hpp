@@ -147,8 +147,8 @@ void save_resource(const World& world, Resource resource, CaptureRecord& record)
 void load_resource(const CaptureRecord& record, Resource resource, World& world);
 
 // Why a world that came from outside cannot be simulated: an index beyond its array, arrays that do not fit together, a
-// place, gravity or other quantity with which a step is endless or nothing. Looks at every row of what a scene is made of. Trees
-// are left out: make_trees makes them of a world without fault. Empty when there is none.
+// place, gravity or other quantity with which a step is endless or nothing. Looks at every row of what a scene is made of.
+// Trees are left out: make_trees makes them of a world without fault. Empty when there is none.
 std::string find_fault(const World& world);
 
 // What a world that was put together by hand still lacks for a pass, by the function that was forgotten: particles, masses,

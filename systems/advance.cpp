@@ -325,98 +325,67 @@ void add_advance_result(const AdvanceResult& result, Energy& energy, Report& rep
     report.deepest_residual = std::max(report.deepest_residual, result.deepest_residual);
 }
 
+namespace {
+
+// Gives the vectors that field(scratch) names of all scratches the largest of their capacities.
+template <typename Field>
+void share_capacity(std::span<AdvanceScratch> scratches, const Field& field) {
+    size_t most = 0;
+    for (AdvanceScratch& s : scratches) most = std::max(most, field(s).capacity());
+    for (AdvanceScratch& s : scratches) field(s).reserve(most);
+}
+
+}  // namespace
+
 void share_room(std::span<AdvanceScratch> scratches) {
-    const auto level = [&](auto AdvanceScratch::*field) {
-        size_t most = 0;
-        for (const AdvanceScratch& s : scratches) most = std::max(most, (s.*field).capacity());
-        for (AdvanceScratch& s : scratches) (s.*field).reserve(most);
-    };
-    level(&AdvanceScratch::offset_a);
-    level(&AdvanceScratch::offset_b);
-    level(&AdvanceScratch::remainder);
-    level(&AdvanceScratch::force);
-    level(&AdvanceScratch::force_sums);
-    level(&AdvanceScratch::corner_force);
-    level(&AdvanceScratch::hinge_force);
-    level(&AdvanceScratch::body);
-    level(&AdvanceScratch::rigid);
-    level(&AdvanceScratch::sums);
-    level(&AdvanceScratch::shape_sums);
-    level(&AdvanceScratch::node);
-    level(&AdvanceScratch::change);
-    level(&AdvanceScratch::moved_in);
-    level(&AdvanceScratch::node_of_particle);
-    level(&AdvanceScratch::slot_of_body);
-    level(&AdvanceScratch::touched);
-    level(&AdvanceScratch::link_end);
-    level(&AdvanceScratch::link_group);
-    level(&AdvanceScratch::plan);
-    level(&AdvanceScratch::sketch);
-    level(&AdvanceScratch::way);
-    level(&AdvanceScratch::may_oppose);
-    level(&AdvanceScratch::skin_point);
-    level(&AdvanceScratch::free);
-    level(&AdvanceScratch::turning);
-    level(&AdvanceScratch::settling);
-    level(&AdvanceScratch::component);
-    level(&AdvanceScratch::component_of);
-    level(&AdvanceScratch::held);
-    level(&AdvanceScratch::held_active);
-    level(&AdvanceScratch::warm);
-    level(&AdvanceScratch::block);
-    level(&AdvanceScratch::fixed);
-    level(&AdvanceScratch::strip);
-    level(&AdvanceScratch::along);
-    level(&AdvanceScratch::group_of_row);
-    level(&AdvanceScratch::next_of_group);
-    level(&AdvanceScratch::dealt);
-    level(&AdvanceScratch::ungrouped);
-    level(&AdvanceScratch::node_sums);
-    size_t groups = 0, chunks = 0;
-    for (const AdvanceScratch& s : scratches)
-        groups = std::max(groups, s.group.size()), chunks = std::max(chunks, s.body_shape_sums.size());
-    for (AdvanceScratch& s : scratches) s.group.resize(groups), s.body_shape_sums.resize(chunks);
-    const auto level_each = [&](size_t count, const auto& field) {
-        for (size_t i = 0; i < count; ++i) {
-            size_t most = 0;
-            for (AdvanceScratch& s : scratches) most = std::max(most, field(s, i).capacity());
-            for (AdvanceScratch& s : scratches) field(s, i).reserve(most);
-        }
-    };
-    level_each(
-        groups, [](AdvanceScratch & s, size_t i) -> auto& { return s.group[i].active; });
-    level_each(
-        groups, [](AdvanceScratch & s, size_t i) -> auto& { return s.group[i].active_block; });
-    level_each(
-        chunks, [](AdvanceScratch & s, size_t i) -> auto& { return s.body_shape_sums[i]; });
-    level(&AdvanceScratch::open_blocks_of_node);
-    level(&AdvanceScratch::link);
-    level(&AdvanceScratch::overstretched);
-    const auto level_implicit = [&](auto ImplicitScratch::*field) {
-        size_t most = 0;
-        for (const AdvanceScratch& s : scratches) most = std::max(most, (s.implicit.*field).capacity());
-        for (AdvanceScratch& s : scratches) (s.implicit.*field).reserve(most);
-    };
-    level_implicit(&ImplicitScratch::place);
-    level_implicit(&ImplicitScratch::direction);
-    level_implicit(&ImplicitScratch::sums);
-    for (auto ImplicitScratch::*field :
-         {&ImplicitScratch::spoke, &ImplicitScratch::block, &ImplicitScratch::residual, &ImplicitScratch::applied, &ImplicitScratch::change,
-          &ImplicitScratch::lambda, &ImplicitScratch::volume_lambda, &ImplicitScratch::left_rest, &ImplicitScratch::free_residual,
-          &ImplicitScratch::free_block, &ImplicitScratch::left_factor, &ImplicitScratch::left_volume, &ImplicitScratch::slope,
-          &ImplicitScratch::volume_force, &ImplicitScratch::volume_block}) {
-        level_implicit(field);
+    using S = AdvanceScratch;
+    const auto level = [&](auto... field) { (share_capacity(scratches, [&](S& s) -> decltype(auto) { return (s.*field); }), ...); };
+    level(&S::offset_a, &S::offset_b, &S::remainder, &S::force, &S::force_sums, &S::corner_force, &S::hinge_force);
+    level(&S::body, &S::rigid, &S::free, &S::sums, &S::shape_sums, &S::touched, &S::overstretched);
+    level(&S::node, &S::change, &S::moved_in, &S::node_of_particle, &S::slot_of_body, &S::node_sums);
+    level(&S::link, &S::link_end, &S::link_group);
+    level(&S::plan, &S::sketch, &S::way, &S::may_oppose, &S::skin_point, &S::turning, &S::held, &S::held_active, &S::warm);
+    level(&S::block, &S::fixed, &S::open_blocks_of_node);
+    level(&S::settling, &S::component, &S::component_of);
+    level(&S::strip, &S::along, &S::group_of_row, &S::next_of_group, &S::dealt, &S::ungrouped);
+
+    size_t groups = 0, chunks = 0, directs = 0;
+    for (const S& s : scratches) {
+        groups = std::max(groups, s.group.size());
+        chunks = std::max(chunks, s.body_shape_sums.size());
+        directs = std::max(directs, s.direct.size());
     }
+    for (S& s : scratches) s.group.resize(groups), s.body_shape_sums.resize(chunks), s.direct.resize(directs);
+    for (size_t g = 0; g < groups; ++g) {
+        share_capacity(scratches, [&](S& s) -> decltype(auto) { return (s.group[g].active); });
+        share_capacity(scratches, [&](S& s) -> decltype(auto) { return (s.group[g].active_block); });
+    }
+    for (size_t c = 0; c < chunks; ++c) share_capacity(scratches, [&](S& s) -> decltype(auto) { return (s.body_shape_sums[c]); });
+
+    using D = DirectSolve;
+    for (size_t i = 0; i < directs; ++i) {
+        const auto level_direct = [&](auto... field) {
+            (share_capacity(scratches, [&](S& s) -> decltype(auto) { return (s.direct[i].*field); }), ...);
+        };
+        level_direct(&D::body, &D::ordered, &D::first, &D::begin, &D::matrix, &D::solution, &D::impulse, &D::before, &D::impulse_before);
+    }
+
+    using I = ImplicitScratch;
+    const auto level_implicit = [&](auto... field) {
+        (share_capacity(scratches, [&](S& s) -> decltype(auto) { return (s.implicit.*field); }), ...);
+    };
+    level_implicit(&I::place, &I::direction, &I::sums, &I::spoke, &I::block, &I::residual, &I::applied, &I::change);
+    level_implicit(&I::lambda, &I::volume_lambda, &I::left_rest, &I::left_factor, &I::left_volume);
+    level_implicit(&I::free_residual, &I::free_block, &I::slope, &I::volume_force, &I::volume_block);
 }
 
 void advance_island(const AdvanceParams& params, const AdvanceInputs& inputs, std::span<const uint32_t> island_bodies,
-                    std::span<const uint32_t> island_rows, AdvanceScratch& scratch, Particles& particles, Poses& poses, ContactRows& rows,
-                    std::span<ToolState> tools, AdvanceResult& result) {
+                    std::span<const uint32_t> island_rows, AdvanceScratch& scratch, AdvanceState state, AdvanceResult& result) {
     TROCAR_ASSERT(params.substeps > 0 && params.ticks > 0);
     const double dt = 1e-3 * (static_cast<double>(params.ticks) / params.substeps);
     result.deepest_residual = 0;
     result.opposing_planes = 0;
-    AdvanceIsland island{params, inputs, scratch, particles, poses, rows, tools, result, dt};
+    AdvanceIsland island{params, inputs, scratch, state.particles, state.poses, state.rows, state.tools, result, dt};
     const SpringKernels& kernels = spring_kernels();
     gather_bodies(island, island_bodies);
     const auto observe = [&](void (*call)(void*)) {

@@ -59,6 +59,14 @@ struct AdvanceInputs {
     std::span<const ToolJaw> jaws = {};  // of the tools
 };
 
+// What a call moves on: only the rows of the island's own bodies, contact rows and tools.
+struct AdvanceState {
+    Particles& particles;
+    Poses& poses;
+    ContactRows& rows;
+    std::span<ToolState> tools;
+};
+
 // What calls did to an island: added up over calls but for what is marked `last`. Work in J on its deformable bodies.
 struct AdvanceResult {
     double work_hand = 0;
@@ -87,17 +95,16 @@ void add_advance_result(const AdvanceResult& result, Energy& energy, Report& rep
 uint32_t count_substeps(const Bodies& bodies, std::span<const uint32_t> island_bodies, double seconds, double largest,
                         std::span<const double> linked = {});
 
-// Moves the bodies of one island through params.ticks ms under their springs, tetrahedra, anchors, links, damping, gravity and
-// contact rows: deformable ones by the integrator of each (leapfrog, midpoint or XPBD), free ones, those that a node drives, and
-// tools in the hand. Reads static and scripted bodies through poses and paths and writes none of them.
-// Rows start from rows.carried (where iterations > 1) and leave there what they carry at the end. Adds to rows.impulse and to
-// ToolState.contact_impulse of the island's rows and tools; a row that a point has left behind gets an infinite rows.distance and
-// rests from then on. A body that became non-finite, or whose energy grew without input, gets its state at the start of the call
-// back, at rest. State is complete between calls. Same bits for any number of threads. Distinct islands may run at the same time,
-// each with its own scratch.
+// Moves the bodies of one island through params.ticks ms under their springs, tetrahedra, anchors, links, damping, gravity
+// and contact rows: deformable ones by the integrator of each (leapfrog, midpoint or XPBD), free ones, those that a node
+// drives, and tools in the hand. Reads static and scripted bodies through poses and paths and writes none of them. Rows
+// start from rows.carried (where iterations > 1) and leave there what they carry at the end. Adds to rows.impulse and to
+// ToolState.contact_impulse of the island's rows and tools; a row that a point has left behind gets an infinite
+// rows.distance and rests from then on. A body that became non-finite, or whose energy grew without input, gets its state at
+// the start of the call back, at rest. State is complete between calls. Same bits for any number of threads. Distinct
+// islands may run at the same time, each with its own scratch.
 void advance_island(const AdvanceParams& params, const AdvanceInputs& inputs, std::span<const uint32_t> island_bodies,
-                    std::span<const uint32_t> island_rows, AdvanceScratch& scratch, Particles& particles, Poses& poses, ContactRows& rows,
-                    std::span<ToolState> tools, AdvanceResult& result);
+                    std::span<const uint32_t> island_rows, AdvanceScratch& scratch, AdvanceState state, AdvanceResult& result);
 
 // Gives every scratch the room of the roomiest, so that after a pass it does not matter which thread runs which island:
 // none allocates for what another has done before.

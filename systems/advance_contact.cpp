@@ -8,7 +8,7 @@ namespace trocar {
 namespace {
 
 // A free body this near (m) to what carries it rests on it.
-constexpr double kRestingGap = 1e-5;
+constexpr double kRestingGap = 5e-6;
 constexpr uint32_t kHeldSweeps = 4;  // with tools that turn in the hand
 // Many rows of a skin share few nodes: after one sweep what is left of their speeds shakes them (20 times the work of damping
 // in a press of 20 mm).

@@ -48,9 +48,12 @@ uint32_t side_of(const AdvanceScratch& s, const ContactTurning& turning, int sid
     return turning.free[side] == kNone ? kNone : s.component_of[node_of(s, turning.free[side])];
 }
 
-// Whether nothing but free bodies that nobody holds has a side in a row.
+// Whether nothing has a side in a row but free bodies that nobody holds and static ones: between jaws that close not all rows can
+// come to rest.
 bool is_between_free(const AdvanceScratch& s, const ContactActive& row) {
     if (row.turning == kNone) return false;
+    const auto is_led = [&](uint32_t rigid) { return rigid != kNone && (s.rigid[rigid].path != kNone || s.rigid[rigid].tool != kNone); };
+    if (is_led(s.plan[row.plan].rigid_a) || is_led(s.plan[row.plan].rigid_b)) return false;
     const auto is_loose = [&](uint32_t n) {
         if (s.node[n].particle != kNone) return false;
         const uint32_t free = s.rigid[s.node[n].owner].free;

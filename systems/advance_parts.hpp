@@ -65,59 +65,77 @@ inline Vec4d field_at(const AdvanceScratch& s, uint32_t point, std::vector<Vec4d
 // Time at the start of a substep, s: a quotient of integers, so that it does not depend on how calls are cut.
 double substep_time(const AdvanceParams& params, uint32_t substep);
 
+// ---- forces on deformable bodies (advance_forces.cpp) ----
+
 // Whether a body has forces besides springs and anchors that a step takes as they are at its start: pressure, bending, and of
 // bodies stepped by leapfrog tetrahedra.
 bool has_forces(const AdvanceInputs& inputs, uint32_t body);
-// Gives such bodies their rows of scratch.force; the island has `particles` in all.
+// Gives bodies that has_forces their rows of scratch.force. `particles`: of the whole island.
 void give_forces(AdvanceIsland& island, uint32_t particles);
-// Their forces at the start of a substep, where body.step.offset is; none for other bodies.
+// Sets the forces (N) of a body that has_forces to those at the start of a substep, where body.step.offset is. Does nothing to
+// others.
 void find_forces(AdvanceIsland& island, AdvanceBody& body);
-// Links between bodies (advance_links.cpp). Finds those of the island, once the bodies are there;
-void gather_links(AdvanceIsland& island);
-// their forces at the start of a substep;
-void find_link_forces(AdvanceIsland& island);
-// adds those on a row of scratch.body to its three fields;
-void add_link_forces(const AdvanceScratch& s, uint32_t body, float* const axis[3]);
-// the other side of them on hands and free bodies, after those were kicked;
-void pull_linked_rigids(AdvanceIsland& island);
-// what the moves of nodes of measured bodies, by the rows' impulses or by pushes, add to the energy of links, pressure and
-// bending, J: an impulse acts with the forces as the step has taken them, a push against links as they are by then;
-double energy_of_others(const AdvanceIsland& island, bool pushed);
-// stretch, works and breaking at the end of a substep.
-void finish_links(AdvanceIsland& island);
-// Row of Tears::body whose springs may break, or kNone.
-uint32_t tear_of(const Tears* tears, uint32_t body);
-// Breaks the springs that are too long at the end of a substep (advance_tears.cpp): from the next one on they do not pull.
-void break_springs(AdvanceIsland& island);
-// Rows between a body stepped by midpoint and one whose motion is given (static or scripted) act within the step
-// (advance_hold.cpp). The step alone lets what a row pressed in the step before spring back as if nobody held it; rows then
-// catch its surface, and at steps beyond the explicit limit the inside runs through it. So a row that closes gives, within the
-// step, the impulse -c (n . v - least) along its normal n, v the velocity of its point against its plane at the end of the
-// step, and at most friction times that across: linear in v, so that it is part of the matrix (Baraff and Witkin, "Large
-// steps in cloth simulation", 1998, hold points by filtering instead, which rows of several nodes cannot). c is kHold times
-// what the block of the point's nodes resists with. Rows that would pull let go, rows that the step closes join, and the
-// system is solved again. What is left, 1/kHold of the way, apply_impulses takes. Finds the rows that may, at the start of a
-// substep;
-void find_held_rows(AdvanceIsland& island);
-// for one body's step, once its blocks are there; then, for each solve, their share of right-hand side and blocks (returns
-// residual . block residual); of the matrix times the direction (returns its part of direction . applied); what they did (returns
-// whether the system is another now); and at the end: their work on the body, J.
-bool bind_held_rows(AdvanceIsland& island, const AdvanceBody& b);
-double start_held_rows(AdvanceIsland& island, const AdvanceBody& b, ImplicitStep& step);
-double apply_held_rows(AdvanceIsland& island, const AdvanceBody& b);
-bool judge_held_rows(AdvanceIsland& island, const AdvanceBody& b, bool may_add);
-double settle_held_rows(AdvanceIsland& island, const AdvanceBody& b);
 
-// One step of a body whose stepping is midpoint, and its books. `work` is where the kernel puts the work of damping, 16
-// lanes; null when nobody asks. b.step is bound to this substep.
+// ---- links between bodies (advance_links.cpp) ----
+
+// Fills scratch.link with the island's links. Its bodies must have been gathered.
+void gather_links(AdvanceIsland& island);
+// Sets the force (N) of every link to that at the start of a substep.
+void find_link_forces(AdvanceIsland& island);
+// Adds the link forces (N) on the nodes of a row of scratch.body. axis: x, y and z, one float per node.
+void add_link_forces(const AdvanceScratch& s, uint32_t body, float* const axis[3]);
+// Gives hands and free bodies the impulses of their ends of the links, after they were kicked themselves.
+void pull_linked_rigids(AdvanceIsland& island);
+// What the energy of links, pressure and bending changes by (J) when nodes of measured bodies are moved: by the impulses of
+// rows, or by pushes (`pushed`). Impulses act beside the forces as the step has taken them, pushes against links as they are
+// by then.
+double energy_of_others(const AdvanceIsland& island, bool pushed);
+// Notes stretch and works of the links at the end of a substep, and breaks those that are too long.
+void finish_links(AdvanceIsland& island);
+
+// ---- tearing (advance_tears.cpp) ----
+
+// Row of Tears::body of a body whose springs may break, or kNone.
+uint32_t tear_of(const Tears* tears, uint32_t body);
+// Breaks the springs that are too long at the end of a substep: from the next one on they do not pull.
+void break_springs(AdvanceIsland& island);
+
+// ---- steps of a body by midpoint (advance_midpoint.cpp) and XPBD (advance_xpbd.cpp) ----
+
+// One step of a body, and its books. b.step is bound to this substep. `work`: 16 lanes to which the work of damping (J) is
+// added; null when nobody asks.
 void step_midpoint(AdvanceIsland& island, AdvanceBody& b, double* work);
-// One step of a body whose stepping is xpbd.
 void step_xpbd(AdvanceIsland& island, AdvanceBody& b, double* work);
 
-// Adds what the energy of measured bodies, and that of what pulls at them from outside, has changed by since it was measured
-// last: by the rows' impulses, or by pushes.
-void book_measured(AdvanceIsland& island, bool pushed, double& work);
+// ---- rows within a step by midpoint (advance_hold.cpp) ----
+//
+// Rows between a body stepped by midpoint and one whose motion is given (static or scripted) act within the step. The step
+// alone lets what a row pressed in the step before spring back as if nobody held it; rows then catch its surface, and at steps
+// beyond the explicit limit the inside runs through it. So a row that closes gives, within the step, the impulse
+// -c (n . v - least) along its normal n, v the velocity of its point against its plane at the end of the step, and at most
+// friction times that across: linear in v, so that it is part of the matrix (Baraff and Witkin, "Large steps in cloth
+// simulation", 1998, hold points by filtering instead, which rows of several nodes cannot). c is kHold times what the block of
+// the point's nodes resists with. Rows that would pull let go, rows that the step closes join, and the system is solved
+// again. What is left, 1/kHold of the way, apply_impulses takes.
 
+// Finds the rows that may act so, at the start of a substep (advance_contact.cpp, beside the other rows).
+void find_held_rows(AdvanceIsland& island);
+// Makes those of a body ready for its step; its blocks must be there. Returns whether there are any.
+bool bind_held_rows(AdvanceIsland& island, const AdvanceBody& b);
+// Before each solve: adds their share of the right-hand side and of the blocks. Returns residual . (block * residual).
+double start_held_rows(AdvanceIsland& island, const AdvanceBody& b, ImplicitStep& step);
+// In each iteration: adds their share of matrix * direction to `applied`. Returns their part of direction . applied.
+double apply_held_rows(AdvanceIsland& island, const AdvanceBody& b);
+// After each solve: rows let go, and join if `may_add`. Returns whether the system is another one now.
+bool judge_held_rows(AdvanceIsland& island, const AdvanceBody& b, bool may_add);
+// At the end: returns their work on the body, J.
+double settle_held_rows(AdvanceIsland& island, const AdvanceBody& b);
+
+// ---- books ----
+
+// Adds to `work` (J) what the energy of measured bodies, and of what pulls at them from outside, has changed by since it was
+// measured last: by the rows' impulses, or by pushes (`pushed`).
+void book_measured(AdvanceIsland& island, bool pushed, double& work);
 // Energy of the velocities of a body as the particles have them now, J.
 double kinetic_energy(const AdvanceIsland& island, const AdvanceBody& b);
 // Whether a body's energy has grown over the call by far more than a stable step can show, with nothing to give it any:
@@ -125,7 +143,9 @@ double kinetic_energy(const AdvanceIsland& island, const AdvanceBody& b);
 // out: those may give energy. After the last substep, before the state is written.
 bool has_run_away(const AdvanceIsland& island, const AdvanceBody& b);
 
-// What stays the same about a row; its nodes have their places.
+// ---- contact rows of the call (advance_contact.cpp) ----
+
+// What stays the same about a row during the call; its nodes have their places.
 ContactPlan make_plan(AdvanceIsland& island, uint32_t row);
 // Whether some body of the island has a skin that rides on its nodes: then plans are made one after the other.
 inline bool any_rides(const AdvanceScratch& s) {
@@ -135,41 +155,43 @@ inline bool any_rides(const AdvanceScratch& s) {
 void plan_contacts(AdvanceIsland& island, std::span<const uint32_t> island_rows);
 // Empties the look-up tables that plan_contacts filled.
 void forget_contacts(AdvanceIsland& island);
+
+// ---- rigid bodies (advance_rigid.cpp) ----
+
 // Row of scratch.rigid of a rigid body, added when it is new.
 uint32_t rigid_slot(AdvanceIsland& island, uint32_t body);
-
-// Rigid bodies: both ends of a substep; then hands pulled by their coupling; then where the hands went.
+// Places the rigid bodies at both ends of a substep: scripted ones and jaws; hands turn with the device, free ones stay.
 void place_rigid_bodies(AdvanceIsland& island, uint32_t substep);
+// Lets the couplings pull the hands, before the rows.
 void pull_hands(AdvanceIsland& island, uint32_t substep);
+// Puts the hands where their velocities took them, after the rows.
 void move_hands(AdvanceIsland& island);
-
-// Free rigid bodies (advance_free.cpp). The room and the node of one:
-void add_free_body(AdvanceIsland& island, uint32_t rigid_row);
-// gravity and damping; before the rows
-void kick_free_bodies(AdvanceIsland& island);
-// place and orientation at the end of the substep; after the rows
-void move_free_bodies(AdvanceIsland& island);
-// state back into the poses; a body that is not finite keeps the one from the start of the call, at rest, counted
-void finish_free_bodies(AdvanceIsland& island);
-// Tools whose coupling to the hand gives way in turning too (advance_held.cpp) are free bodies without weight. The room:
-void add_held_body(AdvanceIsland& island, uint32_t rigid_row);
-// coupling; in place of gravity and damping. It resists the rows' impulses too.
-void pull_held_body(AdvanceIsland& island, AdvanceFree& f);
-// What the coupling does at the end of the substep, for ToolState.
-void note_coupling(AdvanceIsland& island, const AdvanceFree& f);
 // Velocities of a tool's points, and of its jaws', from its spin now.
 void note_spin(AdvanceScratch& s, const AdvanceFree& f);
-// Jaws of tools that turn, where these and the grip put them at the start of a substep, as the end of the one before.
+// Puts the jaws of tools that turn where these and the grip have them at the start of a substep, as the end of the one before.
 void carry_jaws(AdvanceIsland& island, uint32_t substep);
-// What an impulse (N s) at a place (m, world) on a jaw does to the grip, for ToolState; nothing for other bodies.
+// Adds to ToolState what an impulse (N s) at a place (m, world) on a jaw does to the grip; nothing for other bodies.
 void add_grip_moment(AdvanceIsland& island, uint32_t rigid_row, Vec4d at, Vec4d impulse);
 // Where the body frame of a tool would be if it were in the hand, at the start of a substep.
 struct HandPose {
-    Vec3d origin;
+    Vec3d origin;  // m, world
     Quat orientation;
     double grip = 0;  // rad
 };
 HandPose hand_pose(const AdvanceIsland& island, uint32_t tool, uint32_t substep);
+
+// ---- free rigid bodies (advance_free.cpp) ----
+
+// Makes the row of scratch.free and the node of one.
+void add_free_body(AdvanceIsland& island, uint32_t rigid_row);
+// Gravity and damping, before the rows.
+void kick_free_bodies(AdvanceIsland& island);
+// Place and orientation at the end of the substep, after the rows.
+void move_free_bodies(AdvanceIsland& island);
+// Writes their state back into the poses. A body that is not finite keeps the one from the start of the call, at rest, counted.
+void finish_free_bodies(AdvanceIsland& island);
+// Puts the end of the substep where the node of a free body is at `centre` (m, world) under an orientation.
+void place_end(AdvanceRigid& rigid, const AdvanceFree& f, Vec4d centre, const Quat& orientation);
 
 // Work of the rows on free bodies, J.
 double contact_work_on_free(const AdvanceIsland& island);
@@ -177,13 +199,22 @@ double contact_work_on_free(const AdvanceIsland& island);
 void add_turning_sides(AdvanceIsland& island, const ContactPlan& plan, Vec4d at, ContactActive& active);
 // As solve_row for a row with a free side.
 double solve_turning_row(AdvanceScratch& s, ContactActive& row);
-// Gives a row with a free side an impulse.
+// Gives a row with a free side an impulse, N s.
 void give_impulse(AdvanceScratch& s, const ContactActive& row, const ContactTurning& turning, Vec4d impulse);
-// Sweeps over the rows of an island with free bodies until they agree (advance_settle.cpp).
-void settle_rows(AdvanceIsland& island);
+// Velocity of the point relative to the plane, m/s, of a row with a free side.
+Vec4d turning_velocity(const AdvanceScratch& s, const ContactActive& row, const ContactTurning& turning);
+// Moves the points of a row's free sides by their share of a push, which like an impulse is shared by inverse masses: kg m.
+void push_free_sides(AdvanceScratch& s, const ContactTurning& turning, Vec4d push);
+// Then the bodies follow: all pushes of one at once, none farther than `most` (m).
+void finish_free_pushes(AdvanceIsland& island, double most);
+
+// ---- rows between free bodies (advance_settle.cpp, advance_direct.cpp) ----
+
 // Gives a row the impulse that its bodies' velocities ask for now. Returns by how much the relative velocity changed, m/s, of a
 // row without a free side 0.
 double solve_row(AdvanceScratch& s, ContactActive& row);
+// Sweeps over the rows of an island with free bodies until they agree (advance_settle.cpp).
+void settle_rows(AdvanceIsland& island);
 // Whether the rows of a component are between few enough free bodies, in chains rather than heaps, to be solved at once
 // (advance_direct.cpp), and makes ready for it.
 bool prepare_direct(AdvanceScratch& s, std::span<ContactActive* const> rows, DirectSolve& d);
@@ -195,27 +226,37 @@ bool solve_directly(AdvanceScratch& s, std::span<ContactActive* const> rows, Dir
 void undo_solution(AdvanceScratch& s, std::span<ContactActive* const> rows, const DirectSolve& d);
 // What impulses that do as their rows ask make least, J: kinetic energy minus what rows that must move apart are given.
 double potential(const AdvanceScratch& s, std::span<ContactActive* const> rows, const DirectSolve& d);
-// Velocity of the point relative to the plane, m/s, of a row with a free side.
-Vec4d turning_velocity(const AdvanceScratch& s, const ContactActive& row, const ContactTurning& turning);
 // Slower approach than this (m/s) does not bounce, whatever the restitution: bodies come to rest.
 constexpr double kLeastBounce = 0.05;
-// Moves the free sides of a row by their share of an impulse-like `push`, kg m; then all at once, none farther than
-// `most`.
-void push_free_sides(AdvanceScratch& s, const ContactTurning& turning, Vec4d push);
-void finish_free_pushes(AdvanceIsland& island, double most);
 
-// Free bodies with one coordinate (advance_drive.cpp), in the places of what is done with other free ones. Finds its drive;
+// ---- free bodies in the hand (advance_held.cpp) ----
+//
+// Tools whose coupling to the hand gives way in turning too are free bodies without weight.
+
+// Makes the row of scratch.free and the node of one.
+void add_held_body(AdvanceIsland& island, uint32_t rigid_row);
+// The coupling, in place of gravity and damping. It resists the rows' impulses too.
+void pull_held_body(AdvanceIsland& island, AdvanceFree& f);
+// Notes in ToolState what the coupling does at the end of the substep.
+void note_coupling(AdvanceIsland& island, const AdvanceFree& f);
+
+// ---- free bodies with one coordinate (advance_drive.cpp) ----
+//
+// Bodies that a node drives. In place of what is done with other free ones:
+
+// Finds the drive of a row of scratch.free, if it has one.
 void bind_drive(AdvanceIsland& island, uint32_t free_row);
 void kick_driven(AdvanceIsland& island, AdvanceFree& f);
 void move_driven(AdvanceIsland& island, AdvanceFree& f);
+// Moves it by `share` of the pushes of its free sides.
 void push_driven(AdvanceIsland& island, AdvanceFree& f, double share);
 void restore_drive(AdvanceIsland& island, const AdvanceFree& f);
-// friction and limits, once: part of a sweep. Returns the largest change of a velocity, m/s;
+// Friction and limits of all drives, once: part of a sweep. Returns the largest change of a velocity, m/s.
 double solve_drives(AdvanceScratch& s);
-// after the rows: state and books.
+// The same once more after the rows, then state and books.
 void settle_drives(AdvanceIsland& island);
-// Puts the end of the substep where the node of a free body is at `centre` under an orientation.
-void place_end(AdvanceRigid& rigid, const AdvanceFree& f, Vec4d centre, const Quat& orientation);
+
+// ---- impulses of the rows (advance_contact.cpp) and pushes (advance_push.cpp) ----
 
 // Velocities of all particles that are nodes before the kick of the first substep; those of later ones are known.
 void note_velocities(AdvanceIsland& island);
@@ -242,26 +283,36 @@ inline Vec4d start_impulse(const AdvanceIsland& island, uint32_t row) {
 // Moves remaining overlap of the active rows out without touching velocities, in substeps in which a millisecond begins;
 // after move_hands. Where rows are grouped as many sweeps as ContactParams::iterations, while any row is left; else one.
 void push_out(AdvanceIsland& island, uint32_t substep);
-
 // Share of the way of a push that the side of the point goes, unless bodies share it by mass.
 double share_of_point(const AdvanceIsland& island, uint32_t row);
 
+// ---- rows in blocks of four (advance_blocks.cpp) ----
+//
 // Long lists of rows between deformable bodies are worked on four at a time, and where there are several groups those with
-// static bodies too; each does what its namesake for one row does. plan_blocks makes blocks of the rows of scratch.dealt, and
-// plans of the others; a row any of whose nodes may be pressed from both sides is one of those.
+// static bodies too; each function does what its namesake for one row does. A row any of whose nodes may be pressed from both
+// sides is in no block.
+
+// Makes blocks of the rows of scratch.dealt, and plans of those that are in none.
 void plan_blocks(AdvanceIsland& island);
 void forget_blocks(AdvanceIsland& island);
-void activate_blocks(AdvanceIsland& island, double reach, RowGroup& group);  // reach: m, infinite unless all velocities are finite
-void start_blocks(AdvanceScratch& s, const RowGroup& group);                 // see start_rows
+// reach: m, infinite unless all velocities are finite.
+void activate_blocks(AdvanceIsland& island, double reach, RowGroup& group);
+void start_blocks(AdvanceScratch& s, const RowGroup& group);  // see start_rows
 void solve_blocks(AdvanceScratch& s, const RowGroup& group);
 void add_block_impulses(AdvanceScratch& s, const RowGroup& group);
-// Counted from 1, a sweep passes over blocks none of whose nodes has moved since the sweep before.
+// One sweep of push_out, counted from 1: passes over blocks none of whose nodes has moved since the sweep before. No row is
+// pushed farther than `most` (m). Returns whether any was.
 bool push_blocks(AdvanceIsland& island, double most, const RowGroup& group, uint8_t sweep);
+// Deepest overlap of the active rows after the pushes, m.
 double deepest_in_blocks(AdvanceScratch& s, const RowGroup& group);
-// Groups of rows (advance_groups.cpp). Bodies are put into strips across the way they spread most; rows inside a strip are a
-// group, rows between a strip and the next are another, and the few others a last one. Phases: strips; even borders; odd
-// borders; the rest. Orders dealt by group. Short lists, skins, and islands with hands or driven bodies have one group.
+
+// ---- groups of rows (advance_groups.cpp) ----
+
+// Bodies are put into strips across the way they spread most; rows inside a strip are a group, rows between a strip and the
+// next are another, and the few others a last one. Phases: strips; even borders; odd borders; the rest. Orders dealt by group.
+// Short lists, skins, and islands with hands or driven bodies have one group.
 void group_rows(AdvanceIsland& island);
+// Calls run for all groups, phase by phase: those of a phase share no node and run at the same time.
 template <typename Run>  // Run: void(RowGroup&)
 void for_each_group(AdvanceScratch& s, const Run& run) {
     for (int phase = 0; phase < 4; ++phase) {

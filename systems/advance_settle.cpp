@@ -1,6 +1,8 @@
 #include <algorithm>
+#include <numeric>
 #include <utility>
 
+#include "engine/disjoint_sets.hpp"
 #include "engine/parallel.hpp"
 #include "systems/advance_parts.hpp"
 namespace trocar {
@@ -91,7 +93,9 @@ void settle_groups(AdvanceIsland& island) {
 // Of few bodies what carries is solved at once before sweeps, as long as that helps.
 void settle_component(AdvanceIsland& island, std::span<ContactActive* const> rows, DirectSolve& direct) {
     AdvanceScratch& s = island.scratch;
-    uint32_t solutions_left = prepare_direct(s, rows, direct) ? kMostSolutions : 0, sweeps_since = 0, sweeps_between = 0;
+    // where something bounces, what rests on it does not hold it
+    const bool direct_too = !s.bounces && prepare_direct(s, rows, direct);
+    uint32_t solutions_left = direct_too ? kMostSolutions : 0, sweeps_since = 0, sweeps_between = 0;
     bool solved = false, has_way = true;
     double before = 0;
     const auto solve = [&] {
@@ -118,16 +122,11 @@ void settle_component(AdvanceIsland& island, std::span<ContactActive* const> row
         return sweep_once();
     };
     solve();
-    settle(island, solutions_left > 0 ? kMostSweepsSolved : kMostSweeps, sweep, [&](double share) {
+    settle(island, direct_too ? kMostSweepsSolved : kMostSweeps, sweep, [&](double share) {
         if (solve()) return;
         for (ContactActive* row : rows) go_on(s, *row, has_way ? share : 0);
         has_way = true;
     });
-}
-
-uint32_t root_of(std::vector<uint32_t>& parent, uint32_t node) {
-    while (parent[node] != node) node = parent[node] = parent[parent[node]];
-    return node;
 }
 
 template <typename Visit>  // Visit: void(ContactActive&)
@@ -143,19 +142,15 @@ bool find_components(AdvanceScratch& s) {
     const auto has_blocks = [](const RowGroup& g) { return !g.active_block.empty(); };
     const auto is_driven = [](const AdvanceFree& f) { return f.drive != kNone; };
     if (std::ranges::any_of(std::span(s.group).first(s.phase[4]), has_blocks) || std::ranges::any_of(s.free, is_driven)) return false;
-    std::vector<uint32_t>& parent = s.component_of;
-    parent.resize(s.node.size());
-    for (uint32_t n = 0; n < parent.size(); ++n) parent[n] = n;
+    std::vector<uint32_t>& component_of = s.component_of;
+    component_of.resize(s.node.size());
+    std::iota(component_of.begin(), component_of.end(), 0u);
     visit_active(s, [&](const ContactActive& row) {
-        for (uint32_t k = 1; k < row.nodes; ++k) {
-            const uint32_t a = root_of(parent, row.node[0]), b = root_of(parent, row.node[k]);
-            parent[std::max(a, b)] = std::min(a, b);
-        }
+        for (uint32_t k = 1; k < row.nodes; ++k) join_sets(component_of, row.node[0], row.node[k]);
     });
-    // the least node of a component is its root: every other one points to what has its number already
-    for (uint32_t n = 0; n < parent.size(); ++n) parent[n] = root_of(parent, n);
-    s.component.assign(parent.size(), {});
-    visit_active(s, [&](const ContactActive& row) { ++s.component[parent[row.node[0]]].count; });
+    for (uint32_t n = 0; n < component_of.size(); ++n) component_of[n] = find_set(component_of, n);
+    s.component.assign(component_of.size(), {});
+    visit_active(s, [&](const ContactActive& row) { ++s.component[component_of[row.node[0]]].count; });
     uint32_t first = 0, most = 0;
     for (Range& rows : s.component) {
         most = std::max(most, rows.count);
@@ -165,7 +160,7 @@ bool find_components(AdvanceScratch& s) {
     if (most > kMostRowsAlone && s.phase[4] > 1) return false;
     s.settling.resize(first);
     visit_active(s, [&](ContactActive& row) {
-        Range& rows = s.component[parent[row.node[0]]];
+        Range& rows = s.component[component_of[row.node[0]]];
         s.settling[rows.first + rows.count++] = &row;
     });
     std::erase_if(s.component, [](const Range& rows) { return rows.count == 0; });

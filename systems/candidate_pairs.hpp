@@ -26,8 +26,8 @@ struct CandidatePairsScratch {
     std::vector<uint32_t> first;
 };
 
-// Pairs of bodies whose enlarged boxes meet, ascending (a, b), by sort-and-sweep along the axis of the largest spread. A pair is left out
-// when neither side can be pushed (static, kinematic) or when `excluded` names it (a < b, ascending).
+// Pairs of bodies whose enlarged boxes meet, ascending (a, b), by sort-and-sweep along the axis of the largest spread. A
+// pair is left out when neither side can be pushed (static, kinematic) or when `excluded` names it (a < b, ascending).
 void find_candidate_pairs(const Bodies& bodies, const BodyBoxes& boxes, std::span<const std::array<uint32_t, 2>> excluded,
                           CandidatePairsScratch& scratch, CandidatePairs& pairs);
 

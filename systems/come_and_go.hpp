@@ -11,7 +11,7 @@ namespace trocar {
 // Bodies whose life is over at `tick` (ms), ascending.
 void find_leaving(const Pools& pools, const Lives& lives, uint64_t tick, std::vector<uint32_t>& leaving);
 
-// Fills slots with those due at `tick`: the lowest free slot first; who finds none comes when one is free. Their
+// Fills slots with those due at `tick` (ms): the lowest free slot first; who finds none comes when one is free. Their
 // generation is that of the slot, which rose when the last one left.
 void let_come(const Pools& pools, uint64_t tick, Lives& lives, Sleep& sleep);
 

@@ -7,6 +7,7 @@
 #include "engine/geometry/contact_kernels.hpp"
 #include "engine/open_rows.hpp"
 #include "engine/parallel.hpp"
+#include "engine/write_contact.hpp"
 namespace trocar {
 namespace {
 
@@ -91,19 +92,8 @@ void find_lost_edges(const Surfaces& s, const CandidatePairs& pairs, const Conta
 }
 
 void write_kept(const Surfaces& s, const ContactMemory& memory, const KeptEdge& e, Contacts& to, uint32_t row) {
-    const uint32_t other = memory.other[e.memory];
-    to.pair[row] = e.place.pair;
-    to.body[row] = memory.body[e.memory];
-    to.other[row] = other;
-    to.vertex[row] = memory.vertex[e.memory];
-    to.along[row] = memory.along[e.memory];
-    to.third[row] = kNone;
-    to.across[row] = 0;
-    to.point[row] = frame_to_world(s, other, e.point);
-    to.closest[row] = frame_to_world(s, other, e.answer.point);
-    to.normal[row] = direction_to_world(s, other, e.answer.normal);
-    to.distance[row] = e.answer.distance;
-    to.triangle[row] = e.answer.triangle;
+    const uint32_t m = e.memory;
+    write_contact(s, {e.place.pair, memory.body[m], memory.other[m], memory.vertex[m], memory.along[m]}, e.point, e.answer, to, row);
 }
 
 // Asks about the edges at the front of a list that lie on the same body, all at once. Returns how many they are.

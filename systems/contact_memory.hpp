@@ -51,9 +51,9 @@ void keep_edges(const ContactParams& params, const Surfaces& surfaces, const Bod
                 std::span<const std::unique_ptr<ClosestPointTree>> trees, const ContactMemory& memory, ContactMemoryScratch& scratch,
                 Contacts& contacts);
 
-// Marks in scratch.pressed the rows of vertices of deformable bodies that bore a load on a static one in the pass before, within
-// half a mean edge: they act whatever their speed, for what they bore throws them back (0.2 N on 0.26 g: 14 mm in 8 ms). Not
-// those on other bodies: under a tool the lightest vertices of a fine mesh would reach anywhere.
+// Marks in scratch.pressed the rows of vertices of deformable bodies that bore a load on a static one in the pass before,
+// within half a mean edge: they act whatever their speed, for what they bore throws them back (0.2 N on 0.26 g: 14 mm in 8
+// ms). Not those on other bodies: under a tool the lightest vertices of a fine mesh would reach anywhere.
 void mark_pressed(const Surfaces& surfaces, const ContactMemory& memory, const ContactRows& rows, ContactMemoryScratch& scratch);
 
 // Gives every row what the row of the same point carried at the end of the pass before, zero where there was none. The

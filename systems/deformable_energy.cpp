@@ -67,8 +67,8 @@ void add_free_energy(const RigidMass& free, const Poses& poses, const Particles&
 
 }  // namespace
 
-void add_body_energy(const Springs& springs, const Bodies& bodies, const Poses& poses, const Particles& particles, const Anchors& anchors,
-                     const Vec3d& gravity, uint32_t body, BodyEnergyScratch& scratch, Energy& energy, const OtherForces& other) {
+void add_body_energy(const EnergyInputs& inputs, uint32_t body, BodyEnergyScratch& scratch, Energy& energy) {
+    const auto& [springs, bodies, poses, particles, anchors, gravity, other] = inputs;
     if (const RigidMass* free = find_rigid_mass(bodies, body)) return add_free_energy(*free, poses, particles, gravity, energy);
     if (!is_deformable(bodies, body)) return;
     const uint32_t slices = springs.info[bodies.mesh[body]].slices.count;
@@ -90,9 +90,9 @@ void add_body_energy(const Springs& springs, const Bodies& bodies, const Poses& 
     energy.gravity -= gravity.dot(t[kSumMass] * poses.origin[body] + Vec3d(t[kSumMPlace], t[kSumMPlace + 1], t[kSumMPlace + 2]));
 }
 
-void measure_energy(const Springs& springs, const Bodies& bodies, const Poses& poses, const Particles& particles, const Anchors& anchors,
-                    const Vec3d& gravity, double start, EnergyScratch& scratch, Energy& energy, const OtherForces& other,
-                    const Sleepers& sleepers) {
+void measure_energy(const EnergyInputs& inputs, double start, EnergyScratch& scratch, Energy& energy, const Sleepers& sleepers) {
+    const Bodies& bodies = inputs.bodies;
+    const OtherForces& other = inputs.other;
     energy.kinetic = energy.elastic = energy.pressure = energy.bending = energy.links = energy.gravity = 0;
     if (scratch.of_body.size() != bodies.motion.size()) {
         scratch.of_body.assign(bodies.motion.size(), {});
@@ -104,8 +104,7 @@ void measure_energy(const Springs& springs, const Bodies& bodies, const Poses& p
         for (uint32_t body = begin; body < end; ++body) {
             if (!is_deformable(bodies, body) || was_seen(sleepers, body)) continue;
             scratch.of_body[body] = {};
-            add_body_energy(springs, bodies, poses, particles, anchors, gravity, body, scratch.part[begin / grain], scratch.of_body[body],
-                            other);
+            add_body_energy(inputs, body, scratch.part[begin / grain], scratch.of_body[body]);
         }
     });
     for (uint32_t body = 0; body < count; ++body) {
@@ -114,11 +113,11 @@ void measure_energy(const Springs& springs, const Bodies& bodies, const Poses& p
         energy.kinetic += own.kinetic, energy.elastic += own.elastic, energy.pressure += own.pressure;
         energy.bending += own.bending, energy.gravity += own.gravity;
     }
-    for (const RigidMass& free : bodies.rigid_mass) add_free_energy(free, poses, particles, gravity, energy);
+    for (const RigidMass& free : bodies.rigid_mass) add_free_energy(free, inputs.poses, inputs.particles, inputs.gravity, energy);
     if (other.nodes) {
         for (size_t i = 0; i < other.nodes->drive.size(); ++i) {
             const DriveState& state = other.node_state->drive[i];
-            const double back = 0.5 * particles.last_dt[other.nodes->drive[i].body];
+            const double back = 0.5 * inputs.particles.last_dt[other.nodes->drive[i].body];
             energy.elastic += drive_energy(other.nodes->drive[i], state.place - back * state.rate);
         }
     }

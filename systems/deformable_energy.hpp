@@ -22,17 +22,26 @@ struct EnergyScratch {
     std::array<BodyEnergyScratch, 16> part;  // of bodies, measured at the same time
 };
 
-// Sets energy.kinetic, elastic, pressure, bending, links and gravity (J) from the state of all deformable and free bodies, and
-// balance from `start` (their sum when the books were opened). Sums in double, fixed order; bodies in parallel, and large ones
-// within. Everything is taken at the time of the velocities, half a substep before that of the offsets: there the leapfrog's
-// kinetic energy needs no knowledge of the contact impulses to come. Terms of seen sleepers are taken from the scratch.
-void measure_energy(const Springs& springs, const Bodies& bodies, const Poses& poses, const Particles& particles, const Anchors& anchors,
-                    const Vec3d& gravity, double start, EnergyScratch& scratch, Energy& energy, const OtherForces& other = {},
-                    const Sleepers& sleepers = {});
+// What the energies follow from.
+struct EnergyInputs {
+    const Springs& springs;
+    const Bodies& bodies;
+    const Poses& poses;
+    const Particles& particles;
+    const Anchors& anchors;
+    Vec3d gravity;  // m/s^2
+    OtherForces other = {};
+};
+
+// Sets energy.kinetic, elastic, pressure, bending, links and gravity (J) from the state of all deformable and free bodies,
+// and balance from `start` (J, their sum when the books were opened). Sums in double, fixed order; bodies in parallel, and
+// large ones within. Everything is taken at the time of the velocities, half a substep before that of the offsets: there the
+// leapfrog's kinetic energy needs no knowledge of the contact impulses to come. Terms of seen sleepers are taken from the
+// scratch.
+void measure_energy(const EnergyInputs& inputs, double start, EnergyScratch& scratch, Energy& energy, const Sleepers& sleepers = {});
 
 // Adds the energies of one body, J: none where neither forces nor springs move it.
-void add_body_energy(const Springs& springs, const Bodies& bodies, const Poses& poses, const Particles& particles, const Anchors& anchors,
-                     const Vec3d& gravity, uint32_t body, BodyEnergyScratch& scratch, Energy& energy, const OtherForces& other = {});
+void add_body_energy(const EnergyInputs& inputs, uint32_t body, BodyEnergyScratch& scratch, Energy& energy);
 
 // Linear momentum (kg m/s) and angular momentum about the world origin (kg m^2/s) of one deformable or free body.
 struct Momentum {

@@ -6,7 +6,9 @@
 #include "engine/bit_rows.hpp"
 #include "engine/geometry/contact_kernels.hpp"
 #include "engine/open_rows.hpp"
+#include "engine/pair_sides.hpp"
 #include "engine/parallel.hpp"
+#include "engine/write_contact.hpp"
 namespace trocar {
 namespace {
 
@@ -315,9 +317,7 @@ void find_side(const EdgeInput& in, const Side& side, Range& found, EdgeChunk& c
 }
 
 Side make_side(const EdgeInput& in, const CandidatePairs& pairs, std::span<const std::unique_ptr<ClosestPointTree>> trees, uint32_t row) {
-    const uint32_t pair = row / 2;
-    const bool reversed = row % 2 != 0;
-    const uint32_t body = reversed ? pairs.b[pair] : pairs.a[pair], other = reversed ? pairs.a[pair] : pairs.b[pair];
+    const auto [pair, body, other, reversed] = pair_side(pairs, row);
     const Bodies& bodies = in.surfaces.bodies;
     return {row,
             body,
@@ -330,21 +330,6 @@ Side make_side(const EdgeInput& in, const CandidatePairs& pairs, std::span<const
             doubtful_depth(in.surfaces, other)};
 }
 
-void write_edge(const Surfaces& s, uint32_t pair, uint32_t body, uint32_t other, const EdgeContact& e, Contacts& to, uint32_t row) {
-    to.pair[row] = pair;
-    to.body[row] = body;
-    to.other[row] = other;
-    to.vertex[row] = e.vertex;
-    to.along[row] = e.along;
-    to.third[row] = kNone;
-    to.across[row] = 0;
-    to.point[row] = frame_to_world(s, other, e.point);
-    to.closest[row] = frame_to_world(s, other, e.answer.point);
-    to.normal[row] = direction_to_world(s, other, e.answer.normal);
-    to.distance[row] = e.answer.distance;
-    to.triangle[row] = e.answer.triangle;
-}
-
 // The edges of a side come after its vertices.
 void find_places(const CandidatePairs& pairs, const Contacts& contacts, EdgePassScratch& scratch) {
     const uint32_t sides = 2 * uint32_t(pairs.a.size()), vertices = uint32_t(contacts.pair.size());
@@ -352,8 +337,8 @@ void find_places(const CandidatePairs& pairs, const Contacts& contacts, EdgePass
     scratch.first.resize(sides);
     uint32_t contact = 0;
     for (uint32_t row = 0; row < sides; ++row) {
-        const uint32_t pair = row / 2, body = row % 2 ? pairs.b[pair] : pairs.a[pair];
-        while (contact < vertices && contacts.pair[contact] == pair && contacts.body[contact] == body) ++contact;
+        const PairSide side = pair_side(pairs, row);
+        while (contact < vertices && contacts.pair[contact] == side.pair && contacts.body[contact] == side.body) ++contact;
         scratch.first[row] = contact + uint32_t(scratch.before.size());
         scratch.before.insert(scratch.before.end(), scratch.side[row].count, contact);
     }
@@ -388,10 +373,12 @@ void find_edge_contacts(const ContactParams& params, const Surfaces& surfaces, c
     parallel_for(count, grain, [&](uint32_t begin, uint32_t end) {
         const EdgeChunk& chunk = scratch.chunk[begin / grain];
         for (uint32_t row = 2 * begin; row < 2 * end; ++row) {
-            const uint32_t pair = row / 2, body = row % 2 ? pairs.b[pair] : pairs.a[pair], other = row % 2 ? pairs.a[pair] : pairs.b[pair];
-            const EdgeContact* found = chunk.found.data() + scratch.side[row].first;
-            for (uint32_t i = 0; i < scratch.side[row].count; ++i)
-                write_edge(surfaces, pair, body, other, found[i], contacts, scratch.first[row] + i);
+            const PairSide side = pair_side(pairs, row);
+            for (uint32_t i = 0; i < scratch.side[row].count; ++i) {
+                const EdgeContact& e = chunk.found[scratch.side[row].first + i];
+                write_contact(surfaces, {side.pair, side.body, side.other, e.vertex, e.along}, e.point, e.answer, contacts,
+                              scratch.first[row] + i);
+            }
         }
     });
 }

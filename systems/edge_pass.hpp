@@ -52,10 +52,10 @@ struct EdgePassScratch {
     std::vector<uint32_t> first;   // per side: row of Contacts of the first found
 };
 
-// Deepest inside point of edges that cross the other surface, to params.tolerance (m), or the deepest that 48 queries of an edge
-// find: every edge with both ends outside; an edge with an end inside only when some point of it can be deeper than its ends by more than
-// the tolerance. Inserts edge rows into contacts, keeping the order pair, side, vertex before edge, index. Surfaces of sheets have no
-// inside and get none.
+// Deepest inside point of edges that cross the other surface, to params.tolerance (m), or the deepest that 48 queries of an
+// edge find: every edge with both ends outside; an edge with an end inside only when some point of it can be deeper than its
+// ends by more than the tolerance. Inserts edge rows into contacts, keeping the order pair, side, vertex before edge, index.
+// Surfaces of sheets have no inside and get none.
 void find_edge_contacts(const ContactParams& params, const Surfaces& surfaces, const CandidatePairs& pairs,
                         const CandidateTriangles& candidates, const NearVertices& near,
                         std::span<const std::unique_ptr<ClosestPointTree>> trees, EdgePassScratch& scratch, Report& report,

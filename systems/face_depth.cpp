@@ -4,7 +4,9 @@
 #include <cmath>
 
 #include "engine/geometry/contact_kernels.hpp"
+#include "engine/pair_sides.hpp"
 #include "engine/parallel.hpp"
+#include "engine/write_contact.hpp"
 namespace trocar {
 namespace {
 
@@ -232,14 +234,13 @@ void search_deepest(const Input& in, const Side& side, Best& best, double& left,
 
 Side make_side(const Input& in, const CandidatePairs& pairs, std::span<const std::unique_ptr<ClosestPointTree>> trees, uint32_t row) {
     const Surfaces& s = in.surfaces;
-    const uint32_t a = pairs.a[row / 2], b = pairs.b[row / 2];
-    const uint32_t body = row % 2 ? b : a, other = row % 2 ? a : b;
+    const auto [pair, body, other, reversed] = pair_side(pairs, row);
     return {body,
             other,
-            row % 2 != 0,
+            reversed,
             in.screened.body[body],
             in.near.side[row],
-            in.candidates.pair[row / 2],
+            in.candidates.pair[pair],
             mesh_view(s.meshes, s.bodies.mesh[body]),
             mesh_view(s.meshes, s.bodies.mesh[other]),
             has_inside(s, other) ? trees[s.bodies.tree[other]].get() : nullptr,
@@ -294,18 +295,7 @@ double search_pair(const Input& in, const std::array<Side, 2>& sides, const Cont
 
 void write_face(const Surfaces& s, uint32_t pair, const Side& side, const FaceContact& f, Contacts& to, uint32_t row) {
     const Triangle& t = side.mesh.triangle[f.face];
-    to.pair[row] = pair;
-    to.body[row] = side.body;
-    to.other[row] = side.other;
-    to.vertex[row] = {t[0], t[1]};
-    to.along[row] = f.along;
-    to.third[row] = t[2];
-    to.across[row] = f.across;
-    to.point[row] = frame_to_world(s, side.other, f.point);
-    to.closest[row] = frame_to_world(s, side.other, f.answer.point);
-    to.normal[row] = direction_to_world(s, side.other, f.answer.normal);
-    to.distance[row] = f.answer.distance;
-    to.triangle[row] = f.answer.triangle;
+    write_contact(s, {pair, side.body, side.other, {t[0], t[1]}, f.along, t[2], f.across}, f.point, f.answer, to, row);
 }
 
 }  // namespace
@@ -343,7 +333,7 @@ void find_face_contacts(const ContactParams& params, uint32_t most_queries, cons
     uint32_t from = uint32_t(contacts.pair.size()), to = uint32_t(rows);
     resize_contacts(contacts, rows);
     for (uint32_t row = 2 * count; row-- > 0;) {
-        const uint32_t body = row % 2 ? pairs.b[row / 2] : pairs.a[row / 2];
+        const uint32_t body = pair_side(pairs, row).body;
         if (scratch.side[row].count > 0) {
             const Side side = make_side(in, pairs, trees, row);
             const FaceContact* found = scratch.chunk[row / 2 / grain].found.data() + scratch.side[row].first;

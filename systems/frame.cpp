@@ -158,10 +158,10 @@ namespace {
 // Energy of the bodies from row `first` on, J.
 double energy_from(FrameState& f, size_t first) {
     const World& w = f.world;
+    const EnergyInputs inputs = energy_inputs(f, other_forces(f));
     Energy sum;
     for (uint32_t body = static_cast<uint32_t>(first); body < w.bodies.mesh.size(); ++body)
-        add_body_energy(w.springs, w.bodies, w.poses, w.particles, w.anchors, w.settings.gravity, body, f.scratch.energy.part[0], sum,
-                        other_forces(f));
+        add_body_energy(inputs, body, f.scratch.energy.part[0], sum);
     return sum.kinetic + sum.elastic + sum.pressure + sum.bending + sum.gravity;
 }
 

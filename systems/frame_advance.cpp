@@ -69,7 +69,8 @@ void advance_one_island(FrameState& f, uint32_t row, AdvanceScratch& scratch) {
                                f.scratch.device, params.ticks + 1, other_forces(f), f.scratch.stop, w.haptics.jaw};
     params.substeps *=
         finer_steps(inputs, w.particles, bodies, w.rows, rows, params.ticks * 1e-3 / params.substeps, params.ticks * 1e-3, scratch.touched);
-    advance_island(params, inputs, bodies, rows, scratch, w.particles, w.poses, w.rows, w.haptics.state, f.scratch.advance_result[row]);
+    const AdvanceState state{w.particles, w.poses, w.rows, w.haptics.state};
+    advance_island(params, inputs, bodies, rows, scratch, state, f.scratch.advance_result[row]);
 }
 
 // An island's span in the trace; small ones are left out.

@@ -78,19 +78,17 @@ void link(FrameState& f) {
 void tear(FrameState& f) {
     World& w = f.world;
     const TearPass pass{pass_seconds(w), w.settings.gravity, w.springs, w.solids, w.bodies, w.poses, w.anchors};
-    cut_bodies(pass, w.particles, w.meshes, w.trees, w.tears, w.torn, w.torn_springs, w.sleep, w.energy, w.report);
+    cut_bodies(pass, w.particles, w.meshes, w.trees, w.tears, w.sleep, {w.torn, w.torn_springs, w.energy, w.report});
     copy_torn_springs(w.springs, w.solids, w.bodies, w.tears, w.torn, w.torn_springs);
 }
 // Those whose life is over leave, those who are due come; a slot that becomes free in this pass is given away in the next.
 void come_and_go(FrameState& f) {
     World& w = f.world;
     std::vector<uint32_t>& leaving = f.scratch.leaving;
-    const OtherForces other{&w.solids};
+    const EnergyInputs inputs = energy_inputs(f, {&w.solids});
     const auto energies = [&] {
         Energy sum;
-        for (const uint32_t body : leaving)
-            add_body_energy(w.springs, w.bodies, w.poses, w.particles, w.anchors, w.settings.gravity, body, f.scratch.energy.part[0], sum,
-                            other);
+        for (const uint32_t body : leaving) add_body_energy(inputs, body, f.scratch.energy.part[0], sum);
         return sum.kinetic + sum.elastic + sum.pressure + sum.bending + sum.gravity;
     };
     find_leaving(w.pools, w.lives, w.clock.tick, leaving);
@@ -118,8 +116,8 @@ void sleep(FrameState& f) {
         f.scratch.moving[w.paths.body[p]] = now <= w.paths.key[w.paths.keys[p].end() - 1].time + 2 * period_seconds(w);
     }
     for (const auto& drive : w.nodes.drive) f.scratch.moving[drive.body] = 1;
-    fall_asleep_and_wake(w.settings, w.clock.period, w.bodies, f.scratch.moving, f.scratch.sleep, w.sleep, w.particles, w.poses, w.pairs,
-                         w.energy, w.report, linked_bodies(f));
+    const SleepPass pass{w.settings, w.clock.period, w.bodies, f.scratch.moving, linked_bodies(f)};
+    fall_asleep_and_wake(pass, f.scratch.sleep, w.sleep, w.particles, w.poses, w.pairs, w.energy, w.report);
     count_out_away(w);
     number_sleeps(f);
 }

@@ -7,15 +7,15 @@ void surface_normals(FrameState& f) {
 }
 void energy(FrameState& f) {
     World& w = f.world;
-    measure_energy(w.springs, w.bodies, w.poses, w.particles, w.anchors, w.settings.gravity, 0, f.scratch.energy, w.energy, other_forces(f),
-                   sleepers(f, kSeenByEnergy));
+    measure_energy(energy_inputs(f, other_forces(f)), 0, f.scratch.energy, w.energy, sleepers(f, kSeenByEnergy));
     if (!f.energy_open) f.energy_start = w.energy.balance, f.energy_open = true;
     w.energy.balance -= f.energy_start;
 }
 void picture(FrameState& f) {
     World& w = f.world;
-    write_picture_snapshot(w.clock.picture, pass_seconds(w), surfaces_of(w), w.normals, w.contacts, w.penetrations, w.haptics, w.picture,
-                           &w.tears, sleepers(f, kSeenByPicture));
+    const PictureInputs inputs{w.clock.picture, pass_seconds(w), surfaces_of(w), w.normals,
+                               w.contacts,      w.penetrations,  w.haptics,      &w.tears};
+    write_picture_snapshot(inputs, w.picture, sleepers(f, kSeenByPicture));
     for (uint32_t body = 0; body < w.lives.away.size(); ++body)
         if (is_away(w.lives, body)) w.picture.body[body].mesh = kNone;
     for (uint32_t body = 0; body < w.node_state.off.size(); ++body)

@@ -34,4 +34,9 @@ OtherForces other_forces(FrameState& f) {
     return other;
 }
 
+EnergyInputs energy_inputs(FrameState& f, const OtherForces& other) {
+    const World& w = f.world;
+    return {w.springs, w.bodies, w.poses, w.particles, w.anchors, w.settings.gravity, other};
+}
+
 }  // namespace trocar

@@ -128,5 +128,6 @@ void number_sleeps(FrameState& frame);
 // Pairs of bodies that links and jaws join; valid until the next call.
 std::span<const std::array<uint32_t, 2>> linked_bodies(FrameState& frame);
 OtherForces other_forces(FrameState& frame);
+EnergyInputs energy_inputs(FrameState& frame, const OtherForces& other);
 
 }  // namespace trocar

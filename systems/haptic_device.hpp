@@ -2,8 +2,8 @@
 #include "components/haptics.hpp"
 namespace trocar {
 
-// Takes the sample into state.device, or refuses and counts it: not finite, out of order, farther or faster than a hand can move.
-// The device stays where it was then.
+// Takes the sample into state.device, or refuses and counts it: not finite, out of order, farther or faster than a hand can
+// move. The device stays where it was then.
 bool take_sample(const HapticParams& params, const DeviceState& sample, ToolState& state);
 
 // The device with the velocity that its places of the last milliseconds say: a sample's own is as good as its sender.

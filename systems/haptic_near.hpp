@@ -59,9 +59,9 @@ struct TriangleAhead {
     double from = 0;        // share of the step before which it is not touched
 };
 
-// The triangles that a tip may come to in a tick. Groups that it cannot touch before it went some way sleep until then; the others
-// are seen eight triangles at a time, as floats, which tells the few that have to be asked exactly. That saves time and never changes
-// an answer.
+// The triangles that a tip may come to in a tick. Groups that it cannot touch before it went some way sleep until then; the
+// others are seen eight triangles at a time, as floats, which tells the few that have to be asked exactly. That saves time
+// and never changes an answer.
 struct NearSurface {
     std::vector<NearGroup> group;        // ascending
     std::vector<GroupSight> sight;       // of each, since it was looked at
@@ -91,8 +91,8 @@ void go_to(const Vec3d& centre, NearSurface& near);
 
 // Fills near.ahead with the triangles that may be within `beyond` (m) of touching the tip where it is, ascending.
 void find_within(double beyond, NearSurface& near);
-// Fills near.ahead with those that the tip may come to touch along a step and does not touch beyond doubt where it is, ascending: distances
-// from triangles are convex, so they lie above their tangents.
+// Fills near.ahead with those that the tip may come to touch along a step and does not touch beyond doubt where it is,
+// ascending: distances from triangles are convex, so they lie above their tangents.
 void find_ahead(const Vec3d& step, NearSurface& near);
 
 // The row of a triangle of the model, which is placed if it was not yet.

@@ -38,8 +38,9 @@ Vec3d limited_to(const Vec3d& v, double most) {
     return length > most ? Vec3d(v * (most * (1 - 1e-12) / length)) : v;
 }
 
-Vec3d dissipate(const Dissipation& limits, double dt, const Vec3d& device, const Vec3d& velocity, const Vec3d& proxy, const Vec3d& pull,
-                const Vec3d& contact_force, SafetyState& state) {
+Vec3d dissipate(const Dissipation& limits, double dt, const CouplingEnds& ends, const Vec3d& pull, const Vec3d& contact_force,
+                SafetyState& state) {
+    const auto& [device, velocity, proxy] = ends;
     if (!state.started) {
         state.started = true;
         state.from_device = device;
@@ -58,8 +59,9 @@ Vec3d dissipate(const Dissipation& limits, double dt, const Vec3d& device, const
     return force;
 }
 
-Vec3d dissipate_turning(const Dissipation& limits, double dt, const Quat& device, const Vec3d& spin, const Quat& proxy, const Vec3d& pull,
-                        const Vec3d& contact_torque, SafetyState& state) {
+Vec3d dissipate_turning(const Dissipation& limits, double dt, const TurningEnds& ends, const Vec3d& pull, const Vec3d& contact_torque,
+                        SafetyState& state) {
+    const auto& [device, spin, proxy] = ends;
     const Vec3d mean = 0.5 * (state.pull_torque + pull);
     state.turn_energy +=
         mean.dot(rotation_vector(state.from_proxy_turn, proxy)) - state.contact_torque.dot(rotation_vector(state.from_device_turn, device));

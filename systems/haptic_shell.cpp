@@ -448,18 +448,27 @@ void note_touch(double elapsed, const std::vector<ShellPlane>& planes, ToolState
     if (press > 0) state.carried += elapsed / press * velocity;
 }
 
-// From the last command towards what is wanted, as far as the motions since then explain and a little more each tick: the
+// What has changed since the last tick: a change of the command may follow from it.
+struct TickChange {
+    double elapsed = 0;      // s
+    double device_way = 0;   // m
+    double device_turn = 0;  // rad
+    double surface_way = 0;  // m, of surfaces against the tool and of its jaws against them
+    double damping = 0;      // N, of the damping forces
+    double gain = 0;         // of ToolState::gain
+};
+
+// From the last command towards what is wanted, as far as the changes since then explain and a little more each tick: the
 // same share of force and torque, so that they stay those of the same contacts.
-void slew_command(const HapticParams& params, const HandTool& tool, const Wrench& wanted, double elapsed, double device_way,
-                  double device_turn, double surface_way, double damping_change, double gain_change, ToolState& state) {
+void slew_command(const HapticParams& params, const HandTool& tool, const TickChange& change, const Wrench& wanted, ToolState& state) {
     double lever = 1e-3;  // m
     for (const ShellContact& c : state.contact) lever = std::max(lever, c.arm.norm());
     // what is let go keeps the lever that it had
     if (const double last = state.command.force.norm(); last > 0)
         lever = std::max(lever, std::min(tool.shell_radius, state.command.torque.norm() / last));
-    const double ramp = params.force_slew * elapsed + tool.max_force * gain_change + damping_change;
-    const double force_room = tool.coupling_stiffness * (device_way + device_turn * lever + surface_way) + ramp;
-    const double torque_room = tool.turn_stiffness * device_turn + lever * force_room;
+    const double ramp = params.force_slew * change.elapsed + tool.max_force * change.gain + change.damping;
+    const double force_room = tool.coupling_stiffness * (change.device_way + change.device_turn * lever + change.surface_way) + ramp;
+    const double torque_room = tool.turn_stiffness * change.device_turn + lever * force_room;
     const double force_change = (wanted.force - state.command.force).norm(), torque_change = (wanted.torque - state.command.torque).norm();
     double share = 1;
     if (force_change > force_room) share = std::min(share, force_room / force_change);
@@ -551,8 +560,13 @@ void shell_tick(const HapticParams& params, const LocalContactModel& model, doub
     state.pull = wanted.force;
     state.pull_torque = wanted.torque;
     if (accepted) {
-        slew_command(params, tool, wanted, span.elapsed, device_way, device_turn.norm(), surface_way + jaw_way,
-                     damping * (state.device.velocity - last.velocity).norm(), std::abs(state.gain - last_gain), state);
+        const TickChange change{.elapsed = span.elapsed,
+                                .device_way = device_way,
+                                .device_turn = device_turn.norm(),
+                                .surface_way = surface_way + jaw_way,
+                                .damping = damping * (state.device.velocity - last.velocity).norm(),
+                                .gain = std::abs(state.gain - last_gain)};
+        slew_command(params, tool, change, wanted, state);
     } else {
         state.command = {};
     }

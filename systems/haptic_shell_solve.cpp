@@ -197,6 +197,4 @@ ShellStep solve_shell(const ShellSprings& springs, std::span<const ShellPlane> p
     return step;
 }
 
-double stiffest_coupling(double damping, double dt, double delay) { return damping / (0.5 * dt + delay); }
-
 }  // namespace trocar

@@ -55,8 +55,4 @@ ShellForce shell_force(const ShellSprings& springs, const ShellPlane& plane, con
 // Haptics 1(1), 2008, section 5): what the device feels is never stiffer than the coupling, however stiff and many the points are.
 ShellStep solve_shell(const ShellSprings& springs, std::span<const ShellPlane> planes, const ShellStep& start = {});
 
-// The stiffest coupling (N/m or N m/rad) that stays passive when a device of damping `damping` (N s/m or N m s/rad) feels
-// it in ticks of `dt` s, each force `delay` s late: b / (dt / 2 + delay) (Colgate & Schenkel 1997; Gil et al. 2009).
-double stiffest_coupling(double damping, double dt, double delay = 0);
-
 }  // namespace trocar

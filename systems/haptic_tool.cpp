@@ -137,14 +137,14 @@ void tick_tool(const HapticParams& params, const LocalContactModel& model, doubl
     const Vec3d felt =
         surface ? textured_force(*surface, state.model_age, feel.stiffness, state, state.command.force) : state.command.force;
     const Vec3d proxy = state.proxy_valid ? state.proxy : state.device.position;
-    wanted.force = dissipate({tool.limits.dissipation, tool.max_force}, params.dt, state.device.position, state.device.velocity, proxy,
+    wanted.force = dissipate({tool.limits.dissipation, tool.max_force}, params.dt, {state.device.position, state.device.velocity, proxy},
                              safety.gain * state.pull, safety.gain * felt, safety);
     if (!tool.shell.empty()) {
         const Quat& turn = state.proxy_valid ? state.proxy_turn : state.device.orientation;
         const Vec3d twist = (touched_place(state) - state.proxy).cross(felt - state.command.force);
-        wanted.torque =
-            dissipate_turning({tool.limits.turn_dissipation, tool.limits.torque}, params.dt, state.device.orientation, state.device_spin,
-                              turn, safety.gain * state.pull_torque, safety.gain * (state.command.torque + twist), safety);
+        wanted.torque = dissipate_turning({tool.limits.turn_dissipation, tool.limits.torque}, params.dt,
+                                          {state.device.orientation, state.device_spin, turn}, safety.gain * state.pull_torque,
+                                          safety.gain * (state.command.torque + twist), safety);
     }
     add_contact_stiffness(feel.stiffness, state.command.force, wanted.stiffness);
     const double gain = safety.gain * state.gain;

@@ -14,9 +14,8 @@ struct IslandsScratch {
 };
 
 // Groups the bodies that move by force (deformable, hand, free) into islands joined by contact rows and by the pairs of
-// bodies in `joined`; static and scripted
-// bodies join nothing and belong to none. Every such body is in exactly one island. Islands ascend by smallest body,
-// bodies and rows inside ascend.
+// bodies in `joined`; each is in exactly one island. Static and scripted bodies join nothing and belong to none. Islands
+// ascend by smallest body, bodies and rows inside ascend.
 void find_islands(const Bodies& bodies, const ContactRows& rows, IslandsScratch& scratch, Islands& islands,
                   std::span<const std::array<uint32_t, 2>> joined = {});
 

@@ -24,8 +24,8 @@ struct PartedTrianglesScratch {
 };
 
 // Drops from candidates.triangle the pairs of which one triangle surely lies on one side of the other's plane: boxes of
-// slanting triangles meet long before they do. Order is kept. Marks in candidates.beside those that both pass the line common to
-// their planes, but surely beside each other: they do not cross, but are near, and their corners may yet meet.
+// slanting triangles meet long before they do. Order is kept. Marks in candidates.beside those that both pass the line
+// common to their planes, but surely beside each other: they do not cross, but are near, and their corners may yet meet.
 void drop_parted_triangles(const Surfaces& surfaces, const CandidatePairs& pairs, PartedTrianglesScratch& scratch,
                            CandidateTriangles& candidates);
 

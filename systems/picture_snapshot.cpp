@@ -135,16 +135,14 @@ void copy_removed(const Surfaces& surfaces, const Tears* tears, PictureSnapshot&
 
 }  // namespace
 
-void write_picture_snapshot(uint64_t number, double time, const Surfaces& surfaces, const SurfaceNormals& normals, const Contacts& contacts,
-                            const Penetrations& penetrations, const Haptics& haptics, PictureSnapshot& out, const Tears* tears,
-                            const Sleepers& sleepers) {
-    out.number = number;
-    out.time = time;
-    copy_bodies(surfaces, normals, sleepers, out);
-    copy_depths(surfaces, contacts, out);
-    copy_witnesses(contacts, penetrations, out);
-    copy_tools(haptics, out);
-    copy_removed(surfaces, tears, out);
+void write_picture_snapshot(const PictureInputs& inputs, PictureSnapshot& out, const Sleepers& sleepers) {
+    out.number = inputs.number;
+    out.time = inputs.time;
+    copy_bodies(inputs.surfaces, inputs.normals, sleepers, out);
+    copy_depths(inputs.surfaces, inputs.contacts, out);
+    copy_witnesses(inputs.contacts, inputs.penetrations, out);
+    copy_tools(inputs.haptics, out);
+    copy_removed(inputs.surfaces, inputs.tears, out);
 }
 
 }  // namespace trocar

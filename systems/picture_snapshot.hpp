@@ -7,12 +7,21 @@
 #include "engine/surfaces.hpp"
 namespace trocar {
 
-// Copies what a picture shows into `out`, whose capacity is reused. `normals` as compute_surface_normals gives them.
-// A vertex gets the deepest of its contacts; both ends of an edge contact get that contact's depth. Contacts outside
-// (distance >= 0) count as no depth. With `tears`, what cuts have removed is named. Non-finite vertices are copied as they are and left out
-// of the boxes. Seen sleepers keep what they have in `out`.
-void write_picture_snapshot(uint64_t number, double time, const Surfaces& surfaces, const SurfaceNormals& normals, const Contacts& contacts,
-                            const Penetrations& penetrations, const Haptics& haptics, PictureSnapshot& out, const Tears* tears = nullptr,
-                            const Sleepers& sleepers = {});
+// What a picture is made of.
+struct PictureInputs {
+    uint64_t number = 0;
+    double time = 0;  // s
+    Surfaces surfaces;
+    const SurfaceNormals& normals;  // as compute_surface_normals gives them
+    const Contacts& contacts;
+    const Penetrations& penetrations;
+    const Haptics& haptics;
+    const Tears* tears = nullptr;  // names what cuts have removed; or null
+};
+
+// Copies what a picture shows into `out`, whose capacity is reused. A vertex gets the deepest of its contacts; both
+// ends of an edge contact get that contact's depth. Contacts outside (distance >= 0) count as no depth. Non-finite vertices
+// are copied as they are and left out of the boxes. Seen sleepers keep what they have in `out`.
+void write_picture_snapshot(const PictureInputs& inputs, PictureSnapshot& out, const Sleepers& sleepers = {});
 
 }  // namespace trocar

@@ -21,15 +21,15 @@ struct ReachablePairsScratch {
     std::vector<uint8_t> reachable;  // per pair
 };
 
-// Drops pairs of deformable and free bodies that keep their distance in the coming period (s). A body's box looks as far ahead as
-// it moves; bodies that fall side by side would all look through each other although nothing moves between them. A pair
-// stays when along every axis the gap of the bodies is less than what they come nearer by their mean velocities, what
+// Drops pairs of deformable and free bodies that keep their distance in the coming period (s). A body's box looks as far
+// ahead as it moves; bodies that fall side by side would all look through each other although nothing moves between them. A
+// pair stays when along every axis the gap of the bodies is less than what they come nearer by their mean velocities, what
 // vertices stray from them (as body_boxes bounds it) and what gravity may add to one of them alone; or when one of them may
-// be touched by anything else in this period, for then it need not keep its velocity. Of a free body, against free, static and
-// deformable ones, that is asked of the ball around it, which turns. Order is kept. Sleepers are looked at once.
-// scratch.jolt of a body is the largest way, m, that one it stays in a pair with may push it: (nearing - gap) + fall along the axis
-// on which their boxes are farthest apart (from middle to middle where they meet), with nearing = (velocity difference) * period;
-// none where they do not run into each other. Static bodies are not pushed.
+// be touched by anything else in this period, for then it need not keep its velocity. Of a free body, against free, static
+// and deformable ones, that is asked of the ball around it, which turns. Order is kept. Sleepers are looked at once.
+// scratch.jolt of a body is the largest way, m, that one it stays in a pair with may push it: (nearing - gap) + fall along
+// the axis on which their boxes are farthest apart (from middle to middle where they meet), with nearing = (velocity
+// difference) * period; none where they do not run into each other. Static bodies are not pushed.
 void drop_unreachable_pairs(double period, const Vec3d& gravity, const Surfaces& surfaces, const BodyBoxes& boxes,
                             ReachablePairsScratch& scratch, CandidatePairs& pairs, const Sleepers& sleepers = {});
 

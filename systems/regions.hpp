@@ -7,14 +7,14 @@ namespace trocar {
 
 // A part of an edge that is inside the other body; 0 and 1 are its lower and its other vertex.
 struct InsideSpan {
-    uint32_t node;  // where it begins
-    double from, to;
+    uint32_t node;    // where it begins
+    double from, to;  // parts of the way from the lower vertex
 };
 
 // What is summed of one region before it becomes a row.
 struct RegionSum {
     uint32_t vertices_a = 0, vertices_b = 0, curves = 0, witness = kNone;
-    double contour = 0, area = 0, volume = 0, depth = 0;
+    double contour = 0, area = 0, volume = 0, depth = 0;  // m, m^2, m^3, m
     Box box;
 };
 
@@ -38,11 +38,11 @@ struct RegionsScratch {
     std::vector<uint32_t> contact_first;  // per pair, one more
 };
 
-// Groups what overlaps into connected regions: inside vertices and inside parts of edges joined over the edges of each
-// mesh and across the contour. Area and volume come from Green's and Gauss' theorem over the clipped surfaces, so they
-// are those of the meshes to rounding. A void (a patch that encloses a negative volume) belongs to the region around
-// it; a place where bodies only touch is none, a body on its copy one without a witness. Both bodies must be closed; pairs with a sheet
-// have no regions.
+// Groups what overlaps into connected regions: inside vertices and inside parts of edges joined over the edges of each mesh
+// and across the contour. Area and volume come from Green's and Gauss' theorem over the clipped surfaces, so they are those
+// of the meshes to rounding. A void (a patch that encloses a negative volume) belongs to the region around it; a place where
+// bodies only touch is none, a body on its copy one without a witness. Both bodies must be closed; pairs with a sheet have
+// no regions.
 void find_regions(const Surfaces& surfaces, const CandidatePairs& pairs, const ScreenedTriangles& screened, const NearVertices& near,
                   const Contacts& contacts, const Contours& contours, RegionsScratch& scratch, OverlapRegions& regions);
 

@@ -55,11 +55,11 @@ double stop(const Bodies& bodies, uint32_t body, Particles& particles, Poses& po
 }
 
 // Counts on for how long every body that is awake has been slow, ms.
-void note_slow_bodies(const SceneSettings& settings, uint32_t period, const Bodies& bodies, const Particles& particles, const Poses& poses,
-                      Sleep& sleep) {
-    const double speed = settings.sleep_speed;
+void note_slow_bodies(const SleepPass& pass, const Particles& particles, const Poses& poses, Sleep& sleep) {
+    const Bodies& bodies = pass.bodies;
+    const double speed = pass.settings.sleep_speed;
     const auto note = [&](uint32_t body, bool slow) {
-        sleep.still[body] = slow ? std::min(sleep.still[body] + period, uint32_t{1} << 30) : 0;
+        sleep.still[body] = slow ? std::min(sleep.still[body] + pass.period, uint32_t{1} << 30) : 0;
     };
     for (uint32_t b = 0; b < bodies.motion.size(); ++b)
         if (is_deformable(bodies, b) && !is_asleep(sleep, b)) note(b, is_slow(particles, bodies.particles[b], speed));
@@ -74,24 +74,24 @@ void note_slow_bodies(const SceneSettings& settings, uint32_t period, const Bodi
 }
 
 // Groups of bodies whose boxes meet, and which of them have something restless.
-void find_groups(const SceneSettings& settings, const Bodies& bodies, std::span<const uint8_t> moving, const Sleep& sleep,
-                 const CandidatePairs& pairs, std::span<const std::array<uint32_t, 2>> joined, SleepScratch& s) {
+void find_groups(const SleepPass& pass, const Sleep& sleep, const CandidatePairs& pairs, SleepScratch& s) {
+    const Bodies& bodies = pass.bodies;
     const uint32_t count = static_cast<uint32_t>(bodies.motion.size());
     s.parent.resize(count);
     s.restless.resize(count);
-    const double enough = settings.sleep_after * 1e3;
+    const double enough = pass.settings.sleep_after * 1e3;
     const auto lies_anyway = [&](uint32_t b) {
-        return bodies.motion[b] == Motion::kStatic || (bodies.motion[b] == Motion::kKinematic && !moving[b]);
+        return bodies.motion[b] == Motion::kStatic || (bodies.motion[b] == Motion::kKinematic && !pass.moving[b]);
     };
     for (uint32_t b = 0; b < count; ++b) {
         s.parent[b] = b;
-        s.restless[b] = may_sleep(bodies, b) ? moving[b] || sleep.still[b] < enough : !lies_anyway(b);
+        s.restless[b] = may_sleep(bodies, b) ? pass.moving[b] || sleep.still[b] < enough : !lies_anyway(b);
     }
     const auto join = [&](uint32_t body, uint32_t other) {
         if (!lies_anyway(body) && !lies_anyway(other)) join_sets(s.parent, body, other);
     };
     for (size_t i = 0; i < pairs.a.size(); ++i) join(pairs.a[i], pairs.b[i]);
-    for (const auto& [body, other] : joined) join(body, other);
+    for (const auto& [body, other] : pass.joined) join(body, other);
     for (uint32_t b = 0; b < count; ++b) {
         if (s.restless[b]) s.restless[find_set(s.parent, b)] = 1;
     }
@@ -99,14 +99,14 @@ void find_groups(const SceneSettings& settings, const Bodies& bodies, std::span<
 
 }  // namespace
 
-void fall_asleep_and_wake(const SceneSettings& settings, uint32_t period, const Bodies& bodies, std::span<const uint8_t> moving,
-                          SleepScratch& s, Sleep& sleep, Particles& particles, Poses& poses, CandidatePairs& pairs, Energy& energy,
-                          Report& report, std::span<const std::array<uint32_t, 2>> joined) {
+void fall_asleep_and_wake(const SleepPass& pass, SleepScratch& s, Sleep& sleep, Particles& particles, Poses& poses, CandidatePairs& pairs,
+                          Energy& energy, Report& report) {
+    const Bodies& bodies = pass.bodies;
     const uint32_t count = static_cast<uint32_t>(bodies.motion.size());
     sleep.still.resize(count, 0);
     sleep.group.resize(count, kNone);
-    note_slow_bodies(settings, period, bodies, particles, poses, sleep);
-    find_groups(settings, bodies, moving, sleep, pairs, joined, s);
+    note_slow_bodies(pass, particles, poses, sleep);
+    find_groups(pass, sleep, pairs, s);
     report.awake_bodies = report.asleep_bodies = 0;
     for (uint32_t b = 0; b < count; ++b) {
         if (!may_sleep(bodies, b)) continue;

@@ -15,17 +15,23 @@ struct SleepScratch {
     std::vector<uint8_t> restless;  // per body; of a root: something of its group moves
 };
 
+// What a pass decides by.
+struct SleepPass {
+    const SceneSettings& settings;
+    uint32_t period = 0;  // ms
+    const Bodies& bodies;
+    std::span<const uint8_t> moving;                  // per body: its script or drive moves it in this pass
+    std::span<const std::array<uint32_t, 2>> joined;  // bodies of one group wherever their boxes are
+};
+
 // Decides who sleeps in this pass, before contacts are looked for. Bodies whose enlarged boxes meet, directly or through
 // others, are a group (static bodies and scripted ones at the end of their path join nothing). A group sleeps when all of
-// it is deformable or free and has been slower than settings.sleep_speed (root mean square over the mass; no particle ten times as
-// fast) for settings.sleep_after; whatever comes near enough for
-// its box to meet one of theirs wakes them all, a pass before it can touch. Who falls asleep loses its velocities, whose
-// energy goes to work_numeric; bodies in a pair of `joined` are of one group as well; pairs of which nobody moves are dropped from `pairs`.
-// `moving` tells per body whether its script or drive moves it in this pass. period in ms. Same result for any number of threads; what it
-// keeps is in `sleep`.
-void fall_asleep_and_wake(const SceneSettings& settings, uint32_t period, const Bodies& bodies, std::span<const uint8_t> moving,
-                          SleepScratch& scratch, Sleep& sleep, Particles& particles, Poses& poses, CandidatePairs& pairs, Energy& energy,
-                          Report& report, std::span<const std::array<uint32_t, 2>> joined = {});
+// it is deformable or free and has been slower than settings.sleep_speed (root mean square over the mass; no particle ten
+// times as fast) for settings.sleep_after; whatever comes near enough for its box to meet one of theirs wakes them all, a
+// pass before it can touch. Who falls asleep loses its velocities, whose energy goes to work_numeric; pairs of which nobody
+// moves are dropped from `pairs`. Same result for any number of threads; what is kept from pass to pass is in `sleep`.
+void fall_asleep_and_wake(const SleepPass& pass, SleepScratch& scratch, Sleep& sleep, Particles& particles, Poses& poses,
+                          CandidatePairs& pairs, Energy& energy, Report& report);
 
 inline bool is_asleep(const Sleep& sleep, uint32_t body) { return body < sleep.group.size() && sleep.group[body] != kNone; }
 

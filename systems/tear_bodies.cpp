@@ -39,8 +39,8 @@ std::vector<uint8_t> hidden_flags(const Tears& tears, const TearBody& tear, cons
 }
 
 // Lets go the tetrahedra that a cut takes.
-void cut_solid(const TearPass& pass, const Cut& cut, const Meshes& meshes, const Tears& tears, const Particles& particles, Torn& torn,
-               TornSprings& torn_springs, Energy& energy, Report& report) {
+void cut_solid(const TearPass& pass, const Cut& cut, const Meshes& meshes, const Tears& tears, const Particles& particles,
+               TearState state) {
     const uint32_t body = tears.body[cut.tear].body, prototype = pass.bodies.mesh[body];
     const SolidInfo& info = pass.solids.info[prototype];
     std::vector<uint32_t> taken;
@@ -50,7 +50,7 @@ void cut_solid(const TearPass& pass, const Cut& cut, const Meshes& meshes, const
             middle += rest_of_node(meshes, pass.solids, prototype, corner[info.tetrahedra.first + t]) / 4;
         if (contains(cut.region, middle)) taken.push_back(t);
     }
-    remove_tetrahedra(pass.springs, pass.solids, pass.bodies, particles, tears, cut.tear, taken, torn, torn_springs, energy, report);
+    remove_tetrahedra(pass, particles, tears, cut.tear, taken, state);
 }
 
 // Notes the triangles that a cut takes.
@@ -93,9 +93,11 @@ double spring_energy(const Springs& springs, const Bodies& bodies, const Particl
 }
 
 // Breaks the springs along edges that are about to lose their last triangle.
-void break_bare_edges(const Springs& springs, const Bodies& bodies, const Particles& particles, const Meshes& meshes, const Tears& tears,
-                      uint32_t tear, std::span<const uint8_t> gone, Torn& torn, Energy& energy, Report& report) {
-    const uint32_t body = tears.body[tear].body, prototype = bodies.mesh[body];
+void break_bare_edges(const TearPass& pass, const Particles& particles, const Meshes& meshes, const Tears& tears, uint32_t tear,
+                      std::span<const uint8_t> gone, TearState state) {
+    const Springs& springs = pass.springs;
+    Torn& torn = state.torn;
+    const uint32_t body = tears.body[tear].body, prototype = pass.bodies.mesh[body];
     const MeshInfo& info = meshes.info[prototype];
     for (uint32_t e = info.edges.first; e < info.edges.end(); ++e) {
         const auto is_gone = [&](uint32_t t) { return t == kNone || gone[at_load(tears, tear, t)]; };
@@ -103,9 +105,9 @@ void break_bare_edges(const Springs& springs, const Bodies& bodies, const Partic
         const auto [from, to] = meshes.edge[e];
         const uint32_t row = half_edge(springs, prototype, from, to), back = half_edge(springs, prototype, to, from);
         if (row == kNone || back == kNone || torn.spring[row]) continue;
-        energy.work_links -= spring_energy(springs, bodies, particles, body, row, from, to);
+        state.energy.work_links -= spring_energy(springs, pass.bodies, particles, body, row, from, to);
         torn.spring[row] = torn.spring[back] = 1;
-        ++report.broken_springs;
+        ++state.report.broken_springs;
     }
 }
 
@@ -195,11 +197,12 @@ bool is_up_to_date(const Tears& tears, const TearBody& tear, const MeshInfo& inf
 }
 
 // Mass of what was let go since the last pass, and whether anything is lost at all.
-bool settle_solid(const TearPass& pass, const TearBody& tear, Particles& particles, Torn& torn, Energy& energy) {
-    const uint8_t* lost = lost_tetrahedra(pass, tear, torn);
+bool settle_solid(const TearPass& pass, const TearBody& tear, Particles& particles, TearState state) {
+    const uint8_t* lost = lost_tetrahedra(pass, tear, state.torn);
     const uint32_t count = pass.solids.info[pass.bodies.mesh[tear.body]].count;
     if (std::all_of(lost, lost + count, [](uint8_t state) { return state == 0; })) return false;
-    energy.work_links -= lose_mass(pass.solids, pass.bodies, pass.poses, pass.anchors, pass.gravity, tear.body, torn, particles);
+    state.energy.work_links -=
+        lose_mass(pass.solids, pass.bodies, pass.poses, pass.anchors, pass.gravity, tear.body, state.torn, particles);
     return true;
 }
 
@@ -216,23 +219,24 @@ void remove_triangles(const Tears& tears, uint32_t tear, std::span<const uint32_
     }
 }
 
-void remove_tetrahedra(const Springs& springs, const Solids& solids, const Bodies& bodies, const Particles& particles, const Tears& tears,
-                       uint32_t tear, std::span<const uint32_t> tetrahedron, Torn& torn, TornSprings& torn_springs, Energy& energy,
-                       Report& report) {
+void remove_tetrahedra(const TearPass& pass, const Particles& particles, const Tears& tears, uint32_t tear,
+                       std::span<const uint32_t> tetrahedron, TearState state) {
     const uint32_t body = tears.body[tear].body;
-    energy.work_links -= drop_tetrahedra(springs, solids, bodies, body, tetrahedron, places_of_nodes(solids, bodies, particles, body), torn,
-                                         torn_springs, report.broken_springs);
+    state.energy.work_links -= drop_tetrahedra(pass.springs, pass.solids, pass.bodies, body, tetrahedron,
+                                               places_of_nodes(pass.solids, pass.bodies, particles, body), state.torn, state.torn_springs,
+                                               state.report.broken_springs);
 }
 
 void cut_bodies(const TearPass& pass, Particles& particles, Meshes& meshes, std::span<std::unique_ptr<ClosestPointTree>> trees,
-                Tears& tears, Torn& torn, TornSprings& torn_springs, Sleep& sleep, Energy& energy, Report& report) {
+                Tears& tears, Sleep& sleep, TearState state) {
     const Bodies& bodies = pass.bodies;
+    Torn& torn = state.torn;
     for (size_t c = 0; c < tears.cut.size(); ++c) {
         const Cut& cut = tears.cut[c];
         if (torn.cut[c] || pass.now < cut.time) continue;
         if (tears_as_solid(tears.body[cut.tear])) {
-            copy_torn_springs(pass.springs, pass.solids, bodies, tears, torn, torn_springs);
-            cut_solid(pass, cut, meshes, tears, particles, torn, torn_springs, energy, report);
+            copy_torn_springs(pass.springs, pass.solids, bodies, tears, torn, state.torn_springs);
+            cut_solid(pass, cut, meshes, tears, particles, state);
         } else {
             mark_cut(cut, tears, bodies, meshes, torn);
         }
@@ -245,25 +249,25 @@ void cut_bodies(const TearPass& pass, Particles& particles, Meshes& meshes, std:
         const bool solid = tears_as_solid(tear);
         const auto of_this = [t](const std::array<uint32_t, 2>& lost) { return lost[0] == t; };
         const bool untouched =
-            solid ? !settle_solid(pass, tear, particles, torn, energy) : std::none_of(torn.triangle.begin(), torn.triangle.end(), of_this);
+            solid ? !settle_solid(pass, tear, particles, state) : std::none_of(torn.triangle.begin(), torn.triangle.end(), of_this);
         if (untouched && info.triangles.count == (solid ? tear.outer : tear.order.count)) continue;
         std::vector<Triangle> corner;
         const std::vector<uint8_t> gone =
             solid ? hidden_flags(tears, tear, lost_tetrahedra(pass, tear, torn), corner) : removed_flags(tears, t, torn);
         if (is_up_to_date(tears, tear, info, gone, corner, meshes)) continue;
         const Admission before = info.admission;
-        if (!solid) break_bare_edges(pass.springs, bodies, particles, meshes, tears, t, gone, torn, energy, report);
+        if (!solid) break_bare_edges(pass, particles, meshes, tears, t, gone, state);
         sort_triangles(gone, tear, corner, info, tears, meshes);
         rebuild_topology(prototype, tear.whole, meshes);
-        if (before == Admission::kSolid && info.admission == Admission::kWinding) ++report.opened_bodies;
+        if (before == Admission::kSolid && info.admission == Admission::kWinding) ++state.report.opened_bodies;
         if (body < sleep.still.size()) sleep.still[body] = 0;
         const Range rows = bodies.particles[body];
         trees[bodies.tree[body]] =
             std::make_unique<ClosestPointTree>(mesh_view(meshes, prototype), std::span(particles.offset).subspan(rows.first, rows.count));
     }
-    report.removed_triangles = torn.triangle.size();
-    report.removed_tetrahedra = static_cast<uint64_t>(torn.tetrahedron.size()) -
-                                static_cast<uint64_t>(std::count(torn.tetrahedron.begin(), torn.tetrahedron.end(), uint8_t{0}));
+    state.report.removed_triangles = torn.triangle.size();
+    state.report.removed_tetrahedra = static_cast<uint64_t>(torn.tetrahedron.size()) -
+                                      static_cast<uint64_t>(std::count(torn.tetrahedron.begin(), torn.tetrahedron.end(), uint8_t{0}));
 }
 
 namespace {

@@ -416,17 +416,62 @@ std::string machine_text() {
     return model + ", " + name.sysname + " " + name.release;
 }
 
+namespace {
+
+// --lod-error: two runs, and what they differ by.
+int tell_detail_error(const RunOptions& options, const SceneFile& file) {
+    if (options.live || !options.replay.empty() || !options.capture.empty() || !options.out.empty())
+        throw InputError("--lod-error runs in lockstep and writes no files: without --live, --replay, --capture and --out");
+    std::string text;
+    ThreadPool pool(options.threads);
+    pool.run([&] { text = detail_error(file, options.seconds > 0 ? options.seconds : file.settings.seconds, options.json); });
+    write_standard_output(text);
+    return kDone;
+}
+
+// The files of a run in options.out, but for pictures and captures, which are there already.
+void write_outputs(const RunOptions& options, Frame& frame, Trace& trace, PictureWriter* pictures, RunFigures& figures) {
+    write_whole_file(options.out / "passes.csv", passes_csv(figures));
+    write_whole_file(options.out / "metrics.json", metrics_json(figures));
+    if (!figures.tool.empty()) write_tools(options.out, figures);
+    if (options.figures_only) return;
+    write_trace(options.out / "trace.json", trace, thread_names());
+    if (frame.world().bodies.mesh.size() <= kMostMeshes || options.export_every > 0) {
+        attempt(figures, [&] {
+            export_bodies(frame.world(), options.out / "meshes", frame.world().clock.picture);
+            figures.meshes_written = true;
+        });
+    }
+    const std::string film = pictures ? pictures->finish_film() : "";
+    std::vector<size_t> worst = worst_passes(figures, 6);
+    for (size_t& pass : worst) pass = picture_of_pass(figures, pass);
+    const ReportMedia media = pictures ? embed_media(options.out, pictures->files(), film, worst) : ReportMedia{};
+    write_whole_file(options.out / "report.html", report_html(figures, media));
+}
+
+// What the caller is told in the end: figures, warnings, and the exit code.
+int tell_of_run(const RunOptions& options, const RunFigures& figures) {
+    const std::string ruin = ruin_text(figures);
+    if (!ruin.empty()) std::fprintf(stderr, "trocar: warning: the simulation broke: %s\n", ruin.c_str());
+    if (options.json)
+        write_standard_output(metrics_json(figures));
+    else
+        print_summary(figures, options.out, options.figures_only);
+    const bool devices_heard = tell_of_devices(figures);
+    if (figures.stopped_by != 0) {
+        std::fprintf(stderr, "trocar: stopped by %s after %.3f s of simulated time; what was written tells of that time\n",
+                     name_of_signal(figures.stopped_by), figures.simulated_s);
+        return exit_code_of_signal(figures.stopped_by);
+    }
+    if (!figures.write_failure.empty()) throw InputError(figures.write_failure + "; the figures of the run are whole");
+    return ruin.empty() && figures.replay_difference.empty() && devices_heard ? kDone : kNo;
+}
+
+}  // namespace
+
 int run_command(const RunOptions& options) {
     const SceneFile file = read_scene_file(find_scene(options.scene), options.overrides);
-    if (options.lod_error) {
-        if (options.live || !options.replay.empty() || !options.capture.empty() || !options.out.empty())
-            throw InputError("--lod-error runs in lockstep and writes no files: without --live, --replay, --capture and --out");
-        std::string text;
-        ThreadPool pool(options.threads);
-        pool.run([&] { text = detail_error(file, options.seconds > 0 ? options.seconds : file.settings.seconds, options.json); });
-        write_standard_output(text);
-        return kDone;
-    }
+    if (options.lod_error) return tell_detail_error(options, file);
     const bool replay = !options.replay.empty();
     const LiveRecording recording = replay ? read_live_recording(options.replay) : LiveRecording{};
     if (!options.capture.empty() && options.out.empty()) throw InputError("--capture: say where with --out FOLDER");
@@ -477,38 +522,9 @@ int run_command(const RunOptions& options) {
         if (recorder) finish_captures(*recorder, figures);
         finish_figures(frame, figures);
         if (tells && !options.live) figures.direction = trial.run();
-        if (options.out.empty()) return;
-        write_whole_file(options.out / "passes.csv", passes_csv(figures));
-        write_whole_file(options.out / "metrics.json", metrics_json(figures));
-        if (!figures.tool.empty()) write_tools(options.out, figures);
-        if (options.figures_only) return;
-        write_trace(options.out / "trace.json", trace, thread_names());
-        if (frame.world().bodies.mesh.size() <= kMostMeshes || options.export_every > 0) {
-            attempt(figures, [&] {
-                export_bodies(frame.world(), options.out / "meshes", frame.world().clock.picture);
-                figures.meshes_written = true;
-            });
-        }
-        const std::string film = pictures ? pictures->finish_film() : "";
-        std::vector<size_t> worst = worst_passes(figures, 6);
-        for (size_t& pass : worst) pass = picture_of_pass(figures, pass);
-        const ReportMedia media = pictures ? embed_media(options.out, pictures->files(), film, worst) : ReportMedia{};
-        write_whole_file(options.out / "report.html", report_html(figures, media));
+        if (!options.out.empty()) write_outputs(options, frame, trace, writer, figures);
     });
-    const std::string ruin = ruin_text(figures);
-    if (!ruin.empty()) std::fprintf(stderr, "trocar: warning: the simulation broke: %s\n", ruin.c_str());
-    if (options.json)
-        write_standard_output(metrics_json(figures));
-    else
-        print_summary(figures, options.out, options.figures_only);
-    const bool devices_heard = tell_of_devices(figures);
-    if (figures.stopped_by != 0) {
-        std::fprintf(stderr, "trocar: stopped by %s after %.3f s of simulated time; what was written tells of that time\n",
-                     name_of_signal(figures.stopped_by), figures.simulated_s);
-        return exit_code_of_signal(figures.stopped_by);
-    }
-    if (!figures.write_failure.empty()) throw InputError(figures.write_failure + "; the figures of the run are whole");
-    return ruin.empty() && figures.replay_difference.empty() && devices_heard ? kDone : kNo;
+    return tell_of_run(options, figures);
 }
 
 }  // namespace trocar

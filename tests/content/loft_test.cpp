@@ -8,6 +8,7 @@
 #include "content/admission.hpp"
 #include "content/tube.hpp"
 #include "tests/reference/closed_surface.hpp"
+#include "tests/reference/profile_volume.hpp"
 namespace trocar {
 namespace {
 
@@ -22,11 +23,11 @@ TEST(Loft, TubeWithARoundProfileIsASphere) {
     const Mesh mesh = loft_surface(tube_loft(line, profile), 8000);
     const Vec3d centre(0.1 + r * 0.6, 0.2, r * 0.8);
     for (const Vec3d& p : mesh.position) ASSERT_NEAR((p - centre).norm(), r, 1e-9);
-    EXPECT_NEAR(profile_volume(profile), 4.0 / 3 * M_PI * r * r * r, 1e-12);
+    EXPECT_NEAR(reference::profile_volume(profile), 4.0 / 3 * M_PI * r * r * r, 1e-12);
     const auto facts = reference::survey_surface(mesh);
     EXPECT_TRUE(facts.closed && facts.one_fan);
     EXPECT_EQ(facts.euler, 2);
-    EXPECT_NEAR(facts.volume / profile_volume(profile), 1, 2e-3);
+    EXPECT_NEAR(facts.volume / reference::profile_volume(profile), 1, 2e-3);
     EXPECT_NEAR(double(mesh.triangle.size()), 8000, 80);
     EXPECT_GT(reference::survey_shape(mesh).min_angle, 25);
 }
@@ -114,7 +115,7 @@ TEST(Loft, CurvePassesThroughItsPointsAndProfileThroughItsKeysWithoutOvershoot) 
         ASSERT_LE(r, std::max(keys[k].radius, keys[k + 1].radius) + 1e-12) << s;
         sum += M_PI * r * r * 7 / steps;
     }
-    EXPECT_NEAR(profile_volume(profile), sum, 1e-6);
+    EXPECT_NEAR(reference::profile_volume(profile), sum, 1e-6);
 }
 
 TEST(Loft, TextureRunsAWholeNumberOfTimesAroundWithoutAJump) {

@@ -5,6 +5,7 @@
 #include <cmath>
 
 #include "tests/reference/closed_surface.hpp"
+#include "tests/reference/profile_volume.hpp"
 namespace trocar {
 namespace {
 
@@ -23,7 +24,7 @@ TEST(TubeOrgans, VolumesMeetPappus) {
     for (const bool bowel : {false, true}) {
         const CentreLine line = bowel ? bowel_line() : gallbladder_line();
         const RadiusProfile profile = bowel ? bowel_profile() : gallbladder_profile();
-        const double whole = profile_volume(profile);
+        const double whole = reference::profile_volume(profile);
         double before = 1;
         for (const uint32_t triangles : {2000u, 20000u}) {
             const double volume = reference::survey_surface(loft_surface(tube_loft(line, profile), triangles)).volume;
@@ -42,14 +43,14 @@ TEST(TubeOrgans, VolumesMeetPappus) {
 TEST(TubeOrgans, BowelProfileIsACapsule) {
     const double r = 0.014, length = bowel_line().length;
     EXPECT_NEAR(length, 0.42, 1e-4);
-    EXPECT_NEAR(profile_volume(bowel_profile()), M_PI * r * r * (length - 2 * r) + 4.0 / 3 * M_PI * r * r * r, 1e-12);
+    EXPECT_NEAR(reference::profile_volume(bowel_profile()), M_PI * r * r * (length - 2 * r) + 4.0 / 3 * M_PI * r * r * r, 1e-12);
 }
 
 TEST(TubeOrgans, GallbladderIsAPearWithANeckOfHumanSize) {
     const CentreLine line = gallbladder_line();
     const RadiusProfile profile = gallbladder_profile();
     EXPECT_NEAR(line.length, 0.1, 0.015);
-    const double ml = profile_volume(profile) * 1e6;
+    const double ml = reference::profile_volume(profile) * 1e6;
     EXPECT_GT(ml, 30);
     EXPECT_LT(ml, 50);
     const Mesh mesh = make_gallbladder(10000, 1);

@@ -129,7 +129,7 @@ Mode ring_down(World& w, uint32_t body, const std::function<Vec3d(const Vec3d&)>
     std::vector<double> q;
     for (params.tick = 0; params.tick < 200; ++params.tick) {
         const AdvanceInputs in{w.meshes, w.springs, w.bodies, w.anchors, w.paths, {}, {}, 2, {&w.solids}};
-        advance_island(params, in, island, {}, scratch, w.particles, w.poses, none, {}, result);
+        advance_island(params, in, island, {}, scratch, {w.particles, w.poses, none, {}}, result);
         const Cloud now = cloud_of(w, body);
         double sum = 0;
         for (size_t i = 0; i < shape.size(); ++i) sum += now.mass[i] * shape[i].dot(now.velocity[i]);

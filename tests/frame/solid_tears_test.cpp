@@ -247,7 +247,7 @@ TEST(SolidTears, WhatStaysKeepsItsMomentumAndTheBooksTheRest) {
         const auto total = [&] {
             Energy e;
             const OtherForces other{.solids = &w.solids, .tears = &w.tears, .torn = &w.torn, .torn_springs = &w.torn_springs};
-            add_body_energy(w.springs, w.bodies, w.poses, w.particles, w.anchors, w.settings.gravity, 0, scratch, e, other);
+            add_body_energy({w.springs, w.bodies, w.poses, w.particles, w.anchors, w.settings.gravity, other}, 0, scratch, e);
             return e.kinetic + e.elastic + e.gravity;
         };
         const double had = total(), booked = w.energy.work_links;
@@ -366,7 +366,8 @@ TEST(SolidTears, ByNumberUntilTheLast) {
         for (uint32_t first = 0; first < all; first += 1 + all / 12) {
             std::vector<uint32_t> some(order.begin() + first, order.begin() + std::min(all, first + 1 + all / 12));
             some.push_back(some[0]), some.push_back(all + 5);
-            remove_tetrahedra(w.springs, w.solids, w.bodies, w.particles, w.tears, 0, some, w.torn, w.torn_springs, w.energy, w.report);
+            const TearPass pass{0, w.settings.gravity, w.springs, w.solids, w.bodies, w.poses, w.anchors};
+            remove_tetrahedra(pass, w.particles, w.tears, 0, some, {w.torn, w.torn_springs, w.energy, w.report});
             for (int i = 0; i < 3; ++i) frame.step();
             expect_as_left(w, 0, "from " + std::to_string(first));
             EXPECT_EQ(w.report.nonfinite_particles + w.report.runaway_bodies, 0u) << first;

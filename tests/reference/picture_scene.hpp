@@ -57,7 +57,7 @@ struct PictureScene {
     }
     void write(PictureSnapshot& out, double time = 0) {
         compute_surface_normals(surfaces(), scratch, normals);
-        write_picture_snapshot(0, time, surfaces(), normals, contacts, penetrations, haptics, out);
+        write_picture_snapshot({0, time, surfaces(), normals, contacts, penetrations, haptics}, out);
     }
     PictureSnapshot snapshot() {
         PictureSnapshot out;

@@ -165,19 +165,18 @@ struct AdvanceScene {
         for (uint32_t i = 0; i < all_rows.size(); ++i) all_rows[i] = i;
         tool_states.resize(tools.size());
         result = {};
-        advance_island(params, inputs(), moving(), all_rows, scratch, particles, poses, rows, tool_states, result);
+        advance_island(params, inputs(), moving(), all_rows, scratch, {particles, poses, rows, tool_states}, result);
         params.tick += ticks;
         add_advance_result(result, energy, report);
     }
+    EnergyInputs energy_inputs() const { return {springs, bodies, poses, particles, anchors, params.gravity, {&solids}}; }
     void open_books() {
         energy = {};
-        measure_energy(springs, bodies, poses, particles, anchors, params.gravity, 0, energy_scratch, energy, {&solids});
+        measure_energy(energy_inputs(), 0, energy_scratch, energy);
         energy_start = energy.balance;
         measure();
     }
-    void measure() {
-        measure_energy(springs, bodies, poses, particles, anchors, params.gravity, energy_start, energy_scratch, energy, {&solids});
-    }
+    void measure() { measure_energy(energy_inputs(), energy_start, energy_scratch, energy); }
 };
 
 // Closed triangle meshes for tests, metres.

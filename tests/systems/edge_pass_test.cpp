@@ -6,6 +6,7 @@
 #include <cmath>
 #include <random>
 
+#include "engine/pair_sides.hpp"
 #include "tests/reference/brute_force_contact.hpp"
 #include "tests/reference/sample_count.hpp"
 #include "tests/systems/contact_scene.hpp"
@@ -108,8 +109,7 @@ TEST(EdgePass, RowsAreTrueAndInOrder) {
 void expect_edges_equal_sampling(const ContactScene& scene, uint32_t samples, uint32_t& checked) {
     const double tolerance = scene.params.tolerance;
     for (uint32_t side = 0; side < 2 * scene.pairs.a.size(); ++side) {
-        const uint32_t pair = side / 2, body = side % 2 ? scene.pairs.b[pair] : scene.pairs.a[pair],
-                       other = side % 2 ? scene.pairs.a[pair] : scene.pairs.b[pair];
+        const auto [pair, body, other, reversed] = pair_side(scene.pairs, side);
         const reference::Surface own(scene.surfaces(), body), surface(scene.surfaces(), other);
         for (const auto& [v, w] : mesh_view(scene.meshes, scene.bodies.mesh[body]).edge) {
             const Vec3d p = own.position[v], q = own.position[w];

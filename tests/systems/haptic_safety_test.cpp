@@ -413,7 +413,7 @@ TEST(HapticSafety, TheObserverCountsWhatACouplingGives) {
     // the force is that of the coupling
     const auto tick = [&](double damping, const Vec3d& device, const Vec3d& velocity, const Vec3d& proxy, const Vec3d& force,
                           SafetyState& state) {
-        return dissipate({damping, 1e9}, kTick, device, velocity, proxy, force, force, state);
+        return dissipate({damping, 1e9}, kTick, {device, velocity, proxy}, force, force, state);
     };
     SafetyState state;
     tick(10, still, still, still, still, state);
@@ -433,7 +433,7 @@ TEST(HapticSafety, TheObserverCountsWhatACouplingGives) {
     // and what the device cannot be told is not taken back: 1 N more of 3.5 is all that 2.5 N of limit leaves
     SafetyState weak;
     const auto weak_tick = [&](const Vec3d& device, const Vec3d& velocity, const Vec3d& force) {
-        return dissipate({10, 2.5}, kTick, device, velocity, still, force, force, weak);
+        return dissipate({10, 2.5}, kTick, {device, velocity, still}, force, force, weak);
     };
     weak_tick(-4e-3 * z, still, 2 * z);
     f = weak_tick(still, -0.5 * z, 1.5 * z);
@@ -461,16 +461,16 @@ TEST(HapticSafety, TheObserverBooksEachEndWithItsOwnForce) {
     SafetyState state;
     for (int i = 0; i <= 1000; ++i) {  // pressed in: k d^2 / 2 is stored
         const double d = depth * i / 1000;
-        dissipate({0, 1e9}, kTick, -d * z, still, still, k * d * z, k * d * z, state);
+        dissipate({0, 1e9}, kTick, {-d * z, still, still}, k * d * z, k * d * z, state);
     }
     for (int i = 1; i <= 10; ++i) {  // the surface leaves in 10 ms, the felt force takes 0.1 N a ms
         const double d = depth * (10 - i) / 10;
-        dissipate({0, 1e9}, kTick, -depth * z, still, (-depth + d) * z, k * d * z, (k * depth - 0.1 * i) * z, state);
+        dissipate({0, 1e9}, kTick, {-depth * z, still, (-depth + d) * z}, k * d * z, (k * depth - 0.1 * i) * z, state);
     }
     const double step = depth / 1000;
     EXPECT_NEAR(state.lowest_energy, -1000 * 0.5 * k * step * step, 1e-12) << "what holding the force for each tick made";
     const double before = state.energy, lag = k * depth - 1;
-    dissipate({0, 1e9}, kTick, (1e-3 - depth) * z, still, (1e-3 - depth) * z, still, (lag - 0.1) * z, state);
+    dissipate({0, 1e9}, kTick, {(1e-3 - depth) * z, still, (1e-3 - depth) * z}, still, (lag - 0.1) * z, state);
     EXPECT_NEAR(state.energy, before - lag * 1e-3, 1e-12);
 }
 

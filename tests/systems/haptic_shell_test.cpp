@@ -677,6 +677,10 @@ struct SixDevice {
     }
 };
 
+// The stiffest coupling (N/m or N m/rad) that stays passive when a device of damping `damping` (N s/m or N m s/rad) feels
+// it in ticks of `dt` s: b / (dt / 2) (Colgate & Schenkel 1997; Gil et al. 2009, with no delay).
+double stiffest_coupling(double damping, double dt) { return damping / (0.5 * dt); }
+
 // Speed (m/s or rad/s) three seconds after a knock over that of the knock, with `share` of the stiffest coupling that
 // theory allows.
 double left_of_a_knock(double share, bool turning) {

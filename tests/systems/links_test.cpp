@@ -58,12 +58,12 @@ struct LinkScene : AdvanceScene {
         const AdvanceInputs in{meshes, springs, bodies, anchors, paths, tools, devices, device_stride, other()};
         std::vector<uint32_t> all(rows.body.size());
         for (uint32_t row = 0; row < all.size(); ++row) all[row] = row;
-        advance_island(params, in, moving(), all, scratch, particles, poses, rows, tool_states, done);
+        advance_island(params, in, moving(), all, scratch, {particles, poses, rows, tool_states}, done);
         params.tick += ticks;
         add_advance_result(done, energy, report);
     }
     void measure_all() {
-        measure_energy(springs, bodies, poses, particles, anchors, params.gravity, energy_start, energy_scratch, energy, other());
+        measure_energy({springs, bodies, poses, particles, anchors, params.gravity, other()}, energy_start, energy_scratch, energy);
     }
     void open() {
         energy = {};

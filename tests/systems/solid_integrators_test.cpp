@@ -295,7 +295,7 @@ CutBlock let_cut_block_fall(Integrator integrator, uint32_t iterations, uint32_t
     AdvanceInputs inputs = s.inputs();
     if (!anew) inputs.other.tears = &tears, inputs.other.torn = &torn, inputs.other.torn_springs = &torn_springs;
     s.params.ticks = 40, s.params.substeps = substeps;
-    advance_island(s.params, inputs, s.moving(), {}, s.scratch, s.particles, s.poses, s.rows, s.tool_states, s.result);
+    advance_island(s.params, inputs, s.moving(), {}, s.scratch, {s.particles, s.poses, s.rows, s.tool_states}, s.result);
     CutBlock out;
     for (uint32_t v = 0; v < s.range(body).count; ++v) {
         if (v >= used.position.size()) break;

@@ -1,0 +1,60 @@
+// The kernels of both instruction sets. The file that includes this one defines V (kWidth floats), Lanes (x, y, z, w) and
+// set, load, keep_store, store4, gather4, larger, smaller, multiply_add and multiply_subtract.
+
+struct Vec {
+    V x, y, z;
+};
+TROCAR_LANES Vec between(const Lanes& from, const Lanes& to) { return {to.x - from.x, to.y - from.y, to.z - from.z}; }
+TROCAR_LANES Vec cross(const Vec& a, const Vec& b) {
+    return {multiply_subtract(a.y, b.z, a.z * b.y), multiply_subtract(a.z, b.x, a.x * b.z), multiply_subtract(a.x, b.y, a.y * b.x)};
+}
+TROCAR_LANES Lanes scaled(V s, const Vec& a) { return {s * a.x, s * a.y, s * a.z, set(0)}; }
+// -(a + b + c): the forces of a tetrahedron add up to nothing.
+TROCAR_LANES Lanes against(const Lanes& a, const Lanes& b, const Lanes& c) {
+    const V zero = set(0);
+    const auto sum = [&](V p, V q, V r) __attribute__((always_inline)) { return zero - ((p + q) + r); };
+    return {sum(a.x, b.x, c.x), sum(a.y, b.y, c.y), sum(a.z, b.z, c.z), zero};
+}
+
+void press(const TetStep* body, unsigned first, unsigned last, float* least) {
+    const unsigned long corner_rows = 4ul * body->tetrahedra;
+    for (unsigned t = 16 * first; t < 16 * last; t += kWidth) {
+        const Lanes p0 = gather4(body->offset, body->corner0 + t);
+        const Vec a = between(p0, gather4(body->offset, body->corner1 + t));
+        const Vec b = between(p0, gather4(body->offset, body->corner2 + t));
+        const Vec c = between(p0, gather4(body->offset, body->corner3 + t));
+        const Vec bc = cross(b, c), ca = cross(c, a), ab = cross(a, b);
+        const V volume = multiply_add(a.x, bc.x, multiply_add(a.y, bc.y, a.z * bc.z));
+        const V swelling = (volume - load(body->rest + t)) * load(body->per_rest + t);
+        const V held = larger(smaller(swelling, set(kStretchCap)), set(-1.0f));
+        const V crushed = smaller(held + set(1.0f - kCrushed), set(0));
+        const V pressure = multiply_add(set(body->crush), crushed, set(body->bulk) * held);
+        V share = pressure * set(-1.0f / 6);
+        if (body->factor) share = share * load(body->factor + t);
+        const Lanes f1 = scaled(share, bc), f2 = scaled(share, ca), f3 = scaled(share, ab);
+        float* out = body->corner_force + 4ul * t;
+        store4(out, against(f1, f2, f3));
+        store4(out + corner_rows, f1);
+        store4(out + 2 * corner_rows, f2);
+        store4(out + 3 * corner_rows, f3);
+        float* lane = least + t % 16;
+        keep_store(lane, smaller(swelling + set(1.0f), load(lane)));
+    }
+}
+
+void gather_corners(const TetStep* body, unsigned first, unsigned last) {
+    for (unsigned row = 16 * first; row < 16 * last; row += kWidth) {
+        const unsigned slice = row / 16, lane = row % 16;
+        V x = load(body->force_x + row), y = load(body->force_y + row), z = load(body->force_z + row);
+        const unsigned long end = 16ul * body->slot_column[slice + 1];
+        for (unsigned long h = 16ul * body->slot_column[slice]; h < end; h += 16) {
+            const Lanes f = gather4(body->corner_force, body->slot + h + lane);
+            x = x + f.x;
+            y = y + f.y;
+            z = z + f.z;
+        }
+        keep_store(body->force_x + row, x);
+        keep_store(body->force_y + row, y);
+        keep_store(body->force_z + row, z);
+    }
+}
