@@ -6,7 +6,6 @@
 #include <algorithm>
 #include <cmath>
 #include <cstring>
-#include <numbers>
 #include <span>
 
 #include "engine/check.hpp"
@@ -20,12 +19,6 @@ namespace trocar {
 namespace {
 
 enum Attribute : GLuint { kPosition = 0, kNormal = 1, kTextureUv = 2, kDepth = 3 };
-
-// Position and normal of a row, as they go up.
-struct Vertex {
-    float position[3];
-    float normal[3];
-};
 
 struct Buffer {
     GLuint name = 0;
@@ -62,6 +55,12 @@ struct SurfaceProgram {
     GLint key, fill, sky, forward, ray_corner, ray_x, ray_y, image, palette;
 };
 
+// Program and material as last set: most bodies of a crowd share both.
+struct Bound {
+    uint32_t variant = kVariants;
+    const Material* material = nullptr;
+};
+
 struct WireProgram {
     GLuint name = 0;
     GLint clip_from_body, pull, plain, size;
@@ -69,7 +68,7 @@ struct WireProgram {
 
 struct GroundProgram {
     GLuint name = 0;
-    GLint view_projection, centre, axis_x, axis_y, rectangle, radius, shape;
+    GLint view_projection, centre, axis_x, axis_y, rectangle, radius;
 };
 
 struct Target {
@@ -86,9 +85,18 @@ struct BackdropKey {
     friend bool operator==(const BackdropKey&, const BackdropKey&) = default;
 };
 
-struct MarkerMesh {
-    GLuint array = 0, vertex = 0, index = 0;
-    GLsizei sphere_count = 0, shaft_count = 0, head_count = 0;
+// Triangles of one kind and colour.
+struct MarkerRun {
+    Marker::Kind kind;
+    std::array<float, 4> colour;
+    uint32_t first, count;  // of indices
+};
+
+struct MarkerBuffers {
+    GLuint array = 0;
+    Buffer vertex, index;
+    MarkerMesh mesh;
+    std::vector<MarkerRun> runs;
 };
 
 GLuint compile(GLenum kind, uint32_t variant, const char* text) {
@@ -173,7 +181,6 @@ GroundProgram make_ground_program(const char* fragment) {
     p.axis_y = at("axis_y");
     p.rectangle = at("rectangle");
     p.radius = at("radius");
-    p.shape = at("shape");
     return p;
 }
 
@@ -208,14 +215,13 @@ GLuint make_buffer(GLenum target, const std::vector<Row>& rows) {
 
 void point_vertex_attributes() {
     glEnableVertexAttribArray(kPosition);
-    glVertexAttribPointer(kPosition, 3, GL_FLOAT, GL_FALSE, sizeof(Vertex), nullptr);
+    glVertexAttribPointer(kPosition, 3, GL_FLOAT, GL_FALSE, sizeof(RenderVertex), nullptr);
     glEnableVertexAttribArray(kNormal);
-    glVertexAttribPointer(kNormal, 3, GL_FLOAT, GL_FALSE, sizeof(Vertex), reinterpret_cast<const void*>(offsetof(Vertex, normal)));
+    glVertexAttribPointer(kNormal, 3, GL_FLOAT, GL_FALSE, sizeof(RenderVertex),
+                          reinterpret_cast<const void*>(offsetof(RenderVertex, normal)));
 }
 
-Vertex make_vertex(const Vec3& p, const Vec3& n) { return {{p.x(), p.y(), p.z()}, {n.x(), n.y(), n.z()}}; }
-
-bool triangle_is_finite(const Vertex* row, const uint32_t* corner) {
+bool triangle_is_finite(const RenderVertex* row, const uint32_t* corner) {
     for (uint32_t k = 0; k < 3; ++k)
         for (const float x : row[corner[k]].position)
             if (!std::isfinite(x)) return false;
@@ -223,7 +229,7 @@ bool triangle_is_finite(const Vertex* row, const uint32_t* corner) {
 }
 
 // The index rows of the triangles whose corners are all finite, but for those that were removed.
-std::vector<uint32_t> finite_triangles(const RenderMesh& mesh, const Vertex* row, std::vector<RenderGroup>& groups,
+std::vector<uint32_t> finite_triangles(const RenderMesh& mesh, const RenderVertex* row, std::vector<RenderGroup>& groups,
                                        std::span<const Triangle> removed = {}) {
     std::vector<uint32_t> index;
     std::vector<Triangle> gone(removed.begin(), removed.end());
@@ -244,7 +250,7 @@ std::vector<uint32_t> finite_triangles(const RenderMesh& mesh, const Vertex* row
 }
 
 // Faces that were laid open look like the first triangles of the body.
-void add_exposed(const RenderMesh& mesh, const Vertex* row, std::span<const Triangle> exposed, std::vector<uint32_t>& index,
+void add_exposed(const RenderMesh& mesh, const RenderVertex* row, std::span<const Triangle> exposed, std::vector<uint32_t>& index,
                  std::vector<RenderGroup>& groups) {
     if (exposed.empty() || mesh.groups.empty()) return;
     RenderGroup group{mesh.groups[0].material, static_cast<uint32_t>(index.size()), 0};
@@ -318,72 +324,25 @@ GLuint make_texture(const Image& image) {
     return name;
 }
 
+// Values between those of a table are read linearly, those beyond its ends are the ends'. Leaves it bound.
+GLuint make_table_texture() {
+    GLuint name = 0;
+    glGenTextures(1, &name);
+    glBindTexture(GL_TEXTURE_2D, name);
+    for (const GLenum filter : {GL_TEXTURE_MIN_FILTER, GL_TEXTURE_MAG_FILTER}) glTexParameteri(GL_TEXTURE_2D, filter, GL_LINEAR);
+    for (const GLenum wrap : {GL_TEXTURE_WRAP_S, GL_TEXTURE_WRAP_T}) glTexParameteri(GL_TEXTURE_2D, wrap, GL_CLAMP_TO_EDGE);
+    return name;
+}
+
 GLuint make_palette() {
     std::vector<float> rows;
     for (uint32_t i = 0; i < 256; ++i) {
         const auto c = depth_colour(i / 255.0);
         rows.insert(rows.end(), c.begin(), c.end());
     }
-    GLuint name = 0;
-    glGenTextures(1, &name);
-    glBindTexture(GL_TEXTURE_2D, name);
+    const GLuint name = make_table_texture();
     glTexImage2D(GL_TEXTURE_2D, 0, GL_RGB32F, 256, 1, 0, GL_RGB, GL_FLOAT, rows.data());
-    glTexParameteri(GL_TEXTURE_2D, GL_TEXTURE_MIN_FILTER, GL_LINEAR);
-    glTexParameteri(GL_TEXTURE_2D, GL_TEXTURE_MAG_FILTER, GL_LINEAR);
-    glTexParameteri(GL_TEXTURE_2D, GL_TEXTURE_WRAP_S, GL_CLAMP_TO_EDGE);
     return name;
-}
-
-// Rings of a surface of revolution about z: radius, height and normal (radial, axial) of each ring.
-struct Ring {
-    float radius, height, radial, axial;
-};
-void add_rings(const std::vector<Ring>& rings, std::vector<Vertex>& vertex, std::vector<uint32_t>& index) {
-    constexpr uint32_t kSides = 24;
-    const uint32_t first = static_cast<uint32_t>(vertex.size());
-    for (const Ring& ring : rings)
-        for (uint32_t i = 0; i < kSides; ++i) {
-            const float angle = 2 * std::numbers::pi_v<float> * static_cast<float>(i) / kSides;
-            const float c = std::cos(angle), s = std::sin(angle);
-            vertex.push_back({{ring.radius * c, ring.radius * s, ring.height}, {ring.radial * c, ring.radial * s, ring.axial}});
-        }
-    for (uint32_t r = 0; r + 1 < rings.size(); ++r)
-        for (uint32_t i = 0; i < kSides; ++i) {
-            const uint32_t a = first + r * kSides + i, b = first + r * kSides + (i + 1) % kSides;
-            index.insert(index.end(), {a, b, b + kSides, a, b + kSides, a + kSides});
-        }
-}
-
-// Unit sphere, unit shaft (radius 1, z 0..1) and unit head (base radius 1 at z 0, tip at z 1) in one pair of buffers.
-MarkerMesh make_marker_mesh() {
-    std::vector<Vertex> vertex;
-    std::vector<uint32_t> index;
-    std::vector<Ring> sphere;
-    for (uint32_t i = 0; i <= 16; ++i) {
-        const float angle = std::numbers::pi_v<float> * (static_cast<float>(i) / 16 - 0.5f);
-        sphere.push_back({std::cos(angle), std::sin(angle), std::cos(angle), std::sin(angle)});
-    }
-    MarkerMesh out;
-    add_rings(sphere, vertex, index);
-    out.sphere_count = static_cast<GLsizei>(index.size());
-    add_rings({{0, 0, 0, -1}, {1, 0, 0, -1}, {1, 0, 1, 0}, {1, 1, 1, 0}}, vertex, index);
-    out.shaft_count = static_cast<GLsizei>(index.size()) - out.sphere_count;
-    add_rings({{0, 0, 0, -1}, {1, 0, 0, -1}, {1, 0, 0.8f, 0.6f}, {0, 1, 0.8f, 0.6f}}, vertex, index);
-    out.head_count = static_cast<GLsizei>(index.size()) - out.sphere_count - out.shaft_count;
-    glGenVertexArrays(1, &out.array);
-    glBindVertexArray(out.array);
-    out.vertex = make_buffer(GL_ARRAY_BUFFER, vertex);
-    point_vertex_attributes();
-    out.index = make_buffer(GL_ELEMENT_ARRAY_BUFFER, index);
-    glBindVertexArray(0);
-    return out;
-}
-
-// Axes of a marker standing along z.
-void perpendicular_axes(const Vec3d& z, Vec3d& x, Vec3d& y) {
-    const Vec3d helper = std::abs(z.x()) < 0.7 ? Vec3d(Vec3d::UnitX()) : Vec3d(Vec3d::UnitY());
-    x = z.cross(helper).normalized();
-    y = z.cross(x);
 }
 
 }  // namespace
@@ -398,8 +357,8 @@ struct GlRenderer::Impl {
     GroundProgram floor_program, shadow_program;
     Target target;
     BackdropKey backdrop;
-    MarkerMesh marker;
-    GLuint empty_array = 0, palette = 0;
+    MarkerBuffers marker;
+    GLuint empty_array = 0, palette = 0, shade_texture = 0;
     std::vector<StaticMesh> soft, rigid;  // by prototype
     std::vector<GLuint> texture;          // by material; 0 = not yet or none
     std::vector<BodyBuffers> body;        // by row of the snapshot
@@ -417,14 +376,14 @@ struct GlRenderer::Impl {
     void set_pose(const SurfaceProgram& p, const View& view, const Matrix4& pose);
     void set_material(const SurfaceProgram& p, const Material& material, GLuint image);
     Matrix4 body_pose(const View& view, const PictureBody& from, uint32_t row);
-    void draw_body(const PictureParams& params, const View& view, const PictureBody& from, uint32_t row, bool opaque);
+    void draw_body(const PictureParams& params, const View& view, const PictureBody& from, uint32_t row, bool opaque, Bound& bound);
     void draw_backdrop(const PictureParams& params, const View& view, const Ground& ground);
     void use_ground_program(const GroundProgram& p, const View& view, const Ground& ground);
     void draw_shadows(const View& view, const Ground& ground);
     void draw_surfaces(const PictureParams& params, const View& view, const PictureSnapshot& snapshot, bool opaque);
     void draw_wires(const PictureParams& params, const View& view, const PictureSnapshot& snapshot);
+    void upload_markers(const View& view, std::span<const Marker> markers);
     void draw_markers(const PictureParams& params, const View& view, std::span<const Marker> markers);
-    void draw_marker(const SurfaceProgram& p, const View& view, const Marker& marker_row);
     void read_back(Image& out);
 };
 
@@ -460,7 +419,7 @@ StaticMesh& GlRenderer::Impl::static_mesh(uint32_t mesh, bool is_rigid) {
     out.made = true;
     const MeshView from = mesh_view(meshes, mesh);
     out.mesh = split_vertices(from, is_rigid);
-    std::vector<Vertex> rest;
+    std::vector<RenderVertex> rest;
     if (is_rigid) {
         const Vec3d centre = 0.5 * (from.info->box.min + from.info->box.max);
         if (centre.allFinite()) out.centre = centre;
@@ -500,7 +459,7 @@ void GlRenderer::Impl::make_body(BodyBuffers& buffers, uint32_t mesh, bool is_ri
     if (is_rigid) {
         glBindBuffer(GL_ARRAY_BUFFER, shape.rest);
     } else {
-        reserve(buffers.vertex, GL_ARRAY_BUFFER, shape.mesh.source.size() * sizeof(Vertex));
+        reserve(buffers.vertex, GL_ARRAY_BUFFER, shape.mesh.source.size() * sizeof(RenderVertex));
     }
     point_vertex_attributes();
     glBindBuffer(GL_ARRAY_BUFFER, shape.uv);
@@ -517,7 +476,7 @@ void GlRenderer::Impl::upload_shape(BodyBuffers& buffers, const PictureSnapshot&
     const uint32_t* source = mesh.source.data();
     const size_t count = mesh.source.size();
     const bool was_damaged = buffers.damaged;
-    stream<Vertex>(buffers.vertex, count, [&](Vertex* row) {
+    stream<RenderVertex>(buffers.vertex, count, [&](RenderVertex* row) {
         float trouble = 0;  // 0 * x is not a number when x is not finite
         for (size_t i = 0; i < count; ++i) {
             const Vec3& p = position[source[i]];
@@ -529,7 +488,7 @@ void GlRenderer::Impl::upload_shape(BodyBuffers& buffers, const PictureSnapshot&
     if (!buffers.damaged && !was_damaged) return;
     glBindVertexArray(buffers.array);
     if (buffers.damaged) {
-        std::vector<Vertex> row;
+        std::vector<RenderVertex> row;
         for (size_t i = 0; i < count; ++i) row.push_back(make_vertex(position[source[i]], normal[source[i]]));
         std::vector<uint32_t> index = finite_triangles(mesh, row.data(), buffers.patched_groups,
                                                        std::span(snapshot.removed).subspan(from.removed.first, from.removed.count));
@@ -668,22 +627,24 @@ void GlRenderer::Impl::draw_backdrop(const PictureParams& params, const View& vi
 }
 
 void GlRenderer::Impl::draw_shadows(const View& view, const Ground& ground) {
+    const GroundShade& shade = ground.shade;
+    if (shade.columns == 0) return;
+    const GLsizei columns = static_cast<GLsizei>(shade.columns), rows = static_cast<GLsizei>(shade.rows);
+    glActiveTexture(GL_TEXTURE0);
+    glBindTexture(GL_TEXTURE_2D, shade_texture);
+    glTexImage2D(GL_TEXTURE_2D, 0, GL_R32F, columns, rows, 0, GL_RED, GL_FLOAT, shade.darkness.data());
     const GroundProgram& p = shadow_program;
     use_ground_program(p, view, ground);
+    const float half_x = 0.5f * shade.cell * static_cast<float>(columns), half_y = 0.5f * shade.cell * static_cast<float>(rows);
+    glUniform4f(p.rectangle, shade.x + half_x, shade.y + half_y, half_x, half_y);
     glBindVertexArray(empty_array);
     glEnable(GL_BLEND);
-    for (const GroundShadow& s : ground.shadows) {
-        const float area = s.xx * s.yy - s.xy * s.xy;
-        if (!(area > 0) || !(s.darkness > 0)) continue;
-        // two and a half deviations along both axes, where the shadow ends
-        glUniform4f(p.rectangle, s.x, s.y, 2.5f * std::sqrt(s.yy / area), 2.5f * std::sqrt(s.xx / area));
-        glUniform4f(p.shape, s.xx, s.xy, s.yy, s.darkness);
-        glDrawArrays(GL_TRIANGLE_STRIP, 0, 4);
-    }
+    glDrawArrays(GL_TRIANGLE_STRIP, 0, 4);
     glDisable(GL_BLEND);
 }
 
-void GlRenderer::Impl::draw_body(const PictureParams& params, const View& view, const PictureBody& from, uint32_t row, bool opaque) {
+void GlRenderer::Impl::draw_body(const PictureParams& params, const View& view, const PictureBody& from, uint32_t row, bool opaque,
+                                 Bound& bound) {
     const std::vector<RenderGroup>& groups =
         body[row].damaged ? body[row].patched_groups : static_mesh(from.mesh, body[row].rigid).mesh.groups;
     const Range materials = meshes.materials[from.mesh];
@@ -698,9 +659,16 @@ void GlRenderer::Impl::draw_body(const PictureParams& params, const View& view, 
         const GLuint image = known ? texture[materials.first + group.material] : 0;
         if (group.count == 0 || (material.transparency <= 0) != opaque) continue;
         const uint32_t variant = variant_of(image != 0, params.depth_colours, view.light_at_eye);
-        const SurfaceProgram& p = use_surface_program(variant, params, view);
+        if (bound.variant != variant) {
+            bound = {variant, nullptr};
+            use_surface_program(variant, params, view);
+        }
+        const SurfaceProgram& p = surface_programs[variant];
+        if (bound.material != &material) {
+            bound.material = &material;
+            set_material(p, material, image);
+        }
         set_pose(p, view, body_pose(view, from, row));
-        set_material(p, material, image);
         glDrawElements(GL_TRIANGLES, static_cast<GLsizei>(group.count), GL_UNSIGNED_INT,
                        reinterpret_cast<const void*>(size_t{4} * group.first));
     }
@@ -712,8 +680,9 @@ void GlRenderer::Impl::draw_surfaces(const PictureParams& params, const View& vi
     glActiveTexture(GL_TEXTURE0);
     glVertexAttrib1f(kDepth, 0);
     glVertexAttrib2f(kTextureUv, 0, 0);
+    Bound bound;
     for (uint32_t row = 0; row < snapshot.body.size(); ++row)
-        if (snapshot.body[row].mesh != kNone) draw_body(params, view, snapshot.body[row], row, opaque);
+        if (snapshot.body[row].mesh != kNone) draw_body(params, view, snapshot.body[row], row, opaque, bound);
     glDisable(GL_CULL_FACE);
 }
 
@@ -740,49 +709,50 @@ void GlRenderer::Impl::draw_wires(const PictureParams& params, const View& view,
     }
 }
 
-void GlRenderer::Impl::draw_marker(const SurfaceProgram& p, const View& view, const Marker& m) {
-    const Vec3d from = m.from - view.eye;
-    if (!from.allFinite() || !m.to.allFinite() || !(m.radius > 0)) return;
-    const auto draw = [](GLsizei count, GLsizei first) {
-        glDrawElements(GL_TRIANGLES, count, GL_UNSIGNED_INT, reinterpret_cast<const void*>(size_t{4} * static_cast<size_t>(first)));
-    };
-    if (m.kind == Marker::Kind::kSphere) {
-        const Vec3d x = m.radius * Vec3d::UnitX(), y = m.radius * Vec3d::UnitY(), z = m.radius * Vec3d::UnitZ();
-        set_pose(p, view, pose_matrix(x, y, z, from));
-        draw(marker.sphere_count, 0);
-        return;
+void GlRenderer::Impl::upload_markers(const View& view, std::span<const Marker> markers) {
+    MarkerMesh& mesh = marker.mesh;
+    mesh.vertex.clear();
+    mesh.index.clear();
+    marker.runs.clear();
+    for (const Marker& m : markers) {
+        const uint32_t first = static_cast<uint32_t>(mesh.index.size());
+        append_marker(m, view.eye, mesh);
+        if (marker.runs.empty() || marker.runs.back().kind != m.kind || marker.runs.back().colour != m.colour)
+            marker.runs.push_back({m.kind, m.colour, first, 0});
+        marker.runs.back().count += static_cast<uint32_t>(mesh.index.size()) - first;
     }
-    const Vec3d along = m.to - m.from;
-    const double length = along.norm();
-    if (!(length > 0)) return;
-    const Vec3d z = along / length;
-    Vec3d x, y;
-    perpendicular_axes(z, x, y);
-    const double head = std::min(0.5 * length, 5 * m.radius), shaft = length - head;
-    set_pose(p, view, pose_matrix(m.radius * x, m.radius * y, shaft * z, from));
-    draw(marker.shaft_count, marker.sphere_count);
-    set_pose(p, view, pose_matrix(2.4 * m.radius * x, 2.4 * m.radius * y, head * z, from + shaft * z));
-    draw(marker.head_count, marker.sphere_count + marker.shaft_count);
+    const auto put = [](Buffer& buffer, GLenum kind, const auto& rows) {
+        reserve(buffer, kind, rows.size() * sizeof rows[0]);
+        glBufferSubData(kind, 0, static_cast<GLsizeiptr>(rows.size() * sizeof rows[0]), rows.data());
+    };
+    if (!marker.array) glGenVertexArrays(1, &marker.array);
+    glBindVertexArray(marker.array);
+    put(marker.vertex, GL_ARRAY_BUFFER, mesh.vertex);
+    point_vertex_attributes();
+    put(marker.index, GL_ELEMENT_ARRAY_BUFFER, mesh.index);
 }
 
 void GlRenderer::Impl::draw_markers(const PictureParams& params, const View& view, std::span<const Marker> markers) {
-    const uint32_t variant = variant_of(false, false, view.light_at_eye);
-    glBindVertexArray(marker.array);
+    upload_markers(view, markers);
+    const Matrix4 as_it_is = pose_matrix(Vec3d::UnitX(), Vec3d::UnitY(), Vec3d::UnitZ(), Vec3d::Zero());
     glEnable(GL_CULL_FACE);
     // where tissue hides them faint, balls as an outline that leaves the tissue to be seen; full where nothing does
     for (const bool hidden : {true, false}) {
         glDepthFunc(hidden ? GL_GREATER : GL_LEQUAL);
         glDepthMask(hidden ? GL_FALSE : GL_TRUE);
-        for (const Marker& m : markers) {
-            const bool outline = hidden && m.kind == Marker::Kind::kSphere;
-            const SurfaceProgram& p = use_surface_program(variant | (outline ? kOutline : 0), params, view);
+        for (const MarkerRun& run : marker.runs) {
+            const bool outline = hidden && run.kind == Marker::Kind::kSphere;
+            const SurfaceProgram& p =
+                use_surface_program(variant_of(false, false, view.light_at_eye) | (outline ? kOutline : 0), params, view);
             Material material;
-            material.diffuse = {m.colour[0], m.colour[1], m.colour[2]};
+            material.diffuse = {run.colour[0], run.colour[1], run.colour[2]};
             material.specular = {0.2f, 0.2f, 0.2f};
             material.shininess = 0.5f;
-            material.transparency = 1.0f - m.colour[3] * (hidden && !outline ? 0.45f : 1.0f);
+            material.transparency = 1.0f - run.colour[3] * (hidden && !outline ? 0.45f : 1.0f);
             set_material(p, material, 0);
-            draw_marker(p, view, m);
+            set_pose(p, view, as_it_is);
+            glDrawElements(GL_TRIANGLES, static_cast<GLsizei>(run.count), GL_UNSIGNED_INT,
+                           reinterpret_cast<const void*>(size_t{4} * run.first));
         }
     }
     glDisable(GL_CULL_FACE);
@@ -812,8 +782,8 @@ GlRenderer::GlRenderer(const Meshes& meshes) : impl_(std::make_unique<Impl>(mesh
     impl_->context.make_current();
     impl_->floor_program = make_ground_program(shaders::kGroundFragment);
     impl_->shadow_program = make_ground_program(shaders::kShadowFragment);
-    impl_->marker = make_marker_mesh();
     impl_->palette = make_palette();
+    impl_->shade_texture = make_table_texture();
     glGenVertexArrays(1, &impl_->empty_array);
     impl_->context.release();
 }

@@ -6,6 +6,8 @@
 
 #include "components/mesh.hpp"
 #include "components/picture.hpp"
+#include "engine/ground_shade.hpp"
+#include "engine/marker_mesh.hpp"
 namespace trocar {
 
 // Column-major, as OpenGL takes it.
@@ -23,23 +25,6 @@ struct View {
     float light_distance = 0.1f;                    // m, where the light at the eye has its nominal brightness
 };
 
-// Shape drawn beside the surfaces. Lit like plastic, linear colour with opacity.
-struct Marker {
-    enum class Kind : uint8_t { kSphere, kArrow } kind = Kind::kSphere;
-    Vec3d from = Vec3d::Zero();  // m, world: centre, or tail
-    Vec3d to = Vec3d::Zero();    // m, world: tip of an arrow
-    double radius = 0;           // m, of the sphere or the shaft
-    std::array<float, 4> colour{1, 1, 1, 1};
-};
-
-// Soft elliptic shadow on the floor: darkness * (1 - q / 6.25)^3 with q = d' S d < 6.25 at the offset d from its
-// centre, nearly a Gaussian but ending at two and a half deviations.
-struct GroundShadow {
-    float x = 0, y = 0;            // m, from the floor's centre along its two axes
-    float xx = 0, xy = 0, yy = 0;  // 1/m^2, S: inverse covariance
-    float darkness = 0;            // 0..1
-};
-
 // Floor: a disc that fades into the background.
 struct Ground {
     bool on = false;
@@ -47,7 +32,7 @@ struct Ground {
     Vec3d axis_x = Vec3d::UnitX();  // unit, in the plane
     Vec3d axis_y = Vec3d::UnitY();
     double radius = 0;  // m
-    std::vector<GroundShadow> shadows;
+    GroundShade shade;
 };
 
 // Draws triangle meshes into memory with OpenGL. Static data (indices, texture coordinates, rest shapes, textures) go

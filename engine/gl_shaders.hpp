@@ -173,15 +173,17 @@ void main() {
 }
 )";
 
-// A rectangle in the floor's plane: the floor itself, or a shadow on it.
+// A rectangle in the floor's plane: the floor itself, or what shadows make of it.
 inline constexpr const char* kGroundVertex = R"(
 uniform mat4 view_projection;
 uniform vec3 centre, axis_x, axis_y;
 uniform vec4 rectangle;  // centre x, y, half sizes, m
 out vec2 floor_at;       // m, from the rectangle's centre
+out vec2 corner_uv;      // 0..1 over the rectangle
 void main() {
     vec2 corner = vec2((gl_VertexID & 1) == 0 ? -1.0 : 1.0, (gl_VertexID & 2) == 0 ? -1.0 : 1.0);
     floor_at = corner * rectangle.zw;
+    corner_uv = 0.5 + 0.5 * corner;
     vec2 p = rectangle.xy + floor_at;
     gl_Position = view_projection * vec4(centre + p.x * axis_x + p.y * axis_y, 1.0);
 }
@@ -195,15 +197,10 @@ void main() {
 }
 )";
 inline constexpr const char* kShadowFragment = R"(
-in vec2 floor_at;
-uniform vec4 shape;  // xx, xy, yy of the inverse covariance, darkness
+in vec2 corner_uv;
+uniform sampler2D darkness;  // of the rectangle's cells
 out vec4 colour;
-void main() {
-    vec2 d = floor_at;
-    float q = shape.x * d.x * d.x + 2.0 * shape.y * d.x * d.y + shape.z * d.y * d.y;
-    float t = max(1.0 - q / 6.25, 0.0);
-    colour = vec4(0.0, 0.0, 0.0, shape.w * t * t * t);
-}
+void main() { colour = vec4(0.0, 0.0, 0.0, texture(darkness, corner_uv).r); }
 )";
 
 }  // namespace trocar::shaders

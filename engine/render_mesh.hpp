@@ -5,6 +5,13 @@
 namespace trocar {
 
 // Triangles of one material, consecutive in RenderMesh::index.
+// A row of a vertex buffer.
+struct RenderVertex {
+    float position[3];  // m
+    float normal[3];    // unit; (0, 0, 0) where there is none
+};
+inline RenderVertex make_vertex(const Vec3& p, const Vec3& n) { return {{p.x(), p.y(), p.z()}, {n.x(), n.y(), n.z()}}; }
+
 struct RenderGroup {
     uint32_t material = 0;  // of the prototype
     uint32_t first = 0;     // row of index

@@ -158,11 +158,12 @@ GroundShadow make_shadow(const PictureBody& body, const Ground& ground, const Ve
             f(yy / area),
             f(-xy / area),
             f(xx / area),
-            f(0.8 * std::sqrt(std::min(1.0, (bare + 0.3 * soft * std::sqrt(bare)) / std::sqrt(area))))};
+            f(kDarkest * std::sqrt(std::min(1.0, (bare + 0.3 * soft * std::sqrt(bare)) / std::sqrt(area))))};
 }
 
-void place_ground(const PictureParams& params, const Camera& camera, const PictureSnapshot& snapshot, Ground& ground) {
-    ground.shadows.clear();
+void place_ground(const PictureParams& params, const Camera& camera, const PictureSnapshot& snapshot, std::vector<GroundShadow>& shadows,
+                  Ground& ground) {
+    shadows.clear();
     ground.on = params.ground && camera.kind == CameraKind::kOrbit && camera.floor_radius > 0;
     if (!ground.on) return;
     const Vec3d sky = unit_or(camera.up, Vec3d::UnitZ());
@@ -171,8 +172,8 @@ void place_ground(const PictureParams& params, const Camera& camera, const Pictu
     ground.axis_y = sky.cross(ground.axis_x);
     ground.radius = camera.floor_radius;
     for (const PictureBody& body : snapshot.body)
-        if (body.mesh != kNone && holds_something(body.box))
-            ground.shadows.push_back(make_shadow(body, ground, sky, 0.012 * ground.radius));
+        if (body.mesh != kNone && holds_something(body.box)) shadows.push_back(make_shadow(body, ground, sky, 0.012 * ground.radius));
+    make_ground_shade(shadows, static_cast<float>(ground.radius), ground.shade);
 }
 
 // Markers are as large as they can be seen: parts of the height of the picture where they are.
@@ -186,8 +187,12 @@ void place_markers(const PictureParams& params, const Camera& camera, const Pict
             if (w.depth < kLeastShown) continue;
             const double size = height_at(w.point), radius = std::clamp(0.08 * w.depth, 0.0025 * size, 0.0075 * size);
             markers.push_back({Marker::Kind::kArrow, w.point, w.closest, radius, {0.95f, 0.72f, 0.08f, 1.0f}});
-            markers.push_back({Marker::Kind::kSphere, w.point, w.point, 1.8 * radius, {0.95f, 0.72f, 0.08f, 1.0f}});
         }
+    // balls after all arrows: markers of one kind and colour in a row are drawn at once
+    for (size_t i = 0, arrows = markers.size(); i < arrows; ++i) {
+        const Marker arrow = markers[i];
+        markers.push_back({Marker::Kind::kSphere, arrow.from, arrow.from, 1.8 * arrow.radius, arrow.colour});
+    }
     if (!params.tools) return;
     for (const PictureTool& tool : snapshot.tool) {
         const double radius = std::max(tool.radius, 0.005 * height_at(tool.proxy));
@@ -340,7 +345,7 @@ View make_view(const Camera& camera, const Box& box, uint32_t width, uint32_t he
 void render_picture(const PictureParams& params, const Camera& camera, const PictureSnapshot& snapshot, GlRenderer& renderer,
                     RenderScratch& scratch, Image& out) {
     Box box = drawn_box(snapshot);
-    place_ground(params, camera, snapshot, scratch.ground);
+    place_ground(params, camera, snapshot, scratch.shadows, scratch.ground);
     place_markers(params, camera, snapshot, scratch.markers);
     if (params.tools)
         for (const PictureTool& tool : snapshot.tool) {

@@ -6,6 +6,7 @@ namespace trocar {
 
 struct RenderScratch {
     std::vector<Marker> markers;
+    std::vector<GroundShadow> shadows;
     Ground ground;
     SmoothEdgesScratch smooth;
 };
