@@ -1,8 +1,5 @@
 #include "engine/gl_renderer.hpp"
 
-#define GL_GLEXT_PROTOTYPES
-#include <GL/osmesa.h>
-
 #include <algorithm>
 #include <cmath>
 #include <cstring>
@@ -11,6 +8,7 @@
 #include "engine/check.hpp"
 #include "engine/depth_colours.hpp"
 #include "engine/geometry/quaternion.hpp"
+#include "engine/gl_functions.hpp"
 #include "engine/gl_shaders.hpp"
 #include "engine/offscreen.hpp"
 #include "engine/render_mesh.hpp"
@@ -652,7 +650,10 @@ void GlRenderer::Impl::draw_body(const PictureParams& params, const View& view, 
     // the far side of a closed, outward body never shows
     const MeshInfo& info = meshes.info[from.mesh];
     const bool closed = info.admission == Admission::kSolid && info.volume > 0;
-    (closed && opaque ? glEnable : glDisable)(GL_CULL_FACE);
+    if (closed && opaque)
+        glEnable(GL_CULL_FACE);
+    else
+        glDisable(GL_CULL_FACE);
     for (const RenderGroup& group : groups) {
         const bool known = group.material < materials.count;
         const Material& material = known ? meshes.material[materials.first + group.material] : plain;

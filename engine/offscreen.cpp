@@ -1,13 +1,13 @@
 #include "engine/offscreen.hpp"
 
-#define GL_GLEXT_PROTOTYPES
-#include <GL/osmesa.h>
+#include <dlfcn.h>
 
 #include <array>
 #include <cstdlib>
 
 #include "engine/check.hpp"
 #include "engine/error.hpp"
+#include "engine/gl_functions.hpp"
 
 #ifdef __SANITIZE_ADDRESS__
 // OSMesaDestroyContext forgets the buffer that OSMesaMakeCurrent made: 160 bytes a context, not ours to free.
@@ -21,6 +21,15 @@ struct OffscreenContext::Impl {
     OSMesaContext context = nullptr;
     std::array<uint8_t, 4> unused{};  // OSMesa wants a buffer; we draw into framebuffer objects
 };
+
+void* osmesa_function(const char* name) {
+    const auto needed = [](void* found) {
+        if (!found) throw InputError(std::string("pictures need OSMesa (package libosmesa6): ") + dlerror());
+        return found;
+    };
+    static void* const library = needed(dlopen(TROCAR_OSMESA_LIBRARY, RTLD_NOW | RTLD_LOCAL));
+    return needed(dlsym(library, name));
+}
 
 void set_offscreen_threads(uint32_t threads) { setenv("LP_NUM_THREADS", std::to_string(threads).c_str(), 0); }
 
@@ -36,18 +45,18 @@ OffscreenContext::OffscreenContext() : impl_(std::make_unique<Impl>()) {
                               OSMESA_CONTEXT_MINOR_VERSION,
                               3,
                               0};
-    impl_->context = OSMesaCreateContextAttribs(attributes, nullptr);
+    impl_->context = trocar::OSMesaCreateContextAttribs(attributes, nullptr);
     if (!impl_->context) throw InputError("OSMesa: no OpenGL 3.3 core context");
 }
 
-OffscreenContext::~OffscreenContext() { OSMesaDestroyContext(impl_->context); }
+OffscreenContext::~OffscreenContext() { trocar::OSMesaDestroyContext(impl_->context); }
 
 void OffscreenContext::make_current() {
-    const bool made = OSMesaMakeCurrent(impl_->context, impl_->unused.data(), GL_UNSIGNED_BYTE, 1, 1);
+    const bool made = trocar::OSMesaMakeCurrent(impl_->context, impl_->unused.data(), GL_UNSIGNED_BYTE, 1, 1);
     TROCAR_ASSERT(made);
 }
 
-void OffscreenContext::release() { OSMesaMakeCurrent(nullptr, nullptr, 0, 0, 0); }
+void OffscreenContext::release() { trocar::OSMesaMakeCurrent(nullptr, nullptr, 0, 0, 0); }
 
 std::string offscreen_library(OffscreenContext& context) {
     context.make_current();

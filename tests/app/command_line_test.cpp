@@ -133,6 +133,21 @@ TEST_F(CommandLine, UsageErrorsExitWithTwo) {
     EXPECT_EQ(run("collide a.obj").code, 2);
 }
 
+// The library that draws is loaded with the first picture. Breaks when the program is linked with it: then nothing starts here.
+TEST_F(CommandLine, OnlyPicturesNeedOSMesa) {
+    write("libOSMesa.so.8", "no library");
+    const char* before = getenv("LD_LIBRARY_PATH");
+    const std::string restored = before ? before : "";
+    setenv("LD_LIBRARY_PATH", folder_.c_str(), 1);
+    const Outcome without = run("run rigid_stack --seconds 0.02 --no-render"),
+                  with = run("run rigid_stack --seconds 0.02 --out " + (folder_ / "drawn").string());
+    before ? setenv("LD_LIBRARY_PATH", restored.c_str(), 1) : unsetenv("LD_LIBRARY_PATH");
+    EXPECT_EQ(without.code, 0) << without.err;
+    EXPECT_EQ(with.code, 2);
+    expect_one_line(with.err);
+    EXPECT_NE(with.err.find("pictures need OSMesa (package libosmesa6): "), std::string::npos) << with.err;
+}
+
 TEST_F(CommandLine, MissingFilesAreNamed) {
     for (const std::string& arguments :
          {std::string("check nowhere.obj"), std::string("run nowhere.toml"), std::string("query nowhere.obj p.csv"),
