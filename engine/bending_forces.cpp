@@ -12,7 +12,7 @@ namespace {
 
 constexpr uint32_t kGroup = 8;              // hinges at a time
 constexpr uint32_t kGroupsPerChunk = 2048;  // the same cut for any number of threads
-constexpr double kLeastHeight = 0.25;       // mean edges: flatter triangles bend as if they were this high
+constexpr double kLeastHeight = 0.25;       // mean edges: where a triangle is flatter the hinge is softer
 
 struct Vectors {
     __m256 x, y, z;
@@ -146,8 +146,11 @@ bool make_hinge(const MeshView& mesh, uint32_t edge, RestHinge& out) {
     out.cosine = n0.dot(n1) / (size0 * size1);
     out.sine = n0.cross(n1).dot(e) / (size0 * size1 * length);
     out.weight = length * length / (0.5 * (size0 + size1));
-    const double highest = 1 / (kLeastHeight * mesh.info->mean_edge);
-    out.lever[0] = std::min(length / size0, highest), out.lever[1] = std::min(length / size1, highest);
+    out.lever[0] = length / size0, out.lever[1] = length / size1;
+    // Softer by as much as the step would have to be shorter. (Forces by less than their lever would have no energy: a mesh of long,
+    // thin triangles shook itself to pieces.)
+    const double flat = kLeastHeight * mesh.info->mean_edge * std::max(out.lever[0], out.lever[1]);
+    if (flat > 1) out.weight /= flat * flat;
     return true;
 }
 

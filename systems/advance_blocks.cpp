@@ -57,7 +57,8 @@ bool fits_block(const AdvanceIsland& island, uint32_t row, const RowSketch& sket
     const uint32_t point = island.rows.body[row], plane = island.rows.other[row];
     if (island.rows.third[row] != kNone || !is_deformable(bodies, point)) return false;  // a block has no part for a third corner
     const AdvanceBody& body = s.body[s.slot_of_body[point]];
-    if (is_deformable(bodies, plane) ? body.skin_node || s.body[s.slot_of_body[plane]].skin_node
+    if (body.skin_node) return false;  // its vertices are no nodes
+    if (is_deformable(bodies, plane) ? s.body[s.slot_of_body[plane]].skin_node != nullptr
                                      : !is_fixed(island, plane) || body.synchronous()) {  // whose step holds the row
         return false;
     }

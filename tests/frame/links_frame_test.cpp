@@ -259,6 +259,38 @@ until = 1.6
     EXPECT_LT(largest_step, 0.4) << "no jerk where it holds and lets go";
 }
 
+// Surgical mesh on a coarser shell lies down on a table with thousands of contacts at once. Breaks when rows of a skin with static
+// planes are put into blocks, which know nodes only: that ended in a segmentation fault.
+TEST(CagedShellsInScenes, ASheetLiesDownOnATable) {
+    const WrittenScene scene("caged_sheet", R"(
+[[body]]
+name = "table"
+shape = "table"
+size = 0.3
+triangles = 800
+position = [0.0, 0.0, -0.005]
+[[body]]
+name = "mesh"
+shape = "surgical_mesh"
+triangles = 4000
+motion = "deformable"
+anchor = "shape"
+position = [0.0, 0.0, 0.0007]
+skin = true
+[body.tissue]
+preset = "polypropylene_mesh"
+youngs_modulus = 1e5
+bending = 0.0
+)");
+    size_t most = 0;
+    run(scene.build().world, 6, [&](const Frame& f, int) {
+        most = std::max(most, f.world().contacts.distance.size());
+        EXPECT_EQ(f.world().report.nonfinite_particles + f.world().report.runaway_bodies, 0u);
+        EXPECT_LT(f.world().report.deepest_residual, 1e-4);
+    });
+    EXPECT_GT(most, 2048u) << "so many go into blocks beside a static body";
+}
+
 // A shell under a skin in a scene: its figures are said, a rod presses the fine surface, and what it cannot do is refused.
 TEST(CagedShellsInScenes, PressedAndRefused) {
     const std::string scene = R"(
