@@ -6,6 +6,7 @@
 #include "engine/geometry/contact_kernels.hpp"
 #include "engine/geometry/predicates.hpp"
 #include "engine/parallel.hpp"
+#include "engine/subspan.hpp"
 namespace trocar {
 namespace {
 
@@ -200,8 +201,9 @@ void append_chunk(const ContourChunk& c, Contours& out) {
 
 }  // namespace
 
-void find_contours(const Surfaces& surfaces, const CandidatePairs& pairs, const CandidateTriangles& candidates, ContoursScratch& scratch,
-                   Contours& contours) {
+void find_contours(const ContactInputs& in, const CandidateTriangles& candidates, ContoursScratch& scratch, Contours& contours) {
+    const Surfaces& s = in.surfaces;
+    const CandidatePairs& pairs = in.pairs;
     const uint32_t count = uint32_t(pairs.a.size()), grain = std::max(1u, chunk_count(count, kMostChunks)),
                    chunks = chunk_count(count, grain);
     if (scratch.chunk.size() < chunks) scratch.chunk.resize(chunks);
@@ -212,11 +214,10 @@ void find_contours(const Surfaces& surfaces, const CandidatePairs& pairs, const 
         chunk.segments.clear();
         for (uint32_t pair = begin; pair < end; ++pair) {
             const uint32_t a = pairs.a[pair], b = pairs.b[pair];
-            const Vec3d origin = surfaces.poses.origin[a];
-            const PairInput in{mesh_view(surfaces.meshes, surfaces.bodies.mesh[a]), mesh_view(surfaces.meshes, surfaces.bodies.mesh[b]),
-                               BodyPoints(surfaces, a, origin), BodyPoints(surfaces, b, origin), origin};
-            const Range rows = candidates.pair[pair];
-            find_contours_of(in, std::span(candidates.triangle).subspan(rows.first, rows.count), chunk);
+            const Vec3d origin = s.poses.origin[a];
+            const PairInput both{mesh_view(s.meshes, s.bodies.mesh[a]), mesh_view(s.meshes, s.bodies.mesh[b]), BodyPoints(s, a, origin),
+                                 BodyPoints(s, b, origin), origin};
+            find_contours_of(both, subspan(candidates.triangle, candidates.pair[pair]), chunk);
         }
     });
     clear(contours);

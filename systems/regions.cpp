@@ -409,8 +409,10 @@ void append(const std::vector<T>& from, std::vector<T>& to) {
 
 }  // namespace
 
-void find_regions(const Surfaces& surfaces, const CandidatePairs& pairs, const ScreenedTriangles& screened, const NearVertices& near,
-                  const Contacts& contacts, const Contours& contours, RegionsScratch& scratch, OverlapRegions& regions) {
+void find_regions(const ContactInputs& in, const ScreenedTriangles& screened, const NearVertices& near, const Contacts& contacts,
+                  const Contours& contours, RegionsScratch& scratch, OverlapRegions& regions) {
+    const Surfaces& s = in.surfaces;
+    const CandidatePairs& pairs = in.pairs;
     const uint32_t count = uint32_t(pairs.a.size()), grain = std::max(1u, chunk_count(count, kMostChunks)),
                    chunks = chunk_count(count, grain);
     if (scratch.chunk.size() < chunks) scratch.chunk.resize(chunks);
@@ -423,10 +425,9 @@ void find_regions(const Surfaces& surfaces, const CandidatePairs& pairs, const S
         for (uint32_t pair = begin; pair < end; ++pair) {
             const uint32_t a = pairs.a[pair], b = pairs.b[pair];
             Range rows{scratch.contact_first[pair], scratch.contact_first[pair + 1] - scratch.contact_first[pair]};
-            if (rows.count == 0 || !has_inside(surfaces, a) || !has_inside(surfaces, b)) continue;
+            if (rows.count == 0 || !has_inside(s, a) || !has_inside(s, b)) continue;
             const Vec3d centre = contacts.point[rows.first];
-            const MeshView mesh_a = mesh_view(surfaces.meshes, surfaces.bodies.mesh[a]),
-                           mesh_b = mesh_view(surfaces.meshes, surfaces.bodies.mesh[b]);
+            const MeshView mesh_a = mesh_view(s.meshes, s.bodies.mesh[a]), mesh_b = mesh_view(s.meshes, s.bodies.mesh[b]);
             const uint32_t nodes_a = uint32_t(mesh_a.position.size()), nodes_b = uint32_t(mesh_b.position.size());
             Range points, segments;
             find_rows(contours, pair, points, segments);
@@ -434,8 +435,8 @@ void find_regions(const Surfaces& surfaces, const CandidatePairs& pairs, const S
                        near,
                        contacts,
                        contours,
-                       {{{a, 0, screened.body[a], near.side[2 * pair], mesh_a, BodyPoints(surfaces, a, centre)},
-                         {b, nodes_a, screened.body[b], near.side[2 * pair + 1], mesh_b, BodyPoints(surfaces, b, centre)}}},
+                       {{{a, 0, screened.body[a], near.side[2 * pair], mesh_a, BodyPoints(s, a, centre)},
+                         {b, nodes_a, screened.body[b], near.side[2 * pair + 1], mesh_b, BodyPoints(s, b, centre)}}},
                        pair,
                        nodes_a + nodes_b,
                        points,
