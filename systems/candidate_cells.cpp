@@ -9,6 +9,7 @@
 #include "engine/geometry/sum_velocities.hpp"
 #include "engine/parallel.hpp"
 #include "engine/reach.hpp"
+#include "engine/subspan.hpp"
 #include "engine/thread_pool.hpp"
 namespace trocar {
 namespace {
@@ -185,10 +186,7 @@ std::vector<uint32_t>& near_sides(const ScreenedTriangles& screened, CandidateCe
 
 void search_cell(const CandidatePairs& pairs, const ScreenedTriangles& screened, const Occupancy& occupancy, uint32_t cell, uint32_t run,
                  std::vector<uint32_t>& near_side, CandidateCellsScratch& scratch) {
-    const auto rows_of = [&](uint32_t object) {
-        const uint32_t first = occupancy.primitive_first[object];
-        return std::span(occupancy.primitive_row).subspan(first, occupancy.primitive_first[object + 1] - first);
-    };
+    const auto rows_of = [&](uint32_t object) { return subspan(occupancy.primitive_row, range_at(occupancy.primitive_first, object)); };
     const float inv_size = 1.0f / float(occupancy.cell_size);
     const uint32_t end = occupancy.object_first[cell + 1];
     for (uint32_t i = occupancy.object_first[cell]; i < end; ++i) {
@@ -450,7 +448,7 @@ void compare_directly(const ScreenedTriangles& screened, DirectChunk& c, DirectF
     found.near[1] = {found.near[0].end(), uint32_t(c.near.size()) - found.near[0].end()};
 }
 
-uint32_t pair_grain(const CandidatePairs& pairs) { return std::max(1u, chunk_count(uint32_t(pairs.a.size()), kMostChunks)); }
+uint32_t pair_grain(const CandidatePairs& pairs) { return coarse_grain(uint32_t(pairs.a.size())); }
 
 // Finds of all directly compared pairs, and how many they are.
 void search_direct(const ContactInputs& in, const DirectPairs& direct, const ScreenedTriangles& screened, CandidateCellsScratch& scratch,

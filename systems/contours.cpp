@@ -3,6 +3,7 @@
 #include <Eigen/Geometry>
 #include <algorithm>
 
+#include "engine/append.hpp"
 #include "engine/geometry/contact_kernels.hpp"
 #include "engine/geometry/predicates.hpp"
 #include "engine/parallel.hpp"
@@ -176,11 +177,6 @@ void clear(Contours& c) {
     c.edge.clear(), c.edge_of_b.clear(), c.pierced.clear(), c.along.clear(), c.outward.clear();
 }
 
-template <typename T>
-void append(const std::vector<T>& from, std::vector<T>& to) {
-    to.insert(to.end(), from.begin(), from.end());
-}
-
 // Adds the pairs of a chunk, whose rows then count from the first of all.
 void append_chunk(const ContourChunk& c, Contours& out) {
     const uint32_t curve = uint32_t(out.curve.size());
@@ -204,8 +200,7 @@ void append_chunk(const ContourChunk& c, Contours& out) {
 void find_contours(const ContactInputs& in, const CandidateTriangles& candidates, ContoursScratch& scratch, Contours& contours) {
     const Surfaces& s = in.surfaces;
     const CandidatePairs& pairs = in.pairs;
-    const uint32_t count = uint32_t(pairs.a.size()), grain = std::max(1u, chunk_count(count, kMostChunks)),
-                   chunks = chunk_count(count, grain);
+    const uint32_t count = uint32_t(pairs.a.size()), grain = coarse_grain(count), chunks = chunk_count(count, grain);
     if (scratch.chunk.size() < chunks) scratch.chunk.resize(chunks);
     parallel_for(count, grain, [&](uint32_t begin, uint32_t end) {
         ContourChunk& chunk = scratch.chunk[begin / grain];

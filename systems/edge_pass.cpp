@@ -8,6 +8,7 @@
 #include "engine/open_rows.hpp"
 #include "engine/pair_sides.hpp"
 #include "engine/parallel.hpp"
+#include "engine/subspan.hpp"
 #include "engine/write_contact.hpp"
 namespace trocar {
 namespace {
@@ -152,8 +153,7 @@ Crossings find_crossings(const EdgeSearch& e, const std::array<uint32_t, 2>& tri
     for (const uint32_t own : triangles) {
         if (own == kNone) continue;
         if (!has_bit(c.near_triangle.word, own)) return found;
-        const uint32_t rank = rank_of(c.near_triangle, own);
-        const Range list{c.opposite_first[rank], c.opposite_first[rank + 1] - c.opposite_first[rank]};
+        const Range list = range_at(c.opposite_first, rank_of(c.near_triangle, own));
         if (list.count < shortest.count) shortest = list;
     }
     if (shortest.count == kNone) return found;
@@ -341,7 +341,7 @@ void find_places(const CandidatePairs& pairs, const Contacts& contacts, EdgePass
 void find_edge_contacts(const ContactInputs& in, const CandidateTriangles& candidates, const NearVertices& near, EdgePassScratch& scratch,
                         Report& report, Contacts& contacts) {
     const uint32_t count = uint32_t(in.pairs.a.size()), sides = 2 * count;
-    const uint32_t grain = std::max(1u, chunk_count(count, kMostChunks));
+    const uint32_t grain = coarse_grain(count);
     scratch.side.resize(sides);
     if (scratch.chunk.size() < chunk_count(count, grain)) scratch.chunk.resize(chunk_count(count, grain));
     parallel_for(count, grain, [&](uint32_t begin, uint32_t end) {

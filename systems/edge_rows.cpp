@@ -98,7 +98,7 @@ void add_edge_rows(const ContactInputs& in, const CandidateTriangles& candidates
             const auto near = subspan(candidates.near, candidates.side[2 * pair + side]);
             collect_edges(surfaces, body[side], near, scratch.edge, scratch.sharp[side]);
         }
-        const double margin = in.boxes.margin[body[0]] + in.boxes.margin[body[1]];
+        const double margin = margin_between(in.boxes, body[0], body[1]);
         const auto mean_edge = [&](uint32_t b) { return surfaces.meshes.info[bodies.mesh[b]].mean_edge; };
         const double deepest = kDeepest * std::min(mean_edge(body[0]), mean_edge(body[1]));
         Passing passing;

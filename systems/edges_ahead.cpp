@@ -5,6 +5,7 @@
 
 #include "engine/bit_rows.hpp"
 #include "engine/geometry/contact_kernels.hpp"
+#include "engine/pair_sides.hpp"
 #include "engine/parallel.hpp"
 #include "engine/subspan.hpp"
 namespace trocar {
@@ -148,7 +149,7 @@ void find_in_pair(const ContactInputs& in, const CandidateTriangles& candidates,
                     BodyPoints(s, other, s.poses.origin[other]),
                     edges_of(contacts, rows, body),
                     edges_of(contacts, rows, other),
-                    in.boxes.margin[a] + in.boxes.margin[b]};
+                    margin_between(in.boxes, a, b)};
     collect(s, candidates, near, side, c);
     for_each_bit(c.edge, [&](uint32_t edge) { search_edge(in, side, edge, c); });
 }
@@ -157,18 +158,14 @@ void find_in_pair(const ContactInputs& in, const CandidateTriangles& candidates,
 
 void add_edges_ahead(const ContactInputs& in, const CandidateTriangles& candidates, const NearVertices& near, const Contacts& contacts,
                      EdgesAheadScratch& scratch, ContactRows& rows) {
-    const uint32_t count = uint32_t(in.pairs.a.size()), grain = std::max(1u, chunk_count(count, kMostChunks));
-    scratch.contact_first.assign(count + 1, 0);
-    for (const uint32_t pair : contacts.pair) ++scratch.contact_first[pair + 1];
-    for (uint32_t pair = 0; pair < count; ++pair) scratch.contact_first[pair + 1] += scratch.contact_first[pair];
+    const uint32_t count = uint32_t(in.pairs.a.size()), grain = coarse_grain(count);
+    find_first_contacts(contacts, count, scratch.contact_first);
     if (scratch.chunk.size() < chunk_count(count, grain)) scratch.chunk.resize(chunk_count(count, grain));
     parallel_for(count, grain, [&](uint32_t begin, uint32_t end) {
         EdgesAheadChunk& chunk = scratch.chunk[begin / grain];
         chunk.found.clear();
-        for (uint32_t pair = begin; pair < end; ++pair) {
-            const uint32_t first = scratch.contact_first[pair];
-            find_in_pair(in, candidates, near, contacts, {first, scratch.contact_first[pair + 1] - first}, pair, chunk);
-        }
+        for (uint32_t pair = begin; pair < end; ++pair)
+            find_in_pair(in, candidates, near, contacts, range_at(scratch.contact_first, pair), pair, chunk);
     });
     for (uint32_t i = 0; i < chunk_count(count, grain); ++i)
         for (const EdgeMeeting& m : scratch.chunk[i].found) append_edge_row(in.surfaces, m, rows);

@@ -307,7 +307,7 @@ void find_face_contacts(const ContactInputs& in, uint32_t most_queries, const Sc
                         const CandidateTriangles& candidates, const NearVertices& near, FaceDepthScratch& scratch, Contacts& contacts) {
     const Enough enough{in.params.tolerance, most_queries};
     const auto side_at = [&](uint32_t row) { return make_side(in, screened, candidates, near, row); };
-    const uint32_t count = uint32_t(in.pairs.a.size()), grain = std::max(1u, chunk_count(count, kMostChunks));
+    const uint32_t count = uint32_t(in.pairs.a.size()), grain = coarse_grain(count);
     const uint32_t chunks = chunk_count(count, grain);
     if (scratch.chunk.size() < chunks) scratch.chunk.resize(chunks);
     scratch.queries.assign(count, 0);

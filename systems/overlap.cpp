@@ -5,10 +5,12 @@
 
 #include "engine/bit_rows.hpp"
 #include "engine/disjoint_sets.hpp"
+#include "engine/geometry/contact_kernels.hpp"
 #include "engine/geometry/project_vertices.hpp"
 #include "engine/pair_sides.hpp"
 #include "engine/parallel.hpp"
 #include "engine/subspan.hpp"
+#include "engine/write_contact.hpp"
 namespace trocar {
 namespace {
 
@@ -360,7 +362,7 @@ Side make_side(const ContactInputs& in, const ScreenedTriangles& screened, const
                const OverlapScratch& scratch, uint32_t row) {
     const Surfaces& s = in.surfaces;
     const auto [pair, body, other, reversed] = pair_side(in.pairs, row);
-    const Range vertices{scratch.vertex_first[body], scratch.vertex_first[body + 1] - scratch.vertex_first[body]};
+    const Range vertices = range_at(scratch.vertex_first, body);
     const Admission admission = s.meshes.info[s.bodies.mesh[other]].admission;
     return {pair,
             body,
@@ -373,7 +375,7 @@ Side make_side(const ContactInputs& in, const ScreenedTriangles& screened, const
             subspan(scratch.hint_other, vertices),
             subspan(scratch.hint_triangle, vertices),
             mesh_view(s.meshes, s.bodies.mesh[body]),
-            in.boxes.margin[body] + in.boxes.margin[other],
+            margin_between(in.boxes, body, other),
             admission == Admission::kSheet ? 0.5 * s.bodies.thickness[other] : 0.0,
             admission == Admission::kSolid,
             admission == Admission::kSheet,
@@ -395,26 +397,32 @@ void prepare_hints(const Surfaces& s, OverlapScratch& scratch) {
     scratch.hint_triangle.assign(first, kNone);
 }
 
-// Copies one side's answers to their place in the outputs.
-void write_side(const Surfaces& s, const Side& side, uint32_t row, const OverlapSide& found, const OverlapChunk& c, uint32_t contact,
-                NearVertices& near, Contacts& out) {
-    for (uint32_t i = 0; i < found.answers.count; ++i) {
-        const uint32_t from = found.answers.first + i, to = near.side[row].first + i;
+// Copies one side's answers to their place in the outputs, of the row of scratch of that side.
+void write_side(const ContactInputs& in, const OverlapScratch& scratch, uint32_t row, const OverlapChunk& c, NearVertices& near,
+                Contacts& contacts) {
+    const auto [pair, body, other, reversed] = pair_side(in.pairs, row);
+    const double margin = margin_between(in.boxes, body, other);
+    const Range answers = scratch.side[row].answers;
+    uint32_t contact = scratch.contact_first[row];
+    for (uint32_t i = 0; i < answers.count; ++i) {
+        const uint32_t from = answers.first + i, to = near.side[row].first + i, v = c.vertex[from];
         const SurfacePoint& answer = c.answer[from];
-        near.vertex[to] = c.vertex[from];
+        near.vertex[to] = v;
         near.distance[to] = answer.distance;
         near.triangle[to] = answer.triangle;
-        if (answer.distance >= side.margin) continue;
-        out.pair[contact] = side.pair;
-        out.body[contact] = side.body;
-        out.other[contact] = side.other;
-        out.vertex[contact] = {c.vertex[from], c.vertex[from]};
-        out.along[contact] = 0;
-        out.point[contact] = frame_to_world(s, side.other, c.point[from]);
-        out.closest[contact] = frame_to_world(s, side.other, answer.point);
-        out.normal[contact] = direction_to_world(s, side.other, answer.normal);
-        out.distance[contact] = answer.distance;
-        out.triangle[contact++] = answer.triangle;
+        if (answer.distance < margin) write_contact(in.surfaces, {pair, body, other, {v, v}}, c.point[from], answer, contacts, contact++);
+    }
+}
+
+// Keeps for the next pass what every vertex was nearest to.
+void keep_hints(const CandidatePairs& pairs, const NearVertices& near, OverlapScratch& scratch) {
+    for (uint32_t row = 0; row < near.side.size(); ++row) {
+        const PairSide side = pair_side(pairs, row);
+        for (uint32_t i = near.side[row].first; i < near.side[row].end(); ++i) {
+            const uint32_t memory = scratch.vertex_first[side.body] + near.vertex[i];
+            scratch.hint_other[memory] = side.other;
+            scratch.hint_triangle[memory] = near.triangle[i];
+        }
     }
 }
 
@@ -439,12 +447,10 @@ void resize_outputs(uint32_t sides, OverlapScratch& scratch, NearVertices& near,
 void find_overlap(const ContactInputs& in, const ScreenedTriangles& screened, const CandidateTriangles& candidates, OverlapScratch& scratch,
                   Report& report, NearVertices& near, Contacts& contacts) {
     const uint32_t sides = 2 * uint32_t(in.pairs.a.size());
-    const uint32_t grain = 2 * std::max(1u, chunk_count(sides / 2, kMostChunks));  // both sides of a pair in one chunk
+    const uint32_t grain = 2 * coarse_grain(sides / 2);  // both sides of a pair in one chunk
     prepare_hints(in.surfaces, scratch);
     scratch.side.resize(sides);
     if (scratch.chunk.size() < chunk_count(sides, grain)) scratch.chunk.resize(chunk_count(sides, grain));
-    const auto side_at = [&](uint32_t row) { return make_side(in, screened, candidates, scratch, row); };
-
     parallel_for(sides, grain, [&](uint32_t begin, uint32_t end) {
         OverlapChunk& chunk = scratch.chunk[begin / grain];
         chunk.vertex.clear();
@@ -452,29 +458,20 @@ void find_overlap(const ContactInputs& in, const ScreenedTriangles& screened, co
         chunk.answer.clear();
         chunk.projected = kNone;
         chunk.sign_disagreements = chunk.tie_overflows = chunk.disagreements = 0;
-        for (uint32_t row = begin; row < end; ++row) find_side(in, side_at(row), scratch.side[row], chunk);
+        for (uint32_t row = begin; row < end; ++row)
+            find_side(in, make_side(in, screened, candidates, scratch, row), scratch.side[row], chunk);
     });
 
     resize_outputs(sides, scratch, near, contacts);
     parallel_for(sides, grain, [&](uint32_t begin, uint32_t end) {
-        for (uint32_t row = begin; row < end; ++row) {
-            write_side(in.surfaces, side_at(row), row, scratch.side[row], scratch.chunk[begin / grain], scratch.contact_first[row], near,
-                       contacts);
-        }
+        for (uint32_t row = begin; row < end; ++row) write_side(in, scratch, row, scratch.chunk[begin / grain], near, contacts);
     });
     for (uint32_t i = 0; i < chunk_count(sides, grain); ++i) {
         report.sign_disagreements += scratch.chunk[i].sign_disagreements;
         report.tie_overflows += scratch.chunk[i].tie_overflows;
         report.disagreements += scratch.chunk[i].disagreements;
     }
-    for (uint32_t row = 0; row < sides; ++row) {
-        const PairSide side = pair_side(in.pairs, row);
-        for (uint32_t i = near.side[row].first; i < near.side[row].end(); ++i) {
-            const uint32_t memory = scratch.vertex_first[side.body] + near.vertex[i];
-            scratch.hint_other[memory] = side.other;
-            scratch.hint_triangle[memory] = near.triangle[i];
-        }
-    }
+    keep_hints(in.pairs, near, scratch);
 }
 
 }  // namespace trocar

@@ -94,7 +94,7 @@ uint32_t sift(const Surfaces& s, uint32_t a, uint32_t b, std::span<std::array<ui
 
 void drop_parted_triangles(const ContactInputs& in, PartedTrianglesScratch& scratch, CandidateTriangles& candidates) {
     const CandidatePairs& pairs = in.pairs;
-    const uint32_t count = uint32_t(pairs.a.size()), grain = std::max(1u, chunk_count(count, kMostChunks));
+    const uint32_t count = uint32_t(pairs.a.size()), grain = coarse_grain(count);
     if (scratch.chunk.size() < chunk_count(count, grain)) scratch.chunk.resize(chunk_count(count, grain));
     candidates.beside.resize(candidates.triangle.size());
     parallel_for(count, grain, [&](uint32_t begin, uint32_t end) {
