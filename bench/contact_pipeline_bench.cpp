@@ -31,29 +31,19 @@ void measure(const char* name, ContactScene& scene, uint32_t passes) {
     const Vec3d start = scene.poses.origin[1];
     for (uint32_t pass = 0; pass < passes + 5; ++pass) {
         scene.poses.origin[1] = start + Vec3d(0.3e-3 * std::sin(0.1 * pass), 0.3e-3 * std::cos(0.07 * pass), 0);
-        const Surfaces s = scene.surfaces();
         const std::function<void()> stage[] = {
-            [&] { compute_body_boxes(scene.period, s, scene.boxes); },
+            [&] { compute_body_boxes(scene.period, scene.surfaces(), scene.boxes); },
             [&] { find_candidate_pairs(scene.bodies, scene.boxes, {}, scene.pairs_scratch, scene.pairs); },
             [&] { refit_trees(scene.bodies, scene.particles, scene.pairs, scene.refit_scratch, scene.trees); },
+            [&] { rasterise(scene.inputs(), 0, scene.rasterise_scratch, scene.report, scene.screened, scene.occupancy); },
+            [&] { find_candidate_triangles(scene.inputs(), {}, scene.screened, scene.occupancy, scene.cells_scratch, scene.candidates); },
             [&] {
-                rasterise(scene.params, s, scene.boxes, scene.pairs, scene.rasterise_scratch, scene.report, scene.screened,
-                          scene.occupancy);
+                find_overlap(scene.inputs(), scene.screened, scene.candidates, scene.overlap_scratch, scene.report, scene.near,
+                             scene.contacts);
             },
-            [&] { find_candidate_triangles(scene.pairs, scene.screened, scene.occupancy, scene.cells_scratch, scene.candidates); },
-            [&] {
-                find_overlap(s, scene.boxes, scene.pairs, scene.screened, scene.candidates, scene.trees, scene.overlap_scratch,
-                             scene.report, scene.near, scene.contacts);
-            },
-            [&] {
-                find_edge_contacts(scene.params, s, scene.pairs, scene.candidates, scene.near, scene.trees, scene.edge_scratch,
-                                   scene.report, scene.contacts);
-            },
+            [&] { find_edge_contacts(scene.inputs(), scene.candidates, scene.near, scene.edge_scratch, scene.report, scene.contacts); },
             [&] { measure_penetrations(scene.pairs, scene.contacts, scene.penetrations); },
-            [&] {
-                make_contact_rows(scene.params, s, scene.pairs, scene.contacts, scene.penetrations, scene.rows_scratch, scene.report,
-                                  scene.rows);
-            },
+            [&] { make_contact_rows(scene.inputs(), scene.contacts, scene.penetrations, scene.rows_scratch, scene.report, scene.rows); },
             [&] { find_islands(scene.bodies, scene.rows, scene.islands_scratch, scene.islands); }};
         double total = 0;
         for (uint32_t i = 0; i < 10; ++i) {

@@ -17,16 +17,14 @@ double deepest_contact(const ContactScene& scene) { return scene.penetrations.de
 
 double vertex_depth(ContactScene& scene) {
     scene.find_triangles();
-    find_overlap(scene.surfaces(), scene.boxes, scene.pairs, scene.screened, scene.candidates, scene.trees, scene.overlap_scratch,
-                 scene.report, scene.near, scene.contacts);
+    find_overlap(scene.inputs(), scene.screened, scene.candidates, scene.overlap_scratch, scene.report, scene.near, scene.contacts);
     measure_penetrations(scene.pairs, scene.contacts, scene.penetrations);
     return deepest_contact(scene);
 }
 
 double edge_depth(ContactScene& scene) {
     vertex_depth(scene);
-    find_edge_contacts(scene.params, scene.surfaces(), scene.pairs, scene.candidates, scene.near, scene.trees, scene.edge_scratch,
-                       scene.report, scene.contacts);
+    find_edge_contacts(scene.inputs(), scene.candidates, scene.near, scene.edge_scratch, scene.report, scene.contacts);
     measure_penetrations(scene.pairs, scene.contacts, scene.penetrations);
     return deepest_contact(scene);
 }

@@ -1,4 +1,6 @@
 #pragma once
+#include <vector>
+
 #include "components/contacts.hpp"
 namespace trocar {
 
@@ -12,6 +14,13 @@ inline PairSide pair_side(const CandidatePairs& pairs, uint32_t side) {
     const uint32_t pair = side / 2, a = pairs.a[pair], b = pairs.b[pair];
     const bool reversed = side % 2 != 0;
     return {pair, reversed ? b : a, reversed ? a : b, reversed};
+}
+
+// Finds where the contacts of each pair begin, see range_at.
+inline void find_first_contacts(const Contacts& contacts, size_t pairs, std::vector<uint32_t>& first) {
+    first.assign(pairs + 1, 0);
+    for (const uint32_t pair : contacts.pair) ++first[pair + 1];
+    for (size_t pair = 0; pair < pairs; ++pair) first[pair + 1] += first[pair];
 }
 
 }  // namespace trocar

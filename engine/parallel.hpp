@@ -1,10 +1,13 @@
 #pragma once
+#include <algorithm>
 #include <cstdint>
 namespace trocar {
 
 constexpr uint32_t kMostChunks = 64;  // of work that is cut into as few pieces as keep many threads busy
 
 inline uint32_t chunk_count(uint32_t count, uint32_t grain) { return (count + grain - 1) / grain; }
+// Rows a chunk so that there are kMostChunks at most.
+inline uint32_t coarse_grain(uint32_t count) { return std::max(1u, chunk_count(count, kMostChunks)); }
 
 // Runs body(begin, end) over [0, count) in chunks of `grain` rows. Chunk boundaries depend on count and grain alone,
 // never on the number of threads, so per-chunk results can be combined in chunk order. One chunk runs on the caller

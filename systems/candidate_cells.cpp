@@ -9,6 +9,7 @@
 #include "engine/geometry/sum_velocities.hpp"
 #include "engine/parallel.hpp"
 #include "engine/reach.hpp"
+#include "engine/subspan.hpp"
 #include "engine/thread_pool.hpp"
 namespace trocar {
 namespace {
@@ -185,10 +186,7 @@ std::vector<uint32_t>& near_sides(const ScreenedTriangles& screened, CandidateCe
 
 void search_cell(const CandidatePairs& pairs, const ScreenedTriangles& screened, const Occupancy& occupancy, uint32_t cell, uint32_t run,
                  std::vector<uint32_t>& near_side, CandidateCellsScratch& scratch) {
-    const auto rows_of = [&](uint32_t object) {
-        const uint32_t first = occupancy.primitive_first[object];
-        return std::span(occupancy.primitive_row).subspan(first, occupancy.primitive_first[object + 1] - first);
-    };
+    const auto rows_of = [&](uint32_t object) { return subspan(occupancy.primitive_row, range_at(occupancy.primitive_first, object)); };
     const float inv_size = 1.0f / float(occupancy.cell_size);
     const uint32_t end = occupancy.object_first[cell + 1];
     for (uint32_t i = occupancy.object_first[cell]; i < end; ++i) {
@@ -377,7 +375,7 @@ double reach_along(const Surfaces& s, uint32_t body, double period, const Vec3d&
 }
 
 // Boxes of slanting triangles, and the reach of a body's fastest vertex, say little of where two bodies touch.
-void cut_to_slabs(const DirectInput& in, const ScreenedTriangles& screened, std::span<const Vec3d> drift,
+void cut_to_slabs(const ContactInputs& in, std::span<const BodyJolt> jolt, const ScreenedTriangles& screened, std::span<const Vec3d> drift,
                   const std::array<uint32_t, 2>& body, DirectChunk& c) {
     const Surfaces& s = in.surfaces;
     for (int k = 0; k < 2; ++k) c.corners[k].assign(c.rows[k].size(), kAllCorners);
@@ -392,8 +390,8 @@ void cut_to_slabs(const DirectInput& in, const ScreenedTriangles& screened, std:
     if (!(distance > 0)) return;
     const bool both_move = !is_static(s.bodies, body[0]) && !is_static(s.bodies, body[1]);
     const Vec3d way = apart / distance, mean = both_move ? Vec3d(0.5 * (drift[body[0]] + drift[body[1]])) : Vec3d::Zero();
-    double slack = 0.5 * in.gravity * in.period * in.period + 1e-12 * (distance + base.norm());
-    slack += jolt_along(in.jolt, body[0], way) + jolt_along(in.jolt, body[1], -way);
+    double slack = in.fall + 1e-12 * (distance + base.norm());
+    slack += jolt_along(jolt, body[0], way) + jolt_along(jolt, body[1], -way);
     for (const uint32_t b : body)
         slack += (is_static(s.bodies, b) ? 0.0 : least_stray(s.meshes.info[s.bodies.mesh[b]].mean_edge)) + 0.5 * s.bodies.thickness[b];
     double farthest[2];
@@ -416,7 +414,7 @@ void cut_to_slabs(const DirectInput& in, const ScreenedTriangles& screened, std:
 }
 
 // Every triangle of a against every one of b. Finds ascend by a, then b.
-void compare_directly(const ScreenedTriangles& screened, DirectChunk& c, DirectPair& found) {
+void compare_directly(const ScreenedTriangles& screened, DirectChunk& c, DirectFinds& found) {
     lay_out_sides(screened.box, c.rows[1], c.sides);
     lay_out_sides(screened.tight, c.rows[1], c.tight_sides);
     lay_out_hulls(screened.box, c.rows[1], c.hulls);
@@ -450,18 +448,19 @@ void compare_directly(const ScreenedTriangles& screened, DirectChunk& c, DirectP
     found.near[1] = {found.near[0].end(), uint32_t(c.near.size()) - found.near[0].end()};
 }
 
-uint32_t pair_grain(const CandidatePairs& pairs) { return std::max(1u, chunk_count(uint32_t(pairs.a.size()), kMostChunks)); }
+uint32_t pair_grain(const CandidatePairs& pairs) { return coarse_grain(uint32_t(pairs.a.size())); }
 
 // Finds of all directly compared pairs, and how many they are.
-void search_direct(const CandidatePairs& pairs, const ScreenedTriangles& screened, const DirectInput* direct,
-                   CandidateCellsScratch& scratch, CandidateTriangles& candidates) {
+void search_direct(const ContactInputs& in, const DirectPairs& direct, const ScreenedTriangles& screened, CandidateCellsScratch& scratch,
+                   CandidateTriangles& candidates) {
+    const CandidatePairs& pairs = in.pairs;
     const uint32_t count = uint32_t(pairs.a.size()), grain = pair_grain(pairs);
     candidates.pair.assign(count, {});
     candidates.side.assign(2 * size_t{count}, {});
     scratch.direct.resize(count);
     scratch.is_direct.assign(count, 0);
-    if (direct == nullptr) return;
-    if (count > 0) find_drifts(direct->surfaces, pairs, scratch);
+    if (direct.most == 0) return;
+    if (count > 0) find_drifts(in.surfaces, pairs, scratch);
     if (scratch.chunk.size() < chunk_count(count, grain)) scratch.chunk.resize(chunk_count(count, grain));
     parallel_for(count, grain, [&](uint32_t begin, uint32_t end) {
         DirectChunk& chunk = scratch.chunk[begin / grain];
@@ -469,11 +468,11 @@ void search_direct(const CandidatePairs& pairs, const ScreenedTriangles& screene
         chunk.near.clear();
         chunk.near_corners.clear();
         for (uint32_t pair = begin; pair < end; ++pair) {
-            scratch.is_direct[pair] = is_direct(pairs, screened, pair, direct->most);
+            scratch.is_direct[pair] = is_direct(pairs, screened, pair, direct.most);
             if (!scratch.is_direct[pair]) continue;
-            DirectPair& found = scratch.direct[pair];
+            DirectFinds& found = scratch.direct[pair];
             cut_to_hulls(screened, screened.body[pairs.a[pair]], screened.body[pairs.b[pair]], chunk);
-            cut_to_slabs(*direct, screened, scratch.drift, {pairs.a[pair], pairs.b[pair]}, chunk);
+            cut_to_slabs(in, direct.jolt, screened, scratch.drift, {pairs.a[pair], pairs.b[pair]}, chunk);
             compare_directly(screened, chunk, found);
             candidates.pair[pair].count = found.crossing.count;
             for (int side = 0; side < 2; ++side) candidates.side[2 * pair + side].count = found.near[side].count;
@@ -537,7 +536,7 @@ void put_direct(const CandidatePairs& pairs, const CandidateCellsScratch& scratc
         for (uint32_t pair = begin; pair < end; ++pair) {
             if (!scratch.is_direct[pair]) continue;
             const DirectChunk& chunk = scratch.chunk[begin / grain];
-            const DirectPair& found = scratch.direct[pair];
+            const DirectFinds& found = scratch.direct[pair];
             copy(chunk.crossing, found.crossing, candidates.triangle, candidates.pair[pair]);
             for (int side = 0; side < 2; ++side) {
                 copy(chunk.near, found.near[side], candidates.near, candidates.side[2 * pair + side]);
@@ -549,13 +548,14 @@ void put_direct(const CandidatePairs& pairs, const CandidateCellsScratch& scratc
 
 }  // namespace
 
-void find_candidate_triangles(const CandidatePairs& pairs, const ScreenedTriangles& screened, const Occupancy& occupancy,
-                              CandidateCellsScratch& scratch, CandidateTriangles& candidates, const DirectInput* direct) {
+void find_candidate_triangles(const ContactInputs& in, const DirectPairs& direct, const ScreenedTriangles& screened,
+                              const Occupancy& occupancy, CandidateCellsScratch& scratch, CandidateTriangles& candidates) {
+    const CandidatePairs& pairs = in.pairs;
     const uint32_t bodies = uint32_t(screened.body.size());
     scratch.pair_first.assign(bodies + 1, 0);
     for (const uint32_t a : pairs.a) ++scratch.pair_first[a + 1];
     for (uint32_t i = 0; i < bodies; ++i) scratch.pair_first[i + 1] += scratch.pair_first[i];
-    search_direct(pairs, screened, direct, scratch, candidates);
+    search_direct(in, direct, screened, scratch, candidates);
     const uint32_t rows = occupancy.cell_key.empty() && occupancy.oversize.empty() ? 0 : uint32_t(screened.triangle.size());
     start_search(rows, scratch);
     search_cells(pairs, screened, occupancy, scratch);

@@ -4,18 +4,13 @@
 #include <vector>
 
 #include "components/body_jolt.hpp"
-#include "components/contacts.hpp"
-#include "engine/surfaces.hpp"
+#include "engine/contact_inputs.hpp"
 namespace trocar {
 
-// What comparing pairs directly needs, and which it is done for.
-struct DirectInput {
-    const Surfaces& surfaces;
-    const BodyBoxes& boxes;
-    double period = 0;                 // s
-    double gravity = 0;                // m/s^2
-    uint64_t most = 0;                 // see is_direct
-    std::span<const BodyJolt> jolt{};  // per body; may be empty
+// Which pairs are compared without cells, and what that needs beside what all stages do.
+struct DirectPairs {
+    uint64_t most = 0;                 // see is_direct; 0: none is
+    std::span<const BodyJolt> jolt{};  // per body: what others may do to it in the period; may be empty
 };
 
 // Lower and negated upper ends of boxes, axis by axis; eights are full.
@@ -34,7 +29,7 @@ struct DirectChunk {
     std::vector<uint32_t> across;       // per row of rows[1] that is: which
 };
 // Where a pair's finds are in its chunk.
-struct DirectPair {
+struct DirectFinds {
     Range crossing;
     std::array<Range, 2> near;
 };
@@ -61,7 +56,7 @@ struct CandidateCellsScratch {
     std::vector<uint32_t> first;                  // counting sort
     std::vector<DirectChunk> chunk;               // per chunk of pairs
     std::vector<uint8_t> is_direct;               // per pair
-    std::vector<DirectPair> direct;               // per pair that is
+    std::vector<DirectFinds> direct;              // per pair that is
     std::vector<uint8_t> paired;                  // per body: deformable and in a pair
     std::vector<Vec3d> drift;                     // m/s, mean velocity of those
 };
@@ -75,7 +70,7 @@ struct CandidateCellsScratch {
 //   s(x) = x.w + |(v - u).w| T                 u the mean velocity of both bodies, none beside a static one
 // and a corner of a stays when s(x) >= -max over b of s, taken on -w, less the slack
 //   0.5 g T^2 + what others may do to both (jolt) + sum of 0.05 mean edge (of what deforms) + half the thickness of each.
-void find_candidate_triangles(const CandidatePairs& pairs, const ScreenedTriangles& screened, const Occupancy& occupancy,
-                              CandidateCellsScratch& scratch, CandidateTriangles& candidates, const DirectInput* direct = nullptr);
+void find_candidate_triangles(const ContactInputs& in, const DirectPairs& direct, const ScreenedTriangles& screened,
+                              const Occupancy& occupancy, CandidateCellsScratch& scratch, CandidateTriangles& candidates);
 
 }  // namespace trocar

@@ -97,9 +97,9 @@ void write_kept(const Surfaces& s, const ContactMemory& memory, const KeptEdge& 
 }
 
 // Asks about the edges at the front of a list that lie on the same body, all at once. Returns how many they are.
-uint32_t ask_about_edges(double tolerance, const Surfaces& s, const BodyBoxes& boxes,
-                         std::span<const std::unique_ptr<ClosestPointTree>> trees, const ContactMemory& memory, std::span<KeptEdge> edges) {
+uint32_t ask_about_edges(const ContactInputs& in, const ContactMemory& memory, std::span<KeptEdge> edges) {
     constexpr uint32_t kMost = 32;
+    const Surfaces& s = in.surfaces;
     std::array<Vec3d, kMost> point;
     std::array<double, kMost> radius;
     std::array<SurfacePoint, kMost> answer;
@@ -107,15 +107,15 @@ uint32_t ask_about_edges(double tolerance, const Surfaces& s, const BodyBoxes& b
     uint32_t count = 0;
     for (; count < std::min<size_t>(edges.size(), kMost) && memory.other[edges[count].memory] == other; ++count) {
         const uint32_t m = edges[count].memory, body = memory.body[m];
-        const double along = memory.along[m], reach = reach_of(s.bodies, boxes, body) + reach_of(s.bodies, boxes, other);
+        const double along = memory.along[m], reach = reach_of(s.bodies, in.boxes, body) + reach_of(s.bodies, in.boxes, other);
         const Vec3d at =
             (1 - along) * vertex_position(s, body, memory.vertex[m][0]) + along * vertex_position(s, body, memory.vertex[m][1]);
         point[count] = edges[count].point = world_to_frame(s, other, at);
-        radius[count] = at.allFinite() ? std::min(reach, tolerance) : -1;  // no answer
+        radius[count] = at.allFinite() ? std::min(reach, in.params.tolerance) : -1;  // no answer
     }
     QueryCounters counters;
-    trees[s.bodies.tree[other]]->query(std::span(point).first(count), std::span(radius).first(count), {}, std::span(answer).first(count),
-                                       counters);
+    in.trees[s.bodies.tree[other]]->query(std::span(point).first(count), std::span(radius).first(count), {}, std::span(answer).first(count),
+                                          counters);
     for (uint32_t i = 0; i < count; ++i) edges[i].answer = answer[i];
     return count;
 }
@@ -177,14 +177,11 @@ void order_memory(const ContactMemory& memory, ContactMemoryScratch& scratch) {
     }
 }
 
-void keep_edges(const ContactParams& params, const Surfaces& surfaces, const BodyBoxes& boxes, const CandidatePairs& pairs,
-                std::span<const std::unique_ptr<ClosestPointTree>> trees, const ContactMemory& memory, ContactMemoryScratch& scratch,
-                Contacts& contacts) {
+void keep_edges(const ContactInputs& in, const ContactMemory& memory, ContactMemoryScratch& scratch, Contacts& contacts) {
     scratch.kept.clear();
-    find_lost_edges(surfaces, pairs, memory, contacts, scratch);
+    find_lost_edges(in.surfaces, in.pairs, memory, contacts, scratch);
     parallel_for(uint32_t(scratch.kept.size()), kEdgesPerChunk, [&](uint32_t begin, uint32_t end) {
-        for (uint32_t i = begin; i < end;)
-            i += ask_about_edges(params.tolerance, surfaces, boxes, trees, memory, std::span(scratch.kept).subspan(i, end - i));
+        for (uint32_t i = begin; i < end;) i += ask_about_edges(in, memory, std::span(scratch.kept).subspan(i, end - i));
     });
     std::erase_if(scratch.kept, [](const KeptEdge& e) { return e.answer.triangle == kNone; });
 
@@ -192,7 +189,7 @@ void keep_edges(const ContactParams& params, const Surfaces& surfaces, const Bod
     for (const KeptEdge& e : scratch.kept) scratch.before.push_back(e.place.before);
     open_rows(scratch.before, contacts);
     parallel_for(uint32_t(scratch.kept.size()), kRowsPerChunk, [&](uint32_t begin, uint32_t end) {
-        for (uint32_t i = begin; i < end; ++i) write_kept(surfaces, memory, scratch.kept[i], contacts, scratch.before[i] + i);
+        for (uint32_t i = begin; i < end; ++i) write_kept(in.surfaces, memory, scratch.kept[i], contacts, scratch.before[i] + i);
     });
 }
 

@@ -1,14 +1,9 @@
 #pragma once
 #include <compare>
 #include <cstdint>
-#include <memory>
-#include <span>
 #include <vector>
 
-#include "components/bodies.hpp"
-#include "components/contacts.hpp"
-#include "engine/closest_point.hpp"
-#include "engine/surfaces.hpp"
+#include "engine/contact_inputs.hpp"
 namespace trocar {
 
 // Where a remembered edge that contacts do not have would be: its candidate pair, and the contact that it comes before.
@@ -47,9 +42,7 @@ void order_memory(const ContactMemory& memory, ContactMemoryScratch& scratch);
 // the surface: the edge pass finds edges only while they cross, so that one held up by another would be let go when it
 // has been pushed out, sink for a pass, and be found again: tissue on tissue trembles at mm/s. Pairs with a deformable
 // body; keeps the order of contacts.
-void keep_edges(const ContactParams& params, const Surfaces& surfaces, const BodyBoxes& boxes, const CandidatePairs& pairs,
-                std::span<const std::unique_ptr<ClosestPointTree>> trees, const ContactMemory& memory, ContactMemoryScratch& scratch,
-                Contacts& contacts);
+void keep_edges(const ContactInputs& in, const ContactMemory& memory, ContactMemoryScratch& scratch, Contacts& contacts);
 
 // Marks in scratch.pressed the rows of vertices of deformable bodies that bore a load on a static one in the pass before,
 // within half a mean edge: they act whatever their speed, for what they bore throws them back (0.2 N on 0.26 g: 14 mm in 8

@@ -163,18 +163,10 @@ bool find_exit(const Surfaces& s, const Contacts& contacts, uint32_t i, const Ve
     return true;
 }
 
-struct RowInput {
-    const ContactParams& params;
-    const Surfaces& surfaces;
-    const CandidatePairs& pairs;
-    const Contacts& contacts;
-    const Penetrations& penetrations;
-};
-
 // Writes the row of contact i into row i. False if it has none.
-bool make_row(const RowInput& in, uint32_t i, ContactRowsScratch& scratch, ContactRows& rows) {
+bool make_row(const ContactInputs& in, const Contacts& contacts, const Penetrations& penetrations, uint32_t i, ContactRowsScratch& scratch,
+              ContactRows& rows) {
     const Surfaces& surfaces = in.surfaces;
-    const Contacts& contacts = in.contacts;
     if (in.params.faces && is_beyond_sheet(surfaces, contacts, i)) return false;
     const uint32_t body = contacts.body[i], other = contacts.other[i];
     Support at{contacts.closest[i], contacts.normal[i], contacts.distance[i], contacts.triangle[i]};
@@ -184,8 +176,8 @@ bool make_row(const RowInput& in, uint32_t i, ContactRowsScratch& scratch, Conta
     const uint32_t overlap = scratch.overlap[contacts.pair[i]];
     const bool first = body == in.pairs.a[contacts.pair[i]];
     Vec3d lead = Vec3d::Zero();  // the way out of a deep pair, for this side
-    if (in.params.deep == DeepResponse::kLastFree && overlap != kNone && in.penetrations.saturated[overlap]) {
-        const Vec3d& way = in.penetrations.way_out[overlap];
+    if (in.params.deep == DeepResponse::kLastFree && overlap != kNone && penetrations.saturated[overlap]) {
+        const Vec3d& way = penetrations.way_out[overlap];
         lead = first ? Vec3d(-way) : way;
     }
     const bool nearest_way = in.params.direction != ResponseDirection::kThesis && lead == Vec3d::Zero();
@@ -198,7 +190,7 @@ bool make_row(const RowInput& in, uint32_t i, ContactRowsScratch& scratch, Conta
     Vec3d normal = at.normal;
     double distance = at.distance;
     if (in.params.direction == ResponseDirection::kThesis && distance < 0 && overlap != kNone) {
-        const Vec3d& way = in.penetrations.direction[overlap];
+        const Vec3d& way = penetrations.direction[overlap];
         const Vec3d out = first ? Vec3d(-way) : way;
         distance *= std::max(0.0, normal.dot(out));
         normal = out;
@@ -244,28 +236,27 @@ constexpr uint32_t kRowsPerChunk = 512;
 
 }  // namespace
 
-void make_contact_rows(const ContactParams& params, const Surfaces& surfaces, const CandidatePairs& pairs, const Contacts& contacts,
-                       const Penetrations& penetrations, ContactRowsScratch& scratch, Report& report, ContactRows& rows) {
-    const uint32_t count = uint32_t(contacts.pair.size()), bodies = uint32_t(surfaces.bodies.mesh.size());
+void make_contact_rows(const ContactInputs& in, const Contacts& contacts, const Penetrations& penetrations, ContactRowsScratch& scratch,
+                       Report& report, ContactRows& rows) {
+    const uint32_t count = uint32_t(contacts.pair.size()), bodies = uint32_t(in.surfaces.bodies.mesh.size());
+    const uint32_t capacity = in.params.row_capacity;
     scratch.count.assign(bodies, 0);
     scratch.dropped.assign(count, 0);
     scratch.nose_first.assign(count, 0);
     scratch.exit_pair = kNone;
     for (const uint32_t body : contacts.body) ++scratch.count[body];
     for (uint32_t body = 0; body < bodies; ++body) {
-        if (scratch.count[body] > params.row_capacity) {
-            drop_shallowest(params.row_capacity, body, contacts, scratch, report);
-        }
+        if (scratch.count[body] > capacity) drop_shallowest(capacity, body, contacts, scratch, report);
     }
-    scratch.overlap.assign(pairs.a.size(), kNone);
+    scratch.overlap.assign(in.pairs.a.size(), kNone);
     for (uint32_t i = 0; i < penetrations.pair.size(); ++i) scratch.overlap[penetrations.pair[i]] = i;
 
     resize_rows(rows, count);
-    const RowInput in{params, surfaces, pairs, contacts, penetrations};
     // deep pairs share the grid of exits
-    const uint32_t grain = params.deep == DeepResponse::kLastFree ? std::max(count, 1u) : kRowsPerChunk;
+    const uint32_t grain = in.params.deep == DeepResponse::kLastFree ? std::max(count, 1u) : kRowsPerChunk;
     parallel_for(count, grain, [&](uint32_t begin, uint32_t end) {
-        for (uint32_t i = begin; i < end; ++i) scratch.dropped[i] = scratch.dropped[i] || !make_row(in, i, scratch, rows);
+        for (uint32_t i = begin; i < end; ++i)
+            scratch.dropped[i] = scratch.dropped[i] || !make_row(in, contacts, penetrations, i, scratch, rows);
     });
     drop_nose_first(contacts, scratch);
     take_out_rows(scratch.dropped, rows);

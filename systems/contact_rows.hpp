@@ -1,11 +1,9 @@
 #pragma once
 #include <vector>
 
-#include "components/bodies.hpp"
-#include "components/contacts.hpp"
 #include "components/report.hpp"
+#include "engine/contact_inputs.hpp"
 #include "engine/exit_grid.hpp"
-#include "engine/surfaces.hpp"
 namespace trocar {
 
 struct ContactRowsScratch {
@@ -30,7 +28,7 @@ struct ContactRowsScratch {
 // body whose way to a sheet leads through the body have none. Between a tool in the hand or a free body and what deforms, points that
 // would leave the other nose first (nose_first.hpp) have none either, as long as the pair has another row of a point inside.
 // (Coarse balls that hit each other need all their rows.)
-void make_contact_rows(const ContactParams& params, const Surfaces& surfaces, const CandidatePairs& pairs, const Contacts& contacts,
-                       const Penetrations& penetrations, ContactRowsScratch& scratch, Report& report, ContactRows& rows);
+void make_contact_rows(const ContactInputs& in, const Contacts& contacts, const Penetrations& penetrations, ContactRowsScratch& scratch,
+                       Report& report, ContactRows& rows);
 
 }  // namespace trocar

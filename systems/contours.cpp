@@ -3,9 +3,11 @@
 #include <Eigen/Geometry>
 #include <algorithm>
 
+#include "engine/append.hpp"
 #include "engine/geometry/contact_kernels.hpp"
 #include "engine/geometry/predicates.hpp"
 #include "engine/parallel.hpp"
+#include "engine/subspan.hpp"
 namespace trocar {
 namespace {
 
@@ -175,11 +177,6 @@ void clear(Contours& c) {
     c.edge.clear(), c.edge_of_b.clear(), c.pierced.clear(), c.along.clear(), c.outward.clear();
 }
 
-template <typename T>
-void append(const std::vector<T>& from, std::vector<T>& to) {
-    to.insert(to.end(), from.begin(), from.end());
-}
-
 // Adds the pairs of a chunk, whose rows then count from the first of all.
 void append_chunk(const ContourChunk& c, Contours& out) {
     const uint32_t curve = uint32_t(out.curve.size());
@@ -200,10 +197,10 @@ void append_chunk(const ContourChunk& c, Contours& out) {
 
 }  // namespace
 
-void find_contours(const Surfaces& surfaces, const CandidatePairs& pairs, const CandidateTriangles& candidates, ContoursScratch& scratch,
-                   Contours& contours) {
-    const uint32_t count = uint32_t(pairs.a.size()), grain = std::max(1u, chunk_count(count, kMostChunks)),
-                   chunks = chunk_count(count, grain);
+void find_contours(const ContactInputs& in, const CandidateTriangles& candidates, ContoursScratch& scratch, Contours& contours) {
+    const Surfaces& s = in.surfaces;
+    const CandidatePairs& pairs = in.pairs;
+    const uint32_t count = uint32_t(pairs.a.size()), grain = coarse_grain(count), chunks = chunk_count(count, grain);
     if (scratch.chunk.size() < chunks) scratch.chunk.resize(chunks);
     parallel_for(count, grain, [&](uint32_t begin, uint32_t end) {
         ContourChunk& chunk = scratch.chunk[begin / grain];
@@ -212,11 +209,10 @@ void find_contours(const Surfaces& surfaces, const CandidatePairs& pairs, const 
         chunk.segments.clear();
         for (uint32_t pair = begin; pair < end; ++pair) {
             const uint32_t a = pairs.a[pair], b = pairs.b[pair];
-            const Vec3d origin = surfaces.poses.origin[a];
-            const PairInput in{mesh_view(surfaces.meshes, surfaces.bodies.mesh[a]), mesh_view(surfaces.meshes, surfaces.bodies.mesh[b]),
-                               BodyPoints(surfaces, a, origin), BodyPoints(surfaces, b, origin), origin};
-            const Range rows = candidates.pair[pair];
-            find_contours_of(in, std::span(candidates.triangle).subspan(rows.first, rows.count), chunk);
+            const Vec3d origin = s.poses.origin[a];
+            const PairInput both{mesh_view(s.meshes, s.bodies.mesh[a]), mesh_view(s.meshes, s.bodies.mesh[b]), BodyPoints(s, a, origin),
+                                 BodyPoints(s, b, origin), origin};
+            find_contours_of(both, subspan(candidates.triangle, candidates.pair[pair]), chunk);
         }
     });
     clear(contours);

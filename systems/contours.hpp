@@ -1,8 +1,7 @@
 #pragma once
 #include <vector>
 
-#include "components/contacts.hpp"
-#include "engine/surfaces.hpp"
+#include "engine/contact_inputs.hpp"
 namespace trocar {
 
 // A place where an edge of one body passes a triangle of the other.
@@ -43,7 +42,6 @@ struct ContoursScratch {
 // Intersection stage: exact crossings of the candidate triangles of every pair, chained into curves (see Contours).
 // Which edge passes which triangle is decided by exact signs on vertices in doubles relative to a's origin; places are
 // rounded to doubles. For any number of threads the same bits.
-void find_contours(const Surfaces& surfaces, const CandidatePairs& pairs, const CandidateTriangles& candidates, ContoursScratch& scratch,
-                   Contours& contours);
+void find_contours(const ContactInputs& in, const CandidateTriangles& candidates, ContoursScratch& scratch, Contours& contours);
 
 }  // namespace trocar

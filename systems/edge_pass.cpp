@@ -8,6 +8,7 @@
 #include "engine/open_rows.hpp"
 #include "engine/pair_sides.hpp"
 #include "engine/parallel.hpp"
+#include "engine/subspan.hpp"
 #include "engine/write_contact.hpp"
 namespace trocar {
 namespace {
@@ -27,13 +28,6 @@ uint32_t rank_of(const RankedBits& set, uint32_t i) {
     const uint64_t below = (uint64_t{1} << (i & 63)) - 1;
     return set.before[i >> 6] + uint32_t(__builtin_popcountll(set.word[i >> 6] & below));
 }
-
-struct EdgeInput {
-    const ContactParams& params;
-    const Surfaces& surfaces;
-    const CandidateTriangles& candidates;
-    const NearVertices& near;
-};
 
 // Vertices of a body in its own frame.
 struct FramePoints {
@@ -69,8 +63,8 @@ struct Sample {
 
 // One edge under search, in the frame of the other body. The arrays are left as they are: most edges need none.
 struct EdgeSearch {
-    const EdgeInput& in;
     const Side& side;
+    double tolerance;        // m, of depth
     Vec4d start, direction;  // direction unit
     double length;           // m
 
@@ -78,8 +72,8 @@ struct EdgeSearch {
     std::array<double, kMostQueries + 2> bound;
     uint32_t intervals = 0;
 
-    EdgeSearch(const EdgeInput& input, const Side& of, Vec4d from, Vec4d way, double metres)
-        : in(input), side(of), start(from), direction(way), length(metres) {}
+    EdgeSearch(const Side& of, double to, Vec4d from, Vec4d way, double metres)
+        : side(of), tolerance(to), start(from), direction(way), length(metres) {}
     Vec4d at(double s) const { return start + s * direction; }
     SurfacePoint ask(double s, uint32_t hint, QueryCounters& counters) const {
         const Vec3d p = to_vec3(at(s));
@@ -119,7 +113,7 @@ bool search(EdgeSearch& e, double deepest, bool look, EdgeContact& best, QueryCo
     bool found = false;
     for (uint32_t query = 0; query < kMostQueries && e.intervals > 0; ++query) {
         const uint32_t pick = uint32_t(std::max_element(e.bound.begin(), e.bound.begin() + e.intervals) - e.bound.begin());
-        const double slack = (look && !found ? 0.01 : 1.0) * e.in.params.tolerance;
+        const double slack = (look && !found ? 0.01 : 1.0) * e.tolerance;
         if (e.bound[pick] <= deepest + slack && !(look && query == 0)) break;
         const auto [a, b] = e.interval[pick];
         e.interval[pick] = e.interval[e.intervals - 1];
@@ -159,8 +153,7 @@ Crossings find_crossings(const EdgeSearch& e, const std::array<uint32_t, 2>& tri
     for (const uint32_t own : triangles) {
         if (own == kNone) continue;
         if (!has_bit(c.near_triangle.word, own)) return found;
-        const uint32_t rank = rank_of(c.near_triangle, own);
-        const Range list{c.opposite_first[rank], c.opposite_first[rank + 1] - c.opposite_first[rank]};
+        const Range list = range_at(c.opposite_first, rank_of(c.near_triangle, own));
         if (list.count < shortest.count) shortest = list;
     }
     if (shortest.count == kNone) return found;
@@ -199,7 +192,7 @@ bool search_outside_edge(EdgeSearch& e, const Sample& a, const Sample& b, const 
 // One end inside (a), the other outside (b): only when some point can be deeper than a by more than the tolerance.
 bool search_crossing_edge(EdgeSearch& e, const Sample& a, const Sample& b, const std::array<uint32_t, 2>& triangles, EdgeChunk& c,
                           EdgeContact& best) {
-    const double enough = a.depth + e.in.params.tolerance;
+    const double enough = a.depth + e.tolerance;
     const double sign = a.s < b.s ? 1 : -1;
     // where the surface passes the edge once, nothing beyond is inside, and on the way there nothing is deeper than the
     // distance to the triangle that passes: convex along the edge, zero at its end
@@ -228,7 +221,7 @@ bool search_inside_edge(EdgeSearch& e, const Sample& a, const Sample& b, const s
                         EdgeContact& best) {
     const double deepest = std::max(a.depth, b.depth);
     e.add(a, b);
-    if (e.intervals == 0 || e.bound[0] <= deepest + e.in.params.tolerance) return false;
+    if (e.intervals == 0 || e.bound[0] <= deepest + e.tolerance) return false;
     if (find_crossings(e, triangles, c).count == 0) return false;
     return search(e, deepest, false, best, c.counters);
 }
@@ -238,7 +231,7 @@ bool may_cross(const std::array<uint32_t, 2>& triangles, const EdgeChunk& c) {
     return std::all_of(triangles.begin(), triangles.end(), [&](uint32_t t) { return t == kNone || has_bit(c.near_triangle.word, t); });
 }
 
-bool search_edge(const EdgeInput& in, const Side& side, uint32_t edge, EdgeChunk& c, EdgeContact& best) {
+bool search_edge(const Side& side, double tolerance, uint32_t edge, EdgeChunk& c, EdgeContact& best) {
     const auto [v0, v1] = side.mesh.edge[edge];
     if (!has_bit(c.near_vertex, v0) || !has_bit(c.near_vertex, v1)) return false;
     const EdgeEnd &from = c.end[v0], &to = c.end[v1];
@@ -249,19 +242,18 @@ bool search_edge(const EdgeInput& in, const Side& side, uint32_t edge, EdgeChunk
     const double length = std::sqrt(norm2(q - p));
     if (!(length > 0)) return false;
     b.s = length;
-    EdgeSearch e(in, side, p, (q - p) / length, length);
+    EdgeSearch e(side, tolerance, p, (q - p) / length, length);
     best.vertex = {v0, v1};
     if (a.depth <= 0 && b.depth <= 0) return search_outside_edge(e, a, b, triangles, c, best);
     if (a.depth > 0 && b.depth > 0) return search_inside_edge(e, a, b, triangles, c, best);
     return a.depth > 0 ? search_crossing_edge(e, a, b, triangles, c, best) : search_crossing_edge(e, b, a, triangles, c, best);
 }
 
-void collect_crossing(const EdgeInput& in, const Side& side, EdgeChunk& c) {
-    const CandidateTriangles& all = in.candidates;
-    const Range rows = all.pair[side.row / 2];
+void collect_crossing(const CandidateTriangles& candidates, uint32_t pair, EdgeChunk& c) {
+    const Range rows = candidates.pair[pair];
     c.crossing.clear();
     for (uint32_t i = rows.first; i < rows.end(); ++i)
-        if (all.beside.empty() || !all.beside[i]) c.crossing.push_back(all.triangle[i]);
+        if (candidates.beside.empty() || !candidates.beside[i]) c.crossing.push_back(candidates.triangle[i]);
 }
 
 // Triangles of the other body that may cross each triangle of this one, and the edges of the latter.
@@ -287,37 +279,37 @@ void collect_edges(const Side& side, EdgeChunk& c) {
 }
 
 // What is known of the vertices that the overlap phase has worked out.
-void collect_ends(const EdgeInput& in, const Side& side, EdgeChunk& c) {
+void collect_ends(const Surfaces& s, const NearVertices& near, const Side& side, EdgeChunk& c) {
     c.near_vertex.assign((side.mesh.position.size() + 63) / 64, 0);
     if (c.end.size() < side.mesh.position.size()) c.end.resize(side.mesh.position.size());
-    const BodyPoints points(in.surfaces, side.body, in.surfaces.poses.origin[side.other]);
-    const bool turned = !is_deformable(in.surfaces.bodies, side.other);
-    const Range vertices = in.near.side[side.row];
+    const BodyPoints points(s, side.body, s.poses.origin[side.other]);
+    const bool turned = !is_deformable(s.bodies, side.other);
+    const Range vertices = near.side[side.row];
     for (uint32_t i = vertices.first; i < vertices.end(); ++i) {
-        const uint32_t v = in.near.vertex[i];
+        const uint32_t v = near.vertex[i];
         set_bit(c.near_vertex, v);
         const Vec3d p = points.point(v);
-        c.end[v] = {to_vec4(turned ? rotate_back(in.surfaces.poses.orientation[side.other], p) : p), -in.near.distance[i],
-                    in.near.triangle[i]};
+        c.end[v] = {to_vec4(turned ? rotate_back(s.poses.orientation[side.other], p) : p), -near.distance[i], near.triangle[i]};
     }
 }
 
-void find_side(const EdgeInput& in, const Side& side, Range& found, EdgeChunk& c) {
+void find_side(const ContactInputs& in, const CandidateTriangles& candidates, const NearVertices& near, const Side& side, Range& found,
+               EdgeChunk& c) {
     found = {uint32_t(c.found.size()), 0};
     if (side.tree == nullptr) return;
-    collect_crossing(in, side, c);
+    collect_crossing(candidates, side.row / 2, c);
     if (c.crossing.empty()) return;
     collect_edges(side, c);
-    collect_ends(in, side, c);
+    collect_ends(in.surfaces, near, side, c);
     for_each_bit(c.near_edge, [&](uint32_t edge) {
         EdgeContact best;
-        if (search_edge(in, side, edge, c, best)) c.found.push_back(best);
+        if (search_edge(side, in.params.tolerance, edge, c, best)) c.found.push_back(best);
     });
     found.count = uint32_t(c.found.size()) - found.first;
 }
 
-Side make_side(const EdgeInput& in, const CandidatePairs& pairs, std::span<const std::unique_ptr<ClosestPointTree>> trees, uint32_t row) {
-    const auto [pair, body, other, reversed] = pair_side(pairs, row);
+Side make_side(const ContactInputs& in, uint32_t row) {
+    const auto [pair, body, other, reversed] = pair_side(in.pairs, row);
     const Bodies& bodies = in.surfaces.bodies;
     return {row,
             body,
@@ -326,7 +318,7 @@ Side make_side(const EdgeInput& in, const CandidatePairs& pairs, std::span<const
             mesh_view(in.surfaces.meshes, bodies.mesh[body]),
             mesh_view(in.surfaces.meshes, bodies.mesh[other]),
             FramePoints(in.surfaces, other),
-            has_inside(in.surfaces, other) ? trees[bodies.tree[other]].get() : nullptr,
+            has_inside(in.surfaces, other) ? in.trees[bodies.tree[other]].get() : nullptr,
             doubtful_depth(in.surfaces, other)};
 }
 
@@ -346,13 +338,10 @@ void find_places(const CandidatePairs& pairs, const Contacts& contacts, EdgePass
 
 }  // namespace
 
-void find_edge_contacts(const ContactParams& params, const Surfaces& surfaces, const CandidatePairs& pairs,
-                        const CandidateTriangles& candidates, const NearVertices& near,
-                        std::span<const std::unique_ptr<ClosestPointTree>> trees, EdgePassScratch& scratch, Report& report,
-                        Contacts& contacts) {
-    const EdgeInput in{params, surfaces, candidates, near};
-    const uint32_t count = uint32_t(pairs.a.size()), sides = 2 * count;
-    const uint32_t grain = std::max(1u, chunk_count(count, kMostChunks));
+void find_edge_contacts(const ContactInputs& in, const CandidateTriangles& candidates, const NearVertices& near, EdgePassScratch& scratch,
+                        Report& report, Contacts& contacts) {
+    const uint32_t count = uint32_t(in.pairs.a.size()), sides = 2 * count;
+    const uint32_t grain = coarse_grain(count);
     scratch.side.resize(sides);
     if (scratch.chunk.size() < chunk_count(count, grain)) scratch.chunk.resize(chunk_count(count, grain));
     parallel_for(count, grain, [&](uint32_t begin, uint32_t end) {
@@ -360,7 +349,8 @@ void find_edge_contacts(const ContactParams& params, const Surfaces& surfaces, c
         chunk.found.clear();
         chunk.counters = {};
         for (uint32_t pair = begin; pair < end; ++pair) {
-            for (const uint32_t row : {2 * pair, 2 * pair + 1}) find_side(in, make_side(in, pairs, trees, row), scratch.side[row], chunk);
+            for (const uint32_t row : {2 * pair, 2 * pair + 1})
+                find_side(in, candidates, near, make_side(in, row), scratch.side[row], chunk);
         }
     });
     for (uint32_t i = 0; i < chunk_count(count, grain); ++i) {
@@ -368,15 +358,15 @@ void find_edge_contacts(const ContactParams& params, const Surfaces& surfaces, c
         report.disagreements += scratch.chunk[i].counters.disagreements;
         report.sign_disagreements += scratch.chunk[i].counters.settled;
     }
-    find_places(pairs, contacts, scratch);
+    find_places(in.pairs, contacts, scratch);
     open_rows(scratch.before, contacts);
     parallel_for(count, grain, [&](uint32_t begin, uint32_t end) {
         const EdgeChunk& chunk = scratch.chunk[begin / grain];
         for (uint32_t row = 2 * begin; row < 2 * end; ++row) {
-            const PairSide side = pair_side(pairs, row);
+            const PairSide side = pair_side(in.pairs, row);
             for (uint32_t i = 0; i < scratch.side[row].count; ++i) {
                 const EdgeContact& e = chunk.found[scratch.side[row].first + i];
-                write_contact(surfaces, {side.pair, side.body, side.other, e.vertex, e.along}, e.point, e.answer, contacts,
+                write_contact(in.surfaces, {side.pair, side.body, side.other, e.vertex, e.along}, e.point, e.answer, contacts,
                               scratch.first[row] + i);
             }
         }

@@ -1,15 +1,10 @@
 #pragma once
 #include <array>
-#include <memory>
-#include <span>
 #include <vector>
 
-#include "components/bodies.hpp"
-#include "components/contacts.hpp"
 #include "components/report.hpp"
-#include "engine/closest_point.hpp"
+#include "engine/contact_inputs.hpp"
 #include "engine/geometry/vec4.hpp"
-#include "engine/surfaces.hpp"
 namespace trocar {
 
 // The deepest point of one edge, before it becomes a row of Contacts.
@@ -56,9 +51,7 @@ struct EdgePassScratch {
 // edge find: every edge with both ends outside; an edge with an end inside only when some point of it can be deeper than its
 // ends by more than the tolerance. Inserts edge rows into contacts, keeping the order pair, side, vertex before edge, index.
 // Surfaces of sheets have no inside and get none.
-void find_edge_contacts(const ContactParams& params, const Surfaces& surfaces, const CandidatePairs& pairs,
-                        const CandidateTriangles& candidates, const NearVertices& near,
-                        std::span<const std::unique_ptr<ClosestPointTree>> trees, EdgePassScratch& scratch, Report& report,
-                        Contacts& contacts);
+void find_edge_contacts(const ContactInputs& in, const CandidateTriangles& candidates, const NearVertices& near, EdgePassScratch& scratch,
+                        Report& report, Contacts& contacts);
 
 }  // namespace trocar

@@ -5,6 +5,7 @@
 
 #include "engine/edge_meeting.hpp"
 #include "engine/geometry/contact_kernels.hpp"
+#include "engine/subspan.hpp"
 namespace trocar {
 namespace {
 
@@ -85,20 +86,19 @@ bool find_passing(const SharpEdge& a, const SharpEdge& b, double margin, double 
 
 }  // namespace
 
-void add_edge_rows(const Surfaces& surfaces, const BodyBoxes& boxes, const CandidatePairs& pairs, const CandidateTriangles& candidates,
-                   EdgeRowsScratch& scratch, ContactRows& rows) {
+void add_edge_rows(const ContactInputs& in, const CandidateTriangles& candidates, EdgeRowsScratch& scratch, ContactRows& rows) {
+    const Surfaces& surfaces = in.surfaces;
     const Bodies& bodies = surfaces.bodies;
     if (bodies.rigid_mass.empty()) return;
-    for (uint32_t pair = 0; pair < pairs.a.size(); ++pair) {
-        const uint32_t body[2] = {pairs.a[pair], pairs.b[pair]};
+    for (uint32_t pair = 0; pair < in.pairs.a.size(); ++pair) {
+        const uint32_t body[2] = {in.pairs.a[pair], in.pairs.b[pair]};
         if (bodies.motion[body[0]] != Motion::kFree && bodies.motion[body[1]] != Motion::kFree) continue;
         if (is_deformable(bodies, body[0]) || is_deformable(bodies, body[1])) continue;
         for (int side = 0; side < 2; ++side) {
-            const Range near = candidates.side[2 * pair + side];
-            collect_edges(surfaces, body[side], std::span(candidates.near).subspan(near.first, near.count), scratch.edge,
-                          scratch.sharp[side]);
+            const auto near = subspan(candidates.near, candidates.side[2 * pair + side]);
+            collect_edges(surfaces, body[side], near, scratch.edge, scratch.sharp[side]);
         }
-        const double margin = boxes.margin[body[0]] + boxes.margin[body[1]];
+        const double margin = margin_between(in.boxes, body[0], body[1]);
         const auto mean_edge = [&](uint32_t b) { return surfaces.meshes.info[bodies.mesh[b]].mean_edge; };
         const double deepest = kDeepest * std::min(mean_edge(body[0]), mean_edge(body[1]));
         Passing passing;

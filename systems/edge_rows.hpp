@@ -2,9 +2,7 @@
 #include <array>
 #include <vector>
 
-#include "components/bodies.hpp"
-#include "components/contacts.hpp"
-#include "engine/surfaces.hpp"
+#include "engine/contact_inputs.hpp"
 namespace trocar {
 
 // A sharp edge in world axes.
@@ -25,7 +23,6 @@ struct EdgeRowsScratch {
 // 20 degrees, outward. The normal is across both edges and in the normal cones of both (the edge-edge case of Mirtich
 // 1998, "V-Clip"); edges that are nearly parallel are left to their corners. The row is one of the pair's first body,
 // a point of its edge against a triangle at the second's. Pairs in order, then edges of the first, then of the second.
-void add_edge_rows(const Surfaces& surfaces, const BodyBoxes& boxes, const CandidatePairs& pairs, const CandidateTriangles& candidates,
-                   EdgeRowsScratch& scratch, ContactRows& rows);
+void add_edge_rows(const ContactInputs& in, const CandidateTriangles& candidates, EdgeRowsScratch& scratch, ContactRows& rows);
 
 }  // namespace trocar

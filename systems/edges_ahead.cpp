@@ -5,7 +5,9 @@
 
 #include "engine/bit_rows.hpp"
 #include "engine/geometry/contact_kernels.hpp"
+#include "engine/pair_sides.hpp"
 #include "engine/parallel.hpp"
+#include "engine/subspan.hpp"
 namespace trocar {
 namespace {
 
@@ -13,17 +15,6 @@ constexpr double kAligned = 0.1;  // sine between edges that are left to their e
 constexpr double kEnd = 0.01;     // of an edge: nearer to an end the vertex has the row
 constexpr double kBeside = 0.2;   // of an edge: where they meet in the end may lie so far beyond its ends
 constexpr double kNear = 0.05;    // of an edge: what comes so near counts as crossing, as bodies bend on their way
-
-struct AheadInput {
-    double period, fall;  // s, m
-    const Surfaces& surfaces;
-    const BodyBoxes& boxes;
-    const CandidatePairs& pairs;
-    const CandidateTriangles& candidates;
-    const NearVertices& near;
-    const Contacts& contacts;
-    std::span<const uint32_t> contact_first;  // per pair, and the end
-};
 
 // One pair: the edges of `body`, the finer one, against those of `other`.
 struct Side {
@@ -57,7 +48,7 @@ struct MovingEdge {
 
 // Whether two edges that are nearest to each other at `at` are apart now and cross within the period, or nearly. The normal is
 // of now.
-bool will_cross(const AheadInput& in, const Side& side, const MovingEdge& a, const MovingEdge& b, const LineShares& at, Vec4d& normal,
+bool will_cross(const ContactInputs& in, const Side& side, const MovingEdge& a, const MovingEdge& b, const LineShares& at, Vec4d& normal,
                 double& distance) {
     const Vec4d apart = a.start + at.s * a.way - b.start - at.t * b.way;
     distance = std::sqrt(norm2(apart));
@@ -76,7 +67,7 @@ bool has_contact(std::span<const std::array<uint32_t, 2>> crossing, const std::a
 }
 
 // Adds the meeting of an edge, which moves as `a`, with one of the other body's at a triangle.
-void ask_pair(const AheadInput& in, const Side& side, const std::array<uint32_t, 2>& ends, const MovingEdge& a, uint32_t triangle,
+void ask_pair(const ContactInputs& in, const Side& side, const std::array<uint32_t, 2>& ends, const MovingEdge& a, uint32_t triangle,
               uint32_t other_edge, EdgesAheadChunk& c) {
     const auto& across = side.other_mesh.edge[other_edge];
     const Vec4d q = (Vec4d)side.other_points(across[0]), r = (Vec4d)side.other_points(across[1]);
@@ -91,7 +82,7 @@ void ask_pair(const AheadInput& in, const Side& side, const std::array<uint32_t,
     c.found.push_back({side.body, side.other, ends, across, float(at.s), float(at.t), triangle, to_vec3(normal), distance});
 }
 
-void search_edge(const AheadInput& in, const Side& side, uint32_t edge, EdgesAheadChunk& c) {
+void search_edge(const ContactInputs& in, const Side& side, uint32_t edge, EdgesAheadChunk& c) {
     const auto& ends = side.mesh.edge[edge];
     const EdgeAheadEnd &from = c.end[ends[0]], &to = c.end[ends[1]];
     if (from.distance < 0 || to.distance < 0) return;
@@ -106,20 +97,19 @@ void search_edge(const AheadInput& in, const Side& side, uint32_t edge, EdgesAhe
 }
 
 // What is known of the vertices near the other body, and the edges between them at triangles near it.
-void collect(const AheadInput& in, const Side& side, EdgesAheadChunk& c) {
+void collect(const Surfaces& s, const CandidateTriangles& candidates, const NearVertices& near, const Side& side, EdgesAheadChunk& c) {
     c.near_vertex.assign((side.mesh.position.size() + 63) / 64, 0);
     c.edge.assign((side.mesh.edge.size() + 63) / 64, 0);
     if (c.end.size() < side.mesh.position.size()) c.end.resize(side.mesh.position.size());
-    const BodyPoints points(in.surfaces, side.body, in.surfaces.poses.origin[side.other]);
-    const Range vertices = in.near.side[side.row];
+    const BodyPoints points(s, side.body, s.poses.origin[side.other]);
+    const Range vertices = near.side[side.row];
     for (uint32_t i = vertices.first; i < vertices.end(); ++i) {
-        const uint32_t v = in.near.vertex[i];
+        const uint32_t v = near.vertex[i];
         set_bit(c.near_vertex, v);
-        c.end[v] = {(Vec4d)points(v), to_vec4(vertex_velocity(in.surfaces, side.body, v)), in.near.distance[i], in.near.triangle[i]};
+        c.end[v] = {(Vec4d)points(v), to_vec4(vertex_velocity(s, side.body, v)), near.distance[i], near.triangle[i]};
     }
-    const Range triangles = in.candidates.side[side.row];
-    for (uint32_t i = triangles.first; i < triangles.end(); ++i)
-        for (const uint32_t edge : side.mesh.triangle_edge[in.candidates.near[i][0]]) {
+    for (const auto& [triangle, nearest] : subspan(candidates.near, candidates.side[side.row]))
+        for (const uint32_t edge : side.mesh.triangle_edge[triangle]) {
             const auto [v, w] = side.mesh.edge[edge];
             if (has_bit(c.near_vertex, v) && has_bit(c.near_vertex, w)) set_bit(c.edge, edge);
         }
@@ -130,57 +120,55 @@ bool is_wanted(const Surfaces& s, uint32_t a, uint32_t b) {
     return (is_deformable(s.bodies, a) || is_deformable(s.bodies, b)) && !is_free(a) && !is_free(b) && has_inside(s, a) && has_inside(s, b);
 }
 
-// Contacts of one side of a pair that are on edges: their ends, in order.
-std::span<const std::array<uint32_t, 2>> edges_of(const Contacts& contacts, uint32_t first, uint32_t end, uint32_t body) {
+// Contacts of one side of a pair, whose contacts are `rows`, that are on edges: their ends, in order.
+std::span<const std::array<uint32_t, 2>> edges_of(const Contacts& contacts, Range rows, uint32_t body) {
     const auto is_before = [&](uint32_t i) {
         return contacts.body[i] < body || (contacts.body[i] == body && contacts.vertex[i][0] == contacts.vertex[i][1]);
     };
-    while (first < end && is_before(first)) ++first;
+    uint32_t first = rows.first;
+    while (first < rows.end() && is_before(first)) ++first;
     uint32_t last = first;
-    while (last < end && contacts.body[last] == body && contacts.third[last] == kNone) ++last;
+    while (last < rows.end() && contacts.body[last] == body && contacts.third[last] == kNone) ++last;
     return std::span(contacts.vertex).subspan(first, last - first);
 }
 
-void find_in_pair(const AheadInput& in, uint32_t pair, EdgesAheadChunk& c) {
+void find_in_pair(const ContactInputs& in, const CandidateTriangles& candidates, const NearVertices& near, const Contacts& contacts,
+                  Range rows, uint32_t pair, EdgesAheadChunk& c) {
     const Surfaces& s = in.surfaces;
     const uint32_t a = in.pairs.a[pair], b = in.pairs.b[pair];
     if (!is_wanted(s, a, b)) return;
     const auto mean_edge = [&](uint32_t body) { return s.meshes.info[s.bodies.mesh[body]].mean_edge; };
     const bool reversed = mean_edge(b) < mean_edge(a);
     const uint32_t row = 2 * pair + reversed, body = reversed ? b : a, other = reversed ? a : b;
-    if (in.near.side[row].count == 0) return;
-    const auto crossing = [&](uint32_t of) { return edges_of(in.contacts, in.contact_first[pair], in.contact_first[pair + 1], of); };
+    if (near.side[row].count == 0) return;
     const Side side{row,
                     body,
                     other,
                     mesh_view(s.meshes, s.bodies.mesh[body]),
                     mesh_view(s.meshes, s.bodies.mesh[other]),
                     BodyPoints(s, other, s.poses.origin[other]),
-                    crossing(body),
-                    crossing(other),
-                    in.boxes.margin[a] + in.boxes.margin[b]};
-    collect(in, side, c);
+                    edges_of(contacts, rows, body),
+                    edges_of(contacts, rows, other),
+                    margin_between(in.boxes, a, b)};
+    collect(s, candidates, near, side, c);
     for_each_bit(c.edge, [&](uint32_t edge) { search_edge(in, side, edge, c); });
 }
 
 }  // namespace
 
-void add_edges_ahead(double period, double fall, const Surfaces& surfaces, const BodyBoxes& boxes, const CandidatePairs& pairs,
-                     const CandidateTriangles& candidates, const NearVertices& near, const Contacts& contacts, EdgesAheadScratch& scratch,
-                     ContactRows& rows) {
-    const uint32_t count = uint32_t(pairs.a.size()), grain = std::max(1u, chunk_count(count, kMostChunks));
-    scratch.contact_first.assign(count + 1, 0);
-    for (const uint32_t pair : contacts.pair) ++scratch.contact_first[pair + 1];
-    for (uint32_t pair = 0; pair < count; ++pair) scratch.contact_first[pair + 1] += scratch.contact_first[pair];
-    const AheadInput in{period, fall, surfaces, boxes, pairs, candidates, near, contacts, scratch.contact_first};
+void add_edges_ahead(const ContactInputs& in, const CandidateTriangles& candidates, const NearVertices& near, const Contacts& contacts,
+                     EdgesAheadScratch& scratch, ContactRows& rows) {
+    const uint32_t count = uint32_t(in.pairs.a.size()), grain = coarse_grain(count);
+    find_first_contacts(contacts, count, scratch.contact_first);
     if (scratch.chunk.size() < chunk_count(count, grain)) scratch.chunk.resize(chunk_count(count, grain));
     parallel_for(count, grain, [&](uint32_t begin, uint32_t end) {
         EdgesAheadChunk& chunk = scratch.chunk[begin / grain];
         chunk.found.clear();
-        for (uint32_t pair = begin; pair < end; ++pair) find_in_pair(in, pair, chunk);
+        for (uint32_t pair = begin; pair < end; ++pair)
+            find_in_pair(in, candidates, near, contacts, range_at(scratch.contact_first, pair), pair, chunk);
     });
     for (uint32_t i = 0; i < chunk_count(count, grain); ++i)
-        for (const EdgeMeeting& m : scratch.chunk[i].found) append_edge_row(surfaces, m, rows);
+        for (const EdgeMeeting& m : scratch.chunk[i].found) append_edge_row(in.surfaces, m, rows);
 }
 
 }  // namespace trocar

@@ -6,26 +6,27 @@
 #include "engine/geometry/contact_kernels.hpp"
 #include "engine/pair_sides.hpp"
 #include "engine/parallel.hpp"
+#include "engine/subspan.hpp"
 #include "engine/write_contact.hpp"
 namespace trocar {
 namespace {
 
 using Chunk = FaceDepthScratch::Chunk;
 
-struct Input {
-    const ContactParams& params;
+// When a search is over.
+struct Enough {
+    double tolerance;       // m, of depth
     uint32_t most_queries;  // of one pair
-    const Surfaces& surfaces;
-    const CandidateTriangles& candidates;
-    const ScreenedTriangles& screened;
-    const NearVertices& near;
 };
 
 // One side of one pair: the faces of `body` against the surface of `other`.
 struct Side {
     uint32_t body, other;
-    bool reversed;  // body is the pair's b
-    Range screened, near, candidates;
+    bool reversed;                                      // body is the pair's b
+    std::span<const std::array<uint32_t, 2>> crossing;  // triangles of a and of b that may cross
+    std::span<const uint32_t> screened;                 // triangles of body
+    std::span<const uint32_t> near, near_triangle;      // vertices of body near other, and the triangle nearest to each
+    std::span<const double> near_distance;              // m, as near
     MeshView mesh, other_mesh;
     const ClosestPointTree* tree;
     BodyPoints points;  // of body, about the origin of other
@@ -126,31 +127,31 @@ void look_and_split(const Side& side, const FacePart& part, double tolerance, Be
 }
 
 // Empties the heap. `left`: what a search that had to stop leaves open.
-void search(const Input& in, const Side& side, Best& best, double& left, Chunk& c) {
-    const double tolerance = in.params.tolerance;
+void search(const Enough& enough, const Side& side, Best& best, double& left, Chunk& c) {
     while (!c.part.empty()) {
         std::pop_heap(c.part.begin(), c.part.end(), less_deep);
         const FacePart part = c.part.back();
         c.part.pop_back();
-        if (part.bound <= best.depth + tolerance) break;
-        if (best.queries >= in.most_queries) {
+        if (part.bound <= best.depth + enough.tolerance) break;
+        if (best.queries >= enough.most_queries) {
             left = std::max(left, part.bound);
             break;
         }
-        look_and_split(side, part, tolerance, best, c);
+        look_and_split(side, part, enough.tolerance, best, c);
     }
     c.part.clear();
 }
 
 // Depths of the vertices of a side and its edges that have a contact.
-void collect_known(const Input& in, const Side& side, const Contacts& contacts, Range rows, Chunk& c) {
+void collect_known(const Side& side, const Contacts& contacts, Range rows, Chunk& c) {
     c.depth.assign(side.mesh.position.size(), std::nan(""));
     c.nearest.resize(side.mesh.position.size());
     c.place.resize(side.mesh.position.size());
-    for (uint32_t i = side.near.first; i < side.near.end(); ++i) {
-        c.place[in.near.vertex[i]] = side.place(in.near.vertex[i]);
-        c.depth[in.near.vertex[i]] = -in.near.distance[i];
-        c.nearest[in.near.vertex[i]] = in.near.triangle[i];
+    for (size_t i = 0; i < side.near.size(); ++i) {
+        const uint32_t v = side.near[i];
+        c.place[v] = side.place(v);
+        c.depth[v] = -side.near_distance[i];
+        c.nearest[v] = side.near_triangle[i];
     }
     c.edge.clear();
     for (uint32_t i = rows.first; i < rows.end(); ++i) {
@@ -170,13 +171,13 @@ bool is_outside(const Side& side, uint32_t face, const Chunk& c) {
 }
 
 // Faces with nothing inside that an edge of the other body passes.
-void collect_poked(const Input& in, const Side& side, Chunk& c) {
+void collect_poked(const Side& side, Chunk& c) {
     c.poked.clear();
     uint32_t face = kNone;
     bool outside = false;
     FacePart part;
-    for (uint32_t i = side.candidates.first; i < side.candidates.end(); ++i) {
-        const uint32_t own = in.candidates.triangle[i][side.reversed], across = in.candidates.triangle[i][!side.reversed];
+    for (const std::array<uint32_t, 2>& pair : side.crossing) {
+        const uint32_t own = pair[side.reversed], across = pair[!side.reversed];
         if (own != face) {
             face = own;
             outside = is_outside(side, face, c);
@@ -206,11 +207,11 @@ void add_found(const Side& side, FaceContact found, Chunk& c) {
     if (found.answer.distance < 0) c.found.push_back(found);
 }
 
-void search_poked(const Input& in, const Side& side, Best& total, double& left, Chunk& c) {
+void search_poked(const Enough& enough, const Side& side, Best& total, double& left, Chunk& c) {
     for (const uint32_t face : c.poked) {
         Best best{0, total.queries, {}};
         push_part(whole_face(side, c, face), c);
-        search(in, side, best, left, c);
+        search(enough, side, best, left, c);
         total.queries = best.queries;
         if (best.found.face == kNone) continue;
         total.depth = std::max(total.depth, best.depth);
@@ -219,31 +220,33 @@ void search_poked(const Input& in, const Side& side, Best& total, double& left, 
 }
 
 // Faces that may hold something deeper than all that is known of the pair.
-void search_deepest(const Input& in, const Side& side, Best& best, double& left, Chunk& c) {
-    const double enough = best.depth + in.params.tolerance;
-    for (uint32_t row = side.screened.first; row < side.screened.end(); ++row) {
-        const uint32_t face = in.screened.triangle[row];
+void search_deepest(const Enough& enough, const Side& side, Best& best, double& left, Chunk& c) {
+    const double to_beat = best.depth + enough.tolerance;
+    for (const uint32_t face : side.screened) {
         const Triangle& t = side.mesh.triangle[face];
         if (std::isnan(c.depth[t[0]]) && std::isnan(c.depth[t[1]]) && std::isnan(c.depth[t[2]])) continue;
         FacePart part = whole_face(side, c, face);
-        bound_by_corners(side, c, enough, part);
-        if (part.bound > enough) push_part(part, c);
+        bound_by_corners(side, c, to_beat, part);
+        if (part.bound > to_beat) push_part(part, c);
     }
-    search(in, side, best, left, c);
+    search(enough, side, best, left, c);
 }
 
-Side make_side(const Input& in, const CandidatePairs& pairs, std::span<const std::unique_ptr<ClosestPointTree>> trees, uint32_t row) {
+Side make_side(const ContactInputs& in, const ScreenedTriangles& screened, const CandidateTriangles& candidates, const NearVertices& near,
+               uint32_t row) {
     const Surfaces& s = in.surfaces;
-    const auto [pair, body, other, reversed] = pair_side(pairs, row);
+    const auto [pair, body, other, reversed] = pair_side(in.pairs, row);
     return {body,
             other,
             reversed,
-            in.screened.body[body],
-            in.near.side[row],
-            in.candidates.pair[pair],
+            subspan(candidates.triangle, candidates.pair[pair]),
+            subspan(screened.triangle, screened.body[body]),
+            subspan(near.vertex, near.side[row]),
+            subspan(near.triangle, near.side[row]),
+            subspan(near.distance, near.side[row]),
             mesh_view(s.meshes, s.bodies.mesh[body]),
             mesh_view(s.meshes, s.bodies.mesh[other]),
-            has_inside(s, other) ? trees[s.bodies.tree[other]].get() : nullptr,
+            has_inside(s, other) ? in.trees[s.bodies.tree[other]].get() : nullptr,
             BodyPoints(s, body, s.poses.origin[other]),
             !is_deformable(s.bodies, other),
             s.poses.orientation[other],
@@ -251,8 +254,8 @@ Side make_side(const Input& in, const CandidatePairs& pairs, std::span<const std
 }
 
 // Both sides of one pair, whose contacts are `rows`. Returns the bound of what is left open, 0 if nothing is.
-double search_pair(const Input& in, const std::array<Side, 2>& sides, const Contacts& contacts, Range rows, std::array<Range, 2>& found,
-                   uint32_t& queries, Chunk& c) {
+double search_pair(const Enough& enough, const std::array<Side, 2>& sides, const Contacts& contacts, Range rows,
+                   std::array<Range, 2>& found, uint32_t& queries, Chunk& c) {
     Best best{-1, 0, {}};
     for (uint32_t i = rows.first; i < rows.end(); ++i) best.depth = std::max(best.depth, -contacts.distance[i]);
     const uint32_t first = uint32_t(c.found.size());
@@ -260,18 +263,18 @@ double search_pair(const Input& in, const std::array<Side, 2>& sides, const Cont
     double left = 0;
     for (const Side& side : sides) {
         if (side.reversed) second = uint32_t(c.found.size());
-        if (side.tree == nullptr || side.candidates.count == 0) continue;
-        collect_known(in, side, contacts, rows, c);
-        collect_poked(in, side, c);
-        search_poked(in, side, best, left, c);
+        if (side.tree == nullptr || side.crossing.empty()) continue;
+        collect_known(side, contacts, rows, c);
+        collect_poked(side, c);
+        search_poked(enough, side, best, left, c);
     }
     const Side* deepest = nullptr;
     if (best.depth >= 0) {
         for (const Side& side : sides) {
             if (side.tree == nullptr) continue;
-            collect_known(in, side, contacts, rows, c);
+            collect_known(side, contacts, rows, c);
             const double before = best.depth;
-            search_deepest(in, side, best, left, c);
+            search_deepest(enough, side, best, left, c);
             if (best.depth > before) deepest = &side;
         }
     }
@@ -284,7 +287,7 @@ double search_pair(const Input& in, const std::array<Side, 2>& sides, const Cont
                                      [](const FaceContact& f, uint32_t face) { return f.face < face; });
     if (at != end && at->face == best.found.face) return left;  // known to the tolerance
     const auto place = at - c.found.begin();
-    collect_known(in, *deepest, contacts, rows, c);
+    collect_known(*deepest, contacts, rows, c);
     add_found(*deepest, best.found, c);
     if (c.found.size() == found[1].end()) return left;
     std::rotate(c.found.begin() + place, c.found.end() - 1, c.found.end());
@@ -300,11 +303,11 @@ void write_face(const Surfaces& s, uint32_t pair, const Side& side, const FaceCo
 
 }  // namespace
 
-void find_face_contacts(const ContactParams& params, uint32_t most_queries, const Surfaces& surfaces, const CandidatePairs& pairs,
-                        const CandidateTriangles& candidates, const ScreenedTriangles& screened, const NearVertices& near,
-                        std::span<const std::unique_ptr<ClosestPointTree>> trees, FaceDepthScratch& scratch, Contacts& contacts) {
-    const Input in{params, most_queries, surfaces, candidates, screened, near};
-    const uint32_t count = uint32_t(pairs.a.size()), grain = std::max(1u, chunk_count(count, kMostChunks));
+void find_face_contacts(const ContactInputs& in, uint32_t most_queries, const ScreenedTriangles& screened,
+                        const CandidateTriangles& candidates, const NearVertices& near, FaceDepthScratch& scratch, Contacts& contacts) {
+    const Enough enough{in.params.tolerance, most_queries};
+    const auto side_at = [&](uint32_t row) { return make_side(in, screened, candidates, near, row); };
+    const uint32_t count = uint32_t(in.pairs.a.size()), grain = coarse_grain(count);
     const uint32_t chunks = chunk_count(count, grain);
     if (scratch.chunk.size() < chunks) scratch.chunk.resize(chunks);
     scratch.queries.assign(count, 0);
@@ -319,8 +322,8 @@ void find_face_contacts(const ContactParams& params, uint32_t most_queries, cons
         for (uint32_t pair = begin; pair < end; ++pair) {
             const uint32_t first = lower(pair);
             std::array<Range, 2> found;
-            contacts.most[pair] = search_pair(in, {make_side(in, pairs, trees, 2 * pair), make_side(in, pairs, trees, 2 * pair + 1)},
-                                              contacts, {first, lower(pair + 1) - first}, found, scratch.queries[pair], chunk);
+            contacts.most[pair] = search_pair(enough, {side_at(2 * pair), side_at(2 * pair + 1)}, contacts,
+                                              {first, lower(pair + 1) - first}, found, scratch.queries[pair], chunk);
             scratch.side[2 * pair] = found[0];
             scratch.side[2 * pair + 1] = found[1];
         }
@@ -333,11 +336,11 @@ void find_face_contacts(const ContactParams& params, uint32_t most_queries, cons
     uint32_t from = uint32_t(contacts.pair.size()), to = uint32_t(rows);
     resize_contacts(contacts, rows);
     for (uint32_t row = 2 * count; row-- > 0;) {
-        const uint32_t body = pair_side(pairs, row).body;
+        const uint32_t body = pair_side(in.pairs, row).body;
         if (scratch.side[row].count > 0) {
-            const Side side = make_side(in, pairs, trees, row);
+            const Side side = side_at(row);
             const FaceContact* found = scratch.chunk[row / 2 / grain].found.data() + scratch.side[row].first;
-            for (uint32_t i = scratch.side[row].count; i-- > 0;) write_face(surfaces, row / 2, side, found[i], contacts, --to);
+            for (uint32_t i = scratch.side[row].count; i-- > 0;) write_face(in.surfaces, row / 2, side, found[i], contacts, --to);
         }
         while (from > 0 && contacts.pair[from - 1] == row / 2 && contacts.body[from - 1] == body)
             copy_contact(contacts, --from, contacts, --to);

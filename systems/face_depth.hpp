@@ -1,11 +1,7 @@
 #pragma once
-#include <memory>
-#include <span>
 #include <vector>
 
-#include "components/contacts.hpp"
-#include "engine/closest_point.hpp"
-#include "engine/surfaces.hpp"
+#include "engine/contact_inputs.hpp"
 namespace trocar {
 
 // A part of a face, in the frame of the other body.
@@ -48,8 +44,7 @@ struct FaceDepthScratch {
 // inside, so nothing is looked for in them, but their faces are searched.
 // Branch and bound, largest bound first: depth is 1-Lipschitz, and no more than the distance to any one triangle, which
 // is convex over a face. A uniform subdivision of equal promise has edges of sqrt(3) * tolerance.
-void find_face_contacts(const ContactParams& params, uint32_t most_queries, const Surfaces& surfaces, const CandidatePairs& pairs,
-                        const CandidateTriangles& candidates, const ScreenedTriangles& screened, const NearVertices& near,
-                        std::span<const std::unique_ptr<ClosestPointTree>> trees, FaceDepthScratch& scratch, Contacts& contacts);
+void find_face_contacts(const ContactInputs& in, uint32_t most_queries, const ScreenedTriangles& screened,
+                        const CandidateTriangles& candidates, const NearVertices& near, FaceDepthScratch& scratch, Contacts& contacts);
 
 }  // namespace trocar

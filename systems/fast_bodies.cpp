@@ -27,23 +27,23 @@ RigidSweep seen_from(const Surfaces& s, uint32_t other, const RigidSweep& sweep,
 
 // Whether the ball that the mover turns in stays so far from the other body, which goes with `velocity`, that no touch is found: that
 // may be by up to two tolerances before there is one.
-bool passes_by(const Surfaces& s, const BodyBoxes& boxes, uint32_t mover, const RigidSweep& sweep, uint32_t other, const Vec3d& velocity,
-               double seconds, double tolerance) {
+bool passes_by(const ContactInputs& in, uint32_t mover, const RigidSweep& sweep, uint32_t other, const Vec3d& velocity, double tolerance) {
+    const Surfaces& s = in.surfaces;
     const double arm = s.meshes.info[s.bodies.mesh[mover]].radius + sweep.pivot.norm();
     double apart = 0;
     if (is_deformable(s.bodies, other)) {
-        const Box& box = boxes.box[other];
+        const Box& box = in.boxes.box[other];
         apart = (sweep.place - sweep.place.cwiseMax(box.min).cwiseMin(box.max)).norm();
     } else {
         apart = (sweep.place - s.poses.origin[other]).norm() - s.meshes.info[s.bodies.mesh[other]].radius;
     }
-    return apart > arm + (sweep.velocity - velocity).norm() * seconds + 3 * tolerance;
+    return apart > arm + (sweep.velocity - velocity).norm() * in.period + 3 * tolerance;
 }
 
 // When a pair with a fast body first touches, s, or infinity.
-double touch_of(double tolerance, std::span<const FastBody> fast, double seconds, const Surfaces& s, const BodyBoxes& boxes,
-                std::span<const std::unique_ptr<ClosestPointTree>> trees, uint32_t mover, uint32_t other) {
+double touch_of(const ContactInputs& in, std::span<const FastBody> fast, uint32_t mover, uint32_t other) {
     constexpr double kNever = std::numeric_limits<double>::infinity();
+    const Surfaces& s = in.surfaces;
     const Bodies& bodies = s.bodies;
     const FastBody* own = find_fast(fast, mover);
     if (own == nullptr) {
@@ -60,10 +60,10 @@ double touch_of(double tolerance, std::span<const FastBody> fast, double seconds
     } else if (!is_deformable(bodies, other)) {
         velocity = s.poses.velocity[other];
     }
-    const double least = tolerance + 0.5 * bodies.thickness[other];
-    if (passes_by(s, boxes, mover, own->sweep, other, velocity, seconds, least)) return kNever;
-    return first_touch(mesh_view(s.meshes, bodies.mesh[mover]), *trees[bodies.tree[mover]], mesh_view(s.meshes, bodies.mesh[other]),
-                       *trees[bodies.tree[other]], seen_from(s, other, own->sweep, velocity), seconds, least);
+    const double least = in.params.tolerance + 0.5 * bodies.thickness[other];
+    if (passes_by(in, mover, own->sweep, other, velocity, least)) return kNever;
+    return first_touch(mesh_view(s.meshes, bodies.mesh[mover]), *in.trees[bodies.tree[mover]], mesh_view(s.meshes, bodies.mesh[other]),
+                       *in.trees[bodies.tree[other]], seen_from(s, other, own->sweep, velocity), in.period, least);
 }
 
 }  // namespace
@@ -79,15 +79,13 @@ void cover_fast_ways(std::span<const FastBody> fast, double seconds, const Surfa
     }
 }
 
-void find_stops(double tolerance, std::span<const FastBody> fast, double seconds, const Surfaces& surfaces, const BodyBoxes& boxes,
-                const CandidatePairs& pairs, std::span<const std::unique_ptr<ClosestPointTree>> trees, std::vector<double>& touch,
-                std::vector<double>& stop) {
-    stop.assign(fast.empty() ? 0 : surfaces.bodies.mesh.size(), std::numeric_limits<double>::infinity());
+void find_stops(const ContactInputs& in, std::span<const FastBody> fast, std::vector<double>& touch, std::vector<double>& stop) {
+    const CandidatePairs& pairs = in.pairs;
+    stop.assign(fast.empty() ? 0 : in.surfaces.bodies.mesh.size(), std::numeric_limits<double>::infinity());
     if (fast.empty()) return;
     touch.resize(pairs.a.size());
     parallel_for(static_cast<uint32_t>(pairs.a.size()), kPairsPerChunk, [&](uint32_t begin, uint32_t end) {
-        for (uint32_t pair = begin; pair < end; ++pair)
-            touch[pair] = touch_of(tolerance, fast, seconds, surfaces, boxes, trees, pairs.a[pair], pairs.b[pair]);
+        for (uint32_t pair = begin; pair < end; ++pair) touch[pair] = touch_of(in, fast, pairs.a[pair], pairs.b[pair]);
     });
     for (uint32_t pair = 0; pair < pairs.a.size(); ++pair) {
         if (!(touch[pair] > 0)) continue;  // contact rows have it

@@ -1,12 +1,9 @@
 #pragma once
-#include <memory>
 #include <span>
 #include <vector>
 
-#include "components/bodies.hpp"
-#include "components/contacts.hpp"
+#include "engine/contact_inputs.hpp"
 #include "engine/first_touch.hpp"
-#include "engine/surfaces.hpp"
 namespace trocar {
 
 // A rigid body that goes farther in a pass than contact rows look ahead, and its way in world axes.
@@ -18,12 +15,10 @@ struct FastBody {
 // Enlarges the boxes of fast bodies to cover their ways of `seconds`, so that they are paired with what lies there.
 void cover_fast_ways(std::span<const FastBody> fast, double seconds, const Surfaces& surfaces, BodyBoxes& boxes);
 
-// stop[body] = the time (s after the start of the pass) at which a fast body first comes nearer than `tolerance` (m) to
+// stop[body] = the time (s after the start of the pass) at which a fast body first comes nearer than the tolerance to
 // another one of its pairs that it does not touch yet, or infinity. Other bodies go on with the velocity they have at the
 // start, without turning; deformable ones stay, and stop no hand. One row per body, none if no body is fast.
 // `fast` ascends by body; `touch` is reused memory, one row per pair.
-void find_stops(double tolerance, std::span<const FastBody> fast, double seconds, const Surfaces& surfaces, const BodyBoxes& boxes,
-                const CandidatePairs& pairs, std::span<const std::unique_ptr<ClosestPointTree>> trees, std::vector<double>& touch,
-                std::vector<double>& stop);
+void find_stops(const ContactInputs& in, std::span<const FastBody> fast, std::vector<double>& touch, std::vector<double>& stop);
 
 }  // namespace trocar

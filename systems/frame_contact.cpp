@@ -10,6 +10,11 @@
 namespace trocar::stages {
 namespace {
 
+double fall_in_period(const World& w) { return 0.5 * w.settings.gravity.norm() * period_seconds(w) * period_seconds(w); }
+ContactInputs contact_inputs(const World& w) {
+    return {w.settings.contact, period_seconds(w), fall_in_period(w), surfaces_of(w), w.boxes, w.pairs, w.trees};
+}
+
 std::span<const ToolJaw> jaws_of(const Haptics& haptics, const HandTool& tool) {
     return std::span(haptics.jaw).subspan(tool.jaws.first, tool.jaws.count);
 }
@@ -100,33 +105,31 @@ void candidate_pairs(FrameState& f) {
 void refit(FrameState& f) {
     World& w = f.world;
     refit_trees(w.bodies, w.particles, w.pairs, f.scratch.refit, w.trees);
-    find_stops(w.settings.contact.tolerance, f.scratch.fast, period_seconds(w), surfaces_of(w), w.boxes, w.pairs, w.trees, f.scratch.touch,
-               f.scratch.stop);
+    find_stops(contact_inputs(w), f.scratch.fast, f.scratch.touch, f.scratch.stop);
 }
 void rasterise_bodies(FrameState& f) {
     World& w = f.world;
-    rasterise(w.settings.contact, surfaces_of(w), w.boxes, w.pairs, f.scratch.rasterise, w.report, w.screened, w.occupancy, f.direct_tests);
+    rasterise(contact_inputs(w), f.direct_tests, f.scratch.rasterise, w.report, w.screened, w.occupancy);
 }
 void candidate_cells(FrameState& f) {
-    const World& w = f.world;
-    const DirectInput direct{surfaces_of(w),          w.boxes, period_seconds(w), w.settings.gravity.norm(), f.direct_tests,
-                             f.scratch.reachable.jolt};
-    find_candidate_triangles(w.pairs, w.screened, w.occupancy, f.scratch.cells, f.world.candidates, &direct);
-    drop_parted_triangles(surfaces_of(w), w.pairs, f.scratch.parted, f.world.candidates);
+    World& w = f.world;
+    const DirectPairs direct{f.direct_tests, f.scratch.reachable.jolt};
+    find_candidate_triangles(contact_inputs(w), direct, w.screened, w.occupancy, f.scratch.cells, w.candidates);
+    drop_parted_triangles(contact_inputs(w), f.scratch.parted, w.candidates);
 }
 void contours(FrameState& f) {
     World& w = f.world;
-    find_contours(surfaces_of(w), w.pairs, w.candidates, f.scratch.contours, w.contours);
+    find_contours(contact_inputs(w), w.candidates, f.scratch.contours, w.contours);
 }
 void overlap(FrameState& f) {
     World& w = f.world;
-    find_overlap(surfaces_of(w), w.boxes, w.pairs, w.screened, w.candidates, w.trees, f.scratch.overlap, w.report, w.near, w.contacts);
+    find_overlap(contact_inputs(w), w.screened, w.candidates, f.scratch.overlap, w.report, w.near, w.contacts);
 }
 void edge_pass(FrameState& f) {
     World& w = f.world;
-    find_edge_contacts(w.settings.contact, surfaces_of(w), w.pairs, w.candidates, w.near, w.trees, f.scratch.edges, w.report, w.contacts);
+    find_edge_contacts(contact_inputs(w), w.candidates, w.near, f.scratch.edges, w.report, w.contacts);
     order_memory(w.contact_memory, f.scratch.memory);
-    keep_edges(w.settings.contact, surfaces_of(w), w.boxes, w.pairs, w.trees, w.contact_memory, f.scratch.memory, w.contacts);
+    keep_edges(contact_inputs(w), w.contact_memory, f.scratch.memory, w.contacts);
 }
 void penetration(FrameState& f) {
     measure_penetrations(f.world.pairs, f.world.contacts, f.world.penetrations);
@@ -135,31 +138,27 @@ void penetration(FrameState& f) {
 }
 void face_pass(FrameState& f) {
     World& w = f.world;
-    find_face_contacts(w.settings.contact, f.face_queries, surfaces_of(w), w.pairs, w.candidates, w.screened, w.near, w.trees,
-                       f.scratch.faces, w.contacts);
+    find_face_contacts(contact_inputs(w), f.face_queries, w.screened, w.candidates, w.near, f.scratch.faces, w.contacts);
 }
 void deep_overlap(FrameState& f) {
     World& w = f.world;
-    mark_saturated(surfaces_of(w), w.pairs, w.contacts, w.trees, w.penetrations);
-    remember_ways_out(surfaces_of(w), w.pairs, w.contacts, f.scratch.ways_before, w.pair_memory, w.penetrations);
+    mark_saturated(contact_inputs(w), w.contacts, w.penetrations);
+    remember_ways_out(contact_inputs(w), w.contacts, f.scratch.ways_before, w.pair_memory, w.penetrations);
 }
 void regions(FrameState& f) {
     World& w = f.world;
-    find_regions(surfaces_of(w), w.pairs, w.screened, w.near, w.contacts, w.contours, f.scratch.regions, w.regions);
+    find_regions(contact_inputs(w), w.screened, w.near, w.contacts, w.contours, f.scratch.regions, w.regions);
 }
 void contact_rows(FrameState& f) {
     World& w = f.world;
-    make_contact_rows(w.settings.contact, surfaces_of(w), w.pairs, w.contacts, w.penetrations, f.scratch.rows, w.report, w.rows);
-    add_edge_rows(surfaces_of(w), w.boxes, w.pairs, w.candidates, f.scratch.edge_rows, w.rows);
+    make_contact_rows(contact_inputs(w), w.contacts, w.penetrations, f.scratch.rows, w.report, w.rows);
+    add_edge_rows(contact_inputs(w), w.candidates, f.scratch.edge_rows, w.rows);
     mark_pressed(surfaces_of(w), w.contact_memory, w.rows, f.scratch.memory);
     const ComingPeriod coming{period_seconds(w),        w.settings.gravity, surfaces_of(w), f.scratch.reachable.jolt,
                               f.scratch.memory.pressed, linked_bodies(f),   w.nodes.drive};
     drop_idle_rows(coming, f.scratch.idle_rows, w.rows);
     drop_implied_rows(surfaces_of(w), f.scratch.implied_rows, w.rows);
-    if (w.settings.contact.edges_ahead) {
-        const double period = period_seconds(w), fall = 0.5 * w.settings.gravity.norm() * period * period;
-        add_edges_ahead(period, fall, surfaces_of(w), w.boxes, w.pairs, w.candidates, w.near, w.contacts, f.scratch.edges_ahead, w.rows);
-    }
+    if (w.settings.contact.edges_ahead) add_edges_ahead(contact_inputs(w), w.candidates, w.near, w.contacts, f.scratch.edges_ahead, w.rows);
     recall_contacts(w.contact_memory, f.scratch.memory, w.rows);
 }
 void islands(FrameState& f) { find_islands(f.world.bodies, f.world.rows, f.scratch.islands, f.world.islands, linked_bodies(f)); }

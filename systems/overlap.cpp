@@ -5,8 +5,12 @@
 
 #include "engine/bit_rows.hpp"
 #include "engine/disjoint_sets.hpp"
+#include "engine/geometry/contact_kernels.hpp"
 #include "engine/geometry/project_vertices.hpp"
+#include "engine/pair_sides.hpp"
 #include "engine/parallel.hpp"
+#include "engine/subspan.hpp"
+#include "engine/write_contact.hpp"
 namespace trocar {
 namespace {
 
@@ -16,27 +20,23 @@ enum Piece : uint8_t { kUnknown, kOutside, kInside };
 // One side of one pair: the vertices of `body` against the surface of `other`.
 struct Side {
     uint32_t pair, body, other;
-    bool reversed;  // body is the pair's b
-    Range candidates, crossing;
-    MeshView mesh;          // of body
-    double margin;          // m, of both together
-    double half_thickness;  // m, of other
-    bool solid, sheet;      // other
-    double doubtful;        // m, of depth in other
+    bool reversed;                                        // body is the pair's b
+    std::span<const std::array<uint32_t, 2>> crossing;    // triangles of a and of b that may cross
+    std::span<const std::array<uint32_t, 2>> near;        // triangles of body near other; one of other that each is near
+    std::span<const uint8_t> near_corners;                // as near
+    std::span<const uint32_t> screened;                   // triangles of body
+    std::span<const uint32_t> hint_other, hint_triangle;  // per vertex of body
+    MeshView mesh;                                        // of body
+    double margin;                                        // m, of both together
+    double half_thickness;                                // m, of other
+    bool solid, sheet;                                    // other
+    double doubtful;                                      // m, of depth in other
     const ClosestPointTree* tree;
-};
-
-struct OverlapInput {
-    const Surfaces& surfaces;
-    const BodyBoxes& boxes;
-    const ScreenedTriangles& screened;
-    const CandidateTriangles& candidates;
-    const OverlapScratch& scratch;
 };
 
 // Marks the triangles near the other body and what the vertices to ask about are: corners that may come near, and all of
 // triangles that may cross. Every one gets a triangle close by as hint.
-void mark_near(const CandidateTriangles& candidates, const Side& side, OverlapChunk& c) {
+void mark_near(const Side& side, OverlapChunk& c) {
     c.near_triangle.assign((side.mesh.triangle.size() + 63) / 64, 0);
     c.near_vertex.assign((side.mesh.position.size() + 63) / 64, 0);
     if (c.hint.size() < side.mesh.position.size()) c.hint.resize(side.mesh.position.size());
@@ -44,15 +44,14 @@ void mark_near(const CandidateTriangles& candidates, const Side& side, OverlapCh
         set_bit(c.near_vertex, v);
         c.hint[v] = across;
     };
-    for (uint32_t i = side.crossing.first; i < side.crossing.end(); ++i) {
-        const auto& row = candidates.triangle[i];
-        for (const uint32_t v : side.mesh.triangle[row[side.reversed]]) mark(v, row[!side.reversed]);
+    for (const std::array<uint32_t, 2>& triangle : side.crossing) {
+        for (const uint32_t v : side.mesh.triangle[triangle[side.reversed]]) mark(v, triangle[!side.reversed]);
     }
-    for (uint32_t i = side.candidates.first; i < side.candidates.end(); ++i) {
-        const auto [own, across] = candidates.near[i];
+    for (size_t i = 0; i < side.near.size(); ++i) {
+        const auto [own, across] = side.near[i];
         set_bit(c.near_triangle, own);
         for (uint32_t k = 0; k < 3; ++k) {
-            if (candidates.near_corners[i] >> k & 1) mark(side.mesh.triangle[own][k], across);
+            if (side.near_corners[i] >> k & 1) mark(side.mesh.triangle[own][k], across);
         }
     }
 }
@@ -61,7 +60,7 @@ void mark_near(const CandidateTriangles& candidates, const Side& side, OverlapCh
 void set_four(std::vector<uint64_t>& bits, uint32_t first, uint32_t four) { bits[first / 64] |= uint64_t{four} << (first % 64); }
 
 // Marks the vertices of a rigid body that are beyond the box of the other one, in the frame of the former.
-void mark_beyond_box(const OverlapInput& in, const Side& side, OverlapChunk& c) {
+void mark_beyond_box(const ContactInputs& in, const Side& side, OverlapChunk& c) {
     const Quat& turn = in.surfaces.poses.orientation[side.body];
     const Box& box = in.boxes.box[side.other];
     const Vec3d middle = 0.5 * (box.min + box.max) - in.surfaces.poses.origin[side.body], half = 0.5 * (box.max - box.min);
@@ -82,7 +81,7 @@ void mark_beyond_box(const OverlapInput& in, const Side& side, OverlapChunk& c) 
 }
 
 // Where the vertices of both bodies of a pair are on the way from the first to the second; looked at once for both sides.
-void project_pair(const OverlapInput& in, const Side& side, OverlapChunk& c) {
+void project_pair(const ContactInputs& in, const Side& side, OverlapChunk& c) {
     if (c.projected == side.pair) return;
     c.projected = side.pair;
     const uint32_t a = side.reversed ? side.other : side.body, b = side.reversed ? side.body : side.other;
@@ -112,7 +111,7 @@ double greatest_of(std::span<const double> along) {
 // Marks the vertices that a plane across the way between the bodies parts from all of the other one, and those of a rigid
 // body that are beyond the other's box. Where the other has many vertices no plane is put: looking at all of them would cost
 // more than it saves.
-void mark_beyond(const OverlapInput& in, const Side& side, OverlapChunk& c) {
+void mark_beyond(const ContactInputs& in, const Side& side, OverlapChunk& c) {
     constexpr uint32_t kManyVertices = 1024;
     const Surfaces& s = in.surfaces;
     const uint32_t count = uint32_t(side.mesh.position.size());
@@ -145,7 +144,7 @@ bool is_any_unknown(const Side& side, const OverlapChunk& c) {
 
 // Joins the corners of screened triangles that are not near: nothing crosses them, so they lie on one side. A vertex
 // beyond the box of the other body, or beyond a plane, settles its piece as outside.
-void flood_pieces(const OverlapInput& in, const Side& side, OverlapChunk& c) {
+void flood_pieces(const ContactInputs& in, const Side& side, OverlapChunk& c) {
     const uint32_t count = uint32_t(side.mesh.position.size());
     c.region_vertex.assign((count + 63) / 64, 0);
     if (c.parent.size() < count) {
@@ -155,9 +154,7 @@ void flood_pieces(const OverlapInput& in, const Side& side, OverlapChunk& c) {
     for (uint32_t v = 0; v < count; ++v) c.parent[v] = v;
     const Vec3d origin = in.surfaces.poses.origin[side.body];
     const BodyPoints points(in.surfaces, side.body, origin);
-    const Range rows = in.screened.body[side.body];
-    for (uint32_t row = rows.first; row < rows.end(); ++row) {
-        const uint32_t triangle = in.screened.triangle[row];
+    for (const uint32_t triangle : side.screened) {
         const Triangle& corner = side.mesh.triangle[triangle];
         if (has_bit(c.beyond, corner[0]) && has_bit(c.beyond, corner[1]) && has_bit(c.beyond, corner[2])) continue;
         if (has_bit(c.near_triangle, triangle)) continue;
@@ -176,9 +173,8 @@ void flood_pieces(const OverlapInput& in, const Side& side, OverlapChunk& c) {
     });
 }
 
-void add_query(const OverlapInput& in, const Side& side, const BodyPoints& points, uint32_t v, uint32_t hint, OverlapChunk& c) {
-    const uint32_t memory = in.scratch.vertex_first[side.body] + v;
-    const uint32_t remembered = in.scratch.hint_other[memory] == side.other ? in.scratch.hint_triangle[memory] : kNone;
+void add_query(const ContactInputs& in, const Side& side, const BodyPoints& points, uint32_t v, uint32_t hint, OverlapChunk& c) {
+    const uint32_t remembered = side.hint_other[v] == side.other ? side.hint_triangle[v] : kNone;
     const uint32_t most = in.surfaces.meshes.info[in.surfaces.bodies.mesh[side.other]].triangles.count;
     const Vec3d p = points.point(v);
     c.query_vertex.push_back(v);
@@ -278,27 +274,23 @@ bool check_triangle(const Side& side, const Triangle& corner, OverlapChunk& c) {
     return changed;
 }
 
-void check_signs(const OverlapInput& in, const Side& side, OverlapChunk& c) {
+void check_signs(const Side& side, OverlapChunk& c) {
     const auto is_inside = [](const SurfacePoint& answer) { return answer.distance < 0; };
     const auto inside = std::count_if(c.query_answer.begin(), c.query_answer.end(), is_inside);
     if (inside == 0 || size_t(inside) == c.query_answer.size()) return;  // no sign changes along any edge
     if (!is_any_edge_too_short(side, c)) return;
-    const Range rows = in.screened.body[side.body];
-    const uint32_t* first = in.screened.triangle.data() + rows.first;
     for (bool changed = true; changed;) {
         changed = false;
-        for (const uint32_t* t = first; t < first + rows.count; ++t) {
-            const Triangle& corner = side.mesh.triangle[*t];
-            if (!has_bit(c.near_vertex, corner[0]) || !has_bit(c.near_vertex, corner[1]) || !has_bit(c.near_vertex, corner[2])) {
-                continue;
-            }
+        for (const uint32_t triangle : side.screened) {
+            const Triangle& corner = side.mesh.triangle[triangle];
+            if (!has_bit(c.near_vertex, corner[0]) || !has_bit(c.near_vertex, corner[1]) || !has_bit(c.near_vertex, corner[2])) continue;
             changed = check_triangle(side, corner, c) || changed;
         }
     }
 }
 
 // Which side every piece is on: of a near vertex of it, or of its first vertex by a query of its own.
-void decide_pieces(const OverlapInput& in, const Side& side, const BodyPoints& points, OverlapChunk& c) {
+void decide_pieces(const ContactInputs& in, const Side& side, const BodyPoints& points, OverlapChunk& c) {
     const uint32_t asked = uint32_t(c.query_vertex.size());
     for (uint32_t row = 0; row < asked; ++row) {
         const uint32_t v = c.query_vertex[row];
@@ -318,7 +310,7 @@ void decide_pieces(const OverlapInput& in, const Side& side, const BodyPoints& p
 }
 
 // Depth of every vertex of the pieces that are inside.
-void measure_inside(const OverlapInput& in, const Side& side, const BodyPoints& points, OverlapChunk& c) {
+void measure_inside(const ContactInputs& in, const Side& side, const BodyPoints& points, OverlapChunk& c) {
     const uint32_t asked = uint32_t(c.query_vertex.size());
     for (uint32_t row = 0; row < asked; ++row) set_bit(c.near_vertex, c.query_vertex[row]);
     uint32_t hint = asked > 0 ? c.query_answer[0].triangle : kNone;
@@ -335,24 +327,24 @@ void measure_inside(const OverlapInput& in, const Side& side, const BodyPoints& 
     settle_doubtful(side, points, asked, c);
 }
 
-void find_side(const OverlapInput& in, const Side& side, OverlapSide& found, OverlapChunk& c) {
+void find_side(const ContactInputs& in, const Side& side, OverlapSide& found, OverlapChunk& c) {
     found = {{uint32_t(c.vertex.size()), 0}, 0};
     if (side.tree == nullptr) return;
     const BodyPoints points(in.surfaces, side.body, in.surfaces.poses.origin[side.other]);
     if (c.row.size() < side.mesh.position.size()) c.row.resize(side.mesh.position.size());
     clear_queries(c);
-    mark_near(in.candidates, side, c);
+    mark_near(side, c);
     for_each_bit(c.near_vertex, [&](uint32_t v) { add_query(in, side, points, v, c.hint[v], c); });
     run_queries(side, 0, c);
     if (!side.sheet) {
         settle_doubtful(side, points, 0, c);
-        if (side.solid) check_signs(in, side, c);
+        if (side.solid) check_signs(side, c);
         mark_beyond(in, side, c);
         if (is_any_unknown(side, c)) {
             flood_pieces(in, side, c);
             decide_pieces(in, side, points, c);
             measure_inside(in, side, points, c);
-            if (side.solid) check_signs(in, side, c);
+            if (side.solid) check_signs(side, c);
         }
     }
     for_each_bit(c.near_vertex, [&](uint32_t v) {
@@ -366,25 +358,29 @@ void find_side(const OverlapInput& in, const Side& side, OverlapSide& found, Ove
     found.answers.count = uint32_t(c.vertex.size()) - found.answers.first;
 }
 
-Side make_side(const Surfaces& s, const BodyBoxes& boxes, const CandidatePairs& pairs, const CandidateTriangles& candidates,
-               std::span<const std::unique_ptr<ClosestPointTree>> trees, uint32_t row) {
-    const uint32_t pair = row / 2, a = pairs.a[pair], b = pairs.b[pair];
-    const bool reversed = row % 2 != 0;
-    const uint32_t body = reversed ? b : a, other = reversed ? a : b;
+Side make_side(const ContactInputs& in, const ScreenedTriangles& screened, const CandidateTriangles& candidates,
+               const OverlapScratch& scratch, uint32_t row) {
+    const Surfaces& s = in.surfaces;
+    const auto [pair, body, other, reversed] = pair_side(in.pairs, row);
+    const Range vertices = range_at(scratch.vertex_first, body);
     const Admission admission = s.meshes.info[s.bodies.mesh[other]].admission;
     return {pair,
             body,
             other,
             reversed,
-            candidates.side[row],
-            candidates.pair[pair],
+            subspan(candidates.triangle, candidates.pair[pair]),
+            subspan(candidates.near, candidates.side[row]),
+            subspan(candidates.near_corners, candidates.side[row]),
+            subspan(screened.triangle, screened.body[body]),
+            subspan(scratch.hint_other, vertices),
+            subspan(scratch.hint_triangle, vertices),
             mesh_view(s.meshes, s.bodies.mesh[body]),
-            boxes.margin[a] + boxes.margin[b],
+            margin_between(in.boxes, body, other),
             admission == Admission::kSheet ? 0.5 * s.bodies.thickness[other] : 0.0,
             admission == Admission::kSolid,
             admission == Admission::kSheet,
             doubtful_depth(s, other),
-            admission == Admission::kRefused ? nullptr : trees[s.bodies.tree[other]].get()};
+            admission == Admission::kRefused ? nullptr : in.trees[s.bodies.tree[other]].get()};
 }
 
 void prepare_hints(const Surfaces& s, OverlapScratch& scratch) {
@@ -401,26 +397,32 @@ void prepare_hints(const Surfaces& s, OverlapScratch& scratch) {
     scratch.hint_triangle.assign(first, kNone);
 }
 
-// Copies one side's answers to their place in the outputs.
-void write_side(const Surfaces& s, const Side& side, uint32_t row, const OverlapSide& found, const OverlapChunk& c, uint32_t contact,
-                NearVertices& near, Contacts& out) {
-    for (uint32_t i = 0; i < found.answers.count; ++i) {
-        const uint32_t from = found.answers.first + i, to = near.side[row].first + i;
+// Copies one side's answers to their place in the outputs, of the row of scratch of that side.
+void write_side(const ContactInputs& in, const OverlapScratch& scratch, uint32_t row, const OverlapChunk& c, NearVertices& near,
+                Contacts& contacts) {
+    const auto [pair, body, other, reversed] = pair_side(in.pairs, row);
+    const double margin = margin_between(in.boxes, body, other);
+    const Range answers = scratch.side[row].answers;
+    uint32_t contact = scratch.contact_first[row];
+    for (uint32_t i = 0; i < answers.count; ++i) {
+        const uint32_t from = answers.first + i, to = near.side[row].first + i, v = c.vertex[from];
         const SurfacePoint& answer = c.answer[from];
-        near.vertex[to] = c.vertex[from];
+        near.vertex[to] = v;
         near.distance[to] = answer.distance;
         near.triangle[to] = answer.triangle;
-        if (answer.distance >= side.margin) continue;
-        out.pair[contact] = row / 2;
-        out.body[contact] = side.body;
-        out.other[contact] = side.other;
-        out.vertex[contact] = {c.vertex[from], c.vertex[from]};
-        out.along[contact] = 0;
-        out.point[contact] = frame_to_world(s, side.other, c.point[from]);
-        out.closest[contact] = frame_to_world(s, side.other, answer.point);
-        out.normal[contact] = direction_to_world(s, side.other, answer.normal);
-        out.distance[contact] = answer.distance;
-        out.triangle[contact++] = answer.triangle;
+        if (answer.distance < margin) write_contact(in.surfaces, {pair, body, other, {v, v}}, c.point[from], answer, contacts, contact++);
+    }
+}
+
+// Keeps for the next pass what every vertex was nearest to.
+void keep_hints(const CandidatePairs& pairs, const NearVertices& near, OverlapScratch& scratch) {
+    for (uint32_t row = 0; row < near.side.size(); ++row) {
+        const PairSide side = pair_side(pairs, row);
+        for (uint32_t i = near.side[row].first; i < near.side[row].end(); ++i) {
+            const uint32_t memory = scratch.vertex_first[side.body] + near.vertex[i];
+            scratch.hint_other[memory] = side.other;
+            scratch.hint_triangle[memory] = near.triangle[i];
+        }
     }
 }
 
@@ -442,17 +444,13 @@ void resize_outputs(uint32_t sides, OverlapScratch& scratch, NearVertices& near,
 
 }  // namespace
 
-void find_overlap(const Surfaces& surfaces, const BodyBoxes& boxes, const CandidatePairs& pairs, const ScreenedTriangles& screened,
-                  const CandidateTriangles& candidates, std::span<const std::unique_ptr<ClosestPointTree>> trees, OverlapScratch& scratch,
+void find_overlap(const ContactInputs& in, const ScreenedTriangles& screened, const CandidateTriangles& candidates, OverlapScratch& scratch,
                   Report& report, NearVertices& near, Contacts& contacts) {
-    const uint32_t sides = 2 * uint32_t(pairs.a.size());
-    const uint32_t grain = 2 * std::max(1u, chunk_count(sides / 2, kMostChunks));  // both sides of a pair in one chunk
-    prepare_hints(surfaces, scratch);
+    const uint32_t sides = 2 * uint32_t(in.pairs.a.size());
+    const uint32_t grain = 2 * coarse_grain(sides / 2);  // both sides of a pair in one chunk
+    prepare_hints(in.surfaces, scratch);
     scratch.side.resize(sides);
     if (scratch.chunk.size() < chunk_count(sides, grain)) scratch.chunk.resize(chunk_count(sides, grain));
-    const auto side_at = [&](uint32_t row) { return make_side(surfaces, boxes, pairs, candidates, trees, row); };
-
-    const OverlapInput in{surfaces, boxes, screened, candidates, scratch};
     parallel_for(sides, grain, [&](uint32_t begin, uint32_t end) {
         OverlapChunk& chunk = scratch.chunk[begin / grain];
         chunk.vertex.clear();
@@ -460,30 +458,20 @@ void find_overlap(const Surfaces& surfaces, const BodyBoxes& boxes, const Candid
         chunk.answer.clear();
         chunk.projected = kNone;
         chunk.sign_disagreements = chunk.tie_overflows = chunk.disagreements = 0;
-        for (uint32_t row = begin; row < end; ++row) find_side(in, side_at(row), scratch.side[row], chunk);
+        for (uint32_t row = begin; row < end; ++row)
+            find_side(in, make_side(in, screened, candidates, scratch, row), scratch.side[row], chunk);
     });
 
     resize_outputs(sides, scratch, near, contacts);
     parallel_for(sides, grain, [&](uint32_t begin, uint32_t end) {
-        for (uint32_t row = begin; row < end; ++row) {
-            write_side(surfaces, side_at(row), row, scratch.side[row], scratch.chunk[begin / grain], scratch.contact_first[row], near,
-                       contacts);
-        }
+        for (uint32_t row = begin; row < end; ++row) write_side(in, scratch, row, scratch.chunk[begin / grain], near, contacts);
     });
     for (uint32_t i = 0; i < chunk_count(sides, grain); ++i) {
         report.sign_disagreements += scratch.chunk[i].sign_disagreements;
         report.tie_overflows += scratch.chunk[i].tie_overflows;
         report.disagreements += scratch.chunk[i].disagreements;
     }
-    for (uint32_t row = 0; row < sides; ++row) {
-        const uint32_t pair = row / 2, body = row % 2 ? pairs.b[pair] : pairs.a[pair];
-        const uint32_t other = row % 2 ? pairs.a[pair] : pairs.b[pair];
-        for (uint32_t i = near.side[row].first; i < near.side[row].end(); ++i) {
-            const uint32_t memory = scratch.vertex_first[body] + near.vertex[i];
-            scratch.hint_other[memory] = other;
-            scratch.hint_triangle[memory] = near.triangle[i];
-        }
-    }
+    keep_hints(in.pairs, near, scratch);
 }
 
 }  // namespace trocar

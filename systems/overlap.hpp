@@ -1,13 +1,8 @@
 #pragma once
-#include <memory>
-#include <span>
 #include <vector>
 
-#include "components/bodies.hpp"
-#include "components/contacts.hpp"
 #include "components/report.hpp"
-#include "engine/closest_point.hpp"
-#include "engine/surfaces.hpp"
+#include "engine/contact_inputs.hpp"
 namespace trocar {
 
 // What is known of one side of one candidate pair.
@@ -54,11 +49,10 @@ struct OverlapScratch {
 
 // Overlap phase (thesis 4.1.1, FindOverlapReg): every vertex of a inside b or nearer to it than the margins of both
 // together, and the reverse, at any depth and for any number of bodies; equal to testing every vertex but those that
-// candidates leave out. Contacts ascend by pair, side and vertex. trees[bodies.tree[i]] is the tree of body i, refitted.
+// candidates leave out. Contacts ascend by pair, side and vertex.
 // Signs: a solid's by pseudonormal, checked against the Lipschitz bound along every near edge of the mesh and settled
 // by winding number where they disagree (counted).
-void find_overlap(const Surfaces& surfaces, const BodyBoxes& boxes, const CandidatePairs& pairs, const ScreenedTriangles& screened,
-                  const CandidateTriangles& candidates, std::span<const std::unique_ptr<ClosestPointTree>> trees, OverlapScratch& scratch,
+void find_overlap(const ContactInputs& in, const ScreenedTriangles& screened, const CandidateTriangles& candidates, OverlapScratch& scratch,
                   Report& report, NearVertices& near, Contacts& contacts);
 
 }  // namespace trocar

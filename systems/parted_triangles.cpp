@@ -92,9 +92,9 @@ uint32_t sift(const Surfaces& s, uint32_t a, uint32_t b, std::span<std::array<ui
 
 }  // namespace
 
-void drop_parted_triangles(const Surfaces& surfaces, const CandidatePairs& pairs, PartedTrianglesScratch& scratch,
-                           CandidateTriangles& candidates) {
-    const uint32_t count = uint32_t(pairs.a.size()), grain = std::max(1u, chunk_count(count, kMostChunks));
+void drop_parted_triangles(const ContactInputs& in, PartedTrianglesScratch& scratch, CandidateTriangles& candidates) {
+    const CandidatePairs& pairs = in.pairs;
+    const uint32_t count = uint32_t(pairs.a.size()), grain = coarse_grain(count);
     if (scratch.chunk.size() < chunk_count(count, grain)) scratch.chunk.resize(chunk_count(count, grain));
     candidates.beside.resize(candidates.triangle.size());
     parallel_for(count, grain, [&](uint32_t begin, uint32_t end) {
@@ -102,7 +102,7 @@ void drop_parted_triangles(const Surfaces& surfaces, const CandidatePairs& pairs
             Range& range = candidates.pair[pair];
             const auto rows = std::span(candidates.triangle).subspan(range.first, range.count);
             range.count =
-                sift(surfaces, pairs.a[pair], pairs.b[pair], rows, candidates.beside.data() + range.first, scratch.chunk[begin / grain]);
+                sift(in.surfaces, pairs.a[pair], pairs.b[pair], rows, candidates.beside.data() + range.first, scratch.chunk[begin / grain]);
         }
     });
     uint32_t kept = 0;

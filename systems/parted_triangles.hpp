@@ -1,9 +1,8 @@
 #pragma once
 #include <vector>
 
-#include "components/contacts.hpp"
+#include "engine/contact_inputs.hpp"
 #include "engine/geometry/four_points.hpp"
-#include "engine/surfaces.hpp"
 namespace trocar {
 
 // A triangle and its plane.
@@ -26,7 +25,6 @@ struct PartedTrianglesScratch {
 // Drops from candidates.triangle the pairs of which one triangle surely lies on one side of the other's plane: boxes of
 // slanting triangles meet long before they do. Order is kept. Marks in candidates.beside those that both pass the line
 // common to their planes, but surely beside each other: they do not cross, but are near, and their corners may yet meet.
-void drop_parted_triangles(const Surfaces& surfaces, const CandidatePairs& pairs, PartedTrianglesScratch& scratch,
-                           CandidateTriangles& candidates);
+void drop_parted_triangles(const ContactInputs& in, PartedTrianglesScratch& scratch, CandidateTriangles& candidates);
 
 }  // namespace trocar

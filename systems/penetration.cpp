@@ -31,10 +31,10 @@ Vec3d way_out(const CandidatePairs& pairs, const Contacts& contacts, uint32_t ro
 constexpr double kOpposed = -0.5;
 
 // Whether the witness of an overlap is about as far from an opposite part of the surface that it is inside.
-bool near_medial_axis(const Surfaces& s, const Contacts& contacts, uint32_t witness,
-                      std::span<const std::unique_ptr<ClosestPointTree>> trees) {
+bool near_medial_axis(const ContactInputs& in, const Contacts& contacts, uint32_t witness) {
+    const Surfaces& s = in.surfaces;
     const uint32_t other = contacts.other[witness];
-    const ClosestPointTree* tree = trees[s.bodies.tree[other]].get();
+    const ClosestPointTree* tree = in.trees[s.bodies.tree[other]].get();
     const double depth = -contacts.distance[witness], step = 0.1 * depth;
     if (tree == nullptr || !(depth > 0)) return false;
     const Vec3d deeper = contacts.point[witness] - step * contacts.normal[witness];
@@ -109,24 +109,23 @@ void measure_penetrations(const CandidatePairs& pairs, const Contacts& contacts,
     }
 }
 
-void mark_saturated(const Surfaces& surfaces, const CandidatePairs& pairs, const Contacts& contacts,
-                    std::span<const std::unique_ptr<ClosestPointTree>> trees, Penetrations& penetrations) {
+void mark_saturated(const ContactInputs& in, const Contacts& contacts, Penetrations& penetrations) {
     Penetrations& p = penetrations;
     parallel_for(uint32_t(p.pair.size()), 16, [&](uint32_t begin, uint32_t end) {
         for (uint32_t i = begin; i < end; ++i) {
-            p.saturated[i] =
-                leaves_nose_first(surfaces, contacts, p.witness[i]) || near_medial_axis(surfaces, contacts, p.witness[i], trees);
+            p.saturated[i] = leaves_nose_first(in.surfaces, contacts, p.witness[i]) || near_medial_axis(in, contacts, p.witness[i]);
             auto row = std::lower_bound(contacts.pair.begin(), contacts.pair.end(), p.pair[i]) - contacts.pair.begin();
             for (; size_t(row) < contacts.pair.size() && contacts.pair[row] == p.pair[i] && !p.saturated[i]; ++row) {
                 if (contacts.distance[row] > -0.9 * p.depth[i]) continue;  // where one lies on the other all of depth 0 count
-                p.saturated[i] = way_out(pairs, contacts, uint32_t(row)).dot(p.direction[i]) < kOpposed;
+                p.saturated[i] = way_out(in.pairs, contacts, uint32_t(row)).dot(p.direction[i]) < kOpposed;
             }
         }
     });
 }
 
-void remember_ways_out(const Surfaces& surfaces, const CandidatePairs& pairs, const Contacts& contacts, PairMemory& before,
-                       PairMemory& memory, Penetrations& penetrations) {
+void remember_ways_out(const ContactInputs& in, const Contacts& contacts, PairMemory& before, PairMemory& memory,
+                       Penetrations& penetrations) {
+    const CandidatePairs& pairs = in.pairs;
     std::swap(before, memory);
     memory.a.clear();
     memory.b.clear();
@@ -149,7 +148,7 @@ void remember_ways_out(const Surfaces& surfaces, const CandidatePairs& pairs, co
             // nobody turns about without having been apart: the shortest way now leads out at the far side
             if (known && before.direction[remembered].dot(way) < 0) penetrations.saturated[i] = 1;
             if (penetrations.saturated[i]) {
-                way = known ? before.direction[remembered] : shortest_way_apart(surfaces, a, b);
+                way = known ? before.direction[remembered] : shortest_way_apart(in.surfaces, a, b);
                 penetrations.way_out[i] = way;
             }
         }

@@ -1,10 +1,5 @@
 #pragma once
-#include <memory>
-#include <span>
-
-#include "components/contacts.hpp"
-#include "engine/closest_point.hpp"
-#include "engine/surfaces.hpp"
+#include "engine/contact_inputs.hpp"
 namespace trocar {
 
 // Penetration phase (thesis 4.2, FindPenetration): per candidate pair with a point on or inside the other surface, the
@@ -19,15 +14,14 @@ void measure_penetrations(const CandidatePairs& pairs, const Contacts& contacts,
 //   between;
 // - another contact nearly as deep wants to leave the other way.
 // One query a pair.
-void mark_saturated(const Surfaces& surfaces, const CandidatePairs& pairs, const Contacts& contacts,
-                    std::span<const std::unique_ptr<ClosestPointTree>> trees, Penetrations& penetrations);
+void mark_saturated(const ContactInputs& in, const Contacts& contacts, Penetrations& penetrations);
 
 // Keeps, for every pair with contacts, the way that b would go to leave a, as it was in the last pass in which the pair was
 // not saturated (that of the nearest contact while they do not overlap), and tells it to those that are now (way_out). One
 // whose direction has turned against its memory counts as saturated too. A pair without contacts is forgotten; one
 // saturated from the start gets the shortest of 27 ways that surely part it (b leaves the slab that holds a). `before` is
 // scratch.
-void remember_ways_out(const Surfaces& surfaces, const CandidatePairs& pairs, const Contacts& contacts, PairMemory& before,
-                       PairMemory& memory, Penetrations& penetrations);
+void remember_ways_out(const ContactInputs& in, const Contacts& contacts, PairMemory& before, PairMemory& memory,
+                       Penetrations& penetrations);
 
 }  // namespace trocar

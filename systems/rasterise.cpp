@@ -97,11 +97,11 @@ float perimeter(__m256d a, __m256d b, __m256d c) {
 }
 
 // Adds the triangles of one body, a row of scratch.body, whose enlarged box meets one of its regions.
-void screen_body(const Surfaces& s, const BodyBoxes& boxes, const Vec3d& origin, uint32_t row, RasteriseScratch& scratch,
-                 ScreenChunk& screen) {
+void screen_body(const ContactInputs& in, const Vec3d& origin, uint32_t row, RasteriseScratch& scratch, ScreenChunk& screen) {
+    const Surfaces& s = in.surfaces;
     const uint32_t body = scratch.body[row];
     const MeshView mesh = mesh_view(s.meshes, s.bodies.mesh[body]);
-    const double reach = reach_of(s.bodies, boxes, body);
+    const double reach = reach_of(s.bodies, in.boxes, body);
     const uint32_t first = scratch.region_first[body], end = scratch.region_first[body + 1];
     Box all;
     for (uint32_t i = first; i < end; ++i) all = joined(all, scratch.region[scratch.region_pair[i]]);
@@ -153,20 +153,21 @@ void screen_body(const Surfaces& s, const BodyBoxes& boxes, const Vec3d& origin,
 }
 
 // Screens all bodies, the small ones of a crowded scene several at a time: their findings then lie close together.
-void screen_bodies(const Surfaces& surfaces, const BodyBoxes& boxes, const Vec3d& origin, RasteriseScratch& scratch) {
+void screen_bodies(const ContactInputs& in, const Vec3d& origin, RasteriseScratch& scratch) {
+    const Surfaces& s = in.surfaces;
     const uint32_t bodies = uint32_t(scratch.body.size()), grain = bodies < 128 ? 1 : 32;
     if (scratch.screen.size() < chunk_count(bodies, grain)) scratch.screen.resize(chunk_count(bodies, grain));
     for (ScreenChunk& chunk : scratch.screen) chunk.rows = 0;
-    scratch.runs.resize(surfaces.meshes.info.size());
+    scratch.runs.resize(s.meshes.info.size());
     for (const uint32_t body : scratch.body) {
-        const uint32_t mesh = surfaces.bodies.mesh[body];
-        keep_runs(mesh_view(surfaces.meshes, mesh).triangle, scratch.runs[mesh]);
+        const uint32_t mesh = s.bodies.mesh[body];
+        keep_runs(mesh_view(s.meshes, mesh).triangle, scratch.runs[mesh]);
     }
     scratch.kept.resize(bodies);
     scratch.edge_sum.resize(bodies);
     parallel_for(bodies, grain, [&](uint32_t begin, uint32_t end) {
         ScreenChunk& chunk = scratch.screen[begin / grain];
-        for (uint32_t row = begin; row < end; ++row) screen_body(surfaces, boxes, origin, row, scratch, chunk);
+        for (uint32_t row = begin; row < end; ++row) screen_body(in, origin, row, scratch, chunk);
     });
 }
 
@@ -201,12 +202,12 @@ double gather_screens(uint32_t bodies, const RasteriseScratch& scratch, Screened
 }
 
 // Cells grow when the region would need more than 21 bits an axis, or when speed makes most boxes larger than a cell.
-double choose_cell_size(const ContactParams& params, double mean_edge, const BodyBoxes& boxes, const Surfaces& s, const Vec3d& extent,
-                        const ScreenedTriangles& screened, const RasteriseScratch& scratch) {
+double choose_cell_size(const ContactInputs& in, double mean_edge, const Vec3d& extent, const ScreenedTriangles& screened,
+                        const RasteriseScratch& scratch) {
     double reach = 0;
-    for (const uint32_t body : scratch.body) reach += screened.body[body].count * reach_of(s.bodies, boxes, body);
+    for (const uint32_t body : scratch.body) reach += screened.body[body].count * reach_of(in.surfaces.bodies, in.boxes, body);
     if (!screened.triangle.empty()) reach /= double(screened.triangle.size());
-    const double size = std::max({params.cell_edges * mean_edge, 2 * reach, extent.maxCoeff() / kGridCells});
+    const double size = std::max({in.params.cell_edges * mean_edge, 2 * reach, extent.maxCoeff() / kGridCells});
     return size > 0 && std::isfinite(size) ? size : 1.0;
 }
 
@@ -478,18 +479,19 @@ void set_direct_pairs_apart(const CandidatePairs& pairs, const ScreenedTriangles
 
 }  // namespace
 
-void rasterise(const ContactParams& params, const Surfaces& surfaces, const BodyBoxes& boxes, const CandidatePairs& pairs,
-               RasteriseScratch& scratch, Report& report, ScreenedTriangles& screened, Occupancy& occupancy, uint64_t most_direct) {
-    TROCAR_ASSERT(params.cell_edges > 0 && std::isfinite(params.cell_edges));
-    const Box all = collect_regions(boxes, pairs, scratch);
-    screened.origin = pairs.a.empty() ? Vec3d(Vec3d::Zero()) : all.min;
-    screen_bodies(surfaces, boxes, screened.origin, scratch);
-    const double mean_edge = gather_screens(uint32_t(boxes.box.size()), scratch, screened);
-    const Vec3d extent = pairs.a.empty() ? Vec3d(Vec3d::Zero()) : Vec3d(all.max - all.min);
+void rasterise(const ContactInputs& in, uint64_t most_direct, RasteriseScratch& scratch, Report& report, ScreenedTriangles& screened,
+               Occupancy& occupancy) {
+    TROCAR_ASSERT(in.params.cell_edges > 0 && std::isfinite(in.params.cell_edges));
+    const bool any = !in.pairs.a.empty();
+    const Box all = collect_regions(in.boxes, in.pairs, scratch);
+    screened.origin = any ? all.min : Vec3d(Vec3d::Zero());
+    screen_bodies(in, screened.origin, scratch);
+    const double mean_edge = gather_screens(uint32_t(in.boxes.box.size()), scratch, screened);
+    const Vec3d extent = any ? Vec3d(all.max - all.min) : Vec3d(Vec3d::Zero());
     occupancy.origin = screened.origin;
-    occupancy.cell_size = choose_cell_size(params, mean_edge, boxes, surfaces, extent, screened, scratch);
+    occupancy.cell_size = choose_cell_size(in, mean_edge, extent, screened, scratch);
     const float inv_size = 1.0f / float(occupancy.cell_size);
-    set_direct_pairs_apart(pairs, screened, most_direct, scratch);
+    set_direct_pairs_apart(in.pairs, screened, most_direct, scratch);
     if (!fill_from_bits(screened, inv_size, scratch, occupancy)) {
         if (screened.triangle.size() < scratch.most_counted && count_objects(screened, inv_size, scratch, occupancy)) {
             fill_from_table(screened, scratch, occupancy);

@@ -2,11 +2,9 @@
 #include <array>
 #include <vector>
 
-#include "components/bodies.hpp"
-#include "components/contacts.hpp"
 #include "components/report.hpp"
 #include "engine/cell_bits.hpp"
-#include "engine/surfaces.hpp"
+#include "engine/contact_inputs.hpp"
 #include "engine/triangle_runs.hpp"
 namespace trocar {
 
@@ -71,8 +69,8 @@ struct RasteriseScratch {
 // Cells are counted by bits where the grid is small enough to have one for each cell, else in a hash table. Where keys
 // crowd the table so that a lookup takes more than 256 steps, and from most_counted triangles on, references are sorted by
 // key instead: the same layers, in time linear in the references whatever the keys.
-// Bodies all of whose pairs are compared directly, see is_direct, stay out of the cells; 0: none is.
-void rasterise(const ContactParams& params, const Surfaces& surfaces, const BodyBoxes& boxes, const CandidatePairs& pairs,
-               RasteriseScratch& scratch, Report& report, ScreenedTriangles& screened, Occupancy& occupancy, uint64_t most_direct = 0);
+// Bodies all of whose pairs are compared directly, by most_direct (see is_direct), stay out of the cells; 0: none does.
+void rasterise(const ContactInputs& in, uint64_t most_direct, RasteriseScratch& scratch, Report& report, ScreenedTriangles& screened,
+               Occupancy& occupancy);
 
 }  // namespace trocar

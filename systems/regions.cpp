@@ -4,9 +4,12 @@
 #include <algorithm>
 #include <cmath>
 
+#include "engine/append.hpp"
 #include "engine/disjoint_sets.hpp"
 #include "engine/geometry/contact_kernels.hpp"
+#include "engine/pair_sides.hpp"
 #include "engine/parallel.hpp"
+#include "engine/subspan.hpp"
 namespace trocar {
 namespace {
 
@@ -402,47 +405,32 @@ void clear(OverlapRegions& r) {
     r.volume.clear(), r.depth.clear(), r.direction.clear(), r.witness.clear();
 }
 
-template <typename T>
-void append(const std::vector<T>& from, std::vector<T>& to) {
-    to.insert(to.end(), from.begin(), from.end());
-}
-
 }  // namespace
 
-void find_regions(const Surfaces& surfaces, const CandidatePairs& pairs, const ScreenedTriangles& screened, const NearVertices& near,
-                  const Contacts& contacts, const Contours& contours, RegionsScratch& scratch, OverlapRegions& regions) {
-    const uint32_t count = uint32_t(pairs.a.size()), grain = std::max(1u, chunk_count(count, kMostChunks)),
-                   chunks = chunk_count(count, grain);
+void find_regions(const ContactInputs& in, const ScreenedTriangles& screened, const NearVertices& near, const Contacts& contacts,
+                  const Contours& contours, RegionsScratch& scratch, OverlapRegions& regions) {
+    const Surfaces& s = in.surfaces;
+    const CandidatePairs& pairs = in.pairs;
+    const uint32_t count = uint32_t(pairs.a.size()), grain = coarse_grain(count), chunks = chunk_count(count, grain);
     if (scratch.chunk.size() < chunks) scratch.chunk.resize(chunks);
-    scratch.contact_first.assign(count + 1, 0);
-    for (const uint32_t pair : contacts.pair) ++scratch.contact_first[pair + 1];
-    for (uint32_t pair = 0; pair < count; ++pair) scratch.contact_first[pair + 1] += scratch.contact_first[pair];
+    find_first_contacts(contacts, count, scratch.contact_first);
+    const auto input_of = [&](uint32_t pair, Range rows) -> PairInput {
+        const uint32_t a = pairs.a[pair], b = pairs.b[pair];
+        const Vec3d centre = contacts.point[rows.first];
+        const MeshView mesh_a = mesh_view(s.meshes, s.bodies.mesh[a]), mesh_b = mesh_view(s.meshes, s.bodies.mesh[b]);
+        const uint32_t nodes_a = uint32_t(mesh_a.position.size()), nodes_b = uint32_t(mesh_b.position.size());
+        const Half half_a{a, 0, screened.body[a], near.side[2 * pair], mesh_a, BodyPoints(s, a, centre)};
+        const Half half_b{b, nodes_a, screened.body[b], near.side[2 * pair + 1], mesh_b, BodyPoints(s, b, centre)};
+        Range points, segments;
+        find_rows(contours, pair, points, segments);
+        return {screened, near, contacts, contours, {half_a, half_b}, pair, nodes_a + nodes_b, points, segments, rows, centre};
+    };
     parallel_for(count, grain, [&](uint32_t begin, uint32_t end) {
         RegionsChunk& chunk = scratch.chunk[begin / grain];
         clear(chunk.found);
         for (uint32_t pair = begin; pair < end; ++pair) {
-            const uint32_t a = pairs.a[pair], b = pairs.b[pair];
-            Range rows{scratch.contact_first[pair], scratch.contact_first[pair + 1] - scratch.contact_first[pair]};
-            if (rows.count == 0 || !has_inside(surfaces, a) || !has_inside(surfaces, b)) continue;
-            const Vec3d centre = contacts.point[rows.first];
-            const MeshView mesh_a = mesh_view(surfaces.meshes, surfaces.bodies.mesh[a]),
-                           mesh_b = mesh_view(surfaces.meshes, surfaces.bodies.mesh[b]);
-            const uint32_t nodes_a = uint32_t(mesh_a.position.size()), nodes_b = uint32_t(mesh_b.position.size());
-            Range points, segments;
-            find_rows(contours, pair, points, segments);
-            find_pair({screened,
-                       near,
-                       contacts,
-                       contours,
-                       {{{a, 0, screened.body[a], near.side[2 * pair], mesh_a, BodyPoints(surfaces, a, centre)},
-                         {b, nodes_a, screened.body[b], near.side[2 * pair + 1], mesh_b, BodyPoints(surfaces, b, centre)}}},
-                       pair,
-                       nodes_a + nodes_b,
-                       points,
-                       segments,
-                       rows,
-                       centre},
-                      chunk);
+            const Range rows = range_at(scratch.contact_first, pair);
+            if (rows.count > 0 && has_inside(s, pairs.a[pair]) && has_inside(s, pairs.b[pair])) find_pair(input_of(pair, rows), chunk);
         }
     });
     clear(regions);

@@ -1,8 +1,7 @@
 #pragma once
 #include <vector>
 
-#include "components/contacts.hpp"
-#include "engine/surfaces.hpp"
+#include "engine/contact_inputs.hpp"
 namespace trocar {
 
 // A part of an edge that is inside the other body; 0 and 1 are its lower and its other vertex.
@@ -43,7 +42,7 @@ struct RegionsScratch {
 // of the meshes to rounding. A void (a patch that encloses a negative volume) belongs to the region around it; a place where
 // bodies only touch is none, a body on its copy one without a witness. Both bodies must be closed; pairs with a sheet have
 // no regions.
-void find_regions(const Surfaces& surfaces, const CandidatePairs& pairs, const ScreenedTriangles& screened, const NearVertices& near,
-                  const Contacts& contacts, const Contours& contours, RegionsScratch& scratch, OverlapRegions& regions);
+void find_regions(const ContactInputs& in, const ScreenedTriangles& screened, const NearVertices& near, const Contacts& contacts,
+                  const Contours& contours, RegionsScratch& scratch, OverlapRegions& regions);
 
 }  // namespace trocar

@@ -18,6 +18,9 @@ inline double reach_of(const Bodies& bodies, const BodyBoxes& boxes, uint32_t bo
     return boxes.margin[body] + 0.5 * bodies.thickness[body];
 }
 
+// How near the surfaces of two bodies may come before they have a contact, m.
+inline double margin_between(const BodyBoxes& boxes, uint32_t a, uint32_t b) { return boxes.margin[a] + boxes.margin[b]; }
+
 inline bool boxes_meet(const Box& a, const Box& b) {
     return (a.min.array() <= b.max.array()).all() && (b.min.array() <= a.max.array()).all();
 }

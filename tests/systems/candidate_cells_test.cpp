@@ -147,10 +147,9 @@ TEST(CandidateCells, OnlyCandidatePairsCount) {
 
 // As frames do where bodies are small.
 void find_directly(ContactScene& scene, uint64_t most, double gravity = 0) {
-    rasterise(scene.params, scene.surfaces(), scene.boxes, scene.pairs, scene.rasterise_scratch, scene.report, scene.screened,
-              scene.occupancy, most);
-    const DirectInput direct{scene.surfaces(), scene.boxes, scene.period, gravity, most};
-    find_candidate_triangles(scene.pairs, scene.screened, scene.occupancy, scene.cells_scratch, scene.candidates, &direct);
+    scene.fall = 0.5 * gravity * scene.period * scene.period;
+    rasterise(scene.inputs(), most, scene.rasterise_scratch, scene.report, scene.screened, scene.occupancy);
+    find_candidate_triangles(scene.inputs(), {most}, scene.screened, scene.occupancy, scene.cells_scratch, scene.candidates);
 }
 
 // Without cells the same is found as with them, also where only some pairs go without. Breaks when a pair is dealt with by
@@ -187,11 +186,9 @@ TEST(CandidateCells, DirectPairsFindTheSameEdges) {
         std::vector<std::array<double, 5>> found[2];
         for (const bool direct : {false, true}) {
             direct ? find_directly(scene, 1u << 30) : scene.find_triangles();
-            if (direct) drop_parted_triangles(scene.surfaces(), scene.pairs, parted_scratch, scene.candidates);
-            find_overlap(scene.surfaces(), scene.boxes, scene.pairs, scene.screened, scene.candidates, scene.trees, scene.overlap_scratch,
-                         scene.report, scene.near, scene.contacts);
-            find_edge_contacts(scene.params, scene.surfaces(), scene.pairs, scene.candidates, scene.near, scene.trees, scene.edge_scratch,
-                               scene.report, scene.contacts);
+            if (direct) drop_parted_triangles(scene.inputs(), parted_scratch, scene.candidates);
+            find_overlap(scene.inputs(), scene.screened, scene.candidates, scene.overlap_scratch, scene.report, scene.near, scene.contacts);
+            find_edge_contacts(scene.inputs(), scene.candidates, scene.near, scene.edge_scratch, scene.report, scene.contacts);
             const Contacts& c = scene.contacts;
             for (uint32_t i = 0; i < c.body.size(); ++i) {
                 const auto [v, w] = c.vertex[i];
@@ -224,11 +221,9 @@ void give_velocity(ContactScene& scene, uint32_t body, const Vec3d& drift, doubl
 void expect_all_that_comes(ContactScene& scene, uint32_t falling, const std::string& what, Coming& coming) {
     Particles& p = scene.particles;
     find_directly(scene, 1u << 30, 9.81);
-    find_overlap(scene.surfaces(), scene.boxes, scene.pairs, scene.screened, scene.candidates, scene.trees, scene.overlap_scratch,
-                 scene.report, scene.near, scene.contacts);
+    find_overlap(scene.inputs(), scene.screened, scene.candidates, scene.overlap_scratch, scene.report, scene.near, scene.contacts);
     coming.asked_near += scene.near.vertex.size();
-    make_contact_rows(scene.params, scene.surfaces(), scene.pairs, scene.contacts, scene.penetrations, scene.rows_scratch, scene.report,
-                      scene.rows);
+    make_contact_rows(scene.inputs(), scene.contacts, scene.penetrations, scene.rows_scratch, scene.report, scene.rows);
     coming.idle += scene.rows.body.size();
     IdleRowsScratch idle_rows;
     const Surfaces surfaces = scene.surfaces();
@@ -294,8 +289,7 @@ TEST(CandidateCells, DirectPairsSeeAllThatComesOntoAStaticBody) {
                             {make_box({size, size, size}, {3, 3, 3}), Motion::kStatic, Vec3d(1, 0, 0), turned}});
         give_velocity(scene, 0, -0.5 * rotate(turned, way) + 0.3 * Vec3d(unit(random), unit(random), unit(random)), 0.1, random);
         scene.find_triangles();
-        find_overlap(scene.surfaces(), scene.boxes, scene.pairs, scene.screened, scene.candidates, scene.trees, scene.overlap_scratch,
-                     scene.report, scene.near, scene.contacts);
+        find_overlap(scene.inputs(), scene.screened, scene.candidates, scene.overlap_scratch, scene.report, scene.near, scene.contacts);
         with_cells += scene.near.vertex.size();
         expect_all_that_comes(scene, 0, "round " + std::to_string(round), coming);
     }

@@ -6,10 +6,9 @@
 #include <random>
 #include <vector>
 
-#include "engine/closest_point.hpp"
+#include "engine/contact_inputs.hpp"
 #include "engine/geometry/contact_kernels.hpp"
 #include "engine/mesh_topology.hpp"
-#include "engine/surfaces.hpp"
 #include "systems/body_boxes.hpp"
 #include "systems/candidate_cells.hpp"
 #include "systems/candidate_pairs.hpp"
@@ -166,7 +165,7 @@ struct ContactScene {
     Particles particles;
     std::vector<std::unique_ptr<ClosestPointTree>> trees;
     ContactParams params;
-    double period = 1.0 / 60;
+    double period = 1.0 / 60, fall = 0;
     std::vector<std::array<uint32_t, 2>> excluded;
 
     BodyBoxes boxes;
@@ -239,29 +238,28 @@ struct ContactScene {
     }
 
     Surfaces surfaces() const { return {meshes, bodies, poses, particles}; }
+    ContactInputs inputs() const { return {params, period, fall, surfaces(), boxes, pairs, trees}; }
 
     void find_triangles() {
         compute_body_boxes(period, surfaces(), boxes);
         find_candidate_pairs(bodies, boxes, excluded, pairs_scratch, pairs);
         refit_trees(bodies, particles, pairs, refit_scratch, trees);
-        rasterise(params, surfaces(), boxes, pairs, rasterise_scratch, report, screened, occupancy);
-        find_candidate_triangles(pairs, screened, occupancy, cells_scratch, candidates);
+        rasterise(inputs(), 0, rasterise_scratch, report, screened, occupancy);
+        find_candidate_triangles(inputs(), {}, screened, occupancy, cells_scratch, candidates);
     }
     void run() {
         find_triangles();
-        find_overlap(surfaces(), boxes, pairs, screened, candidates, trees, overlap_scratch, report, near, contacts);
-        find_edge_contacts(params, surfaces(), pairs, candidates, near, trees, edge_scratch, report, contacts);
-        if (params.faces) {
-            find_face_contacts(params, 100'000, surfaces(), pairs, candidates, screened, near, trees, face_scratch, contacts);
-        }
+        find_overlap(inputs(), screened, candidates, overlap_scratch, report, near, contacts);
+        find_edge_contacts(inputs(), candidates, near, edge_scratch, report, contacts);
+        if (params.faces) find_face_contacts(inputs(), 100'000, screened, candidates, near, face_scratch, contacts);
         measure_penetrations(pairs, contacts, penetrations);
-        make_contact_rows(params, surfaces(), pairs, contacts, penetrations, rows_scratch, report, rows);
+        make_contact_rows(inputs(), contacts, penetrations, rows_scratch, report, rows);
         find_islands(bodies, rows, islands_scratch, islands);
     }
     void run_with_regions() {
         run();
-        find_contours(surfaces(), pairs, candidates, contours_scratch, contours);
-        trocar::find_regions(surfaces(), pairs, screened, near, contacts, contours, regions_scratch, regions);
+        find_contours(inputs(), candidates, contours_scratch, contours);
+        trocar::find_regions(inputs(), screened, near, contacts, contours, regions_scratch, regions);
     }
     void clear_caches() {
         pairs_scratch = {};

@@ -47,8 +47,7 @@ ContactRows edges_ahead(ContactScene& scene) {
     scene.run();
     ContactRows rows;
     EdgesAheadScratch scratch;
-    add_edges_ahead(scene.period, 0, scene.surfaces(), scene.boxes, scene.pairs, scene.candidates, scene.near, scene.contacts, scratch,
-                    rows);
+    add_edges_ahead(scene.inputs(), scene.candidates, scene.near, scene.contacts, scratch, rows);
     return rows;
 }
 

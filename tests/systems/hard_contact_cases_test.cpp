@@ -19,15 +19,15 @@ Mesh ball(double radius, uint32_t n) {
 
 // Two bodies of n small boxes each in one cell, box i of one on box i of the other and on no other.
 struct Crowd {
+    ContactScene scene{{}};
     ScreenedTriangles screened;
     Occupancy occupancy;
-    CandidatePairs pairs;
 
     explicit Crowd(const std::vector<std::array<float, 3>>& place, float half) {
         const uint32_t n = uint32_t(place.size());
         screened.body = {{0, n}, {n, n}};
-        pairs.a = {0};
-        pairs.b = {1};
+        scene.pairs.a = {0};
+        scene.pairs.b = {1};
         occupancy.cell_size = 1;
         occupancy.cell_key = {pack_cell(0, 0, 0)};
         occupancy.object_first = {0, 2};
@@ -47,7 +47,7 @@ struct Crowd {
     CandidateTriangles run() {
         CandidateCellsScratch scratch;
         CandidateTriangles found;
-        find_candidate_triangles(pairs, screened, occupancy, scratch, found);
+        find_candidate_triangles(scene.inputs(), {}, screened, occupancy, scratch, found);
         return found;
     }
 };

@@ -333,7 +333,7 @@ TEST(Saturation, ShallowIsNotDeepIs) {
     for (const double d : {0.95, 0.9, 0.8, 0.5}) {
         ContactScene scene({{ball, Motion::kHand, Vec3d::Zero(), {}}, {ball, Motion::kHand, Vec3d(0, d, 0), turn({1, 2, 3}, 1)}});
         scene.run();
-        mark_saturated(scene.surfaces(), scene.pairs, scene.contacts, scene.trees, scene.penetrations);
+        mark_saturated(scene.inputs(), scene.contacts, scene.penetrations);
         // the deepest point reaches the other's centre at d = 0.5
         EXPECT_EQ(scene.penetrations.saturated[0], d <= 0.5) << d;
     }
@@ -353,7 +353,7 @@ TEST(Saturation, P06_BallsPastEachOthersCentres) {
                                 {make_sphere(10, [&](const Vec3d& p) { return Vec3d(small * p); }), Motion::kHand, d * way, turned}});
             scene.run();
             ASSERT_EQ(scene.penetrations.pair.size(), 1u) << d;
-            mark_saturated(scene.surfaces(), scene.pairs, scene.contacts, scene.trees, scene.penetrations);
+            mark_saturated(scene.inputs(), scene.contacts, scene.penetrations);
             const double least = std::min(big, small), depth = std::max({0.0, small - std::abs(d - big), big - std::abs(d - small)});
             const double mesh = 0.5 * scene.meshes.info[0].max_edge;
             EXPECT_NEAR(depth_of(scene), depth, mesh) << "P06 radius " << small << " distance " << d;
@@ -392,7 +392,7 @@ TEST(Saturation, NoFalseAlarmsOnShallowPairs) {
             if (depth_of(scene) > 0.03) break;
         }
         ASSERT_LT(depth_of(scene), 0.07);
-        mark_saturated(scene.surfaces(), scene.pairs, scene.contacts, scene.trees, scene.penetrations);
+        mark_saturated(scene.inputs(), scene.contacts, scene.penetrations);
         ++pairs;
         if (!scene.penetrations.saturated[0]) continue;
         ++saturated;
@@ -415,10 +415,9 @@ TEST(Saturation, RowsLeadBackTheWayTheyCame) {
         scene.poses.origin[1].z() = z;
         scene.run();
         ASSERT_EQ(scene.penetrations.pair.size(), 1u);
-        mark_saturated(scene.surfaces(), scene.pairs, scene.contacts, scene.trees, scene.penetrations);
-        remember_ways_out(scene.surfaces(), scene.pairs, scene.contacts, before, memory, scene.penetrations);
-        make_contact_rows(scene.params, scene.surfaces(), scene.pairs, scene.contacts, scene.penetrations, scene.rows_scratch, scene.report,
-                          scene.rows);
+        mark_saturated(scene.inputs(), scene.contacts, scene.penetrations);
+        remember_ways_out(scene.inputs(), scene.contacts, before, memory, scene.penetrations);
+        make_contact_rows(scene.inputs(), scene.contacts, scene.penetrations, scene.rows_scratch, scene.report, scene.rows);
         if (!scene.penetrations.saturated[0]) continue;
         ++remembered;
         EXPECT_NEAR(scene.penetrations.way_out[0].z(), 1, 1e-9) << z;
@@ -435,7 +434,7 @@ TEST(Saturation, RowsLeadBackTheWayTheyCame) {
     EXPECT_GE(remembered, 1u) << "never saturated: nothing was shown";
     scene.poses.origin[1].z() = 1;
     scene.run();
-    remember_ways_out(scene.surfaces(), scene.pairs, scene.contacts, before, memory, scene.penetrations);
+    remember_ways_out(scene.inputs(), scene.contacts, before, memory, scene.penetrations);
     EXPECT_TRUE(memory.a.empty()) << "apart: forgotten";
 }
 

@@ -168,7 +168,7 @@ TEST(Contours, NothingFromNothing) {
     Contours contours;
     ContoursScratch scratch;
     ContactScene empty({});
-    find_contours(empty.surfaces(), empty.pairs, empty.candidates, scratch, contours);
+    find_contours(empty.inputs(), empty.candidates, scratch, contours);
     EXPECT_TRUE(contours.pair.empty() && contours.point.empty());
     // a sheet through a ball: the curve ends at the sheet's rim where it does not go through
     ContactScene scene({{ball(0.5, 8), Motion::kHand, Vec3d::Zero(), {}},

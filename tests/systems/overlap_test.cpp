@@ -313,11 +313,9 @@ TEST(Overlap, H09_LostVerticesAreInNoContact) {
     scene.particles.offset[lost].x = std::numeric_limits<float>::quiet_NaN();
     for (int pass = 0; pass < 2; ++pass) {
         compute_body_boxes(scene.period, scene.surfaces(), scene.boxes);
-        rasterise(scene.params, scene.surfaces(), scene.boxes, scene.pairs, scene.rasterise_scratch, scene.report, scene.screened,
-                  scene.occupancy);
-        find_candidate_triangles(scene.pairs, scene.screened, scene.occupancy, scene.cells_scratch, scene.candidates);
-        find_overlap(scene.surfaces(), scene.boxes, scene.pairs, scene.screened, scene.candidates, scene.trees, scene.overlap_scratch,
-                     scene.report, scene.near, scene.contacts);
+        rasterise(scene.inputs(), 0, scene.rasterise_scratch, scene.report, scene.screened, scene.occupancy);
+        find_candidate_triangles(scene.inputs(), {}, scene.screened, scene.occupancy, scene.cells_scratch, scene.candidates);
+        find_overlap(scene.inputs(), scene.screened, scene.candidates, scene.overlap_scratch, scene.report, scene.near, scene.contacts);
     }
     for (uint32_t i = 0; i < scene.contacts.pair.size(); ++i) {
         EXPECT_TRUE(scene.contacts.point[i].allFinite());

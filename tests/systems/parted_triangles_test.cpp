@@ -22,7 +22,7 @@ size_t expect_only_parted_dropped(ContactScene& scene, const std::string& what) 
     scene.find_triangles();
     const CandidateTriangles before = scene.candidates;
     PartedTrianglesScratch scratch;
-    drop_parted_triangles(scene.surfaces(), scene.pairs, scratch, scene.candidates);
+    drop_parted_triangles(scene.inputs(), scratch, scene.candidates);
     const auto rows_of = [](const CandidateTriangles& c, uint32_t pair) {
         return std::span(c.triangle).subspan(c.pair[pair].first, c.pair[pair].count);
     };
