@@ -164,9 +164,11 @@ GroundShadow make_shadow(const PictureBody& body, const Ground& ground, const Ve
 void place_ground(const PictureParams& params, const Camera& camera, const PictureSnapshot& snapshot, std::vector<GroundShadow>& shadows,
                   Ground& ground) {
     shadows.clear();
-    ground.on = params.ground && camera.kind == CameraKind::kOrbit && camera.floor_radius > 0;
-    if (!ground.on) return;
     const Vec3d sky = unit_or(camera.up, Vec3d::UnitZ());
+    // seen from below the floor would hide the bodies
+    const bool from_above = (camera_frame(camera).eye - camera.floor).dot(sky) > 0;
+    ground.on = params.ground && camera.kind == CameraKind::kOrbit && camera.floor_radius > 0 && from_above;
+    if (!ground.on) return;
     ground.centre = camera.floor;
     ground.axis_x = perpendicular_to(sky);
     ground.axis_y = sky.cross(ground.axis_x);
