@@ -45,7 +45,9 @@ PictureWriter::PictureWriter(const PictureParams& params, const Camera& camera, 
     if (out_.empty()) return;
     prepare_folder(out_ / "frames");
     clear_pictures(out_);  // of an earlier, longer run
-    if (film_meanwhile && ffmpeg_present()) film_.emplace(out_ / "film.mp4", params_.width, params_.height, kFilmRate);
+    if (!film_meanwhile) return;
+    film_.emplace(out_ / "film.mp4", params_.width, params_.height, kFilmRate);
+    if (!film_->ffmpeg_found()) film_.reset();
 }
 
 void PictureWriter::draw(const PictureSnapshot& snapshot) {
