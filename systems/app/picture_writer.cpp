@@ -54,12 +54,12 @@ void PictureWriter::draw(const PictureSnapshot& snapshot) {
     if (!placed_) {
         fitted_ = fitted_ || camera_.distance <= 0;
         if (fitted_)
-            fit_camera(snapshot, params_.width, params_.height, camera_);
+            fit_camera(snapshot, params_.width, params_.height, camera_, legend_width(params_));
         else
             lay_floor(snapshot, camera_);
         placed_ = true;
     }
-    if (fitted_) keep_in_picture(snapshot, params_.width, params_.height, camera_);
+    if (fitted_) keep_in_picture(snapshot, params_.width, params_.height, camera_, legend_width(params_));
     render_picture(params_, camera_, snapshot, renderer_, scratch_, image_);
 }
 

@@ -565,6 +565,39 @@ TEST(Render, FitsTheOrganAndFillsThePicture) {
     }
 }
 
+// fails when the legend hides part of the tissue that it explains
+TEST(Render, FitsTheOrganBesideTheLegend) {
+    PictureScene scene;
+    scene.add_body(scene.add_mesh(reference::make_box({-0.1, -0.1, -0.01}, {0.1, 0.1, 0.01})), Motion::kDeformable);
+    PictureParams params;
+    params.width = 640, params.height = 480;
+    params.depth_colours = true;
+    PictureSnapshot s = scene.snapshot();
+    Camera camera;
+    fit_camera(s, 640, 480, camera, legend_width(params));
+    const auto rightmost = [&] {
+        double x = 0;
+        for (const Vec3& p : s.position) x = std::max(x, project(s.body[0].origin + p.cast<double>(), camera, params).x);
+        return x;
+    };
+    EXPECT_LE(rightmost(), 640.0 - legend_width(params) + 1e-6);
+    EXPECT_GE(rightmost(), 640.0 - legend_width(params) - 40);
+    s.body[0].origin = {0.03, 0.05, 0};
+    keep_in_picture(s, 640, 480, camera, legend_width(params));
+    EXPECT_LE(rightmost(), 640.0 - legend_width(params) + 1e-6);
+    // the panel begins where legend_width says
+    camera.target = {9, 9, 9};
+    const Image with = draw(scene, params, camera);
+    params.depth_colours = false;
+    const Image without = draw(scene, params, camera);
+    EXPECT_EQ(legend_width(params), 0u);
+    uint32_t left = 640;
+    for (uint32_t y = 0; y < 480; ++y)
+        for (uint32_t x = 0; x < left; ++x)
+            if (pixel(with, x, y) != pixel(without, x, y)) left = x;
+    EXPECT_NEAR(left, 640 - 116, 1);
+}
+
 // Two free balls on a wide floor beside a long instrument: the balls fill the picture. Without them it is the instrument, and
 // what stands still fills it only where nothing else is.
 TEST(Render, FitsWhatMovesBeforeWhatIsGuidedBeforeWhatIsStill) {
