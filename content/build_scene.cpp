@@ -457,11 +457,25 @@ PrototypeKey key_of(const SceneFile& scene, const BodySpec& spec) {
 // the order of the prototypes.
 struct PrototypeCache {
     std::map<PrototypeKey, Prototype> made;
+    // The shape made last: to make one costs more than all that follows, and a scene may want it in several colours.
+    std::string shape_name;
+    uint32_t shape_triangles = 0;
+    uint64_t shape_seed = 0;
+    Mesh shape;
+
+    Mesh load(const SceneFile& scene, const BodySpec& spec, std::vector<std::string>& warnings) {
+        if (!spec.file.empty()) return load_body_mesh(scene, spec, warnings);
+        if (shape_name != spec.shape || shape_triangles != spec.triangles || shape_seed != spec.seed) {
+            shape = load_body_mesh(scene, spec, warnings);
+            shape_name = spec.shape, shape_triangles = spec.triangles, shape_seed = spec.seed;
+        }
+        return shape;
+    }
 
     const Prototype& get(const SceneFile& scene, const BodySpec& spec, World& world, std::vector<std::string>& warnings) {
         const PrototypeKey key = key_of(scene, spec);
         if (const auto found = made.find(key); found != made.end()) return found->second;
-        Mesh mesh = load_body_mesh(scene, spec, warnings);
+        Mesh mesh = load(scene, spec, warnings);
         if (spec.color[0] >= 0) {
             if (mesh.material.empty()) mesh.material.emplace_back();
             for (Material& m : mesh.material) m.diffuse = spec.color, m.image = {}, m.texture.clear();

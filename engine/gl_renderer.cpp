@@ -38,6 +38,7 @@ struct BodyBuffers {
     GLuint array = 0;
     Buffer vertex, depth, patched;
     std::vector<RenderGroup> patched_groups;
+    RenderGroup patched_lines;  // behind the triangles; only with wires
 };
 
 // Choices that hold for a whole draw call; each combination is a program of its own, see gl_shaders.hpp.
@@ -260,6 +261,37 @@ void add_exposed(const RenderMesh& mesh, const RenderVertex* row, std::span<cons
     groups.push_back(group);
 }
 
+// The edges of triangles, each once: at the seams of a texture too, where a vertex has several rows.
+std::vector<uint32_t> edges_of(const RenderMesh& mesh, std::span<const uint32_t> index) {
+    std::vector<std::array<uint32_t, 2>> edge;
+    for (size_t i = 0; i < index.size(); ++i) {
+        const uint32_t a = mesh.inside[mesh.source[index[i]]], b = mesh.inside[mesh.source[index[i - i % 3 + (i + 1) % 3]]];
+        edge.push_back({std::min(a, b), std::max(a, b)});
+    }
+    std::sort(edge.begin(), edge.end());
+    edge.erase(std::unique(edge.begin(), edge.end()), edge.end());
+    std::vector<uint32_t> line;
+    for (const auto& e : edge) line.insert(line.end(), e.begin(), e.end());
+    return line;
+}
+
+bool is_see_through(const Material& material) {
+    if (material.transparency > 0) return true;
+    for (size_t i = 3; i < material.image.rgba.size(); i += 4)
+        if (material.image.rgba[i] < 255) return true;
+    return false;
+}
+
+void set_surface_defaults(GLuint palette) {
+    glActiveTexture(GL_TEXTURE1);
+    glBindTexture(GL_TEXTURE_2D, palette);
+    glActiveTexture(GL_TEXTURE0);
+    glVertexAttrib1f(kDepth, 0);
+    glVertexAttrib2f(kTextureUv, 0, 0);
+}
+
+bool is_closed(const MeshInfo& info) { return info.admission == Admission::kSolid && info.volume > 0; }
+
 Matrix4 multiply(const Matrix4& a, const Matrix4& b) {
     Matrix4 c{};
     for (uint32_t column = 0; column < 4; ++column)
@@ -357,18 +389,23 @@ struct GlRenderer::Impl {
     BackdropKey backdrop;
     MarkerBuffers marker;
     GLuint empty_array = 0, palette = 0, shade_texture = 0;
-    std::vector<StaticMesh> soft, rigid;  // by prototype
-    std::vector<GLuint> texture;          // by material; 0 = not yet or none
-    std::vector<BodyBuffers> body;        // by row of the snapshot
-    std::vector<uint8_t> row_copy;        // one row of pixels
+    std::vector<StaticMesh> soft, rigid;                   // by prototype
+    std::vector<GLuint> texture;                           // by material; 0 = not yet or none
+    std::vector<uint8_t> see_through;                      // by material
+    std::vector<std::pair<double, uint32_t>> far_to_near;  // bodies that show what is behind them: minus their distance, row
+    std::vector<BodyBuffers> body;                         // by row of the snapshot
+    std::vector<uint8_t> row_copy;                         // one row of pixels
 
-    explicit Impl(const Meshes& m) : meshes(m) {}
+    explicit Impl(const Meshes& m) : meshes(m) {
+        for (const Material& material : m.material) see_through.push_back(is_see_through(material));
+    }
 
     void resize(const PictureParams& params);
     StaticMesh& static_mesh(uint32_t mesh, bool is_rigid);
     void upload(const PictureSnapshot& snapshot, const PictureParams& params);
     void make_body(BodyBuffers& buffers, uint32_t mesh, bool is_rigid);
-    void upload_shape(BodyBuffers& buffers, const PictureSnapshot& snapshot, const PictureBody& from);
+    void upload_shape(BodyBuffers& buffers, const PictureSnapshot& snapshot, const PictureBody& from, bool wires);
+    void upload_patched(BodyBuffers& buffers, const PictureSnapshot& snapshot, const PictureBody& from, bool wires);
     void upload_depths(BodyBuffers& buffers, const PictureSnapshot& snapshot, const PictureBody& from);
     const SurfaceProgram& use_surface_program(uint32_t variant, const PictureParams& params, const View& view);
     void set_pose(const SurfaceProgram& p, const View& view, const Matrix4& pose);
@@ -378,7 +415,9 @@ struct GlRenderer::Impl {
     void draw_backdrop(const PictureParams& params, const View& view, const Ground& ground);
     void use_ground_program(const GroundProgram& p, const View& view, const Ground& ground);
     void draw_shadows(const View& view, const Ground& ground);
-    void draw_surfaces(const PictureParams& params, const View& view, const PictureSnapshot& snapshot, bool opaque);
+    bool shows_through(uint32_t mesh) const;
+    void draw_surfaces(const PictureParams& params, const View& view, const PictureSnapshot& snapshot);
+    void draw_see_through(const PictureParams& params, const View& view, const PictureSnapshot& snapshot);
     void draw_wires(const PictureParams& params, const View& view, const PictureSnapshot& snapshot);
     void upload_markers(const View& view, std::span<const Marker> markers);
     void draw_markers(const PictureParams& params, const View& view, std::span<const Marker> markers);
@@ -467,7 +506,7 @@ void GlRenderer::Impl::make_body(BodyBuffers& buffers, uint32_t mesh, bool is_ri
     glBindVertexArray(0);
 }
 
-void GlRenderer::Impl::upload_shape(BodyBuffers& buffers, const PictureSnapshot& snapshot, const PictureBody& from) {
+void GlRenderer::Impl::upload_shape(BodyBuffers& buffers, const PictureSnapshot& snapshot, const PictureBody& from, bool wires) {
     const RenderMesh& mesh = static_mesh(from.mesh, false).mesh;
     const Vec3* position = snapshot.position.data() + from.vertices.first;
     const Vec3* normal = snapshot.normal.data() + from.vertices.first;
@@ -485,19 +524,30 @@ void GlRenderer::Impl::upload_shape(BodyBuffers& buffers, const PictureSnapshot&
     });
     if (!buffers.damaged && !was_damaged) return;
     glBindVertexArray(buffers.array);
-    if (buffers.damaged) {
-        std::vector<RenderVertex> row;
-        for (size_t i = 0; i < count; ++i) row.push_back(make_vertex(position[source[i]], normal[source[i]]));
-        std::vector<uint32_t> index = finite_triangles(mesh, row.data(), buffers.patched_groups,
-                                                       std::span(snapshot.removed).subspan(from.removed.first, from.removed.count));
-        add_exposed(mesh, row.data(), std::span(snapshot.exposed).subspan(from.exposed.first, from.exposed.count), index,
-                    buffers.patched_groups);
-        reserve(buffers.patched, GL_ELEMENT_ARRAY_BUFFER, std::max<size_t>(index.size(), 1) * 4);
-        glBufferSubData(GL_ELEMENT_ARRAY_BUFFER, 0, static_cast<GLsizeiptr>(index.size() * 4), index.data());
-    } else {
+    if (buffers.damaged)
+        upload_patched(buffers, snapshot, from, wires);
+    else
         glBindBuffer(GL_ELEMENT_ARRAY_BUFFER, static_mesh(from.mesh, false).index);
-    }
     glBindVertexArray(0);
+}
+
+void GlRenderer::Impl::upload_patched(BodyBuffers& buffers, const PictureSnapshot& snapshot, const PictureBody& from, bool wires) {
+    const RenderMesh& mesh = static_mesh(from.mesh, false).mesh;
+    std::vector<RenderVertex> row;
+    for (const uint32_t v : mesh.source)
+        row.push_back(make_vertex(snapshot.position[from.vertices.first + v], snapshot.normal[from.vertices.first + v]));
+    std::vector<uint32_t> index = finite_triangles(mesh, row.data(), buffers.patched_groups,
+                                                   std::span(snapshot.removed).subspan(from.removed.first, from.removed.count));
+    add_exposed(mesh, row.data(), std::span(snapshot.exposed).subspan(from.exposed.first, from.exposed.count), index,
+                buffers.patched_groups);
+    buffers.patched_lines = {0, static_cast<uint32_t>(index.size()), 0};
+    if (wires) {
+        const std::vector<uint32_t> line = edges_of(mesh, index);
+        buffers.patched_lines.count = static_cast<uint32_t>(line.size());
+        index.insert(index.end(), line.begin(), line.end());
+    }
+    reserve(buffers.patched, GL_ELEMENT_ARRAY_BUFFER, std::max<size_t>(index.size(), 1) * 4);
+    glBufferSubData(GL_ELEMENT_ARRAY_BUFFER, 0, static_cast<GLsizeiptr>(index.size() * 4), index.data());
 }
 
 void GlRenderer::Impl::upload_depths(BodyBuffers& buffers, const PictureSnapshot& snapshot, const PictureBody& from) {
@@ -524,7 +574,7 @@ void GlRenderer::Impl::upload(const PictureSnapshot& snapshot, const PicturePara
         BodyBuffers& buffers = body[row];
         if (buffers.mesh != from.mesh || buffers.rigid != is_rigid) make_body(buffers, from.mesh, is_rigid);
         if (static_mesh(from.mesh, is_rigid).mesh.index.empty()) continue;
-        if (!is_rigid) upload_shape(buffers, snapshot, from);
+        if (!is_rigid) upload_shape(buffers, snapshot, from, params.wireframe);
         if (params.depth_colours) upload_depths(buffers, snapshot, from);
     }
     glBindVertexArray(0);
@@ -647,18 +697,11 @@ void GlRenderer::Impl::draw_body(const PictureParams& params, const View& view, 
         body[row].damaged ? body[row].patched_groups : static_mesh(from.mesh, body[row].rigid).mesh.groups;
     const Range materials = meshes.materials[from.mesh];
     glBindVertexArray(body[row].array);
-    // the far side of a closed, outward body never shows
-    const MeshInfo& info = meshes.info[from.mesh];
-    const bool closed = info.admission == Admission::kSolid && info.volume > 0;
-    if (closed && opaque)
-        glEnable(GL_CULL_FACE);
-    else
-        glDisable(GL_CULL_FACE);
     for (const RenderGroup& group : groups) {
         const bool known = group.material < materials.count;
         const Material& material = known ? meshes.material[materials.first + group.material] : plain;
         const GLuint image = known ? texture[materials.first + group.material] : 0;
-        if (group.count == 0 || (material.transparency <= 0) != opaque) continue;
+        if (group.count == 0 || (known && see_through[materials.first + group.material]) == opaque) continue;
         const uint32_t variant = variant_of(image != 0, params.depth_colours, view.light_at_eye);
         if (bound.variant != variant) {
             bound = {variant, nullptr};
@@ -675,16 +718,57 @@ void GlRenderer::Impl::draw_body(const PictureParams& params, const View& view, 
     }
 }
 
-void GlRenderer::Impl::draw_surfaces(const PictureParams& params, const View& view, const PictureSnapshot& snapshot, bool opaque) {
-    glActiveTexture(GL_TEXTURE1);
-    glBindTexture(GL_TEXTURE_2D, palette);
-    glActiveTexture(GL_TEXTURE0);
-    glVertexAttrib1f(kDepth, 0);
-    glVertexAttrib2f(kTextureUv, 0, 0);
+void GlRenderer::Impl::draw_surfaces(const PictureParams& params, const View& view, const PictureSnapshot& snapshot) {
+    set_surface_defaults(palette);
     Bound bound;
-    for (uint32_t row = 0; row < snapshot.body.size(); ++row)
-        if (snapshot.body[row].mesh != kNone) draw_body(params, view, snapshot.body[row], row, opaque, bound);
+    for (uint32_t row = 0; row < snapshot.body.size(); ++row) {
+        const PictureBody& from = snapshot.body[row];
+        if (from.mesh == kNone) continue;
+        // the far side of a closed, outward body never shows
+        if (is_closed(meshes.info[from.mesh]))
+            glEnable(GL_CULL_FACE);
+        else
+            glDisable(GL_CULL_FACE);
+        draw_body(params, view, from, row, true, bound);
+    }
     glDisable(GL_CULL_FACE);
+}
+
+bool GlRenderer::Impl::shows_through(uint32_t mesh) const {
+    const Range materials = meshes.materials[mesh];
+    for (uint32_t m = materials.first; m < materials.end(); ++m)
+        if (see_through[m]) return true;
+    return false;
+}
+
+// From the farthest body to the nearest, of closed ones the far side before the near one: what is blended over what else
+// must not depend on how a scene and its meshes are sorted.
+void GlRenderer::Impl::draw_see_through(const PictureParams& params, const View& view, const PictureSnapshot& snapshot) {
+    far_to_near.clear();
+    for (uint32_t row = 0; row < snapshot.body.size(); ++row) {
+        const PictureBody& from = snapshot.body[row];
+        if (from.mesh == kNone || !shows_through(from.mesh)) continue;
+        const Vec3d middle = from.origin + rotate(from.orientation, 0.5 * (from.box.min + from.box.max));
+        const double distance = (middle - view.eye).norm();
+        far_to_near.emplace_back(std::isfinite(distance) ? -distance : 0.0, row);
+    }
+    if (far_to_near.empty()) return;
+    std::sort(far_to_near.begin(), far_to_near.end());
+    set_surface_defaults(palette);
+    Bound bound;
+    for (const auto& [distance, row] : far_to_near) {
+        const PictureBody& from = snapshot.body[row];
+        if (!is_closed(meshes.info[from.mesh])) {
+            draw_body(params, view, from, row, false, bound);
+            continue;
+        }
+        glEnable(GL_CULL_FACE);
+        for (const GLenum hidden : {GL_FRONT, GL_BACK}) {
+            glCullFace(hidden);
+            draw_body(params, view, from, row, false, bound);
+        }
+        glDisable(GL_CULL_FACE);
+    }
 }
 
 void GlRenderer::Impl::draw_wires(const PictureParams& params, const View& view, const PictureSnapshot& snapshot) {
@@ -695,9 +779,12 @@ void GlRenderer::Impl::draw_wires(const PictureParams& params, const View& view,
     glUniform1f(p.pull, view.view_projection[14] * (1.0f / 0.999f - 1.0f));
     for (uint32_t row = 0; row < snapshot.body.size(); ++row) {
         const PictureBody& from = snapshot.body[row];
-        if (from.mesh == kNone || body[row].damaged) continue;
+        if (from.mesh == kNone) continue;
         const RenderMesh& mesh = static_mesh(from.mesh, body[row].rigid).mesh;
-        if (mesh.line.empty()) continue;
+        const RenderGroup line = body[row].damaged
+                                     ? body[row].patched_lines
+                                     : RenderGroup{0, static_cast<uint32_t>(mesh.index.size()), static_cast<uint32_t>(mesh.line.size())};
+        if (line.count == 0) continue;
         const Matrix4 clip = multiply(view.view_projection, body_pose(view, from, row));
         glUniformMatrix4fv(p.clip_from_body, 1, GL_FALSE, clip.data());
         // lines a few pixels apart would paint the body black: fade them with their spacing
@@ -705,8 +792,7 @@ void GlRenderer::Impl::draw_wires(const PictureParams& params, const View& view,
         const double pixels = meshes.info[from.mesh].mean_edge * params.height / (2.0 * view.tan_y * distance);
         glUniform4f(p.plain, 0.008f, 0.012f, 0.02f, 0.45f * static_cast<float>(std::clamp(pixels / 9.0, 0.12, 1.0)));
         glBindVertexArray(body[row].array);
-        glDrawElements(GL_LINES, static_cast<GLsizei>(mesh.line.size()), GL_UNSIGNED_INT,
-                       reinterpret_cast<const void*>(size_t{4} * mesh.index.size()));
+        glDrawElements(GL_LINES, static_cast<GLsizei>(line.count), GL_UNSIGNED_INT, reinterpret_cast<const void*>(size_t{4} * line.first));
     }
 }
 
@@ -809,10 +895,10 @@ void GlRenderer::draw(const PictureParams& params, const View& view, const Pictu
     glDepthFunc(GL_LESS);
     glDepthMask(GL_TRUE);
     glClear(GL_DEPTH_BUFFER_BIT);
-    gl.draw_surfaces(params, view, snapshot, true);
+    gl.draw_surfaces(params, view, snapshot);
     glEnable(GL_BLEND);
     glDepthMask(GL_FALSE);
-    gl.draw_surfaces(params, view, snapshot, false);
+    gl.draw_see_through(params, view, snapshot);
     if (params.wireframe) gl.draw_wires(params, view, snapshot);
     if (!markers.empty()) gl.draw_markers(params, view, markers);
     glDisable(GL_BLEND);

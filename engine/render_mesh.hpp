@@ -4,7 +4,6 @@
 #include "engine/mesh_view.hpp"
 namespace trocar {
 
-// Triangles of one material, consecutive in RenderMesh::index.
 // A row of a vertex buffer.
 struct RenderVertex {
     float position[3];  // m
@@ -12,6 +11,7 @@ struct RenderVertex {
 };
 inline RenderVertex make_vertex(const Vec3& p, const Vec3& n) { return {{p.x(), p.y(), p.z()}, {n.x(), n.y(), n.z()}}; }
 
+// Triangles of one material, consecutive in RenderMesh::index.
 struct RenderGroup {
     uint32_t material = 0;  // of the prototype
     uint32_t first = 0;     // row of index

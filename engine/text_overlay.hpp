@@ -8,8 +8,9 @@ struct OverlayColour {
     uint8_t red = 255, green = 255, blue = 255, opacity = 255;  // sRGB
 };
 
-// Writes one line of text into a picture with a built-in 5 x 7 font, 6 * scale pixels a character, 7 * scale high; x, y is its
-// upper left corner. Parts outside the picture are cut off; a character the font lacks shows as '?'.
+// Writes one line of text into a picture with a built-in 5 x 7 font, 6 * scale pixels a character, 7 * scale high and
+// 2 * scale more below the line for g, j, p, q and y; x, y is its upper left corner. Parts outside the picture are cut off; a character the
+// font lacks shows as '?'.
 void draw_text(Image& image, int32_t x, int32_t y, uint32_t scale, const OverlayColour& colour, std::string_view text);
 inline uint32_t text_width(std::string_view text, uint32_t scale) {
     return text.empty() ? 0 : (6 * static_cast<uint32_t>(text.size()) - 1) * scale;

@@ -1,6 +1,7 @@
 #include "systems/render.hpp"
 
 #include <algorithm>
+#include <array>
 #include <cmath>
 #include <cstdio>
 #include <string_view>
@@ -57,6 +58,12 @@ constexpr double kFillWithRoom = 0.72;     // with room for instruments
 constexpr double kNearestDistance = 1e-3;  // m
 
 double half_tangent(const Camera& camera) { return std::tan(0.5 * std::clamp(camera.field_of_view, 0.01, 3.0)); }
+
+// Tangents of half the picture, of which `fill` may be used and, in a picture that has the room, a margin may not.
+std::array<double, 2> usable_tangents(const Camera& camera, double fill, uint32_t width, uint32_t height, uint32_t margin) {
+    const double tan_y = half_tangent(camera), free = std::max(1 - 2.0 * margin / width, 0.4);
+    return {std::min(fill, free) * tan_y * width / height, fill * tan_y};
+}
 
 // Least distance from the camera's target, along its direction, at which a point stays in the picture.
 double distance_for(const Vec3d& p, const Camera& camera, const CameraFrame& frame, double tan_x, double tan_y) {
@@ -164,9 +171,11 @@ GroundShadow make_shadow(const PictureBody& body, const Ground& ground, const Ve
 void place_ground(const PictureParams& params, const Camera& camera, const PictureSnapshot& snapshot, std::vector<GroundShadow>& shadows,
                   Ground& ground) {
     shadows.clear();
-    ground.on = params.ground && camera.kind == CameraKind::kOrbit && camera.floor_radius > 0;
-    if (!ground.on) return;
     const Vec3d sky = unit_or(camera.up, Vec3d::UnitZ());
+    // seen from below the floor would hide the bodies
+    const bool from_above = (camera_frame(camera).eye - camera.floor).dot(sky) > 0;
+    ground.on = params.ground && camera.kind == CameraKind::kOrbit && camera.floor_radius > 0 && from_above;
+    if (!ground.on) return;
     ground.centre = camera.floor;
     ground.axis_x = perpendicular_to(sky);
     ground.axis_y = sky.cross(ground.axis_x);
@@ -228,12 +237,14 @@ void draw_status(const PictureSnapshot& snapshot, Image& out) {
     }
 }
 
+constexpr uint32_t kLegendWidth = 52, kLegendGap = 6;  // at scale 1
+
 // Colour bar of contact depth, right edge.
 void draw_legend(const PictureParams& params, Image& out) {
     const uint32_t scale = std::max(1u, out.height / 240);
     const auto pixels = [scale](double n) { return static_cast<int32_t>(n * scale); };
-    const int32_t bar = pixels(96), width = pixels(52), height = bar + pixels(26);
-    const int32_t x = static_cast<int32_t>(out.width) - width - pixels(6);
+    const int32_t bar = pixels(96), width = pixels(kLegendWidth), height = bar + pixels(26);
+    const int32_t x = static_cast<int32_t>(out.width) - width - pixels(kLegendGap);
     const int32_t y = (static_cast<int32_t>(out.height) - height) / 2;
     draw_panel(out, x, y, static_cast<uint32_t>(width), static_cast<uint32_t>(height), 4 * scale, kPanelColour);
     draw_text(out, x + pixels(6), y + pixels(5), scale, kLabelColour, "depth");
@@ -270,26 +281,32 @@ void lay_floor(const PictureSnapshot& snapshot, Camera& camera) {
     if (holds_something(box)) lay_floor_under(box, drawn_box(snapshot), camera);
 }
 
-void fit_camera(const PictureSnapshot& snapshot, uint32_t width, uint32_t height, Camera& camera) {
+uint32_t legend_width(const PictureParams& params) {
+    return params.depth_colours ? (kLegendWidth + 2 * kLegendGap) * std::max(1u, params.height / 240) : 0;
+}
+
+void fit_camera(const PictureSnapshot& snapshot, uint32_t width, uint32_t height, Camera& camera, uint32_t margin) {
     if (camera.kind != CameraKind::kOrbit) return;
     Fitted fitted = Fitted::kAll;
     const Box box = box_to_fit(snapshot, fitted);
     if (!holds_something(box)) return;
     camera.target = 0.5 * (box.min + box.max);
     const CameraFrame frame = camera_frame(camera);
-    const double tan_y = (fitted == Fitted::kAll ? kFill : kFillWithRoom) * half_tangent(camera), tan_x = tan_y * width / height;
+    const auto tangents = usable_tangents(camera, fitted == Fitted::kAll ? kFill : kFillWithRoom, width, height, margin);
     camera.distance = kNearestDistance;
-    visit_points(snapshot, fitted,
-                 [&](const Vec3d& p) { camera.distance = std::max(camera.distance, distance_for(p, camera, frame, tan_x, tan_y)); });
+    visit_points(snapshot, fitted, [&](const Vec3d& p) {
+        camera.distance = std::max(camera.distance, distance_for(p, camera, frame, tangents[0], tangents[1]));
+    });
     lay_floor_under(box, drawn_box(snapshot), camera);
 }
 
-void keep_in_picture(const PictureSnapshot& snapshot, uint32_t width, uint32_t height, Camera& camera) {
+void keep_in_picture(const PictureSnapshot& snapshot, uint32_t width, uint32_t height, Camera& camera, uint32_t margin) {
     if (camera.kind != CameraKind::kOrbit || !(camera.floor_radius > 0)) return;
     const CameraFrame frame = camera_frame(camera);
     const Vec3d sky = unit_or(camera.up, Vec3d::UnitZ());
-    const double tan_y = kFill * half_tangent(camera), tan_x = tan_y * width / height, placed = camera.distance;
-    const auto needed = [&](const Vec3d& p) { return distance_for(p, camera, frame, tan_x, tan_y); };
+    const auto tangents = usable_tangents(camera, kFill, width, height, margin);
+    const double placed = camera.distance;
+    const auto needed = [&](const Vec3d& p) { return distance_for(p, camera, frame, tangents[0], tangents[1]); };
     for (const PictureBody& body : snapshot.body) {
         if (!is_fitted(body, Fitted::kMovers)) continue;
         bool leaves = false, gone = false;

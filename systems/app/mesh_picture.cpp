@@ -92,10 +92,11 @@ std::string size_text(const Box& box) {
 void write_texts(const MeshPictureParams& params, const MeshTile& tile, const Box& box, Image& image) {
     const uint32_t scale = std::clamp(image.height / 240, 1u, 4u);
     const int32_t edge = static_cast<int32_t>(5 * scale);
+    const auto fits = [&](const std::string& text) { return text_width(text, scale) + 2 * static_cast<uint32_t>(edge) <= image.width; };
     draw_text(image, edge, edge, scale, kLabelColour, tile.label);
-    if (params.sizes) {
-        draw_text(image, edge, static_cast<int32_t>(image.height - 12 * scale), scale, kSizeColour, size_text(box));
-    }
+    const std::string size = params.sizes ? size_text(box) : "";
+    // half a number would be read as another one
+    if (fits(size)) draw_text(image, edge, static_cast<int32_t>(image.height - 12 * scale), scale, kSizeColour, size);
 }
 
 }  // namespace

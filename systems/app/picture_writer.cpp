@@ -45,19 +45,21 @@ PictureWriter::PictureWriter(const PictureParams& params, const Camera& camera, 
     if (out_.empty()) return;
     prepare_folder(out_ / "frames");
     clear_pictures(out_);  // of an earlier, longer run
-    if (film_meanwhile && ffmpeg_present()) film_.emplace(out_ / "film.mp4", params_.width, params_.height, kFilmRate);
+    if (!film_meanwhile) return;
+    film_.emplace(out_ / "film.mp4", params_.width, params_.height, kFilmRate);
+    if (!film_->ffmpeg_found()) film_.reset();
 }
 
 void PictureWriter::draw(const PictureSnapshot& snapshot) {
     if (!placed_) {
         fitted_ = fitted_ || camera_.distance <= 0;
         if (fitted_)
-            fit_camera(snapshot, params_.width, params_.height, camera_);
+            fit_camera(snapshot, params_.width, params_.height, camera_, legend_width(params_));
         else
             lay_floor(snapshot, camera_);
         placed_ = true;
     }
-    if (fitted_) keep_in_picture(snapshot, params_.width, params_.height, camera_);
+    if (fitted_) keep_in_picture(snapshot, params_.width, params_.height, camera_, legend_width(params_));
     render_picture(params_, camera_, snapshot, renderer_, scratch_, image_);
 }
 

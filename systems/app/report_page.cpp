@@ -54,7 +54,7 @@ std::string head(const RunFigures& f, const ContactColumns& c) {
         facts += fact(format("%.3f ms", mean(c.total)),
                       "per contact event on average; 99 % are below " + format("%.3f ms", quantile(c.total, .99)));
         facts += fact(format("%.3f ms", mean(c.response)), "of it for the response");
-        facts += fact(format("%.2f mm", quantile(c.depth_mm, 1)), "deepest penetration");
+        facts += fact(format("%.3g mm", quantile(c.depth_mm, 1)), "deepest penetration");
     }
     if (f.ticks > 0)
         facts += fact(format("%.2f N", f.max_force), "largest force on the hand, in " + std::to_string(f.ticks) + " ticks of 1 ms");

@@ -100,8 +100,10 @@ std::string svg_force_map(const std::string& title, const ForceMap& map) {
     const auto label = [&](double x, double y, const char* anchor, const std::string& text) {
         return format("<text class=\"n\" text-anchor=\"%s\" x=\"%.1f\" y=\"%.1f\">", anchor, x, y) + escape_html(text) + "</text>";
     };
-    std::string svg =
-        format("<svg xmlns=\"http://www.w3.org/2000/svg\" viewBox=\"0 0 %.0f %.0f\" role=\"img\">", left + width + 110, top + height + 44);
+    const double least = 16 + 8.5 * static_cast<double>(title.size());  // a narrow map must not cut its title
+    std::string svg = format(
+        "<svg xmlns=\"http://www.w3.org/2000/svg\" viewBox=\"0 0 %.0f %.0f\" role=\"img\" font-family=\"sans-serif\" font-size=\"12\">",
+        std::max(left + width + 110, least), top + height + 44);
     svg += "<text class=\"t\" x=\"8\" y=\"18\">" + escape_html(title) + "</text>";
     for (uint32_t j = 0; j < map.rows; ++j) {
         for (uint32_t i = 0; i < map.columns; ++i) {
@@ -116,6 +118,7 @@ std::string svg_force_map(const std::string& title, const ForceMap& map) {
            label(left + width, top + height + 16, "middle", mm(map.right_from + map.columns * map.cell));
     svg += label(left + width / 2, top + height + 34, "middle", "across, mm") + label(left - 6, top + height, "end", mm(map.up_from));
     svg += label(left - 6, top + 10, "end", mm(map.up_from + map.rows * map.cell));
+    svg += format("<text class=\"n\" text-anchor=\"middle\" transform=\"translate(14,%.1f) rotate(-90)\">up, mm</text>", top + height / 2);
     constexpr int kSteps = 40;
     for (int k = 0; k < kSteps; ++k)
         svg += square(left + width + 20, top + height * (1 - (k + 1.0) / kSteps), 16, height / kSteps + 0.3, (k + 0.5) / kSteps);

@@ -39,7 +39,11 @@ int start_ffmpeg(const std::vector<std::string>& arguments, bool with_input, Chi
     posix_spawn_file_actions_adddup2(&actions, ends[0], STDIN_FILENO);
     posix_spawn_file_actions_adddup2(&actions, child.log, STDOUT_FILENO);
     posix_spawn_file_actions_adddup2(&actions, child.log, STDERR_FILENO);
-    const int problem = posix_spawnp(&child.process, "ffmpeg", &actions, nullptr, words.data(), environ);
+    posix_spawnattr_t attributes;
+    posix_spawnattr_init(&attributes);
+    posix_spawnattr_setflags(&attributes, POSIX_SPAWN_SETPGROUP);  // a group of its own, out of reach of Ctrl-C
+    const int problem = posix_spawnp(&child.process, "ffmpeg", &actions, &attributes, words.data(), environ);
+    posix_spawnattr_destroy(&attributes);
     posix_spawn_file_actions_destroy(&actions);
     close(ends[0]);
     child.input = ends[1];
@@ -136,6 +140,7 @@ VideoWriter::VideoWriter(std::filesystem::path file, uint32_t width, uint32_t he
     child_ = child.process;
     input_ = child.input;
     log_ = child.log;
+    found_ = problem != ENOENT;
     if (problem != 0) error_ = file_.string() + ": " + start_problem(problem);
 }
 

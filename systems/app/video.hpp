@@ -10,7 +10,8 @@ bool ffmpeg_present();
 
 // Writes pictures of one size to an .mp4 through the external program ffmpeg: H.264 (libx264, yuv420p) where it has it,
 // else MPEG-4. The file appears under its name when finish() has succeeded, never before and never in part. Every call
-// returns false once something failed; error() is then one line. ffmpeg works beside us while pictures arrive: where a
+// returns false once something failed; error() is then one line. ffmpeg is in a process group of its own: Ctrl-C, which
+// ends a run early, does not end its film. ffmpeg works beside us while pictures arrive: where a
 // haptic thread runs, write the pictures first and the video afterwards.
 class VideoWriter {
  public:
@@ -20,6 +21,7 @@ class VideoWriter {
     VideoWriter& operator=(const VideoWriter&) = delete;
     bool add(const Image& picture);
     bool finish();
+    bool ffmpeg_found() const { return found_; }
     const std::string& error() const { return error_; }
 
  private:
@@ -29,7 +31,7 @@ class VideoWriter {
     int child_ = -1;  // process
     int input_ = -1;  // its standard input
     int log_ = -1;    // what it says
-    bool finished_ = false;
+    bool finished_ = false, found_ = true;
     std::string error_;
 };
 

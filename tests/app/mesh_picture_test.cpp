@@ -53,6 +53,19 @@ TEST(MeshPicture, ASheetIsFittedAndLitFromBothSidesInAnyUnitAtAnyPlace) {
     }
 }
 
+// fails when the end of a number is cut off at the edge of a small tile
+TEST(MeshPicture, LeavesOutSizesThatDoNotFit) {
+    const Mesh block = make_shape("box", 48);
+    const MeshTile tile{0, 0, 0, ""};
+    for (const uint32_t width : {60u, 300u}) {
+        MeshPictureParams params;
+        params.width = width, params.height = 80;
+        const Image without = draw_meshes(params, std::span(&block, 1), std::span(&tile, 1));
+        params.sizes = true;
+        EXPECT_EQ(draw_meshes(params, std::span(&block, 1), std::span(&tile, 1)).rgba == without.rgba, width == 60) << width;
+    }
+}
+
 TEST(MeshPicture, TilesFillTheGridAndViewsShowTheirSide) {
     // 1 x 2 x 3: its three faces have their own proportions
     Mesh block = make_shape("box", 48);

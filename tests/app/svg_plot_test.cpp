@@ -32,7 +32,7 @@ TEST(SvgPlot, IsXmlWithEverythingInIt) {
         pugi::xml_document document;
         const pugi::xml_parse_result result = document.load_string(svg.c_str());
         ASSERT_TRUE(result) << result.description() << " at " << svg.substr(size_t(std::max<ptrdiff_t>(0, result.offset - 60)), 120);
-        EXPECT_EQ(document.select_nodes("//circle").size(), 2000u);
+        EXPECT_GT(document.select_nodes("//circle").size(), 1000u);
         EXPECT_EQ(document.select_nodes("//polyline[@points][@stroke]").size(), 1u);
         EXPECT_EQ(document.select_nodes("//text[contains(@transform, 'rotate(-90)')][text()='N']").size(), 1u);
         EXPECT_EQ(document.select_nodes("//text[text()='time, s']").size(), 1u);
@@ -44,6 +44,23 @@ TEST(SvgPlot, IsXmlWithEverythingInIt) {
                 EXPECT_TRUE(std::isfinite(line.node().attribute(name).as_double(NAN))) << name;
         }
     }
+}
+
+// Breaks when the report of a long run draws dots that others hide, by the hundred thousand, or loses one that stands alone.
+TEST(SvgPlot, LeavesOutDotsThatNobodyWouldSee) {
+    PlotSeries dots{"dots", {}, {}, true};
+    for (int i = 0; i < 100'000; ++i) dots.x.push_back(i % 100), dots.y.push_back(i % 7);
+    dots.x.push_back(50), dots.y.push_back(9.5);
+    const std::string svg = svg_plot({"t", "x", "y", {dots}});
+    pugi::xml_document document;
+    ASSERT_TRUE(document.load_string(svg.c_str()));
+    EXPECT_EQ(document.select_nodes("//circle").size(), 700u * 4 + 1);
+    double highest = 300;
+    for (const pugi::xpath_node& c : document.select_nodes("//circle"))
+        highest = std::min(highest, c.node().attribute("cy").as_double(300));
+    size_t alone = 0;
+    for (const pugi::xpath_node& c : document.select_nodes("//circle")) alone += c.node().attribute("cy").as_double(300) < highest + 20;
+    EXPECT_EQ(alone, 1u);
 }
 
 // Breaks when the curve runs through what its mark is called, or the last tick's label is cut off at the edge.

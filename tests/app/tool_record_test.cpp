@@ -5,6 +5,7 @@
 #include <Eigen/Geometry>
 #include <algorithm>
 #include <cmath>
+#include <cstdio>
 #include <sstream>
 namespace trocar {
 namespace {
@@ -73,6 +74,18 @@ TEST(ForceMap, NeedsASurfaceToShow) {
     EXPECT_FALSE(force_map(rows_over(0.06, 0.04), 0));   // another tool
     EXPECT_FALSE(force_map({}, 0));
     EXPECT_NE(svg_force_map("a < b", *force_map(rows_over(0.06, 0.04), 1)).find("a &lt; b"), std::string::npos);
+}
+
+// Fails when an axis has no name, or when a map of few columns is narrower than its title.
+TEST(ForceMap, HasAxesAndItsWholeTitle) {
+    ForceMap map;
+    map.columns = 1, map.rows = 20, map.cell = 1e-3;
+    map.force.assign(20, 0.5);
+    const std::string title = "Force on the second assistant's palpation probe by place", svg = svg_force_map(title, map);
+    for (const char* text : {"across, mm", "up, mm", "0.50 N"}) EXPECT_NE(svg.find(text), std::string::npos) << text;
+    double width = 0;
+    ASSERT_EQ(std::sscanf(svg.c_str() + svg.find("viewBox=\"") + 9, "0 0 %lf", &width), 1);
+    EXPECT_GT(width, 7.5 * static_cast<double>(title.size()));
 }
 
 // Cells that the tool never came near stay empty.

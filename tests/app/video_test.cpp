@@ -1,6 +1,8 @@
 #include "systems/app/video.hpp"
 
 #include <gtest/gtest.h>
+#include <signal.h>
+#include <sys/wait.h>
 #include <unistd.h>
 
 #include <cstdio>
@@ -106,6 +108,27 @@ TEST_F(Video, LeavesNothingBehindWhenItIsNotFinished) {
         for (uint32_t n = 0; n < 5; ++n) ASSERT_TRUE(video.add(moving_bar(64, 64, n)));
     }
     EXPECT_EQ(folder.files(), 0u);
+}
+
+// Ctrl-C goes to everybody in the terminal's foreground group. Who writes the film stops when he likes; it must be whole
+TEST_F(Video, SurvivesCtrlC) {
+    const fs::path file = folder.path / "film.mp4";
+    const pid_t writer = fork();
+    if (writer == 0) {
+        setpgid(0, 0);
+        signal(SIGINT, [](int) {});
+        VideoWriter video(file, 64, 64, 30);
+        bool good = true;
+        for (uint32_t n = 0; n < 6; ++n) {
+            good = good && video.add(moving_bar(64, 64, n));
+            if (n == 2) kill(0, SIGINT), usleep(100'000);
+        }
+        _exit(good && video.finish() ? 0 : 1);
+    }
+    int status = 1;
+    ASSERT_EQ(waitpid(writer, &status, 0), writer);
+    EXPECT_TRUE(WIFEXITED(status) && WEXITSTATUS(status) == 0);
+    expect_bars(file, 64, 64, 6);
 }
 
 void expect_one_line(const std::string& error, const std::string& file) {

@@ -43,6 +43,17 @@ TEST(TextOverlay, HasTheCharactersItIsUsedFor) {
     EXPECT_EQ(unknown.rgba, question.rgba);
 }
 
+// a p is an o with a stem that goes on below the line; capitals and figures stay above it
+TEST(TextOverlay, HangsDescendersBelowTheLine) {
+    for (const char c : std::string_view("gjpqyaAx0(")) {
+        Image image = black(5, 9);
+        draw_text(image, 0, 0, 1, {}, std::string_view(&c, 1));
+        uint32_t below = 0;
+        for (size_t i = size_t{4} * 5 * 7; i < image.rgba.size(); i += 4) below += image.rgba[i];
+        EXPECT_EQ(below > 0, std::string_view("gjpqy").find(c) != std::string_view::npos) << c;
+    }
+}
+
 TEST(TextOverlay, CutsOffWhatLiesOutside) {
     Image image = black(20, 10);
     for (const int32_t x : {-1000, -7, 18, 1000})

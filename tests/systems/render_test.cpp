@@ -384,6 +384,93 @@ TEST(Render, DrawsWiresOnEdgesOnly) {
     EXPECT_EQ(pixel(wired, off.x, off.y), pixel(plain, off.x, off.y));
 }
 
+// what is left of a torn body has wires as before, where the triangle was taken away there are none
+TEST(Render, DrawsWiresOfTornTissue) {
+    PictureScene scene;
+    const Mesh square = make_square(0.1, {0, 1, 0});
+    scene.add_body(scene.add_mesh(square), Motion::kDeformable);
+    PictureSnapshot s = scene.snapshot();
+    s.removed = {square.triangle[1]};
+    s.body[0].removed = {0, 1};
+    GlRenderer renderer(scene.meshes);
+    RenderScratch scratch;
+    PictureParams params = bare();
+    Image plain, wired;
+    render_picture(params, from_above(0.5), s, renderer, scratch, plain);
+    params.wireframe = true;
+    render_picture(params, from_above(0.5), s, renderer, scratch, wired);
+    Vec3d middle[2];
+    for (const size_t t : {0u, 1u}) {
+        middle[t] = Vec3d::Zero();
+        for (const uint32_t v : square.triangle[t]) middle[t] += square.position[v] / 3;
+    }
+    const auto darkened = [&](const Vec3d& p) {
+        const Projection at = project(p, from_above(0.5), params);
+        int most = 0;
+        for (int dx = -2; dx <= 2; ++dx)
+            for (int dy = -2; dy <= 2; ++dy)
+                most = std::max(most, pixel(plain, at.x + dx, at.y + dy).green - pixel(wired, at.x + dx, at.y + dy).green);
+        return most;
+    };
+    // the corner opposite the diagonal is the sum of a triangle's corners
+    EXPECT_GT(darkened(Vec3d::Zero()), 25) << "the diagonal";
+    EXPECT_EQ(darkened(middle[0]), 0);
+    EXPECT_EQ(darkened(middle[1]), 0);
+    EXPECT_EQ(darkened(3 * middle[1]), 0) << "the corner that is gone";
+    EXPECT_GT(darkened(2.97 * middle[0]), 25) << "the corner that stays";
+}
+
+// what shows through what does not depend on the order of bodies, nor on that of the triangles of a closed one
+TEST(Render, BlendsFromFarToNear) {
+    const auto glass = [](Mesh mesh, float red, float blue) {
+        mesh.material.resize(1);
+        mesh.material[0].diffuse = {red, 0, blue};
+        mesh.material[0].transparency = 0.5f;
+        return mesh;
+    };
+    const auto picture = [&](bool turned) {
+        PictureScene scene;
+        Mesh sphere = glass(reference::make_sphere({0, 0, 0}, 0.06, 3), 1, 1);
+        if (turned) std::reverse(sphere.triangle.begin(), sphere.triangle.end());
+        const uint32_t ball = scene.add_mesh(sphere, Admission::kSolid);
+        const uint32_t red = scene.add_mesh(glass(make_square(0.1, {}), 1, 0)), blue = scene.add_mesh(glass(make_square(0.1, {}), 0, 1));
+        if (turned) scene.add_body(ball, Motion::kDeformable);
+        scene.add_body(turned ? blue : red, Motion::kStatic, {0, 0, turned ? 0.1 : -0.1});
+        scene.add_body(turned ? red : blue, Motion::kStatic, {0, 0, turned ? -0.1 : 0.1});
+        if (!turned) scene.add_body(ball, Motion::kDeformable);
+        return draw(scene, bare(), from_above(0.5));
+    };
+    EXPECT_EQ(picture(false).rgba, picture(true).rgba);
+}
+
+// a picture has no holes, whatever the alpha of a texture: what is behind it shows
+TEST(Render, ShowsWhatIsBehindAHoleOfATexture) {
+    PictureScene scene;
+    Mesh square = make_square(0.1, {1, 1, 1});
+    square.material[0].image = {1, 1, {255, 255, 255, 0}};
+    scene.add_body(scene.add_mesh(square), Motion::kStatic, {0, 0, 0.01});
+    scene.add_body(scene.add_mesh(make_square(0.1, {0, 1, 0})), Motion::kStatic);
+    const Pixel p = pixel(draw(scene, bare(), from_above(0.5)), 160, 100);
+    EXPECT_EQ(p.alpha, 255);
+    EXPECT_TRUE(greenish(p));
+}
+
+// from below, a floor between the eye and the bodies hides nothing: it is not drawn
+TEST(Render, DrawsNoFloorSeenFromBelow) {
+    PictureScene scene;
+    scene.add_body(scene.add_mesh(reference::make_sphere({0, 0, 0}, 0.05, 2)), Motion::kDeformable);
+    PictureParams params = bare();
+    for (const double elevation : {-0.7, 0.7}) {
+        Camera camera;
+        camera.elevation = elevation;
+        fit_camera(scene.snapshot(), params.width, params.height, camera);
+        params.ground = false;
+        const Image without = draw(scene, params, camera);
+        params.ground = true;
+        EXPECT_EQ(draw(scene, params, camera).rgba == without.rgba, elevation < 0) << elevation;
+    }
+}
+
 // the deepest point lies inside tissue; its arrow must still be seen
 TEST(Render, ShowsWitnessesAndToolsThroughTheSurface) {
     PictureScene scene;
@@ -476,6 +563,39 @@ TEST(Render, FitsTheOrganAndFillsThePicture) {
         }
         EXPECT_NEAR(reach, 0.72, 0.01);
     }
+}
+
+// fails when the legend hides part of the tissue that it explains
+TEST(Render, FitsTheOrganBesideTheLegend) {
+    PictureScene scene;
+    scene.add_body(scene.add_mesh(reference::make_box({-0.1, -0.1, -0.01}, {0.1, 0.1, 0.01})), Motion::kDeformable);
+    PictureParams params;
+    params.width = 640, params.height = 480;
+    params.depth_colours = true;
+    PictureSnapshot s = scene.snapshot();
+    Camera camera;
+    fit_camera(s, 640, 480, camera, legend_width(params));
+    const auto rightmost = [&] {
+        double x = 0;
+        for (const Vec3& p : s.position) x = std::max(x, project(s.body[0].origin + p.cast<double>(), camera, params).x);
+        return x;
+    };
+    EXPECT_LE(rightmost(), 640.0 - legend_width(params) + 1e-6);
+    EXPECT_GE(rightmost(), 640.0 - legend_width(params) - 40);
+    s.body[0].origin = {0.03, 0.05, 0};
+    keep_in_picture(s, 640, 480, camera, legend_width(params));
+    EXPECT_LE(rightmost(), 640.0 - legend_width(params) + 1e-6);
+    // the panel begins where legend_width says
+    camera.target = {9, 9, 9};
+    const Image with = draw(scene, params, camera);
+    params.depth_colours = false;
+    const Image without = draw(scene, params, camera);
+    EXPECT_EQ(legend_width(params), 0u);
+    uint32_t left = 640;
+    for (uint32_t y = 0; y < 480; ++y)
+        for (uint32_t x = 0; x < left; ++x)
+            if (pixel(with, x, y) != pixel(without, x, y)) left = x;
+    EXPECT_NEAR(left, 640 - 116, 1);
 }
 
 // Two free balls on a wide floor beside a long instrument: the balls fill the picture. Without them it is the instrument, and
