@@ -25,6 +25,7 @@
 #include "engine/links.hpp"
 #include "engine/mass_properties.hpp"
 #include "engine/mesh_topology.hpp"
+#include "engine/parallel.hpp"
 #include "engine/point_shell.hpp"
 #include "engine/pressure_force.hpp"
 #include "engine/skin.hpp"
@@ -372,23 +373,49 @@ Integrator pick_integrator(const World& world, uint32_t body, double wanted_erro
     return steps > kMostStepsPerMs && held && wanted_error >= kMidpointError ? Integrator::kMidpoint : Integrator::kLeapfrog;
 }
 
+namespace {
+
+// A row of trees: whose body it is made for, and an earlier row of the same prototype, or kNone.
+struct TreePlan {
+    uint32_t body, like;
+};
+
+// One row for every deformable body, one for all rigid copies of a prototype; names them in bodies.tree.
+std::vector<TreePlan> plan_trees(Bodies& bodies) {
+    std::vector<TreePlan> plan;
+    std::map<uint32_t, uint32_t> rigid, first;  // prototype -> row
+    for (uint32_t body = 0; body < bodies.mesh.size(); ++body) {
+        const uint32_t row = static_cast<uint32_t>(plan.size()), prototype = bodies.mesh[body];
+        bodies.tree[body] = is_deformable(bodies, body) ? row : rigid.try_emplace(prototype, row).first->second;
+        if (bodies.tree[body] != row) continue;
+        const auto [like, fresh] = first.try_emplace(prototype, row);
+        plan.push_back({body, fresh ? kNone : like->second});
+    }
+    return plan;
+}
+
+std::unique_ptr<ClosestPointTree> make_tree(const World& world, uint32_t body, const ClosestPointTree* like) {
+    const MeshView view = mesh_view(world.meshes, world.bodies.mesh[body]);
+    if (!is_deformable(world.bodies, body)) return std::make_unique<ClosestPointTree>(view, like);
+    const Range rows = world.bodies.particles[body];
+    TROCAR_ASSERT(rows.count > 0 && "make_trees comes after make_deformable");
+    return std::make_unique<ClosestPointTree>(view, std::span(world.particles.offset).subspan(rows.first, rows.count), like);
+}
+
+}  // namespace
+
 void make_trees(World& world) {
+    constexpr uint32_t kGrain = 16;  // of ten thousand copies each takes some microseconds
+    const std::vector<TreePlan> plan = plan_trees(world.bodies);
     world.trees.clear();
-    std::map<uint32_t, uint32_t> shared;  // prototype -> row of trees
-    for (uint32_t body = 0; body < world.bodies.mesh.size(); ++body) {
-        const uint32_t prototype = world.bodies.mesh[body];
-        const MeshView view = mesh_view(world.meshes, prototype);
-        if (is_deformable(world.bodies, body)) {
-            const Range rows = world.bodies.particles[body];
-            TROCAR_ASSERT(rows.count > 0 && "make_trees comes after make_deformable");
-            world.bodies.tree[body] = static_cast<uint32_t>(world.trees.size());
-            world.trees.push_back(
-                std::make_unique<ClosestPointTree>(view, std::span(world.particles.offset).subspan(rows.first, rows.count)));
-            continue;
-        }
-        const auto [found, fresh] = shared.try_emplace(prototype, static_cast<uint32_t>(world.trees.size()));
-        if (fresh) world.trees.push_back(std::make_unique<ClosestPointTree>(view));
-        world.bodies.tree[body] = found->second;
+    world.trees.resize(plan.size());
+    for (const bool copies : {false, true}) {
+        parallel_for(static_cast<uint32_t>(plan.size()), copies ? kGrain : 1, [&](uint32_t begin, uint32_t end) {
+            for (uint32_t row = begin; row < end; ++row) {
+                const auto [body, like] = plan[row];
+                if ((like != kNone) == copies) world.trees[row] = make_tree(world, body, copies ? world.trees[like].get() : nullptr);
+            }
+        });
     }
     for (const auto& tree : world.trees)
         if (world.settings.contact.cross_check) tree->cross_check(true);

@@ -26,6 +26,10 @@ void append(std::vector<std::byte>& out, const T& value) {
 
 std::vector<std::byte> pack(const CaptureRecord& record) {
     std::vector<std::byte> raw;
+    size_t size = sizeof(uint32_t);
+    for (const CaptureArray& a : record.arrays)
+        size += sizeof(uint16_t) + a.name.size() + sizeof a.type + sizeof a.columns + sizeof a.rows + a.bytes.size();
+    raw.reserve(size);  // growing would copy a state three times
     append(raw, static_cast<uint32_t>(record.arrays.size()));
     for (const CaptureArray& a : record.arrays) {
         append(raw, static_cast<uint16_t>(a.name.size()));

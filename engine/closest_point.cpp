@@ -107,7 +107,7 @@ void meshlet_bounds(const RTCBoundsFunctionArguments* args) {
 
 }  // namespace
 
-void ClosestPointTree::Impl::build(const MeshView& view) {
+void ClosestPointTree::Impl::build(const MeshView& view, const Impl* like) {
     mesh = view;
     with_embree = embree_chosen().load(std::memory_order_relaxed);
     admission = view.info ? view.info->admission : Admission::kSheet;
@@ -115,7 +115,13 @@ void ClosestPointTree::Impl::build(const MeshView& view) {
     TROCAR_ASSERT(mesh.incident_first.size() == mesh.position.size() + 1);
     TROCAR_ASSERT(!deformable || offset.size() == mesh.position.size());
     choose_frame();
-    make_meshlets();
+    if (like) {
+        TROCAR_ASSERT(like->mesh.triangle.data() == mesh.triangle.data() && like->mesh.triangle.size() == mesh.triangle.size());
+        pool = like->pool;
+        take_cut(like->cut);
+    } else {
+        make_meshlets();
+    }
     update_meshlets();
     build_box_tree(boxes, tree);
     update_clusters();
@@ -140,33 +146,35 @@ void ClosestPointTree::Impl::make_meshlets() {
     for (const Vec3d& x : mesh.position) low = low.cwiseMin(x), high = high.cwiseMax(x);
     const MeshletGroups cutter = cut_meshlets(mesh, low + 0.5 * (high - low), scale);
     const uint32_t count = static_cast<uint32_t>(cutter.groups.size());
-    lanes.resize(16ul * count);
-    lane_of_triangle.resize(mesh.triangle.size());
-    first_line.resize(count);
-    first_vertex.resize(count);
+    const auto made = std::make_shared<MeshletCut>();
+    auto& [lines_of, vertices, vertices_of, corners, lane_of] = *made;
+    corners.resize(16ul * count);
+    lane_of.resize(mesh.triangle.size());
+    lines_of.resize(count);
+    vertices_of.resize(count);
     std::vector<std::array<std::array<uint8_t, 16>, 3>> corner(count);
     uint32_t lines = 0;
     for (uint32_t m = 0; m < count; ++m) {
         const auto [begin, end] = cutter.groups[m];
-        first_line[m] = lines;
-        first_vertex[m] = static_cast<uint32_t>(vertex.size());
+        lines_of[m] = lines;
+        vertices_of[m] = static_cast<uint32_t>(vertices.size());
         for (uint32_t j = 0; j < 16; ++j) {
             const uint32_t t = cutter.order[std::min(begin + j, end - 1)];
-            lanes[16 * m + j] = {mesh.triangle[t], t};
-            if (begin + j < end) lane_of_triangle[t] = 16 * m + j;
+            corners[16 * m + j] = {mesh.triangle[t], t};
+            if (begin + j < end) lane_of[t] = 16 * m + j;
             for (int k = 0; k < 3; ++k) {
-                const auto first = vertex.begin() + first_vertex[m];
-                const auto found = std::find(first, vertex.end(), mesh.triangle[t][k]);
+                const auto first = vertices.begin() + vertices_of[m];
+                const auto found = std::find(first, vertices.end(), mesh.triangle[t][k]);
                 corner[m][k][j] = static_cast<uint8_t>(found - first);
-                if (found == vertex.end()) vertex.push_back(mesh.triangle[t][k]);
+                if (found == vertices.end()) vertices.push_back(mesh.triangle[t][k]);
             }
         }
-        const bool wide = vertex.size() - first_vertex[m] > 16;
-        vertex.resize(first_vertex[m] + (wide ? 32 : 16), vertex.back());
+        const bool wide = vertices.size() - vertices_of[m] > 16;
+        vertices.resize(vertices_of[m] + (wide ? 32 : 16), vertices.back());
         lines += wide ? kWideLines : kNarrowLines;
     }
     pool.resize(lines + kWideLines - kNarrowLines);  // a narrow meshlet at the end may be looked at as a whole
-    boxes.resize(count);
+    take_cut(made);
     for (uint32_t m = 0; m < count; ++m) {
         Meshlet& t = meshlet(m);
         std::copy_n(&corner[m][0][0], 48, &t.corner[0][0]);
@@ -175,6 +183,13 @@ void ClosestPointTree::Impl::make_meshlets() {
         t.exact_lanes = 0;
         t.pad = 0;
     }
+}
+
+void ClosestPointTree::Impl::take_cut(std::shared_ptr<const MeshletCut> made) {
+    cut = std::move(made);
+    first_line = cut->first_line, vertex = cut->vertex, first_vertex = cut->first_vertex;
+    lane_of_triangle = cut->lane_of_triangle, lanes = cut->lanes;
+    boxes.resize(first_line.size());
 }
 
 void ClosestPointTree::Impl::fill_from_doubles(Meshlet& meshlet, const uint32_t* vertices) const {
@@ -270,13 +285,15 @@ bool ClosestPointTree::looks_at(const MeshView& mesh) const {
     return own.position.data() == mesh.position.data() && own.triangle.data() == mesh.triangle.data() && own.info == mesh.info;
 }
 
-ClosestPointTree::ClosestPointTree(const MeshView& mesh) : impl_(new Impl) { impl_->build(mesh); }
+ClosestPointTree::ClosestPointTree(const MeshView& mesh, const ClosestPointTree* like) : impl_(new Impl) {
+    impl_->build(mesh, like ? like->impl_.get() : nullptr);
+}
 
-ClosestPointTree::ClosestPointTree(const MeshView& mesh, std::span<const Float4> offset) : impl_(new Impl) {
+ClosestPointTree::ClosestPointTree(const MeshView& mesh, std::span<const Float4> offset, const ClosestPointTree* like) : impl_(new Impl) {
     TROCAR_ASSERT(offset.size() >= mesh.position.size());
     impl_->deformable = true;
     impl_->offset.assign(offset.begin(), offset.begin() + static_cast<std::ptrdiff_t>(mesh.position.size()));
-    impl_->build(mesh);
+    impl_->build(mesh, like ? like->impl_.get() : nullptr);
 }
 
 ClosestPointTree::~ClosestPointTree() = default;
@@ -303,6 +320,8 @@ void ClosestPointTree::rebuild() {
 }
 
 uint64_t ClosestPointTree::rebuilds() const { return impl_->rebuilds; }
+
+bool ClosestPointTree::cut_like(const ClosestPointTree& other) const { return impl_->cut == other.impl_->cut; }
 
 void ClosestPointTree::query(std::span<const Vec3d> points, std::span<const double> radius, std::span<const uint32_t> hint,
                              std::span<SurfacePoint> out, QueryCounters& counters) const {

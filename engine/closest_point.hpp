@@ -32,10 +32,11 @@ struct QueryCounters {
 // kWinding meshes, none for sheets. Answers do not depend on hints, on earlier refits, or on the instruction set.
 class ClosestPointTree {
  public:
-    // Rigid or imported surface: doubles in the body frame. The view must outlive the tree.
-    explicit ClosestPointTree(const MeshView& mesh);
+    // Rigid or imported surface: doubles in the body frame. The view must outlive the tree. `like`: another tree of the same
+    // rows, whose groups of triangles this one shares; cutting them anew would take four fifths of the time.
+    explicit ClosestPointTree(const MeshView& mesh, const ClosestPointTree* like = nullptr);
     // Deformable surface: float offsets, one per vertex (more rows may follow).
-    ClosestPointTree(const MeshView& mesh, std::span<const Float4> offset);
+    ClosestPointTree(const MeshView& mesh, std::span<const Float4> offset, const ClosestPointTree* like = nullptr);
     ~ClosestPointTree();
     ClosestPointTree(const ClosestPointTree&) = delete;
     ClosestPointTree& operator=(const ClosestPointTree&) = delete;
@@ -50,6 +51,8 @@ class ClosestPointTree {
     void rebuild();
     // How often refits built afresh.
     uint64_t rebuilds() const;
+    // Whether both share their groups of triangles.
+    bool cut_like(const ClosestPointTree& other) const;
 
     // Answers point i into out[i]. radius[i] (m, may be infinite) bounds the search: a surface at exactly that
     // distance may or may not be found, anything nearer is. hint[i] = a triangle likely to be near, or kNone; an empty

@@ -3,6 +3,7 @@
 
 #include <bit>
 #include <memory>
+#include <span>
 #include <vector>
 
 #include "engine/box_tree.hpp"
@@ -28,6 +29,15 @@ constexpr uint32_t kNarrowLines = 4, kWideLines = sizeof(Meshlet) / sizeof(Cache
 struct Lane {
     Triangle vertex;
     uint32_t triangle;
+};
+
+// Which triangles lie together. Of a mesh at rest: the trees of all its copies share it.
+struct MeshletCut {
+    std::vector<uint32_t> first_line;    // of a meshlet, in the pool
+    std::vector<uint32_t> vertex;        // of the meshlets, 16 or 32 each
+    std::vector<uint32_t> first_vertex;  // of a meshlet
+    std::vector<Lane> lanes;             // 16 a meshlet
+    std::vector<uint32_t> lane_of_triangle;
 };
 
 // What one query carries through the traversal.
@@ -78,12 +88,10 @@ struct ClosestPointTree::Impl {
     std::vector<Float4> offset;  // present positions of a deformable mesh
     Vec3d centre = Vec3d::Zero();
     double scale = 1;
-    std::vector<CacheLine> pool;         // meshlets
-    std::vector<uint32_t> first_line;    // of a meshlet
-    std::vector<uint32_t> vertex;        // of the meshlets, 16 or 32 each
-    std::vector<uint32_t> first_vertex;  // of a meshlet
-    std::vector<Lane> lanes;             // 16 a meshlet
-    std::vector<uint32_t> lane_of_triangle;
+    std::vector<CacheLine> pool;  // meshlets
+    std::shared_ptr<const MeshletCut> cut;
+    std::span<const uint32_t> first_line, vertex, first_vertex, lane_of_triangle;  // of the cut
+    std::span<const Lane> lanes;
     std::vector<FloatBox> boxes;  // one a meshlet, local frame, outward
     FloatBox box;                 // of all
     BoxTree tree;                 // over boxes
@@ -104,9 +112,10 @@ struct ClosestPointTree::Impl {
 
     ~Impl() { release_scene(); }
 
-    void build(const MeshView& view);
+    void build(const MeshView& view, const Impl* like);
     void choose_frame();
     void make_meshlets();
+    void take_cut(std::shared_ptr<const MeshletCut> made);
     void update_meshlets();
     void fill_from_doubles(Meshlet& meshlet, const uint32_t* vertices) const;
     void measure(uint32_t m, const MeshletKernels& kernels);

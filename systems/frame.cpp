@@ -225,8 +225,11 @@ bool end_pass(FrameState& f) {
     return clock.tick >= pass_tick(clock.picture + 1, clock.display_rate);
 }
 
-// Bodies at rest look as far ahead as moving ones.
+// Bodies at rest look as far ahead as moving ones, where they are few: what tools will touch. A lattice of a thousand at rest
+// would see all its neighbours and hold several times the memory of any pass.
 void reach_out(World& w) {
+    constexpr size_t kFew = 64;
+    if (w.boxes.box.size() > kFew) return;
     for (uint32_t body = 0; body < w.boxes.box.size(); ++body) {
         const double edge = w.meshes.info[w.bodies.mesh[body]].mean_edge;
         w.boxes.margin[body] += edge;

@@ -139,8 +139,9 @@ CaptureStep read_step(const CaptureRecord& r) {
     return step;
 }
 
-FrameRecorder::FrameRecorder(const Frame& frame, CaptureHeader header, const CaptureTriggers& triggers, std::filesystem::path folder)
-    : frame_(frame), header_(std::move(header)), triggers_(triggers), folder_(std::move(folder)) {
+FrameRecorder::FrameRecorder(const Frame& frame, CaptureHeader header, const CaptureTriggers& triggers, std::filesystem::path folder,
+                             size_t most_bytes)
+    : frame_(frame), header_(std::move(header)), triggers_(triggers), folder_(std::move(folder)), most_bytes_(most_bytes) {
     scene_.kind = "scene";
     save_resources(frame.world(), ResourceKind::kConstant, scene_);
     report_ = frame.world().report;
@@ -238,7 +239,17 @@ void FrameRecorder::before_pass() {
         for (OpenRange& range : open_ranges_) range.writer->add(stretch->state);
     });
     kept_.push_back(std::move(stretch));
-    while (kept_.size() > kKept / kStatePeriod + 1) kept_.pop_front();
+    drop_old_states();
+}
+
+// The last two stay: the newest has no pass yet that a trigger could judge.
+void FrameRecorder::drop_old_states() {
+    size_t bytes = 0, fit = 0;
+    for (auto stretch = kept_.rbegin(); stretch != kept_.rend() && fit < kKept / kStatePeriod + 1; ++stretch, ++fit) {
+        for (const CaptureArray& a : (*stretch)->state.arrays) bytes += a.bytes.size();
+        if (fit >= 2 && bytes > most_bytes_) break;
+    }
+    while (kept_.size() > fit) kept_.pop_front();
 }
 
 void FrameRecorder::after_pass(const PassFigures& pass) {

@@ -74,8 +74,10 @@ class CaptureSignal {
 // they run, with hashes of every resource.
 class FrameRecorder {
  public:
-    // `folder` must exist. A capture that cannot be written ends capturing, not the run: see failure().
-    FrameRecorder(const Frame& frame, CaptureHeader header, const CaptureTriggers& triggers, std::filesystem::path folder);
+    // `folder` must exist. A capture that cannot be written ends capturing, not the run: see failure(). Of states that take
+    // more than `most_bytes` together fewer are kept, two at least.
+    FrameRecorder(const Frame& frame, CaptureHeader header, const CaptureTriggers& triggers, std::filesystem::path folder,
+                  size_t most_bytes = kMostKeptBytes);
     void before_pass();
     void after_pass(const PassFigures& pass);
     void finish();  // after the last pass
@@ -89,7 +91,8 @@ class FrameRecorder {
     // Names of the files written, in order.
     const std::vector<std::string>& files() const { return files_; }
 
-    static constexpr uint32_t kStatePeriod = 16, kKept = 128;  // passes
+    static constexpr uint32_t kStatePeriod = 16, kKept = 128;    // passes
+    static constexpr size_t kMostKeptBytes = size_t{256} << 20;  // a state of fifty thousand balls has 160 MB
 
  private:
     // A state and the passes that start from it.
@@ -105,6 +108,7 @@ class FrameRecorder {
     };
     template <typename Write>
     void guarded(const Write& write);
+    void drop_old_states();
     void look_for_triggers(const CaptureStep& step);
     void write(const Kept& kept, uint64_t last_pass, const std::string& reason);
     std::unique_ptr<CaptureWriter> open(const std::string& name, const std::string& reason);
@@ -113,6 +117,7 @@ class FrameRecorder {
     std::vector<CaptureArray> input_, input_before_;  // of this pass and the one before
     CaptureTriggers triggers_;
     std::filesystem::path folder_;
+    size_t most_bytes_;
     CaptureRecord scene_;
     Kept kept_, worst_;
     double worst_ms_ = 0;

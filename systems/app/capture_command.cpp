@@ -15,11 +15,16 @@
 namespace trocar {
 namespace {
 
+// The slowest pass; one that no trigger judges, because it pays for memory, only where there is no other.
 const CaptureStep* worst_step(const Capture& capture) {
     const CaptureStep* worst = nullptr;
+    const auto is_worse = [&](const CaptureStep& step) {
+        const bool judged = step.pass >= kFirstJudged, was_judged = worst && worst->pass >= kFirstJudged;
+        return !worst || (judged == was_judged ? step.frame_ms > worst->frame_ms : judged);
+    };
     for (const Capture::Stretch& stretch : capture.stretches)
         for (const CaptureStep& step : stretch.steps)
-            if (!worst || step.frame_ms > worst->frame_ms) worst = &step;
+            if (is_worse(step)) worst = &step;
     return worst;
 }
 
@@ -134,12 +139,18 @@ void print_profile(const PassProfile& profile, uint64_t pass) {
                   static_cast<unsigned long long>(pass), profile.pass_ms.size(), quantile(profile.pass_ms, 0.5),
                   quantile(profile.pass_ms, 0.9), quantile(profile.pass_ms, 0), "stage", "median ms", "p90 ms", "least ms");
     write_standard_output(text);
+    std::string idle;
     for (size_t i = 0; i < profile.stage.size(); ++i) {
         const std::vector<double>& ms = profile.stage_ms[i];
+        if (quantile(ms, 1) == 0) {
+            idle += (idle.empty() ? "not in this pass: " : ", ") + profile.stage[i];
+            continue;
+        }
         std::snprintf(text, sizeof text, "%-18s %10.4f %10.4f %10.4f\n", profile.stage[i].c_str(), quantile(ms, 0.5), quantile(ms, 0.9),
                       quantile(ms, 0));
         write_standard_output(text);
     }
+    if (!idle.empty()) write_standard_output(idle + "\n");
 }
 
 std::string profile_json(const PassProfile& profile, uint64_t pass) {

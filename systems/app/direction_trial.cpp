@@ -28,24 +28,34 @@ void DirectionTrial::after_pass(const PassFigures& pass) {
     std::swap(deepest_, state_);
 }
 
+World DirectionTrial::start() const {
+    CaptureRecord constant;
+    save_resources(frame_.world(), ResourceKind::kConstant, constant);
+    World world;
+    load_resources(constant, ResourceKind::kConstant, world);
+    load_resources(deepest_, ResourceKind::kState, world);
+    load_resources(deepest_, ResourceKind::kBooks, world);
+    make_trees(world);
+    return world;
+}
+
+// One frame for both: of ten thousand bodies each would take seconds to make.
 DirectionFigures DirectionTrial::run() const {
     DirectionFigures figures;
     if (deepest_.arrays.empty()) return figures;
-    CaptureRecord constant;
-    save_resources(frame_.world(), ResourceKind::kConstant, constant);
+    FrameOptions options;
+    options.pictures = false;
+    Frame frame(start(), options);
+    World& world = frame.world();
+    figures.time = static_cast<double>(world.clock.tick) * 1e-3;
     for (const ResponseDirection direction : {ResponseDirection::kThesis, ResponseDirection::kLocal}) {
-        World world;
-        load_resources(constant, ResourceKind::kConstant, world);
         load_resources(deepest_, ResourceKind::kState, world);
         load_resources(deepest_, ResourceKind::kBooks, world);
         world.settings.contact.direction = direction;
-        make_trees(world);
-        figures.time = static_cast<double>(world.clock.tick) * 1e-3;
-        Frame frame(std::move(world), {});
         frame.step();
-        figures.depth = deepest(frame.world());
-        detect_contacts(frame.world());
-        (direction == ResponseDirection::kThesis ? figures.left_thesis : figures.left_local) = deepest(frame.world());
+        figures.depth = deepest(world);
+        detect_contacts(world);
+        (direction == ResponseDirection::kThesis ? figures.left_thesis : figures.left_local) = deepest(world);
     }
     return figures;
 }

@@ -16,6 +16,7 @@ class DirectionTrial {
     DirectionFigures run() const;
 
  private:
+    World start() const;  // before the deepest pass
     const Frame& frame_;
     CaptureRecord state_, deepest_;
     double depth_before_ = 0, record_ = 0;  // m, of the pass before, of the deepest

@@ -222,6 +222,7 @@ std::string metrics_json(const RunFigures& f) {
     j["state_hash"] = hex(f.state_hash);
     j["frames"] = f.frames;
     j["simulated_s"] = f.simulated_s;
+    j["build_s"] = f.build_s;
     j["wall_s"] = f.wall_s;
     j["bodies"] = f.bodies;
     json stages = json::object();
@@ -269,7 +270,7 @@ std::string metrics_json(const RunFigures& f) {
     for (const ToolFigures& tool : f.tool) j["haptics"]["tools"].push_back(tool_json(tool));
     for (size_t row = 0; row < f.drive.size(); ++row) j["nodes"].push_back(drive_json(f, row));
     if (f.stopped_by != 0) j["stopped_by"] = name_of_signal(f.stopped_by);
-    if (f.capture_asked) j["captures"] = f.captures;
+    if (f.capture_asked) j["captures"] = f.captures, j["capture_s"] = f.capture_s;
     if (f.replay) j["replay"] = {{"same", f.replay_difference.empty()}, {"difference", f.replay_difference}};
     j["energy"] = energy_json(f);
     for (const LinkFigures& l : f.link)

@@ -93,7 +93,8 @@ struct RunFigures {
     uint64_t state_hash = 0;
     uint64_t frames = 0;  // pictures (display rate), drawn or not
     double simulated_s = 0;
-    double wall_s = 0;
+    double build_s = 0;  // reading and building the scene, making its frame
+    double wall_s = 0;   // of the passes and what was done between them
     std::vector<PassFigures> pass;
     std::vector<StageFigures> stage;
     std::vector<double> render_ms;
@@ -123,7 +124,8 @@ struct RunFigures {
     double bytes_per_body = 0;    // that over all bodies
     double start_gravity = 0;     // J, potential energy before the first pass
     int stopped_by = 0;           // signal, 0 = none: the run went on to its end
-    bool capture_asked = false, meshes_written = false, recorded = false;
+    bool capture_asked = false, meshes_written = false, too_many_meshes = false, recorded = false;
+    double capture_s = 0;               // lockstep: what keeping states and hashes for captures took beside the passes
     std::string write_failure;          // of a picture or a mesh, the first; empty = none. The run went on without
     std::vector<std::string> captures;  // files written, in order
     std::vector<std::string> bodies;    // "liver: 5002 vertices, deformable, 1 substep"

@@ -42,7 +42,8 @@ namespace fs = std::filesystem;
 namespace {
 
 constexpr size_t kTraceCapacity = 1u << 19;
-constexpr size_t kMostMeshes = 500;  // bodies that a run writes as files without being asked
+// Bodies that a run writes as files without being asked, and their triangles: 90 MB of text.
+constexpr size_t kMostMeshes = 500, kMostTriangles = 1'000'000;
 
 void export_bodies(const World& world, const fs::path& folder, uint64_t picture) {
     prepare_folder(folder);
@@ -50,6 +51,12 @@ void export_bodies(const World& world, const fs::path& folder, uint64_t picture)
     std::snprintf(number, sizeof number, "%06llu_", static_cast<unsigned long long>(picture));
     for (uint32_t b = 0; b < world.bodies.mesh.size(); ++b)
         save_mesh(surface_mesh(surfaces_of(world), b), folder / (number + world.bodies.name[b] + ".obj"));
+}
+
+bool too_many_to_export(const World& world) {
+    size_t triangles = 0;
+    for (const uint32_t mesh : world.bodies.mesh) triangles += world.meshes.info[mesh].triangles.count;
+    return world.bodies.mesh.size() > kMostMeshes || triangles > kMostTriangles;
 }
 
 void start_figures(const BuiltScene& scene, const SceneFile& file, const Frame& frame, const RunOptions& options, RunFigures& figures) {
@@ -148,7 +155,9 @@ void run_lockstep(const RunOptions& options, double seconds, LiveReplay* replay,
     while (static_cast<double>(frame.world().clock.tick) < end_tick && stop_signal() == 0) {
         const double time = static_cast<double>(frame.world().clock.tick) * 1e-3;
         if (replay) replay->begin_pass();
+        const uint64_t keep_start = now_ns();
         if (recorder) recorder->before_pass();
+        uint64_t keep_ns = now_ns() - keep_start;
         if (trial) trial->before_pass();
         const double bytes = resident_bytes();
         const uint64_t pass_start = now_ns();
@@ -160,7 +169,10 @@ void run_lockstep(const RunOptions& options, double seconds, LiveReplay* replay,
         pass.frame_ms = frame_ms;
         costs.add(frame, figures);
         if (trace) trace_pairs(frame, names, *trace);
+        const uint64_t kept_start = now_ns();
         if (recorder) recorder->after_pass(pass);
+        keep_ns += now_ns() - kept_start;
+        if (recorder) figures.capture_s += static_cast<double>(keep_ns) * 1e-9;
         if (trial) trial->after_pass(pass);
         if (frame.times().picture && figures.write_failure.empty()) {
             if (pictures) take_picture(frame, *pictures, figures, pass);
@@ -314,10 +326,20 @@ std::string files_text(const RunFigures& f, bool figures_only) {
     if (!f.tool.empty()) text += ", tools.csv";
     if (f.recorded) text += ", live.recording";
     if (f.meshes_written) text += ", meshes/";
+    if (f.too_many_meshes) text += " (not meshes/ of so many bodies: --export-every N writes them)";
     if (!f.render_ms.empty()) text += ", frames/";
     for (const std::string& capture : f.captures) text += ", captures/" + capture;
     if (f.capture_asked && f.captures.empty()) text += "; no capture: nothing set one off";
     return text;
+}
+
+// What --capture cost beside the passes.
+std::string capture_text(const RunFigures& f) {
+    if (!f.capture_asked || f.live || f.pass.empty()) return "";
+    double passes = 0;
+    for (const PassFigures& p : f.pass) passes += 1e-3 * (p.frame_ms - p.render_ms);
+    return format("  keeping states and writing captures: %.3f ms a pass beside it, %.1f %% of the passes' time\n",
+                  1e3 * f.capture_s / static_cast<double>(f.pass.size()), passes > 0 ? 100 * f.capture_s / passes : 0);
 }
 
 void print_summary(const RunFigures& f, const fs::path& out, bool figures_only) {
@@ -329,13 +351,13 @@ void print_summary(const RunFigures& f, const fs::path& out, bool figures_only) 
     }
     char text[1024];
     std::snprintf(text, sizeof text,
-                  "%s: %.2f s simulated in %.2f s, %u thread%s, %s\n  contact events %zu, %.3f ms mean, %.3f ms p99; "
+                  "%s: %.2f s simulated in %.2f s, built in %.2f s, %u thread%s, %s\n  contact events %zu, %.3f ms mean, %.3f ms p99; "
                   "deepest %.2f mm\n"
                   "  haptic ticks %llu, largest force %.2f N; state hash %016llx\n",
-                  f.scene.c_str(), f.simulated_s, f.wall_s, f.threads, f.threads == 1 ? "" : "s", f.instruction_set.c_str(), total.size(),
-                  mean(total), quantile(total, 0.99), depth * 1e3, static_cast<unsigned long long>(f.ticks), f.max_force,
+                  f.scene.c_str(), f.simulated_s, f.wall_s, f.build_s, f.threads, f.threads == 1 ? "" : "s", f.instruction_set.c_str(),
+                  total.size(), mean(total), quantile(total, 0.99), depth * 1e3, static_cast<unsigned long long>(f.ticks), f.max_force,
                   static_cast<unsigned long long>(f.state_hash));
-    write_standard_output(text + live_text(f) + scale_text(f));
+    write_standard_output(text + live_text(f) + scale_text(f) + capture_text(f));
     if (f.replay)
         write_standard_output(f.replay_difference.empty() ? "  the same to the bit as the live run\n"
                                                           : "  not the same as the live run: " + f.replay_difference + "\n");
@@ -436,7 +458,8 @@ void write_outputs(const RunOptions& options, Frame& frame, Trace& trace, Pictur
     if (!figures.tool.empty()) write_tools(options.out, figures);
     if (options.figures_only) return;
     write_trace(options.out / "trace.json", trace, thread_names());
-    if (frame.world().bodies.mesh.size() <= kMostMeshes || options.export_every > 0) {
+    figures.too_many_meshes = options.export_every == 0 && too_many_to_export(frame.world());
+    if (!figures.too_many_meshes) {
         attempt(figures, [&] {
             export_bodies(frame.world(), options.out / "meshes", frame.world().clock.picture);
             figures.meshes_written = true;
@@ -470,6 +493,7 @@ int tell_of_run(const RunOptions& options, const RunFigures& figures) {
 }  // namespace
 
 int run_command(const RunOptions& options) {
+    const uint64_t start = now_ns();
     const SceneFile file = read_scene_file(find_scene(options.scene), options.overrides);
     if (options.lod_error) return tell_detail_error(options, file);
     const bool replay = !options.replay.empty();
@@ -503,6 +527,7 @@ int run_command(const RunOptions& options) {
         Frame frame(std::move(scene.world), frame_options);
         figures.world_bytes += resident_bytes() - bytes;
         start_figures(scene, file, frame, options, figures);
+        figures.build_s = static_cast<double>(now_ns() - start) * 1e-9;
         std::optional<PictureWriter> pictures;
         if (draws) pictures.emplace(scene.picture, scene.camera, frame.world().meshes, options.out, !options.live);
         const double seconds = options.seconds > 0 ? options.seconds : file.settings.seconds;

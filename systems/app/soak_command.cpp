@@ -18,6 +18,7 @@
 #include "engine/whole_file.hpp"
 #include "systems/app/capture.hpp"
 #include "systems/app/commands.hpp"
+#include "systems/app/format.hpp"
 #include "systems/app/live_run.hpp"
 #include "systems/app/picture_writer.hpp"
 #include "systems/app/progress.hpp"
@@ -114,6 +115,7 @@ class Soaker {
             pass.frame_ms = static_cast<double>(now_ns() - begin) * 1e-6;
             if (recorder_) recorder_->after_pass(pass);
             pass_ms.push_back(pass.frame_ms);
+            e.pass_s += 1e-3 * pass.frame_ms;
             for (const uint64_t ns : frame_.times().tick_ns) tick_us.push_back(static_cast<double>(ns) * 1e-3);
             e.residual_mm = std::max(e.residual_mm, world.report.deepest_residual * 1e3);
             const Energy& energy = world.energy;
@@ -146,17 +148,6 @@ nlohmann::ordered_json drift_json(const Drift& d) {
     return {{"slope_per_min", d.slope}, {"low", d.low}, {"high", d.high}};
 }
 
-// What there was too little of.
-std::vector<std::string> not_judged(const Soak& soak, const Drifts& drifts) {
-    std::vector<std::string> rules;
-    if (!drifts.resident.known) rules.emplace_back("drift");
-    size_t whole = 0;
-    for (const Episode& e : soak.episode) whole += !e.with_fault;
-    if (whole < 2) rules.emplace_back("that episodes end the same");
-    if (soak.faults_wanted && soak.faults == 0) rules.emplace_back("faults");
-    return rules;
-}
-
 std::string soak_json(const Soak& soak, const Drifts& d) {
     double residual = 0, energy = 0, worst = 0;
     std::vector<double> p99;
@@ -166,7 +157,10 @@ std::string soak_json(const Soak& soak, const Drifts& d) {
         p99.push_back(e.p99_ms);
     }
     return nlohmann::ordered_json{{"scene", soak.scene},
+                                  {"version", soak.version},
+                                  {"threads", soak.threads},
                                   {"minutes", soak.minutes},
+                                  {"minutes_in_passes", soak.pass_minutes},
                                   {"episodes", soak.episodes},
                                   {"passes", soak.passes},
                                   {"sound", soak.broken.empty()},
@@ -174,6 +168,8 @@ std::string soak_json(const Soak& soak, const Drifts& d) {
                                   {"broken", soak.broken},
                                   {"faults_injected", soak.faults},
                                   {"particles_restored", soak.lost},
+                                  {"resident_mib_end", soak.episode.empty() ? 0 : soak.episode.back().resident},
+                                  {"heap_mib_end", soak.episode.empty() ? 0 : soak.episode.back().heap},
                                   {"resident_mib", drift_json(d.resident)},
                                   {"heap_mib", drift_json(d.heap)},
                                   {"median_pass_ms", drift_json(d.median)},
@@ -200,6 +196,24 @@ std::string soak_csv(const Soak& soak) {
     return out;
 }
 
+// What a soak does besides passes.
+std::string outside_text(const Soak& soak) {
+    const double share = soak.minutes > 0 ? 100 * soak.pass_minutes / soak.minutes : 0;
+    return format("%.0f %% of %.2f minutes was spent in passes, the rest in copies of states, hashes and judging.", share, soak.minutes);
+}
+
+std::string drift_hint(const Soak& soak) {
+    return format(" Drift takes %zu episodes after the first %.1f minutes, and one took %.3g s: --seconds makes them shorter.",
+                  kLeastPoints, std::min(kWarmMinutes, kWarmShare * soak.minutes),
+                  60 * soak.minutes / static_cast<double>(std::max<uint64_t>(1, soak.episodes)));
+}
+
+std::string open_rules(const Soak& soak, const Drifts& d) {
+    std::string text;
+    for (const std::string& rule : not_judged(soak, d)) text += (text.empty() ? " Too short to judge " : ", ") + escape_html(rule);
+    return (text.empty() ? text : text + ".") + (d.resident.known ? "" : drift_hint(soak));
+}
+
 std::string soak_html(const Soak& soak, const Drifts& d) {
     PlotSeries resident{"resident", {}, {}}, heap{"heap", {}, {}}, median{"median", {}, {}}, p99{"p99", {}, {}};
     for (const Episode& e : soak.episode) {
@@ -216,7 +230,8 @@ std::string soak_html(const Soak& soak, const Drifts& d) {
                      "<h1>" + escape_html(soak.scene) + ": " + (soak.broken.empty() ? "sound" : "broken") + "</h1><p>" +
                          escape_html(soak.broken.empty() ? std::to_string(soak.episodes) + " episodes, no rule broken." : soak.broken) +
                          "</p><p>Resident memory " + words(d.resident, "MiB") + "; heap " + words(d.heap, "MiB") + "; median pass " +
-                         words(d.median, "ms") + ".</p>" + svg_plot({"Memory", "minutes", "MiB", {resident, heap}}) +
+                         words(d.median, "ms") + ".</p><p>" + escape_html(outside_text(soak)) + open_rules(soak, d) + "</p>" +
+                         svg_plot({"Memory", "minutes", "MiB", {resident, heap}}) +
                          svg_plot({"Time of a contact pass", "minutes", "ms", {median, p99}}));
 }
 
@@ -231,7 +246,8 @@ void print_minute(const Soak& soak) {
     write_standard_output(text);
 }
 
-void run_soak(const SoakOptions& options, Soaker& soaker, Soak& soak) {
+// `told`: the minute of the last line printed.
+void run_soak(const SoakOptions& options, Soaker& soaker, Soak& soak, double& told) {
     const uint64_t start = now_ns();
     const auto minutes = [&] { return static_cast<double>(now_ns() - start) * 1e-9 / 60; };
     Progress progress(soak.scene);
@@ -241,7 +257,7 @@ void run_soak(const SoakOptions& options, Soaker& soaker, Soak& soak) {
         Episode e = soaker.run(soak.episodes, soak);
         if (stop_signal() != 0 && !soak.episode.empty()) break;  // not a whole one
         e.minute = minutes();
-        ++soak.episodes, soak.passes += e.passes, soak.lost += e.lost;
+        ++soak.episodes, soak.passes += e.passes, soak.lost += e.lost, soak.pass_minutes += e.pass_s / 60;
         if (soak.episode.empty() || e.minute >= static_cast<double>(soak.episode.size()) * options.minutes / kKeptEpisodes)
             soak.episode.push_back(e);
         judge_episode(e, soak.episode.front(), soak);
@@ -249,12 +265,23 @@ void run_soak(const SoakOptions& options, Soaker& soaker, Soak& soak) {
         if (!options.json && static_cast<uint64_t>(e.minute) > printed) {
             printed = static_cast<uint64_t>(e.minute);
             print_minute(soak);
+            told = soak.episode.back().minute;
         }
     } while (minutes() < options.minutes && soak.broken.empty() && stop_signal() == 0);
     soak.minutes = minutes();
 }
 
 }  // namespace
+
+std::vector<std::string> not_judged(const Soak& soak, const Drifts& drifts) {
+    std::vector<std::string> rules;
+    if (!drifts.resident.known) rules.emplace_back("drift");
+    size_t whole = 0;
+    for (const Episode& e : soak.episode) whole += !e.with_fault;
+    if (whole < 2) rules.emplace_back("that episodes end the same");
+    for (uint64_t i = soak.faults; i < soak.faults_wanted.size(); ++i) rules.push_back("fault " + soak.faults_wanted[i]);
+    return rules;
+}
 
 void judge_episode(const Episode& e, const Episode& first, Soak& soak) {
     if (!soak.broken.empty() || e.with_fault) return;
@@ -304,9 +331,12 @@ int soak_command(const SoakOptions& options) {
     const StopOnSignal stop;
     Soak soak;
     soak.scene = file.settings.name;
-    soak.faults_wanted = !options.faults.empty();
+    soak.faults_wanted = options.faults;
+    soak.version = program_version();
+    double told = -1;
     Drifts drifts;
     pool.run([&] {
+        soak.threads = thread_count();
         BuiltScene scene = build_scene(file);
         Frame frame(std::move(scene.world), {});
         std::optional<FrameRecorder> recorder;
@@ -316,7 +346,7 @@ int soak_command(const SoakOptions& options) {
             recorder.emplace(frame, std::move(header), CaptureTriggers{}, options.out / "captures");
         }
         Soaker soaker(options, frame, options.seconds > 0 ? options.seconds : file.settings.seconds, recorder ? &*recorder : nullptr);
-        run_soak(options, soaker, soak);
+        run_soak(options, soaker, soak, told);
         drifts = measure_drifts(soak);
         judge_drifts(drifts, soak);
         if (!soak.broken.empty() && recorder) recorder->write_now("broken " + soak.broken);
@@ -330,9 +360,10 @@ int soak_command(const SoakOptions& options) {
     if (options.json) {
         write_standard_output(json);
     } else {
-        print_minute(soak);
+        if (soak.episode.back().minute > told) print_minute(soak);
         std::string open;
         for (const std::string& rule : not_judged(soak, drifts)) open += (open.empty() ? "; too short to judge " : ", ") + rule;
+        write_standard_output(outside_text(soak) + (drifts.resident.known ? "" : drift_hint(soak)) + "\n");
         write_standard_output(soak.broken.empty() ? "sound: no rule broken" + open + "\n" : "broken: " + soak.broken + "\n");
     }
     if (!soak.broken.empty()) return kNo;

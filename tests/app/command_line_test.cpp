@@ -488,6 +488,21 @@ TEST_F(CommandLine, RunWritesWhatItSays) {
 }
 
 // Breaks when the page takes one contact rate for every scene's.
+// Breaks when a scene of many bodies leaves their files out without a word, or when what a run took besides its passes is not told.
+TEST_F(CommandLine, ALargeRunTellsWhatItLeavesOutAndWhatItTook) {
+    const Outcome outcome = run("run stress_sparse --set count=501 --set resolution=20 --seconds 0.1 --no-render --capture worst --out " +
+                                (folder_ / "many").string());
+    ASSERT_EQ(outcome.code, 0) << outcome.err;
+    EXPECT_NE(outcome.out.find("not meshes/ of so many bodies: --export-every N writes them"), std::string::npos) << outcome.out;
+    EXPECT_NE(outcome.out.find(" s, built in "), std::string::npos) << outcome.out;
+    EXPECT_NE(outcome.out.find("keeping states and writing captures: "), std::string::npos) << outcome.out;
+    std::ifstream file(folder_ / "many" / "metrics.json");
+    const nlohmann::json metrics = nlohmann::json::parse(file);
+    EXPECT_GT(metrics["build_s"], 0.0);
+    EXPECT_GT(metrics["capture_s"], 0.0);
+    EXPECT_FALSE(fs::exists(folder_ / "many" / "meshes"));
+}
+
 TEST_F(CommandLine, ReportTellsTheContactRateOfTheRun) {
     const fs::path out = folder_ / "rate";
     for (const char* rate : {"30", "120"}) {

@@ -109,6 +109,33 @@ TEST(SoakCommand, S01_FaultsAreSurvivedAndEveryEpisodeEndsTheSame) {
     EXPECT_EQ(run_program("soak probe_on_liver --faults rust", folder, folder).code, 2);
 }
 
+// Faults go in one after the other: a soak that ended before the last of them has not tried it. Breaks when the first stands for
+// all, or when time outside of passes is not told.
+TEST(Soak, FaultsNotTriedAreNamed) {
+    Soak soak = quiet_soak();
+    soak.faults_wanted = {"nan", "blast", "pause"};
+    soak.faults = 1;
+    EXPECT_EQ(not_judged(soak, measure_drifts(soak)), (std::vector<std::string>{"fault blast", "fault pause"}));
+    soak.faults = 4;
+    EXPECT_TRUE(not_judged(soak, measure_drifts(soak)).empty());
+}
+
+// Breaks when the last line comes twice: at its minute and at the end.
+TEST(SoakCommand, TheEndIsToldOnceWithTimeOutsidePassesAndMemory) {
+    const std::filesystem::path folder = std::filesystem::path(testing::TempDir()) / "trocar_told_soak";
+    std::filesystem::create_directories(folder);
+    const std::string soak = "soak probe_on_liver --minutes 0.01 --seconds 0.1 --set liver.triangles=600";
+    const nlohmann::json json = nlohmann::json::parse(run_program(soak + " --threads 1 --json", folder, folder).out);
+    EXPECT_EQ(json["threads"], 1);
+    EXPECT_GT(json["resident_mib_end"], 1.0);
+    EXPECT_GT(json["heap_mib_end"], 0.5);
+    EXPECT_GT(json["minutes_in_passes"], 0.0);
+    EXPECT_LE(json["minutes_in_passes"], json["minutes"]);
+    const std::string text = run_program(soak, folder, folder).out;
+    EXPECT_EQ(text.find(" min "), text.rfind(" min ")) << text;
+    EXPECT_NE(text.find("minutes was spent in passes"), std::string::npos) << text;
+}
+
 // In lockstep a pause between two passes changes nothing: its episodes must end as all others. Breaks when they are excused from that.
 TEST(SoakCommand, APauseIsJudgedLikeAnyEpisode) {
     const std::filesystem::path folder = std::filesystem::path(testing::TempDir()) / "trocar_pause_soak";
@@ -135,9 +162,9 @@ TEST(SoakCommand, SaysWhatWasTooShortToJudge) {
     std::filesystem::create_directories(folder);
     const std::string soak = "soak probe_on_liver --minutes 0.0001 --seconds 30 --set liver.triangles=600 --faults nan";
     const nlohmann::json json = nlohmann::json::parse(run_program(soak + " --json", folder, folder).out);
-    EXPECT_EQ(json["not_judged"], (nlohmann::json{"drift", "that episodes end the same", "faults"}));
+    EXPECT_EQ(json["not_judged"], (nlohmann::json{"drift", "that episodes end the same", "fault nan"}));
     const std::string text = run_program(soak, folder, folder).out;
-    EXPECT_NE(text.find("no rule broken; too short to judge drift, that episodes end the same, faults"), std::string::npos) << text;
+    EXPECT_NE(text.find("no rule broken; too short to judge drift, that episodes end the same, fault nan"), std::string::npos) << text;
 }
 
 }  // namespace

@@ -365,6 +365,26 @@ TEST(ClosestPoint, OwnTraversalAndEmbreeGiveTheSameBits) {
 }
 
 // The tree is built afresh once its nodes have grown by 30 %, and a tree refitted 40 times answers as a new one.
+// Copies share the groups of triangles, nothing else. Breaks when a shared tree answers from the other's places, or reads the
+// groups of a tree that is gone.
+TEST(ClosestPoint, TreesCutLikeAnotherAnswerTheSame) {
+    const TestMesh mesh = make_organ(10);
+    std::vector<Float4> here, there;
+    for (const Vec3d& x : mesh.position) {
+        here.push_back({float(x.x()), float(x.y()), float(x.z()), 0});
+        there.push_back({float(-x.y()), float(1.7 * x.x()), float(0.4 + x.z()), 0});
+    }
+    auto first = std::make_unique<ClosestPointTree>(mesh.view(), here);
+    const ClosestPointTree alone(mesh.view(), there), like(mesh.view(), there, first.get()), rigid(mesh.view(), first.get());
+    EXPECT_TRUE(like.cut_like(*first));
+    EXPECT_TRUE(rigid.cut_like(*first));
+    EXPECT_FALSE(alone.cut_like(*first));
+    first.reset();
+    const std::vector<Vec3d> points = hard_points(mesh, 300, 5);
+    expect_same_bits(query_all(like, points), query_all(alone, points), "deformed");
+    expect_same_bits(query_all(rigid, points), query_all(ClosestPointTree(mesh.view()), points), "rigid");
+}
+
 TEST(ClosestPoint, RebuildsWhenItsNodesHaveGrown) {
     const TestMesh organ = make_organ(14);
     std::vector<Float4> now = organ.offsets();

@@ -37,6 +37,28 @@ double smallest_body(const World& w) {
     return size;
 }
 
+// Breaks when every copy cuts its surface anew: most of the time in which ten thousand bodies are built.
+TEST(StressScenes, CopiesShareTheirGroupsOfTriangles) {
+    const World w = std::move(stress_scene("mixed", {{"count", "20"}, {"rigid", "4"}}).world);
+    std::map<uint32_t, const ClosestPointTree*> first;
+    for (uint32_t b = 0; b < w.bodies.mesh.size(); ++b) {
+        const ClosestPointTree* tree = w.trees[w.bodies.tree[b]].get();
+        EXPECT_TRUE(tree->cut_like(*first.try_emplace(w.bodies.mesh[b], tree).first->second)) << w.bodies.name[b];
+    }
+    EXPECT_EQ(first.size(), 4u);
+}
+
+// Few at rest look as far as moving ones when a frame is made; a lattice of many that did would hold several times the memory of
+// any pass.
+TEST(StressScenes, ManyAtRestDoNotLookFarAhead) {
+    const auto edges_ahead = [](const char* count) {
+        const Frame frame(std::move(stress_scene("packed", {{"count", count}, {"resolution", "200"}}).world), {});
+        return frame.world().boxes.margin[0] / frame.world().meshes.info[0].mean_edge;
+    };
+    EXPECT_GT(edges_ahead("27"), 1.0);
+    EXPECT_LT(edges_ahead("125"), 0.5);
+}
+
 // Breaks when a scene does not load, when threads change its result, or when bodies are lost, blown up or sink into another.
 TEST_P(SmallStressScenes, RunTheSameOnAnyThreads) {
     uint64_t hash[2] = {0, 0};
