@@ -36,13 +36,19 @@ struct FloatModeObserver : tbb::task_scheduler_observer {
     ~FloatModeObserver() override { observe(false); }
     void on_scheduler_entry(bool) override { set_float_mode(); }
 };
+
+// Where memory ran out in the first call of observe, it would crash in the observer's destructor (oneTBB 2021.8).
+tbb::task_arena& initialised(tbb::task_arena& arena) {
+    arena.initialize();
+    return arena;
+}
 }  // namespace
 
 struct ThreadPool::Impl {
     explicit Impl(uint32_t threads)
         : limit(tbb::global_control::max_allowed_parallelism, std::max(threads, 1u)),
           arena(static_cast<int>(threads), 1),
-          observer(arena) {}
+          observer(initialised(arena)) {}
     tbb::global_control limit;
     tbb::task_arena arena;
     FloatModeObserver observer;

@@ -90,7 +90,7 @@ TEST(FaultMatrix, RefusedMemoryIsOneLineNeverACrash) {
         return WIFEXITED(status) ? WEXITSTATUS(status) : -1;
     };
     int refused = 0, served = 0;
-    for (int mib = 180; mib < 1200 && served < 1; mib += mib < 320 ? 12 : 64) {
+    for (int mib = 64; mib < 1200 && served < 1; mib += mib < 240 ? 6 : 64) {
         const int code = limited(mib);
         std::ifstream err(folder / "err");
         std::string text{std::istreambuf_iterator<char>(err), {}};
@@ -101,7 +101,7 @@ TEST(FaultMatrix, RefusedMemoryIsOneLineNeverACrash) {
         EXPECT_EQ(std::count(text.begin(), text.end(), '\n'), code == 0 ? 0 : 1) << mib << text;
     }
     EXPECT_EQ(served, 1);
-    EXPECT_GT(refused, 0) << "nothing was tested";
+    EXPECT_GT(refused, 3) << "nearly nothing was tested";
 }
 
 TEST(FaultMatrix, SixtyFourThreadsOnFewCoresGiveTheSameState) {
