@@ -36,7 +36,7 @@ struct Hinges {
     std::vector<uint32_t> vertex;  // 32 per group: 8 starts of edges, 8 ends, 8 corners on the left, 8 on the right; padding 0
     std::vector<float> sine;       // 8 per group, of the angle at rest
     std::vector<float> cosine;
-    std::vector<float> weight;     // 8 per group: length^2 / (area + area) at rest; padding 0
+    std::vector<float> weight;     // 8 per group: length^2 / (area + area) at rest, less of slivers; padding 0
     std::vector<float> cap;        // 16 per group, 1/m: most that 1 / height of the left and the right corner counts
     std::vector<uint32_t> first;   // one per prototype: its first row of column, kNone = has none
     std::vector<uint32_t> column;  // first column of a slice; slices + 1 rows per prototype that has hinges

@@ -12,7 +12,8 @@ namespace trocar {
 // rest between triangles of areas A0 and A1 has the energy U = k (1 - cos(theta - rest angle)), theta the angle between
 // the triangles' normals and k = D l^2 / (A0 + A1), for small angles theirs (3 l^2 / A times angle^2). The cosine instead
 // of the square needs no inverse trigonometry and bounds the moment by k whatever the shape. Rest angles are those of the
-// mesh: an organ's roundness is not bending.
+// mesh: an organ's roundness is not bending. Where a triangle is lower over the edge than a quarter of the mesh's mean edge, k is
+// less by the square of the ratio, ours: as the formula says, the stiffest sliver would set the step of the whole mesh.
 //   D = E w^3 / (12 (1 - nu^2)) with E = tissue.bending, w = tissue.wall, nu = 1/3 as that of the springs.
 // On a lattice of equilateral triangles the energy per area is D / 6 (3 (c1 + c2)^2 - 8 c1 c2), c1, c2 the principal
 // curvatures (sum of k / 2 (h (3 b_nn - b_tt) / (2 sqrt 3))^2 over the three edge directions): a cylinder and a strip
