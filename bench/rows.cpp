@@ -5,6 +5,7 @@
 #include <cstdio>
 #include <cstring>
 #include <ctime>
+#include <filesystem>
 #include <map>
 #include <nlohmann/json.hpp>
 #include <optional>
@@ -100,6 +101,10 @@ Report::Report(std::string suite, int& argc, char** argv) : suite_(std::move(sui
         }
     }
     argc = kept;
+    if (json_.empty()) return;
+    // now, not after minutes of measuring: out/ is not there in a fresh copy
+    const std::filesystem::path folder = std::filesystem::path(json_).parent_path();
+    if (!folder.empty()) std::filesystem::create_directories(folder);
 }
 
 void Report::check_parts(int argc, char** argv, std::initializer_list<const char*> parts) const {
