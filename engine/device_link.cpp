@@ -1,5 +1,6 @@
 #include "engine/device_link.hpp"
 
+#include <algorithm>
 #include <charconv>
 #include <chrono>
 #include <cmath>
@@ -124,11 +125,29 @@ DeviceLink::DeviceLink(const std::string& name, Loop loop) : channel_(std::make_
 DeviceLink::~DeviceLink() { close(); }
 
 bool DeviceLink::close(double most) {
-    if (!thread_.joinable()) return ended_.wait_for(std::chrono::seconds(0)) == std::future_status::ready;
-    let_go();
-    sleep_until_ns(monotonic_ns() + DeviceChannel::kSilence);  // the device hears it: its thread asks every millisecond
-    channel_->stop();
-    const bool ended = ended_.wait_for(std::chrono::duration<double>(most)) == std::future_status::ready;
+    DeviceLink* const self = this;
+    return close_all({&self, 1}, most);
+}
+
+bool DeviceLink::close_all(std::span<DeviceLink* const> links, double most) {
+    bool any = false;
+    for (DeviceLink* link : links) {
+        if (!link->running()) continue;
+        link->let_go();
+        any = true;
+    }
+    if (any) sleep_until_ns(monotonic_ns() + DeviceChannel::kSilence);  // devices hear it: their threads ask every millisecond
+    for (DeviceLink* link : links) link->channel_->stop();
+    const int64_t until = monotonic_ns() + static_cast<int64_t>(most * 1e9);
+    bool all = true;
+    for (DeviceLink* link : links) all = link->end_thread(until) && all;
+    return all;
+}
+
+bool DeviceLink::end_thread(int64_t until_ns) {
+    const int64_t left = running() ? std::max<int64_t>(until_ns - monotonic_ns(), 0) : 0;
+    const bool ended = ended_.wait_for(std::chrono::nanoseconds(left)) == std::future_status::ready;
+    if (!running()) return ended;
     if (ended)
         thread_.join();
     else

@@ -4,6 +4,7 @@
 #include <functional>
 #include <future>
 #include <memory>
+#include <span>
 #include <string>
 #include <thread>
 #include <vector>
@@ -90,11 +91,18 @@ class DeviceLink {
     // false if it is still inside the device, which no one can end but the end of the program. It is left behind then with
     // what it uses.
     bool close(double most = 1);
+    // The same for several at once, which takes no longer than for the slowest of them; whether all came back. `close` of
+    // each tells which.
+    static bool close_all(std::span<DeviceLink* const> links, double most = 1);
 
     const std::string& name() const { return channel_->name(); }
     DeviceCounts counts() const { return channel_->counts(); }
 
  private:
+    bool running() const { return thread_.joinable(); }
+    // Waits for the thread until then on the monotonic clock, else leaves it behind.
+    bool end_thread(int64_t until_ns);
+
     std::shared_ptr<DeviceChannel> channel_;  // the thread's too
     std::future<void> ended_;
     std::thread thread_;

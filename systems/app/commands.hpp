@@ -2,6 +2,7 @@
 #include <cstdint>
 #include <filesystem>
 #include <optional>
+#include <span>
 #include <string>
 #include <vector>
 
@@ -123,8 +124,8 @@ struct DeviceOptions {
     bool json = false;
 };
 class DeviceLink;
-// Ends a device; says on standard error when it does not come back.
-void close_device(DeviceLink& link);
+// Ends devices, all at once; says on standard error which do not come back.
+void close_devices(std::span<DeviceLink* const> links);
 int device_list_command(bool json);
 // Listens for a while and tells rate, gaps and trouble; exit code 1 when nothing came.
 int device_test_command(const DeviceOptions& options);

@@ -1,4 +1,5 @@
 #include <algorithm>
+#include <array>
 #include <cmath>
 #include <cstdio>
 #include <nlohmann/json.hpp>
@@ -117,8 +118,10 @@ std::string to_text(const ordered_json& j) {
 
 }  // namespace
 
-void close_device(DeviceLink& link) {
-    if (!link.close()) std::fprintf(stderr, "trocar: %s does not come back; it is left behind as it is\n", link.name().c_str());
+void close_devices(std::span<DeviceLink* const> links) {
+    DeviceLink::close_all(links);
+    for (DeviceLink* link : links)
+        if (!link->close()) std::fprintf(stderr, "trocar: %s does not come back; it is left behind as it is\n", link->name().c_str());
 }
 
 int device_list_command(bool json) {
@@ -141,7 +144,7 @@ int device_test_command(const DeviceOptions& options) {
     const ordered_json j = to_json(*link, options, figures);
     write_standard_output(options.json ? j.dump(1) + "\n" : to_text(j));
     if (figures.sample.empty()) std::fprintf(stderr, "trocar: %s sent no sample that could be used\n", link->name().c_str());
-    close_device(*link);
+    close_devices(std::array{link.get()});
     return figures.sample.empty() ? kNo : kDone;
 }
 
@@ -150,7 +153,7 @@ int device_record_command(const DeviceOptions& options) {
     silent.spring = 0;
     const std::unique_ptr<DeviceLink> link = open_device(options.device);
     const DeviceFigures figures = listen(*link, silent);
-    close_device(*link);
+    close_devices(std::array{link.get()});
     if (figures.sample.empty()) {
         std::fprintf(stderr, "trocar: %s sent no sample that could be used; nothing was written\n", link->name().c_str());
         return kNo;

@@ -263,10 +263,10 @@ bool run_live(const RunOptions& options, double seconds, Frame& frame, PictureWr
     set_nice(nice_before);
     if (!tools.empty() && allowed.size() > 1) allow_processors(allowed);
     haptics.stop();
-    for (const auto& link : links)
-        if (link) link->let_go();
-    for (const auto& link : links)
-        if (link) close_device(*link);
+    std::vector<DeviceLink*> devices;
+    for (const auto& opened : links)
+        if (opened) devices.push_back(opened.get());
+    close_devices(devices);
     const bool complete = collector.finish(world);
     frame.set_contact_hook({});
     if (drawing) {

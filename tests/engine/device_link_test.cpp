@@ -383,6 +383,36 @@ TEST(DeviceLink, AHangingDeviceIsLeftBehind) {
     EXPECT_TRUE(link.close(60));
 }
 
+// Several that hang cost the time of one, and one that comes back in the meantime is not left behind with them. Waited for
+// one after another, five would take five times as long.
+TEST(DeviceLink, HangingDevicesAreWaitedForAllAtOnce) {
+    constexpr int kStuck = 5;
+    constexpr double kMost = 0.4;  // s
+    std::atomic<bool> release = false;
+    std::atomic<int> gone = 0;
+    std::vector<std::unique_ptr<DeviceLink>> owned;
+    for (int k = 0; k < kStuck; ++k) {
+        owned.push_back(std::make_unique<DeviceLink>("stuck", [&](DeviceChannel&) {
+            while (!release) sleep_until_ns(monotonic_ns() + 1'000'000);
+            ++gone;
+        }));
+    }
+    owned.push_back(std::make_unique<DeviceLink>("slow", [](DeviceChannel& channel) {
+        while (!channel.stopping()) sleep_until_ns(monotonic_ns() + 1'000'000);
+        sleep_until_ns(monotonic_ns() + 50'000'000);
+    }));
+    std::vector<DeviceLink*> links;
+    for (const auto& link : owned) links.push_back(link.get());
+    const int64_t start = monotonic_ns();
+    EXPECT_FALSE(DeviceLink::close_all(links, kMost));
+    for (int k = 0; k < kStuck; ++k) EXPECT_FALSE(links[k]->close(kMost)) << k;
+    EXPECT_TRUE(links.back()->close(kMost));
+    EXPECT_LT(1e-9 * static_cast<double>(monotonic_ns() - start), 3 * kMost) << "one after another";
+    release = true;
+    EXPECT_TRUE(wait_until([&] { return gone == kStuck; }));
+    EXPECT_TRUE(DeviceLink::close_all({}, kMost));
+}
+
 // ---- plug-ins ----
 
 // The example of the documents, built by the test suite: it moves as F/m says.
