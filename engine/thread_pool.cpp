@@ -1,14 +1,20 @@
 #include "engine/thread_pool.hpp"
 
 #include <malloc.h>
+#include <pthread.h>
+#include <sys/mman.h>
 #include <tbb/global_control.h>
+#include <tbb/parallel_for.h>
 #include <tbb/task_arena.h>
 #include <tbb/task_scheduler_observer.h>
 #include <xmmintrin.h>
 
 #include <algorithm>
+#include <atomic>
+#include <chrono>
 #include <limits>
 #include <thread>
+#include <vector>
 
 #include "engine/check.hpp"
 #include "engine/parallel.hpp"
@@ -42,25 +48,91 @@ tbb::task_arena& initialised(tbb::task_arena& arena) {
     arena.initialize();
     return arena;
 }
+
+size_t stack_size() { return tbb::global_control::active_value(tbb::global_control::thread_stack_size); }
+
+// Threads whose stacks the C library keeps when they end, for the next of the same size: 40 MiB, guard pages included.
+uint32_t kept_threads() { return static_cast<uint32_t>((40u << 20) / (stack_size() + (64u << 10))); }
+
+// How many of `wanted` threads like the scheduler's can live at the same time.
+uint32_t threads_at_once(uint32_t wanted) {
+    pthread_attr_t attributes;
+    if (pthread_attr_init(&attributes) != 0) return 0;
+    pthread_attr_setstacksize(&attributes, stack_size());
+    std::atomic<bool> leave = false;
+    const auto wait = [](void* flag) -> void* {
+        static_cast<const std::atomic<bool>*>(flag)->wait(false);
+        return nullptr;
+    };
+    std::vector<pthread_t> started;
+    started.reserve(wanted);
+    for (pthread_t one; started.size() < wanted && pthread_create(&one, &attributes, wait, &leave) == 0;) started.push_back(one);
+    leave = true;
+    leave.notify_all();
+    for (const pthread_t one : started) pthread_join(one, nullptr);
+    pthread_attr_destroy(&attributes);
+    return static_cast<uint32_t>(started.size());
+}
+
+// The same of what is sure to be there still when the scheduler starts them, at its first loops. It ends the program when one
+// is refused (oneTBB 2021.8 throws inside noexcept). Kept stacks are sure; more are only where there is room beside them for
+// the heaps that threads make for themselves (128 MiB of addresses each, up to eight a core).
+uint32_t threads_to_be_had(uint32_t wanted) {
+    const uint32_t kept = kept_threads();
+    if (wanted > kept) {
+        const size_t heaps = std::min(wanted, 8 * std::max(1u, std::thread::hardware_concurrency()));
+        const size_t bytes = heaps * (size_t{128} << 20);
+        void* const room = mmap(nullptr, bytes, PROT_NONE, MAP_PRIVATE | MAP_ANONYMOUS | MAP_NORESERVE, -1, 0);
+        const bool all = room != MAP_FAILED && threads_at_once(wanted) == wanted;
+        if (room != MAP_FAILED) munmap(room, bytes);
+        if (all) return wanted;
+    }
+    return threads_at_once(std::min(wanted, kept));
+}
+
+// More threads than have their stacks kept are started at once, while there is what was found for them.
+void start_workers(tbb::task_arena& arena, uint32_t threads) {
+    if (threads <= 1 + kept_threads()) return;
+    std::atomic<uint32_t> here = 0;
+    const auto late = std::chrono::steady_clock::now() + std::chrono::seconds(1);
+    arena.execute([&] {
+        tbb::parallel_for(
+            0u, threads,
+            [&](uint32_t) {
+                ++here;
+                while (here < threads && std::chrono::steady_clock::now() < late)
+                    std::this_thread::sleep_for(std::chrono::microseconds(100));
+            },
+            tbb::simple_partitioner());
+    });
+}
+
+uint32_t wanted_threads(uint32_t threads) { return threads == 0 ? std::max(1u, std::thread::hardware_concurrency()) : threads; }
 }  // namespace
 
 struct ThreadPool::Impl {
-    explicit Impl(uint32_t threads)
-        : limit(tbb::global_control::max_allowed_parallelism, std::max(threads, 1u)),
+    explicit Impl(uint32_t wanted) : Impl(wanted, 1 + threads_to_be_had(wanted - 1)) {}
+    Impl(uint32_t wanted, uint32_t threads)
+        : refused(wanted - threads),
+          limit(tbb::global_control::max_allowed_parallelism, threads),
           arena(static_cast<int>(threads), 1),
-          observer(initialised(arena)) {}
+          observer(initialised(arena)) {
+        start_workers(arena, threads);
+    }
+    uint32_t refused;
     tbb::global_control limit;
     tbb::task_arena arena;
     FloatModeObserver observer;
 };
 
-ThreadPool::ThreadPool(uint32_t threads) : impl_(new Impl(threads == 0 ? std::max(1u, std::thread::hardware_concurrency()) : threads)) {}
+ThreadPool::ThreadPool(uint32_t threads) : impl_(new Impl(wanted_threads(threads))) {}
 ThreadPool::~ThreadPool() = default;
 void ThreadPool::run(const std::function<void()>& work) {
     const FloatModeScope ours;  // entering the pool sets it on this thread for good
     impl_->arena.execute(work);
 }
 uint32_t ThreadPool::threads() const { return static_cast<uint32_t>(impl_->arena.max_concurrency()); }
+uint32_t ThreadPool::refused() const { return impl_->refused; }
 
 uint32_t thread_count() {
     const int index = tbb::this_task_arena::current_thread_index();

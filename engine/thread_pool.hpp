@@ -26,7 +26,8 @@ class FloatModeScope {
 // ground).
 void keep_freed_memory();
 
-// The process's worker threads. Made once, before the first parallel loop.
+// The process's worker threads. Made once, before the first parallel loop. Where the system refuses threads (address space,
+// process limits) it has those that it gets, the caller's alone at least.
 class ThreadPool {
  public:
     explicit ThreadPool(uint32_t threads);  // 0 = all cores
@@ -34,6 +35,8 @@ class ThreadPool {
     // Runs work inside the pool, in that float mode; parallel_for and run_parallel called by it use its threads.
     void run(const std::function<void()>& work);
     uint32_t threads() const;
+    // That were asked for and refused.
+    uint32_t refused() const;
 
  private:
     struct Impl;

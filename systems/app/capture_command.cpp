@@ -4,10 +4,10 @@
 
 #include "engine/error.hpp"
 #include "engine/offscreen.hpp"
-#include "engine/thread_pool.hpp"
 #include "engine/whole_file.hpp"
 #include "systems/app/capture_difference.hpp"
 #include "systems/app/capture_export.hpp"
+#include "systems/app/command_pool.hpp"
 #include "systems/app/commands.hpp"
 #include "systems/app/format.hpp"
 #include "systems/app/run_costs.hpp"
@@ -89,7 +89,7 @@ void print_info(const Capture& c, const std::optional<PairFigures>& pair) {
 
 // "; first in stage ...": what two captures differ in after a pass, where that can be run again here.
 std::string tell_pass(const Capture& a, const Capture& b, uint64_t pass) {
-    ThreadPool pool(0);
+    CommandPool pool(0);
     std::string text;
     pool.run([&] {
         try {
@@ -203,7 +203,7 @@ int capture_info_command(const std::vector<std::string>& files, bool json) {
     for (const std::string& file : files) {
         const Capture capture = open_capture(file);
         std::optional<PairFigures> pair;
-        ThreadPool pool(0);
+        CommandPool pool(0);
         if (const CaptureStep* worst = worst_step(capture)) pool.run([&] { pair = dearest_pair(capture, *worst); });
         if (json)
             write_standard_output(info_json(capture, pair));
@@ -226,7 +226,7 @@ int capture_export_command(const CaptureExportOptions& options) {
     if (!options.csv.empty()) write_whole_file(options.csv, capture_csv(capture));
     if (!options.trace.empty()) write_whole_file(options.trace, capture_trace(capture));
     set_offscreen_threads(0);
-    ThreadPool pool(options.threads);
+    CommandPool pool(options.threads);
     pool.run([&] {
         if (!options.vtp.empty()) export_vtp(capture, options.vtp);
         if (!options.png.empty() && export_pictures(capture, options.png) == 0)
@@ -237,7 +237,7 @@ int capture_export_command(const CaptureExportOptions& options) {
 
 int replay_command(const ReplayOptions& options) {
     const Capture capture = open_capture(options.file);
-    ThreadPool pool(options.threads);
+    CommandPool pool(options.threads);
     int code = kFault;
     pool.run([&] { code = options.frame ? profile(options, capture) : replay(options, capture); });
     return code;

@@ -6,8 +6,8 @@
 #include "content/clean_mesh.hpp"
 #include "content/unit_guess.hpp"
 #include "engine/error.hpp"
-#include "engine/thread_pool.hpp"
 #include "engine/whole_file.hpp"
+#include "systems/app/command_pool.hpp"
 #include "systems/app/commands.hpp"
 #include "systems/app/load_file.hpp"
 #include "systems/app/standard_streams.hpp"
@@ -74,7 +74,7 @@ namespace {
 
 // Builds a scene as `run` would, without running it: what is wrong throws with its file and line.
 void check_scene(const std::string& file, bool json) {
-    ThreadPool pool(1);
+    CommandPool pool(1);
     pool.run([&] {
         const BuiltScene scene = build_scene(read_scene_file(file, {}));
         for (const std::string& warning : scene.warnings) std::fprintf(stderr, "trocar: warning: %s\n", warning.c_str());

@@ -9,6 +9,7 @@
 #include "engine/geometry/quaternion.hpp"
 #include "engine/text_file.hpp"
 #include "engine/thread_pool.hpp"
+#include "systems/app/command_pool.hpp"
 #include "systems/app/commands.hpp"
 
 namespace {
@@ -394,7 +395,7 @@ int dispatch(const CLI::App& app, Arguments& a) {
     }
     if (app.got_subcommand("check")) return check_command(a.check);
     if (app.got_subcommand("query")) {
-        ThreadPool pool(a.threads);
+        CommandPool pool(a.threads);
         int code = kFault;
         pool.run([&] { code = query_command(a.query); });
         return code;

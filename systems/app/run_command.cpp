@@ -17,10 +17,10 @@
 #include "engine/error.hpp"
 #include "engine/offscreen.hpp"
 #include "engine/surface_mesh.hpp"
-#include "engine/thread_pool.hpp"
 #include "engine/trace.hpp"
 #include "engine/whole_file.hpp"
 #include "systems/app/capture.hpp"
+#include "systems/app/command_pool.hpp"
 #include "systems/app/commands.hpp"
 #include "systems/app/detail_error.hpp"
 #include "systems/app/direction_trial.hpp"
@@ -445,7 +445,7 @@ int tell_detail_error(const RunOptions& options, const SceneFile& file) {
     if (options.live || !options.replay.empty() || !options.capture.empty() || !options.out.empty())
         throw InputError("--lod-error runs in lockstep and writes no files: without --live, --replay, --capture and --out");
     std::string text;
-    ThreadPool pool(options.threads);
+    CommandPool pool(options.threads);
     pool.run([&] { text = detail_error(file, options.seconds > 0 ? options.seconds : file.settings.seconds, options.json); });
     write_standard_output(text);
     return kDone;
@@ -508,7 +508,7 @@ int run_command(const RunOptions& options) {
     set_offscreen_threads(0);
     // live: one core belongs to the haptic thread
     const uint32_t cores = std::max(1u, std::thread::hardware_concurrency());
-    ThreadPool pool(options.threads == 0 && options.live ? std::max(1u, cores - 1) : options.threads);
+    CommandPool pool(options.threads == 0 && options.live ? std::max(1u, cores - 1) : options.threads);
     RunFigures figures;
     pool.run([&] {
         double bytes = resident_bytes();

@@ -14,9 +14,9 @@
 
 #include "content/build_scene.hpp"
 #include "engine/error.hpp"
-#include "engine/thread_pool.hpp"
 #include "engine/whole_file.hpp"
 #include "systems/app/capture.hpp"
+#include "systems/app/command_pool.hpp"
 #include "systems/app/commands.hpp"
 #include "systems/app/format.hpp"
 #include "systems/app/live_run.hpp"
@@ -335,7 +335,7 @@ struct SoakRun {
 SoakRun soak_once(const SoakOptions& options) {
     const SceneFile file = read_scene_file(find_scene(options.scene), options.overrides);
     if (!options.out.empty()) prepare_folder(options.out), prepare_folder(options.out / "captures");
-    ThreadPool pool(options.threads);
+    CommandPool pool(options.threads);
     SoakRun run;
     Soak& soak = run.soak;
     soak.scene = file.settings.name;

@@ -25,7 +25,7 @@
 //   bad samples of a device      HapticTick.T14BadSamplesAreRefused
 //   NaN in simulation            Advance.M10_BodyThatIsNotFiniteIsRestoredAlone, FaultMatrix.ANodeThatIsNoNumber...
 //   too many threads             FaultMatrix.SixtyFourThreadsOnFewCoresGiveTheSameState
-//   memory limit                 FaultMatrix.RefusedMemoryIsOneLineNeverACrash
+//   memory limit                 FaultMatrix.RefusedMemoryIsOneLineNeverACrash, FaultMatrix.RefusedThreadsAreAWarningNeverACrash
 //   clock, suspend, lateness     RealTime.*, LiveHaptics.ModelsOfALateSimulationAreFresh, SoakCommand (pause)
 //   display lost                 LiveReplay.PicturesThatCannotBeWrittenEndThePicturesWithAReason; runs with --no-render need none
 //   wrong configuration          CommandLine.WrongType..., FaultMatrix.EveryWrongValueOfEveryKeyIsNamed
@@ -102,6 +102,35 @@ TEST(FaultMatrix, RefusedMemoryIsOneLineNeverACrash) {
     }
     EXPECT_EQ(served, 1);
     EXPECT_GT(refused, 3) << "nearly nothing was tested";
+}
+
+// Address space in which stacks of worker threads do not fit, or nothing beside them: fewer threads and a line that says so,
+// or one line of reason. Without asking for them beforehand the scheduler ends the program with SIGABRT.
+TEST(FaultMatrix, RefusedThreadsAreAWarningNeverACrash) {
+#if defined(__SANITIZE_ADDRESS__) || defined(__SANITIZE_THREAD__)
+    GTEST_SKIP() << "the sanitizer reserves terabytes";
+#endif
+    const fs::path folder = fresh_folder("threads");
+    int warned = 0, served = 0;
+    const auto limited = [&](int threads, int mib) {
+        const std::string command = "ulimit -v " + std::to_string(mib * 1024) + "; " + program_path().string() +
+                                    " run kidney_on_liver --set liver.triangles=300 --set kidney.triangles=200 --seconds 0.05" +
+                                    " --no-render --threads " + std::to_string(threads) + " >/dev/null 2>" + (folder / "err").string();
+        const int status = std::system(("cd " + source_folder().string() + " && sh -c '" + command + "'").c_str());
+        const int code = WIFEXITED(status) ? WEXITSTATUS(status) : -1;
+        if (code == 127) return;  // the loader could not even map the libraries
+        std::ifstream err(folder / "err");
+        const std::string text{std::istreambuf_iterator<char>(err), {}};
+        EXPECT_TRUE(code == 0 || code == 2 || code == 3) << mib << " MiB: code " << code << " " << text;
+        if (code != 0) return;
+        const bool says = text.find("threads; results are the same") != std::string::npos;
+        EXPECT_EQ(std::count(text.begin(), text.end(), '\n'), says) << mib << text;
+        ++(says ? warned : served);
+    };
+    for (int mib = 80; mib < 120; mib += 2) limited(4, mib);
+    for (int mib = 120; mib < 460; mib += 40) limited(64, mib);
+    EXPECT_GT(served, 3);
+    EXPECT_GT(warned, 3) << "no thread was refused: nothing was tested";
 }
 
 TEST(FaultMatrix, SixtyFourThreadsOnFewCoresGiveTheSameState) {
