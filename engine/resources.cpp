@@ -264,17 +264,25 @@ struct Stripper {
     }
 };
 
-// Stores a resource as named arrays; rows that are not plain become one stream of bytes, their number first.
+// Stores a resource as named arrays, over those of the record from row `at` on; rows that are not plain become one stream
+// of bytes, their number first.
 struct Saver {
     CaptureRecord& record;
+    size_t at;
     std::vector<std::byte> stream;
+    void store(const char* name, ArrayType type, uint64_t rows, uint32_t columns, const void* data) {
+        if (at == record.arrays.size()) record.arrays.emplace_back();
+        CaptureArray& a = record.arrays[at++];
+        a.name = name, a.type = type, a.rows = rows, a.columns = columns;
+        const std::byte* bytes = static_cast<const std::byte*>(data);
+        a.bytes.assign(bytes, bytes + rows * columns * element_size(type));
+    }
     template <typename T>
     void array(const char* name, const std::vector<T>& rows) {
         if constexpr (is_plain_row<T>) {
             constexpr Elements e = elements_of<T>();
             static_assert(sizeof(T) == e.columns * element_size(e.type));
-            const std::byte* bytes = reinterpret_cast<const std::byte*>(rows.data());
-            record.arrays.push_back({name, e.type, rows.size(), e.columns, {bytes, bytes + rows.size() * sizeof(T)}});
+            store(name, e.type, rows.size(), e.columns, rows.data());
         } else {
             value(name, rows);
         }
@@ -283,7 +291,7 @@ struct Saver {
     void value(const char* name, const T& v) {
         stream.clear();
         item(v);
-        record.arrays.push_back({name, ArrayType::kU8, stream.size(), 1, stream});
+        store(name, ArrayType::kU8, stream.size(), 1, stream.data());
     }
     void bytes(const void* data, size_t size) {
         const std::byte* from = static_cast<const std::byte*>(data);
@@ -672,8 +680,13 @@ void strip_resources(World& world, ResourceMask keep) {
 }
 
 void save_resource(const World& world, Resource resource, CaptureRecord& record) {
-    Saver saver{record, {}};
+    save_resource(world, resource, record, record.arrays.size());
+}
+
+size_t save_resource(const World& world, Resource resource, CaptureRecord& record, size_t at) {
+    Saver saver{record, at, {}};
     visit_resource(world, resource, saver);
+    return saver.at;
 }
 
 void load_resource(const CaptureRecord& record, Resource resource, World& world) {

@@ -7,7 +7,9 @@ namespace trocar {
 
 // 64-bit hash of a sequence of plain values; equal bits give equal hashes on every machine of the same byte order.
 struct StateHash {
-    static constexpr size_t kLongRow = 256;  // bytes
+    static constexpr size_t kLongRow = 256;     // bytes
+    static constexpr size_t kWideRow = 4096;    // bytes, from which on rows are hashed in blocks
+    static constexpr size_t kBlock = 1u << 18;  // bytes of such a block
     uint64_t value = 0x9e3779b97f4a7c15ull;
 
     // splitmix64 finaliser (Steele, Lea, Flood, OOPSLA 2014, figure 13) over a running state
@@ -19,6 +21,10 @@ struct StateHash {
     }
     void add_word(uint64_t word) { value = mix(value, word); }
     void add_bytes(const void* data, size_t size) {
+        if (size >= kWideRow) {
+            add_blocks(data, size);
+            return;
+        }
         const unsigned char* p = static_cast<const unsigned char*>(data);
         if (size >= kLongRow) {
             // every step waits for the one before: four chains side by side keep the multipliers busy
@@ -46,6 +52,12 @@ struct StateHash {
                       "padding bytes would be hashed");
         add_bytes(&v, sizeof v);
     }
+
+ private:
+    // Rows of kWideRow bytes and more: blocks of kBlock bytes hashed each for itself, on all threads of the pool that the
+    // caller runs in, their hashes added in order. A block has thirty-two chains; word i goes to chain i % 32, and what is
+    // left of it after whole rows of 32 words follows the chains. The bits depend neither on threads nor on the instruction set.
+    void add_blocks(const void* data, size_t size);
 };
 
 }  // namespace trocar

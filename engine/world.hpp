@@ -143,6 +143,8 @@ void strip_resources(World& world, ResourceMask keep);
 
 // Adds every array of a resource to a record, by its name in World; trees are left out.
 void save_resource(const World& world, Resource resource, CaptureRecord& record);
+// The same over the arrays of a record from row `at` on, whose memory is used again; returns the row after the last.
+size_t save_resource(const World& world, Resource resource, CaptureRecord& record, size_t at);
 // The reverse. Throws InputError naming the array that is missing or of another kind; indices are not looked at.
 void load_resource(const CaptureRecord& record, Resource resource, World& world);
 

@@ -91,6 +91,25 @@ std::vector<uint64_t> read_words(const CaptureRecord& record, const char* name) 
     return words;
 }
 
+// What the passes of a stretch start from, over the record of an older one.
+void save_state(const World& world, CaptureRecord& record) {
+    record.kind = "state";
+    CaptureRecord number;
+    add_number(number, "pass", world.clock.pass);
+    if (record.arrays.empty()) record.arrays.emplace_back();
+    record.arrays.front() = std::move(number.arrays.front());
+    size_t at = 1;
+    for (const ResourceKind kind : {ResourceKind::kState, ResourceKind::kBooks})
+        each_resource(kind, [&](Resource r) { at = save_resource(world, r, record, at); });
+    record.arrays.resize(at);
+}
+
+size_t bytes_of(const CaptureRecord& record) {
+    size_t bytes = 0;
+    for (const CaptureArray& a : record.arrays) bytes += a.bytes.size();
+    return bytes;
+}
+
 }  // namespace
 
 void save_resources(const World& world, ResourceKind kind, CaptureRecord& record) {
@@ -140,11 +159,32 @@ CaptureStep read_step(const CaptureRecord& r) {
 }
 
 FrameRecorder::FrameRecorder(const Frame& frame, CaptureHeader header, const CaptureTriggers& triggers, std::filesystem::path folder,
-                             size_t most_bytes)
+                             size_t most_bytes, uint64_t passes)
     : frame_(frame), header_(std::move(header)), triggers_(triggers), folder_(std::move(folder)), most_bytes_(most_bytes) {
     scene_.kind = "scene";
     save_resources(frame.world(), ResourceKind::kConstant, scene_);
     report_ = frame.world().report;
+    reserve(passes);
+}
+
+// States of a scene have much the same size all the time; the last that is dropped is free only after the next is taken.
+void FrameRecorder::reserve(uint64_t passes) {
+    const uint64_t wanted = std::min<uint64_t>((passes + kStatePeriod - 1) / kStatePeriod, kKept / kStatePeriod + 2);
+    size_t bytes = 0;
+    for (uint64_t i = 0; i < wanted && (i < 3 || bytes <= most_bytes_); ++i) {
+        stretches_.push_back(std::make_shared<Stretch>());
+        save_state(frame_.world(), stretches_.back()->state);
+        bytes += bytes_of(stretches_.back()->state);
+    }
+}
+
+std::shared_ptr<FrameRecorder::Stretch> FrameRecorder::free_stretch() {
+    for (const std::shared_ptr<Stretch>& stretch : stretches_) {
+        if (stretch.use_count() > 1) continue;
+        stretch->steps.clear();
+        return stretch;
+    }
+    return stretches_.emplace_back(std::make_shared<Stretch>());
 }
 
 CaptureSignal::CaptureSignal() {
@@ -220,11 +260,8 @@ void FrameRecorder::before_pass() {
     }
     const bool begins = std::any_of(triggers_.ranges.begin(), triggers_.ranges.end(), [&](const auto& range) { return range[0] == pass; });
     if (!kept_.empty() && !begins && pass % kStatePeriod != 0) return;
-    auto stretch = std::make_shared<Stretch>();
-    stretch->state.kind = "state";
-    add_number(stretch->state, "pass", pass);
-    save_resources(frame_.world(), ResourceKind::kState, stretch->state);
-    save_resources(frame_.world(), ResourceKind::kBooks, stretch->state);
+    std::shared_ptr<Stretch> stretch = free_stretch();
+    save_state(frame_.world(), stretch->state);
     for (CaptureArray a : input_before_) {
         a.name = "before." + a.name;
         stretch->state.arrays.push_back(std::move(a));
@@ -246,7 +283,7 @@ void FrameRecorder::before_pass() {
 void FrameRecorder::drop_old_states() {
     size_t bytes = 0, fit = 0;
     for (auto stretch = kept_.rbegin(); stretch != kept_.rend() && fit < kKept / kStatePeriod + 1; ++stretch, ++fit) {
-        for (const CaptureArray& a : (*stretch)->state.arrays) bytes += a.bytes.size();
+        bytes += bytes_of((*stretch)->state);
         if (fit >= 2 && bytes > most_bytes_) break;
     }
     while (kept_.size() > fit) kept_.pop_front();

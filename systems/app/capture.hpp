@@ -75,9 +75,10 @@ class CaptureSignal {
 class FrameRecorder {
  public:
     // `folder` must exist. A capture that cannot be written ends capturing, not the run: see failure(). Of states that take
-    // more than `most_bytes` together fewer are kept, two at least.
+    // more than `most_bytes` together fewer are kept, two at least. Memory for the states of `passes` passes is taken here, as far
+    // as they are kept: taken in a pass it would cost more than what is done with it.
     FrameRecorder(const Frame& frame, CaptureHeader header, const CaptureTriggers& triggers, std::filesystem::path folder,
-                  size_t most_bytes = kMostKeptBytes);
+                  size_t most_bytes = kMostKeptBytes, uint64_t passes = 0);
     void before_pass();
     void after_pass(const PassFigures& pass);
     void finish();  // after the last pass
@@ -108,6 +109,8 @@ class FrameRecorder {
     };
     template <typename Write>
     void guarded(const Write& write);
+    void reserve(uint64_t passes);
+    std::shared_ptr<Stretch> free_stretch();
     void drop_old_states();
     void look_for_triggers(const CaptureStep& step);
     void write(const Kept& kept, uint64_t last_pass, const std::string& reason);
@@ -119,6 +122,7 @@ class FrameRecorder {
     std::filesystem::path folder_;
     size_t most_bytes_;
     CaptureRecord scene_;
+    std::vector<std::shared_ptr<Stretch>> stretches_;  // all; one that nobody else holds is free
     Kept kept_, worst_;
     double worst_ms_ = 0;
     uint64_t worst_pass_ = 0;

@@ -13,7 +13,7 @@ namespace trocar {
 namespace {
 
 constexpr char kMagic[] = "trocarLR";
-constexpr uint64_t kVersion = 4;
+constexpr uint64_t kVersion = 5;
 constexpr size_t kHeaderWords = 7, kTickWords = 23;
 
 // One layout for both directions: each visitor is given every value of a row in turn.

@@ -535,7 +535,9 @@ int run_command(const RunOptions& options) {
         std::optional<LiveReplay> repeat;
         if (replay) repeat.emplace(haptic_params(frame.world().clock.contact_rate), recording, options.replay.string(), frame);
         std::optional<FrameRecorder> recorder;
-        if (!options.capture.empty()) recorder.emplace(frame, capture_header(scene, figures), triggers, options.out / "captures");
+        if (!options.capture.empty())
+            recorder.emplace(frame, capture_header(scene, figures), triggers, options.out / "captures", FrameRecorder::kMostKeptBytes,
+                             static_cast<uint64_t>(std::min(seconds, 1e6) * frame.world().clock.contact_rate));
         FrameRecorder* const capture = recorder ? &*recorder : nullptr;
         DirectionTrial trial(frame);
         const bool tells = !replay && (!options.out.empty() || options.json);  // those who look at figures
