@@ -222,13 +222,14 @@ int capture_export_command(const CaptureExportOptions& options) {
     const Capture capture = open_capture(options.file);
     if (options.vtp.empty() && options.png.empty() && options.trace.empty() && options.csv.empty())
         throw InputError("capture export: say what to write: --vtp FOLDER, --png FOLDER, --trace FILE or --csv FILE");
+    if (options.per_body && options.vtp.empty()) throw InputError("capture export: --per-body says how --vtp FOLDER is written: give both");
     refuse_same(options.csv, options.file), refuse_same(options.trace, options.file), refuse_same(options.csv, options.trace);
     if (!options.csv.empty()) write_whole_file(options.csv, capture_csv(capture));
     if (!options.trace.empty()) write_whole_file(options.trace, capture_trace(capture));
     set_offscreen_threads(0);
     CommandPool pool(options.threads);
     pool.run([&] {
-        if (!options.vtp.empty()) export_vtp(capture, options.vtp);
+        if (!options.vtp.empty()) export_vtp(capture, options.vtp, options.per_body);
         if (!options.png.empty() && export_pictures(capture, options.png) == 0)
             std::fprintf(stderr, "trocar: note: no picture falls into the passes of %s\n", options.file.c_str());
     });

@@ -25,19 +25,32 @@ PointField velocity_field(const World& world, uint32_t body, uint32_t vertices) 
     return field;
 }
 
-std::vector<PointField> contact_fields(const World& world, uint32_t body, uint32_t vertices) {
-    PointField depth{"depth", 1, std::vector<float>(vertices, 0.0f)}, contact{"contact", 1, std::vector<float>(vertices, 0.0f)};
+// Of the contacts that a pass found, per vertex of every body; the rows of a body begin at `first`.
+struct ContactMarks {
+    std::vector<uint32_t> first;
+    std::vector<float> depth, contact;
+};
+
+ContactMarks mark_contacts(const World& world) {
+    ContactMarks marks;
+    uint32_t vertices = 0;
+    for (const uint32_t mesh : world.bodies.mesh) {
+        marks.first.push_back(vertices);
+        vertices += world.meshes.info[mesh].vertices.count;
+    }
+    marks.depth.assign(vertices, 0.0f);
+    marks.contact.assign(vertices, 0.0f);
     const Contacts& c = world.contacts;
     for (size_t i = 0; i < c.body.size(); ++i) {
-        if (c.body[i] != body) continue;
         const auto mark = [&](uint32_t v) {
-            contact.values[v] = 1;
-            depth.values[v] = std::max(depth.values[v], static_cast<float>(-c.distance[i]));
+            const uint32_t row = marks.first[c.body[i]] + v;
+            marks.contact[row] = 1;
+            marks.depth[row] = std::max(marks.depth[row], static_cast<float>(-c.distance[i]));
         };
         for (const uint32_t v : c.vertex[i]) mark(v);
         if (c.third[i] != kNone) mark(c.third[i]);
     }
-    return {depth, contact};
+    return marks;
 }
 
 // Node of the largest weight under a vertex of a skin.
@@ -79,25 +92,60 @@ std::vector<float> vertex_strain(const World& world, uint32_t body) {
 
 namespace {
 
+constexpr const char* kAllBodies = "bodies";
 constexpr const char* kVtpNote =
     "Points, velocity, strain and stress are of the end of the pass; depth and contact were found at its start, where the points were "
     "in the pass before.";
 
-void write_bodies(const World& world, uint64_t pass, const fs::path& folder) {
-    char number[24];
-    std::snprintf(number, sizeof number, "_%06llu.vtp", static_cast<unsigned long long>(pass));
+std::vector<PointField> point_fields(const World& world, const ContactMarks& marks, uint32_t body, uint32_t vertices) {
+    const auto rows = [&](const std::vector<float>& of_all) {
+        const auto first = of_all.begin() + marks.first[body];
+        return std::vector<float>(first, first + vertices);
+    };
+    std::vector<PointField> fields{{"depth", 1, rows(marks.depth)},
+                                   {"contact", 1, rows(marks.contact)},
+                                   velocity_field(world, body, vertices),
+                                   {"strain", 1, vertex_strain(world, body)}};
+    PointField stress{"stress", 1, fields.back().values};
+    for (float& value : stress.values) value *= static_cast<float>(world.bodies.tissue[body].youngs_modulus);
+    fields.push_back(std::move(stress));
+    return fields;
+}
+
+std::string pass_file(const std::string& name, uint64_t pass) {
+    return name + format("_%06llu.vtp", static_cast<unsigned long long>(pass));
+}
+
+void write_each_body(const World& world, uint64_t pass, const fs::path& folder) {
+    const ContactMarks marks = mark_contacts(world);
     for (uint32_t body = 0; body < world.bodies.mesh.size(); ++body) {
         if (is_away(world.lives, body)) continue;
         const Mesh mesh = surface_mesh(surfaces_of(world), body);
-        const uint32_t vertices = static_cast<uint32_t>(mesh.position.size());
-        std::vector<PointField> fields = contact_fields(world, body, vertices);
-        fields.push_back(velocity_field(world, body, vertices));
-        fields.push_back({"strain", 1, vertex_strain(world, body)});
-        PointField stress{"stress", 1, fields.back().values};
-        for (float& value : stress.values) value *= static_cast<float>(world.bodies.tissue[body].youngs_modulus);
-        fields.push_back(std::move(stress));
-        save_vtp(mesh, fields, folder / (world.bodies.name[body] + number), kVtpNote);
+        const auto fields = point_fields(world, marks, body, static_cast<uint32_t>(mesh.position.size()));
+        save_vtp(mesh, fields, folder / pass_file(world.bodies.name[body], pass), kVtpNote);
     }
+}
+
+// All bodies as one surface, with a field more that says whose a point is. Without materials and texture coordinates, which count
+// for each body anew.
+void write_bodies(const World& world, uint64_t pass, const fs::path& folder) {
+    const ContactMarks marks = mark_contacts(world);
+    Mesh all;
+    std::vector<PointField> fields{{"body", 1, {}}};
+    for (uint32_t body = 0; body < world.bodies.mesh.size(); ++body) {
+        if (is_away(world.lives, body)) continue;
+        const Mesh mesh = surface_mesh(surfaces_of(world), body);
+        const uint32_t first = static_cast<uint32_t>(all.position.size()), vertices = static_cast<uint32_t>(mesh.position.size());
+        all.position.insert(all.position.end(), mesh.position.begin(), mesh.position.end());
+        for (const Triangle& t : mesh.triangle) all.triangle.push_back({t[0] + first, t[1] + first, t[2] + first});
+        fields[0].values.resize(first + vertices, static_cast<float>(body));
+        const auto own = point_fields(world, marks, body, vertices);
+        if (fields.size() == 1)
+            for (const PointField& field : own) fields.push_back({field.name, field.components, {}});
+        for (size_t k = 0; k < own.size(); ++k)
+            fields[k + 1].values.insert(fields[k + 1].values.end(), own[k].values.begin(), own[k].values.end());
+    }
+    save_vtp(all, fields, folder / pass_file(kAllBodies, pass), kVtpNote);
 }
 
 // Hz, at which a stretch found contacts.
@@ -110,9 +158,20 @@ uint32_t contact_rate_of(const Capture::Stretch& stretch) {
 
 struct VtpExport {
     const fs::path& folder;
+    bool per_body;
     std::vector<std::string> body;
     std::vector<std::pair<uint64_t, double>> pass;  // number, seconds at its end
 };
+
+void write_series(const VtpExport& e, const std::string& name) {
+    std::string out = "<?xml version=\"1.0\"?>\n<VTKFile type=\"Collection\" version=\"0.1\" byte_order=\"LittleEndian\">\n<Collection>\n";
+    for (const auto& [pass, seconds] : e.pass) {
+        const std::string file = pass_file(name, pass);
+        if (!fs::exists(e.folder / file)) continue;  // it was away
+        out += format("<DataSet timestep=\"%.3f\" part=\"0\" file=\"%s\"/>\n", seconds, escape_html(file).c_str());
+    }
+    write_whole_file(e.folder / (name + ".pvd"), out + "</Collection>\n</VTKFile>\n");
+}
 
 }  // namespace
 
@@ -160,26 +219,24 @@ std::string capture_trace(const Capture& capture) {
     return nlohmann::json{{"traceEvents", std::move(events)}, {"displayTimeUnit", "ms"}}.dump();
 }
 
-void export_vtp(const Capture& capture, const fs::path& folder) {
+void export_vtp(const Capture& capture, const fs::path& folder, bool per_body) {
     prepare_folder(folder);
-    VtpExport state{folder, {}, {}};
+    VtpExport state{folder, per_body, {}, {}};
     const auto each = [](void* user, Frame& frame, const CaptureStep& step) {
         VtpExport& e = *static_cast<VtpExport*>(user);
         e.body = frame.world().bodies.name;
         e.pass.emplace_back(step.pass, static_cast<double>(frame.world().clock.tick) * 1e-3);
-        write_bodies(frame.world(), step.pass, e.folder);
+        (e.per_body ? write_each_body : write_bodies)(frame.world(), step.pass, e.folder);
     };
     replay_capture(capture, {each, &state});
-    for (const std::string& body : state.body) {
-        std::string out =
-            "<?xml version=\"1.0\"?>\n<VTKFile type=\"Collection\" version=\"0.1\" byte_order=\"LittleEndian\">\n<Collection>\n";
-        for (const auto& [pass, seconds] : state.pass) {
-            const std::string file = body + format("_%06llu.vtp", static_cast<unsigned long long>(pass));
-            if (!fs::exists(folder / file)) continue;  // it was away
-            out += format("<DataSet timestep=\"%.3f\" part=\"0\" file=\"%s\"/>\n", seconds, escape_html(file).c_str());
-        }
-        write_whole_file(folder / (body + ".pvd"), out + "</Collection>\n</VTKFile>\n");
+    if (per_body) {
+        for (const std::string& body : state.body) write_series(state, body);
+        return;
     }
+    write_series(state, kAllBodies);
+    std::string names = "body,name\n";
+    for (size_t body = 0; body < state.body.size(); ++body) names += std::to_string(body) + "," + csv_field(state.body[body]) + "\n";
+    write_whole_file(folder / "bodies.csv", names);
 }
 
 size_t export_pictures(const Capture& capture, const fs::path& folder) {

@@ -107,6 +107,7 @@ int replay_command(const ReplayOptions& options);
 struct CaptureExportOptions {
     std::string file;
     std::filesystem::path vtp, png, trace, csv;  // empty = not written
+    bool per_body = false;                       // of vtp
     uint32_t threads = 0;
 };
 int capture_export_command(const CaptureExportOptions& options);
