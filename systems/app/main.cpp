@@ -319,8 +319,7 @@ void add_capture(CLI::App& app, Arguments& a) {
     exported->add_option("file", a.capture.file, "Capture")->required();
     exported->add_option("--vtp", a.capture.vtp,
                          "Folder for bodies_PASS.vtp and bodies.pvd, which ParaView opens: body (named in bodies.csv), depth, contact "
-                         "(found at the start of "
-                         "the pass; all else is of its end), velocity, strain, stress");
+                         "(found at the start of the pass; all else is of its end), velocity, strain, stress");
     exported->add_flag("--per-body", a.capture.per_body, "With --vtp: BODY_PASS.vtp and BODY.pvd of each body apart");
     exported->add_option("--png", a.capture.png, "Folder for frames/*.png");
     exported->add_option("--trace", a.capture.trace, "Chrome trace (JSON) of the stages of every pass: Perfetto, speedscope");
