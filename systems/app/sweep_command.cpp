@@ -181,16 +181,43 @@ void run_by_parallel(const fs::path& out, uint32_t at_once) {
     if (result.end != ChildEnd::kExited && result.end != ChildEnd::kStopped) throw InputError("parallel " + describe_child_end(result, {}));
 }
 
-// An array job: task k works off line k + 1 of runs.txt, `at_once` of them at a time, 0 = as many as the cluster grants.
-std::string slurm_script(const SweepFile& sweep, const fs::path& out, size_t jobs, uint32_t at_once) {
-    const std::string folder = fs::absolute(out).string();
-    return "#!/bin/sh\n#SBATCH --job-name=" + sweep.name + "\n#SBATCH --array=0-" + std::to_string(jobs - 1) +
-           (at_once > 0 ? "%" + std::to_string(at_once) : "") +
-           "\n#SBATCH --ntasks=1\n#SBATCH --cpus-per-task=" + std::to_string(sweep.threads) + "\n#SBATCH --output=/dev/null\n" +
-           "line=$(sed -n \"$((SLURM_ARRAY_TASK_ID + 1))p\" " + quoted(folder + "/runs.txt") + ")\neval \"$line\"\n";
+// "0,3-5": the tasks that have something to do. Task k of `tasks` works off lines k + 1, k + 1 + tasks, ...
+std::string tasks_left(const std::vector<Job>& jobs, size_t tasks) {
+    std::vector<bool> left(tasks, false);
+    for (size_t i = 0; i < jobs.size(); ++i)
+        if (!is_done(jobs[i])) left[i % tasks] = true;
+    std::string list;
+    for (size_t first = 0; first < tasks; ++first) {
+        if (!left[first]) continue;
+        size_t last = first;
+        while (last + 1 < tasks && left[last + 1]) ++last;
+        list += (list.empty() ? "" : ",") + std::to_string(first) + (last > first ? "-" + std::to_string(last) : "");
+        first = last;
+    }
+    return list;
 }
 
-void run_by_slurm(const SweepFile& sweep, const fs::path& out, size_t jobs, uint32_t at_once) {
+// An array job, `at_once` of its tasks at a time, 0 = as many as the cluster grants. Slurm as it comes takes arrays of up to 1,000
+// tasks (MaxArraySize, slurm.conf(5)). The list of runs stays whole: an earlier array may be reading it.
+std::string slurm_script(const SweepFile& sweep, const fs::path& out, const std::vector<Job>& jobs, uint32_t at_once) {
+    const size_t tasks = std::min<size_t>(jobs.size(), 1000);
+    const std::string throttle = at_once > 0 ? "%" + std::to_string(at_once) : "";
+    std::string script = "#!/bin/sh\n";
+    script += "#SBATCH --job-name=" + sweep.name + "\n";
+    script += "#SBATCH --array=" + tasks_left(jobs, tasks) + throttle + "\n";
+    script += "#SBATCH --ntasks=1\n";
+    script += "#SBATCH --cpus-per-task=" + std::to_string(sweep.threads) + "\n";
+    script += "#SBATCH --output=/dev/null\n";
+    script += "line=$((SLURM_ARRAY_TASK_ID + 1)) code=0\n";
+    script += "while [ $line -le " + std::to_string(jobs.size()) + " ]; do\n";
+    script += "  run=$(sed -n \"${line}p\" " + quoted(fs::absolute(out).string() + "/runs.txt") + ")\n";
+    script += "  eval \"$run\" || code=1\n";
+    script += "  line=$((line + " + std::to_string(tasks) + "))\n";
+    return script + "done\nexit $code\n";
+}
+
+void run_by_slurm(const SweepFile& sweep, const fs::path& out, const std::vector<Job>& jobs, uint32_t at_once) {
+    if (std::all_of(jobs.begin(), jobs.end(), is_done)) return;
     const fs::path script = fs::absolute(out / "sweep.sbatch");
     write_whole_file(script, slurm_script(sweep, out, jobs, at_once));
     const std::string sbatch = find_program("sbatch");
@@ -284,7 +311,7 @@ int sweep_command(const SweepOptions& options) {
     if (options.engine == "parallel")
         run_by_parallel(out, at_once);
     else if (options.engine == "slurm")
-        run_by_slurm(sweep, out, jobs.size(), options.jobs);
+        run_by_slurm(sweep, out, jobs, options.jobs);
     else if (options.engine == "local")
         run_here(jobs, at_once);
     const size_t missing = merge(sweep, out, jobs);

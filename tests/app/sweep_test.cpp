@@ -149,17 +149,64 @@ TEST(SweepCommand, RepetitionsAreRunsOfTheirOwn) {
     EXPECT_NE(run().out.find("2 runs, 2 were there"), std::string::npos) << "the first round is that of a sweep without repetitions";
 }
 
+// `trocar sweep` where no sbatch is to be found, whatever this machine has.
+Outcome sweep_without_cluster(const std::string& arguments, const fs::path& folder) {
+    const char* path = std::getenv("PATH");
+    const std::string kept = path ? path : "";
+    setenv("PATH", folder.c_str(), 1);
+    const Outcome outcome = run_program("sweep " + arguments, source_folder(), folder);
+    setenv("PATH", kept.c_str(), 1);
+    return outcome;
+}
+
 // A cluster is not this machine: how many run at once is its affair, unless --jobs says it.
 TEST(SweepCommand, SlurmIsThrottledOnlyWhenAsked) {
     const fs::path folder = fresh_folder("slurm");
     write(folder / "ball.toml", kScene);
     const fs::path sweep = write(folder / "drop.toml", kSweep);
     const auto script = [&](const std::string& more) {
-        run_program("sweep " + sweep.string() + " --engine slurm --out " + (folder / "o").string() + more, source_folder(), folder);
+        sweep_without_cluster(sweep.string() + " --engine slurm --out " + (folder / "o").string() + more, folder);
         return text_of(folder / "o/sweep.sbatch");
     };
     EXPECT_NE(script("").find("--array=0-3\n"), std::string::npos) << script("");
     EXPECT_NE(script(" --jobs 2").find("--array=0-3%2\n"), std::string::npos) << script(" --jobs 2");
+}
+
+// What an array of Slurm runs, task after task, here by a shell. Breaks when a task leaves lines of a long list out, or an array
+// holds what is done.
+TEST(SweepCommand, SlurmTasksWorkOffWhatIsLeft) {
+    const fs::path folder = fresh_folder("slurm_left");
+    write(folder / "ball.toml", kScene);
+    const std::string list = write(folder / "drop.toml", kSweep).string() + " --out " + (folder / "o").string();
+    const auto command = [&](const std::string& engine) { return sweep_without_cluster(list + " --engine " + engine, folder); };
+    command("slurm");
+    const auto run_tasks = [&](std::initializer_list<int> tasks) {
+        for (const int task : tasks)
+            std::system(("SLURM_ARRAY_TASK_ID=" + std::to_string(task) + " sh " + (folder / "o/sweep.sbatch").string()).c_str());
+    };
+    run_tasks({1});
+    command("slurm");
+    EXPECT_NE(text_of(folder / "o/sweep.sbatch").find("--array=0,2-3\n"), std::string::npos) << text_of(folder / "o/sweep.sbatch");
+    run_tasks({0, 2, 3});
+    EXPECT_EQ(command("slurm").code, 0) << "nothing is left, no cluster needed";
+    EXPECT_EQ(command("merge").code, 0);
+}
+
+// Breaks when an array has more tasks than Slurm takes, or a line is nobody's.
+TEST(SweepCommand, SlurmArraysHoldAtMostAThousandTasks) {
+    const fs::path folder = fresh_folder("slurm_many");
+    write(folder / "ball.toml", kScene);
+    std::string heights;
+    for (int i = 0; i < 1500; ++i) heights += std::to_string(0.1 + 1e-4 * i) + ", ";
+    const fs::path sweep = write(folder / "many.toml", "scene = \"ball.toml\"\n[vary]\nheight = [" + heights + "]\n");
+    sweep_without_cluster(sweep.string() + " --engine slurm --out " + (folder / "o").string(), folder);
+    EXPECT_NE(text_of(folder / "o/sweep.sbatch").find("--array=0-999\n"), std::string::npos);
+    std::string lines;
+    for (int i = 0; i < 1500; ++i) lines += "echo " + std::to_string(i) + " >> " + (folder / "said").string() + "\n";
+    write(folder / "o/runs.txt", lines);
+    for (const int task : {0, 499, 500, 999})
+        std::system(("SLURM_ARRAY_TASK_ID=" + std::to_string(task) + " sh " + (folder / "o/sweep.sbatch").string()).c_str());
+    EXPECT_EQ(text_of(folder / "said"), "0\n1000\n499\n1499\n500\n999\n");
 }
 
 TEST(SweepCommand, AWrongKeyShowsBeforeAnythingRunsAndAFailedRunInTheTable) {
