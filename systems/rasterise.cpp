@@ -126,8 +126,8 @@ void screen_body(const ContactInputs& in, const Vec3d& origin, uint32_t row, Ras
         find_sideless_triangles(mesh.triangle, scratch.runs[s.bodies.mesh[body]], screen.outcode, screen.block_code, candidate);
 
     if (screen.box.size() < screen.rows + count) {
-        screen.box.resize(2 * screen.box.size() + count);
-        screen.tight.resize(screen.box.size());
+        screen.box.resize(screen.rows + count);
+        screen.tight.resize(screen.rows + count);
     }
     double edge_sum = 0;
     uint32_t kept = 0;
@@ -152,6 +152,12 @@ void screen_body(const ContactInputs& in, const Vec3d& origin, uint32_t row, Ras
     scratch.edge_sum[row] = edge_sum;
 }
 
+uint64_t count_triangles(const Surfaces& s, std::span<const uint32_t> bodies) {
+    uint64_t triangles = 0;
+    for (const uint32_t body : bodies) triangles += s.meshes.info[s.bodies.mesh[body]].triangles.count;
+    return triangles;
+}
+
 // Screens all bodies, the small ones of a crowded scene several at a time: their findings then lie close together.
 void screen_bodies(const ContactInputs& in, const Vec3d& origin, RasteriseScratch& scratch) {
     const Surfaces& s = in.surfaces;
@@ -167,14 +173,25 @@ void screen_bodies(const ContactInputs& in, const Vec3d& origin, RasteriseScratc
     scratch.edge_sum.resize(bodies);
     parallel_for(bodies, grain, [&](uint32_t begin, uint32_t end) {
         ScreenChunk& chunk = scratch.screen[begin / grain];
+        // room for all that there can be: what is not in use takes no pages, and to move what is takes fresh ones
+        const uint64_t most = count_triangles(s, std::span(scratch.body).subspan(begin, end - begin));
+        chunk.triangle.reserve(most);
+        chunk.box.reserve(most);
+        chunk.tight.reserve(most);
         for (uint32_t row = begin; row < end; ++row) screen_body(in, origin, row, scratch, chunk);
     });
 }
 
 // Puts the chunks' findings one after the other. Returns the mean edge of all, m.
-double gather_screens(uint32_t bodies, const RasteriseScratch& scratch, ScreenedTriangles& screened) {
+double gather_screens(const ContactInputs& in, const RasteriseScratch& scratch, ScreenedTriangles& screened) {
     size_t rows = 0;
     for (const ScreenChunk& chunk : scratch.screen) rows += chunk.rows;
+    if (screened.triangle.capacity() < rows) {
+        const size_t room = std::min<size_t>(4 * rows, count_triangles(in.surfaces, scratch.body));
+        screened.triangle.reserve(room);
+        screened.box.reserve(room);
+        screened.tight.reserve(room);
+    }
     screened.triangle.resize(rows);
     screened.box.resize(rows);
     screened.tight.resize(rows);
@@ -190,7 +207,7 @@ double gather_screens(uint32_t bodies, const RasteriseScratch& scratch, Screened
             to += chunk.rows;
         }
     });
-    screened.body.assign(bodies, {});
+    screened.body.assign(in.boxes.box.size(), {});
     uint32_t first = 0;
     double edge_sum = 0;
     for (uint32_t row = 0; row < scratch.body.size(); ++row) {
@@ -373,28 +390,28 @@ bool fill_from_bits(const ScreenedTriangles& screened, float inv_size, Rasterise
     const uint64_t worth = 1024 + 8 * uint64_t{screened.triangle.size()};
     if (!clear_cells(last, std::min<uint64_t>(scratch.most_words, worth), scratch.bits)) return false;
     occupancy.oversize.clear();
-    scratch.cells.resize(screened.triangle.size());
+    scratch.cells.clear();
     for (const uint32_t body : scratch.body) {
         const __m256 clip = clip_of(body, screened.origin, scratch);
         for (uint32_t row = screened.body[body].first; row < screened.body[body].end(); ++row) {
-            CellRange& cells = scratch.cells[row];
-            cells = cells_of(_mm256_max_ps(load_box(screened.box[row]), clip), inv_size);
+            const CellRange cells = cells_of(_mm256_max_ps(load_box(screened.box[row]), clip), inv_size);
             if (cell_count(cells) > kMostCells) {
                 occupancy.oversize.push_back(row);
-                cells = {{1, 0, 0, 0}, {0, 0, 0, 0}};  // none
+                scratch.cells.push_back({{1, 0, 0, 0}, {0, 0, 0, 0}});  // none
                 continue;
             }
+            scratch.cells.push_back(cells);
             for_each_word(scratch.bits, cells, [&](uint32_t word, uint64_t mask) { scratch.bits.own[word] |= mask; });
         }
         end_object(cells_of(clip, inv_size), scratch.bits);
     }
     rank_shared_cells(scratch.bits, occupancy.cell_key);
     scratch.cell_first.assign(occupancy.cell_key.size() + 1, 0);
-    size_t kept = 0;
+    size_t kept = 0, at = 0;
     for (const uint32_t body : scratch.body) {
         for (uint32_t row = screened.body[body].first; row < screened.body[body].end(); ++row) {
             if (scratch.reference.size() < kept + kMostCells) scratch.reference.resize(2 * scratch.reference.size() + kMostCells);
-            for_each_shared_cell(scratch.bits, scratch.cells[row], [&](uint32_t cell) {
+            for_each_shared_cell(scratch.bits, scratch.cells[at++], [&](uint32_t cell) {
                 ++scratch.cell_first[cell + 1];
                 scratch.reference[kept++] = {cell, row, body};
             });
@@ -486,7 +503,7 @@ void rasterise(const ContactInputs& in, uint64_t most_direct, RasteriseScratch& 
     const Box all = collect_regions(in.boxes, in.pairs, scratch);
     screened.origin = any ? all.min : Vec3d(Vec3d::Zero());
     screen_bodies(in, screened.origin, scratch);
-    const double mean_edge = gather_screens(uint32_t(in.boxes.box.size()), scratch, screened);
+    const double mean_edge = gather_screens(in, scratch, screened);
     const Vec3d extent = any ? Vec3d(all.max - all.min) : Vec3d(Vec3d::Zero());
     occupancy.origin = screened.origin;
     occupancy.cell_size = choose_cell_size(in, mean_edge, extent, screened, scratch);

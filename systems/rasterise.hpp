@@ -58,7 +58,7 @@ struct RasteriseScratch {
     std::vector<uint32_t> cell_first, next, cell_body;
     std::vector<KeyedReference> keyed, keyed_spare;  // instead of the table
     CellBits bits;                                   // instead of the table
-    std::vector<CellRange> cells;                    // per row of ScreenedTriangles, with bits
+    std::vector<CellRange> cells;                    // with bits: per triangle of body, in order
     uint32_t most_words = 1 << 20;                   // of bits, 8 MB a layer; beyond, the table
     size_t most_counted = 400'000;                   // triangles in the table; beyond, sorting is faster, by a tenth
 };
