@@ -644,4 +644,17 @@ TEST_F(CommandLine, ScenesAreListed) {
     EXPECT_GE(j.size(), 3u);
 }
 
+// Balls fall past each other: at 30 Hz each pass finds overlap that the one before could not see coming. Breaks when a run does not
+// say what helps, or goes on saying it where contacts are found in time.
+TEST_F(CommandLine, RunSaysWhenContactsAreFoundLate) {
+    const auto said = [&](const std::string& rate) {
+        const Outcome o = run("run stress_rain --set count=60 --seconds 0.6 --no-render --set contact.rate=" + rate + " --out " +
+                              (folder_ / "o").string());
+        EXPECT_EQ(o.code, 0) << o.err;
+        return o.out;
+    };
+    EXPECT_NE(said("30").find("--set contact.rate=60 finds them earlier"), std::string::npos) << said("30");
+    EXPECT_EQ(said("60").find("finds them earlier"), std::string::npos);
+}
+
 }  // namespace
