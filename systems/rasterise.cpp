@@ -158,6 +158,13 @@ uint64_t count_triangles(const Surfaces& s, std::span<const uint32_t> bodies) {
     return triangles;
 }
 
+template <typename Rows>
+void reserve_rows(size_t count, Rows& rows) {
+    rows.triangle.reserve(count);
+    rows.box.reserve(count);
+    rows.tight.reserve(count);
+}
+
 // Screens all bodies, the small ones of a crowded scene several at a time: their findings then lie close together.
 void screen_bodies(const ContactInputs& in, const Vec3d& origin, RasteriseScratch& scratch) {
     const Surfaces& s = in.surfaces;
@@ -173,11 +180,10 @@ void screen_bodies(const ContactInputs& in, const Vec3d& origin, RasteriseScratc
     scratch.edge_sum.resize(bodies);
     parallel_for(bodies, grain, [&](uint32_t begin, uint32_t end) {
         ScreenChunk& chunk = scratch.screen[begin / grain];
-        // room for all that there can be: what is not in use takes no pages, and to move what is takes fresh ones
+        // room for all that there can be, and for other bodies in this chunk: what is not in use takes no pages, and to move what
+        // is takes fresh ones
         const uint64_t most = count_triangles(s, std::span(scratch.body).subspan(begin, end - begin));
-        chunk.triangle.reserve(most);
-        chunk.box.reserve(most);
-        chunk.tight.reserve(most);
+        if (chunk.box.capacity() < most) reserve_rows(most + most / 2, chunk);
         for (uint32_t row = begin; row < end; ++row) screen_body(in, origin, row, scratch, chunk);
     });
 }
@@ -186,11 +192,9 @@ void screen_bodies(const ContactInputs& in, const Vec3d& origin, RasteriseScratc
 double gather_screens(const ContactInputs& in, const RasteriseScratch& scratch, ScreenedTriangles& screened) {
     size_t rows = 0;
     for (const ScreenChunk& chunk : scratch.screen) rows += chunk.rows;
-    if (screened.triangle.capacity() < rows) {
-        const size_t room = std::min<size_t>(4 * rows, count_triangles(in.surfaces, scratch.body));
-        screened.triangle.reserve(room);
-        screened.box.reserve(room);
-        screened.tight.reserve(room);
+    if (screened.box.capacity() < rows) {
+        const size_t most = count_triangles(in.surfaces, scratch.body);
+        reserve_rows(std::min(4 * rows, most + most / 2), screened);
     }
     screened.triangle.resize(rows);
     screened.box.resize(rows);
