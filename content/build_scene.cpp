@@ -47,7 +47,7 @@ fs::path find_file(const SceneFile& scene, const std::string& name) {
     return scene.path.parent_path() / given;
 }
 
-Mesh load_body_mesh(const SceneFile& scene, const BodySpec& body, std::vector<std::string>& warnings) {
+Mesh load_body_mesh(const SceneFile& scene, const BodySpec& body, Looks looks, std::vector<std::string>& warnings) {
     if (!body.file.empty()) {
         LoadedMesh loaded;
         try {
@@ -64,7 +64,7 @@ Mesh load_body_mesh(const SceneFile& scene, const BodySpec& body, std::vector<st
         for (const std::string& n : names) list += (list.empty() ? "" : ", ") + n;
         refuse(scene, body.line, "no shape \"" + body.shape + "\"; there are " + list);
     }
-    return make_shape(body.shape, body.triangles, body.seed);
+    return make_shape(body.shape, body.triangles, body.seed, looks);
 }
 
 // Factor from file units to metres.
@@ -483,6 +483,7 @@ PrototypeKey key_of(const SceneFile& scene, const BodySpec& spec) {
 // Prototypes of a scene; bodies with the same source share one, but not rigid with deformable ones: springs are made in
 // the order of the prototypes.
 struct PrototypeCache {
+    Looks looks = Looks::kPainted;
     std::map<PrototypeKey, Prototype> made;
     // The shape made last: to make one costs more than all that follows, and a scene may want it in several colours.
     std::string shape_name;
@@ -491,9 +492,14 @@ struct PrototypeCache {
     Mesh shape;
 
     Mesh load(const SceneFile& scene, const BodySpec& spec, std::vector<std::string>& warnings) {
-        if (!spec.file.empty()) return load_body_mesh(scene, spec, warnings);
+        if (!spec.file.empty()) return load_body_mesh(scene, spec, looks, warnings);
         if (shape_name != spec.shape || shape_triangles != spec.triangles || shape_seed != spec.seed) {
-            shape = load_body_mesh(scene, spec, warnings);
+            // whoever has a colour of its own shows no texture
+            const auto shows_texture = [&](const BodySpec& other) {
+                return other.color[0] < 0 && other.shape == spec.shape && other.triangles == spec.triangles && other.seed == spec.seed;
+            };
+            const bool seen = looks == Looks::kPainted && std::any_of(scene.bodies.begin(), scene.bodies.end(), shows_texture);
+            shape = load_body_mesh(scene, spec, seen ? Looks::kPainted : Looks::kPlain, warnings);
             shape_name = spec.shape, shape_triangles = spec.triangles, shape_seed = spec.seed;
         }
         return shape;
@@ -665,7 +671,7 @@ void add_scene_body(const SceneFile& scene, const BodySpec& spec, const Prototyp
 
 }  // namespace
 
-BuiltScene build_scene(const SceneFile& given) {
+BuiltScene build_scene(const SceneFile& given, Looks looks) {
     const SceneFile folded = given.nodes.empty() ? SceneFile{} : fold_nodes(given);
     const SceneFile& scene = given.nodes.empty() ? given : folded;
     BuiltScene built;
@@ -673,6 +679,7 @@ BuiltScene build_scene(const SceneFile& given) {
     world.settings = scene.settings;
     world.clock.contact_rate = scene.contact_rate;
     PrototypeCache prototypes;
+    prototypes.looks = looks;
     for (const BodySpec& spec : scene.bodies) add_scene_body(scene, spec, prototypes.get(scene, spec, world, built.warnings), built);
     for (const ToolSpec& spec : scene.tools) add_tool(scene, spec, world);
     for (uint32_t body = 0; body < world.bodies.mesh.size(); ++body) {

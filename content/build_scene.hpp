@@ -3,6 +3,7 @@
 #include <vector>
 
 #include "components/picture.hpp"
+#include "content/looks.hpp"
 #include "content/scene_file.hpp"
 #include "engine/world.hpp"
 namespace trocar {
@@ -37,8 +38,8 @@ struct BuiltScene {
     std::vector<std::string> warnings;
 };
 
-// Loads or generates every mesh of a scene, cleans and judges it, and places the bodies. Throws InputError that names
-// the scene's line or the mesh file.
-BuiltScene build_scene(const SceneFile& scene);
+// Loads or generates every mesh of a scene, cleans and judges it, and places the bodies; textures of files are read, those of generated
+// shapes painted unless they are to be plain. Throws InputError that names the scene's line or the mesh file.
+BuiltScene build_scene(const SceneFile& scene, Looks looks = Looks::kPainted);
 
 }  // namespace trocar

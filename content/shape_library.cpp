@@ -22,7 +22,7 @@ constexpr uint32_t kMostTriangles = 1'000'000;
 struct Recipe {
     std::string_view name;
     uint32_t fewest;  // triangles
-    Mesh (*make)(uint32_t triangles, uint64_t seed);
+    Mesh (*make)(uint32_t triangles, uint64_t seed, Looks looks);
     std::string_view description;
 };
 
@@ -38,6 +38,8 @@ Vec3d volume_centroid(const Mesh& mesh) {
     }
     return moment / (4 * volume);
 }
+
+Image painted(Looks looks, Image (*paint)(uint64_t seed), uint64_t seed) { return looks == Looks::kPainted ? paint(seed) : Image{}; }
 
 Material surface_material(std::string name, std::array<float, 3> specular, float shininess, Image image) {
     Material material;
@@ -58,12 +60,14 @@ Mesh make_organ(const ImplicitShape& shape, uint32_t triangles, double tile, Mat
     return mesh;
 }
 
-Mesh make_liver(uint32_t triangles, uint64_t seed) {
-    return make_organ(liver_shape(seed), triangles, 0.08, surface_material("liver", {0.35f, 0.33f, 0.32f}, 0.45f, paint_liver(seed)));
+Mesh make_liver(uint32_t triangles, uint64_t seed, Looks looks) {
+    return make_organ(liver_shape(seed), triangles, 0.08,
+                      surface_material("liver", {0.35f, 0.33f, 0.32f}, 0.45f, painted(looks, paint_liver, seed)));
 }
 
-Mesh make_kidney(uint32_t triangles, uint64_t seed) {
-    return make_organ(kidney_shape(seed), triangles, 0.06, surface_material("kidney", {0.4f, 0.38f, 0.37f}, 0.5f, paint_kidney(seed)));
+Mesh make_kidney(uint32_t triangles, uint64_t seed, Looks looks) {
+    return make_organ(kidney_shape(seed), triangles, 0.06,
+                      surface_material("kidney", {0.4f, 0.38f, 0.37f}, 0.5f, painted(looks, paint_kidney, seed)));
 }
 
 Mesh with_material(Mesh mesh, Material material) {
@@ -77,39 +81,43 @@ Material plain_material(std::string name, std::array<float, 3> diffuse, float sp
     return material;
 }
 
-Material steel(uint64_t seed) { return surface_material("steel", {0.6f, 0.6f, 0.6f}, 0.6f, paint_steel(seed)); }
-
-Mesh make_stomach(uint32_t triangles, uint64_t seed) {
-    return make_organ(stomach_shape(seed), triangles, 0.09, surface_material("stomach", {0.36f, 0.33f, 0.33f}, 0.5f, paint_stomach(seed)));
+Material steel(uint64_t seed, Looks looks) {
+    return surface_material("steel", {0.6f, 0.6f, 0.6f}, 0.6f, painted(looks, paint_steel, seed));
 }
 
-Mesh textured_gallbladder(uint32_t triangles, uint64_t seed) {
+Mesh make_stomach(uint32_t triangles, uint64_t seed, Looks looks) {
+    return make_organ(stomach_shape(seed), triangles, 0.09,
+                      surface_material("stomach", {0.36f, 0.33f, 0.33f}, 0.5f, painted(looks, paint_stomach, seed)));
+}
+
+Mesh textured_gallbladder(uint32_t triangles, uint64_t seed, Looks looks) {
     return with_material(make_gallbladder(triangles, seed),
-                         surface_material("gallbladder", {0.4f, 0.4f, 0.36f}, 0.55f, paint_gallbladder(seed)));
+                         surface_material("gallbladder", {0.4f, 0.4f, 0.36f}, 0.55f, painted(looks, paint_gallbladder, seed)));
 }
 
-Mesh textured_bowel(uint32_t triangles, uint64_t seed) {
-    return with_material(make_bowel(triangles, seed), surface_material("small bowel", {0.4f, 0.36f, 0.36f}, 0.55f, paint_bowel(seed)));
+Mesh textured_bowel(uint32_t triangles, uint64_t seed, Looks looks) {
+    return with_material(make_bowel(triangles, seed),
+                         surface_material("small bowel", {0.4f, 0.36f, 0.36f}, 0.55f, painted(looks, paint_bowel, seed)));
 }
 
-Mesh textured_wall(uint32_t triangles, uint64_t seed) {
+Mesh textured_wall(uint32_t triangles, uint64_t seed, Looks looks) {
     Mesh mesh = make_hernia_wall(WallSize{}, triangles);
     project_uv(0.07, mesh);
-    mesh.material = {surface_material("muscle", {0.25f, 0.23f, 0.22f}, 0.35f, paint_muscle(seed)),
-                     surface_material("fascia", {0.25f, 0.24f, 0.23f}, 0.35f, paint_fascia(seed)),
-                     surface_material("peritoneum", {0.38f, 0.36f, 0.35f}, 0.5f, paint_peritoneum(seed))};
+    mesh.material = {surface_material("muscle", {0.25f, 0.23f, 0.22f}, 0.35f, painted(looks, paint_muscle, seed)),
+                     surface_material("fascia", {0.25f, 0.24f, 0.23f}, 0.35f, painted(looks, paint_fascia, seed)),
+                     surface_material("peritoneum", {0.38f, 0.36f, 0.35f}, 0.5f, painted(looks, paint_peritoneum, seed))};
     return mesh;
 }
 
-Mesh textured_mesh(uint32_t triangles, uint64_t seed) {
-    Material material = surface_material("polypropylene", {0.25f, 0.25f, 0.25f}, 0.4f, paint_polypropylene(seed));
+Mesh textured_mesh(uint32_t triangles, uint64_t seed, Looks looks) {
+    Material material = surface_material("polypropylene", {0.25f, 0.25f, 0.25f}, 0.4f, painted(looks, paint_polypropylene, seed));
     material.transparency = 0.3f;
     return with_material(make_surgical_mesh(divide_mesh(triangles)), std::move(material));
 }
 
 template <Mesh (*make)(uint32_t triangles)>
-Mesh of_steel(uint32_t triangles, uint64_t seed) {
-    Mesh mesh = with_material(make(triangles), steel(seed));
+Mesh of_steel(uint32_t triangles, uint64_t seed, Looks looks) {
+    Mesh mesh = with_material(make(triangles), steel(seed, looks));
     // the shaft of an instrument with several pieces is insulated
     if (!mesh.triangle_material.empty()) {
         mesh.material.push_back(plain_material("insulation", {0.03f, 0.03f, 0.035f}, 0.25f, 0.4f));
@@ -117,16 +125,16 @@ Mesh of_steel(uint32_t triangles, uint64_t seed) {
     return mesh;
 }
 
-Mesh textured_box(uint32_t triangles, uint64_t) {
+Mesh textured_box(uint32_t triangles, uint64_t, Looks) {
     return with_material(make_box(triangles), plain_material("box", {0.65f, 0.62f, 0.55f}, 0.1f, 0.2f));
 }
 
-Mesh textured_sphere(uint32_t triangles, uint64_t) {
+Mesh textured_sphere(uint32_t triangles, uint64_t, Looks) {
     return with_material(make_sphere(triangles), plain_material("sphere", {0.62f, 0.6f, 0.66f}, 0.2f, 0.3f));
 }
 
-Mesh textured_table(uint32_t triangles, uint64_t seed) {
-    return with_material(make_table(triangles), surface_material("drape", {0.04f, 0.04f, 0.04f}, 0.1f, paint_drape(seed)));
+Mesh textured_table(uint32_t triangles, uint64_t seed, Looks looks) {
+    return with_material(make_table(triangles), surface_material("drape", {0.04f, 0.04f, 0.04f}, 0.1f, painted(looks, paint_drape, seed)));
 }
 
 constexpr std::array<Recipe, 18> kRecipes{{
@@ -168,7 +176,7 @@ std::string_view describe_shape(std::string_view name) {
     return recipe ? recipe->description : std::string_view();
 }
 
-Mesh make_shape(std::string_view name, uint32_t triangles, uint64_t seed) {
+Mesh make_shape(std::string_view name, uint32_t triangles, uint64_t seed, Looks looks) {
     const Recipe* recipe = find_recipe(name);
     if (!recipe) {
         std::string known;
@@ -179,7 +187,7 @@ Mesh make_shape(std::string_view name, uint32_t triangles, uint64_t seed) {
         throw InputError("shape \"" + std::string(name) + "\": " + std::to_string(triangles) + " triangles asked, " +
                          std::to_string(recipe->fewest) + " to " + std::to_string(kMostTriangles) + " can be made");
     }
-    Mesh mesh = recipe->make(triangles, seed);
+    Mesh mesh = recipe->make(triangles, seed, looks);
     mesh.name = name;
     return mesh;
 }

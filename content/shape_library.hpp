@@ -5,6 +5,7 @@
 
 #include "components/mesh.hpp"
 #include "content/implicit_shapes.hpp"
+#include "content/looks.hpp"
 namespace trocar {
 
 // Generated shapes, in metres, textured. Organs lie as the patient does on his back: right -x, head +y, belly +z.
@@ -22,9 +23,9 @@ std::vector<std::string> shape_names();
 std::string_view describe_shape(std::string_view name);
 
 // Makes a shape of about `triangles` triangles (within 10 % from 1000 on). The seed changes irregularities and texture
-// of organs. The same bytes for the same arguments. Throws InputError for an unknown name or a number of triangles out
-// of range.
-Mesh make_shape(std::string_view name, uint32_t triangles, uint64_t seed = 1);
+// of organs; plain ones have the same surface and no texture. The same bytes for the same arguments. Throws InputError for an unknown name
+// or a number of triangles out of range.
+Mesh make_shape(std::string_view name, uint32_t triangles, uint64_t seed = 1, Looks looks = Looks::kPainted);
 
 // Triangulates any connected implicit shape evenly with about `triangles` triangles (at least 100), every vertex on its
 // surface, in the shape's own frame; no texture. Contour, Taubin smoothing, even remeshing, projection.

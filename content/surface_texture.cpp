@@ -7,6 +7,7 @@
 #include <vector>
 
 #include "content/implicit_shapes.hpp"
+#include "engine/parallel.hpp"
 namespace trocar {
 namespace {
 
@@ -154,14 +155,17 @@ VesselMap strew_vessels(uint32_t trees, double width, double length, uint64_t se
 template <typename Paint>  // Colour(double u, double v)
 Image paint_picture(const Paint& paint) {
     Image image{kTextureSize, kTextureSize, {}};
-    image.rgba.reserve(size_t(kTextureSize) * kTextureSize * 4);
-    for (uint32_t row = 0; row < kTextureSize; ++row) {
-        for (uint32_t column = 0; column < kTextureSize; ++column) {
-            const Colour c = paint((column + 0.5) / kTextureSize, (row + 0.5) / kTextureSize);
-            for (int k = 0; k < 3; ++k) image.rgba.push_back(static_cast<uint8_t>(std::clamp(c[k], 0.0, 255.0) + 0.5));
-            image.rgba.push_back(255);
+    image.rgba.resize(size_t(kTextureSize) * kTextureSize * 4);
+    parallel_for(kTextureSize, 16, [&](uint32_t begin, uint32_t end) {
+        uint8_t* to = image.rgba.data() + size_t{4} * kTextureSize * begin;
+        for (uint32_t row = begin; row < end; ++row) {
+            for (uint32_t column = 0; column < kTextureSize; ++column) {
+                const Colour c = paint((column + 0.5) / kTextureSize, (row + 0.5) / kTextureSize);
+                for (int k = 0; k < 3; ++k) *to++ = static_cast<uint8_t>(std::clamp(c[k], 0.0, 255.0) + 0.5);
+                *to++ = 255;
+            }
         }
-    }
+    });
     return image;
 }
 

@@ -3,6 +3,7 @@
 #include <atomic>
 #include <cstdint>
 #include <deque>
+#include <memory>
 #include <string>
 #include <string_view>
 #include <vector>
@@ -23,16 +24,19 @@ struct TraceEvent {
 // Spans of a run in a buffer of fixed capacity: beyond it events are counted, not kept. Threads may add at once.
 class Trace {
  public:
-    explicit Trace(size_t capacity) : events_(capacity) {}
+    explicit Trace(size_t capacity) : events_(std::allocator<TraceEvent>().allocate(capacity)), capacity_(capacity) {}
+    ~Trace() { std::allocator<TraceEvent>().deallocate(events_, capacity_); }
+    Trace(const Trace&) = delete;
+    Trace& operator=(const Trace&) = delete;
     void add(const TraceEvent& event) {
         const size_t row = count_.fetch_add(1, std::memory_order_relaxed);
-        if (row < events_.size()) events_[row] = event;
+        if (row < capacity_) std::construct_at(events_ + row, event);
     }
     // A name that lives as long as the trace. One thread at a time.
     std::string_view keep(std::string name) { return names_.emplace_back(std::move(name)); }
     // Forgets the spans.
     void clear() { count_ = 0; }
-    size_t size() const { return std::min(count_.load(), events_.size()); }
+    size_t size() const { return std::min(count_.load(), capacity_); }
     size_t dropped() const { return count_.load() - size(); }
     const TraceEvent& operator[](size_t row) const { return events_[row]; }
     // Chrome trace format (X events without arguments, so that profilers merge spans of one name). Opens in Perfetto,
@@ -40,7 +44,8 @@ class Trace {
     std::string to_json(const std::vector<std::string>& thread_names) const;
 
  private:
-    std::vector<TraceEvent> events_;
+    TraceEvent* events_;  // room for all; made one by one, so that what a run does not use takes no pages
+    size_t capacity_;
     std::deque<std::string> names_;
     std::atomic<size_t> count_{0};
 };

@@ -76,7 +76,7 @@ namespace {
 void check_scene(const std::string& file, bool json) {
     CommandPool pool(1);
     pool.run([&] {
-        const BuiltScene scene = build_scene(read_scene_file(file, {}));
+        const BuiltScene scene = build_scene(read_scene_file(file, {}), Looks::kPlain);
         for (const std::string& warning : scene.warnings) std::fprintf(stderr, "trocar: warning: %s\n", warning.c_str());
         const size_t bodies = scene.world.bodies.mesh.size(), tools = scene.world.haptics.tool.size();
         const nlohmann::ordered_json j{{"file", file}, {"scene", true}, {"bodies", bodies}, {"tools", tools}};

@@ -135,10 +135,10 @@ std::string json_of(const World& w, const Comparison& c, double seconds) {
 }  // namespace
 
 std::string detail_error(const SceneFile& file, double seconds, bool json) {
-    World whole = std::move(build_scene(file).world);
+    World whole = std::move(build_scene(file, Looks::kPlain).world);
     if (whole.detail.body.empty()) throw InputError(file.path.string() + ": no body of this scene has a [body.lod]");
     whole.detail = {};
-    Frame full(std::move(whole), {}), coarse(std::move(build_scene(file).world), {});
+    Frame full(std::move(whole), {}), coarse(std::move(build_scene(file, Looks::kPlain).world), {});
     const World &a = full.world(), &b = coarse.world();
     const DetailRules& rules = b.detail;
     Comparison c;

@@ -521,7 +521,10 @@ int run_command(const RunOptions& options) {
     RunFigures figures;
     pool.run([&] {
         double bytes = resident_bytes();
-        BuiltScene scene = build_scene(file);
+        const bool draws = options.render && !options.figures_only && file.settings.render && !options.out.empty();
+        // a capture can be drawn later, and a recording must be of the world that repeats it
+        const bool is_kept = options.live || replay || !options.capture.empty();
+        BuiltScene scene = build_scene(file, draws || is_kept ? Looks::kPainted : Looks::kPlain);
         figures.world_bytes = resident_bytes() - bytes;
         if (!options.out.empty()) clear_outputs(options.out);  // not before: a scene that cannot be built costs nothing
         if (options.live) refuse_what_is_not_live(scene.world);
@@ -530,7 +533,6 @@ int run_command(const RunOptions& options) {
         FrameOptions frame_options;
         frame_options.trace = options.out.empty() || options.figures_only ? nullptr : &trace;
         frame_options.external_ticks = options.live || replay;
-        const bool draws = options.render && !options.figures_only && file.settings.render && !options.out.empty();
         frame_options.pictures = draws;
         bytes = resident_bytes();
         Frame frame(std::move(scene.world), frame_options);

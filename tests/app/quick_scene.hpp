@@ -8,7 +8,7 @@ namespace trocar {
 inline World quick_scene() {
     const std::vector<Override> balls = {{"liver.shape", "\"sphere\""}, {"liver.size", "0.12"},  {"liver.triangles", "600"},
                                          {"probe.shape", "\"sphere\""}, {"probe.size", "0.014"}, {"probe.triangles", "100"}};
-    World world = build_scene(read_scene_file(source_folder() / "content/scenes/probe_on_liver.toml", balls)).world;
+    World world = build_scene(read_scene_file(source_folder() / "content/scenes/probe_on_liver.toml", balls), Looks::kPlain).world;
     for (Keyframe& key : world.paths.key) key.time *= 0.25;
     return world;
 }

@@ -115,7 +115,7 @@ TEST(Scatter, ACountOfNoneIsASceneWithoutThem) {
     EXPECT_EQ(none.bodies[0].name, "floor");
     ThreadPool pool(1);
     pool.run([&] {
-        Frame frame(build_scene(none).world, {});
+        Frame frame(build_scene(none, Looks::kPlain).world, {});
         frame.step();
         EXPECT_EQ(frame.world().bodies.mesh.size(), 1u);
     });

@@ -11,6 +11,7 @@
 #include "content/admission.hpp"
 #include "content/surface_texture.hpp"
 #include "engine/error.hpp"
+#include "engine/thread_pool.hpp"
 #include "tests/reference/closed_surface.hpp"
 namespace trocar {
 namespace {
@@ -75,7 +76,7 @@ TEST_P(EveryShape, IsSoundWithTheAskedNumberOfTriangles) {
     const std::string& name = GetParam();
     for (const uint32_t wanted : {1000u, 10000u}) {
         const std::string what = name + " " + std::to_string(wanted);
-        const Mesh mesh = make_shape(name, wanted);
+        const Mesh mesh = make_shape(name, wanted, 1, Looks::kPlain);
         EXPECT_NEAR(double(mesh.triangle.size()), wanted, 0.1 * wanted) << what;
         EXPECT_EQ(mesh.name, name);
         expect_sound(mesh, name, what);
@@ -88,7 +89,7 @@ TEST_P(EveryShape, IsSoundWithTheAskedNumberOfTriangles) {
 // and removes no crossing.
 TEST_P(EveryShape, IsFreeOfCrossingsOnceItIsBent) {
     const std::string& name = GetParam();
-    Mesh mesh = make_shape(name, 1000);
+    Mesh mesh = make_shape(name, 1000, 1, Looks::kPlain);
     double size = 0;
     for (const Vec3d& p : mesh.position) size = std::max(size, p.norm());
     for (Vec3d& p : mesh.position) {
@@ -102,7 +103,7 @@ TEST_P(EveryShape, CanBeMadeOfItsFewestTriangles) {
     for (uint32_t fewest = 12;; ++fewest) {
         ASSERT_LT(fewest, 1001u) << name;
         try {
-            expect_sound(make_shape(name, fewest), name, name + " " + std::to_string(fewest));
+            expect_sound(make_shape(name, fewest, 1, Looks::kPlain), name, name + " " + std::to_string(fewest));
             break;
         } catch (const InputError&) {
         }
@@ -120,6 +121,16 @@ TEST_P(EveryShape, HasTheSameBytesEveryTimeAndInAnyThread) {
     }
     for (std::thread& thread : threads) thread.join();
     for (const uint64_t hash : again) EXPECT_EQ(hash, first) << name;
+    ThreadPool(3).run([&] { EXPECT_EQ(reference::hash_mesh(make_shape(name, 1200, 3)), first) << name; });
+}
+
+// Breaks when looks change a surface, or a shape that nobody sees is painted.
+TEST_P(EveryShape, PlainAndPaintedHaveOneSurface) {
+    Mesh painted = make_shape(GetParam(), 1000);
+    const Mesh plain = make_shape(GetParam(), 1000, 1, Looks::kPlain);
+    for (const Material& material : plain.material) EXPECT_TRUE(material.image.rgba.empty()) << material.name;
+    for (Material& material : painted.material) material.image = {};
+    EXPECT_EQ(reference::hash_mesh(plain), reference::hash_mesh(painted));
 }
 
 TEST(LongShapeLibrary, FineShapesAreSoundAndFreeOfCrossings) {

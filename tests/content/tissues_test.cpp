@@ -61,10 +61,11 @@ TEST(Tissues, SolidsTakePresetsWithoutWhatIsForShells) {
         const SceneFile scene = scene_with(lines, {{"body.model", "solid"}, {"body.cells", "5"}});
         EXPECT_EQ(scene.bodies[0].tissue.youngs_modulus, find_tissue("liver")->tissue.youngs_modulus);
         EXPECT_EQ(scene.bodies[0].tissue.pressure_modulus, 0);
-        EXPECT_NO_THROW(build_scene(scene));
+        EXPECT_NO_THROW(build_scene(scene, Looks::kPlain));
     }
-    EXPECT_THROW(build_scene(scene_with("[body.tissue]\npreset = \"liver\"\npressure_modulus = 1e4\n", {{"body.model", "solid"}})),
-                 InputError);
+    EXPECT_THROW(
+        build_scene(scene_with("[body.tissue]\npreset = \"liver\"\npressure_modulus = 1e4\n", {{"body.model", "solid"}}), Looks::kPlain),
+        InputError);
 }
 
 // Text that the parser of TOML loses its way in is a word like any other that is no TOML: the program ended with SIGABRT.
@@ -114,7 +115,7 @@ TEST(Tissues, EveryPresetMakesABody) {
     EXPECT_EQ(tissue_presets().size(), 7u);
     for (const TissuePreset& preset : tissue_presets()) {
         SceneFile scene = scene_with(std::string("tissue = \"") + preset.name + "\"\n");
-        const BuiltScene built = build_scene(scene);
+        const BuiltScene built = build_scene(scene, Looks::kPlain);
         EXPECT_GT(built.world.bodies.stable_dt[0], 1e-5) << preset.name;
         EXPECT_LT(built.world.bodies.stable_dt[0], 1e-1) << preset.name;
         EXPECT_GT(std::string(preset.sources).size(), 30u) << preset.name;

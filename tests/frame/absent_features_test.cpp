@@ -93,7 +93,12 @@ TEST(AbsentFeatures, WithoutPicturesNothingIsMadeForThem) {
     pool.run([&] {
         FrameOptions blind;
         blind.pictures = false;
-        Frame frame(small_scene("probe_on_liver").world, blind), drawn(small_scene("probe_on_liver").world, {});
+        Frame frame(small_scene("probe_on_liver").world, blind), drawn(small_scene("probe_on_liver", "1000", Looks::kPainted).world, {});
+        const auto count_painted = [](const World& w) {
+            return std::ranges::count_if(w.meshes.material, [](const Material& m) { return !m.image.rgba.empty(); });
+        };
+        EXPECT_EQ(count_painted(frame.world()), 0);
+        EXPECT_GT(count_painted(drawn.world()), 0);
         for (const char* stage : {"surface normals", "picture"}) {
             EXPECT_FALSE(has_stage(frame, stage));
             EXPECT_TRUE(has_stage(drawn, stage));

@@ -36,7 +36,7 @@ void run(const SceneFile& scene, double seconds, const std::function<void(const 
          const std::function<void(const Frame&)>& last = {}) {
     ThreadPool pool(1);
     pool.run([&] {
-        Frame frame(std::move(build_scene(scene).world), {});
+        Frame frame(std::move(build_scene(scene, Looks::kPlain).world), {});
         const int passes = static_cast<int>(std::lround(seconds * 60));
         for (int pass = 0; pass < passes; ++pass) {
             frame.step();
@@ -60,7 +60,7 @@ TEST(FreeBodies, FallOnTheExactParabola) {
     scene.bodies = {body("probe", "probe", Motion::kFree, 0.2, {0, 0, 1}, 500)};
     scene.bodies[0].velocity = {1, -2, 3};
     scene.bodies[0].spin = {0, 5, 1};
-    const World start = std::move(build_scene(scene).world);
+    const World start = std::move(build_scene(scene, Looks::kPlain).world);
     const Vec3d from = centre_of(start, 0), speed = velocity_of(start, 0);
     ASSERT_GT((from - start.poses.origin[0]).norm(), 0.05) << "the probe's origin is its tip";
     run(scene, 2, [&](const Frame& f) {
@@ -95,7 +95,7 @@ TEST(FreeBodies, CollisionsKeepMomentumAndTheBooks) {
     scene.bodies[0].spin = {1, 7, -4};
     scene.bodies[1].spin = {-3, 2, 8};
     scene.bodies[2].velocity = {0, 0.3, 0};
-    const World start = std::move(build_scene(scene).world);
+    const World start = std::move(build_scene(scene, Looks::kPlain).world);
     const Totals before = totals_of(start);
     double energy = 1e9, contact = 0, first_energy = -1;
     run(
@@ -345,7 +345,7 @@ TEST(FreeBodies, BallOnASoftBodyKeepsMomentum) {
     scene.bodies[1].tissue.density = 8000;
     scene.bodies[1].velocity = {0.05, 0, -0.4};
     scene.bodies[1].spin = {0, 6, 0};
-    const World start = std::move(build_scene(scene).world);
+    const World start = std::move(build_scene(scene, Looks::kPlain).world);
     const Totals before = totals_of(start);
     const double scale = before.linear.norm();
     double lost = 0;
@@ -385,7 +385,7 @@ TEST(FreeBodies, SameHashForAnyThreadsAndCaches) {
             FrameOptions options;
             options.serial = serial;
             options.clear_caches = clear_caches;
-            Frame frame(std::move(build_scene(scene).world), options);
+            Frame frame(std::move(build_scene(scene, Looks::kPlain).world), options);
             for (int pass = 0; pass < 40; ++pass) frame.step();
             EXPECT_GT(frame.world().report.contact_events, 20u);
             value = state_hash(frame.world());

@@ -50,7 +50,7 @@ TEST(HardCases, P19_FastToolAgainstAMillimetreWall) {
     pool.run([] {
         int pushed_out = 0;
         for (int phase = 0; phase < 17; phase += 3) {
-            BuiltScene built = build_scene(wall_scene(1e-3 * phase, 0.007));
+            BuiltScene built = build_scene(wall_scene(1e-3 * phase, 0.007), Looks::kPlain);
             Frame frame(std::move(built.world), {});
             const World& w = frame.world();
             const Box wall = w.meshes.info[w.bodies.mesh[0]].box;

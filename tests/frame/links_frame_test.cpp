@@ -142,7 +142,7 @@ time = 0.3
 // The scene of the issue, coarse: the jaws hold, the tissue comes along, nothing grows, and it goes back when released.
 TEST(LinksInScenes, JawsGraspPullAndRelease) {
     std::vector<Override> coarse{{"gallbladder.triangles", "3000"}, {"upper_jaw.triangles", "600"}, {"lower_jaw.triangles", "600"}};
-    BuiltScene scene = build_scene(read_scene_file(source_folder() / "content/scenes/jaw_grasp.toml", coarse));
+    BuiltScene scene = build_scene(read_scene_file(source_folder() / "content/scenes/jaw_grasp.toml", coarse), Looks::kPlain);
     double residual_early = 0, residual_late = 0, work = 0, worst = 0, lifted = 0, back = 0, peak_links = 0;
     const Range rows = scene.world.bodies.particles[0];
     const uint32_t vertices = scene.world.meshes.info[0].vertices.count;
@@ -183,7 +183,7 @@ TEST(LinksInScenes, BooksOfJawsWhoeverSteps) {
                                         {"lower_jaw.triangles", "600"},
                                         {"gallbladder.integrator", integrator}};
         double work = 0, worst = 0;
-        run(std::move(build_scene(read_scene_file(source_folder() / "content/scenes/jaw_grasp.toml", set)).world), 150,
+        run(std::move(build_scene(read_scene_file(source_folder() / "content/scenes/jaw_grasp.toml", set), Looks::kPlain).world), 150,
             [&](const Frame& f, int) {
                 work = std::max(work, f.world().energy.work_hand);
                 worst = std::max(worst, std::abs(f.world().energy.balance));
@@ -427,7 +427,7 @@ time = 0.4
 TEST(Breaking, BooksOfWhatJawsLoseLong) {
     const std::vector<Override> set{{"link.upper.break_strain", "0.2"}, {"link.lower.break_strain", "0.2"}};
     double peak = 0, worst = 0;
-    run(std::move(build_scene(read_scene_file(source_folder() / "content/scenes/jaw_grasp.toml", set)).world), 300,
+    run(std::move(build_scene(read_scene_file(source_folder() / "content/scenes/jaw_grasp.toml", set), Looks::kPlain).world), 300,
         [&](const Frame& f, int) {
             peak = std::max(peak, f.world().energy.elastic);
             worst = std::max(worst, std::abs(f.world().energy.balance));
@@ -438,7 +438,7 @@ TEST(Breaking, BooksOfWhatJawsLoseLong) {
 
 // Two masses pass each other at a speed just below and just above the twentieth of their spring's rest per step.
 TEST(Breaking, MoreStepsWhereShellsFold) {
-    World w = build_scene(read_scene_file(source_folder() / "content/scenes/jaw_grasp.toml", {})).world;
+    World w = build_scene(read_scene_file(source_folder() / "content/scenes/jaw_grasp.toml", {}), Looks::kPlain).world;
     const uint32_t body = 0;
     const AdvanceInputs in{w.meshes, w.springs, w.bodies, w.anchors, w.paths, w.haptics.tool, {}, 2, {}};
     const Range rows = w.bodies.particles[body];

@@ -55,7 +55,7 @@ std::vector<uint64_t> tell(World world, uint64_t pass, int passes, const Look& l
 
 TEST(LongRun, S03_FreeBodiesFallAsTheyDoFromZero) {
     const auto world = [] {
-        return std::move(build_scene(read_scene_file(source_folder() / "content/scenes/rigid_stack.toml", {})).world);
+        return std::move(build_scene(read_scene_file(source_folder() / "content/scenes/rigid_stack.toml", {}), Looks::kPlain).world);
     };
     const auto hash = [](const World& w) {
         StateHash h;
@@ -77,7 +77,8 @@ TEST(LongRun, S03_BodiesComeAndGoAsTheyDoFromZero) {
     constexpr double kBodiesASecond = 25, kLife = 0.3;
     const auto world = [&](uint64_t pass) {
         const std::vector<Override> values{{"count", "6"}, {"rate", "25"}, {"life", "0.3"}, {"resolution", "80"}};
-        World w = std::move(build_scene(read_scene_file(source_folder() / "content/scenes/stress_come_and_go.toml", values)).world);
+        World w = std::move(
+            build_scene(read_scene_file(source_folder() / "content/scenes/stress_come_and_go.toml", values), Looks::kPlain).world);
         EXPECT_EQ(w.pools.rate[0], kBodiesASecond);
         EXPECT_EQ(w.pools.life[0], kLife);
         w.lives.came[0] = pass / kRate * uint64_t(kBodiesASecond);  // as if they had come and gone all the time
@@ -157,7 +158,8 @@ TEST(LongRun, S05_AChangedFloatModeIsPutRightBeforeThePass) {
         ThreadPool pool(1);
         pool.run([&] {
             Frame frame(std::move(build_scene(read_scene_file(source_folder() / "content/scenes/kidney_on_liver.toml",
-                                                              {{"liver.triangles", "300"}, {"kidney.triangles", "200"}}))
+                                                              {{"liver.triangles", "300"}, {"kidney.triangles", "200"}}),
+                                              Looks::kPlain)
                                       .world),
                         {});
             for (int pass = 0; pass < 20; ++pass) {

@@ -758,7 +758,7 @@ TEST(ToolJaws, AttachAtClosing) {
     size_t open = 0, held = 0, after = 0;
     double pulled = 0, let_go = 0, twist = 0, work = 0, balance = 0, felt = 0, tissue = 0, most = 0, stuck = 0;
     const std::vector<Override> coarse = {{"gallbladder.triangles", "1500"}};
-    BuiltScene scene = build_scene(read_scene_file(source_folder() / "content/scenes/grasp_by_hand.toml", coarse));
+    BuiltScene scene = build_scene(read_scene_file(source_folder() / "content/scenes/grasp_by_hand.toml", coarse), Looks::kPlain);
     run_for(std::move(scene.world), 4.9, [&](Frame& f) {
         const World& w = f.world();
         const double t = seconds_of(f);

@@ -23,7 +23,7 @@ SceneFile scene_named(const std::string& name) {
 void run(const SceneFile& scene, double seconds, const std::function<void(const Frame&)>& each) {
     ThreadPool pool(1);
     pool.run([&] {
-        Frame frame(std::move(build_scene(scene).world), {});
+        Frame frame(std::move(build_scene(scene, Looks::kPlain).world), {});
         for (int pass = 0; pass < static_cast<int>(std::lround(seconds * 60)); ++pass) {
             frame.step();
             each(frame);
@@ -158,7 +158,7 @@ TEST(Rest, LiverRingsWithADampingRatioBelowOneFifth) {
             [&](const Vec3d& x) { return Vec3d(0, -bend * x.x() * x.z(), bend * x.x() * x.y()); }};
         Mode first{1e9, 0, 0};
         for (const auto& field : fields) {
-            World w = std::move(build_scene(scene).world);
+            World w = std::move(build_scene(scene, Looks::kPlain).world);
             EXPECT_NEAR(cloud_of(w, 0).total, 1.5, 0.05);
             const Mode mode = ring_down(w, 0, field);
             EXPECT_LT(mode.residual, 0.02) << "not one oscillation";
@@ -324,7 +324,7 @@ double depth_of_lifted(double lift) {
     double depth = -lift;
     ThreadPool pool(1);
     pool.run([&] {
-        Frame frame(std::move(build_scene(scene).world), {});
+        Frame frame(std::move(build_scene(scene, Looks::kPlain).world), {});
         while (seconds_of(frame) < 1) frame.step();
         World& w = frame.world();
         const ContactMemory& memory = w.contact_memory;

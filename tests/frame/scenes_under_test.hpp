@@ -13,7 +13,7 @@ inline double seconds_of(const Frame& f) { return static_cast<double>(f.world().
 // A scene of content/scenes with organs of few triangles, so that tests are quick. every_contact_stage is
 // kidney_on_liver with all that [contact] can switch on; skin_press is tet_liver_press under a skin; near_and_far is
 // probe_on_liver with a liver that is stepped coarsely until the probe comes near.
-inline BuiltScene small_scene(const std::string& name, const std::string& triangles = "1000") {
+inline BuiltScene small_scene(const std::string& name, const std::string& triangles = "1000", Looks looks = Looks::kPlain) {
     std::vector<Override> overrides;
     const bool every = name == "every_contact_stage";
     const bool skin = name == "skin_press";
@@ -40,7 +40,7 @@ inline BuiltScene small_scene(const std::string& name, const std::string& triang
             overrides.push_back({key, "true"});
         overrides.push_back({"contact.deep", "last_free"});
     }
-    return build_scene(read_scene_file(path, overrides));
+    return build_scene(read_scene_file(path, overrides), looks);
 }
 
 inline const std::vector<std::string>& scene_names() {

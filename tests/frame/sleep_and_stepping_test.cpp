@@ -93,7 +93,7 @@ bool same(const std::vector<Float4>& a, const std::vector<Float4>& b) {
 TEST(Sleep, LiesStillUntilSomethingComesNear) {
     ThreadPool pool(1);
     pool.run([&] {
-        Frame frame(std::move(build_scene(scene_of(kBoxes)).world), {});
+        Frame frame(std::move(build_scene(scene_of(kBoxes), Looks::kPlain).world), {});
         const World& w = frame.world();
         const uint32_t low = body_named(w, "low"), beside = body_named(w, "beside"), held = body_named(w, "held");
         uint64_t slept_at = 0, woke_at = 0;
@@ -136,7 +136,8 @@ TEST(Sleep, LiesStillUntilSomethingComesNear) {
 TEST(Sleep, FreeBodiesSleepAndWakeWithTheirNeighbours) {
     ThreadPool pool(1);
     pool.run([&] {
-        Frame frame(std::move(build_scene(scene_of(kBoxes, {{"beside.motion", "free"}, {"sleep_speed", "1e-3"}})).world), {});
+        Frame frame(std::move(build_scene(scene_of(kBoxes, {{"beside.motion", "free"}, {"sleep_speed", "1e-3"}}), Looks::kPlain).world),
+                    {});
         World& w = frame.world();
         const uint32_t low = body_named(w, "low"), beside = body_named(w, "beside");
         uint64_t slept = 0, woke = 0;
@@ -168,7 +169,8 @@ TEST(Sleep, FreeBodiesSleepAndWakeWithTheirNeighbours) {
         Frame frame(std::move(build_scene(scene_of(kBoxes, {{"beside.motion", "free"},
                                                             {"beside.position", "[0.2, 0.0, 0.026]"},
                                                             {"beside.tissue.damping", "0"},
-                                                            {"sleep_speed", "1e-3"}}))
+                                                            {"sleep_speed", "1e-3"}}),
+                                          Looks::kPlain)
                                   .world),
                     {});
         World& w = frame.world();
@@ -188,7 +190,7 @@ TEST(Sleep, SameBitsForAnyThreads) {
     for (int i = 0; i < 2; ++i) {
         ThreadPool pool(i == 0 ? 1 : 3);
         pool.run([&] {
-            Frame frame(std::move(build_scene(scene_of(kBoxes)).world), {});
+            Frame frame(std::move(build_scene(scene_of(kBoxes), Looks::kPlain).world), {});
             for (int pass = 0; pass < 60 * 3; ++pass) frame.step();
             hash[i] = state_hash(frame.world());
         });
@@ -216,18 +218,18 @@ void expect_same_with_and_without_looking(const std::function<BuiltScene()>& bui
 TEST(Sleep, WhoLiesStillLooksTheSame) {
     ThreadPool pool(1);
     pool.run([&] {
-        expect_same_with_and_without_looking([] { return build_scene(scene_of(kBoxes)); }, 60 * 4);
+        expect_same_with_and_without_looking([] { return build_scene(scene_of(kBoxes), Looks::kPlain); }, 60 * 4);
         const std::vector<Override> few{{"count", "6"},       {"rate", "25"},         {"life", "1.5"},
                                         {"resolution", "80"}, {"sleep_speed", "0.5"}, {"sleep_after", "0.1"}};
         const auto stress = source_folder() / "content/scenes/stress_come_and_go.toml";
-        expect_same_with_and_without_looking([&] { return build_scene(read_scene_file(stress, few)); }, 60 * 3);
+        expect_same_with_and_without_looking([&] { return build_scene(read_scene_file(stress, few), Looks::kPlain); }, 60 * 3);
     });
 }
 
 TEST(Sleep, NobodyLooksTwiceAtWhoLiesStill) {
     ThreadPool pool(1);
     pool.run([&] {
-        Frame frame(std::move(build_scene(scene_of(kBoxes)).world), {});
+        Frame frame(std::move(build_scene(scene_of(kBoxes), Looks::kPlain).world), {});
         World& w = frame.world();
         const uint32_t held = body_named(w, "held");
         int passes = 0;
@@ -249,7 +251,7 @@ TEST(Sleep, NobodyLooksTwiceAtWhoLiesStill) {
 TEST(Sleep, ZeroSpeedMeansNever) {
     ThreadPool pool(1);
     pool.run([&] {
-        Frame frame(std::move(build_scene(scene_of(kBoxes, {{"sleep_speed", "0"}})).world), {});
+        Frame frame(std::move(build_scene(scene_of(kBoxes, {{"sleep_speed", "0"}}), Looks::kPlain).world), {});
         for (const std::string& name : frame.stage_names()) EXPECT_NE(name, "sleep");
         for (int pass = 0; pass < 60; ++pass) frame.step();
         EXPECT_TRUE(frame.world().sleep.group.empty());
@@ -258,8 +260,9 @@ TEST(Sleep, ZeroSpeedMeansNever) {
 
 // The word of the scene or of --set arrives; what cannot be is refused by line and name.
 TEST(SteppingKeys, FromSceneAndCommandLine) {
-    const BuiltScene built = build_scene(scene_of(
-        kBoxes, {{"low.integrator", "midpoint"}, {"low.step", "4e-3"}, {"beside.integrator", "xpbd"}, {"beside.iterations", "3"}}));
+    const BuiltScene built = build_scene(
+        scene_of(kBoxes, {{"low.integrator", "midpoint"}, {"low.step", "4e-3"}, {"beside.integrator", "xpbd"}, {"beside.iterations", "3"}}),
+        Looks::kPlain);
     const World& w = built.world;
     const uint32_t low = body_named(w, "low"), beside = body_named(w, "beside"), held = body_named(w, "held");
     EXPECT_EQ(stepping_of(w.bodies, low).integrator, Integrator::kMidpoint);
@@ -285,7 +288,7 @@ TEST(SteppingKeys, ScenesByEveryIntegrator) {
             for (const uint32_t threads : {1u, 3u}) {
                 ThreadPool pool(threads);
                 pool.run([&] {
-                    Frame frame(std::move(build_scene(read_scene_file(file, all)).world), {});
+                    Frame frame(std::move(build_scene(read_scene_file(file, all), Looks::kPlain).world), {});
                     for (int pass = 0; pass < 8; ++pass) frame.step();
                     EXPECT_EQ(frame.world().report.nonfinite_particles + frame.world().report.runaway_bodies, 0u)
                         << name << ", " << integrator;
@@ -300,13 +303,13 @@ TEST(SteppingKeys, ScenesByEveryIntegrator) {
 TEST(SteppingKeys, M09_ImpossibleStepsAreRefused) {
     const auto refused = [](const char* key, const char* value) -> std::string {
         try {
-            build_scene(scene_of(kBoxes, {{key, value}}));
+            build_scene(scene_of(kBoxes, {{key, value}}), Looks::kPlain);
         } catch (const InputError& error) {
             return error.what();
         }
         return "";
     };
-    const double limit = build_scene(scene_of(kBoxes)).world.bodies.stable_dt[1];
+    const double limit = build_scene(scene_of(kBoxes), Looks::kPlain).world.bodies.stable_dt[1];
     const std::string above = refused("low.step", "0.05");
     char text[32];
     std::snprintf(text, sizeof text, "%.4g s", limit);
@@ -322,7 +325,7 @@ TEST(SteppingKeys, AutoPicksByItsRule) {
     const auto pick = [](const std::vector<Override>& overrides, const char* name) {
         std::vector<Override> all{{std::string(name) + ".integrator", "auto"}};
         all.insert(all.end(), overrides.begin(), overrides.end());
-        const BuiltScene built = build_scene(scene_of(kBoxes, all));
+        const BuiltScene built = build_scene(scene_of(kBoxes, all), Looks::kPlain);
         const uint32_t body = body_named(built.world, name);
         EXPECT_NE(built.notes[body].find("auto: "), std::string::npos) << built.notes[body];
         return stepping_of(built.world.bodies, body).integrator;
@@ -393,7 +396,7 @@ Switched ring_and_switch(const std::string& scene, const std::vector<Override>& 
     Switched s;
     ThreadPool pool(1);
     pool.run([&] {
-        Frame frame(std::move(build_scene(scene_of(scene, overrides)).world), {});
+        Frame frame(std::move(build_scene(scene_of(scene, overrides), Looks::kPlain).world), {});
         World& w = frame.world();
         ring(w, 0);
         s.before = momentum_of_all(w);
@@ -487,7 +490,7 @@ TEST(LevelOfDetail, IsForIslandsThatNobodyIsNear) {
         std::string found;
         ThreadPool pool(1);
         pool.run([&] {
-            Frame frame(std::move(build_scene(scene_of(text, overrides)).world), {});
+            Frame frame(std::move(build_scene(scene_of(text, overrides), Looks::kPlain).world), {});
             frame.step();
             for (const char* name : {"bell", "0", "1", "2"}) found += is_coarse(frame.world(), body_named(frame.world(), name)) ? 'c' : 'f';
         });
@@ -508,7 +511,7 @@ TEST(LevelOfDetail, SameBitsForAnyThreads) {
     for (int i = 0; i < 3; ++i) {
         ThreadPool pool(i == 0 ? 1 : i == 1 ? 3 : 8);
         pool.run([&] {
-            Frame frame(std::move(build_scene(scene_of(kRinging, {{"bell.triangles", "2000"}})).world), {});
+            Frame frame(std::move(build_scene(scene_of(kRinging, {{"bell.triangles", "2000"}}), Looks::kPlain).world), {});
             ring(frame.world(), 0);
             bool was[2] = {false, false};
             for (int pass = 0; pass < 20; ++pass) frame.step(), was[is_coarse(frame.world(), 0)] = true;
@@ -523,7 +526,7 @@ TEST(LevelOfDetail, SameBitsForAnyThreads) {
 TEST(LevelOfDetail, WhatCannotBeIsRefusedByLineAndName) {
     const auto refused = [](const std::vector<Override>& overrides) -> std::string {
         try {
-            build_scene(scene_of(kBoxes, overrides));
+            build_scene(scene_of(kBoxes, overrides), Looks::kPlain);
         } catch (const InputError& error) {
             return error.what();
         }
@@ -575,7 +578,7 @@ TEST(Stepping, MidpointBearsPressureAndBending) {
         Swing found;
         ThreadPool pool(1);
         pool.run([&] {
-            Frame frame(std::move(build_scene(scene).world), {});
+            Frame frame(std::move(build_scene(scene, Looks::kPlain).world), {});
             const World& w = frame.world();
             const Range rows = w.bodies.particles[0];
             const auto height = [&] {
@@ -616,10 +619,10 @@ TEST(Stepping, MidpointBearsPressureUnderContact) {
                "[body.tissue]\nyoungs_modulus = 2e2\nwall = 3e-3\ndepth = 0.05\npressure_modulus = 2e4\nbending = 2e4\n"
                "damping = 0.0\n";
     };
-    EXPECT_THROW(build_scene(scene_of(text("step = 3.6e-3\n"))), InputError);
+    EXPECT_THROW(build_scene(scene_of(text("step = 3.6e-3\n")), Looks::kPlain), InputError);
     ThreadPool pool(1);
     pool.run([&] {
-        Frame frame(std::move(build_scene(scene_of(text(""))).world), {});
+        Frame frame(std::move(build_scene(scene_of(text("")), Looks::kPlain).world), {});
         const Energy& e = frame.world().energy;
         double first = 0, most = 0;
         for (int pass = 0; pass < 120; ++pass) {
@@ -643,7 +646,8 @@ TEST(Stepping, PressureAndBendingKeepLeapfrog) {
             build_scene(
                 scene_of("[[body]]\nname = \"a\"\nshape = \"sphere\"\ntriangles = 320\nsize = 0.1\nmotion = \"deformable\"\n"
                          "integrator = \"auto\"\nwanted_error = 1e-3\n[body.tissue]\nyoungs_modulus = 1e9\nwall = 2e-3\ndepth = 0.02\n" +
-                         tissue))
+                         tissue),
+                Looks::kPlain)
                 .world;
         return stepping_of(w.bodies, 0).integrator;
     };

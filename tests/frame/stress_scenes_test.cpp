@@ -15,7 +15,7 @@ namespace {
 using namespace trocar;
 
 BuiltScene stress_scene(const std::string& name, const std::vector<Override>& overrides) {
-    return build_scene(read_scene_file(source_folder() / "content/scenes" / ("stress_" + name + ".toml"), overrides));
+    return build_scene(read_scene_file(source_folder() / "content/scenes" / ("stress_" + name + ".toml"), overrides), Looks::kPlain);
 }
 
 struct Small {
@@ -168,7 +168,8 @@ TEST(StressScenes, LongBoxesLetGoOfTheBallsTheyHit) {
 TEST(StressScenes, StackThatLandsLeavesNoOverlap) {
     ThreadPool pool(1);
     pool.run([&] {
-        Frame frame(std::move(build_scene(read_scene_file(source_folder() / "content/scenes/soft_stack.toml", {})).world), {});
+        Frame frame(std::move(build_scene(read_scene_file(source_folder() / "content/scenes/soft_stack.toml", {}), Looks::kPlain).world),
+                    {});
         const World& w = frame.world();
         double left = 0;
         for (uint32_t pass = 0; pass < 60; ++pass) frame.step(), left = std::max(left, w.report.deepest_residual);

@@ -16,7 +16,7 @@ namespace trocar {
 namespace {
 
 World scene_world(const std::string& name, const std::vector<Override>& overrides) {
-    return std::move(build_scene(read_scene_file(source_folder() / "content/scenes" / (name + ".toml"), overrides)).world);
+    return std::move(build_scene(read_scene_file(source_folder() / "content/scenes" / (name + ".toml"), overrides), Looks::kPlain).world);
 }
 
 // Steps to a time (s) and looks after every pass.
@@ -85,7 +85,7 @@ TEST(ToolScenes, AShellFeelsWhatTheTissueBears) {
                 path, {{"liver.tissue.bending", "0.0"}, {"liver.tissue.pressure_modulus", "0.0"}, {"liver.triangles", "4000"}});
             scene.tools[0].path.resize(3);
             scene.tools[0].path[2].position.z() = height;
-            Frame frame(std::move(build_scene(scene).world), {});
+            Frame frame(std::move(build_scene(scene, Looks::kPlain).world), {});
             run_until(frame, 2.5, [](const World&) {});
             const World& w = frame.world();
             const ToolState& tool = w.haptics.state[0];

@@ -23,7 +23,9 @@ struct WrittenScene {
     }
     WrittenScene(const WrittenScene&) = delete;
     ~WrittenScene() { std::filesystem::remove(path); }
-    BuiltScene build(const std::vector<Override>& overrides = {}) const { return build_scene(read_scene_file(path, overrides)); }
+    BuiltScene build(const std::vector<Override>& overrides = {}) const {
+        return build_scene(read_scene_file(path, overrides), Looks::kPlain);
+    }
     // What building it is refused with; empty when it is built.
     std::string error(const std::vector<Override>& overrides = {}) const {
         try {

@@ -307,7 +307,7 @@ const std::vector<CaptureRecord>& sound_records() {
             body.position.x() = x;
             scene.bodies.push_back(body);
         }
-        const World world = std::move(build_scene(scene).world);
+        const World world = std::move(build_scene(scene, Looks::kPlain).world);
         std::vector<CaptureRecord> made{{"scene", {}}, {"state", {}}};
         for (uint32_t r = 0; r < static_cast<uint32_t>(Resource::kCount); ++r) {
             const ResourceKind kind = resource_kind(static_cast<Resource>(r));

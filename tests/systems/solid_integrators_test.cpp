@@ -452,7 +452,7 @@ TEST(SolidIntegrators, PressedLiverWhoeverSteps) {
     for (const auto& [integrator, step, work, lost] : cases) {
         std::vector<Override> more{{"liver.cells", "8"}, {"liver.triangles", "1500"}, {"liver.integrator", integrator}};
         if (std::string(step) != "0") more.push_back({"liver.step", step});
-        BuiltScene built = build_scene(read_scene_file(path, more));
+        BuiltScene built = build_scene(read_scene_file(path, more), Looks::kPlain);
         EXPECT_EQ(find_fault(built.world), "");
         Frame frame(std::move(built.world), {});
         const World& w = frame.world();
@@ -484,7 +484,7 @@ TEST(SolidIntegrators, AutoIncludesSolids) {
     const std::string path = (source_folder() / "content/scenes/tet_liver_press.toml").string();
     const auto picks = [&](std::vector<Override> more) {
         more.insert(more.end(), {{"liver.cells", "8"}, {"liver.triangles", "1500"}, {"liver.integrator", "auto"}});
-        const BuiltScene built = build_scene(read_scene_file(path, more));
+        const BuiltScene built = build_scene(read_scene_file(path, more), Looks::kPlain);
         return stepping_of(built.world.bodies, 0).integrator;
     };
     EXPECT_EQ(picks({}), Integrator::kLeapfrog);

@@ -401,7 +401,7 @@ struct PressedLiver {
 // content/scenes/tet_liver_press with `cells` and the path run until `seconds`.
 PressedLiver press_liver(const std::string& cells, double seconds) {
     const std::string path = (source_folder() / "content/scenes/tet_liver_press.toml").string();
-    BuiltScene built = build_scene(read_scene_file(path, {{"liver.cells", cells}}));
+    BuiltScene built = build_scene(read_scene_file(path, {{"liver.cells", cells}}), Looks::kPlain);
     PressedLiver out;
     Frame frame(std::move(built.world), {});
     const World& w = frame.world();
