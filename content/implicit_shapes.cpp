@@ -7,6 +7,7 @@
 
 #include "engine/check.hpp"
 #include "engine/error.hpp"
+#include "engine/parallel.hpp"
 namespace trocar {
 namespace {
 
@@ -131,11 +132,11 @@ ScalarGrid sample_shape(const ImplicitShape& shape, double spacing) {
     grid.spacing = Vec3d::Constant(spacing);
     grid.origin = (shape.box.min + shape.box.max - spacing * (cells + Vec3d::Constant(2))) / 2;
     grid.values.resize(size_t(grid.nx) * grid.ny * grid.nz);
-    for (uint32_t z = 0; z < grid.nz; z += kBlock) {
-        for (uint32_t y = 0; y < grid.ny; y += kBlock) {
-            for (uint32_t x = 0; x < grid.nx; x += kBlock) fill_block(shape, {x, y, z}, kBlock, grid);
-        }
-    }
+    const uint32_t nx = chunk_count(grid.nx, kBlock), ny = chunk_count(grid.ny, kBlock), nz = chunk_count(grid.nz, kBlock);
+    parallel_for(nx * ny * nz, 1, [&](uint32_t begin, uint32_t end) {
+        for (uint32_t b = begin; b < end; ++b)
+            fill_block(shape, {kBlock * (b % nx), kBlock * (b / nx % ny), kBlock * (b / nx / ny)}, kBlock, grid);
+    });
     return grid;
 }
 

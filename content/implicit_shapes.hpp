@@ -11,7 +11,7 @@ struct ImplicitShape {
     std::string name;
     Box box;                                       // m, holds the surface
     double steepness = 3;                          // no slope of the function is larger
-    std::function<double(const Vec3d&)> distance;  // m, of a point in m
+    std::function<double(const Vec3d&)> distance;  // m, of a point in m; threads may ask at once
 };
 
 // Distance to the surface of an ellipsoid with the given half axes, exact to first order at the surface.

@@ -7,6 +7,7 @@
 #include <utility>
 
 #include "engine/check.hpp"
+#include "engine/parallel.hpp"
 namespace trocar {
 namespace {
 
@@ -271,22 +272,25 @@ struct Remesher {
     // Every vertex goes along the surface to the middle of its triangles, weighted by their areas, all at once.
     void relax(double weight) {
         moved.assign(position.begin(), position.end());
-        for (uint32_t v = 0; v < position.size(); ++v) {
-            if (edges.outgoing[v] == kNone) continue;
-            Vec3d sum = Vec3d::Zero();
-            Vec3d normal = Vec3d::Zero();
-            double area = 0;
-            for_each_outgoing(edges, v, [&](uint32_t h) {
-                const Vec3d n = normal_of(h);
-                const double size = n.norm();
-                sum += size / 3 * (position[v] + start(next_in(h)) + start(previous_in(h)));
-                normal += n;
-                area += size;
-            });
-            const Vec3d step = sum / area - position[v];
-            moved[v] = project(position[v] + weight * (step - normal * (step.dot(normal) / normal.squaredNorm())));
-        }
+        parallel_for(static_cast<uint32_t>(position.size()), 256, [&](uint32_t begin, uint32_t end) {
+            for (uint32_t v = begin; v < end; ++v)
+                if (edges.outgoing[v] != kNone) moved[v] = relaxed(v, weight);
+        });
         position.swap(moved);
+    }
+    Vec3d relaxed(uint32_t v, double weight) const {
+        Vec3d sum = Vec3d::Zero();
+        Vec3d normal = Vec3d::Zero();
+        double area = 0;
+        for_each_outgoing(edges, v, [&](uint32_t h) {
+            const Vec3d n = normal_of(h);
+            const double size = n.norm();
+            sum += size / 3 * (position[v] + start(next_in(h)) + start(previous_in(h)));
+            normal += n;
+            area += size;
+        });
+        const Vec3d step = sum / area - position[v];
+        return project(position[v] + weight * (step - normal * (step.dot(normal) / normal.squaredNorm())));
     }
 
     std::vector<uint32_t> scratch{};

@@ -10,7 +10,7 @@ struct RemeshParams {
     uint32_t rounds = 12;        // of flips and relaxation
 };
 
-// Point of the wanted surface near a given point.
+// Point of the wanted surface near a given point; threads may ask at once.
 using SurfaceProjection = std::function<Vec3d(const Vec3d&)>;
 
 // Makes a closed manifold surface coarser and its triangles even: collapses the shortest edges first (link condition,

@@ -14,6 +14,7 @@
 #include "content/wall_and_mesh.hpp"
 #include "engine/check.hpp"
 #include "engine/error.hpp"
+#include "engine/parallel.hpp"
 namespace trocar {
 namespace {
 
@@ -203,9 +204,14 @@ Mesh mesh_implicit(const ImplicitShape& shape, uint32_t triangles) {
     Mesh mesh = contour(sample_shape(shape, spacing), 0.0);
     smooth_taubin({.rounds = 2}, mesh.triangle, mesh.position);
     const SurfaceProjection near = [&](const Vec3d& p) { return project_to_shape(shape, p, spacing, 1); };
-    for (Vec3d& p : mesh.position) p = near(p);
+    const auto project_all = [&](int steps) {
+        parallel_for(static_cast<uint32_t>(mesh.position.size()), 256, [&](uint32_t begin, uint32_t end) {
+            for (uint32_t v = begin; v < end; ++v) mesh.position[v] = project_to_shape(shape, mesh.position[v], spacing, steps);
+        });
+    };
+    project_all(1);
     remesh_evenly({.triangles = triangles}, near, mesh.position, mesh.triangle);
-    for (Vec3d& p : mesh.position) p = project_to_shape(shape, p, spacing, 8);
+    project_all(8);
     mesh.name = shape.name;
     return mesh;
 }
