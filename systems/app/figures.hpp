@@ -94,8 +94,8 @@ struct RunFigures {
     uint64_t frames = 0;  // pictures (display rate), drawn or not
     double simulated_s = 0;
     uint32_t contact_rate = 0;  // Hz
-    double build_s = 0;  // reading and building the scene, making its frame
-    double wall_s = 0;   // of the passes and what was done between them
+    double build_s = 0;         // reading and building the scene, making its frame
+    double wall_s = 0;          // of the passes and what was done between them
     std::vector<PassFigures> pass;
     std::vector<StageFigures> stage;
     std::vector<double> render_ms;
