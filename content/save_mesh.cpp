@@ -76,7 +76,7 @@ std::vector<std::string> add_textures(const Mesh& mesh, const fs::path& path, Fi
                 if (other.width == material.image.width && other.rgba == material.image.rgba) name = names[k];
             }
             if (name.empty()) {
-                const std::string suffix = files.path.empty() ? "" : "_" + std::to_string(files.path.size());
+                const std::string suffix = files.path.empty() ? "" : '_' + std::to_string(files.path.size());
                 name = plain_name(path.stem().string(), "texture") + suffix + ".png";
                 const std::vector<std::byte> png = encode_png(material.image);
                 files.path.push_back(path.parent_path() / name);

@@ -41,7 +41,7 @@ void scatter_body(const BodySpec& pattern, std::vector<BodySpec>& bodies) {
     const Vec3d middle(0.5 * (columns[0] - 1), 0.5 * (rows - 1), cube ? 0.5 * (layers - 1) : 0);
     for (uint32_t copy = 0; copy < s.count; ++copy) {
         BodySpec body = pattern;
-        body.name += "_" + std::to_string(copy);
+        body.name += '_' + std::to_string(copy);
         body.copy = copy;
         Vec3d place = Vec3d(copy % columns[0], copy / columns[0] % columns[1], copy / layer) - middle;
         for (uint32_t k = 0; k < 3; ++k) place[k] += s.jitter * (2 * random_number(s.seed, copy, k) - 1);

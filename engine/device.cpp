@@ -62,7 +62,7 @@ Number read_number(const TraceLine& line, size_t first, size_t end) {
     const char* const begin = line.text.data() + first;
     const auto [stop, error] = std::from_chars(begin, line.text.data() + end, value);
     if (error != std::errc() || stop != line.text.data() + end)
-        line.fail(first, "\"" + std::string(line.text.substr(first, std::min<size_t>(end - first, 40))) + "\" is not a number in range");
+        line.fail(first, '"' + std::string(line.text.substr(first, std::min<size_t>(end - first, 40))) + "\" is not a number in range");
     if constexpr (std::is_floating_point_v<Number>)
         if (!std::isfinite(value)) line.fail(first, "number is not finite");
     return value;

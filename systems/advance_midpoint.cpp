@@ -2,10 +2,12 @@
 #include <cmath>
 #include <utility>
 
+#include "engine/bending_forces.hpp"
 #include "engine/best_fit_rotation.hpp"
 #include "engine/geometry/quaternion.hpp"
 #include "engine/implicit_kernels.hpp"
 #include "engine/parallel.hpp"
+#include "engine/pressure_force.hpp"
 #include "engine/shape_fit.hpp"
 #include "engine/spring_step.hpp"
 #include "engine/tet_forces.hpp"

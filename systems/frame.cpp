@@ -4,6 +4,7 @@
 #include <string>
 
 #include "engine/error.hpp"
+#include "engine/parallel.hpp"
 #include "engine/thread_pool.hpp"
 #include "engine/trace.hpp"
 #include "systems/frame_stages.hpp"

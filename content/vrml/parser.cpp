@@ -82,7 +82,7 @@ std::string shown(const Parser& p, const Token& token) {
         case TokenKind::kString:
             return "a string";
         default:
-            return "'" + printable(token_text(p, token)) + "'";
+            return '\'' + printable(token_text(p, token)) + '\'';
     }
 }
 
@@ -103,14 +103,14 @@ void push_frame(Parser& p, FrameKind kind, uint32_t row, uint32_t offset, const 
 
 void add_field(Parser& p, const Field& field) {
     if (p.fields.size() + p.document.field.size() >= kNodeLimit) {
-        fail(p, field.offset, "more than " + std::to_string(kNodeLimit) + " fields");
+        fail(p, field.offset, more_than(kNodeLimit, "fields"));
     }
     p.fields.push_back(field);
 }
 
 void add_word(Parser& p, Field& field, const Token& token) {
     std::vector<Word>& word = p.document.word;
-    if (word.size() >= kWordLimit) fail(p, token.offset, "more than " + std::to_string(kWordLimit) + " words");
+    if (word.size() >= kWordLimit) fail(p, token.offset, more_than(kWordLimit, "words"));
     if (field.words.count == 0) field.words.first = static_cast<uint32_t>(word.size());
     // values behind a nested node would not lie together; no node type of ours mixes them
     if (field.words.end() != word.size()) return;
@@ -153,7 +153,7 @@ void open_node(Parser& p, const Token& type, Range name) {
         fail(p, type.offset, "nodes nested deeper than the limit of " + std::to_string(kNestingLimit));
     }
     const auto row = static_cast<uint32_t>(p.document.node.size());
-    if (row >= kNodeLimit) fail(p, type.offset, "more than " + std::to_string(kNodeLimit) + " nodes");
+    if (row >= kNodeLimit) fail(p, type.offset, more_than(kNodeLimit, "nodes"));
     p.document.node.push_back({range_of(type), name, type.offset, {}, {}});
     p.open.push_back(true);
     if (name.count > 0) p.names.back()[text_of(p.document, name)] = row;
@@ -293,7 +293,7 @@ void open_prototype(Parser& p, const Token& keyword, bool external) {
         fail(p, bracket.offset, "expected a name and '[' after " + shown(p, keyword));
     }
     const auto row = static_cast<uint32_t>(p.document.prototype.size());
-    if (row >= kNodeLimit) fail(p, keyword.offset, "more than " + std::to_string(kNodeLimit) + " prototypes");
+    if (row >= kNodeLimit) fail(p, keyword.offset, more_than(kNodeLimit, "prototypes"));
     p.document.prototype.push_back({range_of(name), name.offset, {}, {}, {}});
     push_frame(p, external ? FrameKind::kExternal : FrameKind::kInterface, row, keyword.offset);
 }
@@ -496,6 +496,14 @@ void parse(Parser& p, const LoadProgress& progress) {
 }
 
 }  // namespace
+
+std::string more_than(uint32_t limit, std::string_view what) {
+    std::string text = "more than ";
+    text += std::to_string(limit);
+    text += ' ';
+    text += what;
+    return text;
+}
 
 std::string describe_place(const Document& document, uint32_t offset) {
     const Place place = find_place(document.text, offset);

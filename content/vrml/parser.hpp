@@ -9,6 +9,9 @@ inline constexpr uint32_t kNestingLimit = 1000;     // nodes around a node
 inline constexpr uint32_t kNodeLimit = 5'000'000;   // nodes, and fields, of a file
 inline constexpr uint32_t kWordLimit = 20'000'000;  // strings and words of a file
 
+// What to say of a file that has more than it may have of something.
+std::string more_than(uint32_t limit, std::string_view what);
+
 // The share of the work of a file that reading its text is; the rest is building its surfaces.
 inline constexpr double kTextShare = 0.6;
 

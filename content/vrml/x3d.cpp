@@ -73,7 +73,7 @@ Range range_of(XmlParser& p, const char* inside) {
 
 void add_word(XmlParser& p, Field& field, Range bytes, bool quoted) {
     std::vector<Word>& word = p.document.word;
-    if (word.size() >= kWordLimit) fail(p, field.offset, "more than " + std::to_string(kWordLimit) + " words");
+    if (word.size() >= kWordLimit) fail(p, field.offset, more_than(kWordLimit, "words"));
     if (bytes.count > kStringLimit) fail(p, field.offset, "a string is longer than 1048576 bytes");
     if (field.words.count == 0) field.words.first = static_cast<uint32_t>(word.size());
     word.push_back({bytes, quoted});
@@ -170,7 +170,7 @@ Range add_refs(XmlParser& p, const std::vector<NodeRef>& refs) {
 Range add_fields(XmlParser& p, const std::vector<Field>& fields, uint32_t offset) {
     const Range range{static_cast<uint32_t>(p.document.field.size()), static_cast<uint32_t>(fields.size())};
     if (range.first + fields.size() > kNodeLimit) {
-        fail(p, offset, "more than " + std::to_string(kNodeLimit) + " fields");
+        fail(p, offset, more_than(kNodeLimit, "fields"));
     }
     p.document.field.insert(p.document.field.end(), fields.begin(), fields.end());
     return range;
@@ -234,7 +234,7 @@ void add_connections(XmlParser& p, const xml_node& is, std::vector<Field>& field
 
 void read_prototype(XmlParser& p, const xml_node& element, bool external) {
     const auto row = static_cast<uint32_t>(p.document.prototype.size());
-    if (row >= kNodeLimit) fail(p, offset_of(p, element), "more than " + std::to_string(kNodeLimit) + " prototypes");
+    if (row >= kNodeLimit) fail(p, offset_of(p, element), more_than(kNodeLimit, "prototypes"));
     p.document.prototype.push_back({range_of(p, element.attribute("name").value()), offset_of(p, element), {}, {}, {}});
     if (external) {
         if (const pugi::xml_attribute url = element.attribute("url")) {
@@ -268,7 +268,7 @@ NodeRef read_node(XmlParser& p, const xml_node& element, const char* type) {
     if (const pugi::xml_attribute use = element.attribute("USE")) return read_use(p, element, use.value());
     const uint32_t offset = offset_of(p, element);
     const auto row = static_cast<uint32_t>(p.document.node.size());
-    if (row >= kNodeLimit) fail(p, offset, "more than " + std::to_string(kNodeLimit) + " nodes");
+    if (row >= kNodeLimit) fail(p, offset, more_than(kNodeLimit, "nodes"));
     const pugi::xml_attribute name = element.attribute("DEF");
     p.document.node.push_back({range_of(p, type), name ? range_of(p, name.value()) : Range{}, offset, {}, {}});
     p.open.push_back(true);
@@ -328,8 +328,8 @@ void check_size(const XmlParser& p) {
         elements += p.document.text[k] == '<' && p.document.text[k + 1] != '/';
         values += p.document.text[k] == '=';
     }
-    if (elements > kNodeLimit) fail(p, 0, "more than " + std::to_string(kNodeLimit) + " elements");
-    if (values > kWordLimit) fail(p, 0, "more than " + std::to_string(kWordLimit) + " attributes");
+    if (elements > kNodeLimit) fail(p, 0, more_than(kNodeLimit, "elements"));
+    if (values > kWordLimit) fail(p, 0, more_than(kWordLimit, "attributes"));
 }
 
 }  // namespace

@@ -4,6 +4,7 @@
 #include "content/clean_mesh.hpp"
 #include "content/repair_mesh.hpp"
 #include "content/save_mesh.hpp"
+#include "engine/error.hpp"
 #include "systems/app/commands.hpp"
 #include "systems/app/load_file.hpp"
 #include "systems/app/standard_streams.hpp"

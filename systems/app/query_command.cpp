@@ -7,6 +7,7 @@
 #include <nlohmann/json.hpp>
 
 #include "content/admission.hpp"
+#include "content/clean_mesh.hpp"
 #include "engine/closest_point.hpp"
 #include "engine/error.hpp"
 #include "engine/geometry/space_curve.hpp"
