@@ -366,7 +366,7 @@ void end_rows(AdvanceIsland& island, ContactBlock& block, Mask4 ended) {
 }
 
 // Which rows of a block act in this substep, and what their impulses need. As find_active_rows and activate.
-bool activate(AdvanceIsland& island, double reach, ContactBlock& block) {
+bool activate_block(AdvanceIsland& island, double reach, ContactBlock& block) {
     const AdvanceScratch& s = island.scratch;
     const FourPoints a = corner_of(s, block, 0, &ContactNodes::place), b = corner_of(s, block, 1, &ContactNodes::place),
                      c = corner_of(s, block, 2, &ContactNodes::place);
@@ -601,7 +601,7 @@ void activate_blocks(AdvanceIsland& island, double reach, RowGroup& group) {
     for (uint32_t i = group.block.first; i < group.block.end(); ++i) {
         if (i + kBlocksAhead < group.block.end()) fetch(s.block[i + kBlocksAhead], kWholeBlock);
         ContactBlock& block = s.block[i];
-        if (!any(block.open) || !activate(island, reach, block)) {
+        if (!any(block.open) || !activate_block(island, reach, block)) {
             block.normal_impulse = Vec4d{};
             block.friction_impulse = FourPoints{};
             continue;
