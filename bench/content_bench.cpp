@@ -185,12 +185,12 @@ void register_all(const MeshFiles& files) {
         benchmark::RegisterBenchmark(name.c_str(), run)->Unit(benchmark::kMillisecond);
     };
     for (const int cell : {2, 1}) {
-        const std::string size = "/" + std::to_string(cell) + "mm";
+        const std::string size = '/' + std::to_string(cell) + "mm";
         add("contour/sphere" + size, [=](benchmark::State& s) { run_contour(s, sphere(), cell * 1e-3); });
         add("contour/liver" + size, [=](benchmark::State& s) { run_contour(s, liver(), cell * 1e-3); });
     }
     for (const int cell : {8, 4}) {
-        const std::string size = "/" + std::to_string(cell) + "mm";
+        const std::string size = '/' + std::to_string(cell) + "mm";
         add("stuffing/sphere" + size, [=](benchmark::State& s) { run_stuffing(s, sphere(), cell * 1e-3); });
         add("stuffing/liver" + size, [=](benchmark::State& s) { run_stuffing(s, liver(), cell * 1e-3); });
     }

@@ -222,7 +222,7 @@ std::string table(const std::vector<json>& rows, bool with_goal) {
         "error</th><th>goal</th><th>note</th></tr>\n";
     for (const json& row : rows) {
         if ((!text(row, "plot").empty() && text(row, "axes").empty()) || has_goal(row) != with_goal) continue;
-        const std::string unit = " " + escape_html(text(row, "unit"));
+        const std::string unit = ' ' + escape_html(text(row, "unit"));
         out += "<tr><td>" + escape_html(text(row, "name")) + "</td><td>" + figure(value(row, "ours")) + unit + "</td><td>";
         if (!text(row, "peer").empty()) out += escape_html(text(row, "peer")) + ": " + figure(value(row, "peer_value")) + unit;
         out += "</td><td>" + figure(value(row, "ratio")) + "</td><td>" + figure(value(row, "error")) + " " +
