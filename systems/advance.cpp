@@ -1,6 +1,7 @@
 #include "systems/advance.hpp"
 
 #include <algorithm>
+#include <atomic>
 #include <bit>
 #include <cmath>
 #include <limits>
@@ -20,6 +21,7 @@ namespace {
 
 // Farther than this from its origin (m) a particle counts as lost, like one that is not finite.
 constexpr float kLost = 1e6f;
+constexpr uint32_t kBodiesAtOnce = 32;
 
 AdvanceBody make_body(const AdvanceIsland& island, uint32_t body, uint32_t buffer) {
     const Bodies& bodies = island.inputs.bodies;
@@ -93,12 +95,14 @@ void gather_bodies(AdvanceIsland& island, std::span<const uint32_t> island_bodie
         if (is_deformable(island.inputs.bodies, body)) {
             s.slot_of_body[body] = static_cast<uint32_t>(s.body.size());
             s.body.push_back(make_body(island, body, particles));
-            s.body.back().kinetic = kinetic_energy(island, s.body.back());
             particles += s.body.back().particles.count;
         } else if (joins_islands(island.inputs.bodies.motion[body])) {
             rigid_slot(island, body);
         }
     }
+    parallel_for(static_cast<uint32_t>(s.body.size()), kBodiesAtOnce, [&](uint32_t begin, uint32_t end) {
+        for (uint32_t i = begin; i < end; ++i) s.body[i].kinetic = kinetic_energy(island, s.body[i]);
+    });
     if (s.offset_a.size() < particles) s.offset_a.resize(particles), s.offset_b.resize(particles);
     give_remainders(island, particles);
     gather_links(island);
@@ -258,23 +262,24 @@ void round_remainders(AdvanceIsland& island, const AdvanceBody& b) {
     });
 }
 
+// Writes the particles of a body back, or restores those that it had.
+void finish_body(AdvanceIsland& island, const AdvanceBody& b) {
+    const auto count = [](uint64_t& counter, uint64_t more) { std::atomic_ref(counter).fetch_add(more, std::memory_order_relaxed); };
+    const uint32_t lost = count_lost(b.now, b.particles.count);
+    const bool ran_away = lost == 0 && has_run_away(island, b);
+    if (lost > 0) count(island.result.nonfinite_particles, lost);
+    if (ran_away) count(island.result.runaway_bodies, 1);
+    if (lost > 0 || ran_away) return restore_body(island, b);
+    std::copy_n(b.now, b.particles.count, island.particles.offset.begin() + b.particles.first);
+    if (b.step.remainder_x) round_remainders(island, b);
+    island.particles.last_dt[b.body] = b.last_dt;
+}
+
 void finish_bodies(AdvanceIsland& island) {
-    for (const AdvanceBody& b : island.scratch.body) {
-        const uint32_t lost = count_lost(b.now, b.particles.count);
-        if (lost > 0) {
-            island.result.nonfinite_particles += lost;
-            restore_body(island, b);
-            continue;
-        }
-        if (has_run_away(island, b)) {
-            ++island.result.runaway_bodies;
-            restore_body(island, b);
-            continue;
-        }
-        std::copy_n(b.now, b.particles.count, island.particles.offset.begin() + b.particles.first);
-        if (b.step.remainder_x) round_remainders(island, b);
-        island.particles.last_dt[b.body] = b.last_dt;
-    }
+    const std::vector<AdvanceBody>& bodies = island.scratch.body;
+    parallel_for(static_cast<uint32_t>(bodies.size()), kBodiesAtOnce, [&](uint32_t begin, uint32_t end) {
+        for (uint32_t i = begin; i < end; ++i) finish_body(island, bodies[i]);
+    });
     for (const AdvanceBody& b : island.scratch.body) {
         if (b.skin_node) drape_skin(*island.inputs.other.solids, island.inputs.bodies, b.body, island.particles);
     }

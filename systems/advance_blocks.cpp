@@ -521,10 +521,8 @@ void lay_out_blocks(AdvanceScratch& s) {
         blocks += group.block.count, fixed += group.fixed.count;
         make_room(group.active_block, group.block.count);
     }
-    make_room(s.block, blocks);
-    make_room(s.fixed, fixed);
-    s.block.resize(blocks);
-    s.fixed.resize(fixed);
+    have_rows(s.block, blocks);
+    have_rows(s.fixed, fixed);
 }
 
 // Plans the rows that are not in a block; all of them without sketches.
@@ -557,8 +555,7 @@ void plan_blocks(AdvanceIsland& island) {
         plan_single_rows(island, false);
         return;
     }
-    make_room(s.sketch, rows);
-    s.sketch.resize(rows);
+    have_rows(s.sketch, rows);
     make_room(s.way, s.node.capacity());
     make_room(s.may_oppose, s.node.capacity());
     parallel_for(rows, kPlansPerChunk, [&](uint32_t begin, uint32_t end) {

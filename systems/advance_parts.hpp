@@ -336,6 +336,13 @@ template <typename Row>
 void make_room(std::vector<Row>& rows, size_t n) {
     if (rows.capacity() < n) rows.reserve(2 * n);
 }
+// The same for rows that are all written before they are read: never shrinks, since to clear megabytes anew in each pass is
+// a lone thread's work.
+template <typename Row>
+void have_rows(std::vector<Row>& rows, size_t n) {
+    make_room(rows, n);
+    if (rows.size() < n) rows.resize(n);
+}
 
 // Adds to the place of a node's particle at the end of the substep.
 inline void move_particle(AdvanceBody& body, const ContactNode& node, Vec4d way) {
