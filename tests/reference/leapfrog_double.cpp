@@ -51,7 +51,7 @@ void rigid_motion(const DoubleBody& b, Vec3d& centre, Vec3d& velocity, Vec3d& tu
         inertia += (r.squaredNorm() * Matrix3d::Identity() - r * r.transpose()) / b.inv_mass[i];
         angular += r.cross(b.velocity[i] - velocity) / b.inv_mass[i];
     }
-    Eigen::VectorXd right(3);
+    Eigen::VectorXd right(3);  // not made of angular by Eigen: at -O3 g++ 12 takes that for a read beyond its end
     for (int k = 0; k < 3; ++k) right[k] = angular[k];
     turning = solve_symmetric(inertia, right);
 }
