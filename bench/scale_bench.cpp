@@ -47,7 +47,8 @@ std::string crowded() {
 }
 
 // Contact passes in a sixtieth of a second: what is said "a pass" here is a sixtieth, whatever a scene's contact rate.
-uint32_t looks_of(const World& w) { return std::max(1u, w.clock.contact_rate / 60); }
+uint32_t looks_until(const World& w, uint32_t pass) { return pass * w.clock.contact_rate / 60; }
+uint32_t looks_in(const World& w, uint32_t pass) { return looks_until(w, pass + 1) - looks_until(w, pass); }
 
 // One run of a scene: wall seconds of every pass, and what was there.
 struct Run {
@@ -77,7 +78,7 @@ Run run_scene(const std::string& name, uint32_t count, uint32_t threads, uint32_
         for (uint32_t i = 0; i < passes; ++i) {
             const uint64_t begin = now_ns();
             double found = 0, residual = 0;
-            for (uint32_t look = 0; look < looks_of(w); ++look) {
+            for (uint32_t look = 0; look < looks_in(w, i); ++look) {
                 frame.step();
                 for (const double depth : w.penetrations.depth) found = std::max(found, depth);
                 residual = std::max(residual, w.report.deepest_residual);
@@ -264,7 +265,7 @@ SplitRun split_run(const PathScene& scene) {
         options.trace = &trace;
         Frame frame(std::move(built.world), options);
         run.edges = stage_edges(frame.stages());
-        for (uint32_t pass = 0; pass < scene.passes * looks_of(frame.world()); ++pass) run.pass.push_back(split_pass(frame, trace));
+        for (uint32_t look = 0; look < looks_until(frame.world(), scene.passes); ++look) run.pass.push_back(split_pass(frame, trace));
     });
     return run;
 }
@@ -476,7 +477,7 @@ void bullet_rows(uint32_t count, uint32_t passes, Report& report) {
         double ours = 0, theirs = 0;
         for (uint32_t i = 0; i < passes; ++i) {
             const double start = thread_seconds();
-            for (uint32_t look = 0; look < looks_of(frame.world()); ++look) frame.step();
+            for (uint32_t look = 0; look < looks_in(frame.world(), i); ++look) frame.step();
             const double middle = thread_seconds();
             bullet.step();
             ours += middle - start, theirs += thread_seconds() - middle;

@@ -14,7 +14,8 @@ struct Clock {
 };
 
 // Contact passes a second that there may be: whole numbers of passes a picture.
-inline bool is_contact_rate(uint32_t rate) { return rate == 30 || rate == 60 || rate == 120 || rate == 240; }
+inline constexpr uint32_t kHighestContactRate = 240;  // Hz
+inline bool is_contact_rate(uint32_t rate) { return rate > 0 && rate % 30 == 0 && rate <= kHighestContactRate; }
 
 inline uint64_t pass_tick(uint64_t pass, uint32_t rate) { return pass * 1000 / rate; }
 

@@ -10,7 +10,7 @@ namespace {
 
 void read_contact(TomlSection section, ContactParams& contact, uint32_t& rate) {
     section.read_count("rate", rate, 1, 1000);
-    if (!is_contact_rate(rate)) section.fail("rate must be 30, 60, 120 or 240 (Hz)");
+    if (!is_contact_rate(rate)) section.fail("rate must be 30, 60, 90 ... 240 (Hz), a whole number of passes a picture");
     section.read("tolerance", contact.tolerance, 1e-12, 1e3);
     section.read("cell_edges", contact.cell_edges, 0.01, 1000);
     section.read("push_speed", contact.push_speed, 0, 1e3);

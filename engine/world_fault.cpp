@@ -537,7 +537,7 @@ void check_clock_and_settings(const World& w, Faults& f) {
               "settings: contact tolerance, cell_edges, push_speed or iterations is out of range");
     f.require(w.settings.sleep_speed >= 0 && w.settings.sleep_after >= 0, "settings: sleep_speed or sleep_after is negative");
     const uint32_t rate = w.clock.contact_rate;
-    f.require(is_contact_rate(rate), "clock: contact_rate must be 30, 60, 120 or 240 (Hz)");
+    f.require(is_contact_rate(rate), "clock: contact_rate must be 30, 60, 90 ... 240 (Hz)");
     if (!f.first.empty()) return;
     f.require(w.clock.display_rate == 30 && w.clock.tick == pass_tick(w.clock.pass, rate), "clock: does not fit its passes");
 }

@@ -259,9 +259,9 @@ std::string scale_text(const RunFigures& f) {
     // what was not left by the pass before, in more than a tenth of all passes: no impact alone
     std::vector<double> late;
     for (size_t k = 1; k < found.size(); ++k) late.push_back(found[k] - residual[k - 1]);
-    if (f.contact_rate < 240 && !late.empty() && percent(quantile(late, 0.9)) > 1) {
+    if (f.contact_rate < kHighestContactRate && !late.empty() && percent(quantile(late, 0.9)) > 1) {
         std::snprintf(text, sizeof text, "  contacts were looked for at %u Hz and found late: --set contact.rate=%u finds them earlier\n",
-                      f.contact_rate, 2 * f.contact_rate);
+                      f.contact_rate, std::min(2 * f.contact_rate, kHighestContactRate));
         all += text;
     }
     if (f.live && (!f.render_ms.empty() || f.report.dropped_pictures > 0)) {
