@@ -470,11 +470,11 @@ void add_pushes(const AdvanceIsland& island, const ContactBlock& block, const Fo
     }
 }
 
-// Whether a node of a block has moved since the block was looked at in the sweep before.
-bool has_moved(const AdvanceScratch& s, const ContactBlock& block, uint8_t sweep) {
+// Whether a node of a block has moved in a sweep or a later one.
+bool has_moved(const AdvanceScratch& s, const ContactBlock& block, uint8_t since) {
     bool moved = false;
     for (uint32_t k = 0; k < parts_of(block); k += k == 0 && !block.edges ? 2 : 1)
-        for (const uint32_t node : block.node[k]) moved |= s.moved_in[node] + 1 >= sweep;
+        for (const uint32_t node : block.node[k]) moved |= s.moved_in[node] >= since;
     return moved;
 }
 
@@ -636,15 +636,16 @@ void add_block_impulses(AdvanceScratch& s, const RowGroup& group) {
     });
 }
 
-bool push_blocks(AdvanceIsland& island, double most, const RowGroup& group, uint8_t sweep) {
+bool push_blocks(AdvanceIsland& island, const PushSweep& sweep, const RowGroup& group) {
     AdvanceScratch& s = island.scratch;
     bool pushed = false;
     for_active_blocks(s, group, kGapPart, [&](const ContactBlock& block) {
-        if (sweep > 1 && !has_moved(s, block, sweep)) return;
+        if (sweep.since > 0 && !has_moved(s, block, sweep.since)) return;
         const Vec4d overlap = -gaps_after(s, block);
-        const Mask4 deep = block.active & (overlap > kRestingOverlap);
+        Mask4 deep = block.active & (overlap > sweep.least);
+        if (sweep.stamp > 1) deep &= overlap <= sweep.most;
         if (!any(deep)) return;
-        add_pushes(island, block, keep(deep, least(overlap, all_lanes(most))) * block.normal, deep, sweep);
+        add_pushes(island, block, keep(deep, least(overlap, all_lanes(sweep.most))) * block.normal, deep, sweep.stamp);
         pushed = true;
     });
     return pushed;

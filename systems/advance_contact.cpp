@@ -15,7 +15,7 @@ constexpr uint32_t kHeldSweeps = 4;  // with tools that turn in the hand
 constexpr uint32_t kSkinSweeps = 4;
 // Sweeps over a group before the next one: its rows are still in the cache then (a tenth of the time of a heap's advance), and
 // groups still hear of each other.
-constexpr uint32_t kSweepsAtOnce = 2;
+constexpr uint32_t kSweepsAtOnce = 4;
 constexpr uint32_t kRowsPerChunk = 2048;
 
 uint32_t node_slot(const AdvanceScratch& s, uint32_t owner, uint32_t vertex) {
@@ -38,8 +38,8 @@ Vec4d rest_position(const Meshes& meshes, uint32_t prototype, uint32_t vertex) {
 
 // Makes room for nodes and what a substep does to them. To clear the fields is work for all threads.
 void resize_nodes(size_t nodes, AdvanceScratch& s) {
-    std::vector<Vec4d>* const field[] = {&s.node.place,    &s.node.after,    &s.node.velocity,       &s.change.before,   &s.change.kicked,
-                                         &s.change.damped, &s.change.change, &s.change.acceleration, &s.change.first_way};
+    std::vector<Vec4d>* const field[] = {&s.node.place,    &s.node.after,    &s.node.velocity,       &s.change.before, &s.change.kicked,
+                                         &s.change.damped, &s.change.change, &s.change.acceleration, &s.change.way};
     constexpr uint32_t kFields = std::size(field);
     parallel_for(kFields, nodes < kNodesPerChunk ? kFields : 1, [&](uint32_t begin, uint32_t end) {
         for (uint32_t i = begin; i < end; ++i) field[i]->resize(nodes, Vec4d{});
@@ -242,8 +242,8 @@ void note_rows(AdvanceScratch& s, const ContactActive& active) {
         const bool of_point = k < active.point_nodes, pressed = (active.weight[k] > 0) == of_point;
         const Vec4d way = of_point ? active.normal : -active.normal;
         if (change.rows++ == 0) {
-            change.first_way = way;
-        } else if (pressed && !change.opposed && dot(change.first_way, way) < kOpposed) {
+            change.way = way;
+        } else if (pressed && !change.opposed && dot(change.way, way) < kOpposed) {
             change.opposed = true;
         }
     }

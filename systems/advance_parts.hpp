@@ -281,7 +281,8 @@ inline Vec4d start_impulse(const AdvanceIsland& island, uint32_t row) {
     return island.rows.carried.empty() ? Vec4d{} : island.dt * to_vec4(island.rows.carried[row]);
 }
 // Moves remaining overlap of the active rows out without touching velocities, in substeps in which a millisecond begins;
-// after move_hands. Where rows are grouped as many sweeps as ContactParams::iterations, while any row is left; else one.
+// after move_hands. Between bodies that move and that nobody leads as many sweeps as ContactParams::iterations, while any row is
+// left; else one.
 void push_out(AdvanceIsland& island, uint32_t substep);
 // Share of the way of a push that the side of the point goes, unless bodies share it by mass.
 double share_of_point(const AdvanceIsland& island, uint32_t row);
@@ -300,9 +301,14 @@ void activate_blocks(AdvanceIsland& island, double reach, RowGroup& group);
 void start_blocks(AdvanceScratch& s, const RowGroup& group);  // see start_rows
 void solve_blocks(AdvanceScratch& s, const RowGroup& group);
 void add_block_impulses(AdvanceScratch& s, const RowGroup& group);
-// One sweep of push_out, counted from 1: passes over blocks none of whose nodes has moved since the sweep before. No row is
-// pushed farther than `most` (m). Returns whether any was.
-bool push_blocks(AdvanceIsland& island, double most, const RowGroup& group, uint8_t sweep);
+// One sweep of push_out over a group.
+struct PushSweep {
+    double least, most;  // m: rows with less overlap stay; none is pushed farther, and after the first sweep none that is deeper
+    uint8_t stamp;       // from 1, ascending: see AdvanceScratch::moved_in
+    uint8_t since;       // blocks none of whose nodes has moved in this sweep or a later one are passed over; 0: no block is
+};
+// Returns whether any row was pushed.
+bool push_blocks(AdvanceIsland& island, const PushSweep& sweep, const RowGroup& group);
 // Deepest overlap of the active rows after the pushes, m.
 double deepest_in_blocks(AdvanceScratch& s, const RowGroup& group);
 

@@ -34,22 +34,32 @@ bool is_free(const AdvanceScratch& s, uint32_t node) {
     return n.particle == kNone && n.owner < s.rigid.size() && s.rigid[n.owner].free != kNone;  // the node of no mass has no owner
 }
 
-// Later rows see the move; but a node pressed from both sides stays where it was for all of them and goes half of each
-// way: it meets its two planes midway.
+// Later rows see the move. But a node pressed from both sides stays where it is for all rows of a sweep and goes half of each way:
+// it meets its two planes midway. Later sweeps move what gives way on either side of it.
 void move_node(AdvanceScratch& s, uint32_t node, Vec4d move, uint8_t sweep) {
     if (s.change[node].opposed) {
-        s.change[node].change += 0.5 * move;
+        s.change[node].way += 0.5 * move;
     } else {
         s.node[node].after += move;
         s.moved_in[node] = sweep;
     }
 }
 
-// Whether a row's push is not seen before all are made, so that it must not be made twice: see move_node; and so it is with
-// free bodies.
-bool is_moved_midway(const AdvanceScratch& s, const ContactActive& row) {
-    const auto opposed = [&](uint32_t node) { return s.change[node].opposed != 0; };
-    return row.turning != kNone || std::any_of(row.node.begin(), row.node.begin() + row.nodes, opposed);
+// Runs visit(node) for all nodes of a group pressed from both sides, for some more than once. None of them is in a block.
+template <typename Visit>
+void for_opposed(AdvanceScratch& s, const RowGroup& group, const Visit& visit) {
+    for (const ContactActive& row : group.active)
+        for (uint32_t k = 0; k < row.nodes; ++k)
+            if (s.change[row.node[k]].opposed) visit(row.node[k]);
+}
+// Makes the moves of a sweep.
+void meet_midway(AdvanceScratch& s, const RowGroup& group) {
+    for_opposed(s, group, [&](uint32_t node) {
+        const ContactNodeChange change = s.change[node];
+        s.node[node].after += change.way;
+        change.change += change.way;
+        change.way = Vec4d{};
+    });
 }
 
 // Moves both sides by their inverse masses, or each side by its share of the way; with a free body always by mass.
@@ -214,6 +224,62 @@ void make_moves(AdvanceIsland& island, double most) {
     });
 }
 
+// Pushes of free bodies are not seen before all are made, and are made once; so is the push of a row that is as long as it may be.
+// After the first sweep nodes pressed from both sides stay until all groups are through. Returns whether any push was made.
+bool push_group(AdvanceIsland& island, const PushSweep& sweep, RowGroup& group) {
+    AdvanceScratch& s = island.scratch;
+    Vec4d normal;
+    bool pushed = false;
+    for (const ContactActive& row : group.active) {
+        if (sweep.stamp > 1 && row.turning != kNone) continue;
+        const double overlap = -gap_after(s, s.plan[row.plan], normal);
+        if (!(overlap > sweep.least) || (sweep.stamp > 1 && overlap > sweep.most)) continue;
+        add_push(island, row, std::min(overlap, sweep.most) * normal, sweep.stamp);
+        pushed = true;
+    }
+    group.pushed = push_blocks(island, sweep, group) || pushed;
+    if (sweep.stamp > 1) meet_midway(s, group);
+    return group.pushed;
+}
+
+bool any_pushed(const AdvanceScratch& s) {
+    return std::any_of(s.group.begin(), s.group.begin() + s.phase[4], [](const RowGroup& group) { return group.pushed; });
+}
+
+// One push may undo another: where bodies give way by their masses more sweeps follow. (Where they go a set share of the way one
+// sweep is the answer, and under a pressing tool more made tissue chatter.)
+bool may_undo(const AdvanceIsland& island) {
+    const AdvanceScratch& s = island.scratch;
+    const auto is_led = [&](const AdvanceRigid& rigid) { return rigid.node != kNone && (rigid.free == kNone || s.free[rigid.free].held); };
+    return island.params.contact.share == ResponseShare::kMass && std::none_of(s.rigid.begin(), s.rigid.end(), is_led);
+}
+
+// Sweeps over all groups; a group's first ones follow each other while it is in the cache, and then come more of all in turn for
+// what is left deeper than the tolerance. Returns whether any row was pushed.
+bool push_groups(AdvanceIsland& island, double most) {
+    AdvanceScratch& s = island.scratch;
+    constexpr uint32_t kMostSweeps = 84;  // as many again and as many again have stamps
+    const double tolerance = std::max(kRestingOverlap, island.params.contact.tolerance);
+    const uint8_t sweeps = static_cast<uint8_t>(std::min(island.params.contact.iterations, kMostSweeps));
+    s.moved_in.assign(s.node.size(), 0);
+    for_each_group(s, [&](const RowGroup& group) { for_opposed(s, group, [&](uint32_t node) { s.change[node].way = Vec4d{}; }); });
+    for_each_group(s, [&](RowGroup& group) { push_group(island, {kRestingOverlap, most, 1, 0}, group); });
+    if (!any_pushed(s)) return false;
+    for_each_group(s, [&](const RowGroup& group) { meet_midway(s, group); });
+    if (sweeps == 1 || !may_undo(island)) return true;
+    for_each_group(s, [&](RowGroup& group) {
+        uint8_t stamp = 1;
+        while (++stamp <= sweeps && push_group(island, {kRestingOverlap, most, stamp, static_cast<uint8_t>(stamp - 1)}, group)) {
+        }
+    });
+    uint8_t since = 2;
+    for (uint8_t stamp = sweeps + 1; stamp <= 3 * sweeps; since = stamp++) {
+        for_each_group(s, [&](RowGroup& group) { push_group(island, {tolerance, most, stamp, since}, group); });
+        if (!any_pushed(s)) break;
+    }
+    return true;
+}
+
 }  // namespace
 
 double share_of_point(const AdvanceIsland& island, uint32_t row) {
@@ -234,29 +300,7 @@ void push_out(AdvanceIsland& island, uint32_t substep) {
     const uint64_t ms = started(end) - started(begin);  // that begin in this substep
     if (ms > 0) {
         const double most = params.contact.push_speed * 1e-3 * static_cast<double>(ms);
-        // in a heap of many bodies one push undoes another
-        const uint32_t sweeps = s.phase[4] > 1 ? params.contact.iterations : 1;
-        s.moved_in.assign(s.node.size(), 0);
-        for_each_group(s, [&](RowGroup& group) {
-            Vec4d normal;
-            bool again = true;
-            group.pushed = false;
-            for (uint32_t sweep = 0; sweep < sweeps && again; ++sweep) {
-                again = false;
-                const uint8_t stamp = static_cast<uint8_t>(std::min(sweep + 1, 255u));
-                for (const ContactActive& row : group.active) {
-                    if (sweep > 0 && is_moved_midway(s, row)) continue;
-                    const double overlap = -gap_after(s, s.plan[row.plan], normal);
-                    if (!(overlap > kRestingOverlap)) continue;
-                    add_push(island, row, std::min(overlap, most) * normal, stamp);
-                    again = true;
-                }
-                again = push_blocks(island, most, group, stamp) || again;
-                group.pushed = group.pushed || again;
-            }
-        });
-        bool any = false;
-        for (uint32_t g = 0; g < s.phase[4]; ++g) any = any || s.group[g].pushed;
+        const bool any = push_groups(island, most);
         if (any) make_moves(island, most);
         if (any && any_turns(s)) finish_free_pushes(island, most);
     }

@@ -192,7 +192,7 @@ struct ContactNodeChangeRow {
     Vector& damped;
     Vector& acceleration;
     Vector& change;
-    Vector& first_way;
+    Vector& way;
     Row& rows;
     Flag& opposed;
     Flag& pushed;
@@ -207,7 +207,7 @@ struct ContactNodeChanges {
     std::vector<Vec4d> damped;        // m/s, before it and what damping takes off; of a particle, while energy is accounted
     std::vector<Vec4d> acceleration;  // m/s^2, of everything else in the kick; likewise
     std::vector<Vec4d> change;        // m, of the place by push-out
-    std::vector<Vec4d> first_way;     // of the first active row that is not in a block
+    std::vector<Vec4d> way;           // of the first active row that is not in a block; then, if opposed, m, what a push-out sweep moves it
     std::vector<uint32_t> rows;       // active rows that are not in a block
     std::vector<uint8_t> opposed;     // two of them press it from both sides
     std::vector<uint8_t> pushed;      // its change is booked from the springs
@@ -215,18 +215,18 @@ struct ContactNodeChanges {
     size_t size() const { return before.size(); }
     size_t capacity() const { return before.capacity(); }
     ContactNodeChange operator[](size_t i) {
-        return {before[i], kicked[i], damped[i], acceleration[i], change[i], first_way[i], rows[i], opposed[i], pushed[i]};
+        return {before[i], kicked[i], damped[i], acceleration[i], change[i], way[i], rows[i], opposed[i], pushed[i]};
     }
     ConstContactNodeChange operator[](size_t i) const {
-        return {before[i], kicked[i], damped[i], acceleration[i], change[i], first_way[i], rows[i], opposed[i], pushed[i]};
+        return {before[i], kicked[i], damped[i], acceleration[i], change[i], way[i], rows[i], opposed[i], pushed[i]};
     }
     void resize(size_t n) {
-        for (auto* field : {&before, &kicked, &damped, &acceleration, &change, &first_way}) field->resize(n, Vec4d{});
+        for (auto* field : {&before, &kicked, &damped, &acceleration, &change, &way}) field->resize(n, Vec4d{});
         rows.resize(n, 0);
         for (auto* field : {&opposed, &pushed}) field->resize(n, 0);
     }
     void reserve(size_t n) {
-        for (auto* field : {&before, &kicked, &damped, &acceleration, &change, &first_way}) field->reserve(n);
+        for (auto* field : {&before, &kicked, &damped, &acceleration, &change, &way}) field->reserve(n);
         rows.reserve(n);
         for (auto* field : {&opposed, &pushed}) field->reserve(n);
     }

@@ -109,7 +109,10 @@ TEST(StressScenes, RainThatHitsLeavesNoOverlap) {
 // How many contacts of 27 balls that rain are found deeper than a hundredth of a ball.
 uint32_t deep_contacts_of_rain(const std::string& edges_ahead) {
     Frame frame(
-        std::move(stress_scene("rain", {{"count", "27"}, {"drop.scatter.columns", "[3, 3]"}, {"contact.edges_ahead", edges_ahead}}).world),
+        std::move(stress_scene(
+                      "rain",
+                      {{"count", "27"}, {"drop.scatter.columns", "[3, 3]"}, {"contact.rate", "120"}, {"contact.edges_ahead", edges_ahead}})
+                      .world),
         {});
     const World& w = frame.world();
     const double deep = 0.01 * smallest_body(w);

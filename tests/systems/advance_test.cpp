@@ -514,6 +514,66 @@ TEST(Advance, M20_PushOutAddsOnlyTheEnergyOfItsMoves) {
     EXPECT_LE(added, bound);
 }
 
+// A vertex of a ball between a plate and a triangle of another ball above it.
+struct PressedVertex : AdvanceScene {
+    uint32_t plate = 0;
+    Triangle above;
+    double lowest = 0;  // m, of the triangle's corners at the start; all three are there
+
+    explicit PressedVertex(uint32_t iterations) {
+        params.gravity.setZero();
+        params.contact.push_speed = 1e9;
+        params.contact.iterations = iterations;
+        Tissue soft;
+        soft.youngs_modulus = 1e-3;
+        const uint32_t mesh = add_mesh(subdivided_sphere(0.05, 1));
+        add_body(mesh, Motion::kDeformable, Vec3d::Zero(), soft);
+        add_body(mesh, Motion::kDeformable, Vec3d(0, 0, 0.2), soft);
+        plate = add_body(add_mesh(flat_square(1.0)), Motion::kStatic);
+        above = mesh_view(meshes, mesh).triangle[0];
+        lowest = 0.15;
+        for (const uint32_t v : above) particles.offset[range(1).first + v].z = static_cast<float>(lowest - 0.2);
+        const Vec3d middle = (offset(1, above[0]) + offset(1, above[1]) + offset(1, above[2])) / 3;
+        Float4& o = particles.offset[range(0).first];
+        o = {static_cast<float>(middle.x()), static_cast<float>(middle.y()), static_cast<float>(lowest + 1e-3), o.w};
+        poses.origin[plate].z() = lowest + 2e-3;
+        add_row(0, 0, plate, {0, 1, 2}, {0.4, 0.3, 0.3}, {0, 0, 1}, -1e-3, 0);
+        add_row(0, 0, 1, above, {0.4, 0.3, 0.3}, {0, 0, -1}, -1e-3, 0);
+    }
+    double below_plate() const { return lowest + 2e-3 - offset(0, 0).z(); }
+    double above_triangle() const {
+        const double z = 0.4 * offset(1, above[0]).z() + 0.3 * (offset(1, above[1]).z() + offset(1, above[2]).z());
+        return offset(0, 0).z() - (0.2 + z);
+    }
+};
+
+// Pressed from both sides a vertex goes half of each way in a sweep. That the triangle above it gives way, and then nothing is
+// left, takes more sweeps. Breaks when a row of such a vertex is pushed once, as it was, or when the sweeps end before the tolerance.
+TEST(Advance, MoreSweepsFreeAVertexPressedFromBothSides) {
+    PressedVertex once(1), often(12);
+    once.advance(1, 1);
+    often.advance(1, 1);
+    EXPECT_GT(std::max(once.below_plate(), once.above_triangle()), 3e-4);
+    EXPECT_LT(often.below_plate(), often.params.contact.tolerance);
+    EXPECT_LT(often.above_triangle(), often.params.contact.tolerance);
+    EXPECT_GT(often.lowest + 2e-3, often.offset(0, 0).z() - 2e-5);  // not beyond what presses it
+    EXPECT_NEAR(often.result.deepest_residual, std::max({0.0, often.below_plate(), often.above_triangle()}), 1e-6);
+}
+
+// Between two plates that overlap nothing gives way: the vertex stays midway, however many sweeps there are. Breaks when a later
+// sweep lets the row that is looked at last have its way.
+TEST(Advance, AVertexBetweenTwoPlatesMeetsThemMidway) {
+    for (const uint32_t iterations : {1u, 2u, 7u}) {
+        PressedVertex s(iterations);
+        s.clear_rows();
+        const uint32_t low = s.add_body(s.bodies.mesh[s.plate], Motion::kStatic, Vec3d(0, 0, s.lowest));
+        s.add_row(0, 0, s.plate, {0, 1, 2}, {0.4, 0.3, 0.3}, {0, 0, 1}, -1e-3, 0);
+        s.add_row(0, 0, low, {0, 1, 2}, {0.4, 0.3, 0.3}, {0, 0, -1}, -1e-3, 0);
+        s.advance(1, 1);
+        EXPECT_NEAR(s.offset(0, 0).z(), s.lowest + 1e-3, 1e-6) << iterations;
+    }
+}
+
 // M19. Half each, and one side cannot move: the overlap halves in every substep.
 TEST(Advance, M19_HalfShareHalvesTheOverlap) {
     AdvanceScene s;
