@@ -13,7 +13,7 @@ enum class DeepResponse : uint8_t { kNone, kLastFree };
 
 // What a scene may set under [contact].
 struct ContactParams {
-    double tolerance = 1e-4;        // m, deepest point along an edge is found to this
+    double tolerance = 1e-4;        // m, deepest point along an edge is found to this; what is left deeper is swept more often
     double cell_edges = 2.5;        // cell size of the occupancy grid in mean edges of the surviving triangles
     double push_speed = 0.1;        // m/s, fastest removal of remaining overlap
     uint32_t iterations = 2;        // velocity passes over the rows of an island per substep

@@ -13,8 +13,8 @@ constexpr uint32_t kHeldSweeps = 4;  // with tools that turn in the hand
 // Many rows of a skin share few nodes: after one sweep what is left of their speeds shakes them (20 times the work of damping
 // in a press of 20 mm).
 constexpr uint32_t kSkinSweeps = 4;
-// Sweeps over a group before the next one: its rows are still in the cache then (a tenth of the time of a heap's advance), and
-// groups still hear of each other.
+// Sweeps over a group before the next one: its rows are still in the cache then (a tenth of the time of a heap's advance).
+// Groups hear of each other in the next substep at the latest.
 constexpr uint32_t kSweepsAtOnce = 4;
 constexpr uint32_t kRowsPerChunk = 2048;
 

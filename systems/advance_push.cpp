@@ -254,11 +254,11 @@ bool may_undo(const AdvanceIsland& island) {
     return island.params.contact.share == ResponseShare::kMass && std::none_of(s.rigid.begin(), s.rigid.end(), is_led);
 }
 
-// Sweeps over all groups; a group's first ones follow each other while it is in the cache, and then come more of all in turn for
-// what is left deeper than the tolerance. Returns whether any row was pushed.
+// Sweeps over all groups: one; the others of each group while it is in the cache; up to twice as many of all groups in turn for what
+// is left deeper than the tolerance. Returns whether any row was pushed.
 bool push_groups(AdvanceIsland& island, double most) {
     AdvanceScratch& s = island.scratch;
-    constexpr uint32_t kMostSweeps = 84;  // as many again and as many again have stamps
+    constexpr uint32_t kMostSweeps = 84;  // three times as many have stamps
     const double tolerance = std::max(kRestingOverlap, island.params.contact.tolerance);
     const uint8_t sweeps = static_cast<uint8_t>(std::min(island.params.contact.iterations, kMostSweeps));
     s.moved_in.assign(s.node.size(), 0);
