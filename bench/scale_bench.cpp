@@ -241,6 +241,7 @@ std::vector<StageSplit> split_pass(Frame& frame, const Trace& trace) {
     std::vector<StageSplit> split(stages.size());
     for (size_t e = first; e < trace.size(); ++e) {
         const auto found = std::find_if(stages.begin(), stages.end(), [&](const Stage& s) { return s.name == trace[e].name; });
+        if (found == stages.end()) continue;  // the span of an island
         StageSplit& s = split[static_cast<size_t>(found - stages.begin())];
         s.serial += 1e-9 * static_cast<double>(trace[e].duration_ns);
         for (const LoopTime& l : loops) {
