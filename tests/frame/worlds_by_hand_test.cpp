@@ -82,7 +82,7 @@ TEST(WorldsByHand, AFrameNamesWhatWasForgotten) {
     w = table_and_ball();
     w.poses.velocity.pop_back();
     EXPECT_NE(refusal(std::move(w)).find("arrays of different length"), std::string::npos);
-    for (const uint32_t rate : {0u, 2000u}) {
+    for (const uint32_t rate : {0u, 45u, 100u, 270u, 2000u}) {
         w = table_and_ball();
         w.clock.contact_rate = rate;
         EXPECT_NE(refusal(std::move(w)).find("contact_rate"), std::string::npos);
@@ -237,6 +237,24 @@ TEST(WorldsByHand, ARunningFrameRefusesBodiesThatAreNotComplete) {
     frame.step();
     w.bodies.mesh.pop_back();
     EXPECT_THROW(frame.step(), InputError);
+}
+
+// A second has as many passes as its rate says and 30 pictures, each at the end of the same number of passes. Breaks when a rate is
+// taken that shares no instants with the pictures, or when periods of whole milliseconds add up to another time.
+TEST(WorldsByHand, AnyMultipleOfThePictureRateKeepsTime) {
+    for (uint32_t rate = 30; rate <= kHighestContactRate; rate += 30) {
+        World world = table_and_ball();
+        world.clock.contact_rate = rate;
+        Frame frame(std::move(world), {});
+        uint32_t pictures = 0;
+        for (uint32_t pass = 1; pass <= rate; ++pass) {
+            frame.step();
+            if (frame.times().picture) ++pictures;
+            EXPECT_EQ(frame.times().picture, pass * 30 % rate == 0) << rate << " Hz, pass " << pass;
+        }
+        EXPECT_EQ(pictures, 30u) << rate;
+        EXPECT_EQ(frame.world().clock.tick, 1000u) << rate;
+    }
 }
 
 // Whatever mode the caller computes in, it is his again afterwards and the results are the same. Breaks when a frame leaves its own
