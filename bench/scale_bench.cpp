@@ -84,7 +84,7 @@ Run run_scene(const std::string& name, uint32_t count, uint32_t threads, uint32_
                 residual = std::max(residual, w.report.deepest_residual);
             }
             run.pass.push_back(static_cast<double>(now_ns() - begin) * 1e-9);
-            run.picture.push_back(frame.times().picture);
+            run.picture.push_back(looks_in(w, i) > 0 && frame.times().picture);
             run.found.push_back(found);
             run.residual.push_back(residual);
             run.contacts += static_cast<double>(w.contacts.point.size()) / passes;

@@ -426,14 +426,14 @@ bool any_bounces(const AdvanceScratch& s) {
 
 Vec4d particle_velocity(const Particles& p, uint32_t i) { return make_vec4(p.velocity_x[i], p.velocity_y[i], p.velocity_z[i]); }
 
-// Runs visit(node, sums of its chunk) for all nodes.
+// Runs visit(begin, end, sums) for chunks of nodes.
 template <typename Visit>
-void for_nodes(AdvanceScratch& s, const Visit& visit) {
+void for_node_chunks(AdvanceScratch& s, const Visit& visit) {
     const uint32_t nodes = uint32_t(s.node.size());
     s.node_sums.assign(chunk_count(nodes, kNodesPerChunk), {});
     parallel_for(nodes, kNodesPerChunk, [&](uint32_t begin, uint32_t end) {
         NodeSums sums;
-        for (uint32_t n = begin; n < end; ++n) visit(n, sums);
+        visit(begin, end, sums);
         s.node_sums[begin / kNodesPerChunk] = sums;
     });
 }
@@ -462,7 +462,9 @@ void scatter_velocities(AdvanceIsland& island) {
         sums.work += half * (change.before + node.velocity);
         sums.damped += left * half * (change.damped - change.before) - (1 - left) * half * (change.before + node.velocity);
     };
-    for_nodes(s, scatter);
+    for_node_chunks(s, [&](uint32_t begin, uint32_t end, NodeSums& sums) {
+        for (uint32_t n = begin; n < end; ++n) scatter(n, sums);
+    });
     Vec4d work = {}, damped = {};
     for (const NodeSums& sums : s.node_sums) work += sums.work, damped += sums.damped;
     if (island.params.account_energy) {
@@ -527,44 +529,78 @@ void add_impulses(AdvanceIsland& island, const RowGroup& group) {
     }
 }
 
+// What all nodes of one owner need to know of it, read once.
+struct KickOfBody {
+    Vec4d origin, drag_velocity, drag_turn;
+    double lost, kick_dt, kick_less;  // share of the velocity relative to the drag that damping takes, negative; s; s
+    bool shape;
+
+    explicit KickOfBody(const AdvanceBody& b)
+        : origin(b.origin),
+          drag_velocity(b.drag_velocity),
+          drag_turn(b.drag_turn),
+          lost(double(b.step.keep) - 1.0),
+          kick_dt(b.step.kick_dt),
+          kick_less(b.step.kick_less),
+          shape(b.shape) {}
+};
+
 // What damping took from a node in the kick of this substep, and what everything else did. Returns the work that the
 // forces did against the push of the substep before, J: energy does not depend on the way, and half the sum of the
 // forces at the start of that substep and after the push is the force in the middle of the push, seen half a substep
 // back (exact where forces are linear in place).
-double note_kick(const AdvanceBody& body, const ContactNode& node, const ContactNodeChange& change) {
+double note_kick(const KickOfBody& body, const ContactNode& node, const ContactNodeChange& change) {
     Vec4d drag = body.drag_velocity;
     if (body.shape) drag += cross(body.drag_turn, node.place - body.origin);
-    const Vec4d lost = (double(body.step.keep) - 1.0) * (change.before - drag), before = change.acceleration;
+    const Vec4d lost = body.lost * (change.before - drag), before = change.acceleration;
     change.damped = change.before + lost;
-    change.acceleration = (node.velocity - change.damped) / double(body.step.kick_dt);
-    change.damped += double(body.step.kick_less) * change.acceleration;
+    change.acceleration = (node.velocity - change.damped) / body.kick_dt;
+    change.damped += body.kick_less * change.acceleration;
     return change.pushed ? dot(0.5 * (before + change.acceleration), change.change) / node.particle_inv_mass : 0;
+}
+
+// Nodes [begin, end), all of one owner, after kick and drift.
+void gather_run(AdvanceIsland& island, size_t begin, size_t end, NodeSums& sums) {
+    AdvanceScratch& s = island.scratch;
+    const bool particles = s.node.particle[begin] != kNone, books = island.params.account_energy, later = island.substep > 0;
+    const AdvanceBody* const body = particles ? &s.body[s.node.owner[begin]] : nullptr;
+    const KickOfBody kick = particles ? KickOfBody(*body) : KickOfBody(AdvanceBody{});
+    const uint32_t first = particles ? body->particles.first : 0;
+    const Float4 *const now = particles ? body->now : nullptr, *const next = particles ? body->next : nullptr;
+    for (size_t n = begin; n < end; ++n) {
+        const ContactNode node = s.node[n];
+        const ContactNodeChange change = s.change[n];
+        if (particles) {
+            const uint32_t vertex = node.particle - first;
+            if (later) change.before = node.velocity;
+            node.place = kick.origin + float_vec4(_mm_load_ps(&now[vertex].x));
+            node.after = kick.origin + float_vec4(_mm_load_ps(&next[vertex].x));
+            node.velocity = particle_velocity(island.particles, node.particle);
+            if (books) sums.work[0] += note_kick(kick, node, change);
+        }
+        change.kicked = node.velocity;
+        change.change = Vec4d{};
+        sums.fastest = greatest(node.velocity * node.velocity, sums.fastest);
+        sums.total += node.velocity;
+    }
+    // apart: after a byte is written the compiler reads all pointers again
+    std::fill(s.change.rows.begin() + begin, s.change.rows.begin() + end, 0);
+    for (auto* flag : {&s.change.pushed, &s.change.opposed}) std::fill(flag->begin() + begin, flag->begin() + end, uint8_t{0});
 }
 
 // Nodes after kick and drift; books the pushes of the substep before. Returns a bound of their velocities, m/s; infinite
 // if one of them is not finite.
 double gather_nodes(AdvanceIsland& island) {
     AdvanceScratch& s = island.scratch;
-    const auto gather = [&](uint32_t n, NodeSums& sums) {
-        const ContactNode node = s.node[n];
-        const ContactNodeChange change = s.change[n];
-        if (node.particle != kNone) {
-            const AdvanceBody& body = s.body[node.owner];
-            const uint32_t vertex = node.particle - body.particles.first;
-            if (island.substep > 0) change.before = node.velocity;
-            node.place = body.origin + float_vec4(_mm_load_ps(&body.now[vertex].x));
-            node.after = body.origin + float_vec4(_mm_load_ps(&body.next[vertex].x));
-            node.velocity = particle_velocity(island.particles, node.particle);
-            if (island.params.account_energy) sums.work[0] += note_kick(body, node, change);
+    for_node_chunks(s, [&](uint32_t begin, uint32_t end, NodeSums& sums) {
+        while (begin < end) {
+            uint32_t last = begin + 1;
+            const bool particle = s.node.particle[begin] != kNone;
+            while (last < end && s.node.owner[last] == s.node.owner[begin] && (s.node.particle[last] != kNone) == particle) ++last;
+            gather_run(island, begin, last, sums);
+            begin = last;
         }
-        change.kicked = node.velocity;
-        change.change = Vec4d{};
-        change.rows = 0;
-        change.pushed = change.opposed = false;
-        sums.fastest = greatest(node.velocity * node.velocity, sums.fastest);
-        sums.total += node.velocity;
-    };
-    for_nodes(s, gather);
+    });
     Vec4d most = {}, total = {};
     double work = 0;
     for (const NodeSums& sums : s.node_sums) most = greatest(sums.fastest, most), total += sums.total, work += sums.work[0];

@@ -34,11 +34,12 @@ bool is_free(const AdvanceScratch& s, uint32_t node) {
     return n.particle == kNone && n.owner < s.rigid.size() && s.rigid[n.owner].free != kNone;  // the node of no mass has no owner
 }
 
-// Later rows see the move. But a node pressed from both sides stays where it is for all rows of a sweep and goes half of each way:
-// it meets its two planes midway. Later sweeps move what gives way on either side of it.
+// Later rows see the move. But a node pressed from both sides stays where it is for all rows that a group has in a sweep; then it goes
+// the mean of their ways, see meet_midway.
 void move_node(AdvanceScratch& s, uint32_t node, Vec4d move, uint8_t sweep) {
-    if (s.change[node].opposed) {
-        s.change[node].way += 0.5 * move;
+    if (const ContactNodeChange change = s.change[node]; change.opposed) {
+        change.way += move;
+        ++change.pushes;
     } else {
         s.node[node].after += move;
         s.moved_in[node] = sweep;
@@ -52,13 +53,29 @@ void for_opposed(AdvanceScratch& s, const RowGroup& group, const Visit& visit) {
         for (uint32_t k = 0; k < row.nodes; ++k)
             if (s.change[row.node[k]].opposed) visit(row.node[k]);
 }
-// Makes the moves of a sweep.
+void forget_ways(AdvanceScratch& s, const RowGroup& group) {
+    for_opposed(s, group, [&](uint32_t node) {
+        const ContactNodeChange change = s.change[node];
+        change.way = Vec4d{};
+        change.rows = change.pushes = 0;
+    });
+}
+bool has_opposed(const AdvanceScratch& s, const ContactActive& row) {
+    return std::any_of(row.node.begin(), row.node.begin() + row.nodes, [&](uint32_t node) { return s.change.opposed[node] != 0; });
+}
+// Moves the nodes pressed from both sides: the sum of what rows want in a sweep over the most rows that have pushed in one. That
+// converges however many they are (mass splitting, Tonge et al. 2012), and between two planes a node comes to lie midway; later
+// sweeps move what gives way on either side of it.
 void meet_midway(AdvanceScratch& s, const RowGroup& group) {
     for_opposed(s, group, [&](uint32_t node) {
         const ContactNodeChange change = s.change[node];
+        if (change.pushes == 0) return;
+        change.rows = std::max({change.rows, change.pushes, 2u});
+        change.way /= double(change.rows);
         s.node[node].after += change.way;
         change.change += change.way;
         change.way = Vec4d{};
+        change.pushes = 0;
     });
 }
 
@@ -224,14 +241,16 @@ void make_moves(AdvanceIsland& island, double most) {
     });
 }
 
-// Pushes of free bodies are not seen before all are made, and are made once; so is the push of a row that is as long as it may be.
-// After the first sweep nodes pressed from both sides stay until all groups are through. Returns whether any push was made.
+// Free bodies are pushed once, and where there are any so are nodes pressed from both sides, whose other rows would else have the last
+// word; and rows that after their push are still deeper than a push may be long. In the first sweep nodes pressed from both sides stay
+// until all groups are through. Returns whether any push was made.
 bool push_group(AdvanceIsland& island, const PushSweep& sweep, RowGroup& group) {
     AdvanceScratch& s = island.scratch;
+    const bool turns = any_turns(s);
     Vec4d normal;
     bool pushed = false;
     for (const ContactActive& row : group.active) {
-        if (sweep.stamp > 1 && row.turning != kNone) continue;
+        if (!(row.inv_sum > 0) || (sweep.stamp > 1 && (row.turning != kNone || (turns && has_opposed(s, row))))) continue;
         const double overlap = -gap_after(s, s.plan[row.plan], normal);
         if (!(overlap > sweep.least) || (sweep.stamp > 1 && overlap > sweep.most)) continue;
         add_push(island, row, std::min(overlap, sweep.most) * normal, sweep.stamp);
@@ -254,15 +273,16 @@ bool may_undo(const AdvanceIsland& island) {
     return island.params.contact.share == ResponseShare::kMass && std::none_of(s.rigid.begin(), s.rigid.end(), is_led);
 }
 
-// Sweeps over all groups: one; the others of each group while it is in the cache; up to twice as many of all groups in turn for what
-// is left deeper than the tolerance. Returns whether any row was pushed.
+// Sweeps over all groups: one; the others of each group while it is in the cache; up to seven times as many of all groups in turn for
+// what is left deeper than the tolerance. Returns whether any row was pushed.
 bool push_groups(AdvanceIsland& island, double most) {
     AdvanceScratch& s = island.scratch;
-    constexpr uint32_t kMostSweeps = 84;  // three times as many have stamps
+    constexpr uint32_t kLastStamp = 254;
     const double tolerance = std::max(kRestingOverlap, island.params.contact.tolerance);
-    const uint8_t sweeps = static_cast<uint8_t>(std::min(island.params.contact.iterations, kMostSweeps));
+    const uint8_t sweeps = static_cast<uint8_t>(std::min(island.params.contact.iterations, kLastStamp));
+    const uint8_t last = static_cast<uint8_t>(std::min(8u * sweeps, kLastStamp));
     s.moved_in.assign(s.node.size(), 0);
-    for_each_group(s, [&](const RowGroup& group) { for_opposed(s, group, [&](uint32_t node) { s.change[node].way = Vec4d{}; }); });
+    for_each_group(s, [&](const RowGroup& group) { forget_ways(s, group); });
     for_each_group(s, [&](RowGroup& group) { push_group(island, {kRestingOverlap, most, 1, 0}, group); });
     if (!any_pushed(s)) return false;
     for_each_group(s, [&](const RowGroup& group) { meet_midway(s, group); });
@@ -273,7 +293,7 @@ bool push_groups(AdvanceIsland& island, double most) {
         }
     });
     uint8_t since = 2;
-    for (uint8_t stamp = sweeps + 1; stamp <= 3 * sweeps; since = stamp++) {
+    for (uint8_t stamp = sweeps + 1; stamp <= last; since = stamp++) {
         for_each_group(s, [&](RowGroup& group) { push_group(island, {tolerance, most, stamp, since}, group); });
         if (!any_pushed(s)) break;
     }

@@ -194,6 +194,7 @@ struct ContactNodeChangeRow {
     Vector& change;
     Vector& way;
     Row& rows;
+    Row& pushes;
     Flag& opposed;
     Flag& pushed;
 };
@@ -208,26 +209,27 @@ struct ContactNodeChanges {
     std::vector<Vec4d> acceleration;  // m/s^2, of everything else in the kick; likewise
     std::vector<Vec4d> change;        // m, of the place by push-out
     std::vector<Vec4d> way;           // of the first active row that is not in a block; then, if opposed, m, what a push-out sweep moves it
-    std::vector<uint32_t> rows;       // active rows that are not in a block
+    std::vector<uint32_t> rows;       // active rows that are not in a block; then, if opposed, the most that have pushed it in a sweep
+    std::vector<uint32_t> pushes;     // if opposed: rows that push it in this sweep
     std::vector<uint8_t> opposed;     // two of them press it from both sides
     std::vector<uint8_t> pushed;      // its change is booked from the springs
 
     size_t size() const { return before.size(); }
     size_t capacity() const { return before.capacity(); }
     ContactNodeChange operator[](size_t i) {
-        return {before[i], kicked[i], damped[i], acceleration[i], change[i], way[i], rows[i], opposed[i], pushed[i]};
+        return {before[i], kicked[i], damped[i], acceleration[i], change[i], way[i], rows[i], pushes[i], opposed[i], pushed[i]};
     }
     ConstContactNodeChange operator[](size_t i) const {
-        return {before[i], kicked[i], damped[i], acceleration[i], change[i], way[i], rows[i], opposed[i], pushed[i]};
+        return {before[i], kicked[i], damped[i], acceleration[i], change[i], way[i], rows[i], pushes[i], opposed[i], pushed[i]};
     }
     void resize(size_t n) {
         for (auto* field : {&before, &kicked, &damped, &acceleration, &change, &way}) field->resize(n, Vec4d{});
-        rows.resize(n, 0);
+        for (auto* field : {&rows, &pushes}) field->resize(n, 0);
         for (auto* field : {&opposed, &pushed}) field->resize(n, 0);
     }
     void reserve(size_t n) {
         for (auto* field : {&before, &kicked, &damped, &acceleration, &change, &way}) field->reserve(n);
-        rows.reserve(n);
+        for (auto* field : {&rows, &pushes}) field->reserve(n);
         for (auto* field : {&opposed, &pushed}) field->reserve(n);
     }
 };

@@ -560,17 +560,22 @@ TEST(Advance, MoreSweepsFreeAVertexPressedFromBothSides) {
     EXPECT_NEAR(often.result.deepest_residual, std::max({0.0, often.below_plate(), often.above_triangle()}), 1e-6);
 }
 
-// Between two plates that overlap nothing gives way: the vertex stays midway, however many sweeps there are. Breaks when a later
-// sweep lets the row that is looked at last have its way.
+// Between two plates that overlap nothing gives way: the vertex comes to lie midway and stays, however many sweeps and rows there
+// are. Breaks when a later sweep lets the row that is looked at last have its way, or when many rows push the vertex too far.
 TEST(Advance, AVertexBetweenTwoPlatesMeetsThemMidway) {
-    for (const uint32_t iterations : {1u, 2u, 7u}) {
-        PressedVertex s(iterations);
-        s.clear_rows();
-        const uint32_t low = s.add_body(s.bodies.mesh[s.plate], Motion::kStatic, Vec3d(0, 0, s.lowest));
-        s.add_row(0, 0, s.plate, {0, 1, 2}, {0.4, 0.3, 0.3}, {0, 0, 1}, -1e-3, 0);
-        s.add_row(0, 0, low, {0, 1, 2}, {0.4, 0.3, 0.3}, {0, 0, -1}, -1e-3, 0);
-        s.advance(1, 1);
-        EXPECT_NEAR(s.offset(0, 0).z(), s.lowest + 1e-3, 1e-6) << iterations;
+    for (const uint32_t iterations : {1u, 2u, 7u, 100u}) {
+        for (const int rows : {1, 2, 5}) {
+            PressedVertex s(iterations);
+            s.clear_rows();
+            s.particles.offset[s.range(0).first].z += 2e-4f;
+            const uint32_t low = s.add_body(s.bodies.mesh[s.plate], Motion::kStatic, Vec3d(0, 0, s.lowest));
+            for (int i = 0; i < rows; ++i) {
+                s.add_row(0, 0, s.plate, {0, 1, 2}, {0.4, 0.3, 0.3}, {0, 0, 1}, -8e-4, 0);
+                s.add_row(0, 0, low, {0, 1, 2}, {0.4, 0.3, 0.3}, {0, 0, -1}, -1.2e-3, 0);
+            }
+            s.advance(1, 1);
+            EXPECT_NEAR(s.offset(0, 0).z(), s.lowest + 1e-3, 1e-6) << iterations << " iterations, " << rows << " rows";
+        }
     }
 }
 
