@@ -306,7 +306,7 @@ void add_block_impulses(AdvanceScratch& s, const RowGroup& group);
 struct PushSweep {
     double least, most;  // m: rows with less overlap stay; none is pushed farther, and after the first sweep none that is deeper
     uint8_t stamp;       // from 1, ascending: see AdvanceScratch::moved_in
-    uint8_t since;       // blocks none of whose nodes has moved in this sweep or a later one are passed over; 0: no block is
+    uint8_t since;       // rows and blocks none of whose nodes has moved in this sweep or a later one are passed over; 0: none is
 };
 // Returns whether any row was pushed.
 bool push_blocks(AdvanceIsland& island, const PushSweep& sweep, const RowGroup& group);

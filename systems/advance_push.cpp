@@ -60,22 +60,31 @@ void forget_ways(AdvanceScratch& s, const RowGroup& group) {
         change.rows = change.pushes = 0;
     });
 }
-bool has_opposed(const AdvanceScratch& s, const ContactActive& row) {
-    return std::any_of(row.node.begin(), row.node.begin() + row.nodes, [&](uint32_t node) { return s.change.opposed[node] != 0; });
+bool has_moved(const AdvanceScratch& s, const ContactActive& row, uint8_t since) {
+    return std::any_of(row.node.begin(), row.node.begin() + row.nodes, [&](uint32_t node) { return s.moved_in[node] >= since; });
+}
+// Free bodies are pushed once: nodes that one of them and something else press stay after the first sweep, or else what presses them
+// from the other side would have the last word.
+constexpr uint32_t kStays = kNone;
+void keep_midway(AdvanceScratch& s, const RowGroup& group) {
+    for (const ContactActive& row : group.active)
+        for (uint32_t k = 0; row.turning != kNone && k < row.nodes; ++k)
+            if (s.change.opposed[row.node[k]]) s.change.rows[row.node[k]] = kStays;
 }
 // Moves the nodes pressed from both sides: the sum of what rows want in a sweep over the most rows that have pushed in one. That
-// converges however many they are (mass splitting, Tonge et al. 2012), and between two planes a node comes to lie midway; later
-// sweeps move what gives way on either side of it.
-void meet_midway(AdvanceScratch& s, const RowGroup& group) {
+// converges however many they are (mass splitting, Tonge et al. 2012), and where as many press from either side a node comes to lie
+// midway; later sweeps move what gives way around it.
+void meet_midway(AdvanceScratch& s, const RowGroup& group, uint8_t sweep) {
     for_opposed(s, group, [&](uint32_t node) {
         const ContactNodeChange change = s.change[node];
         if (change.pushes == 0) return;
         change.rows = std::max({change.rows, change.pushes, 2u});
-        change.way /= double(change.rows);
+        change.way *= change.rows == kStays ? 0.0 : 1.0 / change.rows;
         s.node[node].after += change.way;
         change.change += change.way;
         change.way = Vec4d{};
         change.pushes = 0;
+        s.moved_in[node] = sweep;
     });
 }
 
@@ -241,23 +250,22 @@ void make_moves(AdvanceIsland& island, double most) {
     });
 }
 
-// Free bodies are pushed once, and where there are any so are nodes pressed from both sides, whose other rows would else have the last
-// word; and rows that after their push are still deeper than a push may be long. In the first sweep nodes pressed from both sides stay
-// until all groups are through. Returns whether any push was made.
+// Free bodies are pushed once, and so are rows that after their push are still deeper than a push may be long. In the first sweep nodes
+// pressed from both sides stay until all groups are through. Returns whether any push was made.
 bool push_group(AdvanceIsland& island, const PushSweep& sweep, RowGroup& group) {
     AdvanceScratch& s = island.scratch;
-    const bool turns = any_turns(s);
     Vec4d normal;
     bool pushed = false;
     for (const ContactActive& row : group.active) {
-        if (!(row.inv_sum > 0) || (sweep.stamp > 1 && (row.turning != kNone || (turns && has_opposed(s, row))))) continue;
+        if (!has_moved(s, row, sweep.since)) continue;
+        if (!(row.inv_sum > 0) || (sweep.stamp > 1 && row.turning != kNone)) continue;
         const double overlap = -gap_after(s, s.plan[row.plan], normal);
         if (!(overlap > sweep.least) || (sweep.stamp > 1 && overlap > sweep.most)) continue;
         add_push(island, row, std::min(overlap, sweep.most) * normal, sweep.stamp);
         pushed = true;
     }
     group.pushed = push_blocks(island, sweep, group) || pushed;
-    if (sweep.stamp > 1) meet_midway(s, group);
+    if (sweep.stamp > 1) meet_midway(s, group, sweep.stamp);
     return group.pushed;
 }
 
@@ -285,8 +293,9 @@ bool push_groups(AdvanceIsland& island, double most) {
     for_each_group(s, [&](const RowGroup& group) { forget_ways(s, group); });
     for_each_group(s, [&](RowGroup& group) { push_group(island, {kRestingOverlap, most, 1, 0}, group); });
     if (!any_pushed(s)) return false;
-    for_each_group(s, [&](const RowGroup& group) { meet_midway(s, group); });
+    for_each_group(s, [&](const RowGroup& group) { meet_midway(s, group, 1); });
     if (sweeps == 1 || !may_undo(island)) return true;
+    for_each_group(s, [&](const RowGroup& group) { keep_midway(s, group); });
     for_each_group(s, [&](RowGroup& group) {
         uint8_t stamp = 1;
         while (++stamp <= sweeps && push_group(island, {kRestingOverlap, most, stamp, static_cast<uint8_t>(stamp - 1)}, group)) {
