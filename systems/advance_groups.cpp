@@ -48,6 +48,11 @@ uint32_t find_strips(AdvanceScratch& s) {
 void set_groups(AdvanceScratch& s, const std::array<uint32_t, 5>& phase) {
     s.phase = phase;
     if (s.group.size() < phase[4]) s.group.resize(phase[4]);
+    const uint32_t strips = phase[1];
+    for (uint32_t g = 0; g < phase[1]; ++g) s.group[g].strips = {g, 1};
+    for (uint32_t g = phase[1]; g < phase[2]; ++g) s.group[g].strips = {2 * (g - phase[1]), 2};
+    for (uint32_t g = phase[2]; g < phase[3]; ++g) s.group[g].strips = {2 * (g - phase[2]) + 1, 2};
+    for (uint32_t g = phase[3]; g < phase[4]; ++g) s.group[g].strips = {0, strips};
 }
 
 }  // namespace

@@ -339,16 +339,18 @@ inline bool has_rows(const AdvanceScratch& s) { return !s.dealt.empty(); }
 
 // Room for n rows; when more is needed, for twice as many: passes differ by a few rows, and fresh pages cost more than
 // what is done with them.
-template <typename Row>
-void make_room(std::vector<Row>& rows, size_t n) {
+template <typename Rows>
+void make_room(Rows& rows, size_t n) {
     if (rows.capacity() < n) rows.reserve(2 * n);
 }
-// The same for rows that are all written before they are read: never shrinks, since to clear megabytes anew in each pass is
-// a lone thread's work.
+// The same for rows that are all written before they are read: nothing is cleared, and nothing moved.
 template <typename Row>
-void have_rows(std::vector<Row>& rows, size_t n) {
-    make_room(rows, n);
-    if (rows.size() < n) rows.resize(n);
+void have_rows(RawVector<Row>& rows, size_t n) {
+    if (rows.capacity() < n) {
+        rows = {};
+        rows.reserve(2 * n);
+    }
+    rows.resize(n);
 }
 
 // Adds to the place of a node's particle at the end of the substep.

@@ -250,10 +250,18 @@ void make_moves(AdvanceIsland& island, double most) {
     });
 }
 
+// Whether a node of a group may have moved in a sweep or a later one. May read what groups of other phases have done.
+bool has_moved(const AdvanceScratch& s, const RowGroup& group, uint8_t since) {
+    return std::any_of(s.group.begin(), s.group.begin() + s.phase[4], [&](const RowGroup& other) {
+        return other.strips.first < group.strips.end() && group.strips.first < other.strips.end() && other.pushed_in >= since;
+    });
+}
+
 // Free bodies are pushed once, and so are rows that after their push are still deeper than a push may be long. In the first sweep nodes
 // pressed from both sides stay until all groups are through. Returns whether any push was made.
 bool push_group(AdvanceIsland& island, const PushSweep& sweep, RowGroup& group) {
     AdvanceScratch& s = island.scratch;
+    if (!has_moved(s, group, sweep.since)) return false;
     Vec4d normal;
     bool pushed = false;
     for (const ContactActive& row : group.active) {
@@ -264,13 +272,14 @@ bool push_group(AdvanceIsland& island, const PushSweep& sweep, RowGroup& group) 
         add_push(island, row, std::min(overlap, sweep.most) * normal, sweep.stamp);
         pushed = true;
     }
-    group.pushed = push_blocks(island, sweep, group) || pushed;
+    pushed = push_blocks(island, sweep, group) || pushed;
+    if (pushed) group.pushed_in = sweep.stamp;
     if (sweep.stamp > 1) meet_midway(s, group, sweep.stamp);
-    return group.pushed;
+    return pushed;
 }
 
-bool any_pushed(const AdvanceScratch& s) {
-    return std::any_of(s.group.begin(), s.group.begin() + s.phase[4], [](const RowGroup& group) { return group.pushed; });
+bool any_pushed(const AdvanceScratch& s, uint8_t stamp) {
+    return std::any_of(s.group.begin(), s.group.begin() + s.phase[4], [&](const RowGroup& group) { return group.pushed_in == stamp; });
 }
 
 // One push may undo another: where bodies give way by their masses more sweeps follow. (Where they go a set share of the way one
@@ -290,9 +299,12 @@ bool push_groups(AdvanceIsland& island, double most) {
     const uint8_t sweeps = static_cast<uint8_t>(std::min(island.params.contact.iterations, kLastStamp));
     const uint8_t last = static_cast<uint8_t>(std::min(8u * sweeps, kLastStamp));
     s.moved_in.assign(s.node.size(), 0);
-    for_each_group(s, [&](const RowGroup& group) { forget_ways(s, group); });
+    for_each_group(s, [&](RowGroup& group) {
+        group.pushed_in = 0;
+        forget_ways(s, group);
+    });
     for_each_group(s, [&](RowGroup& group) { push_group(island, {kRestingOverlap, most, 1, 0}, group); });
-    if (!any_pushed(s)) return false;
+    if (!any_pushed(s, 1)) return false;
     for_each_group(s, [&](const RowGroup& group) { meet_midway(s, group, 1); });
     if (sweeps == 1 || !may_undo(island)) return true;
     for_each_group(s, [&](const RowGroup& group) { keep_midway(s, group); });
@@ -304,7 +316,7 @@ bool push_groups(AdvanceIsland& island, double most) {
     uint8_t since = 2;
     for (uint8_t stamp = sweeps + 1; stamp <= last; since = stamp++) {
         for_each_group(s, [&](RowGroup& group) { push_group(island, {tolerance, most, stamp, since}, group); });
-        if (!any_pushed(s)) break;
+        if (!any_pushed(s, stamp)) break;
     }
     return true;
 }

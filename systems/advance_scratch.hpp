@@ -8,6 +8,7 @@
 #include "components/nodes.hpp"
 #include "engine/geometry/four_points.hpp"
 #include "engine/geometry/vec4.hpp"
+#include "engine/raw_vector.hpp"
 #include "engine/spring_kernels.hpp"
 #pragma GCC diagnostic push
 #pragma GCC diagnostic ignored "-Wpsabi"
@@ -382,8 +383,9 @@ struct RowGroup {
     uint32_t idle = 0;                   // node of no mass, for its blocks
     uint32_t turning_rows = 0;           // of active, that have a free side
     SweepChange change;                  // by the last sweep, of them
-    bool pushed = false;
-    double deepest = 0;  // m, overlap left by the last substep
+    Range strips;                        // whose bodies its rows may touch; groups without a strip in common share no node
+    uint8_t pushed_in = 0;               // last sweep of push_out, from 1, that moved a node of it; 0: none
+    double deepest = 0;                  // m, overlap left by the last substep
 };
 
 // What the nodes of a chunk add up to.
@@ -394,12 +396,12 @@ struct NodeSums {
 
 // Reused memory of advance_island, one per thread that may run it. Its content means nothing between calls.
 struct AdvanceScratch {
-    std::vector<Float4> offset_a, offset_b;  // the two buffers of a substep, bodies of the island one after the other
-    std::vector<float> remainder;            // 3 fields, rows as the buffers; for bodies that carry_remainder
-    std::vector<float> force;                // N, 3 fields, rows as the buffers; only if a body has_forces
-    std::vector<double> force_sums;          // per chunk, of one family at a time
-    std::vector<Float4> corner_force;        // N, of the tetrahedra of one body
-    std::vector<Float4> hinge_force;         // of one body that bends
+    RawVector<Float4> offset_a, offset_b;  // the two buffers of a substep, bodies of the island one after the other
+    std::vector<float> remainder;          // 3 fields, rows as the buffers; for bodies that carry_remainder
+    std::vector<float> force;              // N, 3 fields, rows as the buffers; only if a body has_forces
+    std::vector<double> force_sums;        // per chunk, of one family at a time
+    std::vector<Float4> corner_force;      // N, of the tetrahedra of one body
+    std::vector<Float4> hinge_force;       // of one body that bends
     std::vector<AdvanceBody> body;
     std::vector<AdvanceRigid> rigid;
     std::vector<double> sums;        // per chunk of slices: 16 lanes of damping work
@@ -410,7 +412,7 @@ struct AdvanceScratch {
     std::vector<uint32_t> node_of_particle;  // row of node or kNone, one per particle of the world
     std::vector<uint32_t> slot_of_body;      // row of body or of rigid or kNone, one per body of the world
     std::vector<ContactSkinPoint> skin_point;
-    std::vector<RowSketch> sketch;    // of all rows of the call, as dealt, while blocks are filled
+    RawVector<RowSketch> sketch;      // of all rows of the call, as dealt, while blocks are filled
     std::vector<Vec4d> way;           // per node: sum of the ways of all rows that press it; likewise
     std::vector<uint8_t> may_oppose;  // per node: rows of the call may press it from both sides: none of them is in a block; likewise
     std::vector<ContactPlan> plan;    // of rows that are not in a block
@@ -424,8 +426,8 @@ struct AdvanceScratch {
     std::vector<HeldRow> held;               // as held_active
     std::vector<Vec4d> warm;                 // N s, of the last substep in which nothing bounced; as plan, or empty: starts_warm
     bool bounces = false;                    // a row bounces in this substep: the next does not start from its impulses
-    std::vector<ContactBlock> block;
-    std::vector<FixedTriangles> fixed;                  // of the blocks with static planes
+    RawVector<ContactBlock> block;
+    RawVector<FixedTriangles> fixed;                    // of the blocks with static planes
     std::vector<RowGroup> group;                        // the first of them are in use, see phase
     std::array<uint32_t, 5> phase{};                    // first group of each phase, and their number
     std::vector<uint32_t> strip;                        // per row of body and then of free, while rows are grouped

@@ -301,12 +301,12 @@ const std::vector<std::string>& Frame::stage_names() const { return graphs_->nam
 const FrameTimes& Frame::times() const { return state_->times; }
 std::span<const uint32_t> Frame::detection_stages() const { return graphs_->detection; }
 
-void detect_contacts(World& world) {
+void detect_contacts(World& world, bool show_cells) {
     const FloatModeScope ours;
     if (const std::string missing = find_unfinished(world); !missing.empty()) throw InputError("cannot be simulated: " + missing);
     FrameState state;
     state.face_queries = 100'000;  // an answer, not a frame
-    state.direct_tests = 0;        // that shows its cells
+    if (show_cells) state.direct_tests = 0;
     std::swap(state.world, world);
     for (const HandTool& tool : state.world.haptics.tool) {  // hands stay where they are
         DeviceState held;

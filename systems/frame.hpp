@@ -81,6 +81,7 @@ class Frame {
 };
 
 // Detection alone (body boxes to islands) on a world at rest: what a contact report of two meshes needs. Throws as Frame does.
-void detect_contacts(World& world);
+// show_cells: small bodies too are put into cells, which occupancy then shows; what is found is the same.
+void detect_contacts(World& world, bool show_cells = true);
 
 }  // namespace trocar

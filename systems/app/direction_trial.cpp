@@ -54,7 +54,7 @@ DirectionFigures DirectionTrial::run() const {
         world.settings.contact.direction = direction;
         frame.step();
         figures.depth = deepest(world);
-        detect_contacts(world);
+        detect_contacts(world, false);
         (direction == ResponseDirection::kThesis ? figures.left_thesis : figures.left_local) = deepest(world);
     }
     return figures;
