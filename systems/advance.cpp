@@ -103,7 +103,8 @@ void gather_bodies(AdvanceIsland& island, std::span<const uint32_t> island_bodie
     parallel_for(static_cast<uint32_t>(s.body.size()), kBodiesAtOnce, [&](uint32_t begin, uint32_t end) {
         for (uint32_t i = begin; i < end; ++i) s.body[i].kinetic = kinetic_energy(island, s.body[i]);
     });
-    if (s.offset_a.size() < particles) s.offset_a.resize(particles), s.offset_b.resize(particles);
+    have_rows(s.offset_a, particles);
+    have_rows(s.offset_b, particles);
     give_remainders(island, particles);
     gather_links(island);
     give_forces(island, particles);

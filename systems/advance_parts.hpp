@@ -343,13 +343,11 @@ template <typename Rows>
 void make_room(Rows& rows, size_t n) {
     if (rows.capacity() < n) rows.reserve(2 * n);
 }
-// The same for rows that are all written before they are read: nothing is cleared, and nothing moved.
+// The same for rows that are all written before they are read: none is cleared, or moved to where there is room.
 template <typename Row>
 void have_rows(RawVector<Row>& rows, size_t n) {
-    if (rows.capacity() < n) {
-        rows = {};
-        rows.reserve(2 * n);
-    }
+    rows.clear();
+    make_room(rows, n);
     rows.resize(n);
 }
 

@@ -409,5 +409,57 @@ TEST(AdvanceGroups, AStaticFloorPushesBallsOutOnAnyThreads) {
     EXPECT_EQ(0, std::memcmp(place[0].data(), place[1].data(), place[0].size() * sizeof(Float4)));
 }
 
+// Two vertices that meet across the border of two strips. A deep push lifts one off; the other is pressed into a wedge of two planes,
+// whose pushes undo a part of each other: it slides from sweep to sweep and catches up only in a late one. The border then pushes the
+// first one, and that into a plane of its own strip, which has pushed nothing since the first sweep. Breaks when a group does not see
+// what others push.
+TEST(AdvanceGroups, LateSweepsPushOnFromStripToStrip) {
+    ThreadPool pool(2);
+    pool.run([&] {
+        Sheet s;
+        constexpr uint32_t kLines = 6, kNear = 16 * kLines + 2, kFar = 17 * kLines + 2;  // on either side of the border
+        const uint32_t balls = static_cast<uint32_t>(s.bodies.mesh.size());
+        s.params.contact.push_speed = 1e3;
+        s.params.contact.iterations = 2;
+        s.params.contact.tolerance = 1e-6;
+        s.margin = 0.02;
+        s.clear_rows();
+        for (Vec3d& origin : s.poses.origin) origin *= 1.1;  // none touches another
+        for (uint32_t b = 0; b < balls; ++b)
+            for (uint32_t v = 0; v < s.range(b).count; ++v) s.set_velocity(b, v, Vec3d::Zero());
+        for (uint32_t b = 0; b + 1 < balls; ++b)
+            if (b % kLines > 2) s.find_rows(b, b + 1, 0.3);  // that there are enough for strips; not of the two
+        // The rightmost corner of one meets the leftmost of the other.
+        const MeshView ball = mesh_view(s.meshes, s.bodies.mesh[0]);
+        const auto by_x = [&](const Triangle& a, const Triangle& b) { return ball.position[a[0]].x() < ball.position[b[0]].x(); };
+        const auto [leftmost, rightmost] = std::minmax_element(ball.triangle.begin(), ball.triangle.end(), by_x);
+        const Triangle left = *leftmost, right = *rightmost;
+        s.poses.origin[kNear] = s.poses.origin[kFar] + ball.position[left[0]] - ball.position[right[0]];
+        const auto press_on_plane = [&](uint32_t body, const Triangle& corners, const Vec3d& normal, double overlap) {
+            const Vec3d origin = s.poses.origin[body] + overlap * normal;  // the plane is through the same vertex of another ball
+            s.add_row(body, corners[0], s.add_body(s.bodies.mesh[0], Motion::kStatic, origin), corners, {1, 0, 0}, normal, -overlap, 0);
+        };
+        // Ways of a wedge are 117 degrees apart, less than opposed ones. A sweep leaves 0.2 of what was left of the slide.
+        const double cosine = -0.45, sine = std::sqrt(1 - cosine * cosine), deep = 0.01;
+        const Vec3d first(cosine, sine, 0), second(1, 0, 0), slide(0, deep / sine, 0);
+        press_on_plane(kFar, left, first, deep);
+        press_on_plane(kFar, left, second, 0);
+        const Vec3d across(0, 0.5, std::sqrt(0.75)), back = cosine * across + sine * second;
+        const Vec3d up = sine * across - cosine * second;  // square to back
+        s.add_row(kNear, right[0], kFar, left, {1, 0, 0}, across, 0, 0);
+        press_on_plane(kNear, right, up, 0.98 * across.dot(slide) / across.dot(up));
+        press_on_plane(kNear, right, back, 0);
+        // Rows that touch act if what they are of meets.
+        s.set_velocity(kFar, left[0], -1e-4 * (first + second));
+        s.set_velocity(kNear, right[0], -1e-4 * (across + back));
+        s.advance(1, 1);
+        ASSERT_EQ(s.scratch.phase[1], 2u);
+        EXPECT_EQ(s.result.active_rows, 5u);
+        EXPECT_EQ(s.result.opposing_planes, 0u);
+        for (uint32_t group = 0; group < 3; ++group) EXPECT_GT(s.scratch.group[group].pushed_in, 2) << group;
+        EXPECT_LE(s.result.deepest_residual, s.params.contact.tolerance);
+    });
+}
+
 }  // namespace
 }  // namespace trocar
