@@ -350,7 +350,7 @@ void share_room(std::span<AdvanceScratch> scratches) {
     level(&S::body, &S::rigid, &S::free, &S::sums, &S::shape_sums, &S::touched, &S::overstretched);
     level(&S::node, &S::change, &S::moved_in, &S::node_of_particle, &S::slot_of_body, &S::node_sums);
     level(&S::link, &S::link_end, &S::link_group);
-    level(&S::plan, &S::sketch, &S::way, &S::may_oppose, &S::skin_point, &S::turning, &S::held, &S::held_active, &S::warm);
+    level(&S::plan, &S::sketch, &S::may_oppose, &S::skin_point, &S::turning, &S::held, &S::held_active, &S::warm);
     level(&S::block, &S::fixed, &S::open_blocks_of_node);
     level(&S::settling, &S::component, &S::component_of);
     level(&S::strip, &S::along, &S::group_of_row, &S::next_of_group, &S::dealt, &S::ungrouped);

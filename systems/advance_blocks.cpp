@@ -140,12 +140,14 @@ bool may_turn(const AdvanceIsland& island, uint32_t row) {
 // other nodes, and of planes that may turn, are in no block.
 void find_opposable(AdvanceIsland& island) {
     AdvanceScratch& s = island.scratch;
-    s.way.assign(s.node.size(), Vec4d{});
+    RawVector<Vec4d>& sum = s.change.way;  // of the ways of all rows that press a node: until the first substep
+    parallel_for(uint32_t(s.node.size()), kNodesPerChunk,
+                 [&](uint32_t begin, uint32_t end) { std::fill(sum.begin() + begin, sum.begin() + end, Vec4d{}); });
     s.may_oppose.assign(s.node.size(), 0);
-    for_each_way(island, [&](uint32_t node, Vec4d way, uint32_t) { s.way[node] += way; });
+    for_each_way(island, [&](uint32_t node, Vec4d way, uint32_t) { sum[node] += way; });
     for_each_way(island, [&](uint32_t node, Vec4d way, uint32_t i) {
-        const double along = dot(s.way[node], way);
-        const bool leans = !(along > 0 && along * along >= kLean * kLean * norm2(s.way[node]));
+        const double along = dot(sum[node], way);
+        const bool leans = !(along > 0 && along * along >= kLean * kLean * norm2(sum[node]));
         if (leans || may_turn(island, s.dealt[i])) s.may_oppose[node] = 1;
     });
     for_each_group(s, [&](RowGroup& group) {
@@ -159,8 +161,7 @@ void find_opposable(AdvanceIsland& island) {
 
 // Particle-less and without mass: what lanes without a row, and vertices without a second end, point to.
 uint32_t add_idle_node(AdvanceScratch& s) {
-    const ContactNode node = add_node(s);
-    node.place = node.after = node.velocity = Vec4d{};
+    add_node(s);
     return static_cast<uint32_t>(s.node.size()) - 1;
 }
 
@@ -300,13 +301,13 @@ class BlockDealer {
 
 // Places of the nodes of one part of a block, one of the fields of ContactNodes.
 inline __attribute__((always_inline)) FourPoints part_of(const AdvanceScratch& s, const ContactBlock& block, uint32_t part,
-                                                         std::vector<Vec4d> ContactNodes::*field) {
+                                                         RawVector<Vec4d> ContactNodes::*field) {
     const auto& n = block.node[part];
     const Vec4d* value = (s.node.*field).data();
     return side_by_side(value[n[0]], value[n[1]], value[n[2]], value[n[3]]);
 }
 inline __attribute__((always_inline)) FourPoints point_of(const AdvanceScratch& s, const ContactBlock& block,
-                                                          std::vector<Vec4d> ContactNodes::*field) {
+                                                          RawVector<Vec4d> ContactNodes::*field) {
     const FourPoints point = block.weight[0] * part_of(s, block, 0, field);
     return block.edges ? point + block.weight[1] * part_of(s, block, 1, field) : point;
 }
@@ -315,13 +316,13 @@ inline __attribute__((always_inline)) FourPoints weighted(const std::array<Vec4d
     return w[0] * a + w[1] * b + w[2] * c;
 }
 inline __attribute__((always_inline)) FourPoints plane_of(const AdvanceScratch& s, const ContactBlock& block,
-                                                          std::vector<Vec4d> ContactNodes::*field) {
+                                                          RawVector<Vec4d> ContactNodes::*field) {
     return weighted({block.weight[2], block.weight[3], block.weight[4]}, part_of(s, block, 2, field), part_of(s, block, 3, field),
                     part_of(s, block, 4, field));
 }
 // Corners of the planes: their places, or where they are after the substep.
 inline __attribute__((always_inline)) FourPoints corner_of(const AdvanceScratch& s, const ContactBlock& block, uint32_t k,
-                                                           std::vector<Vec4d> ContactNodes::*field) {
+                                                           RawVector<Vec4d> ContactNodes::*field) {
     return block.fixed == kNone ? part_of(s, block, 2 + k, field) : s.fixed[block.fixed].corner[k];
 }
 // Parts that move: all, or those of the point.
@@ -406,7 +407,7 @@ bool activate_block(AdvanceIsland& island, double reach, ContactBlock& block) {
 
 // Adds to a field of the nodes of one part.
 void add_to_part(AdvanceScratch& s, const ContactBlock& block, uint32_t part, const FourPoints& way,
-                 std::vector<Vec4d> ContactNodes::*field) {
+                 RawVector<Vec4d> ContactNodes::*field) {
     const std::array<Vec4d, 4> ways = one_by_one(way);
     Vec4d* value = (s.node.*field).data();
     for (uint32_t lane = 0; lane < 4; ++lane) value[block.node[part][lane]] += ways[lane];
@@ -556,7 +557,6 @@ void plan_blocks(AdvanceIsland& island) {
         return;
     }
     have_rows(s.sketch, rows);
-    make_room(s.way, s.node.capacity());
     make_room(s.may_oppose, s.node.capacity());
     parallel_for(rows, kPlansPerChunk, [&](uint32_t begin, uint32_t end) {
         for (uint32_t i = begin; i < end; ++i) {

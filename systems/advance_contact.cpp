@@ -36,18 +36,6 @@ Vec4d rest_position(const Meshes& meshes, uint32_t prototype, uint32_t vertex) {
     return to_vec4(meshes.position[meshes.info[prototype].vertices.first + vertex]);
 }
 
-// Makes room for nodes and what a substep does to them. To clear the fields is work for all threads.
-void resize_nodes(size_t nodes, AdvanceScratch& s) {
-    std::vector<Vec4d>* const field[] = {&s.node.place,    &s.node.after,    &s.node.velocity,       &s.change.before, &s.change.kicked,
-                                         &s.change.damped, &s.change.change, &s.change.acceleration, &s.change.way};
-    constexpr uint32_t kFields = std::size(field);
-    parallel_for(kFields, nodes < kNodesPerChunk ? kFields : 1, [&](uint32_t begin, uint32_t end) {
-        for (uint32_t i = begin; i < end; ++i) field[i]->resize(nodes, Vec4d{});
-    });
-    s.node.resize(nodes);
-    s.change.resize(nodes);
-}
-
 // Gives the rigid sides and the nodes of all rows their places in scratch: nodes in the order of bodies and particles, so that
 // what is done to all of them runs through memory once, and rows find theirs close together.
 void number_nodes(AdvanceIsland& island, std::span<const uint32_t> island_rows) {
@@ -94,7 +82,9 @@ void number_nodes(AdvanceIsland& island, std::span<const uint32_t> island_rows) 
             s.node.owner.push_back(owner);
         }
     }
-    resize_nodes(s.node.particle.size(), s);
+    const size_t nodes = s.node.particle.size();
+    s.node.resize(nodes);
+    s.change.resize(nodes);
     parallel_for(static_cast<uint32_t>(s.node.size() - first), kNodesPerChunk, [&](uint32_t begin, uint32_t end) {
         for (size_t n = first + begin; n < first + end; ++n) {
             const ContactNode node = s.node[n];

@@ -44,6 +44,8 @@ inline ContactNode add_node(AdvanceScratch& s) {
     const size_t row = s.node.size();
     s.node.resize(row + 1);
     s.change.resize(row + 1);
+    s.node.clear_row(row);
+    s.change.clear_row(row);
     return s.node[row];
 }
 
@@ -55,7 +57,7 @@ void visit_nodes(const AdvanceScratch& s, uint32_t point, const Visit& visit) {
     for (int k = 0; k < 4; ++k) visit(skin.node[k], skin.weight[k]);
 }
 // Place, after or velocity of a node or of a skin point.
-inline Vec4d field_at(const AdvanceScratch& s, uint32_t point, std::vector<Vec4d> ContactNodes::*field) {
+inline Vec4d field_at(const AdvanceScratch& s, uint32_t point, RawVector<Vec4d> ContactNodes::*field) {
     if (!(point & kSkinPoint)) return (s.node.*field)[point];
     Vec4d sum = {};
     visit_nodes(s, point, [&](uint32_t node, double share) { sum += share * (s.node.*field)[node]; });

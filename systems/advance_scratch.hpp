@@ -157,13 +157,13 @@ using ConstContactNode = ContactNodeRow<const Vec4d, const double, const uint32_
 // Particles, hands and free bodies that contact rows act on. Field by field: a sweep over rows asks for one field of many
 // nodes, here and there, and a cache holds four times as many of them so.
 struct ContactNodes {
-    std::vector<Vec4d> place;               // m, world, at the start of the substep
-    std::vector<Vec4d> after;               // m, world, at its end
-    std::vector<Vec4d> velocity;            // m/s
-    std::vector<double> inv_mass;           // 1/kg: m/s that an impulse of 1 N s gives
-    std::vector<double> particle_inv_mass;  // 1/kg, of a particle: without what damping takes of an impulse
-    std::vector<uint32_t> particle;         // row of Particles; kNone for a rigid body
-    std::vector<uint32_t> owner;            // row of body, or of rigid
+    RawVector<Vec4d> place;               // m, world, at the start of the substep
+    RawVector<Vec4d> after;               // m, world, at its end
+    RawVector<Vec4d> velocity;            // m/s
+    RawVector<double> inv_mass;           // 1/kg: m/s that an impulse of 1 N s gives
+    RawVector<double> particle_inv_mass;  // 1/kg, of a particle: without what damping takes of an impulse
+    std::vector<uint32_t> particle;       // row of Particles; kNone for a rigid body
+    std::vector<uint32_t> owner;          // row of body, or of rigid
 
     size_t size() const { return place.size(); }
     size_t capacity() const { return place.capacity(); }
@@ -171,12 +171,17 @@ struct ContactNodes {
     ConstContactNode operator[](size_t i) const {
         return {place[i], after[i], velocity[i], inv_mass[i], particle_inv_mass[i], particle[i], owner[i]};
     }
-    // New nodes are at rest at the origin, without particle or mass.
+    // New nodes are without particle; numbers are written by who adds them.
     void resize(size_t n) {
-        for (auto* field : {&place, &after, &velocity}) field->resize(n, Vec4d{});
-        for (auto* field : {&inv_mass, &particle_inv_mass}) field->resize(n, 0);
+        for (auto* field : {&place, &after, &velocity}) field->resize(n);
+        for (auto* field : {&inv_mass, &particle_inv_mass}) field->resize(n);
         particle.resize(n, kNone);
         owner.resize(n, 0);
+    }
+    // At rest at the origin, without mass.
+    void clear_row(size_t i) {
+        place[i] = after[i] = velocity[i] = Vec4d{};
+        inv_mass[i] = particle_inv_mass[i] = 0;
     }
     void reserve(size_t n) {
         for (auto* field : {&place, &after, &velocity}) field->reserve(n);
@@ -204,16 +209,16 @@ using ConstContactNodeChange = ContactNodeChangeRow<const Vec4d, const uint32_t,
 
 // What a substep does to each row of ContactNodes.
 struct ContactNodeChanges {
-    std::vector<Vec4d> before;        // m/s, before the kick of this substep
-    std::vector<Vec4d> kicked;        // m/s, after it
-    std::vector<Vec4d> damped;        // m/s, before it and what damping takes off; of a particle, while energy is accounted
-    std::vector<Vec4d> acceleration;  // m/s^2, of everything else in the kick; likewise
-    std::vector<Vec4d> change;        // m, of the place by push-out
-    std::vector<Vec4d> way;           // of the first active row that is not in a block; then, if opposed, m, what a push-out sweep moves it
-    std::vector<uint32_t> rows;       // active rows that are not in a block; then, if opposed, the most that have pushed it in a sweep
-    std::vector<uint32_t> pushes;     // if opposed: rows that push it in this sweep
-    std::vector<uint8_t> opposed;     // two of them press it from both sides
-    std::vector<uint8_t> pushed;      // its change is booked from the springs
+    RawVector<Vec4d> before;        // m/s, before the kick of this substep
+    RawVector<Vec4d> kicked;        // m/s, after it
+    RawVector<Vec4d> damped;        // m/s, before it and what damping takes off; of a particle, while energy is accounted
+    RawVector<Vec4d> acceleration;  // m/s^2, of everything else in the kick; likewise
+    RawVector<Vec4d> change;        // m, of the place by push-out
+    RawVector<Vec4d> way;           // of the first active row that is not in a block; then, if opposed, m, what a push-out sweep moves it
+    std::vector<uint32_t> rows;     // active rows that are not in a block; then, if opposed, the most that have pushed it in a sweep
+    std::vector<uint32_t> pushes;   // if opposed: rows that push it in this sweep
+    std::vector<uint8_t> opposed;   // two of them press it from both sides
+    std::vector<uint8_t> pushed;    // its change is booked from the springs
 
     size_t size() const { return before.size(); }
     size_t capacity() const { return before.capacity(); }
@@ -224,10 +229,11 @@ struct ContactNodeChanges {
         return {before[i], kicked[i], damped[i], acceleration[i], change[i], way[i], rows[i], pushes[i], opposed[i], pushed[i]};
     }
     void resize(size_t n) {
-        for (auto* field : {&before, &kicked, &damped, &acceleration, &change, &way}) field->resize(n, Vec4d{});
+        for (auto* field : {&before, &kicked, &damped, &acceleration, &change, &way}) field->resize(n);
         for (auto* field : {&rows, &pushes}) field->resize(n, 0);
         for (auto* field : {&opposed, &pushed}) field->resize(n, 0);
     }
+    void clear_row(size_t i) { before[i] = kicked[i] = damped[i] = acceleration[i] = change[i] = way[i] = Vec4d{}; }
     void reserve(size_t n) {
         for (auto* field : {&before, &kicked, &damped, &acceleration, &change, &way}) field->reserve(n);
         for (auto* field : {&rows, &pushes}) field->reserve(n);
@@ -413,7 +419,6 @@ struct AdvanceScratch {
     std::vector<uint32_t> slot_of_body;      // row of body or of rigid or kNone, one per body of the world
     std::vector<ContactSkinPoint> skin_point;
     RawVector<RowSketch> sketch;      // of all rows of the call, as dealt, while blocks are filled
-    std::vector<Vec4d> way;           // per node: sum of the ways of all rows that press it; likewise
     std::vector<uint8_t> may_oppose;  // per node: rows of the call may press it from both sides: none of them is in a block; likewise
     std::vector<ContactPlan> plan;    // of rows that are not in a block
     std::vector<AdvanceFree> free;
