@@ -168,12 +168,13 @@ uint32_t add_idle_node(AdvanceScratch& s) {
 // Leaves out what activate writes before it is read.
 void clear_block(uint32_t idle, ContactBlock& block) {
     for (auto& nodes : block.node) nodes.fill(idle);
-    block.weight.fill(Vec4d{});
+    block.weight.fill({});
     block.inv_mass.fill(Vec4d{});
     block.normal = block.impulse = block.friction_impulse = FourPoints{};
-    block.offset = block.friction = block.point_share = block.normal_impulse = Vec4d{};
+    block.offset = block.normal_impulse = Vec4d{};
+    block.along = block.friction = {};
     block.row.fill(kNone);
-    block.open = Mask4{};
+    block.open = 0;
     block.edges = false;
     block.fixed = kNone;
 }
@@ -187,7 +188,7 @@ void put_fixed_triangle(AdvanceIsland& island, uint32_t row, uint32_t lane, Cont
     for (uint32_t k = 0; k < 3; ++k) {
         const Vec4d corner = to_vec4(meshes.position[first + island.rows.triangle[row][k]]);
         set_lane(s.fixed[block.fixed].corner[k], lane, place(corner));
-        block.weight[2 + k][lane] = island.rows.weight[row][k];
+        block.weight[k].lane[lane] = island.rows.weight[row][k];
     }
     set_lane(block.normal, lane, place.turn(to_vec4(island.rows.normal[row])));
 }
@@ -197,22 +198,19 @@ void put_row(AdvanceIsland& island, uint32_t row, const RowSketch& sketch, Conta
     const AdvanceScratch& s = island.scratch;
     const ContactRows& rows = island.rows;
     const uint32_t lane = sketch.lane;
-    const auto put = [&](uint32_t part, double weight) {
+    const auto put = [&](uint32_t part) {
         const uint32_t node = sketch.node[part];
         block.node[part][lane] = node;
-        block.weight[part][lane] = weight;
         block.inv_mass[part][lane] = s.node.inv_mass[node];
     };
-    const double along = rows.along[row];
+    put(0);
     if (sketch.node[1] != kNone) {
-        put(0, 1.0 - along);
-        put(1, along);
+        put(1);
+        block.along.lane[lane] = rows.along[row];
         block.edges = true;
-    } else {
-        put(0, (1.0 - along) + along);
     }
     if (sketch.node[2] != kNone) {
-        for (uint32_t k = 0; k < 3; ++k) put(2 + k, rows.weight[row][k]);
+        for (uint32_t k = 0; k < 3; ++k) put(2 + k), block.weight[k].lane[lane] = rows.weight[row][k];
         set_lane(block.normal, lane, to_vec4(rows.normal[row]));
     } else {
         put_fixed_triangle(island, row, lane, block);
@@ -220,10 +218,9 @@ void put_row(AdvanceIsland& island, uint32_t row, const RowSketch& sketch, Conta
     const Bodies& bodies = island.inputs.bodies;
     const uint32_t other = rows.other[row];
     if (island.inputs.meshes.info[bodies.mesh[other]].admission == Admission::kSheet) block.offset[lane] = 0.5 * bodies.thickness[other];
-    block.friction[lane] = rows.friction[row];
-    block.point_share[lane] = share_of_point(island, row);
+    block.friction.lane[lane] = rows.friction[row];
     block.row[lane] = row;
-    block.open[lane] = std::isinf(rows.distance[row]) ? 0 : -1;
+    if (!std::isinf(rows.distance[row])) block.open |= uint8_t(1u << lane);
     const Vec4d start = start_impulse(island, row), normal = lane_of(block.normal, lane);
     block.normal_impulse[lane] = std::max(0.0, dot(start, normal));
     if (block.normal_impulse[lane] > 0) set_lane(block.friction_impulse, lane, start - dot(start, normal) * normal);
@@ -234,9 +231,9 @@ struct BlockPart {
     size_t first, end;
 };
 constexpr BlockPart kWholeBlock = {0, sizeof(ContactBlock)};
-constexpr BlockPart kGapPart = {0, offsetof(ContactBlock, lever)};
+constexpr BlockPart kGapPart = {0, offsetof(ContactBlock, foot)};
 constexpr BlockPart kSweepPart = {offsetof(ContactBlock, node), offsetof(ContactBlock, impulse)};
-constexpr BlockPart kSumPart = {offsetof(ContactBlock, normal_impulse), offsetof(ContactBlock, point_share)};
+constexpr BlockPart kSumPart = {offsetof(ContactBlock, normal_impulse), offsetof(ContactBlock, row)};
 
 inline __attribute__((always_inline)) void fetch(const ContactBlock& block, BlockPart part) {
     constexpr size_t kLine = 64;
@@ -308,17 +305,21 @@ inline __attribute__((always_inline)) FourPoints part_of(const AdvanceScratch& s
 }
 inline __attribute__((always_inline)) FourPoints point_of(const AdvanceScratch& s, const ContactBlock& block,
                                                           RawVector<Vec4d> ContactNodes::*field) {
-    const FourPoints point = block.weight[0] * part_of(s, block, 0, field);
-    return block.edges ? point + block.weight[1] * part_of(s, block, 1, field) : point;
+    const FourPoints first = part_of(s, block, 0, field);
+    if (!block.edges) return first;
+    const Vec4d along = wide(block.along);
+    return (1 - along) * first + along * part_of(s, block, 1, field);
 }
 inline __attribute__((always_inline)) FourPoints weighted(const std::array<Vec4d, 3>& w, const FourPoints& a, const FourPoints& b,
                                                           const FourPoints& c) {
     return w[0] * a + w[1] * b + w[2] * c;
 }
+inline __attribute__((always_inline)) std::array<Vec4d, 3> corner_weights(const ContactBlock& block) {
+    return {wide(block.weight[0]), wide(block.weight[1]), wide(block.weight[2])};
+}
 inline __attribute__((always_inline)) FourPoints plane_of(const AdvanceScratch& s, const ContactBlock& block,
                                                           RawVector<Vec4d> ContactNodes::*field) {
-    return weighted({block.weight[2], block.weight[3], block.weight[4]}, part_of(s, block, 2, field), part_of(s, block, 3, field),
-                    part_of(s, block, 4, field));
+    return weighted(corner_weights(block), part_of(s, block, 2, field), part_of(s, block, 3, field), part_of(s, block, 4, field));
 }
 // Corners of the planes: their places, or where they are after the substep.
 inline __attribute__((always_inline)) FourPoints corner_of(const AdvanceScratch& s, const ContactBlock& block, uint32_t k,
@@ -363,7 +364,18 @@ void end_rows(AdvanceIsland& island, ContactBlock& block, Mask4 ended) {
         if (ended[lane] == 0) continue;
         end_row(island, block.row[lane]);
     }
-    block.open &= ~ended;
+    block.open &= uint8_t(~mask_bits(ended));
+}
+
+// Weight of a part in the relative velocity: + for the point, - for its foot; 0 for rows that do not act.
+template <bool kEdges>
+inline __attribute__((always_inline)) Vec4d lever_of(const ContactBlock& block, Mask4 active, uint32_t part) {
+    if (part >= 2) return block.foot[part - 2];
+    if (!kEdges) return keep(active, all_lanes(part == 0 ? 1 : 0));
+    return keep(active, part == 0 ? 1 - wide(block.along) : wide(block.along));
+}
+inline __attribute__((always_inline)) Vec4d lever_of(const ContactBlock& block, Mask4 active, uint32_t part) {
+    return block.edges ? lever_of<true>(block, active, part) : lever_of<false>(block, active, part);
 }
 
 // Which rows of a block act in this substep, and what their impulses need. As find_active_rows and activate.
@@ -371,35 +383,37 @@ bool activate_block(AdvanceIsland& island, double reach, ContactBlock& block) {
     const AdvanceScratch& s = island.scratch;
     const FourPoints a = corner_of(s, block, 0, &ContactNodes::place), b = corner_of(s, block, 1, &ContactNodes::place),
                      c = corner_of(s, block, 2, &ContactNodes::place);
-    const std::array<Vec4d, 3> fixed = {block.weight[2], block.weight[3], block.weight[4]};
+    const std::array<Vec4d, 3> fixed = corner_weights(block);
     const FourPoints point = point_of(s, block, &ContactNodes::place), plane = weighted(fixed, a, b, c);
     const Vec4d gap = dot(block.normal, point - plane) - block.offset;
-    block.active = block.open & (gap < reach);
-    if (!any(block.active)) return false;
+    Mask4 active = mask_lanes(block.open) & (gap < reach);
+    if (!any(active)) return false;
     // what is inside acts whatever its velocity, if only that is finite
-    if (!std::isfinite(reach) || any(block.active & (gap >= 0))) {
+    if (!std::isfinite(reach) || any(active & (gap >= 0))) {
         FourPoints velocity = point_of(s, block, &ContactNodes::velocity);
         if (block.fixed == kNone) velocity = velocity - plane_of(s, block, &ContactNodes::velocity);
         const Vec4d gap_after = gap + least(dot(block.normal, velocity), Vec4d{}) * island.dt;
         const Vec4d all = gap_after + norm2(velocity);  // not finite if one of them is not
-        block.active &= (gap_after < 0) & (all - all == 0);
-        if (!any(block.active)) return false;
+        active &= (gap_after < 0) & (all - all == 0);
+        if (!any(active)) return false;
     }
     const FourFeet feet = find_feet(a, b, c, point, plane, block.normal, fixed);
-    if (any(feet.left_behind & block.active)) {
-        end_rows(island, block, feet.left_behind & block.active);
-        block.active &= block.open;
-        if (!any(block.active)) return false;
+    if (any(feet.left_behind & active)) {
+        end_rows(island, block, feet.left_behind & active);
+        active &= mask_lanes(block.open);
+        if (!any(active)) return false;
     }
+    block.active = static_cast<uint8_t>(mask_bits(active));
+    for (uint32_t k = 0; k < 3; ++k) block.foot[k] = keep(active, -feet.weight[k]);
     Vec4d sum = {};
     for (uint32_t k = 0; k < kParts; ++k) {
-        block.lever[k] = keep(block.active, k < 2 ? block.weight[k] : -feet.weight[k - 2]);
-        sum += block.lever[k] * block.lever[k] * block.inv_mass[k];
+        const Vec4d lever = lever_of(block, active, k);
+        sum += lever * lever * block.inv_mass[k];
     }
-    block.inv_sum = keep(block.active & (sum > 0), 1 / sum);
-    block.least_velocity = keep(block.active, -greatest(gap, Vec4d{}) / island.dt);
+    block.inv_sum = keep(active & (sum > 0), 1 / sum);
+    block.least_velocity = keep(active, -greatest(gap, Vec4d{}) / island.dt);
     // of the substep before: start_blocks
-    const Mask4 warm = starts_warm(island) ? block.active : Mask4{};
+    const Mask4 warm = starts_warm(island) ? active : Mask4{};
     block.normal_impulse = keep(warm, block.normal_impulse);
     block.friction_impulse = keep(warm, block.friction_impulse);
     return true;
@@ -416,28 +430,30 @@ void add_to_part(AdvanceScratch& s, const ContactBlock& block, uint32_t part, co
 // As solve_row, for four rows.
 template <bool kEdges, uint32_t kMoving>
 void solve_block(AdvanceScratch& s, ContactBlock& block) {
+    const Mask4 active = mask_lanes(block.active);
+    Vec4d lever[kMoving];
     FourPoints part[kMoving];
     FourPoints velocity;
     for (uint32_t k = 0; k < kMoving; ++k) {
         if (k == 1 && !kEdges) continue;
+        lever[k] = lever_of<kEdges>(block, active, k);
         part[k] = part_of(s, block, k, &ContactNodes::velocity);
-        velocity = velocity + block.lever[k] * part[k];
+        velocity = velocity + lever[k] * part[k];
     }
     const Vec4d approach = dot(block.normal, velocity);
     const Vec4d normal_impulse = greatest(block.normal_impulse - (approach - block.least_velocity) * block.inv_sum, Vec4d{});
     if (!any((normal_impulse > 0) | (block.normal_impulse > 0))) return;  // nor is there friction
-    const Vec4d most = block.friction * normal_impulse;
+    const Vec4d most = wide(block.friction) * normal_impulse;
     FourPoints friction = block.friction_impulse - block.inv_sum * (velocity - approach * block.normal);
     const Vec4d size2 = norm2(friction);
     const Mask4 slips = size2 > most * most;
     if (any(slips)) friction = (slips ? most / square_root(size2) : all_lanes(1)) * friction;
-    const FourPoints impulse =
-        keep(block.active, (normal_impulse - block.normal_impulse) * block.normal + (friction - block.friction_impulse));
+    const FourPoints impulse = keep(active, (normal_impulse - block.normal_impulse) * block.normal + (friction - block.friction_impulse));
     block.normal_impulse = normal_impulse;
-    block.friction_impulse = keep(block.active, friction);
+    block.friction_impulse = keep(active, friction);
     for (uint32_t k = 0; k < kMoving; ++k) {
         if (k == 1 && !kEdges) continue;
-        const std::array<Vec4d, 4> now = one_by_one(part[k] + (block.lever[k] * block.inv_mass[k]) * impulse);
+        const std::array<Vec4d, 4> now = one_by_one(part[k] + (lever[k] * block.inv_mass[k]) * impulse);
         for (uint32_t lane = 0; lane < 4; ++lane) s.node.velocity[block.node[k][lane]] = now[lane];
     }
 }
@@ -445,7 +461,7 @@ void solve_block(AdvanceScratch& s, ContactBlock& block) {
 // Gaps at the end of the substep, as gap_after.
 Vec4d gaps_after(const AdvanceScratch& s, const ContactBlock& block) {
     const auto corner = [&](uint32_t k) { return corner_of(s, block, k, &ContactNodes::after); };
-    const FourPoints plane = weighted({block.weight[2], block.weight[3], block.weight[4]}, corner(0), corner(1), corner(2));
+    const FourPoints plane = weighted(corner_weights(block), corner(0), corner(1), corner(2));
     return dot(block.normal, point_of(s, block, &ContactNodes::after) - plane) - block.offset;
 }
 
@@ -453,19 +469,23 @@ Vec4d gaps_after(const AdvanceScratch& s, const ContactBlock& block) {
 void add_pushes(const AdvanceIsland& island, const ContactBlock& block, const FourPoints& way, const Mask4& deep, uint8_t sweep) {
     AdvanceScratch& s = island.scratch;
     const bool by_mass = island.params.contact.share == ResponseShare::kMass;
-    Vec4d unit[kParts], scale[2] = {block.inv_sum, block.inv_sum};
+    const Mask4 active = mask_lanes(block.active);
+    Vec4d unit[kParts], lever[kParts], scale[2] = {block.inv_sum, block.inv_sum};
     for (uint32_t k = 0; k < kParts; ++k) {
         unit[k] = by_mass ? block.inv_mass[k] : keep(block.inv_mass[k] > 0, all_lanes(1));
+        lever[k] = lever_of(block, active, k);
     }
     if (!by_mass) {
-        Vec4d sum[2] = {};
-        for (uint32_t k = 0; k < kParts; ++k) sum[k >= 2] += block.lever[k] * block.lever[k] * unit[k];
-        scale[0] = keep(sum[0] > 0, block.point_share / sum[0]);
-        scale[1] = keep(sum[1] > 0, (1 - block.point_share) / sum[1]);
+        Vec4d sum[2] = {}, share = {};
+        for (uint32_t k = 0; k < kParts; ++k) sum[k >= 2] += lever[k] * lever[k] * unit[k];
+        for (uint32_t lane = 0; lane < 4; ++lane)
+            if (deep[lane]) share[lane] = share_of_point(island, block.row[lane]);
+        scale[0] = keep(sum[0] > 0, share / sum[0]);
+        scale[1] = keep(sum[1] > 0, (1 - share) / sum[1]);
     }
     for (uint32_t k = 0; k < parts_of(block); ++k) {
         if (k == 1 && !block.edges) continue;
-        add_to_part(s, block, k, (block.lever[k] * unit[k] * scale[k >= 2]) * way, &ContactNodes::after);
+        add_to_part(s, block, k, (lever[k] * unit[k] * scale[k >= 2]) * way, &ContactNodes::after);
         for (uint32_t lane = 0; lane < 4; ++lane)
             if (deep[lane] && block.inv_mass[k][lane] > 0) s.moved_in[block.node[k][lane]] = sweep;
     }
@@ -598,13 +618,13 @@ void activate_blocks(AdvanceIsland& island, double reach, RowGroup& group) {
     for (uint32_t i = group.block.first; i < group.block.end(); ++i) {
         if (i + kBlocksAhead < group.block.end()) fetch(s.block[i + kBlocksAhead], kWholeBlock);
         ContactBlock& block = s.block[i];
-        if (!any(block.open) || !activate_block(island, reach, block)) {
+        if (block.open == 0 || !activate_block(island, reach, block)) {
             block.normal_impulse = Vec4d{};
             block.friction_impulse = FourPoints{};
             continue;
         }
         group.active_block.push_back(i);
-        active += uint32_t(std::popcount(mask_bits(block.active)));
+        active += uint32_t(std::popcount(block.active));
     }
     std::atomic_ref(island.result.active_rows).fetch_add(active, std::memory_order_relaxed);
 }
@@ -613,9 +633,10 @@ void start_blocks(AdvanceScratch& s, const RowGroup& group) {
     for_active_blocks(s, group, kSweepPart, [&](const ContactBlock& block) {
         if (!any(block.normal_impulse > 0)) return;
         const FourPoints impulse = block.normal_impulse * block.normal + block.friction_impulse;
+        const Mask4 active = mask_lanes(block.active);
         for (uint32_t k = 0; k < parts_of(block); ++k) {
             if (k == 1 && !block.edges) continue;
-            add_to_part(s, block, k, (block.lever[k] * block.inv_mass[k]) * impulse, &ContactNodes::velocity);
+            add_to_part(s, block, k, (lever_of(block, active, k) * block.inv_mass[k]) * impulse, &ContactNodes::velocity);
         }
     });
 }
@@ -642,7 +663,7 @@ bool push_blocks(AdvanceIsland& island, const PushSweep& sweep, const RowGroup& 
     for_active_blocks(s, group, kGapPart, [&](const ContactBlock& block) {
         if (sweep.since > 0 && !has_moved(s, block, sweep.since)) return;
         const Vec4d overlap = -gaps_after(s, block);
-        Mask4 deep = block.active & (overlap > sweep.least);
+        Mask4 deep = mask_lanes(block.active) & (overlap > sweep.least);
         if (sweep.stamp > 1) deep &= overlap <= sweep.most;
         if (!any(deep)) return;
         add_pushes(island, block, keep(deep, least(overlap, all_lanes(sweep.most))) * block.normal, deep, sweep.stamp);
@@ -653,8 +674,9 @@ bool push_blocks(AdvanceIsland& island, const PushSweep& sweep, const RowGroup& 
 
 double deepest_in_blocks(AdvanceScratch& s, const RowGroup& group) {
     Vec4d deepest = {};
-    for_active_blocks(s, group, kGapPart,
-                      [&](const ContactBlock& block) { deepest = greatest(keep(block.active, -gaps_after(s, block)), deepest); });
+    for_active_blocks(s, group, kGapPart, [&](const ContactBlock& block) {
+        deepest = greatest(keep(mask_lanes(block.active), -gaps_after(s, block)), deepest);
+    });
     return std::max({deepest[0], deepest[1], deepest[2], deepest[3]});
 }
 

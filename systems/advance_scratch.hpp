@@ -317,26 +317,27 @@ struct ContactTurning {
 // Four contact rows of deformable bodies, between each other or with static ones, that share no node, in the lanes of
 // registers: what ContactPlan and ContactActive say of a row. Parts of a row: 0 the point, 1 the second end of its edge, 2-4 the
 // corners of the triangle. A lane without a row points to the node of no mass and is never open.
-// What is asked for together is together: from offset to active what gaps need, from node to friction_impulse what sweeps do.
+// What is asked for together is together: up to normal what gaps need, from node to friction_impulse what sweeps do. Sweeps wait for
+// memory: what is a float or a bit is kept as one.
 struct alignas(64) ContactBlock {
     static constexpr uint32_t kParts = 5;
-    Vec4d offset = {};  // m, half the thickness of a sheet
-    std::array<Vec4d, kParts> weight;
+    Vec4d offset = {};                                 // m, half the thickness of a sheet
+    std::array<FourFloats, 3> weight;                  // of the corners of the triangle
+    FourFloats along = {};                             // part of the way to the second end
     std::array<std::array<uint32_t, 4>, kParts> node;  // part, lane
-    bool edges = false;                                // some row has a second end
     uint32_t fixed = kNone;                            // row of AdvanceScratch::fixed, if the planes are static: parts 2-4 have no nodes
+    bool edges = false;                                // some row has a second end
+    uint8_t open = 0;                                  // bits of lanes: rows that have not ended
+    uint8_t active = 0;                                // those that act in this substep, as what follows
     FourPoints normal;                                 // world
-    Mask4 active = {};                                 // in this substep, as what follows
-    std::array<Vec4d, kParts> lever;                   // weights of the relative velocity: + for the point, - for its foot; 0 if not active
+    std::array<Vec4d, 3> foot;                         // weights of the corners in the relative velocity, negative; 0 if not active
     std::array<Vec4d, kParts> inv_mass;                // 1/kg, of the call
     Vec4d inv_sum = {};                                // kg, 1 / sum of lever^2 * inverse mass; 0 if not active
     Vec4d least_velocity = {};                         // m/s, along the normal
-    Vec4d friction = {};                               // of the call
     Vec4d normal_impulse = {};                         // N s
+    FourFloats friction = {};                          // of the call
     FourPoints friction_impulse;                       // N s
     FourPoints impulse;                                // N s, given so far in the call
-    Vec4d point_share = {};                            // of the way of a push, that the side of the point goes; unless by mass
-    Mask4 open = {};                                   // rows that have not ended
     std::array<uint32_t, 4> row;                       // of ContactRows, or kNone
 };
 

@@ -14,8 +14,18 @@ struct FourPoints {
 // Comparisons of lanes: -1 where true, 0 where not. `mask ? a : b` picks lane by lane.
 using Mask4 = decltype(Vec4d{} < Vec4d{});
 
+struct alignas(16) FourFloats {
+    std::array<float, 4> lane;
+};
+inline Vec4d wide(const FourFloats& a) { return (Vec4d)_mm256_cvtps_pd(_mm_load_ps(a.lane.data())); }
+
 inline Vec4d all_lanes(double x) { return Vec4d{x, x, x, x}; }
 inline uint32_t mask_bits(Mask4 mask) { return uint32_t(_mm256_movemask_pd((__m256d)mask)); }
+// And back.
+inline Mask4 mask_lanes(uint32_t bits) {
+    const Mask4 all = {1, 2, 4, 8};
+    return (all & int64_t(bits)) == all;
+}
 inline bool any(Mask4 mask) { return mask_bits(mask) != 0; }
 inline Vec4d keep(Mask4 mask, Vec4d a) { return (Vec4d)(mask & (Mask4)a); }  // zero elsewhere, even where a is NaN
 inline Vec4d square_root(Vec4d a) { return (Vec4d)_mm256_sqrt_pd((__m256d)a); }
