@@ -169,7 +169,6 @@ uint32_t add_idle_node(AdvanceScratch& s) {
 void clear_block(uint32_t idle, ContactBlock& block) {
     for (auto& nodes : block.node) nodes.fill(idle);
     block.weight.fill({});
-    block.inv_mass.fill(Vec4d{});
     block.normal = block.impulse = block.friction_impulse = FourPoints{};
     block.offset = block.normal_impulse = Vec4d{};
     block.along = block.friction = {};
@@ -195,14 +194,9 @@ void put_fixed_triangle(AdvanceIsland& island, uint32_t row, uint32_t lane, Cont
 
 // As make_plan, of a row that fits_block.
 void put_row(AdvanceIsland& island, uint32_t row, const RowSketch& sketch, ContactBlock& block) {
-    const AdvanceScratch& s = island.scratch;
     const ContactRows& rows = island.rows;
     const uint32_t lane = sketch.lane;
-    const auto put = [&](uint32_t part) {
-        const uint32_t node = sketch.node[part];
-        block.node[part][lane] = node;
-        block.inv_mass[part][lane] = s.node.inv_mass[node];
-    };
+    const auto put = [&](uint32_t part) { block.node[part][lane] = sketch.node[part]; };
     put(0);
     if (sketch.node[1] != kNone) {
         put(1);
@@ -233,7 +227,7 @@ struct BlockPart {
 constexpr BlockPart kWholeBlock = {0, sizeof(ContactBlock)};
 constexpr BlockPart kGapPart = {0, offsetof(ContactBlock, foot)};
 constexpr BlockPart kSweepPart = {offsetof(ContactBlock, node), offsetof(ContactBlock, impulse)};
-constexpr BlockPart kSumPart = {offsetof(ContactBlock, normal_impulse), offsetof(ContactBlock, row)};
+constexpr BlockPart kSumPart = {offsetof(ContactBlock, normal_impulse), sizeof(ContactBlock)};
 
 inline __attribute__((always_inline)) void fetch(const ContactBlock& block, BlockPart part) {
     constexpr size_t kLine = 64;
@@ -302,6 +296,11 @@ inline __attribute__((always_inline)) FourPoints part_of(const AdvanceScratch& s
     const auto& n = block.node[part];
     const Vec4d* value = (s.node.*field).data();
     return side_by_side(value[n[0]], value[n[1]], value[n[2]], value[n[3]]);
+}
+inline __attribute__((always_inline)) Vec4d inv_mass_of(const AdvanceScratch& s, const ContactBlock& block, uint32_t part) {
+    const auto& n = block.node[part];
+    const double* value = s.node.inv_mass.data();
+    return Vec4d{value[n[0]], value[n[1]], value[n[2]], value[n[3]]};
 }
 inline __attribute__((always_inline)) FourPoints point_of(const AdvanceScratch& s, const ContactBlock& block,
                                                           RawVector<Vec4d> ContactNodes::*field) {
@@ -408,7 +407,7 @@ bool activate_block(AdvanceIsland& island, double reach, ContactBlock& block) {
     Vec4d sum = {};
     for (uint32_t k = 0; k < kParts; ++k) {
         const Vec4d lever = lever_of(block, active, k);
-        sum += lever * lever * block.inv_mass[k];
+        sum += lever * lever * inv_mass_of(s, block, k);
     }
     block.inv_sum = keep(active & (sum > 0), 1 / sum);
     block.least_velocity = keep(active, -greatest(gap, Vec4d{}) / island.dt);
@@ -453,7 +452,7 @@ void solve_block(AdvanceScratch& s, ContactBlock& block) {
     block.friction_impulse = keep(active, friction);
     for (uint32_t k = 0; k < kMoving; ++k) {
         if (k == 1 && !kEdges) continue;
-        const std::array<Vec4d, 4> now = one_by_one(part[k] + (lever[k] * block.inv_mass[k]) * impulse);
+        const std::array<Vec4d, 4> now = one_by_one(part[k] + (lever[k] * inv_mass_of(s, block, k)) * impulse);
         for (uint32_t lane = 0; lane < 4; ++lane) s.node.velocity[block.node[k][lane]] = now[lane];
     }
 }
@@ -472,7 +471,8 @@ void add_pushes(const AdvanceIsland& island, const ContactBlock& block, const Fo
     const Mask4 active = mask_lanes(block.active);
     Vec4d unit[kParts], lever[kParts], scale[2] = {block.inv_sum, block.inv_sum};
     for (uint32_t k = 0; k < kParts; ++k) {
-        unit[k] = by_mass ? block.inv_mass[k] : keep(block.inv_mass[k] > 0, all_lanes(1));
+        const Vec4d inv_mass = inv_mass_of(s, block, k);
+        unit[k] = by_mass ? inv_mass : keep(inv_mass > 0, all_lanes(1));
         lever[k] = lever_of(block, active, k);
     }
     if (!by_mass) {
@@ -487,7 +487,7 @@ void add_pushes(const AdvanceIsland& island, const ContactBlock& block, const Fo
         if (k == 1 && !block.edges) continue;
         add_to_part(s, block, k, (lever[k] * unit[k] * scale[k >= 2]) * way, &ContactNodes::after);
         for (uint32_t lane = 0; lane < 4; ++lane)
-            if (deep[lane] && block.inv_mass[k][lane] > 0) s.moved_in[block.node[k][lane]] = sweep;
+            if (deep[lane] && unit[k][lane] > 0) s.moved_in[block.node[k][lane]] = sweep;
     }
 }
 
@@ -636,7 +636,7 @@ void start_blocks(AdvanceScratch& s, const RowGroup& group) {
         const Mask4 active = mask_lanes(block.active);
         for (uint32_t k = 0; k < parts_of(block); ++k) {
             if (k == 1 && !block.edges) continue;
-            add_to_part(s, block, k, (lever_of(block, active, k) * block.inv_mass[k]) * impulse, &ContactNodes::velocity);
+            add_to_part(s, block, k, (lever_of(block, active, k) * inv_mass_of(s, block, k)) * impulse, &ContactNodes::velocity);
         }
     });
 }

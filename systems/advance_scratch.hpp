@@ -331,14 +331,13 @@ struct alignas(64) ContactBlock {
     uint8_t active = 0;                                // those that act in this substep, as what follows
     FourPoints normal;                                 // world
     std::array<Vec4d, 3> foot;                         // weights of the corners in the relative velocity, negative; 0 if not active
-    std::array<Vec4d, kParts> inv_mass;                // 1/kg, of the call
     Vec4d inv_sum = {};                                // kg, 1 / sum of lever^2 * inverse mass; 0 if not active
     Vec4d least_velocity = {};                         // m/s, along the normal
     Vec4d normal_impulse = {};                         // N s
     FourFloats friction = {};                          // of the call
+    std::array<uint32_t, 4> row;                       // of ContactRows, or kNone
     FourPoints friction_impulse;                       // N s
     FourPoints impulse;                                // N s, given so far in the call
-    std::array<uint32_t, 4> row;                       // of ContactRows, or kNone
 };
 
 // Corners of the triangles of four static planes, m, world.
