@@ -225,14 +225,15 @@ struct BlockPart {
     size_t first, end;
 };
 constexpr BlockPart kWholeBlock = {0, sizeof(ContactBlock)};
-constexpr BlockPart kGapPart = {0, offsetof(ContactBlock, foot)};
+constexpr BlockPart kGapPart = {offsetof(ContactBlock, along), offsetof(ContactBlock, inv_sum)};
 constexpr BlockPart kSweepPart = {offsetof(ContactBlock, node), offsetof(ContactBlock, impulse)};
 constexpr BlockPart kSumPart = {offsetof(ContactBlock, normal_impulse), sizeof(ContactBlock)};
 
 inline __attribute__((always_inline)) void fetch(const ContactBlock& block, BlockPart part) {
     constexpr size_t kLine = 64;
     const char* start = reinterpret_cast<const char*>(&block);
-    for (size_t byte = part.first / kLine * kLine; byte < part.end; byte += kLine) __builtin_prefetch(start + byte);
+    for (size_t byte = part.first; byte < part.end; byte += kLine) __builtin_prefetch(start + byte);
+    __builtin_prefetch(start + part.end - 1);
 }
 
 // Calls run(block) for the active blocks of a group, one after the other. They come from far away in memory: that of a later
@@ -377,6 +378,15 @@ inline __attribute__((always_inline)) Vec4d lever_of(const ContactBlock& block, 
     return block.edges ? lever_of<true>(block, active, part) : lever_of<false>(block, active, part);
 }
 
+// As set_push_weights: weights of the corners in pushes, negative; 0 for rows that do not act.
+inline __attribute__((always_inline)) std::array<Vec4d, 3> push_foot_of(const ContactBlock& block, Mask4 active) {
+    std::array<Vec4d, 3> foot;
+    for (uint32_t k = 0; k < 3; ++k) foot[k] = least(block.foot[k], Vec4d{});
+    const Vec4d scale = keep(active, -1 / (foot[0] + foot[1] + foot[2]));
+    for (uint32_t k = 0; k < 3; ++k) foot[k] *= scale;
+    return foot;
+}
+
 // Which rows of a block act in this substep, and what their impulses need. As find_active_rows and activate.
 bool activate_block(AdvanceIsland& island, double reach, ContactBlock& block) {
     const AdvanceScratch& s = island.scratch;
@@ -404,6 +414,8 @@ bool activate_block(AdvanceIsland& island, double reach, ContactBlock& block) {
     }
     block.active = static_cast<uint8_t>(mask_bits(active));
     for (uint32_t k = 0; k < 3; ++k) block.foot[k] = keep(active, -feet.weight[k]);
+    const std::array<Vec4d, 3> push_foot = push_foot_of(block, active);
+    block.rest = -dot(block.normal, weighted(push_foot, a, b, c) + plane) - block.offset;
     Vec4d sum = {};
     for (uint32_t k = 0; k < kParts; ++k) {
         const Vec4d lever = lever_of(block, active, k);
@@ -460,8 +472,8 @@ void solve_block(AdvanceScratch& s, ContactBlock& block) {
 // Gaps at the end of the substep, as gap_after.
 Vec4d gaps_after(const AdvanceScratch& s, const ContactBlock& block) {
     const auto corner = [&](uint32_t k) { return corner_of(s, block, k, &ContactNodes::after); };
-    const FourPoints plane = weighted(corner_weights(block), corner(0), corner(1), corner(2));
-    return dot(block.normal, point_of(s, block, &ContactNodes::after) - plane) - block.offset;
+    const FourPoints foot = weighted(push_foot_of(block, mask_lanes(block.active)), corner(0), corner(1), corner(2));
+    return dot(block.normal, point_of(s, block, &ContactNodes::after) + foot) + block.rest;
 }
 
 // As add_push, for the rows that are deep.
@@ -469,15 +481,19 @@ void add_pushes(const AdvanceIsland& island, const ContactBlock& block, const Fo
     AdvanceScratch& s = island.scratch;
     const bool by_mass = island.params.contact.share == ResponseShare::kMass;
     const Mask4 active = mask_lanes(block.active);
-    Vec4d unit[kParts], lever[kParts], scale[2] = {block.inv_sum, block.inv_sum};
+    const std::array<Vec4d, 3> foot = push_foot_of(block, active);
+    Vec4d unit[kParts], lever[kParts], sum[2] = {}, scale[2];
     for (uint32_t k = 0; k < kParts; ++k) {
         const Vec4d inv_mass = inv_mass_of(s, block, k);
         unit[k] = by_mass ? inv_mass : keep(inv_mass > 0, all_lanes(1));
-        lever[k] = lever_of(block, active, k);
+        lever[k] = k < 2 ? lever_of(block, active, k) : foot[k - 2];
+        sum[k >= 2] += lever[k] * lever[k] * unit[k];
     }
-    if (!by_mass) {
-        Vec4d sum[2] = {}, share = {};
-        for (uint32_t k = 0; k < kParts; ++k) sum[k >= 2] += lever[k] * lever[k] * unit[k];
+    if (by_mass) {
+        const Vec4d both = sum[0] + sum[1];
+        scale[0] = scale[1] = keep(both > 0, 1 / both);
+    } else {
+        Vec4d share = {};
         for (uint32_t lane = 0; lane < 4; ++lane)
             if (deep[lane]) share[lane] = share_of_point(island, block.row[lane]);
         scale[0] = keep(sum[0] > 0, share / sum[0]);

@@ -268,6 +268,32 @@ double least_velocity(const AdvanceIsland& island, const ContactPlan& plan, cons
     return hits ? std::max(back, 0.0) : std::min(closed, back);
 }
 
+// Where pushes act, and their gap is measured: at the foot, or if that is beside its triangle as near as its weights say, so that no
+// corner is pulled where others are pushed. Were they measured elsewhere, rows of a vertex could undo more than each other's pushes.
+void set_push_weights(const AdvanceScratch& s, const ContactPlan& plan, const RowState& r, const Foot& foot, ContactActive& active) {
+    active.push_weight = active.weight;
+    active.push_gap = 0;
+    if (plan.rigid_b != kNone) return;
+    std::array<double, 3> weight = foot.weight;
+    const bool beside = *std::min_element(weight.begin(), weight.end()) < 0;
+    if (beside) {
+        for (double& w : weight) w = std::max(w, 0.0);
+        const double sum = weight[0] + weight[1] + weight[2];
+        for (double& w : weight) w /= sum;
+    }
+    Vec4d at = {};
+    for (int k = 0; k < 3; ++k) at += weight[k] * field_at(s, plan.node_b[k], &ContactNodes::place);
+    active.push_gap = dot(r.normal, at - r.plane);
+    if (!beside) return;
+    const auto first = active.node.begin() + active.point_nodes, last = active.node.begin() + active.nodes;
+    std::fill(active.push_weight.begin() + active.point_nodes, active.push_weight.begin() + active.nodes, 0.0);
+    for (int k = 0; k < 3; ++k)
+        visit_nodes(s, plan.node_b[k], [&](uint32_t node, double share) {
+            const auto found = std::find(first, last, node);
+            if (found != last) active.push_weight[found - active.node.begin()] -= share * weight[k];
+        });
+}
+
 // Adds a row to the active ones. approach: m/s along the normal, before any impulse of the substep.
 void add_active(AdvanceIsland& island, uint32_t plan_row, const RowState& r, const Foot& foot, double approach,
                 std::vector<ContactActive>& rows) {
@@ -304,6 +330,7 @@ void add_active(AdvanceIsland& island, uint32_t plan_row, const RowState& r, con
         sum += active.weight[k] * active.weight[k] * s.node[active.node[k]].inv_mass;
     }
     active.inv_sum = sum > 0 ? 1 / sum : 0;
+    set_push_weights(s, plan, r, foot, active);
     active.least_velocity = least_velocity(island, plan, active, r.gap, approach);
     // a free body rests anywhere in a thin band: gaps of a micrometre among its rows would let it rock at 1 mm/s
     if (r.gap < kRestingGap && !is_bounced_away(plan, approach) && !s.free.empty() && has_free_side(s, plan)) {

@@ -284,7 +284,7 @@ inline Vec4d start_impulse(const AdvanceIsland& island, uint32_t row) {
 }
 // Moves remaining overlap of the active rows out without touching velocities, in substeps in which a millisecond begins;
 // after move_hands. One sweep; where bodies share pushes by mass and no hand leads one as many as ContactParams::iterations while any
-// row is left, and with more than one of these up to seven times as many more while one is deeper than ContactParams::tolerance and no
+// row is left, and with more than one of these up to fifteen times as many more while one is deeper than ContactParams::tolerance and no
 // deeper than push_speed removes in the substep.
 void push_out(AdvanceIsland& island, uint32_t substep);
 // Share of the way of a push that the side of the point goes, unless bodies share it by mass.

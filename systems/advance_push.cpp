@@ -8,8 +8,10 @@
 namespace trocar {
 namespace {
 
-// Gap of a row at the end of the substep, and its normal there.
-double gap_after(const AdvanceScratch& s, const ContactPlan& plan, Vec4d& normal) {
+// Gap of a row at the end of the substep, and its normal there. Measured where pushes act: so they change the gaps of each other's rows
+// alike, and sweeps do not run away.
+double gap_after(const AdvanceScratch& s, const ContactActive& row, Vec4d& normal) {
+    const ContactPlan& plan = s.plan[row.plan];
     Vec4d apart;
     if (plan.rigid_a == kNone) {
         apart = plan.weight_a[0] * field_at(s, plan.node_a[0], &ContactNodes::after);
@@ -19,14 +21,14 @@ double gap_after(const AdvanceScratch& s, const ContactPlan& plan, Vec4d& normal
         apart = s.rigid[plan.rigid_a].place[1](plan.point_a);
     }
     if (plan.rigid_b == kNone) {
-        for (int k = 0; k < 3; ++k) apart -= plan.weight_b[k] * field_at(s, plan.node_b[k], &ContactNodes::after);
+        for (uint32_t k = row.point_nodes; k < row.nodes; ++k) apart += row.push_weight[k] * s.node[row.node[k]].after;
         normal = plan.normal;
     } else {
         const RigidMap& place = s.rigid[plan.rigid_b].place[1];
         apart -= place(plan.point_b);
         normal = place.turn(plan.normal);
     }
-    return dot(normal, apart) - plan.offset;
+    return dot(normal, apart) + row.push_gap - plan.offset;
 }
 
 bool is_free(const AdvanceScratch& s, uint32_t node) {
@@ -92,11 +94,18 @@ void meet_midway(AdvanceScratch& s, const RowGroup& group, uint8_t sweep) {
 void add_push(AdvanceIsland& island, const ContactActive& row, Vec4d way, uint8_t sweep) {
     AdvanceScratch& s = island.scratch;
     const bool by_mass = island.params.contact.share == ResponseShare::kMass || row.turning != kNone;
-    double scale[2] = {row.inv_sum, row.inv_sum};  // of the side of the point, of the plane
-    if (!by_mass) {
+    double scale[2];  // of the side of the point, of the plane
+    if (by_mass) {
+        double sum = row.turning != kNone ? 1 / row.inv_sum : 0;
+        for (uint32_t k = 0; k < row.nodes; ++k) {
+            const double change = row.push_weight[k] * row.push_weight[k] - (row.turning != kNone ? row.weight[k] * row.weight[k] : 0);
+            sum += change * s.node[row.node[k]].inv_mass;
+        }
+        scale[0] = scale[1] = sum > 0 ? 1 / sum : 0;
+    } else {
         double sum[2] = {0, 0};
         for (uint32_t k = 0; k < row.nodes; ++k) {
-            if (s.node[row.node[k]].inv_mass > 0) sum[k >= row.point_nodes] += row.weight[k] * row.weight[k];
+            if (s.node[row.node[k]].inv_mass > 0) sum[k >= row.point_nodes] += row.push_weight[k] * row.push_weight[k];
         }
         const ContactPlan& plan = s.plan[row.plan];
         const bool both_rigid = plan.rigid_a != kNone && plan.rigid_b != kNone;  // a hand and something firm
@@ -108,9 +117,9 @@ void add_push(AdvanceIsland& island, const ContactActive& row, Vec4d way, uint8_
         const double inv_mass = s.node[row.node[k]].inv_mass;
         if (!(inv_mass > 0) || is_free(s, row.node[k])) continue;
         const double unit = by_mass ? inv_mass : 1.0;
-        move_node(s, row.node[k], (row.weight[k] * unit * scale[k >= row.point_nodes]) * way, sweep);
+        move_node(s, row.node[k], (row.push_weight[k] * unit * scale[k >= row.point_nodes]) * way, sweep);
     }
-    if (row.turning != kNone) push_free_sides(s, s.turning[row.turning], row.inv_sum * way);
+    if (row.turning != kNone) push_free_sides(s, s.turning[row.turning], scale[0] * way);
 }
 
 // How far a node of the island is being pushed, m; zero for other particles.
@@ -267,7 +276,7 @@ bool push_group(AdvanceIsland& island, const PushSweep& sweep, RowGroup& group) 
     for (const ContactActive& row : group.active) {
         if (!has_moved(s, row, sweep.since)) continue;
         if (!(row.inv_sum > 0) || (sweep.stamp > 1 && row.turning != kNone)) continue;
-        const double overlap = -gap_after(s, s.plan[row.plan], normal);
+        const double overlap = -gap_after(s, row, normal);
         if (!(overlap > sweep.least) || (sweep.stamp > 1 && overlap > sweep.most)) continue;
         add_push(island, row, std::min(overlap, sweep.most) * normal, sweep.stamp);
         pushed = true;
@@ -290,14 +299,14 @@ bool may_undo(const AdvanceIsland& island) {
     return island.params.contact.share == ResponseShare::kMass && std::none_of(s.rigid.begin(), s.rigid.end(), is_led);
 }
 
-// Sweeps over all groups: one; the others of each group while it is in the cache; up to seven times as many of all groups in turn for
+// Sweeps over all groups: one; the others of each group while it is in the cache; up to fifteen times as many of all groups in turn for
 // what is left deeper than the tolerance. Returns whether any row was pushed.
 bool push_groups(AdvanceIsland& island, double most) {
     AdvanceScratch& s = island.scratch;
     constexpr uint32_t kLastStamp = 254;
     const double tolerance = std::max(kRestingOverlap, island.params.contact.tolerance);
     const uint8_t sweeps = static_cast<uint8_t>(std::min(island.params.contact.iterations, kLastStamp));
-    const uint8_t last = static_cast<uint8_t>(std::min(8u * sweeps, kLastStamp));
+    const uint8_t last = static_cast<uint8_t>(std::min(16u * sweeps, kLastStamp));
     s.moved_in.assign(s.node.size(), 0);
     for_each_group(s, [&](RowGroup& group) {
         group.pushed_in = 0;
@@ -350,7 +359,7 @@ void push_out(AdvanceIsland& island, uint32_t substep) {
     for_each_group(s, [&](RowGroup& group) {
         Vec4d normal;
         group.deepest = deepest_in_blocks(s, group);
-        for (const ContactActive& row : group.active) group.deepest = std::max(group.deepest, -gap_after(s, s.plan[row.plan], normal));
+        for (const ContactActive& row : group.active) group.deepest = std::max(group.deepest, -gap_after(s, row, normal));
     });
     double deepest = 0;
     for (uint32_t g = 0; g < s.phase[4]; ++g) deepest = std::max(deepest, s.group[g].deepest);

@@ -287,8 +287,10 @@ struct ContactActive {
     double least_velocity = 0;  // m/s, along the normal
     double inv_sum = 0;         // kg, 1 / sum of weight^2 * inverse mass
     double friction = 0;
-    static constexpr uint32_t kMostNodes = 24;  // a face against a triangle, both of skins
-    std::array<double, kMostNodes> weight;      // of the relative velocity: + for the point, - for the plane
+    double push_gap = 0;  // m, from the plane point to where pushes act, along the normal, at the start of the substep
+    static constexpr uint32_t kMostNodes = 24;   // a face against a triangle, both of skins
+    std::array<double, kMostNodes> weight;       // of the relative velocity: + for the point, - for the plane
+    std::array<double, kMostNodes> push_weight;  // of pushes: the foot stays on its triangle
     std::array<uint32_t, kMostNodes> node;
     uint32_t nodes = 0;
     uint32_t point_nodes = 0;  // how many of them, the first, are on the side of the point
@@ -319,7 +321,7 @@ struct ContactTurning {
 // corners of the triangle. A lane without a row points to the node of no mass and is never open.
 // What is asked for together is together: up to normal what gaps need, from node to friction_impulse what sweeps do. Sweeps wait for
 // memory: what is a float or a bit is kept as one.
-struct alignas(64) ContactBlock {
+struct ContactBlock {
     static constexpr uint32_t kParts = 5;
     Vec4d offset = {};                                 // m, half the thickness of a sheet
     std::array<FourFloats, 3> weight;                  // of the corners of the triangle
@@ -331,6 +333,7 @@ struct alignas(64) ContactBlock {
     uint8_t active = 0;                                // those that act in this substep, as what follows
     FourPoints normal;                                 // world
     std::array<Vec4d, 3> foot;                         // weights of the corners in the relative velocity, negative; 0 if not active
+    Vec4d rest = {};                                   // m, what the gap is besides the way from the foot to the point
     Vec4d inv_sum = {};                                // kg, 1 / sum of lever^2 * inverse mass; 0 if not active
     Vec4d least_velocity = {};                         // m/s, along the normal
     Vec4d normal_impulse = {};                         // N s
