@@ -271,7 +271,7 @@ double least_velocity(const AdvanceIsland& island, const ContactPlan& plan, cons
 // Where pushes act, and their gap is measured: at the foot, or if that is beside its triangle as near as its weights say, so that no
 // corner is pulled where others are pushed. Were they measured elsewhere, rows of a vertex could undo more than each other's pushes.
 void set_push_weights(const AdvanceScratch& s, const ContactPlan& plan, const RowState& r, const Foot& foot, ContactActive& active) {
-    active.push_weight = active.weight;
+    std::copy_n(active.weight.begin(), active.nodes, active.push_weight.begin());
     active.push_gap = 0;
     if (plan.rigid_b != kNone) return;
     std::array<double, 3> weight = foot.weight;

@@ -319,8 +319,8 @@ struct ContactTurning {
 // Four contact rows of deformable bodies, between each other or with static ones, that share no node, in the lanes of
 // registers: what ContactPlan and ContactActive say of a row. Parts of a row: 0 the point, 1 the second end of its edge, 2-4 the
 // corners of the triangle. A lane without a row points to the node of no mass and is never open.
-// What is asked for together is together: up to normal what gaps need, from node to friction_impulse what sweeps do. Sweeps wait for
-// memory: what is a float or a bit is kept as one.
+// What is asked for together is together: from along to rest what gaps after the substep need, from node to friction_impulse what sweeps
+// do. Sweeps wait for memory: what is a float or a bit is kept as one.
 struct ContactBlock {
     static constexpr uint32_t kParts = 5;
     Vec4d offset = {};                                 // m, half the thickness of a sheet
@@ -334,7 +334,7 @@ struct ContactBlock {
     FourPoints normal;                                 // world
     std::array<Vec4d, 3> foot;                         // weights of the corners in the relative velocity, negative; 0 if not active
     Vec4d rest = {};                                   // m, what the gap is besides the way from the foot to the point
-    Vec4d inv_sum = {};                                // kg, 1 / sum of lever^2 * inverse mass; 0 if not active
+    Vec4d inv_sum = {};                                // kg, 1 / sum of weight^2 * inverse mass, as foot; 0 if not active
     Vec4d least_velocity = {};                         // m/s, along the normal
     Vec4d normal_impulse = {};                         // N s
     FourFloats friction = {};                          // of the call

@@ -14,6 +14,7 @@ struct FourPoints {
 // Comparisons of lanes: -1 where true, 0 where not. `mask ? a : b` picks lane by lane.
 using Mask4 = decltype(Vec4d{} < Vec4d{});
 
+// Four numbers that are no more than floats where they come from.
 struct alignas(16) FourFloats {
     std::array<float, 4> lane;
 };
