@@ -2,7 +2,6 @@
 
 #include <Eigen/Geometry>
 #include <algorithm>
-#include <atomic>
 #include <cstring>
 
 #include "components/springs.hpp"
@@ -19,9 +18,6 @@ constexpr uint32_t kGroupsPerChunk = 256;
 // Groups and slices of nodes that a kernel takes at once: about 4 us each.
 constexpr uint32_t kGroupsPressed = 64, kSlicesGathered = 32;
 constexpr uint32_t kLeastChunks = 5;  // fewer are not worth another thread
-
-// Corner `k` of tetrahedron t.
-uint32_t corner(const Solids& solids, const SolidInfo& info, int k, uint32_t t) { return solids.corner[k][info.tetrahedra.first + t]; }
 
 }  // namespace
 
@@ -63,10 +59,12 @@ TetStep bind_tets(const Solids& solids, const Bodies& bodies, const Particles& p
 
 uint32_t corner_rows(const TetStep& body) { return 4 * body.tetrahedra + 1; }
 
-float add_tet_forces(const TetStep& body, uint32_t slices) {
-    const TetKernels& kernels = tet_kernels();
+namespace {
+
+// All groups of a body through one kernel; the least J, at most 1.
+template <class Kernel>
+float for_groups(const TetStep& body, Kernel kernel) {
     const uint32_t groups = body.tetrahedra / kSliceWidth;
-    std::fill_n(body.corner_force + 16ul * body.tetrahedra, 4, 0.0f);
     constexpr uint32_t kAtATime = 256 * kGroupsPressed;
     std::array<float, kAtATime / kGroupsPressed * kSliceWidth> least;
     float lowest = 1;
@@ -75,10 +73,21 @@ float add_tet_forces(const TetStep& body, uint32_t slices) {
         const size_t lanes = size_t{chunk_count(count, kGroupsPressed)} * kSliceWidth;
         std::fill_n(least.begin(), lanes, 1.0f);
         parallel_for_even(count, kGroupsPressed, kLeastChunks, [&](uint32_t from, uint32_t to) {
-            kernels.press(&body, begin + from, begin + to, least.data() + from / kGroupsPressed * kSliceWidth);
+            kernel(&body, begin + from, begin + to, least.data() + from / kGroupsPressed * kSliceWidth);
         });
         lowest = std::min(lowest, *std::min_element(least.begin(), least.begin() + static_cast<ptrdiff_t>(lanes)));
     }
+    return lowest;
+}
+
+}  // namespace
+
+float least_volume_ratio(const TetStep& body) { return for_groups(body, tet_kernels().measure); }
+
+float add_tet_forces(const TetStep& body, uint32_t slices) {
+    const TetKernels& kernels = tet_kernels();
+    std::fill_n(body.corner_force + 16ul * body.tetrahedra, 4, 0.0f);
+    const float lowest = for_groups(body, kernels.press);
     parallel_for_even(slices, kSlicesGathered, kLeastChunks, [&](uint32_t from, uint32_t to) { kernels.gather(&body, from, to); });
     return lowest;
 }
@@ -91,35 +100,6 @@ double tet_energy(double bulk, double crush, double rest, double volume) {
 }
 
 double six_volumes(const Vec3d& a, const Vec3d& b, const Vec3d& c, const Vec3d& d) { return (b - a).dot((c - a).cross(d - a)); }
-
-namespace {
-
-// Signed volume of every tetrahedron at offset - back * velocity.
-struct PlacedTets {
-    const Solids& solids;
-    const SolidInfo& info;
-    const Particles& particles;
-    uint32_t first;  // particle
-    double back;
-
-    Vec3d place(uint32_t node) const {
-        const Float4& o = particles.offset[first + node];
-        const Vec3d velocity(particles.velocity_x[first + node], particles.velocity_y[first + node], particles.velocity_z[first + node]);
-        return Vec3d(o.x, o.y, o.z) - back * velocity;
-    }
-    double six_volumes(uint32_t t) const {
-        return trocar::six_volumes(place(corner(solids, info, 0, t)), place(corner(solids, info, 1, t)), place(corner(solids, info, 2, t)),
-                                   place(corner(solids, info, 3, t)));
-    }
-    double rest(uint32_t t) const { return solids.rest[info.tetrahedra.first + t]; }
-};
-
-PlacedTets place_tets(const Solids& solids, const Bodies& bodies, const Particles& particles, uint32_t body, double back) {
-    const SolidInfo& info = solids.info[bodies.mesh[body]];
-    return {solids, info, particles, bodies.particles[body].first + skin_rows(info), back};
-}
-
-}  // namespace
 
 double tet_energy(const TetStep& step, const SolidModuli& moduli, const float* velocity_x, const float* velocity_y, const float* velocity_z,
                   double back, std::vector<double>& chunk_sums) {
@@ -151,27 +131,17 @@ double tet_energy(const Solids& solids, const Bodies& bodies, const Particles& p
                       chunk_sums);
 }
 
-double least_volume_ratio(const Solids& solids, const Bodies& bodies, const Particles& particles, uint32_t body, double ahead,
-                          const TornSprings* torn) {
-    constexpr uint32_t kChunk = 1024;
-    const PlacedTets now = place_tets(solids, bodies, particles, body, 0), then = place_tets(solids, bodies, particles, body, -ahead);
-    const float* rest = bind_tets(solids, bodies, particles, body, torn).rest;
-    std::atomic<double> least{1};
-    parallel_for(now.info.count, kChunk, [&](uint32_t begin, uint32_t end) {
-        double lowest = 1;
-        for (uint32_t t = begin; t < end; ++t)
-            if (rest[t] > 0) lowest = std::min(lowest, std::min(now.six_volumes(t), then.six_volumes(t)) / now.rest(t));
-        for (double known = least;
-             lowest < known && !least.compare_exchange_weak(known, lowest);) {  // the least of all, whoever comes first
-        }
-    });
-    return least;
-}
-
 std::vector<double> volume_ratios(const Solids& solids, const Bodies& bodies, const Particles& particles, uint32_t body) {
-    const PlacedTets tets = place_tets(solids, bodies, particles, body, 0);
-    std::vector<double> ratio(tets.info.count);
-    for (uint32_t t = 0; t < ratio.size(); ++t) ratio[t] = tets.six_volumes(t) / tets.rest(t);
+    const SolidInfo& info = solids.info[bodies.mesh[body]];
+    const TetStep step = bind_tets(solids, bodies, particles, body);
+    const auto place = [&](uint32_t node) {
+        return Vec3d(step.offset[4ul * node], step.offset[4ul * node + 1], step.offset[4ul * node + 2]);
+    };
+    std::vector<double> ratio(info.count);
+    for (uint32_t t = 0; t < ratio.size(); ++t) {
+        ratio[t] =
+            six_volumes(place(step.corner0[t]), place(step.corner1[t]), place(step.corner2[t]), place(step.corner3[t])) / step.rest[t];
+    }
     return ratio;
 }
 

@@ -58,10 +58,8 @@ double tet_energy(const Solids& solids, const Bodies& bodies, const Particles& p
 double tet_energy(const TetStep& step, const SolidModuli& moduli, const float* velocity_x, const float* velocity_y, const float* velocity_z,
                   double back, std::vector<double>& chunk_sums);
 
-// The least signed volume / rest volume of the tetrahedra that are left of a body, as it stands and `ahead` (s) later at the
-// velocities it has; at most 1.
-double least_volume_ratio(const Solids& solids, const Bodies& bodies, const Particles& particles, uint32_t body, double ahead,
-                          const TornSprings* torn = nullptr);
+// The least signed volume / rest volume of the tetrahedra at step.offset; at most 1. Needs no outputs bound.
+float least_volume_ratio(const TetStep& step);
 
 // Signed volume / rest volume of every tetrahedron of a body as it stands.
 std::vector<double> volume_ratios(const Solids& solids, const Bodies& bodies, const Particles& particles, uint32_t body);

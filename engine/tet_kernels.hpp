@@ -28,6 +28,8 @@ inline constexpr float kCrushed = 0.5f;      // J below which the stiffer branch
 struct TetKernels {
     // Forces of groups [first, last) of 16 tetrahedra into corner_force; least (16 floats) = the least J of each lane.
     void (*press)(const TetStep* body, unsigned first, unsigned last, float* least);
+    // The same without forces: least J only.
+    void (*measure)(const TetStep* body, unsigned first, unsigned last, float* least);
     // Adds to the forces of the nodes of slices [first, last) those of their corners, in the order of the columns.
     void (*gather)(const TetStep* body, unsigned first, unsigned last);
 };

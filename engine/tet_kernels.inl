@@ -16,16 +16,31 @@ TROCAR_LANES Lanes against(const Lanes& a, const Lanes& b, const Lanes& c) {
     return {sum(a.x, b.x, c.x), sum(a.y, b.y, c.y), sum(a.z, b.z, c.z), zero};
 }
 
+// Edges from the first corner of tetrahedra t to t + kWidth.
+struct Edges {
+    Vec a, b, c;
+};
+TROCAR_LANES Edges edges_of(const TetStep* body, unsigned t) {
+    const Lanes p0 = gather4(body->offset, body->corner0 + t);
+    return {between(p0, gather4(body->offset, body->corner1 + t)), between(p0, gather4(body->offset, body->corner2 + t)),
+            between(p0, gather4(body->offset, body->corner3 + t))};
+}
+// J - 1 of them, given b x c.
+TROCAR_LANES V swelling_of(const TetStep* body, unsigned t, const Vec& a, const Vec& bc) {
+    const V volume = multiply_add(a.x, bc.x, multiply_add(a.y, bc.y, a.z * bc.z));
+    return (volume - load(body->rest + t)) * load(body->per_rest + t);
+}
+TROCAR_LANES void keep_least(float* least, unsigned t, V swelling) {
+    float* lane = least + t % 16;
+    keep_store(lane, smaller(swelling + set(1.0f), load(lane)));
+}
+
 void press(const TetStep* body, unsigned first, unsigned last, float* least) {
     const unsigned long corner_rows = 4ul * body->tetrahedra;
     for (unsigned t = 16 * first; t < 16 * last; t += kWidth) {
-        const Lanes p0 = gather4(body->offset, body->corner0 + t);
-        const Vec a = between(p0, gather4(body->offset, body->corner1 + t));
-        const Vec b = between(p0, gather4(body->offset, body->corner2 + t));
-        const Vec c = between(p0, gather4(body->offset, body->corner3 + t));
+        const auto [a, b, c] = edges_of(body, t);
         const Vec bc = cross(b, c), ca = cross(c, a), ab = cross(a, b);
-        const V volume = multiply_add(a.x, bc.x, multiply_add(a.y, bc.y, a.z * bc.z));
-        const V swelling = (volume - load(body->rest + t)) * load(body->per_rest + t);
+        const V swelling = swelling_of(body, t, a, bc);
         const V held = larger(smaller(swelling, set(kStretchCap)), set(-1.0f));
         const V crushed = smaller(held + set(1.0f - kCrushed), set(0));
         const V pressure = multiply_add(set(body->crush), crushed, set(body->bulk) * held);
@@ -37,8 +52,14 @@ void press(const TetStep* body, unsigned first, unsigned last, float* least) {
         store4(out + corner_rows, f1);
         store4(out + 2 * corner_rows, f2);
         store4(out + 3 * corner_rows, f3);
-        float* lane = least + t % 16;
-        keep_store(lane, smaller(swelling + set(1.0f), load(lane)));
+        keep_least(least, t, swelling);
+    }
+}
+
+void measure(const TetStep* body, unsigned first, unsigned last, float* least) {
+    for (unsigned t = 16 * first; t < 16 * last; t += kWidth) {
+        const auto [a, b, c] = edges_of(body, t);
+        keep_least(least, t, swelling_of(body, t, a, cross(b, c)));
     }
 }
 

@@ -7,6 +7,7 @@
 
 #include "engine/deformable_setup.hpp"
 #include "engine/shape_fit.hpp"
+#include "engine/skin.hpp"
 #include "engine/spring_step.hpp"
 #include "engine/surfaces.hpp"
 #include "engine/tet_forces.hpp"
@@ -77,6 +78,29 @@ TetStep bind_loose_tets(AdvanceIsland& island, const AdvanceBody& b) {
     return tets;
 }
 
+// Least volume ratio of a body whose nodes go on from `now` with the velocities they have.
+float least_volume_later(TetStep tets, const Float4* now, const Particles& p, Range nodes, double seconds, std::vector<Float4>& place) {
+    const float h = static_cast<float>(seconds);
+    place.resize(std::max<size_t>(place.size(), nodes.count));
+    for (uint32_t v = 0; v < nodes.count; ++v) {
+        const uint32_t i = nodes.first + v;
+        place[v] = {now[v].x + h * p.velocity_x[i], now[v].y + h * p.velocity_y[i], now[v].z + h * p.velocity_z[i], now[v].w};
+    }
+    tets.offset = &place[0].x;
+    return least_volume_ratio(tets);
+}
+
+// The lesser of what a touched solid keeps of its volumes now and in the middle of a pass of `seconds`.
+double least_volume_of_pass(const AdvanceInputs& in, const Particles& particles, uint32_t body, double seconds,
+                            std::vector<Float4>& place) {
+    const TetStep tets = bind_tets(*in.other.solids, in.bodies, particles, body, in.other.torn_springs);
+    const Range all = in.bodies.particles[body];
+    const uint32_t skin = skin_rows(*in.other.solids, in.bodies.mesh[body]);
+    const Range nodes{all.first + skin, all.count - skin};
+    return std::min(least_volume_ratio(tets),
+                    least_volume_later(tets, &particles.offset[nodes.first], particles, nodes, 0.5 * seconds, place));
+}
+
 // Per body of the island: has it a row? Others keep what was written of them.
 void mark_touched(const Bodies& bodies, std::span<const uint32_t> island_bodies, const ContactRows& rows,
                   std::span<const uint32_t> island_rows, std::vector<uint8_t>& touched) {
@@ -90,17 +114,8 @@ void mark_touched(const Bodies& bodies, std::span<const uint32_t> island_bodies,
 double least_volume(AdvanceIsland& island, const AdvanceBody& b, double seconds) {
     const AdvanceInputs& in = island.inputs;
     if (!has_tets(in.other.solids, in.bodies, b.body)) return 1;
-    TetStep tets = bind_loose_tets(island, b);
-    std::vector<Float4>& place = island.scratch.implicit.place;
-    const float h = static_cast<float>(seconds);
-    const Particles& p = island.particles;
-    for (uint32_t v = 0; v < b.particles.count; ++v) {
-        const Float4& o = b.now[v];
-        const uint32_t i = b.particles.first + v;
-        place[v] = {o.x + h * p.velocity_x[i], o.y + h * p.velocity_y[i], o.z + h * p.velocity_z[i], o.w};
-    }
-    tets.offset = &place[0].x;
-    return add_tet_forces(tets, b.slices);
+    const TetStep tets = bind_tets(*in.other.solids, in.bodies, island.particles, b.body, in.other.torn_springs);
+    return least_volume_later(tets, b.now, island.particles, b.particles, seconds, island.scratch.implicit.place);
 }
 
 bool is_wild(AdvanceIsland& island, const AdvanceBody& b, double least) {
@@ -120,7 +135,8 @@ bool is_wild(AdvanceIsland& island, const AdvanceBody& b, double least) {
 }
 
 uint32_t finer_steps(const AdvanceInputs& in, const Particles& particles, std::span<const uint32_t> island_bodies, const ContactRows& rows,
-                     std::span<const uint32_t> island_rows, double dt, double seconds, std::vector<uint8_t>& touched) {
+                     std::span<const uint32_t> island_rows, double dt, double seconds, AdvanceScratch& scratch) {
+    std::vector<uint8_t>& touched = scratch.touched;
     const auto is_solid = [&](uint32_t body) { return has_tets(in.other.solids, in.bodies, body); };
     if (std::any_of(island_bodies.begin(), island_bodies.end(), is_solid))
         mark_touched(in.bodies, island_bodies, rows, island_rows, touched);
@@ -129,7 +145,7 @@ uint32_t finer_steps(const AdvanceInputs& in, const Particles& particles, std::s
         if (!is_deformable(in.bodies, body) || stepping_of(in.bodies, body).integrator != Integrator::kLeapfrog) continue;
         if (is_solid(body)) {
             if (!touched[body]) continue;
-            const double least = least_volume_ratio(*in.other.solids, in.bodies, particles, body, 0.5 * seconds, in.other.torn_springs);
+            const double least = least_volume_of_pass(in, particles, body, seconds, scratch.implicit.place);
             most = std::max(most, least < kPressedFlat ? kFinerPressedFlat : least < kPressed ? kFinerPressed : 1u);
         } else if (most < kFinerShell && in.bodies.anchor_frame[body] != AnchorFrame::kShape && has_fast_folds(in, particles, body, dt)) {
             most = kFinerShell;

@@ -68,7 +68,7 @@ void advance_one_island(FrameState& f, uint32_t row, AdvanceScratch& scratch) {
     const AdvanceInputs inputs{w.meshes,         w.springs,        w.bodies,        w.anchors,      w.paths,      w.haptics.tool,
                                f.scratch.device, params.ticks + 1, other_forces(f), f.scratch.stop, w.haptics.jaw};
     params.substeps *=
-        finer_steps(inputs, w.particles, bodies, w.rows, rows, params.ticks * 1e-3 / params.substeps, params.ticks * 1e-3, scratch.touched);
+        finer_steps(inputs, w.particles, bodies, w.rows, rows, params.ticks * 1e-3 / params.substeps, params.ticks * 1e-3, scratch);
     const AdvanceState state{w.particles, w.poses, w.rows, w.haptics.state};
     advance_island(params, inputs, bodies, rows, scratch, state, f.scratch.advance_result[row]);
 }

@@ -81,6 +81,10 @@ TEST(TetForces, Avx2AndAvx512GiveTheSameBits) {
         EXPECT_EQ(0, std::memcmp(a.corner_force.data(), b.corner_force.data(), a.corner_force.size() * sizeof(Float4)));
         for (int i = 0; i < 3; ++i) EXPECT_EQ(a.force[i], b.force[i]);
         EXPECT_EQ(least_a, least_b);
+        std::vector<float> measured_a(16, 1.0f), measured_b(16, 1.0f);
+        kTetKernelsAvx2.measure(&a.step, 0, RandomTets::kPadded / 16, measured_a.data());
+        kTetKernelsAvx512.measure(&b.step, 0, RandomTets::kPadded / 16, measured_b.data());
+        EXPECT_EQ(measured_a, measured_b);
     }
 }
 
@@ -105,6 +109,23 @@ TEST(TetForces, AreTheGradientOfTheEnergy) {
                 EXPECT_NEAR(tets.force[axis][i], -(up - down) / (2 * step), 2e-6 * scale) << i;
             }
         }
+    }
+}
+
+// Each volume in double; the kernel that measures and the one that presses say the same.
+TEST(TetForces, LeastVolumeRatioIsThatOfTheWorstTetrahedron) {
+    for (unsigned seed = 1; seed <= 20; ++seed) {
+        RandomTets tets(seed);
+        double least = 1;
+        for (unsigned t = 0; t < RandomTets::kTets; ++t) {
+            const Vec3d p = tets.place(tets.corner[0][t]), a = tets.place(tets.corner[1][t]) - p, b = tets.place(tets.corner[2][t]) - p,
+                        c = tets.place(tets.corner[3][t]) - p;
+            least = std::min(least, a.dot(b.cross(c)) / tets.rest[t]);
+        }
+        ASSERT_LT(least, 0);
+        const float measured = least_volume_ratio(tets.bind());
+        EXPECT_NEAR(measured, least, 3e-6 * std::abs(least)) << seed;
+        EXPECT_EQ(measured, add_tet_forces(tets.bind(), RandomTets::kNodes / 16)) << seed;
     }
 }
 
