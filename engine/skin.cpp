@@ -7,6 +7,7 @@
 
 #include "engine/box_tree.hpp"
 #include "engine/error.hpp"
+#include "engine/geometry/vec4.hpp"
 #include "engine/parallel.hpp"
 namespace trocar {
 namespace {
@@ -164,22 +165,23 @@ void drape_skin(const Solids& solids, const Bodies& bodies, uint32_t body, Parti
     if (before == 0) return;
     const Range skin = solids.info[prototype].skin;
     const uint32_t first = bodies.particles[body].first, nodes = first + before;
+    Float4* const offset = particles.offset.data();
+    float *const velocity_x = particles.velocity_x.data(), *const velocity_y = particles.velocity_y.data(),
+                 *const velocity_z = particles.velocity_z.data();
     parallel_for(skin.count, kVerticesPerChunk, [&](uint32_t begin, uint32_t end) {
         for (uint32_t v = begin; v < end; ++v) {
             const auto& node = solids.skin_node[skin.first + v];
             const auto& weight = solids.skin_weight[skin.first + v];
-            Vec3d place = Vec3d::Zero(), velocity = Vec3d::Zero();
+            Vec4d place = {}, velocity = {};
             for (int k = 0; k < 4; ++k) {
                 const uint32_t p = nodes + node[k];
-                const Float4& o = particles.offset[p];
-                place += weight[k] * Vec3d(o.x, o.y, o.z);
-                velocity += weight[k] * Vec3d(particles.velocity_x[p], particles.velocity_y[p], particles.velocity_z[p]);
+                place += weight[k] * (Vec4d)_mm256_cvtps_pd(_mm_load_ps(&offset[p].x));
+                velocity += weight[k] * (Vec4d)_mm256_cvtps_pd(_mm_setr_ps(velocity_x[p], velocity_y[p], velocity_z[p], 0));
             }
-            const Vec3 at = place.cast<float>(), speed = velocity.cast<float>();
-            particles.offset[first + v] = {at.x(), at.y(), at.z(), 0.0f};
-            particles.velocity_x[first + v] = speed.x();
-            particles.velocity_y[first + v] = speed.y();
-            particles.velocity_z[first + v] = speed.z();
+            offset[first + v] = {static_cast<float>(place[0]), static_cast<float>(place[1]), static_cast<float>(place[2]), 0.0f};
+            velocity_x[first + v] = static_cast<float>(velocity[0]);
+            velocity_y[first + v] = static_cast<float>(velocity[1]);
+            velocity_z[first + v] = static_cast<float>(velocity[2]);
         }
     });
 }

@@ -3,10 +3,12 @@
 #include <Eigen/Geometry>
 #include <algorithm>
 #include <cstring>
+#include <numeric>
 
 #include "components/springs.hpp"
 #include "engine/check.hpp"
 #include "engine/closest_point.hpp"
+#include "engine/geometry/vec4.hpp"
 #include "engine/parallel.hpp"
 #include "engine/skin.hpp"
 namespace trocar {
@@ -101,34 +103,39 @@ double tet_energy(double bulk, double crush, double rest, double volume) {
 
 double six_volumes(const Vec3d& a, const Vec3d& b, const Vec3d& c, const Vec3d& d) { return (b - a).dot((c - a).cross(d - a)); }
 
-double tet_energy(const TetStep& step, const SolidModuli& moduli, const float* velocity_x, const float* velocity_y, const float* velocity_z,
-                  double back, std::vector<double>& chunk_sums) {
-    constexpr uint32_t kChunk = kGroupsPerChunk * kSliceWidth;
-    const auto place = [&](uint32_t node) {
-        const float* o = step.offset + 4ul * node;
-        return Vec3d(o[0] - back * velocity_x[node], o[1] - back * velocity_y[node], o[2] - back * velocity_z[node]);
-    };
-    chunk_sums.assign(chunk_count(step.tetrahedra, kChunk), 0.0);
+double tet_energy(const TetStep& step, uint32_t nodes, const SolidModuli& moduli, const NodeVelocities& velocity, double back,
+                  std::vector<double>& scratch) {
+    constexpr uint32_t kChunk = kGroupsPerChunk * kSliceWidth, kNodes = 4096;
+    const uint32_t chunks = chunk_count(step.tetrahedra, kChunk);
+    scratch.resize(std::max(scratch.size(), 4ul * nodes + chunks));
+    double* const place = scratch.data();
+    double* const sums = place + 4ul * nodes;
+    parallel_for(nodes, kNodes, [&](uint32_t begin, uint32_t end) {
+        for (uint32_t v = begin; v < end; ++v) {
+            const __m256d now = _mm256_cvtps_pd(_mm_load_ps(step.offset + 4ul * v));
+            const __m256d way = _mm256_cvtps_pd(_mm_setr_ps(velocity.x[v], velocity.y[v], velocity.z[v], 0));
+            _mm256_storeu_pd(place + 4ul * v, _mm256_fnmadd_pd(_mm256_set1_pd(back), way, now));
+        }
+    });
     parallel_for(step.tetrahedra, kChunk, [&](uint32_t begin, uint32_t end) {
+        const auto at = [&](uint32_t node) { return (Vec4d)_mm256_loadu_pd(place + 4ul * node); };
         double sum = 0;
         for (uint32_t t = begin; t < end; ++t) {
             if (step.rest[t] == 0) continue;
-            const double six = six_volumes(place(step.corner0[t]), place(step.corner1[t]), place(step.corner2[t]), place(step.corner3[t]));
-            sum += (step.factor ? double{step.factor[t]} : 1.0) * tet_energy(moduli.bulk, moduli.crush, step.rest[t], six);
+            const Vec4d p = at(step.corner0[t]), a = at(step.corner1[t]) - p, b = at(step.corner2[t]) - p, c = at(step.corner3[t]) - p;
+            sum += (step.factor ? double{step.factor[t]} : 1.0) * tet_energy(moduli.bulk, moduli.crush, step.rest[t], dot(a, cross(b, c)));
         }
-        chunk_sums[begin / kChunk] = sum;
+        sums[begin / kChunk] = sum;
     });
-    double total = 0;
-    for (const double sum : chunk_sums) total += sum;
-    return total;
+    return std::accumulate(sums, sums + chunks, 0.0);
 }
 
 double tet_energy(const Solids& solids, const Bodies& bodies, const Particles& particles, uint32_t body, double back,
-                  std::vector<double>& chunk_sums, const TornSprings* torn) {
-    const uint32_t first = bodies.particles[body].first + skin_rows(solids.info[bodies.mesh[body]]);
-    return tet_energy(bind_tets(solids, bodies, particles, body, torn), solid_moduli(bodies.tissue[body]),
-                      particles.velocity_x.data() + first, particles.velocity_y.data() + first, particles.velocity_z.data() + first, back,
-                      chunk_sums);
+                  std::vector<double>& scratch, const TornSprings* torn) {
+    const uint32_t skin = skin_rows(solids.info[bodies.mesh[body]]), first = bodies.particles[body].first + skin;
+    return tet_energy(
+        bind_tets(solids, bodies, particles, body, torn), bodies.particles[body].count - skin, solid_moduli(bodies.tissue[body]),
+        {particles.velocity_x.data() + first, particles.velocity_y.data() + first, particles.velocity_z.data() + first}, back, scratch);
 }
 
 std::vector<double> volume_ratios(const Solids& solids, const Bodies& bodies, const Particles& particles, uint32_t body) {

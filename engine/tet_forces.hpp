@@ -50,13 +50,16 @@ uint32_t corner_rows(const TetStep& body);
 // threads. Returns the least J.
 float add_tet_forces(const TetStep& body, uint32_t slices);
 
-// Volume energy of a body at offset - back * velocity, J; fixed order. chunk_sums is scratch.
+// Volume energy of a body at offset - back * velocity, J; fixed order.
 double tet_energy(const Solids& solids, const Bodies& bodies, const Particles& particles, uint32_t body, double back,
-                  std::vector<double>& chunk_sums, const TornSprings* torn = nullptr);
+                  std::vector<double>& scratch, const TornSprings* torn = nullptr);
 
-// The same at step.offset - back * velocity; rows of rest 0 hold nothing.
-double tet_energy(const TetStep& step, const SolidModuli& moduli, const float* velocity_x, const float* velocity_y, const float* velocity_z,
-                  double back, std::vector<double>& chunk_sums);
+// The same at step.offset - back * velocity of so many nodes; rows of rest 0 hold nothing.
+struct NodeVelocities {
+    const float *x, *y, *z;  // m/s
+};
+double tet_energy(const TetStep& step, uint32_t nodes, const SolidModuli& moduli, const NodeVelocities& velocity, double back,
+                  std::vector<double>& scratch);
 
 // The least signed volume / rest volume of the tetrahedra at step.offset; at most 1. Needs no outputs bound.
 float least_volume_ratio(const TetStep& step);

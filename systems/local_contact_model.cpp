@@ -9,28 +9,30 @@
 #include "engine/geometry/contact_kernels.hpp"
 #include "engine/geometry/point_triangle.hpp"
 #include "engine/geometry/quaternion.hpp"
+#include "engine/geometry/vec4.hpp"
 #include "engine/mesh_view.hpp"
 #include "engine/point_shell.hpp"
 namespace trocar {
 namespace {
 
-// sides of the box that a point lies beyond by more than `slack` (per axis), one bit each
-uint8_t sides_beyond(const Box& box, const Vec3d& p, const Vec3d& slack) {
-    uint32_t sides = 0;
-    for (int k = 0; k < 3; ++k) {
-        sides |= static_cast<uint32_t>(p[k] + slack[k] < box.min[k]) << k;
-        sides |= static_cast<uint32_t>(p[k] - slack[k] > box.max[k]) << (k + 3);
-    }
-    return static_cast<uint8_t>(sides);
+struct BoxLanes {
+    Vec4d min, max;  // m
+};
+BoxLanes lanes_of(const Box& box) { return {to_vec4(box.min), to_vec4(box.max)}; }
+
+// Where a vertex is in the frame of its body, m, and how far it may get from there along each axis.
+struct VertexRoom {
+    Vec4d place, slack;
+};
+
+// Sides of the box that a vertex lies beyond wherever it gets, one bit each.
+uint8_t sides_beyond(const BoxLanes& box, const VertexRoom& room) {
+    const auto mask_of = [](auto lanes) { return static_cast<uint32_t>(_mm256_movemask_pd((__m256d)lanes)) & 7; };
+    return static_cast<uint8_t>(mask_of(room.place + room.slack < box.min) | mask_of(room.place - room.slack > box.max) << 3);
 }
 
 // box around a segment
 Box segment_box(const Vec3d& a, const Vec3d& b, double reach) { return {a.cwiseMin(b).array() - reach, a.cwiseMax(b).array() + reach}; }
-
-// Where a vertex is in the frame of its body, m, and how far it may get from there along each axis.
-struct VertexRoom {
-    Vec3d place, slack;
-};
 
 // Calls with(room) where room(v) is that of vertex v in `seconds`.
 template <typename With>
@@ -38,15 +40,17 @@ void with_rooms(const Surfaces& s, uint32_t body, double seconds, const With& wi
     const MeshInfo& info = s.meshes.info[s.bodies.mesh[body]];
     if (!is_deformable(s.bodies, body)) {
         const double speed = s.poses.velocity[body].norm() + s.poses.angular_velocity[body].norm() * info.radius;
-        const Vec3d slack = Vec3d::Constant(speed * seconds);
-        with([&](uint32_t v) { return VertexRoom{s.meshes.position[info.vertices.first + v], slack}; });
+        const Vec4d slack = speed * seconds * Vec4d{1, 1, 1, 1};
+        with([&](uint32_t v) { return VertexRoom{to_vec4(s.meshes.position[info.vertices.first + v]), slack}; });
         return;
     }
     const uint32_t first = s.bodies.particles[body].first;
-    with([&](uint32_t v) {
-        const Float4& o = s.particles.offset[first + v];
-        const Vec3d velocity(s.particles.velocity_x[first + v], s.particles.velocity_y[first + v], s.particles.velocity_z[first + v]);
-        return VertexRoom{{o.x, o.y, o.z}, seconds * velocity.cwiseAbs()};
+    const Float4* place = s.particles.offset.data() + first;
+    const float *x = s.particles.velocity_x.data() + first, *y = s.particles.velocity_y.data() + first,
+                *z = s.particles.velocity_z.data() + first;
+    with([=](uint32_t v) {
+        const __m128 way = _mm_andnot_ps(_mm_set1_ps(-0.0f), _mm_setr_ps(x[v], y[v], z[v], 0));
+        return VertexRoom{(Vec4d)_mm256_cvtps_pd(_mm_load_ps(&place[v].x)), seconds * (Vec4d)_mm256_cvtps_pd(way)};
     });
 }
 
@@ -62,18 +66,17 @@ void mark_triangles(const Surfaces& s, uint32_t body, std::span<const Box> boxes
     scratch.beyond.resize(mesh.position.size());
     scratch.beyond_each.assign(mesh.position.size(), kNotAsked);
     scratch.wanted.assign(mesh.triangle.size(), 0);
+    const BoxLanes around = lanes_of(all);
+    std::array<BoxLanes, 8> each;
+    for (size_t k = 0; k < each.size(); ++k) each[k] = lanes_of(boxes[std::min(k, boxes.size() - 1)]);
     with_rooms(s, body, seconds, [&](const auto& room_of) {
-        for (uint32_t v = 0; v < mesh.position.size(); ++v) {
-            const VertexRoom room = room_of(v);
-            scratch.beyond[v] = sides_beyond(all, room.place, room.slack);
-        }
+        for (uint32_t v = 0; v < mesh.position.size(); ++v) scratch.beyond[v] = sides_beyond(around, room_of(v));
         const auto beyond_each = [&](uint32_t v) {
             uint64_t& sides = scratch.beyond_each[v];
             if (sides != kNotAsked) return sides;
             const VertexRoom room = room_of(v);
             sides = kEveryBox;
-            for (size_t k = 0; k < 8; ++k)
-                sides |= uint64_t{sides_beyond(boxes[std::min(k, boxes.size() - 1)], room.place, room.slack)} << (8 * k);
+            for (size_t k = 0; k < each.size(); ++k) sides |= uint64_t{sides_beyond(each[k], room)} << (8 * k);
             return sides;
         };
         for (uint32_t t = 0; t < mesh.triangle.size(); ++t) {
