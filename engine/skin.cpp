@@ -175,8 +175,8 @@ void drape_skin(const Solids& solids, const Bodies& bodies, uint32_t body, Parti
             Vec4d place = {}, velocity = {};
             for (int k = 0; k < 4; ++k) {
                 const uint32_t p = nodes + node[k];
-                place += weight[k] * (Vec4d)_mm256_cvtps_pd(_mm_load_ps(&offset[p].x));
-                velocity += weight[k] * (Vec4d)_mm256_cvtps_pd(_mm_setr_ps(velocity_x[p], velocity_y[p], velocity_z[p], 0));
+                place += weight[k] * float_vec4(_mm_load_ps(&offset[p].x));
+                velocity += weight[k] * make_vec4(velocity_x[p], velocity_y[p], velocity_z[p]);
             }
             offset[first + v] = {static_cast<float>(place[0]), static_cast<float>(place[1]), static_cast<float>(place[2]), 0.0f};
             velocity_x[first + v] = static_cast<float>(velocity[0]);

@@ -177,7 +177,11 @@ bool is_surface(const TearFace& face, const uint8_t* gone, Triangle& corner) {
 void copy_torn_solid(const Springs& springs, const Solids& solids, uint32_t prototype, const Torn& torn, TornSprings& out) {
     const SolidInfo& info = solids.info[prototype];
     const Range tets = info.tetrahedra;
-    if (out.rest.size() < tets.end()) out.rest.resize(tets.end(), 0.0f), out.per_rest.resize(tets.end(), 0.0f);
+    // rows before these are of solids that do not tear
+    const auto grow = [&](std::vector<float>& to, const std::vector<float>& from) {
+        for (size_t t = to.size(); t < tets.end(); ++t) to.push_back(from[t]);
+    };
+    grow(out.rest, solids.rest), grow(out.per_rest, solids.per_rest);
     const Range slices = springs.info[prototype].slices;
     const size_t end = size_t{springs.slice_column[slices.end() + prototype]} * kSliceWidth;
     bool same = out.factor.size() >= end;

@@ -2,11 +2,11 @@
 
 #include <Eigen/Geometry>
 #include <algorithm>
+#include <array>
 #include <cstring>
 #include <numeric>
 
 #include "components/springs.hpp"
-#include "engine/check.hpp"
 #include "engine/closest_point.hpp"
 #include "engine/geometry/vec4.hpp"
 #include "engine/parallel.hpp"
@@ -104,34 +104,31 @@ double tet_energy(double bulk, double crush, double rest, double volume) {
 double six_volumes(const Vec3d& a, const Vec3d& b, const Vec3d& c, const Vec3d& d) { return (b - a).dot((c - a).cross(d - a)); }
 
 double tet_energy(const TetStep& step, uint32_t nodes, const SolidModuli& moduli, const NodeVelocities& velocity, double back,
-                  std::vector<double>& scratch) {
+                  TetEnergyScratch& scratch) {
     constexpr uint32_t kChunk = kGroupsPerChunk * kSliceWidth, kNodes = 4096;
-    const uint32_t chunks = chunk_count(step.tetrahedra, kChunk);
-    scratch.resize(std::max(scratch.size(), 4ul * nodes + chunks));
-    double* const place = scratch.data();
-    double* const sums = place + 4ul * nodes;
+    scratch.place.resize(nodes);
+    scratch.sums.resize(chunk_count(step.tetrahedra, kChunk));
     parallel_for(nodes, kNodes, [&](uint32_t begin, uint32_t end) {
         for (uint32_t v = begin; v < end; ++v) {
-            const __m256d now = _mm256_cvtps_pd(_mm_load_ps(step.offset + 4ul * v));
-            const __m256d way = _mm256_cvtps_pd(_mm_setr_ps(velocity.x[v], velocity.y[v], velocity.z[v], 0));
-            _mm256_storeu_pd(place + 4ul * v, _mm256_fnmadd_pd(_mm256_set1_pd(back), way, now));
+            scratch.place[v] =
+                float_vec4(_mm_load_ps(step.offset + 4ul * v)) - back * make_vec4(velocity.x[v], velocity.y[v], velocity.z[v]);
         }
     });
     parallel_for(step.tetrahedra, kChunk, [&](uint32_t begin, uint32_t end) {
-        const auto at = [&](uint32_t node) { return (Vec4d)_mm256_loadu_pd(place + 4ul * node); };
+        const Vec4d* const at = scratch.place.data();
         double sum = 0;
         for (uint32_t t = begin; t < end; ++t) {
             if (step.rest[t] == 0) continue;
-            const Vec4d p = at(step.corner0[t]), a = at(step.corner1[t]) - p, b = at(step.corner2[t]) - p, c = at(step.corner3[t]) - p;
+            const Vec4d p = at[step.corner0[t]], a = at[step.corner1[t]] - p, b = at[step.corner2[t]] - p, c = at[step.corner3[t]] - p;
             sum += (step.factor ? double{step.factor[t]} : 1.0) * tet_energy(moduli.bulk, moduli.crush, step.rest[t], dot(a, cross(b, c)));
         }
-        sums[begin / kChunk] = sum;
+        scratch.sums[begin / kChunk] = sum;
     });
-    return std::accumulate(sums, sums + chunks, 0.0);
+    return std::accumulate(scratch.sums.begin(), scratch.sums.end(), 0.0);
 }
 
 double tet_energy(const Solids& solids, const Bodies& bodies, const Particles& particles, uint32_t body, double back,
-                  std::vector<double>& scratch, const TornSprings* torn) {
+                  TetEnergyScratch& scratch, const TornSprings* torn) {
     const uint32_t skin = skin_rows(solids.info[bodies.mesh[body]]), first = bodies.particles[body].first + skin;
     return tet_energy(
         bind_tets(solids, bodies, particles, body, torn), bodies.particles[body].count - skin, solid_moduli(bodies.tissue[body]),

@@ -6,6 +6,8 @@
 #include "components/particles.hpp"
 #include "components/solids.hpp"
 #include "components/tears.hpp"
+#include "engine/geometry/vec4.hpp"
+#include "engine/raw_vector.hpp"
 #include "engine/tet_kernels.hpp"
 namespace trocar {
 
@@ -50,16 +52,20 @@ uint32_t corner_rows(const TetStep& body);
 // threads. Returns the least J.
 float add_tet_forces(const TetStep& body, uint32_t slices);
 
-// Volume energy of a body at offset - back * velocity, J; fixed order.
-double tet_energy(const Solids& solids, const Bodies& bodies, const Particles& particles, uint32_t body, double back,
-                  std::vector<double>& scratch, const TornSprings* torn = nullptr);
-
-// The same at step.offset - back * velocity of so many nodes; rows of rest 0 hold nothing.
+struct TetEnergyScratch {
+    RawVector<Vec4d> place;    // m, one per node
+    std::vector<double> sums;  // J, one per chunk of tetrahedra
+};
 struct NodeVelocities {
     const float *x, *y, *z;  // m/s
 };
+// Volume energy of a body at offset - back * velocity, J; fixed order.
+double tet_energy(const Solids& solids, const Bodies& bodies, const Particles& particles, uint32_t body, double back,
+                  TetEnergyScratch& scratch, const TornSprings* torn = nullptr);
+
+// The same at step.offset - back * velocity; `nodes`: all that corners name. Rows of rest 0 hold nothing.
 double tet_energy(const TetStep& step, uint32_t nodes, const SolidModuli& moduli, const NodeVelocities& velocity, double back,
-                  std::vector<double>& scratch);
+                  TetEnergyScratch& scratch);
 
 // The least signed volume / rest volume of the tetrahedra at step.offset; at most 1. Needs no outputs bound.
 float least_volume_ratio(const TetStep& step);

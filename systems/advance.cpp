@@ -383,6 +383,8 @@ void share_room(std::span<AdvanceScratch> scratches) {
     level_implicit(&I::place, &I::direction, &I::sums, &I::spoke, &I::block, &I::residual, &I::applied, &I::change);
     level_implicit(&I::lambda, &I::volume_lambda, &I::left_rest, &I::left_factor, &I::left_volume);
     level_implicit(&I::free_residual, &I::free_block, &I::slope, &I::volume_force, &I::volume_block);
+    share_capacity(scratches, [](S& s) -> decltype(auto) { return (s.implicit.tet_energy.place); });
+    share_capacity(scratches, [](S& s) -> decltype(auto) { return (s.implicit.tet_energy.sums); });
 }
 
 void advance_island(const AdvanceParams& params, const AdvanceInputs& inputs, std::span<const uint32_t> island_bodies,

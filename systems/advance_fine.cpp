@@ -6,6 +6,7 @@
 #include <cmath>
 
 #include "engine/deformable_setup.hpp"
+#include "engine/parallel.hpp"
 #include "engine/shape_fit.hpp"
 #include "engine/skin.hpp"
 #include "engine/spring_step.hpp"
@@ -80,12 +81,16 @@ TetStep bind_loose_tets(AdvanceIsland& island, const AdvanceBody& b) {
 
 // Least volume ratio of a body whose nodes go on from `now` with the velocities they have.
 float least_volume_later(TetStep tets, const Float4* now, const Particles& p, Range nodes, double seconds, std::vector<Float4>& place) {
-    const float h = static_cast<float>(seconds);
+    constexpr uint32_t kNodesPerChunk = 4096;
+    const __m128 h = _mm_set1_ps(static_cast<float>(seconds));
     place.resize(std::max<size_t>(place.size(), nodes.count));
-    for (uint32_t v = 0; v < nodes.count; ++v) {
-        const uint32_t i = nodes.first + v;
-        place[v] = {now[v].x + h * p.velocity_x[i], now[v].y + h * p.velocity_y[i], now[v].z + h * p.velocity_z[i], now[v].w};
-    }
+    parallel_for(nodes.count, kNodesPerChunk, [&](uint32_t begin, uint32_t end) {
+        for (uint32_t v = begin; v < end; ++v) {
+            const uint32_t i = nodes.first + v;
+            const __m128 velocity = _mm_setr_ps(p.velocity_x[i], p.velocity_y[i], p.velocity_z[i], 0);
+            _mm_store_ps(&place[v].x, _mm_add_ps(_mm_load_ps(&now[v].x), _mm_mul_ps(h, velocity)));
+        }
+    });
     tets.offset = &place[0].x;
     return least_volume_ratio(tets);
 }

@@ -17,7 +17,7 @@ namespace trocar {
 //       Springs pressed short and tetrahedra pressed flat are stiffer than at rest (solid_limit.hpp): a box of 10 kg that falls on a
 //       soft pad of 0.9 kg gains energy without end at the limit; so its books close to 0.05 % of the largest elastic energy, and
 //       what presses tissue as instruments do pays for no finer step
-// `scratch` is the calling thread's: a byte a body where there are solids, and the nodes of one that is touched.
+// `scratch` is the island's, as of advance_island: a byte a body where there are solids, and the nodes of one that is touched.
 uint32_t finer_steps(const AdvanceInputs& inputs, const Particles& particles, std::span<const uint32_t> island_bodies,
                      const ContactRows& rows, std::span<const uint32_t> island_rows, double dt, double seconds, AdvanceScratch& scratch);
 

@@ -10,6 +10,7 @@
 #include "engine/geometry/vec4.hpp"
 #include "engine/raw_vector.hpp"
 #include "engine/spring_kernels.hpp"
+#include "engine/tet_forces.hpp"
 #pragma GCC diagnostic push
 #pragma GCC diagnostic ignored "-Wpsabi"
 namespace trocar {
@@ -76,6 +77,7 @@ struct ImplicitScratch {
     std::vector<float> left_rest, left_factor, left_volume;  // xpbd: batches of a body that tears, as they are now
     std::vector<float> slope, volume_force, volume_block;    // midpoint, tetrahedra: 9, 3 and 6 fields
     std::vector<float> free_residual, free_block;            // midpoint: residual and block without held rows
+    TetEnergyScratch tet_energy;                             // where a body's works are differences of its energy
 };
 
 // A rotation and a shift, or a rotation's rate and a velocity: x -> shift + x[0] column[0] + x[1] column[1] + ...

@@ -110,7 +110,7 @@ double energy_of(const AdvanceIsland& island, const AdvanceBody& b, const float*
         TetStep tets = bind_tets(*in.other.solids, in.bodies, island.particles, b.body, in.other.torn_springs);
         tets.offset = offset;
         volumes = tet_energy(tets, b.particles.count, solid_moduli(in.bodies.tissue[b.body]),
-                             {step.velocity_x, step.velocity_y, step.velocity_z}, back, sums);
+                             {step.velocity_x, step.velocity_y, step.velocity_z}, back, island.scratch.implicit.tet_energy);
     }
     return volumes + 0.5 * t[kSumMvv] + 0.25 * step.stiffness * t[kSumStretch] + 0.5 * t[kSumAnchor] -
            island.params.gravity.dot(Vec3d(t[kSumMPlace], t[kSumMPlace + 1], t[kSumMPlace + 2]));

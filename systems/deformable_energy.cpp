@@ -85,7 +85,7 @@ void add_body_energy(const EnergyInputs& inputs, uint32_t body, BodyEnergyScratc
     add_other_energies(springs, bodies, particles, body, step.back, scratch, energy);
     if (has_tets(other.solids, bodies, body)) {
         energy.elastic +=
-            tet_energy(*other.solids, bodies, particles, body, 0.5 * particles.last_dt[body], scratch.sums, other.torn_springs);
+            tet_energy(*other.solids, bodies, particles, body, 0.5 * particles.last_dt[body], scratch.tets, other.torn_springs);
     }
     energy.gravity -= gravity.dot(t[kSumMass] * poses.origin[body] + Vec3d(t[kSumMPlace], t[kSumMPlace + 1], t[kSumMPlace + 2]));
 }

@@ -9,6 +9,7 @@
 #include "components/springs.hpp"
 #include "engine/other_forces.hpp"
 #include "engine/sleepers.hpp"
+#include "engine/tet_forces.hpp"
 namespace trocar {
 
 // Reused memory: of one body at a time, and of measure_energy.
@@ -16,6 +17,7 @@ struct BodyEnergyScratch {
     std::vector<double> sums;
     std::vector<Float4> offset;   // half a substep back, of a body with other forces
     std::vector<float> gradient;  // 3 fields, as offset
+    TetEnergyScratch tets;
 };
 struct EnergyScratch {
     std::vector<Energy> of_body;             // its own terms alone; one per body

@@ -40,7 +40,7 @@ void with_rooms(const Surfaces& s, uint32_t body, double seconds, const With& wi
     const MeshInfo& info = s.meshes.info[s.bodies.mesh[body]];
     if (!is_deformable(s.bodies, body)) {
         const double speed = s.poses.velocity[body].norm() + s.poses.angular_velocity[body].norm() * info.radius;
-        const Vec4d slack = speed * seconds * Vec4d{1, 1, 1, 1};
+        const Vec4d slack = make_vec4(speed * seconds, speed * seconds, speed * seconds);
         with([&](uint32_t v) { return VertexRoom{to_vec4(s.meshes.position[info.vertices.first + v]), slack}; });
         return;
     }
@@ -50,7 +50,7 @@ void with_rooms(const Surfaces& s, uint32_t body, double seconds, const With& wi
                 *z = s.particles.velocity_z.data() + first;
     with([=](uint32_t v) {
         const __m128 way = _mm_andnot_ps(_mm_set1_ps(-0.0f), _mm_setr_ps(x[v], y[v], z[v], 0));
-        return VertexRoom{(Vec4d)_mm256_cvtps_pd(_mm_load_ps(&place[v].x)), seconds * (Vec4d)_mm256_cvtps_pd(way)};
+        return VertexRoom{float_vec4(_mm_load_ps(&place[v].x)), seconds * float_vec4(way)};
     });
 }
 

@@ -112,6 +112,39 @@ TEST(TetForces, AreTheGradientOfTheEnergy) {
     }
 }
 
+// Of stiffened and of lost tetrahedra, half a step back: one by one in double.
+TEST(TetForces, TheEnergyIsTheSumOverThoseThatAreLeft) {
+    for (unsigned seed = 1; seed <= 5; ++seed) {
+        RandomTets tets(seed);
+        std::vector<float> factor, velocity[3];
+        for (unsigned t = 0; t < RandomTets::kPadded; ++t) factor.push_back(0.5f + 0.125f * static_cast<float>(t % 9));
+        for (unsigned axis = 0; axis < 3; ++axis)
+            for (unsigned i = 0; i < RandomTets::kNodes; ++i) velocity[axis].push_back(std::sin(static_cast<float>(3 * i + axis + seed)));
+        for (const unsigned lost : {3u, 17u, 40u}) tets.rest[lost] = tets.per_rest[lost] = 0;
+        const double back = 0.01;
+        const auto place = [&](unsigned node) {
+            return Vec3d(tets.place(node) - back * Vec3d(velocity[0][node], velocity[1][node], velocity[2][node]));
+        };
+        double wanted = 0, least = 1;
+        for (unsigned t = 0; t < RandomTets::kTets; ++t) {
+            if (tets.rest[t] == 0) continue;
+            const Vec3d p = place(tets.corner[0][t]);
+            const double six = (place(tets.corner[1][t]) - p).dot((place(tets.corner[2][t]) - p).cross(place(tets.corner[3][t]) - p));
+            wanted += double{factor[t]} * tet_energy(300, 900, tets.rest[t], six);
+            least = std::min(least, six_volumes(tets.place(tets.corner[0][t]), tets.place(tets.corner[1][t]), tets.place(tets.corner[2][t]),
+                                                tets.place(tets.corner[3][t])) /
+                                        tets.rest[t]);
+        }
+        tets.bind();
+        tets.step.factor = factor.data();
+        TetEnergyScratch scratch;
+        const double found = tet_energy(tets.step, RandomTets::kNodes, {0, 300, 900},
+                                        {velocity[0].data(), velocity[1].data(), velocity[2].data()}, back, scratch);
+        EXPECT_NEAR(found, wanted, 1e-12 * wanted) << seed;
+        EXPECT_NEAR(least_volume_ratio(tets.step), least, 3e-6 * std::abs(least)) << seed;
+    }
+}
+
 // Each volume in double; the kernel that measures and the one that presses say the same.
 TEST(TetForces, LeastVolumeRatioIsThatOfTheWorstTetrahedron) {
     for (unsigned seed = 1; seed <= 20; ++seed) {
