@@ -283,6 +283,8 @@ void Frame::set_live_devices(std::span<const DeviceState> devices) {
     state_->scratch.live_device_known = true;
 }
 
+void Frame::run_pass_again() { state_->scratch.next_pass = state_->world.clock.pass; }
+
 const PictureSnapshot& Frame::snapshot_now() {
     const FloatModeScope ours;
     if (any_deformable(state_->world)) stages::surface_normals(*state_);

@@ -58,6 +58,8 @@ class Frame {
     void set_contact_hook(const ContactHook& hook);
     // With external_ticks: where the devices were in the pass before, when a run is taken up in its middle.
     void set_live_devices(std::span<const DeviceState> devices);
+    // The world was set back to where the last pass began, to run it again: what is known of its sleepers holds.
+    void run_pass_again();
     // A picture of the present state, outside the order of the frame.
     const PictureSnapshot& snapshot_now();
     // For tests of the table: the stages of this frame in serial order; everything of a pass before stage `row`; that

@@ -154,7 +154,8 @@ void print_profile(const PassProfile& profile, uint64_t pass) {
 }
 
 std::string profile_json(const PassProfile& profile, uint64_t pass) {
-    nlohmann::ordered_json out{{"pass", pass}, {"repetitions", profile.pass_ms.size()}, {"median_ms", quantile(profile.pass_ms, 0.5)}};
+    nlohmann::ordered_json out{
+        {"pass", pass}, {"repetitions", profile.pass_ms.size()}, {"median_ms", quantile(profile.pass_ms, 0.5)}, {"same", profile.same}};
     for (size_t i = 0; i < profile.stage.size(); ++i)
         out["stages"][profile.stage[i]] = {{"median_ms", quantile(profile.stage_ms[i], 0.5)},
                                            {"p90_ms", quantile(profile.stage_ms[i], 0.9)}};
@@ -170,7 +171,8 @@ int profile(const ReplayOptions& options, const Capture& capture) {
         write_standard_output(profile_json(profile, *options.frame));
     else
         print_profile(profile, *options.frame);
-    return kDone;
+    if (!profile.same) std::fprintf(stderr, "trocar: %s: the pass does not end as it was captured\n", capture.file.c_str());
+    return profile.same ? kDone : kNo;
 }
 
 int replay(const ReplayOptions& options, const Capture& capture) {

@@ -61,6 +61,7 @@ struct PassProfile {
     std::vector<std::string> stage;
     std::vector<std::vector<double>> stage_ms;  // one row per stage, one value per repetition
     std::vector<double> pass_ms;
+    bool same = true;  // whether it ended as captured, to the bit
 };
 PassProfile profile_pass(const Capture& capture, uint64_t pass, uint32_t repeat, Trace* trace);
 

@@ -284,7 +284,38 @@ TEST(Capture, OnePassRunsAgainAndAgainFromItsOwnStart) {
         const PassProfile profile = profile_pass(capture, 25, 5, nullptr);
         EXPECT_EQ(profile.pass_ms.size(), 5u);
         EXPECT_EQ(profile.stage.size(), profile.stage_ms.size());
+        EXPECT_TRUE(profile.same);
         EXPECT_THROW(profile_pass(capture, 31, 5, nullptr), InputError);
+        Capture other = capture;
+        for (Capture::Stretch& s : other.stretches)
+            for (CaptureStep& step : s.steps) step.state_hash ^= 1;
+        EXPECT_FALSE(profile_pass(other, 25, 1, nullptr).same);
+    });
+}
+
+// What a frame knows of sleepers holds for the repetitions. Fails when those that fall asleep or wake in the pass are taken for such.
+TEST(Capture, APassWithSleepersRunsAgainAsItWas) {
+    const auto boxes = [] {
+        const std::vector<Override> few{
+            {"count", "12"}, {"columns", "3"}, {"floor", "0.6"}, {"ground", "-0.01"}, {"floor.triangles", "400"}};
+        return build_scene(read_scene_file(source_folder() / "content/scenes/stress_settle.toml", few), Looks::kPlain).world;
+    };
+    const fs::path folder = captured_run("sleepers", "0-239", 240, boxes);
+    const Capture capture = open_capture(folder / "passes_0-239.cap");
+    ThreadPool pool(2);
+    pool.run([&] {
+        Frame frame(world_at(capture, 0), replay_options(capture, nullptr));
+        uint32_t asleep = 0, changes = 0;
+        for (uint64_t pass = 0; pass < 240; ++pass) {
+            frame.step();
+            const uint32_t now = frame.world().report.asleep_bodies;
+            const bool changed = now != std::exchange(asleep, now);
+            if (!changed && pass != 239) continue;
+            changes += changed;
+            EXPECT_TRUE(profile_pass(capture, pass, 3, nullptr).same) << pass;
+        }
+        EXPECT_GT(changes, 2u);
+        EXPECT_GT(asleep, 8u);
     });
 }
 
