@@ -217,7 +217,8 @@ CaptureFile read_capture(const std::filesystem::path& path) {
         const size_t at = text.size() - file.bytes.size();
         CaptureRecord record;
         if (const std::string reason = read_record(file, unpacked, record); !reason.empty()) {
-            capture.damage = "record " + std::to_string(capture.records.size() + 1) + " at byte " + std::to_string(at) + " " + reason;
+            capture.damage =
+                "breaks off: record " + std::to_string(capture.records.size() + 1) + " at byte " + std::to_string(at) + " " + reason;
             return capture;
         }
         if (record.kind == "end") break;
