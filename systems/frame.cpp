@@ -280,7 +280,11 @@ void Frame::set_contact_hook(const ContactHook& hook) { state_->contact_hook = h
 
 void Frame::set_live_devices(std::span<const DeviceState> devices) {
     std::copy_n(devices.begin(), std::min(devices.size(), kMaxTools), state_->scratch.live_device.begin());
-    state_->scratch.live_device_known = true;
+    state_->scratch.live_device_known = !devices.empty();
+}
+std::span<const DeviceState> Frame::live_devices() const {
+    const FrameScratch& s = state_->scratch;
+    return std::span(s.live_device).first(s.live_device_known ? state_->world.haptics.tool.size() : 0);
 }
 
 void Frame::run_pass_again() { state_->scratch.next_pass = state_->world.clock.pass; }

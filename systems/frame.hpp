@@ -56,8 +56,9 @@ class Frame {
     // missing or a body was taken out; bodies that come and go by themselves have slots in a pool (components/lives.hpp).
     void step();
     void set_contact_hook(const ContactHook& hook);
-    // With external_ticks: where the devices were in the pass before, when a run is taken up in its middle.
+    // With external_ticks: where the devices were in the pass before, when a run is taken up in its middle; empty: there was none.
     void set_live_devices(std::span<const DeviceState> devices);
+    std::span<const DeviceState> live_devices() const;
     // The world was set back to where the last pass began, to run it again: what is known of its sleepers holds.
     void run_pass_again();
     // A picture of the present state, outside the order of the frame.

@@ -12,8 +12,9 @@ namespace trocar {
 namespace {
 
 // Tetrahedra of a solid that tears: 0 = whole.
-const uint8_t* lost_tetrahedra(const TearPass& pass, const TearBody& tear, const Torn& torn) {
-    return torn.tetrahedron.data() + pass.solids.info[pass.bodies.mesh[tear.body]].tetrahedra.first;
+std::span<const uint8_t> lost_tetrahedra(const Solids& solids, const Bodies& bodies, const TearBody& tear, const Torn& torn) {
+    const SolidInfo& info = solids.info[bodies.mesh[tear.body]];
+    return std::span(torn.tetrahedron).subspan(info.tetrahedra.first, info.count);
 }
 
 // One flag per number of a triangle: not there.
@@ -29,11 +30,11 @@ std::vector<uint8_t> removed_flags(const Tears& tears, uint32_t tear, const Torn
 uint32_t at_load(const Tears& tears, uint32_t tear, uint32_t triangle) { return tears.order[tears.body[tear].order.first + triangle]; }
 
 // The same of a solid, and the triangles themselves.
-std::vector<uint8_t> hidden_flags(const Tears& tears, const TearBody& tear, const uint8_t* lost, std::vector<Triangle>& corner) {
+std::vector<uint8_t> hidden_flags(const Tears& tears, const TearBody& tear, std::span<const uint8_t> lost, std::vector<Triangle>& corner) {
     std::vector<uint8_t> gone(tear.faces.count);
     corner.resize(tear.faces.count);
     for (uint32_t number = 0; number < tear.faces.count; ++number) {
-        gone[number] = !is_surface(tears.face[tear.faces.first + number], lost, corner[number]);
+        gone[number] = !is_surface(tears.face[tear.faces.first + number], lost.data(), corner[number]);
     }
     return gone;
 }
@@ -196,11 +197,21 @@ bool is_up_to_date(const Tears& tears, const TearBody& tear, const MeshInfo& inf
     return true;
 }
 
+// Surface and tree of a body that tears, of the triangles that are left.
+void lay_surface(const Bodies& bodies, const Particles& particles, std::span<const uint8_t> gone, std::span<const Triangle> corner,
+                 const TearBody& tear, Tears& tears, Meshes& meshes, std::span<std::unique_ptr<ClosestPointTree>> trees) {
+    const uint32_t prototype = bodies.mesh[tear.body];
+    sort_triangles(gone, tear, corner, meshes.info[prototype], tears, meshes);
+    rebuild_topology(prototype, tear.whole, meshes);
+    const Range rows = bodies.particles[tear.body];
+    trees[bodies.tree[tear.body]] =
+        std::make_unique<ClosestPointTree>(mesh_view(meshes, prototype), std::span(particles.offset).subspan(rows.first, rows.count));
+}
+
 // Mass of what was let go since the last pass, and whether anything is lost at all.
 bool settle_solid(const TearPass& pass, const TearBody& tear, Particles& particles, TearState state) {
-    const uint8_t* lost = lost_tetrahedra(pass, tear, state.torn);
-    const uint32_t count = pass.solids.info[pass.bodies.mesh[tear.body]].count;
-    if (std::all_of(lost, lost + count, [](uint8_t state) { return state == 0; })) return false;
+    const std::span<const uint8_t> lost = lost_tetrahedra(pass.solids, pass.bodies, tear, state.torn);
+    if (std::all_of(lost.begin(), lost.end(), [](uint8_t state) { return state == 0; })) return false;
     state.energy.work_links -=
         lose_mass(pass.solids, pass.bodies, pass.poses, pass.anchors, pass.gravity, tear.body, state.torn, particles);
     return true;
@@ -225,6 +236,25 @@ void remove_tetrahedra(const TearPass& pass, const Particles& particles, const T
     state.energy.work_links -= drop_tetrahedra(pass.springs, pass.solids, pass.bodies, body, tetrahedron,
                                                places_of_nodes(pass.solids, pass.bodies, particles, body), state.torn, state.torn_springs,
                                                state.report.broken_springs);
+}
+
+void restore_torn_surfaces(const Solids& solids, const Bodies& bodies, const Particles& particles, const Torn& torn, Meshes& meshes,
+                           std::span<std::unique_ptr<ClosestPointTree>> trees, Tears& tears) {
+    for (uint32_t t = 0; t < tears.body.size(); ++t) {
+        const TearBody& tear = tears.body[t];
+        std::vector<Triangle> corner;
+        std::vector<uint8_t> gone;
+        if (tears_as_solid(tear)) {
+            const std::span<const uint8_t> lost = lost_tetrahedra(solids, bodies, tear, torn);
+            std::vector<uint8_t> open(lost.size());
+            std::transform(lost.begin(), lost.end(), open.begin(), [](uint8_t state) { return uint8_t{state == 2}; });
+            gone = hidden_flags(tears, tear, open, corner);
+        } else {
+            gone = removed_flags(tears, t, torn);
+        }
+        if (is_up_to_date(tears, tear, meshes.info[bodies.mesh[tear.body]], gone, corner, meshes)) continue;
+        lay_surface(bodies, particles, gone, corner, tear, tears, meshes, trees);
+    }
 }
 
 void cut_bodies(const TearPass& pass, Particles& particles, Meshes& meshes, std::span<std::unique_ptr<ClosestPointTree>> trees,
@@ -253,17 +283,13 @@ void cut_bodies(const TearPass& pass, Particles& particles, Meshes& meshes, std:
         if (untouched && info.triangles.count == (solid ? tear.outer : tear.order.count)) continue;
         std::vector<Triangle> corner;
         const std::vector<uint8_t> gone =
-            solid ? hidden_flags(tears, tear, lost_tetrahedra(pass, tear, torn), corner) : removed_flags(tears, t, torn);
+            solid ? hidden_flags(tears, tear, lost_tetrahedra(pass.solids, bodies, tear, torn), corner) : removed_flags(tears, t, torn);
         if (is_up_to_date(tears, tear, info, gone, corner, meshes)) continue;
         const Admission before = info.admission;
         if (!solid) break_bare_edges(pass, particles, meshes, tears, t, gone, state);
-        sort_triangles(gone, tear, corner, info, tears, meshes);
-        rebuild_topology(prototype, tear.whole, meshes);
+        lay_surface(bodies, particles, gone, corner, tear, tears, meshes, trees);
         if (before == Admission::kSolid && info.admission == Admission::kWinding) ++state.report.opened_bodies;
         if (body < sleep.still.size()) sleep.still[body] = 0;
-        const Range rows = bodies.particles[body];
-        trees[bodies.tree[body]] =
-            std::make_unique<ClosestPointTree>(mesh_view(meshes, prototype), std::span(particles.offset).subspan(rows.first, rows.count));
     }
     state.report.removed_triangles = torn.triangle.size();
     state.report.removed_tetrahedra = static_cast<uint64_t>(torn.tetrahedron.size()) -

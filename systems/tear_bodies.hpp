@@ -50,6 +50,12 @@ void remove_tetrahedra(const TearPass& pass, const Particles& particles, const T
 void cut_bodies(const TearPass& pass, Particles& particles, Meshes& meshes, std::span<std::unique_ptr<ClosestPointTree>> trees,
                 Tears& tears, Sleep& sleep, TearState state);
 
+// Brings the surfaces of bodies that tear to what the passes so far made of them, when the state was put back to the start of a
+// pass: what tore in the last of them is left to cut_bodies, which books it. Nothing is booked here, and nobody wakes. What
+// remove_triangles took since counts as taken in a pass.
+void restore_torn_surfaces(const Solids& solids, const Bodies& bodies, const Particles& particles, const Torn& torn, Meshes& meshes,
+                           std::span<std::unique_ptr<ClosestPointTree>> trees, Tears& tears);
+
 // Springs and tetrahedra of all prototypes as what has torn left them: follows from the state in every pass.
 void copy_torn_springs(const Springs& springs, const Solids& solids, const Bodies& bodies, const Tears& tears, const Torn& torn,
                        TornSprings& torn_springs);

@@ -7,6 +7,7 @@
 #include "engine/error.hpp"
 #include "systems/app/capture_difference.hpp"
 #include "systems/haptic_device.hpp"
+#include "systems/tear_bodies.hpp"
 namespace trocar {
 namespace {
 
@@ -64,6 +65,8 @@ void set_state(const CaptureRecord& state, World& world) {
     load_resources(state, ResourceKind::kBooks, world);
 }
 
+void restore_surfaces(World& w) { restore_torn_surfaces(w.solids, w.bodies, w.particles, w.torn, w.meshes, w.trees, w.tears); }
+
 }  // namespace
 
 size_t Capture::passes() const {
@@ -117,6 +120,7 @@ World world_at(const Capture& capture, size_t stretch) {
         world.settings.name = capture.header.scene;
         if (const std::string fault = find_fault(world); !fault.empty()) throw InputError("cannot be simulated: " + fault);
         make_trees(world);
+        restore_surfaces(world);
     } catch (const InputError& e) {
         throw InputError(capture.file + ": " + e.what());
     }
@@ -208,12 +212,13 @@ PassProfile profile_pass(const Capture& capture, uint64_t pass, uint32_t repeat,
     save_resources(frame.world(), ResourceKind::kState, start);
     save_resources(frame.world(), ResourceKind::kBooks, start);
     PassProfile profile{frame.stage_names(), std::vector<std::vector<double>>(frame.stage_names().size()), {}};
-    std::vector<DeviceState> devices;
-    for (const ToolState& tool : frame.world().haptics.state) devices.push_back(foretold(tool));
+    const std::span<const DeviceState> known = frame.live_devices();
+    const std::vector<DeviceState> devices(known.begin(), known.end());
     for (uint32_t i = 0; i < repeat; ++i) {
         set_state(start, frame.world());
+        restore_surfaces(frame.world());
         if (i > 0) frame.run_pass_again();
-        if (capture.header.live) frame.set_live_devices(devices);
+        frame.set_live_devices(devices);
         take_input(step, frame);
         const uint64_t begin = now_ns();
         frame.step();

@@ -301,9 +301,8 @@ void add_replay(CLI::App& app, Arguments& a) {
     replay->footer(
         "Example: trocar replay out/captures/worst.cap\n"
         "         trocar replay out/captures/worst.cap --frame 61 --repeat 200\n"
-        "Exit code 1 when it does not come out the same to the bit, and the first pass, stage, array and row are named; also when the "
-        "capture\n"
-        "is not whole: what there is of it is compared.");
+        "Exit code 1 when it does not come out the same to the bit, and the first pass, stage, array and row are named (with --frame:\n"
+        "only that the pass does not end as captured); also when the capture is not whole: what there is of it is compared.");
 }
 
 void add_capture(CLI::App& app, Arguments& a) {
