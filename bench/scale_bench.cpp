@@ -455,7 +455,7 @@ void goal_rows(bool quick, Report& report) {
     // What a picture of the heap of 1,000 may cost: at 120 passes a second, which an overlap below 1 % took, a pass asks 111,000
     // queries of 0.22 us, steps 102,000 nodes two and a half times at 17 ns and sweeps 31,000 acting rows six times in each step at
     // 21 ns: 38 ms of processor time. Finding triangles and edges and planning rows may take as much, and an impact half as much
-    // again: 115 ms a pass, 460 ms a picture, 230 ms on two cores, where Bullet took 880 in its worst frame: 0.26.
+    // again: 115 ms a pass, 460 ms a picture, 230 ms on two cores, where Bullet's worst frame takes about 880: 0.26.
     frame_rows({"rain", 1000, quick ? 1u : 4u}, report);
     // ten times as many in a basin ten times as wide make a heap as deep
     const std::vector<Override> wide{{"columns", "70"}, {"plate", "12"},    {"ground", "-0.2"},
