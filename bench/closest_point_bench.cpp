@@ -4,6 +4,7 @@
 
 #include "bench/contact_parts.hpp"
 #include "engine/closest_point.hpp"
+#include "engine/cpu.hpp"
 #include "engine/geometry/space_curve.hpp"
 #include "tests/engine/hard_surfaces.hpp"
 #include "tests/reference/brute_force_distance.hpp"

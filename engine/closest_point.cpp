@@ -6,6 +6,7 @@
 
 #include "engine/check.hpp"
 #include "engine/closest_point_impl.hpp"
+#include "engine/cpu.hpp"
 #include "engine/meshlet_cutter.hpp"
 #include "engine/race_detector.hpp"
 
@@ -48,11 +49,6 @@ std::atomic<bool>& embree_chosen() {
     return chosen;
 }
 
-std::atomic<bool>& avx2_forced() {
-    static std::atomic<bool> forced{false};
-    return forced;
-}
-
 // One device for the process: it holds worker state, and a second one would be paid for in threads and memory.
 std::shared_ptr<RTCDeviceTy> shared_device() {
     static const std::shared_ptr<RTCDeviceTy> device(rtcNewDevice(nullptr), [](RTCDevice d) {
@@ -64,11 +60,7 @@ std::shared_ptr<RTCDeviceTy> shared_device() {
 
 }  // namespace
 
-const MeshletKernels& meshlet_search::chosen_kernels() {
-    static const bool has_avx512 = __builtin_cpu_supports("avx512f") && __builtin_cpu_supports("avx512vl") &&
-                                   __builtin_cpu_supports("avx512dq") && __builtin_cpu_supports("avx512bw");
-    return has_avx512 && !avx2_forced().load(std::memory_order_relaxed) ? kMeshletKernelsAvx512 : kMeshletKernelsAvx2;
-}
+const MeshletKernels& meshlet_search::chosen_kernels() { return kernels_of_isa(kMeshletKernelsAvx2, kMeshletKernelsAvx512); }
 
 bool bound_error(Meshlet* meshlet, const MeshletMeasure* measure) {
     const uint32_t used = meshlet->float_lanes | meshlet->exact_lanes;
@@ -364,9 +356,7 @@ void ClosestPointTree::cross_check(bool on) {
 
 Vec3d ClosestPointTree::vertex(uint32_t v) const { return impl_->position(v); }
 
-const char* instruction_set() { return chosen_kernels().name; }
 void search_with_embree(bool on) { embree_chosen().store(on, std::memory_order_relaxed); }
-void force_avx2(bool on) { avx2_forced().store(on, std::memory_order_relaxed); }
 
 const char* closest_point_library() { return RTC_VERSION_STRING; }
 

@@ -3,11 +3,9 @@
 #include <span>
 
 #include "components/math.hpp"
+#include "engine/geometry/point_triangle.hpp"
 #include "engine/mesh_view.hpp"
 namespace trocar {
-
-// Part of a triangle that a closest point lies on. Edge k runs from corner k to corner k+1.
-enum class Feature : uint8_t { kVertex0, kVertex1, kVertex2, kEdge0, kEdge1, kEdge2, kFace };
 
 // Nearest surface point. triangle == kNone when nothing lies within the radius asked for.
 struct SurfacePoint {
@@ -80,10 +78,6 @@ class ClosestPointTree {
     struct Impl;
     std::unique_ptr<Impl> impl_;
 };
-
-// Instruction set the kernels of this process run with: "avx512" or "avx2". Chosen once; force_avx2() is for tests.
-const char* instruction_set();
-void force_avx2(bool on);
 
 // Trees made from now on search with Embree's rtcPointQuery instead of our own traversal: the reference, for tests and
 // benches. Answers are the same to the bit.

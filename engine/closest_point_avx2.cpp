@@ -159,6 +159,6 @@ static void fill(Meshlet* m, const float* offset, const uint32_t* vertex, const 
     }
 }
 
-const MeshletKernels kMeshletKernelsAvx2 = {"avx2", distance, measure, fill};
+const MeshletKernels kMeshletKernelsAvx2 = {distance, measure, fill};
 
 }  // namespace trocar

@@ -122,6 +122,6 @@ static void fill(Meshlet* m, const float* offset, const uint32_t* vertex, const 
     kMeshletKernelsAvx2.fill(m, offset, vertex, centre, scale);
 }
 
-const MeshletKernels kMeshletKernelsAvx512 = {"avx512", distance, measure, fill};
+const MeshletKernels kMeshletKernelsAvx512 = {distance, measure, fill};
 
 }  // namespace trocar

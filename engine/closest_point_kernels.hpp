@@ -30,7 +30,6 @@ bool bound_error(Meshlet* meshlet, const MeshletMeasure* measure);
 
 // One instruction set's versions of the kernels. All versions give the same bits.
 struct MeshletKernels {
-    const char* name;
     // Writes the 16 squared distances from q and returns the least; mask gets the lanes below limit.
     float (*distance)(const Meshlet* meshlet, const float* q, float limit, float* squared, uint32_t* mask);
     // Measures the triangles for their error bound.

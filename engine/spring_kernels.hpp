@@ -57,7 +57,6 @@ enum EnergySum { kSumStretch, kSumAnchor, kSumMvv, kSumMass, kSumMPlace, kEnergy
 // One instruction set's versions; all give the same bits: same operations in the same order in every lane, exact square
 // root and division, fused multiply-add only where written.
 struct SpringKernels {
-    const char* name;
     // Springs, anchors, other forces, gravity and damping, then kick and drift of slices [first, last). A spring of length
     // zero and padding pull nowhere; a particle of inverse mass zero keeps its place and gets velocity zero. With remainders
     // the drift is a compensated sum (Kahan, CACM 8(1), 1965): steps far smaller than the ulp of a place add up.
@@ -71,7 +70,7 @@ struct SpringKernels {
 extern const SpringKernels kSpringKernelsAvx2;
 extern const SpringKernels kSpringKernelsAvx512;
 
-// The kernels this process runs with; follows instruction_set() of engine/closest_point.hpp.
+// The kernels this process runs with; follows isa() of engine/cpu.hpp.
 const SpringKernels& spring_kernels();
 
 }  // namespace trocar

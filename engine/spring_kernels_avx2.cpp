@@ -233,6 +233,6 @@ void energy_sums(const SpringStep* body, unsigned first, unsigned last, double* 
 
 }  // namespace
 
-extern const SpringKernels kSpringKernelsAvx2 = {"avx2", step, shape_sums, energy_sums};
+extern const SpringKernels kSpringKernelsAvx2 = {step, shape_sums, energy_sums};
 
 }  // namespace trocar

@@ -230,6 +230,6 @@ void energy_sums(const SpringStep* body, unsigned first, unsigned last, double* 
 
 }  // namespace
 
-extern const SpringKernels kSpringKernelsAvx512 = {"avx512", step, shape_sums, energy_sums};
+extern const SpringKernels kSpringKernelsAvx512 = {step, shape_sums, energy_sums};
 
 }  // namespace trocar

@@ -3,7 +3,7 @@
 #include <algorithm>
 #include <array>
 
-#include "engine/closest_point.hpp"
+#include "engine/cpu.hpp"
 #include "engine/parallel.hpp"
 #include "engine/state_hash_kernels.hpp"
 namespace trocar {
@@ -25,7 +25,7 @@ uint64_t hash_of_block(MixRows mix_rows, const unsigned char* p, size_t size) {
 }  // namespace
 
 void StateHash::add_blocks(const void* data, size_t size) {
-    const MixRows mix_rows = std::strcmp(instruction_set(), "avx512") == 0 ? mix_rows_avx512 : mix_rows_avx2;
+    const MixRows mix_rows = isa() == Isa::kAvx512 ? mix_rows_avx512 : mix_rows_avx2;
     const unsigned char* p = static_cast<const unsigned char*>(data);
     std::array<uint64_t, kMostChunks> block;
     while (size > 0) {

@@ -3,11 +3,10 @@
 #include <Eigen/Geometry>
 #include <algorithm>
 #include <array>
-#include <cstring>
 #include <numeric>
 
 #include "components/springs.hpp"
-#include "engine/closest_point.hpp"
+#include "engine/cpu.hpp"
 #include "engine/geometry/vec4.hpp"
 #include "engine/parallel.hpp"
 #include "engine/skin.hpp"
@@ -23,7 +22,7 @@ constexpr uint32_t kLeastChunks = 5;  // fewer are not worth another thread
 
 }  // namespace
 
-const TetKernels& tet_kernels() { return std::strcmp(instruction_set(), "avx512") == 0 ? kTetKernelsAvx512 : kTetKernelsAvx2; }
+const TetKernels& tet_kernels() { return kernels_of_isa(kTetKernelsAvx2, kTetKernelsAvx512); }
 
 SolidModuli solid_moduli(const Tissue& tissue) {
     const double nu = tissue.poisson, mu = tissue.youngs_modulus / (2 * (1 + nu));

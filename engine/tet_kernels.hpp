@@ -37,7 +37,7 @@ struct TetKernels {
 extern const TetKernels kTetKernelsAvx2;
 extern const TetKernels kTetKernelsAvx512;
 
-// The kernels this process runs with; follows instruction_set() of engine/closest_point.hpp.
+// The kernels this process runs with; follows isa() of engine/cpu.hpp.
 const TetKernels& tet_kernels();
 
 }  // namespace trocar

@@ -1,7 +1,9 @@
 #pragma once
 #include "components/math.hpp"
-#include "engine/closest_point.hpp"
 namespace trocar {
+
+// Part of a triangle that a closest point lies on. Edge k runs from corner k to corner k+1.
+enum class Feature : uint8_t { kVertex0, kVertex1, kVertex2, kEdge0, kEdge1, kEdge2, kFace };
 
 // Closest point of a triangle, relative to the query point.
 struct TrianglePoint {

@@ -14,6 +14,7 @@
 
 #include "content/build_scene.hpp"
 #include "content/save_mesh.hpp"
+#include "engine/cpu.hpp"
 #include "engine/error.hpp"
 #include "engine/offscreen.hpp"
 #include "engine/surface_mesh.hpp"

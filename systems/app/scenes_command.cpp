@@ -6,6 +6,7 @@
 #include "content/shape_library.hpp"
 #include "content/tissues.hpp"
 #include "engine/closest_point.hpp"
+#include "engine/cpu.hpp"
 #include "engine/error.hpp"
 #include "engine/offscreen.hpp"
 #include "engine/whole_file.hpp"

@@ -13,6 +13,7 @@
 #include <thread>
 
 #include "content/build_scene.hpp"
+#include "engine/cpu.hpp"
 #include "engine/error.hpp"
 #include "engine/whole_file.hpp"
 #include "systems/app/capture.hpp"

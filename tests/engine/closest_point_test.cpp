@@ -8,6 +8,7 @@
 #include <thread>
 
 #include "engine/closest_point_kernels.hpp"
+#include "engine/cpu.hpp"
 #include "tests/engine/closest_point_meshes.hpp"
 #include "tests/reference/brute_force_distance.hpp"
 namespace trocar {
@@ -218,7 +219,7 @@ Meshlet random_meshlet(std::mt19937_64& random, bool wide) {
 }
 
 TEST(ClosestPoint, Avx2AndAvx512KernelsGiveTheSameBits) {
-    if (std::strcmp(instruction_set(), "avx512") != 0) GTEST_SKIP() << "no AVX-512 here";
+    if (isa() != Isa::kAvx512) GTEST_SKIP() << "no AVX-512 here";
     std::mt19937_64 random(51);
     std::uniform_real_distribution<float> unit(-2, 2);
     for (int i = 0; i < 20000; ++i) {
@@ -244,7 +245,7 @@ TEST(ClosestPoint, AnswersDoNotDependOnTheInstructionSet) {
     const ClosestPointTree tree(organ.view());
     const std::vector<SurfacePoint> best = query_all(tree, points);
     force_avx2(true);
-    EXPECT_STREQ(instruction_set(), "avx2");
+    EXPECT_EQ(isa(), Isa::kAvx2);
     const ClosestPointTree other(organ.view());
     const std::vector<SurfacePoint> plain = query_all(other, points);
     force_avx2(false);

@@ -2,7 +2,7 @@
 
 #include <gtest/gtest.h>
 
-#include "engine/closest_point.hpp"
+#include "engine/cpu.hpp"
 #include "engine/thread_pool.hpp"
 namespace {
 

@@ -6,6 +6,7 @@
 
 #include "content/self_crossing.hpp"
 #include "engine/closest_point.hpp"
+#include "engine/cpu.hpp"
 #include "engine/parallel.hpp"
 #include "engine/surface_mesh.hpp"
 #include "engine/thread_pool.hpp"
@@ -91,7 +92,7 @@ TEST_P(Determinism, SameHashForAnyThreadsOrderInstructionSetAndCaches) {
     EXPECT_EQ(run_scene(GetParam(), {1, false, true, false, 90}), reference) << "caches cleared";
     EXPECT_EQ(run_scene(GetParam(), {1, false, false, false, 90, true}), reference) << "rtcPointQuery";
     EXPECT_EQ(run_scene(GetParam(), {2, false, false, false, 90, false, true}), reference) << "signs cross-checked";
-    if (std::string(instruction_set()) == "avx512") {
+    if (isa() == Isa::kAvx512) {
         EXPECT_EQ(run_scene(GetParam(), {1, false, false, true, 90}), reference) << "AVX2 kernels";
     }
 }

@@ -4,6 +4,7 @@
 
 #include <cstring>
 
+#include "engine/cpu.hpp"
 #include "engine/mass_properties.hpp"
 #include "engine/thread_pool.hpp"
 #include "systems/rigid_motion.hpp"

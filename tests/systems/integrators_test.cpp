@@ -2,6 +2,7 @@
 
 #include <cstring>
 
+#include "engine/cpu.hpp"
 #include "engine/implicit_kernels.hpp"
 #include "engine/stable_step.hpp"
 #include "engine/thread_pool.hpp"

@@ -7,6 +7,7 @@
 
 #include "content/build_scene.hpp"
 #include "content/make_solid.hpp"
+#include "engine/cpu.hpp"
 #include "engine/error.hpp"
 #include "engine/links.hpp"
 #include "engine/solid_limit.hpp"
