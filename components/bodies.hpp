@@ -25,13 +25,12 @@ enum class AnchorFrame : uint8_t {
 enum class Integrator : uint8_t {
     kLeapfrog,  // explicit, second order; stable up to Bodies::stable_dt
     kMidpoint,  // linearised implicit midpoint, conjugate gradients: for stiff held bodies
-    kXpbd,      // Macklin, Mueller, Chentanez 2016: the known baseline, and for what must not stretch
 };
 
 // How a deformable body is moved in time.
 struct Stepping {
     Integrator integrator = Integrator::kLeapfrog;
-    uint32_t iterations = 10;  // midpoint: most of the conjugate gradients; xpbd: sweeps over the springs
+    uint32_t iterations = 10;  // midpoint: most of the conjugate gradients
     double tolerance = 1e-3;   // midpoint: residual of the velocities over that of the start, at which it stops
     double step = std::numeric_limits<double>::infinity();  // s, largest; for leapfrog besides stable_dt and the settings
 };

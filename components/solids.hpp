@@ -5,8 +5,6 @@
 #include "components/math.hpp"
 namespace trocar {
 
-inline constexpr uint32_t kBatchWidth = 16;
-
 // A prototype filled with tetrahedra. Its nodes are the vertices of its surface (rows of Meshes), then the inner ones:
 // whatever works on a surface sees the first particles of a solid. Without tetrahedra it is a shell. With a skin no vertex
 // is a node: the surface rides on the tetrahedra, its particles (inverse mass 0, padded to 16) come before those of the
@@ -34,15 +32,7 @@ struct Solids {
     std::vector<uint32_t> slot;         // 16 per column: corner * padded tetrahedra + tetrahedron; padding 4 * padded tetrahedra
     std::vector<std::array<uint32_t, 4>> skin_node;  // corners of the tetrahedron that a vertex rides on
     std::vector<std::array<double, 4>> skin_weight;  // its barycentric coordinates there: below 0 or above 1 outside
-    // The same tetrahedra, each once, in colours, as Springs::batch: no two of a colour share a node. Only of prototypes of bodies
-    // stepped by xpbd. Padding names rows beyond the prototype's padded nodes, 4 lane to 4 lane + 3 from there, of volume 0.
-    std::vector<Range> colours;                                        // one per prototype: rows of colour
-    std::vector<Range> colour;                                         // batches
-    std::vector<std::array<uint32_t, 4 * kBatchWidth>> batch;          // 16 first corners, 16 second ones, ...
-    std::vector<std::array<float, kBatchWidth>> batch_volume;          // m^3, as rest
-    std::vector<std::array<float, kBatchWidth>> batch_factor;          // as factor, 1 where that has no rows
-    std::vector<std::array<uint32_t, kBatchWidth>> batch_tetrahedron;  // row of rest; kNone of padding
-    std::vector<double> node_volume;                                   // m^3, what a node stands for: see engine/lumped_volume.hpp
+    std::vector<double> node_volume;                 // m^3, what a node stands for: see engine/lumped_volume.hpp
 };
 
 }  // namespace trocar

@@ -57,15 +57,6 @@ struct Springs {
     std::vector<Range> vertices;    // one per prototype: rows of area_share
     Fans fans;
     Hinges hinges;
-    // The same springs, each once, in colours: no two of a colour share an end. Only of prototypes of bodies stepped by
-    // xpbd, else empty ranges; no rows at all where nobody is. 16 springs a batch; padding names rows beyond the
-    // prototype's padded vertices: 2 lane and 2 lane + 1 from there.
-    std::vector<Range> colours;                                      // one per prototype: rows of colour
-    std::vector<Range> colour;                                       // batches
-    std::vector<std::array<uint32_t, 2 * kSliceWidth>> batch;        // 16 first ends, then 16 second ends
-    std::vector<std::array<float, kSliceWidth>> batch_rest;          // m
-    std::vector<std::array<float, kSliceWidth>> batch_factor;        // as factor; as batch, up to the last varied prototype
-    std::vector<std::array<uint32_t, kSliceWidth>> batch_half_edge;  // row of neighbour, of the first end; kNone of padding
 };
 
 }  // namespace trocar

@@ -130,7 +130,7 @@ std::string body_note(const World& world, uint32_t body, const Prototype& made) 
         note += text;
     }
     if (is_deformable(world.bodies, body)) {
-        constexpr const char* kIntegrators[] = {"leapfrog", "midpoint", "xpbd"};
+        constexpr const char* kIntegrators[] = {"leapfrog", "midpoint"};
         std::snprintf(text, sizeof text, ", E %.3g Pa, explicit step at most %.3g ms, stepped by %s",
                       world.bodies.tissue[body].youngs_modulus, world.bodies.stable_dt[body] * 1e3,
                       kIntegrators[static_cast<size_t>(stepping_of(world.bodies, body).integrator)]);
@@ -553,10 +553,10 @@ Stepping make_stepping(const SceneFile& scene, const BodySpec& spec, const World
                       limit, solid ? "" : " or integrator = \"midpoint\"");
         refuse_body(scene, spec, text);
     }
-    if (integrator == Integrator::kLeapfrog && step == 0) return stepping;  // what bodies have anyway
-    const double usual_step[] = {0, solid ? 2e-3 : 5e-3, 1e-3};             // s; pressed at 5 ms solids overlap by millimetres
-    stepping.step = step > 0 ? step : std::min(others, usual_step[static_cast<size_t>(integrator)]);
-    stepping.iterations = iterations > 0 ? iterations : integrator == Integrator::kXpbd ? 1 : solid ? 30 : 10;
+    if (integrator == Integrator::kLeapfrog && step == 0) return stepping;               // what bodies have anyway
+    const double usual = integrator == Integrator::kLeapfrog ? 0 : solid ? 2e-3 : 5e-3;  // s; pressed at 5 ms solids overlap by millimetres
+    stepping.step = step > 0 ? step : std::min(others, usual);
+    stepping.iterations = iterations > 0 ? iterations : solid ? 30 : 10;
     return stepping;
 }
 
@@ -566,14 +566,10 @@ std::string choose_stepping(const SceneFile& scene, const BodySpec& spec, World&
     Integrator integrator = Integrator::kLeapfrog;
     if (spec.integrator == "auto") integrator = pick_integrator(world, body, spec.wanted_error, why);
     if (spec.integrator == "midpoint") integrator = Integrator::kMidpoint;
-    if (spec.integrator == "xpbd") integrator = Integrator::kXpbd;
     const Stepping stepping = make_stepping(scene, spec, world, body, integrator, spec.step, spec.iterations);
     if (integrator == Integrator::kLeapfrog && spec.step == 0) return why;
     world.bodies.stepping.resize(body + 1);
     world.bodies.stepping[body] = stepping;
-    if (integrator != Integrator::kXpbd) return why;
-    colour_springs(world.springs, world.bodies.mesh[body]);
-    if (is_solid(world.solids, world.bodies.mesh[body])) colour_tetrahedra(world.solids, world.bodies.mesh[body]);
     return why;
 }
 

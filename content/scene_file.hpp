@@ -52,8 +52,8 @@ struct BodySpec {
     double spacing = 0;                   // m, solids: of the lattice; 0 = from cells
     bool skin = false;                    // solids: the surface as given rides on the tetrahedra
     bool bed = false;                     // solids: anchors as a shell has them
-    std::string integrator = "leapfrog";  // leapfrog | midpoint | xpbd | auto
-    uint32_t iterations = 0;              // midpoint: conjugate gradients at most, xpbd: sweeps; 0 = usual
+    std::string integrator = "leapfrog";  // leapfrog | midpoint | auto
+    uint32_t iterations = 0;              // midpoint: conjugate gradients at most; 0 = usual
     double step = 0;                      // s, largest step of this body; 0 = usual
     double wanted_error = 1e-4;           // m, what auto may give away
     LodSpec lod;

@@ -39,29 +39,6 @@ struct ImplicitTets {
     float* slope;            // 12 fields of `tets->tetrahedra`: sqrt(V psi'') g at corners 1, 2 and 3; springs from corner 0 to them
 };
 
-// One step of extended position based dynamics (Macklin, Mueller, Chentanez, MIG 2016) of one body. The increments of
-// the step are kept apart from the places: their sum is rounded once, at the end, and steps of 0.1 ms keep their digits.
-struct XpbdStep {
-    const SpringStep* spring;  // offset: the start; new_offset, new_velocity: the end; kick_dt, keep, drag, force_*
-    float* place;              // 4 per particle and 32 rows of padding: the start, m; w = inverse mass
-    float* increment;          // as place, m
-    const unsigned* ends;      // 32 per batch
-    const float* rest;         // 16 per batch, m
-    float* lambda;             // 16 per batch, N s^2; null with one sweep
-    float* anchor_lambda;      // 3 fields of `rows`; null with one sweep
-    unsigned rows;             // particles, padded to 16
-    float compliance;          // 1 / (stiffness dt^2), m/(N s^2)
-    const float* factor;       // 16 per batch: stiffness of a spring / `stiffness`; 0 = broken; null = 1
-    // tetrahedra, 16 a batch, no two of one share a node: the constraint J = 1 with the compliance (J - 1) / (V psi'),
-    // 1 / (V bulk) where the volume force is linear
-    const unsigned* corners;     // 64 per batch, as ends
-    const float* volume;         // 16 per batch, m^3, six times the volume at rest
-    const float* volume_factor;  // 16 per batch, of bulk and crush
-    float* volume_lambda;        // 16 per batch, J s^2; null with one sweep
-    float bulk, crush;           // Pa
-    float least_slope2;          // 1/m^2: squared gradients of J at a corner count as no less
-};
-
 // Same bits from both instruction sets. `sums` (16 doubles) is added to lane by lane.
 struct ImplicitKernels {
     // Damping before, and the places theta of a step on. Adds the work of damping, J.
@@ -82,16 +59,6 @@ struct ImplicitKernels {
     void (*tet_blocks)(const ImplicitTets* step, unsigned first, unsigned last);
     // In corner_force: stiffness times direction.
     void (*tet_pull)(const ImplicitTets* step, unsigned first, unsigned last);
-
-    // Xpbd: damping, gravity and other forces, first increments of slices, and the places they lead to in new_offset;
-    // adds the work of damping, J.
-    void (*xpbd_predict)(const XpbdStep* step, unsigned first, unsigned last, double* sums);
-    // Springs of batches of one colour; anchors of slices.
-    void (*xpbd_springs)(const XpbdStep* step, unsigned first, unsigned last);
-    void (*xpbd_volumes)(const XpbdStep* step, unsigned first, unsigned last);
-    void (*xpbd_anchors)(const XpbdStep* step, unsigned first, unsigned last);
-    // Velocities and places of slices.
-    void (*xpbd_finish)(const XpbdStep* step, unsigned first, unsigned last);
 };
 
 extern const ImplicitKernels kImplicitKernelsAvx2;

@@ -12,8 +12,6 @@ namespace {
 
 }  // namespace
 
-extern const ImplicitKernels kImplicitKernelsAvx512 = {predict,      begin,        apply,        move,       turn,
-                                                       finish,       tet_slopes,   tet_blocks,   tet_pull,   xpbd_predict,
-                                                       xpbd_springs, xpbd_volumes, xpbd_anchors, xpbd_finish};
+extern const ImplicitKernels kImplicitKernelsAvx512 = {predict, begin, apply, move, turn, finish, tet_slopes, tet_blocks, tet_pull};
 
 }  // namespace trocar

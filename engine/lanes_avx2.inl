@@ -25,15 +25,6 @@ TROCAR_LANES V is_other(const unsigned* number, unsigned row) {
     const __m256i given = _mm256_loadu_si256(reinterpret_cast<const __m256i*>(number));
     return _mm256_andnot_ps(_mm256_castsi256_ps(_mm256_cmpeq_epi32(given, own)), _mm256_set1_ps(1.0f));
 }
-// Rows of four floats to numbers that all differ.
-TROCAR_LANES void scatter4(float* base, const unsigned* number, const Lanes& lanes) {
-    const Lanes r = transpose(lanes.x, lanes.y, lanes.z, lanes.w);
-    const auto put = [&](V two, int i) __attribute__((always_inline)) {
-        _mm_store_ps(base + 4ul * number[i], _mm256_castps256_ps128(two));
-        _mm_store_ps(base + 4ul * number[i + 4], _mm256_extractf128_ps(two, 1));
-    };
-    put(r.x, 0), put(r.y, 1), put(r.z, 2), put(r.w, 3);
-}
 
 }  // namespace
 }  // namespace trocar

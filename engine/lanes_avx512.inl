@@ -27,17 +27,6 @@ TROCAR_LANES V is_other(const unsigned* number, unsigned row) {
         _mm512_add_epi32(_mm512_set1_epi32(static_cast<int>(row)), _mm512_set_epi32(15, 14, 13, 12, 11, 10, 9, 8, 7, 6, 5, 4, 3, 2, 1, 0));
     return _mm512_maskz_mov_ps(_mm512_cmpneq_epi32_mask(_mm512_loadu_si512(number), own), _mm512_set1_ps(1.0f));
 }
-// Rows of four floats to numbers that all differ.
-TROCAR_LANES void scatter4(float* base, const unsigned* number, const Lanes& lanes) {
-    const Lanes r = transpose(lanes.x, lanes.y, lanes.z, lanes.w);
-    const auto put = [&](V four, unsigned i) __attribute__((always_inline)) {
-        _mm_store_ps(base + 4ul * number[i], _mm512_castps512_ps128(four));
-        _mm_store_ps(base + 4ul * number[i + 4], _mm512_extractf32x4_ps(four, 1));
-        _mm_store_ps(base + 4ul * number[i + 8], _mm512_extractf32x4_ps(four, 2));
-        _mm_store_ps(base + 4ul * number[i + 12], _mm512_extractf32x4_ps(four, 3));
-    };
-    put(r.x, 0), put(r.y, 1), put(r.z, 2), put(r.w, 3);
-}
 
 }  // namespace
 }  // namespace trocar

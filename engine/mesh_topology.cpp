@@ -254,62 +254,6 @@ void pack_springs(Springs& springs, uint32_t prototype, size_t beyond) {
     springs.packed.insert(springs.packed.end(), packed.begin(), packed.end());
 }
 
-void colour_springs(Springs& springs, uint32_t prototype) {
-    TROCAR_ASSERT(prototype < springs.info.size());
-    if (springs.colours.size() <= prototype) springs.colours.resize(prototype + 1);
-    if (springs.colours[prototype].count > 0) return;
-    const Range slices = springs.info[prototype].slices;
-    const uint32_t padded = slices.count * kSliceWidth;
-    struct Spring {
-        uint32_t a, b;
-        float rest, factor;
-        uint32_t half_edge;
-    };
-    const bool varied = springs.info[prototype].varied;
-    std::vector<std::vector<Spring>> by_colour;
-    std::vector<std::vector<uint8_t>> used(padded);  // colours at a vertex
-    for (uint32_t v = 0; v < padded; ++v) {
-        const uint32_t row = slices.first + prototype + v / kSliceWidth;
-        for (uint32_t c = springs.slice_column[row]; c < springs.slice_column[row + 1]; ++c) {
-            const size_t half_edge = size_t{c} * kSliceWidth + v % kSliceWidth;
-            const uint32_t far_end = springs.neighbour[half_edge];
-            if (far_end <= v) continue;
-            const auto taken = [&](uint32_t vertex, size_t colour) { return colour < used[vertex].size() && used[vertex][colour]; };
-            size_t colour = 0;
-            while (taken(v, colour) || taken(far_end, colour)) ++colour;
-            for (const uint32_t end : {v, far_end}) {
-                used[end].resize(std::max(used[end].size(), colour + 1));
-                used[end][colour] = 1;
-            }
-            by_colour.resize(std::max(by_colour.size(), colour + 1));
-            by_colour[colour].push_back(
-                {v, far_end, springs.rest_length[half_edge], varied ? springs.factor[half_edge] : 1.0f, static_cast<uint32_t>(half_edge)});
-        }
-    }
-    springs.colours[prototype] = grow(springs.colour.size(), by_colour.size());
-    std::array<float, kSliceWidth> ones;
-    ones.fill(1);
-    for (const std::vector<Spring>& list : by_colour) {
-        const size_t batches = (list.size() + kSliceWidth - 1) / kSliceWidth;
-        springs.colour.push_back(grow(springs.batch.size(), batches));
-        for (size_t b = 0; b < batches; ++b) {
-            auto& ends = springs.batch.emplace_back();
-            auto& rest = springs.batch_rest.emplace_back();
-            auto& half_edge = springs.batch_half_edge.emplace_back();
-            std::array<float, kSliceWidth> factor;
-            for (uint32_t lane = 0; lane < kSliceWidth; ++lane) {
-                const size_t i = b * kSliceWidth + lane;
-                const Spring s = i < list.size() ? list[i] : Spring{padded + 2 * lane, padded + 2 * lane + 1, 0, 1, kNone};
-                ends[lane] = s.a, ends[kSliceWidth + lane] = s.b, rest[lane] = s.rest;
-                factor[lane] = s.factor, half_edge[lane] = s.half_edge;
-            }
-            if (!varied) continue;
-            springs.batch_factor.resize(springs.batch.size(), ones);
-            springs.batch_factor.back() = factor;
-        }
-    }
-}
-
 void order_for_locality(Mesh& mesh) {
     Box box;
     for (const Vec3d& p : mesh.position) {

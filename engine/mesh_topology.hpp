@@ -30,10 +30,6 @@ void add_springs(Springs& springs, const Meshes& meshes, uint32_t prototype, std
 inline constexpr size_t kPackBeyond = size_t{1} << 20;
 void pack_springs(Springs& springs, uint32_t prototype, size_t beyond = kPackBeyond);
 
-// Adds the colours of a prototype whose springs are there, unless it has them: greedy, springs in the order of their
-// lower end, each in the first colour that neither of its ends has.
-void colour_springs(Springs& springs, uint32_t prototype);
-
 // Reorders vertices (along a Hilbert curve) and triangles (by lowest, then highest vertex) so that neighbours in space
 // are neighbours in memory. Geometry, corner order, texture coordinates and materials of a triangle are unchanged.
 void order_for_locality(Mesh& mesh);

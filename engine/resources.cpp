@@ -42,8 +42,6 @@ constexpr Elements elements_of() {
         return {A::kF64, 6};
     else if constexpr (std::is_same_v<T, std::array<uint32_t, 2 * kSliceWidth>>)
         return {A::kU32, 2 * kSliceWidth};
-    else if constexpr (std::is_same_v<T, std::array<uint32_t, 4 * kBatchWidth>>)
-        return {A::kU32, 4 * kBatchWidth};
     else if constexpr (std::is_same_v<T, std::array<uint16_t, 2 * kSliceWidth>>)
         return {A::kU16, 2 * kSliceWidth};
     else if constexpr (std::is_same_v<T, std::array<uint32_t, 4>>)
@@ -396,22 +394,18 @@ void visit_resource(World& w, Resource resource, Visitor& v) {
             break;
         case Resource::kSprings:
             v.array(FIELD(springs.info)), v.array(FIELD(springs.slice_column)), v.array(FIELD(springs.neighbour)),
-                v.array(FIELD(springs.rest_length)), v.array(FIELD(springs.colours)), v.array(FIELD(springs.colour)),
-                v.array(FIELD(springs.batch)), v.array(FIELD(springs.batch_rest)), v.array(FIELD(springs.batch_factor)),
-                v.array(FIELD(springs.factor)), v.array(FIELD(springs.packed)), v.array(FIELD(springs.area_share)),
-                v.array(FIELD(springs.vertices)), v.array(FIELD(springs.fans.first)), v.array(FIELD(springs.fans.volume)),
-                v.array(FIELD(springs.fans.column)), v.array(FIELD(springs.fans.corner)), v.array(FIELD(springs.hinges.groups)),
-                v.array(FIELD(springs.hinges.vertex)), v.array(FIELD(springs.hinges.sine)), v.array(FIELD(springs.hinges.cosine)),
-                v.array(FIELD(springs.hinges.weight)), v.array(FIELD(springs.hinges.cap)), v.array(FIELD(springs.hinges.first)),
-                v.array(FIELD(springs.hinges.column)), v.array(FIELD(springs.hinges.slot)), v.array(FIELD(springs.batch_half_edge));
+                v.array(FIELD(springs.rest_length)), v.array(FIELD(springs.factor)), v.array(FIELD(springs.packed)),
+                v.array(FIELD(springs.area_share)), v.array(FIELD(springs.vertices)), v.array(FIELD(springs.fans.first)),
+                v.array(FIELD(springs.fans.volume)), v.array(FIELD(springs.fans.column)), v.array(FIELD(springs.fans.corner)),
+                v.array(FIELD(springs.hinges.groups)), v.array(FIELD(springs.hinges.vertex)), v.array(FIELD(springs.hinges.sine)),
+                v.array(FIELD(springs.hinges.cosine)), v.array(FIELD(springs.hinges.weight)), v.array(FIELD(springs.hinges.cap)),
+                v.array(FIELD(springs.hinges.first)), v.array(FIELD(springs.hinges.column)), v.array(FIELD(springs.hinges.slot));
             break;
         case Resource::kSolids:
             v.array(FIELD(solids.info)), v.array(FIELD(solids.position)), v.array(FIELD(solids.corner[0])),
                 v.array(FIELD(solids.corner[1])), v.array(FIELD(solids.corner[2])), v.array(FIELD(solids.corner[3])),
                 v.array(FIELD(solids.rest)), v.array(FIELD(solids.per_rest)), v.array(FIELD(solids.factor)),
-                v.array(FIELD(solids.slot_column)), v.array(FIELD(solids.colours)), v.array(FIELD(solids.colour)),
-                v.array(FIELD(solids.batch)), v.array(FIELD(solids.batch_volume)), v.array(FIELD(solids.batch_factor)),
-                v.array(FIELD(solids.batch_tetrahedron)), v.array(FIELD(solids.slot)), v.array(FIELD(solids.node_volume)),
+                v.array(FIELD(solids.slot_column)), v.array(FIELD(solids.slot)), v.array(FIELD(solids.node_volume)),
                 v.array(FIELD(solids.skin_node)), v.array(FIELD(solids.skin_weight));
             break;
         case Resource::kBodies:

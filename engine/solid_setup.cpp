@@ -188,53 +188,6 @@ void add_caged_shell_body(const Meshes& meshes, const Springs& springs, const So
     update_stable_dt(springs, body, particles, anchors, bodies);
 }
 
-void colour_tetrahedra(Solids& solids, uint32_t prototype) {
-    TROCAR_ASSERT(is_solid(solids, prototype));
-    if (solids.colours.size() <= prototype) solids.colours.resize(prototype + 1);
-    if (solids.colours[prototype].count > 0) return;
-    const SolidInfo& info = solids.info[prototype];
-    const uint32_t padded = info.slices.count * kSliceWidth;
-    std::vector<std::vector<uint32_t>> by_colour;
-    std::vector<std::vector<uint8_t>> used(padded);  // colours at a node
-    for (uint32_t t = 0; t < info.count; ++t) {
-        const auto taken = [&](size_t colour) {
-            return std::any_of(solids.corner.begin(), solids.corner.end(), [&](const auto& corner) {
-                const auto& list = used[corner[info.tetrahedra.first + t]];
-                return colour < list.size() && list[colour];
-            });
-        };
-        size_t colour = 0;
-        while (taken(colour)) ++colour;
-        for (const auto& corner : solids.corner) {
-            auto& list = used[corner[info.tetrahedra.first + t]];
-            list.resize(std::max(list.size(), colour + 1));
-            list[colour] = 1;
-        }
-        by_colour.resize(std::max(by_colour.size(), colour + 1));
-        by_colour[colour].push_back(t);
-    }
-    solids.colours[prototype] = grown(solids.colour.size(), by_colour.size());
-    for (const std::vector<uint32_t>& list : by_colour) {
-        const size_t batches = (list.size() + kBatchWidth - 1) / kBatchWidth;
-        solids.colour.push_back(grown(solids.batch.size(), batches));
-        for (size_t b = 0; b < batches; ++b) {
-            auto& node = solids.batch.emplace_back();
-            auto& volume = solids.batch_volume.emplace_back();
-            auto& factor = solids.batch_factor.emplace_back();
-            auto& row = solids.batch_tetrahedron.emplace_back();
-            for (uint32_t lane = 0; lane < kBatchWidth; ++lane) {
-                const size_t i = b * kBatchWidth + lane;
-                const bool real = i < list.size();
-                const uint32_t t = info.tetrahedra.first + (real ? list[i] : 0);
-                for (uint32_t k = 0; k < 4; ++k) node[kBatchWidth * k + lane] = real ? solids.corner[k][t] : padded + 4 * lane + k;
-                volume[lane] = real ? solids.rest[t] : 0.0f;
-                row[lane] = real ? t : kNone;
-                factor[lane] = real && info.varied ? solids.factor[t] : 1.0f;
-            }
-        }
-    }
-}
-
 void add_solid_body(const Meshes& meshes, const Springs& springs, const Solids& solids, const Poses& poses, uint32_t body, Bodies& bodies,
                     Particles& particles, Anchors& anchors) {
     const uint32_t prototype = bodies.mesh[body];

@@ -34,9 +34,6 @@ void add_caged_shell(const Meshes& meshes, uint32_t prototype, std::span<const V
 void add_caged_shell_body(const Meshes& meshes, const Springs& springs, const Solids& solids, const Poses& poses, uint32_t body,
                           Bodies& bodies, Particles& particles, Anchors& anchors);
 
-// Adds the colours of the tetrahedra of a prototype unless it has them: greedy, as colour_springs.
-void colour_tetrahedra(Solids& solids, uint32_t prototype);
-
 // As add_deformable of deformable_setup.hpp, for a body whose prototype is a solid: masses from the tetrahedra's volumes,
 // stiffnesses by solid_moduli, anchors at the surface only, stable_dt by update_solid_dt. Throws InputError when a material
 // value is impossible; Poisson's ratio must be at least 0.25 (springs cannot do less) and below 0.5.

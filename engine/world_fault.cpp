@@ -204,44 +204,6 @@ void check_hinges(const World& w, uint32_t prototype, Faults& f) {
     check_columns(h.column, h.slot, h.first[prototype], slices, kSliceWidth, uint64_t{32} * groups.count + 1, name, f);
 }
 
-void check_tet_colours(const World& w, uint32_t prototype, Faults& f) {
-    const Solids& s = w.solids;
-    const std::string name = "colours of tetrahedra of mesh " + std::to_string(prototype);
-    f.require(prototype < s.colours.size() && s.batch.size() == s.batch_volume.size() && s.batch.size() == s.batch_factor.size() &&
-                  s.batch.size() == s.batch_tetrahedron.size(),
-              name + " are missing");
-    if (!f.first.empty() || !f.inside(s.colours[prototype], s.colour.size(), name)) return;
-    const uint32_t ends = (s.info[prototype].slices.count + 4) * kSliceWidth;
-    for (uint32_t c = s.colours[prototype].first; c < s.colours[prototype].end(); ++c) {
-        if (!f.inside(s.colour[c], s.batch.size(), name)) return;
-        for (uint32_t b = s.colour[c].first; b < s.colour[c].end(); ++b) {
-            for (const uint32_t node : s.batch[b]) f.below(node, ends, false, name + ": corner");
-            for (const uint32_t row : s.batch_tetrahedron[b]) f.below(row, s.rest.size(), true, name + ": row");
-        }
-    }
-}
-
-void check_colours(const World& w, uint32_t prototype, Faults& f) {
-    const Springs& s = w.springs;
-    const std::string name = "colours of springs of mesh " + std::to_string(prototype);
-    f.require(prototype < s.colours.size() && s.batch.size() == s.batch_rest.size() && s.batch.size() == s.batch_half_edge.size(),
-              name + " are missing");
-    if (!f.first.empty() || !f.inside(s.colours[prototype], s.colour.size(), name)) return;
-    f.require(!s.info[prototype].varied ||
-                  s.batch_factor.size() >= (s.colours[prototype].count > 0 ? s.colour[s.colours[prototype].end() - 1].end() : 0),
-              name + ": stiffnesses are missing");
-    if (is_solid(w.solids, prototype)) check_tet_colours(w, prototype, f);
-    if (!f.first.empty()) return;
-    const uint32_t ends = s.vertices[prototype].count + 2 * kSliceWidth;
-    for (uint32_t c = s.colours[prototype].first; c < s.colours[prototype].end(); ++c) {
-        if (!f.inside(s.colour[c], s.batch.size(), name)) return;
-        for (uint32_t b = s.colour[c].first; b < s.colour[c].end(); ++b) {
-            for (const uint32_t end : s.batch[b]) f.below(end, ends, false, name + ": end");
-            for (const uint32_t row : s.batch_half_edge[b]) f.below(row, s.neighbour.size(), true, name + ": half-edge");
-        }
-    }
-}
-
 void check_body(const World& w, uint32_t body, Faults& f) {
     const Bodies& b = w.bodies;
     const std::string name = "body " + std::to_string(body);
@@ -255,9 +217,8 @@ void check_body(const World& w, uint32_t body, Faults& f) {
     if (f.first.empty() && has_bending(b, body)) check_hinges(w, b.mesh[body], f);
     if (!f.first.empty() || !f.inside(b.particles[body], w.particles.offset.size(), name + ": particles")) return;
     const Stepping stepping = stepping_of(b, body);
-    f.require(stepping.integrator <= Integrator::kXpbd && stepping.step > kShortestStep && stepping.iterations <= 10000,
+    f.require(stepping.integrator <= Integrator::kMidpoint && stepping.step > kShortestStep && stepping.iterations <= 10000,
               name + " is stepped in no known way");
-    if (stepping.integrator == Integrator::kXpbd) check_colours(w, b.mesh[body], f);
     f.require(b.particles[body].count == w.springs.vertices[b.mesh[body]].count && b.particles[body].first % kSliceWidth == 0 &&
                   b.particles[body].count >= w.meshes.info[b.mesh[body]].vertices.count,
               name + ": particles do not fit its mesh");

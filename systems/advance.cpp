@@ -178,9 +178,6 @@ void step_bodies(AdvanceIsland& island, const SpringKernels& kernels, uint32_t s
             case Integrator::kMidpoint:
                 step_midpoint(island, b, work);
                 break;
-            case Integrator::kXpbd:
-                step_xpbd(island, b, work);
-                break;
         }
         const float* drag = b.step.drag_velocity;
         const float* turn = b.step.drag_turn;
@@ -381,7 +378,6 @@ void share_room(std::span<AdvanceScratch> scratches) {
         (share_capacity(scratches, [&](S& s) -> decltype(auto) { return (s.implicit.*field); }), ...);
     };
     level_implicit(&I::place, &I::direction, &I::sums, &I::spoke, &I::block, &I::residual, &I::applied, &I::change);
-    level_implicit(&I::lambda, &I::volume_lambda, &I::left_rest, &I::left_factor, &I::left_volume);
     level_implicit(&I::free_residual, &I::free_block, &I::slope, &I::volume_force, &I::volume_block);
     share_capacity(scratches, [](S& s) -> decltype(auto) { return (s.implicit.tet_energy.place); });
     share_capacity(scratches, [](S& s) -> decltype(auto) { return (s.implicit.tet_energy.sums); });

@@ -96,7 +96,7 @@ uint32_t count_substeps(const Bodies& bodies, std::span<const uint32_t> island_b
                         std::span<const double> linked = {});
 
 // Moves the bodies of one island through params.ticks ms under their springs, tetrahedra, anchors, links, damping, gravity
-// and contact rows: deformable ones by the integrator of each (leapfrog, midpoint or XPBD), free ones, those that a node
+// and contact rows: deformable ones by the integrator of each (leapfrog or midpoint), free ones, those that a node
 // drives, and tools in the hand. Reads static and scripted bodies through poses and paths and writes none of them. Rows
 // start from rows.carried (where iterations > 1) and leave there what they carry at the end. Adds to rows.impulse and to
 // ToolState.contact_impulse of the island's rows and tools; a row that a point has left behind gets an infinite

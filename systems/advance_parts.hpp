@@ -102,12 +102,11 @@ uint32_t tear_of(const Tears* tears, uint32_t body);
 // Breaks the springs that are too long at the end of a substep: from the next one on they do not pull.
 void break_springs(AdvanceIsland& island);
 
-// ---- steps of a body by midpoint (advance_midpoint.cpp) and XPBD (advance_xpbd.cpp) ----
+// ---- the step of a body by midpoint (advance_midpoint.cpp) ----
 
 // One step of a body, and its books. b.step is bound to this substep. `work`: 16 lanes to which the work of damping (J) is
 // added; null when nobody asks.
 void step_midpoint(AdvanceIsland& island, AdvanceBody& b, double* work);
-void step_xpbd(AdvanceIsland& island, AdvanceBody& b, double* work);
 
 // ---- rows within a step by midpoint (advance_hold.cpp) ----
 //

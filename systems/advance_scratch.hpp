@@ -68,16 +68,13 @@ struct AdvanceLink {
 
 // Memory of implicit steps of the body that is stepped now.
 struct ImplicitScratch {
-    std::vector<Float4> place, direction;                    // one per particle
-    std::vector<float> spoke;                                // 64 per column
-    std::vector<float> block, residual, applied, change;     // 6, 3, 3, 3 fields
-    std::vector<double> sums;                                // 16 a chunk
-    std::vector<float> lambda;                               // xpbd: 16 a batch
-    std::vector<float> volume_lambda;                        // likewise of tetrahedra
-    std::vector<float> left_rest, left_factor, left_volume;  // xpbd: batches of a body that tears, as they are now
-    std::vector<float> slope, volume_force, volume_block;    // midpoint, tetrahedra: 9, 3 and 6 fields
-    std::vector<float> free_residual, free_block;            // midpoint: residual and block without held rows
-    TetEnergyScratch tet_energy;                             // where a body's works are differences of its energy
+    std::vector<Float4> place, direction;                  // one per particle
+    std::vector<float> spoke;                              // 64 per column
+    std::vector<float> block, residual, applied, change;   // 6, 3, 3, 3 fields
+    std::vector<double> sums;                              // 16 a chunk
+    std::vector<float> slope, volume_force, volume_block;  // midpoint, tetrahedra: 9, 3 and 6 fields
+    std::vector<float> free_residual, free_block;          // midpoint: residual and block without held rows
+    TetEnergyScratch tet_energy;                           // where a body's works are differences of its energy
 };
 
 // A rotation and a shift, or a rotation's rate and a velocity: x -> shift + x[0] column[0] + x[1] column[1] + ...

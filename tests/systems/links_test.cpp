@@ -320,15 +320,13 @@ TEST(Links, AHandFeelsWhatItHolds) {
 // books close; in implicit steps the link pulls as at the start of the step: first order, omega dt of what falls and rises.
 TEST(Links, HoldBodiesOfEveryIntegrator) {
     const double m = 0.02, k = 40, omega = std::sqrt(k / m), drop = m * 9.81 / k;
-    for (const Integrator integrator : {Integrator::kLeapfrog, Integrator::kMidpoint, Integrator::kXpbd}) {
+    for (const Integrator integrator : {Integrator::kLeapfrog, Integrator::kMidpoint}) {
         double worst[2] = {};
         for (const uint32_t per_ms : {1u, 2u}) {
             LinkScene s;
             s.params.gravity = Vec3d(0, 0, -9.81);
             const uint32_t chain = add_graph(s, {{{0, 0, 0}, {0.1, 0, 0}}, {m, m}, {{0, 1}}, 0.1, 50});
             s.bodies.tissue[chain].damping = 10;
-            s.springs.colours.resize(1);
-            colour_springs(s.springs, 0);
             s.bodies.stepping.resize(1);
             s.bodies.stepping[0].integrator = integrator;
             const uint32_t wall = s.add_body(s.add_mesh(subdivided_sphere(0.01, 1)), Motion::kStatic);
@@ -354,12 +352,10 @@ TEST(Links, HoldBodiesOfEveryIntegrator) {
 TEST(Links, BooksOfWhatIsPulledOntoAPlate) {
     const double m = 0.02, k = 40, sink = 0.02, aside = 0.03, slack = 1e-4;
     for (const double friction : {0.0, 0.3}) {
-        for (const Integrator integrator : {Integrator::kLeapfrog, Integrator::kMidpoint, Integrator::kXpbd}) {
+        for (const Integrator integrator : {Integrator::kLeapfrog, Integrator::kMidpoint}) {
             LinkScene s;
             const uint32_t chain = add_graph(s, {{{0, 0, slack}, {0.1, 0, slack}}, {m, m}, {{0, 1}}, 0.1, 50});
             s.bodies.tissue[chain].damping = 20;
-            s.springs.colours.resize(1);
-            colour_springs(s.springs, 0);
             s.bodies.stepping.resize(1);
             s.bodies.stepping[0].integrator = integrator;
             const uint32_t holder = s.add_body(s.add_mesh(subdivided_sphere(0.01, 1)), Motion::kKinematic, {0, 0, slack});

@@ -61,11 +61,10 @@ void expect_strains_as_moduli(Integrator integrator) {
         nodes.fixed[v] = rest[v].z() < 1e-6 || rest[v].z() > length - 1e-6;
     }
     vary(s, bar, nodes);
-    const bool leapfrog = integrator == Integrator::kLeapfrog, xpbd = integrator == Integrator::kXpbd;
-    if (!leapfrog) s.bodies.stepping.assign(1, {integrator, xpbd ? 4u : 40u, 1e-6, 1});
-    if (xpbd) colour_springs(s.springs, 0), colour_tetrahedra(s.solids, 0);
+    const bool leapfrog = integrator == Integrator::kLeapfrog;
+    if (!leapfrog) s.bodies.stepping.assign(1, {integrator, 40, 1e-6, 1});
     for (uint32_t v = 0; v < rest.size(); ++v) s.particles.offset[s.range(bar).first + v].z *= static_cast<float>(1 + stretch);
-    const uint32_t substeps = leapfrog ? count_substeps(s.bodies, s.moving(), 0.1, 1e-3) : xpbd ? 400 : 20;
+    const uint32_t substeps = leapfrog ? count_substeps(s.bodies, s.moving(), 0.1, 1e-3) : 20;
     for (int n = 0; n < (leapfrog ? 30 : 20); ++n) s.advance(100, substeps);
     const auto strain = [&](double from, double to) {
         std::array<double, 2> way{}, count{};
@@ -85,8 +84,7 @@ void expect_strains_as_moduli(Integrator integrator) {
     EXPECT_GT(soft_half, stretch) << int(integrator);
 }
 TEST(TissueRegions, StrainsOfTwoHalvesAreAsTheirModuli) {
-    for (const Integrator integrator : {Integrator::kLeapfrog, Integrator::kMidpoint, Integrator::kXpbd})
-        expect_strains_as_moduli(integrator);
+    for (const Integrator integrator : {Integrator::kLeapfrog, Integrator::kMidpoint}) expect_strains_as_moduli(integrator);
 }
 
 // A region that is all of the body, E times 4 and density times 2, is a body of that tissue: the same forces, masses and
@@ -114,9 +112,7 @@ void expect_another_tissue(Integrator integrator) {
         uint32_t substeps = count_substeps(b.bodies, b.moving(), 0.02, 1e-3);
         for (AdvanceScene* s : {&a, &b}) {
             if (integrator == Integrator::kLeapfrog) break;
-            s->bodies.stepping.assign(1, {integrator, integrator == Integrator::kXpbd ? 2u : 60u, 1e-6, 1});
-            colour_springs(s->springs, 0);
-            if (solid) colour_tetrahedra(s->solids, 0);
+            s->bodies.stepping.assign(1, {integrator, 60, 1e-6, 1});
             substeps = 20;
         }
         for (int n = 0; n < 5; ++n) a.advance(20, substeps), b.advance(20, substeps);
@@ -130,7 +126,7 @@ void expect_another_tissue(Integrator integrator) {
     }
 }
 TEST(TissueRegions, OfAllOfABodyIsAnotherTissue) {
-    for (const Integrator integrator : {Integrator::kLeapfrog, Integrator::kMidpoint, Integrator::kXpbd}) expect_another_tissue(integrator);
+    for (const Integrator integrator : {Integrator::kLeapfrog, Integrator::kMidpoint}) expect_another_tissue(integrator);
 }
 
 // The stable step knows an inclusion: as short as its stiffest part asks for, and no shorter. It holds for any shape, where
