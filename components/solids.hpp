@@ -2,6 +2,7 @@
 #include <array>
 #include <vector>
 
+#include "components/fields.hpp"
 #include "components/math.hpp"
 namespace trocar {
 
@@ -19,6 +20,7 @@ struct SolidInfo {
     Range nodes;          // rows of node_volume
     Range skin;           // rows of skin_node and skin_weight, one per vertex of the surface; empty = vertices are nodes
     uint32_t varied = 0;  // 1: tetrahedra differ in stiffness, see factor
+    TROCAR_FIELDS(inner, tetrahedra, count, slices, nodes, skin, varied);
 };
 
 // Constant after load. Nodes and tetrahedra are local to the prototype. Which tetrahedra meet in a node lies in SELL-16
@@ -43,6 +45,8 @@ struct Solids {
     std::vector<std::array<float, kBatchWidth>> batch_factor;          // as factor, 1 where that has no rows
     std::vector<std::array<uint32_t, kBatchWidth>> batch_tetrahedron;  // row of rest; kNone of padding
     std::vector<double> node_volume;                                   // m^3, what a node stands for: see engine/lumped_volume.hpp
+    TROCAR_FIELDS(info, position, "m", corner, rest, "m^3", per_rest, "1/m^3", factor, slot_column, colours, colour, batch, batch_volume,
+                  "m^3", batch_factor, batch_tetrahedron, slot, node_volume, "m^3", skin_node, skin_weight);
 };
 
 }  // namespace trocar
