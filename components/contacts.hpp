@@ -159,7 +159,7 @@ struct ContactMemory {
     std::vector<std::array<uint32_t, 2>> vertex;  // local vertices of body
     std::vector<float> along;                     // as in ContactRows
     std::vector<Vec3d> force;                     // N, on body, world axes, in the last substep
-    TROCAR_FIELDS(body, other, vertex, along, force, "N");
+    TROCAR_FIELDS(body, "row of bodies", other, "row of bodies", vertex, along, force, "N");
 };
 
 // Depth of every candidate pair that overlaps. `depth` is the thesis depth: the largest of the shortest distances.

@@ -15,7 +15,7 @@ struct DetailRules {
     std::vector<Stepping> near;  // leapfrog
     std::vector<Stepping> far;   // midpoint
     std::vector<Vec3d> eye;      // m, of the scene's camera; one, or none where no body asks for it
-    TROCAR_FIELDS(body, beyond, "m", seen, near, far, eye, "m");
+    TROCAR_FIELDS(body, "row of bodies", beyond, "m", seen, near, far, eye, "m");
 };
 
 }  // namespace trocar

@@ -2,10 +2,12 @@
 #include <cstddef>
 #include <string_view>
 #include <type_traits>
+#include <utility>
 namespace trocar {
 
-// In a struct, its members once, each followed by its unit where it has one:
-//     TROCAR_FIELDS(position, "m", orientation, velocity, "m/s");
+// In a struct, its members once, each followed by its unit where it has one, or by what it counts in: "row of bodies", "row of bodies or
+// none" (kNone), of a Range "rows of links"; find_fault looks at those.
+//     TROCAR_FIELDS(body, "row of bodies", position, "m", orientation, velocity, "m/s");
 // Whatever hashes, stores, reads back, empties, checks or prints the struct goes over this list, in this order. A member that takes no part
 // (a cache that no answer depends on) is named by TROCAR_OTHER_FIELDS. A member in neither list does not compile: engine/resources.cpp.
 #define TROCAR_FIELDS(...)                            \
@@ -58,6 +60,36 @@ constexpr void each_field(T&& t, const Visit& visit) {
         };
         (one(entry), ...);
     });
+}
+
+// Value of any type, to count the members of a struct with.
+struct AnyValue {
+    template <typename T>
+    operator T() const;
+};
+template <typename T, size_t... i>
+constexpr bool has_members(std::index_sequence<i...>) {
+    return requires { T{(static_cast<void>(i), AnyValue{})...}; };
+}
+constexpr size_t count_names(const char* list) {
+    size_t names = 0;
+    for (FieldNames left{list}; !left.next().name.empty();) ++names;
+    return names;
+}
+// Whether the lists of a struct name every member, none twice.
+template <typename T>
+constexpr bool lists_every_member() {
+    size_t twice = 0;
+    for (FieldNames left{T::kFields}; !left.rest.empty();) {
+        const std::string_view name = left.next().name;
+        for (FieldNames others = left; !others.rest.empty();) twice += others.next().name == name;
+    }
+    constexpr size_t others = [] {
+        if constexpr (requires { T::kOtherFields; }) return count_names(T::kOtherFields);
+        return size_t{0};
+    }();
+    constexpr size_t named = count_names(T::kFields) + others;
+    return twice == 0 && has_members<T>(std::make_index_sequence<named>{}) && !has_members<T>(std::make_index_sequence<named + 1>{});
 }
 
 }  // namespace trocar

@@ -204,7 +204,7 @@ struct ToolJaw {
     Quat closed;                  // jaw frame to that of the instrument, at grip 0
     Vec3d axis{1, 0, 0};          // unit, frame of the instrument
     double share = 0.5;           // of the grip that it turns by, against the clock about the axis; negative: with it
-    TROCAR_FIELDS(body, pivot, "m", closed, axis, share);
+    TROCAR_FIELDS(body, "row of bodies", pivot, "m", closed, axis, share);
 };
 
 // A tool held by a device. Constant after load.
@@ -234,9 +234,10 @@ struct HandTool {
     double inertia = 0;              // kg m^2, about the tip, of what the simulated coupling turns; the same every way
     double surface_stiffness = 0;    // N/m, of a point of the shell against a surface
     std::vector<ToolJaw> shell_jaw;  // its jaws, as in Haptics::jaw
-    TROCAR_FIELDS(body, tip, "m", tip_radius, "m", coupling_stiffness, "N/m", coupling_damping, "N s/m", max_force, "N", friction, path,
-                  trace, pass_through, "N", hand, workspace, pivot, limits, effects, jaws, grip_closed, "rad", shell, shell_radius, "m",
-                  turn_stiffness, "N m/rad", turn_damping, "N m s/rad", inertia, "kg m^2", surface_stiffness, "N/m", shell_jaw);
+    TROCAR_FIELDS(body, "row of bodies", tip, "m", tip_radius, "m", coupling_stiffness, "N/m", coupling_damping, "N s/m", max_force, "N",
+                  friction, path, "row of paths or none", trace, "row of traces or none", pass_through, "N", hand, workspace, pivot, limits,
+                  effects, "rows of effects", jaws, "rows of jaws", grip_closed, "rad", shell, shell_radius, "m", turn_stiffness, "N m/rad",
+                  turn_damping, "N m s/rad", inertia, "kg m^2", surface_stiffness, "N/m", shell_jaw);
 };
 
 // How forces are rendered; the same for all tools.
@@ -389,7 +390,7 @@ struct ToolPass {
     uint32_t touched = kNone;      // body
     Vec3d tip = Vec3d::Zero();     // m, world, of the simulated tool
     Vec3d device = Vec3d::Zero();  // m
-    TROCAR_FIELDS(touched, tip, "m", device, "m");
+    TROCAR_FIELDS(touched, "row of bodies or none", tip, "m", device, "m");
 };
 
 // A point of a shell that a surface holds.
@@ -402,14 +403,14 @@ struct ShellContact {
     double depth = 0;             // m
     double side = 1;              // of a sheet that the point is held on: where its normals point, or -1
     bool sliding = false;         // along the surface, faster than 1 mm/s
-    TROCAR_FIELDS(point, body, arm, "m", force, "N", slip, "m", depth, "m", side, sliding);
+    TROCAR_FIELDS(point, body, "row of bodies or none", arm, "m", force, "N", slip, "m", depth, "m", side, sliding);
 };
 
 // The body that a tool is stuck through.
 struct ToolPierce {
     uint32_t body = kNone;
     uint32_t seen = 0;  // pass-throughs that the simulation knows of
-    TROCAR_FIELDS(body, seen);
+    TROCAR_FIELDS(body, "row of bodies or none", seen);
 };
 
 // How a device moves by what its places say, smoothed twice: constant acceleration lags by half a sample.
@@ -462,10 +463,10 @@ struct ToolState {
     double grip_moment = 0;  // N m s, of the tissue on the simulated jaws that opens them, summed over the period
     double grip_torque = 0;  // N m, its mean over the last pass: what the fingers that close them feel
     TROCAR_FIELDS(device, motion, proxy, "m", proxy_valid, contacts, command, output, coupling_force, "N", contact_impulse, "N s",
-                  device_valid, time, "s", ticks, model_age, "s", gain, largest_force, "N", rejected_samples, touched, last_pass, pierce,
-                  link_force, "N", link_force_before, "N", hand, clutch, safety, effect_velocity, "m/s", effect, events, proxy_turn,
-                  contact, device_spin, "rad/s", coupling_torque, "N m", contact_moment, "N m s", sliding, carried, "m", pull, "N",
-                  pull_torque, "N m", grip_moment, "N m s", grip_torque, "N m");
+                  device_valid, time, "s", ticks, model_age, "s", gain, largest_force, "N", rejected_samples, touched,
+                  "row of bodies or none", last_pass, pierce, link_force, "N", link_force_before, "N", hand, clutch, safety,
+                  effect_velocity, "m/s", effect, events, proxy_turn, contact, device_spin, "rad/s", coupling_torque, "N m", contact_moment,
+                  "N m s", sliding, carried, "m", pull, "N", pull_torque, "N m", grip_moment, "N m s", grip_torque, "N m");
 };
 
 struct Haptics {

@@ -48,8 +48,9 @@ struct LinkGroup {
     Vec3d impulse = Vec3d::Zero();                         // N s, of the holder on the body, last pass
     double largest_force = 0;                              // N, mean over a pass, so far
     double largest_strain = 0;                             // so far
-    TROCAR_FIELDS(entity, name, body, holder, phase, region, frame, material, within, "m", most, stiffness, "N/m", rest, "m", break_strain,
-                  gauge, "m", begin, "s", end, "s", tool, rows, made, broken, impulse, "N s", largest_force, "N", largest_strain);
+    TROCAR_FIELDS(entity, name, body, "row of bodies or none", holder, "row of bodies or none", phase, region, frame, material, within, "m",
+                  most, stiffness, "N/m", rest, "m", break_strain, gauge, "m", begin, "s", end, "s", tool, "row of tools or none", rows,
+                  "rows of links", made, broken, impulse, "N s", largest_force, "N", largest_strain);
 };
 
 // Springs between bodies, group after group. State: what is linked changes while a scene runs. Room is kept from load on.

@@ -15,7 +15,7 @@ struct Pools {
     std::vector<double> rate;       // per pool, 1/s: body k comes at k / rate, or as soon as a slot is free
     std::vector<double> life;       // per pool, s, from coming to going
     std::vector<Quat> orientation;  // per body: in which it comes, at its place; empty without pools
-    TROCAR_FIELDS(slots, rate, "1/s", life, "s", orientation);
+    TROCAR_FIELDS(slots, "rows of bodies", rate, "1/s", life, "s", orientation);
 };
 
 // Who is there. One row per body, or all empty where everybody always is.

@@ -51,8 +51,8 @@ struct NodeDrive {
     double click_at = std::numeric_limits<double>::infinity();  // m, a button from here on counts as pressed ...
     double click_width = 0;                                     // m, ... and over this way its spring eases
     double click = 0;                                           // N, by so much
-    TROCAR_FIELDS(node, body, behaviour, axis, pivot, "m", origin, "m", orientation, inertia, "kg", lowest, highest, stiffness, rest,
-                  damping, friction, detents, detent, "N m", click_at, "m", click_width, "m", click, "N");
+    TROCAR_FIELDS(node, "row of nodes", body, "row of bodies", behaviour, axis, pivot, "m", origin, "m", orientation, inertia, "kg", lowest,
+                  highest, stiffness, rest, damping, friction, detents, detent, "N m", click_at, "m", click_width, "m", click, "N");
 };
 
 struct DriveState {
@@ -75,7 +75,7 @@ struct NodeSwitch {
     uint32_t tool = kNone, buttons = 0;                     // bits
     uint32_t drive = kNone;
     NodeEventKind event = NodeEventKind::kPressed;
-    TROCAR_FIELDS(node, to, time, "s", tool, buttons, drive, event);
+    TROCAR_FIELDS(node, "row of nodes", to, time, "s", tool, "row of tools or none", buttons, drive, "row of drives or none", event);
 };
 
 // Another instrument comes into the hand that holds one: at a time or when a button is pressed.
@@ -83,7 +83,7 @@ struct ToolExchange {
     uint32_t from = kNone, to = kNone;                      // rows of tools
     double time = std::numeric_limits<double>::infinity();  // s
     uint32_t buttons = 0;                                   // bits
-    TROCAR_FIELDS(from, to, time, "s", buttons);
+    TROCAR_FIELDS(from, "row of tools", to, "row of tools", time, "s", buttons);
 };
 
 // The tree of nodes that a scene hangs bodies on. Its frames are folded into the poses at load. Constant.
@@ -95,7 +95,7 @@ struct Nodes {
     std::vector<NodeSwitch> toggle;
     std::vector<ToolExchange> exchange;
     std::vector<std::array<uint32_t, 2>> apart;  // bodies (a < b, ascending) that do not meet: what is driven and what stands
-    TROCAR_FIELDS(name, parent, of_body, drive, toggle, exchange, apart);
+    TROCAR_FIELDS(name, parent, of_body, "row of nodes or none", drive, toggle, exchange, apart, "row of bodies");
 };
 
 struct NodeState {

@@ -19,7 +19,7 @@ struct Particles {
 struct Sleep {
     std::vector<uint32_t> still;  // ms that the body has been slower than sleep_speed; 0 for rigid bodies
     std::vector<uint32_t> group;  // kNone = awake; else the root of the sleeping bodies whose boxes meet its own
-    TROCAR_FIELDS(still, "ms", group);
+    TROCAR_FIELDS(still, "ms", group, "row of bodies or none");
 };
 
 // Anchors of deformable bodies: a spring of rest length zero from a particle to its goal. Constant after load.

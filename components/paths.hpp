@@ -20,7 +20,7 @@ struct Paths {
     std::vector<uint32_t> body;  // one per path
     std::vector<Range> keys;     // one per path: rows of key
     std::vector<Keyframe> key;   // ascending in time within a path
-    TROCAR_FIELDS(body, keys, key);
+    TROCAR_FIELDS(body, "row of bodies or none", keys, "rows of keys", key);
 };
 
 }  // namespace trocar

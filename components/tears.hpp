@@ -18,7 +18,7 @@ struct TearBody {
     uint32_t outer = 0;                                             // triangles at load
     Range faces;                                                    // rows of Tears::face, as order; empty for a shell
     Admission whole = Admission::kSolid;                            // of the surface at load
-    TROCAR_FIELDS(body, break_strain, order, outer, faces, whole);
+    TROCAR_FIELDS(body, "row of bodies", break_strain, order, "rows of tear triangles", outer, faces, "rows of tear faces", whole);
 };
 
 // What may be surface of a solid, by its number: first the triangles at load, each there as long as its tetrahedra are (of
@@ -37,7 +37,7 @@ struct Cut {
     double time = 0;            // s
     Region region;              // body frame, rest shape
     uint32_t material = kNone;  // and which are of this material
-    TROCAR_FIELDS(tear, time, "s", region, material);
+    TROCAR_FIELDS(tear, "row of tears", time, "s", region, material);
 };
 
 // Constant after load but for `order`, which follows Torn::triangle.

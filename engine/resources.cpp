@@ -52,36 +52,6 @@ constexpr bool is_vector = false;
 template <typename T>
 constexpr bool is_vector<std::vector<T>> = true;
 
-// Value of any type, to count the members of a struct with.
-struct AnyValue {
-    template <typename T>
-    operator T() const;
-};
-template <typename T, size_t... i>
-constexpr bool has_members(std::index_sequence<i...>) {
-    return requires { T{(static_cast<void>(i), AnyValue{})...}; };
-}
-constexpr size_t count_names(const char* list) {
-    size_t names = 0;
-    for (FieldNames left{list}; !left.next().name.empty();) ++names;
-    return names;
-}
-// Whether the lists of a struct name every member, none twice.
-template <typename T>
-constexpr bool lists_every_member() {
-    size_t twice = 0;
-    for (FieldNames left{T::kFields}; !left.rest.empty();) {
-        const std::string_view name = left.next().name;
-        for (FieldNames others = left; !others.rest.empty();) twice += others.next().name == name;
-    }
-    constexpr size_t others = [] {
-        if constexpr (requires { T::kOtherFields; }) return count_names(T::kOtherFields);
-        return size_t{0};
-    }();
-    constexpr size_t named = count_names(T::kFields) + others;
-    return twice == 0 && has_members<T>(std::make_index_sequence<named>{}) && !has_members<T>(std::make_index_sequence<named + 1>{});
-}
-
 // each_field of a struct whose lists are complete.
 template <typename T, typename Visit>
 void each_member(T& t, const Visit& visit) {

@@ -253,7 +253,7 @@ std::string haptics_section(const RunFigures& f) {
 std::string trouble_section(const Report& r) {
     std::string rows;
     each_number(r, kOnPage, [&](const ReportNumber& n, const auto& value) {
-        if (value > 0) rows += "<tr><td class=\"v\">" + format("%.6g", static_cast<double>(value)) + "</td><td>" + n.text + "</td></tr>";
+        if (value > 0) rows += "<tr><td class=\"v\">" + std::to_string(value) + "</td><td>" + n.text + "</td></tr>";
     });
     return section("Counters of trouble",
                    rows.empty() ? "None of them counted anything." : "A frame never stops for these; those not named here are zero.",
