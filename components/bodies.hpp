@@ -6,6 +6,7 @@
 #include <vector>
 
 #include "components/entity.hpp"
+#include "components/fields.hpp"
 #include "components/math.hpp"
 namespace trocar {
 
@@ -33,6 +34,7 @@ struct Stepping {
     uint32_t iterations = 10;  // midpoint: most of the conjugate gradients
     double tolerance = 1e-3;   // midpoint: residual of the velocities over that of the start, at which it stops
     double step = std::numeric_limits<double>::infinity();  // s, largest; for leapfrog besides stable_dt and the settings
+    TROCAR_FIELDS(integrator, iterations, tolerance, step, "s");
 };
 
 // Material of a deformable body. SI units.
@@ -47,6 +49,8 @@ struct Tissue {
     double pressure_modulus = 0;   // Pa, K of an enclosed volume's energy 1/2 K (V - V0)^2 / V0; 0 = may change freely
     double bending = 0;            // Pa, Young's modulus of the wall in bending; 0 = bends freely
     double restitution = 0;        // share of the approach speed that comes back, 0..1; between rigid bodies
+    TROCAR_FIELDS(youngs_modulus, "Pa", density, "kg/m^3", wall, "m", depth, "m", poisson, damping, "1/s", friction, pressure_modulus, "Pa",
+                  bending, "Pa", restitution);
 };
 
 // What a free body weighs and where: its inertia tensor about the centre of mass is diagonal in the principal frame.
@@ -56,6 +60,7 @@ struct RigidMass {
     Vec3d centre = Vec3d::Zero();        // m, centre of mass, body frame
     Vec3d moments = Vec3d::Constant(1);  // kg m^2, principal moments of inertia
     Quat axes;                           // principal frame to body frame
+    TROCAR_FIELDS(body, "row of bodies", mass, "kg", centre, "m", moments, "kg m^2", axes);
 };
 
 // Who a body is and what it is made of. Constant while a scene runs (spawn and removal aside, and the stepping of bodies with a level
@@ -75,6 +80,8 @@ struct Bodies {
     std::vector<Stepping> stepping;       // empty = leapfrog for all
     std::vector<double> thickness;        // m, sheets only
     std::vector<RigidMass> rigid_mass;    // one row per free body, ascending by body
+    TROCAR_FIELDS(entity, name, mesh, "row of meshes", motion, particles, "rows of particles", tree, anchor_frame, tissue, spring_stiffness,
+                  "N/m", inv_mass, "1/kg", stable_dt, "s", thickness, "m", rigid_mass, stepping);
 };
 
 // Names become parts of file names and of messages: at most 80 bytes, none of them a /, a \, a " or a control character.
@@ -95,12 +102,14 @@ struct Poses {
     std::vector<Quat> orientation;
     std::vector<Vec3d> velocity;          // m/s, rigid: of the origin; free: half a step behind the place (leapfrog)
     std::vector<Vec3d> angular_velocity;  // rad/s, rigid, world axes
+    TROCAR_FIELDS(origin, "m", orientation, velocity, "m/s", angular_velocity, "rad/s");
 };
 
 // Box of every body this pass, enlarged by its margin.
 struct BodyBoxes {
     std::vector<Box> box;
     std::vector<double> margin;  // m, fastest vertex * period + 0.05 mean edge
+    TROCAR_FIELDS(box, "m", margin, "m");
 };
 
 }  // namespace trocar

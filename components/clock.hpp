@@ -1,5 +1,7 @@
 #pragma once
 #include <cstdint>
+
+#include "components/fields.hpp"
 namespace trocar {
 
 // Simulated time in whole milliseconds. Contact pass k starts at tick floor(k * 1000 / contact_rate), picture k is
@@ -11,6 +13,7 @@ struct Clock {
     uint32_t contact_rate = 60;  // Hz
     uint32_t display_rate = 30;  // Hz
     uint32_t period = 16;        // ms, of the present pass
+    TROCAR_FIELDS(tick, "ms", pass, picture, contact_rate, "Hz", display_rate, "Hz", period, "ms");
 };
 
 // Contact passes a second that there may be: whole numbers of passes a picture.

@@ -2,6 +2,7 @@
 #include <array>
 #include <vector>
 
+#include "components/fields.hpp"
 #include "components/math.hpp"
 #include "components/mesh.hpp"
 namespace trocar {
@@ -26,11 +27,14 @@ struct ContactParams {
     bool edges_ahead = false;  // rows for edges about to cross too
     bool contours = false;     // intersection stage: where surfaces cross
     bool regions = false;      // overlap regions of every pair; needs the contours and finds them
+    TROCAR_FIELDS(tolerance, "m", push_speed, "m/s", cell_edges, iterations, row_capacity, share, direction, deep, faces, edges_ahead,
+                  contours, regions, cross_check);
 };
 
 // Pairs of bodies whose enlarged boxes overlap, a < b, ascending. Static-static pairs are left out.
 struct CandidatePairs {
     std::vector<uint32_t> a, b;  // body rows
+    TROCAR_FIELDS(a, b);
 };
 
 // Box in eight floats, so that one comparison of a vector register tells whether two boxes meet.
@@ -47,6 +51,7 @@ struct ScreenedTriangles {
     std::vector<uint32_t> triangle;  // local, ascending within a body
     std::vector<PackedBox> box;      // enlarged, rounded outward
     std::vector<PackedBox> tight;    // of the triangle alone, rounded outward
+    TROCAR_FIELDS(origin, "m", body, triangle, box, "m", tight, "m");
 };
 
 // The occupancy grid (thesis: OHC) as three flat layers. Only cells shared by two or more bodies are filled.
@@ -60,6 +65,7 @@ struct Occupancy {
     std::vector<uint32_t> primitive;        // primitive layer: local triangle, ascending
     std::vector<uint32_t> primitive_row;    // the same triangles as rows of ScreenedTriangles
     std::vector<uint32_t> oversize;         // rows of ScreenedTriangles that span too many cells, ascending; tested by box
+    TROCAR_FIELDS(cell_size, "m", origin, "m", cell_key, object_first, object, primitive_first, primitive, primitive_row, oversize);
 };
 
 // What the shared cells say about each candidate pair: which triangles are near the other body, that is, whose enlarged
@@ -72,6 +78,7 @@ struct CandidateTriangles {
     std::vector<Range> side;                        // rows of near
     std::vector<std::array<uint32_t, 2>> near;      // local triangle, ascending, each once; one of the other it is near
     std::vector<uint8_t> near_corners;              // per row of near: bit k of corner k, 0 where that one surely stays away
+    TROCAR_FIELDS(pair, triangle, beside, side, near, near_corners);
 };
 
 // Signed distances that the overlap phase has worked out: every vertex of a triangle near the other surface but those
@@ -82,6 +89,7 @@ struct NearVertices {
     std::vector<uint32_t> vertex;    // local vertex, ascending within a side
     std::vector<double> distance;    // m, signed, to the other surface (sheets: less half the thickness)
     std::vector<uint32_t> triangle;  // local triangle of the other body that is nearest
+    TROCAR_FIELDS(side, vertex, distance, "m", triangle);
 };
 
 // Points of one body's surface near or inside another body. Ascending (pair, side, vertex before edge before face,
@@ -101,6 +109,7 @@ struct Contacts {
     std::vector<uint32_t> triangle;               // local triangle of other that holds `closest`
     std::vector<double> most;                     // m, per candidate pair, with ContactParams::faces: if the search of
                                                   // faces had to stop, nothing is deeper than this; else 0
+    TROCAR_FIELDS(pair, body, other, vertex, along, third, across, point, "m", closest, "m", normal, distance, "m", triangle, most, "m");
 };
 
 // Where the surfaces of candidate pairs cross, as curves of segments. b counts as moved against a by an infinitesimal
@@ -118,6 +127,7 @@ struct Contours {
     std::vector<uint32_t> pierced;                  // per point: local triangle that the edge passes
     std::vector<double> along;                      // per point: part of the way from the edge's lower vertex
     std::vector<uint8_t> outward;                   // per point: the edge, so directed, leaves the other body there
+    TROCAR_FIELDS(pair, curve, closed, triangle, end, point, "m", edge, edge_of_b, pierced, along, outward);
 };
 
 // Connected parts of the overlap of two closed bodies. Ascending by pair, then by first inside vertex.
@@ -132,12 +142,14 @@ struct OverlapRegions {
     std::vector<double> depth;      // m, largest of the shortest distances
     std::vector<Vec3d> direction;   // unit, the way b must go to leave a; zero without a witness
     std::vector<uint32_t> witness;  // row of Contacts, kNone if no vertex or edge point is inside
+    TROCAR_FIELDS(pair, vertices_a, vertices_b, curves, contour, "m", area, "m^2", volume, "m^3", depth, "m", direction, witness);
 };
 
 // Ways out that pairs of bodies last agreed on, for DeepResponse::kLastFree. Ascending by (a, b).
 struct PairMemory {
     std::vector<uint32_t> a, b;    // bodies
     std::vector<Vec3d> direction;  // unit, the way b left a
+    TROCAR_FIELDS(a, b, direction);
 };
 
 // Contact rows of the pass before that carried something, and those of edges, in their order: what rows of the same
@@ -147,6 +159,7 @@ struct ContactMemory {
     std::vector<std::array<uint32_t, 2>> vertex;  // local vertices of body
     std::vector<float> along;                     // as in ContactRows
     std::vector<Vec3d> force;                     // N, on body, world axes, in the last substep
+    TROCAR_FIELDS(body, "row of bodies", other, "row of bodies", vertex, along, force, "N");
 };
 
 // Depth of every candidate pair that overlaps. `depth` is the thesis depth: the largest of the shortest distances.
@@ -163,6 +176,8 @@ struct Penetrations {
     std::vector<Vec3d> way_out;         // unit, what a saturated pair last agreed on; zero if not saturated or unknown
     std::vector<double> surface_depth;  // m, with ContactParams::faces: no point of either surface is deeper by more
                                         // than the tolerance; else equal to depth
+    TROCAR_FIELDS(pair, depth, "m", direction, witness, vertices_a_in_b, vertices_b_in_a, edge_contacts, face_contacts, saturated, way_out,
+                  surface_depth, "m");
 };
 
 // One-sided constraints for the substeps of this period: a point of `body` stays outside a plane that rides on a
@@ -181,6 +196,8 @@ struct ContactRows {
     std::vector<float> friction;
     std::vector<Vec3d> impulse;  // N s, on body, summed over the period (written by response)
     std::vector<Vec3d> carried;  // N, on body, world axes, in the last substep before; empty = nothing
+    TROCAR_FIELDS(contact, body, other, vertex, along, third, across, triangle, weight, normal, distance, "m", friction, impulse, "N s",
+                  carried, "N");
 };
 
 // Bodies joined by contact rows. Islands ascend by their smallest body; bodies and rows inside ascend.
@@ -189,6 +206,7 @@ struct Islands {
     std::vector<uint32_t> body;
     std::vector<Range> rows;    // per island: rows of row
     std::vector<uint32_t> row;  // rows of ContactRows
+    TROCAR_FIELDS(bodies, body, rows, row);
 };
 
 }  // namespace trocar

@@ -2,6 +2,7 @@
 #include <vector>
 
 #include "components/bodies.hpp"
+#include "components/fields.hpp"
 namespace trocar {
 
 // Bodies that are stepped coarsely while nobody works on them or looks at them closely; one row per body that asks for it.
@@ -14,6 +15,7 @@ struct DetailRules {
     std::vector<Stepping> near;  // leapfrog
     std::vector<Stepping> far;   // midpoint
     std::vector<Vec3d> eye;      // m, of the scene's camera; one, or none where no body asks for it
+    TROCAR_FIELDS(body, "row of bodies", beyond, "m", seen, near, far, eye, "m");
 };
 
 }  // namespace trocar

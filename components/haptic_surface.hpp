@@ -1,5 +1,6 @@
 #pragma once
 #include "components/entity.hpp"
+#include "components/fields.hpp"
 #include "components/math.hpp"
 namespace trocar {
 
@@ -26,6 +27,8 @@ struct HapticSurface {
     Quat orientation;
     Vec3d velocity = Vec3d::Zero();  // m/s, of the origin, and
     Vec3d spin = Vec3d::Zero();      // rad/s, of rigid bodies
+    TROCAR_FIELDS(body, "row of bodies", stiffness, "N/m", damping, "N s/m", static_friction, dynamic_friction, texture, height, "m",
+                  length, "m", along, deformable, origin, "m", orientation, velocity, "m/s", spin, "rad/s");
 };
 
 }  // namespace trocar

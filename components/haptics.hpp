@@ -2,6 +2,7 @@
 #include <array>
 #include <vector>
 
+#include "components/fields.hpp"
 #include "components/haptic_surface.hpp"
 #include "components/math.hpp"
 #include "components/mesh.hpp"
@@ -17,11 +18,13 @@ struct DeviceState {
     Vec3d velocity = Vec3d::Zero();  // m/s
     uint32_t buttons = 0;            // one bit each
     double grip = 0;                 // rad, between the jaws; 0 = closed, or the device has none
+    TROCAR_FIELDS(time, "s", position, "m", orientation, velocity, "m/s", buttons, grip, "rad");
 };
 
 // What a device reported before, in ascending time. Constant after load.
 struct DeviceTrace {
     std::vector<DeviceState> sample;
+    TROCAR_FIELDS(sample);
 };
 
 // What it is told to do: a force field around a place, so that a device with a faster loop of its own may follow the
@@ -31,6 +34,7 @@ struct DeviceCommand {
     Vec3d torque = Vec3d::Zero();       // N m, on the hand, about the tip
     Vec3d at = Vec3d::Zero();           // m
     std::array<double, 9> stiffness{};  // N/m, row by row, symmetric, not negative
+    TROCAR_FIELDS(force, "N", torque, "N m", at, "m", stiffness, "N/m");
 };
 
 // What a device must not be asked beyond. Vectors are scaled, so their direction stays.
@@ -41,6 +45,8 @@ struct DeviceLimits {
     double dissipation = 10;         // N s/m, most damping by which energy that sampling made is taken back; 0 = none
     double turn_dissipation = 0.01;  // N m s/rad, the same for turning
     double surface_age = 0;          // s, an older surface is not trusted: force falls to zero; 0 = HapticParams::model_timeout
+    TROCAR_FIELDS(torque, "N m", force_slew, "N/s", torque_slew, "N m/s", dissipation, "N s/m", turn_dissipation, "N m s/rad", surface_age,
+                  "s");
 };
 
 // Where the space that a hand reaches lies in the world: world = origin + turn (scale * device).
@@ -49,6 +55,7 @@ struct Workspace {
     Quat turn;
     double scale = 1;
     uint32_t clutch = 0;  // buttons (bits): while one is held the tool stays and the hand moves alone; 0 = none
+    TROCAR_FIELDS(origin, "m", turn, scale, clutch);
 };
 
 // Instrument through a point of the body wall: two angles, insertion and roll are free.
@@ -62,6 +69,7 @@ struct Pivot {
     Vec3d point = Vec3d::Zero();  // m, world
     double length = 0.33;         // m, kHandle: from the device to the tip
     Vec3d axis{0, 0, -1};         // unit, in the frame of the device: from handle to tip
+    TROCAR_FIELDS(kind, point, "m", length, "m", axis);
 };
 
 // A hand with an arm behind it that follows a path and gives way to forces: mass on a spring and damper between it and
@@ -76,6 +84,8 @@ struct HandModel {
     uint32_t delay = 0;      // ticks until a command acts, 0..7
     double tremor = 0;       // m, amplitude
     double tremor_rate = 9;  // Hz
+    TROCAR_FIELDS(mass, "kg", damping, "N s/m", stiffness, "N/m", arm_damping, "N s/m", friction, "N", encoder, "m", delay, tremor, "m",
+                  tremor_rate, "Hz");
 };
 inline constexpr uint32_t kMostHandDelay = 7;
 struct HandModelState {
@@ -86,6 +96,7 @@ struct HandModelState {
                                                 Vec3d::Zero(), Vec3d::Zero(), Vec3d::Zero(), Vec3d::Zero()};  // N, newest first
     Vec3d reported = Vec3d::Zero();                                                                           // m, through the encoder
     Vec3d reported_velocity = Vec3d::Zero();                                                                  // m/s
+    TROCAR_FIELDS(placed, position, "m", velocity, "m/s", force, "N", reported, "m", reported_velocity, "m/s");
 };
 
 enum class EffectKind : uint8_t {
@@ -121,11 +132,14 @@ struct HapticEffect {
     double frequency = 0;         // Hz
     double mass = 0;              // kg
     double reach = 0;             // m
+    TROCAR_FIELDS(kind, trigger, start, "s", duration, "s", buttons, point, "m", direction, stiffness, "N/m", damping, "N s/m", force, "N",
+                  impulse, "N s", frequency, "Hz", mass, "kg", reach, "m");
 };
 inline constexpr uint32_t kMaxEffects = 16;  // of a tool
 struct EffectState {
     bool running = false;
     double since = 0;  // s
+    TROCAR_FIELDS(running, since, "s");
 };
 
 enum class HapticEventKind : uint8_t { kTouch, kRelease, kButtonDown, kButtonUp, kPassThrough, kLimit, kCount };
@@ -133,6 +147,7 @@ struct HapticEvent {
     HapticEventKind kind = HapticEventKind::kTouch;
     double time = 0;     // s
     uint32_t value = 0;  // buttons that changed, body that was passed through; else 0
+    TROCAR_FIELDS(kind, time, "s", value);
 };
 inline constexpr uint32_t kKeptEvents = 16;
 // The last events of a tool and how many there were of each kind.
@@ -140,6 +155,7 @@ struct HapticEvents {
     std::array<HapticEvent, kKeptEvents> last{};  // event n at n % kKeptEvents
     uint64_t total = 0;
     std::array<uint32_t, static_cast<size_t>(HapticEventKind::kCount)> count{};
+    TROCAR_FIELDS(last, total, count);
 };
 
 // What the last stage before the device remembers.
@@ -161,12 +177,16 @@ struct SafetyState {
     Quat from_device_turn, from_proxy_turn;
     double turn_energy = 0;         // J
     double lowest_turn_energy = 0;  // J
+    TROCAR_FIELDS(contact_force, "N", from_device, "m", from_proxy, "m", energy, "J", lowest_energy, "J", dissipated, "J", started, gain,
+                  limiting, limited_ticks, safe_ticks, pull, "N", pull_torque, "N m", contact_torque, "N m", from_device_turn,
+                  from_proxy_turn, turn_energy, "J", lowest_turn_energy, "J");
 };
 
 struct ClutchState {
     bool started = false;
     Vec3d offset = Vec3d::Zero();  // m, world, added to where the workspace puts the device
     Vec3d tool = Vec3d::Zero();    // m, world, where the tool was put last
+    TROCAR_FIELDS(started, offset, "m", tool, "m");
 };
 
 // Point of an instrument's surface that feels other surfaces.
@@ -174,6 +194,7 @@ struct ShellPoint {
     Vec3d arm = Vec3d::Zero();     // m, from the tip, axes of the body
     Vec3d inward = Vec3d::Zero();  // unit, into the instrument, axes of the body
     uint32_t jaw = kNone;          // row of HandTool::shell_jaw: then arm is from the jaw's pivot, and both in axes of the jaw
+    TROCAR_FIELDS(arm, "m", inward, jaw);
 };
 
 // A body of its own that turns about an axis of an instrument as far as the device's grip says. Constant after load.
@@ -183,6 +204,7 @@ struct ToolJaw {
     Quat closed;                  // jaw frame to that of the instrument, at grip 0
     Vec3d axis{1, 0, 0};          // unit, frame of the instrument
     double share = 0.5;           // of the grip that it turns by, against the clock about the axis; negative: with it
+    TROCAR_FIELDS(body, "row of bodies", pivot, "m", closed, axis, share);
 };
 
 // A tool held by a device. Constant after load.
@@ -212,6 +234,10 @@ struct HandTool {
     double inertia = 0;              // kg m^2, about the tip, of what the simulated coupling turns; the same every way
     double surface_stiffness = 0;    // N/m, of a point of the shell against a surface
     std::vector<ToolJaw> shell_jaw;  // its jaws, as in Haptics::jaw
+    TROCAR_FIELDS(body, "row of bodies", tip, "m", tip_radius, "m", coupling_stiffness, "N/m", coupling_damping, "N s/m", max_force, "N",
+                  friction, path, "row of paths or none", trace, "row of traces or none", pass_through, "N", hand, workspace, pivot, limits,
+                  effects, "rows of effects", jaws, "rows of jaws", grip_closed, "rad", shell, shell_radius, "m", turn_stiffness, "N m/rad",
+                  turn_damping, "N m s/rad", inertia, "kg m^2", surface_stiffness, "N/m", shell_jaw);
 };
 
 // How forces are rendered; the same for all tools.
@@ -241,6 +267,7 @@ struct TriangleLanes {
     std::array<std::array<GroupLanes, 3>, 3>
         corner{};  // m, by corner and world axis, from the centre of the group, at the time of the model
     std::array<std::array<GroupLanes, 3>, 3> velocity{};  // m/s, likewise, less that of the group
+    TROCAR_FIELDS(corner, "m", velocity, "m/s");
 };
 // Balls around the groups of a block, or the blocks of a cluster: s seconds later all of a group is within radius + spread |s|
 // of its centre moved by s velocity.
@@ -250,6 +277,7 @@ struct GroupBalls {
     BlockLanes radius{};                   // m; -infinity: no group
     BlockLanes spread{};                   // m/s
     BlockLanes speed{};                    // m/s, nothing of it is faster
+    TROCAR_FIELDS(centre, "m", velocity, "m/s", radius, "m", spread, "m/s", speed, "m/s");
 };
 // What lanes round, of the lengths that come together: from the centre of the group or block to where it is asked for, its radius, how far
 // it spread.
@@ -264,6 +292,7 @@ struct TriangleGroup {
     double radius = 0;               // m
     Vec3d velocity = Vec3d::Zero();  // m/s, mean of the corners
     double spread = 0;               // m/s, no corner's velocity differs from the mean by more
+    TROCAR_FIELDS(triangles, body, half_thickness, "m", centre, "m", radius, "m", velocity, "m/s", spread, "m/s");
 };
 
 // How a pressed surface goes with the device that presses it, until the next contact pass says where it is.
@@ -276,6 +305,7 @@ struct SurfaceGive {
     double time = 0;                        // s, and when that was
     double gap = 0;                         // m, added to the tip's radius against that body: contacts hold the
                                             // simulated tip a hair off its surface, or let it in
+    TROCAR_FIELDS(body, share, normal, device, "m", device_velocity, "m/s", time, "s", gap, "m");
 };
 
 // Up to four parts of a surface side by side, a lane each, and boxes around them at the time of their model.
@@ -287,6 +317,7 @@ struct alignas(64) SurfaceNode {
     std::array<Range, 4> part{};                           // rows of LocalContactModel::triangle; none: `first` is a node
     Lanes speed{};                                         // m/s, of the fastest of the vertices
     uint32_t lanes = 0;                                    // that hold a part
+    TROCAR_FIELDS(low, "m", high, "m", velocity_low, "m/s", velocity_high, "m/s", speed, "m/s", part, lanes);
 };
 
 // A body's surface in a model: a tree of nodes.
@@ -294,6 +325,7 @@ struct SurfaceTree {
     uint32_t body = kNone;
     uint32_t root = 0;          // node
     double half_thickness = 0;  // m, of a sheet, or 0
+    TROCAR_FIELDS(body, root, half_thickness, "m");
 };
 
 // Triangles of one tree around a point, the nearest first: while neither has gone far, one of them stays the nearest.
@@ -316,6 +348,8 @@ struct ShellOutlook {
     std::vector<double> speed;           // m/s, per tree and point: nothing faster comes nearer to that place than `around` ...
     double around = 0;                   // m, ...
     double ahead = 0;                    // s, ... up to this age of the model, going on as that says
+    TROCAR_FIELDS(tip, "m", turn, grip, "rad", node, tree, clear, "m", nearest, place, "m", speed, "m/s", around, "m", ahead, "s");
+    TROCAR_OTHER_FIELDS(found);
 };
 
 // Surface within reach of a tool, frozen at one contact pass. Immutable once published; the tick reads nothing else.
@@ -346,6 +380,9 @@ struct LocalContactModel {
     ShellOutlook shell;                              // of a tool that has one
     std::vector<HapticSurface> surface;              // of bodies that feel otherwise than the tool says
     bool in_hand = true;                             // false: another instrument was exchanged for this one
+    TROCAR_FIELDS(time, "s", sequence, from, "m", to, "m", reach, "m", fastest, "m/s", position, "m", velocity, "m/s", triangle, neighbour,
+                  body, half_thickness, "m", lanes, group, block, cluster, ball, cluster_ball, give, pull, "N", pull_before, "N", period,
+                  "s", shell, surface, in_hand);
 };
 
 // What a contact pass found of one tool, for the next one to compare with.
@@ -353,6 +390,7 @@ struct ToolPass {
     uint32_t touched = kNone;      // body
     Vec3d tip = Vec3d::Zero();     // m, world, of the simulated tool
     Vec3d device = Vec3d::Zero();  // m
+    TROCAR_FIELDS(touched, "row of bodies or none", tip, "m", device, "m");
 };
 
 // A point of a shell that a surface holds.
@@ -365,18 +403,21 @@ struct ShellContact {
     double depth = 0;             // m
     double side = 1;              // of a sheet that the point is held on: where its normals point, or -1
     bool sliding = false;         // along the surface, faster than 1 mm/s
+    TROCAR_FIELDS(point, body, "row of bodies or none", arm, "m", force, "N", slip, "m", depth, "m", side, sliding);
 };
 
 // The body that a tool is stuck through.
 struct ToolPierce {
     uint32_t body = kNone;
     uint32_t seen = 0;  // pass-throughs that the simulation knows of
+    TROCAR_FIELDS(body, "row of bodies or none", seen);
 };
 
 // How a device moves by what its places say, smoothed twice: constant acceleration lags by half a sample.
 struct DeviceMotion {
     Vec3d once = Vec3d::Zero(), twice = Vec3d::Zero();  // m/s
     Vec3d velocity() const { return 2 * once - twice; }
+    TROCAR_FIELDS(once, "m/s", twice, "m/s");
 };
 
 // State of one tool's force rendering between ticks.
@@ -421,6 +462,11 @@ struct ToolState {
     // of any tool with jaws
     double grip_moment = 0;  // N m s, of the tissue on the simulated jaws that opens them, summed over the period
     double grip_torque = 0;  // N m, its mean over the last pass: what the fingers that close them feel
+    TROCAR_FIELDS(device, motion, proxy, "m", proxy_valid, contacts, command, output, coupling_force, "N", contact_impulse, "N s",
+                  device_valid, time, "s", ticks, model_age, "s", gain, largest_force, "N", rejected_samples, touched,
+                  "row of bodies or none", last_pass, pierce, link_force, "N", link_force_before, "N", hand, clutch, safety,
+                  effect_velocity, "m/s", effect, events, proxy_turn, contact, device_spin, "rad/s", coupling_torque, "N m", contact_moment,
+                  "N m s", sliding, carried, "m", pull, "N", pull_torque, "N m", grip_moment, "N m s", grip_torque, "N m");
 };
 
 struct Haptics {
@@ -433,6 +479,8 @@ struct Haptics {
     uint64_t ticks = 0;
     double max_force = 0;           // N, largest commanded
     uint64_t rejected_samples = 0;  // device samples refused (not finite, jump)
+    TROCAR_FIELDS(tool, trace, effect, surface, jaw, state, ticks, max_force, "N", rejected_samples);
+    static constexpr size_t kConstantFields = 5;  // the first of the list
 };
 
 }  // namespace trocar

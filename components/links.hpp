@@ -3,6 +3,7 @@
 #include <vector>
 
 #include "components/entity.hpp"
+#include "components/fields.hpp"
 #include "components/math.hpp"
 namespace trocar {
 
@@ -13,6 +14,7 @@ struct Region {
     RegionKind kind = RegionKind::kAll;
     Vec3d a = Vec3d::Zero(), b = Vec3d::Zero();  // m: centre | lowest and highest corner | ends of the axis
     double radius = 0;                           // m, sphere and capsule
+    TROCAR_FIELDS(kind, a, "m", b, "m", radius, "m");
 };
 
 // Where the region of a link lies: in the frame of the body that holds, moving with it; in that of the body that is held,
@@ -46,6 +48,9 @@ struct LinkGroup {
     Vec3d impulse = Vec3d::Zero();                         // N s, of the holder on the body, last pass
     double largest_force = 0;                              // N, mean over a pass, so far
     double largest_strain = 0;                             // so far
+    TROCAR_FIELDS(entity, name, body, "row of bodies or none", holder, "row of bodies or none", phase, region, frame, material, within, "m",
+                  most, stiffness, "N/m", rest, "m", break_strain, gauge, "m", begin, "s", end, "s", tool, "row of tools or none", rows,
+                  "rows of links", made, broken, impulse, "N s", largest_force, "N", largest_strain);
 };
 
 // Springs between bodies, group after group. State: what is linked changes while a scene runs. Room is kept from load on.
@@ -58,6 +63,7 @@ struct Links {
     std::vector<double> stretch;     // m, at the time of the velocities: what Energy::links is measured from
     std::vector<uint8_t> whole;      // 0 = has broken, is taken away before the next pass
     std::vector<double> stable_dt;   // s, one per body: limit of the explicit step with its links; empty without links
+    TROCAR_FIELDS(group, node, far_node, point, "m", rest, "m", stretch, "m", whole, stable_dt, "s");
 };
 
 }  // namespace trocar

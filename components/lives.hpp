@@ -4,6 +4,7 @@
 
 #include "components/bodies.hpp"
 #include "components/entity.hpp"
+#include "components/fields.hpp"
 #include "components/math.hpp"
 namespace trocar {
 
@@ -14,6 +15,7 @@ struct Pools {
     std::vector<double> rate;       // per pool, 1/s: body k comes at k / rate, or as soon as a slot is free
     std::vector<double> life;       // per pool, s, from coming to going
     std::vector<Quat> orientation;  // per body: in which it comes, at its place; empty without pools
+    TROCAR_FIELDS(slots, "rows of bodies", rate, "1/s", life, "s", orientation);
 };
 
 // Who is there. One row per body, or all empty where everybody always is.
@@ -22,6 +24,7 @@ struct Lives {
     std::vector<uint32_t> generation;  // bodies that have left the slot
     std::vector<uint64_t> since;       // ms, when the present one came
     std::vector<uint64_t> came;        // per pool: bodies so far
+    TROCAR_FIELDS(away, generation, since, "ms", came);
 };
 
 // What Sleep::still says of an empty slot, ms: enough for any settings.

@@ -3,6 +3,7 @@
 #include <string>
 #include <vector>
 
+#include "components/fields.hpp"
 #include "components/math.hpp"
 namespace trocar {
 
@@ -13,6 +14,7 @@ struct Image {
     uint32_t width = 0;
     uint32_t height = 0;
     std::vector<uint8_t> rgba;
+    TROCAR_FIELDS(width, height, rgba);
 };
 
 // How a surface looks. Colours are linear, 0..1.
@@ -24,6 +26,7 @@ struct Material {
     float transparency = 0.0f;  // 0 opaque
     std::string texture;        // name or path as the file gave it, empty if none
     Image image;                // pixels of the texture, empty until loaded
+    TROCAR_FIELDS(name, diffuse, specular, shininess, transparency, texture, image);
 };
 
 // One surface as a reader or generator makes it: indexed triangles in file units, doubles kept.
@@ -59,6 +62,8 @@ struct MeshInfo {
     double max_edge = 0;   // m
     double radius = 0;     // m, largest distance of a vertex from the origin of the body frame
     Box box;               // of the rest shape, body frame
+    TROCAR_FIELDS(vertices, triangles, edges, incident, components, admission, volume, "m^3", area, "m^2", mean_edge, "m", max_edge, "m",
+                  radius, "m", box, "m");
 };
 
 struct Meshes {
@@ -77,6 +82,8 @@ struct Meshes {
     std::vector<uint16_t> triangle_material;             // as triangle; row of `material` of the prototype
     std::vector<Range> materials;                        // one per prototype: rows of material
     std::vector<Material> material;
+    TROCAR_FIELDS(name, info, position, "m", component, triangle, neighbour, triangle_edge, edge, edge_triangle, incident_first, incident,
+                  uv, triangle_material, materials, material);
 };
 
 }  // namespace trocar

@@ -5,6 +5,7 @@
 #include <vector>
 
 #include "components/entity.hpp"
+#include "components/fields.hpp"
 #include "components/math.hpp"
 namespace trocar {
 
@@ -20,6 +21,7 @@ struct NodeEvent {
     NodeEventKind kind = NodeEventKind::kPressed;
     double time = 0;   // s
     double place = 0;  // m or rad, of the coordinate then
+    TROCAR_FIELDS(kind, time, "s", place);
 };
 inline constexpr uint32_t kKeptNodeEvents = 16;
 // The last events of a driven body and how many there were of each kind.
@@ -27,6 +29,7 @@ struct NodeEvents {
     std::array<NodeEvent, kKeptNodeEvents> last{};  // event n at n % kKeptNodeEvents
     uint64_t total = 0;
     std::array<uint32_t, static_cast<size_t>(NodeEventKind::kCount)> count{};
+    TROCAR_FIELDS(last, total, count);
 };
 
 // A free body that its node leaves one coordinate: metres along the axis (button, slider) or radians about it (dial), 0
@@ -48,6 +51,8 @@ struct NodeDrive {
     double click_at = std::numeric_limits<double>::infinity();  // m, a button from here on counts as pressed ...
     double click_width = 0;                                     // m, ... and over this way its spring eases
     double click = 0;                                           // N, by so much
+    TROCAR_FIELDS(node, "row of nodes", body, "row of bodies", behaviour, axis, pivot, "m", origin, "m", orientation, inertia, "kg", lowest,
+                  highest, stiffness, rest, damping, friction, detents, detent, "N m", click_at, "m", click_width, "m", click, "N");
 };
 
 struct DriveState {
@@ -59,6 +64,7 @@ struct DriveState {
     int32_t notch = 0;  // nearest detent
     int8_t limit = 0;   // -1, 1: it is at the lowest, highest place
     NodeEvents events;
+    TROCAR_FIELDS(place, rate, friction_impulse, stop_impulse, pressed, notch, limit, events);
 };
 
 // Enables or disables a node at a time, when a button of a tool is pressed, or when a driven body reports an event.
@@ -69,6 +75,7 @@ struct NodeSwitch {
     uint32_t tool = kNone, buttons = 0;                     // bits
     uint32_t drive = kNone;
     NodeEventKind event = NodeEventKind::kPressed;
+    TROCAR_FIELDS(node, "row of nodes", to, time, "s", tool, "row of tools or none", buttons, drive, "row of drives or none", event);
 };
 
 // Another instrument comes into the hand that holds one: at a time or when a button is pressed.
@@ -76,6 +83,7 @@ struct ToolExchange {
     uint32_t from = kNone, to = kNone;                      // rows of tools
     double time = std::numeric_limits<double>::infinity();  // s
     uint32_t buttons = 0;                                   // bits
+    TROCAR_FIELDS(from, "row of tools", to, "row of tools", time, "s", buttons);
 };
 
 // The tree of nodes that a scene hangs bodies on. Its frames are folded into the poses at load. Constant.
@@ -87,6 +95,7 @@ struct Nodes {
     std::vector<NodeSwitch> toggle;
     std::vector<ToolExchange> exchange;
     std::vector<std::array<uint32_t, 2>> apart;  // bodies (a < b, ascending) that do not meet: what is driven and what stands
+    TROCAR_FIELDS(name, parent, of_body, "row of nodes or none", drive, toggle, exchange, apart, "row of bodies");
 };
 
 struct NodeState {
@@ -95,6 +104,7 @@ struct NodeState {
     std::vector<uint8_t> off;        // per body: neither touched, moved nor drawn; empty without nodes and exchanges
     std::vector<uint64_t> seen;      // per switch, then per exchange: buttons down, or events so far, or 1 = its time came
     std::vector<DriveState> drive;   // as Nodes::drive
+    TROCAR_FIELDS(enabled, laid_down, off, seen, drive);
 };
 
 inline bool is_off(const NodeState& state, uint32_t body) { return body < state.off.size() && state.off[body] != 0; }

@@ -1,6 +1,7 @@
 #pragma once
 #include <vector>
 
+#include "components/fields.hpp"
 #include "components/math.hpp"
 namespace trocar {
 
@@ -11,6 +12,7 @@ struct Keyframe {
     Quat orientation;
     uint64_t jump = 0;  // 1 = arrives at once instead of moving there from the key before
     double grip = 0;    // rad, of a device
+    TROCAR_FIELDS(time, "s", position, "m", orientation, jump, grip, "rad");
 };
 
 // Scripted motions of kinematic bodies. Constant after load.
@@ -18,6 +20,7 @@ struct Paths {
     std::vector<uint32_t> body;  // one per path
     std::vector<Range> keys;     // one per path: rows of key
     std::vector<Keyframe> key;   // ascending in time within a path
+    TROCAR_FIELDS(body, "row of bodies or none", keys, "rows of keys", key);
 };
 
 }  // namespace trocar

@@ -1,6 +1,7 @@
 #pragma once
 #include <vector>
 
+#include "components/fields.hpp"
 #include "components/math.hpp"
 #include "components/mesh.hpp"
 namespace trocar {
@@ -9,6 +10,7 @@ namespace trocar {
 // triangle with an area. Derived at the display rate.
 struct SurfaceNormals {
     std::vector<Vec3> normal;
+    TROCAR_FIELDS(normal);
 };
 
 enum class PictureMotion : uint8_t {
@@ -29,6 +31,7 @@ struct PictureBody {
     Range depths;    // rows of contact_depth, one per vertex; empty when nothing touches the body
     Range removed;   // rows of removed
     Range exposed;   // rows of exposed
+    TROCAR_FIELDS(mesh, origin, "m", orientation, motion, box, "m", vertices, depths, removed, exposed);
 };
 
 // The deepest point of one overlapping pair.
@@ -36,6 +39,7 @@ struct PictureWitness {
     Vec3d point = Vec3d::Zero();    // m, world
     Vec3d closest = Vec3d::Zero();  // m, world, on the other surface
     double depth = 0;               // m
+    TROCAR_FIELDS(point, "m", closest, "m", depth, "m");
 };
 
 // One hand tool.
@@ -44,6 +48,7 @@ struct PictureTool {
     Vec3d proxy = Vec3d::Zero();   // m, world: tip kept outside the surface; equals device while nothing is touched
     double radius = 0;             // m, of the tip
     Vec3d force = Vec3d::Zero();   // N, on the hand
+    TROCAR_FIELDS(device, "m", proxy, "m", radius, "m", force, "N");
 };
 
 // Everything a picture shows, copied once, so that whoever draws never reads World. Immutable once published. Float
@@ -61,6 +66,8 @@ struct PictureSnapshot {
     std::vector<PictureTool> tool;
     double depth = 0;  // m, deepest penetration; 0 when nothing overlaps
     double force = 0;  // N, largest commanded to a hand
+    TROCAR_FIELDS(number, time, "s", body, position, "m", normal, contact_depth, "m", removed, exposed, witness, tool, depth, "m", force,
+                  "N");
 };
 
 enum class CameraKind : uint8_t {

@@ -2,6 +2,7 @@
 #include <string>
 
 #include "components/contacts.hpp"
+#include "components/fields.hpp"
 #include "components/math.hpp"
 namespace trocar {
 
@@ -16,6 +17,8 @@ struct SceneSettings {
     double sleep_after = 0.5;            // s, of being that slow
     ContactParams contact;
     bool render = true;
+    TROCAR_FIELDS(gravity, "m/s^2", substep, "s", sleep_speed, "m/s", sleep_after, "s", contact);
+    TROCAR_OTHER_FIELDS(name, description, seconds, render);
 };
 
 }  // namespace trocar

@@ -2,6 +2,7 @@
 #include <array>
 #include <vector>
 
+#include "components/fields.hpp"
 #include "components/math.hpp"
 namespace trocar {
 
@@ -17,6 +18,7 @@ struct SolidInfo {
     Range nodes;          // rows of node_volume
     Range skin;           // rows of skin_node and skin_weight, one per vertex of the surface; empty = vertices are nodes
     uint32_t varied = 0;  // 1: tetrahedra differ in stiffness, see factor
+    TROCAR_FIELDS(inner, tetrahedra, count, slices, nodes, skin, varied);
 };
 
 // Constant after load. Nodes and tetrahedra are local to the prototype. Which tetrahedra meet in a node lies in SELL-16
@@ -32,7 +34,8 @@ struct Solids {
     std::vector<uint32_t> slot;         // 16 per column: corner * padded tetrahedra + tetrahedron; padding 4 * padded tetrahedra
     std::vector<std::array<uint32_t, 4>> skin_node;  // corners of the tetrahedron that a vertex rides on
     std::vector<std::array<double, 4>> skin_weight;  // its barycentric coordinates there: below 0 or above 1 outside
-    std::vector<double> node_volume;                 // m^3, what a node stands for: see engine/lumped_volume.hpp
+    std::vector<double> node_volume;                                   // m^3, what a node stands for: see engine/lumped_volume.hpp
+    TROCAR_FIELDS(info, position, "m", corner, rest, "m^3", per_rest, "1/m^3", factor, slot_column, slot, node_volume, "m^3", skin_node, skin_weight);
 };
 
 }  // namespace trocar

@@ -2,6 +2,7 @@
 #include <array>
 #include <vector>
 
+#include "components/fields.hpp"
 #include "components/math.hpp"
 namespace trocar {
 
@@ -18,6 +19,7 @@ struct SpringInfo {
     uint32_t skin = 0;         // rows of a body before its nodes: vertices of a surface that rides on them, see Solids; padded to 16
     uint32_t packed = kNone;   // row of Springs::packed of its first column, kNone = has none
     float rest_unit = 0;       // m, of the rest lengths in packed
+    TROCAR_FIELDS(slices, mean_rest, "m", mean_geometry, "m", varied, skin, packed, rest_unit, "m");
 };
 
 // Triangles around the vertices of prototypes that have a body which keeps its volume, in slices as those of Springs: a
@@ -27,6 +29,7 @@ struct Fans {
     std::vector<double> volume;    // one per row of first: m^3, of the rest shape, negative if inside out
     std::vector<uint32_t> column;  // first column of a slice; slices + 1 rows per prototype that has fans
     std::vector<uint32_t> corner;  // 32 per column: 16 next corners, counter-clockwise from outside, then 16 last ones
+    TROCAR_FIELDS(first, volume, "m^3", column, corner);
 };
 
 // Edges between two triangles of prototypes that have a body which bends, eight to a group, and for every vertex the rows of
@@ -42,6 +45,7 @@ struct Hinges {
     std::vector<uint32_t> column;  // first column of a slice; slices + 1 rows per prototype that has hinges
     std::vector<uint32_t> slot;    // 16 per column: 32 * group + 8 * corner + place in the group, groups counted from the
                                    // prototype's first; padding names the row after the last
+    TROCAR_FIELDS(groups, vertex, sine, cosine, weight, cap, "1/m", first, column, slot);
 };
 
 struct Springs {
@@ -57,6 +61,8 @@ struct Springs {
     std::vector<Range> vertices;    // one per prototype: rows of area_share
     Fans fans;
     Hinges hinges;
+    TROCAR_FIELDS(info, slice_column, neighbour, rest_length, "m", factor, packed,
+                  area_share, "m^2", vertices, fans, hinges);
 };
 
 }  // namespace trocar

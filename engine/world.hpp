@@ -76,50 +76,56 @@ struct World {
 
 struct CaptureRecord;
 
+// Every resource, a line each, numbered in this order: its bit, the member of World, its name in the frame table, its kind.
+#define TROCAR_RESOURCES(R)                                     \
+    R(kSettings, settings, "settings", kConstant)               \
+    R(kMeshes, meshes, "meshes", kConstant)                     \
+    R(kSprings, springs, "springs", kConstant)                  \
+    R(kSolids, solids, "solids", kConstant)                     \
+    R(kBodies, bodies, "bodies", kConstant)                     \
+    R(kAnchors, anchors, "anchors", kConstant)                  \
+    R(kPaths, paths, "paths", kConstant)                        \
+    R(kTools, haptics, "tools", kConstant)                      \
+    R(kClock, clock, "clock", kState)                           \
+    R(kPoses, poses, "poses", kState)                           \
+    R(kParticles, particles, "particles", kState)               \
+    R(kToolState, haptics, "tool state", kState)                \
+    R(kPairMemory, pair_memory, "pair memory", kState)          \
+    R(kContactMemory, contact_memory, "contact memory", kState) \
+    R(kBoxes, boxes, "boxes", kDerived)                         \
+    R(kPairs, pairs, "pairs", kDerived)                         \
+    R(kTrees, trees, "trees", kDerived)                         \
+    R(kScreened, screened, "screened", kDerived)                \
+    R(kOccupancy, occupancy, "occupancy", kDerived)             \
+    R(kCandidates, candidates, "candidates", kDerived)          \
+    R(kNear, near, "near", kDerived)                            \
+    R(kContacts, contacts, "contacts", kDerived)                \
+    R(kPenetrations, penetrations, "penetrations", kDerived)    \
+    R(kContours, contours, "contours", kDerived)                \
+    R(kRegions, regions, "regions", kDerived)                   \
+    R(kRows, rows, "rows", kDerived)                            \
+    R(kIslands, islands, "islands", kDerived)                   \
+    R(kNormals, normals, "normals", kDerived)                   \
+    R(kLocalContact, local_contact, "local contact", kOutput)   \
+    R(kPicture, picture, "picture", kOutput)                    \
+    R(kEnergy, energy, "energy", kBooks)                        \
+    R(kReport, report, "report", kBooks)                        \
+    R(kSleep, sleep, "sleep", kState)                           \
+    R(kLinks, links, "links", kState)                           \
+    R(kTears, tears, "tears", kConstant)                        \
+    R(kTorn, torn, "torn", kState)                              \
+    R(kTornSprings, torn_springs, "torn springs", kDerived)     \
+    R(kPools, pools, "pools", kConstant)                        \
+    R(kLives, lives, "lives", kState)                           \
+    R(kNodes, nodes, "nodes", kConstant)                        \
+    R(kNodeState, node_state, "node state", kState)             \
+    R(kDetail, detail, "detail", kConstant)
+
 enum class Resource : uint8_t {
-    kSettings,
-    kMeshes,
-    kSprings,
-    kSolids,
-    kBodies,
-    kAnchors,
-    kPaths,
-    kTools,
-    kClock,
-    kPoses,
-    kParticles,
-    kToolState,
-    kPairMemory,
-    kContactMemory,
-    kBoxes,
-    kPairs,
-    kTrees,
-    kScreened,
-    kOccupancy,
-    kCandidates,
-    kNear,
-    kContacts,
-    kPenetrations,
-    kContours,
-    kRegions,
-    kRows,
-    kIslands,
-    kNormals,
-    kLocalContact,
-    kPicture,
-    kEnergy,
-    kReport,
-    kSleep,
-    kLinks,
-    kTears,
-    kTorn,
-    kTornSprings,
-    kPools,
-    kLives,
-    kNodes,
-    kNodeState,
-    kDetail,
-    kCount
+#define TROCAR_RESOURCE_BIT(bit, ...) bit,
+    TROCAR_RESOURCES(TROCAR_RESOURCE_BIT)
+#undef TROCAR_RESOURCE_BIT
+        kCount
 };
 
 template <typename... R>

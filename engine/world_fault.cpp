@@ -3,6 +3,7 @@
 #include <span>
 
 #include "engine/bending_forces.hpp"
+#include "engine/check.hpp"
 #include "engine/mass_properties.hpp"
 #include "engine/mesh_view.hpp"
 #include "engine/pressure_force.hpp"
@@ -33,6 +34,118 @@ struct Faults {
     }
 };
 
+// Whether every array of a group but those named has so many rows.
+template <typename T>
+bool all_have(const T& group, size_t rows, std::initializer_list<std::string_view> but = {}) {
+    bool fit = true;
+    each_field(group, [&](const FieldName& field, const auto& array) {
+        fit = fit && (array.size() == rows || std::find(but.begin(), but.end(), field.name) != but.end());
+    });
+    return fit;
+}
+
+// Last value of the enums that files hold; one without does not compile.
+constexpr Admission last_of(Admission) { return Admission::kRefused; }
+constexpr AnchorFrame last_of(AnchorFrame) { return AnchorFrame::kShape; }
+constexpr DeepResponse last_of(DeepResponse) { return DeepResponse::kLastFree; }
+constexpr EffectKind last_of(EffectKind) { return EffectKind::kMagnet; }
+constexpr EffectTrigger last_of(EffectTrigger) { return EffectTrigger::kRelease; }
+constexpr HapticEventKind last_of(HapticEventKind) { return HapticEventKind::kLimit; }
+constexpr Integrator last_of(Integrator) { return Integrator::kXpbd; }
+constexpr LinkPhase last_of(LinkPhase) { return LinkPhase::kDone; }
+constexpr Motion last_of(Motion) { return Motion::kFree; }
+constexpr NodeBehaviour last_of(NodeBehaviour) { return NodeBehaviour::kDial; }
+constexpr NodeEventKind last_of(NodeEventKind) { return NodeEventKind::kDetent; }
+constexpr PivotKind last_of(PivotKind) { return PivotKind::kTip; }
+constexpr RegionFrame last_of(RegionFrame) { return RegionFrame::kWorld; }
+constexpr RegionKind last_of(RegionKind) { return RegionKind::kCapsule; }
+constexpr ResponseDirection last_of(ResponseDirection) { return ResponseDirection::kThesis; }
+constexpr ResponseShare last_of(ResponseShare) { return ResponseShare::kHalf; }
+constexpr TextureKind last_of(TextureKind) { return TextureKind::kNoise; }
+
+// Name of a field within the structs that hold it: "haptics.tool.body".
+struct FieldOf {
+    const FieldOf* holder;
+    std::string_view name;
+    std::string text() const { return (holder ? holder->text() + "." : "") + std::string(name); }
+};
+
+// What a field counts in.
+struct CountedIn {
+    bool none = true;  // nothing: it is no row of anything
+    size_t rows = 0;
+    bool or_none = false;
+};
+
+// Looks at every field of a group by its type and by what its list says: enums have one of their values, rows are below the number of those
+// that they count in, and numbers are numbers.
+struct FieldCheck {
+    Faults& faults;
+    std::span<const std::pair<std::string_view, size_t>> counts;
+    std::string not_a_number = "";  // the first complaint of that kind
+
+    CountedIn counted_in(std::string_view kind) const {
+        const size_t of = kind.find(" of ");
+        if (of == kind.npos || !kind.starts_with("row")) return {};
+        const bool or_none = kind.ends_with(" or none");
+        const std::string_view what = kind.substr(of + 4, kind.size() - of - 4 - (or_none ? 8 : 0));
+        const auto found = std::find_if(counts.begin(), counts.end(), [&](const auto& c) { return c.first == what; });
+        TROCAR_ASSERT(found != counts.end());
+        return {false, found->second, or_none};
+    }
+    template <typename T>
+    void item(const FieldOf& field, const T& value, const CountedIn& in) {
+        if constexpr (std::is_enum_v<T>) {
+            faults.require(value <= last_of(T{}), field.text() + " is of no kind");
+        } else if constexpr (std::is_floating_point_v<T>) {
+            if (std::isnan(value) && not_a_number.empty()) not_a_number = field.text() + " is not a number";
+        } else if constexpr (std::is_same_v<T, Range>) {
+            if (!in.none) faults.inside(value, in.rows, field.text());
+        } else if constexpr (std::is_same_v<T, uint32_t> || std::is_same_v<T, uint64_t>) {
+            if (!in.none) faults.below(value, static_cast<uint32_t>(in.rows), in.or_none, field.text());
+        } else if constexpr (requires { T::kFields; }) {
+            group(field, value);
+        } else if constexpr (!std::is_same_v<T, std::string> && requires { value.begin(); }) {
+            for (const auto& element : value) item(field, element, in);
+        }
+    }
+    template <typename T>
+    void group(const FieldOf& of, const T& group) {
+        each_field(group, [&](const FieldName& name, const auto& member) { item({&of, name.name}, member, counted_in(name.unit)); });
+    }
+};
+
+// Every field that comes from outside. Vertices and particles may lie nowhere: admission and passes see to them.
+template <typename World>
+void check_fields(const World& w, Faults& f, std::string& not_a_number) {
+    const std::pair<std::string_view, size_t> counts[] = {{"bodies", w.bodies.mesh.size()},
+                                                          {"meshes", w.meshes.info.size()},
+                                                          {"particles", w.particles.offset.size()},
+                                                          {"paths", w.paths.body.size()},
+                                                          {"keys", w.paths.key.size()},
+                                                          {"tools", w.haptics.tool.size()},
+                                                          {"traces", w.haptics.trace.size()},
+                                                          {"effects", w.haptics.effect.size()},
+                                                          {"jaws", w.haptics.jaw.size()},
+                                                          {"links", w.links.node.size()},
+                                                          {"nodes", w.nodes.name.size()},
+                                                          {"drives", w.nodes.drive.size()},
+                                                          {"tears", w.tears.body.size()},
+                                                          {"tear triangles", w.tears.order.size()},
+                                                          {"tear faces", w.tears.face.size()}};
+    FieldCheck check{f, counts};
+    const auto look = [&](const char* name, const auto& group) { check.group({nullptr, name}, group); };
+#define TROCAR_CHECK_RESOURCE(bit, member, name, kind)                                                                \
+    if constexpr (ResourceKind::kind == ResourceKind::kConstant || ResourceKind::kind == ResourceKind::kState) {      \
+        const std::string before = check.not_a_number;                                                                \
+        look(#member, w.member);                                                                                      \
+        if (Resource::bit == Resource::kMeshes || Resource::bit == Resource::kParticles) check.not_a_number = before; \
+    }
+    TROCAR_RESOURCES(TROCAR_CHECK_RESOURCE)
+#undef TROCAR_CHECK_RESOURCE
+    not_a_number = check.not_a_number;
+}
+
 void check_mesh(const Meshes& m, uint32_t prototype, Faults& f) {
     const MeshInfo& info = m.info[prototype];
     const std::string name = "mesh " + std::to_string(prototype) + ": ";
@@ -48,8 +161,7 @@ void check_mesh(const Meshes& m, uint32_t prototype, Faults& f) {
         f.inside({info.vertices.first + prototype, info.vertices.count + 1}, m.incident_first.size(), name + "vertex rows") &&
         f.inside(m.materials[prototype], m.material.size(), name + "materials");
     if (!whole) return;
-    f.require(info.admission <= Admission::kRefused && std::isfinite(info.mean_edge) && std::isfinite(info.radius),
-              name + "no such surface");
+    f.require(std::isfinite(info.mean_edge) && std::isfinite(info.radius), name + "no such surface");
     const uint32_t materials = std::max(1u, m.materials[prototype].count);
     for (uint32_t t = info.triangles.first; t < info.triangles.end(); ++t) {
         for (int k = 0; k < 3; ++k) {
@@ -207,18 +319,15 @@ void check_hinges(const World& w, uint32_t prototype, Faults& f) {
 void check_body(const World& w, uint32_t body, Faults& f) {
     const Bodies& b = w.bodies;
     const std::string name = "body " + std::to_string(body);
-    f.require(b.mesh[body] < w.meshes.info.size(), name + " is of no mesh");
-    f.require(b.motion[body] <= Motion::kFree && b.anchor_frame[body] <= AnchorFrame::kShape, name + " moves in no known way");
     f.require(b.stable_dt[body] > kShortestStep && b.thickness[body] >= 0 && b.inv_mass[body] >= 0,
               name + " has no step, mass or thickness");
     if (!f.first.empty() || !is_deformable(b, body)) return;
     check_springs(w, b.mesh[body], f);
     if (f.first.empty() && has_pressure(b, body)) check_fans(w, b.mesh[body], f);
     if (f.first.empty() && has_bending(b, body)) check_hinges(w, b.mesh[body], f);
-    if (!f.first.empty() || !f.inside(b.particles[body], w.particles.offset.size(), name + ": particles")) return;
+    if (!f.first.empty()) return;
     const Stepping stepping = stepping_of(b, body);
-    f.require(stepping.integrator <= Integrator::kMidpoint && stepping.step > kShortestStep && stepping.iterations <= 10000,
-              name + " is stepped in no known way");
+    f.require(stepping.step > kShortestStep && stepping.iterations <= 10000, name + " is stepped in no known way");
     f.require(b.particles[body].count == w.springs.vertices[b.mesh[body]].count && b.particles[body].first % kSliceWidth == 0 &&
                   b.particles[body].count >= w.meshes.info[b.mesh[body]].vertices.count,
               name + ": particles do not fit its mesh");
@@ -226,12 +335,8 @@ void check_body(const World& w, uint32_t body, Faults& f) {
 }
 
 bool body_rows_fit(const World& w) {
-    const Bodies& b = w.bodies;
-    const size_t n = b.mesh.size();
-    return b.entity.size() == n && b.name.size() == n && b.motion.size() == n && b.particles.size() == n && b.tree.size() == n &&
-           b.anchor_frame.size() == n && b.tissue.size() == n && b.spring_stiffness.size() == n && b.inv_mass.size() == n &&
-           b.stable_dt.size() == n && b.thickness.size() == n && w.poses.origin.size() == n && w.poses.orientation.size() == n &&
-           w.poses.velocity.size() == n && w.poses.angular_velocity.size() == n;
+    const size_t n = w.bodies.mesh.size();
+    return all_have(w.bodies, n, {"rigid_mass", "stepping"}) && all_have(w.poses, n);
 }
 
 void check_pose(const Poses& poses, uint32_t body, Faults& f) {
@@ -252,8 +357,6 @@ void check_bodies(const World& w, Faults& f) {
     f.require(b.stepping.size() <= n, "bodies: more steppings than bodies");
     std::vector<bool> has_mass(n);
     for (const RigidMass& mass : b.rigid_mass) {
-        f.below(mass.body, static_cast<uint32_t>(n), false, "mass of body");
-        if (!f.first.empty()) return;
         f.require(b.motion[mass.body] == Motion::kFree && !has_mass[mass.body] && mass.mass > 0 && (mass.moments.array() > 0).all() &&
                       w.particles.last_dt.size() > mass.body,
                   "mass of a body that is not free, or has one already");
@@ -261,25 +364,19 @@ void check_bodies(const World& w, Faults& f) {
     }
     for (size_t body = 0; body < b.motion.size() && body < n; ++body)
         f.require(b.motion[body] != Motion::kFree || has_mass[body], "a free body without a mass");
-    f.require(w.sleep.still.size() == w.sleep.group.size() && (w.sleep.still.empty() || w.sleep.still.size() == n),
-              "sleep: not one per body");
-    for (const uint32_t group : w.sleep.group) f.below(group, static_cast<uint32_t>(n), true, "sleep with body");
+    f.require(all_have(w.sleep, w.sleep.still.empty() ? 0 : n), "sleep: not one per body");
     const size_t slots = w.lives.away.size(), pools = w.pools.slots.size();
-    f.require(slots == (pools > 0 ? n : 0) && w.lives.generation.size() == slots && w.lives.since.size() == slots &&
-                  w.pools.orientation.size() == slots && w.pools.rate.size() == pools && w.pools.life.size() == pools &&
-                  w.lives.came.size() == pools && (pools == 0 || w.settings.sleep_speed > 0),
+    f.require(slots == (pools > 0 ? n : 0) && all_have(w.lives, slots, {"came"}) && w.lives.came.size() == pools &&
+                  all_have(w.pools, pools, {"orientation"}) && w.pools.orientation.size() == slots &&
+                  (pools == 0 || w.settings.sleep_speed > 0),
               "pools and lives do not fit the bodies");
     for (size_t pool = 0; pool < pools && f.first.empty(); ++pool) {
-        f.inside(w.pools.slots[pool], n, "slots of a pool");
         f.require(std::isfinite(w.pools.rate[pool]) && w.pools.rate[pool] > 0 && w.pools.life[pool] > 0, "a pool without a rate or a life");
         for (uint32_t slot = w.pools.slots[pool].first; f.first.empty() && slot < w.pools.slots[pool].end(); ++slot)
             f.require(is_deformable(b, slot) && w.lives.since[slot] <= w.clock.tick, "a slot that is not deformable, or younger than now");
     }
     const size_t particles = w.particles.offset.size();
-    f.require(w.particles.velocity_x.size() == particles && w.particles.velocity_y.size() == particles &&
-                  w.particles.velocity_z.size() == particles && w.anchors.stiffness.size() == particles &&
-                  w.anchors.rest_x.size() == particles && w.anchors.rest_y.size() == particles && w.anchors.rest_z.size() == particles,
-              "particles: arrays of different length");
+    f.require(all_have(w.particles, particles, {"last_dt"}) && all_have(w.anchors, particles), "particles: arrays of different length");
     f.require(w.particles.last_dt.size() <= n, "particles: more steps than bodies");
     for (uint32_t body = 0; body < n && f.first.empty(); ++body) {
         check_body(w, body, f);
@@ -291,9 +388,7 @@ void check_links(const World& w, Faults& f) {
     const Links& l = w.links;
     const size_t rows = l.node.size();
     const uint32_t bodies = static_cast<uint32_t>(w.bodies.mesh.size());
-    f.require(
-        l.far_node.size() == rows && l.point.size() == rows && l.rest.size() == rows && l.stretch.size() == rows && l.whole.size() == rows,
-        "links: arrays of different length");
+    f.require(all_have(l, rows, {"group", "stable_dt"}), "links: arrays of different length");
     f.require(l.stable_dt.empty() || l.stable_dt.size() == bodies, "links: steps are not one per body");
     for (const double dt : l.stable_dt) f.require(dt > kShortestStep, "links: a step is too short");
     uint64_t first = 0;
@@ -301,18 +396,15 @@ void check_links(const World& w, Faults& f) {
         const LinkGroup& group = l.group[g];
         f.require(group.entity.index == g && group.rows.first == first, "links: groups do not fit their rows");
         first += group.rows.count;
-        f.require(first <= rows, "links: rows reach beyond their array");
         if (!f.first.empty()) return;
         if (group.body == kNone) {
             f.require(group.rows.count == 0, "links: rows of no group");
             continue;
         }
-        f.below(group.body, bodies, false, "link of body");
         f.below(group.holder, bodies, false, "link to body");
         if (!f.first.empty()) return;
         f.require(is_deformable(w.bodies, group.body) && group.body != group.holder && group.stiffness > 0 &&
-                      std::isfinite(group.stiffness) && group.gauge > 0 && group.break_strain > 0 && group.phase <= LinkPhase::kDone &&
-                      group.frame <= RegionFrame::kWorld && group.region.kind <= RegionKind::kCapsule,
+                      std::isfinite(group.stiffness) && group.gauge > 0 && group.break_strain > 0,
                   "link group " + std::to_string(g) + " holds in no known way");
         const bool nodes = is_deformable(w.bodies, group.holder);
         for (uint32_t row = group.rows.first; row < group.rows.end(); ++row) {
@@ -328,7 +420,7 @@ void check_tear_faces(const World& w, const TearBody& t, uint32_t prototype, Fau
     const SolidInfo& info = w.solids.info[prototype];
     f.require(t.faces.count == t.order.count && t.outer <= t.faces.count && info.tetrahedra.end() <= w.torn.tetrahedron.size(),
               "tears: faces of a solid are missing");
-    if (!f.first.empty() || !f.inside(t.faces, w.tears.face.size(), "faces of a solid that tears")) return;
+    if (!f.first.empty()) return;
     for (uint32_t i = t.faces.first; i < t.faces.end(); ++i) {
         const TearFace& face = w.tears.face[i];
         for (const uint32_t v : face.corner) f.below(v, w.meshes.info[prototype].vertices.count, false, "vertex of a face");
@@ -345,10 +437,7 @@ void check_tears(const World& w, Faults& f) {
     f.require(rows <= w.springs.neighbour.size() && rows % kSliceWidth == 0, "torn springs: more than there are");
     f.require(w.torn.tetrahedron.size() <= w.solids.rest.size(), "lost tetrahedra: more than there are");
     for (const TearBody& t : w.tears.body) {
-        f.below(t.body, static_cast<uint32_t>(w.bodies.mesh.size()), false, "tears of body");
-        if (!f.first.empty()) return;
         f.require(is_deformable(w.bodies, t.body) && t.break_strain > 0, "tears of a body that has no springs");
-        f.inside(t.order, w.tears.order.size(), "triangles of a body that tears");
         if (!f.first.empty()) return;
         const uint32_t prototype = w.bodies.mesh[t.body];
         const Range slices = w.springs.info[prototype].slices;
@@ -363,14 +452,10 @@ void check_tears(const World& w, Faults& f) {
         if (is_solid(w.solids, prototype)) check_tear_faces(w, t, prototype, f);
         if (!f.first.empty()) return;
         const MeshInfo& info = w.meshes.info[prototype];
-        f.require(info.triangles.count <= t.order.count && t.whole <= Admission::kRefused, "tears: more triangles than at load");
+        f.require(info.triangles.count <= t.order.count, "tears: more triangles than at load");
         if (!f.inside({info.triangles.first, t.order.count}, w.meshes.triangle.size(), "removed triangles")) return;
         for (uint32_t i = info.triangles.end(); i < info.triangles.first + t.order.count; ++i)
             for (const uint32_t v : w.meshes.triangle[i]) f.below(v, info.vertices.count, false, "vertex of a removed triangle");
-    }
-    for (const Cut& cut : w.tears.cut) {
-        f.below(cut.tear, static_cast<uint32_t>(w.tears.body.size()), false, "cut of");
-        f.require(cut.region.kind <= RegionKind::kCapsule, "a cut of no known shape");
     }
     for (const auto& [tear, triangle] : w.torn.triangle) {
         f.below(tear, static_cast<uint32_t>(w.tears.body.size()), false, "removed triangle of");
@@ -380,43 +465,25 @@ void check_tears(const World& w, Faults& f) {
 }
 
 void check_tools(const World& w, Faults& f) {
-    const uint32_t bodies = static_cast<uint32_t>(w.bodies.mesh.size()), paths = static_cast<uint32_t>(w.paths.body.size());
-    f.require(w.paths.keys.size() == paths, "paths: keys do not fit");
-    if (!f.first.empty()) return;
-    for (uint32_t p = 0; p < paths; ++p) {
-        f.below(w.paths.body[p], bodies, true, "path of body");
-        f.inside(w.paths.keys[p], w.paths.key.size(), "keys of a path");
-        f.require(w.paths.keys[p].count > 0, "a path has no key");
-    }
+    f.require(w.paths.keys.size() == w.paths.body.size(), "paths: keys do not fit");
+    for (const Range& keys : w.paths.keys) f.require(keys.count > 0, "a path has no key");
     f.require(w.haptics.tool.size() <= kMaxTools && w.haptics.state.size() == w.haptics.tool.size(), "tools and their states do not fit");
     for (const HandTool& tool : w.haptics.tool) {
-        f.below(tool.body, bodies, false, "tool of body");
-        f.below(tool.path, paths, true, "tool on path");
-        f.below(tool.trace, static_cast<uint32_t>(w.haptics.trace.size()), true, "tool on trace");
         f.require(tool.path != kNone || tool.trace != kNone, "a tool has no device");
-        f.inside(tool.effects, w.haptics.effect.size(), "effects of a tool");
         f.require(tool.effects.count <= kMaxEffects, "a tool has too many effects");
         f.require(tool.hand.delay <= kMostHandDelay, "a hand is too late");
         f.require(tool.shell.empty() || (tool.turn_stiffness > 0 && tool.surface_stiffness > 0 && tool.coupling_stiffness > 0),
                   "a tool that feels with all of its body has no stiffness");
-        f.require(tool.pivot.kind <= PivotKind::kTip, "a pivot is of no kind");
-        f.inside(tool.jaws, w.haptics.jaw.size(), "jaws of a tool");
     }
     for (size_t j = 0; j < w.haptics.jaw.size(); ++j) {
         const uint32_t body = w.haptics.jaw[j].body;
-        f.below(body, bodies, false, "jaw of body");
         const auto holds = [&](const HandTool& tool) { return j >= tool.jaws.first && j < tool.jaws.end(); };
         f.require(std::count_if(w.haptics.tool.begin(), w.haptics.tool.end(), holds) == 1, "a jaw is not of one tool");
         f.require(std::none_of(w.haptics.tool.begin(), w.haptics.tool.end(), [&](const HandTool& tool) { return tool.body == body; }),
                   "a jaw is a tool");
     }
-    for (const HapticEffect& e : w.haptics.effect)
-        f.require(e.kind <= EffectKind::kMagnet && e.trigger <= EffectTrigger::kRelease, "an effect is of no kind");
-    for (const HapticSurface& s : w.haptics.surface) {
-        f.below(s.body, bodies, false, "surface of body");
-        f.require(s.stiffness >= 0 && s.damping >= 0 && s.height >= 0 && s.length > 0 && s.texture <= TextureKind::kNoise,
-                  "a surface feels in no known way");
-    }
+    for (const HapticSurface& s : w.haptics.surface)
+        f.require(s.stiffness >= 0 && s.damping >= 0 && s.height >= 0 && s.length > 0, "a surface feels in no known way");
     for (const DeviceTrace& trace : w.haptics.trace) f.require(!trace.sample.empty(), "a device trace is empty");
 }
 
@@ -431,37 +498,22 @@ void check_nodes(const World& w, Faults& f) {
               "nodes: arrays that do not fit together");
     if (!f.first.empty()) return;
     for (uint32_t node = 0; node < nodes; ++node) f.below(n.parent[node], node, true, "parent of a node");
-    for (const uint32_t node : n.of_body) f.below(node, nodes, true, "node of a body");
     uint64_t next = 0;
     for (uint32_t i = 0; i < drives && f.first.empty(); ++i) {
         const NodeDrive& d = n.drive[i];
-        f.below(d.body, bodies, false, "driven body");
-        f.below(d.node, nodes, false, "node of a driven body");
-        if (!f.first.empty()) return;
-        f.require(d.body >= next && w.bodies.motion[d.body] == Motion::kFree && d.behaviour != NodeBehaviour::kNone &&
-                      d.behaviour <= NodeBehaviour::kDial && d.inertia > 0 && std::isfinite(d.inertia) && d.lowest < d.highest &&
-                      d.damping >= 0 && d.friction >= 0 && d.axis.allFinite() && (d.click == 0 || d.click_width > 0) &&
-                      std::isfinite(s.drive[i].place) && std::isfinite(s.drive[i].rate),
+        f.require(d.body >= next && w.bodies.motion[d.body] == Motion::kFree && d.behaviour != NodeBehaviour::kNone && d.inertia > 0 &&
+                      std::isfinite(d.inertia) && d.lowest < d.highest && d.damping >= 0 && d.friction >= 0 && d.axis.allFinite() &&
+                      (d.click == 0 || d.click_width > 0) && std::isfinite(s.drive[i].place) && std::isfinite(s.drive[i].rate),
                   "body " + std::to_string(d.body) + " is driven in no known way");
         next = uint64_t{d.body} + 1;
     }
-    for (const NodeSwitch& t : n.toggle) {
-        f.below(t.node, nodes, false, "switch of node");
-        f.below(t.tool, tools, true, "switch by tool");
-        f.below(t.drive, drives, true, "switch by driven body");
-        f.require(t.to <= 2 && t.event < NodeEventKind::kCount, "a switch is of no kind");
-    }
-    for (const ToolExchange& e : n.exchange) {
-        f.below(e.from, tools, false, "exchange of tool");
-        f.below(e.to, tools, false, "exchange for tool");
-    }
+    for (const NodeSwitch& t : n.toggle) f.require(t.to <= 2 && t.event < NodeEventKind::kCount, "a switch is of no kind");
 }
 
 void check_detail(const World& w, Faults& f) {
     const DetailRules& d = w.detail;
     const size_t rules = d.body.size();
-    f.require(d.beyond.size() == rules && d.seen.size() == rules && d.near.size() == rules && d.far.size() == rules,
-              "levels of detail: arrays of different length");
+    f.require(all_have(d, rules, {"eye"}), "levels of detail: arrays of different length");
     for (size_t r = 0; r < rules && f.first.empty(); ++r) {
         f.below(d.body[r], static_cast<uint32_t>(w.bodies.stepping.size()), false, "level of detail of body");
         if (!f.first.empty()) return;
@@ -477,13 +529,9 @@ void check_detail(const World& w, Faults& f) {
 
 void check_contact_memory(const World& w, Faults& f) {
     const ContactMemory& m = w.contact_memory;
-    const uint32_t rows = static_cast<uint32_t>(m.body.size()), bodies = static_cast<uint32_t>(w.bodies.mesh.size());
-    f.require(m.other.size() == rows && m.vertex.size() == rows && m.along.size() == rows && m.force.size() == rows,
-              "contact memory: arrays of different length");
+    const uint32_t rows = static_cast<uint32_t>(m.body.size());
+    f.require(all_have(m, rows), "contact memory: arrays of different length");
     for (uint32_t i = 0; i < rows && f.first.empty(); ++i) {
-        f.below(m.body[i], bodies, false, "contact memory of body");
-        f.below(m.other[i], bodies, false, "contact memory of body");
-        if (!f.first.empty()) return;
         const uint32_t vertices = w.meshes.info[w.bodies.mesh[m.body[i]]].vertices.count;
         for (const uint32_t v : m.vertex[i]) f.below(v, vertices, false, "contact memory of vertex");
         f.require(m.along[i] >= 0 && m.along[i] <= 1 && m.force[i].allFinite(), "contact memory: out of range");
@@ -507,17 +555,19 @@ void check_clock_and_settings(const World& w, Faults& f) {
 
 std::string find_fault(const World& w) {
     Faults f;
-    check_meshes(w.meshes, f);
+    std::string not_a_number;
+    check_fields(w, f, not_a_number);
+    if (f.first.empty()) check_meshes(w.meshes, f);
     if (f.first.empty()) check_bodies(w, f);
     if (f.first.empty()) check_tools(w, f);
     if (f.first.empty()) check_nodes(w, f);
     if (f.first.empty()) check_detail(w, f);
     if (f.first.empty()) check_links(w, f);
     if (f.first.empty()) check_tears(w, f);
-    f.require(w.pair_memory.b.size() == w.pair_memory.a.size() && w.pair_memory.direction.size() == w.pair_memory.a.size(),
-              "pair memory: arrays of different length");
+    f.require(all_have(w.pair_memory, w.pair_memory.a.size()), "pair memory: arrays of different length");
     if (f.first.empty()) check_contact_memory(w, f);
     check_clock_and_settings(w, f);
+    f.require(not_a_number.empty(), not_a_number);
     return f.first;
 }
 

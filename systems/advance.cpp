@@ -315,17 +315,7 @@ void add_advance_result(const AdvanceResult& result, Energy& energy, Report& rep
     energy.work_push += result.work_push;
     energy.work_numeric += result.work_numeric;
     energy.work_links += result.work_links;
-    report.broken_links += result.broken_links;
-    report.broken_springs += result.broken_springs;
-    report.ended_rows += result.ended_rows;
-    report.opposing_planes += result.opposing_planes;
-    report.nonfinite_particles += result.nonfinite_particles;
-    report.min_volume_ratio = std::min(report.min_volume_ratio, result.min_volume_ratio);
-    report.runaway_bodies += result.runaway_bodies;
-    report.implicit_steps += result.implicit_steps;
-    report.implicit_iterations += result.implicit_iterations;
-    report.worst_implicit_residual = std::max(report.worst_implicit_residual, result.worst_implicit_residual);
-    report.deepest_residual = std::max(report.deepest_residual, result.deepest_residual);
+    add_to_report(result, report);
 }
 
 namespace {

@@ -67,24 +67,16 @@ struct AdvanceState {
     std::span<ToolState> tools;
 };
 
-// What calls did to an island: added up over calls but for what is marked `last`. Work in J on its deformable bodies.
-struct AdvanceResult {
+// What calls did to an island, added up; the deepest residual and the opposing planes are of the last call alone. Work in J on its
+// deformable bodies.
+struct AdvanceResult : IslandReport {
     double work_hand = 0;
     double work_contact = 0;
     double work_damping = 0;
     double work_push = 0;
     double work_numeric = 0;
-    double work_links = 0;        // what links and springs held as they broke, negative
-    double deepest_residual = 0;  // m, deepest overlap of a row after the last substep of the last call
-    uint64_t active_rows = 0;     // rows that acted, summed over the substeps
-    uint64_t ended_rows = 0;
-    uint64_t opposing_planes = 0;  // vertices pressed from both sides in the last substep of the last call
-    uint64_t nonfinite_particles = 0;
-    double min_volume_ratio = std::numeric_limits<double>::infinity();  // of all tetrahedra in all substeps, see Report
-    uint64_t runaway_bodies = 0;
-    uint64_t broken_links = 0, broken_springs = 0;
-    uint64_t implicit_steps = 0, implicit_iterations = 0;
-    double worst_implicit_residual = 0;  // as Stepping::tolerance
+    double work_links = 0;     // what links and springs held as they broke, negative
+    uint64_t active_rows = 0;  // rows that acted, summed over the substeps
 };
 
 // Adds a call's works and counters to the books. Islands are added in their order.

@@ -21,32 +21,9 @@ void each_resource(ResourceKind kind, const Visit& visit) {
 volatile std::sig_atomic_t asked_by_signal = 0;
 void ask(int) { asked_by_signal = 1; }
 
-struct Counter {
-    const char* name;
-    uint64_t Report::*value;
-};
-constexpr Counter kCounters[] = {
-    {"contact_events", &Report::contact_events},
-    {"dropped_contacts", &Report::dropped_contacts},
-    {"oversize_triangles", &Report::oversize_triangles},
-    {"tie_overflows", &Report::tie_overflows},
-    {"sign_disagreements", &Report::sign_disagreements},
-    {"ended_rows", &Report::ended_rows},
-    {"opposing_planes", &Report::opposing_planes},
-    {"nonfinite_particles", &Report::nonfinite_particles},
-    {"late_passes", &Report::late_passes},
-    {"runaway_bodies", &Report::runaway_bodies},
-    {"broken_springs", &Report::broken_springs},
-    {"broken_links", &Report::broken_links},
-    {"removed_triangles", &Report::removed_triangles},
-    {"removed_tetrahedra", &Report::removed_tetrahedra},
-    {"opened_bodies", &Report::opened_bodies},
-    {"disagreements", &Report::disagreements},
-};
-
 [[noreturn]] void refuse_trigger(const std::string& word) {
     std::string counters;
-    for (const Counter& c : kCounters) counters += std::string(counters.empty() ? "" : ", ") + c.name;
+    each_number(Report{}, kTrigger, [&](const ReportNumber& n, auto) { counters += std::string(counters.empty() ? "" : ", ") + n.name; });
     throw InputError("--capture " + word +
                      ": write 5-25 (contact passes), worst, over=33 (ms), nan, usr1 or counter=NAME, joined by commas (ranges and counters "
                      "more than once); counters: " +
@@ -120,9 +97,11 @@ void load_resources(const CaptureRecord& record, ResourceKind kind, World& world
 }
 
 std::optional<uint64_t> report_counter(const Report& report, const std::string& name) {
-    for (const Counter& c : kCounters)
-        if (name == c.name) return report.*c.value;
-    return {};
+    std::optional<uint64_t> found;
+    each_number(report, kTrigger, [&](const ReportNumber& n, auto value) {
+        if (name == n.name) found = static_cast<uint64_t>(value);
+    });
+    return found;
 }
 
 CaptureTriggers parse_capture_triggers(const std::string& text) {

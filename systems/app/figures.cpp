@@ -1,6 +1,7 @@
 #include "systems/app/figures.hpp"
 
 #include <algorithm>
+#include <cctype>
 #include <cmath>
 #include <iterator>
 #include <nlohmann/json.hpp>
@@ -54,35 +55,20 @@ nlohmann::ordered_json percentiles(const std::vector<double>& v, const char* uni
         {"p50_" + u, quantile(v, 0.5)}, {"p99_" + u, quantile(v, 0.99)}, {"p999_" + u, quantile(v, 0.999)}, {"max_" + u, quantile(v, 1)}};
 }
 
+// "work_hand_j": a value's key, with its unit.
+std::string key_of(std::string name, std::string_view unit) {
+    if (!unit.empty()) name += '_';
+    for (const char c : unit) name += static_cast<char>(std::tolower(c));
+    return name;
+}
+
 nlohmann::ordered_json report_json(const RunFigures& f) {
-    const Report& r = f.report;
+    nlohmann::ordered_json json;
+    each_number(f.report, kInMetrics, [&](const ReportNumber& n, const auto& value) { json[key_of(n.name, n.unit)] = value; });
     double deepest = 0;  // of all passes; the report's own is of the last
     for (const PassFigures& p : f.pass) deepest = std::max(deepest, p.residual);
-    return {{"contact_passes", r.contact_passes},
-            {"contact_events", r.contact_events},
-            {"dropped_contacts", r.dropped_contacts},
-            {"oversize_triangles", r.oversize_triangles},
-            {"tie_overflows", r.tie_overflows},
-            {"sign_disagreements", r.sign_disagreements},
-            {"disagreements", r.disagreements},
-            {"ended_rows", r.ended_rows},
-            {"opposing_planes", r.opposing_planes},
-            {"nonfinite_particles", r.nonfinite_particles},
-            {"runaway_bodies", r.runaway_bodies},
-            {"awake_bodies", r.awake_bodies},
-            {"asleep_bodies", r.asleep_bodies},
-            {"implicit_steps", r.implicit_steps},
-            {"implicit_iterations", r.implicit_iterations},
-            {"worst_implicit_residual", r.worst_implicit_residual},
-            {"links", r.links},
-            {"broken_links", r.broken_links},
-            {"broken_springs", r.broken_springs},
-            {"removed_triangles", r.removed_triangles},
-            {"removed_tetrahedra", r.removed_tetrahedra},
-            {"opened_bodies", r.opened_bodies},
-            {"dropped_pictures", r.dropped_pictures},
-            {"late_passes", r.late_passes},
-            {"deepest_residual_m", deepest}};
+    json["deepest_residual_m"] = deepest;
+    return json;
 }
 
 // Mechanical energy that came into play: what moves and is stored, or what was taken from the height, whichever is more (of a fall the
@@ -100,23 +86,13 @@ nlohmann::ordered_json energy_json(const RunFigures& f) {
         peak = std::max(peak, moving_energy(p.energy, f.start_gravity));
         worst = std::max(worst, std::abs(p.energy.balance));
     }
-    return {{"kinetic_j", last.kinetic},
-            {"elastic_j", last.elastic},
-            {"pressure_j", last.pressure},
-            {"bending_j", last.bending},
-            {"links_j", last.links},
-            {"gravity_j", last.gravity},
-            {"work_hand_j", last.work_hand},
-            {"work_contact_j", last.work_contact},
-            {"work_damping_j", last.work_damping},
-            {"work_push_j", last.work_push},
-            {"work_numeric_j", last.work_numeric},
-            {"work_links_j", last.work_links},
-            {"balance_j", last.balance},
-            {"peak_elastic_j", elastic},
-            {"peak_j", peak},
-            {"worst_balance_j", worst},
-            {"worst_balance_of_peak", peak > 0 ? worst / peak : 0}};
+    nlohmann::ordered_json json;
+    each_field(last, [&](const FieldName& field, double value) { json[key_of(std::string(field.name), field.unit)] = value; });
+    json.update({{"peak_elastic_j", elastic},
+                 {"peak_j", peak},
+                 {"worst_balance_j", worst},
+                 {"worst_balance_of_peak", peak > 0 ? worst / peak : 0}});
+    return json;
 }
 
 nlohmann::ordered_json pairs_json(const RunFigures& f) {
@@ -281,27 +257,18 @@ std::string metrics_json(const RunFigures& f) {
 }
 
 std::string passes_csv(const RunFigures& f) {
-    std::string out =
-        "time_s,detection_ms,response_ms,frame_ms,render_ms,depth_m,inside_vertices,contacts,pairs,force_n,"
-        "contact_force_n,kinetic_j,elastic_j,pressure_j,bending_j,links_j,gravity_j,work_hand_j,work_contact_j,work_damping_j,"
-        "work_push_j,work_numeric_j,work_links_j,balance_j,residual_m,awake";
+    std::string out = "time_s,detection_ms,response_ms,frame_ms,render_ms,depth_m,inside_vertices,contacts,pairs,force_n,contact_force_n,";
+    each_field(Energy{}, [&](const FieldName& field, double) { out += key_of(std::string(field.name), field.unit) + ","; });
+    out += "residual_m,awake";
     for (const DriveFigures& d : f.drive)
         out += "," + csv_field((d.behaviour == NodeBehaviour::kDial ? "angle_rad_" : "place_m_") + d.body);
     out += "\n";
-    char line[512];
     for (const PassFigures& p : f.pass) {
-        std::snprintf(
-            line, sizeof line,
-            "%.3f,%.4f,%.4f,%.4f,%.4f,%.9g,%u,%u,%u,%.6g,%.6g,%.9g,%.9g,%.9g,%.9g,%.9g,%.9g,%.9g,%.9g,%.9g,%.9g,%.9g,%.9g,%.9g,%.9g,%u",
-            p.time, p.detection_ms, p.response_ms, p.frame_ms, p.render_ms, p.depth, p.inside_vertices, p.contacts, p.pairs, p.force,
-            p.contact_force, p.energy.kinetic, p.energy.elastic, p.energy.pressure, p.energy.bending, p.energy.links, p.energy.gravity,
-            p.energy.work_hand, p.energy.work_contact, p.energy.work_damping, p.energy.work_push, p.energy.work_numeric,
-            p.energy.work_links, p.energy.balance, p.residual, p.awake);
-        out += line;
-        for (const double place : p.place) {
-            std::snprintf(line, sizeof line, ",%.9g", place);
-            out += line;
-        }
+        out += format("%.3f,%.4f,%.4f,%.4f,%.4f,%.9g,%u,%u,%u,%.6g,%.6g,", p.time, p.detection_ms, p.response_ms, p.frame_ms, p.render_ms,
+                      p.depth, p.inside_vertices, p.contacts, p.pairs, p.force, p.contact_force);
+        each_field(p.energy, [&](const FieldName&, double value) { out += format("%.9g,", value); });
+        out += format("%.9g,%u", p.residual, p.awake);
+        for (const double place : p.place) out += format(",%.9g", place);
         out += "\n";
     }
     return out;

@@ -251,21 +251,10 @@ std::string haptics_section(const RunFigures& f) {
 }
 
 std::string trouble_section(const Report& r) {
-    const std::pair<uint64_t, const char*> counters[] = {
-        {r.dropped_contacts, "contacts beyond the capacity of a body, the shallowest, were dropped"},
-        {r.oversize_triangles, "times a triangle spanned more than 64 cells of the grid and was tested by its box"},
-        {r.tie_overflows, "closest-point queries met too many equal answers and started again in double"},
-        {r.sign_disagreements, "signs were settled by the winding number, because a surface had folded over itself"},
-        {r.disagreements, "signs by pseudonormal differed from the winding number (contact.cross_check)"},
-        {r.ended_rows, "contact planes were left behind by a sliding point"},
-        {r.opposing_planes, "vertices at the end of a pass had planes that press from opposite sides"},
-        {r.nonfinite_particles, "particles were lost and their bodies restored: the simulation broke"},
-        {r.runaway_bodies, "times a body was put back because its energy had grown of itself"},
-        {r.dropped_pictures, "pictures were dropped, because drawing was late"},
-        {r.late_passes, "contact passes were late"}};
     std::string rows;
-    for (const auto& [count, what] : counters)
-        if (count > 0) rows += "<tr><td class=\"v\">" + std::to_string(count) + "</td><td>" + what + "</td></tr>";
+    each_number(r, kOnPage, [&](const ReportNumber& n, const auto& value) {
+        if (value > 0) rows += "<tr><td class=\"v\">" + std::to_string(value) + "</td><td>" + n.text + "</td></tr>";
+    });
     return section("Counters of trouble",
                    rows.empty() ? "None of them counted anything." : "A frame never stops for these; those not named here are zero.",
                    rows.empty() ? "" : "<table>" + rows + "</table>");
