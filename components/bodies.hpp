@@ -59,8 +59,7 @@ struct RigidMass {
     Quat axes;                           // principal frame to body frame
 };
 
-// Who a body is and what it is made of. Constant while a scene runs (spawn and removal aside, and the stepping of bodies with a level
-// of detail). One row per body.
+// Who a body is and what it is made of. Constant while a scene runs (spawn and removal aside). One row per body.
 struct Bodies {
     std::vector<Entity> entity;
     std::vector<std::string> name;  // see is_body_name

@@ -23,7 +23,6 @@ struct ContactParams {
     ResponseDirection direction = ResponseDirection::kLocal;
     DeepResponse deep = DeepResponse::kNone;
     bool faces = false;        // search faces for points deeper than their corners and edges, to tolerance: contacts too
-    bool edges_ahead = false;  // rows for edges about to cross too
     bool contours = false;     // intersection stage: where surfaces cross
     bool regions = false;      // overlap regions of every pair; needs the contours and finds them
 };

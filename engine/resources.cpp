@@ -384,8 +384,8 @@ void visit_resource(World& w, Resource resource, Visitor& v) {
                 v.value(FIELD(settings.contact.cell_edges)), v.value(FIELD(settings.contact.iterations)),
                 v.value(FIELD(settings.contact.row_capacity)), v.value(FIELD(settings.contact.share)),
                 v.value(FIELD(settings.contact.direction)), v.value(FIELD(settings.contact.deep)), v.value(FIELD(settings.contact.faces)),
-                v.value(FIELD(settings.contact.edges_ahead)), v.value(FIELD(settings.contact.contours)),
-                v.value(FIELD(settings.contact.regions)), v.value(FIELD(settings.contact.cross_check));
+                v.value(FIELD(settings.contact.contours)), v.value(FIELD(settings.contact.regions)),
+                v.value(FIELD(settings.contact.cross_check));
             break;
         case Resource::kMeshes:
             v.array(FIELD(meshes.name)), v.array(FIELD(meshes.info)), v.array(FIELD(meshes.position)), v.array(FIELD(meshes.component)),
@@ -577,10 +577,6 @@ void visit_resource(World& w, Resource resource, Visitor& v) {
             v.array(FIELD(node_state.enabled)), v.array(FIELD(node_state.laid_down)), v.array(FIELD(node_state.off)),
                 v.array(FIELD(node_state.seen)), v.array(FIELD(node_state.drive));
             break;
-        case Resource::kDetail:
-            v.array(FIELD(detail.body)), v.array(FIELD(detail.beyond)), v.array(FIELD(detail.seen)), v.array(FIELD(detail.near)),
-                v.array(FIELD(detail.far)), v.array(FIELD(detail.eye));
-            break;
         case Resource::kCount:
             break;
     }
@@ -603,7 +599,6 @@ ResourceKind resource_kind(Resource resource) {
         case Resource::kTools:
         case Resource::kPools:
         case Resource::kNodes:
-        case Resource::kDetail:
             return ResourceKind::kConstant;
         case Resource::kClock:
         case Resource::kPoses:
@@ -650,7 +645,7 @@ const char* resource_name(Resource resource) {
         "poses",        "particles",     "tool state", "pair memory", "contact memory", "boxes",    "pairs",   "trees", "screened",
         "occupancy",    "candidates",    "near",       "contacts",    "penetrations",   "contours", "regions", "rows",  "islands",
         "normals",      "local contact", "picture",    "energy",      "report",         "sleep",    "links",   "tears", "torn",
-        "torn springs", "pools",         "lives",      "nodes",       "node state",     "detail"};
+        "torn springs", "pools",         "lives",      "nodes",       "node state"};
     static_assert(std::size(kNames) == static_cast<size_t>(Resource::kCount));
     return kNames[static_cast<size_t>(resource)];
 }

@@ -6,7 +6,6 @@
 #include "components/bodies.hpp"
 #include "components/clock.hpp"
 #include "components/contacts.hpp"
-#include "components/detail.hpp"
 #include "components/haptics.hpp"
 #include "components/links.hpp"
 #include "components/lives.hpp"
@@ -38,7 +37,6 @@ struct World {
     Tears tears;
     Pools pools;
     Nodes nodes;
-    DetailRules detail;
     // state
     Clock clock;
     Poses poses;
@@ -118,7 +116,6 @@ enum class Resource : uint8_t {
     kLives,
     kNodes,
     kNodeState,
-    kDetail,
     kCount
 };
 

@@ -26,7 +26,6 @@ struct RunOptions {
     bool figures_only = false;  // metrics.json and passes.csv alone
     uint32_t export_every = 0;  // write every body as OBJ at every n-th picture; 0 = at the end only
     bool json = false;          // print metrics.json to standard output
-    bool lod_error = false;     // compare levels of detail with the full model instead
     double slow_render_ms = 0;  // live: delays every picture, to show that nothing else waits for it
 };
 int run_command(const RunOptions& options);
