@@ -22,9 +22,9 @@ struct ContactParams {
     ResponseShare share = ResponseShare::kMass;
     ResponseDirection direction = ResponseDirection::kLocal;
     DeepResponse deep = DeepResponse::kNone;
-    bool faces = false;        // search faces for points deeper than their corners and edges, to tolerance: contacts too
-    bool contours = false;     // intersection stage: where surfaces cross
-    bool regions = false;      // overlap regions of every pair; needs the contours and finds them
+    bool faces = false;     // search faces for points deeper than their corners and edges, to tolerance: contacts too
+    bool contours = false;  // intersection stage: where surfaces cross
+    bool regions = false;   // overlap regions of every pair; needs the contours and finds them
 };
 
 // Pairs of bodies whose enlarged boxes overlap, a < b, ascending. Static-static pairs are left out.

@@ -39,15 +39,15 @@ struct BodySpec {
     double gap = 0.005;  // m
     AnchorFrame anchor_frame = AnchorFrame::kWorld;
     Tissue tissue;
-    bool solid = false;                   // filled with tetrahedra; else a shell
-    double cells = 12;                    // solids: lattice cells along the largest extent
-    double spacing = 0;                   // m, solids: of the lattice; 0 = from cells
-    bool skin = false;                    // solids: the surface as given rides on the tetrahedra
-    bool bed = false;                     // solids: anchors as a shell has them
-    std::string integrator = "leapfrog";  // leapfrog | midpoint | xpbd | auto
-    uint32_t iterations = 0;              // midpoint: conjugate gradients at most, xpbd: sweeps; 0 = usual
-    double step = 0;                      // s, largest step of this body; 0 = usual
-    double wanted_error = 1e-4;           // m, what auto may give away
+    bool solid = false;                      // filled with tetrahedra; else a shell
+    double cells = 12;                       // solids: lattice cells along the largest extent
+    double spacing = 0;                      // m, solids: of the lattice; 0 = from cells
+    bool skin = false;                       // solids: the surface as given rides on the tetrahedra
+    bool bed = false;                        // solids: anchors as a shell has them
+    std::string integrator = "leapfrog";     // leapfrog | midpoint | xpbd | auto
+    uint32_t iterations = 0;                 // midpoint: conjugate gradients at most, xpbd: sweeps; 0 = usual
+    double step = 0;                         // s, largest step of this body; 0 = usual
+    double wanted_error = 1e-4;              // m, what auto may give away
     double fixed_below = -1e300;             // m, vertices with rest z (body frame) below it are fixed
     double thickness = 1e-3;                 // m, sheets
     double mass = 0;                         // kg; 0: hand-driven 0.05 (what the coupling moves), free by its density

@@ -69,8 +69,10 @@ TROCAR_LANES void load4_wide(const float* rows, D (&field)[4]) {
     const __m256 a = two(0), b = two(1), c = two(2), d = two(3);
     const __m256 ab_low = _mm256_unpacklo_ps(a, b), ab_high = _mm256_unpackhi_ps(a, b);
     const __m256 cd_low = _mm256_unpacklo_ps(c, d), cd_high = _mm256_unpackhi_ps(c, d);
-    field[0] = _mm512_cvtps_pd(_mm256_shuffle_ps(ab_low, cd_low, 0x44)), field[1] = _mm512_cvtps_pd(_mm256_shuffle_ps(ab_low, cd_low, 0xEE));
-    field[2] = _mm512_cvtps_pd(_mm256_shuffle_ps(ab_high, cd_high, 0x44)), field[3] = _mm512_cvtps_pd(_mm256_shuffle_ps(ab_high, cd_high, 0xEE));
+    field[0] = _mm512_cvtps_pd(_mm256_shuffle_ps(ab_low, cd_low, 0x44)),
+    field[1] = _mm512_cvtps_pd(_mm256_shuffle_ps(ab_low, cd_low, 0xEE));
+    field[2] = _mm512_cvtps_pd(_mm256_shuffle_ps(ab_high, cd_high, 0x44)),
+    field[3] = _mm512_cvtps_pd(_mm256_shuffle_ps(ab_high, cd_high, 0xEE));
 }
 
 }  // namespace

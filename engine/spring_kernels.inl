@@ -181,9 +181,9 @@ void energy_sums(const SpringStep* body, unsigned first, unsigned last, double* 
 
         // anchors
         const Goals goals = load_goals(body, row);
-        const V apart = squared_length(multiply_add(back, v[0], to_goal(body, goals, 0, p.x)),
-                                       multiply_add(back, v[1], to_goal(body, goals, 1, p.y)),
-                                       multiply_add(back, v[2], to_goal(body, goals, 2, p.z)));
+        const V apart =
+            squared_length(multiply_add(back, v[0], to_goal(body, goals, 0, p.x)), multiply_add(back, v[1], to_goal(body, goals, 1, p.y)),
+                           multiply_add(back, v[2], to_goal(body, goals, 2, p.z)));
         add_doubles(sums + 16 * kSumAnchor + lane, load(body->anchor_stiffness + row) * apart);
 
         for (int half = 0; half < 2; ++half) add_moving(sums + lane, half, p, v, set_wide(body->back));

@@ -524,7 +524,7 @@ int run_command(const RunOptions& options) {
         start_figures(scene, file, frame, options, figures);
         figures.build_s = static_cast<double>(now_ns() - start) * 1e-9;
         std::optional<PictureWriter> pictures;
-        if (draws) pictures.emplace(scene.picture, scene.camera, frame.world().meshes, options.out, !options.live);
+        if (draws) pictures.emplace(scene.picture, scene.camera, frame.world().meshes, options.out);
         const double seconds = options.seconds > 0 ? options.seconds : file.settings.seconds;
         PictureWriter* const writer = pictures ? &*pictures : nullptr;
         std::optional<LiveReplay> repeat;

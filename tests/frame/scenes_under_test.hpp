@@ -40,9 +40,9 @@ inline BuiltScene small_scene(const std::string& name, const std::string& triang
 }
 
 inline const std::vector<std::string>& scene_names() {
-    static const std::vector<std::string> names{"probe_on_liver",  "kidney_on_liver", "wrl_pair",   "every_contact_stage",
-                                                "tet_liver_press", "jaw_grasp",       "skin_press", "shaft_on_liver",
-                                                "dial_and_button"};
+    static const std::vector<std::string> names{"probe_on_liver",      "kidney_on_liver", "wrl_pair",
+                                                "every_contact_stage", "tet_liver_press", "jaw_grasp",
+                                                "skin_press",          "shaft_on_liver",  "dial_and_button"};
     return names;
 }
 
