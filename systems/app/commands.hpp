@@ -139,7 +139,6 @@ struct SoakOptions {
     double minutes = 10;
     double seconds = 0;  // of an episode, simulated; 0 = the scene's
     std::vector<std::string> faults;
-    bool ramp = false;          // an eighth, a quarter, half and all of the scene's `count`, a quarter of the time each
     std::filesystem::path out;  // folder; empty = only standard output
     uint32_t threads = 0;
     bool json = false;

@@ -241,9 +241,6 @@ void add_soak(CLI::App& app, Arguments& a) {
                      "which must change nothing)")
         ->delimiter(',')
         ->check(CLI::IsMember({"nan", "blast", "pause"}));
-    soak->add_flag("--ramp", a.soak.ramp,
-                   "Soak an eighth, a quarter, half and all of the scene's `count` of bodies, a quarter of the time each; ends with a "
-                   "table, ramp.csv");
     soak->add_option("--out", a.soak.out, "Folder for soak.json, soak.csv, soak.html, captures/");
     soak->add_option("--set", a.sets, "Change a key of the scene: KEY=VALUE, repeatable");
     soak->add_option("--threads", a.soak.threads, "Worker threads (default: all cores); results never depend on it")
