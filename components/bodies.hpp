@@ -63,8 +63,7 @@ struct RigidMass {
     TROCAR_FIELDS(body, "row of bodies", mass, "kg", centre, "m", moments, "kg m^2", axes);
 };
 
-// Who a body is and what it is made of. Constant while a scene runs (spawn and removal aside, and the stepping of bodies with a level
-// of detail). One row per body.
+// Who a body is and what it is made of. Constant while a scene runs (spawn and removal aside). One row per body.
 struct Bodies {
     std::vector<Entity> entity;
     std::vector<std::string> name;  // see is_body_name

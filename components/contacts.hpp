@@ -23,12 +23,11 @@ struct ContactParams {
     ResponseShare share = ResponseShare::kMass;
     ResponseDirection direction = ResponseDirection::kLocal;
     DeepResponse deep = DeepResponse::kNone;
-    bool faces = false;        // search faces for points deeper than their corners and edges, to tolerance: contacts too
-    bool edges_ahead = false;  // rows for edges about to cross too
-    bool contours = false;     // intersection stage: where surfaces cross
-    bool regions = false;      // overlap regions of every pair; needs the contours and finds them
-    TROCAR_FIELDS(tolerance, "m", push_speed, "m/s", cell_edges, iterations, row_capacity, share, direction, deep, faces, edges_ahead,
-                  contours, regions, cross_check);
+    bool faces = false;     // search faces for points deeper than their corners and edges, to tolerance: contacts too
+    bool contours = false;  // intersection stage: where surfaces cross
+    bool regions = false;   // overlap regions of every pair; needs the contours and finds them
+    TROCAR_FIELDS(tolerance, "m", push_speed, "m/s", cell_edges, iterations, row_capacity, share, direction, deep, faces, contours, regions,
+                  cross_check);
 };
 
 // Pairs of bodies whose enlarged boxes overlap, a < b, ascending. Static-static pairs are left out.

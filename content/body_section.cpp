@@ -72,17 +72,6 @@ ScatterSpec read_scatter(TomlSection section) {
     return scatter;
 }
 
-LodSpec read_lod(TomlSection section) {
-    LodSpec lod;
-    section.read("beyond", lod.beyond, 1e-9, 1e9);
-    section.read("seen", lod.seen);
-    section.read("step", lod.step, 1e-9, 1);
-    section.read_count("iterations", lod.iterations, 1, 1e4);
-    section.refuse_unknown();
-    if (lod.beyond == 0) section.fail("[body.lod] needs beyond (m), the distance of tools from which the body may be coarse");
-    return lod;
-}
-
 // The path so many times on end; a time after the first begins when the one before ends, in its place.
 void repeat_path(uint32_t times, std::vector<KeyframeSpec>& path) {
     if (path.empty()) return;
@@ -228,7 +217,6 @@ BodySpec read_body(const std::string& file, const toml::table& table) {
         for (const toml::node& node : *regions) body.regions.push_back(read_tissue_region(file, *node.as_table()));
     if (const toml::table* haptic = section.table("haptic")) body.haptic = read_surface({file, *haptic, "[body.haptic]"}, body.motion);
     if (const toml::table* scatter = section.table("scatter")) body.scatter = read_scatter({file, *scatter, "[body.scatter]"});
-    if (const toml::table* lod = section.table("lod")) body.lod = read_lod({file, *lod, "[body.lod]"});
     section.refuse_unknown();
     check_body(section, body);
     return body;

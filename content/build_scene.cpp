@@ -536,8 +536,8 @@ double other_forces_limit(const World& world, uint32_t body) {
 }
 
 // How an integrator steps a body; step and iterations as the scene asks for, 0 = usual.
-Stepping make_stepping(const SceneFile& scene, const BodySpec& spec, const World& world, uint32_t body, Integrator integrator, double step,
-                       uint32_t iterations) {
+Stepping make_stepping(const SceneFile& scene, const BodySpec& spec, const World& world, uint32_t body, Integrator integrator) {
+    const double step = spec.step;
     Stepping stepping;
     stepping.integrator = integrator;
     const bool solid = is_solid(world.solids, world.bodies.mesh[body]);
@@ -566,45 +566,11 @@ std::string choose_stepping(const SceneFile& scene, const BodySpec& spec, World&
     Integrator integrator = Integrator::kLeapfrog;
     if (spec.integrator == "auto") integrator = pick_integrator(world, body, spec.wanted_error, why);
     if (spec.integrator == "midpoint") integrator = Integrator::kMidpoint;
-    const Stepping stepping = make_stepping(scene, spec, world, body, integrator, spec.step, spec.iterations);
+    const Stepping stepping = make_stepping(scene, spec, world, body, integrator);
     if (integrator == Integrator::kLeapfrog && spec.step == 0) return why;
     world.bodies.stepping.resize(body + 1);
     world.bodies.stepping[body] = stepping;
     return why;
-}
-
-// Where the eye of a scene's camera is: see systems/render.hpp. m
-Vec3d eye_of(const SceneFile& scene, const BodySpec& spec) {
-    const Camera camera = make_camera(scene.camera);
-    if (camera.kind == CameraKind::kLaparoscope) return camera.position;
-    if (!(camera.distance > 0))
-        refuse(scene, spec.line, "body \"" + spec.name + "\": [body.lod] with seen = true needs a [camera] that says its distance");
-    const double flat = std::cos(camera.elevation);
-    return camera.target +
-           camera.distance * Vec3d(flat * std::cos(camera.azimuth), flat * std::sin(camera.azimuth), std::sin(camera.elevation));
-}
-
-// What [body.lod] asks for: leapfrog near tools, midpoint far from them. Says so.
-std::string add_detail(const SceneFile& scene, const BodySpec& spec, World& world, uint32_t body) {
-    constexpr uint32_t kIterations = 40;  // what a solve cut short leaves rings, and leapfrog has to go on with it
-    const auto refuse_lod = [&](const std::string& reason) { refuse_body(scene, spec, "[body.lod] is for " + reason); };
-    if (!is_deformable(world.bodies, body)) refuse_lod("deformable bodies");
-    const Stepping near = stepping_of(world.bodies, body);
-    if (near.integrator != Integrator::kLeapfrog)
-        refuse_lod("bodies that are stepped by leapfrog near tools; this one is coarse everywhere");
-    DetailRules& rules = world.detail;
-    rules.body.push_back(body);
-    rules.beyond.push_back(spec.lod.beyond);
-    rules.seen.push_back(spec.lod.seen);
-    rules.near.push_back(near);
-    rules.far.push_back(make_stepping(scene, spec, world, body, Integrator::kMidpoint, spec.lod.step,
-                                      spec.lod.iterations > 0 ? spec.lod.iterations : kIterations));
-    if (spec.lod.seen) rules.eye.assign(1, eye_of(scene, spec));
-    world.bodies.stepping.resize(std::max<size_t>(world.bodies.stepping.size(), body + 1));
-    char text[100];
-    std::snprintf(text, sizeof text, "; by midpoint of %.3g ms while every tool is farther than %g m", 1e3 * rules.far.back().step,
-                  spec.lod.beyond);
-    return text;
 }
 
 // A pool of the copies that end with `last`: they wait asleep until they come.
@@ -658,11 +624,10 @@ void add_scene_body(const SceneFile& scene, const BodySpec& spec, const Prototyp
         if (may_tear(scene, spec)) let_tear(world, body, spec.break_strain);
         why = choose_stepping(scene, spec, world, body);
     }
-    const std::string detail = spec.lod.beyond > 0 ? add_detail(scene, spec, world, body) : "";
     if (spec.scatter.rate > 0 && spec.copy + 1 == spec.scatter.count) add_pool(scene, spec, body, world);
     if (spec.copy > 0) return;
     const std::string copies = spec.scatter.count > 1 ? "; " + std::to_string(spec.scatter.count) + " of them" : "";
-    built.notes.push_back(body_note(world, body, prototype) + detail + (why.empty() ? "" : "; auto: " + why) + copies);
+    built.notes.push_back(body_note(world, body, prototype) + (why.empty() ? "" : "; auto: " + why) + copies);
 }
 
 }  // namespace

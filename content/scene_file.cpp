@@ -16,7 +16,6 @@ void read_contact(TomlSection section, ContactParams& contact, uint32_t& rate) {
     section.read("push_speed", contact.push_speed, 0, 1e3);
     section.read_enum<DeepResponse>("deep", contact.deep, {{"none", DeepResponse::kNone}, {"last_free", DeepResponse::kLastFree}});
     section.read("faces", contact.faces);
-    section.read("edges_ahead", contact.edges_ahead);
     section.read("contours", contact.contours);
     section.read("regions", contact.regions);
     section.read_count("iterations", contact.iterations, 1, 100);

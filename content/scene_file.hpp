@@ -21,14 +21,6 @@ struct KeyframeSpec {
     double grip = 0;    // rad, of a tool's hand
 };
 
-// [body.lod]: how a body is stepped while every tool is far from it.
-struct LodSpec {
-    double beyond = 0;        // m, from its box to the nearest tip; 0 = always as the body says
-    bool seen = false;        // the camera's eye counts as a tip
-    double step = 0;          // s; 0 = usual
-    uint32_t iterations = 0;  // 0 = usual
-};
-
 // One [[body]] of a scene file.
 struct BodySpec {
     std::string name;
@@ -56,7 +48,6 @@ struct BodySpec {
     uint32_t iterations = 0;              // midpoint: conjugate gradients at most; 0 = usual
     double step = 0;                      // s, largest step of this body; 0 = usual
     double wanted_error = 1e-4;           // m, what auto may give away
-    LodSpec lod;
     double fixed_below = -1e300;             // m, vertices with rest z (body frame) below it are fixed
     double thickness = 1e-3;                 // m, sheets
     double mass = 0;                         // kg; 0: hand-driven 0.05 (what the coupling moves), free by its density

@@ -43,6 +43,14 @@ size_t edit_distance(std::string_view a, std::string_view b) {
     return row[b.size()];
 }
 
+// What to do instead, for keys of older scenes; nothing for other words.
+std::string advice_on(std::string_view word) {
+    if (word == "edges_ahead") return "; it is no longer a key: raise contact.rate, which finds edges before they cross";
+    if (word == "lod")
+        return "; it is no longer a key: bodies that nothing moves fall asleep, and integrator = \"midpoint\" takes wide steps";
+    return "";
+}
+
 // First line that no text starting like this one can hold: where the parser is lost when it reads no farther.
 size_t line_of_no_return(const std::string& text, const std::string& file) {
     size_t line = 1;
@@ -203,8 +211,9 @@ void TomlSection::refuse_unknown(const std::vector<std::string>& parameters) con
         const std::string word(key.str());
         if (std::find(known_.begin(), known_.end(), word) != known_.end()) continue;
         const std::string guess = nearest(word, words);
-        std::string hint = guess.empty() ? "" : "; did you mean \"" + guess + "\"?";
-        if (guess.empty())
+        std::string hint = advice_on(word);
+        if (hint.empty() && !guess.empty()) hint = "; did you mean \"" + guess + "\"?";
+        if (hint.empty())
             for (const std::string& name : parameters) hint += (hint.empty() ? "; parameters of the scene: " : ", ") + name;
         throw InputError(place(file_, key.source()) + "unknown key \"" + word + "\"" + (name_.empty() ? "" : " in " + name_) + hint);
     }

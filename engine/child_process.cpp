@@ -15,6 +15,7 @@
 #include <csignal>
 #include <cstdlib>
 #include <cstring>
+#include <sstream>
 
 #include "engine/error.hpp"
 #include "engine/text_file.hpp"
@@ -276,6 +277,14 @@ std::filesystem::path find_helper_program(const std::string& name) {
         const fs::path program = folder / name;
         if (fs::is_regular_file(program, ignored) && ::access(program.c_str(), X_OK) == 0) return fs::absolute(program);
     }
+    return {};
+}
+
+std::string find_on_path(const std::string& name) {
+    const char* path = std::getenv("PATH");
+    std::istringstream folders(path ? path : "/usr/bin:/bin");
+    for (std::string folder; std::getline(folders, folder, ':');)
+        if (const auto program = std::filesystem::path(folder) / name; ::access(program.c_str(), X_OK) == 0) return program.string();
     return {};
 }
 

@@ -54,6 +54,9 @@ std::string describe_child_end(const ChildResult& result, const ChildLimits& lim
 // from there, or where libexec was configured to be installed. Empty when it is nowhere.
 std::filesystem::path find_helper_program(const std::string& name);
 
+// A program in one of the folders of $PATH; empty when it is in none.
+std::string find_on_path(const std::string& name);
+
 // The address-space limit for a helper of this build: `bytes`, or none when the build has the address sanitizer, whose
 // programs reserve terabytes.
 uint64_t helper_address_space(uint64_t bytes);

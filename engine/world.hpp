@@ -6,7 +6,6 @@
 #include "components/bodies.hpp"
 #include "components/clock.hpp"
 #include "components/contacts.hpp"
-#include "components/detail.hpp"
 #include "components/haptics.hpp"
 #include "components/links.hpp"
 #include "components/lives.hpp"
@@ -38,7 +37,6 @@ struct World {
     Tears tears;
     Pools pools;
     Nodes nodes;
-    DetailRules detail;
     // state
     Clock clock;
     Poses poses;
@@ -118,8 +116,7 @@ struct CaptureRecord;
     R(kPools, pools, "pools", kConstant)                        \
     R(kLives, lives, "lives", kState)                           \
     R(kNodes, nodes, "nodes", kConstant)                        \
-    R(kNodeState, node_state, "node state", kState)             \
-    R(kDetail, detail, "detail", kConstant)
+    R(kNodeState, node_state, "node state", kState)
 
 enum class Resource : uint8_t {
 #define TROCAR_RESOURCE_BIT(bit, ...) bit,

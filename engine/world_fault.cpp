@@ -510,23 +510,6 @@ void check_nodes(const World& w, Faults& f) {
     for (const NodeSwitch& t : n.toggle) f.require(t.to <= 2 && t.event < NodeEventKind::kCount, "a switch is of no kind");
 }
 
-void check_detail(const World& w, Faults& f) {
-    const DetailRules& d = w.detail;
-    const size_t rules = d.body.size();
-    f.require(all_have(d, rules, {"eye"}), "levels of detail: arrays of different length");
-    for (size_t r = 0; r < rules && f.first.empty(); ++r) {
-        f.below(d.body[r], static_cast<uint32_t>(w.bodies.stepping.size()), false, "level of detail of body");
-        if (!f.first.empty()) return;
-        f.require(is_deformable(w.bodies, d.body[r]) && (r == 0 || d.body[r - 1] < d.body[r]) && d.beyond[r] > 0,
-                  "a level of detail is of no deformable body, or twice");
-        f.require(!d.seen[r] || (d.eye.size() == 1 && d.eye[0].allFinite()), "a level of detail goes by an eye that is nowhere");
-        f.require(d.near[r].integrator == Integrator::kLeapfrog && d.far[r].integrator == Integrator::kMidpoint,
-                  "a level of detail is stepped in no known way");
-        for (const Stepping& s : {d.near[r], d.far[r]})
-            f.require(s.step > kShortestStep && s.iterations <= 10000, "a level of detail has no step");
-    }
-}
-
 void check_contact_memory(const World& w, Faults& f) {
     const ContactMemory& m = w.contact_memory;
     const uint32_t rows = static_cast<uint32_t>(m.body.size());
@@ -561,7 +544,6 @@ std::string find_fault(const World& w) {
     if (f.first.empty()) check_bodies(w, f);
     if (f.first.empty()) check_tools(w, f);
     if (f.first.empty()) check_nodes(w, f);
-    if (f.first.empty()) check_detail(w, f);
     if (f.first.empty()) check_links(w, f);
     if (f.first.empty()) check_tears(w, f);
     f.require(all_have(w.pair_memory, w.pair_memory.a.size()), "pair memory: arrays of different length");

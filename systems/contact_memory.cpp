@@ -145,7 +145,7 @@ void for_each_remembered(const ContactMemory& memory, const ContactRows& rows, C
 
 }  // namespace
 
-// Rows have this order but for those of rigid bodies' edges and of edges ahead, which come last, in an order of their own:
+// Rows have this order but for those of rigid bodies' edges, which come last, in an order of their own:
 // ascending runs are merged.
 void order_memory(const ContactMemory& memory, ContactMemoryScratch& scratch) {
     const uint32_t count = uint32_t(memory.body.size());

@@ -3,7 +3,6 @@
 #include <algorithm>
 #include <cmath>
 
-#include "engine/edge_meeting.hpp"
 #include "engine/geometry/contact_kernels.hpp"
 #include "engine/subspan.hpp"
 namespace trocar {
@@ -84,6 +83,31 @@ bool find_passing(const SharpEdge& a, const SharpEdge& b, double margin, double 
     return p.distance < margin && p.distance > -deepest;
 }
 
+// Appends the row of two edges: a point of a's edge against b's, which rides on a triangle beside it. It names no contact.
+void append_edge_row(const Surfaces& s, const uint32_t (&body)[2], const SharpEdge& a, const SharpEdge& b, const Passing& p,
+                     ContactRows& rows) {
+    const Triangle& corner = mesh_view(s.meshes, s.bodies.mesh[body[1]]).triangle[b.triangle];
+    const float along_b = static_cast<float>(p.along_b);
+    std::array<float, 3> weight{};
+    for (int k = 0; k < 3; ++k) {
+        if (corner[k] == b.vertex[0]) weight[k] = 1.0f - along_b;
+        if (corner[k] == b.vertex[1]) weight[k] = along_b;
+    }
+    rows.contact.push_back(kNone);
+    rows.body.push_back(body[0]);
+    rows.other.push_back(body[1]);
+    rows.vertex.push_back(a.vertex);
+    rows.along.push_back(static_cast<float>(p.along_a));
+    rows.third.push_back(kNone);
+    rows.across.push_back(0);
+    rows.triangle.push_back(corner);
+    rows.weight.push_back(weight);
+    rows.normal.push_back(rotate_back(s.poses.orientation[body[1]], p.normal));
+    rows.distance.push_back(p.distance);
+    rows.friction.push_back(static_cast<float>(std::max(s.bodies.tissue[body[0]].friction, s.bodies.tissue[body[1]].friction)));
+    rows.impulse.push_back(Vec3d::Zero());
+}
+
 }  // namespace
 
 void add_edge_rows(const ContactInputs& in, const CandidateTriangles& candidates, EdgeRowsScratch& scratch, ContactRows& rows) {
@@ -105,10 +129,7 @@ void add_edge_rows(const ContactInputs& in, const CandidateTriangles& candidates
         for (const SharpEdge& a : scratch.sharp[0]) {
             for (const SharpEdge& b : scratch.sharp[1]) {
                 if (!find_passing(a, b, margin, deepest, passing)) continue;
-                append_edge_row(surfaces,
-                                {body[0], body[1], a.vertex, b.vertex, static_cast<float>(passing.along_a),
-                                 static_cast<float>(passing.along_b), b.triangle, passing.normal, passing.distance},
-                                rows);
+                append_edge_row(surfaces, body, a, b, passing, rows);
             }
         }
     }

@@ -32,8 +32,6 @@ bool any_body(const World& w) { return !w.bodies.mesh.empty(); }
 
 bool any_link(const World& w) { return !w.links.group.empty(); }
 bool any_tear(const World& w) { return !w.tears.body.empty(); }
-bool any_detail(const World& w) { return !w.detail.body.empty(); }
-bool wants_boxes(const World& w) { return any_pair(w) || any_detail(w); }
 bool anyone_sleeps(const World& w) { return any_energy(w) && w.settings.sleep_speed > 0; }
 
 using R = Resource;
@@ -48,7 +46,7 @@ constexpr FrameStage kBegin[] = {
     {{"come and go",     stages::come_and_go,     kShapes | mask(R::kSettings, R::kSprings, R::kSolids, R::kAnchors, R::kPools, R::kClock), mask(R::kPoses, R::kParticles, R::kSleep, R::kLives, R::kEnergy)}, any_pool},
     {{"links",           stages::link,            kShapes | mask(R::kSolids, R::kClock, R::kTrees, R::kToolState),     mask(R::kLinks, R::kSleep, R::kEnergy, R::kReport)}, any_link},
     {{"tears",           stages::tear,            mask(R::kSettings, R::kClock, R::kSprings, R::kSolids, R::kBodies, R::kPoses, R::kAnchors), mask(R::kParticles, R::kMeshes, R::kTrees, R::kTears, R::kTorn, R::kTornSprings, R::kSleep, R::kEnergy, R::kReport)}, any_tear},
-    {{"body boxes",      stages::body_boxes,      kShapes | mask(R::kSettings, R::kClock, R::kTools, R::kToolState, R::kLives, R::kNodeState, R::kSleep), mask(R::kBoxes)}, wants_boxes},
+    {{"body boxes",      stages::body_boxes,      kShapes | mask(R::kSettings, R::kClock, R::kTools, R::kToolState, R::kLives, R::kNodeState, R::kSleep), mask(R::kBoxes)}, any_pair},
     {{"candidate pairs", stages::candidate_pairs, kShapes | mask(R::kSettings, R::kClock, R::kBoxes, R::kNodes, R::kTools), mask(R::kPairs, R::kToolState)}, any_pair},
     {{"sleep",           stages::sleep,           mask(R::kSettings, R::kBodies, R::kPaths, R::kClock, R::kPairs, R::kLinks, R::kTools, R::kNodes, R::kLives), mask(R::kSleep, R::kParticles, R::kPoses, R::kPairs, R::kEnergy, R::kReport)}, anyone_sleeps},
     {{"refit trees",     stages::refit,           kShapes | mask(R::kSettings, R::kClock, R::kBoxes, R::kPairs),            mask(R::kTrees)}, any_pair},
@@ -63,7 +61,6 @@ constexpr FrameStage kBegin[] = {
     {{"regions",         stages::regions,         kShapes | mask(R::kPairs, R::kScreened, R::kNear, R::kContacts, R::kContours), mask(R::kRegions)}, wants_regions},
     {{"contact rows",    stages::contact_rows,    kShapes | mask(R::kSettings, R::kClock, R::kBoxes, R::kPairs, R::kCandidates, R::kNear, R::kContacts, R::kPenetrations, R::kContactMemory, R::kLinks, R::kTools, R::kNodes), mask(R::kRows, R::kReport)}, any_pair},
     {{"islands",         stages::islands,         mask(R::kBodies, R::kRows, R::kLinks, R::kTools),                  mask(R::kIslands)}, any_mover},
-    {{"level of detail", stages::level_of_detail, mask(R::kDetail, R::kIslands, R::kBoxes, R::kPoses, R::kTools),     mask(R::kBodies)}, any_detail},
     {{"local contact",   stages::local_contact,   kShapes | mask(R::kClock, R::kTools, R::kToolState, R::kNodes, R::kNodeState, R::kBoxes),     mask(R::kToolState, R::kLocalContact)}, any_tool},
 };
 

@@ -4,7 +4,6 @@
 #include "systems/body_boxes.hpp"
 #include "systems/frame_stages.hpp"
 #include "systems/haptic_surface.hpp"
-#include "systems/level_of_detail.hpp"
 #include "systems/penetration.hpp"
 #include "systems/pierced_bodies.hpp"
 namespace trocar::stages {
@@ -158,14 +157,9 @@ void contact_rows(FrameState& f) {
                               f.scratch.memory.pressed, linked_bodies(f),   w.nodes.drive};
     drop_idle_rows(coming, f.scratch.idle_rows, w.rows);
     drop_implied_rows(surfaces_of(w), f.scratch.implied_rows, w.rows);
-    if (w.settings.contact.edges_ahead) add_edges_ahead(contact_inputs(w), w.candidates, w.near, w.contacts, f.scratch.edges_ahead, w.rows);
     recall_contacts(w.contact_memory, f.scratch.memory, w.rows);
 }
 void islands(FrameState& f) { find_islands(f.world.bodies, f.world.rows, f.scratch.islands, f.world.islands, linked_bodies(f)); }
-void level_of_detail(FrameState& f) {
-    World& w = f.world;
-    choose_detail(w.detail, w.islands, w.boxes, w.poses, w.haptics.tool, w.bodies.stepping);
-}
 void local_contact(FrameState& f) {
     World& w = f.world;
     w.local_contact.resize(w.haptics.tool.size());

@@ -28,7 +28,6 @@ void deep_overlap(FrameState& frame);
 void regions(FrameState& frame);
 void contact_rows(FrameState& frame);
 void islands(FrameState& frame);
-void level_of_detail(FrameState& frame);
 void local_contact(FrameState& frame);
 
 // From one pass to the next.

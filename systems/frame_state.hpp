@@ -18,7 +18,6 @@
 #include "systems/deformable_energy.hpp"
 #include "systems/edge_pass.hpp"
 #include "systems/edge_rows.hpp"
-#include "systems/edges_ahead.hpp"
 #include "systems/face_depth.hpp"
 #include "systems/fast_bodies.hpp"
 #include "systems/frame.hpp"
@@ -67,7 +66,6 @@ struct FrameScratch {
     EdgeRowsScratch edge_rows;
     IdleRowsScratch idle_rows;
     ImpliedRowsScratch implied_rows;
-    EdgesAheadScratch edges_ahead;
     ContactMemoryScratch memory;
     IslandsScratch islands;
     LinkScratch links;

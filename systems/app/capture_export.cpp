@@ -242,7 +242,7 @@ void export_vtp(const Capture& capture, const fs::path& folder, bool per_body) {
 size_t export_pictures(const Capture& capture, const fs::path& folder) {
     prepare_folder(folder);
     const World world = world_at(capture, 0);
-    PictureWriter pictures(capture.header.picture, capture.header.camera, world.meshes, folder, false);
+    PictureWriter pictures(capture.header.picture, capture.header.camera, world.meshes, folder);
     replay_capture(capture, {[](void* user, Frame& frame, const CaptureStep&) {
                                  if (frame.times().picture) static_cast<PictureWriter*>(user)->take(frame.world().picture);
                              },

@@ -26,7 +26,6 @@ struct RunOptions {
     bool figures_only = false;  // metrics.json and passes.csv alone
     uint32_t export_every = 0;  // write every body as OBJ at every n-th picture; 0 = at the end only
     bool json = false;          // print metrics.json to standard output
-    bool lod_error = false;     // compare levels of detail with the full model instead
     double slow_render_ms = 0;  // live: delays every picture, to show that nothing else waits for it
 };
 int run_command(const RunOptions& options);
@@ -140,7 +139,6 @@ struct SoakOptions {
     double minutes = 10;
     double seconds = 0;  // of an episode, simulated; 0 = the scene's
     std::vector<std::string> faults;
-    bool ramp = false;          // an eighth, a quarter, half and all of the scene's `count`, a quarter of the time each
     std::filesystem::path out;  // folder; empty = only standard output
     uint32_t threads = 0;
     bool json = false;

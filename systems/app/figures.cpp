@@ -225,10 +225,6 @@ std::string metrics_json(const RunFigures& f) {
                     {"deep_events", deep_total.size()},
                     {"deep_total_ms_mean", mean(deep_total)},
                     {"deep_total_ms_p99", quantile(deep_total, 0.99)}};
-    const DirectionFigures& d = f.direction;
-    if (d.depth > 0)
-        j["contact"]["one_pass"] = {
-            {"time_s", d.time}, {"depth_m", d.depth}, {"left_thesis_m", d.left_thesis}, {"left_local_m", d.left_local}};
     j["frame"] = percentiles(frame_ms, "ms");
     j["displayed_frame"] = percentiles(displayed_frames(f.pass), "ms");
     j["scale"] = scale_json(f);

@@ -40,14 +40,6 @@ struct StageFigures {
     std::vector<double> ms;
 };
 
-// The deepest pass of a run, once with each direction of the response.
-struct DirectionFigures {
-    double time = 0;         // s, at the start of the pass
-    double depth = 0;        // m, there; 0 = nothing to tell
-    double left_thesis = 0;  // m, deepest pair after the pass
-    double left_local = 0;
-};
-
 // What a group of links did.
 struct LinkFigures {
     std::string name;
@@ -99,7 +91,6 @@ struct RunFigures {
     std::vector<PassFigures> pass;
     std::vector<StageFigures> stage;
     std::vector<double> render_ms;
-    DirectionFigures direction;  // lockstep only
     uint64_t ticks = 0;
     double max_force = 0;                // N
     std::vector<double> tick_us;         // compute time of every haptic tick

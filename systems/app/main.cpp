@@ -121,8 +121,6 @@ void add_run(CLI::App& app, Arguments& a) {
         ->check(CLI::Range(0u, kMostThreads));
     run->add_option("--export-every", a.run.export_every, "Write every body as OBJ at every n-th picture");
     run->add_option("--slow-render", a.run.slow_render_ms, "Live: draw each picture again and again for this many ms (a stress test)");
-    run->add_flag("--lod-error", a.run.lod_error,
-                  "Run the scene with its levels of detail ([body.lod]) and without, in lockstep: error of places and forces, time saved");
     run->add_flag("--json", a.run.json, "Print metrics.json to standard output");
     run->footer(
         "Example: trocar run probe_on_liver --seconds 2 --set liver.tissue.youngs_modulus=2e4 --out out/probe\n"
@@ -131,7 +129,7 @@ void add_run(CLI::App& app, Arguments& a) {
         "trocar run probe_on_liver --replay out/live/live.recording\n"
         "Keys of [contact]: tolerance (m, 1e-4: depth along edges and in faces), direction = local | thesis (each point its own way "
         "out, or one a pair), share = mass | stiffness | half, push_speed (m/s), faces = true (deepest points inside faces "
-        "get rows too), edges_ahead = true (edges about to cross get rows too), deep = none | last_free (a pair so deep that "
+        "get rows too), deep = none | last_free (a pair so deep that "
         "shortest ways out no longer agree is led back the way it came; one that starts so, the shortest way that surely parts "
         "it), cross_check, contours, regions");
 }
@@ -243,9 +241,6 @@ void add_soak(CLI::App& app, Arguments& a) {
                      "which must change nothing)")
         ->delimiter(',')
         ->check(CLI::IsMember({"nan", "blast", "pause"}));
-    soak->add_flag("--ramp", a.soak.ramp,
-                   "Soak an eighth, a quarter, half and all of the scene's `count` of bodies, a quarter of the time each; ends with a "
-                   "table, ramp.csv");
     soak->add_option("--out", a.soak.out, "Folder for soak.json, soak.csv, soak.html, captures/");
     soak->add_option("--set", a.sets, "Change a key of the scene: KEY=VALUE, repeatable");
     soak->add_option("--threads", a.soak.threads, "Worker threads (default: all cores); results never depend on it")

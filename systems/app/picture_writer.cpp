@@ -10,6 +10,7 @@
 #include "engine/image_file.hpp"
 #include "engine/trace.hpp"
 #include "systems/app/progress.hpp"
+#include "systems/app/video.hpp"
 namespace trocar {
 namespace fs = std::filesystem;
 namespace {
@@ -39,15 +40,11 @@ void clear_pictures(const fs::path& folder) {
     fs::remove(folder / "film.mp4", error);
 }
 
-PictureWriter::PictureWriter(const PictureParams& params, const Camera& camera, const Meshes& meshes, const fs::path& out,
-                             bool film_meanwhile)
+PictureWriter::PictureWriter(const PictureParams& params, const Camera& camera, const Meshes& meshes, const fs::path& out)
     : params_(params), camera_(camera), out_(out), renderer_(meshes) {
     if (out_.empty()) return;
     prepare_folder(out_ / "frames");
     clear_pictures(out_);  // of an earlier, longer run
-    if (!film_meanwhile) return;
-    film_.emplace(out_ / "film.mp4", params_.width, params_.height, kFilmRate);
-    if (!film_->ffmpeg_found()) film_.reset();
 }
 
 void PictureWriter::draw(const PictureSnapshot& snapshot) {
@@ -80,22 +77,17 @@ double PictureWriter::take(const PictureSnapshot& snapshot, double least_ms) {
     std::snprintf(name, sizeof name, "frames/%06zu.png", files_.size());
     save_png(image_, out_ / name);
     files_.emplace_back(name);
-    if (film_ && !film_->add(image_)) film_error_ = film_->error(), film_.reset();
     return ms;
 }
 
-std::string PictureWriter::finish_film() {
-    bool made = false;
-    if (film_) {
-        made = !files_.empty() && film_->finish();
-        if (!made) film_error_ = film_->error();
-    } else if (film_error_.empty() && !files_.empty() && ffmpeg_present()) {
-        Progress progress("Film");
-        progress.show(0, std::to_string(files_.size()) + " pictures");
-        made = write_video(out_ / "frames" / "%06d.png", 0, kFilmRate, out_ / "film.mp4", film_error_);
-    }
-    if (!film_error_.empty()) std::fprintf(stderr, "trocar: warning: no film: %s\n", film_error_.c_str());
-    return made ? "film.mp4" : "";
+std::string PictureWriter::finish_film() const {
+    if (files_.empty() || !ffmpeg_present()) return "";
+    Progress progress("Film");
+    progress.show(0, std::to_string(files_.size()) + " pictures");
+    std::string error;
+    if (write_video(out_ / "frames" / "%06d.png", 0, kFilmRate, out_ / "film.mp4", error)) return "film.mp4";
+    std::fprintf(stderr, "trocar: warning: no film: %s\n", error.c_str());
+    return "";
 }
 
 }  // namespace trocar

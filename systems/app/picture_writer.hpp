@@ -1,11 +1,9 @@
 #pragma once
 #include <filesystem>
-#include <optional>
 #include <string>
 #include <vector>
 
 #include "components/picture.hpp"
-#include "systems/app/video.hpp"
 #include "systems/render.hpp"
 namespace trocar {
 
@@ -19,16 +17,14 @@ void clear_pictures(const std::filesystem::path& folder);
 // only draws). Used by one thread at a time.
 class PictureWriter {
  public:
-    // With `film_meanwhile` ffmpeg runs beside the simulation; otherwise the film is made from the files at the end.
-    PictureWriter(const PictureParams& params, const Camera& camera, const Meshes& meshes, const std::filesystem::path& out,
-                  bool film_meanwhile);
+    PictureWriter(const PictureParams& params, const Camera& camera, const Meshes& meshes, const std::filesystem::path& out);
     // Returns the milliseconds of drawing and reading back; writing the file is not part of a frame. Draws the picture
     // again and again until `least_ms` have passed: a renderer that is slow by being busy, for stress tests.
     double take(const PictureSnapshot& snapshot, double least_ms = 0);
     // Draws without keeping: the first picture of a kind costs what shaders and textures cost.
     void warm_up(const PictureSnapshot& snapshot);
-    // Name of the film in the folder, empty if there is none; warns when it failed.
-    std::string finish_film();
+    // Makes the film from the files. Its name in the folder, empty if there is none; warns when it failed.
+    std::string finish_film() const;
     const std::vector<std::string>& files() const { return files_; }
 
  private:
@@ -41,8 +37,6 @@ class PictureWriter {
     Image image_;
     bool placed_ = false, fitted_ = false;
     std::vector<std::string> files_;
-    std::optional<VideoWriter> film_;
-    std::string film_error_;
 };
 
 }  // namespace trocar

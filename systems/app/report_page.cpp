@@ -84,15 +84,7 @@ std::string media_sections(const ReportMedia& media) {
                          "<div class=\"shots\">" + shots + "</div>");
 }
 
-// What one pass leaves of the deepest overlap, by direction of the response.
-std::string direction_note(const DirectionFigures& d) {
-    if (!(d.depth > 0)) return "";
-    return "<p>One pass from the deepest overlap, " + format("%.3f mm", 1e3 * d.depth) + " at " + format("%.2f s", d.time) + ", leaves " +
-           format("%.4f mm", 1e3 * d.left_thesis) + " with <code>contact.direction = thesis</code> (one direction a pair) and " +
-           format("%.4f mm", 1e3 * d.left_local) + " with <code>local</code> (each point its own).</p>";
-}
-
-std::string contact_section(const ContactColumns& c, const DirectionFigures& direction) {
+std::string contact_section(const ContactColumns& c) {
     if (c.total.empty()) return section("Contact", "Nothing overlapped in this run.", "");
     std::vector<double> event(c.total.size());
     for (size_t i = 0; i < event.size(); ++i) event[i] = static_cast<double>(i + 1);
@@ -121,7 +113,7 @@ std::string contact_section(const ContactColumns& c, const DirectionFigures& dir
     return section("Contact",
                    "A contact event is a contact pass with at least one overlapping pair of bodies. Its time is detection "
                    "(every stage from body boxes to islands) and response (the contact rows in all substeps of the pass).",
-                   direction_note(direction) + grid(cards));
+                   grid(cards));
 }
 
 std::string force_note(const RunFigures& f) {
@@ -270,7 +262,7 @@ std::string html_page(const std::string& title, const std::string& body) {
 
 std::string report_html(const RunFigures& f, const ReportMedia& media) {
     const ContactColumns c = contact_columns(f);
-    return html_page(f.scene, head(f, c) + media_sections(media) + contact_section(c, f.direction) + time_section(f) + node_section(f) +
+    return html_page(f.scene, head(f, c) + media_sections(media) + contact_section(c) + time_section(f) + node_section(f) +
                                   stage_section(f) + cost_sections(f, media) + haptics_section(f) + trouble_section(f.report));
 }
 

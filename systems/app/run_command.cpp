@@ -23,8 +23,6 @@
 #include "systems/app/capture.hpp"
 #include "systems/app/command_pool.hpp"
 #include "systems/app/commands.hpp"
-#include "systems/app/detail_error.hpp"
-#include "systems/app/direction_trial.hpp"
 #include "systems/app/figures.hpp"
 #include "systems/app/format.hpp"
 #include "systems/app/live_replay.hpp"
@@ -148,7 +146,7 @@ void warn_of_deep_starts(const World& w) {
 
 // Everything in one deterministic order, as fast as the machine goes; of its own accord or as a live run went.
 void run_lockstep(const RunOptions& options, double seconds, LiveReplay* replay, Frame& frame, PictureWriter* pictures,
-                  FrameRecorder* recorder, Trace* trace, DirectionTrial* trial, RunFigures& figures) {
+                  FrameRecorder* recorder, Trace* trace, RunFigures& figures) {
     std::map<uint64_t, std::string_view> names;
     CostMeter costs;
     Progress progress(figures.scene);
@@ -160,7 +158,6 @@ void run_lockstep(const RunOptions& options, double seconds, LiveReplay* replay,
         const uint64_t keep_start = now_ns();
         if (recorder) recorder->before_pass();
         uint64_t keep_ns = now_ns() - keep_start;
-        if (trial) trial->before_pass();
         const double bytes = resident_bytes();
         const uint64_t pass_start = now_ns();
         frame.step();
@@ -175,7 +172,6 @@ void run_lockstep(const RunOptions& options, double seconds, LiveReplay* replay,
         if (recorder) recorder->after_pass(pass);
         keep_ns += now_ns() - kept_start;
         if (recorder) figures.capture_s += static_cast<double>(keep_ns) * 1e-9;
-        if (trial) trial->after_pass(pass);
         if (frame.times().picture && figures.write_failure.empty()) {
             if (pictures) take_picture(frame, *pictures, figures, pass);
             if (options.export_every > 0 && !options.out.empty() && (frame.world().clock.picture - 1) % options.export_every == 0)
@@ -450,17 +446,6 @@ std::string machine_text() {
 
 namespace {
 
-// --lod-error: two runs, and what they differ by.
-int tell_detail_error(const RunOptions& options, const SceneFile& file) {
-    if (options.live || !options.replay.empty() || !options.capture.empty() || !options.out.empty())
-        throw InputError("--lod-error runs in lockstep and writes no files: without --live, --replay, --capture and --out");
-    std::string text;
-    CommandPool pool(options.threads);
-    pool.run([&] { text = detail_error(file, options.seconds > 0 ? options.seconds : file.settings.seconds, options.json); });
-    write_standard_output(text);
-    return kDone;
-}
-
 // The files of a run in options.out, but for pictures and captures, which are there already.
 void write_outputs(const RunOptions& options, Frame& frame, Trace& trace, PictureWriter* pictures, RunFigures& figures) {
     write_whole_file(options.out / "passes.csv", passes_csv(figures));
@@ -505,7 +490,6 @@ int tell_of_run(const RunOptions& options, const RunFigures& figures) {
 int run_command(const RunOptions& options) {
     const uint64_t start = now_ns();
     const SceneFile file = read_scene_file(find_scene(options.scene), options.overrides);
-    if (options.lod_error) return tell_detail_error(options, file);
     const bool replay = !options.replay.empty();
     const LiveRecording recording = replay ? read_live_recording(options.replay) : LiveRecording{};
     if (!options.capture.empty() && options.out.empty()) throw InputError("--capture: say where with --out FOLDER");
@@ -541,7 +525,7 @@ int run_command(const RunOptions& options) {
         start_figures(scene, file, frame, options, figures);
         figures.build_s = static_cast<double>(now_ns() - start) * 1e-9;
         std::optional<PictureWriter> pictures;
-        if (draws) pictures.emplace(scene.picture, scene.camera, frame.world().meshes, options.out, !options.live);
+        if (draws) pictures.emplace(scene.picture, scene.camera, frame.world().meshes, options.out);
         const double seconds = options.seconds > 0 ? options.seconds : file.settings.seconds;
         PictureWriter* const writer = pictures ? &*pictures : nullptr;
         std::optional<LiveReplay> repeat;
@@ -551,16 +535,12 @@ int run_command(const RunOptions& options) {
             recorder.emplace(frame, capture_header(scene, figures), triggers, options.out / "captures", FrameRecorder::kMostKeptBytes,
                              static_cast<uint64_t>(std::min(seconds, 1e6) * frame.world().clock.contact_rate));
         FrameRecorder* const capture = recorder ? &*recorder : nullptr;
-        DirectionTrial trial(frame);
-        const bool tells = !replay && (!options.out.empty() || options.json);  // those who look at figures
         if (options.live)
             run_recorded(options, seconds, frame, writer, capture, figures);
         else
-            run_lockstep(options, seconds, repeat ? &*repeat : nullptr, frame, writer, capture, frame_options.trace,
-                         tells ? &trial : nullptr, figures);
+            run_lockstep(options, seconds, repeat ? &*repeat : nullptr, frame, writer, capture, frame_options.trace, figures);
         if (recorder) finish_captures(*recorder, figures);
         finish_figures(frame, figures);
-        if (tells && !options.live) figures.direction = trial.run();
         if (!options.out.empty()) write_outputs(options, frame, trace, writer, figures);
     });
     return tell_of_run(options, figures);

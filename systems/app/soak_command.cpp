@@ -382,52 +382,10 @@ int code_of(const Soak& soak, double minutes) {
     return exit_code_of_signal(stop_signal());
 }
 
-// The numbers of bodies that a ramp goes through.
-std::vector<uint32_t> ramp_counts(const SoakOptions& options) {
-    const SceneFile file = read_scene_file(find_scene(options.scene), options.overrides);
-    const auto count =
-        std::find_if(file.parameters.begin(), file.parameters.end(), [](const SceneParameter& p) { return p.name == "count"; });
-    if (count == file.parameters.end())
-        throw InputError(file.path.string() + ": --ramp needs a scene with a parameter `count`; `trocar scenes` lists them");
-    const auto all = static_cast<uint32_t>(std::stod(count->value));
-    std::vector<uint32_t> counts;
-    for (const uint32_t part : {8u, 4u, 2u, 1u})
-        if (const uint32_t n = std::max(1u, all / part); counts.empty() || counts.back() < n) counts.push_back(n);
-    return counts;
-}
-
-// One soak after another with more and more bodies, each judged by itself; the first that breaks ends it.
-int soak_ramp(const SoakOptions& options) {
-    const std::vector<uint32_t> counts = ramp_counts(options);
-    nlohmann::ordered_json steps = nlohmann::ordered_json::array();
-    std::string table = "count,median_pass_ms,p99_pass_ms,heap_mib,resident_mib,residual_mm,episodes,sound\n";
-    int code = kDone;
-    for (size_t i = 0; i < counts.size() && code == kDone; ++i) {
-        SoakOptions step = options;
-        step.minutes = options.minutes / static_cast<double>(counts.size());
-        step.overrides.push_back({"count", std::to_string(counts[i])});
-        if (!options.out.empty()) step.out = options.out / ("count_" + std::to_string(counts[i]));
-        if (!options.json) write_standard_output("count " + std::to_string(counts[i]) + "\n");
-        const SoakRun run = soak_once(step);
-        if (!options.json) print_end(run);
-        code = code_of(run.soak, step.minutes);
-        nlohmann::ordered_json figures = nlohmann::ordered_json::parse(soak_json(run.soak, run.drifts));
-        figures["count"] = counts[i];
-        steps.push_back(std::move(figures));
-        const Episode& last = run.soak.episode.back();
-        table += format("%u,%.4f,%.4f,%.2f,%.2f,%.5f,%llu,%d\n", counts[i], last.median_ms, last.p99_ms, last.heap, last.resident,
-                        last.residual_mm, static_cast<unsigned long long>(run.soak.episodes), run.soak.broken.empty());
-    }
-    if (!options.out.empty()) write_whole_file(options.out / "ramp.csv", table);
-    write_standard_output(options.json ? steps.dump(2) + "\n" : table);
-    return code;
-}
-
 }  // namespace
 
 int soak_command(const SoakOptions& options) {
     const StopOnSignal stop;
-    if (options.ramp) return soak_ramp(options);
     const SoakRun run = soak_once(options);
     if (options.json)
         write_standard_output(soak_json(run.soak, run.drifts));

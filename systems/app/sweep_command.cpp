@@ -1,5 +1,3 @@
-#include <unistd.h>
-
 #include <algorithm>
 #include <atomic>
 #include <cstdio>
@@ -164,15 +162,8 @@ void run_here(const std::vector<Job>& jobs, uint32_t at_once) {
     if (failure) std::rethrow_exception(failure);
 }
 
-std::string find_program(const char* name) {
-    std::istringstream folders(std::getenv("PATH") ? std::getenv("PATH") : "/usr/bin:/bin");
-    for (std::string folder; std::getline(folders, folder, ':');)
-        if (const fs::path p = fs::path(folder) / name; ::access(p.c_str(), X_OK) == 0) return p.string();
-    return {};
-}
-
 void run_by_parallel(const fs::path& out, uint32_t at_once) {
-    const std::string parallel = find_program("parallel");
+    const std::string parallel = find_on_path("parallel");
     if (parallel.empty()) throw InputError("--engine parallel: GNU parallel is not installed (apt-get install parallel)");
     const ChildResult result = run_child({"/bin/sh", "-c",
                                           "exec " + quoted(parallel) + " --will-cite --jobs " + std::to_string(at_once) + " --joblog " +
@@ -220,7 +211,7 @@ void run_by_slurm(const SweepFile& sweep, const fs::path& out, const std::vector
     if (std::all_of(jobs.begin(), jobs.end(), is_done)) return;
     const fs::path script = fs::absolute(out / "sweep.sbatch");
     write_whole_file(script, slurm_script(sweep, out, jobs, at_once));
-    const std::string sbatch = find_program("sbatch");
+    const std::string sbatch = find_on_path("sbatch");
     if (sbatch.empty())
         throw InputError("--engine slurm: no sbatch here; submit " + script.string() +
                          " where there is one, then run this command again with --engine merge");

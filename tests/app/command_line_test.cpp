@@ -516,38 +516,6 @@ TEST_F(CommandLine, ReportTellsTheContactRateOfTheRun) {
     }
 }
 
-// What levels of detail cost is told beside the full model; and their passes are captured and run again to the bit.
-TEST_F(CommandLine, LevelsOfDetailTellTheirError) {
-    const std::string scene = "run probe_on_liver --seconds 0.6 --set liver.triangles=600 --set probe.triangles=300 ";
-    const std::string detail = scene + "--set liver.lod.beyond=0.02 ";
-    const Outcome json = run(detail + "--lod-error --json");
-    ASSERT_EQ(json.code, 0) << json.err;
-    const nlohmann::json j = nlohmann::json::parse(json.out), &liver = j["bodies"][0], &probe = j["tools"][0];
-    EXPECT_EQ(j["passes"], 36);
-    EXPECT_EQ(liver["body"], "liver");
-    EXPECT_GT(liver["coarse_share"], 0.2);
-    EXPECT_LT(liver["coarse_share"], 1);
-    EXPECT_LE(liver["place_rms_m"], liver["place_largest_m"]);
-    EXPECT_LT(liver["place_largest_m"], 1e-4);
-    EXPECT_EQ(probe["body"], "probe");
-    EXPECT_LE(probe["hand_error_rms_n"], probe["hand_error_largest_n"]);
-    for (const char* key : {"advance_s", "advance_full_s", "processor_s", "processor_full_s"}) EXPECT_GT(j[key], 0) << key;
-    const Outcome text = run(detail + "--lod-error");
-    EXPECT_EQ(std::count(text.out.begin(), text.out.end(), '\n'), 3) << text.out;
-    const Outcome none = run(scene + "--lod-error");
-    EXPECT_EQ(none.code, 2);
-    EXPECT_NE(none.err.find("no body of this scene has a [body.lod]"), std::string::npos) << none.err;
-    EXPECT_EQ(run(detail + "--lod-error --out " + (folder_ / "none").string()).code, 2);
-
-    const fs::path out = folder_ / "detail";
-    ASSERT_EQ(run(detail + "--no-render --capture 8-30 --out " + out.string()).code, 0);
-    const std::string capture = (out / "captures/passes_8-30.cap").string();
-    for (const char* threads : {"1", "3"}) {
-        const Outcome again = run("replay " + capture + " --threads " + threads);
-        EXPECT_EQ(again.code, 0) << again.out << again.err;
-    }
-}
-
 // A ball that falls freely has no elastic energy: what its books may be open by is measured against what fell.
 TEST_F(CommandLine, TheEnergyErrorIsOfAllMechanicalEnergy) {
     const std::string scene =

@@ -221,8 +221,7 @@ TEST(FaultMatrix, EveryWrongValueOfEveryKeyIsNamed) {
                             "liver.color",
                             "liver.tissue.youngs_modulus",
                             "liver.tissue.poisson",
-                            "liver.fixed_below",
-                            "liver.lod.beyond"})
+                            "liver.fixed_below"})
         attempt(scenes / "kidney_on_liver.toml", key);
     for (const char* key : {"drop.scatter.count", "drop.scatter.columns", "drop.scatter.spacing", "drop.scatter.jitter",
                             "drop.scatter.turned", "drop.scatter.rate", "drop.scatter.life"})

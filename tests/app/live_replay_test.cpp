@@ -166,7 +166,7 @@ TEST(LiveReplay, PicturesThatCannotBeWrittenEndThePicturesWithAReason) {
     const fs::path out = scratch_file("no_pictures");
     with_frame(1, [&](Frame& frame) {
         const World& w = frame.world();
-        PictureWriter pictures(PictureParams{}, Camera{}, w.meshes, out, false);
+        PictureWriter pictures(PictureParams{}, Camera{}, w.meshes, out);
         fs::remove_all(out / "frames");
         RunFigures figures;
         for (const std::string& name : frame.stage_names()) figures.stage.push_back({name, {}});

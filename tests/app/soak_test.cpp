@@ -166,37 +166,6 @@ TEST(SoakCommand, APauseIsJudgedLikeAnyEpisode) {
 }
 
 // One episode shows neither drift nor that the next ends the same, and holds no fault: that is said. Breaks when "sound" stands alone.
-// Four soaks with more and more bodies. Breaks when a step has another number of bodies than it says, or a scene without `count` runs.
-TEST(SoakCommand, ARampGoesUpToTheWholeCount) {
-    const std::filesystem::path folder = std::filesystem::path(testing::TempDir()) / "trocar_soak_ramp";
-    std::filesystem::remove_all(folder);
-    std::filesystem::create_directories(folder);
-    const Outcome o = run_program("soak stress_settle --ramp --minutes 0.004 --seconds 0.02 --set count=16 --json --out " + folder.string(),
-                                  source_folder(), folder);
-    EXPECT_EQ(o.code, 0) << o.err;
-    const auto steps = nlohmann::json::parse(o.out);
-    ASSERT_EQ(steps.size(), 4u);
-    double heap = 0;
-    for (int i = 0; i < 4; ++i) {
-        const int count = 2 << i;
-        EXPECT_EQ(steps[i]["count"], count);
-        EXPECT_TRUE(steps[i]["sound"]);
-        if (kHeapIsCounted) {
-            EXPECT_GT(steps[i]["heap_mib_end"].get<double>(), heap) << "more bodies, more memory";
-        }
-        heap = steps[i]["heap_mib_end"];
-        EXPECT_TRUE(std::filesystem::exists(folder / ("count_" + std::to_string(count)) / "soak.json"));
-    }
-    std::ifstream table(folder / "ramp.csv");
-    int lines = 0;
-    for (std::string line; std::getline(table, line);) ++lines;
-    EXPECT_EQ(lines, 5);
-    const Outcome none = run_program("soak kidney_on_liver --ramp --minutes 0.004", source_folder(), folder);
-    EXPECT_EQ(none.code, 2);
-    EXPECT_NE(none.err.find("parameter `count`"), std::string::npos) << none.err;
-    std::filesystem::remove_all(folder);
-}
-
 TEST(SoakCommand, SaysWhatWasTooShortToJudge) {
     const std::filesystem::path folder = std::filesystem::path(testing::TempDir()) / "trocar_short_soak";
     std::filesystem::create_directories(folder);

@@ -135,6 +135,8 @@ TEST(Parameters, WhatIsWrongIsNamedWithItsPlace) {
     EXPECT_NE(refusal("[[body]]\nname = \"a\"\nshape = \"sphere\"\n[body.scatter]\nseed = 3\n").find("[body.scatter] needs a count"),
               std::string::npos);
     EXPECT_NE(refusal(kBalls, {{"ball.scatter.colums", "[1, 1]"}}).find("did you mean \"columns\"?"), std::string::npos);
+    EXPECT_NE(refusal(kBalls, {{"contact.edges_ahead", "true"}}).find("it is no longer a key: raise contact.rate"), std::string::npos);
+    EXPECT_NE(refusal(kBalls, {{"ball.lod.beyond", "0.1"}}).find("it is no longer a key: bodies that"), std::string::npos);
     EXPECT_NE(refusal(kBalls, {{"ball.motion", "hand"}}).find("can neither be held"), std::string::npos);
     EXPECT_NE(refusal(kBalls, {{"ball.motion", "static"}, {"ball.scatter.rate", "5"}})
                   .find("only deformable bodies that do not break come and go"),

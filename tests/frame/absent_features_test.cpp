@@ -49,12 +49,12 @@ TEST(AbsentFeatures, SceneWithoutToolHasNoHapticStageAndNoHapticBytes) {
         EXPECT_EQ(frame.world().haptics.ticks, 0u);
         EXPECT_EQ(frame.world().springs.fans.first.capacity(), 0u) << "no body keeps its volume";
         EXPECT_EQ(frame.world().springs.hinges.first.capacity(), 0u) << "none bends";
-        for (const char* stage : {"links", "tears", "level of detail"}) EXPECT_FALSE(has_stage(frame, stage));
+        for (const char* stage : {"links", "tears"}) EXPECT_FALSE(has_stage(frame, stage));
         const World& w = frame.world();
         EXPECT_EQ(w.links.group.capacity() + w.links.node.capacity() + w.links.stable_dt.capacity(), 0u) << "nothing is linked";
         EXPECT_EQ(w.tears.body.capacity() + w.torn.spring.capacity() + w.torn_springs.neighbour.capacity(), 0u) << "nothing tears";
         EXPECT_EQ(w.springs.factor.capacity() + w.solids.factor.capacity(), 0u) << "no region differs";
-        EXPECT_EQ(w.detail.body.capacity() + w.detail.near.capacity() + w.bodies.stepping.capacity(), 0u) << "none is stepped coarsely";
+        EXPECT_EQ(w.bodies.stepping.capacity(), 0u) << "none says how it is stepped";
     });
     run_and_look(std::move(small_scene("probe_on_liver").world), 1, [](const Frame& frame) {
         for (const char* stage : {"device input", "local contact"}) EXPECT_TRUE(has_stage(frame, stage));

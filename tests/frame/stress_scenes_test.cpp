@@ -107,36 +107,6 @@ TEST(StressScenes, RainThatHitsLeavesNoOverlap) {
     });
 }
 
-// How many contacts of 27 balls that rain are found deeper than a hundredth of a ball.
-uint32_t deep_contacts_of_rain(const std::string& edges_ahead) {
-    Frame frame(
-        std::move(stress_scene(
-                      "rain",
-                      {{"count", "27"}, {"drop.scatter.columns", "[3, 3]"}, {"contact.rate", "120"}, {"contact.edges_ahead", edges_ahead}})
-                      .world),
-        {});
-    const World& w = frame.world();
-    const double deep = 0.01 * smallest_body(w);
-    uint32_t found = 0;
-    for (uint32_t pass = 0; pass < 160; ++pass) {
-        frame.step();
-        found += uint32_t(std::count_if(w.contacts.distance.begin(), w.contacts.distance.end(), [&](double d) { return d < -deep; }));
-    }
-    EXPECT_LT(std::abs(w.energy.balance), 0.02 * std::abs(w.energy.gravity));
-    return found;
-}
-
-// Most of what a pass of falling balls finds are edges that have crossed. Breaks when edges ahead have no rows.
-TEST(StressScenes, EdgesAheadLeaveFewDeepContacts) {
-    ThreadPool pool(1);
-    pool.run([&] {
-        const uint32_t without = deep_contacts_of_rain("false"), with = deep_contacts_of_rain("true");
-        std::printf("contacts deeper than 1 %% of a ball: %u, with edges ahead %u\n", without, with);
-        EXPECT_GT(without, 20u) << "nothing is tested";
-        EXPECT_LT(with, without / 2);
-    });
-}
-
 // Boxes hit balls and leave with a wrinkle of them around a corner. Where nearest surfaces hold that, a box pulls the ball over
 // itself like a sock, to seven times its length: here a spring was stretched by 2.5 of its length.
 TEST(StressScenes, LongBoxesLetGoOfTheBallsTheyHit) {
