@@ -16,17 +16,18 @@ namespace {
 
 constexpr double kShortestStep = 1e-8;  // s; a pass of 17 ms would take millions of substeps
 
+// [first, first + count) lies within `size` rows.
+bool holds(size_t size, const Range& range) { return range.first <= size && range.count <= size - range.first; }
+
 // Keeps the first complaint.
 struct Faults {
     std::string first;
     void require(bool holds, const std::string& complaint) {
         if (!holds && first.empty()) first = complaint;
     }
-    // [first, first + count) lies within `size` rows.
     bool inside(const Range& range, size_t size, const std::string& what) {
-        const bool holds = range.first <= size && range.count <= size - range.first;
-        require(holds, what + " reach beyond their array");
-        return holds;
+        require(holds(size, range), what + " reach beyond their array");
+        return holds(size, range);
     }
     template <typename T>
     void below(const T& index, uint32_t count, bool or_none, const std::string& what) {
@@ -96,13 +97,14 @@ struct FieldCheck {
     template <typename T>
     void item(const FieldOf& field, const T& value, const CountedIn& in) {
         if constexpr (std::is_enum_v<T>) {
-            faults.require(value <= last_of(T{}), field.text() + " is of no kind");
+            if (value > last_of(T{})) faults.require(false, field.text() + " is of no kind");
         } else if constexpr (std::is_floating_point_v<T>) {
             if (std::isnan(value) && not_a_number.empty()) not_a_number = field.text() + " is not a number";
         } else if constexpr (std::is_same_v<T, Range>) {
-            if (!in.none) faults.inside(value, in.rows, field.text());
+            if (!in.none && !holds(in.rows, value)) faults.require(false, field.text() + " reach beyond their array");
         } else if constexpr (std::is_same_v<T, uint32_t> || std::is_same_v<T, uint64_t>) {
-            if (!in.none) faults.below(value, static_cast<uint32_t>(in.rows), in.or_none, field.text());
+            if (!in.none && value >= in.rows && !(in.or_none && value == kNone))
+                faults.require(false, field.text() + " " + std::to_string(value) + " of " + std::to_string(in.rows));
         } else if constexpr (requires { T::kFields; }) {
             group(field, value);
         } else if constexpr (!std::is_same_v<T, std::string> && requires { value.begin(); }) {
@@ -134,11 +136,10 @@ void check_fields(const World& w, Faults& f, std::string& not_a_number) {
                                                           {"tear triangles", w.tears.order.size()},
                                                           {"tear faces", w.tears.face.size()}};
     FieldCheck check{f, counts};
-    const auto look = [&](const char* name, const auto& group) { check.group({nullptr, name}, group); };
 #define TROCAR_CHECK_RESOURCE(bit, member, name, kind)                                                                \
     if constexpr (ResourceKind::kind == ResourceKind::kConstant || ResourceKind::kind == ResourceKind::kState) {      \
         const std::string before = check.not_a_number;                                                                \
-        look(#member, w.member);                                                                                      \
+        check.group({nullptr, #member}, w.member);                                                                    \
         if (Resource::bit == Resource::kMeshes || Resource::bit == Resource::kParticles) check.not_a_number = before; \
     }
     TROCAR_RESOURCES(TROCAR_CHECK_RESOURCE)

@@ -9,6 +9,7 @@
 #include <utility>
 
 #include "engine/error.hpp"
+#include "systems/app/format.hpp"
 namespace trocar {
 namespace {
 
@@ -57,15 +58,18 @@ void parse_trigger(const std::string& word, CaptureTriggers& triggers) {
     }
 }
 
-void add_words(CaptureRecord& record, const char* name, const std::vector<uint64_t>& words) {
+void add_value(CaptureRecord& record, const std::string& name, uint64_t value) { add_number(record, name, value); }
+void add_value(CaptureRecord& record, const std::string& name, double value) { add_number(record, name, value); }
+void add_value(CaptureRecord& record, const std::string& name, const std::vector<uint64_t>& words) {
     const std::byte* bytes = reinterpret_cast<const std::byte*>(words.data());
     record.arrays.push_back({name, ArrayType::kU64, words.size(), 1, {bytes, bytes + words.size() * sizeof(uint64_t)}});
 }
-std::vector<uint64_t> read_words(const CaptureRecord& record, const char* name) {
+void read_value(const CaptureRecord& record, const std::string& name, uint64_t& value) { value = read_u64(record, name); }
+void read_value(const CaptureRecord& record, const std::string& name, double& value) { value = read_f64(record, name); }
+void read_value(const CaptureRecord& record, const std::string& name, std::vector<uint64_t>& words) {
     const CaptureArray& a = find_array(record, name, ArrayType::kU64, 1);
-    std::vector<uint64_t> words(a.rows);
+    words.resize(a.rows);
     if (a.rows > 0) std::memcpy(words.data(), a.bytes.data(), a.bytes.size());
-    return words;
 }
 
 // What the passes of a stretch start from, over the record of an older one.
@@ -115,23 +119,16 @@ CaptureTriggers parse_capture_triggers(const std::string& text) {
 }
 
 CaptureRecord to_record(const CaptureStep& step) {
+    static_assert(lists_every_member<CaptureStep>());
     CaptureRecord r{"step", {}};
-    add_number(r, "pass", step.pass), add_number(r, "state_hash", step.state_hash), add_number(r, "frame_ms", step.frame_ms);
-    add_number(r, "detection_ms", step.detection_ms), add_number(r, "response_ms", step.response_ms);
-    add_number(r, "depth_m", step.depth), add_number(r, "force_n", step.force);
-    add_number(r, "contacts", step.contacts), add_number(r, "inside_vertices", step.inside_vertices);
-    add_words(r, "stage_ns", step.stage_ns), add_words(r, "resource_hash", step.resource_hash);
+    each_field(step, [&](const FieldName& field, const auto& value) { add_value(r, key_of(field.name, field.unit), value); });
     r.arrays.insert(r.arrays.end(), step.input.begin(), step.input.end());
     return r;
 }
 
 CaptureStep read_step(const CaptureRecord& r) {
     CaptureStep step;
-    step.pass = read_u64(r, "pass"), step.state_hash = read_u64(r, "state_hash"), step.frame_ms = read_f64(r, "frame_ms");
-    step.detection_ms = read_f64(r, "detection_ms"), step.response_ms = read_f64(r, "response_ms");
-    step.depth = read_f64(r, "depth_m"), step.force = read_f64(r, "force_n");
-    step.contacts = read_u64(r, "contacts"), step.inside_vertices = read_u64(r, "inside_vertices");
-    step.stage_ns = read_words(r, "stage_ns"), step.resource_hash = read_words(r, "resource_hash");
+    each_field(step, [&](const FieldName& field, auto& value) { read_value(r, key_of(field.name, field.unit), value); });
     for (const CaptureArray& a : r.arrays)
         if (a.name.starts_with("haptics.")) step.input.push_back(a);
     return step;

@@ -43,6 +43,9 @@ struct CaptureStep {
     std::vector<uint64_t> stage_ns;       // in the order of the header's stage names
     std::vector<uint64_t> resource_hash;  // after it, one per Resource; empty where only the state was hashed
     std::vector<CaptureArray> input;      // of a live run: the tools' state that the pass took, as in World
+    TROCAR_FIELDS(pass, state_hash, frame_ms, detection_ms, response_ms, depth, "m", force, "N", contacts, inside_vertices, stage_ns,
+                  resource_hash);
+    TROCAR_OTHER_FIELDS(input);
 };
 CaptureRecord to_record(const CaptureStep& step);
 CaptureStep read_step(const CaptureRecord& record);

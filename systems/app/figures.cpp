@@ -1,7 +1,6 @@
 #include "systems/app/figures.hpp"
 
 #include <algorithm>
-#include <cctype>
 #include <cmath>
 #include <iterator>
 #include <nlohmann/json.hpp>
@@ -55,13 +54,6 @@ nlohmann::ordered_json percentiles(const std::vector<double>& v, const char* uni
         {"p50_" + u, quantile(v, 0.5)}, {"p99_" + u, quantile(v, 0.99)}, {"p999_" + u, quantile(v, 0.999)}, {"max_" + u, quantile(v, 1)}};
 }
 
-// "work_hand_j": a value's key, with its unit.
-std::string key_of(std::string name, std::string_view unit) {
-    if (!unit.empty()) name += '_';
-    for (const char c : unit) name += static_cast<char>(std::tolower(c));
-    return name;
-}
-
 nlohmann::ordered_json report_json(const RunFigures& f) {
     nlohmann::ordered_json json;
     each_number(f.report, kInMetrics, [&](const ReportNumber& n, const auto& value) { json[key_of(n.name, n.unit)] = value; });
@@ -87,7 +79,7 @@ nlohmann::ordered_json energy_json(const RunFigures& f) {
         worst = std::max(worst, std::abs(p.energy.balance));
     }
     nlohmann::ordered_json json;
-    each_field(last, [&](const FieldName& field, double value) { json[key_of(std::string(field.name), field.unit)] = value; });
+    each_field(last, [&](const FieldName& field, double value) { json[key_of(field.name, field.unit)] = value; });
     json.update({{"peak_elastic_j", elastic},
                  {"peak_j", peak},
                  {"worst_balance_j", worst},
@@ -254,7 +246,7 @@ std::string metrics_json(const RunFigures& f) {
 
 std::string passes_csv(const RunFigures& f) {
     std::string out = "time_s,detection_ms,response_ms,frame_ms,render_ms,depth_m,inside_vertices,contacts,pairs,force_n,contact_force_n,";
-    each_field(Energy{}, [&](const FieldName& field, double) { out += key_of(std::string(field.name), field.unit) + ","; });
+    each_field(Energy{}, [&](const FieldName& field, double) { out += key_of(field.name, field.unit) + ","; });
     out += "residual_m,awake";
     for (const DriveFigures& d : f.drive)
         out += "," + csv_field((d.behaviour == NodeBehaviour::kDial ? "angle_rad_" : "place_m_") + d.body);

@@ -22,6 +22,12 @@ inline std::string csv_field(const std::string& text) {
 }
 
 // Sixteen hexadecimal digits.
+// "work_hand_j": the key in files of a field with a unit.
+inline std::string key_of(std::string_view name, std::string_view unit) {
+    std::string key = std::string(name) + (unit.empty() ? "" : "_");
+    for (const char c : unit) key += static_cast<char>(std::tolower(c));
+    return key;
+}
 inline std::string hex(uint64_t value) { return format("%016llx", static_cast<unsigned long long>(value)); }
 
 }  // namespace trocar
