@@ -27,7 +27,8 @@ struct Report {
     uint64_t contact_events = 0;         // passes with at least one overlapping pair
     uint64_t dropped_contacts = 0;       // beyond capacity, shallowest first
     uint64_t oversize_triangles = 0;     // spanned more than 64 cells
-    uint64_t tie_overflows = 0;          // closest-point queries restarted in double
+    uint64_t queries = 0;                // closest points that the overlap and the edge pass asked for
+    uint64_t tie_overflows = 0;          // of them, restarted in double
     uint64_t sign_disagreements = 0;     // of pseudonormal and winding number, which had the last word
     uint64_t disagreements = 0;          // of pseudonormal and winding number; only with contact.cross_check
     uint64_t ended_rows = 0;             // planes left behind by a sliding vertex

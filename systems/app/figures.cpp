@@ -5,6 +5,7 @@
 #include <iterator>
 #include <nlohmann/json.hpp>
 
+#include "engine/closest_point.hpp"
 #include "systems/app/format.hpp"
 #include "systems/app/stop_signal.hpp"
 namespace trocar {
@@ -249,6 +250,10 @@ std::string metrics_json(const RunFigures& f) {
                     {"deep_events", deep_total.size()},
                     {"deep_total_ms_mean", mean(deep_total)},
                     {"deep_total_ms_p99", quantile(deep_total, 0.99)}};
+    j["contact"]["search"] = {{"built_by", std::string("embree ") + closest_point_library()},
+                              {"builds", f.tree_builds},
+                              {"walk", f.search == TreeSearch::kEmbree ? "embree" : "own"},
+                              {"queries", f.report.queries}};
     const DirectionFigures& d = f.direction;
     if (d.depth > 0)
         j["contact"]["one_pass"] = {
