@@ -29,10 +29,9 @@ void sort_along_curve(std::vector<Vec3d>& points) {
 }
 
 std::unique_ptr<ClosestPointTree> make_tree(const TestMesh& mesh, const std::vector<Float4>* floats, bool embree) {
-    search_with_embree(embree);
-    auto tree = floats ? std::make_unique<ClosestPointTree>(mesh.view(), *floats) : std::make_unique<ClosestPointTree>(mesh.view());
-    search_with_embree(false);
-    return tree;
+    const TreeSearch search = embree ? TreeSearch::kEmbree : TreeSearch::kOwn;
+    return floats ? std::make_unique<ClosestPointTree>(mesh.view(), *floats, nullptr, search)
+                  : std::make_unique<ClosestPointTree>(mesh.view(), nullptr, search);
 }
 
 // Largest error over some of the points, in diagonals; a wrong sign counts as infinite.

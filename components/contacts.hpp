@@ -12,6 +12,9 @@ enum class ResponseDirection : uint8_t { kLocal, kThesis };
 // What pushes a pair whose overlap is so deep that shortest ways out no longer agree (Penetrations::saturated).
 enum class DeepResponse : uint8_t { kNone, kLastFree };
 
+// Who walks the trees of Embree for closest points: Embree itself or a walk of our own. Answers are the same to the bit.
+enum class TreeSearch : uint8_t { kOwn, kEmbree };
+
 // What a scene may set under [contact].
 struct ContactParams {
     double tolerance = 1e-4;        // m, deepest point along an edge is found to this; what is left deeper is swept more often
@@ -23,10 +26,11 @@ struct ContactParams {
     ResponseShare share = ResponseShare::kMass;
     ResponseDirection direction = ResponseDirection::kLocal;
     DeepResponse deep = DeepResponse::kNone;
+    TreeSearch search = TreeSearch::kOwn;
     bool faces = false;     // search faces for points deeper than their corners and edges, to tolerance: contacts too
     bool contours = false;  // intersection stage: where surfaces cross
     bool regions = false;   // overlap regions of every pair; needs the contours and finds them
-    TROCAR_FIELDS(tolerance, "m", push_speed, "m/s", cell_edges, iterations, row_capacity, share, direction, deep, faces, contours, regions,
+    TROCAR_FIELDS(tolerance, "m", push_speed, "m/s", cell_edges, iterations, row_capacity, share, direction, deep, search, faces, contours, regions,
                   cross_check);
 };
 

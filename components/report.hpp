@@ -42,6 +42,7 @@ inline constexpr uint8_t kLive = kInMetrics | kOnPage;  // of the clock on the w
     PASS(kSum, contact_events, "", kEvent, "passes with at least one overlapping pair")                                                    \
     PASS(kSum, dropped_contacts, "", kTrouble, "contacts beyond the capacity of a body, the shallowest, were dropped")                     \
     PASS(kSum, oversize_triangles, "", kTrouble, "times a triangle spanned more than 64 cells of the grid and was tested by its box")      \
+    PASS(kSum, queries, "", kStored, "closest points that the overlap and the edge pass asked for")                                        \
     PASS(kSum, tie_overflows, "", kTrouble, "closest-point queries met too many equal answers and started again in double")                \
     PASS(kSum, sign_disagreements, "", kTrouble, "signs were settled by the winding number, because a surface had folded over itself")     \
     PASS(kSum, disagreements, "", kTrouble, "signs by pseudonormal differed from the winding number (contact.cross_check)")                \

@@ -396,10 +396,11 @@ std::vector<TreePlan> plan_trees(Bodies& bodies) {
 
 std::unique_ptr<ClosestPointTree> make_tree(const World& world, uint32_t body, const ClosestPointTree* like) {
     const MeshView view = mesh_view(world.meshes, world.bodies.mesh[body]);
-    if (!is_deformable(world.bodies, body)) return std::make_unique<ClosestPointTree>(view, like);
+    const TreeSearch search = world.settings.contact.search;
+    if (!is_deformable(world.bodies, body)) return std::make_unique<ClosestPointTree>(view, like, search);
     const Range rows = world.bodies.particles[body];
     TROCAR_ASSERT(rows.count > 0 && "make_trees comes after make_deformable");
-    return std::make_unique<ClosestPointTree>(view, std::span(world.particles.offset).subspan(rows.first, rows.count), like);
+    return std::make_unique<ClosestPointTree>(view, std::span(world.particles.offset).subspan(rows.first, rows.count), like, search);
 }
 
 }  // namespace

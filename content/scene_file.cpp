@@ -15,6 +15,7 @@ void read_contact(TomlSection section, ContactParams& contact, uint32_t& rate) {
     section.read("cell_edges", contact.cell_edges, 0.01, 1000);
     section.read("push_speed", contact.push_speed, 0, 1e3);
     section.read_enum<DeepResponse>("deep", contact.deep, {{"none", DeepResponse::kNone}, {"last_free", DeepResponse::kLastFree}});
+    section.read_enum<TreeSearch>("search", contact.search, {{"own", TreeSearch::kOwn}, {"embree", TreeSearch::kEmbree}});
     section.read("faces", contact.faces);
     section.read("contours", contact.contours);
     section.read("regions", contact.regions);

@@ -29,17 +29,6 @@ inline float half_area(const FloatBox& box) {
     return x * y + y * z + z * x;
 }
 
-// Where to cut a set of boxes in two: binned surface-area heuristic on their middles (Wald, On fast construction of
-// SAH-based bounding volume hierarchies, RT 2007). A side costs its area times the groups of `grain` that it fills.
-struct BoxCut {
-    int axis = 0;
-    uint32_t left = 0;  // boxes on the low side
-};
-BoxCut choose_cut(std::span<const FloatBox> boxes, std::span<const uint32_t> rows, uint32_t grain);
-
-// Reorders rows so that the first cut.left are on the low side; equal middles are ordered by row.
-void apply_cut(std::span<const FloatBox> boxes, BoxCut cut, std::span<uint32_t> rows);
-
 constexpr uint32_t kBoxLeaf = 1u << 31;  // a child that is a box, not a node
 
 // Eight children side by side. Unused ones have an empty box, which is infinitely far from everything.
@@ -53,18 +42,22 @@ struct alignas(64) BoxNode {
 // Tree over boxes; root first, every child after its parent.
 struct BoxTree {
     std::vector<BoxNode> node;
-    std::vector<uint32_t> row;  // working array of the build
-    double built_area = 0;      // summed area of nodes and boxes after the last build
+    double built_area = 0;  // summed area of nodes and boxes after the last build
+    uint64_t builds = 0;    // by Embree
 };
 
+// Has Embree build the tree: binned surface-area heuristic (Wald, On fast construction of SAH-based bounding volume
+// hierarchies, RT 2007), eight children a node, one box a leaf.
 void build_box_tree(std::span<const FloatBox> boxes, BoxTree& tree);
 
 // Fits the nodes to boxes that moved and returns the summed half areas of nodes and boxes, the measure of the work that
 // queries will have (Goldsmith & Salmon, IEEE CG&A 7(5), 1987).
 double refit_box_tree(std::span<const FloatBox> boxes, BoxTree& tree);
 
-// Most that a search through a tree can stack; every cut leaves an eighth on either side, so trees are not deep.
-constexpr uint32_t kBoxStack = 1024;
+// Embree shares out evenly what lies this deep less eight levels, so that no tree is deeper: a search stacks up to 7 a level
+// and writes 8.
+constexpr uint32_t kBoxDepth = 32;
+constexpr uint32_t kBoxStack = 8 * kBoxDepth;
 
 // For every set of lanes, its lanes in ascending order and then anything: brings chosen lanes to the front.
 inline constexpr auto kLanesToFront = [] {

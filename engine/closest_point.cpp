@@ -1,7 +1,6 @@
 #include <immintrin.h>
 
 #include <algorithm>
-#include <atomic>
 #include <cmath>
 
 #include "engine/check.hpp"
@@ -43,20 +42,6 @@ namespace trocar {
 namespace {
 
 constexpr double kMostGrowth = 1.3;  // of the tree's summed area by refits before it is built afresh
-
-std::atomic<bool>& embree_chosen() {
-    static std::atomic<bool> chosen{false};
-    return chosen;
-}
-
-// One device for the process: it holds worker state, and a second one would be paid for in threads and memory.
-std::shared_ptr<RTCDeviceTy> shared_device() {
-    static const std::shared_ptr<RTCDeviceTy> device(rtcNewDevice(nullptr), [](RTCDevice d) {
-        if (d) rtcReleaseDevice(d);
-    });
-    TROCAR_ASSERT(device);
-    return device;
-}
 
 }  // namespace
 
@@ -101,7 +86,6 @@ void meshlet_bounds(const RTCBoundsFunctionArguments* args) {
 
 void ClosestPointTree::Impl::build(const MeshView& view, const Impl* like) {
     mesh = view;
-    with_embree = embree_chosen().load(std::memory_order_relaxed);
     admission = view.info ? view.info->admission : Admission::kSheet;
     TROCAR_ASSERT(mesh.neighbour.size() == mesh.triangle.size());
     TROCAR_ASSERT(mesh.incident_first.size() == mesh.position.size() + 1);
@@ -237,10 +221,10 @@ void ClosestPointTree::Impl::update_meshlets() {
 }
 
 void ClosestPointTree::Impl::make_scene() {
-    if (boxes.empty() || !with_embree) return;
-    device = shared_device();
-    scene = rtcNewScene(device.get());
-    geometry = rtcNewGeometry(device.get(), RTC_GEOMETRY_TYPE_USER);
+    if (boxes.empty() || walk != TreeSearch::kEmbree) return;
+    const RTCDevice device = embree_device();
+    scene = rtcNewScene(device);
+    geometry = rtcNewGeometry(device, RTC_GEOMETRY_TYPE_USER);
     if (deformable) {
         // Embree 3.13 refits only with all three of these; with fewer it silently rebuilds
         rtcSetSceneFlags(scene, RTC_SCENE_FLAG_DYNAMIC);
@@ -253,7 +237,7 @@ void ClosestPointTree::Impl::make_scene() {
     rtcCommitGeometry(geometry);
     rtcAttachGeometry(scene, geometry);
     commit(scene, boxes);
-    TROCAR_ASSERT(rtcGetDeviceError(device.get()) == RTC_ERROR_NONE);
+    TROCAR_ASSERT(rtcGetDeviceError(device) == RTC_ERROR_NONE);
 }
 
 void ClosestPointTree::Impl::release_scene() {
@@ -272,17 +256,35 @@ void ClosestPointTree::Impl::update_scene(bool rebuild) {
     if (rebuild) rtcSetGeometryBuildQuality(geometry, RTC_BUILD_QUALITY_REFIT);
 }
 
+QueryCounters& QueryCounters::operator+=(const QueryCounters& other) {
+    queries += other.queries;
+    tie_overflows += other.tie_overflows;
+    disagreements += other.disagreements;
+    settled += other.settled;
+    return *this;
+}
+
+void add_to_report(const QueryCounters& counters, Report& report) {
+    report.queries += counters.queries;
+    report.tie_overflows += counters.tie_overflows;
+    report.disagreements += counters.disagreements;
+    report.sign_disagreements += counters.settled;
+}
+
 bool ClosestPointTree::looks_at(const MeshView& mesh) const {
     const MeshView& own = impl_->mesh;
     return own.position.data() == mesh.position.data() && own.triangle.data() == mesh.triangle.data() && own.info == mesh.info;
 }
 
-ClosestPointTree::ClosestPointTree(const MeshView& mesh, const ClosestPointTree* like) : impl_(new Impl) {
+ClosestPointTree::ClosestPointTree(const MeshView& mesh, const ClosestPointTree* like, TreeSearch search) : impl_(new Impl) {
+    impl_->walk = search;
     impl_->build(mesh, like ? like->impl_.get() : nullptr);
 }
 
-ClosestPointTree::ClosestPointTree(const MeshView& mesh, std::span<const Float4> offset, const ClosestPointTree* like) : impl_(new Impl) {
+ClosestPointTree::ClosestPointTree(const MeshView& mesh, std::span<const Float4> offset, const ClosestPointTree* like, TreeSearch search)
+    : impl_(new Impl) {
     TROCAR_ASSERT(offset.size() >= mesh.position.size());
+    impl_->walk = search;
     impl_->deformable = true;
     impl_->offset.assign(offset.begin(), offset.begin() + static_cast<std::ptrdiff_t>(mesh.position.size()));
     impl_->build(mesh, like ? like->impl_.get() : nullptr);
@@ -296,10 +298,7 @@ void ClosestPointTree::refit(std::span<const Float4> offset) {
     std::copy_n(offset.begin(), t.offset.size(), t.offset.begin());
     t.update_meshlets();
     const bool grown = refit_box_tree(t.boxes, t.tree) > kMostGrowth * t.tree.built_area;
-    if (grown) {
-        build_box_tree(t.boxes, t.tree);
-        ++t.rebuilds;
-    }
+    if (grown) build_box_tree(t.boxes, t.tree);
     t.update_clusters();
     t.update_scene(grown);
 }
@@ -311,12 +310,14 @@ void ClosestPointTree::rebuild() {
     impl_->make_scene();
 }
 
-uint64_t ClosestPointTree::rebuilds() const { return impl_->rebuilds; }
+uint64_t ClosestPointTree::builds() const { return impl_->tree.builds; }
+TreeSearch ClosestPointTree::search() const { return impl_->walk; }
 
 bool ClosestPointTree::cut_like(const ClosestPointTree& other) const { return impl_->cut == other.impl_->cut; }
 
 void ClosestPointTree::query(std::span<const Vec3d> points, std::span<const double> radius, std::span<const uint32_t> hint,
                              std::span<SurfacePoint> out, QueryCounters& counters) const {
+    counters.queries += points.size();
     TROCAR_ASSERT(radius.size() == points.size() && out.size() == points.size());
     TROCAR_ASSERT(hint.empty() || hint.size() == points.size());
     if (impl_->boxes.empty()) {
@@ -356,7 +357,6 @@ void ClosestPointTree::cross_check(bool on) {
 
 Vec3d ClosestPointTree::vertex(uint32_t v) const { return impl_->position(v); }
 
-void search_with_embree(bool on) { embree_chosen().store(on, std::memory_order_relaxed); }
 
 const char* closest_point_library() { return RTC_VERSION_STRING; }
 

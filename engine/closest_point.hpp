@@ -2,7 +2,8 @@
 #include <memory>
 #include <span>
 
-#include "components/math.hpp"
+#include "components/contacts.hpp"
+#include "components/report.hpp"
 #include "engine/geometry/point_triangle.hpp"
 #include "engine/mesh_view.hpp"
 namespace trocar {
@@ -16,14 +17,17 @@ struct SurfacePoint {
     Feature feature = Feature::kFace;
 };
 
-// Counters of one batch, to be added to Report by the caller.
+// Counters of some queries; add_to_report adds them to a Report.
 struct QueryCounters {
+    uint64_t queries = 0;
     uint64_t tie_overflows = 0;
     uint64_t disagreements = 0;  // of pseudonormal and winding number, cross-checked trees only
     uint64_t settled = 0;        // answers that settle_side changed, for its callers to count
+    QueryCounters& operator+=(const QueryCounters& other);
 };
+void add_to_report(const QueryCounters& counters, Report& report);
 
-// Signed closest-point queries on one triangle mesh, exact to double rounding: a tree over groups of 16 triangles finds
+// Signed closest-point queries on one triangle mesh, exact to double rounding: Embree's tree over groups of 16 triangles finds
 // candidates in float in a recentred frame, every triangle within a proven error bound of the best is evaluated again
 // in double, and the least (squared distance, triangle id) wins. Sign: angle-weighted pseudonormal of the winning
 // feature (Baerentzen & Aanaes, TVCG 11(3), 2005) for solids, generalised winding number (Jacobson et al. 2013) for
@@ -32,9 +36,10 @@ class ClosestPointTree {
  public:
     // Rigid or imported surface: doubles in the body frame. The view must outlive the tree. `like`: another tree of the same
     // rows, whose groups of triangles this one shares; cutting them anew would take four fifths of the time.
-    explicit ClosestPointTree(const MeshView& mesh, const ClosestPointTree* like = nullptr);
+    explicit ClosestPointTree(const MeshView& mesh, const ClosestPointTree* like = nullptr, TreeSearch search = TreeSearch::kOwn);
     // Deformable surface: float offsets, one per vertex (more rows may follow).
-    ClosestPointTree(const MeshView& mesh, std::span<const Float4> offset, const ClosestPointTree* like = nullptr);
+    ClosestPointTree(const MeshView& mesh, std::span<const Float4> offset, const ClosestPointTree* like = nullptr,
+                     TreeSearch search = TreeSearch::kOwn);
     ~ClosestPointTree();
     ClosestPointTree(const ClosestPointTree&) = delete;
     ClosestPointTree& operator=(const ClosestPointTree&) = delete;
@@ -47,8 +52,9 @@ class ClosestPointTree {
     void refit(std::span<const Float4> offset);
     // Builds afresh from the present positions (same answers, faster queries after large deformation).
     void rebuild();
-    // How often refits built afresh.
-    uint64_t rebuilds() const;
+    // How often Embree has built the tree, and who walks it.
+    uint64_t builds() const;
+    TreeSearch search() const;
     // Whether both share their groups of triangles.
     bool cut_like(const ClosestPointTree& other) const;
 
@@ -79,11 +85,7 @@ class ClosestPointTree {
     std::unique_ptr<Impl> impl_;
 };
 
-// Trees made from now on search with Embree's rtcPointQuery instead of our own traversal: the reference, for tests and
-// benches. Answers are the same to the bit.
-void search_with_embree(bool on);
-
-// Version of the library that searches, e.g. "3.13.5".
+// Version of Embree, which builds the trees: e.g. "3.13.5".
 const char* closest_point_library();
 
 }  // namespace trocar

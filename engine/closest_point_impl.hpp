@@ -1,6 +1,4 @@
 #pragma once
-#include <embree3/rtcore.h>
-
 #include <bit>
 #include <memory>
 #include <span>
@@ -9,6 +7,7 @@
 #include "engine/box_tree.hpp"
 #include "engine/closest_point.hpp"
 #include "engine/closest_point_kernels.hpp"
+#include "engine/embree_device.hpp"
 #include "engine/geometry/point_triangle.hpp"
 #include "engine/geometry/winding_number.hpp"
 #include "engine/winding_tree.hpp"
@@ -95,12 +94,10 @@ struct ClosestPointTree::Impl {
     std::vector<FloatBox> boxes;  // one a meshlet, local frame, outward
     FloatBox box;                 // of all
     BoxTree tree;                 // over boxes
-    uint64_t rebuilds = 0;        // by refits
     bool cross_checked = false;
     WindingTree clusters;  // empty unless signs need it
-    bool with_embree = false;
-    std::shared_ptr<RTCDeviceTy> device;
-    RTCScene scene = nullptr;  // only with_embree
+    TreeSearch walk = TreeSearch::kOwn;
+    RTCScene scene = nullptr;  // only where Embree walks
     RTCGeometry geometry = nullptr;
 
     // What the traversal's callback gets to see.

@@ -11,7 +11,7 @@ struct MeshletGroups {
     std::vector<std::array<uint32_t, 2>> groups;  // [begin, end) of order
 };
 
-// Cuts by choose_cut (box_tree.hpp) at multiples of 16, so that groups are full; in the frame (x - centre) * scale.
+// Halves by the surface-area heuristic at multiples of 16, so that groups are full; in the frame (x - centre) * scale.
 MeshletGroups cut_meshlets(const MeshView& mesh, const Vec3d& centre, double scale);
 
 }  // namespace trocar

@@ -353,11 +353,7 @@ void find_edge_contacts(const ContactInputs& in, const CandidateTriangles& candi
                 find_side(in, candidates, near, make_side(in, row), scratch.side[row], chunk);
         }
     });
-    for (uint32_t i = 0; i < chunk_count(count, grain); ++i) {
-        report.tie_overflows += scratch.chunk[i].counters.tie_overflows;
-        report.disagreements += scratch.chunk[i].counters.disagreements;
-        report.sign_disagreements += scratch.chunk[i].counters.settled;
-    }
+    for (uint32_t i = 0; i < chunk_count(count, grain); ++i) add_to_report(scratch.chunk[i].counters, report);
     find_places(in.pairs, contacts, scratch);
     open_rows(scratch.before, contacts);
     parallel_for(count, grain, [&](uint32_t begin, uint32_t end) {

@@ -207,10 +207,7 @@ void run_queries(const Side& side, uint32_t first, OverlapChunk& c) {
             if (answer.triangle != kNone) answer.distance -= side.half_thickness;
         }
     });
-    for (const QueryCounters& counters : c.query_counters) {
-        c.tie_overflows += counters.tie_overflows;
-        c.disagreements += counters.disagreements;
-    }
+    for (const QueryCounters& counters : c.query_counters) c.counters += counters;
     for (uint32_t i = first; i < c.query_vertex.size(); ++i) c.row[c.query_vertex[i]] = i;
     c.settled.resize((c.query_vertex.size() + 63) / 64, 0);
 }
@@ -220,7 +217,7 @@ bool settle_sign(const Side& side, uint32_t row, OverlapChunk& c) {
     if (has_bit(c.settled, row)) return false;
     set_bit(c.settled, row);
     const bool changed = side.tree->settle_side(c.query_point[row], c.query_answer[row]);
-    c.sign_disagreements += changed;
+    c.counters.settled += changed;
     return changed;
 }
 
@@ -457,7 +454,7 @@ void find_overlap(const ContactInputs& in, const ScreenedTriangles& screened, co
         chunk.point.clear();
         chunk.answer.clear();
         chunk.projected = kNone;
-        chunk.sign_disagreements = chunk.tie_overflows = chunk.disagreements = 0;
+        chunk.counters = {};
         for (uint32_t row = begin; row < end; ++row)
             find_side(in, make_side(in, screened, candidates, scratch, row), scratch.side[row], chunk);
     });
@@ -466,11 +463,7 @@ void find_overlap(const ContactInputs& in, const ScreenedTriangles& screened, co
     parallel_for(sides, grain, [&](uint32_t begin, uint32_t end) {
         for (uint32_t row = begin; row < end; ++row) write_side(in, scratch, row, scratch.chunk[begin / grain], near, contacts);
     });
-    for (uint32_t i = 0; i < chunk_count(sides, grain); ++i) {
-        report.sign_disagreements += scratch.chunk[i].sign_disagreements;
-        report.tie_overflows += scratch.chunk[i].tie_overflows;
-        report.disagreements += scratch.chunk[i].disagreements;
-    }
+    for (uint32_t i = 0; i < chunk_count(sides, grain); ++i) add_to_report(scratch.chunk[i].counters, report);
     keep_hints(in.pairs, near, scratch);
 }
 

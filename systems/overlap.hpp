@@ -32,9 +32,7 @@ struct OverlapChunk {
     std::vector<uint32_t> vertex;  // ascending within a side
     std::vector<Vec3d> point;      // frame of the other body, m
     std::vector<SurfacePoint> answer;
-    uint64_t sign_disagreements = 0;
-    uint64_t tie_overflows = 0;
-    uint64_t disagreements = 0;
+    QueryCounters counters;
 };
 
 // Memory of the overlap phase. `hint_*` is a cache: any content gives the same answers.

@@ -204,8 +204,9 @@ void lay_surface(const Bodies& bodies, const Particles& particles, std::span<con
     sort_triangles(gone, tear, corner, meshes.info[prototype], tears, meshes);
     rebuild_topology(prototype, tear.whole, meshes);
     const Range rows = bodies.particles[tear.body];
-    trees[bodies.tree[tear.body]] =
-        std::make_unique<ClosestPointTree>(mesh_view(meshes, prototype), std::span(particles.offset).subspan(rows.first, rows.count));
+    std::unique_ptr<ClosestPointTree>& tree = trees[bodies.tree[tear.body]];
+    tree = std::make_unique<ClosestPointTree>(mesh_view(meshes, prototype), std::span(particles.offset).subspan(rows.first, rows.count),
+                                              nullptr, tree->search());
 }
 
 // Mass of what was let go since the last pass, and whether anything is lost at all.

@@ -136,6 +136,7 @@ int collide_command(const CollideOptions& options) {
         return (box.max - box.min).norm();
     };
     world.settings.contact.cross_check = options.cross_check;
+    world.settings.contact.search = options.search;
     make_trees(world);
     world.settings.contact.tolerance = options.tolerance > 0 ? options.tolerance : 1e-4 * std::min(diagonal(0), diagonal(1));
     world.settings.contact.row_capacity = UINT32_MAX;

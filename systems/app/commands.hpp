@@ -40,7 +40,8 @@ struct QueryOptions {
     std::string mesh;
     std::string points;         // CSV x,y,z in file units; "-" = standard input
     std::filesystem::path out;  // CSV; empty = standard output
-    bool cross_check = false;   // compare signs with the winding number
+    TreeSearch search = TreeSearch::kOwn;
+    bool cross_check = false;  // compare signs with the winding number
     bool json = false;
 };
 int query_command(const QueryOptions& options);
@@ -52,6 +53,7 @@ struct CollideOptions {
     double tolerance = 0;            // file units; 0 = 1e-4 of the smaller diagonal
     std::filesystem::path cells;     // .json, .vtp or .png of the shared cells; empty = none
     std::filesystem::path contours;  // .obj of lines; empty = none
+    TreeSearch search = TreeSearch::kOwn;
     bool separate = false;
     bool cross_check = false;  // compare signs with the winding number
     bool json = false;

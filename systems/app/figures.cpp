@@ -5,6 +5,7 @@
 #include <iterator>
 #include <nlohmann/json.hpp>
 
+#include "engine/closest_point.hpp"
 #include "systems/app/format.hpp"
 #include "systems/app/stop_signal.hpp"
 namespace trocar {
@@ -217,6 +218,10 @@ std::string metrics_json(const RunFigures& f) {
                     {"deep_events", deep_total.size()},
                     {"deep_total_ms_mean", mean(deep_total)},
                     {"deep_total_ms_p99", quantile(deep_total, 0.99)}};
+    j["contact"]["search"] = {{"built_by", std::string("embree ") + closest_point_library()},
+                              {"builds", f.tree_builds},
+                              {"walk", f.search == TreeSearch::kEmbree ? "embree" : "own"},
+                              {"queries", f.report.queries}};
     j["frame"] = percentiles(frame_ms, "ms");
     j["displayed_frame"] = percentiles(displayed_frames(f.pass), "ms");
     j["scale"] = scale_json(f);

@@ -3,6 +3,7 @@
 #include <string>
 #include <vector>
 
+#include "components/contacts.hpp"
 #include "components/math.hpp"
 #include "components/nodes.hpp"
 #include "components/report.hpp"
@@ -103,6 +104,8 @@ struct RunFigures {
     bool replay = false;
     std::string replay_difference;  // replay only: what came out otherwise than in the live run; empty = nothing
     Report report;
+    TreeSearch search = TreeSearch::kOwn;
+    uint64_t tree_builds = 0;  // by Embree, of the bodies' trees
     std::vector<LinkFigures> link;
     std::vector<ToolFigures> tool;
     std::vector<DriveFigures> drive;

@@ -131,7 +131,7 @@ void add_run(CLI::App& app, Arguments& a) {
         "out, or one a pair), share = mass | stiffness | half, push_speed (m/s), faces = true (deepest points inside faces "
         "get rows too), deep = none | last_free (a pair so deep that "
         "shortest ways out no longer agree is led back the way it came; one that starts so, the shortest way that surely parts "
-        "it), cross_check, contours, regions");
+        "it), search = own | embree (who walks Embree's trees; same answers), cross_check, contours, regions");
 }
 
 void add_check(CLI::App& app, Arguments& a) {
@@ -146,12 +146,19 @@ void add_check(CLI::App& app, Arguments& a) {
         "mesh cannot be admitted as solid.");
 }
 
+void add_search(CLI::App* command, TreeSearch& search) {
+    const std::map<std::string, TreeSearch> walks = {{"own", TreeSearch::kOwn}, {"embree", TreeSearch::kEmbree}};
+    command->add_option("--search", search, "Who walks Embree's trees for closest points: own (default) or embree; same answers")
+        ->transform(CLI::CheckedTransformer(walks));
+}
+
 void add_query(CLI::App& app, Arguments& a) {
     CLI::App* query = app.add_subcommand("query", "Signed distance, closest point, triangle and feature of points");
     query->add_option("mesh", a.query.mesh, "Mesh file")->required();
     query->add_option("points", a.query.points, "CSV of x,y,z in file units; - reads standard input")->required();
     query->add_option("--out", a.query.out, "CSV to write (default: standard output)");
     query->add_option("--threads", a.threads, "Worker threads (default: all cores)")->check(CLI::Range(0u, kMostThreads));
+    add_search(query, a.query.search);
     query->add_flag("--cross-check", a.query.cross_check,
                     "Compare every sign of a solid with the winding number; standard error tells how many differ");
     query->add_flag("--json", a.query.json, "JSON instead of CSV");
@@ -169,6 +176,7 @@ void add_collide(CLI::App& app, Arguments& a) {
     collide->add_option("--tolerance", a.collide.tolerance, "Depth tolerance along edges, file units");
     collide->add_option("--cells", a.collide.cells,
                         "Write the grid cells that both share: .json (cell, object and primitive layers), .vtp or .png");
+    add_search(collide, a.collide.search);
     collide->add_flag("--separate", a.collide.separate, "Search for the shortest translation that separates B from A: a proven bracket");
     collide->add_option("--contours", a.collide.contours, "Write where the surfaces cross to this .obj file, as lines");
     collide->add_flag("--cross-check", a.collide.cross_check,

@@ -143,7 +143,7 @@ int query_command(const QueryOptions& options) {
 
     Meshes meshes;
     const uint32_t prototype = add_prototype(meshes, loaded.mesh, judgement.admitted_as);
-    ClosestPointTree tree(mesh_view(meshes, prototype));
+    ClosestPointTree tree(mesh_view(meshes, prototype), nullptr, options.search);
     tree.cross_check(options.cross_check);
     std::vector<SurfacePoint> answers(points.size());
     const uint64_t disagreements = ask(tree, points, answers);

@@ -92,6 +92,8 @@ void finish_figures(const Frame& frame, RunFigures& figures) {
     figures.simulated_s = static_cast<double>(w.clock.tick) * 1e-3;
     figures.contact_rate = w.clock.contact_rate;
     figures.report = w.report;
+    figures.search = w.settings.contact.search;
+    for (const auto& tree : w.trees) figures.tree_builds += tree->builds();
     figures.tool.resize(w.haptics.tool.size());
     for (size_t t = 0; t < figures.tool.size(); ++t) {
         figures.tool[t].body = w.bodies.name[w.haptics.tool[t].body];

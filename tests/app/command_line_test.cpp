@@ -467,6 +467,35 @@ TEST_F(CommandLine, CrossCheckCountsSignsThatDiffer) {
     EXPECT_NE(checked.err.find("0 of 3 signs differ"), std::string::npos) << checked.err;
 }
 
+// Breaks when a run's trees are not Embree's, or when who walks them changes an answer.
+TEST_F(CommandLine, EmbreeBuildsTheTreesAndMayWalkThem) {
+    const auto metrics_of = [&](const std::string& search) {
+        const fs::path out = folder_ / search;
+        const Outcome outcome = run("run kidney_on_liver --seconds 0.2 --no-render --set contact.search=" + search + " --out " + out.string());
+        EXPECT_EQ(outcome.code, 0) << outcome.err;
+        std::ifstream metrics(out / "metrics.json");
+        return nlohmann::json::parse(metrics);
+    };
+    const nlohmann::json own = metrics_of("own"), embree = metrics_of("embree");
+    EXPECT_EQ(own["state_hash"], embree["state_hash"]);
+    const nlohmann::json& search = own["contact"]["search"];
+    EXPECT_EQ(search["built_by"].get<std::string>().rfind("embree 3.", 0), 0u) << search;
+    EXPECT_GE(search["builds"], 2);
+    EXPECT_GT(search["queries"], 0);
+    EXPECT_EQ(search["walk"], "own");
+    EXPECT_EQ(embree["contact"]["search"]["walk"], "embree");
+    EXPECT_EQ(embree["contact"]["search"]["queries"], search["queries"]);
+
+    const fs::path big = write("big.obj", cube(4)), small = write("small.obj", cube(1)), points = write("p.csv", "2,2,2\n2,2,3.9\n9,9,9\n");
+    const std::string query = "query " + big.string() + " " + points.string();
+    EXPECT_EQ(run(query + " --search embree").out, run(query).out);
+    EXPECT_EQ(run(query + " --search walk").code, 2);
+    const std::string collide = "collide " + big.string() + " " + small.string() + " --move-b \"1.5 1.5 3.75\" --json --search ";
+    const nlohmann::json a = nlohmann::json::parse(run(collide + "embree").out), b = nlohmann::json::parse(run(collide + "own").out);
+    EXPECT_EQ(a["depth"], b["depth"]);
+    EXPECT_EQ(a["witness"], b["witness"]);
+}
+
 TEST_F(CommandLine, RunWritesWhatItSays) {
     const fs::path out = folder_ / "run";
     const Outcome outcome =

@@ -4,8 +4,8 @@
 #include <chrono>
 #include <thread>
 
+#include "content/build_scene.hpp"
 #include "content/self_crossing.hpp"
-#include "engine/closest_point.hpp"
 #include "engine/cpu.hpp"
 #include "engine/parallel.hpp"
 #include "engine/surface_mesh.hpp"
@@ -25,7 +25,7 @@ struct Run {
     bool clear_caches = false;
     bool avx2 = false;
     uint32_t passes = 90;
-    bool embree = false;       // trees search with rtcPointQuery
+    bool embree = false;       // contact.search = "embree"
     bool cross_check = false;  // signs are compared with the winding number
 };
 
@@ -61,9 +61,11 @@ uint64_t run_scene(const std::string& name, const Run& run) {
         FrameOptions options;
         options.serial = run.serial;
         options.clear_caches = run.clear_caches;
-        search_with_embree(run.embree);
         World world = std::move(small_scene(name).world);
-        search_with_embree(false);
+        if (run.embree) {
+            world.settings.contact.search = TreeSearch::kEmbree;
+            make_trees(world);
+        }
         for (const auto& tree : world.trees) tree->cross_check(run.cross_check);
         Frame frame(std::move(world), options);
         for (uint32_t pass = 0; pass < run.passes; ++pass) {
