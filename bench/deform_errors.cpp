@@ -9,6 +9,7 @@
 #include "bench/deform.hpp"
 #include "engine/mesh_topology.hpp"
 #include "tests/reference/cached_run.hpp"
+#include "tests/reference/measures.hpp"
 #include "tests/reference/solid_cases.hpp"
 namespace trocar::bench {
 namespace {
