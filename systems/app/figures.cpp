@@ -284,19 +284,15 @@ std::string passes_csv(const RunFigures& f) {
     for (const DriveFigures& d : f.drive)
         out += "," + csv_field((d.behaviour == NodeBehaviour::kDial ? "angle_rad_" : "place_m_") + d.body);
     out += "\n";
-    char line[512];
     for (const PassFigures& p : f.pass) {
-        std::snprintf(
-            line, sizeof line,
+        out += format(
             "%.3f,%.4f,%.4f,%.4f,%.4f,%.9g,%u,%u,%u,%.6g,%.6g,%.9g,%.9g,%.9g,%.9g,%.9g,%.9g,%.9g,%.9g,%.9g,%.9g,%.9g,%.9g,%.9g,%.9g,%u",
             p.time, p.detection_ms, p.response_ms, p.frame_ms, p.render_ms, p.depth, p.inside_vertices, p.contacts, p.pairs, p.force,
             p.contact_force, p.energy.kinetic, p.energy.elastic, p.energy.pressure, p.energy.bending, p.energy.links, p.energy.gravity,
             p.energy.work_hand, p.energy.work_contact, p.energy.work_damping, p.energy.work_push, p.energy.work_numeric,
             p.energy.work_links, p.energy.balance, p.residual, p.awake);
-        out += line;
         for (const double place : p.place) {
-            std::snprintf(line, sizeof line, ",%.9g", place);
-            out += line;
+            out += format(",%.9g", place);
         }
         out += "\n";
     }
