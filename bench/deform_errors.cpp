@@ -10,6 +10,7 @@
 #include "bench/deform.hpp"
 #include "bench/peers/xpbd.hpp"
 #include "tests/reference/cached_run.hpp"
+#include "tests/reference/measures.hpp"
 #include "tests/reference/solid_cases.hpp"
 namespace trocar::bench {
 namespace {

@@ -148,7 +148,7 @@ LiveFiguresAt live_run(uint32_t contact_rate, double seconds) {
         const Burners load;
         PeriodicThread idle;
         idle.start({}, monotonic_ns() + 20'000'000, [](uint64_t, int64_t) {});
-        run_live({}, seconds, frame, nullptr, nullptr, nullptr, result.run);
+        run_live({{}, seconds, frame, nullptr, nullptr, result.run}, nullptr);
         idle.stop();
         result.run.report = frame.world().report;
         result.stolen = stolen_seconds() - stolen;

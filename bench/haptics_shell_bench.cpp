@@ -28,7 +28,7 @@ World two_probes(const char* triangles) {
     body.name = tool.body = "second";
     const Vec3d aside(0.0, -0.035, 0.0);
     body.position += aside;
-    for (KeyframeSpec& key : tool.path) key.position += aside;
+    for (Keyframe& key : tool.path) key.position += aside;
     scene.bodies.push_back(body);
     scene.tools.push_back(tool);
     return build_scene(scene).world;

@@ -73,13 +73,13 @@ ScatterSpec read_scatter(TomlSection section) {
 }
 
 // The path so many times on end; a time after the first begins when the one before ends, in its place.
-void repeat_path(uint32_t times, std::vector<KeyframeSpec>& path) {
+void repeat_path(uint32_t times, std::vector<Keyframe>& path) {
     if (path.empty()) return;
     const size_t keys = path.size(), first = path[0].time > 0 ? 0 : 1;
     const double period = path.back().time;
     for (uint32_t n = 1; n < times; ++n) {
         for (size_t k = first; k < keys; ++k) {
-            KeyframeSpec key = path[k];
+            Keyframe key = path[k];
             key.time += n * period;
             path.push_back(key);
         }
@@ -94,19 +94,21 @@ void read_degrees(TomlSection& section, std::string_view key, double& angle) {
     angle = degrees * (std::numbers::pi / 180);
 }
 
-std::vector<KeyframeSpec> read_path(const std::string& file, TomlSection& owner, std::string_view key, bool with_grip) {
-    std::vector<KeyframeSpec> path;
+std::vector<Keyframe> read_path(const std::string& file, TomlSection& owner, std::string_view key, bool with_grip) {
+    std::vector<Keyframe> path;
     const toml::array* array = owner.tables(key);
     if (!array) return path;
     for (const toml::node& node : *array) {
         TomlSection section(file, *node.as_table(), std::string(key));
-        KeyframeSpec frame;
+        Keyframe frame;
         if (!path.empty())
             frame.position = path.back().position, frame.orientation = path.back().orientation, frame.grip = path.back().grip;
         section.read("time", frame.time, 0, 1e9);
         section.read("position", frame.position);
         section.read("rotation", frame.orientation);
-        section.read("jump", frame.jump);
+        bool jump = false;
+        section.read("jump", jump);
+        frame.jump = jump;
         if (with_grip) read_degrees(section, "grip", frame.grip);
         section.refuse_unknown();
         if (!path.empty() && frame.time <= path.back().time) section.fail("time must be later than that of the key before");

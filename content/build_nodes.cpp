@@ -68,7 +68,7 @@ void fold_body(const SceneFile& scene, const NodeFrame& frame, BodySpec& body) {
     body.size *= frame.scale;
     body.velocity = rotate(frame.turn, body.velocity);
     body.spin = rotate(frame.turn, body.spin);
-    for (KeyframeSpec& key : body.path) {
+    for (Keyframe& key : body.path) {
         key.position = frame(key.position);
         key.orientation = normalized(multiply(frame.turn, key.orientation));
     }

@@ -158,10 +158,10 @@ void fix_vertices_below(World& world, uint32_t body, double z) {
         if (world.solids.position[inner.first + i].z() < z) world.particles.offset[particles.first + skin + surface + i].w = 0;
 }
 
-void add_path(Paths& paths, uint32_t body, const std::vector<KeyframeSpec>& keys) {
+void add_path(Paths& paths, uint32_t body, const std::vector<Keyframe>& keys) {
     paths.body.push_back(body);
     paths.keys.push_back({static_cast<uint32_t>(paths.key.size()), static_cast<uint32_t>(keys.size())});
-    for (const KeyframeSpec& k : keys) paths.key.push_back({k.time, k.position, k.orientation, k.jump, k.grip});
+    paths.key.insert(paths.key.end(), keys.begin(), keys.end());
 }
 
 double area_of(const MeshView& mesh) {

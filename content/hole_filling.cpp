@@ -144,11 +144,6 @@ double diagonal_of(const Mesh& mesh, const std::vector<uint32_t>& rim) {
 
 }  // namespace
 
-std::vector<std::vector<uint32_t>> find_rims(const Mesh& mesh) {
-    const EdgeTable table = make_edge_table(mesh.triangle, static_cast<uint32_t>(mesh.position.size()));
-    return trace_rims(mesh, rim_half_edges(mesh, table));
-}
-
 HoleReport fill_holes(Mesh& mesh, const HoleLimits& limits) {
     HoleReport report;
     Box box;

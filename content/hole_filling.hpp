@@ -14,14 +14,10 @@ struct HoleReport {
     double largest_diagonal = 0;
 };
 
-// Rims of a surface whose edges have at most two faces and whose vertices one fan: each as vertices in the order in
-// which faces that close it run along it.
-std::vector<std::vector<uint32_t>> find_rims(const Mesh& mesh);
-
-// Closes rims with faces between their vertices only, the ones that bend least and then are smallest, also against the
-// faces around: dynamic programming over all triangulations, Barequet and Sharir, "Filling gaps in the boundary of a
-// polyhedron" (1995), with the weights of Liepa, "Filling holes in meshes" (2003), section 3. No edge gets a third
-// face. Texture coordinates go on from the faces around.
+// Closes the rims of a surface whose edges have at most two faces and whose vertices one fan, with faces between their vertices only, the
+// ones that bend least and then are smallest, also against the faces around: dynamic programming over all triangulations, Barequet and
+// Sharir, "Filling gaps in the boundary of a polyhedron" (1995), with the weights of Liepa, "Filling holes in meshes" (2003), section 3. No
+// edge gets a third face. Texture coordinates go on from the faces around.
 HoleReport fill_holes(Mesh& mesh, const HoleLimits& limits);
 
 }  // namespace trocar

@@ -6,20 +6,12 @@
 
 #include "components/bodies.hpp"
 #include "components/haptics.hpp"
+#include "components/paths.hpp"
 #include "components/scene.hpp"
 #include "content/attach_spec.hpp"
 #include "content/node_spec.hpp"
 #include "content/scatter.hpp"
 namespace trocar {
-
-// One key of a scripted motion.
-struct KeyframeSpec {
-    double time = 0;                 // s
-    Vec3d position = Vec3d::Zero();  // m
-    Quat orientation;
-    bool jump = false;  // arrives at once instead of moving there from the key before
-    double grip = 0;    // rad, of a tool's hand
-};
 
 // One [[body]] of a scene file.
 struct BodySpec {
@@ -53,7 +45,7 @@ struct BodySpec {
     double mass = 0;                         // kg; 0: hand-driven 0.05 (what the coupling moves), free by its density
     Vec3d velocity = Vec3d::Zero();          // m/s, free: at the start, of its origin
     Vec3d spin = Vec3d::Zero();              // rad/s, free: at the start, world axes
-    std::vector<KeyframeSpec> path;          // kinematic
+    std::vector<Keyframe> path;              // kinematic
     std::vector<std::string> apart;          // bodies that it does not meet, such as the wall that an instrument's port lies in
     std::array<float, 3> color{-1, -1, -1};  // overrides the material's diffuse colour
     double break_strain = std::numeric_limits<double>::infinity();  // springs break above it
@@ -88,7 +80,7 @@ struct ToolSpec {
     double turn_damping = -1;      // N m s/rad; < 0, as damping: critical
     double surface_stiffness = 0;  // N/m of a point; 0 = 100 times stiffness
     std::string trace;             // recorded device trace; else path
-    std::vector<KeyframeSpec> path;
+    std::vector<Keyframe> path;
     HandModel hand;
     Workspace workspace;
     Pivot pivot;

@@ -4,7 +4,7 @@
 namespace trocar {
 
 // The tables of a scene file, a function each. All throw InputError "file:line:column: reason".
-std::vector<KeyframeSpec> read_path(const std::string& file, TomlSection& owner, std::string_view key, bool with_grip = false);
+std::vector<Keyframe> read_path(const std::string& file, TomlSection& owner, std::string_view key, bool with_grip = false);
 void read_degrees(TomlSection& section, std::string_view key, double& angle);  // 0..180, into rad
 BodySpec read_body(const std::string& file, const toml::table& table);
 ToolSpec read_tool(const std::string& file, const toml::table& table);

@@ -94,12 +94,6 @@ size_t voxel_bytes(VoxelType type) {
     return kBytes[static_cast<size_t>(type)];
 }
 
-const char* voxel_type_name(VoxelType type) {
-    constexpr std::array<const char*, 10> kNames{"uint8", "int8",   "uint16", "int16", "uint32",
-                                                 "int32", "uint64", "int64",  "float", "double"};
-    return kNames[static_cast<size_t>(type)];
-}
-
 Vec3d place_of_index(const Volume& volume, const Vec3d& index) {
     return volume.origin + index.x() * volume.step[0] + index.y() * volume.step[1] + index.z() * volume.step[2];
 }

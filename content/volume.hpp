@@ -12,7 +12,6 @@ enum class VoxelType : uint8_t { kUint8, kInt8, kUint16, kInt16, kUint32, kInt32
 // Bytes of one voxel.
 size_t voxel_bytes(VoxelType type);
 // "uint8", "float", ...
-const char* voxel_type_name(VoxelType type);
 
 // A segmented or measured image in space. Lengths are the file's, for medical images millimetres; x runs to the
 // patient's left, y to the back, z to the head (LPS, the convention of DICOM and ITK).

@@ -134,18 +134,4 @@ double tet_energy(const Solids& solids, const Bodies& bodies, const Particles& p
         {particles.velocity_x.data() + first, particles.velocity_y.data() + first, particles.velocity_z.data() + first}, back, scratch);
 }
 
-std::vector<double> volume_ratios(const Solids& solids, const Bodies& bodies, const Particles& particles, uint32_t body) {
-    const SolidInfo& info = solids.info[bodies.mesh[body]];
-    const TetStep step = bind_tets(solids, bodies, particles, body);
-    const auto place = [&](uint32_t node) {
-        return Vec3d(step.offset[4ul * node], step.offset[4ul * node + 1], step.offset[4ul * node + 2]);
-    };
-    std::vector<double> ratio(info.count);
-    for (uint32_t t = 0; t < ratio.size(); ++t) {
-        ratio[t] =
-            six_volumes(place(step.corner0[t]), place(step.corner1[t]), place(step.corner2[t]), place(step.corner3[t])) / step.rest[t];
-    }
-    return ratio;
-}
-
 }  // namespace trocar

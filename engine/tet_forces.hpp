@@ -70,7 +70,4 @@ double tet_energy(const TetStep& step, uint32_t nodes, const SolidModuli& moduli
 // The least signed volume / rest volume of the tetrahedra at step.offset; at most 1. Needs no outputs bound.
 float least_volume_ratio(const TetStep& step);
 
-// Signed volume / rest volume of every tetrahedron of a body as it stands.
-std::vector<double> volume_ratios(const Solids& solids, const Bodies& bodies, const Particles& particles, uint32_t body);
-
 }  // namespace trocar

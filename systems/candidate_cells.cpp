@@ -16,7 +16,7 @@ namespace {
 
 constexpr uint8_t kAllCorners = 7;
 constexpr uint32_t kMostRuns = 2 * kMostChunks;  // of cells, then of pairs with triangles too large for them
-constexpr size_t kCrowded = 16384;               // triangle pairs of a cell from which sorting beats testing all
+constexpr size_t kCrowded = 1 << 20;             // triangle pairs of a cell beyond which they are sorted before they are compared
 
 uint32_t find_pair(const CandidatePairs& pairs, const std::vector<uint32_t>& first, uint32_t a, uint32_t b) {
     const auto begin = pairs.b.begin() + first[a], end = pairs.b.begin() + first[a + 1];

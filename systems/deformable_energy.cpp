@@ -44,25 +44,15 @@ void add_other_energies(const Springs& springs, const Bodies& bodies, const Part
     energy.pressure += find_pressure_energy(springs, bodies, body, volume);
 }
 
-// A free body at the time of its velocities.
-struct FreeState {
-    Vec3d velocity, place, turning;  // m/s and m of the centre of mass; angular momentum about it, kg m^2/s
-};
-FreeState free_state(const RigidMass& free, const Poses& poses, const Particles& particles) {
-    const uint64_t body = free.body;
-    const Quat principal = multiply(poses.orientation[body], free.axes);
-    const Vec3d arm = rotate(poses.orientation[body], free.centre);
-    FreeState state;
-    state.velocity = poses.velocity[body] + poses.angular_velocity[body].cross(arm);
-    state.place = poses.origin[body] + arm - 0.5 * particles.last_dt[body] * state.velocity;
-    state.turning = momentum_of(free.moments, principal, poses.angular_velocity[body]);
-    return state;
-}
-
+// Of a free body at the time of its velocities.
 void add_free_energy(const RigidMass& free, const Poses& poses, const Particles& particles, const Vec3d& gravity, Energy& energy) {
-    const FreeState state = free_state(free, poses, particles);
-    energy.kinetic += 0.5 * free.mass * state.velocity.squaredNorm() + 0.5 * state.turning.dot(poses.angular_velocity[free.body]);
-    energy.gravity -= free.mass * gravity.dot(state.place);
+    const uint64_t body = free.body;
+    const Vec3d arm = rotate(poses.orientation[body], free.centre);
+    const Vec3d velocity = poses.velocity[body] + poses.angular_velocity[body].cross(arm);
+    const Vec3d place = poses.origin[body] + arm - 0.5 * particles.last_dt[body] * velocity;
+    const Vec3d turning = momentum_of(free.moments, multiply(poses.orientation[body], free.axes), poses.angular_velocity[body]);
+    energy.kinetic += 0.5 * free.mass * velocity.squaredNorm() + 0.5 * turning.dot(poses.angular_velocity[body]);
+    energy.gravity -= free.mass * gravity.dot(place);
 }
 
 }  // namespace
@@ -131,26 +121,6 @@ void measure_energy(const EnergyInputs& inputs, double start, EnergyScratch& scr
     }
     energy.balance = energy.kinetic + energy.elastic + energy.pressure + energy.bending + energy.links + energy.gravity - energy.work_hand -
                      energy.work_contact - energy.work_damping - energy.work_push - energy.work_numeric - energy.work_links - start;
-}
-
-Momentum measure_momentum(const Bodies& bodies, const Poses& poses, const Particles& particles, uint32_t body) {
-    const Range rows = bodies.particles[body];
-    const double back = 0.5 * particles.last_dt[body];
-    Momentum sum;
-    if (const RigidMass* free = find_rigid_mass(bodies, body)) {
-        const FreeState state = free_state(*free, poses, particles);
-        sum.linear = free->mass * state.velocity;
-        sum.angular = state.place.cross(sum.linear) + state.turning;
-    }
-    for (uint32_t p = rows.first; p < rows.end(); ++p) {
-        const Float4& o = particles.offset[p];
-        if (!(o.w > 0)) continue;
-        const Vec3d velocity(particles.velocity_x[p], particles.velocity_y[p], particles.velocity_z[p]);
-        const Vec3d place = poses.origin[body] + Vec3d(o.x, o.y, o.z) - back * velocity;
-        sum.linear += velocity / o.w;
-        sum.angular += place.cross(velocity) / o.w;
-    }
-    return sum;
 }
 
 }  // namespace trocar

@@ -45,11 +45,4 @@ void measure_energy(const EnergyInputs& inputs, double start, EnergyScratch& scr
 // Adds the energies of one body, J: none where neither forces nor springs move it.
 void add_body_energy(const EnergyInputs& inputs, uint32_t body, BodyEnergyScratch& scratch, Energy& energy);
 
-// Linear momentum (kg m/s) and angular momentum about the world origin (kg m^2/s) of one deformable or free body.
-struct Momentum {
-    Vec3d linear = Vec3d::Zero();
-    Vec3d angular = Vec3d::Zero();
-};
-Momentum measure_momentum(const Bodies& bodies, const Poses& poses, const Particles& particles, uint32_t body);
-
 }  // namespace trocar

@@ -9,9 +9,7 @@
 namespace trocar {
 namespace {
 
-constexpr uint64_t kEmptyCell = UINT64_MAX;
-constexpr uint32_t kMostCells = 64;      // of one triangle; more goes to the oversize list
-constexpr uint32_t kLongestProbe = 256;  // steps of a lookup; a table that needs more is given up
+constexpr uint32_t kMostCells = 64;  // of one triangle; more goes to the oversize list
 constexpr double kGridCells = (1 << 21) - 2;
 
 Box overlap_of(const Box& a, const Box& b) { return {a.min.cwiseMax(b.min), a.max.cwiseMin(b.max)}; }
@@ -232,74 +230,8 @@ double choose_cell_size(const ContactInputs& in, double mean_edge, const Vec3d& 
     return size > 0 && std::isfinite(size) ? size : 1.0;
 }
 
-void clear_table(RasteriseScratch& scratch) {
-    for (const uint32_t slot : scratch.used_slot) scratch.table[slot] = {kEmptyCell, 0, 0};
-    scratch.used_slot.clear();
-}
-
-void grow_table(RasteriseScratch& scratch) {
-    const size_t size = std::max<size_t>(1024, 2 * scratch.table.size());
-    scratch.table.assign(size, {kEmptyCell, 0, 0});
-    scratch.used_slot.clear();
-}
-
-// Slot of a cell, taken if new; kNone if it would be too far from where it belongs. The body is counted.
-uint32_t count_cell(uint64_t key, uint32_t body, uint32_t shift, RasteriseScratch& scratch) {
-    const uint32_t mask = uint32_t(scratch.table.size()) - 1;
-    uint32_t slot = cell_slot(key, shift);
-    for (uint32_t steps = 0; steps < kLongestProbe; ++steps, slot = (slot + 1) & mask) {
-        CountedCell& cell = scratch.table[slot];
-        if (cell.key == key) {
-            if (cell.object != body && cell.shared == 0) {
-                scratch.shared.push_back({key, scratch.shared.size()});
-                cell.shared = uint32_t(scratch.shared.size());
-            }
-            return slot;
-        }
-        if (cell.key == kEmptyCell) {
-            cell = {key, body, 0};
-            scratch.used_slot.push_back(slot);
-            return slot;
-        }
-    }
-    return kNone;
-}
-
 uint64_t cell_count(const CellRange& cells) {
     return uint64_t(cells.last[0] - cells.first[0] + 1) * (cells.last[1] - cells.first[1] + 1) * (cells.last[2] - cells.first[2] + 1);
-}
-
-enum class Counted { kAll, kTableFull, kTableCrowded };
-
-// Pass 1 over one body: counts it in every cell of its triangles.
-Counted count_body(const ScreenedTriangles& screened, uint32_t body, __m256 clip, float inv_size, RasteriseScratch& scratch,
-                   Occupancy& occupancy) {
-    const uint32_t shift = 64 - uint32_t(__builtin_ctzll(scratch.table.size()));
-    const Range rows = screened.body[body];
-    for (uint32_t row = rows.first; row < rows.end(); ++row) {
-        if (scratch.used_slot.size() + kMostCells > scratch.table.size() / 2) return Counted::kTableFull;
-        const CellRange cells = cells_of(_mm256_max_ps(load_box(screened.box[row]), clip), inv_size);
-        const uint64_t count = cell_count(cells);
-        if (count > kMostCells) {
-            occupancy.oversize.push_back(row);
-            continue;
-        }
-        if (scratch.reference.size() < scratch.references + kMostCells) {
-            scratch.reference.resize(2 * scratch.reference.size() + kMostCells);
-        }
-        CellReference* next = scratch.reference.data() + scratch.references;
-        scratch.references += uint32_t(count);
-        for (uint32_t i = cells.first[0]; i <= cells.last[0]; ++i) {
-            for (uint32_t j = cells.first[1]; j <= cells.last[1]; ++j) {
-                for (uint32_t k = cells.first[2]; k <= cells.last[2]; ++k) {
-                    const uint32_t slot = count_cell(pack_cell(i, j, k), body, shift, scratch);
-                    if (slot == kNone) return Counted::kTableCrowded;
-                    *next++ = {slot, row, body};
-                }
-            }
-        }
-    }
-    return Counted::kAll;
 }
 
 // Hull of the regions of one body: outside it no cell can be shared.
@@ -311,26 +243,27 @@ __m256 clip_of(uint32_t body, const Vec3d& origin, const RasteriseScratch& scrat
     return load_box(pack_box(all, origin));
 }
 
-// False when the keys crowd the table.
-bool count_objects(const ScreenedTriangles& screened, float inv_size, RasteriseScratch& scratch, Occupancy& occupancy) {
-    if (scratch.table.empty()) grow_table(scratch);
-    for (Counted counted = Counted::kTableFull; counted != Counted::kAll;) {
-        scratch.references = 0;
-        scratch.shared.clear();
-        occupancy.oversize.clear();
-        counted = Counted::kAll;
-        for (uint32_t i = 0; i < scratch.body.size() && counted == Counted::kAll; ++i) {
-            const uint32_t body = scratch.body[i];
-            counted = count_body(screened, body, clip_of(body, screened.origin, scratch), inv_size, scratch, occupancy);
+// Calls visit(row, body, cells) for the triangles of all bodies in cells, in order, and end(cells) after those of a body, which
+// lie in these cells. Triangles of too many cells are listed and visited with none.
+template <typename Visit, typename End>
+void for_each_triangle(const ScreenedTriangles& screened, float inv_size, const RasteriseScratch& scratch, Occupancy& occupancy,
+                       const Visit& visit, const End& end) {
+    occupancy.oversize.clear();
+    for (const uint32_t body : scratch.body) {
+        const __m256 clip = clip_of(body, screened.origin, scratch);
+        for (uint32_t row = screened.body[body].first; row < screened.body[body].end(); ++row) {
+            CellRange cells = cells_of(_mm256_max_ps(load_box(screened.box[row]), clip), inv_size);
+            if (cell_count(cells) > kMostCells) {
+                occupancy.oversize.push_back(row);
+                cells = {{1, 0, 0, 0}, {0, 0, 0, 0}};
+            }
+            visit(row, body, cells);
         }
-        if (counted == Counted::kTableCrowded) return false;
-        if (counted == Counted::kTableFull) grow_table(scratch);
+        end(cells_of(clip, inv_size));
     }
-    return true;
 }
 
-// Deals the first `kept` references, whose slots are rows of shared cells by now, out to the layers. cell_first has
-// their number for each cell, a row later.
+// Deals the first `kept` references out to the layers. cell_first has their number for each cell, a row later.
 void fill_layers(const ScreenedTriangles& screened, size_t kept, RasteriseScratch& scratch, Occupancy& occupancy) {
     const uint32_t cells = uint32_t(occupancy.cell_key.size());
     for (uint32_t i = 0; i < cells; ++i) scratch.cell_first[i + 1] += scratch.cell_first[i];
@@ -340,7 +273,7 @@ void fill_layers(const ScreenedTriangles& screened, size_t kept, RasteriseScratc
     scratch.next.assign(scratch.cell_first.begin(), scratch.cell_first.end());
     for (size_t i = 0; i < kept; ++i) {
         const CellReference& reference = scratch.reference[i];
-        const uint32_t place = scratch.next[reference.slot]++;
+        const uint32_t place = scratch.next[reference.cell]++;
         occupancy.primitive_row[place] = reference.row;
         occupancy.primitive[place] = screened.triangle[reference.row];
         scratch.cell_body[place] = reference.body;
@@ -360,29 +293,6 @@ void fill_layers(const ScreenedTriangles& screened, size_t kept, RasteriseScratc
     occupancy.primitive_first.push_back(uint32_t(kept));
 }
 
-// Pass 2 with the table: the shared cells in key order, their references in the order (cell, body, triangle).
-void fill_from_table(const ScreenedTriangles& screened, RasteriseScratch& scratch, Occupancy& occupancy) {
-    const uint32_t cells = uint32_t(scratch.shared.size());
-    std::sort(scratch.shared.begin(), scratch.shared.end());
-    scratch.rank.resize(cells);
-    occupancy.cell_key.resize(cells);
-    for (uint32_t i = 0; i < cells; ++i) {
-        occupancy.cell_key[i] = scratch.shared[i][0];
-        scratch.rank[scratch.shared[i][1]] = i;
-    }
-    scratch.cell_first.assign(cells + 1, 0);
-    size_t kept = 0;
-    for (uint32_t i = 0; i < scratch.references; ++i) {
-        const CellReference reference = scratch.reference[i];
-        const uint32_t shared = scratch.table[reference.slot].shared;
-        if (shared == 0) continue;
-        const uint32_t cell = scratch.rank[shared - 1];
-        ++scratch.cell_first[cell + 1];
-        scratch.reference[kept++] = {cell, reference.row, reference.body};
-    }
-    fill_layers(screened, kept, scratch, occupancy);
-}
-
 // Both passes with a bit a cell. False where the grid has too many cells for that.
 bool fill_from_bits(const ScreenedTriangles& screened, float inv_size, RasteriseScratch& scratch, Occupancy& occupancy) {
     std::array<uint32_t, 4> last{};
@@ -390,25 +300,17 @@ bool fill_from_bits(const ScreenedTriangles& screened, float inv_size, Rasterise
         const CellRange cells = cells_of(clip_of(body, screened.origin, scratch), inv_size);
         for (uint32_t k = 0; k < 3; ++k) last[k] = std::max(last[k], cells.last[k]);
     }
-    // clearing the bits must not cost more than the table
+    // clearing the bits must not cost more than sorting
     const uint64_t worth = 1024 + 8 * uint64_t{screened.triangle.size()};
     if (!clear_cells(last, std::min<uint64_t>(scratch.most_words, worth), scratch.bits)) return false;
-    occupancy.oversize.clear();
     scratch.cells.clear();
-    for (const uint32_t body : scratch.body) {
-        const __m256 clip = clip_of(body, screened.origin, scratch);
-        for (uint32_t row = screened.body[body].first; row < screened.body[body].end(); ++row) {
-            const CellRange cells = cells_of(_mm256_max_ps(load_box(screened.box[row]), clip), inv_size);
-            if (cell_count(cells) > kMostCells) {
-                occupancy.oversize.push_back(row);
-                scratch.cells.push_back({{1, 0, 0, 0}, {0, 0, 0, 0}});  // none
-                continue;
-            }
+    for_each_triangle(
+        screened, inv_size, scratch, occupancy,
+        [&](uint32_t, uint32_t, const CellRange& cells) {
             scratch.cells.push_back(cells);
             for_each_word(scratch.bits, cells, [&](uint32_t word, uint64_t mask) { scratch.bits.own[word] |= mask; });
-        }
-        end_object(cells_of(clip, inv_size), scratch.bits);
-    }
+        },
+        [&](const CellRange& all) { end_object(all, scratch.bits); });
     rank_shared_cells(scratch.bits, occupancy.cell_key);
     scratch.cell_first.assign(occupancy.cell_key.size() + 1, 0);
     size_t kept = 0, at = 0;
@@ -425,29 +327,6 @@ bool fill_from_bits(const ScreenedTriangles& screened, float inv_size, Rasterise
     return true;
 }
 
-// References in the order (body, triangle), each with its key.
-void key_references(const ScreenedTriangles& screened, float inv_size, RasteriseScratch& scratch, Occupancy& occupancy) {
-    scratch.keyed.clear();
-    occupancy.oversize.clear();
-    for (const uint32_t body : scratch.body) {
-        const __m256 clip = clip_of(body, screened.origin, scratch);
-        for (uint32_t row = screened.body[body].first; row < screened.body[body].end(); ++row) {
-            const CellRange cells = cells_of(_mm256_max_ps(load_box(screened.box[row]), clip), inv_size);
-            if (cell_count(cells) > kMostCells) {
-                occupancy.oversize.push_back(row);
-                continue;
-            }
-            for (uint32_t i = cells.first[0]; i <= cells.last[0]; ++i) {
-                for (uint32_t j = cells.first[1]; j <= cells.last[1]; ++j) {
-                    for (uint32_t k = cells.first[2]; k <= cells.last[2]; ++k) {
-                        scratch.keyed.push_back({pack_cell(i, j, k), row, body});
-                    }
-                }
-            }
-        }
-    }
-}
-
 // Stable radix sort by key, two digits an axis; a digit that all keys share costs one look.
 void sort_references(std::vector<KeyedReference>& keyed, std::vector<KeyedReference>& spare) {
     spare.resize(keyed.size());
@@ -462,29 +341,34 @@ void sort_references(std::vector<KeyedReference>& keyed, std::vector<KeyedRefere
     }
 }
 
-// The layers from sorted references; a cell of one body is left out.
-void fill_layers_from_sorted(const ScreenedTriangles& screened, const std::vector<KeyedReference>& keyed, Occupancy& occupancy) {
-    for (auto* layer :
-         {&occupancy.object_first, &occupancy.object, &occupancy.primitive_first, &occupancy.primitive, &occupancy.primitive_row}) {
-        layer->clear();
-    }
+// Both passes by sorting: a cell of one body is left out.
+void fill_from_sorted(const ScreenedTriangles& screened, float inv_size, RasteriseScratch& scratch, Occupancy& occupancy) {
+    std::vector<KeyedReference>& keyed = scratch.keyed;
+    keyed.clear();
+    for_each_triangle(
+        screened, inv_size, scratch, occupancy,
+        [&](uint32_t row, uint32_t body, const CellRange& cells) {
+            for (uint32_t i = cells.first[0]; i <= cells.last[0]; ++i) {
+                for (uint32_t j = cells.first[1]; j <= cells.last[1]; ++j) {
+                    for (uint32_t k = cells.first[2]; k <= cells.last[2]; ++k) keyed.push_back({pack_cell(i, j, k), row, body});
+                }
+            }
+        },
+        [](const CellRange&) {});
+    sort_references(keyed, scratch.keyed_spare);
     occupancy.cell_key.clear();
+    scratch.cell_first.assign(1, 0);
+    if (scratch.reference.size() < keyed.size()) scratch.reference.resize(keyed.size());
+    size_t kept = 0;
     for (size_t begin = 0, end = 0; begin < keyed.size(); begin = end) {
         while (end < keyed.size() && keyed[end].key == keyed[begin].key) ++end;
         if (keyed[begin].body == keyed[end - 1].body) continue;
+        const uint32_t cell = uint32_t(occupancy.cell_key.size());
         occupancy.cell_key.push_back(keyed[begin].key);
-        occupancy.object_first.push_back(uint32_t(occupancy.object.size()));
-        for (size_t i = begin; i < end; ++i) {
-            if (i == begin || keyed[i].body != keyed[i - 1].body) {
-                occupancy.object.push_back(keyed[i].body);
-                occupancy.primitive_first.push_back(uint32_t(occupancy.primitive.size()));
-            }
-            occupancy.primitive.push_back(screened.triangle[keyed[i].row]);
-            occupancy.primitive_row.push_back(keyed[i].row);
-        }
+        scratch.cell_first.push_back(uint32_t(end - begin));
+        for (size_t i = begin; i < end; ++i) scratch.reference[kept++] = {cell, keyed[i].row, keyed[i].body};
     }
-    occupancy.object_first.push_back(uint32_t(occupancy.object.size()));
-    occupancy.primitive_first.push_back(uint32_t(occupancy.primitive.size()));
+    fill_layers(screened, kept, scratch, occupancy);
 }
 
 // Takes the bodies all of whose pairs are compared directly out of scratch.body.
@@ -513,17 +397,8 @@ void rasterise(const ContactInputs& in, uint64_t most_direct, RasteriseScratch& 
     occupancy.cell_size = choose_cell_size(in, mean_edge, extent, screened, scratch);
     const float inv_size = 1.0f / float(occupancy.cell_size);
     set_direct_pairs_apart(in.pairs, screened, most_direct, scratch);
-    if (!fill_from_bits(screened, inv_size, scratch, occupancy)) {
-        if (screened.triangle.size() < scratch.most_counted && count_objects(screened, inv_size, scratch, occupancy)) {
-            fill_from_table(screened, scratch, occupancy);
-        } else {
-            key_references(screened, inv_size, scratch, occupancy);
-            sort_references(scratch.keyed, scratch.keyed_spare);
-            fill_layers_from_sorted(screened, scratch.keyed, occupancy);
-        }
-    }
+    if (!fill_from_bits(screened, inv_size, scratch, occupancy)) fill_from_sorted(screened, inv_size, scratch, occupancy);
     report.oversize_triangles += occupancy.oversize.size();
-    clear_table(scratch);
 }
 
 }  // namespace trocar

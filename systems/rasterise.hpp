@@ -1,5 +1,4 @@
 #pragma once
-#include <array>
 #include <vector>
 
 #include "components/report.hpp"
@@ -8,21 +7,14 @@
 #include "engine/triangle_runs.hpp"
 namespace trocar {
 
-// One slot of the object counting table (thesis, figure 3.7 b).
-struct CountedCell {
-    uint64_t key = 0;     // packed cell, compared on every lookup
-    uint32_t object = 0;  // last body that touched the cell
-    uint32_t shared = 0;  // 0 while only one body did, then 1 + row of the shared cell
-};
-
 // One triangle in one cell.
 struct CellReference {
-    uint32_t slot = 0;  // of the table; in pass 2 the row of the shared cell
+    uint32_t cell = 0;  // row of the shared cell
     uint32_t row = 0;   // of ScreenedTriangles
     uint32_t body = 0;
 };
 
-// One triangle in one cell, where references are sorted instead of counted.
+// The same before it is known which cells are shared.
 struct KeyedReference {
     uint64_t key = 0;
     uint32_t row = 0;  // of ScreenedTriangles
@@ -39,36 +31,29 @@ struct ScreenChunk {
 };
 
 struct RasteriseScratch {
-    std::vector<Box> region;                      // overlap box of each candidate pair, world
-    std::vector<uint32_t> region_first;           // per body: rows of region_pair
-    std::vector<uint32_t> region_pair;            // pairs of a body
-    std::vector<PackedBox> packed_region;         // in that order
-    std::vector<uint32_t> body;                   // bodies in a pair, ascending
-    std::vector<TriangleRuns> runs;               // per prototype
-    std::vector<ScreenChunk> screen;              // per chunk of rows of body
-    std::vector<uint32_t> kept;                   // per row of body: triangles
-    std::vector<double> edge_sum;                 // per row of body, m
-    std::vector<uint8_t> in_cells;                // per body: it has a pair that is not compared directly
-    std::vector<CountedCell> table;               // open addressing, a power of two
-    std::vector<uint32_t> used_slot;              // to clear the table
-    std::vector<CellReference> reference;         // one per (triangle, cell) of pass 1, then of the shared cells
-    uint32_t references = 0;                      // rows of it in use
-    std::vector<std::array<uint64_t, 2>> shared;  // key, row in order of discovery
-    std::vector<uint32_t> rank;                   // of a shared cell by key
+    std::vector<Box> region;               // overlap box of each candidate pair, world
+    std::vector<uint32_t> region_first;    // per body: rows of region_pair
+    std::vector<uint32_t> region_pair;     // pairs of a body
+    std::vector<PackedBox> packed_region;  // in that order
+    std::vector<uint32_t> body;            // bodies in a pair, ascending
+    std::vector<TriangleRuns> runs;        // per prototype
+    std::vector<ScreenChunk> screen;       // per chunk of rows of body
+    std::vector<uint32_t> kept;            // per row of body: triangles
+    std::vector<double> edge_sum;          // per row of body, m
+    std::vector<uint8_t> in_cells;         // per body: it has a pair that is not compared directly
+    std::vector<CellReference> reference;  // one per (triangle, shared cell); more rows than are in use may follow
     std::vector<uint32_t> cell_first, next, cell_body;
-    std::vector<KeyedReference> keyed, keyed_spare;  // instead of the table
-    CellBits bits;                                   // instead of the table
+    CellBits bits;
     std::vector<CellRange> cells;                    // with bits: per triangle of body, in order
-    uint32_t most_words = 1 << 20;                   // of bits, 8 MB a layer; beyond, the table
-    size_t most_counted = 400'000;                   // triangles in the table; beyond, sorting is faster, by a tenth
+    std::vector<KeyedReference> keyed, keyed_spare;  // instead of bits
+    uint32_t most_words = 1 << 20;                   // of bits, 8 MB a layer; beyond, references are sorted
 };
 
 // OHC construction (thesis 3.3.1): rasterises the triangles that lie in the overlap of two enlarged body boxes into a
 // grid of half-open cells. Pass 1 counts the bodies of each cell, pass 2 fills only cells of two or more. Layers ascend
-// by cell key, body and triangle, whatever the table holds. Triangles of more than 64 cells go to the oversize list.
-// Cells are counted by bits where the grid is small enough to have one for each cell, else in a hash table. Where keys
-// crowd the table so that a lookup takes more than 256 steps, and from most_counted triangles on, references are sorted by
-// key instead: the same layers, in time linear in the references whatever the keys.
+// by cell key, body and triangle. Triangles of more than 64 cells go to the oversize list.
+// Objects of a cell are counted by bits where the grid is small enough to have one for each cell; else references are sorted
+// by key, into the same layers.
 // Bodies all of whose pairs are compared directly, by most_direct (see is_direct), stay out of the cells; 0: none does.
 void rasterise(const ContactInputs& in, uint64_t most_direct, RasteriseScratch& scratch, Report& report, ScreenedTriangles& screened,
                Occupancy& occupancy);

@@ -26,6 +26,9 @@ struct Grid {
     }
 };
 
+// Where a cell belongs in a table of 2^(64 - shift) slots.
+uint32_t cell_slot(uint64_t key, uint32_t shift) { return uint32_t((key * 0x9E3779B97F4A7C15ull) >> shift); }
+
 }  // namespace
 
 Soup make_soup(const Surfaces& s) {

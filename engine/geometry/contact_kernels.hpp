@@ -157,8 +157,6 @@ inline CellRange cells_of(__m256 box, float inv_size) {
     return cells;
 }
 inline uint64_t pack_cell(uint32_t x, uint32_t y, uint32_t z) { return uint64_t(x) << 42 | uint64_t(y) << 21 | uint64_t(z); }
-// Where a cell belongs in a table of 2^(64 - shift) slots.
-inline uint32_t cell_slot(uint64_t key, uint32_t shift) { return uint32_t((key * 0x9E3779B97F4A7C15ull) >> shift); }
 // Cell of the larger of the lower corners of two boxes, by the same arithmetic as cells_of.
 inline uint64_t cell_of_meeting(__m256 a, __m256 b, float inv_size) {
     const __m128 low = _mm_max_ps(_mm256_castps256_ps128(a), _mm256_castps256_ps128(b));

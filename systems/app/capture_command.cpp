@@ -33,10 +33,8 @@ std::string longest_stage(const Capture& capture, const CaptureStep& step) {
     const size_t count = std::min(step.stage_ns.size(), capture.header.stage_names.size());
     if (count == 0) return "";
     const auto longest = std::max_element(step.stage_ns.begin(), step.stage_ns.begin() + static_cast<ptrdiff_t>(count));
-    char text[96];
-    std::snprintf(text, sizeof text, "%s %.3f ms", capture.header.stage_names[static_cast<size_t>(longest - step.stage_ns.begin())].c_str(),
+    return format("%s %.3f ms", capture.header.stage_names[static_cast<size_t>(longest - step.stage_ns.begin())].c_str(),
                   static_cast<double>(*longest) * 1e-6);
-    return text;
 }
 
 std::string info_json(const Capture& c, const std::optional<PairFigures>& pair) {
@@ -133,12 +131,9 @@ int diff(const Capture& a, const Capture& b) {
 }
 
 void print_profile(const PassProfile& profile, uint64_t pass) {
-    char text[160];
-    std::snprintf(text, sizeof text,
-                  "pass %llu, %zu times: median %.3f ms, p90 %.3f ms, least %.3f ms (caches warm)\n%-18s %10s %10s %10s\n",
-                  static_cast<unsigned long long>(pass), profile.pass_ms.size(), quantile(profile.pass_ms, 0.5),
-                  quantile(profile.pass_ms, 0.9), quantile(profile.pass_ms, 0), "stage", "median ms", "p90 ms", "least ms");
-    write_standard_output(text);
+    write_standard_output(format("pass %llu, %zu times: median %.3f ms, p90 %.3f ms, least %.3f ms (caches warm)\n%-18s %10s %10s %10s\n",
+                                 static_cast<unsigned long long>(pass), profile.pass_ms.size(), quantile(profile.pass_ms, 0.5),
+                                 quantile(profile.pass_ms, 0.9), quantile(profile.pass_ms, 0), "stage", "median ms", "p90 ms", "least ms"));
     std::string idle;
     for (size_t i = 0; i < profile.stage.size(); ++i) {
         const std::vector<double>& ms = profile.stage_ms[i];
@@ -146,9 +141,8 @@ void print_profile(const PassProfile& profile, uint64_t pass) {
             idle += (idle.empty() ? "not in this pass: " : ", ") + profile.stage[i];
             continue;
         }
-        std::snprintf(text, sizeof text, "%-18s %10.4f %10.4f %10.4f\n", profile.stage[i].c_str(), quantile(ms, 0.5), quantile(ms, 0.9),
-                      quantile(ms, 0));
-        write_standard_output(text);
+        write_standard_output(
+            format("%-18s %10.4f %10.4f %10.4f\n", profile.stage[i].c_str(), quantile(ms, 0.5), quantile(ms, 0.9), quantile(ms, 0)));
     }
     if (!idle.empty()) write_standard_output(idle + "\n");
 }

@@ -179,18 +179,15 @@ std::string capture_csv(const Capture& capture) {
     std::string out = "pass,time_s,frame_ms,detection_ms,response_ms,depth_m,force_n,contacts,inside_vertices,state_hash";
     for (const std::string& stage : capture.header.stage_names) out += "," + stage + "_ms";
     out += "\n";
-    char text[256];
     for (const Capture::Stretch& stretch : capture.stretches) {
         const uint32_t rate = contact_rate_of(stretch);
         for (const CaptureStep& s : stretch.steps) {
-            std::snprintf(text, sizeof text, "%llu,%.3f,%.6g,%.6g,%.6g,%.9g,%.9g,%llu,%llu,%016llx",
-                          static_cast<unsigned long long>(s.pass), static_cast<double>(pass_tick(s.pass, rate)) * 1e-3, s.frame_ms,
-                          s.detection_ms, s.response_ms, s.depth, s.force, static_cast<unsigned long long>(s.contacts),
-                          static_cast<unsigned long long>(s.inside_vertices), static_cast<unsigned long long>(s.state_hash));
-            out += text;
+            out += format("%llu,%.3f,%.6g,%.6g,%.6g,%.9g,%.9g,%llu,%llu,%016llx", static_cast<unsigned long long>(s.pass),
+                          static_cast<double>(pass_tick(s.pass, rate)) * 1e-3, s.frame_ms, s.detection_ms, s.response_ms, s.depth, s.force,
+                          static_cast<unsigned long long>(s.contacts), static_cast<unsigned long long>(s.inside_vertices),
+                          static_cast<unsigned long long>(s.state_hash));
             for (const uint64_t ns : s.stage_ns) {
-                std::snprintf(text, sizeof text, ",%.6g", static_cast<double>(ns) * 1e-6);
-                out += text;
+                out += format(",%.6g", static_cast<double>(ns) * 1e-6);
             }
             out += "\n";
         }

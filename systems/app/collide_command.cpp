@@ -11,6 +11,7 @@
 #include "engine/whole_file.hpp"
 #include "systems/app/cells_file.hpp"
 #include "systems/app/commands.hpp"
+#include "systems/app/format.hpp"
 #include "systems/app/load_file.hpp"
 #include "systems/app/standard_streams.hpp"
 #include "systems/frame.hpp"
@@ -106,10 +107,8 @@ nlohmann::ordered_json regions(const World& w) {
 // The contour as the lines of an .obj file, one object a curve.
 void write_contours(const World& w, const std::filesystem::path& file) {
     std::string text = "# where the surfaces cross\n";
-    char line[128];
     for (const Vec3d& p : w.contours.point) {
-        std::snprintf(line, sizeof line, "v %.17g %.17g %.17g\n", p.x(), p.y(), p.z());
-        text += line;
+        text += format("v %.17g %.17g %.17g\n", p.x(), p.y(), p.z());
     }
     for (size_t i = 0; i < w.contours.curve.size(); ++i) {
         const Range curve = w.contours.curve[i];
@@ -173,28 +172,23 @@ int collide_command(const CollideOptions& options) {
     } else if (!overlap) {
         write_standard_output("no overlap\n");
     } else {
-        char text[512];
         const Vec3d& d = p.direction[0];
         const Vec3d& w = world.contacts.point[p.witness[0]];
-        std::snprintf(text, sizeof text,
-                      "overlap, depth %.6g (file units)\n  B leaves along (%.4f, %.4f, %.4f); deepest point (%.6g, %.6g, %.6g)\n"
-                      "  %u vertices of A in B, %u of B in A, %u edge contacts; %.2f ms\n",
-                      p.depth[0], d.x(), d.y(), d.z(), w.x(), w.y(), w.z(), p.vertices_a_in_b[0], p.vertices_b_in_a[0], p.edge_contacts[0],
-                      time_ms);
-        write_standard_output(text);
+        write_standard_output(format(
+            "overlap, depth %.6g (file units)\n  B leaves along (%.4f, %.4f, %.4f); deepest point (%.6g, %.6g, %.6g)\n"
+            "  %u vertices of A in B, %u of B in A, %u edge contacts; %.2f ms\n",
+            p.depth[0], d.x(), d.y(), d.z(), w.x(), w.y(), w.z(), p.vertices_a_in_b[0], p.vertices_b_in_a[0], p.edge_contacts[0], time_ms));
         if (p.saturated[0]) write_standard_output("  saturated: so deep that other ways out are about as short\n");
         const OverlapRegions& r = world.regions;
         for (const uint32_t i : sorted_regions(r)) {
-            std::snprintf(text, sizeof text, "  region: depth %.6g, %u + %u vertices, %u curves of %.6g, area %.6g, volume %.6g\n",
-                          r.depth[i], r.vertices_a[i], r.vertices_b[i], r.curves[i], r.contour[i], r.area[i], r.volume[i]);
-            write_standard_output(text);
+            write_standard_output(format("  region: depth %.6g, %u + %u vertices, %u curves of %.6g, area %.6g, volume %.6g\n", r.depth[i],
+                                         r.vertices_a[i], r.vertices_b[i], r.curves[i], r.contour[i], r.area[i], r.volume[i]));
         }
         if (options.separate) {
             const auto& t = apart["translation"];
-            std::snprintf(text, sizeof text, "  free of A when moved by (%.6g, %.6g, %.6g): %.6g; no way shorter than %.6g\n",
-                          t[0].get<double>(), t[1].get<double>(), t[2].get<double>(), apart["upper"].get<double>(),
-                          apart["lower"].get<double>());
-            write_standard_output(text);
+            write_standard_output(format("  free of A when moved by (%.6g, %.6g, %.6g): %.6g; no way shorter than %.6g\n",
+                                         t[0].get<double>(), t[1].get<double>(), t[2].get<double>(), apart["upper"].get<double>(),
+                                         apart["lower"].get<double>()));
         }
     }
     if (options.cross_check && !options.json)

@@ -6,6 +6,7 @@
 #include "content/save_mesh.hpp"
 #include "engine/error.hpp"
 #include "systems/app/commands.hpp"
+#include "systems/app/format.hpp"
 #include "systems/app/load_file.hpp"
 #include "systems/app/standard_streams.hpp"
 namespace trocar {
@@ -38,9 +39,7 @@ std::string to_text(const ConvertOptions& options, const Mesh& mesh, const Chang
         }
         return text + "\n";
     }
-    char volume[96];
-    std::snprintf(volume, sizeof volume, "; volume %.6g, before %.6g\n", changes.volume_after, changes.volume_before);
-    text += volume;
+    text += format("; volume %.6g, before %.6g\n", changes.volume_after, changes.volume_before);
     for (const std::string& line : changes.lines) text += "  " + line + "\n";
     return text + (changes.lines.empty() ? "  nothing to repair\n" : "");
 }

@@ -9,6 +9,7 @@
 #include "engine/error.hpp"
 #include "engine/real_time.hpp"
 #include "systems/app/commands.hpp"
+#include "systems/app/format.hpp"
 #include "systems/app/standard_streams.hpp"
 #include "systems/haptic_safety.hpp"
 namespace trocar {
@@ -129,10 +130,8 @@ int device_list_command(bool json) {
     std::string text;
     for (const DeviceBackend& backend : device_backends()) {
         rows.push_back({{"name", backend.name}, {"usage", backend.usage}, {"description", backend.description}, {"built", backend.built}});
-        char line[256];
-        std::snprintf(line, sizeof line, "%-24s %s%s\n", backend.usage.c_str(), backend.description.c_str(),
-                      backend.built ? "" : " - left out of this program: its library was not there");
-        text += line;
+        text += format("%-24s %s%s\n", backend.usage.c_str(), backend.description.c_str(),
+                       backend.built ? "" : " - left out of this program: its library was not there");
     }
     write_standard_output(json ? rows.dump(1) + "\n" : text + "\nTry one: trocar device test hand --seconds 2 --spring 100\n");
     return kDone;
@@ -159,10 +158,8 @@ int device_record_command(const DeviceOptions& options) {
         return kNo;
     }
     write_device_trace(options.out, figures.sample);
-    char text[256];
-    std::snprintf(text, sizeof text, "wrote %s: %zu samples, %.3f s\n", options.out.string().c_str(), figures.sample.size(),
-                  figures.sample.back().time);
-    write_standard_output(text);
+    write_standard_output(
+        format("wrote %s: %zu samples, %.3f s\n", options.out.string().c_str(), figures.sample.size(), figures.sample.back().time));
     return kDone;
 }
 

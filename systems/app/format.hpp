@@ -7,8 +7,10 @@ namespace trocar {
 
 // What printf would print, of any length.
 inline std::string format(const char* pattern, auto... values) {
-    const int length = std::snprintf(nullptr, 0, pattern, values...);
-    std::string text(static_cast<size_t>(std::max(length, 0)), '\0');
+    char buffer[256];
+    const int length = std::snprintf(buffer, sizeof buffer, pattern, values...);
+    if (length < static_cast<int>(sizeof buffer)) return {buffer, static_cast<size_t>(std::max(length, 0))};
+    std::string text(static_cast<size_t>(length), '\0');
     std::snprintf(text.data(), text.size() + 1, pattern, values...);
     return text;
 }

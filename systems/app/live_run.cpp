@@ -202,8 +202,8 @@ void first_device_states(World& world) {
 
 int64_t time_let_go(int64_t behind, int64_t period) { return behind > period ? behind : 0; }
 
-bool run_live(const RunOptions& options, double seconds, Frame& frame, PictureWriter* pictures, LiveRecording* recording,
-              FrameRecorder* recorder, RunFigures& figures) {
+bool run_live(const RunParts& run, LiveRecording* recording) {
+    const auto& [options, seconds, frame, pictures, recorder, figures] = run;
     World& world = frame.world();
     TickCollector collector(recording);
     collector.begin(world, seconds);

@@ -19,11 +19,20 @@ void first_device_states(World& world);
 // more it starts anew from now, or else what hands feel would only grow older.
 int64_t time_let_go(int64_t behind, int64_t period);
 
+// A run and those who watch it.
+struct RunParts {
+    const RunOptions& options;
+    double seconds;  // of simulated time
+    Frame& frame;
+    PictureWriter* pictures;  // may be null
+    FrameRecorder* recorder;  // of captures; may be null
+    RunFigures& figures;
+};
+
 // Runs a frame against the real clock: this thread simulates, haptics tick at 1 kHz on a thread of their own, pictures
 // are drawn on a thread of low priority that drops what it cannot keep up with. A late pass starts at once and is
 // counted; see time_let_go. With `recording` it keeps what a replay needs; false if ticks got lost on the
-// way there, so that the recording is worth nothing. `recorder` captures; may be null.
-bool run_live(const RunOptions& options, double seconds, Frame& frame, PictureWriter* pictures, LiveRecording* recording,
-              FrameRecorder* recorder, RunFigures& figures);
+// way there, so that the recording is worth nothing.
+bool run_live(const RunParts& run, LiveRecording* recording);
 
 }  // namespace trocar

@@ -12,6 +12,7 @@
 #include "engine/mesh_topology.hpp"
 #include "engine/mesh_view.hpp"
 #include "engine/text_overlay.hpp"
+#include "systems/app/format.hpp"
 #include "systems/render.hpp"
 namespace trocar {
 namespace {
@@ -84,9 +85,7 @@ uint32_t choose_columns(uint32_t count, uint32_t width, uint32_t height) {
 
 std::string size_text(const Box& box) {
     const Vec3d size = box.max - box.min;
-    char text[80];
-    std::snprintf(text, sizeof text, "%.4g x %.4g x %.4g", size.x(), size.y(), size.z());
-    return text;
+    return format("%.4g x %.4g x %.4g", size.x(), size.y(), size.z());
 }
 
 void write_texts(const MeshPictureParams& params, const MeshTile& tile, const Box& box, Image& image) {

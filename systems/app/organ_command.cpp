@@ -121,16 +121,13 @@ nlohmann::ordered_json tets_to_json(const OrganTets& t) {
 }
 
 std::string tets_to_text(const OrganTets& t, double surface_volume) {
-    char text[512];
-    std::snprintf(text, sizeof text,
-                  "  tetrahedra: %zu, %zu vertices; dihedral angles %.2f to %.2f degrees (proven %.1f to %.1f); inverted %llu; "
-                  "boundary %s; %.2f ml (%+.3f %% of the surface); %.0f thousand a second of processor time\n  written: %s, %s\n",
-                  t.tetrahedra, t.vertices, t.facts.min_dihedral, t.facts.max_dihedral, kStuffingMinDihedral, kStuffingMaxDihedral,
-                  static_cast<unsigned long long>(t.facts.inverted),
-                  t.facts.open_edges + t.facts.bad_faces == 0 ? "watertight" : "NOT watertight", t.facts.volume * 1e-3,
-                  100 * (t.facts.volume / surface_volume - 1), t.seconds > 0 ? double(t.tetrahedra) / t.seconds * 1e-3 : 0,
-                  t.files[0].c_str(), t.files[1].c_str());
-    return text;
+    return format(
+        "  tetrahedra: %zu, %zu vertices; dihedral angles %.2f to %.2f degrees (proven %.1f to %.1f); inverted %llu; "
+        "boundary %s; %.2f ml (%+.3f %% of the surface); %.0f thousand a second of processor time\n  written: %s, %s\n",
+        t.tetrahedra, t.vertices, t.facts.min_dihedral, t.facts.max_dihedral, kStuffingMinDihedral, kStuffingMaxDihedral,
+        static_cast<unsigned long long>(t.facts.inverted), t.facts.open_edges + t.facts.bad_faces == 0 ? "watertight" : "NOT watertight",
+        t.facts.volume * 1e-3, 100 * (t.facts.volume / surface_volume - 1), t.seconds > 0 ? double(t.tetrahedra) / t.seconds * 1e-3 : 0,
+        t.files[0].c_str(), t.files[1].c_str());
 }
 
 nlohmann::ordered_json to_json(const OrganTask& task, const OrganSurface& organ) {
@@ -165,15 +162,12 @@ std::string to_text(const OrganTask& task, const OrganSurface& organ) {
                   organ.voxel_volume * 1e-3);
     std::string text = line;
     for (const OrganStage& s : organ.stages) {
-        std::snprintf(line, sizeof line, "  %-16s %8llu triangles, %s, %10.2f ml (%+.3f %%)\n", s.name.c_str(),
-                      static_cast<unsigned long long>(s.triangles),
-                      s.open_edges == 0 ? "closed" : (std::to_string(s.open_edges) + " open edges").c_str(), s.volume * 1e-3,
-                      100 * s.change);
-        text += line;
+        text +=
+            format("  %-16s %8llu triangles, %s, %10.2f ml (%+.3f %%)\n", s.name.c_str(), static_cast<unsigned long long>(s.triangles),
+                   s.open_edges == 0 ? "closed" : (std::to_string(s.open_edges) + " open edges").c_str(), s.volume * 1e-3, 100 * s.change);
     }
-    std::snprintf(line, sizeof line, "  %s: %s; volume %+.3f %% of the voxels'\n", admission_name(organ.judgement.admitted_as),
-                  organ.judgement.reason.c_str(), 100 * (organ.stages.back().volume / organ.voxel_volume - 1));
-    return text + line;
+    return text + format("  %s: %s; volume %+.3f %% of the voxels'\n", admission_name(organ.judgement.admitted_as),
+                         organ.judgement.reason.c_str(), 100 * (organ.stages.back().volume / organ.voxel_volume - 1));
 }
 
 }  // namespace

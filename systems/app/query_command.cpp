@@ -16,6 +16,7 @@
 #include "engine/text_file.hpp"
 #include "engine/whole_file.hpp"
 #include "systems/app/commands.hpp"
+#include "systems/app/format.hpp"
 #include "systems/app/load_file.hpp"
 #include "systems/app/standard_streams.hpp"
 namespace trocar {
@@ -64,11 +65,9 @@ std::vector<Vec3d> parse_points(const std::string& file, const std::string& text
 
 std::string to_csv(const std::vector<SurfacePoint>& answers) {
     std::string out = "distance,cx,cy,cz,triangle,feature\n";
-    char line[160];
     for (const SurfacePoint& a : answers) {
-        std::snprintf(line, sizeof line, "%.17g,%.17g,%.17g,%.17g,%u,%s\n", a.distance, a.point.x(), a.point.y(), a.point.z(), a.triangle,
+        out += format("%.17g,%.17g,%.17g,%.17g,%u,%s\n", a.distance, a.point.x(), a.point.y(), a.point.z(), a.triangle,
                       kFeatureNames[static_cast<size_t>(a.feature)]);
-        out += line;
     }
     return out;
 }

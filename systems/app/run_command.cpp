@@ -147,8 +147,8 @@ void warn_of_deep_starts(const World& w) {
 }
 
 // Everything in one deterministic order, as fast as the machine goes; of its own accord or as a live run went.
-void run_lockstep(const RunOptions& options, double seconds, LiveReplay* replay, Frame& frame, PictureWriter* pictures,
-                  FrameRecorder* recorder, Trace* trace, RunFigures& figures) {
+void run_lockstep(const RunParts& run, LiveReplay* replay, Trace* trace) {
+    const auto& [options, seconds, frame, pictures, recorder, figures] = run;
     std::map<uint64_t, std::string_view> names;
     CostMeter costs;
     Progress progress(figures.scene);
@@ -183,9 +183,7 @@ void run_lockstep(const RunOptions& options, double seconds, LiveReplay* replay,
         for (const uint64_t ns : frame.times().tick_ns) figures.tick_us.push_back(static_cast<double>(ns) * 1e-3);
         figures.pass.push_back(pass);
         record_tools(frame, figures.tool_sample);
-        char note[96];
-        std::snprintf(note, sizeof note, "%.2f s simulated, depth %.2f mm, %.2f N", time, pass.depth * 1e3, pass.force);
-        progress.show(time * 1e3 / end_tick, note);
+        progress.show(time * 1e3 / end_tick, format("%.2f s simulated, depth %.2f mm, %.2f N", time, pass.depth * 1e3, pass.force));
     }
     figures.wall_s = static_cast<double>(now_ns() - start) * 1e-9;
     figures.stopped_by = static_cast<double>(frame.world().clock.tick) < end_tick ? stop_signal() : 0;
@@ -194,18 +192,17 @@ void run_lockstep(const RunOptions& options, double seconds, LiveReplay* replay,
 }
 
 // Live, and its recording into the folder.
-void run_recorded(const RunOptions& options, double seconds, Frame& frame, PictureWriter* pictures, FrameRecorder* recorder,
-                  RunFigures& figures) {
-    if (options.out.empty()) {
-        run_live(options, seconds, frame, pictures, nullptr, nullptr, figures);
+void run_recorded(const RunParts& run) {
+    if (run.options.out.empty()) {
+        run_live(run, nullptr);
         return;
     }
-    const fs::path file = options.out / "live.recording";
+    const fs::path file = run.options.out / "live.recording";
     std::error_code error;
     fs::remove(file, error);  // of an earlier run
     LiveRecording recording;
-    if (run_live(options, seconds, frame, pictures, &recording, recorder, figures))
-        write_live_recording(file, recording), figures.recorded = true;
+    if (run_live(run, &recording))
+        write_live_recording(file, recording), run.figures.recorded = true;
     else
         std::fprintf(stderr, "trocar: warning: no recording: the simulation was away for too long\n");
 }
@@ -233,11 +230,9 @@ std::vector<std::string> thread_names() {
 std::string frames_text(const RunFigures& f) {
     const std::vector<double> frames = displayed_frames(f.pass);
     if (frames.empty()) return "  shorter than a displayed frame\n";
-    char text[160];
-    std::snprintf(text, sizeof text, "  %.1f frames a second; a frame %.2f ms median, %.2f ms p99, %.2f ms worst\n",
+    return format("  %.1f frames a second; a frame %.2f ms median, %.2f ms p99, %.2f ms worst\n",
                   f.wall_s > 0 ? static_cast<double>(f.frames) / f.wall_s : 0, quantile(frames, 0.5), quantile(frames, 0.99),
                   quantile(frames, 1));
-    return text;
 }
 
 std::string scale_text(const RunFigures& f) {
@@ -246,31 +241,25 @@ std::string scale_text(const RunFigures& f) {
     for (const PassFigures& p : f.pass) awake += p.awake, contacts += p.contacts, residual.push_back(p.residual), found.push_back(p.depth);
     const auto percent = [&](double depth) { return f.body_size > 0 ? 100 * depth / f.body_size : 0; };
     const double passes = std::max(1.0, static_cast<double>(f.pass.size()));
-    char text[768];
-    std::snprintf(text, sizeof text,
-                  "  %llu bodies that move, %.0f awake on average, %u at the end; %.0f contacts; %.0f bytes a body\n"
-                  "  overlap found by a pass: median %.3g mm, p99 %.3g mm, worst %.3g mm, which is %.2g %% of the smallest body\n"
-                  "  overlap left of it: p99 %.3g mm, worst %.3g mm, which is %.2g %% of the smallest body\n",
-                  static_cast<unsigned long long>(f.movable_bodies), awake / passes, f.pass.empty() ? 0 : f.pass.back().awake,
-                  contacts / passes, f.bytes_per_body, quantile(found, 0.5) * 1e3, quantile(found, 0.99) * 1e3, quantile(found, 1) * 1e3,
-                  percent(quantile(found, 1)), quantile(residual, 0.99) * 1e3, quantile(residual, 1) * 1e3, percent(quantile(residual, 1)));
-    std::string all = frames_text(f) + text;
+    std::string all = frames_text(f);
+    all += format(
+        "  %llu bodies that move, %.0f awake on average, %u at the end; %.0f contacts; %.0f bytes a body\n"
+        "  overlap found by a pass: median %.3g mm, p99 %.3g mm, worst %.3g mm, which is %.2g %% of the smallest body\n"
+        "  overlap left of it: p99 %.3g mm, worst %.3g mm, which is %.2g %% of the smallest body\n",
+        static_cast<unsigned long long>(f.movable_bodies), awake / passes, f.pass.empty() ? 0 : f.pass.back().awake, contacts / passes,
+        f.bytes_per_body, quantile(found, 0.5) * 1e3, quantile(found, 0.99) * 1e3, quantile(found, 1) * 1e3, percent(quantile(found, 1)),
+        quantile(residual, 0.99) * 1e3, quantile(residual, 1) * 1e3, percent(quantile(residual, 1)));
     // what was not left by the pass before, in more than a tenth of all passes: no impact alone
     std::vector<double> late;
     for (size_t k = 1; k < found.size(); ++k) late.push_back(found[k] - residual[k - 1]);
-    if (f.contact_rate < kHighestContactRate && !late.empty() && percent(quantile(late, 0.9)) > 1) {
-        std::snprintf(text, sizeof text, "  contacts were looked for at %u Hz and found late: --set contact.rate=%u finds them earlier\n",
-                      f.contact_rate, std::min(2 * f.contact_rate, kHighestContactRate));
-        all += text;
-    }
+    if (f.contact_rate < kHighestContactRate && !late.empty() && percent(quantile(late, 0.9)) > 1)
+        all += format("  contacts were looked for at %u Hz and found late: --set contact.rate=%u finds them earlier\n", f.contact_rate,
+                      std::min(2 * f.contact_rate, kHighestContactRate));
     if (f.live && (!f.render_ms.empty() || f.report.dropped_pictures > 0)) {
-        std::snprintf(text, sizeof text, "  %zu pictures drawn beside it, %llu dropped", f.render_ms.size(),
+        all += format("  %zu pictures drawn beside it, %llu dropped", f.render_ms.size(),
                       static_cast<unsigned long long>(f.report.dropped_pictures));
-        all += text;
-        if (!f.render_ms.empty()) {
-            std::snprintf(text, sizeof text, "; one %.2f ms median, %.2f ms p99", quantile(f.render_ms, 0.5), quantile(f.render_ms, 0.99));
-            all += text;
-        }
+        if (!f.render_ms.empty())
+            all += format("; one %.2f ms median, %.2f ms p99", quantile(f.render_ms, 0.5), quantile(f.render_ms, 0.99));
         all += "\n";
     }
     std::vector<std::pair<double, const StageFigures*>> stages;
@@ -280,31 +269,24 @@ std::string scale_text(const RunFigures& f) {
     std::stable_sort(stages.begin(), stages.end(), [](const auto& a, const auto& b) { return a.first > b.first; });
     all += "  stages, ms a pass (share):";
     for (size_t i = 0; i < std::min<size_t>(stages.size(), 8); ++i) {
-        std::snprintf(text, sizeof text, "%s %s %.3f (%.0f %%)", i > 0 ? "," : "", stages[i].second->name.c_str(), stages[i].first / passes,
+        all += format("%s %s %.3f (%.0f %%)", i > 0 ? "," : "", stages[i].second->name.c_str(), stages[i].first / passes,
                       total > 0 ? 100 * stages[i].first / total : 0);
-        all += text;
     }
     return all + "\n";
 }
 
 // One line: quantiles of samples, and what share of them lies below each edge and beyond the last.
 std::string samples_text(const char* what, const char* unit, const std::vector<double>& samples, std::initializer_list<double> edges) {
-    char text[160];
-    std::snprintf(text, sizeof text, "  %-20s median %.4g, p99 %.4g, p99.9 %.4g, worst %.4g %s;", what, quantile(samples, 0.5),
-                  quantile(samples, 0.99), quantile(samples, 0.999), quantile(samples, 1), unit);
-    std::string line = text;
+    std::string line = format("  %-20s median %.4g, p99 %.4g, p99.9 %.4g, worst %.4g %s;", what, quantile(samples, 0.5),
+                              quantile(samples, 0.99), quantile(samples, 0.999), quantile(samples, 1), unit);
     double from = -1e300;
     const auto share = [&](double to) {
         const auto inside = std::count_if(samples.begin(), samples.end(), [&](double x) { return x >= from && x < to; });
         from = to;
         return 100 * static_cast<double>(inside) / std::max(1.0, static_cast<double>(samples.size()));
     };
-    for (const double edge : edges) {
-        std::snprintf(text, sizeof text, " below %g: %.3g %%,", edge, share(edge));
-        line += text;
-    }
-    std::snprintf(text, sizeof text, " beyond: %.3g %%\n", share(1e300));
-    return line + text;
+    for (const double edge : edges) line += format(" below %g: %.3g %%,", edge, share(edge));
+    return line + format(" beyond: %.3g %%\n", share(1e300));
 }
 
 // How the haptic thread of a live run kept time.
@@ -357,14 +339,13 @@ void print_summary(const RunFigures& f, const fs::path& out, bool figures_only) 
         depth = std::max(depth, p.depth);
         if (p.contact()) total.push_back(p.detection_ms + p.response_ms);
     }
-    char text[1024];
-    std::snprintf(text, sizeof text,
-                  "%s: %.2f s simulated in %.2f s, built in %.2f s, %u thread%s, %s\n  contact events %zu, %.3f ms mean, %.3f ms p99; "
-                  "deepest %.2f mm\n"
-                  "  haptic ticks %llu, largest force %.2f N; state hash %016llx\n",
-                  f.scene.c_str(), f.simulated_s, f.wall_s, f.build_s, f.threads, f.threads == 1 ? "" : "s", f.instruction_set.c_str(),
-                  total.size(), mean(total), quantile(total, 0.99), depth * 1e3, static_cast<unsigned long long>(f.ticks), f.max_force,
-                  static_cast<unsigned long long>(f.state_hash));
+    const std::string text = format(
+        "%s: %.2f s simulated in %.2f s, built in %.2f s, %u thread%s, %s\n  contact events %zu, %.3f ms mean, %.3f ms p99; "
+        "deepest %.2f mm\n"
+        "  haptic ticks %llu, largest force %.2f N; state hash %016llx\n",
+        f.scene.c_str(), f.simulated_s, f.wall_s, f.build_s, f.threads, f.threads == 1 ? "" : "s", f.instruction_set.c_str(), total.size(),
+        mean(total), quantile(total, 0.99), depth * 1e3, static_cast<unsigned long long>(f.ticks), f.max_force,
+        static_cast<unsigned long long>(f.state_hash));
     write_standard_output(text + live_text(f) + scale_text(f) + capture_text(f));
     if (f.replay)
         write_standard_output(f.replay_difference.empty() ? "  the same to the bit as the live run\n"
@@ -529,21 +510,20 @@ int run_command(const RunOptions& options) {
         std::optional<PictureWriter> pictures;
         if (draws) pictures.emplace(scene.picture, scene.camera, frame.world().meshes, options.out);
         const double seconds = options.seconds > 0 ? options.seconds : file.settings.seconds;
-        PictureWriter* const writer = pictures ? &*pictures : nullptr;
         std::optional<LiveReplay> repeat;
         if (replay) repeat.emplace(haptic_params(frame.world().clock.contact_rate), recording, options.replay.string(), frame);
         std::optional<FrameRecorder> recorder;
         if (!options.capture.empty())
             recorder.emplace(frame, capture_header(scene, figures), triggers, options.out / "captures", FrameRecorder::kMostKeptBytes,
                              static_cast<uint64_t>(std::min(seconds, 1e6) * frame.world().clock.contact_rate));
-        FrameRecorder* const capture = recorder ? &*recorder : nullptr;
+        const RunParts run{options, seconds, frame, pictures ? &*pictures : nullptr, recorder ? &*recorder : nullptr, figures};
         if (options.live)
-            run_recorded(options, seconds, frame, writer, capture, figures);
+            run_recorded(run);
         else
-            run_lockstep(options, seconds, repeat ? &*repeat : nullptr, frame, writer, capture, frame_options.trace, figures);
+            run_lockstep(run, repeat ? &*repeat : nullptr, frame_options.trace);
         if (recorder) finish_captures(*recorder, figures);
         finish_figures(frame, figures);
-        if (!options.out.empty()) write_outputs(options, frame, trace, writer, figures);
+        if (!options.out.empty()) write_outputs(options, frame, trace, run.pictures, figures);
     });
     return tell_of_run(options, figures);
 }

@@ -11,6 +11,7 @@
 #include "engine/offscreen.hpp"
 #include "engine/whole_file.hpp"
 #include "systems/app/commands.hpp"
+#include "systems/app/format.hpp"
 #include "systems/app/standard_streams.hpp"
 #include "systems/app/version.hpp"
 namespace trocar {
@@ -51,17 +52,13 @@ int scenes_command(bool json) {
     }
     text += "\nShapes, for `shape = NAME` in a scene and as shape:NAME[:TRIANGLES[:SEED]] where a command takes a mesh:\n";
     for (const std::string& name : shape_names()) {
-        char line[256];
-        std::snprintf(line, sizeof line, "    %-14s  %s\n", name.c_str(), std::string(describe_shape(name)).c_str());
-        text += line;
+        text += format("    %-14s  %s\n", name.c_str(), std::string(describe_shape(name)).c_str());
     }
     text += "\nTissues, for `tissue = NAME` of a body, or `preset = NAME` in its [body.tissue] with keys that override it:\n";
     for (const TissuePreset& preset : tissue_presets()) {
-        char line[1024];
-        std::snprintf(line, sizeof line, "    %-18s  E %g Pa, %g kg/m^3, wall %g mm, bed %g mm, volume %g Pa, bending %g Pa\n        %s\n",
-                      preset.name, preset.tissue.youngs_modulus, preset.tissue.density, preset.tissue.wall * 1e3, preset.tissue.depth * 1e3,
-                      preset.tissue.pressure_modulus, preset.tissue.bending, preset.sources);
-        text += line;
+        text += format("    %-18s  E %g Pa, %g kg/m^3, wall %g mm, bed %g mm, volume %g Pa, bending %g Pa\n        %s\n", preset.name,
+                       preset.tissue.youngs_modulus, preset.tissue.density, preset.tissue.wall * 1e3, preset.tissue.depth * 1e3,
+                       preset.tissue.pressure_modulus, preset.tissue.bending, preset.sources);
     }
     text += "    What has no source above (wall, bed, volume, damping, friction) is chosen, not measured.\n";
     write_standard_output(json ? rows.dump(1) + "\n"

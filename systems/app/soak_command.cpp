@@ -186,13 +186,11 @@ std::string soak_csv(const Soak& soak) {
     std::string out =
         "minute,resident_mib,heap_mib,descriptors,median_ms,p99_ms,worst_ms,tick_p99_us,residual_mm,energy_share,lost,passes,with_fault,"
         "state_hash\n";
-    char text[256];
     for (const Episode& e : soak.episode) {
-        std::snprintf(text, sizeof text, "%.4f,%.3f,%.4f,%u,%.4f,%.4f,%.4f,%.3f,%.5f,%.3g,%llu,%llu,%d,%016llx\n", e.minute, e.resident,
-                      e.heap, e.descriptors, e.median_ms, e.p99_ms, e.worst_ms, e.tick_p99_us, e.residual_mm, e.energy_share,
-                      static_cast<unsigned long long>(e.lost), static_cast<unsigned long long>(e.passes), e.with_fault,
-                      static_cast<unsigned long long>(e.hash));
-        out += text;
+        out +=
+            format("%.4f,%.3f,%.4f,%u,%.4f,%.4f,%.4f,%.3f,%.5f,%.3g,%llu,%llu,%d,%016llx\n", e.minute, e.resident, e.heap, e.descriptors,
+                   e.median_ms, e.p99_ms, e.worst_ms, e.tick_p99_us, e.residual_mm, e.energy_share, static_cast<unsigned long long>(e.lost),
+                   static_cast<unsigned long long>(e.passes), e.with_fault, static_cast<unsigned long long>(e.hash));
     }
     return out;
 }
@@ -238,13 +236,10 @@ std::string soak_html(const Soak& soak, const Drifts& d) {
 
 void print_minute(const Soak& soak) {
     const Episode& e = soak.episode.back();
-    char text[256];
-    std::snprintf(
-        text, sizeof text,
+    write_standard_output(format(
         "%6.1f min  %5llu episodes  resident %.1f MiB  heap %.1f MiB  pass median %.2f p99 %.2f ms  residual %.3f mm  energy %.2f %%\n",
         e.minute, static_cast<unsigned long long>(soak.episodes), e.resident, e.heap, e.median_ms, e.p99_ms, e.residual_mm,
-        100 * e.energy_share);
-    write_standard_output(text);
+        100 * e.energy_share));
 }
 
 // `told`: the minute of the last line printed.
@@ -286,16 +281,13 @@ std::vector<std::string> not_judged(const Soak& soak, const Drifts& drifts) {
 
 void judge_episode(const Episode& e, const Episode& first, Soak& soak) {
     if (!soak.broken.empty() || e.with_fault) return;
-    char text[200];
     if (e.hash != first.hash) {
-        std::snprintf(text, sizeof text, "hash: an episode ended in %016llx, the first in %016llx", static_cast<unsigned long long>(e.hash),
-                      static_cast<unsigned long long>(first.hash));
-        soak.broken = text;
+        soak.broken = format("hash: an episode ended in %016llx, the first in %016llx", static_cast<unsigned long long>(e.hash),
+                             static_cast<unsigned long long>(first.hash));
     } else if (e.lost > 0) {
         soak.broken = "particles: " + std::to_string(e.lost) + " were lost and restored without a fault";
     } else if (e.energy_share > kEnergyShare) {
-        std::snprintf(text, sizeof text, "energy: the books are open by %.2f %% of the largest energy", 100 * e.energy_share);
-        soak.broken = text;
+        soak.broken = format("energy: the books are open by %.2f %% of the largest energy", 100 * e.energy_share);
     }
 }
 
@@ -312,17 +304,14 @@ Drifts measure_drifts(const Soak& soak) {
 void judge_drifts(const Drifts& d, Soak& soak) {
     if (!soak.broken.empty() || soak.episode.empty()) return;
     const uint32_t first = soak.episode.front().descriptors, last = soak.episode.back().descriptors;
-    char text[200] = "";
     if (kMemoryIsOurs && d.resident.low > kMemoryDrift && d.resident.low * soak.minutes > kLeastGrowth)
-        std::snprintf(text, sizeof text, "memory: grows by %.3f MiB a minute (95 %%: %.3f to %.3f)", d.resident.slope, d.resident.low,
-                      d.resident.high);
+        soak.broken = format("memory: grows by %.3f MiB a minute (95 %%: %.3f to %.3f)", d.resident.slope, d.resident.low, d.resident.high);
     else if (kMemoryIsOurs && d.heap.low > kHeapDrift && d.heap.low * soak.minutes > kLeastGrowth)
-        std::snprintf(text, sizeof text, "heap: grows by %.3f MiB a minute (95 %%: %.3f to %.3f)", d.heap.slope, d.heap.low, d.heap.high);
+        soak.broken = format("heap: grows by %.3f MiB a minute (95 %%: %.3f to %.3f)", d.heap.slope, d.heap.low, d.heap.high);
     else if (last > first)
-        std::snprintf(text, sizeof text, "descriptors: %u files are open at the end, %u at the start", last, first);
+        soak.broken = format("descriptors: %u files are open at the end, %u at the start", last, first);
     else if (d.median.low * soak.minutes > kSlower * soak.episode.front().median_ms)
-        std::snprintf(text, sizeof text, "time: the median pass grows by %.4f ms a minute", d.median.slope);
-    soak.broken = text;
+        soak.broken = format("time: the median pass grows by %.4f ms a minute", d.median.slope);
 }
 
 namespace {

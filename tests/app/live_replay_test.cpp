@@ -133,7 +133,7 @@ TEST(LiveReplay, ALiveRunComesOutTheSame) {
     uint64_t hash = 0;
     with_frame(1, [&](Frame& frame) {
         for (const std::string& name : frame.stage_names()) figures.stage.push_back({name, {}});
-        ASSERT_TRUE(run_live({}, 0.5, frame, nullptr, &recording, nullptr, figures));
+        ASSERT_TRUE(run_live({{}, 0.5, frame, nullptr, nullptr, figures}, &recording));
         hash = state_hash(frame.world());
         EXPECT_GT(frame.world().report.contact_events, 0u);
     });
@@ -170,7 +170,7 @@ TEST(LiveReplay, PicturesThatCannotBeWrittenEndThePicturesWithAReason) {
         fs::remove_all(out / "frames");
         RunFigures figures;
         for (const std::string& name : frame.stage_names()) figures.stage.push_back({name, {}});
-        run_live({}, 0.5, frame, &pictures, nullptr, nullptr, figures);
+        run_live({{}, 0.5, frame, &pictures, nullptr, figures}, nullptr);
         EXPECT_NE(figures.write_failure.find("frames/000000.png"), std::string::npos) << figures.write_failure;
         EXPECT_GE(w.clock.tick, 500u);
         EXPECT_EQ(figures.pass.size(), 30u);

@@ -51,11 +51,11 @@ TEST(Volume, ChosenVoxelsLieInTheirBoxWithAFrame) {
 
 TEST(Volume, EveryVoxelTypeIsReadAsItsNumbers) {
     const auto check = [](const Volume& volume) {
-        EXPECT_EQ(select_label(volume, 7, 1).count, 4u) << voxel_type_name(volume.type);
-        EXPECT_EQ(select_above(volume, 3, 1).count, 5u) << voxel_type_name(volume.type);
-        EXPECT_EQ(select_above(volume, 3.5, 1).count, 4u) << voxel_type_name(volume.type);
+        EXPECT_EQ(select_label(volume, 7, 1).count, 4u) << static_cast<int>(volume.type);
+        EXPECT_EQ(select_above(volume, 3, 1).count, 5u) << static_cast<int>(volume.type);
+        EXPECT_EQ(select_above(volume, 3.5, 1).count, 4u) << static_cast<int>(volume.type);
         const std::vector<std::pair<double, uint64_t>> expected{{0, 19}, {3, 1}, {7, 4}};
-        EXPECT_EQ(count_values(volume), expected) << voxel_type_name(volume.type);
+        EXPECT_EQ(count_values(volume), expected) << static_cast<int>(volume.type);
         EXPECT_EQ(volume.voxels.size(), 24 * voxel_bytes(volume.type));
     };
     check(make_volume<uint8_t>(VoxelType::kUint8, {4, 3, 2}, pattern<uint8_t>()));

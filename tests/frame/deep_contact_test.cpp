@@ -8,6 +8,7 @@
 #include "systems/deformable_energy.hpp"
 #include "systems/frame.hpp"
 #include "tests/reference/brute_force_contact.hpp"
+#include "tests/reference/measures.hpp"
 #include "tests/systems/contact_scene.hpp"
 
 // Contacts that vertices and edges do not see, and overlaps too deep for the shortest way out, in whole frames. What is

@@ -10,6 +10,7 @@
 #include "systems/deformable_energy.hpp"
 #include "systems/frame.hpp"
 #include "tests/frame/scenes_under_test.hpp"
+#include "tests/reference/measures.hpp"
 
 // Free rigid bodies in whole frames, against closed forms and conservation laws.
 namespace {
@@ -405,7 +406,7 @@ TEST(HardCases, M18_RigidBallSqueezedBetweenJaws) {
     const double gap = 0.0396;
     for (const double side : {-1.0, 1.0}) {
         BodySpec jaw = body(side < 0 ? "left" : "right", "box", Motion::kKinematic, 0.04, {side * 0.05, 0, 0});
-        KeyframeSpec open, closed;
+        Keyframe open, closed;
         open.position = jaw.position;
         closed.position = Vec3d(side * (0.02 + 0.5 * gap), 0, 0);
         closed.time = 0.5;
@@ -480,7 +481,7 @@ TEST(HardCases, P19_FastHandAgainstATable) {
         ToolSpec tool;
         tool.body = "probe";
         tool.tip_radius = 0.007;
-        KeyframeSpec above, start, through;
+        Keyframe above, start, through;
         above.position = start.position = Vec3d(0.02, 0.01, 0.05);
         start.time = 0.1 + phase;
         through.position = Vec3d(0.02, 0.01, -0.06);

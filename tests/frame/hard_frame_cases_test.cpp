@@ -10,8 +10,8 @@
 namespace {
 using namespace trocar;
 
-KeyframeSpec key(double time, double z) {
-    KeyframeSpec k;
+Keyframe key(double time, double z) {
+    Keyframe k;
     k.time = time;
     k.position = Vec3d(0, 0, z);
     return k;

@@ -398,7 +398,7 @@ TEST(Rest, LongBallSqueezedBetweenJawsKeepsItsOverlap) {
     for (const double side : {-1.0, 1.0}) {
         BodySpec jaw = block(side < 0 ? "left" : "right", "box", Motion::kKinematic, 0.06, 12);
         jaw.position = {side * 0.06, 0, 0};
-        KeyframeSpec open, closed;
+        Keyframe open, closed;
         open.position = jaw.position;
         closed.position = Vec3d(side * (0.03 + 0.5 * 0.7 * 0.05), 0, 0);
         closed.time = 1;

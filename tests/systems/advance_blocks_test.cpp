@@ -8,6 +8,7 @@
 
 #include "engine/mass_properties.hpp"
 #include "engine/thread_pool.hpp"
+#include "tests/reference/measures.hpp"
 #include "tests/reference/sample_meshes.hpp"
 #include "tests/systems/advance_scene.hpp"
 namespace trocar {

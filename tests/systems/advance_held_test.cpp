@@ -1,5 +1,6 @@
 #include <gtest/gtest.h>
 
+#include "tests/reference/measures.hpp"
 #include "tests/systems/advance_scene.hpp"
 
 // Tools that their contacts turn against the coupling of the hand.

@@ -8,6 +8,7 @@
 #include "engine/mass_properties.hpp"
 #include "engine/thread_pool.hpp"
 #include "systems/rigid_motion.hpp"
+#include "tests/reference/measures.hpp"
 #include "tests/systems/spring_graph.hpp"
 namespace trocar {
 namespace {

@@ -8,6 +8,7 @@
 #include <fstream>
 
 #include "tests/reference/cached_run.hpp"
+#include "tests/reference/measures.hpp"
 #include "tests/systems/spring_graph.hpp"
 namespace trocar {
 namespace {

@@ -2,6 +2,7 @@
 
 #include <gtest/gtest.h>
 
+#include "tests/reference/measures.hpp"
 #include "tests/systems/advance_scene.hpp"
 namespace trocar {
 namespace {

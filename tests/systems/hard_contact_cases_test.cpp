@@ -74,60 +74,6 @@ TEST(HardCases, H05_AMillionTinyTrianglesInOneCell) {
     }
 }
 
-// Cells whose keys all fall on one slot of the counting table: still every pair, no other, and no quadratic walk.
-TEST(HardCases, H11_CellsOfEqualHashes) {
-    constexpr uint32_t kCells = 1500, kBits = 12;  // a table of 4096 slots holds them
-    std::vector<std::array<uint32_t, 3>> cell{{0, 0, 0}};
-    const auto slot = [](const std::array<uint32_t, 3>& c) { return cell_slot(pack_cell(c[0], c[1], c[2]), 64 - kBits); };
-    for (uint32_t i = 1; i < 255 && cell.size() < kCells; ++i)
-        for (uint32_t j = 1; j < 255 && cell.size() < kCells; ++j)
-            for (uint32_t k = 1; k < 255 && cell.size() < kCells; ++k)
-                if (slot({i, j, k}) == 0) cell.push_back({i, j, k});
-    ASSERT_EQ(cell.size(), kCells);
-    cell.push_back({255, 255, 255});
-
-    // one small triangle in the middle of each cell, the same for both bodies
-    constexpr double kEdge = 1e-3, kCell = 10 * kEdge;
-    const auto make = [&](const Vec3d& shift) {
-        Mesh mesh;
-        for (const auto& c : cell) {
-            const Vec3d p = kCell * Vec3d(c[0] + 0.5, c[1] + 0.5, c[2] + 0.5) + shift;
-            const uint32_t v = uint32_t(mesh.position.size());
-            const double r = kEdge / std::sqrt(3.0);
-            for (int k = 0; k < 3; ++k)
-                mesh.position.push_back(p + r * Vec3d(std::cos(2 * M_PI * k / 3), std::sin(2 * M_PI * k / 3), 0.1 * k));
-            mesh.triangle.push_back({v, v + 1, v + 2});
-        }
-        return mesh;
-    };
-    // triangles lie past the middle of the cell counted from the lowest box, so that no rounding moves them out of it
-    ContactScene scene(
-        {{make(Vec3d::Zero()), Motion::kHand, Vec3d::Zero(), {}}, {make(Vec3d(1e-5, 2e-5, 3e-5)), Motion::kDeformable, Vec3d::Zero(), {}}});
-    const std::vector<Vec3d> corner = make(Vec3d::Zero()).position;
-    const double edges = (corner[1] - corner[0]).norm() + (corner[2] - corner[1]).norm() + (corner[0] - corner[2]).norm();
-    scene.params.cell_edges = kCell / (edges / 3);
-    scene.find_triangles();
-    // as laid out: every shared cell is one of ours, and the adversary's keys did arrive
-    uint32_t crowded = 0;
-    for (const uint64_t key : scene.occupancy.cell_key) crowded += cell_slot(key, 64 - kBits) == 0;
-    EXPECT_GE(crowded, kCells - 10);
-    // no lookup walked through them all: the references were sorted instead, into the same layers
-    EXPECT_GE(scene.rasterise_scratch.keyed.size(), 2 * kCells);
-    const Occupancy& o = scene.occupancy;
-    EXPECT_TRUE(std::is_sorted(o.cell_key.begin(), o.cell_key.end()));
-    ASSERT_EQ(o.object_first.size(), o.cell_key.size() + 1);
-    ASSERT_EQ(o.primitive_first.size(), o.object.size() + 1);
-    for (uint32_t i = 0; i < o.cell_key.size(); ++i) {
-        ASSERT_EQ(o.object_first[i + 1] - o.object_first[i], 2u);
-        const uint32_t first = o.object_first[i];
-        ASSERT_TRUE(o.object[first] == 0 && o.object[first + 1] == 1);
-        ASSERT_EQ(o.primitive_first[first + 2] - o.primitive_first[first], 2u);
-        ASSERT_EQ(o.primitive[o.primitive_first[first]], o.primitive[o.primitive_first[first + 1]]);
-    }
-    ASSERT_EQ(scene.candidates.triangle.size(), cell.size());
-    for (uint32_t i = 0; i < cell.size(); ++i) ASSERT_EQ(scene.candidates.triangle[i], (std::array<uint32_t, 2>{i, i}));
-}
-
 // ---- P: pairs and depth ----
 
 // Prism with a V-shaped groove along y; apex at the origin, walls at `angle` from the vertical, `deep` deep.

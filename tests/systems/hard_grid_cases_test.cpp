@@ -104,28 +104,6 @@ TEST(HardCases, H08_PlacesNoCellCanName) {
     EXPECT_GT(scene.candidates.pair[0].count, 0u);
 }
 
-// Cells of a sphere's shell about the origin: the share of them that meet another cell in their slot is that of random
-// keys, at three loads. Signed cells hashed by exclusive or reach 1.6 to 4.6 times it.
-TEST(HardCases, H12_ASceneSymmetricAboutZero) {
-    constexpr int kRadius = 33;
-    std::vector<uint64_t> keys;
-    for (int x = -kRadius; x <= kRadius; ++x)
-        for (int y = -kRadius; y <= kRadius; ++y)
-            for (int z = -kRadius; z <= kRadius; ++z)
-                if (std::abs(std::sqrt(x * x + y * y + z * z) - kRadius) < 0.5)  // as rasterise: counted from the corner
-                    keys.push_back(pack_cell(uint32_t(x + kRadius), uint32_t(y + kRadius), uint32_t(z + kRadius)));
-    ASSERT_GT(keys.size(), 13'000u);
-    for (const uint32_t bits : {14u, 15u, 16u}) {
-        std::vector<uint32_t> load(size_t(1) << bits, 0);
-        for (const uint64_t key : keys) ++load[cell_slot(key, 64 - bits)];
-        size_t sharing = 0;
-        for (const uint64_t key : keys) sharing += load[cell_slot(key, 64 - bits)] > 1;
-        const double share = double(sharing) / double(keys.size());
-        const double ideal = 1 - std::pow(1 - std::ldexp(1.0, -int(bits)), double(keys.size() - 1));
-        EXPECT_LE(share, 1.1 * ideal) << bits << " bits";
-    }
-}
-
 // Three hundred small bodies, screened several at a time: the pairs of brute force, and the same layers for any number of
 // threads and from warm memory.
 TEST(HardCases, H19_LayersForAnyNumberOfThreads) {

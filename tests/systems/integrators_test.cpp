@@ -7,6 +7,7 @@
 #include "engine/stable_step.hpp"
 #include "engine/thread_pool.hpp"
 #include "tests/reference/dense.hpp"
+#include "tests/reference/measures.hpp"
 #include "tests/systems/spring_graph.hpp"
 namespace trocar {
 namespace {

@@ -12,6 +12,7 @@
 #include "systems/islands.hpp"
 #include "systems/link_bodies.hpp"
 #include "systems/tear_bodies.hpp"
+#include "tests/reference/measures.hpp"
 #include "tests/systems/spring_graph.hpp"
 namespace trocar {
 namespace {

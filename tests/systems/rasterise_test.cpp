@@ -128,7 +128,7 @@ TEST(Rasterise, H01_PlaceOfTheSceneDoesNotMatter) {
     EXPECT_NEAR(double(here.candidates.triangle.size()), double(there.candidates.triangle.size()), 3);
 }
 
-// A used table or grid of bits, grown or shrunken, gives the layers of a fresh one.
+// Used memory, grown or shrunken, gives the layers of fresh one.
 TEST(Rasterise, H13_H17_NoStaleCells) {
     for (const uint32_t most_words : {0u, 1u << 20}) {
         ContactScene scene = three_balls();
@@ -142,14 +142,14 @@ TEST(Rasterise, H13_H17_NoStaleCells) {
             scene.rasterise_scratch.most_words = most_words;
             scene.find_triangles();
             EXPECT_TRUE(same(warm, scene.occupancy)) << pass;
-            EXPECT_EQ(scene.rasterise_scratch.table.empty(), most_words > 0);
+            EXPECT_EQ(scene.rasterise_scratch.keyed.empty(), most_words > 0);
             std::swap(scene.rasterise_scratch, used);
         }
     }
 }
 
-// Bits, table and sorted references give the same layers, oversize triangles among them.
-TEST(Rasterise, AllWaysToCountGiveTheSameLayers) {
+// Bits and sorted references give the same layers, oversize triangles among them.
+TEST(Rasterise, BothWaysToCountGiveTheSameLayers) {
     for (const double edges : {0.25, 0.7, 2.5, 9.0}) {
         ContactScene scene = three_balls();
         scene.params.cell_edges = edges;
@@ -158,10 +158,6 @@ TEST(Rasterise, AllWaysToCountGiveTheSameLayers) {
         EXPECT_EQ(by_bits.oversize.empty(), edges > 0.5);
         ASSERT_GT(by_bits.cell_key.size(), 2u);
         scene.rasterise_scratch.most_words = 0;
-        scene.find_triangles();
-        EXPECT_TRUE(same(by_bits, scene.occupancy)) << edges << ", table";
-        EXPECT_FALSE(scene.rasterise_scratch.table.empty());
-        scene.rasterise_scratch.most_counted = 0;
         scene.find_triangles();
         EXPECT_TRUE(same(by_bits, scene.occupancy)) << edges << ", sorted";
         EXPECT_FALSE(scene.rasterise_scratch.keyed.empty());
@@ -188,11 +184,11 @@ TEST(Rasterise, H20_WarmPassesReuseMemory) {
     scene.run();
     const void* before[] = {
         scene.occupancy.cell_key.data(),      scene.occupancy.primitive.data(),         scene.screened.box.data(),
-        scene.rasterise_scratch.table.data(), scene.rasterise_scratch.reference.data(), scene.candidates.triangle.data(),
+        scene.rasterise_scratch.cells.data(), scene.rasterise_scratch.reference.data(), scene.candidates.triangle.data(),
         scene.cells_scratch.by_row.data()};
     scene.run();
     const void* after[] = {scene.occupancy.cell_key.data(),      scene.occupancy.primitive.data(),         scene.screened.box.data(),
-                           scene.rasterise_scratch.table.data(), scene.rasterise_scratch.reference.data(), scene.candidates.triangle.data(),
+                           scene.rasterise_scratch.cells.data(), scene.rasterise_scratch.reference.data(), scene.candidates.triangle.data(),
                            scene.cells_scratch.by_row.data()};
     for (size_t i = 0; i < std::size(before); ++i) EXPECT_EQ(before[i], after[i]) << i;
 }

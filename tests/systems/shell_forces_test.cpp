@@ -7,6 +7,7 @@
 #include "engine/error.hpp"
 #include "engine/thread_pool.hpp"
 #include "tests/reference/dense.hpp"
+#include "tests/reference/measures.hpp"
 #include "tests/systems/advance_scene.hpp"
 
 // Forces of shells besides springs and anchors: inner pressure, bending.

@@ -10,6 +10,7 @@
 #include "engine/error.hpp"
 #include "engine/solid_limit.hpp"
 #include "engine/thread_pool.hpp"
+#include "tests/reference/measures.hpp"
 #include "tests/systems/advance_scene.hpp"
 
 // Fine surfaces that ride on coarse tetrahedra.

@@ -17,6 +17,7 @@
 #include "systems/frame.hpp"
 #include "systems/tear_bodies.hpp"
 #include "tests/reference/dense.hpp"
+#include "tests/reference/measures.hpp"
 #include "tests/reference/solid_double.hpp"
 #include "tests/systems/advance_scene.hpp"
 namespace trocar {

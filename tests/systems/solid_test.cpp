@@ -8,6 +8,7 @@
 #include "engine/solid_limit.hpp"
 #include "reference/paths.hpp"
 #include "systems/frame.hpp"
+#include "tests/reference/measures.hpp"
 #include "tests/reference/solid_cases.hpp"
 #include "tests/systems/advance_scene.hpp"
 
