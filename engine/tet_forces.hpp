@@ -45,7 +45,7 @@ double tet_energy(double bulk, double crush, double rest, double volume);
 // Six times the signed volume of four corners.
 double six_volumes(const Vec3d& a, const Vec3d& b, const Vec3d& c, const Vec3d& d);
 
-// Rows of AdvanceScratch::corner_force that a body needs.
+// Rows of TissueScratch::corner_force that a body needs.
 uint32_t corner_rows(const TetStep& body);
 
 // Adds the volume forces to the body's forces (force_x, force_y, force_z: all its nodes). Same bits for any number of

@@ -15,22 +15,33 @@
 #include "engine/skin.hpp"
 #include "engine/spring_step.hpp"
 #include "engine/surfaces.hpp"
-#include "systems/advance_implicit.hpp"
+#include "systems/advance_constants.hpp"
+#include "systems/advance_contact.hpp"
+#include "systems/advance_drive.hpp"
+#include "systems/advance_energy.hpp"
+#include "systems/advance_fine.hpp"
+#include "systems/advance_forces.hpp"
+#include "systems/advance_free.hpp"
+#include "systems/advance_hold.hpp"
+#include "systems/advance_links.hpp"
+#include "systems/advance_midpoint.hpp"
+#include "systems/advance_push.hpp"
+#include "systems/advance_rigid.hpp"
+#include "systems/advance_runaway.hpp"
+#include "systems/advance_tears.hpp"
 namespace trocar {
 namespace {
 
-// Farther than this from its origin (m) a particle counts as lost, like one that is not finite.
-constexpr float kLost = 1e6f;
 constexpr uint32_t kBodiesAtOnce = 32;
 
-AdvanceBody make_body(const AdvanceIsland& island, uint32_t body, uint32_t buffer) {
-    const Bodies& bodies = island.inputs.bodies;
-    const Springs& springs = island.inputs.springs;
+AdvanceBody make_body(const AdvanceCall& call, uint32_t body, uint32_t buffer, const AdvanceState& state) {
+    const Bodies& bodies = call.inputs.bodies;
+    const Springs& springs = call.inputs.springs;
     AdvanceBody b;
     b.body = body;
     b.particles = bodies.particles[body];
     if (const uint32_t skin = springs.info[bodies.mesh[body]].skin; skin > 0) {
-        const Solids& solids = *island.inputs.other.solids;
+        const Solids& solids = *call.inputs.other.solids;
         const uint32_t first = solids.info[bodies.mesh[body]].skin.first;
         b.skin_node = solids.skin_node.data() + first;
         b.skin_weight = solids.skin_weight.data() + first;
@@ -40,88 +51,87 @@ AdvanceBody make_body(const AdvanceIsland& island, uint32_t body, uint32_t buffe
     b.buffer = buffer;
     b.shape = bodies.anchor_frame[body] == AnchorFrame::kShape;
     b.damping = bodies.tissue[body].damping;
-    b.last_dt = island.particles.last_dt[body];
+    b.last_dt = state.particles.last_dt[body];
     b.stepping = stepping_of(bodies, body);
     // an impulse acts in the kick, as every force: what damps a held body after it damps the impulse, or else a load at rest
     // would be borne by damping in part
-    if (!b.shape && !b.measured()) b.impulse_left = std::exp(-0.5 * b.damping * island.dt);
-    b.origin = to_vec4(island.poses.origin[body]);
-    b.orientation = island.poses.orientation[body];
-    b.now = island.particles.offset.data() + b.particles.first;
-    b.step = bind_body(springs, bodies, island.inputs.anchors, island.particles, body, island.inputs.other.torn_springs);
-    b.tear = tear_of(island.inputs.other.tears, body);
+    if (!b.shape && !b.measured()) b.impulse_left = std::exp(-0.5 * b.damping * call.dt);
+    b.origin = to_vec4(state.poses.origin[body]);
+    b.orientation = state.poses.orientation[body];
+    b.now = state.particles.offset.data() + b.particles.first;
+    b.step = bind_body(springs, bodies, call.inputs.anchors, state.particles, body, call.inputs.other.torn_springs);
+    b.tear = tear_of(call.inputs.other.tears, body);
     SpringStep& step = b.step;
-    step.new_velocity_x = island.particles.velocity_x.data() + b.particles.first;
-    step.new_velocity_y = island.particles.velocity_y.data() + b.particles.first;
-    step.new_velocity_z = island.particles.velocity_z.data() + b.particles.first;
-    step.dt = static_cast<float>(island.dt);
-    for (int i = 0; i < 3; ++i) step.gravity[i] = static_cast<float>(island.params.gravity[i]);
+    step.new_velocity_x = state.particles.velocity_x.data() + b.particles.first;
+    step.new_velocity_y = state.particles.velocity_y.data() + b.particles.first;
+    step.new_velocity_z = state.particles.velocity_z.data() + b.particles.first;
+    step.dt = static_cast<float>(call.dt);
+    for (int i = 0; i < 3; ++i) step.gravity[i] = static_cast<float>(call.params.gravity[i]);
     return b;
 }
 
 // Whether rounding takes more than half a percent of 1 mm/s from places stepped by dt: then a body carries what it left
 // out from substep to substep. At the end of a call the remainder, less than half an ulp, goes: round_remainders.
-bool carry_remainder(const AdvanceIsland& island, uint32_t body) {
-    if (island.params.substeps == 1 || stepping_of(island.inputs.bodies, body).integrator != Integrator::kLeapfrog) return false;
-    const float radius = static_cast<float>(island.inputs.meshes.info[island.inputs.bodies.mesh[body]].radius);
+bool carry_remainder(const AdvanceCall& call, uint32_t body) {
+    if (call.params.substeps == 1 || stepping_of(call.inputs.bodies, body).integrator != Integrator::kLeapfrog) return false;
+    const float radius = static_cast<float>(call.inputs.meshes.info[call.inputs.bodies.mesh[body]].radius);
     const double ulp = std::nextafter(radius, std::numeric_limits<float>::infinity()) - radius;
-    return ulp > 0.01 * 1e-3 * island.dt;
+    return ulp > 0.01 * 1e-3 * call.dt;
 }
 
-void give_remainders(AdvanceIsland& island, uint32_t particles) {
-    AdvanceScratch& s = island.scratch;
-    const auto carries = [&](const AdvanceBody& b) { return carry_remainder(island, b.body); };
-    if (std::none_of(s.body.begin(), s.body.end(), carries)) return;
-    s.remainder.assign(size_t{3} * particles, 0.0f);
-    for (AdvanceBody& b : s.body) {
+void give_remainders(const AdvanceCall& call, uint32_t particles, TissueScratch& scratch, AdvanceIsland& island) {
+    const auto carries = [&](const AdvanceBody& b) { return carry_remainder(call, b.body); };
+    if (std::none_of(island.body.begin(), island.body.end(), carries)) return;
+    scratch.remainder.assign(size_t{3} * particles, 0.0f);
+    for (AdvanceBody& b : island.body) {
         if (!carries(b)) continue;
-        b.step.remainder_x = s.remainder.data() + b.buffer;
+        b.step.remainder_x = scratch.remainder.data() + b.buffer;
         b.step.remainder_y = b.step.remainder_x + particles;
         b.step.remainder_z = b.step.remainder_y + particles;
     }
 }
 
-void gather_bodies(AdvanceIsland& island, std::span<const uint32_t> island_bodies) {
-    AdvanceScratch& s = island.scratch;
-    s.body.clear();
-    s.rigid.clear();
-    s.node.resize(0);
-    s.change.resize(0);
-    s.free.clear();
-    s.turning.clear();
-    s.slot_of_body.resize(island.inputs.bodies.mesh.size(), kNone);
+void gather_bodies(const AdvanceCall& call, std::span<const uint32_t> island_bodies, TissueScratch& scratch, AdvanceIsland& island,
+                   const AdvanceState& state, AdvanceResult& result) {
+    island.body.clear();
+    island.rigid.clear();
+    island.nodes.node.resize(0);
+    island.nodes.change.resize(0);
+    island.free.clear();
+    island.slot_of_body.resize(call.inputs.bodies.mesh.size(), kNone);
     uint32_t particles = 0;
     for (const uint32_t body : island_bodies) {
-        if (is_deformable(island.inputs.bodies, body)) {
-            s.slot_of_body[body] = static_cast<uint32_t>(s.body.size());
-            s.body.push_back(make_body(island, body, particles));
-            particles += s.body.back().particles.count;
-        } else if (joins_islands(island.inputs.bodies.motion[body])) {
-            rigid_slot(island, body);
+        if (is_deformable(call.inputs.bodies, body)) {
+            island.slot_of_body[body] = static_cast<uint32_t>(island.body.size());
+            island.body.push_back(make_body(call, body, particles, state));
+            particles += island.body.back().particles.count;
+        } else if (joins_islands(call.inputs.bodies.motion[body])) {
+            rigid_slot(call, body, island, state);
         }
     }
-    parallel_for(static_cast<uint32_t>(s.body.size()), kBodiesAtOnce, [&](uint32_t begin, uint32_t end) {
-        for (uint32_t i = begin; i < end; ++i) s.body[i].kinetic = kinetic_energy(island, s.body[i]);
+    parallel_for(static_cast<uint32_t>(island.body.size()), kBodiesAtOnce, [&](uint32_t begin, uint32_t end) {
+        for (uint32_t i = begin; i < end; ++i) island.body[i].kinetic = kinetic_energy(state.particles, island.body[i]);
     });
-    have_rows(s.offset_a, particles);
-    have_rows(s.offset_b, particles);
-    give_remainders(island, particles);
-    gather_links(island);
-    give_forces(island, particles);
+    have_rows(scratch.offset_a, particles);
+    have_rows(scratch.offset_b, particles);
+    give_remainders(call, particles, scratch, island);
+    gather_links(call, island, state, result);
+    give_forces(call, state.particles, particles, scratch, island);
 }
 
 // Lanes of damping work, kept per chunk over the whole call.
-void clear_sums(AdvanceScratch& s) {
+void clear_sums(const AdvanceIsland& island, TissueScratch& scratch) {
     size_t chunks = 0;
-    for (const AdvanceBody& b : s.body) chunks += chunk_count(b.slices, kSlicesPerChunk);
-    s.sums.assign(chunks * kSliceWidth, 0.0);
+    for (const AdvanceBody& b : island.body) chunks += chunk_count(b.slices, kSlicesPerChunk);
+    scratch.sums.assign(chunks * kSliceWidth, 0.0);
 }
 
 // One kick and drift.
-void step_leapfrog(AdvanceIsland& island, const SpringKernels& kernels, AdvanceBody& b, double* work, std::vector<double>& shape_sums) {
+void step_leapfrog(const AdvanceCall& call, Poses& poses, AdvanceBody& b, std::vector<double>& shape_sums) {
+    const SpringKernels& kernels = spring_kernels();
     // the very first kick is half a one: velocities fall half a step behind
-    const double kick = 0.5 * (b.last_dt + island.dt);
-    b.last_dt = island.dt;
+    const double kick = 0.5 * (b.last_dt + call.dt);
+    b.last_dt = call.dt;
     // damping acts half before and half after the kick: second order (Strang). A free body's goes with its rigid motion,
     // which no damping may slow: there it acts before, of first order
     const double left = b.shape ? 1.0 : std::exp(-0.5 * b.damping * kick);
@@ -130,53 +140,56 @@ void step_leapfrog(AdvanceIsland& island, const SpringKernels& kernels, AdvanceB
     b.step.keep = static_cast<float>(std::exp(-b.damping * kick));
     if (b.shape) {
         const ShapeTotals totals = sum_shape(b.step, b.slices, shape_sums);
-        fit_goals(totals, island.poses.orientation[b.body], b.step);
+        fit_goals(totals, poses.orientation[b.body], b.step);
         fit_drag(totals, b.step);
     }
     for_slices(b.slices, [&](uint32_t begin, uint32_t end) {
-        kernels.step(&b.step, begin, end, work ? work + begin / kSlicesPerChunk * kSliceWidth : nullptr);
+        kernels.step(&b.step, begin, end, b.damping_work ? b.damping_work + begin / kSlicesPerChunk * kSliceWidth : nullptr);
     });
 }
 
 // Forces besides springs and anchors at the start of a substep. Whether a body stepped by leapfrog must go through it finely.
-bool find_forces_of(AdvanceIsland& island, AdvanceBody& b) {
+bool find_forces_of(const AdvanceCall& call, const AdvanceIsland& island, const Particles& particles, TissueScratch& scratch,
+                    AdvanceBody& b, AdvanceResult& result) {
     if (!b.step.force_x) return false;
-    const double so_far = std::exchange(island.result.min_volume_ratio, std::numeric_limits<double>::infinity());
-    find_forces(island, b);
-    const double least = std::exchange(island.result.min_volume_ratio, std::min(so_far, island.result.min_volume_ratio));
-    return b.stepping.integrator == Integrator::kLeapfrog && !b.touched && is_wild(island, b, least);
+    const double so_far = std::exchange(result.min_volume_ratio, std::numeric_limits<double>::infinity());
+    find_forces(call, island, particles, scratch, b, result);
+    const double least = std::exchange(result.min_volume_ratio, std::min(so_far, result.min_volume_ratio));
+    return b.stepping.integrator == Integrator::kLeapfrog && !b.touched && is_wild(call, particles, b, least, scratch);
 }
 
-void step_wild(AdvanceIsland& island, AdvanceBody& b, double* work) {
-    const double damped = step_finely(island, b);
-    if (work) work[0] += damped;
+void step_wild(const AdvanceCall& call, const AdvanceIsland& island, TissueScratch& scratch, const AdvanceState& state, AdvanceBody& b,
+               AdvanceResult& result) {
+    const double damped = step_finely(call, island, scratch, state, b, result);
+    if (b.damping_work) b.damping_work[0] += damped;
 }
 
 // Bodies whose steps need nothing but springs and anchors: many of them are stepped at the same time.
 bool steps_alone(const AdvanceBody& b) { return b.stepping.integrator == Integrator::kLeapfrog && !b.step.force_x; }
 
-void step_bodies(AdvanceIsland& island, const SpringKernels& kernels, uint32_t substep) {
+void step_bodies(const AdvanceCall& call, TissueScratch& scratch, ContactSolver& solver, AdvanceIsland& island, const AdvanceState& state,
+                 AdvanceResult& result) {
     constexpr uint32_t kBodiesPerChunk = 16;
-    AdvanceScratch& s = island.scratch;
-    const uint32_t bodies = static_cast<uint32_t>(s.body.size());
+    const uint32_t bodies = static_cast<uint32_t>(island.body.size());
     uint32_t chunk = 0;
-    for (AdvanceBody& b : s.body) {
+    for (AdvanceBody& b : island.body) {
         b.first_chunk = chunk;
         chunk += chunk_count(b.slices, kSlicesPerChunk);
     }
-    if (s.body_shape_sums.size() < chunk_count(bodies, kBodiesPerChunk)) s.body_shape_sums.resize(chunk_count(bodies, kBodiesPerChunk));
+    if (scratch.body_shape_sums.size() < chunk_count(bodies, kBodiesPerChunk))
+        scratch.body_shape_sums.resize(chunk_count(bodies, kBodiesPerChunk));
     const auto step = [&](AdvanceBody& b, std::vector<double>& shape_sums) {
-        b.next = (substep % 2 == 0 ? s.offset_a : s.offset_b).data() + b.buffer;
+        b.next = (call.substep % 2 == 0 ? scratch.offset_a : scratch.offset_b).data() + b.buffer;
         b.step.offset = &b.now->x;
         b.step.new_offset = &b.next->x;
-        double* work = island.params.account_energy && b.damping > 0 ? s.sums.data() + b.first_chunk * kSliceWidth : nullptr;
-        const bool wild = find_forces_of(island, b);
+        b.damping_work = call.params.account_energy && b.damping > 0 ? scratch.sums.data() + b.first_chunk * kSliceWidth : nullptr;
+        const bool wild = find_forces_of(call, island, state.particles, scratch, b, result);
         switch (b.stepping.integrator) {
             case Integrator::kLeapfrog:
-                wild ? step_wild(island, b, work) : step_leapfrog(island, kernels, b, work, shape_sums);
+                wild ? step_wild(call, island, scratch, state, b, result) : step_leapfrog(call, state.poses, b, shape_sums);
                 break;
             case Integrator::kMidpoint:
-                step_midpoint(island, b, work);
+                step_midpoint(call, island, scratch, solver, state, b, result);
                 break;
         }
         const float* drag = b.step.drag_velocity;
@@ -184,12 +197,12 @@ void step_bodies(AdvanceIsland& island, const SpringKernels& kernels, uint32_t s
         b.drag_velocity = make_vec4(drag[0], drag[1], drag[2]);
         b.drag_turn = make_vec4(turn[0], turn[1], turn[2]);
     };
-    if (!std::all_of(s.body.begin(), s.body.end(), steps_alone)) {
-        for (AdvanceBody& b : s.body) step(b, s.shape_sums);
+    if (!std::all_of(island.body.begin(), island.body.end(), steps_alone)) {
+        for (AdvanceBody& b : island.body) step(b, scratch.shape_sums);
         return;
     }
     parallel_for(bodies, kBodiesPerChunk, [&](uint32_t begin, uint32_t end) {
-        for (uint32_t i = begin; i < end; ++i) step(s.body[i], s.body_shape_sums[begin / kBodiesPerChunk]);
+        for (uint32_t i = begin; i < end; ++i) step(island.body[i], scratch.body_shape_sums[begin / kBodiesPerChunk]);
     });
 }
 
@@ -202,26 +215,26 @@ uint32_t count_lost(const Float4* offsets, uint32_t count) {
 }
 
 // Puts a body back to the start of the call, at rest. Particles that were already lost there go to their goals.
-void restore_body(AdvanceIsland& island, const AdvanceBody& b) {
-    Particles& particles = island.particles;
+void restore_body(const AdvanceCall& call, const AdvanceBody& b, const AdvanceState& state) {
+    Particles& particles = state.particles;
     const Range rows = b.particles;
     for (auto* field : {&particles.velocity_x, &particles.velocity_y, &particles.velocity_z}) {
         std::fill_n(field->begin() + rows.first, rows.count, 0.0f);
     }
     particles.last_dt[b.body] = 0;
-    island.poses.orientation[b.body] = b.orientation;
+    state.poses.orientation[b.body] = b.orientation;
     Vec3d centre = Vec3d::Zero();
     double weight = 0;
     const Quat turn = b.shape ? b.orientation : Quat{};
     const auto goal = [&](uint32_t p) {
-        const Anchors& a = island.inputs.anchors;
+        const Anchors& a = call.inputs.anchors;
         return rotate(turn, Vec3d(a.rest_x[p], a.rest_y[p], a.rest_z[p]));
     };
     if (b.shape) {
         for (uint32_t p = rows.first; p < rows.end(); ++p) {
             const Float4& o = particles.offset[p];
             if (is_lost(o)) continue;
-            const double k = island.inputs.anchors.stiffness[p];
+            const double k = call.inputs.anchors.stiffness[p];
             centre += k * (Vec3d(o.x, o.y, o.z) - goal(p));
             weight += k;
         }
@@ -237,14 +250,14 @@ void restore_body(AdvanceIsland& island, const AdvanceBody& b) {
 
 // What the places of a body leave out goes at the end of a call: rounded up or down as a hash of call and particle falls,
 // in proportion, so that what hundreds of calls leave out adds up to nothing.
-void round_remainders(AdvanceIsland& island, const AdvanceBody& b) {
+void round_remainders(const AdvanceCall& call, const AdvanceBody& b, Particles& particles) {
     const float* remainder[3] = {b.step.remainder_x, b.step.remainder_y, b.step.remainder_z};
-    uint64_t call = (island.params.tick + 1) * 0xbf58476d1ce4e5b9ull;
-    call ^= call >> 29;
+    uint64_t seed = (call.params.tick + 1) * 0xbf58476d1ce4e5b9ull;
+    seed ^= seed >> 29;
     const auto round = [&](uint32_t v) {
-        Float4& o = island.particles.offset[b.particles.first + v];
+        Float4& o = particles.offset[b.particles.first + v];
         if (!(o.w > 0)) return;
-        const uint64_t z = (call + v) * 0x9e3779b97f4a7c15ull;  // a Weyl sequence: evenly spread over the particles
+        const uint64_t z = (seed + v) * 0x9e3779b97f4a7c15ull;  // a Weyl sequence: evenly spread over the particles
         float* const place[3] = {&o.x, &o.y, &o.z};
         for (int i = 0; i < 3; ++i) {
             const float r = remainder[i][v], from = *place[i];
@@ -261,37 +274,38 @@ void round_remainders(AdvanceIsland& island, const AdvanceBody& b) {
 }
 
 // Writes the particles of a body back, or restores those that it had.
-void finish_body(AdvanceIsland& island, const AdvanceBody& b) {
+void finish_body(const AdvanceCall& call, const AdvanceBody& b, TissueScratch& scratch, const AdvanceState& state, AdvanceResult& result) {
     const auto count = [](uint64_t& counter, uint64_t more) { std::atomic_ref(counter).fetch_add(more, std::memory_order_relaxed); };
     const uint32_t lost = count_lost(b.now, b.particles.count);
-    const bool ran_away = lost == 0 && has_run_away(island, b);
-    if (lost > 0) count(island.result.nonfinite_particles, lost);
-    if (ran_away) count(island.result.runaway_bodies, 1);
-    if (lost > 0 || ran_away) return restore_body(island, b);
-    std::copy_n(b.now, b.particles.count, island.particles.offset.begin() + b.particles.first);
-    if (b.step.remainder_x) round_remainders(island, b);
-    island.particles.last_dt[b.body] = b.last_dt;
+    const bool ran_away = lost == 0 && has_run_away(call, state.particles, b, scratch);
+    if (lost > 0) count(result.nonfinite_particles, lost);
+    if (ran_away) count(result.runaway_bodies, 1);
+    if (lost > 0 || ran_away) return restore_body(call, b, state);
+    std::copy_n(b.now, b.particles.count, state.particles.offset.begin() + b.particles.first);
+    if (b.step.remainder_x) round_remainders(call, b, state.particles);
+    state.particles.last_dt[b.body] = b.last_dt;
 }
 
-void finish_bodies(AdvanceIsland& island) {
-    const std::vector<AdvanceBody>& bodies = island.scratch.body;
+void finish_bodies(const AdvanceCall& call, TissueScratch& scratch, AdvanceIsland& island, const AdvanceState& state,
+                   AdvanceResult& result) {
+    const std::vector<AdvanceBody>& bodies = island.body;
     parallel_for(static_cast<uint32_t>(bodies.size()), kBodiesAtOnce, [&](uint32_t begin, uint32_t end) {
-        for (uint32_t i = begin; i < end; ++i) finish_body(island, bodies[i]);
+        for (uint32_t i = begin; i < end; ++i) finish_body(call, bodies[i], scratch, state, result);
     });
-    for (const AdvanceBody& b : island.scratch.body) {
-        if (b.skin_node) drape_skin(*island.inputs.other.solids, island.inputs.bodies, b.body, island.particles);
+    for (const AdvanceBody& b : island.body) {
+        if (b.skin_node) drape_skin(*call.inputs.other.solids, call.inputs.bodies, b.body, state.particles);
     }
-    for (const AdvanceRigid& rigid : island.scratch.rigid) {
+    for (const AdvanceRigid& rigid : island.rigid) {
         if (rigid.node == kNone || (rigid.free != kNone && rigid.jaw == kNone)) continue;
-        const ContactNode node = island.scratch.node[rigid.node];
-        island.poses.origin[rigid.body] = to_vec3(rigid.jaw == kNone ? node.place : rigid.place[1].shift);
+        const ContactNode node = island.nodes.node[rigid.node];
+        state.poses.origin[rigid.body] = to_vec3(rigid.jaw == kNone ? node.place : rigid.place[1].shift);
         Vec4d velocity = node.velocity;
-        if (rigid.free != kNone) velocity += cross(island.scratch.free[rigid.free].spin, rigid.place[1].shift - node.place);
-        island.poses.velocity[rigid.body] = to_vec3(velocity);
-        island.poses.orientation[rigid.body] = rigid.orientation[1];
-        island.poses.angular_velocity[rigid.body] = rotation_vector(rigid.orientation[0], rigid.orientation[1]) / island.dt;
+        if (rigid.free != kNone) velocity += cross(island.free[rigid.free].spin, rigid.place[1].shift - node.place);
+        state.poses.velocity[rigid.body] = to_vec3(velocity);
+        state.poses.orientation[rigid.body] = rigid.orientation[1];
+        state.poses.angular_velocity[rigid.body] = rotation_vector(rigid.orientation[0], rigid.orientation[1]) / call.dt;
     }
-    finish_free_bodies(island);
+    finish_free_bodies(call, island, state, result);
 }
 
 }  // namespace
@@ -331,95 +345,111 @@ void share_capacity(std::span<AdvanceScratch> scratches, const Field& field) {
 }  // namespace
 
 void share_room(std::span<AdvanceScratch> scratches) {
-    using S = AdvanceScratch;
-    const auto level = [&](auto... field) { (share_capacity(scratches, [&](S& s) -> decltype(auto) { return (s.*field); }), ...); };
-    level(&S::offset_a, &S::offset_b, &S::remainder, &S::force, &S::force_sums, &S::corner_force, &S::hinge_force);
-    level(&S::body, &S::rigid, &S::free, &S::sums, &S::shape_sums, &S::touched, &S::overstretched);
-    level(&S::node, &S::change, &S::moved_in, &S::node_of_particle, &S::slot_of_body, &S::node_sums);
-    level(&S::link, &S::link_end, &S::link_group);
-    level(&S::plan, &S::sketch, &S::may_oppose, &S::skin_point, &S::turning, &S::held, &S::held_active, &S::warm);
-    level(&S::block, &S::fixed, &S::open_blocks_of_node);
-    level(&S::settling, &S::component, &S::component_of);
-    level(&S::strip, &S::along, &S::group_of_row, &S::next_of_group, &S::dealt, &S::ungrouped);
+    const auto level = [&](const auto& part, auto... field) {
+        (share_capacity(scratches, [&](AdvanceScratch& s) -> decltype(auto) { return (part(s).*field); }), ...);
+    };
+    const auto island = [](AdvanceScratch& s) -> AdvanceIsland& { return s.island; };
+    const auto nodes = [](AdvanceScratch& s) -> ContactNodeSet& { return s.island.nodes; };
+    const auto links = [](AdvanceScratch& s) -> IslandLinks& { return s.island.links; };
+    const auto solver = [](AdvanceScratch& s) -> ContactSolver& { return s.solver; };
+    const auto sorting = [](AdvanceScratch& s) -> ContactSorting& { return s.sorting; };
+    const auto components = [](AdvanceScratch& s) -> ContactComponents& { return s.components; };
+    const auto tissue = [](AdvanceScratch& s) -> TissueScratch& { return s.tissue; };
+    const auto implicit = [](AdvanceScratch& s) -> ImplicitScratch& { return s.tissue.implicit; };
+    using I = AdvanceIsland;
+    level(island, &I::body, &I::rigid, &I::free, &I::slot_of_body);
+    using N = ContactNodeSet;
+    level(nodes, &N::node, &N::change, &N::moved_in, &N::node_of_particle, &N::skin_point, &N::node_sums);
+    level(links, &IslandLinks::link, &IslandLinks::link_end, &IslandLinks::link_group);
+    using C = ContactSolver;
+    level(solver, &C::prepared, &C::held, &C::block, &C::fixed);
+    using S = ContactSorting;
+    level(sorting, &S::dealt, &S::ungrouped, &S::strip, &S::along, &S::group_of_row, &S::next_of_group);
+    level(sorting, &S::sketch, &S::may_oppose, &S::open_blocks_of_node);
+    using K = ContactComponents;
+    level(components, &K::settling, &K::component, &K::component_of);
+    using T = TissueScratch;
+    level(tissue, &T::offset_a, &T::offset_b, &T::remainder, &T::force, &T::force_sums, &T::corner_force, &T::hinge_force);
+    level(tissue, &T::sums, &T::shape_sums, &T::touched, &T::overstretched);
+    using M = ImplicitScratch;
+    level(implicit, &M::place, &M::direction, &M::sums, &M::spoke, &M::block, &M::residual, &M::applied, &M::change);
+    level(implicit, &M::free_residual, &M::free_block, &M::slope, &M::volume_force, &M::volume_block);
+    share_capacity(scratches, [](AdvanceScratch& s) -> decltype(auto) { return (s.tissue.implicit.tet_energy.place); });
+    share_capacity(scratches, [](AdvanceScratch& s) -> decltype(auto) { return (s.tissue.implicit.tet_energy.sums); });
 
     size_t groups = 0, chunks = 0, directs = 0;
-    for (const S& s : scratches) {
-        groups = std::max(groups, s.group.size());
-        chunks = std::max(chunks, s.body_shape_sums.size());
-        directs = std::max(directs, s.direct.size());
+    for (const AdvanceScratch& s : scratches) {
+        groups = std::max(groups, s.solver.group.size());
+        chunks = std::max(chunks, s.tissue.body_shape_sums.size());
+        directs = std::max(directs, s.components.direct.size());
     }
-    for (S& s : scratches) s.group.resize(groups), s.body_shape_sums.resize(chunks), s.direct.resize(directs);
-    for (size_t g = 0; g < groups; ++g) {
-        share_capacity(scratches, [&](S& s) -> decltype(auto) { return (s.group[g].active); });
-        share_capacity(scratches, [&](S& s) -> decltype(auto) { return (s.group[g].active_block); });
-    }
-    for (size_t c = 0; c < chunks; ++c) share_capacity(scratches, [&](S& s) -> decltype(auto) { return (s.body_shape_sums[c]); });
-
+    for (AdvanceScratch& s : scratches)
+        s.solver.group.resize(groups), s.tissue.body_shape_sums.resize(chunks), s.components.direct.resize(directs);
+    for (size_t g = 0; g < groups; ++g)
+        level([&](AdvanceScratch& s) -> RowGroup& { return s.solver.group[g]; }, &RowGroup::active, &RowGroup::active_block);
+    for (size_t c = 0; c < chunks; ++c)
+        share_capacity(scratches, [&](AdvanceScratch& s) -> decltype(auto) { return (s.tissue.body_shape_sums[c]); });
     using D = DirectSolve;
     for (size_t i = 0; i < directs; ++i) {
-        const auto level_direct = [&](auto... field) {
-            (share_capacity(scratches, [&](S& s) -> decltype(auto) { return (s.direct[i].*field); }), ...);
-        };
-        level_direct(&D::body, &D::ordered, &D::first, &D::begin, &D::matrix, &D::solution, &D::impulse, &D::before, &D::impulse_before);
+        level([&](AdvanceScratch& s) -> DirectSolve& { return s.components.direct[i]; }, &D::body, &D::ordered, &D::first, &D::begin,
+              &D::matrix, &D::solution, &D::impulse, &D::before, &D::impulse_before);
     }
-
-    using I = ImplicitScratch;
-    const auto level_implicit = [&](auto... field) {
-        (share_capacity(scratches, [&](S& s) -> decltype(auto) { return (s.implicit.*field); }), ...);
-    };
-    level_implicit(&I::place, &I::direction, &I::sums, &I::spoke, &I::block, &I::residual, &I::applied, &I::change);
-    level_implicit(&I::free_residual, &I::free_block, &I::slope, &I::volume_force, &I::volume_block);
-    share_capacity(scratches, [](S& s) -> decltype(auto) { return (s.implicit.tet_energy.place); });
-    share_capacity(scratches, [](S& s) -> decltype(auto) { return (s.implicit.tet_energy.sums); });
 }
+
+namespace {
+
+// One substep: forces and steps of deformable bodies, hands and free bodies, then contact constraints and position corrections.
+void run_substep(const AdvanceCall& call, bool has_contacts, AdvanceScratch& s, const AdvanceState& state, AdvanceResult& result) {
+    const AdvanceParams& params = call.params;
+    const bool books = params.account_energy && has_contacts;
+    AdvanceIsland& island = s.island;
+    place_rigid_bodies(call, island);
+    find_link_forces(call, state.particles, island);
+    find_held_rows(call, state.rows, s.solver, island);
+    step_bodies(call, s.tissue, s.solver, island, state, result);
+    pull_hands(call, island);
+    kick_free_bodies(call, island, result);
+    pull_linked_rigids(call, island, state.tools);
+    if (has_contacts && params.observer.begin) params.observer.begin(params.observer.user);
+    if (has_contacts) apply_impulses(call, s.components, s.solver, island, state, result);
+    settle_drives(call, island, result);
+    if (books) book_measured(call, false, s.tissue, island, state, result.work_contact);
+    move_hands(call, island, state.tools);
+    move_free_bodies(call, island, state.tools);
+    carry_jaws(call, call.substep + 1, island);
+    if (has_contacts) push_out(call, s.solver, island, state, result), carry_jaws(call, call.substep + 1, island);
+    if (books) book_measured(call, true, s.tissue, island, state, result.work_push);
+    if (has_contacts && params.observer.end) params.observer.end(params.observer.user);
+    finish_links(call, state.particles, island, result);
+    break_springs(call, state.particles, s.tissue, island, result);
+    for (AdvanceBody& b : island.body) b.now = b.next;
+}
+
+}  // namespace
 
 void advance_island(const AdvanceParams& params, const AdvanceInputs& inputs, std::span<const uint32_t> island_bodies,
                     std::span<const uint32_t> island_rows, AdvanceScratch& scratch, AdvanceState state, AdvanceResult& result) {
     TROCAR_ASSERT(params.substeps > 0 && params.ticks > 0);
-    const double dt = 1e-3 * (static_cast<double>(params.ticks) / params.substeps);
     result.deepest_residual = 0;
     result.opposing_planes = 0;
-    AdvanceIsland island{params, inputs, scratch, state.particles, state.poses, state.rows, state.tools, result, dt};
-    const SpringKernels& kernels = spring_kernels();
-    gather_bodies(island, island_bodies);
-    const auto observe = [&](void (*call)(void*)) {
-        if (call && !island_rows.empty()) call(params.observer.user);
-    };
-    observe(params.observer.begin);
-    plan_contacts(island, island_rows);
-    note_velocities(island);
-    observe(params.observer.end);
-    clear_sums(scratch);
+    AdvanceCall call{params, inputs, 1e-3 * (static_cast<double>(params.ticks) / params.substeps)};
+    const bool has_contacts = !island_rows.empty();
+    gather_bodies(call, island_bodies, scratch.tissue, scratch.island, state, result);
+    if (has_contacts && params.observer.begin) params.observer.begin(params.observer.user);
+    plan_contacts(call, island_rows, scratch.sorting, scratch.solver, scratch.island, state);
+    note_velocities(state.particles, scratch.island.nodes);
+    if (has_contacts && params.observer.end) params.observer.end(params.observer.user);
+    clear_sums(scratch.island, scratch.tissue);
     const uint32_t per_ms = params.substeps / params.ticks;
     TROCAR_ASSERT(!params.tick_hook.run || per_ms * params.ticks == params.substeps);
     for (uint32_t substep = 0; substep < params.substeps; ++substep) {
         if (params.tick_hook.run && substep % per_ms == 0) params.tick_hook.run(params.tick_hook.user, substep / per_ms);
-        place_rigid_bodies(island, substep);
-        island.substep = substep;
-        find_link_forces(island);
-        find_held_rows(island);
-        step_bodies(island, kernels, substep);
-        pull_hands(island, substep);
-        kick_free_bodies(island);
-        pull_linked_rigids(island);
-        observe(params.observer.begin);
-        const bool books = params.account_energy && has_rows(scratch);
-        if (has_rows(scratch)) apply_impulses(island);
-        settle_drives(island);
-        if (books) book_measured(island, false, result.work_contact);
-        move_hands(island);
-        move_free_bodies(island);
-        carry_jaws(island, substep + 1);
-        if (has_rows(scratch)) push_out(island, substep), carry_jaws(island, substep + 1);
-        if (books) book_measured(island, true, result.work_push);
-        observe(params.observer.end);
-        finish_links(island);
-        break_springs(island);
-        for (AdvanceBody& b : scratch.body) b.now = b.next;
+        call.substep = substep;
+        run_substep(call, has_contacts, scratch, state, result);
     }
-    for (const double work : scratch.sums) result.work_damping += work;
-    finish_bodies(island);
-    forget_contacts(island);
+    for (const double work : scratch.tissue.sums) result.work_damping += work;
+    finish_bodies(call, scratch.tissue, scratch.island, state, result);
+    forget_contacts(call, scratch.solver, scratch.island, state.rows, result);
 }
 
 }  // namespace trocar

@@ -1,8 +1,11 @@
+#include "systems/advance_direct.hpp"
+
 #include <Eigen/LU>
 #include <algorithm>
 #include <bit>
 
-#include "systems/advance_parts.hpp"
+#include "systems/advance_constants.hpp"
+#include "systems/advance_free.hpp"
 namespace trocar {
 namespace {
 
@@ -10,14 +13,6 @@ using Matrix3 = Eigen::Matrix3d;
 using Matrix36 = Eigen::Matrix<double, 3, 6>;
 using Matrix6 = Eigen::Matrix<double, 6, 6>;
 using Vector6 = Eigen::Matrix<double, 6, 1>;
-
-// How much softer than a row's own response it is solved: rows that share faces depend on each other. What that leaves, the
-// sweeps that follow take.
-constexpr double kSoftness = 1e-5;
-// What has less friction than this share of the most, squared, sticks.
-constexpr double kSticks = 1 - 1e-6;
-// A factor may cost as many multiplications for each row as this: some ten sweeps.
-constexpr double kMostWorkPerRow = 2000;
 
 Vec3d vec3(Vec4d v) { return {v[0], v[1], v[2]}; }
 
@@ -41,45 +36,47 @@ Matrix3 inertia_of(const AdvanceFree& f) {
     return inverse.inverse();
 }
 
-uint32_t node_of(const AdvanceScratch& s, uint32_t free) { return s.rigid[s.free[free].rigid].node; }
+uint32_t node_of(const AdvanceIsland& island, uint32_t free) { return island.rigid[island.free[free].rigid].node; }
 
 // Row of DirectSolve::body of a side of a row; kNone if nothing free is there.
-uint32_t side_of(const AdvanceScratch& s, const ContactTurning& turning, int side) {
-    return turning.free[side] == kNone ? kNone : s.component_of[node_of(s, turning.free[side])];
+uint32_t side_of(const ContactComponents& components, const AdvanceIsland& island, const PreparedConstraint::Angular& turning, int side) {
+    return turning.free[side] == kNone ? kNone : components.component_of[node_of(island, turning.free[side])];
 }
 
-// Whether nothing has a side in a row but free bodies that nobody holds and static ones: between jaws that close not all rows can
-// come to rest.
-bool is_between_free(const AdvanceScratch& s, const ContactActive& row) {
-    if (row.turning == kNone) return false;
-    const auto is_led = [&](uint32_t rigid) { return rigid != kNone && (s.rigid[rigid].path != kNone || s.rigid[rigid].tool != kNone); };
-    if (is_led(s.plan[row.plan].rigid_a) || is_led(s.plan[row.plan].rigid_b)) return false;
+// Whether a constraint is between free bodies, or between one and a static body. Those of scripted bodies and hands are not: between
+// jaws that close not all can be satisfied.
+bool is_between_free(const AdvanceIsland& island, const PreparedConstraint& row) {
+    if (!row.turns()) return false;
+    const auto is_led = [&](uint32_t rigid) {
+        return rigid != kNone && (island.rigid[rigid].path != kNone || island.rigid[rigid].tool != kNone);
+    };
+    if (is_led(row.rigid_a) || is_led(row.rigid_b)) return false;
     const auto is_loose = [&](uint32_t n) {
-        if (s.node[n].particle != kNone) return false;
-        const uint32_t free = s.rigid[s.node[n].owner].free;
-        return free != kNone && !s.free[free].held;
+        if (island.nodes.node[n].particle != kNone) return false;
+        const uint32_t free = island.rigid[island.nodes.node[n].owner].free;
+        return free != kNone && !island.free[free].held;
     };
     return std::all_of(row.node.begin(), row.node.begin() + row.nodes, is_loose);
 }
 
 // Numbers the bodies of a component so that neighbours are near each other (Cuthill, McKee 1969): from one with fewest neighbours,
 // in the order in which they are met.
-bool number_bodies(AdvanceScratch& s, std::span<ContactActive* const> rows, DirectSolve& d) {
+bool number_bodies(const AdvanceIsland& island, ContactComponents& components, std::span<PreparedConstraint* const> rows, DirectSolve& d) {
     d.body.clear();
     const auto meet = [&](uint32_t free) {
         if (free == kNone || std::ranges::find(d.body, free) != d.body.end()) return;
-        s.component_of[node_of(s, free)] = static_cast<uint32_t>(d.body.size());
+        components.component_of[node_of(island, free)] = static_cast<uint32_t>(d.body.size());
         d.body.push_back(free);
     };
-    for (const ContactActive* row : rows) {
-        if (!is_between_free(s, *row)) return false;
-        for (const uint32_t free : s.turning[row->turning].free) meet(free);
+    for (const PreparedConstraint* row : rows) {
+        if (!is_between_free(island, *row)) return false;
+        for (const uint32_t free : row->angular.free) meet(free);
         if (d.body.size() > DirectSolve::kMostBodies) return false;
     }
     std::array<uint64_t, DirectSolve::kMostBodies> beside{};
-    for (const ContactActive* row : rows) {
-        const ContactTurning& turning = s.turning[row->turning];
-        const uint32_t a = side_of(s, turning, 0), b = side_of(s, turning, 1);
+    for (const PreparedConstraint* row : rows) {
+        const auto& turning = row->angular;
+        const uint32_t a = side_of(components, island, turning, 0), b = side_of(components, island, turning, 1);
         if (a == kNone || b == kNone) continue;
         beside[a] |= uint64_t{1} << b;
         beside[b] |= uint64_t{1} << a;
@@ -98,20 +95,20 @@ bool number_bodies(AdvanceScratch& s, std::span<ContactActive* const> rows, Dire
     d.ordered.clear();
     for (uint32_t i = 0; i < count; ++i) d.ordered.push_back(d.body[order[i]]);
     std::swap(d.body, d.ordered);
-    for (uint32_t i = 0; i < count; ++i) s.component_of[node_of(s, d.body[i])] = i;
+    for (uint32_t i = 0; i < count; ++i) components.component_of[node_of(island, d.body[i])] = i;
     return true;
 }
 
-// How an active row resists a velocity at its point: kg along its normal, and across it unless it slides. What carries nothing, closes
-// a gap or bounces does not: four corners that are to move at four speeds would be torn apart.
+// How a constraint resists a velocity at its point: kg along its normal, and across it unless it slides. Constraints that carry
+// nothing, close a gap or bounce do not: four corners of a box that are to move at four speeds would contradict each other.
 struct Resistance {
     double along = 0, across = 0;
 };
-Resistance resistance_of(const ContactActive& row, const ContactTurning& turning) {
+Resistance resistance_of(const PreparedConstraint& row) {
     if (!(row.normal_impulse > 0) || row.least_velocity != 0) return {};
     const double most = row.friction * row.normal_impulse;
     const bool sticks = norm2(row.friction_impulse) < kSticks * most * most;
-    return {row.inv_sum / kSoftness, sticks ? turning.friction_mass / kSoftness : 0};
+    return {row.inv_sum / kSoftness, sticks ? row.angular.friction_mass / kSoftness : 0};
 }
 
 // N s
@@ -126,14 +123,14 @@ void add_block(uint32_t row_body, uint32_t column_body, const Matrix6& block, Di
     }
 }
 
-void add_row(const AdvanceScratch& s, const ContactActive& row, DirectSolve& d) {
-    const ContactTurning& turning = s.turning[row.turning];
-    const Resistance resistance = resistance_of(row, turning);
+void add_row(const ContactComponents& components, const AdvanceIsland& island, const PreparedConstraint& row, DirectSolve& d) {
+    const auto& turning = row.angular;
+    const Resistance resistance = resistance_of(row);
     if (resistance.along == 0) return;
     const Vec3d n = vec3(row.normal);
     const Matrix3 matrix = (resistance.along - resistance.across) * n * n.transpose() + resistance.across * Matrix3::Identity();
-    const Vec3d push = vec3(push_of(resistance, row.normal, turning_velocity(s, row, turning)));
-    std::array<uint32_t, 2> at{side_of(s, turning, 0), side_of(s, turning, 1)};
+    const Vec3d push = vec3(push_of(resistance, row.normal, turning_velocity(island, row)));
+    std::array<uint32_t, 2> at{side_of(components, island, turning, 0), side_of(components, island, turning, 1)};
     std::array<Matrix36, 2> way, resisted;
     for (int side = 0; side < 2; ++side) {
         if (at[side] == kNone) continue;
@@ -149,14 +146,14 @@ void add_row(const AdvanceScratch& s, const ContactActive& row, DirectSolve& d) 
     add_block(at[1 - low], at[low], block, d);
 }
 
-void lay_out(const AdvanceScratch& s, std::span<ContactActive* const> rows, DirectSolve& d) {
+void lay_out(const ContactComponents& components, const AdvanceIsland& island, std::span<PreparedConstraint* const> rows, DirectSolve& d) {
     const uint32_t count = static_cast<uint32_t>(d.body.size());
     d.first.resize(count);
     d.begin.resize(count + 1);
     for (uint32_t i = 0; i < count; ++i) d.first[i] = i;
-    for (const ContactActive* row : rows) {
-        const ContactTurning& turning = s.turning[row->turning];
-        const uint32_t a = side_of(s, turning, 0), b = side_of(s, turning, 1);
+    for (const PreparedConstraint* row : rows) {
+        const auto& turning = row->angular;
+        const uint32_t a = side_of(components, island, turning, 0), b = side_of(components, island, turning, 1);
         if (a == kNone || b == kNone) continue;
         d.first[std::max(a, b)] = std::min(d.first[std::max(a, b)], std::min(a, b));
     }
@@ -173,18 +170,18 @@ double work_of(const DirectSolve& d) {
     return work;
 }
 
-void assemble(const AdvanceScratch& s, std::span<ContactActive* const> rows, DirectSolve& d) {
+void assemble(const ContactComponents& components, const AdvanceIsland& island, std::span<PreparedConstraint* const> rows, DirectSolve& d) {
     const uint32_t count = static_cast<uint32_t>(d.body.size());
     d.matrix.assign(d.begin[count], 0.0);
     d.solution.assign(6 * count, 0.0);
     for (uint32_t i = 0; i < count; ++i) {
-        const AdvanceFree& f = s.free[d.body[i]];
+        const AdvanceFree& f = island.free[d.body[i]];
         Matrix6 inertia = Matrix6::Zero();
         inertia.topLeftCorner<3, 3>().diagonal().setConstant(f.mass.mass);
         inertia.bottomRightCorner<3, 3>() = inertia_of(f);
         add_block(i, i, inertia, d);
     }
-    for (const ContactActive* row : rows) add_row(s, *row, d);
+    for (const PreparedConstraint* row : rows) add_row(components, island, *row, d);
 }
 
 // Cholesky's factor in place of the lower half of the matrix, row by row within its envelope. False if it has none.
@@ -223,13 +220,13 @@ void substitute(DirectSolve& d) {
 }
 
 // The impulse that belongs to the change of velocities, N s.
-Vec4d impulse_of(const AdvanceScratch& s, const ContactActive& row, const DirectSolve& d) {
-    const ContactTurning& turning = s.turning[row.turning];
-    const Resistance resistance = resistance_of(row, turning);
+Vec4d impulse_of(const ContactComponents& components, const AdvanceIsland& island, const PreparedConstraint& row, const DirectSolve& d) {
+    const auto& turning = row.angular;
+    const Resistance resistance = resistance_of(row);
     if (resistance.along == 0) return Vec4d{};
-    Vec4d velocity = turning_velocity(s, row, turning);
+    Vec4d velocity = turning_velocity(island, row);
     for (int side = 0; side < 2; ++side) {
-        const uint32_t at = side_of(s, turning, side);
+        const uint32_t at = side_of(components, island, turning, side);
         if (at == kNone) continue;
         const double* u = d.solution.data() + 6 * at;
         const Vec4d change = make_vec4(u[0], u[1], u[2]) + cross(make_vec4(u[3], u[4], u[5]), turning.arm[side]);
@@ -239,7 +236,7 @@ Vec4d impulse_of(const AdvanceScratch& s, const ContactActive& row, const Direct
 }
 
 // What share of an impulse a row can take until it pulls or, where it sticks, slides.
-double longest_step(const ContactActive& row, Vec4d impulse) {
+double longest_step(const PreparedConstraint& row, Vec4d impulse) {
     const double along = dot(impulse, row.normal);
     const double step = -along > row.normal_impulse ? row.normal_impulse / -along : 1;
     const Vec4d across = impulse - along * row.normal;
@@ -252,45 +249,45 @@ double longest_step(const ContactActive& row, Vec4d impulse) {
     return std::min(step, -c / (half_b + root));
 }
 
-void give(AdvanceScratch& s, ContactActive& row, Vec4d impulse) {
+void give(Vec4d impulse, AdvanceIsland& island, PreparedConstraint& row) {
     const double along = dot(impulse, row.normal);
     row.normal_impulse = std::max(0.0, row.normal_impulse + along);
     row.friction_impulse += impulse - along * row.normal;
-    give_impulse(s, row, s.turning[row.turning], impulse);
+    give_impulse(row, impulse, island);
 }
 
 }  // namespace
 
-bool prepare_direct(AdvanceScratch& s, std::span<ContactActive* const> rows, DirectSolve& d) {
-    if (!number_bodies(s, rows, d)) return false;
-    lay_out(s, rows, d);
+bool prepare_direct(const AdvanceIsland& island, ContactComponents& components, std::span<PreparedConstraint* const> rows, DirectSolve& d) {
+    if (!number_bodies(island, components, rows, d)) return false;
+    lay_out(components, island, rows, d);
     return work_of(d) < kMostWorkPerRow * static_cast<double>(rows.size());
 }
 
-bool solve_directly(AdvanceScratch& s, std::span<ContactActive* const> rows, DirectSolve& d) {
-    assemble(s, rows, d);
+bool solve_directly(const ContactComponents& components, AdvanceIsland& island, std::span<PreparedConstraint* const> rows, DirectSolve& d) {
+    assemble(components, island, rows, d);
     if (!factorise(d)) return false;
     substitute(d);
     if (!std::ranges::all_of(d.solution, [](double x) { return std::isfinite(x); })) return false;
     d.before.clear();
-    for (const uint32_t free : d.body) d.before.push_back({s.node[node_of(s, free)].velocity, s.free[free].spin});
+    for (const uint32_t free : d.body) d.before.push_back({island.nodes.node[node_of(island, free)].velocity, island.free[free].spin});
     d.impulse_before.clear();
     d.impulse.clear();
     double step = 1;
-    for (const ContactActive* row : rows) {
+    for (const PreparedConstraint* row : rows) {
         d.impulse_before.push_back({row->friction_impulse, row->normal_impulse});
-        d.impulse.push_back(impulse_of(s, *row, d));
+        d.impulse.push_back(impulse_of(components, island, *row, d));
         step = std::min(step, longest_step(*row, d.impulse.back()));
     }
-    for (size_t i = 0; i < rows.size(); ++i) give(s, *rows[i], step * d.impulse[i]);
+    for (size_t i = 0; i < rows.size(); ++i) give(step * d.impulse[i], island, *rows[i]);
     return true;
 }
 
-void undo_solution(AdvanceScratch& s, std::span<ContactActive* const> rows, const DirectSolve& d) {
+void undo_solution(const DirectSolve& d, AdvanceIsland& island, std::span<PreparedConstraint* const> rows) {
     for (size_t i = 0; i < d.body.size(); ++i) {
-        const ContactNode node = s.node[node_of(s, d.body[i])];
+        const ContactNode node = island.nodes.node[node_of(island, d.body[i])];
         node.velocity = d.before[i].velocity;
-        s.free[d.body[i]].spin = d.before[i].spin;
+        island.free[d.body[i]].spin = d.before[i].spin;
     }
     for (size_t i = 0; i < rows.size(); ++i) {
         rows[i]->friction_impulse = d.impulse_before[i].friction;
@@ -298,13 +295,14 @@ void undo_solution(AdvanceScratch& s, std::span<ContactActive* const> rows, cons
     }
 }
 
-double potential(const AdvanceScratch& s, std::span<ContactActive* const> rows, const DirectSolve& d) {
+double potential(const AdvanceIsland& island, const DirectSolve& d, std::span<PreparedConstraint* const> rows) {
     double sum = 0;
     for (const uint32_t free : d.body) {
-        const AdvanceFree& f = s.free[free];
-        sum += 0.5 * f.mass.mass * norm2(s.node[node_of(s, free)].velocity) + 0.5 * vec3(f.spin).dot(inertia_of(f) * vec3(f.spin));
+        const AdvanceFree& f = island.free[free];
+        sum += 0.5 * f.mass.mass * norm2(island.nodes.node[node_of(island, free)].velocity) +
+               0.5 * vec3(f.spin).dot(inertia_of(f) * vec3(f.spin));
     }
-    for (const ContactActive* row : rows) sum -= row->normal_impulse * row->least_velocity;
+    for (const PreparedConstraint* row : rows) sum -= row->normal_impulse * row->least_velocity;
     return sum;
 }
 

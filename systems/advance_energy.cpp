@@ -1,54 +1,60 @@
+#include "systems/advance_energy.hpp"
+
 #include <algorithm>
 #include <cmath>
 
 #include "engine/shape_fit.hpp"
+#include "engine/spring_step.hpp"
 #include "engine/tet_forces.hpp"
-#include "systems/advance_implicit.hpp"
+#include "systems/advance_links.hpp"
 namespace trocar {
 namespace {
 
 // Of a measured body: its velocities belong to the time of its positions.
-double energy_of(const AdvanceIsland& island, const AdvanceBody& b, const float* offset) {
-    std::vector<double>& sums = island.scratch.shape_sums;
+double energy_of(const AdvanceCall& call, const AdvanceBody& b, const float* offset, TissueScratch& scratch, const AdvanceState& state) {
+    std::vector<double>& sums = scratch.shape_sums;
     SpringStep step = b.step;
     step.offset = offset;
     step.velocity_x = step.new_velocity_x, step.velocity_y = step.new_velocity_y, step.velocity_z = step.new_velocity_z;
     step.back = 0;
     if (b.shape) {
-        Quat orientation = island.poses.orientation[b.body];
+        Quat orientation = state.poses.orientation[b.body];
         fit_goals(sum_shape(step, b.slices, sums), orientation, step);
     }
     const std::array<double, kEnergySums> t = sum_energy(step, b.slices, sums);
-    const AdvanceInputs& in = island.inputs;
+    const AdvanceInputs& in = call.inputs;
     double volumes = 0;
     if (has_tets(in.other.solids, in.bodies, b.body)) {
-        TetStep tets = bind_tets(*in.other.solids, in.bodies, island.particles, b.body, in.other.torn_springs);
+        TetStep tets = bind_tets(*in.other.solids, in.bodies, state.particles, b.body, in.other.torn_springs);
         tets.offset = offset;
         volumes = tet_energy(tets, b.particles.count, solid_moduli(in.bodies.tissue[b.body]),
-                             {step.velocity_x, step.velocity_y, step.velocity_z}, 0, island.scratch.implicit.tet_energy);
+                             {step.velocity_x, step.velocity_y, step.velocity_z}, 0, scratch.implicit.tet_energy);
     }
     return volumes + 0.5 * t[kSumMvv] + 0.25 * step.stiffness * t[kSumStretch] + 0.5 * t[kSumAnchor] -
-           island.params.gravity.dot(Vec3d(t[kSumMPlace], t[kSumMPlace + 1], t[kSumMPlace + 2]));
+           call.params.gravity.dot(Vec3d(t[kSumMPlace], t[kSumMPlace + 1], t[kSumMPlace + 2]));
 }
 
-double energy_after(const AdvanceIsland& island, const AdvanceBody& b) { return energy_of(island, b, b.step.new_offset); }
+double energy_after(const AdvanceCall& call, const AdvanceBody& b, TissueScratch& scratch, const AdvanceState& state) {
+    return energy_of(call, b, b.step.new_offset, scratch, state);
+}
 
 }  // namespace
 
-double energy_before(const AdvanceIsland& island, const AdvanceBody& b) {
-    return std::isfinite(b.energy) ? b.energy : energy_of(island, b, b.step.offset);
+double energy_before(const AdvanceCall& call, const AdvanceBody& b, TissueScratch& scratch, const AdvanceState& state) {
+    return std::isfinite(b.energy) ? b.energy : energy_of(call, b, b.step.offset, scratch, state);
 }
 
-void book_measured(AdvanceIsland& island, bool pushed, double& work) {
+void book_measured(const AdvanceCall& call, bool pushed, TissueScratch& scratch, AdvanceIsland& island, const AdvanceState& state,
+                   double& work) {
     bool any = false;
-    for (AdvanceBody& b : island.scratch.body) {
+    for (AdvanceBody& b : island.body) {
         if (!b.measured() || !b.touched) continue;
-        const double now = energy_after(island, b);
+        const double now = energy_after(call, b, scratch, state);
         if (std::isfinite(now - b.energy)) work += now - b.energy;  // else a body about to be restored
         b.energy = now;
         any = any || b.step.force_x;
     }
-    const double others = any ? energy_of_others(island, pushed) : 0;
+    const double others = any ? energy_of_others(call, island, state.particles, pushed) : 0;
     if (std::isfinite(others)) work += others;
 }
 
@@ -63,10 +69,10 @@ double work_of_others(const SpringStep& step, uint32_t particles) {
     return work;
 }
 
-void book_own_work(AdvanceIsland& island, AdvanceBody& b, double before, double known) {
-    b.energy = energy_after(island, b);
+double own_work(const AdvanceCall& call, double before, double known, TissueScratch& scratch, const AdvanceState& state, AdvanceBody& b) {
+    b.energy = energy_after(call, b, scratch, state);
     const double own = b.energy - before - known;
-    if (std::isfinite(own)) island.result.work_numeric += own;  // else a body about to be restored
+    return std::isfinite(own) ? own : 0;  // else a body about to be restored
 }
 
 }  // namespace trocar

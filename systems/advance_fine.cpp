@@ -12,23 +12,10 @@
 #include "engine/spring_step.hpp"
 #include "engine/surfaces.hpp"
 #include "engine/tet_forces.hpp"
-#include "systems/advance_implicit.hpp"
+#include "systems/advance_constants.hpp"
+#include "systems/advance_links.hpp"
 namespace trocar {
 namespace {
-
-// How many explicit steps go for one, and how much of an edge nodes may move in a step before anybody looks closer.
-constexpr uint32_t kFiner = 4;
-constexpr double kFarWay = 0.25;
-
-// Of shells: how many steps go for one where the ends of a spring move by more than kApart of its rest against each other in
-// a step; where nothing moves by kShortWay of the mean rest nobody looks.
-constexpr uint32_t kFinerShell = 2;
-constexpr float kApart = 0.05f;
-constexpr double kShortWay = 0.02;
-
-// Of solids that something touches: below which volume ratio how many steps go for one, now or in the middle of the pass as things move.
-constexpr double kPressed = 0.45, kPressedFlat = 0.3;
-constexpr uint32_t kFinerPressed = 2, kFinerPressedFlat = 4;
 
 // Largest squared speed of the particles of a body, (m/s)^2; rows come in sixteens.
 float fastest_of(const Particles& p, Range rows) {
@@ -67,14 +54,14 @@ bool has_fast_folds(const AdvanceInputs& in, const Particles& particles, uint32_
 }
 
 // Tetrahedra of a body whose forces go to s.volume_force.
-TetStep bind_loose_tets(AdvanceIsland& island, const AdvanceBody& b) {
-    const AdvanceInputs& in = island.inputs;
-    ImplicitScratch& s = island.scratch.implicit;
+TetStep bind_loose_tets(const AdvanceCall& call, const Particles& particles, const AdvanceBody& b, TissueScratch& scratch) {
+    const AdvanceInputs& in = call.inputs;
+    ImplicitScratch& s = scratch.implicit;
     const size_t rows = b.particles.count;
     s.volume_force.assign(3 * rows, 0.0f);
     s.place.resize(std::max(s.place.size(), rows));
-    TetStep tets = bind_tets(*in.other.solids, in.bodies, island.particles, b.body, in.other.torn_springs);
-    tets.corner_force = &island.scratch.corner_force[0].x;
+    TetStep tets = bind_tets(*in.other.solids, in.bodies, particles, b.body, in.other.torn_springs);
+    tets.corner_force = &scratch.corner_force[0].x;
     tets.force_x = s.volume_force.data(), tets.force_y = tets.force_x + rows, tets.force_z = tets.force_y + rows;
     return tets;
 }
@@ -116,32 +103,33 @@ void mark_touched(const Bodies& bodies, std::span<const uint32_t> island_bodies,
 
 }  // namespace
 
-double least_volume(AdvanceIsland& island, const AdvanceBody& b, double seconds) {
-    const AdvanceInputs& in = island.inputs;
+double least_volume(const AdvanceCall& call, const Particles& particles, const AdvanceBody& b, double seconds, TissueScratch& scratch) {
+    const AdvanceInputs& in = call.inputs;
     if (!has_tets(in.other.solids, in.bodies, b.body)) return 1;
-    const TetStep tets = bind_tets(*in.other.solids, in.bodies, island.particles, b.body, in.other.torn_springs);
-    return least_volume_later(tets, b.now, island.particles, b.particles, seconds, island.scratch.implicit.place);
+    const TetStep tets = bind_tets(*in.other.solids, in.bodies, particles, b.body, in.other.torn_springs);
+    return least_volume_later(tets, b.now, particles, b.particles, seconds, scratch.implicit.place);
 }
 
-bool is_wild(AdvanceIsland& island, const AdvanceBody& b, double least) {
+bool is_wild(const AdvanceCall& call, const Particles& particles, const AdvanceBody& b, double least, TissueScratch& scratch) {
     if (least < kCrushed && b.synchronous()) return true;
-    const AdvanceInputs& in = island.inputs;
+    const AdvanceInputs& in = call.inputs;
     if (!has_tets(in.other.solids, in.bodies, b.body)) return false;
-    const Particles& p = island.particles;
+    const Particles& p = particles;
     float fastest = 0;
     for (uint32_t i = b.particles.first; i < b.particles.end(); ++i) {
         fastest =
             std::max(fastest, p.velocity_x[i] * p.velocity_x[i] + p.velocity_y[i] * p.velocity_y[i] + p.velocity_z[i] * p.velocity_z[i]);
     }
-    const double far = kFarWay * in.springs.info[in.bodies.mesh[b.body]].mean_rest / island.dt;
+    const double far = kFarWay * in.springs.info[in.bodies.mesh[b.body]].mean_rest / call.dt;
     if (!(fastest > far * far)) return false;
     // what swells fast was crushed a step ago
-    return least < kCrushed || least_volume(island, b, island.dt) < kCrushed || least_volume(island, b, -island.dt) < kCrushed;
+    return least < kCrushed || least_volume(call, particles, b, call.dt, scratch) < kCrushed ||
+           least_volume(call, particles, b, -call.dt, scratch) < kCrushed;
 }
 
 uint32_t finer_steps(const AdvanceInputs& in, const Particles& particles, std::span<const uint32_t> island_bodies, const ContactRows& rows,
                      std::span<const uint32_t> island_rows, double dt, double seconds, AdvanceScratch& scratch) {
-    std::vector<uint8_t>& touched = scratch.touched;
+    std::vector<uint8_t>& touched = scratch.tissue.touched;
     const auto is_solid = [&](uint32_t body) { return has_tets(in.other.solids, in.bodies, body); };
     if (std::any_of(island_bodies.begin(), island_bodies.end(), is_solid))
         mark_touched(in.bodies, island_bodies, rows, island_rows, touched);
@@ -150,7 +138,7 @@ uint32_t finer_steps(const AdvanceInputs& in, const Particles& particles, std::s
         if (!is_deformable(in.bodies, body) || stepping_of(in.bodies, body).integrator != Integrator::kLeapfrog) continue;
         if (is_solid(body)) {
             if (!touched[body]) continue;
-            const double least = least_volume_of_pass(in, particles, body, seconds, scratch.implicit.place);
+            const double least = least_volume_of_pass(in, particles, body, seconds, scratch.tissue.implicit.place);
             most = std::max(most, least < kPressedFlat ? kFinerPressedFlat : least < kPressed ? kFinerPressed : 1u);
         } else if (most < kFinerShell && in.bodies.anchor_frame[body] != AnchorFrame::kShape && has_fast_folds(in, particles, body, dt)) {
             most = kFinerShell;
@@ -159,15 +147,15 @@ uint32_t finer_steps(const AdvanceInputs& in, const Particles& particles, std::s
     return most;
 }
 
-double step_finely(AdvanceIsland& island, AdvanceBody& b) {
-    AdvanceScratch& scratch = island.scratch;
+double step_finely(const AdvanceCall& call, const AdvanceIsland& island, TissueScratch& scratch, const AdvanceState& state, AdvanceBody& b,
+                   AdvanceResult& result) {
     ImplicitScratch& s = scratch.implicit;
     const size_t rows = b.particles.count;
-    const uint32_t count = kFiner * substeps_for(island.dt, island.inputs.bodies.stable_dt[b.body], island.dt);
+    const uint32_t count = kFiner * substeps_for(call.dt, call.inputs.bodies.stable_dt[b.body], call.dt);
     // velocities of the same time: half a kick at both ends; half a step behind: as many kicks as ways
     const uint32_t last = b.synchronous() ? count : count - 1;
-    const double dt = island.dt / count;
-    TetStep tets = bind_loose_tets(island, b);
+    const double dt = call.dt / count;
+    TetStep tets = bind_loose_tets(call, state.particles, b, scratch);
     SpringStep step = b.step;
     step.remainder_x = step.remainder_y = step.remainder_z = nullptr;
     float* const force[3] = {tets.force_x, tets.force_y, tets.force_z};
@@ -175,9 +163,9 @@ double step_finely(AdvanceIsland& island, AdvanceBody& b) {
     s.sums.assign(size_t{chunk_count(b.slices, kSlicesPerChunk)} * kSliceWidth, 0.0);
     for (uint32_t i = 0; i <= last; ++i) {
         for (float* axis : force) std::fill_n(axis, rows, 0.0f);
-        if (b.linked) add_link_forces(scratch, static_cast<uint32_t>(&b - scratch.body.data()), force);
+        if (b.linked) add_link_forces(island, static_cast<uint32_t>(&b - island.body.data()), force);
         tets.offset = step.offset;
-        island.result.min_volume_ratio = std::min<double>(island.result.min_volume_ratio, add_tet_forces(tets, b.slices));
+        result.min_volume_ratio = std::min<double>(result.min_volume_ratio, add_tet_forces(tets, b.slices));
         const double kick = b.synchronous() ? (i == 0 || i == count ? 0.5 * dt : dt) : i == 0 ? 0.5 * (b.last_dt + dt) : dt;
         const double left = b.shape ? 1.0 : std::exp(-0.5 * b.damping * kick);
         step.kick_dt = static_cast<float>(kick * left), step.kick_less = static_cast<float>(kick * (left - 1));
@@ -186,7 +174,7 @@ double step_finely(AdvanceIsland& island, AdvanceBody& b) {
         step.new_offset = (last - i) % 2 == 0 ? &b.next->x : &s.place[0].x;
         if (b.shape) {
             const ShapeTotals totals = sum_shape(step, b.slices, scratch.shape_sums);
-            fit_goals(totals, island.poses.orientation[b.body], step);
+            fit_goals(totals, state.poses.orientation[b.body], step);
             fit_drag(totals, step);
         }
         for_slices(b.slices, [&](uint32_t begin, uint32_t end) {

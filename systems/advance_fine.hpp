@@ -1,9 +1,8 @@
 #pragma once
-#include <cstdint>
-#include <span>
-#include <vector>
-
-#include "systems/advance.hpp"
+#include "systems/advance_call.hpp"
+#include "systems/advance_scratch.hpp"
+#pragma GCC diagnostic push
+#pragma GCC diagnostic ignored "-Wpsabi"
 namespace trocar {
 
 // How many times as many substeps as their limit asks for the leapfrogs of an island need in the pass to come of `seconds`, whose
@@ -21,4 +20,17 @@ namespace trocar {
 uint32_t finer_steps(const AdvanceInputs& inputs, const Particles& particles, std::span<const uint32_t> island_bodies,
                      const ContactRows& rows, std::span<const uint32_t> island_rows, double dt, double seconds, AdvanceScratch& scratch);
 
+// Wild bodies: solids with crushed tetrahedra that no constraint touches go through a substep in finer explicit ones. Backward Euler
+// would come to rest in folds that inertia opens; once let go, nodes cross a whole cell in a step, which no step limit allows for.
+// Springs and volumes have more than one shape at rest: what is thrown about at random may end in another.
+// The least volume ratio of a body's tetrahedra where it will be in so many seconds at the velocities it has.
+double least_volume(const AdvanceCall& call, const Particles& particles, const AdvanceBody& b, double seconds, TissueScratch& scratch);
+// Whether a body is wild, given the least volume ratio now: below kCrushed, or fast and below it a substep ago or a substep from now; a
+// body stepped by leapfrog only if it is fast.
+bool is_wild(const AdvanceCall& call, const Particles& particles, const AdvanceBody& b, double least, TissueScratch& scratch);
+// The substep of a wild body, with the forces of links at its start. Returns the work of damping, J.
+double step_finely(const AdvanceCall& call, const AdvanceIsland& island, TissueScratch& scratch, const AdvanceState& state, AdvanceBody& b,
+                   AdvanceResult& result);
+
 }  // namespace trocar
+#pragma GCC diagnostic pop

@@ -1,3 +1,5 @@
+#include "systems/advance_forces.hpp"
+
 #include <algorithm>
 
 #include "engine/bending_forces.hpp"
@@ -5,7 +7,7 @@
 #include "engine/pressure_force.hpp"
 #include "engine/spring_step.hpp"
 #include "engine/tet_forces.hpp"
-#include "systems/advance_parts.hpp"
+#include "systems/advance_links.hpp"
 namespace trocar {
 namespace {
 
@@ -14,16 +16,16 @@ struct Forces {
     float* axis[3];
     uint32_t count;
 };
-Forces forces_of(AdvanceScratch& s, const AdvanceBody& b) {
-    const size_t stride = s.force.size() / 3;
-    float* first = s.force.data() + b.buffer;
+Forces forces_of(const AdvanceBody& b, TissueScratch& scratch) {
+    const size_t stride = scratch.force.size() / 3;
+    float* first = scratch.force.data() + b.buffer;
     return {{first, first + stride, first + 2 * stride}, b.particles.count};
 }
 
-void set_pressure(AdvanceIsland& island, const AdvanceBody& b, const Forces& f) {
-    const AdvanceInputs& in = island.inputs;
+void set_pressure(const AdvanceCall& call, const AdvanceBody& b, const Forces& f, TissueScratch& scratch) {
+    const AdvanceInputs& in = call.inputs;
     const double volume =
-        find_volume_gradient(in.springs, in.bodies.mesh[b.body], b.now, island.scratch.force_sums, f.axis[0], f.axis[1], f.axis[2]);
+        find_volume_gradient(in.springs, in.bodies.mesh[b.body], b.now, scratch.force_sums, f.axis[0], f.axis[1], f.axis[2]);
     const float p = static_cast<float>(find_pressure(in.springs, in.bodies, b.body, volume));
     for_slices(b.slices, [&](uint32_t begin, uint32_t end) {
         for (float* axis : f.axis) {
@@ -32,12 +34,13 @@ void set_pressure(AdvanceIsland& island, const AdvanceBody& b, const Forces& f) 
     });
 }
 
-void add_tets(AdvanceIsland& island, const AdvanceBody& b, const Forces& f) {
-    TetStep step = bind_tets(*island.inputs.other.solids, island.inputs.bodies, island.particles, b.body, island.inputs.other.torn_springs);
+void add_tets(const AdvanceCall& call, const Particles& particles, const AdvanceBody& b, const Forces& f, TissueScratch& scratch,
+              AdvanceResult& result) {
+    TetStep step = bind_tets(*call.inputs.other.solids, call.inputs.bodies, particles, b.body, call.inputs.other.torn_springs);
     step.offset = b.step.offset;
-    step.corner_force = &island.scratch.corner_force[0].x;
+    step.corner_force = &scratch.corner_force[0].x;
     step.force_x = f.axis[0], step.force_y = f.axis[1], step.force_z = f.axis[2];
-    island.result.min_volume_ratio = std::min<double>(island.result.min_volume_ratio, add_tet_forces(step, b.slices));
+    result.min_volume_ratio = std::min<double>(result.min_volume_ratio, add_tet_forces(step, b.slices));
 }
 
 bool takes_tets_as_they_are(const AdvanceInputs& in, uint32_t body) {
@@ -50,41 +53,41 @@ bool has_forces(const AdvanceInputs& inputs, uint32_t body) {
     return has_pressure(inputs.bodies, body) || has_bending(inputs.bodies, body) || takes_tets_as_they_are(inputs, body);
 }
 
-void give_forces(AdvanceIsland& island, uint32_t particles) {
-    AdvanceScratch& s = island.scratch;
-    const AdvanceInputs& in = island.inputs;
+void give_forces(const AdvanceCall& call, const Particles& particles, uint32_t count, TissueScratch& scratch, AdvanceIsland& island) {
+    const AdvanceInputs& in = call.inputs;
     uint32_t corners = 0;
-    for (const AdvanceBody& b : s.body) {
+    for (const AdvanceBody& b : island.body) {
         if (has_tets(in.other.solids, in.bodies, b.body))
-            corners = std::max(corners, corner_rows(bind_tets(*in.other.solids, in.bodies, island.particles, b.body)));
+            corners = std::max(corners, corner_rows(bind_tets(*in.other.solids, in.bodies, particles, b.body)));
     }
-    if (s.corner_force.size() < corners) s.corner_force.resize(corners);
+    if (scratch.corner_force.size() < corners) scratch.corner_force.resize(corners);
     const auto forced = [&](const AdvanceBody& b) { return b.linked || has_forces(in, b.body); };
-    if (std::none_of(s.body.begin(), s.body.end(), forced)) return;
-    s.force.assign(size_t{3} * particles, 0.0f);
-    for (AdvanceBody& b : s.body) {
+    if (std::none_of(island.body.begin(), island.body.end(), forced)) return;
+    scratch.force.assign(size_t{3} * count, 0.0f);
+    for (AdvanceBody& b : island.body) {
         if (!forced(b)) continue;
-        const Forces f = forces_of(s, b);
+        const Forces f = forces_of(b, scratch);
         b.step.force_x = f.axis[0], b.step.force_y = f.axis[1], b.step.force_z = f.axis[2];
     }
 }
 
-void find_forces(AdvanceIsland& island, AdvanceBody& b) {
+void find_forces(const AdvanceCall& call, const AdvanceIsland& island, const Particles& particles, TissueScratch& scratch, AdvanceBody& b,
+                 AdvanceResult& result) {
     if (!b.step.force_x) return;
-    const AdvanceInputs& in = island.inputs;
-    const Forces f = forces_of(island.scratch, b);
+    const AdvanceInputs& in = call.inputs;
+    const Forces f = forces_of(b, scratch);
     // the first family writes, those after it add
     if (has_pressure(in.bodies, b.body)) {
-        set_pressure(island, b, f);
+        set_pressure(call, b, f, scratch);
     } else {
         for (float* axis : f.axis) std::fill_n(axis, f.count, 0.0f);
     }
     if (has_bending(in.bodies, b.body)) {
-        add_bending_forces(in.springs, in.bodies.mesh[b.body], bending_rigidity(in.bodies.tissue[b.body]), b.now,
-                           island.scratch.hinge_force, f.axis[0], f.axis[1], f.axis[2]);
+        add_bending_forces(in.springs, in.bodies.mesh[b.body], bending_rigidity(in.bodies.tissue[b.body]), b.now, scratch.hinge_force,
+                           f.axis[0], f.axis[1], f.axis[2]);
     }
-    if (takes_tets_as_they_are(in, b.body)) add_tets(island, b, f);
-    if (b.linked) add_link_forces(island.scratch, static_cast<uint32_t>(&b - island.scratch.body.data()), f.axis);
+    if (takes_tets_as_they_are(in, b.body)) add_tets(call, particles, b, f, scratch, result);
+    if (b.linked) add_link_forces(island, static_cast<uint32_t>(&b - island.body.data()), f.axis);
 }
 
 }  // namespace trocar

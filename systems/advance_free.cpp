@@ -1,10 +1,13 @@
+#include "systems/advance_free.hpp"
+
 #include <algorithm>
 #include <cmath>
 
 #include "engine/check.hpp"
 #include "engine/free_rotation.hpp"
 #include "engine/mass_properties.hpp"
-#include "systems/advance_parts.hpp"
+#include "systems/advance_drive.hpp"
+#include "systems/advance_held.hpp"
 namespace trocar {
 namespace {
 
@@ -20,11 +23,11 @@ void set_inertia(AdvanceFree& f, const Quat& orientation) {
 }
 
 // Velocity of the point relative to the plane along `along` that a unit impulse along `way` adds through the turning.
-double turning_response(const AdvanceScratch& s, const ContactTurning& turning, Vec4d way, Vec4d along) {
+double turning_response(const AdvanceIsland& island, const PreparedConstraint::Angular& turning, Vec4d way, Vec4d along) {
     double sum = 0;
     for (int side = 0; side < 2; ++side) {
         if (turning.free[side] == kNone) continue;
-        const AdvanceFree& f = s.free[turning.free[side]];
+        const AdvanceFree& f = island.free[turning.free[side]];
         sum += dot(along, cross(f.respond(cross(turning.arm[side], way)), turning.arm[side]) + f.yield(way));
     }
     return sum;
@@ -38,9 +41,10 @@ Vec4d any_tangent(Vec4d normal) {
 
 // The least mass that an impulse across the normal can meet. One number for all directions: with a matrix, friction on a
 // sliding row would settle along it times the velocity, not against the velocity.
-double friction_mass(const AdvanceScratch& s, double nodes_response, Vec4d normal, const ContactTurning& turning) {
+double friction_mass(const AdvanceIsland& island, double nodes_response, Vec4d normal, const PreparedConstraint::Angular& turning) {
     const Vec4d u = any_tangent(normal), v = cross(normal, u);
-    const double uu = turning_response(s, turning, u, u), vv = turning_response(s, turning, v, v), uv = turning_response(s, turning, u, v);
+    const double uu = turning_response(island, turning, u, u), vv = turning_response(island, turning, v, v),
+                 uv = turning_response(island, turning, u, v);
     const double half = 0.5 * (uu - vv);
     const double largest = nodes_response + 0.5 * (uu + vv) + std::sqrt(half * half + uv * uv);
     return largest > 0 ? 1 / largest : 0;
@@ -48,11 +52,12 @@ double friction_mass(const AdvanceScratch& s, double nodes_response, Vec4d norma
 
 }  // namespace
 
-Vec4d turning_velocity(const AdvanceScratch& s, const ContactActive& row, const ContactTurning& turning) {
+Vec4d turning_velocity(const AdvanceIsland& island, const PreparedConstraint& row) {
+    const auto& turning = row.angular;
     Vec4d v = row.rigid_velocity;
-    for (uint32_t k = 0; k < row.nodes; ++k) v += row.weight[k] * s.node[row.node[k]].velocity;
-    if (turning.free[0] != kNone) v += cross(s.free[turning.free[0]].spin, turning.arm[0]);
-    if (turning.free[1] != kNone) v -= cross(s.free[turning.free[1]].spin, turning.arm[1]);
+    for (uint32_t k = 0; k < row.nodes; ++k) v += row.weight[k] * island.nodes.node[row.node[k]].velocity;
+    if (turning.free[0] != kNone) v += cross(island.free[turning.free[0]].spin, turning.arm[0]);
+    if (turning.free[1] != kNone) v -= cross(island.free[turning.free[1]].spin, turning.arm[1]);
     return v;
 }
 
@@ -63,54 +68,52 @@ void place_end(AdvanceRigid& rigid, const AdvanceFree& f, Vec4d centre, const Qu
     place.shift = centre - place.turn(f.centre);
 }
 
-void add_free_body(AdvanceIsland& island, uint32_t rigid_row) {
-    AdvanceScratch& s = island.scratch;
-    AdvanceRigid& rigid = s.rigid[rigid_row];
-    const RigidMass* mass = find_rigid_mass(island.inputs.bodies, rigid.body);
+void add_free_body(const AdvanceCall& call, uint32_t rigid_row, AdvanceIsland& island, const AdvanceState& state) {
+    AdvanceRigid& rigid = island.rigid[rigid_row];
+    const RigidMass* mass = find_rigid_mass(call.inputs.bodies, rigid.body);
     TROCAR_ASSERT(mass != nullptr);
-    rigid.free = static_cast<uint32_t>(s.free.size());
-    rigid.node = static_cast<uint32_t>(s.node.size());
-    AdvanceFree& f = s.free.emplace_back();
+    rigid.free = static_cast<uint32_t>(island.free.size());
+    rigid.node = static_cast<uint32_t>(island.nodes.node.size());
+    AdvanceFree& f = island.free.emplace_back();
     f.mass = *mass;
     f.rigid = rigid_row;
-    f.damping = island.inputs.bodies.tissue[rigid.body].damping;
-    f.last_dt = island.particles.last_dt[rigid.body];
+    f.damping = call.inputs.bodies.tissue[rigid.body].damping;
+    f.last_dt = state.particles.last_dt[rigid.body];
     f.centre = to_vec4(mass->centre);
-    f.spin = to_vec4(island.poses.angular_velocity[rigid.body]);
-    const Vec4d arm = to_vec4(rotate(island.poses.orientation[rigid.body], mass->centre));
-    const ContactNode node = add_node(s);
+    f.spin = to_vec4(state.poses.angular_velocity[rigid.body]);
+    const Vec4d arm = to_vec4(rotate(state.poses.orientation[rigid.body], mass->centre));
+    const ContactNode node = add_node(island.nodes);
     node.owner = rigid_row;
     node.inv_mass = 1 / mass->mass;
-    node.place = to_vec4(island.poses.origin[rigid.body]) + arm;
-    node.velocity = to_vec4(island.poses.velocity[rigid.body]) + cross(f.spin, arm);
-    bind_drive(island, rigid.free);
+    node.place = to_vec4(state.poses.origin[rigid.body]) + arm;
+    node.velocity = to_vec4(state.poses.velocity[rigid.body]) + cross(f.spin, arm);
+    bind_drive(call, rigid.free, island);
 }
 
-void kick_free_bodies(AdvanceIsland& island) {
-    AdvanceScratch& s = island.scratch;
-    for (AdvanceFree& f : s.free) {
+void kick_free_bodies(const AdvanceCall& call, AdvanceIsland& island, AdvanceResult& result) {
+    for (AdvanceFree& f : island.free) {
         if (f.drive != kNone) {
-            kick_driven(island, f);
+            kick_driven(call, island, f);
             continue;
         }
-        AdvanceRigid& rigid = s.rigid[f.rigid];
-        const ContactNode node = s.node[rigid.node];
+        AdvanceRigid& rigid = island.rigid[f.rigid];
+        const ContactNode node = island.nodes.node[rigid.node];
         if (f.held) {
-            pull_held_body(island, f);
+            pull_held_body(call, island, f);
             continue;
         }
         // the very first kick is half a one: velocities fall half a step behind
         // what is stopped in this substep takes a shorter step, and none while it stands: it neither falls nor slows down then
-        const double seconds = moving_time(island, rigid.body), kick = seconds > 0 ? 0.5 * (f.last_dt + seconds) : 0;
+        const double seconds = moving_time(call, rigid.body), kick = seconds > 0 ? 0.5 * (f.last_dt + seconds) : 0;
         const double keep = std::exp(-f.damping * kick);
         f.keep = keep;
         if (seconds > 0) f.last_dt = seconds;
-        s.change[rigid.node].before = node.velocity;
-        const Vec4d fall = kick * to_vec4(island.params.gravity), lost = (keep - 1) * node.velocity;
-        if (f.damping > 0 && island.params.account_energy) {
+        island.nodes.change[rigid.node].before = node.velocity;
+        const Vec4d fall = kick * to_vec4(call.params.gravity), lost = (keep - 1) * node.velocity;
+        if (f.damping > 0 && call.params.account_energy) {
             const Vec4d spin = keep * f.spin;
-            island.result.work_damping += dot(lost, node.velocity + 0.5 * (lost + fall)) * f.mass.mass +
-                                          0.5 * dot(spin_momentum(f, rigid.orientation[0], spin - f.spin), spin + f.spin);
+            result.work_damping += dot(lost, node.velocity + 0.5 * (lost + fall)) * f.mass.mass +
+                                   0.5 * dot(spin_momentum(f, rigid.orientation[0], spin - f.spin), spin + f.spin);
         }
         node.velocity += lost + fall;
         f.spin *= keep;
@@ -123,16 +126,15 @@ void kick_free_bodies(AdvanceIsland& island) {
     }
 }
 
-void move_free_bodies(AdvanceIsland& island) {
-    AdvanceScratch& s = island.scratch;
-    for (AdvanceFree& f : s.free) {
+void move_free_bodies(const AdvanceCall& call, AdvanceIsland& island, std::span<ToolState> tools) {
+    for (AdvanceFree& f : island.free) {
         if (f.drive != kNone) {
-            move_driven(island, f);
+            move_driven(call, island, f);
             continue;
         }
-        AdvanceRigid& rigid = s.rigid[f.rigid];
-        const ContactNode node = s.node[rigid.node];
-        const double seconds = moving_time(island, rigid.body);
+        AdvanceRigid& rigid = island.rigid[f.rigid];
+        const ContactNode node = island.nodes.node[rigid.node];
+        const double seconds = moving_time(call, rigid.body);
         node.place += seconds * node.velocity;
         node.after = node.place;
         const Quat principal = principal_frame(f, rigid.orientation[0]);
@@ -140,113 +142,106 @@ void move_free_bodies(AdvanceIsland& island) {
         const Quat turned = turn_freely(f.mass.moments, momentum, seconds, principal);
         f.spin = to_vec4(spin_of(f.mass.moments, turned, momentum));
         place_end(rigid, f, node.place, normalized(multiply(turned, conjugate(f.mass.axes))));
-        if (f.held) note_coupling(island, f);
+        if (f.held) note_coupling(call, f, island, tools);
     }
 }
 
-void finish_free_bodies(AdvanceIsland& island) {
-    const AdvanceScratch& s = island.scratch;
-    Poses& poses = island.poses;
-    for (const AdvanceFree& f : s.free) {
-        const AdvanceRigid& rigid = s.rigid[f.rigid];
-        const ConstContactNode node = s.node[rigid.node];
+void finish_free_bodies(const AdvanceCall& call, const AdvanceIsland& island, const AdvanceState& state, AdvanceResult& result) {
+    Poses& poses = state.poses;
+    for (const AdvanceFree& f : island.free) {
+        const AdvanceRigid& rigid = island.rigid[f.rigid];
+        const ConstContactNode node = island.nodes.node[rigid.node];
         const Quat& q = rigid.orientation[1];
         const Vec4d arm = rigid.place[1].turn(f.centre);
         if (!std::isfinite(norm2(node.place) + norm2(node.velocity) + norm2(f.spin) + norm2(arm))) {
-            ++island.result.nonfinite_particles;
+            ++result.nonfinite_particles;
             poses.velocity[rigid.body] = poses.angular_velocity[rigid.body] = Vec3d::Zero();
-            if (!f.held) island.particles.last_dt[rigid.body] = 0;
-            if (f.drive != kNone) restore_drive(island, f);
+            if (!f.held) state.particles.last_dt[rigid.body] = 0;
+            if (f.drive != kNone) restore_drive(call, f);
             continue;
         }
         poses.origin[rigid.body] = to_vec3(node.place - arm);
         poses.orientation[rigid.body] = q;
         poses.velocity[rigid.body] = to_vec3(node.velocity - cross(f.spin, arm));
         poses.angular_velocity[rigid.body] = to_vec3(f.spin);
-        if (!f.held) island.particles.last_dt[rigid.body] = f.last_dt;
+        if (!f.held) state.particles.last_dt[rigid.body] = f.last_dt;
     }
 }
 
 double contact_work_on_free(const AdvanceIsland& island) {
-    const AdvanceScratch& s = island.scratch;
     double work = 0;
-    for (const AdvanceFree& f : s.free) {
+    for (const AdvanceFree& f : island.free) {
         if (f.drive != kNone) continue;  // settle_drives
         if (f.held) continue;            // its work is the hand's
-        const uint32_t n = s.rigid[f.rigid].node;
-        const ConstContactNodeChange change = s.change[n];
-        const Vec4d kick = s.node[n].velocity - change.kicked;
+        const uint32_t n = island.rigid[f.rigid].node;
+        const ConstContactNodeChange change = island.nodes.change[n];
+        const Vec4d kick = island.nodes.node[n].velocity - change.kicked;
         // as for particles: a kick does work at the mean of the velocities before and after all of its parts
-        work += 0.5 * f.mass.mass * dot(kick, f.keep * change.before + s.node[n].velocity);
-        const Vec4d spin_kick = spin_momentum(f, s.rigid[f.rigid].orientation[0], f.spin - f.spin_before);
+        work += 0.5 * f.mass.mass * dot(kick, f.keep * change.before + island.nodes.node[n].velocity);
+        const Vec4d spin_kick = spin_momentum(f, island.rigid[f.rigid].orientation[0], f.spin - f.spin_before);
         work += 0.5 * dot(spin_kick, f.spin + f.spin_before);
     }
     return work;
 }
 
-void add_turning_sides(AdvanceIsland& island, const ContactPlan& plan, Vec4d at, ContactActive& active) {
-    AdvanceScratch& s = island.scratch;
-    active.turning = active.plan;
-    ContactTurning& turning = s.turning[active.turning];
+void add_turning_sides(const AdvanceIsland& island, Vec4d at, PreparedConstraint& c) {
+    PreparedConstraint::Angular& turning = c.angular;
     turning = {};
-    const uint32_t side_rigid[2] = {plan.rigid_a, plan.rigid_b};
+    const uint32_t side_rigid[2] = {c.rigid_a, c.rigid_b};
     for (int side = 0; side < 2; ++side) {
-        if (side_rigid[side] == kNone || s.rigid[side_rigid[side]].free == kNone) continue;
-        const AdvanceRigid& rigid = s.rigid[side_rigid[side]];
+        if (side_rigid[side] == kNone || island.rigid[side_rigid[side]].free == kNone) continue;
+        const AdvanceRigid& rigid = island.rigid[side_rigid[side]];
         turning.free[side] = rigid.free;
-        turning.arm[side] = at - s.node[rigid.node].place;
+        turning.arm[side] = at - island.nodes.node[rigid.node].place;
     }
-    const double nodes_response = active.inv_sum > 0 ? 1 / active.inv_sum : 0;
-    const double response = nodes_response + turning_response(s, turning, active.normal, active.normal);
-    active.inv_sum = response > 0 ? 1 / response : 0;
-    turning.friction_mass = friction_mass(s, nodes_response, active.normal, turning);
+    const double nodes_response = c.inv_sum > 0 ? 1 / c.inv_sum : 0;
+    const double response = nodes_response + turning_response(island, turning, c.normal, c.normal);
+    c.inv_sum = response > 0 ? 1 / response : 0;
+    turning.friction_mass = friction_mass(island, nodes_response, c.normal, turning);
 }
 
-void give_impulse(AdvanceScratch& s, const ContactActive& row, const ContactTurning& turning, Vec4d impulse) {
-    for (uint32_t k = 0; k < row.nodes; ++k) {
-        const ContactNode node = s.node[row.node[k]];
-        node.velocity += (row.weight[k] * node.inv_mass) * impulse;
+void give_impulse(const PreparedConstraint& c, Vec4d impulse, AdvanceIsland& island) {
+    for (uint32_t k = 0; k < c.nodes; ++k) {
+        const ContactNode node = island.nodes.node[c.node[k]];
+        node.velocity += (c.weight[k] * node.inv_mass) * impulse;
     }
     for (int side = 0; side < 2; ++side) {
-        if (turning.free[side] == kNone) continue;
-        AdvanceFree& f = s.free[turning.free[side]];
+        if (c.angular.free[side] == kNone) continue;
+        AdvanceFree& f = island.free[c.angular.free[side]];
         const Vec4d j = side == 0 ? impulse : -impulse;
-        f.spin += f.respond(cross(turning.arm[side], j));
-        if (f.slides) s.node[s.rigid[f.rigid].node].velocity += f.yield(j);
+        f.spin += f.respond(cross(c.angular.arm[side], j));
+        if (f.slides) island.nodes.node[island.rigid[f.rigid].node].velocity += f.yield(j);
     }
 }
 
-double solve_turning_row(AdvanceScratch& s, ContactActive& row) {
-    const ContactTurning& turning = s.turning[row.turning];
-    Vec4d velocity = turning_velocity(s, row, turning);
-    const double wanted = (dot(row.normal, velocity) - row.least_velocity) * row.inv_sum;
-    const double normal_impulse = std::max(0.0, row.normal_impulse - wanted);
-    // most rows carry nothing, and do not begin to
-    if (normal_impulse == 0 && row.normal_impulse == 0 && norm2(row.friction_impulse) == 0) return 0;
-    const double normal_change = normal_impulse - row.normal_impulse;
-    row.normal_impulse = normal_impulse;
+double solve_turning_row(AdvanceIsland& island, PreparedConstraint& c) {
+    Vec4d velocity = turning_velocity(island, c);
+    const double normal_impulse = corrected_normal_impulse(c, dot(c.normal, velocity));
+    // most constraints carry nothing, and do not begin to
+    if (normal_impulse == 0 && c.normal_impulse == 0 && norm2(c.friction_impulse) == 0) return 0;
+    const double normal_change = normal_impulse - c.normal_impulse;
+    c.normal_impulse = normal_impulse;
     double change = std::abs(normal_change);
-    if (normal_change != 0) give_impulse(s, row, turning, normal_change * row.normal);
-    if (row.friction > 0) {
-        velocity = turning_velocity(s, row, turning);
-        const Vec4d sliding = velocity - dot(row.normal, velocity) * row.normal;
-        Vec4d friction = row.friction_impulse - turning.friction_mass * sliding;
-        const double most = row.friction * normal_impulse, size2 = norm2(friction);
-        if (size2 > most * most) friction *= most / std::sqrt(size2);
-        const Vec4d friction_change = friction - row.friction_impulse;
-        row.friction_impulse = friction;
-        give_impulse(s, row, turning, friction_change);
+    if (normal_change != 0) give_impulse(c, normal_change * c.normal, island);
+    if (c.friction > 0) {
+        velocity = turning_velocity(island, c);
+        const Vec4d sliding = velocity - dot(c.normal, velocity) * c.normal;
+        const Vec4d friction = limit_friction(c.friction_impulse - c.angular.friction_mass * sliding, c.friction * normal_impulse);
+        const Vec4d friction_change = friction - c.friction_impulse;
+        c.friction_impulse = friction;
+        give_impulse(c, friction_change, island);
         change = std::max(change, std::sqrt(norm2(friction_change)));
     }
-    return row.inv_sum > 0 ? change / row.inv_sum : 0;
+    return c.inv_sum > 0 ? change / c.inv_sum : 0;
 }
 
-void push_free_sides(AdvanceScratch& s, const ContactTurning& turning, Vec4d push) {
+void push_free_sides(const PreparedConstraint& c, Vec4d push, AdvanceIsland& island) {
+    const auto& turning = c.angular;
     for (int side = 0; side < 2; ++side) {
         if (turning.free[side] == kNone) continue;
-        AdvanceFree& f = s.free[turning.free[side]];
-        AdvanceRigid& rigid = s.rigid[f.rigid];
-        const ContactNode node = s.node[rigid.node];
+        AdvanceFree& f = island.free[turning.free[side]];
+        AdvanceRigid& rigid = island.rigid[f.rigid];
+        const ContactNode node = island.nodes.node[rigid.node];
         const Vec4d way = side == 0 ? push : -push;
         const Vec4d shift = node.inv_mass * way + f.yield(way), turn = f.respond(cross(turning.arm[side], way));
         f.shift += shift;
@@ -255,8 +250,8 @@ void push_free_sides(AdvanceScratch& s, const ContactTurning& turning, Vec4d pus
         RigidMap& place = rigid.place[1];
         for (Vec4d& column : place.column) column += cross(turn, column);
         place.shift = node.after - place.turn(f.centre);
-        for (size_t k = 0; f.held && k < s.rigid.size(); ++k) {
-            AdvanceRigid& jaw = s.rigid[k];
+        for (size_t k = 0; f.held && k < island.rigid.size(); ++k) {
+            AdvanceRigid& jaw = island.rigid[k];
             if (jaw.jaw == kNone || jaw.free != turning.free[side]) continue;
             for (Vec4d& column : jaw.place[1].column) column += cross(turn, column);
             jaw.place[1].shift += shift + cross(turn, jaw.place[1].shift - node.after);
@@ -264,17 +259,16 @@ void push_free_sides(AdvanceScratch& s, const ContactTurning& turning, Vec4d pus
     }
 }
 
-void finish_free_pushes(AdvanceIsland& island, double most) {
-    AdvanceScratch& s = island.scratch;
-    for (AdvanceFree& f : s.free) {
-        AdvanceRigid& rigid = s.rigid[f.rigid];
-        const ContactNode node = s.node[rigid.node];
-        const double radius = island.inputs.meshes.info[island.inputs.bodies.mesh[rigid.body]].radius;
+void finish_free_pushes(const AdvanceCall& call, double most, AdvanceIsland& island, AdvanceResult& result) {
+    for (AdvanceFree& f : island.free) {
+        AdvanceRigid& rigid = island.rigid[f.rigid];
+        const ContactNode node = island.nodes.node[rigid.node];
+        const double radius = call.inputs.meshes.info[call.inputs.bodies.mesh[rigid.body]].radius;
         const double way = std::sqrt(norm2(f.shift)) + radius * std::sqrt(norm2(f.turn));
         if (way == 0) continue;
         const double share = way > most ? most / way : 1;
         if (f.drive != kNone) {
-            push_driven(island, f, share);
+            push_driven(call, share, island, f, result);
             continue;
         }
         const Vec4d shift = share * f.shift;
@@ -286,7 +280,7 @@ void finish_free_pushes(AdvanceIsland& island, double most) {
         place_end(rigid, f, node.place, normalized(turned));
         const Vec3d spin = spin_of(f.mass.moments, principal_frame(f, rigid.orientation[1]), to_vec3(momentum));
         if (f.held) continue;
-        island.result.work_push += 0.5 * dot(momentum, to_vec4(spin) - f.spin) - f.mass.mass * dot(to_vec4(island.params.gravity), shift);
+        result.work_push += 0.5 * dot(momentum, to_vec4(spin) - f.spin) - f.mass.mass * dot(to_vec4(call.params.gravity), shift);
         f.spin = to_vec4(spin);
     }
 }

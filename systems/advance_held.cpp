@@ -1,45 +1,45 @@
+#include "systems/advance_held.hpp"
+
 #include "engine/geometry/quaternion.hpp"
-#include "systems/advance_parts.hpp"
+#include "systems/advance_rigid.hpp"
 namespace trocar {
 
-void add_held_body(AdvanceIsland& island, uint32_t rigid_row) {
-    AdvanceScratch& s = island.scratch;
-    AdvanceRigid& rigid = s.rigid[rigid_row];
-    const HandTool& tool = island.inputs.tools[rigid.tool];
-    rigid.free = static_cast<uint32_t>(s.free.size());
-    rigid.node = static_cast<uint32_t>(s.node.size());
-    AdvanceFree& f = s.free.emplace_back();
+void add_held_body(const AdvanceCall& call, const Poses& poses, uint32_t rigid_row, AdvanceIsland& island) {
+    AdvanceRigid& rigid = island.rigid[rigid_row];
+    const HandTool& tool = call.inputs.tools[rigid.tool];
+    rigid.free = static_cast<uint32_t>(island.free.size());
+    rigid.node = static_cast<uint32_t>(island.nodes.node.size());
+    AdvanceFree& f = island.free.emplace_back();
     f.held = true;
     f.rigid = rigid_row;
     f.mass.body = rigid.body;
-    f.mass.mass = 1 / island.inputs.bodies.inv_mass[rigid.body];
+    f.mass.mass = 1 / call.inputs.bodies.inv_mass[rigid.body];
     f.mass.centre = tool.tip;
     f.mass.moments = Vec3d::Constant(tool.inertia);
     f.centre = to_vec4(tool.tip);
-    f.spin = to_vec4(island.poses.angular_velocity[rigid.body]);
-    const Vec4d arm = to_vec4(rotate(island.poses.orientation[rigid.body], tool.tip));
-    const ContactNode node = add_node(s);
+    f.spin = to_vec4(poses.angular_velocity[rigid.body]);
+    const Vec4d arm = to_vec4(rotate(poses.orientation[rigid.body], tool.tip));
+    const ContactNode node = add_node(island.nodes);
     node.owner = rigid_row;
-    node.inv_mass = island.inputs.bodies.inv_mass[rigid.body];
-    node.place = to_vec4(island.poses.origin[rigid.body]) + arm;
-    node.velocity = to_vec4(island.poses.velocity[rigid.body]) + cross(f.spin, arm);
+    node.inv_mass = call.inputs.bodies.inv_mass[rigid.body];
+    node.place = to_vec4(poses.origin[rigid.body]) + arm;
+    node.velocity = to_vec4(poses.velocity[rigid.body]) + cross(f.spin, arm);
 }
 
 // Springs and dampers act with their values at the end of the substep, as those of hands that only move do: stable for any
 // dt, mass and stiffness.
-void pull_held_body(AdvanceIsland& island, AdvanceFree& f) {
-    AdvanceScratch& s = island.scratch;
-    AdvanceRigid& rigid = s.rigid[f.rigid];
-    const ContactNode node = s.node[rigid.node];
-    const HandTool& tool = island.inputs.tools[rigid.tool];
-    const HandPose from = hand_pose(island, rigid.tool, island.substep), to = hand_pose(island, rigid.tool, island.substep + 1);
-    const double dt = island.dt, w = island.inputs.bodies.inv_mass[rigid.body], v = 1 / tool.inertia;
+void pull_held_body(const AdvanceCall& call, AdvanceIsland& island, AdvanceFree& f) {
+    AdvanceRigid& rigid = island.rigid[f.rigid];
+    const ContactNode node = island.nodes.node[rigid.node];
+    const HandTool& tool = call.inputs.tools[rigid.tool];
+    const HandPose from = hand_pose(call, rigid.tool, call.substep), to = hand_pose(call, rigid.tool, call.substep + 1);
+    const double dt = call.dt, w = call.inputs.bodies.inv_mass[rigid.body], v = 1 / tool.inertia;
     rigid.target = to.origin + rotate(to.orientation, tool.tip);
     rigid.target_velocity = (rigid.target - from.origin - rotate(from.orientation, tool.tip)) / dt;
     f.target = to.orientation;
     f.target_spin = rotation_vector(from.orientation, to.orientation) / dt;
 
-    s.change[rigid.node].before = node.velocity;
+    island.nodes.change[rigid.node].before = node.velocity;
     f.spin_before = f.spin;
     const double k = tool.coupling_stiffness, b = tool.coupling_damping;
     node.inv_mass = w / (1 + dt * w * (b + k * dt));
@@ -51,14 +51,14 @@ void pull_held_body(AdvanceIsland& island, AdvanceFree& f) {
     f.spin = inv_inertia * (f.spin / v + dt * to_vec4(torque));
     for (int i = 0; i < 3; ++i) f.inv_inertia[i] = inv_inertia * to_vec4(Vec3d::Unit(i));
     f.shift = f.turn = Vec4d{};
-    note_spin(s, f);
+    note_spin(f, island);
 }
 
-void note_coupling(AdvanceIsland& island, const AdvanceFree& f) {
-    const AdvanceRigid& rigid = island.scratch.rigid[f.rigid];
-    const ContactNode node = island.scratch.node[rigid.node];
-    const HandTool& tool = island.inputs.tools[rigid.tool];
-    ToolState& state = island.tools[rigid.tool];
+void note_coupling(const AdvanceCall& call, const AdvanceFree& f, AdvanceIsland& island, std::span<ToolState> tools) {
+    const AdvanceRigid& rigid = island.rigid[f.rigid];
+    const ContactNode node = island.nodes.node[rigid.node];
+    const HandTool& tool = call.inputs.tools[rigid.tool];
+    ToolState& state = tools[rigid.tool];
     state.coupling_force = tool.coupling_stiffness * (rigid.target - to_vec3(node.place)) +
                            tool.coupling_damping * (rigid.target_velocity - to_vec3(node.velocity));
     state.coupling_torque =

@@ -1,44 +1,45 @@
+#include "systems/advance_links.hpp"
+
 #include <algorithm>
 #include <cmath>
 #include <utility>
 
 #include "engine/surfaces.hpp"
 #include "engine/tet_forces.hpp"
-#include "systems/advance_parts.hpp"
+#include "systems/advance_rigid.hpp"
 namespace trocar {
 namespace {
 
 Vec4d place_of(const AdvanceBody& b, const Float4* offsets, uint32_t node) { return b.origin + float_vec4(_mm_load_ps(&offsets[node].x)); }
 
 // Half way through the substep that ends at `offsets`: the time of the velocities.
-Vec4d place_at_velocity(const AdvanceIsland& island, const AdvanceBody& b, uint32_t node) {
+Vec4d place_at_velocity(const Particles& particles, const AdvanceBody& b, uint32_t node) {
     const uint32_t p = b.particles.first + node;
-    const Particles& particles = island.particles;
     const Vec4d velocity = make_vec4(particles.velocity_x[p], particles.velocity_y[p], particles.velocity_z[p]);
     return place_of(b, b.next, node) - 0.5 * b.last_dt * velocity;
 }
 
 // Where the far end of a link is: at the start (0) or the end (1) of the substep.
-Vec4d far_place(const AdvanceScratch& s, const AdvanceLink& link, int end) {
-    if (link.rigid != kNone) return s.rigid[link.rigid].place[end](link.point);
-    const AdvanceBody& b = s.body[link.far_body];
+Vec4d far_place(const AdvanceIsland& island, const AdvanceLink& link, int end) {
+    if (link.rigid != kNone) return island.rigid[link.rigid].place[end](link.point);
+    const AdvanceBody& b = island.body[link.far_body];
     return place_of(b, end == 0 ? b.now : b.next, link.far_node);
 }
 
 // Where a body takes the forces of its links: where it is, or, if its places and velocities belong to the same time, half
 // way through the substep as far as its velocity says. Taken at its start such forces would feed every swing (with them
 // half way it is Verlet's method in terms of places).
-Vec4d place_at_kick(const AdvanceIsland& island, const AdvanceBody& b, uint32_t node) {
+Vec4d place_at_kick(const AdvanceCall& call, const Particles& particles, const AdvanceBody& b, uint32_t node) {
     const Vec4d place = place_of(b, b.now, node);
     if (!b.synchronous()) return place;
-    const Particles& p = island.particles;
+    const Particles& p = particles;
     const uint32_t i = b.particles.first + node;
-    return place + 0.5 * island.dt * make_vec4(p.velocity_x[i], p.velocity_y[i], p.velocity_z[i]);
+    return place + 0.5 * call.dt * make_vec4(p.velocity_x[i], p.velocity_y[i], p.velocity_z[i]);
 }
-Vec4d far_place_at_kick(const AdvanceIsland& island, const AdvanceLink& link, bool half_way) {
-    const AdvanceScratch& s = island.scratch;
-    if (link.rigid == kNone) return place_at_kick(island, s.body[link.far_body], link.far_node);
-    const AdvanceRigid& rigid = s.rigid[link.rigid];
+Vec4d far_place_at_kick(const AdvanceCall& call, const AdvanceIsland& island, const Particles& particles, const AdvanceLink& link,
+                        bool half_way) {
+    if (link.rigid == kNone) return place_at_kick(call, particles, island.body[link.far_body], link.far_node);
+    const AdvanceRigid& rigid = island.rigid[link.rigid];
     const Vec4d place = rigid.place[0](link.point);
     return half_way && rigid.node == kNone ? 0.5 * (place + rigid.place[1](link.point)) : place;
 }
@@ -46,74 +47,74 @@ Vec4d far_place_at_kick(const AdvanceIsland& island, const AdvanceLink& link, bo
 double stretch_of(const AdvanceLink& link, Vec4d way) { return std::sqrt(norm2(way)) - link.rest; }
 
 // Whether a node of a solid has lost its last tetrahedron: it is fixed and no spring is left to it.
-bool is_lost(const AdvanceIsland& island, uint32_t body, uint32_t node) {
-    const AdvanceBody& b = island.scratch.body[body];
-    const Solids* solids = island.inputs.other.solids;
-    if (b.now[node].w > 0 || !solids || !is_solid(*solids, island.inputs.bodies.mesh[b.body])) return false;
+bool is_lost(const AdvanceCall& call, const AdvanceIsland& island, uint32_t body, uint32_t node) {
+    const AdvanceBody& b = island.body[body];
+    const Solids* solids = call.inputs.other.solids;
+    if (b.now[node].w > 0 || !solids || !is_solid(*solids, call.inputs.bodies.mesh[b.body])) return false;
     for (size_t c = b.step.slice_column[node / kSliceWidth]; c < b.step.slice_column[node / kSliceWidth + 1]; ++c) {
         if (b.step.neighbour[c * kSliceWidth + node % kSliceWidth] != node) return false;
     }
     return true;
 }
 
-void break_link(AdvanceIsland& island, const AdvanceLink& link) {
-    Links& links = *island.inputs.other.links;
+void break_link(const AdvanceCall& call, const AdvanceLink& link, AdvanceResult& result) {
+    Links& links = *call.inputs.other.links;
     links.whole[link.row] = 0;
     ++links.group[link.group].broken;
-    ++island.result.broken_links;
-    island.result.work_links -= 0.5 * link.stiffness * links.stretch[link.row] * links.stretch[link.row];
+    ++result.broken_links;
+    result.work_links -= 0.5 * link.stiffness * links.stretch[link.row] * links.stretch[link.row];
 }
 
 // The groups that hold bodies of the island, ascending.
-void find_island_groups(const HoldingGroups& holding, AdvanceScratch& s) {
-    s.link_group.clear();
-    for (const AdvanceBody& b : s.body) {
+void find_island_groups(const HoldingGroups& holding, AdvanceIsland& island) {
+    island.links.link_group.clear();
+    for (const AdvanceBody& b : island.body) {
         const auto of_body = holding.of(b.body);
-        s.link_group.insert(s.link_group.end(), of_body.begin(), of_body.end());
+        island.links.link_group.insert(island.links.link_group.end(), of_body.begin(), of_body.end());
     }
-    std::sort(s.link_group.begin(), s.link_group.end());
+    std::sort(island.links.link_group.begin(), island.links.link_group.end());
 }
 
 // Both ends of every link, in the order of links, body by body.
-void sort_link_ends(AdvanceScratch& s) {
-    for (AdvanceBody& b : s.body) b.link_ends = {};
+void sort_link_ends(AdvanceIsland& island) {
+    for (AdvanceBody& b : island.body) b.link_ends = {};
     const auto count = [&](uint32_t body) {
-        if (body != kNone) ++s.body[body].link_ends.count;
+        if (body != kNone) ++island.body[body].link_ends.count;
     };
-    for (const AdvanceLink& link : s.link) count(link.body), count(link.far_body);
+    for (const AdvanceLink& link : island.links.link) count(link.body), count(link.far_body);
     uint32_t first = 0;
-    for (AdvanceBody& b : s.body) {
+    for (AdvanceBody& b : island.body) {
         b.link_ends.first = first;
         first += std::exchange(b.link_ends.count, 0);
     }
-    s.link_end.resize(first);
+    island.links.link_end.resize(first);
     const auto place = [&](uint32_t body, uint32_t end) {
-        if (body != kNone) s.link_end[s.body[body].link_ends.first + s.body[body].link_ends.count++] = end;
+        if (body != kNone) island.links.link_end[island.body[body].link_ends.first + island.body[body].link_ends.count++] = end;
     };
-    for (uint32_t l = 0; l < s.link.size(); ++l) place(s.link[l].body, 2 * l), place(s.link[l].far_body, 2 * l + 1);
+    for (uint32_t l = 0; l < island.links.link.size(); ++l)
+        place(island.links.link[l].body, 2 * l), place(island.links.link[l].far_body, 2 * l + 1);
 }
 
 }  // namespace
 
-void gather_links(AdvanceIsland& island) {
-    AdvanceScratch& s = island.scratch;
-    s.link.clear();
-    Links* links = island.inputs.other.links;
+void gather_links(const AdvanceCall& call, AdvanceIsland& island, const AdvanceState& state, AdvanceResult& result) {
+    island.links.link.clear();
+    Links* links = call.inputs.other.links;
     if (!links) return;
-    const Bodies& bodies = island.inputs.bodies;
-    find_island_groups(*island.inputs.other.holding, s);
-    for (const uint32_t g : s.link_group) {
+    const Bodies& bodies = call.inputs.bodies;
+    find_island_groups(*call.inputs.other.holding, island);
+    for (const uint32_t g : island.links.link_group) {
         LinkGroup& group = links->group[g];
         AdvanceLink link;
         link.group = g;
-        link.body = s.slot_of_body[group.body];
+        link.body = island.slot_of_body[group.body];
         if (is_deformable(bodies, group.holder)) {
-            link.far_body = s.slot_of_body[group.holder];
-            s.body[link.far_body].linked = true;
+            link.far_body = island.slot_of_body[group.holder];
+            island.body[link.far_body].linked = true;
         } else {
-            link.rigid = rigid_slot(island, group.holder);
+            link.rigid = rigid_slot(call, group.holder, island, state);
         }
-        s.body[link.body].linked = true;
+        island.body[link.body].linked = true;
         link.stiffness = group.stiffness;
         link.break_strain = group.break_strain;
         for (uint32_t row = group.rows.first; row < group.rows.end(); ++row) {
@@ -124,35 +125,35 @@ void gather_links(AdvanceIsland& island) {
             link.point = to_vec4(links->point[row]);
             link.rest = static_cast<double>(links->rest[row]);
             link.gauge = link.rest > 0 ? link.rest : group.gauge;
-            if (is_lost(island, link.body, link.node) || (link.rigid == kNone && is_lost(island, link.far_body, link.far_node))) {
-                break_link(island, link);
+            if (is_lost(call, island, link.body, link.node) ||
+                (link.rigid == kNone && is_lost(call, island, link.far_body, link.far_node))) {
+                break_link(call, link, result);
                 continue;
             }
-            s.link.push_back(link);
+            island.links.link.push_back(link);
         }
     }
-    sort_link_ends(s);
+    sort_link_ends(island);
 }
 
-void find_link_forces(AdvanceIsland& island) {
-    AdvanceScratch& s = island.scratch;
-    for (AdvanceLink& link : s.link) {
-        const AdvanceBody& b = s.body[link.body];
-        const Vec4d way = far_place_at_kick(island, link, b.synchronous()) - place_at_kick(island, b, link.node);
+void find_link_forces(const AdvanceCall& call, const Particles& particles, AdvanceIsland& island) {
+    for (AdvanceLink& link : island.links.link) {
+        const AdvanceBody& b = island.body[link.body];
+        const Vec4d way = far_place_at_kick(call, island, particles, link, b.synchronous()) - place_at_kick(call, particles, b, link.node);
         const double length = std::sqrt(norm2(way)), stretch = length - link.rest;
         link.force = link.rest == 0 ? link.stiffness * way : length > 0 ? Vec4d(link.stiffness * stretch / length * way) : Vec4d{};
         // a body that is about to be restored must not take its partner with it
         if (!std::isfinite(norm2(link.force))) link.force = Vec4d{};
         // what goes from leapfrog to steps of one time gets half a kick more: see catch_up
-        link.kick = (b.synchronous() ? 1.0 : 0.5) * island.dt + 0.5 * b.last_dt;
+        link.kick = (b.synchronous() ? 1.0 : 0.5) * call.dt + 0.5 * b.last_dt;
     }
 }
 
-void add_link_forces(const AdvanceScratch& s, uint32_t body, float* const axis[3]) {
-    const Range ends = s.body[body].link_ends;
+void add_link_forces(const AdvanceIsland& island, uint32_t body, float* const axis[3]) {
+    const Range ends = island.body[body].link_ends;
     for (uint32_t e = ends.first; e < ends.end(); ++e) {
-        const AdvanceLink& link = s.link[s.link_end[e] / 2];
-        const bool far = s.link_end[e] % 2 != 0;
+        const AdvanceLink& link = island.links.link[island.links.link_end[e] / 2];
+        const bool far = island.links.link_end[e] % 2 != 0;
         for (int i = 0; i < 3; ++i) {
             float& force = axis[i][far ? link.far_node : link.node];
             force = far ? force - static_cast<float>(link.force[i]) : force + static_cast<float>(link.force[i]);
@@ -160,94 +161,92 @@ void add_link_forces(const AdvanceScratch& s, uint32_t body, float* const axis[3
     }
 }
 
-void pull_linked_rigids(AdvanceIsland& island) {
-    AdvanceScratch& s = island.scratch;
-    for (const AdvanceLink& link : s.link) {
+void pull_linked_rigids(const AdvanceCall& call, AdvanceIsland& island, std::span<ToolState> tools) {
+    for (const AdvanceLink& link : island.links.link) {
         if (link.rigid == kNone) continue;
-        AdvanceRigid& rigid = s.rigid[link.rigid];
+        AdvanceRigid& rigid = island.rigid[link.rigid];
         const Vec4d impulse = -link.kick * link.force;
-        const uint32_t tool = rigid.holder == kNone ? rigid.tool : s.rigid[rigid.holder].tool;
-        if (tool != kNone) island.tools[tool].contact_impulse += to_vec3(impulse);
-        add_grip_moment(island, link.rigid, rigid.place[0](link.point), impulse);
+        const uint32_t tool = rigid.holder == kNone ? rigid.tool : island.rigid[rigid.holder].tool;
+        if (tool != kNone) tools[tool].contact_impulse += to_vec3(impulse);
+        add_grip_moment(call, island, link.rigid, rigid.place[0](link.point), impulse, tools);
         if (rigid.node == kNone) continue;
-        const ContactNode node = s.node[rigid.node];
+        const ContactNode node = island.nodes.node[rigid.node];
         node.velocity += node.inv_mass * impulse;
         if (rigid.free == kNone) continue;
-        AdvanceFree& f = s.free[rigid.free];
+        AdvanceFree& f = island.free[rigid.free];
         f.spin += f.respond(cross(rigid.place[0](link.point) - node.place, impulse));
         f.spin_before = f.spin;
-        note_spin(s, f);
+        note_spin(f, island);
     }
 }
 
-double energy_of_others(const AdvanceIsland& island, bool pushed) {
-    const AdvanceScratch& s = island.scratch;
+double energy_of_others(const AdvanceCall& call, const AdvanceIsland& island, const Particles& particles, bool pushed) {
     const auto way_of = [&](uint32_t n) {
-        const AdvanceBody& b = s.body[s.node[n].owner];
+        const AdvanceBody& b = island.body[island.nodes.node[n].owner];
         if (!b.measured()) return Vec4d{};
-        return pushed ? s.change[n].change : Vec4d((island.dt - 0.5 * b.last_dt) * (s.node[n].velocity - s.change[n].kicked));
+        return pushed ? island.nodes.change[n].change
+                      : Vec4d((call.dt - 0.5 * b.last_dt) * (island.nodes.node[n].velocity - island.nodes.change[n].kicked));
     };
     double energy = 0;
-    for (uint32_t n = 0; n < s.node.size(); ++n) {
-        if (s.node[n].particle == kNone) continue;
-        const AdvanceBody& b = s.body[s.node[n].owner];
+    for (uint32_t n = 0; n < island.nodes.node.size(); ++n) {
+        if (island.nodes.node[n].particle == kNone) continue;
+        const AdvanceBody& b = island.body[island.nodes.node[n].owner];
         if (!b.step.force_x) continue;
-        const uint32_t v = s.node[n].particle - b.particles.first;
+        const uint32_t v = island.nodes.node[n].particle - b.particles.first;
         energy -= dot(make_vec4(b.step.force_x[v], b.step.force_y[v], b.step.force_z[v]), way_of(n));
     }
     const auto way_of_end = [&](uint32_t body, uint32_t node) {
-        if (body == kNone || !(pushed || s.body[body].synchronous())) return Vec4d{};
-        const uint32_t n = s.node_of_particle[s.body[body].particles.first + node];
+        if (body == kNone || !(pushed || island.body[body].synchronous())) return Vec4d{};
+        const uint32_t n = island.nodes.node_of_particle[island.body[body].particles.first + node];
         return n == kNone ? Vec4d{} : way_of(n);
     };
     // links are stiff: their forces change on the way
-    for (const AdvanceLink& link : s.link) {
+    for (const AdvanceLink& link : island.links.link) {
         const Vec4d way = way_of_end(link.far_body, link.far_node) - way_of_end(link.body, link.node);
         if (!(norm2(way) > 0)) continue;
         Vec4d far;
         if (link.rigid == kNone) {
-            far = place_at_velocity(island, s.body[link.far_body], link.far_node);
+            far = place_at_velocity(particles, island.body[link.far_body], link.far_node);
         } else {
-            far = (s.body[link.body].synchronous() ? 0.0 : 0.5) * far_place(s, link, 0) +
-                  (s.body[link.body].synchronous() ? 1.0 : 0.5) * far_place(s, link, 1);
+            far = (island.body[link.body].synchronous() ? 0.0 : 0.5) * far_place(island, link, 0) +
+                  (island.body[link.body].synchronous() ? 1.0 : 0.5) * far_place(island, link, 1);
         }
-        const Vec4d apart = far - place_at_velocity(island, s.body[link.body], link.node);
+        const Vec4d apart = far - place_at_velocity(particles, island.body[link.body], link.node);
         const double after = stretch_of(link, apart), before = stretch_of(link, apart - way);
         energy += 0.5 * link.stiffness * (after * after - before * before) - dot(link.force, way);
     }
     return energy;
 }
 
-void finish_links(AdvanceIsland& island) {
-    AdvanceScratch& s = island.scratch;
-    for (AdvanceLink& link : s.link) {
-        Links& links = *island.inputs.other.links;
+void finish_links(const AdvanceCall& call, const Particles& particles, AdvanceIsland& island, AdvanceResult& result) {
+    for (AdvanceLink& link : island.links.link) {
+        Links& links = *call.inputs.other.links;
         LinkGroup& group = links.group[link.group];
-        const AdvanceBody& b = s.body[link.body];
+        const AdvanceBody& b = island.body[link.body];
         group.impulse += to_vec3(link.kick * link.force);
         Vec4d far;  // at the time of the velocities
         if (link.rigid != kNone) {
-            const AdvanceRigid& rigid = s.rigid[link.rigid];
+            const AdvanceRigid& rigid = island.rigid[link.rigid];
             const Vec4d from = rigid.place[0](link.point), to = rigid.place[1](link.point);
             far = to - (b.synchronous() ? 0.0 : 0.5) * (to - from);
             // what scripts and hands do, they do from one such time to the next
-            if (rigid.free == kNone || s.free[rigid.free].held)
-                island.result.work_hand += dot(link.force, link.known ? far - link.far : to - from);
+            if (rigid.free == kNone || island.free[rigid.free].held)
+                result.work_hand += dot(link.force, link.known ? far - link.far : to - from);
             link.far = far;
             link.known = true;
         } else {
-            far = place_at_velocity(island, s.body[link.far_body], link.far_node);
+            far = place_at_velocity(particles, island.body[link.far_body], link.far_node);
         }
-        const double stretch = stretch_of(link, far - place_at_velocity(island, b, link.node));
+        const double stretch = stretch_of(link, far - place_at_velocity(particles, b, link.node));
         if (!std::isfinite(stretch)) continue;
         links.stretch[link.row] = stretch;
-        const double strain = stretch_of(link, far_place(s, link, 1) - place_of(b, b.next, link.node)) / link.gauge;
+        const double strain = stretch_of(link, far_place(island, link, 1) - place_of(b, b.next, link.node)) / link.gauge;
         group.largest_strain = std::max(group.largest_strain, strain);
         if (!(strain > link.break_strain)) continue;
-        break_link(island, link);
+        break_link(call, link, result);
     }
-    if (std::erase_if(s.link, [&](const AdvanceLink& link) { return island.inputs.other.links->whole[link.row] == 0; }) > 0)
-        sort_link_ends(s);
+    if (std::erase_if(island.links.link, [&](const AdvanceLink& link) { return call.inputs.other.links->whole[link.row] == 0; }) > 0)
+        sort_link_ends(island);
 }
 
 }  // namespace trocar

@@ -1,3 +1,5 @@
+#include "systems/advance_midpoint.hpp"
+
 #include <algorithm>
 #include <cmath>
 #include <utility>
@@ -11,7 +13,11 @@
 #include "engine/shape_fit.hpp"
 #include "engine/spring_step.hpp"
 #include "engine/tet_forces.hpp"
-#include "systems/advance_implicit.hpp"
+#include "systems/advance_constants.hpp"
+#include "systems/advance_energy.hpp"
+#include "systems/advance_fine.hpp"
+#include "systems/advance_forces.hpp"
+#include "systems/advance_hold.hpp"
 namespace trocar {
 namespace {
 
@@ -81,14 +87,15 @@ ImplicitStep bind_implicit(ImplicitScratch& s, const AdvanceBody& b) {
     return step;
 }
 
-// The tetrahedra of the body that is stepped.
-struct Volumes {
+// The body that is stepped: its springs and its tetrahedra.
+struct MidpointStep {
+    AdvanceBody& b;
+    ImplicitStep step = {};
     TetStep tets = {};
-    ImplicitTets step = {};
-    uint32_t groups = 0;  // of 16; 0 = has none
+    ImplicitTets volumes = {};
+    uint32_t groups = 0;  // of 16 tetrahedra; 0 = has none
+    bool held = false;    // constraints may act within the step
 };
-// With held rows; in the last two none joins, those that pull let go.
-constexpr uint32_t kMostSolves = 6;
 // Groups that a kernel takes at once.
 constexpr uint32_t kGroupsPerChunk = 256;
 
@@ -100,34 +107,36 @@ void gather_corners(const AdvanceBody& b, TetStep& tets, float* field, size_t ro
 }
 
 // Volume forces and stiffness at the places of the step; notes the least volume.
-void bind_volumes(AdvanceIsland& island, const AdvanceBody& b, ImplicitStep& step, Volumes& v) {
-    const AdvanceInputs& in = island.inputs;
+void bind_volumes(const AdvanceCall& call, const Particles& particles, TissueScratch& scratch, MidpointStep& m, AdvanceResult& result) {
+    const AdvanceBody& b = m.b;
+    ImplicitStep& step = m.step;
+    const AdvanceInputs& in = call.inputs;
     if (!has_tets(in.other.solids, in.bodies, b.body)) return;
-    ImplicitScratch& s = island.scratch.implicit;
+    ImplicitScratch& s = scratch.implicit;
     const size_t rows = b.particles.count;
-    v.tets = bind_tets(*in.other.solids, in.bodies, island.particles, b.body, in.other.torn_springs);
-    v.tets.offset = step.place;
-    v.tets.corner_force = &island.scratch.corner_force[0].x;
-    v.groups = v.tets.tetrahedra / kSliceWidth;
-    s.slope.resize(size_t{12} * v.tets.tetrahedra);
+    m.tets = bind_tets(*in.other.solids, in.bodies, particles, b.body, in.other.torn_springs);
+    m.tets.offset = step.place;
+    m.tets.corner_force = &scratch.corner_force[0].x;
+    m.groups = m.tets.tetrahedra / kSliceWidth;
+    s.slope.resize(size_t{12} * m.tets.tetrahedra);
     s.volume_force.assign(3 * rows, 0.0f);
     s.volume_block.resize(6 * rows);
-    v.step = {&v.tets, step.direction, s.slope.data()};
-    v.tets.force_x = s.volume_force.data(), v.tets.force_y = v.tets.force_x + rows, v.tets.force_z = v.tets.force_y + rows;
-    island.result.min_volume_ratio = std::min<double>(island.result.min_volume_ratio, add_tet_forces(v.tets, b.slices));
+    m.volumes = {&m.tets, step.direction, s.slope.data()};
+    m.tets.force_x = s.volume_force.data(), m.tets.force_y = m.tets.force_x + rows, m.tets.force_z = m.tets.force_y + rows;
+    result.min_volume_ratio = std::min<double>(result.min_volume_ratio, add_tet_forces(m.tets, b.slices));
     const ImplicitKernels& kernels = implicit_kernels();
-    parallel_for(v.groups, kGroupsPerChunk, [&](uint32_t begin, uint32_t end) { kernels.tet_slopes(&v.step, begin, end); });
-    gather_corners(b, v.tets, s.volume_block.data(), rows);
-    parallel_for(v.groups, kGroupsPerChunk, [&](uint32_t begin, uint32_t end) { kernels.tet_blocks(&v.step, begin, end); });
-    gather_corners(b, v.tets, s.volume_block.data() + 3 * rows, rows);
+    parallel_for(m.groups, kGroupsPerChunk, [&](uint32_t begin, uint32_t end) { kernels.tet_slopes(&m.volumes, begin, end); });
+    gather_corners(b, m.tets, s.volume_block.data(), rows);
+    parallel_for(m.groups, kGroupsPerChunk, [&](uint32_t begin, uint32_t end) { kernels.tet_blocks(&m.volumes, begin, end); });
+    gather_corners(b, m.tets, s.volume_block.data() + 3 * rows, rows);
     step.volume_force = step.volume_pull = s.volume_force.data();
     step.volume_block = s.volume_block.data();
 }
 
 // A body that was stepped by leapfrog until now: a kick of half its last step brings its velocities, half a step behind, to
 // the time of its places.
-void catch_up(AdvanceIsland& island, AdvanceBody& b, double* work) {
-    const AdvanceInputs& in = island.inputs;
+void catch_up(const AdvanceCall& call, TissueScratch& scratch, const AdvanceState& state, AdvanceBody& b) {
+    const AdvanceInputs& in = call.inputs;
     SpringStep step = b.step;
     step.dt = 0;
     step.remainder_x = nullptr;
@@ -136,50 +145,53 @@ void catch_up(AdvanceIsland& island, AdvanceBody& b, double* work) {
     step.kick_less = static_cast<float>(kick * (left - 1));
     step.keep = static_cast<float>(std::exp(-b.damping * kick));
     if (b.shape) {
-        const ShapeTotals totals = sum_shape(step, b.slices, island.scratch.shape_sums);
-        fit_goals(totals, island.poses.orientation[b.body], step);
+        const ShapeTotals totals = sum_shape(step, b.slices, scratch.shape_sums);
+        fit_goals(totals, state.poses.orientation[b.body], step);
         fit_drag(totals, step);
     }
     if (has_tets(in.other.solids, in.bodies, b.body)) {
         const size_t rows = b.particles.count;
-        std::vector<float>& force = island.scratch.implicit.volume_force;
+        std::vector<float>& force = scratch.implicit.volume_force;
         force.assign(3 * rows, 0.0f);
         const float* const others[3] = {step.force_x, step.force_y, step.force_z};
         for (size_t i = 0; i < 3 && step.force_x; ++i) std::copy_n(others[i], rows, force.data() + i * rows);
-        TetStep tets = bind_tets(*in.other.solids, in.bodies, island.particles, b.body, in.other.torn_springs);
+        TetStep tets = bind_tets(*in.other.solids, in.bodies, state.particles, b.body, in.other.torn_springs);
         tets.offset = step.offset;
-        tets.corner_force = &island.scratch.corner_force[0].x;
+        tets.corner_force = &scratch.corner_force[0].x;
         tets.force_x = force.data(), tets.force_y = tets.force_x + rows, tets.force_z = tets.force_y + rows;
         add_tet_forces(tets, b.slices);
         step.force_x = tets.force_x, step.force_y = tets.force_y, step.force_z = tets.force_z;
     }
     for_slices(b.slices, [&](uint32_t begin, uint32_t end) {
-        spring_kernels().step(&step, begin, end, work ? work + begin / kSlicesPerChunk * kSliceWidth : nullptr);
+        spring_kernels().step(&step, begin, end, b.damping_work ? b.damping_work + begin / kSlicesPerChunk * kSliceWidth : nullptr);
     });
     b.last_dt = 0;
 }
 
 // Stiffness of the tetrahedra times the direction.
-void pull_volumes(AdvanceIsland& island, const AdvanceBody& b, Volumes& v) {
-    if (v.groups == 0) return;
+void pull_volumes(TissueScratch& scratch, MidpointStep& m) {
+    if (m.groups == 0) return;
     const ImplicitKernels& kernels = implicit_kernels();
-    parallel_for(v.groups, kGroupsPerChunk, [&](uint32_t begin, uint32_t end) { kernels.tet_pull(&v.step, begin, end); });
-    gather_corners(b, v.tets, island.scratch.implicit.volume_force.data(), b.particles.count);
+    parallel_for(m.groups, kGroupsPerChunk, [&](uint32_t begin, uint32_t end) { kernels.tet_pull(&m.volumes, begin, end); });
+    gather_corners(m.b, m.tets, scratch.implicit.volume_force.data(), m.b.particles.count);
 }
 
-// Conjugate gradients on the velocities; begin has run. Books iterations and residual.
-void solve(AdvanceIsland& island, const AdvanceBody& b, ImplicitStep& step, Volumes& volumes, double start, bool held) {
+// Conjugate gradients on the velocities; begin has run. Counts iterations and notes the residual. start: residual . (block * residual).
+void solve(const AdvanceIsland& island, double start, TissueScratch& scratch, ContactSolver& solver, MidpointStep& m,
+           AdvanceResult& result) {
+    const AdvanceBody& b = m.b;
+    ImplicitStep& step = m.step;
     const ImplicitKernels& kernels = implicit_kernels();
-    ImplicitScratch& s = island.scratch.implicit;
+    ImplicitScratch& s = scratch.implicit;
     const GoalMotion goals = b.shape ? GoalMotion(s, b.step) : GoalMotion({}, b.step);
     double rest = start;
     uint32_t iteration = 0;
     const double enough = b.stepping.tolerance * b.stepping.tolerance * start;
     for (; iteration < b.stepping.iterations && rest > enough; ++iteration) {
         goals.follow(s, b.step, step);
-        pull_volumes(island, b, volumes);
+        pull_volumes(scratch, m);
         double bent = sum_over(b, s.sums, [&](uint32_t begin, uint32_t end, double* lanes) { kernels.apply(&step, begin, end, lanes); });
-        if (held) bent += apply_held_rows(island, b);
+        if (m.held) bent += apply_held_rows(island, b, scratch, solver);
         if (!(bent > 0)) break;
         const float a = static_cast<float>(rest / bent);
         const double next =
@@ -188,47 +200,50 @@ void solve(AdvanceIsland& island, const AdvanceBody& b, ImplicitStep& step, Volu
         rest = next;
         for_slices(b.slices, [&](uint32_t begin, uint32_t end) { kernels.turn(&step, turn, begin, end); });
     }
-    island.result.implicit_iterations += iteration;
-    if (start > 0) island.result.worst_implicit_residual = std::max(island.result.worst_implicit_residual, std::sqrt(rest / start));
+    result.implicit_iterations += iteration;
+    if (start > 0) result.worst_implicit_residual = std::max(result.worst_implicit_residual, std::sqrt(rest / start));
 }
 
 // Pressure and bending where the step expects its particles half way on. Taken at its start they would make Euler's method,
 // which swings up; like this they are as stable as in leapfrog, whatever the springs do beside them: with x' = v, v' = -w^2 x the
 // step's matrix has determinant 1 and trace 2 - (w h)^2.
-void find_forces_half_way(AdvanceIsland& island, AdvanceBody& b) {
-    const Bodies& bodies = island.inputs.bodies;
+void find_forces_half_way(const AdvanceCall& call, const AdvanceIsland& island, const Particles& particles, TissueScratch& scratch,
+                          AdvanceBody& b, AdvanceResult& result) {
+    const Bodies& bodies = call.inputs.bodies;
     if (!has_pressure(bodies, b.body) && !has_bending(bodies, b.body)) return;
-    const auto start = std::exchange(b.now, island.scratch.implicit.place.data());
-    find_forces(island, b);
+    const auto start = std::exchange(b.now, scratch.implicit.place.data());
+    find_forces(call, island, particles, scratch, b, result);
     b.now = start;
 }
 
 }  // namespace
 
-void step_midpoint(AdvanceIsland& island, AdvanceBody& b, double* work) {
+void step_midpoint(const AdvanceCall& call, const AdvanceIsland& island, TissueScratch& scratch, ContactSolver& solver,
+                   const AdvanceState& state, AdvanceBody& b, AdvanceResult& result) {
     const ImplicitKernels& kernels = implicit_kernels();
-    AdvanceScratch& scratch = island.scratch;
     ImplicitScratch& s = scratch.implicit;
-    ImplicitStep step = bind_implicit(s, b);
-    const bool books = island.params.account_energy;
-    if (b.last_dt > 0) catch_up(island, b, work);
-    const double before = books ? energy_before(island, b) : 0;
+    MidpointStep m{b, bind_implicit(s, b)};
+    ImplicitStep& step = m.step;
+    const bool books = call.params.account_energy;
+    if (b.last_dt > 0) catch_up(call, scratch, state, b);
+    const double before = books ? energy_before(call, b, scratch, state) : 0;
     // what rows do to single particles makes the midpoint ring for ever at steps beyond the explicit limit; backward
     // Euler damps it out
-    if (!b.touched && is_wild(island, b, least_volume(island, b, 0))) {
-        const double damped = step_finely(island, b);
+    if (!b.touched && is_wild(call, state.particles, b, least_volume(call, state.particles, b, 0, scratch), scratch)) {
+        const double damped = step_finely(call, island, scratch, state, b, result);
         if (!books) return;
-        if (work) work[0] += damped;
-        return book_own_work(island, b, before, damped + work_of_others(b.step, b.particles.count));
+        if (b.damping_work) b.damping_work[0] += damped;
+        result.work_numeric += own_work(call, before, damped + work_of_others(b.step, b.particles.count), scratch, state, b);
+        return;
     }
     step.theta = b.touched ? 1.0f : 0.5f;
     b.step.kick_dt = b.step.dt;
     // a held body is damped half before and half after, which keeps the second order; the rigid motion that a free
     // body's damping leaves alone is known at the start only
     const double share = b.shape ? 1 : 0.5;
-    step.keep_before = static_cast<float>(std::exp(-b.damping * share * island.dt));
-    step.keep_after = static_cast<float>(std::exp(-b.damping * (1 - share) * island.dt));
-    b.step.keep = static_cast<float>(std::exp(-b.damping * island.dt));
+    step.keep_before = static_cast<float>(std::exp(-b.damping * share * call.dt));
+    step.keep_after = static_cast<float>(std::exp(-b.damping * (1 - share) * call.dt));
+    b.step.keep = static_cast<float>(std::exp(-b.damping * call.dt));
     if (b.shape) {
         b.step.back = 0;
         fit_drag(sum_shape(b.step, b.slices, scratch.shape_sums), b.step);
@@ -237,25 +252,25 @@ void step_midpoint(AdvanceIsland& island, AdvanceBody& b, double* work) {
     if (b.shape) {
         SpringStep half_way = b.step;
         half_way.offset = step.place;
-        fit_goals(sum_shape(half_way, b.slices, scratch.shape_sums), island.poses.orientation[b.body], b.step);
+        fit_goals(sum_shape(half_way, b.slices, scratch.shape_sums), state.poses.orientation[b.body], b.step);
     }
-    if (!b.touched) find_forces_half_way(island, b);  // with backward Euler they bear longer steps at the start
-    Volumes volumes;
-    bind_volumes(island, b, step, volumes);
+    if (!b.touched)
+        find_forces_half_way(call, island, state.particles, scratch, b, result);  // with backward Euler they bear longer steps at the start
+    bind_volumes(call, state.particles, scratch, m, result);
     const double start = sum_over(b, s.sums, [&](uint32_t begin, uint32_t end, double* lanes) { kernels.begin(&step, begin, end, lanes); });
-    ++island.result.implicit_steps;
-    const bool held = bind_held_rows(island, b);
-    if (!held) solve(island, b, step, volumes, start, false);
-    for (uint32_t pass = 0; held && pass < kMostSolves; ++pass) {
-        solve(island, b, step, volumes, start_held_rows(island, b, step), true);
-        if (!judge_held_rows(island, b, pass + 3 < kMostSolves)) break;
+    ++result.implicit_steps;
+    m.held = bind_held_rows(call, island, b, scratch, solver);
+    if (!m.held) solve(island, start, scratch, solver, m, result);
+    for (uint32_t pass = 0; m.held && pass < kMostSolves; ++pass) {
+        solve(island, start_held_rows(island, b, scratch, solver, step), scratch, solver, m, result);
+        if (!judge_held_rows(call, scratch, island, b, pass + 3 < kMostSolves, solver)) break;
     }
-    const double pressed = held ? settle_held_rows(island, b) : 0;
+    const double pressed = m.held ? settle_held_rows(island, b, solver) : 0;
     damped += sum_over(b, s.sums, [&](uint32_t begin, uint32_t end, double* lanes) { kernels.finish(&step, begin, end, lanes); });
     if (!books) return;
-    if (work) work[0] += damped;
-    if (std::isfinite(pressed)) island.result.work_contact += pressed;  // else a body about to be restored
-    book_own_work(island, b, before, damped + pressed + work_of_others(b.step, b.particles.count));
+    if (b.damping_work) b.damping_work[0] += damped;
+    if (std::isfinite(pressed)) result.work_contact += pressed;  // else a body about to be restored
+    result.work_numeric += own_work(call, before, damped + pressed + work_of_others(b.step, b.particles.count), scratch, state, b);
 }
 
 }  // namespace trocar

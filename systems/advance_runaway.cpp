@@ -1,15 +1,12 @@
+#include "systems/advance_runaway.hpp"
+
 #include <immintrin.h>
 
 #include "engine/shape_fit.hpp"
 #include "engine/spring_step.hpp"
-#include "systems/advance_parts.hpp"
+#include "systems/advance_constants.hpp"
 namespace trocar {
 namespace {
-
-// A stable leapfrog near its limit may show this many times its energy, seen a moment later.
-constexpr double kGrowth = 8;
-// Of what rests, rounding makes no more than this, J/kg: about 1.4 mm/s.
-constexpr double kNoise = 1e-6;
 
 struct Sums {
     double mass = 0, elastic = 0, gravity = 0;
@@ -17,18 +14,19 @@ struct Sums {
 
 // Elastic energy and height of a body at a place, `back` seconds before it, J; plain loops in double: asked only when a
 // body has grown fast.
-Sums sum_potential(const AdvanceIsland& island, const AdvanceBody& b, const Float4* at, double back) {
+Sums sum_potential(const AdvanceCall& call, const Particles& particles, const AdvanceBody& b, const Float4* at, double back,
+                   TissueScratch& scratch) {
     SpringStep step = b.step;
     step.offset = &at->x;
     step.back = static_cast<float>(back);
     const auto place = [&](uint32_t v) {
-        const Particles& p = island.particles;
+        const Particles& p = particles;
         const uint32_t i = b.particles.first + v;
         return Vec3d(Vec3d(at[v].x, at[v].y, at[v].z) - back * Vec3d(p.velocity_x[i], p.velocity_y[i], p.velocity_z[i]));
     };
     if (b.shape) {
         Quat orientation = b.orientation;
-        fit_goals(sum_shape(step, b.slices, island.scratch.shape_sums), orientation, step);
+        fit_goals(sum_shape(step, b.slices, scratch.shape_sums), orientation, step);
     }
     Sums sums;
     for (uint32_t v = 0; v < b.particles.count; ++v) {
@@ -39,7 +37,7 @@ Sums sum_potential(const AdvanceIsland& island, const AdvanceBody& b, const Floa
         sums.elastic += 0.5 * step.anchor_stiffness[v] * (x - goal).squaredNorm();
         const double mass = at[v].w > 0 ? 1.0 / at[v].w : 0;
         sums.mass += mass;
-        sums.gravity -= mass * island.params.gravity.dot(x);
+        sums.gravity -= mass * call.params.gravity.dot(x);
         for (uint32_t c = step.slice_column[v / kSliceWidth]; c < step.slice_column[v / kSliceWidth + 1]; ++c) {
             const size_t half_edge = size_t{c} * kSliceWidth + v % kSliceWidth;
             const uint32_t far_end = step.neighbour[half_edge];
@@ -53,8 +51,8 @@ Sums sum_potential(const AdvanceIsland& island, const AdvanceBody& b, const Floa
 
 }  // namespace
 
-double kinetic_energy(const AdvanceIsland& island, const AdvanceBody& b) {
-    const Particles& p = island.particles;
+double kinetic_energy(const Particles& particles, const AdvanceBody& b) {
+    const Particles& p = particles;
     const float* inverse_mass = &p.offset[b.particles.first].w;
     const __m256i rows = _mm256_set_epi32(28, 24, 20, 16, 12, 8, 4, 0);
     __m256 sum = _mm256_setzero_ps();
@@ -71,12 +69,12 @@ double kinetic_energy(const AdvanceIsland& island, const AdvanceBody& b) {
     return energy;
 }
 
-bool has_run_away(const AdvanceIsland& island, const AdvanceBody& b) {
-    const double kinetic = kinetic_energy(island, b);
+bool has_run_away(const AdvanceCall& call, const Particles& particles, const AdvanceBody& b, TissueScratch& scratch) {
+    const double kinetic = kinetic_energy(particles, b);
     if (b.touched || b.step.force_x || b.step.spring_factor || kinetic <= kGrowth * b.kinetic) return false;
-    const Sums before = sum_potential(island, b, island.particles.offset.data() + b.particles.first, 0);
+    const Sums before = sum_potential(call, particles, b, particles.offset.data() + b.particles.first, 0, scratch);
     if (kinetic <= kNoise * before.mass) return false;
-    const Sums after = sum_potential(island, b, b.now, 0.5 * b.last_dt);
+    const Sums after = sum_potential(call, particles, b, b.now, 0.5 * b.last_dt, scratch);
     const double grown = (kinetic - b.kinetic) + (after.elastic - before.elastic) + (after.gravity - before.gravity);
     return grown > kGrowth * (b.kinetic + before.elastic) + kNoise * before.mass && grown > 0.5 * (kinetic + after.elastic);
 }

@@ -1,3 +1,5 @@
+#include "systems/advance_tears.hpp"
+
 #include <immintrin.h>
 
 #include <algorithm>
@@ -7,7 +9,6 @@
 #include "engine/parallel.hpp"
 #include "engine/solid_tears.hpp"
 #include "engine/spring_step.hpp"
-#include "systems/advance_parts.hpp"
 namespace trocar {
 namespace {
 
@@ -44,8 +45,8 @@ bool any_long(const SpringStep& step, const float* offsets, uint32_t begin, uint
     return false;
 }
 
-void break_half_edge(AdvanceIsland& island, const AdvanceBody& b, uint32_t from, uint32_t to) {
-    const OtherForces& other = island.inputs.other;
+void break_half_edge(const AdvanceCall& call, const AdvanceBody& b, uint32_t from, uint32_t to) {
+    const OtherForces& other = call.inputs.other;
     for (uint32_t c = b.step.slice_column[from / kSliceWidth]; c < b.step.slice_column[from / kSliceWidth + 1]; ++c) {
         const size_t h = size_t{c} * kSliceWidth + from % kSliceWidth;
         if (other.torn_springs->neighbour[h] != to) continue;
@@ -56,40 +57,42 @@ void break_half_edge(AdvanceIsland& island, const AdvanceBody& b, uint32_t from,
 }
 
 // At the time of the velocities, m from the body's origin.
-Vec3d place_of(const AdvanceIsland& island, const AdvanceBody& b, uint32_t v) {
-    const Particles& p = island.particles;
+Vec3d place_of(const Particles& particles, const AdvanceBody& b, uint32_t v) {
+    const Particles& p = particles;
     const uint32_t i = b.particles.first + v;
     const double back = 0.5 * b.last_dt;
     return Vec3d(b.next[v].x - back * p.velocity_x[i], b.next[v].y - back * p.velocity_y[i], b.next[v].z - back * p.velocity_z[i]);
 }
 
 // What a spring holds at the time of the velocities, J.
-double energy_of_spring(const AdvanceIsland& island, const AdvanceBody& b, size_t h, uint32_t from, uint32_t to) {
-    const double stretch = (place_of(island, b, to) - place_of(island, b, from)).norm() - double{b.step.rest_length[h]};
+double energy_of_spring(const Particles& particles, const AdvanceBody& b, size_t h, uint32_t from, uint32_t to) {
+    const double stretch = (place_of(particles, b, to) - place_of(particles, b, from)).norm() - double{b.step.rest_length[h]};
     return 0.5 * double{b.step.stiffness} * (b.step.spring_factor ? double{b.step.spring_factor[h]} : 1.0) * stretch * stretch;
 }
 
-void break_slices(AdvanceIsland& island, const AdvanceBody& b, uint32_t begin, uint32_t end, float most) {
+void break_chunk(const AdvanceCall& call, const Particles& particles, const AdvanceBody& b, uint32_t chunk, float most,
+                 AdvanceResult& result) {
     const SpringStep& step = b.step;
+    const uint32_t begin = chunk * kSlicesPerChunk, end = std::min(begin + kSlicesPerChunk, b.slices);
     for (uint32_t slice = begin; slice < end; ++slice) {
         for (uint32_t c = step.slice_column[slice]; c < step.slice_column[slice + 1]; ++c) {
             for (uint32_t lane = 0; lane < kSliceWidth; ++lane) {
                 const size_t h = size_t{c} * kSliceWidth + lane;
                 const uint32_t from = slice * kSliceWidth + lane, to = step.neighbour[h];
                 if (to == from || !(find_long(step, &b.next->x, h / 8 * 8, from / 8 * 8, most) & (1u << lane % 8))) continue;
-                island.result.work_links -= energy_of_spring(island, b, h, from, to);
-                break_half_edge(island, b, from, to);
-                break_half_edge(island, b, to, from);
-                ++island.result.broken_springs;
+                result.work_links -= energy_of_spring(particles, b, h, from, to);
+                break_half_edge(call, b, from, to);
+                break_half_edge(call, b, to, from);
+                ++result.broken_springs;
             }
         }
     }
 }
 
 // Lets go the tetrahedra of a solid that have an edge too long at the end of the substep: the test of find_long, once more.
-void break_tetrahedra(AdvanceIsland& island, const AdvanceBody& b, float most) {
-    const OtherForces& other = island.inputs.other;
-    const uint32_t prototype = island.inputs.bodies.mesh[b.body];
+void break_tetrahedra(const AdvanceCall& call, const Particles& particles, const AdvanceBody& b, float most, AdvanceResult& result) {
+    const OtherForces& other = call.inputs.other;
+    const uint32_t prototype = call.inputs.bodies.mesh[b.body];
     const SolidInfo& info = other.solids->info[prototype];
     const auto node = [&](uint32_t t, int k) { return other.solids->corner[k][info.tetrahedra.first + t]; };
     const auto is_long = [&](uint32_t from, uint32_t to) {
@@ -112,9 +115,9 @@ void break_tetrahedra(AdvanceIsland& island, const AdvanceBody& b, float most) {
         if (any) broken.push_back(t);
     }
     std::vector<Vec3d> place(info.nodes.count);
-    for (uint32_t v = 0; v < info.nodes.count; ++v) place[v] = place_of(island, b, v);
-    island.result.work_links -= drop_tetrahedra(island.inputs.springs, *other.solids, island.inputs.bodies, b.body, broken, place,
-                                                *other.torn, *other.torn_springs, island.result.broken_springs);
+    for (uint32_t v = 0; v < info.nodes.count; ++v) place[v] = place_of(particles, b, v);
+    result.work_links -= drop_tetrahedra(call.inputs.springs, *other.solids, call.inputs.bodies, b.body, broken, place, *other.torn,
+                                         *other.torn_springs, result.broken_springs);
 }
 
 }  // namespace
@@ -126,24 +129,24 @@ uint32_t tear_of(const Tears* tears, uint32_t body) {
     return kNone;
 }
 
-void break_springs(AdvanceIsland& island) {
-    AdvanceScratch& s = island.scratch;
-    for (AdvanceBody& b : s.body) {
+void break_springs(const AdvanceCall& call, const Particles& particles, TissueScratch& scratch, AdvanceIsland& island,
+                   AdvanceResult& result) {
+    for (AdvanceBody& b : island.body) {
         if (b.tear == kNone) continue;
-        const float most = static_cast<float>(1 + island.inputs.other.tears->body[b.tear].break_strain);
-        s.overstretched.assign(chunk_count(b.slices, kSlicesPerChunk), 0);
+        const float most = static_cast<float>(1 + call.inputs.other.tears->body[b.tear].break_strain);
+        scratch.overstretched.assign(chunk_count(b.slices, kSlicesPerChunk), 0);
         for_slices(b.slices, [&](uint32_t begin, uint32_t end) {
-            s.overstretched[begin / kSlicesPerChunk] = any_long(b.step, &b.next->x, begin, end, most);
+            scratch.overstretched[begin / kSlicesPerChunk] = any_long(b.step, &b.next->x, begin, end, most);
         });
-        if (std::count(s.overstretched.begin(), s.overstretched.end(), uint8_t{1}) == 0) continue;
+        if (std::count(scratch.overstretched.begin(), scratch.overstretched.end(), uint8_t{1}) == 0) continue;
         b.energy = std::numeric_limits<double>::quiet_NaN();  // what breaks holds goes to work_links
-        if (tears_as_solid(island.inputs.other.tears->body[b.tear])) {
-            break_tetrahedra(island, b, most);
+        if (tears_as_solid(call.inputs.other.tears->body[b.tear])) {
+            break_tetrahedra(call, particles, b, most, result);
             continue;
         }
-        for (uint32_t chunk = 0; chunk < s.overstretched.size(); ++chunk) {
-            if (!s.overstretched[chunk]) continue;
-            break_slices(island, b, chunk * kSlicesPerChunk, std::min((chunk + 1) * kSlicesPerChunk, b.slices), most);
+        for (uint32_t chunk = 0; chunk < scratch.overstretched.size(); ++chunk) {
+            if (!scratch.overstretched[chunk]) continue;
+            break_chunk(call, particles, b, chunk, most, result);
         }
     }
 }

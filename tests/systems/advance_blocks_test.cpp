@@ -37,7 +37,7 @@ struct Collision : AdvanceScene {
         }
         return vertex;
     }
-    size_t rows_in_blocks() const { return rows.body.size() - scratch.plan.size(); }
+    size_t rows_in_blocks() const { return rows.body.size() - scratch.solver.prepared.size(); }
     uint32_t particle(uint32_t body, uint32_t vertex) const { return range(body).first + vertex; }
 };
 
@@ -200,13 +200,13 @@ TEST(AdvanceBlocks, NodesPressedFromBothSidesStayOut) {
         s.add_row(s.rows.body[row], v, s.rows.other[row], s.rows.triangle[row], {0.3, 0.3, 0.4}, -s.rows.normal[row], 0.0, 0.0);
     }
     s.advance(1, 2);
-    ASSERT_FALSE(s.scratch.block.empty());
+    ASSERT_FALSE(s.scratch.solver.block.empty());
     std::vector<uint8_t> turned(s.particles.offset.size(), 0);
     for (size_t row = rows; row < s.rows.body.size(); ++row) {
         turned[s.particle(s.rows.body[row], s.rows.vertex[row][0])] = 1;
         for (const uint32_t v : s.rows.triangle[row]) turned[s.particle(s.rows.other[row], v)] = 1;
     }
-    for (const ContactBlock& block : s.scratch.block) {
+    for (const ContactBlock& block : s.scratch.solver.block) {
         for (uint32_t lane = 0; lane < 4; ++lane) {
             if (block.row[lane] == kNone) continue;
             const uint32_t row = block.row[lane];
@@ -271,7 +271,7 @@ void expect_same_bits_on_any_threads(uint32_t rigid_of) {
             Sheet s(rigid_of);
             const Vec3d before = s.momentum();
             s.advance(16, 8);
-            const AdvanceScratch& c = s.scratch;
+            const ContactSolver& c = s.scratch.solver;
             ASSERT_GT(c.phase[1], 1u) << "one strip only: nothing is tested";
             ASSERT_GT(c.phase[4], c.phase[1] + 1);
             std::multiset<uint32_t> seen;
@@ -281,11 +281,11 @@ void expect_same_bits_on_any_threads(uint32_t rigid_of) {
                     const auto take = [&](uint32_t node) {
                         EXPECT_EQ(group_of_node.emplace(node, g).first->second, g) << "node " << node << " in phase " << phase;
                     };
-                    for (uint32_t i = c.group[g].plan.first; i < c.group[g].plan.end(); ++i) {
-                        seen.insert(c.plan[i].row);
-                        const ContactPlan& plan = c.plan[i];
+                    for (uint32_t i = c.group[g].prepared.first; i < c.group[g].prepared.end(); ++i) {
+                        const PreparedConstraint& plan = c.prepared[i];
+                        seen.insert(plan.row);
                         for (const uint32_t rigid : {plan.rigid_a, plan.rigid_b})
-                            if (rigid != kNone) take(c.rigid[rigid].node);
+                            if (rigid != kNone) take(s.scratch.island.rigid[rigid].node);
                         for (int k = 0; k < 3; ++k) {
                             if (plan.rigid_a == kNone) take(plan.node_a[k]);
                             if (plan.rigid_b == kNone) take(plan.node_b[k]);
@@ -329,8 +329,8 @@ TEST(AdvanceGroups, OfFreeBodiesComeToWhatOneGroupComesTo) {
             s->params.contact.push_speed = 0;
             s->advance(1, 1);
         }
-        ASSERT_GT(split.scratch.phase[4], 1u);
-        ASSERT_EQ(whole.scratch.phase[4], 1u);
+        ASSERT_GT(split.scratch.solver.phase[4], 1u);
+        ASSERT_EQ(whole.scratch.solver.phase[4], 1u);
         EXPECT_EQ(split.result.active_rows, whole.result.active_rows);
         double most = 0, change = 0;
         const auto compare = [&](const Vec3d& a, const Vec3d& b, const Vec3d& free) {
@@ -361,8 +361,8 @@ struct SheetOnFloor : Sheet {
         params.contact.push_speed = 0;
     }
     size_t blocks_on_floor() const {
-        return static_cast<size_t>(
-            std::count_if(scratch.block.begin(), scratch.block.end(), [](const ContactBlock& b) { return b.fixed != kNone; }));
+        return static_cast<size_t>(std::count_if(scratch.solver.block.begin(), scratch.solver.block.end(),
+                                                 [](const ContactBlock& b) { return b.fixed != kNone; }));
     }
 };
 
@@ -378,7 +378,7 @@ TEST(AdvanceGroups, RowsOfAStaticFloorInBlocksDoWhatSingleOnesDo) {
             s->params.contact.iterations = 400;
             s->advance(1, 1);
         }
-        ASSERT_GT(still.scratch.phase[4], 1u);
+        ASSERT_GT(still.scratch.solver.phase[4], 1u);
         EXPECT_GT(still.blocks_on_floor(), 300u);
         EXPECT_EQ(scripted.blocks_on_floor(), 0u);
         EXPECT_EQ(still.result.active_rows, scripted.result.active_rows);
@@ -433,7 +433,7 @@ void expect_out_at_the_foot(uint32_t pairs, bool in_blocks, const std::array<dou
         s.set_velocity(below, t[0], 1e3 * tilt * normal);
     }
     s.advance(1, 1);
-    EXPECT_EQ(s.scratch.plan.empty(), in_blocks);
+    EXPECT_EQ(s.scratch.solver.prepared.empty(), in_blocks);
     EXPECT_LT(s.result.deepest_residual, 1e-6);
     for (uint32_t i = 0; i < pairs; ++i) {
         const auto place = [&](uint32_t body, uint32_t v) { return Vec3d(s.poses.origin[body] + s.offset(body, v)); };
@@ -494,10 +494,10 @@ TEST(AdvanceGroups, LateSweepsPushOnFromStripToStrip) {
         s.set_velocity(kFar, left[0], -1e-4 * (first + second));
         s.set_velocity(kNear, right[0], -1e-4 * (across + back));
         s.advance(1, 1);
-        ASSERT_EQ(s.scratch.phase[1], 2u);
+        ASSERT_EQ(s.scratch.solver.phase[1], 2u);
         EXPECT_EQ(s.result.active_rows, 5u);
         EXPECT_EQ(s.result.opposing_planes, 0u);
-        for (uint32_t group = 0; group < 3; ++group) EXPECT_GT(s.scratch.group[group].pushed_in, 2) << group;
+        for (uint32_t group = 0; group < 3; ++group) EXPECT_GT(s.scratch.solver.group[group].pushed_in, 2) << group;
         EXPECT_LE(s.result.deepest_residual, s.params.contact.tolerance);
     });
 }

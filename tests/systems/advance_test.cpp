@@ -414,18 +414,18 @@ TEST(Advance, WarmCallsKeepTheirMemory) {
     for (int pass = 0; pass < 14; ++pass) s.pass(16, 1);
     const auto memory = [&] {
         const AdvanceScratch& c = s.scratch;
-        return std::vector<const void*>{c.offset_a.data(),
-                                        c.offset_b.data(),
-                                        c.body.data(),
-                                        c.rigid.data(),
-                                        c.sums.data(),
-                                        c.node.place.data(),
-                                        c.change.before.data(),
-                                        c.node_of_particle.data(),
-                                        c.slot_of_body.data(),
-                                        c.plan.data(),
-                                        c.group[0].active.data(),
-                                        c.block.data()};
+        return std::vector<const void*>{c.tissue.offset_a.data(),
+                                        c.tissue.offset_b.data(),
+                                        c.tissue.sums.data(),
+                                        c.island.body.data(),
+                                        c.island.rigid.data(),
+                                        c.island.slot_of_body.data(),
+                                        c.island.nodes.node.place.data(),
+                                        c.island.nodes.change.before.data(),
+                                        c.island.nodes.node_of_particle.data(),
+                                        c.solver.prepared.data(),
+                                        c.solver.group[0].active.data(),
+                                        c.solver.block.data()};
     };
     const auto warm = memory();
     s.params.tick = 100;

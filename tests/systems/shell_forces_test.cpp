@@ -630,9 +630,9 @@ TEST(ShellForces, BodiesWithoutThemCostNothing) {
     s.open_books();
     s.advance(2, 2);
     s.measure();
-    EXPECT_EQ(s.scratch.force.capacity() + s.scratch.force_sums.capacity(), 0u);
+    EXPECT_EQ(s.scratch.tissue.force.capacity() + s.scratch.tissue.force_sums.capacity(), 0u);
     EXPECT_EQ(s.springs.fans.first.capacity() + s.springs.fans.corner.capacity(), 0u);
-    EXPECT_EQ(s.springs.hinges.first.capacity() + s.springs.hinges.slot.capacity() + s.scratch.hinge_force.capacity(), 0u);
+    EXPECT_EQ(s.springs.hinges.first.capacity() + s.springs.hinges.slot.capacity() + s.scratch.tissue.hinge_force.capacity(), 0u);
     for (const BodyEnergyScratch& part : s.energy_scratch.part) EXPECT_EQ(part.offset.capacity() + part.gradient.capacity(), 0u);
     EXPECT_EQ(s.energy.pressure, 0);
 }
