@@ -383,9 +383,10 @@ void visit_resource(World& w, Resource resource, Visitor& v) {
                 v.value(FIELD(settings.contact.tolerance)), v.value(FIELD(settings.contact.push_speed)),
                 v.value(FIELD(settings.contact.cell_edges)), v.value(FIELD(settings.contact.iterations)),
                 v.value(FIELD(settings.contact.row_capacity)), v.value(FIELD(settings.contact.share)),
-                v.value(FIELD(settings.contact.direction)), v.value(FIELD(settings.contact.deep)), v.value(FIELD(settings.contact.search)), v.value(FIELD(settings.contact.faces)),
-                v.value(FIELD(settings.contact.edges_ahead)), v.value(FIELD(settings.contact.contours)),
-                v.value(FIELD(settings.contact.regions)), v.value(FIELD(settings.contact.cross_check));
+                v.value(FIELD(settings.contact.direction)), v.value(FIELD(settings.contact.deep)), v.value(FIELD(settings.contact.search)),
+                v.value(FIELD(settings.contact.faces)), v.value(FIELD(settings.contact.edges_ahead)),
+                v.value(FIELD(settings.contact.contours)), v.value(FIELD(settings.contact.regions)),
+                v.value(FIELD(settings.contact.cross_check));
             break;
         case Resource::kMeshes:
             v.array(FIELD(meshes.name)), v.array(FIELD(meshes.info)), v.array(FIELD(meshes.position)), v.array(FIELD(meshes.component)),
@@ -537,9 +538,9 @@ void visit_resource(World& w, Resource resource, Visitor& v) {
             break;
         case Resource::kReport:
             v.value(FIELD(report.contact_passes)), v.value(FIELD(report.contact_events)), v.value(FIELD(report.dropped_contacts)),
-                v.value(FIELD(report.oversize_triangles)), v.value(FIELD(report.queries)), v.value(FIELD(report.tie_overflows)), v.value(FIELD(report.sign_disagreements)),
-                v.value(FIELD(report.disagreements)), v.value(FIELD(report.ended_rows)), v.value(FIELD(report.opposing_planes)),
-                v.value(FIELD(report.nonfinite_particles)), v.value(FIELD(report.deepest_residual)),
+                v.value(FIELD(report.oversize_triangles)), v.value(FIELD(report.queries)), v.value(FIELD(report.tie_overflows)),
+                v.value(FIELD(report.sign_disagreements)), v.value(FIELD(report.disagreements)), v.value(FIELD(report.ended_rows)),
+                v.value(FIELD(report.opposing_planes)), v.value(FIELD(report.nonfinite_particles)), v.value(FIELD(report.deepest_residual)),
                 v.value(FIELD(report.min_volume_ratio)), v.value(FIELD(report.runaway_bodies)), v.value(FIELD(report.awake_bodies)),
                 v.value(FIELD(report.asleep_bodies)), v.value(FIELD(report.implicit_steps)), v.value(FIELD(report.implicit_iterations)),
                 v.value(FIELD(report.links)), v.value(FIELD(report.broken_links)), v.value(FIELD(report.broken_springs)),

@@ -69,7 +69,7 @@ struct RasteriseScratch {
 // Cells are counted by bits where the grid is small enough to have one for each cell, else in a hash table. Where keys
 // crowd the table so that a lookup takes more than 256 steps, and from most_counted triangles on, references are sorted by
 // key instead: the same layers, in time linear in the references whatever the keys.
-// Bodies all of whose pairs are compared directly, by most_direct (see is_direct), stay out of the cells; 0: none does.
+// Bodies none of whose pairs needs cells (pair_search of engine/direct_pairs.hpp, with most_direct) stay out of them; 0: none does.
 void rasterise(const ContactInputs& in, uint64_t most_direct, RasteriseScratch& scratch, Report& report, ScreenedTriangles& screened,
                Occupancy& occupancy);
 
