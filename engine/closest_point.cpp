@@ -311,6 +311,9 @@ void ClosestPointTree::rebuild() {
 }
 
 uint64_t ClosestPointTree::builds() const { return impl_->tree.builds; }
+const BoxTree& ClosestPointTree::hierarchy() const { return impl_->tree; }
+uint32_t ClosestPointTree::groups() const { return static_cast<uint32_t>(impl_->boxes.size()); }
+std::span<const uint32_t> ClosestPointTree::lane_of_triangle() const { return impl_->lane_of_triangle; }
 TreeSearch ClosestPointTree::search() const { return impl_->walk; }
 
 bool ClosestPointTree::cut_like(const ClosestPointTree& other) const { return impl_->cut == other.impl_->cut; }
@@ -356,7 +359,6 @@ void ClosestPointTree::cross_check(bool on) {
 }
 
 Vec3d ClosestPointTree::vertex(uint32_t v) const { return impl_->position(v); }
-
 
 const char* closest_point_library() { return RTC_VERSION_STRING; }
 

@@ -8,6 +8,8 @@
 #include "engine/mesh_view.hpp"
 namespace trocar {
 
+struct BoxTree;
+
 // Nearest surface point. triangle == kNone when nothing lies within the radius asked for.
 struct SurfacePoint {
     Vec3d point = Vec3d::Zero();   // m, frame of the tree
@@ -79,6 +81,12 @@ class ClosestPointTree {
 
     // Position of a vertex as the answers see it.
     Vec3d vertex(uint32_t v) const;
+
+    // Embree's hierarchy over the groups of triangles, for walks of other kinds: how many groups there are, and for every
+    // triangle 16 * its group + its number there.
+    const BoxTree& hierarchy() const;
+    uint32_t groups() const;
+    std::span<const uint32_t> lane_of_triangle() const;
 
  private:
     struct Impl;

@@ -3,7 +3,6 @@
 #include <algorithm>
 #include <limits>
 
-#include "engine/direct_pairs.hpp"
 #include "engine/geometry/contact_kernels.hpp"
 #include "engine/geometry/project_vertices.hpp"
 #include "engine/geometry/sum_velocities.hpp"
@@ -15,7 +14,7 @@ namespace trocar {
 namespace {
 
 constexpr uint8_t kAllCorners = 7;
-constexpr uint32_t kMostRuns = 2 * kMostChunks;  // of cells, then of pairs with triangles too large for them
+constexpr uint32_t kMostRuns = 3 * kMostChunks;  // of cells, of pairs with triangles too large for them, of trees
 constexpr size_t kCrowded = 1 << 20;             // triangle pairs of a cell beyond which they are sorted before they are compared
 
 uint32_t find_pair(const CandidatePairs& pairs, const std::vector<uint32_t>& first, uint32_t a, uint32_t b) {
@@ -41,7 +40,7 @@ struct CellTest {
     float inv_size;
     uint32_t run, pair;
 
-    uint32_t side(bool of_b) const { return (2 * pair + of_b) * kMostRuns + run; }  // for 16 million pairs
+    uint32_t side(bool of_b) const { return (2 * pair + of_b) * kMostRuns + run; }  // for 11 million pairs
     bool is_near(uint32_t row, bool of_b) const { return near_side[row] == side(of_b); }
     void add_near(uint32_t own, uint32_t across, bool of_b) const {
         if (is_near(own, of_b)) return;
@@ -192,7 +191,7 @@ void search_cell(const CandidatePairs& pairs, const ScreenedTriangles& screened,
     for (uint32_t i = occupancy.object_first[cell]; i < end; ++i) {
         for (uint32_t j = i + 1; j < end; ++j) {
             const uint32_t pair = find_pair(pairs, scratch.pair_first, occupancy.object[i], occupancy.object[j]);
-            if (pair == kNone || scratch.is_direct[pair]) continue;
+            if (pair == kNone || scratch.search_of[pair] != PairSearch::kCells) continue;
             const CellTest test{screened, scratch.cells[run], near_side, occupancy.cell_key[cell], inv_size, run, pair};
             const auto a = rows_of(i), b = rows_of(j);
             a.size() * b.size() <= kCrowded ? test_all(test, a, b) : test_crowded(test, a, b);
@@ -458,7 +457,8 @@ void search_direct(const ContactInputs& in, const DirectPairs& direct, const Scr
     candidates.pair.assign(count, {});
     candidates.side.assign(2 * size_t{count}, {});
     scratch.direct.resize(count);
-    scratch.is_direct.assign(count, 0);
+    scratch.search_of.resize(count);
+    for (uint32_t pair = 0; pair < count; ++pair) scratch.search_of[pair] = pair_search(in, screened, pair, direct.most);
     if (direct.most == 0) return;
     if (count > 0) find_drifts(in.surfaces, pairs, scratch);
     if (scratch.chunk.size() < chunk_count(count, grain)) scratch.chunk.resize(chunk_count(count, grain));
@@ -468,8 +468,7 @@ void search_direct(const ContactInputs& in, const DirectPairs& direct, const Scr
         chunk.near.clear();
         chunk.near_corners.clear();
         for (uint32_t pair = begin; pair < end; ++pair) {
-            scratch.is_direct[pair] = is_direct(pairs, screened, pair, direct.most);
-            if (!scratch.is_direct[pair]) continue;
+            if (scratch.search_of[pair] != PairSearch::kDirect) continue;
             DirectFinds& found = scratch.direct[pair];
             cut_to_hulls(screened, screened.body[pairs.a[pair]], screened.body[pairs.b[pair]], chunk);
             cut_to_slabs(in, direct.jolt, screened, scratch.drift, {pairs.a[pair], pairs.b[pair]}, chunk);
@@ -516,12 +515,61 @@ void search_oversize(const CandidatePairs& pairs, const ScreenedTriangles& scree
         std::vector<uint32_t>& near_side = near_sides(screened, scratch);
         const uint32_t run = kMostChunks + begin / grain;
         for (uint32_t pair = begin; pair < end; ++pair) {
-            if (scratch.is_direct[pair]) continue;
+            if (scratch.search_of[pair] != PairSearch::kCells) continue;
             const Range rows_a = screened.body[pairs.a[pair]], rows_b = screened.body[pairs.b[pair]];
             const auto large_a = large_of(rows_a), large_b = large_of(rows_b);
             const CellTest test{screened, scratch.cells[run], near_side, 0, 0, run, pair};
             if (!large_a.empty()) compare_large(test, large_a, rows_b, {}, false);
             if (!large_b.empty()) compare_large(test, large_b, rows_a, large_a, true);
+        }
+    });
+}
+
+// Hangs the triangles of all pairs of trees on these.
+void hang_bodies(const ContactInputs& in, const ScreenedTriangles& screened, CandidateCellsScratch& scratch) {
+    const CandidatePairs& pairs = in.pairs;
+    scratch.tree_body.clear();
+    for (uint32_t pair = 0; pair < pairs.a.size(); ++pair) {
+        if (scratch.search_of[pair] != PairSearch::kTrees) continue;
+        scratch.tree_body.push_back(pairs.a[pair]);
+        scratch.tree_body.push_back(pairs.b[pair]);
+    }
+    std::sort(scratch.tree_body.begin(), scratch.tree_body.end());
+    scratch.tree_body.erase(std::unique(scratch.tree_body.begin(), scratch.tree_body.end()), scratch.tree_body.end());
+    if (!scratch.tree_body.empty() && scratch.tree.size() < screened.body.size()) scratch.tree.resize(screened.body.size());
+    parallel_for(uint32_t(scratch.tree_body.size()), 1, [&](uint32_t begin, uint32_t end) {
+        for (uint32_t i = begin; i < end; ++i) {
+            const uint32_t body = scratch.tree_body[i];
+            hang_triangles(*in.trees[in.surfaces.bodies.tree[body]], screened, body, scratch.tree[body]);
+        }
+    });
+}
+
+// Where the walks of all pairs of trees begin: so many places that every thread has some.
+void seed_trees(const CandidatePairs& pairs, CandidateCellsScratch& scratch) {
+    scratch.seed.clear();
+    for (uint32_t pair = 0; pair < pairs.a.size(); ++pair) {
+        if (scratch.search_of[pair] != PairSearch::kTrees) continue;
+        open_node_pairs(scratch.tree[pairs.a[pair]], scratch.tree[pairs.b[pair]], 4 * kMostChunks, scratch.open, scratch.opened);
+        for (const NodePair& from : scratch.open) scratch.seed.push_back({pair, from});
+    }
+}
+
+void search_trees(const CandidatePairs& pairs, const ScreenedTriangles& screened, CandidateCellsScratch& scratch) {
+    const uint32_t count = uint32_t(scratch.seed.size()), grain = coarse_grain(count);
+    parallel_for(count, grain, [&](uint32_t begin, uint32_t end) {
+        std::vector<uint32_t>& near_side = near_sides(screened, scratch);
+        const uint32_t run = 2 * kMostChunks + begin / grain;
+        CellChunk& c = scratch.cells[run];
+        for (uint32_t i = begin; i < end; ++i) {
+            const auto [pair, from] = scratch.seed[i];
+            const CellTest test{screened, c, near_side, 0, 0, run, pair};
+            c.meeting.clear();
+            find_meeting_triangles(scratch.tree[pairs.a[pair]], scratch.tree[pairs.b[pair]], from, c.meeting);
+            for (const MeetingTriangles& m : c.meeting) {
+                test.add_both(m.a, m.b);
+                if (m.may_cross) c.crossing.push_back({m.a, m.b, pair});
+            }
         }
     });
 }
@@ -534,7 +582,7 @@ void put_direct(const CandidatePairs& pairs, const CandidateCellsScratch& scratc
             std::copy_n(from.begin() + rows.first, rows.count, to.begin() + place.first);
         };
         for (uint32_t pair = begin; pair < end; ++pair) {
-            if (!scratch.is_direct[pair]) continue;
+            if (scratch.search_of[pair] != PairSearch::kDirect) continue;
             const DirectChunk& chunk = scratch.chunk[begin / grain];
             const DirectFinds& found = scratch.direct[pair];
             copy(chunk.crossing, found.crossing, candidates.triangle, candidates.pair[pair]);
@@ -556,10 +604,14 @@ void find_candidate_triangles(const ContactInputs& in, const DirectPairs& direct
     for (const uint32_t a : pairs.a) ++scratch.pair_first[a + 1];
     for (uint32_t i = 0; i < bodies; ++i) scratch.pair_first[i + 1] += scratch.pair_first[i];
     search_direct(in, direct, screened, scratch, candidates);
-    const uint32_t rows = occupancy.cell_key.empty() && occupancy.oversize.empty() ? 0 : uint32_t(screened.triangle.size());
+    hang_bodies(in, screened, scratch);
+    seed_trees(pairs, scratch);
+    const bool any = !occupancy.cell_key.empty() || !occupancy.oversize.empty() || !scratch.seed.empty();
+    const uint32_t rows = any ? uint32_t(screened.triangle.size()) : 0;
     start_search(rows, scratch);
     search_cells(pairs, screened, occupancy, scratch);
     search_oversize(pairs, screened, occupancy, scratch);
+    search_trees(pairs, screened, scratch);
     sort_by_row(rows, &CellChunk::crossing, scratch);
     deal_out(screened, scratch, candidates.pair, candidates.triangle);
     sort_by_row(rows, &CellChunk::near, scratch);

@@ -372,12 +372,13 @@ void fill_from_sorted(const ScreenedTriangles& screened, float inv_size, Rasteri
 }
 
 // Takes the bodies all of whose pairs are compared directly out of scratch.body.
-void set_direct_pairs_apart(const CandidatePairs& pairs, const ScreenedTriangles& screened, uint64_t most_direct,
-                            RasteriseScratch& scratch) {
+void set_direct_pairs_apart(const ContactInputs& in, const ScreenedTriangles& screened, uint64_t most_direct, RasteriseScratch& scratch) {
+    const CandidatePairs& pairs = in.pairs;
     if (most_direct == 0) return;
     scratch.in_cells.assign(screened.body.size(), 0);
     for (uint32_t i = 0; i < pairs.a.size(); ++i) {
-        if (!is_direct(pairs, screened, i, most_direct)) scratch.in_cells[pairs.a[i]] = scratch.in_cells[pairs.b[i]] = 1;
+        if (pair_search(in, screened, i, most_direct) == PairSearch::kCells)
+            scratch.in_cells[pairs.a[i]] = scratch.in_cells[pairs.b[i]] = 1;
     }
     std::erase_if(scratch.body, [&](uint32_t body) { return !scratch.in_cells[body]; });
 }
@@ -396,7 +397,7 @@ void rasterise(const ContactInputs& in, uint64_t most_direct, RasteriseScratch& 
     occupancy.origin = screened.origin;
     occupancy.cell_size = choose_cell_size(in, mean_edge, extent, screened, scratch);
     const float inv_size = 1.0f / float(occupancy.cell_size);
-    set_direct_pairs_apart(in.pairs, screened, most_direct, scratch);
+    set_direct_pairs_apart(in, screened, most_direct, scratch);
     if (!fill_from_bits(screened, inv_size, scratch, occupancy)) fill_from_sorted(screened, inv_size, scratch, occupancy);
     report.oversize_triangles += occupancy.oversize.size();
 }

@@ -54,7 +54,7 @@ struct RasteriseScratch {
 // by cell key, body and triangle. Triangles of more than 64 cells go to the oversize list.
 // Objects of a cell are counted by bits where the grid is small enough to have one for each cell; else references are sorted
 // by key, into the same layers.
-// Bodies all of whose pairs are compared directly, by most_direct (see is_direct), stay out of the cells; 0: none does.
+// Bodies none of whose pairs needs cells (pair_search of engine/direct_pairs.hpp, with most_direct) stay out of them; 0: none does.
 void rasterise(const ContactInputs& in, uint64_t most_direct, RasteriseScratch& scratch, Report& report, ScreenedTriangles& screened,
                Occupancy& occupancy);
 

@@ -147,9 +147,11 @@ void add_check(CLI::App& app, Arguments& a) {
 }
 
 void add_search(CLI::App* command, TreeSearch& search) {
-    const std::map<std::string, TreeSearch> walks = {{"own", TreeSearch::kOwn}, {"embree", TreeSearch::kEmbree}};
-    command->add_option("--search", search, "Who walks Embree's trees for closest points: own (default) or embree; same answers")
-        ->transform(CLI::CheckedTransformer(walks));
+    const auto take = [&search](const std::string& word) { search = word == "embree" ? TreeSearch::kEmbree : TreeSearch::kOwn; };
+    command
+        ->add_option_function<std::string>("--search", take,
+                                           "Who walks Embree's trees for closest points: own (default) or embree; same answers")
+        ->check(CLI::IsMember({"own", "embree"}));
 }
 
 void add_query(CLI::App& app, Arguments& a) {

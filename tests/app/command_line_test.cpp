@@ -471,7 +471,8 @@ TEST_F(CommandLine, CrossCheckCountsSignsThatDiffer) {
 TEST_F(CommandLine, EmbreeBuildsTheTreesAndMayWalkThem) {
     const auto metrics_of = [&](const std::string& search) {
         const fs::path out = folder_ / search;
-        const Outcome outcome = run("run kidney_on_liver --seconds 0.2 --no-render --set contact.search=" + search + " --out " + out.string());
+        const Outcome outcome =
+            run("run kidney_on_liver --seconds 0.2 --no-render --set contact.search=" + search + " --out " + out.string());
         EXPECT_EQ(outcome.code, 0) << outcome.err;
         std::ifstream metrics(out / "metrics.json");
         return nlohmann::json::parse(metrics);

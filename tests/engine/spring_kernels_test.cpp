@@ -129,8 +129,8 @@ TEST(SpringKernels, PackedColumnsGiveTheSameBits) {
         sb.neighbour = nullptr, sb.rest_length = nullptr;  // not read
         kernels->step(&sa, 0, 13, nullptr);
         kernels->step(&sb, 0, 13, nullptr);
-        EXPECT_EQ(0, std::memcmp(a.next.data(), b.next.data(), a.next.size() * sizeof(Float4))) << kernels->name;
-        for (int i = 0; i < 3; ++i) EXPECT_EQ(a.velocity[i], b.velocity[i]) << kernels->name;
+        EXPECT_EQ(0, std::memcmp(a.next.data(), b.next.data(), a.next.size() * sizeof(Float4)));
+        for (int i = 0; i < 3; ++i) EXPECT_EQ(a.velocity[i], b.velocity[i]);
     }
 }
 

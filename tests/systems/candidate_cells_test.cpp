@@ -175,6 +175,32 @@ TEST(CandidateCells, DirectPairsLoseNothingAndRepeatNothing) {
     }
 }
 
+// Of pairs with very many near triangles Embree's trees are walked: the same is found as in cells, beside pairs that stay in them, on
+// any number of threads. Breaks when a triangle is hung on no group, or when two walks report one twice.
+TEST(CandidateCells, TreesOfCrowdedPairsFindWhatCellsFind) {
+    for (const uint32_t threads : {1u, 3u}) {
+        ThreadPool pool(threads);
+        pool.run([&] {
+            ContactScene scene({{make_noisy_sphere(32, 1, 0.02, 0), Motion::kDeformable, Vec3d(0, 0, 0), {}},
+                                {make_noisy_sphere(31, 1, 0.02, 1), Motion::kHand, Vec3d(0.02, 0.01, 0), turn({1, 2, 0}, 1)},
+                                {make_noisy_sphere(16, 0.5, 0.02, 2), Motion::kDeformable, Vec3d(1.4, 0, 0), {}}});
+            scene.find_triangles();
+            ASSERT_EQ(scene.pairs.a.size(), 3u);
+            const CandidateTriangles cells = scene.candidates;
+            const size_t shared = scene.occupancy.cell_key.size();
+            find_directly(scene, 1);
+            EXPECT_EQ(scene.cells_scratch.search_of, (std::vector{PairSearch::kTrees, PairSearch::kCells, PairSearch::kCells}));
+            EXPECT_LE(scene.occupancy.cell_key.size(), shared);
+            const CandidateTriangles& trees = scene.candidates;
+            EXPECT_EQ(trees.triangle, cells.triangle);
+            EXPECT_EQ(trees.near_corners, cells.near_corners);
+            ASSERT_EQ(trees.near.size(), cells.near.size());
+            for (size_t i = 0; i < trees.near.size(); ++i) ASSERT_EQ(trees.near[i][0], cells.near[i][0]) << i;
+            EXPECT_GT(trees.triangle.size(), 1000u);
+        });
+    }
+}
+
 // Edges that pass the other surface are as deep as when every corner near it is asked about: those of triangles that may cross are
 // asked about even where they stay away themselves. Breaks when only what may get there is.
 TEST(CandidateCells, DirectPairsFindTheSameEdges) {
