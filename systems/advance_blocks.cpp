@@ -574,7 +574,7 @@ void prepare_single_rows(const AdvanceCall& call, bool sketched, ContactSorting&
     make_room(solver.prepared, count);
     solver.prepared.resize(count);
     parallel_for(count, any_rides(island) ? std::max(count, 1u) : kConstraintsPerChunk, [&](uint32_t begin, uint32_t end) {
-        for (uint32_t i = begin; i < end; ++i) solver.prepared[i] = prepare_constraint(call, solver, sorting.dealt[i], island, state);
+        for (uint32_t i = begin; i < end; ++i) prepare_constraint(call, solver, sorting.dealt[i], island, state, solver.prepared[i]);
     });
 }
 

@@ -28,9 +28,34 @@ namespace trocar {
 //       again for friction: through the arms an impulse along the normal changes the velocity across it
 //   judge_held_rows (advance_hold.cpp), within an implicit step, lowers the viscous friction `grip` until it is within the limit
 
-// A prepared constraint: what is known for the call, then what is set in every substep in which the constraint acts.
-struct PreparedConstraint {
+// A prepared constraint. First what sweeps read and write, in as few cache lines as it takes; then what is known for the call.
+struct alignas(64) PreparedConstraint {
     static constexpr uint32_t kMostNodes = 24;  // a face against a triangle, both of skins
+
+    // For a substep in which it acts: what sweeps read and write.
+    Vec4d normal;               // world
+    Vec4d rigid_velocity;       // m/s, what rigid sides add to the relative velocity besides their nodes
+    Vec4d friction_impulse;     // N s
+    double normal_impulse = 0;  // N s
+    double least_velocity = 0;  // m/s, along the normal
+    double inv_sum = 0;         // kg, 1 / sum of weight^2 * inverse mass
+    double friction = 0;        // its coefficient; more if an implicit step has given more
+    uint32_t nodes = 0;         // with the weights of node[0, nodes), of the point first
+    uint32_t point_nodes = 0;   // how many of them are on the side of the point
+
+    // The angular part, if a free rigid body has a side: index 0 the point's, 1 the plane's.
+    struct Angular {
+        std::array<uint32_t, 2> free{kNone, kNone};     // rows of free
+        Vec4d arm[2] = {};                              // m, from the centre of mass to where the impulse acts
+        Vec4d friction_before = {}, friction_way = {};  // N s, before the last sweep; of the conjugate direction (advance_settle.cpp)
+        double normal_before = 0, normal_way = 0;       // the same of the normal
+        double friction_mass = 0;                       // kg, inverse of the largest response across the normal
+    } angular;
+    bool turns() const { return angular.free[0] != kNone || angular.free[1] != kNone; }
+
+    // Its nodes.
+    std::array<uint32_t, kMostNodes> node;
+    std::array<double, kMostNodes> weight;  // of the relative velocity: + for the point, - for the plane
 
     // For the call. Side a is the point (of a vertex, an edge or a face), side b the plane (of a triangle).
     Vec4d point_a;  // m, body frame, if rigid
@@ -49,32 +74,9 @@ struct PreparedConstraint {
     uint32_t row = kNone;                       // of ContactRows
     bool ended = false;
 
-    // For a substep in which it acts: what sweeps read and write.
-    Vec4d normal;               // world
-    Vec4d rigid_velocity;       // m/s, what rigid sides add to the relative velocity besides their nodes
-    Vec4d friction_impulse;     // N s
-    double normal_impulse = 0;  // N s
-    double least_velocity = 0;  // m/s, along the normal
-    double inv_sum = 0;         // kg, 1 / sum of weight^2 * inverse mass
-    double friction = 0;        // its coefficient; more if an implicit step has given more
-    uint32_t nodes = 0;         // with the weights of node[0, nodes), of the point first
-    uint32_t point_nodes = 0;   // how many of them are on the side of the point
-    std::array<uint32_t, kMostNodes> node;
-    std::array<double, kMostNodes> weight;  // of the relative velocity: + for the point, - for the plane
-
     // For position corrections.
     std::array<double, kMostNodes> push_weight;  // as weight; the point on the plane stays on its triangle
     double push_gap = 0;  // m, from the plane point to where pushes act, along the normal, at the start of the substep
-
-    // The angular part, if a free rigid body has a side: index 0 the point's, 1 the plane's.
-    struct Angular {
-        std::array<uint32_t, 2> free{kNone, kNone};     // rows of free
-        Vec4d arm[2] = {};                              // m, from the centre of mass to where the impulse acts
-        Vec4d friction_before = {}, friction_way = {};  // N s, before the last sweep; of the conjugate direction (advance_settle.cpp)
-        double normal_before = 0, normal_way = 0;       // the same of the normal
-        double friction_mass = 0;                       // kg, inverse of the largest response across the normal
-    } angular;
-    bool turns() const { return angular.free[0] != kNone || angular.free[1] != kNone; }
 
     // How it acts within the implicit step of its body (advance_hold.cpp).
     struct Implicit {

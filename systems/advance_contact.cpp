@@ -624,14 +624,16 @@ double solve_row(AdvanceIsland& island, PreparedConstraint& c) {
     return 0;
 }
 
-PreparedConstraint prepare_constraint(const AdvanceCall& call, const ContactSolver& solver, uint32_t row, AdvanceIsland& island,
-                                      const AdvanceState& state) {
+void prepare_constraint(const AdvanceCall& call, const ContactSolver& solver, uint32_t row, AdvanceIsland& island,
+                        const AdvanceState& state, PreparedConstraint& c) {
     const ContactRows& rows = state.rows;
     const Bodies& bodies = call.inputs.bodies;
     const Meshes& meshes = call.inputs.meshes;
     const uint32_t a = rows.body[row], b = rows.other[row];
-    PreparedConstraint c;
     c.row = row;
+    c.rigid_a = c.rigid_b = kNone;
+    c.offset = c.restitution = 0;
+    c.angular.free = {kNone, kNone};
     const bool in_face = rows.third[row] != kNone;
     c.weight_a = {1.0 - rows.along[row] - rows.across[row], rows.along[row], rows.across[row]};
     c.weight_b = {rows.weight[row][0], rows.weight[row][1], rows.weight[row][2]};
@@ -666,7 +668,6 @@ PreparedConstraint prepare_constraint(const AdvanceCall& call, const ContactSolv
         c.restitution = std::max(bodies.tissue[a].restitution, bodies.tissue[b].restitution);
     }
     if (meshes.info[bodies.mesh[b]].admission == Admission::kSheet) c.offset = 0.5 * bodies.thickness[b];
-    return c;
 }
 
 void plan_contacts(const AdvanceCall& call, std::span<const uint32_t> island_rows, ContactSorting& sorting, ContactSolver& solver,

@@ -10,8 +10,8 @@ namespace trocar {
 double solve_row(AdvanceIsland& island, PreparedConstraint& c);
 
 // Prepares a detected constraint for the call; its nodes are numbered.
-PreparedConstraint prepare_constraint(const AdvanceCall& call, const ContactSolver& solver, uint32_t row, AdvanceIsland& island,
-                                      const AdvanceState& state);
+void prepare_constraint(const AdvanceCall& call, const ContactSolver& solver, uint32_t row, AdvanceIsland& island,
+                        const AdvanceState& state, PreparedConstraint& c);
 // Numbers the nodes and rigid sides of the island's constraints and prepares them, wide where that pays.
 void plan_contacts(const AdvanceCall& call, std::span<const uint32_t> island_rows, ContactSorting& sorting, ContactSolver& solver,
                    AdvanceIsland& island, const AdvanceState& state);
