@@ -102,6 +102,7 @@ struct Poses {
 struct BodyBoxes {
     std::vector<Box> box;
     std::vector<double> margin;  // m, fastest vertex * period + 0.05 mean edge
+    std::vector<double> speed;   // m/s, of rigid bodies: how fast the origin may get in the pass; 0 for deformable ones
 };
 
 }  // namespace trocar

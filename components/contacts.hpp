@@ -1,5 +1,7 @@
 #pragma once
 #include <array>
+#include <compare>
+#include <cstdint>
 #include <vector>
 
 #include "components/math.hpp"
@@ -147,6 +149,18 @@ struct ContactMemory {
     std::vector<std::array<uint32_t, 2>> vertex;  // local vertices of body
     std::vector<float> along;                     // as in ContactRows
     std::vector<Vec3d> force;                     // N, on body, world axes, in the last substep
+};
+
+// Which point of a body against which other, in the order of Contacts: pair, side, vertices before edges before faces.
+struct PointKey {
+    uint64_t pair = 0, point = 0;
+    auto operator<=>(const PointKey&) const = default;
+};
+
+// ContactMemory sorted by point.
+struct ContactMemoryOrder {
+    std::vector<uint32_t> order;  // rows of ContactMemory, ascending by point
+    std::vector<PointKey> key;    // per row of ContactMemory
 };
 
 // Depth of every candidate pair that overlaps. `depth` is the thesis depth: the largest of the shortest distances.

@@ -21,6 +21,12 @@ struct Energy {
     double balance = 0;       // the sum above - its value at the start
 };
 
+// What Energy::balance is measured from.
+struct EnergyStart {
+    bool known = false;
+    double sum = 0;  // J, energies less works when the accounts were opened, and the energies of bodies added since
+};
+
 // Trouble is counted here: what happens in a pass neither throws nor prints.
 struct Report {
     uint64_t contact_passes = 0;

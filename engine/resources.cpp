@@ -91,6 +91,13 @@ void fields(V& v, T& t) {
         v.item(t.texture), v.item(t.image);
     } else if constexpr (is<T, Keyframe>) {
         v.item(t.time), v.item(t.position), v.item(t.orientation), v.item(t.jump), v.item(t.grip);
+    } else if constexpr (is<T, FastBody>) {
+        v.item(t.body), v.item(t.sweep.pivot), v.item(t.sweep.place), v.item(t.sweep.velocity), v.item(t.sweep.orientation);
+        v.item(t.sweep.spin);
+    } else if constexpr (is<T, BodyJolt>) {
+        v.item(t.low), v.item(t.high);
+    } else if constexpr (is<T, PointKey>) {
+        v.item(t.pair), v.item(t.point);
     } else if constexpr (is<T, DeviceState>) {
         v.item(t.time), v.item(t.position), v.item(t.orientation), v.item(t.velocity), v.item(t.buttons), v.item(t.grip);
     } else if constexpr (is<T, DeviceCommand>) {
@@ -460,7 +467,7 @@ void visit_resource(World& w, Resource resource, Visitor& v) {
                 v.array(FIELD(contact_memory.along)), v.array(FIELD(contact_memory.force));
             break;
         case Resource::kBoxes:
-            v.array(FIELD(boxes.box)), v.array(FIELD(boxes.margin));
+            v.array(FIELD(boxes.box)), v.array(FIELD(boxes.margin)), v.array(FIELD(boxes.speed));
             break;
         case Resource::kPairs:
             v.array(FIELD(pairs.a)), v.array(FIELD(pairs.b));
@@ -581,6 +588,42 @@ void visit_resource(World& w, Resource resource, Visitor& v) {
             v.array(FIELD(detail.body)), v.array(FIELD(detail.beyond)), v.array(FIELD(detail.seen)), v.array(FIELD(detail.near)),
                 v.array(FIELD(detail.far)), v.array(FIELD(detail.eye));
             break;
+        case Resource::kLiveDevices:
+            v.array(FIELD(live_devices));
+            break;
+        case Resource::kEnergyStart:
+            v.value(FIELD(energy_start.known)), v.value(FIELD(energy_start.sum));
+            break;
+        case Resource::kDevices:
+            v.value(FIELD(devices.per_tool)), v.array(FIELD(devices.intended)), v.array(FIELD(devices.placed));
+            break;
+        case Resource::kFastBodies:
+            v.array(FIELD(fast_bodies));
+            break;
+        case Resource::kImpactTimes:
+            v.array(FIELD(impact_times));
+            break;
+        case Resource::kJoinedBodies:
+            v.array(FIELD(joined_bodies));
+            break;
+        case Resource::kExcludedPairs:
+            v.array(FIELD(excluded_pairs));
+            break;
+        case Resource::kBoxPairs:
+            v.array(FIELD(box_pairs.a)), v.array(FIELD(box_pairs.b));
+            break;
+        case Resource::kDisplacementBounds:
+            v.array(FIELD(displacement_bounds));
+            break;
+        case Resource::kMemoryOrder:
+            v.array(FIELD(memory_order.order)), v.array(FIELD(memory_order.key));
+            break;
+        case Resource::kLoadedRows:
+            v.array(FIELD(loaded_rows));
+            break;
+        case Resource::kHoldingGroups:
+            v.array(FIELD(holding_groups.first)), v.array(FIELD(holding_groups.group));
+            break;
         case Resource::kCount:
             break;
     }
@@ -617,6 +660,9 @@ ResourceKind resource_kind(Resource resource) {
         case Resource::kLives:
         case Resource::kNodeState:
             return ResourceKind::kState;
+        case Resource::kLiveDevices:
+        case Resource::kEnergyStart:
+            return ResourceKind::kRun;
         case Resource::kEnergy:
         case Resource::kReport:
             return ResourceKind::kBooks;
@@ -635,6 +681,16 @@ ResourceKind resource_kind(Resource resource) {
         case Resource::kIslands:
         case Resource::kTornSprings:
         case Resource::kNormals:
+        case Resource::kDevices:
+        case Resource::kFastBodies:
+        case Resource::kImpactTimes:
+        case Resource::kJoinedBodies:
+        case Resource::kExcludedPairs:
+        case Resource::kBoxPairs:
+        case Resource::kDisplacementBounds:
+        case Resource::kMemoryOrder:
+        case Resource::kLoadedRows:
+        case Resource::kHoldingGroups:
             return ResourceKind::kDerived;
         case Resource::kLocalContact:
         case Resource::kPicture:
@@ -645,12 +701,24 @@ ResourceKind resource_kind(Resource resource) {
 }
 
 const char* resource_name(Resource resource) {
-    constexpr const char* kNames[] = {
-        "settings",     "meshes",        "springs",    "solids",      "bodies",         "anchors",  "paths",   "tools", "clock",
-        "poses",        "particles",     "tool state", "pair memory", "contact memory", "boxes",    "pairs",   "trees", "screened",
-        "occupancy",    "candidates",    "near",       "contacts",    "penetrations",   "contours", "regions", "rows",  "islands",
-        "normals",      "local contact", "picture",    "energy",      "report",         "sleep",    "links",   "tears", "torn",
-        "torn springs", "pools",         "lives",      "nodes",       "node state",     "detail"};
+    constexpr const char* kNames[] = {"settings",       "meshes",         "springs",
+                                      "solids",         "bodies",         "anchors",
+                                      "paths",          "tools",          "clock",
+                                      "poses",          "particles",      "tool state",
+                                      "pair memory",    "contact memory", "boxes",
+                                      "pairs",          "trees",          "screened",
+                                      "occupancy",      "candidates",     "near",
+                                      "contacts",       "penetrations",   "contours",
+                                      "regions",        "rows",           "islands",
+                                      "normals",        "local contact",  "picture",
+                                      "energy",         "report",         "sleep",
+                                      "links",          "tears",          "torn",
+                                      "torn springs",   "pools",          "lives",
+                                      "nodes",          "node state",     "detail",
+                                      "live devices",   "energy start",   "devices",
+                                      "fast bodies",    "impact times",   "joined bodies",
+                                      "excluded pairs", "box pairs",      "displacement bounds",
+                                      "memory order",   "loaded rows",    "holding groups"};
     static_assert(std::size(kNames) == static_cast<size_t>(Resource::kCount));
     return kNames[static_cast<size_t>(resource)];
 }

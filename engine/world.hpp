@@ -4,9 +4,11 @@
 #include <vector>
 
 #include "components/bodies.hpp"
+#include "components/body_jolt.hpp"
 #include "components/clock.hpp"
 #include "components/contacts.hpp"
 #include "components/detail.hpp"
+#include "components/fast_bodies.hpp"
 #include "components/haptics.hpp"
 #include "components/links.hpp"
 #include "components/lives.hpp"
@@ -21,6 +23,7 @@
 #include "components/springs.hpp"
 #include "components/tears.hpp"
 #include "engine/closest_point.hpp"
+#include "engine/holding_groups.hpp"
 #include "engine/job_graph.hpp"
 #include "engine/surfaces.hpp"
 namespace trocar {
@@ -51,22 +54,35 @@ struct World {
     Torn torn;
     Lives lives;
     NodeState node_state;
+    // what only a live run and its replay know: put back by whoever records them
+    std::vector<DeviceState> live_devices;  // per tool, where the pass before led to; empty: there was none
+    EnergyStart energy_start;
     // derived each pass
+    DeviceSamples devices;
     BodyBoxes boxes;
-    CandidatePairs pairs;
+    std::vector<FastBody> fast_bodies;                     // ascending by body
+    std::vector<double> impact_times;                      // s into the pass, per body: see find_stops; or empty
+    std::vector<std::array<uint32_t, 2>> joined_bodies;    // held together by links and jaws
+    std::vector<std::array<uint32_t, 2>> excluded_pairs;   // a < b, ascending: never in contact
+    CandidatePairs box_pairs;                              // of which the boxes meet
+    CandidatePairs pairs;                                  // of these, what may come into contact in the pass
+    std::vector<BodyJolt> displacement_bounds;             // per body: what others may do to it in the pass
     std::vector<std::unique_ptr<ClosestPointTree>> trees;  // Bodies::tree names the row; rigid copies share one
     ScreenedTriangles screened;
     Occupancy occupancy;
     CandidateTriangles candidates;
     NearVertices near;
     Contacts contacts;
+    ContactMemoryOrder memory_order;
     Penetrations penetrations;
     Contours contours;
     OverlapRegions regions;
     ContactRows rows;
+    std::vector<uint8_t> loaded_rows;  // per row, as made: see mark_loaded
     Islands islands;
     SurfaceNormals normals;
     TornSprings torn_springs;
+    HoldingGroups holding_groups;
     // output
     std::vector<LocalContactModel> local_contact;  // one per tool
     PictureSnapshot picture;
@@ -119,6 +135,18 @@ enum class Resource : uint8_t {
     kNodes,
     kNodeState,
     kDetail,
+    kLiveDevices,
+    kEnergyStart,
+    kDevices,
+    kFastBodies,
+    kImpactTimes,
+    kJoinedBodies,
+    kExcludedPairs,
+    kBoxPairs,
+    kDisplacementBounds,
+    kMemoryOrder,
+    kLoadedRows,
+    kHoldingGroups,
     kCount
 };
 
@@ -127,9 +155,10 @@ constexpr ResourceMask mask(R... resources) {
     return ((ResourceMask{1} << static_cast<uint32_t>(resources)) | ... | ResourceMask{0});
 }
 
-// The group of World that a resource belongs to: what a scene is made of, what a pass starts from, sums over the run,
-// what a pass works out anew, what others read.
-enum class ResourceKind : uint8_t { kConstant, kState, kBooks, kDerived, kOutput };
+// The group of World that a resource belongs to: what a scene is made of, what a pass starts from, what it starts from besides
+// in a live run or for its accounts alone (neither hashed nor saved with the state), sums over the run, what a pass works out
+// anew, what others read.
+enum class ResourceKind : uint8_t { kConstant, kState, kRun, kBooks, kDerived, kOutput };
 ResourceKind resource_kind(Resource resource);
 
 // Short name, as in the frame table.

@@ -26,9 +26,8 @@ struct ToolError {
 
 // s of the stage that levels of detail are for.
 double advance_seconds(const Frame& frame) {
-    for (size_t s = 0; s < frame.stages().size(); ++s)
-        if (frame.stages()[s].name == "advance") return static_cast<double>(frame.times().stage_ns[s]) * 1e-9;
-    return 0;
+    const uint32_t row = frame.row_of(StageId::kAdvance);
+    return row == kNone ? 0 : static_cast<double>(frame.times().stage_ns[row]) * 1e-9;
 }
 
 void compare_places(const World& full, const World& coarse, uint32_t body, Squares& error) {

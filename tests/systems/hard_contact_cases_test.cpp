@@ -105,14 +105,14 @@ TEST(HardCases, H11_CellsOfEqualHashes) {
         {{make(Vec3d::Zero()), Motion::kHand, Vec3d::Zero(), {}}, {make(Vec3d(1e-5, 2e-5, 3e-5)), Motion::kDeformable, Vec3d::Zero(), {}}});
     const std::vector<Vec3d> corner = make(Vec3d::Zero()).position;
     const double edges = (corner[1] - corner[0]).norm() + (corner[2] - corner[1]).norm() + (corner[0] - corner[2]).norm();
-    scene.params.cell_edges = kCell / (edges / 3);
+    scene.settings.contact.cell_edges = kCell / (edges / 3);
     scene.find_triangles();
     // as laid out: every shared cell is one of ours, and the adversary's keys did arrive
     uint32_t crowded = 0;
     for (const uint64_t key : scene.occupancy.cell_key) crowded += cell_slot(key, 64 - kBits) == 0;
     EXPECT_GE(crowded, kCells - 10);
     // no lookup walked through them all: the references were sorted instead, into the same layers
-    EXPECT_GE(scene.rasterise_scratch.keyed.size(), 2 * kCells);
+    EXPECT_GE(scene.frame.scratch.rasterise.keyed.size(), 2 * kCells);
     const Occupancy& o = scene.occupancy;
     EXPECT_TRUE(std::is_sorted(o.cell_key.begin(), o.cell_key.end()));
     ASSERT_EQ(o.object_first.size(), o.cell_key.size() + 1);

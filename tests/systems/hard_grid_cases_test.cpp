@@ -57,7 +57,7 @@ TEST(HardCases, H06_AllObjectsInOneCell) {
         balls.push_back({make_noisy_sphere(2, 0.05, 0.1, 0.3 * i), Motion::kDeformable, at, {}});
     }
     ContactScene scene(balls);
-    scene.params.cell_edges = 1000;
+    scene.settings.contact.cell_edges = 1000;
     scene.find_triangles();
     ASSERT_EQ(scene.occupancy.cell_key.size(), 1u);
     EXPECT_EQ(scene.occupancy.object.size(), 60u);
@@ -77,7 +77,7 @@ TEST(HardCases, H06_AllObjectsInOneCell) {
 TEST(HardCases, H07_CellIndicesBeyondThirty) {
     ContactScene scene({{make_noisy_sphere(40, 1, 0.05, 0), Motion::kDeformable, Vec3d::Zero(), {}},
                         {make_noisy_sphere(40, 1, 0.05, 1), Motion::kDeformable, Vec3d(0.4, 0.1, 0), {}}});
-    scene.params.cell_edges = 1;
+    scene.settings.contact.cell_edges = 1;
     scene.find_triangles();
     uint64_t largest = 0;
     for (const uint64_t key : scene.occupancy.cell_key) {
