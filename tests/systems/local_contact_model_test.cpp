@@ -350,7 +350,8 @@ TEST(LocalContactModel, FeedsTheTick) {
     state.device.position = spot + 0.03 * up;
     for (int k = 0; k < 400; ++k) {
         const double time = 1e-3 * k, height = std::max(0.03 - 0.2 * time, 1e-3);
-        if (k % 17 == 0) publish_local_contact(params, scene.surfaces(), {}, tool, state, {time, k / 17}, scratch, model);
+        if (k % 17 == 0)
+            publish_local_contact(params, scene.surfaces(), {}, tool, state, {time, static_cast<uint64_t>(k / 17)}, scratch, model);
         DeviceState sample;
         sample.time = time;
         sample.position = spot + height * up;
