@@ -159,7 +159,10 @@ TEST(HardCases, H19_LayersForAnyNumberOfThreads) {
 TEST(HardCases, H14_NothingToMeet) {
     for (const uint32_t count : {0u, 1u}) {
         ContactScene scene(std::vector<BodyInput>(count, {make_noisy_sphere(4, 1, 0, 0), Motion::kDeformable, Vec3d::Zero(), {}}));
-        scene.run();
+        scene.run();  // no stage is wanted: the systems by hand
+        compute_body_boxes({scene.period, scene.surfaces()}, scene.boxes);
+        rasterise(scene.inputs(), 0, scene.frame.scratch.rasterise, scene.report, scene.screened, scene.occupancy);
+        find_candidate_triangles(scene.inputs(), {}, scene.screened, scene.occupancy, scene.frame.scratch.cells, scene.candidates);
         EXPECT_TRUE(scene.pairs.a.empty() && scene.occupancy.cell_key.empty() && scene.contacts.pair.empty());
         EXPECT_EQ(scene.occupancy.object_first, std::vector<uint32_t>{0});
         EXPECT_EQ(scene.occupancy.primitive_first, std::vector<uint32_t>{0});
