@@ -43,13 +43,13 @@ class Balls {
     void find() {
         const Surfaces s = scene.surfaces();
         double at[5] = {thread_seconds()};
-        compute_body_boxes(scene.period, s, scene.boxes);
+        compute_body_boxes({scene.period, s}, scene.boxes);
         at[1] = thread_seconds();
-        find_candidate_pairs(scene.bodies, scene.boxes, {}, scene.pairs_scratch, scene.pairs);
+        find_candidate_pairs(scene.bodies, scene.boxes, {}, scene.frame.scratch.pairs, scene.pairs);
         at[2] = thread_seconds();
-        rasterise(scene.inputs(), 0, scene.rasterise_scratch, scene.report, scene.screened, scene.occupancy);
+        rasterise(scene.inputs(), 0, scene.frame.scratch.rasterise, scene.report, scene.screened, scene.occupancy);
         at[3] = thread_seconds();
-        find_candidate_triangles(scene.inputs(), {}, scene.screened, scene.occupancy, scene.cells_scratch, scene.candidates);
+        find_candidate_triangles(scene.inputs(), {}, scene.screened, scene.occupancy, scene.frame.scratch.cells, scene.candidates);
         at[4] = thread_seconds();
         for (int i = 0; i < 4; ++i) stage_ms[i].push_back(1e3 * (at[i + 1] - at[i]));
     }

@@ -1,7 +1,6 @@
 #include <algorithm>
 #include <cmath>
 #include <cstdio>
-#include <functional>
 #include <string>
 #include <vector>
 
@@ -23,37 +22,26 @@ Mesh ellipsoid(uint32_t n, const Vec3d& half, double bumps) {
     return mesh;
 }
 
-// Runs the ten stages for `passes` passes while body 1 moves a little, and prints the median of each.
+// Runs the frame's detection stages that the scene wants, none left out, for `passes` passes while body 1 moves a little, and
+// prints the median of each.
 void measure(const char* name, ContactScene& scene, uint32_t passes) {
-    const char* stage_name[] = {"body boxes", "candidate pairs", "refit trees", "rasterise",    "candidate cells",
-                                "overlap",    "edge pass",       "penetration", "contact rows", "islands"};
-    std::vector<std::vector<double>> cost(11);
+    scene.frame.limits = {};
+    std::vector<FrameStage> stages;
+    for (const FrameStage& s : frame_stages())
+        if (s.part == FramePart::kDetection && s.wanted(scene)) stages.push_back(s);
+    std::vector<std::vector<double>> cost(stages.size() + 1);
     const Vec3d start = scene.poses.origin[1];
     for (uint32_t pass = 0; pass < passes + 5; ++pass) {
         scene.poses.origin[1] = start + Vec3d(0.3e-3 * std::sin(0.1 * pass), 0.3e-3 * std::cos(0.07 * pass), 0);
-        const std::function<void()> stage[] = {
-            [&] { compute_body_boxes(scene.period, scene.surfaces(), scene.boxes); },
-            [&] { find_candidate_pairs(scene.bodies, scene.boxes, {}, scene.pairs_scratch, scene.pairs); },
-            [&] { refit_trees(scene.bodies, scene.particles, scene.pairs, scene.refit_scratch, scene.trees); },
-            [&] { rasterise(scene.inputs(), 0, scene.rasterise_scratch, scene.report, scene.screened, scene.occupancy); },
-            [&] { find_candidate_triangles(scene.inputs(), {}, scene.screened, scene.occupancy, scene.cells_scratch, scene.candidates); },
-            [&] {
-                find_overlap(scene.inputs(), scene.screened, scene.candidates, scene.overlap_scratch, scene.report, scene.near,
-                             scene.contacts);
-            },
-            [&] { find_edge_contacts(scene.inputs(), scene.candidates, scene.near, scene.edge_scratch, scene.report, scene.contacts); },
-            [&] { measure_penetrations(scene.pairs, scene.contacts, scene.penetrations); },
-            [&] { make_contact_rows(scene.inputs(), scene.contacts, scene.penetrations, scene.rows_scratch, scene.report, scene.rows); },
-            [&] { find_islands(scene.bodies, scene.rows, scene.islands_scratch, scene.islands); }};
         double total = 0;
-        for (uint32_t i = 0; i < 10; ++i) {
+        for (size_t i = 0; i < stages.size(); ++i) {
             const double begin = thread_seconds();
-            stage[i]();
+            scene.run_stage(stages[i]);
             const double seconds = thread_seconds() - begin;
             total += seconds;
             if (pass >= 5) cost[i].push_back(seconds);
         }
-        if (pass >= 5) cost[10].push_back(total);
+        if (pass >= 5) cost.back().push_back(total);
     }
     const auto at = [](std::vector<double>& v, double part) {
         std::sort(v.begin(), v.end());
@@ -71,10 +59,10 @@ void measure(const char* name, ContactScene& scene, uint32_t passes) {
         "contacts %zu, inside %u, edge rows %u, depth %.2f mm\n",
         name, scene.bodies.mesh.size(), scene.pairs.a.size(), scene.screened.triangle.size(), scene.occupancy.cell_key.size(),
         scene.candidates.triangle.size(), scene.near.vertex.size(), scene.contacts.pair.size(), inside, edges, depth * 1e3);
-    for (uint32_t i = 0; i < 10; ++i) {
-        std::printf("  %-16s p50 %8.1f us   p99 %8.1f us\n", stage_name[i], at(cost[i], 0.5), at(cost[i], 0.99));
+    for (size_t i = 0; i < stages.size(); ++i) {
+        std::printf("  %-16s p50 %8.1f us   p99 %8.1f us\n", stages[i].stage.name.data(), at(cost[i], 0.5), at(cost[i], 0.99));
     }
-    std::printf("  %-16s p50 %8.1f us   p99 %8.1f us\n", "all ten", at(cost[10], 0.5), at(cost[10], 0.99));
+    std::printf("  %-16s p50 %8.1f us   p99 %8.1f us\n", "all", at(cost.back(), 0.5), at(cost.back(), 0.99));
 }
 
 }  // namespace
@@ -87,14 +75,14 @@ void measure_stages(int argc, char** argv) {
         ContactScene scene(
             {{ellipsoid(29, {0.10, 0.075, 0.045}, 0.03), Motion::kDeformable, Vec3d::Zero(), {}},
              {ellipsoid(29, {0.03, 0.055, 0.028}, 0.03), Motion::kDeformable, Vec3d(0.01, 0.005, 0.0688), turn(Vec3d(0, 0, 1), 0.4)}});
-        if (argc > 3) scene.params.cell_edges = std::atof(argv[3]);
+        if (argc > 3) scene.settings.contact.cell_edges = std::atof(argv[3]);
         measure("goal: 5 mm deep, 200 inside", scene, passes);
     }
     if (wanted("kidney")) {
         ContactScene scene(
             {{ellipsoid(29, {0.10, 0.075, 0.045}, 0.03), Motion::kDeformable, Vec3d::Zero(), {}},
              {ellipsoid(29, {0.03, 0.055, 0.028}, 0.03), Motion::kDeformable, Vec3d(0.01, 0.005, 0.0655), turn(Vec3d(0, 0, 1), 0.4)}});
-        if (argc > 3) scene.params.cell_edges = std::atof(argv[3]);
+        if (argc > 3) scene.settings.contact.cell_edges = std::atof(argv[3]);
         measure("kidney on liver", scene, passes);
     }
     if (wanted("probe")) {

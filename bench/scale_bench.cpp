@@ -341,8 +341,8 @@ void idle_rows(Report& report) {
                     .aim = 5});
         // the stages of a full frame with nothing in them: what scheduling them costs
         std::vector<Stage> hollow;
-        for (const auto list : {begin_stages(), advance_stages()})
-            for (const FrameStage& s : list) hollow.push_back({s.stage.name, [](FrameState&) {}, s.stage.reads, s.stage.writes});
+        for (const FrameStage& s : frame_stages())
+            if (s.part != FramePart::kPicture) hollow.push_back({s.stage.name, [](FrameState&) {}, s.stage.reads, s.stage.writes});
         alignas(16) std::byte nobody[16];
         JobGraph graph(hollow, reinterpret_cast<FrameState&>(nobody));
         us.clear();

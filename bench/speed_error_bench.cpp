@@ -17,15 +17,15 @@ double deepest_contact(const ContactScene& scene) { return scene.penetrations.de
 
 double vertex_depth(ContactScene& scene) {
     scene.find_triangles();
-    find_overlap(scene.inputs(), scene.screened, scene.candidates, scene.overlap_scratch, scene.report, scene.near, scene.contacts);
-    measure_penetrations(scene.pairs, scene.contacts, scene.penetrations);
+    find_overlap(scene.inputs(), scene.screened, scene.candidates, scene.frame.scratch.overlap, scene.report, scene.near, scene.contacts);
+    measure_penetrations(scene.pairs, scene.contacts, scene.report, scene.penetrations);
     return deepest_contact(scene);
 }
 
 double edge_depth(ContactScene& scene) {
     vertex_depth(scene);
-    find_edge_contacts(scene.inputs(), scene.candidates, scene.near, scene.edge_scratch, scene.report, scene.contacts);
-    measure_penetrations(scene.pairs, scene.contacts, scene.penetrations);
+    find_edge_contacts(scene.inputs(), scene.candidates, scene.near, scene.frame.scratch.edges, scene.report, scene.contacts);
+    measure_penetrations(scene.pairs, scene.contacts, scene.report, scene.penetrations);
     return deepest_contact(scene);
 }
 
@@ -68,7 +68,7 @@ void measure_pair(const std::string& name, const std::string& plot, ContactScene
         char label[40];
         std::snprintf(label, sizeof label, "samples to %g mm", mm);
         methods.push_back({label, [&scene, mm] {
-                               compute_body_boxes(scene.period, scene.surfaces(), scene.boxes);
+                               compute_body_boxes({scene.period, scene.surfaces()}, scene.boxes);
                                return sampled_depth(scene, 1e-3 * mm);
                            }});
     }
@@ -104,7 +104,7 @@ void plot_speed_and_error(Report& report) {
     for (uint32_t level = 0; level < (report.quick() ? 2u : 4u); ++level) {
         for (const ClosedFormPair& pair : closed_form_pairs(level)) {
             ContactScene scene(pair.bodies);
-            scene.params.tolerance = 1e-6;
+            scene.settings.contact.tolerance = 1e-6;
             Truth truth{0, 0, pair.depth};
             size_t triangles = 0;
             for (const BodyInput& body : pair.bodies) {
@@ -145,7 +145,7 @@ void plot_speed_and_error(Report& report) {
             if (p.z() < tip.z()) tip = p;
         }
         scene.poses.origin[1] += top - tip - pair.sunk * Vec3d::UnitZ() + Vec3d(0.0007, 0.0004, 0);
-        scene.params.tolerance = 1e-6;
+        scene.settings.contact.tolerance = 1e-6;
         const DeepestPoint deepest = surface_depth(scene, 1e-7, 150'000);
         char name[120];
         std::snprintf(name, sizeof name, "%s %.0f mm into %s (%.2f mm deep)", pair.on, 1e3 * pair.sunk, pair.under, 1e3 * deepest.depth);

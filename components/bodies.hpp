@@ -108,7 +108,8 @@ struct Poses {
 struct BodyBoxes {
     std::vector<Box> box;
     std::vector<double> margin;  // m, fastest vertex * period + 0.05 mean edge
-    TROCAR_FIELDS(box, "m", margin, "m");
+    std::vector<double> speed;   // m/s, of rigid bodies: how fast the origin may get in the pass; 0 for deformable ones
+    TROCAR_FIELDS(box, "m", margin, "m", speed, "m/s");
 };
 
 }  // namespace trocar

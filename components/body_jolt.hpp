@@ -1,6 +1,7 @@
 #pragma once
 #include <span>
 
+#include "components/fields.hpp"
 #include "components/math.hpp"
 namespace trocar {
 
@@ -8,6 +9,7 @@ namespace trocar {
 // run into it push it: a box of ways, m.
 struct BodyJolt {
     Vec3d low = Vec3d::Zero(), high = Vec3d::Zero();
+    TROCAR_FIELDS(low, "m", high, "m");
 };
 
 // The farthest along a unit vector, m; 0 for bodies without a row.

@@ -1,5 +1,7 @@
 #pragma once
 #include <array>
+#include <compare>
+#include <cstdint>
 #include <vector>
 
 #include "components/fields.hpp"
@@ -163,6 +165,20 @@ struct ContactMemory {
     std::vector<float> along;                     // as in ContactRows
     std::vector<Vec3d> force;                     // N, on body, world axes, in the last substep
     TROCAR_FIELDS(body, "row of bodies", other, "row of bodies", vertex, along, force, "N");
+};
+
+// Which point of a body against which other, in the order of Contacts: pair, side, vertices before edges before faces.
+struct PointKey {
+    uint64_t pair = 0, point = 0;
+    auto operator<=>(const PointKey&) const = default;
+    TROCAR_FIELDS(pair, point);
+};
+
+// ContactMemory sorted by point.
+struct ContactMemoryOrder {
+    std::vector<uint32_t> order;  // rows of ContactMemory, ascending by point
+    std::vector<PointKey> key;    // per row of ContactMemory
+    TROCAR_FIELDS(order, key);
 };
 
 // Depth of every candidate pair that overlaps. `depth` is the thesis depth: the largest of the shortest distances.

@@ -21,6 +21,17 @@ struct DeviceState {
     TROCAR_FIELDS(time, "s", position, "m", orientation, velocity, "m/s", buttons, grip, "rad");
 };
 
+// Where the devices are at every millisecond of a pass, both ends included: that of tool t at millisecond k in row
+// t * per_tool + k.
+struct DeviceSamples {
+    uint32_t per_tool = 0;
+    std::vector<DeviceState> intended;  // where hands mean to be; empty in live runs
+    std::vector<DeviceState> placed;    // where they are, as forces and workspaces have it
+    TROCAR_FIELDS(per_tool, intended, placed);
+    const DeviceState& start(size_t tool) const { return placed[tool * per_tool]; }
+    const DeviceState& end(size_t tool) const { return placed[tool * per_tool + per_tool - 1]; }
+};
+
 // What a device reported before, in ascending time. Constant after load.
 struct DeviceTrace {
     std::vector<DeviceState> sample;

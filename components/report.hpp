@@ -27,6 +27,13 @@ struct Energy {
                   work_damping, "J", work_push, "J", work_numeric, "J", work_links, "J", balance, "J");
 };
 
+// What Energy::balance is measured from.
+struct EnergyStart {
+    bool known = false;
+    double sum = 0;  // J, energies less works when the accounts were opened, and the energies of bodies added since
+    TROCAR_FIELDS(known, sum, "J");
+};
+
 // How what several islands or passes counted becomes one number: a whole number that adds up, or the greatest or least of real ones.
 enum class Merge : uint8_t { kSum, kGreatest, kLeast };
 // Where a number of the report goes.

@@ -5,16 +5,12 @@
 #include "components/picture.hpp"
 #include "content/looks.hpp"
 #include "content/scene_file.hpp"
-#include "engine/world.hpp"
+#include "engine/add_body.hpp"
 namespace trocar {
 
 // A world by hand, in this order: make_prototype; add_body and its pose; make_deformable or set_rigid_mass of what moves by
 // forces; links; make_trees once everybody is there; find_fault; Frame. A body of a running Frame is added in the same way
 // between two passes, make_trees again at the end.
-
-// Appends a body of a prototype, which must be there, at the world origin. Returns its row.
-uint32_t add_body(World& world, const std::string& name, uint32_t prototype, Motion motion, const Tissue& tissue = {},
-                  AnchorFrame anchor_frame = AnchorFrame::kWorld);
 
 // Gives a deformable body that stands at its pose its springs, particles and anchors (engine/deformable_setup.hpp);
 // vertices whose rest z (m, body frame) lies below `fixed_below` are fixed.

@@ -1,17 +1,7 @@
 #pragma once
-#include "components/math.hpp"
+#include "components/fast_bodies.hpp"
 #include "engine/closest_point.hpp"
 namespace trocar {
-
-// Motion of a rigid body seen from another body's frame: a point `pivot` of its own frame is at `place` and goes with
-// `velocity`, the body turns about it with `spin` (rad/s, axes of the other's frame).
-struct RigidSweep {
-    Vec3d pivot = Vec3d::Zero();     // m, frame of the mover
-    Vec3d place = Vec3d::Zero();     // m
-    Vec3d velocity = Vec3d::Zero();  // m/s
-    Quat orientation;
-    Vec3d spin = Vec3d::Zero();
-};
 
 // First time (s, in [0, seconds]) at which the surfaces of a moving and a resting body are nearer than `tolerance` (m), or
 // infinity. Never later than the touch itself; earlier by no more than it takes to come two tolerances nearer. Surfaces

@@ -10,6 +10,8 @@ struct HoldingGroups {
     std::vector<uint32_t> first;  // row of group, one per body and one more
     std::vector<uint32_t> group;  // rows of Links::group, those of a body ascending
     std::vector<uint32_t> next;   // while they are sorted
+    TROCAR_FIELDS(first, group);
+    TROCAR_OTHER_FIELDS(next);
     std::span<const uint32_t> of(uint32_t body) const { return std::span(group).subspan(first[body], first[body + 1] - first[body]); }
 };
 

@@ -21,9 +21,11 @@ inline bool was_seen(const Sleepers& s, uint32_t body) {
     return seen;
 }
 
+inline bool is_asleep(const Sleep& sleep, uint32_t body) { return body < sleep.group.size() && sleep.group[body] != kNone; }
+
 // Whether a body sleeps and nothing has asked for it to be woken.
 inline bool lies_asleep(const Sleep& sleep, uint32_t body) {
-    return body < sleep.group.size() && sleep.group[body] != kNone && sleep.still[body] != 0;
+    return is_asleep(sleep, body) && sleep.still[body] != 0;
 }
 
 }  // namespace trocar

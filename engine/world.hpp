@@ -4,8 +4,10 @@
 #include <vector>
 
 #include "components/bodies.hpp"
+#include "components/body_jolt.hpp"
 #include "components/clock.hpp"
 #include "components/contacts.hpp"
+#include "components/fast_bodies.hpp"
 #include "components/haptics.hpp"
 #include "components/links.hpp"
 #include "components/lives.hpp"
@@ -20,6 +22,7 @@
 #include "components/springs.hpp"
 #include "components/tears.hpp"
 #include "engine/closest_point.hpp"
+#include "engine/holding_groups.hpp"
 #include "engine/job_graph.hpp"
 #include "engine/surfaces.hpp"
 namespace trocar {
@@ -49,22 +52,35 @@ struct World {
     Torn torn;
     Lives lives;
     NodeState node_state;
+    // what only a live run and its replay know: put back by whoever records them
+    std::vector<DeviceState> live_devices;  // per tool, where the pass before led to; empty: there was none
+    EnergyStart energy_start;
     // derived each pass
+    DeviceSamples devices;
     BodyBoxes boxes;
-    CandidatePairs pairs;
+    std::vector<FastBody> fast_bodies;                     // ascending by body
+    std::vector<double> impact_times;                      // s into the pass, per body: see find_stops; or empty
+    std::vector<std::array<uint32_t, 2>> joined_bodies;    // held together by links and jaws
+    std::vector<std::array<uint32_t, 2>> excluded_pairs;   // a < b, ascending: never in contact
+    CandidatePairs box_pairs;                              // of which the boxes meet
+    CandidatePairs pairs;                                  // of these, what may come into contact in the pass
+    std::vector<BodyJolt> displacement_bounds;             // per body: what others may do to it in the pass
     std::vector<std::unique_ptr<ClosestPointTree>> trees;  // Bodies::tree names the row; rigid copies share one
     ScreenedTriangles screened;
     Occupancy occupancy;
     CandidateTriangles candidates;
     NearVertices near;
     Contacts contacts;
+    ContactMemoryOrder memory_order;
     Penetrations penetrations;
     Contours contours;
     OverlapRegions regions;
     ContactRows rows;
+    std::vector<uint8_t> loaded_rows;  // per row, as made: see mark_loaded
     Islands islands;
     SurfaceNormals normals;
     TornSprings torn_springs;
+    HoldingGroups holding_groups;
     // output
     std::vector<LocalContactModel> local_contact;  // one per tool
     PictureSnapshot picture;
@@ -116,7 +132,19 @@ struct CaptureRecord;
     R(kPools, pools, "pools", kConstant)                        \
     R(kLives, lives, "lives", kState)                           \
     R(kNodes, nodes, "nodes", kConstant)                        \
-    R(kNodeState, node_state, "node state", kState)
+    R(kNodeState, node_state, "node state", kState)             \
+    R(kLiveDevices, live_devices, "live devices", kRun)         \
+    R(kEnergyStart, energy_start, "energy start", kRun)         \
+    R(kDevices, devices, "devices", kDerived)                   \
+    R(kFastBodies, fast_bodies, "fast bodies", kDerived)        \
+    R(kImpactTimes, impact_times, "impact times", kDerived)     \
+    R(kJoinedBodies, joined_bodies, "joined bodies", kDerived)  \
+    R(kExcludedPairs, excluded_pairs, "excluded pairs", kDerived) \
+    R(kBoxPairs, box_pairs, "box pairs", kDerived)              \
+    R(kDisplacementBounds, displacement_bounds, "displacement bounds", kDerived) \
+    R(kMemoryOrder, memory_order, "memory order", kDerived)     \
+    R(kLoadedRows, loaded_rows, "loaded rows", kDerived)        \
+    R(kHoldingGroups, holding_groups, "holding groups", kDerived)
 
 enum class Resource : uint8_t {
 #define TROCAR_RESOURCE_BIT(bit, ...) bit,
@@ -130,9 +158,10 @@ constexpr ResourceMask mask(R... resources) {
     return ((ResourceMask{1} << static_cast<uint32_t>(resources)) | ... | ResourceMask{0});
 }
 
-// The group of World that a resource belongs to: what a scene is made of, what a pass starts from, sums over the run,
-// what a pass works out anew, what others read.
-enum class ResourceKind : uint8_t { kConstant, kState, kBooks, kDerived, kOutput };
+// The group of World that a resource belongs to: what a scene is made of, what a pass starts from, what it starts from besides
+// in a live run or for its accounts alone (neither hashed nor saved with the state), sums over the run, what a pass works out
+// anew, what others read.
+enum class ResourceKind : uint8_t { kConstant, kState, kRun, kBooks, kDerived, kOutput };
 ResourceKind resource_kind(Resource resource);
 
 // Short name, as in the frame table.

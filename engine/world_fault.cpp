@@ -52,7 +52,7 @@ constexpr DeepResponse last_of(DeepResponse) { return DeepResponse::kLastFree; }
 constexpr EffectKind last_of(EffectKind) { return EffectKind::kMagnet; }
 constexpr EffectTrigger last_of(EffectTrigger) { return EffectTrigger::kRelease; }
 constexpr HapticEventKind last_of(HapticEventKind) { return HapticEventKind::kLimit; }
-constexpr Integrator last_of(Integrator) { return Integrator::kXpbd; }
+constexpr Integrator last_of(Integrator) { return Integrator::kMidpoint; }
 constexpr LinkPhase last_of(LinkPhase) { return LinkPhase::kDone; }
 constexpr Motion last_of(Motion) { return Motion::kFree; }
 constexpr NodeBehaviour last_of(NodeBehaviour) { return NodeBehaviour::kDial; }
@@ -62,6 +62,7 @@ constexpr RegionFrame last_of(RegionFrame) { return RegionFrame::kWorld; }
 constexpr RegionKind last_of(RegionKind) { return RegionKind::kCapsule; }
 constexpr ResponseDirection last_of(ResponseDirection) { return ResponseDirection::kThesis; }
 constexpr ResponseShare last_of(ResponseShare) { return ResponseShare::kHalf; }
+constexpr TreeSearch last_of(TreeSearch) { return TreeSearch::kEmbree; }
 constexpr TextureKind last_of(TextureKind) { return TextureKind::kNoise; }
 
 // Name of a field within the structs that hold it: "haptics.tool.body".

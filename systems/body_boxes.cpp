@@ -114,7 +114,7 @@ void compute_body_box(double period, const Surfaces& s, uint32_t body, BodyBoxes
         mean_speed = std::sqrt(squared.mean);
     } else {
         box = box_of_rigid(s, body, count);
-        speed = s.poses.velocity[body].norm() + s.poses.angular_velocity[body].norm() * info.radius;
+        speed = boxes.speed[body] + s.poses.angular_velocity[body].norm() * info.radius;
         if (!std::isfinite(speed)) speed = 0;
         mean_speed = speed;
     }
@@ -125,17 +125,35 @@ void compute_body_box(double period, const Surfaces& s, uint32_t body, BodyBoxes
     boxes.box[body] = (wide.min.array() <= wide.max.array()).all() ? wide : Box{};
 }
 
+// How fast the bodies may get in the period by themselves.
+void find_speeds(const BodyBoxesInputs& in, std::vector<double>& speed) {
+    const Surfaces& s = in.surfaces;
+    speed.resize(s.bodies.mesh.size());
+    for (uint32_t body = 0; body < speed.size(); ++body) speed[body] = is_deformable(s.bodies, body) ? 0.0 : s.poses.velocity[body].norm();
+    for (size_t t = 0; t < in.tools.size(); ++t) speed[in.tools[t].body] += in.devices->start(t).velocity.norm();
+    for (const RigidMass& free : s.bodies.rigid_mass) speed[free.body] += in.period * in.gravity.norm();
+}
+
+void empty_boxes_of_absent(const BodyBoxesInputs& in, BodyBoxes& boxes) {
+    for (uint32_t body = 0; in.lives && body < in.lives->away.size(); ++body)
+        if (is_away(*in.lives, body)) boxes.box[body] = {};
+    for (uint32_t body = 0; in.node_state && body < in.node_state->off.size(); ++body)
+        if (is_off(*in.node_state, body)) boxes.box[body] = {};
+}
+
 }  // namespace
 
-void compute_body_boxes(double period, const Surfaces& surfaces, BodyBoxes& boxes, const Sleepers& sleepers) {
-    const uint32_t count = uint32_t(surfaces.bodies.mesh.size());
+void compute_body_boxes(const BodyBoxesInputs& in, BodyBoxes& boxes, const Sleepers& sleepers) {
+    const uint32_t count = uint32_t(in.surfaces.bodies.mesh.size());
     if (boxes.box.size() != count) std::fill(sleepers.seen.begin(), sleepers.seen.end(), 0);
     boxes.box.resize(count);
     boxes.margin.resize(count);
+    find_speeds(in, boxes.speed);
     parallel_for(count, std::clamp(count / 64, 1u, 32u), [&](uint32_t begin, uint32_t end) {
         for (uint32_t body = begin; body < end; ++body)
-            if (!was_seen(sleepers, body)) compute_body_box(period, surfaces, body, boxes);
+            if (!was_seen(sleepers, body)) compute_body_box(in.period, in.surfaces, body, boxes);
     });
+    empty_boxes_of_absent(in, boxes);
 }
 
 }  // namespace trocar

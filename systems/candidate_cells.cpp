@@ -391,8 +391,7 @@ void cut_to_slabs(const ContactInputs& in, std::span<const BodyJolt> jolt, const
     const Vec3d way = apart / distance, mean = both_move ? Vec3d(0.5 * (drift[body[0]] + drift[body[1]])) : Vec3d::Zero();
     double slack = in.fall + 1e-12 * (distance + base.norm());
     slack += jolt_along(jolt, body[0], way) + jolt_along(jolt, body[1], -way);
-    for (const uint32_t b : body)
-        slack += (is_static(s.bodies, b) ? 0.0 : least_stray(s.meshes.info[s.bodies.mesh[b]].mean_edge)) + 0.5 * s.bodies.thickness[b];
+    for (const uint32_t b : body) slack += reach_at_rest(s, b);
     double farthest[2];
     for (int k = 0; k < 2; ++k) farthest[k] = reach_along(s, body[k], in.period, base, k ? Vec3d(-way) : way, mean, c.along[k]);
     for (int k = 0; k < 2; ++k) {

@@ -140,4 +140,12 @@ void find_candidate_pairs(const Bodies& bodies, const BodyBoxes& boxes, std::spa
     }
 }
 
+void update_candidate_pairs(const Bodies& bodies, const BodyBoxes& boxes, std::span<const std::array<uint32_t, 2>> excluded,
+                            CandidatePairsScratch& scratch, CandidatePairs& pairs) {
+    if (same_boxes(boxes.box, scratch.swept_box) && std::ranges::equal(excluded, scratch.swept_excluded)) return;
+    find_candidate_pairs(bodies, boxes, excluded, scratch, pairs);
+    scratch.swept_box = boxes.box;
+    scratch.swept_excluded.assign(excluded.begin(), excluded.end());
+}
+
 }  // namespace trocar

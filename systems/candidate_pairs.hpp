@@ -24,11 +24,18 @@ struct CandidatePairsScratch {
     SweptBoxes swept;
     std::vector<std::array<uint32_t, 2>> found;
     std::vector<uint32_t> first;
+    std::vector<Box> swept_box;  // what the last sweep was made over: where nothing of it has changed, its pairs are
+    std::vector<std::array<uint32_t, 2>> swept_excluded;
 };
 
 // Pairs of bodies whose enlarged boxes meet, ascending (a, b), by sort-and-sweep along the axis of the largest spread. A
 // pair is left out when neither side can be pushed (static, kinematic) or when `excluded` names it (a < b, ascending).
 void find_candidate_pairs(const Bodies& bodies, const BodyBoxes& boxes, std::span<const std::array<uint32_t, 2>> excluded,
                           CandidatePairsScratch& scratch, CandidatePairs& pairs);
+
+// The same for pairs that are kept from pass to pass: they are left as they are where neither boxes nor `excluded` have changed
+// since the scratch was last used for them, as while all bodies sleep.
+void update_candidate_pairs(const Bodies& bodies, const BodyBoxes& boxes, std::span<const std::array<uint32_t, 2>> excluded,
+                            CandidatePairsScratch& scratch, CandidatePairs& pairs);
 
 }  // namespace trocar

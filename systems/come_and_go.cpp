@@ -30,8 +30,7 @@ uint32_t free_slot(const Lives& lives, Range slots, uint32_t from) {
     return kNone;
 }
 
-}  // namespace
-
+// Bodies whose life is over at `tick` (ms), ascending.
 void find_leaving(const Pools& pools, const Lives& lives, uint64_t tick, std::vector<uint32_t>& leaving) {
     leaving.clear();
     for (size_t pool = 0; pool < pools.slots.size(); ++pool) {
@@ -68,6 +67,23 @@ void send_away(const Meshes& meshes, const Solids& solids, const Bodies& bodies,
         sleep.still[body] = kAsleepForLong;
         sleep.group[body] = body;
     }
+}
+
+}  // namespace
+
+void come_and_go(const ComeAndGoInputs& in, ComeAndGoScratch& scratch, ComeAndGoState state) {
+    auto& [lives, poses, particles, sleep, energy] = state;
+    const EnergyInputs inputs{in.springs, in.bodies, state.poses, state.particles, in.anchors, in.gravity, {&in.solids}};
+    const auto energies = [&] {
+        Energy sum;
+        for (const uint32_t body : scratch.leaving) add_body_energy(inputs, body, scratch.energy, sum);
+        return sum.kinetic + sum.elastic + sum.pressure + sum.bending + sum.gravity;
+    };
+    find_leaving(in.pools, lives, in.tick, scratch.leaving);
+    let_come(in.pools, in.tick, lives, sleep);
+    const double before = energies();
+    send_away(in.meshes, in.solids, in.bodies, in.pools, scratch.leaving, lives, poses, particles, sleep);
+    if (in.account_energy) energy.work_numeric += energies() - before;
 }
 
 }  // namespace trocar

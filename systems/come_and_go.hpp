@@ -5,18 +5,40 @@
 #include "components/lives.hpp"
 #include "components/mesh.hpp"
 #include "components/particles.hpp"
+#include "components/report.hpp"
 #include "components/solids.hpp"
+#include "engine/body_energy.hpp"
 namespace trocar {
 
-// Bodies whose life is over at `tick` (ms), ascending.
-void find_leaving(const Pools& pools, const Lives& lives, uint64_t tick, std::vector<uint32_t>& leaving);
+struct ComeAndGoScratch {
+    std::vector<uint32_t> leaving;  // bodies whose life is over in this pass
+    BodyEnergyScratch energy;
+};
 
-// Fills slots with those due at `tick` (ms): the lowest free slot first; who finds none comes when one is free. Their
-// generation is that of the slot, which rose when the last one left.
-void let_come(const Pools& pools, uint64_t tick, Lives& lives, Sleep& sleep);
+struct ComeAndGoInputs {
+    uint64_t tick = 0;  // ms, at the start of the pass
+    bool account_energy = true;
+    const Pools& pools;
+    const Meshes& meshes;
+    const Solids& solids;
+    const Springs& springs;
+    const Bodies& bodies;
+    const Anchors& anchors;
+    Vec3d gravity;  // m/s^2
+};
 
-// Takes bodies away: their slots lie at their places at rest, asleep, until somebody comes.
-void send_away(const Meshes& meshes, const Solids& solids, const Bodies& bodies, const Pools& pools, const std::vector<uint32_t>& leaving,
-               Lives& lives, Poses& poses, Particles& particles, Sleep& sleep);
+struct ComeAndGoState {
+    Lives& lives;
+    Poses& poses;
+    Particles& particles;
+    Sleep& sleep;
+    Energy& energy;
+};
+
+// Bodies whose life is over leave: their slots lie at their places at rest, asleep, until somebody comes; what energy they
+// took with them goes to work_numeric. Those who are due come into the lowest free slot first; who finds none comes when one is
+// free: a slot that becomes free in this pass is given away in the next. Their generation is that of the slot, which rose when the
+// last one left.
+void come_and_go(const ComeAndGoInputs& in, ComeAndGoScratch& scratch, ComeAndGoState state);
 
 }  // namespace trocar

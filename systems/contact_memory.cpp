@@ -78,17 +78,17 @@ struct EdgePlace {
 };
 
 // Remembered edges of candidate pairs that contacts do not have.
-void find_lost_edges(const Surfaces& s, const CandidatePairs& pairs, const ContactMemory& memory, const Contacts& contacts,
-                     ContactMemoryScratch& scratch) {
-    const uint32_t count = uint32_t(scratch.order.size());
+void find_lost_edges(const Surfaces& s, const CandidatePairs& pairs, const ContactMemory& memory, const ContactMemoryOrder& order,
+                     const Contacts& contacts, ContactMemoryScratch& scratch) {
+    const uint32_t count = uint32_t(order.order.size());
     scratch.lost.resize(count);
     parallel_for(count, kRowsPerChunk, [&](uint32_t begin, uint32_t end) {
         EdgePlace place{s, pairs, memory, contacts};
-        place.go_to(scratch.order[begin]);
-        for (uint32_t i = begin; i < end; ++i) scratch.lost[i] = place.go_on(scratch.order[i]);
+        place.go_to(order.order[begin]);
+        for (uint32_t i = begin; i < end; ++i) scratch.lost[i] = place.go_on(order.order[i]);
     });
     for (uint32_t i = 0; i < count; ++i)
-        if (scratch.lost[i].pair != kNone) scratch.kept.push_back({scratch.lost[i], scratch.order[i], Vec3d::Zero(), {}});
+        if (scratch.lost[i].pair != kNone) scratch.kept.push_back({scratch.lost[i], order.order[i], Vec3d::Zero(), {}});
 }
 
 void write_kept(const Surfaces& s, const ContactMemory& memory, const KeptEdge& e, Contacts& to, uint32_t row) {
@@ -122,11 +122,11 @@ uint32_t ask_about_edges(const ContactInputs& in, const ContactMemory& memory, s
 
 // Calls at(row, row of memory) for every row whose point is remembered.
 template <typename At>
-void for_each_remembered(const ContactMemory& memory, const ContactRows& rows, ContactMemoryScratch& scratch, const At& at) {
+void for_each_remembered(const ContactMemory& memory, const ContactMemoryOrder& order, const ContactRows& rows, const At& at) {
     if (memory.body.empty()) return;
-    TROCAR_ASSERT(scratch.order.size() == memory.body.size());
-    const uint32_t remembered = uint32_t(scratch.order.size());
-    const auto key_at = [&](uint32_t i) { return scratch.key[scratch.order[i]]; };
+    TROCAR_ASSERT(order.order.size() == memory.body.size());
+    const uint32_t remembered = uint32_t(order.order.size());
+    const auto key_at = [&](uint32_t i) { return order.key[order.order[i]]; };
     parallel_for(uint32_t(rows.body.size()), kRowsPerChunk, [&](uint32_t begin, uint32_t end) {
         uint32_t next = 0;
         PointKey before{};
@@ -136,7 +136,7 @@ void for_each_remembered(const ContactMemory& memory, const ContactRows& rows, C
             before = wanted;
             while (next < remembered && key_at(next) < wanted) ++next;
             for (uint32_t i = next; i < remembered && key_at(i) == wanted; ++i) {
-                const uint32_t m = scratch.order[i];
+                const uint32_t m = order.order[i];
                 if (std::abs(memory.along[m] - rows.along[row]) < kSamePoint) at(row, m);
             }
         }
@@ -147,27 +147,27 @@ void for_each_remembered(const ContactMemory& memory, const ContactRows& rows, C
 
 // Rows have this order but for those of rigid bodies' edges, which come last, in an order of their own:
 // ascending runs are merged.
-void order_memory(const ContactMemory& memory, ContactMemoryScratch& scratch) {
+void order_memory(const ContactMemory& memory, ContactMemoryScratch& scratch, ContactMemoryOrder& out) {
     const uint32_t count = uint32_t(memory.body.size());
-    std::vector<uint32_t>& order = scratch.order;
+    auto& [order, key] = out;
     order.resize(count);
-    scratch.key.resize(count);
+    key.resize(count);
     parallel_for(count, kRowsPerChunk, [&](uint32_t begin, uint32_t end) {
         for (uint32_t row = begin; row < end; ++row) {
-            order[row] = row;
-            scratch.key[row] = key_of(memory, row);
+            out.order[row] = row;
+            out.key[row] = key_of(memory, row);
         }
     });
     scratch.run.assign(1, 0);
     for (uint32_t row = 1; row < count; ++row)
-        if (scratch.key[row] < scratch.key[row - 1]) scratch.run.push_back(row);
+        if (key[row] < key[row - 1]) scratch.run.push_back(row);
     scratch.run.push_back(count);
-    const auto comes_before = [&](uint32_t a, uint32_t b) { return scratch.key[a] < scratch.key[b]; };
+    const auto comes_before = [&](uint32_t a, uint32_t b) { return out.key[a] < out.key[b]; };
     while (scratch.run.size() > 2) {
         scratch.merged.resize(count);
         uint32_t kept = 0;
         for (size_t r = 0; r + 1 < scratch.run.size(); r += 2) {
-            const auto at = [&](size_t run) { return order.begin() + scratch.run[std::min(run, scratch.run.size() - 1)]; };
+            const auto at = [&](size_t run) { return out.order.begin() + scratch.run[std::min(run, scratch.run.size() - 1)]; };
             std::merge(at(r), at(r + 1), at(r + 1), at(r + 2), scratch.merged.begin() + scratch.run[r], comes_before);
             scratch.run[kept++] = scratch.run[r];
         }
@@ -177,9 +177,10 @@ void order_memory(const ContactMemory& memory, ContactMemoryScratch& scratch) {
     }
 }
 
-void keep_edges(const ContactInputs& in, const ContactMemory& memory, ContactMemoryScratch& scratch, Contacts& contacts) {
+void keep_edges(const ContactInputs& in, const ContactMemory& memory, const ContactMemoryOrder& order, ContactMemoryScratch& scratch,
+                Contacts& contacts) {
     scratch.kept.clear();
-    find_lost_edges(in.surfaces, in.pairs, memory, contacts, scratch);
+    find_lost_edges(in.surfaces, in.pairs, memory, order, contacts, scratch);
     parallel_for(uint32_t(scratch.kept.size()), kEdgesPerChunk, [&](uint32_t begin, uint32_t end) {
         for (uint32_t i = begin; i < end;) i += ask_about_edges(in, memory, std::span(scratch.kept).subspan(i, end - i));
     });
@@ -193,19 +194,20 @@ void keep_edges(const ContactInputs& in, const ContactMemory& memory, ContactMem
     });
 }
 
-void mark_pressed(const Surfaces& s, const ContactMemory& memory, const ContactRows& rows, ContactMemoryScratch& scratch) {
-    scratch.pressed.assign(rows.body.size(), 0);
-    for_each_remembered(memory, rows, scratch, [&](uint32_t row, uint32_t) {
+void mark_loaded(const Surfaces& s, const ContactMemory& memory, const ContactMemoryOrder& order, const ContactRows& rows,
+                 std::vector<uint8_t>& loaded) {
+    loaded.assign(rows.body.size(), 0);
+    for_each_remembered(memory, order, rows, [&](uint32_t row, uint32_t) {
         const uint32_t body = rows.body[row];
         const bool vertex = rows.vertex[row][0] == rows.vertex[row][1] && rows.third[row] == kNone;
         if (!vertex || !is_deformable(s.bodies, body) || s.bodies.motion[rows.other[row]] != Motion::kStatic) return;
-        scratch.pressed[row] = rows.distance[row] < 0.5 * s.meshes.info[s.bodies.mesh[body]].mean_edge;
+        loaded[row] = rows.distance[row] < 0.5 * s.meshes.info[s.bodies.mesh[body]].mean_edge;
     });
 }
 
-void recall_contacts(const ContactMemory& memory, ContactMemoryScratch& scratch, ContactRows& rows) {
+void recall_contacts(const ContactMemory& memory, const ContactMemoryOrder& order, ContactRows& rows) {
     rows.carried.assign(rows.body.size(), Vec3d::Zero());
-    for_each_remembered(memory, rows, scratch, [&](uint32_t row, uint32_t m) {
+    for_each_remembered(memory, order, rows, [&](uint32_t row, uint32_t m) {
         if (!(rows.distance[row] < -kRestingDepth)) rows.carried[row] = memory.force[m];
     });
 }

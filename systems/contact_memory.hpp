@@ -1,5 +1,4 @@
 #pragma once
-#include <compare>
 #include <cstdint>
 #include <vector>
 
@@ -19,40 +18,33 @@ struct KeptEdge {
     SurfacePoint answer;          // likewise
 };
 
-// Whose point it is, in the order of Contacts: pair, side, vertices before edges before faces.
-struct PointKey {
-    uint64_t pair = 0, point = 0;
-    auto operator<=>(const PointKey&) const = default;
-};
-
 struct ContactMemoryScratch {
-    std::vector<uint32_t> order;        // rows of memory, ascending by point
-    std::vector<PointKey> key;          // per row of memory
     std::vector<uint32_t> run, merged;  // of the sort: first rows of ascending runs; its other buffer
     std::vector<LostEdge> lost;         // per row of order
     std::vector<KeptEdge> kept;
     std::vector<uint32_t> before;  // as kept: the contact that it comes before
-    std::vector<uint8_t> pressed;  // per contact row: mark_pressed
 };
 
-// Sorts what is remembered by point: scratch.order and key, for the functions below until remember_contacts is called.
-void order_memory(const ContactMemory& memory, ContactMemoryScratch& scratch);
+// Sorts what is remembered by point.
+void order_memory(const ContactMemory& memory, ContactMemoryScratch& scratch, ContactMemoryOrder& order);
 
 // Adds to contacts the points of edges that had a row in the pass before, as long as they are within params.tolerance of
 // the surface: the edge pass finds edges only while they cross, so that one held up by another would be let go when it
 // has been pushed out, sink for a pass, and be found again: tissue on tissue trembles at mm/s. Pairs with a deformable
 // body; keeps the order of contacts.
-void keep_edges(const ContactInputs& in, const ContactMemory& memory, ContactMemoryScratch& scratch, Contacts& contacts);
+void keep_edges(const ContactInputs& in, const ContactMemory& memory, const ContactMemoryOrder& order, ContactMemoryScratch& scratch,
+                Contacts& contacts);
 
-// Marks in scratch.pressed the rows of vertices of deformable bodies that bore a load on a static one in the pass before,
+// Marks the rows of vertices of deformable bodies that bore a load on a static one in the pass before,
 // within half a mean edge: they act whatever their speed, for what they bore throws them back (0.2 N on 0.26 g: 14 mm in 8
 // ms). Not those on other bodies: under a tool the lightest vertices of a fine mesh would reach anywhere.
-void mark_pressed(const Surfaces& surfaces, const ContactMemory& memory, const ContactRows& rows, ContactMemoryScratch& scratch);
+void mark_loaded(const Surfaces& surfaces, const ContactMemory& memory, const ContactMemoryOrder& order, const ContactRows& rows,
+                 std::vector<uint8_t>& loaded);
 
 // Gives every row what the row of the same point carried at the end of the pass before, zero where there was none. The
 // same point: same vertices of the same body against the same other and, of an edge, less than a tenth of it apart. Rows that
 // start deeper than what rests get none.
-void recall_contacts(const ContactMemory& memory, ContactMemoryScratch& scratch, ContactRows& rows);
+void recall_contacts(const ContactMemory& memory, const ContactMemoryOrder& order, ContactRows& rows);
 
 // Keeps the rows that carried something in the pass, and those of edges, in their order; points inside faces
 // are found anew.

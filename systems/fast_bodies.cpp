@@ -1,6 +1,7 @@
 #include "systems/fast_bodies.hpp"
 
 #include <algorithm>
+#include <cmath>
 #include <limits>
 
 #include "engine/parallel.hpp"
@@ -66,9 +67,7 @@ double touch_of(const ContactInputs& in, std::span<const FastBody> fast, uint32_
                        *in.trees[bodies.tree[other]], seen_from(s, other, own->sweep, velocity), in.period, least);
 }
 
-}  // namespace
-
-void cover_fast_ways(std::span<const FastBody> fast, double seconds, const Surfaces& surfaces, BodyBoxes& boxes) {
+void cover_ways(std::span<const FastBody> fast, double seconds, const Surfaces& surfaces, BodyBoxes& boxes) {
     for (const FastBody& f : fast) {
         const double arm = surfaces.meshes.info[surfaces.bodies.mesh[f.body]].radius + f.sweep.pivot.norm();
         const Vec3d reach = Vec3d::Constant(arm + boxes.margin[f.body]);
@@ -77,6 +76,36 @@ void cover_fast_ways(std::span<const FastBody> fast, double seconds, const Surfa
         box.min = box.min.cwiseMin(f.sweep.place.cwiseMin(end) - reach);
         box.max = box.max.cwiseMax(f.sweep.place.cwiseMax(end) + reach);
     }
+}
+
+}  // namespace
+
+void find_fast_bodies(const FastBodiesInputs& in, std::vector<FastBody>& fast, BodyBoxes& boxes) {
+    const auto& [period, gravity, s, tools, devices, node_state] = in;
+    const Poses& poses = s.poses;
+    fast.clear();
+    const auto add = [&](uint32_t body, const RigidSweep& sweep) {
+        if (is_off(in.node_state, body)) return;
+        const double arm = in.surfaces.meshes.info[in.surfaces.bodies.mesh[body]].radius + sweep.pivot.norm();
+        const double way = (boxes.speed[body] + in.surfaces.poses.angular_velocity[body].norm() * arm) * in.period;
+        if (way > boxes.margin[body] && std::isfinite(way)) fast.push_back({body, sweep});
+    };
+    for (size_t t = 0; t < tools.size(); ++t) {
+        const HandTool& tool = tools[t];
+        const DeviceState& end = devices.end(t);
+        const Vec3d from = poses.origin[tool.body], to = end.position - rotate(end.orientation, tool.tip);
+        const Quat& turn = poses.orientation[tool.body];
+        add(tool.body, {Vec3d::Zero(), from, (to - from) / period, turn, rotation_vector(turn, end.orientation) / period});
+    }
+    for (const RigidMass& free : s.bodies.rigid_mass) {
+        const uint32_t body = static_cast<uint32_t>(free.body);
+        const Vec3d& spin = poses.angular_velocity[body];
+        const Vec3d arm = rotate(poses.orientation[body], free.centre);
+        const Vec3d velocity = poses.velocity[body] + spin.cross(arm) + 0.5 * period * gravity;
+        add(body, {free.centre, poses.origin[body] + arm, velocity, poses.orientation[body], spin});
+    }
+    std::ranges::sort(fast, {}, &FastBody::body);
+    cover_ways(fast, period, s, boxes);
 }
 
 void find_stops(const ContactInputs& in, std::span<const FastBody> fast, std::vector<double>& touch, std::vector<double>& stop) {

@@ -8,19 +8,79 @@
 #include "engine/world.hpp"
 namespace trocar {
 
+// The stages of the frame table, in the order of a serial run: the row of each in frame_stages().
+enum class StageId : uint8_t {
+    kDeviceInput,
+    kNodes,
+    kRigidMotion,
+    kComeAndGo,
+    kLinks,
+    kTears,
+    kTornSprings,
+    kBodyBoxes,
+    kFastBodies,
+    kJoinedBodies,
+    kExcludedPairs,
+    kBoxPairs,
+    kCandidatePairs,
+    kSleep,
+    kRefitTrees,
+    kImpactTimes,
+    kRasterise,
+    kCandidateCells,
+    kPartedTriangles,
+    kContours,
+    kOverlap,
+    kEdgePass,
+    kMemoryOrder,
+    kKeptEdges,
+    kFacePass,
+    kPenetration,
+    kDeepOverlap,
+    kRegions,
+    kContactRows,
+    kEdgeRows,
+    kLoadedRows,
+    kIdleRows,
+    kImpliedRows,
+    kWarmStart,
+    kIslands,
+    kLocalContact,
+    kHapticSurfaces,
+    kDriveYield,
+    kTissueGive,
+    kContactHook,
+    kHoldingGroups,
+    kAdvance,
+    kContactMemory,
+    kLinkForces,
+    kHandForces,
+    kSurfaceNormals,
+    kEnergy,
+    kPicture,
+    kCount
+};
+
+// Parts of a frame: what moves by itself, comes, goes or is cut; from boxes to islands; what the haptic thread is told; from one
+// pass to the next; a picture. All but the last run at the contact rate.
+enum class FramePart : uint8_t { kInput, kDetection, kHaptics, kAdvance, kPicture };
+
 // One row of the frame table.
 struct FrameStage {
+    StageId id;
+    FramePart part;
     Stage stage;
     bool (*wanted)(const World&);  // a stage enters the frame only if the scene has what it works on
 };
 
-// The lists of a pass, in the order of a serial run; see README for the table in words. A third one ends a picture.
-std::span<const FrameStage> begin_stages();    // at the contact rate
-std::span<const FrameStage> advance_stages();  // at the contact rate
+// See README for the table in words.
+std::span<const FrameStage> frame_stages();
+inline std::string_view stage_name(StageId id) { return frame_stages()[static_cast<size_t>(id)].stage.name; }
 
 struct FrameOptions {
     bool serial = false;            // run_serial instead of the job graph
     bool clear_caches = false;      // forget hints, sweep orders and trees' shapes before every pass (tests)
+    bool clear_scratch = false;     // throw away all that is not in the world between any two stages; runs serially (tests)
     bool look_at_sleepers = false;  // even where nothing has changed since the stage looked last (tests)
     bool account_energy = true;
     bool pictures = true;         // false: without the stages whose results only pictures show; snapshot_now works all the same
@@ -56,16 +116,14 @@ class Frame {
     // missing or a body was taken out; bodies that come and go by themselves have slots in a pool (components/lives.hpp).
     void step();
     void set_contact_hook(const ContactHook& hook);
-    // With external_ticks: where the devices were in the pass before, when a run is taken up in its middle; empty: there was none.
-    void set_live_devices(std::span<const DeviceState> devices);
-    std::span<const DeviceState> live_devices() const;
     // The world was set back to where the last pass began, to run it again: what is known of its sleepers holds.
     void run_pass_again();
     // A picture of the present state, outside the order of the frame.
     const PictureSnapshot& snapshot_now();
-    // For tests of the table: the stages of this frame in serial order; everything of a pass before stage `row`; that
-    // stage alone.
+    // The stages of this frame in serial order, and where one of them is; kNone where the scene does not want it.
     std::span<const Stage> stages() const;
+    uint32_t row_of(StageId id) const;
+    // For tests of the table: everything of a pass before stage `row`; that stage alone.
     void step_until(uint32_t row);
     void run_stage(uint32_t row);
     World& world();

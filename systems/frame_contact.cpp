@@ -1,7 +1,6 @@
-#include <algorithm>
-#include <cmath>
-
+#include "engine/reach.hpp"
 #include "systems/body_boxes.hpp"
+#include "systems/fast_bodies.hpp"
 #include "systems/frame_stages.hpp"
 #include "systems/haptic_surface.hpp"
 #include "systems/penetration.hpp"
@@ -9,113 +8,65 @@
 namespace trocar::stages {
 namespace {
 
-double fall_in_period(const World& w) { return 0.5 * w.settings.gravity.norm() * period_seconds(w) * period_seconds(w); }
 ContactInputs contact_inputs(const World& w) {
-    return {w.settings.contact, period_seconds(w), fall_in_period(w), surfaces_of(w), w.boxes, w.pairs, w.trees};
-}
-
-std::span<const ToolJaw> jaws_of(const Haptics& haptics, const HandTool& tool) {
-    return std::span(haptics.jaw).subspan(tool.jaws.first, tool.jaws.count);
-}
-
-// Hands on the way to where their devices will be, and free bodies, that come faster than rows look ahead. (A hand that
-// tissue holds back from its device is not fast: rows hold it.)
-void find_fast_bodies(FrameState& f) {
-    const World& w = f.world;
     const double period = period_seconds(w);
-    f.scratch.fast.clear();
-    const auto add = [&](uint32_t body, const RigidSweep& sweep) {
-        if (is_off(w.node_state, body)) return;
-        const double arm = w.meshes.info[w.bodies.mesh[body]].radius + sweep.pivot.norm();
-        const double way = (f.scratch.coming.velocity[body].norm() + w.poses.angular_velocity[body].norm() * arm) * period;
-        if (way > w.boxes.margin[body] && std::isfinite(way)) f.scratch.fast.push_back({body, sweep});
-    };
-    for (size_t t = 0; t < w.haptics.tool.size(); ++t) {
-        const HandTool& tool = w.haptics.tool[t];
-        const DeviceState& end = f.scratch.device[t * (w.clock.period + 1) + w.clock.period];
-        const Vec3d from = w.poses.origin[tool.body], to = end.position - rotate(end.orientation, tool.tip);
-        const Quat& turn = w.poses.orientation[tool.body];
-        add(tool.body, {Vec3d::Zero(), from, (to - from) / period, turn, rotation_vector(turn, end.orientation) / period});
-    }
-    for (const RigidMass& free : w.bodies.rigid_mass) {
-        const uint32_t body = static_cast<uint32_t>(free.body);
-        const Vec3d& spin = w.poses.angular_velocity[body];
-        const Vec3d arm = rotate(w.poses.orientation[body], free.centre);
-        const Vec3d velocity = w.poses.velocity[body] + spin.cross(arm) + 0.5 * period * w.settings.gravity;
-        add(body, {free.centre, w.poses.origin[body] + arm, velocity, w.poses.orientation[body], spin});
-    }
-    std::ranges::sort(f.scratch.fast, {}, &FastBody::body);
+    return {w.settings.contact, period, fall_in_period(w.settings.gravity, period), surfaces_of(w), w.boxes, w.pairs, w.trees};
 }
+
 }  // namespace
 
 void body_boxes(FrameState& f) {
     World& w = f.world;
-    // a hand may come as fast as its device moves now
-    f.scratch.coming = w.poses;
-    for (size_t t = 0; t < w.haptics.tool.size(); ++t) {
-        Vec3d& velocity = f.scratch.coming.velocity[w.haptics.tool[t].body];
-        velocity = Vec3d(velocity.norm() + f.scratch.device[t * (w.clock.period + 1)].velocity.norm(), 0, 0);
-    }
-    // and a free body as fast as it may fall until the end of the pass
-    for (const RigidMass& free : w.bodies.rigid_mass) {
-        Vec3d& velocity = f.scratch.coming.velocity[free.body];
-        velocity = Vec3d(velocity.norm() + period_seconds(w) * w.settings.gravity.norm(), 0, 0);
-    }
     number_sleeps(f);
-    compute_body_boxes(period_seconds(w), {w.meshes, w.bodies, f.scratch.coming, w.particles}, w.boxes, sleepers(f, kSeenByBoxes));
-    for (uint32_t body = 0; body < w.lives.away.size(); ++body)
-        if (is_away(w.lives, body)) w.boxes.box[body] = {};
-    for (uint32_t body = 0; body < w.node_state.off.size(); ++body)
-        if (is_off(w.node_state, body)) w.boxes.box[body] = {};
-    find_fast_bodies(f);
-    cover_fast_ways(f.scratch.fast, period_seconds(w), surfaces_of(w), w.boxes);
+    compute_body_boxes({period_seconds(w), surfaces_of(w), w.settings.gravity, w.haptics.tool, &w.devices, &w.lives, &w.node_state},
+                       w.boxes, sleepers(f, kSeenByBoxes));
+}
+void fast_bodies(FrameState& f) {
+    World& w = f.world;
+    find_fast_bodies({period_seconds(w), w.settings.gravity, surfaces_of(w), w.haptics.tool, w.devices, w.node_state}, w.fast_bodies,
+                     w.boxes);
+}
+void joined_bodies(FrameState& f) {
+    World& w = f.world;
+    find_joined_bodies(w.bodies, w.links, w.haptics.tool, w.haptics.jaw, w.joined_bodies);
+}
+void excluded_pairs(FrameState& f) {
+    World& w = f.world;
+    find_pierced_bodies(w.haptics.tool, w.boxes, w.nodes.apart, w.haptics.state, w.excluded_pairs);
+}
+void box_pairs(FrameState& f) {
+    World& w = f.world;
+    update_candidate_pairs(w.bodies, w.boxes, w.excluded_pairs, f.scratch.pairs, w.box_pairs);
 }
 void candidate_pairs(FrameState& f) {
     World& w = f.world;
-    find_pierced_bodies(w.haptics.tool, w.boxes, w.nodes.apart, w.haptics.state, f.scratch.apart);
-    FrameScratch& s = f.scratch;
-    const auto same = [](const Box& a, const Box& b) { return a.min == b.min && a.max == b.max; };
-    const bool still = std::equal(w.boxes.box.begin(), w.boxes.box.end(), s.swept_box.begin(), s.swept_box.end(), same);
-    const bool swept = !still || s.apart != s.swept_apart;  // else all sleep
-    if (swept) {
-        find_candidate_pairs(w.bodies, w.boxes, s.apart, s.pairs, s.swept);
-        s.swept_box = w.boxes.box;
-        s.swept_apart = s.apart;
-    }
-    const Sleepers seen = sleepers(f, kSeenByPairs);
-    const bool rest = !swept && lie_still(surfaces_of(w), s.reachable, seen);
-    if (!rest)
-        for (PairsAtRest& found : s.at_rest) found.period = 0;  // what memory they have they keep
-    const double period = period_seconds(w);
-    for (const PairsAtRest& found : s.at_rest) {
-        if (found.period != period) continue;
-        w.pairs = found.pairs;
-        s.reachable.jolt.assign(w.bodies.mesh.size(), {});
-        return;
-    }
-    w.pairs = s.swept;
-    drop_unreachable_pairs(period, w.settings.gravity, surfaces_of(w), w.boxes, s.reachable, w.pairs, seen);
-    if (rest) {
-        std::swap(s.at_rest[0], s.at_rest[1]);
-        s.at_rest[1].period = period;
-        s.at_rest[1].pairs = w.pairs;
-    }
+    find_reachable_pairs(period_seconds(w), w.settings.gravity, surfaces_of(w), w.boxes, w.box_pairs, f.scratch.reachable, w.pairs,
+                         w.displacement_bounds, sleepers(f, kSeenByPairs));
+}
+void sleep(FrameState& f) {
+    World& w = f.world;
+    fall_asleep_and_wake({w.settings, pass_seconds(w), w.clock.period, w.bodies, w.paths, w.nodes.drive, w.joined_bodies, w.lives},
+                         f.scratch.sleep, w.sleep, w.particles, w.poses, w.pairs, w.energy, w.report);
+    number_sleeps(f);
 }
 void refit(FrameState& f) {
     World& w = f.world;
     refit_trees(w.bodies, w.particles, w.pairs, f.scratch.refit, w.trees);
-    find_stops(contact_inputs(w), f.scratch.fast, f.scratch.touch, f.scratch.stop);
+}
+void impact_times(FrameState& f) {
+    World& w = f.world;
+    find_stops(contact_inputs(w), w.fast_bodies, f.scratch.touch, w.impact_times);
 }
 void rasterise_bodies(FrameState& f) {
     World& w = f.world;
-    rasterise(contact_inputs(w), f.direct_tests, f.scratch.rasterise, w.report, w.screened, w.occupancy);
+    rasterise(contact_inputs(w), f.limits.direct_tests, f.scratch.rasterise, w.report, w.screened, w.occupancy);
 }
 void candidate_cells(FrameState& f) {
     World& w = f.world;
-    const DirectPairs direct{f.direct_tests, f.scratch.reachable.jolt};
+    const DirectPairs direct{f.limits.direct_tests, w.displacement_bounds};
     find_candidate_triangles(contact_inputs(w), direct, w.screened, w.occupancy, f.scratch.cells, w.candidates);
-    drop_parted_triangles(contact_inputs(w), f.scratch.parted, w.candidates);
 }
+void parted_triangles(FrameState& f) { drop_parted_triangles(contact_inputs(f.world), f.scratch.parted, f.world.candidates); }
 void contours(FrameState& f) {
     World& w = f.world;
     find_contours(contact_inputs(w), w.candidates, f.scratch.contours, w.contours);
@@ -127,22 +78,23 @@ void overlap(FrameState& f) {
 void edge_pass(FrameState& f) {
     World& w = f.world;
     find_edge_contacts(contact_inputs(w), w.candidates, w.near, f.scratch.edges, w.report, w.contacts);
-    order_memory(w.contact_memory, f.scratch.memory);
-    keep_edges(contact_inputs(w), w.contact_memory, f.scratch.memory, w.contacts);
 }
-void penetration(FrameState& f) {
-    measure_penetrations(f.world.pairs, f.world.contacts, f.world.penetrations);
-    ++f.world.report.contact_passes;
-    if (!f.world.penetrations.pair.empty()) ++f.world.report.contact_events;
+void memory_order(FrameState& f) { order_memory(f.world.contact_memory, f.scratch.memory, f.world.memory_order); }
+void kept_edges(FrameState& f) {
+    World& w = f.world;
+    keep_edges(contact_inputs(w), w.contact_memory, w.memory_order, f.scratch.memory, w.contacts);
 }
 void face_pass(FrameState& f) {
     World& w = f.world;
-    find_face_contacts(contact_inputs(w), f.face_queries, w.screened, w.candidates, w.near, f.scratch.faces, w.contacts);
+    find_face_contacts(contact_inputs(w), f.limits.face_queries, w.screened, w.candidates, w.near, f.scratch.faces, w.contacts);
+}
+void penetration(FrameState& f) {
+    World& w = f.world;
+    measure_penetrations(w.pairs, w.contacts, w.report, w.penetrations);
 }
 void deep_overlap(FrameState& f) {
     World& w = f.world;
-    mark_saturated(contact_inputs(w), w.contacts, w.penetrations);
-    remember_ways_out(contact_inputs(w), w.contacts, f.scratch.ways_before, w.pair_memory, w.penetrations);
+    find_ways_out(contact_inputs(w), w.contacts, f.scratch.ways_before, w.pair_memory, w.penetrations);
 }
 void regions(FrameState& f) {
     World& w = f.world;
@@ -151,31 +103,54 @@ void regions(FrameState& f) {
 void contact_rows(FrameState& f) {
     World& w = f.world;
     make_contact_rows(contact_inputs(w), w.contacts, w.penetrations, f.scratch.rows, w.report, w.rows);
-    add_edge_rows(contact_inputs(w), w.candidates, f.scratch.edge_rows, w.rows);
-    mark_pressed(surfaces_of(w), w.contact_memory, w.rows, f.scratch.memory);
-    const ComingPeriod coming{period_seconds(w),        w.settings.gravity, surfaces_of(w), f.scratch.reachable.jolt,
-                              f.scratch.memory.pressed, linked_bodies(f),   w.nodes.drive};
-    drop_idle_rows(coming, f.scratch.idle_rows, w.rows);
-    drop_implied_rows(surfaces_of(w), f.scratch.implied_rows, w.rows);
-    recall_contacts(w.contact_memory, f.scratch.memory, w.rows);
 }
-void islands(FrameState& f) { find_islands(f.world.bodies, f.world.rows, f.scratch.islands, f.world.islands, linked_bodies(f)); }
+void edge_rows(FrameState& f) {
+    World& w = f.world;
+    add_edge_rows(contact_inputs(w), w.candidates, f.scratch.edge_rows, w.rows);
+}
+void loaded_rows(FrameState& f) {
+    World& w = f.world;
+    mark_loaded(surfaces_of(w), w.contact_memory, w.memory_order, w.rows, w.loaded_rows);
+}
+void idle_rows(FrameState& f) {
+    World& w = f.world;
+    drop_idle_rows(
+        {period_seconds(w), w.settings.gravity, surfaces_of(w), w.displacement_bounds, w.loaded_rows, w.joined_bodies, w.nodes.drive},
+        f.scratch.idle_rows, w.rows);
+}
+void implied_rows(FrameState& f) { drop_implied_rows(surfaces_of(f.world), f.scratch.implied_rows, f.world.rows); }
+void warm_start(FrameState& f) { recall_contacts(f.world.contact_memory, f.world.memory_order, f.world.rows); }
+void islands(FrameState& f) {
+    World& w = f.world;
+    find_islands(w.bodies, w.rows, f.scratch.islands, w.islands, w.joined_bodies);
+}
 void local_contact(FrameState& f) {
     World& w = f.world;
-    w.local_contact.resize(w.haptics.tool.size());
-    for (size_t t = 0; t < w.haptics.tool.size(); ++t) {
-        publish_local_contact(haptic_params(w.clock.contact_rate), surfaces_of(w), w.boxes.box, w.haptics.tool[t], w.haptics.state[t],
-                              pass_seconds(w), w.clock.pass + 1, f.scratch.local_contact, w.local_contact[t],
-                              jaws_of(w.haptics, w.haptics.tool[t]));
-        w.local_contact[t].period = period_seconds(w);
-        w.local_contact[t].in_hand = w.node_state.laid_down.empty() || !w.node_state.laid_down[t];
-        publish_surfaces(w.haptics.surface, w.poses, w.local_contact[t]);
-        if (!w.nodes.drive.empty() && w.bodies.inv_mass[w.haptics.tool[t].body] > 0)
-            publish_yield(w.nodes, w.node_state, 1 / w.bodies.inv_mass[w.haptics.tool[t].body], w.haptics.tool[t], w.haptics.state[t],
-                          w.local_contact[t]);
-        publish_give(surfaces_of(w), w.haptics.tool[t], w.haptics.state[t], f.scratch.local_contact, w.local_contact[t]);
+    const Haptics& h = w.haptics;
+    w.local_contact.resize(h.tool.size());
+    for (size_t t = 0; t < h.tool.size(); ++t) {
+        const bool in_hand = w.node_state.laid_down.empty() || !w.node_state.laid_down[t];
+        publish_local_contact(haptic_params(w.clock.contact_rate), surfaces_of(w), w.boxes.box, h.tool[t], h.state[t],
+                              {pass_seconds(w), w.clock.pass + 1, period_seconds(w), in_hand}, f.scratch.local_contact, w.local_contact[t],
+                              std::span(h.jaw).subspan(h.tool[t].jaws.first, h.tool[t].jaws.count));
     }
-    if (f.contact_hook.published) f.contact_hook.published(f.contact_hook.user, w);
+}
+void haptic_surfaces(FrameState& f) {
+    World& w = f.world;
+    for (LocalContactModel& model : w.local_contact) publish_surfaces(w.haptics.surface, w.poses, model);
+}
+void drive_yield(FrameState& f) {
+    World& w = f.world;
+    for (size_t t = 0; t < w.haptics.tool.size(); ++t)
+        publish_yield(w.nodes, w.node_state, w.bodies, w.haptics.tool[t], w.haptics.state[t], w.local_contact[t]);
+}
+void tissue_give(FrameState& f) {
+    World& w = f.world;
+    for (size_t t = 0; t < w.haptics.tool.size(); ++t)
+        publish_give(surfaces_of(w), w.haptics.tool[t], w.haptics.state[t], f.scratch.local_contact, w.local_contact[t]);
+}
+void contact_hook(FrameState& f) {
+    if (f.contact_hook.published) f.contact_hook.published(f.contact_hook.user, f.world);
 }
 
 }  // namespace trocar::stages

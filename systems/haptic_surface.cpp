@@ -64,8 +64,10 @@ double drive_mobility(const NodeDrive& drive, const DriveState& state, const Vec
 
 }  // namespace
 
-void publish_yield(const Nodes& nodes, const NodeState& node_state, double tool_mass, const HandTool& tool, const ToolState& state,
+void publish_yield(const Nodes& nodes, const NodeState& node_state, const Bodies& bodies, const HandTool& tool, const ToolState& state,
                    LocalContactModel& out) {
+    if (!(bodies.inv_mass[tool.body] > 0)) return;
+    const double tool_mass = 1 / bodies.inv_mass[tool.body];
     const uint32_t touched = state.contacts > 0 ? state.touched : kNone;
     for (size_t d = 0; d < nodes.drive.size(); ++d) {
         const NodeDrive& drive = nodes.drive[d];

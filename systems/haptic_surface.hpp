@@ -13,8 +13,8 @@ void publish_surfaces(std::span<const HapticSurface> surfaces, const Poses& pose
 // touch and publish_give can tell, the tool would stand against a surface that does not know of it. A tool of mass m_t on a
 // body whose coordinate has inertia m_e along the way in goes on with it at m_t / (m_t + m_e) of its speed: that share s of its
 // way is the body's, as of a spring in a row with the coupling k, k2 = k (1 - s) / s. Nothing for a body at the limit that
-// it is pressed against. Before publish_give.
-void publish_yield(const Nodes& nodes, const NodeState& node_state, double tool_mass, const HandTool& tool, const ToolState& state,
+// it is pressed against. Nothing either under a tool that no force moves. Before publish_give.
+void publish_yield(const Nodes& nodes, const NodeState& node_state, const Bodies& bodies, const HandTool& tool, const ToolState& state,
                    LocalContactModel& out);
 
 // Surface properties of a body; null where it has none of its own.

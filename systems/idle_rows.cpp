@@ -24,12 +24,8 @@ bool may_act(const ComingPeriod& coming, const ContactRows& rows, uint32_t row) 
     const Surfaces& s = coming.surfaces;
     const Bodies& bodies = s.bodies;
     const uint32_t body = rows.body[row], other = rows.other[row];
-    const double period = coming.seconds, fall = 0.5 * coming.gravity.norm() * period * period;
-    const auto slack = [&](uint32_t b) {
-        const double stray = is_deformable(bodies, b) ? least_stray(s.meshes.info[bodies.mesh[b]].mean_edge) : 0.0;
-        return stray + 0.5 * bodies.thickness[b];
-    };
-    const double near = fall + slack(body) + slack(other);
+    const double period = coming.seconds;
+    const double near = fall_in_period(coming.gravity, period) + reach_at_rest(s, body) + reach_at_rest(s, other);
     if (rows.distance[row] < near) return true;
     Vec3d v = Vec3d::Zero();
     if (is_deformable(bodies, body)) {

@@ -36,12 +36,9 @@ void link_bodies(double now, std::span<const ToolState> tools, const LinkWorld& 
     report.links = links.node.size();
 }
 
-void note_link_forces(double seconds, Links& links) {
+void note_link_forces(double seconds, std::span<const HandTool> tools, std::span<const ToolJaw> jaws, Links& links,
+                      std::span<ToolState> states) {
     for (LinkGroup& g : links.group) g.largest_force = std::max(g.largest_force, g.impulse.norm() / seconds);
-}
-
-void note_pull_on_tools(double seconds, const Links& links, std::span<const HandTool> tools, std::span<const ToolJaw> jaws,
-                        std::span<ToolState> states) {
     const auto holds = [&](const HandTool& tool, uint32_t body) {
         bool any = body == tool.body;
         for (const ToolJaw& jaw : jaws.subspan(tool.jaws.first, tool.jaws.count)) any = any || body == jaw.body;
@@ -54,6 +51,13 @@ void note_pull_on_tools(double seconds, const Links& links, std::span<const Hand
             if (g.body != kNone && holds(tools[t], g.holder)) states[t].link_force -= g.impulse / seconds;
         }
     }
+}
+
+void find_joined_bodies(const Bodies& bodies, const Links& links, std::span<const HandTool> tools, std::span<const ToolJaw> jaws,
+                        std::vector<std::array<uint32_t, 2>>& joined) {
+    joined_by_links(bodies, links, joined);
+    for (const HandTool& tool : tools)
+        for (const ToolJaw& jaw : jaws.subspan(tool.jaws.first, tool.jaws.count)) joined.push_back({tool.body, jaw.body});
 }
 
 }  // namespace trocar

@@ -10,10 +10,13 @@ namespace trocar {
 void link_bodies(double now, std::span<const ToolState> tools, const LinkWorld& world, LinkScratch& scratch, Links& links, Sleep& sleep,
                  Energy& energy, Report& report);
 
-// Keeps the largest force of every group, mean over a pass of `seconds`; after advance.
-void note_link_forces(double seconds, Links& links);
-// The same for the tools whose bodies or jaws hold links: ToolState::link_force.
-void note_pull_on_tools(double seconds, const Links& links, std::span<const HandTool> tools, std::span<const ToolJaw> jaws,
-                        std::span<ToolState> states);
+// Keeps the largest force of every group, mean over a pass of `seconds`, and the force on the tools whose bodies or jaws hold
+// links: ToolState::link_force; after advance.
+void note_link_forces(double seconds, std::span<const HandTool> tools, std::span<const ToolJaw> jaws, Links& links,
+                      std::span<ToolState> states);
+
+// Pairs of bodies that links and jaws join: they are of one island, sleep together, and hold each other.
+void find_joined_bodies(const Bodies& bodies, const Links& links, std::span<const HandTool> tools, std::span<const ToolJaw> jaws,
+                        std::vector<std::array<uint32_t, 2>>& joined);
 
 }  // namespace trocar

@@ -367,14 +367,16 @@ void take_along(uint32_t body, const Vec3d& point, const Vec3d& velocity, double
 }  // namespace
 
 void publish_local_contact(const HapticParams& params, const Surfaces& surfaces, std::span<const Box> boxes, const HandTool& tool,
-                           const ToolState& state, double time, uint64_t sequence, LocalContactScratch& scratch, LocalContactModel& out,
+                           const ToolState& state, const ModelPass& pass, LocalContactScratch& scratch, LocalContactModel& out,
                            std::span<const ToolJaw> jaws) {
     const auto is_jaw = [&](uint32_t body) {
         return std::any_of(jaws.begin(), jaws.end(), [&](const ToolJaw& j) { return j.body == body; });
     };
     clear_model(out);
-    out.time = time;
-    out.sequence = sequence;
+    out.time = pass.time;
+    out.sequence = pass.sequence;
+    out.period = pass.period;
+    out.in_hand = pass.in_hand;
     out.from = state.device.position;
     out.to = state.proxy_valid ? state.proxy : state.device.position;
     const double turning = state.device_spin.norm() * tool.shell_radius;

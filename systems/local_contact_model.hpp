@@ -25,15 +25,23 @@ struct LocalContactScratch {
     std::vector<ShellPoint> open;  // points of a tool with jaws
 };
 
+// The contact pass that a model is of.
+struct ModelPass {
+    double time = 0;        // s
+    uint64_t sequence = 0;  // its number
+    double period = 0;      // s, until the next one
+    bool in_hand = true;    // the tool is
+};
+
 // Copies every triangle that a tool may touch before the next passes: those of all bodies but its own that may come nearer
 // to the segment from the device to the proxy than the tool travels in params.greatest_age (told by boxes, so a few more),
 // with their vertex velocities: of tissue each the mean over the triangles around it, twice, none faster against the rest
-// than tools go. `boxes`: one world box per body that holds it, or empty for "look at all". `time` (s) and `sequence` name
-// the contact pass. Bodies ascend, triangles ascend within a body, vertices in the order of first use. For a tool with a
+// than tools go. `boxes`: one world box per body that holds it, or empty for "look at all". Bodies ascend, triangles ascend within
+// a body, vertices in the order of first use. For a tool with a
 // shell all points of it, where they are and where the device would have them, take the place of the segment; its trees and
 // what lies around every point are found besides. No allocation once warm.
 void publish_local_contact(const HapticParams& params, const Surfaces& surfaces, std::span<const Box> boxes, const HandTool& tool,
-                           const ToolState& state, double time, uint64_t sequence, LocalContactScratch& scratch, LocalContactModel& out,
+                           const ToolState& state, const ModelPass& pass, LocalContactScratch& scratch, LocalContactModel& out,
                            std::span<const ToolJaw> jaws = {});
 
 // The part of it that only tools with a shell need, model.shell, from the rest: trees, where the shell is, and how near

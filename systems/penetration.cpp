@@ -72,7 +72,7 @@ Vec3d shortest_way_apart(const Surfaces& s, uint32_t a, uint32_t b) {
 
 }  // namespace
 
-void measure_penetrations(const CandidatePairs& pairs, const Contacts& contacts, Penetrations& out) {
+void measure_penetrations(const CandidatePairs& pairs, const Contacts& contacts, Report& report, Penetrations& out) {
     out.pair.clear();
     out.depth.clear();
     out.direction.clear();
@@ -107,6 +107,8 @@ void measure_penetrations(const CandidatePairs& pairs, const Contacts& contacts,
     for (uint32_t i = 0; i < out.pair.size() && !contacts.most.empty(); ++i) {
         out.surface_depth[i] = std::max(out.depth[i], contacts.most[out.pair[i]]);
     }
+    ++report.contact_passes;
+    report.contact_events += !out.pair.empty();
 }
 
 void mark_saturated(const ContactInputs& in, const Contacts& contacts, Penetrations& penetrations) {
@@ -156,6 +158,11 @@ void remember_ways_out(const ContactInputs& in, const Contacts& contacts, PairMe
         memory.b.push_back(b);
         memory.direction.push_back(way);
     }
+}
+
+void find_ways_out(const ContactInputs& in, const Contacts& contacts, PairMemory& before, PairMemory& memory, Penetrations& penetrations) {
+    mark_saturated(in, contacts, penetrations);
+    remember_ways_out(in, contacts, before, memory, penetrations);
 }
 
 }  // namespace trocar

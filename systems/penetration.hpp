@@ -1,11 +1,12 @@
 #pragma once
+#include "components/report.hpp"
 #include "engine/contact_inputs.hpp"
 namespace trocar {
 
 // Penetration phase (thesis 4.2, FindPenetration): per candidate pair with a point on or inside the other surface, the
 // largest of the shortest distances, the way b must go to leave a, the contact that says so and the counts. Ascending
-// by pair; of equal depths the first contact is the witness. A pair that only touches has depth 0.
-void measure_penetrations(const CandidatePairs& pairs, const Contacts& contacts, Penetrations& penetrations);
+// by pair; of equal depths the first contact is the witness. A pair that only touches has depth 0. Counts the pass.
+void measure_penetrations(const CandidatePairs& pairs, const Contacts& contacts, Report& report, Penetrations& penetrations);
 
 // Marks pairs so deep in each other that the depth and its direction say little about the way out:
 // - the witness leaves nose first (nose_first.hpp), as when two balls have passed each other's centres: moving by the depth then
@@ -23,5 +24,8 @@ void mark_saturated(const ContactInputs& in, const Contacts& contacts, Penetrati
 // scratch.
 void remember_ways_out(const ContactInputs& in, const Contacts& contacts, PairMemory& before, PairMemory& memory,
                        Penetrations& penetrations);
+
+// Both: finds the ways out of pairs that are deep in each other.
+void find_ways_out(const ContactInputs& in, const Contacts& contacts, PairMemory& before, PairMemory& memory, Penetrations& penetrations);
 
 }  // namespace trocar

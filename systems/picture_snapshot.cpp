@@ -133,6 +133,13 @@ void copy_removed(const Surfaces& surfaces, const Tears* tears, PictureSnapshot&
     }
 }
 
+void hide_absent(const PictureInputs& in, PictureSnapshot& out) {
+    for (uint32_t body = 0; in.lives && body < in.lives->away.size(); ++body)
+        if (is_away(*in.lives, body)) out.body[body].mesh = kNone;
+    for (uint32_t body = 0; in.node_state && body < in.node_state->off.size(); ++body)
+        if (is_off(*in.node_state, body)) out.body[body].mesh = kNone;
+}
+
 }  // namespace
 
 void write_picture_snapshot(const PictureInputs& inputs, PictureSnapshot& out, const Sleepers& sleepers) {
@@ -143,6 +150,7 @@ void write_picture_snapshot(const PictureInputs& inputs, PictureSnapshot& out, c
     copy_witnesses(inputs.contacts, inputs.penetrations, out);
     copy_tools(inputs.haptics, out);
     copy_removed(inputs.surfaces, inputs.tears, out);
+    hide_absent(inputs, out);
 }
 
 }  // namespace trocar

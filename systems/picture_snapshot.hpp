@@ -1,6 +1,8 @@
 #pragma once
 #include "components/contacts.hpp"
 #include "components/haptics.hpp"
+#include "components/lives.hpp"
+#include "components/nodes.hpp"
 #include "components/picture.hpp"
 #include "components/tears.hpp"
 #include "engine/sleepers.hpp"
@@ -16,7 +18,9 @@ struct PictureInputs {
     const Contacts& contacts;
     const Penetrations& penetrations;
     const Haptics& haptics;
-    const Tears* tears = nullptr;  // names what cuts have removed; or null
+    const Tears* tears = nullptr;           // names what cuts have removed; or null
+    const Lives* lives = nullptr;           // empty slots are not drawn; or null
+    const NodeState* node_state = nullptr;  // nor are bodies of disabled nodes; or null
 };
 
 // Copies what a picture shows into `out`, whose capacity is reused. A vertex gets the deepest of its contacts; both

@@ -3,6 +3,7 @@
 #include <algorithm>
 #include <cmath>
 
+#include "engine/geometry/contact_kernels.hpp"
 #include "engine/geometry/sum_velocities.hpp"
 #include "engine/parallel.hpp"
 #include "engine/reach.hpp"
@@ -45,8 +46,7 @@ Box without_margin(const Surfaces& s, const BodyBoxes& boxes, uint32_t body) {
 // Whether the bodies are apart along some axis by more than gravity and the least stray make up for.
 bool are_apart(double fall, const Surfaces& s, const BodyBoxes& boxes, uint32_t a, uint32_t b) {
     const Box box_a = without_margin(s, boxes, a), box_b = without_margin(s, boxes, b);
-    const auto edge = [&](uint32_t body) { return s.meshes.info[s.bodies.mesh[body]].mean_edge; };
-    const double slack = fall + least_stray(edge(a) + edge(b)) + 0.5 * (s.bodies.thickness[a] + s.bodies.thickness[b]);
+    const double slack = fall + reach_at_rest(s, a) + reach_at_rest(s, b);
     return (box_b.min - box_a.max).maxCoeff() > slack || (box_a.min - box_b.max).maxCoeff() > slack;
 }
 
@@ -113,12 +113,12 @@ Vec3d running_in(double period, double fall, const Surfaces& s, const BodyBoxes&
 }
 
 void find_jolts(double period, double fall, const Surfaces& surfaces, const BodyBoxes& boxes, const CandidatePairs& pairs,
-                ReachablePairsScratch& s) {
-    s.jolt.assign(surfaces.bodies.mesh.size(), {});
+                const ReachablePairsScratch& s, std::vector<BodyJolt>& jolt) {
+    jolt.assign(surfaces.bodies.mesh.size(), {});
     const auto add = [&](uint32_t body, const Vec3d& way) {
         if (surfaces.bodies.motion[body] == Motion::kStatic) return;
-        s.jolt[body].low = s.jolt[body].low.cwiseMin(way);
-        s.jolt[body].high = s.jolt[body].high.cwiseMax(way);
+        jolt[body].low = jolt[body].low.cwiseMin(way);
+        jolt[body].high = jolt[body].high.cwiseMax(way);
     };
     for (size_t i = 0; i < pairs.a.size(); ++i) {
         if (!s.reachable[i]) continue;
@@ -131,14 +131,14 @@ void find_jolts(double period, double fall, const Surfaces& surfaces, const Body
 }  // namespace
 
 void drop_unreachable_pairs(double period, const Vec3d& gravity, const Surfaces& surfaces, const BodyBoxes& boxes, ReachablePairsScratch& s,
-                            CandidatePairs& pairs, const Sleepers& sleepers) {
+                            CandidatePairs& pairs, std::vector<BodyJolt>& jolt, const Sleepers& sleepers) {
     const uint32_t bodies = static_cast<uint32_t>(surfaces.bodies.mesh.size());
     if (s.drift.size() != bodies) std::fill(sleepers.seen.begin(), sleepers.seen.end(), 0);
     s.asked.assign(bodies, 0);
     s.disturbed.assign(bodies, 0);
     s.drift.resize(bodies);
     s.reachable.assign(pairs.a.size(), 0);
-    const double fall = 0.5 * gravity.norm() * period * period;
+    const double fall = fall_in_period(gravity, period);
     const auto is_free = [&](uint32_t body) { return surfaces.bodies.motion[body] == Motion::kFree; };
     const auto disturb = [&](uint32_t a, uint32_t b) {
         for (const uint32_t body : {a, b}) s.disturbed[body] |= surfaces.bodies.motion[body] != Motion::kStatic;
@@ -163,7 +163,7 @@ void drop_unreachable_pairs(double period, const Vec3d& gravity, const Surfaces&
                                       : may_meet(period, fall, surfaces, boxes, s.drift, a, b);
         if (s.reachable[i]) disturb(a, b);
     }
-    find_jolts(period, fall, surfaces, boxes, pairs, s);
+    find_jolts(period, fall, surfaces, boxes, pairs, s, jolt);
     size_t kept = 0;
     for (size_t i = 0; i < pairs.a.size(); ++i) {
         if (!s.reachable[i] && !s.disturbed[pairs.a[i]] && !s.disturbed[pairs.b[i]]) continue;
@@ -184,6 +184,28 @@ bool lie_still(const Surfaces& surfaces, const ReachablePairsScratch& scratch, c
         if (!still) return false;
     }
     return true;
+}
+
+void find_reachable_pairs(double period, const Vec3d& gravity, const Surfaces& surfaces, const BodyBoxes& boxes, const CandidatePairs& all,
+                          ReachablePairsScratch& scratch, CandidatePairs& pairs, std::vector<BodyJolt>& jolt, const Sleepers& sleepers) {
+    RestingPairs& rest = scratch.rest;
+    const auto is_as_asked = [&] { return same_boxes(rest.box, boxes.box) && rest.asked.a == all.a && rest.asked.b == all.b; };
+    if (!lie_still(surfaces, scratch, sleepers) || !is_as_asked())
+        for (RestingPairs::Answer& known : rest.answer) known.period = 0;  // what memory they have they keep
+    for (const RestingPairs::Answer& known : rest.answer) {
+        if (known.period != period) continue;
+        pairs = known.pairs;
+        jolt.assign(surfaces.bodies.mesh.size(), {});
+        return;
+    }
+    pairs = all;
+    drop_unreachable_pairs(period, gravity, surfaces, boxes, scratch, pairs, jolt, sleepers);
+    if (!lie_still(surfaces, scratch, sleepers)) return;
+    rest.box = boxes.box;
+    rest.asked = all;
+    std::swap(rest.answer[0], rest.answer[1]);
+    rest.answer[1].period = period;
+    rest.answer[1].pairs = pairs;
 }
 
 }  // namespace trocar

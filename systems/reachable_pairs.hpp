@@ -1,4 +1,5 @@
 #pragma once
+#include <array>
 #include <vector>
 
 #include "components/body_jolt.hpp"
@@ -13,12 +14,23 @@ struct BodyDrift {
     double stray = 0;                // m, how far vertices may stray from it
 };
 
+// Answers of passes in which all bodies of the pairs lay still, and what they were asked about.
+struct RestingPairs {
+    struct Answer {
+        double period = 0;  // s; 0: none
+        CandidatePairs pairs;
+    };
+    std::vector<Box> box;
+    CandidatePairs asked;
+    std::array<Answer, 2> answer;  // passes alternate between two lengths at most
+};
+
 struct ReachablePairsScratch {
     std::vector<uint8_t> asked;      // per body: its drift is wanted
     std::vector<uint8_t> disturbed;  // per body: something may touch it in this period
     std::vector<BodyDrift> drift;    // per body, where asked
-    std::vector<BodyJolt> jolt;      // per body
     std::vector<uint8_t> reachable;  // per pair
+    RestingPairs rest;
 };
 
 // Drops pairs of deformable and free bodies that keep their distance in the coming period (s). A body's box looks as far
@@ -27,11 +39,16 @@ struct ReachablePairsScratch {
 // vertices stray from them (as body_boxes bounds it) and what gravity may add to one of them alone; or when one of them may
 // be touched by anything else in this period, for then it need not keep its velocity. Of a free body, against free, static
 // and deformable ones, that is asked of the ball around it, which turns. Order is kept. Sleepers are looked at once.
-// scratch.jolt of a body is the largest way, m, that one it stays in a pair with may push it: (nearing - gap) + fall along
+// jolt[body] is the largest way, m, that one it stays in a pair with may push it: (nearing - gap) + fall along
 // the axis on which their boxes are farthest apart (from middle to middle where they meet), with nearing = (velocity
 // difference) * period; none where they do not run into each other. Static bodies are not pushed.
 void drop_unreachable_pairs(double period, const Vec3d& gravity, const Surfaces& surfaces, const BodyBoxes& boxes,
-                            ReachablePairsScratch& scratch, CandidatePairs& pairs, const Sleepers& sleepers = {});
+                            ReachablePairsScratch& scratch, CandidatePairs& pairs, std::vector<BodyJolt>& jolt,
+                            const Sleepers& sleepers = {});
+
+// The same for a copy of `all`, which is not asked about again while everything lies still.
+void find_reachable_pairs(double period, const Vec3d& gravity, const Surfaces& surfaces, const BodyBoxes& boxes, const CandidatePairs& all,
+                          ReachablePairsScratch& scratch, CandidatePairs& pairs, std::vector<BodyJolt>& jolt, const Sleepers& sleepers);
 
 // Whether each body of the pairs of the last call lies still as it lay then: a sleeper in the same sleep, a rigid body without
 // velocity. Then the same pairs, boxes and period give the same answer, and no body has a jolt.

@@ -73,6 +73,18 @@ void note_slow_bodies(const SleepPass& pass, const Particles& particles, const P
     }
 }
 
+// Bodies that scripts move now or soon, and those that drives move.
+void find_moving(const SleepPass& pass, std::vector<uint8_t>& moving) {
+    const Paths& paths = pass.paths;
+    moving.assign(pass.bodies.mesh.size(), 0);
+    const double soon = 2 * (pass.period * 1e-3);
+    for (size_t p = 0; p < paths.body.size(); ++p) {
+        if (paths.body[p] == kNone || paths.keys[p].count == 0) continue;
+        moving[paths.body[p]] = pass.now <= paths.key[paths.keys[p].end() - 1].time + soon;
+    }
+    for (const NodeDrive& drive : pass.drives) moving[drive.body] = 1;
+}
+
 // Groups of bodies whose boxes meet, and which of them have something restless.
 void find_groups(const SleepPass& pass, const Sleep& sleep, const CandidatePairs& pairs, SleepScratch& s) {
     const Bodies& bodies = pass.bodies;
@@ -81,11 +93,11 @@ void find_groups(const SleepPass& pass, const Sleep& sleep, const CandidatePairs
     s.restless.resize(count);
     const double enough = pass.settings.sleep_after * 1e3;
     const auto lies_anyway = [&](uint32_t b) {
-        return bodies.motion[b] == Motion::kStatic || (bodies.motion[b] == Motion::kKinematic && !pass.moving[b]);
+        return bodies.motion[b] == Motion::kStatic || (bodies.motion[b] == Motion::kKinematic && !s.moving[b]);
     };
     for (uint32_t b = 0; b < count; ++b) {
         s.parent[b] = b;
-        s.restless[b] = may_sleep(bodies, b) ? pass.moving[b] || sleep.still[b] < enough : !lies_anyway(b);
+        s.restless[b] = may_sleep(bodies, b) ? s.moving[b] || sleep.still[b] < enough : !lies_anyway(b);
     }
     const auto join = [&](uint32_t body, uint32_t other) {
         if (!lies_anyway(body) && !lies_anyway(other)) join_sets(s.parent, body, other);
@@ -106,6 +118,7 @@ void fall_asleep_and_wake(const SleepPass& pass, SleepScratch& s, Sleep& sleep, 
     sleep.still.resize(count, 0);
     sleep.group.resize(count, kNone);
     note_slow_bodies(pass, particles, poses, sleep);
+    find_moving(pass, s.moving);
     find_groups(pass, sleep, pairs, s);
     report.awake_bodies = report.asleep_bodies = 0;
     for (uint32_t b = 0; b < count; ++b) {
@@ -115,6 +128,7 @@ void fall_asleep_and_wake(const SleepPass& pass, SleepScratch& s, Sleep& sleep, 
         if (sleeps && !slept) energy.work_numeric -= stop(bodies, b, particles, poses);
         if (!sleeps && slept) sleep.still[b] = 0;
         sleep.group[b] = sleeps ? root : kNone;
+        if (is_away(pass.lives, b)) continue;
         ++(sleeps ? report.asleep_bodies : report.awake_bodies);
     }
     const auto is_awake = [&](uint32_t b) { return s.restless[find_set(s.parent, b)] != 0; };

@@ -24,6 +24,9 @@ inline double margin_between(const BodyBoxes& boxes, uint32_t a, uint32_t b) { r
 inline bool boxes_meet(const Box& a, const Box& b) {
     return (a.min.array() <= b.max.array()).all() && (b.min.array() <= a.max.array()).all();
 }
+inline bool same_boxes(std::span<const Box> a, std::span<const Box> b) {
+    return std::ranges::equal(a, b, [](const Box& x, const Box& y) { return x.min == y.min && x.max == y.max; });
+}
 inline bool contains(const Box& box, const Vec3d& p) {
     return (box.min.array() <= p.array()).all() && (p.array() <= box.max.array()).all();
 }

@@ -50,7 +50,8 @@ void add_record(const CaptureRecord& record, Capture& capture) {
 
 // Results that caches and clocks cannot change, and that a run without pictures has too: compared between runs.
 bool is_compared(Resource r) {
-    return r != Resource::kReport && r != Resource::kEnergy && r != Resource::kNormals && r != Resource::kPicture;
+    return r != Resource::kReport && r != Resource::kEnergy && r != Resource::kEnergyStart && r != Resource::kNormals &&
+           r != Resource::kPicture;
 }
 
 CaptureRecord state_of(const World& world, uint64_t pass) {
@@ -138,9 +139,8 @@ void take_up(const Capture& capture, size_t stretch, Frame& frame) {
     if (before.arrays.empty()) return;  // the very first pass
     World last;
     load_resource(before, Resource::kToolState, last);
-    std::vector<DeviceState> devices;
-    for (const ToolState& tool : last.haptics.state) devices.push_back(foretold(tool));
-    frame.set_live_devices(devices);
+    frame.world().live_devices.clear();
+    for (const ToolState& tool : last.haptics.state) frame.world().live_devices.push_back(foretold(tool));
 }
 
 void take_input(const CaptureStep& step, Frame& frame) {
@@ -212,13 +212,12 @@ PassProfile profile_pass(const Capture& capture, uint64_t pass, uint32_t repeat,
     save_resources(frame.world(), ResourceKind::kState, start);
     save_resources(frame.world(), ResourceKind::kBooks, start);
     PassProfile profile{frame.stage_names(), std::vector<std::vector<double>>(frame.stage_names().size()), {}};
-    const std::span<const DeviceState> known = frame.live_devices();
-    const std::vector<DeviceState> devices(known.begin(), known.end());
+    const std::vector<DeviceState> devices = frame.world().live_devices;
     for (uint32_t i = 0; i < repeat; ++i) {
         set_state(start, frame.world());
         restore_surfaces(frame.world());
         if (i > 0) frame.run_pass_again();
-        frame.set_live_devices(devices);
+        frame.world().live_devices = devices;
         take_input(step, frame);
         const uint64_t begin = now_ns();
         frame.step();

@@ -72,7 +72,7 @@ void trace_pairs(const Frame& frame, std::map<uint64_t, std::string_view>& names
     const uint32_t pass = static_cast<uint32_t>(w.clock.pass);
     uint64_t begin = UINT64_MAX;
     for (size_t e = trace.size(); e-- > 0 && trace[e].pass + 1 >= pass;) {
-        if (trace[e].name == "body boxes") begin = trace[e].begin_ns;
+        if (trace[e].name == stage_name(StageId::kBodyBoxes)) begin = trace[e].begin_ns;
         if (begin != UINT64_MAX) break;
     }
     if (begin == UINT64_MAX) return;

@@ -174,7 +174,7 @@ TEST(FrameTimes, TheResponseIsPartOfTheWallTimeOfTheAdvance) {
     run(
         WrittenScene("response", text).build().world, 40,
         [&](const Frame& frame, int) {
-            const size_t row = static_cast<size_t>(std::ranges::find(frame.stage_names(), "advance") - frame.stage_names().begin());
+            const uint32_t row = frame.row_of(StageId::kAdvance);
             EXPECT_LE(frame.times().response_ns, frame.times().stage_ns[row]);
             response += frame.times().response_ns, advance += frame.times().stage_ns[row];
         },

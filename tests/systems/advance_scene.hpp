@@ -5,7 +5,7 @@
 #include <random>
 #include <utility>
 
-#include "components/report.hpp"
+#include "engine/add_body.hpp"
 #include "engine/bending_forces.hpp"
 #include "engine/closest_point.hpp"
 #include "engine/deformable_setup.hpp"
@@ -21,31 +21,19 @@ namespace trocar {
 
 // A world small enough to write down in a test, stepped by advance_island alone; contact rows are made by asking a
 // closest-point tree about every vertex of either body.
-struct AdvanceScene {
-    Meshes meshes;
-    Springs springs;
-    Solids solids;
-    Bodies bodies;
-    Poses poses;
-    Particles particles;
-    Anchors anchors;
-    Paths paths;
+struct AdvanceScene : World {
     std::vector<HandTool> tools;
     std::vector<DeviceState> devices;
     uint32_t device_stride = 2;  // for calls of 1 ms: where they start, where they end
     std::vector<ToolState> tool_states;
-    ContactRows rows;
     AdvanceParams params;
     AdvanceScratch scratch;
     EnergyScratch energy_scratch;
     AdvanceResult result;
-    Energy energy;
-    Report report;
-    double energy_start = 0;
     double margin = 2e-3;  // m
     bool vertex_rows_only_of_first = false;
 
-    Surfaces surfaces() const { return {meshes, bodies, poses, particles}; }
+    Surfaces surfaces() const { return surfaces_of(*this); }
     AdvanceInputs inputs() const { return {meshes, springs, bodies, anchors, paths, tools, devices, device_stride, {&solids}}; }
 
     uint32_t add_mesh(const Mesh& mesh, Admission admission = Admission::kSolid) {
@@ -55,23 +43,10 @@ struct AdvanceScene {
     }
     uint32_t add_body(uint32_t mesh, Motion motion, const Vec3d& origin = Vec3d::Zero(), const Tissue& tissue = {},
                       AnchorFrame frame = AnchorFrame::kWorld, const Quat& orientation = {}) {
-        const uint32_t body = static_cast<uint32_t>(bodies.mesh.size());
-        bodies.entity.push_back({body, 0});
-        bodies.name.push_back("body " + std::to_string(body));
-        bodies.mesh.push_back(mesh);
-        bodies.motion.push_back(motion);
-        bodies.particles.push_back({});
-        bodies.tree.push_back(body);
-        bodies.anchor_frame.push_back(frame);
-        bodies.tissue.push_back(tissue);
-        bodies.spring_stiffness.push_back(0);
-        bodies.inv_mass.push_back(0);
-        bodies.stable_dt.push_back(std::numeric_limits<double>::infinity());
-        bodies.thickness.push_back(0);
-        poses.origin.push_back(origin);
-        poses.orientation.push_back(orientation);
-        poses.velocity.push_back(Vec3d::Zero());
-        poses.angular_velocity.push_back(Vec3d::Zero());
+        const uint32_t body = trocar::add_body(*this, "body " + std::to_string(bodies.mesh.size()), mesh, motion, tissue, frame);
+        bodies.tree[body] = body;
+        poses.origin[body] = origin;
+        poses.orientation[body] = orientation;
         if (motion == Motion::kDeformable && tissue.pressure_modulus > 0) add_fans(springs, mesh_view(meshes, mesh), mesh);
         if (motion == Motion::kDeformable && tissue.bending > 0) add_hinges(springs, mesh_view(meshes, mesh), mesh);
         if (motion == Motion::kDeformable && is_solid(solids, mesh)) {
@@ -172,8 +147,7 @@ struct AdvanceScene {
     EnergyInputs energy_inputs() const { return {springs, bodies, poses, particles, anchors, params.gravity, {&solids}}; }
     void open_books() {
         energy = {};
-        measure_energy(energy_inputs(), 0, energy_scratch, energy);
-        energy_start = energy.balance;
+        energy_start = {};
         measure();
     }
     void measure() { measure_energy(energy_inputs(), energy_start, energy_scratch, energy); }

@@ -18,7 +18,7 @@ TEST(BodyBoxes, HoldEveryVertexAndTheReach) {
     scene.particles.velocity_z[11] = 0.2f;
     scene.poses.velocity[1] = Vec3d(0, 0, 2);
     scene.poses.angular_velocity[1] = Vec3d(0, 3, 0);
-    compute_body_boxes(0.02, scene.surfaces(), scene.boxes);
+    compute_body_boxes({0.02, scene.surfaces()}, scene.boxes);
 
     const double mean[3] = {scene.meshes.info[0].mean_edge, scene.meshes.info[1].mean_edge, scene.meshes.info[2].mean_edge};
     // two vertices tremble, the rest is still: the bound of the mean way and half an edge holds
@@ -49,12 +49,12 @@ TEST(BodyBoxes, H09_SkipNonFiniteVertices) {
     scene.particles.velocity_x[0] = nan;
     scene.particles.velocity_x[1] = inf;
     scene.particles.velocity_x[9] = 1;
-    compute_body_boxes(0.01, scene.surfaces(), scene.boxes);
+    compute_body_boxes({0.01, scene.surfaces()}, scene.boxes);
     EXPECT_NEAR(scene.boxes.margin[0], 0.01 + 0.05 * scene.meshes.info[0].mean_edge, 1e-12);
     EXPECT_TRUE((scene.boxes.box[0].max - Vec3d::Constant(0.5 + scene.boxes.margin[0])).norm() < 1e-12);
 
     for (Float4& p : scene.particles.offset) p.z = nan;
-    compute_body_boxes(0.01, scene.surfaces(), scene.boxes);
+    compute_body_boxes({0.01, scene.surfaces()}, scene.boxes);
     EXPECT_GT(scene.boxes.box[0].min.x(), scene.boxes.box[0].max.x());  // empty
 }
 

@@ -68,7 +68,7 @@ TEST(CandidateCells, H16_H18_EqualBruteForceForAnyCellSize) {
                         {make_noisy_sphere(10, 1, 0.1, 1), Motion::kHand, Vec3d(0.9, 0, 0), turn({1, 1, 0}, 1)},
                         {make_noisy_sphere(14, 1, 0.1, 2), Motion::kDeformable, Vec3d(0, 0.8, -0.3), {}}});
     for (const double edges : {0.01, 0.3, 0.5, 1.0, 1.7, 2.5, 4.0, 8.0, 20.0, 100.0}) {
-        scene.params.cell_edges = edges;
+        scene.settings.contact.cell_edges = edges;
         scene.find_triangles();
         ASSERT_EQ(scene.pairs.a.size(), 3u);
         ASSERT_GT(scene.candidates.triangle.size(), 500u);
@@ -85,7 +85,7 @@ TEST(CandidateCells, SameOnAnyNumberOfThreads) {
             ContactScene scene({{make_noisy_sphere(20, 1, 0.1, 0), Motion::kDeformable, Vec3d(-0.9, -0.2, 0.1), {}},
                                 {make_noisy_sphere(20, 1, 0.1, 1), Motion::kHand, Vec3d(0.9, 0, 0), turn({1, 1, 0}, 1)},
                                 {make_noisy_sphere(20, 1, 0.1, 2), Motion::kDeformable, Vec3d(0, 0.8, -0.3), {}}});
-            scene.params.cell_edges = 1;
+            scene.settings.contact.cell_edges = 1;
             scene.find_triangles();
             ASSERT_GT(scene.occupancy.cell_key.size(), 100u);
             const CandidateTriangles& found = scene.candidates;
@@ -114,7 +114,7 @@ TEST(CandidateCells, OversizeTrianglesLoseNothing) {
         ContactScene scene({{make_box({4, 4, 1}), Motion::kStatic, Vec3d(0, 0, -0.5), turn({1, 2, 3}, 0.1)},
                             {make_noisy_sphere(12, 0.3, 0.1, 0), Motion::kDeformable, Vec3d(0.1, 0.2, 0.2), {}},
                             {make_box({3, 0.1, 0.1}, {1, 1, 1}), Motion::kDeformable, Vec3d(0.1, 0.2, 0.02), {}}});
-        scene.params.cell_edges = edges;
+        scene.settings.contact.cell_edges = edges;
         scene.find_triangles();
         ASSERT_EQ(scene.pairs.a.size(), 3u);
         if (edges < 0.5) {
@@ -139,7 +139,7 @@ TEST(CandidateCells, OnlyCandidatePairsCount) {
     ContactScene scene({{ball, Motion::kDeformable, Vec3d(0, 0, 0), {}},
                         {ball, Motion::kDeformable, Vec3d(0.5, 0, 0), {}},
                         {ball, Motion::kDeformable, Vec3d(0, 0.5, 0), {}}});
-    scene.excluded = {{0, 2}};
+    scene.excluded_pairs = {{0, 2}};
     scene.find_triangles();
     ASSERT_EQ(scene.pairs.a.size(), 2u);
     expect_all_pairs(scene, "excluded");
@@ -147,9 +147,9 @@ TEST(CandidateCells, OnlyCandidatePairsCount) {
 
 // As frames do where bodies are small.
 void find_directly(ContactScene& scene, uint64_t most, double gravity = 0) {
-    scene.fall = 0.5 * gravity * scene.period * scene.period;
-    rasterise(scene.inputs(), most, scene.rasterise_scratch, scene.report, scene.screened, scene.occupancy);
-    find_candidate_triangles(scene.inputs(), {most}, scene.screened, scene.occupancy, scene.cells_scratch, scene.candidates);
+    scene.settings.gravity = Vec3d(0, 0, -gravity);
+    rasterise(scene.inputs(), most, scene.frame.scratch.rasterise, scene.report, scene.screened, scene.occupancy);
+    find_candidate_triangles(scene.inputs(), {most}, scene.screened, scene.occupancy, scene.frame.scratch.cells, scene.candidates);
 }
 
 // Without cells the same is found as with them, also where only some pairs go without. Breaks when a pair is dealt with by
@@ -213,8 +213,9 @@ TEST(CandidateCells, DirectPairsFindTheSameEdges) {
         for (const bool direct : {false, true}) {
             direct ? find_directly(scene, 1u << 30) : scene.find_triangles();
             if (direct) drop_parted_triangles(scene.inputs(), parted_scratch, scene.candidates);
-            find_overlap(scene.inputs(), scene.screened, scene.candidates, scene.overlap_scratch, scene.report, scene.near, scene.contacts);
-            find_edge_contacts(scene.inputs(), scene.candidates, scene.near, scene.edge_scratch, scene.report, scene.contacts);
+            find_overlap(scene.inputs(), scene.screened, scene.candidates, scene.frame.scratch.overlap, scene.report, scene.near,
+                         scene.contacts);
+            find_edge_contacts(scene.inputs(), scene.candidates, scene.near, scene.frame.scratch.edges, scene.report, scene.contacts);
             const Contacts& c = scene.contacts;
             for (uint32_t i = 0; i < c.body.size(); ++i) {
                 const auto [v, w] = c.vertex[i];
@@ -247,9 +248,9 @@ void give_velocity(ContactScene& scene, uint32_t body, const Vec3d& drift, doubl
 void expect_all_that_comes(ContactScene& scene, uint32_t falling, const std::string& what, Coming& coming) {
     Particles& p = scene.particles;
     find_directly(scene, 1u << 30, 9.81);
-    find_overlap(scene.inputs(), scene.screened, scene.candidates, scene.overlap_scratch, scene.report, scene.near, scene.contacts);
+    find_overlap(scene.inputs(), scene.screened, scene.candidates, scene.frame.scratch.overlap, scene.report, scene.near, scene.contacts);
     coming.asked_near += scene.near.vertex.size();
-    make_contact_rows(scene.inputs(), scene.contacts, scene.penetrations, scene.rows_scratch, scene.report, scene.rows);
+    make_contact_rows(scene.inputs(), scene.contacts, scene.penetrations, scene.frame.scratch.rows, scene.report, scene.rows);
     coming.idle += scene.rows.body.size();
     IdleRowsScratch idle_rows;
     const Surfaces surfaces = scene.surfaces();
@@ -315,7 +316,8 @@ TEST(CandidateCells, DirectPairsSeeAllThatComesOntoAStaticBody) {
                             {make_box({size, size, size}, {3, 3, 3}), Motion::kStatic, Vec3d(1, 0, 0), turned}});
         give_velocity(scene, 0, -0.5 * rotate(turned, way) + 0.3 * Vec3d(unit(random), unit(random), unit(random)), 0.1, random);
         scene.find_triangles();
-        find_overlap(scene.inputs(), scene.screened, scene.candidates, scene.overlap_scratch, scene.report, scene.near, scene.contacts);
+        find_overlap(scene.inputs(), scene.screened, scene.candidates, scene.frame.scratch.overlap, scene.report, scene.near,
+                     scene.contacts);
         with_cells += scene.near.vertex.size();
         expect_all_that_comes(scene, 0, "round " + std::to_string(round), coming);
     }

@@ -65,14 +65,15 @@ TEST(ContactMemory, RowsFindWhatTheirPointsCarried) {
                                {0, 1, {1, 2}, 0.52f},
                                {0, 1, {5, 5}, 0, Vec3d::Zero(), Vec3d::Zero(), kNone, -1e-4}});
     ContactMemoryScratch scratch;
-    order_memory(memory, scratch);
-    recall_contacts(memory, scratch, now);
+    ContactMemoryOrder order;
+    order_memory(memory, scratch, order);
+    recall_contacts(memory, order, now);
     const std::vector<double> expected{0, 1, 0, 3, 0, 0, 0, 4, 5, 0, 6, 0};
     ASSERT_EQ(now.carried.size(), expected.size());
     for (size_t i = 0; i < expected.size(); ++i) {
         EXPECT_EQ(now.carried[i], expected[i] == 0 ? Vec3d(0, 0, 0) : force(expected[i])) << i;
     }
-    recall_contacts({}, scratch, now);
+    recall_contacts({}, order, now);
     for (const Vec3d& f : now.carried) EXPECT_EQ(f, Vec3d(0, 0, 0));
 }
 
@@ -99,8 +100,9 @@ TEST(ContactMemory, LongListsFindTheSameAsASearch) {
     remember_contacts(rows_of(before), memory);
     ContactRows now = rows_of(after);
     ContactMemoryScratch scratch;
-    order_memory(memory, scratch);
-    recall_contacts(memory, scratch, now);
+    ContactMemoryOrder order;
+    order_memory(memory, scratch, order);
+    recall_contacts(memory, order, now);
     uint32_t found = 0;
     for (size_t i = 0; i < after.size(); ++i) {
         const auto same = [&](const Row& r) { return r.body == after[i].body && r.other == after[i].other && r.vertex == after[i].vertex; };

@@ -54,7 +54,7 @@ TEST(ContactRows, PlaneGoesThroughTheClosestPoint) {
 // Thesis 4.2: inside points share the pair's direction, opposite for the two bodies, with projected depths.
 TEST(ContactRows, ThesisDirectionProjectsTheDepths) {
     ContactScene scene = pressed();
-    scene.params.direction = ResponseDirection::kThesis;
+    scene.settings.contact.direction = ResponseDirection::kThesis;
     scene.run();
     ASSERT_EQ(scene.penetrations.pair.size(), 1u);
     const Vec3d way = scene.penetrations.direction[0];
@@ -81,7 +81,7 @@ TEST(ContactRows, P27_TheShallowestAreDroppedAndCounted) {
     ContactScene scene({{make_noisy_sphere(12, 0.1, 0.05, 0), Motion::kDeformable, Vec3d::Zero(), {}},
                         {make_noisy_sphere(8, 0.05, 0.05, 1), Motion::kDeformable, Vec3d(0.01, 0, 0), {}},
                         {make_noisy_sphere(4, 0.03, 0, 1), Motion::kDeformable, Vec3d(-0.095, 0, 0), {}}});
-    scene.params.row_capacity = 70;
+    scene.settings.contact.row_capacity = 70;
     scene.run();
     std::vector<std::vector<double>> all(3), kept(3);
     for (uint32_t i = 0; i < scene.contacts.pair.size(); ++i) all[scene.contacts.body[i]].push_back(scene.contacts.distance[i]);

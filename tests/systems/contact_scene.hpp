@@ -1,27 +1,21 @@
 #pragma once
+#include <algorithm>
 #include <array>
+#include <cmath>
 #include <functional>
 #include <map>
 #include <memory>
 #include <random>
 #include <vector>
 
+#include "engine/add_body.hpp"
 #include "engine/contact_inputs.hpp"
 #include "engine/geometry/contact_kernels.hpp"
 #include "engine/mesh_topology.hpp"
+#include "engine/reach.hpp"
 #include "systems/body_boxes.hpp"
-#include "systems/candidate_cells.hpp"
-#include "systems/candidate_pairs.hpp"
-#include "systems/contact_rows.hpp"
-#include "systems/contours.hpp"
-#include "systems/edge_pass.hpp"
-#include "systems/face_depth.hpp"
-#include "systems/islands.hpp"
-#include "systems/overlap.hpp"
+#include "systems/frame_state.hpp"
 #include "systems/penetration.hpp"
-#include "systems/rasterise.hpp"
-#include "systems/refit_trees.hpp"
-#include "systems/regions.hpp"
 namespace trocar::test {
 
 // Unit cube sphere of 12 n^2 triangles, each point then moved by `shape`.
@@ -157,44 +151,19 @@ struct BodyInput {
     double thickness = 0;
 };
 
-// Bodies, their trees and every array of the contact stages: what frame.cpp would hand from system to system.
-struct ContactScene {
-    Meshes meshes;
-    Bodies bodies;
-    Poses poses;
-    Particles particles;
-    std::vector<std::unique_ptr<ClosestPointTree>> trees;
-    ContactParams params;
-    double period = 1.0 / 60, fall = 0;
-    std::vector<std::array<uint32_t, 2>> excluded;
-
-    BodyBoxes boxes;
-    CandidatePairs pairs;
-    ScreenedTriangles screened;
-    Occupancy occupancy;
-    CandidateTriangles candidates;
-    NearVertices near;
-    Contacts contacts;
-    Penetrations penetrations;
-    Contours contours;
-    OverlapRegions regions;
-    ContactRows rows;
-    Islands islands;
-    Report report;
-
-    CandidatePairsScratch pairs_scratch;
-    RefitTreesScratch refit_scratch;
-    RasteriseScratch rasterise_scratch;
-    CandidateCellsScratch cells_scratch;
-    OverlapScratch overlap_scratch;
-    EdgePassScratch edge_scratch;
-    FaceDepthScratch face_scratch;
-    ContoursScratch contours_scratch;
-    RegionsScratch regions_scratch;
-    ContactRowsScratch rows_scratch;
-    IslandsScratch islands_scratch;
+// A world of a few bodies at rest in which nothing falls, and what runs the frame's own detection stages on it. Stages that drop
+// what cannot act in the coming pass, or that recall the pass before, are left out, so that what is found can be compared with
+// brute force over everything: they have tests of their own.
+struct ContactScene : World {
+    static constexpr StageId kLeftOut[] = {StageId::kCandidatePairs, StageId::kPartedTriangles, StageId::kKeptEdges,  StageId::kDeepOverlap,
+                                           StageId::kIdleRows,       StageId::kImpliedRows,     StageId::kEdgesAhead, StageId::kEdgeRows};
+    FrameState frame;       // its world is this one while stages run
+    double period = 0.017;  // s
 
     explicit ContactScene(const std::vector<BodyInput>& inputs) {
+        settings.gravity.setZero();
+        settings.sleep_speed = 0;
+        frame.limits = {.face_queries = 100'000, .direct_tests = 0};
         for (const BodyInput& input : inputs) add(input);
         for (uint32_t body = 0; body < inputs.size(); ++body) {
             const MeshView mesh = mesh_view(meshes, bodies.mesh[body]);
@@ -207,22 +176,11 @@ struct ContactScene {
     }
 
     void add(const BodyInput& input) {
-        const uint32_t body = uint32_t(bodies.mesh.size());
-        bodies.mesh.push_back(add_prototype(meshes, input.mesh, input.admission));
-        bodies.entity.push_back({body, 0});
-        bodies.name.emplace_back("body");
-        bodies.motion.push_back(input.motion);
-        bodies.tree.push_back(body);
-        bodies.anchor_frame.push_back(AnchorFrame::kWorld);
-        bodies.tissue.push_back({});
-        bodies.spring_stiffness.push_back(0);
-        bodies.inv_mass.push_back(0);
-        bodies.stable_dt.push_back(1);
-        bodies.thickness.push_back(input.thickness);
-        poses.origin.push_back(input.origin);
-        poses.orientation.push_back(input.orientation);
-        poses.velocity.push_back(Vec3d::Zero());
-        poses.angular_velocity.push_back(Vec3d::Zero());
+        const uint32_t body = add_body(*this, "body", add_prototype(meshes, input.mesh, input.admission), input.motion);
+        bodies.tree[body] = body;
+        bodies.thickness[body] = input.thickness;
+        poses.origin[body] = input.origin;
+        poses.orientation[body] = input.orientation;
         Range range{uint32_t(particles.offset.size()), 0};
         if (input.motion == Motion::kDeformable) {
             range.count = (uint32_t(input.mesh.position.size()) + 15) / 16 * 16;
@@ -234,40 +192,36 @@ struct ContactScene {
             particles.velocity_y.resize(particles.offset.size());
             particles.velocity_z.resize(particles.offset.size());
         }
-        bodies.particles.push_back(range);
+        bodies.particles[body] = range;
     }
 
-    Surfaces surfaces() const { return {meshes, bodies, poses, particles}; }
-    ContactInputs inputs() const { return {params, period, fall, surfaces(), boxes, pairs, trees}; }
+    Surfaces surfaces() const { return surfaces_of(*this); }
+    ContactInputs inputs() const {
+        return {settings.contact, period, fall_in_period(settings.gravity, period), surfaces(), boxes, pairs, trees};
+    }
 
-    void find_triangles() {
-        compute_body_boxes(period, surfaces(), boxes);
-        find_candidate_pairs(bodies, boxes, excluded, pairs_scratch, pairs);
-        refit_trees(bodies, particles, pairs, refit_scratch, trees);
-        rasterise(inputs(), 0, rasterise_scratch, report, screened, occupancy);
-        find_candidate_triangles(inputs(), {}, screened, occupancy, cells_scratch, candidates);
+    // One stage of the frame table, if this world wants it.
+    void run_stage(const FrameStage& stage) {
+        clock.period = uint32_t(std::lround(1e3 * period));
+        std::swap(frame.world, static_cast<World&>(*this));
+        if (stage.wanted(frame.world)) stage.stage.run(frame);
+        std::swap(frame.world, static_cast<World&>(*this));
     }
-    void run() {
-        find_triangles();
-        find_overlap(inputs(), screened, candidates, overlap_scratch, report, near, contacts);
-        find_edge_contacts(inputs(), candidates, near, edge_scratch, report, contacts);
-        if (params.faces) find_face_contacts(inputs(), 100'000, screened, candidates, near, face_scratch, contacts);
-        measure_penetrations(pairs, contacts, penetrations);
-        make_contact_rows(inputs(), contacts, penetrations, rows_scratch, report, rows);
-        find_islands(bodies, rows, islands_scratch, islands);
+    // The detection stages but for those left out, up to one.
+    void run_until(StageId last) {
+        for (const FrameStage& stage : frame_stages()) {
+            const bool left_out = std::ranges::find(kLeftOut, stage.id) != std::end(kLeftOut);
+            if (stage.part == FramePart::kDetection && stage.id <= last && !left_out) run_stage(stage);
+            if (stage.id == StageId::kCandidatePairs) pairs = box_pairs;
+        }
     }
+    void find_triangles() { run_until(StageId::kCandidateCells); }
+    void run() { run_until(StageId::kIslands); }
     void run_with_regions() {
+        settings.contact.regions = true;
         run();
-        find_contours(inputs(), candidates, contours_scratch, contours);
-        trocar::find_regions(inputs(), screened, near, contacts, contours, regions_scratch, regions);
     }
-    void clear_caches() {
-        pairs_scratch = {};
-        rasterise_scratch = {};
-        cells_scratch = {};
-        overlap_scratch = {};
-        edge_scratch = {};
-    }
+    void clear_caches() { frame.scratch = {}; }
 };
 
 inline Quat turn(const Vec3d& axis, double angle) { return from_rotation_vector(axis.normalized() * angle); }

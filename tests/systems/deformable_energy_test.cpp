@@ -26,7 +26,8 @@ TEST(DeformableEnergy, AgreesWithDouble) {
         for (Vec3d& g : b.goal) g += s.poses.origin[body];
         Energy energy;
         energy.work_hand = 1, energy.work_contact = 2, energy.work_damping = 3, energy.work_push = 4, energy.work_numeric = 6;
-        measure_energy({s.springs, s.bodies, s.poses, s.particles, s.anchors, s.params.gravity}, 5, s.energy_scratch, energy);
+        EnergyStart start{true, 5};
+        measure_energy({s.springs, s.bodies, s.poses, s.particles, s.anchors, s.params.gravity}, start, s.energy_scratch, energy);
         const double total = reference::potential_energy(b);
         b.gravity.setZero();
         const double elastic = reference::potential_energy(b);

@@ -41,7 +41,7 @@ TEST(EdgePass, P07_AlignedCubesOverlappingByThreeQuarters) {
     ContactScene scene({{make_box({2, 2, 2}), Motion::kDeformable, Vec3d::Zero(), {}},
                         {make_box({2, 2, 2}), Motion::kHand, Vec3d(0.5, 0.001, 0.001), {}}});
     scene.run();
-    EXPECT_NEAR(deepest(scene), 0.5, scene.params.tolerance);
+    EXPECT_NEAR(deepest(scene), 0.5, scene.settings.contact.tolerance);
     for (uint32_t i = 0; i < scene.contacts.pair.size(); ++i) {
         if (scene.contacts.vertex[i][0] != scene.contacts.vertex[i][1]) continue;
         EXPECT_GT(scene.contacts.distance[i], -0.0011);
@@ -54,7 +54,7 @@ TEST(EdgePass, P10_NeedleThroughASlab) {
                         {make_box({0.002, 0.002, 2}), Motion::kHand, Vec3d(0.05, 0.02, 0), turn({1, 2, 3}, 0.4)}});
     scene.run();
     ASSERT_EQ(scene.penetrations.pair.size(), 1u);
-    EXPECT_NEAR(scene.penetrations.depth[0], 0.05, scene.params.tolerance);
+    EXPECT_NEAR(scene.penetrations.depth[0], 0.05, scene.settings.contact.tolerance);
     EXPECT_EQ(scene.penetrations.vertices_a_in_b[0] + scene.penetrations.vertices_b_in_a[0], 0u);
     EXPECT_GE(scene.penetrations.edge_contacts[0], 4u);  // the needle's long edges
 }
@@ -74,7 +74,7 @@ TEST(EdgePass, P11_BladeOnADome) {
         if (scene.contacts.body[i] == 1) found = std::max(found, -scene.contacts.distance[i]);
     }
     EXPECT_GT(want, 0.015);
-    EXPECT_NEAR(found, want, scene.params.tolerance + 0.6 / (2 * 600));  // and half a sample
+    EXPECT_NEAR(found, want, scene.settings.contact.tolerance + 0.6 / (2 * 600));  // and half a sample
 }
 
 // Every edge row names an edge and a point on it, its distance is the brute force's, and rows keep the order.
@@ -107,7 +107,7 @@ TEST(EdgePass, RowsAreTrueAndInOrder) {
 // Every edge of both bodies by dense sampling: those with both ends outside that run inside have a row as deep as their
 // deepest sample; edges with an inside end have one when it can matter.
 void expect_edges_equal_sampling(const ContactScene& scene, uint32_t samples, uint32_t& checked) {
-    const double tolerance = scene.params.tolerance;
+    const double tolerance = scene.settings.contact.tolerance;
     for (uint32_t side = 0; side < 2 * scene.pairs.a.size(); ++side) {
         const auto [pair, body, other, reversed] = pair_side(scene.pairs, side);
         const reference::Surface own(scene.surfaces(), body), surface(scene.surfaces(), other);
@@ -210,7 +210,7 @@ TEST(EdgePass, PointsInTheCupOfAFoldedBallAreOutside) {
         {"faces", {make_box({6, 6, 0.02}), Motion::kStatic, Vec3d(0.1, 0.03, 1.5), {}}}};
     for (const auto& [what, other] : others) {
         ContactScene scene({{make_sphere(9, [](const Vec3d& p) { return p; }), Motion::kDeformable, Vec3d::Zero(), {}}, other});
-        scene.params.faces = true;
+        scene.settings.contact.faces = true;
         for (Float4& p : scene.particles.offset)
             if (p.z < -0.6f) p.z += 2.2f;
         scene.run();

@@ -49,7 +49,7 @@ ContactScene scene_of(const Mesh& a, const Mesh& b, const Vec3d& at, const Quat&
     // bodies turn about their own origin: the shape of b is turned first, both are then turned as one
     for (Vec3d& p : y.position) p = rotate(turned, p);
     ContactScene scene({{x, Motion::kHand, shift, whole}, {y, Motion::kHand, shift + rotate(whole, Vec3d(scale * at)), whole}});
-    scene.params.tolerance = kTolerance * scale;
+    scene.settings.contact.tolerance = kTolerance * scale;
     scene.run_with_regions();
     return scene;
 }
@@ -64,7 +64,7 @@ bool check_pair(uint32_t seed) {
     Mesh turned_b = pair.b;
     for (Vec3d& p : turned_b.position) p = rotate(pair.turn_b, p);
     ContactScene swapped({{turned_b, Motion::kHand, pair.at, {}}, {pair.a, Motion::kHand, Vec3d::Zero(), {}}});
-    swapped.params.tolerance = kTolerance;
+    swapped.settings.contact.tolerance = kTolerance;
     swapped.run_with_regions();
     EXPECT_EQ(depth_of(swapped), depth) << what;
     EXPECT_EQ(swapped.regions.pair.size(), base.regions.pair.size()) << what;
@@ -149,8 +149,8 @@ TEST(Metamorphic, FlatSubdivisionNeverLowersTheDepth) {
     for (const uint32_t n : {1u, 2u, 4u, 8u}) {
         ContactScene scene({{make_box({2, 2, 2}, {n, n, n}), Motion::kHand, Vec3d::Zero(), {}},
                             {make_box({2, 1.5, 1.2}, {n, n, n}), Motion::kHand, Vec3d(0.7, 0.4, 0.5), turn({1, 2, 1}, 0.5)}});
-        scene.params.tolerance = kTolerance;
-        scene.params.faces = true;
+        scene.settings.contact.tolerance = kTolerance;
+        scene.settings.contact.faces = true;
         scene.run();
         EXPECT_GE(scene.penetrations.surface_depth[0], before - kTolerance) << n;
         before = scene.penetrations.surface_depth[0];
@@ -164,7 +164,7 @@ TEST(Metamorphic, NeedleSlidingThroughABall) {
     for (const Vec3d& step : {Vec3d(0, 0, 7e-4), Vec3d(7e-4, 0, 0), Vec3d(3e-4, 2e-4, 5e-4)}) {
         ContactScene scene({{make_sphere(10, [](const Vec3d& p) { return Vec3d(0.025 * p); }), Motion::kDeformable, Vec3d::Zero(), {}},
                             {needle, Motion::kHand, Vec3d::Zero(), turn({1, 2, 0}, 0.1)}});
-        scene.params.tolerance = 1e-5;
+        scene.settings.contact.tolerance = 1e-5;
         double before = -1, deepest = 0;
         for (int i = -60; i <= 20; ++i) {
             scene.poses.origin[1] = Vec3d(1e-4, 2e-4, 0) + 2.0 * i * step;
@@ -215,7 +215,7 @@ TEST(HardCases, P25_SizeRatioOfAMillion) {
         // onto the flat top of a box of 2
         ContactScene scene({{make_box({2, 2, 2}), Motion::kHand, Vec3d(0, 0, -1), {}},
                             {small, Motion::kHand, Vec3d(0, 0, -0.75 * radius * lowest), turn({0, 0, 1}, 0.3)}});
-        scene.params.tolerance = 1e-4 * radius;
+        scene.settings.contact.tolerance = 1e-4 * radius;
         scene.run_with_regions();
         EXPECT_NEAR(depth_of(scene) / radius, -0.25 * lowest, 1e-9) << "P25 radius " << radius;
         ASSERT_EQ(scene.regions.pair.size(), 1u) << "P25 radius " << radius;
@@ -292,10 +292,10 @@ TEST(FaceDepth, FindsWhatVerticesAndEdgesMiss) {
                              Motion::kHand,
                              Vec3d::Zero(),
                              {}}});
-        scene.params.tolerance = tolerance;
+        scene.settings.contact.tolerance = tolerance;
         scene.run();
         const double without = scene.penetrations.depth[0];
-        scene.params.faces = true;
+        scene.settings.contact.faces = true;
         scene.run();
         ASSERT_EQ(scene.penetrations.pair.size(), 1u);
         const double found = scene.penetrations.surface_depth[0];
@@ -314,16 +314,16 @@ TEST(FaceDepth, FindsWhatVerticesAndEdgesMiss) {
             }
         EXPECT_GE(found, want - tolerance) << tolerance;
         EXPECT_LE(found, want + 0.005) << tolerance;
-        EXPECT_LT(scene.face_scratch.queries[0], 20'000u) << tolerance;
-        std::printf("[          ] tolerance %g: depth %.5f, %u queries\n", tolerance, found, scene.face_scratch.queries[0]);
+        EXPECT_LT(scene.frame.scratch.faces.queries[0], 20'000u) << tolerance;
+        std::printf("[          ] tolerance %g: depth %.5f, %u queries\n", tolerance, found, scene.frame.scratch.faces.queries[0]);
     }
     // a face in the middle of another: the edges see nothing of it
     ContactScene cubes(
         {{make_box({2, 2, 2}), Motion::kHand, Vec3d::Zero(), {}}, {make_box({3, 3, 3}), Motion::kHand, Vec3d(0, 0, 1.9), {}}});
-    cubes.params.faces = true;
+    cubes.settings.contact.faces = true;
     cubes.run();
     EXPECT_NEAR(cubes.penetrations.surface_depth[0], 0.6, 1e-4);
-    EXPECT_LT(cubes.face_scratch.queries[0], 2000u);
+    EXPECT_LT(cubes.frame.scratch.faces.queries[0], 2000u);
 }
 
 // ---- saturation and the way out that is remembered ----
@@ -408,7 +408,7 @@ TEST(Saturation, NoFalseAlarmsOnShallowPairs) {
 TEST(Saturation, RowsLeadBackTheWayTheyCame) {
     ContactScene scene({{make_box({1, 1, 0.1}, {8, 8, 1}), Motion::kDeformable, Vec3d::Zero(), {}},
                         {make_box({0.2, 0.2, 0.2}, {2, 2, 2}), Motion::kHand, Vec3d(0.01, 0.02, 0.13), {}}});
-    scene.params.deep = DeepResponse::kLastFree;
+    scene.settings.contact.deep = DeepResponse::kLastFree;
     PairMemory before, memory;
     uint32_t remembered = 0;
     for (const double z : {0.13, 0.11, 0.095, 0.08}) {
@@ -417,7 +417,7 @@ TEST(Saturation, RowsLeadBackTheWayTheyCame) {
         ASSERT_EQ(scene.penetrations.pair.size(), 1u);
         mark_saturated(scene.inputs(), scene.contacts, scene.penetrations);
         remember_ways_out(scene.inputs(), scene.contacts, before, memory, scene.penetrations);
-        make_contact_rows(scene.inputs(), scene.contacts, scene.penetrations, scene.rows_scratch, scene.report, scene.rows);
+        make_contact_rows(scene.inputs(), scene.contacts, scene.penetrations, scene.frame.scratch.rows, scene.report, scene.rows);
         if (!scene.penetrations.saturated[0]) continue;
         ++remembered;
         EXPECT_NEAR(scene.penetrations.way_out[0].z(), 1, 1e-9) << z;
@@ -491,7 +491,7 @@ TEST(Organs, DepthIsLipschitzOverASweep) {
         for (const Vec3d& p : moving.position) centre += p / double(moving.position.size());
         const Vec3d from = some_vertex(liver, 0.37) * 1.1 - centre, way = (-some_vertex(liver, 0.37)).normalized();
         ContactScene scene({{liver, Motion::kDeformable, Vec3d::Zero(), {}}, {moving, Motion::kHand, from, {}}});
-        scene.params.tolerance = 1e-6;
+        scene.settings.contact.tolerance = 1e-6;
         double before = -1, deepest = 0;
         const double step = 6e-4, angle = 2e-3;
         for (int i = 0; i < 110; ++i) {

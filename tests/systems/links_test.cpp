@@ -18,13 +18,8 @@ namespace trocar {
 namespace {
 
 struct LinkScene : AdvanceScene {
-    Links links;
-    Tears tears;
-    Torn torn;
-    TornSprings torn_springs;
     LinkScratch link_scratch;
     HoldingGroups holding;
-    Sleep sleep;
 
     LinkScene() { params.gravity.setZero(); }
     LinkWorld world() const { return {surfaces(), solids, {}}; }
@@ -68,9 +63,7 @@ struct LinkScene : AdvanceScene {
     }
     void open() {
         energy = {};
-        energy_start = 0;
-        measure_all();
-        energy_start = energy.balance;
+        energy_start = {};
         measure_all();
     }
 };

@@ -115,7 +115,7 @@ TEST(LocalContactModel, HoldsAllTrianglesWithinReach) {
     LocalContactScratch scratch;
     LocalContactModel model;
     const Vec3d device(0.001, 0.002, 0.025), proxy(0.002, 0.001, 0.033);
-    publish_local_contact({}, s, {}, tool_of(0), holding(device, proxy), 1.5, 90, scratch, model);
+    publish_local_contact({}, s, {}, tool_of(0), holding(device, proxy), {1.5, 90}, scratch, model);
     EXPECT_EQ(model.time, 1.5);
     EXPECT_EQ(model.sequence, 90u);
     EXPECT_DOUBLE_EQ(model.reach, 3e-3 + 0.5 * 35e-3 + 5e-3);
@@ -159,7 +159,7 @@ TEST(LocalContactModel, NothingUnseenIsMetInTime) {
         const Vec3d device(in_box(random), in_box(random), 0.03 + in_box(random));
         ToolState state = holding(device, device);
         state.proxy_valid = k % 2;
-        publish_local_contact(params, s, {}, tool_of(0), state, 0, 0, scratch, model);
+        publish_local_contact(params, s, {}, tool_of(0), state, {0, 0}, scratch, model);
         const std::map<Key, uint32_t> rows = rows_of(model);
         for (int j = 0; j < 10; ++j) {
             const double age = params.greatest_age * unit(random);
@@ -201,7 +201,7 @@ TEST(LocalContactModel, RowsAreTheSurfaces) {
     const Surfaces s = scene.surfaces();
     LocalContactScratch scratch;
     LocalContactModel model;
-    publish_local_contact({}, s, {}, tool_of(0), holding({0, 0, 0.03}, {0, 0, 0.03}), 0, 0, scratch, model);
+    publish_local_contact({}, s, {}, tool_of(0), holding({0, 0, 0.03}, {0, 0, 0.03}), {0, 0}, scratch, model);
     ASSERT_EQ(model.position.size(), model.velocity.size());
     ASSERT_EQ(model.triangle.size(), model.neighbour.size());
     ASSERT_EQ(model.triangle.size(), model.half_thickness.size());
@@ -265,7 +265,7 @@ TEST(LocalContactModel, TissueGoesOnWithoutItsRipples) {
             scene.particles.velocity_y[k] = float(whole.y()) + ripple * normal(random);
             scene.particles.velocity_z[k] = float(whole.z()) + ripple * normal(random) + (k % 97 == 0 ? snap : 0);
         }
-        publish_local_contact({}, scene.surfaces(), {}, tool_of(0), holding({0, 0, 0.03}, {0, 0, 0.03}), 0, 0, scratch, model);
+        publish_local_contact({}, scene.surfaces(), {}, tool_of(0), holding({0, 0, 0.03}, {0, 0, 0.03}), {0, 0}, scratch, model);
         double sum = 0, most = 0;
         size_t vertices = 0;
         for (size_t t = 0; t < model.triangle.size() && model.body[t] == 1; ++t) {
@@ -297,11 +297,11 @@ TEST(LocalContactModel, BoxesAndSpeed) {
     LocalContactScratch scratch;
     LocalContactModel with, without, fast;
     const ToolState state = holding({0, 0.01, 0.03}, {0, 0, 0.03});
-    publish_local_contact({}, s, {}, tool_of(0), state, 0, 0, scratch, without);
-    publish_local_contact({}, s, boxes, tool_of(0), state, 0, 0, scratch, with);
+    publish_local_contact({}, s, {}, tool_of(0), state, {0, 0}, scratch, without);
+    publish_local_contact({}, s, boxes, tool_of(0), state, {0, 0}, scratch, with);
     EXPECT_EQ(with.triangle, without.triangle);
     EXPECT_EQ(with.body, without.body);
-    publish_local_contact({}, s, boxes, tool_of(0), holding({0, 0.01, 0.03}, {0, 0, 0.03}, {0, 1, 0}), 0, 0, scratch, fast);
+    publish_local_contact({}, s, boxes, tool_of(0), holding({0, 0.01, 0.03}, {0, 0, 0.03}, {0, 1, 0}), {0, 0}, scratch, fast);
     EXPECT_DOUBLE_EQ(fast.reach, 3e-3 + 1.5 * 35e-3 + 5e-3);
     EXPECT_GT(fast.triangle.size(), with.triangle.size());
 }
@@ -313,17 +313,17 @@ TEST(LocalContactModel, WarmBuffersStayAndChangeNothing) {
     LocalContactScratch scratch;
     LocalContactModel model;
     for (double x = -0.03; x <= 0.03; x += 0.01)
-        publish_local_contact({}, s, {}, tool_of(0), holding({x, 0, 0.02}, {x, 0, 0.03}), 0, 0, scratch, model);
+        publish_local_contact({}, s, {}, tool_of(0), holding({x, 0, 0.02}, {x, 0, 0.03}), {0, 0}, scratch, model);
     const void* const buffers[] = {model.position.data(),  model.velocity.data(),     model.triangle.data(),
                                    model.neighbour.data(), scratch.vertex_row.data(), scratch.beyond.data()};
     for (double x = -0.03; x <= 0.03; x += 0.01) {
-        publish_local_contact({}, s, {}, tool_of(0), holding({x, 0, 0.02}, {x, 0, 0.03}), 0, 0, scratch, model);
+        publish_local_contact({}, s, {}, tool_of(0), holding({x, 0, 0.02}, {x, 0, 0.03}), {0, 0}, scratch, model);
         const void* const now[] = {model.position.data(),  model.velocity.data(),     model.triangle.data(),
                                    model.neighbour.data(), scratch.vertex_row.data(), scratch.beyond.data()};
         for (int k = 0; k < 6; ++k) EXPECT_EQ(now[k], buffers[k]);
         LocalContactScratch fresh_scratch;
         LocalContactModel fresh;
-        publish_local_contact({}, s, {}, tool_of(0), holding({x, 0, 0.02}, {x, 0, 0.03}), 0, 0, fresh_scratch, fresh);
+        publish_local_contact({}, s, {}, tool_of(0), holding({x, 0, 0.02}, {x, 0, 0.03}), {0, 0}, fresh_scratch, fresh);
         EXPECT_EQ(fresh.triangle, model.triangle);
         EXPECT_EQ(fresh.neighbour, model.neighbour);
         EXPECT_EQ(fresh.position, model.position);
@@ -350,7 +350,8 @@ TEST(LocalContactModel, FeedsTheTick) {
     state.device.position = spot + 0.03 * up;
     for (int k = 0; k < 400; ++k) {
         const double time = 1e-3 * k, height = std::max(0.03 - 0.2 * time, 1e-3);
-        if (k % 17 == 0) publish_local_contact(params, scene.surfaces(), {}, tool, state, time, k / 17, scratch, model);
+        if (k % 17 == 0)
+            publish_local_contact(params, scene.surfaces(), {}, tool, state, {time, static_cast<uint64_t>(k / 17)}, scratch, model);
         DeviceState sample;
         sample.time = time;
         sample.position = spot + height * up;
@@ -370,7 +371,7 @@ TEST(LocalContactModel, BoundsHoldTheirTrianglesAsTheyMove) {
     const Scene s = busy_scene();
     LocalContactScratch scratch;
     LocalContactModel m;
-    publish_local_contact({}, s.surfaces(), {}, tool_of(0), holding({0, 0, 0.03}, {0, 0, 0.03}), 0, 0, scratch, m);
+    publish_local_contact({}, s.surfaces(), {}, tool_of(0), holding({0, 0, 0.03}, {0, 0, 0.03}), {0, 0}, scratch, m);
     ASSERT_GT(m.triangle.size(), 200u);
     std::vector<uint32_t> seen(m.triangle.size());
     const auto outside = [](const auto& ball, const Vec3d& p, double age) {
@@ -445,7 +446,7 @@ struct Pressing {
     }
     void pass() {
         scene.poses.origin[0] = tip;
-        publish_local_contact({}, scene.surfaces(), {}, tool, state, 0, 0, scratch, model);
+        publish_local_contact({}, scene.surfaces(), {}, tool, state, {0, 0}, scratch, model);
         publish_give(scene.surfaces(), tool, state, scratch, model);
     }
 };
@@ -506,7 +507,7 @@ TEST(LocalContactModel, ThePressedSurfaceGoesWithTheTip) {
     p.scene.poses.velocity[0] = {-0.05, 0.02, 0.01};
     p.scene.poses.origin[0] = p.tip;
     LocalContactModel before;
-    publish_local_contact({}, p.scene.surfaces(), {}, p.tool, p.state, 0, 0, p.scratch, before);
+    publish_local_contact({}, p.scene.surfaces(), {}, p.tool, p.state, {0, 0}, p.scratch, before);
     p.pass();
     const double near = p.tool.tip_radius + 1.5 * p.scene.meshes.info[p.scene.bodies.mesh[1]].mean_edge;
     ASSERT_EQ(p.model.position.size(), before.position.size());

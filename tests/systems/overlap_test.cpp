@@ -190,7 +190,7 @@ TEST(Overlap, WarmCachesGiveTheBitsOfColdOnes) {
             }
         }
         cold.clear_caches();
-        for (uint32_t& hint : misled.overlap_scratch.hint_triangle) hint = (seed = seed * 1664525u + 1013904223u) % 900;
+        for (uint32_t& hint : misled.frame.scratch.overlap.hint_triangle) hint = (seed = seed * 1664525u + 1013904223u) % 900;
         for (ContactScene* scene : {&warm, &cold, &misled}) scene->run();
         ASSERT_TRUE(same(warm.contacts, cold.contacts)) << pass;
         ASSERT_TRUE(same(warm.contacts, misled.contacts)) << pass;
@@ -312,10 +312,11 @@ TEST(Overlap, H09_LostVerticesAreInNoContact) {
     }
     scene.particles.offset[lost].x = std::numeric_limits<float>::quiet_NaN();
     for (int pass = 0; pass < 2; ++pass) {
-        compute_body_boxes(scene.period, scene.surfaces(), scene.boxes);
-        rasterise(scene.inputs(), 0, scene.rasterise_scratch, scene.report, scene.screened, scene.occupancy);
-        find_candidate_triangles(scene.inputs(), {}, scene.screened, scene.occupancy, scene.cells_scratch, scene.candidates);
-        find_overlap(scene.inputs(), scene.screened, scene.candidates, scene.overlap_scratch, scene.report, scene.near, scene.contacts);
+        compute_body_boxes({scene.period, scene.surfaces()}, scene.boxes);
+        rasterise(scene.inputs(), 0, scene.frame.scratch.rasterise, scene.report, scene.screened, scene.occupancy);
+        find_candidate_triangles(scene.inputs(), {}, scene.screened, scene.occupancy, scene.frame.scratch.cells, scene.candidates);
+        find_overlap(scene.inputs(), scene.screened, scene.candidates, scene.frame.scratch.overlap, scene.report, scene.near,
+                     scene.contacts);
     }
     for (uint32_t i = 0; i < scene.contacts.pair.size(); ++i) {
         EXPECT_TRUE(scene.contacts.point[i].allFinite());

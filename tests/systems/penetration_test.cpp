@@ -62,7 +62,7 @@ TEST(Penetration, P06_P18_SpheresPassingThrough) {
         const double want = std::max(0.0, std::min(1 - d, d));
         EXPECT_LE(depth, want + 2 * sagitta) << d;
         EXPECT_GE(depth, want - 2 * sagitta - 0.32 * scene.meshes.info[0].max_edge * (std::abs(d - 0.5) < 0.15)) << d;
-        EXPECT_LE(std::abs(depth - before), step + scene.params.tolerance) << d;
+        EXPECT_LE(std::abs(depth - before), step + scene.settings.contact.tolerance) << d;
         before = depth;
     }
 }
@@ -113,7 +113,7 @@ TEST(Penetration, RigidMotionAndScale) {
             for (Vec3d& p : m->position) p *= scale;
         }
         ContactScene scene({{a, Motion::kHand, shift, q}, {b, Motion::kHand, Vec3d(shift + rotate(q, scale * Vec3d(1.2, 0.3, 0.1))), q}});
-        scene.params.tolerance = 1e-4 * scale;
+        scene.settings.contact.tolerance = 1e-4 * scale;
         scene.run();
         return scene.penetrations.depth.at(0);
     };

@@ -87,7 +87,7 @@ ContactScene three_balls(double far = 0) {
 TEST(Rasterise, LayersHoldTheSharedCells) {
     for (const double edges : {0.7, 2.5, 9.0}) {
         ContactScene scene = three_balls();
-        scene.params.cell_edges = edges;
+        scene.settings.contact.cell_edges = edges;
         scene.find_triangles();
         const Cells want = layers_of(scene), found = layers_found(scene.occupancy);
         expect_ordered(scene.occupancy);
@@ -132,18 +132,18 @@ TEST(Rasterise, H01_PlaceOfTheSceneDoesNotMatter) {
 TEST(Rasterise, H13_H17_NoStaleCells) {
     for (const uint32_t most_words : {0u, 1u << 20}) {
         ContactScene scene = three_balls();
-        scene.rasterise_scratch.most_words = most_words;
+        scene.frame.scratch.rasterise.most_words = most_words;
         for (int pass = 0; pass < 6; ++pass) {
             scene.poses.origin[1] = Vec3d(0.9 - 0.3 * pass, 0.2 * pass, pass % 2 ? 7.0 : 0.0);
-            scene.params.cell_edges = pass % 3 == 0 ? 0.5 : 4;
+            scene.settings.contact.cell_edges = pass % 3 == 0 ? 0.5 : 4;
             scene.find_triangles();
             const Occupancy warm = scene.occupancy;
-            RasteriseScratch used = std::exchange(scene.rasterise_scratch, {});
-            scene.rasterise_scratch.most_words = most_words;
+            RasteriseScratch used = std::exchange(scene.frame.scratch.rasterise, {});
+            scene.frame.scratch.rasterise.most_words = most_words;
             scene.find_triangles();
             EXPECT_TRUE(same(warm, scene.occupancy)) << pass;
-            EXPECT_EQ(scene.rasterise_scratch.keyed.empty(), most_words > 0);
-            std::swap(scene.rasterise_scratch, used);
+            EXPECT_EQ(scene.frame.scratch.rasterise.keyed.empty(), most_words > 0);
+            std::swap(scene.frame.scratch.rasterise, used);
         }
     }
 }
@@ -152,15 +152,15 @@ TEST(Rasterise, H13_H17_NoStaleCells) {
 TEST(Rasterise, BothWaysToCountGiveTheSameLayers) {
     for (const double edges : {0.25, 0.7, 2.5, 9.0}) {
         ContactScene scene = three_balls();
-        scene.params.cell_edges = edges;
+        scene.settings.contact.cell_edges = edges;
         scene.find_triangles();
         const Occupancy by_bits = scene.occupancy;
         EXPECT_EQ(by_bits.oversize.empty(), edges > 0.5);
         ASSERT_GT(by_bits.cell_key.size(), 2u);
-        scene.rasterise_scratch.most_words = 0;
+        scene.frame.scratch.rasterise.most_words = 0;
         scene.find_triangles();
         EXPECT_TRUE(same(by_bits, scene.occupancy)) << edges << ", sorted";
-        EXPECT_FALSE(scene.rasterise_scratch.keyed.empty());
+        EXPECT_FALSE(scene.frame.scratch.rasterise.keyed.empty());
     }
 }
 
@@ -172,7 +172,7 @@ TEST(Rasterise, RunsAreMadeAnewForAnotherMesh) {
     const Occupancy fresh = boxes.occupancy;
     ASSERT_GT(fresh.cell_key.size(), 2u);
     balls.find_triangles();
-    std::swap(balls.rasterise_scratch, boxes.rasterise_scratch);
+    std::swap(balls.frame.scratch.rasterise, boxes.frame.scratch.rasterise);
     boxes.find_triangles();
     EXPECT_TRUE(same(fresh, boxes.occupancy));
 }
@@ -182,14 +182,21 @@ TEST(Rasterise, H20_WarmPassesReuseMemory) {
     ContactScene scene = three_balls();
     scene.run();
     scene.run();
-    const void* before[] = {
-        scene.occupancy.cell_key.data(),      scene.occupancy.primitive.data(),         scene.screened.box.data(),
-        scene.rasterise_scratch.cells.data(), scene.rasterise_scratch.reference.data(), scene.candidates.triangle.data(),
-        scene.cells_scratch.by_row.data()};
+    const void* before[] = {scene.occupancy.cell_key.data(),
+                            scene.occupancy.primitive.data(),
+                            scene.screened.box.data(),
+                            scene.frame.scratch.rasterise.cells.data(),
+                            scene.frame.scratch.rasterise.reference.data(),
+                            scene.candidates.triangle.data(),
+                            scene.frame.scratch.cells.by_row.data()};
     scene.run();
-    const void* after[] = {scene.occupancy.cell_key.data(),      scene.occupancy.primitive.data(),         scene.screened.box.data(),
-                           scene.rasterise_scratch.cells.data(), scene.rasterise_scratch.reference.data(), scene.candidates.triangle.data(),
-                           scene.cells_scratch.by_row.data()};
+    const void* after[] = {scene.occupancy.cell_key.data(),
+                           scene.occupancy.primitive.data(),
+                           scene.screened.box.data(),
+                           scene.frame.scratch.rasterise.cells.data(),
+                           scene.frame.scratch.rasterise.reference.data(),
+                           scene.candidates.triangle.data(),
+                           scene.frame.scratch.cells.by_row.data()};
     for (size_t i = 0; i < std::size(before); ++i) EXPECT_EQ(before[i], after[i]) << i;
 }
 
@@ -197,7 +204,7 @@ TEST(Rasterise, H20_WarmPassesReuseMemory) {
 TEST(Rasterise, H04_HugeTrianglesGoToTheOversizeList) {
     ContactScene scene({{make_box({100, 100, 1}), Motion::kStatic, Vec3d(0, 0, -0.5), {}},
                         {make_noisy_sphere(30, 0.3, 0, 0), Motion::kDeformable, Vec3d(0.1, 0.2, 0.2), {}}});
-    scene.params.cell_edges = 0.5;
+    scene.settings.contact.cell_edges = 0.5;
     scene.find_triangles();
     EXPECT_GT(scene.report.oversize_triangles, 0u);
     EXPECT_EQ(scene.report.oversize_triangles, scene.occupancy.oversize.size());
@@ -238,7 +245,7 @@ TEST(Rasterise, H09_NonFiniteTrianglesAreLeftOut) {
 TEST(RasteriseDeathTest, H10_CellSizeMustBePositive) {
     for (const double edges : {0.0, -1.0, std::numeric_limits<double>::infinity(), std::nan("")}) {
         ContactScene scene = three_balls();
-        scene.params.cell_edges = edges;
+        scene.settings.contact.cell_edges = edges;
         EXPECT_DEATH(scene.find_triangles(), "cell_edges");
     }
 }

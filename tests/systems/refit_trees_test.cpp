@@ -13,10 +13,10 @@ TEST(RefitTrees, OnlyDeformableBodiesInAPair) {
                         {ball, Motion::kHand, Vec3d(1.5, 0, 0), {}},
                         {ball, Motion::kDeformable, Vec3d(90, 0, 0), {}}});
     for (Float4& p : scene.particles.offset) p.z += 0.25f;
-    compute_body_boxes(scene.period, scene.surfaces(), scene.boxes);
-    find_candidate_pairs(scene.bodies, scene.boxes, {}, scene.pairs_scratch, scene.pairs);
+    compute_body_boxes({scene.period, scene.surfaces()}, scene.boxes);
+    find_candidate_pairs(scene.bodies, scene.boxes, {}, scene.frame.scratch.pairs, scene.pairs);
     ASSERT_EQ(scene.pairs.a.size(), 1u);
-    refit_trees(scene.bodies, scene.particles, scene.pairs, scene.refit_scratch, scene.trees);
+    refit_trees(scene.bodies, scene.particles, scene.pairs, scene.frame.scratch.refit, scene.trees);
     for (uint32_t v = 0; v < ball.position.size(); ++v) {
         EXPECT_EQ(scene.trees[0]->vertex(v), vertex_in_frame(scene.surfaces(), 0, v));
         EXPECT_EQ(scene.trees[1]->vertex(v), ball.position[v]);

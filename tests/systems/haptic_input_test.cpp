@@ -1,4 +1,4 @@
-#include "systems/device_input.hpp"
+#include "systems/haptic_input.hpp"
 
 #include <gtest/gtest.h>
 namespace trocar {

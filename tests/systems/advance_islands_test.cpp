@@ -1,4 +1,4 @@
-#include "systems/island_memory.hpp"
+#include "systems/advance_islands.hpp"
 
 #include <gtest/gtest.h>
 
