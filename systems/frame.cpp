@@ -81,7 +81,7 @@ constexpr FrameStage kStages[] = {
         mask(R::kImpactTimes)}, any_fast},
     {S::kRasterise,       P::kDetection,{"rasterise",       stages::rasterise_bodies,  kShapes | mask(R::kSettings, R::kBoxes, R::kPairs),
         mask(R::kScreened, R::kOccupancy, R::kReport)}, any_pair},
-    {S::kCandidateCells,  P::kDetection,{"candidate cells", stages::candidate_cells,   kShapes | mask(R::kSettings, R::kClock, R::kBoxes, R::kPairs, R::kDisplacementBounds, R::kScreened, R::kOccupancy),
+    {S::kCandidateCells,  P::kDetection,{"candidate cells", stages::candidate_cells,   kShapes | mask(R::kSettings, R::kClock, R::kBoxes, R::kPairs, R::kDisplacementBounds, R::kScreened, R::kOccupancy, R::kTrees),
         mask(R::kCandidates)}, any_pair},
     {S::kPartedTriangles, P::kDetection,{"parted triangles",stages::parted_triangles,  kShapes | mask(R::kSettings, R::kBoxes, R::kPairs),
         mask(R::kCandidates)}, any_pair},
